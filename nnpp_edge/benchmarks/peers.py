@@ -9,21 +9,29 @@ a map that has just arrived, from elevations to a path: ours by `Planner.of_elev
 others, which know no terrain, get their weights from our `traversability_cost`, on the clock.
 """
 
+import functools
+import importlib
 import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
 from functools import partial
 from importlib.metadata import version
 from itertools import islice
 
 import numpy as np
+from numpy.typing import NDArray
 
 from nnpp_edge import __version__
-from nnpp_edge.benchmarks.peer_planners import CellPath, PeerPlanner, Weights, peer_planners, weights_of
 from nnpp_edge.profiling.contest import Figures, Row, Summary, gap, mean, quantile, summarised
+from nnpp_edge.profiling.ground import whole_cost
 from nnpp_edge.profiling.harness import Harness
 from nnpp_edge.profiling.suites import QUERIES_PER_MAP, Case, TerrainFiles, cases_from, source_of
-from nnpp_edge.runtime.cells import Endpoints
+from nnpp_edge.runtime import Ground, Plan, Planner, plan_path
+from nnpp_edge.runtime.arrays import Float2D
+from nnpp_edge.runtime.cells import Cell, Endpoints
 from nnpp_edge.runtime.exercises import exercise
+from nnpp_edge.runtime.map.step_cost import GREY_LEVELS, PAPER_OMEGA
+from nnpp_edge.runtime.network.inference import NetworkModel
 from nnpp_edge.terrain.workloads import SOFT
 
 REFERENCE = "astar"
@@ -31,6 +39,7 @@ _FRESH_QUERIES = 3
 """Of a map, that are also asked with nothing kept: some libraries take many times longer to set up than to search."""
 SAME_OPTIMUM = 1e-4
 """Costs that differ by no more than this share count as the same."""
+_LENGTH = "length × mean weight"
 _FIGURES: Summary = {
     "n": lambda columns: len(columns["time_ms"]),
     "failed": lambda columns: int(sum(columns["failed"])),
@@ -43,6 +52,152 @@ _FIGURES: Summary = {
     "gap_mean": mean("gap"),
     "gap_max": quantile("gap", 1.0),
 }
+Weights = NDArray[np.float32]
+CellPath = NDArray[np.integer]
+"""Cells (N, 2)."""
+Search = Callable[[Cell, Cell], CellPath | None]
+"""From start to goal: the path's cells, or None if there is none."""
+
+
+@dataclass(frozen=True)
+class PeerPlanner:
+    """A planner of ours or of another library."""
+
+    name: str
+    package: str
+    """Packages that must be installed."""
+    objective: str
+    """The sum that it minimises."""
+    prepare: Callable[[Weights], Search]
+    """Do the work that depends on the map alone."""
+
+    def plan_once(self, weights: Weights, query: Endpoints) -> CellPath | None:
+        """From weights to one path, nothing being kept."""
+        return self.prepare(weights)(*query)
+
+    def plan_on(self, ground: Ground, query: Endpoints) -> CellPath | None:
+        """From elevations to one path; a library without cost maps of its own gets ours."""
+        return self.plan_once(weights_of(whole_cost(ground)), query)
+
+
+class _OurPlanner(PeerPlanner):
+    """A method of ours. A map that is planned on once is not shown to the network of a standing map."""
+
+    def __init__(self, method: str, how: str = "") -> None:
+        super().__init__(method, "nnpp-edge", _LENGTH + how, self._prepared)
+
+    def _prepared(self, weights: Weights) -> Search:
+        planner = Planner(weights, step_cost="length", model=self._model())
+        return lambda start, goal: _path(planner.plan(start, goal, method=self.name))
+
+    def plan_once(self, weights: Weights, query: Endpoints) -> CellPath | None:
+        return _path(plan_path(weights, *query, self.name, "length", model=self._model()))
+
+    def plan_on(self, ground: Ground, query: Endpoints) -> CellPath | None:
+        return _path(Planner(ground, model=self._model()).plan(*query, method=self.name))
+
+    def _model(self) -> str | NetworkModel:
+        return _network().share() if self.name == "nnpp" else "edge"
+
+
+@functools.cache
+def _network() -> NetworkModel:
+    return NetworkModel("edge", threads=1)
+
+
+def _path(plan: Plan) -> CellPath | None:
+    return plan.path if plan.ok else None
+
+
+def weights_of(cost: Float2D) -> Weights:
+    """The weights that all planners are given, 1 + 2·255·ω·T; inf where impassable."""
+    return (1.0 + 2.0 * GREY_LEVELS * PAPER_OMEGA * cost).astype(np.float32)
+
+
+def _pyastar2d(weights: Weights) -> Search:
+    from pyastar2d import astar_path
+
+    return lambda start, goal: astar_path(weights, start, goal, allow_diagonal=True)
+
+
+def _scikit_image(weights: Weights) -> Search:
+    from skimage.graph import MCP_Geometric
+
+    search_all = MCP_Geometric(weights)
+
+    def search(start: Cell, goal: Cell) -> CellPath | None:
+        costs, _ = search_all.find_costs([start], [goal])
+        return np.array(search_all.traceback(goal)) if math.isfinite(costs[goal]) else None
+
+    return search
+
+
+def _tcod(weights: Weights) -> Search:
+    from tcod.path import Pathfinder, SimpleGraph
+
+    whole = np.where(np.isfinite(weights), np.rint(100.0 * weights), 0.0).astype(np.int32)  # 0 is impassable
+    finder = Pathfinder(SimpleGraph(cost=whole, cardinal=70, diagonal=99, greed=int(whole[whole > 0].min())))
+
+    def search(start: Cell, goal: Cell) -> CellPath | None:
+        finder.clear()
+        finder.add_root(start)
+        path = finder.path_to(goal)
+        return path if len(path) > 1 or start == goal else None
+
+    return search
+
+
+def _scipy(weights: Weights) -> Search:
+    from scipy.sparse import coo_array
+    from scipy.sparse.csgraph import dijkstra
+
+    rows, cols = weights.shape
+    nodes, steps = np.arange(rows * cols, dtype=np.int32).reshape(rows, cols), []
+    for i, j in ((0, 1), (1, 0), (1, 1), (1, -1)):
+        here = np.s_[: rows - i, max(-j, 0) : cols - max(j, 0)]
+        there = np.s_[i:, max(j, 0) : cols + min(j, 0)]
+        price = 0.5 * math.hypot(i, j) * (weights[here].astype(np.float64) + weights[there])
+        open_ = np.isfinite(price)
+        steps.append((price[open_], nodes[here][open_], nodes[there][open_]))
+    price, first, second = (np.concatenate(column) for column in zip(*steps, strict=True))
+    one_way = coo_array((price, (first, second)), shape=(rows * cols, rows * cols)).tocsr()
+    graph = one_way + one_way.T
+
+    def search(start: Cell, goal: Cell) -> CellPath | None:
+        source, node = start[0] * cols + start[1], goal[0] * cols + goal[1]
+        distance, before = dijkstra(graph, indices=source, return_predecessors=True)
+        if not math.isfinite(distance[node]):
+            return None
+        path = [node]
+        while path[-1] != source:
+            path.append(int(before[path[-1]]))
+        return np.stack(np.divmod(path[::-1], cols), axis=1)
+
+    return search
+
+
+_OTHERS = {
+    "pyastar2d": PeerPlanner("pyastar2d", "pyastar2d", "weight of the cell entered, diagonals no longer", _pyastar2d),
+    "skimage": PeerPlanner("skimage.graph", "scikit-image", _LENGTH, _scikit_image),
+    "tcod": PeerPlanner("tcod.path", "tcod", "length × weight entered, whole numbers", _tcod),
+    "scipy": PeerPlanner("scipy dijkstra", "scipy", f"{_LENGTH}, to every cell", _scipy),
+}
+"""By the module that must be importable."""
+
+
+def peer_planners() -> tuple[list[PeerPlanner], list[str]]:
+    """Our planners, and the other libraries that are installed; the names of those that are not."""
+    found: list[PeerPlanner] = [_OurPlanner("astar"), _OurPlanner("corridor", ", coarse to fine")]
+    found.append(_OurPlanner("nnpp", ", in the network's region"))
+    missing = []
+    for module, planner in _OTHERS.items():
+        try:
+            importlib.import_module(module)
+        except ImportError:
+            missing.append(planner.package)
+        else:
+            found.append(planner)
+    return found, missing
 
 
 def path_cost(weights: Weights, path: CellPath) -> float:
@@ -76,18 +231,21 @@ def compare(
         for name, seconds in (expected_s or {}).items()
         if seconds > limit_s and name != REFERENCE
     }
+    tried: set[str] = set()
     for case in cases:
         weights, searches = weights_of(case.cost), dict[str, Callable[[Endpoints], CellPath | None]]()
-        for planner in (each for each in planners if each.name not in left_out):
+        taking_part = [each for each in planners if each.name not in left_out]
+        for planner in taking_part.copy():
             map_s, search = harness.timed(partial(planner.prepare, weights))
             search(*case.queries[0])
             seconds, _ = harness.timed(partial(search, *case.queries[0]))
-            tried = any(row.rival == planner.name for row in rows)
             rows.append(Row(planner.name, case.queries[0], {"map_ms": 1e3 * map_s}))
-            if seconds > limit_s and planner.name != REFERENCE and not tried:
+            if seconds > limit_s and planner.name != REFERENCE and planner.name not in tried:
                 left_out[planner.name] = f"left out: {seconds:.1f} s a query, over the limit of {limit_s:g} s"
+                taking_part.remove(planner)
             else:
                 searches[planner.name] = lambda query, search=search: search(*query)  # type: ignore[misc]
+            tried.add(planner.name)
         answered = list[Endpoints]()
         for records in harness.measure(searches, case.queries):
             exact, query = records[REFERENCE].results[0], records[REFERENCE].case
@@ -98,20 +256,18 @@ def compare(
                 found["times_astar"] = record.median_s / records[REFERENCE].median_s
                 path = record.results[0]
                 if path is not None and (tuple(path[0]), tuple(path[-1])) == query:
-                    optimum = path_cost(weights, exact)
-                    found |= {"failed": False, "gap": gap(path_cost(weights, path), optimum)}
+                    found |= {"failed": False, "gap": gap(path_cost(weights, path), path_cost(weights, exact))}
                 rows.append(Row(name, query, found))
             answered.append(query)
             done += 1
             progress(done)
             if done == queries:
                 break
-        taking_part = [planner for planner in planners if planner.name in searches]
+        again = answered[:_FRESH_QUERIES]
         fresh = {"once_ms": {each.name: partial(each.plan_once, weights) for each in taking_part}}
         if case.ground is not None:
             fresh["elevation_ms"] = {each.name: partial(each.plan_on, case.ground) for each in taking_part}
         for figure, calls in fresh.items():
-            again = answered[:_FRESH_QUERIES]
             for records in harness.measure(calls, again, warm_up=again[:1]):
                 rows += [Row(name, record.case, {figure: 1e3 * record.median_s}) for name, record in records.items()]
         if done == queries:

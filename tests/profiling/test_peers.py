@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 from nnpp_edge.benchmarks import peers
-from nnpp_edge.benchmarks.peer_planners import peer_planners, weights_of
+from nnpp_edge.benchmarks.peers import peer_planners, weights_of
 from nnpp_edge.profiling.suites import Case, TerrainFiles, terrain_cases
 
 SOLVE_THE_SAME = ("astar", "skimage.graph", "scipy dijkstra")
