@@ -17,8 +17,9 @@ from nnpp_edge.runtime.map.streamed import StreamedMap
 from nnpp_edge.runtime.memory import available_bytes, check_planner_fits, small_pages, touch, virtual_zeros
 
 
-def test_memory_is_there_and_values_stay():
-    rng = np.random.default_rng(0)
+def test_memory_is_there_values_stay_and_what_may_not_be_written_is_left_alone():
+    rng, base, fixed = np.random.default_rng(0), np.arange(20000.0), np.arange(9000.0)
+    fixed.flags.writeable = False
     values = {
         "floats": rng.random((300, 70)),
         "small": np.array([np.nan, -0.0, np.inf], np.float32),
@@ -26,23 +27,17 @@ def test_memory_is_there_and_values_stay():
         "none": np.zeros(0),
         "words": rng.integers(-9, 9, 3000).astype(np.int16),
     }
-    owner = SimpleNamespace(**{name: value.copy() for name, value in values.items()}, other="text")
+    copies = {name: value.copy() for name, value in values.items()}
+    owner = SimpleNamespace(**copies, other="text", fixed=fixed, strided=base[::2])
     touch(owner, SimpleNamespace())
     for name, value in values.items():
         np.testing.assert_array_equal(getattr(owner, name), value)
+    np.testing.assert_array_equal(base, np.arange(20000.0))
     before = rss_bytes()
     owner.large = np.zeros(1 << 23)  # so large that it cannot be memory that was given back before
     touch(owner)
     assert rss_bytes() - before > 0.9 * owner.large.nbytes
     assert not owner.large.any()
-
-
-def test_what_may_not_be_written_is_left_alone():
-    fixed, base = np.arange(9000.0), np.arange(20000.0)
-    fixed.flags.writeable = False
-    owner = SimpleNamespace(fixed=fixed, strided=base[::2])
-    touch(owner)
-    np.testing.assert_array_equal(base, np.arange(20000.0))
 
 
 def test_the_memory_that_is_left_follows_the_process_own_limit():

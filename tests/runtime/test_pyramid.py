@@ -6,12 +6,9 @@ from hypothesis import strategies as st
 from nnpp_edge.runtime import Planner
 from nnpp_edge.runtime.errors import Status
 from nnpp_edge.runtime.kernels.expansion import read_field
-from nnpp_edge.runtime.kernels.pooling import FACTOR, NO_PIECES, pool_and_link
-from nnpp_edge.runtime.kernels.threshold import linked
+from nnpp_edge.runtime.kernels.pooling import FACTOR
 from nnpp_edge.runtime.map.grid import Grid
-from nnpp_edge.runtime.map.ground import Ground
 from nnpp_edge.runtime.map.pyramid import Pyramid, coarse_shapes
-from nnpp_edge.runtime.map.state import map_state
 from nnpp_edge.runtime.map.step_cost import StepModel
 from nnpp_edge.runtime.planners.coarse_to_fine import CoarseLevel, CoarseToFine
 from nnpp_edge.runtime.planners.plan import Source
@@ -19,7 +16,8 @@ from nnpp_edge.runtime.planners.query import Query, Work
 from nnpp_edge.runtime.planners.searchers import AStarSearcher
 from nnpp_edge.runtime.search.astar import astar, settle_all
 from nnpp_edge.runtime.search.workspace import Workspace
-from nnpp_edge.runtime.tuning import CORRIDOR
+from nnpp_edge.runtime.tuning import ANOTHER_LEVEL_FROM, CORRIDOR, SECOND_LEVEL_FROM
+from tests.strategies import state_of
 
 
 def pyramid_of(cost, corner_cutting=True):
@@ -31,12 +29,12 @@ def search(level, start, goal):
     return astar(level.grid, start, goal, Workspace(len(level.grid.weights)), links=level.links)
 
 
-@given(st.integers(0, 2**32), st.sampled_from([0.1, 0.3, 0.5]), st.booleans())
-def test_what_a_coarse_search_finds_can_be_walked_inside_the_cells_it_crosses(seed, blocked, corner_cutting):
+@given(st.integers(0, 2**32), st.sampled_from([0.1, 0.3, 0.5]), st.booleans(), st.booleans())
+def test_what_a_coarse_search_finds_can_be_walked_inside_the_cells_it_crosses(seed, blocked, corner_cutting, upper):
     rng = np.random.default_rng(seed)
-    cost = rng.random((64, 300)).astype(np.float32)
+    cost = rng.random((64, 1030 if upper else 300)).astype(np.float32)
     cost[rng.random(cost.shape) < blocked] = np.inf
-    fine, level = pyramid_of(cost, corner_cutting).levels[:2]
+    fine, level = pyramid_of(cost, corner_cutting).levels[upper : upper + 2]
     coarse, workspace = CoarseLevel(level), Workspace(len(fine.grid.weights))
     a, b = (int(node) for node in rng.choice(np.flatnonzero(level.pieces), 2))
     ends = [level.grid.cell(node) for node in (a, b)]
@@ -48,27 +46,7 @@ def test_what_a_coarse_search_finds_can_be_walked_inside_the_cells_it_crosses(se
         bit = int(level.pieces[node]).bit_length() - 1
         walk.append((r * FACTOR + bit // FACTOR, c * FACTOR + bit % FACTOR))
     region = coarse.around(found, ends[0], 0, 0.0, fine, workspace)
-    assert astar(fine.grid, *walk, workspace, region=region).status is Status.OK
-
-
-@given(st.integers(0, 2**32), st.sampled_from([0.05, 0.3, 0.5]), st.booleans())
-def test_pieces_and_links_are_the_same_by_passability_and_by_links(seed, blocked, corner_cutting):
-    rng = np.random.default_rng(seed)
-    cost = np.full((22, 27), 0.2, np.float32)
-    cost[rng.random(cost.shape) < blocked] = np.inf
-    fine, coarse = pyramid_of(cost, corner_cutting).levels
-    steps = np.zeros(len(fine.grid.weights), np.uint8)
-    for row, col in np.argwhere(np.isfinite(cost)):
-        node = fine.grid.node(int(row), int(col))
-        for k in range(8):
-            steps[node] |= linked(fine.grid.weights, None, node, k, fine.grid.stride, corner_cutting) << k
-    pieces, links, weights = (np.zeros_like(each) for each in (coarse.pieces, coarse.links, coarse.grid.weights))
-    rows, cols = coarse.grid.shape
-    packed = weights, pieces, links, coarse.grid.stride, rows, cols
-    by_links = fine.grid.weights, NO_PIECES, steps, fine.grid.stride, *fine.grid.shape
-    pool_and_link(by_links, corner_cutting, 1.0, (0, rows, 0, cols), packed)
-    np.testing.assert_array_equal(coarse.pieces, pieces)
-    np.testing.assert_array_equal(coarse.links, links)
+    assert astar(fine.grid, *walk, workspace, region=region, links=fine.links).status is Status.OK
 
 
 @given(st.integers(0, 2**32), st.sampled_from([0.0, 0.1, 0.4]), st.sampled_from([0.003, 0.03, 0.3]), st.booleans())
@@ -103,13 +81,13 @@ def test_the_band_is_every_coarse_cell_on_a_path_that_costs_little_more(seed, bl
 
 
 def test_a_wall_one_cell_thick_is_a_wall_on_every_level_and_a_gap_a_gap():
-    cost = np.full((256, 256), 0.1, np.float32)
+    cost = np.full((1030, 256), 0.1, np.float32)
     cost[130, :] = np.inf
     cost[130, 77] = 0.1
     pyramid = pyramid_of(cost)
+    assert len(pyramid.levels) == 3
     for level, at in enumerate(pyramid.levels):
-        side = 256 // FACTOR**level
-        found = search(at, (0, 0), (side - 1, 0))
+        found = search(at, (0, 0), (at.grid.rows - 1, 0))
         assert found.status is Status.OK
         crossing = found.path[found.path[:, 0] == 130 // FACTOR**level]
         assert 77 // FACTOR**level in crossing[:, 1]
@@ -124,7 +102,7 @@ def test_updating_a_part_equals_building_anew(seed, corner_cutting, shape, data)
     rng = np.random.default_rng(seed)
     cost = rng.random(shape).astype(np.float32)
     cost[rng.random(cost.shape) < 0.3] = np.inf
-    state = map_state(Ground(cost), corner_cutting=corner_cutting)
+    state = state_of(cost, corner_cutting=corner_cutting)
     for _ in range(2):
         pyramid = state.pyramid
         row, col = (data.draw(st.integers(0, cells - 10)) for cells in shape)
@@ -160,7 +138,7 @@ def test_a_coarse_weight_is_the_mean_with_walls_as_obstacles():
 def test_a_level_that_is_searched_often_gets_landmarks_until_the_map_changes(side, wanted_landmarks):
     cost = np.random.default_rng(4).random((side, side)).astype(np.float32) * 0.9
     cost[:, 8:] = np.inf if side == 12 else cost[:, 8:]
-    state, start, goal = map_state(Ground(cost)), (side - 2, 0), (1, 7 if side == 12 else side - 2)
+    state, start, goal = state_of(cost), (side - 2, 0), (1, 7 if side == 12 else side - 2)
     searcher = AStarSearcher(state)
     coarse_to_fine = CoarseToFine(state, searcher.workspace)
     coarse = coarse_to_fine.coarse_levels[0]
@@ -185,9 +163,12 @@ def test_a_level_that_is_searched_often_gets_landmarks_until_the_map_changes(sid
 
 def test_there_is_another_level_as_long_as_one_is_large():
     assert coarse_shapes(1, 1) == [(1, 1)]
-    assert coarse_shapes(1020, 40) == [(255, 10)]
-    assert coarse_shapes(40, 1021) == [(10, 256), (3, 64)]
     assert coarse_shapes(4096, 4096) == [(1024, 1024), (256, 256), (64, 64)]
+    size = int(SECOND_LEVEL_FROM)
+    for narrow in (1, 40, 1000):
+        assert [len(coarse_shapes(side, narrow)) for side in (size - 1, size)] == [1, 2]
+        levels = Pyramid(Grid(size, narrow, StepModel.of("paper"))).levels
+        assert max(levels[1].grid.shape) >= ANOTHER_LEVEL_FROM > max(levels[2].grid.shape)
 
 
 def test_updating_heights_equals_building_anew():

@@ -117,22 +117,15 @@ def test_whether_two_cells_are_connected_is_what_a_search_finds(case, rows_per_b
     assert connected(bands, (case.start, case.goal), corner_cutting=case.corner_cutting) == plan.ok
 
 
-def test_a_spiral_is_followed_and_reading_ends_when_all_is_known():
-    cost = np.full((41, 41), np.inf, np.float32)
-    cost[::4], cost[:, ::40] = 0.5, 0.5
-    for n, row in enumerate(range(2, 41, 4)):  # a snake: from each row to the next at the other end
-        cost[row - 1 : row + 2, 0 if n % 2 else 40] = np.inf
-    given_out = []
+def test_reading_ends_when_all_is_known():
+    cost, given_out = np.full((41, 41), 0.5, np.float32), []
+    cost[6] = np.inf
 
     def bands():
         for row in range(0, 41, 5):
             given_out.append(row)
             yield cost[row : row + 5]
 
-    assert connected(bands(), ((0, 0), (40, 40)))
-    assert len(given_out) == 9
-    given_out.clear()
-    cost[6] = np.inf
     assert not connected(bands(), ((0, 0), (40, 40)))
     assert len(given_out) == 2
 
