@@ -48,19 +48,6 @@ def test_a_gap_is_passed_if_it_is_wide_enough():
     assert planner.plan((20, 8), (20, 50)).status is Status.NO_PATH
 
 
-def test_elevations_serve_a_disc_too():
-    row, col = np.mgrid[:40, :40]
-    dem = (0.3 * np.sin(row / 5.0) * np.cos(col / 6.0)).astype(np.float32)
-    dem[20, 20] = np.nan
-    planner = Planner.of_elevation(dem, CELL_M, vehicle=DISC, warn=False)
-    wanted = Planner(traversability_cost(dem, CELL_M, warn=False), vehicle=DISC, cell_size_m=CELL_M)
-    np.testing.assert_array_equal(planner.state.grid.map(), wanted.state.grid.map())
-    dem[10:13, 9:12] = np.nan
-    planner.update_elevation(10, 9, dem[10:13, 9:12])
-    wanted = Planner(traversability_cost(dem, CELL_M, warn=False), vehicle=DISC, cell_size_m=CELL_M)
-    np.testing.assert_array_equal(planner.state.grid.map(), wanted.state.grid.map())
-
-
 def test_a_disc_on_a_map_that_changes():
     planner = DynamicPlanner(costs(1, share=0.0), (30, 30), "dstar", vehicle=DISC, cell_size_m=CELL_M)
     planner.move((8, 8))
@@ -102,14 +89,25 @@ def test_a_disc_keeps_its_distance_on_cells_and_between_them():
                 assert all(stands(cost, (1.0 - share) * one + share * other) for share in (0.0, 0.25, 0.5, 0.75))
 
 
-def test_after_patches_the_map_is_that_of_a_new_planner():
-    cost, rng = costs(0), np.random.default_rng(0)
-    planner = Planner(cost, vehicle=DISC, cell_size_m=CELL_M)
-    for _ in range(20):
+@pytest.mark.parametrize("elevations", [False, True])
+def test_after_patches_the_map_is_that_of_a_new_planner(elevations):
+    ground, rng = costs(0), np.random.default_rng(0)
+    if elevations:
+        row, col = np.mgrid[:40, :40]
+        ground = (0.3 * np.sin(row / 5.0) * np.cos(col / 6.0)).astype(np.float32)
+        ground[20, 20] = np.nan
+
+    def fresh():
+        cost = traversability_cost(ground, CELL_M, warn=False) if elevations else ground
+        return Planner(cost, vehicle=DISC, cell_size_m=CELL_M)
+
+    planner = Planner.of_elevation(ground, CELL_M, vehicle=DISC, warn=False) if elevations else fresh()
+    for _ in range(16):
         rows, cols = rng.integers(1, 9, 2)
         row, col = (int(rng.integers(0, 40 - size)) for size in (rows, cols))
-        cost[row : row + rows, col : col + cols] = costs(int(rng.integers(1e6)), 9, 0.05)[:rows, :cols]
-        planner.update(row, col, cost[row : row + rows, col : col + cols])
-        fresh = Planner(cost, vehicle=DISC, cell_size_m=CELL_M)
+        patch = costs(int(rng.integers(1e6)), 9, 0.05)[:rows, :cols]
+        ground[row : row + rows, col : col + cols] = np.where(np.isinf(patch), np.nan, patch) if elevations else patch
+        update = planner.update_elevation if elevations else planner.update
+        update(row, col, ground[row : row + rows, col : col + cols])
         for ours in (planner, copy.deepcopy(planner)):
-            np.testing.assert_array_equal(ours.state.grid.map(), fresh.state.grid.map())
+            np.testing.assert_array_equal(ours.state.grid.map(), fresh().state.grid.map())
