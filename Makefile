@@ -6,7 +6,7 @@
 # make coverage: what the fast tests reach, in the terminal and as build/coverage.xml; compiled kernels are not seen.
 # make wheel, make try-wheel, make try-oldest: the wheel; it alone in a bare environment, which plans and measures there,
 # with the newest and with the oldest packages that it takes (.ci/oldest.txt). PYTHON=python3.12 tries another Python.
-# make docs: the site, into build/site; nothing is fetched but the packages. make pictures draws its pictures anew, in minutes.
+# make docs: the site, into build/site; nothing is fetched but the packages. make pictures draws the gallery's anew.
 # make fuzz MINUTES=30: damaged files, odd options, odd weights and the rest (docs/fuzzing.md).
 PYTHON ?= python3
 MINUTES ?= 30
