@@ -7,13 +7,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from nnpp_edge.runtime.arrays import Float2D
-from nnpp_edge.runtime.cells import Cell
+from nnpp_edge.runtime.cells import Cell, enclosing, slices, widened
 from nnpp_edge.runtime.loop.messages import MapPatch
 from nnpp_edge.runtime.map.ground import Ground
 from nnpp_edge.runtime.map.poses import pose_costs
-from nnpp_edge.runtime.terrain.vehicle import HEADINGS
-from nnpp_edge.simulation.pose_check import PoseCheck, headings_of
+from nnpp_edge.runtime.terrain.vehicle import HEADINGS, Vehicle, footprint
 from nnpp_edge.terrain.obstacles import OBSTACLE
+
+_ROUNDING = 1e-4
+"""Share of a limit by which a pose may exceed it: its heights are rounded otherwise than in the loop."""
+_LIMITS = ("clearance_m", "max_tilt_deg", "max_pitch_deg", "max_roll_deg", "max_step_m")
 
 
 class Robot:
@@ -28,11 +31,11 @@ class Robot:
 
     def __init__(self, ground: Ground) -> None:
         self._ground, self.vehicle, self.sides_m = ground, ground.vehicle, ground.sides_m
-        self._layer = "cost" if ground.elevation is None else "elevation"
+        self._by_costs = ground.elevation is None
 
     def obstacle(self, values: Float2D) -> float:
         """The value of an obstacle's cells: the paper's cost, or unknown ground."""
-        return OBSTACLE if self._layer == "cost" else math.nan
+        return OBSTACLE if self._by_costs else math.nan
 
     def stands(self, values: Float2D, cell: Cell) -> bool:
         """Whether it may be in a cell of the map."""
@@ -44,17 +47,16 @@ class Robot:
 
     def costs(self, values: Float2D) -> Float2D:
         """(H, W) traversability cost of each cell; impassable from 1 up."""
-        return values if self._layer == "cost" else self.ground(values).costs()
+        return values if self._by_costs else self.ground(values).costs()
 
     def ground(self, values: Float2D) -> Ground:
         """Itself on the map, for planners and the onboard loop."""
-        cost, heights = (values, None) if self._layer == "cost" else (None, values)
+        cost, heights = (values, None) if self._by_costs else (None, values)
         return replace(self._ground, cost=cost, elevation=heights)
 
     def patch(self, row: int, col: int, values: Float2D) -> MapPatch:
         """The message that tells the loop of values."""
-        cost, heights = (values, None) if self._layer == "cost" else (None, values)
-        return MapPatch(row, col, heights, cost)
+        return MapPatch(row, col, cost=values) if self._by_costs else MapPatch(row, col, elevation=values)
 
 
 class Disc(Robot):
@@ -94,39 +96,49 @@ class Disc(Robot):
 
 
 class Body(Robot):
-    """A robot with a body, on heights; judged by `PoseCheck`."""
+    """A robot with a body, on heights. Its poses are checked anew on the map given, apart from what a loop keeps."""
 
     def __init__(self, ground: Ground) -> None:
         super().__init__(ground)
         assert ground.vehicle is not None
-        self._check = PoseCheck(ground.vehicle, ground.sides_m)
-        self.reach = self._check.reach
+        self._vehicle = ground.vehicle
+        limits = {name: getattr(self._vehicle, name) for name in _LIMITS}
+        eased = {name: limit * (1.0 + _ROUNDING) for name, limit in limits.items() if limit is not None}
+        self._eased = replace(self._vehicle, **eased)
+        prints = [footprint(self._vehicle, heading, *self.sides_m) for heading in range(len(HEADINGS))]
+        self.reach = max(int(np.abs(cells).max()) for each in prints for cells in (*each.wheels, each.belly))
 
     def obstacle(self, values: Float2D) -> float:
         """Higher above every cell than the body is long: no pose reaches from the ground onto it."""
-        assert self.vehicle is not None
-        return float(np.nanmax(values)) + self.vehicle.length_m + self.vehicle.clearance_m + self.vehicle.step_m
+        body = self._vehicle
+        return float(np.nanmax(values)) + body.length_m + body.clearance_m + body.step_m
 
     def stands(self, values: Float2D, cell: Cell) -> bool:
         """In one heading at least."""
-        cells = np.array([cell])
-        return any(self._check.stands(values, cells, heading)[0] for heading in range(len(HEADINGS)))
+        passes, ((row, col),) = self._checked(values, np.array([cell]))
+        return bool(passes[:, row, col].any())
 
     def steps(self, values: Float2D, path: NDArray[np.int32]) -> NDArray[np.bool_]:
         """Where both ends' poses pass in the step's heading."""
-        headings, passes = headings_of(path), np.ones(len(path) - 1, np.bool_)
-        for heading in np.unique(headings).tolist():
-            own = np.flatnonzero(headings == heading)
-            for end in (path[:-1], path[1:]):
-                passes[own] &= self._check.stands(values, end[own], heading)
-        return passes
+        steps, (passes, cells) = np.diff(path, axis=0), self._checked(values, path)
+        along = [(steps == way).all(1) | (steps == np.negative(way)).all(1) for way in HEADINGS]
+        (rows, cols), headings = cells.T, np.argmax(along, axis=0)
+        return np.asarray(passes[headings, rows[:-1], cols[:-1]] & passes[headings, rows[1:], cols[1:]])
 
     def costs(self, values: Float2D) -> Float2D:
         """Of each cell's best pose; inf where all fail."""
-        assert self.vehicle is not None
-        (size, width), rule = self.sides_m, self._ground.traversability
-        best: Float2D = pose_costs(values, size, self.vehicle, cell_width_m=width, traversability=rule).min(0)
+        best: Float2D = self._poses(values, self._vehicle).min(0)
         return best
+
+    def _checked(self, values: Float2D, cells: NDArray[np.integer]) -> tuple[NDArray[np.bool_], NDArray[np.integer]]:
+        """(4, h, w) which poses pass on the part of the map around cells (N, 2), and where in it these lie."""
+        around = enclosing([(row, col, 1, 1) for row, col in cells.tolist()])
+        part = widened(around, (2 * self.reach + 1, 2 * self.reach + 1), values.shape)
+        return np.isfinite(self._poses(values[slices(part)], self._eased)), cells - np.array(part[:2])
+
+    def _poses(self, values: Float2D, vehicle: Vehicle) -> NDArray[np.float32]:
+        (height, width), rule = self.sides_m, self._ground.traversability
+        return pose_costs(values, height, vehicle, cell_width_m=width, traversability=rule)
 
 
 def robot_on(ground: Ground) -> Robot:

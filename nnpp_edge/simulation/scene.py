@@ -3,13 +3,14 @@
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, replace
 from functools import cached_property
+from itertools import chain
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
 from nnpp_edge.runtime.arrays import Float2D
-from nnpp_edge.runtime.cells import Cell, Rectangle
+from nnpp_edge.runtime.cells import Cell, Rectangle, slices, widened
 from nnpp_edge.runtime.errors import InvalidMapError, InvalidQueryError
 from nnpp_edge.runtime.loop.messages import Goal, Input, MapPatch, PathMessage, Pose
 from nnpp_edge.runtime.map.ground import Ground
@@ -107,19 +108,17 @@ class Scene:
         self._sight, self._speed, self._changes = sight + under, speed, changes
         self.known = ground.surveyed.copy()
         """(H, W) what has been seen or surveyed, without obstacles."""
-        for cell in (start, goal):
-            part = self._around(cell)
-            self.known[_slices(part)] = ground.true[_slices(part)]
+        self._see(goal)
+        self.seen = self._see(start)
+        """What the robot sees."""
         self.now = ground.true.copy()
         """(H, W) the ground with the obstacles that are there."""
         self.told = self.known.copy()
         """(H, W) the map as the loop has been given it."""
         self.driven: list[Cell] = [start]
         """Cells that the robot walked over, each next to the one before."""
-        self.polls = self.waited = self.forbidden = self.answers = 0
+        self.polls = self.waited = self.forbidden = 0
         """`forbidden`: published paths that crossed a cell which the map that was told forbids, or were broken."""
-        self.seen = self._around(start)
-        """(row, col, rows, cols) of what the robot sees."""
         self.path = np.empty((0, 2), np.int32)
         """The newest that was published."""
 
@@ -136,12 +135,9 @@ class Scene:
             yield Goal(*self.goal)
         else:
             self._walk()
-        parts = [
-            part for _ in range(self._changes) for part in self.obstacles.one_event(self.robot, self.goal, self.path)
-        ]
-        self.seen = seen = self._around(self.robot)
-        self.known[_slices(seen)] = self.ground.true[_slices(seen)]
-        yield from self._patches((*parts, seen))
+        events = [self.obstacles.one_event(self.robot, self.goal, self.path) for _ in range(self._changes)]
+        self.seen = self._see(self.robot)
+        yield from self._patches([*chain(*events), self.seen])
         yield Pose(self.robot[0] + 0.5, self.robot[1] + 0.5)
 
     def send_to(self, goal: Cell) -> Iterator[Input]:
@@ -154,14 +150,12 @@ class Scene:
     def _patches(self, parts: Iterable[Rectangle]) -> Iterator[MapPatch]:
         """Known values of these parts, and the obstacles there."""
         for part in parts:
-            self.now[_slices(part)] = self.obstacles.cover(self.ground.true, part)
-            told = self.obstacles.cover(self.known, part)
-            self.told[_slices(part)] = told
+            self.now[slices(part)] = self.obstacles.cover(self.ground.true, part)
+            self.told[slices(part)] = told = self.obstacles.cover(self.known, part)
             yield self.ground.robot.patch(part[0], part[1], told)
 
     def heard(self, message: PathMessage) -> None:
         """Take the loop's answer, which is checked by the definition of a path that can be walked."""
-        self.answers += 1
         self.path = message.path
         if message.ok and not walkable(self.ground.robot, message.path, self.told, message.goal):
             self.forbidden += 1
@@ -177,12 +171,11 @@ class Scene:
             self.driven.append(self.robot)
         self.waited += not count
 
-    def _around(self, cell: Cell) -> Rectangle:
-        """The robot's view from a cell."""
-        radius = self._sight
-        row, col = max(cell[0] - radius, 0), max(cell[1] - radius, 0)
-        rows, cols = self.ground.true.shape
-        return row, col, min(cell[0] + radius + 1, rows) - row, min(cell[1] + radius + 1, cols) - col
+    def _see(self, cell: Cell) -> Rectangle:
+        """The robot's view from a cell, which it knows from now on."""
+        part = widened((*cell, 1, 1), (self._sight, self._sight), self.known.shape)
+        self.known[slices(part)] = self.ground.true[slices(part)]
+        return part
 
 
 def walkable(robot: Robot, path: NDArray[np.int32], values: Float2D, goal: Cell | None) -> bool:
@@ -202,8 +195,3 @@ def _blurred(elevation: Float2D, sigma: float) -> Float2D:
     filled = np.where(known, elevation, elevation[known].mean()).astype(np.float32)
     blurred = cv2.GaussianBlur(filled, (0, 0), sigma, borderType=cv2.BORDER_REPLICATE)
     return np.where(known, blurred, np.nan).astype(np.float32)
-
-
-def _slices(part: Rectangle) -> tuple[slice, slice]:
-    row, col, rows, cols = part
-    return slice(row, row + rows), slice(col, col + cols)

@@ -1,3 +1,4 @@
+import itertools
 import json
 from dataclasses import replace
 
@@ -11,9 +12,8 @@ from nnpp_edge.runtime.map.poses import pose_costs
 from nnpp_edge.runtime.map.slope_cost import SLOPE_COSTS
 from nnpp_edge.runtime.planners.planner import Planner
 from nnpp_edge.runtime.terrain.traversability import Traversability, traversability_cost
-from nnpp_edge.runtime.terrain.vehicle import Vehicle
-from nnpp_edge.simulation.pose_check import PoseCheck, headings_of
-from nnpp_edge.simulation.robots import Robot
+from nnpp_edge.runtime.terrain.vehicle import HEADINGS, Vehicle
+from nnpp_edge.simulation.robots import Robot, robot_on
 from nnpp_edge.simulation.scene import Scene, SurveyedGround, walkable
 from nnpp_edge.simulation.simulate import SimulationSettings, random_drive, simulate
 from nnpp_edge.terrain.obstacles import Obstacles
@@ -251,26 +251,38 @@ def rocky():
     return SurveyedGround.of(Ground.of_elevation(with_rocks(bare, 0.4, 0.04, rng), 0.4, vehicle=BODY), 1, bare)
 
 
-@pytest.mark.parametrize("seed", range(6))
-def test_what_the_simulation_judges_by_agrees_with_the_planners_check(seed):
-    rng = np.random.default_rng(seed)
-    width = (0.25, 0.3)[seed % 2]
-    heights = with_rocks(synthetic_terrain(rng, 60, 0.25), 0.25, 0.03, rng, cell_width_m=width)
-    heights[20:22, 30:36] = np.nan
-    vehicle = replace(BODY, unknown_passes=seed % 3 == 0, axles=2 + seed % 3, max_pitch_deg=20.0)
-    known = np.isfinite(pose_costs(heights, 0.25, vehicle, cell_width_m=width))
-    check, cells = PoseCheck(vehicle, (0.25, width)), np.argwhere(np.ones(heights.shape))
-    passes = np.stack([check.stands(heights, cells, heading).reshape(heights.shape) for heading in range(4)])
-    assert 0.01 < known.mean() < 0.99
-    assert not (known & ~passes).any(), "what a planner may drive over, the simulation does not forbid"
-    assert (passes & ~known).sum() <= 0.001 * known.size, "but for rounding they are one check"
+def heading_of(step):
+    """Number of the heading that a step is along."""
+    return HEADINGS.index(step if step in HEADINGS else (-step[0], -step[1]))
 
 
-def test_the_headings_of_a_path_are_those_of_its_steps():
-    steps = np.array([(1, 0), (1, 1), (0, 1), (-1, 1), (-1, 0), (-1, -1), (0, -1), (1, -1)])
-    path = np.concatenate((np.zeros((1, 2), int), np.cumsum(steps, 0)))
-    assert headings_of(path).tolist() == [0, 1, 2, 3, 0, 1, 2, 3]
-    assert headings_of(path[:1]).tolist() == []
+def passing(poses, path):
+    """Whether each step's poses pass at both its ends, of (4, H, W) costs of poses."""
+    cells = [tuple(cell) for cell in path.tolist()]
+    steps = [(one, other, heading_of(tuple(np.subtract(other, one)))) for one, other in itertools.pairwise(cells)]
+    return [bool(np.isfinite(poses[way][one]) and np.isfinite(poses[way][other])) for one, other, way in steps]
+
+
+def test_what_the_simulation_judges_by_agrees_with_the_planners_check():
+    agreed = {True: 0, False: 0}
+    for seed in range(6):
+        rng = np.random.default_rng(seed)
+        width = (0.25, 0.3)[seed % 2]
+        heights = with_rocks(synthetic_terrain(rng, 60, 0.25), 0.25, 0.03, rng, cell_width_m=width)
+        heights[20:22, 30:36] = np.nan
+        vehicle = replace(BODY, unknown_passes=seed % 3 == 0, axles=2 + seed % 3, max_pitch_deg=20.0)
+        poses = pose_costs(heights, 0.25, vehicle, cell_width_m=width)
+        robot = robot_on(Ground.of_elevation(heights, 0.25, cell_width_m=width, vehicle=vehicle))
+        for _ in range(12):
+            steps = np.array([way for way in itertools.product((-1, 0, 1), repeat=2) if any(way)])
+            path = np.cumsum(np.concatenate((rng.integers(0, 60, (1, 2)), rng.choice(steps, 40))), axis=0)
+            path = path[: int(((path >= 0) & (path < 60)).all(1).cumprod().sum())].astype(np.int32)
+            for judged, known in zip(robot.steps(heights, path), passing(poses, path), strict=True):
+                assert judged or not known, "what a planner may drive over, the simulation does not forbid"
+                agreed[known] += judged == known
+            row, col = path[0].tolist()
+            assert robot.stands(heights, (row, col)) or not np.isfinite(poses[:, row, col]).any()
+    assert agreed[True] > 200 and agreed[False] > 200
 
 
 @pytest.mark.parametrize("method", ["auto", "corridor", "dstar"])
@@ -278,10 +290,8 @@ def test_a_body_drives_over_ground_that_holds_it_and_no_pose_published_failed(ro
     start, goal = random_drive(rocky, 1)
     drive = simulate(rocky, start, goal, SimulationSettings(method, ticks=1500))
     assert drive.reached and drive.forbidden == 0 and drive.counters.errors == {}
-    poses = np.isfinite(pose_costs(rocky.true, 0.4, BODY))
-    headings = headings_of(drive.driven)
-    for end in (drive.driven[:-1], drive.driven[1:]):
-        assert poses[headings, end[:, 0], end[:, 1]].all(), "rocks that it saw on its way are not driven over"
+    poses = pose_costs(rocky.true, 0.4, BODY)
+    assert all(passing(poses, drive.driven)), "rocks that it saw on its way are not driven over"
     assert drive.driven_cost >= drive.optimal_cost * (1 - 1e-6)
     json.dumps(drive.summary())
 
