@@ -110,7 +110,7 @@ class Scene:
         """(H, W) what has been seen or surveyed, without obstacles."""
         self._see(goal)
         self.seen = self._see(start)
-        """What the robot sees."""
+        """The part of the map in sight."""
         self.now = ground.true.copy()
         """(H, W) the ground with the obstacles that are there."""
         self.told = self.known.copy()
