@@ -62,6 +62,8 @@ class ChangeReader:
 
     def read(self) -> Sequence[Change]:
         """The changes since the last call."""
+        if not self.behind:
+            return ()
         changes = self._unread
         self.skip()
         return changes
