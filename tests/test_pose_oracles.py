@@ -1,5 +1,6 @@
 """The oracles of a body can fail, and agree with each other."""
 
+import dataclasses
 import math
 
 import numpy as np
@@ -23,97 +24,73 @@ ALONG_ROW = [(8, 6), (8, 7), (8, 8), (8, 9)]
 DIAGONAL = [(6, 6), (7, 7), (8, 8)]
 
 
-def flat():
-    return np.zeros((17, 17))
-
-
 def slope(down, right):
     row, col = np.mgrid[:17, :17]
     return row * math.tan(math.radians(down)) + col * math.tan(math.radians(right))
 
 
-def test_a_drive_that_breaks_a_limit_is_seen_and_others_are_not():
-    def broken(ground, path):
-        found = pose_oracles.drive_breaks(ground, 1.0, BODY, path)
-        return found and found.limit
+FLAT = slope(0, 0)
 
+
+def with_cell(height, ground=FLAT):
+    ground = ground.copy()
+    ground[8, 8] = height
+    return ground
+
+
+def broken(ground, path, body=BODY, **options):
+    found = pose_oracles.drive_breaks(ground, 1.0, body, path, **options)
+    return found and found.limit
+
+
+def test_a_drive_that_breaks_a_limit_is_seen_and_others_are_not():
     for path in (ALONG_ROW, ALONG_ROW[::-1], DIAGONAL, DIAGONAL[::-1], [(8, 8)]):
-        assert broken(flat(), path) is None
+        assert broken(FLAT, path) is None
     for angles in ((0, 19.9), (14.9, 0), (13, 18)):
         assert broken(slope(*angles), ALONG_ROW) is None
-    for limit, ground, path in (
-        ("pitch", slope(0, 21), ALONG_ROW),
-        ("roll", slope(16, 0), ALONG_ROW),
-        ("roll", slope(0, -16), [(8, 8), (9, 8)]),
-        ("tilt", slope(14, 19), ALONG_ROW),
-        ("unknown", np.full((17, 17), np.nan), ALONG_ROW),
-        ("unknown", flat(), [(8, col) for col in range(8, 17)]),
-    ):
-        assert broken(ground, path) == limit
-
-
-def test_a_rock_between_the_wheels_is_seen_where_the_belly_meets_it():
-    ground = flat()
-    ground[8, 8] = 0.29
     wide = Vehicle(length_m=2.2, width_m=4.0, clearance_m=0.3)
-    assert pose_oracles.drive_breaks(ground, 1.0, wide, [(8, 7), (8, 8)]) is None
-    ground[8, 8] = 0.31
-    found = pose_oracles.drive_breaks(ground, 1.0, wide, [(8, 5), (8, 6), (8, 7), (8, 8)])
-    assert found.limit == "clearance"
-    assert 0.3 < found.value <= 0.31 + 1e-9
-    assert pose_oracles.drive_breaks(ground, 1.0, wide, [(8, 7), (8, 8)], margin_m=0.02) is None
-
-
-def test_a_kerb_under_one_contact_patch_is_a_step():
-    ground = flat()
-    ground[:, 9:] = 0.25
     long = Vehicle(length_m=4.4, width_m=2.0, clearance_m=2.0, max_step_m=0.2, wheel_length_m=1.0)
-    found = pose_oracles.drive_breaks(ground, 1.0, long, [(8, 6), (8, 7), (8, 8)])
-    assert found.limit == "step" and found.value > 0.2
-    ground[:, 9:] = 0.19
-    assert pose_oracles.drive_breaks(ground, 1.0, long, [(8, 6), (8, 7), (8, 8)]) is None
-
-
-def test_what_stands_may_not_drive_between_two_cells():
-    """A hole that the wheels of neither cell touch: only places in between see it."""
-    ground, small = flat(), Vehicle(length_m=0.2, width_m=0.2, clearance_m=0.02, max_tilt_deg=10.0)
-    ground[8, 8] = -0.5
-    middles = [pose_oracles.drive_breaks(ground, 1.0, small, [(8, 6), (8, 7)], positions=n) for n in (1, 10)]
-    assert middles[0] is not None or middles[1] is not None
-
-
-def test_unknown_ground_may_be_left_out():
-    ground = flat()
-    ground[8, 8] = np.nan
-    for passes in (False, True):
-        body = Vehicle(length_m=2.2, width_m=1.7, clearance_m=0.3, unknown_passes=passes)
-        assert (pose_oracles.drive_breaks(ground, 1.0, body, ALONG_ROW) is None) == passes
-        assert np.isfinite(pose_oracles.naive_pose_costs(ground, 1.0, body)[2, 8, 8]) == passes
+    small = Vehicle(length_m=0.2, width_m=0.2, clearance_m=0.02, max_tilt_deg=10.0)
+    kerb, low_kerb = (np.where(np.arange(17) >= 9, height, FLAT) for height in (0.25, 0.19))
+    for limit, ground, path, body in (
+        ("pitch", slope(0, 21), ALONG_ROW, BODY),
+        ("roll", slope(16, 0), ALONG_ROW, BODY),
+        ("roll", slope(0, -16), [(8, 8), (9, 8)], BODY),
+        ("tilt", slope(14, 19), ALONG_ROW, BODY),
+        ("unknown", np.full((17, 17), np.nan), ALONG_ROW, BODY),
+        ("unknown", FLAT, [(8, col) for col in range(8, 17)], BODY),
+        (None, with_cell(0.29), ALONG_ROW, wide),  # a rock between the wheels, where the belly meets it or not
+        ("clearance", with_cell(0.31), ALONG_ROW, wide),
+        ("step", kerb, ALONG_ROW, long),  # under one contact patch
+        (None, low_kerb, ALONG_ROW, long),
+        ("unknown", with_cell(np.nan), ALONG_ROW, BODY),
+        (None, with_cell(np.nan), ALONG_ROW, dataclasses.replace(BODY, unknown_passes=True)),
+        ("pitch", with_cell(-0.5), [(8, 6), (8, 7)], small),  # a hole that only places in between see
+    ):
+        assert broken(ground, path, body) == limit
+    assert broken(with_cell(0.31), ALONG_ROW, wide, margin_m=0.02) is None
+    assert 0.3 < pose_oracles.drive_breaks(with_cell(0.31), 1.0, wide, ALONG_ROW).value <= 0.31 + 1e-9
 
 
 def test_the_cells_near_a_point_are_the_four_around_it():
-    assert pose_oracles.cells_near((0.5, 0.25), (1.0, 0.0), (0.01, 0.01), 1.0, 1.0) == {
-        (0, 0),
-        (0, 1),
-        (1, 0),
-        (1, 1),
-    }
-    assert pose_oracles.cells_near((0.0, 0.0), (0.0, 1.0), (1e-12, 1e-12), 1.0, 1.0) == {(0, 0)}
-    assert pose_oracles.cells_near((0.0, 0.5), (0.0, 1.0), (1e-12, 1e-12), 1.0, 1.0) == {(0, 0), (0, 1)}
-    across = math.sqrt(0.5)
-    diamond = pose_oracles.cells_near((0.0, 0.0), (across, across), (0.72, 0.72), 1.0, 1.0)
+    def near(middle, ahead, half):
+        return pose_oracles.cells_near(middle, ahead, (half, half), 1.0, 1.0)
+
+    assert near((0.5, 0.25), (1.0, 0.0), 0.01) == {(0, 0), (0, 1), (1, 0), (1, 1)}
+    assert near((0.0, 0.0), (0.0, 1.0), 1e-12) == {(0, 0)}
+    assert near((0.0, 0.5), (0.0, 1.0), 1e-12) == {(0, 0), (0, 1)}
+    diamond = near((0.0, 0.0), (math.sqrt(0.5), math.sqrt(0.5)), 0.72)
     assert (1, 1) in diamond and (2, 1) in diamond and (2, 2) not in diamond
 
 
-def test_poses_on_a_plane_cost_its_tilt():
+def test_poses_on_a_plane_cost_its_tilt_rounded_up_by_a_part_in_65533_at_most():
     found = pose_oracles.naive_pose_costs(0.25 * slope(3, 4), 0.25, BODY)[:, 8, 8]
     tilt = math.atan(math.hypot(math.tan(math.radians(3)), math.tan(math.radians(4))))
-    assert (found > 0.6 * tilt / math.radians(22.0)).all()
-    assert (found < 1.0).all()
-    np.testing.assert_array_equal(pose_oracles.naive_pose_costs(flat(), 1.0, BODY)[:, 4:-4, 4:-4], 0.0)
-
-
-def test_coded_costs_are_rounded_up_by_a_part_in_65533_at_most():
+    assert (found > 0.6 * tilt / math.radians(22.0)).all() and (found < 1.0).all()
+    np.testing.assert_array_equal(pose_oracles.naive_pose_costs(FLAT, 1.0, BODY)[:, 4:-4, 4:-4], 0.0)
+    for passes in (False, True):
+        body = dataclasses.replace(BODY, unknown_passes=passes)
+        assert np.isfinite(pose_oracles.naive_pose_costs(with_cell(np.nan), 1.0, body)[2, 8, 8]) == passes
     costs = np.random.default_rng(0).random(1000)
     coded = pose_oracles.coded(costs)
     assert ((coded >= costs) & (coded < costs + 1.0 / 65533)).all()

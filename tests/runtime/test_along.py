@@ -41,39 +41,28 @@ def test_a_ramp_up_and_down_again_is_as_long_and_steep_as_it_is_by_hand():
     assert found.steepest_up_deg == pytest.approx(math.degrees(math.atan(0.75)))
     assert found.steepest_down_deg == pytest.approx(45.0)
     assert found.time_s == pytest.approx(5.0 / 0.1 + 5.0 / 0.1 + math.sqrt(32.0) / 0.2)
+    level = Along.of(np.array([(0, 0), (0, 1)], np.int32), np.zeros((1, 2)), (1.0, 1000.0)).numbers
+    assert level.time_s == pytest.approx(3600.0 / (6.0 * math.exp(-3.5 * 0.05)))  # without a vehicle a hiker's
+    assert math.isnan(level.energy_j)
     weight = 50.0 * 9.80665
     assert found.energy_j == pytest.approx(2 * weight * (0.15 * 4 + 3) / 0.8 + 0.3 * weight * (0.15 * 4 - 4))
 
 
-def test_without_a_vehicle_time_is_a_hikers_and_energy_is_not_known():
-    level = Along.of(np.array([(0, 0), (0, 1)], np.int32), np.zeros((1, 2)), (1.0, 1000.0)).numbers
-    assert level.time_s == pytest.approx(3600.0 / (6.0 * math.exp(-3.5 * 0.05)))
-    assert math.isnan(level.energy_j)
-
-
-def test_what_is_summed_along_the_way_ends_with_the_whole():
+def test_what_is_summed_along_the_way_ends_with_the_whole_and_back_again_climb_is_descent():
     path = np.array([(r, r) for r in range(30)], np.int32)
-    along = Along.of(path, rough(), (2.0, 3.0), ROVER)
-    numbers = along.numbers
-    for name, whole in (("distance_m", numbers.length_m), ("ground_m", numbers.ground_length_m)):
+    along, back = (Along.of(each, rough(), (2.0, 3.0), ROVER) for each in (path, path[::-1]))
+    there, numbers = along.numbers, back.numbers
+    for name, whole in (
+        ("distance_m", there.length_m),
+        ("ground_m", there.ground_length_m),
+        ("time_s", there.time_s),
+    ):
         assert getattr(along, name)[0] == 0.0 and getattr(along, name)[-1] == pytest.approx(whole)
-    assert along.time_s[-1] == pytest.approx(numbers.time_s)
-    assert numbers.climb_m - numbers.descent_m == pytest.approx(along.heights_m[-1] - along.heights_m[0])
-
-
-def test_back_again_climb_and_descent_change_places():
-    path = np.array([(r, r + 3) for r in range(30)], np.int32)
-    there, back = (Along.of(each, rough(), (1.0, 1.0), ROVER).numbers for each in (path, path[::-1]))
-    assert (there.climb_m, there.descent_m) == pytest.approx((back.descent_m, back.climb_m))
-    assert there.ground_length_m == pytest.approx(back.ground_length_m)
-    assert there.time_s != pytest.approx(back.time_s)
-
-
-def test_a_line_of_the_paths_cells_has_the_paths_numbers():
-    path = Planner(np.full((40, 50), 0.1, np.float32)).plan((3, 4), (35, 47), method="astar").path
-    of_cells = Along.of(path, rough(), (2.0, 3.0))
-    of_line = Along.of(path.astype(np.float64), rough(), (2.0, 3.0))
-    assert of_line.numbers == pytest.approx(of_cells.numbers, nan_ok=True)
+    assert there.climb_m - there.descent_m == pytest.approx(along.heights_m[-1] - along.heights_m[0])
+    assert (there.climb_m, there.descent_m) == pytest.approx((numbers.descent_m, numbers.climb_m))
+    assert there.ground_length_m == pytest.approx(numbers.ground_length_m)
+    assert there.time_s != pytest.approx(numbers.time_s)
+    assert Along.of(path.astype(np.float64), rough(), (2.0, 3.0), ROVER).numbers == pytest.approx(there, nan_ok=True)
 
 
 def test_a_line_is_cut_where_it_crosses_rows_and_columns_of_middles():

@@ -37,26 +37,7 @@ from nnpp_edge.runtime import (
 
 COST, HEIGHTS = np.full((12, 14), 0.2, np.float32), np.zeros((12, 14), np.float32)
 ENDS = {"start": (1, 2), "goal": (9, 11)}
-BODY = Vehicle(1.5, 1.0, 0.4)
 WRONG = ["0", None, [[1.0], [1.0, 2.0]], {}, 0.5, True, object(), b"x", 10**400, -(10**30), math.nan, (1, "a"), 1j]
-
-
-def planner():
-    return Planner(COST)
-
-
-def by_elevation():
-    return Planner.of_elevation(HEIGHTS, 1.0)
-
-
-def dynamic():
-    made = DynamicPlanner(COST, (9, 11), "astar", also=["dstar"])
-    made.move((1, 2))
-    return made
-
-
-def navigator():
-    return Navigator(Ground(COST), NavigatorSettings("astar"))
 
 
 PATCH = {"row": 1, "col": 1, "patch": COST[:2, :2]}
@@ -68,31 +49,32 @@ ENTRIES = {
     plan_path: {"cost": COST, **ENDS, "method": "astar"},
     traversability_cost: {"dem": HEIGHTS, "cell_size_m": 1.0},
     update_cost: {"cost": COST.copy(), "dem": HEIGHTS, "changed": (1, 1, 2, 2), "cell_size_m": 1.0},
-    pose_costs: {"dem": HEIGHTS, "cell_size_m": 1.0, "vehicle": BODY},
-    Traversability: {},
+    pose_costs: {"dem": HEIGHTS, "cell_size_m": 1.0, "vehicle": Vehicle(1.5, 1.0, 0.4)},
     Vehicle: {"length_m": 1.5, "width_m": 1.0, "clearance_m": 0.4},
-    Mobility: {},
-    ToblerCost: {},
-    IrmischerCost: {},
-    LinearCost: {},
     TimeCost: {"slope_deg": (-20.0, 0.0, 20.0), "speed_m_s": (0.1, 0.2, 0.1)},
     TimeCost.of_speed: {"speed": lambda slope: np.full_like(slope, 0.3)},
     EnergyCost: {"mass_kg": 10.0, "rolling_resistance": 0.1},
-    NavigatorSettings: {},
     MapPatch: {"row": 1, "col": 1, "cost": COST},
     Pose: {"row": 1.0, "col": 1.0},
     Goal: {"row": 1, "col": 1},
-    InProcessSource: {},
-    InProcessSink: {},
-    NetworkModel: {},
-    Loop: {"navigator": navigator(), "source": InProcessSource()},
+    Loop: {"navigator": Navigator(Ground(COST), NavigatorSettings("astar")), "source": InProcessSource()},
     Ground: {"elevation": HEIGHTS, "cell_size_m": 1.0},
     Ground.of_elevation: {"elevation": HEIGHTS, "cell_size_m": 1.0},
     Navigator: {"ground": Ground(COST), "settings": NavigatorSettings("astar")},
+    **{each: {} for each in (Traversability, Mobility, ToblerCost, IrmischerCost, LinearCost)},
+    **{each: {} for each in (NavigatorSettings, InProcessSource, InProcessSink, NetworkModel)},
 }
 """Functions and classes, with arguments that do."""
+
+
+def dynamic():
+    made = DynamicPlanner(COST, (9, 11), "astar", also=["dstar"])
+    made.move((1, 2))
+    return made
+
+
 METHODS = {
-    planner: {
+    lambda: Planner(COST): {
         "plan": {**ENDS, "method": "astar"},
         "plan_via": {**ENDS, "via": [(3, 3)], "method": "astar"},
         "nearest": {"start": (1, 2), "goals": [(3, 3)], "method": "astar"},
@@ -101,7 +83,7 @@ METHODS = {
         "use_model": {"model": "edge"},
         "prepare": {},
     },
-    by_elevation: {"update_elevation": PATCH},
+    lambda: Planner.of_elevation(HEIGHTS, 1.0): {"update_elevation": PATCH},
     dynamic: {
         "set_goal": {"goal": (3, 3)},
         "move": {"start": (3, 3)},
@@ -110,9 +92,9 @@ METHODS = {
         "reach": {},
         "use_model": {"model": "edge"},
         "replan": {"method": "astar"},
-        "refined": {"plan": planner().plan((1, 2), (3, 3), method="astar")},
+        "refined": {"plan": Planner(COST).plan((1, 2), (3, 3), method="astar")},
     },
-    navigator: {"offer": {"message": Goal(1, 1)}, "reload": {}},
+    lambda: Navigator(Ground(COST), NavigatorSettings("astar")): {"offer": {"message": Goal(1, 1)}, "reload": {}},
     InProcessSource: {"put": {"message": Goal(1, 1)}},
 }
 """Methods of what each of these makes."""
@@ -133,12 +115,8 @@ def raw(call, label, value, given):
     except NnppEdgeError as error:
         return [f"{label}: {error}"] if "\n" in str(error) else []
     except Exception as error:
-        return [f"{label}={_short(value)}: {type(error).__name__}: {error}"[:200]]
-    return [f"{label}={_short(value)} is taken"] if type(value) is object else []
-
-
-def _short(value):
-    return repr(value)[:30]
+        return [f"{label}={value!r:.30}: {type(error).__name__}: {error}"[:200]]
+    return [f"{label}={value!r:.30} is taken"] if type(value) is object else []
 
 
 def test_every_public_name_is_called_here():

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from nnpp_edge.runtime import Planner, Traversability, traversability_cost
-from nnpp_edge.runtime.errors import InvalidMapError, InvalidQueryError, Status
+from nnpp_edge.runtime.errors import InvalidMapError, InvalidQueryError
 from nnpp_edge.runtime.terrain.traversability import SaturationWarning
 from tests.fuzz import elevations
 
@@ -52,14 +52,6 @@ def test_a_saturated_map_warns_once_it_arrives():
 def test_what_is_computed_does_not_depend_on_what_was_there_before(seed):
     """Three coarse levels; a patch in tiles that are pooled and not yet linked; costs that weigh nothing."""
     assert elevations.check(elevations.generate(random.Random(f"elevations {seed}"))) is None
-
-
-def test_ends_where_no_plan_can_be_are_told():
-    wall = HILLS.copy()
-    wall[ENDS[1]] = np.nan
-    assert planner(dem=wall).plan(*ENDS).status is Status.GOAL_BLOCKED
-    assert planner().plan((0, 0), (SIDE, 0)).status is Status.GOAL_OUTSIDE_MAP
-    assert planner(dem=np.full((5, 6), np.nan)).plan((0, 0), (4, 5)).status is Status.START_BLOCKED
 
 
 def test_a_copy_has_the_elevations_as_they_are_now():

@@ -3,7 +3,7 @@ import warnings
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from nnpp_edge.runtime.errors import InvalidMapError
@@ -19,13 +19,16 @@ from tests import oracles
 
 @st.composite
 def dems(draw):
-    shape = draw(st.tuples(st.integers(1, 9), st.integers(1, 9)))
+    """Small maps, and every fifth time one of rows long enough to be computed several cells at once."""
+    shape = draw(st.sampled_from([(9, 9)] * 4 + [(5, 120)]))
+    shape = tuple(draw(st.integers(1, most)) for most in shape)
     rng = np.random.default_rng(draw(st.integers(0, 2**32)))
     dem = rng.normal(draw(st.sampled_from([0.0, -5000.0])), draw(st.sampled_from([0.05, 1.0, 30.0])), shape)
-    dem[rng.random(shape) < draw(st.sampled_from([0.0, 0.2, 0.6]))] = np.nan
+    dem[rng.random(shape) < draw(st.sampled_from([0.0, 0.2, 0.6]))] = draw(st.sampled_from([np.nan, np.inf]))
     return dem.astype(np.float32)
 
 
+CELLS = [(1.0, 1.0), (20.0, 20.0), (2.0, 1.7)]
 LIMITS = [
     Traversability(),
     Traversability(slope_limit_deg=15, hard_slope_deg=15),
@@ -34,56 +37,29 @@ LIMITS = [
 ]
 
 
-@given(dems(), st.sampled_from(LIMITS), st.sampled_from([(1.0, 1.0), (20.0, 20.0), (2.0, 1.7)]))
-def test_the_cost_equals_the_oracles(dem, limits, cell):
-    found = traversability_cost(dem, cell[0], limits, cell_width_m=cell[1], warn=False)
-    wanted = oracles.traversability(dem, *cell, limits)
-    assert found.dtype == np.float32
-    np.testing.assert_array_equal(np.isfinite(found), np.isfinite(wanted))
-    known = np.isfinite(wanted)
-    np.testing.assert_allclose(found[known], wanted[known], atol=1e-5)
-
-
-@st.composite
-def large_dems(draw):
-    """With whole patches enough for rows computed at once, and holes between them."""
-    shape = draw(st.tuples(st.sampled_from([1, 2, 3, 17, 40]), st.sampled_from([1, 2, 3, 19, 70])))
-    rng = np.random.default_rng(draw(st.integers(0, 2**32)))
-    dem = np.cumsum(
-        rng.normal(0.0, draw(st.sampled_from([0.02, 0.3, 3.0])), shape), axis=draw(st.sampled_from([0, 1]))
-    )
-    dem += draw(st.sampled_from([0.0, 8000.0, -1e6]))
-    dem[rng.random(shape) < draw(st.sampled_from([0.0, 0.01, 0.3]))] = draw(st.sampled_from([np.nan, np.inf]))
-    return dem
-
-
-@settings(max_examples=25)
-@given(large_dems(), st.sampled_from(LIMITS), st.sampled_from([(1.0, 1.0), (2.0, 1.7)]), st.sampled_from("fdFTs"))
-def test_rows_computed_at_once_equal_the_oracle_whatever_the_layout(dem, limits, cell, layout):
-    if layout in "fF":
-        dem = dem.astype(np.float32)
+@given(
+    dems(), st.sampled_from(LIMITS), st.sampled_from([(1.0, 1.0), (20.0, 20.0), (2.0, 1.7)]), st.sampled_from("fdFTs")
+)
+def test_the_cost_equals_the_oracles_whatever_the_layout(dem, limits, cell, layout):
+    if layout not in "fF":
+        dem = dem.astype(np.float64)
     given = {"F": np.asfortranarray(dem), "T": np.ascontiguousarray(dem.T).T, "s": np.repeat(dem, 2, 1)[:, ::2]}
     found = traversability_cost(given.get(layout, dem), cell[0], limits, cell_width_m=cell[1], warn=False)
     wanted = oracles.traversability(dem, *cell, limits)
+    assert found.dtype == np.float32
     near_a_limit = np.isfinite(found) != np.isfinite(wanted)
-    assert near_a_limit.mean() <= 1e-3
+    assert near_a_limit.mean() <= (1e-3 if dem.size > 100 else 0.0)
     known = np.isfinite(found) & np.isfinite(wanted)
     np.testing.assert_allclose(found[known], wanted[known], atol=2e-5)
 
 
-def test_heights_in_float64_keep_their_millimetres_however_high_they_lie():
-    rng = np.random.default_rng(1)
-    dem = rng.normal(0.0, 0.05, (40, 50))
+def test_heights_in_float64_keep_their_millimetres_and_large_maps_are_computed_in_bands_that_meet(monkeypatch):
+    dem = np.random.default_rng(1).normal(0.0, 0.05, (70, 90))
     low = traversability_cost(dem, 1.0, warn=False)
     np.testing.assert_allclose(traversability_cost(dem + 2.0**23, 1.0, warn=False), low, atol=1e-5)
-
-
-def test_a_large_map_is_computed_in_bands_of_rows_that_meet(monkeypatch):
-    dem = np.cumsum(np.random.default_rng(2).normal(0.0, 0.2, (70, 90)), axis=1).astype(np.float32)
-    whole = traversability_cost(dem, 1.0, warn=False)
     monkeypatch.setattr("nnpp_edge.runtime.bands.THREADS_FROM", 1)
     monkeypatch.setattr("os.sched_getaffinity", lambda _: range(3))
-    np.testing.assert_array_equal(traversability_cost(dem, 1.0, warn=False), whole)
+    np.testing.assert_array_equal(traversability_cost(dem, 1.0, warn=False), low)
 
 
 @given(dems(), st.data())
@@ -108,31 +84,20 @@ def test_an_update_touches_the_rectangle_and_its_rim_alone():
     assert update_cost(cost, dem, (40, 6, 2, 3), 1.0) == (0, 0, 0, 0)
 
 
-def test_a_tilted_plane_costs_its_slope_alone():
-    row, col = np.mgrid[:6, :7]
-    dem = (row * 2.0 * math.tan(math.radians(12)) + 900).astype(np.float32)
-    slope, roughness, step = terrain_terms(dem, 2.0)
+def test_by_hand_a_plane_costs_its_slope_a_spike_steps_and_unknown_cells_are_impassable():
+    row, _ = np.mgrid[:6, :7]
+    plane = (row * 2.0 * math.tan(math.radians(12)) + 900).astype(np.float32)
+    slope, roughness, step = terrain_terms(plane, 2.0)
     np.testing.assert_allclose(np.degrees(slope), 12, atol=1e-3)
     assert max(roughness.max(), step.max()) < 1e-4
-    np.testing.assert_allclose(traversability_cost(dem, 2.0), 0.6 * 12 / 30, atol=1e-4)
-
-
-def test_a_single_spike_raises_step_and_roughness():
+    np.testing.assert_allclose(traversability_cost(plane, 2.0), 0.6 * 12 / 30, atol=1e-4)
     dem = np.zeros((5, 5), np.float32)
     dem[2, 2] = 0.09
     _, roughness, step = terrain_terms(dem, 1.0)
     assert step[2, 2] == pytest.approx(0.08, rel=1e-5)
     assert roughness[2, 2] == pytest.approx(math.sqrt((0.08**2 + 8 * 0.01**2) / 9), rel=1e-5)
-
-
-def test_unknown_cells_are_impassable_and_all_terms_full_is_an_obstacle():
-    dem = np.zeros((4, 4), np.float32)
-    dem[1, 1] = np.nan
-    dem[3, 3] = np.inf
-    cost = traversability_cost(dem, 1.0)
-    assert np.isinf(cost[1, 1])
-    assert np.isinf(cost[3, 3])
-    assert np.isfinite(cost).sum() == 14
+    dem[2, 2], dem[4, 4], dem[0, 0] = 0.0, np.nan, np.inf
+    assert np.argwhere(np.isinf(traversability_cost(dem, 1.0))).tolist() == [[0, 0], [4, 4]]
     ragged = np.where(np.indices((6, 6)).sum(axis=0) % 3 == 0, 50.0, 0.0).astype(np.float32)
     assert np.isinf(traversability_cost(ragged, 1.0, warn=False)).any()
 
