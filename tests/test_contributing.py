@@ -16,10 +16,6 @@ OLDEST = ROOT / ".ci" / "oldest.txt"
 yaml = pytest.importorskip("yaml")
 
 
-def steps(job):
-    return [step["run"] for step in job["steps"] if "run" in step]
-
-
 @pytest.fixture(scope="module")
 def jobs():
     return yaml.safe_load((ROOT / ".github/workflows/ci.yml").read_text())["jobs"]
@@ -28,14 +24,11 @@ def jobs():
 def test_every_step_of_the_workflow_is_a_target_of_the_makefile(jobs):
     named = set()
     for job in jobs.values():
-        for line in steps(job):
+        for line in (step["run"] for step in job["steps"] if "run" in step):
             target = re.fullmatch(r"make (\S+|\$\{\{ matrix\.target \}\}) PYTHON=python", line)
             assert target, line
-            named |= (
-                {target[1]}
-                if "$" not in target[1]
-                else {each["target"] for each in job["strategy"]["matrix"]["include"]}
-            )
+            several = "$" in target[1] and {each["target"] for each in job["strategy"]["matrix"]["include"]}
+            named |= several or {target[1]}
     assert named <= TARGETS and {"test", "coverage", "try-wheel", "try-oldest", "docs"} <= named
 
 
@@ -57,9 +50,7 @@ def test_the_oldest_packages_that_are_tried_are_those_that_are_named():
     assert set(tried) == set(wanted)
     for name, version in tried.items():
         least, given = ([int(part) for part in text.split(".")] for text in (wanted[name], version))
-        assert given[: len(least)] == least and not any(given[len(least) : 2]), (
-            f"{name}: {version} for {wanted[name]}"
-        )
+        assert given[: len(least)] == least and not any(given[len(least) : 2]), f"{version} for {name} {least}"
 
 
 def test_forms_ask_for_something():
@@ -105,14 +96,13 @@ def test_every_place_that_lists_step_costs_has_each_of_them():
     from nnpp_edge.view.asked import Asked
 
     fields = [field.name for field in dataclasses.fields(runtime.Mobility)]
-    page = (ROOT / "nnpp_edge/view/page/index.html").read_text().partition('<select id="step_cost">')[2]
+    page = (ROOT / "nnpp_edge/view/page/index.html").read_text().partition('id="step_cost"')[2]
     rows = (ROOT / "docs/vehicle.md").read_text().partition("| `--step-cost` |")[2].partition("\n\n")[0]
     has = {
         "runtime/map/slope_cost.py, Mobility": set(fields),
         "nnpp_edge/cli/options.py, STEP_COSTS": set(STEP_COSTS) - {"paper"},
-        "nnpp_edge/view/asked.py, Asked.step_cost": set(get_args(get_type_hints(Asked)["step_cost"]))
-        - {"paper", "length"},
-        "nnpp_edge/view/page/index.html": set(re.findall(r'value="(\w+)"', page.partition("</select>")[0]))
+        "nnpp_edge/view/asked.py": {*get_args(get_type_hints(Asked)["step_cost"])} - {"paper", "length"},
+        "nnpp_edge/view/page/index.html": {*re.findall(r'value="(\w+)"', page.partition("</select>")[0])}
         - {"paper", "length"},
         "docs/vehicle.md": set(re.findall(r"^\| `(\w+)` \|", rows, re.MULTILINE)),
     }
@@ -137,14 +127,8 @@ def test_the_citation_and_the_changelog_name_this_version():
     assert (cited["cff-version"], cited["version"], cited["license"]) == ("1.2.0", __version__, "Apache-2.0")
     heads = re.findall(r"^## (.+)$", (ROOT / "CHANGELOG.md").read_text(), re.MULTILINE)
     assert heads[0] == "[Unreleased]" and f"[{__version__}] - {cited['date-released']}" in heads
-    assert set(re.findall(r"^### (.+)$", (ROOT / "CHANGELOG.md").read_text(), re.MULTILINE)) <= {
-        "Added",
-        "Changed",
-        "Deprecated",
-        "Removed",
-        "Fixed",
-        "Security",
-    }
+    kinds = set(re.findall(r"^### (.+)$", (ROOT / "CHANGELOG.md").read_text(), re.MULTILINE))
+    assert kinds <= {"Added", "Changed", "Deprecated", "Removed", "Fixed", "Security"}
 
 
 def test_the_readme_shows_without_a_network():

@@ -1,3 +1,5 @@
+"""The wheel: its packages and files, what they import, and the types that reach another package."""
+
 import re
 import subprocess
 import sys
@@ -81,3 +83,52 @@ def test_help_imports_nothing_heavy():
 def test_the_onboard_install_asks_for_no_training_packages():
     needed = {re.split(r"[^\w-]", requirement)[0] for requirement in PYPROJECT["project"]["dependencies"]}
     assert not needed & TRAINING
+
+
+CONSUMER = """
+from typing import assert_type
+
+import numpy as np
+from numpy.typing import NDArray
+
+from nnpp_edge.runtime import DynamicPlanner, Plan, Planner, Vehicle, traversability_cost
+from nnpp_edge.runtime.errors import NnppEdgeError, Status
+
+
+def first_path(elevation: NDArray[np.float32]) -> NDArray[np.int32]:
+    planner = Planner.of_elevation(elevation, 2.0)
+    assert_type(planner, Planner)
+    plan = planner.plan((0, 0), (9, 9), method="corridor")
+    assert_type(plan, Plan)
+    assert_type(plan.cost, float)
+    return plan.path
+
+
+def on_costs(elevation: NDArray[np.float32]) -> Status:
+    try:
+        cost = traversability_cost(elevation, 2.0)
+        return DynamicPlanner(cost, (9, 9)).replan().status
+    except NnppEdgeError as error:
+        raise SystemExit(str(error)) from error
+
+
+def body() -> float:
+    return Vehicle(1.5, 1.0, 0.25).length_m
+
+
+def wrong(planner: Planner) -> str:
+    planner.plan((0, 0))
+    return planner.plan((0, 0), (9, 9)).cost
+"""
+
+
+@pytest.mark.slow
+def test_a_strict_package_outside_passes_and_its_mistakes_are_found(tmp_path):
+    (tmp_path / "consumer.py").write_text(CONSUMER)
+    command = [sys.executable, "-m", "mypy", "--strict", "--cache-dir", ROOT / ".mypy_cache/consumer", "consumer.py"]
+    ended = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, check=False)
+    problems = [line for line in ended.stdout.splitlines() if ": error: " in line]
+    last = len(CONSUMER.splitlines())
+    assert ended.returncode == 1 and not ended.stderr, ended.stdout + ended.stderr
+    assert [line.split(":")[1] for line in problems] == [str(last - 1), str(last)], ended.stdout
+    assert "[call-arg]" in problems[0] and "[return-value]" in problems[1]
