@@ -30,6 +30,7 @@ CELL_M, SIDE = 0.5, 40
 BODY, DISC = Vehicle(length_m=1.4, width_m=1.0, clearance_m=0.3), Vehicle(radius_m=0.7)
 VEHICLES = {"point": None, "disc": DISC, "body": BODY}
 LIMITS = Traversability(hard_slope_deg=20.0)
+FLAT, WALL, ENDS = np.zeros((SIDE, SIDE), np.float32), np.ones((1, SIDE)), ((5, 5), (34, 34))
 
 
 def rough(seed):
@@ -43,38 +44,21 @@ def rough(seed):
     return heights.astype(np.float32)
 
 
-def loop(heights, vehicle, *, start=(5, 5), goal=(34, 34), limits=LIMITS, method="auto", **step):
-    ground = Ground.of_elevation(heights, CELL_M, limits, vehicle=vehicle, **step)
+def loop(heights, vehicle, method="auto", **step):
+    ground = Ground.of_elevation(heights, CELL_M, LIMITS, vehicle=vehicle, **step)
     nav = Navigator(ground, NavigatorSettings(method, tolerance=1e-4, snap_radius=0))
-    nav.offer(Pose(*start))
-    nav.offer(Goal(*goal))
+    nav.offer(Pose(*ENDS[0]))
+    nav.offer(Goal(*ENDS[1]))
     return nav
 
 
 @pytest.mark.parametrize("vehicle", VEHICLES.values(), ids=VEHICLES)
-def test_heights_beside_an_obstacle_do_not_clear_it(vehicle):
-    flat, wall = np.zeros((SIDE, SIDE), np.float32), np.full((1, SIDE), 1.0)
-    nav, planner = loop(flat, vehicle), Planner.of_elevation(flat, CELL_M, LIMITS, vehicle=vehicle)
-    for row in (19, 20, 21):  # heights above, of and below the wall's cells
-        nav.offer(MapPatch(20, 0, cost=wall))
-        planner.update(20, 0, wall)
-        assert nav.tick().outcome is Status.NO_PATH
-        nav.offer(MapPatch(row, 0, elevation=np.full((1, SIDE), 0.001 * (row - 15))))
-        planner.update_elevation(row, 0, np.full((1, SIDE), 0.001 * (row - 15)))
-        assert nav.tick().outcome is Status.NO_PATH
-        assert planner.plan((5, 5), (34, 34)).status is Status.NO_PATH
-    planner.update(20, 0, 0.0 * wall)
-    nav.offer(MapPatch(20, 0, cost=0.0 * wall))
-    assert nav.tick().ok and planner.plan((5, 5), (34, 34)).ok
-
-
-@pytest.mark.parametrize("vehicle", VEHICLES.values(), ids=VEHICLES)
-def test_a_patch_without_information_changes_nothing(vehicle):
-    nothing, flat = np.full((SIDE, SIDE), np.nan, np.float32), np.zeros((SIDE, SIDE), np.float32)
-    nav = loop(nothing, vehicle)
+def test_heights_beside_an_obstacle_do_not_clear_it_and_what_says_nothing_changes_nothing(vehicle):
+    nothing = np.full(FLAT.shape, np.nan, np.float32)
+    nav, planner = loop(nothing, vehicle), Planner.of_elevation(FLAT, CELL_M, LIMITS, vehicle=vehicle)
     nav.offer(MapPatch(0, 0, cost=nothing))
     assert nav.tick().outcome is Status.START_BLOCKED
-    nav.offer(MapPatch(0, 0, elevation=flat))
+    nav.offer(MapPatch(0, 0, elevation=FLAT))
     first = nav.tick()
     assert first.ok
     for patch in (
@@ -85,12 +69,17 @@ def test_a_patch_without_information_changes_nothing(vehicle):
         nav.offer(patch)
         message = nav.tick()
         assert message.ok and message.cost == pytest.approx(first.cost)
-    wall = MapPatch(20, 0, cost=np.ones((1, SIDE)))
-    for patch in (wall, *3 * [MapPatch(20, 0, cost=nothing[:1])]):  # made one, as they wait together
-        nav.offer(patch)
-    assert nav.tick().outcome is Status.NO_PATH
-    nav.offer(MapPatch(20, 0, cost=np.zeros((1, SIDE))))
-    assert nav.tick().ok
+    planner.update(20, 0, WALL)
+    for row in (19, 20, 21):  # heights above, of and below the wall's cells
+        for patch in (MapPatch(20, 0, cost=WALL), *3 * [MapPatch(20, 0, cost=nothing[:1])]):  # made one as they wait
+            nav.offer(patch)
+        heights = np.full((1, SIDE), 0.001 * (row - 15))
+        nav.offer(MapPatch(row, 0, elevation=heights))
+        planner.update_elevation(row, 0, heights)
+        assert nav.tick().outcome is planner.plan(*ENDS).status is Status.NO_PATH
+    planner.update(20, 0, 0.0 * WALL)
+    nav.offer(MapPatch(20, 0, cost=0.0 * WALL))
+    assert nav.tick().ok and planner.plan(*ENDS).ok
     nav.offer(MapPatch(20, 0, elevation=nothing[:1]))
     assert nav.tick().outcome is Status.NO_PATH, "which says that the heights are unknown now"
 
@@ -105,7 +94,7 @@ def test_the_loop_plans_as_plan_does(step_cost, vehicle):
     given = {"step_cost": step_cost, "mobility": mobility}
     planner = Planner.of_elevation(heights, CELL_M, LIMITS, vehicle=vehicle, warn=False, **given)
     nav, rng, found = loop(heights, vehicle, method="dstar", **given), np.random.default_rng(1), 0
-    for _ in range(20):
+    for _ in range(14):
         start, goal = rng.integers(2, SIDE - 2, (2, 2)).tolist()
         best = planner.plan(tuple(start), tuple(goal), method="astar")
         nav.offer(Pose(start[0] + 0.5, start[1] + 0.5))
@@ -122,31 +111,26 @@ def test_the_loop_plans_as_plan_does(step_cost, vehicle):
 
 @pytest.mark.parametrize("vehicle", VEHICLES.values(), ids=VEHICLES)
 def test_what_was_told_outlives_copies_and_interrupts(vehicle, monkeypatch):
-    planner = Planner.of_elevation(np.zeros((SIDE, SIDE), np.float32), CELL_M, LIMITS, vehicle=vehicle)
-    planner.update(20, 0, np.ones((1, SIDE)))
+    planner = Planner.of_elevation(FLAT, CELL_M, LIMITS, vehicle=vehicle)
+    planner.update(20, 0, WALL)
     copy = pickle.loads(pickle.dumps(planner))
+    moving = DynamicPlanner.of_elevation(rough(3), CELL_M, ENDS[1], LIMITS, "astar")
+    moving.move(ENDS[0])
+    before = moving.replan()
 
     def interrupted(*_):
         raise KeyboardInterrupt
 
-    with monkeypatch.context() as patched, pytest.raises(KeyboardInterrupt):
-        patched.setattr(Planner, "_planned", interrupted)
-        planner.plan((5, 5), (34, 34))
+    with monkeypatch.context() as patched:
+        patched.setattr(Methods, "find", interrupted)
+        for call in (lambda: planner.plan(*ENDS, method="astar"), moving.replan):
+            with pytest.raises(KeyboardInterrupt):
+                call()
     for one in (copy, planner):
-        assert one.plan((5, 5), (34, 34)).status is Status.NO_PATH
-        one.update(20, 0, np.zeros((1, SIDE)))
-        assert one.plan((5, 5), (34, 34)).ok
-
-
-def test_a_standing_path_outlives_an_interrupt(monkeypatch):
-    """What is computed anew after it is computed before it is walked on."""
-    planner = DynamicPlanner.of_elevation(rough(3), CELL_M, (34, 34), LIMITS, "astar")
-    planner.move((5, 5))
-    before = planner.replan()
-    with monkeypatch.context() as patched, pytest.raises(KeyboardInterrupt):
-        patched.setattr(Methods, "find", lambda *_: (_ for _ in ()).throw(KeyboardInterrupt))
-        planner.replan()
-    standing = planner.standing()
+        assert one.plan(*ENDS).status is Status.NO_PATH
+        one.update(20, 0, 0.0 * WALL)
+        assert one.plan(*ENDS).ok
+    standing = moving.standing()  # what is computed anew after it is computed before it is walked on
     assert standing.valid and standing.cost == pytest.approx(before.cost)
 
 
@@ -161,7 +145,7 @@ def test_steps_follow_heights_whose_weights_stay():
 
 
 def test_drives_through_patches_of_all_kinds_are_planned_on_the_layers():
-    for seed in range(24):
+    for seed in range(16):
         case = layers.generate(random.Random(seed))
         assert (problem := layers.check(case)) is None, f"{problem}\n{case}"
 

@@ -24,7 +24,7 @@ def dems(draw):
     shape = tuple(draw(st.integers(1, most)) for most in shape)
     rng = np.random.default_rng(draw(st.integers(0, 2**32)))
     dem = rng.normal(draw(st.sampled_from([0.0, -5000.0])), draw(st.sampled_from([0.05, 1.0, 30.0])), shape)
-    dem[rng.random(shape) < draw(st.sampled_from([0.0, 0.2, 0.6]))] = draw(st.sampled_from([np.nan, np.inf]))
+    dem[rng.random(shape) < draw(st.sampled_from([0.0, 0.02, 0.2, 0.6]))] = draw(st.sampled_from([np.nan, np.inf]))
     return dem.astype(np.float32)
 
 
