@@ -23,14 +23,15 @@ from nnpp_edge.runtime.map.region import Region
 from nnpp_edge.runtime.planners import dynamic
 from nnpp_edge.runtime.planners.dynamic import DynamicChooser
 from nnpp_edge.runtime.planners.methods import Methods
-from nnpp_edge.runtime.planners.plan import DynamicMethod
+from nnpp_edge.runtime.planners.plan import DynamicMethod, Method
 from nnpp_edge.runtime.planners.query import Query, Work
-from nnpp_edge.runtime.planners.searchers import AStarSearcher, RegionMender
+from nnpp_edge.runtime.planners.searchers import RegionMender
 from nnpp_edge.runtime.planners.standing_path import Footing, StandingPath
 from nnpp_edge.runtime.region.map_view import MapView
 from nnpp_edge.runtime.search.dstar_lite import DStarLite
 from nnpp_edge.runtime.tuning import MEND_SHARE, MEND_WITHIN, UNSEEN_CHANGE
 from tests import oracles
+from tests.runtime.test_pyramid import assert_same_levels
 from tests.strategies import random_cell, random_costs, random_patch, state_of
 
 CLOSE = {"rel": 1e-5, "abs": 1e-5}
@@ -56,13 +57,11 @@ class ChangingMap:
         self.view = MapView(self.state, self.network)
         self.view_in_parts = MapView(self.state, self.network_in_parts, UNSEEN_CHANGE)
         self.path, self.unmerged_path = StandingPath(self.state), StandingPath(self.unmerged)
-        self.astar, self.dearer_only = AStarSearcher(self.state), True
         self.chooser_path = StandingPath(self.state)
         self.chooser = DynamicChooser(Methods(self.state, self.network), self.chooser_path)
         self.since_answer = []
         self.weighing = self.state.log.reader(keeps_old_weights=True)
         self.at_last = self.state.grid.map().copy()
-        self.set_landmarks()
 
     def afresh(self):
         """A map state made now; its bounds are those of the old one, which may be wider than need be."""
@@ -116,7 +115,6 @@ class ChangingMap:
         self.unmerged_path.check(self.start)
         self.cost[row : row + patch.shape[0], col : col + patch.shape[1]] = patch
         assert change.cells == (self.state.grid.map() != before).sum()
-        self.dearer_only = self.dearer_only and not (self.state.grid.map() < before).any()
         if change.cells:
             self.since_answer.append(change)
 
@@ -126,14 +124,10 @@ class ChangingMap:
     # Readers
 
     def read_pyramid(self):
-        for ours, wanted in zip(self.state.pyramid.levels, self.afresh().pyramid.levels, strict=True):
-            np.testing.assert_allclose(ours.grid.weights, wanted.grid.weights, rtol=1e-6)
-            np.testing.assert_array_equal(ours.pieces, wanted.pieces)
-            assert (ours.links is None) == (wanted.links is None)
-            if ours.links is not None:
-                np.testing.assert_array_equal(ours.links, wanted.links)
-            known = ours.grid.weights[np.isfinite(ours.grid.weights)]
-            assert known.size == 0 or ours.grid.least <= known.min() <= known.max() <= ours.grid.greatest
+        assert_same_levels(self.state.pyramid, self.afresh().pyramid)
+        for level in self.state.pyramid.levels:
+            known = level.grid.weights[np.isfinite(level.grid.weights)]
+            assert known.size == 0 or level.grid.least <= known.min() <= known.max() <= level.grid.greatest
 
     def read_dstar(self):
         if self.rng.random() < 0.2:
@@ -196,12 +190,10 @@ class ChangingMap:
     def stand_on_path(self):
         """Follow the optimal path from here."""
         if np.isfinite(self.optimum(self.start)):
-            search = AStarSearcher(self.state)
-            query, work = Query(self.start, self.goal), Work()
             for state, path in ((self.state, self.path), (self.unmerged, self.unmerged_path)):
-                found = Methods(state, self.network).search_map(query, work)
-                path.set(found.plan(DynamicMethod.ASTAR, work))
-            assert search.landmarks is None
+                work = Work()
+                found = Methods(state, self.network).search_map(Query(self.start, self.goal), work)
+                path.set(found.plan(Method.ASTAR, work, planner="astar"))
 
     def read_standing_path(self):
         """Its bounds are those of one that has read each change at once, and they hold."""
@@ -223,20 +215,6 @@ class ChangingMap:
         if np.isfinite(optimum) and tuple(path[-1]) == goal:
             assert max(found.lower_bound, found.floor) <= optimum + slack
             assert not found.valid or found.cost <= found.bound * optimum + slack
-
-    def set_landmarks(self):
-        self.astar.prepare(3, [self.goal] if self.passable(self.goal) else [])
-        self.dearer_only = True
-
-    def read_landmarks(self):
-        """They are gone exactly when something became cheaper, and what is found by them is the optimum."""
-        assert (self.astar.landmarks is not None) == self.dearer_only
-        optimum = self.optimum(self.start)
-        if self.passable(self.start, self.goal):
-            found = self.astar.search(Query(self.start, self.goal), Work(), None)
-            assert (found.status is Status.OK) == np.isfinite(optimum)
-            if found.status is Status.OK:
-                assert self.check_path(found.path, self.start) == pytest.approx(optimum, **CLOSE)
 
     def read_chooser(self):
         """It mends only where all that has changed since its last answer is little and near, merged or not."""
@@ -279,7 +257,7 @@ class ChangingMap:
 
 PATCHES = ("patch_part", "patch_part", "patch_part", "patch_with_extremes", "patch_whole")
 READERS = tuple(name for name in vars(ChangingMap) if name.startswith("read_"))
-STEPS = st.lists(st.sampled_from((*PATCHES * 3, *READERS, "move", "stand_on_path", "set_landmarks")), max_size=40)
+STEPS = st.lists(st.sampled_from((*PATCHES * 3, *READERS, "move", "stand_on_path")), max_size=40)
 
 
 @pytest.fixture(scope="module")
