@@ -10,8 +10,8 @@ from nnpp_edge.terrain.georeference import Georeference
 
 GRID = "EPSG:3414"  # whose metres are those of the ground, here
 PLACE = Georeference(CRS(GRID).to_wkt(), (2.0, 0.0, 28_000.0, 0.0, -2.0, 39_000.0))
-ENDS = ("--start", "5,5", "--goal", "70,80")
-BODY = ("--vehicle", "large-rover", "--set", "max_tilt_deg=40", "--set", "clearance_m=1.5")
+ENDS = "--start 5,5 --goal 70,80"
+BODY = "--vehicle large-rover --set max_tilt_deg=40 --set clearance_m=1.5"
 
 
 def rolling(rows=80, cols=90):

@@ -2,88 +2,83 @@
 
 import json
 import sys
+from pathlib import Path
 
 import cv2
 import numpy as np
 import pytest
 
 from nnpp_edge.runtime import Traversability, traversability_cost
-from nnpp_edge.terrain.dem import Dem, read_dem, write_raster
+from nnpp_edge.terrain.dem import read_dem
 from tests.cli.grounds import PLACE
 
 
-@pytest.fixture
-def hills(tmp_path):
-    """A hilly GeoTIFF with a hole, cells of 2 m, and its heights."""
-    row, col = np.mgrid[0:60, 0:50]
-    heights = (4.0 * np.sin(row / 6.0) * np.cos(col / 9.0)).astype(np.float32)
-    heights[10:14, 20:30] = np.nan
-    write_raster(tmp_path / "hills.tif", heights, Dem(heights, 2.0, 2.0, PLACE, tmp_path))
-    return tmp_path / "hills.tif", heights
-
-
-def test_a_geotiff_keeps_the_place_and_marks_what_is_impassable(nnpp_edge, hills, tmp_path):
-    path, heights = hills
-    ended = nnpp_edge("costmap", path, "-o", tmp_path / "cost.tif", "--limit", "hard_slope_deg=15")
+def test_a_geotiff_keeps_the_place_and_marks_what_is_impassable(run, hills):
+    ended = run("costmap hills.tif -o cost.tif --limit hard_slope_deg=15")
     assert (ended.code, ended.err) == (0, "")
-    cost = traversability_cost(heights, 2.0, Traversability(hard_slope_deg=15))
-    back = read_dem(tmp_path / "cost.tif")
+    cost = traversability_cost(hills, 2.0, Traversability(hard_slope_deg=15))
+    back = read_dem("cost.tif")
     np.testing.assert_array_equal(back.elevation, np.where(np.isinf(cost), np.nan, cost))
     assert back.georeference.transform == PLACE.transform and "SVY21" in back.georeference.crs
     assert np.isinf(cost).sum() > 40
-    for word in ("60 × 50 cells of 2 m", "passable", "cost.tif", "cost.png"):
-        assert word in ended.out
-    assert cv2.imread(str(tmp_path / "cost.png")) is not None
-    assert sorted(p.name for p in tmp_path.iterdir()) == ["cost.png", "cost.tif", "hills.tif"]
+    assert all(word in ended.out for word in ("80 × 90 cells of 2 m", "passable", "cost.tif", "cost.png"))
+    assert cv2.imread("cost.png") is not None
+    assert sorted(path.name for path in Path().iterdir()) == ["cost.png", "cost.tif", "hills.npz", "hills.tif"]
 
 
-def test_arrays_need_no_rasterio(nnpp_edge, hills, tmp_path, monkeypatch):
-    _, heights = hills
-    np.savez(tmp_path / "hills.npz", elevation_m=heights, cell_size_m=2.0, cell_width_m=3.0)
+def test_arrays_need_no_rasterio(run, hills, monkeypatch):
+    np.savez("wide.npz", elevation_m=hills, cell_size_m=2.0, cell_width_m=3.0)
     monkeypatch.setitem(sys.modules, "rasterio", None)
-    wanted = traversability_cost(heights, 2.0, cell_width_m=3.0)
-    assert nnpp_edge("costmap", tmp_path / "hills.npz", "-o", tmp_path / "cost.npy").code == 0
-    np.testing.assert_array_equal(np.load(tmp_path / "cost.npy"), wanted)
-    assert nnpp_edge("costmap", tmp_path / "hills.npz", "-o", tmp_path / "cost.npz").code == 0
-    with np.load(tmp_path / "cost.npz") as archive:
+    wanted = traversability_cost(hills, 2.0, cell_width_m=3.0)
+    assert run("costmap wide.npz -o cost.npy").code == run("costmap wide.npz -o cost.npz").code == 0
+    np.testing.assert_array_equal(np.load("cost.npy"), wanted)
+    with np.load("cost.npz") as archive:
         np.testing.assert_array_equal(archive["cost"], wanted)
         assert (archive["cell_size_m"], archive["cell_width_m"]) == (2.0, 3.0)
-    nnpp_edge("costmap", tmp_path / "hills.npz", "-o", tmp_path / "cost.tif").refused("nnpp-edge[geo]")
+    for words in ("costmap wide.npz -o cost.tif", "costmap hills.tif -o cost.npy"):
+        run(words).refused("nnpp-edge[geo]")
 
 
-def test_json_tells_the_same_figures(nnpp_edge, hills, tmp_path):
-    path, heights = hills
-    words = ("costmap", path, "-o", tmp_path / "cost.npy", "--picture", tmp_path / "other.png", "--json")
-    told = json.loads(nnpp_edge(*words, "--workload", "limit12").out)
-    cost = np.load(tmp_path / "cost.npy")
+def test_json_tells_the_same_figures(told, hills):
+    found = told("costmap hills.tif -o cost.npy --picture other.png --workload limit12")
+    cost = np.load("cost.npy")
     limits = Traversability(slope_limit_deg=12, hard_slope_deg=12)
-    np.testing.assert_array_equal(cost, traversability_cost(heights, 2.0, limits))
-    assert (told["rows"], told["cols"], told["cell_size_m"]) == (60, 50, 2.0)
-    assert told["passable_share"] == pytest.approx(np.isfinite(cost).mean())
-    assert told["cost_quantiles"]["0.5"] == pytest.approx(np.median(cost[np.isfinite(cost)]), abs=1e-5)
-    known = np.isfinite(heights).sum()
-    too_steep = np.isinf(cost).sum() - (heights.size - known)
-    assert told["saturated_share"]["slope"] == pytest.approx(too_steep / known, abs=1e-5)
-    assert told["files"] == [str(tmp_path / "cost.npy"), str(tmp_path / "other.png")]
+    np.testing.assert_array_equal(cost, traversability_cost(hills, 2.0, limits))
+    assert (found["rows"], found["cols"], found["cell_size_m"]) == (80, 90, 2.0)
+    assert found["passable_share"] == pytest.approx(np.isfinite(cost).mean())
+    assert found["cost_quantiles"]["0.5"] == pytest.approx(np.median(cost[np.isfinite(cost)]), abs=1e-5)
+    known = np.isfinite(hills).sum()
+    too_steep = np.isinf(cost).sum() - (hills.size - known)
+    assert found["saturated_share"]["slope"] == pytest.approx(too_steep / known, abs=1e-5)
+    assert found["files"] == ["cost.npy", "other.png"]
 
 
-def test_a_saturated_term_is_a_warning_and_leaves_stdout_to_the_result(nnpp_edge, tmp_path):
+def test_a_saturated_term_is_a_warning_and_leaves_stdout_to_the_result(run):
     rough = np.random.default_rng(2).uniform(0, 30, (40, 40)).astype(np.float32)
-    np.savez(tmp_path / "rough.npz", elevation_m=rough, cell_size_m=50.0)
-    ended = nnpp_edge("costmap", tmp_path / "rough.npz", "-o", tmp_path / "cost.npy", "--json")
+    np.savez("rough.npz", elevation_m=rough, cell_size_m=50.0)
+    ended = run("costmap rough.npz -o cost.npy --json")
     assert ended.code == 0 and json.loads(ended.out)
     assert ended.err.startswith("warning: ") and "elevation difference" in ended.err
 
 
-def test_a_map_without_a_passable_cell_is_written_all_the_same(nnpp_edge, tmp_path):
+def test_a_map_without_a_passable_cell_is_written_all_the_same(run):
     cliff = np.arange(30.0, dtype=np.float32) * np.ones((30, 1), np.float32)
-    np.savez(tmp_path / "cliff.npz", elevation_m=cliff, cell_size_m=1.0)
-    ended = nnpp_edge("costmap", tmp_path / "cliff.npz", "-o", tmp_path / "cost.tif", "--workload", "limit20")
-    assert ended.code == 0 and "no cell is passable" in ended.out
-    assert (tmp_path / "cost.png").exists()
+    np.savez("cliff.npz", elevation_m=cliff, cell_size_m=1.0)
+    ended = run("costmap cliff.npz -o cost.tif --workload limit20")
+    assert ended.code == 0 and "no cell is passable" in ended.out and Path("cost.png").exists()
 
 
 def test_a_bad_elevation_map_is_one_line(nnpp_edge, bad_dem, tmp_path):
     path, word = bad_dem
     nnpp_edge("costmap", path, "-o", tmp_path / "out.tif").refused(word)
     assert not (tmp_path / "out.tif").exists()
+
+
+@pytest.mark.filterwarnings("error")
+def test_cells_of_any_size_are_drawn(run, hills):
+    for option in ("--cell-size", "--rescale"):
+        for side in ("1e9", "1e-6"):
+            ended = run(f"costmap hills.npz -o cost.npy {option} {side}")
+            assert ended.code == 0 and "cost.png" in ended.out, ended.err
+            assert Path("cost.png").stat().st_size > 1000
+        run(f"costmap hills.npz -o cost.npy {option} 1e-9").refused("wanted cells with sides of 1e-06 to")

@@ -1,11 +1,8 @@
-"""What every command does with options: ranges, models that are not there, outputs that are inputs."""
+"""What every command does with options: how many, their ranges, and those that were removed."""
 
 import importlib
-from pathlib import Path
 
 import click
-import numpy as np
-import pytest
 
 from nnpp_edge.cli.main import COMMANDS
 from nnpp_edge.cli.removed import INSTEAD
@@ -17,17 +14,6 @@ MOST_PARAMETERS = 30
 def commands():
     """Every command, by its name."""
     return {name: importlib.import_module(f"nnpp_edge.cli.{name}").command for name in COMMANDS}
-
-
-@pytest.fixture
-def hills(tmp_path, monkeypatch):
-    """A folder with a map, costs and a start."""
-    monkeypatch.chdir(tmp_path)
-    row, col = np.mgrid[0:60, 0:60]
-    heights = (0.5 * np.sin(row / 7.0) * np.cos(col / 9.0)).astype(np.float32)
-    np.savez("hills.npz", elevation_m=heights, cell_size_m=2.0)
-    np.savez("costs.npz", cost=np.full((60, 60), 0.5), cell_size_m=2.0)
-    return "hills.npz"
 
 
 def test_no_command_takes_many_parameters():
@@ -65,13 +51,3 @@ def test_a_removed_option_says_what_to_write_instead(nnpp_edge):
         (("plan", "--markdown"), "no such option '--markdown'"),
     ):
         nnpp_edge(*words).refused(complaint)
-
-
-@pytest.mark.filterwarnings("error")
-def test_cells_of_any_size_are_drawn(nnpp_edge, hills):
-    for option in ("--cell-size", "--rescale"):
-        for side in ("1e9", "1e-6"):
-            ended = nnpp_edge("costmap", hills, "-o", "cost.npy", option, side)
-            assert ended.code == 0 and "cost.png" in ended.out, ended.err
-            assert Path("cost.png").stat().st_size > 1000
-        nnpp_edge("costmap", hills, "-o", "cost.npy", option, "1e-9").refused("wanted cells with sides of 1e-06 to")

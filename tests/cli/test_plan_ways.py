@@ -1,9 +1,11 @@
-"""`nnpp-edge plan`: numbers along the way, places between, ends by coordinates and layers, formats, the profile."""
+"""`nnpp-edge plan`: numbers along the way, places between, ends of all kinds, formats, vehicles, lines."""
 
 import csv
 import json
 import math
+import subprocess
 import sys
+from pathlib import Path
 
 import cv2
 import numpy as np
@@ -11,167 +13,151 @@ import pyogrio
 import pytest
 from pyproj import Transformer
 
-from nnpp_edge.runtime import Planner
+from nnpp_edge.runtime import Planner, Vehicle, pose_costs
 from nnpp_edge.runtime.map.along import Along, Numbers
-from nnpp_edge.terrain.dem import Dem, read_dem, write_raster
+from nnpp_edge.runtime.map.turns import curvatures
+from nnpp_edge.runtime.planners.refine import BodyLines
+from nnpp_edge.terrain.dem import read_dem
+from nnpp_edge.terrain.route import Route
 from nnpp_edge.terrain.vehicle_files import load_mobility, load_vehicle
-from tests.cli.grounds import ENDS, GRID, PLACE, layer, rolling
+from nnpp_edge.viz.picture import BODY as OUTLINE
+from nnpp_edge.viz.picture import POINT
+from tests.cli.grounds import BODY, ENDS, GRID, PLACE, layer, rolling
+
+PLAN = f"plan hills.tif {ENDS}"
+
+
+def rows_of(path):
+    return list(csv.DictReader(Path(path).read_text().splitlines()))
 
 
 @pytest.fixture
-def hills(tmp_path):
-    """A GeoTIFF of rolling ground, cells of 2 m, with a wall of unknown height across its last columns."""
-    heights = rolling()
-    heights[:, 86] = np.nan
-    write_raster(tmp_path / "hills.tif", heights, Dem(heights, 2.0, 2.0, PLACE, tmp_path))
-    return tmp_path / "hills.tif"
+def hill(run):
+    """hill.npz has a hill, wall.npz a wall too; own.toml is a vehicle that is small there."""
+    heights = (0.02 * np.random.default_rng(0).random((60, 60))).astype(np.float32)
+    heights[18:30, 20:30] += np.arange(12, dtype=np.float32)[:, None] * np.float32(0.4)
+    np.savez("hill.npz", elevation_m=heights, cell_size_m=0.25)
+    walled = heights.copy()
+    walled[:, 30:32] = 5.0
+    np.savez("wall.npz", elevation_m=walled, cell_size_m=0.25)
+    Path("own.toml").write_text("length_m = 1.0\nwidth_m = 0.8\nclearance_m = 0.3\n")
+    return heights
 
 
-@pytest.mark.parametrize(
-    "body", [(), ("--vehicle", "large-rover", "--set", "max_tilt_deg=40", "--set", "clearance_m=1.5")]
-)
-def test_all_outputs_say_the_same_numbers(nnpp_edge, hills, tmp_path, body):
-    words = ("plan", hills, *ENDS, *body, "-o", tmp_path / "out", "--format", "gpkg")
-    told = json.loads(nnpp_edge(*words, "--json").out)
-    ground = read_dem(hills)
-    vehicle = load_vehicle("large-rover") if body else None
-    mobility = load_mobility("large-rover", gravity_m_s2=9.80665) if body else None
-    made = {
-        "vehicle": vehicle and type(vehicle)(**{**vars(vehicle), "max_tilt_deg": 40.0, "clearance_m": 1.5}),
-        "mobility": mobility,
-    }
-    plan = Planner.of_elevation(ground.elevation, 2.0, warn=False, **made).plan((5, 5), (70, 80))
-    numbers = {name: told[name] for name in Numbers._fields}
+@pytest.mark.parametrize("body", ["", BODY])
+def test_all_outputs_say_the_same_numbers(run, told, hills, body):
+    words = f"{PLAN} {body} -o out --format gpkg"
+    found = told(words)
+    made = {"vehicle": None, "mobility": None}
+    if body:
+        own = vars(load_vehicle("large-rover")) | {"max_tilt_deg": 40.0, "clearance_m": 1.5}
+        made = {"vehicle": Vehicle(**own), "mobility": load_mobility("large-rover", gravity_m_s2=9.80665)}
+    plan = Planner.of_elevation(hills, 2.0, warn=False, **made).plan((5, 5), (70, 80))
+    numbers = {name: found[name] for name in Numbers._fields}
     assert {name: value for name, value in numbers.items() if value is not None} == pytest.approx(
         {name: value for name, value in plan.numbers._asdict().items() if math.isfinite(value)}, rel=1e-4, abs=1e-4
     )
     assert (numbers["energy_j"] is not None) == bool(body)
-    assert json.loads((tmp_path / "out" / "plan.json").read_text()) == told
-    properties = json.loads((tmp_path / "out" / "path.geojson").read_text())["properties"]
-    worst = [name for name in told if name.startswith(("steepest_", "least_")) and name not in Numbers._fields]
+    assert json.loads(Path("out/plan.json").read_text()) == found
+    properties = json.loads(Path("out/path.geojson").read_text())["properties"]
+    worst = [name for name in found if name.startswith(("steepest_", "least_")) and name not in Numbers._fields]
     assert len(worst) == (4 if body else 0)
-    for name in (*Numbers._fields, *worst, "cost"):
-        assert properties[name] == told[name]
-    meta, _, _, values = pyogrio.raw.read(tmp_path / "out" / "path.gpkg")
+    assert all(properties[name] == found[name] for name in (*Numbers._fields, *worst, "cost"))
+    meta, _, _, values = pyogrio.raw.read("out/path.gpkg")
     fields = dict(zip(meta["fields"].tolist(), values, strict=True))
-    assert {name: told[name] for name in numbers if told[name] is not None} == {
+    assert {name: found[name] for name in numbers if found[name] is not None} == {
         name: fields[name][0] for name in numbers if name in fields
     }
-    rows = list(csv.DictReader((tmp_path / "out" / "path.csv").read_text().splitlines()))
-    assert float(rows[-1]["distance_m"]) == pytest.approx(told["length_m"], abs=1e-5)
-    assert float(rows[-1]["ground_m"]) == pytest.approx(told["ground_length_m"], abs=1e-5)
-    assert float(rows[-1]["time_s"]) == pytest.approx(told["time_s"], abs=1e-5)
+    rows = rows_of("out/path.csv")
+    for name, whole in (("distance_m", "length_m"), ("ground_m", "ground_length_m"), ("time_s", "time_s")):
+        assert float(rows[-1][name]) == pytest.approx(found[whole], abs=1e-5)
     assert ("energy_j" in rows[0]) == bool(body)
-    lines = dict(line.split(maxsplit=1) for line in nnpp_edge(*words).out.splitlines())
-    assert f"at most {told['steepest_up_deg']:.1f}° up" in lines["ground"]
+    lines = dict(line.split(maxsplit=1) for line in run(words).out.splitlines())
+    assert f"at most {found['steepest_up_deg']:.1f}° up" in lines["ground"]
     assert ("kJ" in lines["way"], "at the vehicle's speeds" in lines["way"]) == (bool(body), bool(body))
     if body:
-        assert f"pitched by at most {told['steepest_pitch_deg']:.1f}°" in lines["vehicle"]
-        stands = told["waypoints"]
-        assert max(map(abs, stands["roll_deg"])) == told["steepest_roll_deg"]
-        assert min(stands["clearance_m"]) == told["least_clearance_m"]
+        assert f"pitched by at most {found['steepest_pitch_deg']:.1f}°" in lines["vehicle"]
+        stands = found["waypoints"]
+        assert max(map(abs, stands["roll_deg"])) == found["steepest_roll_deg"]
+        assert min(stands["clearance_m"]) == found["least_clearance_m"]
 
 
-def test_a_path_leads_by_way_of_places_in_the_order_given_or_in_the_best(nnpp_edge, hills, tmp_path):
-    via = ("--via", "60,70", "--via", "12,30", "--via", "40,50")
-    words = ("plan", hills, *ENDS, "--method", "astar", *via)
-    told = json.loads(nnpp_edge(*words, "--json").out)
-    assert told["via"]["stops"] == [[5, 5], [60, 70], [12, 30], [40, 50], [70, 80]]
-    assert told["via"]["order"] == [1, 2, 3] and told["via"]["given_cost"] is None
-    best = json.loads(nnpp_edge(*words, "--best-order", "--json", "-o", tmp_path / "out", "--format", "gpx").out)
+def test_a_path_leads_by_way_of_places_in_the_order_given_or_in_the_best(run, told, hills):
+    words = f"{PLAN} --method astar --via 60,70 --via 12,30 --via 40,50"
+    given = told(words)
+    assert given["via"]["stops"] == [[5, 5], [60, 70], [12, 30], [40, 50], [70, 80]]
+    assert given["via"]["order"] == [1, 2, 3] and given["via"]["given_cost"] is None
+    best = told(f"{words} --best-order -o out --format gpx")
     assert best["via"]["stops"] == [[5, 5], [12, 30], [40, 50], [60, 70], [70, 80]]
-    assert best["via"]["order"] == [2, 3, 1] and best["cost"] < told["cost"] == pytest.approx(
-        best["via"]["given_cost"], rel=1e-6
-    )
-    for found in (told, best):
+    assert best["via"]["order"] == [2, 3, 1]
+    assert best["cost"] < given["cost"] == pytest.approx(best["via"]["given_cost"], rel=1e-6)
+    for found in (given, best):
         for name in ("cost", "length_m", "climb_m", "time_s"):
             assert sum(leg[name] for leg in found["via"]["legs"]) == pytest.approx(found[name], abs=1e-4)
-    rows = csv.DictReader((tmp_path / "out" / "path.csv").read_text().splitlines())
-    cells = [(int(row["row"]), int(row["col"])) for row in rows]
+    cells = [(int(row["row"]), int(row["col"])) for row in rows_of("out/path.csv")]
     places = [cells.index(tuple(stop)) for stop in best["via"]["stops"]]
     assert places == sorted(places)
-    names = pyogrio.raw.read(tmp_path / "out" / "path.gpx", layer="waypoints", columns=["name"])[3][0]
+    names = pyogrio.raw.read("out/path.gpx", layer="waypoints", columns=["name"])[3][0]
     assert names.tolist() == ["start", "via 1", "via 2", "via 3", "goal"]
-    shown = nnpp_edge(*words, "--best-order").out
-    saved = 100.0 * (1.0 - best["cost"] / told["cost"])
-    assert f"2 (12, 30), 3 (40, 50), 1 (60, 70): {saved:.1f} % less than in the order given" in shown
+    saved = f"{100.0 * (1.0 - best['cost'] / given['cost']):.1f} % less than in the order given"
+    assert f"2 (12, 30), 3 (40, 50), 1 (60, 70): {saved}" in run(f"{words} --best-order").out
 
 
-def test_a_leg_that_cannot_be_is_named_and_ends_with_1(nnpp_edge, hills):
-    ended = nnpp_edge("plan", hills, *ENDS, "--via", "20,20", "--via", "30,88")
-    assert (
-        ended.code == 1 and "leg 2 of 3, from (20, 20) to (30, 88)" in ended.out and ended.out.startswith("NO_PATH")
-    )
-    told = json.loads(nnpp_edge("plan", hills, *ENDS, "--via", "30,88", "--best-order", "--json").out)
-    assert told["status"] == "NO_PATH" and told["cost"] is None and told["climb_m"] is None
+def test_a_leg_that_cannot_be_is_named_and_ends_with_1(run, told, hills):
+    ended = run(f"{PLAN} --via 20,20 --via 30,88")
+    assert ended.code == 1 and ended.out.startswith("NO_PATH")
+    assert "leg 2 of 3, from (20, 20) to (30, 88)" in ended.out
+    found = told(f"{PLAN} --via 30,88 --best-order", code=1)
+    assert (found["status"], found["cost"], found["climb_m"]) == ("NO_PATH", None, None)
 
 
-def test_ends_are_places_on_the_map_or_on_the_globe_or_points_of_a_layer(nnpp_edge, hills, tmp_path):
+def test_ends_are_places_on_the_map_or_on_the_globe_or_points_of_a_layer(run, told, hills):
     cells = [(5, 5), (40, 30), (70, 80)]
-    wanted = json.loads(nnpp_edge("plan", hills, *ENDS, "--via", "40,30", "--json").out)
+    wanted = told(f"{PLAN} --via 40,30")
     move = Transformer.from_crs(GRID, "EPSG:4326", always_xy=True)
     places = [PLACE.map_coordinates(*cell) for cell in cells]
     xy = [f"xy:{x},{y}" for x, y in places]
     lonlat = ["lonlat:{:.9f},{:.9f}".format(*move.transform(x, y)) for x, y in places]
-    layers = [f"{layer(tmp_path / f'{at}.gpkg', [cell])}:stops" for at, cell in enumerate(cells)]
+    layers = [f"{layer(Path(f'{at}.gpkg'), [cell])}:stops" for at, cell in enumerate(cells)]
     for start, via, goal in (xy, lonlat, layers):
-        told = json.loads(nnpp_edge("plan", hills, "--start", start, "--via", via, "--goal", goal, "--json").out)
-        assert (told["start"], told["via"]["stops"][1], told["goal"]) == ([5, 5], [40, 30], [70, 80])
-        assert told["cost"] == wanted["cost"]
-
-
-def test_a_layer_in_another_system_is_reprojected_and_its_points_are_visited_in_order(nnpp_edge, hills, tmp_path):
-    path = layer(tmp_path / "stops.gpkg", [(60, 70), (12, 30)], crs="EPSG:4326")
-    ended = nnpp_edge("plan", hills, *ENDS, "--via", path, "--json")
-    assert ended.err == f"{path}: reprojected from WGS 84 to SVY21 / Singapore TM\n"
+        found = told(f"plan hills.tif --start {start} --via {via} --goal {goal}")
+        assert (found["start"], found["via"]["stops"][1], found["goal"]) == ([5, 5], [40, 30], [70, 80])
+        assert found["cost"] == wanted["cost"]
+    layer(Path("stops.gpkg"), [(60, 70), (12, 30)], crs="EPSG:4326")
+    ended = run(f"{PLAN} --via stops.gpkg --json")
+    assert ended.err == "stops.gpkg: reprojected from WGS 84 to SVY21 / Singapore TM\n"
     assert json.loads(ended.out)["via"]["stops"] == [[5, 5], [60, 70], [12, 30], [70, 80]]
-    goals = json.loads(nnpp_edge("plan", hills, "--start", "5,5", "--goal", path, "--json").out)
+    goals = told("plan hills.tif --start 5,5 --goal stops.gpkg")
     assert goals["goal"] == [12, 30] and len(goals["goals"]) == 2
 
 
-def test_the_profile_is_drawn_where_it_is_wanted(nnpp_edge, hills, tmp_path):
-    out, alone = tmp_path / "out", tmp_path / "profile.svg"
-    told = json.loads(nnpp_edge("plan", hills, *ENDS, "-o", out, "--profile-plot", "--json").out)
-    assert str(out / "profile.png") in told["files"]
-    picture = cv2.imread(str(out / "profile.png"))
+def test_the_profile_is_drawn_where_it_is_wanted(run, told, hills, monkeypatch):
+    assert "out/profile.png" in told(f"{PLAN} -o out --profile-plot")["files"]
+    picture = cv2.imread("out/profile.png")
     assert min(picture.shape[:2]) > 400 and len(np.unique(picture.reshape(-1, 3), axis=0)) > 50
-    told = json.loads(nnpp_edge("plan", hills, *ENDS, "--profile-plot", alone, "--via", "40,40", "--json").out)
-    assert told["files"] == [str(alone)] and alone.read_text().startswith("<?xml")
-    ended = nnpp_edge("plan", hills, "--start", "5,5", "--goal", "70,88", "-o", out, "--profile-plot")
-    assert ended.code == 1 and (out / "profile.png").exists()
-
-
-def test_without_matplotlib_the_profile_is_refused_in_one_line(nnpp_edge, hills, tmp_path, monkeypatch):
+    assert told(f"{PLAN} --profile-plot alone.svg --via 40,40")["files"] == ["alone.svg"]
+    assert Path("alone.svg").read_text().startswith("<?xml")
+    assert run("plan hills.tif --start 5,5 --goal 70,88 -o none --profile-plot").code == 1
+    assert Path("none/profile.png").exists()
     monkeypatch.setitem(sys.modules, "matplotlib", None)
-    ended = nnpp_edge("plan", hills, *ENDS, "--profile-plot", tmp_path / "a.png")
-    ended.refused("--profile-plot needs matplotlib", "nnpp-edge[viz]")
+    run(f"{PLAN} --profile-plot a.png").refused("--profile-plot needs matplotlib", "nnpp-edge[viz]")
 
 
-def test_gpx_needs_a_map_on_the_earth_and_nothing_is_written_without(nnpp_edge, tmp_path):
-    np.savez(tmp_path / "hills.npz", elevation_m=rolling(), cell_size_m=2.0)
-    ended = nnpp_edge("plan", tmp_path / "hills.npz", *ENDS, "-o", tmp_path / "out", "--format", "gpx")
-    ended.refused("wanted a map with a coordinate system")
-    assert list((tmp_path / "out").iterdir()) == []
-    assert nnpp_edge("plan", tmp_path / "hills.npz", *ENDS, "-o", tmp_path / "out", "--format", "gpkg").code == 0
+def test_gpx_needs_a_map_on_the_earth_and_nothing_is_written_without(run, hills):
+    run(f"plan hills.npz {ENDS} -o out --format gpx").refused("wanted a map with a coordinate system")
+    assert list(Path("out").iterdir()) == []
+    assert run(f"plan hills.npz {ENDS} -o out --format gpkg").code == 0
 
 
-def test_a_map_read_by_windows_has_the_same_numbers_and_tours(nnpp_edge, hills):
-    words = (
-        "plan",
-        hills,
-        *ENDS,
-        *["--method", "corridor", "--via", "60,20", "--via", "20,60", "--best-order", "--json"],
-    )
-    whole, windows = (json.loads(nnpp_edge(*words, *more).out) for more in ((), ("--memory", "1kB")))
+def test_a_map_read_by_windows_has_the_same_numbers_and_tours(told, hills):
+    words = f"{PLAN} --method corridor --via 60,20 --via 20,60 --best-order"
+    whole, windows = told(words), told(f"{words} --memory 1kB")
     assert windows["windows"] and whole["via"] == windows["via"]
-    for name in (*Numbers._fields, "cost"):
-        assert whole[name] == windows[name]
+    assert all(whole[name] == windows[name] for name in (*Numbers._fields, "cost"))
 
 
 def test_along_way_points_the_route_is_theirs(hills):
-    from nnpp_edge.terrain.route import Route
-
-    ground = read_dem(hills)
+    ground = read_dem("hills.tif")
     line = np.array([(5.0, 5.0), (30.5, 20.25), (70.0, 80.0)])
     along = Along.of(line, ground.elevation, (2.0, 2.0))
     route = Route.of(line, along, np.full(ground.shape, 0.25, np.float32), ground)
@@ -181,3 +167,108 @@ def test_along_way_points_the_route_is_theirs(hills):
     assert len(rows) == len(along.points) > 100 and rows[-1]["row"] == "70"
     assert float(rows[-1]["distance_m"]) == pytest.approx(route.length_m)
     assert route.length_m == pytest.approx(2.0 * (math.dist(*line[:2]) + math.dist(*line[1:])))
+
+
+def test_every_waypoint_has_its_heading_and_how_the_body_stands(run, hill):
+    ended = run("plan hill.npz --start 10,10 --goal 45,48 --vehicle own.toml --method astar -o out")
+    assert (ended.code, ended.err) == (0, "")
+    own = Vehicle(1.0, 0.8, 0.3)
+    plan = Planner.of_elevation(hill, 0.25, vehicle=own).plan((10, 10), (45, 48), method="astar")
+    found = json.loads(Path("out/plan.json").read_text())
+    assert found["cost"] == pytest.approx(plan.cost, rel=1e-5)
+    assert found["waypoints"]["heading_deg"] == plan.headings_deg.tolist()
+    rows = rows_of("out/path.csv")
+    assert [float(row["heading_deg"]) for row in rows] == plan.headings_deg.tolist()
+    assert all(float(row["tilt_deg"]) <= 25.0 and 0.0 < float(row["clearance_m"]) <= 0.3 for row in rows)
+    assert np.isfinite(pose_costs(hill, 0.25, own)[:, *plan.path.T]).any(0).all()
+    assert set(found["waypoints"]) <= set(json.loads(Path("out/path.geojson").read_text())["properties"])
+
+
+def test_the_picture_has_the_body_and_with_a_comparison_a_points_path(run, hill):
+    pictures = []
+    for more in ("", "--vehicle small-rover", "--vehicle small-rover --compare"):
+        assert run(f"plan hill.npz --start 10,10 --goal 45,48 {more} --method astar -o out").code == 0
+        picture = cv2.imread("out/plan.png")
+        pictures.append([int((picture == colour).all(2).sum()) for colour in (OUTLINE, POINT)])
+    (no_body, few), (body, as_few), (as_much, point) = pictures
+    assert no_body == 0 and body == as_much > 100
+    assert few == as_few < 50 and point > few + 100
+
+
+def test_a_body_asks_no_network_and_may_have_no_path(run, told, hill):
+    found = told("plan hill.npz --start 10,10 --goal 45,48 --vehicle small-rover --method nnpp")
+    assert found["method"] == "nnpp" and "no network is asked for a vehicle's body" in found["choice"]
+    words = "plan wall.npz --start 10,10 --goal 45,48 --vehicle small-rover"
+    found = told(words, code=1)
+    reached = found["reached_cells"]
+    assert found["status"] == "NO_PATH" and 0 < reached < found["rows"] * found["cols"]
+    assert f"reached     {reached} cells of the map, from the start" in run(words).out
+
+
+def test_way_points_are_told_with_their_headings_and_curvatures(run, told, hills):
+    words = f"{PLAN} --refine any-angle"
+    found = told(f"{words} -o out")
+    line = found["line"]
+    points = np.array(line["row_col"])
+    assert points[0].tolist() == [5, 5] and points[-1].tolist() == [70, 80]
+    assert len(line["heading_deg"]) == len(line["curvature_per_m"]) == len(points)
+    assert line["curvature_per_m"] == pytest.approx(curvatures(2.0 * points), rel=0.05, abs=1e-4)
+    assert found["sharpest_curvature_per_m"] == pytest.approx(max(line["curvature_per_m"]), abs=1e-5)
+    feature = json.loads(Path("out/path.geojson").read_text())
+    assert len(feature["geometry"]["coordinates"]) == len(points)
+    assert feature["properties"]["sharpest_curvature_per_m"] == found["sharpest_curvature_per_m"]
+    assert found["length_m"] == pytest.approx(np.hypot(*np.diff(2.0 * points, axis=0).T).sum(), rel=1e-4)
+    assert f"{len(points)} way points, line integral" in run(words).out
+    assert not {"line", "sharpest_curvature_per_m"} & set(told(PLAN))
+
+
+def test_how_a_body_stands_is_told_along_the_way_points_where_it_was_checked(run, told, hills):
+    words = f"{PLAN} {BODY} --method astar --refine any-angle"
+    found = told(f"{words} -o out")
+    rows = rows_of("out/path.csv")
+    for name in ("pitch", "roll", "tilt"):
+        steepest = max(abs(float(row[f"{name}_deg"])) for row in rows)
+        assert found[f"steepest_{name}_deg"] == pytest.approx(steepest, rel=1e-3)
+    assert 0.0 < found["steepest_tilt_deg"] <= 40.0 and found["least_clearance_m"] >= 0.0
+    assert "pitched by at most" in run(words).out
+    words = "plan sample:moon_rocks --vehicle large-rover --start 60,6 --goal 60,113 --refine any-angle"
+    for via in ("", "--via 52,60"):
+        assert told(f"{words} {via}")["least_clearance_m"] >= 0.0, "which it was between the places checked"
+
+
+def test_on_a_plane_a_body_stands_as_the_plane_in_every_heading():
+    row, col = 0.1 * np.mgrid[0:240, 0:240]
+    heights = (0.1 * row - 0.2 * col).astype(np.float32)
+    planner = Planner.of_elevation(heights, 0.1, vehicle=Vehicle(3.0, 2.0, 2.0, max_tilt_deg=60.0), warn=False)
+    points = np.array([[10.0, 10.0], [13.0, 14.0], [9.5, 14.5], [14.0, 14.5]])
+    found = BodyLines(planner.state.grid).attitudes(points / 0.1)
+    ahead = np.diff(points, axis=0, append=2.0 * points[-1:] - points[-2:-1])
+    down, right = (ahead / np.hypot(*ahead.T)[:, None]).T
+    # a wheel's height is known to half a cell each way: 0.015 m of height over 2 m
+    assert found.pitch_deg == pytest.approx(np.degrees(np.arctan(0.1 * down - 0.2 * right)), abs=0.5)
+    assert found.roll_deg == pytest.approx(-np.degrees(np.arctan(0.1 * right + 0.2 * down)), abs=0.5)
+    assert (found.tilt_deg >= np.degrees(np.arctan(np.hypot(0.1, 0.2))) - 1e-3).all()
+
+
+def test_turns_are_no_sharper_than_the_vehicle_s(told, hills):
+    words = f"{PLAN} --refine any-angle --set radius_m={{}} --set turning_radius_m={{}}"
+    assert 0.0 < told(words.format(1, 8))["sharpest_curvature_per_m"] <= 1.0 / 8.0
+    refused = told(words.format(4, 390), code=1)
+    assert refused["status"] == "NO_PATH" and "line" not in refused
+    assert "no line that turns with a radius of 390 m" in refused["reason"]
+
+
+def test_the_loop_tells_way_points_where_it_is_asked_for_them(run):
+    np.savez("ground.npz", elevation=rolling(48, 60), cell_size_m=2.0)
+    inputs = [{"v": 1, "type": "goal", "row": 40, "col": 52}, {"v": 1, "type": "pose", "row": 3, "col": 4}]
+    Path("drive.jsonl").write_text("".join(json.dumps({"at": 0.0, **each}) + "\n" for each in inputs))
+    words = ["run", "--map", "ground.npz", "--input", "replay:drive.jsonl", "--fast", "--method", "astar"]
+    turning = ["--set", "radius_m=2", "--set", "turning_radius_m=6", "--loop", "refine=any-angle"]
+    for more, there in ((turning, True), ([], False)):
+        command = [sys.executable, "-m", "nnpp_edge.cli.main", *words, *more]
+        ended = subprocess.run(command, capture_output=True, text=True, check=True)
+        answers = [json.loads(line) for line in ended.stdout.splitlines()]
+        paths = [each for each in answers if each["type"] == "path" and each["outcome"] == "OK"]
+        assert paths and all(("waypoints" in path) == there for path in paths)
+        for points in (np.array(path["waypoints"]) for path in paths if there):
+            assert points[-1].tolist() == [40, 52] and curvatures(2.0 * points).max() <= 1.0 / 6.0

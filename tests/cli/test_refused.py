@@ -160,6 +160,8 @@ $COST --workload limit20 --limit slope_limit_deg=25 | leave out --limit slope_li
 $COST --workload limit20 --limit hard_slope_deg=25 | leave out --limit hard_slope_deg
 costmap sample:mars -o cost.npz                | moon_highlands | 'mars'
 $PLAN -o out                                   | out/plan.json: could not be written (it is a folder)
+dataset -o text.txt/set --maps 2               | text.txt/set | wanted a folder to write to
+profile --profile quick --json out.json        | wanted options, or compare, got 'out.json': --json prints, -o DIR wr
 $PLAN -o loop                                  | symbolic links
 $PLAN -o text.txt                              | text.txt | folder to write to
 $PLAN -o text.txt/out                          | text.txt/out | folder to write to

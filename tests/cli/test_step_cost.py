@@ -1,64 +1,85 @@
-"""`--step-cost` and `--mobility`: what they do to `plan` and `evaluate`, and what is refused."""
+"""`--step-cost`, `--mobility` and `--vehicle` with `--set`: what is made of them, and what they do to a plan."""
 
 import json
+from dataclasses import fields, replace
+from pathlib import Path
 
+import click
 import numpy as np
 import pytest
 import rasterio
+from click.testing import CliRunner
 
-ENDS = ("--start", "5,5", "--goal", "35,50", "--method", "astar")
+from nnpp_edge.cli import options
+from nnpp_edge.cli.ground_options import VehicleOptions
+from nnpp_edge.runtime import NnppEdgeError, Vehicle
+from nnpp_edge.terrain.vehicle_files import load_mobility, load_vehicle
+
 ENERGY = "[mobility.energy]\nmass_kg = 50\nrolling_resistance = 0.1\n"
+PLAN = "plan hill.npz --start 5,5 --goal 35,50 --method astar"
 
 
 @pytest.fixture
-def hill(tmp_path, monkeypatch):
-    """A ramp, in whose folder commands run: down from start to goal."""
+def hill(run):
+    """A ramp: down from start to goal."""
     row, col = np.mgrid[0:40, 0:60]
     heights = (-0.12 * col + 0.3 * np.sin(row / 5.0)).astype(np.float32)
-    np.savez(tmp_path / "hill.npz", elevation_m=heights, cell_size_m=2.0)
-    (tmp_path / "mine.toml").write_text(ENERGY)
-    monkeypatch.chdir(tmp_path)
-    return tmp_path / "hill.npz"
+    np.savez("hill.npz", elevation_m=heights, cell_size_m=2.0)
+    Path("mine.toml").write_text(ENERGY)
+    return heights
 
 
-def test_a_plan_by_tobler_is_in_seconds_and_the_way_back_takes_longer(nnpp_edge, hill):
-    there = json.loads(nnpp_edge("plan", hill, *ENDS, "--step-cost", "tobler", "--json").out)
-    back = json.loads(
-        nnpp_edge("plan", hill, "--goal", "5,5", "--start", "35,50", "--step-cost", "tobler", "--json").out
-    )
+def given(*words):
+    """The options that a command makes of words on its command line."""
+    made = []
+
+    @options.command("drive")
+    def drive(robot: VehicleOptions, seed: options.Seed = 1):
+        made.append(robot)
+
+    ended = CliRunner().invoke(drive, [str(word) for word in words], standalone_mode=False)
+    if ended.exception is not None:
+        raise ended.exception
+    return made[0]
+
+
+def test_a_plan_by_tobler_is_in_seconds_and_the_way_back_takes_longer(run, told, hill):
+    there = told(f"{PLAN} --step-cost tobler")
+    back = told("plan hill.npz --goal 5,5 --start 35,50 --step-cost tobler")
     assert there["step_cost"] == "tobler" and there["cost"] < back["cost"]
     assert there["cost"] == pytest.approx(0.6 * 2.0 * (10.0 + 35.0 * 2**0.5), rel=0.2)
-    assert "cost" in (out := nnpp_edge("plan", hill, *ENDS, "--step-cost", "tobler").out) and " s, the optimum" in out
+    assert " s, the optimum" in run(f"{PLAN} --step-cost tobler").out
+    plain, named = told(PLAN), told(f"{PLAN} --step-cost paper")
+    assert "step_cost" not in plain and (plain["cost"], plain["cells"]) == (named["cost"], named["cells"])
 
 
-def test_a_walkers_time_is_told_by_the_function_that_the_steps_cost(nnpp_edge, hill):
-    (hill.parent / "path.toml").write_text("[mobility.irmischer]\non_path = true\n")
-    for given, words in (
-        (("--step-cost", "irmischer"), "on foot, by Irmischer and Clarke's function"),
-        (("--step-cost", "irmischer", "--mobility", "path.toml"), "on foot, by Irmischer and Clarke's function"),
-        (("--step-cost", "tobler"), "on foot, by Tobler's function"),
-        ((), "on foot, by Tobler's function"),
-        (("--step-cost", "irmischer", "--mobility", "large-rover"), "at the vehicle's speeds"),
+def test_a_walkers_time_is_told_by_the_function_that_the_steps_cost(run, told, hill):
+    Path("path.toml").write_text("[mobility.irmischer]\non_path = true\n")
+    for more, words, agree in (
+        ("--step-cost irmischer", "on foot, by Irmischer and Clarke's function", True),
+        ("--step-cost irmischer --mobility path.toml", "on foot, by Irmischer and Clarke's function", True),
+        ("--step-cost tobler", "on foot, by Tobler's function", True),
+        ("", "on foot, by Tobler's function", False),
+        ("--step-cost irmischer --mobility large-rover", "at the vehicle's speeds", False),
     ):
-        told = json.loads(nnpp_edge("plan", hill, *ENDS, *given, "--json").out)
-        agree = given and "large-rover" not in given
-        assert (told["time_s"] == pytest.approx(told["cost"], rel=1e-5)) == bool(agree), given
-        assert words in nnpp_edge("plan", hill, *ENDS, *given).out
+        found = told(f"{PLAN} {more}")
+        assert (found["time_s"] == pytest.approx(found["cost"], rel=1e-5)) == agree, more
+        assert words in run(f"{PLAN} {more}").out
 
 
-def test_energy_is_in_joules_by_the_vehicles_own_table_or_another_file(nnpp_edge, hill):
+def test_energy_is_in_joules_by_the_vehicles_own_table_or_another_file(run, told, hill):
     costs = set()
-    for given in (("--vehicle", "large-rover"), ("--mobility", "mine.toml"), ("--mobility", "small-rover")):
-        out = json.loads(nnpp_edge("plan", hill, *ENDS, "--step-cost", "energy", *given, "--json").out)
-        assert out["status"] == "OK" and out["bound"] == 1.0
-        costs.add(out["cost"])
+    for more in ("--vehicle large-rover", "--mobility mine.toml", "--mobility small-rover"):
+        found = told(f"{PLAN} --step-cost energy {more}")
+        assert found["status"] == "OK" and found["bound"] == 1.0
+        costs.add(found["cost"])
     assert len(costs) == 3
-    assert " J, the optimum" in nnpp_edge("plan", hill, *ENDS, "--step-cost", "energy", "--mobility", "mine.toml").out
+    assert " J, the optimum" in run(f"{PLAN} --step-cost energy --mobility mine.toml").out
 
 
-def test_energy_goes_by_the_gravity_of_the_maps_body_and_says_so(nnpp_edge, hill):
+def test_energy_goes_by_the_gravity_of_the_maps_body_and_says_so(run, hill):
     place = {"transform": rasterio.Affine(2, 0, 5e5, 0, -2, 0), "dtype": "float32", "tiled": True}
-    for crs, given, gravity in (
+    for crs, own, gravity in (
         ("IAU_2015:30110", None, 1.62),
         ("IAU_2015:49910", None, 3.71),
         ("IAU_2015:30110", 2.5, 2.5),
@@ -67,44 +88,84 @@ def test_energy_goes_by_the_gravity_of_the_maps_body_and_says_so(nnpp_edge, hill
         (None, 1.62, 1.62),
     ):
         with rasterio.open("hill.tif", "w", "GTiff", 60, 40, 1, crs=crs, **place) as file:
-            file.write(np.load(hill)["elevation_m"], 1)
-        own = ("--set", f"mobility.energy.gravity_m_s2={given}") if given else ()
-        for more in ((), ("--memory", "1kB")):
-            words = ("plan", "hill.tif", *ENDS[:4], "--mobility", "large-rover", *own, *more)
-            ended = nnpp_edge(*words, "--json")
-            told = json.loads(ended.out)
-            assert told["gravity_m_s2"] == gravity
-            idle_j = 45.0 * told["ground_length_m"] / 0.042
-            up_and_along = 0.2 * told["length_m"] + told["climb_m"] - told["descent_m"]  # all steps roll
-            assert told["energy_j"] == pytest.approx(899.0 * gravity * up_and_along / 0.4 + idle_j, rel=1e-3)
-            assert f"kJ at {gravity:.3g} m/s²" in nnpp_edge(*words).out
+            file.write(hill, 1)
+        more = f"--set mobility.energy.gravity_m_s2={own}" if own else ""
+        for memory in ("", "--memory 1kB"):
+            words = f"plan hill.tif --start 5,5 --goal 35,50 --mobility large-rover {more} {memory}"
+            ended = run(words, "--json")
+            found = json.loads(ended.out)
+            assert found["gravity_m_s2"] == gravity
+            idle_j = 45.0 * found["ground_length_m"] / 0.042
+            up_and_along = 0.2 * found["length_m"] + found["climb_m"] - found["descent_m"]  # all steps roll
+            assert found["energy_j"] == pytest.approx(899.0 * gravity * up_and_along / 0.4 + idle_j, rel=1e-3)
+            assert f"kJ at {gravity:.3g} m/s²" in run(words).out
             warned = f"energy goes by {gravity:g} m/s², the gravity of the map's body, not by the vehicle's own 3.71"
             assert (warned in ended.err) == (gravity not in (3.71, 2.5) and crs is not None)
 
 
-def test_energy_got_back_downhill_is_a_cost_below_zero(nnpp_edge, hill):
-    (hill.parent / "mine.toml").write_text(ENERGY.replace("0.1", "0.01") + "recovery = 0.9\n")
-    given = (*ENDS[:4], "--step-cost", "energy", "--mobility", "mine.toml")
+def test_energy_got_back_downhill_is_a_cost_below_zero(run, told, hill):
+    Path("mine.toml").write_text(ENERGY.replace("0.1", "0.01") + "recovery = 0.9\n")
     for method in ("astar", "corridor"):
-        ended = nnpp_edge("plan", hill, *given, "--method", method, "--compare", "--json")
-        out = json.loads(ended.out)
-        assert out["cost"] < 0.0 and all(row["gap"] >= -1e-6 for row in out["compare"]), ended.out
-        assert out["source"] in ("map", "region")
-        text = nnpp_edge("plan", hill, *given, "--method", method).out
+        words = f"{PLAN[:-6]} {method} --step-cost energy --mobility mine.toml"
+        found = told(f"{words} --compare")
+        assert found["cost"] < 0.0 and all(row["gap"] >= -1e-6 for row in found["compare"])
+        assert found["source"] in ("map", "region")
+        text = run(words).out
         assert "the optimum" in text or "no path costs less than -" in text
 
 
-def test_without_a_step_cost_nothing_is_said_of_it(nnpp_edge, hill):
-    out = json.loads(nnpp_edge("plan", hill, *ENDS, "--json").out)
-    named = json.loads(nnpp_edge("plan", hill, *ENDS, "--step-cost", "paper", "--json").out)
-    assert "step_cost" not in out and (out["cost"], out["cells"]) == (named["cost"], named["cells"])
-
-
-def test_evaluate_judges_by_the_directed_optimum(nnpp_edge, hill):
-    ended = nnpp_edge(
-        "evaluate", "--terrain", hill, "--sizes", "36", "--queries", "4", "--repeats", "1", "--methods", "corridor",
-        "--step-cost", "energy", "--mobility", "mine.toml", "--json",
-    )  # fmt: skip
-    exact, corridor = json.loads(ended.out)
+def test_evaluate_judges_by_the_directed_optimum(told, hill):
+    words = "evaluate --terrain hill.npz --sizes 36 --queries 4 --repeats 1 --methods corridor"
+    exact, corridor = told(f"{words} --step-cost energy --mobility mine.toml")
     assert (exact["method"], exact["n"], exact["gap_max"]) == ("astar", 4, 0.0)
     assert corridor["success"] == 1.0 and corridor["gap_max"] >= -1e-6
+
+
+def test_every_value_can_be_set_in_place_of_the_vehicles_own(tmp_path):
+    own = load_vehicle("large-rover")
+    assert given().body() is None and given("--seed", 3).body() is None
+    assert given("--vehicle", "large-rover").body() == own
+    assert given("--set", "radius_m=0.5").body() == Vehicle(radius_m=0.5)
+    odd = {"axles": 4, "length_m": 3.5, "width_m": 3.5, "wheel_width_m": 0.3, "unknown_passes": True}
+    for name in {field.name for field in fields(Vehicle)} - {"radius_m"}:
+        value = odd.get(name, 20.0 if name.endswith("_deg") else 0.5)
+        made = given("--vehicle", "large-rover", "--set", f"{name}={str(value).lower()}").body()
+        assert made == replace(own, **{name: value}), name
+    keys = ("length_m=1.5", "width_m=1.2", "clearance_m=0.3", "max_tilt_deg=20")
+    alone = given(*(word for key in keys for word in ("--set", key)))
+    assert alone.body() == Vehicle(1.5, 1.2, 0.3, max_tilt_deg=20.0)
+    (tmp_path / "own.toml").write_text("length_m = 2.0\nwidth_m = 1.0\nclearance_m = 0.4\nunknown_passes = true\n")
+    words = ("--vehicle", tmp_path / "own.toml")
+    assert given(*words).body() == Vehicle(2.0, 1.0, 0.4, unknown_passes=True)
+    assert given(*words, "--set", "unknown_passes=false").body() == Vehicle(2.0, 1.0, 0.4)
+
+
+def test_values_of_the_mobility_can_be_set_one_by_one():
+    own = load_mobility("large-rover")
+    for words in (("--vehicle", "large-rover"), ("--mobility", "large-rover")):
+        found = given(*words, "--set", "mobility.energy.mass_kg=77").mobility()
+        assert found.energy == replace(own.energy, mass_kg=77.0) and found.time == own.time
+    assert given("--set", "mobility.linear.up_per_m=3").body() is None
+    with pytest.raises(NnppEdgeError, match="large-rover: mobility: energies is unknown"):
+        given("--vehicle", "large-rover", "--set", "mobility.energies.mass_kg=1").mobility()
+
+
+def test_what_makes_no_vehicle_is_one_line():
+    for vehicle, setting, complaint in (
+        ("nope", "clearance_m=1", "large-rover, small-rover, tracked"),
+        ("tracked", "axles=1", "1"),
+        ("large-rover", "clearance_m=400", "clearance_m must be in metres, at most 9"),
+        ("large-rover", "max_tilt_deg=0.5", "max_tilt_deg must be in degrees"),
+        ("tracked", "clearance", "wanted KEY=VALUE in TOML, such as clearance_m=0.3, got 'clearance'"),
+        ("tracked", "", "wanted KEY=VALUE"),
+        ("tracked", "axles=2\nlength_m=3", "wanted KEY=VALUE"),
+        ("tracked", "a=" + "[" * 5000, "wanted KEY=VALUE"),
+        ("tracked", "axles='two'", "axles: wanted a whole number, got 'two'"),
+    ):
+        with pytest.raises((NnppEdgeError, click.UsageError), match=complaint) as caught:
+            given("--vehicle", vehicle, "--set", setting).body()
+        assert "\n" not in str(caught.value).replace("\\n", "")
+    for name in {field.name for field in fields(Vehicle)} - {"unknown_passes"}:
+        for number in ("nan", "inf", "-inf", "1e308", "-1e308", "9" * 40, "-1", "1e-400"):
+            with pytest.raises(NnppEdgeError):
+                given("--vehicle", "large-rover", "--set", f"{name}={number}").body()

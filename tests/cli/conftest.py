@@ -1,0 +1,39 @@
+"""A folder with grounds that several tests of commands share, and commands as they are typed there."""
+
+import json
+import shlex
+
+import numpy as np
+import pytest
+
+from nnpp_edge.terrain.dem import Dem, write_raster
+from tests.cli.grounds import PLACE, rolling
+
+
+@pytest.fixture
+def run(nnpp_edge, tmp_path, monkeypatch):
+    """Run a command line in a folder of its own."""
+    monkeypatch.chdir(tmp_path)
+    return lambda line, *more: nnpp_edge(*shlex.split(line), *more)
+
+
+@pytest.fixture
+def told(run):
+    """JSON of a command's answer; `code` is its exit code."""
+
+    def told(line, *more, code=0):
+        ended = run(line, *more, "--json")
+        assert ended.code == code, ended.err
+        return json.loads(ended.out)
+
+    return told
+
+
+@pytest.fixture
+def hills(run, tmp_path):
+    """Heights of rolling ground with an unknown column, in hills.tif and hills.npz; cells of 2 m."""
+    heights = rolling()
+    heights[:, 86] = np.nan
+    write_raster(tmp_path / "hills.tif", heights, Dem(heights, 2.0, 2.0, PLACE, tmp_path))
+    np.savez(tmp_path / "hills.npz", elevation_m=heights, cell_size_m=2.0)
+    return heights
