@@ -23,7 +23,7 @@ from nnpp_edge.runtime.map.region import Region
 from nnpp_edge.runtime.planners import dynamic
 from nnpp_edge.runtime.planners.dynamic import DynamicChooser
 from nnpp_edge.runtime.planners.methods import Methods
-from nnpp_edge.runtime.planners.plan import DynamicMethod, Method
+from nnpp_edge.runtime.planners.plan import DynamicMethod
 from nnpp_edge.runtime.planners.query import Query, Work
 from nnpp_edge.runtime.planners.searchers import RegionMender
 from nnpp_edge.runtime.planners.standing_path import Footing, StandingPath
@@ -190,10 +190,10 @@ class ChangingMap:
     def stand_on_path(self):
         """Follow the optimal path from here."""
         if np.isfinite(self.optimum(self.start)):
-            for state, path in ((self.state, self.path), (self.unmerged, self.unmerged_path)):
-                work = Work()
-                found = Methods(state, self.network).search_map(Query(self.start, self.goal), work)
-                path.set(found.plan(Method.ASTAR, work, planner="astar"))
+            planner = Planner(self.cost, step_cost=self.step_cost, corner_cutting=self.corner_cutting)
+            plan = planner.plan(self.start, self.goal, method="astar")
+            for path in (self.path, self.unmerged_path):
+                path.set(plan)
 
     def read_standing_path(self):
         """Its bounds are those of one that has read each change at once, and they hold."""
