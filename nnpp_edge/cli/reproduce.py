@@ -10,7 +10,6 @@ import click
 
 from nnpp_edge.cli import options
 
-_STEPS = "Training steps for each encoding of fig13; by default 1000."
 _MODEL = "Network of the paper's method; given twice, the second is ours; by default paper and edge."
 _QUERIES = "Timed queries at each size (table2, fig9, fig11), by default 200, 30 and 300."
 
@@ -24,7 +23,6 @@ def command(
     rescale: options.Rescale = None,
     allow_vrt: options.AllowVrt = False,
     models: Annotated[tuple[str, ...], "--model", options.MODEL, options.MANY, _MODEL] = (),
-    steps: Annotated[int | None, options.COUNT, _STEPS] = None,
     queries: Annotated[int | None, options.COUNT, _QUERIES] = None,
     quick: Annotated[bool, "A smoke run of less than a minute; its figures mean nothing."] = False,
     again: Annotated[bool, "Run experiments that are complete, too."] = False,
@@ -39,8 +37,8 @@ def command(
     The paper's method runs with the paper's own network, ours with `edge`; --model puts another in the place of both.
     Without --terrain the ground is the shipped sample, at cells of 20 m.
 
-    EXPERIMENT is one of table1, fig6, fig7, fig8, table2, fig9, fig11, fig12, fig14, table3, table4 and
-    fig13; by default all.
+    EXPERIMENT is one of table1, fig6, fig7, fig8, table2, fig9, fig11, fig12, fig14, table3 and table4;
+    by default all.
     Each gets a folder with a table (Markdown), its figures (CSV) and a picture (PNG); README.md puts them
     together and says what agrees with the paper and what does not. A run that was interrupted goes on where
     it stopped.
@@ -60,7 +58,7 @@ def command(
     names = [name for name in EXPERIMENTS if not experiments or name in experiments]
     files = TerrainFiles.or_sample(terrain, rescale, cell_size, allow_vrt)
     told = []
-    for made, ran in reproduce(Request(names, files, output, seed, both, quick, steps, queries, again)):
+    for made, ran in reproduce(Request(names, files, output, seed, both, quick, queries, again)):
         findings = [asdict(finding) for finding in made.findings]
         told.append({"experiment": made.name, "ended": "done" if ran else "skipped", "findings": findings})
         verdicts = Counter(finding.verdict for finding in made.findings)

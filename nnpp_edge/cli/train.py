@@ -12,7 +12,7 @@ import click
 
 from nnpp_edge.cli import options
 from nnpp_edge.cli.text import tell
-from nnpp_edge.model.registry import ENCODINGS, PRESETS
+from nnpp_edge.model.registry import PRESETS
 from nnpp_edge.progress import bar
 
 if TYPE_CHECKING:
@@ -20,7 +20,6 @@ if TYPE_CHECKING:
 
 _PARTS = 1000
 """Of the training, for the progress bar."""
-_ENCODING = click.Choice([name for names in ENCODINGS.values() for name in names])
 _SIDE = click.IntRange(64, options.LARGEST_SIDE)
 _SIGMA = options.Real(0.0, 1.0, min_open=True)
 _TARGET = "Nearness to the optimum, or the best path."
@@ -54,7 +53,6 @@ def command(
     settings: Settings,
     architecture: Annotated[str, click.Choice(list(PRESETS)), "nnpp is the paper's."] = "edge",
     input_size: Annotated[int | None, _SIDE, "Side of the network's map, if not the preset's."] = None,
-    encoding: Annotated[str | None, _ENCODING, "How start and goal are shown, if not the preset's way."] = None,
     sigma: Annotated[float, _SIGMA, "Of the Gaussians, as a share of the map's side."] = 0.25,
     begin_with: Annotated[Path | None, options.PATH, "Checkpoint of another run whose weights to begin with."] = None,
     time_limit: Annotated[float | None, options.POSITIVE, _TIME_LIMIT] = None,
@@ -92,7 +90,7 @@ def command(
             advance(int(_PARTS * share))
 
         checkpoint = train(
-            replace(preset, sigma=sigma, input_size=size, encoding=encoding or preset.encoding),
+            replace(preset, sigma=sigma, input_size=size),
             TrainSettings(
                 **asdict(settings),
                 time_limit_s=60.0 * (time_limit or math.inf),

@@ -1,7 +1,6 @@
 """A network of any architecture behind one interface, the query as it is shown it, and what it costs."""
 
 import copy
-import math
 from collections.abc import Callable, Sequence
 
 import numpy as np
@@ -51,16 +50,8 @@ def encode(spec: Spec, start: Sequence[float], goal: Sequence[float]) -> NDArray
         out = np.empty((ENDS_CHANNELS, side, side), np.float32)
         encode_ends(*ends, sigma, out)
         return out
-    out = np.zeros((GAUSSIAN_CHANNELS, size, size), np.float32)
-    if spec.encoding == "gaussian":
-        encode_gaussian(*ends, sigma, out)
-        return out
-    axis = np.arange(size, dtype=np.float32)
-    for plane, (row, col) in zip(out, ends, strict=True):
-        if spec.encoding == "pixel":
-            plane[round(row), round(col)] = 1.0
-        else:
-            plane[:] = np.hypot(axis[:, None] - row, axis - col) / (math.sqrt(2.0) * size)
+    out = np.empty((GAUSSIAN_CHANNELS, size, size), np.float32)
+    encode_gaussian(*ends, sigma, out)
     return out
 
 

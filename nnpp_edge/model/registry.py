@@ -8,9 +8,8 @@ from dataclasses import dataclass, field
 
 from nnpp_edge.runtime.errors import ModelError
 
-ENCODINGS = {"edge": ("ends",), "nnpp": ("gaussian", "euclidean", "pixel")}
-"""The encodings of start and goal that each architecture can be built for, its default first. ``euclidean`` and
-``pixel`` are what the paper compares its Gaussians with (Fig. 13): training knows them, the runtime does not."""
+ENCODINGS = {"edge": "ends", "nnpp": "gaussian"}
+"""The encoding of start and goal of each architecture."""
 
 OUTPUT_STRIDES = {"edge": 4, "nnpp": 8}
 """Cells of the input to the side of a block of the output."""
@@ -33,16 +32,16 @@ class Spec:
     options: Mapping[str, int | Sequence[int]] = field(default_factory=dict)
     """Arguments of the network's constructor; lists become tuples."""
     encoding: str = ""
-    """How start and goal are shown, one of the architecture's `ENCODINGS`; by default the first of them."""
+    """How start and goal are shown: the architecture's own."""
 
     def __post_init__(self) -> None:
         """Fill in the defaults and check."""
         name = architecture_name(self.architecture)
         if name not in ENCODINGS:
             raise ModelError(f"architecture must be one of {', '.join(ENCODINGS)}, got {self.architecture!r}")
-        encoding = self.encoding or ENCODINGS[name][0]
-        if encoding not in ENCODINGS[name]:
-            raise ModelError(f"encoding of {name} must be one of {', '.join(ENCODINGS[name])}, got {encoding!r}")
+        encoding = ENCODINGS[name]
+        if self.encoding not in ("", encoding):
+            raise ModelError(f"encoding of {name} must be {encoding}, got {self.encoding!r}")
         options = {key: tuple(v) if isinstance(v, Sequence) else v for key, v in self.options.items()}
         for key, value in {"architecture": name, "encoding": encoding, "options": options}.items():
             object.__setattr__(self, key, value)

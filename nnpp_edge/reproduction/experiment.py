@@ -4,7 +4,6 @@ import inspect
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from itertools import islice
-from pathlib import Path
 from typing import TYPE_CHECKING
 
 from nnpp_edge.profiling.suites import LEAST_DISTANCE, Case, large_enough, terrain_cases
@@ -31,8 +30,6 @@ class Context:
     terrain: Sequence[Dem]
     seed: int
     networks: Networks
-    work: Path
-    """Folder for what an experiment that is interrupted goes on from; removed once it is done."""
     advance: Callable[[int], None] = lambda done: None
     notes: list[str] = field(default_factory=list)
     """Whole sentences for the page."""
@@ -84,8 +81,6 @@ class Result:
     """Measurements, for programs."""
     findings: Sequence[Finding]
     picture: "Figure"
-    networks: str | None = None
-    """Which networks took part, and where; by default both, or none where the experiment asks none."""
     controls: str | None = None
 
 

@@ -43,9 +43,6 @@ OMEGA, OMEGA_DEVIATION = 0.011, 0.003
 OMEGA_MOST, OMEGA_MAPS = 0.2, 100
 """Section 4.2: ω was varied from 0 to this, on so many maps."""
 
-BEST_SIGMA = 0.25
-"""Text to Fig. 13: the network does best with σ around 1/4 of the map's side."""
-
 TABLE_3 = Rows(
     {"planner": name, "plan": at, "time_s": time_s, "cc": cc, "exact_cc": (20.61, 15.81, 10.62, 6.82)[at]}
     for name, plans in {

@@ -16,7 +16,6 @@ from nnpp_edge.profiling.suites import TerrainFiles
 from nnpp_edge.progress import bar
 from nnpp_edge.reproduction.drawing import png
 from nnpp_edge.reproduction.dynamic import table3, table4
-from nnpp_edge.reproduction.encodings import fig13
 from nnpp_edge.reproduction.exact import fig6, fig7, table1
 from nnpp_edge.reproduction.experiment import Context, Result
 from nnpp_edge.reproduction.looks import fig8, fig14
@@ -31,8 +30,7 @@ from nnpp_edge.runtime.network.model_file import read_model_file
 
 FORMAT = "nnpp-edge-reproduction-2"
 EXPERIMENTS = {
-    each.run.__name__: each
-    for each in (table1, fig6, fig7, fig8, table2, fig9, fig11, fig12, fig14, table3, table4, fig13)
+    each.run.__name__: each for each in (table1, fig6, fig7, fig8, table2, fig9, fig11, fig12, fig14, table3, table4)
 }
 """The experiments of the paper by name, in the order in which they run."""
 
@@ -49,8 +47,6 @@ class Request:
     models: tuple[str, str] = ("paper", "edge")
     """Networks of the paper's method, and of ours."""
     quick: bool = False
-    steps: int | None = None
-    """Training steps for each encoding of Fig. 13, where not the settings' own."""
     queries: int | None = None
     """Timed queries, where not the settings' own."""
     again: bool = False
@@ -71,33 +67,29 @@ def reproduce(request: Request) -> Iterator[tuple[Stored, bool]]:
     make_folder(request.output)
     for name in request.names:
         experiment = EXPERIMENTS[name]
-        settings = experiment.settings(quick=request.quick, steps=request.steps, queries=request.queries)
+        settings = experiment.settings(quick=request.quick, queries=request.queries)
         made_with = common | {"settings": settings} | ({} if experiment.asks_networks else {"networks": {}})
         made_as_json = msgspec.json.encode(made_with)
         stored = read_experiment(request.output / name)
         if stored is not None and msgspec.json.encode(stored.made_with) == made_as_json and not request.again:
             yield stored, False
             continue
-        work = request.output / ".work" / f"{name}-{_digest(made_as_json)[:12]}"
         cores = sorted(os.sched_getaffinity(0))
         machine = environment(cores)
         exercise()  # no kernel is compiled or loaded while the clock runs
         with bar(name, 1000, quiet=True) as advance:
-            context = Context(dems, request.seed, networks, work, advance)
+            context = Context(dems, request.seed, networks, advance)
             result = experiment.run(context, **settings)
-        about = {"networks": result.networks or networks.named, "controls": result.controls or CONTROLS_NOTE}
+        about = {"networks": networks.named, "controls": result.controls or CONTROLS_NOTE}
         about["samples"] = ", ".join(f"{name} {value}" for name, value in settings.items())
         if not experiment.asks_networks:
-            about |= {"networks": result.networks or "none", "controls": "none, as no network takes part"}
+            about |= {"networks": "none", "controls": "none, as no network takes part"}
         facts = Stored(
             *(FORMAT, name, experiment.where, experiment.title),
             *(f"{machine['cpu']}, {len(cores)} core(s)", machine["load_average"][0], made_with, about),
             *(list(result.findings), context.notes, result.summary),
         )
         _store(request.output / name, facts, result)
-        shutil.rmtree(work, ignore_errors=True)
-        if work.parent.is_dir() and not any(work.parent.iterdir()):
-            work.parent.rmdir()
         write_index(request.output)
         yield facts, True
     write_index(request.output)

@@ -8,7 +8,7 @@ from PIL import Image
 
 from nnpp_edge.profiling.harness import Harness
 from nnpp_edge.profiling.suites import TerrainFiles
-from nnpp_edge.reproduction import dynamic, encodings, exact, paper, runner, static
+from nnpp_edge.reproduction import dynamic, exact, paper, runner, static
 from nnpp_edge.reproduction.drawing import driven, view_episode
 from nnpp_edge.reproduction.episode import make_episode
 from nnpp_edge.reproduction.findings import Verdict, findings_table
@@ -28,7 +28,6 @@ from nnpp_edge.reproduction.rows import Rows, table
 from nnpp_edge.reproduction.runner import EXPERIMENTS, Request, reproduce
 from nnpp_edge.runtime import NetworkModel
 from nnpp_edge.runtime.errors import InvalidQueryError
-from nnpp_edge.terrain.dem import read_dem
 from nnpp_edge.terrain.synthetic import synthetic_terrain
 
 TINY = {
@@ -43,7 +42,6 @@ TINY = {
     "fig14": {"size": 64, "goals": 3},
     "table3": {"size": 64, "episodes": 2, "repeats": 1},
     "table4": {"size": 64, "maps": 2, "repeats": 1},
-    "fig13": EXPERIMENTS["fig13"].quick | {"steps": 1, "batch": 4, "maps": 3, "validation_maps": 2},
 }
 """What each experiment's quick settings are replaced by here."""
 
@@ -162,8 +160,7 @@ def test_an_experiment_that_fails_leaves_what_was_there(terrain, run, tmp_path, 
 
 def test_level_ground_is_no_trouble(run, tmp_path):
     np.savez(tmp_path / "flat.npz", elevation_m=np.zeros((128, 128)), cell_size_m=1.0)
-    names = [name for name in TINY if name != "fig13"]
-    assert all(ran for _, ran in run(tmp_path / "flat.npz", tmp_path / "out", *names))
+    assert all(ran for _, ran in run(tmp_path / "flat.npz", tmp_path / "out", *TINY))
     assert "nan" not in (tmp_path / "out" / "README.md").read_text()
 
 
@@ -325,21 +322,6 @@ def test_the_best_omega_is_where_length_and_cc_together_are_least():
     assert best(omegas[:3], [[100.0, 106.0, 110.0]], [[50.0, 30.0, 20.0]]) == [[0.01], [0.02]], "it decides"
 
 
-def test_each_encoding_is_trained_for_the_steps_asked_for(made):
-    with (made[0] / "fig13" / "fig13.csv").open() as file:
-        rows = list(csv.DictReader(file))
-    assert [row["encoding"] for row in rows] == ["G: 1/4", "G: 1/16", "pixel"]
-    assert {row["steps"] for row in rows} == {"1"}
-    assert all(0.0 < float(row["mm"]) <= 1.0 and float(row["success"]) == 1.0 for row in rows)
-
-
-def test_training_and_validation_see_different_ground(terrain, tmp_path):
-    dem = read_dem(terrain)
-    mine, held_out = encodings.side_of(dem, False).elevation, encodings.side_of(dem, True).elevation
-    assert mine.shape[1] + held_out.shape[1] == 256 and held_out.shape[1] == 128
-    assert np.array_equal(np.hstack([mine, held_out]), dem.elevation)
-
-
 def test_rows_become_csv_tables_and_figures():
     rows = Rows(
         [{"planner": "a", "time_s": 1.5, "cc": 3.0, "exact_cc": 2.0}, {"planner": "b", "time_s": float("nan")}]
@@ -377,7 +359,6 @@ def test_wrong_use_and_bad_input_are_refused_in_a_line(nnpp_edge, terrain, tiny_
     out = tmp_path / "out"
     for words, wanted in (
         (["fig99"], "wanted EXPERIMENT of table1"),
-        (["fig13", "--steps", "0"], "--steps"),
         (["--model", "edge", "--model", "edge", "--model", "edge"], "at most two of --model"),
     ):
         ended = nnpp_edge("reproduce", *words, "-o", out)
@@ -388,7 +369,6 @@ def test_wrong_use_and_bad_input_are_refused_in_a_line(nnpp_edge, terrain, tiny_
     np.savez(tmp_path / "small.npz", elevation_m=np.zeros((40, 50)), cell_size_m=1.0)
     words = ["--quick", "--terrain", tmp_path / "small.npz", "--model", tiny_model, "-o", out]
     nnpp_edge("reproduce", "fig6", *words).refused("wanted terrain of at least 64 cells a side, got 40")
-    nnpp_edge("reproduce", "fig13", *words).refused("wanted terrain of at least 128 × 256 cells, got 40 × 50")
     (tmp_path / "file").write_text("in the way")
     ended = nnpp_edge("reproduce", "--terrain", terrain, "--model", tiny_model, "-o", tmp_path / "file" / "out")
     ended.refused("wanted a folder to write to")

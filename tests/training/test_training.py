@@ -294,7 +294,7 @@ def test_the_presets_can_be_built_and_a_spec_that_no_network_fits_is_refused():
         assert network.eval()(planes, query).shape == (1, spec.blocks, spec.blocks)
     for changes, word in (
         ({"architecture": "none"}, "architecture must be one of edge, nnpp"),
-        ({"encoding": "pixel"}, "encoding of edge"),
+        ({"encoding": "pixel"}, "encoding of edge must be ends"),
     ):
         with pytest.raises(ModelError, match=word):
             dataclasses.replace(SMALL, **changes)
