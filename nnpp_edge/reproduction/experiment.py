@@ -81,6 +81,8 @@ class Result:
     """Measurements, for programs."""
     findings: Sequence[Finding]
     picture: "Figure"
+    networks: str | None = None
+    """Which networks took part, and where; by default both, or none where the experiment asks none."""
     controls: str | None = None
 
 

@@ -80,10 +80,10 @@ def reproduce(request: Request) -> Iterator[tuple[Stored, bool]]:
         with bar(name, 1000, quiet=True) as advance:
             context = Context(dems, request.seed, networks, advance)
             result = experiment.run(context, **settings)
-        about = {"networks": networks.named, "controls": result.controls or CONTROLS_NOTE}
+        about = {"networks": result.networks or networks.named, "controls": result.controls or CONTROLS_NOTE}
         about["samples"] = ", ".join(f"{name} {value}" for name, value in settings.items())
         if not experiment.asks_networks:
-            about |= {"networks": "none", "controls": "none, as no network takes part"}
+            about |= {"networks": result.networks or "none", "controls": "none, as no network takes part"}
         facts = Stored(
             *(FORMAT, name, experiment.where, experiment.title),
             *(f"{machine['cpu']}, {len(cores)} core(s)", machine["load_average"][0], made_with, about),
