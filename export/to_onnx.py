@@ -1,4 +1,4 @@
-"""A trained network as one ONNX file that the runtime can check and run."""
+"""A trained network as one ONNX file that the runtime can check and run, and whether it computes the same."""
 
 import ast
 import contextlib
@@ -13,6 +13,7 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 
 import msgspec
+import numpy as np
 import onnx
 import torch
 from onnxscript import optimizer
@@ -22,9 +23,9 @@ from nnpp_edge import __version__
 from nnpp_edge.files import temporary_folder, write_whole
 from nnpp_edge.model import edge
 from nnpp_edge.model.edge import EdgeNet
-from nnpp_edge.model.network import Network, count_macs
+from nnpp_edge.model.network import Network, count_macs, encode
 from nnpp_edge.model.registry import Spec
-from nnpp_edge.runtime.errors import ModelError, OutputError
+from nnpp_edge.runtime.errors import DataSetError, ModelError, OutputError
 from nnpp_edge.runtime.kernels.encoding import ENDS_CHANNELS
 from nnpp_edge.runtime.kernels.place_head import ANSWERS
 from nnpp_edge.runtime.map.step_cost import PAPER_OMEGA
@@ -33,10 +34,13 @@ from nnpp_edge.runtime.network.loading import ASK, HEAD, OUTPUT, PLACES
 from nnpp_edge.runtime.network.model_file import METADATA_KEY, QUERY_SPACING, ModelMetadata
 from nnpp_edge.runtime.reading import refused_as
 from nnpp_edge.runtime.terrain.traversability import Traversability
+from nnpp_edge.terrain.dataset import Samples
 from nnpp_edge.terrain.shards import Recipe
 
 OPSET = 18
 """The oldest that torch's exporter writes of itself, so that older onnxruntimes read the file too."""
+MOST_DIFFERENCE = 1e-4
+"""Largest difference of two probabilities that passes; torch and onnxruntime both compute in float32."""
 
 
 @dataclass(frozen=True)
@@ -47,6 +51,18 @@ class ExportReport:
     size_bytes: int
     nodes: int
     macs: int
+
+
+@dataclass(frozen=True)
+class Parity:
+    """How two sides' probabilities differ over so many queries of `inputs`, ``dataset`` or ``random``."""
+
+    queries: int
+    inputs: str
+    max_difference: float
+    mean_difference: float
+    limit: float
+    passed: bool
 
 
 def export_network(
@@ -94,6 +110,34 @@ def export_network(
     write_whole(output, content)
     macs = count_macs(body, tuple(each for name, each in example_inputs(spec).items() if name != ASK))
     return ExportReport(str(output), len(content), len(model.graph.node), macs)
+
+
+@torch.no_grad()
+def parity(network: Network, onnx_path: Path, samples: Samples | None = None, n: int = 32, seed: int = 1) -> Parity:
+    """Compare a network in torch with its ONNX file as the runtime runs it, over `n` whole queries.
+
+    They are some of the `samples`, or random maps and ends without samples. How `NetworkModel` lays out the map,
+    encodes the query and reads the output is compared too.
+    """
+    network.eval()
+    model, size, rng = NetworkModel(onnx_path), network.spec.input_size, np.random.default_rng(seed)
+    if samples is None:
+        drawn = rng.uniform(0, size - 1, (n, 2, 2)).tolist()
+        queries = [(rng.random((2, size, size), np.float32), tuple(start), tuple(goal)) for start, goal in drawn]
+    elif samples.planes.shape[-1] != size:
+        raise DataSetError(f"wanted maps of {size} × {size} cells, got {samples.planes.shape[-1]}")
+    else:
+        chosen = rng.choice(len(samples), min(n, len(samples)), replace=False)
+        queries = [samples.query(at) for at in chosen]
+    differences = []
+    for planes, start, goal in queries:
+        query = torch.from_numpy(encode(network.spec, start, goal))
+        wanted = torch.sigmoid(network(torch.from_numpy(planes)[None], query[None]))[0].numpy()
+        model.set_map(planes)
+        differences.append(np.abs(model.answer(start, goal) - wanted))
+    source = "random" if samples is None else "dataset"
+    most, mean = float(np.max(differences)), float(np.mean(differences))
+    return Parity(len(differences), source, most, mean, MOST_DIFFERENCE, passed=most <= MOST_DIFFERENCE)
 
 
 def to_onnx(network: Network) -> onnx.ModelProto:

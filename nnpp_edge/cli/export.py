@@ -32,8 +32,7 @@ def command(
     """
     options.check_outputs(("--output", output))
 
-    from nnpp_edge.export.parity import parity
-    from nnpp_edge.export.to_onnx import dataset_facts, export_network
+    from nnpp_edge.export.to_onnx import dataset_facts, export_network, parity
     from nnpp_edge.runtime.map.step_cost import PAPER_OMEGA
     from nnpp_edge.terrain.dataset import read_recipe, read_samples
     from nnpp_edge.training.checkpoint import load_checkpoint

@@ -11,8 +11,16 @@ import onnxruntime
 import pytest
 import torch
 
-from nnpp_edge.calibrate.compare import Comparison, Latency, compare, probabilities, split, spread
-from nnpp_edge.calibrate.quantize import quantised_graph, quantize
+from nnpp_edge.calibrate.quantize import (
+    Comparison,
+    Latency,
+    compare,
+    probabilities,
+    quantised_graph,
+    quantize,
+    split,
+    spread,
+)
 from nnpp_edge.export.to_onnx import export_network
 from nnpp_edge.model.network import Network
 from nnpp_edge.model.registry import Spec

@@ -13,8 +13,7 @@ import torch
 from torch import nn
 
 from nnpp_edge import __version__
-from nnpp_edge.export.parity import parity
-from nnpp_edge.export.to_onnx import dataset_facts, export_network
+from nnpp_edge.export.to_onnx import dataset_facts, export_network, parity
 from nnpp_edge.model.network import Network
 from nnpp_edge.model.registry import Spec
 from nnpp_edge.runtime.errors import DataSetError, ModelError
