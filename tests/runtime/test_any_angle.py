@@ -13,7 +13,6 @@ from hypothesis import strategies as st
 
 from nnpp_edge.runtime import DynamicPlanner, Planner, Status, Vehicle
 from nnpp_edge.runtime.deadline import Deadline
-from nnpp_edge.runtime.errors import InvalidQueryError
 from nnpp_edge.runtime.kernels import any_heading
 from nnpp_edge.runtime.kernels.any_angle import NO_DISC, line_cost
 from nnpp_edge.runtime.map.grid import Grid
@@ -133,6 +132,9 @@ def test_a_dynamic_planner_frees_every_plan_on_the_newest_map():
     second = planner.replan()
     assert len(first.waypoints) < len(second.waypoints) or second.line_cost > first.line_cost
     assert not {cell for cell in crossed(second.waypoints, False) if cell[1] == 25 and cell[0] < 36}
+    planner.move((35, 55))
+    at_goal = planner.replan()
+    assert at_goal.waypoints.tolist() == [[35.0, 55.0]] and at_goal.line_cost == 0.0
     rest = planner.refined(second)
     assert rest.line_cost == second.line_cost
 
@@ -156,21 +158,6 @@ def test_at_the_deadline_the_line_is_what_was_found():
     refiner = Refiner(body.state)
     late, whole = refiner.refined(plan, deadline=Deadline(0.0)), refiner.refined(plan)
     assert whole.line_cost < late.line_cost < np.inf
-
-
-def test_wrong_wishes_are_refused_and_a_path_of_one_cell_is_its_own_line():
-    planner = Planner(np.full((9, 9), 0.1, np.float32))
-    for options, problem in (
-        ({"refine": "smooth"}, "refine must be one of any-angle"),
-        ({"refine": "any-angle", "turning_radius_m": -1.0}, "positive number of metres"),
-        ({"refine": "any-angle", "turning_radius_m": 1.0}, "cells have a size"),
-    ):
-        with pytest.raises(InvalidQueryError, match=problem):
-            planner.plan((0, 0), (8, 8), **options)
-    with pytest.raises(InvalidQueryError, match="refine must be"):
-        DynamicPlanner(np.full((9, 9), 0.1, np.float32), (8, 8), refine="smooth")
-    plan = planner.plan((2, 2), (2, 2), refine="any-angle")
-    assert plan.waypoints.tolist() == [[2.0, 2.0]] and plan.line_cost == 0.0
 
 
 def test_lines_of_elevations_computed_where_somebody_looks_are_those_of_all():

@@ -146,3 +146,88 @@ def test_every_entry_and_method_refuses_what_is_of_another_type():
             for argument, value, given in wrongs(getattr(make(), name), good):
                 found += raw(getattr(make(), name), f"{name} {argument}", value, given)
     assert not found, "\n".join(found)
+
+
+# --- values of the right type
+
+NAN, FLAT, PAIR = math.nan, np.zeros((40, 40), np.float32), ((1, 1), (2, 2))
+POINT, HEAVY, ON_HEIGHTS = Planner(FLAT), Planner(FLAT + 0.2, step_cost="length"), Planner.of_elevation(FLAT, 1.0)
+BODY, DISC = Vehicle(1.5, 1.2, 0.3), Vehicle(radius_m=1.2)
+ON_DISC, MOVING = Planner(FLAT, vehicle=DISC, cell_size_m=0.5), DynamicPlanner(FLAT, (9, 9), "corridor-dstar")
+TOBLER = Planner.of_elevation(FLAT, 1.0, step_cost="tobler")
+NO_MAP = np.zeros((3, 3, 3)), np.zeros((0, 3)), np.array([["a"]]), [[1.0, 2.0], [1.0]], np.ones(3)
+TOO_LARGE, TOO_FAR = (np.full((2, 2), 1e39), np.full((2, 2), -1.7e308)), (1.1e30, 3.4e38, 0.0, 1e-39)
+CELLS = (np.inf, 0), (NAN, 0), (0.5, 1), (1, 2, 3), "ab", None, (1e400, 2)
+NO_CELL = r"must be two whole numbers \(row, col\), got"
+PLANNERS = POINT, HEAVY, ON_DISC, ON_HEIGHTS, MOVING
+REFUSED = (
+    (Planner, (*NO_MAP, np.full((3, 3), -0.1)), None),
+    (lambda cost: Planner(cost, step_cost="length"), TOO_LARGE, "32-bit floats"),
+    (lambda heights: MapPatch(0, 0, elevation=heights), (*TOO_LARGE, *NO_MAP[2:]), None),
+    (lambda weight: Planner(FLAT + weight, step_cost="length"), TOO_FAR, r"be from 1\.18e-38 to 1e\+30, got one of"),
+    (lambda weight: HEAVY.update(5, 5, np.full((2, 2), weight)), (*TOO_FAR, -1.0), "got one of"),
+    (lambda planner: planner.update(5, 5, [[0.5, -0.1]]), (POINT, ON_DISC, MOVING), r"at least 0, got one of -0\.1"),
+    (lambda planner: planner.update(-1, 0, np.ones((3, 3))), PLANNERS, "inside the map"),
+    (lambda planner: planner.update(38, 0, np.ones((3, 3))), PLANNERS, "inside the map"),
+    (lambda planner: planner.update(0, 39, np.ones((3, 3))), PLANNERS, "inside the map"),
+    (lambda at: ON_HEIGHTS.update_elevation(*at, FLAT[:3, :3]), ((-1, 0), (0, 38), (40, 0)), "inside the map"),
+    (lambda planner: planner.update_elevation(0, 0, FLAT[:2, :2]), (POINT, ON_DISC), "wanted costs"),
+    (lambda row: POINT.update(row, 0, np.ones((2, 2))), (1.7,), "whole number"),
+    (lambda cell: POINT.plan(cell, (1, 1)), CELLS, NO_CELL),
+    (lambda cell: POINT.plan((1, 1), cell), CELLS, NO_CELL),
+    (lambda cell: POINT.nearest((1, 1), [cell]), CELLS, NO_CELL),
+    (lambda cell: POINT.prepare(goals=[cell]), CELLS, NO_CELL),
+    (lambda cell: DynamicPlanner(FLAT, cell), CELLS, NO_CELL),
+    (lambda goals: POINT.nearest((1, 1), goals), ([],), "at least one goal"),
+    (lambda count: POINT.nearest((1, 1), [(2, 2)], count=count), (0,), "count must be at least 1, got 0"),
+    (lambda s: POINT.plan(*PAIR, time_limit_s=s), (NAN, -1.0), "time_limit_s must be a number of at least 0"),
+    (lambda share: POINT.plan(*PAIR, epsilon=share), (NAN, -0.1), "epsilon must be a number of at least 0"),
+    (lambda method: POINT.plan(*PAIR, method=method), ("best",), "method must be one of"),
+    (lambda refine: POINT.plan(*PAIR, refine=refine), ("smooth",), "refine must be one of any-angle"),
+    (
+        lambda m: POINT.plan(*PAIR, refine="any-angle", turning_radius_m=m),
+        (-1.0,),
+        "positive number of metres",
+    ),
+    (lambda m: POINT.plan(*PAIR, refine="any-angle", turning_radius_m=m), (1.0,), "cells have a size"),
+    (lambda omega: Planner(FLAT, omega=omega), (1e300, NAN, -1.0), "omega must be from 0"),
+    (lambda name: Planner(FLAT, step_cost=name), ("euclid",), "euclid"),
+    (lambda name: Planner(FLAT, step_cost=name), ("tobler",), "'tobler'.*elevations"),
+    (lambda name: DynamicPlanner(FLAT, (0, 0), step_cost=name), ("linear",), "'linear'.*elevations"),
+    (lambda vehicle: Planner(FLAT, vehicle=vehicle, cell_size_m=1.0), (BODY,), "a body stands on elevations"),
+    (lambda vehicle: Planner(FLAT, vehicle=vehicle), (DISC,), "wanted cell_size_m"),
+    (lambda method: DynamicPlanner(FLAT, (1, 1), method), ("dijkstra",), "method must be one of"),
+    (lambda refine: DynamicPlanner(FLAT, (1, 1), refine=refine), ("smooth",), "refine must be"),
+    (lambda goal: DynamicPlanner(FLAT, goal), ((40, 1),), "goal must lie inside"),
+    (lambda planner: planner.replan(), (MOVING,), "wanted a start"),
+    (lambda landmarks: TOBLER.prepare(landmarks=landmarks), (2,), "landmarks.*alike both ways"),
+    (lambda goal: TOBLER.prepare(goals=[goal]), ((1, 1),), "landmarks"),
+    (lambda size: Planner.of_elevation(FLAT, size), (0.0, NAN), "cell size must be a positive number"),
+    (lambda size: Planner.of_elevation(FLAT, 1.0, cell_width_m=size), (0.0, NAN), "cell size"),
+    (lambda dem: Planner.of_elevation(dem, 1.0), NO_MAP[:2], r"dem must be a \(H, W\) map"),
+    (lambda name: Planner.of_elevation(FLAT, 1.0, step_cost=name), ("time",), r"mobility\.time.*speed_m_s"),
+    (lambda name: Planner.of_elevation(FLAT, 1.0, step_cost=name), ("energy",), r"mobility\.energy.*mass_kg"),
+    (lambda name: Planner.of_elevation(FLAT, 1.0, step_cost=name), ("length",), "one of paper, tobler.*'length'"),
+    (lambda m: Planner.of_elevation(FLAT[:10, :16], 0.25, vehicle=Vehicle(*m, 0.3)), ((4.3, 0.9), (3.0, 2.9)), "map"),
+    (lambda m: pose_costs(FLAT[:10, :16], 0.25, Vehicle(*m, 0.3)), ((4.3, 0.9), (3.0, 2.9)), "map"),
+    (lambda vehicle: pose_costs(FLAT, 0.5, vehicle), (DISC,), "a disc has no poses"),
+    (lambda radius: Vehicle(1.5, 1.2, 0.3, radius_m=radius), (1.0,), "wanted no other values"),
+    (lambda radius: Vehicle(radius_m=radius), (-1.0, 0.0), "radius_m must be a positive"),
+    (lambda dem: traversability_cost(dem, 1.0), NO_MAP[:2], "dem"),
+    (lambda size: traversability_cost(FLAT, size), (0.0, NAN), "cell size"),
+    (lambda slope: Traversability(slope_limit_deg=slope), (0, 90), "slope limit"),
+    (lambda step: Traversability(step_limit_m=step), (-1,), "step_limit_m"),
+    (lambda weight: Traversability(slope_weight=weight), (0.9,), "weight"),
+)
+
+
+def test_values_that_make_no_sense_are_refused_in_a_line_and_change_no_map():
+    before = [planner.state.grid.map().copy() for planner in PLANNERS]
+    for call, values, words in REFUSED:
+        for value in values:
+            with pytest.raises(NnppEdgeError, match=words) as caught:
+                call(value)
+            assert "\n" not in str(caught.value)
+    for planner, wanted in zip(PLANNERS, before, strict=True):
+        np.testing.assert_array_equal(planner.state.grid.map(), wanted)
+    assert ON_HEIGHTS.update(0, 0, FLAT[:1, :1]) == 0  # costs are told beside the heights

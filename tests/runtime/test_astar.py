@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 
 from nnpp_edge.runtime import Planner, Vehicle, pose_costs
 from nnpp_edge.runtime.deadline import Deadline
-from nnpp_edge.runtime.errors import InvalidMapError, InvalidQueryError, Status
+from nnpp_edge.runtime.errors import InvalidQueryError, Status
 from nnpp_edge.runtime.map.grid import Grid
 from nnpp_edge.runtime.map.region import Region
 from nnpp_edge.runtime.map.step_cost import StepModel
@@ -264,22 +264,6 @@ def test_an_update_says_what_it_changed_and_what_stood_there(step_cost, seed, ke
     changed = [grid.node(*cell) for cell in np.argwhere(differs).tolist()]
     np.testing.assert_array_equal(change.nodes, changed if keep else [])
     np.testing.assert_array_equal(change.old_weights, before[differs] if keep else [])
-
-
-@pytest.mark.parametrize(("step_cost", "bad"), [("paper", -0.1), ("length", -1.0), ("length", 0.0)])
-def test_a_cost_too_low_is_refused_and_the_map_stays(step_cost, bad):
-    grid = Grid.of(np.full((5, 6), 0.5), StepModel.of(step_cost))
-    before, bounds = grid.weights.copy(), (grid.least, grid.greatest)
-    for patch, origin, words in (
-        ([[0.2, bad]], (1, 1), f"got one of {bad:g}"),
-        ([[0.3, 0.3]], (-1, 0), "inside the map"),
-        ([[0.3, 0.3]], (0, 5), "inside the map"),
-        ([[0.3, 0.3]], (5, 0), "inside the map"),
-    ):
-        with pytest.raises(InvalidMapError, match=words):
-            grid.update(np.array(patch), origin)
-    np.testing.assert_array_equal(grid.weights, before)
-    assert (grid.least, grid.greatest) == bounds
 
 
 def test_the_whole_map_taken_over_narrows_its_bounds():

@@ -7,8 +7,8 @@ import math
 import numpy as np
 import pytest
 
-from nnpp_edge.runtime import DynamicPlanner, Planner, Vehicle, pose_costs, traversability_cost
-from nnpp_edge.runtime.errors import InvalidMapError, Status
+from nnpp_edge.runtime import DynamicPlanner, Planner, Vehicle, traversability_cost
+from nnpp_edge.runtime.errors import Status
 
 DISC = Vehicle(radius_m=1.2)
 CELL_M = 0.5
@@ -54,28 +54,6 @@ def test_a_disc_on_a_map_that_changes():
     assert planner.replan().ok
     planner.update(18, 0, np.full((1, 40), math.inf, np.float32))
     assert not planner.standing().valid and planner.replan().status is Status.NO_PATH
-
-
-def test_what_makes_no_sense_is_refused():
-    body = Vehicle(1.5, 1.2, 0.3)
-    with pytest.raises(InvalidMapError, match="a body stands on elevations"):
-        Planner(costs(), vehicle=body, cell_size_m=CELL_M)
-    with pytest.raises(InvalidMapError, match="wanted cell_size_m"):
-        Planner(costs(), vehicle=DISC)
-    with pytest.raises(InvalidMapError, match="wanted no other values"):
-        Vehicle(1.5, 1.2, 0.3, radius_m=1.0)
-    with pytest.raises(InvalidMapError, match="radius_m must be a positive"):
-        Vehicle(radius_m=-1.0)
-    with pytest.raises(InvalidMapError, match="a disc has no poses"):
-        pose_costs(np.zeros((20, 20), np.float32), CELL_M, DISC)
-    planner = Planner(costs(), vehicle=DISC, cell_size_m=CELL_M)
-    for patch, place in ((np.full((1, 1), -1.0), (3, 3)), (np.zeros((2, 2)), (39, 39))):
-        before = planner.state.grid.map().copy()
-        with pytest.raises(InvalidMapError):
-            planner.update(*place, patch)
-        np.testing.assert_array_equal(planner.state.grid.map(), before)
-    with pytest.raises(InvalidMapError, match="wanted costs"):
-        planner.update_elevation(0, 0, np.zeros((2, 2)))
 
 
 def test_a_disc_keeps_its_distance_on_cells_and_between_them():

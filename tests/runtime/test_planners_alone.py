@@ -8,7 +8,7 @@ from nnpp_edge.runtime.map.region import Region
 from nnpp_edge.runtime.planners.methods import Methods
 from nnpp_edge.runtime.planners.plan import Source
 from nnpp_edge.runtime.planners.query import Query, Work
-from nnpp_edge.runtime.planners.searchers import AStarSearcher, MendingSearcher, RegionMender
+from nnpp_edge.runtime.planners.searchers import RegionMender
 from nnpp_edge.runtime.region.learned import LearnedRegions, NetworkAnswer
 from nnpp_edge.runtime.search.astar import Search
 from nnpp_edge.runtime.search.workspace import Workspace
@@ -87,18 +87,6 @@ def test_a_mender_keeps_its_search_from_one_query_to_the_next_and_forgets_it_for
         assert work.remark.startswith(said) and ("times or more" in work.remark) == cheaper
     mender.expect((100, 20))
     assert not mender.knows_region((100, 20)) and not mender.knows_region(QUERY.goal)
-
-
-@pytest.mark.parametrize("always", [False, True])
-def test_a_mending_searcher_mends_or_searches_afresh(state, always):
-    mender = RegionMender(state)
-    searcher, works = MendingSearcher(mender, AStarSearcher(state), always=always), [Work(), Work()]
-    for work in works:
-        assert searcher.search(QUERY, work, EVERYWHERE).status is Status.OK
-    assert mender.knows_region(QUERY.goal) == always == (works[1].expansions == 0)
-    assert [bool(work.remark) for work in works] == [not always] * 2
-    at_goal = searcher.search(Query(QUERY.goal, QUERY.goal), Work(), EVERYWHERE)
-    assert at_goal.path.tolist() == [list(QUERY.goal)]
 
 
 def test_a_corridor_is_widened_then_given_up_for_the_map(state):

@@ -8,7 +8,6 @@ import numpy as np
 import pytest
 
 from nnpp_edge.runtime import Planner, Traversability, traversability_cost
-from nnpp_edge.runtime.errors import InvalidMapError, InvalidQueryError
 from nnpp_edge.runtime.terrain.traversability import SaturationWarning
 from tests.fuzz import elevations
 
@@ -66,23 +65,3 @@ def test_a_copy_has_the_elevations_as_they_are_now():
         assert other.plan(*ENDS, method="astar").cost == ours.plan(*ENDS, method="astar").cost
         other.update_elevation(40, 40, HILLS[40:49, 40:49])
         assert ours.state.grid.map()[44, 40] > other.state.grid.map()[44, 40]
-
-
-def test_what_makes_no_sense_is_refused_in_a_line():
-    for options, kind, words in (
-        ({"cell_size_m": 0.0}, InvalidMapError, "cell size must be a positive number"),
-        ({"cell_size_m": 1.0, "cell_width_m": float("nan")}, InvalidMapError, "cell size"),
-        ({"cell_size_m": 1.0, "dem": np.zeros(4)}, InvalidMapError, r"dem must be a \(H, W\) map"),
-        ({"cell_size_m": 1.0, "dem": np.zeros((0, 3))}, InvalidMapError, r"dem must be a \(H, W\) map"),
-        ({"cell_size_m": 1.0, "omega": -1.0}, InvalidQueryError, "omega"),
-    ):
-        with pytest.raises(kind, match=words):
-            Planner.of_elevation(**{"dem": HILLS} | options)
-    ours = planner()
-    for at in ((-1, 0), (0, SIDE - 2), (SIDE, 0)):
-        with pytest.raises(InvalidMapError, match="inside the map"):
-            ours.update_elevation(*at, np.zeros((3, 3)))
-    assert ours.update(0, 0, np.zeros((1, 1))) == 0, "costs are told beside the heights"
-    np.testing.assert_array_equal(ours.state.grid.map(), planner().state.grid.map())
-    with pytest.raises(InvalidMapError, match="wanted costs"):
-        Planner(np.zeros((4, 4))).update_elevation(0, 0, np.zeros((1, 1)))

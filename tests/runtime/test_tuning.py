@@ -10,10 +10,8 @@ import pytest
 
 from nnpp_edge.runtime import DynamicMethod, DynamicPlanner, Planner, exercises, tuning
 from nnpp_edge.runtime.planners import dynamic, searchers
-from nnpp_edge.runtime.planners.coarse_to_fine import CoarseToFine
 from nnpp_edge.runtime.planners.methods import MethodChooser, Methods
 from nnpp_edge.runtime.planners.query import Query, Work
-from nnpp_edge.runtime.search.workspace import Workspace
 from nnpp_edge.runtime.tuning import CorridorWidth, MapSize
 from tests.strategies import state_of
 
@@ -85,12 +83,6 @@ def test_a_brief_search_gives_up_after_its_expansions():
     assert methods.search_briefly(Query((73, 140), (77, 140)), work) is None
     limit = tuning.BRIEF_EXPANSIONS + 2 * 4**2
     assert limit <= work.expansions <= limit + 8
-
-
-def test_the_top_level_is_the_coarsest_on_which_the_ends_are_far_enough_apart():
-    descent = CoarseToFine(state_of(free(1100, 20)), Workspace(1))
-    least = tuning.CELLS_APART * 4**2
-    assert [descent.top_for(Query((0, 0), (apart, 0))) for apart in (2, least - 1, least, 1000)] == [1, 1, 2, 2]
 
 
 def moving(apart=235):
