@@ -1,3 +1,5 @@
+"""`nnpp-edge profile`: a report in every form, what makes one noisy, and two of them compared."""
+
 import json
 import os
 import subprocess
@@ -8,9 +10,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from nnpp_edge.profiling import machine, measure
 from nnpp_edge.profiling import report as report_module
 from nnpp_edge.profiling.board import board_row
 from nnpp_edge.profiling.cold_start import ColdStart
+from nnpp_edge.profiling.memory import peak_memory_mb
+from nnpp_edge.profiling.profile_maps import ProfileMap, ProfileQuery
+from nnpp_edge.runtime import Ground, Vehicle
 from tests.profiling.traces import check_trace, spans_of, within
 
 PROFILE = """
@@ -40,32 +46,37 @@ disturbance = DISTURBANCE
 """
 
 
-@pytest.fixture
-def core():
-    return min(os.sched_getaffinity(0))
-
-
-@pytest.fixture
-def profile(tmp_path, tiny_model, core, monkeypatch):
-    """Write a profile that stands any noise, unless told otherwise; peak memory has a test of its own."""
-    monkeypatch.setattr(report_module, "peak_memory_mb", lambda *words: 100.0)
-
-    def write(limit=1.0, disturbance=1.0, **changes):
-        text = PROFILE.replace("LIMIT", str(limit)).replace("CORE", str(core)).replace("MODEL", str(tiny_model))
-        text = text.replace("DISTURBANCE", str(disturbance))
-        for old, new in changes.items():
-            text = text.replace(old, new)
-        (tmp_path / "tiny.toml").write_text(text)
-        return tmp_path / "tiny.toml"
-
-    return write
-
-
+CORE = min(os.sched_getaffinity(0))
 KEYS = """
 schema version made profile verdict summary budgets results loop break_even disturbance contention sensors besides
 profiler_peak_memory_mb energy_problem cores environment notes
 """
 DESCRIBED = Path(__file__).parents[2].joinpath("docs", "profile.md").read_text()
+ARRIVALS = """
+  { name = "first path", quantity = "map_ms", limit = 1e6, direction = "at most", unit = "ms" },
+  { name = "late", planner = "astar", quantity = "patch_ms_p99", limit = 1e-6, direction = "at most", unit = "ms" },
+  { name = "reaction", quantity = "reaction_ms", limit = 1e6, direction = "at most", unit = "ms", workload = "soft" },
+]
+"""
+ALONE = {'["soft", "limit20"]': '["soft"]'}
+LONGER = {"sizes = [64]": "sizes = [192]", "repeats = 1": "repeats = 4", **ALONE}
+"""Changes for a run that is long enough for a disturbance to show."""
+
+
+@pytest.fixture
+def profile(run, tiny_model, monkeypatch):
+    """Write tiny.toml, which stands any noise unless told otherwise; peak memory has a test of its own."""
+    monkeypatch.setattr(report_module, "peak_memory_mb", lambda *words: 100.0)
+
+    def write(limit=1.0, disturbance=1.0, changes=()):
+        text = PROFILE.replace("LIMIT", str(limit)).replace("CORE", str(CORE)).replace("MODEL", str(tiny_model))
+        text = text.replace("DISTURBANCE", str(disturbance))
+        for old, new in dict(changes).items():
+            assert old in text
+            text = text.replace(old, new)
+        Path("tiny.toml").write_text(text)
+
+    return write
 
 
 def described(*tables):
@@ -74,67 +85,70 @@ def described(*tables):
         assert f"`{key}`" in DESCRIBED, key
 
 
-def test_a_report_in_every_form(nnpp_edge, profile, tmp_path):
-    files = [tmp_path / "out" / name for name in ("report.json", "report.html")]
+@contextmanager
+def busy_core():
+    """Another process that keeps the core busy."""
+    code = f"import os\nos.sched_setaffinity(0, [{CORE}])\nprint(flush=True)\nwhile True: pass"
+    with subprocess.Popen([sys.executable, "-c", code], stdout=subprocess.PIPE) as process:
+        try:
+            process.stdout.readline()
+            yield
+        finally:
+            process.kill()
+
+
+def test_a_report_in_every_form(run, profile):
     before = os.sched_getaffinity(0)
-    ended = nnpp_edge("profile", "--profile", profile(), "-o", tmp_path / "out")
+    profile()
+    ended = run("profile --profile tiny.toml -o out")
     assert ended.code == 0, ended.err
     assert os.sched_getaffinity(0) == before
     for words in ("speed-up", "inference", "corridor pays over astar", "all budgets met: 5 of 5 pass"):
         assert words in ended.out
-    told = json.loads(files[0].read_text())
+    told = json.loads(Path("out/report.json").read_text())
     assert set(told) == set(KEYS.split()) and told["schema"] == 1 and told["verdict"] == "met"
     described(KEYS.split(), told["budgets"][0], told["results"][0], told["disturbance"]["halves"][0])
-    page = files[1].read_text()
+    page = Path("out/report.html").read_text()
     assert "Tiny &amp; &lt;quick&gt;" in page and "Tiny & <quick>" not in page
     assert page.count("<svg") == 5 and page.count("data:image/png;base64,") == 3
     assert "<script" not in page and 'src="http' not in page and "@import" not in page
     assert "#010203" not in page and "currentColor" in page
-    assert not (tmp_path / "out" / ".report.json").exists() and len(list((tmp_path / "out").iterdir())) == 5
+    assert not Path("out/.report.json").exists() and len(list(Path("out").iterdir())) == 5
 
 
-def test_a_row_for_the_table_of_boards_a_trace_and_the_same_beside_other_work(nnpp_edge, profile, tmp_path, core):
-    contention = f"[contention]\nthreads = 1\ncores = [{core}]\n[stability]"
-    changes = {"[stability]": contention, '["soft", "limit20"]': '["soft"]'}
-    ended = nnpp_edge("profile", "--profile", profile(**changes), "-o", tmp_path)
+def test_a_row_for_the_table_of_boards_a_trace_and_the_same_beside_other_work(run, profile):
+    contention = f"[contention]\nthreads = 1\ncores = [{CORE}]\n[stability]"
+    profile(changes={"[stability]": contention, **ALONE})
+    ended = run("profile --profile tiny.toml -o .")
     assert ended.code == 0, ended.err
-    told = json.loads((tmp_path / "report.json").read_text())
-    *_, row = (tmp_path / "board-row.md").read_text().splitlines()
+    told = json.loads(Path("report.json").read_text())
+    *_, row = Path("board-row.md").read_text().splitlines()
     assert row == board_row(told) and row.startswith(f"| {told['made'][:10]} | ")
     assert told["contention"]["beside"] == "1 busy thread"
     rows = told["contention"]["rows"]
     assert [each["planner"] for each in rows] == [each["planner"] for each in told["results"]]
     assert rows[0]["idle_ms"] == told["results"][0]["time_ms"]
     assert max(half["waited_share"] for half in told["contention"]["halves"]) > 0.2
-    assert "Beside other work" in (tmp_path / "report.html").read_text()
+    assert "Beside other work" in Path("report.html").read_text()
     described(told["contention"], rows[0], told["sensors"])
-    spans = check_trace((tmp_path / "trace.json").read_bytes())
-    on_map = spans_of(spans, "soft 64², half ")
-    inside = [each for whole in on_map for each in within(spans, whole)]
+    spans = check_trace(Path("trace.json").read_bytes())
+    inside = [each for whole in spans_of(spans, "soft 64², half ") for each in within(spans, whole)]
     calls = [each for each in inside if each["name"] == "nnpp"]
     assert len(calls) == 2 * 16, "each query once in each half"
     stages = [within(inside, call) for call in calls]
-    assert all([each["name"] for each in of_call][-2:] == ["search", "path"] for of_call in stages)
-    whole = ["encode", "inference", "threshold", "search", "path"]
-    assert whole in [[each["name"] for each in of_call] for of_call in stages]
+    names = [[each["name"] for each in of_call] for of_call in stages]
+    assert all(each[-2:] == ["search", "path"] for each in names)
+    assert ["encode", "inference", "threshold", "search", "path"] in names
     for call, of_call in zip(calls, stages, strict=True):
         assert sum(each["dur"] for each in of_call) > 0.3 * call["dur"]
 
 
-ARRIVALS = """
-  { name = "first path", quantity = "map_ms", limit = 1e6, direction = "at most", unit = "ms" },
-  { name = "late", planner = "astar", quantity = "patch_ms_p99", limit = 1e-6, direction = "at most", unit = "ms" },
-  { name = "reaction", quantity = "reaction_ms", limit = 1e6, direction = "at most", unit = "ms", workload = "soft" },
-]
-"""
-
-
-def test_the_clock_starts_at_the_elevations(nnpp_edge, profile, tmp_path):
-    changes = {"]\n[device]": f"{ARRIVALS}[loop]\nrate_hz = 200.0\n[device]"}
-    ended = nnpp_edge("profile", "--profile", profile(**changes), "-o", tmp_path, "--markdown")
+def test_the_clock_starts_at_the_elevations(run, profile):
+    profile(changes={"]\n[device]": f"{ARRIVALS}[loop]\nrate_hz = 200.0\n[device]"})
+    ended = run("profile --profile tiny.toml -o . --markdown")
     assert ended.code == 1, ended.err
-    told = json.loads((tmp_path / "report.json").read_text())
-    assert (tmp_path / "report.md").read_text() == ended.out
+    told = json.loads(Path("report.json").read_text())
+    assert Path("report.md").read_text() == ended.out
     lines = [(line["name"], line["planner"], line["workload"], line["verdict"]) for line in told["budgets"][-5:]]
     assert lines == [
         ("first path", "nnpp", "soft", "pass"),
@@ -151,44 +165,25 @@ def test_the_clock_starts_at_the_elevations(nnpp_edge, profile, tmp_path):
     assert ended.out.startswith("# Tiny & <quick>\n\nbudgets missed: ")
     assert "## The onboard loop: from a patch's arrival to the checked path\n\n| workload |" in ended.out
     older = told | {"results": [{k: v for k, v in r.items() if k != "map_ms"} for r in told["results"]]}
-    (tmp_path / "older.json").write_text(json.dumps(older))
-    assert nnpp_edge("profile", "compare", tmp_path / "older.json", tmp_path / "report.json").code == 0
+    Path("older.json").write_text(json.dumps(older))
+    assert run("profile compare older.json report.json").code == 0
 
 
-def test_json_may_be_printed(nnpp_edge, profile):
-    ended = nnpp_edge("profile", "--profile", profile(), "--queries", 4, "--seed", 5, "--json")
+def test_json_may_be_printed_and_an_impossible_budget_is_missed_and_named(run, profile):
+    profile(limit=1e7)
+    ended = run("profile --profile tiny.toml --queries 4 --seed 5 --json")
     told = json.loads(ended.out)
-    assert ended.code == 0 and told["profile"]["load"]["queries"] == 4 and told["profile"]["load"]["seed"] == 5
+    load = told["profile"]["load"]
+    assert (ended.code, load["queries"], load["seed"]) == (1, 4, 5) and "profile: 100 %" in ended.err
     assert {row["n"] for row in told["results"]} == {4}
-    assert "profile: 100 %" in ended.err
+    assert told["summary"].startswith("budgets missed: 3 of 5 pass; not plans a second (soft 64²")
 
 
-def test_an_impossible_budget_is_missed_and_named(nnpp_edge, profile):
-    ended = nnpp_edge("profile", "--profile", profile(limit=1e7))
-    assert ended.code == 1
-    assert ended.out.splitlines()[-1].startswith("budgets missed: 3 of 5 pass; not plans a second (soft 64²")
-
-
-@contextmanager
-def busy_core(core):
-    """Another process that keeps a core busy."""
-    code = f"import os\nos.sched_setaffinity(0, [{core}])\nprint(flush=True)\nwhile True: pass"
-    with subprocess.Popen([sys.executable, "-c", code], stdout=subprocess.PIPE) as process:
-        try:
-            process.stdout.readline()
-            yield
-        finally:
-            process.kill()
-
-
-LONGER = {"sizes = [64]": "sizes = [192]", "repeats = 1": "repeats = 4", '["soft", "limit20"]': '["soft"]'}
-"""Changes for a run that is long enough for a disturbance to show."""
-
-
-def test_a_disturbed_run_is_noisy(nnpp_edge, profile, core):
+def test_a_disturbed_run_is_noisy(run, profile):
     """Another process on the one core, all the time: the halves agree, and yet nothing may pass."""
-    with busy_core(core):
-        ended = nnpp_edge("profile", "--profile", profile(disturbance=0.1, **LONGER), "--json")
+    profile(disturbance=0.1, changes=LONGER)
+    with busy_core():
+        ended = run("profile --profile tiny.toml --json")
     assert ended.code == 3, ended.out
     told = json.loads(ended.out)
     assert told["verdict"] == "noisy" and told["disturbance"]["words"]
@@ -197,96 +192,81 @@ def test_a_disturbed_run_is_noisy(nnpp_edge, profile, core):
     assert "before the run begins" in ended.err
 
 
-def test_a_run_disturbed_in_one_half_is_noisy(nnpp_edge, profile, core, monkeypatch):
+def test_a_run_disturbed_in_one_half_is_noisy(told, profile, monkeypatch):
     """The same with a kernel that counts no core's time: the planners stand still."""
-    from nnpp_edge.profiling import machine, measure
-
     monkeypatch.setattr(machine, "core_seconds", lambda cores: None)
     with ExitStack() as disturbances:
 
         def first_half_again(*words, real=measure.first_half_again):
-            disturbances.enter_context(busy_core(core))
+            disturbances.enter_context(busy_core())
             return real(*words)
 
         monkeypatch.setattr(measure, "first_half_again", first_half_again)
-        ended = nnpp_edge("profile", "--profile", profile(disturbance=0.1, **LONGER), "--json")
-    told = json.loads(ended.out)
-    assert ended.code == 3 and told["verdict"] == "noisy"
-    halves = told["disturbance"]["halves"]
-    assert halves[1]["others_share"] is None and halves[1]["waited_share"] > 0.1
+        profile(disturbance=0.1, changes=LONGER)
+        report = told("profile --profile tiny.toml", code=3)
+    assert report["verdict"] == "noisy"
+    half = report["disturbance"]["halves"][1]
+    assert half["others_share"] is None and half["waited_share"] > 0.1
 
 
-def test_what_makes_no_sense_ends_in_one_line(nnpp_edge, profile, tmp_path):
+def test_what_makes_no_sense_ends_in_one_line(run, profile):
     for old, new, *words in (
         ('unit = "1/s"', 'unit = "FPS"', "budgets[0].unit", "'1/s'", "'FPS'"),
         ("queries = 10", "querys = 10", "workload.querys is unknown"),
         ('terrain = "synthetic"', 'terrain = "none.tif"', "none.tif"),
     ):
-        file = profile()
-        assert old in file.read_text()
-        file.write_text(file.read_text().replace(old, new))
-        nnpp_edge("profile", "--profile", file).refused(*words)
+        profile(changes={old: new})
+        run("profile --profile tiny.toml").refused(*words)
     for words in (
-        "--profile quick --peers",
-        "--profile quick --limit 3",
-        "--peers --start-up",
-        "--profile quick --json --markdown",
-        "--queries 5 compare a.json b.json",
-        "",
+        *("--profile quick --peers", "--profile quick --limit 3", "--peers --start-up", ""),
+        *("--profile quick --json --markdown", "--queries 5 compare a.json b.json"),
     ):
-        ended = nnpp_edge("profile", *words.split())
+        ended = run(f"profile {words}")
         assert ended.code == 2 and "error: " in ended.err
-    nnpp_edge("profile", "--profile", "slow").refused("'slow'", "quick")
+    run("profile --profile slow").refused("'slow'", "quick")
     for content in ("", "[]", "{}", '{"schema": 2, "results": []}', '{"schema": 1}'):
-        (tmp_path / "other.json").write_text(content)
-        both = (tmp_path / "other.json",) * 2
-        nnpp_edge("profile", "compare", *both).refused("other.json", "wanted a report of nnpp-edge profile")
+        Path("other.json").write_text(content)
+        run("profile compare other.json other.json").refused("other.json", "wanted a report of nnpp-edge profile")
 
 
-def changed(told, path, **changes):
-    for row in told["results"]:
-        if row["planner"] == "nnpp":
-            for key, factor in changes.items():
-                if key == "time_ms":
-                    row[key] = {name: factor * value for name, value in row[key].items()}
-                else:
-                    row[key] = factor * row[key] if factor > 0 else 0.5
-    path.write_text(json.dumps(told))
-    return path
+def test_regressions_between_two_reports(run, told, profile):
+    profile()
+    assert run("profile --profile tiny.toml -o .").code == 0
 
+    def write(name, report=None, **changes):
+        """report.json, or another, with figures of nnpp that are worse."""
+        report = report or json.loads(Path("report.json").read_text())
+        for row in report["results"]:
+            for key, factor in changes.items() if row["planner"] == "nnpp" else ():
+                old = row[key]
+                row[key] = {name: factor * each for name, each in old.items()} if key == "time_ms" else factor * old
+        Path(name).write_text(json.dumps(report))
 
-def test_regressions_between_two_reports(nnpp_edge, profile, tmp_path):
-    first = tmp_path / "report.json"
-    assert nnpp_edge("profile", "--profile", profile(), "-o", tmp_path).code == 0
-    read = lambda: json.loads(first.read_text())  # noqa: E731
-    same = nnpp_edge("profile", "compare", first, first)
+    same = run("profile compare report.json report.json")
     assert same.code == 0 and same.out.startswith("0 of ")
-    slower = changed(read(), tmp_path / "slower.json", time_ms=1.3, speedup_total=1 / 1.3)
-    ended = nnpp_edge("profile", "compare", first, slower)
-    assert ended.code == 1 and "time_ms median" in ended.out and "+30.0 %" in ended.out and "WORSE" in ended.out
-    assert nnpp_edge("profile", "compare", first, slower, "--tolerance", 0.4).code == 0
-    assert nnpp_edge("profile", "compare", slower, first).code == 0
-    told = json.loads(nnpp_edge("profile", "compare", first, slower, "--json").out)
-    worse = [line for line in told["lines"] if line["verdict"] == "worse"]
-    assert {line["planner"] for line in worse} == {"nnpp"} and told["verdict"] == "worse"
+    write("slower.json", time_ms=1.3, speedup_total=1 / 1.3)
+    ended = run("profile compare report.json slower.json")
+    assert ended.code == 1 and all(words in ended.out for words in ("time_ms median", "+30.0 %", "WORSE"))
+    assert run("profile compare report.json slower.json --tolerance 0.4").code == 0
+    assert run("profile compare slower.json report.json").code == 0
+    found = told("profile compare report.json slower.json", code=1)
+    worse = [line for line in found["lines"] if line["verdict"] == "worse"]
+    assert {line["planner"] for line in worse} == {"nnpp"} and found["verdict"] == "worse"
     assert all(line["change"] == pytest.approx(0.3) for line in worse)
-    failing = changed(read(), tmp_path / "failing.json", success=-1.0)
-    assert nnpp_edge("profile", "compare", first, failing, "--tolerance", 0.4).code == 1
-    disturbed = read()
-    disturbed["disturbance"]["words"] = "others took 50 % of the cores' time"
-    noisy = nnpp_edge("profile", "compare", first, changed(disturbed, tmp_path / "noisy.json", time_ms=2.0))
-    assert noisy.code == 3 and "disturbed" in noisy.out
-    elsewhere = read()
-    elsewhere["environment"]["cpu"] = "another"
-    ended = nnpp_edge("profile", "compare", first, changed(elsewhere, tmp_path / "elsewhere.json"))
-    assert ended.code == 0 and "the CPU differs" in ended.out
+    write("failing.json", success=0.5)
+    assert run("profile compare report.json failing.json --tolerance 0.4").code == 1
+    for key, word, change, factor, code, words in (
+        ("disturbance", "words", "others took 50 % of the cores' time", 2.0, 3, "disturbed"),
+        ("environment", "cpu", "another", 1.0, 0, "the CPU differs"),
+    ):
+        report = json.loads(Path("report.json").read_text())
+        report[key][word] = change
+        write("other.json", report, time_ms=factor)
+        ended = run("profile compare report.json other.json")
+        assert ended.code == code and words in ended.out
 
 
 def test_peak_memory_is_that_of_another_process(tiny_model):
-    from nnpp_edge.profiling.memory import peak_memory_mb
-    from nnpp_edge.profiling.profile_maps import ProfileMap, ProfileQuery
-    from nnpp_edge.runtime import Ground, Vehicle
-
     query = ProfileQuery((5, 5), (90, 90), True)
 
     def peak(side, vehicle=None):
@@ -302,31 +282,26 @@ def test_peak_memory_is_that_of_another_process(tiny_model):
     assert with_body - small > 1e-6 * 2400 * 2400 * 8  # heights, and codes where it looked
 
 
-def test_start_up_is_measured_where_a_budget_asks_for_it(nnpp_edge, profile, monkeypatch):
+def test_start_up_is_measured_where_a_budget_asks_for_it(run, told, profile, monkeypatch):
     asked = []
-
-    def cold_start(method):
-        asked.append(method)
-        return ColdStart(5.0, 0.5, 0.1)
-
-    monkeypatch.setattr(report_module, "cold_start", cold_start)
+    monkeypatch.setattr(report_module, "cold_start", lambda method: asked.append(method) or ColdStart(5.0, 0.5, 0.1))
     budget = '{ name = "first plan", quantity = "start_up_warm_s", limit = 1, direction = "at most", unit = "s" },'
-    file = profile(**{"]\n[device]": f"{budget}\n]\n[device]"})
-    ended = nnpp_edge("profile", "--profile", file, "--json")
-    told = json.loads(ended.out)
-    assert asked == ["nnpp"] and told["besides"]["start_up_warm_s"] == {"nnpp": 0.5}
-    assert told["budgets"][-1]["verdict"] == "pass"
-    assert nnpp_edge("profile", "--profile", profile(), "--start-up").code == 0
+    profile(changes={"]\n[device]": f"{budget}\n]\n[device]"})
+    found = told("profile --profile tiny.toml")
+    assert asked == ["nnpp"] and found["besides"]["start_up_warm_s"] == {"nnpp": 0.5}
+    assert found["budgets"][-1]["verdict"] == "pass"
+    profile()
+    assert run("profile --profile tiny.toml --start-up").code == 0
     assert asked[1:] == ["astar", "corridor", "nnpp", "auto"]
 
 
-def test_terrain_smaller_than_what_is_measured_is_told(nnpp_edge, profile, tmp_path):
-    np.savez(tmp_path / "small.npz", elevation_m=np.zeros((70, 80), np.float32), cell_size_m=0.1)
-    words = ("profile", "--profile", profile(), "--terrain", tmp_path / "small.npz", "--sizes")
-    nnpp_edge(*words, "128,96").refused(
+def test_terrain_smaller_than_what_is_measured_is_told(run, told, profile):
+    profile()
+    np.savez("small.npz", elevation_m=np.zeros((70, 80), np.float32), cell_size_m=0.1)
+    words = "profile --profile tiny.toml --terrain small.npz --sizes"
+    run(f"{words} 128,96").refused(
         "small.npz: wanted at least 96 × 96 cells, the size to be measured, got 70 × 80; --sizes 70 measures on it"
     )
-    ended = nnpp_edge(*words, "64,96", "--json")
-    told = json.loads(ended.out)
-    assert {row["size"]: row["terrain"] for row in told["results"]} == {64: "small", 96: "synthetic"}
-    assert "no terrain has 96 × 96 cells: synthetic ground in its place" in told["notes"]
+    found = told(f"{words} 64,96")
+    assert {row["size"]: row["terrain"] for row in found["results"]} == {64: "small", 96: "synthetic"}
+    assert "no terrain has 96 × 96 cells: synthetic ground in its place" in found["notes"]

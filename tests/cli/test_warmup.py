@@ -108,15 +108,12 @@ told = {name: calls(kernel) for name, kernel in kernels().items()}
 print(json.dumps({"after warm-up": warm, "after plans": versions(), "calls": told}))
 """
 
-HERE = {
-    name: os.environ[name] for name in ("HOME", "XDG_CACHE_HOME", "NUMBA_CACHE_DIR", "TMPDIR") if name in os.environ
-}
+FOLDERS = ("HOME", "XDG_CACHE_HOME", "NUMBA_CACHE_DIR", "TMPDIR")
 
 
 def environment(**changes):
     """Our environment without any word about folders but those in `changes`."""
-    clean = {k: v for k, v in os.environ.items() if k not in ("HOME", "XDG_CACHE_HOME", "NUMBA_CACHE_DIR", "TMPDIR")}
-    return clean | {name: str(value) for name, value in changes.items()}
+    return {k: v for k, v in os.environ.items() if k not in FOLDERS} | {k: str(v) for k, v in changes.items()}
 
 
 def python(code, *words, **changes):
@@ -152,8 +149,9 @@ def test_two_warm_ups_at_once_compile_what_is_missing_once(warmed):
 
 
 def test_all_that_a_warm_up_compiled_is_found_by_the_next():
-    python(WARM_UP, "warmup", "--keep-old", **HERE)
-    told = json.loads(python(WARM_UP, "warmup", "--json", "--keep-old", **HERE).stdout)
+    here = {name: os.environ[name] for name in FOLDERS if name in os.environ}
+    python(WARM_UP, "warmup", "--keep-old", **here)
+    told = json.loads(python(WARM_UP, "warmup", "--json", "--keep-old", **here).stdout)
     assert told["folder"] == str(CACHE_FOLDER) and told["compiled"] == 0
     assert told["kernels"] <= 75 and told["kernels"] <= told["signatures"] <= 120
 
@@ -164,23 +162,15 @@ def test_who_waits_for_the_compiler_is_told_once(tmp_path):
     assert warm == "[]\n"
 
 
-@pytest.fixture(scope="module")
-def versions():
-    """Kernels by name: what they call, and which versions a process has of them after a warm-up, and after plans."""
+def test_a_warm_up_has_every_kernel_of_the_runtime_and_after_it_no_plan_compiles_anything():
     ended = subprocess.run(
         [sys.executable, "-c", VERSIONS % PLAN_EVERYTHING], capture_output=True, text=True, check=False
     )
     assert ended.returncode == 0, ended.stderr
-    return json.loads(ended.stdout)
-
-
-def test_after_a_warm_up_no_plan_compiles_anything(versions):
-    assert versions["after plans"] == versions["after warm-up"]
-
-
-def test_every_kernel_of_the_runtime_is_warmed_up(versions):
-    calls = versions["calls"]
-    warm = waiting = {name for name, there in versions["after warm-up"].items() if there}
+    found = json.loads(ended.stdout)
+    assert found["after plans"] == found["after warm-up"]
+    calls = found["calls"]
+    warm = waiting = {name for name, there in found["after warm-up"].items() if there}
     assert len(calls) > 20 and len(warm) > 20
     while waiting:  # those that warm ones call are compiled with them
         waiting = {called for name in waiting for called in calls[name]} - warm
@@ -207,46 +197,30 @@ def test_kernels_of_other_versions_are_deleted_once_they_rest(warmed):
     assert recent.exists() and other.exists() and link.is_symlink()
 
 
-def test_a_folder_that_others_may_write_to_is_passed_over(tmp_path):
+def test_a_folder_that_others_may_write_to_is_passed_over_and_without_a_home_the_temporary_one_serves(tmp_path):
     base = tmp_path / "xdg" / "nnpp-edge"
     base.mkdir(parents=True)
     base.chmod(0o770)
-    ended = python(FOLDER, XDG_CACHE_HOME=tmp_path / "xdg", HOME=tmp_path / "home")
-    assert ended.stdout.startswith(str(tmp_path / "home" / ".cache" / "nnpp-edge")), ended
-    assert ended.stderr == ""
+    for ended, folder in (
+        (python(FOLDER, XDG_CACHE_HOME=tmp_path / "xdg", HOME=tmp_path / "home"), "home/.cache/nnpp-edge"),
+        (python(FOLDER, TMPDIR=tmp_path), f"nnpp-edge-{os.geteuid()}"),
+    ):
+        assert ended.stdout.startswith(str(tmp_path / folder)) and ended.stderr == ""
     assert not list(base.iterdir())
 
 
-def test_without_a_home_the_temporary_folder_serves(tmp_path):
-    ended = python(FOLDER, TMPDIR=tmp_path)
-    assert ended.stdout.startswith(str(tmp_path / f"nnpp-edge-{os.geteuid()}")), ended
-    assert ended.stderr == ""
-
-
-@pytest.fixture(params=["read-only", "others may write", "a file stands there"])
-def unusable(request, tmp_path):
-    folder = tmp_path / "cache"
-    if request.param == "read-only":
-        if os.geteuid() == 0:
-            pytest.skip("root may write everywhere")
-        folder.mkdir(mode=0o500)
-    elif request.param == "others may write":
-        folder.mkdir()
-        folder.chmod(0o777)
-    else:
-        folder.write_text("")
-    return folder
-
-
-def test_without_a_folder_it_plans_with_exactly_one_warning(unusable):
-    ended = python(PLAN_ONCE, NUMBA_CACHE_DIR=unusable)
-    assert ended.returncode == 0, ended.stderr
-    assert ended.stdout == "None\n"
-    assert ended.stderr.count("Warning: ") == 1 and "NUMBA_CACHE_DIR" in ended.stderr
-    assert unusable.is_file() or not list(unusable.iterdir())
-
-
-def test_without_a_folder_the_warm_up_fails_in_one_line(unusable):
-    ended = python(WARM_UP, "warmup", NUMBA_CACHE_DIR=unusable)
-    assert (ended.returncode, ended.stdout) == (1, "")
-    assert ended.stderr.startswith("error: ") and ended.stderr.count("\n") == 1
+def test_without_a_folder_it_plans_with_exactly_one_warning_and_the_warm_up_fails_in_one_line(tmp_path):
+    shared, taken, locked = (tmp_path / name for name in ("shared", "taken", "locked"))
+    shared.mkdir()
+    shared.chmod(0o777)
+    taken.write_text("")
+    locked.mkdir(mode=0o500)
+    for folder in (shared, taken) if os.geteuid() == 0 else (shared, taken, locked):  # root may write everywhere
+        ended = python(PLAN_ONCE, NUMBA_CACHE_DIR=folder)
+        assert ended.returncode == 0, ended.stderr
+        assert ended.stdout == "None\n"
+        assert ended.stderr.count("Warning: ") == 1 and "NUMBA_CACHE_DIR" in ended.stderr
+        assert folder.is_file() or not list(folder.iterdir())
+        ended = python(WARM_UP, "warmup", NUMBA_CACHE_DIR=folder)
+        assert (ended.returncode, ended.stdout) == (1, "")
+        assert ended.stderr.startswith("error: ") and ended.stderr.count("\n") == 1
