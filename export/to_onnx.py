@@ -7,7 +7,7 @@ import io
 import logging
 import math
 import warnings
-from collections import Counter
+from collections import Counter, OrderedDict
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import asdict, dataclass
 from pathlib import Path
@@ -143,13 +143,16 @@ def parity(network: Network, onnx_path: Path, samples: Samples | None = None, n:
 def to_onnx(network: Network) -> onnx.ModelProto:
     """The network's graph for one query: norms folded (by torch's exporter), fixed shapes, a sigmoid at the end."""
     inputs, body = example_inputs(network.spec), copy.deepcopy(network.body).eval()
-    with_head = isinstance(body, EdgeNet)
+    whole: nn.Module = nn.Sequential(OrderedDict(body=body, answer=nn.Sigmoid()))
+    outputs = [OUTPUT]
+    if isinstance(body, EdgeNet):
+        whole, outputs = _EncoderAndHead(body), [OUTPUT, PLACES, HEAD]
     with quiet(), refused_as(OutputError, "torch could not export the network"):
         program = torch.onnx.export(
-            _EncoderAndHead(body) if isinstance(body, EdgeNet) else _Probability(body),
+            whole,
             tuple(inputs.values()),
             input_names=list(inputs),
-            output_names=[OUTPUT, PLACES, HEAD] if with_head else [OUTPUT],
+            output_names=outputs,
             opset_version=OPSET,
             dynamo=True,
             external_data=False,
@@ -191,17 +194,6 @@ def example_inputs(spec: Spec) -> dict[str, Tensor]:
 def dataset_facts(recipe: Recipe) -> dict[str, object]:
     """Facts that decided a data set, for a model's metadata; terrain by the files' names alone."""
     return msgspec.structs.asdict(recipe) | {"terrain": [Path(name).name for name in recipe.terrain]}
-
-
-class _Probability(nn.Module):
-    """The body with its logits turned into probabilities."""
-
-    def __init__(self, body: nn.Module) -> None:
-        super().__init__()
-        self.body = body
-
-    def forward(self, *inputs: Tensor) -> Tensor:
-        return torch.sigmoid(self.body(*inputs))
 
 
 class _EncoderAndHead(nn.Module):
@@ -247,12 +239,9 @@ def _tidy(graph: onnx.GraphProto) -> None:
 
 def nodes_leading_to(names: Iterable[str], graph: onnx.GraphProto) -> set[str]:
     """Names of the nodes that these values are made from."""
-    makers = {name: node for node in graph.node for name in node.output}
-    found: set[str] = set()
-    waiting = [makers[name] for name in names if name in makers]
-    while waiting:
-        node = waiting.pop()
-        if node.name not in found:
+    found, wanted = set[str](), set(names)
+    for node in reversed(graph.node):
+        if not wanted.isdisjoint(node.output):
             found.add(node.name)
-            waiting += [makers[name] for name in node.input if name in makers]
+            wanted.update(node.input)
     return found

@@ -31,29 +31,26 @@ def write_all(contents: Mapping[Path, Content]) -> None:
     pipe, a socket or a disk.
     """
     staged: list[tuple[Path, Path]] = []
+    streams: list[tuple[Path, Content]] = []
     path = Path()
     try:
-        try:
-            streams: list[tuple[Path, Content]] = []
-            for path, content in contents.items():
-                if _is_stream(_stands(path)):
-                    streams.append((path, content))
-                    continue
-                target = Path(os.path.realpath(path))
-                temporary = target.with_name(f".{target.name[:40]}.{secrets.token_hex(4)}")
-                staged.append((temporary, target))
-                with temporary.open("xb") as file:
-                    file.write(content)
-            for path, content in streams:
-                _write_in_place(path, content)
-            for temporary, path in staged:
-                temporary.replace(path)
-        finally:
-            for temporary, _ in staged:
-                temporary.unlink(missing_ok=True)
+        for path, content in contents.items():
+            if _is_stream(_stands(path)):
+                streams.append((path, content))
+                continue
+            staged.append(_beside(path))
+            with staged[-1][0].open("xb") as file:
+                file.write(content)
+        for path, content in streams:
+            _write_in_place(path, content)
+        for temporary, path in staged:
+            temporary.replace(path)
     except (OSError, ValueError) as error:
         why = "no such folder" if isinstance(error, FileNotFoundError) else reason(error)
         raise OutputError(f"{path}: could not be written ({why})") from error
+    finally:
+        for temporary, _ in staged:
+            temporary.unlink(missing_ok=True)
 
 
 @contextmanager
@@ -66,8 +63,7 @@ def staged(path: Path) -> Iterator[Path]:
     def end(number: int, frame: object) -> NoReturn:
         raise SystemExit(128 + number)
 
-    target = Path(os.path.realpath(path))
-    temporary = target.with_name(f".{target.name[:40]}.{secrets.token_hex(4)}")
+    temporary, target = _beside(path)
     before = signal.signal(signal.SIGTERM, end)
     try:
         if _is_stream(_stands(path)):
@@ -117,9 +113,7 @@ def make_folder(path: Path) -> None:
     """Make a folder for results, and its parents; OutputError if it cannot be made or written to."""
     try:
         path.mkdir(parents=True, exist_ok=True)
-        probe = path / f".{secrets.token_hex(4)}"
-        probe.touch()
-        probe.unlink()
+        tempfile.TemporaryFile(dir=path).close()
     except (OSError, ValueError) as error:
         raise OutputError(f"{path}: wanted a folder to write to ({reason(error)})") from error
 
@@ -134,6 +128,12 @@ def temporary_folder() -> Iterator[Path]:
         raise
     except OSError as error:
         raise OutputError(f"temporary files could not be written, set TMPDIR ({reason(error)})") from error
+
+
+def _beside(path: Path) -> tuple[Path, Path]:
+    """A new name beside the file that a path leads to, and that file."""
+    target = Path(os.path.realpath(path))
+    return target.with_name(f".{target.name[:40]}.{secrets.token_hex(4)}"), target
 
 
 def _stands(path: Path) -> os.stat_result | None:
