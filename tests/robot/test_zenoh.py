@@ -7,6 +7,7 @@ import socket
 import subprocess
 import sys
 import threading
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -14,6 +15,7 @@ import pytest
 pytest.importorskip("zenoh")
 
 from nnpp_edge.robot.transports.incoming import Refusals
+from nnpp_edge.robot.transports.recording import ReplaySource
 from nnpp_edge.robot.transports.wire import decode_output, encode
 from nnpp_edge.robot.transports.zenoh_io import ZenohLink, ZenohSink, ZenohSource
 from nnpp_edge.runtime.errors import InvalidQueryError
@@ -100,41 +102,50 @@ def peer(link):
     peer.close()
 
 
-class Running:
-    """A loop in a thread of its own."""
+@pytest.fixture
+def running(link, navigator, drive):
+    """Start a loop in a thread of its own, and end it; it ends with the test too."""
+    stops = []
 
-    def __init__(self, navigator, drive, link, **options):
-        refusals = Refusals(navigator.count_error)
-        self.sink = ZenohSink(link, refusals)
-        self.mailbox = Mailbox()
-        self.source = ZenohSource(link, refusals, navigator.count_error, mailbox=self.mailbox, **options)
-        self._thread = threading.Thread(
-            target=lambda: setattr(self, "ended", drive(navigator, self.source, [self.sink]))
-        )
-        self._thread.start()
+    def start(**options):
+        refusals, mailbox, ended = Refusals(navigator.count_error), Mailbox(), []
+        sink = ZenohSink(link, refusals)
+        source = ZenohSource(link, refusals, navigator.count_error, mailbox=mailbox, **options)
+        thread = threading.Thread(target=lambda: ended.append(drive(navigator, source, [sink])))
+        thread.start()
 
-    def stop(self):
-        self.mailbox.close()
-        self._thread.join(10.0)
-        return self.ended
+        def stop():
+            mailbox.close()
+            thread.join(10.0)
+            return ended[0].counters
+
+        stops.append(stop)
+        return stop
+
+    yield start
+    for stop in stops:
+        stop()
 
 
 @pytest.fixture
-def running(link, navigator, drive):
-    """Start a loop; it is stopped at the end, however the test ends."""
-    started = []
+def listening(link, navigator, peer):
+    """A source of this mailbox that the other process has found."""
 
-    def start(**options):
-        started.append(Running(navigator, drive, link, **options))
-        return started[-1]
+    def start(mailbox):
+        source = ZenohSource(link, Refusals(navigator.count_error), navigator.count_error, mailbox=mailbox)
 
-    yield start
-    for each in started:
-        each.stop()
+        def known():
+            peer.send("goal", encode(Goal(0, 0)))
+            return source.ended or list(source.poll())
+
+        wait_until(known)
+        return source
+
+    return start
 
 
 def test_a_path_goes_to_and_fro_between_two_processes(peer, running):
-    loop = running()
+    stop = running()
     wait_until(lambda: peer.of("path"))
     peer.send("pose", encode(Pose(5, 5)))
     peer.send("goal", encode(Goal(35, 55)))
@@ -143,13 +154,13 @@ def test_a_path_goes_to_and_fro_between_two_processes(peer, running):
     wait_until(lambda: peer.of("path")[-1].map_version == 1)
     last = peer.of("path")[-1]
     assert [col for row, col in last.path.tolist() if row == 10] == [59]
-    ended = loop.stop()
-    assert ended.counters.errors == {}
-    assert ended.counters.drops == {"zenoh": 0, "in-process": 0}
+    counters = stop()
+    assert counters.errors == {}
+    assert counters.drops == {"zenoh": 0, "in-process": 0}
 
 
 def test_what_makes_no_sense_is_answered_and_ends_nothing(peer, running):
-    loop = running(limit=1000)
+    stop = running(limit=1000)
     wait_until(lambda: peer.of("path"))
     bad = [
         ("pose", "garbage", "JSON is malformed"),
@@ -168,30 +179,23 @@ def test_what_makes_no_sense_is_answered_and_ends_nothing(peer, running):
     peer.send("pose", '{"row":5,"col":5}')
     peer.send("goal", '{"row":35,"col":55}')
     wait_until(lambda: peer.of("path")[-1].ok)
-    assert loop.stop().counters.errors == {"input": 5}
+    assert stop().errors == {"input": 5}
 
 
-def test_of_a_flood_the_newest_are_kept_and_the_rest_is_counted(link, peer, navigator):
-    mailbox = Mailbox(10)
-    source = ZenohSource(link, Refusals(navigator.count_error), navigator.count_error, mailbox=mailbox)
-
-    def known():  # to the peer, which is told of the topics when they are listened to
-        peer.send("pose", encode(Pose(0, 0)))
-        return list(source.poll())
-
-    wait_until(known)
+def test_of_a_flood_the_newest_are_kept_and_the_rest_is_counted(peer, navigator, listening):
+    source = listening(Mailbox(10))
     for n in range(1000):
         peer.send("patch", encode(MapPatch(0, 0, cost=np.full((1, 1), n))))
         if n == 500:
-            peer.send("goal", encode(Goal(1, 1)))
+            peer.send("pose", encode(Pose(1, 1)))
     wait_until(lambda: navigator.counters().errors.get("input dropped", 0) == 990)
-    first, *patches = (message for message in source.poll() if message != Pose(0, 0))
-    assert first == Goal(1, 1)  # nothing that waited held it up
+    first, *patches = (message for message in source.poll() if not isinstance(message, Goal))
+    assert first == Pose(1, 1)  # nothing that waited held it up
     assert [float(m.cost[0, 0]) for m in patches] == list(range(990, 1000))
 
 
-def test_large_messages_that_wait_do_not_pile_up(link, peer, navigator):
-    free = threading.Event()
+def test_large_messages_that_wait_do_not_pile_up(peer, listening):
+    free, sent = threading.Event(), []
 
     class Busy(Mailbox):
         def put(self, message, *, when_full):
@@ -199,37 +203,28 @@ def test_large_messages_that_wait_do_not_pile_up(link, peer, navigator):
                 free.wait(30.0)
             return super().put(message, when_full=when_full)
 
-    source = ZenohSource(link, Refusals(navigator.count_error), navigator.count_error, mailbox=Busy())
-
-    def known():
-        peer.send("goal", encode(Goal(0, 0)))
-        return list(source.poll())
-
-    wait_until(known)
+    source = listening(Busy())
     patch = encode(MapPatch(0, 0, cost=np.zeros((1000, 1000))))
     before = rss_bytes()
-    sender = threading.Thread(target=lambda: [peer.send("patch", patch) for _ in range(40)])
+    sender = threading.Thread(target=lambda: [sent.append(peer.send("patch", patch)) for _ in range(40)])
     sender.start()
-    sender.join(4.0)
+    stood = -1
+    while sender.is_alive() and stood < len(sent):  # until nothing more is taken
+        stood = len(sent)
+        sender.join(0.6)
     grown = rss_bytes() - before
+    assert sender.is_alive() and not source.ended
     free.set()
     sender.join(30.0)
     assert grown < 24 * len(patch)  # some of it in this test's own hands
 
 
-def test_a_listener_that_runs_out_of_memory_is_a_failure(link, peer, navigator):
+def test_a_listener_that_runs_out_of_memory_is_a_failure(listening):
     class Full(Mailbox):
         def put(self, message, *, when_full):
             raise MemoryError
 
-    source = ZenohSource(link, Refusals(navigator.count_error), navigator.count_error, mailbox=Full())
-
-    def ended():
-        peer.send("goal", encode(Goal(0, 0)))
-        return source.ended
-
-    wait_until(ended)
-    assert source.failure.startswith("MemoryError")
+    assert listening(Full()).failure.startswith("MemoryError")
 
 
 def test_connections_that_say_nothing_keep_nobody_out(link, navigator):
@@ -257,14 +252,9 @@ def test_a_listener_that_sleeps_holds_nobody_up(link, peer, navigator, drive):
     sink = ZenohSink(link)
     os.kill(peer.process.pid, signal.SIGSTOP)
 
-    class Quiet:
-        ended = False
-
-        def poll(self):
-            return ()
-
-    ended = drive(navigator, Quiet(), [sink], rate_hz=10.0, ticks=2000, paced=False)
-    assert ended.counters.ticks == 2000
+    source = ReplaySource(os.devnull)
+    ended = drive(navigator, source, [sink], rate_hz=10.0, ticks=1000, paced=False, ends=SimpleNamespace(ended=False))
+    assert ended.counters.ticks == 1000
     assert ended.counters.tick_ms["max"] < 1000.0
     assert "sink zenoh" not in ended.counters.errors
 
