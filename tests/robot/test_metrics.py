@@ -1,4 +1,3 @@
-import re
 import socket
 import struct
 import sys
@@ -8,6 +7,7 @@ import urllib.request
 from dataclasses import fields, replace
 
 import pytest
+from prometheus_client.parser import text_string_to_metric_families
 
 from nnpp_edge.robot.operations.metrics import CONTENT_TYPE, MetricsServer, metrics_text, write_metrics
 from nnpp_edge.runtime.errors import InvalidQueryError, MissingExtraError, OutputError
@@ -33,39 +33,15 @@ COUNTERS = Counters(
     tick_histogram={"1.024": 100, "16.384": 995, "inf": 999},
 )
 
-_SAMPLE = re.compile(r'([a-zA-Z_:][a-zA-Z0-9_:]*)(?:\{((?:[a-zA-Z_]\w*="(?:[^"\\\n]|\\[\\"n])*",?)*)\})? (\S+)')
-_LABEL = re.compile(r'([a-zA-Z_]\w*)="((?:[^"\\]|\\.)*)"')
-
 
 def parse(text):
-    """By the format's grammar: {(name, labels): value}, and {family: type}; samples stand below their family."""
-    assert text.endswith("\n")
-    samples, types, helped = {}, {}, set()
-    for line in text[:-1].split("\n"):
-        if line.startswith("# HELP "):
-            name = line.split(" ")[2]
-            assert name not in helped and len(line.split(" ", 3)[3]) > 5
-            helped.add(name)
-            continue
-        if line.startswith("# TYPE "):
-            _, _, name, kind = line.split(" ")
-            assert name in helped and name not in types
-            types[name] = last = kind
-            family = name
-            continue
-        found = _SAMPLE.fullmatch(line)
-        assert found, line
-        name, labels, value = found.groups()
-        suffixes = ("_bucket", "_sum", "_count") if last == "histogram" else ("",)
-        assert name in {family + suffix for suffix in suffixes}, line
-        read = tuple(
-            (key, re.sub(r"\\(.)", lambda m: "\n" if m[1] == "n" else m[1], text))
-            for key, text in _LABEL.findall(labels or "")
-        )
-        assert (name, read) not in samples
-        samples[name, read] = float(value)
-    assert set(types) == helped
-    return samples, types
+    """By the library's own reader: {(name, labels): value}, and {family: type}."""
+    families = list(text_string_to_metric_families(text))
+    assert all(len(family.documentation) > 5 for family in families)
+    samples = [sample for family in families for sample in family.samples]
+    values = {(sample.name, tuple(sample.labels.items())): sample.value for sample in samples}
+    assert len(values) == len(samples)
+    return values, {family.name: family.type for family in families}
 
 
 def test_every_counter_is_told_with_help_and_type():
@@ -74,18 +50,16 @@ def test_every_counter_is_told_with_help_and_type():
         value = getattr(COUNTERS, field.name)
         if isinstance(value, int) and field.name != "rss_bytes":
             assert samples[f"nnpp_edge_{field.name}_total", ()] == value
-            assert types[f"nnpp_edge_{field.name}_total"] == "counter"
-    assert samples["nnpp_edge_degraded_total", (("kind", "timeout"),)] == 5
-    assert samples["nnpp_edge_drops_total", (("sink", "zenoh"),)] == 6
-    assert samples["nnpp_edge_errors_total", (("place", 'sink "a\\b"\nc'),)] == 4
+            assert types[f"nnpp_edge_{field.name}"] == "counter"
+    labelled = {("degraded", "kind", "timeout"): 5, ("drops", "sink", "zenoh"): 6, ("lost", "sink", "mcap"): 8}
+    for (name, label, kind), count in {**labelled, ("errors", "place", 'sink "a\\b"\nc'): 4}.items():
+        assert samples[f"nnpp_edge_{name}_total", ((label, kind),)] == count
     assert samples["nnpp_edge_resident_memory_bytes", ()] == 123_456_789
-    assert samples["nnpp_edge_lost_total", (("sink", "mcap"),)] == 8
     assert types["nnpp_edge_tick_seconds"] == "histogram"
     buckets = {dict(labels)["le"]: n for (name, labels), n in samples.items() if name.endswith("_bucket")}
     assert buckets == {"0.001024": 100, "0.016384": 995, "+Inf": 999}
-    assert samples["nnpp_edge_tick_seconds_sum", ()] == pytest.approx(2.0)
-    assert samples["nnpp_edge_tick_seconds_count", ()] == 999
-    assert samples["nnpp_edge_tick_seconds_max", ()] == pytest.approx(0.08)
+    for name, value in (("sum", 2.0), ("count", 999), ("max", 0.08)):
+        assert samples[f"nnpp_edge_tick_seconds_{name}", ()] == pytest.approx(value)
     assert parse(metrics_text(Counters()))[0]["nnpp_edge_ticks_total", ()] == 0
 
 
@@ -145,21 +119,15 @@ def test_health_follows_the_ticks():
         assert status == 503 and body.startswith("stalled: no tick for 0.") and body.count("\n") == 1
         counters[0] = replace(counters[0], ticks=7)
         assert get(server, "/health")[::2] == (200, "ok: 7 ticks\n")
+        counters.clear()  # they cannot be read any more
+        assert get(server, "/health")[::2] == (503, "no counters: list index out of range\n")
+        assert get(server, "/metrics")[0] == 503
 
 
 def test_without_the_library_the_error_names_the_extra(monkeypatch):
     monkeypatch.setitem(sys.modules, "prometheus_client", None)
     with pytest.raises(MissingExtraError, match=r"nnpp-edge\[robot\]"):
         MetricsServer(0, lambda: COUNTERS)
-
-
-def test_counters_that_cannot_be_had_are_no_health():
-    def raising():
-        raise RuntimeError("gone\nfor good")
-
-    with MetricsServer(0, raising) as server:
-        assert get(server, "/health")[::2] == (503, "no counters: gone for good\n")
-        assert get(server, "/metrics")[0] == 503
 
 
 def test_an_address_that_is_taken_or_makes_no_sense_is_one_line():

@@ -8,7 +8,6 @@ import signal
 import socket
 import subprocess
 import sys
-import time
 from dataclasses import replace
 from pathlib import Path
 
@@ -16,15 +15,14 @@ import msgspec
 import numpy as np
 import pytest
 
-from nnpp_edge.profiling.profile_file import OnboardLoop, ProfileError, overridden_loop, read_profile
+from nnpp_edge.profiling.profile_file import LOOP_METHODS, OnboardLoop, ProfileError, overridden_loop, read_profile
 from nnpp_edge.robot.operations.onboard import Wiring
 from nnpp_edge.robot.transports.recording import RecordingFile, read_recording
 from nnpp_edge.robot.transports.wire import decode_output, encode
 from nnpp_edge.runtime.errors import InvalidQueryError, OutputError
-from nnpp_edge.runtime.loop.connections import InProcessSource
 from nnpp_edge.runtime.loop.messages import Goal, MapPatch, PathMessage, Pose
-from nnpp_edge.runtime.loop.runner import Loop
 from nnpp_edge.runtime.network import loading
+from nnpp_edge.runtime.planners.plan import DynamicMethod
 from nnpp_edge.terrain import dem as dem_module
 from tests.profiling.traces import check_trace, spans_of
 from tests.robot.conftest import wait_until
@@ -197,48 +195,20 @@ def test_paths_come_where_nothing_can_be_said_on_stderr(dem, recording, tmp_path
 # --- in this process
 
 
-def test_what_follows_a_tick_may_fail(navigator):
-    seen = []
-
-    def after_tick(message):
-        seen.append(message.tick)
-        raise OSError("no manager")
-
-    source = InProcessSource()
-    counters = Loop(navigator, source, rate_hz=500.0, after_tick=after_tick).run(3)
-    assert seen == [1, 2, 3]
-    assert counters.errors == {"after_tick": 3}
+@pytest.fixture
+def replayed(nnpp_edge, recording):
+    """Run the program in this process over the recording, as fast as can be; how it ended."""
+    fast = ("--input", f"replay:{recording}", "--fast", "--output", "none", "--json")
+    return lambda file, *words: nnpp_edge("run", "--map", file, *fast, *words)
 
 
-def test_ticks_that_are_not_paced_follow_at_once_each_with_a_period_of_its_own(navigator):
-    left = []
-    tick = navigator.tick
-    navigator.tick = lambda deadline: left.append(deadline - time.monotonic()) or tick(deadline)
-    began = time.monotonic()
-    counters = Loop(navigator, InProcessSource(), rate_hz=0.1, paced=False).run(5)
-    assert time.monotonic() - began < 5.0
-    assert (counters.ticks, counters.overruns, counters.skipped) == (5, 0, 0)
-    assert min(left) > 8.0
-
-
-def test_a_replay_ends_with_its_counters(nnpp_edge, dem, recording, tmp_path):
-    metrics = tmp_path / "metrics.prom"
-    replay = ("--rate", "2", "--input", f"replay:{recording}", "--fast", "--output", "none", "--json")
-    ended = nnpp_edge(
-        "run",
-        "--map",
-        dem,
-        *QUICK,
-        *replay,
-        "--metrics",
-        metrics,
-        "--metrics",
-        "0",
-        "--trace",
-        tmp_path / "t.json",
-    )
+def test_a_replay_ends_with_its_counters_its_log_its_metrics_and_its_trace(replayed, dem, tmp_path):
+    reader = pytest.importorskip("mcap.reader")
+    metrics, trace, log = tmp_path / "metrics.prom", tmp_path / "t.json", tmp_path / "drive.mcap"
+    outputs = ("--metrics", metrics, "--metrics", "0", "--trace", trace, "--log", log)
+    ended = replayed(dem, "--method", "astar", "--rate", "2", *outputs)
     assert ended.code == 0
-    ticks = spans_of(check_trace((tmp_path / "t.json").read_bytes()), "tick ")
+    ticks = spans_of(check_trace(trace.read_bytes()), "tick ")
     assert [each["args"]["map_version"] for each in ticks] == [0, 1, 1]
     told = json.loads(ended.out)
     assert (told["ticks"], told["planned"], told["failed"], told["patches"]) == (3, 3, 0, 1)
@@ -246,11 +216,12 @@ def test_a_replay_ends_with_its_counters(nnpp_edge, dem, recording, tmp_path):
     assert "ready: astar at 2 Hz, 80 × 90 cells" in ended.err
     assert re.search(r"metrics: http://127.0.0.1:\d+/metrics", ended.err)
     assert re.search(r"^nnpp_edge_ticks_total 3(\.0)?$", metrics.read_text(), re.MULTILINE)
+    with log.open("rb") as file:
+        topics = [channel.topic for _, channel, _ in reader.make_reader(file).iter_messages()]
+    assert {"/pose", "/goal", "/path"} <= set(topics)
 
 
-def test_a_disk_that_fills_up_costs_the_metrics_and_not_the_run(
-    nnpp_edge, dem, recording, tmp_path, monkeypatch, caplog
-):
+def test_a_disk_that_fills_up_costs_the_metrics_and_not_the_run(replayed, dem, tmp_path, monkeypatch, caplog):
     def full(path, content):
         try:
             raise OSError(28, "No space left on device")
@@ -259,8 +230,7 @@ def test_a_disk_that_fills_up_costs_the_metrics_and_not_the_run(
 
     monkeypatch.setattr("nnpp_edge.robot.operations.metrics.write_whole", full)
     monkeypatch.setattr("nnpp_edge.robot.operations.onboard.write_whole", full)
-    words = ("--trace", tmp_path / "t.json", "--input", f"replay:{recording}", "--fast", "--output", "none", "--json")
-    ended = nnpp_edge("run", "--map", dem, *QUICK, *words, "--metrics", tmp_path / "metrics.prom")
+    ended = replayed(dem, *QUICK, "--trace", tmp_path / "t.json", "--metrics", tmp_path / "metrics.prom")
     assert (ended.code, json.loads(ended.out)["planned"]) == (0, 3)
     lost = [r.getMessage() for r in caplog.records if "is lost" in r.getMessage()]
     assert [line.partition(" (")[0] for line in lost] == [
@@ -270,96 +240,66 @@ def test_a_disk_that_fills_up_costs_the_metrics_and_not_the_run(
     assert not (tmp_path / "t.json").exists()
 
 
-def test_a_log_holds_inputs_and_answers(nnpp_edge, dem, recording, tmp_path):
-    reader = pytest.importorskip("mcap.reader")
-    replay = ("--input", f"replay:{recording}", "--fast", "--output", "none")
-    ended = nnpp_edge("run", "--map", dem, *QUICK, *replay, "--log", tmp_path / "drive.mcap")
-    assert ended.code == 0
-    assert "ticks       3: 3 planned" in ended.err
-    with (tmp_path / "drive.mcap").open("rb") as file:
-        topics = [channel.topic for _, channel, _ in reader.make_reader(file).iter_messages()]
-    assert {"/pose", "/goal", "/path"} <= set(topics)
+def test_a_cost_map_is_understood_as_one(replayed, tmp_path):
+    np.savez(tmp_path / "cost.npz", cost=np.full(SHAPE, 0.3, np.float32), cell_size_m=2.0)
+    assert json.loads(replayed(tmp_path / "cost.npz", *QUICK).out)["planned"] == 3
+    for words, said in (
+        (("--workload", "limit20"), "cost.npz holds costs: --workload does not go with it"),
+        (("--step-cost", "tobler"), "cost.npz holds costs: --step-cost tobler goes by the slopes of elevations"),
+    ):
+        replayed(tmp_path / "cost.npz", *words).refused(said)
 
 
-def test_a_cost_map_is_understood_as_one(nnpp_edge, dem, recording, tmp_path):
-    cost = np.full(SHAPE, 0.3, np.float32)
-    np.savez(tmp_path / "cost.npz", cost=cost, cell_size_m=2.0)
-    words = ("--input", f"replay:{recording}", "--fast", "--output", "none", "--json")
-    ended = nnpp_edge("run", "--map", tmp_path / "cost.npz", *QUICK, *words)
-    assert json.loads(ended.out)["planned"] == 3
-    ended = nnpp_edge("run", "--map", tmp_path / "cost.npz", "--workload", "limit20", *words)
-    assert ended.code == 2
-    assert "cost.npz holds costs: --workload does not go with it" in ended.err
-    ended = nnpp_edge("run", "--map", tmp_path / "cost.npz", "--step-cost", "tobler", *words)
-    ended.refused("cost.npz holds costs: --step-cost tobler goes by the slopes of elevations")
-
-
-def test_on_elevations_it_goes_by_a_step_cost(nnpp_edge, dem, recording):
-    words = ("--input", f"replay:{recording}", "--fast", "--output", "none", "--json", *QUICK)
+def test_on_elevations_it_goes_by_a_step_cost(replayed, dem):
     for given in (("tobler",), ("energy", "--mobility", "large-rover")):
-        ended = nnpp_edge("run", "--map", dem, "--step-cost", *given, *words)
+        ended = replayed(dem, *QUICK, "--step-cost", *given)
         assert json.loads(ended.out)["planned"] == 3, ended.err
-    nnpp_edge("run", "--map", dem, "--step-cost", "energy", *words).refused("[mobility.energy]")
+    replayed(dem, *QUICK, "--step-cost", "energy").refused("[mobility.energy]")
 
 
-@pytest.mark.parametrize("asked", ["option", "profile"])
-def test_a_goal_that_is_unknown_is_approached_where_that_is_asked_for(tmp_path, asked):
+def test_a_goal_that_is_unknown_is_approached_where_that_is_asked_for(tmp_path):
     cost = np.full((30, 50), 0.3, np.float32)
     cost[:, 30:] = np.nan
     np.savez(tmp_path / "cost.npz", cost=cost, cell_size_m=1.0)
-    (tmp_path / "robot.toml").write_text("[loop]\napproach = true\n")
-    words = ("--loop", "approach=true") if asked == "option" else ("--profile", tmp_path / "robot.toml")
-    program = Program("--map", tmp_path / "cost.npz", *words)
+    program = Program("--map", tmp_path / "cost.npz", "--loop", "approach=true")
     program.send(Pose(5, 5), Goal(5, 45))
     answer = program.await_path()
     assert answer.goal_moved and 28 <= answer.goal[1] < 30
     assert program.end(signal.SIGTERM)[0] == 0
 
 
-def test_ticks_end_it_and_the_profile_and_its_model_count(nnpp_edge, dem, recording, tmp_path, tiny_model):
+def test_ticks_end_it_and_the_profile_and_its_model_count(replayed, dem, tmp_path, tiny_model):
     profile = tmp_path / "robot.toml"
     profile.write_text(f'[loop]\nrate_hz = 50\nmethod = "nnpp"\nmodel = "{tiny_model}"\ncores = [0]\n')
-    replay = ("--input", f"replay:{recording}", "--stay", "--ticks", "20", "--output", "none", "--json")
-    words = ("--map", dem, "--profile", profile, *replay)
-    ended = nnpp_edge("run", *words)
+    words = ("--profile", profile, "--stay", "--ticks", "20")
+    ended = replayed(dem, *words)
     assert "ready: nnpp at 50 Hz" in ended.err
     assert json.loads(ended.out)["ticks"] == 20
-    assert "ready: dstar at 80 Hz" in nnpp_edge("run", *words, "--method", "dstar", "--rate", "80").err
+    assert "ready: dstar at 80 Hz" in replayed(dem, *words, "--method", "dstar", "--rate", "80").err
 
 
-@pytest.mark.parametrize(
-    ("words", "told"),
-    [
-        (("--input", "nonsense"), "input must be stdin, replay:FILE or zenoh"),
-        (("--input", "replay"), "input must be"),
-        (("--input", "stdin:x"), "input must be"),
-        (("--input", "replay:none.jsonl"), "none.jsonl: wanted a recording"),
-        (("--fast",), "only a replay can be fast"),
-        (("--output", "paper"), "output must be stdout, zenoh[:ENDPOINT] or none, got 'paper'"),
-        (("--output", "none", "--output", "stdout"), "none goes with no other"),
-        (("--output", "stdout", "--output", "stdout"), "outputs must differ"),
-        (("--input", "zenoh:tcp/a:1", "--output", "zenoh:tcp/b:1"), "one endpoint"),
-        (("--rate", "0"), "0.0 is not in the range 0.001<=x<=1000"),
-        (("--rate", "nan"), "rate"),
-        (("--method", "magic"), "method: wanted one of auto, astar"),
-        (("--loop", "priority=100"), "priority"),
-        (("--loop", "tolerance=-1"), "tolerance"),
-        (("--loop", "cores=[-1]"), "cores"),
-        (("--profile", "none"), "profile"),
-        (("--record", "no/such/folder.jsonl"), "could not be written"),
-        (("--metrics", "no/such/file"), "could not be written"),
-        (("--model", "none.onnx", "--method", "nnpp"), "none.onnx"),
-    ],
-)
-def test_wrong_use_ends_in_one_line_before_the_first_tick(nnpp_edge, dem, monkeypatch, words, told):
+def test_wrong_use_ends_in_one_line_before_the_first_tick(nnpp_edge, dem, monkeypatch):
     monkeypatch.setattr("nnpp_edge.robot.operations.onboard.exercise", lambda: None)
-    nnpp_edge("run", "--map", dem, *words, "--ticks", "1").refused(told)
-
-
-def test_json_does_not_go_with_answers_on_stdout(nnpp_edge, dem):
-    ended = nnpp_edge("run", "--map", dem, "--json")
-    assert ended.code == 2
-    assert "--json prints on stdout" in ended.err
+    for words, told in (
+        ("--input nonsense", "input must be stdin, replay:FILE or zenoh"),
+        ("--input replay", "input must be"),
+        ("--input stdin:x", "input must be"),
+        ("--input replay:none.jsonl", "none.jsonl: wanted a recording"),
+        ("--fast", "only a replay can be fast"),
+        ("--output paper", "output must be stdout, zenoh[:ENDPOINT] or none, got 'paper'"),
+        ("--output none --output stdout", "none goes with no other"),
+        ("--output stdout --output stdout", "outputs must differ"),
+        ("--input zenoh:tcp/a:1 --output zenoh:tcp/b:1", "one endpoint"),
+        ("--rate 0", "0.0 is not in the range 0.001<=x<=1000"),
+        ("--method magic", "method: wanted one of auto, astar"),
+        ("--loop cores=[-1]", "cores"),
+        ("--profile none", "profile"),
+        ("--record no/such/folder.jsonl", "could not be written"),
+        ("--metrics no/such/file", "could not be written"),
+        ("--model none.onnx --method nnpp", "none.onnx"),
+        ("--json", "--json prints on stdout"),
+    ):
+        nnpp_edge("run", "--map", dem, *words.split(), "--ticks", "1").refused(told)
 
 
 def test_a_map_that_cannot_be_read_is_told(nnpp_edge, bad_dem):
@@ -392,37 +332,23 @@ def test_the_table_loop_of_a_profile(tmp_path):
     assert overridden_loop(expected, rate_hz=None, cores=(3,), method="astar") == changed
 
 
-@pytest.mark.parametrize(
-    ("line", "words"),
-    [
+def test_a_table_loop_that_makes_no_sense_is_refused(tmp_path):
+    path = tmp_path / "robot.toml"
+    for line, words in (
         ("rate_hz = 0", "loop.rate_hz: wanted a number of at least 0.001, got 0"),
-        ("rate_hz = 'fast'", "loop.rate_hz"),
         ("method = 'magic'", "loop.method: wanted one of auto"),
-        ("cores = [-1]", "loop.cores"),
         ("priority = 100", "loop.priority"),
         ("tolerance = -0.1", "loop.tolerance"),
         ("corner_cutting = 1", "loop.corner_cutting: wanted true or false"),
         ("speed = 1", "loop.speed is unknown"),
-    ],
-)
-def test_a_table_loop_that_makes_no_sense_is_refused(tmp_path, line, words):
-    path = tmp_path / "robot.toml"
-    path.write_text(f"[loop]\n{line}\n")
-    with pytest.raises(ProfileError, match=words):
-        read_profile(path)
-
-
-def test_every_method_of_the_planner_may_be_named():
-    from nnpp_edge.profiling.profile_file import LOOP_METHODS
-    from nnpp_edge.runtime.planners.plan import DynamicMethod
-
+    ):
+        path.write_text(f"[loop]\n{line}\n")
+        with pytest.raises(ProfileError, match=words):
+            read_profile(path)
     assert set(LOOP_METHODS) == {str(method) for method in DynamicMethod}
 
 
-@pytest.mark.parametrize("method", ["auto", "corridor-dstar", "nnpp", "nnpp-dstar"])
-def test_the_network_is_loaded_while_the_first_map_is_read_where_it_will_be_asked(
-    nnpp_edge, dem, recording, monkeypatch, method
-):
+def test_the_network_is_loaded_while_the_first_map_is_read_where_it_will_be_asked(replayed, dem, monkeypatch):
     done = []
 
     def noted(name, function):
@@ -430,6 +356,7 @@ def test_the_network_is_loaded_while_the_first_map_is_read_where_it_will_be_aske
 
     monkeypatch.setattr(loading, "begin_loading", noted("loading begins", loading.begin_loading))
     monkeypatch.setattr(dem_module, "read_dem", noted("the map is read", dem_module.read_dem))
-    words = ("--method", method, "--input", f"replay:{recording}", "--fast", "--output", "none")
-    assert nnpp_edge("run", "--map", dem, *words).code == 0
-    assert done == (["loading begins"] if "nnpp" in method else []) + ["the map is read"]
+    for method in ("auto", "nnpp-dstar"):
+        done.clear()
+        assert replayed(dem, "--method", method).code == 0
+        assert done == (["loading begins"] if "nnpp" in method else []) + ["the map is read"]
