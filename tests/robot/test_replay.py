@@ -4,6 +4,7 @@ import json
 import threading
 import time
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -29,21 +30,25 @@ SHAPE = (40, 60)
 
 def scene(path, ticks=40, seed=0):
     """A drive with obstacles that come and go, recorded at 10 Hz."""
-    rng = np.random.default_rng(seed)
-    recorder = RecordingFile(path, SHAPE)
-    recorder.record(Goal(35, 55), 0.0)
+    rng, timed = np.random.default_rng(seed), [(0.0, Goal(35, 55))]
     for n in range(ticks):
-        at_s = 0.1 * n
-        recorder.record(Pose(5 + 0.5 * n, 5 + n), at_s)
         row, col = (int(x) for x in rng.integers(0, 38, 2))
-        recorder.record(MapPatch(row, col, cost=np.full((6, 4), rng.choice([0.1, 0.9, np.inf]))), at_s)
-    recorder.close()
-    return recorder.path
+        patch = MapPatch(row, col, cost=np.full((6, 4), rng.choice([0.1, 0.9, np.inf])))
+        timed += [(0.1 * n, Pose(5 + 0.5 * n, 5 + n)), (0.1 * n, patch)]
+    return recorded(path, *timed)
 
 
 def told(paths):
     """What a run came to, without its times."""
     return [(m.tick, m.outcome, m.origin, m.path.tolist(), m.cost, m.method, m.map_version) for m in paths]
+
+
+def recorded(path, *timed):
+    """A file of these times and inputs."""
+    with RecordingFile(path, SHAPE) as recorder:
+        for at_s, message in timed:
+            recorder.record(message, at_s)
+    return recorder.path
 
 
 @pytest.mark.parametrize("method", ["astar", "auto"])
@@ -55,8 +60,7 @@ def test_a_fast_replay_gives_the_same_answers_each_time(tmp_path, drive, method)
         source = ReplaySource(path, shape=SHAPE, fast=True)
         runs.append(drive(navigator, source, rate_hz=0.5, paced=False))
     assert told(runs[0].paths) == told(runs[1].paths)
-    assert runs[0].counters.ticks == 40
-    assert runs[0].counters.patches == 40
+    assert (runs[0].counters.ticks, runs[0].counters.patches) == (40, 40)
     assert len({m.map_version for m in runs[0].paths}) == 40
     assert sum(m.ok for m in runs[0].paths) > 20
 
@@ -99,76 +103,52 @@ def test_a_line_that_was_cut_off_is_left_out(tmp_path, caplog):
     assert "was cut off" in caplog.text
 
 
-def test_a_line_without_end_is_refused_before_it_fills_the_memory(tmp_path):
-    path = tmp_path / "endless.jsonl"
-    with path.open("wb") as file:
-        file.truncate(18 << 20)
-    with pytest.raises(ReplayError, match="line 1: wanted a message of at most"):
-        ReplaySource(path)
-
-
 def test_at_full_speed_a_tick_gets_all_that_one_recorded_tick_got(tmp_path, drive):
-    recorder = RecordingFile(tmp_path / "scene.jsonl", SHAPE)
-    for n in range(600):
-        recorder.record(MapPatch(n % 40, 0, cost=np.full((1, 60), 0.1 + 0.001 * n)), float(n // 200))
-    recorder.close()
-    source = ReplaySource(recorder.path, fast=True)
-    ended = drive(Navigator(Ground(free())), source, rate_hz=2000.0, paced=False)
+    patches = [MapPatch(n % 40, 0, cost=np.full((1, 60), 0.1 + 0.001 * n)) for n in range(600)]
+    path = recorded(tmp_path / "scene.jsonl", *((float(n // 200), patch) for n, patch in enumerate(patches)))
+    ended = drive(Navigator(Ground(free())), ReplaySource(path, fast=True), rate_hz=2000.0, paced=False)
     assert [m.map_version for m in ended.paths] == [200, 400, 600]
 
 
 def test_a_recording_that_is_damaged_while_it_is_played_is_a_failure(tmp_path):
-    path = scene(tmp_path / "scene.jsonl", ticks=2000)
+    path = scene(tmp_path / "scene.jsonl", ticks=500)
     source = ReplaySource(path, fast=True)
     size = path.stat().st_size
     with path.open("r+b") as file:
         file.seek(size // 2)
         file.write(b"garbage\n" * (size // 16))
-    for _ in range(2000):
+    for _ in range(500):
         list(source.poll())
     assert source.ended
     assert "wanted a pose, goal or patch" in source.failure
 
 
 def test_what_stands_there_is_left_alone(tmp_path):
-    names = []
-    for _ in range(3):
-        recorder = RecordingFile(tmp_path / "scene.jsonl", SHAPE)
-        recorder.record(Pose(1, 2), 0.5)
-        recorder.close()
-        names.append(recorder.path.name)
-    assert names == ["scene.jsonl", "scene-2.jsonl", "scene-3.jsonl"]
-    assert all(list(read_recording(tmp_path / name)) == [(0.5, Pose(1, 2))] for name in names)
+    paths = [recorded(tmp_path / "scene.jsonl", (0.5, Pose(1, 2))) for _ in range(3)]
+    assert [path.name for path in paths] == ["scene.jsonl", "scene-2.jsonl", "scene-3.jsonl"]
+    assert all(list(read_recording(path)) == [(0.5, Pose(1, 2))] for path in paths)
 
 
 POSE = '{"at":1,"type":"pose","row":1,"col":2}\n'
 
 
-@pytest.mark.parametrize(
-    ("content", "words"),
-    [
+def test_what_is_no_recording_is_refused_at_the_begin(tmp_path):
+    path = tmp_path / "scene.jsonl"
+    for content, words in (
         ("garbage\n", "line 1: wanted a pose, goal or patch.*malformed"),
-        (
-            POSE + '{"at":0.5,"type":"goal","row":1,"col":1}\n',
-            r"line 2: at: wanted times that do not go back, got 0.5",
-        ),
+        (POSE + POSE.replace("1", "0.5"), r"line 2: at: wanted times that do not go back, got 0.5"),
         ('{"type":"pose","row":1,"col":2}\n', "line 1: at: wanted the seconds since the recording began, got none"),
         ('{"at":true,"type":"pose","row":1,"col":2}\n', "at: Expected `float | null`, got `bool`"),
         ('{"at":-1,"type":"pose","row":1,"col":2}\n', "at: Expected `float` >= 0.0"),
         (POSE + "\n\n" + '{"at":2,"type":"pose","row":1}\n', "line 4: .* missing required field `col`"),
         ('{"type":"recording","map":[1,2]}\n' + POSE, r"map of \[40, 60\] cells, got one of \[1, 2\]"),
         ('{"v":9,"type":"recording"}\n', "version 1"),
-    ],
-)
-def test_what_is_no_recording_is_refused_at_the_begin(tmp_path, content, words):
-    path = tmp_path / "scene.jsonl"
-    path.write_text(content)
-    with pytest.raises(ReplayError, match=words) as raised:
-        ReplaySource(path, shape=SHAPE)
-    assert str(path) in str(raised.value)
-
-
-def test_files_that_cannot_be_read_or_written_are_told(tmp_path):
+        ("\0" * (18 << 20), "line 1: wanted a message of at most"),
+    ):
+        path.write_text(content)
+        with pytest.raises(ReplayError, match=words) as raised:
+            ReplaySource(path, shape=SHAPE)
+        assert str(path) in str(raised.value)
     for path in (tmp_path / "none.jsonl", tmp_path):
         with pytest.raises(ReplayError, match="cannot be read"):
             ReplaySource(path)
@@ -206,18 +186,13 @@ def test_a_slow_recorder_is_waited_for_where_nothing_may_be_left_out(tmp_path):
     counted, seen = [], []
 
     def slow(message, at_s):
-        time.sleep(0.0002)
+        time.sleep(0.00005)
         seen.append(message)
 
-    recorder = RecordingFile(tmp_path / "scene.jsonl", SHAPE)
-    for n in range(3000):
-        recorder.record(Pose(n, n), 0.0)
-    recorder.close()
-    source = ReplaySource(recorder.path, fast=True)
-    with RecordedSource(source, [slow], counted.append, wait=True) as recorded:
-        taken = list(recorded.poll())
-    assert seen == taken
-    assert (len(taken), counted) == (3000, [])
+    poses = [Pose(n, n) for n in range(5000)]
+    with RecordedSource(SimpleNamespace(poll=lambda: poses), [slow], counted.append, wait=True) as passed:
+        assert list(passed.poll()) == poses
+    assert (seen, counted) == (poses, [])
 
 
 def test_a_recorder_that_fails_is_counted_and_the_inputs_come_nevertheless(tmp_path, caplog):
@@ -240,43 +215,33 @@ def test_a_recorder_that_fails_is_counted_and_the_inputs_come_nevertheless(tmp_p
 
 
 class Full:
-    """A file that takes two lines whole, and of each further one the first ten bytes."""
+    """A file that takes so many lines whole, and of each further one the first ten bytes, or nothing."""
 
-    def __init__(self, file):
-        self.file, self.lines = file, 0
+    def __init__(self, file, lines):
+        self.file, self.lines = file, lines
+        self.close = file.close
 
     def write(self, line):
-        self.lines += 1
-        return self.file.write(line if self.lines <= 2 else line[:10])
-
-    def close(self):
-        self.file.close()
-
-
-def test_a_disk_that_is_full_from_the_start_is_for_the_recorder_to_tell(tmp_path, monkeypatch):
-    class NoRoom(Full):
-        def write(self, line):
+        self.lines -= 1
+        if self.lines < -1:
             raise OSError(28, "No space left on device")
-
-    open_file = Path.open
-    monkeypatch.setattr(Path, "open", lambda path, *words, **options: NoRoom(open_file(path, *words, **options)))
-    recorder = RecordingFile(tmp_path / "scene.jsonl", SHAPE)
-    with pytest.raises(OSError, match=r"scene.jsonl"):
-        recorder.record(Pose(1, 2), 0.0)
-    recorder.close()
+        return self.file.write(line if self.lines >= 0 else line[:10])
 
 
-def test_after_a_full_disk_nothing_follows_the_line_that_was_cut(tmp_path, monkeypatch):
-    open_file = Path.open
-    monkeypatch.setattr(Path, "open", lambda path, *words, **options: Full(open_file(path, *words, **options)))
-    recorder = RecordingFile(tmp_path / "scene.jsonl", SHAPE)
-    monkeypatch.undo()
-    recorder.record(Pose(1, 2), 0.0)
-    for _ in range(2):
-        with pytest.raises(OSError, match=r"space|before"):
-            recorder.record(Pose(3, 4), 0.1)
-    recorder.close()
-    assert list(read_recording(recorder.path)) == [(0.0, Pose(1, 2))]
+def test_on_a_full_disk_nothing_follows_the_line_that_was_cut(tmp_path, monkeypatch):
+    open_file, left = Path.open, []
+    for lines, kept in ((0, []), (2, [(0.0, Pose(1, 2))])):
+        left.append(lines)
+        with monkeypatch.context() as patched:
+            patched.setattr(Path, "open", lambda *given, **options: Full(open_file(*given, **options), left[-1]))
+            recorder = RecordingFile(tmp_path / f"scene{lines}.jsonl", SHAPE)
+        for at_s, message in kept:
+            recorder.record(message, at_s)
+        for _ in range(2):  # for the recorder to tell, also where the disk was full from the start
+            with pytest.raises(OSError, match=r"space|before"):
+                recorder.record(Pose(3, 4), 0.1)
+        recorder.close()
+        assert list(read_recording(recorder.path)) == kept
 
 
 def test_a_recording_is_plain_json(tmp_path):

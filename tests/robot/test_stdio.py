@@ -1,5 +1,6 @@
 """Standard input and output: nothing that comes or does not come stops the loop."""
 
+import fcntl
 import json
 import os
 import threading
@@ -91,12 +92,6 @@ def test_paths_come_back_and_the_end_of_input_ends_the_run(incoming, outgoing, n
     assert ended.counters.errors == {}
 
 
-def test_the_loop_goes_on_while_nothing_comes(incoming, navigator, drive):
-    source = StdioSource(Refusals(navigator.count_error), descriptor=incoming.read)
-    assert drive(navigator, source, ticks=10).counters.ticks == 10
-    assert not source.ended
-
-
 def test_garbage_is_answered_line_by_line_and_ends_nothing(incoming, outgoing, navigator, drive):
     refusals = Refusals(navigator.count_error)
     sink = StdioSink(refusals, descriptor=outgoing.write)
@@ -127,12 +122,13 @@ def test_a_flood_of_patches_is_taken_in_whole_and_in_order(incoming, navigator, 
     np.testing.assert_allclose(navigator.map.cost(), cost, rtol=1e-6)
 
 
-def test_a_sender_that_is_too_fast_waits(incoming, navigator):
+def test_a_sender_that_is_too_fast_waits(incoming, navigator, drive):
     patch = encode(MapPatch(0, 0, cost=np.zeros((40, 40))))
     source = StdioSource(Refusals(navigator.count_error), descriptor=incoming.read, mailbox=Mailbox(4))
+    assert drive(navigator, source, ticks=10).counters.ticks == 10, "the loop goes on while nothing comes"
     thread = send(incoming, *[patch] * 100)
     thread.join(0.2)
-    assert thread.is_alive()
+    assert thread.is_alive() and not source.ended
     taken = []
     wait_until(lambda: taken.extend(source.poll()) or source.ended)
     assert len(taken) == 100
@@ -142,11 +138,12 @@ def test_a_reader_that_never_reads_costs_answers_and_nothing_else(outgoing, navi
     source = InProcessSource()
     for message in ends:
         source.put(message)
-    loop = Loop(navigator, source, [StdioSink(descriptor=outgoing.write)], rate_hz=1000.0, queue=4)
+    fcntl.fcntl(outgoing.write, fcntl.F_SETPIPE_SZ, 4096)
+    sink = StdioSink(descriptor=outgoing.write)
     began = time.monotonic()
-    counters = loop.run(400)
+    counters = Loop(navigator, source, [sink], rate_hz=1000.0, queue=4).run(100)
     assert time.monotonic() - began < 10.0
-    assert counters.ticks == 400
+    assert counters.ticks == 100
     assert counters.drops["stdout"] > 0
 
 
@@ -188,20 +185,16 @@ def test_descriptors_that_do_not_block_are_waited_for(incoming, outgoing, naviga
     writer.join(5.0)
 
 
-def test_an_input_that_cannot_be_read_is_over_and_says_why(navigator, tmp_path):
-    folder = os.open(tmp_path, os.O_RDONLY)
-    source = StdioSource(Refusals(navigator.count_error), descriptor=folder)
-    wait_until(lambda: source.ended)
-    assert "Is a directory" in source.failure
-    os.close(folder)
-
-
-def test_a_reader_that_runs_out_of_memory_is_a_failure_and_not_the_end(incoming, navigator):
+def test_an_input_that_cannot_be_read_or_kept_is_over_and_says_why(incoming, navigator, tmp_path):
     class Full(Mailbox):
         def put(self, message, *, when_full):
             raise MemoryError
 
-    source = StdioSource(Refusals(navigator.count_error), descriptor=incoming.read, mailbox=Full())
-    send(incoming, POSE)
-    wait_until(lambda: source.ended)
-    assert source.failure.startswith("MemoryError")
+    folder = os.open(tmp_path, os.O_RDONLY)
+    for descriptor, mailbox, words in ((folder, None, "Is a directory"), (incoming.read, Full(), "MemoryError")):
+        source = StdioSource(Refusals(navigator.count_error), descriptor=descriptor, mailbox=mailbox)
+        if mailbox is not None:
+            send(incoming, POSE)
+        wait_until(lambda source=source: source.ended)
+        assert words in source.failure
+    os.close(folder)
