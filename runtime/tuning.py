@@ -1,16 +1,8 @@
-"""Every number that steers a search, a region or a planner's choice: value, unit, why, and the figure that chose it.
-
-Sizes of a map from which on something is done in another way are of type `MapSize`: warm-up plans on maps below and
-above each of them.
-"""
+"""Every number that steers a search, a region or a choice: value, unit, why, and the figure that chose it."""
 
 from typing import NamedTuple
 
 import numpy as np
-
-
-class MapSize(int):
-    """Cells of a map's longer side from which on something is done in another way."""
 
 
 class CorridorWidth(NamedTuple):
@@ -72,8 +64,6 @@ hundreds of times. D* Lite's sums of more are too coarse to tell apart paths tha
 
 ANOTHER_LEVEL_FROM = 256
 """Cells of a coarse level's longer side from which on another level is put on top of it."""
-SECOND_LEVEL_FROM = MapSize(1021)
-"""The smallest map with a second coarse level, by the number above and four cells to a side."""
 LEVEL_LANDMARKS, LANDMARK_PATIENCE = 4, 3
 """Landmarks that a coarse level gets when it is searched often: one whenever searches have expanded so many times as
 many cells as setting it takes."""
@@ -99,7 +89,7 @@ WIDENED_BODY_CORRIDOR = CorridorWidth(4, 0.1, nearby=6.0, coarse_radius=0, coars
 """Where the first held no path for a vehicle, or not one good enough."""
 MOST_CORRECTIONS = 3
 """How many times a vehicle's region is searched, links corrected in between, before a wider one is."""
-REFINE_FROM = MapSize(192)
+REFINE_FROM = 192
 """Cells of a map's longer side from which on a learned region is searched coarsely first."""
 WIDENED_THRESHOLD, WIDENED_BLOCKS = 0.25, 1
 """To widen a learned region, its threshold is multiplied by the first, and so many blocks are added all around."""
@@ -132,7 +122,7 @@ NEAR = 48
 """Cells: A* finds goals nearer than this before anything else has begun, unless the way is long."""
 BRIEF_EXPANSIONS = 1024
 """Expansions that A* may take for a near goal, and twice the square of the distance more."""
-LARGE_MAP, FAR = MapSize(1536), 512
+LARGE_MAP, FAR = 1536, 512
 """Size of a map, and cells to the goal, from which on the learned region is clearly the fastest."""
 
 # Planning on a map that changes

@@ -16,7 +16,7 @@ from nnpp_edge.runtime.planners.query import Query, Work
 from nnpp_edge.runtime.planners.searchers import AStarSearcher
 from nnpp_edge.runtime.search.astar import astar, settle_all
 from nnpp_edge.runtime.search.workspace import Workspace
-from nnpp_edge.runtime.tuning import ANOTHER_LEVEL_FROM, CORRIDOR, SECOND_LEVEL_FROM
+from nnpp_edge.runtime.tuning import ANOTHER_LEVEL_FROM, CORRIDOR
 from tests.strategies import state_of
 
 
@@ -164,7 +164,7 @@ def test_a_level_that_is_searched_often_gets_landmarks_until_the_map_changes(sid
 def test_there_is_another_level_as_long_as_one_is_large():
     assert coarse_shapes(1, 1) == [(1, 1)]
     assert coarse_shapes(4096, 4096) == [(1024, 1024), (256, 256), (64, 64)]
-    size = int(SECOND_LEVEL_FROM)
+    size = 1021  # the smallest map with a second coarse level
     for narrow in (1, 40, 1000):
         assert [len(coarse_shapes(side, narrow)) for side in (size - 1, size)] == [1, 2]
         levels = Pyramid(Grid(size, narrow, StepModel.of("paper"))).levels

@@ -8,14 +8,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from nnpp_edge.runtime import DynamicMethod, DynamicPlanner, Planner, exercises, tuning
+from nnpp_edge.runtime import DynamicMethod, DynamicPlanner, Planner, tuning
 from nnpp_edge.runtime.planners import dynamic, searchers
 from nnpp_edge.runtime.planners.methods import MethodChooser, Methods
 from nnpp_edge.runtime.planners.query import Query, Work
-from nnpp_edge.runtime.tuning import CorridorWidth, MapSize
+from nnpp_edge.runtime.tuning import CorridorWidth
 from tests.strategies import state_of
 
-SIZES = {name: value for name, value in vars(tuning).items() if isinstance(value, MapSize)}
 UNITS = "cells?|blocks?|share|times|levels?|landmarks?|rows?|expansions|changes|price|steps|distance|map|multipl"
 
 
@@ -41,27 +40,18 @@ def test_every_number_is_used_by_its_name_and_stands_with_its_unit():
     assert named == {name for name in vars(tuning) if name.isupper()} and len(named) > 30
     table = Path(inspect.getfile(tuning))
     sources = "".join(path.read_text() for path in table.parent.rglob("*.py") if path != table)
-    assert named - SIZES.keys() <= set(re.findall(r"[A-Z][A-Z_]+", sources))  # warm-up finds sizes by their type
-
-
-def test_warm_up_plans_on_a_map_below_and_one_above_every_size():
-    assert set(SIZES) == {"SECOND_LEVEL_FROM", "REFINE_FROM", "LARGE_MAP"}
-    sides = [max(shape) for shape in exercises.warmup_shapes()]
-    for size in SIZES.values():
-        others = sorted({*SIZES.values(), 0, 1 << 20} - {size})
-        below, above = max(each for each in others if each < size), min(each for each in others if each > size)
-        assert any(below <= side < size for side in sides) and any(size <= side < above for side in sides)
+    assert named <= set(re.findall(r"[A-Z][A-Z_]+", sources))
 
 
 def test_from_refine_from_on_a_learned_region_is_searched_coarsely_first(network):
-    size = int(tuning.REFINE_FROM)
+    size = tuning.REFINE_FROM
     for side, coarsely in ((size - 1, False), (size, True)):
         plan = Planner(rough(side, 60), model=network, ask_from=0).plan((1, 1), (side - 2, 50), method="nnpp")
         assert plan.ok and ("coarse" in plan.timings_ms) == coarsely
 
 
 def test_auto_goes_by_distance_size_network_and_body(network):
-    large, far, near = int(tuning.LARGE_MAP), tuning.FAR, tuning.NEAR
+    large, far, near = tuning.LARGE_MAP, tuning.FAR, tuning.NEAR
     for shape, model, has_body, methods in (
         ((256, 256), "edge", False, "astar corridor corridor corridor"),
         ((large - 1, 30), "edge", False, "astar corridor corridor corridor"),
