@@ -124,7 +124,7 @@ def _read_only(array: Float2D) -> Float2D:
 
 
 def _exercise_kernels(dem: Float2D, network: NetworkModel) -> None:
-    """What plans alone do not call."""
+    """Kernels that plans alone do not call."""
     network.try_out()
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", SaturationWarning)
@@ -139,6 +139,7 @@ def _exercise_kernels(dem: Float2D, network: NetworkModel) -> None:
 
 
 def _exercise_body_kernels(dem: Float2D) -> None:
+    """Likewise, of a body."""
     pose_costs(dem[:148], 1.0, _BODY)
     state = Planner.of_elevation(dem, 1.0, vehicle=_BODY, warn=False).state
     BodyLines(state.grid).attitudes(np.array(((8, 5), (140, 18)), np.float64))
