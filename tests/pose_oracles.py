@@ -7,6 +7,7 @@ cell (0, 0); a body's own coordinates are metres ahead of its middle and to the 
 import itertools
 import math
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
@@ -100,9 +101,9 @@ class Body:
 # --- the pose check
 
 
-def naive_pose_costs(dem, cell_size_m, vehicle, cell_width_m=None, weights=(0.6, 0.2, 0.2)):
-    """(4, H, W) float64 T of every pose before it is coded, inf where the pose fails; see `naive_pose_checks`."""
-    return naive_pose_checks(dem, cell_size_m, vehicle, cell_width_m, weights)[0]
+def naive_pose_costs(*given, **options):
+    """The first of what `naive_pose_checks` finds."""
+    return naive_pose_checks(*given, **options)[0]
 
 
 def naive_pose_checks(dem, cell_size_m, vehicle, cell_width_m=None, weights=(0.6, 0.2, 0.2)):
@@ -166,8 +167,7 @@ def _at(padded, cells):
 
 def coded(costs):
     """T as it is kept: rounded up to one of 65,534 levels; inf stays inf."""
-    costs = np.asarray(costs, np.float64)
-    return np.where(np.isfinite(costs), np.ceil(np.where(np.isfinite(costs), costs, 0.0) * CODES) / CODES, np.inf)
+    return np.ceil(np.asarray(costs, np.float64) * CODES) / CODES
 
 
 # --- paths over poses
@@ -211,29 +211,19 @@ def headings_of(path):
 # --- the drive
 
 
-@dataclass(frozen=True)
-class Break:
-    """A limit that is broken on the way."""
+class Break(NamedTuple):
+    """One of `LIMITS` that is broken on the way; radians or metres, NaN for ``unknown``."""
 
     limit: str
-    """``unknown``, ``step``, ``pitch``, ``roll``, ``tilt`` or ``clearance``."""
     value: float
-    """Radians or metres; NaN for ``unknown``."""
-    allowed: float
-    segment: int
-    """Number of the path's step."""
-    share: float
-    """Where on it, in [0, 1]."""
 
 
 PER_CELL = 8
 """Samples of the edges."""
-MOST_AT_ONCE = 16
-"""Steps of a path whose places are looked at together."""
 LIMITS = ("unknown", "step", "pitch", "roll", "tilt", "clearance")
 
 
-def drive_breaks(dem, cell_size_m, vehicle, path, *, cell_width_m=None, positions=10, margin_m=0.0, margin_deg=0.0):
+def drive_breaks(dem, cell_size_m, vehicle, path, *, positions=10, margin_m=0.0):
     """The first limit that the body breaks as it drives along a path; None if there is none.
 
     The body stands at `positions` + 1 places along each step, in the step's heading, on bilinear ground. Heights are
@@ -242,53 +232,37 @@ def drive_breaks(dem, cell_size_m, vehicle, path, *, cell_width_m=None, position
     extremes give a plane between theirs. Margins are allowed beyond the limits. Where unknown ground passes, it is
     left out.
     """
-    ground = _Ground(dem, cell_size_m, cell_width_m or cell_size_m, vehicle.unknown_passes)
-    cells = np.asarray(path, np.int64)
-    shares = np.linspace(0.0, 1.0, positions + 1)
-    pitch, roll, tilt = np.radians(vehicle.tilts_deg) + math.radians(margin_deg)
-    allowed = (0.5, vehicle.step_m + margin_m, pitch, roll, tilt, vehicle.clearance_m + margin_m)
-    steps, first = np.diff(cells, axis=0), None
-    for step in np.unique(steps, axis=0):
-        segments = np.flatnonzero((steps == step).all(1))
-        for part in np.split(segments, range(MOST_AT_ONCE, len(segments), MOST_AT_ONCE)):
-            middles = (cells[part, None] + shares[:, None] * step).reshape(-1, 2) * ground.sides
-            found = _worst_along(ground, vehicle, middles, step * ground.sides)
-            broken = np.argwhere(found > np.array(allowed) + 1e-9)
-            if not len(broken):
-                continue
-            at, which = broken[0]
-            segment, place = int(part[at // len(shares)]), float(shares[at % len(shares)])
-            if first is None or segment < first.segment:
-                value = math.nan if which == 0 else float(found[at, which])
-                first = Break(LIMITS[which], value, float(allowed[which]), segment, place)
-    return first
+    ground, shares = _Ground(dem, cell_size_m, vehicle.unknown_passes), np.linspace(0.0, 1.0, positions + 1)
+    tilts = np.radians(vehicle.tilts_deg)
+    allowed = np.array((0.5, vehicle.step_m + margin_m, *tilts, vehicle.clearance_m + margin_m))
+    for begin, end in itertools.pairwise(np.asarray(path, np.int64)):
+        middles = (begin + shares[:, None] * (end - begin)) * ground.side
+        found = _worst_along(ground, vehicle, middles, end - begin)
+        for at, which in np.argwhere(found > allowed + 1e-9).tolist():
+            return Break(LIMITS[which], math.nan if which == 0 else float(found[at, which]))
+    return None
 
 
 class _Ground:
     """Bilinear ground between the cells' middles."""
 
-    def __init__(self, dem, dy, dx, unknown_passes):
+    def __init__(self, dem, side, unknown_passes):
         heights = np.asarray(dem, np.float64)
         self.padded = np.pad(np.where(np.isfinite(heights), heights, np.nan), 2, constant_values=np.nan)
-        self.sides, self.unknown_passes = np.array((dy, dx)), unknown_passes
+        self.side, self.unknown_passes = side, unknown_passes
 
     def at(self, points):
         """Heights of (..., 2) points; NaN where a cell with weight is unknown (where all are, if unknown passes)."""
         most = np.array(self.padded.shape) - 2.0
-        place = np.clip(np.round(points / self.sides, 9) + 2.0, 0.0, most)  # beyond the map lie two unknown rings
+        place = np.clip(np.round(points / self.side, 9) + 2.0, 0.0, most)  # beyond the map lie two unknown rings
         first = np.floor(place).astype(np.int64)
-        share = place - first
-        total, weight = np.zeros(place.shape[:-1]), np.zeros(place.shape[:-1])
+        share, total, weight = place - first, 0.0, 0.0
         for row, col in itertools.product((0, 1), repeat=2):
             part = np.abs(1 - row - share[..., 0]) * np.abs(1 - col - share[..., 1])
             height = self.padded[first[..., 0] + row, first[..., 1] + col]
-            known = np.isfinite(height)
-            counts = part > 0.0
-            total += np.where(counts & known, part * np.where(known, height, 0.0), 0.0)
-            weight += np.where(counts & (known | (not self.unknown_passes)), part, 0.0)
-            if not self.unknown_passes:
-                total = np.where(counts & ~known, np.nan, total)
-        with np.errstate(invalid="ignore", divide="ignore"):
+            counts = (part > 0.0) & (np.isfinite(height) | (not self.unknown_passes))
+            total, weight = total + np.where(counts, part * height, 0.0), weight + np.where(counts, part, 0.0)
+        with np.errstate(invalid="ignore"):
             return total / weight
 
     def samples(self, middles, ahead, half):
@@ -298,16 +272,16 @@ class _Ground:
         several planes is concave: the ground rises highest above them at these points, and the edges are sampled.
         """
         right = right_of(ahead)
-        counts = [2 + int(2.0 * side * PER_CELL / self.sides.min()) for side in half]
+        counts = [2 + int(2.0 * side * PER_CELL / self.side) for side in half]
         along, across = (np.linspace(-side, side, count) for side, count in zip(half, counts, strict=True))
         ends = [
             [(x, y) for x in along for y in (-half[1], half[1])],
             [(x, y) for x in (-half[0], half[0]) for y in across],
         ]
         edges = np.array(ends[0] + ends[1]) @ np.stack((ahead, right))
-        reach = np.ceil(math.hypot(*half) / self.sides).astype(np.int64) + 1
-        window = np.stack(np.meshgrid(*(np.arange(-most, most + 1) for most in reach), indexing="ij"), -1)
-        near = (np.round(middles / self.sides)[:, None] + window.reshape(-1, 2)) * self.sides
+        reach = math.ceil(math.hypot(*half) / self.side) + 1
+        window = np.array(list(itertools.product(range(-reach, reach + 1), repeat=2)))
+        near = (np.round(middles / self.side)[:, None] + window) * self.side
         apart = near - middles[:, None]
         inside = (np.abs(apart @ ahead) <= half[0]) & (np.abs(apart @ right) <= half[1])
         peaks = np.where(inside[..., None], near, middles[:, None])
@@ -325,7 +299,7 @@ def _worst_along(ground, vehicle, middles, step):
         unknown = np.isnan(heights).all(1) if vehicle.unknown_passes else np.isnan(heights).any(1)
         out[:, 0] = np.maximum(out[:, 0], unknown & (not vehicle.unknown_passes))
         heights[unknown] = np.nan
-        ranges.append((_least(heights), _greatest(heights)))
+        ranges.append((np.fmin.reduce(heights, 1), np.fmax.reduce(heights, 1)))  # unknown ones left out
     lows, highs = (np.stack(each, 1) for each in zip(*ranges, strict=True))
     corners = np.array(list(itertools.product((False, True), repeat=lows.shape[1])))
     contacts = np.where(corners, highs[:, None], lows[:, None])
@@ -341,16 +315,5 @@ def _worst_along(ground, vehicle, middles, step):
     out[:, 1] = (highs - lows).max(1)
     out[:, 2:4] = np.arctan(np.abs(planes[..., 1:]).max(1))
     out[:, 4] = np.arctan(np.hypot(planes[..., 1], planes[..., 2]).max(1))
-    out[:, 5] = _greatest(rises)
+    out[:, 5] = np.fmax.reduce(rises, 1)
     return out
-
-
-def _least(values):
-    """Along the last axis, unknown ones left out; NaN where all are."""
-    return -_greatest(-values)
-
-
-def _greatest(values):
-    """Along the last axis, unknown ones left out; NaN where all are."""
-    most = np.where(np.isnan(values), -np.inf, values).max(-1)
-    return np.where(np.isneginf(most), np.nan, most)
