@@ -2,7 +2,7 @@
 
 import warnings
 from contextlib import AbstractContextManager
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -23,18 +23,6 @@ _MOST_UNEQUAL_GRAVITY = 0.01
 """Share by which the map's gravity may differ from the file's before a warning says so."""
 
 
-def _limit_keys() -> list[str]:
-    from nnpp_edge.runtime.terrain.traversability import Traversability
-
-    return [field.name for field in fields(Traversability) if not field.name.endswith("_weight")]
-
-
-def _vehicle_keys() -> list[str]:
-    from nnpp_edge.runtime.terrain.vehicle import Vehicle
-
-    return [*(field.name for field in fields(Vehicle)), "mobility"]
-
-
 @dataclass(frozen=True, kw_only=True)
 class TerrainOptions:
     """How an elevation map is read, and by which limits it becomes a cost map."""
@@ -45,7 +33,7 @@ class TerrainOptions:
     allow_vrt: AllowVrt = False
     limit: Annotated[
         tuple[Setting, ...],
-        SettingType(_limit_keys, "hard_slope_deg=20"),
+        SettingType("nnpp_edge.runtime.terrain.traversability:Traversability", "hard_slope_deg=20"),
         MANY,
         "Set a limit of the cost; by default slope_limit_deg=30, roughness_limit_m=0.6 and step_limit_m=0.2. "
         "Cells beyond hard_slope_deg, hard_roughness_m or hard_step_m are impassable. May be repeated.",
@@ -93,7 +81,7 @@ class VehicleOptions:
     settings: Annotated[
         tuple[Setting, ...],
         "--set",
-        SettingType(_vehicle_keys, "clearance_m=0.3"),
+        SettingType("nnpp_edge.runtime.terrain.vehicle:Vehicle", "clearance_m=0.3", "mobility"),
         MANY,
         "Set a value of the vehicle's file, such as clearance_m=0.3 or mobility.energy.gravity_m_s2=1.62. "
         "radius_m=0.5 alone is a disc. May be repeated.",

@@ -7,6 +7,7 @@ default is required, and one whose type is a dataclass is made of the options th
 
 import inspect
 import math
+import pkgutil
 import re
 import tomllib
 from collections.abc import Callable, Iterable, Iterator
@@ -135,12 +136,17 @@ class Setting(NamedTuple):
 
 
 class SettingType(click.ParamType):  # type: ignore[type-arg]  # as above
-    """``KEY=VALUE`` in TOML; the keys are asked for when they are needed."""
+    """``KEY=VALUE`` in TOML; the keys are fields of a class, ``MODULE:NAME``, and some more."""
 
     name = "KEY=VALUE"
 
-    def __init__(self, keys: Callable[[], list[str]], example: str, *, bare: bool = False) -> None:
-        self.keys, self.example, self.bare = keys, example, bare  # whether words need no quotes
+    def __init__(self, kind: str, example: str, *more: str, bare: bool = False) -> None:
+        self.kind, self.example, self.more, self.bare = kind, example, more, bare  # whether words need no quotes
+
+    def keys(self) -> list[str]:
+        """All but weights."""
+        found = pkgutil.resolve_name(self.kind).__annotations__
+        return [*(name for name in found if not name.endswith("_weight")), *self.more]
 
     def convert(self, value: object, param: click.Parameter | None, ctx: click.Context | None) -> Setting:
         """Parse a word."""

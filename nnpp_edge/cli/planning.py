@@ -1,7 +1,6 @@
 """Planning for `nnpp-edge plan`, on maps in memory and on larger ones."""
 
 from collections.abc import Callable
-from contextlib import ExitStack
 from dataclasses import replace
 from functools import partial
 from math import inf
@@ -150,7 +149,7 @@ def plan_by_windows(request: PlanRequest, path: Path, robot: GroundOptions) -> A
             "windows, or cut out a part of the map"
         )
     limits, within = robot.limits(), request.within
-    with robot.open(path) as ground:
+    with robot.open(path) as ground, bar("rows of the map", ground.shape[0]) as advance:
         warn_if_not_square(ground)
         start, via, goals = _ends(request, ground)
         planner = WindowedPlanner(
@@ -159,7 +158,7 @@ def plan_by_windows(request: PlanRequest, path: Path, robot: GroundOptions) -> A
             omega=request.omega,
             corner_cutting=request.corner_cutting,
             mobility=robot.mobility(ground),
-            progress=_bars(ground.shape[0]),
+            progress=lambda what, rows: advance(rows),  # once for each time that they are read
         )
         if not planner.any_passable:
             refuse_map(ground)
@@ -251,22 +250,3 @@ def _compare(plan_by: Callable[..., Plan], plan: Plan) -> tuple[Plan, list[Row],
         found = {"gap": gap, "time_ms": times[method], "speedup": speedup}
         rows.append({name: summary[name] for name in _COMPARED} | found)
     return replace(plan, timings_ms=last[plan.method].timings_ms), rows, exact
-
-
-def _bars(rows: int) -> Callable[[str, int], None]:
-    """A progress bar for each time that the map's rows are read."""
-    shown, advance = ExitStack(), dict[str, Callable[[int], None]]()
-
-    def show(what: str, done: int) -> None:
-        if what not in advance:
-            close()
-            advance[what] = shown.enter_context(bar(what, rows))
-        advance[what](done)
-        if done == rows:
-            close()
-
-    def close() -> None:
-        shown.close()
-        advance.clear()
-
-    return show

@@ -123,31 +123,24 @@ def command(
             return f"within a cost of {level:.6g} {found.unit}".rstrip()
         return f"within {duration(level) if measure == 'time' else f'{level / 1000.0:.4g} kJ'}"
 
-    areas = [
-        {"within": level, "cells": cells, "area_m2": round(area, 3)}
-        for level, cells, area in zip(found.levels, found.cells, found.areas_m2, strict=True)
-    ]
+    rows = list(zip(found.levels, found.cells, found.areas_m2, strict=True))
+    areas = [{"within": level, "cells": cells, "area_m2": round(area, 3)} for level, cells, area in rows]
     files = [str(path) for path in paths]
     figures = {"start": cell, "measure": measure, "unit": found.unit, "areas": areas, **size_of(terrain)}
     figures |= {"files": files} if files else {}
-
-    def text() -> str:
-        lines = {"map": size_in_words(terrain), "start": str(cell)}
-        for level, cells, area in zip(found.levels, found.cells, found.areas_m2, strict=True):
-            size = f"{area / 1e6:.4g} km²" if area >= 1e5 else f"{area:.0f} m²"
-            lines[words(level)] = f"{cells} cells, {size}, {100.0 * cells / cost.size:.1f} % of the map"
-        return aligned(lines | ({"written": ", ".join(files)} if files else {}))
-
     if paths:
         shade = shade_of(terrain) if hillshade else None
-        levels_in_words = [(level, words(level)) for level in found.levels]
-        drawn = reach_picture(cost, found.field, levels_in_words, cell, shade=shade, cell_size_m=terrain.cell_width_m)
+        named, width = [(level, words(level)) for level in found.levels], terrain.cell_width_m
         contents = (
             raster_bytes(paths[0], found.raster(), terrain),
             found.geojson(),
-            png_bytes(drawn),
+            png_bytes(reach_picture(cost, found.field, named, cell, shade=shade, cell_size_m=width)),
             json.dumps(figures, indent=1).encode(),
             *(found.geopackage() for _ in paths[4:]),
         )
         write_all(dict(zip(paths, contents, strict=True)))
-    tell(as_json, figures, text)
+    lines = {"map": size_in_words(terrain), "start": str(cell)}
+    for level, cells, area in rows:
+        size = f"{area / 1e6:.4g} km²" if area >= 1e5 else f"{area:.0f} m²"
+        lines[words(level)] = f"{cells} cells, {size}, {100.0 * cells / cost.size:.1f} % of the map"
+    tell(as_json, figures, lambda: aligned(lines | ({"written": ", ".join(files)} if files else {})))

@@ -1,7 +1,7 @@
 """`nnpp-edge run`: the onboard loop as a program."""
 
 import re
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, fields
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 import click
 
 from nnpp_edge.cli import options
-from nnpp_edge.cli.ground_options import GroundOptions, TerrainOptions
+from nnpp_edge.cli.ground_options import GroundOptions
 from nnpp_edge.cli.options import COUNT, MANY, NEW_FILE
 from nnpp_edge.cli.text import aligned, tell
 
@@ -23,16 +23,11 @@ _LOOP = (
     "Set a value of the profile's table [loop], such as cores=[2,3], priority=50, tolerance=0.05, approach=true or "
     "refine=any-angle. May be repeated."
 )
+_SETTING = options.SettingType("nnpp_edge.profiling.profile_file:OnboardLoop", "tolerance=0.05", bare=True)
 _FRAMING = "A message a line, or after its length in 4 bytes."
 _CONNECT = "Connect to this router or peer instead of listening."
 _METRICS = "Serve the counters to Prometheus at this port, or keep them in this file. May be repeated."
 _TRACE = "Write what ran when, stage by stage, as JSON for ui.perfetto.dev."
-
-
-def _loop_keys() -> list[str]:
-    from nnpp_edge.profiling.profile_file import OnboardLoop
-
-    return list(OnboardLoop.__struct_fields__)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -65,9 +60,7 @@ def command(
     rate: Annotated[float | None, options.RATE, "Ticks a second, in place of the profile's (else 17)."] = None,
     method: Annotated[str | None, "Planner, in place of the profile's (else auto)."] = None,
     model: Annotated[str | None, options.MODEL, _MODEL] = None,
-    loop: Annotated[
-        tuple[options.Setting, ...], options.SettingType(_loop_keys, "tolerance=0.05", bare=True), MANY, _LOOP
-    ] = (),
+    loop: Annotated[tuple[options.Setting, ...], _SETTING, MANY, _LOOP] = (),
     ticks: Annotated[int | None, COUNT, "End after so many."] = None,
     metrics: Annotated[tuple[Path, ...], NEW_FILE, MANY, {"metavar": "PORT|FILE"}, _METRICS] = (),
     as_json: options.AsJson = False,
@@ -102,14 +95,9 @@ def command(
     changes |= {name: value for name, value in given.items() if value is not None}
     settings = overridden_loop(read_profile(profile).loop if profile else OnboardLoop(), **changes)
     robot.check_turns(settings.refine)
-    navigator = NavigatorSettings(
-        method=settings.method,
-        model=settings.model,
-        tolerance=settings.tolerance,
-        corner_cutting=settings.corner_cutting,
-        refine=settings.refine or None,
-        approach=settings.approach,
-    )
+    names = ("method", "model", "tolerance", "corner_cutting", "approach")
+    of_loop = {name: getattr(settings, name) for name in names}
+    navigator = NavigatorSettings(**of_loop, refine=settings.refine or None)
     options.check_outputs(  # --record never replaces a file
         *(
             ("--log", ends.log),
@@ -161,15 +149,7 @@ def _ground(path: Path, robot: GroundOptions) -> "Ground":
 
     if (found := read_cost_map(path)) is None:
         return robot.of(robot.read(path))
-    wrong = [
-        f"--{name.replace('_', '-')} does not go with it" for name in options.given_options() if name in _READING
-    ]
-    wrong += [] if robot.body() is None else ["a vehicle stands on elevations"]
-    wrong += [] if robot.step_cost == "paper" else [f"--step-cost {robot.step_cost} goes by the slopes of elevations"]
-    if wrong:
-        raise click.UsageError(f"{path.name} holds costs: {wrong[0]}")
+    of_heights = {field.name for field in fields(GroundOptions)} & set(options.given_options())
+    if wrong := [each.opts[0] for each in click.get_current_context().command.params if each.name in of_heights]:
+        raise click.UsageError(f"{path.name} holds costs: {wrong[0]} needs elevations")
     return Ground(found[0], cell_size_m=found[1])
-
-
-_READING = TerrainOptions.__dataclass_fields__
-"""Options of elevations alone."""

@@ -102,7 +102,7 @@ plan nothing.tif --memory 1kB --workload limit20 --start 1,1 --goal 2,2 | all im
 plan bare.tif --memory 1kB --start 1,1 --goal 2,2 | no cell size in the file
 plan bare.tif --memory 1kB --start xy:1,1 --goal 2,2 --cell-size 2 | georeference
 plan grid.asc --memory 1kB --start 1,1 --goal 2,2 | stored as text | gdal_translate
-run --map cost.npz --ticks 1 --vehicle small-rover | holds costs: a vehicle stands on elevations
+run --map cost.npz --ticks 1 --vehicle small-rover | holds costs: --vehicle needs elevations
 run --map hills.npz --set radius_m=2 --set turning_radius_m=6 | turning_radius_m needs --refine any-angle
 run --map hills.npz --loop cores=x             | cores
 run --map hills.npz --loop speed=3             | speed is unknown: wanted one of rate_hz, method

@@ -244,8 +244,8 @@ def test_a_cost_map_is_understood_as_one(replayed, tmp_path):
     np.savez(tmp_path / "cost.npz", cost=np.full(SHAPE, 0.3, np.float32), cell_size_m=2.0)
     assert json.loads(replayed(tmp_path / "cost.npz", *QUICK).out)["planned"] == 3
     for words, said in (
-        (("--workload", "limit20"), "cost.npz holds costs: --workload does not go with it"),
-        (("--step-cost", "tobler"), "cost.npz holds costs: --step-cost tobler goes by the slopes of elevations"),
+        (("--workload", "limit20"), "cost.npz holds costs: --workload needs elevations"),
+        (("--step-cost", "tobler"), "cost.npz holds costs: --step-cost needs elevations"),
     ):
         replayed(tmp_path / "cost.npz", *words).refused(said)
 
