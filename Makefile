@@ -72,7 +72,7 @@ $(DEV)/ready-to-bench: $(DEV)/ready
 
 bench: $(DEV)/ready-to-bench
 	$(DEV)/bin/nnpp-edge profile --peers --sizes 256,512,1024,2048,4096 -o build/bench
-	$(DEV)/bin/python -m nnpp_edge.profiling.cold_start
+	$(DEV)/bin/nnpp-edge profile --profile quick --start-up
 
 wheel:
 	rm -rf build/lib build/wheel

@@ -50,7 +50,7 @@ API = {  # page: its title, what it says first, and the modules or names it show
     "profiling": (
         "Measuring",
         "What `nnpp-edge profile` and `evaluate` are made of.",
-        "profiling.profile_file profiling.report profiling.report_format profiling.compare",
+        "profiling.profile_file profiling.report profiling.compare",
     ),
     "networks": (
         "Networks",

@@ -22,10 +22,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from nnpp_edge import __version__
-from nnpp_edge.profiling.contest import Figures, Row, Summary, gap, mean, quantile, summarised
-from nnpp_edge.profiling.ground import whole_cost
-from nnpp_edge.profiling.harness import Harness
-from nnpp_edge.profiling.suites import QUERIES_PER_MAP, Case, TerrainFiles, cases_from, source_of
+from nnpp_edge.profiling.contest import Figures, Harness, Row, Summary, gap, mean, quantile, summarised
+from nnpp_edge.profiling.suites import QUERIES_PER_MAP, Case, TerrainFiles, cases_from, source_of, whole_cost
 from nnpp_edge.runtime import Ground, Plan, Planner, plan_path
 from nnpp_edge.runtime.arrays import Float2D
 from nnpp_edge.runtime.cells import Cell, Endpoints

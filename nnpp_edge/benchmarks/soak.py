@@ -17,8 +17,7 @@ from typing import Any
 import click
 import numpy as np
 
-from nnpp_edge.profiling.ground import heights_of
-from nnpp_edge.profiling.suites import TerrainFiles, check_sizes, synthetic_cases, terrain_cases
+from nnpp_edge.profiling.suites import TerrainFiles, check_sizes, heights_of, synthetic_cases, terrain_cases
 from nnpp_edge.progress import bar
 from nnpp_edge.runtime.cells import Cell, Endpoints
 from nnpp_edge.runtime.errors import InvalidQueryError, NnppEdgeError, Status

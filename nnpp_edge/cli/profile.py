@@ -12,8 +12,8 @@ from nnpp_edge.cli import options
 from nnpp_edge.cli.text import tell
 
 if TYPE_CHECKING:
+    from nnpp_edge.profiling.contest import Facts
     from nnpp_edge.profiling.profile_file import Profile
-    from nnpp_edge.profiling.report_format import Report
 
 _FILES = ("report.json", "report.md", "board-row.md", "trace.json", "report.html")
 _PEERS_SIZES, _PEERS_QUERIES, _PEERS_LIMIT_S = (256, 512, 1024), 50, 5.0
@@ -139,7 +139,7 @@ def _profile(name: str, asked: Asked) -> int:
     """Measure, write what was asked for, print the report; the exit code."""
     from nnpp_edge.cli.profile_text import report_markdown, report_text
     from nnpp_edge.files import write_all
-    from nnpp_edge.profiling.board import board_header, board_row
+    from nnpp_edge.profiling.compare import board_header, board_row
     from nnpp_edge.profiling.judge import EXIT_CODES
     from nnpp_edge.profiling.measure import queries_in
     from nnpp_edge.profiling.profile_file import overridden, read_profile
@@ -180,7 +180,7 @@ def _profile(name: str, asked: Asked) -> int:
     return EXIT_CODES[report["verdict"]]
 
 
-def _page(report: "Report", profile: "Profile") -> bytes:
+def _page(report: "Facts", profile: "Profile") -> bytes:
     """The report as a page of HTML; empty, which is said, where the extra `viz` is not installed."""
     try:
         from nnpp_edge.viz.profile_page import page

@@ -4,9 +4,8 @@ from collections.abc import Callable, Iterator, Sequence
 from typing import NamedTuple
 
 from nnpp_edge.cli.text import MISSING, Columns, Row, aligned, columns, shown, table
-from nnpp_edge.profiling.contest import Figures
-from nnpp_edge.profiling.quantities import STAGES
-from nnpp_edge.profiling.report_format import BreakEven, Comparison, Report
+from nnpp_edge.profiling.contest import Facts, Figures
+from nnpp_edge.profiling.figures import STAGES
 
 
 def _verdict(line: Row) -> str:
@@ -60,7 +59,7 @@ class _Table(NamedTuple):
     shown_as: Columns
 
 
-def report_text(report: Report) -> str:
+def report_text(report: Facts) -> str:
     """The whole report: budgets last, where the eye rests."""
     parts = [f"{each.title}\n\n{table(each.rows, each.shown_as)}".lstrip() for each in _tables(report)]
     parts += ["\n".join(_sentences(report)), aligned(dict(_machine(report)))]
@@ -69,7 +68,7 @@ def report_text(report: Report) -> str:
     return "\n\n".join([*filter(None, parts), "\n".join([*_reasons(report), report["summary"]])])
 
 
-def report_markdown(report: Report) -> str:
+def report_markdown(report: Facts) -> str:
     """The whole report as Markdown: the verdict first."""
     parts = [f"# {report['profile']['title']}", report["summary"]]
     if report["budgets"]:
@@ -82,7 +81,7 @@ def report_markdown(report: Report) -> str:
     return "\n\n".join(filter(None, [*parts, "\n".join(f"- {line}" for line in facts)])) + "\n"
 
 
-def _tables(report: Report) -> Iterator[_Table]:
+def _tables(report: Facts) -> Iterator[_Table]:
     results = report["results"]
     yield _Table("", results, _RESULTS)
     found = {stage for row in results for stage in row["stages_ms"]}
@@ -108,7 +107,7 @@ def _stage(name: str) -> Callable[[Row], str]:
     return shown_of
 
 
-def _sentences(report: Report) -> Iterator[str]:
+def _sentences(report: Facts) -> Iterator[str]:
     yield from map(_break_even, report["break_even"])
     if int8 := [row for row in report["results"] if row["int8_speedup"] is not None]:
         gains = ", ".join(f"{row['int8_speedup']:.2f} ({row['workload']} {row['size']}²)" for row in int8)
@@ -117,7 +116,7 @@ def _sentences(report: Report) -> Iterator[str]:
         yield f"the onboard loop had no path after {lost} patches"
 
 
-def _break_even(line: BreakEven) -> str:
+def _break_even(line: Facts) -> str:
     """Where one planner starts to pay over another."""
     where = "never in this run" if line["size_from"] is None else f"from {line['size_from']}² on"
     distances = []
@@ -127,7 +126,7 @@ def _break_even(line: BreakEven) -> str:
     return f"{line['planner']} pays over {line['over']}: {where} (by distance, {'; '.join(distances)})"
 
 
-def _machine(report: Report) -> Iterator[tuple[str, str]]:
+def _machine(report: Facts) -> Iterator[tuple[str, str]]:
     facts, sensors = report["environment"], report["sensors"]
     flags = ", ".join(facts["flags"]) or "none of note"
     yield "machine", f"{facts['cpu']} ({flags}), cores {', '.join(map(str, report['cores']))}"
@@ -159,7 +158,7 @@ def _readings(found: dict[str, dict[str, float | None]], what: str, unit: str, l
     return ", ".join(ranges) or f"{MISSING} (the kernel does not tell)"
 
 
-def _reasons(report: Report) -> list[str]:
+def _reasons(report: Facts) -> list[str]:
     return [f"why: {why}" for why in dict.fromkeys(line["why"] for line in report["budgets"] if line["why"])]
 
 
@@ -176,7 +175,7 @@ _BUDGETS: Columns = {
 }
 
 
-def comparison_text(comparison: Comparison) -> str:
+def comparison_text(comparison: Facts) -> str:
     """The figures that changed, and how the comparison ends."""
     changed = [line for line in comparison["lines"] if line["verdict"] != "same"]
     parts = [f"note: {line}" for line in comparison["notes"]] + ([table(changed, _COMPARED)] if changed else [])

@@ -6,12 +6,12 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from nnpp_edge.profiling.ground import Patch, cut_out, hill_on
-from nnpp_edge.profiling.harness import Harness
+from nnpp_edge.profiling.contest import Harness
 from nnpp_edge.profiling.profile_file import OnboardLoop
 from nnpp_edge.profiling.rivals import RivalPlanner
+from nnpp_edge.profiling.suites import heights_of
 from nnpp_edge.profiling.trace import Trace
-from nnpp_edge.runtime.cells import Cell, Endpoints
+from nnpp_edge.runtime.cells import Endpoints
 from nnpp_edge.runtime.loop.ladder import NavigatorSettings
 from nnpp_edge.runtime.loop.messages import Goal, Input, MapPatch, Origin, Output, PathMessage, Pose
 from nnpp_edge.runtime.loop.navigator import Navigator
@@ -22,6 +22,7 @@ from nnpp_edge.runtime.planners.planner import Planner
 
 REACTIONS = 120
 """Patches that the loop is given in each half of a run: seven seconds at 17 Hz."""
+_PATCH_SIDE = 64
 _WARM_UP = 4
 """Patches before these, whose times do not count."""
 _QUERIES = 4
@@ -30,10 +31,15 @@ _PLACES = (0.35, 0.5, 0.65)
 """Where on the path hills appear, as shares of its cells."""
 
 
+def patch_side(shape: tuple[int, ...]) -> int:
+    """Cells to a side of the patches that a map of this shape gets: 64, on small maps a quarter of its side."""
+    return min(_PATCH_SIDE, max(min(shape) // 4, 1))
+
+
 def arrival_ms(rival: RivalPlanner, ground: Ground, query: Endpoints, harness: Harness) -> tuple[float, float]:
     """Milliseconds from elevations to the path, and of a patch on that path into all that the next plan reads.
 
-    The rival's network must be none that another planner uses: it is shown the map anew.
+    The rival must be `apart`: its network is shown the map anew.
     """
 
     def arrive() -> tuple[Planner, Plan]:
@@ -41,10 +47,10 @@ def arrival_ms(rival: RivalPlanner, ground: Ground, query: Endpoints, harness: H
         return planner, planner.plan(*query, method=rival.method)
 
     map_s, (planner, plan) = harness.timed(arrive)
-    row, col, heights = hill_on(ground, _on(plan.path, 0.5) if plan.ok else query[0])
+    patch = _patch(ground, plan.path if plan.ok else np.array(query[:1]), 0.5)
 
     def take_patch() -> None:
-        planner.update_elevation(row, col, heights)
+        planner.update_elevation(*patch)
         if rival.method is not Method.ASTAR:  # which reads no coarse levels
             _ = planner.state.pyramid
 
@@ -82,9 +88,8 @@ def reactions(
         loop.method, corner_cutting=loop.corner_cutting, model=loop.model, tolerance=loop.tolerance
     )
     hills = _Hills(ground, list(_script(queries[:_QUERIES], patches)), clock)
-    navigator = Navigator(ground, settings)
     running = Loop(
-        navigator,
+        Navigator(ground, settings),
         hills,
         [hills],
         rate_hz=loop.rate_hz,
@@ -95,27 +100,26 @@ def reactions(
     running.run(len(hills.script))
     found = Reactions()
     for turn, arrived, (published, message) in zip(hills.script, hills.arrived, hills.answers, strict=True):
-        if turn is not _COUNTED:
-            continue
-        found.ms.append(1e3 * (published - arrived))
-        found.planned += message.ok and message.origin is not Origin.STANDING
-        found.kept += message.origin is Origin.STANDING
-        found.without_path += not message.ok
+        if turn is True:
+            found.ms.append(1e3 * (published - arrived))
+            found.planned += message.ok and message.origin is not Origin.STANDING
+            found.kept += message.origin is Origin.STANDING
+            found.without_path += not message.ok
     return found
 
 
-_UNCOUNTED, _COUNTED = "a patch before the clock starts", "a patch"
-_Turn = Endpoints | str
+_Turn = Endpoints | bool
+"""Input of a tick: another query, or a patch, which counts or does not."""
 
 
 def _script(queries: Sequence[Endpoints], patches: int) -> Iterator[_Turn]:
-    """Inputs of each tick: another query, or a patch. After an even number of patches no hill is left."""
+    """Inputs of each tick. After an even number of patches no hill is left."""
     for at, query in enumerate(queries):
         yield query
-        yield from (_UNCOUNTED,) * (0 if at else _WARM_UP)
+        yield from (False,) * (0 if at else _WARM_UP)
         first, end = (patches * number // len(queries) for number in (at, at + 1))
-        yield from (_COUNTED,) * (end - first)
-        yield from (_UNCOUNTED,) * ((end - first) % 2)
+        yield from (True,) * (end - first)
+        yield from (False,) * ((end - first) % 2)
 
 
 class _Hills:
@@ -125,7 +129,7 @@ class _Hills:
 
     def __init__(self, ground: Ground, script: Sequence[_Turn], clock: Callable[[], float]) -> None:
         self._ground, self.script, self._clock = ground, script, clock
-        self._hill: Patch | None = None
+        self._hill: tuple[int, int] | None = None
         self._path = np.array(script[0])
         self.arrived: list[float] = []
         """When the inputs of each tick came."""
@@ -135,7 +139,7 @@ class _Hills:
     def poll(self) -> Iterator[Input]:
         """The inputs of the next tick."""
         turn = self.script[len(self.arrived)]
-        messages: list[Input] = [self._patch()] if isinstance(turn, str) else [Pose(*turn[0]), Goal(*turn[1])]
+        messages: list[Input] = [self._next()] if isinstance(turn, bool) else [Pose(*turn[0]), Goal(*turn[1])]
         self.arrived.append(self._clock())
         return iter(messages)
 
@@ -147,16 +151,26 @@ class _Hills:
             if message.ok:
                 self._path = message.path
 
-    def _patch(self) -> MapPatch:
-        if self._hill is not None:
-            row, col, heights = cut_out(self._ground, self._hill)
-            self._hill = None
+    def _next(self) -> MapPatch:
+        """A hill on the path, or the ground as it was where one stands."""
+        if self._hill is None:
+            row, col, heights = _patch(self._ground, self._path, _PLACES[len(self.arrived) % len(_PLACES)])
+            self._hill = row, col
         else:
-            self._hill = hill_on(self._ground, _on(self._path, _PLACES[len(self.arrived) % len(_PLACES)]))
-            row, col, heights = self._hill
+            (row, col), side = self._hill, patch_side(self._ground.shape)
+            heights, self._hill = heights_of(self._ground)[row : row + side, col : col + side], None
         return MapPatch(row, col, elevation=heights)
 
 
-def _on(path: np.ndarray, share: float) -> Cell:
-    row, col = path[int(share * len(path))]
-    return int(row), int(col)
+def _patch(ground: Ground, path: np.ndarray, share: float) -> tuple[int, int, np.ndarray]:
+    """First row and column, and heights in metres, of a square with a hill too steep for most rovers: 42°.
+
+    It lies around the cell at this share of a path.
+    """
+    side, cell = patch_side(ground.shape), path[int(share * len(path))].tolist()
+    row, col = (min(max(at - side // 2, 0), n - side) for at, n in zip(cell, ground.shape, strict=True))
+    along = (np.arange(side) - 0.5 * (side - 1)) / (side / 6.0)
+    bump = np.exp(-0.5 * (along[:, None] ** 2 + along**2))
+    height_m = 1.5 * side / 6.0 * ground.sides_m[0]
+    heights = heights_of(ground)[row : row + side, col : col + side] + height_m * bump
+    return row, col, heights.astype(np.float32)

@@ -2,20 +2,17 @@
 
 import math
 from collections import defaultdict
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 
-from nnpp_edge.profiling.report_format import BreakEven, ResultRow
+from nnpp_edge.profiling.contest import Facts
 
 PAIRS = (("corridor", "astar"), ("nnpp", "astar"), ("nnpp", "corridor"))
 """Who might pay over whom."""
 _BINS_PER_DOUBLING = 2
 _FEWEST = 3
 """Queries that a bin of distances must have; one with fewer is joined to another."""
-
-Timed = Sequence[tuple[int, float]]
-"""Distance in cells and time in milliseconds of each query."""
 
 
 @dataclass
@@ -25,16 +22,10 @@ class Bin:
     first: int
     """Least distance, in cells; the next bin's is the end."""
     times_ms: dict[str, list[float]]
-
-    def total(self, planner: str) -> float:
-        """Summed time."""
-        return sum(self.times_ms[planner])
-
-    def __len__(self) -> int:
-        return len(next(iter(self.times_ms.values())))
+    """By planner."""
 
 
-def bins_by_size(results: Sequence[ResultRow]) -> dict[int, list[Bin]]:
+def bins_by_size(results: Sequence[Facts]) -> dict[int, list[Bin]]:
     """For each size the queries of all workloads, near ones included, in bins of distance."""
     pooled: dict[int, dict[str, list[tuple[int, float]]]] = defaultdict(lambda: defaultdict(list))
     for row in results:
@@ -43,50 +34,42 @@ def bins_by_size(results: Sequence[ResultRow]) -> dict[int, list[Bin]]:
     return {size: _bins(planners) for size, planners in sorted(pooled.items())}
 
 
-def _bins(planners: Mapping[str, Timed]) -> list[Bin]:
+def _bins(planners: dict[str, list[tuple[int, float]]]) -> list[Bin]:
     distances = sorted(distance for distance, _ in next(iter(planners.values())))
     edges = [0]
     for distance in distances:
-        edge = _edge_below(distance)
+        # the greatest power of 2 to the 1/_BINS_PER_DOUBLING that is no more than the distance
+        number = math.floor(_BINS_PER_DOUBLING * math.log2(max(distance, 1)) + 1e-9)
+        edge = math.ceil(math.pow(2.0, number / _BINS_PER_DOUBLING) - 1e-9)
         enough = sum(edges[-1] <= each < edge for each in distances) >= _FEWEST
         if enough and sum(each >= edge for each in distances) >= _FEWEST:
             edges.append(edge)
-
-    def between(first: float, end: float) -> dict[str, list[float]]:
-        return {name: [ms for apart, ms in timed if first <= apart < end] for name, timed in planners.items()}
-
-    return [Bin(int(first), between(first, end)) for first, end in pairwise([*edges, math.inf])]
-
-
-def _edge_below(distance: int) -> int:
-    """The greatest edge of a bin, a power of 2 to the 1/`_BINS_PER_DOUBLING`, that is no more than a distance."""
-    number = math.floor(_BINS_PER_DOUBLING * math.log2(max(distance, 1)) + 1e-9)
-    return math.ceil(math.pow(2.0, number / _BINS_PER_DOUBLING) - 1e-9)
+    return [
+        Bin(
+            int(first),
+            {name: [ms for apart, ms in timed if first <= apart < end] for name, timed in planners.items()},
+        )
+        for first, end in pairwise([*edges, math.inf])
+    ]
 
 
-def break_even(results: Sequence[ResultRow]) -> list[BreakEven]:
+def break_even(results: Sequence[Facts]) -> list[Facts]:
     """For each pair of planners where one starts to pay over the other, as ``break_even`` in docs/profile.md."""
-    lines = []
-    by_size, sums = bins_by_size(results), _judged_totals(results)
+    by_size, sums = bins_by_size(results), dict[int, dict[str, float]]()
+    for row in sorted(results, key=lambda row: row["size"]):  # of the queries that budgets are judged by
+        totals = sums.setdefault(row["size"], defaultdict(float))
+        totals[row["planner"]] += row["n"] * row["time_ms"]["mean"]
+    lines: list[Facts] = []
     for planner, over in PAIRS:
         if not all(planner in totals and over in totals for totals in sums.values()):
             continue
         distances = {
-            str(size): _from_where([(each.first, each.total(planner) < each.total(over)) for each in bins])
+            str(size): _from_where([(b.first, sum(b.times_ms[planner]) < sum(b.times_ms[over])) for b in bins])
             for size, bins in by_size.items()
         }
         size_from = _from_where([(size, totals[planner] < totals[over]) for size, totals in sums.items()])
-        lines.append(BreakEven(planner=planner, over=over, size_from=size_from, distance_from=distances))
+        lines.append({"planner": planner, "over": over, "size_from": size_from, "distance_from": distances})
     return lines
-
-
-def _judged_totals(results: Sequence[ResultRow]) -> dict[int, dict[str, float]]:
-    """By size and planner, the summed time of the queries that budgets are judged by."""
-    sums: dict[int, dict[str, float]] = {}
-    for row in sorted(results, key=lambda row: row["size"]):
-        totals = sums.setdefault(row["size"], defaultdict(float))
-        totals[row["planner"]] += row["n"] * row["time_ms"]["mean"]
-    return sums
 
 
 def _from_where(wins: Sequence[tuple[int, bool]]) -> int | None:

@@ -1,51 +1,16 @@
 """Other work beside the planners in a loaded run, as on a robot whose computer has other work."""
 
 import os
-import shlex
-import shutil
 import signal
 import subprocess
 import sys
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import ExitStack, contextmanager, suppress
-from typing import Annotated
 
-from msgspec import Meta
-
-from nnpp_edge.profiling.tables import Core, ProfileError, Table
+from nnpp_edge.profiling.profile_file import Contention, ProfileError
 
 _BUSY = "import os\nparent = os.getppid()\nwhile os.getppid() == parent: sum(range(10000))"
 """Computes without a pause, and ends with the process that started it."""
-
-
-class Contention(Table, frozen=True):
-    """Work that runs beside; by default nothing, and no loaded run is made."""
-
-    threads: Annotated[int, Meta(ge=0, le=1024)] = 0
-    """So many that compute without a pause, each a process of its own."""
-    command: tuple[str, ...] = ()
-    """A program and its words, run without a shell, in place of the threads. It must not end before the run does."""
-    cores: tuple[Core, ...] = ()
-    """To keep it on; by default the device's."""
-
-    def __post_init__(self) -> None:
-        self.check_different("cores")
-        self.refuse_unless(not (self.threads and self.command), "threads", "threads or a command, not both")
-
-    @property
-    def wanted(self) -> bool:
-        """Whether anything runs beside."""
-        return bool(self.threads or self.command)
-
-    @property
-    def words(self) -> str:
-        """In words."""
-        return shlex.join(self.command) if self.command else f"{self.threads} busy thread{'s' * (self.threads > 1)}"
-
-    def check(self) -> None:
-        """ProfileError if this machine cannot run the command."""
-        if self.command and shutil.which(self.command[0]) is None:
-            raise ProfileError(f"contention.command: wanted a program that can be run here, got {self.command[0]!r}")
 
 
 @contextmanager

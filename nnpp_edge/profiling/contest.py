@@ -1,20 +1,124 @@
-"""Rivals × queries, in turns, judged by exact A*: a tidy row for each answer, and figures of the rows."""
+"""Rivals × queries: timed side by side in turns, judged by exact A*, a tidy row an answer, figures of the rows."""
 
+import gc
 import math
+import time
 from collections import defaultdict
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass, field
 from functools import partial
+from typing import Any, Generic, TypeVar
 
 import numpy as np
 
 from nnpp_edge.runtime.cells import Endpoints
+from nnpp_edge.runtime.planners.plan import Plan, Source
 
+CaseT = TypeVar("CaseT")
+ResultT = TypeVar("ResultT")
+Facts = dict[str, Any]
+"""Content of JSON, by key; docs/profile.md says what the keys of a profile's report mean."""
 Figures = dict[str, str | float | None]
 """Figures by key; None where there was nothing to count."""
 Columns = Mapping[str, list[float]]
 """The values of all rows by the names of their figures."""
 Summary = Mapping[str, Callable[[Columns], float | None]]
+FIRST_SOURCES = (Source.MAP, Source.REGION)
+"""Where a path comes from that was found before any region was widened."""
+
+
+@dataclass(frozen=True)
+class Record(Generic[CaseT, ResultT]):
+    """One rival's calls on one case, in the order in which they were made."""
+
+    case: CaseT
+    elapsed_s: tuple[float, ...]
+    """Seconds of each call."""
+    results: tuple[ResultT, ...]
+    """The result of each call."""
+
+    @property
+    def median_s(self) -> float:
+        """Median time of a call."""
+        return float(np.median(self.elapsed_s))
+
+    def middle(self) -> tuple[float, ResultT]:
+        """Time and result of the call of middle time; of two calls the faster one."""
+        ranked = sorted(range(len(self.elapsed_s)), key=self.elapsed_s.__getitem__)
+        at = ranked[(len(ranked) - 1) // 2]
+        return self.elapsed_s[at], self.results[at]
+
+
+@dataclass
+class Harness:
+    """Times calls by a clock in seconds. Garbage is not collected meanwhile. `seed` draws the order of the turns."""
+
+    seed: int = 0
+    clock: Callable[[], float] = time.perf_counter
+    _rng: np.random.Generator = field(init=False, repr=False)
+
+    def __post_init__(self) -> None:
+        """Begin a sequence of orders."""
+        self._rng = np.random.default_rng(self.seed)
+
+    def timed(self, call: Callable[[], ResultT]) -> tuple[float, ResultT]:
+        """Seconds that one call takes, and what it returns."""
+        with _no_garbage_collection():
+            began = self.clock()
+            result = call()
+            return self.clock() - began, result
+
+    def measure(
+        self,
+        rivals: Mapping[str, Callable[[CaseT], ResultT]],
+        cases: Iterable[CaseT],
+        *,
+        repeats: int = 1,
+        once: Collection[str] = (),
+        warm_up: Sequence[CaseT] = (),
+        before: Callable[[str], None] = lambda rival: None,
+        after: Callable[[str, float, ResultT], None] = lambda rival, elapsed_s, result: None,
+    ) -> Iterator[dict[str, Record[CaseT, ResultT]]]:
+        """Let every rival, a function of a case, answer every case: for each case a record of each rival, in order.
+
+        Cases are taken one by one, when the records of the one before have been used. In each of `repeats` turns
+        every rival is called once, in an order that is drawn anew; those in `once` take part in the first turn only.
+        The cases of `warm_up` are answered before the clock starts. `before` and `after` are called around each timed
+        call, outside the time that counts.
+
+        What a rival raises ends the measurement: figures of the others would no longer be of the same cases.
+        """
+        for case in warm_up:
+            for call in rivals.values():
+                call(case)
+        for case in cases:
+            elapsed: dict[str, list[float]] = {name: [] for name in rivals}
+            results: dict[str, list[ResultT]] = {name: [] for name in rivals}
+            with _no_garbage_collection():
+                for turn in range(repeats):
+                    names = [name for name in rivals if turn == 0 or name not in once]
+                    for at in self._rng.permutation(len(names)):
+                        name, call = names[at], rivals[names[at]]
+                        before(name)
+                        began = self.clock()
+                        result = call(case)
+                        seconds = self.clock() - began
+                        after(name, seconds, result)
+                        elapsed[name].append(seconds)
+                        results[name].append(result)
+            yield {name: Record(case, tuple(elapsed[name]), tuple(results[name])) for name in rivals}
+
+
+@contextmanager
+def _no_garbage_collection() -> Iterator[None]:
+    collected = gc.isenabled()
+    gc.disable()
+    try:
+        yield
+    finally:
+        if collected:
+            gc.enable()
 
 
 @dataclass(frozen=True)
@@ -25,6 +129,22 @@ class Row:
     query: Endpoints
     figures: dict[str, float] = field(default_factory=dict)
     """By name; what was not measured, or is none without a path, is left out. Shares are means of zeros and ones."""
+
+
+def answer(plan: Plan, time_ms: float, optimum: float, exact_ms: float | None) -> dict[str, float]:
+    """A plan's figures beside the optimum's cost; `exact_ms` is exact A*'s time, where it was measured."""
+    first = plan.source in FIRST_SOURCES
+    found = {"time_ms": time_ms, "first": first, "solved": plan.ok, "expansions": plan.expansions}
+    found |= {"costs_computed": plan.costs_computed}
+    if exact_ms is not None:
+        found |= {"exact_ms": exact_ms, "speedup": exact_ms / time_ms}
+    found |= {"first_ms": time_ms} if first else {}
+    return found | ({"gap": gap(plan.cost, optimum), "cc": plan.traverse_cost} if plan.ok else {})
+
+
+def gap(cost: float, optimum: float) -> float:
+    """By how much a cost is above the optimum, as a share of it; of its size where energy is got back."""
+    return (cost / optimum - 1.0) * math.copysign(1.0, optimum) if optimum else 0.0
 
 
 def summarised(rows: Iterable[Row], summary: Summary) -> Figures:
@@ -51,6 +171,6 @@ def quantile(name: str, share: float) -> Callable[[Columns], float | None]:
     return of(name, partial(np.quantile, q=share))
 
 
-def gap(cost: float, optimum: float) -> float:
-    """By how much a cost is above the optimum, as a share of it; of its size where energy is got back."""
-    return (cost / optimum - 1.0) * math.copysign(1.0, optimum) if optimum else 0.0
+def ratio(name: str, other: str) -> Callable[[Columns], float | None]:
+    """The sum of a column over that of another; None where that is none."""
+    return lambda columns: sum(columns[name]) / sum(columns[other]) if sum(columns[other]) > 0.0 else None

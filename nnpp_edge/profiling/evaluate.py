@@ -1,21 +1,20 @@
 """Every planner on the same queries, in one interleaved run, judged by the exact optimum."""
 
 import math
-from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import replace
+from collections import defaultdict
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from functools import partial
 from itertools import islice, product
 
 import numpy as np
 
-from nnpp_edge.profiling.answers import ANSWERS, OF_BODY, ON_FRESH_MAP, answer, search
-from nnpp_edge.profiling.contest import Figures, Row, summarised
-from nnpp_edge.profiling.harness import Harness, Record
-from nnpp_edge.profiling.rivals import EXACT, FindsPlans, Forgetting, FreshMap, Queries, RivalPlanner
+from nnpp_edge.profiling.contest import Figures, Harness, Record, Row, answer, mean, quantile, ratio, summarised
+from nnpp_edge.profiling.rivals import EXACT, FindsPlans, FreshMap, Queries, RivalPlanner
 from nnpp_edge.profiling.suites import Case
 from nnpp_edge.runtime.cells import Endpoints
 from nnpp_edge.runtime.errors import InvalidQueryError
 from nnpp_edge.runtime.exercises import exercise
-from nnpp_edge.runtime.planners.plan import Method, Plan
+from nnpp_edge.runtime.planners.plan import Method, Plan, Source
 from nnpp_edge.runtime.terrain.vehicle import HEADINGS
 
 Plans = tuple[Plan, ...]
@@ -29,6 +28,42 @@ _DRAWN = 5
 """Queries drawn for each that is wanted, on a map that does not connect enough of its own."""
 _MAPS_WITHOUT_PATH = 50
 """So many maps in a row without any path, and there will be none."""
+_ANSWERS = {
+    "n": lambda columns: len(columns["time_ms"]),
+    "success_raw": mean("first"),
+    "success": mean("solved"),
+    "gap_mean": mean("gap"),
+    "gap_p95": quantile("gap", 0.95),
+    "gap_p99": quantile("gap", 0.99),
+    "gap_max": quantile("gap", 1.0),
+    "time_ms_median": quantile("time_ms", 0.5),
+    "time_ms_p95": quantile("time_ms", 0.95),
+    "time_ms_p99": quantile("time_ms", 0.99),
+    "speedup_median": quantile("speedup", 0.5),
+    "speedup_total": ratio("exact_ms", "time_ms"),
+    "expansions_median": quantile("expansions", 0.5),
+    "region_share_mean": mean("region_share"),
+    "widened_share": mean("widened"),
+    "whole_map_share": mean("whole_map"),
+    "mm_mean": mean("mm"),
+    "mm_network_mean": mean("mm_network"),
+    "cc_mean": mean("cc"),
+}
+"""The figures of docs/evaluate.md."""
+_OF_BODY = {
+    "time_ms_p99_first": quantile("first_ms", 0.99),
+    "checks_mean": mean("checks"),
+    "checks_share_mean": mean("checks_share"),
+}
+_ON_FRESH_MAP = {
+    "fresh_ms_median": quantile("time_ms", 0.5),
+    "fresh_ms_p99": quantile("time_ms", 0.99),
+    "fresh_ms_p99_first": quantile("first_ms", 0.99),
+    "fresh_speedup_median": quantile("speedup", 0.5),
+    "fresh_gap_mean": mean("gap"),
+    "fresh_gap_p99": quantile("gap", 0.99),
+    "costs_computed_mean": mean("costs_computed"),
+}
 
 
 def evaluate(
@@ -64,55 +99,71 @@ def evaluate(
     as many as are to share a planner), or several queries to a planner without a vehicle.
     """
     exercise()
-    harness, counts = harness or Harness(), _Counts(rivals)
-    done = in_vain = 0
+    harness, rows = harness or Harness(), defaultdict[str, list[Row]](list)
+    done = in_vain = unsolvable = poses = 0
     for case in cases:
         on_map = _OnMap(case, rivals, fresh_map)
-        if queries_per_map > 1 and not on_map.has_body:
+        poses = on_map.poses
+        if queries_per_map > 1 and not poses:
             raise InvalidQueryError("queries_per_map is for a vehicle: a point's planner serves all queries of a map")
-        groups, unsolvable = on_map.groups(queries_per_map)
-        counts.unsolvable += unsolvable
+        groups = on_map.groups(queries_per_map)
+        unsolvable += sum(not plan.ok for plan in on_map.exact.values())
         in_vain = 0 if groups else in_vain + 1
         if in_vain == _MAPS_WITHOUT_PATH:
-            wanted = (
-                "no query has a path" if queries_per_map == 1 else f"fewer than {queries_per_map} queries have paths"
-            )
+            several = f"fewer than {queries_per_map} queries have paths"
+            wanted = "no query has a path" if queries_per_map == 1 else several
             raise InvalidQueryError(f"{wanted} on {in_vain} maps in a row of the workload {case.workload}")
         for call in on_map.calls.values():
             call(case.queries[:1])
+        for fresh in on_map.fresh.values():
+            fresh.forget()
         missing = groups[: math.ceil((queries - done) / queries_per_map)]
-        measured = harness.measure(on_map.calls, missing, repeats=repeats, observer=Forgetting(on_map.fresh))
+        measured = harness.measure(on_map.calls, missing, repeats=repeats, after=on_map.forget)
         for group, records in zip(missing, measured, strict=True):
-            counts.add(on_map, group, records)
-            done += len(group)
+            for row in on_map.judged(group, records):
+                rows[row.rival].append(row)
+            done += queries_per_map
             progress(min(done, queries))
         if done >= queries:
             break
-    return counts.rows()
+    found: dict[str, Figures] = {}
+    for rival, lazy in product(rivals, (True, False)):
+        key = _key(rival, lazy)
+        answers, on_fresh = rows[rival.name], rows[_FRESH + key]
+        if answers and (lazy or on_fresh):
+            found[key] = {"method": key, "queries_per_map": queries_per_map if poses else None}
+            found[key] |= {**summarised(answers, _ANSWERS), "unsolvable": unsolvable}
+            found[key] |= summarised(answers, _OF_BODY) if poses else {}
+            found[key] |= {"checks_mean": poses, "checks_share_mean": 1.0} if poses and not lazy else {}
+            found[key] |= summarised(on_fresh, _ON_FRESH_MAP) if on_fresh else {}
+    return found
 
 
 class _OnMap:
     """The rivals on the map of one case, as functions of start and goal."""
 
     def __init__(self, case: Case, rivals: Sequence[RivalPlanner], fresh_map: bool) -> None:
-        self.case, self.has_body = case, case.ground is not None and case.ground.vehicle is not None
-        laziness = (True, False) if fresh_map else (True,) if self.has_body else ()
-        self.fresh = {
-            _FRESH + _key(rival, lazy): _arriving(rival, case, lazy) for rival in rivals for lazy in laziness
-        }
+        self.case, self._rivals = case, rivals
+        has_body = case.ground is not None and case.ground.vehicle is not None
+        self.poses = len(HEADINGS) * case.cost.size if has_body else 0
+        """Of a vehicle's body on the map; 0 of a point."""
+        self.fresh: dict[str, FreshMap] = {}
         """On a map that has just arrived."""
-        self._standing = (
-            {} if self.has_body else {rival.name: rival.planner(case.cost, case.ground) for rival in rivals}
-        )
+        for rival, lazy in product(rivals, (True, False) if fresh_map else (True,) if has_body else ()):
+            if case.ground is None:
+                raise InvalidQueryError("a fresh map is made from elevations, got a case of costs alone")
+            self.fresh[_FRESH + _key(rival, lazy)] = FreshMap(rival.apart(), case.ground, lazy=lazy)
+        standing = () if has_body else rivals
+        self._standing = {rival.name: rival.planner(case.cost, case.ground) for rival in standing}
         self.calls: dict[str, Callable[[Queries], Plans]] = {
-            rival.name: _answering(rival, self._standing[rival.name]) for rival in rivals if self._standing
+            rival.name: partial(_plans, rival, self._standing[rival.name]) for rival in standing
         }
         self.calls |= self.fresh
         self.exact: dict[Endpoints, Plan] = {}
         """The optimum of each query that has been asked for it."""
 
-    def groups(self, count: int) -> tuple[list[Queries], int]:
-        """The map's queries that have a path, so many together, and how many were passed over as they have none.
+    def groups(self, count: int) -> list[Queries]:
+        """The map's queries that have a path, so many together.
 
         Where the map's own queries are too few for one group, others are drawn until there is one.
         """
@@ -124,20 +175,38 @@ class _OnMap:
                 break
             self.exact[query] = planner.plan(*query, method=Method.ASTAR)
             solvable += [query] if self.exact[query].ok else []
-        unsolvable = sum(not plan.ok for plan in self.exact.values())
         whole = range(0, len(solvable) - count + 1, count)
-        return [tuple(solvable[at : at + count]) for at in whole], unsolvable
+        return [tuple(solvable[at : at + count]) for at in whole]
 
-    def plans(self, rival: RivalPlanner, queries: Queries) -> Plans:
-        """The rival's plans with their regions, of a planner that has checked no pose before."""
-        planner = self._planner(rival.name)
-        return tuple([rival.plan(planner, query, keep_regions=True) for query in queries])
+    def forget(self, name: str, elapsed_s: float, result: Plans) -> None:
+        """Give a fresh map's planner back after a call, outside the time that counts."""
+        if name in self.fresh:
+            self.fresh[name].forget()
 
-    def own_s(self, key: str, records: Records) -> float:
-        """Seconds of an answer: with a vehicle without the making of the planner, and the mean of those it gave."""
-        if not self.has_body:
-            return records[key].median_s
-        return 1e-3 * _median_ms(records[_FRESH + key], "total") / len(records[_FRESH + key].case)
+    def judged(self, queries: Queries, records: Records) -> Iterator[Row]:
+        """Rows of what was measured on queries that share a planner."""
+        cells, exact = self.case.cost.size, [self.exact[query] for query in queries]
+        exact_ms, eager = self._own_ms(EXACT, records), records.get(_FRESH + EXACT + EAGER)
+        eager_ms = None if eager is None else _mean_ms(eager)
+        for rival in self._rivals:
+            time_ms = self._own_ms(rival.name, records)
+            # of a planner that has checked no pose before
+            plans = _plans(rival, self._planner(rival.name), queries, keep_regions=True)
+            for query, plan, optimum in zip(queries, plans, exact, strict=True):
+                found = answer(plan, time_ms, optimum.cost, exact_ms) | _searched(plan, optimum, cells)
+                yield Row(rival.name, query, found)
+        for name in self.fresh:
+            time_ms = _mean_ms(records[name])
+            for query, plan, optimum in zip(queries, records[name].results[0], exact, strict=True):
+                yield Row(name, query, answer(plan, time_ms, optimum.cost, eager_ms))
+
+    def _own_ms(self, key: str, records: Records) -> float:
+        """An answer's time: with a vehicle without the making of the planner, and the mean of those it gave."""
+        if self._standing:
+            return _mean_ms(records[key])
+        record = records[_FRESH + key]
+        totals = [sum(plan.timings_ms.get("total", 0.0) for plan in plans) for plans in record.results]
+        return float(np.median(totals)) / len(record.case)
 
     def _planner(self, key: str) -> FindsPlans:
         if self._standing:
@@ -146,69 +215,29 @@ class _OnMap:
         return self.fresh[_FRESH + key].rival.planner_of(self.case.ground, lazy=True)
 
 
-class _Counts:
-    """Rows of what the rivals did so far, on all maps."""
-
-    def __init__(self, rivals: Sequence[RivalPlanner]) -> None:
-        self._rivals = rivals
-        self._standing: dict[str, list[Row]] = {rival.name: [] for rival in rivals}
-        self._fresh: dict[str, list[Row]] = {}
-        self._has_body, self._per_map, self._poses = False, 1, 0
-        self.unsolvable = 0
-
-    def add(self, on_map: _OnMap, queries: Queries, records: Records) -> None:
-        """Count what was measured on queries that share a planner."""
-        self._has_body, self._per_map = on_map.has_body, len(queries)
-        cells, exact_ms = on_map.case.cost.size, 1e3 * on_map.own_s(EXACT, records)
-        self._poses = len(HEADINGS) * cells
-        exact = [on_map.exact[query] for query in queries]
-        for rival in self._rivals:
-            key = rival.name
-            time_ms = 1e3 * on_map.own_s(key, records)
-            for at, (plan, optimum) in enumerate(zip(on_map.plans(rival, queries), exact, strict=True)):
-                found = answer(plan, time_ms, optimum.cost, exact_ms) | search(plan, optimum, cells)
-                self._standing[key].append(Row(key, queries[at], found))
-        eager = records.get(_FRESH + EXACT + EAGER)
-        eager_ms = None if eager is None else 1e3 * eager.median_s / len(queries)
-        for name in on_map.fresh:
-            key, time_ms = name.removeprefix(_FRESH), 1e3 * records[name].median_s / len(queries)
-            for query, plan, optimum in zip(queries, records[name].results[0], exact, strict=True):
-                row = Row(key, query, answer(plan, time_ms, optimum.cost, eager_ms))
-                self._fresh.setdefault(key, []).append(row)
-
-    def rows(self) -> dict[str, Figures]:
-        """By the rivals' keys; none where nothing was counted."""
-        found: dict[str, Figures] = {}
-        for rival, lazy in product(self._rivals, (True, False)):
-            key, answers = _key(rival, lazy), self._standing[rival.name]
-            if not answers or not (lazy or key in self._fresh):
-                continue
-            row: Figures = {"method": rival.name + EAGER * (not lazy)}
-            row |= {"queries_per_map": self._per_map if self._has_body else None}
-            row |= {**summarised(answers, ANSWERS), "unsolvable": self.unsolvable}
-            if self._has_body:
-                row |= summarised(answers, OF_BODY)
-                row |= {} if lazy else {"checks_mean": self._poses, "checks_share_mean": 1.0}
-            found[key] = row | (summarised(self._fresh[key], ON_FRESH_MAP) if key in self._fresh else {})
-        return found
-
-
 def _key(rival: RivalPlanner, lazy: bool) -> str:
     return rival.name + EAGER * (not lazy)
 
 
-def _answering(rival: RivalPlanner, planner: FindsPlans) -> Callable[[Queries], Plans]:
-    """A rival's planner of a standing map as a function of queries."""
-    return lambda queries: tuple([rival.plan(planner, query) for query in queries])
+def _plans(rival: RivalPlanner, planner: FindsPlans, queries: Queries, *, keep_regions: bool = False) -> Plans:
+    return tuple([rival.plan(planner, query, keep_regions=keep_regions) for query in queries])
 
 
-def _median_ms(record: Record[Queries, Plans], stage: str) -> float:
-    """Milliseconds that all plans of a call took together, in one stage; the median of the calls."""
-    return float(np.median([sum(plan.timings_ms.get(stage, 0.0) for plan in plans) for plans in record.results]))
+def _mean_ms(record: Record[Queries, Plans]) -> float:
+    """Milliseconds of a call for each of its queries."""
+    return 1e3 * record.median_s / len(record.case)
 
 
-def _arriving(rival: RivalPlanner, case: Case, lazy: bool) -> FreshMap:
-    """The rival on the case's map, with a network of its own: what that has been shown is not kept."""
-    if case.ground is None:
-        raise InvalidQueryError("a fresh map is made from elevations, got a case of costs alone")
-    return FreshMap(replace(rival, model=rival.model and rival.model.share()), case.ground, lazy=lazy)
+def _searched(plan: Plan, optimum: Plan, cells: int) -> dict[str, float]:
+    """Cells and poses that a plan's search went over, on a map of so many cells, its regions kept.
+
+    MM is the number of cells of the optimal path over those of a region: of the one that was searched, where one was,
+    and of the network's at the threshold itself.
+    """
+    area = plan.region.area() if plan.region is not None else None
+    found = {"checks": plan.checks, "checks_share": plan.checks / (len(HEADINGS) * cells)}
+    found |= {"widened": plan.source is Source.WIDENED, "whole_map": plan.source is Source.FALLBACK}
+    found |= {"region_share": 1.0} if area is None else {"region_share": area / cells, "mm": len(optimum.path) / area}
+    if plan.network_region is not None:
+        found["mm_network"] = len(optimum.path) / plan.network_region.area()
+    return found

@@ -1,215 +1,64 @@
 """The machine of a run: what it is, cores to pin to, and who else keeps them busy. What Linux hides is None."""
 
+import math
 import os
 import platform
 import time
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager, suppress
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
+from typing import TypeVar
+
+import numpy as np
 
 from nnpp_edge import __version__
-from nnpp_edge.profiling.report_format import MachineFacts
-from nnpp_edge.profiling.sensors import KernelSensors
+from nnpp_edge.profiling.contest import Facts
+from nnpp_edge.profiling.sensors import Sensors, text_of
+from nnpp_edge.runtime.reading import reason
 
-_X86_FLAGS = ("avx2", "fma", "f16c", "avx512f", "avx512bw", "avx512_vnni", "avx_vnni", "amx_tile", "amx_int8")
-_ARM_FLAGS = ("asimd", "asimddp", "i8mm", "sve", "sve2", "bf16")
-"""Flags that decide how fast int8 and float kernels are; asimddp is the dot product."""
+ResultT = TypeVar("ResultT")
+_FLAGS = (
+    *("avx2", "fma", "f16c", "avx512f", "avx512bw", "avx512_vnni", "avx_vnni", "amx_tile", "amx_int8"),
+    *("asimd", "asimddp", "i8mm", "sve", "sve2", "bf16"),
+)
+"""Flags that decide how fast int8 and float kernels are, of x86 and ARM; asimddp is the dot product."""
 _PACKAGES = ("numpy", "numba", "onnxruntime", "opencv-python-headless")
 _PROC, _SYS = Path("/proc"), Path("/sys")
-_IDLE = (3, 4)
+_IDLE = slice(3, 5)
 """Columns of /proc/stat that are no work: idle, and waiting for a disk."""
-_STEAL = 7
 _GUEST = 8
 """From this column on, time that is counted under user and nice already."""
 
 
-def environment(cores: Sequence[int]) -> MachineFacts:
+def environment(cores: Sequence[int]) -> Facts:
     """CPU, its flags, governor of the cores, memory, versions and load, ready for JSON."""
-    info = _cpuinfo()
+    info: dict[str, str] = {}
+    for line in text_of(_PROC / "cpuinfo").splitlines():  # the first core, and the board behind all of them
+        key, _, value = line.partition(":")
+        if value.strip():
+            info.setdefault(key.strip(), value.strip())
     flags = set(info.get("flags", info.get("Features", "")).split())
+    board = text_of(_PROC / "device-tree" / "model").rstrip("\0") or info.get("Hardware")
+    clocks = Sensors(cores, _SYS).limits.clock_mhz or ({"": float(info["cpu MHz"])} if "cpu MHz" in info else {})
+    governors = {text_of(_SYS / f"devices/system/cpu/cpu{core}/cpufreq/scaling_governor") for core in cores} - {""}
+    system = None
+    with suppress(OSError):
+        system = platform.freedesktop_os_release().get("PRETTY_NAME")
     return {
-        "cpu": info.get("model name") or _device_tree() or info.get("Hardware") or platform.machine(),
+        "cpu": info.get("model name") or board or platform.machine(),
         "architecture": platform.machine(),
-        "flags": [flag for flag in (*_X86_FLAGS, *_ARM_FLAGS) if flag in flags],
+        "flags": [flag for flag in _FLAGS if flag in flags],
         "cores_online": os.cpu_count(),
-        "clock_mhz": _clock_mhz(cores, info),
-        "governor": sorted({name for core in cores if (name := _governor(core))}) or None,
-        "memory_mb": _memory_mb(),
+        "clock_mhz": max(clocks.values(), default=None),
+        "governor": sorted(governors) or None,
+        "memory_mb": os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES") // 2**20,
         "kernel": platform.release(),
-        "system": _system(),
+        "system": system,
         "python": platform.python_version(),
         "packages": {"nnpp-edge": __version__, **{name: _version(name) for name in _PACKAGES}},
         "load_average": [round(each, 2) for each in os.getloadavg()],
     }
-
-
-@contextmanager
-def pinned(cores: Sequence[int]) -> Iterator[tuple[list[int], list[str]]]:
-    """Keep every thread of this process on these cores; gives those that it got, and what must be said about it."""
-    before = os.sched_getaffinity(0)
-    got = sorted(set(cores) & before)
-    said = []
-    if missing := sorted(set(cores) - before):
-        instead = sorted(before - set(got))[: len(missing)]
-        got = sorted({*got, *instead})
-        said.append(
-            f"wanted cores {_listed(cores)}, of which {_listed(missing)} may not be used here: "
-            f"runs on {_listed(got)}" + (f", {len(cores) - len(got)} fewer" if len(got) < len(cores) else "")
-        )
-    _pin(got)
-    try:
-        yield got, said
-    finally:
-        _pin(before)
-
-
-def busy_share(cores: Sequence[int], seconds: float = 0.3) -> float | None:
-    """Share of these cores' time that others use at the moment; None where it cannot be known."""
-    watch = CoreTimes(cores)
-    watch.start()
-    time.sleep(seconds)
-    watch.stop()
-    return watch.others_share()
-
-
-class CoreTimes:
-    """How much of the cores' time this process used, and how much others did, while the watch ran."""
-
-    def __init__(self, cores: Sequence[int]) -> None:
-        self.cores = cores
-        self.elapsed = self.own = 0.0
-        self.busy: float | None = 0.0
-        self.stolen: float | None = 0.0
-        self._at: tuple[float, float, tuple[float, float] | None] | None = None
-
-    def start(self) -> None:
-        """Start or resume the count."""
-        self._at = (time.perf_counter(), time.process_time(), core_seconds(self.cores))
-
-    def stop(self) -> None:
-        """Add what has passed since `start`."""
-        assert self._at is not None
-        began, own, before = self._at
-        after = core_seconds(self.cores)
-        self.elapsed += time.perf_counter() - began
-        self.own += time.process_time() - own
-        if before is None or after is None or self.busy is None or self.stolen is None:
-            self.busy = self.stolen = None
-        else:
-            self.busy += after[0] - before[0]
-            self.stolen += after[1] - before[1]
-
-    def others_share(self) -> float | None:
-        """Share of the cores' time that went to other processes, interrupts or a virtual machine's other guests."""
-        if self.busy is None or not self.elapsed:
-            return None
-        return min(max((self.busy - self.own) / (self.elapsed * len(self.cores)), 0.0), 1.0)
-
-    def stolen_share(self) -> float | None:
-        """The part of it that the host of a virtual machine took."""
-        if self.stolen is None or not self.elapsed:
-            return None
-        return min(max(self.stolen / (self.elapsed * len(self.cores)), 0.0), 1.0)
-
-
-class EnergyMeter:
-    """Energy of the processor packages by RAPL; `problem` says why there is none."""
-
-    def __init__(self, folder: Path = _SYS / "class" / "powercap") -> None:
-        self.problem = ""
-        self._zones: list[tuple[Path, int]] = []
-        # packages are intel-rapl:N on AMD too; intel-rapl:N:M are parts of them
-        for zone in sorted(folder.glob("intel-rapl:*")):
-            if zone.name.count(":") == 1:
-                try:
-                    (zone / "energy_uj").read_text()
-                    self._zones.append((zone / "energy_uj", int((zone / "max_energy_range_uj").read_text())))
-                except (OSError, ValueError) as error:
-                    self._zones, self.problem = [], f"the counter cannot be read ({_reason(error)})"
-                    break
-        if not self._zones and not self.problem:
-            self.problem = "this machine has no energy counter"
-
-    def read(self) -> list[int]:
-        """Microjoules of each package's counter; empty where there is none."""
-        return [int(path.read_text()) for path, _ in self._zones]
-
-    def joules(self, before: list[int], after: list[int]) -> float:
-        """Energy between two readings; a counter that has wrapped around is one range further."""
-        ranges = [size for _, size in self._zones]
-        return 1e-6 * sum((b - a) % (size + 1) for a, b, size in zip(before, after, ranges, strict=True))
-
-
-def _pin(cores: Sequence[int] | set[int]) -> None:
-    for thread in Path("/proc/self/task").iterdir():
-        with suppress(OSError):  # it may have ended
-            os.sched_setaffinity(int(thread.name), cores)
-
-
-def core_seconds(cores: Sequence[int]) -> tuple[float, float] | None:
-    """Seconds that the cores have worked since the machine started, and those stolen among them."""
-    wanted = {f"cpu{core}" for core in cores}
-    busy = stolen = 0.0
-    found = 0
-    try:
-        with (_PROC / "stat").open() as stat:
-            for line in stat:
-                if not line.startswith("cpu"):
-                    break
-                name, *fields = line.split()
-                if name in wanted:
-                    ticks = [int(each) for each in fields]
-                    busy += sum(ticks[:_GUEST]) - sum(ticks[at] for at in _IDLE)
-                    stolen += ticks[_STEAL]
-                    found += sum(ticks) > 0
-    except (OSError, ValueError, IndexError):
-        return None
-    second = os.sysconf("SC_CLK_TCK")
-    return (busy / second, stolen / second) if found == len(wanted) else None
-
-
-def _cpuinfo() -> dict[str, str]:
-    """Fields of /proc/cpuinfo for the first core, and for the board behind all of them."""
-    found: dict[str, str] = {}
-    with suppress(OSError):
-        for line in (_PROC / "cpuinfo").read_text().splitlines():
-            key, _, value = line.partition(":")
-            if value.strip():
-                found.setdefault(key.strip(), value.strip())
-    return found
-
-
-def _device_tree() -> str:
-    with suppress(OSError):
-        return (_PROC / "device-tree" / "model").read_text().rstrip("\0").strip()
-    return ""
-
-
-def _governor(core: int) -> str | None:
-    with suppress(OSError):
-        return (_SYS / f"devices/system/cpu/cpu{core}/cpufreq/scaling_governor").read_text().strip()
-    return None
-
-
-def _clock_mhz(cores: Sequence[int], info: dict[str, str]) -> float | None:
-    """The greatest clock of the cores; where the kernel does not tell, the one it found at start."""
-    limits = KernelSensors(cores, _SYS).limits.clock_mhz
-    with suppress(KeyError, ValueError):
-        return max(limits.values()) if limits else float(info["cpu MHz"])
-    return None
-
-
-def _system() -> str | None:
-    with suppress(OSError):
-        return platform.freedesktop_os_release().get("PRETTY_NAME")
-    return None
-
-
-def _memory_mb() -> int | None:
-    with suppress(OSError, ValueError):
-        return os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES") // 2**20
-    return None
 
 
 def _version(package: str) -> str | None:
@@ -219,9 +68,120 @@ def _version(package: str) -> str | None:
         return None
 
 
-def _listed(cores: Sequence[int]) -> str:
-    return ", ".join(map(str, sorted(cores)))
+@contextmanager
+def pinned(cores: Sequence[int]) -> Iterator[tuple[list[int], list[str]]]:
+    """Keep every thread of this process on these cores; gives those that it got, and what must be said about it."""
+    before = os.sched_getaffinity(0)
+    missing, spare = sorted(set(cores) - before), sorted(before - set(cores))
+    got = sorted({*(set(cores) & before), *spare[: len(missing)]})
+    said = []
+    if missing:
+        wanted, lacking, instead = (", ".join(map(str, sorted(each))) for each in (cores, missing, got))
+        fewer = f", {len(cores) - len(got)} fewer" if len(got) < len(cores) else ""
+        said.append(f"wanted cores {wanted}, of which {lacking} may not be used here: runs on {instead}{fewer}")
+    _pin(got)
+    try:
+        yield got, said
+    finally:
+        _pin(before)
 
 
-def _reason(error: Exception) -> str:
-    return (error.strerror if isinstance(error, OSError) else None) or str(error)
+def _pin(cores: Sequence[int] | set[int]) -> None:
+    for thread in Path("/proc/self/task").iterdir():
+        with suppress(OSError):  # it may have ended
+            os.sched_setaffinity(int(thread.name), cores)
+
+
+def busy_share(cores: Sequence[int], seconds: float = 0.3) -> float | None:
+    """Share of these cores' time that others use at the moment; None where it cannot be known."""
+    watch = Disturbance(cores)
+    watch.start()
+    time.sleep(seconds)
+    watch.stop()
+    return watch.others_share()
+
+
+class Disturbance:
+    """Time of others while the planners were measured, in one half of the run."""
+
+    def __init__(self, cores: Sequence[int]) -> None:
+        self._cores = cores
+        self._sums, self._left_out, self._began = np.zeros(4), np.zeros(2), np.zeros(4)
+
+    def start(self) -> None:
+        """Start or resume the watch."""
+        self._began = self._clocks()
+
+    def stop(self) -> None:
+        """Add what has passed since `start`."""
+        self._sums += self._clocks() - self._began
+
+    def leave_out(self, wall_s: float, worked_s: float) -> None:
+        """Leave out a call in which this thread may have waited for threads of its own."""
+        self._left_out += wall_s, worked_s
+
+    def left_out(self, call: Callable[[], ResultT]) -> ResultT:
+        """The result of a call that counts neither as work nor as waiting."""
+        began, worked = time.perf_counter(), time.thread_time()
+        result = call()
+        self.leave_out(time.perf_counter() - began, time.thread_time() - worked)
+        return result
+
+    @property
+    def elapsed_s(self) -> float:
+        """Seconds that were watched."""
+        return float(self._sums[0])
+
+    def waited_share(self) -> float:
+        """Share of its time that this thread stood still though it had work to do: beyond its processor time."""
+        wall_s, worked_s = self._sums[:2] - self._left_out
+        return max(1.0 - float(worked_s / wall_s), 0.0) if wall_s > 0.0 else 0.0
+
+    def others_share(self) -> float | None:
+        """Share of the cores' time that went to other processes, interrupts or a virtual machine's other guests."""
+        elapsed, _, own, busy = self._sums.tolist()
+        if math.isnan(busy) or not elapsed:
+            return None
+        return min(max((busy - own) / (elapsed * len(self._cores)), 0.0), 1.0)
+
+    def share(self) -> float:
+        """The greater of both signs: the planners stood still, or others ran on the cores."""
+        return max(self.waited_share(), self.others_share() or 0.0)
+
+    def _clocks(self) -> np.ndarray:
+        """Seconds on the wall, of this thread, of this process, and that the cores worked."""
+        busy = core_seconds(self._cores)
+        own = time.perf_counter(), time.thread_time(), time.process_time()
+        return np.array((*own, math.nan if busy is None else busy))
+
+
+def core_seconds(cores: Sequence[int]) -> float | None:
+    """Seconds that the cores have worked since the machine started; None where the kernel does not count them."""
+    lines = [line.split() for line in text_of(_PROC / "stat").splitlines() if line.startswith("cpu")]
+    wanted = {f"cpu{core}" for core in cores}
+    ticks = [[int(each) for each in fields] for name, *fields in lines if name in wanted]
+    if len(ticks) < len(wanted) or not all(map(sum, ticks)):
+        return None
+    return sum(sum(each[:_GUEST]) - sum(each[_IDLE]) for each in ticks) / os.sysconf("SC_CLK_TCK")
+
+
+class EnergyMeter:
+    """Energy of the processor packages by RAPL; `problem` says why there is none."""
+
+    def __init__(self, folder: Path = _SYS / "class" / "powercap") -> None:
+        # packages are intel-rapl:N on AMD too; intel-rapl:N:M are parts of them
+        self._zones = [zone for zone in sorted(folder.glob("intel-rapl:*")) if zone.name.count(":") == 1]
+        self.problem = "" if self._zones else "this machine has no energy counter"
+        try:
+            self._ranges = [int((zone / "max_energy_range_uj").read_text()) for zone in self._zones]
+            self.read()
+        except (OSError, ValueError) as error:
+            self._zones, self._ranges, self.problem = [], [], f"the counter cannot be read ({reason(error)})"
+
+    def read(self) -> list[int]:
+        """Microjoules of each package's counter; empty where there is none."""
+        return [int((zone / "energy_uj").read_text()) for zone in self._zones]
+
+    def joules(self, before: list[int], after: list[int]) -> float:
+        """Energy between two readings; a counter that has wrapped around is one range further."""
+        return 1e-6 * sum((b - a) % (size + 1) for a, b, size in zip(before, after, self._ranges, strict=True))

@@ -2,19 +2,21 @@
 
 import time
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass, field, replace
-from itertools import islice
+from dataclasses import dataclass, field
+from functools import partial
+from itertools import islice, product
 
 import numpy as np
 from numpy.typing import NDArray
 
 from nnpp_edge.profiling.arrivals import REACTIONS, Reactions, arrival_ms, reactions
-from nnpp_edge.profiling.disturbance import Disturbance, Instruments
-from nnpp_edge.profiling.harness import Harness, Observer, Record
-from nnpp_edge.profiling.machine import EnergyMeter
+from nnpp_edge.profiling.contest import Harness, Record
+from nnpp_edge.profiling.machine import Disturbance, EnergyMeter
 from nnpp_edge.profiling.profile_file import Device, Load, Networks, OnboardLoop
 from nnpp_edge.profiling.profile_maps import ProfileMap, ProfileMaps, ProfileQuery
 from nnpp_edge.profiling.rivals import EXACT, FindsPlans, RivalPlanner
+from nnpp_edge.profiling.sensors import Sensors
+from nnpp_edge.profiling.trace import Trace
 from nnpp_edge.runtime.errors import InvalidQueryError
 from nnpp_edge.runtime.network.inference import NetworkModel
 from nnpp_edge.runtime.planners.plan import Method, Plan
@@ -24,33 +26,27 @@ _MAPS_TRIED = 20
 """Times as many maps as are needed are searched for queries that have a path."""
 
 
-def _per_half() -> list[list[float]]:
-    return [[] for _ in range(HALVES)]
-
-
 @dataclass
 class Answers:
     """Answers of one planner to the queries of one workload and size. Lists run over the queries, in order."""
 
-    middle_ms: list[list[float]] = field(default_factory=_per_half)
-    """For each half, for each query, the time of its middle call; of two calls the faster one."""
+    figures: list[list[dict[str, float]]] = field(default_factory=lambda: [[] for _ in range(HALVES)])
+    """For each half, for each query: ``judged``, and milliseconds, where they are measured: ``time_ms`` of the middle
+    call (of two the faster one), ``network_ms`` of the whole network on map and query, ``map_ms`` from elevations to
+    the path, ``patch_ms`` of a patch on that path."""
+    stages_ms: list[list[dict[str, float]]] = field(default_factory=lambda: [[] for _ in range(HALVES)])
+    """The stages of the same calls, and ``other``: what no stage counts."""
+    plans: list[Plan] = field(default_factory=list)
     worst_ms: float = 0.0
     """The slowest call of all."""
-    stages_ms: list[list[dict[str, float]]] = field(default_factory=lambda: [[] for _ in range(HALVES)])
-    """For each half, for each query, the stages of its middle call, and ``other``: what no stage counts."""
-    network_ms: list[list[float]] = field(default_factory=_per_half)
-    """For each half, for each query, the time of the whole network on map and query; empty without a network."""
-    map_ms: list[list[float]] = field(default_factory=_per_half)
-    """For each half, for each judged query, from elevations to the path; empty where that is not measured."""
-    patch_ms: list[list[float]] = field(default_factory=_per_half)
-    """As `map_ms`, of a patch on that path."""
-    plans: list[Plan] = field(default_factory=list)
     energy_j: float = 0.0
     calls: int = 0
 
-    def times(self, half: int | None = None) -> NDArray[np.float64]:
-        """Each query's time in milliseconds: in a half, or the mean of both."""
-        return np.mean(self.middle_ms, axis=0) if half is None else np.array(self.middle_ms[half])
+    def column(self, name: str, half: int | None = None, *, near: bool = False) -> NDArray[np.float64]:
+        """A figure of each judged query that it was measured of, and with `near` of the others: of one half, or the
+        mean of both."""
+        halves = [[row[name] for row in rows if name in row and (near or row["judged"])] for rows in self.figures]
+        return np.mean(halves, axis=0) if half is None else np.array(halves[half])
 
     def add(self, record: Record[ProfileQuery, Plan], half: int) -> None:
         """Count a query's calls in one half. Plans are the same in both, so the first half's count."""
@@ -58,9 +54,9 @@ class Answers:
         self.worst_ms = max(self.worst_ms, 1e3 * max(record.elapsed_s))
         seconds, plan = record.middle()
         stages = {stage: ms for stage, ms in plan.timings_ms.items() if stage != "total"}
-        self.middle_ms[half].append(1e3 * seconds)
         stages["other"] = 1e3 * seconds - sum(stages.values())
         self.stages_ms[half].append(stages)
+        self.figures[half].append({"judged": record.case.judged, "time_ms": 1e3 * seconds})
         if half == 0:
             self.plans.append(plan)
 
@@ -72,10 +68,10 @@ class WorkloadRun:
     workload: str
     size: int
     terrain: str
+    answers: dict[str, Answers]
+    """By the planner's name."""
     queries_by_map: list[list[ProfileQuery]] = field(default_factory=list)
     """Map by map; on some maps no query had a path."""
-    answers: dict[str, Answers] = field(default_factory=dict)
-    """By the planner's name."""
     reactions: list[Reactions] = field(default_factory=list)
     """Of the onboard loop, for each half; empty where these are not measured."""
 
@@ -132,38 +128,32 @@ def run(
     *,
     arriving: Arriving | None = None,
     harness: Harness | None = None,
-    instruments: Instruments | None = None,
+    sensors: Sensors | None = None,
+    trace: Trace | None = None,
     progress: Callable[[int], None] = lambda done: None,
 ) -> Run:
     """Have every planner, exact A* first, answer every query, in both halves of the run.
 
-    `cores` are those that this process is pinned to: the time that others use on them is counted. `instruments` are
-    read between the calls. `progress` is called with the number of queries that are done, of `queries_in`.
-    InvalidQueryError if the terrain has too few queries with a path.
+    `cores` are those that this process is pinned to: the time that others use on them is counted. `sensors` are read
+    between the calls. `progress` is called with the number of queries that are done, of `queries_in`.
 
-    Notes
-    -----
-    The second half repeats the first, query by query. So the halves differ by what happened on the machine
-    alone, not by the queries, however few they are. What depends on the map alone is made, and every
-    planner has answered the map's first query, before the clock starts; within a round planners take turns. On a
-    vehicle's map each call is that of a new planner, which has checked no pose. Maps and patches that have just
-    arrived are measured afterwards, map by map: they drive the standing map out of the caches.
+    On a vehicle's map each call is that of a planner which has checked no pose before. Maps and patches that have
+    just arrived are measured afterwards, map by map: they drive the standing map out of the caches.
     """
     maps, meter, arriving = ProfileMaps(load), EnergyMeter(), arriving or Arriving()
-    runs: dict[tuple[str, int], WorkloadRun] = {}
+    session = _Session(rivals, load.repeats, meter, harness or Harness(), arriving, sensors, trace)
+    runs = [
+        WorkloadRun(name, size, maps.source(size), {rival.name: Answers() for rival in rivals})
+        for name, size in product(load.workloads, load.sizes)
+    ]
     disturbance = [Disturbance(cores) for _ in range(HALVES)]
-    session = _Session(rivals, load.repeats, meter, harness or Harness(), arriving, instruments or Instruments())
     done = 0
-    for half in range(HALVES):
-        for name in load.workloads:
-            for size in load.sizes:
-                of = runs.setdefault((name, size), WorkloadRun(name, size, maps.source(size)))
-                of.answers = of.answers or {rival.name: Answers() for rival in rivals}
-                for on_map, queries in first_half_again(maps, of) if half else _solvable(maps, of, load):
-                    session.measure(on_map, queries, of, half, disturbance[half])
-                    session.measure_arriving(on_map, queries, of, half)
-                    progress(done := done + len(queries))
-    return Run(list(runs.values()), disturbance, meter.problem, arriving.loop)
+    for half, of in product(range(HALVES), runs):
+        for on_map, queries in first_half_again(maps, of) if half else _solvable(maps, of, load):
+            session.measure(on_map, queries, of, half, disturbance[half])
+            session.measure_arriving(on_map, queries, of, half)
+            progress(done := done + len(queries))
+    return Run(runs, disturbance, meter.problem, arriving.loop)
 
 
 def queries_in(load: Load) -> int:
@@ -207,111 +197,75 @@ class _Session:
     meter: EnergyMeter
     harness: Harness
     arriving: Arriving
-    instruments: Instruments
+    sensors: Sensors | None
+    trace: Trace | None
 
     def measure(
         self, on_map: ProfileMap, queries: list[ProfileQuery], of: WorkloadRun, half: int, disturbance: Disturbance
     ) -> None:
         """Have all planners answer the queries on one map, and count the answers."""
-        planners = _Planners(self.rivals, on_map)
-        calls = {rival.name: planners.call(rival) for rival in self.rivals}
-        for call in calls.values():
-            call(queries[0])  # the map's own work, and warm caches
-        observer = _PlanObserver(of, self.meter, disturbance, planners, self.instruments)
+        rivals = {rival.name: rival for rival in self.rivals}
+        planners = {name: _planner(rival, on_map) for name, rival in rivals.items()}
+
+        def call(name: str) -> Callable[[ProfileQuery], Plan]:
+            return lambda query: rivals[name].plan(planners[name], query.ends)
+
+        counters, worked_s = list[int](), 0.0
+
+        def before(name: str) -> None:
+            nonlocal counters, worked_s
+            if on_map.has_body:
+                planners[name] = _planner(rivals[name], on_map)
+            if self.sensors is not None and self.sensors.due():
+                disturbance.left_out(self.sensors.read)
+            counters, worked_s = self.meter.read(), time.thread_time()
+
+        def after(name: str, elapsed_s: float, plan: Plan) -> None:
+            ended, worked = time.perf_counter(), time.thread_time() - worked_s
+            of.answers[name].energy_j += self.meter.joules(counters, self.meter.read())
+            if plan.method is Method.NNPP:  # this thread may have waited for threads of its own
+                disturbance.leave_out(elapsed_s, worked)
+            if self.trace is not None:
+                facts = {"expansions": plan.expansions}
+                self.trace.span(name, ended - elapsed_s, ended, plan.timings_ms, facts=facts)
+
+        calls = {name: call(name) for name in rivals}
+        for answer in calls.values():
+            answer(queries[0])  # the map's own work, and warm caches
         began = time.perf_counter()
         disturbance.start()
-        for records in self.harness.measure(calls, queries, repeats=self.repeats, observer=observer):
-            for rival in self.rivals:
-                of.answers[rival.name].add(records[rival.name], half)
-            for rival in self.rivals:  # last, so that no planner follows what others do not
+        for records in self.harness.measure(calls, queries, repeats=self.repeats, before=before, after=after):
+            for name in rivals:
+                of.answers[name].add(records[name], half)
+            for name, rival in rivals.items():  # last, so that no planner follows what others do not
                 if rival.method is Method.NNPP and rival.model is not None and not on_map.has_body:
-                    of.answers[rival.name].network_ms[half].append(self._network_ms(rival.model, disturbance))
+                    # on the map that it was shown last, encoded anew, and a query
+                    seconds, _ = disturbance.left_out(partial(self.harness.timed, rival.model.try_out))
+                    of.answers[name].figures[half][-1]["network_ms"] = 1e3 * seconds
         disturbance.stop()
         self._trace(f"{of.workload} {of.size}², half {half + 1}", began)
 
     def measure_arriving(self, on_map: ProfileMap, queries: list[ProfileQuery], of: WorkloadRun, half: int) -> None:
         """Have some planners answer the judged queries on one map as if it had just arrived; run the loop on it."""
-        judged = [(query.start, query.goal) for query in queries if query.judged]
+        judged = [query.ends for query in queries if query.judged]
         for rival in self.rivals:
-            if rival.name not in self.arriving.planners:
+            if not judged or rival.name not in self.arriving.planners:
                 continue
-            own = replace(rival, model=rival.model and rival.model.share())
-            answers = of.answers[rival.name]
-            began = time.perf_counter()
-            for query in judged[:1]:
-                arrival_ms(own, on_map.ground, query, self.harness)  # kernels loaded
-            for query in judged:
-                times = [arrival_ms(own, on_map.ground, query, self.harness) for _ in range(self.repeats)]
-                for kept, ms in zip((answers.map_ms, answers.patch_ms), np.median(times, axis=0), strict=True):
-                    kept[half].append(float(ms))
+            own, began = rival.apart(), time.perf_counter()
+            arrival_ms(own, on_map.ground, judged[0], self.harness)  # kernels loaded
+            for query, figures in zip(queries, of.answers[rival.name].figures[half][-len(queries) :], strict=True):
+                if query.judged:
+                    times = [arrival_ms(own, on_map.ground, query.ends, self.harness) for _ in range(self.repeats)]
+                    figures["map_ms"], figures["patch_ms"] = np.median(times, axis=0).tolist()
             self._trace(f"maps that have just arrived, {rival.name}", began)
-        wanted = (of.workload, of.size) in self.arriving.reactions_at
-        if wanted and judged and len(of.reactions) == half:
-            found = reactions(
-                on_map.ground, judged, self.arriving.loop, self.arriving.patches, trace=self.instruments.trace
-            )
-            of.reactions.append(found)
+        if (of.workload, of.size) in self.arriving.reactions_at and judged and len(of.reactions) == half:
+            loop, patches = self.arriving.loop, self.arriving.patches
+            of.reactions.append(reactions(on_map.ground, judged, loop, patches, trace=self.trace))
 
     def _trace(self, name: str, began_s: float) -> None:
-        if self.instruments.trace is not None:
-            self.instruments.trace.span(name, began_s, time.perf_counter())
-
-    def _network_ms(self, model: NetworkModel, disturbance: Disturbance) -> float:
-        """Milliseconds of the network on the map that it was shown last, encoded anew, and a query."""
-        worked = time.thread_time()
-        seconds, _ = self.harness.timed(model.try_out)
-        disturbance.leave_out(seconds, time.thread_time() - worked)
-        return 1e3 * seconds
+        if self.trace is not None:
+            self.trace.span(name, began_s, time.perf_counter())
 
 
-class _Planners:
-    """The rivals' planners on one map: kept from call to call, or with a vehicle new for each."""
-
-    def __init__(self, rivals: Sequence[RivalPlanner], on_map: ProfileMap) -> None:
-        self._rivals, self._map = {rival.name: rival for rival in rivals}, on_map
-        self._planners = {name: self._planner(rival) for name, rival in self._rivals.items()}
-
-    def call(self, rival: RivalPlanner) -> Callable[[ProfileQuery], Plan]:
-        """The rival as a function of a query."""
-        return lambda query: rival.plan(self._planners[rival.name], (query.start, query.goal))
-
-    def forget_poses(self, name: str) -> None:
-        """Have a rival of a vehicle answer with a planner that has checked no pose."""
-        if self._map.has_body:
-            self._planners[name] = self._planner(self._rivals[name])
-
-    def _planner(self, rival: RivalPlanner) -> FindsPlans:
-        return rival.planner_of(self._map.ground, lazy=True) if self._map.has_body else rival.planner(self._map.cost)
-
-
-class _PlanObserver(Observer[Plan]):
-    """Makes what a call takes, counts its energy, and leaves runs of the network out of the disturbance."""
-
-    def __init__(
-        self,
-        of: WorkloadRun,
-        meter: EnergyMeter,
-        disturbance: Disturbance,
-        planners: _Planners,
-        instruments: Instruments,
-    ) -> None:
-        self._of, self._meter, self._disturbance, self._planners = of, meter, disturbance, planners
-        self._instruments = instruments
-        self._counters: list[int] = []
-        self._worked_s = 0.0
-
-    def before(self, rival: str) -> None:
-        self._planners.forget_poses(rival)
-        self._instruments.read(self._disturbance)
-        self._counters = self._meter.read()
-        self._worked_s = time.thread_time()
-
-    def after(self, rival: str, elapsed_s: float, result: Plan) -> None:
-        ended, worked = time.perf_counter(), time.thread_time() - self._worked_s
-        if self._counters:
-            self._of.answers[rival].energy_j += self._meter.joules(self._counters, self._meter.read())
-        if result.method is Method.NNPP:
-            self._disturbance.leave_out(elapsed_s, worked)
-        if (trace := self._instruments.trace) is not None:
-            facts = {"expansions": result.expansions}
-            trace.span(rival, ended - elapsed_s, ended, result.timings_ms, facts=facts)
+def _planner(rival: RivalPlanner, on_map: ProfileMap) -> FindsPlans:
+    return rival.planner_of(on_map.ground, lazy=True) if on_map.has_body else rival.planner(on_map.cost)

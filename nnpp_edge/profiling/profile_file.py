@@ -1,34 +1,107 @@
-"""Profiles: a device, a workload, a model, and budgets, read from TOML."""
+"""Profiles: a device, a workload, a model, and budgets on quantities, read from TOML."""
 
 import re
+import shlex
+import shutil
 import tomllib
+from collections.abc import Collection
 from importlib.resources import files
 from itertools import product
 from pathlib import Path
-from typing import Annotated, TypeVar, cast
+from typing import Annotated, NamedTuple, TypeVar, cast
 
 import msgspec
 from msgspec import Meta
 from msgspec.structs import asdict, fields, replace
 
-from nnpp_edge.profiling.contention import Contention
-from nnpp_edge.profiling.quantities import DIRECTIONS, LOOP, QUANTITIES
-from nnpp_edge.profiling.tables import LARGEST, Core, Count, Finite, Names, Positive, ProfileError, Table, Whole
+from nnpp_edge.profiling.contest import Facts
 from nnpp_edge.runtime.errors import InvalidQueryError
+from nnpp_edge.runtime.planners.plan import DynamicMethod
 from nnpp_edge.runtime.reading import parse, problem_with_file, read_text, reason
+from nnpp_edge.terrain.workloads import of_bodies
 
 PLANNERS = ("astar", "corridor", "nnpp", "nnpp-fp32", "auto")
-LOOP_METHODS = ("auto", "astar", "dstar", "corridor", "corridor-dstar", "nnpp", "nnpp-dstar")
 SAMPLE, SYNTHETIC = "sample", "synthetic"
+LOOP = "loop"
+"""Whom figures of the onboard loop belong to, in place of a planner."""
 _SHIPPED = Path(str(files("nnpp_edge.profiles")))
+_LARGEST = 1e9
+"""Neither inf nor NaN is a number here, and products of two stay finite."""
+
+_Whole = Annotated[int, Meta(ge=0, le=2**31 - 1)]
+_Count = Annotated[int, Meta(ge=1, le=2**31 - 1)]
+_Core = Annotated[int, Meta(ge=0, le=1023)]
+"""As many as the kernel's set of cores holds."""
+_Finite = Annotated[float, Meta(ge=-_LARGEST, le=_LARGEST)]
+_Positive = Annotated[float, Meta(gt=0.0, le=_LARGEST)]
+_Names = Annotated[tuple[str, ...], Meta(min_length=1)]
+
+
+class Quantity(NamedTuple):
+    """A figure that budgets are set on, of a planner at one workload and size; docs/profile.md says what each is."""
+
+    unit: str
+    basis: str = ""
+    """Of which medians the two halves of a run must agree: ``time``, ``inference``, ``map``, ``patch``, ``reaction``,
+    ``ratio`` (exact A*'s time over the planner's) or ``int8_ratio``. Empty where noise changes nothing."""
+    scale: float = 1.0
+    """From the figure in a report to the unit of budgets: shares are kept as such, budgets are set in percent."""
+    whole_run: bool = False
+    """There is one figure for the run, not one for each workload and size."""
+    of_loop: bool = False
+    """It is a figure of the onboard loop, not of a planner."""
+
+
+QUANTITIES = {
+    "fps": Quantity("1/s", "time"),
+    **dict.fromkeys(("time_ms_median", "time_ms_p90", "time_ms_p99", "time_ms_max"), Quantity("ms", "time")),
+    "inference_fps": Quantity("1/s", "inference"),
+    "inference_ms_median": Quantity("ms", "inference"),
+    **dict.fromkeys(("map_ms", "map_ms_p99"), Quantity("ms", "map")),
+    **dict.fromkeys(("patch_ms", "patch_ms_p99"), Quantity("ms", "patch")),
+    **dict.fromkeys(("reaction_ms", "reaction_ms_p99"), Quantity("ms", "reaction", of_loop=True)),
+    **dict.fromkeys(("speedup_median", "speedup_total"), Quantity("x", "ratio")),
+    "int8_speedup": Quantity("x", "int8_ratio"),
+    **dict.fromkeys(
+        ("gap_mean", "gap_p99", "gap_max", "cc_excess", "success_first", "success"), Quantity("%", scale=100.0)
+    ),
+    "expansions_median": Quantity("1"),
+    "energy_mj": Quantity("mJ", "time"),
+    "peak_memory_mb": Quantity("MB", whole_run=True),
+    **dict.fromkeys(("start_up_warm_s", "start_up_cold_s"), Quantity("s", "time", whole_run=True)),
+    "model_mb": Quantity("MB", whole_run=True),
+}
+
+
+class ProfileError(InvalidQueryError):
+    """A profile that cannot be used; the message names the file and the key."""
+
+
+class Table(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """A table of a profile. Types are checked where it is read; what no type says, where it is made."""
+
+    def refuse_unless(self, fits: bool, key: str, wanted: str) -> None:
+        """ValueError about a key's value."""
+        if not fits:
+            raise ValueError(f"{key}: wanted {wanted}, got {getattr(self, key)!r}")
+
+    def check_choice(self, key: str, choices: Collection[str]) -> None:
+        """Refuse a value that is none of these."""
+        self.refuse_unless(getattr(self, key) in choices, key, f"one of {', '.join(choices)}")
+
+    def check_different(self, *keys: str) -> None:
+        """Refuse lists that hold a value twice."""
+        for key in keys:
+            values = getattr(self, key)
+            self.refuse_unless(len(set(values)) == len(values), key, "different values")
 
 
 class Device(Table, frozen=True):
     """Where the run takes place."""
 
-    cores: Annotated[tuple[Core, ...], Meta(min_length=1)] = (0,)
+    cores: Annotated[tuple[_Core, ...], Meta(min_length=1)] = (0,)
     """Numbers of the cores to pin to."""
-    threads: Count | None = None
+    threads: _Count | None = None
     """Of onnxruntime; None for what the runtime chooses by the network's size."""
 
     def __post_init__(self) -> None:
@@ -36,36 +109,33 @@ class Device(Table, frozen=True):
 
 
 class Load(Table, frozen=True):
-    """Maps and queries to plan on."""
+    """Maps and queries to plan on, as the table `workload` of docs/profile.md has them."""
 
-    terrain: Names = (SAMPLE,)
+    terrain: _Names = (SAMPLE,)
     """Elevation files, ``sample`` for the one that travels with the package, or ``synthetic``."""
-    rescale: Positive | None = None
+    rescale: _Positive | None = None
     """Side of a cell in metres that the terrain is rescaled to, slopes kept."""
-    cell_size: Positive | None = None
+    cell_size: _Positive | None = None
     """Side of a cell in metres, where the files do not say."""
     allow_vrt: bool = False
-    """Whether a GDAL VRT is read, too."""
-    workloads: Names = ("soft",)
+    workloads: _Names = ("soft",)
     vehicle: str | None = None
     """Name of a shipped one or a TOML file: whose the workloads ``body`` and ``body-rocksN`` are."""
     sizes: Annotated[tuple[Annotated[int, Meta(ge=16, le=1 << 15)], ...], Meta(min_length=1)] = (256,)
-    queries: Count = 60
+    queries: _Count = 60
     """For each workload and size."""
-    near: Whole = 20
+    near: _Whole = 20
     """Queries of shorter distances besides, which only the break-even is found from."""
-    repeats: Count = 2
+    repeats: _Count = 2
     """Times each planner answers each query, in each half of the run."""
     min_distance: Annotated[float, Meta(gt=0.0, le=1.0)] = 0.35
     """Between start and goal, as a share of the map's side."""
-    seed: Whole = 1
+    seed: _Whole = 1
 
     def __post_init__(self) -> None:
         self.check_different("terrain", "workloads", "sizes")
         mixed = SYNTHETIC in self.terrain and len(self.terrain) > 1
         self.refuse_unless(not mixed, "terrain", f"{SYNTHETIC!r} alone, or files")
-        from nnpp_edge.terrain.workloads import of_bodies
-
         try:
             bodies = of_bodies(self.workloads)
         except InvalidQueryError as error:
@@ -87,9 +157,9 @@ class Networks(Table, frozen=True):
 class Stability(Table, frozen=True):
     """When a run is called noisy."""
 
-    halves: Positive = 0.15
+    halves: _Positive = 0.15
     """Share by which the medians of the two halves of the run may differ."""
-    disturbance: Positive = 0.10
+    disturbance: _Positive = 0.10
     """Share of the cores' time that others may take."""
 
 
@@ -101,11 +171,11 @@ class OnboardLoop(Table, frozen=True):
     """As `DynamicPlanner` takes it."""
     model: str = "edge"
     """By default the profile's int8 model."""
-    cores: tuple[Core, ...] = ()
+    cores: tuple[_Core, ...] = ()
     """To pin the loop's thread to; by default the device's, and without a profile none."""
     priority: Annotated[int, Meta(ge=0, le=99)] = 0
     """Under SCHED_FIFO; 0 for the usual scheduler."""
-    tolerance: Annotated[float, Meta(ge=0.0, le=LARGEST)] = 0.02
+    tolerance: Annotated[float, Meta(ge=0.0, le=_LARGEST)] = 0.02
     """A standing path is kept while it cannot cost more than this share above what a new plan might."""
     corner_cutting: bool = True
     refine: str = ""
@@ -114,9 +184,39 @@ class OnboardLoop(Table, frozen=True):
     """Whether paths lead as near to the goal as there is a way, where none leads to it."""
 
     def __post_init__(self) -> None:
-        self.check_choice("method", LOOP_METHODS)
+        self.check_choice("method", tuple(DynamicMethod))
         self.check_choice("refine", ("", "any-angle"))
         self.check_different("cores")
+
+
+class Contention(Table, frozen=True):
+    """Work that runs beside, in a second run; by default nothing, and there is none."""
+
+    threads: Annotated[int, Meta(ge=0, le=1024)] = 0
+    """So many that compute without a pause, each a process of its own."""
+    command: tuple[str, ...] = ()
+    """A program and its words, run without a shell, in place of the threads. It must not end before the run does."""
+    cores: tuple[_Core, ...] = ()
+    """To keep it on; by default the device's."""
+
+    def __post_init__(self) -> None:
+        self.check_different("cores")
+        self.refuse_unless(not (self.threads and self.command), "threads", "threads or a command, not both")
+
+    @property
+    def wanted(self) -> bool:
+        """Whether anything runs beside."""
+        return bool(self.threads or self.command)
+
+    @property
+    def words(self) -> str:
+        """In words."""
+        return shlex.join(self.command) if self.command else f"{self.threads} busy thread{'s' * (self.threads > 1)}"
+
+    def check(self) -> None:
+        """ProfileError if this machine cannot run the command."""
+        if self.command and shutil.which(self.command[0]) is None:
+            raise ProfileError(f"contention.command: wanted a program that can be run here, got {self.command[0]!r}")
 
 
 class Budget(Table, frozen=True):
@@ -124,7 +224,7 @@ class Budget(Table, frozen=True):
 
     name: str
     quantity: str
-    limit: Finite
+    limit: _Finite
     direction: str
     unit: str
     planner: str = ""
@@ -135,7 +235,7 @@ class Budget(Table, frozen=True):
 
     def __post_init__(self) -> None:
         self.check_choice("quantity", QUANTITIES)
-        self.check_choice("direction", DIRECTIONS)
+        self.check_choice("direction", ("at least", "at most"))
         unit = QUANTITIES[self.quantity].unit
         self.refuse_unless(self.unit == unit, "unit", f"{unit!r}, the unit of {self.quantity}")
 
@@ -150,37 +250,23 @@ class Budget(Table, frozen=True):
         self.refuse_unless(self.size in (None, *sizes), "size", f"one of {', '.join(map(str, sizes))}")
 
 
-class _File(Table, frozen=True):
-    """The whole file, as it is written."""
-
-    title: str = ""
-    planner: str = "auto"
-    device: Device = Device()
-    workload: Load = msgspec.field(default_factory=Load)
-    model: Networks = Networks()
-    stability: Stability = Stability()
-    loop: OnboardLoop = OnboardLoop()
-    contention: Contention = Contention()
-    budgets: tuple[Budget, ...] = ()
-
-    def __post_init__(self) -> None:
-        self.check_choice("planner", PLANNERS)
-
-
-class Profile(msgspec.Struct, frozen=True):
-    """All that a run of `nnpp-edge profile` needs to know."""
+class Profile(Table, frozen=True):
+    """All that a run of `nnpp-edge profile` needs to know; the keys are those of the file but for `name`."""
 
     name: str
     title: str
-    planner: str
+    planner: str = "auto"
     """Whom a budget judges that names no planner."""
-    device: Device
-    load: Load
-    networks: Networks = Networks()
+    device: Device = Device()
+    load: Load = msgspec.field(default_factory=Load, name="workload")
+    networks: Networks = msgspec.field(default_factory=Networks, name="model")
     stability: Stability = Stability()
     budgets: tuple[Budget, ...] = ()
     loop: OnboardLoop = OnboardLoop()
     contention: Contention = Contention()
+
+    def __post_init__(self) -> None:
+        self.check_choice("planner", PLANNERS)
 
     @property
     def measured(self) -> tuple[str, ...]:
@@ -204,13 +290,13 @@ class Profile(msgspec.Struct, frozen=True):
         workloads = (budget.workload,) if budget.workload else self.load.workloads
         return list(product(workloads, (budget.size,) if budget.size else self.load.sizes))
 
-    def facts(self) -> dict[str, object]:
+    def facts(self) -> Facts:
         """For JSON: terrain and vehicle by name only; without the loop, which is not measured."""
         vehicle = self.load.vehicle and Path(self.load.vehicle).name
         load = replace(self.load, terrain=tuple(Path(each).name for each in self.load.terrain), vehicle=vehicle)
-        facts: dict[str, object] = msgspec.to_builtins(replace(self, load=load))
+        facts = asdict(self) | {"load": load}
         del facts["loop"]
-        return facts
+        return cast(Facts, msgspec.to_builtins(facts))
 
 
 def shipped_profiles() -> list[str]:
@@ -221,10 +307,7 @@ def shipped_profiles() -> list[str]:
 def read_profile(name: str | Path) -> Profile:
     """A shipped profile by its name, or one from a TOML file.
 
-    Raises
-    ------
-    ProfileError
-        There is no such profile, or a key is missing, unknown, of the wrong type or out of range.
+    ProfileError if there is no such profile, or a key is missing, unknown, of the wrong type or out of range.
     """
     path = _SHIPPED / f"{name}.toml"
     if problem_with_file(path):
@@ -238,7 +321,7 @@ def read_profile(name: str | Path) -> Profile:
         raise ProfileError(f"{path}: wanted a profile in TOML ({reason(error)})") from error
     try:
         return _profile(content, path.stem)
-    except ProfileError as error:
+    except ValueError as error:
         raise ProfileError(f"{path.name}: {error}") from None
 
 
@@ -275,21 +358,22 @@ _LISTS = {
 """Keys, by table, whose value may stand alone."""
 
 
-def _profile(content: dict[str, object], name: str) -> Profile:
+def _profile(content: Facts, name: str) -> Profile:
     for place, keys in _LISTS.items():
         table = content.get(place)
         for key in keys:
             if isinstance(table, dict) and key in table and not isinstance(table[key], list):
                 table[key] = [table[key]]
-    file = _converted(content, _File)
-    own = cast(dict[str, object], content.get("loop", {}))
-    inherited = {"cores": file.device.cores, "model": file.model.int8}
-    loop = replace(file.loop, **{key: inherited[key] for key in inherited.keys() - own.keys()})
-    budgets = tuple(replace(each, planner=each.planner or _default_planner(each, file)) for each in file.budgets)
-    parts = (file.device, file.workload, file.model, file.stability, budgets, loop, file.contention)
-    profile = Profile(name, file.title or name, file.planner, *parts)
-    if file.planner not in profile.measured:
-        raise ProfileError(f"planner: wanted one that is measured (model.fp32 is not set), got {file.planner!r}")
+    read = _converted({"title": name, **content, "name": content.get("name", name)}, Profile)
+    if "name" in content:
+        raise ProfileError("name is unknown: wanted one of " + ", ".join(_known("")))
+    inherited = {"cores": read.device.cores, "model": read.networks.int8}
+    loop = replace(read.loop, **{key: inherited[key] for key in inherited.keys() - content.get("loop", {}).keys()})
+    whose = {each: LOOP if QUANTITIES[each.quantity].of_loop else read.planner for each in read.budgets}
+    budgets = tuple(replace(each, planner=each.planner or whose[each]) for each in read.budgets)
+    profile = replace(read, loop=loop, budgets=budgets)
+    if profile.planner not in profile.measured:
+        raise ProfileError(f"planner: wanted one that is measured (model.fp32 is not set), got {profile.planner!r}")
     names = [budget.name for budget in budgets]
     for at, budget in enumerate(budgets):
         try:
@@ -300,17 +384,19 @@ def _profile(content: dict[str, object], name: str) -> Profile:
     return profile
 
 
-def _default_planner(budget: Budget, file: _File) -> str:
-    return LOOP if QUANTITIES[budget.quantity].of_loop else file.planner
-
-
-def _converted(content: dict[str, object], kind: type[TableT]) -> TableT:
+def _converted(content: Facts, kind: type[TableT]) -> TableT:
     """The table; ProfileError names the key, what was wanted and what came."""
     try:
         return msgspec.convert(content, kind)
     except msgspec.ValidationError as error:
         problem, _, place = str(error).replace("`", "").partition(" - at $")
         raise ProfileError(_explained(problem, place.strip("."), content)) from None
+
+
+def _known(place: str) -> list[str]:
+    """Keys of a table of the file."""
+    tables = {field.encode_name: field.type for field in fields(Profile)} | {"": Profile, "budgets": Budget}
+    return [field.encode_name for field in fields(tables[place]) if (place, field.name) != ("", "name")]
 
 
 _WORDS = {
@@ -328,13 +414,11 @@ _WORDS = {
 """Kinds of values, in msgspec's words and in ours."""
 
 
-def _explained(problem: str, place: str, content: object) -> str:
+def _explained(problem: str, place: str, content: Facts) -> str:
     """msgspec's sentence on a key as ours, with the value that came."""
     before = f"{place}." if place else ""
     if unknown := re.fullmatch(r"Object contains unknown field (.*)", problem):
-        tables = {field.name: field.type for field in fields(_File)} | {"": _File, "budgets": Budget}
-        known = [field.name for field in fields(tables[place.partition("[")[0]])]
-        return f"{before}{unknown[1]} is unknown: wanted one of {', '.join(known)}"
+        return f"{before}{unknown[1]} is unknown: wanted one of {', '.join(_known(place.partition('[')[0]))}"
     if missing := re.fullmatch(r"Object missing required field (.*)", problem):
         return f"{before}{missing[1]} is missing"
     if not problem.startswith("Expected "):
@@ -343,5 +427,5 @@ def _explained(problem: str, place: str, content: object) -> str:
     for theirs, ours in _WORDS.items():
         wanted = wanted.replace(theirs, ours)
     for key in re.findall(r"\w+", place):
-        content = content[int(key)] if isinstance(content, list | tuple) else cast(dict[str, object], content)[key]
+        content = content[int(key) if isinstance(content, list | tuple) else key]
     return f"{place}: wanted {wanted}, got {content!r}"

@@ -1,17 +1,16 @@
 """Planners that are measured beside each other, under the names that reports give them."""
 
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
 from typing import Protocol
 
-from nnpp_edge.profiling.harness import Observer
 from nnpp_edge.runtime.arrays import Float2D
 from nnpp_edge.runtime.cells import Cell, Endpoints
 from nnpp_edge.runtime.map.ground import Ground
 from nnpp_edge.runtime.map.state import MapState, map_state
 from nnpp_edge.runtime.network.inference import NetworkModel
 from nnpp_edge.runtime.planners.methods import Methods
-from nnpp_edge.runtime.planners.plan import DynamicMethod, Method, Plan, Source
+from nnpp_edge.runtime.planners.plan import DynamicMethod, Method, Plan
 from nnpp_edge.runtime.planners.planner import Planner
 from nnpp_edge.runtime.planners.query import Query, Work
 from nnpp_edge.runtime.tuning import LEARNED_CORRIDOR, WIDENED_CORRIDOR, CorridorWidth
@@ -20,8 +19,6 @@ EXACT = "astar"
 """The rival that all others are compared with."""
 Queries = tuple[Endpoints, ...]
 """Starts and goals that one planner answers one after the other."""
-FIRST_SOURCES = (Source.MAP, Source.REGION)
-"""Where a path comes from that was found before any region was widened."""
 
 
 class FindsPlans(Protocol):
@@ -78,12 +75,16 @@ class RivalPlanner:
             return CorridorAlone(map_state(ground, lazy=lazy), self.width)
         return Planner(ground, model=self.model or "edge", lazy=lazy)
 
+    def apart(self) -> "RivalPlanner":
+        """With a network that no other planner uses: what that has been shown of a map is not kept."""
+        return replace(self, model=self.model and self.model.share())
+
 
 class FreshMap:
     """A rival on a map that has just arrived: a function of queries that makes one planner from elevations for them.
 
-    The planner is kept until `forget` is called: to give its memory back is no part of planning. The rival's network
-    is shown a new map each time, and so must be none that another planner uses.
+    The planner is kept until `forget` is called: to give its memory back is no part of planning. The rival must be
+    `apart`.
     """
 
     def __init__(self, rival: RivalPlanner, ground: Ground, *, lazy: bool = True) -> None:
@@ -98,25 +99,6 @@ class FreshMap:
     def forget(self) -> None:
         """Give the planner's memory back."""
         self._planner = None
-
-
-class Forgetting(Observer[tuple[Plan, ...]]):
-    """Has fresh maps forget their planners after each call, outside the time that counts."""
-
-    def __init__(self, fresh: Mapping[str, FreshMap]) -> None:
-        self._fresh = fresh
-        for each in fresh.values():
-            each.forget()  # of calls that were not timed
-
-    def after(self, rival: str, elapsed_s: float, result: tuple[Plan, ...]) -> None:
-        """The call has ended."""
-        if rival in self._fresh:
-            self._fresh[rival].forget()
-
-
-def call_on(planner: FindsPlans, method: str) -> Callable[[Endpoints], Plan]:
-    """The planner as a function of start and goal."""
-    return lambda query: planner.plan(*query, method=method)
 
 
 def exact_and(methods: Iterable[str], models: Mapping[str, NetworkModel]) -> list[RivalPlanner]:

@@ -8,11 +8,11 @@ from pathlib import Path
 
 import numpy as np
 
-from nnpp_edge.profiling.ground import whole_cost
-from nnpp_edge.runtime.arrays import Float2D
+from nnpp_edge.runtime.arrays import Float2D, as_map
 from nnpp_edge.runtime.cells import Endpoints
 from nnpp_edge.runtime.errors import DataSetError, InvalidQueryError
 from nnpp_edge.runtime.map.ground import Ground
+from nnpp_edge.runtime.map.poses import pose_costs
 from nnpp_edge.runtime.terrain.traversability import Traversability
 from nnpp_edge.runtime.terrain.vehicle import Vehicle
 from nnpp_edge.terrain.dataset import read_recipe, read_shards
@@ -34,6 +34,8 @@ _TRIES = 50
 
 Size = int | tuple[int, int]
 """Side of a square map, or rows and columns."""
+_Heights = tuple[Float2D, tuple[float, float]]
+"""Heights, and the sides of a cell in metres."""
 
 
 def shape_of(size: Size) -> tuple[int, int]:
@@ -109,35 +111,20 @@ def check_sizes(dems: Sequence[Dem], sizes: Sequence[Size]) -> None:
             )
 
 
-@dataclass(frozen=True)
-class Scene:
-    """A workload's scene on elevations: limits, and for a vehicle's workloads the vehicle and rocks."""
+def heights_of(ground: Ground) -> Float2D:
+    """(H, W) float32, metres, of a ground of elevations."""
+    assert ground.elevation is not None
+    return as_map(ground.elevation, "elevation")
 
-    limits: Traversability
-    vehicle: Vehicle | None = None
-    rocks: float = 0.0
-    """Share of the ground under rocks."""
 
-    @classmethod
-    def of(cls, name: str, vehicle: Vehicle | None = None, rocks: float = 0.0) -> "Scene":
-        """The scene of a workload, with `rocks` where its name says nothing of them.
-
-        InvalidQueryError where there is none of that name, or it takes a vehicle.
-        """
-        own = body_rocks(name)
-        if own is None:
-            return cls(workload(name), None, rocks)
-        if vehicle is None:
-            raise InvalidQueryError(f"the workload {name} is a vehicle's: wanted a vehicle, got none")
-        return cls(Traversability(), vehicle, own or rocks)
-
-    def ground(self, heights: Float2D, sides_m: tuple[float, float], rng: np.random.Generator) -> Ground:
-        """Of heights in metres; rocks are drawn by a child of `rng`, which itself goes on as it would without."""
-        if self.rocks:
-            heights = with_rocks(heights, sides_m[0], self.rocks, rng.spawn(1)[0], cell_width_m=sides_m[1])
-        size, width = sides_m
-        heights = np.ascontiguousarray(heights)
-        return Ground.of_elevation(heights, size, self.limits, cell_width_m=width, vehicle=self.vehicle)
+def whole_cost(ground: Ground) -> Float2D:
+    """The whole cost map, (H, W) float32; with a vehicle that of each cell's best pose, inf where all fail."""
+    if ground.vehicle is None:
+        return ground.costs()
+    (size, width), limits = ground.sides_m, ground.traversability
+    poses = pose_costs(heights_of(ground), size, ground.vehicle, cell_width_m=width, traversability=limits)
+    best: Float2D = poses.min(0)
+    return best
 
 
 def terrain_cases(
@@ -153,19 +140,19 @@ def terrain_cases(
     machine.
 
     Each terrain must be at least of the size. `least_distance` is that between start and goal, as a share of the
-    map's longer side; `vehicle` is for its workloads, `rocks` the share of ground that
-    they cover. InvalidQueryError if the terrain has no fitting query.
+    map's longer side; `vehicle` is for its workloads, `rocks` the share of ground that they cover where the workload
+    does not say. InvalidQueryError if the terrain has no fitting query, there is no such workload, or it takes a
+    vehicle.
     """
-    scene, (rows, cols) = Scene.of(name, vehicle, rocks), shape_of(size)
+    rows, cols = shape_of(size)
 
-    def ground(rng: np.random.Generator) -> Ground:
+    def crop(rng: np.random.Generator) -> _Heights:
         dem = dems[int(rng.integers(len(dems)))]
         row = int(rng.integers(0, dem.elevation.shape[0] - rows + 1))
         col = int(rng.integers(0, dem.elevation.shape[1] - cols + 1))
-        crop = dem.elevation[row : row + rows, col : col + cols]
-        return scene.ground(crop, (dem.cell_size_m, dem.cell_width_m), rng)
+        return dem.elevation[row : row + rows, col : col + cols], (dem.cell_size_m, dem.cell_width_m)
 
-    return _with_queries(name, size, ground, seed, least_distance)
+    return _cases(name, size, crop, seed, least_distance, vehicle, rocks)
 
 
 def synthetic_cases(
@@ -180,14 +167,14 @@ def synthetic_cases(
 
     Cells are 20 m wide, and for a vehicle's workloads a quarter of its length.
     """
-    scene, (rows, cols) = Scene.of(name, vehicle, rocks), shape_of(size)
-    cell_m = SYNTHETIC_CELL_M if scene.vehicle is None else scene.vehicle.length_m / _CELLS_TO_A_BODY
+    rows, cols = shape_of(size)
+    of_body = vehicle is not None and body_rocks(name) is not None
+    cell_m = vehicle.length_m / _CELLS_TO_A_BODY if vehicle is not None and of_body else SYNTHETIC_CELL_M
 
-    def ground(rng: np.random.Generator) -> Ground:
-        heights = synthetic_terrain(rng, max(rows, cols), cell_m)[:rows, :cols]
-        return scene.ground(heights, (cell_m, cell_m), rng)
+    def made(rng: np.random.Generator) -> _Heights:
+        return synthetic_terrain(rng, max(rows, cols), cell_m)[:rows, :cols], (cell_m, cell_m)
 
-    return _with_queries(name, size, ground, seed, least_distance)
+    return _cases(name, size, made, seed, least_distance, vehicle, rocks)
 
 
 def large_enough(dems: Sequence[Dem], size: int) -> list[Dem]:
@@ -209,33 +196,43 @@ def cases_from(
     vehicle: Vehicle | None = None,
 ) -> Iterator[Case]:
     """`terrain_cases` of the terrain that is large enough; `synthetic_cases` where none is."""
-    fitting = large_enough(dems, size)
-    if fitting:
+    if fitting := large_enough(dems, size):
         return terrain_cases(fitting, name, size, seed, least_distance, vehicle)
     return synthetic_cases(name, size, seed, least_distance, vehicle)
 
 
-def _with_queries(
-    name: str, size: Size, ground: Callable[[np.random.Generator], Ground], seed: int, least_distance: float
+def _cases(
+    name: str,
+    size: Size,
+    heights: Callable[[np.random.Generator], _Heights],
+    seed: int,
+    least_distance: float,
+    vehicle: Vehicle | None,
+    rocks: float,
 ) -> Iterator[Case]:
     """Map after map with random queries; InvalidQueryError where many maps in a row have no fitting one."""
     rows, cols = shape_of(size)
     rng = np.random.default_rng([seed, *dict.fromkeys((rows, cols))])
-    least = least_distance * max(rows, cols)
-    while True:
-        for _ in range(_TRIES):
-            below = ground(rng)
-            cost = whole_cost(below)
-            wanted = (random_query(rng, cost, least) for _ in range(QUERIES_PER_MAP))
-            queries = tuple(query for query in wanted if query is not None)
-            if queries:
-                yield Case(name, size, cost, queries, below, least)
-                break
-        else:
-            raise InvalidQueryError(
-                f"no two passable cells {least:.0f} apart were found in {_TRIES} maps of {rows} × {cols} "
-                f"for the workload {name}"
-            )
+    least, own = least_distance * max(rows, cols), body_rocks(name)
+    limits = Traversability() if own is not None else workload(name)
+    if own is not None and vehicle is None:
+        raise InvalidQueryError(f"the workload {name} is a vehicle's: wanted a vehicle, got none")
+    body, cover, in_vain = (None if own is None else vehicle), own or rocks, 0
+    while in_vain < _TRIES:
+        drawn, (side, width) = heights(rng)
+        if cover:  # by a generator of their own: the maps are those without rocks
+            drawn = with_rocks(drawn, side, cover, rng.spawn(1)[0], cell_width_m=width)
+        drawn = np.ascontiguousarray(drawn)
+        ground = Ground.of_elevation(drawn, side, limits, cell_width_m=width, vehicle=body)
+        cost = whole_cost(ground)
+        queries = [query for _ in range(QUERIES_PER_MAP) if (query := random_query(rng, cost, least)) is not None]
+        in_vain = 0 if queries else in_vain + 1
+        if queries:
+            yield Case(name, size, cost, tuple(queries), ground, least)
+    raise InvalidQueryError(
+        f"no two passable cells {least:.0f} apart were found in {_TRIES} maps of {rows} × {cols} for the workload "
+        f"{name}"
+    )
 
 
 def dataset_cases(folder: Path, name: str) -> Iterator[Case]:

@@ -6,21 +6,22 @@ from collections import deque
 from collections.abc import Iterable, Mapping, Sequence
 from typing import NamedTuple
 
+from nnpp_edge.profiling.contest import Facts
 from nnpp_edge.profiling.sensors import Reading
 from nnpp_edge.runtime.loop.messages import PathMessage, Span
 
 MOST = 400_000
 """Events that a trace holds; older ones are dropped: about a hundred megabytes, ten minutes of ticks at 100 Hz."""
-PLANNERS, LOOP = 1, 2
+_CURVES, PLANNERS, LOOP = 0, 1, 2
 _THREADS = {PLANNERS: "planners", LOOP: "onboard loop"}
 _NS = 1e9
 
 
 class _Event(NamedTuple):
-    name: str
-    thread: int
     began_ns: int
     ended_ns: int
+    name: str
+    thread: int
     facts: Mapping[str, object]
 
 
@@ -30,7 +31,6 @@ class Trace:
     def __init__(self, process: str, most: int = MOST) -> None:
         self._process = process
         self._events: deque[_Event] = deque(maxlen=most)
-        self._counters: deque[tuple[str, int, dict[str, float]]] = deque(maxlen=most)
 
     def span(
         self,
@@ -45,13 +45,12 @@ class Trace:
 
         The clock of a plan keeps each stage's sum, not its moments; what no stage counts stays bare at the end.
         """
-        began, ended = round(_NS * began_s), round(_NS * ended_s)
-        self._events.append(_Event(name, thread, began, ended, facts or {}))
-        at = began
+        at, ended = round(_NS * began_s), round(_NS * ended_s)
+        self._events.append(_Event(at, ended, name, thread, facts or {}))
         for stage, ms in (stages_ms or {}).items():
-            until = min(at + round(1e6 * ms), ended)
             if stage != "total":
-                self._events.append(_Event(stage, thread, at, until, {}))
+                until = min(at + round(1e6 * ms), ended)
+                self._events.append(_Event(at, until, stage, thread, {}))
                 at = until
 
     def tick(self, message: PathMessage, spans: Sequence[Span]) -> None:
@@ -66,24 +65,24 @@ class Trace:
     def sensors(self, readings: Iterable[Reading]) -> None:
         """Add curves of the clocks and temperatures."""
         for reading in readings:
-            at, clocks = round(_NS * reading.at_s), {f"core {core}": mhz for core, mhz in reading.clock_mhz.items()}
+            clocks = {f"core {core}": mhz for core, mhz in reading.clock_mhz.items()}
             for name, values in (("clock MHz", clocks), ("temperature °C", reading.temperature_c)):
                 if values:
-                    self._counters.append((name, at, values))
+                    self.span(name, reading.at_s, reading.at_s, None, _CURVES, values)
 
     def to_json(self) -> bytes:
         """The file: complete events ("X") in microseconds from the first one, counters ("C"), names of threads."""
-        process = os.getpid()
-        zero = min((at for at in (*(e.began_ns for e in self._events), *(c[1] for c in self._counters))), default=0)
-        named = {"ph": "M", "pid": process, "tid": 0}
-        events: list[dict[str, object]] = [{**named, "name": "process_name", "args": {"name": self._process}}]
-        for thread in sorted({event.thread for event in self._events}):
-            events.append({**named, "tid": thread, "name": "thread_name", "args": {"name": _THREADS[thread]}})
+        process = {"pid": os.getpid()}
+        zero = min((event.began_ns for event in self._events), default=0)
+        threads = {0: ("process_name", self._process)}
+        threads |= {at: ("thread_name", _THREADS[at]) for at in sorted({e.thread for e in self._events} - {_CURVES})}
+        events: list[Facts] = [
+            {**process, "ph": "M", "tid": thread, "name": kind, "args": {"name": name}}
+            for thread, (kind, name) in threads.items()
+        ]
         for event in sorted(self._events, key=lambda each: (each.began_ns, -each.ended_ns)):
-            place = {"ph": "X", "pid": process, "tid": event.thread, "ts": (event.began_ns - zero) / 1e3}
-            facts = {"args": event.facts} if event.facts else {}
-            events.append({"name": event.name, **place, "dur": (event.ended_ns - event.began_ns) / 1e3, **facts})
-        for name, at, values in self._counters:
-            place = {"ph": "C", "pid": process, "tid": 0, "ts": (at - zero) / 1e3}
-            events.append({"name": name, **place, "args": values})
+            found = {**process, "name": event.name, "tid": event.thread, "ts": (event.began_ns - zero) / 1e3}
+            found |= {"args": event.facts} if event.facts else {}
+            found |= {"ph": "C"} if event.thread == _CURVES else {"dur": (event.ended_ns - event.began_ns) / 1e3}
+            events.append({"ph": "X", **found})
         return json.dumps({"displayTimeUnit": "ms", "traceEvents": events}).encode()

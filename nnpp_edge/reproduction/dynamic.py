@@ -7,7 +7,7 @@ from itertools import islice
 
 import numpy as np
 
-from nnpp_edge.profiling.harness import Harness
+from nnpp_edge.profiling.contest import Harness
 from nnpp_edge.reproduction import drawing, paper
 from nnpp_edge.reproduction.drawing import frame
 from nnpp_edge.reproduction.episode import LEAST_DISTANCE, STRIDE, Episode, Step, episodes_of

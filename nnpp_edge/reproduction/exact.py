@@ -6,7 +6,7 @@ from functools import partial
 import numpy as np
 from numpy.typing import NDArray
 
-from nnpp_edge.profiling.harness import Harness
+from nnpp_edge.profiling.contest import Harness
 from nnpp_edge.reproduction import drawing, paper
 from nnpp_edge.reproduction.experiment import Context, Result, experiment
 from nnpp_edge.reproduction.findings import Finding, judge

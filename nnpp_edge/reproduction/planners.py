@@ -6,8 +6,7 @@ from functools import partial
 import numpy as np
 from numpy.typing import NDArray
 
-from nnpp_edge.profiling.contest import gap
-from nnpp_edge.profiling.harness import Harness
+from nnpp_edge.profiling.contest import Harness, gap
 from nnpp_edge.reproduction import paper
 from nnpp_edge.reproduction.plain_astar import build_graph, search
 from nnpp_edge.reproduction.regions import (

@@ -4,7 +4,7 @@ from collections.abc import Iterator, Sequence
 
 import numpy as np
 
-from nnpp_edge.profiling.harness import Harness
+from nnpp_edge.profiling.contest import Harness
 from nnpp_edge.profiling.suites import LEAST_DISTANCE
 from nnpp_edge.reproduction import drawing, paper
 from nnpp_edge.reproduction.experiment import Context, Result, experiment

@@ -4,12 +4,13 @@ import io
 from collections.abc import Sequence
 from itertools import product
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
 from nnpp_edge.files import write_whole
+from nnpp_edge.profiling.contest import Facts
 from nnpp_edge.terrain.dataset import Samples
 from nnpp_edge.terrain.labels import EXCESS_STEP
 
@@ -80,7 +81,7 @@ def training_curves(history: Sequence[dict[str, float]], path: Path) -> None:
     _save(figure, path)
 
 
-def times_by_size(rows: Sequence[dict[str, Any]]) -> bytes:
+def times_by_size(rows: Sequence[Facts]) -> bytes:
     """A PNG: median time of a query of each planner against the side of the map, of `profile --peers`'s rows."""
     from matplotlib.figure import Figure
 
@@ -102,7 +103,7 @@ def times_by_size(rows: Sequence[dict[str, Any]]) -> bytes:
     return _png(figure)
 
 
-def pareto(rows: Sequence[dict[str, Any]], path: Path) -> None:
+def pareto(rows: Sequence[Facts], path: Path) -> None:
     """Mean cost gap against median time, a panel for each workload and size of `nnpp-edge evaluate`'s rows.
 
     Planners that none is both faster and better than are joined by a line; bars reach to the gap's 95th percentile.
@@ -130,7 +131,7 @@ def pareto(rows: Sequence[dict[str, Any]], path: Path) -> None:
         axes.xaxis.set_major_formatter("{x:g}")
         axes.xaxis.set_minor_formatter(NullFormatter())
         axes.grid(alpha=0.3, which="both")
-    handles: dict[str, Any] = {}
+    handles: Facts = {}
     for axes in panels.flat:
         handles |= dict(zip(*reversed(axes.get_legend_handles_labels()), strict=True))
     figure.legend(

@@ -10,9 +10,9 @@ import numpy as np
 from jinja2 import Environment, StrictUndefined
 from markupsafe import Markup
 
+from nnpp_edge.profiling.contest import Facts
 from nnpp_edge.profiling.profile_file import Profile
 from nnpp_edge.profiling.profile_maps import ProfileMaps
-from nnpp_edge.profiling.report_format import Report
 from nnpp_edge.runtime.network.inference import NetworkModel
 from nnpp_edge.runtime.planners.plan import Method, Plan
 from nnpp_edge.runtime.planners.planner import Planner
@@ -27,7 +27,7 @@ _WIDTH = 640
 """Pixels of an example's picture."""
 
 
-def page(report: Report, profile: Profile) -> str:
+def page(report: Facts, profile: Profile) -> str:
     """The page of a report, with example plans from the terrain of the profile that it was made by."""
     template = Environment(autoescape=True, undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True)
     template.filters |= {"number": _number, "percent": _percent}
@@ -52,7 +52,7 @@ def example_plans(profile: Profile) -> Iterator[tuple[str, Picture]]:
 def _examples(maps: ProfileMaps, name: str, size: int, model: NetworkModel) -> Iterator[tuple[str, Picture]]:
     """Plans of the first query of some maps, where it has a path."""
     for on_map in islice(maps.maps(name, size), _TRIES):
-        start, goal = on_map.queries[0].start, on_map.queries[0].goal
+        start, goal = on_map.queries[0].ends
         exact = Planner(on_map.cost).plan(start, goal, method=Method.ASTAR)
         if exact.ok:
             plan = Planner(on_map.cost, model=model).plan(start, goal, method=Method.NNPP, keep_regions=True)

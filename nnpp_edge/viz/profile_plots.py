@@ -12,8 +12,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from nnpp_edge.profiling.break_even import bins_by_size
-from nnpp_edge.profiling.quantities import STAGES
-from nnpp_edge.profiling.report_format import Report, find
+from nnpp_edge.profiling.contest import Facts
+from nnpp_edge.profiling.figures import STAGES, find
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -50,7 +50,7 @@ _STYLE: dict[Any, Any] = {
 }
 
 
-def plots(report: Report) -> Iterator[tuple[str, str, str]]:
+def plots(report: Facts) -> Iterator[tuple[str, str, str]]:
     """Title, a sentence on how to read it, and the SVG, of each plot."""
     import matplotlib
     from matplotlib.figure import Figure
@@ -83,15 +83,15 @@ def _svg(figure: "Figure", title: str, prefix: str) -> str:
     return text.replace("<svg", f'<svg role="img" aria-label="{title}"', 1)
 
 
-def _sizes(report: Report) -> list[int]:
+def _sizes(report: Facts) -> list[int]:
     return sorted({row["size"] for row in report["results"]})
 
 
-def _planners(report: Report) -> list[str]:
+def _planners(report: Facts) -> list[str]:
     return list(dict.fromkeys(row["planner"] for row in report["results"]))
 
 
-def _panels(figure: "Figure", report: Report, height: float) -> "Iterator[tuple[int, Axes]]":
+def _panels(figure: "Figure", report: Facts, height: float) -> "Iterator[tuple[int, Axes]]":
     """A panel for each size, two side by side where there are several."""
     sizes = _sizes(report)
     columns = min(len(sizes), 2)
@@ -114,7 +114,7 @@ def _legend(figure: "Figure", axes: "Axes") -> None:
     figure.legend(handles, names, loc="outside upper center", ncols=min(len(names), 5), **narrow)
 
 
-def _stages(figure: "Figure", report: Report, first: str) -> None:
+def _stages(figure: "Figure", report: Facts, first: str) -> None:
     sizes, planners = _sizes(report), _planners(report)
     figure.set_size_inches(_WIDE, (0.24 * len(planners) + 0.75) * len(sizes) + 0.5)
     found = {stage for row in report["results"] for stage in row["stages_ms"]}
@@ -136,7 +136,7 @@ def _stages(figure: "Figure", report: Report, first: str) -> None:
     _legend(figure, axes)
 
 
-def _by_size(figure: "Figure", report: Report, first: str) -> None:
+def _by_size(figure: "Figure", report: Facts, first: str) -> None:
     figure.set_size_inches(_WIDE, 3.6)
     axes = figure.add_subplot()
     sizes = _sizes(report)
@@ -153,7 +153,7 @@ def _by_size(figure: "Figure", report: Report, first: str) -> None:
     _legend(figure, axes)
 
 
-def _pareto(figure: "Figure", report: Report, first: str) -> None:
+def _pareto(figure: "Figure", report: Facts, first: str) -> None:
     figure.set_size_inches(_WIDE, 3.8)
     axes = figure.add_subplot()
     workloads = list(dict.fromkeys(row["workload"] for row in report["results"]))
@@ -179,7 +179,7 @@ def _pareto(figure: "Figure", report: Report, first: str) -> None:
     _legend(figure, axes)
 
 
-def _distributions(figure: "Figure", report: Report, first: str) -> None:
+def _distributions(figure: "Figure", report: Facts, first: str) -> None:
     for size, axes in _panels(figure, report, 2.3):
         for name in _planners(report):
             row = find(report["results"], first, size, name)
@@ -192,7 +192,7 @@ def _distributions(figure: "Figure", report: Report, first: str) -> None:
     _legend(figure, axes)
 
 
-def _by_distance(figure: "Figure", report: Report, first: str) -> None:
+def _by_distance(figure: "Figure", report: Facts, first: str) -> None:
     bins = bins_by_size(report["results"])
     for size, axes in _panels(figure, report, 2.3):
         for name in _planners(report):

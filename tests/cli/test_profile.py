@@ -12,9 +12,8 @@ import pytest
 
 from nnpp_edge.profiling import machine, measure
 from nnpp_edge.profiling import report as report_module
-from nnpp_edge.profiling.board import board_row
-from nnpp_edge.profiling.cold_start import ColdStart
-from nnpp_edge.profiling.memory import peak_memory_mb
+from nnpp_edge.profiling.compare import board_row
+from nnpp_edge.profiling.processes import peak_memory_mb
 from nnpp_edge.profiling.profile_maps import ProfileMap, ProfileQuery
 from nnpp_edge.runtime import Ground, Vehicle
 from tests.profiling.traces import check_trace, spans_of, within
@@ -267,11 +266,11 @@ def test_regressions_between_two_reports(run, told, profile):
 
 
 def test_peak_memory_is_that_of_another_process(tiny_model):
-    query = ProfileQuery((5, 5), (90, 90), True)
+    query = ProfileQuery(((5, 5), (90, 90)))
 
     def peak(side, vehicle=None):
         flat = np.zeros((side, side), np.float32)
-        on_map = ProfileMap("flat", flat + 0.2, Ground.of_elevation(flat, 0.25, vehicle=vehicle), (query,))
+        on_map = ProfileMap(flat + 0.2, Ground.of_elevation(flat, 0.25, vehicle=vehicle), (query,))
         return peak_memory_mb(on_map, query, "astar", str(tiny_model))
 
     mine = np.ones(200_000_000, np.uint8)  # must not count
@@ -284,7 +283,7 @@ def test_peak_memory_is_that_of_another_process(tiny_model):
 
 def test_start_up_is_measured_where_a_budget_asks_for_it(run, told, profile, monkeypatch):
     asked = []
-    monkeypatch.setattr(report_module, "cold_start", lambda method: asked.append(method) or ColdStart(5.0, 0.5, 0.1))
+    monkeypatch.setattr(report_module, "start_up_s", lambda method: asked.append(method) or (5.0, 0.5))
     budget = '{ name = "first plan", quantity = "start_up_warm_s", limit = 1, direction = "at most", unit = "s" },'
     profile(changes={"]\n[device]": f"{budget}\n]\n[device]"})
     found = told("profile --profile tiny.toml")

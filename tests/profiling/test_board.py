@@ -3,7 +3,8 @@
 import re
 from pathlib import Path
 
-from nnpp_edge.profiling.board import COLUMNS, board_header, board_row
+from nnpp_edge.profiling.compare import BOARD_COLUMNS as COLUMNS
+from nnpp_edge.profiling.compare import board_header, board_row
 
 BOARDS = Path(__file__).parents[2] / "docs" / "boards.md"
 

@@ -7,8 +7,8 @@ from pathlib import Path
 
 import pytest
 
-from nnpp_edge.profiling.contention import Contention, running
-from nnpp_edge.profiling.profile_file import ProfileError, read_profile
+from nnpp_edge.profiling.contention import running
+from nnpp_edge.profiling.profile_file import Contention, ProfileError, read_profile
 from tests.robot.conftest import wait_until
 
 

@@ -6,9 +6,8 @@ import numpy as np
 import pytest
 
 from nnpp_edge.profiling.evaluate import evaluate
-from nnpp_edge.profiling.ground import whole_cost
 from nnpp_edge.profiling.rivals import exact_and
-from nnpp_edge.profiling.suites import TerrainFiles, synthetic_cases, terrain_cases
+from nnpp_edge.profiling.suites import TerrainFiles, synthetic_cases, terrain_cases, whole_cost
 from nnpp_edge.runtime import Planner, Vehicle, pose_costs
 from nnpp_edge.runtime.errors import InvalidQueryError
 from nnpp_edge.terrain.synthetic import synthetic_terrain

@@ -7,11 +7,10 @@ import numpy as np
 import pytest
 
 from nnpp_edge.profiling import rivals
-from nnpp_edge.profiling.figures import loop_rows, rows
+from nnpp_edge.profiling.figures import find, loop_rows, rows
 from nnpp_edge.profiling.measure import Arriving, queries_in, rivals_of, run
 from nnpp_edge.profiling.profile_file import Device, Load, Networks, OnboardLoop
 from nnpp_edge.profiling.profile_maps import ProfileMaps
-from nnpp_edge.profiling.report_format import find
 from nnpp_edge.runtime.errors import InvalidQueryError
 from nnpp_edge.runtime.planners.planner import Planner
 
@@ -61,7 +60,7 @@ def test_every_planner_has_a_row_for_each_workload_and_size(measured):
     ]
     assert all(row["n"] == 12 and len(row["queries"]["time_ms"]) == 17 for row in told)
     assert done[-1] == queries_in(LOAD) == 2 * 2 * 2 * 17 and done == sorted(done)
-    assert len(found.disturbance) == 2 and all(half.cores.elapsed > 0.0 for half in found.disturbance)
+    assert len(found.disturbance) == 2 and all(half.elapsed_s > 0.0 for half in found.disturbance)
 
 
 def test_each_row_has_the_stages_of_its_planner(measured):
@@ -77,7 +76,7 @@ def clock_outside(measured, of, name):
     _, _, outside, _, planners = measured
     rival, times = planners[name], []
     for query in of.queries:
-        calls = outside[(of.size, of.size), query.start, query.goal, rival.method, rival.model or "edge"]
+        calls = outside[(of.size, of.size), *query.ends, rival.method, rival.model or "edge"]
         assert len(calls) in (2, 4)
         times.append(
             calls[1::2] if len(calls) == 4 else calls
@@ -102,7 +101,7 @@ def test_the_stages_add_up_to_the_time_by_a_clock_outside_within_5_percent(measu
 def test_the_figures_agree_with_a_clock_outside(measured, name):
     """The clock outside is nearer to the planner by a call, so it shows a little less, query by query."""
     for of in measured[0].workloads:
-        ratios = clock_outside(measured, of, name).mean(axis=1) / of.answers[name].times()
+        ratios = clock_outside(measured, of, name).mean(axis=1) / of.answers[name].column("time_ms", near=True)
         assert ratios.max() <= 1.0
         assert np.median(ratios) > 0.95, (of.workload, of.size)
 
@@ -110,7 +109,7 @@ def test_the_figures_agree_with_a_clock_outside(measured, name):
 def test_both_halves_ask_the_same_and_costs_are_those_of_the_public_planner(measured):
     found, told, *_ = measured
     for of in found.workloads:
-        assert all(len(half) == len(of.queries) for half in of.answers["astar"].middle_ms)
+        assert all(len(half) == len(of.queries) for half in of.answers["astar"].figures)
         assert sum(query.judged for query in of.queries) == 12
     for row in told:
         assert row["gap_max"] >= row["gap_mean"] >= -1e-6
@@ -132,8 +131,8 @@ def test_maps_and_patches_that_have_just_arrived_are_measured_of_whom_it_was_ask
             if asked:
                 assert 0.0 < row[key]["median"] <= row[key]["p99"] <= row[key]["max"]
                 assert len(row["halves"][basis]) == 2
-    counts = {len(half) for of in measured[0].workloads for half in of.answers["nnpp"].map_ms}
-    assert counts == {12}, "one for each judged query"
+    for of in measured[0].workloads:
+        assert [len(of.answers["nnpp"].column("map_ms", half)) for half in (0, 1)] == [12, 12], "each judged query"
 
 
 def test_the_loop_answers_every_patch_with_a_checked_path(measured):
@@ -148,7 +147,7 @@ def test_the_loop_answers_every_patch_with_a_checked_path(measured):
 def test_near_questions_are_nearer_than_judged_ones(measured):
     for of in measured[0].workloads:
         for query in of.queries:
-            distance = np.hypot(*np.subtract(query.start, query.goal))
+            distance = np.hypot(*np.subtract(*query.ends))
             assert (distance >= 0.35 * of.size) == query.judged or abs(distance - 0.35 * of.size) < 1.5
 
 
@@ -181,7 +180,7 @@ def test_each_call_on_a_vehicles_map_is_that_of_a_planner_that_has_checked_nothi
     for of in found.workloads:
         grounds = [on_map.ground for _, on_map in zip(of.queries_by_map, maps.maps(of.workload, 64), strict=False)]
         wanted = [
-            Planner(ground).plan(query.start, query.goal, method="astar")
+            Planner(ground).plan(*query.ends, method="astar")
             for ground, queries in zip(grounds, of.queries_by_map, strict=True)
             for query in queries
         ]
@@ -189,7 +188,7 @@ def test_each_call_on_a_vehicles_map_is_that_of_a_planner_that_has_checked_nothi
             assert plan.cost == pytest.approx(answer.cost, rel=1e-5)
             assert plan.checks == answer.checks  # in the last of all repeats, too
             assert (plan.checks > 0) == (of.workload != "soft")
-        assert len(of.answers["corridor"].map_ms[0]) == 3
+        assert len(of.answers["corridor"].column("map_ms", 0)) == 3
     (reacting,) = (of for of in found.workloads if of.reactions)
     assert reacting.workload == "body" and len(reacting.reactions[0].ms) == 4
     gaps = {row["planner"]: row["gap_mean"] for row in rows(found) if row["workload"] == "body"}

@@ -2,9 +2,9 @@
 
 import pytest
 
-from nnpp_edge.profiling.sensors import KernelSensors, Limits, Reading, SensorLog, sensor_facts, throttling
+from nnpp_edge.profiling.sensors import Limits, Reading, Sensors, sensor_facts, throttling
 
-LIMITS = Limits({0: 2000.0, 1: 2000.0}, {"cpu 0": 85.0})
+LIMITS = Limits({"0": 2000.0, "1": 2000.0}, {"cpu 0": 85.0})
 
 
 class FakeSys:
@@ -42,31 +42,35 @@ def fake(tmp_path):
 
 
 def test_what_the_kernel_tells(fake, tmp_path):
-    sensors = KernelSensors([0, 1], tmp_path)
+    sensors = Sensors([0, 1], tmp_path)
     assert sensors.limits == LIMITS
     told = sensors.read()
-    assert told.clock_mhz == {0: 1800.0, 1: 1800.0} and told.temperature_c == {"cpu 0": 55.25} and told.throttles == 6
+    assert (
+        told.clock_mhz == {"0": 1800.0, "1": 1800.0}
+        and told.temperature_c == {"cpu 0": 55.25}
+        and told.throttles == 6
+    )
 
 
 def test_a_machine_that_tells_nothing_has_no_readings_and_is_not_called_throttled(tmp_path):
-    log = SensorLog(KernelSensors([0, 7], tmp_path))
+    log = Sensors([0, 7], tmp_path)
     log.read()
     log.read()
     assert log.readings[0].throttles is None
-    facts = sensor_facts(log)
+    facts = sensor_facts(log.readings, log.limits)
     assert facts == {"readings": 2, "throttled": "", "clock_mhz": {}, "temperature_c": {}}
 
 
 def test_files_that_cannot_be_read_are_left_out(fake, tmp_path):
     fake.clock(0, "<unknown>")
     (tmp_path / "class/thermal/thermal_zone0/temp").unlink()
-    told = KernelSensors([0, 1], tmp_path).read()
-    assert told.clock_mhz == {1: 1800.0} and told.temperature_c == {}
+    told = Sensors([0, 1], tmp_path).read()
+    assert told.clock_mhz == {"1": 1800.0} and told.temperature_c == {}
 
 
 def test_readings_are_taken_no_sooner_than_asked(fake, tmp_path):
     now = [0.0]
-    log = SensorLog(KernelSensors([0], tmp_path), every_s=0.5, clock=lambda: now[0])
+    log = Sensors([0], tmp_path, 0.5, lambda: now[0])
     taken = []
     for tenth in range(20):
         now[0] = 0.1 * tenth
@@ -82,7 +86,7 @@ def readings(clocks=(), temperatures=(), counts=()):
     return [
         Reading(
             float(at),
-            {0: clocks[at]} if clocks else {},
+            {"0": clocks[at]} if clocks else {},
             {"cpu 0": temperatures[at]} if temperatures else {},
             counts[at] if counts else None,
         )
@@ -117,12 +121,12 @@ def test_when_a_run_is_called_throttled(told, words, share):
 
 
 def test_the_report_tells_ranges_limits_and_the_verdict(fake, tmp_path):
-    log = SensorLog(KernelSensors([0, 1], tmp_path))
+    log = Sensors([0, 1], tmp_path)
     for khz, milli in ((2_000_000, 60_000), (1_900_000, 85_000), (1_200_000, 84_000), (1_200_000, 83_000)):
         fake.clock(0, khz)
         fake.temperature(milli)
         log.read()
-    facts = sensor_facts(log)
+    facts = sensor_facts(log.readings, log.limits)
     assert facts["clock_mhz"]["0"] == {"first": 2000.0, "last": 1200.0, "min": 1200.0, "max": 2000.0, "limit": 2000.0}
     assert facts["temperature_c"]["cpu 0"] == {"first": 60.0, "last": 83.0, "min": 60.0, "max": 85.0, "trip": 85.0}
     assert "core 0 fell" in facts["throttled"] and "core 1" not in facts["throttled"]

@@ -47,7 +47,7 @@ def test_a_trace_of_endless_work_keeps_the_newest():
 
 def test_sensors_are_curves():
     trace = Trace("test")
-    trace.sensors([Reading(2.0, {0: 1800.0}, {"cpu 0": 61.5}), Reading(3.0)])
+    trace.sensors([Reading(2.0, {"0": 1800.0}, {"cpu 0": 61.5}), Reading(3.0)])
     curves = [each for each in json.loads(trace.to_json())["traceEvents"] if each["ph"] == "C"]
     assert [(each["name"], each["args"]) for each in curves] == [
         ("clock MHz", {"core 0": 1800.0}),

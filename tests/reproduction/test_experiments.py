@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from nnpp_edge.profiling.harness import Harness
+from nnpp_edge.profiling.contest import Harness
 from nnpp_edge.profiling.suites import TerrainFiles
 from nnpp_edge.reproduction import dynamic, exact, paper, runner, static
 from nnpp_edge.reproduction.drawing import driven, view_episode

@@ -15,14 +15,13 @@ import msgspec
 import numpy as np
 import pytest
 
-from nnpp_edge.profiling.profile_file import LOOP_METHODS, OnboardLoop, ProfileError, overridden_loop, read_profile
+from nnpp_edge.profiling.profile_file import OnboardLoop, ProfileError, overridden_loop, read_profile
 from nnpp_edge.robot.operations.onboard import Wiring
 from nnpp_edge.robot.transports.recording import RecordingFile, read_recording
 from nnpp_edge.robot.transports.wire import decode_output, encode
 from nnpp_edge.runtime.errors import InvalidQueryError, OutputError
 from nnpp_edge.runtime.loop.messages import Goal, MapPatch, PathMessage, Pose
 from nnpp_edge.runtime.network import loading
-from nnpp_edge.runtime.planners.plan import DynamicMethod
 from nnpp_edge.terrain import dem as dem_module
 from tests.profiling.traces import check_trace, spans_of
 from tests.robot.conftest import wait_until
@@ -345,7 +344,6 @@ def test_a_table_loop_that_makes_no_sense_is_refused(tmp_path):
         path.write_text(f"[loop]\n{line}\n")
         with pytest.raises(ProfileError, match=words):
             read_profile(path)
-    assert set(LOOP_METHODS) == {str(method) for method in DynamicMethod}
 
 
 def test_the_network_is_loaded_while_the_first_map_is_read_where_it_will_be_asked(replayed, dem, monkeypatch):
