@@ -21,7 +21,6 @@ from nnpp_edge.runtime.planners.plan import DynamicMethod
 from nnpp_edge.runtime.planners.planner import Planner
 from nnpp_edge.runtime.planners.query import Query, Work
 from nnpp_edge.runtime.planners.refine import BodyLines
-from nnpp_edge.runtime.planners.windowed import connected
 from nnpp_edge.runtime.region.learned import RegionFinder
 from nnpp_edge.runtime.search.dstar_lite import DStarLite
 from nnpp_edge.runtime.search.workspace import Workspace
@@ -131,7 +130,6 @@ def _exercise_kernels(dem: Float2D, network: NetworkModel) -> None:
         cost = traversability_cost(dem, 1.0, cell_width_m=1.5)
     update_cost(cost, dem, (70, 5, 2, 3), 1.0)
     terrain_terms(dem, 1.0)
-    connected([cost], ((0, 0), (1, 1)))
     encode_gaussian((1.0, 2.0), (9.0, 3.0), 4.0, np.empty((GAUSSIAN_CHANNELS, 16, 16), np.float32))
     finder = RegionFinder(16)
     finder.threshold((1, 2), (9, 3))

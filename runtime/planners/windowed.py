@@ -16,7 +16,6 @@ from nnpp_edge.runtime.arrays import Float2D
 from nnpp_edge.runtime.cells import Cell, Endpoints, Rectangle, as_cell, enclosing
 from nnpp_edge.runtime.deadline import NEVER, Deadline, OutOfTimeError
 from nnpp_edge.runtime.errors import InvalidMapError, Status
-from nnpp_edge.runtime.kernels.connection import label_rows, renumber
 from nnpp_edge.runtime.kernels.pooling import FACTOR
 from nnpp_edge.runtime.map.along import Along
 from nnpp_edge.runtime.map.region import Region
@@ -301,18 +300,33 @@ def connected(bands: Iterable[Float2D], ends: Endpoints, *, corner_cutting: bool
     `bands` are (h, w) float32 costs of the map's rows, from top to bottom, read no further than is needed. Without
     `corner_cutting` a diagonal step connects nothing that straight steps do not.
     """
-    above = parents = numbers = np.empty(0, np.int32)
-    found, used, row = np.zeros(2, np.int32), 1, 0
+    import cv2  # takes a tenth of a second to load
+
+    above, found, row, used, parents = np.empty(0, np.int64), [0, 0], 0, 0, dict[int, int]()
+
+    def root(label: int) -> int:
+        while (parent := parents.get(label, label)) != label:
+            label = parent
+        return label
+
     for cost in bands:
-        if not len(above):
-            above = np.zeros(cost.shape[1], np.int32)
-        if len(parents) < used + cost.size:
-            parents = np.arange(len(above) + 4 + cost.size, dtype=np.int32)
-            numbers = np.zeros(len(parents), np.int32)
-        used = label_rows(cost, 1.0, corner_cutting, above, parents, used, row, ends, found)
-        row += len(cost)
-        used = renumber(parents, above, found, numbers)
-        if found.all() and found[0] == found[1]:
+        count, labels = cv2.connectedComponents((cost < 1.0).view(np.uint8), connectivity=8 if corner_cutting else 4)
+        first, last = (np.where(line, line + np.int64(used), 0) for line in (labels[0], labels[-1]))
+        for n, (end_row, end_col) in enumerate(ends):
+            if row <= end_row < row + len(cost) and (label := int(labels[end_row - row, end_col])):
+                found[n] = label + used
+        touching = [(above, first)] if len(above) else []
+        if corner_cutting and touching:
+            touching += [(above[:-1], first[1:]), (above[1:], first[:-1])]
+        for one, other in touching:
+            both = (one > 0) & (other > 0)
+            for upper, lower in np.unique(np.stack((one[both], other[both]), 1), axis=0).tolist():
+                parents[root(lower)] = root(upper)
+        known, at = np.unique(last, return_inverse=True)
+        above, found = np.array([root(label) for label in known.tolist()])[at], [root(label) for label in found]
+        parents.clear()  # what is kept are roots
+        row, used = row + len(cost), used + count
+        if all(found) and found[0] == found[1]:
             return True
         if any(label and label not in above for label in found):  # it ends above, and the other is not in it
             return False
