@@ -48,57 +48,51 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
             item.add_marker(pytest.mark.slow)
 
 
+TINY_MODEL = """<ir_version: 10, opset_import: ["" : 18]>
+tiny (float[1, 3, 64, 64] input) => (float[1, 1, 8, 8] probability)
+<float least = {1e-30}, float minus = {-512}, float slope = {-4}, float half = {0.5}, float one = {1},
+ int64[3] axes = {1, 2, 3}, int64[2] parts = {1, 2}, int64[1] channel = {1}>
+{
+    cost, gaussians = Split <axis = 1> (input, parts)
+    positive = Max (gaussians, least)
+    logarithms = Log (positive)
+    squares = Mul (logarithms, minus)
+    distances = Sqrt (squares)
+    by_way = ReduceSum (distances, channel)
+    apart = ReduceMin (by_way, axes)
+    detour = Sub (by_way, apart)
+    unit = Max (apart, one)
+    share = Div (detour, unit)
+    exponent = Mul (share, slope)
+    nearness = Exp (exponent)
+    malus = Mul (cost, half)
+    ease = Sub (one, malus)
+    fine = Mul (nearness, ease)
+    probability = AveragePool <kernel_shape = [8, 8], strides = [8, 8]> (fine)
+}"""
+"""From the distances to start and to goal, read off Gaussians of a quarter of the map."""
+
+
 def write_tiny_model(path: Path, **changes: Any) -> Path:
     """An ONNX model of the paper's kind without a single weight to train; `changes` go to its metadata.
 
     Its probability is high on the straight line between start and goal and falls off to the sides, and it is
     lower where the map is costly.
     """
-    from onnx import TensorProto, checker, helper, save
+    from onnx import checker, helper, parser, save
 
     from nnpp_edge.runtime.network.model_file import METADATA_KEY, ModelMetadata
 
-    blocks, sigma = TINY_SIDE // 8, 0.25
-
-    def tensor(name: str, *shape: int) -> Any:
-        return helper.make_tensor_value_info(name, TensorProto.FLOAT, shape)
-
-    numbers = {"least": 1e-30, "minus": -2.0 * (sigma * TINY_SIDE) ** 2, "slope": -4.0, "half": 0.5, "one": 1.0}
-    constants = [helper.make_tensor(name, TensorProto.FLOAT, (), [value]) for name, value in numbers.items()]
-    constants.append(helper.make_tensor("axes", TensorProto.INT64, (3,), [1, 2, 3]))
-    constants.append(helper.make_tensor("parts", TensorProto.INT64, (2,), [1, 2]))
-    constants.append(helper.make_tensor("channel", TensorProto.INT64, (1,), [1]))
-    steps = [
-        ("Split", ["input", "parts"], ["cost", "gaussians"]),
-        ("Max", ["gaussians", "least"], ["positive"]),
-        ("Log", ["positive"], ["exponent"]),
-        ("Mul", ["exponent", "minus"], ["squares"]),
-        ("Sqrt", ["squares"], ["distances"]),  # to start and to goal
-        ("ReduceSum", ["distances", "channel"], ["by_way"]),
-        ("ReduceMin", ["by_way", "axes"], ["apart"]),
-        ("Sub", ["by_way", "apart"], ["detour"]),
-        ("Max", ["apart", "one"], ["unit"]),
-        ("Div", ["detour", "unit"], ["share"]),
-        ("Mul", ["share", "slope"], ["logarithm"]),
-        ("Exp", ["logarithm"], ["nearness"]),
-        ("Mul", ["cost", "half"], ["malus"]),
-        ("Sub", ["one", "malus"], ["ease"]),
-        ("Mul", ["nearness", "ease"], ["fine"]),
-    ]
-    nodes = [helper.make_node(*step, **({"axis": 1} if step[0] == "Split" else {})) for step in steps]
-    nodes.append(helper.make_node("AveragePool", ["fine"], ["probability"], kernel_shape=[8, 8], strides=[8, 8]))
-    inputs, outputs = [tensor("input", 1, 3, TINY_SIDE, TINY_SIDE)], [tensor("probability", 1, 1, blocks, blocks)]
-    graph = helper.make_graph(nodes, "tiny", inputs, outputs, constants)
-    model = helper.make_model(graph, opset_imports=[helper.make_opsetid("", 18)], ir_version=10)
+    model = parser.parse_model(TINY_MODEL)
     checker.check_model(model)
     metadata: dict[str, Any] = {
         "name": "tiny",
         "architecture": "nnpp",
         "input_size": TINY_SIDE,
-        "blocks": blocks,
+        "blocks": TINY_SIDE // 8,
         "encoding": "gaussian",
         "channels": ("cost", "start_map", "goal_map"),
-        "sigma": sigma,
+        "sigma": 0.25,
         "omega": 0.011,
         "cost_limits": {},
         "version": "0",
