@@ -1,9 +1,22 @@
-"""The rungs of the loop's ladder, seen from outside: what a late tick answers, and one whose path has got worse."""
+"""What the loop answers late, and where it goes in place of a goal that it cannot reach."""
 
 import numpy as np
 import pytest
 
-from nnpp_edge.runtime import Goal, MapPatch, Navigator, NavigatorSettings, Origin, Pose, World
+from nnpp_edge.runtime import (
+    Goal,
+    Ground,
+    MapPatch,
+    Navigator,
+    NavigatorSettings,
+    Origin,
+    Planner,
+    Pose,
+    Status,
+    Vehicle,
+    World,
+)
+from nnpp_edge.runtime.loop.approach import place_towards
 
 STEP = 1.0 + 2 * 2.805 * 0.2
 """What a straight step costs where the map costs 0.2."""
@@ -91,3 +104,93 @@ def test_a_robot_in_an_obstacle_starts_beside_it_no_farther_than_its_radius(cell
     navigator.offer(Pose(cell[0] + 0.5, cell[1] + 0.5))
     message = navigator.tick()
     assert message.outcome == status and message.start_moved == message.ok
+
+
+FREE = np.float32(0.2)
+
+
+def reached_from(cost, start):
+    return Planner(np.where(np.isnan(cost), np.inf, cost)).reach(start)
+
+
+def place_for(cost, goal, start, margin=2, present=None):
+    """On a map of costs, NaN where unknown."""
+    beyond = np.zeros(cost.shape, np.bool_)
+    if cost[goal] < 1.0:
+        beyond = np.isfinite(reached_from(cost, goal))
+    beyond[goal] = True
+    return place_towards(goal, start, reached_from(cost, start), beyond, np.isnan(cost), margin, present)
+
+
+def drive(ground, truth, start, goal, *, sight, ticks):
+    """Go two cells a tick along the loop's path, and see so far; the cells driven, and the last answer."""
+    nav = Navigator(ground, NavigatorSettings(approach=True))
+    nav.offer(Goal(*goal))
+    driven, (down, right) = [start], np.ogrid[: truth.shape[0], : truth.shape[1]]
+    for _ in range(ticks):
+        row, col = driven[-1]
+        seen = np.where(np.hypot(down - row, right - col) <= sight, truth, np.float32(np.nan))
+        nav.offer(MapPatch(0, 0, **{"cost" if ground.elevation is None else "elevation": seen}, keep_known=True))
+        nav.offer(Pose(row + 0.5, col + 0.5))
+        message = nav.tick()
+        driven += [tuple(cell) for cell in message.path[1:3].tolist()]
+        if driven[-1] == goal:
+            break
+    return driven, message
+
+
+def test_the_way_over_the_edge_of_the_unknown_is_the_shortest():
+    """By all cells at the edge: the cost to there, in cells of usual cost, and the distance from there."""
+    rng = np.random.default_rng(3)
+    cost = np.where(rng.random((40, 50)) < 0.2, np.inf, FREE).astype(np.float32)
+    cost[:, 30:], cost[20, 20] = np.nan, FREE
+    cost[32:35, 20:23] = np.nan  # a hole, apart from the ground that holds the goal
+    start, goal = (20, 20), (33, 45)
+    costs = reached_from(cost, start)
+    cells = [cell for cell in np.ndindex(cost.shape) if np.isfinite(costs[cell])]
+    usual = np.median([costs[cell] / max(np.hypot(cell[0] - 20, cell[1] - 20), 1.0) for cell in cells])
+    edge = [cell for cell in cells if cell[1] >= 28]  # two cells from it, or nearer
+    worth = {cell: costs[cell] / usual + np.hypot(cell[0] - 33, cell[1] - 45) for cell in edge}
+    place, best = place_for(cost, goal, start), min(worth.values())
+    assert worth[place] == pytest.approx(best)
+    kept = {cell: place_for(cost, goal, start, present=cell) == cell for cell in edge}
+    assert kept == {cell: value <= best + 5.0 for cell, value in worth.items()}
+    assert 3 < sum(kept.values()) < len(kept)
+    assert place_for(cost, goal, start, present=start) == place  # which is not at the edge
+
+
+def test_a_goal_that_is_known_and_shut_off_is_gone_near_to():
+    cost = np.full((20, 30), FREE)
+    assert place_for(cost, (15, 25), (2, 2)) == (15, 25)  # it can be reached
+    cost[:, 15] = np.inf
+    goal, start = (12, 25), (2, 2)
+    assert place_for(cost, goal, start) == (12, 14)
+    assert place_for(cost, goal, start, present=(9, 14)) == (9, 14)
+    assert place_for(cost, goal, start, present=goal) == (12, 14)
+    cost[4:7, 5:8] = np.nan  # a hole elsewhere changes nothing
+    assert place_for(cost, goal, start) == (12, 14)
+    cost[:3, 14:17] = np.nan  # where it is not known that the wall goes on is where a way may be
+    row, col = place_for(cost, goal, start)
+    assert row <= 4 and 12 <= col <= 14
+    cost[:, 16:] = np.nan  # nothing is known beyond the wall, and no cell at its edge can be reached
+    cost[:3, 14:17] = np.inf
+    assert place_for(cost, goal, start, margin=1) == (12, 14)
+
+
+def test_a_robot_finds_its_way_out_of_a_pocket_that_opens_away_from_the_goal():
+    truth = np.full((60, 80), FREE)
+    truth[20:41, 50] = truth[20, 25:51] = truth[40, 25:51] = np.inf
+    ground = Ground(np.full(truth.shape, np.nan, np.float32))
+    driven, message = drive(ground, truth, (30, 30), (30, 70), sight=9, ticks=150)
+    assert driven[-1] == (30, 70) and message.ok and not message.goal_moved
+    assert all(truth[cell] < 1.0 for cell in driven)
+    assert max(col for row, col in driven if 20 < row < 40 and col < 50) > 38  # it saw the pocket's end first
+
+
+def test_a_body_comes_as_near_to_the_unknown_as_it_can_and_goes_on():
+    truth = np.zeros((50, 70), np.float32)
+    truth[15:36, 30] = 1.0
+    rover = Vehicle(length_m=0.6, width_m=0.4, clearance_m=0.2)
+    ground = Ground.of_elevation(np.full(truth.shape, np.nan, np.float32), 0.1, vehicle=rover)
+    driven, message = drive(ground, truth, (25, 10), (25, 60), sight=12, ticks=120)
+    assert driven[-1] == (25, 60) and message.outcome is Status.OK

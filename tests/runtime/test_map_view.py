@@ -1,13 +1,106 @@
+"""What a network is shown: a map, or a window of it, and start and goal."""
+
 import itertools
 
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
 from nnpp_edge.runtime import DynamicPlanner, NetworkModel, Planner
+from nnpp_edge.runtime.map.grid import Grid
 from nnpp_edge.runtime.map.ground import Ground
 from nnpp_edge.runtime.map.state import map_state
+from nnpp_edge.runtime.map.step_cost import StepModel
+from nnpp_edge.runtime.network.encoding import Frame, encode_ends, encode_gaussian, map_planes
 from nnpp_edge.runtime.region.map_view import MapView
 from nnpp_edge.runtime.tuning import UNSEEN_CHANGE
+
+
+def planes_of(cost, size, parts=None, out=None):
+    grid = Grid.of(cost, StepModel.of("paper"))
+    out = np.full((2, size, size), -1, np.float32) if out is None else out
+    map_planes(grid, Frame(*cost.shape, size), out, parts)
+    return out
+
+
+def test_a_map_is_averaged_and_its_rest_is_shown_impassable():
+    cost = np.random.default_rng(0).random((64, 128)).astype(np.float32)
+    cost[10:13, 20:22] = np.nan
+    for size, side in ((32, 4), (128, 1)):
+        planes, rows = planes_of(cost, size), 64 // side
+        parts = rows, side, size, side
+        seen = np.where(np.isnan(cost), 1, cost).reshape(parts).mean(axis=(1, 3))
+        np.testing.assert_allclose(planes[0, :rows], seen, atol=1e-6)
+        np.testing.assert_allclose(planes[1, :rows], np.isnan(cost).reshape(parts).mean(axis=(1, 3)))
+        assert (planes[:, rows:] == 1).all()
+
+
+@given(st.integers(1, 90), st.integers(1, 90), st.data())
+def test_an_update_of_parts_equals_the_whole(rows, cols, data):
+    rng = np.random.default_rng(rows * 100 + cols)
+    cost = rng.random((rows, cols)).astype(np.float32)
+    out = planes_of(cost, 32)
+    parts = []
+    for _ in range(data.draw(st.integers(1, 3))):
+        row, col = data.draw(st.integers(0, rows - 1)), data.draw(st.integers(0, cols - 1))
+        h, w = data.draw(st.integers(1, rows - row)), data.draw(st.integers(1, cols - col))
+        cost[row : row + h, col : col + w] = rng.choice([0.3, np.inf])
+        parts.append((row, col, h, w))
+    np.testing.assert_allclose(planes_of(cost, 32, parts, out), planes_of(cost, 32), atol=1e-6)
+
+
+@given(st.integers(1, 2000), st.integers(1, 2000), st.sampled_from([(64, 16), (256, 64)]))
+def test_every_cell_has_a_block_and_neighbours_have_neighbouring_ones(rows, cols, sizes):
+    size, blocks = sizes
+    frame = Frame(rows, cols, size)
+    for lookup, cells, inner in zip(frame.lookup(blocks), (rows, cols), frame.inner, strict=True):
+        assert lookup.dtype == np.int32
+        assert lookup[0] >= 0
+        assert lookup[-1] < blocks
+        assert (np.diff(lookup) >= 0).all()
+        if cells >= blocks:
+            assert np.diff(lookup).max(initial=0) <= 1
+        assert lookup[-1] <= (inner - 1) * blocks // size
+
+
+def test_the_gaussian_is_equation_5_with_a_peak_of_one():
+    out = np.empty((2, 64, 64), np.float32)
+    encode_gaussian((10.0, 20.0), (50.0, 3.0), 16.0, out)
+    i, j = np.mgrid[:64, :64]
+    for plane, (r, c) in zip(out, ((10, 20), (50, 3)), strict=True):
+        np.testing.assert_allclose(plane, np.exp(-((i - r) ** 2 + (j - c) ** 2) / (2 * 16**2)), atol=1e-6)
+
+
+@given(st.floats(0.0, 63.0), st.floats(0.0, 63.0), st.floats(0.0, 63.0), st.floats(0.0, 63.0))
+def test_an_end_is_read_off_the_points_and_the_way_leads_there(row_a, col_a, row_b, col_b):
+    out = np.empty((15, 8, 8), np.float32)
+    encode_ends((row_a, col_a), (row_b, col_b), 16.0, out)
+    centres = 8.0 * np.arange(8) + 3.5
+    for planes, row, col in ((out[:6], row_a, col_a), (out[6:12], row_b, col_b)):
+        share = planes[0].astype(float)
+        assert share.min() >= 0.0
+        assert share.sum() == pytest.approx(1.0, abs=1e-5)
+        inside = np.clip((row, col), 3.5, 59.5)  # what lies beyond the outermost points is read off them
+        assert ((share.sum(1) * centres).sum(), (share.sum(0) * centres).sum()) == pytest.approx(inside, abs=1e-3)
+        down, right = row - centres[:, None], col - centres
+        apart = np.hypot(down, right)
+        wanted = (down + 0 * right, right + 0 * down, apart)
+        np.testing.assert_allclose(planes[1:4], np.array(wanted) / 64.0, atol=1e-6)
+        np.testing.assert_allclose(planes[4], np.exp(-(apart**2) / (2 * 16.0**2)), atol=1e-6)
+        np.testing.assert_allclose(planes[5], np.exp(-(apart**2) / (2 * 4.0**2)), atol=1e-6)
+    length = np.hypot(row_a - row_b, col_a - col_b)
+    np.testing.assert_allclose(out[14], max(length, 8.0) / 64.0, atol=1e-6)
+    back = np.empty_like(out)
+    encode_ends((row_b, col_b), (row_a, col_a), 16.0, back)
+    np.testing.assert_allclose(back, out[[*range(6, 12), *range(6), 12, 13, 14]], atol=1e-6)
+
+
+def test_a_place_is_the_centre_of_the_map_cell():
+    frame = Frame(512, 256, 256)
+    assert frame.inner == (256, 128)
+    assert frame.place((0, 0)) == pytest.approx((-0.25, -0.25))
+    assert frame.place((511, 255)) == pytest.approx((255.25, 127.25))
 
 
 def holds(window, *cells):

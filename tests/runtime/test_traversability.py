@@ -1,4 +1,9 @@
+"""Eq. 1, of whole maps and where a search looks. Many more maps are tried by `tests.fuzz.elevations`."""
+
+import copy
 import math
+import pickle
+import random
 import warnings
 
 import numpy as np
@@ -6,6 +11,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from nnpp_edge.runtime import Planner
 from nnpp_edge.runtime.terrain.traversability import (
     SaturationWarning,
     Traversability,
@@ -14,6 +20,7 @@ from nnpp_edge.runtime.terrain.traversability import (
     update_cost,
 )
 from tests import oracles
+from tests.fuzz import elevations
 
 
 @st.composite
@@ -110,3 +117,59 @@ def test_more_than_half_saturated_is_said_by_term():
     with warnings.catch_warnings():
         warnings.simplefilter("error")
         traversability_cost(rough, 20.0, Traversability(step_limit_m=20, roughness_limit_m=20))
+
+
+SIDE = 300
+ROW, COL = np.mgrid[:SIDE, :SIDE]
+HILLS = (4.0 * np.sin(ROW / 23.0) * np.cos(COL / 31.0)).astype(np.float32)
+ENDS = (20, 30), (60, 80)
+
+
+def planner_on(lazy=True, dem=HILLS, **options):
+    return Planner.of_elevation(dem, 1.0, lazy=lazy, warn=False, **options)
+
+
+def test_nothing_is_computed_before_somebody_looks():
+    ours = planner_on()
+    assert ours.state.costs_computed == 0.0
+    plan = ours.plan(*ENDS, method="astar")
+    assert plan.ok and 0.0 < plan.costs_computed < 0.5
+    assert planner_on(lazy=False).plan(*ENDS, method="astar").costs_computed == 1.0
+    assert Planner(traversability_cost(HILLS, 1.0, warn=False)).plan(*ENDS).costs_computed == 1.0
+
+
+def test_heights_relative_to_a_base_stay_so_in_patches():
+    high = HILLS.astype(np.float64) + 2.0**23
+    ours = planner_on(dem=high)
+    assert ours.plan(*ENDS, method="astar").cost == pytest.approx(
+        planner_on().plan(*ENDS, method="astar").cost, rel=1e-5
+    )
+    ours.update_elevation(30, 30, high[30:50, 30:60])
+    np.testing.assert_allclose(ours.state.grid.map(), planner_on(False).state.grid.map(), atol=1e-4)
+
+
+def test_a_saturated_map_warns_once_it_arrives():
+    with pytest.warns(SaturationWarning, match="slope") as caught:
+        Planner.of_elevation(HILLS * 100.0, 1.0, Traversability(step_limit_m=1e6, roughness_limit_m=1e6))
+    assert caught[0].filename == __file__
+
+
+@pytest.mark.filterwarnings("ignore:the network edge was trained for omega")
+@pytest.mark.parametrize("seed", [1795346114005736, 1795346114009973, 1795346114008315])
+def test_what_is_computed_does_not_depend_on_what_was_there_before(seed):
+    """Three coarse levels; a patch in tiles that are pooled and not yet linked; costs that weigh nothing."""
+    assert elevations.check(elevations.generate(random.Random(f"elevations {seed}"))) is None
+
+
+def test_a_copy_has_the_elevations_as_they_are_now():
+    dem = HILLS.copy()
+    ours = planner_on(dem=dem)
+    dem[:] = np.nan  # they are copied
+    assert ours.plan(*ENDS).ok
+    ours.update_elevation(40, 40, np.full((9, 9), 90.0))
+    for copied in (copy.deepcopy, lambda each: pickle.loads(pickle.dumps(each))):
+        other = copied(ours)
+        assert other.state.costs_computed == 0.0
+        assert other.plan(*ENDS, method="astar").cost == ours.plan(*ENDS, method="astar").cost
+        other.update_elevation(40, 40, HILLS[40:49, 40:49])
+        assert ours.state.grid.map()[44, 40] > other.state.grid.map()[44, 40]
