@@ -2,17 +2,15 @@
 
 import json
 import os
-import shlex
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 from nnpp_edge.terrain.dem import Dem, write_raster
-from tests.cli.grounds import PLACE, layer, rolling
+from tests.cli.grounds import PLACE, layer
 
 ENERGY = "[mobility.energy]\nmass_kg = 50\nrolling_resistance = 0.1\n"
-GOOD = "length_m = 1.0\nwidth_m = 0.8\nclearance_m = 0.3\n"
 SHORT = {
     "$PLAN": "plan hills.tif --start 5,5 --goal 70,80",
     "$HILL": "plan hill.npz --start 10,10 --goal 45,48 -o new",
@@ -74,13 +72,19 @@ plan cost.npz --start 1,1 --goal 9,9 --vehicle small-rover | wanted heights, got
 $HILL --vehicle none.toml                      | got 'none.toml' (no such file)
 $HILL --vehicle .                              | (a folder)
 $HILL --set clearance_m=0.3                    | length_m is missing
+$HILL --set clearance                          | wanted KEY=VALUE in TOML, such as clearance_m=0.3, got 'clearance'
+$HILL --set ''                                 | wanted KEY=VALUE
+$BODY --set "axles='two'"                      | axles: wanted a whole number, got 'two'
+$BODY --set clearance_m=nan                    | clearance_m must be
 $HILL --set clearance=0.3                      | clearance is unknown: wanted one of length_m, width_m
-$HILL --set length_m=50 --set width_m=2 --set clearance_m=1 | a map that the vehicle fits on
 $HILL --set radius_m=50                        | the map's edge lies within the vehicle's radius
-$BODY --set clearance_m=-1                     | small-rover: clearance_m must be a positive number
-$BODY --set max_tilt_deg=90                    | max_tilt_deg must lie in (0, 90)
-$BODY --set track_m=5                          | under the body
-$BODY --set radius_m=1                         | a vehicle with a radius is a disc
+$HILL --vehicle body.toml                      | wheels is unknown: wanted one of length_m
+$HILL --step-cost energy --mobility heavy.toml | heavy.toml: mobility: energy: mass_kg must be a number above 0
+$HILL --set length_m=50 --set width_m=2 --set clearance_m=1 | a map that the vehicle fits on
+run --map hill.npz --ticks 1 --log log.mcap --vehicle body.toml | wheels is unknown: wanted one of length_m
+$EVAL --workload body --vehicle body.toml      | wheels is unknown: wanted one of length_m
+$EVAL --step-cost energy --mobility heavy.toml | mass_kg must be a number above 0
+$EVAL --step-cost energy --mobility body.toml  | body.toml: wanted a table [mobility], got none
 $BODY --method nnpp --model none.onnx          | none.onnx
 $BODY --workload body                          | is a vehicle's
 $BODY --start 24,25                            | the nearest cell where it does is (
@@ -185,62 +189,33 @@ run --map hills.npz --input replay:text.txt --metrics text.txt | would replace |
 run --map hills.npz --profile set/report.json --log set/report.json | would replace | which is read
 run --map hills.npz --model text.txt --log text.txt | would replace | which is read
 """
-BODIES = {
-    "": "length_m is missing",
-    GOOD + "wheels = 6\n": "wheels is unknown: wanted one of length_m",
-    "[vehicle]\n" + GOOD: "vehicle is unknown",
-    GOOD.replace("1.0", '"long"'): "length_m: wanted a number, got 'long'",
-    GOOD.replace("1.0", "true"): "length_m: wanted a number, got True",
-    GOOD.replace("1.0", "nan"): "length_m must be a positive number of metres, got nan",
-    GOOD + "axles = 2.5\n": "axles: wanted a whole number, got 2.5",
-    GOOD + "max_pitch_deg = 'steep'\n": "max_pitch_deg: wanted a number, got 'steep'",
-    GOOD + "unknown_passes = 1\n": "unknown_passes: wanted true or false, got 1",
-    GOOD.replace("0.3", "-0.3"): "clearance_m must be a positive number of metres, got -0.3",
-    GOOD + "max_tilt_deg = 90\n": "max_tilt_deg must lie in (0, 90) degrees, got 90",
-    GOOD + "max_roll_deg = 90.0\n": "max_roll_deg must lie in (0, 90) degrees, got 90",
-    GOOD + "wheelbase_m = 1.2\n": "the wheels must lie under the body: wheelbase_m",
-    GOOD + "wheel_width_m = 0.9\n": "the wheels must lie under the body: track_m",
-    GOOD + "radius_m = 1.0\n": "wanted no other values beside radius_m",
-    GOOD.replace("1.0", "20.0"): "wanted a map that the vehicle fits on, 20 × 0.8 m, got one of 15 × 15 m",
-    "length_m =": "wanted a vehicle in TOML",
-    "\x00": "wanted a vehicle in TOML",
-}
-TABLES = {
-    ENERGY.replace("50", "-50"): "body.toml: mobility: energy: mass_kg must be a number above 0, got -50",
-    ENERGY + "recovery = 1.5\n": "recovery must lie from 0 to 1, got 1.5",
-    ENERGY.replace("mass_kg", "weight"): "mobility.energy: weight is unknown",
-    "length_m = 1": "body.toml: wanted a table [mobility], got none",
-}
 
 
 @pytest.fixture
-def place(tmp_path, monkeypatch):
+def place(run, hills, tmp_path):
     """A folder of inputs of all kinds, in which commands run."""
-    monkeypatch.chdir(tmp_path)
-    heights = rolling()
-    np.savez("hills.npz", elevation_m=heights, cell_size_m=2.0)
-    heights[:, 86] = np.nan
     cliff = 50.0 * np.arange(90.0)
-    for name, more, where in (("hills", 0.0, PLACE), ("nothing", cliff, PLACE), ("bare", 0.0, None)):
-        write_raster(
-            Path(f"{name}.tif"), (heights + more).astype(np.float32), Dem(heights, 2.0, 2.0, where, tmp_path)
-        )
+    for name, more, where in (("nothing", cliff, PLACE), ("bare", 0.0, None)):
+        write_raster(Path(f"{name}.tif"), (hills + more).astype(np.float32), Dem(hills, 2.0, 2.0, where, tmp_path))
     rows = "\n".join(" ".join(["0.0"] * 90) for _ in range(80))
     Path("grid.asc").write_text(f"ncols 90\nnrows 80\nxllcorner 0\nyllcorner 0\ncellsize 2\n{rows}\n")
     small = (0.02 * np.random.default_rng(0).random((60, 60))).astype(np.float32)
     small[18:30, 20:30] += np.arange(12, dtype=np.float32)[:, None] * np.float32(0.4)
     np.savez("hill.npz", elevation_m=small, cell_size_m=0.25)
     np.savez("cost.npz", cost=np.full((60, 60), 0.2, np.float32), cell_size_m=0.25)
-    layer(Path("path.gpkg"), [(60, 70), (1, 1)])
-    layer(Path("two.gpkg"), [(60, 70), (1, 1)])
-    layer(Path("far.gpkg"), [(60, 70), (200, 300)])
+    for name, second in (("path", (1, 1)), ("two", (1, 1)), ("far", (200, 300))):
+        layer(Path(f"{name}.gpkg"), [(60, 70), second])
     Path("drive.mcap").write_bytes(b"\x89MCAP0\r\n" * 20)
-    Path("mine.toml").write_text(ENERGY)
-    Path("own.toml").write_text("[loop]\nmodel = 'nope'\nmethod = 'astar'\n[workload]\nterrain = 'hills.npz'\n")
     Path("set").mkdir()
-    for name in ("text.txt", "grey.png", "set/peers.json", "set/dataset.json"):
-        Path(name).write_text("input")
-    Path("set/report.json").write_text("[workload]\nterrain = 'hills.npz'\n")
+    for name, text in {
+        "mine.toml": ENERGY,
+        "heavy.toml": ENERGY.replace("50", "-50"),
+        "body.toml": "length_m = 1.0\nwidth_m = 0.8\nclearance_m = 0.3\nwheels = 6\n",
+        "own.toml": "[loop]\nmodel = 'nope'\nmethod = 'astar'\n[workload]\nterrain = 'hills.npz'\n",
+        "set/report.json": "[workload]\nterrain = 'hills.npz'\n",
+        **dict.fromkeys(("text.txt", "grey.png", "set/peers.json", "set/dataset.json"), "input"),
+    }.items():
+        Path(name).write_text(text)
     Path("link.npz").symlink_to("hills.npz")
     Path("loop").symlink_to("loop")
     Path("out/plan.json").mkdir(parents=True)
@@ -253,56 +228,40 @@ def files(folder):
     return {path: path.read_bytes() for path in folder.rglob("*") if path.is_file()}
 
 
-def test_what_makes_no_sense_ends_in_one_line_and_writes_nothing(nnpp_edge, place):
+def test_what_makes_no_sense_ends_in_one_line_and_writes_nothing(run, place):
     before = files(place)
     for line in CASES.strip().splitlines():
         words, *complaints = line.split(" | ")
         for short, whole in SHORT.items():
             words = words.replace(short, whole)
-        ended = nnpp_edge(*shlex.split(words))
+        ended = run(words)
         *_, last = ended.err.splitlines()
         assert (ended.code, ended.out) == (2, "") and ended.err.count("error") == 1, (line, ended.err)
         assert last.startswith("error: ") and all(told.strip() in last for told in complaints), (line, ended.err)
         assert files(place) == before, line
 
 
-def test_a_vehicle_s_file_that_makes_no_sense_is_named(nnpp_edge, place):
-    commands = (
-        "plan hill.npz --start 10,10 --goal 45,48 -o new",
-        "run --map hill.npz --ticks 1 --log log.mcap",
-        "evaluate --terrain hill.npz --workload body --sizes 60 --queries 1",
-    )
-    for at, (text, complaint) in enumerate(BODIES.items()):
-        Path("body.toml").write_text(text)
-        before = files(place)
-        for command in commands if at in (1, 15) else commands[:1]:
-            nnpp_edge(*command.split(), "--vehicle", "body.toml").refused(complaint)
-        assert files(place) == before
-    for text, complaint in TABLES.items():
-        Path("body.toml").write_text(text)
-        for command in (commands[0], "evaluate --terrain hill.npz --sizes 32 --queries 1"):
-            words = (*command.split(), "--step-cost", "energy", "--mobility", "body.toml")
-            nnpp_edge(*words).refused(complaint)
-
-
-def test_ends_where_none_can_be_have_a_status_for_programs(nnpp_edge, place):
+def test_ends_where_none_can_be_have_a_status_for_programs(run, place):
     for start, goal, status, told in (
         ("-1,5", "70,80", "START_OUTSIDE_MAP", "start (-1, 5) lies outside the map of 80 × 90 cells"),
         ("5,5", "5,900", "GOAL_OUTSIDE_MAP", "goal (5, 900) lies outside the map of 80 × 90 cells"),
         ("40,86", "70,80", "START_BLOCKED", "start (40, 86) is impassable: its elevation is unknown"),
         ("5,5", "40,86", "GOAL_BLOCKED", "the nearest passable cell is (40, 85)"),
     ):
-        for more in (("--method", "astar"), ("--memory", "1kB")):
-            ended = nnpp_edge("plan", "hills.tif", "--start", start, "--goal", goal, "--json", *more)
+        for more in ("--method astar", "--memory 1kB"):
+            ended = run(f"plan hills.tif --start {start} --goal {goal} --json {more}")
             assert json.loads(ended.out)["status"] == status and told in ended.err
-    words = ("plan", "nothing.tif", "--start", "1,1", "--goal", "20,20", "--workload", "limit20")
-    nnpp_edge(*words).refused("80 × 90 cells of 2 m, all impassable")
-    assert json.loads(nnpp_edge(*words, "--json").out) == {"status": "INVALID_MAP"}
+    words = "plan nothing.tif --start 1,1 --goal 20,20 --workload limit20"
+    run(words).refused("80 × 90 cells of 2 m, all impassable")
+    assert json.loads(run(words, "--json").out) == {"status": "INVALID_MAP"}
 
 
-def test_outputs_are_checked_before_any_work(nnpp_edge, place, monkeypatch):
-    for work in ("terrain.dem.read_dem", "profiling.report.profile_machine"):
+def test_outputs_are_checked_before_any_work(run, place, monkeypatch):
+    for work in ("profiling.suites.read_dem", "terrain.dem.read_dem", "profiling.report.profile_machine"):
         monkeypatch.setattr(f"nnpp_edge.{work}", None)
-    for words in ("plan hills.npz --start 1,1 --goal 2,2 -o loop", "costmap hills.npz -o pipe.npy"):
-        assert nnpp_edge(*words.split()).code == 2
-    assert nnpp_edge("evaluate", "--terrain", "hills.npz", "--plot", "pipe.npy").code == 2
+    for words in (
+        "plan hills.npz --start 1,1 --goal 2,2 -o loop",
+        "costmap hills.npz -o pipe.npy",
+        "evaluate --terrain hills.npz --plot pipe.npy",
+    ):
+        assert run(words).code == 2

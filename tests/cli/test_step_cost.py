@@ -4,7 +4,6 @@ import json
 from dataclasses import fields, replace
 from pathlib import Path
 
-import click
 import numpy as np
 import pytest
 import rasterio
@@ -150,21 +149,7 @@ def test_values_of_the_mobility_can_be_set_one_by_one():
         given("--vehicle", "large-rover", "--set", "mobility.energies.mass_kg=1").mobility()
 
 
-def test_what_makes_no_vehicle_is_one_line():
-    for vehicle, setting, complaint in (
-        ("nope", "clearance_m=1", "large-rover, small-rover, tracked"),
-        ("tracked", "axles=1", "1"),
-        ("large-rover", "clearance_m=400", "clearance_m must be in metres, at most 9"),
-        ("large-rover", "max_tilt_deg=0.5", "max_tilt_deg must be in degrees"),
-        ("tracked", "clearance", "wanted KEY=VALUE in TOML, such as clearance_m=0.3, got 'clearance'"),
-        ("tracked", "", "wanted KEY=VALUE"),
-        ("tracked", "axles=2\nlength_m=3", "wanted KEY=VALUE"),
-        ("tracked", "a=" + "[" * 5000, "wanted KEY=VALUE"),
-        ("tracked", "axles='two'", "axles: wanted a whole number, got 'two'"),
-    ):
-        with pytest.raises((NnppEdgeError, click.UsageError), match=complaint) as caught:
-            given("--vehicle", vehicle, "--set", setting).body()
-        assert "\n" not in str(caught.value).replace("\\n", "")
+def test_no_number_that_could_overflow_is_set():
     for name in {field.name for field in fields(Vehicle)} - {"unknown_passes"}:
         for number in ("nan", "inf", "-inf", "1e308", "-1e308", "9" * 40, "-1", "1e-400"):
             with pytest.raises(NnppEdgeError):
