@@ -1,7 +1,6 @@
 import json
 import logging
 import math
-import os
 import signal
 import subprocess
 import sys
@@ -20,7 +19,6 @@ from mcap_ros2.decoder import DecoderFactory
 from nnpp_edge.robot.transports import mcap_log
 from nnpp_edge.robot.transports.mcap_log import TOPICS, McapLog
 from nnpp_edge.runtime.errors import InvalidQueryError, OutputError, Status
-from nnpp_edge.runtime.loop.connections import InProcessSource
 from nnpp_edge.runtime.loop.messages import (
     Counters,
     Goal,
@@ -118,9 +116,7 @@ def test_everything_comes_back_through_the_public_reader(tmp_path):
         assert got == wanted
         turns = [p.pose.orientation for p in m.message.poses]
         assert all((turn.x, turn.y) == (0.0, 0.0) for turn in turns)
-        heads = [
-            2.0 * math.degrees(math.atan2(turn.z, turn.w)) for turn in turns
-        ]  # from x, the columns, to y, the rows
+        heads = [2.0 * math.degrees(math.atan2(turn.z, turn.w)) for turn in turns]  # from columns to rows
         assert heads == pytest.approx({1: [0.0], 2: [90.0, 90.0], 5: [90.0, 45.0, 90.0, 45.0, 45.0]}[cells])
         assert all(p.header.stamp.sec == m.message.header.stamp.sec for p in m.message.poses)
     answers = [json.loads(m.message.data) for m in found["/answer"]]
@@ -142,32 +138,30 @@ def test_a_path_that_only_shrank_is_not_written_again_and_a_lost_one_is(tmp_path
 def test_a_log_fills_at_most_its_limit_and_keeps_the_newest(tmp_path, monkeypatch):
     monkeypatch.setattr(mcap_log, "_FLUSH_EVERY_S", 0.0)
     rng, state = np.random.default_rng(0), map_state(Ground(np.full((20, 20), 0.2, np.float32)))
-    with McapLog(tmp_path / "log.mcap", limit_mb=0.2, state=state) as log:
-        for tick in range(400):
+    with McapLog(tmp_path / "log.mcap", limit_mb=0.12, state=state) as log:
+        for tick in range(250):
             log.publish(answer(rng.integers(0, 1000, (50, 2)), tick))
     files = sorted(tmp_path.iterdir())
     assert [f.name for f in files] == ["log.1.mcap", "log.mcap"]
-    assert sum(f.stat().st_size for f in files) < 1.1 * 0.2e6
+    assert sum(f.stat().st_size for f in files) < 1.1 * 0.12e6
     ticks = [[json.loads(m.message.data)["tick"] for m in read(f)["/answer"]] for f in files]
     assert ticks[0][0] > 0
-    assert [*ticks[0], *ticks[1]] == list(range(ticks[0][0], 400))
+    assert [*ticks[0], *ticks[1]] == list(range(ticks[0][0], 250))
     assert all(len(read(f)["/map"]) == 1 for f in files)
     assert log.lost == 0
 
 
 WRITER = """
-import sys, time
+import itertools, sys, time
 from pathlib import Path
-import numpy as np
 from nnpp_edge.robot.transports import mcap_log
-from nnpp_edge.runtime.loop.messages import Origin, PathMessage, Pose
-from nnpp_edge.runtime.errors import Status
-mcap_log._FLUSH_EVERY_S = 0.2
+from nnpp_edge.runtime.loop.messages import Pose
+from tests.robot.test_mcap_log import answer
+mcap_log._FLUSH_EVERY_S = 0.1
 log = mcap_log.McapLog(Path(sys.argv[1]))
-for tick in range(10**9):
+for tick in itertools.count():
     log.record(Pose(tick % 7, 2))
-    path = np.random.default_rng(tick).integers(0, 99, (40, 2)).astype(np.int32)
-    log.publish(PathMessage(tick, Status.OK, Origin.FULL, path))
+    log.publish(answer([(tick * n % 97, tick * n % 89) for n in range(40)], tick))
     print(tick, time.monotonic(), flush=True)
     time.sleep(0.005)
 """
@@ -177,7 +171,7 @@ def test_what_was_written_before_a_kill_can_be_read(tmp_path):
     command = [sys.executable, "-c", WRITER, str(tmp_path / "log.mcap")]
     with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as process:
         lines = [process.stdout.readline().split()]
-        while float(lines[-1][1]) - float(lines[0][1]) < 0.7:
+        while float(lines[-1][1]) - float(lines[0][1]) < 0.4:
             lines.append(process.stdout.readline().split())
         process.send_signal(signal.SIGKILL)
         lines += [line.split() for line in process.stdout.read().splitlines() if len(line.split()) == 2]
@@ -186,7 +180,7 @@ def test_what_was_written_before_a_kill_can_be_read(tmp_path):
     assert ticks == list(range(len(ticks)))
     assert len(found["/pose"]) >= len(ticks) - 1
     died = float(lines[-1][1])
-    older = [int(tick) for tick, at in lines if float(at) < died - 0.3]
+    older = [int(tick) for tick, at in lines if float(at) < died - 0.2]
     assert older and ticks[-1] >= older[-1], "what is older than a flush must be there"
 
 
@@ -216,11 +210,8 @@ def test_a_full_disk_ends_the_log_with_one_warning_and_not_the_loop(tmp_path, mo
     log = McapLog(tmp_path / "log.mcap")
     monkeypatch.undo()
     monkeypatch.setattr(mcap_log, "_FLUSH_EVERY_S", 0.0)
-    nav = Navigator(Ground(np.full((60, 60), 0.2, np.float32)))
-    source = InProcessSource()
-    source.put(Pose(3, 3))
-    goals = iter(range(40))
-    monkeypatch.setattr(source, "poll", lambda: [Pose(3, 3), Goal(50, next(goals))])
+    nav, goals = Navigator(Ground(np.full((60, 60), 0.2, np.float32))), iter(range(40))
+    source = SimpleNamespace(poll=lambda: [Pose(3, 3), Goal(50, next(goals))])
     with caplog.at_level(logging.WARNING):
         counters = Loop(nav, source, [log], rate_hz=200, queue=1000).run(40)
     assert (counters.ticks, counters.errors, counters.drops["mcap"]) == (40, {}, 0)
@@ -261,25 +252,16 @@ def test_the_map_is_shown_again_while_heights_come(tmp_path, monkeypatch):
     np.testing.assert_array_equal(np.argwhere(after != before).min(axis=0), [4, 4])
 
 
-@pytest.mark.parametrize(
-    ("options", "words"),
-    [
+def test_what_makes_no_sense_and_files_that_cannot_be_begun_are_refused(tmp_path):
+    large = map_state(Ground(np.zeros((600, 600), np.float32)))
+    for options, words in (
         ({"limit_mb": 0.01}, "at least 0.1 MB here, got 0.01"),
         ({"limit_mb": float("nan")}, "got nan"),
-        ({"limit_mb": 1.0, "state": map_state(Ground(np.zeros((600, 600), np.float32)))}, "at least 1.44 MB"),
+        ({"limit_mb": 1.0, "state": large}, "at least 1.44 MB"),
         ({"cell_size_m": 0.0}, "above 0 m"),
-    ],
-)
-def test_settings_that_make_no_sense_are_refused(tmp_path, options, words):
-    with pytest.raises(InvalidQueryError, match=words):
-        McapLog(tmp_path / "log.mcap", **options)
+    ):
+        with pytest.raises(InvalidQueryError, match=words):
+            McapLog(tmp_path / "log.mcap", **options)
     assert not list(tmp_path.iterdir())
-
-
-def test_a_file_that_cannot_be_begun_is_one_line(tmp_path):
     with pytest.raises(OutputError, match="could not be written"):
         McapLog(tmp_path / "missing" / "log.mcap")
-    if os.geteuid():
-        tmp_path.chmod(0o500)
-        with pytest.raises(OutputError, match="could not be written"):
-            McapLog(tmp_path / "log.mcap")

@@ -2,7 +2,7 @@ import logging
 import os
 import secrets
 import socket
-from contextlib import ExitStack
+from contextlib import ExitStack, suppress
 
 import pytest
 
@@ -16,14 +16,15 @@ class Clock:
         return self.now
 
 
-@pytest.fixture(params=["path", "abstract"])
-def manager(request, tmp_path):
-    """A socket as systemd's, and its name."""
-    name = str(tmp_path / "notify") if request.param == "path" else f"@nnpp-edge-{secrets.token_hex(8)}"
-    with socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM) as receiver:
-        receiver.bind("\0" + name[1:] if name[0] == "@" else name)
-        receiver.settimeout(2.0)
-        yield receiver, name
+@pytest.fixture
+def manager(tmp_path):
+    """Sockets as systemd's by their names, a path and an abstract one."""
+    with ExitStack() as stack:
+        found = {}
+        for name in (str(tmp_path / "notify"), f"@nnpp-edge-{secrets.token_hex(8)}"):
+            found[name] = stack.enter_context(socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM))
+            found[name].bind("\0" + name[1:] if name[0] == "@" else name)
+        yield found
 
 
 @pytest.fixture
@@ -37,29 +38,30 @@ def waiting(receiver):
     """All that was sent."""
     receiver.setblocking(False)
     words = []
-    try:
+    with suppress(BlockingIOError):
         while True:
             words.append(receiver.recv(4096).decode())
-    except BlockingIOError:
-        return words
+    return words
 
 
-def test_the_manager_hears_each_word(manager, notify):
-    receiver, name = manager
-    notifier = notify({"NOTIFY_SOCKET": name})
-    assert notifier.enabled
-    assert notifier.ready() and notifier.status("3 ticks") and notifier.stopping()
-    assert not notifier.alive(), "nobody asked for a watchdog"
-    notifier.close()
-    assert notifier.ready()
-    assert waiting(receiver) == ["READY=1", "STATUS=3 ticks", "STOPPING=1", "READY=1"]
+def test_the_manager_hears_each_word(manager, monkeypatch, notify):
+    for name, receiver in manager.items():
+        notifier = notify({"NOTIFY_SOCKET": name})
+        assert notifier.enabled
+        assert notifier.ready() and notifier.status("3 ticks") and notifier.stopping()
+        assert not notifier.alive(), "nobody asked for a watchdog"
+        notifier.close()
+        assert notifier.ready()
+        assert waiting(receiver) == ["READY=1", "STATUS=3 ticks", "STOPPING=1", "READY=1"]
+    monkeypatch.setenv("NOTIFY_SOCKET", name)
+    assert notify().ready(), "the environment is where it looks by default"
+    assert waiting(receiver) == ["READY=1"]
 
 
-def test_the_watchdog_hears_at_most_twice_in_its_time(manager, notify):
-    receiver, name = manager
-    clock = Clock()
-    environment = {"NOTIFY_SOCKET": name, "WATCHDOG_USEC": "2000000", "WATCHDOG_PID": str(os.getpid())}
-    notifier = notify(environment, clock=clock)
+def test_the_watchdog_hears_at_most_twice_in_its_time_if_it_is_ours(manager, notify):
+    name, receiver = next(iter(manager.items()))
+    clock, own = Clock(), {"WATCHDOG_USEC": "2000000", "WATCHDOG_PID": str(os.getpid())}
+    notifier = notify({"NOTIFY_SOCKET": name, **own}, clock=clock)
     assert notifier.watchdog_s == 2.0
     sent = []
     for tick in range(50):
@@ -68,14 +70,9 @@ def test_the_watchdog_hears_at_most_twice_in_its_time(manager, notify):
             sent.append(tick)
     assert sent == [0, 10, 20, 30, 40]
     assert waiting(receiver) == ["WATCHDOG=1"] * 5
-
-
-def test_a_watchdog_that_is_not_ours_hears_nothing(manager, notify):
-    receiver, name = manager
-    others = {"WATCHDOG_PID": str(os.getpid() + 1), "WATCHDOG_USEC": "2000000"}
-    unusable = {"WATCHDOG_USEC": "2000000", "WATCHDOG_PID": "me"}
-    for environment in (others, unusable, {}, *({"WATCHDOG_USEC": word} for word in ("0", "-5", "soon"))):
-        notifier = notify({"NOTIFY_SOCKET": name, **environment})
+    unusable = ({"WATCHDOG_USEC": word} for word in ("0", "-5", "soon"))
+    for other in ({**own, "WATCHDOG_PID": str(os.getpid() + 1)}, {**own, "WATCHDOG_PID": "me"}, {}, *unusable):
+        notifier = notify({"NOTIFY_SOCKET": name, **other})
         assert notifier.watchdog_s is None
         assert not notifier.alive()
         assert notifier.ready()
@@ -83,7 +80,7 @@ def test_a_watchdog_that_is_not_ours_hears_nothing(manager, notify):
 
 
 def test_a_status_is_one_line(manager, notify):
-    receiver, name = manager
+    name, receiver = next(iter(manager.items()))
     lines = {
         "two\nlines\tand \x00\x1b[31m more": "two lines and [31m more",
         "READY=1\nSTOPPING=1": "READY=1 STOPPING=1",
@@ -97,12 +94,12 @@ def test_a_status_is_one_line(manager, notify):
         assert waiting(receiver) == ["STATUS=" + line]
 
 
-@pytest.mark.parametrize("name", ["", "notify", "@", "vsock:2:1234"])
-def test_without_a_manager_nothing_happens(name, notify):
-    notifier = notify({"NOTIFY_SOCKET": name, "WATCHDOG_USEC": "1000"})
-    assert not notifier.enabled
-    assert notifier.watchdog_s is None
-    assert not (notifier.ready() or notifier.alive() or notifier.status("x") or notifier.stopping())
+def test_without_a_manager_nothing_happens(notify):
+    for name in ("", "notify", "@", "vsock:2:1234"):
+        notifier = notify({"NOTIFY_SOCKET": name, "WATCHDOG_USEC": "1000"})
+        assert not notifier.enabled
+        assert notifier.watchdog_s is None
+        assert not (notifier.ready() or notifier.alive() or notifier.status("x") or notifier.stopping())
 
 
 def test_a_manager_that_went_away_or_does_not_read_is_warned_of_once(tmp_path, caplog, notify):
@@ -116,10 +113,3 @@ def test_a_manager_that_went_away_or_does_not_read_is_warned_of_once(tmp_path, c
         notifier = notify({"NOTIFY_SOCKET": str(tmp_path / "full")})
         answers = [notifier.status("x" * 200) for _ in range(5000)]  # never waits for the reader
     assert answers[0] and not answers[-1]
-
-
-def test_the_environment_is_where_it_looks_by_default(manager, monkeypatch, notify):
-    receiver, name = manager
-    monkeypatch.setenv("NOTIFY_SOCKET", name)
-    assert notify().ready()
-    assert waiting(receiver) == ["READY=1"]
