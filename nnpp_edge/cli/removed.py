@@ -33,6 +33,7 @@ INSTEAD = {
     "--metrics-file": "write --metrics FILE",
     "--unknown-passes": "write --set unknown_passes=true",
     "--unknown-fails": "write --set unknown_passes=false",
+    "--framing": "each message is a line, which its base64 does not break",
     "--landmarks": "they pay for many queries on one map: `Planner.prepare`",
     "--start-xy": "write --start xy:X,Y",
     "--goal-xy": "write --goal xy:X,Y",

@@ -24,7 +24,6 @@ _LOOP = (
     "refine=any-angle. May be repeated."
 )
 _SETTING = options.SettingType("nnpp_edge.profiling.profile_file:OnboardLoop", "tolerance=0.05", bare=True)
-_FRAMING = "A message a line, or after its length in 4 bytes."
 _CONNECT = "Connect to this router or peer instead of listening."
 _METRICS = "Serve the counters to Prometheus at this port, or keep them in this file. May be repeated."
 _TRACE = "Write what ran when, stage by stage, as JSON for ui.perfetto.dev."
@@ -38,7 +37,6 @@ class Ends:
         str, {"metavar": "stdin|replay:FILE|zenoh[:ENDPOINT]"}, "Where patches, poses and goals come from."
     ] = "stdin"
     outputs: Annotated[tuple[str, ...], "--output", MANY, {"metavar": "stdout|zenoh[:ENDPOINT]|none"}, _OUTPUTS] = ()
-    framing: Annotated[str, click.Choice(["lines", "length"]), _FRAMING] = "lines"
     fast: Annotated[bool, "Replay one recorded tick a tick, and ticks without a pause."] = False
     stay: Annotated[bool, "Go on when stdin is closed or the replay is over."] = False
     zenoh_connect: Annotated[str | None, {"metavar": "ENDPOINT"}, _CONNECT] = None

@@ -196,13 +196,11 @@ def _recording(rng: random.Random, place: Place) -> Command:
 
 
 def _stdin(rng: random.Random, place: Place) -> Command:
-    from nnpp_edge.robot.transports.stdio import framed
-
-    lines, framing = place.sample("messages.jsonl").splitlines(), rng.choice(("lines", "lines", "length"))
+    lines = place.sample("messages.jsonl").splitlines()
     changes = (lambda rng, line: line, mutated_json, mutated)
-    content = b"".join(framed(rng.choice(changes)(rng, rng.choice(lines)), framing) for _ in range(rng.randrange(12)))
+    content = b"".join(rng.choice(changes)(rng, rng.choice(lines)) + b"\n" for _ in range(rng.randrange(12)))
     content = mutated(rng, content) if rng.random() < 0.3 else content
-    words = f"{MAP} --framing {framing} --rate 200 " + rng.choice(("", "", "--log out/x.mcap --record out/r"))
+    words = f"{MAP} --rate 200 " + rng.choice(("", "", "--log out/x.mcap --record out/r"))
     return Command(tuple(words.split()), stdin=content, streams=("pipe", "pipe", "pipe"))
 
 

@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from nnpp_edge.robot.transports.stdio import Framer, framed
+from nnpp_edge.robot.transports.stdio import Framer
 from nnpp_edge.robot.transports.wire import WireError, decode, decode_output, encode
 from nnpp_edge.runtime.errors import Status
 from nnpp_edge.runtime.loop.ladder import NavigatorSettings
@@ -30,16 +30,16 @@ _ODD_NUMBERS = (0.0, -0.0, 1.0, 0.999999, 1e-45, 1e38, 3e38, -1.0, 1e300, math.i
 def generate(rng: random.Random, place: Place = NOWHERE) -> Case:
     """A map, how the loop plans, and what comes: ``bytes`` for the framer, and ``tick``, due in so many seconds."""
     rows, cols = rng.randrange(4, 40), rng.randrange(4, 40)
-    by_heights, framing = rng.random() < 0.3, rng.choice(("lines", "lines", "length"))
+    by_heights = rng.random() < 0.3
     steps: list[tuple[str, Any]] = []
     if rng.random() < 0.9:
         sane = [Pose(rng.random() * rows, rng.random() * cols), Goal(rng.randrange(rows), rng.randrange(cols))]
-        steps.append(("bytes", b"".join(framed(encode(message), framing) for message in sane)))
+        steps.append(("bytes", b"".join(encode(message) + b"\n" for message in sane)))
     for _ in range(rng.choice((3, 10, 30))):
         if rng.random() < 0.4:
             steps.append(("tick", rng.choice((0.01, 0.01, 1.0, 1e9, 0.0, -1.0, 1e-5, math.inf))))
         else:
-            steps.append(("bytes", _bytes(rng, rows, cols, by_heights, framing)))
+            steps.append(("bytes", _bytes(rng, rows, cols, by_heights)))
     return Case(
         rows=rows,
         cols=cols,
@@ -48,18 +48,17 @@ def generate(rng: random.Random, place: Place = NOWHERE) -> Case:
         limits=rng.choice((SOFT, HARD)),
         method=rng.choice(list(DynamicMethod)),
         corner_cutting=rng.random() < 0.5,
-        framing=framing,
         steps=[*steps, ("tick", math.inf)],
     )
 
 
-def _bytes(rng: random.Random, rows: int, cols: int, by_heights: bool, framing: str) -> bytes:
+def _bytes(rng: random.Random, rows: int, cols: int, by_heights: bool) -> bytes:
     """One or several messages on the wire, most of them whole."""
     parts = []
     for _ in range(rng.choice((1, 1, 1, 2, 5))):
         payload = _payload(rng, rows, cols, by_heights)
         payload = rng.choices((payload, mutated(rng, payload), junk_bytes(rng)), (12, 2, 1))[0]
-        parts.append(framed(payload, framing) * rng.choice((1, 1, 1, 1, 1, 40)))
+        parts.append((payload + b"\n") * rng.choice((1, 1, 1, 1, 1, 40)))
     content = b"".join(parts)
     return content if rng.random() < 0.95 else content[: rng.randrange(len(content) + 1)]
 
@@ -134,7 +133,7 @@ def _drive(case: Case, place: Place, log: _Log, answer: Callable[[Navigator, flo
     ground = layers.ground(1.0)
     settings = NavigatorSettings(case.method, corner_cutting=case.corner_cutting, model=place.model)
     navigator = Navigator(ground, settings, clock=lambda: clock)
-    framer = Framer(case.framing, _LIMIT)
+    framer = Framer(_LIMIT)
     taken: list[Input] = []
     for kind, value in case.steps:
         if kind == "tick":

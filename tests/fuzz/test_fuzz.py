@@ -213,7 +213,7 @@ def test_the_judge_of_the_loop_sees_a_path_of_yesterdays_map():
 
     ends = b'{"type":"pose","row":1,"col":1}\n{"type":"goal","row":7,"col":7}\n'
     steps = (("bytes", patch(0, 9, b"0.5") + ends), ("tick", 1e9), ("bytes", patch(4, 1, b"1")), ("tick", 1e9))
-    free = messages.generate(random.Random(0)).but(by_heights=False, rows=9, cols=9, framing="lines")
+    free = messages.generate(random.Random(0)).but(by_heights=False, rows=9, cols=9)
     case = free.but(method="astar", steps=steps)
     assert messages.check(case) is None
     kept = []

@@ -112,7 +112,7 @@ def test_it_tells_the_manager_stops_when_told_to_and_keeps_what_it_recorded(dem,
     with socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM) as manager:
         manager.bind(str(tmp_path / "notify"))
         manager.settimeout(120.0)
-        words = ("--map", dem, *QUICK, "--record", record, "--framing", "lines")
+        words = ("--map", dem, *QUICK, "--record", record)
         told = {"NOTIFY_SOCKET": str(tmp_path / "notify"), "WATCHDOG_USEC": "200000", "WATCHDOG_PID": ""}
         program = Program(*words, **told)
         assert manager.recv(4096) == b"READY=1"

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from nnpp_edge.robot.transports.incoming import Refusals
-from nnpp_edge.robot.transports.stdio import Framer, StdioSink, StdioSource, framed
+from nnpp_edge.robot.transports.stdio import StdioSink, StdioSource
 from nnpp_edge.robot.transports.wire import Fault, WireError, decode_output, encode
 from nnpp_edge.runtime.errors import OutputError, Status
 from nnpp_edge.runtime.loop.connections import InProcessSource, Mailbox
@@ -51,12 +51,12 @@ def outgoing():
     pipe.close()
 
 
-def send(pipe, *messages, framing="lines"):
+def send(pipe, *messages):
     """Write and close from a thread of its own, as another process would; the thread."""
 
     def write():
         for message in messages:
-            content = memoryview(framed(message, framing))
+            content = memoryview(message + b"\n")
             while content:
                 content = content[os.write(pipe.write, content) :]
         pipe.close(pipe.write)
@@ -66,25 +66,23 @@ def send(pipe, *messages, framing="lines"):
     return thread
 
 
-def received(pipe, framing="lines"):
+def received(pipe):
     """What was written to a pipe that nobody writes to any more."""
     pipe.close(pipe.write)
     chunks = []
     while chunk := os.read(pipe.read, 1 << 16):
         chunks.append(chunk)
-    framer = Framer(framing)
-    return [decode_output(message) for message in [*framer.feed(b"".join(chunks)), *framer.end()]]
+    return [decode_output(message) for message in b"".join(chunks).splitlines()]
 
 
-@pytest.mark.parametrize("framing", ["lines", "length"])
-def test_paths_come_back_and_the_end_of_input_ends_the_run(incoming, outgoing, navigator, drive, framing):
+def test_paths_come_back_and_the_end_of_input_ends_the_run(incoming, outgoing, navigator, drive):
     wall = encode(MapPatch(10, 0, cost=np.full((1, 59), np.inf)))
-    send(incoming, POSE, wall, GOAL, framing=framing)
+    send(incoming, POSE, wall, GOAL)
     refusals = Refusals(navigator.count_error)
-    sink = StdioSink(refusals, descriptor=outgoing.write, framing=framing)
-    source = StdioSource(refusals, descriptor=incoming.read, framing=framing)
+    sink = StdioSink(refusals, descriptor=outgoing.write)
+    source = StdioSource(refusals, descriptor=incoming.read)
     ended = drive(navigator, source, [sink])
-    answers = received(outgoing, framing)
+    answers = received(outgoing)
     last = [m for m in answers if isinstance(m, PathMessage)][-1]
     assert last.ok
     assert last.map_version == 1

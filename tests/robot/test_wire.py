@@ -3,7 +3,6 @@
 import base64
 import json
 import math
-import struct
 import threading
 import time
 from dataclasses import replace
@@ -14,7 +13,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from nnpp_edge.robot.transports.incoming import Refusals
-from nnpp_edge.robot.transports.stdio import Framer, framed
+from nnpp_edge.robot.transports.stdio import Framer
 from nnpp_edge.robot.transports.wire import Fault, WireError, decode, decode_output, encode
 from nnpp_edge.runtime.errors import Status
 from nnpp_edge.runtime.loop.connections import Mailbox
@@ -218,48 +217,30 @@ def test_an_answer_that_is_none_is_refused():
         decode_output(b'{"type":"status","tick":1,"outcome":"OK","text":""}')
 
 
-# --- framing
-
-
-MIXED = b"a", b"b" * 500, b"c", b"d" * 21, b"e"
+# --- lines
 
 
 def cut(framer, stream, chunk):
     found = []
     for at in range(0, len(stream), chunk):
         found += framer.feed(stream[at : at + chunk])
-    return [*found, *framer.end()]
+    rest = framer.end()
+    return [*found, rest] if rest else found
 
 
-@pytest.mark.parametrize("framing", ["lines", "length"])
-def test_a_stream_is_cut_the_same_however_it_arrives_and_what_is_too_long_is_skipped(framing):
-    messages = [b"one", b"t" * 50, b'{"three": 3}', b"4" * 20]
-    stream, mixed = (b"".join(framed(message, framing) for message in each) for each in (messages, MIXED))
+def test_a_stream_is_cut_the_same_however_it_arrives_and_what_is_too_long_is_skipped():
     for chunk in (1, 3, 7, 8, 1000):
-        assert cut(Framer(framing), stream, chunk) == messages
-        found = cut(Framer(framing, 20), mixed, chunk)
+        assert cut(Framer(), b'one\n\r\n  {"three": 3} \r\n\nfour', chunk) == [b"one", b'{"three": 3}', b"four"]
+        found = cut(Framer(20), b"a\n" + b"b" * 500 + b"\nc\n" + b"d" * 21 + b"\ne\n", chunk)
         assert [x for x in found if isinstance(x, bytes)] == [b"a", b"c", b"e"]
         assert ["at most 20 bytes" in str(x) for x in found if isinstance(x, WireError)] == [True, True]
 
 
 def test_skipping_keeps_no_bytes():
-    framer = Framer("lines", 1000)
+    framer = Framer(1000)
     for _ in range(100):
         list(framer.feed(b"x" * 5000))
-    assert framer.buffered <= 6000
-    framer = Framer("length", 1000)
-    list(framer.feed(struct.pack(">I", 2**32 - 1)))
-    for _ in range(100):
-        assert not list(framer.feed(b"x" * 5000))
     assert framer.buffered == 0
-
-
-def test_empty_lines_and_foreign_ends_of_lines_do_not_matter():
-    assert cut(Framer(), b"\n\r\n  a \r\n\nb", 4) == [b"a", b"b"]
-    (fault,) = cut(Framer("length"), struct.pack(">I", 10) + b"abc", 4)
-    assert "end of the stream" in str(fault)
-    with pytest.raises(WireError, match="lines, length"):
-        Framer("words")
 
 
 # --- the mailbox

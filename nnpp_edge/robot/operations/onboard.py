@@ -61,8 +61,6 @@ class Wiring:
     """``stdin``, ``replay:FILE``, or ``zenoh`` or ``zenoh:ENDPOINT``."""
     outputs: tuple[str, ...] = ()
     """``stdout``, ``zenoh[:ENDPOINT]`` or ``none``; empty: ``zenoh`` for input from there, else ``stdout``."""
-    framing: str = "lines"
-    """Of stdin and stdout."""
     zenoh_connect: str | None = None
     """Connect to this endpoint instead of listening."""
     zenoh_prefix: str = "nnpp_edge"
@@ -227,12 +225,12 @@ def _connected(
             sinks.append(ZenohSink(link, refusals if kind == ZENOH else None))
     if STDOUT in wiring.output_kinds:
         sys.stdout.flush()
-        sinks.append(StdioSink(refusals if kind == STDIN else None, framing=wiring.framing))
+        sinks.append(StdioSink(refusals if kind == STDIN else None))
     if kind == REPLAY:
         return ReplaySource(Path(place), shape=navigator.map.shape, fast=wiring.fast), sinks
     if link is not None and kind == ZENOH:
         return ZenohSource(link, refusals, navigator.count_error), sinks
-    return StdioSource(refusals, framing=wiring.framing), sinks
+    return StdioSource(refusals), sinks
 
 
 def _observers(

@@ -2,7 +2,6 @@
 
 import os
 import select
-import struct
 import threading
 from collections.abc import Iterator
 
@@ -12,80 +11,50 @@ from nnpp_edge.runtime.errors import OutputError
 from nnpp_edge.runtime.loop.connections import Mailbox
 from nnpp_edge.runtime.loop.messages import Output
 
-FRAMINGS = ("lines", "length")
 _CHUNK = 1 << 16
-_HEADER = struct.Struct(">I")
-
-
-def framed(payload: bytes, framing: str) -> bytes:
-    """A message as it stands in a stream: ended by a newline, or led by its length in 4 bytes, big-endian."""
-    return payload + b"\n" if framing == "lines" else _HEADER.pack(len(payload)) + payload
 
 
 class Framer:
-    """Cuts a stream into messages, by ``lines`` or by ``length``. Those of more than `limit` bytes are skipped."""
+    """Cuts a stream into messages, each a line. Those of more than `limit` bytes are skipped up to their end."""
 
-    def __init__(self, framing: str = "lines", limit: int = LIMIT_BYTES) -> None:
-        if framing not in FRAMINGS:
-            raise WireError(f"framing must be one of {', '.join(FRAMINGS)}, got {framing!r}")
-        self._lines, self._limit = framing == "lines", limit
+    def __init__(self, limit: int = LIMIT_BYTES) -> None:
+        self._limit, self._skips = limit, False
         self._buffer = bytearray()
-        self._skip = 0
-        """Bytes still to be skipped; with lines, any number above 0 means up to the next end of a line."""
 
     def feed(self, chunk: bytes) -> Iterator[bytes | WireError]:
         """The messages that end in `chunk`, and an error in the place of each that is too long."""
-        return self._cut_lines(chunk) if self._lines else self._cut_lengths(chunk)
+        *ends, rest = chunk.split(b"\n")
+        for end in ends:
+            line, skipped = bytes(self._buffer) + end, self._skips
+            self._buffer.clear()
+            self._skips = False
+            if len(line) > self._limit and not skipped:
+                yield self._too_long(len(line))
+            elif (message := line.strip()) and not skipped:
+                yield message
+        if not self._skips:
+            self._buffer += rest
+        if len(self._buffer) > self._limit:
+            self._skips = True
+            yield self._too_long(len(self._buffer))
+            self._buffer.clear()
 
-    def end(self) -> Iterator[bytes | WireError]:
-        """The rest when the stream has ended: a last line without its end, or an error if a message was cut off."""
+    def end(self) -> bytes:
+        """The last line of a stream that has ended without its end; empty if there is none."""
         rest, self._buffer = bytes(self._buffer).strip(), bytearray()
-        if self._lines and rest and not self._skip:
-            yield rest
-        elif not self._lines and (rest or self._skip):
-            yield WireError("wanted a whole message, got the end of the stream within one")
+        return rest
 
     @property
     def buffered(self) -> int:
         """Bytes that wait for the end of their message."""
         return len(self._buffer)
 
-    def _cut_lines(self, chunk: bytes) -> Iterator[bytes | WireError]:
-        *ends, rest = chunk.split(b"\n")
-        for end in ends:
-            line, skipped = bytes(self._buffer) + end, self._skip
-            self._buffer.clear()
-            self._skip = 0
-            if len(line) > self._limit and not skipped:
-                yield self._too_long(len(line))
-            elif (message := line.strip()) and not skipped:
-                yield message
-        if not self._skip:
-            self._buffer += rest
-        if len(self._buffer) > self._limit:
-            self._skip = 1
-            yield self._too_long(len(self._buffer))
-            self._buffer.clear()
-
-    def _cut_lengths(self, chunk: bytes) -> Iterator[bytes | WireError]:
-        self._buffer += chunk[self._skip :]
-        self._skip = max(self._skip - len(chunk), 0)
-        while len(self._buffer) >= _HEADER.size:
-            (length,) = _HEADER.unpack_from(self._buffer)
-            end, too_long = _HEADER.size + length, length > self._limit
-            if not too_long and len(self._buffer) < end:
-                return
-            message = self._too_long(length) if too_long else bytes(memoryview(self._buffer)[_HEADER.size : end])
-            self._skip = max(end - len(self._buffer), 0)
-            del self._buffer[:end]
-            yield message
-
     def _too_long(self, length: int) -> WireError:
         return WireError(f"wanted a message of at most {self._limit} bytes, got {length} or more")
 
 
 class StdioSource(MailboxSource):
-    """Reads messages, framed as by a `Framer`, from a file descriptor in a thread of its own.
+    """Reads messages, each a line, from a file descriptor in a thread of its own.
 
     If patches come faster than the loop reads them, reading pauses: the sender waits, and no patch is lost. Each
     message that is refused is added to `refusals`, and the next is read.
@@ -96,12 +65,11 @@ class StdioSource(MailboxSource):
         refusals: Refusals,
         *,
         descriptor: int = 0,
-        framing: str = "lines",
         limit: int = LIMIT_BYTES,
         mailbox: Mailbox | None = None,
     ) -> None:
         super().__init__(refusals, limit, mailbox)
-        self._descriptor, self._framer = descriptor, Framer(framing, limit)
+        self._descriptor, self._framer = descriptor, Framer(limit)
         self._thread = threading.Thread(target=self._read, name="nnpp-edge stdin", daemon=True)
         self._thread.start()
 
@@ -110,8 +78,8 @@ class StdioSource(MailboxSource):
             while chunk := self._chunk():
                 for message in self._framer.feed(chunk):
                     self._take(message, "wait")
-            for message in self._framer.end():
-                self._take(message, "wait")
+            if rest := self._framer.end():
+                self._take(rest, "wait")
             self._mailbox.close()
 
     def _chunk(self) -> bytes:
@@ -123,12 +91,12 @@ class StdioSource(MailboxSource):
 
 
 class StdioSink:
-    """Writes each answer to a file descriptor; before it the refusals that wait for one."""
+    """Writes each answer as a line to a file descriptor; before it the refusals that wait for one."""
 
     name = "stdout"
 
-    def __init__(self, refusals: Refusals | None = None, *, descriptor: int = 1, framing: str = "lines") -> None:
-        self._refusals, self._descriptor, self._framing = refusals, descriptor, framing
+    def __init__(self, refusals: Refusals | None = None, *, descriptor: int = 1) -> None:
+        self._refusals, self._descriptor = refusals, descriptor
         self._broken = False
 
     def publish(self, message: Output) -> None:
@@ -136,7 +104,7 @@ class StdioSink:
         if self._broken:
             return
         faults = self._refusals.waiting() if self._refusals else []
-        content = memoryview(b"".join(framed(encode(each), self._framing) for each in (*faults, message)))
+        content = memoryview(b"".join(encode(each) + b"\n" for each in (*faults, message)))
         try:
             while content:
                 try:
