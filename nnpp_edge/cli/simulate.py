@@ -48,6 +48,7 @@ def command(
     speed: Annotated[int, COUNT, "Cells a tick."] = 1,
     rocks: Annotated[float, options.Real(0.0, 0.2), "Share of the ground under rocks."] = 0.0,
     seed: options.Seed = 1,
+    endless: Annotated[bool, "Drive from goal to goal for all --ticks."] = False,
     log: Annotated[Path | None, options.NEW_FILE, "Write inputs and answers as MCAP with ROS 2 messages."] = None,
     view: options.View = None,
     picture: Annotated[Path | None, options.NEW_FILE, ".png of the way driven, or .gif of the drive."] = None,
@@ -79,7 +80,10 @@ def command(
     from nnpp_edge.terrain.shipped import sample_path
 
     robot.limits()  # those that make no sense are refused before any work
-    body, settings = robot.body(), SimulationSettings(method, model, rate, ticks, changes, sight, speed, seed)
+    body, settings = (
+        robot.body(),
+        SimulationSettings(method, model, rate, ticks, changes, sight, speed, seed, endless),
+    )
     if picture is not None:
         check_name(picture)
     written = [str(file) for file in (log, picture) if file is not None]
@@ -124,7 +128,7 @@ def command(
         save_drive(picture, scenes[0], drive, film)
     result = {**drive.summary(), "rows": rows, "cols": cols, "files": written}
     tell(as_json, result, lambda: text(drive, (rows, cols), written))
-    if not drive.reached or drive.forbidden:
+    if drive.forbidden or not (drive.reached or endless):
         click.get_current_context().exit(1)
 
 
@@ -134,7 +138,11 @@ def text(drive: "Drive", shape: tuple[int, int], written: list[str]) -> str:
     degraded = ", ".join(f"{count} {kind}" for kind, count in sorted(ticks.degraded.items())) or "none"
     excess = "" if drive.excess is None else f": driven {100.0 * drive.excess:+.1f} %"
     lines = {
-        "goal reached" if drive.reached else "GOAL NOT REACHED": f"{drive.method}, {drive.start} to {drive.goal}",
+        f"{drive.goals} goals reached"
+        if drive.goals > 1
+        else "goal reached"
+        if drive.reached
+        else "GOAL NOT REACHED": (f"{drive.method}, {drive.start} to {drive.goal}"),
         "map": f"{shape[0]} × {shape[1]} cells",
         "ticks": f"{ticks.ticks}: {ticks.planned} planned, {ticks.kept} kept their path, {ticks.failed} without one",
         "degraded": f"{degraded}; {ticks.overruns} late",
@@ -142,6 +150,7 @@ def text(drive: "Drive", shape: tuple[int, int], written: list[str]) -> str:
         "driven": f"{len(drive.driven)} cells, cost {drive.driven_cost:.6g}; stood still {drive.waited} times",
         "optimum": f"{drive.optimal_cost:.6g} with all known and no obstacle{excess}",
         "forbidden": f"{drive.forbidden} of the paths published",
+        "memory": ", ".join(f"{when} {size:.0f}" for when, size in drive.memory_mb.items()) + " MB",
         "errors": ", ".join(f"{count} in {place}" for place, count in sorted(ticks.errors.items())),
         "written": ", ".join(written),
     }

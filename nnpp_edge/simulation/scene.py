@@ -121,6 +121,7 @@ class Scene:
         """`forbidden`: published paths that crossed a cell which the map that was told forbids, or were broken."""
         self.path = np.empty((0, 2), np.int32)
         """The newest that was published."""
+        self._orders: list[Input] = [Goal(*goal)]
 
     @property
     def reached(self) -> bool:
@@ -129,23 +130,20 @@ class Scene:
 
     def poll(self) -> Iterator[Input]:
         """Messages until the next tick. Each message counts as told once it is taken."""
-        first = self.polls == 0
-        self.polls += 1
-        if first:
-            yield Goal(*self.goal)
-        else:
+        if self.polls:
             self._walk()
+        self.polls += 1
+        orders, self._orders = self._orders, []
+        yield from orders
         events = [self.obstacles.one_event(self.robot, self.goal, self.path) for _ in range(self._changes)]
         self.seen = self._see(self.robot)
         yield from self._patches([*chain(*events), self.seen])
         yield Pose(self.robot[0] + 0.5, self.robot[1] + 0.5)
 
-    def send_to(self, goal: Cell) -> Iterator[Input]:
-        """Give the robot another goal; obstacles too near to it vanish."""
-        self.goal = goal
-        self.path = self.path[:0]
-        yield Goal(*goal)
-        yield from self._patches(self.obstacles.clear_of(goal))
+    def send_to(self, goal: Cell) -> None:
+        """Give the robot another goal, at the next poll; obstacles too near to it vanish, and the way so far."""
+        self.goal, self.path, self.driven = goal, self.path[:0], self.driven[-1:]
+        self._orders = [Goal(*goal), *self._patches(self.obstacles.clear_of(goal))]
 
     def _patches(self, parts: Iterable[Rectangle]) -> Iterator[MapPatch]:
         """Known values of these parts, and the obstacles there."""

@@ -9,15 +9,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from nnpp_edge.robot.transports.recording import RecordedSource
-from nnpp_edge.runtime.cells import Cell
+from nnpp_edge.runtime.arrays import Float2D
+from nnpp_edge.runtime.cells import Cell, Endpoints
 from nnpp_edge.runtime.errors import InvalidQueryError
 from nnpp_edge.runtime.loop.connections import Sink
 from nnpp_edge.runtime.loop.ladder import NavigatorSettings
 from nnpp_edge.runtime.loop.messages import Counters, Goal, PathMessage, Pose
 from nnpp_edge.runtime.loop.navigator import Navigator
 from nnpp_edge.runtime.loop.runner import Loop
-from nnpp_edge.runtime.loop.timing import Histogram
+from nnpp_edge.runtime.loop.timing import Histogram, rss_bytes
 from nnpp_edge.runtime.map.state import MapState
+from nnpp_edge.runtime.planners.planner import Planner
 from nnpp_edge.simulation.scene import Scene, SurveyedGround
 from nnpp_edge.terrain.labels import random_query
 
@@ -25,6 +27,10 @@ _COUNTED = ("ticks", "planned", "kept", "failed", "degraded", "errors", "drops",
 PERIOD_S = 0.1
 """Time that a tick has for its answer where no rate is given."""
 _TRIES = 50
+_PATIENCE = 50
+"""Ticks without a step after which a robot that drives on and on gets another goal."""
+_WARM_UP = 0.1
+"""Share of the ticks after which memory is read again."""
 _LEAST_DISTANCE = 0.6
 """Between a random start and goal, as a share of the map's longer side."""
 
@@ -49,6 +55,8 @@ class SimulationSettings:
     """Cells that it walks between two ticks."""
     seed: int = 1
     """Of the obstacles."""
+    endless: bool = False
+    """Whether the robot drives on to another goal where it has reached one, or cannot, until the ticks are over."""
 
     def __post_init__(self) -> None:
         if self.rate_hz is not None and not 0.0 < self.rate_hz < math.inf:
@@ -59,7 +67,7 @@ class SimulationSettings:
 
 @dataclass(frozen=True, eq=False)
 class Drive:
-    """Outcome of a drive."""
+    """Outcome of a drive; of an endless one ways, costs and `reached` are those to the last goal."""
 
     method: str
     start: Cell
@@ -75,6 +83,10 @@ class Drive:
     """Of the cells that the robot walked over, by the true costs without obstacles."""
     optimal_cost: float
     """Of the best path that anyone could have walked, knowing all of the ground and meeting no obstacle."""
+    goals: int
+    """That were reached."""
+    memory_mb: dict[str, float]
+    """Of the process: at the first tick (``start``), after a tenth of those allowed (``tenth``), at the ``end``."""
     planning_ms: dict[str, float]
     """``p50``, ``p90``, ``p99``, ``max``, ``mean`` of a tick's answer."""
     driven: NDArray[np.int32] = field(repr=False)
@@ -98,13 +110,18 @@ class Drive:
 
 def random_drive(ground: SurveyedGround, seed: int) -> tuple[Cell, Cell]:
     """A start and a goal that are far apart and truly connected; InvalidQueryError if there are none to be found."""
-    rng = np.random.default_rng([seed, 1])
-    costs, planner = ground.costs(), ground.planner()
-    least = _LEAST_DISTANCE * max(ground.true.shape)
+    return _connected(ground.planner(), ground.costs(), np.random.default_rng([seed, 1]))
+
+
+def _connected(planner: Planner, costs: Float2D, rng: np.random.Generator, start: Cell | None = None) -> Endpoints:
+    """A start, if none is given, and a goal."""
+    least = _LEAST_DISTANCE * max(costs.shape)
     for _ in range(_TRIES):
-        query = random_query(rng, costs, least)
-        if query is not None and planner.plan(*query, method="corridor").ok:
-            return query
+        if (query := random_query(rng, costs, least)) is None:
+            continue
+        ends = query if start is None else (start, query[1])
+        if ends[0] != ends[1] and planner.plan(*ends, method="corridor").ok:
+            return ends
     raise InvalidQueryError(f"no two connected cells {least:.0f} apart were found on the map; give start and goal")
 
 
@@ -127,7 +144,8 @@ def simulate(
     settings = settings or SimulationSettings()
     rng = np.random.default_rng([settings.seed, 2])
     scene = Scene(ground, start, goal, rng, sight=settings.sight, speed=settings.speed, changes=settings.changes)
-    planner = ground.planner()
+    planner, costs = ground.planner(), ground.costs()
+    planner.touch()  # what the scene needs is not to look like growth of the loop
     best = planner.plan(start, goal, method="astar")
     if not best.ok:
         raise InvalidQueryError(f"the goal {goal} cannot be reached from {start}: {best.status}")
@@ -140,15 +158,26 @@ def simulate(
     sinks = list(make_sinks(navigator.map))
     recorders = [sink.record for sink in sinks if hasattr(sink, "record")]
     source = RecordedSource(scene, recorders, navigator.count_error, wait=True)
-    histogram, late = Histogram(), Counter[bool]()
+    histogram, late, memory_mb = Histogram(), Counter[bool](), dict[str, float]()
+    goals = stuck = waited = 0
 
     def after_tick(message: PathMessage) -> None:
+        nonlocal best, goals, stuck, waited
         histogram.add(1e-3 * message.planning_ms)
         late[message.planning_ms > 1e3 * PERIOD_S] += 1
+        if message.tick in (1, 1 + int(_WARM_UP * settings.ticks)):
+            memory_mb["tenth" if memory_mb else "start"] = 1e-6 * rss_bytes()
+        stuck = stuck + 1 if scene.waited > waited else 0
+        waited = scene.waited
         scene.heard(message)
         watch(scene, message)
-        if scene.reached:
+        goals += scene.reached
+        if scene.reached and not settings.endless:
             loop.finish()
+        elif settings.endless and (scene.reached or stuck > _PATIENCE):
+            stuck = 0
+            scene.send_to(_connected(planner, costs, rng, scene.robot)[1])
+            best = planner.plan(scene.robot, scene.goal, method="astar")
 
     paced = settings.rate_hz is not None
     rate_hz = settings.rate_hz or 1.0 / PERIOD_S
@@ -160,14 +189,16 @@ def simulate(
     driven = np.array(scene.driven, np.int32)
     return Drive(
         settings.method,
-        start,
-        goal,
+        scene.driven[0],
+        scene.goal,
         scene.reached,
         counters,
         waited=scene.waited,
         forbidden=scene.forbidden,
         driven_cost=planner.state.grid.costs_of(driven)[0],
         optimal_cost=best.cost,
+        goals=goals,
+        memory_mb=memory_mb | {"end": 1e-6 * rss_bytes()},
         planning_ms=histogram.summary_ms(),
         driven=driven,
         optimal=best.path,

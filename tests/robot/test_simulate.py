@@ -1,5 +1,6 @@
 import itertools
 import json
+import math
 from dataclasses import replace
 
 import numpy as np
@@ -7,6 +8,7 @@ import pytest
 
 from nnpp_edge.runtime.errors import InvalidQueryError, Status
 from nnpp_edge.runtime.loop.messages import Goal, MapPatch, Origin, PathMessage, Pose
+from nnpp_edge.runtime.loop.navigator import Navigator
 from nnpp_edge.runtime.map.ground import Ground
 from nnpp_edge.runtime.map.poses import pose_costs
 from nnpp_edge.runtime.planners.planner import Planner
@@ -22,12 +24,29 @@ from nnpp_edge.terrain.vehicle_files import load_mobility
 from nnpp_edge.viz.picture import BODY as BODY_COLOUR
 
 LIMITS = Traversability(slope_limit_deg=20.0, hard_slope_deg=20.0)
+BODY = Vehicle(length_m=1.5, width_m=1.2, clearance_m=0.3)
 
 
 @pytest.fixture(scope="module")
 def ground():
     heights = synthetic_terrain(np.random.default_rng(3), 80, 20.0)
     return SurveyedGround.of(Ground.of_elevation(heights, 20.0, LIMITS), 6)
+
+
+@pytest.fixture(scope="module")
+def rocky():
+    rng = np.random.default_rng(5)
+    bare = synthetic_terrain(rng, 72, 0.4)
+    bare[30:33, 40:50] = np.nan
+    return SurveyedGround.of(Ground.of_elevation(with_rocks(bare, 0.4, 0.04, rng), 0.4, vehicle=BODY), 1, bare)
+
+
+@pytest.fixture(scope="module")
+def grounds(ground, rocky):
+    """By the robot that drives there."""
+    heights, disc = synthetic_terrain(np.random.default_rng(2), 80, 20.0), Vehicle(radius_m=26.0)
+    of_disc = SurveyedGround.of(Ground.of_elevation(heights, 20.0, LIMITS, vehicle=disc), 1)
+    return {"point": ground, "body": rocky, "disc": of_disc}
 
 
 def flat(shape=(30, 40)):
@@ -152,6 +171,35 @@ def test_the_robot_reaches_its_goal_and_no_path_was_forbidden(ground, method, ti
     json.dumps(drive.summary())
 
 
+@pytest.mark.parametrize("kind", ["point", "body", "disc"])
+def test_an_endless_drive_goes_from_goal_to_goal_and_keeps_its_word_and_its_memory(grounds, kind, tiny_model):
+    ground, methods = grounds[kind], {"body": ("auto", "dstar", "corridor-dstar"), "disc": ("auto",)}
+    start, goal = random_drive(ground, 1)
+    for method in methods.get(kind, ("auto", "corridor", "nnpp")):
+        ticks = 150 if kind == "disc" else 300
+        settings = SimulationSettings(method, str(tiny_model), ticks=ticks, changes=2, speed=3, endless=True)
+        drive = simulate(ground, start, goal, settings)
+        assert (drive.forbidden, drive.counters.errors, drive.counters.ticks) == (0, {}, ticks)
+        assert drive.goals >= 2 and drive.counters.planned > 20 and drive.goal != goal
+        assert tuple(drive.driven[0]) == drive.start and len(drive.driven) < 250
+        assert drive.memory_mb["end"] - drive.memory_mb["tenth"] < 5.0 < drive.memory_mb["start"]
+
+
+@pytest.mark.parametrize("kind", ["point", "body", "disc"])
+def test_a_loop_that_is_blind_is_found_out(grounds, kind, monkeypatch):
+    tick, ground = Navigator.tick, grounds[kind]
+
+    def blind(self, deadline=math.inf):
+        """Answers with the first path for ever."""
+        if not hasattr(self, "first"):
+            self.first = tick(self, deadline)
+        return self.first
+
+    start, goal = random_drive(ground, 1)
+    monkeypatch.setattr(Navigator, "tick", blind)
+    assert simulate(ground, start, goal, SimulationSettings("astar", changes=3, ticks=60)).forbidden > 0
+
+
 def test_who_knows_all_and_meets_nothing_drives_the_optimum(ground):
     start, goal = random_drive(ground, 2)
     known = SurveyedGround(ground.ground, ground.true.copy())
@@ -227,16 +275,6 @@ def test_what_makes_no_sense_is_refused(ground):
 
 
 # --- a body
-
-BODY = Vehicle(length_m=1.5, width_m=1.2, clearance_m=0.3)
-
-
-@pytest.fixture(scope="module")
-def rocky():
-    rng = np.random.default_rng(5)
-    bare = synthetic_terrain(rng, 72, 0.4)
-    bare[30:33, 40:50] = np.nan
-    return SurveyedGround.of(Ground.of_elevation(with_rocks(bare, 0.4, 0.04, rng), 0.4, vehicle=BODY), 1, bare)
 
 
 def heading_of(step):
