@@ -1,264 +1,48 @@
-"""Whoever reads the log of a map's changes, at whatever times, is like one made afresh on the map as it is."""
+"""Whoever reads the log of a map's changes, at whatever times, answers as on the map as it is."""
 
 import gc
+import math
 from collections import deque
-from contextlib import suppress
 from functools import partial
 from unittest.mock import patch as replaced
 
 import numpy as np
 import pytest
-from hypothesis import example, given
+from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
-from nnpp_edge.runtime import NetworkModel, Planner, Status
-from nnpp_edge.runtime.cells import apart, enclosing
-from nnpp_edge.runtime.deadline import Deadline, OutOfTimeError
+from nnpp_edge.runtime import DynamicMethod, DynamicPlanner, Planner
+from nnpp_edge.runtime.cells import enclosing
 from nnpp_edge.runtime.errors import InvalidQueryError
-from nnpp_edge.runtime.kernels.encoding import mean_difference
-from nnpp_edge.runtime.kernels.pooling import FACTOR
 from nnpp_edge.runtime.map import state as state_module
 from nnpp_edge.runtime.map.changes import MANY_NODES, Change, ChangeLog
-from nnpp_edge.runtime.map.region import Region
-from nnpp_edge.runtime.planners import dynamic
-from nnpp_edge.runtime.planners.dynamic import DynamicChooser
-from nnpp_edge.runtime.planners.methods import Methods
-from nnpp_edge.runtime.planners.plan import DynamicMethod
-from nnpp_edge.runtime.planners.query import Query, Work
-from nnpp_edge.runtime.planners.searchers import RegionMender
 from nnpp_edge.runtime.planners.standing_path import Footing, StandingPath
-from nnpp_edge.runtime.region.map_view import MapView
-from nnpp_edge.runtime.search.dstar_lite import DStarLite
-from nnpp_edge.runtime.tuning import MEND_SHARE, MEND_WITHIN, UNSEEN_CHANGE
 from tests import oracles
 from tests.strategies import random_cell, random_costs, random_patch, state_of
 
 CLOSE = {"rel": 1e-5, "abs": 1e-5}
-MEND_FROM = 12
-"""Cells to the goal from which on the chooser may mend, here."""
+PATCHES = ("part", "part", "part", "extremes", "whole")
+ASKED = (*DynamicMethod, "stand", "stand", "stand")
+STEPS = st.lists(st.sampled_from((*PATCHES * 3, *ASKED, "move", "goal")), max_size=30)
 
 
-class ChangingMap:
-    """A map that is patched, and one reader of each kind on it; each method reads one and holds it against a new one.
-
-    The log merges all but a few changes. `unmerged` is a map that is patched alike, whose log holds every change.
-    """
-
-    def __init__(self, rng, shape, step_cost, corner_cutting, most, networks):
-        self.rng, self.step_cost, self.corner_cutting, self.most = rng, step_cost, corner_cutting, most
-        self.network, self.network_in_parts = networks
-        self.cost = random_costs(rng, shape, step_cost, blocked=0.15)
-        self.goal, self.start = self.cell(), self.cell()
-        with replaced.object(state_module, "ChangeLog", partial(ChangeLog, most)):
-            self.state = state_of(self.cost, step_cost, corner_cutting)
-        self.unmerged = state_of(self.cost, step_cost, corner_cutting)
-        self.dstar, self.mender = DStarLite(self.state, self.goal), RegionMender(self.state)
-        self.view = MapView(self.state, self.network)
-        self.view_in_parts = MapView(self.state, self.network_in_parts, UNSEEN_CHANGE)
-        self.path, self.unmerged_path = StandingPath(self.state), StandingPath(self.unmerged)
-        self.chooser_path = StandingPath(self.state)
-        self.chooser = DynamicChooser(Methods(self.state, self.network), self.chooser_path)
-        self.since_answer = []
-        self.weighing = self.state.log.reader(keeps_old_weights=True)
-        self.at_last = self.state.grid.map().copy()
-
-    def afresh(self):
-        """A map state made now; its bounds are those of the old one, which may be wider than need be."""
-        state = state_of(self.cost, self.step_cost, self.corner_cutting)
-        state.grid.set_bounds(self.state.grid.least, self.state.grid.greatest)
-        return state
-
-    def cell(self):
-        return random_cell(self.rng, self.cost.shape)
-
-    def passable(self, *cells):
-        return all(np.isfinite(self.cost[cell]) for cell in cells)
-
-    def optimum(self, start):
-        """By Dijkstra, on the costs alone."""
-        if not self.passable(start, self.goal):
-            return np.inf
-        return oracles.dijkstra(self.cost, start, self.step_cost, self.corner_cutting)[self.goal]
-
-    def check_path(self, path, start):
-        """It leads from start to goal, and costs what the map says; its cost."""
-        assert oracles.path_problem(path, self.cost, start, self.goal, self.corner_cutting) == ""
-        cost = self.state.grid.costs_of(path)[0]
-        assert cost == pytest.approx(oracles.path_cost(path, self.cost, self.step_cost), **CLOSE)
-        return cost
-
-    # Changes
-
-    def patch_part(self):
-        self.put(*random_patch(self.rng, self.cost, self.step_cost))
-
-    def patch_with_extremes(self):
-        """Weights below and above all so far: in the `length` model all that is relative to them is out of date."""
-        row, col, patch = random_patch(self.rng, self.cost, self.step_cost)
-        finite = self.cost[np.isfinite(self.cost)]
-        least, greatest = (finite.min(), finite.max()) if finite.size else (0.4, 0.5)
-        greatest = min(greatest * 1.5, 0.99) if self.step_cost == "paper" else greatest * 1.5
-        self.put(row, col, np.where(self.rng.random(patch.shape) < 0.5, least / 2, greatest).astype(np.float32))
-
-    def patch_whole(self):
-        cost = self.cost * np.float32(self.rng.choice([0.5, 1.0, 1.2]))
-        if self.step_cost == "paper":
-            cost[cost >= 1.0] = np.inf
-        cost[self.rng.random(cost.shape) < 0.05] = 0.3
-        self.put(0, 0, cost)
-
-    def put(self, row, col, patch):
-        before = self.state.grid.map().copy()
-        change = self.state.update(row, col, patch)
-        self.unmerged.update(row, col, patch)
-        self.unmerged_path.check(self.start)
-        self.cost[row : row + patch.shape[0], col : col + patch.shape[1]] = patch
-        assert change.cells == (self.state.grid.map() != before).sum()
-        if change.cells:
-            self.since_answer.append(change)
-
-    def move(self):
-        self.start = self.cell()
-
-    # Readers
-
-    def read_dstar(self):
-        if self.rng.random() < 0.2:
-            self.dstar.plan(self.start, deadline=Deadline.within(0.0))
-        found, optimum = self.dstar.plan(self.start), self.optimum(self.start)
-        assert (found.status is Status.OK) == np.isfinite(optimum)
-        if found.status is Status.OK:
-            assert self.check_path(found.path, self.start) == pytest.approx(optimum, **CLOSE)
-
-    def region(self):
-        """At times everywhere, else some blocks and those of start and goal."""
-        blocks = [2 * -(-cells // FACTOR) for cells in self.cost.shape]
-        bitmap = (self.rng.random(blocks) < self.rng.choice([0.6, 0.9, 1.0])).astype(np.int32)
-        lookup = self.state.pyramid.levels[0].quarters
-        for cell in (self.start, self.goal):
-            bitmap[lookup[0][cell[0]], lookup[1][cell[1]]] = 1
-        return Region(bitmap, *lookup)
-
-    def read_mender(self):
-        """What it knows may hold more than the region, never less."""
-        query, region = Query(self.start, self.goal), self.region()
-        if not self.passable(*query[:2]) or query.apart == 0:
-            return
-        if self.rng.random() < 0.5:
-            self.mender.worth_mending(query, Work(), region)
-        if self.rng.random() < 0.2:
-            with suppress(OutOfTimeError):
-                self.mender.search(query._replace(deadline=Deadline.within(0.0)), Work(), region)
-        found, optimum = self.mender.search(query, Work(), region), self.optimum(self.start)
-        again = self.mender.search(query, Work(), None)
-        new = RegionMender(self.afresh()).search(query, Work(), region)
-        inside = self.state.grid.costs_of(new.path)[0]
-        assert np.isfinite(inside) <= (found.status is Status.OK) <= np.isfinite(optimum)
-        if found.status is Status.OK:
-            cost = self.check_path(found.path, self.start)
-            assert optimum - 1e-4 <= cost <= inside * (1.0 + 1e-5) + 1e-5
-            assert self.state.grid.costs_of(again.path)[0] == pytest.approx(cost, **CLOSE)
-            if region.blocks().all():
-                assert cost == pytest.approx(optimum, **CLOSE)
-
-    def read_view(self):
-        new = MapView(self.afresh(), self.network)
-        for view in (self.view, new):
-            view.show(self.start, self.goal)
-        assert self.view.window == new.window
-        np.testing.assert_allclose(self.view.planes, new.planes, atol=1e-6)
-
-    def read_view_in_parts(self):
-        """It may differ from a new one by a share of the window, until it is refreshed."""
-        view, new = self.view_in_parts, MapView(self.afresh(), self.network_in_parts)
-        for each in (view, new):
-            each.show(self.start, self.goal)
-        if view.window == new.window:
-            shown, wanted = (each.network.inputs["map"][0] for each in (view, new))
-            cells = new.frame.inner[0] * new.frame.inner[1]
-            assert mean_difference(shown, wanted) * view.size**2 <= (UNSEEN_CHANGE + 1e-4) * cells
-            view.refresh()
-            np.testing.assert_allclose(shown, wanted, atol=1e-6)
-
-    def stand_on_path(self):
-        """Follow the optimal path from here."""
-        if np.isfinite(self.optimum(self.start)):
-            planner = Planner(self.cost, step_cost=self.step_cost, corner_cutting=self.corner_cutting)
-            plan = planner.plan(self.start, self.goal, method="astar")
-            for path in (self.path, self.unmerged_path):
-                path.set(plan)
-
-    def read_standing_path(self):
-        """Its bounds are those of one that has read each change at once, and they hold."""
-        if self.path.plan is None:
-            assert self.path.check(self.start).footing is Footing.NONE
-            return
-        path = self.path.plan.path
-        at = tuple(int(x) for x in path[int(self.rng.integers(len(path)))])
-        found, wanted = self.path.check(at), self.unmerged_path.check(at)
-        assert (found.footing, found.index, found.blocked_at) == (wanted.footing, wanted.index, wanted.blocked_at)
-        assert (found.cost, found.lower_bound, found.floor) == pytest.approx(
-            (wanted.cost, wanted.lower_bound, wanted.floor), **CLOSE
-        )
-        rest, goal = path[found.index :], self.goal
-        problem = oracles.path_problem(rest, self.cost, at, path[-1], self.corner_cutting)
-        assert found.valid == (problem == "")
-        optimum = self.optimum(at)
-        slack = 2e-5 * (self.path.plan.cost + 1.0)
-        if np.isfinite(optimum) and tuple(path[-1]) == goal:
-            assert max(found.lower_bound, found.floor) <= optimum + slack
-            assert not found.valid or found.cost <= found.bound * optimum + slack
-
-    def read_chooser(self):
-        """It mends only where all that has changed since its last answer is little and near, merged or not."""
-        query, work = Query(self.start, self.goal), Work()
-        if not self.passable(*query[:2]):
-            return
-        reach, merged = MEND_WITHIN * query.apart, len(self.since_answer) > self.most
-        small = sum(change.cells for change in self.since_answer) <= MEND_SHARE * self.cost.size * 16
-        near = all(apart(c.part, self.start) + max(c.part[2:]) <= reach for c in self.since_answer)
-        worth = self.chooser_path.plan is not None and query.apart >= MEND_FROM and small and near
-        values = {"MEND_FROM": MEND_FROM, "NEAR": 0, "MEND_SHARE": MEND_SHARE * 16}
-        with replaced.multiple(dynamic, **values):
-            found, method, _ = self.chooser.find(query, work)
-        assert (method is DynamicMethod.CORRIDOR_DSTAR) <= worth
-        if not merged:
-            assert (method is DynamicMethod.CORRIDOR_DSTAR) == worth
-        optimum = self.optimum(self.start)
-        assert (found.search.status is Status.OK) == np.isfinite(optimum)
-        if found.search.status is Status.OK:
-            assert self.check_path(found.search.path, self.start) >= optimum * (1 - 1e-5) - 1e-5
-            self.chooser_path.set(found.plan(method, work))
-            self.chooser.answered()
-            self.since_answer.clear()
-
-    def read_old_weights(self):
-        """Changes cover every cell that is another one; of several the first has its weight at the last reading."""
-        before, now, first = self.at_last, self.state.grid.map().copy(), {}
-        changes = self.weighing.read()
-        for change in changes:
-            for node, old in zip(change.nodes.tolist(), change.old_weights.tolist(), strict=True):
-                first.setdefault(self.state.grid.cell(node), old)
-        assert {cell: before[cell] for cell in first} == first
-        differ = {tuple(cell) for cell in np.argwhere(before != now).tolist()}
-        assert differ <= first.keys()
-        assert all(any(apart(change.part, cell) == 0 for change in changes) for cell in differ)
-        assert any(change.cheaper for change in changes) >= (now < before).any()
-        assert self.weighing.behind == 0 and not self.weighing.read()
-        self.at_last = now
+def changed(rng, cost, step_cost, kind):
+    """Where a patch goes, and what it holds: a part, weights below and above all so far, or the whole map anew."""
+    if kind == "whole":
+        new = cost * np.float32(rng.choice([0.5, 1.0, 1.2]))
+        new[(new >= 1.0) & (step_cost == "paper")] = np.inf
+        new[rng.random(cost.shape) < 0.05] = 0.3
+        return 0, 0, new
+    row, col, patch = random_patch(rng, cost, step_cost)
+    if kind == "extremes":  # in the `length` model all that is relative to them is out of date
+        finite = cost[np.isfinite(cost)]
+        least, greatest = (finite.min(), 1.5 * finite.max()) if finite.size else (0.4, 0.5)
+        greatest = min(greatest, 0.99) if step_cost == "paper" else greatest
+        patch = np.where(rng.random(patch.shape) < 0.5, least / 2, greatest).astype(np.float32)
+    return row, col, patch
 
 
-PATCHES = ("patch_part", "patch_part", "patch_part", "patch_with_extremes", "patch_whole")
-READERS = tuple(name for name in vars(ChangingMap) if name.startswith("read_"))
-STEPS = st.lists(st.sampled_from((*PATCHES * 3, *READERS, "move", "stand_on_path")), max_size=40)
-
-
-@pytest.fixture(scope="module")
-def networks(network):
-    """One that sees map and query at once, and one that sees the map first."""
-    return network, NetworkModel("edge")
-
-
+@settings(max_examples=40)
 @given(
     steps=STEPS,
     shape=st.sampled_from([(7, 12), (24, 31), (33, 150)]),
@@ -267,15 +51,75 @@ def networks(network):
     most=st.sampled_from([1, 2, 5, 64]),
     seed=st.integers(0, 2**32),
 )
-@example([*["stand_on_path", *["patch_part"] * 9, "patch_whole"] * 2, *READERS], (24, 31), "length", True, 2, 5)
-@example([*["patch_with_extremes", "move"] * 6, *READERS], (33, 150), "length", False, 1, 6)
-@example(["read_chooser", *["patch_part", "read_chooser", "read_mender"] * 12], (33, 150), "paper", True, 64, 7)
-def test_every_reader_of_the_log_is_like_one_made_afresh(
-    networks, steps, shape, step_cost, corner_cutting, most, seed
+@example(["astar", *["part"] * 9, "whole", "stand"] * 2, (24, 31), "length", True, 2, 5)
+@example(["auto", *["part", "auto", "corridor-dstar", "stand"] * 8], (33, 150), "paper", True, 64, 7)
+def test_a_planner_that_is_asked_at_any_time_answers_as_the_map_is(
+    network, steps, shape, step_cost, corner_cutting, most, seed
 ):
-    world = ChangingMap(np.random.default_rng(seed), shape, step_cost, corner_cutting, most, networks)
-    for step in (*steps, *READERS):
-        getattr(world, step)()
+    """Of its changes all but a few are merged; `eager` is asked at once after each, and none of its are."""
+    rng = np.random.default_rng(seed)
+    cost = random_costs(rng, shape, step_cost, blocked=0.15)
+    start, goal = random_cell(rng, shape), random_cell(rng, shape)
+    model = {"step_cost": step_cost, "corner_cutting": corner_cutting}
+    with replaced.object(state_module, "ChangeLog", partial(ChangeLog, most)):
+        planner = DynamicPlanner(cost, goal, "auto", also=tuple(DynamicMethod), model=network, **model)
+    eager = DynamicPlanner(cost, goal, "astar", **model)
+    both, alike = (planner, eager), False
+    for step in ("move", *steps, *ASKED):
+        if step in PATCHES:
+            row, col, patch = changed(rng, cost, step_cost, step)
+            before = np.where(planner.state.grid.map() < np.inf, cost, np.inf)
+            cost[row : row + patch.shape[0], col : col + patch.shape[1]] = patch
+            differ = (np.where(cost < (1.0 if step_cost == "paper" else np.inf), cost, np.inf) != before).sum()
+            assert [each.update(row, col, patch) for each in both] == [differ] * 2
+            eager.standing()
+        elif step == "goal":
+            goal = random_cell(rng, shape)
+            for each in both:
+                each.set_goal(goal)
+        elif step == "move":
+            path = planner.standing_plan.path if planner.standing_plan is not None else ()
+            start = tuple(path[int(rng.integers(len(path)))].tolist()) if len(path) else random_cell(rng, shape)
+            for each in both:
+                each.move(start)
+        optimum = math.inf
+        if np.isfinite(cost[start]) and np.isfinite(cost[goal]):
+            optimum = oracles.dijkstra(cost, start, step_cost, corner_cutting)[goal]
+        if step == "stand":
+            found = planner.standing()
+            check_standing(found, planner.standing_plan, cost, optimum, model)
+            if alike:  # by the optimum
+                other = eager.standing()
+                assert (other.footing, other.blocked_at) == (found.footing, found.blocked_at)
+                bounds = other.cost, other.lower_bound, other.floor
+                assert bounds == pytest.approx((found.cost, found.lower_bound, found.floor), **CLOSE)
+                assert not found.valid or found.floor <= optimum * (1 + 2e-5) + 1e-5
+        elif step in tuple(DynamicMethod):
+            if rng.random() < 0.1:
+                planner.replan(method=step, time_limit_s=0.0)
+            plan = planner.replan(method=step)
+            assert plan.ok == math.isfinite(optimum)
+            if plan.ok:
+                assert oracles.path_problem(plan.path, cost, start, goal, corner_cutting) == ""
+                assert plan.cost == pytest.approx(oracles.path_cost(plan.path, cost, step_cost), **CLOSE)
+                assert plan.lower_bound * (1 - 1e-5) - 1e-5 <= optimum <= plan.cost * (1 + 1e-5) + 1e-5
+                assert plan.method not in ("astar", "dstar") or plan.cost == pytest.approx(optimum, **CLOSE)
+            alike = step == "astar" and plan.ok
+            if alike:
+                assert eager.replan().cost == pytest.approx(plan.cost, **CLOSE)
+
+
+def check_standing(found, plan, cost, optimum, model):
+    """The standing path is what is left of it on the map as it is, and no path costs less than its bound."""
+    if found.footing in (Footing.NONE, Footing.OFF_PATH):
+        return
+    rest, slack = plan.path[found.index :], 2e-5 * (plan.cost + 1.0)
+    problem = oracles.path_problem(rest, cost, rest[0], rest[-1], model["corner_cutting"])
+    assert found.valid == (problem == "")
+    assert found.lower_bound <= optimum + slack
+    if found.valid:
+        assert found.cost == pytest.approx(oracles.path_cost(rest, cost, model["step_cost"]), **CLOSE)
+        assert found.cost <= found.bound * optimum + slack
 
 
 # --- the log itself
