@@ -10,7 +10,7 @@ from typing import Annotated, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from nnpp_edge.runtime.arrays import as_map, headings_along
+from nnpp_edge.runtime.arrays import Float2D, as_map, headings_along
 from nnpp_edge.runtime.cells import Cell
 from nnpp_edge.runtime.errors import InvalidMapError, NnppEdgeError, Status, shown
 
@@ -36,11 +36,8 @@ class Origin(StrEnum):
 class MapPatch:
     """New heights, or new costs, of a rectangle of the map. The array is copied.
 
-    Raises
-    ------
-    InvalidMessageError
-        Not exactly one of the two arrays is given, it is not (h, w) numbers, a cost is below 0, or origin or stamp
-        are no numbers.
+    InvalidMessageError unless exactly one of the two arrays is given, (h, w) numbers, no cost below 0, and origin and
+    stamp are numbers.
     """
 
     row: int
@@ -71,11 +68,16 @@ class MapPatch:
             raise InvalidMessageError(f"a patch's keep_known must be True or False, got {shown(self.keep_known)}")
 
     @property
-    def shape(self) -> tuple[int, int]:
-        """Rows and columns."""
+    def values(self) -> Float2D:
+        """(h, w) heights or costs, whichever it has."""
         values = self.cost if self.elevation is None else self.elevation
         assert values is not None
-        return values.shape[0], values.shape[1]
+        return values
+
+    @property
+    def shape(self) -> tuple[int, int]:
+        """Rows and columns."""
+        return self.values.shape[0], self.values.shape[1]
 
 
 @dataclass(frozen=True)
@@ -117,13 +119,7 @@ Input = MapPatch | Pose | Goal
 
 @dataclass(frozen=True, eq=False)
 class PathMessage:
-    """The answer of a tick. The path is empty exactly where the outcome is not OK.
-
-    Raises
-    ------
-    InvalidMessageError
-        An outcome of OK without a path, or another one with a path.
-    """
+    """The answer of a tick. The path is empty exactly where the outcome is not OK, or else InvalidMessageError."""
 
     tick: int
     outcome: Status
@@ -158,9 +154,9 @@ class PathMessage:
     """Why that method was picked, where there was a choice; for people."""
 
     def __post_init__(self) -> None:
-        if (self.outcome is Status.OK) != bool(len(self.path)):
+        if (self.outcome is Status.OK) != bool(cells := len(self.path)):
             raise InvalidMessageError(
-                f"only an outcome of OK comes with a path, got {self.outcome} with {len(self.path)} cells"
+                f"only an outcome of OK comes with a path, got {self.outcome} with {cells} cells"
             )
 
     @property
@@ -174,10 +170,7 @@ class PathMessage:
         return headings_along(self.path)
 
     def summary(self) -> dict[str, object]:
-        """Ready for JSON: the path as a list of [row, col], its headings, an infinite cost as None.
-
-        Way points and their cost are left out where there are none.
-        """
+        """Ready for JSON: an infinite cost is None, and way points are left out where there are none."""
         fields: dict[str, object] = {name: getattr(self, name) for name in self.__dataclass_fields__}
         fields |= {
             "outcome": str(self.outcome),

@@ -1,5 +1,6 @@
 """Patches of the map that wait for the loop: any thread brings them, and the loop takes them between its searches."""
 
+import math
 import threading
 from collections import Counter
 from collections.abc import Iterator
@@ -10,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from nnpp_edge.runtime.arrays import Float2D
-from nnpp_edge.runtime.cells import Cell, Rectangle, enclosing
+from nnpp_edge.runtime.cells import Rectangle, enclosing, slices
 from nnpp_edge.runtime.loop.messages import MapPatch
 from nnpp_edge.runtime.map.state import MapState
 
@@ -33,7 +34,7 @@ class Waiting(NamedTuple):
 
 
 class Patches:
-    """Patches for a map in the order in which they came. Any thread may call any method.
+    """Patches for a map, in each layer in the order in which they came. Any thread may call any method.
 
     Where so many wait that they have more cells than the map, those of a layer are made one: so they hold no more
     memory than a map or two.
@@ -43,7 +44,8 @@ class Patches:
         self._shape, self._model = state.shape, state.grid.model
         self._takes_heights = state.has_heights
         self._lock = threading.Lock()
-        self._waiting: list[Waiting] = []
+        self._layers: dict[bool, list[Waiting]] = {True: [], False: []}
+        """Of heights, and of costs."""
         self._cells = 0
         self.taken = 0
         """Patches that the map has."""
@@ -56,9 +58,7 @@ class Patches:
         A patch is rejected if it misses the map, if it holds heights and the map was made from costs, or if it holds
         a cost out of range.
         """
-        values = patch.elevation if patch.cost is None else patch.cost
-        assert values is not None
-        (rows, cols), of_heights = patch.shape, patch.cost is None
+        values, of_heights, (rows, cols) = patch.values, patch.cost is None, patch.shape
         top, left = max(patch.row, 0), max(patch.col, 0)
         bottom, right = min(patch.row + rows, self._shape[0]), min(patch.col + cols, self._shape[1])
         refused = not self._takes_heights if of_heights else self._model.refuses(values)
@@ -74,61 +74,46 @@ class Patches:
         one = Waiting(of_heights, (top, left, bottom - top, right - left), values, seen)
         with self._lock:
             self.counts.update(("patches", "patches_clipped") if values.shape != (rows, cols) else ("patches",))
-            self._waiting.append(one)
+            self._layers[of_heights].append(one)
             self._cells += values.size + _OVERHEAD_CELLS
             if self._cells > self._shape[0] * self._shape[1]:
-                self._merge()
+                self._layers = {which: self._as_one(layer) for which, layer in self._layers.items()}
+                self._cells = 0
 
     @contextmanager
     def taking(self) -> Iterator[list[Waiting]]:
         """The patches that wait, those of a layer as one where they overlap much; after an exception they wait on."""
-        if not self._waiting:
-            yield []
-            return
         with self._lock:
-            if any(_overlap(layer) for layer in self._by_layer()):
-                self._merge()
-            taken, self._waiting, self._cells = self._waiting, [], 0
+            layers, self._layers, self._cells = self._layers, {True: [], False: []}, 0
+            layers = {which: self._as_one(layer) if _overlap(layer) else layer for which, layer in layers.items()}
+        taken = [*layers[True], *layers[False]]
         try:
             yield taken
         except BaseException:
             with self._lock:
-                self._waiting[:0] = taken
+                for which, layer in layers.items():
+                    self._layers[which][:0] = layer
             raise
         self.taken += sum(one.patches for one in taken)
 
-    def _by_layer(self) -> list[list[Waiting]]:
-        layers = ([one for one in self._waiting if one.of_heights is which] for which in (True, False))
-        return [layer for layer in layers if layer]
-
-    def _merge(self) -> None:
-        """Make the patches of each layer one."""
-        merged = [_as_one(layer) for layer in self._by_layer()]
-        self.counts["patches_merged"] += len(self._waiting) - len(merged)
-        self._waiting, self._cells = merged, 0
-
-
-def _as_one(patches: list[Waiting]) -> Waiting:
-    """Patches of one layer, one after another, as one."""
-    if len(patches) == 1:
-        return patches[0]
-    row, col, rows, cols = whole = enclosing([one.part for one in patches])
-    values, seen = np.full((rows, cols), np.nan, np.float32), np.zeros((rows, cols), np.bool_)
-    for one in patches:
-        here = _at(one.part, (row, col))
-        new = True if one.seen is None else one.seen
-        np.copyto(values[here], one.values, where=new)
-        seen[here] |= new
-    count = sum(one.patches for one in patches)
-    return Waiting(patches[0].of_heights, whole, values, None if seen.all() else seen, count)
+    def _as_one(self, layer: list[Waiting]) -> list[Waiting]:
+        """Patches of one layer, one after another, as one."""
+        if len(layer) < 2:
+            return layer
+        self.counts["patches_merged"] += len(layer) - 1
+        row, col, rows, cols = whole = enclosing([one.part for one in layer])
+        values, seen = np.full((rows, cols), np.nan, np.float32), np.zeros((rows, cols), np.bool_)
+        for one in layer:
+            here = slices((one.part[0] - row, one.part[1] - col, *one.part[2:]))
+            new = True if one.seen is None else one.seen
+            np.copyto(values[here], one.values, where=new)
+            seen[here] |= new
+        count = sum(one.patches for one in layer)
+        return [Waiting(layer[0].of_heights, whole, values, None if seen.all() else seen, count)]
 
 
-def _at(part: Rectangle, origin: Cell) -> tuple[slice, slice]:
-    row, col = part[0] - origin[0], part[1] - origin[1]
-    return slice(row, row + part[2]), slice(col, col + part[3])
-
-
-def _overlap(patches: list[Waiting]) -> bool:
+def _overlap(layer: list[Waiting]) -> bool:
     """Whether patches together have more cells than the rectangle that holds them all."""
-    _, _, rows, cols = enclosing([one.part for one in patches])
-    return sum(one.values.size for one in patches) > rows * cols
+    return bool(layer) and sum(one.values.size for one in layer) > math.prod(
+        enclosing([one.part for one in layer])[2:]
+    )
