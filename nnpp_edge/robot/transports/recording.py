@@ -86,13 +86,9 @@ class ReplaySource:
     def poll(self) -> Iterator[Input]:
         """The inputs that are due, or with `fast` those of the next recorded tick."""
         now = self._clock()
-        if self._began is None:
-            self._began = now
-        if self._next is not None:
-            yield from self._until(self._next[0] if self._fast else now - self._began)
-
-    def _until(self, at_s: float) -> Iterator[Input]:
-        while self._next is not None and self._next[0] <= at_s:
+        self._began = now if self._began is None else self._began
+        due = self._next[0] if self._next is not None and self._fast else now - self._began
+        while self._next is not None and self._next[0] <= due:
             message = self._next[1]
             try:
                 self._next = next(self._rest, None)
@@ -108,12 +104,8 @@ def read_recording(path: Path, shape: tuple[int, int] | None = None) -> Iterator
         with Path(path).open("rb") as file:
             lines = iter(partial(file.readline, _LONGEST_LINE + 1), b"")
             for number, line in enumerate(lines, 1):
-                if not line.strip():
-                    continue
                 try:
-                    found = _read_line(line, shape)
-                    if found is not None and found[0] < latest:
-                        raise WireError(f"at: wanted times that do not go back, got {found[0]} after {latest}")
+                    found = _read_line(line, shape, latest) if line.strip() else None
                 except WireError as error:
                     if line.endswith(b"\n") or len(line) > _LONGEST_LINE:
                         raise ReplayError(f"{path}: line {number}: {error}") from None
@@ -126,7 +118,7 @@ def read_recording(path: Path, shape: tuple[int, int] | None = None) -> Iterator
         raise ReplayError(f"{path}: wanted a recording, got a file that cannot be read ({error.strerror})") from error
 
 
-def _read_line(line: bytes, shape: tuple[int, int] | None) -> tuple[float, Input] | None:
+def _read_line(line: bytes, shape: tuple[int, int] | None, latest: float) -> tuple[float, Input] | None:
     """Time and input of a line; None for the head."""
     record = decoded_input(line, _LINE, "a pose, goal or patch with its time", _LONGEST_LINE)
     if isinstance(record, _Head):
@@ -135,6 +127,8 @@ def _read_line(line: bytes, shape: tuple[int, int] | None) -> tuple[float, Input
         return None
     if record.at is None:
         raise WireError("at: wanted the seconds since the recording began, got none")
+    if record.at < latest:
+        raise WireError(f"at: wanted times that do not go back, got {record.at} after {latest}")
     return record.at, as_input(record)
 
 
@@ -196,18 +190,15 @@ class RecordedSource(Closing):
     ) -> None:
         self._source, self._count_error, self._wait = source, count_error, wait
         self._began: float | None = None
-        self._workers = []
-        for recorder in recorders:
-            guard = Guard("recording an input", "record", count_error)
-            self._workers.append(Worker(_unpacked(recorder), Queue(_MOST_WAITING, _size), guard))
+        guard = partial(Guard, "recording an input", "record", count_error)
+        self._workers = [Worker(_unpacked(each), Queue(_MOST_WAITING, _size), guard()) for each in recorders]
         for worker in self._workers:
             worker.start()
 
     def poll(self) -> Iterator[Input]:
         """The inputs of the source."""
         now = time.monotonic()
-        if self._began is None:
-            self._began = now
+        self._began = now if self._began is None else self._began
         for message in self._source.poll():
             for worker in self._workers:
                 if worker.queue.put((message, now - self._began), "wait" if self._wait else "refuse"):

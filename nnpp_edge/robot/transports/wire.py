@@ -104,10 +104,10 @@ _OUTPUTS = {"path": PathMessage, "status": StatusMessage, "error": Fault}
 def encode(message: Input | Output | Fault) -> bytes:
     """A message as JSON in one line, without its end. Values of patches are base64, so that none changes."""
     if isinstance(message, MapPatch):
-        fields: dict[str, object] = {name: value for name, value in vars(message).items() if value is not None}
-        for name in fields.keys() & {"elevation", "cost"}:
-            fields[name] = Packed(message.shape, getattr(message, name).astype("<f4").tobytes())
-        return _joined("patch", fields)
+        packed = Packed(message.shape, message.values.astype("<f4").tobytes())
+        layer = {"elevation" if message.cost is None else "cost": packed}
+        kept = {name: getattr(message, name) for name in ("row", "col", "keep_known", "stamp")}
+        return _joined("patch", kept | layer)
     kinds = {Pose: "pose", Goal: "goal", PathMessage: "path", StatusMessage: "status", Fault: "error"}
     return _joined(kinds[type(message)], message.summary() if isinstance(message, PathMessage) else message)
 
