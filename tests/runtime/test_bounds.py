@@ -134,19 +134,15 @@ def test_the_bound_of_a_path_over_poses_is_the_least_that_a_path_out_of_its_regi
 
 def test_the_bound_of_a_mended_path_is_what_a_path_costs_at_the_least():
     """D* Lite does not say what it refused."""
-    cost, goal, at = (
-        (0.05 + 0.3 * np.random.default_rng(2).random((120, 120))).astype(np.float32),
-        (110, 110),
-        (10, 10),
-    )
+    cost = (0.05 + 0.3 * np.random.default_rng(2).random((120, 120))).astype(np.float32)
     cost[60, 10:110] = np.inf
-    planner, mended = DynamicPlanner(cost, goal, "corridor-dstar"), 0
+    at, goal, mended = (10, 10), (110, 110), 0
+    planner = DynamicPlanner(cost, goal, "corridor-dstar")
     for _ in range(8):
         planner.move(at)
         plan = planner.replan()
         if plan.choice.startswith("mended") and plan.source is Source.REGION:
-            pair = 2.0 * float(cost.min())
-            prices = (length + 255 * 0.011 * pair for length in (1.0, math.sqrt(2.0)))
+            prices = (length + 255 * 0.011 * 2.0 * float(cost.min()) for length in (1.0, math.sqrt(2.0)))
             assert plan.lower_bound == pytest.approx(oracles.octile(cost.shape, goal, *prices)[at], rel=CLOSE)
             mended += 1
         at, (row, col) = tuple(plan.path[2].tolist()), plan.path[12].tolist()

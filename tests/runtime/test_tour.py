@@ -28,12 +28,9 @@ def map_with_stops(seed, count, side=24, blocked=0.15):
 def cheapest_order(between):
     """By trying all, and what the order given costs; between[i][j] from stop i to stop j."""
     last = len(between) - 1
-
-    def cost(order):
-        way = [0, *order, last]
-        return sum(between[a][b] for a, b in zip(way[:-1], way[1:], strict=True))
-
-    return min(map(cost, itertools.permutations(range(1, last)))), cost(range(1, last))
+    orders = ([0, *order, last] for order in itertools.permutations(range(1, last)))
+    costs = [sum(between[a][b] for a, b in itertools.pairwise(order)) for order in orders]
+    return min(costs), costs[0]
 
 
 @settings(max_examples=30)
@@ -49,8 +46,7 @@ def test_the_best_order_of_exact_paths_is_that_of_all_orders_tried(seed, count):
     assert found.plan.cost == pytest.approx(best, rel=1e-5)
     assert found.given_cost == pytest.approx(given_cost, rel=1e-5)
     assert sorted(found.order) == list(range(count - 2))
-    assert [found.stops[0], found.stops[-1]] == [stops[0], stops[-1]]
-    assert list(found.stops[1:-1]) == [stops[1 + at] for at in found.order]
+    assert list(found.stops) == [stops[0], *(stops[1 + at] for at in found.order), stops[-1]]
 
 
 @settings(max_examples=30)

@@ -63,9 +63,9 @@ def small_bands(monkeypatch):
     monkeypatch.setattr(windows, "BAND_CELLS", 1)
 
 
-def test_costs_of_windows_and_along_a_path_are_those_of_the_whole_map():
-    rng = np.random.default_rng(0)
-    heights = rough(rng, 90, 700)
+@pytest.mark.usefixtures("small_bands")
+def test_costs_of_windows_bands_and_along_a_path_are_those_of_the_whole_map():
+    heights = rough(np.random.default_rng(0), 90, 700)
     cost, source = cost_of(heights), CostWindows(ArrayWindows(heights), LIMITS)
     parts = [(0, 0, 90, 700), (0, 5, 1, 1), (89, 699, 1, 1), (30, 40, 17, 23)]
     for (row, col, rows, cols), found, costs in source.windows(parts):
@@ -76,6 +76,16 @@ def test_costs_of_windows_and_along_a_path_are_those_of_the_whole_map():
         found, costs = source.along(path_part)
         np.testing.assert_array_equal(found, heights[tuple(path_part.T)])
         np.testing.assert_array_equal(costs, cost[tuple(path_part.T)])
+    shapes = ((1, 1), (1, 40), (40, 1), (3, 9), (65, 30), (64, 7))
+    for block_rows, shape in itertools.product((1, 3, 4, 8, 64), shapes):
+        heights = rough(np.random.default_rng(block_rows), *shape)
+        source = ArrayWindows(heights, (block_rows, 16))
+        bands = list(CostWindows(source, LIMITS).bands())
+        assert [row for row, *_ in bands] == np.cumsum([0, *(len(cost) for *_, cost in bands)])[:-1].tolist()
+        assert all(len(cost) % 4 == 0 for *_, cost in bands[:-1])
+        np.testing.assert_array_equal(np.concatenate([each for _, each, _ in bands]), heights)
+        np.testing.assert_array_equal(np.concatenate([cost for *_, cost in bands]), cost_of(heights))
+        assert sum(rows * cols for _, _, rows, cols in source.read_parts) == heights.size  # each once
 
 
 @given(
@@ -103,10 +113,8 @@ def test_coarse_levels_made_by_bands_are_those_of_the_whole_map(seed, blocked, r
         np.testing.assert_array_equal(one.pieces, other.pieces)
         np.testing.assert_array_equal(one.links, other.links)
         assert (one.grid.least, one.grid.greatest) == (other.grid.least, other.grid.greatest)
-    assert (whole.levels[0].grid.least, whole.levels[0].grid.greatest) == (
-        streamed.grid.least,
-        streamed.grid.greatest,
-    )
+    finest = whole.levels[0].grid
+    assert (finest.least, finest.greatest) == (streamed.grid.least, streamed.grid.greatest)
 
 
 @given(cases(most_side=30), st.sampled_from([1, 4, 7, 64]))
@@ -149,76 +157,54 @@ def test_a_corridor_without_a_path_is_widened_and_then_it_is_told_whether_there_
     assert plan.status is Status.UNKNOWN and "there is a path" in plan.reason
 
 
-def test_ends_outside_and_blocked_and_alike():
-    heights = np.zeros((60, 70), np.float32)
+def test_ends_that_are_none_and_corridors_that_do_not_fit_are_refused_before_more_is_read(monkeypatch):
+    heights = np.zeros((300, 300), np.float32)
     heights[20:23, 20:23] = np.nan
-    planner = WindowedPlanner(ArrayWindows(heights))
+    source = ArrayWindows(heights)
+    planner = WindowedPlanner(source)
     for start, goal, status in (
-        ((60, 0), (1, 1), Status.START_OUTSIDE_MAP),
+        ((300, 0), (1, 1), Status.START_OUTSIDE_MAP),
         ((1, 1), (21, 21), Status.GOAL_BLOCKED),
         ((0, 0), (0, 0), Status.OK),
     ):
         assert planner.plan(start, goal).status is status
     assert planner.any_passable
     assert not WindowedPlanner(ArrayWindows(np.full((9, 9), np.nan, np.float32))).any_passable
-
-
-def test_a_corridor_that_does_not_fit_is_refused_before_it_is_read(monkeypatch):
-    source = ArrayWindows(np.zeros((300, 300), np.float32))
-    planner = WindowedPlanner(source)
     monkeypatch.setattr(windowed, "available_bytes", lambda: 100_000)
     before = len(source.read_parts)
     with pytest.raises(InvalidMapError, match=r"cells under the corridor, got 0.00 GB: plan in several legs"):
         planner.plan((10, 10), (290, 290))
-    assert len(source.read_parts) == before + 2  # start and goal
+    assert len(source.read_parts) <= before + 2  # start and goal
 
 
 def test_plans_carry_the_numbers_along_their_way():
     heights = synthetic_terrain(np.random.default_rng(3), 96, 1.0)
     heights[20:60, 50] = np.nan
     mobility, stops = Mobility(energy=EnergyCost(50.0, 0.1)), [(3, 4), (30, 20), (30, 80), (90, 85)]
-    by_windows = WindowedPlanner(ArrayWindows(heights), mobility=mobility)
     whole = Planner.of_elevation(heights, 1.0, cell_width_m=1.5, warn=False, mobility=mobility)
-    plan, wanted = (planner.plan(stops[0], stops[-1], **how) for planner, how in _both(by_windows, whole))
+    both = (WindowedPlanner(ArrayWindows(heights), mobility=mobility), {}), (whole, {"method": "corridor"})
+    plan, wanted = (planner.plan(stops[0], stops[-1], **how) for planner, how in both)
     assert plan.ok and plan.numbers == pytest.approx(wanted.numbers) and plan.energy_j > 0.0 < plan.climb_m
-    tours = [planner.plan_via(stops[0], stops[-1], stops[1:-1], **how) for planner, how in _both(by_windows, whole)]
-    for found, also in zip((tours[0].plan, *tours[0].legs), (tours[1].plan, *tours[1].legs), strict=True):
+    tour, wanted = (planner.plan_via(stops[0], stops[-1], stops[1:-1], **how) for planner, how in both)
+    for found, also in zip((tour.plan, *tour.legs), (wanted.plan, *wanted.legs), strict=True):
         assert found.numbers == pytest.approx(also.numbers)
-    assert tours[0].order == tours[1].order and tours[0].plan.path.tolist() == tours[1].plan.path.tolist()
-    assert tours[0].plan.time_s == pytest.approx(sum(leg.time_s for leg in tours[0].legs))
-
-
-def _both(by_windows, whole):
-    return (by_windows, {}), (whole, {"method": "corridor"})
-
-
-@pytest.mark.usefixtures("small_bands")
-def test_costs_by_bands_are_those_of_the_whole_map():
-    shapes = ((1, 1), (1, 40), (40, 1), (3, 9), (65, 30), (64, 7))
-    for block_rows, shape in itertools.product((1, 3, 4, 8, 64), shapes):
-        heights = rough(np.random.default_rng(block_rows), *shape)
-        source = ArrayWindows(heights, (block_rows, 16))
-        bands = list(CostWindows(source, LIMITS).bands())
-        assert [row for row, *_ in bands] == np.cumsum([0, *(len(cost) for *_, cost in bands)])[:-1].tolist()
-        assert all(len(cost) % 4 == 0 for *_, cost in bands[:-1])
-        np.testing.assert_array_equal(np.concatenate([each for _, each, _ in bands]), heights)
-        np.testing.assert_array_equal(np.concatenate([cost for *_, cost in bands]), cost_of(heights))
-        assert sum(rows * cols for _, _, rows, cols in source.read_parts) == heights.size  # each once
+    assert tour.order == wanted.order and tour.plan.path.tolist() == wanted.plan.path.tolist()
+    assert tour.plan.time_s == pytest.approx(sum(leg.time_s for leg in tour.legs))
 
 
 @pytest.mark.usefixtures("small_bands")
 def test_plans_are_those_of_the_corridor_planner_in_memory():
     sources = Counter()
-    for seed, (corner_cutting, block) in enumerate(((True, (16, 16)), (False, (1, 420)), (True, (512, 512)))):
+    for seed, (corner_cutting, block) in enumerate(((True, (16, 16)), (False, (1, 300)), (True, (512, 512)))):
         rng = np.random.default_rng(seed)
-        heights = synthetic_terrain(rng, 420, 2.0)[: rng.integers(200, 420), : rng.integers(200, 420)]
+        heights = synthetic_terrain(rng, 300, 2.0)[: rng.integers(200, 300), : rng.integers(200, 300)]
         heights[rng.random(heights.shape) < 0.02] = np.nan
         heights[heights.shape[0] // 2, : heights.shape[1] // 3] = np.nan
         cost = cost_of(heights)
         planner = Planner(cost, corner_cutting=corner_cutting)
         by_windows = WindowedPlanner(ArrayWindows(heights, block), LIMITS, corner_cutting=corner_cutting)
         passable = np.argwhere(np.isfinite(cost))
-        for _ in range(8):
+        for _ in range(5):
             start, goal = (tuple(each.tolist()) for each in passable[rng.integers(len(passable), size=2)])
             epsilon = rng.choice([math.inf, 0.3])
             wanted = planner.plan(start, goal, method="corridor", epsilon=epsilon)
