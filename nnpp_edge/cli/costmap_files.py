@@ -61,7 +61,6 @@ class Tally:
         }
 
     def text(self, name: str, files: list[str]) -> str:
-        """For people."""
         found = self.figures()
         costs = ((100 * float(share), cost) for share, cost in found["cost_quantiles"].items() if cost is not None)
         cost = ", ".join(f"{share:.0f} % of cells up to {cost:.3f}" for share, cost in costs)

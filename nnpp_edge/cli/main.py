@@ -11,6 +11,7 @@ from typing import NoReturn
 import click
 
 from nnpp_edge import __version__
+from nnpp_edge.cli.removed import instead_of
 from nnpp_edge.cli.streams import prepare_streams
 from nnpp_edge.runtime.compiled import notice
 from nnpp_edge.runtime.errors import NnppEdgeError
@@ -89,9 +90,10 @@ def main() -> None:
         click.echo("stopped", err=True)
         sys.exit(1)
     except click.UsageError as error:
-        if isinstance(error, click.NoSuchOption) and (instead := _instead_of(error)):
-            _refuse(f"{error.option_name} was removed: {instead}")
         message, command = error.format_message(), error.ctx.command_path if error.ctx else "nnpp-edge"
+        option = error.option_name if isinstance(error, click.NoSuchOption) else ""
+        if advice := instead_of(option, command.split()[-1]):
+            _refuse(f"{option} was removed: {advice}")
         _refuse(f"{message[0].lower()}{message[1:].rstrip('.')}; see {command} --help")
     except (NnppEdgeError, click.ClickException) as error:
         _refuse(str(error))
@@ -106,13 +108,6 @@ def main() -> None:
         _refuse(f"this needs {package}: pip install 'nnpp-edge[{extra}]'")
     finally:  # what the interpreter does at its end, a KeyboardInterrupt would break off with a traceback
         atexit.register(signal.signal, signal.SIGINT, signal.SIG_DFL)
-
-
-def _instead_of(error: click.NoSuchOption) -> str | None:
-    """Advice in place of an option that was removed."""
-    from nnpp_edge.cli.removed import instead_of
-
-    return instead_of(error.option_name, (error.ctx and error.ctx.info_name) or "")
 
 
 def _refuse(message: str) -> NoReturn:

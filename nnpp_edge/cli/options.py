@@ -82,7 +82,6 @@ class Named(click.Path):
     """A path that is not empty, as pathlib takes an empty one for the folder we are in; a `MAP` may be a sample."""
 
     def convert(self, value: object, param: click.Parameter | None, ctx: click.Context | None) -> object:  # type: ignore[override]
-        """Parse a word."""
         word = str(value)
         if not word:
             self.fail("wanted a path, got nothing", param, ctx)
@@ -100,7 +99,6 @@ class Real(click.FloatRange):
     """A finite number in a range; click's own takes NaN for one."""
 
     def convert(self, value: object, param: click.Parameter | None, ctx: click.Context | None) -> float:
-        """Parse a word."""
         number = float(super().convert(value, param, ctx))  # type: ignore[arg-type]  # click takes any
         if not math.isfinite(number):
             self.fail(f"wanted a finite number, got {number}", param, ctx)
@@ -149,7 +147,6 @@ class SettingType(click.ParamType):  # type: ignore[type-arg]  # as above
         return [*(name for name in found if not name.endswith("_weight")), *self.more]
 
     def convert(self, value: object, param: click.Parameter | None, ctx: click.Context | None) -> Setting:
-        """Parse a word."""
         text = re.sub(r"=(?!true$|false$)([A-Za-z][\w.-]*)$", r'="\1"', str(value)) if self.bare else str(value)
         try:
             ((key, content),) = tomllib.loads(text).items()

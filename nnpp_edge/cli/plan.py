@@ -1,6 +1,5 @@
 """`nnpp-edge plan`: a path over an elevation map."""
 
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated
 
@@ -12,58 +11,14 @@ from nnpp_edge.cli.requests import PlanRequest
 from nnpp_edge.cli.text import tell
 
 _PROFILE = "profile.png"
+_FILE = {"is_flag": False, "flag_value": _PROFILE, "metavar": "[FILE]"}
+_OUTPUT = "Folder for path.geojson, path.csv, plan.png and plan.json."
+_FORMATS = "Write the path there as GeoPackage or GPX too, path.gpkg or path.gpx."
+_PROFILE_PLOT = "Draw height, slope and cost along the path: .png, .svg or .pdf; profile.png in the folder of -o."
 _BYTES_PER_POSED_CELL = 12
 """More for a vehicle: four codes and another height."""
 _BYTES_PER_CELL = 24
 """At the peak of planning on a whole map: 19 to 23 measured, the most by `nnpp` (docs/decisions.md)."""
-
-
-@dataclass(frozen=True, kw_only=True)
-class Outputs:
-    """Where the answer goes."""
-
-    output: Annotated[
-        Path | None, "-o", options.PATH, "Folder for path.geojson, path.csv, plan.png and plan.json."
-    ] = None
-    formats: Annotated[
-        tuple[str, ...],
-        "--format",
-        click.Choice(["gpkg", "gpx"]),
-        options.MANY,
-        "Write the path there as GeoPackage or GPX too, path.gpkg or path.gpx.",
-    ] = ()
-    profile_plot: Annotated[
-        str | None,
-        {"is_flag": False, "flag_value": _PROFILE, "metavar": "[FILE]"},
-        "Draw height, slope and cost along the path: .png, .svg or .pdf; profile.png in the folder of -o.",
-    ] = None
-
-    def __post_init__(self) -> None:
-        """Refuse what has no folder to go to, or an unknown picture."""
-        if self.formats and self.output is None:
-            raise click.UsageError("--format is of what is written: give -o too")
-        if self.profile_plot is None:
-            return
-        from nnpp_edge.runtime.errors import optional_module
-        from nnpp_edge.viz.profile_picture import ENDINGS
-
-        if self.profile_plot == _PROFILE and self.output is None:
-            raise click.UsageError("--profile-plot needs a file's name, or -o for its folder")
-        if (ending := Path(self.profile_plot).suffix.lower()) not in ENDINGS:
-            raise click.UsageError(
-                f"--profile-plot must end with {', '.join(ENDINGS)}, got {ending or 'no ending'!r}"
-            )
-        optional_module("matplotlib", "--profile-plot", "viz")
-
-    @property
-    def paths(self) -> list[tuple[str, Path]]:
-        """The files, each with the option that asks for it."""
-        names = ["path.geojson", "path.csv", "plan.png", "plan.json", *(f"path.{name}" for name in self.formats)]
-        found = [("--output", self.output / name) for name in names] if self.output else []
-        if self.profile_plot is not None:
-            folder = self.output if self.output and self.profile_plot == _PROFILE else Path()
-            found.append(("--profile-plot", folder / self.profile_plot))
-        return found
 
 
 @options.command("plan")
@@ -72,7 +27,9 @@ def command(
     /,
     request: PlanRequest,
     robot: GroundOptions,
-    outputs: Outputs,
+    output: Annotated[Path | None, "-o", options.PATH, _OUTPUT] = None,
+    formats: Annotated[tuple[str, ...], "--format", click.Choice(["gpkg", "gpx"]), options.MANY, _FORMATS] = (),
+    profile_plot: Annotated[str | None, _FILE, _PROFILE_PLOT] = None,
     memory: options.Memory = None,
     as_json: options.AsJson = False,
 ) -> None:
@@ -97,9 +54,17 @@ def command(
     \b
     nnpp-edge plan dem.tif --start 20,30 --goal 380,360 --workload limit20 -o plan
     """
+    if formats and output is None:
+        raise click.UsageError("--format is of what is written: give -o too")
+    names = ("path.geojson", "path.csv", "plan.png", "plan.json", *(f"path.{name}" for name in formats))
+    outputs = [("--output", output / name) for name in names] if output else []
+    if profile_plot is not None:
+        folder = output if output and profile_plot == _PROFILE else Path()
+        outputs.append(("--profile-plot", folder / profile_plot))
+        _check_plot(profile_plot, output)
     robot.check_turns(request.refine)
     robot.limits()  # those that make no sense are refused before any work
-    options.check_outputs(*outputs.paths, more_inputs=request.files, make_folders=True)
+    options.check_outputs(*outputs, more_inputs=request.files, make_folders=True)
 
     from nnpp_edge.cli.maps import reads_by_windows
     from nnpp_edge.cli.planning import plan_by_windows, plan_in_memory
@@ -110,9 +75,20 @@ def command(
     if reads_by_windows(dem, robot, memory, bytes_per_cell, whole=directed or moves):
         answer = plan_by_windows(request, dem, robot)
     else:
-        answer = plan_in_memory(request, dem, robot, drawn=outputs.output is not None)
+        answer = plan_in_memory(request, dem, robot, drawn=output is not None)
     answer.warn_if_steep()
-    files = answer.save([path for _, path in outputs.paths])
+    files = answer.save([path for _, path in outputs])
     tell(as_json, answer.figures(files), lambda: answer.text(files))
     if not answer.plan.ok:
         click.get_current_context().exit(1)
+
+
+def _check_plot(name: str, output: Path | None) -> None:
+    from nnpp_edge.runtime.errors import optional_module
+    from nnpp_edge.viz.profile_picture import ENDINGS
+
+    if name == _PROFILE and output is None:
+        raise click.UsageError("--profile-plot needs a file's name, or -o for its folder")
+    if (ending := Path(name).suffix.lower()) not in ENDINGS:
+        raise click.UsageError(f"--profile-plot must end with {', '.join(ENDINGS)}, got {ending or 'no ending'!r}")
+    optional_module("matplotlib", "--profile-plot", "viz")

@@ -72,7 +72,6 @@ class Answer:
             )
 
     def figures(self, files: list[str]) -> dict[str, object]:
-        """Ready for JSON."""
         plan, steps, along, tour = self.plan, self.steep_steps, self.plan.along, self.tour
         figures: dict[str, object] = {
             **plan.summary(),
@@ -120,7 +119,6 @@ class Answer:
         return {name: figures[name] for name in (*_PROPERTIES, *line, *self.plan.numbers._fields, *self.route.worst)}
 
     def text(self, files: list[str]) -> str:
-        """For people."""
         lines = aligned(dict(self._lines(files)))
         return f"{lines}\n{table(self.compared, _COMPARED)}" if self.compared else lines
 

@@ -91,16 +91,6 @@ class Asked:
     limit: Annotated[float | None, options.POSITIVE, _LIMIT] = None
     output: Annotated[Path | None, "-o", options.FOLDER, _OUTPUT] = None
 
-    def check(self) -> None:
-        """UsageError for what does not go together."""
-        if bool(self.profile) == self.peers:
-            raise click.UsageError(_WANTED)
-        if self.as_json and self.markdown:
-            raise click.UsageError("give one of --json and --markdown")
-        measured, other = ("peers", ("vehicle", "start_up")) if self.peers else ("profile", ("limit",))
-        if wrong := [name for name in other if getattr(self, name)]:
-            raise click.UsageError(f"--{wrong[0].replace('_', '-')} does not go with --{measured}")
-
 
 @options.command("profile", _Profile, invoke_without_command=True, commands={"compare": compare_command})
 def command(asked: Asked) -> None:
@@ -128,7 +118,13 @@ def command(asked: Asked) -> None:
         if any(vars(asked).values()):
             raise click.UsageError(f"the options of profile do not go with {inner}")
         return
-    asked.check()
+    if bool(asked.profile) == asked.peers:
+        raise click.UsageError(_WANTED)
+    if asked.as_json and asked.markdown:
+        raise click.UsageError("give one of --json and --markdown")
+    measured, other = ("peers", ("vehicle", "start_up")) if asked.peers else ("profile", ("limit",))
+    if wrong := [name for name in other if getattr(asked, name)]:
+        raise click.UsageError(f"--{wrong[0].replace('_', '-')} does not go with --{measured}")
     if asked.profile is None:
         _peers(asked)
     else:

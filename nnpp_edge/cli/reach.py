@@ -139,8 +139,8 @@ def command(
             *(found.geopackage() for _ in paths[4:]),
         )
         write_all(dict(zip(paths, contents, strict=True)))
-    lines = {"map": size_in_words(terrain), "start": str(cell)}
+    lines = {"map": size_in_words(terrain), "start": cell}
     for level, cells, area in rows:
         size = f"{area / 1e6:.4g} km²" if area >= 1e5 else f"{area:.0f} m²"
         lines[words(level)] = f"{cells} cells, {size}, {100.0 * cells / cost.size:.1f} % of the map"
-    tell(as_json, figures, lambda: aligned(lines | ({"written": ", ".join(files)} if files else {})))
+    tell(as_json, figures, lambda: aligned(lines | {"written": ", ".join(files)}))

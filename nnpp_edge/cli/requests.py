@@ -2,7 +2,9 @@
 
 import math
 import re
+from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, NamedTuple
 
@@ -21,42 +23,10 @@ _NUMBERS = re.compile(r"\s*([+-]?\d+)\s*,\s*([+-]?\d+)\s*|(xy|lonlat):([^,]+),([
 class End(NamedTuple):
     """A place, or several in the order of a layer's points, as the user named them."""
 
-    word: str
-    system: str
-    """``cell``, ``xy`` (the map's own), ``lonlat``, or ``file``."""
-    at: tuple[float, float] = (math.nan, math.nan)
-
-    @property
-    def file(self) -> Path | None:
-        """The vector file, if it is one."""
-        if self.system != "file":
-            return None
-        from nnpp_edge.terrain.vectors import named_file
-
-        return named_file(self.word)[0]
-
-    def cells(self, place: "Place") -> "list[Cell]":
-        """The cells of a map below; a layer that had to be reprojected is told of on stderr.
-
-        InvalidQueryError for what has no place on the map's plane. A cell may lie outside the map.
-        """
-        if self.system == "cell":
-            return [(int(self.at[0]), int(self.at[1]))]
-        if self.system == "xy":
-            return [place.cell_of(*self.at)]
-        if self.system == "lonlat":
-            import numpy as np
-
-            from nnpp_edge.terrain.coordinates import lonlat_on_map
-
-            points = lonlat_on_map(place, np.array([self.at]))
-        else:
-            from nnpp_edge.terrain.vectors import points_of
-
-            points, word = points_of(self.word, place)
-            if word:
-                click.echo(word, err=True)
-        return [place.cell_of(x, y) for x, y in points.tolist()]
+    cells: "Callable[[Place], list[Cell]]"
+    """The cells of a map below, perhaps outside it; InvalidQueryError for what has no place on the map's plane."""
+    file: Path | None = None
+    """The vector file, if it is one."""
 
     def one_cell(self, place: "Place", option: str) -> "Cell":
         """The cell below; InvalidQueryError where the layer has another number of points."""
@@ -73,13 +43,32 @@ def _end(word: str) -> End:
         at = float(row or x), float(col or y)
         if not all(map(math.isfinite, at)):
             raise ValueError
-        return End(word, system or "cell", at)
+        if system is None:
+            return End(lambda place: [(int(row), int(col))])
+        return End(lambda place: [place.cell_of(*at)] if system == "xy" else _below_lonlat(place, at))
     from nnpp_edge.terrain.vectors import named_file
 
     if "," in word or not word:
         raise ValueError
-    named_file(word)  # VectorFileError, a ValueError, where there is none
-    return End(word, "file")
+    return End(partial(_below_layer, word), named_file(word)[0])  # VectorFileError, a ValueError, where there is none
+
+
+def _below_lonlat(place: "Place", at: tuple[float, float]) -> "list[Cell]":
+    import numpy as np
+
+    from nnpp_edge.terrain.coordinates import lonlat_on_map
+
+    return [place.cell_of(x, y) for x, y in lonlat_on_map(place, np.array([at])).tolist()]
+
+
+def _below_layer(word: str, place: "Place") -> "list[Cell]":
+    """The cells below a layer's points; that it had to be reprojected is told on stderr."""
+    from nnpp_edge.terrain.vectors import points_of
+
+    points, told = points_of(word, place)
+    if told:
+        click.echo(told, err=True)
+    return [place.cell_of(x, y) for x, y in points.tolist()]
 
 
 PLACE = Parsed("PLACE", "ROW,COL as two whole numbers, xy:X,Y, lonlat:LON,LAT, or a vector file", _end)

@@ -137,7 +137,7 @@ def summary(counters: "Counters") -> str:
         "reloads": str(c.reloads or ""),
         "memory": f"{c.rss_bytes / 1e6:.0f} MB",
     }
-    return aligned({name: line for name, line in lines.items() if line})
+    return aligned(lines)
 
 
 def _ground(path: Path, robot: GroundOptions) -> "Ground":

@@ -154,4 +154,4 @@ def text(drive: "Drive", shape: tuple[int, int], written: list[str]) -> str:
         "errors": ", ".join(f"{count} in {place}" for place, count in sorted(ticks.errors.items())),
         "written": ", ".join(written),
     }
-    return aligned({name: line for name, line in lines.items() if line})
+    return aligned(lines)

@@ -22,7 +22,8 @@ def tell(as_json: bool, figures: object, text: Callable[[], str], *, indent: int
 
 
 def aligned(lines: Mapping[str, object], indent: str = "") -> str:
-    """Names and values in two columns."""
+    """Names and values in two columns, without what is empty."""
+    lines = {name: value for name, value in lines.items() if value}
     width = max(12, *(len(name) + 2 for name in lines))
     return "\n".join(f"{indent}{name:<{width}}{value}" for name, value in lines.items())
 

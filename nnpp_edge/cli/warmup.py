@@ -1,6 +1,5 @@
 """`nnpp-edge warmup`: compile ahead of the first plan."""
 
-import sys
 import warnings
 from typing import Annotated
 
@@ -33,13 +32,7 @@ def command(
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", RuntimeWarning)  # that there is no folder: here it is the error below
         from nnpp_edge.runtime.warmup import warm_up
-    from nnpp_edge.runtime.errors import OutputError
-
-    try:
-        warmth = warm_up(keep_old=keep_old, jobs=jobs)
-    except OutputError as error:
-        click.echo(f"error: {error}", err=True)
-        sys.exit(1)
+    warmth = warm_up(keep_old=keep_old, jobs=jobs)
     counts = f"{warmth.kernels} kernels ({warmth.signatures} versions, {warmth.compiled} of them new)"
     lines = [f"{counts} in {warmth.folder}, {warmth.seconds:.1f} s", *(f"deleted {each}" for each in warmth.removed)]
     tell(as_json, warmth.summary(), lambda: "\n".join(lines), indent=1)

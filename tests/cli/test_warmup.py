@@ -222,5 +222,5 @@ def test_without_a_folder_it_plans_with_exactly_one_warning_and_the_warm_up_fail
         assert ended.stderr.count("Warning: ") == 1 and "NUMBA_CACHE_DIR" in ended.stderr
         assert folder.is_file() or not list(folder.iterdir())
         ended = python(WARM_UP, "warmup", NUMBA_CACHE_DIR=folder)
-        assert (ended.returncode, ended.stdout) == (1, "")
+        assert (ended.returncode, ended.stdout) == (2, "")
         assert ended.stderr.startswith("error: ") and ended.stderr.count("\n") == 1
