@@ -8,11 +8,9 @@ from functools import partial
 import numpy as np
 
 from nnpp_edge.runtime.arrays import Float2D
-from nnpp_edge.runtime.kernels.encoding import GAUSSIAN_CHANNELS
 from nnpp_edge.runtime.kernels.threshold import lowered
 from nnpp_edge.runtime.map.poses import pose_costs
 from nnpp_edge.runtime.map.region import Region
-from nnpp_edge.runtime.network.encoding import encode_gaussian
 from nnpp_edge.runtime.network.inference import NetworkModel
 from nnpp_edge.runtime.planners.coarse_to_fine import CoarseLevel
 from nnpp_edge.runtime.planners.dynamic import DynamicPlanner
@@ -22,7 +20,6 @@ from nnpp_edge.runtime.planners.planner import Planner
 from nnpp_edge.runtime.planners.query import Query, Work
 from nnpp_edge.runtime.planners.refine import BodyLines
 from nnpp_edge.runtime.region.learned import RegionFinder
-from nnpp_edge.runtime.search.dstar_lite import DStarLite
 from nnpp_edge.runtime.search.workspace import Workspace
 from nnpp_edge.runtime.terrain.traversability import (
     SaturationWarning,
@@ -95,7 +92,7 @@ def _exercise_elevations(
 
 
 def _exercise_costs(network: NetworkModel) -> None:
-    """Plans on costs; the map is large enough that the network's view is compared with what it saw."""
+    """Plans on costs."""
     cost = np.random.default_rng(0).uniform(0.1, 0.6, (200, 128)).astype(np.float32)
     start, goal = (1, 2), (198, 125)
     planner = Planner(cost, model=network)
@@ -110,9 +107,7 @@ def _exercise_costs(network: NetworkModel) -> None:
             moving.replan(method=method)
             moving.update(1, 4, patch)
         moving.standing()
-    search = DStarLite(Planner(_read_only(cost)).state, goal)
-    search.plan(start)
-    search.reach()
+    Planner(_read_only(cost))
 
 
 def _read_only(array: Float2D) -> Float2D:
@@ -130,7 +125,6 @@ def _exercise_kernels(dem: Float2D, network: NetworkModel) -> None:
         cost = traversability_cost(dem, 1.0, cell_width_m=1.5)
     update_cost(cost, dem, (70, 5, 2, 3), 1.0)
     terrain_terms(dem, 1.0)
-    encode_gaussian((1.0, 2.0), (9.0, 3.0), 4.0, np.empty((GAUSSIAN_CHANNELS, 16, 16), np.float32))
     finder = RegionFinder(16)
     finder.threshold((1, 2), (9, 3))
     finder.mark(lowered(3, 0.5), (1, 2), (9, 3), 1)

@@ -190,15 +190,3 @@ def close_dead_ends(links, marks, reached, came, closed):
                             links[at] &= ~bit
     came[:] = 0
     return count
-
-
-@kernel
-def count_new_blocks(bitmap, stamp, known, known_stamp):
-    """How many blocks a region has, and how many of them are outside another."""
-    blocks, new = 0, 0
-    for i in range(bitmap.shape[0]):
-        for j in range(bitmap.shape[1]):
-            inside = bitmap[i, j] == stamp
-            blocks += inside
-            new += inside and known[i, j] != known_stamp
-    return blocks, new

@@ -276,17 +276,6 @@ def begin(goal, state, heap):
 
 
 @kernel
-def least_known(changed, count, inside, state):
-    """The least g of changed nodes that the region holds; inf without any."""
-    least = np.inf
-    for n in range(count):
-        node = changed[n]
-        if inside[node]:
-            least = min(least, state[2 * node])
-    return least
-
-
-@kernel
 def mend(pending, search, terrain, edges, state, heap, size, noted, until):
     """Work out rhs anew wherever a step has changed; how many nodes are left once it is late, and the list's size."""
     stride, start, goal, corner_cutting, steps, prices, km = search

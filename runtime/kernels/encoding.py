@@ -42,30 +42,6 @@ def pool_planes(weights, stride, rows, cols, scale, offset, inner_rows, inner_co
                 planes[1, row, col] = blocked / cells
 
 
-@kernel
-def mean_difference(planes, others):
-    """Mean absolute difference of two (C, S, S) float32 arrays."""
-    total = np.float32(0.0)
-    for c in range(planes.shape[0]):
-        for i in range(planes.shape[1]):
-            for j in range(planes.shape[2]):
-                total += abs(planes[c, i, j] - others[c, i, j])
-    return total / planes.size
-
-
-@kernel
-def encode_gaussian_into(out, row, col, spacing, sigma):
-    size = out.shape[0]
-    offset = (spacing - 1.0) / 2.0
-    over_rows, over_cols = np.empty(size), np.empty(size)  # the Gaussian is a product of these two
-    for i in range(size):
-        over_rows[i] = math.exp(-0.5 * ((i * spacing + offset - row) / sigma) ** 2)
-        over_cols[i] = math.exp(-0.5 * ((i * spacing + offset - col) / sigma) ** 2)
-    for i in range(size):
-        for j in range(size):
-            out[i, j] = over_rows[i] * over_cols[j]
-
-
 @helper
 def _detour(row, col, row_a, col_a, row_b, col_b, apart):
     """How much longer the way from a to b, which lie so far apart, is by way of a point."""

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from nnpp_edge.runtime.cells import Cell, Rectangle
-from nnpp_edge.runtime.kernels.encoding import encode_gaussian_into, fill_ends, pool_planes
+from nnpp_edge.runtime.kernels.encoding import fill_ends, pool_planes
 from nnpp_edge.runtime.map.grid import Grid
 from nnpp_edge.runtime.map.region import Lookup
 from nnpp_edge.runtime.network.model_file import QUERY_SPACING
@@ -81,8 +81,10 @@ def encode_gaussian(start: Point, goal: Point, sigma: float, out: NDArray[np.flo
 
     Written to `out`, (2, S, S) float32. Eq. 5's factor 1/(2πσ²) only scales the input and is left out.
     """
-    encode_gaussian_into(out[0], *start, 1.0, sigma)
-    encode_gaussian_into(out[1], *goal, 1.0, sigma)
+    cells = np.arange(out.shape[-1])
+    for plane, end in zip(out, (start, goal), strict=True):
+        over_rows, over_cols = (np.exp(-0.5 * ((cells - place) / sigma) ** 2) for place in end)
+        np.multiply.outer(over_rows, over_cols, out=plane)
 
 
 def encode_ends(start: Point, goal: Point, sigma: float, out: NDArray[np.float32]) -> None:

@@ -10,7 +10,6 @@ import numpy as np
 from nnpp_edge.runtime.cells import Cell, apart
 from nnpp_edge.runtime.deadline import OutOfTimeError
 from nnpp_edge.runtime.errors import InvalidQueryError
-from nnpp_edge.runtime.kernels.corridor import count_new_blocks
 from nnpp_edge.runtime.kernels.nodes import octile
 from nnpp_edge.runtime.kernels.pooling import FACTOR
 from nnpp_edge.runtime.map.changes import ChangeReader
@@ -226,5 +225,6 @@ def _new_share(region: Region, known: Region | None) -> float:
     """The share of a region's blocks that are outside another; None holds nothing."""
     if known is None or not region.shares_blocks(known):
         return 1.0
-    blocks, new = count_new_blocks(region.bitmap, region.stamp, known.bitmap, known.stamp)
-    return new / blocks if blocks else 0.0
+    blocks = region.blocks()
+    new = blocks & ~known.blocks()
+    return float(new.sum()) / max(int(blocks.sum()), 1)

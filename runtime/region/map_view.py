@@ -9,7 +9,6 @@ from numpy.typing import NDArray
 
 from nnpp_edge.runtime.cells import Cell, Rectangle, common
 from nnpp_edge.runtime.deadline import NEVER, Deadline
-from nnpp_edge.runtime.kernels.encoding import mean_difference
 from nnpp_edge.runtime.kernels.pooling import FACTOR
 from nnpp_edge.runtime.map.grid import Grid
 from nnpp_edge.runtime.map.region import Lookup
@@ -127,7 +126,7 @@ class MapView:
         if 0.0 < self._unseen_change < self._drift < math.inf:  # some may have changed back
             self._average_changes(deadline)
             rows, cols = self.frame.inner
-            self._drift = mean_difference(self.planes, self._shown) * self.size**2 / (rows * cols)
+            self._drift = float(np.abs(self.planes - self._shown).mean()) * self.size**2 / (rows * cols)
         return self._drift > self._unseen_change
 
     def _average_changes(self, deadline: Deadline) -> None:

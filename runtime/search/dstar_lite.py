@@ -140,7 +140,8 @@ class DStarLite:
         if (self._rows_left == kernels.UNREAD).any():
             return 0.0
         memory = self.memory
-        nearest = kernels.least_known(memory.changed, self._pending, memory.inside, memory.state)
+        changed = memory.changed[: self._pending]
+        nearest = memory.state[2 * changed[memory.inside[changed] != 0]].min(initial=math.inf)
         whole = min(memory.state[2 * self._start : 2 * self._start + 2].tolist())
         if not math.isfinite(nearest):
             return 0.0
