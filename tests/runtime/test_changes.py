@@ -238,6 +238,12 @@ def test_costs_that_rise_leave_the_bound_and_what_is_far_off_saves_nothing():
     assert found.added == pytest.approx(0.1 * 2 * 2.805 * 59, rel=1e-3)
     path.set(plan)  # which forgets what changed before it
     assert path.check((10, 0)).added == pytest.approx(0.0, abs=1e-6)
+    cost = free(20, 60)
+    path, plan, put = standing_on(cost, (10, 0), (10, 59))
+    cost[9] = 0.1  # beside the path, where another saves on each cell twice
+    put(9, 0, cost[9:10])
+    optimum = Planner(cost).plan((10, 0), (10, 59), method="astar").cost
+    assert 0.97 * optimum < path.check((10, 0)).lower_bound <= optimum < 0.9 * plan.cost
     cost = free(30, 60)
     cost[29, 0] = np.inf
     path, _, put = standing_on(cost, (0, 0), (0, 59))

@@ -9,12 +9,11 @@ from hypothesis import strategies as st
 
 from nnpp_edge.runtime import DynamicPlanner, NetworkModel, Planner
 from nnpp_edge.runtime.map.grid import Grid
-from nnpp_edge.runtime.map.ground import Ground
-from nnpp_edge.runtime.map.state import map_state
 from nnpp_edge.runtime.map.step_cost import StepModel
 from nnpp_edge.runtime.network.encoding import Frame, encode_ends, encode_gaussian, map_planes
 from nnpp_edge.runtime.region.map_view import MapView
 from nnpp_edge.runtime.tuning import UNSEEN_CHANGE
+from tests.strategies import state_of
 
 
 def planes_of(cost, size, parts=None, out=None):
@@ -55,10 +54,7 @@ def test_every_cell_has_a_block_and_neighbours_have_neighbouring_ones(rows, cols
     size, blocks = sizes
     frame = Frame(rows, cols, size)
     for lookup, cells, inner in zip(frame.lookup(blocks), (rows, cols), frame.inner, strict=True):
-        assert lookup.dtype == np.int32
-        assert lookup[0] >= 0
-        assert lookup[-1] < blocks
-        assert (np.diff(lookup) >= 0).all()
+        assert lookup.dtype == np.int32 and lookup[0] >= 0 and lookup[-1] < blocks and (np.diff(lookup) >= 0).all()
         if cells >= blocks:
             assert np.diff(lookup).max(initial=0) <= 1
         assert lookup[-1] <= (inner - 1) * blocks // size
@@ -129,8 +125,7 @@ def test_near_ends_on_a_large_map_are_planned_in_a_window(network, shape, edge):
         assert max(rows, cols) <= 0.6 * max(shape)
         assert holds(view.window, start, goal)
         region = plan.network_region.mask()
-        assert region[start]
-        assert region[goal]
+        assert region[start] and region[goal]
         region[row : row + rows, col : col + cols] = False
         assert not region.any()
         assert plan.cost >= planner.plan(start, goal, method="astar").cost * (1 - 1e-5)
@@ -172,18 +167,22 @@ def test_a_network_in_two_parts_is_shown_the_map_again_once_enough_has_changed()
     assert [shown for _, shown in seen] == [1, 2, 3, 4, 4]  # the last patch says nothing new
 
 
-def test_a_change_outside_its_window_is_not_shown_to_a_network():
-    cost = np.random.default_rng(5).random((700, 700)).astype(np.float32) * 0.9
-    network, state, ends = watched_network(), map_state(Ground(cost)), ((20, 20), (60, 60))
+def test_a_change_outside_its_window_is_not_shown_to_a_network_and_one_inside_is_shown_where_it_is():
+    rng = np.random.default_rng(5)
+    cost, network, ends = rng.random((700, 700)).astype(np.float32) * 0.9, watched_network(), ((220, 120), (260, 160))
+    state = state_of(cost)
     view = MapView(state, network)
     view.show(*ends)
-    before = type(network).shown
-    state.update(600, 600, np.full((20, 20), 0.5))
-    view.show(*ends)
-    assert type(network).shown == before
-    state.update(70, 70, np.full((20, 20), 0.5))
-    view.show(*ends)
-    assert type(network).shown == before + 1
+    for row, inside in ((600, False), (270, True), (210, True), (10, False)):
+        before, patch = type(network).shown, rng.random((20, 30)).astype(np.float32) * 0.9
+        cost[row : row + 20, 150:180] = patch
+        state.update(row, 150, patch)
+        view.show(*ends)
+        assert type(network).shown == before + inside
+        new = MapView(state_of(cost), NetworkModel("edge"))
+        new.show(*ends)
+        assert view.window == new.window
+        np.testing.assert_allclose(view.planes, new.planes, atol=1e-6)
 
 
 def test_a_robot_on_its_way_keeps_its_window_while_that_serves():
