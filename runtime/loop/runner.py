@@ -17,14 +17,7 @@ from nnpp_edge.runtime.errors import InvalidQueryError
 from nnpp_edge.runtime.loop.connections import InputSource, Sink
 from nnpp_edge.runtime.loop.messages import Counters, Input, Output, PathMessage, Span, StatusMessage
 from nnpp_edge.runtime.loop.navigator import Navigator
-from nnpp_edge.runtime.loop.timing import (
-    Histogram,
-    InterruptibleSleep,
-    Ticker,
-    realtime,
-    rss_bytes,
-    signal_handlers,
-)
+from nnpp_edge.runtime.loop.timing import Histogram, Ticker, realtime, rss_bytes, signal_handlers
 from nnpp_edge.runtime.loop.workers import Guard, Queue, WhenFull, Worker
 
 _LOG = logging.getLogger(__name__)
@@ -33,6 +26,8 @@ _SHARE_FOR_INPUTS = 0.5
 _BOUND_OCTAVES = range(8, 20)
 """Bounds of the histogram in the counters, as powers of two of a microsecond: 0.256 to 524 ms."""
 _BOUNDS_MS = (*(f"{1e-3 * 2**n:g}" for n in _BOUND_OCTAVES), "inf")
+_LONGEST_SLEEP_S = 0.05
+"""Then the loop looks whether it is to stop: an Event's lock is not safe in handlers of signals."""
 _GC_EVERY = 64
 """Ticks after which garbage is collected, if there is time."""
 
@@ -87,8 +82,7 @@ class Loop:
         self.spans: tuple[Span, ...] = ()
         """The last tick and its parts, in order, for `after_tick`."""
         self._stopping = self._hurried = self._reload_wanted = False
-        self._sleep = InterruptibleSleep()
-        self._ticker = Ticker(1.0 / rate_hz, sleep=self._sleep.wait)
+        self._ticker = Ticker(1.0 / rate_hz, sleep=self._sleep)
         count_error = navigator.count_error
         self._sinks: list[tuple[Sink, Worker[Output]]] = []
         self._when_full: WhenFull = "drop oldest" if paced else "wait"
@@ -116,7 +110,6 @@ class Loop:
     def finish(self) -> None:
         """As `stop`, but without `paced` the sinks are waited for until they have taken all answers."""
         self._stopping = True
-        self._sleep.set()
 
     def request_reload(self) -> None:
         """Read the model's file again, beside the loop. May be called from a signal handler or any thread."""
@@ -155,6 +148,11 @@ class Loop:
     def _is_patient(self) -> bool:
         """Whether sinks that are slow are waited for."""
         return not (self._paced or self._hurried)
+
+    def _sleep(self, seconds: float) -> bool:
+        """Sleep for a moment; whether the loop is to stop."""
+        time.sleep(min(seconds, _LONGEST_SLEEP_S))
+        return self._stopping
 
     def _run_ticks(self, ticks: int | None) -> None:
         done, reported = 0, time.monotonic()

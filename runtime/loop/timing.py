@@ -3,7 +3,6 @@
 import logging
 import math
 import os
-import select
 import signal
 import sys
 import time
@@ -73,12 +72,8 @@ class Ticker:
             self.skipped += missed
             self._number += 1 + missed
             return
-        while (left := self.remaining()) > 0.0:
-            if left > 1.5 * self.period_s:  # the clock was set back
-                self.start()
-                left = self.period_s
-            if self._sleep(left) is True:
-                break
+        while (left := self.remaining()) > 0.0 and self._sleep(left) is not True:
+            pass
         self._number += 1
 
 
@@ -120,28 +115,6 @@ class Histogram:
         """``p50``, ``p90``, ``p99``, ``max`` and ``mean`` in milliseconds."""
         seconds = {f"p{q}": self.quantile(q / 100.0) for q in (50, 90, 99)} | {"max": self.max_s, "mean": self.mean_s}
         return {name: 1e3 * value for name, value in seconds.items()}
-
-
-class InterruptibleSleep:
-    """A sleep that another thread or a signal handler ends. An Event's lock is not safe in handlers; a pipe is."""
-
-    def __init__(self) -> None:
-        self._read, self._write = os.pipe()
-        os.set_blocking(self._write, False)
-
-    def wait(self, seconds: float) -> bool:
-        """Sleep for so long, an hour at most; True if woken."""
-        return bool(select.select([self._read], [], [], min(seconds, 3600.0))[0])
-
-    def set(self) -> None:
-        """End this sleep and all that follow."""
-        with suppress(BlockingIOError):
-            os.write(self._write, b"!")
-
-    def __del__(self) -> None:
-        with suppress(OSError, AttributeError):
-            os.close(self._read)
-            os.close(self._write)
 
 
 @contextmanager

@@ -123,7 +123,7 @@ def test_everything_comes_back_through_the_public_reader(tmp_path):
     assert [(a["tick"], a["outcome"], a["path"]) for a in answers] == [(1, "OK", 1), (2, "OK", 2), (5, "OK", 5)]
     assert not any("headings_deg" in a for a in answers)
     assert json.loads(found["/status"][0].message.data)["counters"]["ticks"] == 3
-    assert (log.written, log.lost) == (sum(map(len, found.values())), 0)
+    assert log.lost == 0
 
 
 def test_a_path_that_only_shrank_is_not_written_again_and_a_lost_one_is(tmp_path):
@@ -228,11 +228,13 @@ def test_a_full_disk_ends_the_log_with_one_warning_and_not_the_loop(tmp_path, mo
 
 
 def test_no_input_is_lost_for_want_of_an_answer(tmp_path):
-    with McapLog(tmp_path / "log.mcap") as log:
-        for n in range(1000):
+    path = tmp_path / "log.mcap"
+    with McapLog(path) as log:
+        begun = path.stat().st_size
+        for n in range(3000):
             log.record(Pose(n, n))
-        assert log.written > 0, "not all wait in memory"
-    assert len(read(tmp_path / "log.mcap")["/pose"]) == 1000
+        assert path.stat().st_size > begun, "not all wait in memory"
+    assert len(read(path)["/pose"]) == 3000
     assert log.lost == 0
 
 

@@ -106,7 +106,7 @@ def test_a_late_tick_does_not_move_the_next():
     assert min(clock.slept) > 0.0
 
 
-def test_neither_rounding_nor_sleeps_nor_a_clock_that_is_set_back_move_the_deadlines():
+def test_neither_rounding_nor_sleeps_that_end_early_or_late_move_the_deadlines():
     clock = Clock()
     ticker = Ticker(0.01, clock=clock, sleep=clock.sleep)
     for _ in range(100_000):
@@ -121,13 +121,6 @@ def test_neither_rounding_nor_sleeps_nor_a_clock_that_is_set_back_move_the_deadl
     for _ in range(5):
         ticker.wait()
     assert clock.now == pytest.approx(1100.62)
-    clock.late = 0.0
-    ticker = Ticker(0.1, clock=clock, sleep=clock.sleep)
-    clock.now -= 3600.0
-    began = clock.now
-    for _ in range(3):
-        ticker.wait()
-    assert clock.now - began == pytest.approx(0.3)
 
 
 @given(st.lists(st.floats(1e-6, 100.0), min_size=1, max_size=300), st.sampled_from([0.5, 0.9, 0.99, 1.0]))

@@ -36,11 +36,6 @@ class Notifier(Closing):
         self.watchdog_s = _watchdog_s(environment) if self._address else None
         """Seconds without `alive` after which the manager acts; None if it does not watch this process."""
 
-    @property
-    def enabled(self) -> bool:
-        """Whether there is a manager to notify."""
-        return bool(self._address)
-
     def ready(self) -> bool:
         """Start-up is done."""
         return self._send("READY=1")

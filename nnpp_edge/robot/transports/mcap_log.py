@@ -99,8 +99,6 @@ class McapLog(Closing):
         self._waiting: deque[tuple[int, Input]] = deque()
         self._last_path: NDArray[np.int32] | None = None
         self._heights_came = False
-        self.written = 0
-        """Messages in the files."""
         self.lost = 0
         """Messages that were not written because the log had stopped."""
         try:
@@ -185,7 +183,6 @@ class McapLog(Closing):
             return
         with self._stopping_on_error():
             self._writer.add_message(self._channels[topic], log_time=stamp, publish_time=stamp, data=data)
-            self.written += 1
 
     def _tidy(self) -> None:
         """Write the map, flush, and begin another file, each when it is time."""
