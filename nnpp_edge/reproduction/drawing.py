@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from nnpp_edge.reproduction.episode import Episode, Patch
+from nnpp_edge.reproduction.episode import Patch
 from nnpp_edge.reproduction.planners import PLANNERS
 from nnpp_edge.reproduction.regions import PaperRegions, best_path
 from nnpp_edge.reproduction.rows import Rows
@@ -21,12 +21,19 @@ if TYPE_CHECKING:
 
 Cells = NDArray[np.int32]
 """(N, 2) cells (row, col)."""
-PAPER, PLAIN, OURS = "#7f7f7f", "#d55e00", "#0072b2"
-"""In pictures that compare the paper with ours."""
+
+
+PAPER = "#7f7f7f"
 COLOURS = {name: f"C{at}" for at, name in enumerate((*PLANNERS, "inference"))}
-"""Of the planners; grey for the paper's."""
-_OPTIMUM, _PATH, _BEFORE, _CHANGED, _DRIVEN = "#e0218a", "#ffe100", "#b8b8b8", "#ff3b1f", "#ff9e3d"
-_CYAN, _TINT = np.array([0.0, 0.9, 1.0]), 0.45
+"""Of the planners; the paper's are grey."""
+_PATHS = {
+    "optimal path": ("#e0218a", 3.0, "-"),
+    "path in the region": ("#ffe100", 1.2, "-"),
+    "path before": ("#b8b8b8", 1.2, ":"),
+    "driven": ("#ff9e3d", 2.2, "-"),
+}
+"""Colour, width and style of a path by its label."""
+_CHANGED, _CYAN, _TINT = "#ff3b1f", np.array([0.0, 0.9, 1.0]), 0.45
 
 
 def new_figure(width: float, height: float) -> "Figure":
@@ -56,9 +63,8 @@ def by_size(panels: Sequence[tuple[Rows, str, Mapping[str, str], str, str]]) -> 
     figure = new_figure(5.8 * len(panels), 5.2)
     for axes, (rows, figures, styles, title, unit) in zip(figure.subplots(1, len(panels)), panels, strict=True):
         for name, style in styles.items():
-            points = sorted(
-                (at, of.mean(figures)) for (at,), of in rows.of(name).by("size").items() if of.all(figures)
-            )
+            groups = rows.of(name).by("size").items()
+            points = sorted((at, of.mean(figures)) for (at,), of in groups if of.all(figures))
             axes.plot(*zip(*points, strict=True), style, color=COLOURS.get(name, PAPER), label=name)
         sizes = sorted(set(rows.all("size")))
         axes.set_xscale("log", base=2)
@@ -70,13 +76,24 @@ def by_size(panels: Sequence[tuple[Rows, str, Mapping[str, str], str, str]]) -> 
     return figure
 
 
-def bars(axes: "Axes", heights: Mapping[str, float], form: str, title: str, unit: str) -> None:
-    """A horizontal bar for each name, with its number, in the colour of the planner of that name."""
-    drawn = axes.barh(list(heights), list(heights.values()), color=[COLOURS.get(name, PAPER) for name in heights])
-    axes.bar_label(drawn, fmt=form, padding=3, fontsize="small")
-    axes.margins(x=0.2)
-    axes.invert_yaxis()
-    tidy(axes, title, unit)
+def bars(groups: Mapping[str, Rows]) -> "Figure":
+    """For each group its planners' times and their CC above that of exact A*, in all, a bar a planner."""
+    figure = new_figure(11, 4.4 * len(groups))
+    for (label, rows), panels in zip(groups.items(), figure.subplots(len(groups), 2, squeeze=False), strict=True):
+        planners = {str(name): of for (name,), of in rows.by("planner").items() if of.all("time_s")}
+        times_s = [of.mean("time_s") for of in planners.values()]
+        increases = [100.0 * of.increase() for of in planners.values()]
+        for axes, values, form, title, unit in (
+            (panels[0], times_s, "%.3g", "mean time", "seconds"),
+            (panels[1], increases, "%.2f", "CC above that of exact A*", "%"),
+        ):
+            drawn = axes.barh(list(planners), values, color=[COLOURS.get(name, PAPER) for name in planners])
+            axes.bar_label(drawn, fmt=form, padding=3, fontsize="small")
+            axes.margins(x=0.2)
+            axes.invert_yaxis()
+            tidy(axes, f"{label}: {title}", unit)
+        panels[0].set_xscale("log")
+    return figure
 
 
 class View(NamedTuple):
@@ -100,14 +117,6 @@ def view_plan(cost: Float2D, query: Endpoints, model: NetworkModel, patches: tup
     return View(cost, region.mask(), best_path(maker.grid, query, region), best_path(maker.grid, query), patches)
 
 
-def view_episode(episode: Episode, model: NetworkModel) -> list[View]:
-    """Every plan of an episode."""
-    return [
-        view_plan(episode.map_at(at), (step.start, episode.goal), model, step.patches)
-        for at, step in enumerate(episode.steps)
-    ]
-
-
 def frame(at: int) -> str:
     """A plan's name in the paper."""
     return ("T", "T + Δt")[at] if at < 2 else f"T + {at}Δt"
@@ -125,12 +134,7 @@ def draw_map(axes: "Axes", cost: Float2D, title: str, region: NDArray[np.bool_] 
 
 def draw_path(axes: "Axes", path: Cells, label: str) -> None:
     """A path on a map, of a kind that the legend names."""
-    colour, width, style = {
-        "optimal path": (_OPTIMUM, 3.0, "-"),
-        "path in the region": (_PATH, 1.2, "-"),
-        "path before": (_BEFORE, 1.2, ":"),
-        "driven": (_DRIVEN, 2.2, "-"),
-    }[label]
+    colour, width, style = _PATHS[label]
     axes.plot(path[:, 1], path[:, 0], style, color=colour, linewidth=width, label=label)
 
 
@@ -148,10 +152,9 @@ def draw_view(axes: "Axes", view: View, title: str, *, before: View | None = Non
     if before is not None:
         draw_path(axes, before.optimum, "path before")
         for at, (row, col, patch) in enumerate(view.patches):
-            sides = patch.shape[1], patch.shape[0]
-            box = Rectangle((col - 0.5, row - 0.5), *sides, fill=False, ec=_CHANGED, lw=1.3, zorder=4)
-            box.set_label("_" * bool(at) + "changed")
-            axes.add_patch(box)
+            label, sides = "_" * bool(at) + "changed", patch.shape[::-1]
+            where = (col - 0.5, row - 0.5)
+            axes.add_patch(Rectangle(where, *sides, fill=False, ec=_CHANGED, lw=1.3, zorder=4, label=label))
     draw_path(axes, view.optimum, "optimal path")
     draw_path(axes, view.path, "path in the region")
     draw_ends(axes, view.optimum[0], view.optimum[-1])
@@ -164,8 +167,3 @@ def map_legend(figure: "Figure", axes: "Axes") -> None:
     handles, labels = axes.get_legend_handles_labels()
     handles.append(Filled(facecolor=tuple(np.full(3, 0.35) * (1.0 - _TINT) + _TINT * _CYAN)))
     figure.legend(handles, [*labels, "region"], loc="outside lower center", ncols=4, fontsize="small", frameon=False)
-
-
-def driven(views: Sequence[View], stride: int) -> Cells:
-    """The robot's way: so many cells of each path, and the last one to its end."""
-    return np.concatenate([*(view.optimum[:stride] for view in views[:-1]), views[-1].optimum])

@@ -5,14 +5,11 @@ or vanish; the rest is planned anew, until the goal is near. The robot follows e
 """
 
 import math
-from collections.abc import Iterable, Iterator
-from contextlib import suppress
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
-from nnpp_edge.profiling.suites import Case
 from nnpp_edge.runtime.arrays import Float2D
 from nnpp_edge.runtime.cells import Cell, Rectangle
 from nnpp_edge.runtime.errors import InvalidQueryError
@@ -22,8 +19,6 @@ from nnpp_edge.terrain.obstacles import PAPERS_SIDES, Obstacles, changed_parts
 
 STRIDE = 45
 """Cells that the robot walks between two plans (the paper's)."""
-LEAST_DISTANCE = 0.7
-"""Between start and goal, as a share of the map's side: four plans or more at 256²."""
 _TRIES = 20
 _NEAR_REACH = 4
 """Strides from the robot within which the map changes, in the scene whose changes stay near it."""
@@ -96,14 +91,6 @@ def make_episode(
         steps.append(Step(here, patches))
         path = found
     return Episode(base, goal, tuple(steps))
-
-
-def episodes_of(cases: Iterable[Case], seed: int, stride: int = STRIDE, *, near: bool = False) -> Iterator[Episode]:
-    """An episode for the first query of each case; cases whose goal cannot be reached are passed over."""
-    for at, case in enumerate(cases):
-        start, goal = case.queries[0]
-        with suppress(InvalidQueryError):
-            yield make_episode(case.cost, start, goal, seed=seed + at, stride=stride, near=near)
 
 
 def _exact(planner: DynamicPlanner, start: Cell) -> NDArray[np.int32] | None:

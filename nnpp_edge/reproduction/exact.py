@@ -10,10 +10,9 @@ from nnpp_edge.profiling.contest import Harness
 from nnpp_edge.reproduction import drawing, paper
 from nnpp_edge.reproduction.experiment import Context, Result, experiment
 from nnpp_edge.reproduction.findings import Finding, judge
-from nnpp_edge.reproduction.plain_astar import build_graph, search
-from nnpp_edge.reproduction.planners import PLAIN, planner_table
-from nnpp_edge.reproduction.regions import best_path
-from nnpp_edge.reproduction.rows import Row, Rows, number, percent, seconds, table, times
+from nnpp_edge.reproduction.plain import build_graph, search
+from nnpp_edge.reproduction.planners import PLAIN
+from nnpp_edge.reproduction.rows import Row, Rows, percent, spread, times
 from nnpp_edge.runtime.arrays import Float2D
 from nnpp_edge.runtime.cells import Endpoints
 from nnpp_edge.runtime.errors import InvalidQueryError
@@ -23,36 +22,27 @@ from nnpp_edge.runtime.search.astar import astar
 from nnpp_edge.runtime.search.workspace import Workspace
 
 Floats = NDArray[np.float64]
-
-
+_OMEGA = f"{paper.OMEGA:.3f} ± {paper.OMEGA_DEVIATION:.3f}"
 _QUICK = {"sizes": (64, 128, 256), "maps": 1, "repeats": 1}
 
 
-@experiment("Table 1", "Building the graph against searching it", _QUICK, asks_networks=False)
+@experiment("Table 1", "Building the graph against searching it", _QUICK, networks=())
 def table1(
     context: Context, *, sizes: Sequence[int] = (64, 128, 256, 512, 1024), maps: int = 5, repeats: int = 5
 ) -> Result:
     """Average maps of the greatest size down to the others, start and goal with them, and time both A*."""
-    sizes, rows = context.fitting(sizes), Rows()
-    largest, done = max(sizes), 0
-    for at, (case, query) in enumerate(context.maps(largest, maps), 1):
+    sizes, rows, done = context.fitting(sizes), Rows(), 0
+    for at, (case, query) in enumerate(context.maps(max(sizes), maps), 1):
         for size in sizes:
             rows += [{"map": at, "size": size} | row for row in _timed(*_scaled(case.cost, query, size), repeats)]
             done += size**2
             context.progress(done / (maps * sum(side**2 for side in sizes)))
-    everything = Rows([*(row for row in paper.TABLE_1 if row["size"] in sizes), *rows])
-    more = {
-        "graph, or map": lambda of: seconds(of.mean("graph_s")),
-        "search": lambda of: seconds(of.mean("search_s")),
-        "graph's share": lambda of: percent(of.mean("graph_s") / of.mean("time_s")),
-        "path": lambda of: number(of.mean("path_cells"), ".0f"),
-    }
-    summary = planner_table(everything.sorted("size"), "size", "AT | over A*", context.networks, more)
-    shares = Rows({**row, "share": 100.0 * row["graph_s"] / row["time_s"]} for row in everything)
+    everything = Rows(row for row in (*paper.TABLE_1, *rows) if row["size"] in sizes)
     styles = {paper.ASTAR: "o--", PLAIN: "o-", "astar": "^-"}
     of_times = everything, "time_s", styles, "Mean time of a query, the graph or the map included", "seconds"
-    of_shares = shares, "share", styles, "Share of the graph in the time", "%"
-    return Result(summary, rows, table1_findings(rows), drawing.by_size([of_times, of_shares]))
+    of_shares = everything, "graph_share", styles, "Share of the graph in the time", ""
+    picture = drawing.by_size([of_times, of_shares])
+    return Result(rows, ("size", "planner"), table1_findings(rows), picture, everything)
 
 
 def _scaled(cost: Float2D, query: Endpoints, size: int) -> tuple[Float2D, Endpoints]:
@@ -77,27 +67,21 @@ def _timed(cost: Float2D, query: Endpoints, repeats: int) -> list[Row]:
     ours_s = []
     for _ in range(repeats):
         grid_s, grid = harness.timed(lambda: Grid.of(cost, StepModel.of("paper")))
-        astar_s, _ = harness.timed(lambda grid=grid: astar(grid, *query, workspace))  # type: ignore[misc]
-        ours_s.append((grid_s, astar_s))
+        ours_s.append((grid_s, harness.timed(partial(astar, grid, *query, workspace))[0]))
     times_s = {PLAIN: (graph_s, search_s), "astar": np.median(ours_s, axis=0).tolist()}
-    names = ("graph_s", "search_s", "time_s", "path_cells")
-    return [
-        {"planner": name} | dict(zip(names, (*parts_s, sum(parts_s), len(path)), strict=True))
-        for name, parts_s in times_s.items()
-    ]
+    return [paper.graph_row(name, first_s, then_s, len(path)) for name, (first_s, then_s) in times_s.items()]
 
 
 def table1_findings(rows: Rows) -> list[Finding]:
     """Of the rows of all sizes."""
     plain = rows.of(PLAIN)
-    shares = [of.mean("graph_s") / of.mean("time_s") for of in plain.by("size").values()]
-    lowest, highest = min(shares), max(shares)
-    ours = f"{' to '.join(dict.fromkeys((percent(lowest, 0), percent(highest, 0))))} (plain A*)"
+    shares = [of.mean("graph_share") for of in plain.by("size").values()]
+    ours = f"{' to '.join(dict.fromkeys((percent(min(shares), 0), percent(max(shares), 0))))} (plain A*)"
     near = max(abs(share - paper.GRAPH_SHARE) for share in shares) <= 0.1
     about, greater = "the graph takes about 85 % of A*'s time", "the graph takes the greater part of A*'s time"
     found = [
-        judge(about, percent(paper.GRAPH_SHARE, 0), ours, near, "within 10 points at every size"),
-        judge(greater, "84 to 89 %", ours, lowest > 0.5, "over a half at every size"),
+        judge(about, percent(paper.GRAPH_SHARE, 0), ours, "within 10 points at every size", near),
+        judge(greater, "84 to 89 %", ours, "over a half at every size", min(shares) > 0.5),
     ]
     small, large = min(plain.all("size")), max(plain.all("size"))
     if small < large:
@@ -107,59 +91,55 @@ def table1_findings(rows: Rows) -> list[Finding]:
         )
         claim = f"time grows with the number of cells ({cells:.0f}× from {small:.0f}² to {large:.0f}²)"
         near, rule = 0.5 * cells <= grown <= 2.0 * cells, "within a factor of 2 of the cells'"
-        found.append(judge(claim, times(theirs), f"{grown:.0f}× (plain A*)", near, rule))
+        found.append(judge(claim, times(theirs), f"{grown:.0f}× (plain A*)", rule, near))
     return found
 
 
-@experiment("Fig. 6", "Paths at three weights ω", {"size": 128}, asks_networks=False)
+@experiment("Fig. 6", "Paths at three weights ω", {"size": 128}, networks=())
 def fig6(context: Context, *, size: int = 256, omegas: Sequence[float] = (0.0, 0.01, 0.05)) -> Result:
     """One map and one query, and the optimal path at three weights ω, per grey level."""
     size = context.one_size(size)
     ((case, query),) = context.maps(size, 1)
     rows, figure = Rows(), drawing.new_figure(3.4 * len(omegas), 3.8)
     for axes, omega in zip(figure.subplots(1, len(omegas)), omegas, strict=True):
-        grid = Grid.of(case.cost, StepModel.of("paper", omega))
-        path = best_path(grid, query)
-        length, cc = _length_and_cc(grid, path, case.cost)
-        rows.append({"omega": omega, "length": length, "cc": cc})
-        drawing.draw_map(axes, case.cost, f"ω = {omega:g}: {length:.0f} cells, CC {cc:.1f}")
+        row, path = _at_omega(case.cost, query, omega, Workspace((size + 2) ** 2))
+        rows.append(row)
+        drawing.draw_map(axes, case.cost, f"ω = {omega:g}: {row['length']:.0f} cells, CC {row['cc']:.1f}")
         drawing.draw_path(axes, path, "optimal path")
         drawing.draw_ends(axes, *query)
     lengths, ccs = rows.all("length"), rows.all("cc")
     ours = f"length {lengths[0]:.1f} → {lengths[-1]:.1f} cells, CC {ccs[0]:.2f} → {ccs[-1]:.2f}"
     curved = all(np.diff(lengths) >= -1e-6) and all(np.diff(ccs) <= 1e-6)
     claim = "the greater ω, the more the path turns aside for cheaper ground"
-    finding = judge(claim, "yes (picture)", ours, curved, "length never falls, CC never rises")
-    columns = {"length, cells": lambda of: f"{of.mean('length'):.2f}", "CC": lambda of: f"{of.mean('cc'):.3f}"}
-    return Result(table("ω", rows.by("omega"), columns), rows, [finding], figure)
+    finding = judge(claim, "yes (picture)", ours, "length never falls, CC never rises", curved)
+    return Result(rows, ("omega",), [finding], figure)
 
 
-def _length_and_cc(grid: Grid, path: NDArray[np.int32], cost: Float2D) -> tuple[float, float]:
-    """Of a path: cells, a diagonal step counting √2, and the sum of the map's costs, which no grid at ω = 0 knows."""
-    return grid.costs_of(path)[1], float(cost[tuple(path.T)].sum(dtype=np.float64))
+def _at_omega(cost: Float2D, query: Endpoints, omega: float, workspace: Workspace) -> tuple[Row, NDArray[np.int32]]:
+    """The optimal path at an ω: its length in cells, a diagonal step counting √2, and the sum of the map's costs."""
+    grid = Grid.of(cost, StepModel.of("paper", omega))
+    time_s, found = Harness().timed(partial(astar, grid, *query, workspace))
+    cc = float(cost[tuple(found.path.T)].sum(dtype=np.float64))  # at ω = 0 no grid knows it
+    return {"omega": omega, "length": grid.costs_of(found.path)[1], "cc": cc, "time_s": time_s}, found.path
 
 
-@experiment("Fig. 7", "The weight ω of the traversability cost", {"maps": 8, "fine": 25}, asks_networks=False)
+@experiment("Fig. 7", "The weight ω of the traversability cost", {"maps": 8, "fine": 25}, networks=())
 def fig7(
     context: Context, *, maps: int = paper.OMEGA_MAPS, size: int = 256, fine: int = 50, coarse: int = 30
 ) -> Result:
     """Sweep ω on many maps by exact A*: `fine` values up to 0.05, `coarse` ones from there to 0.2, and 0."""
     size = context.one_size(size)
     omegas = np.r_[np.linspace(0.0, 0.05, fine + 1), np.linspace(0.05, paper.OMEGA_MOST, coarse + 1)[1:]]
-    rows, harness, workspace = Rows(), Harness(), Workspace((size + 2) ** 2)
+    rows, workspace = Rows(), Workspace((size + 2) ** 2)
     for at, (case, query) in enumerate(context.maps(size, maps), 1):
-        for omega in omegas.tolist():
-            grid = Grid.of(case.cost, StepModel.of("paper", omega))
-            time_s, found = harness.timed(partial(astar, grid, *query, workspace))
-            length, cc = _length_and_cc(grid, found.path, case.cost)
-            rows.append({"map": at, "omega": omega, "length": length, "cc": cc, "time_s": time_s})
+        rows += [{"map": at} | _at_omega(case.cost, query, omega, workspace)[0] for omega in omegas.tolist()]
         context.progress(at / maps)
-    lengths, ccs = (np.array(rows.all(name)).reshape(maps, -1) for name in ("length", "cc"))
-    typical_s = np.median(np.reshape(rows.all("time_s"), (maps, -1)), axis=0)
-    best = {"by range": best_omegas(omegas, by_range(lengths), by_range(ccs))}
-    best["by greatest"] = best_omegas(omegas, by_greatest(lengths), by_greatest(ccs))
-    both = {("paper",): Rows(), **{(f"ours, {how}",): Rows({"omega": x} for x in of) for how, of in best.items()}}
-    columns = {"best ω, mean ± deviation": lambda of: _spread(of.all("omega")) if of else _THEIRS}
+    lengths, ccs, times_s = (np.reshape(rows.all(name), (maps, -1)) for name in ("length", "cc", "time_s"))
+    typical_s = np.median(times_s, axis=0)
+    best = {
+        f"by {how}": best_omegas(omegas, normal(lengths), normal(ccs))
+        for how, normal in {"range": by_range, "greatest": by_greatest}.items()
+    }
     lengths, ccs = by_range(lengths), by_range(ccs)
     figure = drawing.new_figure(13, 4.2)
     left, middle, right = figure.subplots(1, 3)
@@ -169,19 +149,16 @@ def fig7(
         left.fill_between(omegas, average - deviation, average + deviation, alpha=0.18, linewidth=0)
     middle.plot(omegas, (lengths + ccs).mean(0), label="LEN + CC")
     middle.plot(omegas, typical_s / typical_s.max(), label="time of exact A*, median, over its longest")
-    right.hist(list(best.values()), 20, label=[f"{how}: {_spread(of)}" for how, of in best.items()])
+    right.hist(list(best.values()), 20, label=[f"{how}: {spread(of, 4)}" for how, of in best.items()])
     least, most = paper.OMEGA - paper.OMEGA_DEVIATION, paper.OMEGA + paper.OMEGA_DEVIATION
     titles = "Normalised by range; mean ± deviation", "LEN + CC, and time", f"Best ω of {maps} maps"
     for axes, title in zip((left, middle, right), titles, strict=True):
-        axes.axvspan(least, most, color=drawing.PAPER, alpha=0.25, label=f"paper: {_THEIRS}")
+        axes.axvspan(least, most, color=drawing.PAPER, alpha=0.25, label=f"paper: {_OMEGA}")
         drawing.tidy(axes, title, "ω per grey level")
         axes.legend(fontsize="small")
     findings = fig7_findings(omegas, lengths.mean(0), ccs.mean(0), typical_s, best)
-    summary = table("LEN and CC normalised", both, columns)
-    return Result(summary, rows.averaged("omega"), findings, figure)
-
-
-_THEIRS = f"{paper.OMEGA:.3f} ± {paper.OMEGA_DEVIATION:.3f}"
+    shown = [{"normalised": how, "best_omega": omega} for how, of in best.items() for omega in of]
+    return Result(rows.averaged("omega"), ("normalised",), findings, figure, shown)
 
 
 def by_range(values: Floats) -> Floats:
@@ -201,30 +178,27 @@ def best_omegas(omegas: Floats, length: Floats, cc: Floats) -> Floats:
     return np.array([omegas[each[len(each) // 2]] for each in least])
 
 
-def _spread(values: Sequence[float] | Floats) -> str:
-    return f"{np.mean(values):.4f} ± {np.std(values):.4f}"
-
-
 def fig7_findings(
     omegas: Floats, length: Floats, cc: Floats, typical_s: Floats, best: dict[str, Floats]
 ) -> list[Finding]:
     """Of the mean length and CC, by range, and the median time at each ω, and each map's best one."""
+    middle, settled = int(np.argmin(length + cc)), typical_s[omegas >= 0.25 * paper.OMEGA_MOST]
+    monotone = bool((np.diff(length) > -0.02).all() and (np.diff(cc) < 0.02).all())
+    first, knee, last = typical_s[0], typical_s[omegas <= paper.OMEGA][-3:].mean(), settled.mean()
+    steady = bool(knee > 1.2 * first and np.ptp(settled) <= 0.35 * last)
     found = []
     for label, of in best.items():
         claim, near = f"best ω per grey level, LEN and CC normalised {label}", abs(of.mean() - paper.OMEGA)
-        near, rule = bool(near <= paper.OMEGA_DEVIATION), "our mean lies within the paper's deviation"
-        found.append(judge(claim, _THEIRS, _spread(of), near, rule))
-    least, quarter = int(np.argmin(length + cc)), 0.25 * paper.OMEGA_MOST
-    ours, rule = f"ω = {omegas[least]:.3f} on the mean", "neither the first nor the last ω"
-    claim = "some ω between the ends makes LEN + CC least"
-    found.append(judge(claim, "yes", ours, 0 < least < len(omegas) - 1, rule))
+        rule = "our mean lies within the paper's deviation"
+        found.append(judge(claim, _OMEGA, spread(of, 4), rule, bool(near <= paper.OMEGA_DEVIATION)))
+    claim, ours = "some ω between the ends makes LEN + CC least", f"ω = {omegas[middle]:.3f} on the mean"
+    found.append(judge(claim, "yes", ours, "neither the first nor the last ω", 0 < middle < len(omegas) - 1))
+    claim, rule = (
+        "the greater ω, the longer the path and the smaller its CC",
+        "no step goes the other way by over 0.02",
+    )
     ours = f"LEN {length[0]:.2f} → {length[-1]:.2f}, CC {cc[0]:.2f} → {cc[-1]:.2f}"
-    monotone = bool((np.diff(length) > -0.02).all() and (np.diff(cc) < 0.02).all())
-    rule = "no step of the means goes the other way by over 0.02"
-    found.append(judge("the greater ω, the longer the path and the smaller its CC", "yes", ours, monotone, rule))
-    settled = typical_s[omegas >= quarter]
-    first, knee, last = typical_s[0], typical_s[omegas <= paper.OMEGA][-3:].mean(), settled.mean()
-    ours = f"{1e3 * first:.2f} ms at 0, {1e3 * knee:.2f} ms at {paper.OMEGA}, {1e3 * last:.2f} ms from {quarter:g} on"
-    agrees = bool(knee > 1.2 * first and np.ptp(settled) <= 0.35 * last)
+    found.append(judge(claim, "yes", ours, rule, monotone))
+    ours = f"{1e3 * first:.2f} ms at 0, {1e3 * knee:.2f} ms at {paper.OMEGA}, {1e3 * last:.2f} ms from 0.05 on"
     rule = f"up by a fifth or more at ω = {paper.OMEGA}; beyond a quarter of the sweep within 35 %"
-    return [*found, judge("planning time rises at first and then stays", "yes", ours, agrees, rule)]
+    return [*found, judge("planning time rises at first and then stays", "yes", ours, rule, steady)]

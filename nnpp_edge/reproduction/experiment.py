@@ -4,12 +4,12 @@ import inspect
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from itertools import islice
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 from nnpp_edge.profiling.suites import LEAST_DISTANCE, Case, large_enough, terrain_cases
 from nnpp_edge.reproduction.findings import Finding
 from nnpp_edge.reproduction.regions import Networks
-from nnpp_edge.reproduction.rows import Rows
+from nnpp_edge.reproduction.rows import Row, Rows
 from nnpp_edge.runtime.cells import Endpoints
 from nnpp_edge.runtime.errors import InvalidQueryError
 from nnpp_edge.runtime.planners.planner import Planner
@@ -21,6 +21,14 @@ if TYPE_CHECKING:
 
 MAPS_TRIED = 20
 """For each that is wanted, before giving up on finding one with a path."""
+BOTH, PAPERS = ("the paper's method", "ours"), ("the paper's method",)
+"""Networks that take part in an experiment."""
+CONTROLS_NOTE = (
+    "*corridor*, the blocks nearest to the path that a search over the map averaged to blocks finds, as many as the "
+    "network's region has, so that MM is the same; *straight band*, as many blocks nearest to the line from start to "
+    "goal; *shuffled weights*, the same network with the weights of each layer in a random order, its region by the "
+    "same rule. Where a control meets a rule as well, the figure says nothing about the network"
+)
 
 
 @dataclass(frozen=True)
@@ -49,7 +57,7 @@ class Context:
 
     def one_size(self, wanted: int) -> int:
         """The size, or the greatest of 128 and 64 that the terrain is large enough for."""
-        if any(min(dem.elevation.shape) >= wanted for dem in self.terrain):
+        if large_enough(self.terrain, wanted):
             return wanted
         return max(self.fitting((wanted, *(size for size in (128, 64) if size < wanted))))
 
@@ -71,19 +79,19 @@ class Context:
         raise InvalidQueryError(f"wanted {count} maps of {size} × {size} cells with a path, got {found}")
 
 
-@dataclass(frozen=True)
-class Result:
+class Result(NamedTuple):
     """All that an experiment hands back."""
 
-    summary: str
-    """Markdown tables for people: ours beside the paper's."""
     rows: Rows
     """Measurements, for programs."""
+    by: Sequence[str]
+    """Names by which rows are a line of the table for people."""
     findings: Sequence[Finding]
     picture: "Figure"
-    networks: str | None = None
-    """Which networks took part, and where; by default both, or none where the experiment asks none."""
-    controls: str | None = None
+    table: Sequence[Row] | None = None
+    """Rows of that table, the paper's among them, where not `rows`."""
+    totals: bool = False
+    """Whether the table has sums in place of means."""
 
 
 @dataclass(frozen=True)
@@ -97,19 +105,25 @@ class Experiment:
     """Of a `Context` and the settings, which are its keyword arguments; their defaults are those of a full run."""
     quick: Mapping[str, object]
     """Settings of a smoke run, where not the full one's."""
-    asks_networks: bool
-    """Whether a network that is handed in takes part: else what was made stays good when there is another one."""
+    networks: tuple[str, ...] = BOTH
+    """Those that take part: what was made stays good when there is another one of the others."""
+    controls: str = CONTROLS_NOTE
 
-    def settings(self, *, quick: bool, **wanted: object) -> dict[str, object]:
-        """All settings of a run, with those `wanted` that it has and that are not None."""
+    def settings(self, *, quick: bool, queries: int | None = None) -> dict[str, object]:
+        """All settings of a run, with the number of `queries` where it has one."""
         parameters = inspect.signature(self.run).parameters.values()
         full = {each.name: each.default for each in parameters if each.kind is each.KEYWORD_ONLY}
-        own = {name: value for name, value in wanted.items() if name in full and value is not None}
+        own = {"queries": queries} if queries is not None and "queries" in full else {}
         return full | (dict(self.quick) if quick else {}) | own
 
 
 def experiment(
-    where: str, title: str, quick: Mapping[str, object], *, asks_networks: bool = True
+    where: str,
+    title: str,
+    quick: Mapping[str, object],
+    *,
+    networks: tuple[str, ...] = BOTH,
+    controls: str = CONTROLS_NOTE,
 ) -> Callable[[Callable[..., Result]], Experiment]:
     """Make a function an `Experiment`."""
-    return lambda run: Experiment(where, title, run, quick, asks_networks)
+    return lambda run: Experiment(where, title, run, quick, networks, controls)

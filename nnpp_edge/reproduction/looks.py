@@ -1,25 +1,23 @@
 """Fig. 8, 14 and 15: the network's region at several thresholds, for several goals, and around moving obstacles."""
 
 from collections.abc import Sequence
-from functools import partial
 
 import numpy as np
 
-from nnpp_edge.profiling.suites import Case
 from nnpp_edge.reproduction import drawing
-from nnpp_edge.reproduction.drawing import frame
-from nnpp_edge.reproduction.experiment import Context, Result, experiment
-from nnpp_edge.reproduction.findings import Finding, judge
+from nnpp_edge.reproduction.experiment import PAPERS, Context, Result, experiment
+from nnpp_edge.reproduction.findings import Finding, Own, judge
 from nnpp_edge.reproduction.planners import OneMap
 from nnpp_edge.reproduction.regions import CONTROLS, NETWORK, PaperRegions
-from nnpp_edge.reproduction.rows import Columns, Rows, percent, table
+from nnpp_edge.reproduction.rows import Rows, percent
 from nnpp_edge.runtime.arrays import Float2D
-from nnpp_edge.runtime.cells import Cell, Rectangle
+from nnpp_edge.runtime.cells import Cell
 from nnpp_edge.runtime.errors import InvalidQueryError
 from nnpp_edge.runtime.planners.planner import Planner
 from nnpp_edge.runtime.region.learned import probability_of
 from nnpp_edge.terrain.obstacles import OBSTACLE, covered
 
+_KINDS = {kind: kind for kind in (NETWORK, *CONTROLS)}
 _FRAMES = 5
 """From T to T + 4Δt (the paper's)."""
 _LENGTH, _DEPTH, _STEP = 1 / 4, 1 / 12, 1 / 10
@@ -30,7 +28,7 @@ _MAPS = 40
 """Tried for one on which the goals can be reached and the obstacles leave a way."""
 
 
-@experiment("Fig. 8", "Regions at several thresholds", {"size": 128})
+@experiment("Fig. 8", "Regions at several thresholds", {"size": 128}, networks=PAPERS)
 def fig8(
     context: Context, *, size: int = 256, above: Sequence[float] = (0.6, 0.3), below: Sequence[float] = (1.0, 0.5)
 ) -> Result:
@@ -38,8 +36,7 @@ def fig8(
 
     `above` are shares of the way from td to 1, `below` shares of td.
     """
-    size, name = context.one_size(size), f"`{context.networks.paper.metadata.name}`"
-    ((case, query),) = context.maps(size, 1)
+    ((case, query),) = context.maps(context.one_size(size), 1)
     maker = PaperRegions(case.cost, context.networks.paper)
     maker.find(query)
     td, levels = probability_of(maker.td), maker.finder.levels
@@ -53,37 +50,32 @@ def fig8(
     for axes, threshold in zip(others, thresholds, strict=True):
         region = maker.at(int(levels[answer >= threshold].min(initial=255))).mask()
         joined = "connected" if threshold <= td else "apart"
-        rows.append({"td": threshold, "share": float(region.mean()), "ends": joined})
+        rows.append({"td": f"{threshold:.4g}", "start and goal": joined, "share": float(region.mean())})
         drawing.draw_map(axes, case.cost, f"td = {threshold:.3g}: {joined}", region)
         drawing.draw_ends(axes, *query)
-    columns: Columns = {
-        "network": lambda of: name,
-        "region, of the map": lambda of: percent(of.mean("share")),
-        "start and goal": lambda of: str(of[0]["ends"]),
-    }
-    here = OneMap(case.cost, query, context.networks)
-    found = Rows(here.searched({kind: kind for kind in here.regions}, here.regions))
-    small = {kind: found.of(kind, found=1.0).mean("share") < 0.2 for kind in (NETWORK, *CONTROLS)}
-    own, claim = found.of(NETWORK).mean("share"), "the greatest td that joins start and goal leaves a small part"
-    findings = [judge(f"{claim} of the map", "yes (picture)", percent(own), small.pop(NETWORK), "below 20 %", small)]
-    summary = table("td", {(f"{row['td']:.4g}",): Rows([row]) for row in rows}, columns)
-    named = f"{name} in the paper's method; ours does not take part"
-    return Result(summary, rows, findings, figure, named)
+    found = OneMap(case.cost, query, context.networks).searched(_KINDS)
+
+    def small(own: Own) -> bool:
+        return found.of(own(NETWORK), found=1.0).mean("share") < 0.2
+
+    claim, ours = "the greatest td that joins start and goal leaves a small part of the map", found.of(NETWORK)
+    texts = "yes (picture)", percent(ours.mean("share")), "below 20 %"
+    return Result(rows, ("td", "start and goal"), [judge(claim, *texts, small, found, NETWORK)], figure)
 
 
-@experiment("Fig. 14 and 15", "Other goals, and obstacles that move", {"size": 128, "goals": 3})
+@experiment("Fig. 14 and 15", "Other goals, and obstacles that move", {"size": 128, "goals": 3}, networks=PAPERS)
 def fig14(context: Context, *, size: int = 256, goals: int = 5) -> Result:
     """One map: several goals from one start, then obstacles that move on the way to the first of them."""
-    size, name = context.one_size(size), f"`{context.networks.paper.metadata.name}`"
+    size = context.one_size(size)
     for tried, (case, (start, goal)) in enumerate(context.maps(size, _MAPS)):
         context.progress(0.8 * tried / _MAPS)
-        if (ends := _goals(case, start, goal, goals)) and (moving := _moving(case, start, goal)):
+        if (ends := _goals(case.cost, start, goal, goals)) and (moving := _moving(case.cost, start, goal)):
             break
     else:
         raise InvalidQueryError(f"none of {_MAPS} maps of {size} × {size} cells has ways around moving obstacles")
     parts = {
         "goals": {f"goal {n}": (case.cost, each) for n, each in enumerate(ends, 1)},
-        "obstacles": {frame(at): (cost, goal) for at, cost in enumerate(moving)},
+        "obstacles": {drawing.frame(at): (cost, goal) for at, cost in enumerate(moving)},
     }
     columns = max(map(len, parts.values()))
     figure, rows = drawing.new_figure(2.5 * columns, 5.8), Rows()
@@ -94,35 +86,22 @@ def fig14(context: Context, *, size: int = 256, goals: int = 5) -> Result:
             here = OneMap(cost, (start, end), context.networks)
             blocks = {kind: region.blocks() for kind, region in here.regions.items()}
             first = first or blocks
-            found = Rows(here.searched({kind: kind for kind in blocks}, here.regions))
-            for row, (kind, own) in zip(found, blocks.items(), strict=True):
-                common = float((own & first[kind]).sum() / max((own | first[kind]).sum(), 1))
-                rows.append({"part": part, "name": scene, **row, "common": common})
+            for row in here.searched(_KINDS):
+                mine, theirs = blocks[row["planner"]], first[row["planner"]]
+                common = float((mine & theirs).sum() / max((mine | theirs).sum(), 1))
+                rows.append({"part": part, "scene": scene, **row, "common": common})
             view = drawing.view_plan(cost, (start, end), context.networks.paper)
-            drawing.draw_view(axes, view, f"{scene}: {_cost_in(NETWORK, found)} above the optimum")
+            above = percent(rows.of(NETWORK, part=part, scene=scene).mean("excess"), 2)
+            drawing.draw_view(axes, view, f"{scene}: {above} above the optimum")
         for axes in panels[len(scenes) :]:
             axes.set_visible(False)
     drawing.map_legend(figure, grid[0, 0])
-    shown: Columns = {
-        "network": lambda of: name,
-        "region at td, of the map": lambda of: percent(of.of(NETWORK).mean("share")),
-        "in common with the first": lambda of: percent(of.of(NETWORK).mean("common")),
-        **{f"cost above the optimum, {kind}": partial(_cost_in, kind) for kind in (NETWORK, *CONTROLS)},
-    }
-    named = f"{name} in the paper's method; ours does not take part"
-    summary = table("scene | goal", rows.by("name", "goal"), shown)
-    return Result(summary, rows, fig14_findings(rows), figure, named)
+    return Result(rows, ("scene", "planner"), fig14_findings(rows), figure)
 
 
-def _cost_in(region: str, rows: Rows) -> str:
-    """Cost of the path in a region above the optimum."""
-    return percent(rows.of(region).mean("excess"), 2) if all(rows.of(region).all("found")) else "no path"
-
-
-def _goals(case: Case, start: Cell, goal: Cell, count: int) -> list[Cell]:
+def _goals(cost: Float2D, start: Cell, goal: Cell, count: int) -> list[Cell]:
     """Goals far from the start, the first given, each in another direction; none if they cannot be found."""
-    size, planner = case.cost.shape[0], Planner(case.cost)
-    found = [goal]
+    size, planner, found = len(cost), Planner(cost), [goal]
     first = np.arctan2(goal[0] - start[0], goal[1] - start[1])
     for turn in range(1, 48):
         angle = first + 2.4 * turn  # in turns that do not come round
@@ -135,22 +114,25 @@ def _goals(case: Case, start: Cell, goal: Cell, count: int) -> list[Cell]:
     return []
 
 
-def _moving(case: Case, start: Cell, goal: Cell) -> list[Float2D]:
+def _moving(cost: Float2D, start: Cell, goal: Cell) -> list[Float2D]:
     """The map at each frame; none if an obstacle would cover start or goal, or leave no way."""
-    size = case.cost.shape[0]
-    way = Planner(case.cost).plan(start, goal, method="astar").path
+    size, way = len(cost), Planner(cost).plan(start, goal, method="astar").path
     places = sorted((way[int(share * len(way))].tolist() for share in _WHERE), key=lambda cell: cell[0])
     length, depth = int(_LENGTH * size), max(int(_DEPTH * size), 2)
     costs = list[Float2D]()
     for at in range(_FRAMES):
-        obstacles: list[Rectangle] = []
-        for (row, col), towards in zip(places, (-1, 1), strict=True):
-            left = col + towards * int((at - _FRAMES // 2) * _STEP * size) - length // 2
-            obstacles.append((max(row - depth // 2, 0), left, depth, length))
-        cost = covered(case.cost, (0, 0, size, size), obstacles)
-        if max(cost[start], cost[goal]) >= OBSTACLE or not Planner(cost).plan(start, goal, method="astar").ok:
+        moved = int((at - _FRAMES // 2) * _STEP * size)
+        obstacles = [
+            (max(row - depth // 2, 0), col + towards * moved - length // 2, depth, length)
+            for (row, col), towards in zip(places, (-1, 1), strict=True)
+        ]
+        changed = covered(cost, (0, 0, size, size), obstacles)
+        if (
+            max(changed[start], changed[goal]) >= OBSTACLE
+            or not Planner(changed).plan(start, goal, method="astar").ok
+        ):
             return []
-        costs.append(cost)
+        costs.append(changed)
     return costs
 
 
@@ -158,13 +140,21 @@ def fig14_findings(rows: Rows) -> list[Finding]:
     """Of the rows of both parts: goals, and frames with obstacles."""
     found = []
     for part, what in (("goals", "goal"), ("obstacles", "frame")):
-        of, own = rows.of(part=part), rows.of(NETWORK, part=part)
-        good = {kind: all(row.get("excess", 1.0) <= 0.03 for row in of.of(kind)) for kind in (NETWORK, *CONTROLS)}
-        farthest = f"at most {percent(max(own.all('excess')), 2)} above the optimum"
-        ours = f"{sum(own.all('found')):.0f} of {len(own)} in the region, {farthest}"
+        of = rows.of(part=part)
+        mine = of.of(NETWORK)
+
+        def good(own: Own, of: Rows = of) -> bool:
+            return all(row.get("excess", 1.0) <= 0.03 for row in of.of(own(NETWORK)))
+
+        farthest = f"at most {percent(max(mine.all('excess'), default=np.nan), 2)} above the optimum"
+        ours = f"{sum(mine.all('found')):.0f} of {len(mine)} in the region, {farthest}"
         claim, rule = f"a good path in the region for every {what}", "all in the region, within 3 % of the optimum"
-        found.append(judge(claim, "yes (pictures)", ours, good.pop(NETWORK), rule, good))
-    common = {kind: rows.of(kind, part="obstacles").all("common")[-1] for kind in (NETWORK, *CONTROLS)}
+        found.append(judge(claim, "yes (pictures)", ours, rule, good, of, NETWORK))
+    last = rows.of(part="obstacles", scene=rows[-1]["scene"])
+
+    def same(own: Own) -> bool:
+        return last.of(own(NETWORK)).mean("common") >= 0.9
+
     claim = "the regions at T and T + 4Δt are the same, as the obstacles there are not in the way"
-    same, ours = {kind: share >= 0.9 for kind, share in common.items()}, f"{percent(common[NETWORK])} in common"
-    return [*found, judge(claim, "identical", ours, same.pop(NETWORK), "nine blocks in ten in common", same)]
+    ours, rule = f"{percent(last.of(NETWORK).mean('common'))} in common", "nine blocks in ten in common"
+    return [*found, judge(claim, "identical", ours, rule, same, last, NETWORK)]

@@ -5,8 +5,12 @@ from collections.abc import Sequence
 import msgspec
 
 from nnpp_edge.progress import markdown_table
-from nnpp_edge.reproduction.findings import Finding, Verdict, findings_table
+from nnpp_edge.reproduction.findings import Finding, Verdict
 from nnpp_edge.reproduction.rows import Row
+
+_COLUMNS = ("claim", "paper", "ours", "rule", "verdict")
+_HEADS = {Verdict.DIFFERS: "What does not agree", Verdict.BETTER: "What is better than in the paper"}
+_HEADS |= {Verdict.AGREES: "What agrees"}
 
 
 class Stored(msgspec.Struct):
@@ -26,25 +30,38 @@ class Stored(msgspec.Struct):
     notes: list[str]
     summary: str
 
+    def section(self, place: str) -> str:
+        """Markdown with the table and the picture, whose files begin with `place`."""
+        about = "\n".join(f"- {name}: {text}" for name, text in self.about.items())
+        return "\n\n".join((about, f"![{self.title}]({place}.png)", self.summary, *self.notes))
 
-_HEADS = {Verdict.DIFFERS: "What does not agree", Verdict.BETTER: "What is better than in the paper"}
-_HEADS |= {Verdict.AGREES: "What agrees"}
+    @property
+    def link(self) -> str:
+        """To its section in the index."""
+        return f"[{self.where}](#{self.name})"
+
+    @property
+    def made(self) -> str:
+        """Common facts of the experiments of one run, as a list."""
+        made, machine = self.made_with, f"- machine: {self.machine}"
+        terrain = ", ".join(f"`{each['name']}` (cells of {each['cell_size_m']:g} m)" for each in made["terrain"])
+        files = [f"{of} `{each['name']}` (SHA-256 {each['sha256'][:12]}…)" for of, each in made["networks"].items()]
+        networks = ", ".join(files) or "none"
+        run = f"- nnpp-edge {made['version']}, seed {made['seed']}, networks: {networks}"
+        return "\n".join((machine, run, f"- terrain: {terrain}"))
 
 
 def experiment_page(facts: Stored) -> str:
     """Markdown of one experiment: picture, ours beside the paper's, findings, how it was made."""
-    name = facts.name
-    findings = f"## Findings\n\n{findings_table(facts.findings)}"
-    return f"""# {facts.where}: {facts.title}
-
-{_quick_warning([facts])}{_section(facts, name, findings)}
-## How it was made
-
-{_making(facts)}
-- load of the machine before (average over a minute): {facts.load:.1f}
-
-The figures are in [{name}.csv]({name}.csv).
-"""
+    parts = [f"# {facts.where}: {facts.title}", *_quick_warning([facts]), facts.section(facts.name)]
+    parts += ["## Findings", markdown_table(_COLUMNS, list(map(finding_cells, facts.findings)))]
+    load = f"- load of the machine before (average over a minute): {facts.load:.1f}"
+    parts += [
+        "## How it was made",
+        f"{facts.made}\n{load}",
+        f"The figures are in [{facts.name}.csv]({facts.name}.csv).",
+    ]
+    return "\n\n".join(parts) + "\n"
 
 
 def index_page(stored: Sequence[Stored]) -> str:
@@ -55,60 +72,37 @@ def index_page(stored: Sequence[Stored]) -> str:
         "paper's figures. This page and all that it links to are written by `nnpp-edge reproduce`; the verdicts "
         "follow from the measured figures by the rules named beside them. How the paper "
         "was read, and what is counted: `docs/reproduce.md`.",
+        *_quick_warning(stored),
     ]
-    if not stored:
-        return "\n\n".join([*parts, "No experiment has been run yet."]) + "\n"
-    parts += [_quick_warning(stored).strip(), _counts(stored)]
+    counts = [
+        (of.link, of.title, *(str(sum(f.verdict is verdict for f in of.findings) or "–") for verdict in Verdict))
+        for of in stored
+    ]
+    if counts:
+        parts.append(markdown_table(("", "experiment", "agrees", "better", "does not agree"), counts))
     for verdict, head in _HEADS.items():
-        header = ("", "claim", "paper", "ours", "rule", "a control does as well")
-        lines = [
-            (f"[{facts.where}](#{facts.name})", f.claim, f.paper, f.ours, f.rule, ", ".join(f.controls) or "–")
-            for facts in stored
-            for f in facts.findings
-            if f.verdict is verdict
-        ]
+        lines = [(of.link, *finding_cells(f)) for of in stored for f in of.findings if f.verdict is verdict]
         if lines:
-            parts += [f"## {head}", markdown_table(header, lines)]
-    for facts in stored:
-        place = f"{facts.name}/{facts.name}"
-        parts += [f'<a id="{facts.name}"></a>', f"## {facts.where}: {facts.title}", _section(facts, place).strip()]
+            parts += [f"## {head}", markdown_table(("", *_COLUMNS), lines)]
+    for of in stored:
+        place = f"{of.name}/{of.name}"
+        parts += [f'<a id="{of.name}"></a>', f"## {of.where}: {of.title}", of.section(place)]
         parts.append(f"[Page]({place}.md), [figures]({place}.csv)")
-    shared: dict[str, list[str]] = {}
-    for facts in stored:
-        shared.setdefault(_making(facts), []).append(facts.where)
-    makings = [f"{', '.join(of)}:\n\n{making}" for making, of in shared.items()]
-    parts += ["## How it was made", *makings]
-    return "\n\n".join(part for part in parts if part) + "\n"
+    parts += ["## How it was made"] if stored else ["No experiment has been run yet."]
+    for made in dict.fromkeys(of.made for of in stored):
+        parts.append(f"{', '.join(of.where for of in stored if of.made == made)}:\n\n{made}")
+    return "\n\n".join(parts) + "\n"
 
 
-def _section(facts: Stored, place: str, findings: str = "") -> str:
-    about = "\n".join(f"- {what}: {text}" for what, text in facts.about.items())
-    notes = "".join(f"{note}\n\n" for note in facts.notes)
-    return f"{about}\n\n![{facts.title}]({place}.png)\n\n{facts.summary}\n{findings}\n{notes}"
+def finding_cells(finding: Finding) -> tuple[str, ...]:
+    """A finding's line in a table."""
+    said = "; says nothing about the network, a control does as well: " + ", ".join(finding.controls)
+    verdict = f"**{finding.verdict}**" + said * bool(finding.controls)
+    return finding.claim, finding.paper, finding.ours, finding.rule, verdict
 
 
-def _counts(stored: Sequence[Stored]) -> str:
-    lines = []
-    for facts in stored:
-        counts = [sum(f.verdict is verdict for f in facts.findings) for verdict in Verdict]
-        counts.append(sum(bool(f.controls) for f in facts.findings))
-        lines.append((f"[{facts.where}](#{facts.name})", facts.title, *(str(count or "–") for count in counts)))
-    return markdown_table(("", "experiment", "agrees", "better", "does not agree", "a control does as well"), lines)
-
-
-def _quick_warning(stored: Sequence[Stored]) -> str:
+def _quick_warning(stored: Sequence[Stored]) -> list[str]:
     quick = [facts.where for facts in stored if facts.made_with["quick"]]
-    if not quick:
-        return ""
     subject = "This is" if len(stored) == len(quick) else f"{', '.join(quick)}:"
-    return f"**{subject} a smoke run (`--quick`): far too few maps and steps to conclude anything from.**\n\n"
-
-
-def _making(facts: Stored) -> str:
-    """Common facts of the experiments of one run."""
-    made = facts.made_with
-    terrain = ", ".join(f"`{t['name']}` (cells of {t['cell_size_m']:g} m)" for t in made["terrain"])
-    files = [f"{whose} `{file['name']}` (SHA-256 {file['sha256'][:12]}…)" for whose, file in made["networks"].items()]
-    return f"""- machine: {facts.machine}
-- nnpp-edge {made["version"]}, seed {made["seed"]}, networks: {", ".join(files) or "none handed in"}
-- terrain: {terrain}"""
+    warning = f"**{subject} a smoke run (`--quick`): far too few maps and steps to conclude anything from.**"
+    return [warning] * bool(quick)

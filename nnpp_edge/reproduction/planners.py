@@ -1,16 +1,18 @@
 """The planners of the paper, in plain Python, their controls, and ours: a row (`rows`) for each answer to a query."""
 
+import math
 from collections.abc import Callable, Sequence
 from functools import partial
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from nnpp_edge.profiling.contest import Harness, gap
+from nnpp_edge.progress import markdown_table
 from nnpp_edge.reproduction import paper
-from nnpp_edge.reproduction.plain_astar import build_graph, search
+from nnpp_edge.reproduction.plain import build_graph, search
 from nnpp_edge.reproduction.regions import (
-    BAND,
     CONTROLS,
     CORRIDOR,
     NETWORK,
@@ -18,12 +20,9 @@ from nnpp_edge.reproduction.regions import (
     Networks,
     PaperRegions,
     all_regions,
-    band_region,
     best_path,
-    corridor_region,
-    shuffled,
 )
-from nnpp_edge.reproduction.rows import Columns, Row, Rows, number, percent, seconds, spread, table, times
+from nnpp_edge.reproduction.rows import Row, Rows, number, percent, seconds, spread, times
 from nnpp_edge.runtime.arrays import Float2D
 from nnpp_edge.runtime.cells import Cell, Endpoints
 from nnpp_edge.runtime.map.grid import Grid
@@ -32,7 +31,6 @@ from nnpp_edge.runtime.map.step_cost import StepModel
 from nnpp_edge.runtime.planners.plan import Plan, Source
 from nnpp_edge.runtime.planners.planner import Planner
 
-Path = NDArray[np.int32]
 PLAIN, PLAIN_NN = "plain A*", "plain A*NN"
 """The paper's two methods: A* over a graph of the whole map; A* over a graph of the network's region at the
 adaptive threshold td, in which the time of the network counts."""
@@ -43,12 +41,13 @@ PLAIN_DSTAR, PLAIN_DSTAR_NN, PLAIN_DSTAR_CORRIDOR = "plain D*", "plain D*NN", "p
 repaired as the map changes, and as the region does."""
 PLAIN_KINDS = {NETWORK: PLAIN_NN, **PLAIN_CONTROLS}
 """The plain planners that search a region, by its kind."""
-PLAIN_PLANNERS = (PLAIN, PLAIN_NN, *PLAIN_CONTROLS.values())
+PLAIN_PLANNERS = (PLAIN, *PLAIN_KINDS.values())
 OURS = ("astar", "corridor", "nnpp")
 PLANNERS = (*PLAIN_PLANNERS, *OURS)
 OWN = {NETWORK: "`nnpp`'s own region"} | {kind: f"*{kind}* in place of `nnpp`'s own region" for kind in CONTROLS}
 """The region of our network by the paper's rule, before all that ``nnpp`` does with it, and its controls."""
 CONTROLS_OF = {
+    NETWORK: {kind: kind for kind in CONTROLS},
     PLAIN_NN: PLAIN_CONTROLS,
     PLAIN_DSTAR_NN: {CORRIDOR: PLAIN_DSTAR_CORRIDOR},
     OWN[NETWORK]: {kind: OWN[kind] for kind in CONTROLS},
@@ -68,39 +67,36 @@ class OneMap:
         self.optimum = best_path(self.grid, query)
         self._least_cost, _, self._exact_cc = self.grid.costs_of(self.optimum)
 
-    def row(self, planner: str, path: Path, region: Region | None = None) -> Row:
+    def row(self, planner: str, path: NDArray[np.int32] | list[Cell] | None, region: Region | None = None) -> Row:
         """Figures of a path found in this region or on the whole map."""
-        cost, _, cc = self.grid.costs_of(path)
+        cells = np.array([] if path is None else path, np.int32).reshape(-1, 2)
+        cost, _, cc = self.grid.costs_of(cells)
         start, goal = (f"{row},{col}" for row, col in self.query)
         row: Row = {"planner": planner, "start": start, "goal": goal, "path_cells": len(self.optimum)}
-        row["found"] = float(len(path) > 0)
-        if len(path):
+        row["found"] = float(len(cells) > 0)
+        if len(cells):
             row |= {"cc": cc, "exact_cc": self._exact_cc, "excess": gap(cost, self._least_cost)}
         if region is not None:
             area = region.area()
             row |= {"mm": len(self.optimum) / area, "share": area / self.cost.size}
         return row
 
-    def searched(self, names: dict[str, str], regions: dict[str, Region]) -> list[Row]:
+    def searched(self, names: dict[str, str], regions: dict[str, Region] | None = None) -> Rows:
         """Figures of compiled searches in regions, under these names by the regions' kinds."""
+        regions = regions or self.regions
         paths = {kind: best_path(self.grid, self.query, regions[kind]) for kind in names}
-        return [self.row(name, paths[kind], regions[kind]) for kind, name in names.items()]
+        return Rows(self.row(name, paths[kind], regions[kind]) for kind, name in names.items())
 
     def timed(self, planners: Sequence[str], repeats: int, harness: Harness) -> list[Row]:
         """Planners of `PLANNERS` in turns: ours `repeats` times, whose median time counts, plain Python once."""
-        makers: dict[str, Callable[[Endpoints], Region]] = {
-            NETWORK: self.maker.find,
-            CORRIDOR: partial(corridor_region, self.grid, like=self.regions[NETWORK]),
-            BAND: partial(band_region, self.grid, like=self.regions[NETWORK]),
-            SHUFFLED: PaperRegions(self.cost, shuffled(self.networks.paper)).find,
-        }
+        makers = {NETWORK: self.maker.find} | self.maker.controls(self.regions[NETWORK])
         ours = Planner(self.cost, model=self.networks.ours, ask_from=0)
         calls: dict[str, Callable[[Endpoints], Plan | list[Cell] | None]] = {PLAIN: self._plain}
         calls |= {name: partial(self._plain, make=makers[kind]) for kind, name in PLAIN_KINDS.items()}
         calls |= {name: lambda query, name=name: ours.plan(*query, method=name) for name in OURS}  # type: ignore[misc]
-        taking_part = {name: calls[name] for name in planners}
         for name in set(OURS).intersection(planners):
             calls[name](self.query)  # the map's own work, and warm caches
+        taking_part = {name: calls[name] for name in planners}
         (records,) = harness.measure(taking_part, [self.query], repeats=repeats, once=PLAIN_PLANNERS)
         regions, rows = {name: self.regions[kind] for kind, name in PLAIN_KINDS.items()}, []
         for name, record in records.items():
@@ -110,7 +106,7 @@ class OneMap:
                 row = self.row(name, found.path, kept.region)
                 row["found"] = float(found.source in (Source.MAP, Source.REGION))
             else:
-                row = self.row(name, np.array(found or [], np.int32).reshape(-1, 2), regions.get(name))
+                row = self.row(name, found, regions.get(name))
             rows.append(row | {"time_s": record.median_s})
             if name == PLAIN_NN:
                 rows[-1]["inference_s"] = self.maker.inference_s
@@ -126,51 +122,73 @@ def answers(cost: Float2D, query: Endpoints, networks: Networks, repeats: int, h
     Success, MM and share of ``nnpp`` are those of its network's own region.
     """
     here = OneMap(cost, query, networks)
-    own_regions = all_regions(PaperRegions(cost, networks.ours), query)
-    own = here.searched(OWN, own_regions)
+    own = here.searched(OWN, all_regions(PaperRegions(cost, networks.ours), query))
     if not repeats:
-        return [here.row(PLAIN, here.optimum), *here.searched(PLAIN_KINDS, here.regions), *own]
+        return [here.row(PLAIN, here.optimum), *here.searched(PLAIN_KINDS), *own]
     *others, nnpp = here.timed(PLANNERS, repeats, harness)
     return [*others, nnpp | {name: own[0][name] for name in ("found", "mm", "share")}, *own]
-
-
-def shown(planner: str) -> str:
-    """A planner's name in a table for people: ours as code."""
-    return planner if " " in planner else f"`{planner}`"
 
 
 def network_of(planner: str, networks: Networks) -> str:
     """The network that a planner runs, for a table."""
     if planner.startswith("paper's"):
         return "the paper's" if planner.endswith("NN") else "–"
-    asked = dict.fromkeys((PLAIN_NN, PLAIN_DSTAR_NN, PLAIN_CONTROLS[SHUFFLED]), networks.paper)
+    asked = dict.fromkeys((PLAIN_NN, PLAIN_DSTAR_NN, PLAIN_CONTROLS[SHUFFLED], NETWORK, SHUFFLED), networks.paper)
     asked |= dict.fromkeys(("nnpp", "nnpp-dstar", OWN[NETWORK], OWN[SHUFFLED]), networks.ours)
     return f"`{asked[planner].metadata.name}`" + ", shuffled" * (SHUFFLED in planner) if planner in asked else "–"
 
 
-def planner_table(rows: Rows, place: str, names: str, networks: Networks, more: Columns | None = None) -> str:
-    r"""A line for each place (``size``, ``map``, ``scene``) and planner; `names` are columns, `more` further ones.
+def shown(name: str, value: Any) -> str:
+    """A value in the first columns of a table."""
+    if name == "planner":
+        return str(value) if " " in value or value in CONTROLS_OF[NETWORK] or value == NETWORK else f"`{value}`"
+    return {"size": "{}²", "map": "map {}", "plan": "T + {}Δt"}.get(name, "{}").format(value)
 
-    *over A\** is over the A* of the same origin: the paper's, plain, or ours.
+
+def summary(rows: Sequence[Row], by: Sequence[str], networks: Networks, *, totals: bool = False) -> str:
+    r"""A table for people: a line for each group by these names, a column for each figure that the rows have.
+
+    Means, or sums of times and CC for `totals`. *over A\** is over the A* of the same origin: the paper's, plain,
+    or ours.
     """
+    rows = Rows(rows if isinstance(rows[0][by[0]], str) else sorted(rows, key=lambda row: row[by[0]]))
+    place = [name for name in by if name != "planner"]
+
+    def of_all(of: Rows, name: str) -> float:
+        return (sum(of.all(name)) or math.nan) if totals else of.mean(name)
 
     def over_astar(of: Rows) -> float:
-        name, at = str(of[0]["planner"]), of[0][place]
+        name = str(of[0]["planner"])
         slow = paper.ASTAR if name.startswith("paper's") else PLAIN if name.startswith("plain") else "astar"
-        return rows.of(slow, **{place: at}).mean("time_s") / of.mean("time_s")
+        return rows.of(slow, **{name: of[0][name] for name in place}).mean("time_s") / of.mean("time_s")
 
-    label = {"size": "{}²", "map": "map {}"}.get(place, "{}")
-    columns: Columns = {
-        "network": lambda of: network_of(str(of[0]["planner"]), networks),
-        "AT": lambda of: seconds(of.mean("time_s")),
-        "over A*": lambda of: times(over_astar(of)),
-        "CC": lambda of: number(of.mean("cc"), ".2f"),
-        "CC increase": lambda of: percent(of.increase(), 2),
-        "success": lambda of: percent(of.mean("found")),
-        "MM": lambda of: spread(of, "mm"),
-        "region, of the map": lambda of: percent(of.mean("share")),
+    def mended(of: Rows) -> str:
+        later = [row["mended"] for row in of if row.get("plan") and "mended" in row]
+        return f"{sum(later):.0f} of {len(later)}" if later else "–"
+
+    columns: dict[str, tuple[str, Callable[[Rows], str]]] = {
+        "network": ("planner", lambda of: network_of(str(of[0]["planner"]), networks)),
+        "time in all" if totals else "AT": ("time_s", lambda of: seconds(of_all(of, "time_s"))),
+        "over A*": ("time_s", lambda of: times(over_astar(of))),
+        "inference": ("inference_s", lambda of: seconds(of.mean("inference_s"))),
+        "graph, or map": ("graph_s", lambda of: seconds(of.mean("graph_s"))),
+        "search": ("search_s", lambda of: seconds(of.mean("search_s"))),
+        "graph's share": ("graph_share", lambda of: percent(of.mean("graph_share"))),
+        "path, cells": ("path_cells", lambda of: number(of.mean("path_cells"), ".0f")),
+        "length, cells": ("length", lambda of: number(of.mean("length"), ".2f")),
+        "CC": ("cc", lambda of: number(of_all(of, "cc"), ".2f")),
+        "CC increase": ("exact_cc", lambda of: percent(of.increase(), 2)),
+        "cost above the optimum": ("excess", lambda of: percent(of.mean("excess"), 2)),
+        "success": ("found", lambda of: percent(of.mean("found"))),
+        "MM": ("mm", lambda of: spread(of.all("mm"), 3)),
+        "region, of the map": ("share", lambda of: percent(of.mean("share"))),
+        "in common with the first": ("common", lambda of: percent(of.mean("common"))),
+        "best ω": ("best_omega", lambda of: spread(of.all("best_omega"), 4)),
+        "mended, plans after the first": ("mended", mended),
     }
-    groups = {(label.format(at), shown(str(name))): of for (at, name), of in rows.by(place, "planner").items()}
-    return table(
-        f"{place} | planner", groups, {name: columns[name] for name in names.split(" | ")} | dict(more or {})
-    )
+    names = {name for row in rows for name in row}
+    used = {label: text for label, (name, text) in columns.items() if name in names}
+    if "planner" not in by:
+        used = {label: text for label, text in used.items() if label not in ("network", "over A*")}
+    lines = [[*map(shown, by, key), *(text(of) for text in used.values())] for key, of in rows.by(*by).items()]
+    return markdown_table([*by, *used], lines)

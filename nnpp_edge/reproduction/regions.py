@@ -1,4 +1,4 @@
-"""The paper's region, to the letter, and the regions that it has to be compared with: those that no network made.
+"""The paper's region, to the letter, and its controls: regions of the same area that no network made.
 
 A region is a set of blocks of the map, as many to a side as the network answers with.
 """
@@ -6,15 +6,15 @@ A region is a set of blocks of the map, as many to a side as the network answers
 import functools
 import math
 import time
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Sequence
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from nnpp_edge.files import temporary_folder
-from nnpp_edge.reproduction.plain_astar import build_graph, search
+from nnpp_edge.reproduction.plain import build_graph, search
 from nnpp_edge.runtime.arrays import Float2D
 from nnpp_edge.runtime.cells import Cell, Endpoints
 from nnpp_edge.runtime.map.grid import Grid
@@ -28,27 +28,15 @@ from nnpp_edge.runtime.search.workspace import Workspace
 
 NETWORK, CORRIDOR, BAND, SHUFFLED = "network", "corridor", "straight band", "shuffled weights"
 CONTROLS = (CORRIDOR, BAND, SHUFFLED)
-CONTROLS_NOTE = (
-    "*corridor*, the blocks nearest to the path that a search over the map averaged to blocks finds, as many as the "
-    "network's region has, so that MM is the same; *straight band*, as many blocks nearest to the line from start to "
-    "goal; *shuffled weights*, the same network with the weights of each layer in a random order, its region by the "
-    "same rule. Where a control meets a rule as well, the figure says nothing about the network"
-)
 
 
-@dataclass(frozen=True)
-class Networks:
+class Networks(NamedTuple):
     """The networks of an experiment."""
 
     paper: NetworkModel
     """Of the paper's method, A* in the region at td."""
     ours: NetworkModel
     """Of this toolkit's ``nnpp``."""
-
-    @property
-    def named(self) -> str:
-        """Both by name, for a page."""
-        return f"`{self.paper.metadata.name}` in the paper's method, `{self.ours.metadata.name}` in ours"
 
 
 class PaperRegions:
@@ -72,13 +60,13 @@ class PaperRegions:
 
     def find(self, query: Endpoints) -> Region:
         """The region at td."""
-        self.model.set_map(planes_of(self.grid, self.frame))
+        self.model.set_map(_planes(self.grid, self.frame))
         ends = self.frame.place(query[0]), self.frame.place(query[1])
         began = time.perf_counter()
         probability = self.model.answer(*ends, anew=True)
         self.inference_s = time.perf_counter() - began
         self.finder.read(probability)
-        self.td = self.finder.threshold(*(block_of(self.lookup, cell) for cell in query))
+        self.td = self.finder.threshold(*_blocks(self.lookup, query))
         return self.at(self.td)
 
     def at(self, level: int) -> Region:
@@ -86,30 +74,45 @@ class PaperRegions:
         blocks = self.finder.levels >= level
         return Region(np.pad(blocks, ((0, 1), (0, 1))).astype(np.int32), *self.lookup)
 
+    def controls(self, like: Region) -> dict[str, Callable[[Endpoints], Region]]:
+        """What makes the regions of `CONTROLS`, as many blocks as `like` has where no network decides."""
+        shuffled_regions = PaperRegions(self.cost, shuffled(self.model))
+        return {
+            CORRIDOR: lambda query: _nearest_blocks(_coarse_path(self.grid, query, like), like),
+            BAND: lambda query: _nearest_blocks(_blocks((like.row_block, like.col_block), query), like),
+            SHUFFLED: shuffled_regions.find,
+        }
 
-def planes_of(grid: Grid, frame: Frame) -> NDArray[np.float32]:
+
+def all_regions(maker: PaperRegions, query: Endpoints) -> dict[str, Region]:
+    """The network's region by the paper's rule, and those of the controls, by the names in `CONTROLS`."""
+    region = maker.find(query)
+    return {NETWORK: region} | {kind: make(query) for kind, make in maker.controls(region).items()}
+
+
+def best_path(grid: Grid, query: Endpoints, region: Region | None = None) -> NDArray[np.int32]:
+    """(N, 2) cells of the cheapest path in a region, or on the whole map; none if there is no path."""
+    return astar(grid, *query, Workspace(len(grid.weights)), region=region).path
+
+
+def _planes(grid: Grid, frame: Frame) -> NDArray[np.float32]:
     """(2, S, S) mean cost and share of impassable cells of a map."""
     planes = np.empty((2, frame.size, frame.size), np.float32)
     map_planes(grid, frame, planes)
     return planes
 
 
-def block_of(lookup: tuple[NDArray[np.int32], NDArray[np.int32]], cell: Cell) -> Cell:
-    """The block that a cell lies in."""
-    return int(lookup[0][cell[0]]), int(lookup[1][cell[1]])
+def _blocks(lookup: tuple[NDArray[np.int32], NDArray[np.int32]], cells: Sequence[Cell]) -> list[Cell]:
+    """The blocks that cells lie in."""
+    return [(int(lookup[0][row]), int(lookup[1][col])) for row, col in cells]
 
 
-def corridor_region(grid: Grid, query: Endpoints, like: Region) -> Region:
-    """A region around the path over the map averaged to blocks: as many blocks as `like` has, or as the path has."""
-    cost, blocked = planes_of(grid, Frame(*grid.shape, len(like.bitmap) - 1))
+def _coarse_path(grid: Grid, query: Endpoints, like: Region) -> list[Cell]:
+    """The cheapest path over the map averaged to blocks; start and goal where there is none."""
+    cost, blocked = _planes(grid, Frame(*grid.shape, len(like.bitmap) - 1))
     passable = np.where(blocked < 1.0, np.minimum(cost, np.float32(0.999)), np.float32(np.inf))
-    start, goal = (block_of((like.row_block, like.col_block), cell) for cell in query)
-    return _nearest_blocks(search(build_graph(passable), start, goal) or [start, goal], like)
-
-
-def band_region(grid: Grid, query: Endpoints, like: Region) -> Region:
-    """A straight band from start to goal over the grid, as many blocks as `like` has."""
-    return _nearest_blocks([block_of((like.row_block, like.col_block), cell) for cell in query], like)
+    start, goal = _blocks((like.row_block, like.col_block), query)
+    return search(build_graph(passable), start, goal) or [start, goal]
 
 
 def _nearest_blocks(line: Sequence[Cell], like: Region) -> Region:
@@ -127,22 +130,6 @@ def _nearest_blocks(line: Sequence[Cell], like: Region) -> Region:
     bitmap, wanted = np.zeros_like(like.bitmap), max(int(like.blocks().sum()), len(set(line)))
     bitmap[np.unravel_index(np.argsort(distance, axis=None, kind="stable")[:wanted], distance.shape)] = 1
     return Region(bitmap, like.row_block, like.col_block)
-
-
-def all_regions(maker: PaperRegions, query: Endpoints) -> dict[str, Region]:
-    """The network's region by the paper's rule, and those of the controls, by the names in `CONTROLS`."""
-    region = maker.find(query)
-    return {
-        NETWORK: region,
-        CORRIDOR: corridor_region(maker.grid, query, region),
-        BAND: band_region(maker.grid, query, region),
-        SHUFFLED: PaperRegions(maker.cost, shuffled(maker.model)).find(query),
-    }
-
-
-def best_path(grid: Grid, query: Endpoints, region: Region | None = None) -> NDArray[np.int32]:
-    """(N, 2) cells of the cheapest path in a region, or on the whole map; none if there is no path."""
-    return astar(grid, *query, Workspace(len(grid.weights)), region=region).path
 
 
 def shuffled(model: NetworkModel) -> NetworkModel:

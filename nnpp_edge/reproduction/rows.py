@@ -1,4 +1,4 @@
-"""Tidy rows, the paper's and ours alike: a dict for each answer, and figures and tables of many of them.
+"""Tidy rows, the paper's and ours alike: a dict for each answer, and figures of many of them.
 
 ``planner`` names who answered, other text and numbers say to what (``size``, ``map``), and the rest is measured:
 ``time_s``; ``found`` (in the first region that was searched, 1 or 0); ``cc`` of the path beside ``exact_cc``, that of
@@ -9,12 +9,11 @@ cells that belong to that. What was not measured, or is none without a path, is 
 import csv
 import io
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
-
-from nnpp_edge.progress import markdown_table
+from numpy.typing import NDArray
 
 Row = dict[str, Any]
 Key = tuple[Any, ...]
@@ -25,11 +24,8 @@ class Rows(list[Row]):
 
     def of(self, *planners: str, **values: object) -> "Rows":
         """The rows of these planners, by default of all, that have these values."""
-        return Rows(
-            row
-            for row in self
-            if (not planners or row.get("planner") in planners) and all(row.get(k) == v for k, v in values.items())
-        )
+        mine = (row for row in self if not planners or row.get("planner") in planners)
+        return Rows(row for row in mine if all(row.get(k) == v for k, v in values.items()))
 
     def by(self, *names: str) -> "dict[Key, Rows]":
         """The rows by what they have under these names, in the order of their coming."""
@@ -37,10 +33,6 @@ class Rows(list[Row]):
         for row in self:
             groups.setdefault(tuple(row[name] for name in names), Rows()).append(row)
         return groups
-
-    def sorted(self, name: str) -> "Rows":
-        """The rows by the number under a name, else in the order of their coming."""
-        return Rows(sorted(self, key=lambda row: float(row[name])))
 
     def all(self, name: str) -> list[float]:
         """The numbers under a name, of the rows that have it."""
@@ -82,18 +74,6 @@ class Rows(list[Row]):
         return out.getvalue()
 
 
-Columns = Mapping[str, Callable[[Rows], str]]
-"""Columns of a table: what each shows of the rows behind a line."""
-Groups = Mapping[Key, Rows]
-"""The rows behind each line of a table, by what begins the line."""
-
-
-def table(keys: str, groups: Groups, columns: Columns) -> str:
-    """A Markdown table for people, a line for each group; `keys` name the columns of a group's key, with bars."""
-    lines = [[*map(str, key), *(column(of) for column in columns.values())] for key, of in groups.items()]
-    return markdown_table([*keys.split(" | "), *columns], lines) + "\n"
-
-
 def number(value: float, form: str) -> str:
     """A number as text, a dash where there is none."""
     return format(value, form) if math.isfinite(value) else "–"
@@ -114,7 +94,6 @@ def percent(share: float, digits: int = 1) -> str:
     return f"{round(100.0 * share, digits) + 0.0:.{digits}f} %" if math.isfinite(share) else "–"
 
 
-def spread(rows: Rows, name: str) -> str:
+def spread(values: Sequence[float] | NDArray[np.float64], digits: int) -> str:
     """Mean and standard deviation."""
-    found = rows.all(name)
-    return f"{np.mean(found):.3f} ± {np.std(found):.3f}" if found else "–"
+    return f"{np.mean(values):.{digits}f} ± {np.std(values):.{digits}f}" if len(values) else "–"

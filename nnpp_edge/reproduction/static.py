@@ -1,6 +1,6 @@
 """Table 2, Fig. 9, 11 and 12: the paper's method, its controls and our planners on random queries of random maps."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 
 import numpy as np
 
@@ -8,20 +8,9 @@ from nnpp_edge.profiling.contest import Harness
 from nnpp_edge.profiling.suites import LEAST_DISTANCE
 from nnpp_edge.reproduction import drawing, paper
 from nnpp_edge.reproduction.experiment import Context, Result, experiment
-from nnpp_edge.reproduction.findings import Finding, judge, judge_increase, judge_speedup, met_by
-from nnpp_edge.reproduction.planners import (
-    OURS,
-    OWN,
-    PLAIN,
-    PLAIN_NN,
-    PLAIN_PLANNERS,
-    PLANNERS,
-    answers,
-    network_of,
-    planner_table,
-    shown,
-)
-from nnpp_edge.reproduction.rows import Columns, Rows, percent, seconds, table
+from nnpp_edge.reproduction.findings import Finding, Own, judge, judge_increase, judge_speedup
+from nnpp_edge.reproduction.planners import OURS, PLAIN, PLAIN_NN, PLAIN_PLANNERS, PLANNERS, answers
+from nnpp_edge.reproduction.rows import Rows, percent
 from nnpp_edge.runtime.planners.planner import Planner
 
 _THEIRS = (paper.ASTAR, paper.ASTAR_NN)
@@ -63,23 +52,9 @@ def table2(
     sizes = context.fitting(sizes)
     rows = contest(context, sizes, maps, repeats=repeats, timed=queries)
     theirs = Rows(row for row in paper.TABLE_2 if row["size"] in sizes)
-    names = "network | AT | over A* | CC | CC increase | success | MM | region, of the map"
-    plain, ours = Rows([*theirs, *rows.of(*PLAIN_PLANNERS)]).sorted("size"), rows.of(*OURS, *OWN.values())
-    summary = f"""### The paper's method
-
-{planner_table(plain, "size", names, context.networks)}
-### Ours
-
-{planner_table(ours, "size", names, context.networks)}"""
-    figure = drawing.new_figure(11, 4.4 * len(sizes))
-    for size, (left, right) in zip(sizes, figure.subplots(len(sizes), 2, squeeze=False), strict=True):
-        by_name = Rows([*theirs, *rows.of(*PLANNERS)]).of(size=size).by("planner")
-        times_s = {str(name): of.mean("time_s") for (name,), of in by_name.items()}
-        increases = {str(name): 100.0 * of.increase() for (name,), of in by_name.items()}
-        drawing.bars(left, times_s, "%.3g", f"{size}²: mean time of a query", "seconds")
-        left.set_xscale("log")
-        drawing.bars(right, increases, "%.2f", f"{size}²: CC above that of exact A*", "%")
-    return Result(summary, rows.averaged("size", "planner"), table2_findings(rows), figure)
+    everything = [*theirs, *rows]
+    picture = drawing.bars({f"{size}²": Rows(everything).of(size=size) for size in sizes})
+    return Result(rows.averaged("size", "planner"), ("size", "planner"), table2_findings(rows), picture, everything)
 
 
 def table2_findings(rows: Rows) -> list[Finding]:
@@ -92,14 +67,18 @@ def table2_findings(rows: Rows) -> list[Finding]:
                 found.append(judge_speedup(f"{size}²: speed-up of {label}", gain, of, pair, near=True))
                 found.append(judge_increase(f"{size}²: CC increase of {label}", more, of, pair[1]))
             known, own = theirs.of(paper.ASTAR_NN).mean("found"), of.of(PLAIN_NN).mean("found")
-            as_well = met_by(of, PLAIN_NN, lambda name, of=of, least=known - 0.01: of.of(name).mean("found") >= least)  # type: ignore[misc]
-            claim, near = f"{size}²: success of A*NN in its first region", abs(own - known) <= 0.01
-            texts = percent(known), percent(own)
-            found.append(judge(claim, *texts, near, "within one point", as_well, better=own > known))
-        fastest = min(OURS, key=lambda name, of=of: of.of(name).mean("time_s"))  # type: ignore[misc]
+
+            def as_often(own: Own, of: Rows = of, least: float = known - 0.01) -> bool:
+                return of.of(own(PLAIN_NN)).mean("found") >= least
+
+            claim, better = f"{size}²: success of A*NN in its first region", own - known > 0.01
+            texts = percent(known), percent(own), "within one point"
+            found.append(judge(claim, *texts, as_often, of, PLAIN_NN, better=better))
+        mean_s = {name: of.of(name).mean("time_s") for name in OURS}
+        fastest = min(mean_s, key=mean_s.__getitem__)
         claim = f"{size}²: the network's region is the fastest way to plan"
         rule = "`nnpp` has the least mean time of ours"
-        found.append(judge(claim, "A*NN", f"`{fastest}`", fastest == "nnpp", rule))
+        found.append(judge(claim, "A*NN", f"`{fastest}`", rule, fastest == "nnpp"))
     return [*found, *_growth(rows, "the network gains more on larger maps")]
 
 
@@ -110,14 +89,14 @@ def _growth(rows: Rows, claim: str) -> Iterator[Finding]:
     if small == large:
         return
     known = [f"{of.speedup(*_THEIRS):.1f}×" for size in (small, large) if (of := paper.TABLE_2.of(size=size))]
-    for pair, label in _PAIRS.items():
+    for (slow, fast), label in _PAIRS.items():
 
-        def grows(name: str, slow: str = pair[0]) -> bool:
-            return by_size[large].speedup(slow, name) > by_size[small].speedup(slow, name)
+        def grows(own: Own, slow: str = slow, fast: str = fast) -> bool:
+            return by_size[large].speedup(slow, own(fast)) > by_size[small].speedup(slow, own(fast))
 
-        ours = ", ".join(f"{size}² {of.speedup(*pair):.2f}×" for size, of in by_size.items())
-        rule, as_well = f"more at {large}² than at {small}²", met_by(rows, pair[1], grows)
-        yield judge(f"{claim} ({label})", " → ".join(known) or "yes", ours, grows(pair[1]), rule, as_well)
+        ours = ", ".join(f"{size}² {of.speedup(slow, fast):.2f}×" for size, of in by_size.items())
+        texts = " → ".join(known) or "yes", ours, f"more at {large}² than at {small}²"
+        yield judge(f"{claim} ({label})", *texts, grows, rows, fast)
 
 
 @experiment(
@@ -130,39 +109,34 @@ def fig9(
     sizes = context.fitting(sizes)
     rows = contest(context, sizes, queries, repeats=repeats).of(*PLANNERS)
     theirs = [row for row in (*paper.TABLE_1, *paper.TABLE_2.of(paper.ASTAR_NN)) if row["size"] in sizes]
-    everything = Rows([*theirs, *rows]).sorted("size")
-    more: Columns = {"inference": lambda of: seconds(of.mean("inference_s"))}
-    names = "network | AT | over A* | CC increase | success | MM"
-    looks = [{**row, "planner": "inference", "time_s": row["inference_s"]} for row in rows.of(PLAIN_NN)]
+    inference = [{**row, "planner": "inference", "time_s": row["inference_s"]} for row in rows.of(PLAIN_NN)]
     styles = {paper.ASTAR: "o--", paper.ASTAR_NN: "s:", **dict.fromkeys(PLANNERS, "o-"), "inference": "x-"}
     of_mm = dict.fromkeys((PLAIN_NN, "corridor", "nnpp"), "o-")
-    times = Rows([*everything, *looks]), "time_s", styles, "Mean time of a query", "seconds"
+    times = Rows([*theirs, *rows, *inference]), "time_s", styles, "Mean time of a query", "seconds"
     figure = drawing.by_size([times, (rows, "mm", of_mm, "Mean MM", "path's cells / region's cells")])
-    summary = planner_table(everything, "size", names, context.networks, more)
-    return Result(summary, rows.averaged("size", "planner"), fig9_findings(rows), figure)
+    return Result(rows, ("size", "planner"), fig9_findings(rows), figure, [*theirs, *rows])
 
 
 def fig9_findings(rows: Rows) -> list[Finding]:
     """Of the rows of all sizes."""
     inference = [of.mean("inference_s") for of in rows.by("size").values()]
     average, least, greatest = float(np.mean(inference)), min(inference), max(inference)
-    ours, steady = f"{1e3 * least:.2f} to {1e3 * greatest:.2f} ms", greatest - least <= 0.3 * average
-    theirs, rule = f"{1e3 * paper.INFERENCE_S:.0f} ms throughout", "the means within 30 % of their mean"
-    found = [judge("inference takes the same time whatever the map's size", theirs, ours, steady, rule)]
-    claim, fast = "inference keeps up 17 frames a second on a CPU", average <= paper.INFERENCE_S
+    texts = f"{1e3 * paper.INFERENCE_S:.0f} ms throughout", f"{1e3 * least:.2f} to {1e3 * greatest:.2f} ms"
+    steady, rule = greatest - least <= 0.3 * average, "the means within 30 % of their mean"
+    found = [judge("inference takes the same time whatever the map's size", *texts, rule, steady)]
     texts = f"{1.0 / paper.INFERENCE_S:.0f} a second", f"{1.0 / average:.0f} a second"
-    found += [judge(claim, *texts, fast, "at least the paper's")]
+    claim, fast = "inference keeps up 17 frames a second on a CPU", average <= paper.INFERENCE_S
+    found += [judge(claim, *texts, "at least the paper's", fast)]
     found += _growth(rows, "the larger the map, the more the network gains")
     small, large = min(rows.all("size")), max(rows.all("size"))
     if small < large:
 
-        def falls(name: str) -> bool:
-            return rows.of(name, size=large).mean("mm") < rows.of(name, size=small).mean("mm")
+        def falls(own: Own) -> bool:
+            return rows.of(own(PLAIN_NN), size=large).mean("mm") < rows.of(own(PLAIN_NN), size=small).mean("mm")
 
         ours = ", ".join(f"{size:.0f}² {rows.of(PLAIN_NN, size=size).mean('mm'):.3f}" for size in (small, large))
         rule = f"less at {large:.0f}² than at {small:.0f}², plain A*NN"
-        as_well = met_by(rows, PLAIN_NN, falls)
-        found.append(judge("MM falls as the map grows", "yes", ours, falls(PLAIN_NN), rule, as_well))
+        found.append(judge("MM falls as the map grows", "yes", ours, rule, falls, rows, PLAIN_NN))
     return found
 
 
@@ -171,15 +145,6 @@ def fig11(context: Context, *, size: int = 256, queries: int = 300, repeats: int
     """Random queries, near ones among them, each put to all planners."""
     size = context.one_size(size)
     rows = contest(context, (size,), queries, repeats=repeats, least_distance=0.05).of(*PLANNERS)
-    columns: Columns = {
-        "network": lambda of: network_of(str(of[0]["planner"]), context.networks),
-        "fitted time for 50 cells": lambda of: seconds(_fit(of)[1] + 50 * _fit(of)[0]),
-        "for 200 cells": lambda of: seconds(_fit(of)[1] + 200 * _fit(of)[0]),
-        "correlation": lambda of: f"{_fit(of)[2]:.2f}",
-        "faster than plain A*": lambda of: percent(_wins(of, rows.of(PLAIN)), 0),
-        "faster than our exact A*": lambda of: percent(_wins(of, rows.of("astar")), 0),
-    }
-    groups = {(shown(str(name)),): of for (name,), of in rows.by("planner").items()}
     figure = drawing.new_figure(11.5, 4.6)
     panels = {"Plain Python, a graph for each query": PLAIN_PLANNERS[:3], "This toolkit's planners": OURS}
     for axes, (title, names) in zip(figure.subplots(1, 2), panels.items(), strict=True):
@@ -191,7 +156,7 @@ def fig11(context: Context, *, size: int = 256, queries: int = 300, repeats: int
         drawing.tidy(axes, title, "cells of the optimal path", "time of a query, ms")
         axes.legend(fontsize="small")
     findings = [each for pair in _PAIRS for each in _slopes(rows, *pair)]
-    return Result(table("planner", groups, columns), rows, findings, figure)
+    return Result(rows, ("planner",), findings, figure)
 
 
 def _fit(rows: Rows) -> tuple[float, float, float]:
@@ -210,17 +175,19 @@ def _wins(fast: Rows, slow: Rows) -> float:
 
 def _slopes(rows: Rows, slow: str, fast: str) -> Iterator[Finding]:
     """Two planners, by the lines through their times."""
-    (slope_s, _, correlation), (fast_s, *_) = _fit(rows.of(slow)), _fit(rows.of(fast))
-    wins = _wins(rows.of(fast), rows.of(slow))
-    own, grows = f"{1e6 * slope_s:.3g} µs a cell, r = {correlation:.2f}", slope_s > 0.0 and correlation > 0.3
-    yield judge(f"time grows with the path's length ({slow})", "yes", own, grows, "correlation above 0.3")
-    claim, ours = f"it grows more slowly with the network ({fast} against {slow})", f"{1e6 * fast_s:.3g} µs a cell"
-    as_well = met_by(rows, fast, lambda name: _fit(rows.of(name))[0] < slope_s)
-    yield judge(claim, "yes", ours, fast_s < slope_s, "a smaller slope", as_well)
-    claim = f"the network's way is much the faster ({fast} against {slow})"
-    as_well = met_by(rows, fast, lambda name: _wins(rows.of(name), rows.of(slow)) >= 0.9)
-    ours = f"faster on {percent(wins, 0)} of the queries"
-    yield judge(claim, "yes", ours, wins >= 0.9, "on at least 90 %", as_well)
+    (slope_s, _, correlation), pair = _fit(rows.of(slow)), f"({fast} against {slow})"
+    claim, ours = (
+        f"time grows with the path's length ({slow})",
+        f"{1e6 * slope_s:.3g} µs a cell, r = {correlation:.2f}",
+    )
+    yield judge(claim, "yes", ours, "correlation above 0.3", slope_s > 0.0 and correlation > 0.3)
+    claim, ours = f"it grows more slowly with the network {pair}", f"{1e6 * _fit(rows.of(fast))[0]:.3g} µs a cell"
+    flatter: Callable[[Own], bool] = lambda own: _fit(rows.of(own(fast)))[0] < slope_s  # noqa: E731
+    yield judge(claim, "yes", ours, "a smaller slope", flatter, rows, fast)
+    ours = f"faster on {percent(_wins(rows.of(fast), rows.of(slow)), 0)} of the queries"
+    wins: Callable[[Own], bool] = lambda own: _wins(rows.of(own(fast)), rows.of(slow)) >= 0.9  # noqa: E731
+    claim = f"the network's way is much the faster {pair}"
+    yield judge(claim, "yes", ours, "on at least 90 %", wins, rows, fast)
 
 
 @experiment("Fig. 12 and Table 4, static", "Regions and paths on five maps", {"repeats": 2})
@@ -228,8 +195,6 @@ def fig12(context: Context, *, size: int = 256, maps: int = 5, repeats: int = 5)
     """One query on each of five maps: drawn, and answered by all planners."""
     size = context.one_size(size)
     rows = contest(context, (size,), maps, repeats=repeats).of(*PLANNERS)
-    theirs = paper.TABLE_4.of(scene=paper.STATIC)
-    names = "network | AT | over A* | CC | CC increase | MM"
     figure = drawing.new_figure(2.6 * maps, 5.9)
     grid = figure.subplots(2, maps, squeeze=False)
     for at, (case, query) in enumerate(context.maps(size, maps), 1):
@@ -243,8 +208,8 @@ def fig12(context: Context, *, size: int = 256, maps: int = 5, repeats: int = 5)
             above = f"cost {percent(own.mean('excess'), 2)} above the optimum"
             drawing.draw_view(axes, each, f"{name}, map {at}: MM {own.mean('mm'):.3f},\n{above}")
     drawing.map_legend(figure, grid[1, 0])
-    summary = planner_table(Rows([*rows, *theirs]), "map", names, context.networks)
-    return Result(summary, rows, fig12_findings(rows), figure)
+    theirs = paper.TABLE_4.of(scene=paper.STATIC)
+    return Result(rows, ("map", "planner"), fig12_findings(rows), figure, [*rows, *theirs])
 
 
 def fig12_findings(rows: Rows) -> list[Finding]:
@@ -252,14 +217,14 @@ def fig12_findings(rows: Rows) -> list[Finding]:
     theirs, label, own = paper.TABLE_4.of(scene=paper.STATIC), _PAIRS[PLAIN, PLAIN_NN], rows.of(PLAIN_NN)
     mms, known, most = own.all("mm"), theirs.all("mm"), own.increase() + 0.01
 
-    def as_narrow(name: str) -> bool:
-        return rows.of(name).increase() <= most and rows.of(name).mean("mm") >= min(known)
+    def as_narrow(own: Own) -> bool:
+        name = own(PLAIN_NN)
+        return rows.increase(name) <= most and rows.of(name).mean("mm") >= min(known)
 
-    texts = (f"{min(known):.2f} to {max(known):.2f}", f"{min(mms):.3f} to {max(mms):.3f}")
-    agrees, better = min(known) <= own.mean("mm") <= max(known), own.mean("mm") > max(known)
-    rule, as_well = "our mean lies within the paper's range", met_by(rows, PLAIN_NN, as_narrow)
+    texts = f"{min(known):.2f} to {max(known):.2f}", f"{min(mms):.3f} to {max(mms):.3f}"
+    better, rule = own.mean("mm") > max(known), "our mean lies within the paper's range"
     return [
         judge_speedup(f"speed-up of {label}", theirs.speedup(*_THEIRS), rows, (PLAIN, PLAIN_NN), near=True),
-        judge("MM of the network's region at td", *texts, agrees, rule, as_well, better=better),
+        judge("MM of the network's region at td", *texts, rule, as_narrow, rows, PLAIN_NN, better=better),
         judge_increase(f"CC increase of {label}", theirs.increase(paper.ASTAR_NN), rows, PLAIN_NN),
     ]

@@ -9,9 +9,9 @@ from PIL import Image
 from nnpp_edge.profiling.contest import Harness
 from nnpp_edge.profiling.suites import TerrainFiles
 from nnpp_edge.reproduction import dynamic, exact, paper, runner, static
-from nnpp_edge.reproduction.drawing import driven, view_episode
 from nnpp_edge.reproduction.episode import make_episode
-from nnpp_edge.reproduction.findings import Verdict, findings_table
+from nnpp_edge.reproduction.findings import Verdict
+from nnpp_edge.reproduction.pages import finding_cells
 from nnpp_edge.reproduction.planners import (
     CONTROLS_OF,
     OWN,
@@ -24,7 +24,7 @@ from nnpp_edge.reproduction.planners import (
     answers,
 )
 from nnpp_edge.reproduction.regions import CORRIDOR, Networks
-from nnpp_edge.reproduction.rows import Rows, table
+from nnpp_edge.reproduction.rows import Rows
 from nnpp_edge.reproduction.runner import EXPERIMENTS, Request, reproduce
 from nnpp_edge.runtime import NetworkModel
 from nnpp_edge.runtime.errors import InvalidQueryError
@@ -121,13 +121,11 @@ def test_every_experiment_writes_its_tables_picture_and_findings(made, terrain):
 
 
 def test_every_page_of_a_network_names_it_and_has_controls(made):
-    for name in ("table2", "fig8", "fig9", "fig11", "fig12", "fig14", "table4"):
+    for name in ("table2", "fig8", "fig9", "fig11", "fig12", "fig14", "table3", "table4"):
         text = (made[0] / name / f"{name}.md").read_text()
         assert "`tiny`" in text and "corridor" in text, name
         lines = text.partition("## Findings")[0].splitlines()
-        named = [line for line in lines if "| plain A*NN |" in line or "| `nnpp` |" in line]
-        named = [line for line in named if not line.startswith("| map | scene")]
-        assert all("`tiny`" in line for line in named), name
+        assert all("`tiny`" in line for line in lines if "| plain A*NN |" in line or "| `nnpp` |" in line), name
 
 
 def test_a_second_run_skips_what_is_complete_and_mends_what_is_not(terrain, run, tiny_model, tmp_path):
@@ -160,7 +158,7 @@ def test_an_experiment_that_fails_leaves_what_was_there(terrain, run, tmp_path, 
 
 def test_level_ground_is_no_trouble(run, tmp_path):
     np.savez(tmp_path / "flat.npz", elevation_m=np.zeros((128, 128)), cell_size_m=1.0)
-    assert all(ran for _, ran in run(tmp_path / "flat.npz", tmp_path / "out", *TINY))
+    assert all(ran for _, ran in run(tmp_path / "flat.npz", tmp_path / "out"))
     assert "nan" not in (tmp_path / "out" / "README.md").read_text()
 
 
@@ -186,7 +184,7 @@ def verdicts(findings):
 def test_the_papers_own_figures_agree_with_the_paper():
     times = Rows({**row, "planner": PLAIN} for row in paper.TABLE_1)
     assert set(verdicts(exact.table1_findings(times))) == {Verdict.AGREES}
-    searching = Rows({**row, "graph_s": 0.5 * row["search_s"], "time_s": 1.5 * row["search_s"]} for row in times)
+    searching = Rows({**row, "graph_share": 1 / 3} for row in times)
     assert verdicts(exact.table1_findings(searching))[:2] == [Verdict.DIFFERS, Verdict.DIFFERS]
 
 
@@ -225,7 +223,7 @@ def test_a_verdict_that_a_control_earns_too_says_so():
     judged = [f for f in found if "fastest" not in f.claim and "gains more" not in f.claim]
     assert all(f.controls for f in judged)
     assert {f.controls for f in judged if "plain" in f.claim} == {("corridor", "straight band", "shuffled weights")}
-    assert "says nothing about the network, a control does as well: corridor" in findings_table(found)
+    assert "says nothing about the network, a control does as well: corridor" in finding_cells(found[0])[-1]
     fast_but_dear = static.table2_findings(as_in_table2(control=(9.0, 0.3, 1.0)))
     assert not fast_but_dear[0].controls, "a fast search for a bad path is none"
 
@@ -304,9 +302,8 @@ def test_an_episode_is_driven_by_all(tiny_model):
         == rows.of("dstar").all("mended")
         == [0.0] + [1.0] * (len(episode.steps) - 1)
     )
-    views = view_episode(episode, NetworkModel(tiny_model))
-    way = driven(views, stride)
-    assert tuple(way[0]) == (5, 5) and tuple(way[-1]) == (90, 88) and np.abs(np.diff(way, axis=0)).max() == 1
+    views = dynamic.view_episode(episode, NetworkModel(tiny_model))
+    assert [tuple(view.optimum[0]) for view in views] == [step.start for step in episode.steps]
 
 
 def test_the_best_omega_is_where_length_and_cc_together_are_least():
@@ -322,16 +319,12 @@ def test_the_best_omega_is_where_length_and_cc_together_are_least():
     assert best(omegas[:3], [[100.0, 106.0, 110.0]], [[50.0, 30.0, 20.0]]) == [[0.01], [0.02]], "it decides"
 
 
-def test_rows_become_csv_tables_and_figures():
+def test_rows_become_csv_and_figures():
     rows = Rows(
         [{"planner": "a", "time_s": 1.5, "cc": 3.0, "exact_cc": 2.0}, {"planner": "b", "time_s": float("nan")}]
     )
     assert rows.csv() == "planner,time_s,cc,exact_cc\na,1.5,3.0,2.0\nb,,,\n"
     assert rows.increase("a") == 0.5 and np.isnan(rows.increase("b")) and np.isnan(rows.mean("mm"))
-    assert (
-        table("who", rows.by("planner"), {"n": lambda of: str(len(of))})
-        == "| who | n |\n| --- | --- |\n| a | 1 |\n| b | 1 |\n"
-    )
     more = Rows([{"size": 1, "x": 1.0}, {"size": 1, "x": 3.0}, {"size": 2, "x": 5.0}])
     assert more.averaged("size") == [
         {"size": 1, "n": 2, "x": 2.0, "x_sd": 1.0},
@@ -359,6 +352,7 @@ def test_wrong_use_and_bad_input_are_refused_in_a_line(nnpp_edge, terrain, tiny_
     out = tmp_path / "out"
     for words, wanted in (
         (["fig99"], "wanted EXPERIMENT of table1"),
+        (["table2", "--queries", "0"], "--queries"),
         (["--model", "edge", "--model", "edge", "--model", "edge"], "at most two of --model"),
     ):
         ended = nnpp_edge("reproduce", *words, "-o", out)

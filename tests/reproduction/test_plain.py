@@ -1,17 +1,64 @@
+import math
+
 import numpy as np
 import pytest
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
-from nnpp_edge.reproduction.plain_astar import build_graph, search
-from nnpp_edge.reproduction.plain_dstar import PlainDStar
+from nnpp_edge.reproduction.plain import PlainDStar, build_graph, search
+from nnpp_edge.runtime import Planner
 from tests import oracles
 from tests.strategies import cases
 
 
 @settings(deadline=None)
+@given(cases())
+def test_plain_astar_finds_the_optimum_that_our_exact_astar_finds(case):
+    assume(case.step_cost == "paper")
+    path = search(build_graph(case.cost), case.start, case.goal)
+    plan = Planner(case.cost).plan(case.start, case.goal, method="astar")
+    assert (path is not None) == plan.ok
+    if path is not None:
+        assert (path[0], path[-1]) == (case.start, case.goal)
+        assert oracles.path_cost(path, case.cost) == pytest.approx(plan.cost, rel=1e-5, abs=1e-6)
+
+
+def test_the_graph_of_a_region_holds_its_passable_cells_and_steps_alone():
+    cost = np.full((4, 5), 0.25, np.float32)
+    cost[1, 1] = np.nan
+    inside = np.zeros((4, 5), bool)
+    inside[:2, :3] = True
+    graph = build_graph(cost, inside)
+    cells = {graph.cell(node) for node in graph.edges}
+    assert cells == {(0, 0), (0, 1), (0, 2), (1, 0), (1, 2)}
+    steps = {graph.cell(node): step for node, step in graph.edges[graph.node((0, 1))]}
+    weight = 2 * 0.25 * 255 * 0.011
+    assert steps == pytest.approx(
+        {(0, 0): 1 + weight, (0, 2): 1 + weight, (1, 0): math.sqrt(2) + weight, (1, 2): math.sqrt(2) + weight}
+    )
+    assert search(graph, (1, 0), (1, 2)) == [(1, 0), (0, 1), (1, 2)]
+
+
+def test_no_step_leads_across_the_maps_edge():
+    graph = build_graph(np.zeros((3, 4), np.float32))
+    for node, steps in graph.edges.items():
+        row, col = graph.cell(node)
+        for neighbour, _ in steps:
+            i, j = graph.cell(neighbour)
+            assert 0 <= i < 3 and 0 <= j < 4 and max(abs(i - row), abs(j - col)) == 1
+
+
+def test_a_walled_in_goal_has_no_path_and_a_start_is_its_own_goal():
+    cost = np.zeros((5, 5), np.float32)
+    cost[2] = 1.0
+    graph = build_graph(cost)
+    assert search(graph, (0, 0), (4, 4)) is None
+    assert search(graph, (0, 0), (0, 0)) == [(0, 0)]
+
+
+@settings(deadline=None)
 @given(cases(), st.integers(0, 2**32 - 1))
-def test_after_every_change_of_map_region_and_start_it_finds_what_astar_finds_anew(case, seed):
+def test_after_every_change_of_map_region_and_start_dstar_finds_what_astar_finds_anew(case, seed):
     assume(case.step_cost == "paper")
     rng, cost, start = np.random.default_rng(seed), case.cost.copy(), case.start
     dstar = PlainDStar(cost, start, case.goal)
