@@ -75,7 +75,7 @@ class PaperRegions:
         return Region(np.pad(blocks, ((0, 1), (0, 1))).astype(np.int32), *self.lookup)
 
     def controls(self, like: Region) -> dict[str, Callable[[Endpoints], Region]]:
-        """What makes the regions of `CONTROLS`, as many blocks as `like` has where no network decides."""
+        """Makers of the regions of `CONTROLS`, as many blocks as `like` has where no network decides."""
         shuffled_regions = PaperRegions(self.cost, shuffled(self.model))
         return {
             CORRIDOR: lambda query: _nearest_blocks(_coarse_path(self.grid, query, like), like),
