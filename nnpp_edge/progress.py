@@ -1,6 +1,5 @@
-"""Progress on stderr, tables for stdout."""
+"""Progress on stderr, figures and tables for stdout."""
 
-import io
 import sys
 import time
 from collections.abc import Callable, Iterator, Sequence
@@ -8,6 +7,7 @@ from contextlib import contextmanager
 
 import click
 
+MISSING = "–"
 _LINES = 20
 """Where stderr is no terminal, a line is written for each of so many parts of the work."""
 
@@ -43,22 +43,18 @@ def _lines(what: str, total: int) -> Callable[[int], None]:
     return advance
 
 
-def render_table(header: Sequence[str], rows: Sequence[Sequence[str]], sections: Sequence[bool] = ()) -> str:
-    """A table as text; a rule is drawn above each row whose section flag is set."""
-    from rich import box
-    from rich.console import Console
-    from rich.table import Table
-
-    grid = Table(box=box.SIMPLE_HEAD, pad_edge=False)
-    for at, name in enumerate(header):
-        grid.add_column(name, justify="left" if at < 3 else "right", no_wrap=True)
-    for at, row in enumerate(rows):
-        if at and at < len(sections) and sections[at]:
-            grid.add_section()
-        grid.add_row(*row)
-    console = Console(file=(out := io.StringIO()), width=200)
-    console.print(grid)
-    return "\n".join(line.rstrip() for line in out.getvalue().splitlines())
+def shown(value: object, form: str = "") -> str:
+    """A value in the form of a format specification, or with ² behind it; three digits of a float without one."""
+    if value is None:
+        return MISSING
+    if isinstance(value, bool):
+        return "yes" if value else "no"
+    if form == "²":
+        return f"{value}²"
+    if isinstance(value, float) and not form:
+        form = ".0f" if abs(value) >= 1000.0 else ".3g"
+    text = format(value, form)
+    return text.replace("%", " %") if form else text
 
 
 def markdown_table(header: Sequence[str], rows: Sequence[Sequence[str]]) -> str:

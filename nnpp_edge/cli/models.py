@@ -5,8 +5,9 @@ from dataclasses import asdict
 from typing import TYPE_CHECKING, Annotated
 
 from nnpp_edge.cli import options
-from nnpp_edge.cli.text import MISSING, aligned, columns, shown, tell
+from nnpp_edge.cli.text import aligned, columns, tell
 from nnpp_edge.cli.text import table as table_of
+from nnpp_edge.progress import MISSING, shown
 
 if TYPE_CHECKING:
     from nnpp_edge.runtime.network.model_file import ModelFile

@@ -3,9 +3,10 @@
 from collections.abc import Callable, Iterator, Sequence
 from typing import NamedTuple
 
-from nnpp_edge.cli.text import MISSING, Columns, Row, aligned, columns, shown, table
+from nnpp_edge.cli.text import Columns, Row, aligned, columns, table
 from nnpp_edge.profiling.contest import Facts, Figures
 from nnpp_edge.profiling.figures import STAGES
+from nnpp_edge.progress import MISSING, shown
 
 
 def _verdict(line: Row) -> str:

@@ -1,19 +1,19 @@
 """Answers in text: lines with a name each, and tables of rows."""
 
+import io
 import json
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 import click
 
-from nnpp_edge.progress import markdown_table, render_table
+from nnpp_edge.progress import markdown_table, shown
 
 Row = Mapping[str, Any]
 Columns = Mapping[str, str | Callable[[Row], str]]
 """By title a key, or keys of inner tables joined by dots, and after a space the form for `shown`; or a function."""
 _PLACE = ("workload", "size", "queries_per_map")
 """A rule is drawn above a row where one of these changes."""
-MISSING = "–"
 
 
 def tell(as_json: bool, figures: object, text: Callable[[], str], *, indent: int | None = None) -> None:
@@ -28,20 +28,6 @@ def aligned(lines: Mapping[str, object], indent: str = "") -> str:
     return "\n".join(f"{indent}{name:<{width}}{value}" for name, value in lines.items())
 
 
-def shown(value: object, form: str = "") -> str:
-    """A value in the form of a format specification, or with ² behind it; three digits of a float without one."""
-    if value is None:
-        return MISSING
-    if isinstance(value, bool):
-        return "yes" if value else "no"
-    if form == "²":
-        return f"{value}²"
-    if isinstance(value, float) and not form:
-        form = ".0f" if abs(value) >= 1000.0 else ".3g"
-    text = format(value, form)
-    return text.replace("%", " %") if form else text
-
-
 def columns(words: str) -> dict[str, str]:
     """Columns as ``TITLE: KEY FORM | …``; a slash breaks the title's line, and a key alone is its own title."""
     found = (each.partition(": ") for each in words.split(" | "))
@@ -53,9 +39,21 @@ def table(rows: Sequence[Row], shown_as: Columns, *, markdown: bool = False) -> 
     body = [[_cell(row, column) for column in shown_as.values()] for row in rows]
     if markdown:
         return markdown_table(list(shown_as), body)
-    places = [[row.get(key) for key in _PLACE] for row in rows]
-    sections = [place != before for place, before in zip(places, [None, *places], strict=False)]
-    return render_table(list(shown_as), body, sections).strip("\n")
+    from rich import box
+    from rich.console import Console
+    from rich.table import Table
+
+    grid, place = Table(box=box.SIMPLE_HEAD, pad_edge=False), list[object]()
+    for at, title in enumerate(shown_as):
+        grid.add_column(title, justify="left" if at < 3 else "right", no_wrap=True)
+    for row, cells in zip(rows, body, strict=True):
+        before, place = place, [row.get(key) for key in _PLACE]
+        if before not in ([], place):
+            grid.add_section()
+        grid.add_row(*cells)
+    console = Console(file=(out := io.StringIO()), width=200)
+    console.print(grid)
+    return "\n".join(line.rstrip() for line in out.getvalue().splitlines()).strip("\n")
 
 
 def _cell(row: Row, column: str | Callable[[Row], str]) -> str:

@@ -13,6 +13,7 @@ from markupsafe import Markup
 from nnpp_edge.profiling.contest import Facts
 from nnpp_edge.profiling.profile_file import Profile
 from nnpp_edge.profiling.profile_maps import ProfileMaps
+from nnpp_edge.progress import shown
 from nnpp_edge.runtime.network.inference import NetworkModel
 from nnpp_edge.runtime.planners.plan import Method, Plan
 from nnpp_edge.runtime.planners.planner import Planner
@@ -30,7 +31,7 @@ _WIDTH = 640
 def page(report: Facts, profile: Profile) -> str:
     """The page of a report, with example plans from the terrain of the profile that it was made by."""
     template = Environment(autoescape=True, undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True)
-    template.filters |= {"number": _number, "percent": _percent}
+    template.filters |= {"number": _number, "percent": lambda share, digits=1: shown(share, f"z.{digits}%")}
     text = (files("nnpp_edge.viz") / _TEMPLATE).read_text(encoding="utf-8")
     return template.from_string(text).render(
         report=report,
@@ -76,11 +77,4 @@ def _data_uri(picture: Picture) -> str:
 
 
 def _number(value: float | None, unit: str = "") -> str:
-    if value is None:
-        return "–"
-    text = f"{value:.0f}" if abs(value) >= 1000.0 else f"{value:.3g}"
-    return text if unit in ("", "1") else f"{text} {unit}"
-
-
-def _percent(value: float | None, digits: int = 1) -> str:
-    return "–" if value is None else f"{100.0 * value + 0.0:.{digits}f} %"
+    return shown(value) if value is None or unit in ("", "1") else f"{shown(value)} {unit}"
