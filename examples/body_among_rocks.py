@@ -14,7 +14,7 @@ from pathlib import Path
 from drawing import ends, panels, relief, run, save
 
 from nnpp_edge.runtime import Planner
-from nnpp_edge.terrain.shipped import sample_dem
+from nnpp_edge.terrain.dem import sample_dem
 from nnpp_edge.terrain.vehicle_files import load_vehicle
 from nnpp_edge.viz.picture import body_outlines
 

@@ -14,7 +14,7 @@ from pathlib import Path
 from drawing import ends, line, panels, relief, run, save
 
 from nnpp_edge.runtime import Planner
-from nnpp_edge.terrain.shipped import sample_dem
+from nnpp_edge.terrain.dem import sample_dem
 from nnpp_edge.terrain.workloads import workload
 
 QUERIES = {  # name of the map: start and goal, (row, col)

@@ -22,7 +22,7 @@ from nnpp_edge.runtime.map.state import MapState
 from nnpp_edge.simulation.drive_picture import Film
 from nnpp_edge.simulation.scene import SurveyedGround
 from nnpp_edge.simulation.simulate import SimulationSettings, random_drive, simulate
-from nnpp_edge.terrain.shipped import sample_dem
+from nnpp_edge.terrain.dem import sample_dem
 from nnpp_edge.terrain.workloads import workload
 
 

@@ -16,7 +16,7 @@ from pathlib import Path
 from drawing import ends, large_ground, line, panels, run, save
 
 from nnpp_edge.runtime.planners.windowed import WindowedPlanner
-from nnpp_edge.terrain.dem_windows import open_dem
+from nnpp_edge.terrain.dem import open_dem
 from nnpp_edge.terrain.workloads import workload
 
 

@@ -15,7 +15,7 @@ from drawing import ends, line, panels, relief, run, save
 
 from nnpp_edge.ros.maps import GridMap, MapFrame, grid_map_patch, path_poses
 from nnpp_edge.runtime import Goal, Ground, Loop, Navigator, NavigatorSettings, Pose
-from nnpp_edge.terrain.shipped import sample_dem
+from nnpp_edge.terrain.dem import sample_dem
 from nnpp_edge.terrain.vehicle_files import load_vehicle
 
 START, GOAL, SIGHT, DRAWN, TRUTH = (60, 12), (60, 107), 18, (1, 46, 72), sample_dem("moon_rocks")

@@ -19,8 +19,8 @@ from nnpp_edge.export.to_onnx import export_network
 from nnpp_edge.model.registry import PRESETS
 from nnpp_edge.runtime import Planner
 from nnpp_edge.terrain.dataset import make_dataset, read_samples
+from nnpp_edge.terrain.dem import sample_dem, sample_path
 from nnpp_edge.terrain.shards import Recipe
-from nnpp_edge.terrain.shipped import sample_dem, sample_path
 from nnpp_edge.terrain.workloads import workload
 from nnpp_edge.training.checkpoint import TrainSettings, load_checkpoint
 from nnpp_edge.training.train import train

@@ -14,7 +14,7 @@ import numpy as np
 from drawing import ends, line, panels, relief, run, save
 
 from nnpp_edge.runtime import EnergyCost, Mobility, Planner
-from nnpp_edge.terrain.shipped import sample_dem
+from nnpp_edge.terrain.dem import sample_dem
 from nnpp_edge.terrain.workloads import workload
 
 START, GOAL = (200, 15), (30, 240)

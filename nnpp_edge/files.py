@@ -8,7 +8,7 @@ import stat
 import sys
 import tempfile
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import NoReturn
 
@@ -50,7 +50,8 @@ def write_all(contents: Mapping[Path, Content]) -> None:
         raise OutputError(f"{path}: could not be written ({why})") from error
     finally:
         for temporary, _ in staged:
-            temporary.unlink(missing_ok=True)
+            with suppress(OSError):  # its folder may be none
+                temporary.unlink()
 
 
 @contextmanager

@@ -18,7 +18,7 @@ import numpy as np
 import pytest
 
 from nnpp_edge.cli.main import COMMANDS, cli
-from nnpp_edge.terrain.shipped import SAMPLES, sample_dem, sample_path
+from nnpp_edge.terrain.dem import SAMPLES, sample_dem, sample_path
 
 ROOT = Path(__file__).parent.parent
 DOCUMENTS = sorted(

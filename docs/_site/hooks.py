@@ -28,7 +28,7 @@ API = {  # page: its title, what it says first, and the modules or names it show
     "terrain": (
         "Terrain files",
         "Elevation maps from files, samples, workloads, vehicles, rocks. Rasters need the extra `geo`.",
-        "terrain.dem terrain.dem_windows terrain.shipped terrain.workloads terrain.vehicle_files terrain.rocks "
+        "terrain.dem terrain.workloads terrain.vehicle_files terrain.rocks "
         "terrain.synthetic terrain.coordinates terrain.vectors terrain.route",
     ),
     "large": (

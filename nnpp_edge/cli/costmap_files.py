@@ -16,8 +16,7 @@ from nnpp_edge.runtime.errors import OutputError
 from nnpp_edge.runtime.reading import refused_as
 from nnpp_edge.runtime.terrain.traversability import TERMS, Traversability, terrain_terms
 from nnpp_edge.runtime.terrain.windows import CostWindows
-from nnpp_edge.terrain.dem import Dem, raster_bytes
-from nnpp_edge.terrain.dem_windows import DemWindows
+from nnpp_edge.terrain.dem import Dem, DemWindows, raster_bytes
 from nnpp_edge.terrain.georeference import Place
 from nnpp_edge.terrain.rasters import geotiff_stream
 from nnpp_edge.viz.picture import cost_map_picture, png_bytes

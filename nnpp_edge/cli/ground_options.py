@@ -15,8 +15,7 @@ if TYPE_CHECKING:
     from nnpp_edge.runtime.map.slope_cost import Mobility
     from nnpp_edge.runtime.terrain.traversability import Traversability
     from nnpp_edge.runtime.terrain.vehicle import Vehicle
-    from nnpp_edge.terrain.dem import Dem
-    from nnpp_edge.terrain.dem_windows import DemWindows
+    from nnpp_edge.terrain.dem import Dem, DemWindows
     from nnpp_edge.terrain.georeference import Place
 
 _MOST_UNEQUAL_GRAVITY = 0.01
@@ -51,7 +50,7 @@ class TerrainOptions:
 
     def open(self, path: Path) -> "AbstractContextManager[DemWindows]":
         """The elevation map in a file, to be read by windows."""
-        from nnpp_edge.terrain.dem_windows import open_dem
+        from nnpp_edge.terrain.dem import open_dem
 
         return open_dem(path, self.cell_size, self.vertical_scale, rescale_m=self.rescale, allow_vrt=self.allow_vrt)
 

@@ -17,7 +17,7 @@ from nnpp_edge.runtime.errors import InvalidMapError, InvalidQueryError, NnppEdg
 from nnpp_edge.runtime.memory import available_bytes
 from nnpp_edge.runtime.planners.plan import Method, Plan
 from nnpp_edge.runtime.terrain.traversability import Traversability, terrain_terms, traversability_cost
-from nnpp_edge.terrain import dem_windows
+from nnpp_edge.terrain import dem as dems
 from nnpp_edge.terrain.coordinates import lonlat_corners
 from nnpp_edge.terrain.dem import Dem
 from nnpp_edge.terrain.georeference import Place
@@ -77,7 +77,7 @@ def reads_by_windows(
 
     InvalidQueryError if it does and the `whole` map is needed, as for a vehicle and for directed step costs.
     """
-    if (size := dem_windows.size_of(dem, allow_vrt=terrain.allow_vrt)) is None:
+    if (size := dems.size_of(dem, allow_vrt=terrain.allow_vrt)) is None:
         return False
     wanted, room = size[0] * size[1] * bytes_per_cell, available_bytes() if memory is None else memory
     if wanted <= room:

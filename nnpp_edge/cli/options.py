@@ -87,7 +87,7 @@ class Named(click.Path):
             self.fail("wanted a path, got nothing", param, ctx)
         if self is not MAP or not word.startswith(SAMPLE):
             return super().convert(word, param, ctx)
-        from nnpp_edge.terrain.shipped import sample_path
+        from nnpp_edge.terrain.dem import sample_path
 
         try:
             return sample_path(word.removeprefix(SAMPLE))

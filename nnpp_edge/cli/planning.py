@@ -28,8 +28,7 @@ from nnpp_edge.runtime.planners.methods import expects_network
 from nnpp_edge.runtime.planners.query import PlanOptions, Query, problem_with
 from nnpp_edge.runtime.planners.refine import BodyLines
 from nnpp_edge.runtime.planners.windowed import WindowedPlanner
-from nnpp_edge.terrain.dem import Dem
-from nnpp_edge.terrain.dem_windows import DemWindows
+from nnpp_edge.terrain.dem import Dem, DemWindows
 from nnpp_edge.terrain.georeference import Place
 from nnpp_edge.terrain.route import Route
 from nnpp_edge.viz.picture import BodyDrawing, body_outlines, plan_picture

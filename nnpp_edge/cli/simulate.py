@@ -76,8 +76,8 @@ def command(
     from nnpp_edge.simulation.drive_picture import Film, check_name, save_drive
     from nnpp_edge.simulation.scene import Scene, SurveyedGround
     from nnpp_edge.simulation.simulate import SimulationSettings, random_drive, simulate
+    from nnpp_edge.terrain.dem import sample_path
     from nnpp_edge.terrain.rocks import with_rocks
-    from nnpp_edge.terrain.shipped import sample_path
 
     robot.limits()  # those that make no sense are refused before any work
     body, settings = (

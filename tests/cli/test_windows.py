@@ -14,7 +14,7 @@ import rasterio
 import rasterio.shutil
 
 from nnpp_edge.runtime.errors import OutputError
-from nnpp_edge.terrain import dem_windows
+from nnpp_edge.terrain import dem as dems
 from nnpp_edge.terrain.rasters import geotiff_stream
 from nnpp_edge.terrain.synthetic import synthetic_terrain
 
@@ -101,7 +101,7 @@ def test_a_broken_cog_is_one_line_and_nothing_half_written(run, ground):
 
 
 def test_a_raster_stored_as_one_block_is_not_read_by_windows(run, ground, monkeypatch):
-    monkeypatch.setattr(dem_windows, "_MOST_BLOCK_BYTES", 200_000)
+    monkeypatch.setattr(dems, "_MOST_BLOCK_BYTES", 200_000)
     write("one.tif", np.zeros((300, 400), np.float32), tiled=False, blockysize=300)
     refused(run(f"plan one.tif {ENDS} {SMALL}"), "stored in blocks of 300 × 400 cells", "gdal_translate -of COG")
     assert run(f"plan ground.tif {ENDS} {SMALL}").code == 0

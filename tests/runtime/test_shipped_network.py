@@ -14,7 +14,7 @@ import pytest
 from nnpp_edge.runtime import NetworkModel, Plan, Planner, traversability_cost
 from nnpp_edge.runtime.network.model_file import model_path
 from nnpp_edge.runtime.region.map_view import MapView
-from nnpp_edge.terrain.shipped import sample_dem
+from nnpp_edge.terrain.dem import sample_dem
 from nnpp_edge.terrain.workloads import workload
 
 MAPS = (("moon_highlands", 0), ("moon_highlands", 256), ("earth_hummocks", 0), ("mars_victoria", 0))

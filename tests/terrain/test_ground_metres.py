@@ -9,8 +9,7 @@ import pytest
 import rasterio
 
 from nnpp_edge.runtime.terrain.traversability import traversability_cost
-from nnpp_edge.terrain.dem import read_dem
-from nnpp_edge.terrain.dem_windows import open_dem
+from nnpp_edge.terrain.dem import open_dem, read_dem
 from nnpp_edge.terrain.workloads import workload
 
 MARS, MOON = "IAU_2015:49900", "IAU_2015:30100"

@@ -16,8 +16,7 @@ from nnpp_edge.runtime.map.along import Along
 from nnpp_edge.terrain.coordinates import lonlat_of, lonlat_on_map
 from nnpp_edge.terrain.dem import Dem
 from nnpp_edge.terrain.georeference import Georeference
-from nnpp_edge.terrain.reach import Reach
-from nnpp_edge.terrain.route import Route, places_of
+from nnpp_edge.terrain.route import Reach, Route, places_of
 from nnpp_edge.terrain.vectors import VectorFileError, points_of
 
 UTM = "EPSG:32615"
