@@ -77,7 +77,8 @@ def staged(path: Path) -> Iterator[Path]:
         raise OutputError(f"{path}: could not be written ({reason(error)})") from error
     finally:
         signal.signal(signal.SIGTERM, before)
-        temporary.unlink(missing_ok=True)
+        with suppress(OSError):
+            temporary.unlink()
 
 
 def check_outputs(
