@@ -46,7 +46,7 @@ API = {  # page: its title, what it says first, and the modules or names it show
         "A robot that drives through the loop over ground that its map knows only roughly.",
         "simulation.scene simulation.simulate simulation.drive_picture",
     ),
-    "pictures": ("Pictures", "With OpenCV alone.", "viz.picture viz.reach_picture viz.profile_picture"),
+    "pictures": ("Pictures", "With OpenCV alone; figures with matplotlib.", "viz.picture viz.figures"),
     "profiling": (
         "Measuring",
         "What `nnpp-edge profile` and `evaluate` are made of.",

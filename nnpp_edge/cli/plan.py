@@ -85,7 +85,7 @@ def command(
 
 def _check_plot(name: str, output: Path | None) -> None:
     from nnpp_edge.runtime.errors import optional_module
-    from nnpp_edge.viz.profile_picture import ENDINGS
+    from nnpp_edge.viz.figures import PROFILE_ENDINGS as ENDINGS
 
     if name == _PROFILE and output is None:
         raise click.UsageError("--profile-plot needs a file's name, or -o for its folder")

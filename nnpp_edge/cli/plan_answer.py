@@ -218,7 +218,7 @@ class Answer:
         }
         if path.name in makers:
             return makers[path.name]()
-        from nnpp_edge.viz.profile_picture import profile_picture
+        from nnpp_edge.viz.figures import profile_picture
 
         legs = [len(crossings(leg.line)) - 1 for leg in (self.tour.legs if self.tour and self.plan.ok else ())]
         between = [sum(legs[:at]) for at in range(1, len(legs))]

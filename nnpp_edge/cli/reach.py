@@ -103,8 +103,7 @@ def command(
     from nnpp_edge.runtime.planners.query import problem_with
     from nnpp_edge.terrain.dem import raster_bytes
     from nnpp_edge.terrain.route import Reach
-    from nnpp_edge.viz.picture import png_bytes
-    from nnpp_edge.viz.reach_picture import reach_picture
+    from nnpp_edge.viz.picture import png_bytes, reach_picture
 
     terrain, limits = robot.read(dem), robot.limits()
     cost, cell = cost_of(terrain, limits), start.one_cell(terrain, "--start")

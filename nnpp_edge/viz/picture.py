@@ -1,4 +1,4 @@
-"""Pictures of cost maps and plans, with OpenCV alone, so that the onboard install can draw them.
+"""Pictures of cost maps, plans and what can be reached, with OpenCV alone, so that the onboard install can draw them.
 
 Grey is traversability cost, the whiter the costlier, as in the paper; impassable cells are dark brown.
 A picture is (H, W, 3) uint8 in OpenCV's order blue, green, red.
@@ -19,7 +19,7 @@ from nnpp_edge.runtime.errors import OutputError
 from nnpp_edge.runtime.map.along import Line
 from nnpp_edge.runtime.planners.plan import Plan
 from nnpp_edge.runtime.terrain.vehicle import Vehicle
-from nnpp_edge.viz.sheet import INK, Cells, Colour, MapDrawing, Picture, metres
+from nnpp_edge.viz.sheet import INK, Cells, Colour, Item, MapDrawing, Picture, metres
 
 Mask = NDArray[np.bool_]
 
@@ -30,10 +30,12 @@ OPTIMUM: Colour = (255, 90, 235)
 GRID: Colour = (150, 245, 255)
 BODY: Colour = (120, 255, 190)
 POINT: Colour = (255, 255, 255)
-_NO_STAND = 0.45
-"""How strongly cells are coloured where a vehicle stands in no heading."""
+_NO_STAND, _BAND = 0.45, 0.5
+"""How strongly cells are coloured where a vehicle stands in no heading, and bands of what can be reached."""
 _LIGHT = (315.0, 45.0)
 """Azimuth and height of the light of a hillshade, degrees."""
+_SHARP = 800
+"""Pixels of the longer side up to which a map is enlarged before bands are drawn on it."""
 
 
 class BodyDrawing(NamedTuple):
@@ -50,11 +52,17 @@ class BodyDrawing(NamedTuple):
 _NO_BODY = BodyDrawing(())
 
 
-def cost_picture(cost: Float2D) -> Picture:
-    """A cell a pixel: grey from 0 (black) to 1 (white); impassable cells, NaN or from 1 up, in dark brown."""
+def cost_picture(cost: Float2D, shade: NDArray[np.uint8] | None = None) -> Picture:
+    """A cell a pixel: grey from 0 (black) to 1 (white), or `shade`, (H, W) uint8 from `hillshade`, in its place.
+
+    Impassable cells, NaN or from 1 up, are dark brown.
+    """
     passable = cost < 1.0
-    grey = np.clip(np.where(passable, cost, 0.0) * 255.0, 0.0, 255.0).astype(np.uint8)
-    return with_obstacles(grey, passable)
+    if shade is None:
+        shade = np.clip(np.where(passable, cost, 0.0) * 255.0, 0.0, 255.0).astype(np.uint8)
+    picture = np.repeat(shade[..., None], 3, axis=2)
+    picture[~passable] = IMPASSABLE
+    return picture
 
 
 def hillshade(elevation: Float2D, cell_size_m: float, cell_width_m: float | None = None) -> NDArray[np.uint8]:
@@ -62,16 +70,17 @@ def hillshade(elevation: Float2D, cell_size_m: float, cell_width_m: float | None
 
     Heights are exaggerated so that the steepest tenth of the map stands out, but never flattened.
     """
-    rows, cols = (max(n, 2) for n in elevation.shape)  # np.gradient wants two
-    padded = np.pad(elevation, [(0, rows - elevation.shape[0]), (0, cols - elevation.shape[1])], mode="edge")
-    south, east = np.gradient(padded, cell_size_m, cell_width_m or cell_size_m)
-    tilt = np.hypot(south, east)[: elevation.shape[0], : elevation.shape[1]]
+    rows, cols = elevation.shape
+    padded = np.pad(elevation, [(0, max(2 - n, 0)) for n in (rows, cols)], mode="edge")  # np.gradient wants two
+    slopes = np.gradient(padded, cell_size_m, cell_width_m or cell_size_m)
+    south, east = (np.asarray(each)[:rows, :cols] for each in slopes)
+    tilt = np.hypot(south, east)
     steep = float(np.nanquantile(tilt, 0.9)) if np.isfinite(tilt).any() else 0.0
     gain = min(max(0.7 / max(steep, 1e-6), 1.0), 50.0)
     azimuth, height = (math.radians(angle) for angle in _LIGHT)
     toward = (math.cos(azimuth) * south - math.sin(azimuth) * east) * gain
-    light = (math.sin(height) + math.cos(height) * toward) / np.sqrt(1.0 + gain**2 * (south**2 + east**2))
-    light = np.nan_to_num(light, nan=math.sin(height))[: elevation.shape[0], : elevation.shape[1]]
+    light = (math.sin(height) + math.cos(height) * toward) / np.sqrt(1.0 + gain**2 * tilt**2)
+    light = np.nan_to_num(light, nan=math.sin(height))
     return np.asarray(40.0 + 205.0 * np.clip(light, 0.0, 1.0)).astype(np.uint8)
 
 
@@ -79,10 +88,7 @@ def cost_map_picture(cost: Float2D, *, cell_size_m: float | None = None, title: 
     """A cost map (H, W) above a colour bar, a scale and the key to impassable cells; the title is ASCII."""
     drawing = MapDrawing(cost_picture(cost))
     items = [drawing.text_item(title)] if title else []
-    items.append(drawing.grey_bar())
-    if not (cost < 1.0).all():
-        items.append(drawing.swatch(IMPASSABLE, "impassable"))
-    return drawing.finish([items + drawing.scale(cell_size_m)])
+    return drawing.finish([[*items, drawing.grey_bar(), *_impassable(drawing, cost), *drawing.scale(cell_size_m)]])
 
 
 def plan_picture(
@@ -113,73 +119,81 @@ def plan_picture(
     cell_size_m, length_m : float
         For the scale and the legend; without a length it gives that in cells.
     """
-    regions = [
-        (region, strength, words)
-        for region, strength, words in (
-            (plan.network_region, 0.2, "network's region"),
-            (plan.region, 0.42, "region searched"),
-        )
-        if region is not None
-    ]
-    passable = cost < 1.0
-    ground = cost_picture(cost) if shade is None else with_obstacles(shade, passable)
-    if body.stands is not None:
-        mask = passable & ~body.stands
-        ground[mask] = mixed(ground[mask], _NO_STAND, IMPASSABLE)
-    for region, strength, _ in regions:
-        mask = region.mask() & passable
-        ground[mask] = mixed(ground[mask], strength)
+    ground, passable = cost_picture(cost, shade), cost < 1.0
+    regions = ((plan.network_region, 0.2, "network's region"), (plan.region, 0.42, "region searched"))
+    tints = [(region.mask(), strength, REGION, words) for region, strength, words in regions if region is not None]
+    if body.stands is not None and not body.stands.all():
+        tints.insert(0, (~body.stands, _NO_STAND, IMPASSABLE, "stands in no heading"))
+    for mask, strength, colour, _ in tints:
+        mask &= passable
+        ground[mask] = _mixed(ground[mask], strength, colour)
     drawing = MapDrawing(ground)
-    keys = []
+    freed = plan.line is not plan.path
+    lines: list[tuple[Line | None, Colour, float, str]] = [
+        (plan.line, PATH, 4.0, "path freed from the grid" if freed else "path"),
+        (plan.path if freed else None, GRID, 1.5, "path of the grid"),
+        (reference_path, OPTIMUM, 2.0, "exact optimum"),
+        (body.point_path, POINT, 2.0, "path of a point"),
+    ]
+    drawn = [(line, colour, width, words) for line, colour, width, words in lines if line is not None and len(line)]
     # the optimum lies on the path, thinner, and its rim below: both are seen where they agree
-    lines: list[tuple[Line, Colour, float, bool]] = [(plan.line, PATH, 4.0, False)]
-    if freed := plan.line is not plan.path:
-        lines.append((plan.path, GRID, 1.5, True))
-    if reference_path is not None:
-        lines.append((reference_path, OPTIMUM, 2.0, True))
-    if body.point_path is not None:
-        lines.append((body.point_path, POINT, 2.0, True))
-    lines = [line for line in lines if len(line[0])]
-    for rim in (True, False):
-        for path, colour, width, dashed in reversed(lines) if rim else lines:
-            drawing.line(path, INK if rim else colour, width + 2.0 * rim, dashed)
+    for line, colour, width, _ in reversed(drawn):
+        drawing.line(line, INK, width + 2.0, dashed=colour != PATH)
+    for line, colour, width, _ in drawn:
+        drawing.line(line, colour, width, dashed=colour != PATH)
     for outline in body.outlines:
         drawing.line(outline, INK, 2.5)
         drawing.line(outline, BODY, 1.2)
-    if len(plan.path):
-        keys.append(drawing.line_key(PATH, "path freed from the grid" if freed else "path"))
-        start = start or (int(plan.path[0, 0]), int(plan.path[0, 1]))
-        goal = goal or (int(plan.path[-1, 0]), int(plan.path[-1, 1]))
-    if freed:
-        keys.append(drawing.line_key(GRID, "path of the grid", dashed=True))
-    if len(body.outlines):
-        keys.append(drawing.line_key(BODY, "vehicle"))
-    if reference_path is not None and len(reference_path):
-        keys.append(drawing.line_key(OPTIMUM, "exact optimum", dashed=True))
-    if body.point_path is not None and len(body.point_path):
-        keys.append(drawing.line_key(POINT, "path of a point", dashed=True))
+    ends = [(int(row), int(col)) for row, col in plan.path[[0, -1]]] if len(plan.path) else [None, None]
+    keys: list[Item] = []
     for number, stop in enumerate(via, 1):
         drawing.numbered(drawing.at(stop), str(number))
-    if via:
-        keys.insert(0, drawing.symbol_key(lambda middle: drawing.numbered(middle, "1"), "by way of"))
-    if goal is not None:
-        drawing.star(drawing.at(goal))
-        keys.insert(0, drawing.symbol_key(drawing.star, "goal"))
-    if start is not None:
-        drawing.square(drawing.at(start))
-        keys.insert(0, drawing.symbol_key(drawing.square, "start"))
-    middling = 190 if shade is not None else 90
-    for _, strength, words in regions:
-        keys.append(drawing.swatch(tuple(mixed(np.full(3, middling, np.uint8), strength).tolist()), words))
-    if body.stands is not None and not body.stands.all():
-        tint = mixed(np.full(3, middling, np.uint8), _NO_STAND, IMPASSABLE)
-        keys.append(drawing.swatch(tuple(tint.tolist()), "stands in no heading"))
-    if not passable.all():
-        keys.append(drawing.swatch(IMPASSABLE, "impassable"))
-    if shade is None:
-        keys.append(drawing.grey_bar())
+    symbols = ((start or ends[0], drawing.square, "start"), (goal or ends[1], drawing.star, "goal"))
+    for cell, symbol, name in reversed(symbols):
+        if cell is not None:
+            symbol(drawing.at(cell))
+            keys.insert(0, drawing.symbol_key(symbol, name))
+    keys += [drawing.symbol_key(drawing.numbered, "by way of")] if via else []
+    keys += [drawing.line_key(colour, words, dashed=colour != PATH) for _, colour, _, words in drawn]
+    keys += [drawing.line_key(BODY, "vehicle")] if len(body.outlines) else []
+    keys += [_tint_key(drawing, shade, strength, colour, words) for _, strength, colour, words in tints]
+    keys += [*_impassable(drawing, cost), *([drawing.grey_bar()] if shade is None else [])]
     facts = [drawing.text_item(text) for text in _facts(plan, length_m)]
     return drawing.finish([keys, facts + drawing.scale(cell_size_m)])
+
+
+def reach_picture(
+    cost: Float2D,
+    field: Float2D,
+    levels: Sequence[tuple[float, str]],
+    start: tuple[int, int],
+    *,
+    shade: NDArray[np.uint8] | None = None,
+    cell_size_m: float | None = None,
+) -> Picture:
+    """Bands of what can be reached at what cost, the nearest first, on the cost or the relief.
+
+    `field` is (H, W) float32, the cost of getting to each cell, inf where that is not possible; `levels` say where
+    each band ends, ascending, and what the legend says of it (ASCII); `shade` is as of `plan_picture`.
+    """
+    ground = cost_picture(cost, shade)
+    band = np.searchsorted([level for level, _ in levels], field)
+    places = np.array([[round(255 * (at + 0.5) / len(levels)) for at in range(len(levels))]], np.uint8)
+    colours = cv2.applyColorMap(places, cv2.COLORMAP_PLASMA)[0].tolist()  # along a scale from dark to light
+    for at, colour in enumerate(colours):
+        ground[band == at] = _mixed(ground[band == at], _BAND, colour)
+    fine = math.ceil(_SHARP / max(cost.shape))  # pixels to a cell, so that lines between bands are thinner than cells
+    ground, band = ground.repeat(fine, 0).repeat(fine, 1), band.repeat(fine, 0).repeat(fine, 1)
+    edges = np.zeros(band.shape, bool)
+    edges[:-1] |= band[:-1] != band[1:]
+    edges[:, :-1] |= band[:, :-1] != band[:, 1:]
+    ground[edges & (cost < 1.0).repeat(fine, 0).repeat(fine, 1)] = INK
+    drawing = MapDrawing(ground)
+    drawing.square(drawing.at((start[0] * fine + fine // 2, start[1] * fine + fine // 2)))
+    keys = [drawing.symbol_key(drawing.square, "start")]
+    keys += [_tint_key(drawing, shade, _BAND, c, words) for c, (_, words) in zip(colours, levels, strict=True)]
+    keys += _impassable(drawing, cost)
+    return drawing.finish([keys, drawing.scale(None if cell_size_m is None else cell_size_m / fine)])
 
 
 def body_outlines(path: Cells, vehicle: Vehicle, sides_m: tuple[float, float]) -> list[NDArray[np.float64]]:
@@ -191,7 +205,14 @@ def body_outlines(path: Cells, vehicle: Vehicle, sides_m: tuple[float, float]) -
         return []
     steps = np.diff(path, axis=0) * sides_m
     along = np.concatenate(([0.0], np.cumsum(np.hypot(*steps.T))))
-    shape = _outline(vehicle)
+    # metres ahead of the body's middle and to its left: from the front's middle around, and to the middle
+    if vehicle.radius_m is not None:
+        turns = np.linspace(0.0, 2.0 * math.pi, 33)
+        around = vehicle.radius_m * np.column_stack((np.cos(turns), np.sin(turns)))
+    else:
+        corners = np.array([(1, 0), (1, 1), (-1, 1), (-1, -1), (1, -1), (1, 0)])
+        around = corners * (vehicle.length_m / 2.0, vehicle.width_m / 2.0)
+    shape = np.concatenate((around, np.zeros((1, 2))))
     count = min(max(int(along[-1] / (4.0 * shape[:, 0].max())), 1), 100)
     outlines = []
     for at in np.searchsorted(along, np.linspace(0.0, along[-1], count + 1)).tolist():
@@ -200,17 +221,6 @@ def body_outlines(path: Cells, vehicle: Vehicle, sides_m: tuple[float, float]) -
         left = np.array((-ahead[1], ahead[0]))  # rows go down
         outlines.append(path[at] + (shape @ np.array((ahead, left))) / sides_m)
     return outlines
-
-
-def _outline(vehicle: Vehicle) -> NDArray[np.float64]:
-    """(N, 2) metres ahead of the body's middle and to its left: from the front's middle around, and to the middle."""
-    if vehicle.radius_m is not None:
-        turns = np.linspace(0.0, 2.0 * math.pi, 33)
-        around = vehicle.radius_m * np.column_stack((np.cos(turns), np.sin(turns)))
-    else:
-        corners = np.array([(1, 0), (1, 1), (-1, 1), (-1, -1), (1, -1), (1, 0)])
-        around = corners * (vehicle.length_m / 2.0, vehicle.width_m / 2.0)
-    return np.concatenate((around, np.zeros((1, 2))))
 
 
 def png_bytes(picture: Picture) -> bytes:
@@ -245,12 +255,18 @@ def _number(x: float) -> str:
     return f"{x:.0f}" if x >= 1000.0 else f"{x:.4g}"
 
 
-def with_obstacles(grey: NDArray[np.uint8], passable: Mask) -> Picture:
-    picture = np.repeat(grey[..., None], 3, axis=2)
-    picture[~passable] = IMPASSABLE
-    return picture
+def _impassable(drawing: MapDrawing, cost: Float2D) -> list[Item]:
+    return [] if (cost < 1.0).all() else [drawing.swatch(IMPASSABLE, "impassable")]
 
 
-def mixed(ground: NDArray[np.uint8], strength: float, colour: Colour = REGION) -> NDArray[np.uint8]:
+def _tint_key(
+    drawing: MapDrawing, shade: NDArray[np.uint8] | None, strength: float, colour: Colour, words: str
+) -> Item:
+    """A key: a colour laid over ground of middling lightness."""
+    ground = np.full(3, 90 if shade is None else 190, np.uint8)
+    return drawing.swatch(tuple(_mixed(ground, strength, colour).tolist()), words)
+
+
+def _mixed(ground: NDArray[np.uint8], strength: float, colour: Colour) -> NDArray[np.uint8]:
     """A colour laid over the ground, which shows through."""
     return ((1.0 - strength) * ground + strength * np.array(colour)).astype(np.uint8)

@@ -6,7 +6,7 @@ other.
 
 import math
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass
+from typing import NamedTuple
 
 import cv2
 import numpy as np
@@ -16,6 +16,7 @@ Picture = NDArray[np.uint8]
 Cells = NDArray[np.int32]
 Colour = tuple[int, int, int]
 """Blue, green, red."""
+Point = tuple[float, float]
 
 START: Colour = (0, 215, 255)
 GOAL: Colour = (30, 20, 225)
@@ -27,10 +28,11 @@ _SHORTEST_M, _LONGEST_M = 1e-12, 1e12
 """Sides of cells between which a bar of a round length can be drawn."""
 _SHIFT = 4
 """Points are drawn to 1/16 pixel."""
+_FONT = cv2.FONT_HERSHEY_SIMPLEX
+_TURN = np.linspace(0.0, 2.0 * math.pi, 33)
 
 
-@dataclass(frozen=True)
-class Item:
+class Item(NamedTuple):
     """A symbol and its words, in the strip below the map."""
 
     width: float
@@ -44,10 +46,8 @@ class MapDrawing:
     def __init__(self, ground: Picture) -> None:
         rows, cols = ground.shape[:2]
         longest = max(rows, cols)
-        if longest < _SMALL:
-            factor = float(math.ceil(_SMALL / longest))
-            how = cv2.INTER_NEAREST
-        else:
+        factor, how = float(math.ceil(_SMALL / longest)), cv2.INTER_NEAREST
+        if longest >= _SMALL:
             factor, how = min(1.0, _LARGE / longest), cv2.INTER_AREA
         height, width = max(1, round(rows * factor)), max(1, round(cols * factor))
         if factor != 1.0:
@@ -62,58 +62,51 @@ class MapDrawing:
         self.picture[self.margin : self.margin + height, self.left : self.left + width] = ground
         self._cells_across = cols * across / width
 
-    def at(self, cell: tuple[int, int]) -> tuple[float, float]:
+    def at(self, cell: tuple[int, int]) -> Point:
         """Where the middle of a cell lies, (x, y)."""
-        x, y = self._points(np.array([cell]))[0]
-        return float(x), float(y)
+        x, y = self._points(np.array([cell]))[0].tolist()
+        return x, y
 
     def _points(self, cells: NDArray[np.generic]) -> NDArray[np.float64]:
         rows, cols = (cells.astype(np.float64) + 0.5).T
-        x, y = cols * self.sides[1] - 0.5 + self.left, rows * self.sides[0] - 0.5 + self.margin
-        return np.column_stack([x, y])
+        return np.column_stack([cols * self.sides[1] - 0.5 + self.left, rows * self.sides[0] - 0.5 + self.margin])
 
     def line(self, cells: NDArray[np.generic], colour: Colour, width: float, dashed: bool = False) -> None:
         """A path, `width` points wide."""
         self._stroke(self._points(cells), colour, width, dashed)
 
-    def square(self, middle: tuple[float, float]) -> None:
+    def square(self, middle: Point) -> None:
         """The start's symbol."""
-        corners = np.array([(-1, -1), (1, -1), (1, 1), (-1, 1)]) * 6.5
-        self._polygon(corners, middle, START)
+        self._polygon(np.array([(-1, -1), (1, -1), (1, 1), (-1, 1)]) * 6.5, middle, START)
 
-    def star(self, middle: tuple[float, float]) -> None:
+    def star(self, middle: Point) -> None:
         """The goal's symbol."""
         turns = np.arange(10) * math.pi / 5
         radii = np.where(np.arange(10) % 2, 4.4, 11.0)
         self._polygon(np.column_stack([np.sin(turns), -np.cos(turns)]) * radii[:, None], middle, GOAL)
 
-    def numbered(self, middle: tuple[float, float], number: str) -> None:
+    def numbered(self, middle: Point, number: str = "1") -> None:
         """A place between start and goal, by its number."""
-        around = np.linspace(0.0, 2.0 * math.pi, 33)
-        self._polygon(np.column_stack((np.cos(around), np.sin(around))) * 9.0, middle, PAPER)
+        self._polygon(np.column_stack((np.cos(_TURN), np.sin(_TURN))) * 9.0, middle, PAPER)
         self._text(number, middle[0] - 0.5 * self._text_width(number), middle[1])
 
     def swatch(self, colour: Colour, words: str) -> Item:
         """A key: a patch of colour."""
-
-        def draw(x: float, y: float) -> None:
-            corners = np.array([(0, -7), (22, -7), (22, 7), (0, 7)])
-            self._polygon(corners, (x, y), colour)
-
-        return self._key(22.0, draw, words)
+        corners = np.array([(0, -7), (22, -7), (22, 7), (0, 7)])
+        return self._key(22.0, lambda x, y: self._polygon(corners, (x, y), colour), words)
 
     def line_key(self, colour: Colour, words: str, dashed: bool = False) -> Item:
         """A key: a piece of line."""
+        width = 2.0 if dashed else 4.0
 
         def draw(x: float, y: float) -> None:
             ends = np.array([(x, y), (x + 30 * self.unit, y)])
-            width = 2.0 if dashed else 4.0
             self._stroke(ends, INK, width + 2.0, dashed)
             self._stroke(ends, colour, width, dashed)
 
         return self._key(30.0, draw, words)
 
-    def symbol_key(self, symbol: Callable[[tuple[float, float]], None], words: str) -> Item:
+    def symbol_key(self, symbol: Callable[[Point], None], words: str) -> Item:
         """A key: start or goal."""
         return self._key(18.0, lambda x, y: symbol((x + 9 * self.unit, y)), words)
 
@@ -122,10 +115,9 @@ class MapDrawing:
 
         def draw(x: float, y: float) -> None:
             width, half = round(150 * self.unit), round(7 * self.unit)
-            left, middle = round(x), round(y)
-            ramp = np.linspace(0, 255, width).astype(np.uint8)[None, :, None]
-            self.picture[middle - half : middle + half, left : left + width] = ramp
-            cv2.rectangle(self.picture, (left, middle - half), (left + width, middle + half), INK, 1)
+            left, top = round(x), round(y) - half
+            self.picture[top : top + 2 * half, left : left + width] = np.linspace(0, 255, width)[:, None]
+            cv2.rectangle(self.picture, (left, top), (left + width, top + 2 * half), INK, 1)
 
         return self._key(150.0, draw, "traversability cost, 0 to 1")
 
@@ -136,15 +128,13 @@ class MapDrawing:
         most = 0.22 * self._cells_across * cell_size_m
         decade = 10.0 ** math.floor(math.log10(most))
         length_m = max(n * decade for n in (1, 2, 5) if n * decade <= most)
-        pixels = length_m / cell_size_m * self.sides[1]
+        right = length_m / cell_size_m * self.sides[1] / self.unit
+        bar = np.array([(0, -5), (0, 5), (0, 0), (right, 0), (right, -5), (right, 5)])
 
         def draw(x: float, y: float) -> None:
-            right = pixels / self.unit
-            ends = np.array([(0, -5), (0, 5), (0, 0), (right, 0), (right, -5), (right, 5)])
-            points = self._fixed(np.array([x, y]) + ends * self.unit)
-            cv2.polylines(self.picture, [points], False, INK, round(1.5 * self.unit), cv2.LINE_AA, _SHIFT)
+            self._stroke(np.array([x, y]) + bar * self.unit, INK, 1.5)
 
-        return [self._key(pixels / self.unit, draw, metres(length_m))]
+        return [self._key(right, draw, metres(length_m))]
 
     def text_item(self, words: str) -> Item:
         """Words alone."""
@@ -182,27 +172,25 @@ class MapDrawing:
         return Item(beside + self._text_width(words), draw)
 
     def _text_width(self, words: str) -> float:
-        return float(cv2.getTextSize(words, cv2.FONT_HERSHEY_SIMPLEX, 0.5 * self.unit, 1)[0][0])
+        return float(cv2.getTextSize(words, _FONT, 0.5 * self.unit, 1)[0][0])
 
     def _text(self, words: str, x: float, y: float) -> None:
-        place = (round(x), round(y + 5 * self.unit))
-        font, weight = cv2.FONT_HERSHEY_SIMPLEX, max(1, round(0.7 * self.unit))
-        cv2.putText(self.picture, words, place, font, 0.5 * self.unit, INK, weight, cv2.LINE_AA)
+        place, weight = (round(x), round(y + 5 * self.unit)), max(1, round(0.7 * self.unit))
+        cv2.putText(self.picture, words, place, _FONT, 0.5 * self.unit, INK, weight, cv2.LINE_AA)
 
-    def _polygon(self, corners: NDArray[np.generic], middle: tuple[float, float], colour: Colour) -> None:
-        points = self._fixed(np.array(middle) + corners * self.unit)
-        cv2.fillPoly(self.picture, [points], colour, cv2.LINE_AA, _SHIFT)
-        cv2.polylines(self.picture, [points], True, INK, max(1, round(self.unit)), cv2.LINE_AA, _SHIFT)
+    def _polygon(self, corners: NDArray[np.generic], middle: Point, colour: Colour) -> None:
+        points = np.array(middle) + corners * self.unit
+        cv2.fillPoly(self.picture, [_fixed(points)], colour, cv2.LINE_AA, _SHIFT)
+        self._stroke(np.vstack((points, points[:1])), INK, 1.0)
 
-    def _stroke(self, points: NDArray[np.float64], colour: Colour, width: float, dashed: bool) -> None:
+    def _stroke(self, points: NDArray[np.float64], colour: Colour, width: float, dashed: bool = False) -> None:
         pieces = _dashes(points, 10 * self.unit, 9 * self.unit) if dashed else [points]
         thickness = max(1, round(width * self.unit))
-        fixed = [self._fixed(piece) for piece in pieces]
-        cv2.polylines(self.picture, fixed, False, colour, thickness, cv2.LINE_AA, _SHIFT)
+        cv2.polylines(self.picture, [*map(_fixed, pieces)], False, colour, thickness, cv2.LINE_AA, _SHIFT)
 
-    @staticmethod
-    def _fixed(points: NDArray[np.float64]) -> Cells:
-        return np.asarray(np.rint(points * 2**_SHIFT), np.int32)
+
+def _fixed(points: NDArray[np.float64]) -> Cells:
+    return np.asarray(np.rint(points * 2**_SHIFT), np.int32)
 
 
 def _dashes(points: NDArray[np.float64], dash: float, gap: float) -> Iterator[NDArray[np.float64]]:
@@ -210,8 +198,7 @@ def _dashes(points: NDArray[np.float64], dash: float, gap: float) -> Iterator[ND
     along = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(points, axis=0).T))])
     for begin in np.arange(0.0, max(along[-1], 1e-9), dash + gap):
         end = min(begin + dash, along[-1])
-        inside = along[(along > begin) & (along < end)]
-        stops = np.concatenate([[begin], inside, [end]])
+        stops = np.concatenate([[begin], along[(along > begin) & (along < end)], [end]])
         yield np.column_stack([np.interp(stops, along, points[:, axis]) for axis in (0, 1)])
 
 
