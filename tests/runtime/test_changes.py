@@ -249,3 +249,8 @@ def test_costs_that_rise_leave_the_bound_and_what_is_far_off_saves_nothing():
     path, _, put = standing_on(cost, (0, 0), (0, 59))
     put(29, 0, 0.2)  # opened, but the way over it costs more
     assert path.check((0, 0)).added == 0.0
+    cost = np.zeros((6, 6), np.float32)
+    cost[2, 3] = np.inf
+    path, plan, put = standing_on(cost, (0, 0), (5, 5), corner_cutting=False)
+    put(2, 3, 0.0)  # opened, which frees a diagonal step beside it
+    assert path.check((0, 0)).lower_bound <= 5 * math.sqrt(2.0) + 1e-5 < plan.cost
