@@ -73,7 +73,7 @@ tiny (float[1, 3, 64, 64] input) => (float[1, 1, 8, 8] probability)
 """From the distances to start and to goal, read off Gaussians of a quarter of the map."""
 
 
-def write_tiny_model(path: Path, **changes: Any) -> Path:
+def write_tiny_model(path: Path, text: str = TINY_MODEL, **changes: Any) -> Path:
     """An ONNX model of the paper's kind without a single weight to train; `changes` go to its metadata.
 
     Its probability is high on the straight line between start and goal and falls off to the sides, and it is
@@ -83,8 +83,9 @@ def write_tiny_model(path: Path, **changes: Any) -> Path:
 
     from nnpp_edge.runtime.network.model_file import METADATA_KEY, ModelMetadata
 
-    model = parser.parse_model(TINY_MODEL)
-    checker.check_model(model)
+    model = parser.parse_model(text)
+    if text == TINY_MODEL:
+        checker.check_model(model)
     metadata: dict[str, Any] = {
         "name": "tiny",
         "architecture": "nnpp",
@@ -110,7 +111,7 @@ def tiny_model(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.fixture
 def make_tiny_model(tmp_path: Path) -> Callable[..., Path]:
-    """Write the tiny network with metadata of one's own."""
+    """Write the tiny network with metadata, or a graph's text, of one's own."""
     return lambda **changes: write_tiny_model(tmp_path / "changed.onnx", **changes)
 
 

@@ -11,6 +11,7 @@ from onnx import TensorProto, helper
 from nnpp_edge.runtime import NetworkModel
 from nnpp_edge.runtime.errors import ModelError
 from nnpp_edge.runtime.network.model_file import METADATA_KEY, ModelMetadata, read_model_file
+from tests.conftest import TINY_MODEL
 
 
 def test_a_model_answers_with_probabilities_of_its_blocks(network):
@@ -34,14 +35,6 @@ def refusal(path):
     return message
 
 
-def value(name, kind=TensorProto.FLOAT, shape=()):
-    return helper.make_tensor_value_info(name, kind, shape)
-
-
-def constant(name, number, kind=TensorProto.INT64, shape=()):
-    return helper.make_tensor(name, kind, shape, [number])
-
-
 def changed(path, change):
     """The model of a file, changed in place."""
     model = onnx.load(path)
@@ -50,61 +43,49 @@ def changed(path, change):
     return path
 
 
-def with_node(path, *nodes):
-    """The tiny model with nodes more, and what they need."""
-
-    def add(model):
-        needed = constant("yes", True, TensorProto.BOOL), constant("zero", 0, TensorProto.FLOAT)
-        model.graph.initializer.extend(needed)
-        model.graph.node.extend(nodes)
-
-    return changed(path, add)
-
-
-def endless_loop():
-    """A node that counts while true stays true."""
-    body = helper.make_graph(
-        [helper.make_node("Identity", ["go"], ["on"]), helper.make_node("Identity", ["sum"], ["more"])],
-        "body",
-        [value("count", TensorProto.INT64), value("go", TensorProto.BOOL), value("sum")],
-        [value("on", TensorProto.BOOL), value("more")],
+def with_nodes(nodes):
+    """The tiny model's text with nodes more before its own, and what they need."""
+    text = TINY_MODEL.replace(
+        "<float least", "<bool yes = {1}, float zero = {0}, float[1] one_cell = {1}, float least"
     )
-    return helper.make_node("Loop", ["", "yes", "zero"], ["ever"], body=body)
+    return text.replace("{\n    cost,", f"{{\n    {nodes}\n    cost,")
 
 
-def branch(depth):
+ENDLESS = """out = Loop ("", yes, zero) <body = counting (int64 count, bool go, float sum) => (bool on, float more)
+    { on = Identity (go) more = Identity (sum) }>"""
+
+
+def branches(inner, depth=1):
     """An `If` whose branches hold an `If` and so on."""
-    inner = helper.make_node("Identity", ["zero"], ["out"]) if depth == 0 else branch(depth - 1)
-    graph = helper.make_graph([inner], "branch", [], [value("out")])
-    return helper.make_node("If", ["yes"], ["out"], then_branch=graph, else_branch=graph)
+    for _ in range(depth):
+        ways = (f"{way}_branch = {way} () => (float out) {{ {inner} }}" for way in ("then", "else"))
+        inner = f"out = If (yes) <{', '.join(ways)}>"
+    return inner
 
 
-def test_a_loop_is_refused_before_it_can_hang_and_branches_are_not_read_without_end(make_tiny_model):
-    assert "the operator 'Loop', which may run forever" in refusal(with_node(make_tiny_model(), endless_loop()))
-    inside = helper.make_graph([endless_loop()], "branch", [], [value("ever")])
-    hidden = helper.make_node("If", ["yes"], ["out"], then_branch=inside, else_branch=inside)
-    assert "'Loop'" in refusal(with_node(make_tiny_model(), hidden))
-    NetworkModel(with_node(make_tiny_model(), branch(3)))
-    assert "nested more than 8 deep" in refusal(with_node(make_tiny_model(), branch(9)))
+def test_graphs_that_may_not_end_or_are_not_read_are_refused(make_tiny_model):
+    twice = '\n<domain: "own", opset_import: ["" : 18]> Twice (a) => (b) { b = Identity (a) }'
+    for text, words in (
+        (with_nodes(ENDLESS), "the operator 'Loop', which may run forever"),
+        (with_nodes(branches(ENDLESS)), "'Loop'"),
+        (with_nodes(branches("out = Identity (zero)", 10)), "nested more than 8 deep"),
+        (TINY_MODEL + twice, "functions of its own"),
+    ):
+        assert words in refusal(make_tiny_model(text=text))
+    NetworkModel(make_tiny_model(text=with_nodes(branches("out = Identity (zero)", 4))))
 
 
-def test_functions_sparse_tensors_and_tensors_in_other_files_are_refused(make_tiny_model):
-    def with_function(model):
-        node = helper.make_node("Identity", ["a"], ["b"])
-        model.functions.append(helper.make_function("own", "Twice", ["a"], ["b"], [node], model.opset_import))
-
+def test_sparse_tensors_and_tensors_in_other_files_are_refused(make_tiny_model):
     def with_sparse(model):
-        parts = constant("s", 1.0, TensorProto.FLOAT, (1,)), constant("i", 0, shape=(1,))
+        parts = [helper.make_tensor(kind[0], kind[1], (1,), [0]) for kind in (("s", 1), ("i", TensorProto.INT64))]
         model.graph.sparse_initializer.append(helper.make_sparse_tensor(*parts, [4]))
 
-    assert "functions of its own" in refusal(changed(make_tiny_model(), with_function))
     assert "sparse tensors" in refusal(changed(make_tiny_model(), with_sparse))
     for attribute in (False, True):
 
         def with_file(model, attribute=attribute):
-            tensor = (
-                TensorProto(name="told", data_type=TensorProto.FLOAT) if attribute else model.graph.initializer[0]
-            )
+            told = TensorProto(name="told", data_type=TensorProto.FLOAT)
+            tensor = told if attribute else model.graph.initializer[0]
             tensor.ClearField("float_data")
             tensor.raw_data = b"\0\0\0\0"
             onnx.external_data_helper.set_external_data(tensor, location="weights")
@@ -118,20 +99,12 @@ def test_functions_sparse_tensors_and_tensors_in_other_files_are_refused(make_ti
 
 
 def test_a_graph_that_fails_while_it_answers_is_one_line(make_tiny_model, nnpp_edge, tmp_path):
-    def failing(model):
-        single = constant("far_away", 1.0, TensorProto.FLOAT, (1,))
-        model.graph.initializer.extend([constant("far", 99.0, TensorProto.FLOAT), single])
-        model.graph.node[-1].output[0] = "almost"
-        for operator, given, made, options in (
-            ("ReduceMax", ["input"], "most", {"keepdims": 0}),
-            ("Add", ["most", "far"], "index", {}),
-            ("Cast", ["index"], "whole", {"to": TensorProto.INT64}),
-            ("Gather", ["far_away", "whole"], "none", {}),
-            ("Add", ["almost", "none"], "probability", {}),
-        ):
-            model.graph.node.append(helper.make_node(operator, given, [made], **options))
-
-    path = changed(make_tiny_model(), failing)
+    beyond = """most = ReduceMax <keepdims = 0> (input)
+    index = Add (most, minus)
+    whole = Cast <to = 7> (index)
+    none = Gather (one_cell, whole)"""
+    text = with_nodes(beyond).replace("probability = Average", "almost = Average")
+    path = make_tiny_model(text=text.replace("(fine)", "(fine)\n    probability = Add (almost, none)"))
     with pytest.raises(ModelError, match="got one whose graph fails ") as caught:
         NetworkModel(path).try_out()
     assert "\n" not in str(caught.value)
