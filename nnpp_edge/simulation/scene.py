@@ -16,7 +16,7 @@ from nnpp_edge.runtime.loop.messages import Goal, Input, MapPatch, PathMessage, 
 from nnpp_edge.runtime.map.ground import Ground
 from nnpp_edge.runtime.map.step_cost import StepCost
 from nnpp_edge.runtime.planners.planner import Planner
-from nnpp_edge.simulation.robots import Robot, robot_on
+from nnpp_edge.simulation.robots import Robot
 from nnpp_edge.terrain.obstacles import CLEAR, Obstacles
 
 
@@ -54,7 +54,7 @@ class SurveyedGround:
     @cached_property
     def robot(self) -> Robot:
         """The robot that drives on it."""
-        return robot_on(self.ground)
+        return Robot(self.ground)
 
     @property
     def true(self) -> Float2D:
@@ -162,8 +162,7 @@ class Scene:
         """Along the path, while the next step is truly free."""
         at = np.flatnonzero((self.path == self.robot).all(axis=1))
         ahead = self.path[at[0] : at[0] + 1 + self._speed] if len(at) else self.path[:1]
-        free = self.ground.robot.steps(self.now, ahead) if len(ahead) > 1 else np.empty(0, np.bool_)
-        count = int(free.cumprod().sum())
+        count = self.ground.robot.steps(self.now, ahead) if len(ahead) > 1 else 0
         for row, col in ahead[1 : 1 + count].tolist():
             self.robot = (row, col)
             self.driven.append(self.robot)
@@ -182,7 +181,7 @@ def walkable(robot: Robot, path: NDArray[np.int32], values: Float2D, goal: Cell 
         return False
     if not ((path >= 0) & (path < values.shape)).all() or (np.abs(np.diff(path, axis=0)).max(axis=1) != 1).any():
         return False
-    return robot.stands(values, tuple(path[0].tolist())) and bool(robot.steps(values, path).all())
+    return robot.stands(values, tuple(path[0].tolist())) and robot.steps(values, path) == len(path) - 1
 
 
 def _blurred(elevation: Float2D, sigma: float) -> Float2D:
