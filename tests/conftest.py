@@ -22,7 +22,7 @@ LONGEST_FILES = (
     "test_profile.py",
     "test_main.py",
 )
-SLOW_FOLDERS = ("calibrate", "export", "model", "reproduction", "training")
+SLOW_FOLDERS = ("reproduction", "training")
 SLOW_FILES = ("test_dataset.py", "test_dataset_cluster.py", "test_kernel_cache.py", "test_run.py", "test_warmup.py")
 TINY_SIDE = 64
 settings.register_profile("tests", deadline=None, max_examples=50, suppress_health_check=list(HealthCheck))

@@ -1,5 +1,54 @@
-"""The small data set and network of `tests.networks`."""
+"""A small data set and a small network, made once in a run of the tests."""
 
-from tests.networks import dataset, one_thread, samples, trained
+from dataclasses import replace
+from types import SimpleNamespace
 
-__all__ = ["dataset", "one_thread", "samples", "trained"]
+import pytest
+import torch
+
+from nnpp_edge.export.to_onnx import export_network
+from nnpp_edge.model.registry import Spec
+from nnpp_edge.terrain.dataset import make_dataset, read_samples
+from nnpp_edge.terrain.shards import Recipe
+from nnpp_edge.training.checkpoint import load_checkpoint
+from nnpp_edge.training.train import TrainSettings, train
+
+RECIPE = Recipe((), maps=28, size=64, blocks=16, maps_per_shard=28, poolings=((1, 1.0),))
+SMALL = Spec("edge", 64, options={"widths": (16, 16, 16, 16), "stem": 16})
+VALIDATED_AFTER = (1, 11, 12)
+"""Epochs after which the training of `SMALL` is stopped, validated and resumed."""
+
+
+@pytest.fixture(scope="session", autouse=True)
+def one_thread():
+    """Networks this small lose more by torch's threads than they gain."""
+    threads = torch.get_num_threads()
+    torch.set_num_threads(1)
+    yield
+    torch.set_num_threads(threads)
+
+
+@pytest.fixture(scope="session")
+def dataset(tmp_path_factory):
+    """A small data set's folder."""
+    folder = tmp_path_factory.mktemp("small") / "dataset"
+    make_dataset(RECIPE, folder, workers=1)
+    return folder
+
+
+@pytest.fixture(scope="session")
+def samples(dataset):
+    """All of the small data set."""
+    return read_samples(dataset)
+
+
+@pytest.fixture(scope="session")
+def trained(samples, tmp_path_factory):
+    """`SMALL` after some epochs on the data set: the run's `folder`, and the fp32 model exported as `onnx`."""
+    folder = tmp_path_factory.mktemp("run")
+    settings = TrainSettings(batch=16, warmup_steps=5, learning_rate=1e-2, average_decay=0.9)
+    for epochs in VALIDATED_AFTER:
+        until = replace(settings, epochs=epochs)
+        path = train(SMALL, until, samples, samples.pick(range(24)), folder, omega=RECIPE.omega)
+    export_network(load_checkpoint(path).trained(), folder / "small.onnx", name="small")
+    return SimpleNamespace(folder=folder, onnx=folder / "small.onnx")

@@ -20,7 +20,7 @@ from nnpp_edge.training.batches import Batches
 from nnpp_edge.training.checkpoint import load_checkpoint
 from nnpp_edge.training.train import Processes, TrainSettings, train
 from nnpp_edge.training.validation import Validator
-from tests.networks import RECIPE, SMALL, VALIDATED_AFTER
+from tests.training.conftest import RECIPE, SMALL, VALIDATED_AFTER
 
 ROOT = Path(__file__).parent.parent.parent
 

@@ -3,6 +3,7 @@
 import json
 import re
 from dataclasses import asdict
+from types import SimpleNamespace
 
 import msgspec
 import numpy as np
@@ -68,26 +69,9 @@ def some_samples(size):
     """Three maps of terrain-like blobs, two queries on each."""
     rng = np.random.default_rng(5)
     rough = rng.random((3, 2, size // 8, size // 8)).repeat(8, axis=2).repeat(8, axis=3)
-    queries, blocks = 6, size // 4
-    return Samples(
-        planes=(255 * rough).astype(np.uint8),
-        map_index=np.arange(queries, dtype=np.int32) // 2,
-        start=rng.uniform(0, size - 1, (queries, 2)).astype(np.float32),
-        goal=rng.uniform(0, size - 1, (queries, 2)).astype(np.float32),
-        excess=np.zeros((queries, blocks, blocks), np.uint8),
-        on_path=np.zeros((queries, blocks, blocks // 8), np.uint8),
-    )
-
-
-class Counting:
-    """A session that counts its runs."""
-
-    def __init__(self, session):
-        self.session, self.runs = session, 0
-
-    def run_with_iobinding(self, *words):
-        self.runs += 1
-        return self.session.run_with_iobinding(*words)
+    ends = rng.uniform(0, size - 1, (2, 6, 2)).astype(np.float32)
+    labels = np.zeros((6, 8, 8), np.uint8)
+    return Samples((255 * rough).astype(np.uint8), np.arange(6, dtype=np.int32) // 2, *ends, labels, labels)
 
 
 @pytest.fixture(scope="module")
@@ -98,8 +82,9 @@ def edge_model(tmp_path_factory):
 
 
 def test_an_encoder_runs_once_for_each_map(edge_model):
-    model = NetworkModel(edge_model)
-    model.session = counting = Counting(model.session)
+    model, runs = NetworkModel(edge_model), []
+    session = model.session
+    model.session = SimpleNamespace(run_with_iobinding=lambda *words: runs.append(session.run_with_iobinding(*words)))
     whole = onnxruntime.InferenceSession(edge_model)
     rng = np.random.default_rng(2)
     for maps in (1, 2):
@@ -107,35 +92,25 @@ def test_an_encoder_runs_once_for_each_map(edge_model):
         for _ in range(3):
             ends = [(float(r), float(c)) for r, c in rng.uniform(0, 63, (2, 2))]
             got = model.answer(*ends)
-            wanted = (
-                whole.run(["probability"], model.inputs | {"ask": np.array([True])})[0]
-                .reshape(2, 2, 8, 8)
-                .transpose(2, 0, 3, 1)
-            )
+            (wanted,) = whole.run(["probability"], model.inputs | {"ask": np.array([True])})
             assert got.std() > 0.01
-            np.testing.assert_allclose(got, wanted.reshape(16, 16), atol=1e-5)
-        assert counting.runs == maps + (maps - 1)
-        again = model.answer(*ends, anew=True).copy()
-        np.testing.assert_array_equal(again, got)
-        assert counting.runs == 2 * maps
+            wanted = wanted.reshape(2, 2, 8, 8).transpose(2, 0, 3, 1).reshape(16, 16)
+            np.testing.assert_allclose(got, wanted, atol=1e-5)
+        assert len(runs) == maps + (maps - 1)
+        np.testing.assert_array_equal(model.answer(*ends, anew=True), got)
+        assert len(runs) == 2 * maps
 
 
-def test_a_head_that_is_not_its_graphs_is_refused(edge_model, tmp_path):
+def test_a_head_that_is_not_its_graphs_and_blocks_that_do_not_fit_the_places_are_refused(edge_model, tmp_path):
     model = onnx.load(edge_model)
-    count = next(
-        value.type.tensor_type.shape.dim[0].dim_value for value in model.graph.output if value.name == "head"
-    )
-    held = [t for t in model.graph.initializer if list(t.dims) == [count]]
-    assert len(held) == 1
-    numbers = onnx.numpy_helper.to_array(held[0]).copy()
+    (count,) = (v.type.tensor_type.shape.dim[0].dim_value for v in model.graph.output if v.name == "head")
+    (held,) = (t for t in model.graph.initializer if list(t.dims) == [count])
+    numbers = onnx.numpy_helper.to_array(held).copy()
     numbers[-1] += 0.1
-    held[0].CopyFrom(onnx.numpy_helper.from_array(numbers, held[0].name))
+    held.CopyFrom(onnx.numpy_helper.from_array(numbers, held.name))
     onnx.save(model, tmp_path / "other.onnx")
     with pytest.raises(ModelError, match="not those of its graph"):
         NetworkModel(tmp_path / "other.onnx")
-
-
-def test_blocks_that_do_not_fit_the_places_are_refused(edge_model, tmp_path):
     model = onnx.load(edge_model)
     facts = json.loads(next(p.value for p in model.metadata_props if p.key == METADATA_KEY))
     facts |= {"blocks": 8}
@@ -168,9 +143,7 @@ def test_metadata_comes_back_from_the_file(exported):
     assert (m.sigma, m.omega, m.region_factor) == (0.25, 0.011, 0.4)
     assert m.head == ((12, 9, 7) if spec.architecture == "edge" else ())
     assert Traversability(**m.cost_limits) == Traversability()
-    assert m.training["steps"] == 7
-    assert m.training["seconds"] == 1.5
-    assert m.training["of"] == "us"
+    assert [m.training[name] for name in ("steps", "seconds", "of")] == [7, 1.5, "us"]
 
 
 def test_the_file_is_whole_folded_and_free_of_local_paths(exported):

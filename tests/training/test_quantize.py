@@ -27,7 +27,7 @@ from nnpp_edge.model.registry import Spec
 from nnpp_edge.runtime.errors import DataSetError, InvalidQueryError, ModelError, OutputError
 from nnpp_edge.runtime.network.inference import NetworkModel
 from nnpp_edge.training.validation import Judgement, Validator
-from tests.networks import RECIPE, SMALL
+from tests.training.conftest import RECIPE, SMALL
 
 FIRST, SECOND = "encoder.stem.1/Conv", "encoder.widen.1/Conv"
 
