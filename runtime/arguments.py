@@ -17,6 +17,7 @@ import numpy as np
 from nnpp_edge.runtime.errors import NnppEdgeError, shown
 
 F = TypeVar("F", bound=Callable[..., object])
+C = TypeVar("C")
 _LARGEST = 1 << 63
 """Whole numbers from here on fit into no kernel."""
 
@@ -39,6 +40,20 @@ def checked(error: type[NnppEdgeError]) -> Callable[[F], F]:
             entry.__init__ = _guarded(entry.__init__, error)  # type: ignore[method-assign, assignment]  # a dataclass has made it
             return entry
         return cast(F, _guarded(entry, error))
+
+    return of
+
+
+def formerly(**advice: str) -> Callable[[type[C]], type[C]]:
+    """Decorator of a class: attributes that it had once raise AttributeError with what to write instead."""
+
+    def of(kind: type[C]) -> type[C]:
+        def missing(self: C, name: str) -> object:
+            instead = f": {advice[name]}" if name in advice else ""
+            raise AttributeError(f"{kind.__name__} has no attribute {name!r}{instead}", name=name, obj=self)
+
+        kind.__getattr__ = missing  # type: ignore[attr-defined]
+        return kind
 
     return of
 
