@@ -68,12 +68,6 @@ def test_a_map_without_a_passable_cell_is_written_all_the_same(run):
     assert ended.code == 0 and "no cell is passable" in ended.out and Path("cost.png").exists()
 
 
-def test_a_bad_elevation_map_is_one_line(nnpp_edge, bad_dem, tmp_path):
-    path, word = bad_dem
-    nnpp_edge("costmap", path, "-o", tmp_path / "out.tif").refused(word)
-    assert not (tmp_path / "out.tif").exists()
-
-
 @pytest.mark.filterwarnings("error")
 def test_cells_of_any_size_are_drawn(run, hills):
     for option in ("--cell-size", "--rescale"):

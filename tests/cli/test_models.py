@@ -9,6 +9,7 @@ from pathlib import Path
 
 import pytest
 
+from nnpp_edge.cli.models import table
 from nnpp_edge.runtime.network.model_file import FIGURE_NAMES, FIGURES_FORMAT, list_models, read_model_file
 
 MODELS = Path(__file__).parents[2] / "nnpp_edge" / "models"
@@ -132,67 +133,55 @@ def test_a_shipped_model_is_shown_with_its_metadata_figures_and_card(nnpp_edge):
     assert (told["card"], told["figures"]) == (card, found.figures.rows)
 
 
-def test_a_file_of_ones_own_is_shown_with_what_lies_beside_it(nnpp_edge, model):
-    ended = nnpp_edge("models", model)
+@pytest.mark.filterwarnings("always:.*another model file")
+def test_a_file_of_ones_own_is_shown_with_what_lies_beside_it(run, told, model):
+    figures, card = model.with_suffix(".json"), model.with_suffix(".md")
+    ended = run("models changed.onnx")
     assert (ended.code, ended.err) == (0, "")
     lines = [line.split(maxsplit=1) for line in ended.out.splitlines()]
-    for line in (["figures", "–"], ["training.workloads", "soft 0.5"], ["training.excluded", "–"]):
-        assert line in lines
-    told = json.loads(nnpp_edge("models", model, "--json").out)
-    assert (told["name"], told["metadata"]["name"]) == ("changed", "tiny")
-    assert told["figures"] is told["machine"] is told["card"] is None
-    model.with_suffix(".md").write_text("# A card of its own\n")
-    model.with_suffix(".json").write_text(json.dumps(figures_of(model, "astar", "nnpp", "nnpp:changed")))
-    ended = nnpp_edge("models", model)
-    assert (ended.code, ended.err) == (0, "")
-    for word in ("# A card of its own", "a small board", "nnpp:changed", "50.0 %"):
-        assert word in ended.out
-    model.with_suffix(".json").write_text('{"size_bytes": 3}')
-    assert read_model_file(model).figures is None, "a file of another kind is let be"
-
-
-def test_the_list_sums_up_the_models_own_rows(model):
-    from nnpp_edge.cli.models import table
-
-    told = figures_of(model, "astar", "corridor", "nnpp", "nnpp:changed", "nnpp:other")
-    for row, gap in zip(told["figures"], (0.0, 0.9, 0.001, 0.002, 0.8), strict=True):
+    assert all(line in lines for line in (["figures", "–"], ["training.workloads", "soft 0.5"]))
+    assert ["training.excluded", "–"] in lines
+    found = told("models changed.onnx")
+    assert (found["name"], found["metadata"]["name"]) == ("changed", "tiny")
+    assert found["figures"] is found["machine"] is found["card"] is None
+    card.write_text("# A card of its own\n")
+    measured = figures_of(model, "astar", "corridor", "nnpp", "nnpp:changed", "nnpp:other")
+    for row, gap in zip(measured["figures"], (0.0, 0.9, 0.001, 0.002, 0.8), strict=True):
         row["gap_mean"] = gap
-    model.with_suffix(".json").write_text(json.dumps(told))
+    figures.write_text(json.dumps(measured))
+    ended = run("models changed.onnx")
+    assert (ended.code, ended.err) == (0, "")
+    assert all(word in ended.out for word in ("# A card of its own", "a small board", "nnpp:changed", "50.0 %"))
     shown = table([read_model_file(model)])
-    assert "0.10–0.20 %" in shown and "50.0 %" in shown
+    assert "0.10–0.20 %" in shown and "50.0 %" in shown, "the model's own rows are summed up"
     assert "90.00 %" not in shown and "80.00 %" not in shown
-
-
-@pytest.mark.filterwarnings("always:.*another model file")
-def test_figures_that_are_broken_or_of_another_file_are_told_in_one_line(nnpp_edge, model):
-    model.with_suffix(".json").write_text(json.dumps(figures_of(model, "nnpp", model_sha256="0" * 64)))
-    ended = nnpp_edge("models", model)
+    figures.write_text('{"size_bytes": 3}')
+    assert read_model_file(model).figures is None, "a file of another kind is let be"
+    figures.write_text(json.dumps(figures_of(model, "nnpp", model_sha256="0" * 64)))
+    ended = run("models changed.onnx")
     assert ended.code == 0 and "figures     –" in ended.out
     (warned,) = ended.err.splitlines()
     assert warned.startswith("warning: ") and "another model file" in warned
+
+
+def test_what_is_no_model_or_no_figures_is_refused_in_one_line(run, model, make_tiny_model):
     for content, word in (
-        ("{", "Input data was truncated"),
         ({"figures": [{"workload": "soft"}]}, "missing required field `size`"),
         ({"figures": [{**dict.fromkeys(FIGURE_NAMES, 1), "workload": "soft"}]}, "$[0].method"),
         ({"figures": 3}, "$.figures"),
     ):
-        text = content if isinstance(content, str) else json.dumps(figures_of(model, "nnpp", **content))
-        model.with_suffix(".json").write_text(text)
-        nnpp_edge("models", model).refused("changed.json", "wanted figures", word)
-
-
-def test_a_file_that_is_no_model_is_refused_in_one_line(nnpp_edge, model, make_tiny_model, tmp_path):
-    whole = model.read_bytes()
-    for content in (b"", b"no model at all", b"\xff" * 40, b"\x3a\x02\x5a\x05", whole[: len(whole) // 2]):
-        model.write_bytes(content)
-        nnpp_edge("models", model).refused("changed.onnx", "wanted an ONNX model")
+        model.with_suffix(".json").write_text(json.dumps(figures_of(model, "nnpp", **content)))
+        run("models changed.onnx").refused("changed.json", "wanted figures", word)
     for key, value in (("input_size", "64"), ("encoding", ["ends"]), ("sigma", None)):
-        refused = nnpp_edge("models", make_tiny_model(**{key: value}))
-        refused.refused("wanted metadata of format", f"$.{key}")
-    nnpp_edge("models", "nosuch").refused(", ".join(SHIPPED), "'nosuch'")
-    nnpp_edge("models", tmp_path).refused("wanted a model file")
-    path = make_tiny_model(architecture="split")  # its former name
-    assert ["architecture", "edge"] in [line.split() for line in nnpp_edge("models", path).out.splitlines()]
+        make_tiny_model(**{key: value})
+        run("models changed.onnx").refused("wanted metadata of format", f"$.{key}")
+    model.write_bytes(b"no model at all")
+    run("models changed.onnx").refused("changed.onnx", "wanted an ONNX model")
+    run("models nosuch").refused(", ".join(SHIPPED), "'nosuch'")
+    run("models .").refused("wanted a model file")
+    model.with_suffix(".json").unlink()
+    make_tiny_model(architecture="split")  # its former name
+    assert ["architecture", "edge"] in [line.split() for line in run("models changed.onnx").out.splitlines()]
 
 
 def test_models_are_shown_without_heavy_imports():

@@ -189,22 +189,6 @@ def test_auto_says_what_it_picked_and_epsilon_0_is_the_optimum(told, hills):
     assert abs(found["cost"] - told(EXACT)["cost"]) < 1e-4
 
 
-def test_a_bad_elevation_map_is_one_line(nnpp_edge, bad_dem):
-    path, word = bad_dem
-    ended = nnpp_edge("plan", path, *ENDS.split())
-    ended.refused(word)
-    assert ended.out == ""
-
-
-def test_a_model_that_cannot_be_used_is_one_line(run, hills, tiny_model, make_tiny_model):
-    words, whole = f"plan hills.npz {ENDS} --method nnpp --model", tiny_model.read_bytes()
-    for content in (whole[:-200], whole[:-40], b""):
-        Path("cut.onnx").write_bytes(content)
-        run(words, "cut.onnx").refused("cut.onnx")
-    for changes in ({"input_size": 128}, {"blocks": 16}, {"encoding": "ends"}, {"format": "2"}, {"sigma": -1.0}):
-        run(words, make_tiny_model(**changes)).refused("changed.onnx: ", "wanted")
-
-
 def test_of_several_goals_the_nearest_is_gone_to(run, told, split):
     found = told("plan hills.npz --start 5,5 --goal 70,80 --goal 20,20 --goal 10,60 --method astar")
     assert found["goal"] == [20, 20]

@@ -46,6 +46,7 @@ $PLAN --time-limit 0                           | --time-limit
 $PLAN --epsilon -1                             | --epsilon
 $PLAN --omega 1e308                            | --omega
 $PLAN --model nope                             | wanted a model file or the name of a shipped model | 'nope'
+$PLAN --model text.txt --method nnpp           | text.txt: wanted an ONNX model
 $PLAN --via 20,86                              | via 1, (20, 86), is impassable
 $PLAN --via 1,1 --via 80,3                     | via 2, (80, 3), lies outside the map
 $PLAN --via far.gpkg                           | via 2, (200, 300), lies outside the map

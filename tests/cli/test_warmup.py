@@ -13,7 +13,7 @@ import numpy as np
 from nnpp_edge.runtime import DynamicPlanner, Planner, Vehicle, plan_path, traversability_cost, update_cost
 from nnpp_edge.runtime.search.dstar_lite import DStarLite
 
-rng = np.random.default_rng(3)
+rng, methods = np.random.default_rng(3), ("astar", "corridor", "nnpp", "auto")
 for shape in ((30, 30), (1, 60), (260, 230), (600, 530), (1100, 60)):
     dem = np.cumsum(rng.normal(0.0, 0.05, shape), axis=1).astype(np.float32)
     cost = traversability_cost(dem, 1.0, warn=False)
@@ -23,31 +23,27 @@ for shape in ((30, 30), (1, 60), (260, 230), (600, 530), (1100, 60)):
     frozen.flags.writeable = False
     start, goal = (0, 0), (shape[0] - 1, shape[1] - 1)
     for weights in (cost + np.float32(0.01), frozen.astype(np.float64) + 0.01, frozen):
-        for step_cost in ("paper", "length"):
-            for corner_cutting in (False, True):
-                planner = Planner(np.maximum(weights, 1e-3), step_cost=step_cost, corner_cutting=corner_cutting)
-                for method in ("astar", "corridor", "nnpp", "auto"):
-                    assert planner.plan(start, goal, method=method).ok
-                    assert planner.plan(start, start, method=method).ok
-                    planner.plan(start, goal, method=method, time_limit_s=0.0)
-                planner.update(0, 2, np.full((1, 3), np.inf))
-                for method in ("astar", "corridor", "nnpp"):
-                    planner.plan(start, goal, method=method, time_limit_s=30.0)
-                search = DStarLite(planner.state, goal)
-                search.plan(start)
-                planner.update(0, 1, np.full((1, 2), 0.7))
-                search.plan((0, 1))
-    if min(shape) > 1:
-        vehicle = Vehicle(2.2, 2.2, 1.0, max_tilt_deg=60.0)
-        for body, ends in ((None, (start, goal)), (vehicle, ((9, 9), (shape[0] - 10, shape[1] - 10)))):
-            planner = DynamicPlanner.of_elevation(
-                dem, 1.0, ends[1], method="dstar", vehicle=body, step_cost="linear", also=("corridor-dstar", "nnpp")
-            )
-            planner.move(ends[0])
-            for method in ("dstar", "corridor-dstar", "nnpp"):
-                planner.replan(method=method)
-                planner.update_elevation(0, 2, dem[:3, 3:5])
-                planner.standing()
+        for step_cost, cutting in (("paper", False), ("paper", True), ("length", False), ("length", True)):
+            planner = Planner(np.maximum(weights, 1e-3), step_cost=step_cost, corner_cutting=cutting)
+            for method in methods:
+                assert planner.plan(start, goal, method=method).ok and planner.plan(start, start, method=method).ok
+                planner.plan(start, goal, method=method, time_limit_s=0.0)
+            planner.update(0, 2, np.full((1, 3), np.inf))
+            for method in methods[:3]:
+                planner.plan(start, goal, method=method, time_limit_s=30.0)
+            search = DStarLite(planner.state, goal)
+            search.plan(start)
+            planner.update(0, 1, np.full((1, 2), 0.7))
+            search.plan((0, 1))
+    vehicle, inner = Vehicle(2.2, 2.2, 1.0, max_tilt_deg=60.0), ((9, 9), (shape[0] - 10, shape[1] - 10))
+    for body, ends in ((None, (start, goal)), (vehicle, inner)) if min(shape) > 1 else ():
+        more = {"method": "dstar", "vehicle": body, "step_cost": "linear", "also": ("corridor-dstar", "nnpp")}
+        planner = DynamicPlanner.of_elevation(dem, 1.0, ends[1], **more)
+        planner.move(ends[0])
+        for method in ("dstar", "corridor-dstar", "nnpp"):
+            planner.replan(method=method)
+            planner.update_elevation(0, 2, dem[:3, 3:5])
+            planner.standing()
 assert plan_path(frozen, start, goal).ok
 Planner(frozen).plan(start, goal)
 """
