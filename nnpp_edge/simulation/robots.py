@@ -49,11 +49,9 @@ class Robot:
 
     def stands(self, values: Float2D, cell: Cell) -> bool:
         """Whether it may be in a cell of the map, in one heading at least."""
-        return (
-            bool(self.costs(values)[cell] < OBSTACLE)
-            if self.vehicle is None
-            else self._grid(values).is_passable(cell)
-        )
+        if self.vehicle is None:
+            return bool(self.costs(values)[cell] < OBSTACLE)
+        return self._grid(values).is_passable(cell)
 
     def steps(self, values: Float2D, path: NDArray[np.int32]) -> int:
         """How many steps of a path (N, 2) inside the map it may take, from its first cell on."""
