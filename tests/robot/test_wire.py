@@ -229,7 +229,7 @@ def cut(framer, stream, chunk):
 
 
 def test_a_stream_is_cut_the_same_however_it_arrives_and_what_is_too_long_is_skipped():
-    for chunk in (1, 3, 7, 8, 1000):
+    for chunk in (1, 3, 7, 30, 1000):
         assert cut(Framer(), b'one\n\r\n  {"three": 3} \r\n\nfour', chunk) == [b"one", b'{"three": 3}', b"four"]
         found = cut(Framer(20), b"a\n" + b"b" * 500 + b"\nc\n" + b"d" * 21 + b"\ne\n", chunk)
         assert [x for x in found if isinstance(x, bytes)] == [b"a", b"c", b"e"]

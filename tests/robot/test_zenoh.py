@@ -212,10 +212,10 @@ def test_large_messages_that_wait_do_not_pile_up(peer, listening):
     while sender.is_alive() and stood < len(sent):  # until nothing more is taken
         stood = len(sent)
         sender.join(0.6)
-    grown = rss_bytes() - before
-    assert sender.is_alive() and not source.ended
+    grown, waits = rss_bytes() - before, sender.is_alive()
     free.set()
     sender.join(30.0)
+    assert waits and not source.ended
     assert grown < 24 * len(patch)  # some of it in this test's own hands
 
 

@@ -7,6 +7,7 @@ import os
 import signal
 import threading
 import time
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -780,6 +781,17 @@ def test_a_flood_of_inputs_leaves_time_to_plan():
     assert time.monotonic() - began < 5.0
     assert (counters.ticks, counters.failed) == (10, 0)
     assert sink.path.ok
+
+
+def test_inputs_that_one_tick_has_no_time_for_are_read_in_the_next():
+    def slowly():
+        for col in range(12):
+            time.sleep(0.004)
+            yield MapPatch(col, col, cost=free((1, 1)))
+
+    polls = iter([slowly(), [MapPatch(20, 20, cost=free((1, 1)))]])
+    source = SimpleNamespace(poll=lambda: next(polls, ()))
+    assert Loop(navigator(), source, rate_hz=100.0).run(20).patches == 13
 
 
 def test_signals_stop_it_and_reload_its_model(tmp_path):
