@@ -1,11 +1,10 @@
 """Compiled kernels on disk: kept for other processes, and never in the way of a plan."""
 
 import errno
-import json
 import os
 import signal
-import subprocess
 import sys
+import time
 import warnings
 from pathlib import Path
 
@@ -13,92 +12,15 @@ import numpy as np
 import pytest
 
 from nnpp_edge.runtime import warmup
-from nnpp_edge.runtime.compiled import cache
+from nnpp_edge.runtime.compiled import cache, claims
 from nnpp_edge.runtime.compiled import kernel as compiling
 from nnpp_edge.runtime.errors import OutputError
 
-TYPES = ("int8", "int32", "int64", "uint8", "float32", "float64")
-MODULE = """
-from nnpp_edge.runtime.compiled.kernel import kernel
-
-@kernel
-def double(x):
-    return x + x
-"""
-FORK = f"""
-import json, os, signal
-from pathlib import Path
-import numpy as np
-from tiny import double, kernel
-
-TYPES = {TYPES!r}
-
-def double_all(kernel, names):
-    return {{name: (float(kernel(getattr(np, name)(21))), sum(kernel.stats.cache_misses.values())) for name in names}}
-"""
-TOGETHER = (
-    FORK
-    + """
-ready, go = os.pipe()
-children = []
-for first in range(3):
-    if (child := os.fork()) == 0:
-        os.close(go)
-        os.read(ready, 1)  # returns once the parent has closed the other end
-        double_all(double, TYPES[first::3])
-        os._exit(0)
-    children.append(child)
-os.close(go)
-ended = [os.waitpid(child, 0)[1] for child in children]
-print(json.dumps([ended, double_all(double, TYPES)]))
-"""
-)
-SHARING = """
-import sys, time
-from pathlib import Path
-from nnpp_edge.runtime.compiled import cache, claims
-from nnpp_edge.runtime.compiled.kernel import CACHE_FOLDER
-
-def save_slowly(self, sig, data, save=cache.KernelCache.save_overload):
-    print("compiled", flush=True)
-    {}
-    save(self, sig, data)
-
-cache.KernelCache.save_overload = save_slowly
-with claims.shared(CACHE_FOLDER):
-    print("begins", flush=True)
-    from tiny import double
-    assert double(21) == 42
-"""
-KILLED_WHILE_SAVING = (
-    FORK
-    + """
-if (child := os.fork()) == 0:
-    Path.replace = lambda *_: os.kill(os.getpid(), signal.SIGKILL)
-    double_all(double, TYPES[:1])
-ended = os.waitpid(child, 0)[1]
-after = [path.suffix for path in Path(os.environ["NUMBA_CACHE_DIR"]).glob("*/*")]
-print(json.dumps([ended, after, *(double_all(fresh, TYPES[:1]) for fresh in (double, kernel(double.py_func)))]))
-"""
-)
+TYPES = np.int8, np.int32, np.int64, np.uint8, np.float32, np.float64
 
 
 def double(x):
     return x + x
-
-
-@pytest.fixture
-def python(tmp_path):
-    """Start code beside a module `tiny`, which has one kernel; its cache is in `cache` under the test's folder."""
-    (tmp_path / "tiny.py").write_text(MODULE)
-    places = {"NUMBA_CACHE_DIR": str(tmp_path / "cache"), "PYTHONPATH": os.pathsep.join((str(tmp_path), *sys.path))}
-
-    def start(code):
-        return subprocess.Popen(
-            [sys.executable, "-c", code], env=os.environ | places, stdout=subprocess.PIPE, text=True
-        )
-
-    return start
 
 
 @pytest.fixture
@@ -123,32 +45,63 @@ def kept(folder: Path) -> list[Path]:
 # Other processes
 
 
-def test_processes_at_once_keep_every_version(python, tmp_path):
-    ended, found = json.loads(python(TOGETHER).communicate(timeout=60)[0])
-    assert ended == [0, 0, 0]
-    assert found == {name: [42.0, 0] for name in TYPES}
-    assert len(kept(tmp_path / "cache")) == len(TYPES)
+def forked(work):
+    """The number of a child that does this."""
+    with warnings.catch_warnings(action="ignore"):  # Python 3.12 on warns of every fork beside a thread
+        child = os.fork()
+    if child == 0:
+        try:
+            work()
+            os._exit(0)
+        finally:
+            os._exit(1)
+    return child
 
 
-def test_a_process_killed_while_saving_leaves_nothing_in_the_way(python):
-    ended, left, second, third = json.loads(python(KILLED_WHILE_SAVING).communicate(timeout=60)[0])
-    assert ended == signal.SIGKILL
-    assert len(left) == 1 and left[0] != ".nbc"
-    assert (second, third) == ({TYPES[0]: [42.0, 1]}, {TYPES[0]: [42.0, 0]})
+def ended(child):
+    return os.waitpid(child, 0)[1]
 
 
-@pytest.mark.parametrize(
-    ("meanwhile", "ends_with", "others"),
-    [("time.sleep(1.0)", 0, []), ("import os; os.kill(os.getpid(), 9)", -signal.SIGKILL, ["compiled"])],
-    ids=["kept in the end", "killed before it is kept"],
-)
-def test_a_version_is_compiled_by_one_of_those_that_fill_a_folder(python, meanwhile, ends_with, others):
-    with python(SHARING.format(meanwhile)) as first:
-        assert [first.stdout.readline() for _ in range(2)] == ["begins\n", "compiled\n"]
-        with python(SHARING.format("pass")) as second:
-            said = second.communicate(timeout=60)[0].split()
-    assert (first.returncode, second.returncode) == (ends_with, 0)
-    assert said == ["begins", *others]
+def test_processes_at_once_keep_every_version(folder):
+    parts = [TYPES[first::3] for first in range(3)]
+    children = [forked(lambda part=part: [compilations(double, kind(21)) for kind in part]) for part in parts]
+    assert list(map(ended, children)) == [0, 0, 0]
+    assert all(compilations(double, kind(21)) == (42, 0) for kind in TYPES)
+    assert len(kept(folder)) == len(TYPES)
+
+
+def test_a_process_killed_while_saving_leaves_nothing_in_the_way(folder):
+    def save_and_die():
+        Path.replace = lambda *_: os.kill(os.getpid(), signal.SIGKILL)
+        compilations(double, 1)
+
+    assert ended(forked(save_and_die)) == signal.SIGKILL
+    (left,) = folder.iterdir()
+    assert left.suffix != ".nbc"
+    assert [compilations(double, 1) for _ in range(2)] == [(2, 1), (2, 0)]
+
+
+@pytest.mark.parametrize("killed", [False, True])
+def test_a_version_is_compiled_by_one_of_those_that_fill_a_folder(folder, tmp_path, killed):
+    def fill(name, before_it_is_kept):
+        def save(self, sig, data, save=cache.KernelCache.save_overload):
+            (tmp_path / name).touch()
+            before_it_is_kept()
+            save(self, sig, data)
+
+        cache.KernelCache.save_overload = save
+        with claims.shared(folder):
+            assert compilations(double, 21)[0] == 42
+
+    ends = (lambda: os.kill(os.getpid(), signal.SIGKILL)) if killed else (lambda: time.sleep(0.5))
+    folder.mkdir(mode=0o700, parents=True)
+    folder.parent.chmod(0o700)
+    first = forked(lambda: fill("first", ends))
+    while not (tmp_path / "first").exists():
+        time.sleep(0.01)
+    second = forked(lambda: fill("second", lambda: None))
+    assert (ended(first), ended(second)) == (signal.SIGKILL if killed else 0, 0)
+    assert (tmp_path / "second").exists() == killed  # it compiled
 
 
 # What is read back
