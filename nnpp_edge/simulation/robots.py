@@ -6,12 +6,10 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
+from nnpp_edge.runtime import Ground, MapPatch, pose_costs
 from nnpp_edge.runtime.arrays import Float2D
 from nnpp_edge.runtime.cells import Cell
-from nnpp_edge.runtime.loop.messages import MapPatch
 from nnpp_edge.runtime.map.grid import Grid
-from nnpp_edge.runtime.map.ground import Ground
-from nnpp_edge.runtime.map.poses import pose_costs
 from nnpp_edge.runtime.map.state import map_state
 from nnpp_edge.terrain.obstacles import OBSTACLE
 

@@ -9,13 +9,12 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from nnpp_edge.runtime import Goal, Ground, MapPatch, PathMessage, Planner, Pose
 from nnpp_edge.runtime.arrays import Float2D
 from nnpp_edge.runtime.cells import Cell, Rectangle, slices, widened
 from nnpp_edge.runtime.errors import InvalidMapError, InvalidQueryError
-from nnpp_edge.runtime.loop.messages import Goal, Input, MapPatch, PathMessage, Pose
-from nnpp_edge.runtime.map.ground import Ground
+from nnpp_edge.runtime.loop.messages import Input
 from nnpp_edge.runtime.map.step_cost import StepCost
-from nnpp_edge.runtime.planners.planner import Planner
 from nnpp_edge.simulation.robots import Robot
 from nnpp_edge.terrain.obstacles import CLEAR, Obstacles
 

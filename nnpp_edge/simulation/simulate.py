@@ -9,17 +9,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from nnpp_edge.robot.transports.recording import RecordedSource
+from nnpp_edge.runtime import Counters, Goal, Loop, Navigator, NavigatorSettings, PathMessage, Planner, Pose, Sink
 from nnpp_edge.runtime.arrays import Float2D
 from nnpp_edge.runtime.cells import Cell, Endpoints
 from nnpp_edge.runtime.errors import InvalidQueryError
-from nnpp_edge.runtime.loop.connections import Sink
-from nnpp_edge.runtime.loop.ladder import NavigatorSettings
-from nnpp_edge.runtime.loop.messages import Counters, Goal, PathMessage, Pose
-from nnpp_edge.runtime.loop.navigator import Navigator
-from nnpp_edge.runtime.loop.runner import Loop
 from nnpp_edge.runtime.loop.timing import Histogram, rss_bytes
 from nnpp_edge.runtime.map.state import MapState
-from nnpp_edge.runtime.planners.planner import Planner
 from nnpp_edge.simulation.scene import Scene, SurveyedGround
 from nnpp_edge.terrain.labels import random_query
 

@@ -4,12 +4,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from nnpp_edge.runtime.loop.connections import InProcessSink
-from nnpp_edge.runtime.loop.ladder import NavigatorSettings
-from nnpp_edge.runtime.loop.messages import Goal, PathMessage, Pose
-from nnpp_edge.runtime.loop.navigator import Navigator
-from nnpp_edge.runtime.loop.runner import Loop
-from nnpp_edge.runtime.map.ground import Ground
+from nnpp_edge.runtime import Goal, Ground, InProcessSink, Loop, Navigator, NavigatorSettings, PathMessage, Pose
 
 
 def free(shape=(40, 60)):

@@ -17,12 +17,8 @@ from nnpp_edge.robot.transports.recording import (
     read_recording,
 )
 from nnpp_edge.robot.transports.wire import encode
+from nnpp_edge.runtime import Goal, Ground, InProcessSource, MapPatch, Navigator, NavigatorSettings, Pose
 from nnpp_edge.runtime.errors import OutputError
-from nnpp_edge.runtime.loop.connections import InProcessSource
-from nnpp_edge.runtime.loop.ladder import NavigatorSettings
-from nnpp_edge.runtime.loop.messages import Goal, MapPatch, Pose
-from nnpp_edge.runtime.loop.navigator import Navigator
-from nnpp_edge.runtime.map.ground import Ground
 from tests.robot.conftest import free
 
 SHAPE = (40, 60)

@@ -22,9 +22,8 @@ from nnpp_edge.ros.maps import (
     path_poses,
 )
 from nnpp_edge.ros.messages import definition, grid_message, heights_message
+from nnpp_edge.runtime import Ground, Navigator
 from nnpp_edge.runtime.errors import InvalidMapError, InvalidQueryError
-from nnpp_edge.runtime.loop.navigator import Navigator
-from nnpp_edge.runtime.map.ground import Ground
 from nnpp_edge.terrain.dem import read_dem
 
 NAN = np.nan

@@ -12,10 +12,9 @@ import pytest
 from nnpp_edge.robot.transports.incoming import Refusals
 from nnpp_edge.robot.transports.stdio import StdioSink, StdioSource
 from nnpp_edge.robot.transports.wire import Fault, WireError, decode_output, encode
-from nnpp_edge.runtime.errors import OutputError, Status
-from nnpp_edge.runtime.loop.connections import InProcessSource, Mailbox
-from nnpp_edge.runtime.loop.messages import Goal, MapPatch, Origin, PathMessage, Pose
-from nnpp_edge.runtime.loop.runner import Loop
+from nnpp_edge.runtime import Goal, InProcessSource, Loop, MapPatch, Origin, PathMessage, Pose, Status
+from nnpp_edge.runtime.errors import OutputError
+from nnpp_edge.runtime.loop.connections import Mailbox
 from tests.robot.conftest import free, wait_until
 
 POSE, GOAL = encode(Pose(5, 5)), encode(Goal(35, 55))

@@ -15,17 +15,8 @@ from hypothesis import strategies as st
 from nnpp_edge.robot.transports.incoming import Refusals
 from nnpp_edge.robot.transports.stdio import Framer
 from nnpp_edge.robot.transports.wire import Fault, WireError, decode, decode_output, encode
-from nnpp_edge.runtime.errors import Status
+from nnpp_edge.runtime import Counters, Goal, MapPatch, Origin, PathMessage, Pose, Status, StatusMessage
 from nnpp_edge.runtime.loop.connections import Mailbox
-from nnpp_edge.runtime.loop.messages import (
-    Counters,
-    Goal,
-    MapPatch,
-    Origin,
-    PathMessage,
-    Pose,
-    StatusMessage,
-)
 
 
 def same(a, b):

@@ -13,16 +13,8 @@ import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
-from nnpp_edge.runtime.loop.messages import (
-    Goal,
-    Input,
-    InvalidMessageError,
-    MapPatch,
-    Output,
-    PathMessage,
-    Pose,
-    StatusMessage,
-)
+from nnpp_edge.runtime import Goal, InvalidMessageError, MapPatch, PathMessage, Pose, StatusMessage
+from nnpp_edge.runtime.loop.messages import Input, Output
 
 T = TypeVar("T")
 
