@@ -48,13 +48,6 @@ def as_occupancy(cost: NDArray[np.floating]) -> NDArray[np.int8]:
     return np.where(np.isnan(cost), float(UNKNOWN), known).astype(np.int8)
 
 
-def as_cost(occupancy: NDArray[np.integer], occupied: int = BODY_TOUCHES) -> NDArray[np.float32]:
-    """The costs of occupancies, by the rule of this module; `occupied` and more is impassable."""
-    values = occupancy.astype(np.float32)
-    known = np.where(values >= occupied, np.float32(np.inf), values / np.float32(100.0))
-    return np.where(values < 0, np.float32(np.nan), known)
-
-
 @checked(InvalidMapError)
 @dataclass(frozen=True)
 class MapFrame:
@@ -143,8 +136,10 @@ class OccupancyGrid:
 
     @checked(InvalidMapError)
     def cost(self, occupied: int = BODY_TOUCHES) -> NDArray[np.float32]:
-        """Its cells as costs, (height, width): inf from `occupied` on, NaN where unknown."""
-        return as_cost(self.data, occupied)
+        """Its cells as costs, (height, width), by the rule of this module; inf from `occupied` on."""
+        values = self.data.astype(np.float32)
+        known = np.where(values >= occupied, np.float32(np.inf), values / np.float32(100.0))
+        return np.where(values < 0, np.float32(np.nan), known)
 
     @classmethod
     def of_cost(cls, cost: ArrayLike, frame: MapFrame) -> "OccupancyGrid":

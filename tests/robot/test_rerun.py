@@ -10,23 +10,24 @@ from contextlib import suppress
 import numpy as np
 import pytest
 
-rerun = pytest.importorskip("rerun")
+pytest.importorskip("rerun")
 
-from nnpp_edge.robot.transports.rerun_view import RerunSink  # noqa: E402
-from nnpp_edge.runtime.errors import InvalidQueryError, MissingExtraError, OutputError, Status  # noqa: E402
-from nnpp_edge.runtime.loop.messages import (  # noqa: E402
+from nnpp_edge.robot.transports.rerun_view import RerunSink
+from nnpp_edge.runtime import (
     Counters,
     Goal,
+    Ground,
     MapPatch,
     Origin,
     PathMessage,
     Pose,
+    Status,
     StatusMessage,
+    Vehicle,
 )
-from nnpp_edge.runtime.map.ground import Ground  # noqa: E402
-from nnpp_edge.runtime.map.state import map_state  # noqa: E402
-from nnpp_edge.runtime.terrain.vehicle import Vehicle  # noqa: E402
-from nnpp_edge.viz.picture import cost_picture  # noqa: E402
+from nnpp_edge.runtime.errors import InvalidQueryError, MissingExtraError, OutputError
+from nnpp_edge.runtime.map.state import map_state
+from nnpp_edge.viz.picture import cost_picture
 
 PATH = np.array([[3, 4], [4, 5], [4, 6]], np.int32)
 
@@ -130,14 +131,10 @@ def test_where_nothing_can_be_shown_it_is_one_line(tmp_path):
         RerunSink("rerun+http://no address")
 
 
-def test_without_rerun_the_error_names_the_extra(monkeypatch, tmp_path):
-    monkeypatch.setitem(sys.modules, "rerun", None)
-    with pytest.raises(MissingExtraError, match=r"nnpp-edge\[viz\]"):
-        RerunSink(tmp_path / "loop.rrd")
-
-
-def test_the_module_imports_rerun_only_when_it_is_used(monkeypatch):
+def test_rerun_is_imported_only_when_it_is_used_and_without_it_the_error_names_the_extra(monkeypatch, tmp_path):
     name = "nnpp_edge.robot.transports.rerun_view"
     monkeypatch.setitem(sys.modules, "rerun", None)
     monkeypatch.delitem(sys.modules, name)
     assert importlib.import_module(name).RerunSink is not RerunSink
+    with pytest.raises(MissingExtraError, match=r"nnpp-edge\[viz\]"):
+        RerunSink(tmp_path / "loop.rrd")

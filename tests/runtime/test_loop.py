@@ -222,20 +222,6 @@ def test_heights_are_turned_into_costs_as_if_they_had_always_been_there():
     assert nav.counters().patches_clipped > 0 and nav.counters().patches_rejected > 0
 
 
-def test_cells_that_were_not_seen_are_impassable_or_stay():
-    for name, ground in (
-        ("elevation", Ground.of_elevation(np.zeros((20, 20)), 1.0)),
-        ("cost", Ground(free((20, 20)))),
-    ):
-        nav, new = Navigator(ground), np.zeros((4, 4), np.float32)
-        new[1, 1] = np.nan
-        for keep_known in (True, False):
-            nav.offer(MapPatch(5, 5, keep_known=keep_known, **{name: new}))
-            nav.tick()
-            assert (nav.map.cost() < 1.0).sum() == 399 + keep_known
-            assert nav.map.unknown().sum() == 1 - keep_known
-
-
 def test_patches_off_the_map_and_of_the_wrong_kind_are_counted():
     nav = Navigator(Ground(free()))
     for row, col, layer in ((100, 0, "cost"), (-3, 0, "cost"), (0, 0, "elevation"), (-1, -1, "cost")):
@@ -411,19 +397,6 @@ def test_what_is_unknown_around_a_body_is_said():
     assert message.outcome is Status.START_BLOCKED
     # the body reaches 4 cells far, and the start may move by 3
     assert message.reason == "no passable cell within 3 of the robot; 100 of 225 cells around it are unknown"
-
-
-def test_a_disc_drives_past_what_it_must_not_touch():
-    heights = np.zeros((40, 60), np.float32)
-    heights[:18, 30] = heights[24:, 30] = np.nan
-    for radius_m, outcome in ((0.4, Status.OK), (2.0, Status.NO_PATH)):
-        nav = Navigator(Ground.of_elevation(heights, 0.5, vehicle=Vehicle(radius_m=radius_m)))
-        nav.offer(Pose(20.0, 10.0))
-        nav.offer(Goal(20, 50))
-        assert nav.tick().outcome is outcome
-    beside = np.array([(18, 28), (18, 29)], np.int32)
-    assert nav.planner.first_blocked(beside) == 0
-    assert nav.planner.first_blocked(beside - np.int32((0, 10))) == -1
 
 
 # --- the ladder, where planning fails, is late, or the map changes meanwhile
