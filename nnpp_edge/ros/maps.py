@@ -250,11 +250,8 @@ def grid_map_patch(
 def placed(values: NDArray[np.float32], source: MapFrame, target: MapFrame) -> tuple[NDArray[np.float32], int, int]:
     """Cells (h, w) of one map, laid out as another wants them; also row and column of the first, to the nearest cell.
 
-    Raises
-    ------
-    InvalidMapError
-        The resolutions differ by over a thousandth: values would have to be mixed, which is for the sender to do.
-        Or the maps lie in frames of two names.
+    InvalidMapError where the resolutions differ by over a thousandth, as values would have to be mixed, which is for
+    the sender to do; or where the maps lie in frames of two names.
     """
     if source.frame_id and target.frame_id and source.frame_id != target.frame_id:
         raise InvalidMapError(f"wanted a map in the frame {target.frame_id!r}, got one in {source.frame_id!r}")

@@ -60,10 +60,7 @@ class Navigator:
     clock : callable
         Monotonic seconds; deadlines given to `tick` are readings of it.
 
-    Raises
-    ------
-    ModelError, InvalidMapError, InvalidQueryError
-        The method needs a network that cannot be loaded; or as `DynamicPlanner`.
+    ModelError where the method needs a network that cannot be loaded; else errors as of `DynamicPlanner`.
     """
 
     @checked(InvalidQueryError)

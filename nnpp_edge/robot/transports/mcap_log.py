@@ -1,18 +1,5 @@
 """A log of the loop's inputs and answers, as MCAP with ROS 2 messages: Foxglove and rosbag2 read it.
 
-====================  ==========================  ==================================================================
-topic                 message                     when
-====================  ==========================  ==================================================================
-``/map``              nav_msgs/OccupancyGrid      if the world is given: at the beginning of each file, and every ten
-                                                  seconds while patches of heights come, which change costs around
-``/map_patch``        nav_msgs/OccupancyGrid      each patch of costs
-``/elevation_patch``  grid_map_msgs/GridMap       each patch of heights, in metres
-``/pose``, ``/goal``  geometry_msgs/PoseStamped   each
-``/path``             nav_msgs/Path               each that is not the end of the one before; empty if there is none
-``/answer``           std_msgs/String             each tick: the answer as JSON, without path and headings
-``/status``           std_msgs/String             each status message as JSON
-====================  ==========================  ==================================================================
-
 Costs become occupancies by the rule of `nnpp_edge.ros.maps`. The frame is ``map``: x = column · cell size,
 y = row · cell size, from the corner of cell (0, 0), as ROS maps lie. A map whose rows run south is seen mirrored.
 """
@@ -47,18 +34,19 @@ from nnpp_edge.runtime.map.state import MapState
 _LOG = logging.getLogger(__name__)
 
 TOPICS = {
-    "/map": "nav_msgs/OccupancyGrid",
-    "/map_patch": "nav_msgs/OccupancyGrid",
-    "/elevation_patch": "grid_map_msgs/GridMap",
-    "/pose": "geometry_msgs/PoseStamped",
+    "/map": "nav_msgs/OccupancyGrid",  # at the beginning of each file, and while patches of heights come
+    "/map_patch": "nav_msgs/OccupancyGrid",  # each patch of costs
+    "/elevation_patch": "grid_map_msgs/GridMap",  # each patch of heights, in metres
+    "/pose": "geometry_msgs/PoseStamped",  # each
     "/goal": "geometry_msgs/PoseStamped",
-    "/path": "nav_msgs/Path",
-    "/answer": "std_msgs/String",
-    "/status": "std_msgs/String",
+    "/path": "nav_msgs/Path",  # each that is not the end of the one before; empty if there is none
+    "/answer": "std_msgs/String",  # each tick: the answer as JSON, without path and headings
+    "/status": "std_msgs/String",  # each status message as JSON
 }
 _CHUNK_BYTES = 1 << 16
 _FLUSH_EVERY_S = 1.0
 _MAP_EVERY_S = 10.0
+"""Where heights come, which change the costs around them."""
 _MOST_WAITING = 256
 _LEAST_LIMIT_MB = 0.1
 

@@ -33,10 +33,8 @@ class RerunSink(Closing):
     state : MapState
         The loop's map (`Navigator.map`), shown again when it has changed, but at most every `map_every_s` seconds.
 
-    Raises
-    ------
-    InvalidQueryError, MissingExtraError, OutputError
-        `where` is none of these; rerun is not installed; the recording cannot be begun, or no viewer can be started.
+    InvalidQueryError where `where` is none of these, MissingExtraError without rerun, OutputError where the recording
+    cannot be begun or no viewer can be started.
     """
 
     name = "rerun"

@@ -108,13 +108,8 @@ def decode(payload: bytes, limit: int = LIMIT_BYTES, kind: str | None = None) ->
     """The input that a message holds.
 
     The message is one JSON object in UTF-8. Where only a `kind` may come, ``pose``, ``goal`` or ``patch``, it need
-    not name its type.
-
-    Raises
-    ------
-    WireError
-        It is too long, or has more than `JSON_BYTES` besides base64; it is no JSON, of another version, has words
-        that are unknown, or values out of range.
+    not name its type. WireError where it is too long, has more than `JSON_BYTES` besides base64, is no JSON, of
+    another version, has words that are unknown, or values out of range.
     """
     return as_input(decoded_input(payload, _INPUTS[kind], f"a {kind or 'pose, goal or patch'}", limit))
 
