@@ -25,6 +25,7 @@ from nnpp_edge.runtime import (
     traversability_cost,
 )
 from nnpp_edge.runtime.kernels.nodes import COL_STEP, ROW_STEP
+from nnpp_edge.runtime.map import directed
 from nnpp_edge.runtime.map.slope_cost import ToblerCost
 from nnpp_edge.runtime.planners.coarse_to_fine import CoarseLevel
 from nnpp_edge.runtime.search.astar import astar, cost_field, costs_to_nearest
@@ -119,9 +120,10 @@ def test_d_star_lite_equals_dijkstra_after_every_patch_and_the_standing_path_kno
                 found += 1
                 assert plans[0].cost == pytest.approx(truth, rel=1e-5, abs=near), (seed, turn, name)
                 start = tuple(plans[-1].path[min(len(plans[-1].path) - 1, int(rng.integers(3)))].tolist())
-            patch = patched(rng, case.dem)
-            planner.update_elevation(*patch)
-            case = with_patch(case, *patch)
+            for _ in range(1 + turn % 3):
+                patch = patched(rng, case.dem)
+                planner.update_elevation(*patch)
+                case = with_patch(case, *patch)
             if plans[-1].ok and case.passable[start] and case.passable[case.goal]:
                 planner.move(start)
                 standing, rest = planner.standing(), planner.standing_plan.path
@@ -135,6 +137,15 @@ def test_d_star_lite_equals_dijkstra_after_every_patch_and_the_standing_path_kno
                     with pytest.raises(AssertionError):
                         path_cost(rest[standing.index :], case, model)
     assert found > MAPS // 4 and stood > MAPS // 8
+
+
+def test_steps_priced_on_several_cores_are_those_of_one(monkeypatch):
+    dem = np.random.default_rng(3).normal(0.0, 0.1, (70, 90)).astype(np.float32)
+    one = Planner.of_elevation(dem, 1.0, step_cost="tobler")
+    monkeypatch.setattr(directed, "_THREADS_FROM", 1)
+    monkeypatch.setattr("os.sched_getaffinity", lambda _: range(3))
+    several = Planner.of_elevation(dem, 1.0, step_cost="tobler")
+    np.testing.assert_array_equal(several.reach((5, 5)), one.reach((5, 5)))
 
 
 # --- coarse levels

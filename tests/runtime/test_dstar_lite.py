@@ -233,6 +233,11 @@ def test_a_region_holds_start_and_goal_whatever_its_bitmap_which_may_be_numbered
         bitmap[0, 0] = bitmap[9, 9] = 0
         world.set_region(Region(bitmap, lookup, lookup, stamp))
         world.plan((1, 2) if stamp % 3 else (5, 5))
+    world, bitmap = Changing(np.full((12, 12), 0.1), (11, 11)), np.ones((12, 12), np.int32)
+    bitmap[0, 0] = bitmap[11, 11] = bitmap[5, 5] = 0
+    world.set_region(Region(bitmap, *[np.arange(12, dtype=np.int32)] * 2, 1))
+    for start in ((0, 0), (5, 5), (1, 1), (0, 0)):  # only as long as it starts there
+        assert ([5, 5] in world.plan(start).path.tolist()) == (start == (5, 5))
 
 
 def test_a_passed_deadline_is_reported_and_the_search_goes_on_from_there():

@@ -154,33 +154,51 @@ def test_a_network_in_two_parts_is_shown_the_map_again_once_enough_has_changed()
     dynamic, static = watched_network(), watched_network()
     planners = DynamicPlanner(cost, (240, 240), "nnpp", model=dynamic), Planner(cost, model=static)
     seen = []
-    for row, side in ((None, 0), (100, 4), (110, 16), (20, 120), (20, 120)):
+    for row, side, to in (
+        (None, 0, 0),
+        (100, 4, 0.9),
+        (110, 16, 0.9),
+        (20, 120, 0.9),
+        (20, 120, 0.9),
+        (20, 120, 0.8999),
+    ):
         if row is not None:
-            patch = np.full((side, side), 0.9, np.float32)
+            patch = np.full((side, side), to, np.float32)
             for planner in planners:
                 planner.update(row, row, patch)
         planners[0].move((10, 10))
         assert planners[0].replan().ok
         assert planners[1].plan((10, 10), (240, 240), method="nnpp").ok
         seen.append((type(dynamic).shown, type(static).shown))
-    assert [shown for shown, _ in seen] == [1, 1, 1, 2, 2]
-    assert [shown for _, shown in seen] == [1, 2, 3, 4, 4]  # the last patch says nothing new
+    assert [shown for shown, _ in seen] == [1, 1, 1, 2, 2, 2]
+    assert [shown for _, shown in seen] == [1, 2, 3, 4, 4, 5]  # the last patches say nothing, or next to nothing
 
 
-def test_a_change_outside_its_window_is_not_shown_to_a_network_and_one_inside_is_shown_where_it_is():
+@pytest.mark.parametrize("step_cost", ["paper", "length"])
+def test_a_change_outside_its_window_is_not_shown_to_a_network_and_one_inside_is_shown_where_it_is(step_cost):
     rng = np.random.default_rng(5)
-    cost, network, ends = rng.random((700, 700)).astype(np.float32) * 0.9, watched_network(), ((220, 120), (260, 160))
-    state = state_of(cost)
+    cost, network, ends = rng.random((700, 700)).astype(np.float32) * 0.8, watched_network(), ((220, 120), (260, 160))
+    cost += np.float32(0.01)
+    state = state_of(cost, step_cost)
     view = MapView(state, network)
     view.show(*ends)
-    for row, inside in ((600, False), (270, True), (210, True), (10, False)):
-        before, patch = type(network).shown, rng.random((20, 30)).astype(np.float32) * 0.9
+    for row, most, inside in (
+        (600, 0.8, False),
+        (270, 0.8, True),
+        (210, 0.8, True),
+        (10, 0.8, False),
+        (10, 0.99, False),
+    ):
+        before, patch = type(network).shown, rng.random((20, 30)).astype(np.float32) * most
+        patch += np.float32(0.01) * (most < 0.9)
+        patch[0, 0] = max(patch[0, 0], most)
         cost[row : row + 20, 150:180] = patch
         state.update(row, 150, patch)
         view.show(*ends)
-        assert type(network).shown == before + inside
-        new = MapView(state_of(cost), NetworkModel("edge"))
+        new = MapView(state_of(cost, step_cost), NetworkModel("edge"))
         new.show(*ends)
+        rescaled = step_cost == "length" and most > 0.9  # all costs are shown relative to the greatest
+        assert type(network).shown == before + (inside or rescaled)
         assert view.window == new.window
         np.testing.assert_allclose(view.planes, new.planes, atol=1e-6)
 

@@ -103,7 +103,7 @@ def test_updating_a_part_equals_building_anew(seed, corner_cutting, shape, data)
     cost = rng.random(shape).astype(np.float32)
     cost[rng.random(cost.shape) < 0.3] = np.inf
     state = state_of(cost, corner_cutting=corner_cutting)
-    for _ in range(2):
+    for _ in range(6):
         pyramid = state.pyramid
         row, col = (data.draw(st.integers(0, cells - 10)) for cells in shape)
         patch = rng.choice([0.2, np.inf], (10, 10)).astype(np.float32)
