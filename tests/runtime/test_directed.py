@@ -230,6 +230,11 @@ def test_bounds_reckon_with_the_height_between_the_ends():
     standing, around = planner.standing(), planner.replan()
     assert standing.footing == "blocked" and around.ok
     assert around.cost * 0.9 < standing.lower_bound <= around.cost
+    planner.update_elevation(
+        15, 30, np.full((1, 1), 0.05 * 30)
+    )  # the way is free again, and something changes far off
+    planner.update_elevation(0, 58, np.full((1, 1), 3.0))
+    assert planner.standing().lower_bound <= planner.replan().cost < around.cost
 
 
 def test_a_copy_and_a_planner_begun_anew_plan_the_same():
