@@ -23,7 +23,7 @@ from numpy.typing import NDArray
 
 from nnpp_edge import __version__
 from nnpp_edge.profiling.contest import Figures, Harness, Row, Summary, gap, mean, quantile, summarised
-from nnpp_edge.profiling.suites import QUERIES_PER_MAP, Case, TerrainFiles, cases_from, source_of, whole_cost
+from nnpp_edge.profiling.suites import QUERIES_PER_MAP, Case, TerrainFiles, source_of, terrain_cases, whole_cost
 from nnpp_edge.runtime import Ground, Plan, Planner, plan_path
 from nnpp_edge.runtime.arrays import Float2D
 from nnpp_edge.runtime.cells import Cell, Endpoints
@@ -309,7 +309,7 @@ def run(
     """The last size that a planner was measured at, or thought too slow for, and seconds a query."""
     for at, size in enumerate(sorted(sizes)):
         # enough maps, and some for queries without a path
-        cases = islice(cases_from(dems, SOFT, size, seed), 4 * -(-queries // QUERIES_PER_MAP))
+        cases = islice(terrain_cases(dems, SOFT, size, seed), 4 * -(-queries // QUERIES_PER_MAP))
         expected = {name: seconds * (size / side) ** 2 for name, (side, seconds) in known.items()}
 
         def of_size(done: int, before: int = at * queries) -> None:

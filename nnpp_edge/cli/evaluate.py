@@ -136,12 +136,8 @@ def command(
     mobility = robot.mobility(*dems[:1]) if directed else None
 
     def cases(name: str, size: "Size") -> "Iterator[Case]":
-        if dataset is not None:
-            found = suites.dataset_cases(dataset, name)
-        elif synthetic:
-            found = suites.synthetic_cases(name, size, seed, min_distance, body, rocks)
-        else:
-            found = suites.terrain_cases(dems, name, size, seed, min_distance, body, rocks)
+        found = suites.terrain_cases(dems, name, size, seed, min_distance, body, rocks)
+        found = suites.dataset_cases(dataset, name) if dataset is not None else found
         for case in found:
             ground = case.ground and replace(case.ground, step_cost=robot.step_cost, mobility=mobility)
             yield replace(case, ground=ground)

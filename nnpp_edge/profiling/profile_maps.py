@@ -8,7 +8,14 @@ from pathlib import Path
 import numpy as np
 
 from nnpp_edge.profiling.profile_file import SAMPLE, Load
-from nnpp_edge.profiling.suites import QUERIES_PER_MAP, SYNTHETIC, TerrainFiles, cases_from, large_enough, source_of
+from nnpp_edge.profiling.suites import (
+    QUERIES_PER_MAP,
+    SYNTHETIC,
+    TerrainFiles,
+    large_enough,
+    source_of,
+    terrain_cases,
+)
 from nnpp_edge.runtime.arrays import Float2D
 from nnpp_edge.runtime.cells import Endpoints
 from nnpp_edge.runtime.errors import TerrainError
@@ -87,7 +94,7 @@ class ProfileMaps:
         """Maps of one workload and size, without end; on each a share of the far and of the near queries."""
         load = self.load
         near_per_map = math.ceil(load.near * QUERIES_PER_MAP / load.queries)
-        for at, case in enumerate(cases_from(self._dems, name, size, load.seed, load.min_distance, self._vehicle)):
+        for at, case in enumerate(terrain_cases(self._dems, name, size, load.seed, load.min_distance, self._vehicle)):
             rng = np.random.default_rng([load.seed, size, at])
             near = _near(rng, case.cost, near_per_map, load.min_distance * size)
             assert case.ground is not None

@@ -1,7 +1,7 @@
 """Maps and queries to judge planners by, from terrain files or from a data set."""
 
 import math
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from importlib.resources import files
 from pathlib import Path
@@ -34,8 +34,6 @@ _TRIES = 50
 
 Size = int | tuple[int, int]
 """Side of a square map, or rows and columns."""
-_Heights = tuple[Float2D, tuple[float, float]]
-"""Heights, and the sides of a cell in metres."""
 
 
 def shape_of(size: Size) -> tuple[int, int]:
@@ -127,6 +125,17 @@ def whole_cost(ground: Ground) -> Float2D:
     return best
 
 
+def large_enough(dems: Sequence[Dem], size: Size) -> list[Dem]:
+    """Those that a map of this size can be cropped from."""
+    rows, cols = shape_of(size)
+    return [dem for dem in dems if dem.elevation.shape[0] >= rows and dem.elevation.shape[1] >= cols]
+
+
+def source_of(dems: Sequence[Dem], size: Size) -> str:
+    """Name of the terrain that `terrain_cases` takes maps of this size from."""
+    return ", ".join(dict.fromkeys(dem.source.stem for dem in large_enough(dems, size))) or SYNTHETIC
+
+
 def terrain_cases(
     dems: Sequence[Dem],
     name: str,
@@ -136,94 +145,34 @@ def terrain_cases(
     vehicle: Vehicle | None = None,
     rocks: float = 0.0,
 ) -> Iterator[Case]:
-    """Cases of one workload and size on random crops of terrain, without end; the same for the same seed on any
-    machine.
+    """Cases of one workload and size, without end, the same for the same seed on any machine.
 
-    Each terrain must be at least of the size. `least_distance` is that between start and goal, as a share of the
-    map's longer side; `vehicle` is for its workloads, `rocks` the share of ground that they cover where the workload
-    does not say. InvalidQueryError if the terrain has no fitting query, there is no such workload, or it takes a
-    vehicle.
+    Maps are random crops of the terrain that is large enough. Where none is, they are fractal and cratered ground
+    (`synthetic_terrain`), with cells of 20 m, for a vehicle's workloads of a quarter of its length. `least_distance`
+    is that between start and goal, as a share of the map's longer side; `vehicle` is for its workloads, `rocks` the
+    share of ground that they cover where the workload does not say.
+
+    InvalidQueryError if many maps in a row have no fitting query, there is no such workload, or it takes a vehicle.
     """
-    rows, cols = shape_of(size)
-
-    def crop(rng: np.random.Generator) -> _Heights:
-        dem = dems[int(rng.integers(len(dems)))]
-        row = int(rng.integers(0, dem.elevation.shape[0] - rows + 1))
-        col = int(rng.integers(0, dem.elevation.shape[1] - cols + 1))
-        return dem.elevation[row : row + rows, col : col + cols], (dem.cell_size_m, dem.cell_width_m)
-
-    return _cases(name, size, crop, seed, least_distance, vehicle, rocks)
-
-
-def synthetic_cases(
-    name: str,
-    size: Size,
-    seed: int,
-    least_distance: float = LEAST_DISTANCE,
-    vehicle: Vehicle | None = None,
-    rocks: float = 0.0,
-) -> Iterator[Case]:
-    """Cases on fractal and cratered ground (`synthetic_terrain`), as of `terrain_cases`, for what no file holds.
-
-    Cells are 20 m wide, and for a vehicle's workloads a quarter of its length.
-    """
-    rows, cols = shape_of(size)
-    of_body = vehicle is not None and body_rocks(name) is not None
-    cell_m = vehicle.length_m / _CELLS_TO_A_BODY if vehicle is not None and of_body else SYNTHETIC_CELL_M
-
-    def made(rng: np.random.Generator) -> _Heights:
-        return synthetic_terrain(rng, max(rows, cols), cell_m)[:rows, :cols], (cell_m, cell_m)
-
-    return _cases(name, size, made, seed, least_distance, vehicle, rocks)
-
-
-def large_enough(dems: Sequence[Dem], size: int) -> list[Dem]:
-    """Those that a square map of this side can be cropped from."""
-    return [dem for dem in dems if min(dem.elevation.shape) >= size]
-
-
-def source_of(dems: Sequence[Dem], size: int) -> str:
-    """Name of the terrain that `cases_from` takes maps of this size from."""
-    return ", ".join(dict.fromkeys(dem.source.stem for dem in large_enough(dems, size))) or SYNTHETIC
-
-
-def cases_from(
-    dems: Sequence[Dem],
-    name: str,
-    size: int,
-    seed: int,
-    least_distance: float = LEAST_DISTANCE,
-    vehicle: Vehicle | None = None,
-) -> Iterator[Case]:
-    """`terrain_cases` of the terrain that is large enough; `synthetic_cases` where none is."""
-    if fitting := large_enough(dems, size):
-        return terrain_cases(fitting, name, size, seed, least_distance, vehicle)
-    return synthetic_cases(name, size, seed, least_distance, vehicle)
-
-
-def _cases(
-    name: str,
-    size: Size,
-    heights: Callable[[np.random.Generator], _Heights],
-    seed: int,
-    least_distance: float,
-    vehicle: Vehicle | None,
-    rocks: float,
-) -> Iterator[Case]:
-    """Map after map with random queries; InvalidQueryError where many maps in a row have no fitting one."""
-    rows, cols = shape_of(size)
-    rng = np.random.default_rng([seed, *dict.fromkeys((rows, cols))])
-    least, own = least_distance * max(rows, cols), body_rocks(name)
+    fitting, (rows, cols), own = large_enough(dems, size), shape_of(size), body_rocks(name)
     limits = Traversability() if own is not None else workload(name)
     if own is not None and vehicle is None:
         raise InvalidQueryError(f"the workload {name} is a vehicle's: wanted a vehicle, got none")
-    body, cover, in_vain = (None if own is None else vehicle), own or rocks, 0
+    body = None if own is None else vehicle
+    cell_m = SYNTHETIC_CELL_M if body is None else body.length_m / _CELLS_TO_A_BODY
+    rng = np.random.default_rng([seed, *dict.fromkeys((rows, cols))])
+    least, cover, in_vain = least_distance * max(rows, cols), own or rocks, 0
     while in_vain < _TRIES:
-        drawn, (side, width) = heights(rng)
+        if fitting:
+            dem = fitting[int(rng.integers(len(fitting)))]
+            row, col = (int(rng.integers(0, n - m + 1)) for n, m in zip(dem.shape, (rows, cols), strict=True))
+            heights, sides_m = dem.elevation[row : row + rows, col : col + cols], (dem.cell_size_m, dem.cell_width_m)
+        else:
+            heights, sides_m = synthetic_terrain(rng, max(rows, cols), cell_m)[:rows, :cols], (cell_m, cell_m)
         if cover:  # by a generator of their own: the maps are those without rocks
-            drawn = with_rocks(drawn, side, cover, rng.spawn(1)[0], cell_width_m=width)
-        drawn = np.ascontiguousarray(drawn)
-        ground = Ground.of_elevation(drawn, side, limits, cell_width_m=width, vehicle=body)
+            heights = with_rocks(heights, sides_m[0], cover, rng.spawn(1)[0], cell_width_m=sides_m[1])
+        heights = np.ascontiguousarray(heights)
+        ground = Ground.of_elevation(heights, sides_m[0], limits, cell_width_m=sides_m[1], vehicle=body)
         cost = whole_cost(ground)
         queries = [query for _ in range(QUERIES_PER_MAP) if (query := random_query(rng, cost, least)) is not None]
         in_vain = 0 if queries else in_vain + 1

@@ -7,7 +7,7 @@ import pytest
 
 from nnpp_edge.profiling.evaluate import evaluate
 from nnpp_edge.profiling.rivals import exact_and
-from nnpp_edge.profiling.suites import TerrainFiles, synthetic_cases, terrain_cases, whole_cost
+from nnpp_edge.profiling.suites import TerrainFiles, terrain_cases, whole_cost
 from nnpp_edge.runtime import Planner, Vehicle, pose_costs
 from nnpp_edge.runtime.errors import InvalidQueryError
 from nnpp_edge.terrain.synthetic import synthetic_terrain
@@ -170,7 +170,7 @@ def test_rocks_may_lie_in_the_way_of_a_point(nnpp_edge, terrain):
 
 
 def test_synthetic_ground_has_four_cells_to_a_body():
-    case = next(synthetic_cases("body", 64, 1, vehicle=ROVER))
+    case = next(terrain_cases((), "body", 64, vehicle=ROVER))
     assert case.ground.cell_size_m == pytest.approx(0.25)
     assert any(Planner.of_elevation(case.ground.elevation, 0.25, vehicle=ROVER).plan(*q).ok for q in case.queries)
 
