@@ -5,13 +5,13 @@ import math
 import random
 from fractions import Fraction
 
+import numba
 import numpy as np
 import pytest
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 from nnpp_edge.runtime import DynamicPlanner, Planner, Status, Vehicle
-from nnpp_edge.runtime.compiled.kernel import kernel
 from nnpp_edge.runtime.deadline import Deadline
 from nnpp_edge.runtime.kernels import any_heading
 from nnpp_edge.runtime.kernels.any_angle import NO_DISC, line_cost
@@ -172,7 +172,7 @@ def test_lines_of_elevations_computed_where_somebody_looks_are_those_of_all():
 BODY = Vehicle(1.5, 1.2, 0.3)
 
 
-@kernel
+@numba.njit
 def pose_cost(body, row, col, ahead, sweep):
     under, contacts = any_heading.under_body(body), np.empty((2, len(body[1])))
     return any_heading.pose_cost(under, row, col, ahead, sweep, contacts)
