@@ -1,12 +1,12 @@
 """Zenoh: another process sends and listens; garbage, floods and listeners that sleep change nothing for the loop."""
 
-import json
 import os
 import signal
 import socket
 import subprocess
 import sys
 import threading
+from contextlib import ExitStack, closing
 from types import SimpleNamespace
 
 import numpy as np
@@ -20,7 +20,7 @@ from nnpp_edge.robot.transports.wire import decode_output, encode
 from nnpp_edge.robot.transports.zenoh_io import ZenohLink, ZenohSink, ZenohSource
 from nnpp_edge.runtime.errors import InvalidQueryError
 from nnpp_edge.runtime.loop.connections import Mailbox
-from nnpp_edge.runtime.loop.messages import Goal, MapPatch, PathMessage, Pose
+from nnpp_edge.runtime.loop.messages import Goal, MapPatch, Pose
 from nnpp_edge.runtime.loop.timing import rss_bytes
 from tests.robot.conftest import wait_until
 
@@ -55,10 +55,9 @@ def free_endpoint():
 @pytest.fixture
 def link():
     """A session that another process can reach."""
-    link = ZenohLink(endpoint := free_endpoint(), prefix="robot/7")
-    link.endpoint = endpoint
-    yield link
-    link.close()
+    with ZenohLink(endpoint := free_endpoint(), prefix="robot/7") as link:
+        link.endpoint = endpoint
+        yield link
 
 
 class Peer:
@@ -66,9 +65,8 @@ class Peer:
 
     def __init__(self, endpoint):
         self.heard = []
-        self.process = subprocess.Popen(
-            [sys.executable, "-c", PEER, endpoint], stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True
-        )
+        pipes = dict.fromkeys(("stdin", "stdout"), subprocess.PIPE)
+        self.process = subprocess.Popen([sys.executable, "-c", PEER, endpoint], **pipes, text=True)
         assert self.process.stdout.readline() == "listening\n"
         self._thread = threading.Thread(target=self._listen, daemon=True)
         self._thread.start()
@@ -97,9 +95,8 @@ class Peer:
 @pytest.fixture
 def peer(link):
     """Connected to the session."""
-    peer = Peer(link.endpoint)
-    yield peer
-    peer.close()
+    with closing(Peer(link.endpoint)) as peer:
+        yield peer
 
 
 @pytest.fixture
@@ -230,20 +227,17 @@ def test_a_listener_that_runs_out_of_memory_is_a_failure(listening):
 def test_connections_that_say_nothing_keep_nobody_out(link, navigator):
     source = ZenohSource(link, Refusals(navigator.count_error), navigator.count_error)
     host, port = link.endpoint.removeprefix("tcp/").split(":")
-    silent = [socket.create_connection((host, int(port))) for _ in range(300)]
-    peer = Peer(link.endpoint)
     taken = []
 
     def heard():
         peer.send("goal", encode(Goal(1, 1)))
         return taken.extend(source.poll()) or taken
 
-    try:
+    with ExitStack() as silent:
+        for _ in range(300):
+            silent.enter_context(socket.create_connection((host, int(port))))
+        peer = silent.enter_context(closing(Peer(link.endpoint)))
         wait_until(heard, 6.0)
-    finally:
-        peer.close()
-        for each in silent:
-            each.close()
 
 
 def test_a_listener_that_sleeps_holds_nobody_up(link, peer, navigator, drive):
@@ -273,18 +267,8 @@ def test_a_session_that_cannot_be_opened_is_told_in_one_line(link):
 def test_it_may_go_to_another_instead_of_listening(link, navigator):
     heard = []
     subscriber = link.session.declare_subscriber("robot/7/path", lambda s: heard.append(s.payload.to_bytes()))
-    other = ZenohLink(connect=link.endpoint, prefix="robot/7")
-    try:
-        sink = ZenohSink(other)
-        message = navigator.tick()
-
-        def came():
-            sink.publish(message)
-            return bool(heard)
-
-        wait_until(came)
-        assert isinstance(decode_output(heard[0]), PathMessage)
-        assert json.loads(heard[0])["outcome"] == "NO_POSE"
-    finally:
-        other.close()
-        subscriber.undeclare()
+    with ZenohLink(connect=link.endpoint, prefix="robot/7") as other:
+        sink, message = ZenohSink(other), navigator.tick()
+        wait_until(lambda: sink.publish(message) or heard)
+    assert decode_output(heard[0]).outcome == "NO_POSE"
+    subscriber.undeclare()
