@@ -75,7 +75,7 @@ def command(
     nnpp-edge run --map dem.tif --input replay:drive.jsonl --fast --output none --json
     """
     from nnpp_edge.profiling.profile_file import OnboardLoop, overridden_loop, read_profile
-    from nnpp_edge.robot.operations.onboard import STDOUT, Pace, Wiring, run
+    from nnpp_edge.robot.operations.onboard import STDOUT, Wiring, run
     from nnpp_edge.runtime.loop.ladder import NavigatorSettings
     from nnpp_edge.runtime.network.loading import begin_loading
     from nnpp_edge.runtime.network.model_file import model_path
@@ -108,8 +108,7 @@ def command(
     if navigator.asks_network:
         begin_loading(navigator.model)
     ground = _ground(map_file, robot)
-    pace = Pace(settings.rate_hz, settings.cores, settings.priority)
-    counters = run(ground, navigator, wiring, pace, ticks=ticks, report=partial(click.echo, err=True))
+    counters = run(ground, navigator, wiring, settings, ticks=ticks, report=partial(click.echo, err=True))
     if as_json:
         tell(as_json, asdict(counters), str)
     else:

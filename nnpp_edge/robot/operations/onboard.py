@@ -10,6 +10,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from nnpp_edge.files import write_whole
+from nnpp_edge.profiling.profile_file import OnboardLoop
 from nnpp_edge.profiling.trace import Trace
 from nnpp_edge.robot.operations.metrics import MetricsServer, write_metrics
 from nnpp_edge.robot.operations.systemd import Notifier
@@ -42,15 +43,6 @@ _STARTING: dict[signal.Signals, Handler] = {
 
 class SourceError(NnppEdgeError, RuntimeError):
     """Inputs can no longer be read."""
-
-
-@dataclass(frozen=True)
-class Pace:
-    """When and where the loop runs; as for `Loop`."""
-
-    rate_hz: float = 17.0
-    cores: tuple[int, ...] = ()
-    priority: int = 0
 
 
 @dataclass(frozen=True)
@@ -123,7 +115,7 @@ def run(
     ground: Ground,
     settings: NavigatorSettings,
     wiring: Wiring,
-    pace: Pace,
+    pace: OnboardLoop,
     *,
     ticks: int | None = None,
     report: Callable[[str], None] = lambda line: None,
@@ -131,7 +123,8 @@ def run(
     """Load kernels and network, connect everything, and run the loop until it is stopped or its input ends.
 
     SIGTERM and SIGINT end it after the tick, as do so many `ticks`; SIGHUP reloads the model. For the main thread.
-    `report` is called with a line for each thing that is started. SourceError where inputs can no longer be read.
+    Of `pace` rate, cores and priority count. `report` is called with a line for each thing that is started.
+    SourceError where inputs can no longer be read.
     """
     with signal_handlers(_STARTING), ExitStack() as stack:
         notifier = stack.enter_context(Notifier())
