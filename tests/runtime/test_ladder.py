@@ -14,7 +14,6 @@ from nnpp_edge.runtime import (
     Pose,
     Status,
     Vehicle,
-    World,
 )
 from nnpp_edge.runtime.loop.approach import place_towards
 
@@ -42,7 +41,7 @@ def two_lanes():
 def made_dearer(share):
     """A navigator whose standing path costs more by a share of itself since it was planned, and that path."""
     clock = Clock()
-    navigator = Navigator(World(two_lanes()), NavigatorSettings("astar", tolerance=0.02), clock=clock)
+    navigator = Navigator(Ground(two_lanes()), NavigatorSettings("astar", tolerance=0.02), clock=clock)
     navigator.offer(Pose(1.5, 0.5))
     navigator.offer(Goal(1, 60))
     return navigator, clock, lambda: raise_cost(navigator, share)
@@ -99,7 +98,7 @@ def test_a_robot_in_an_obstacle_starts_beside_it_no_farther_than_its_radius(cell
     """What is free begins at (20, 15); the radius is 3 cells as the crow flies."""
     cost = np.full((30, 30), np.inf, np.float32)
     cost[20:, 15:] = 0.2
-    navigator = Navigator(World(cost), NavigatorSettings("astar", snap_radius=3))
+    navigator = Navigator(Ground(cost), NavigatorSettings("astar", snap_radius=3))
     navigator.offer(Goal(25, 25))
     navigator.offer(Pose(cell[0] + 0.5, cell[1] + 0.5))
     message = navigator.tick()
