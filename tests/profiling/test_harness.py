@@ -3,7 +3,7 @@ from itertools import pairwise
 
 import pytest
 
-from nnpp_edge.profiling.contest import Harness
+from nnpp_edge.profiling.contest import Harness, gap
 
 
 class FakeClock:
@@ -142,3 +142,7 @@ def test_a_case_is_taken_only_when_the_records_of_the_one_before_were_used(clock
 
 def test_one_call_can_be_timed(clock):
     assert Harness(clock=clock).timed(lambda: taking(clock, [2.0])("answer")) == (2.0, "answer")
+
+
+def test_a_gap_is_a_share_of_the_optimum_also_where_energy_is_got_back():
+    assert (gap(1.5, 1.0), gap(-1.0, -2.0), gap(0.0, 0.0)) == (0.5, 0.5, 0.0)

@@ -9,7 +9,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from nnpp_edge.runtime import Planner, warmup
+from nnpp_edge.runtime import Planner, memory, warmup
 from nnpp_edge.runtime.errors import InvalidMapError
 from nnpp_edge.runtime.loop.timing import rss_bytes
 from nnpp_edge.runtime.map.step_cost import StepModel
@@ -110,10 +110,14 @@ def test_huge_pages_are_off_for_a_while():
     assert off() == 0
 
 
-def test_a_map_too_large_for_memory_is_refused_before_anything_is_allocated():
+def test_a_map_too_large_for_memory_is_refused_before_anything_is_allocated(monkeypatch):
     huge = np.broadcast_to(np.float32(0.2), (4_000_000, 1_000_000))
     with pytest.raises(InvalidMapError, match=r"wanted 64000.0 GB of memory .* WindowedPlanner"):
         Planner(huge)
     check_planner_fits((2048, 2048))
+    monkeypatch.setattr(memory, "available_bytes", lambda: 4096 * 4096 * 20)
+    check_planner_fits((4096, 4096))
+    with pytest.raises(InvalidMapError, match="wanted 0.9 GB"):
+        check_planner_fits((4096, 4096), directed=True)
     with pytest.raises(InvalidMapError, match="cells"):
         StreamedMap((60_000, 60_000), StepModel.of("paper"))

@@ -9,7 +9,7 @@ import re
 import numpy as np
 import pytest
 
-from nnpp_edge.runtime import DynamicPlanner, Planner, Vehicle, traversability_cost
+from nnpp_edge.runtime import DynamicPlanner, Ground, Planner, Vehicle, traversability_cost
 from nnpp_edge.runtime.errors import InvalidMapError, Status
 from nnpp_edge.runtime.terrain.vehicle import HEADINGS, footprint
 from tests import pose_oracles
@@ -162,14 +162,21 @@ def test_a_disc_on_a_map_that_changes():
 
 
 def test_a_disc_keeps_its_distance_on_cells_and_between_them():
-    for seed in range(4):
+    """Of every step that there is, by the distance from each obstacle's square."""
+    for seed, (radius, dy, dx) in enumerate(((0.55, 1.0, 1.0), (0.7, 1.0, 1.0), (1.3, 1.0, 1.0), (0.9, 0.5, 0.8))):
         cost = costs(seed)
-        planner = Planner(cost, vehicle=DISC, cell_size_m=CELL_M)
-        for method in ("astar", "corridor", "nnpp"):
-            plan = planner.plan(*ends(planner), method=method)
-            assert plan.status in (Status.OK, Status.NO_PATH)
-            for one, other in itertools.pairwise(plan.path):
-                assert all(stands(cost, (1.0 - share) * one + share * other) for share in (0.0, 0.25, 0.5, 0.75))
+        planner = Planner(Ground(cost, cell_size_m=dy, cell_width_m=dx, vehicle=Vehicle(radius_m=radius)))
+        passable, obstacles = (
+            np.isfinite(planner.state.grid.map()),
+            np.argwhere(~(np.pad(cost, 1, constant_values=2) < 1.0)) - 1,
+        )
+        for step in ((0, 1), (1, 0), (1, 1), (1, -1)):
+            begin = np.argwhere(passable & np.roll(passable, np.negative(step), (0, 1)))
+            begin = begin[((begin + step >= 0) & (begin + step < cost.shape)).all(1)]
+            for share in (0.0, 0.25, 0.5, 0.75):
+                apart = np.abs(obstacles - (begin + share * np.array(step))[:, None]) - 0.5
+                near = np.hypot(*np.moveaxis(np.maximum(apart, 0.0) * (dy, dx), 2, 0)).min()
+                assert len(begin) > 50 and near >= radius * (1.0 - 1e-6)
 
 
 @pytest.mark.parametrize("elevations", [False, True])

@@ -10,11 +10,9 @@ import pytest
 from nnpp_edge.runtime.errors import DataSetError, InvalidQueryError
 from nnpp_edge.runtime.terrain.traversability import Traversability, traversability_cost
 from nnpp_edge.terrain.dataset import make_dataset, read_recipe, read_samples
-from nnpp_edge.terrain.labels import EXCESS_STEP, label_queries
 from nnpp_edge.terrain.shards import BARREN_MAPS, Recipe, make_shard, read_terrain, shard_content
 from nnpp_edge.terrain.synthetic import synthetic_terrain
 from nnpp_edge.terrain.workloads import workload
-from tests import oracles
 
 RECIPE = Recipe((), maps=10, size=32, blocks=8, maps_per_shard=3, poolings=((1, 0.7), (2, 0.3)))
 
@@ -79,24 +77,6 @@ def test_samples_are_averaged_down_to_a_smaller_network(whole):
     np.testing.assert_array_equal(half.excess, full.excess)
     with pytest.raises(DataSetError, match="a multiple of that"):
         read_samples(whole, size=RECIPE.size - 1)
-
-
-def test_labels_are_the_optimum_and_the_excess_of_every_block():
-    rng = np.random.default_rng(0)
-    cost = rng.random((16, 16)).astype(np.float32)
-    cost[rng.random((16, 16)) < 0.2] = np.inf
-    points = np.argwhere(np.isfinite(cost))[[3, 60, 150]].astype(np.int32)
-    labelled = label_queries(cost, points, 4.0, 8, 0.011)
-    assert labelled
-    for label in labelled:
-        start, goal, optimum, path, excess = label.start, label.goal, label.optimum, label.path, label.excess
-        forward, backward = oracles.dijkstra(cost, start), oracles.dijkstra(cost, goal)
-        assert optimum == pytest.approx(forward[goal], rel=1e-5)
-        assert oracles.path_cost(path, cost) == pytest.approx(optimum, rel=1e-5)
-        through = (forward + backward).reshape(8, 2, 8, 2).min(axis=(1, 3))
-        wanted = np.minimum((through / forward[goal] - 1) / EXCESS_STEP, 255)
-        np.testing.assert_allclose(excess, wanted, atol=0.6)
-        assert (excess[path[:, 0] // 2, path[:, 1] // 2] == 0).all()
 
 
 def test_samples_keep_their_distance_and_see_obstacles():
