@@ -1,5 +1,6 @@
 """`nnpp-edge view`: a page on this machine to look at a map and to try planning on it."""
 
+import signal
 from dataclasses import fields
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -69,6 +70,7 @@ def command(
         click.echo(server.address)
         if not no_browser:
             click.launch(server.address)
+        signal.signal(signal.SIGINT, signal.default_int_handler)  # a shell has it ignored by what it starts with &
         server.serve(answerer)
 
 
