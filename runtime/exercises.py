@@ -131,7 +131,6 @@ def _exercise_kernels(dem: Float2D, network: NetworkModel) -> None:
 
 
 def _exercise_body_kernels(dem: Float2D) -> None:
-    """Likewise, of a body."""
     pose_costs(dem[:148], 1.0, _BODY)
     state = Planner.of_elevation(dem, 1.0, vehicle=_BODY, warn=False).state
     BodyLines(state.grid).attitudes(np.array(((8, 5), (140, 18)), np.float64))

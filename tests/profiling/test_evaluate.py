@@ -13,32 +13,12 @@ from nnpp_edge.terrain.dataset import Recipe, make_dataset
 from nnpp_edge.terrain.synthetic import synthetic_terrain
 
 KEYS = {
-    "workload",
-    "size",
-    "method",
-    "n",
-    "success_raw",
-    "success",
-    "gap_mean",
-    "gap_p95",
-    "gap_p99",
-    "gap_max",
-    "time_ms_median",
-    "time_ms_p99",
-    "speedup_median",
-    "speedup_total",
-    "expansions_median",
-    "region_share_mean",
-    "widened_share",
-    "whole_map_share",
-    "mm_mean",
+    *("workload", "size", "method", "n", "success_raw", "success", "gap_mean", "gap_p95", "gap_p99", "gap_max"),
+    *("time_ms_median", "time_ms_p99", "speedup_median", "speedup_total", "expansions_median"),
+    *("region_share_mean", "widened_share", "whole_map_share", "mm_mean"),
 }
 FRESH_KEYS = {
-    "fresh_ms_median",
-    "fresh_ms_p99",
-    "fresh_speedup_median",
-    "fresh_gap_mean",
-    "fresh_gap_p99",
+    *("fresh_ms_median", "fresh_ms_p99", "fresh_speedup_median", "fresh_gap_mean", "fresh_gap_p99"),
     "costs_computed_mean",
 }
 
@@ -52,24 +32,8 @@ def terrain(tmp_path_factory):
 
 
 def test_a_row_for_each_workload_size_and_planner(nnpp_edge, terrain, tiny_model):
-    ended = nnpp_edge(
-        "evaluate",
-        "--terrain",
-        terrain,
-        "--workload",
-        "soft,limit15",
-        "--sizes",
-        "64,128",
-        "--queries",
-        12,
-        "--methods",
-        "corridor,nnpp",
-        "--model",
-        tiny_model,
-        "--repeats",
-        1,
-        "--json",
-    )
+    words = ("--workload", "soft,limit15", "--sizes", "64,128", "--queries", 12, "--methods", "corridor,nnpp")
+    ended = nnpp_edge("evaluate", terrain, *words, "--model", tiny_model, "--repeats", 1, "--json")
     assert ended.code == 0, ended.err
     rows = json.loads(ended.out)
     assert [(r["workload"], r["size"], r["method"]) for r in rows] == [

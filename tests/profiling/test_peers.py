@@ -21,19 +21,8 @@ def terrain(tmp_path_factory):
 
 
 def test_a_row_for_each_size_and_planner(nnpp_edge, terrain, tmp_path):
-    ended = nnpp_edge(
-        "profile",
-        "--peers",
-        "--terrain",
-        terrain,
-        "--sizes",
-        "64,96",
-        "--queries",
-        12,
-        "--json",
-        "-o",
-        tmp_path / "out",
-    )
+    words = ("--terrain", terrain, "--sizes", "64,96", "--queries", 12, "--json", "-o", tmp_path / "out")
+    ended = nnpp_edge("profile", "--peers", *words)
     assert ended.code == 0, ended.err
     told = json.loads(ended.out)
     found, missing = peer_planners()
