@@ -1,17 +1,19 @@
-"""The check of poses: whether a body may stand on a cell in a heading, and what that costs. See `terrain.vehicle`.
+"""The check of a body's motions: whether it can follow a leg or turn on a cell, what that costs, and why it cannot.
 
-Poses are checked a run at a time, `RUN` cells of a row in one heading, where a search first asks: a run takes about
-as long as two or three poses would take one by one.
+Motions are checked a run at a time, `RUN` cells of a row, where a search first asks: a run takes about as long as two
+or three motions would take one by one. docs/vehicle.md has the definitions and the proof, `map.motions` the tables.
 
-The heights under each wheel lie between a least and a greatest, and the plane of the wheels' contacts, fitted by
-least squares, is linear in them: its steepest gradients, and the lowest that its belly can come above each cell, are
-found from the middles and half widths of these ranges, without trying any out.
+The ground is taken relative to a plane through the heights under the wheels' middles, so that no slope counts as
+roughness. What each wheel touches then lies between a least and a greatest departure from it, and the plane of the
+contacts, fitted by least squares, is linear in these: its steepest slopes, and the lowest that the belly can come
+above each place, are found from the middles and half widths of these ranges, without trying any out.
 
-The kernels are given `poses`, a tuple (codes, unit, source, address):
+The kernels are given `poses`, a tuple (legs, turns, source, address):
 
-    codes      (nodes, 4) uint16, of each heading: `UNCHECKED`, `FAILS`, or 1 + T · `MOST_CODE`, rounded up
-    unit       float32, weight of a step of T's code
-    source     (heights, offsets, starts, belly, gradients, limits, halves, counts, shape), see `map.poses`
+    legs       (nodes, 8) uint16, of the leg that leaves along each axis: `UNCHECKED`, 1 + T · `MOST_CODE`, rounded up,
+               or `MOST_CODE` + 1 + the limit that refuses it
+    turns      (nodes,) uint16, bit k: the turn from direction k to the next was checked; bit 8 + k: and is possible
+    source     (heights, motions, limits, scratch, counts, shape), see `map.poses`
     address    of `check_run`
 """
 
@@ -24,24 +26,25 @@ from nnpp_edge.runtime.kernels.lanes import LANES, chosen, in_all, put_run, root
 from nnpp_edge.runtime.kernels.traversability import arc_tangent
 
 RUN = LANES
-"""Poses that are checked at once."""
-UNCHECKED, FAILS, MOST_CODE = 0, 65535, 65533
-HEADING = (0, 0, 2, 2, 1, 3, 3, 1)
-"""Number of the heading of each of the eight steps, see `terrain.vehicle.HEADINGS`."""
-PITCH, ROLL, TILT, STEP, CLEARANCE = 0, 1, 2, 3, 4
-TILT_WEIGHT, RISE_WEIGHT, STEP_WEIGHT, HALF_STEPS, MARGINS = 5, 6, 7, 8, 12
-LIMIT_SLOTS = 16
-"""Of the limits: the greatest gradients along and across, tilt in radians, step and clearance in metres; weights of
-the terms of T; and of each heading half a step's length and the belly's margin."""
+"""Motions that are checked at once."""
+AXES = 8
+UNCHECKED, MOST_CODE, FAILS = 0, 65520, 65521
+"""Codes from `FAILS` on are of motions that fail, by `REFUSALS`."""
+REFUSALS = ("unknown", "tilt", "pitch", "roll", "step", "belly")
+UNKNOWN, TILT, PITCH, ROLL, STEP, BELLY = range(6)
+TILT_WEIGHT, RISE_WEIGHT, STEP_WEIGHT = 6, 7, 8
+LIMIT_SLOTS = 9
+"""Of the limits: tilt in radians, the greatest slopes ahead and to the left, step and clearance in metres; the weights
+of the terms of T."""
 _ONE, _TWO, _HALF = np.float32(1.0), np.float32(2.0), np.float32(0.5)
 _ZERO, _INF, _MOST = np.float32(0.0), np.float32(np.inf), np.float32(MOST_CODE)
 
 
 @helper
-def pose_weight(code, unit):
-    """Weight of a pose by its code: inf where it fails; 0, which no pose weighs less than, where unchecked."""
+def motion_weight(code, unit):
+    """Weight of a motion by its code: inf where it fails; 0, which none weighs less than, where unchecked."""
     weight = np.float32(max(np.int32(code), np.int32(1)) - np.int32(1)) * unit
-    return _INF if code == FAILS else weight
+    return _INF if code >= FAILS else weight
 
 
 @kernel
@@ -55,88 +58,208 @@ def put_heights(heights, base, unknown, out, row, col):
 
 
 @helper
-def _lift(heights, first, offsets, belly, heading, plane, gradients, halves):
+def _on_cell(heights, first, sample, n, samples, slopes):
+    """Heights at a sample that is a cell, above a plane of these slopes through the body's middle."""
+    places, offsets, _ = samples
+    height = run_at(heights, first + offsets[n])
+    return height - (places[sample, 0] * slopes[0] + places[sample, 1] * slopes[1])
+
+
+@helper
+def _on_line(heights, first, sample, n, samples, slopes):
+    """Likewise, at one between two cells."""
+    places, offsets, shares = samples
+    height = shares[n] * run_at(heights, first + offsets[n]) + shares[n + 1] * run_at(heights, first + offsets[n + 1])
+    return height - (places[sample, 0] * slopes[0] + places[sample, 1] * slopes[1])
+
+
+@helper
+def _on_four(heights, first, sample, n, samples, slopes):
+    """Likewise, at one between four cells."""
+    places, offsets, shares = samples
+    height = shares[n] * run_at(heights, first + offsets[n]) + shares[n + 1] * run_at(heights, first + offsets[n + 1])
+    height += shares[n + 2] * run_at(heights, first + offsets[n + 2])
+    height += shares[n + 3] * run_at(heights, first + offsets[n + 3])
+    return height - (places[sample, 0] * slopes[0] + places[sample, 1] * slopes[1])
+
+
+@helper
+def _range(heights, first, group, samples, slopes):
+    """Least and greatest height above a plane among a group of samples, see `map.motions.Motions.groups`."""
+    low, high = in_all(_INF), in_all(-_INF)
+    begin, fours, lines, end, n = group
+    for sample in range(begin, fours):
+        there = _on_four(heights, first, sample, n, samples, slopes)
+        low, high = chosen(there < low, there, low), chosen(there > high, there, high)
+        n += 4
+    for sample in range(fours, lines):
+        there = _on_line(heights, first, sample, n, samples, slopes)
+        low, high = chosen(there < low, there, low), chosen(there > high, there, high)
+        n += 2
+    for sample in range(lines, end):
+        there = _on_cell(heights, first, sample, n, samples, slopes)
+        low, high = chosen(there < low, there, low), chosen(there > high, there, high)
+        n += 1
+    return low, high
+
+
+@helper
+def _slopes(heights, first, pose, fitted):
+    """Slopes ahead and to the left of the plane through the heights under the wheels' middles; 0 where unknown."""
+    slopes_of, offsets, shares = fitted
+    along, across = in_all(_ZERO), in_all(_ZERO)
+    for n in range(slopes_of[pose], slopes_of[pose + 1]):
+        there = run_at(heights, first + offsets[n])
+        along += shares[n, 0] * there
+        across += shares[n, 1] * there
+    known = abs(along) + abs(across) < _INF
+    return chosen(known, along, _ZERO), chosen(known, across, _ZERO)
+
+
+@helper
+def _lift(heights, first, pose, tables, slopes, plane, halves):
     """How far the ground under the body comes above the lowest that the wheels' plane can be there.
 
-    `plane` goes through the wheels' least heights: the lowest, wherever each wheel's height raises it. On a patch of
+    `plane` goes through the wheels' least heights: the lowest, wherever each wheel's height raises it. In a part of
     the belly where some wheels' heights lower it, their greatest heights count.
     """
-    places, of_heading, patches, raised = belly
+    groups_of, groups, samples, _, (raised_of, raised), _, gradients, _ = tables
     rise = in_all(-_INF)
-    for patch in range(of_heading[heading], of_heading[heading + 1]):
+    for part in range(groups_of[pose] + gradients.shape[1], groups_of[pose + 1]):
         level, along, across = plane
-        for n in range(patches[patch, 2], patches[patch, 3]):
+        along, across = along + slopes[0], across + slopes[1]
+        for n in range(raised_of[part], raised_of[part + 1]):
             w = raised[n]
             more = _TWO * run_at(halves, w * RUN)
             level += gradients[0, w] * more
             along += gradients[1, w] * more
             across += gradients[2, w] * more
-        for n in range(patches[patch, 0], patches[patch, 1]):
-            above = run_at(heights, first + offsets[n]) - (level + places[n, 0] * along + places[n, 1] * across)
-            rise = chosen(above > rise, above, rise)
+        group = groups[part, 0], groups[part, 1], groups[part, 2], groups[part, 3], groups[part, 4]
+        _, high = _range(heights, first, group, samples, (along, across))
+        above = high - level
+        rise = chosen(above > rise, above, rise)
     return rise
 
 
 @helper
-def _verdicts(pitch, roll, step, rise, limits, heading):
-    """Codes of a run's poses by their greatest gradients along and across, and by how far the ground is above."""
-    tilt = arc_tangent(root(pitch * pitch + roll * roll))
-    up = rise + limits[HALF_STEPS + heading] * pitch
-    up = chosen(up > _ZERO, up, _ZERO)
-    stands = (pitch <= limits[PITCH]) & (roll <= limits[ROLL]) & (tilt <= limits[TILT])
-    stands &= (step <= limits[STEP]) & (up + limits[MARGINS + heading] <= limits[CLEARANCE])
-    t = limits[TILT_WEIGHT] / limits[TILT] * tilt + limits[RISE_WEIGHT] / limits[CLEARANCE] * up
+def _codes(figures, limits):
+    """Codes of a run's poses by their steepest tilt, pitch and roll (as slopes), step, and rise under the belly."""
+    slope, pitch, roll, step, up = figures
+    tilt = arc_tangent(slope)
+    t = limits[TILT_WEIGHT] / limits[TILT] * tilt + limits[RISE_WEIGHT] / limits[BELLY] * up
     t += limits[STEP_WEIGHT] / limits[STEP] * step
     codes = rounded_up(t * _MOST) + _ONE
-    return chosen(stands, chosen(codes < _MOST, codes, _MOST), np.float32(FAILS))
+    codes = chosen(codes < _MOST, codes, _MOST)
+    codes = chosen(up <= limits[BELLY], codes, np.float32(FAILS + BELLY))
+    codes = chosen(step <= limits[STEP], codes, np.float32(FAILS + STEP))
+    codes = chosen(roll <= limits[ROLL], codes, np.float32(FAILS + ROLL))
+    codes = chosen(pitch <= limits[PITCH], codes, np.float32(FAILS + PITCH))
+    codes = chosen(tilt <= limits[TILT], codes, np.float32(FAILS + TILT))
+    return chosen(slope + step + up < _INF, codes, np.float32(FAILS + UNKNOWN))
 
 
-@kernel
-def check_run(poses, row, col, heading):
-    """Check all poses of the run that a cell lies in, in one heading, and write their codes."""
-    source = poses[2]
-    codes, heights = borrowed(poses[0]), borrowed(source[0])
-    offsets, starts = borrowed(source[1]), borrowed(source[2])
-    belly = borrowed(source[3][0]), borrowed(source[3][1]), borrowed(source[3][2]), borrowed(source[3][3])
-    gradients, limits, halves = borrowed(source[4]), borrowed(source[5]), borrowed(source[6])
-    counts, shape = borrowed(source[7]), borrowed(source[8])
-    cols, width, margin = shape[1], shape[2], shape[3]
-    col -= col % RUN
-    first = (row + margin) * width + col + margin
+@helper
+def _pose_codes(heights, first, pose, tables, limits, halves):
+    """Codes of a run's poses, of one place and heading."""
+    groups_of, groups, samples, fitted, _, swept, gradients, carried = tables
+    slopes = _slopes(heights, first, pose, fitted)
     level, along, across, step = in_all(_ZERO), in_all(_ZERO), in_all(_ZERO), in_all(_ZERO)
-    pitch, roll, more_pitch, more_roll = in_all(_ZERO), in_all(_ZERO), in_all(_ZERO), in_all(_ZERO)
+    mid_along, mid_across = in_all(_ZERO), in_all(_ZERO)
+    more_along, more_across = in_all(_ZERO), in_all(_ZERO)
     for w in range(gradients.shape[1]):
-        low, high = in_all(_INF), in_all(-_INF)
-        for n in range(starts[heading, w], starts[heading, w + 1]):
-            there = run_at(heights, first + offsets[n])
-            low, high = chosen(there < low, there, low), chosen(there > high, there, high)
+        k = groups_of[pose] + w
+        group = groups[k, 0], groups[k, 1], groups[k, 2], groups[k, 3], groups[k, 4]
+        low, high = _range(heights, first, group, samples, slopes)
         half = _HALF * (high - low)
         put_run(halves, w * RUN, half)
         level += gradients[0, w] * low
         along += gradients[1, w] * low
         across += gradients[2, w] * low
-        pitch += gradients[1, w] * (low + half)
-        roll += gradients[2, w] * (low + half)
-        more_pitch += gradients[3, w] * half
-        more_roll += gradients[4, w] * half
+        mid_along += gradients[1, w] * (low + half)
+        mid_across += gradients[2, w] * (low + half)
+        more_along += gradients[3, w] * half
+        more_across += gradients[4, w] * half
         step = chosen(half > step, half, step)
-    rise = _lift(heights, first, offsets, belly, heading, (level, along, across), gradients, halves)
-    put_run(halves, 0, _verdicts(abs(pitch) + more_pitch, abs(roll) + more_roll, _TWO * step, rise, limits, heading))
-    n = min(RUN, cols - col)
-    there = codes[(row + 1) * (cols + 2) + col + 1 :, heading]
-    for c in range(n):
-        there[c] = np.uint16(halves[c])
-    counts[0] += n
+    rise = _lift(heights, first, pose, tables, slopes, (level, along, across), halves)
+    # the steepest that the contacts depart from the plane: as they are, and with each carried along its patch
+    steep_along, steep_across = abs(mid_along) + more_along, abs(mid_across) + more_across
+    by_along = carried[0] * steep_along + carried[1] * steep_across
+    by_across = carried[2] * steep_along + carried[3] * steep_across
+    sunk = carried[4] * steep_along + carried[5] * steep_across
+    more_along += by_along
+    more_across += by_across
+    steep_along += by_along
+    steep_across += by_across
+    ahead, aside, turn = swept[pose, 0], swept[pose, 1], swept[pose, 2]
+    sunk += ahead * steep_along + aside * steep_across
+    up = rise + sunk
+    up = chosen(up > _ZERO, up, _ZERO)
+    step = _TWO * step + (carried[6] * steep_along + carried[7] * steep_across)
+    along, across = abs(slopes[0] + mid_along) + more_along, abs(slopes[1] + mid_across) + more_across
+    most_along, most_across = along + turn * steep_across, across + turn * steep_along
+    slope = root(most_along * most_along + most_across * most_across)
+    pitch, roll = along + turn * (abs(slopes[1]) + steep_across), across + turn * (abs(slopes[0]) + steep_along)
+    pitch, roll = chosen(pitch < slope, pitch, slope), chosen(roll < slope, roll, slope)
+    return _codes((slope, pitch, roll, step, up), limits)
 
 
-def check_there(poses, row, col, heading):
+@kernel
+def check_run(poses, row, col, motion):
+    """Check a motion from all cells of the run that a cell lies in, and write what is found of it.
+
+    Motions are the legs along the axes, the turns from one direction to the next, and the body standing in each
+    direction, eight of each. What a leg or a standing body comes to is left in the scratch memory, too.
+    """
+    legs, turns, source = borrowed(poses[0]), borrowed(poses[1]), poses[2]
+    heights, given = borrowed(source[0]), source[1]
+    poses_of, samples, fitted, belly = borrowed(given[0]), given[3], given[4], given[5]
+    tables = (
+        borrowed(given[1]),
+        borrowed(given[2]),
+        (borrowed(samples[0]), borrowed(samples[1]), borrowed(samples[2])),
+        (borrowed(fitted[0]), borrowed(fitted[1]), borrowed(fitted[2])),
+        (borrowed(belly[0]), borrowed(belly[1])),
+        borrowed(given[6]),
+        borrowed(given[7]),
+        borrowed(given[8]),
+    )
+    limits, scratch, counts, shape = (
+        borrowed(source[2]),
+        borrowed(source[3]),
+        borrowed(source[4]),
+        borrowed(source[5]),
+    )
+    cols, width, margin = shape[1], shape[2], shape[3]
+    col -= col % RUN
+    first = (row + margin) * width + col + margin
+    total, worst = in_all(_ZERO), in_all(_ZERO)
+    for pose in range(poses_of[motion], poses_of[motion + 1]):
+        code = _pose_codes(heights, first, pose, tables, limits, scratch)
+        total += code
+        worst = chosen(code > worst, code, worst)
+    mean = rounded_up(total * (_ONE / np.float32(poses_of[motion + 1] - poses_of[motion])))
+    put_run(scratch, 0, chosen(worst < np.float32(FAILS), mean, worst))
+    n, node = min(RUN, cols - col), (row + 1) * (cols + 2) + col + 1
+    if motion < AXES:
+        there = legs[node:, motion]
+        for c in range(n):
+            there[c] = np.uint16(scratch[c])
+    elif motion < 2 * AXES:
+        bit = np.uint16(1 << (motion - AXES))
+        for c in range(n):
+            passes = np.uint16(bit << 8) if scratch[c] < FAILS else np.uint16(0)
+            turns[node + c] = turns[node + c] | bit | passes
+    counts[0] += n * (poses_of[motion + 1] - poses_of[motion])
+
+
+def check_there(poses, row, col, motion):
     """`check_run`, for other kernels to call; `address_of_check` must have been asked for."""
-    check_run(poses, row, col, heading)
+    check_run(poses, row, col, motion)
 
 
 @overload(check_there)
-def _compiled_check_there(poses, row, col, heading):
-    return lambda poses, row, col, heading: call_at(poses[3], (poses, row, col, heading))
+def _compiled_check_there(poses, row, col, motion):
+    return lambda poses, row, col, motion: call_at(poses[3], (poses, row, col, motion))
 
 
 def address_of_check(poses):
@@ -145,26 +268,39 @@ def address_of_check(poses):
 
 
 @kernel
+def standing_codes(poses, row, out):
+    """Codes of the body standing on the cells of a row, in each direction, into `out` (8, W)."""
+    source = poses[2]
+    for motion in range(2 * AXES, 3 * AXES):
+        for col in range(0, out.shape[1], RUN):
+            check_run(poses, row, col, motion)
+            for c in range(min(RUN, out.shape[1] - col)):
+                out[motion - 2 * AXES, col + c] = np.uint16(source[3][c])
+
+
+@kernel
 def check_rows(poses, row0, row1):
-    """Check all poses of some rows that are not checked yet."""
-    codes, _, source, _ = poses
-    cols = source[8][1]
+    """Check all legs and turns of some rows that are not checked yet."""
+    legs, turns, source, _ = poses
+    cols = source[5][1]
     for row in range(row0, row1):
         first = (row + 1) * (cols + 2) + 1
-        for heading in range(4):
-            for col in range(0, cols, RUN):
-                if codes[first + col, heading] == UNCHECKED:
-                    check_run(poses, row, col, heading)
+        for col in range(0, cols, RUN):
+            for motion in range(AXES):
+                if legs[first + col, motion] == UNCHECKED:
+                    check_run(poses, row, col, motion)
+                if not turns[first + col] >> motion & 1:
+                    check_run(poses, row, col, AXES + motion)
 
 
 @kernel
 def forget_poses(poses, area, reach):
-    """Take the poses near a rectangle of cells, (row0, row1, col0, col1), as unchecked: those within reach of it.
+    """Take legs and turns near a rectangle of cells, (row0, row1, col0, col1), as unchecked: those within reach of it.
 
     `reach` is (rows, columns). Returns how many had been checked.
     """
-    codes, _, source, _ = poses
-    rows, cols = source[8][0], source[8][1]
+    legs, turns, source, _ = poses
+    rows, cols = source[5][0], source[5][1]
     row0, row1 = max(area[0] - reach[0], 0), min(area[1] + reach[0], rows)
     col0, col1 = max(area[2] - reach[1], 0), min(area[3] + reach[1], cols)
     col0 -= col0 % RUN
@@ -172,59 +308,9 @@ def forget_poses(poses, area, reach):
     forgotten = 0
     for row in range(row0, row1):
         first = (row + 1) * (cols + 2) + 1
-        for col in range(col0, col1):
-            for heading in range(4):
-                forgotten += codes[first + col, heading] != UNCHECKED
-                codes[first + col, heading] = UNCHECKED
+        for node in range(first + col0, first + col1):
+            for motion in range(AXES):
+                forgotten += (legs[node, motion] != UNCHECKED) + (turns[node] >> motion & 1)
+                legs[node, motion] = UNCHECKED
+            turns[node] = 0
     return forgotten
-
-
-@helper
-def weight_of_pose(poses, node, stride, heading):
-    """Weight of a pose, which is checked if it was not."""
-    codes, unit, source, _ = poses
-    if codes[np.uint64(node), np.uint64(heading)] == UNCHECKED:
-        check_there(poses, node // stride - 1, node % stride - 1, heading)
-    return pose_weight(codes[np.uint64(node), np.uint64(heading)], unit)
-
-
-@kernel
-def walk_poses(poses, stride, steps, path, first, costs):
-    """As `kernels.paths.walk`, of a path over poses: the first cell that a failing pose leads to, or -1."""
-    total = 0.0
-    for n in range(first, len(path)):
-        if n > first:
-            up, left = path[n, 0] - path[n - 1, 0], path[n, 1] - path[n - 1, 1]
-            heading = 0 if left == 0 else (2 if up == 0 else (1 if up == left else 3))
-            node = (path[n, 0] + 1) * stride + path[n, 1] + 1
-            weights = np.float64(weight_of_pose(poses, node - up * stride - left, stride, heading))
-            weights += np.float64(weight_of_pose(poses, node, stride, heading))
-            if weights == np.inf:
-                return n
-            length, factor = (steps[1], steps[3]) if up != 0 and left != 0 else (steps[0], steps[2])
-            total += length + factor * weights
-        costs[n] = total
-    return -1
-
-
-@kernel
-def measure_poses(poses, stride, path):
-    """As `kernels.paths.measure`, of a path over poses; a cell counts with the mean of its one or two headings."""
-    straight, diagonal, by_straight, by_diagonal, ends = 0, 0, 0.0, 0.0, 0.0
-    for n in range(1, len(path)):
-        up, left = path[n, 0] - path[n - 1, 0], path[n, 1] - path[n - 1, 1]
-        heading = 0 if left == 0 else (2 if up == 0 else (1 if up == left else 3))
-        node = (path[n, 0] + 1) * stride + path[n, 1] + 1
-        here = np.float64(weight_of_pose(poses, node, stride, heading))
-        before = np.float64(weight_of_pose(poses, node - up * stride - left, stride, heading))
-        if n == 1:
-            ends += before
-        if n == len(path) - 1:
-            ends += here
-        if up != 0 and left != 0:
-            diagonal += 1
-            by_diagonal += before + here
-        else:
-            straight += 1
-            by_straight += before + here
-    return straight, diagonal, by_straight, by_diagonal, 0.5 * (by_straight + by_diagonal + ends)
