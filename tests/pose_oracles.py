@@ -1,49 +1,20 @@
-"""Slow and obvious answers about a robot with a body: its poses, the cheapest path over them, and the drive itself.
+"""Slow and obvious answers about a robot with a body: the cheapest path over its states, and the drive itself.
 
-Of the code that is judged only the dataclass `Vehicle` is used. Points are (row, col) in metres, from the middle of
-cell (0, 0); a body's own coordinates are metres ahead of its middle and to the right of it.
+Of the code that is judged only the dataclass `Vehicle` is used, and what the check says of legs and turns. Points are
+(row, col) in metres, from the middle of cell (0, 0); a body's own coordinates are metres ahead of its middle and to the
+right of it.
 """
 
+import heapq
 import itertools
 import math
-from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
 
-from tests import oracles
-from tests.oracles import HEADINGS
-
-CODES = 65533
-"""Steps that T in [0, 1] is rounded up to."""
-SHRUNK = 1.0 - 1e-9
-"""A cell whose middle lies just a cell away has no weight."""
+AXES = ((1, 0), (2, 1), (1, 1), (1, 2), (0, 1), (-1, 2), (-1, 1), (-2, 1))
+DIRECTIONS = AXES + tuple((-row, -col) for row, col in AXES)
 JUST_BELOW_1 = 1.0 - 1e-9
-
-
-# --- which cells count
-
-
-def cells_near(middle, ahead, half, dy, dx):
-    """Set of (row, col): cells with weight somewhere in a rectangle, by clipping the rectangle to each cell's reach.
-
-    The height of bilinear ground at a point depends on the cells that lie less than a cell from it along rows and
-    along columns. The rectangle lies along `ahead`, `half` as long and as wide to each side of its `middle`.
-    """
-    ahead, right, middle = np.asarray(ahead), right_of(ahead), np.asarray(middle)
-    corners = [
-        tuple(middle + a * half[0] * ahead + b * half[1] * right) for a, b in ((-1, -1), (-1, 1), (1, 1), (1, -1))
-    ]
-    most = 2 + int(max(abs(value) for corner in corners for value in corner) / min(dy, dx))
-    found = set()
-    for row, col in itertools.product(range(-most, most + 1), repeat=2):
-        part = corners
-        for axis, at, reach in ((0, row * dy, dy), (1, col * dx, dx)):
-            part = _clipped(part, axis, 1.0, at + reach * SHRUNK)
-            part = _clipped(part, axis, -1.0, -(at - reach * SHRUNK))
-        if part:
-            found.add((row, col))
-    return found
 
 
 def right_of(ahead):
@@ -51,161 +22,49 @@ def right_of(ahead):
     return np.array((ahead[1], -ahead[0]))
 
 
-def _clipped(corners, axis, sign, limit):
-    """The part of a convex polygon where `sign` times a coordinate is at most `limit` (Sutherland and Hodgman)."""
-    kept = []
-    for one, other in zip(corners, corners[1:] + corners[:1], strict=True):
-        a, b = sign * one[axis] - limit, sign * other[axis] - limit
-        if a <= 0.0:
-            kept.append(one)
-        if (a < 0.0 < b) or (b < 0.0 < a):
-            share = a / (a - b)
-            kept.append(tuple(p + share * (q - p) for p, q in zip(one, other, strict=True)))
-    return kept
+# --- paths over states
 
 
-@dataclass(frozen=True)
-class Body:
-    """A vehicle in one heading: cells that matter, as (row, col) from the pose's own, and where they lie."""
+class Motions(NamedTuple):
+    """What a body can do on a map: T of each leg along an axis, (H, W, 8), inf where it fails; and its turns, bool."""
 
-    wheels: list
-    belly: np.ndarray
-    places: np.ndarray
-    half_step: float
-    margin: float
-    design: np.ndarray
-    """(W, 3) of 1, ahead, right: the plane through the wheels' contacts is fitted to these."""
-
-    @classmethod
-    def of(cls, vehicle, heading, dy, dx):
-        """By clipping polygons."""
-        row, col = HEADINGS[heading]
-        half_step = 0.5 * math.hypot(row * dy, col * dx)
-        ahead = np.array((row * dy, col * dx)) / (2.0 * half_step)
-        right, (long, wide) = right_of(ahead), vehicle.contact_m
-        swept = half_step if row and col else 0.0
-        wheels = [
-            np.array(sorted(cells_near(x * ahead + y * right, ahead, (0.5 * long + swept, 0.5 * wide), dy, dx)))
-            for x, y in vehicle.wheels_m
-        ]
-        half = 0.5 * vehicle.length_m + half_step, 0.5 * vehicle.width_m
-        belly = np.array(sorted(cells_near((0.0, 0.0), ahead, half, dy, dx)))
-        metres = belly * (dy, dx)
-        places = np.stack((metres @ ahead, metres @ right), 1)
-        design = np.column_stack((np.ones(len(vehicle.wheels_m)), vehicle.wheels_m))
-        steepest = math.tan(math.radians(min(vehicle.tilts_deg[0], vehicle.tilts_deg[2])))
-        margin = 0.0 if row and col else 2.0 * half_step * steepest / 16.0
-        return cls(wheels, belly, places, half_step, margin, design)
+    legs: np.ndarray
+    turns: np.ndarray
 
 
-# --- the pose check
+def costs_to_states(motions, turn_costs, scale, starts):
+    """Cost of the cheapest way from one of some states (row, col, direction) to every other, (H, W, 16), by Dijkstra.
 
-
-def naive_pose_costs(*given, **options):
-    """The first of what `naive_pose_checks` finds."""
-    return naive_pose_checks(*given, **options)[0]
-
-
-def naive_pose_checks(dem, cell_size_m, vehicle, cell_width_m=None, weights=(0.6, 0.2, 0.2)):
-    """T of every pose by enumeration, and how near the nearest limit was.
-
-    Returns
-    -------
-    (4, H, W) float64
-        T in [0, 1); inf where the pose fails.
-    (4, H, W) float64
-        Least difference of a figure from its limit, as a share of the limit: where this is tiny, rounding decides
-        whether the pose passes. inf where the pose fails for unknown ground.
+    A leg costs its length in cells · (1 + 2 · scale · T), a turn to the next direction what `turn_costs` (8) say.
     """
-    heights = np.asarray(dem, np.float64)
-    heights = np.pad(np.where(np.isfinite(heights), heights, np.nan), 1, constant_values=np.nan)
-    rows, cols = np.shape(dem)
-    costs, margins = np.full((2, 4, rows, cols), np.inf)
-    for heading in range(4):
-        body = Body.of(vehicle, heading, cell_size_m, cell_width_m or cell_size_m)
-        for cell in np.ndindex(rows, cols):
-            figures = _figures(heights, cell, body, vehicle.unknown_passes)
-            if figures is None:
-                continue
-            pitch, roll, tilt, step, rise = figures
-            limits = (*np.radians(vehicle.tilts_deg), vehicle.step_m, vehicle.clearance_m - body.margin)
-            shares = np.array(figures) / limits
-            margins[heading][cell] = np.abs(shares - 1.0).min()
-            if (shares <= 1.0).all():
-                terms = tilt / limits[2], rise / vehicle.clearance_m, step / vehicle.step_m
-                costs[heading][cell] = min(np.dot(weights, terms), JUST_BELOW_1)
-    return costs, margins
-
-
-def _figures(padded, cell, body, unknown_passes):
-    """Worst pitch, roll, tilt (radians), step and rise (metres) of a pose; None where the ground is unknown."""
-    ranges = []
-    for cells in body.wheels:
-        found = _at(padded, cells + cell)
-        known = found[np.isfinite(found)]
-        if not known.size or (known.size < found.size and not unknown_passes):
-            return None
-        ranges.append((known.min(), known.max()))
-    ground = _at(padded, body.belly + cell)
-    under = np.isfinite(ground)
-    if not (under.all() or unknown_passes):
-        return None
-    contacts = np.array(list(itertools.product(*ranges))).T  # (W, 2^W): every combination of extreme heights
-    planes = np.linalg.lstsq(body.design, contacts, rcond=None)[0]
-    gx, gy = np.abs(planes[1]).max(), np.abs(planes[2]).max()
-    step = max(high - low for low, high in ranges)
-    lowest = (np.column_stack((np.ones(len(body.places)), body.places)) @ planes).min(1) - body.half_step * gx
-    rise = max((ground - lowest)[under].max(initial=0.0), 0.0)
-    return math.atan(gx), math.atan(gy), math.atan(math.hypot(gx, gy)), step, rise
-
-
-def _at(padded, cells):
-    """Heights of cells of a map that has one unknown cell around it; NaN beyond."""
-    rows, cols = np.clip(cells.T, -1, np.array(padded.shape)[:, None] - 2) + 1
-    return padded[rows, cols]
-
-
-def coded(costs):
-    """T as it is kept: rounded up to one of 65,534 levels; inf stays inf."""
-    return np.ceil(np.asarray(costs, np.float64) * CODES) / CODES
-
-
-# --- paths over poses
-
-
-def dijkstra_over_poses(costs, start, goal, scale):
-    """Cost of the cheapest path between two cells; inf where there is none.
-
-    A step from i to j along heading k costs its length in cells + scale · (T_i^k + T_j^k); costs is (4, H, W).
-    """
-    return float(oracles.costs_from(steps_over_poses(costs, scale), costs.shape[1:], start)[tuple(goal)])
-
-
-def steps_over_poses(costs, scale):
-    """`oracles.steps` over poses."""
-    planes = np.asarray(costs, np.float64).reshape(4, -1)
-
-    def price(heading, step, one, other):
-        return math.hypot(*step) + scale * (planes[heading][one] + planes[heading][other])
-
-    return oracles.steps(np.isfinite(costs), price)
-
-
-def path_cost_over_poses(costs, path, scale):
-    """Sum of the path's steps; inf if one of its poses fails."""
-    total = 0.0
-    for one, other in itertools.pairwise([(int(r), int(c)) for r, c in path]):
-        step = other[0] - one[0], other[1] - one[1]
-        assert max(map(abs, step)) == 1, "steps go to one of eight neighbours"
-        plane = costs[HEADINGS.index(step if step in HEADINGS else (-step[0], -step[1]))]
-        total += math.hypot(*step) + scale * (float(plane[one]) + float(plane[other]))
-    return total
+    rows, cols, _ = motions.legs.shape
+    costs = np.full((rows, cols, 16), np.inf)
+    queue = [(0.0, state) for state in starts]
+    for _, state in queue:
+        costs[state] = 0.0
+    while queue:
+        cost, (row, col, k) = heapq.heappop(queue)
+        if cost > costs[row, col, k]:
+            continue
+        ways = []
+        i, j = row + DIRECTIONS[k][0], col + DIRECTIONS[k][1]
+        if 0 <= i < rows and 0 <= j < cols:
+            t = motions.legs[(row, col, k) if k < 8 else (i, j, k - 8)]
+            ways.append((math.hypot(*DIRECTIONS[k]) * (1.0 + 2.0 * scale * t), (i, j, k)))
+        for to, axis in (((k + 1) % 16, k % 8), ((k - 1) % 16, (k - 1) % 8)):
+            if motions.turns[row, col, axis]:
+                ways.append((turn_costs[axis], (row, col, to)))
+        for more, state in ways:
+            if cost + more < costs[state]:
+                costs[state] = cost + more
+                heapq.heappush(queue, (cost + more, state))
+    return costs
 
 
 def headings_of(path):
-    """(N - 1,) degrees of the steps of square cells, clockwise from north, which is up the rows; 90 is east."""
-    steps = np.diff(np.asarray(path, np.int64), axis=0)
-    return np.degrees(np.arctan2(steps[:, 1], -steps[:, 0])) % 360.0
+    """(N - 1,) degrees of the legs on square cells, clockwise from north, which is up the rows; 90 is east."""
+    legs = np.diff(np.asarray(path, np.int64), axis=0)
+    return np.degrees(np.arctan2(legs[:, 1], -legs[:, 0])) % 360.0
 
 
 # --- the drive
@@ -216,31 +75,96 @@ class Break(NamedTuple):
 
     limit: str
     value: float
+    place: tuple
 
 
 PER_CELL = 8
 """Samples of the edges."""
-LIMITS = ("unknown", "step", "pitch", "roll", "tilt", "clearance")
+LIMITS = ("unknown", "step", "pitch", "roll", "tilt", "belly")
 
 
-def drive_breaks(dem, cell_size_m, vehicle, path, *, positions=10, margin_m=0.0):
-    """The first limit that the body breaks as it drives along a path; None if there is none.
+def drive_breaks(dem, cell_size_m, vehicle, path, *, positions=10, turn_deg=1.0, allowed_m=0.0):
+    """The first limit that the body breaks as it drives along a path of legs; None if there is none.
 
-    The body stands at `positions` + 1 places along each step, in the step's heading, on bilinear ground. Heights are
-    taken along the edges of each contact patch and of the body, eight to a cell, and at every cell's middle inside
-    them. All combinations of extreme contact heights are tried, each with its own plane; heights between the
-    extremes give a plane between theirs. Margins are allowed beyond the limits. Where unknown ground passes, it is
-    left out.
+    The body stands at `positions` + 1 places along each leg, in the leg's heading, on bilinear ground, and at each cell
+    in headings `turn_deg` apart from the one before to the next, turned the shorter way, unless that fails and the
+    longer one does not. Figures are those of `worst_figures`; `allowed_m` may be added to lengths.
     """
-    ground, shares = _Ground(dem, cell_size_m, vehicle.unknown_passes), np.linspace(0.0, 1.0, positions + 1)
-    tilts = np.radians(vehicle.tilts_deg)
-    allowed = np.array((0.5, vehicle.step_m + margin_m, *tilts, vehicle.clearance_m + margin_m))
-    for begin, end in itertools.pairwise(np.asarray(path, np.int64)):
-        middles = (begin + shares[:, None] * (end - begin)) * ground.side
-        found = _worst_along(ground, vehicle, middles, end - begin)
-        for at, which in np.argwhere(found > allowed + 1e-9).tolist():
-            return Break(LIMITS[which], math.nan if which == 0 else float(found[at, which]))
+    legs = np.diff(np.asarray(path, np.int64), axis=0)
+    begins, headings = np.asarray(path, np.float64), np.arctan2(legs[:, 1], legs[:, 0])
+    shares = np.linspace(0.0, 1.0, positions + 1)
+    for n, (leg, heading) in enumerate(zip(legs, headings, strict=True)):
+        places = begins[n] + shares[:, None] * leg
+        if (found := breaks_at(dem, cell_size_m, vehicle, places, np.full(len(places), heading), allowed_m)) is not None:
+            return found
+        if n + 1 < len(legs):
+            by = (headings[n + 1] - heading + math.pi) % (2.0 * math.pi) - math.pi
+            ways = [by] if by == 0.0 else [by, by - math.copysign(2.0 * math.pi, by)]
+            for way in ways:
+                turned = heading + np.linspace(0.0, way, 2 + int(abs(math.degrees(way)) / turn_deg))
+                places = np.broadcast_to(begins[n + 1], (len(turned), 2))
+                found = breaks_at(dem, cell_size_m, vehicle, places, turned, allowed_m)
+                if found is None:
+                    break
+            if found is not None:
+                return found
     return None
+
+
+def breaks_at(dem, cell_size_m, vehicle, places, headings, allowed_m=0.0):
+    """The first of some poses, places (N, 2) in cells and headings (N,) from down the rows, that breaks a limit."""
+    tilts = np.radians(vehicle.tilts_deg)
+    allowed = np.array((0.5, vehicle.step_m + allowed_m, *tilts, vehicle.clearance_m + allowed_m))
+    found = worst_figures(dem, cell_size_m, vehicle, places, headings)
+    for at, which in np.argwhere(found > allowed + 1e-9).tolist():
+        value = math.nan if which == 0 else float(found[at, which])
+        return Break(LIMITS[which], value, (*map(float, places[at]), math.degrees(headings[at])))
+    return None
+
+
+def worst_figures(dem, cell_size_m, vehicle, places, headings):
+    """(N, 6) worst figures, in the order of `LIMITS`, of a body at places (N, 2) in cells; unknown is 0 or 1.
+
+    The body's plane is that of least squares through the ground under its wheels' middles. Each wheel touches somewhere
+    in its patch, and raises or lowers its corner of the plane by what the ground departs from it there: all combinations
+    of the least and the greatest departures are tried, each with its own plane; those between give a plane between
+    theirs. Heights are taken along the edges of each patch and of the body, eight to a cell, and at every cell's middle
+    inside them.
+    """
+    ground = _Ground(dem, cell_size_m, vehicle.unknown_passes)
+    middles, (long, wide) = np.asarray(places) * cell_size_m, vehicle.contact_m
+    ahead = np.stack((np.cos(headings), np.sin(headings)), 1)
+    right = np.stack((ahead[:, 1], -ahead[:, 0]), 1)
+    fit = np.linalg.pinv(np.column_stack((np.ones(len(vehicle.wheels_m)), vehicle.wheels_m)))
+    stands = [middles + x * ahead + y * right for x, y in vehicle.wheels_m]
+    plane = np.stack([ground.at(place) for place in stands], 1) @ fit.T  # (N, 3)
+    if vehicle.unknown_passes:
+        plane = np.where(np.isfinite(plane).all(1, keepdims=True), plane, 0.0)
+    out, ranges = np.zeros((len(middles), len(LIMITS))), []
+
+    def departures(points):
+        apart = points - middles[:, None]
+        own = np.stack((np.ones(apart.shape[:2]), (apart * ahead[:, None]).sum(2), (apart * right[:, None]).sum(2)), 2)
+        return ground.at(points) - (own * plane[:, None]).sum(2), own
+
+    for place in stands:
+        found, _ = departures(ground.samples(place, ahead, (0.5 * long, 0.5 * wide)))
+        unknown = np.isnan(found).all(1) if vehicle.unknown_passes else np.isnan(found).any(1)
+        out[:, 0] = np.maximum(out[:, 0], unknown & (not vehicle.unknown_passes))
+        found[unknown] = np.nan
+        ranges.append((np.fmin.reduce(found, 1), np.fmax.reduce(found, 1)))
+    lows, highs = (np.stack(each, 1) for each in zip(*ranges, strict=True))
+    corners = np.array(list(itertools.product((False, True), repeat=lows.shape[1])))
+    planes = np.where(corners, highs[:, None], lows[:, None]) @ fit.T  # (N, 2^W, 3) above the first plane
+    found, own = departures(ground.samples(middles, ahead, (0.5 * vehicle.length_m, 0.5 * vehicle.width_m)))
+    if not vehicle.unknown_passes:
+        out[:, 0] = np.maximum(out[:, 0], np.isnan(found).any(1))
+    slopes = planes[..., 1:] + plane[:, None, 1:]
+    out[:, 1] = (highs - lows).max(1)
+    out[:, 2:4] = np.arctan(np.abs(slopes).max(1))
+    out[:, 4] = np.arctan(np.hypot(slopes[..., 0], slopes[..., 1]).max(1))
+    out[:, 5] = np.fmax.reduce(found - (planes @ own.transpose(0, 2, 1)).min(1), 1)
+    return out
 
 
 class _Ground:
@@ -271,49 +195,18 @@ class _Ground:
         Between the middles of four cells a bilinear height is linear along rows and along columns, and the least of
         several planes is concave: the ground rises highest above them at these points, and the edges are sampled.
         """
-        right = right_of(ahead)
+        right = np.stack((ahead[:, 1], -ahead[:, 0]), 1)
         counts = [2 + int(2.0 * side * PER_CELL / self.side) for side in half]
         along, across = (np.linspace(-side, side, count) for side, count in zip(half, counts, strict=True))
-        ends = [
-            [(x, y) for x in along for y in (-half[1], half[1])],
-            [(x, y) for x in (-half[0], half[0]) for y in across],
-        ]
-        edges = np.array(ends[0] + ends[1]) @ np.stack((ahead, right))
+        edges = np.array(
+            [(x, y) for x in along for y in (-half[1], half[1])] + [(x, y) for x in (-half[0], half[0]) for y in across]
+        )
+        edges = edges[:, 0, None] * ahead[:, None] + edges[:, 1, None] * right[:, None]
         reach = math.ceil(math.hypot(*half) / self.side) + 1
         window = np.array(list(itertools.product(range(-reach, reach + 1), repeat=2)))
         near = (np.round(middles / self.side)[:, None] + window) * self.side
         apart = near - middles[:, None]
-        inside = (np.abs(apart @ ahead) <= half[0]) & (np.abs(apart @ right) <= half[1])
+        inside = np.abs((apart * ahead[:, None]).sum(2)) <= half[0]
+        inside &= np.abs((apart * right[:, None]).sum(2)) <= half[1]
         peaks = np.where(inside[..., None], near, middles[:, None])
         return np.concatenate((middles[:, None] + edges, peaks[:, inside.any(0)]), 1)
-
-
-def _worst_along(ground, vehicle, middles, step):
-    """(N, 6) worst figures, in the order of `LIMITS`, of the body at each of (N, 2) middles; unknown is 0 or 1."""
-    ahead = step / math.hypot(*step)
-    right, (long, wide) = right_of(ahead), vehicle.contact_m
-    ranges, out = [], np.zeros((len(middles), len(LIMITS)))
-    for x, y in vehicle.wheels_m:
-        places = ground.samples(middles + x * ahead + y * right, ahead, (0.5 * long, 0.5 * wide))
-        heights = ground.at(places)
-        unknown = np.isnan(heights).all(1) if vehicle.unknown_passes else np.isnan(heights).any(1)
-        out[:, 0] = np.maximum(out[:, 0], unknown & (not vehicle.unknown_passes))
-        heights[unknown] = np.nan
-        ranges.append((np.fmin.reduce(heights, 1), np.fmax.reduce(heights, 1)))  # unknown ones left out
-    lows, highs = (np.stack(each, 1) for each in zip(*ranges, strict=True))
-    corners = np.array(list(itertools.product((False, True), repeat=lows.shape[1])))
-    contacts = np.where(corners, highs[:, None], lows[:, None])
-    fit = np.linalg.pinv(np.column_stack((np.ones(lows.shape[1]), vehicle.wheels_m)))
-    planes = contacts @ fit.T  # (N, 2^W, 3)
-    half = 0.5 * vehicle.length_m, 0.5 * vehicle.width_m
-    places = ground.samples(middles, ahead, half)
-    heights, apart = ground.at(places), places - middles[:, None]
-    design = np.stack((np.ones(heights.shape), apart @ ahead, apart @ right), 1)  # (N, 3, M)
-    rises = heights - (planes @ design).min(1)
-    if not vehicle.unknown_passes:
-        out[:, 0] = np.maximum(out[:, 0], np.isnan(heights).any(1))
-    out[:, 1] = (highs - lows).max(1)
-    out[:, 2:4] = np.arctan(np.abs(planes[..., 1:]).max(1))
-    out[:, 4] = np.arctan(np.hypot(planes[..., 1], planes[..., 2]).max(1))
-    out[:, 5] = np.fmax.reduce(rises, 1)
-    return out

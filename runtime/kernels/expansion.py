@@ -41,7 +41,6 @@ from nnpp_edge.runtime.kernels.open_list import (
     push,
 )
 from nnpp_edge.runtime.kernels.pooling import NO_LINKS as NO_LINKS
-from nnpp_edge.runtime.kernels.poses import HEADING, UNCHECKED, check_there, pose_weight
 from nnpp_edge.runtime.kernels.tiles import open_there
 
 FOUND, EXHAUSTED, PAUSED, FULL = 0, 1, 2, 3
@@ -52,8 +51,8 @@ EXPANSIONS, BEST_NODE = 0, 1
 
 LANES = 8
 """Landmarks that a node has room for."""
-LOOK_EVERY, LOOK_EVERY_OF_POSES = 1024, 16
-"""Expansions between two looks at the clock, and where each may check a body's poses."""
+LOOK_EVERY = 1024
+"""Expansions between two looks at the clock."""
 NO_HINTS = np.empty((0, LANES), np.float32), np.empty(LANES, np.float32), 0.0
 NO_REGION = np.empty((0, 0), np.int32), np.empty(0, np.int32), np.empty(0, np.int32), 0
 """Of a search without these: a flag, where None would compile another search."""
@@ -172,7 +171,7 @@ def trace(meta, node, stride, out):
 
 
 @kernel
-def expand(grid, poses, edges, links, region, hints, ends, rule, memory, limits):
+def expand(grid, edges, links, region, hints, ends, rule, memory, limits):
     """Search until the goal is settled, nothing is left, `most` expansions are done, it is late or the list is full.
 
     Begins at `start`, or goes on where the last call stopped if that is negative. Once the goal has been
@@ -184,11 +183,9 @@ def expand(grid, poses, edges, links, region, hints, ends, rule, memory, limits)
     ----------
     grid, region
         As everywhere; `NO_REGION` for the whole map.
-    poses : tuple or None
-        Of a body, see `kernels.poses`; None where the cells' weights decide. What a step needs of them is checked.
     edges : (nodes, 8) float32 or None
-        What the step that leaves a node in each direction costs, inf where there is none; with poses, these decide
-        where steps lead. None where steps cost by the weights of their ends.
+        What the step that leaves a node in each direction costs, inf where there is none. None where steps cost by the
+        weights of their ends.
     links : (nodes,) uint8
         The directions in which each cell may be left, as bits; `NO_LINKS` where passability decides.
     hints : (fields, at_goal, slack)
@@ -212,8 +209,6 @@ def expand(grid, poses, edges, links, region, hints, ends, rule, memory, limits)
     """
     weights, stride, steps, corner_cutting, tiles = grid
     start, goal = ends
-    if poses is not None:
-        codes, unit, _, _ = poses
     tile_state, wanted, row_shift, col_shift, _, _ = tiles
     h_straight, h_diagonal, width, successors, beyond = rule
     most, until = limits
@@ -249,12 +244,11 @@ def expand(grid, poses, edges, links, region, hints, ends, rule, memory, limits)
         bound = np.float64(g[2 * goal]) * beyond
         last_bucket = _last_bucket(bound, base, inverse_width)
     expansions = counts[EXPANSIONS]
-    last, look_every = expansions + most, LOOK_EVERY if poses is None else LOOK_EVERY_OF_POSES
-    look_at = expansions + look_every
+    last, look_at = expansions + most, expansions + LOOK_EVERY
     code = PAUSED
     while expansions < last:
         if expansions >= look_at:
-            look_at = expansions + look_every
+            look_at = expansions + LOOK_EVERY
             if late(until):
                 break
         if waiting > room:
@@ -291,11 +285,10 @@ def expand(grid, poses, edges, links, region, hints, ends, rule, memory, limits)
         g_node = g[np.uint64(2 * node)]
         if g_node + h >= bound:
             continue
-        if poses is None:
-            i, j = np.uint64((row - 1) >> row_shift), np.uint64((col - 1) >> col_shift)
-            if not tile_state[i, j] & wanted:
-                open_there(tiles, np.int64(i), np.int64(j))
-                look_at = expansions
+        i, j = np.uint64((row - 1) >> row_shift), np.uint64((col - 1) >> col_shift)
+        if not tile_state[i, j] & wanted:
+            open_there(tiles, np.int64(i), np.int64(j))
+            look_at = expansions
         own = weights[np.uint64(node)]
         expansions += 1
         if h < best_h:
@@ -306,18 +299,10 @@ def expand(grid, poses, edges, links, region, hints, ends, rule, memory, limits)
         for k in range(8):  # unrolled by the compiler
             there = np.uint64(node + row_steps[k] + COL_STEP[k])
             length, weight = (length_s, weight_s) if k < 4 else (length_d, weight_d)
-            if poses is None:
-                sum_of_two = own + weights[there]
-            else:  # what is not checked yet weighs nothing
-                heading = np.uint64(HEADING[k])
-                sum_of_two = pose_weight(codes[np.uint64(node), heading], unit)
-                sum_of_two += pose_weight(codes[there, heading], unit)
             if edges is None:
-                reached = g_node + (length + weight * sum_of_two)  # inf where impassable
-            elif poses is None:
-                reached = g_node + edges[np.uint64(node), np.uint64(k)]
+                reached = g_node + (length + weight * (own + weights[there]))  # inf where impassable
             else:
-                reached = g_node + (edges[np.uint64(node), np.uint64(k)] + sum_of_two)
+                reached = g_node + edges[np.uint64(node), np.uint64(k)]
             visited = meta[there * np.uint64(2) + np.uint64(1)] >> STAMP_SHIFT == stamp
             known = g[there * np.uint64(2)] if visited else np.float32(np.inf)
             better |= np.int64(reached < known) << k
@@ -330,25 +315,16 @@ def expand(grid, poses, edges, links, region, hints, ends, rule, memory, limits)
             up, left = np.int64(ROW_STEP[k]), np.int64(COL_STEP[k])
             across = np.int64(node + up * stride + left)
             there = np.uint64(across)
-            if poses is None:
-                sum_of_two = own + weights[there]
-            else:
-                heading = np.uint64(HEADING[k])
-                sum_of_two = pose_weight(codes[np.uint64(node), heading], unit)
-                sum_of_two += pose_weight(codes[there, heading], unit)
             if edges is not None:
-                if poses is None:
-                    sum_of_two = np.float32(0.0)
-                reached = g_node + (edges[np.uint64(node), np.uint64(k)] + sum_of_two)
+                reached = g_node + edges[np.uint64(node), np.uint64(k)]
             elif k < 4:
-                reached = g_node + (length_s + weight_s * sum_of_two)
+                reached = g_node + (length_s + weight_s * (own + weights[there]))
             else:
-                if poses is None:  # noqa: SIM102
-                    if not corner_cutting and (
-                        weights[np.uint64(node + up * stride)] == np.inf or weights[np.uint64(node + left)] == np.inf
-                    ):
-                        continue
-                reached = g_node + (length_d + weight_d * sum_of_two)
+                if not corner_cutting and (
+                    weights[np.uint64(node + up * stride)] == np.inf or weights[np.uint64(node + left)] == np.inf
+                ):
+                    continue
+                reached = g_node + (length_d + weight_d * (own + weights[there]))
             i, j = row + up, col + left
             h = octile(i, j, goal_row, goal_col, h_straight, h_diagonal)
             if hinted:
@@ -363,23 +339,6 @@ def expand(grid, poses, edges, links, region, hints, ends, rule, memory, limits)
                     and across != goal
                 ):
                     refused = min(refused, f)
-                    continue
-            if poses is not None:  # a call with `poses` counts references to all arrays in it: only where needed
-                visited = meta[there * np.uint64(2) + np.uint64(1)] >> STAMP_SHIFT == stamp
-                known = g[there * np.uint64(2)] if visited else np.float32(np.inf)
-                if edges is None:
-                    length, weight = (length_s, weight_s) if k < 4 else (length_d, weight_d)
-                else:
-                    length, weight = edges[np.uint64(node), np.uint64(k)], np.float32(1.0)
-                if codes[np.uint64(node), heading] == UNCHECKED:
-                    check_there(poses, row - 1, col - 1, np.int64(HEADING[k]))
-                own = pose_weight(codes[np.uint64(node), heading], unit)
-                reached = g_node + (length + weight * (own + pose_weight(codes[there, heading], unit)))
-                if codes[there, heading] == UNCHECKED and reached < known and reached + h < bound:
-                    check_there(poses, i - 1, j - 1, np.int64(HEADING[k]))
-                    reached = g_node + (length + weight * (own + pose_weight(codes[there, heading], unit)))
-                f = reached + h
-                if not (reached < known and f < bound):
                     continue
             g[there * np.uint64(2)] = reached
             word = np.int64((stamp << STAMP_SHIFT) | OPEN_BIT | k)

@@ -26,7 +26,7 @@ LEG_SPACING = 0.75
 """Cells from one pose of a leg to the next, at most."""
 TURN_POSES = 2
 """Of a turn from one direction to the next."""
-SNAPPED = 0.05
+SNAPPED = 0.02
 """Boxes are widened to the next row or column of middles where it lies nearer than this share of the body's length:
 where cells are small beside the body, nearly all samples are cells, which are read faster than means of four."""
 _ROUNDING = 1e-9
@@ -59,8 +59,7 @@ def leg_poses(direction: int, sides_m: tuple[float, float]) -> list[Pose]:
 
 def turn_poses(direction: int, sides_m: tuple[float, float]) -> list[Pose]:
     """Of a turn on the spot from one direction to the next."""
-    first, last = heading_rad(direction, sides_m), heading_rad(direction + 1, sides_m)
-    angle = (last - first) % (2.0 * math.pi)
+    first, angle = heading_rad(direction, sides_m), turn_rad(direction, sides_m)
     middles = (first + (2 * k + 1) / (2 * TURN_POSES) * angle for k in range(TURN_POSES))
     return [Pose(0.0, 0.0, (math.cos(at), math.sin(at)), 0.0, angle / (2 * TURN_POSES)) for at in middles]
 
@@ -69,6 +68,11 @@ def standing(direction: int, sides_m: tuple[float, float]) -> list[Pose]:
     """The body standing on a cell in a direction."""
     angle = heading_rad(direction, sides_m)
     return [Pose(0.0, 0.0, (math.cos(angle), math.sin(angle)))]
+
+
+def turn_rad(direction: int, sides_m: tuple[float, float]) -> float:
+    """Angle from a direction to the next."""
+    return (heading_rad(direction + 1, sides_m) - heading_rad(direction, sides_m)) % (2.0 * math.pi)
 
 
 def heading_rad(direction: int, sides_m: tuple[float, float]) -> float:
@@ -118,8 +122,14 @@ class Motions(NamedTuple):
     anywhere in its patch."""
 
 
-@functools.lru_cache(maxsize=64)
-def motions_of(vehicle: Vehicle, sides_m: tuple[float, float], motions: tuple[tuple[Pose, ...], ...]) -> Motions:
+@functools.lru_cache(maxsize=16)
+def all_motions(vehicle: Vehicle, sides_m: tuple[float, float]) -> Motions:
+    """Tables of the legs along the axes, the turns from one direction to the next, and of standing in each: 24."""
+    kinds, axes = (leg_poses, turn_poses, standing), range(len(AXES))
+    return motions_of(vehicle, sides_m, [make(k, sides_m) for make in kinds for k in axes])
+
+
+def motions_of(vehicle: Vehicle, sides_m: tuple[float, float], motions: list[list[Pose]]) -> Motions:
     """Tables of motions of a vehicle on cells of these sides."""
     wheels, contact = vehicle.wheels_m, 0.5 * np.array(vehicle.contact_m)
     body = 0.5 * np.array((vehicle.length_m, vehicle.width_m))

@@ -1,13 +1,12 @@
-"""The poses of a vehicle on a map of heights: checked where a search first asks, kept, forgotten where it changes.
+"""The motions of a vehicle's body on a map of heights: checked where a search first asks, kept, forgotten on change.
 
-A search of the map stands on cells, and a step along a heading costs by the poses of both its cells in that heading.
-An unchecked pose counts as free until its step would be worth taking; only then it is checked. So what a search
-finds is the optimum over all poses, though it has checked a part.
+A search stands on cells in one of sixteen directions, leaves them by legs and turns on them. A motion that has not
+been checked counts as free until it would be worth taking; only then it is checked. So what a search finds is the
+optimum over all motions, though it has checked a part.
 """
 
 import functools
 import math
-from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,7 +15,9 @@ from nnpp_edge.runtime.arguments import checked
 from nnpp_edge.runtime.arrays import Float2D
 from nnpp_edge.runtime.cells import Cell, Rectangle, slices, widened
 from nnpp_edge.runtime.errors import InvalidMapError
+from nnpp_edge.runtime.kernels.lattice import walk_states
 from nnpp_edge.runtime.kernels.poses import (
+    AXES,
     FAILS,
     LIMIT_SLOTS,
     MOST_CODE,
@@ -24,35 +25,27 @@ from nnpp_edge.runtime.kernels.poses import (
     UNCHECKED,
     address_of_check,
     check_rows,
-    check_run,
     forget_poses,
     put_heights,
-    walk_poses,
+    standing_codes,
 )
+from nnpp_edge.runtime.map import motions
 from nnpp_edge.runtime.terrain.traversability import Traversability, relative_heights, sides_of
-from nnpp_edge.runtime.terrain.vehicle import HEADINGS, Vehicle, footprint
+from nnpp_edge.runtime.terrain.vehicle import Vehicle
 
-PoseSource = tuple[
-    NDArray[np.float32],
-    NDArray[np.int64],
-    NDArray[np.int64],
-    tuple[NDArray[np.float32], NDArray[np.int64], NDArray[np.int64], NDArray[np.int64]],
-    NDArray[np.float32],
-    NDArray[np.float32],
-    NDArray[np.float32],
-    NDArray[np.int64],
-    NDArray[np.int64],
-]
-PackedPoses = tuple[NDArray[np.uint16], np.float32, PoseSource, int]
-"""Poses as the kernels take them, see `kernels.poses`."""
-_ROUNDING = 1e-12
-"""By which a share of a height may seem negative that is none."""
+Floats = NDArray[np.float32]
+PackedPoses = tuple[NDArray[np.uint16], NDArray[np.uint16], tuple[object, ...], int]
+"""Motions as the kernels take them, see `kernels.poses`."""
+Prices = tuple[Floats, np.float32, Floats]
+"""What legs and turns cost, see `kernels.lattice.expand_states`."""
+NO_EDGES = np.empty((0, 2 * AXES), np.float32)
+"""Of legs that cost by what they are checked to be."""
 _SAFE = 1.0 - 1e-5
 """Share of a limit that is used: what rounding to float32 may add."""
 
 
 class Poses:
-    """Which poses of a map have been checked, with what result, and what it takes to check the others.
+    """Which motions of a map have been checked, with what result, and what it takes to check the others.
 
     Parameters
     ----------
@@ -87,45 +80,59 @@ class Poses:
                 f"wanted a map that the vehicle fits on, {vehicle.length_m:g} × {vehicle.width_m:g} m, "
                 f"got one of {rows * dy:g} × {cols * dx:g} m"
             )
-        geometry = _geometry(vehicle, dy, dx)
-        offsets = geometry.cells
-        self.reach: Cell = (int(np.abs(offsets[:, 0]).max()), int(np.abs(offsets[:, 1]).max()))
-        """Rows and columns from a pose to the cells that it takes to check."""
+        self.motions = tables = motions.all_motions(vehicle, sides_m)
+        reach = np.abs(np.concatenate((tables.cells, tables.slope_cells))).max(0)
+        self.reach: Cell = (int(reach[0]), int(reach[1]))
+        """Rows and columns from a cell to those that it takes to check its motions."""
         self._margin, width = max(self.reach), cols + 2 * max(self.reach) + RUN
         self._base = _some_height(heights)
         self._unknown = np.float32(np.nan if vehicle.unknown_passes else np.inf)
-        self._heights = np.empty((rows + 2 * self._margin, width), np.float32)
+        self.heights = np.empty((rows + 2 * self._margin, width), np.float32)
+        """Within a margin of `margin` unknown cells, and more to the right; relative to one of them."""
         for edge in (
             np.s_[: self._margin],
             np.s_[-self._margin :],
             np.s_[:, : self._margin],
             np.s_[:, self._margin + cols :],
         ):
-            self._heights[edge] = self._unknown
+            self.heights[edge] = self._unknown
         nodes = (rows + 2) * (cols + 2)
-        self.codes: NDArray[np.uint16] = np.zeros((nodes, len(HEADINGS)), np.uint16)
-        """(nodes, 4) what is known of each pose."""
-        self._close_border(rows, cols)
+        self.legs: NDArray[np.uint16] = np.zeros((nodes, AXES), np.uint16)
+        """(nodes, 8) what is known of the leg that leaves a node along each axis."""
+        self.turns: NDArray[np.uint16] = np.zeros(nodes, np.uint16)
         self._counts = np.zeros(1, np.int64)
+
+        def at(cells: NDArray[np.int64]) -> NDArray[np.int64]:
+            return np.ascontiguousarray(cells[:, 0] * width + cells[:, 1])
+
         source = (
-            self._heights.reshape(-1),
-            offsets[:, 0] * width + offsets[:, 1],
-            geometry.starts,
-            (geometry.places, geometry.patches_of, geometry.patches, geometry.raised),
-            geometry.gradients,
-            _limits(geometry, vehicle, weights),
-            np.zeros(geometry.gradients.shape[1] * RUN, np.float32),
+            self.heights.reshape(-1),
+            (
+                tables.poses_of,
+                tables.groups_of,
+                tables.groups,
+                (tables.places, at(tables.cells), tables.shares),
+                (tables.slopes_of, at(tables.slope_cells), tables.slope_shares),
+                (tables.raised_of, tables.raised),
+                tables.swept,
+                tables.gradients,
+                tables.carried,
+            ),
+            limits_of(vehicle, weights),
+            np.zeros(max(tables.gradients.shape[1], 1) * RUN, np.float32),
             self._counts,
             np.array((rows, cols, width, self._margin), np.int64),
         )
-        self.packed: PackedPoses = self.codes, np.float32(scale / MOST_CODE), source, _address()
+        self.packed: PackedPoses = self.legs, self.turns, source, _address()
         """As the kernels take them."""
+        lengths = np.array([math.hypot(*axis) for axis in motions.AXES], np.float32)
+        turns_m = vehicle.turn_m_per_rad * np.array([motions.turn_rad(k, sides_m) for k in range(AXES)])
+        self.turns_m: NDArray[np.float64] = turns_m
+        """(8,) metres of level ground as dear as the turn from each direction to the next."""
+        unit = np.float32(2.0 * scale / MOST_CODE)
+        self.prices: Prices = lengths, unit, (turns_m / dy).astype(np.float32)
+        """Of legs and turns, in cells of level ground."""
         self._put(0, 0, heights, shut)
-
-    def _close_border(self, rows: int, cols: int) -> None:
-        padded = self.codes.reshape(rows + 2, cols + 2, -1)
-        padded[[0, -1]] = FAILS
-        padded[:, [0, -1]] = FAILS
 
     @property
     def checked(self) -> int:
@@ -134,14 +141,14 @@ class Poses:
 
     def _put(self, row: int, col: int, heights: Float2D, shut: NDArray[np.bool_] | None) -> None:
         place = self._margin + row, self._margin + col
-        put_heights(np.ascontiguousarray(heights), self._base, self._unknown, self._heights, *place)
+        put_heights(np.ascontiguousarray(heights), self._base, self._unknown, self.heights, *place)
         if shut is not None:
-            self._heights[slices((*place, *heights.shape))][shut] = np.inf
+            self.heights[slices((*place, *heights.shape))][shut] = np.inf
 
     def write(self, row: int, col: int, heights: Float2D, shut: NDArray[np.bool_] | None = None) -> Rectangle:
-        """Put heights into the map, (h, w) float32 that lie inside it, and forget the poses that they touch.
+        """Put heights into the map, (h, w) float32 that lie inside it, and forget the motions that they touch.
 
-        `shut` as for the class, of these cells. Returns the rectangle of cells whose poses may be other ones now.
+        `shut` as for the class, of these cells. Returns the rectangle of cells whose motions may be other ones now.
         """
         self._put(row, col, heights, shut)
         rows, cols = heights.shape
@@ -149,31 +156,34 @@ class Poses:
         return widened((row, col, rows, cols), self.reach, self.shape)
 
     def complete(self) -> None:
-        """Check all poses that are not checked yet."""
+        """Check all motions that are not checked yet."""
         check_rows(self.packed, 0, self.shape[0])
 
+    def standing(self, rows: range | None = None) -> NDArray[np.uint16]:
+        """(8, H, W) codes of the body standing on each cell in each direction, or of those of some rows."""
+        found = np.empty((AXES, self.shape[0] if rows is None else len(rows), self.shape[1]), np.uint16)
+        for n, row in enumerate(range(self.shape[0]) if rows is None else rows):
+            standing_codes(self.packed, row, found[:, n])
+        return found
+
     def stands_at(self, cell: Cell) -> bool:
-        """Whether the body may stand on a cell of the map in one heading at least."""
-        codes = self.codes[(cell[0] + 1) * (self.shape[1] + 2) + cell[1] + 1]
-        for heading in range(len(HEADINGS)):
-            if codes[heading] == UNCHECKED:
-                check_run(self.packed, *cell, heading)
-            if codes[heading] != FAILS:
-                return True
-        return False
+        """Whether the body may stand on a cell of the map in one direction at least."""
+        return bool((self.standing(range(cell[0], cell[0] + 1))[:, 0, cell[1]] < FAILS).any())
 
-    def walk(self, path: NDArray[np.int32]) -> int:
-        """Number of the first cell of a path that a failing pose leads to; -1 if all its poses pass."""
-        stride, steps = self.shape[1] + 2, (1.0, 1.0, 1.0, 1.0)
-        return int(walk_poses(self.packed, stride, steps, path, 0, np.empty(len(path))))
+    def walk(
+        self, path: NDArray[np.int32], first: int, costs: NDArray[np.float64], edges: Floats = NO_EDGES,
+        prices: Prices | None = None,
+    ) -> int:
+        """As `Grid.walk`, by these prices, and by what legs cost in each direction (nodes, 16) where that is given."""
+        return int(walk_states(self.packed, edges, prices or self.prices, self.shape[1] + 2, path, first, costs))
 
-    def costs(self, rows: NDArray[np.int64] | slice = slice(None)) -> NDArray[np.float32]:
-        """(4, H, W) float32, T of all poses, or of those of some rows, inf where one fails; all get checked."""
-        for row in np.arange(self.shape[0])[rows].tolist():
-            check_rows(self.packed, row, row + 1)
-        codes = self.codes.reshape(self.shape[0] + 2, self.shape[1] + 2, -1)[1:-1, 1:-1][rows].transpose(2, 0, 1)
-        costs = (np.maximum(codes, 1) - np.float32(1)) / np.float32(MOST_CODE)
-        return np.where(codes == FAILS, np.float32(np.inf), costs.astype(np.float32))
+    def cost_along(self, path: NDArray[np.int32]) -> NDArray[np.float64]:
+        """(N - 1,) T of the legs of a path (N, 2), all of which have been checked."""
+        legs = np.diff(path, axis=0)
+        kinds = np.array([motions.DIRECTIONS.index((row, col)) for row, col in legs.tolist()], np.int64)
+        base = np.where((kinds < AXES)[:, None], path[:-1], path[1:]) + 1
+        codes = self.legs[base[:, 0] * (self.shape[1] + 2) + base[:, 1], kinds % AXES]
+        return np.where(codes < FAILS, (codes - 1.0) / MOST_CODE, np.inf)
 
 
 @checked(InvalidMapError)
@@ -184,7 +194,7 @@ def pose_costs(
     *,
     cell_width_m: float | None = None,
     traversability: Traversability | None = None,
-) -> NDArray[np.float32]:
+) -> Floats:
     """Cost of a vehicle's poses on each cell: every one is checked, which planners do only where they look.
 
     Parameters
@@ -202,9 +212,10 @@ def pose_costs(
 
     Returns
     -------
-    (4, H, W) float32
-        T in [0, 1), rounded up to a part in 65533; inf where the pose fails. The headings are those of the steps
-        (1, 0), (1, 1), (0, 1) and (-1, 1) in (row, col), and of their reverses.
+    (8, H, W) float32
+        T in [0, 1), rounded up to a part in 65520, of the body standing there; inf where it cannot. The axes of the
+        sixteen directions by rising angle: (1, 0), (2, 1), (1, 1), (1, 2), (0, 1), (-1, 2), (-1, 1) and (-2, 1) in
+        (row, col), and their reverses.
 
     Raises
     ------
@@ -214,19 +225,28 @@ def pose_costs(
     Notes
     -----
     docs/vehicle.md. NNPP (arXiv 2308.04792v3), Eq. 1, of the body in place of the 3 × 3 patch; bounds as in ACE
-    (arXiv 1808.00031).
+    (arXiv 1808.00031), of what departs from the plane on which the body stands.
     """
     sides = sides_of(cell_size_m, cell_width_m)
     if vehicle.is_disc:
         raise InvalidMapError("a disc has no poses: wanted a vehicle with length, width and clearance")
     heights, _ = relative_heights(dem)
-    return Poses(heights, sides, vehicle, term_weights(traversability), 1.0).costs()
+    codes = Poses(heights, sides, vehicle, term_weights(traversability), 1.0).standing()
+    costs = (np.maximum(codes, 1) - np.float32(1)) / np.float32(MOST_CODE)
+    return np.where(codes >= FAILS, np.float32(np.inf), costs.astype(np.float32))
 
 
 def term_weights(traversability: Traversability | None) -> tuple[float, float, float]:
     """Weights of tilt, rise and step in T."""
     rule = traversability or Traversability()
     return rule.slope_weight, rule.roughness_weight, rule.step_weight
+
+
+def limits_of(vehicle: Vehicle, weights: tuple[float, float, float]) -> Floats:
+    """Of a vehicle, as the check takes them."""
+    pitch, roll, tilt = (math.radians(angle) for angle in vehicle.tilts_deg)
+    limits = np.array((0.0, tilt, math.tan(pitch), math.tan(roll), vehicle.step_m, vehicle.clearance_m)) * _SAFE
+    return np.array((*limits, *weights), np.float32)
 
 
 def _some_height(heights: Float2D) -> np.float32:
@@ -241,78 +261,19 @@ def _some_height(heights: Float2D) -> np.float32:
 @functools.cache
 def _address() -> int:
     """Of the check, compiled by way of a map of one cell and a body without wheels."""
-    nothing, one, none = np.zeros((0, 2), np.float32), np.ones(LIMIT_SLOTS, np.float32), np.zeros(5, np.int64)
-    own, scratch = np.zeros((5, 4), np.float32), np.zeros(4 * RUN, np.float32)
-    parts = (nothing, none, none.reshape(1, 5), none), own, one, scratch
-    heights, cells = np.zeros(2 * RUN, np.float32), np.zeros(1, np.int64)
-    source = heights, cells, np.zeros((4, 5), np.int64), *parts, cells, np.array((1, 1, RUN, 0))
-    packed = np.zeros((9, 4), np.uint16), np.float32(1.0), source, 0
-    return int(address_of_check(packed))  # type: ignore[no-untyped-call]  # as all of `kernels`
-
-
-class _Geometry(NamedTuple):
-    """Tables of the check, of all headings, one after another."""
-
-    cells: NDArray[np.int64]
-    """(N, 2) cells of each heading's wheels, then of its belly, as (row, col) from the pose's own."""
-    starts: NDArray[np.int64]
-    """(4, W + 1) where the cells of each wheel begin, and where the last one's end."""
-    places: NDArray[np.float32]
-    """(N, 2) metres ahead of the body's middle and to its left; 0 for wheels."""
-    patches_of: NDArray[np.int64]
-    """(5,) where each heading's patches of the belly begin, and the last one's end."""
-    patches: NDArray[np.int64]
-    """(P, 4) of each patch, on which the same wheels' heights lower the plane: where its cells begin and end, and
-    where these wheels do among the raised."""
-    raised: NDArray[np.int64]
-    """Numbers of the wheels whose greatest heights make the plane lowest, patch by patch."""
-    gradients: NDArray[np.float32]
-    """(5, W) what a wheel's height adds to the plane at the body's middle, to its gradients ahead and to the left,
-    and to these two without sign."""
-    half_steps: tuple[float, ...]
-    """Half a step along each heading, metres."""
-    margins: tuple[float, ...]
-    """By how much the belly may come lower between two poses of each heading than their gradients say, metres."""
-
-
-@functools.lru_cache(maxsize=16)
-def _geometry(vehicle: Vehicle, dy: float, dx: float) -> _Geometry:
-    """Of a vehicle on cells of `dy` × `dx` metres. The plane is fitted by least squares to the wheels' heights."""
-    wheels = vehicle.wheels_m
-    solved = np.linalg.pinv(np.column_stack((np.ones(len(wheels)), wheels)))
-    prints = [footprint(vehicle, heading, dy, dx) for heading in range(len(HEADINGS))]
-    parts, starts = [], np.zeros((len(prints), len(wheels) + 1), np.int64)
-    patches_of, count = [0], 0
-    patches: list[tuple[int, int, int, int]] = []
-    raised: list[int] = []
-    for heading, each in enumerate(prints):
-        under = np.concatenate(each.wheels)
-        parts.append(np.column_stack((under, np.zeros(under.shape))))
-        starts[heading] = count + np.cumsum([0, *map(len, each.wheels)])
-        count += len(under)
-        lowers = np.column_stack((np.ones(len(each.places)), each.places)) @ solved < -_ROUNDING
-        for pattern in np.unique(lowers, axis=0):
-            there, here = (lowers == pattern).all(1), np.nonzero(pattern)[0]
-            parts.append(np.column_stack((each.belly[there], each.places[there])))
-            patches.append((count, count + int(there.sum()), len(raised), len(raised) + len(here)))
-            raised.extend(here)
-            count += int(there.sum())
-        patches_of.append(len(patches))
-    cells = np.concatenate(parts)
-    return _Geometry(
-        cells[:, :2].astype(np.int64),
-        starts,
-        np.ascontiguousarray(cells[:, 2:], np.float32),
-        np.array(patches_of, np.int64),
-        np.array(patches, np.int64),
-        np.array(raised, np.int64),
-        np.ascontiguousarray(np.concatenate((solved, np.abs(solved[1:]))), np.float32),
-        tuple(each.half_step for each in prints),
-        tuple(each.margin for each in prints),
+    ints, floats, pairs = np.zeros(3, np.int64), np.zeros(1, np.float32), np.zeros((1, 2), np.float32)
+    tables = (
+        ints,
+        ints,
+        np.zeros((1, 5), np.int64),
+        (pairs, ints, floats),
+        (ints, ints, pairs),
+        (ints, ints),
+        np.zeros((1, 3), np.float32),
+        np.zeros((5, 0), np.float32),
+        np.zeros(8, np.float32),
     )
-
-
-def _limits(geometry: _Geometry, vehicle: Vehicle, weights: tuple[float, float, float]) -> NDArray[np.float32]:
-    pitch, roll, tilt = (math.radians(angle) for angle in vehicle.tilts_deg)
-    limits = np.array((math.tan(pitch), math.tan(roll), tilt, vehicle.step_m, vehicle.clearance_m)) * _SAFE
-    return np.array((*limits, *weights, *geometry.half_steps, *geometry.margins), np.float32)
+    heights = np.zeros(2 * RUN, np.float32)
+    source = heights, tables, np.ones(LIMIT_SLOTS, np.float32), np.zeros(RUN, np.float32), ints, np.array((1, 1, RUN, 0))
+    packed = np.zeros((9, AXES), np.uint16), np.zeros(9, np.uint16), source, 0
+    return int(address_of_check(packed))  # type: ignore[no-untyped-call]  # as all of `kernels`

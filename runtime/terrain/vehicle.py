@@ -1,15 +1,8 @@
-"""The robot's body: what it measures, what it can take, and which cells lie under it.
-
-A pose is a cell and one of the four headings of the eight steps, each of which leads both ways. The ground between
-the cells' middles is bilinear: its height at a point is a mean of the four cells around it. So a contact patch can
-touch no height beyond those of cells whose middles lie less than a cell from it, along rows and along columns.
-See docs/vehicle.md for what follows, and `kernels.poses` for the check.
-"""
+"""The robot's body: what it measures, and what it can take. See docs/vehicle.md, and `map.motions` for what it does."""
 
 import math
 from collections.abc import Iterator
 from dataclasses import dataclass, fields
-from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,10 +10,8 @@ from numpy.typing import NDArray
 from nnpp_edge.runtime.arguments import checked
 from nnpp_edge.runtime.errors import InvalidMapError
 
-HEADINGS = ((1, 0), (1, 1), (0, 1), (-1, 1))
-"""(row, col) of the step along each heading; its reverse has the same."""
 _INSIDE = 1e-9
-"""Share of a cell by which a middle that lies just a cell away counts as farther."""
+"""Share by which the wheels may lie outside the body."""
 _LARGEST_M, _THINNEST, _TALLEST, _WIDEST_TURN = 250.0, 50.0, 3.0, 100.0
 """Longest side of a body, and by the shorter one; highest clearance and widest turn by the longer one. What is beyond
 is in another unit than metres.
@@ -61,7 +52,12 @@ class Vehicle:
     radius_m: float | None = None
     """Of a disc."""
     turning_radius_m: float | None = None
-    """Of the sharpest turn on a path freed from the grid; None where the vehicle turns on the spot."""
+    """Of the sharpest turn of a disc on a path freed from the grid; None where any turn will do."""
+    turn_cost_m_per_rad: float | None = None
+    """Metres of level ground as dear as a turn on the spot by a radian; None for the way that each wheel rolls in it:
+    half the diagonal from wheel to wheel."""
+    turns_on_spot: bool = True
+    """Whether the vehicle can turn without rolling on."""
 
     def __post_init__(self) -> None:
         if self.radius_m is not None:
@@ -75,7 +71,14 @@ class Vehicle:
         self._check_metres(_THINNEST * min(self.length_m, self.width_m), "length_m", "width_m")
         longest = max(self.length_m, self.width_m)
         self._check_metres(_TALLEST * longest, "clearance_m", "max_step_m")
-        self._check_metres(_WIDEST_TURN * longest, "turning_radius_m")
+        if self.turning_radius_m is not None or not self.turns_on_spot:
+            raise InvalidMapError(
+                "a body turns on the spot, by turn_cost_m_per_rad: wanted no turning_radius_m, and turns_on_spot true"
+            )
+        if not 0.0 <= self.turn_m_per_rad < math.inf:
+            raise InvalidMapError(
+                f"turn_cost_m_per_rad must be a number of metres from 0 up, got {self.turn_cost_m_per_rad}"
+            )
         self._check_metres(math.inf, "wheelbase_m", "track_m", "wheel_length_m", "wheel_width_m")
         for name, value in self._given("max_tilt_deg", "max_pitch_deg", "max_roll_deg"):
             if not 0.0 < value < 90.0:
@@ -144,64 +147,11 @@ class Vehicle:
         return pitch, self.max_tilt_deg if self.max_roll_deg is None else self.max_roll_deg, self.max_tilt_deg
 
     @property
+    def turn_m_per_rad(self) -> float:
+        """Metres of level ground as dear as a turn on the spot by a radian."""
+        return 0.5 * math.hypot(*self.stance_m) if self.turn_cost_m_per_rad is None else self.turn_cost_m_per_rad
+
+    @property
     def reach_m(self) -> float:
         """From the body's middle to its corners."""
         return math.hypot(self.length_m, self.width_m) / 2.0
-
-
-class Footprint(NamedTuple):
-    """The cells that a pose of one heading takes to check, as (row, col) from the pose's own."""
-
-    wheels: list[NDArray[np.int64]]
-    belly: NDArray[np.int64]
-    """(N, 2) cells that bound the heights under each wheel, and the ground below the body."""
-    places: NDArray[np.float64]
-    """(N, 2) metres, where the belly's cells lie: ahead of the body's middle and to the left of it."""
-    half_step: float
-    """Half the length of a step along the heading, metres."""
-    margin: float
-    """By how much the belly may come lower on the way to the next cell than the poses' own gradients say, metres."""
-
-
-def footprint(vehicle: Vehicle, heading: int, dy: float, dx: float) -> Footprint:
-    """Cells under the body, where a cell has `dy` × `dx` metres.
-
-    On its way from a cell to the next the body is at most half a step from a checked pose. The belly's cells are
-    those under it all along that half step, both ways. Wheels need that along diagonals alone: between two cells of
-    a row (or of a column) every wheel's height is (1 - s) a + s b, with a among its heights at one pose and b at the
-    other, and the body's inclination is linear in them. The belly then needs a margin, which docs/vehicle.md proves.
-    """
-    row, col = HEADINGS[heading]
-    step = math.hypot(row * dy, col * dx)
-    ahead, half_step, diagonal = np.array((row * dy, col * dx)) / step, 0.5 * step, bool(row and col)
-    left = np.array((-ahead[1], ahead[0]))  # rows go down
-    long, wide = vehicle.contact_m
-    wheel = 0.5 * long + half_step * diagonal, 0.5 * wide
-    wheels = [_cells_near(along * ahead + side * left, ahead, wheel, dy, dx) for along, side in vehicle.wheels_m]
-    belly = _cells_near(np.zeros(2), ahead, (0.5 * vehicle.length_m + half_step, 0.5 * vehicle.width_m), dy, dx)
-    metres = belly * (dy, dx)
-    steepest = math.tan(math.radians(min(vehicle.tilts_deg[0], vehicle.tilts_deg[2])))
-    margin = 0.0 if diagonal else step / 16.0 * steepest
-    return Footprint(wheels, belly, np.stack((metres @ ahead, metres @ left), 1), half_step, margin)
-
-
-def _cells_near(
-    middle: NDArray[np.float64], ahead: NDArray[np.float64], half: tuple[float, float], dy: float, dx: float
-) -> NDArray[np.int64]:
-    """(N, 2) cells whose middles lie less than a cell, along rows and along columns, from some point of a rectangle.
-
-    The rectangle's sides lie along `ahead`, (row, col) of length 1, and across it, `half` as long to each side. It
-    meets the open box around a middle unless one of the four directions of their sides parts them.
-    """
-    left = np.array((-ahead[1], ahead[0]))  # rows go down
-    extent = np.abs(ahead) * half[0] + np.abs(left) * half[1] + (dy, dx)
-    low, high = np.floor((middle - extent) / (dy, dx)), np.ceil((middle + extent) / (dy, dx))
-    rows, cols = (np.arange(first, last + 1) for first, last in zip(low, high, strict=True))
-    cells = np.stack(np.meshgrid(rows, cols, indexing="ij"), -1).reshape(-1, 2)
-    apart = np.abs(cells * (dy, dx) - middle)
-    inside = (apart < extent - _INSIDE * min(dy, dx)).all(1)
-    for axis, reach in ((ahead, half[0]), (left, half[1])):
-        box = abs(axis[0]) * dy + abs(axis[1]) * dx
-        inside &= np.abs((cells * (dy, dx) - middle) @ axis) < reach + box - _INSIDE * min(dy, dx)
-    found: NDArray[np.int64] = cells[inside].astype(np.int64)
-    return found

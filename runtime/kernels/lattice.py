@@ -1,0 +1,397 @@
+"""The search over a body's states: a cell and one of sixteen directions, in which the body stands there.
+
+A state leads along its direction to another cell (a leg), and to the two directions beside it (turns on the spot). What
+a leg or turn comes to `kernels.poses` checks where the search first asks: until then it counts as possible, and a leg
+as costing no more than its length. So what is found is the optimum, though a part has been checked.
+
+State = node * 16 + direction; directions as in `map.motions`. The open list and the memory are those of
+`kernels.expansion`, by state.
+"""
+
+import math
+
+import numpy as np
+
+from nnpp_edge.runtime.compiled.kernel import helper, kernel
+from nnpp_edge.runtime.kernels.by_address import borrowed
+from nnpp_edge.runtime.kernels.clock import late
+from nnpp_edge.runtime.kernels.expansion import (
+    BASE,
+    BEST_H,
+    BEST_NODE,
+    EXHAUSTED,
+    EXPANSIONS,
+    FOUND,
+    FULL,
+    INVERSE_WIDTH,
+    PAUSED,
+    REFUSED,
+    _bucket,
+    _last_bucket,
+)
+from nnpp_edge.runtime.kernels.nodes import DIRECTION_BITS, OPEN_BIT, STAMP_SHIFT
+from nnpp_edge.runtime.kernels.open_list import (
+    BLOCK,
+    COARSE,
+    FINE,
+    FINE_AT,
+    FREE,
+    LENGTH,
+    NOTHING,
+    SPAN,
+    USED,
+    clear,
+    next_block,
+    pop,
+    push,
+)
+from nnpp_edge.runtime.kernels.poses import AXES, FAILS, UNCHECKED, check_there, motion_weight
+
+DIRECTIONS, PER_NODE = 16, 4
+"""Directions of a node, and binary digits of their number."""
+ROWS = (1, 2, 1, 1, 0, -1, -1, -2, -1, -2, -1, -1, 0, 1, 1, 2)
+COLS = (0, 1, 1, 2, 1, 2, 1, 1, 0, -1, -1, -2, -1, -2, -1, -1)
+LEG, LEFT, RIGHT, ORIGIN = 0, 1, 2, 3
+"""How a state was come to."""
+_MASK = DIRECTIONS - 1
+LOOK_EVERY = 32
+"""Expansions between two looks at the clock, as each may check poses."""
+
+
+@helper
+def left_over(rows, cols, prices):
+    """Least cost of a way that leads so many rows and columns on, where straight, diagonal and knight's legs cost
+    `prices`."""
+    near, far = min(rows, cols), max(rows, cols)
+    straight, diagonal, knight = prices
+    if 2 * near <= far:
+        return straight * (far - 2 * near) + knight * near
+    return knight * (far - near) + diagonal * (2 * near - far)
+
+
+@helper
+def _left_from(node, towards):
+    stride, goal_row, goal_col, prices = towards
+    return left_over(abs(node // stride - goal_row), abs(node % stride - goal_col), prices)
+
+
+@helper
+def _least_f(chain, towards, g, meta, entries):
+    """The least f of the entries of a chain that are still open; inf without any."""
+    least = np.inf
+    while chain != NOTHING:
+        state = np.int64(entries[2 * chain])
+        if meta[2 * state + 1] & OPEN_BIT:
+            least = min(least, g[2 * state] + _left_from(state >> PER_NODE, towards))
+        chain = np.int64(entries[2 * chain + 1])
+    return least
+
+
+@helper
+def _deal_out(chain, block, towards, order, g, meta, heads, entries, free):
+    """As `kernels.expansion._deal_out`."""
+    base, inverse_width = order
+    dropped = 0
+    while chain != NOTHING:
+        following = np.int64(entries[2 * chain + 1])
+        state = np.int64(entries[2 * chain])
+        if meta[2 * state + 1] & OPEN_BIT:
+            bucket = _bucket(g[2 * state] + _left_from(state >> PER_NODE, towards), base, inverse_width)
+            slot = max(bucket - block * FINE, np.int64(0)) if block >= 0 else FINE + bucket // FINE
+            entries[2 * chain + 1] = heads[slot]
+            heads[slot] = chain
+        else:
+            entries[2 * chain + 1] = free
+            free = chain
+            dropped += 1
+        chain = following
+    return free, dropped
+
+
+@kernel
+def trace_states(meta, state, stride, out):
+    """Write the cells from a state back to the start into `out`, as far as it reaches; their number."""
+    n = 0
+    last = -1
+    while True:
+        node = state >> PER_NODE
+        if node != last:
+            if n < len(out):
+                out[n, 0], out[n, 1] = node // stride - 1, node % stride - 1
+            n, last = n + 1, node
+        way, k = meta[2 * state + 1] & DIRECTION_BITS, state & _MASK
+        if way == ORIGIN:
+            return n
+        if way == LEG:
+            state -= (ROWS[k] * stride + COLS[k]) << PER_NODE
+        else:
+            state += ((k - 1 if way == LEFT else k + 1) & _MASK) - k
+
+
+@kernel
+def expand_states(grid, poses, edges, prices, region, ends, rule, memory, limits):
+    """As `kernels.expansion.expand`, over a body's states.
+
+    Parameters
+    ----------
+    grid : tuple
+        As everywhere.
+    poses : tuple
+        Of the body, see `kernels.poses`. What a leg or a turn needs of them is checked.
+    edges : (nodes, 16) float32
+        What the leg that leaves a node in each direction costs, inf where there is none; without any, legs cost by
+        what they are checked to be.
+    prices : (lengths, unit, turns)
+        (8,) float32 what a leg of each axis costs on the best ground; by how much each step of its code makes it
+        dearer, as a share; (8,) float32 what a turn from each direction to the next costs.
+    region, memory, limits
+        As there; memory is that of the states.
+    ends : (start, goal, first, last)
+        Nodes, and the directions at the start and at the goal; -1 where any will do.
+    rule : (towards, width, beyond)
+        Costs of straight, diagonal and knight's legs by which what is left is judged; else as there.
+
+    Returns
+    -------
+    tuple
+        As there; once the goal is found, `counts` has its state in the place of the nearest one's.
+    """
+    _, stride, _, _, _ = grid
+    start, goal, first, wanted = ends
+    lengths, unit, turn_prices = prices
+    best, width, beyond = rule
+    most, until = limits
+    legs, turns, rows, cols = borrowed(poses[0]), borrowed(poses[1]), poses[2][5][0], poses[2][5][1]
+    g, meta, stamp, heads, entries, control, reals, counts, path = memory
+    g, meta, heads, entries = borrowed(g), borrowed(meta), borrowed(heads), borrowed(entries)
+    bitmap, row_block, col_block, region_stamp = region
+    bitmap, row_block, col_block = borrowed(bitmap), borrowed(row_block), borrowed(col_block)
+    edges, lengths, turn_prices = borrowed(edges), borrowed(lengths), borrowed(turn_prices)
+    regional, by_edges = len(bitmap) > 0, len(edges) > 0
+    goal_row, goal_col = goal // stride, goal % stride
+    towards = stride, goal_row, goal_col, best
+    if start >= 0:
+        h = _left_from(start, towards)
+        clear(heads, control)
+        free, used, waiting = np.int64(NOTHING), np.int64(0), 0
+        for k in range(DIRECTIONS):
+            if first < 0 or first == k:
+                state = start * DIRECTIONS + k
+                free, used = push(heads, entries, 0, state, 0, 0, free, used)
+                g[2 * state] = 0.0
+                meta[2 * state + 1] = (stamp << STAMP_SHIFT) | OPEN_BIT | ORIGIN
+                waiting += 1
+        control[FREE], control[USED], control[LENGTH] = free, used, waiting
+        reals[BASE], reals[INVERSE_WIDTH], reals[REFUSED], reals[BEST_H] = h, 1.0 / width, np.inf, np.inf
+        counts[EXPANSIONS], counts[BEST_NODE] = 0, start * DIRECTIONS + max(first, 0)
+    base, inverse_width, refused, best_h = reals[BASE], reals[INVERSE_WIDTH], reals[REFUSED], reals[BEST_H]
+    free, used, fine_at = control[FREE], control[USED], control[FINE_AT]
+    block, waiting = control[BLOCK], control[LENGTH]
+    room = np.int64(len(entries)) // 2 - DIRECTIONS - 3
+    bound, last_bucket, settled = np.inf, np.int64(SPAN), np.int64(-1)
+    for k in range(DIRECTIONS):
+        state = goal * DIRECTIONS + k
+        if (wanted < 0 or wanted == k) and meta[2 * state + 1] >> STAMP_SHIFT == stamp:
+            if g[2 * state] * beyond < bound and start < 0:
+                bound, settled = np.float64(g[2 * state]) * beyond, state
+                last_bucket = _last_bucket(bound, base, inverse_width)
+    expansions = counts[EXPANSIONS]
+    last = expansions + most
+    look_at = expansions + LOOK_EVERY
+    code = PAUSED
+    while expansions < last:
+        if expansions >= look_at:
+            look_at = expansions + LOOK_EVERY
+            if late(until):
+                break
+        if waiting > room:
+            code = FULL
+            break
+        state, fine_at, free = pop(heads, entries, fine_at, free)
+        if block * FINE + fine_at > last_bucket:
+            code = FOUND
+            break
+        if state == NOTHING:
+            if waiting == 0:
+                code = FOUND if settled >= 0 else EXHAUSTED
+                break
+            block, chain = next_block(heads, block)
+            fine_at = np.int64(0)
+            if block == COARSE:
+                block, fine_at = np.int64(-1), np.int64(FINE)
+                least = _least_f(chain, towards, g, meta, entries)
+                if least < np.inf:
+                    base, inverse_width = least, min(inverse_width, SPAN / least)
+                    last_bucket = _last_bucket(bound, base, inverse_width)
+            order = base, inverse_width
+            free, dropped = _deal_out(chain, block, towards, order, g, meta, heads, entries, free)
+            waiting -= dropped
+            continue
+        waiting -= 1
+        word = meta[np.uint64(2 * state + 1)]
+        if not word & OPEN_BIT:
+            continue
+        meta[np.uint64(2 * state + 1)] = word & ~OPEN_BIT
+        node, k = state >> PER_NODE, state & _MASK
+        row = node // stride
+        col = node - row * stride
+        h = left_over(abs(row - goal_row), abs(col - goal_col), best)
+        g_state = g[np.uint64(2 * state)]
+        if g_state + h >= bound:
+            continue
+        expansions += 1
+        if h < best_h:
+            best_h = h
+            counts[BEST_NODE] = state
+        for way in range(3):
+            i, j, across, to = row, col, node, k
+            at, axis, motion = node, k & 7, k & 7
+            if way == LEG:
+                i, j = row + ROWS[k], col + COLS[k]
+                if not (1 <= i <= rows and 1 <= j <= cols):
+                    continue
+                across = i * stride + j
+                at = node if k < AXES else across
+                found = np.int64(legs[np.uint64(at), np.uint64(axis)])
+                if found >= FAILS:
+                    continue
+                checked = found != UNCHECKED
+                if by_edges:
+                    step = edges[np.uint64(node), np.uint64(k)]
+                else:
+                    step = lengths[axis] * (np.float32(1.0) + motion_weight(found, unit))
+                left = left_over(abs(i - goal_row), abs(j - goal_col), best)
+            else:
+                if word & DIRECTION_BITS == LEFT + RIGHT - way:
+                    continue
+                to = (k + 1) & _MASK if way == LEFT else (k - 1) & _MASK
+                axis = k & 7 if way == LEFT else to & 7
+                bits = np.int64(turns[np.uint64(node)]) >> axis
+                checked = bits & 1 != 0
+                if checked and not bits >> AXES & 1:
+                    continue
+                motion, step, left = AXES + axis, turn_prices[axis], h
+            there = across * DIRECTIONS + to
+            known = np.float32(np.inf)
+            if meta[np.uint64(2 * there + 1)] >> STAMP_SHIFT == stamp:
+                known = g[np.uint64(2 * there)]
+            reached = g_state + step
+            f = reached + left
+            if not reached < known or f >= bound:
+                continue
+            if regional and way == LEG and across != goal:  # noqa: SIM102
+                if bitmap[np.uint64(row_block[np.uint64(i - 1)]), np.uint64(col_block[np.uint64(j - 1)])] != region_stamp:
+                    refused = min(refused, f)
+                    continue
+            if not checked:
+                check_there(poses, at // stride - 1, at % stride - 1, motion)
+                if way == LEG:
+                    found = np.int64(legs[np.uint64(at), np.uint64(axis)])
+                    if found >= FAILS:
+                        continue
+                    if not by_edges:
+                        reached = g_state + lengths[axis] * (np.float32(1.0) + motion_weight(found, unit))
+                        f = reached + left
+                        if not reached < known or f >= bound:
+                            continue
+                elif not np.int64(turns[np.uint64(node)]) >> (AXES + axis) & 1:
+                    continue
+            g[np.uint64(2 * there)] = reached
+            come = np.int64((stamp << STAMP_SHIFT) | OPEN_BIT | way)
+            if across == goal and (wanted < 0 or wanted == to):
+                come ^= OPEN_BIT  # never expanded, so never put on the open list
+                bound, settled = f * beyond, there
+                last_bucket = _last_bucket(bound, base, inverse_width)
+            else:
+                free, used = push(heads, entries, _bucket(f, base, inverse_width), there, block, fine_at, free, used)
+                waiting += 1
+            meta[np.uint64(2 * there + 1)] = come
+    control[FREE], control[USED], control[FINE_AT] = free, used, fine_at
+    control[BLOCK], control[LENGTH] = block, waiting
+    reals[BASE], reals[INVERSE_WIDTH], reals[REFUSED], reals[BEST_H] = base, inverse_width, refused, best_h
+    counts[EXPANSIONS] = expansions
+    if code == FOUND:
+        counts[BEST_NODE] = settled
+    cells = 0
+    if code != FULL:
+        cells = trace_states(meta, counts[BEST_NODE], stride, path)
+    return code, cells, expansions, refused
+
+
+@kernel
+def read_states(g, meta, stamp, stride, field):
+    """The least g of the states of every cell into `field`, inf where the search did not come."""
+    rows, cols = field.shape
+    for row in range(rows):
+        for col in range(cols):
+            least, first = np.float32(np.inf), ((row + 1) * stride + col + 1) * DIRECTIONS
+            for state in range(first, first + DIRECTIONS):
+                if meta[2 * state + 1] >> STAMP_SHIFT == stamp:
+                    least = min(least, g[2 * state])
+            field[row, col] = least
+
+
+@kernel
+def walk_states(poses, edges, prices, stride, path, first, costs):
+    """Write what a body's path (N, 2) costs from its cell `first` to each later one into `costs` (N,).
+
+    At a cell it turns the shorter way, or the longer one where that is impossible. Returns the number of the first
+    cell that a failing leg or turn leads to, from `first` on; -1 if all pass.
+    """
+    lengths, unit, turn_prices = prices
+    legs, turns = poses[0], poses[1]
+    total, before = 0.0, -1
+    for n in range(max(first, 1), len(path)):
+        k = direction_of(path[n, 0] - path[n - 1, 0], path[n, 1] - path[n - 1, 1])
+        node = (path[n - 1, 0] + 1) * stride + path[n - 1, 1] + 1
+        if n == first:  # the leg before: only its direction counts
+            before, costs[n] = k, 0.0
+            continue
+        if n == 1:
+            costs[0] = 0.0
+        if before >= 0 and before != k:
+            price = turn_price(poses, turn_prices, stride, node, before, k)
+            if price == np.inf:
+                return n
+            total += price
+        axis = k & 7
+        at = node if k < AXES else (path[n, 0] + 1) * stride + path[n, 1] + 1
+        if legs[at, axis] == UNCHECKED:
+            check_there(poses, at // stride - 1, at % stride - 1, axis)
+        if legs[at, axis] >= FAILS:
+            return n
+        if len(edges):
+            total += edges[node, k]
+        else:
+            total += lengths[axis] * (1.0 + motion_weight(legs[at, axis], unit))
+        costs[n], before = total, k
+    if first == 0 and len(path) == 1:
+        costs[0] = 0.0
+    return -1
+
+
+@helper
+def direction_of(rows, cols):
+    """Number of the direction of a leg; -1 where it is none."""
+    for k in range(DIRECTIONS):
+        if ROWS[k] == rows and COLS[k] == cols:
+            return k
+    return -1
+
+
+@helper
+def turn_price(poses, turn_prices, stride, node, before, after):
+    """What it costs to turn on a node from a direction to another, the shorter way if that is possible; inf if none."""
+    count = (after - before) & _MASK
+    for longer in range(2):
+        left = (count <= DIRECTIONS - count) != (longer == 1)
+        total, k = 0.0, before
+        while k != after and total < np.inf:
+            axis = k & 7 if left else (k - 1) & 7
+            if not poses[1][node] >> axis & 1:
+                check_there(poses, node // stride - 1, node % stride - 1, AXES + axis)
+            total = total + turn_prices[axis] if poses[1][node] >> (AXES + axis) & 1 else np.inf
+            k = (k + 1 if left else k - 1) & _MASK
+        if total < np.inf:
+            return total
+    return np.inf
