@@ -80,6 +80,8 @@ class DirectedSteps:
         (rows, cols), (dy, dx) = self.shape, sides_m
         self._weights, self._corner_cutting = weights, corner_cutting or weights is None
         self._lengths = tuple(math.hypot(up * dy, left * dx) for up, left in zip(ROW_STEP, COL_STEP, strict=True))
+        kinks, level, gradient = model.table
+        self._priced = (kinks, level, gradient - model.height_price), model.least_per_m
         least = _ROUNDED_DOWN * model.least_per_m
         straight = least * min(dy, dx)
         self.prices = straight, min(least * self._lengths[-1], 2.0 * straight)
@@ -154,14 +156,13 @@ class DirectedSteps:
 
     def _compute(self, part: Rectangle) -> None:
         """Compute the steps that leave a rectangle's cells, on all cores where that pays."""
-        (row, col, rows, cols), model = part, self.model
+        row, col, rows, cols = part
         weights = np.empty(0, np.float32) if self._weights is None else self._weights
         rule = self._weights is not None, self._corner_cutting
-        priced = *model.packed, float(model.height_price), float(model.least_per_m)
 
         def price(row0: int, row1: int) -> None:
             area, lengths = (row + row0, row + row1, col, col + cols), np.array(self._lengths)
-            greatest = price_steps(self._heights, weights, rule, priced, lengths, area, self.padded)
+            greatest = price_steps(self._heights, weights, rule, self._priced, lengths, area, self.padded)
             dearest.append(float(greatest))
 
         dearest = [self.greatest]
