@@ -282,7 +282,8 @@ class IrmischerCost(SlopeCost):
         gain, best = (1.0, -5.0) if self.on_path else (0.67, -2.0)
         gentle = slope.clip(-1.0, 1.0)
         speed = self.factor * (0.11 + gain * np.exp(-((100.0 * gentle - best) ** 2) / (2.0 * 30.0**2)))
-        return np.hypot(1.0, slope) / np.hypot(1.0, gentle) / speed
+        cost: Float64s = np.hypot(1.0, slope) / np.hypot(1.0, gentle) / speed
+        return cost
 
 
 @checked(InvalidQueryError)

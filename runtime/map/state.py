@@ -101,9 +101,7 @@ class MapState:
     def _go_by_slope(self) -> None:
         """Have steps cost by the slope if they are to."""
         if self._slope_cost is not None and self._heights is not None and self.sides_m is not None:
-            weights = None if self.grid.poses else self.grid.weights
-            directed = DirectedSteps(self._heights, self.sides_m, self._slope_cost, weights, self._corner_cutting)
-            self.grid.go_by(directed)
+            self.grid.go_by(DirectedSteps(self._heights, self.sides_m, self._slope_cost, self.grid))
 
     def _forget(self) -> None:
         self.log = ChangeLog()

@@ -6,6 +6,7 @@ import pytest
 from nnpp_edge.runtime.errors import InvalidQueryError
 from nnpp_edge.runtime.kernels.nodes import COL_STEP, ROW_STEP
 from nnpp_edge.runtime.map.directed import DirectedSteps
+from nnpp_edge.runtime.map.grid import Grid
 from nnpp_edge.runtime.map.slope_cost import (
     SLOPE_COSTS,
     EnergyCost,
@@ -16,6 +17,7 @@ from nnpp_edge.runtime.map.slope_cost import (
     ToblerCost,
     unit_of,
 )
+from nnpp_edge.runtime.map.step_cost import StepModel
 
 TABLE = TimeCost((-20.0, -5.0, 0.0, 12.0), (0.3, 0.9, 0.8, 0.2))
 ROVER = EnergyCost(180.0, 0.15, efficiency=0.6, recovery=0.4, gravity_m_s2=3.71, idle_w=45.0, speed_m_s=0.05)
@@ -135,7 +137,8 @@ def test_steps_cost_what_ways_do_near_the_function_and_no_metre_is_cheaper_than_
     dem = np.array([[0.0], [1.0]]) * SLOPES[::20].astype(np.float32)
     dem = np.concatenate((dem, dem, dem))[:, np.newaxis].reshape(6, -1).astype(np.float32)
     sides = 1.0, 0.7
-    steps = DirectedSteps(dem, sides, model, None, True).map
+    grid = Grid(*dem.shape, StepModel.of("paper"), weights=np.zeros((len(dem) + 2) * (len(dem[0]) + 2), np.float32))
+    steps = DirectedSteps(dem, sides, model, grid).map
     for k, (up, left) in enumerate(zip(ROW_STEP, COL_STEP, strict=True)):
         here, there = dem[1:-1, 1:-1].astype(np.float64), np.roll(dem, (-up, -left), (0, 1))[1:-1, 1:-1]
         ways = model.cost(math.hypot(up * sides[0], left * sides[1]), there - here)
