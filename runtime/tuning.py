@@ -34,7 +34,7 @@ STRIPE_CELLS = 1 << 18
 TILE_ROWS, TILE_COLS = 32, 64
 """Cells of the pieces in which a map of heights is computed: powers of two. In smaller ones rows are too short for
 the compiler's loops; of larger ones a search looks at a small part."""
-MOST_SAMPLED = 24
+MOST_SAMPLED = 16
 """Cells to the side of the sample by which it is judged, roughly, whether most of a map lies at a term's limit."""
 
 # Maps read by windows

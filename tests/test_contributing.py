@@ -73,9 +73,7 @@ def test_paths_in_the_guide_are_there_and_its_targets_too():
 
 def test_names_in_the_guide_are_in_the_code():
     named = {
-        "runtime/map/slope_cost.py": ("SLOPE_COSTS", "Mobility", "SpeedCost", "speed", "function", "IrmischerCost"),
-        "nnpp_edge/runtime/map/slope_cost.py": ("SlopeCost", "unit", "height_price", "least_per_m", "packed"),
-        "runtime/kernels/directed.py": ("price_ways",),
+        "runtime/map/slope_cost.py": ("SLOPE_COSTS", "Mobility", "SlopeCost", "per_m", "kinks", "unit", "function"),
         "nnpp_edge/cli/options.py": ("STEP_COSTS",),
         "nnpp_edge/view/asked.py": ("step_cost",),
         "tests/runtime/test_slope_cost.py": ("MODELS",),
@@ -92,7 +90,7 @@ def test_names_in_the_guide_are_in_the_code():
 def test_every_place_that_lists_step_costs_has_each_of_them():
     from nnpp_edge import runtime
     from nnpp_edge.cli.options import STEP_COSTS
-    from nnpp_edge.runtime.map.slope_cost import SLOPE_COSTS, SpeedCost
+    from nnpp_edge.runtime.map.slope_cost import SLOPE_COSTS
     from nnpp_edge.view.asked import Asked
 
     fields = [field.name for field in dataclasses.fields(runtime.Mobility)]
@@ -109,7 +107,7 @@ def test_every_place_that_lists_step_costs_has_each_of_them():
     for place, names in has.items():
         assert names == set(SLOPE_COSTS), place
     assert all(hasattr(runtime, kind.__name__) for kind in SLOPE_COSTS.values()), "runtime/__init__.pyi"
-    assert all(kind.function for kind in SLOPE_COSTS.values() if issubclass(kind, SpeedCost))
+    assert all(kind.unit == "s" for kind in SLOPE_COSTS.values() if kind.function)
 
 
 def test_hooks_run_what_make_check_made():

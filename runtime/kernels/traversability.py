@@ -281,20 +281,6 @@ def fill_weights(heights, rows, cols, rule, area, out, first, stride):
             out[at + cols - 1] = _border_weight(heights, rows, cols, row, cols - 1, rule, constants)
 
 
-@helper
-def _plane(heights, rows, cols, row, col, dy, dx):
-    """Slope (rad), roughness and elevation difference of one known cell, in the shortest way."""
-    if 0 < row < rows - 1 and 0 < col < cols - 1:
-        t, m, b = (row - 1) * cols + col, row * cols + col, (row + 1) * cols + col
-        top, middle = (heights[t - 1], heights[t], heights[t + 1]), (heights[m - 1], heights[m], heights[m + 1])
-        bottom = heights[b - 1], heights[b], heights[b + 1]
-        terms = _whole_plane(top, middle, bottom, np.float32(1.0 / (6.0 * dx)), np.float32(1.0 / (6.0 * dy)))
-        slope, roughness, step = np.float64(terms[0]), np.float64(terms[1]), np.float64(terms[2])
-        if math.isfinite(slope + roughness + step):
-            return slope, roughness, step
-    return _moments_plane(heights, rows, cols, row, col, dy, dx)
-
-
 @kernel
 def count_saturated(heights, rows, cols, rule, steps, counts):
     """Count, in a sample of the cells, the known ones and those at the limit of each of the terms.
@@ -304,7 +290,7 @@ def count_saturated(heights, rows, cols, rule, steps, counts):
     for row in range(steps[0] // 2, rows, steps[0]):
         for col in range(steps[1] // 2, cols, steps[1]):
             if math.isfinite(heights[row * cols + col]):
-                terms = _plane(heights, rows, cols, row, col, rule[DY], rule[DX])
+                terms = _moments_plane(heights, rows, cols, row, col, rule[DY], rule[DX])
                 counts[0] += 1
                 for n in range(3):
                     counts[n + 1] += terms[n] >= rule[SLOPE_LIMIT + n]

@@ -9,7 +9,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from nnpp_edge.runtime.map.slope_cost import Mobility, SlopeCost, SpeedCost
+from nnpp_edge.runtime.map.slope_cost import Mobility, SlopeCost
 
 Line = NDArray[np.int32] | NDArray[np.float64]
 """(N, 2) row and column: cells of a path, or way points between them."""
@@ -56,7 +56,7 @@ class Along:
     sampled_m: Heights
     sides_m: tuple[float, float]
     mobility: Mobility = _ON_FOOT
-    walker: SpeedCost | None = None
+    walker: SlopeCost | None = None
 
     @classmethod
     def of(
@@ -123,7 +123,7 @@ class Along:
     @property
     def time_by(self) -> str:
         """Whose time that is, in words."""
-        function = "Tobler's function" if self.walker is None else self.walker.function
+        function = (self.walker or self.mobility.tobler).function
         return f"on foot, by {function}" if self.mobility.time is None else "at the vehicle's speeds"
 
     @cached_property

@@ -1,10 +1,11 @@
 """Steps that cost by the slope they lead up or down, on a map of heights and on its coarse levels.
 
 A step's cost here is that of the model less what its rise is worth (`SlopeCost.height_price`): so it is above 0, and
-paths between two cells differ by as much as with the costs themselves. What is reported is those, see `costs_along`.
+paths between two cells differ by as much as with the costs themselves. What is reported is those.
 """
 
 import math
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,7 +16,11 @@ from nnpp_edge.runtime.kernels.directed import join_steps, pool_steps, price_ste
 from nnpp_edge.runtime.kernels.nodes import COL_STEP, ROW_STEP
 from nnpp_edge.runtime.map.changes import Change
 from nnpp_edge.runtime.map.slope_cost import SlopeCost
+from nnpp_edge.runtime.map.steps import Edges, Packed, PointSteps, PoseSteps
 from nnpp_edge.runtime.terrain.traversability import with_rim
+
+if TYPE_CHECKING:
+    from nnpp_edge.runtime.map.grid import Grid
 
 _ROUNDED_DOWN = 1.0 - 1e-6
 """Of the cheapest step: edges are rounded to float32, the prices of the heuristic are not."""
@@ -23,11 +28,12 @@ _OBSTACLE = 1.5
 """Cost of an impassable cell in a coarse cell's mean, in times of a level step (docs/decisions.md)."""
 _THREADS_FROM = 20_000
 """Cells from which on steps are computed by a thread a core."""
-Edges = NDArray[np.float32]
 
 
-class CoarseSteps:
+class CoarseSteps(PointSteps):
     """Costs of the steps of a coarse level, both ways; `prices` are those of the map's own steps."""
+
+    by_slope = True
 
     def __init__(self, shape: Cell, prices: tuple[float, float]) -> None:
         rows, cols = shape
@@ -39,6 +45,9 @@ class CoarseSteps:
         """(nodes, 8) of the step that leaves a node in each direction."""
         self.backwards: Edges = np.full((nodes, 8), np.inf, np.float32)
         """(nodes, 8) of the step by which a node is come to from its neighbour in each direction."""
+
+    def packed(self, backwards: bool = False) -> Packed:
+        return None, self.backwards if backwards else self.edges
 
     def pool(self, finer: Edges, pieces: NDArray[np.uint16], area: Rectangle, obstacle: NDArray[np.float32]) -> None:
         """Bring a rectangle of this level's cells up to date, and their steps.
@@ -56,45 +65,40 @@ class CoarseSteps:
         join_steps(self.means, (top, top + tall, left, left + wide), edges, backwards)
 
 
-class DirectedSteps:
+class DirectedSteps(PointSteps):
     """Costs of the steps of a map of heights.
 
-    Parameters
-    ----------
-    heights : (H, W) float32
-        Metres, C-contiguous; not finite where unknown. Kept: whoever changes them says so (`follow`).
-    weights : (nodes,) float32 or None
-        Of the map's grid, inf where it is impassable; kept. None where a body's poses decide.
+    `heights` (H, W) float32 in metres, C-contiguous and not finite where unknown, are kept: whoever changes them says
+    so (`follow`). The grid's own steps, a point's or poses', say where these may lead.
     """
 
+    by_slope = True
+
     def __init__(
-        self,
-        heights: NDArray[np.float32],
-        sides_m: tuple[float, float],
-        model: SlopeCost,
-        weights: NDArray[np.float32] | None,
-        corner_cutting: bool,
+        self, heights: NDArray[np.float32], sides_m: tuple[float, float], model: SlopeCost, grid: "Grid"
     ) -> None:
-        self.model, self._heights, self._sides = model, heights, sides_m
-        self.shape: Cell = (heights.shape[0], heights.shape[1])
-        (rows, cols), (dy, dx) = self.shape, sides_m
-        self._weights, self._corner_cutting = weights, corner_cutting or weights is None
+        self._model, self._heights, self._sides, self._under = model, heights, sides_m, grid.steps
+        self.shape, (rows, cols), (dy, dx) = grid.shape, grid.shape, sides_m
+        self.by_poses = by_poses = grid.steps.by_poses
+        self._weights = np.empty(0, np.float32) if by_poses else grid.weights
+        self._rule = not by_poses, grid.corner_cutting
         self._lengths = tuple(math.hypot(up * dy, left * dx) for up, left in zip(ROW_STEP, COL_STEP, strict=True))
+        kinks, level, gradient = model.table
+        self._priced = (kinks, level, gradient - model.height_price), model.least_per_m
         least = _ROUNDED_DOWN * model.least_per_m
         straight = least * min(dy, dx)
         self.prices = straight, min(least * self._lengths[-1], 2.0 * straight)
         """Cost of getting a straight and a diagonal step closer where all ways are as cheap as the cheapest."""
         self.edges: Edges = np.empty(((rows + 2) * (cols + 2), 8), np.float32)
         """(nodes, 8) of the step that leaves a node in each direction; inf where there is none."""
-        self.greatest = straight
-        """No step costs more, nor has one."""
+        self._greatest = straight
         self.padded[:: rows + 1] = self.padded[:, :: cols + 1] = np.inf
         self._compute((0, 0, rows, cols))
 
     @property
     def obstacle(self) -> NDArray[np.float32]:
         """(8,) what an impassable cell counts for in a coarse cell's mean, by direction."""
-        return np.array(self._lengths, np.float32) * np.float32(_OBSTACLE * self.model.least_per_m)
+        return np.array(self._lengths, np.float32) * np.float32(_OBSTACLE * self._model.least_per_m)
 
     @property
     def map(self) -> Edges:
@@ -128,45 +132,59 @@ class DirectedSteps:
         cheaper = change.cheaper or bool((here < before).any())
         return change._replace(part=whole, cells=max(change.cells, len(found)), cheaper=cheaper)
 
+    def packed(self, backwards: bool = False) -> Packed:
+        poses, _ = self._under.packed()
+        return None if poses is None else (poses[0], np.float32(0.0), *poses[2:]), self.edges
+
+    def stands_at(self, grid: "Grid", cell: Cell) -> bool:
+        return self._under.stands_at(grid, cell)
+
+    def walk(self, grid: "Grid", path: NDArray[np.int32], first: int, costs: NDArray[np.float64]) -> int:
+        costs[first] = 0.0
+        np.cumsum(self._costs_along(path[first:]), out=costs[first + 1 :])
+        if isinstance(self._under, PoseSteps):
+            standing = self._under.poses.walk(path[first:])
+            return standing if standing < 0 else first + standing
+        (row, col), steps = path[first].tolist(), np.diff(path[first:], axis=0)
+        kinds = _KIND[steps[:, 0] + 1, steps[:, 1] + 1]
+        blocked = np.isinf(self.map[path[first:-1, 0], path[first:-1, 1], kinds])
+        blocked = np.append(not self.stands_at(grid, (row, col)), blocked)
+        return first + int(blocked.argmax()) if blocked.any() else -1
+
+    def costs_of(self, grid: "Grid", path: NDArray[np.int32]) -> tuple[float, float, float]:
+        cost, length, traverse_cost = self._under.costs_of(grid, path)
+        return (float(self._costs_along(path).sum()) if len(path) else cost), length, traverse_cost
+
     def worth_of_height(self, start: Cell, goal: Cell) -> float:
-        """Worth of the height from one cell to another: by so much a path costs more than its steps here."""
         rise = float(self._heights[goal[0], goal[1]]) - float(self._heights[start[0], start[1]])
-        return self.model.height_price * rise
+        return self._model.height_price * rise
 
-    def heights_from(self, start: Cell) -> NDArray[np.float32]:
-        """(H, W) what the height from a cell to every other is worth; 0 where one is not known."""
+    def with_heights(self, field: NDArray[np.float32], start: Cell) -> NDArray[np.float32]:
         rise = self._heights - np.float64(self._heights[start])
-        return np.where(np.isfinite(rise), self.model.height_price * rise, 0.0).astype(np.float32)
+        return field + np.where(np.isfinite(rise), self._model.height_price * rise, 0.0).astype(np.float32)
 
-    def costs_along(self, path: NDArray[np.int32]) -> NDArray[np.float64]:
+    def greatest(self, grid: "Grid") -> float:
+        return self._greatest
+
+    def _costs_along(self, path: NDArray[np.int32]) -> NDArray[np.float64]:
         """(N - 1,) what the steps of a path cost by the model itself, wherever they lead."""
         heights = self._heights[path[:, 0], path[:, 1]].astype(np.float64)
         steps = np.diff(path, axis=0) * np.array(self._sides)
         with np.errstate(invalid="ignore"):
-            return self.model.cost(np.hypot(steps[:, 0], steps[:, 1]), np.diff(heights))
-
-    def first_blocked(self, path: NDArray[np.int32]) -> int:
-        """Number of the first cell of a path that no step leads to; -1 if all do."""
-        steps = np.diff(path, axis=0)
-        kinds = _KIND[steps[:, 0] + 1, steps[:, 1] + 1]
-        blocked = np.flatnonzero(np.isinf(self.map[path[:-1, 0], path[:-1, 1], kinds]))
-        return int(blocked[0]) + 1 if len(blocked) else -1
+            return self._model.cost(np.hypot(steps[:, 0], steps[:, 1]), np.diff(heights))
 
     def _compute(self, part: Rectangle) -> None:
         """Compute the steps that leave a rectangle's cells, on all cores where that pays."""
-        (row, col, rows, cols), model = part, self.model
-        weights = np.empty(0, np.float32) if self._weights is None else self._weights
-        rule = self._weights is not None, self._corner_cutting
-        priced = *model.packed, float(model.height_price), float(model.least_per_m)
+        row, col, rows, cols = part
+        lengths, dearest = np.array(self._lengths), [self._greatest]
 
         def price(row0: int, row1: int) -> None:
-            area, lengths = (row + row0, row + row1, col, col + cols), np.array(self._lengths)
-            greatest = price_steps(self._heights, weights, rule, priced, lengths, area, self.padded)
-            dearest.append(float(greatest))
+            area = row + row0, row + row1, col, col + cols
+            steps = price_steps(self._heights, self._weights, self._rule, self._priced, lengths, area, self.padded)
+            dearest.append(float(steps))
 
-        dearest = [self.greatest]
         in_bands(price, rows, cols, threads_from=_THREADS_FROM)
-        self.greatest = max(dearest)
+        self._greatest = max(dearest)
 
 
 _KIND = np.zeros((3, 3), np.int64)

@@ -15,7 +15,7 @@ from nnpp_edge.runtime.map.changes import Change
 from nnpp_edge.runtime.map.directed import CoarseSteps, DirectedSteps
 from nnpp_edge.runtime.map.poses import Poses
 from nnpp_edge.runtime.map.step_cost import GREY_LEVELS, LEAST_WEIGHT, PAPER_OMEGA, StepCost, StepModel
-from nnpp_edge.runtime.map.steps import CoarseSlopeSteps, PackedGrid, PointSteps, PoseSteps, SlopeSteps
+from nnpp_edge.runtime.map.steps import PackedGrid, PointSteps, PoseSteps
 from nnpp_edge.runtime.map.tiles import COMPLETE, Tiles
 
 _FAR = 0.25
@@ -55,7 +55,7 @@ class Grid:
         """Of a vehicle, by which steps cost and cells can be stood on; None for a point."""
         self.directed: DirectedSteps | CoarseSteps | None = None
         """By which steps cost; None where they cost by the weights, or the poses, of their ends."""
-        self.steps = PointSteps()
+        self.steps: PointSteps = PointSteps()
         """Costs of steps, and where they may lead."""
         self._level = 0
         self.pack()
@@ -130,11 +130,8 @@ class Grid:
 
     def go_by(self, directed: DirectedSteps | CoarseSteps) -> None:
         """From now on steps cost by these; weights, or poses, decide where they may lead."""
-        self.directed, self.prices = directed, directed.prices
-        if isinstance(directed, CoarseSteps):
-            self.steps = CoarseSlopeSteps(directed)
-        else:
-            self.steps = SlopeSteps(self.steps, directed)
+        self.steps = self.directed = directed
+        self.prices = directed.prices
 
     def least_cost(self, start: Cell, goal: Cell) -> float:
         """Least cost of a path between two cells, which may lie outside the map."""

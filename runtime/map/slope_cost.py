@@ -1,7 +1,8 @@
 """Costs of a way up or down: time or energy of a length on the map and a signed rise.
 
-All models are functions of a way's length on the map and of what it rises, metres; a rise below 0 is a descent.
-They price the slope alone: whether a cell can be stood on is decided by the traversability (or a body's poses).
+Every model is a function of the slope, of which a table is made: what a metre on the map costs, linear between knots
+at every 1024th and where the function has kinks. Searches, plans and figures go by it: one formula prices steps.
+Models price the slope alone: whether a cell can be stood on is decided by the traversability (or a body's poses).
 
 - ``tobler``: seconds of a hiker (`ToblerCost`).
 - ``irmischer``: seconds of somebody who finds the way on foot, off paths or on them (`IrmischerCost`).
@@ -12,66 +13,138 @@ They price the slope alone: whether a cell can be stood on is decided by the tra
 
 import math
 from abc import ABC, abstractmethod
-from collections.abc import Callable
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import ClassVar, Protocol
+from typing import ClassVar
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from nnpp_edge.runtime.arguments import checked
 from nnpp_edge.runtime.errors import InvalidQueryError
-from nnpp_edge.runtime.kernels.directed import ENERGY, LARGEST_EXPONENT, LINEAR, TIME, TOBLER
+from nnpp_edge.runtime.kernels.directed import PER_SLOPE, STEEPEST
 
 Float64s = NDArray[np.float64]
-Packed = tuple[int, Float64s]
-"""A model as the kernels take it, see `kernels.directed`: its number, and its values."""
+Slopes = tuple[float, ...]
+_LARGEST_EXPONENT = 60.0
+"""Of Tobler's function, so that no wall's cost overflows: 0.6 s · e^60 a metre."""
+_FAR_OFF = 1e6
+"""Rise a metre up to which no metre is cheaper than the cheapest."""
+Table = tuple[Float64s, Float64s, Float64s]
+"""Cost of a metre on the map by segments of slopes: (K,) kinks among the knots, (N,) level of each segment, and (N,)
+gradient, which counts times the slope. The segments at the ends hold beyond them too."""
 
 
-class SlopeCost(Protocol):
-    """A model of what a way costs."""
+class SlopeCost(ABC):
+    """A model of what a way costs. A subclass has the cost of a metre; no kernel has to know it."""
 
-    unit: ClassVar[str]
+    unit: ClassVar[str] = "s"
     """Of its costs; empty where that is its coefficients'."""
+    function: ClassVar[str] = ""
+    """Whose it is, as a plan tells it: of models of a walker."""
+
+    @property
+    def kinks(self) -> Slopes:
+        """Slopes, rise a metre, where the cost jumps or its gradient does."""
+        return ()
+
+    @abstractmethod
+    def per_m(self, slope: Float64s) -> Float64s:
+        """Cost of a metre on the map, by the rise a metre; at a jump that of the slopes above it."""
+
+    @cached_property
+    def table(self) -> Table:
+        """By which all is priced."""
+        kinks = np.array([kink for kink in self.kinks if abs(kink) < STEEPEST])
+        knots = _knots(kinks)
+        first, last = self.per_m(knots[:-1]), self.per_m(np.nextafter(knots[1:], -math.inf))
+        wide = np.diff(knots)  # 0 where a kink lies on another knot: of no slope
+        gradient = (last - first) / np.where(wide > 0.0, wide, math.inf)
+        return kinks, first - gradient * knots[:-1], gradient
 
     def cost(self, length_m: ArrayLike, rise_m: ArrayLike) -> Float64s:
-        """Cost of ways.
+        """Cost of ways, by the table; of energy below 0 where more is got back than drawn.
 
         Parameters
         ----------
         length_m, rise_m : float or (…) float
             Length on the map, above 0, and signed rise. They are broadcast; of two numbers comes one.
         """
+        (kinks, level, gradient), length, rise = self.table, *map(np.asarray, (length_m, rise_m))
+        last, steps = len(level) - len(kinks) - 1, rise / length * PER_SLOPE + STEEPEST * PER_SLOPE
+        at = np.nan_to_num(steps).clip(0, last).astype(np.int64)
+        at = at + (rise[..., None] >= kinks * length[..., None]).sum(-1)
+        cost: Float64s = level[at] * length + gradient[at] * rise
+        return cost
+
+    @cached_property
+    def _worth(self) -> tuple[float, float]:
+        """`height_price` and `least_per_m`.
+
+        Of the lines that lie above no knot, gradient and height on level ground of that which is highest there. It
+        touches a knot downhill and one uphill, which are sought from far off, or that of level ground.
+        """
+        kinks, level, gradient = self.table
+        knots, at = _knots(kinks), np.arange(len(level))
+        slopes = np.concatenate(((-_FAR_OFF,), knots[:-1], knots[1:], (_FAR_OFF,)))
+        at = np.concatenate((at[:1], at, at, at[-1:]))
+        costs = level[at] + gradient[at] * slopes
+        down, up, lowest = 0, len(slopes) - 1, -1
+        while True:
+            price = (costs[up] - costs[down]) / (slopes[up] - slopes[down])
+            left = costs - price * slopes
+            before, lowest = lowest, int(left.argmin())
+            if slopes[lowest] == 0.0 or lowest in (before, down, up):
+                return float(price), float(left[lowest])
+            down, up = (lowest, up) if slopes[lowest] < 0.0 else (down, lowest)
 
     @property
     def height_price(self) -> float:
         """Worth of a metre of height to searches, which go by cost(length, rise) - height_price · rise.
 
         A path's cost is the sum of these and the price of the height between its ends, whichever way it goes: which
-        path is the cheapest does not depend on it. With a good price the cheapest metre costs nearly what a level one
-        does, so that a search knows well what is left; and it is above 0 where a way may cost less than nothing.
+        path is the cheapest does not depend on it. This is the price by which the cheapest metre costs the most: a
+        search knows well what is left then, also where a way may cost less than nothing.
         """
+        return self._worth[0]
 
     @property
     def least_per_m(self) -> float:
         """The cheapest metre on the map over all slopes, less what its rise is worth; above 0."""
+        return self._worth[1]
 
-    @property
-    def packed(self) -> Packed:
-        """The model as the kernels take it."""
+
+def _knots(kinks: Float64s) -> Float64s:
+    """(N + 1,) slopes between which the segments of a table lie."""
+    return np.sort(np.append(np.linspace(-STEEPEST, STEEPEST, round(2 * STEEPEST * PER_SLOPE) + 1), kinks))
+
+
+def _check(
+    model: object,
+    *,
+    above_0: tuple[str, ...] = (),
+    not_below_0: tuple[str, ...] = (),
+    between: dict[str, tuple[int, int]] | None = None,
+) -> None:
+    """InvalidQueryError for the first value of a model that is out of range."""
+    for names, least, wanted in ((above_0, math.ulp(0.0), "above 0"), (not_below_0, 0.0, "at least 0")):
+        for name in names:
+            if not least <= (value := getattr(model, name)) < math.inf:
+                raise InvalidQueryError(f"{name} must be a number {wanted}, got {value}")
+    for name, (low, high) in (between or {}).items():
+        if not low <= (value := getattr(model, name)) <= high:
+            raise InvalidQueryError(f"{name} must lie from {low} to {high}, got {value}")
 
 
 @checked(InvalidQueryError)
 @dataclass(frozen=True)
-class ToblerCost:
+class ToblerCost(SlopeCost):
     """Seconds of a hiker: W = speed · exp(-steepness · |rise / length - best_slope|) of the length on the map.
 
     Notes
     -----
     W. Tobler, Three presentations on geographical analysis and modeling, NCGIA technical report 93-1, 1993:
-    W = 6 exp(-3.5 |S + 0.05|) km/h; off paths 3/5 of it, on horseback 5/4. Heights are worth
-    the function's gradient on level ground: as it is convex, no slope has a cheaper metre then.
+    W = 6 exp(-3.5 |S + 0.05|) km/h; off paths 3/5 of it, on horseback 5/4.
     """
 
     top_speed_km_h: float = 6.0
@@ -81,7 +154,7 @@ class ToblerCost:
     """Rise a metre of length."""
     factor: float = 1.0
     """Of the speed: 0.6 off paths, 1.25 on horseback."""
-    unit: ClassVar[str] = "s"
+    function: ClassVar[str] = "Tobler's function"
 
     def __post_init__(self) -> None:
         """Refuse what is no speed: InvalidQueryError."""
@@ -89,34 +162,18 @@ class ToblerCost:
             self, above_0=("top_speed_km_h", "factor"), not_below_0=("steepness",), between={"best_slope": (-1, 1)}
         )
 
-    def cost(self, length_m: ArrayLike, rise_m: ArrayLike) -> Float64s:
-        """Seconds."""
-        length = np.asarray(length_m, np.float64)
-        off = self.steepness * np.abs(np.asarray(rise_m, np.float64) / length - self.best_slope)
-        best = 3.6 / (self.top_speed_km_h * self.factor)
-        seconds: Float64s = length * best * np.exp(np.minimum(off, LARGEST_EXPONENT))
-        return seconds
-
     @property
-    def height_price(self) -> float:
-        """Seconds."""
-        return -math.copysign(self.steepness, self.best_slope) * self.least_per_m if self.best_slope else 0.0
+    def kinks(self) -> Slopes:
+        return (self.best_slope,)
 
-    @property
-    def least_per_m(self) -> float:
-        """Seconds of a level metre."""
-        return float(self.cost(1.0, 0.0))
-
-    @property
-    def packed(self) -> Packed:
-        """As `SlopeCost`."""
-        best = 3.6 / (self.top_speed_km_h * self.factor)
-        return TOBLER, np.array((best, self.steepness, self.best_slope), np.float64)
+    def per_m(self, slope: Float64s) -> Float64s:
+        off = np.minimum(self.steepness * np.abs(slope - self.best_slope), _LARGEST_EXPONENT)
+        return 3.6 / (self.top_speed_km_h * self.factor) * np.exp(off)
 
 
 @checked(InvalidQueryError)
 @dataclass(frozen=True)
-class LinearCost:
+class LinearCost(SlopeCost):
     """So much a metre on the map, a metre climbed and a metre descended.
 
     Notes
@@ -124,7 +181,7 @@ class LinearCost:
     GRASS GIS, r.walk (Aitken 1977, Langmuir 1984, after Naismith's rule): T = a ΔS + b ΔH uphill + c ΔH moderate
     downhill + d ΔH steep downhill, seconds, with walk_coeff 0.72, 6.0, 1.9998, -1.9998 and slope_factor -0.2125 (the
     tangent of 12°). Its ΔH of a descent is below 0, so `down_per_m` is -c and `steep_down_per_m` is -d: a gentle
-    descent saves time. Heights are worth what that saves; the cheapest metre is a level one then.
+    descent saves time.
     """
 
     level_per_m: float = 0.72
@@ -150,34 +207,18 @@ class LinearCost:
                 f"{self.level_per_m:g} - {self.down_per_m:g} * {self.steep_slope:g}"
             )
 
-    def cost(self, length_m: ArrayLike, rise_m: ArrayLike) -> Float64s:
-        """In the coefficients' unit, seconds for r.walk's."""
-        length, rise = np.asarray(length_m, np.float64), np.asarray(rise_m, np.float64)
-        down = np.where(rise < self.steep_slope * length, self.steep_down_per_m, self.down_per_m)
-        cost: Float64s = length * self.level_per_m + np.where(rise >= 0.0, self.up_per_m * rise, -down * rise)
-        return cost[()]
-
     @property
-    def height_price(self) -> float:
-        """Savings of a gentle descent, but no more than an ascent takes."""
-        return min(max(-self.down_per_m, 0.0), self.up_per_m)
+    def kinks(self) -> Slopes:
+        return (self.steep_slope,)
 
-    @property
-    def least_per_m(self) -> float:
-        """The cheaper of a level metre and one that is just not steep."""
-        gentle = self.level_per_m - (self.down_per_m + self.height_price) * self.steep_slope
-        return min(self.level_per_m, gentle)
-
-    @property
-    def packed(self) -> Packed:
-        """As `SlopeCost`."""
-        of_slopes = self.up_per_m, self.down_per_m, self.steep_down_per_m, self.steep_slope
-        return LINEAR, np.array((self.level_per_m, *of_slopes), np.float64)
+    def per_m(self, slope: Float64s) -> Float64s:
+        down = np.where(slope < self.steep_slope, self.steep_down_per_m, self.down_per_m)
+        return self.level_per_m + np.where(slope >= 0.0, self.up_per_m, -down) * slope
 
 
 @checked(InvalidQueryError)
 @dataclass(frozen=True)
-class TimeCost:
+class TimeCost(SlopeCost):
     """Seconds of a vehicle whose speed on the ground depends on the slope that it goes up or down.
 
     The speed is linear between the slopes that were measured, and beyond them that of the nearest. Slip on loose
@@ -188,18 +229,6 @@ class TimeCost:
     """Inclinations along the way in (-90, 90), ascending; below 0 downhill."""
     speed_m_s: tuple[float, ...]
     """Speed on each of them, metres of ground a second."""
-    unit: ClassVar[str] = "s"
-
-    @classmethod
-    @checked(InvalidQueryError)
-    def of_speed(cls, speed: Callable[[Float64s], Float64s]) -> "TimeCost":
-        """The table, at every other percent from -100 to 100, of a speed on the map by the rise a metre."""
-        slopes = np.linspace(-1.0, 1.0, 101)
-        speeds = speed(slopes)
-        if (wrong := ~((speeds > 0.0) & (speeds < math.inf))).any():
-            at, found = 100.0 * slopes[wrong][0], speeds[wrong][0]
-            raise InvalidQueryError(f"a speed must be above 0 from -100 to 100 %, got {found:g} at {at:.0f} %")
-        return cls(tuple(np.degrees(np.arctan(slopes)).tolist()), tuple((speeds * np.hypot(1.0, slopes)).tolist()))
 
     def __post_init__(self) -> None:
         """Refuse what is no table of speeds: InvalidQueryError."""
@@ -219,74 +248,17 @@ class TimeCost:
         """Metres of ground a second on slopes, radians."""
         return np.interp(np.asarray(slope_rad, np.float64), np.radians(self.slope_deg), self.speed_m_s)
 
-    def cost(self, length_m: ArrayLike, rise_m: ArrayLike) -> Float64s:
-        """Seconds."""
-        length, rise = np.asarray(length_m, np.float64), np.asarray(rise_m, np.float64)
-        seconds: Float64s = np.hypot(length, rise) / self.speed(np.arctan2(rise, length))
-        return seconds
-
     @property
-    def height_price(self) -> float:
-        """Nothing: time never runs back."""
-        return 0.0
+    def kinks(self) -> Slopes:
+        return tuple(np.tan(np.radians(self.slope_deg)).tolist())
 
-    @property
-    def least_per_m(self) -> float:
-        """The cheapest metre over all slopes."""
-        slopes = np.radians((-90.0, *self.slope_deg, 90.0))
-        speeds = (self.speed_m_s[0], *self.speed_m_s, self.speed_m_s[-1])
-        ends = zip(slopes[:-1], slopes[1:], speeds[:-1], speeds[1:], strict=True)
-        return 1.0 / max(_fastest(*segment) for segment in ends)
-
-    @property
-    def packed(self) -> Packed:
-        """As `SlopeCost`."""
-        return TIME, np.array((*np.radians(self.slope_deg), *self.speed_m_s), np.float64)
-
-
-class SpeedCost(ABC):
-    """Seconds by a speed on the map that depends on the slope. A subclass has the speed; no kernel has to know it.
-
-    Costs are those of a `table` of the speed, so that searches and figures agree. It has the speed itself at every
-    other percent; between two of them it is off by less than 0.1 %, if the speed is as smooth as the one here.
-    """
-
-    unit: ClassVar[str] = "s"
-    function: ClassVar[str]
-    """Whose it is, as a plan tells it."""
-
-    @abstractmethod
-    def speed(self, slope: Float64s) -> Float64s:
-        """Metres on the map a second, above 0, by the rise a metre of length."""
-
-    @cached_property
-    def table(self) -> TimeCost:
-        """Speeds on the ground, on slopes up to 45°; beyond, what they are there."""
-        return TimeCost.of_speed(self.speed)
-
-    def cost(self, length_m: ArrayLike, rise_m: ArrayLike) -> Float64s:
-        """Seconds."""
-        return self.table.cost(length_m, rise_m)
-
-    @property
-    def height_price(self) -> float:
-        """Nothing, as of a `TimeCost`."""
-        return self.table.height_price
-
-    @cached_property
-    def least_per_m(self) -> float:
-        """Seconds of a metre on the best slope."""
-        return self.table.least_per_m
-
-    @property
-    def packed(self) -> Packed:
-        """As `SlopeCost`."""
-        return self.table.packed
+    def per_m(self, slope: Float64s) -> Float64s:
+        return np.hypot(1.0, slope) / self.speed(np.arctan(slope))
 
 
 @checked(InvalidQueryError)
 @dataclass(frozen=True)
-class IrmischerCost(SpeedCost):
+class IrmischerCost(SlopeCost):
     """Seconds of somebody who finds the way on foot with a map, off paths or on them.
 
     Notes
@@ -294,6 +266,7 @@ class IrmischerCost(SpeedCost):
     I. J. Irmischer and K. C. Clarke, Measuring and modeling the speed of human navigation, Cartography and Geographic
     Information Science 45 (2), 2018, from the tracks of 200 people in wooded country: with the slope s in percent,
     0.11 + 0.67 exp(-(s + 2)² / (2·30²)) m/s off paths, 0.11 + exp(-(s + 5)² / (2·30²)) on them; women 0.95 of it.
+    Beyond 45° the speed on the ground is what it is there.
     """
 
     on_path: bool = False
@@ -305,15 +278,17 @@ class IrmischerCost(SpeedCost):
         """Refuse what is no speed: InvalidQueryError."""
         _check(self, above_0=("factor",))
 
-    def speed(self, slope: Float64s) -> Float64s:
-        """As `SpeedCost`."""
+    def per_m(self, slope: Float64s) -> Float64s:
         gain, best = (1.0, -5.0) if self.on_path else (0.67, -2.0)
-        return self.factor * (0.11 + gain * np.exp(-((100.0 * slope - best) ** 2) / (2.0 * 30.0**2)))
+        gentle = slope.clip(-1.0, 1.0)
+        speed = self.factor * (0.11 + gain * np.exp(-((100.0 * gentle - best) ** 2) / (2.0 * 30.0**2)))
+        cost: Float64s = np.hypot(1.0, slope) / np.hypot(1.0, gentle) / speed
+        return cost
 
 
 @checked(InvalidQueryError)
 @dataclass(frozen=True)
-class EnergyCost:
+class EnergyCost(SlopeCost):
     """Joules that a vehicle draws, less what it gets back.
 
     Against its weight and its rolling resistance a vehicle does F = m g (μ length + rise) on a way, as the resistance
@@ -325,8 +300,6 @@ class EnergyCost:
     N. C. Rowe and R. S. Ross, Optimal grid-free path planning across arbitrarily contoured terrain with anisotropic
     friction and gravity effects, IEEE Transactions on Robotics and Automation 6 (5), 1990: on slopes below -atan μ a
     vehicle brakes. Here its drive has an efficiency and a recovery; with that a descent can cost less than nothing.
-    A metre of height is worth m g / efficiency. What is left then is what rolling takes on slopes down to -atan μ,
-    and more below.
     """
 
     mass_kg: float
@@ -358,33 +331,14 @@ class EnergyCost:
         elif self.idle_w:
             raise InvalidQueryError("idle_w needs a speed_m_s: how long a metre takes")
 
-    def cost(self, length_m: ArrayLike, rise_m: ArrayLike) -> Float64s:
-        """Joules; below 0 where more is got back than drawn."""
-        length, rise = np.asarray(length_m, np.float64), np.asarray(rise_m, np.float64)
-        work = self.mass_kg * self.gravity_m_s2 * (self.rolling_resistance * length + rise)
-        joules: Float64s = np.maximum(work / self.efficiency, self.recovery * work)
-        return joules + self._idle_per_m * np.hypot(length, rise)
-
     @property
-    def _idle_per_m(self) -> float:
-        return 0.0 if self.speed_m_s is None else self.idle_w / self.speed_m_s
+    def kinks(self) -> Slopes:
+        return (-self.rolling_resistance,)
 
-    @property
-    def height_price(self) -> float:
-        """Joules that a metre of height takes."""
-        return self.mass_kg * self.gravity_m_s2 / self.efficiency
-
-    @property
-    def least_per_m(self) -> float:
-        """Joules of a level metre, and so of any that does not go down too steeply to roll."""
-        return self.height_price * self.rolling_resistance + self._idle_per_m
-
-    @property
-    def packed(self) -> Packed:
-        """As `SlopeCost`."""
-        weight = self.mass_kg * self.gravity_m_s2
-        shares = self.rolling_resistance, self.efficiency, self.recovery, self._idle_per_m
-        return ENERGY, np.array((weight, *shares), np.float64)
+    def per_m(self, slope: Float64s) -> Float64s:
+        work = self.mass_kg * self.gravity_m_s2 * (self.rolling_resistance + slope)
+        idle_per_m = 0.0 if self.speed_m_s is None else self.idle_w / self.speed_m_s
+        return np.maximum(work / self.efficiency, self.recovery * work) + idle_per_m * np.hypot(1.0, slope)
 
 
 SLOPE_COSTS: dict[str, type[SlopeCost]] = {
@@ -407,11 +361,11 @@ def unit_of(step_cost: str) -> str:
 class Mobility:
     """How a vehicle gets up and down: the optional table ``[mobility]`` of its file, one table a model."""
 
-    tobler: ToblerCost = field(default_factory=ToblerCost)
-    linear: LinearCost = field(default_factory=LinearCost)
+    tobler: ToblerCost = ToblerCost()
+    linear: LinearCost = LinearCost()
     time: TimeCost | None = None
     energy: EnergyCost | None = None
-    irmischer: IrmischerCost = field(default_factory=IrmischerCost)
+    irmischer: IrmischerCost = IrmischerCost()
 
     def under(self, gravity_m_s2: float) -> "Mobility":
         """This model under another gravity, on which energy depends."""
@@ -439,36 +393,3 @@ def slope_cost_of(step_cost: str, mobility: Mobility | None = None) -> SlopeCost
     if step_cost == "paper":
         return None
     return (mobility or Mobility()).model(step_cost)
-
-
-def _fastest(low: float, high: float, speed_low: float, speed_high: float) -> float:
-    """Most metres on the map a second between two slopes, radians, between which the speed on the ground is linear.
-
-    The logarithm of cos θ · speed(θ) is concave: its greatest value lies where the derivative changes its sign.
-    """
-    gain = (speed_high - speed_low) / (high - low)
-    first, last = low, high
-    for _ in range(64):
-        middle = 0.5 * (first + last)
-        if gain * math.cos(middle) > (speed_low + gain * (middle - low)) * math.sin(middle):
-            first = middle
-        else:
-            last = middle
-    return math.cos(first) * (speed_low + gain * (first - low))
-
-
-def _check(
-    model: object,
-    *,
-    above_0: tuple[str, ...] = (),
-    not_below_0: tuple[str, ...] = (),
-    between: dict[str, tuple[int, int]] | None = None,
-) -> None:
-    """InvalidQueryError for the first value of a model that is out of range."""
-    for names, least, wanted in ((above_0, math.ulp(0.0), "above 0"), (not_below_0, 0.0, "at least 0")):
-        for name in names:
-            if not least <= (value := getattr(model, name)) < math.inf:
-                raise InvalidQueryError(f"{name} must be a number {wanted}, got {value}")
-    for name, (low, high) in (between or {}).items():
-        if not low <= (value := getattr(model, name)) <= high:
-            raise InvalidQueryError(f"{name} must lie from {low} to {high}, got {value}")

@@ -21,7 +21,7 @@ from nnpp_edge.runtime.map.grid import ALL, Grid
 from nnpp_edge.runtime.map.ground import Ground
 from nnpp_edge.runtime.map.poses import Poses, term_weights
 from nnpp_edge.runtime.map.pyramid import Pyramid, coarse_shapes
-from nnpp_edge.runtime.map.slope_cost import Mobility, SpeedCost, slope_cost_of
+from nnpp_edge.runtime.map.slope_cost import Mobility, slope_cost_of
 from nnpp_edge.runtime.map.step_cost import PAPER_OMEGA, StepCost, StepModel
 from nnpp_edge.runtime.map.tiles import Tiles
 from nnpp_edge.runtime.memory import check_planner_fits
@@ -101,9 +101,7 @@ class MapState:
     def _go_by_slope(self) -> None:
         """Have steps cost by the slope if they are to."""
         if self._slope_cost is not None and self._heights is not None and self.sides_m is not None:
-            weights = None if self.grid.poses else self.grid.weights
-            directed = DirectedSteps(self._heights, self.sides_m, self._slope_cost, weights, self._corner_cutting)
-            self.grid.go_by(directed)
+            self.grid.go_by(DirectedSteps(self._heights, self.sides_m, self._slope_cost, self.grid))
 
     def _forget(self) -> None:
         self.log = ChangeLog()
@@ -264,7 +262,7 @@ class MapState:
         if self._heights is None or self.sides_m is None:
             return None
         places = crossings(line) if at is None else at
-        walker = self._slope_cost if isinstance(self._slope_cost, SpeedCost) else None
+        walker = self._slope_cost if self._slope_cost is not None and self._slope_cost.function else None
         return Along(places, heights_at(self._heights, places) + self._base, self.sides_m, self.mobility, walker)
 
     @property

@@ -1,11 +1,12 @@
-"""Costs of a step between two cells, and where one may lead: for a point, for a vehicle's poses, and by the slope.
+"""Costs of a step between two cells, and where one may lead: for a point, and for a vehicle's poses.
 
+By the slope: see `directed`.
 They are asked by way of a `Grid`, which they do not keep. Searches, standing paths and whoever prices a path ask
 alike, and never which they are. Another kind of step is a class here, and the kernels that take what it packs.
 """
 
 import math
-from typing import Protocol
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,30 +14,19 @@ from numpy.typing import NDArray
 from nnpp_edge.runtime.cells import Cell
 from nnpp_edge.runtime.kernels.paths import measure, walk
 from nnpp_edge.runtime.kernels.poses import measure_poses, walk_poses
-from nnpp_edge.runtime.map.directed import CoarseSteps, DirectedSteps, Edges
 from nnpp_edge.runtime.map.poses import PackedPoses, Poses
-from nnpp_edge.runtime.map.step_cost import SQRT2, StepModel
-from nnpp_edge.runtime.map.tiles import PackedTiles, Tiles
+from nnpp_edge.runtime.map.step_cost import SQRT2
+from nnpp_edge.runtime.map.tiles import PackedTiles
+
+if TYPE_CHECKING:
+    from nnpp_edge.runtime.map.grid import Grid
 
 PackedGrid = tuple[NDArray[np.float32], int, tuple[float, float, float, float], bool, PackedTiles]
 """A grid as the kernels take it: (weights, stride, steps, corner_cutting, tiles)."""
+Edges = NDArray[np.float32]
 Sums = tuple[int, int, float, float, float]
 Packed = tuple[PackedPoses | None, Edges | None]
 """Poses and edges as searches take them; None where steps cost by the weights of their ends."""
-
-
-class Weights(Protocol):
-    """A `Grid`, as far as steps look at it."""
-
-    weights: NDArray[np.float32]
-    stride: int
-    model: StepModel
-    tiles: Tiles | None
-    packed: PackedGrid
-    greatest: float
-
-    def node(self, row: int, col: int) -> int:
-        """Flat index of a cell."""
 
 
 class PointSteps:
@@ -49,19 +39,19 @@ class PointSteps:
         """As searches take them; `backwards` those that come to a cell, on a coarse level."""
         return None, None
 
-    def stands_at(self, grid: Weights, cell: Cell) -> bool:
+    def stands_at(self, grid: "Grid", cell: Cell) -> bool:
         """Whether a cell of the map can be stood on."""
         if grid.tiles is not None:
             grid.tiles.open_at(*cell)
         return math.isfinite(grid.weights[grid.node(*cell)])
 
-    def walk(self, grid: Weights, path: NDArray[np.int32], first: int, costs: NDArray[np.float64]) -> int:
+    def walk(self, grid: "Grid", path: NDArray[np.int32], first: int, costs: NDArray[np.float64]) -> int:
         """As `Grid.walk`."""
         if grid.tiles is not None:
             grid.tiles.open_along(path[first:])
         return int(walk(grid.packed, path, first, costs))
 
-    def costs_of(self, grid: Weights, path: NDArray[np.int32]) -> tuple[float, float, float]:
+    def costs_of(self, grid: "Grid", path: NDArray[np.int32]) -> tuple[float, float, float]:
         """Cost, length in cells and CC of a path, summed in float64; inf for an empty one."""
         if not len(path):
             return math.inf, math.inf, math.inf
@@ -71,7 +61,7 @@ class PointSteps:
         scale = grid.model.scale
         return cost, straight + SQRT2 * diagonal, total / scale if scale else 0.0
 
-    def _sums(self, grid: Weights, path: NDArray[np.int32]) -> Sums:
+    def _sums(self, grid: "Grid", path: NDArray[np.int32]) -> Sums:
         sums: Sums = measure(grid.weights, grid.stride, path)
         return sums
 
@@ -83,7 +73,7 @@ class PointSteps:
         """(H, W) costs from a cell to every other, given what a search sums up."""
         return field
 
-    def greatest(self, grid: Weights) -> float:
+    def greatest(self, grid: "Grid") -> float:
         """No step costs more."""
         return grid.model.step(0, 2.0 * grid.greatest)
 
@@ -99,63 +89,12 @@ class PoseSteps(PointSteps):
     def packed(self, backwards: bool = False) -> Packed:
         return self.poses.packed, None
 
-    def stands_at(self, grid: Weights, cell: Cell) -> bool:
+    def stands_at(self, grid: "Grid", cell: Cell) -> bool:
         return self.poses.stands_at(cell)
 
-    def walk(self, grid: Weights, path: NDArray[np.int32], first: int, costs: NDArray[np.float64]) -> int:
+    def walk(self, grid: "Grid", path: NDArray[np.int32], first: int, costs: NDArray[np.float64]) -> int:
         return int(walk_poses(self.poses.packed, grid.stride, grid.model.steps, path, first, costs))
 
-    def _sums(self, grid: Weights, path: NDArray[np.int32]) -> Sums:
+    def _sums(self, grid: "Grid", path: NDArray[np.int32]) -> Sums:
         sums: Sums = measure_poses(self.poses.packed, grid.stride, path)
         return sums
-
-
-class SlopeSteps(PointSteps):
-    """Steps that cost by the slope they lead up or down; a point's steps, or poses', say where they may lead."""
-
-    by_slope = True
-
-    def __init__(self, under: PointSteps, directed: DirectedSteps) -> None:
-        self._under, self._directed, self.by_poses = under, directed, under.by_poses
-
-    def packed(self, backwards: bool = False) -> Packed:
-        poses, _ = self._under.packed()
-        return None if poses is None else (poses[0], np.float32(0.0), *poses[2:]), self._directed.edges
-
-    def stands_at(self, grid: Weights, cell: Cell) -> bool:
-        return self._under.stands_at(grid, cell)
-
-    def walk(self, grid: Weights, path: NDArray[np.int32], first: int, costs: NDArray[np.float64]) -> int:
-        costs[first] = 0.0
-        np.cumsum(self._directed.costs_along(path[first:]), out=costs[first + 1 :])
-        if isinstance(self._under, PoseSteps):
-            blocked = self._under.poses.walk(path[first:])
-        else:
-            row, col = path[first].tolist()
-            blocked = self._directed.first_blocked(path[first:]) if self.stands_at(grid, (row, col)) else 0
-        return blocked if blocked < 0 else first + blocked
-
-    def costs_of(self, grid: Weights, path: NDArray[np.int32]) -> tuple[float, float, float]:
-        cost, length, traverse_cost = self._under.costs_of(grid, path)
-        return (float(self._directed.costs_along(path).sum()) if len(path) else cost), length, traverse_cost
-
-    def worth_of_height(self, start: Cell, goal: Cell) -> float:
-        return self._directed.worth_of_height(start, goal)
-
-    def with_heights(self, field: NDArray[np.float32], start: Cell) -> NDArray[np.float32]:
-        return field + self._directed.heights_from(start)
-
-    def greatest(self, grid: Weights) -> float:
-        return self._directed.greatest
-
-
-class CoarseSlopeSteps(PointSteps):
-    """Steps of a coarse level that cost by the slope."""
-
-    by_slope = True
-
-    def __init__(self, coarse: CoarseSteps) -> None:
-        self._coarse = coarse
-
-    def packed(self, backwards: bool = False) -> Packed:
-        return None, self._coarse.backwards if backwards else self._coarse.edges

@@ -53,7 +53,6 @@ ENTRIES = {
     pose_costs: {"dem": HEIGHTS, "cell_size_m": 1.0, "vehicle": Vehicle(1.5, 1.0, 0.4)},
     Vehicle: {"length_m": 1.5, "width_m": 1.0, "clearance_m": 0.4},
     TimeCost: {"slope_deg": (-20.0, 0.0, 20.0), "speed_m_s": (0.1, 0.2, 0.1)},
-    TimeCost.of_speed: {"speed": lambda slope: np.full_like(slope, 0.3)},
     EnergyCost: {"mass_kg": 10.0, "rolling_resistance": 0.1},
     MapPatch: {"row": 1, "col": 1, "cost": COST},
     Pose: {"row": 1.0, "col": 1.0},
