@@ -5,7 +5,6 @@ from hypothesis import strategies as st
 
 from nnpp_edge.runtime import Planner
 from nnpp_edge.runtime.errors import Status
-from nnpp_edge.runtime.kernels.expansion import read_field
 from nnpp_edge.runtime.kernels.pooling import FACTOR
 from nnpp_edge.runtime.map.grid import Grid
 from nnpp_edge.runtime.map.pyramid import Pyramid, coarse_shapes
@@ -45,7 +44,7 @@ def test_what_a_coarse_search_finds_can_be_walked_inside_the_cells_it_crosses(se
     for node, (r, c) in zip((a, b), ends, strict=True):
         bit = int(level.pieces[node]).bit_length() - 1
         walk.append((r * FACTOR + bit // FACTOR, c * FACTOR + bit % FACTOR))
-    region = coarse.around(found, ends[0], 0, 0.0, fine, workspace)
+    region = coarse.around(found, ends[0], 0, 0.0, fine)
     assert astar(fine.grid, *walk, workspace, region=region, links=fine.links).status is Status.OK
 
 
@@ -60,15 +59,14 @@ def test_the_band_is_every_coarse_cell_on_a_path_that_costs_little_more(seed, bl
     fields = []
     for end in ends:
         settle_all(grid, end, scratch, level.links)
-        fields.append(np.empty((grid.rows, grid.cols), np.float32))
-        read_field(scratch.g, scratch.meta, scratch.stamp, grid.stride, fields[-1])
+        fields.append(scratch.costs().reshape(-1, grid.stride)[1:-1, 1 : grid.cols + 1])
     if with_landmarks:
         coarse.set_landmarks(4)
     found = coarse.search(*ends[::-1], None, beyond=band)
     if found.status is not Status.OK:
         assert np.isinf(fields[0][ends[1]])
         return
-    region = coarse.around(found, ends[0], 0, band, fine, Workspace(len(fine.grid.weights)))
+    region = coarse.around(found, ends[0], 0, band, fine)
     quarters = (region.bitmap == region.stamp).reshape(grid.rows, 2, grid.cols, 2)
     inside = quarters[:, 0, :, 0]
     assert (quarters == inside[:, None, :, None]).all()
