@@ -85,8 +85,26 @@ def _flood(grid, edges, links, start, found, limit, scratch, marks, until):
                 tail += 1
 
 
+@helper
+def _read_ahead(path, finer):
+    """Read what the next finer search will, along a path of cells: in any order, memory answers many times as soon.
+
+    Returns a number that means nothing, so that the compiler leaves the reading in.
+    """
+    weights, stride, rows, cols, meta = finer
+    seen = np.int64(0)
+    for n in range(len(path)):
+        first = max(FACTOR * path[n, 1] - FACTOR // 2, 0)
+        last = min(FACTOR * path[n, 1] + FACTOR + FACTOR // 2, cols) - 1
+        for i in range(FACTOR * path[n, 0], min(FACTOR * path[n, 0] + FACTOR, rows)):
+            row = (i + 1) * stride + 1
+            seen += np.int64(weights[row + first] > weights[row + last])
+            seen += meta[2 * (row + first)] ^ meta[2 * (row + last)]
+    return seen
+
+
 @kernel
-def surround(grid, edges, links, start, found, scratch, path, width, marks):
+def surround(grid, edges, links, start, found, scratch, path, width, marks, finer):
     """Mark what the next finer level is to search: what lies around a path, and on paths of nearly the same cost.
 
     Parameters
@@ -107,12 +125,15 @@ def surround(grid, edges, links, start, found, scratch, path, width, marks):
         `clock.late`.
     marks : (bitmap, stamp)
         (2 rows, 2 cols) int32 over the quarters of the level's cells, and the number to write.
+    finer : (weights, stride, rows, cols, meta)
+        The next finer level and its search memory, read ahead along the path.
     """
     g, (radius, band, until) = found[0], width
     bitmap, stamp = marks
     if band > 0.0 and len(path) > 1:
         _flood(grid, edges, links, start, found, (1.0 + band) * g[2 * start], scratch, marks, until)
     _mark(path, radius, stamp, bitmap)  # last: the flood goes by the numbers that it wrote
+    return _read_ahead(path, finer)
 
 
 @helper

@@ -220,6 +220,15 @@ def _sink(firsts, seconds, nodes, position, size, i, first, second, node):
 
 
 @helper
+def _take_last(firsts, seconds, nodes, size):
+    """Take the last entry off the heap: its key and its node."""
+    end = np.uint64(size - 1)
+    first, second = firsts[end], seconds[end]
+    firsts[end] = np.inf
+    return first, second, np.int64(nodes[end])
+
+
+@helper
 def _update_vertex(node, ahead, state, position, firsts, seconds, nodes, size):
     """Have a node on the open list exactly if its g and rhs differ; `ahead` is its h + km.
 
@@ -340,16 +349,14 @@ def expand(search, terrain, edges, state, heap, size, until):
         raised = g <= rhs
         touched = _touched(node, g if raised else rhs, raised, row_steps, costs, span, steps, edges, state)
         state[np.uint64(2 * node)] = np.inf if raised else rhs
-        if raised and rhs < np.inf:
-            _sink(firsts, seconds, nodes, position, size, 0, rhs + ahead, rhs, node)
-        else:
+        # A node that leaves the list leaves its slot to the first neighbour to come on. With a key not much
+        # greater that one stays near the top, where the heap's last entry would sink to the bottom again.
+        vacant = not raised or rhs == np.inf
+        if vacant:
             position[np.uint64(node)] = ABSENT
-            size -= 1
-            end = np.uint64(size)
-            first, second, moved = firsts[end], seconds[end], np.int64(nodes[end])
-            firsts[end] = np.inf
-            if size > 0:
-                _sink(firsts, seconds, nodes, position, size, 0, first, second, moved)
+            firsts[0] = -np.inf
+        else:
+            _sink(firsts, seconds, nodes, position, size, 0, rhs + ahead, rhs, node)
         while touched:
             k = lowest_bit(touched)
             touched &= touched - 1
@@ -370,13 +377,21 @@ def expand(search, terrain, edges, state, heap, size, until):
                     continue
             state[np.uint64(2 * there + 1)] = by_way
             ahead = km + octile(rows + up, cols + left, prices)
-            slot, first, second, moved, size = _update_vertex(
+            slot, first, second, moved, grown = _update_vertex(
                 there, ahead, state, position, firsts, seconds, nodes, size
             )
+            if vacant and grown > size:
+                slot, grown, vacant = np.int64(0), size, False
+            size = grown
             if slot != ABSENT:
                 above = _rise(firsts, seconds, nodes, position, slot, first, second, moved)
                 if above == slot and 4 * slot + 1 < size:
                     _sink(firsts, seconds, nodes, position, size, slot, first, second, moved)
+        if vacant:
+            first, second, moved = _take_last(firsts, seconds, nodes, size)
+            size -= 1
+            if size > 0:
+                _sink(firsts, seconds, nodes, position, size, 0, first, second, moved)
     return SETTLED, expansions, size
 
 

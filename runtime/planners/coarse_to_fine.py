@@ -108,6 +108,7 @@ class CoarseLevel:
         radius: int,
         band: float,
         finer: Level,
+        finer_workspace: Workspace,
         deadline: Deadline = NEVER,
     ) -> Region:
         """Where to search the next finer level, around what the last search here found, from the goal to `start`.
@@ -119,16 +120,17 @@ class CoarseLevel:
         radius, band
             As in `tuning.CorridorWidth`: cells within so many quarters of the path's, and those on paths that cost
             at most 1 + `band` times as much, which the search settled.
-        finer
-            The next finer level.
+        finer, finer_workspace
+            The next finer level, and the memory of its search.
         """
         self._stamp += 1
         marks = self._bitmaps[self._stamp % 2], self._stamp
-        ws, grid = self.workspace, self.grid
+        ws, below, grid = self.workspace, finer.grid, self.grid
         searched, scratch = (ws.g, ws.meta, ws.stamp), (self._reached, self._queued, self._queue)
+        ahead = below.weights, below.stride, below.rows, below.cols, finer_workspace.meta
         edges, width = grid.steps.packed()[1], (radius, band, deadline.at)
         node, path = grid.node(*start), found.path
-        surround(grid.packed, edges, self.level.links, node, searched, scratch, path, width, marks)
+        surround(grid.packed, edges, self.level.links, node, searched, scratch, path, width, marks, ahead)
         deadline.check()
         return Region(marks[0], *finer.quarters, self._stamp)
 
@@ -185,7 +187,8 @@ class CoarseToFine:
                 return None
             if found.status is Status.TIMEOUT:  # a coarse path leads nowhere on the map
                 raise OutOfTimeError
-            region = coarse.around(found, start, radius, band, self._levels[number - 1], query.deadline)
+            finer, memory = self._levels[number - 1], self.workspace(number - 1)
+            region = coarse.around(found, start, radius, band, finer, memory, query.deadline)
             coarse.invest()
             work.stage_ends("coarse")
         assert region is not None

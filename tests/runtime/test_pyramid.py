@@ -44,7 +44,7 @@ def test_what_a_coarse_search_finds_can_be_walked_inside_the_cells_it_crosses(se
     for node, (r, c) in zip((a, b), ends, strict=True):
         bit = int(level.pieces[node]).bit_length() - 1
         walk.append((r * FACTOR + bit // FACTOR, c * FACTOR + bit % FACTOR))
-    region = coarse.around(found, ends[0], 0, 0.0, fine)
+    region = coarse.around(found, ends[0], 0, 0.0, fine, workspace)
     assert astar(fine.grid, *walk, workspace, region=region, links=fine.links).status is Status.OK
 
 
@@ -66,7 +66,7 @@ def test_the_band_is_every_coarse_cell_on_a_path_that_costs_little_more(seed, bl
     if found.status is not Status.OK:
         assert np.isinf(fields[0][ends[1]])
         return
-    region = coarse.around(found, ends[0], 0, band, fine)
+    region = coarse.around(found, ends[0], 0, band, fine, Workspace(len(fine.grid.weights)))
     quarters = (region.bitmap == region.stamp).reshape(grid.rows, 2, grid.cols, 2)
     inside = quarters[:, 0, :, 0]
     assert (quarters == inside[:, None, :, None]).all()
