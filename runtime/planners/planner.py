@@ -15,8 +15,6 @@ from nnpp_edge.runtime.errors import InvalidQueryError
 from nnpp_edge.runtime.map.ground import Ground
 from nnpp_edge.runtime.map.step_cost import PAPER_OMEGA
 from nnpp_edge.runtime.network.inference import NetworkModel
-from nnpp_edge.runtime.network.loading import begin_loading
-from nnpp_edge.runtime.planners.methods import expects_network
 from nnpp_edge.runtime.planners.on_map import OnMap, PlannerOptions, one_at_a_time, split
 from nnpp_edge.runtime.planners.plan import DynamicMethod, Method, Plan
 from nnpp_edge.runtime.planners.query import Found, PlanOptions, Query, Wishes, Work, options_of
@@ -114,6 +112,7 @@ class Planner(OnMap):
         """
         self._methods.astar.prepare(landmarks, [as_cell(goal, "goal") for goal in goals])
 
+    @one_at_a_time
     def plan(self, start: Cell, goal: Cell, **options: Unpack[PlanOptions]) -> Plan:
         """A path from start to goal.
 
@@ -138,11 +137,7 @@ class Planner(OnMap):
             ``nnpp`` was asked for and the model cannot be loaded.
         """
         work = Work()  # the looks at the arguments count
-        return self._plan_in_turn(start, goal, options_of(**options), work)
-
-    @one_at_a_time
-    def _plan_in_turn(self, start: Cell, goal: Cell, wishes: Wishes, work: Work) -> Plan:
-        return self._planned(start, goal, wishes, work)
+        return self._planned(start, goal, options_of(**options), work)
 
     @checked(InvalidQueryError)
     @one_at_a_time
@@ -274,7 +269,7 @@ class Planner(OnMap):
     def _on_grid(self, start: Cell, goal: Cell, wishes: Wishes, work: Work, deadline: Deadline) -> Plan:
         """The plan by the search alone."""
         query, methods = Query.of(start, goal, deadline, wishes.epsilon), self._methods
-        chosen, why = methods.chooser.choose(wishes.method, query)
+        chosen, why = methods.choose(wishes.method, query)
 
         def find() -> tuple[Found, DynamicMethod, str]:
             by, choice = chosen, why
@@ -306,12 +301,6 @@ def plan_path(
     time_limit_s: float = math.inf,
     refine: str | None = None,
 ) -> Plan:
-    """Plan once, without keeping a planner; the arguments are those of `Planner` and `Planner.plan`.
-
-    Where the network is expected to be asked, its file is opened while the map is made ready.
-    """
-    query = Query(as_cell(start, "start"), as_cell(goal, "goal"))
-    if expects_network(method, getattr(cost, "shape", ()), model, query.apart):
-        begin_loading(model)
+    """Plan once, without keeping a planner; the arguments are those of `Planner` and `Planner.plan`."""
     planner = Planner(cost, step_cost=step_cost, omega=omega, corner_cutting=corner_cutting, model=model)
     return planner.plan(start, goal, method=method, epsilon=epsilon, time_limit_s=time_limit_s, refine=refine)

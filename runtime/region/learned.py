@@ -130,13 +130,14 @@ class NetworkAnswer(NamedTuple):
 
 
 class LearnedRegions:
-    """Regions from a network's answers, for one map; with `MapView`'s arguments.
+    """Regions from a network's answers, for one map.
 
     The network is loaded when first needed; ModelError where it cannot be.
     """
 
-    def __init__(self, state: MapState, model: str | Path | NetworkModel, unseen_change: float = 0.0) -> None:
-        self._state, self._unseen_change = state, unseen_change
+    def __init__(self, state: MapState, model: str | Path | NetworkModel) -> None:
+        self._state, self.unseen_change = state, 0.0
+        """The last as for `MapView`."""
         self.use_model(model)
 
     def use_model(self, model: str | Path | NetworkModel) -> None:
@@ -178,13 +179,11 @@ class LearnedRegions:
             The stages ``encode``, ``inference`` and ``threshold`` are timed by it, and ``load`` where the model's
             file had to be opened, or was just being opened by another thread.
         deadline : Deadline
-            When to give up with OutOfTimeError. Neither loading nor running a network can be stopped; it is not run
-            where its fastest run so far took longer than there is time left.
+            When to give up with OutOfTimeError. Neither loading nor running a network can be stopped.
         """
         view = self._loaded_view(stopwatch)
         places = view.show(start, goal, deadline)
         deadline.check()
-        view.network.check_time(deadline)
         stopwatch.stage_ends("encode")
         probability = view.network.answer(*places)
         stopwatch.stage_ends("inference")
@@ -210,7 +209,7 @@ class LearnedRegions:
 
     def _loaded_view(self, stopwatch: Stopwatch) -> MapView:
         if self._view is None:
-            self._view = MapView(self._state, self.model, self._unseen_change)
+            self._view = MapView(self._state, self.model, self.unseen_change)
             self._finder = RegionFinder(self._view.blocks)
             if self._view.network.waited:
                 stopwatch.stage_ends("load")

@@ -158,8 +158,7 @@ def _settling(
 def cost_field(grid: Grid, source: Cell, workspace: Workspace) -> Float2D:
     """Cost of the cheapest path from a passable cell to every other: (H, W) float32, inf where there is none."""
     settle_all(grid, source, workspace)
-    field = np.empty(grid.shape, np.float32)
-    kernels.read_field(workspace.g, workspace.meta, workspace.stamp, grid.stride, field)
+    field = workspace.costs().reshape(-1, grid.stride)[1 : grid.rows + 1, 1 : grid.cols + 1]
     return grid.steps.with_heights(field, source)
 
 

@@ -133,15 +133,10 @@ def test_coarse_levels_are_made_in_stripes_and_are_those_made_at_once():
         np.testing.assert_array_equal(level.links, other.links)
 
 
-def test_a_network_is_neither_shown_a_map_nor_run_without_time(tiny_model):
+def test_a_network_is_not_shown_a_map_without_time(tiny_model):
     state, network = made("costs").state, NetworkModel(tiny_model)
     with pytest.raises(OutOfTimeError):
         MapView(state, network).show(*ENDS, Deadline(0.0))
-    network.try_out()
-    network.set_map(np.zeros((2, network.metadata.input_size, network.metadata.input_size), np.float32))
-    network.check_time(NEVER)
-    with pytest.raises(OutOfTimeError):
-        network.check_time(Deadline.within(1e-9))
 
 
 @pytest.mark.parametrize("kind", KINDS)

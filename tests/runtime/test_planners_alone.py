@@ -12,7 +12,7 @@ from nnpp_edge.runtime import DynamicMethod, DynamicPlanner, Planner, tuning
 from nnpp_edge.runtime.errors import Status
 from nnpp_edge.runtime.map.region import Region
 from nnpp_edge.runtime.planners import dynamic, searchers
-from nnpp_edge.runtime.planners.methods import MethodChooser, Methods
+from nnpp_edge.runtime.planners.methods import Methods, pick_method
 from nnpp_edge.runtime.planners.plan import Source
 from nnpp_edge.runtime.planners.query import Query, Work
 from nnpp_edge.runtime.planners.searchers import RegionMender
@@ -192,7 +192,7 @@ def test_auto_goes_by_distance_size_network_and_body(network):
         ((large, large), "edge-joint", False, "astar corridor corridor corridor"),
         ((512, 512), "edge", True, "astar corridor corridor corridor"),
     ):
-        picked = [MethodChooser(shape, model, has_body).pick(apart) for apart in (near - 1, near, far - 1, far)]
+        picked = [pick_method(shape, model, has_body, apart) for apart in (near - 1, near, far - 1, far)]
         assert " ".join(str(method) for method, _ in picked) == methods and all(reason for _, reason in picked)
     planner = Planner(free(100, 100), model=network)
     for apart, asked in ((near - 1, False), (near, True)):
