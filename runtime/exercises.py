@@ -18,7 +18,6 @@ from nnpp_edge.runtime.planners.methods import Methods
 from nnpp_edge.runtime.planners.plan import DynamicMethod
 from nnpp_edge.runtime.planners.planner import Planner
 from nnpp_edge.runtime.planners.query import Query, Work
-from nnpp_edge.runtime.planners.refine import BodyLines
 from nnpp_edge.runtime.region.learned import RegionFinder
 from nnpp_edge.runtime.search.workspace import Workspace
 from nnpp_edge.runtime.terrain.traversability import (
@@ -59,7 +58,7 @@ def _exercise_elevations(
 ) -> None:
     """Plans of all methods on heights, of a map that stands and of one that changes."""
     start, goal, limits = (8, 5), (140, 18), Traversability(hard_slope_deg=25.0)
-    refine = "any-angle" if step_cost == "paper" else None
+    refine = "any-angle" if step_cost == "paper" and vehicle is None else None
     for lazy in (True, False):
         planner = Planner.of_elevation(
             *(dem, 1.0, limits),
@@ -132,7 +131,6 @@ def _exercise_kernels(dem: Float2D, network: NetworkModel) -> None:
 def _exercise_body_kernels(dem: Float2D) -> None:
     pose_costs(dem[:148], 1.0, _BODY)
     state = Planner.of_elevation(dem, 1.0, vehicle=_BODY, warn=False).state
-    BodyLines(state.grid).attitudes(np.array(((8, 5), (140, 18)), np.float64))
     coarse, (finest, *_) = CoarseLevel(state.pyramid.levels[1]), state.pyramid.levels
     nothing = np.zeros((2 * coarse.grid.rows, 2 * coarse.grid.cols), np.int32)
-    coarse.close_dead_ends(Region(nothing, *finest.quarters), Workspace(len(finest.grid.weights)), state.shape)
+    coarse.close_dead_ends(Region(nothing, *finest.quarters), Workspace(len(finest.grid.weights), state.grid.steps.states_a_node), state.shape)

@@ -111,8 +111,6 @@ ANY_ANGLE = np.array(
 """Stages in which stations are moved across a path: cells between stations; cells between a station's places; places
 to each side; by how many neighbours may differ; samples per cell; whether way points are stations. The first reaches
 72 cells, as the paper's diagonal steps draw its paths so far aside (docs/decisions.md)."""
-SHORTCUTS = np.array((1, 2, 3, 5, 8, 12))
-"""Cells of a body's path from one end of a leg to the other: up to 24 takes twice as long, for 0.2 % less."""
 WAY_POINT_SAVES = 0.01
 """Cells of mean ground whose cost each way point saves at least: with 0.1 there are half as many, for 0.1 % more."""
 

@@ -34,7 +34,7 @@ def _price_ways(table, length, rises, at, costs):
 
 
 @kernel
-def price_steps(heights, weights, rule, priced, lengths, area, steps):
+def price_steps(heights, weights, rule, priced, ways, area, steps):
     """Compute the steps that leave the cells of a rectangle.
 
     Parameters
@@ -47,10 +47,11 @@ def price_steps(heights, weights, rule, priced, lengths, area, steps):
         Whether impassable cells may not be entered, and whether a diagonal step may pass beside one.
     priced : (kinks, level, gradient), least_per_m
         What a metre costs, as `map.slope_cost.Table`, less what its rise is worth, and the cheapest metre.
-    lengths : (8,) float64
-        Of a step in each direction, metres.
+    ways : (steps, lengths)
+        (K, 2) int64 rows and columns that the step in each direction leads to, and (K,) float64 its length in metres:
+        the eight neighbours', or a body's sixteen legs, which poses decide on.
     area : (row0, row1, col0, col1)
-    steps : (H + 2, W + 2, 8) float32
+    steps : (H + 2, W + 2, K) float32
         Written inside the rectangle.
 
     Returns
@@ -60,13 +61,14 @@ def price_steps(heights, weights, rule, priced, lengths, area, steps):
     """
     by_weights, corner_cutting = rule
     (table, least_per_m), (rows, cols), (row0, row1, col0, col1) = priced, heights.shape, area
+    leads, lengths = ways
     stride, greatest, inf = cols + 2, np.int32(0), np.float32(np.inf)
     rises, costs = np.empty(col1 - col0), np.empty(col1 - col0)
-    segments, line = np.empty(col1 - col0, np.int32), np.empty((8, col1 - col0), np.float32)
+    segments, line = np.empty(col1 - col0, np.int32), np.empty((len(lengths), col1 - col0), np.float32)
     for row in range(row0, row1):
         line[:] = inf  # where they lead off the map
-        for k in range(8):
-            up, left, length = ROW_STEP[k], COL_STEP[k], lengths[k]
+        for k in range(len(lengths)):
+            up, left, length = leads[k, 0], leads[k, 1], lengths[k]
             first, last, there = max(col0, -left), min(col1, cols - left), row + up
             if not 0 <= there < rows or last <= first:
                 continue
@@ -87,7 +89,7 @@ def price_steps(heights, weights, rule, priced, lengths, area, steps):
         for bits in line.view(np.int32).reshape(-1):  # ordered as the numbers, none of which is below 0
             greatest = max(greatest, bits if bits < _INF_BITS else np.int32(0))
         for at in range(col1 - col0):
-            for k in range(8):
+            for k in range(len(lengths)):
                 steps[row + 1, col0 + at + 1, k] = line[k, at]
     return np.array([greatest], np.int32).view(np.float32)[0]
 

@@ -7,16 +7,6 @@ search leads from the goal to the start, so a node's neighbours come to it by th
 Bundles: ``search`` is (stride, start, goal, corner_cutting, steps, prices, km), ``terrain`` (costs, walls, span),
 ``heap`` (position, firsts, seconds, nodes), ``source`` (weights, factor, stride, start, goal) of the map that is
 read, ``known`` (costs, walls, inside), ``noted`` (changed, is_changed).
-
-Where a body's poses decide, `costs` holds four costs of each node, one for each heading, `span` apart; else one, and
-`span` is 0. A pose is checked when its node is read, so those outside the region are not.
-
-The open list is a heap, four entries below each, whose keys are pairs: their first parts stand in one array
-and their second parts, which are looked at only where first parts are equal, in another. Unused slots hold
-inf, so that the least of four is found without asking how many there are.
-
-Called kernels touch their arrays in straight lines and indices are unsigned where it counts, for the reasons
-given in `open_list` and `expansion`. In a loop with two ways out, that takes a use of the arrays after it.
 """
 
 import numpy as np
@@ -24,7 +14,6 @@ import numpy as np
 from nnpp_edge.runtime.compiled.kernel import helper, kernel
 from nnpp_edge.runtime.kernels.clock import late
 from nnpp_edge.runtime.kernels.nodes import COL_STEP, OPPOSITE, ROW_STEP, lowest_bit
-from nnpp_edge.runtime.kernels.poses import HEADING, weight_of_pose
 
 SETTLED, PAUSED = 0, 1
 READ, STALE, UNREAD = 0, 1, 2
@@ -50,28 +39,17 @@ def octile(rows, cols, prices):
 
 
 @helper
-def _read(node, weights, poses, factor, stride, ends, known):
+def _read(node, weights, factor, ends, known):
     """Read what one node weighs; whether its steps have changed."""
     costs, walls, inside = known
     allowed = (inside[np.uint64(node)] != 0) | (node == ends[0]) | (node == ends[1])
-    if poses is None:
-        weight = weights[np.uint64(node)]
-        wall = weight == np.inf
-        cost = np.float32(min(np.rint(factor * weight), DEAREST))
-        cost = np.float32(np.inf) if wall | (not allowed) else cost
-        changed = (cost != costs[np.uint64(node)]) | (wall != walls[np.uint64(node)])
-        costs[np.uint64(node)] = cost
-        walls[np.uint64(node)] = wall
-    else:
-        changed = False
-        for heading in range(4):
-            cost = np.float32(np.inf)
-            if allowed:
-                weight = weight_of_pose(poses, node, stride, heading)
-                cost = np.float32(min(np.rint(factor * weight), DEAREST)) if weight < np.inf else cost
-            at = np.uint64(heading * len(inside) + node)
-            changed |= cost != costs[at]
-            costs[at] = cost
+    weight = weights[np.uint64(node)]
+    wall = weight == np.inf
+    cost = np.float32(min(np.rint(factor * weight), DEAREST))
+    cost = np.float32(np.inf) if wall | (not allowed) else cost
+    changed = (cost != costs[np.uint64(node)]) | (wall != walls[np.uint64(node)])
+    costs[np.uint64(node)] = cost
+    walls[np.uint64(node)] = wall
     return changed
 
 
@@ -87,7 +65,7 @@ def _note(node, stride, changed, is_changed, pending):
 
 
 @kernel
-def read_rectangle(part, rows_left, source, poses, directed, known, noted, pending):
+def read_rectangle(part, rows_left, source, directed, known, noted, pending):
     """Read a rectangle of the map; the number of nodes put down as changed so far: where steps are `directed`, all.
 
     Rows that are `UNREAD` are left for `read_rows`.
@@ -100,13 +78,13 @@ def read_rectangle(part, rows_left, source, poses, directed, known, noted, pendi
             continue
         for c in range(col, col + cols):
             node = (r + 1) * stride + c + 1
-            if _read(node, weights, poses, factor, stride, (start, goal), known) or directed:
+            if _read(node, weights, factor, (start, goal), known) or directed:
                 pending = _note(node, stride, changed, is_changed, pending)
     return pending
 
 
 @kernel
-def read_rows(rows_left, region, source, poses, known, state, heap, noted, pending, until):
+def read_rows(rows_left, region, source, known, state, heap, noted, pending, until):
     """Read rows that have not been read, or whose region is another; the number of nodes put down as changed so far.
 
     Parameters
@@ -130,8 +108,7 @@ def read_rows(rows_left, region, source, poses, known, state, heap, noted, pendi
         anew, first = rows_left[r] == UNREAD, r * stride
         if anew:
             end = first + stride
-            for plane in range(0, len(costs), len(inside)):
-                costs[plane + first : plane + end] = np.inf
+            costs[first:end] = np.inf
             walls[first:end], inside[first:end], position[first:end] = 1, 0, ABSENT
             state[2 * first : 2 * end], firsts[first:end] = np.inf, np.inf
         for c in range(len(col_block) if 0 < r < len(rows_left) - 1 else 0):
@@ -139,7 +116,7 @@ def read_rows(rows_left, region, source, poses, known, state, heap, noted, pendi
             now = mask[np.uint64(row_block[r - 1]), np.uint64(col_block[c])]
             if anew or now != inside[node]:
                 inside[node] = now
-                if _read(node, weights, poses, factor, stride, (start, goal), known) and not anew:
+                if _read(node, weights, factor, (start, goal), known) and not anew:
                     pending = _note(node, stride, changed, is_changed, pending)
         rows_left[r] = READ
         if late(until):
@@ -160,12 +137,12 @@ def _directed_step(node, k, pair, edges):
 
 
 @helper
-def _least_by_way(node, row_steps, corner_cutting, steps, edges, costs, walls, span, state):
+def _least_by_way(node, row_steps, corner_cutting, steps, edges, costs, walls, state):
     """The least cost to the goal by way of a neighbour of a passable node, and the direction of that neighbour."""
     best, direction = np.inf, -1
     for k in range(8):  # unrolled by the compiler
-        there, plane = node + row_steps[k] + COL_STEP[k], HEADING[k] * span
-        pair = np.float64(costs[np.uint64(plane + node)]) + np.float64(costs[np.uint64(plane + there)])
+        there = node + row_steps[k] + COL_STEP[k]
+        pair = np.float64(costs[np.uint64(node)]) + np.float64(costs[np.uint64(there)])
         step = _step(k, pair, steps) if edges is None else _directed_step(node, k, pair, edges)
         if k >= 4 and not corner_cutting:
             shut = walls[np.uint64(node + row_steps[k])] | walls[np.uint64(node + COL_STEP[k])]
@@ -251,15 +228,15 @@ def _update_vertex(node, ahead, state, position, firsts, seconds, nodes, size):
 
 
 @helper
-def _touched(node, value, raised, row_steps, costs, span, steps, edges, state):
+def _touched(node, value, raised, row_steps, costs, steps, edges, state):
     """Directions, as bits, of the neighbours that a node touches whose g becomes, or where `raised` was, `value`.
 
     They come to a lower rhs by way of it; or their rhs may have rested on it.
     """
     found = np.int64(0)
     for k in range(8):  # unrolled by the compiler
-        there, plane = node + row_steps[k] + COL_STEP[k], HEADING[k] * span
-        pair = np.float64(costs[np.uint64(plane + node)]) + np.float64(costs[np.uint64(plane + there)])
+        there = node + row_steps[k] + COL_STEP[k]
+        pair = np.float64(costs[np.uint64(node)]) + np.float64(costs[np.uint64(there)])
         step = _step(k, pair, steps) if edges is None else _directed_step(there, OPPOSITE[k], pair, edges)
         by_way, rhs = value + step, state[np.uint64(2 * there + 1)]
         found |= np.int64((by_way == rhs) & (by_way < np.inf) if raised else by_way < rhs) << k
@@ -279,7 +256,7 @@ def begin(goal, state, heap):
 def mend(pending, search, terrain, edges, state, heap, size, noted, until):
     """Work out rhs anew wherever a step has changed; how many nodes are left once it is late, and the list's size."""
     stride, start, goal, corner_cutting, steps, prices, km = search
-    costs, walls, span = terrain
+    costs, walls = terrain
     position, firsts, seconds, nodes = heap
     changed, is_changed = noted
     row_steps = (-stride, stride, 0, 0, -stride, -stride, stride, stride)
@@ -295,11 +272,8 @@ def mend(pending, search, terrain, edges, state, heap, size, noted, until):
         if node == goal:
             continue
         rhs = np.inf
-        least = costs[node]
-        for heading in range(1, 4):
-            least = min(least, costs[heading * span + node])
-        if least < np.inf:  # so not on the border, whose neighbours are not all there
-            rhs, _ = _least_by_way(node, row_steps, corner_cutting, steps, edges, costs, walls, span, state)
+        if costs[node] < np.inf:  # so not on the border, whose neighbours are not all there
+            rhs, _ = _least_by_way(node, row_steps, corner_cutting, steps, edges, costs, walls, state)
         if rhs == state[2 * node + 1]:
             continue
         state[2 * node + 1] = rhs
@@ -319,7 +293,7 @@ def expand(search, terrain, edges, state, heap, size, until):
     The code, the number of expansions and the open list's size.
     """
     stride, start, goal, corner_cutting, steps, prices, km = search
-    costs, walls, span = terrain
+    costs, walls = terrain
     position, firsts, seconds, nodes = heap
     row_steps = (-stride, stride, 0, 0, -stride, -stride, stride, stride)
     start_row, start_col = start // stride, start % stride
@@ -347,7 +321,7 @@ def expand(search, terrain, edges, state, heap, size, until):
             continue
         expansions += 1
         raised = g <= rhs
-        touched = _touched(node, g if raised else rhs, raised, row_steps, costs, span, steps, edges, state)
+        touched = _touched(node, g if raised else rhs, raised, row_steps, costs, steps, edges, state)
         state[np.uint64(2 * node)] = np.inf if raised else rhs
         # A node that leaves the list leaves its slot to the first neighbour to come on. With a key not much
         # greater that one stays near the top, where the heap's last entry would sink to the bottom again.
@@ -365,12 +339,11 @@ def expand(search, terrain, edges, state, heap, size, until):
             if there == goal:
                 continue
             if raised:
-                by_way, _ = _least_by_way(there, row_steps, corner_cutting, steps, edges, costs, walls, span, state)
+                by_way, _ = _least_by_way(there, row_steps, corner_cutting, steps, edges, costs, walls, state)
                 if by_way == state[np.uint64(2 * there + 1)]:
                     continue
             else:
-                plane = HEADING[k] * span
-                pair = np.float64(costs[np.uint64(plane + node)]) + np.float64(costs[np.uint64(plane + there)])
+                pair = np.float64(costs[np.uint64(node)]) + np.float64(costs[np.uint64(there)])
                 step = _step(k, pair, steps) if edges is None else _directed_step(there, OPPOSITE[k], pair, edges)
                 by_way = rhs + step
                 if k >= 4 and not corner_cutting and (walls[node + up * stride] or walls[node + left]):
@@ -402,7 +375,7 @@ def descend(search, terrain, edges, state, cells, path):
     0 if it does not lead to the goal.
     """
     stride, start, goal, corner_cutting, steps, _, _ = search
-    costs, walls, span = terrain
+    costs, walls = terrain
     row_steps = (-stride, stride, 0, 0, -stride, -stride, stride, stride)
     node, n = start, 0
     while n < cells:
@@ -411,7 +384,7 @@ def descend(search, terrain, edges, state, cells, path):
         n += 1
         if node == goal:
             return n
-        _, k = _least_by_way(node, row_steps, corner_cutting, steps, edges, costs, walls, span, state)
+        _, k = _least_by_way(node, row_steps, corner_cutting, steps, edges, costs, walls, state)
         if k < 0:
             return 0
         node += ROW_STEP[k] * stride + COL_STEP[k]

@@ -51,6 +51,8 @@ DIRECTIONS, PER_NODE = 16, 4
 """Directions of a node, and binary digits of their number."""
 ROWS = (1, 2, 1, 1, 0, -1, -1, -2, -1, -2, -1, -1, 0, 1, 1, 2)
 COLS = (0, 1, 1, 2, 1, 2, 1, 1, 0, -1, -1, -2, -1, -2, -1, -1)
+KNIGHT = math.sqrt(5.0) / (1.0 + math.sqrt(2.0))
+"""A knight's leg over a straight and a diagonal one."""
 LEG, LEFT, RIGHT, ORIGIN = 0, 1, 2, 3
 """How a state was come to."""
 _MASK = DIRECTIONS - 1

@@ -16,7 +16,8 @@ from nnpp_edge.runtime.kernels.directed import join_steps, pool_steps, price_ste
 from nnpp_edge.runtime.kernels.nodes import COL_STEP, ROW_STEP
 from nnpp_edge.runtime.map.changes import Change
 from nnpp_edge.runtime.map.slope_cost import SlopeCost
-from nnpp_edge.runtime.map.steps import Edges, Packed, PointSteps, PoseSteps
+from nnpp_edge.runtime.map.motions import DIRECTIONS
+from nnpp_edge.runtime.map.steps import Edges, PointSteps, PoseSteps, States
 from nnpp_edge.runtime.terrain.traversability import with_rim
 
 if TYPE_CHECKING:
@@ -41,13 +42,13 @@ class CoarseSteps(PointSteps):
         self.means: Edges = np.full((rows + 2, cols + 2, 8), np.inf, np.float32)
         """By cell (with a border) and direction, what a step within it costs, over the cells of the finest level."""
         nodes = (rows + 2) * (cols + 2)
-        self.edges: Edges = np.full((nodes, 8), np.inf, np.float32)
+        self.forwards: Edges = np.full((nodes, 8), np.inf, np.float32)
         """(nodes, 8) of the step that leaves a node in each direction."""
         self.backwards: Edges = np.full((nodes, 8), np.inf, np.float32)
         """(nodes, 8) of the step by which a node is come to from its neighbour in each direction."""
 
-    def packed(self, backwards: bool = False) -> Packed:
-        return None, self.backwards if backwards else self.edges
+    def edges(self, backwards: bool = False) -> Edges:
+        return self.backwards if backwards else self.forwards
 
     def pool(self, finer: Edges, pieces: NDArray[np.uint16], area: Rectangle, obstacle: NDArray[np.float32]) -> None:
         """Bring a rectangle of this level's cells up to date, and their steps.
@@ -55,7 +56,7 @@ class CoarseSteps(PointSteps):
         `finer` are (H + 2, W + 2, 8) means of the finer level, or steps of the map; `pieces` and `obstacle` as for
         `kernels.directed.pool_steps`.
         """
-        edges, backwards = (each.reshape(self.means.shape) for each in (self.edges, self.backwards))
+        edges, backwards = (each.reshape(self.means.shape) for each in (self.forwards, self.backwards))
         (row, col, rows, cols), (top, left, tall, wide) = area, with_rim(area, self.shape)
 
         def pool(row0: int, row1: int) -> None:
@@ -80,17 +81,18 @@ class DirectedSteps(PointSteps):
         self._model, self._heights, self._sides, self._under = model, heights, sides_m, grid.steps
         self.shape, (rows, cols), (dy, dx) = grid.shape, grid.shape, sides_m
         self.by_poses = by_poses = grid.steps.by_poses
+        self.states_a_node, self.shortest = grid.steps.states_a_node, grid.steps.shortest
+        self._ways = np.array(DIRECTIONS if by_poses else tuple(zip(ROW_STEP, COL_STEP, strict=True)), np.int64)
         self._weights = np.empty(0, np.float32) if by_poses else grid.weights
         self._rule = not by_poses, grid.corner_cutting
-        self._lengths = tuple(math.hypot(up * dy, left * dx) for up, left in zip(ROW_STEP, COL_STEP, strict=True))
+        self._lengths = np.hypot(*(self._ways * sides_m).T)
         kinks, level, gradient = model.table
         self._priced = (kinks, level, gradient - model.height_price), model.least_per_m
         least = _ROUNDED_DOWN * model.least_per_m
         straight = least * min(dy, dx)
-        self.prices = straight, min(least * self._lengths[-1], 2.0 * straight)
+        self.prices = straight, min(least * math.hypot(dy, dx), 2.0 * straight)
         """Cost of getting a straight and a diagonal step closer where all ways are as cheap as the cheapest."""
-        self.edges: Edges = np.empty(((rows + 2) * (cols + 2), 8), np.float32)
-        """(nodes, 8) of the step that leaves a node in each direction; inf where there is none."""
+        self._edges: Edges = np.empty(((rows + 2) * (cols + 2), len(self._ways)), np.float32)
         self._greatest = straight
         self.padded[:: rows + 1] = self.padded[:, :: cols + 1] = np.inf
         self._compute((0, 0, rows, cols))
@@ -98,17 +100,23 @@ class DirectedSteps(PointSteps):
     @property
     def obstacle(self) -> NDArray[np.float32]:
         """(8,) what an impassable cell counts for in a coarse cell's mean, by direction."""
-        return np.array(self._lengths, np.float32) * np.float32(_OBSTACLE * self._model.least_per_m)
+        lengths = [math.hypot(up * self._sides[0], left * self._sides[1]) for up, left in _NEIGHBOURS]
+        return np.array(lengths, np.float32) * np.float32(_OBSTACLE * self._model.least_per_m)
 
     @property
     def map(self) -> Edges:
-        """(H, W, 8) steps of the map's own cells; a view."""
+        """(H, W, 8) steps of the map's own cells to their neighbours, or a body's 16 legs; a view."""
         return self.padded[1:-1, 1:-1]
 
     @property
     def padded(self) -> Edges:
         """`map` within a border."""
-        return self.edges.reshape(self.shape[0] + 2, self.shape[1] + 2, 8)
+        return self._edges.reshape(self.shape[0] + 2, self.shape[1] + 2, -1)
+
+    @property
+    def to_neighbours(self) -> Edges:
+        """(H + 2, W + 2, 8) steps to neighbours, within a border."""
+        return np.ascontiguousarray(self.padded[..., _AMONG_LEGS]) if self.by_poses else self.padded
 
     def follow(self, change: Change, heights: Rectangle) -> Change:
         """Bring the steps up to date after a change of the weights, and of the heights in a rectangle.
@@ -132,19 +140,28 @@ class DirectedSteps(PointSteps):
         cheaper = change.cheaper or bool((here < before).any())
         return change._replace(part=whole, cells=max(change.cells, len(found)), cheaper=cheaper)
 
-    def packed(self, backwards: bool = False) -> Packed:
-        poses, _ = self._under.packed()
-        return None if poses is None else (poses[0], np.float32(0.0), *poses[2:]), self.edges
+    def edges(self, backwards: bool = False) -> Edges:
+        return self._edges
+
+    def states(self) -> States | None:
+        if not isinstance(self._under, PoseSteps):
+            return None
+        packed, _, (lengths, unit, _) = self._under.states()
+        turns = (self._under.poses.turns_m * float(self._model.cost(1.0, 0.0))).astype(np.float32)
+        return packed, self._edges, (lengths, unit, turns)
 
     def stands_at(self, grid: "Grid", cell: Cell) -> bool:
         return self._under.stands_at(grid, cell)
 
     def walk(self, grid: "Grid", path: NDArray[np.int32], first: int, costs: NDArray[np.float64]) -> int:
+        along = self._costs_along(path[first:])
+        if (states := self.states()) is not None and isinstance(self._under, PoseSteps):
+            by_turns = np.zeros_like(states[2][0]), np.float32(0.0), states[2][2]
+            blocked = self._under.poses.walk(path, first, costs, prices=by_turns)
+            costs[first + 1 :] += np.cumsum(along)
+            return blocked
         costs[first] = 0.0
-        np.cumsum(self._costs_along(path[first:]), out=costs[first + 1 :])
-        if isinstance(self._under, PoseSteps):
-            standing = self._under.poses.walk(path[first:])
-            return standing if standing < 0 else first + standing
+        np.cumsum(along, out=costs[first + 1 :])
         (row, col), steps = path[first].tolist(), np.diff(path[first:], axis=0)
         kinds = _KIND[steps[:, 0] + 1, steps[:, 1] + 1]
         blocked = np.isinf(self.map[path[first:-1, 0], path[first:-1, 1], kinds])
@@ -153,7 +170,11 @@ class DirectedSteps(PointSteps):
 
     def costs_of(self, grid: "Grid", path: NDArray[np.int32]) -> tuple[float, float, float]:
         cost, length, traverse_cost = self._under.costs_of(grid, path)
-        return (float(self._costs_along(path).sum()) if len(path) else cost), length, traverse_cost
+        if len(path):
+            costs = np.zeros(len(path))
+            self.walk(grid, path, 0, costs)
+            cost = float(costs[-1])
+        return cost, length, traverse_cost
 
     def worth_of_height(self, start: Cell, goal: Cell) -> float:
         rise = float(self._heights[goal[0], goal[1]]) - float(self._heights[start[0], start[1]])
@@ -176,17 +197,19 @@ class DirectedSteps(PointSteps):
     def _compute(self, part: Rectangle) -> None:
         """Compute the steps that leave a rectangle's cells, on all cores where that pays."""
         row, col, rows, cols = part
-        lengths, dearest = np.array(self._lengths), [self._greatest]
+        ways, dearest = (self._ways, self._lengths), [self._greatest]
 
         def price(row0: int, row1: int) -> None:
             area = row + row0, row + row1, col, col + cols
-            steps = price_steps(self._heights, self._weights, self._rule, self._priced, lengths, area, self.padded)
+            steps = price_steps(self._heights, self._weights, self._rule, self._priced, ways, area, self.padded)
             dearest.append(float(steps))
 
         in_bands(price, rows, cols, threads_from=_THREADS_FROM)
         self._greatest = max(dearest)
 
 
+_NEIGHBOURS = tuple(zip(ROW_STEP, COL_STEP, strict=True))
+_AMONG_LEGS = [DIRECTIONS.index(step) for step in _NEIGHBOURS]
 _KIND = np.zeros((3, 3), np.int64)
 """Direction of a step by its rows and columns, each one more; 0 for no step at all."""
 for _k in range(8):

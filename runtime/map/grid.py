@@ -131,7 +131,11 @@ class Grid:
     def go_by(self, directed: DirectedSteps | CoarseSteps) -> None:
         """From now on steps cost by these; weights, or poses, decide where they may lead."""
         self.steps = self.directed = directed
-        self.prices = directed.prices
+        self.prices = self._shortened(*directed.prices)
+
+    def _shortened(self, straight: float, diagonal: float) -> tuple[float, float]:
+        """Prices by which the octile distance is no more than a path's cost, though legs may lead by shorter ways."""
+        return straight * self.steps.shortest, diagonal * self.steps.shortest
 
     def least_cost(self, start: Cell, goal: Cell) -> float:
         """Least cost of a path between two cells, which may lie outside the map."""
@@ -157,7 +161,7 @@ class Grid:
         if self.directed is not None:
             return
         straight = self.model.step(0, 2.0 * least)
-        self.prices = straight, min(self.model.step(1, 2.0 * least), 2.0 * straight)
+        self.prices = self._shortened(straight, min(self.model.step(1, 2.0 * least), 2.0 * straight))
         """Cost of getting a straight and a diagonal step closer where all cells are as cheap as the cheapest.
 
         With directed steps: of the cheapest metre over all slopes, which no change of the map alters.

@@ -127,7 +127,7 @@ class Pyramid:
         finest = self.levels[0].grid.directed
         if not isinstance(finest, DirectedSteps):
             return
-        (row0, col0, rows, cols), finer = changed, finest.padded
+        (row0, col0, rows, cols), finer = changed, finest.to_neighbours
         row1, col1 = row0 + rows, col0 + cols
         for level in self.levels[1:]:
             row0, row1 = max(row0 // FACTOR - 1, 0), min(-(-row1 // FACTOR) + 1, level.grid.rows)

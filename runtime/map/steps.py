@@ -12,9 +12,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from nnpp_edge.runtime.cells import Cell
+from nnpp_edge.runtime.kernels.lattice import DIRECTIONS, KNIGHT
 from nnpp_edge.runtime.kernels.paths import measure, walk
-from nnpp_edge.runtime.kernels.poses import measure_poses, walk_poses
-from nnpp_edge.runtime.map.poses import PackedPoses, Poses
+from nnpp_edge.runtime.map import motions
+from nnpp_edge.runtime.map.poses import NO_EDGES, PackedPoses, Poses, Prices
 from nnpp_edge.runtime.map.step_cost import SQRT2
 from nnpp_edge.runtime.map.tiles import PackedTiles
 
@@ -25,8 +26,8 @@ PackedGrid = tuple[NDArray[np.float32], int, tuple[float, float, float, float], 
 """A grid as the kernels take it: (weights, stride, steps, corner_cutting, tiles)."""
 Edges = NDArray[np.float32]
 Sums = tuple[int, int, float, float, float]
-Packed = tuple[PackedPoses | None, Edges | None]
-"""Poses and edges as searches take them; None where steps cost by the weights of their ends."""
+States = tuple[PackedPoses, Edges, Prices]
+"""A body's motions and what they cost, as `kernels.lattice.expand_states` takes them."""
 
 
 class PointSteps:
@@ -34,10 +35,21 @@ class PointSteps:
 
     by_poses = by_slope = False
     """Whether a vehicle's poses are checked; whether steps cost otherwise one way than the other."""
+    states_a_node = 1
+    """Places of a search on a node."""
+    shortest = 1.0
+    """Length of the shortest way over that by straight and diagonal steps."""
 
-    def packed(self, backwards: bool = False) -> Packed:
-        """As searches take them; `backwards` those that come to a cell, on a coarse level."""
-        return None, None
+    def edges(self, backwards: bool = False) -> Edges | None:
+        """What each step costs, as searches take it; `backwards` those that come to a cell, on a coarse level.
+
+        None where steps cost by the weights of their ends.
+        """
+        return None
+
+    def states(self) -> States | None:
+        """A body's motions; None where a search goes over cells."""
+        return None
 
     def stands_at(self, grid: "Grid", cell: Cell) -> bool:
         """Whether a cell of the map can be stood on."""
@@ -79,22 +91,29 @@ class PointSteps:
 
 
 class PoseSteps(PointSteps):
-    """Steps that cost by a vehicle's poses at both ends, in the heading of the step."""
+    """A body's legs and turns. A leg costs its length by what it is checked to be, a turn by its angle."""
 
-    by_poses = True
+    by_poses, states_a_node, shortest = True, DIRECTIONS, KNIGHT
 
     def __init__(self, poses: Poses) -> None:
         self.poses = poses
 
-    def packed(self, backwards: bool = False) -> Packed:
-        return self.poses.packed, None
+    def states(self) -> States:
+        return self.poses.packed, NO_EDGES, self.poses.prices
 
     def stands_at(self, grid: "Grid", cell: Cell) -> bool:
         return self.poses.stands_at(cell)
 
     def walk(self, grid: "Grid", path: NDArray[np.int32], first: int, costs: NDArray[np.float64]) -> int:
-        return int(walk_poses(self.poses.packed, grid.stride, grid.model.steps, path, first, costs))
+        return self.poses.walk(path, first, costs)
 
-    def _sums(self, grid: "Grid", path: NDArray[np.int32]) -> Sums:
-        sums: Sums = measure_poses(self.poses.packed, grid.stride, path)
-        return sums
+    def costs_of(self, grid: "Grid", path: NDArray[np.int32]) -> tuple[float, float, float]:
+        if not len(path):
+            return math.inf, math.inf, math.inf
+        costs, lengths = np.zeros(len(path)), np.hypot(*np.diff(path, axis=0).T)
+        blocked = self.poses.walk(path, 0, costs)
+        cost = math.inf if blocked >= 0 else float(costs[-1])
+        return cost, float(lengths.sum()), float((lengths * self.poses.cost_along(path)).sum())
+
+    def greatest(self, grid: "Grid") -> float:
+        return max(math.hypot(*axis) for axis in motions.AXES) * (1.0 + 2.0 * grid.model.scale)

@@ -92,7 +92,7 @@ class CoarseLevel:
         """
         if self._closed is None:
             self._closed = np.zeros(len(self._queued), np.uint8)
-        marks, reached = (region.bitmap, region.stamp), (searched.meta, searched.stamp, shape)
+        marks, reached = (region.bitmap, region.stamp), (searched.meta, searched.stamp, shape, searched.states)
         return bool(close_dead_ends(self.level.links, marks, reached, self._queued, self._closed))
 
     def open_dead_ends(self) -> None:
@@ -128,7 +128,7 @@ class CoarseLevel:
         ws, below, grid = self.workspace, finer.grid, self.grid
         searched, scratch = (ws.g, ws.meta, ws.stamp), (self._reached, self._queued, self._queue)
         ahead = below.weights, below.stride, below.rows, below.cols, finer_workspace.meta
-        edges, width = grid.steps.packed()[1], (radius, band, deadline.at)
+        edges, width = grid.steps.edges(), (radius, band, deadline.at)
         node, path = grid.node(*start), found.path
         surround(grid.packed, edges, self.level.links, node, searched, scratch, path, width, marks, ahead)
         deadline.check()

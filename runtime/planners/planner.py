@@ -235,7 +235,7 @@ class Planner(OnMap):
             finish=lambda leg: self._refined(leg, refining, wishes, deadline),
             deadline=deadline,
         )
-        return replace(found, plan=found.plan.over(self._state, self._refiner.places(found.plan.waypoints)))
+        return replace(found, plan=found.plan.over(self._state))
 
     @checked(InvalidQueryError)
     @one_at_a_time

@@ -11,11 +11,9 @@ Stations on the grid's path are moved across it, all of them together, to the ch
 first far and coarsely, then near and finely; `tuning.ANY_ANGLE` lists the stages. Then way points that save next to
 nothing are left out. The line never costs more than the grid's path by the same integral: else it is that path.
 
-A body's path, whose poses the search has checked, gets short cuts between its cells instead (`kernels.shortcuts`),
-each checked pose by pose at its true heading: to move stations would take as long as the search itself.
+A body's path is not freed: its legs lead in sixteen directions, each checked at its own heading.
 """
 
-import itertools
 import math
 from dataclasses import replace
 from enum import StrEnum
@@ -27,16 +25,13 @@ from numpy.typing import NDArray
 from nnpp_edge.runtime.deadline import NEVER, Deadline
 from nnpp_edge.runtime.errors import InvalidQueryError, Status
 from nnpp_edge.runtime.kernels.any_angle import corners, line_cost
-from nnpp_edge.runtime.kernels.any_heading import body_line_cost, places_on_leg, stands_along
-from nnpp_edge.runtime.kernels.shortcuts import with_shortcuts
 from nnpp_edge.runtime.kernels.stations import freed
-from nnpp_edge.runtime.map.attitude import Attitudes, attitudes_of
 from nnpp_edge.runtime.map.grid import Grid
 from nnpp_edge.runtime.map.state import MapState
 from nnpp_edge.runtime.map.turns import Points, sharpest, with_arcs
 from nnpp_edge.runtime.planners.plan import Plan
 from nnpp_edge.runtime.stopwatch import Stopwatch
-from nnpp_edge.runtime.tuning import ANY_ANGLE, SHORTCUTS, WAY_POINT_SAVES
+from nnpp_edge.runtime.tuning import ANY_ANGLE, WAY_POINT_SAVES
 
 _ROUNDER = (1.02, 1.1, 1.3)
 """Radii of the arcs that are laid, over that asked for: way points on an arc turn a little sharper than it does."""
@@ -61,6 +56,8 @@ class Refinement(StrEnum):
             found = cls(name)
         except ValueError:
             raise InvalidQueryError(f"refine must be one of {', '.join(cls)}, got {name!r}") from None
+        if grid.steps.by_poses:
+            raise InvalidQueryError(f"refine={name!r} is for points and discs: a body's legs lead in 16 directions")
         if grid.steps.by_slope:
             raise InvalidQueryError(
                 f"refine={name!r} prices lines by the map's cost: wanted step_cost='paper' or 'length', got steps "
@@ -81,7 +78,6 @@ class Refiner:
 
     def __init__(self, state: MapState) -> None:
         self._state, self._grid = state, state.grid
-        self._body = BodyLines(state.grid) if state.grid.steps.by_poses else None
 
     def refined(self, plan: Plan, turning_radius_m: float | None = None, deadline: Deadline = NEVER) -> Plan:
         """The plan with way points, where it has a path; the time that this takes is its stage ``refine``.
@@ -96,7 +92,7 @@ class Refiner:
             return plan
         watch = Stopwatch()
         line = self.line_along(plan.path, radius, deadline)
-        along = None if line is None else self._state.along(line.points, self.places(line.points))
+        along = None if line is None else self._state.along(line.points)
         watch.stage_ends("refine")
         took = watch.timings_ms["refine"]
         timings = {**plan.timings_ms, "refine": took, "total": plan.timings_ms.get("total", 0.0) + took}
@@ -105,10 +101,6 @@ class Refiner:
             status, source = Status.NO_PATH, plan.source
             return Plan(status, plan.method, source, planner=plan.planner, reason=reason, timings_ms=timings)
         return replace(plan, waypoints=line.points, line_cost=line.cost, along=along, timings_ms=timings)
-
-    def places(self, points: Points | None) -> Points | None:
-        """The places of a body's line that were checked, which are those to tell of; None for a point, or no line."""
-        return None if self._body is None or points is None or len(points) < 2 else self._body.checked_places(points)
 
     def line_along(self, path: NDArray[np.int32], radius: float = 0.0, deadline: Deadline = NEVER) -> Line | None:
         """A line near a path of cells that costs no more, with no turn sharper than `radius` cells; None without."""
@@ -126,8 +118,6 @@ class Refiner:
 
     def cost(self, points: Points) -> float:
         """The line integral along way points; inf where it leads through what is impassable."""
-        if self._body is not None:
-            return self._body.cost(points)
         return float(line_cost(self._grid.packed, self._state.room, points))
 
     def _turns(self, points: Points, radius: float) -> bool:
@@ -139,9 +129,6 @@ class Refiner:
         """The cheaper of what is found and the path itself."""
         own = corners(path)
         on_grid = Line(own, self.cost(own))
-        if self._body is not None:
-            line = self._body.freed(path, saves, deadline)
-            return line if line.cost <= on_grid.cost else on_grid
         for first in range(_FAR_STAGES + 1):  # where far moves lead astray, nearer ones may not
             line = Line(*freed(self._grid.packed, self._state.room, path, ANY_ANGLE[first:], saves, deadline.at))
             if line.cost < on_grid.cost:
@@ -159,52 +146,3 @@ class Refiner:
         if self._state.sides_m is None:
             raise InvalidQueryError("turning_radius_m wants a map whose cells have a size: Planner.of_elevation")
         return turning_radius_m / min(self._state.sides_m)
-
-
-class BodyLines:
-    """Lines that a body can follow: each leg's poses are checked at its heading, see `kernels.any_heading`."""
-
-    def __init__(self, grid: Grid) -> None:
-        poses = grid.poses
-        assert poses is not None
-        vehicle, (dy, dx) = poses.vehicle, poses.sides_m
-        long, wide = vehicle.contact_m
-        halves = 0.5 * long, 0.5 * wide, 0.5 * vehicle.length_m, 0.5 * vehicle.width_m
-        self._grid = grid
-        self.body = poses.packed, np.ascontiguousarray(vehicle.wheels_m), np.array((*halves, dy, dx))
-        """As the kernels of `kernels.any_heading` take it."""
-
-    def cost(self, points: Points) -> float:
-        """As `Refiner.cost`."""
-        return float(body_line_cost(self.body, self._grid.packed, points))
-
-    def freed(self, path: NDArray[np.int32], saves: float, deadline: Deadline = NEVER) -> Line:
-        """The path with the short cuts that the body can follow, and that are found by the deadline."""
-        return Line(*with_shortcuts(self.body, self._grid.packed, path, SHORTCUTS, saves, deadline.at))
-
-    def checked_places(self, points: Points) -> Points:
-        """(M, 2) the way points (N, 2), and the places between them at which the check of their legs stands."""
-        counts = [places_on_leg(*begin, *end) for begin, end in itertools.pairwise(points)]
-        legs = [
-            begin + np.arange(count)[:, None] / count * (end - begin)
-            for count, (begin, end) in zip(counts, itertools.pairwise(points), strict=True)
-        ]
-        return np.concatenate([*legs, points[-1:]])
-
-    def attitudes(self, points: Points) -> Attitudes:
-        """How the body stands at checked places (N, 2), N at least 2, each left for the next, the last as arrived at.
-
-        As the check sees it: on steps of the grid the search's, elsewhere that of legs.
-        """
-        found = stands_along(self.body, points)
-        found[:3] = np.degrees(np.arctan(found[:3]))
-        cells = np.rint(points)
-        steps = np.diff(cells, axis=0)
-        on_grid = np.abs(np.diff(points, axis=0) - steps).max(1) < _ON_GRID
-        on_grid &= (np.abs(steps).max(1) == 1.0) & (np.abs(points[:-1] - cells[:-1]).max(1) < _ON_GRID)
-        steps, on_grid = np.concatenate((steps, steps[-1:])), np.append(on_grid, on_grid[-1:])
-        poses, tiles = self._grid.poses, self._grid.tiles
-        if on_grid.any() and poses is not None and tiles is not None:
-            there, ways = cells[on_grid].astype(np.int32), steps[on_grid].astype(np.int32)
-            found[:, on_grid] = attitudes_of(tiles.heights, poses.sides_m, poses.vehicle, there, ways)
-        return Attitudes(*found)

@@ -39,7 +39,8 @@ class AStarSearcher:
     """A* afresh for each query, over the whole map or a region. Serves one thread at a time."""
 
     def __init__(self, state: MapState) -> None:
-        self.grid, self.workspace = state.grid, Workspace(len(state.grid.weights))
+        self.grid = grid = state.grid
+        self.workspace = Workspace(len(grid.weights), grid.steps.states_a_node)
         self._log = state.log
         self._landmarks: Landmarks | None = None
         self._changes: ChangeReader | None = None
@@ -66,8 +67,10 @@ class AStarSearcher:
     def prepare(self, landmarks: int, goals: Sequence[Cell]) -> None:
         """Set landmarks at these goals, and so many more spread over the map; errors as of `Planner.prepare`."""
         count = landmarks + len(goals)
-        if count and self.grid.steps.by_slope:
-            raise InvalidQueryError("landmarks need steps that cost alike both ways: wanted step_cost='paper'")
+        if count and (self.grid.steps.by_slope or self.grid.steps.by_poses):
+            raise InvalidQueryError(
+                "landmarks need steps that cost alike both ways, without turns: wanted step_cost='paper' and no body"
+            )
         if not 0 <= count <= MOST_LANDMARKS:
             raise InvalidQueryError(f"landmarks and goals must be at most {MOST_LANDMARKS}, got {count}")
         for goal in goals:

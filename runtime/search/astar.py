@@ -5,7 +5,7 @@ metre over all slopes: no steps undercut it, and it is consistent. `landmarks` s
 """
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -16,7 +16,7 @@ from nnpp_edge.runtime.cells import Cell
 from nnpp_edge.runtime.deadline import NEVER, Deadline
 from nnpp_edge.runtime.errors import Status
 from nnpp_edge.runtime.kernels import expansion as kernels
-from nnpp_edge.runtime.kernels.nodes import STAMP_SHIFT
+from nnpp_edge.runtime.kernels.lattice import KNIGHT, expand_states, trace_states
 from nnpp_edge.runtime.map.grid import Grid
 from nnpp_edge.runtime.map.region import Region
 from nnpp_edge.runtime.map.step_cost import StepCost
@@ -28,6 +28,9 @@ _BETWEEN_LOOKS = 1 << 14
 _WITHOUT_END = int(np.iinfo(np.int64).max >> 1)
 Links = NDArray[np.uint8] | None
 """The directions in which each node may be left, as bits; None where passability decides."""
+Limits = tuple[int, float]
+Outcome = tuple[int, int, int, float]
+Run = Callable[[int, int, Workspace, Limits], Outcome]
 Hints = tuple[NDArray[np.float32], NDArray[np.float32], float]
 """Sharpen the heuristic of a search to one goal, see `Landmarks.towards`."""
 
@@ -92,31 +95,61 @@ def astar(
     first, last = grid.node(*start), grid.node(*goal)
     if first == last:
         return Search(Status.OK, np.array([start], np.int32), 0)
-    width = _bucket_width(grid) if hints is None else grid.prices[0] * BUCKET_WIDTH_BY_LANDMARKS
-    rule = (*grid.prices, width, _successors(grid, links), 1.0 + beyond if beyond else kernels.BELOW)
-    poses, edges = grid.steps.packed(backwards)
-    allowed = kernels.NO_REGION if region is None else tuple(region)
-    ways, landmarks = kernels.NO_LINKS if links is None else links, kernels.NO_HINTS if hints is None else hints
+    run = _search_of(grid, region, links, hints, backwards, 1.0 + beyond if beyond else kernels.BELOW)
     ws, begin, limits = workspace, first, (limit or _WITHOUT_END, deadline.at)
     ws.next_stamp()
     while True:
-        code, length, expansions, refused = kernels.expand(
-            grid.packed, poses, edges, ways, allowed, landmarks, (begin, last), rule, ws.packed, limits
-        )
+        code, length, expansions, refused = run(begin, last, ws, limits)
         begin = -1
         if code != kernels.FULL or deadline.passed:
             break
         ws.grow()
     if code == kernels.EXHAUSTED:
         return Search.without_path(Status.NO_PATH, expansions, refused)
-    end = last if code == kernels.FOUND else int(ws.counts[kernels.BEST_NODE])
+    trace, end = (trace_states, -1) if grid.steps.by_poses else (kernels.trace, last)
+    if code != kernels.FOUND or end < 0:
+        end = int(ws.counts[kernels.BEST_NODE])
     if code == kernels.FULL:  # out of time just when the open list had to grow
-        length = kernels.trace(ws.meta, end, grid.stride, ws.path)
+        length = trace(ws.meta, end, grid.stride, ws.path)
     if length > len(ws.path):
         ws.path = np.empty((length, 2), np.int32)
-        kernels.trace(ws.meta, end, grid.stride, ws.path)
+        trace(ws.meta, end, grid.stride, ws.path)
     status = Status.OK if code == kernels.FOUND else Status.TIMEOUT
     return Search(status, ws.path[length - 1 :: -1].copy(), expansions, refused)
+
+
+def _search_of(
+    grid: Grid,
+    region: Region | None,
+    links: Links,
+    hints: Hints | None,
+    backwards: bool,
+    beyond: float,
+    blind: bool = False,
+) -> Run:
+    """The kernel that searches a grid, given all but the ends, the memory and the limits; a `blind` one has no goal."""
+    allowed = kernels.NO_REGION if region is None else tuple(region)
+    straight, diagonal = (0.0, 0.0) if blind else grid.prices
+    width = _bucket_width(grid) if hints is None else grid.prices[0] * BUCKET_WIDTH_BY_LANDMARKS
+    if (states := grid.steps.states()) is not None:
+        best = straight / KNIGHT, diagonal / KNIGHT, straight + diagonal  # see `Grid.prices`
+
+        def run_states(begin: int, end: int, ws: Workspace, limits: Limits) -> Outcome:
+            ends = begin, end, -1, -1
+            found: Outcome = expand_states(grid.packed, *states, allowed, ends, (best, width, beyond), ws.packed, limits)
+            return found
+
+        return run_states
+    edges, rule = grid.steps.edges(backwards), (straight, diagonal, width, _successors(grid, links), beyond)
+    ways, landmarks = kernels.NO_LINKS if links is None else links, kernels.NO_HINTS if hints is None else hints
+
+    def run(begin: int, end: int, ws: Workspace, limits: Limits) -> Outcome:
+        found: Outcome = kernels.expand(
+            grid.packed, edges, ways, allowed, landmarks, (begin, end), rule, ws.packed, limits
+        )
+        return found
+
+    return run
 
 
 def settle_all(grid: Grid, source: Cell, workspace: Workspace, links: Links = None) -> None:
@@ -139,14 +172,11 @@ def _settling(
     """
     ws = workspace
     ws.next_stamp()
-    rule = (0.0, 0.0, _bucket_width(grid), _successors(grid, links), kernels.BELOW)
-    (poses, edges), limits = grid.steps.packed(), (most, deadline.at)
-    ways, region, hints = kernels.NO_LINKS if links is None else links, kernels.NO_REGION, kernels.NO_HINTS
+    run, limits = _search_of(grid, None, links, None, False, kernels.BELOW, blind=True), (most, deadline.at)
     corner_of_border = 0  # impassable, so never reached: the search runs until nothing is left
     begin, code = grid.node(*source), kernels.FULL
     while code in (kernels.FULL, kernels.PAUSED):
-        ends = begin, corner_of_border
-        code, *_ = kernels.expand(grid.packed, poses, edges, ways, region, hints, ends, rule, ws.packed, limits)
+        code, *_ = run(begin, corner_of_border, ws, limits)
         begin = -1
         if code in (kernels.FULL, kernels.PAUSED):
             deadline.check()
@@ -174,11 +204,11 @@ def costs_to_nearest(
     costs, known = np.zeros((len(stops), len(stops))), np.eye(len(stops), dtype=np.bool_)
     for at, stop in enumerate(stops[:-1]):
         for within in _settling(grid, stop, workspace, most=_BETWEEN_LOOKS, deadline=deadline):
-            reached = workspace.meta[2 * nodes + 1] >> STAMP_SHIFT == workspace.stamp
-            settled = reached & (workspace.g[2 * nodes] <= within * kernels.BELOW)
+            found = workspace.costs(nodes)
+            settled = found <= within * kernels.BELOW
             if settled.sum() > count:  # the cell itself is one of them
                 break
-        costs[at] = np.where(settled, workspace.g[2 * nodes], within)
+        costs[at] = np.where(settled, found, within)
         costs[at] += [grid.steps.worth_of_height(stop, other) for other in stops]
         known[at] |= settled | (within == math.inf)
     return costs, known
@@ -191,7 +221,7 @@ def _bucket_width(grid: Grid) -> float:
 def _successors(grid: Grid, links: Links) -> NDArray[np.int64]:
     """The steps from a cell that its best predecessor leaves to search."""
     dominance = kernels.Dominance.NONE
-    if links is None and not grid.steps.by_poses and not grid.steps.by_slope:
+    if links is None and not grid.steps.by_slope:
         diagonal = grid.corner_cutting and grid.model.kind is StepCost.PAPER
         dominance = kernels.Dominance.DIAGONAL if diagonal else kernels.Dominance.STRAIGHT
     return kernels.SUCCESSORS[dominance]

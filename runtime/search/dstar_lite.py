@@ -19,7 +19,6 @@ from nnpp_edge.runtime.map.region import Region
 from nnpp_edge.runtime.map.state import MapState
 from nnpp_edge.runtime.map.step_cost import StepCost
 from nnpp_edge.runtime.search.astar import Search
-from nnpp_edge.runtime.terrain.vehicle import HEADINGS
 from nnpp_edge.runtime.tuning import MOST_RATIO_FOR_DSTAR
 
 UNITS = float(1 << 20)
@@ -27,16 +26,16 @@ UNITS = float(1 << 20)
 
 
 def serves(grid: Grid) -> bool:
-    """Whether steps on this map are near enough to one another in cost for D* Lite."""
-    return grid.step_ratio <= MOST_RATIO_FOR_DSTAR
+    """Whether D* Lite plans on this map: a point's or a disc's, whose steps are near enough to one another in cost."""
+    return not grid.steps.by_poses and grid.step_ratio <= MOST_RATIO_FOR_DSTAR
 
 
 class DStarMemory:
     """One D* Lite search's knowledge of each node that has been read, and its open list."""
 
-    def __init__(self, nodes: int, headings: int = 1) -> None:
-        self.costs = np.empty(headings * nodes, np.float32)
-        """Weight of each node in units, whole numbers; inf where impassable or outside the region. By headings."""
+    def __init__(self, nodes: int) -> None:
+        self.costs = np.empty(nodes, np.float32)
+        """Weight of each node in units, whole numbers; inf where impassable or outside the region."""
         self.walls, self.inside = np.empty(nodes, np.uint8), np.empty(nodes, np.uint8)
         """Whether the map itself is impassable there, which corners are judged by; whether it is in the region."""
         self.state = np.empty(2 * nodes, np.float64)
@@ -47,7 +46,7 @@ class DStarMemory:
         """The two parts of the key at each place of the heap, the first inf where there is none."""
         self.changed, self.is_changed = np.empty(nodes + 1, np.int32), np.zeros(nodes, np.uint8)
         """Nodes one of whose steps has changed since the last plan, each once, and a spare place."""
-        self.terrain = self.costs, self.walls, nodes if headings > 1 else 0
+        self.terrain = self.costs, self.walls
         self.known = self.costs, self.walls, self.inside
         self.heap = self.position, self.firsts, self.seconds, self.heap_nodes
         self.noted = self.changed, self.is_changed
@@ -67,10 +66,10 @@ class DStarLite:
 
     def __init__(self, state: MapState, goal: Cell, region: Region | None = None) -> None:
         self._grid = state.grid
-        self._poses, directed = self._grid.steps.packed()
+        directed = self._grid.steps.edges()
         self._edges = None if directed is None else (directed, UNITS / self._grid.prices[0])
         self._changes = state.log.reader()
-        self.memory = DStarMemory(len(self._grid.weights), 1 if self._poses is None else len(HEADINGS))
+        self.memory = DStarMemory(len(self._grid.weights))
         """To be read only."""
         self.open_nodes = 0
         """Number of nodes on the open list."""
@@ -79,8 +78,6 @@ class DStarLite:
         self._blocks = self._region.blocks()
         self._rows_left = np.full(self._grid.rows + 2, kernels.UNREAD, np.uint8)
         self._least = self._grid.least if math.isfinite(self._grid.least) else 0.0
-        self._rows_to_check: list[tuple[int, int, int, int]] = []
-        """Changed rows whose poses are not yet checked: that takes long, so it heeds the deadline."""
         self._pending, self._km = 0, 0.0
         self._restarts, self._begun = 0, False
         self.set_goal(goal)
@@ -152,13 +149,11 @@ class DStarLite:
 
         The next call goes on from there.
         """
-        self._check_rows(deadline)
         if not self._rows_left.any():
             return
-        if self._poses is None:
-            self._grid.complete(deadline)
+        self._grid.complete(deadline)
         memory, region = self.memory, (self._blocks, self._region.row_block, self._region.col_block)
-        ground, found = (region, self._source, self._poses), (memory.known, memory.state, memory.heap, memory.noted)
+        ground, found = (region, self._source), (memory.known, memory.state, memory.heap, memory.noted)
         self._pending = kernels.read_rows(self._rows_left, *ground, *found, self._pending, deadline.at)
         if self._rows_left.any():
             raise OutOfTimeError
@@ -176,8 +171,7 @@ class DStarLite:
         expansions, memory = 0, self.memory
         try:
             self.read(deadline)
-            ends = memory.costs.reshape(-1, len(memory.inside))[:, [self._start, self._goal]]
-            if not np.isfinite(ends).any(0).all():
+            if not np.isfinite(memory.costs[[self._start, self._goal]]).all():
                 return Search.without_path(Status.NO_PATH)
             for afresh in (False, True):
                 if afresh:
@@ -210,7 +204,7 @@ class DStarLite:
     def _packed_search(self) -> tuple[int, int, int, bool, tuple[float, float, float], tuple[float, float], float]:
         """The ``search`` of the kernels."""
         grid = self._grid
-        ends = grid.stride, self._start, self._goal, grid.corner_cutting or self._poses is not None
+        ends = grid.stride, self._start, self._goal, grid.corner_cutting
         return *ends, self._steps, self._prices, self._km
 
     def _restart(self) -> None:
@@ -221,7 +215,6 @@ class DStarLite:
         memory.is_changed[memory.changed[: self._pending]] = 0
         memory.firsts[-kernels.SPARE_SLOTS :] = np.inf
         self._changes.skip()
-        self._rows_to_check.clear()
         self._pending, self._km, self.open_nodes, self._begun = 0, 0.0, 0, False
         self._rows_left[:] = kernels.UNREAD
 
@@ -259,23 +252,10 @@ class DStarLite:
             self._least = least
             self._restart()
         else:
-            for row, col, rows, cols in (change.part for change in changes):
-                if self._poses is None:
-                    self._read_rectangle((row, col, rows, cols))
-                else:
-                    self._rows_to_check += [(row + r, col, 1, cols) for r in range(rows)]
-
-    def _check_rows(self, deadline: Deadline) -> None:
-        """Read what waits in `_rows_to_check`; at the deadline OutOfTimeError."""
-        while self._rows_to_check:
-            self._read_rectangle(self._rows_to_check[-1])
-            self._rows_to_check.pop()
-            deadline.check()
-
-    def _read_rectangle(self, part: tuple[int, int, int, int]) -> None:
-        memory = self.memory
-        ground = self._rows_left, self._source, self._poses, self._edges is not None
-        self._pending = kernels.read_rectangle(part, *ground, memory.known, memory.noted, self._pending)
+            memory, ground = self.memory, (self._rows_left, self._source, self._edges is not None)
+            for change in changes:
+                found = memory.known, memory.noted, self._pending
+                self._pending = kernels.read_rectangle(change.part, *ground, *found)
 
     def _search(self, deadline: Deadline) -> tuple[bool, int]:
         """Mend the search until the start is settled: whether it is, and the number of expansions."""

@@ -41,9 +41,12 @@ def _memory(size: int) -> tuple[Int32s, list[int]]:
 
 
 class Workspace:
-    """g, parents and open list of one grid. Serves one search at a time."""
+    """g, parents and open list of one grid, of each node or of so many states of it. Serves one search at a time."""
 
-    def __init__(self, nodes: int) -> None:
+    states = 1
+
+    def __init__(self, nodes: int, states: int = 1) -> None:
+        self.states, nodes = states, nodes * states
         state, self._searches = _memory(2 * nodes)
         self.g: NDArray[np.float32] = state.view(np.float32)
         """g of node n at 2n."""
@@ -69,9 +72,11 @@ class Workspace:
         state = self.g, self.meta, self.stamp
         return *state, self.heads, self.entries, self.control, self.reals, self.counts, self.path
 
-    def costs(self) -> NDArray[np.float32]:
-        """(nodes,) g of the newest search; inf where it did not come."""
-        return np.where(self.meta[1::2] >> STAMP_SHIFT == self.stamp, self.g[::2], np.float32(np.inf))
+    def costs(self, nodes: NDArray[np.int64] | slice = slice(None)) -> NDArray[np.float32]:
+        """(N,) least g of nodes, by default of all, in the newest search; inf where it did not come."""
+        meta, g = (each.reshape(-1, self.states, 2)[nodes] for each in (self.meta, self.g))
+        found: NDArray[np.float32] = np.where(meta[..., 1] >> STAMP_SHIFT == self.stamp, g[..., 0], np.inf).min(1)
+        return found
 
     def next_stamp(self) -> int:
         """Number of a new search; all nodes read as unvisited to it."""
