@@ -133,4 +133,4 @@ def _exercise_body_kernels(dem: Float2D) -> None:
     state = Planner.of_elevation(dem, 1.0, vehicle=_BODY, warn=False).state
     coarse, (finest, *_) = CoarseLevel(state.pyramid.levels[1]), state.pyramid.levels
     nothing = np.zeros((2 * coarse.grid.rows, 2 * coarse.grid.cols), np.int32)
-    coarse.close_dead_ends(Region(nothing, *finest.quarters), Workspace(len(finest.grid.weights), state.grid.steps.states_a_node), state.shape)
+    coarse.close_dead_ends(Region(nothing, *finest.quarters), Workspace(len(finest.grid.weights)), state.shape)

@@ -137,15 +137,13 @@ def surround(grid, edges, links, start, found, scratch, path, width, marks, fine
 
 
 @helper
-def _was_reached(meta, stamp, shape, states, row, col):
+def _was_reached(meta, stamp, shape, row, col):
     """Whether a search came to any cell of the finest level below a cell of the next."""
     rows, cols = shape
     for i in range(FACTOR * row, min(FACTOR * row + FACTOR, rows)):
         for j in range(FACTOR * col, min(FACTOR * col + FACTOR, cols)):
-            first = ((i + 1) * (cols + 2) + j + 1) * states
-            for state in range(first, first + states):
-                if meta[2 * state + 1] >> STAMP_SHIFT == stamp:
-                    return True
+            if meta[2 * ((i + 1) * (cols + 2) + j + 1) + 1] >> STAMP_SHIFT == stamp:
+                return True
     return False
 
 
@@ -161,22 +159,22 @@ def close_dead_ends(links, marks, reached, came, closed):
         Of the first coarse level; changed.
     marks : (bitmap, stamp)
         The region, in quarters of its cells: (2 rows, 2 cols) int32, and the number within it.
-    reached : (meta, stamp, shape, states)
-        What the search left, see `search.workspace`; its number; the map's rows and columns; states of each node.
+    reached : (meta, stamp, shape)
+        What the search left, see `search.workspace`; its number; the map's rows and columns.
     came : (nodes,) uint8
         Scratch, all 0.
     closed : (nodes,) uint8
         The bits that were taken from `links` are added.
     """
     bitmap, mark = marks
-    meta, stamp, shape, states = reached
+    meta, stamp, shape = reached
     rows, cols = bitmap.shape[0] // 2, bitmap.shape[1] // 2
     stride, count = cols + 2, 0
     for i in range(rows):
         for j in range(cols):
             quarters = np.int64(bitmap[2 * i, 2 * j] == mark) + np.int64(bitmap[2 * i, 2 * j + 1] == mark)
             quarters += np.int64(bitmap[2 * i + 1, 2 * j] == mark) + np.int64(bitmap[2 * i + 1, 2 * j + 1] == mark)
-            if quarters and _was_reached(meta, stamp, shape, states, i, j):
+            if quarters and _was_reached(meta, stamp, shape, i, j):
                 came[(i + 1) * stride + j + 1] = 2
             elif quarters == 4:  # into the rest of another there may be a way
                 came[(i + 1) * stride + j + 1] = 1

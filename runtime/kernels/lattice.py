@@ -6,6 +6,9 @@ as costing no more than its length. So what is found is the optimum, though a pa
 
 State = node * 16 + direction; directions as in `map.motions`. The open list and the memory are those of
 `kernels.expansion`, by state.
+
+What is left from a state is judged by a field: the costs to the goal where turns are free, found from the goal on
+before. It holds for cells, so it takes a sixteenth of the states, and few of these are left to look at.
 """
 
 import math
@@ -72,25 +75,34 @@ def left_over(rows, cols, prices):
 
 
 @helper
-def _left_from(node, towards):
-    stride, goal_row, goal_col, prices = towards
-    return left_over(abs(node // stride - goal_row), abs(node % stride - goal_col), prices)
+def _left_from(node, towards, field):
+    """A lower bound on what a way from a node costs: the field's cost where that is settled, else by distances."""
+    stride, goal_row, goal_col, best = towards
+    g, meta, stamp, start_row, start_col, floor = field
+    row = node // stride
+    col = node - row * stride
+    left = left_over(abs(row - goal_row), abs(col - goal_col), best)
+    if len(g):
+        if meta[np.uint64(2 * node + 1)] & ~DIRECTION_BITS == stamp << STAMP_SHIFT:
+            return np.float64(g[np.uint64(2 * node)])
+        left = max(left, floor - left_over(abs(row - start_row), abs(col - start_col), best))
+    return left
 
 
 @helper
-def _least_f(chain, towards, g, meta, entries):
+def _least_f(chain, per_node, towards, field, g, meta, entries):
     """The least f of the entries of a chain that are still open; inf without any."""
     least = np.inf
     while chain != NOTHING:
         state = np.int64(entries[2 * chain])
         if meta[2 * state + 1] & OPEN_BIT:
-            least = min(least, g[2 * state] + _left_from(state >> PER_NODE, towards))
+            least = min(least, g[2 * state] + _left_from(state >> per_node, towards, field))
         chain = np.int64(entries[2 * chain + 1])
     return least
 
 
 @helper
-def _deal_out(chain, block, towards, order, g, meta, heads, entries, free):
+def _deal_out(chain, block, per_node, towards, field, order, g, meta, heads, entries, free):
     """As `kernels.expansion._deal_out`."""
     base, inverse_width = order
     dropped = 0
@@ -98,7 +110,8 @@ def _deal_out(chain, block, towards, order, g, meta, heads, entries, free):
         following = np.int64(entries[2 * chain + 1])
         state = np.int64(entries[2 * chain])
         if meta[2 * state + 1] & OPEN_BIT:
-            bucket = _bucket(g[2 * state] + _left_from(state >> PER_NODE, towards), base, inverse_width)
+            left = _left_from(state >> per_node, towards, field)
+            bucket = _bucket(g[2 * state] + left, base, inverse_width)
             slot = max(bucket - block * FINE, np.int64(0)) if block >= 0 else FINE + bucket // FINE
             entries[2 * chain + 1] = heads[slot]
             heads[slot] = chain
@@ -131,7 +144,141 @@ def trace_states(meta, state, stride, out):
 
 
 @kernel
-def expand_states(grid, poses, edges, prices, region, ends, rule, memory, limits):
+def fill_field(grid, poses, edges, prices, region, ends, rule, memory, limits):
+    """Costs to the goal of the cells from which a way to it may be part of the best one, where turns are free.
+
+    Arguments as for `expand_states`, but for memory, which is that of nodes, and `ends`, (goal, start). Searches from
+    the goal until the start is settled; each leg is that of the way back. Returns the code, the expansions, and the
+    least f of a node that the region refused.
+    """
+    _, stride, _, _, _ = grid
+    goal, start = ends
+    lengths, unit, _ = prices
+    best, width, _ = rule
+    most, until = limits
+    legs, rows, cols = borrowed(poses[0]), poses[2][5][0], poses[2][5][1]
+    g, meta, stamp, heads, entries, control, reals, counts, _ = memory
+    g, meta, heads, entries = borrowed(g), borrowed(meta), borrowed(heads), borrowed(entries)
+    bitmap, row_block, col_block, region_stamp = region
+    bitmap, row_block, col_block = borrowed(bitmap), borrowed(row_block), borrowed(col_block)
+    edges, lengths = borrowed(edges), borrowed(lengths)
+    regional, by_edges = len(bitmap) > 0, len(edges) > 0
+    start_row, start_col = start // stride, start % stride
+    towards = stride, start_row, start_col, best
+    none = g[:0], meta[:0], 0, 0, 0, 0.0
+    if goal >= 0:
+        clear(heads, control)
+        control[FREE], control[USED] = push(heads, entries, 0, goal, 0, 0, NOTHING, 0)
+        control[LENGTH] = 1
+        g[2 * goal] = 0.0
+        meta[2 * goal + 1] = (stamp << STAMP_SHIFT) | OPEN_BIT
+        reals[BASE], reals[INVERSE_WIDTH] = _left_from(goal, towards, none), 1.0 / width
+        reals[REFUSED] = np.inf
+        counts[EXPANSIONS] = 0
+    base, inverse_width, refused = reals[BASE], reals[INVERSE_WIDTH], reals[REFUSED]
+    free, used, fine_at = control[FREE], control[USED], control[FINE_AT]
+    block, waiting = control[BLOCK], control[LENGTH]
+    room = np.int64(len(entries)) // 2 - DIRECTIONS - 1
+    bound, last_bucket = np.inf, np.int64(SPAN)
+    if meta[2 * start + 1] >> STAMP_SHIFT == stamp:
+        bound = np.float64(g[2 * start])
+        last_bucket = _last_bucket(bound, base, inverse_width)
+    expansions = counts[EXPANSIONS]
+    last = expansions + most
+    look_at = expansions + LOOK_EVERY
+    code = PAUSED
+    while expansions < last:
+        if expansions >= look_at:
+            look_at = expansions + LOOK_EVERY
+            if late(until):
+                break
+        if waiting > room:
+            code = FULL
+            break
+        node, fine_at, free = pop(heads, entries, fine_at, free)
+        if block * FINE + fine_at > last_bucket:
+            code = FOUND
+            break
+        if node == NOTHING:
+            if waiting == 0:
+                code = FOUND if bound < np.inf else EXHAUSTED
+                break
+            block, chain = next_block(heads, block)
+            fine_at = np.int64(0)
+            if block == COARSE:
+                block, fine_at = np.int64(-1), np.int64(FINE)
+                least = _least_f(chain, 0, towards, none, g, meta, entries)
+                if least < np.inf:
+                    base, inverse_width = least, min(inverse_width, SPAN / least)
+                    last_bucket = _last_bucket(bound, base, inverse_width)
+            order = base, inverse_width
+            free, dropped = _deal_out(chain, block, 0, towards, none, order, g, meta, heads, entries, free)
+            waiting -= dropped
+            continue
+        waiting -= 1
+        word = meta[np.uint64(2 * node + 1)]
+        if not word & OPEN_BIT:
+            continue
+        g_node = g[np.uint64(2 * node)]
+        row = node // stride
+        col = node - row * stride
+        if g_node + left_over(abs(row - start_row), abs(col - start_col), best) >= bound:
+            continue  # and stays open: what it costs may not be the least
+        meta[np.uint64(2 * node + 1)] = word & ~OPEN_BIT
+        expansions += 1
+        for k in range(DIRECTIONS):
+            i, j = row - ROWS[k], col - COLS[k]
+            if not (1 <= i <= rows and 1 <= j <= cols):
+                continue
+            there, axis = i * stride + j, k & 7
+            at = there if k < AXES else node
+            found = np.int64(legs[np.uint64(at), np.uint64(axis)])
+            if found >= FAILS:
+                continue
+            if by_edges:
+                step = edges[np.uint64(there), np.uint64(k)]
+            else:
+                step = lengths[axis] * (np.float32(1.0) + motion_weight(found, unit))
+            known = np.float32(np.inf)
+            if meta[np.uint64(2 * there + 1)] >> STAMP_SHIFT == stamp:
+                known = g[np.uint64(2 * there)]
+            reached = g_node + step
+            if not reached < known:
+                continue
+            left = left_over(abs(i - start_row), abs(j - start_col), best)
+            if reached + left >= bound:
+                continue
+            if regional and there != start:  # noqa: SIM102
+                if bitmap[np.uint64(row_block[np.uint64(i - 1)]), np.uint64(col_block[np.uint64(j - 1)])] != region_stamp:
+                    refused = min(refused, reached + left)
+                    continue
+            if found == UNCHECKED:
+                check_there(poses, at // stride - 1, at % stride - 1, axis)
+                found = np.int64(legs[np.uint64(at), np.uint64(axis)])
+                if found >= FAILS:
+                    continue
+                if not by_edges:
+                    reached = g_node + lengths[axis] * (np.float32(1.0) + motion_weight(found, unit))
+                    if not reached < known or reached + left >= bound:
+                        continue
+            g[np.uint64(2 * there)] = reached
+            meta[np.uint64(2 * there + 1)] = (stamp << STAMP_SHIFT) | OPEN_BIT
+            if there == start:
+                bound = np.float64(reached)
+                last_bucket = _last_bucket(bound, base, inverse_width)
+            else:
+                bucket = _bucket(reached + left, base, inverse_width)
+                free, used = push(heads, entries, bucket, there, block, fine_at, free, used)
+                waiting += 1
+    control[FREE], control[USED], control[FINE_AT] = free, used, fine_at
+    control[BLOCK], control[LENGTH] = block, waiting
+    reals[BASE], reals[INVERSE_WIDTH], reals[REFUSED] = base, inverse_width, refused
+    counts[EXPANSIONS] = expansions
+    return code, expansions, refused
+
+
+@kernel
+def expand_states(grid, poses, edges, prices, field, region, ends, rule, memory, limits):
     """As `kernels.expansion.expand`, over a body's states.
 
     Parameters
@@ -146,6 +293,8 @@ def expand_states(grid, poses, edges, prices, region, ends, rule, memory, limits
     prices : (lengths, unit, turns)
         (8,) float32 what a leg of each axis costs on the best ground; by how much each step of its code makes it
         dearer, as a share; (8,) float32 what a turn from each direction to the next costs.
+    field : (g, meta, stamp, row, col, floor)
+        What `fill_field` left, the number of that search, the start, and what it costs from there; no g without one.
     region, memory, limits
         As there; memory is that of the states.
     ends : (start, goal, first, last)
@@ -172,8 +321,9 @@ def expand_states(grid, poses, edges, prices, region, ends, rule, memory, limits
     regional, by_edges = len(bitmap) > 0, len(edges) > 0
     goal_row, goal_col = goal // stride, goal % stride
     towards = stride, goal_row, goal_col, best
+    field = borrowed(field[0]), borrowed(field[1]), field[2], field[3], field[4], field[5]
     if start >= 0:
-        h = _left_from(start, towards)
+        h = _left_from(start, towards, field)
         clear(heads, control)
         free, used, waiting = np.int64(NOTHING), np.int64(0), 0
         for k in range(DIRECTIONS):
@@ -221,12 +371,12 @@ def expand_states(grid, poses, edges, prices, region, ends, rule, memory, limits
             fine_at = np.int64(0)
             if block == COARSE:
                 block, fine_at = np.int64(-1), np.int64(FINE)
-                least = _least_f(chain, towards, g, meta, entries)
+                least = _least_f(chain, PER_NODE, towards, field, g, meta, entries)
                 if least < np.inf:
                     base, inverse_width = least, min(inverse_width, SPAN / least)
                     last_bucket = _last_bucket(bound, base, inverse_width)
             order = base, inverse_width
-            free, dropped = _deal_out(chain, block, towards, order, g, meta, heads, entries, free)
+            free, dropped = _deal_out(chain, block, PER_NODE, towards, field, order, g, meta, heads, entries, free)
             waiting -= dropped
             continue
         waiting -= 1
@@ -237,7 +387,7 @@ def expand_states(grid, poses, edges, prices, region, ends, rule, memory, limits
         node, k = state >> PER_NODE, state & _MASK
         row = node // stride
         col = node - row * stride
-        h = left_over(abs(row - goal_row), abs(col - goal_col), best)
+        h = _left_from(node, towards, field)
         g_state = g[np.uint64(2 * state)]
         if g_state + h >= bound:
             continue
@@ -262,7 +412,7 @@ def expand_states(grid, poses, edges, prices, region, ends, rule, memory, limits
                     step = edges[np.uint64(node), np.uint64(k)]
                 else:
                     step = lengths[axis] * (np.float32(1.0) + motion_weight(found, unit))
-                left = left_over(abs(i - goal_row), abs(j - goal_col), best)
+                left = _left_from(across, towards, field)
             else:
                 if word & DIRECTION_BITS == LEFT + RIGHT - way:
                     continue

@@ -22,8 +22,8 @@ AXES = ((1, 0), (2, 1), (1, 1), (1, 2), (0, 1), (-1, 2), (-1, 1), (-2, 1))
 """(row, col) of the legs along each axis, by rising angle from (1, 0) towards (0, 1). Directions 0 to 7 are theirs, 8
 to 15 their reverses."""
 DIRECTIONS = (*AXES, *((-row, -col) for row, col in AXES))
-LEG_SPACING = 0.75
-"""Cells from one pose of a leg to the next, at most."""
+LEG_SPACING = 0.19
+"""Of the body's length: from one pose of a leg to the next, at most."""
 TURN_POSES = 2
 """Of a turn from one direction to the next."""
 SNAPPED = 0.02
@@ -46,12 +46,12 @@ class Pose(NamedTuple):
     turn_rad: float = 0.0
 
 
-def leg_poses(direction: int, sides_m: tuple[float, float]) -> list[Pose]:
-    """Of a leg from a cell along an axis, or its reverse."""
+def leg_poses(direction: int, sides_m: tuple[float, float], length_m: float) -> list[Pose]:
+    """Of a leg from a cell along an axis, or its reverse, of a body of this length."""
     row, col = DIRECTIONS[direction]
     down, right = row * sides_m[0], col * sides_m[1]
     metres = math.hypot(down, right)
-    count = math.ceil(math.hypot(row, col) / LEG_SPACING)
+    count = math.ceil(metres / (LEG_SPACING * length_m))
     shares = ((2 * k + 1) / (2 * count) for k in range(count))
     ahead = down / metres, right / metres
     return [Pose(share * row, share * col, ahead, metres / (2 * count)) for share in shares]
@@ -125,8 +125,9 @@ class Motions(NamedTuple):
 @functools.lru_cache(maxsize=16)
 def all_motions(vehicle: Vehicle, sides_m: tuple[float, float]) -> Motions:
     """Tables of the legs along the axes, the turns from one direction to the next, and of standing in each: 24."""
-    kinds, axes = (leg_poses, turn_poses, standing), range(len(AXES))
-    return motions_of(vehicle, sides_m, [make(k, sides_m) for make in kinds for k in axes])
+    axes = range(len(AXES))
+    legs = [leg_poses(k, sides_m, vehicle.length_m) for k in axes]
+    return motions_of(vehicle, sides_m, legs + [make(k, sides_m) for make in (turn_poses, standing) for k in axes])
 
 
 def motions_of(vehicle: Vehicle, sides_m: tuple[float, float], motions: list[list[Pose]]) -> Motions:

@@ -92,7 +92,7 @@ class CoarseLevel:
         """
         if self._closed is None:
             self._closed = np.zeros(len(self._queued), np.uint8)
-        marks, reached = (region.bitmap, region.stamp), (searched.meta, searched.stamp, shape, searched.states)
+        marks, reached = (region.bitmap, region.stamp), (searched.meta, searched.stamp, shape)
         return bool(close_dead_ends(self.level.links, marks, reached, self._queued, self._closed))
 
     def open_dead_ends(self) -> None:
@@ -218,7 +218,7 @@ class CoarseToFine:
                     return Found.of(self._state.grid, descent[0], source, descent[1], work)
                 if not left or self._last is None or not isinstance(searcher, AStarSearcher):
                     break
-                if not coarse.close_dead_ends(self._last, self._finest, self._state.shape):
+                if not coarse.close_dead_ends(self._last, self._finest.field, self._state.shape):
                     break
                 work.stage_ends("coarse")
             return None

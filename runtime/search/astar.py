@@ -6,7 +6,7 @@ metre over all slopes: no steps undercut it, and it is consistent. `landmarks` s
 
 import math
 from collections.abc import Callable, Iterator, Sequence
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,7 +16,7 @@ from nnpp_edge.runtime.cells import Cell
 from nnpp_edge.runtime.deadline import NEVER, Deadline
 from nnpp_edge.runtime.errors import Status
 from nnpp_edge.runtime.kernels import expansion as kernels
-from nnpp_edge.runtime.kernels.lattice import KNIGHT, expand_states, trace_states
+from nnpp_edge.runtime.kernels.lattice import KNIGHT, expand_states, fill_field, trace_states
 from nnpp_edge.runtime.map.grid import Grid
 from nnpp_edge.runtime.map.region import Region
 from nnpp_edge.runtime.map.step_cost import StepCost
@@ -28,9 +28,8 @@ _BETWEEN_LOOKS = 1 << 14
 _WITHOUT_END = int(np.iinfo(np.int64).max >> 1)
 Links = NDArray[np.uint8] | None
 """The directions in which each node may be left, as bits; None where passability decides."""
-Limits = tuple[int, float]
-Outcome = tuple[int, int, int, float]
-Run = Callable[[int, int, Workspace, Limits], Outcome]
+_ON = -1
+"""In place of the node at which a search begins: go on where it stopped."""
 Hints = tuple[NDArray[np.float32], NDArray[np.float32], float]
 """Sharpen the heuristic of a search to one goal, see `Landmarks.towards`."""
 
@@ -95,18 +94,34 @@ def astar(
     first, last = grid.node(*start), grid.node(*goal)
     if first == last:
         return Search(Status.OK, np.array([start], np.int32), 0)
-    run = _search_of(grid, region, links, hints, backwards, 1.0 + beyond if beyond else kernels.BELOW)
-    ws, begin, limits = workspace, first, (limit or _WITHOUT_END, deadline.at)
-    ws.next_stamp()
-    while True:
-        code, length, expansions, refused = run(begin, last, ws, limits)
-        begin = -1
-        if code != kernels.FULL or deadline.passed:
-            break
-        ws.grow()
+    ws, limits, last_f = workspace, (limit or _WITHOUT_END, deadline.at), math.inf
+    allowed = kernels.NO_REGION if region is None else tuple(region)
+    beyond = 1.0 + beyond if beyond else kernels.BELOW
+    if (states := grid.steps.states()) is None:
+        edges, rule = grid.steps.edges(backwards), (*grid.prices, _bucket_width(grid, hints), _successors(grid, links))
+        ways, landmarks = kernels.NO_LINKS if links is None else links, kernels.NO_HINTS if hints is None else hints
+        before = grid.packed, edges, ways, allowed, landmarks
+        after = (*rule, beyond), ws, limits, deadline
+        code, length, expansions, refused = _run(kernels.expand, before, (first, last), *after)
+        trace, end = kernels.trace, last
+    else:
+        best, field = _best(grid), ws.field
+        rule = best, _bucket_width(grid), beyond
+        found = _run(fill_field, (grid.packed, *states, allowed), (last, first), rule, field, limits, deadline)
+        code, spent, refused = found
+        if code == kernels.EXHAUSTED:
+            return Search.without_path(Status.NO_PATH, spent, refused)
+        if code != kernels.FOUND:
+            return Search.without_path(Status.TIMEOUT, spent, refused)
+        last_f = float(field.g[2 * first])
+        judged = field.g, field.meta, field.stamp, first // grid.stride, first % grid.stride, last_f
+        before = grid.packed, *states, judged, allowed
+        after = (best, grid.prices[0] * BUCKET_WIDTH_BY_LANDMARKS, beyond), ws, limits, deadline
+        code, length, expansions, _ = _run(expand_states, before, (first, last, -1, -1), *after)
+        expansions, trace, end = expansions + spent, trace_states, -1
+        refused = min(refused, last_f) if region is not None else math.inf
     if code == kernels.EXHAUSTED:
         return Search.without_path(Status.NO_PATH, expansions, refused)
-    trace, end = (trace_states, -1) if grid.steps.by_poses else (kernels.trace, last)
     if code != kernels.FOUND or end < 0:
         end = int(ws.counts[kernels.BEST_NODE])
     if code == kernels.FULL:  # out of time just when the open list had to grow
@@ -118,38 +133,23 @@ def astar(
     return Search(status, ws.path[length - 1 :: -1].copy(), expansions, refused)
 
 
-def _search_of(
-    grid: Grid,
-    region: Region | None,
-    links: Links,
-    hints: Hints | None,
-    backwards: bool,
-    beyond: float,
-    blind: bool = False,
-) -> Run:
-    """The kernel that searches a grid, given all but the ends, the memory and the limits; a `blind` one has no goal."""
-    allowed = kernels.NO_REGION if region is None else tuple(region)
-    straight, diagonal = (0.0, 0.0) if blind else grid.prices
-    width = _bucket_width(grid) if hints is None else grid.prices[0] * BUCKET_WIDTH_BY_LANDMARKS
-    if (states := grid.steps.states()) is not None:
-        best = straight / KNIGHT, diagonal / KNIGHT, straight + diagonal  # see `Grid.prices`
-
-        def run_states(begin: int, end: int, ws: Workspace, limits: Limits) -> Outcome:
-            ends = begin, end, -1, -1
-            found: Outcome = expand_states(grid.packed, *states, allowed, ends, (best, width, beyond), ws.packed, limits)
+def _run(
+    kernel: Callable[..., Any],
+    before: tuple[Any, ...],
+    ends: tuple[int, ...],
+    rule: tuple[Any, ...],
+    workspace: Workspace,
+    limits: tuple[int, float],
+    deadline: Deadline = NEVER,
+) -> tuple[Any, ...]:
+    """What a search's kernel comes to; the open list grows as it needs."""
+    workspace.next_stamp()
+    while True:
+        found: tuple[Any, ...] = kernel(*before, ends, rule, workspace.packed, limits)
+        if found[0] != kernels.FULL or deadline.passed:
             return found
-
-        return run_states
-    edges, rule = grid.steps.edges(backwards), (straight, diagonal, width, _successors(grid, links), beyond)
-    ways, landmarks = kernels.NO_LINKS if links is None else links, kernels.NO_HINTS if hints is None else hints
-
-    def run(begin: int, end: int, ws: Workspace, limits: Limits) -> Outcome:
-        found: Outcome = kernels.expand(
-            grid.packed, edges, ways, allowed, landmarks, (begin, end), rule, ws.packed, limits
-        )
-        return found
-
-    return run
+        ends = _ON, *ends[1:]
+        workspace.grow()
 
 
 def settle_all(grid: Grid, source: Cell, workspace: Workspace, links: Links = None) -> None:
@@ -172,12 +172,19 @@ def _settling(
     """
     ws = workspace
     ws.next_stamp()
-    run, limits = _search_of(grid, None, links, None, False, kernels.BELOW, blind=True), (most, deadline.at)
-    corner_of_border = 0  # impassable, so never reached: the search runs until nothing is left
-    begin, code = grid.node(*source), kernels.FULL
+    limits, corner_of_border = (most, deadline.at), 0  # which is impassable, so never reached
+    begin, code, width = grid.node(*source), kernels.FULL, _bucket_width(grid)
+    states, nothing = grid.steps.states(), (ws.g[:0], ws.meta[:0], 0, 0, 0, 0.0)
+    ways, everywhere = kernels.NO_LINKS if links is None else links, kernels.NO_REGION
     while code in (kernels.FULL, kernels.PAUSED):
-        code, *_ = run(begin, corner_of_border, ws, limits)
-        begin = -1
+        if states is not None:
+            ends, rule = (begin, corner_of_border, -1, -1), ((0.0, 0.0, 0.0), width, kernels.BELOW)
+            code, *_ = expand_states(grid.packed, *states, nothing, everywhere, ends, rule, ws.packed, limits)
+        else:
+            ground = grid.packed, grid.steps.edges(), ways, everywhere, kernels.NO_HINTS
+            points = 0.0, 0.0, width, _successors(grid, links), kernels.BELOW
+            code, *_ = kernels.expand(*ground, (begin, corner_of_border), points, ws.packed, limits)
+        begin = _ON
         if code in (kernels.FULL, kernels.PAUSED):
             deadline.check()
         if code == kernels.FULL:
@@ -214,8 +221,15 @@ def costs_to_nearest(
     return costs, known
 
 
-def _bucket_width(grid: Grid) -> float:
-    return grid.prices[0] * (DIRECTED_BUCKET_WIDTH if grid.steps.by_slope else BUCKET_WIDTH)
+def _bucket_width(grid: Grid, hints: Hints | None = None) -> float:
+    by_grid = DIRECTED_BUCKET_WIDTH if grid.steps.by_slope else BUCKET_WIDTH
+    return grid.prices[0] * (by_grid if hints is None else BUCKET_WIDTH_BY_LANDMARKS)
+
+
+def _best(grid: Grid) -> tuple[float, float, float]:
+    """What straight, diagonal and knight's legs cost at least, see `Grid.prices`."""
+    straight, diagonal = grid.prices
+    return straight / KNIGHT, diagonal / KNIGHT, straight + diagonal
 
 
 def _successors(grid: Grid, links: Links) -> NDArray[np.int64]:

@@ -46,6 +46,8 @@ class Workspace:
     states = 1
 
     def __init__(self, nodes: int, states: int = 1) -> None:
+        self.field: Workspace = Workspace(nodes) if states > 1 else self
+        """Memory of a search of the nodes that goes before one of their states."""
         self.states, nodes = states, nodes * states
         state, self._searches = _memory(2 * nodes)
         self.g: NDArray[np.float32] = state.view(np.float32)
