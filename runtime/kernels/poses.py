@@ -104,6 +104,26 @@ def _range(heights, first, group, samples, slopes):
 
 
 @helper
+def _greatest(heights, first, group, samples, slopes):
+    """As `_range`, the greatest alone."""
+    high = in_all(-_INF)
+    begin, fours, lines, end, n = group
+    for sample in range(begin, fours):
+        there = _on_four(heights, first, sample, n, samples, slopes)
+        high = chosen(there > high, there, high)
+        n += 4
+    for sample in range(fours, lines):
+        there = _on_line(heights, first, sample, n, samples, slopes)
+        high = chosen(there > high, there, high)
+        n += 2
+    for sample in range(lines, end):
+        there = _on_cell(heights, first, sample, n, samples, slopes)
+        high = chosen(there > high, there, high)
+        n += 1
+    return high
+
+
+@helper
 def _slopes(heights, first, pose, fitted):
     """Slopes ahead and to the left of the plane through the heights under the wheels' middles; 0 where unknown."""
     slopes_of, offsets, shares = fitted
@@ -135,8 +155,7 @@ def _lift(heights, first, pose, tables, slopes, plane, halves):
             along += gradients[1, w] * more
             across += gradients[2, w] * more
         group = groups[part, 0], groups[part, 1], groups[part, 2], groups[part, 3], groups[part, 4]
-        _, high = _range(heights, first, group, samples, (along, across))
-        above = high - level
+        above = _greatest(heights, first, group, samples, (along, across)) - level
         rise = chosen(above > rise, above, rise)
     return rise
 
