@@ -11,13 +11,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from nnpp_edge.runtime.bands import in_bands
-from nnpp_edge.runtime.cells import Cell, Rectangle, enclosing
+from nnpp_edge.runtime.cells import Cell, Rectangle, enclosing, widened
 from nnpp_edge.runtime.kernels.directed import join_steps, pool_steps, price_steps
 from nnpp_edge.runtime.kernels.nodes import COL_STEP, ROW_STEP
 from nnpp_edge.runtime.map.changes import Change
 from nnpp_edge.runtime.map.slope_cost import SlopeCost
 from nnpp_edge.runtime.map.steps import Edges, Packed, PointSteps, PoseSteps
-from nnpp_edge.runtime.terrain.traversability import with_rim
 
 if TYPE_CHECKING:
     from nnpp_edge.runtime.map.grid import Grid
@@ -56,7 +55,7 @@ class CoarseSteps(PointSteps):
         `kernels.directed.pool_steps`.
         """
         edges, backwards = (each.reshape(self.means.shape) for each in (self.edges, self.backwards))
-        (row, col, rows, cols), (top, left, tall, wide) = area, with_rim(area, self.shape)
+        (row, col, rows, cols), (top, left, tall, wide) = area, widened(area, (1, 1), self.shape)
 
         def pool(row0: int, row1: int) -> None:
             pool_steps(finer, pieces, obstacle, (row + row0, row + row1, col, col + cols), self.means)
@@ -118,7 +117,7 @@ class DirectedSteps(PointSteps):
         parts = [part for part in (heights, change.part) if part[2] and part[3]]
         if not parts:
             return change
-        row, col, rows, cols = part = with_rim(enclosing(parts), self.shape)
+        row, col, rows, cols = part = widened(enclosing(parts), (1, 1), self.shape)
         here = self.map[row : row + rows, col : col + cols]
         before = here.copy()
         self._compute(part)
