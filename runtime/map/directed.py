@@ -4,7 +4,6 @@ A step's cost here is that of the model less what its rise is worth (`SlopeCost.
 paths between two cells differ by as much as with the costs themselves. What is reported is those.
 """
 
-import math
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -16,7 +15,7 @@ from nnpp_edge.runtime.kernels.directed import join_steps, pool_steps, price_ste
 from nnpp_edge.runtime.kernels.nodes import COL_STEP, ROW_STEP
 from nnpp_edge.runtime.map.changes import Change
 from nnpp_edge.runtime.map.slope_cost import SlopeCost
-from nnpp_edge.runtime.map.steps import Edges, Packed, PointSteps, PoseSteps
+from nnpp_edge.runtime.map.steps import Edges, Packed, PointSteps
 
 if TYPE_CHECKING:
     from nnpp_edge.runtime.map.grid import Grid
@@ -81,32 +80,24 @@ class DirectedSteps(PointSteps):
         self.by_poses = by_poses = grid.steps.by_poses
         self._weights = np.empty(0, np.float32) if by_poses else grid.weights
         self._rule = not by_poses, grid.corner_cutting
-        self._lengths = tuple(math.hypot(up * dy, left * dx) for up, left in zip(ROW_STEP, COL_STEP, strict=True))
+        self._lengths = np.hypot(np.array(ROW_STEP) * dy, np.array(COL_STEP) * dx)
         kinks, level, gradient = model.table
         self._priced = (kinks, level, gradient - model.height_price), model.least_per_m
         least = _ROUNDED_DOWN * model.least_per_m
         straight = least * min(dy, dx)
-        self.prices = straight, min(least * self._lengths[-1], 2.0 * straight)
+        self.prices = straight, min(least * float(self._lengths[-1]), 2.0 * straight)
         """Cost of getting a straight and a diagonal step closer where all ways are as cheap as the cheapest."""
         self.edges: Edges = np.empty(((rows + 2) * (cols + 2), 8), np.float32)
         """(nodes, 8) of the step that leaves a node in each direction; inf where there is none."""
+        self.obstacle = (_OBSTACLE * model.least_per_m * self._lengths).astype(np.float32)
+        """(8,) what an impassable cell counts for in a coarse cell's mean, by direction."""
         self._greatest = straight
         self.padded[:: rows + 1] = self.padded[:, :: cols + 1] = np.inf
         self._compute((0, 0, rows, cols))
 
     @property
-    def obstacle(self) -> NDArray[np.float32]:
-        """(8,) what an impassable cell counts for in a coarse cell's mean, by direction."""
-        return np.array(self._lengths, np.float32) * np.float32(_OBSTACLE * self._model.least_per_m)
-
-    @property
-    def map(self) -> Edges:
-        """(H, W, 8) steps of the map's own cells; a view."""
-        return self.padded[1:-1, 1:-1]
-
-    @property
     def padded(self) -> Edges:
-        """`map` within a border."""
+        """(H + 2, W + 2, 8) the steps by cell, within a border."""
         return self.edges.reshape(self.shape[0] + 2, self.shape[1] + 2, 8)
 
     def follow(self, change: Change, heights: Rectangle) -> Change:
@@ -118,7 +109,7 @@ class DirectedSteps(PointSteps):
         if not parts:
             return change
         row, col, rows, cols = part = widened(enclosing(parts), (1, 1), self.shape)
-        here = self.map[row : row + rows, col : col + cols]
+        here = self.padded[row + 1 : row + rows + 1, col + 1 : col + cols + 1]
         before = here.copy()
         self._compute(part)
         changed = (here != before).any(2)
@@ -139,16 +130,10 @@ class DirectedSteps(PointSteps):
         return self._under.stands_at(grid, cell)
 
     def walk(self, grid: "Grid", path: NDArray[np.int32], first: int, costs: NDArray[np.float64]) -> int:
+        blocked = self._under.walk(grid, path, first, costs)
         costs[first] = 0.0
         np.cumsum(self._costs_along(path[first:]), out=costs[first + 1 :])
-        if isinstance(self._under, PoseSteps):
-            standing = self._under.poses.walk(path[first:])
-            return standing if standing < 0 else first + standing
-        (row, col), steps = path[first].tolist(), np.diff(path[first:], axis=0)
-        kinds = _KIND[steps[:, 0] + 1, steps[:, 1] + 1]
-        blocked = np.isinf(self.map[path[first:-1, 0], path[first:-1, 1], kinds])
-        blocked = np.append(not self.stands_at(grid, (row, col)), blocked)
-        return first + int(blocked.argmax()) if blocked.any() else -1
+        return blocked
 
     def costs_of(self, grid: "Grid", path: NDArray[np.int32]) -> tuple[float, float, float]:
         cost, length, traverse_cost = self._under.costs_of(grid, path)
@@ -175,18 +160,12 @@ class DirectedSteps(PointSteps):
     def _compute(self, part: Rectangle) -> None:
         """Compute the steps that leave a rectangle's cells, on all cores where that pays."""
         row, col, rows, cols = part
-        lengths, dearest = np.array(self._lengths), [self._greatest]
+        dearest = [self._greatest]
 
         def price(row0: int, row1: int) -> None:
             area = row + row0, row + row1, col, col + cols
-            steps = price_steps(self._heights, self._weights, self._rule, self._priced, lengths, area, self.padded)
-            dearest.append(float(steps))
+            of_map = self._heights, self._weights, self._rule, self._priced, self._lengths
+            dearest.append(float(price_steps(*of_map, area, self.padded)))
 
         in_bands(price, rows, cols, threads_from=_THREADS_FROM)
         self._greatest = max(dearest)
-
-
-_KIND = np.zeros((3, 3), np.int64)
-"""Direction of a step by its rows and columns, each one more; 0 for no step at all."""
-for _k in range(8):
-    _KIND[ROW_STEP[_k] + 1, COL_STEP[_k] + 1] = _k

@@ -14,6 +14,7 @@ import functools
 import itertools
 import math
 from collections.abc import Iterator
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -60,7 +61,9 @@ class Pyramid:
 
     def __init__(self, grid: Grid, *, later: bool = False) -> None:
         self.levels, shapes = [Level(grid)], coarse_shapes(grid.rows, grid.cols)
-        model = grid.model if grid.poses is None else grid.model.weighing(BODY_WEIGHT)
+        model, (straight, diagonal) = grid.model, grid.model.weight_term
+        if grid.poses is not None:
+            model = replace(model, weight_term=(BODY_WEIGHT * straight, BODY_WEIGHT * diagonal))
         self._left: Iterator[None] = iter(())
         """Pools a stripe at each step."""
         if grid.tiles is None:

@@ -87,7 +87,7 @@ class Tiles:
         self._levels = np.array([(high.bit_length() - 1, wide.bit_length() - 1, corner_cutting, 0)], np.int64)
         self._coarse, self._counts = _NO_LEVELS, np.zeros(2, np.int64)
         if told is not None:
-            self._tell_in(told)
+            self._told, self._counts[1] = told.reshape(-1), 1
 
     @property
     def cells_computed(self) -> int:
@@ -148,12 +148,8 @@ class Tiles:
         """(H, W) float32, costs that were told, inf where a cell is shut, 0 where nothing was; to be asked for
         before any are written.
         """
-        told = virtual_zeros(self.heights.size, np.float32).reshape(self.shape)
-        self._tell_in(told)
-        return told
-
-    def _tell_in(self, told: Float2D) -> None:
-        self._told, self._counts[1] = told.reshape(-1), 1
+        self._told, self._counts[1] = virtual_zeros(self.heights.size, np.float32), 1
+        return self._told.reshape(self.shape)
 
     def write(
         self, part: Rectangle, patch: Float2D, seen: NDArray[np.bool_], *, told: bool = False, keeps: bool = False

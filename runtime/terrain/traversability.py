@@ -82,20 +82,18 @@ def traversability_cost(
     ----------
     dem : (H, W) float
         Elevation in metres; NaN where unknown.
-    cell_size_m : float
-        Side of a cell, along the rows' direction of travel (north to south).
+    cell_size_m, cell_width_m : float
+        Sides of a cell: from row to row and, where cells are not square, from column to column.
     traversability : Traversability
         Limits and weights; the paper's if not given.
-    cell_width_m : float
-        Side of a cell from west to east, where cells are not square.
     warn : bool
         Whether to issue a `SaturationWarning` where it applies.
 
     Returns
     -------
     (H, W) float32
-        Cost in [0, 1); inf where the elevation is unknown, where a hard limit is passed, or where all
-        three terms are full (the paper's obstacles, T = 1).
+        Cost in [0, 1); inf where the elevation is unknown, where a hard limit is passed, or where all three terms
+        are full (the paper's obstacles, T = 1).
 
     Raises
     ------
