@@ -76,6 +76,16 @@ class MapState:
 
     def _lay_out(self, cost: Float2D | None = None) -> None:
         """Begin anew with the layers, of which nothing has been computed; those of a map of costs are its grid."""
+        self._make_grid(cost)
+        if self._slope_cost is not None and self._heights is not None and self.sides_m is not None:
+            self.grid.go_by(DirectedSteps(self._heights, self.sides_m, self._slope_cost, self.grid))
+        self.log = ChangeLog()
+        self._pyramid: Pyramid | None = None
+        self._unpooled: ChangeReader | None = None
+        if not self._lazy:
+            self.grid.complete()
+
+    def _make_grid(self, cost: Float2D | None) -> None:
         heights, sides, model = self._heights, self.sides_m, self._model
         if cost is not None:
             self.grid = Grid.of(cost, model, self._corner_cutting)
@@ -91,20 +101,6 @@ class MapState:
                 self.grid.stand_by(Poses(heights, sides, self.vehicle, terms, model.scale, shut))
             elif self._slope_cost is not None:
                 self.grid.complete()
-            self._go_by_slope()
-        self._forget()
-        if not self._lazy:
-            self.grid.complete()
-
-    def _go_by_slope(self) -> None:
-        """Have steps cost by the slope if they are to."""
-        if self._slope_cost is not None and self._heights is not None and self.sides_m is not None:
-            self.grid.go_by(DirectedSteps(self._heights, self.sides_m, self._slope_cost, self.grid))
-
-    def _forget(self) -> None:
-        self.log = ChangeLog()
-        self._pyramid: Pyramid | None = None
-        self._unpooled: ChangeReader | None = None
 
     def begin_anew(self) -> None:
         """Forget all but the layers. Whoever read the log must be made anew."""
@@ -137,16 +133,15 @@ class MapState:
     def pyramid_by(self, deadline: Deadline) -> Pyramid:
         """As `pyramid`; at the deadline OutOfTimeError, and the next call goes on from there."""
         if self._pyramid is None or self._unpooled is None:
-            self._pyramid, self._unpooled = Pyramid(self.grid, later=True), self.log.reader()
+            self._pyramid, self._unpooled = Pyramid(self.grid), self.log.reader()
             if not self._lazy:
                 self.grid.complete(deadline)
         elif self._unpooled.behind:
             changes = self._unpooled.read()
             whole = (0, 0, *self.shape)
             for part in [whole] if any(c.rescaled for c in changes) else [c.part for c in changes]:
-                self._pyramid.update(part, later=True)
-        self._pyramid.finish(deadline)
-        return self._pyramid
+                self._pyramid.update(part)
+        return self._pyramid.finish(deadline)
 
     def update(self, row: int, col: int, patch: Float2D, seen: NDArray[np.bool_] | None = None) -> Change:
         """Put new costs (h, w) into the map at (row, col), and what that changed into the log.
@@ -304,12 +299,10 @@ class DiscState(MapState):
         self._point.begin_anew()
         self._lay_out()
 
-    def _lay_out(self, cost: Float2D | None = None) -> None:
+    def _make_grid(self, cost: Float2D | None) -> None:
         rows, cols = self._point.shape
         self.grid = Grid(rows, cols, self._model, self._corner_cutting)
         self.grid.update(self._shut((0, 0, rows, cols)), weights=True)
-        self._go_by_slope()
-        self._forget()
 
     def _shut(self, part: Rectangle) -> Float2D:
         """(h, w) weights of a part of the map, inf where the disc would touch an obstacle."""

@@ -119,7 +119,7 @@ def test_no_path_has_a_reason_of_its_own():
 
 def test_coarse_levels_are_made_in_stripes_and_are_those_made_at_once():
     grid, tries, finished = made("costs").state.grid, 0, False
-    pyramid, whole = Pyramid(grid, later=True), Pyramid(grid)
+    pyramid, whole = Pyramid(grid), Pyramid(grid).finish()
     while not finished:
         tries += 1
         try:

@@ -21,7 +21,7 @@ from tests.strategies import state_of
 
 
 def pyramid_of(cost, corner_cutting=True):
-    return Pyramid(Grid.of(cost, StepModel.of("paper"), corner_cutting))
+    return Pyramid(Grid.of(cost, StepModel.of("paper"), corner_cutting)).finish()
 
 
 def search(level, start, goal):
