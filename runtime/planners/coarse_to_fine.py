@@ -113,15 +113,9 @@ class CoarseLevel:
     ) -> Region:
         """Where to search the next finer level, around what the last search here found, from the goal to `start`.
 
-        The region's bitmap is overwritten by the call after the next. OutOfTimeError at the deadline.
-
-        Parameters
-        ----------
-        radius, band
-            As in `tuning.CorridorWidth`: cells within so many quarters of the path's, and those on paths that cost
-            at most 1 + `band` times as much, which the search settled.
-        finer, finer_workspace
-            The next finer level, and the memory of its search.
+        In it are cells within `radius` quarters of the path's, and those on paths that cost at most 1 + `band` times
+        as much, which the search settled. Its bitmap is overwritten by the call after the next. OutOfTimeError at the
+        deadline.
         """
         self._stamp += 1
         marks = self._bitmaps[self._stamp % 2], self._stamp

@@ -238,20 +238,9 @@ class DynamicPlanner(OnMap):
     ) -> Plan:
         """A path from where the robot is to the goal, on the map as it is now.
 
-        Parameters
-        ----------
-        method : str
-            Instead of the planner's own, for which alone `prepare` does all there is to do.
-        time_limit_s : float
-            After this the status is TIMEOUT. A network's answer is waited for.
-        keep_regions : bool
-            As for `Planner.plan`.
-
-        Returns
-        -------
-        Plan
-            Its path, where the status is OK, leads over passable cells of the newest map. Regions that fail are
-            widened, then the whole map is searched: NO_PATH means that there is none.
+        The path of a plan that is OK leads over passable cells of the newest map. Regions that fail are widened, then
+        the whole map is searched: NO_PATH means that there is none. `method` stands in for the planner's own, for
+        which alone `prepare` does all there is to do; time and regions as in `PlanOptions`.
 
         Raises
         ------
