@@ -12,12 +12,12 @@ ANSWERS = 4
 
 
 @helper
-def _add(values, matrix, out):
-    """Add the product of values (N, inputs) and a matrix (inputs, outputs); numbers that are 0 are passed over."""
+def _add(values, matrix, out, above):
+    """Add the product of the values (N, inputs) above a number and a matrix (inputs, outputs)."""
     for n in range(len(values)):
         for i in range(len(matrix)):
             value = values[n, i]
-            if value != 0.0:
+            if value > above:
                 for o in range(matrix.shape[1]):
                     out[n, o] += value * matrix[i, o]
 
@@ -26,13 +26,6 @@ def _add(values, matrix, out):
 def _matrix(numbers, first, rows, cols):
     """The next rows × cols of `numbers`, and where what comes after them begins."""
     return numbers[first : first + rows * cols].reshape(rows, cols), first + rows * cols
-
-
-@helper
-def _relu(values):
-    for n in range(len(values)):
-        for i in range(values.shape[1]):
-            values[n, i] = max(values[n, i], np.float32(0.0))
 
 
 @kernel
@@ -78,23 +71,21 @@ def answer_ends(ends, spacing, sigma, places, query, parameters, units, scratch,
     crossed[:] = 0.0
     for related, n in ((to_start, 0), (to_goal, END_CHANNELS)):  # each place to an end, and one end to the other
         at_end[:] = way_bias
-        _add(flat[n : n + 1], places[:, width:], at_end)
+        _add(flat[n : n + 1], places[:, width:], at_end, 0.0)
         related[:] = places[:, :width] + at_end
-        _add(flat[n + 1 : n + END_CHANNELS].T, way, related)
-        _relu(related)
-        _add(flat[END_CHANNELS - n : END_CHANNELS - n + 1], related, crossed)
+        _add(flat[n + 1 : n + END_CHANNELS].T, way, related, -np.inf)
+        np.maximum(related, np.float32(0.0), related)
+        _add(flat[END_CHANNELS - n : END_CHANNELS - n + 1], related, crossed, 0.0)
     first[-1:] = both_bias
-    _add(crossed, across, first[-1:])
+    _add(crossed, across, first[-1:], 0.0)
     first[:-1] = first[-1]
     to_start += to_goal
-    _add(flat[2 * END_CHANNELS :].T, between, first[:-1])
-    _add(to_start, both, first[:-1])
-    _relu(first)
+    _add(flat[2 * END_CHANNELS :].T, between, first[:-1], 0.0)
+    _add(to_start, both, first[:-1], 0.0)
     second[:] = mix_bias
-    _add(first[:-1], mix, second)
-    _relu(second)
+    _add(first[:-1], mix, second, 0.0)
     last[:] = answer_bias
-    _add(second, answer, last)
+    _add(second, answer, last, 0.0)
     for i in range(2 * side):
         for j in range(2 * side):
             value = last[(i // 2) * side + j // 2, 2 * (i % 2) + j % 2]

@@ -19,8 +19,9 @@ from numpy.typing import NDArray
 
 from nnpp_edge.runtime.errors import ModelError, NnppEdgeError
 from nnpp_edge.runtime.kernels.encoding import ENDS_CHANNELS
+from nnpp_edge.runtime.kernels.place_head import ANSWERS
 from nnpp_edge.runtime.network.model_file import QUERY_SPACING, ModelMetadata, model_path, read_metadata
-from nnpp_edge.runtime.network.place_head import ANSWERS, PlaceHead, count_parameters
+from nnpp_edge.runtime.network.place_head import PlaceHead, count_parameters
 from nnpp_edge.runtime.reading import reason, refused_as
 from nnpp_edge.runtime.tuning import TWO_THREADS_FROM
 
