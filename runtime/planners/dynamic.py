@@ -86,8 +86,6 @@ class DynamicPlanner(OnMap):
 
     Parameters
     ----------
-    cost : (H, W) float, or Ground
-        As for `Planner`.
     goal : (row, col)
         A cell of the map.
     method : str
@@ -95,14 +93,9 @@ class DynamicPlanner(OnMap):
         goal nearby, unless the way there is long; D* Lite in the corridor that stands, if little has changed and that
         lies near the start; else a new corridor.
     refine : str
-        As for `Planner.plan`, of every plan.
-    cell_size_m, **options
-        As for `Planner`.
-
-    Raises
-    ------
-    InvalidMapError, InvalidQueryError
-        As for `Planner`; or there is no such method; or the goal is outside the map.
+        As in `PlanOptions`, of every plan.
+    cost, cell_size_m, **options
+        As for `Planner`, as errors are; or there is no such method, or the goal is outside the map.
 
     Examples
     --------

@@ -82,13 +82,6 @@ class Planner(OnMap):
         rest.setdefault("warn", True)
         return cls(Ground.of_elevation(dem, cell_size_m, traversability, **own), **rest)
 
-    @one_at_a_time
-    def load_network(self) -> None:
-        """Do now what the first query of ``nnpp`` would: load the network and show it the map. ModelError as of
-        `plan`.
-        """
-        self._methods.load_network()
-
     @checked(InvalidQueryError)
     @one_at_a_time
     def prepare(self, *, landmarks: int = 0, goals: Sequence[Cell] = ()) -> None:

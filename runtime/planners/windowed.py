@@ -57,8 +57,6 @@ class WindowedPlanner:
 
     Parameters
     ----------
-    heights : HeightWindows
-        Of the map.
     traversability, omega, corner_cutting, mobility
         As for `Planner.of_elevation`.
     progress : callable
