@@ -32,10 +32,10 @@ def _matrix(numbers, first, rows, cols):
 def answer_ends(ends, spacing, sigma, places, query, parameters, units, scratch, out):
     """Encode start and goal, and write the probabilities of all blocks.
 
+    Ends, spacing and sigma as for `encoding.encode_ends`.
+
     Parameters
     ----------
-    ends, spacing, sigma
-        See `encoding.encode_ends`.
     places : (P², 2R) float32
         The encoder's two descriptions of each place.
     query : (15, P, P) float32
