@@ -32,7 +32,7 @@ def main(folder: Path, small: bool = False) -> Path:
     with open_dem(cog) as dem:
         planner = WindowedPlanner(dem, workload("limit20"))
         plan = planner.plan(start, goal)
-        again = planner.reading().read_again
+        again = planner.read_again
     seconds, gigabytes = time.perf_counter() - began, resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * 1024e-9
 
     size = f"{side:,} x {side:,} cells: {seconds:.1f} s, {gigabytes:.2f} GB"

@@ -76,7 +76,6 @@ def _exercise_elevations(
         *(dem, 1.0, goal, limits, "dstar"),
         vehicle=vehicle,
         step_cost=step_cost,
-        also=("corridor-dstar",),
         model=network,
     )
     moving.move(start)
@@ -98,7 +97,7 @@ def _exercise_costs(network: NetworkModel) -> None:
     planner.prepare(landmarks=1, goals=[goal])
     for method in ("astar", "corridor", "nnpp"):
         planner.plan(start, goal, method=method, refine="any-angle")
-    moving = DynamicPlanner(cost, goal, also=tuple(DynamicMethod), model=network)
+    moving = DynamicPlanner(cost, goal, model=network)
     moving.prepare()
     for at, method in enumerate(DynamicMethod):
         for patch in (np.full((50, 32), 0.3 + 0.02 * at, np.float32), _read_only(cost[:1, :2])):

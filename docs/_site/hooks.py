@@ -34,7 +34,7 @@ API = {  # page: its title, what it says first, and the modules or names it show
     "large": (
         "Maps larger than memory",
         "A planner that reads its map by windows.",
-        "runtime.planners.windowed.WindowedPlanner runtime.planners.windowed.Reading runtime.terrain.windows",
+        "runtime.planners.windowed.WindowedPlanner runtime.terrain.windows",
     ),
     "robot": (
         "ROS maps and transports",

@@ -24,10 +24,10 @@ from nnpp_edge.runtime.map.along import Along
 from nnpp_edge.runtime.map.attitude import attitudes
 from nnpp_edge.runtime.memory import peak_bytes
 from nnpp_edge.runtime.network import loading
-from nnpp_edge.runtime.planners.methods import expects_network
-from nnpp_edge.runtime.planners.query import PlanOptions, Query, problem_with
+from nnpp_edge.runtime.planners.query import PlanOptions, problem_with
 from nnpp_edge.runtime.planners.refine import BodyLines
 from nnpp_edge.runtime.planners.windowed import WindowedPlanner
+from nnpp_edge.runtime.tuning import LARGE_MAP
 from nnpp_edge.terrain.dem import Dem, DemWindows
 from nnpp_edge.terrain.georeference import Place
 from nnpp_edge.terrain.route import Route
@@ -66,9 +66,8 @@ def plan_in_memory(request: PlanRequest, path: Path, robot: GroundOptions, *, dr
     with told_if_slow(f"reading {path}"):
         dem = robot.read(path)
     start, via, goals = _ends(request, dem)
-    apart = (Query(start, goal).apart for goal in goals)
-    expected = any(expects_network(request.method, dem.shape, request.model, each) for each in apart)
-    if (expected or request.method == "nnpp") and not by_poses:
+    may_ask = request.method == "nnpp" or (request.method == "auto" and max(dem.shape) >= LARGE_MAP)
+    if may_ask and not by_poses:
         loading.begin_loading(request.model)
     warn_if_not_square(dem)
     limits = robot.limits()
@@ -171,11 +170,10 @@ def plan_by_windows(request: PlanRequest, path: Path, robot: GroundOptions) -> A
         assert plan.along is not None
         route = Route(plan.path, plan.along, planner.costs.along(plan.path)[1], ground)
         factor, cost = planner.coarse_costs(_MOST_PIXELS)
-        reading = planner.reading()
         windows = {
-            "gigabytes": 1e-9 * reading.cells_read * ground.raster.dtype.itemsize,  # as they are stored
-            "read_again": reading.read_again,
-            "map_s": 1e-3 * reading.map_ms,
+            "gigabytes": 1e-9 * planner.costs.cells_read * ground.raster.dtype.itemsize,  # as they are stored
+            "read_again": planner.read_again,
+            "map_s": 1e-3 * planner.map_ms,
             "peak_memory_gb": 1e-9 * peak_bytes(),
         }
 

@@ -76,7 +76,7 @@ class Landscape:
         """Work of mending the path for the obstacles that came or went since `before`."""
         if self._mender is None or self._mender.goal != asked.goal:
             self._mender = DynamicPlanner(
-                self.ground, asked.goal, "dstar", also=("astar",), omega=self._weight, corner_cutting=self._cutting
+                self.ground, asked.goal, "dstar", omega=self._weight, corner_cutting=self._cutting
             )
             self._laid = {self.planner: self._laid[self.planner], self._mender: ()}
             self._mend(self._mender, asked, before)  # no mending that is timed waits for compiled code

@@ -43,12 +43,6 @@ def pool_planes(weights, stride, rows, cols, scale, offset, inner_rows, inner_co
 
 
 @helper
-def _detour(row, col, row_a, col_a, row_b, col_b, apart):
-    """How much longer the way from a to b, which lie so far apart, is by way of a point."""
-    return max(math.hypot(row - row_a, col - col_a) + math.hypot(row - row_b, col - col_b) - apart, 0.0)
-
-
-@helper
 def _end(out, row, col, spacing, sigma):
     """Where one end lies: the share that each point has in it, and the way to it from each."""
     size = out.shape[1]
@@ -78,7 +72,9 @@ def _between(out, row_a, col_a, row_b, col_b, spacing):
     apart = max(math.hypot(row_a - row_b, col_a - col_b), spacing)
     for i in range(size):
         for j in range(size):
-            detour = _detour(i * spacing + offset, j * spacing + offset, row_a, col_a, row_b, col_b, apart)
+            row, col = i * spacing + offset, j * spacing + offset
+            detour = math.hypot(row - row_a, col - col_a) + math.hypot(row - row_b, col - col_b) - apart
+            detour = max(detour, 0.0)
             out[0, i, j] = math.exp(-detour / (0.25 * apart))
             out[1, i, j] = detour / side
             out[2, i, j] = apart / side

@@ -201,7 +201,7 @@ def expand(grid, poses, edges, links, region, hints, ends, rule, memory, limits)
     memory : (g, meta, stamp, heads, entries, control, reals, counts, path)
         Of a `Workspace`, and the number of this search.
     limits : (most, until)
-        Expansions in this call, and a reading of the clock, see `clock.late`.
+        Expansions in this call, and a reading of the clock.
 
     Returns
     -------
@@ -401,20 +401,3 @@ def expand(grid, poses, edges, links, region, hints, ends, rule, memory, limits)
     if code != FULL:
         cells = trace(meta, goal if code == FOUND else counts[BEST_NODE], stride, path)
     return code, cells, expansions, refused
-
-
-@kernel
-def read_field(g, meta, stamp, stride, field):
-    """g of every cell of the map into `field`, inf where the search did not come."""
-    rows, cols = field.shape
-    for row in range(rows):
-        for col in range(cols):
-            node = (row + 1) * stride + col + 1
-            field[row, col] = g[2 * node] if meta[2 * node + 1] >> STAMP_SHIFT == stamp else np.inf
-
-
-@kernel
-def read_lane(g, meta, stamp, fields, lane):
-    """g of every node into one lane of the landmarks' fields, inf where the search did not come."""
-    for node in range(len(fields)):
-        fields[node, lane] = g[2 * node] if meta[2 * node + 1] >> STAMP_SHIFT == stamp else np.inf

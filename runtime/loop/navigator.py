@@ -34,7 +34,6 @@ from nnpp_edge.runtime.map.state import MapState
 from nnpp_edge.runtime.network.inference import NetworkModel
 from nnpp_edge.runtime.network.loading import begin_loading
 from nnpp_edge.runtime.planners.dynamic import DynamicPlanner
-from nnpp_edge.runtime.planners.plan import DynamicMethod
 
 _LOG = logging.getLogger(__name__)
 
@@ -95,7 +94,6 @@ class Navigator:
             ground,
             (0, 0),
             settings.method,
-            also=(DynamicMethod.CORRIDOR,),
             omega=settings.omega,
             corner_cutting=settings.corner_cutting,
             model=self.model,

@@ -1,8 +1,6 @@
 """Running a network on the CPU: an ONNX file with our metadata, through onnxruntime."""
 
 import functools
-import math
-import time
 from collections.abc import Callable
 from pathlib import Path
 
@@ -11,15 +9,12 @@ from numpy.typing import NDArray
 
 from nnpp_edge.runtime.arguments import checked, formerly
 from nnpp_edge.runtime.arrays import Float2D
-from nnpp_edge.runtime.deadline import Deadline, OutOfTimeError
 from nnpp_edge.runtime.errors import ModelError
 from nnpp_edge.runtime.network.encoding import Point, encode_gaussian
-from nnpp_edge.runtime.network.loading import ASK, OUTPUT, PLACES, LoadedModel, opened, places_in_rows
+from nnpp_edge.runtime.network.loading import ASK, OUTPUT, PLACES, LoadedModel, opened
 from nnpp_edge.runtime.network.model_file import QUERY_SPACING, model_path
 from nnpp_edge.runtime.network.place_head import PlaceHead
 from nnpp_edge.runtime.reading import refused_as
-
-_FORGET = 0.9
 
 
 @formerly(run="write answer(start, goal)", set_query="write answer(start, goal)")
@@ -86,7 +81,7 @@ class NetworkModel:
             return self._answer
         if anew or not self._encoded:
             self._infer()
-            self._head.places[:] = places_in_rows(self._outputs[PLACES])
+            self._head.describe(self._outputs[PLACES])
             self._encoded = True
         self._head.answer(start, goal, sigma, self.inputs["query"][0], self._answer)
         return self._answer
@@ -99,15 +94,6 @@ class NetworkModel:
     def in_parts(self) -> bool:
         """Whether the network describes the map by itself, before it knows the query."""
         return self._head is not None
-
-    def check_time(self, deadline: Deadline) -> None:
-        """OutOfTimeError where an answer needs a run, whose fastest so far took longer than there is time left.
-
-        Each time a tenth is taken off what is expected, so that one slow run does not count for ever.
-        """
-        if not self._encoded and deadline.left_s <= self._loaded.fastest_s:
-            self._loaded.fastest_s *= _FORGET
-            raise OutOfTimeError
 
     def _bind(self, loaded: LoadedModel) -> None:
         """Allocate inputs and outputs once, of the shapes that the metadata implies, and bind them."""
@@ -140,7 +126,5 @@ class NetworkModel:
             if loaded.identity != self._loaded.identity:
                 raise ModelError(f"{self.path}: wanted the file that was opened before a fork, got another")
             self._use_session(loaded)
-        began = time.perf_counter()
         with refused_as(ModelError, f"{self.path}: wanted an ONNX model, got one whose graph fails"):
             self.session.run_with_iobinding(self._binding)
-        self._loaded.fastest_s = min(time.perf_counter() - began, self._loaded.fastest_s or math.inf)

@@ -17,7 +17,6 @@ from weakref import WeakValueDictionary
 import numpy as np
 from numpy.typing import NDArray
 
-from nnpp_edge.runtime.arrays import Float2D
 from nnpp_edge.runtime.errors import ModelError, NnppEdgeError
 from nnpp_edge.runtime.kernels.encoding import ENDS_CHANNELS
 from nnpp_edge.runtime.kernels.place_head import ANSWERS
@@ -62,8 +61,6 @@ class LoadedModel:
     """Of a network in two parts."""
     process: int
     """That opened it."""
-    fastest_s: float = 0.0
-    """Of the session's fastest run, or less; 0 before the first."""
 
     def lacks_threads(self) -> bool:
         """Whether its session waits for threads that another process has, from which this one was forked."""
@@ -178,18 +175,13 @@ def _checked_head(path: Path, session: "InferenceSession", m: ModelMetadata, inp
     with refused_as(ModelError, f"{path}: wanted an ONNX model, got one whose graph fails"):
         found = session.run([OUTPUT, PLACES, HEAD], {"map": seen, "query": query, ASK: np.ones(1, np.bool_)})
     wanted, places, parameters = found
-    head = PlaceHead(parameters, m.head, side)
-    head.places[:] = places_in_rows(places)
+    head = PlaceHead(parameters := np.array(parameters, np.float32), m.head, side)
+    head.describe(places)
     head.answer(*asked, query[0], answer)
     in_place = wanted.reshape(2, 2, side, side).transpose(2, 0, 3, 1).reshape(answer.shape)
     if not np.abs(answer - in_place).max() <= _ROUNDING:
         raise ModelError(f"{path}: the head's parameters are not those of its graph")
-    return np.array(parameters, np.float32)
-
-
-def places_in_rows(places: NDArray[np.float32]) -> Float2D:
-    """The encoder's output, (1, 2R, P, P), as `PlaceHead.places` are: (P², 2R)."""
-    return places.reshape(places.shape[1], -1).T
+    return parameters
 
 
 def _after_fork() -> None:

@@ -32,19 +32,22 @@ def count_parameters(sizes: tuple[int, ...]) -> int:
 
 
 class PlaceHead:
-    """The head's parameters and scratch memory, for places in a square of `side`.
+    """The head of these sizes, for places in a square of `side`.
 
     `parameters` are (N,) float32, all of `parameter_shapes` in a row.
     """
 
     def __init__(self, parameters: Floats, sizes: tuple[int, ...], side: int) -> None:
-        relation, first, second = sizes
-        self.places: Floats = np.zeros((side * side, 2 * relation), np.float32)
-        """The encoder's two descriptions of each place."""
-        self._parameters, self._units = np.array(parameters, np.float32), (first, second)
-        self._scratch = np.empty(2 * side * side * relation + 3 * max(first, second, relation), np.float32)
+        relation, *units = sizes
+        self._parameters, self._units = parameters, tuple(units)
+        self._places: Floats = np.zeros((side * side, 2 * relation), np.float32)
+        self._scratch = np.empty((side * side + 1) * (3 * relation + sum(units) + ANSWERS), np.float32)
+
+    def describe(self, places: Floats) -> None:
+        """Take over the encoder's two descriptions of each place: (1, 2R, P, P) float32."""
+        self._places[:] = places.reshape(places.shape[1], -1).T
 
     def answer(self, start: Point, goal: Point, sigma: float, query: Floats, out: Floats) -> None:
-        """Probabilities, (2 · side, 2 · side) float32, into `out`, and into `query` what `encode_ends` writes."""
-        state = self.places, query, self._parameters, self._units, self._scratch
+        """Probabilities, (2P, 2P) float32, into `out`, and into `query` what `encode_ends` writes."""
+        state = self._places, query, self._parameters, self._units, self._scratch
         answer_ends((*start, *goal), float(QUERY_SPACING), sigma, *state, out)

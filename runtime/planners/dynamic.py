@@ -5,10 +5,8 @@ anew. Every method answers on the newest map; they differ in what they keep from
 """
 
 import math
-from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import replace
-from pathlib import Path
 from typing import Unpack
 
 import numpy as np
@@ -21,7 +19,6 @@ from nnpp_edge.runtime.deadline import NEVER, Deadline
 from nnpp_edge.runtime.errors import InvalidQueryError, Status
 from nnpp_edge.runtime.map.ground import Ground
 from nnpp_edge.runtime.memory import touch
-from nnpp_edge.runtime.network.inference import NetworkModel
 from nnpp_edge.runtime.planners.methods import Methods
 from nnpp_edge.runtime.planners.on_map import OnMap, PlannerOptions, one_at_a_time, split
 from nnpp_edge.runtime.planners.plan import DynamicMethod, Method, Plan, Source
@@ -89,25 +86,16 @@ class DynamicPlanner(OnMap):
 
     Parameters
     ----------
-    cost : (H, W) float, or Ground
-        As for `Planner`.
     goal : (row, col)
         A cell of the map.
     method : str
         One of `DynamicMethod`. ``auto`` picks at each step what is the fastest there, and says why: exact A* for a
         goal nearby, unless the way there is long; D* Lite in the corridor that stands, if little has changed and that
         lies near the start; else a new corridor.
-    also : sequence of str
-        Other methods that `replan` may be asked for. What none of them needs is not kept.
     refine : str
-        As for `Planner.plan`, of every plan.
-    cell_size_m, **options
-        As for `Planner`.
-
-    Raises
-    ------
-    InvalidMapError, InvalidQueryError
-        As for `Planner`; or there is no such method; or the goal is outside the map.
+        As in `PlanOptions`, of every plan.
+    cost, cell_size_m, **options
+        As for `Planner`, as errors are; or there is no such method, or the goal is outside the map.
 
     Examples
     --------
@@ -131,13 +119,11 @@ class DynamicPlanner(OnMap):
         goal: Cell,
         method: str = DynamicMethod.AUTO,
         *,
-        also: Sequence[str] = (),
         refine: str | None = None,
         cell_size_m: float | None = None,
         **options: Unpack[PlannerOptions],
     ) -> None:
-        self.method = DynamicMethod.named(method)
-        self.methods = frozenset((self.method, *map(DynamicMethod.named, also)))
+        self.method = DynamicMethod(method)
         self._start: Cell | None = None
         self._standing: Plan | None = None
         super().__init__(cost, cell_size_m, options, tell_unknown=True)
@@ -153,21 +139,21 @@ class DynamicPlanner(OnMap):
         traversability: Traversability | None = None,
         method: str = DynamicMethod.AUTO,
         *,
-        also: Sequence[str] = (),
         refine: str | None = None,
         **options: Unpack[PlannerOptions],
     ) -> "DynamicPlanner":
         """A planner of elevations, as `Planner.of_elevation`; with a vehicle, over its poses."""
         own, rest = split(options)
         ground = Ground.of_elevation(dem, cell_size_m, traversability, **own)
-        return cls(ground, goal, method, also=also, refine=refine, **rest)
+        return cls(ground, goal, method, refine=refine, **rest)
 
-    def _make(self, unseen_change: float = UNSEEN_CHANGE) -> None:
+    def _make(self) -> None:
         """Of a standing path's plan nothing but its bound is forgotten."""
-        super()._make(unseen_change)
+        super()._make()
+        self._methods.regions.unseen_change = UNSEEN_CHANGE
         self._path = StandingPath(self._state)
         self._chooser = DynamicChooser(self._methods, self._path)
-        if not self._only_whole_map:
+        if not self.method.whole_map:
             _ = self._methods.descent  # pooled now, so that the first plan does not wait for it
         if (standing := self._standing) is not None and tuple(standing.path[-1]) == self._goal:
             with suppress(InvalidQueryError):  # it may not be walkable any more
@@ -179,7 +165,7 @@ class DynamicPlanner(OnMap):
 
     def __getstate__(self) -> dict[str, object]:
         """The map, the model, the ends, and the standing path: a copy begins anew with these."""
-        own = {name: getattr(self, name) for name in ("_refinement", "_start", "_goal", "method", "methods")}
+        own = {name: getattr(self, name) for name in ("_refinement", "_start", "_goal", "method")}
         return super().__getstate__() | own | {"_standing": self._path.plan}
 
     @property
@@ -204,10 +190,6 @@ class DynamicPlanner(OnMap):
     def _changed(self) -> None:
         self._path.catch_up()
 
-    def _use_model(self, model: str | Path | NetworkModel) -> None:
-        if not self._only_whole_map:  # else none is asked
-            super()._use_model(model)
-
     @one_at_a_time
     def first_blocked(self, path: NDArray[np.int32]) -> int:
         """Number of the first cell of a path (N, 2) inside the map that cannot be stepped on now; -1 if all can."""
@@ -229,41 +211,29 @@ class DynamicPlanner(OnMap):
 
     @one_at_a_time
     def prepare(self) -> None:
-        """Do now what the first answer would else do: set D* Lite up, load the network and show it the map.
+        """Do now what the first answer would else do: pool the map, set D* Lite up, show the network the map.
 
         The system is made to back all of the planner's arrays with memory, so that no later answer waits for that.
         """
         touch(self._methods.astar.workspace, self._path)
-        if DynamicMethod.DSTAR in self.methods:
-            self._methods.prepare_to_mend_map(self._goal)
-        if self._only_whole_map:
-            return
         self._methods.descent.touch()
-        if any(method.mends_regions for method in self.methods):
+        if self.method is DynamicMethod.DSTAR:
+            self._methods.prepare_to_mend_map(self._goal)
+        if self.method.mends_regions:
             self._methods.mender.prepare(self._goal)
-        if any(method.base is Method.NNPP for method in self.methods):
+        if self.method.base is Method.NNPP:
             self._methods.load_network()
 
     @checked(InvalidQueryError)
+    @one_at_a_time
     def replan(
         self, *, method: str | None = None, time_limit_s: float = math.inf, keep_regions: bool = False
     ) -> Plan:
         """A path from where the robot is to the goal, on the map as it is now.
 
-        Parameters
-        ----------
-        method : str
-            Instead of the planner's own; one of those that it was made for.
-        time_limit_s : float
-            After this the status is TIMEOUT. A network's answer is waited for.
-        keep_regions : bool
-            As for `Planner.plan`.
-
-        Returns
-        -------
-        Plan
-            Its path, where the status is OK, leads over passable cells of the newest map. Regions that fail are
-            widened, then the whole map is searched: NO_PATH means that there is none.
+        The path of a plan that is OK leads over passable cells of the newest map. Regions that fail are widened, then
+        the whole map is searched: NO_PATH means that there is none. `method` stands in for the planner's own, for
+        which alone `prepare` does all there is to do; time and regions as in `PlanOptions`.
 
         Raises
         ------
@@ -272,14 +242,7 @@ class DynamicPlanner(OnMap):
         ModelError
             The network is needed and cannot be loaded.
         """
-        return self._replan(Work(), method, time_limit_s, keep_regions)
-
-    @one_at_a_time
-    def _replan(self, work: Work, method: str | None, time_limit_s: float, keep_regions: bool) -> Plan:
-        wanted = self.method if method is None else DynamicMethod.named(method)
-        if wanted not in self.methods:
-            known = ", ".join(sorted(self.methods))
-            raise InvalidQueryError(f"method must be one that the planner was made for ({known}), got {wanted}")
+        work, wanted = Work(), self.method if method is None else DynamicMethod(method)
         query = Query.of(self._where(), self._goal, Deadline.within(time_limit_s))
 
         def find() -> tuple[Found, DynamicMethod, str]:
@@ -303,11 +266,6 @@ class DynamicPlanner(OnMap):
 
     def _refined(self, plan: Plan, deadline: Deadline) -> Plan:
         return plan if self._refinement is None else self._refiner.refined(plan, deadline=deadline)
-
-    @property
-    def _only_whole_map(self) -> bool:
-        """Whether no method needs coarse levels."""
-        return all(method.whole_map for method in self.methods)
 
     def _where(self) -> Cell:
         if self._start is None:

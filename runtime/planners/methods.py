@@ -32,54 +32,31 @@ from nnpp_edge.runtime.tuning import (
 
 _MEASURED = "edge"
 """The network that the figures are of."""
+_UNASKED = "no network is asked for a vehicle's body: the corridor is as fast, closer to optimal"
 
 
-class MethodChooser:
-    """Picks methods on maps of one shape, for a network that ``nnpp`` would use, and for a vehicle's body or not."""
+def pick_method(
+    shape: tuple[int, int], model: str | Path | NetworkModel, has_body: bool, apart: int
+) -> tuple[Method, str]:
+    """The method that ``auto`` picks on a map of this shape for a goal `apart` cells away, and why.
 
-    def __init__(self, shape: tuple[int, int], model: str | Path | NetworkModel, has_body: bool = False) -> None:
-        self._shape, self._model, self._has_body = shape, model, has_body
-
-    def choose(self, method: str, query: Query) -> tuple[Method, str]:
-        """The method of that name, for ``auto`` the one to pick and why; InvalidQueryError for another name."""
-        try:
-            wanted = Method(method)
-        except ValueError:
-            raise InvalidQueryError(f"method must be one of {', '.join(Method)}, got {method!r}") from None
-        if wanted is Method.NNPP and self._has_body:
-            return wanted, "no network is asked for a vehicle's body: the corridor is as fast, closer to optimal"
-        return (wanted, "") if wanted is not Method.AUTO else self.pick(query.apart)
-
-    def pick(self, apart: int) -> tuple[Method, str]:
-        """Method and reason for a goal `apart` cells away, as the king moves."""
-        if apart < NEAR:
-            return Method.ASTAR, f"the goal is less than {NEAR} cells away"
-        if self._has_body:
-            return Method.CORRIDOR, "for a body as fast as exact search on small maps, faster on large ones"
-        model = self._model.path if isinstance(self._model, NetworkModel) else self._model
-        if max(self._shape) >= LARGE_MAP and apart >= FAR and Path(model).stem == _MEASURED:
-            return Method.NNPP, f"the fastest from {FAR} cells on, on a large map"
-        return Method.CORRIDOR, "as fast as the learned region, closer to optimal"
-
-
-def expects_network(method: str, shape: tuple[int, ...], model: str | Path | NetworkModel, apart: int) -> bool:
-    """Whether a plan by `method` to a goal `apart` cells away is expected to ask the network.
-
-    `shape` is the map's; for one that is no map ``auto`` is not expected to.
+    `model` is the network that ``nnpp`` would use.
     """
     if apart < NEAR:
-        return False
-    if method == Method.AUTO and len(shape) == 2:
-        method, _ = MethodChooser((shape[0], shape[1]), model).pick(apart)
-    return method == Method.NNPP
+        return Method.ASTAR, f"the goal is less than {NEAR} cells away"
+    if has_body:
+        return Method.CORRIDOR, "for a body as fast as exact search on small maps, faster on large ones"
+    model = model.path if isinstance(model, NetworkModel) else model
+    if max(shape) >= LARGE_MAP and apart >= FAR and Path(model).stem == _MEASURED:
+        return Method.NNPP, f"the fastest from {FAR} cells on, on a large map"
+    return Method.CORRIDOR, "as fast as the learned region, closer to optimal"
 
 
 class Methods:
     """Finds paths on one map. Serves one thread at a time.
 
     Every method returns a path that is good enough for the query, and adds what that takes to `work`. OutOfTimeError
-    where time was up before a search of the map could begin. `model` and `ask_from` as in `PlannerOptions`,
-    `unseen_change` as for `MapView`.
+    where time was up before a search of the map could begin. `model` and `ask_from` as in `PlannerOptions`.
     """
 
     @checked(InvalidQueryError)
@@ -88,14 +65,12 @@ class Methods:
         state: MapState,
         model: str | Path | NetworkModel = "edge",
         ask_from: int = NEAR,
-        unseen_change: float = 0.0,
     ) -> None:
         self.state, self._ask_from = state, ask_from
         self.has_poses = state.grid.steps.by_poses
         """Whether a vehicle's poses are searched."""
         self.astar = AStarSearcher(state)
-        self.regions = LearnedRegions(state, model, unseen_change)
-        self.chooser = MethodChooser(state.shape, model, self.has_poses)
+        self.regions = LearnedRegions(state, model)
         self._dstar: DStarLite | None = None
 
     @cached_property
@@ -124,13 +99,19 @@ class Methods:
             model = NetworkModel(model)
             model.try_out()
         self.regions.use_model(model)
-        self.chooser = MethodChooser(self.state.shape, model, self.has_poses)
         return model
 
     def load_network(self) -> None:
         """Load the network now, and show it the map; ModelError if it cannot be loaded. With poses none is asked."""
         if not self.has_poses:
             self.regions.prepare(self.state.pyramid.levels[self._network_level], self._network_level)
+
+    def choose(self, method: str, query: Query) -> tuple[Method, str]:
+        """The method of that name, for ``auto`` the one to pick and why; InvalidQueryError for another name."""
+        if (wanted := Method(method)) is Method.AUTO:
+            return pick_method(self.state.shape, self.regions.model, self.has_poses, query.apart)
+        unasked = wanted is Method.NNPP and self.has_poses
+        return wanted, _UNASKED if unasked else ""
 
     def find(self, method: Method | DynamicMethod, query: Query, work: Work) -> Found:
         """A path by a method that is not ``auto``."""

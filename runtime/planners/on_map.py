@@ -4,8 +4,8 @@ import functools
 import math
 from collections.abc import Callable
 from pathlib import Path
-from threading import get_ident
-from typing import Concatenate, ParamSpec, Protocol, TypeVar, cast
+from threading import RLock
+from typing import Concatenate, ParamSpec, TypeVar, cast
 
 import numpy as np
 from numpy.typing import NDArray
@@ -30,62 +30,37 @@ P = ParamSpec("P")
 R = TypeVar("R")
 
 
-class Turns(dict[str, tuple[int]]):
-    """The thread that is at work in a planner, and whether a call was broken off.
-
-    A call that ends with an error of ours has changed nothing or finished what it changed. Any other exception, such
-    as a KeyboardInterrupt, may have come between two steps that belong together.
-    """
-
-    broken_off = False
-    """Whether what the planner keeps may be half written."""
-
-    def not_first(self, mine: tuple[int]) -> None:
-        """Somebody is at work: refuse another thread. This one was broken off before it could say so."""
-        if self.get("thread", mine) != mine:
-            raise ConcurrentUseError(
-                "wanted one call at a time, got one while another thread's is at work: give each thread a planner of "
-                "its own (and make a planner anew whose call was broken off in another thread)"
-            )
-        self.broken_off = True
-
-
-class TakesTurns(Protocol):
-    """A planner."""
-
-    @property
-    def _turns(self) -> Turns: ...
-
-    def _begin_anew(self) -> None:
-        """Make anew from the map's weights all that may be half written."""
-
-
-S = TypeVar("S", bound=TakesTurns)
+S = TypeVar("S", bound="OnMap")
 
 
 def one_at_a_time(method: Callable[Concatenate[S, P], R]) -> Callable[Concatenate[S, P], R]:
     """A planner's method that is refused while a call of another thread is at work.
 
-    After a call that was broken off the planner begins anew first. Such methods must not call one another.
+    A call that ends with an error of ours has changed nothing or finished what it changed. Any other exception, such
+    as a KeyboardInterrupt, may have come between two steps that belong together: the next call begins anew first.
+    Such methods must not call one another.
     """
 
     @functools.wraps(method)
     def guarded(self: S, /, *args: P.args, **kwargs: P.kwargs) -> R:
-        turns, mine = self._turns, (get_ident(),)
-        if turns.setdefault("thread", mine) is not mine:  # one step, which nothing can come between
-            turns.not_first(mine)
+        if not self._turn.acquire(blocking=False):
+            raise ConcurrentUseError(
+                "wanted one call at a time, got one while another thread's is at work: give each thread a planner of "
+                "its own (and make a planner anew whose call was broken off in another thread)"
+            )
         try:
-            if turns.broken_off:
+            if self._half_done:
                 self._begin_anew()
-                turns.broken_off = False
-            return method(self, *args, **kwargs)
-        except NnppEdgeError:
-            raise
-        except BaseException:
-            turns.broken_off = True
-            raise
+            self._half_done = True
+            try:
+                result = method(self, *args, **kwargs)
+            except NnppEdgeError:
+                self._half_done = False
+                raise
+            self._half_done = False
+            return result
         finally:
-            turns.clear()
+            self._turn.release()
 
     return guarded
 
@@ -130,14 +105,14 @@ class OnMap:
         if isinstance(cost, Ground) and (own or cell_size_m is not None):
             raise InvalidQueryError(f"with a Ground wanted its own {', '.join(own) or 'cell_size_m'}, got another")
         ground = cost if isinstance(cost, Ground) else Ground(cost, cell_size_m=cell_size_m, **own)
-        self._turns = Turns()
+        self._turn, self._half_done = RLock(), False
         self._model, self._ask_from = rest.pop("model", "edge"), rest.pop("ask_from", NEAR)
         self._state: MapState = map_state(ground, tell_unknown=tell_unknown, **rest)  # type: ignore[misc]  # what is left
         self._make()
 
-    def _make(self, unseen_change: float = 0.0) -> None:
+    def _make(self) -> None:
         """Make from the map all that is kept beside it."""
-        self._methods = Methods(self._state, self._model, self._ask_from, unseen_change)
+        self._methods = Methods(self._state, self._model, self._ask_from)
         self._refiner = Refiner(self._state)
 
     def _begin_anew(self) -> None:
@@ -149,7 +124,7 @@ class OnMap:
         return {name: getattr(self, name) for name in ("_state", "_model", "_ask_from")}
 
     def __setstate__(self, state: dict[str, object]) -> None:
-        self.__dict__.update(state, _turns=Turns())
+        self.__dict__.update(state, _turn=RLock(), _half_done=False)
         self._make()
 
     @property
@@ -180,8 +155,7 @@ class OnMap:
         row, col : int
             Where the patch's first cell goes.
         patch : (h, w) float
-            New costs; must lie inside the map. NaN is impassable on a map of costs, and tells a map of elevations
-            nothing.
+            New costs. NaN is impassable on a map of costs, and tells a map of elevations nothing.
         seen : (h, w) bool
             The cells that get new costs; by default all.
 
@@ -193,8 +167,7 @@ class OnMap:
         Raises
         ------
         InvalidMapError, InvalidQueryError
-            The patch does not lie inside the map, or holds a cost out of range; row or column is no whole number. The
-            map is as it was.
+            The patch does not lie inside the map, or holds a cost out of range; then the map is as it was.
         """
         change = self._state.update(row, col, patch, _mask(seen, patch))
         self._changed()
@@ -221,9 +194,6 @@ class OnMap:
 
         ModelError where that fails: the old one stays.
         """
-        self._use_model(model)
-
-    def _use_model(self, model: str | Path | NetworkModel) -> None:
         self._model = self._methods.use_model(model)
 
     @one_at_a_time

@@ -3,10 +3,10 @@
 import math
 from dataclasses import dataclass, field, replace
 from enum import StrEnum
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NoReturn
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
 from nnpp_edge.runtime.arrays import headings_along
 from nnpp_edge.runtime.errors import InvalidQueryError, Status
@@ -20,8 +20,14 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
 
-class Method(StrEnum):
-    """How to plan."""
+class _Named(StrEnum):
+    @classmethod
+    def _missing_(cls, value: object) -> NoReturn:
+        raise InvalidQueryError(f"method must be one of {', '.join(cls)}, got {value!r}")
+
+
+class Method(_Named):
+    """How to plan; InvalidQueryError for another name, as of `DynamicMethod`."""
 
     AUTO = "auto"
     ASTAR = "astar"
@@ -29,7 +35,7 @@ class Method(StrEnum):
     NNPP = "nnpp"
 
 
-class DynamicMethod(StrEnum):
+class DynamicMethod(_Named):
     """How to plan anew on a map that changes."""
 
     AUTO = "auto"
@@ -46,14 +52,6 @@ class DynamicMethod(StrEnum):
     NNPP_DSTAR = "nnpp-dstar"
     """The network's region of the present start, and inside it the same; with a body as ``nnpp``."""
 
-    @classmethod
-    def named(cls, name: str) -> "DynamicMethod":
-        """The method of that name; InvalidQueryError if there is none."""
-        try:
-            return cls(name)
-        except ValueError:
-            raise InvalidQueryError(f"method must be one of {', '.join(cls)}, got {name!r}") from None
-
     @property
     def whole_map(self) -> bool:
         """Whether the whole map is searched, without coarse levels."""
@@ -62,16 +60,12 @@ class DynamicMethod(StrEnum):
     @property
     def mends_regions(self) -> bool:
         """Whether D* Lite is kept for regions."""
-        return self in (DynamicMethod.CORRIDOR_DSTAR, DynamicMethod.NNPP_DSTAR, DynamicMethod.AUTO)
+        return self is DynamicMethod.AUTO or self.endswith("-dstar")
 
     @property
     def base(self) -> Method:
         """The method of each step, whatever is kept from one to the next."""
-        if self in (DynamicMethod.NNPP, DynamicMethod.NNPP_DSTAR):
-            return Method.NNPP
-        if self in (DynamicMethod.CORRIDOR, DynamicMethod.CORRIDOR_DSTAR):
-            return Method.CORRIDOR
-        return Method.AUTO if self is DynamicMethod.AUTO else Method.ASTAR
+        return Method.ASTAR if self is DynamicMethod.DSTAR else Method(self.removesuffix("-dstar"))
 
 
 class Source(StrEnum):
@@ -236,18 +230,9 @@ class Plan:
             "timings_ms": {stage: round(ms, 3) for stage, ms in self.timings_ms.items()},
         }
 
-    def plot(self, ax: "Axes | None" = None, *, background: ArrayLike | None = None) -> "Axes":
-        """Draw the path, and the region where it was kept, with matplotlib, a cell a unit.
-
-        Parameters
-        ----------
-        ax : matplotlib Axes
-            Where to; by default those of a new figure, which are returned.
-        background : (H, W) float, or (H, W, 3) or (H, W, 4) picture
-            Drawn below: costs, say, or elevations. A plan holds no map. InvalidMapError for another shape.
-        """
-        title = f"{self.status}: {self.planner or self.method}"
-        return draw(self.line, self.region, title, ax, background)
+    def plot(self, ax: "Axes | None" = None) -> "Axes":
+        """Draw the path, and the region where it was kept, with matplotlib, a cell a unit; by default on new axes."""
+        return draw(self.line, self.region, f"{self.status}: {self.planner or self.method}", ax)
 
     def __str__(self) -> str:
         """Its figures, a line each."""

@@ -6,10 +6,8 @@ from io import StringIO
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import ArrayLike
 
-from nnpp_edge.runtime.arrays import unmasked
-from nnpp_edge.runtime.errors import InvalidMapError, MissingExtraError, optional_module
+from nnpp_edge.runtime.errors import MissingExtraError, optional_module
 from nnpp_edge.runtime.map.along import Line
 from nnpp_edge.runtime.map.region import Region
 
@@ -42,28 +40,19 @@ def html_of(rows: Mapping[str, object], line: Line, region: Region | None) -> st
     )
 
 
-def draw(
-    line: Line, region: Region | None, title: str, axes: "Axes | None" = None, background: ArrayLike | None = None
-) -> "Axes":
+def draw(line: Line, region: Region | None, title: str, axes: "Axes | None" = None) -> "Axes":
     """Draw a line, (N, 2), with its ends; see `Plan.plot`."""
-    ground = None if background is None else unmasked(background)
-    if ground is not None and not (ground.ndim == 2 or (ground.ndim == 3 and ground.shape[2] in (3, 4))):
-        raise InvalidMapError(f"background must be (H, W), or a picture (H, W, 3) or (H, W, 4), got {ground.shape}")
     if axes is None:
         axes = optional_module("matplotlib.pyplot", "plan.plot()", "viz").subplots(layout="constrained")[1]
     drawn: Axes = axes
-    if ground is not None:
-        picture = np.where(np.isfinite(ground), ground, np.nan) if ground.ndim == 2 else ground
-        drawn.imshow(picture, cmap="gray", interpolation="nearest")
     if region is not None:
-        inside = region.mask()
-        drawn.imshow(np.where(inside, 1.0, np.nan), cmap="cool", vmin=1.0, vmax=2.0, alpha=0.35)
+        drawn.imshow(np.where(region.mask(), 1.0, np.nan), cmap="cool", vmin=1.0, vmax=2.0, alpha=0.35)
     if len(line):
         drawn.plot(line[:, 1], line[:, 0], color=_RIM, linewidth=3.5)
         drawn.plot(line[:, 1], line[:, 0], color=_PATH, linewidth=2.0, label="path")
         drawn.plot(line[0, 1], line[0, 0], "s", color=_START, markeredgecolor=_RIM, label="start")
         drawn.plot(line[-1, 1], line[-1, 0], "*", color=_GOAL, markeredgecolor=_RIM, markersize=12, label="end")
     drawn.set(xlabel="column", ylabel="row", title=title, aspect="equal")
-    if ground is None and region is None and not drawn.yaxis_inverted():
+    if not drawn.yaxis_inverted():
         drawn.invert_yaxis()  # rows go down
     return drawn

@@ -59,7 +59,7 @@ class PlanOptions(TypedDict, total=False):
     time_limit_s: float
     """After this the status is TIMEOUT, with the path as far as a search of the map had come; inf by default. What
     has been made ready of the map by then is kept, so that the next query comes further. Neither loading a network
-    nor running it can be stopped: a run is not begun where its fastest so far took longer than is left."""
+    nor running it can be stopped."""
     keep_regions: bool
     """Whether the plan says in what region it was found; copied after the clock has stopped."""
     refine: str | None
@@ -86,8 +86,6 @@ _wishes: Callable[..., Wishes] = checked(InvalidQueryError)(Wishes)
 
 def options_of(**options: object) -> Wishes:
     """From keywords; InvalidQueryError for a value of another kind."""
-    if "price" in options:  # for one release
-        raise InvalidQueryError("price is gone, as a vehicle's corridor has one only: leave it out")
     return _wishes(**options)
 
 

@@ -7,7 +7,7 @@ what lies under the last corridor is read again, and searched at full resolution
 import math
 from collections.abc import Callable, Generator, Iterable, Sequence
 from contextlib import closing
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -48,18 +48,6 @@ class VirtualWorkspace(Workspace):
         self.g, self.meta, self._searches = state.view(np.float32), state, [0]
 
 
-@dataclass(frozen=True)
-class Reading:
-    """Counts of what planning by windows has read."""
-
-    cells_read: int
-    """Heights; those that were read again are counted again."""
-    read_again: float
-    """Heights read again, as a share of the map's cells."""
-    map_ms: float
-    """Milliseconds for reading all heights once and making the coarse levels."""
-
-
 class WindowedPlanner:
     """Plans by the corridor method on a map that is read by windows. Serves one thread at a time.
 
@@ -69,8 +57,6 @@ class WindowedPlanner:
 
     Parameters
     ----------
-    heights : HeightWindows
-        Of the map.
     traversability, omega, corner_cutting, mobility
         As for `Planner.of_elevation`.
     progress : callable
@@ -103,7 +89,8 @@ class WindowedPlanner:
             workspace = VirtualWorkspace(len(self._map.grid.weights))
             self._descent = CoarseToFine(self._map, workspace)
         self._corridor = CorridorCells(self._map, self.costs, workspace)
-        self._map_ms = watch.total_ms()
+        self.map_ms = watch.total_ms()
+        """Milliseconds for reading all heights once and making the coarse levels."""
 
     @property
     def shape(self) -> tuple[int, int]:
@@ -124,11 +111,11 @@ class WindowedPlanner:
         """Whether there is a cell to stand on."""
         return math.isfinite(self._map.grid.least)
 
-    def reading(self) -> Reading:
-        """Counts so far."""
+    @property
+    def read_again(self) -> float:
+        """Heights that were read again so far, as a share of the map's cells."""
         rows, cols = self.shape
-        cells = self.costs.cells_read
-        return Reading(cells, cells / (rows * cols) - 1.0, self._map_ms)
+        return self.costs.cells_read / (rows * cols) - 1.0
 
     def plan(self, start: Cell, goal: Cell, *, epsilon: float = math.inf, time_limit_s: float = math.inf) -> Plan:
         """A path from start to goal.

@@ -67,12 +67,8 @@ def astar(
 
     Parameters
     ----------
-    grid, workspace
-        The map, and scratch memory of its size.
     start, goal : (row, col)
-        Passable cells; with a region, cells inside it.
-    region : Region
-        Search only there.
+        Passable cells; with a region, which alone is searched, cells inside it.
     links : (nodes,) uint8
         The directions in which each cell may be left, as bits; by default all.
     hints
@@ -158,8 +154,7 @@ def _settling(
 def cost_field(grid: Grid, source: Cell, workspace: Workspace) -> Float2D:
     """Cost of the cheapest path from a passable cell to every other: (H, W) float32, inf where there is none."""
     settle_all(grid, source, workspace)
-    field = np.empty(grid.shape, np.float32)
-    kernels.read_field(workspace.g, workspace.meta, workspace.stamp, grid.stride, field)
+    field = workspace.costs().reshape(-1, grid.stride)[1 : grid.rows + 1, 1 : grid.cols + 1]
     return grid.steps.with_heights(field, source)
 
 

@@ -9,8 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from nnpp_edge.runtime.cells import Cell
-from nnpp_edge.runtime.kernels.expansion import LANES, read_lane
-from nnpp_edge.runtime.kernels.nodes import STAMP_SHIFT
+from nnpp_edge.runtime.kernels.expansion import LANES
 from nnpp_edge.runtime.map.grid import Grid
 from nnpp_edge.runtime.search.astar import Hints, Links, settle_all
 from nnpp_edge.runtime.search.workspace import Workspace
@@ -38,11 +37,9 @@ class Landmarks:
 
     def add(self, cell: Cell) -> None:
         """Set a landmark at a passable cell: one search of the whole map."""
-        ws, lane = self._workspace, len(self.cells)
-        settle_all(self._grid, cell, ws, self._links)
-        read_lane(ws.g, ws.meta, ws.stamp, self.fields, lane)
+        settle_all(self._grid, cell, self._workspace, self._links)
+        self.fields[:, len(self.cells)] = costs = self._workspace.costs()
         self.cells.append(cell)
-        costs = self.fields[:, lane]
         self._slack = max(self._slack, _ROUNDING * float(costs.max(where=np.isfinite(costs), initial=0.0)))
 
     def spread(self, count: int) -> None:
@@ -54,14 +51,14 @@ class Landmarks:
         """
         if len(self.cells) >= (count := min(count, LANES)):
             return
-        grid, ws = self._grid, self._workspace
+        grid = self._grid
         grid.complete()
         connected = np.isfinite(grid.weights)
         if self.cells:
             connected &= np.isfinite(self.fields[:, 0])
         elif (middle := _nearest(connected, grid, 0.5, 0.5)) is not None:
-            settle_all(grid, middle, ws, self._links)
-            connected = ws.meta[1::2] >> STAMP_SHIFT == ws.stamp
+            settle_all(grid, middle, self._workspace, self._links)
+            connected = np.isfinite(self._workspace.costs())
         for spot in _RIM:
             if len(self.cells) == count:
                 return

@@ -69,6 +69,10 @@ class Workspace:
         state = self.g, self.meta, self.stamp
         return *state, self.heads, self.entries, self.control, self.reals, self.counts, self.path
 
+    def costs(self) -> NDArray[np.float32]:
+        """(nodes,) g of the newest search; inf where it did not come."""
+        return np.where(self.meta[1::2] >> STAMP_SHIFT == self.stamp, self.g[::2], np.float32(np.inf))
+
     def next_stamp(self) -> int:
         """Number of a new search; all nodes read as unvisited to it."""
         if self.stamp == LAST_STAMP:

@@ -36,7 +36,7 @@ for shape in ((30, 30), (1, 60), (260, 230), (600, 530), (1100, 60)):
             search.plan((0, 1))
     vehicle, inner = Vehicle(2.2, 2.2, 1.0, max_tilt_deg=60.0), ((9, 9), (shape[0] - 10, shape[1] - 10))
     for body, ends in ((None, (start, goal)), (vehicle, inner)) if min(shape) > 1 else ():
-        more = {"method": "dstar", "vehicle": body, "step_cost": "linear", "also": ("corridor-dstar", "nnpp")}
+        more = {"method": "dstar", "vehicle": body, "step_cost": "linear"}
         planner = DynamicPlanner.of_elevation(dem, 1.0, ends[1], **more)
         planner.move(ends[0])
         for method in ("dstar", "corridor-dstar", "nnpp"):

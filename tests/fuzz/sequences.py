@@ -41,14 +41,11 @@ def generate(rng: random.Random, place: Place = NOWHERE, most_side: int = 40) ->
     cost[numbers.random(cost.shape) < rng.choice((0.0, 0.1, 0.3))] = np.inf
     dynamic = rng.random() < 0.75
     method = rng.choice(list(DynamicMethod)).value if dynamic else ""
-    also = tuple(other.value for other in DynamicMethod if rng.random() < 0.4) if dynamic else ()
     steps: list[Step] = []
     for _ in range(rng.choice((4, 10, 25))):
-        step = _step(rng, numbers, rows, cols, step_cost, (method, *also) if dynamic else METHODS)
+        step = _step(rng, numbers, rows, cols, step_cost, tuple(DynamicMethod) if dynamic else METHODS)
         steps.append(("interrupted", (step, int(10 ** rng.uniform(0.0, 2.8)))) if rng.random() < 0.3 else step)
-    return Case(
-        cost=cost, step_cost=step_cost, corner_cutting=rng.random() < 0.5, method=method, also=also, steps=steps
-    )
+    return Case(cost=cost, step_cost=step_cost, corner_cutting=rng.random() < 0.5, method=method, steps=steps)
 
 
 def _step(
@@ -146,7 +143,7 @@ class Driver:
         settings = {"step_cost": case.step_cost, "corner_cutting": case.corner_cutting, "model": self.place.model}
         if not case.method:
             return Planner(cost, ask_from=0, **settings)
-        planner = DynamicPlanner(cost, self.goal, case.method, also=case.also, **settings)
+        planner = DynamicPlanner(cost, self.goal, case.method, **settings)
         planner.move(self.start)
         return planner
 
@@ -237,7 +234,7 @@ class Driver:
 def check(case: Case, place: Place = NOWHERE) -> Problem | None:
     """Do all steps; in the end ask once more by each exact method."""
     driver = Driver(case, place)
-    last = [("plan", (name, math.inf, 0.0)) for name in ({case.method, *case.also} if case.method else ("astar",))]
+    last = [("plan", (name, math.inf, 0.0)) for name in (tuple(DynamicMethod) if case.method else ("astar",))]
     for step in (*case.steps, *last):
         told = f"at {step}, interrupted at {driver.interrupted}"
         try:

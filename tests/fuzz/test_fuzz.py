@@ -251,9 +251,9 @@ def test_an_interrupt_comes_where_a_signal_could_come():
 def test_the_judge_of_sequences_sees_a_planner_that_forgets_a_patch(monkeypatch):
     wall = np.full((1, 6), np.inf, np.float32)
     steps = (("update", (3, 0, wall)), ("plan", ("dstar", np.inf, np.inf)))
-    case = Case(
-        cost=np.full((6, 6), 0.5, np.float32), step_cost="paper", corner_cutting=True, method="dstar", also=()
-    ).but(steps=steps)
+    case = Case(cost=np.full((6, 6), 0.5, np.float32), step_cost="paper", corner_cutting=True, method="dstar").but(
+        steps=steps
+    )
     assert sequences.check(case) is None
     monkeypatch.setattr("nnpp_edge.runtime.DynamicPlanner.update", lambda self, row, col, patch: 0)
     found = sequences.check(case)

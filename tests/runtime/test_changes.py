@@ -62,7 +62,7 @@ def test_a_planner_that_is_asked_at_any_time_answers_as_the_map_is(
     start, goal = random_cell(rng, shape), random_cell(rng, shape)
     model = {"step_cost": step_cost, "corner_cutting": corner_cutting}
     with replaced.object(state_module, "ChangeLog", partial(ChangeLog, most)):
-        planner = DynamicPlanner(cost, goal, "auto", also=tuple(DynamicMethod), model=network, **model)
+        planner = DynamicPlanner(cost, goal, "auto", model=network, **model)
     eager = DynamicPlanner(cost, goal, "astar", **model)
     both, alike = (planner, eager), False
     for step in ("move", *steps, *ASKED):

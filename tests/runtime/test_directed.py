@@ -105,7 +105,7 @@ def test_d_star_lite_equals_dijkstra_after_every_patch_and_the_standing_path_kno
     for seed, name, case in cases(max(MAPS // 4, 8), 24, 4):
         rng, model, start = np.random.default_rng([seed, 1]), MOBILITY.model(name), case.start
         methods = ("dstar", "corridor-dstar", "auto") if seed % 3 == 0 else ("dstar",)
-        planner = planner_of(case, name, DynamicPlanner, goal=case.goal, method="dstar", also=methods)
+        planner = planner_of(case, name, DynamicPlanner, goal=case.goal, method="dstar")
         for turn in range(TURNS):
             planner.move(start)
             truth, near = dijkstra(case, model, start)[case.goal], tolerance(case, model)
@@ -197,7 +197,7 @@ def test_the_nearest_of_several_goals_is_the_cheapest_to_get_to():
 
 def test_bounds_reckon_with_the_height_between_the_ends():
     dem = ramp(70, 60, 0.2)
-    methods = {"method": "dstar", "also": ("corridor-dstar",), "step_cost": "tobler"}
+    methods = {"method": "dstar", "step_cost": "tobler"}
     planner = DynamicPlanner.of_elevation(dem, 1.0, (32, 50), STEEP, **methods)
     planner.move((32, 5))
     mended, exact = planner.replan(method="corridor-dstar"), planner.replan(method="dstar")

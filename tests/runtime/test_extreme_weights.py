@@ -45,7 +45,7 @@ def test_the_optimum_is_found_without_expanding_cells_over_and_over():
             assert plan.cost == pytest.approx(optimum, rel=1e-5, abs=0.0)
             assert plan.lower_bound <= optimum * (1 + 1e-6)
             assert plan.expansions < 8 * cost.size
-        dynamic = DynamicPlanner(cost, ENDS[1], "dstar", also=["corridor-dstar"], step_cost="length")
+        dynamic = DynamicPlanner(cost, ENDS[1], "dstar", step_cost="length")
         dynamic.move(ENDS[0])
         assert dynamic.replan().cost == pytest.approx(optimum, rel=1e-5, abs=0.0)
         plan = dynamic.replan(method="corridor-dstar")

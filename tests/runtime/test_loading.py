@@ -16,7 +16,6 @@ from nnpp_edge.runtime.errors import ModelError
 from nnpp_edge.runtime.loop import navigator
 from nnpp_edge.runtime.network import loading
 from nnpp_edge.runtime.network.loading import KEPT, begin_loading
-from nnpp_edge.runtime.planners import methods
 
 COST = np.random.default_rng(5).uniform(0.0, 0.5, (120, 130)).astype(np.float32)
 ENDS = (3, 4), (110, 120)
@@ -98,27 +97,11 @@ def test_an_error_in_the_background_is_raised_to_each_who_asks_and_printed_to_no
 
 def test_only_what_will_be_asked_begins_to_load_ahead(fresh_model, monkeypatch):
     begun = []
-    module = sys.modules[plan_path.__module__]  # the package's name for it is the function's
-    for each in (module, navigator):
-        monkeypatch.setattr(each, "begin_loading", begun.append)
-    for method in ("astar", "corridor", "auto", "nnpp"):
-        assert plan_path(COST, *ENDS, method, model=fresh_model).ok
-        assert begun == [fresh_model] * (method == "nnpp")
+    monkeypatch.setattr(navigator, "begin_loading", begun.append)
     for method in ("auto", "dstar", "corridor-dstar", "nnpp", "nnpp-dstar"):
         begun.clear()
         Navigator(Ground(COST), NavigatorSettings(method=method, model=fresh_model))
         assert begun == [fresh_model] * method.startswith("nnpp")
-    for method, side, apart, model, expected in (
-        ("nnpp", 100, 90, "edge", True),
-        ("nnpp", 100, 20, "edge", False),
-        ("auto", 1000, 900, "edge", False),
-        ("auto", 2000, 900, "edge", True),
-        ("auto", 2000, 300, "edge", False),
-        ("auto", 2000, 900, "paper", False),
-        ("astar", 2000, 900, "edge", False),
-        ("nosuch", 2000, 900, "edge", False),
-    ):
-        assert methods.expects_network(method, (side, side), model, apart) is expected
 
 
 FORK = """

@@ -64,7 +64,7 @@ def static_planner(network):
 
 def dynamic_planner(network):
     """A planner for a map that changes, and the same."""
-    planner = DynamicPlanner(rough(), GOAL, "auto", also=tuple(DynamicMethod), model=network)
+    planner = DynamicPlanner(rough(), GOAL, "auto", model=network)
     planner.prepare()
 
     def plan(method, start):
@@ -169,7 +169,7 @@ def test_a_copy_of_a_planner_answers_alike_and_goes_its_own_way(copied):
         plan(method, START)
     planner.update(20, 20, np.full((3, 3), 0.4))
     other = copied(planner)
-    assert (other.goal, other.methods, other.standing().valid) == (GOAL, planner.methods, True)
+    assert (other.goal, other.method, other.standing().valid) == (GOAL, planner.method, True)
     assert other.standing().cost == pytest.approx(planner.standing().cost)
     assert other.standing().lower_bound <= planner.replan(method="dstar").cost
     assert other.replan(method="dstar").cost == pytest.approx(planner.replan(method="dstar").cost, rel=1e-6)

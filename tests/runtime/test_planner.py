@@ -126,13 +126,11 @@ def test_a_status_says_why(network):
             assert dynamic.replan().reason == why
 
 
-def test_a_dynamic_planner_plans_by_the_methods_that_it_was_made_for(tmp_path):
+def test_a_dynamic_planner_refuses_other_methods_and_says_what_a_patch_changed():
     planner = DynamicPlanner(free(30, 40), (1, 1), "astar")
     planner.move((3, 3))
-    with pytest.raises(InvalidQueryError, match="made for"):
-        planner.replan(method="corridor")
-    planner.use_model(tmp_path / "none.onnx")  # which is for methods that ask one
-    assert planner.replan().ok
+    with pytest.raises(InvalidQueryError, match="method must be one of auto, astar"):
+        planner.replan(method="best")
     assert planner.update(3, 4, np.full((5, 6), 0.2)) == 0
     assert planner.update(5, 7, np.full((1, 1), np.nan)) == 1 and not planner.is_passable((5, 7))
 

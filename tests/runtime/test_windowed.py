@@ -217,5 +217,5 @@ def test_plans_are_those_of_the_corridor_planner_in_memory():
             for name in ("status", "cost", "source", "lower_bound", "expansions"):
                 assert getattr(plan, name) == getattr(wanted, name)
             np.testing.assert_array_equal(plan.path, wanted.path)
-        assert by_windows.reading().read_again > 0.0
+        assert by_windows.read_again > 0.0
     assert sources[Source.REGION]

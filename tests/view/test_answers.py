@@ -14,7 +14,6 @@ from matplotlib import pyplot
 from msgspec.structs import replace as with_values
 
 from nnpp_edge.runtime import Planner
-from nnpp_edge.runtime.errors import NnppEdgeError
 from nnpp_edge.runtime.terrain.traversability import Traversability
 from nnpp_edge.terrain.dem import read_dem
 from nnpp_edge.view import answers
@@ -257,10 +256,8 @@ def test_a_plan_shows_itself_and_escapes_what_it_was_told():
     assert "<script>" not in shown and "&lt;script&gt;" in shown and "<svg" in shown
     assert f"{plan.cost:.6g}" in shown
     assert "<svg" not in planner.plan((3, 4), (90, 90))._repr_html_()
-    axes = plan.plot(background=np.zeros((40, 60)))
+    axes = plan.plot()
     drawn = [line.get_xydata()[:, ::-1] for line in axes.lines]
     assert any(np.array_equal(line, plan.path) for line in drawn)
     assert plan.plot(axes) is axes and planner.plan((3, 4), (90, 90)).plot().yaxis_inverted()
-    with pytest.raises(NnppEdgeError, match=r"background must be \(H, W\)"):
-        plan.plot(background=np.zeros(5))
     pyplot.close("all")
