@@ -39,5 +39,4 @@ from nnpp_edge.runtime.planners.standing_path import Standing as Standing
 from nnpp_edge.runtime.terrain.traversability import SaturationWarning as SaturationWarning
 from nnpp_edge.runtime.terrain.traversability import Traversability as Traversability
 from nnpp_edge.runtime.terrain.traversability import traversability_cost as traversability_cost
-from nnpp_edge.runtime.terrain.traversability import update_cost as update_cost
 from nnpp_edge.runtime.terrain.vehicle import Vehicle as Vehicle

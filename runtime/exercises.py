@@ -25,7 +25,6 @@ from nnpp_edge.runtime.terrain.traversability import (
     Traversability,
     terrain_terms,
     traversability_cost,
-    update_cost,
 )
 from nnpp_edge.runtime.terrain.vehicle import Vehicle
 
@@ -120,8 +119,7 @@ def _exercise_kernels(dem: Float2D, network: NetworkModel) -> None:
     network.try_out()
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", SaturationWarning)
-        cost = traversability_cost(dem, 1.0, cell_width_m=1.5)
-    update_cost(cost, dem, (70, 5, 2, 3), 1.0)
+        traversability_cost(dem, 1.0, cell_width_m=1.5)
     terrain_terms(dem, 1.0)
     finder = RegionFinder(16)
     finder.threshold((1, 2), (9, 3))

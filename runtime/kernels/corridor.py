@@ -149,9 +149,7 @@ def _was_reached(meta, stamp, shape, row, col):
 
 @kernel
 def close_dead_ends(links, marks, reached, came, closed):
-    """Close the links between cells of a region that a search of the map came to and those that it did not.
-
-    Returns how many links were closed.
+    """Close the links between cells of a region that a search of the map came to and those that it did not: how many.
 
     Parameters
     ----------

@@ -87,15 +87,10 @@ def read_rectangle(part, rows_left, source, directed, known, noted, pending):
 def read_rows(rows_left, region, source, known, state, heap, noted, pending, until):
     """Read rows that have not been read, or whose region is another; the number of nodes put down as changed so far.
 
-    Parameters
-    ----------
-    rows_left : (H + 2,) uint8
-        For each row, and those of the border, `UNREAD`, `STALE` or `READ`; written. What is kept of an unread row may
-        hold anything: nothing has been found out there, and none of its nodes is put down.
-    region : (mask, row_block, col_block)
-        Whether each block belongs to it, and the block of each row and column.
-    until : float
-        Reading of the clock, see `clock.late`, at which the rows that are left stay as they are.
+    `rows_left`, (H + 2,) uint8, says of each row, and those of the border, whether it is `UNREAD`, `STALE` or `READ`,
+    and is written. What is kept of an unread row may hold anything: nothing has been found out there, and none of its
+    nodes is put down. `region` is (mask, row_block, col_block). Once it is late, the rows that are left stay as they
+    are.
     """
     mask, row_block, col_block = region
     weights, factor, stride, start, goal = source

@@ -198,7 +198,7 @@ def expand(grid, edges, links, region, hints, ends, rule, memory, limits):
     memory : (g, meta, stamp, heads, entries, control, reals, counts, path)
         Of a `Workspace`, and the number of this search.
     limits : (most, until)
-        Expansions in this call, and a reading of the clock, see `clock.late`.
+        Expansions in this call, and a reading of the clock.
 
     Returns
     -------

@@ -5,76 +5,87 @@ import math
 import numpy as np
 
 from nnpp_edge.runtime.compiled.kernel import helper, kernel
-from nnpp_edge.runtime.kernels.encoding import END_CHANNELS, fill_ends
+from nnpp_edge.runtime.kernels.encoding import BETWEEN_CHANNELS, END_CHANNELS, fill_ends
 
 ANSWERS = 4
 """Blocks to a place, two by two."""
 
 
 @helper
-def _add(values, matrix, out):
-    """Add the product of values (N, inputs) and a matrix (inputs, outputs); numbers that are 0 are passed over."""
+def _add(values, matrix, out, above):
+    """Add the product of the values (N, inputs) above a number and a matrix (inputs, outputs)."""
     for n in range(len(values)):
         for i in range(len(matrix)):
             value = values[n, i]
-            if value != 0.0:
+            if value > above:
                 for o in range(matrix.shape[1]):
                     out[n, o] += value * matrix[i, o]
 
 
 @helper
-def _relu(values):
-    for n in range(len(values)):
-        for i in range(values.shape[1]):
-            values[n, i] = max(values[n, i], np.float32(0.0))
+def _matrix(numbers, first, rows, cols):
+    """The next rows × cols of `numbers`, and where what comes after them begins."""
+    return numbers[first : first + rows * cols].reshape(rows, cols), first + rows * cols
 
 
 @kernel
-def answer_ends(ends, spacing, sigma, places, query, layers, scratch, out):
+def answer_ends(ends, spacing, sigma, places, query, parameters, units, scratch, out):
     """Encode start and goal, and write the probabilities of all blocks.
+
+    Ends, spacing and sigma as for `encoding.encode_ends`.
 
     Parameters
     ----------
-    ends, spacing, sigma
-        See `encoding.encode_ends`.
     places : (P², 2R) float32
         The encoder's two descriptions of each place.
     query : (15, P, P) float32
         Written: start and goal, encoded.
-    layers : tuple of (inputs, outputs) float32
-        By `parameter_shapes`.
-    scratch : (related, first, second, last)
-        (3, P², R), (P² + 1, units), (P², units) and (P², 4) float32; overwritten.
+    parameters : (N,) float32
+        In the order of `parameter_shapes`.
+    units : (int, int)
+        Of the hidden layers.
+    scratch : ((P² + 1) (3R + sum of units + 4),) float32
+        Overwritten.
     out : (2P, 2P) float32
         Written.
     """
     fill_ends(query, ends[0], ends[1], ends[2], ends[3], spacing, sigma)
-    way, way_bias, both, both_bias, across, between, mix, mix_bias, answer, answer_bias = layers
-    related, first, second, last = scratch
-    side, flat = query.shape[1], query.reshape(len(query), -1)
-    width = places.shape[1] // 2
-    at_end, crossed = related[2, :1], related[2, 1:2]
+    side, flat, width = query.shape[1], query.reshape(len(query), -1), places.shape[1] // 2
+    way, at = _matrix(parameters, 0, END_CHANNELS - 1, width)
+    way_bias, at = _matrix(parameters, at, 1, width)
+    both, at = _matrix(parameters, at, width, units[0])
+    both_bias, at = _matrix(parameters, at, 1, units[0])
+    across, at = _matrix(parameters, at, width, units[0])
+    between, at = _matrix(parameters, at, BETWEEN_CHANNELS, units[0])
+    mix, at = _matrix(parameters, at, units[0], units[1])
+    mix_bias, at = _matrix(parameters, at, 1, units[1])
+    answer, at = _matrix(parameters, at, units[1], ANSWERS)
+    answer_bias, at = _matrix(parameters, at, 1, ANSWERS)
+    to_start, at = _matrix(scratch, 0, side * side, width)
+    to_goal, at = _matrix(scratch, at, side * side, width)
+    at_end, at = _matrix(scratch, at, 1, width)
+    crossed, at = _matrix(scratch, at, 1, width)
+    first, at = _matrix(scratch, at, side * side + 1, units[0])
+    second, at = _matrix(scratch, at, side * side, units[1])
+    last, at = _matrix(scratch, at, side * side, ANSWERS)
     crossed[:] = 0.0
-    for n in range(2):  # numbers that relate each place to an end, and one end to the other
-        end, other = flat[n * END_CHANNELS : (n + 1) * END_CHANNELS], (1 - n) * END_CHANNELS
+    for related, n in ((to_start, 0), (to_goal, END_CHANNELS)):  # each place to an end, and one end to the other
         at_end[:] = way_bias
-        _add(end[:1], places[:, width:], at_end)
-        related[n] = places[:, :width] + at_end
-        _add(end[1:].T, way, related[n])
-        _relu(related[n])
-        _add(flat[other : other + 1], related[n], crossed)
+        _add(flat[n : n + 1], places[:, width:], at_end, 0.0)
+        related[:] = places[:, :width] + at_end
+        _add(flat[n + 1 : n + END_CHANNELS].T, way, related, -np.inf)
+        np.maximum(related, np.float32(0.0), related)
+        _add(flat[END_CHANNELS - n : END_CHANNELS - n + 1], related, crossed, 0.0)
     first[-1:] = both_bias
-    _add(crossed, across, first[-1:])
+    _add(crossed, across, first[-1:], 0.0)
     first[:-1] = first[-1]
-    related[0] += related[1]
-    _add(flat[2 * END_CHANNELS :].T, between, first[:-1])
-    _add(related[0], both, first[:-1])
-    _relu(first)
+    to_start += to_goal
+    _add(flat[2 * END_CHANNELS :].T, between, first[:-1], 0.0)
+    _add(to_start, both, first[:-1], 0.0)
     second[:] = mix_bias
-    _add(first[:-1], mix, second)
-    _relu(second)
+    _add(first[:-1], mix, second, 0.0)
     last[:] = answer_bias
-    _add(second, answer, last)
+    _add(second, answer, last, 0.0)
     for i in range(2 * side):
         for j in range(2 * side):
             value = last[(i // 2) * side + j // 2, 2 * (i % 2) + j % 2]

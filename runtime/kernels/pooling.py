@@ -6,7 +6,7 @@ See `map.pyramid` for what a level stands for.
 import numpy as np
 
 from nnpp_edge.runtime.compiled.kernel import helper, kernel
-from nnpp_edge.runtime.kernels.nodes import COL_STEP, DIRECTION, ROW_STEP
+from nnpp_edge.runtime.kernels.nodes import COL_STEP, DIRECTION, ROW_STEP, lowest_bit
 
 FACTOR = 4
 """Cells of a level to the side of a cell of the next coarser one."""
@@ -70,9 +70,7 @@ def _largest_piece(weights, links, rows, cols, row, col, corner_cutting):
             frontier ^= bit
             piece |= bit
             size += 1
-            b = 0
-            while bit >> b != 1:
-                b += 1
+            b = lowest_bit(bit)
             node = (row * FACTOR + b // FACTOR + 1) * stride + col * FACTOR + b % FACTOR + 1
             for k in range(8):
                 i, j = b // FACTOR + ROW_STEP[k], b % FACTOR + COL_STEP[k]

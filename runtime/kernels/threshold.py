@@ -39,21 +39,10 @@ def lowered(level, factor):
 
 @kernel
 def adaptive_threshold(levels, start_row, start_col, goal_row, goal_col, heads, following, done):
-    """The largest level at which two blocks are joined in {levels >= level}, eight-connected.
+    """The largest level, in 0…255, at which two blocks are joined in {levels >= level}, eight-connected.
 
-    Parameters
-    ----------
-    levels : (B, C) uint8
-        Level of each block, and 0 in the last row and column.
-    start_row, start_col, goal_row, goal_col : int
-        Blocks.
-    heads : (256,) int32, following : (B·C,) int32, done : (B·C,) uint8
-        Scratch.
-
-    Returns
-    -------
-    int
-        In 0…255. All blocks are joined at level 0.
+    `levels` are (B, C) uint8, 0 in the last row and column; scratch are `heads`, (256,) int32, `following`, (B·C,)
+    int32, and `done`, (B·C,) uint8.
     """
     rows, cols = levels.shape
     heads[:] = -1
@@ -100,17 +89,12 @@ def walkable_threshold(levels, lookup, grid, links, start, goal, most, heads, se
     """The largest level at which two nodes of a grid are joined by steps through cells whose blocks reach it.
 
     Among cells that serve alike, those towards the goal come first: where the way is free, few others are looked at.
+    In 0…255; -1 where no steps lead from one to the other; `TOO_LATE`.
 
     Parameters
     ----------
-    levels : (B, C) uint8
-        Level of each block.
     lookup : (row_blocks, col_blocks)
         (H,) and (W,) int32, row and column of the block that a row and a column of the grid lie in.
-    grid, links
-        The grid, and which steps it allows.
-    start, goal : int
-        Nodes.
     most : int
         A level that the result is known not to exceed; the nearer to it, the less is looked at.
     heads : (256,) int32
@@ -118,13 +102,6 @@ def walkable_threshold(levels, lookup, grid, links, start, goal, most, heads, se
     search : (state, stamp)
         A workspace's memory, (2 · nodes,) int32, which the search that follows will touch too, and the number of a
         new search in it.
-    until : float
-        Reading of the clock, see `clock.late`.
-
-    Returns
-    -------
-    int
-        In 0…255; -1 where no steps lead from one to the other; `TOO_LATE`.
     """
     row_blocks, col_blocks = lookup
     weights, stride, _, corner_cutting, tiles = grid
@@ -186,10 +163,10 @@ def fill_region(levels, threshold, start_row, start_col, goal_row, goal_col, sta
 def first_regions(probability, lookup, grid, links, ends, rule, scratch, search, marks, until):
     """All that a plan needs of a network's answer, in one call: td, and the blocks at it and at a share of it.
 
+    td is a level; -1 where no steps lead from start to goal; `TOO_LATE`.
+
     Parameters
     ----------
-    probability : (B, B) float32
-        In [0, 1].
     lookup, grid, links, search, until
         As for `walkable_threshold`.
     ends : (start, goal, start_row, start_col, goal_row, goal_col)
@@ -201,11 +178,6 @@ def first_regions(probability, lookup, grid, links, ends, rule, scratch, search,
         Of a `RegionFinder`.
     marks : (stamp, at_td, bitmap)
         The number to write, and where: the region at td, and the second one.
-
-    Returns
-    -------
-    int
-        td as a level; -1 where no steps lead from start to goal; `TOO_LATE`.
     """
     start, goal, start_row, start_col, goal_row, goal_col = ends
     touching, factor = rule

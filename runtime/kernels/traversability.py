@@ -155,22 +155,14 @@ def _constants(rule):
 
     These are as `_whole_plane` takes them, then as `_side_plane` does along a row and along a column.
     """
-    dy, dx = rule[DY], rule[DX]
+    dy, dx, scale = rule[DY], rule[DX], np.float32(rule[SCALE])
     whole = np.float32(1.0 / (6.0 * dx)), np.float32(1.0 / (6.0 * dy))
-    row, column = (
-        (np.float32(0.25 / dx), np.float32(1.0 / (3.0 * dy))),
-        (np.float32(0.25 / dy), np.float32(1.0 / (3.0 * dx))),
-    )
+    row = np.float32(0.25 / dx), np.float32(1.0 / (3.0 * dy))
+    column = np.float32(0.25 / dy), np.float32(1.0 / (3.0 * dx))
     inverse = np.float32(1.0 / rule[SLOPE_LIMIT]), np.float32(1.0 / rule[ROUGHNESS_LIMIT])
     weights = np.float32(rule[SLOPE_WEIGHT]), np.float32(rule[ROUGHNESS_WEIGHT]), np.float32(rule[STEP_WEIGHT])
     hard = np.float32(rule[HARD_SLOPE]), np.float32(rule[HARD_ROUGHNESS]), np.float32(rule[HARD_STEP])
-    return (
-        (*inverse, np.float32(1.0 / rule[STEP_LIMIT])),
-        weights,
-        hard,
-        np.float32(rule[SCALE]),
-        (whole, row, column),
-    )
+    return (*inverse, np.float32(1.0 / rule[STEP_LIMIT])), weights, hard, scale, (whole, row, column)
 
 
 @helper
@@ -209,19 +201,13 @@ def _fill_row(heights, first, cols, n, constants, out, at):
 
 
 @helper
-def _weight(heights, rows, cols, row, col, rule):
+def _weight(heights, rows, cols, row, col, rule, constants):
     """Weight of one cell, from whatever is known around it."""
     if not math.isfinite(heights[row * cols + col]):
-        return np.float32(np.inf)
+        return _INF
     slope, roughness, step = _moments_plane(heights, rows, cols, row, col, rule[DY], rule[DX])
-    s, r = min(slope / rule[SLOPE_LIMIT], 1.0), min(roughness / rule[ROUGHNESS_LIMIT], 1.0)
-    f = min(step / rule[STEP_LIMIT], 1.0)
-    if slope > rule[HARD_SLOPE] or roughness > rule[HARD_ROUGHNESS] or step > rule[HARD_STEP]:
-        return np.float32(np.inf)
-    if s >= 1.0 and r >= 1.0 and f >= 1.0:
-        return np.float32(np.inf)
-    t = min(np.float32(rule[SLOPE_WEIGHT] * s + rule[ROUGHNESS_WEIGHT] * r + rule[STEP_WEIGHT] * f), _MOST)
-    return t * np.float32(rule[SCALE])
+    weight = _of_terms(np.float32(slope), np.float32(roughness), np.float32(step), constants)
+    return _INF if math.isnan(weight) else weight
 
 
 @helper
@@ -233,12 +219,12 @@ def _border_weight(heights, rows, cols, row, col, rule, constants):
     elif 0 < row < rows - 1 and cols > 1:
         along, across, over = cols, 1 if col == 0 else -1, constants[4][2]
     else:
-        return _weight(heights, rows, cols, row, col, rule)
+        return _weight(heights, rows, cols, row, col, rule, constants)
     side, other = (heights[at - along], heights[at], heights[at + along]), at + across
     beside = heights[other - along], heights[other], heights[other + along]
     terms = _side_plane(side, beside, over[0], over[1])
     weight = _of_terms(terms[0], terms[1], terms[2], constants)
-    return _weight(heights, rows, cols, row, col, rule) if math.isnan(weight) else weight
+    return _weight(heights, rows, cols, row, col, rule, constants) if math.isnan(weight) else weight
 
 
 @kernel
@@ -274,7 +260,7 @@ def fill_weights(heights, rows, cols, rule, area, out, first, stride):
         if _fill_row(heights, row * cols + begin, cols, end - begin, constants, out, at + begin):
             for col in range(inner0, inner1):
                 if math.isnan(out[at + col]):
-                    out[at + col] = _weight(heights, rows, cols, row, col, rule)
+                    out[at + col] = _weight(heights, rows, cols, row, col, rule, constants)
         if col0 == 0:
             out[at] = _border_weight(heights, rows, cols, row, 0, rule, constants)
         if col1 == cols:

@@ -98,7 +98,10 @@ class Along:
     @cached_property
     def steps_m(self) -> NDArray[np.float64]:
         """(N,) from the point before, on the level; 0 for the first."""
-        return _apart(self.points, self.sides_m)
+        apart: NDArray[np.float64] = np.hypot(
+            *(np.diff(self.points, axis=0, prepend=self.points[:1]) * self.sides_m).T
+        )
+        return apart
 
     @cached_property
     def rises_m(self) -> NDArray[np.float64]:
@@ -190,12 +193,6 @@ def joined(lines: Sequence[Line]) -> Line:
     """One line of several, each of which begins where the one before ends."""
     found: Line = np.concatenate([lines[0], *(line[1:] for line in lines[1:])])
     return found
-
-
-def _apart(points: NDArray[np.float64], sides_m: tuple[float, float]) -> NDArray[np.float64]:
-    """(N,) metres from the point before, on the level."""
-    apart: NDArray[np.float64] = np.hypot(*(np.diff(points, axis=0, prepend=points[:1]) * sides_m).T)
-    return apart
 
 
 def heights_at(heights: Heights, points: Line) -> NDArray[np.float64]:

@@ -4,21 +4,19 @@ A step's cost here is that of the model less what its rise is worth (`SlopeCost.
 paths between two cells differ by as much as with the costs themselves. What is reported is those.
 """
 
-import math
 from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
 from nnpp_edge.runtime.bands import in_bands
-from nnpp_edge.runtime.cells import Cell, Rectangle, enclosing
+from nnpp_edge.runtime.cells import Cell, Rectangle, enclosing, widened
 from nnpp_edge.runtime.kernels.directed import join_steps, pool_steps, price_steps
 from nnpp_edge.runtime.kernels.nodes import COL_STEP, ROW_STEP
 from nnpp_edge.runtime.map.changes import Change
 from nnpp_edge.runtime.map.slope_cost import SlopeCost
 from nnpp_edge.runtime.map.motions import DIRECTIONS
 from nnpp_edge.runtime.map.steps import Edges, PointSteps, PoseSteps, States
-from nnpp_edge.runtime.terrain.traversability import with_rim
 
 if TYPE_CHECKING:
     from nnpp_edge.runtime.map.grid import Grid
@@ -57,7 +55,7 @@ class CoarseSteps(PointSteps):
         `kernels.directed.pool_steps`.
         """
         edges, backwards = (each.reshape(self.means.shape) for each in (self.forwards, self.backwards))
-        (row, col, rows, cols), (top, left, tall, wide) = area, with_rim(area, self.shape)
+        (row, col, rows, cols), (top, left, tall, wide) = area, widened(area, (1, 1), self.shape)
 
         def pool(row0: int, row1: int) -> None:
             pool_steps(finer, pieces, obstacle, (row + row0, row + row1, col, col + cols), self.means)
@@ -82,7 +80,7 @@ class DirectedSteps(PointSteps):
         self.shape, (rows, cols), (dy, dx) = grid.shape, grid.shape, sides_m
         self.by_poses = by_poses = grid.steps.by_poses
         self.states_a_node, self.shortest = grid.steps.states_a_node, grid.steps.shortest
-        self._ways = np.array(DIRECTIONS if by_poses else tuple(zip(ROW_STEP, COL_STEP, strict=True)), np.int64)
+        self._ways = np.array(DIRECTIONS if by_poses else _NEIGHBOURS, np.int64)
         self._weights = np.empty(0, np.float32) if by_poses else grid.weights
         self._rule = not by_poses, grid.corner_cutting
         self._lengths = np.hypot(*(self._ways * sides_m).T)
@@ -93,30 +91,22 @@ class DirectedSteps(PointSteps):
         self.prices = straight, min(least * math.hypot(dy, dx), 2.0 * straight)
         """Cost of getting a straight and a diagonal step closer where all ways are as cheap as the cheapest."""
         self._edges: Edges = np.empty(((rows + 2) * (cols + 2), len(self._ways)), np.float32)
+        self._near = [DIRECTIONS.index(step) for step in _NEIGHBOURS] if by_poses else slice(None)
+        self.obstacle = (_OBSTACLE * model.least_per_m * self._lengths[self._near]).astype(np.float32)
+        """(8,) what an impassable cell counts for in a coarse cell's mean, by direction."""
         self._greatest = straight
         self.padded[:: rows + 1] = self.padded[:, :: cols + 1] = np.inf
         self._compute((0, 0, rows, cols))
 
     @property
-    def obstacle(self) -> NDArray[np.float32]:
-        """(8,) what an impassable cell counts for in a coarse cell's mean, by direction."""
-        lengths = [math.hypot(up * self._sides[0], left * self._sides[1]) for up, left in _NEIGHBOURS]
-        return np.array(lengths, np.float32) * np.float32(_OBSTACLE * self._model.least_per_m)
-
-    @property
-    def map(self) -> Edges:
-        """(H, W, 8) steps of the map's own cells to their neighbours, or a body's 16 legs; a view."""
-        return self.padded[1:-1, 1:-1]
-
-    @property
     def padded(self) -> Edges:
-        """`map` within a border."""
+        """(H + 2, W + 2, 8 or 16) the steps, or a body's legs, by cell and direction, within a border."""
         return self._edges.reshape(self.shape[0] + 2, self.shape[1] + 2, -1)
 
     @property
     def to_neighbours(self) -> Edges:
-        """(H + 2, W + 2, 8) steps to neighbours, within a border."""
-        return np.ascontiguousarray(self.padded[..., _AMONG_LEGS]) if self.by_poses else self.padded
+        """(H + 2, W + 2, 8) the steps to neighbours, within a border."""
+        return np.ascontiguousarray(self.padded[..., self._near])
 
     def follow(self, change: Change, heights: Rectangle) -> Change:
         """Bring the steps up to date after a change of the weights, and of the heights in a rectangle.
@@ -126,8 +116,8 @@ class DirectedSteps(PointSteps):
         parts = [part for part in (heights, change.part) if part[2] and part[3]]
         if not parts:
             return change
-        row, col, rows, cols = part = with_rim(enclosing(parts), self.shape)
-        here = self.map[row : row + rows, col : col + cols]
+        row, col, rows, cols = part = widened(enclosing(parts), (1, 1), self.shape)
+        here = self.padded[row + 1 : row + rows + 1, col + 1 : col + cols + 1]
         before = here.copy()
         self._compute(part)
         changed = (here != before).any(2)
@@ -154,19 +144,14 @@ class DirectedSteps(PointSteps):
         return self._under.stands_at(grid, cell)
 
     def walk(self, grid: "Grid", path: NDArray[np.int32], first: int, costs: NDArray[np.float64]) -> int:
-        along = self._costs_along(path[first:])
+        blocked = self._under.walk(grid, path, first, costs)
+        legs = np.cumsum(self._costs_along(path[first:]))
         if (states := self.states()) is not None and isinstance(self._under, PoseSteps):
             by_turns = np.zeros_like(states[2][0]), np.float32(0.0), states[2][2]
             blocked = self._under.poses.walk(path, first, costs, prices=by_turns)
-            costs[first + 1 :] += np.cumsum(along)
-            return blocked
-        costs[first] = 0.0
-        np.cumsum(along, out=costs[first + 1 :])
-        (row, col), steps = path[first].tolist(), np.diff(path[first:], axis=0)
-        kinds = _KIND[steps[:, 0] + 1, steps[:, 1] + 1]
-        blocked = np.isinf(self.map[path[first:-1, 0], path[first:-1, 1], kinds])
-        blocked = np.append(not self.stands_at(grid, (row, col)), blocked)
-        return first + int(blocked.argmax()) if blocked.any() else -1
+            legs = legs + costs[first + 1 :]
+        costs[first], costs[first + 1 :] = 0.0, legs
+        return blocked
 
     def costs_of(self, grid: "Grid", path: NDArray[np.int32]) -> tuple[float, float, float]:
         cost, length, traverse_cost = self._under.costs_of(grid, path)
@@ -201,16 +186,11 @@ class DirectedSteps(PointSteps):
 
         def price(row0: int, row1: int) -> None:
             area = row + row0, row + row1, col, col + cols
-            steps = price_steps(self._heights, self._weights, self._rule, self._priced, ways, area, self.padded)
-            dearest.append(float(steps))
+            of_map = self._heights, self._weights, self._rule, self._priced, ways
+            dearest.append(float(price_steps(*of_map, area, self.padded)))
 
         in_bands(price, rows, cols, threads_from=_THREADS_FROM)
         self._greatest = max(dearest)
 
 
 _NEIGHBOURS = tuple(zip(ROW_STEP, COL_STEP, strict=True))
-_AMONG_LEGS = [DIRECTIONS.index(step) for step in _NEIGHBOURS]
-_KIND = np.zeros((3, 3), np.int64)
-"""Direction of a step by its rows and columns, each one more; 0 for no step at all."""
-for _k in range(8):
-    _KIND[ROW_STEP[_k] + 1, COL_STEP[_k] + 1] = _k

@@ -101,23 +101,7 @@ class Grid:
         grid._measured = grid.least, grid.greatest
         return grid
 
-    @classmethod
-    def of_heights(
-        cls,
-        heights: Float2D,
-        rule: NDArray[np.float64],
-        model: StepModel,
-        corner_cutting: bool,
-        coarsest: int,
-        told: Float2D | None,
-    ) -> "Grid":
-        """The grid of a map of heights, in the ``paper`` model; nothing is computed yet. Arguments as for `Tiles`."""
-        rows, cols = heights.shape
-        grid = cls(rows, cols, model, corner_cutting, bordered(rows, cols))
-        grid.compute_by(Tiles(heights, rule, grid.weights, corner_cutting, coarsest, told), 0)
-        return grid
-
-    def compute_by(self, tiles: Tiles, number: int) -> None:
+    def compute_by(self, tiles: Tiles, number: int = 0) -> None:
         """From now on weights are computed by these, as the level of that number; the bounds are T's own."""
         self.tiles, self._level = tiles, number
         self.pack()
@@ -126,7 +110,6 @@ class Grid:
     def stand_by(self, poses: Poses) -> None:
         """From now on steps cost by these poses; the weights remain what the coarse levels are made of."""
         self.poses, self.steps = poses, PoseSteps(poses)
-        self.set_bounds(0.0, self.model.scale)
 
     def go_by(self, directed: DirectedSteps | CoarseSteps) -> None:
         """From now on steps cost by these; weights, or poses, decide where they may lead."""

@@ -14,6 +14,7 @@ import functools
 import itertools
 import math
 from collections.abc import Iterator
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -55,43 +56,42 @@ class Level:
 class Pyramid:
     """Levels of a map, finest first. Those of a map of heights are computed with it, where somebody looks.
 
-    With `later` they are right only once `finish` has been called.
+    They are right once `finish` has been called, and again after each `update`.
     """
 
-    def __init__(self, grid: Grid, *, later: bool = False) -> None:
+    def __init__(self, grid: Grid) -> None:
         self.levels, shapes = [Level(grid)], coarse_shapes(grid.rows, grid.cols)
-        model = grid.model if grid.poses is None else grid.model.weighing(BODY_WEIGHT)
+        model, (straight, diagonal) = grid.model, grid.model.weight_term
+        if grid.poses is not None:
+            model = replace(model, weight_term=(BODY_WEIGHT * straight, BODY_WEIGHT * diagonal))
         self._left: Iterator[None] = iter(())
         """Pools a stripe at each step."""
-        if grid.tiles is None:
-            for rows, cols in shapes:
+        parts = [] if grid.tiles is None else grid.tiles.add_levels(shapes)
+        for number, (rows, cols) in enumerate(shapes, 1):
+            if grid.tiles is None:
                 nodes = (rows + 2) * (cols + 2)
-                pieces, links = np.zeros(nodes, np.uint16), np.zeros(nodes, np.uint8)
-                self.levels.append(Level(Grid(rows, cols, model, weights=bordered(rows, cols)), pieces, links))
-        else:
-            parts = grid.tiles.add_levels(shapes)
-            for number, (weights, pieces, links) in enumerate(parts, 1):
-                coarse = Grid(*shapes[number - 1], model, weights=weights)
+                parts.append((bordered(rows, cols), np.zeros(nodes, np.uint16), np.zeros(nodes, np.uint8)))
+            weights, pieces, links = parts[number - 1]
+            coarse = Grid(rows, cols, model, weights=weights)
+            if grid.tiles is not None:
                 coarse.compute_by(grid.tiles, number)
-                self.levels.append(Level(coarse, pieces, links))
-        if isinstance(grid.directed, DirectedSteps):
-            for level in self.levels[1:]:
-                level.grid.go_by(CoarseSteps(level.grid.shape, grid.prices))
-        self.update((0, 0, grid.rows, grid.cols), later=later)
+            if grid.directed is not None:
+                coarse.go_by(CoarseSteps((rows, cols), grid.prices))
+            self.levels.append(Level(coarse, pieces, links))
+        self.update((0, 0, grid.rows, grid.cols))
 
-    def update(self, changed: Rectangle, *, later: bool = False) -> None:
-        """Pool anew the cells above a rectangle of the finest level."""
+    def update(self, changed: Rectangle) -> None:
+        """Pool anew, when `finish` is called, the cells above a rectangle of the finest level."""
         self._left = itertools.chain(self._left, self._pool(changed))
-        if not later:
-            self.finish()
 
-    def finish(self, deadline: Deadline = NEVER) -> None:
-        """Pool what was left for later. At the deadline OutOfTimeError: the next call goes on from there."""
+    def finish(self, deadline: Deadline = NEVER) -> "Pyramid":
+        """Pool what is left, and return this. At the deadline OutOfTimeError: the next call goes on from there."""
         finest = self.levels[0].grid
         if finest.tiles is not None and finest.directed is not None:  # whose means need all weights
             finest.tiles.complete(deadline)
         for _ in self._left:
             deadline.check()
+        return self
 
     def _pool(self, changed: Rectangle) -> Iterator[None]:
         """The work of `update`, stripe by stripe."""

@@ -52,14 +52,10 @@ class Region(NamedTuple):
         """Whether the two bitmaps lie over the map alike, so that their blocks can be compared."""
         return (
             self.bitmap.shape == other.bitmap.shape
-            and _same(self.row_block, other.row_block)
-            and _same(self.col_block, other.col_block)
+            and np.array_equal(self.row_block, other.row_block)
+            and np.array_equal(self.col_block, other.col_block)
         )
 
     def copy(self) -> "Region":
         """This region with arrays of its own, which no later search overwrites."""
         return Region(self.blocks().astype(np.int32), self.row_block.copy(), self.col_block.copy())
-
-
-def _same(one: NDArray[np.int32], other: NDArray[np.int32]) -> bool:
-    return one is other or np.array_equal(one, other)

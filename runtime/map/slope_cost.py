@@ -244,16 +244,12 @@ class TimeCost(SlopeCost):
         if not all(0.0 < speed < math.inf for speed in speeds):
             raise InvalidQueryError(f"speed_m_s must be positive numbers, got {list(speeds)}")
 
-    def speed(self, slope_rad: ArrayLike) -> Float64s:
-        """Metres of ground a second on slopes, radians."""
-        return np.interp(np.asarray(slope_rad, np.float64), np.radians(self.slope_deg), self.speed_m_s)
-
     @property
     def kinks(self) -> Slopes:
         return tuple(np.tan(np.radians(self.slope_deg)).tolist())
 
     def per_m(self, slope: Float64s) -> Float64s:
-        return np.hypot(1.0, slope) / self.speed(np.arctan(slope))
+        return np.hypot(1.0, slope) / np.interp(np.arctan(slope), np.radians(self.slope_deg), self.speed_m_s)
 
 
 @checked(InvalidQueryError)

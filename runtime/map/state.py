@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from nnpp_edge.runtime.arguments import checked
 from nnpp_edge.runtime.arrays import Float2D, as_map
-from nnpp_edge.runtime.cells import Rectangle, patch_at, slices
+from nnpp_edge.runtime.cells import Rectangle, patch_at, slices, widened
 from nnpp_edge.runtime.deadline import NEVER, Deadline
 from nnpp_edge.runtime.errors import InvalidMapError, InvalidQueryError
 from nnpp_edge.runtime.kernels.any_angle import NO_DISC
@@ -16,8 +16,7 @@ from nnpp_edge.runtime.kernels.pooling import FACTOR
 from nnpp_edge.runtime.map.along import Along, Line, crossings, heights_at
 from nnpp_edge.runtime.map.changes import Change, ChangeLog, ChangeReader
 from nnpp_edge.runtime.map.directed import DirectedSteps
-from nnpp_edge.runtime.map.disc import Disc
-from nnpp_edge.runtime.map.grid import ALL, Grid
+from nnpp_edge.runtime.map.grid import ALL, Grid, bordered
 from nnpp_edge.runtime.map.ground import Ground
 from nnpp_edge.runtime.map.poses import Poses, term_weights
 from nnpp_edge.runtime.map.pyramid import Pyramid, coarse_shapes
@@ -77,36 +76,31 @@ class MapState:
 
     def _lay_out(self, cost: Float2D | None = None) -> None:
         """Begin anew with the layers, of which nothing has been computed; those of a map of costs are its grid."""
+        self._make_grid(cost)
+        if self._slope_cost is not None and self._heights is not None and self.sides_m is not None:
+            self.grid.go_by(DirectedSteps(self._heights, self.sides_m, self._slope_cost, self.grid))
+        self.log = ChangeLog()
+        self._pyramid: Pyramid | None = None
+        self._unpooled: ChangeReader | None = None
+        if not self._lazy:
+            self.grid.complete()
+
+    def _make_grid(self, cost: Float2D | None) -> None:
         heights, sides, model = self._heights, self.sides_m, self._model
         if cost is not None:
             self.grid = Grid.of(cost, model, self._corner_cutting)
         elif heights is None or sides is None:
             self.grid.measure_bounds()
         else:
-            rule, coarsest = (
-                self._limits.rule(*sides, scale=model.scale),
-                FACTOR ** len(coarse_shapes(*heights.shape)),
-            )
-            self.grid = Grid.of_heights(heights, rule, model, self._corner_cutting, coarsest, self._told)
+            (rows, cols), corner_cutting = heights.shape, self._corner_cutting
+            rule, coarsest = self._limits.rule(*sides, scale=model.scale), FACTOR ** len(coarse_shapes(rows, cols))
+            self.grid = Grid(rows, cols, model, corner_cutting, weights := bordered(rows, cols))
+            self.grid.compute_by(Tiles(heights, rule, weights, corner_cutting, coarsest, self._told))
             if self.vehicle is not None:
                 terms, shut = term_weights(self._limits), None if self._told is None else self._told >= 1.0
                 self.grid.stand_by(Poses(heights, sides, self.vehicle, terms, model.scale, shut))
             elif self._slope_cost is not None:
                 self.grid.complete()
-            self._go_by_slope()
-        self._forget()
-        if not self._lazy:
-            self.grid.complete()
-
-    def _go_by_slope(self) -> None:
-        """Have steps cost by the slope if they are to."""
-        if self._slope_cost is not None and self._heights is not None and self.sides_m is not None:
-            self.grid.go_by(DirectedSteps(self._heights, self.sides_m, self._slope_cost, self.grid))
-
-    def _forget(self) -> None:
-        self.log = ChangeLog()
-        self._pyramid: Pyramid | None = None
-        self._unpooled: ChangeReader | None = None
 
     def begin_anew(self) -> None:
         """Forget all but the layers. Whoever read the log must be made anew."""
@@ -139,16 +133,15 @@ class MapState:
     def pyramid_by(self, deadline: Deadline) -> Pyramid:
         """As `pyramid`; at the deadline OutOfTimeError, and the next call goes on from there."""
         if self._pyramid is None or self._unpooled is None:
-            self._pyramid, self._unpooled = Pyramid(self.grid, later=True), self.log.reader()
+            self._pyramid, self._unpooled = Pyramid(self.grid), self.log.reader()
             if not self._lazy:
                 self.grid.complete(deadline)
         elif self._unpooled.behind:
             changes = self._unpooled.read()
             whole = (0, 0, *self.shape)
             for part in [whole] if any(c.rescaled for c in changes) else [c.part for c in changes]:
-                self._pyramid.update(part, later=True)
-        self._pyramid.finish(deadline)
-        return self._pyramid
+                self._pyramid.update(part)
+        return self._pyramid.finish(deadline)
 
     def update(self, row: int, col: int, patch: Float2D, seen: NDArray[np.bool_] | None = None) -> Change:
         """Put new costs (h, w) into the map at (row, col), and what that changed into the log.
@@ -280,7 +273,8 @@ class MapState:
 class DiscState(MapState):
     """The map of a disc: a point's, on which cells are shut too where the disc would touch an obstacle.
 
-    All costs are computed at once.
+    So are those from which it would on its way to the cells beside them. What lies off the map is an obstacle. All
+    costs are computed at once.
     """
 
     def __init__(self, ground: Ground, omega: float, corner_cutting: bool, *, lazy: bool, tell_unknown: bool) -> None:
@@ -288,7 +282,13 @@ class DiscState(MapState):
         point = replace(ground, vehicle=None, step_cost=StepCost.PAPER if ground.cost is None else ground.step_cost)
         by_slope = ground.cost is None and ground.by_slope
         self._point = MapState(point, omega, corner_cutting, lazy=False, tell_unknown=True, shut_alone=by_slope)
-        self._disc = Disc(ground.vehicle.radius_m, ground.sides_m)
+        self._radius_m, (dy, dx) = ground.vehicle.radius_m, ground.sides_m
+        # a disc half a step away is within this of the cell, as far as it is not within it of the next
+        reach = math.hypot(self._radius_m, 0.5 * math.hypot(dy, dx))
+        self._reach = rows, cols = math.ceil(reach / dy + 0.5), math.ceil(reach / dx + 0.5)
+        down = np.maximum(np.abs(np.arange(-rows, rows + 1)) - 0.5, 0.0) * dy
+        along = np.maximum(np.abs(np.arange(-cols, cols + 1)) - 0.5, 0.0) * dx
+        self._touched = (np.hypot(down[:, None], along) < reach).astype(np.uint8)
         super().__init__(ground, omega, corner_cutting, lazy=lazy, tell_unknown=False)
 
     def _heights_of(self, _: Ground) -> tuple[Float2D | None, float]:
@@ -299,22 +299,26 @@ class DiscState(MapState):
         self._point.begin_anew()
         self._lay_out()
 
-    def _lay_out(self, cost: Float2D | None = None) -> None:
+    def _make_grid(self, cost: Float2D | None) -> None:
         rows, cols = self._point.shape
         self.grid = Grid(rows, cols, self._model, self._corner_cutting)
-        self.grid.update(self._disc.shut(self._weights, (0, 0, rows, cols)), weights=True)
-        self._go_by_slope()
-        self._forget()
+        self.grid.update(self._shut((0, 0, rows, cols)), weights=True)
 
-    @property
-    def _weights(self) -> Float2D:
-        """(H, W) of a point, a view."""
-        return self._point.grid.map()
+    def _shut(self, part: Rectangle) -> Float2D:
+        """(h, w) weights of a part of the map, inf where the disc would touch an obstacle."""
+        import cv2  # takes a tenth of a second to load
+
+        weights, (row, col, rows, cols), (down, along) = self._point.grid.map(), part, self._reach
+        top, left, high, wide = seen = widened(part, self._reach, self.shape)
+        obstacles = np.ones((rows + 2 * down, cols + 2 * along), np.uint8)
+        obstacles[slices((top - row + down, left - col + along, high, wide))] = ~(weights[slices(seen)] < np.inf)
+        touched = cv2.dilate(obstacles, self._touched, borderType=cv2.BORDER_CONSTANT, borderValue=1)
+        return np.where(touched[down : down + rows, along : along + cols], np.float32(np.inf), weights[slices(part)])
 
     @property
     def room(self) -> Room:
         """The disc's own."""
-        return self._point.grid.weights, *self.shape, self._disc.radius_m, *self._disc.sides_m
+        return self._point.grid.weights, *self.shape, self._radius_m, *(self.sides_m or (1.0, 1.0))
 
     def update(self, row: int, col: int, patch: Float2D, seen: NDArray[np.bool_] | None = None) -> Change:
         """As `MapState.update`, of a point's costs."""
@@ -327,9 +331,8 @@ class DiscState(MapState):
     def _followed(self, change: Change, heights: Rectangle) -> Change:
         """Bring up to date what the disc can stand on around a change of the point's map."""
         if change.cells:
-            around, keeps = self._disc.around(change.part, self.shape), self.log.keeps_old_weights
-            weights = self._disc.shut(self._weights, around)
-            change = self.grid.update(weights, around[:2], keep_old_weights=keeps, weights=True)
+            around, keeps = widened(change.part, self._reach, self.shape), self.log.keeps_old_weights
+            change = self.grid.update(self._shut(around), around[:2], keep_old_weights=keeps, weights=True)
         return self._noted(change, heights)
 
     def cost(self) -> Float2D:
@@ -360,9 +363,7 @@ def map_state(
     by_slope = ground.elevation is not None and ground.by_slope
     check_planner_fits(ground.shape, directed=by_slope)
     if warn and ground.elevation is not None:
-        heights, _ = relative_heights(ground.elevation)
-        warn_of_saturation(
-            heights, ground.traversability.rule(*ground.sides_m), stacklevel=7
-        )  # who called the planner
+        heights, rule = relative_heights(ground.elevation)[0], ground.traversability.rule(*ground.sides_m)
+        warn_of_saturation(heights, rule, stacklevel=7)  # who called the planner
     kind = DiscState if ground.vehicle is not None and ground.vehicle.is_disc else MapState
     return kind(ground, omega, corner_cutting, lazy=lazy, tell_unknown=tell_unknown)

@@ -11,7 +11,7 @@ Steps that cost by the slope, and so not alike both ways, are those of `slope_co
 """
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from enum import StrEnum
 from typing import NoReturn
 
@@ -78,11 +78,6 @@ class StepModel:
     def steps(self) -> tuple[float, float, float, float]:
         """Lengths, then weight terms, each for straight and for diagonal steps."""
         return (*self.length_term, *self.weight_term)
-
-    def weighing(self, factor: float) -> "StepModel":
-        """This model, but that weights count `factor` times."""
-        straight, diagonal = self.weight_term
-        return replace(self, weight_term=(factor * straight, factor * diagonal))
 
     def step(self, kind: int, weights: float) -> float:
         """Cost of a straight (0) or diagonal (1) step between cells whose weights sum to `weights`."""

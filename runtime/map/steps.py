@@ -1,8 +1,8 @@
 """Costs of a step between two cells, and where one may lead: for a point, and for a vehicle's poses.
 
-By the slope: see `directed`.
-They are asked by way of a `Grid`, which they do not keep. Searches, standing paths and whoever prices a path ask
-alike, and never which they are. Another kind of step is a class here, and the kernels that take what it packs.
+Those by the slope are in `directed`. All are asked by way of a `Grid`, which they do not keep. Searches, standing
+paths and whoever prices a path ask alike, and never which they are. Another kind of step is a class like these, and
+the kernels that take what it packs.
 """
 
 import math

@@ -25,33 +25,12 @@ _KEPT = FACTOR + 1
 above them."""
 
 
-class VirtualGrid(Grid):
-    """A grid that takes memory where costs are put; elsewhere its weights are 0, and mean nothing."""
-
-    def __init__(self, rows: int, cols: int, model: StepModel, corner_cutting: bool = True) -> None:
-        super().__init__(rows, cols, model, corner_cutting, virtual_zeros((rows + 2) * (cols + 2), np.float32))
-
-    def put(self, cost: Float2D, origin: Cell) -> None:
-        """As `update`, with the border beside the rectangle; the bounds stay as they are."""
-        least, greatest, (row, col), (rows, cols) = self.least, self.greatest, origin, cost.shape
-        self.update(cost, origin)
-        self.set_bounds(least, greatest)
-        beside = self.weights.reshape(self.rows + 2, self.stride)[row : row + rows + 2, col : col + cols + 2]
-        for at_border, border in (
-            (row == 0, beside[0]),
-            (col == 0, beside[:, 0]),
-            (row + rows == self.rows, beside[-1]),
-            (col + cols == self.cols, beside[:, -1]),
-        ):
-            if at_border:
-                border[:] = np.inf
-
-
 class StreamedMap:
-    """Coarse levels as `Pyramid` makes them, and a finest one that is filled (`grid.put`) where a search goes.
+    """Coarse levels as `Pyramid` makes them, and a finest one that is filled (`put`) where a search goes.
 
-    Costs are taken band by band from top to bottom, with `take`, and `finish` ends that. Steps cost as in ``paper``
-    only, as ``length`` weighs obstacles by the dearest cell of the whole map. Serves one thread at a time.
+    Elsewhere its weights take no memory, are 0, and mean nothing. Costs are taken band by band from top to bottom,
+    with `take`, and `finish` ends that. Steps cost as in ``paper`` only, as ``length`` weighs obstacles by the
+    dearest cell of the whole map. Serves one thread at a time.
     InvalidMapError where the map is empty, or has more cells than nodes have numbers.
     """
 
@@ -59,7 +38,7 @@ class StreamedMap:
         rows, cols = shape
         if rows < 1 or cols < 1 or (rows + 2) * (cols + 2) > MOST_NODES or model.kind is not StepCost.PAPER:
             raise InvalidMapError(f"wanted a map of 1 to {MOST_NODES} cells with the paper's costs, got {shape}")
-        self.grid = VirtualGrid(rows, cols, model, corner_cutting)
+        self.grid = Grid(rows, cols, model, corner_cutting, virtual_zeros((rows + 2) * (cols + 2), np.float32))
         self.levels = [Level(self.grid)]
         for coarse in coarse_shapes(rows, cols):
             grid = Grid(*coarse, model)
@@ -81,6 +60,22 @@ class StreamedMap:
     def pyramid_by(self, _: Deadline) -> "StreamedMap":
         """Levels that are there already."""
         return self
+
+    def put(self, cost: Float2D, origin: Cell) -> None:
+        """Fill a rectangle of the finest level, and the border beside it; the bounds stay as they are."""
+        grid, (row, col), (rows, cols) = self.grid, origin, cost.shape
+        least, greatest = grid.least, grid.greatest
+        grid.update(cost, origin)
+        grid.set_bounds(least, greatest)
+        beside = grid.weights.reshape(grid.rows + 2, grid.stride)[row : row + rows + 2, col : col + cols + 2]
+        for at_border, border in (
+            (row == 0, beside[0]),
+            (col == 0, beside[:, 0]),
+            (row + rows == grid.rows, beside[-1]),
+            (col + cols == grid.cols, beside[:, -1]),
+        ):
+            if at_border:
+                border[:] = np.inf
 
     def take(self, cost: Float2D) -> None:
         """Pool the next rows' costs (h, cols); h is a multiple of four, but for the last band."""

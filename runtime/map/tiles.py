@@ -38,38 +38,19 @@ from nnpp_edge.runtime.map.changes import Change
 from nnpp_edge.runtime.memory import virtual_zeros
 from nnpp_edge.runtime.tuning import TILE_COLS, TILE_ROWS
 
-TileSource = tuple[
-    NDArray[np.float32],
-    NDArray[np.float64],
-    NDArray[np.float32],
-    NDArray[np.int64],
-    NDArray[np.float32],
-    NDArray[np.uint16],
-    NDArray[np.uint8],
-    NDArray[np.int64],
-    NDArray[np.int64],
-    NDArray[np.float32],
-]
-PackedTiles = tuple[NDArray[np.uint8], int, int, int, TileSource, int]
+PackedTiles = tuple[NDArray[np.uint8], int, int, int, tuple[object, ...], int]
 """Tiles as the kernels take them, see `kernels.tiles`: (state, wanted, row_shift, col_shift, source, address)."""
 _EVERYWHERE = 62
 """Bits by which a row is shifted to the one tile of a map that is there as a whole."""
-
-
-def _source(
-    heights: NDArray[np.float32], rule: NDArray[np.float64], weights: NDArray[np.float32], shape: tuple[int, int]
-) -> TileSource:
-    levels, counts, told = np.zeros((1, 4), np.int64), np.zeros(2, np.int64), np.empty(0, np.float32)
-    coarse = np.empty(0, np.float32), np.empty(0, np.uint16), np.empty(0, np.uint8)
-    return heights, rule, weights, levels, *coarse, counts, np.array(shape, np.int64), told
-
-
+_NONE = np.empty(0, np.float32)
+_NO_LEVELS = _NONE, np.empty(0, np.uint16), np.empty(0, np.uint8)
+_COUNTS = np.zeros((1, 4), np.int64), np.zeros(2, np.int64), np.zeros(2, np.int64)
 COMPLETE: PackedTiles = (
     np.full((1, 1), COSTED | SURROUNDED | POOLED | LINKED, np.uint8),
     SURROUNDED,
     _EVERYWHERE,
     _EVERYWHERE,
-    _source(np.empty(0, np.float32), np.zeros(RULE_SLOTS), np.empty(0, np.float32), (0, 0)),
+    (_NONE, np.zeros(RULE_SLOTS), _NONE, _COUNTS[0], *_NO_LEVELS, *_COUNTS[1:], _NONE),
     0,
 )
 """Of a grid whose weights are all there."""
@@ -98,25 +79,27 @@ class Tiles:
         coarsest: int,
         told: Float2D | None = None,
     ) -> None:
-        self.heights, self.rule = heights, rule
+        self.heights, self.rule, self._weights, self._told = heights, rule, weights, _NONE
         self.shape: tuple[int, int] = heights.shape
-        self._source = _source(heights.reshape(-1), rule, weights, self.shape)
         high, wide = self._sides = max(TILE_ROWS, coarsest), max(TILE_COLS, coarsest)
         self.state = np.zeros((-(-self.shape[0] // high), -(-self.shape[1] // wide)), np.uint8)
         """(I, J) uint8, what has been computed of each tile, as bits."""
-        self._source[3][0] = high.bit_length() - 1, wide.bit_length() - 1, corner_cutting, 0
+        self._levels = np.array([(high.bit_length() - 1, wide.bit_length() - 1, corner_cutting, 0)], np.int64)
+        self._coarse, self._counts = _NO_LEVELS, np.zeros(2, np.int64)
         if told is not None:
-            self._tell_in(told)
+            self._told, self._counts[1] = told.reshape(-1), 1
 
     @property
     def cells_computed(self) -> int:
         """Cells whose weights there are."""
-        return int(self._source[7][0])
+        return int(self._counts[0])
 
     def packed(self, number: int = 0) -> PackedTiles:
         """As kernels take them that look at the level of that number."""
         down, right = (side.bit_length() - 1 - 2 * number for side in self._sides)
-        return self.state, LINKED if number else SURROUNDED, down, right, self._source, _address()
+        of_map, counts = (self.heights.reshape(-1), self.rule, self._weights), (self._counts, np.array(self.shape))
+        source = *of_map, self._levels, *self._coarse, *counts, self._told
+        return self.state, LINKED if number else SURROUNDED, down, right, source, _address()
 
     def add_levels(
         self, shapes: list[tuple[int, int]]
@@ -124,18 +107,14 @@ class Tiles:
         """Make room for coarse levels of these shapes, finest first: weights, pieces and links of each, padded."""
         sizes = [(rows + 2) * (cols + 2) for rows, cols in shapes]
         firsts = [0, *itertools.accumulate(sizes)]
-        levels = np.empty((1 + len(shapes), 4), np.int64)
-        levels[0] = self._source[3][0]
-        levels[0, 3] = len(shapes)
-        for number, (rows, cols) in enumerate(shapes):
-            levels[number + 1] = rows, cols, cols + 2, firsts[number]
-        weights = np.zeros(firsts[-1], np.float32)
-        pieces, links = np.zeros(firsts[-1], np.uint16), np.zeros(firsts[-1], np.uint8)
+        rows_of = [(rows, cols, cols + 2, first) for (rows, cols), first in zip(shapes, firsts, strict=False)]
+        self._levels = np.array([(*self._levels[0, :3], len(shapes)), *rows_of], np.int64)
+        size = firsts[-1]
+        weights, pieces, links = np.zeros(size, np.float32), np.zeros(size, np.uint16), np.zeros(size, np.uint8)
+        self._coarse = weights, pieces, links
         parts = [slice(first, first + size) for first, size in zip(firsts, sizes, strict=False)]
         for part, (rows, cols) in zip(parts, shapes, strict=True):
             close_border(weights[part], rows, cols)
-        heights, rule, own, _, _, _, _, counts, shape, told = self._source
-        self._source = heights, rule, own, levels, weights, pieces, links, counts, shape, told
         return [(weights[part], pieces[part], links[part]) for part in parts]
 
     def open_at(self, row: int, col: int) -> None:
@@ -155,7 +134,7 @@ class Tiles:
         """
         tiles, (rows, cols), high = self.packed(), self.shape, self._sides[0]
         for work, done in ((compute_rows, COSTED | POOLED), (link_rows, LINKED)):
-            wanted = done if self._source[3][0, 3] else done & COSTED
+            wanted = done if self._levels[0, 3] else done & COSTED
             for first, last in stripes(rows, cols, high, whole=deadline.at == math.inf):
                 state = self.state[first // high : -(-last // high)]
                 if (state & wanted != wanted).any():
@@ -163,19 +142,14 @@ class Tiles:
                     state |= wanted
                     deadline.check()
         self.state |= SURROUNDED
-        self._source[7][0] = rows * cols
+        self._counts[0] = rows * cols
 
     def tell_from_now_on(self) -> Float2D:
         """(H, W) float32, costs that were told, inf where a cell is shut, 0 where nothing was; to be asked for
         before any are written.
         """
-        told = virtual_zeros(self.heights.size, np.float32).reshape(self.shape)
-        self._tell_in(told)
-        return told
-
-    def _tell_in(self, told: Float2D) -> None:
-        self._source = (*self._source[:9], told.reshape(-1))
-        self._source[7][1] = 1
+        self._told, self._counts[1] = virtual_zeros(self.heights.size, np.float32), 1
+        return self._told.reshape(self.shape)
 
     def write(
         self, part: Rectangle, patch: Float2D, seen: NDArray[np.bool_], *, told: bool = False, keeps: bool = False
@@ -186,7 +160,7 @@ class Tiles:
         all. Returns the change, which counts what has not been computed yet as changed, and the rectangle of new
         values, of no rows without any. With `keeps` old weights are kept, and computed first where there are none.
         """
-        layer, rim = (self._source[9], 0) if told else (self._source[0], 1)
+        layer, rim = (self._told, 0) if told else (self.heights.reshape(-1), 1)
         room = (part[2] + 2 * rim) * (part[3] + 2 * rim) if keeps else 0
         found, nodes, old = np.empty(FOUND_SLOTS, np.int64), np.empty(room, np.int32), np.empty(room, np.float32)
         write_layer(self.packed(), layer, rim, np.ascontiguousarray(patch), seen, *part[:2], found, nodes, old)

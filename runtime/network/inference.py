@@ -106,8 +106,8 @@ class NetworkModel:
         self._head: PlaceHead | None = None
         self._answer: Float2D = self._outputs[OUTPUT][0, 0]
         self._encoded = False
-        if loaded.head_layers is not None:
-            self._head = PlaceHead(loaded.head_layers, m.input_size // QUERY_SPACING)
+        if loaded.head_parameters is not None:
+            self._head = PlaceHead(loaded.head_parameters, m.head, m.input_size // QUERY_SPACING)
             self._answer = np.empty((m.blocks, m.blocks), np.float32)
 
     def _use_session(self, loaded: LoadedModel) -> None:

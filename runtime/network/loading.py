@@ -19,8 +19,9 @@ from numpy.typing import NDArray
 
 from nnpp_edge.runtime.errors import ModelError, NnppEdgeError
 from nnpp_edge.runtime.kernels.encoding import ENDS_CHANNELS
+from nnpp_edge.runtime.kernels.place_head import ANSWERS
 from nnpp_edge.runtime.network.model_file import QUERY_SPACING, ModelMetadata, model_path, read_metadata
-from nnpp_edge.runtime.network.place_head import ANSWERS, PlaceHead, count_parameters, layers_of
+from nnpp_edge.runtime.network.place_head import PlaceHead, count_parameters
 from nnpp_edge.runtime.reading import reason, refused_as
 from nnpp_edge.runtime.tuning import TWO_THREADS_FROM
 
@@ -56,7 +57,7 @@ class LoadedModel:
     metadata: ModelMetadata
     inputs: Shapes
     outputs: Shapes
-    head_layers: tuple[NDArray[np.float32], ...] | None
+    head_parameters: NDArray[np.float32] | None
     """Of a network in two parts."""
     process: int
     """That opened it."""
@@ -162,29 +163,25 @@ def _shapes(m: ModelMetadata) -> tuple[Shapes, Shapes]:
     return inputs, {OUTPUT: (1, ANSWERS, places, places), **in_parts}
 
 
-def _checked_head(
-    path: Path, session: "InferenceSession", m: ModelMetadata, inputs: Shapes
-) -> tuple[NDArray[np.float32], ...]:
-    """The layers of the head; ModelError where they do not answer what the graph does."""
+def _checked_head(path: Path, session: "InferenceSession", m: ModelMetadata, inputs: Shapes) -> NDArray[np.float32]:
+    """The parameters of the head; ModelError where they do not answer what the graph does."""
     seen = np.random.default_rng(0).random(inputs["map"], np.float32)
     side, far = m.input_size // QUERY_SPACING, float(m.input_size - 1)
     asked = (0.3 * far, 0.0), (far, 0.6 * far), m.sigma * m.input_size
     query = np.zeros(inputs["query"], np.float32)
     answer = np.empty((m.blocks, m.blocks), np.float32)
     # a head without parameters encodes the query: compiled code that plans need is read, and no other
-    nothing = layers_of(np.zeros(count_parameters(m.head), np.float32), m.head)
-    PlaceHead(nothing, side).answer(*asked, query[0], answer)
+    PlaceHead(np.zeros(count_parameters(m.head), np.float32), m.head, side).answer(*asked, query[0], answer)
     with refused_as(ModelError, f"{path}: wanted an ONNX model, got one whose graph fails"):
         found = session.run([OUTPUT, PLACES, HEAD], {"map": seen, "query": query, ASK: np.ones(1, np.bool_)})
     wanted, places, parameters = found
-    layers = layers_of(parameters, m.head)
-    head = PlaceHead(layers, side)
+    head = PlaceHead(parameters := np.array(parameters, np.float32), m.head, side)
     head.describe(places)
     head.answer(*asked, query[0], answer)
     in_place = wanted.reshape(2, 2, side, side).transpose(2, 0, 3, 1).reshape(answer.shape)
     if not np.abs(answer - in_place).max() <= _ROUNDING:
         raise ModelError(f"{path}: the head's parameters are not those of its graph")
-    return layers
+    return parameters
 
 
 def _after_fork() -> None:

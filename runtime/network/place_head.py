@@ -31,22 +31,17 @@ def count_parameters(sizes: tuple[int, ...]) -> int:
     return sum(inputs * outputs for inputs, outputs in parameter_shapes(sizes))
 
 
-def layers_of(parameters: Floats, sizes: tuple[int, ...]) -> tuple[Floats, ...]:
-    """The matrices of `parameter_shapes`, of a head whose (N,) parameters stand in a row."""
-    shapes = parameter_shapes(sizes)
-    parts = np.split(parameters, np.cumsum([inputs * outputs for inputs, outputs in shapes])[:-1])
-    return tuple(part.reshape(shape).copy() for part, shape in zip(parts, shapes, strict=True))
-
-
 class PlaceHead:
-    """The head of these layers, for places in a square of `side`."""
+    """The head of these sizes, for places in a square of `side`.
 
-    def __init__(self, layers: tuple[Floats, ...], side: int) -> None:
-        self._layers = layers
-        relation, (first, second) = layers[0].shape[1], layers[6].shape
+    `parameters` are (N,) float32, all of `parameter_shapes` in a row.
+    """
+
+    def __init__(self, parameters: Floats, sizes: tuple[int, ...], side: int) -> None:
+        relation, *units = sizes
+        self._parameters, self._units = parameters, tuple(units)
         self._places: Floats = np.zeros((side * side, 2 * relation), np.float32)
-        needed = (3, side**2, relation), (side**2 + 1, first), (side**2, second), (side**2, ANSWERS)
-        self._scratch = tuple(np.empty(shape, np.float32) for shape in needed)
+        self._scratch = np.empty((side * side + 1) * (3 * relation + sum(units) + ANSWERS), np.float32)
 
     def describe(self, places: Floats) -> None:
         """Take over the encoder's two descriptions of each place: (1, 2R, P, P) float32."""
@@ -54,5 +49,5 @@ class PlaceHead:
 
     def answer(self, start: Point, goal: Point, sigma: float, query: Floats, out: Floats) -> None:
         """Probabilities, (2P, 2P) float32, into `out`, and into `query` what `encode_ends` writes."""
-        state = self._places, query, self._layers, self._scratch
+        state = self._places, query, self._parameters, self._units, self._scratch
         answer_ends((*start, *goal), float(QUERY_SPACING), sigma, *state, out)

@@ -113,15 +113,9 @@ class CoarseLevel:
     ) -> Region:
         """Where to search the next finer level, around what the last search here found, from the goal to `start`.
 
-        The region's bitmap is overwritten by the call after the next. OutOfTimeError at the deadline.
-
-        Parameters
-        ----------
-        radius, band
-            As in `tuning.CorridorWidth`: cells within so many quarters of the path's, and those on paths that cost
-            at most 1 + `band` times as much, which the search settled.
-        finer, finer_workspace
-            The next finer level, and the memory of its search.
+        In it are cells within `radius` quarters of the path's, and those on paths that cost at most 1 + `band` times
+        as much, which the search settled. Its bitmap is overwritten by the call after the next. OutOfTimeError at the
+        deadline.
         """
         self._stamp += 1
         marks = self._bitmaps[self._stamp % 2], self._stamp
@@ -146,23 +140,19 @@ class CoarseToFine:
     def __init__(self, state: MapState | StreamedMap, finest: Workspace) -> None:
         self._state, self._finest = state, finest
         self._levels = state.pyramid.levels
-        self._coarse = [CoarseLevel(level) for level in self._levels[1:]]
+        self.coarse_levels = [CoarseLevel(level) for level in self._levels[1:]]
+        """The searched levels above the map itself, finest first."""
         self._corrects = state.grid.steps.by_poses
         self._last: Region | None = None
         """Where the last descent let the map itself be searched."""
 
-    @property
-    def coarse_levels(self) -> list[CoarseLevel]:
-        """The searched levels above the map itself, finest first."""
-        return self._coarse
-
     def workspace(self, number: int) -> Workspace:
         """Memory of the searches of the level of that number; 0 is the map itself."""
-        return self._coarse[number - 1].workspace if number else self._finest
+        return self.coarse_levels[number - 1].workspace if number else self._finest
 
     def top_for(self, query: Query) -> int:
         """The level to begin at: where start and goal are close, a finer one than the coarsest."""
-        number = 1 if self._corrects else len(self._coarse)
+        number = 1 if self._corrects else len(self.coarse_levels)
         while number > 1 and query.apart < CELLS_APART * FACTOR**number:
             number -= 1
         return number
@@ -178,7 +168,7 @@ class CoarseToFine:
         """
         self._levels = self._state.pyramid_by(query.deadline).levels  # brought up to date
         for number in range(top, 0, -1):
-            coarse, (radius, band) = self._coarse[number - 1], _margins(query, number, width)
+            coarse, (radius, band) = self.coarse_levels[number - 1], _margins(query, number, width)
             start, goal = _at_level(query.start, number), _at_level(query.goal, number)
             found = coarse.search(goal, start, region, beyond=band, deadline=query.deadline)
             work.expansions += found.expansions
@@ -210,7 +200,7 @@ class CoarseToFine:
 
         A vehicle's links are corrected meanwhile, as often as it pays.
         """
-        coarse, self._last = self._coarse[0], None
+        coarse, self._last = self.coarse_levels[0], None
         try:
             for left in reversed(range(MOST_CORRECTIONS if self._corrects else 1)):
                 descent = self.descend(query, work, searcher, top, region, width)
@@ -229,7 +219,7 @@ class CoarseToFine:
         """Have the system back all arrays with memory now."""
         for level in self._levels:
             touch(level, level.grid)
-        for coarse in self._coarse:
+        for coarse in self.coarse_levels:
             touch(coarse, coarse.workspace)
 
 

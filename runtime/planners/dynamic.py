@@ -86,8 +86,6 @@ class DynamicPlanner(OnMap):
 
     Parameters
     ----------
-    cost : (H, W) float, or Ground
-        As for `Planner`.
     goal : (row, col)
         A cell of the map.
     method : str
@@ -95,14 +93,9 @@ class DynamicPlanner(OnMap):
         goal nearby, unless the way there is long; D* Lite in the corridor that stands, if little has changed and that
         lies near the start; else a new corridor.
     refine : str
-        As for `Planner.plan`, of every plan.
-    cell_size_m, **options
-        As for `Planner`.
-
-    Raises
-    ------
-    InvalidMapError, InvalidQueryError
-        As for `Planner`; or there is no such method; or the goal is outside the map.
+        As in `PlanOptions`, of every plan.
+    cost, cell_size_m, **options
+        As for `Planner`, as errors are; or there is no such method, or the goal is outside the map.
 
     Examples
     --------
@@ -238,20 +231,9 @@ class DynamicPlanner(OnMap):
     ) -> Plan:
         """A path from where the robot is to the goal, on the map as it is now.
 
-        Parameters
-        ----------
-        method : str
-            Instead of the planner's own, for which alone `prepare` does all there is to do.
-        time_limit_s : float
-            After this the status is TIMEOUT. A network's answer is waited for.
-        keep_regions : bool
-            As for `Planner.plan`.
-
-        Returns
-        -------
-        Plan
-            Its path, where the status is OK, leads over passable cells of the newest map. Regions that fail are
-            widened, then the whole map is searched: NO_PATH means that there is none.
+        The path of a plan that is OK leads over passable cells of the newest map. Regions that fail are widened, then
+        the whole map is searched: NO_PATH means that there is none. `method` stands in for the planner's own, for
+        which alone `prepare` does all there is to do; time and regions as in `PlanOptions`.
 
         Raises
         ------

@@ -155,8 +155,7 @@ class OnMap:
         row, col : int
             Where the patch's first cell goes.
         patch : (h, w) float
-            New costs; must lie inside the map. NaN is impassable on a map of costs, and tells a map of elevations
-            nothing.
+            New costs. NaN is impassable on a map of costs, and tells a map of elevations nothing.
         seen : (h, w) bool
             The cells that get new costs; by default all.
 
@@ -168,8 +167,7 @@ class OnMap:
         Raises
         ------
         InvalidMapError, InvalidQueryError
-            The patch does not lie inside the map, or holds a cost out of range; row or column is no whole number. The
-            map is as it was.
+            The patch does not lie inside the map, or holds a cost out of range; then the map is as it was.
         """
         change = self._state.update(row, col, patch, _mask(seen, patch))
         self._changed()

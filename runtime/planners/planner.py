@@ -82,52 +82,24 @@ class Planner(OnMap):
         rest.setdefault("warn", True)
         return cls(Ground.of_elevation(dem, cell_size_m, traversability, **own), **rest)
 
-    @one_at_a_time
-    def load_network(self) -> None:
-        """Do now what the first query of ``nnpp`` would: load the network and show it the map. ModelError as of
-        `plan`.
-        """
-        self._methods.load_network()
-
     @checked(InvalidQueryError)
     @one_at_a_time
     def prepare(self, *, landmarks: int = 0, goals: Sequence[Cell] = ()) -> None:
         """Compute costs once for this map, so that ``astar`` expands a fraction of the cells, for the same optimum.
 
-        Worth it for many queries on a map that stays, or whose cells only become dearer: a patch that makes a
-        cell cheaper undoes it. Each landmark and goal takes one search of the whole map, several times an A*'s
-        work, and 4 bytes a cell.
-
-        Parameters
-        ----------
-        landmarks : int
-            Cells spread over the map, for queries between any two places; 8 serve well.
-        goals : sequence of (row, col)
-            Passable cells, for queries to (or from) them: the search then goes straight along the path.
-
-        Raises
-        ------
-        InvalidQueryError
-            More than 8 in all, steps that cost by their slope, or a goal that is outside the map or impassable.
+        `landmarks` are cells spread over the map, for queries between any two places; 8 serve well. `goals` are
+        passable cells, for queries to (or from) them: the search then goes straight along the path. Worth it for many
+        queries on a map that stays, or whose cells only become dearer: a patch that makes a cell cheaper undoes it.
+        Each takes one search of the whole map, several times an A*'s work, and 4 bytes a cell. InvalidQueryError for
+        more than 8 in all, steps that cost by their slope, or a goal that is outside the map or impassable.
         """
         self._methods.astar.prepare(landmarks, [as_cell(goal, "goal") for goal in goals])
 
     @one_at_a_time
     def plan(self, start: Cell, goal: Cell, **options: Unpack[PlanOptions]) -> Plan:
-        """A path from start to goal.
+        """A path from start to goal, (row, col); the options are `PlanOptions`.
 
-        Parameters
-        ----------
-        start, goal : (row, col)
-            Cells.
-        **options : PlanOptions
-            By which method, how good, until when, and whether freed from the grid.
-
-        Returns
-        -------
-        Plan
-            Where a region fails it is widened, then the whole map is searched: NO_PATH means that there is
-            none.
+        Where a region fails it is widened, then the whole map is searched: NO_PATH means that there is none.
 
         Raises
         ------
@@ -144,30 +116,11 @@ class Planner(OnMap):
     def nearest(
         self, start: Cell, goals: Sequence[Cell], *, count: int = 1, **options: Unpack[PlanOptions]
     ) -> list[tuple[int, Plan]]:
-        """Paths to the goals that cost least to reach, cheapest first.
+        """Paths to the `count` goals, (row, col), that cost least to reach, cheapest first; errors as of `plan`.
 
-        Parameters
-        ----------
-        start : (row, col)
-            A cell.
-        goals : sequence of (row, col)
-            At least one.
-        count : int
-            How many are wanted.
-        **options : PlanOptions
-            As for `plan`; the time is each goal's own. Only exact methods are certain to know the order of goals that
-            are nearly as near.
-
-        Returns
-        -------
-        list of (int, Plan)
-            Numbers of the goals and the plans that lead there; last those that cannot be reached, if fewer than
-            `count` can. Goals that cannot be among the nearest, by the octile distance, are not planned to.
-
-        Raises
-        ------
-        InvalidQueryError
-            There is no goal, or as `plan`.
+        Numbers of the goals and the plans that lead there; last those that cannot be reached, if fewer than `count`
+        can. Goals that cannot be among the nearest, by the octile distance, are not planned to. The time of the
+        options is each goal's own. Only exact methods are certain to know the order of goals that are nearly as near.
         """
         if not len(goals):
             raise InvalidQueryError("wanted at least one goal, got none")
@@ -195,25 +148,12 @@ class Planner(OnMap):
         best_order: bool = False,
         **options: Unpack[PlanOptions],
     ) -> Tour:
-        """A path from start to goal by way of other cells.
+        """A path from start to goal by way of other cells, all (row, col), in the order in which they are given.
 
-        Parameters
-        ----------
-        start, goal : (row, col)
-            Cells.
-        via : sequence of (row, col)
-            The places between, in the order in which they are to be visited.
-        best_order : bool
-            Visit them in the order that costs least instead, by the plans between each two; with ``astar`` these are
-            the cheapest paths. At most 12.
-        **options : PlanOptions
-            As for `plan`, of each leg; the time is that of the whole tour. Where it is up before the best order is
-            known, the order given stays.
-
-        Returns
-        -------
-        Tour
-            Its plan has no path where one of the legs has none; the plan's reason names it.
+        With `best_order` they, at most 12, are visited in the order that costs least, by the plans between each two;
+        with ``astar`` these are the cheapest paths. The options are each leg's; the time is that of the whole tour:
+        where it is up before the best order is known, the order given stays. The tour's plan has no path where one of
+        the legs has none; its reason names it.
 
         Raises
         ------
@@ -240,24 +180,10 @@ class Planner(OnMap):
     @checked(InvalidQueryError)
     @one_at_a_time
     def reach(self, start: Cell, within: float = math.inf) -> Float2D:
-        """Costs of reaching every cell from one.
+        """Costs of reaching every cell from one: (H, W) float32, of the cheapest path to each.
 
-        Parameters
-        ----------
-        start : (row, col)
-            A cell.
-        within : float
-            The most that a path may cost, in units of ``step_cost``: seconds, say.
-
-        Returns
-        -------
-        (H, W) float32
-            Cost of the cheapest path to each cell; inf where there is none, or none that costs at most `within`.
-
-        Raises
-        ------
-        InvalidQueryError
-            The cell is not two integers, lies outside the map or is impassable; or `within` is below 0.
+        inf where there is none, or none that costs at most `within`, in units of ``step_cost``: seconds, say.
+        InvalidQueryError where the start is no cell, outside the map or impassable, or `within` is below 0.
         """
         return self._reach(start, within)
 

@@ -100,13 +100,9 @@ class StandingPath:
         """The stamp, for nodes that stand in `_before`."""
         self._touched = np.empty(nodes, np.int32)
         self._stamp, self._count = 1, 0
-        self._plan: Plan | None = None
+        self.plan: Plan | None = None
+        """The plan whose path stands; to be changed by `set` and `forget` alone."""
         self._walked = self._scratch = np.empty(0)
-
-    @property
-    def plan(self) -> Plan | None:
-        """The plan whose path stands."""
-        return self._plan
 
     def set(self, plan: Plan) -> None:
         """Follow this plan's path from now on; the plan must have been made on the map as it is now.
@@ -118,7 +114,7 @@ class StandingPath:
         self._walked, self._scratch = np.empty(len(plan.path)), np.empty(len(plan.path))
         if self._grid.walk(plan.path, 0, self._walked) >= 0:
             raise InvalidQueryError("a standing path must be walkable on the map it was planned on")
-        self._plan, self._count, self._parts = plan, 0, []
+        self.plan, self._count, self._parts = plan, 0, []
         self._changes.skip()
         if self._stamp == _LAST_STAMP:
             self._noted[:] = 0
@@ -127,7 +123,7 @@ class StandingPath:
 
     def forget(self) -> None:
         """There is no path to follow."""
-        self._plan, self._count, self._parts = None, 0, []
+        self.plan, self._count, self._parts = None, 0, []
         self._changes.skip()
 
     def catch_up(self) -> None:
@@ -138,16 +134,16 @@ class StandingPath:
     def check(self, at: Cell) -> Standing:
         """How the path stands for a robot in the cell `at`."""
         self._read_changes()
-        if self._plan is None:
+        if self.plan is None:
             return Standing(Footing.NONE)
-        path, grid = self._plan.path, self._grid
+        path, grid = self.plan.path, self._grid
         hits = np.flatnonzero((path[:, 0] == at[0]) & (path[:, 1] == at[1]))
         if not len(hits):
             return Standing(Footing.OFF_PATH)
         index, goal = int(hits[0]), (int(path[-1, 0]), int(path[-1, 1]))
         walked = float(self._walked[index])
         straight = octile.py_func(*at, *goal, *grid.prices) + grid.steps.worth_of_height(at, goal)
-        rest = float(self._walked[-1]) - walked, (1.0 - _ROUNDING) * self._plan.lower_bound - walked
+        rest = float(self._walked[-1]) - walked, (1.0 - _ROUNDING) * self.plan.lower_bound - walked
         floor, lower = (max(bound, straight) for bound in self._bounds_now(rest, at, goal))
         blocked = self._grid.walk(path, index, self._scratch)
         if blocked >= 0:
@@ -158,7 +154,7 @@ class StandingPath:
 
     def _read_changes(self) -> None:
         """Note what changed nodes weighed when the path was set."""
-        if self._plan is None:
+        if self.plan is None:
             self._changes.skip()
         for change in self._changes.read():
             if self._by_parts:

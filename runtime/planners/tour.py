@@ -70,14 +70,10 @@ def tour(
     finish: Callable[[Plan], Plan] = lambda leg: leg,
     deadline: Deadline = NEVER,
 ) -> Tour:
-    """A path along stops, each leg planned by itself.
+    """A path along stops, which are start, the places between, and goal, each leg planned by itself.
 
     Parameters
     ----------
-    plan : callable
-        Plans from one cell to another.
-    stops : sequence of (row, col)
-        Start, the places between, and goal.
     grid : Grid
         Of the map, filled where paths lead.
     best_order : bool

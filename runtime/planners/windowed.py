@@ -57,8 +57,6 @@ class WindowedPlanner:
 
     Parameters
     ----------
-    heights : HeightWindows
-        Of the map.
     traversability, omega, corner_cutting, mobility
         As for `Planner.of_elevation`.
     progress : callable
@@ -246,7 +244,7 @@ class CorridorCells:
             if unit not in self._known or whole != known:
                 unread.append(whole)
         for part, _, cost in self._costs.windows(unread):
-            self._map.grid.put(np.ascontiguousarray(cost), part[:2])
+            self._map.put(np.ascontiguousarray(cost), part[:2])
             self._known[part[0] // self._unit[0], part[1] // self._unit[1]] = part
             deadline.check()
 

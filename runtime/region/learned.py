@@ -87,16 +87,9 @@ class RegionFinder:
         """Take over an answer and find td as a level, along steps that the grid allows; -1 where there is no way.
 
         The blocks at td are numbered `stamp` in `at_td`, those at `factor` of it in `bitmap`. Where td is not above
-        0, `at_td` is every block and `bitmap` is left alone. OutOfTimeError at the deadline.
-
-        Parameters
-        ----------
-        probability : (B, B) float32
-            In [0, 1].
-        level, workspace, lookup
-            What is walked on, memory of its grid, and the block that each of its rows and columns lies in.
-        touching : bool
-            Whether each step on the grid leads to the same block or one that touches it; saves time.
+        0, `at_td` is every block and `bitmap` is left alone. The level is walked on; `workspace` is memory of its
+        grid, and `lookup` the block that each of its rows and columns lies in. To say that each step on the grid
+        leads to the same block or a `touching` one saves time. OutOfTimeError at the deadline.
         """
         self.stamp += 1
         node = level.grid.node
@@ -166,20 +159,11 @@ class LearnedRegions:
     ) -> tuple[NetworkAnswer, Iterator[Region | None]]:
         """The network's answer, and regions of a level to search one after another until one suffices.
 
-        td is found along steps that the level allows. The regions are that at a share of td, a wider one, and None,
-        which stands for all of a coarse level; to search all of the map itself is left to the caller.
-
-        Parameters
-        ----------
-        start, goal : (row, col)
-            Cells of the map.
-        level, number, workspace
-            The pyramid's level of that number, and memory of its grid.
-        stopwatch : Stopwatch
-            The stages ``encode``, ``inference`` and ``threshold`` are timed by it, and ``load`` where the model's
-            file had to be opened, or was just being opened by another thread.
-        deadline : Deadline
-            When to give up with OutOfTimeError. Neither loading nor running a network can be stopped.
+        td is found along steps that the level, the pyramid's of that number, allows. The regions are that at a share
+        of td, a wider one, and None, which stands for all of a coarse level; to search all of the map itself is left
+        to the caller. Timed are the stages ``encode``, ``inference`` and ``threshold``, and ``load`` where the file
+        had to be opened, or was just being opened by another thread. OutOfTimeError at the deadline, but that
+        neither loading nor running a network can be stopped.
         """
         view = self._loaded_view(stopwatch)
         places = view.show(start, goal, deadline)

@@ -24,11 +24,8 @@ class MapView:
 
     Parameters
     ----------
-    state : MapState
-        The map.
     model : str, Path or NetworkModel
-        A shipped model's name, a file, or a model already loaded, whose session is then shared; ModelError where it
-        cannot be loaded.
+        As in `PlannerOptions`; ModelError where it cannot be loaded.
     unseen_change : float
         With 0, what the network is shown depends on the map and the query alone. Else a network in two parts is
         shown a changed map only once more than this share of the cells it saw is different, and so is its view of

@@ -69,12 +69,8 @@ def astar(
 
     Parameters
     ----------
-    grid, workspace
-        The map, and scratch memory of its size.
     start, goal : (row, col)
-        Passable cells; with a region, cells inside it.
-    region : Region
-        Search only there.
+        Passable cells; with a region, which alone is searched, cells inside it.
     links : (nodes,) uint8
         The directions in which each cell may be left, as bits; by default all.
     hints

@@ -15,8 +15,7 @@ from numpy.typing import ArrayLike, NDArray
 from nnpp_edge.runtime.arguments import checked
 from nnpp_edge.runtime.arrays import Float2D, as_map, unmasked
 from nnpp_edge.runtime.bands import in_bands
-from nnpp_edge.runtime.cells import Rectangle, common
-from nnpp_edge.runtime.errors import InvalidMapError, shown
+from nnpp_edge.runtime.errors import InvalidMapError
 from nnpp_edge.runtime.kernels.traversability import count_saturated, fill_terms, fill_weights
 from nnpp_edge.runtime.tuning import MOST_SAMPLED
 
@@ -83,20 +82,18 @@ def traversability_cost(
     ----------
     dem : (H, W) float
         Elevation in metres; NaN where unknown.
-    cell_size_m : float
-        Side of a cell, along the rows' direction of travel (north to south).
+    cell_size_m, cell_width_m : float
+        Sides of a cell: from row to row and, where cells are not square, from column to column.
     traversability : Traversability
         Limits and weights; the paper's if not given.
-    cell_width_m : float
-        Side of a cell from west to east, where cells are not square.
     warn : bool
         Whether to issue a `SaturationWarning` where it applies.
 
     Returns
     -------
     (H, W) float32
-        Cost in [0, 1); inf where the elevation is unknown, where a hard limit is passed, or where all
-        three terms are full (the paper's obstacles, T = 1).
+        Cost in [0, 1); inf where the elevation is unknown, where a hard limit is passed, or where all three terms
+        are full (the paper's obstacles, T = 1).
 
     Raises
     ------
@@ -115,39 +112,6 @@ def traversability_cost(
     if warn:
         warn_of_saturation(heights, rule)
     return cost.reshape(heights.shape)
-
-
-@checked(InvalidMapError)
-def update_cost(
-    cost: Float2D,
-    dem: Float2D,
-    changed: Rectangle,
-    cell_size_m: float,
-    traversability: Traversability | None = None,
-    *,
-    cell_width_m: float | None = None,
-) -> Rectangle:
-    """Bring `cost`, (H, W) float32, up to date in place after `dem` has changed in a rectangle.
-
-    Only that rectangle of (row, col, rows, cols) and the rim of one cell around it are written, clipped to the map:
-    what is returned, with no rows and columns where it misses the map. The other arguments are as for
-    `traversability_cost`.
-    """
-    values = unmasked(dem)
-    shape = values.shape
-    if not isinstance(cost, np.ndarray) or cost.shape != shape or cost.dtype != np.float32:
-        got = f"{cost.shape} {cost.dtype}" if isinstance(cost, np.ndarray) else shown(cost)
-        raise InvalidMapError(f"cost must be {shape} float32, got {got}")
-    rule = (traversability or Traversability()).rule(*sides_of(cell_size_m, cell_width_m))
-    row, col, rows, cols = part = with_rim(changed, shape)
-    if rows:
-        row0, col0, high, wide = with_rim(part, shape)
-        heights, _ = relative_heights(values[row0 : row0 + high, col0 : col0 + wide])
-        area = (row - row0, row - row0 + rows, col - col0, col - col0 + cols)
-        new = np.empty((rows, cols), np.float32)
-        fill_weights(heights.reshape(-1), high, wide, rule, area, new.reshape(-1), -area[0] * cols - area[2], cols)
-        cost[row : row + rows, col : col + cols] = new
-    return part
 
 
 def terrain_terms(dem: Float2D, cell_size_m: float, *, cell_width_m: float | None = None) -> Float2D:
@@ -182,13 +146,6 @@ def relative_heights(dem: ArrayLike, base: float | None = None) -> tuple[Float2D
         known = exact[np.isfinite(exact)][:1]
         base = float(known[0]) if known.size else 0.0
     return as_map(exact - base, "dem"), base
-
-
-def with_rim(part: Rectangle, shape: tuple[int, ...]) -> Rectangle:
-    """A rectangle and the cells around it, as far as they lie on the map; no rows and columns where it misses it."""
-    row, col, rows, cols = part
-    whole = common((row - 1, col - 1, rows + 2, cols + 2), (0, 0, shape[0], shape[1]))
-    return whole if whole and rows > 0 and cols > 0 else (0, 0, 0, 0)
 
 
 def warn_of_saturation(heights: Float2D, rule: NDArray[np.float64], stacklevel: int = 4) -> None:

@@ -11,8 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from nnpp_edge.runtime.arrays import Float2D
-from nnpp_edge.runtime.cells import Rectangle
-from nnpp_edge.runtime.terrain.traversability import Traversability, traversability_cost, with_rim
+from nnpp_edge.runtime.cells import Rectangle, widened
+from nnpp_edge.runtime.terrain.traversability import Traversability, traversability_cost
 from nnpp_edge.runtime.tuning import BAND_CELLS, BANDS_AHEAD, LEG_CELLS
 
 T = TypeVar("T")
@@ -69,7 +69,7 @@ class CostWindows:
         """Rectangles of the map with their heights and costs."""
 
         def read(part: Rectangle) -> tuple[Float2D, Rectangle]:
-            whole = with_rim(part, self.heights.shape)
+            whole = widened(part, (1, 1), self.heights.shape)
             return self._read(whole), whole
 
         for part, (heights, whole) in _ahead(read, parts):

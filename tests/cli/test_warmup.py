@@ -10,14 +10,13 @@ from nnpp_edge.runtime.compiled.kernel import CACHE_FOLDER
 
 PLAN_EVERYTHING = """
 import numpy as np
-from nnpp_edge.runtime import DynamicPlanner, Planner, Vehicle, plan_path, traversability_cost, update_cost
+from nnpp_edge.runtime import DynamicPlanner, Planner, Vehicle, plan_path, traversability_cost
 from nnpp_edge.runtime.search.dstar_lite import DStarLite
 
 rng, methods = np.random.default_rng(3), ("astar", "corridor", "nnpp", "auto")
 for shape in ((30, 30), (1, 60), (260, 230), (600, 530), (1100, 60)):
     dem = np.cumsum(rng.normal(0.0, 0.05, shape), axis=1).astype(np.float32)
     cost = traversability_cost(dem, 1.0, warn=False)
-    update_cost(cost, dem, (0, 4, 1, 9), 1.0)
     cost = np.minimum(cost, np.float32(0.9))
     frozen = cost.copy()
     frozen.flags.writeable = False

@@ -192,22 +192,6 @@ def test_changes_reach_as_far_as_the_one_nearest_to_the_goal():
     assert search.reach() == 1.0
 
 
-@pytest.mark.parametrize("shape", [(1, 12), (12, 1), (1, 1), (2, 2), (15, 15)])
-def test_start_goal_and_what_lies_between_are_shut_and_opened(shape):
-    start, goal, middle = (0, 0), (shape[0] - 1, shape[1] - 1), (shape[0] // 2, shape[1] // 2)
-    for corner_cutting in (True, False):
-        world = Changing(np.full(shape, 0.3), goal, corner_cutting=corner_cutting)
-        assert len(world.plan(start).path) == max(shape)
-        assert world.plan(goal).path.tolist() == [list(goal)]
-        for cell in (start, goal, middle):
-            world.put(*cell, np.nan)
-            found = world.plan(start)
-            assert found.expansions == 0 or cell == middle
-            world.plan((0, shape[1] - 1))
-            world.put(*cell, 0.1)
-            assert len(world.plan(start).path) == max(shape)
-
-
 @pytest.mark.parametrize("step_cost", ["paper", "length"])
 def test_cells_cheaper_than_any_before_are_made_use_of_also_with_another_goal(step_cost):
     for seed in range(20):

@@ -8,10 +8,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from nnpp_edge.runtime import DynamicMethod, DynamicPlanner, Planner, tuning
+from nnpp_edge.runtime import DynamicPlanner, Planner, tuning
 from nnpp_edge.runtime.errors import Status
 from nnpp_edge.runtime.map.region import Region
-from nnpp_edge.runtime.planners import dynamic, searchers
+from nnpp_edge.runtime.planners import dynamic
 from nnpp_edge.runtime.planners.methods import Methods, pick_method
 from nnpp_edge.runtime.planners.plan import Source
 from nnpp_edge.runtime.planners.query import Query, Work
@@ -215,36 +215,19 @@ def moving(apart=235):
     return planner
 
 
-def test_auto_mends_from_its_distance_on_and_a_near_goal_is_found_by_astar():
-    for apart, wanted in (
-        (tuning.NEAR - 1, DynamicMethod.ASTAR),
-        (tuning.MEND_FROM - 1, DynamicMethod.CORRIDOR),
-        (tuning.MEND_FROM, DynamicMethod.CORRIDOR_DSTAR),
-    ):
-        assert moving(apart).replan().planner is wanted
-
-
 @pytest.mark.parametrize(
     ("name", "value", "apart", "wanted"),
     [
         ("MEND_SHARE", 0.0, 235, "corridor"),
         ("MEND_WITHIN", 0.0, 235, "corridor"),
         ("MEND_FROM", 1, 90, "corridor-dstar"),
+        ("NEAR", tuning.NEAR, tuning.NEAR - 1, "astar"),
+        ("MEND_FROM", tuning.MEND_FROM, tuning.MEND_FROM - 1, "corridor"),
+        ("MEND_FROM", tuning.MEND_FROM, tuning.MEND_FROM, "corridor-dstar"),
     ],
 )
-def test_each_limit_of_mending_counts(name, value, apart, wanted, monkeypatch):
+def test_auto_mends_within_its_limits_alone(name, value, apart, wanted, monkeypatch):
     planner = moving(apart)
     planner.update(22, 247 - apart, free(1, 1) + 0.3)
     monkeypatch.setattr(dynamic, name, value)
     assert planner.replan().planner == wanted
-
-
-@pytest.mark.parametrize(("slower", "wanted"), [(1e9, "searched afresh"), (0.0, "mended")])
-def test_a_region_is_mended_where_that_is_not_too_slow(slower, wanted, monkeypatch):
-    planner = DynamicPlanner(plain_rough(120, 120), (110, 110), "corridor-dstar")
-    monkeypatch.setattr(searchers, "DSTAR_SLOWER", slower)
-    for step in range(4):
-        planner.move((5 + step, 5 + step))
-        planner.update(14 + step, 14 + step, free(1, 1) * step)
-        plan = planner.replan()
-        assert plan.ok and plan.choice.startswith(f"{wanted}:")

@@ -138,7 +138,7 @@ def test_steps_cost_what_ways_do_near_the_function_and_no_metre_is_cheaper_than_
     dem = np.concatenate((dem, dem, dem))[:, np.newaxis].reshape(6, -1).astype(np.float32)
     sides = 1.0, 0.7
     grid = Grid(*dem.shape, StepModel.of("paper"), weights=np.zeros((len(dem) + 2) * (len(dem[0]) + 2), np.float32))
-    steps = DirectedSteps(dem, sides, model, grid).map
+    steps = DirectedSteps(dem, sides, model, grid).padded[1:-1, 1:-1]
     for k, (up, left) in enumerate(zip(ROW_STEP, COL_STEP, strict=True)):
         here, there = dem[1:-1, 1:-1].astype(np.float64), np.roll(dem, (-up, -left), (0, 1))[1:-1, 1:-1]
         ways = model.cost(math.hypot(up * sides[0], left * sides[1]), there - here)

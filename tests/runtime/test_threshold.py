@@ -113,7 +113,7 @@ def test_cells_that_the_network_is_not_shown_belong_to_no_region(side, above, le
 @given(st.integers(70, 400), st.integers(70, 400), st.integers(0, 2**32))
 def test_on_coarse_cells_the_bound_by_blocks_changes_nothing(rows, cols, seed):
     rng = np.random.default_rng(seed)
-    level = Pyramid(Grid.of(rng.random((rows, cols)) * 0.5, StepModel.of("paper"))).levels[1]
+    level = Pyramid(Grid.of(rng.random((rows, cols)) * 0.5, StepModel.of("paper"))).finish().levels[1]
     lookup, coarse = Frame(rows, cols, 64).lookup(16), []
     for blocks, cells in zip(lookup, (level.grid.rows, level.grid.cols), strict=True):
         coarse.append(blocks[np.minimum(np.arange(cells) * 4 + 2, len(blocks) - 1)])

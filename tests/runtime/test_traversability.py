@@ -17,7 +17,6 @@ from nnpp_edge.runtime.terrain.traversability import (
     Traversability,
     terrain_terms,
     traversability_cost,
-    update_cost,
 )
 from tests import oracles
 from tests.fuzz import elevations
@@ -66,28 +65,6 @@ def test_heights_in_float64_keep_their_millimetres_and_large_maps_are_computed_i
     monkeypatch.setattr("nnpp_edge.runtime.bands.THREADS_FROM", 1)
     monkeypatch.setattr("os.sched_getaffinity", lambda _: range(3))
     np.testing.assert_array_equal(traversability_cost(dem, 1.0, warn=False), low)
-
-
-@given(dems(), st.data())
-def test_updating_a_rectangle_equals_computing_all(dem, data):
-    before = traversability_cost(dem, 1.0, warn=False)
-    rows, cols = dem.shape
-    row, col = data.draw(st.integers(0, rows - 1)), data.draw(st.integers(0, cols - 1))
-    height, width = data.draw(st.integers(1, rows - row)), data.draw(st.integers(1, cols - col))
-    dem[row : row + height, col : col + width] += np.float32(3.5)
-    part = update_cost(before, dem, (row, col, height, width), 1.0)
-    np.testing.assert_array_equal(before, traversability_cost(dem, 1.0, warn=False))
-    assert part[2] <= height + 2
-    assert part[3] <= width + 2
-
-
-def test_an_update_touches_the_rectangle_and_its_rim_alone():
-    dem = np.zeros((20, 30), np.float32)
-    cost = np.full(dem.shape, 0.5, np.float32)
-    assert update_cost(cost, dem, (5, 6, 2, 3), 1.0) == (4, 5, 4, 5)
-    assert (cost == 0.0).sum() == 20
-    assert (cost[4:8, 5:10] == 0.0).all()
-    assert update_cost(cost, dem, (40, 6, 2, 3), 1.0) == (0, 0, 0, 0)
 
 
 def test_by_hand_a_plane_costs_its_slope_a_spike_steps_and_unknown_cells_are_impassable():

@@ -102,7 +102,7 @@ def test_coarse_levels_made_by_bands_are_those_of_the_whole_map(seed, blocked, r
     cost[:, rng.integers(cols)] = np.inf  # a wall
     cost[rng.integers(rows)] = np.inf
     model = StepModel.of("paper")
-    whole = Pyramid(Grid.of(cost, model, corner_cutting))
+    whole = Pyramid(Grid.of(cost, model, corner_cutting)).finish()
     streamed = StreamedMap(cost.shape, model, corner_cutting=corner_cutting)
     for row in range(0, rows, rows_per_band):
         streamed.take(cost[row : row + rows_per_band])
