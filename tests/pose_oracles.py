@@ -95,7 +95,9 @@ def drive_breaks(dem, cell_size_m, vehicle, path, *, positions=10, turn_deg=1.0,
     shares = np.linspace(0.0, 1.0, positions + 1)
     for n, (leg, heading) in enumerate(zip(legs, headings, strict=True)):
         places = begins[n] + shares[:, None] * leg
-        if (found := breaks_at(dem, cell_size_m, vehicle, places, np.full(len(places), heading), allowed_m)) is not None:
+        if (
+            found := breaks_at(dem, cell_size_m, vehicle, places, np.full(len(places), heading), allowed_m)
+        ) is not None:
             return found
         if n + 1 < len(legs):
             by = (headings[n + 1] - heading + math.pi) % (2.0 * math.pi) - math.pi
@@ -144,7 +146,9 @@ def worst_figures(dem, cell_size_m, vehicle, places, headings):
 
     def departures(points):
         apart = points - middles[:, None]
-        own = np.stack((np.ones(apart.shape[:2]), (apart * ahead[:, None]).sum(2), (apart * right[:, None]).sum(2)), 2)
+        own = np.stack(
+            (np.ones(apart.shape[:2]), (apart * ahead[:, None]).sum(2), (apart * right[:, None]).sum(2)), 2
+        )
         return ground.at(points) - (own * plane[:, None]).sum(2), own
 
     for place in stands:
@@ -199,7 +203,8 @@ class _Ground:
         counts = [2 + int(2.0 * side * PER_CELL / self.side) for side in half]
         along, across = (np.linspace(-side, side, count) for side, count in zip(half, counts, strict=True))
         edges = np.array(
-            [(x, y) for x in along for y in (-half[1], half[1])] + [(x, y) for x in (-half[0], half[0]) for y in across]
+            [(x, y) for x in along for y in (-half[1], half[1])]
+            + [(x, y) for x in (-half[0], half[0]) for y in across]
         )
         edges = edges[:, 0, None] * ahead[:, None] + edges[:, 1, None] * right[:, None]
         reach = math.ceil(math.hypot(*half) / self.side) + 1

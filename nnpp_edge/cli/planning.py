@@ -25,7 +25,6 @@ from nnpp_edge.runtime.map.attitude import attitudes
 from nnpp_edge.runtime.memory import peak_bytes
 from nnpp_edge.runtime.network import loading
 from nnpp_edge.runtime.planners.query import PlanOptions, problem_with
-from nnpp_edge.runtime.planners.refine import BodyLines
 from nnpp_edge.runtime.planners.windowed import WindowedPlanner
 from nnpp_edge.runtime.tuning import LARGE_MAP
 from nnpp_edge.terrain.dem import Dem, DemWindows
@@ -222,10 +221,8 @@ def _route(plan: Plan, cost: Float2D, dem: Dem, ground: Ground, planner: Planner
     if vehicle is None or len(plan.path) < 2:
         return route
     standing = {"heading_deg": headings_along(plan.along.points)}
-    if not vehicle.is_disc and plan.waypoints is None:
-        standing |= attitudes(dem.elevation, ground.sides_m, vehicle, plan.path)._asdict()
-    elif not vehicle.is_disc:
-        standing |= BodyLines(planner.state.grid).attitudes(plan.along.points)._asdict()
+    if (poses := planner.state.grid.poses) is not None:
+        standing |= attitudes(poses, plan.path)._asdict()
     return replace(route, standing=standing)
 
 

@@ -14,8 +14,8 @@ from nnpp_edge.profiling.suites import Case
 from nnpp_edge.runtime.cells import Endpoints
 from nnpp_edge.runtime.errors import InvalidQueryError
 from nnpp_edge.runtime.exercises import exercise
+from nnpp_edge.runtime.kernels.poses import AXES
 from nnpp_edge.runtime.planners.plan import Method, Plan, Source
-from nnpp_edge.runtime.terrain.vehicle import HEADINGS
 
 Plans = tuple[Plan, ...]
 Records = Mapping[str, Record[Queries, Plans]]
@@ -145,7 +145,7 @@ class _OnMap:
     def __init__(self, case: Case, rivals: Sequence[RivalPlanner], fresh_map: bool) -> None:
         self.case, self._rivals = case, rivals
         has_body = case.ground is not None and case.ground.vehicle is not None
-        self.poses = len(HEADINGS) * case.cost.size if has_body else 0
+        self.poses = 2 * AXES * case.cost.size if has_body else 0
         """Of a vehicle's body on the map; 0 of a point."""
         self.fresh: dict[str, FreshMap] = {}
         """On a map that has just arrived."""
@@ -235,7 +235,7 @@ def _searched(plan: Plan, optimum: Plan, cells: int) -> dict[str, float]:
     and of the network's at the threshold itself.
     """
     area = plan.region.area() if plan.region is not None else None
-    found = {"checks": plan.checks, "checks_share": plan.checks / (len(HEADINGS) * cells)}
+    found = {"checks": plan.checks, "checks_share": plan.checks / (2 * AXES * cells)}
     found |= {"widened": plan.source is Source.WIDENED, "whole_map": plan.source is Source.FALLBACK}
     found |= {"region_share": 1.0} if area is None else {"region_share": area / cells, "mm": len(optimum.path) / area}
     if plan.network_region is not None:

@@ -249,7 +249,10 @@ def fill_field(grid, poses, edges, prices, region, ends, rule, memory, limits):
             if reached + left >= bound:
                 continue
             if regional and there != start:  # noqa: SIM102
-                if bitmap[np.uint64(row_block[np.uint64(i - 1)]), np.uint64(col_block[np.uint64(j - 1)])] != region_stamp:
+                if (
+                    bitmap[np.uint64(row_block[np.uint64(i - 1)]), np.uint64(col_block[np.uint64(j - 1)])]
+                    != region_stamp
+                ):
                     refused = min(refused, reached + left)
                     continue
             if found == UNCHECKED:
@@ -432,7 +435,10 @@ def expand_states(grid, poses, edges, prices, field, region, ends, rule, memory,
             if not reached < known or f >= bound:
                 continue
             if regional and way == LEG and across != goal:  # noqa: SIM102
-                if bitmap[np.uint64(row_block[np.uint64(i - 1)]), np.uint64(col_block[np.uint64(j - 1)])] != region_stamp:
+                if (
+                    bitmap[np.uint64(row_block[np.uint64(i - 1)]), np.uint64(col_block[np.uint64(j - 1)])]
+                    != region_stamp
+                ):
                     refused = min(refused, f)
                     continue
             if not checked:

@@ -162,7 +162,8 @@ def _figures(poses: Poses, cells: NDArray[np.int32], of: _Tables) -> Floats:
     def at(offsets: NDArray[np.int64]) -> Floats:
         row = np.clip(base[:, None, 0] + offsets[:, 0], 0, ground.shape[0] - 1)
         col = np.clip(base[:, None, 1] + offsets[:, 1], 0, ground.shape[1] - 1)
-        return ground[row, col]
+        heights: Floats = ground[row, col]
+        return heights
 
     with np.errstate(invalid="ignore"):
         fitted = slice(*tables.slopes_of[pose : pose + 2])
@@ -170,7 +171,8 @@ def _figures(poses: Poses, cells: NDArray[np.int32], of: _Tables) -> Floats:
         slopes = np.where(np.isfinite(slopes).all(1, keepdims=True), slopes, 0.0)
         wheels = len(vehicle.wheels_m)
         gradients = tables.gradients.astype(np.float64)
-        ranges, parts = [], []
+        ranges: list[tuple[Floats, Floats]] = []
+        parts: list[tuple[Floats, Floats, slice]] = []
         for group in range(*tables.groups_of[pose : pose + 2]):
             first, fours, lines, end, cell = tables.groups[group].tolist()
             counts = np.repeat((4, 2, 1), (fours - first, lines - fours, end - lines))

@@ -4,6 +4,7 @@ A step's cost here is that of the model less what its rise is worth (`SlopeCost.
 paths between two cells differ by as much as with the costs themselves. What is reported is those.
 """
 
+import math
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -14,8 +15,8 @@ from nnpp_edge.runtime.cells import Cell, Rectangle, enclosing, widened
 from nnpp_edge.runtime.kernels.directed import join_steps, pool_steps, price_steps
 from nnpp_edge.runtime.kernels.nodes import COL_STEP, ROW_STEP
 from nnpp_edge.runtime.map.changes import Change
-from nnpp_edge.runtime.map.slope_cost import SlopeCost
 from nnpp_edge.runtime.map.motions import DIRECTIONS
+from nnpp_edge.runtime.map.slope_cost import SlopeCost
 from nnpp_edge.runtime.map.steps import Edges, PointSteps, PoseSteps, States
 
 if TYPE_CHECKING:

@@ -165,7 +165,9 @@ def motions_of(vehicle: Vehicle, sides_m: tuple[float, float], motions: list[lis
     begins = np.cumsum(np.concatenate(([0], sizes.sum(1))))
     bounds = begins[:-1, None] + np.cumsum(np.pad(sizes, ((0, 0), (1, 0))), 1)
     first_cells = np.cumsum(np.concatenate(([0], sizes @ (4, 2, 1))))[:-1]
-    fitted = [_slope_cells(wheels, fit, heading, offset, sides_m) for heading, offset in zip(headings, offsets, strict=True)]
+    fitted = [
+        _slope_cells(wheels, fit, heading, offset, sides_m) for heading, offset in zip(headings, offsets, strict=True)
+    ]
     slopes, absolute = np.concatenate(fitted), np.abs(fit)
     corners = np.array([(1.0, x, y) for x in (-1.0, 1.0) for y in (-1.0, 1.0)]) * (1.0, *body)
     outermost = np.abs(corners @ fit).sum(1).max()
@@ -229,7 +231,7 @@ def _samples(
     bounds = [_extents(corners if axis else corners[..., ::-1]) for axis in (1, 0)]
     found = []
     for n, heading in enumerate(headings):
-        points = _corners_of(*(each[n] for each in bounds), snapped / np.array(sides) + _ROUNDING)
+        points = _corners_of(bounds[0][n], bounds[1][n], snapped / np.array(sides) + _ROUNDING)
         counts, cells = _cells_of(points)
         order = np.argsort(-counts, kind="stable")
         metres = (points[order] - offsets[n]) * sides
@@ -291,15 +293,23 @@ def _corners_of(columns: Floats, rows: Floats, near: Floats) -> Floats:
             some.sort(key=lambda k: points[k, 1 - axis])
             for k, end in ((some[0], key[1]), (some[-1], key[1] + 1.0)):
                 kept[k] |= ((key[0], end) if axis == 0 else (end, key[0])) not in nodes
-    return points[kept]
+    found: Floats = points[kept]
+    return found
 
 
 def _cells_of(points: Floats) -> tuple[NDArray[np.int64], Floats]:
     """Of points (S, 2): how many cells each height is a mean of, and these, (C, 3) row, column and share."""
     first = np.floor(np.round(points, 9))
     share = np.round(points, 9) - first
-    parts = [(share[:, 0] if i else 1.0 - share[:, 0]) * (share[:, 1] if j else 1.0 - share[:, 1]) for i in (0, 1) for j in (0, 1)]
-    around = [np.column_stack((first + (i, j), part)) for (i, j), part in zip(((0, 0), (0, 1), (1, 0), (1, 1)), parts, strict=True)]
+    parts = [
+        (share[:, 0] if i else 1.0 - share[:, 0]) * (share[:, 1] if j else 1.0 - share[:, 1])
+        for i in (0, 1)
+        for j in (0, 1)
+    ]
+    around = [
+        np.column_stack((first + (i, j), part))
+        for (i, j), part in zip(((0, 0), (0, 1), (1, 0), (1, 1)), parts, strict=True)
+    ]
     cells = np.stack(around, 1)
     some = cells[..., 2] > _ROUNDING
     return some.sum(1), cells[some]

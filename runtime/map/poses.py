@@ -22,7 +22,6 @@ from nnpp_edge.runtime.kernels.poses import (
     LIMIT_SLOTS,
     MOST_CODE,
     RUN,
-    UNCHECKED,
     address_of_check,
     check_rows,
     forget_poses,
@@ -171,7 +170,11 @@ class Poses:
         return bool((self.standing(range(cell[0], cell[0] + 1))[:, 0, cell[1]] < FAILS).any())
 
     def walk(
-        self, path: NDArray[np.int32], first: int, costs: NDArray[np.float64], edges: Floats = NO_EDGES,
+        self,
+        path: NDArray[np.int32],
+        first: int,
+        costs: NDArray[np.float64],
+        edges: Floats = NO_EDGES,
         prices: Prices | None = None,
     ) -> int:
         """As `Grid.walk`, by these prices, and by what legs cost in each direction (nodes, 16) where that is given."""
@@ -274,6 +277,13 @@ def _address() -> int:
         np.zeros(8, np.float32),
     )
     heights = np.zeros(2 * RUN, np.float32)
-    source = heights, tables, np.ones(LIMIT_SLOTS, np.float32), np.zeros(RUN, np.float32), ints, np.array((1, 1, RUN, 0))
+    source = (
+        heights,
+        tables,
+        np.ones(LIMIT_SLOTS, np.float32),
+        np.zeros(RUN, np.float32),
+        ints,
+        np.array((1, 1, RUN, 0)),
+    )
     packed = np.zeros((9, AXES), np.uint16), np.zeros(9, np.uint16), source, 0
     return int(address_of_check(packed))  # type: ignore[no-untyped-call]  # as all of `kernels`

@@ -5,6 +5,7 @@ metre over all slopes: no steps undercut it, and it is consistent. `landmarks` s
 """
 
 import math
+import time
 from collections.abc import Callable, Iterator, Sequence
 from typing import Any, NamedTuple
 
@@ -90,43 +91,45 @@ def astar(
     first, last = grid.node(*start), grid.node(*goal)
     if first == last:
         return Search(Status.OK, np.array([start], np.int32), 0)
-    ws, limits, last_f = workspace, (limit or _WITHOUT_END, deadline.at), math.inf
-    allowed = kernels.NO_REGION if region is None else tuple(region)
-    beyond = 1.0 + beyond if beyond else kernels.BELOW
-    if (states := grid.steps.states()) is None:
-        edges, rule = grid.steps.edges(backwards), (*grid.prices, _bucket_width(grid, hints), _successors(grid, links))
-        ways, landmarks = kernels.NO_LINKS if links is None else links, kernels.NO_HINTS if hints is None else hints
-        before = grid.packed, edges, ways, allowed, landmarks
-        after = (*rule, beyond), ws, limits, deadline
-        code, length, expansions, refused = _run(kernels.expand, before, (first, last), *after)
-        trace, end = kernels.trace, last
-    else:
-        best, field = _best(grid), ws.field
-        rule = best, _bucket_width(grid), beyond
-        found = _run(fill_field, (grid.packed, *states, allowed), (last, first), rule, field, limits, deadline)
-        code, spent, refused = found
-        if code == kernels.EXHAUSTED:
-            return Search.without_path(Status.NO_PATH, spent, refused)
-        if code != kernels.FOUND:
-            return Search.without_path(Status.TIMEOUT, spent, refused)
-        last_f = float(field.g[2 * first])
-        judged = field.g, field.meta, field.stamp, first // grid.stride, first % grid.stride, last_f
-        before = grid.packed, *states, judged, allowed
-        after = (best, grid.prices[0] * BUCKET_WIDTH_BY_LANDMARKS, beyond), ws, limits, deadline
-        code, length, expansions, _ = _run(expand_states, before, (first, last, -1, -1), *after)
-        expansions, trace, end = expansions + spent, trace_states, -1
-        refused = min(refused, last_f) if region is not None else math.inf
-    if code == kernels.EXHAUSTED:
-        return Search.without_path(Status.NO_PATH, expansions, refused)
-    if code != kernels.FOUND or end < 0:
-        end = int(ws.counts[kernels.BEST_NODE])
-    if code == kernels.FULL:  # out of time just when the open list had to grow
-        length = trace(ws.meta, end, grid.stride, ws.path)
-    if length > len(ws.path):
-        ws.path = np.empty((length, 2), np.int32)
-        trace(ws.meta, end, grid.stride, ws.path)
-    status = Status.OK if code == kernels.FOUND else Status.TIMEOUT
-    return Search(status, ws.path[length - 1 :: -1].copy(), expansions, refused)
+    if grid.steps.by_poses:
+        return _over_states(grid, first, last, workspace, region, beyond, (limit or _WITHOUT_END, deadline.at))
+    rule = *grid.prices, _bucket_width(grid, hints), _successors(grid, links), _beyond(beyond)
+    ways, landmarks = kernels.NO_LINKS if links is None else links, kernels.NO_HINTS if hints is None else hints
+    before = grid.packed, grid.steps.edges(backwards), ways, _allowed(region), landmarks
+    limits = limit or _WITHOUT_END, deadline.at
+    code, length, expansions, refused = _run(kernels.expand, before, (first, last), rule, workspace, limits)
+    end = last if code == kernels.FOUND else int(workspace.counts[kernels.BEST_NODE])
+    return _traced(kernels.trace, grid, workspace, code, end, length, expansions, refused)
+
+
+def _over_states(
+    grid: Grid,
+    first: int,
+    last: int,
+    workspace: Workspace,
+    region: Region | None,
+    beyond: float,
+    limits: tuple[int, float],
+) -> Search:
+    """As `astar`, over a body's states: guided by the costs to go of cells, where turns are free.
+
+    These are found from the goal on, and tell soon where there is no path. What was refused for lying outside the
+    region was refused there, so no path that leaves it costs less than that, or than the field's at the start.
+    """
+    states, allowed, field = grid.steps.states(), _allowed(region), workspace.field
+    assert states is not None
+    rule = _best(grid), _bucket_width(grid), _beyond(beyond)
+    code, spent, refused = _run(fill_field, (grid.packed, *states, allowed), (last, first), rule, field, limits)
+    if code != kernels.FOUND:
+        status = Status.NO_PATH if code == kernels.EXHAUSTED else Status.TIMEOUT
+        return Search.without_path(status, spent, refused)
+    floor = float(field.g[2 * first])
+    judged = field.g, field.meta, field.stamp, first // grid.stride, first % grid.stride, floor
+    before, ends = (grid.packed, *states, judged, allowed), (first, last, -1, -1)
+    rule = _best(grid), grid.prices[0] * BUCKET_WIDTH_BY_LANDMARKS, _beyond(beyond)
+    code, length, expansions, _ = _run(expand_states, before, ends, rule, workspace, limits)
+    end, least = int(workspace.counts[kernels.BEST_NODE]), math.inf if region is None else min(refused, floor)
+    return _traced(trace_states, grid, workspace, code, end, length, expansions + spent, least)
 
 
 def _run(
@@ -136,16 +139,38 @@ def _run(
     rule: tuple[Any, ...],
     workspace: Workspace,
     limits: tuple[int, float],
-    deadline: Deadline = NEVER,
 ) -> tuple[Any, ...]:
     """What a search's kernel comes to; the open list grows as it needs."""
     workspace.next_stamp()
     while True:
         found: tuple[Any, ...] = kernel(*before, ends, rule, workspace.packed, limits)
-        if found[0] != kernels.FULL or deadline.passed:
+        if found[0] != kernels.FULL or time.monotonic() >= limits[1]:
             return found
         ends = _ON, *ends[1:]
         workspace.grow()
+
+
+def _traced(
+    trace: Callable[..., int], grid: Grid, ws: Workspace, code: int, end: int, length: int, spent: int, refused: float
+) -> Search:
+    """The outcome of a search that came to `end`, with its path."""
+    if code == kernels.EXHAUSTED:
+        return Search.without_path(Status.NO_PATH, spent, refused)
+    if code == kernels.FULL:  # out of time just when the open list had to grow
+        length = trace(ws.meta, end, grid.stride, ws.path)
+    if length > len(ws.path):
+        ws.path = np.empty((length, 2), np.int32)
+        trace(ws.meta, end, grid.stride, ws.path)
+    status = Status.OK if code == kernels.FOUND else Status.TIMEOUT
+    return Search(status, ws.path[length - 1 :: -1].copy(), spent, refused)
+
+
+def _allowed(region: Region | None) -> tuple[Any, ...]:
+    return kernels.NO_REGION if region is None else tuple(region)
+
+
+def _beyond(share: float) -> float:
+    return 1.0 + share if share else kernels.BELOW
 
 
 def settle_all(grid: Grid, source: Cell, workspace: Workspace, links: Links = None) -> None:

@@ -133,7 +133,6 @@ class DStarLite:
         lies where no search has come, and a change does not).
         """
         self._read_changes()
-        self._check_rows(NEVER)
         if (self._rows_left == kernels.UNREAD).any():
             return 0.0
         memory = self.memory
@@ -252,10 +251,12 @@ class DStarLite:
             self._least = least
             self._restart()
         else:
-            memory, ground = self.memory, (self._rows_left, self._source, self._edges is not None)
             for change in changes:
-                found = memory.known, memory.noted, self._pending
-                self._pending = kernels.read_rectangle(change.part, *ground, *found)
+                self._read_rectangle(change.part)
+
+    def _read_rectangle(self, part: tuple[int, int, int, int]) -> None:
+        memory, ground = self.memory, (self._rows_left, self._source, self._edges is not None)
+        self._pending = kernels.read_rectangle(part, *ground, memory.known, memory.noted, self._pending)
 
     def _search(self, deadline: Deadline) -> tuple[bool, int]:
         """Mend the search until the start is settled: whether it is, and the number of expansions."""

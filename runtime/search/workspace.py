@@ -76,7 +76,7 @@ class Workspace:
 
     def costs(self, nodes: NDArray[np.int64] | slice = slice(None)) -> NDArray[np.float32]:
         """(N,) least g of nodes, by default of all, in the newest search; inf where it did not come."""
-        meta, g = (each.reshape(-1, self.states, 2)[nodes] for each in (self.meta, self.g))
+        meta, g = self.meta.reshape(-1, self.states, 2)[nodes], self.g.reshape(-1, self.states, 2)[nodes]
         found: NDArray[np.float32] = np.where(meta[..., 1] >> STAMP_SHIFT == self.stamp, g[..., 0], np.inf).min(1)
         return found
 
