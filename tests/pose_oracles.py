@@ -1,8 +1,8 @@
 """Slow and obvious answers about a robot with a body: the cheapest path over its states, and the drive itself.
 
-Of the code that is judged only the dataclass `Vehicle` is used, and what the check says of legs and turns. Points are
-(row, col) in metres, from the middle of cell (0, 0); a body's own coordinates are metres ahead of its middle and to the
-right of it.
+Of the code that is judged only the dataclass `Vehicle` is used, and what the check says of legs and turns. Points
+are (row, col) in metres, from the middle of cell (0, 0); a body's own coordinates are metres ahead of its middle and
+to the right of it.
 """
 
 import heapq
@@ -26,7 +26,7 @@ def right_of(ahead):
 
 
 class Motions(NamedTuple):
-    """What a body can do on a map: T of each leg along an axis, (H, W, 8), inf where it fails; and its turns, bool."""
+    """T of each leg along an axis on a map, (H, W, 8), inf where it fails; and its turns that pass, bool."""
 
     legs: np.ndarray
     turns: np.ndarray
@@ -86,9 +86,9 @@ LIMITS = ("unknown", "step", "pitch", "roll", "tilt", "belly")
 def drive_breaks(dem, cell_size_m, vehicle, path, *, positions=10, turn_deg=1.0, allowed_m=0.0):
     """The first limit that the body breaks as it drives along a path of legs; None if there is none.
 
-    The body stands at `positions` + 1 places along each leg, in the leg's heading, on bilinear ground, and at each cell
-    in headings `turn_deg` apart from the one before to the next, turned the shorter way, unless that fails and the
-    longer one does not. Figures are those of `worst_figures`; `allowed_m` may be added to lengths.
+    The body stands at `positions` + 1 places along each leg, in the leg's heading, on bilinear ground, and at each
+    cell in headings `turn_deg` apart from the one before to the next, turned the shorter way, unless that fails and
+    the longer one does not. Figures are those of `worst_figures`; `allowed_m` may be added to lengths.
     """
     legs = np.diff(np.asarray(path, np.int64), axis=0)
     begins, headings = np.asarray(path, np.float64), np.arctan2(legs[:, 1], legs[:, 0])
@@ -127,11 +127,11 @@ def breaks_at(dem, cell_size_m, vehicle, places, headings, allowed_m=0.0):
 def worst_figures(dem, cell_size_m, vehicle, places, headings):
     """(N, 6) worst figures, in the order of `LIMITS`, of a body at places (N, 2) in cells; unknown is 0 or 1.
 
-    The body's plane is that of least squares through the ground under its wheels' middles. Each wheel touches somewhere
-    in its patch, and raises or lowers its corner of the plane by what the ground departs from it there: all combinations
-    of the least and the greatest departures are tried, each with its own plane; those between give a plane between
-    theirs. Heights are taken along the edges of each patch and of the body, eight to a cell, and at every cell's middle
-    inside them.
+    The body's plane is that of least squares through the ground under its wheels' middles. Each wheel touches
+    somewhere in its patch, and raises or lowers its corner of the plane by what the ground departs from it there: all
+    combinations of the least and the greatest departures are tried, each with its own plane; those between give a
+    plane between theirs. Heights are taken along the edges of each patch and of the body, eight to a cell, and at
+    every cell's middle inside them.
     """
     ground = _Ground(dem, cell_size_m, vehicle.unknown_passes)
     middles, (long, wide) = np.asarray(places) * cell_size_m, vehicle.contact_m

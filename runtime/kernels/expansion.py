@@ -184,8 +184,8 @@ def expand(grid, edges, links, region, hints, ends, rule, memory, limits):
     grid, region
         As everywhere; `NO_REGION` for the whole map.
     edges : (nodes, 8) float32 or None
-        What the step that leaves a node in each direction costs, inf where there is none. None where steps cost by the
-        weights of their ends.
+        What the step that leaves a node in each direction costs, inf where there is none. None where steps cost by
+        the weights of their ends.
     links : (nodes,) uint8
         The directions in which each cell may be left, as bits; `NO_LINKS` where passability decides.
     hints : (fields, at_goal, slack)

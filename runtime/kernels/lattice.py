@@ -1,8 +1,8 @@
 """The search over a body's states: a cell and one of sixteen directions, in which the body stands there.
 
-A state leads along its direction to another cell (a leg), and to the two directions beside it (turns on the spot). What
-a leg or turn comes to `kernels.poses` checks where the search first asks: until then it counts as possible, and a leg
-as costing no more than its length. So what is found is the optimum, though a part has been checked.
+A state leads along its direction to another cell (a leg), and to the two directions beside it (turns on the spot).
+What a leg or turn comes to `kernels.poses` checks where the search first asks: until then it counts as possible, and
+a leg as costing no more than its length. So what is found is the optimum, though a part has been checked.
 
 State = node * 16 + direction; directions as in `map.motions`. The open list and the memory are those of
 `kernels.expansion`, by state.
@@ -346,10 +346,10 @@ def expand_states(grid, poses, edges, prices, field, region, ends, rule, memory,
     bound, last_bucket, settled = np.inf, np.int64(SPAN), np.int64(-1)
     for k in range(DIRECTIONS):
         state = goal * DIRECTIONS + k
-        if (wanted < 0 or wanted == k) and meta[2 * state + 1] >> STAMP_SHIFT == stamp:
-            if g[2 * state] * beyond < bound and start < 0:
-                bound, settled = np.float64(g[2 * state]) * beyond, state
-                last_bucket = _last_bucket(bound, base, inverse_width)
+        found_before = start < 0 and (wanted < 0 or wanted == k) and meta[2 * state + 1] >> STAMP_SHIFT == stamp
+        if found_before and g[2 * state] * beyond < bound:
+            bound, settled = np.float64(g[2 * state]) * beyond, state
+            last_bucket = _last_bucket(bound, base, inverse_width)
     expansions = counts[EXPANSIONS]
     last = expansions + most
     look_at = expansions + LOOK_EVERY
@@ -497,7 +497,7 @@ def walk_states(poses, edges, prices, stride, path, first, costs):
     cell that a failing leg or turn leads to, from `first` on; -1 if all pass.
     """
     lengths, unit, turn_prices = prices
-    legs, turns = poses[0], poses[1]
+    legs = poses[0]
     total, before = 0.0, -1
     for n in range(max(first, 1), len(path)):
         k = direction_of(path[n, 0] - path[n - 1, 0], path[n, 1] - path[n - 1, 1])
@@ -539,7 +539,7 @@ def direction_of(rows, cols):
 
 @helper
 def turn_price(poses, turn_prices, stride, node, before, after):
-    """What it costs to turn on a node from a direction to another, the shorter way if that is possible; inf if none."""
+    """Cost of turning on a node from a direction to another, the shorter way if that is possible; inf if none is."""
     count = (after - before) & _MASK
     for longer in range(2):
         left = (count <= DIRECTIONS - count) != (longer == 1)

@@ -10,8 +10,8 @@ above each place, are found from the middles and half widths of these ranges, wi
 
 The kernels are given `poses`, a tuple (legs, turns, source, address):
 
-    legs       (nodes, 8) uint16, of the leg that leaves along each axis: `UNCHECKED`, 1 + T · `MOST_CODE`, rounded up,
-               or `MOST_CODE` + 1 + the limit that refuses it
+    legs       (nodes, 8) uint16, of the leg that leaves along each axis: `UNCHECKED`, 1 + T · `MOST_CODE`, rounded
+               up, or `MOST_CODE` + 1 + the limit that refuses it
     turns      (nodes,) uint16, bit k: the turn from direction k to the next was checked; bit 8 + k: and is possible
     source     (heights, motions, limits, scratch, counts, shape), see `map.poses`
     address    of `check_run`
@@ -34,8 +34,8 @@ REFUSALS = ("unknown", "tilt", "pitch", "roll", "step", "belly")
 UNKNOWN, TILT, PITCH, ROLL, STEP, BELLY = range(6)
 TILT_WEIGHT, RISE_WEIGHT, STEP_WEIGHT = 6, 7, 8
 LIMIT_SLOTS = 9
-"""Of the limits: tilt in radians, the greatest slopes ahead and to the left, step and clearance in metres; the weights
-of the terms of T."""
+"""Of the limits: tilt in radians, the greatest slopes ahead and to the left, step and clearance in metres; the
+weights of the terms of T."""
 _ONE, _TWO, _HALF = np.float32(1.0), np.float32(2.0), np.float32(0.5)
 _ZERO, _INF, _MOST = np.float32(0.0), np.float32(np.inf), np.float32(MOST_CODE)
 
@@ -314,7 +314,7 @@ def check_rows(poses, row0, row1):
 
 @kernel
 def forget_poses(poses, area, reach):
-    """Take legs and turns near a rectangle of cells, (row0, row1, col0, col1), as unchecked: those within reach of it.
+    """Take legs and turns within reach of a rectangle of cells, (row0, row1, col0, col1), as unchecked.
 
     `reach` is (rows, columns). Returns how many had been checked.
     """

@@ -46,7 +46,7 @@ class Standing:
     """Clockwise from up the rows."""
     ok: bool
     refused_by: str | None
-    """The first limit that is passed: ``unknown``, ``tilt``, ``pitch``, ``roll``, ``step`` or ``belly``; None if ok."""
+    """The first limit that is passed: ``unknown``, ``tilt``, ``pitch``, ``roll``, ``step``, ``belly``; None if ok."""
     tilt_deg: Limit
     pitch_deg: Limit
     roll_deg: Limit
@@ -142,7 +142,7 @@ def _of_motion(tables: motions.Motions, motion: int) -> list[_Tables]:
 
 
 def _worst(figures: list[Floats], reverse: bool) -> Floats:
-    """(4, N) pitch and roll of the motion's first pose, as slopes, and the greatest slope and rise of all its poses."""
+    """(4, N) pitch and roll of a motion's first pose, as slopes, and the greatest slope and rise of all its poses."""
     along, across = figures[-1 if reverse else 0][:2]
     sign = -1.0 if reverse else 1.0
     slope, up = (np.max([each[n] for each in figures], axis=0) for n in (2, 6))
@@ -150,7 +150,7 @@ def _worst(figures: list[Floats], reverse: bool) -> Floats:
 
 
 def _figures(poses: Poses, cells: NDArray[np.int32], of: _Tables) -> Floats:
-    """(7, N) slopes ahead and to the left in the middle of the wheels' ranges; bounds of slope, pitch, roll, step, rise.
+    """(7, N) slopes ahead and to the left by the wheels' ranges' middles; bounds of slope, pitch, roll, step, rise.
 
     The check of `kernels.poses` in NumPy, of one pose of a motion that begins at each of N cells.
     """

@@ -206,7 +206,7 @@ class Samples(NamedTuple):
 
 
 def _slope_cells(wheels: Floats, fit: Floats, heading: Floats, offset: Floats, sides: tuple[float, float]) -> Floats:
-    """(D, 4) row and column of the cells under the wheels' middles, and what each adds to the fitted plane's slopes."""
+    """(D, 4) row and column of the cells under the wheels' middles, and what each adds to the plane's slopes."""
     frame = np.array((heading, (-heading[1], heading[0])))  # rows go down
     counts, cells = _cells_of(wheels @ frame / sides + offset)
     shares = cells[:, 2:] * np.repeat(fit[1:].T, counts, axis=0)
@@ -307,7 +307,7 @@ def _cells_of(points: Floats) -> tuple[NDArray[np.int64], Floats]:
         for j in (0, 1)
     ]
     around = [
-        np.column_stack((first + (i, j), part))
+        np.column_stack((first + np.array((i, j)), part))
         for (i, j), part in zip(((0, 0), (0, 1), (1, 0), (1, 1)), parts, strict=True)
     ]
     cells = np.stack(around, 1)

@@ -177,7 +177,7 @@ class Poses:
         edges: Floats = NO_EDGES,
         prices: Prices | None = None,
     ) -> int:
-        """As `Grid.walk`, by these prices, and by what legs cost in each direction (nodes, 16) where that is given."""
+        """As `Grid.walk`, by these prices, and by what legs cost in each direction, (nodes, 16), if given."""
         return int(walk_states(self.packed, edges, prices or self.prices, self.shape[1] + 2, path, first, costs))
 
     def cost_along(self, path: NDArray[np.int32]) -> NDArray[np.float64]:

@@ -26,7 +26,7 @@ UNITS = float(1 << 20)
 
 
 def serves(grid: Grid) -> bool:
-    """Whether D* Lite plans on this map: a point's or a disc's, whose steps are near enough to one another in cost."""
+    """Whether D* Lite plans on this map: a point's or a disc's, with steps near enough to one another in cost."""
     return not grid.steps.by_poses and grid.step_ratio <= MOST_RATIO_FOR_DSTAR
 
 

@@ -1,4 +1,4 @@
-"""The robot's body: what it measures, and what it can take. See docs/vehicle.md, and `map.motions` for what it does."""
+"""The robot's body: what it measures, and what it can take. See docs/vehicle.md."""
 
 import math
 from collections.abc import Iterator
