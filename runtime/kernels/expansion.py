@@ -27,7 +27,6 @@ from nnpp_edge.runtime.kernels.nodes import (
 )
 from nnpp_edge.runtime.kernels.open_list import (
     BLOCK,
-    COARSE,
     FINE,
     FINE_AT,
     FREE,
@@ -35,10 +34,12 @@ from nnpp_edge.runtime.kernels.open_list import (
     NOTHING,
     SPAN,
     USED,
+    bucket_of,
     clear,
-    next_block,
+    last_bucket_below,
     pop,
     push,
+    refill,
 )
 from nnpp_edge.runtime.kernels.pooling import NO_LINKS as NO_LINKS
 from nnpp_edge.runtime.kernels.tiles import open_there
@@ -98,62 +99,11 @@ def _apart(fields, at_goal, node):
 
 
 @helper
-def _bucket(f, base, inverse_width):
-    """Number of the bucket that an f belongs to."""
-    return np.int64(min(max((f - base) * inverse_width, 0.0), float(SPAN)))
-
-
-@helper
-def _last_bucket(bound, base, inverse_width):
-    """Number of the last bucket that holds an f below a bound; -1 where none does."""
-    return np.int64(min(max((bound - base) * inverse_width, -1.0), float(SPAN)))
-
-
-@helper
-def _least_f(chain, towards, hints, g, meta, entries):
-    """The least f of the entries of a chain that are still open; inf without any."""
-    stride, goal_row, goal_col, h_straight, h_diagonal = towards
-    fields, at_goal, slack = hints
-    least = np.inf
-    while chain != NOTHING:
-        node = np.int64(entries[2 * chain])
-        if meta[2 * node + 1] & OPEN_BIT:
-            h = octile(node // stride, node % stride, goal_row, goal_col, h_straight, h_diagonal)
-            if len(fields):
-                h = max(h, _apart(fields, at_goal, node) - slack)
-            least = min(least, g[2 * node] + h)
-        chain = np.int64(entries[2 * chain + 1])
-    return least
-
-
-@helper
-def _deal_out(chain, block, towards, order, hints, g, meta, heads, entries, free):
-    """Put a coarse bucket's entries into the fine buckets, dropping those no longer open; free, how many dropped.
-
-    `towards` is (stride, goal_row, goal_col, h_straight, h_diagonal), `order` (base, inverse_width). With a `block`
-    of -1 they are put into the coarse buckets.
-    """
-    stride, goal_row, goal_col, h_straight, h_diagonal = towards
-    base, inverse_width = order
-    fields, at_goal, slack = hints
-    dropped = 0
-    while chain != NOTHING:
-        following = np.int64(entries[2 * chain + 1])
-        node = np.int64(entries[2 * chain])
-        if meta[2 * node + 1] & OPEN_BIT:
-            h = octile(node // stride, node % stride, goal_row, goal_col, h_straight, h_diagonal)
-            if len(fields):
-                h = max(h, _apart(fields, at_goal, node) - slack)
-            bucket = _bucket(g[2 * node] + h, base, inverse_width)
-            slot = max(bucket - block * FINE, np.int64(0)) if block >= 0 else FINE + bucket // FINE
-            entries[2 * chain + 1] = heads[slot]
-            heads[slot] = chain
-        else:
-            entries[2 * chain + 1] = free
-            free = chain
-            dropped += 1
-        chain = following
-    return free, dropped
+def _left(node, judge):
+    """A lower bound on what a way from a node costs."""
+    (stride, goal_row, goal_col, h_straight, h_diagonal), (fields, at_goal, slack) = judge
+    h = octile(node // stride, node % stride, goal_row, goal_col, h_straight, h_diagonal)
+    return max(h, _apart(fields, at_goal, node) - slack) if len(fields) else h
 
 
 @kernel
@@ -219,13 +169,11 @@ def expand(grid, edges, links, region, hints, ends, rule, memory, limits):
     length_s, length_d = np.float32(steps[0]), np.float32(steps[1])
     weight_s, weight_d = np.float32(steps[2]), np.float32(steps[3])
     goal_row, goal_col = goal // stride, goal % stride
-    towards = stride, goal_row, goal_col, h_straight, h_diagonal
+    judge = (stride, goal_row, goal_col, h_straight, h_diagonal), hints
     inverse_stride = 1.0 / stride
     row_steps = (-stride, stride, 0, 0, -stride, -stride, stride, stride)
     if start >= 0:
-        h = octile(start // stride, start % stride, goal_row, goal_col, h_straight, h_diagonal)
-        if hinted:
-            h = max(h, _apart(fields, at_goal, start) - slack)
+        h = _left(start, judge)
         clear(heads, control)
         control[FREE], control[USED] = push(heads, entries, 0, start, 0, 0, NOTHING, 0)
         control[LENGTH] = 1
@@ -235,14 +183,14 @@ def expand(grid, edges, links, region, hints, ends, rule, memory, limits):
         counts[EXPANSIONS], counts[BEST_NODE] = 0, start
         if h == np.inf:  # a landmark is connected to only one of the two
             return EXHAUSTED, 0, 0, np.inf
-    base, inverse_width, refused, best_h = reals[BASE], reals[INVERSE_WIDTH], reals[REFUSED], reals[BEST_H]
+    order, refused, best_h = (reals[BASE], reals[INVERSE_WIDTH]), reals[REFUSED], reals[BEST_H]
     free, used, fine_at = control[FREE], control[USED], control[FINE_AT]
     block, waiting = control[BLOCK], control[LENGTH]
     room = np.int64(len(entries)) // 2 - 8
     bound, last_bucket = np.inf, np.int64(SPAN)
     if meta[2 * goal + 1] >> STAMP_SHIFT == stamp:
         bound = np.float64(g[2 * goal]) * beyond
-        last_bucket = _last_bucket(bound, base, inverse_width)
+        last_bucket = last_bucket_below(bound, *order)
     expansions = counts[EXPANSIONS]
     last, look_at = expansions + most, expansions + LOOK_EVERY
     code = PAUSED
@@ -262,17 +210,8 @@ def expand(grid, edges, links, region, hints, ends, rule, memory, limits):
             if waiting == 0:
                 code = FOUND if bound < np.inf else EXHAUSTED
                 break
-            block, chain = next_block(heads, block)
-            fine_at = np.int64(0)
-            if block == COARSE:
-                block, fine_at = np.int64(-1), np.int64(FINE)
-                least = _least_f(chain, towards, hints, g, meta, entries)
-                if least < np.inf:
-                    base, inverse_width = least, min(inverse_width, SPAN / least)
-                    last_bucket = _last_bucket(bound, base, inverse_width)
-            order = base, inverse_width
-            free, dropped = _deal_out(chain, block, towards, order, hints, g, meta, heads, entries, free)
-            waiting -= dropped
+            found = refill(_left, judge, bound, block, order, g, meta, heads, entries, free, waiting)
+            block, fine_at, order, free, waiting, last_bucket = found
             continue
         waiting -= 1
         word = meta[np.uint64(2 * node + 1)]
@@ -345,15 +284,15 @@ def expand(grid, edges, links, region, hints, ends, rule, memory, limits):
             if across == goal:
                 word ^= OPEN_BIT  # never expanded, so never put on the open list
                 bound = f * beyond
-                last_bucket = _last_bucket(bound, base, inverse_width)
+                last_bucket = last_bucket_below(bound, *order)
             else:
-                bucket = _bucket(f, base, inverse_width)
+                bucket = bucket_of(f, *order)
                 free, used = push(heads, entries, bucket, across, block, fine_at, free, used)
                 waiting += 1
             meta[there * np.uint64(2) + np.uint64(1)] = word
     control[FREE], control[USED], control[FINE_AT] = free, used, fine_at
     control[BLOCK], control[LENGTH] = block, waiting
-    reals[BASE], reals[INVERSE_WIDTH], reals[REFUSED] = base, inverse_width, refused
+    reals[BASE], reals[INVERSE_WIDTH], reals[REFUSED] = order[0], order[1], refused
     reals[BEST_H] = best_h
     counts[EXPANSIONS] = expansions
     cells = 0

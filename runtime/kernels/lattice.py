@@ -29,13 +29,10 @@ from nnpp_edge.runtime.kernels.expansion import (
     INVERSE_WIDTH,
     PAUSED,
     REFUSED,
-    _bucket,
-    _last_bucket,
 )
 from nnpp_edge.runtime.kernels.nodes import DIRECTION_BITS, OPEN_BIT, STAMP_SHIFT
 from nnpp_edge.runtime.kernels.open_list import (
     BLOCK,
-    COARSE,
     FINE,
     FINE_AT,
     FREE,
@@ -43,10 +40,12 @@ from nnpp_edge.runtime.kernels.open_list import (
     NOTHING,
     SPAN,
     USED,
+    bucket_of,
     clear,
-    next_block,
+    last_bucket_below,
     pop,
     push,
+    refill,
 )
 from nnpp_edge.runtime.kernels.poses import AXES, FAILS, UNCHECKED, check_there, motion_weight
 
@@ -75,10 +74,10 @@ def left_over(rows, cols, prices):
 
 
 @helper
-def _left_from(node, towards, field):
-    """A lower bound on what a way from a node costs: the field's cost where that is settled, else by distances."""
-    stride, goal_row, goal_col, best = towards
-    g, meta, stamp, start_row, start_col, floor = field
+def _left(place, judge):
+    """A lower bound on what a way from a place costs: the field's where that is settled, else by distances."""
+    (per_node, stride, goal_row, goal_col, best), (g, meta, stamp, start_row, start_col, floor) = judge
+    node = place >> per_node
     row = node // stride
     col = node - row * stride
     left = left_over(abs(row - goal_row), abs(col - goal_col), best)
@@ -87,40 +86,6 @@ def _left_from(node, towards, field):
             return np.float64(g[np.uint64(2 * node)])
         left = max(left, floor - left_over(abs(row - start_row), abs(col - start_col), best))
     return left
-
-
-@helper
-def _least_f(chain, per_node, towards, field, g, meta, entries):
-    """The least f of the entries of a chain that are still open; inf without any."""
-    least = np.inf
-    while chain != NOTHING:
-        state = np.int64(entries[2 * chain])
-        if meta[2 * state + 1] & OPEN_BIT:
-            least = min(least, g[2 * state] + _left_from(state >> per_node, towards, field))
-        chain = np.int64(entries[2 * chain + 1])
-    return least
-
-
-@helper
-def _deal_out(chain, block, per_node, towards, field, order, g, meta, heads, entries, free):
-    """As `kernels.expansion._deal_out`."""
-    base, inverse_width = order
-    dropped = 0
-    while chain != NOTHING:
-        following = np.int64(entries[2 * chain + 1])
-        state = np.int64(entries[2 * chain])
-        if meta[2 * state + 1] & OPEN_BIT:
-            left = _left_from(state >> per_node, towards, field)
-            bucket = _bucket(g[2 * state] + left, base, inverse_width)
-            slot = max(bucket - block * FINE, np.int64(0)) if block >= 0 else FINE + bucket // FINE
-            entries[2 * chain + 1] = heads[slot]
-            heads[slot] = chain
-        else:
-            entries[2 * chain + 1] = free
-            free = chain
-            dropped += 1
-        chain = following
-    return free, dropped
 
 
 @kernel
@@ -164,25 +129,24 @@ def fill_field(grid, poses, edges, prices, region, ends, rule, memory, limits):
     edges, lengths = borrowed(edges), borrowed(lengths)
     regional, by_edges = len(bitmap) > 0, len(edges) > 0
     start_row, start_col = start // stride, start % stride
-    towards = stride, start_row, start_col, best
-    none = g[:0], meta[:0], 0, 0, 0, 0.0
+    judge = (0, stride, start_row, start_col, best), (g[:0], meta[:0], 0, 0, 0, 0.0)
     if goal >= 0:
         clear(heads, control)
         control[FREE], control[USED] = push(heads, entries, 0, goal, 0, 0, NOTHING, 0)
         control[LENGTH] = 1
         g[2 * goal] = 0.0
         meta[2 * goal + 1] = (stamp << STAMP_SHIFT) | OPEN_BIT
-        reals[BASE], reals[INVERSE_WIDTH] = _left_from(goal, towards, none), 1.0 / width
+        reals[BASE], reals[INVERSE_WIDTH] = _left(goal, judge), 1.0 / width
         reals[REFUSED] = np.inf
         counts[EXPANSIONS] = 0
-    base, inverse_width, refused = reals[BASE], reals[INVERSE_WIDTH], reals[REFUSED]
+    order, refused = (reals[BASE], reals[INVERSE_WIDTH]), reals[REFUSED]
     free, used, fine_at = control[FREE], control[USED], control[FINE_AT]
     block, waiting = control[BLOCK], control[LENGTH]
     room = np.int64(len(entries)) // 2 - DIRECTIONS - 1
     bound, last_bucket = np.inf, np.int64(SPAN)
     if meta[2 * start + 1] >> STAMP_SHIFT == stamp:
         bound = np.float64(g[2 * start])
-        last_bucket = _last_bucket(bound, base, inverse_width)
+        last_bucket = last_bucket_below(bound, *order)
     expansions = counts[EXPANSIONS]
     last = expansions + most
     look_at = expansions + LOOK_EVERY
@@ -203,17 +167,8 @@ def fill_field(grid, poses, edges, prices, region, ends, rule, memory, limits):
             if waiting == 0:
                 code = FOUND if bound < np.inf else EXHAUSTED
                 break
-            block, chain = next_block(heads, block)
-            fine_at = np.int64(0)
-            if block == COARSE:
-                block, fine_at = np.int64(-1), np.int64(FINE)
-                least = _least_f(chain, 0, towards, none, g, meta, entries)
-                if least < np.inf:
-                    base, inverse_width = least, min(inverse_width, SPAN / least)
-                    last_bucket = _last_bucket(bound, base, inverse_width)
-            order = base, inverse_width
-            free, dropped = _deal_out(chain, block, 0, towards, none, order, g, meta, heads, entries, free)
-            waiting -= dropped
+            rest = refill(_left, judge, bound, block, order, g, meta, heads, entries, free, waiting)
+            block, fine_at, order, free, waiting, last_bucket = rest
             continue
         waiting -= 1
         word = meta[np.uint64(2 * node + 1)]
@@ -268,14 +223,14 @@ def fill_field(grid, poses, edges, prices, region, ends, rule, memory, limits):
             meta[np.uint64(2 * there + 1)] = (stamp << STAMP_SHIFT) | OPEN_BIT
             if there == start:
                 bound = np.float64(reached)
-                last_bucket = _last_bucket(bound, base, inverse_width)
+                last_bucket = last_bucket_below(bound, *order)
             else:
-                bucket = _bucket(reached + left, base, inverse_width)
+                bucket = bucket_of(reached + left, *order)
                 free, used = push(heads, entries, bucket, there, block, fine_at, free, used)
                 waiting += 1
     control[FREE], control[USED], control[FINE_AT] = free, used, fine_at
     control[BLOCK], control[LENGTH] = block, waiting
-    reals[BASE], reals[INVERSE_WIDTH], reals[REFUSED] = base, inverse_width, refused
+    reals[BASE], reals[INVERSE_WIDTH], reals[REFUSED] = order[0], order[1], refused
     counts[EXPANSIONS] = expansions
     return code, expansions, refused
 
@@ -323,10 +278,10 @@ def expand_states(grid, poses, edges, prices, field, region, ends, rule, memory,
     edges, lengths, turn_prices = borrowed(edges), borrowed(lengths), borrowed(turn_prices)
     regional, by_edges = len(bitmap) > 0, len(edges) > 0
     goal_row, goal_col = goal // stride, goal % stride
-    towards = stride, goal_row, goal_col, best
     field = borrowed(field[0]), borrowed(field[1]), field[2], field[3], field[4], field[5]
+    judge = (PER_NODE, stride, goal_row, goal_col, best), field
     if start >= 0:
-        h = _left_from(start, towards, field)
+        h = _left(start << PER_NODE, judge)
         clear(heads, control)
         free, used, waiting = np.int64(NOTHING), np.int64(0), 0
         for k in range(DIRECTIONS):
@@ -339,7 +294,7 @@ def expand_states(grid, poses, edges, prices, field, region, ends, rule, memory,
         control[FREE], control[USED], control[LENGTH] = free, used, waiting
         reals[BASE], reals[INVERSE_WIDTH], reals[REFUSED], reals[BEST_H] = h, 1.0 / width, np.inf, np.inf
         counts[EXPANSIONS], counts[BEST_NODE] = 0, start * DIRECTIONS + max(first, 0)
-    base, inverse_width, refused, best_h = reals[BASE], reals[INVERSE_WIDTH], reals[REFUSED], reals[BEST_H]
+    order, refused, best_h = (reals[BASE], reals[INVERSE_WIDTH]), reals[REFUSED], reals[BEST_H]
     free, used, fine_at = control[FREE], control[USED], control[FINE_AT]
     block, waiting = control[BLOCK], control[LENGTH]
     room = np.int64(len(entries)) // 2 - DIRECTIONS - 3
@@ -349,7 +304,7 @@ def expand_states(grid, poses, edges, prices, field, region, ends, rule, memory,
         found_before = start < 0 and (wanted < 0 or wanted == k) and meta[2 * state + 1] >> STAMP_SHIFT == stamp
         if found_before and g[2 * state] * beyond < bound:
             bound, settled = np.float64(g[2 * state]) * beyond, state
-            last_bucket = _last_bucket(bound, base, inverse_width)
+            last_bucket = last_bucket_below(bound, *order)
     expansions = counts[EXPANSIONS]
     last = expansions + most
     look_at = expansions + LOOK_EVERY
@@ -370,17 +325,8 @@ def expand_states(grid, poses, edges, prices, field, region, ends, rule, memory,
             if waiting == 0:
                 code = FOUND if settled >= 0 else EXHAUSTED
                 break
-            block, chain = next_block(heads, block)
-            fine_at = np.int64(0)
-            if block == COARSE:
-                block, fine_at = np.int64(-1), np.int64(FINE)
-                least = _least_f(chain, PER_NODE, towards, field, g, meta, entries)
-                if least < np.inf:
-                    base, inverse_width = least, min(inverse_width, SPAN / least)
-                    last_bucket = _last_bucket(bound, base, inverse_width)
-            order = base, inverse_width
-            free, dropped = _deal_out(chain, block, PER_NODE, towards, field, order, g, meta, heads, entries, free)
-            waiting -= dropped
+            rest = refill(_left, judge, bound, block, order, g, meta, heads, entries, free, waiting)
+            block, fine_at, order, free, waiting, last_bucket = rest
             continue
         waiting -= 1
         word = meta[np.uint64(2 * state + 1)]
@@ -390,7 +336,7 @@ def expand_states(grid, poses, edges, prices, field, region, ends, rule, memory,
         node, k = state >> PER_NODE, state & _MASK
         row = node // stride
         col = node - row * stride
-        h = _left_from(node, towards, field)
+        h = _left(state, judge)
         g_state = g[np.uint64(2 * state)]
         if g_state + h >= bound:
             continue
@@ -415,7 +361,7 @@ def expand_states(grid, poses, edges, prices, field, region, ends, rule, memory,
                     step = edges[np.uint64(node), np.uint64(k)]
                 else:
                     step = lengths[axis] * (np.float32(1.0) + motion_weight(found, unit))
-                left = _left_from(across, towards, field)
+                left = _left(across << PER_NODE, judge)
             else:
                 if word & DIRECTION_BITS == LEFT + RIGHT - way:
                     continue
@@ -459,14 +405,14 @@ def expand_states(grid, poses, edges, prices, field, region, ends, rule, memory,
             if across == goal and (wanted < 0 or wanted == to):
                 come ^= OPEN_BIT  # never expanded, so never put on the open list
                 bound, settled = f * beyond, there
-                last_bucket = _last_bucket(bound, base, inverse_width)
+                last_bucket = last_bucket_below(bound, *order)
             else:
-                free, used = push(heads, entries, _bucket(f, base, inverse_width), there, block, fine_at, free, used)
+                free, used = push(heads, entries, bucket_of(f, *order), there, block, fine_at, free, used)
                 waiting += 1
             meta[np.uint64(2 * there + 1)] = come
     control[FREE], control[USED], control[FINE_AT] = free, used, fine_at
     control[BLOCK], control[LENGTH] = block, waiting
-    reals[BASE], reals[INVERSE_WIDTH], reals[REFUSED], reals[BEST_H] = base, inverse_width, refused, best_h
+    reals[BASE], reals[INVERSE_WIDTH], reals[REFUSED], reals[BEST_H] = order[0], order[1], refused, best_h
     counts[EXPANSIONS] = expansions
     if code == FOUND:
         counts[BEST_NODE] = settled
