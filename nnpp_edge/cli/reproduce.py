@@ -38,8 +38,8 @@ def command(
     Without --terrain the ground is the shipped sample, at cells of 20 m.
 
     EXPERIMENT is one of table1, fig6, fig7, fig8, table2, fig9, fig11, fig12, fig14, table3 and table4;
-    by default all. Each gets a folder with a table (Markdown), its figures (CSV) and a picture (PNG); README.md
-    puts them together and says what agrees with the paper and what does not. What is complete is not run again.
+    by default all. Each gets a folder with its figures (CSV) and a picture (PNG); README.md has the tables
+    and says what agrees with the paper and what does not. What is complete is not run again.
 
     \b
     nnpp-edge reproduce --terrain dem.tif --rescale 20 -o reproduction

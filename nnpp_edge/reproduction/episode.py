@@ -4,7 +4,6 @@ A path is planned; the robot follows it for 45 cells; rectangles of cost 1 appea
 or vanish; the rest is planned anew, until the goal is near. The robot follows exact A*'s path.
 """
 
-import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -15,15 +14,11 @@ from nnpp_edge.runtime.cells import Cell, Rectangle
 from nnpp_edge.runtime.errors import InvalidQueryError
 from nnpp_edge.runtime.planners.dynamic import DynamicPlanner
 from nnpp_edge.runtime.planners.plan import DynamicMethod
-from nnpp_edge.terrain.obstacles import PAPERS_SIDES, Obstacles, changed_parts
+from nnpp_edge.terrain.obstacles import Obstacles, changed_parts
 
 STRIDE = 45
 """Cells that the robot walks between two plans (the paper's)."""
 _TRIES = 20
-_NEAR_REACH = 4
-"""Strides from the robot within which the map changes, in the scene whose changes stay near it."""
-_NEAR_SIDES = (1 / 60, 1 / 30)
-"""Sides of a rectangle there, as shares of the map's."""
 
 Patch = tuple[int, int, Float2D]
 """(row, col, new costs)."""
@@ -57,21 +52,15 @@ class Episode:
         return cost
 
 
-def make_episode(
-    cost: Float2D, start: Cell, goal: Cell, seed: int, stride: int = STRIDE, *, near: bool = False
-) -> Episode:
+def make_episode(cost: Float2D, start: Cell, goal: Cell, seed: int, stride: int = STRIDE) -> Episode:
     """An episode on a cost map (H, W), the same for the same seed; start and goal are passable and connected.
 
-    `stride` is the number of cells that the robot walks between two plans; with `near` the map changes by smaller
-    rectangles, and near the robot alone. InvalidQueryError if the stride is less than 1, or the goal cannot be
-    reached.
+    `stride` is the number of cells, 1 or more, that the robot walks between two plans. InvalidQueryError if the goal
+    cannot be reached.
     """
-    if stride < 1:
-        raise InvalidQueryError(f"the stride must be at least 1 cell, got {stride}")
     base = np.ascontiguousarray(cost, np.float32)
     planner, steps = DynamicPlanner(base, goal, DynamicMethod.ASTAR), [Step(start, ())]
-    reach, sides = (_NEAR_REACH * stride, _NEAR_SIDES) if near else (math.inf, PAPERS_SIDES)
-    obstacles = Obstacles((base.shape[0], base.shape[1]), np.random.default_rng(seed), sides=sides)
+    obstacles = Obstacles((base.shape[0], base.shape[1]), np.random.default_rng(seed))
     path = _exact(planner, start)
     if path is None:
         raise InvalidQueryError(f"an episode needs a goal that can be reached, got {start} to {goal}")
@@ -79,7 +68,7 @@ def make_episode(
         rest = path[stride:]
         here, before = (int(rest[0, 0]), int(rest[0, 1])), obstacles.blocks
         for _ in range(_TRIES):
-            obstacles.next_scene(here, goal, rest, reach)
+            obstacles.next_scene(here, goal, rest)
             patches = _change(planner, base, obstacles, before)
             if (found := _exact(planner, here)) is not None:
                 break

@@ -1,4 +1,4 @@
-"""Records of an experiment, and its pages: its own, and the index that says what agrees with the paper."""
+"""Records of an experiment, and the page that puts them together and says what agrees with the paper."""
 
 from collections.abc import Sequence
 
@@ -21,7 +21,6 @@ class Stored(msgspec.Struct):
     where: str
     title: str
     machine: str
-    load: float
     made_with: Row
     """All that decides the figures, except the machine."""
     about: dict[str, str]
@@ -29,11 +28,6 @@ class Stored(msgspec.Struct):
     findings: list[Finding]
     notes: list[str]
     summary: str
-
-    def section(self, place: str) -> str:
-        """Markdown with the table and the picture, whose files begin with `place`."""
-        about = "\n".join(f"- {name}: {text}" for name, text in self.about.items())
-        return "\n\n".join((about, f"![{self.title}]({place}.png)", self.summary, *self.notes))
 
     @property
     def link(self) -> str:
@@ -51,28 +45,16 @@ class Stored(msgspec.Struct):
         return "\n".join((machine, run, f"- terrain: {terrain}"))
 
 
-def experiment_page(facts: Stored) -> str:
-    """Markdown of one experiment: picture, ours beside the paper's, findings, how it was made."""
-    parts = [f"# {facts.where}: {facts.title}", *_quick_warning([facts]), facts.section(facts.name)]
-    parts += ["## Findings", markdown_table(_COLUMNS, list(map(finding_cells, facts.findings)))]
-    load = f"- load of the machine before (average over a minute): {facts.load:.1f}"
-    parts += [
-        "## How it was made",
-        f"{facts.made}\n{load}",
-        f"The figures are in [{facts.name}.csv]({facts.name}.csv).",
-    ]
-    return "\n\n".join(parts) + "\n"
-
-
 def index_page(stored: Sequence[Stored]) -> str:
     """Markdown of the folder: verdicts first, then each experiment with its table and picture."""
+    quick = [of.where for of in stored if of.made_with["quick"]]
     parts = [
         "# The paper's experiments, repeated",
         "NNPP (Ji et al., arXiv 2308.04792v3), its experiments on our terrain with this toolkit, each beside the "
         "paper's figures. This page and all that it links to are written by `nnpp-edge reproduce`; the verdicts "
         "follow from the measured figures by the rules named beside them. How the paper "
         "was read, and what is counted: `docs/reproduce.md`.",
-        *_quick_warning(stored),
+        *[f"**{', '.join(quick)}: smoke runs (`--quick`), far too small to conclude anything from.**"] * bool(quick),
     ]
     counts = [
         (of.link, of.title, *(str(sum(f.verdict is verdict for f in of.findings) or "–") for verdict in Verdict))
@@ -86,8 +68,10 @@ def index_page(stored: Sequence[Stored]) -> str:
             parts += [f"## {head}", markdown_table(("", *_COLUMNS), lines)]
     for of in stored:
         place = f"{of.name}/{of.name}"
-        parts += [f'<a id="{of.name}"></a>', f"## {of.where}: {of.title}", of.section(place)]
-        parts.append(f"[Page]({place}.md), [figures]({place}.csv)")
+        parts += [f'<a id="{of.name}"></a>', f"## {of.where}: {of.title}"]
+        parts += ["\n".join(f"- {name}: {text}" for name, text in of.about.items())]
+        parts += [f"![{of.title}]({place}.png)", of.summary, *of.notes]
+        parts.append(f"[Figures]({place}.csv)")
     parts += ["## How it was made"] if stored else ["No experiment has been run yet."]
     for made in dict.fromkeys(of.made for of in stored):
         parts.append(f"{', '.join(of.where for of in stored if of.made == made)}:\n\n{made}")
@@ -99,10 +83,3 @@ def finding_cells(finding: Finding) -> tuple[str, ...]:
     said = "; says nothing about the network, a control does as well: " + ", ".join(finding.controls)
     verdict = f"**{finding.verdict}**" + said * bool(finding.controls)
     return finding.claim, finding.paper, finding.ours, finding.rule, verdict
-
-
-def _quick_warning(stored: Sequence[Stored]) -> list[str]:
-    quick = [facts.where for facts in stored if facts.made_with["quick"]]
-    subject = "This is" if len(stored) == len(quick) else f"{', '.join(quick)}:"
-    warning = f"**{subject} a smoke run (`--quick`): far too few maps and steps to conclude anything from.**"
-    return [warning] * bool(quick)

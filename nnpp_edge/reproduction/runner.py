@@ -18,7 +18,7 @@ from nnpp_edge.reproduction.dynamic import table3, table4
 from nnpp_edge.reproduction.exact import fig6, fig7, table1
 from nnpp_edge.reproduction.experiment import BOTH, Context
 from nnpp_edge.reproduction.looks import fig8, fig14
-from nnpp_edge.reproduction.pages import Stored, experiment_page, index_page
+from nnpp_edge.reproduction.pages import Stored, index_page
 from nnpp_edge.reproduction.planners import summary
 from nnpp_edge.reproduction.regions import Networks
 from nnpp_edge.reproduction.static import fig9, fig11, fig12, table2
@@ -27,7 +27,7 @@ from nnpp_edge.runtime.exercises import exercise
 from nnpp_edge.runtime.network.inference import NetworkModel
 from nnpp_edge.runtime.network.model_file import read_model_file
 
-FORMAT = "nnpp-edge-reproduction-2"
+FORMAT = "nnpp-edge-reproduction-3"
 _RUN = (table1, fig6, fig7, fig8, table2, fig9, fig11, fig12, fig14, table3, table4)
 EXPERIMENTS = {each.run.__name__: each for each in _RUN}
 """The experiments of the paper by name, in the order in which they run."""
@@ -98,10 +98,11 @@ def reproduce(request: Request) -> Iterator[tuple[Stored, bool]]:
             "networks": ", ".join(f"{whose}: `{model.metadata.name}`" for whose, model in models) or "none",
             "controls": experiment.controls if experiment.networks else "none, as no network takes part",
             "samples": ", ".join(f"{name} {value}" for name, value in settings.items()),
+            "load before": f"{machine['load_average'][0]:.1f}, the average over a minute",
         }
         facts = Stored(
             *(FORMAT, name, experiment.where, experiment.title),
-            *(f"{machine['cpu']}, {len(cores)} core(s)", machine["load_average"][0], made_with, about),
+            *(f"{machine['cpu']}, {len(cores)} core(s)", made_with, about),
             *(list(result.findings), context.notes, table),
         )
         place = request.output / name / name
@@ -109,7 +110,6 @@ def reproduce(request: Request) -> Iterator[tuple[Stored, bool]]:
         write_all(
             {
                 place.with_suffix(".csv"): result.rows.csv().encode(),
-                place.with_suffix(".md"): experiment_page(facts).encode(),
                 place.with_suffix(".png"): png(result.picture),
                 place.with_suffix(".json"): msgspec.json.format(msgspec.json.encode(facts), indent=1),
             }
@@ -125,7 +125,7 @@ def read_experiment(folder: Path) -> Stored | None:
         stored = msgspec.json.decode((folder / f"{folder.name}.json").read_bytes(), type=Stored)
     except (OSError, msgspec.DecodeError):
         return None
-    whole = all((folder / f"{folder.name}.{ending}").is_file() for ending in ("csv", "md", "png"))
+    whole = all((folder / f"{folder.name}.{ending}").is_file() for ending in ("csv", "png"))
     return stored if whole and stored.format == FORMAT else None
 
 
