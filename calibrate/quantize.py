@@ -240,7 +240,7 @@ def _with_facts(model: onnx.ModelProto, fp32: NetworkModel, facts: Mapping[str, 
 def compare(fp32: NetworkModel, int8: NetworkModel, samples: Samples, most: int, rounds: int) -> Comparison:
     """Compare two models on at most `most` of the queries, and time each `rounds` times."""
     m = fp32.metadata
-    validator = Validator(samples, Spec(m.architecture, m.input_size, m.sigma, encoding=m.encoding), m.omega, most)
+    validator = Validator(samples, Spec(m.architecture, m.input_size, m.sigma), m.omega, most)
     queries = samples.pick(validator.index)
     p, q = (probabilities(model, queries) for model in (fp32, int8))
     (one,), (other,) = (validator.judge_probabilities(each, (m.region_factor,)) for each in (p, q))

@@ -14,6 +14,7 @@ import traceback
 import warnings
 from collections import Counter
 from collections.abc import Mapping, Sequence
+from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass, field
 from functools import partial
 from importlib import import_module
@@ -196,9 +197,9 @@ def run(
     """Let workers, processes that have loaded everything, do cases for so many minutes."""
     one = partial(work, minutes=minutes, most=dict.fromkeys(targets, sys.maxsize), folder=folder, heavy=heavy)
     prepare(folder, heavy)  # the samples, once
-    with multiprocessing.get_context("spawn").Pool(workers) as pool:
-        tallies = pool.map(one, range(base * workers, (base + 1) * workers), chunksize=1)
     tally = Tally()
+    with ProcessPoolExecutor(workers, multiprocessing.get_context("spawn")) as pool:
+        tallies = list(pool.map(one, range(base * workers, (base + 1) * workers)))
     for each in tallies:
         tally.cases += each.cases
         tally.seconds += each.seconds

@@ -9,6 +9,7 @@ import random
 import signal
 import sys
 import time
+from concurrent.futures import ProcessPoolExecutor
 from types import SimpleNamespace
 
 import click
@@ -42,8 +43,8 @@ def place(tmp_path_factory):
 
 @pytest.mark.slow
 def test_a_few_cases_of_each_target_are_clean_in_processes_of_their_own(tmp_path):
-    with multiprocessing.get_context("spawn").Pool(1) as pool:
-        tally = pool.apply(runner.work, (1, math.inf, CASES, tmp_path, False))
+    with ProcessPoolExecutor(1, multiprocessing.get_context("spawn")) as pool:
+        tally = pool.submit(runner.work, 1, math.inf, CASES, tmp_path, False).result()
     assert tally.cases == CASES
     assert not tally.findings, tally.text() + "\n" + tally.findings[0].problem.detail
 

@@ -292,9 +292,5 @@ def test_the_presets_can_be_built_and_a_spec_that_no_network_fits_is_refused():
             planes = torch.zeros(1, 2, spec.input_size, spec.input_size)
         query = torch.from_numpy(encode(spec, (1.0, 2.0), (3.0, 4.0)))[None].to("meta")
         assert network.eval()(planes, query).shape == (1, spec.blocks, spec.blocks)
-    for changes, word in (
-        ({"architecture": "none"}, "architecture must be one of edge, nnpp"),
-        ({"encoding": "pixel"}, "encoding of edge must be ends"),
-    ):
-        with pytest.raises(ModelError, match=word):
-            dataclasses.replace(SMALL, **changes)
+    with pytest.raises(ModelError, match="architecture must be one of edge, nnpp"):
+        dataclasses.replace(SMALL, architecture="none")
