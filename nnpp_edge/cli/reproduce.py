@@ -4,7 +4,7 @@ import json
 from collections import Counter
 from dataclasses import asdict
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import click
 
@@ -46,7 +46,7 @@ def command(
     nnpp-edge reproduce table2 fig7 --quick
     """
     from nnpp_edge.profiling.suites import TerrainFiles
-    from nnpp_edge.reproduction.runner import EXPERIMENTS, Request, reproduce
+    from nnpp_edge.reproduction.runner import EXPERIMENTS, reproduce
 
     if unknown := [name for name in experiments if name not in EXPERIMENTS]:
         raise click.UsageError(f"wanted EXPERIMENT of {', '.join(EXPERIMENTS)}, got {', '.join(unknown)}")
@@ -56,7 +56,8 @@ def command(
     names = [name for name in EXPERIMENTS if not experiments or name in experiments]
     files = TerrainFiles.or_sample(terrain, rescale, cell_size, allow_vrt)
     told = []
-    for made, ran in reproduce(Request(names, files, output, seed, both, quick, queries, again)):
+    settings: dict[str, Any] = {"models": both, "seed": seed, "quick": quick, "queries": queries, "again": again}
+    for made, ran in reproduce(names, files, output, **settings):
         findings = [asdict(finding) for finding in made.findings]
         told.append({"experiment": made.name, "ended": "done" if ran else "skipped", "findings": findings})
         verdicts = Counter(finding.verdict for finding in made.findings)

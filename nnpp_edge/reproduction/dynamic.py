@@ -43,10 +43,6 @@ OURS_OF |= {DSTAR_NN: (PLAIN_DSTAR_NN, "nnpp-dstar")}
 _COMPARED = [(ASTAR, ASTAR_NN, STATIC), (ASTAR, ASTAR_NN, DYNAMIC), (ASTAR, DSTAR, DYNAMIC)]
 _COMPARED += [(DSTAR, DSTAR_NN, DYNAMIC), (ASTAR_NN, DSTAR_NN, DYNAMIC)]
 """The paper's methods whose times are compared in Table 4, and in which scene."""
-_CONTROLS_NOTE = (
-    "a *corridor* in place of the network's region: for the plain methods the blocks nearest to the path over the "
-    "map averaged to blocks, as many as the network's region; for ours `corridor` and `corridor-dstar`"
-)
 
 
 def stride_on(size: int) -> int:
@@ -131,10 +127,7 @@ def _repaired(here: OneMap, dstars: dict[str, PlainDStar], harness: Harness) -> 
 _QUICK = {"size": 128, "repeats": 1}
 
 
-@experiment(
-    *("Table 3 and Fig. 16", "Planning anew as the map changes, plan by plan", {**_QUICK, "episodes": 3}),
-    controls=_CONTROLS_NOTE,
-)
+@experiment("Table 3 and Fig. 16", "Planning anew as the map changes, plan by plan", {**_QUICK, "episodes": 3})
 def table3(context: Context, *, size: int = 256, episodes: int = 12, repeats: int = 5) -> Result:
     """One episode, every plan of it by all planners: of so many the one with as many plans as the paper's."""
     size, frames = context.one_size(size), len(paper.TABLE_3.of(ASTAR))
@@ -142,21 +135,16 @@ def table3(context: Context, *, size: int = 256, episodes: int = 12, repeats: in
     context.progress(0.2)
     rows = drive(episode, context.networks, repeats)
     context.progress(0.6)
-    views = view_episode(episode, context.networks.paper)
+    views = [
+        drawing.view_plan(episode.map_at(at), (step.start, episode.goal), context.networks.paper, step.patches)
+        for at, step in enumerate(episode.steps)
+    ]
     figure = drawing.new_figure(2.7 * len(views), 3.4)
     panels = figure.subplots(1, len(views), squeeze=False)[0]
     for at, (axes, view) in enumerate(zip(panels, views, strict=True)):
         drawing.draw_view(axes, view, drawing.frame(at), before=views[at - 1] if at else None)
     drawing.map_legend(figure, panels[min(1, len(views) - 1)])
     return Result(rows, ("plan", "planner"), table3_findings(rows), figure, [*paper.TABLE_3, *rows])
-
-
-def view_episode(episode: Episode, model: NetworkModel) -> list[drawing.View]:
-    """Every plan of an episode, as the paper's method sees it."""
-    return [
-        drawing.view_plan(episode.map_at(at), (step.start, episode.goal), model, step.patches)
-        for at, step in enumerate(episode.steps)
-    ]
 
 
 def table3_findings(rows: Rows) -> list[Finding]:
@@ -190,10 +178,7 @@ def _speedups(slow: str, fast: str, theirs: float, rows: Rows, where: str = "") 
         yield judge_speedup(claim, theirs, rows, pair)
 
 
-@experiment(
-    *("Table 4", "Five maps, standing still and changing", {**_QUICK, "maps": 2}),
-    controls=_CONTROLS_NOTE,
-)
+@experiment("Table 4", "Five maps, standing still and changing", {**_QUICK, "maps": 2})
 def table4(context: Context, *, size: int = 256, maps: int = 5, repeats: int = 5) -> Result:
     """An episode on each of some maps, by all planners; its first plan is that of the map standing still."""
     rows = Rows()

@@ -10,10 +10,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from nnpp_edge.runtime.arrays import Float2D
-from nnpp_edge.runtime.cells import Cell, Rectangle
+from nnpp_edge.runtime.cells import Cell
 from nnpp_edge.runtime.errors import InvalidQueryError
-from nnpp_edge.runtime.planners.dynamic import DynamicPlanner
-from nnpp_edge.runtime.planners.plan import DynamicMethod
+from nnpp_edge.runtime.planners.planner import Planner
 from nnpp_edge.terrain.obstacles import Obstacles, changed_parts
 
 STRIDE = 45
@@ -59,41 +58,26 @@ def make_episode(cost: Float2D, start: Cell, goal: Cell, seed: int, stride: int 
     cannot be reached.
     """
     base = np.ascontiguousarray(cost, np.float32)
-    planner, steps = DynamicPlanner(base, goal, DynamicMethod.ASTAR), [Step(start, ())]
     obstacles = Obstacles((base.shape[0], base.shape[1]), np.random.default_rng(seed))
-    path = _exact(planner, start)
+    path, steps = _exact(base, start, goal), [Step(start, ())]
     if path is None:
         raise InvalidQueryError(f"an episode needs a goal that can be reached, got {start} to {goal}")
     while len(path) > stride + 1:
         rest = path[stride:]
         here, before = (int(rest[0, 0]), int(rest[0, 1])), obstacles.blocks
+        path = rest  # what is left of it, where no other scene leaves a way
         for _ in range(_TRIES):
             obstacles.next_scene(here, goal, rest)
-            patches = _change(planner, base, obstacles, before)
-            if (found := _exact(planner, here)) is not None:
+            found = _exact(obstacles.cover(base, (0, 0, *base.shape)), here, goal)
+            if found is not None:
+                path = found
                 break
-            refused, obstacles.blocks = obstacles.blocks, before  # no way is left: restore the map, try others
-            _change(planner, base, obstacles, refused)
-        else:
-            patches, found = (), _exact(planner, here)
-            assert found is not None
-        steps.append(Step(here, patches))
-        path = found
+            obstacles.blocks = before
+        changed = changed_parts(before, obstacles.blocks)
+        steps.append(Step(here, tuple((*part[:2], obstacles.cover(base, part)) for part in changed)))
     return Episode(base, goal, tuple(steps))
 
 
-def _exact(planner: DynamicPlanner, start: Cell) -> NDArray[np.int32] | None:
-    planner.move(start)
-    plan = planner.replan()
+def _exact(cost: Float2D, start: Cell, goal: Cell) -> NDArray[np.int32] | None:
+    plan = Planner(cost).plan(start, goal, method="astar")
     return plan.path if plan.ok else None
-
-
-def _change(
-    planner: DynamicPlanner, base: Float2D, obstacles: Obstacles, before: list[Rectangle]
-) -> tuple[Patch, ...]:
-    """Put the obstacles into the planner's map in place of those before; the patches."""
-    parts = changed_parts(before, obstacles.blocks)
-    patches = tuple((part[0], part[1], obstacles.cover(base, part)) for part in parts)
-    for patch in patches:
-        planner.update(*patch)
-    return patches

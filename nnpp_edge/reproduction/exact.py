@@ -23,23 +23,21 @@ from nnpp_edge.runtime.search.workspace import Workspace
 
 Floats = NDArray[np.float64]
 _OMEGA = f"{paper.OMEGA:.3f} ± {paper.OMEGA_DEVIATION:.3f}"
-_QUICK = {"sizes": (64, 128, 256), "maps": 1, "repeats": 1}
+_QUICK = {"sizes": (64, 128, 256), "maps": 1}
 
 
 @experiment("Table 1", "Building the graph against searching it", _QUICK, networks=())
-def table1(
-    context: Context, *, sizes: Sequence[int] = (64, 128, 256, 512, 1024), maps: int = 5, repeats: int = 5
-) -> Result:
-    """Average maps of the greatest size down to the others, start and goal with them, and time both A*."""
+def table1(context: Context, *, sizes: Sequence[int] = (64, 128, 256, 512, 1024), maps: int = 5) -> Result:
+    """Average maps of the greatest size down to the others, start and goal with them, and time plain A*."""
     sizes, rows, done = context.fitting(sizes), Rows(), 0
     for at, (case, query) in enumerate(context.maps(max(sizes), maps), 1):
         for size in sizes:
-            rows += [{"map": at, "size": size} | row for row in _timed(*_scaled(case.cost, query, size), repeats)]
+            rows.append({"map": at, "size": size} | _timed(*_scaled(case.cost, query, size)))
             done += size**2
             context.progress(done / (maps * sum(side**2 for side in sizes)))
     everything = Rows(row for row in (*paper.TABLE_1, *rows) if row["size"] in sizes)
-    styles = {paper.ASTAR: "o--", PLAIN: "o-", "astar": "^-"}
-    of_times = everything, "time_s", styles, "Mean time of a query, the graph or the map included", "seconds"
+    styles = {paper.ASTAR: "o--", PLAIN: "o-"}
+    of_times = everything, "time_s", styles, "Mean time of a query, the graph included", "seconds"
     of_shares = everything, "graph_share", styles, "Share of the graph in the time", ""
     picture = drawing.by_size([of_times, of_shares])
     return Result(rows, ("size", "planner"), table1_findings(rows), picture, everything)
@@ -58,18 +56,12 @@ def _scaled(cost: Float2D, query: Endpoints, size: int) -> tuple[Float2D, Endpoi
     return small, ((a // factor, b // factor), (c // factor, d // factor))
 
 
-def _timed(cost: Float2D, query: Endpoints, repeats: int) -> list[Row]:
-    """Plain A*, and our exact A*: the median of its repeats."""
-    harness, workspace = Harness(), Workspace((len(cost) + 2) ** 2)
+def _timed(cost: Float2D, query: Endpoints) -> Row:
+    harness = Harness()
     graph_s, graph = harness.timed(lambda: build_graph(cost))
     search_s, path = harness.timed(lambda: search(graph, *query))
     assert path is not None  # a cell is impassable only if all that it covers is
-    ours_s = []
-    for _ in range(repeats):
-        grid_s, grid = harness.timed(lambda: Grid.of(cost, StepModel.of("paper")))
-        ours_s.append((grid_s, harness.timed(partial(astar, grid, *query, workspace))[0]))
-    times_s = {PLAIN: (graph_s, search_s), "astar": np.median(ours_s, axis=0).tolist()}
-    return [paper.graph_row(name, first_s, then_s, len(path)) for name, (first_s, then_s) in times_s.items()]
+    return paper.graph_row(PLAIN, graph_s, search_s, len(path))
 
 
 def table1_findings(rows: Rows) -> list[Finding]:
@@ -158,7 +150,7 @@ def fig7(
         axes.legend(fontsize="small")
     findings = fig7_findings(omegas, lengths.mean(0), ccs.mean(0), typical_s, best)
     shown = [{"normalised": how, "best_omega": omega} for how, of in best.items() for omega in of]
-    return Result(rows.averaged("omega"), ("normalised",), findings, figure, shown)
+    return Result(rows, ("normalised",), findings, figure, shown)
 
 
 def by_range(values: Floats) -> Floats:

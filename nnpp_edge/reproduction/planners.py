@@ -163,7 +163,7 @@ def summary(rows: Sequence[Row], by: Sequence[str], networks: Networks, *, total
         "time in all" if totals else "AT": ("time_s", lambda of: seconds(of_all(of, "time_s"))),
         "over A*": ("time_s", lambda of: times(over_astar(of))),
         "inference": ("inference_s", lambda of: seconds(of.mean("inference_s"))),
-        "graph, or map": ("graph_s", lambda of: seconds(of.mean("graph_s"))),
+        "graph": ("graph_s", lambda of: seconds(of.mean("graph_s"))),
         "search": ("search_s", lambda of: seconds(of.mean("search_s"))),
         "graph's share": ("graph_share", lambda of: percent(of.mean("graph_share"))),
         "path, cells": ("path_cells", lambda of: number(of.mean("path_cells"), ".0f")),
