@@ -37,7 +37,7 @@ def command(
     The paper's method runs with the paper's own network, ours with `edge`; --model puts another in the place of both.
     Without --terrain the ground is the shipped sample, at cells of 20 m.
 
-    EXPERIMENT is one of table1, fig6, fig7, fig8, table2, fig9, fig11, fig12, fig14, table3 and table4;
+    EXPERIMENT is one of table1, fig7, table2, fig9, fig11, fig12, fig14, table3 and table4;
     by default all. Each gets a folder with its figures (CSV) and a picture (PNG); README.md has the tables
     and says what agrees with the paper and what does not. What is complete is not run again.
 

@@ -1,4 +1,4 @@
-"""Table 1, Fig. 6 and 7: what needs no network, the building of A*'s graph and the weight ω."""
+"""Table 1 and Fig. 7: what needs no network, the building of A*'s graph and the weight ω."""
 
 from collections.abc import Sequence
 from functools import partial
@@ -85,26 +85,6 @@ def table1_findings(rows: Rows) -> list[Finding]:
         near, rule = 0.5 * cells <= grown <= 2.0 * cells, "within a factor of 2 of the cells'"
         found.append(judge(claim, times(theirs), f"{grown:.0f}× (plain A*)", rule, near))
     return found
-
-
-@experiment("Fig. 6", "Paths at three weights ω", {"size": 128}, networks=())
-def fig6(context: Context, *, size: int = 256, omegas: Sequence[float] = (0.0, 0.01, 0.05)) -> Result:
-    """One map and one query, and the optimal path at three weights ω, per grey level."""
-    size = context.one_size(size)
-    ((case, query),) = context.maps(size, 1)
-    rows, figure = Rows(), drawing.new_figure(3.4 * len(omegas), 3.8)
-    for axes, omega in zip(figure.subplots(1, len(omegas)), omegas, strict=True):
-        row, path = _at_omega(case.cost, query, omega, Workspace((size + 2) ** 2))
-        rows.append(row)
-        drawing.draw_map(axes, case.cost, f"ω = {omega:g}: {row['length']:.0f} cells, CC {row['cc']:.1f}")
-        drawing.draw_path(axes, path, "optimal path")
-        drawing.draw_ends(axes, *query)
-    lengths, ccs = rows.all("length"), rows.all("cc")
-    ours = f"length {lengths[0]:.1f} → {lengths[-1]:.1f} cells, CC {ccs[0]:.2f} → {ccs[-1]:.2f}"
-    curved = all(np.diff(lengths) >= -1e-6) and all(np.diff(ccs) <= 1e-6)
-    claim = "the greater ω, the more the path turns aside for cheaper ground"
-    finding = judge(claim, "yes (picture)", ours, "length never falls, CC never rises", curved)
-    return Result(rows, ("omega",), [finding], figure)
 
 
 def _at_omega(cost: Float2D, query: Endpoints, omega: float, workspace: Workspace) -> tuple[Row, NDArray[np.int32]]:

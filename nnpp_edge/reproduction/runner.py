@@ -17,10 +17,10 @@ from nnpp_edge.profiling.suites import TerrainFiles
 from nnpp_edge.progress import bar, markdown_table
 from nnpp_edge.reproduction.drawing import png
 from nnpp_edge.reproduction.dynamic import table3, table4
-from nnpp_edge.reproduction.exact import fig6, fig7, table1
+from nnpp_edge.reproduction.exact import fig7, table1
 from nnpp_edge.reproduction.experiment import BOTH, CONTROLS_NOTE, Context
 from nnpp_edge.reproduction.findings import Finding, Verdict
-from nnpp_edge.reproduction.looks import fig8, fig14
+from nnpp_edge.reproduction.looks import fig14
 from nnpp_edge.reproduction.planners import summary
 from nnpp_edge.reproduction.regions import Networks
 from nnpp_edge.reproduction.static import fig9, fig11, fig12, table2
@@ -29,7 +29,7 @@ from nnpp_edge.runtime.network.inference import NetworkModel
 from nnpp_edge.runtime.network.model_file import read_model_file
 
 FORMAT = "nnpp-edge-reproduction-3"
-_RUN = (table1, fig6, fig7, fig8, table2, fig9, fig11, fig12, fig14, table3, table4)
+_RUN = (table1, fig7, table2, fig9, fig11, fig12, fig14, table3, table4)
 EXPERIMENTS = {each.run.__name__: each for each in _RUN}
 """The experiments of the paper by name, in the order in which they run."""
 _COLUMNS = ("", "claim", "paper", "ours", "rule", "verdict")

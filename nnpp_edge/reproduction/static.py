@@ -216,8 +216,14 @@ def fig12_findings(rows: Rows) -> list[Finding]:
 
     texts = f"{min(known):.2f} to {max(known):.2f}", f"{min(mms):.3f} to {max(mms):.3f}"
     better, rule = own.mean("mm") > max(known), "our mean lies within the paper's range"
+
+    def small(own: Own) -> bool:
+        return rows.of(own(PLAIN_NN), found=1.0).mean("share") < 0.2
+
+    of_map = "yes (Fig. 8)", percent(own.mean("share")), "below 20 %"
     return [
         judge_speedup(f"speed-up of {label}", theirs.speedup(*_THEIRS), rows, (PLAIN, PLAIN_NN), near=True),
         judge("MM of the network's region at td", *texts, rule, as_narrow, rows, PLAIN_NN, better=better),
         judge_increase(f"CC increase of {label}", theirs.increase(paper.ASTAR_NN), rows, PLAIN_NN),
+        judge("the region at td is a small part of the map", *of_map, small, rows, PLAIN_NN),
     ]

@@ -30,9 +30,7 @@ from nnpp_edge.terrain.synthetic import synthetic_terrain
 
 TINY = {
     "table1": {"sizes": (16, 32, 64, 512), "maps": 1},
-    "fig6": {"size": 64},
     "fig7": {"size": 64, "maps": 3, "fine": 10, "coarse": 3},
-    "fig8": {"size": 64},
     "table2": {"sizes": (64, 128), "maps": 4, "queries": 3, "repeats": 1},
     "fig9": {"sizes": (64, 96), "queries": 2, "repeats": 1},
     "fig11": {"size": 64, "queries": 4, "repeats": 1},
@@ -117,7 +115,7 @@ def test_every_experiment_writes_its_tables_picture_and_findings(made, terrain):
 
 
 def test_every_page_of_a_network_names_it_and_has_controls(made):
-    for name in ("table2", "fig8", "fig9", "fig11", "fig12", "fig14", "table3", "table4"):
+    for name in ("table2", "fig9", "fig11", "fig12", "fig14", "table3", "table4"):
         text = (made[0] / "README.md").read_text().partition(f'<a id="{name}">')[2].partition("<a id")[0]
         assert "`tiny`" in text and "corridor" in text, name
         lines = text.splitlines()
@@ -140,15 +138,15 @@ def test_a_second_run_skips_what_is_complete_and_mends_what_is_not(terrain, run,
 
 
 def test_an_experiment_that_fails_leaves_what_was_there(terrain, run, tmp_path, monkeypatch):
-    run(terrain, tmp_path, "fig6")
+    run(terrain, tmp_path, "table1")
     before = {p: p.read_bytes() for p in tmp_path.rglob("*") if p.is_file()}
 
-    def fails(context, *, size=64):
+    def fails(context, **settings):
         raise InvalidQueryError("no such luck")
 
-    monkeypatch.setitem(EXPERIMENTS, "fig6", replace(EXPERIMENTS["fig6"], run=fails))
+    monkeypatch.setitem(EXPERIMENTS, "table1", replace(EXPERIMENTS["table1"], run=fails))
     with pytest.raises(InvalidQueryError, match="no such luck"):
-        run(terrain, tmp_path, "fig6", again=True)
+        run(terrain, tmp_path, "table1", again=True)
     assert {p: p.read_bytes() for p in tmp_path.rglob("*") if p.is_file()} == before
 
 
@@ -351,7 +349,7 @@ def test_wrong_use_and_bad_input_are_refused_in_a_line(nnpp_edge, terrain, tiny_
     nnpp_edge("reproduce", "--terrain", terrain, "--model", tmp_path / "no.onnx", "-o", out).refused("no.onnx")
     np.savez(tmp_path / "small.npz", elevation_m=np.zeros((40, 50)), cell_size_m=1.0)
     words = ["--quick", "--terrain", tmp_path / "small.npz", "--model", tiny_model, "-o", out]
-    nnpp_edge("reproduce", "fig6", *words).refused("wanted terrain of at least 64 cells a side, got 40")
+    nnpp_edge("reproduce", "fig7", *words).refused("wanted terrain of at least 64 cells a side, got 40")
     (tmp_path / "file").write_text("in the way")
     ended = nnpp_edge("reproduce", "--terrain", terrain, "--model", tiny_model, "-o", tmp_path / "file" / "out")
     ended.refused("wanted a folder to write to")
