@@ -128,7 +128,7 @@ def quantize(
     dataset, validation : Path
         Data set to calibrate on, and one to judge on; without that, a quarter of `dataset`'s maps is held out.
     samples, rounds : int
-        Queries to calibrate on, each from another map while there are maps; timed runs of each model.
+        Queries to calibrate on, drawn at random; timed runs of each model.
     exclude : names
         Nodes to leave float, as those of the head are in any case.
 
@@ -240,7 +240,7 @@ def _with_facts(model: onnx.ModelProto, fp32: NetworkModel, facts: Mapping[str, 
 def compare(fp32: NetworkModel, int8: NetworkModel, samples: Samples, most: int, rounds: int) -> Comparison:
     """Compare two models on at most `most` of the queries, and time each `rounds` times."""
     m = fp32.metadata
-    validator = Validator(samples, Spec(m.architecture, m.input_size, m.sigma, encoding=m.encoding), m.omega, most)
+    validator = Validator(samples, Spec(m.architecture, m.input_size, m.sigma), m.omega, most)
     queries = samples.pick(validator.index)
     p, q = (probabilities(model, queries) for model in (fp32, int8))
     (one,), (other,) = (validator.judge_probabilities(each, (m.region_factor,)) for each in (p, q))
@@ -290,11 +290,5 @@ def split(samples: Samples, seed: int) -> tuple[Samples, Samples]:
 
 
 def spread(samples: Samples, count: int, seed: int) -> Samples:
-    """At most `count` queries at random, from as many maps as there are: each map gives one, then a second, …"""
-    order = np.random.default_rng([seed, 1]).permutation(len(samples))
-    maps = samples.map_index[order]
-    turn = np.empty(len(order), np.int64)  # how many queries of the same map come before
-    by_map = np.argsort(maps, kind="stable")
-    _, first, counts = np.unique(maps[by_map], return_index=True, return_counts=True)
-    turn[by_map] = np.arange(len(order)) - np.repeat(first, counts)
-    return samples.pick(order[np.argsort(turn, kind="stable")[:count]])
+    """At most `count` queries at random."""
+    return samples.pick(np.random.default_rng([seed, 1]).permutation(len(samples))[:count])

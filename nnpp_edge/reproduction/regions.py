@@ -55,8 +55,6 @@ class PaperRegions:
         self.finder = RegionFinder(metadata.blocks)
         self.inference_s = math.nan
         """Of the last query."""
-        self.td = -1
-        """Level of the adaptive threshold of the last query, see `RegionFinder.levels`."""
 
     def find(self, query: Endpoints) -> Region:
         """The region at td."""
@@ -66,12 +64,7 @@ class PaperRegions:
         probability = self.model.answer(*ends, anew=True)
         self.inference_s = time.perf_counter() - began
         self.finder.read(probability)
-        self.td = self.finder.threshold(*_blocks(self.lookup, query))
-        return self.at(self.td)
-
-    def at(self, level: int) -> Region:
-        """The region of the last query at another threshold."""
-        blocks = self.finder.levels >= level
+        blocks = self.finder.levels >= self.finder.threshold(*_blocks(self.lookup, query))
         return Region(np.pad(blocks, ((0, 1), (0, 1))).astype(np.int32), *self.lookup)
 
     def controls(self, like: Region) -> dict[str, Callable[[Endpoints], Region]]:
