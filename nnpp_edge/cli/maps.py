@@ -9,16 +9,14 @@ import click
 import numpy as np
 from numpy.typing import NDArray
 
-from nnpp_edge.cli.ground_options import TerrainOptions
 from nnpp_edge.runtime import Ground, Vehicle, pose_costs
 from nnpp_edge.runtime.arrays import Float2D
 from nnpp_edge.runtime.cells import Cell
-from nnpp_edge.runtime.errors import InvalidMapError, InvalidQueryError, NnppEdgeError, Status
+from nnpp_edge.runtime.errors import InvalidMapError, InvalidQueryError, Status
 from nnpp_edge.runtime.memory import available_bytes
 from nnpp_edge.runtime.planners.plan import Method, Plan
 from nnpp_edge.runtime.terrain.traversability import Traversability, terrain_terms, traversability_cost
 from nnpp_edge.terrain import dem as dems
-from nnpp_edge.terrain.coordinates import lonlat_corners
 from nnpp_edge.terrain.dem import Dem
 from nnpp_edge.terrain.georeference import Place
 from nnpp_edge.viz.picture import hillshade
@@ -70,14 +68,12 @@ def priced(ground: Ground, cost: Float2D) -> Ground:
     return ground if ground.vehicle or ground.step_cost != "paper" else Ground(cost)
 
 
-def reads_by_windows(
-    dem: Path, terrain: TerrainOptions, memory: float | None, bytes_per_cell: int, *, whole: bool = False
-) -> bool:
+def reads_by_windows(dem: Path, memory: float | None, bytes_per_cell: int, *, whole: bool = False) -> bool:
     """Whether a map needs more memory than is free, or than was given; then a warning says so.
 
     InvalidQueryError if it does and the `whole` map is needed, as for a vehicle and for directed step costs.
     """
-    if (size := dems.size_of(dem, allow_vrt=terrain.allow_vrt)) is None:
+    if (size := dems.size_of(dem)) is None:
         return False
     wanted, room = size[0] * size[1] * bytes_per_cell, available_bytes() if memory is None else memory
     if wanted <= room:
@@ -144,13 +140,7 @@ def _outside(status: Status, cell: Cell, place: Place) -> str:
         return words
     corners = [place.map_coordinates(row - 0.5, col - 0.5) for row in (0, rows) for col in (0, cols)]
     (left, low), (right, high) = np.min(corners, 0), np.max(corners, 0)
-    words += f", which spans x {left:.10g} to {right:.10g} and y {low:.10g} to {high:.10g}"
-    try:
-        found = lonlat_corners(place)
-    except NnppEdgeError:  # no coordinate system, or nothing that knows it
-        return words
-    (west, south), (east, north) = found.min(0), found.max(0)
-    return f"{words}, longitude {west:.4f} to {east:.4f} and latitude {south:.4f} to {north:.4f}"
+    return f"{words}, which spans x {left:.10g} to {right:.10g} and y {low:.10g} to {high:.10g}"
 
 
 def _blocked(status: Status, cell: Cell, near: Near) -> str:

@@ -13,7 +13,7 @@ from nnpp_edge.cli.text import tell
 _PROFILE = "profile.png"
 _FILE = {"is_flag": False, "flag_value": _PROFILE, "metavar": "[FILE]"}
 _OUTPUT = "Folder for path.geojson, path.csv, plan.png and plan.json."
-_FORMATS = "Write the path there as GeoPackage or GPX too, path.gpkg or path.gpx."
+_GPX = "Write path.gpx there too."
 _PROFILE_PLOT = "Draw height, slope and cost along the path: .png, .svg or .pdf; profile.png in the folder of -o."
 _BYTES_PER_POSED_CELL = 12
 """More for a vehicle: four codes and another height."""
@@ -28,7 +28,7 @@ def command(
     request: PlanRequest,
     robot: GroundOptions,
     output: Annotated[Path | None, "-o", options.PATH, _OUTPUT] = None,
-    formats: Annotated[tuple[str, ...], "--format", click.Choice(["gpkg", "gpx"]), options.MANY, _FORMATS] = (),
+    gpx: Annotated[bool, _GPX] = False,
     profile_plot: Annotated[str | None, _FILE, _PROFILE_PLOT] = None,
     memory: options.Memory = None,
     as_json: options.AsJson = False,
@@ -54,9 +54,9 @@ def command(
     \b
     nnpp-edge plan dem.tif --start 20,30 --goal 380,360 --workload limit20 -o plan
     """
-    if formats and output is None:
-        raise click.UsageError("--format is of what is written: give -o too")
-    names = ("path.geojson", "path.csv", "plan.png", "plan.json", *(f"path.{name}" for name in formats))
+    if gpx and output is None:
+        raise click.UsageError("--gpx is of what is written: give -o too")
+    names = ("path.geojson", "path.csv", "plan.png", "plan.json", *(["path.gpx"] if gpx else []))
     outputs = [("--output", output / name) for name in names] if output else []
     if profile_plot is not None:
         folder = output if output and profile_plot == _PROFILE else Path()
@@ -72,7 +72,7 @@ def command(
 
     directed, moves = robot.step_cost != "paper", robot.body() is not None
     bytes_per_cell = _BYTES_PER_CELL + _BYTES_PER_POSED_CELL * moves + DIRECTED_BYTES_PER_CELL * directed
-    if reads_by_windows(dem, robot, memory, bytes_per_cell, whole=directed or moves):
+    if reads_by_windows(dem, memory, bytes_per_cell, whole=directed or moves):
         answer = plan_by_windows(request, dem, robot)
     else:
         answer = plan_in_memory(request, dem, robot, drawn=output is not None)

@@ -64,9 +64,6 @@ def command(
     output: Annotated[
         Path | None, "-o", options.PATH, "Folder for reach.tif, reach.geojson, reach.png, reach.json."
     ] = None,
-    formats: Annotated[
-        tuple[str, ...], "--format", click.Choice(["gpkg"]), options.MANY, "Write the areas as GeoPackage too."
-    ] = (),
     as_json: options.AsJson = False,
 ) -> None:
     """Show what can be reached on the elevation map DEM from a place, within a cost, a time or an energy.
@@ -86,9 +83,7 @@ def command(
             f"--within-{measure} counts {measure} already: leave out --step-cost, or give --within-cost with it; "
             "one in seconds goes with --within-time"
         )
-    if formats and output is None:
-        raise click.UsageError("--format is of what is written: give -o too")
-    names = ("reach.tif", "reach.geojson", "reach.png", "reach.json", *(f"reach.{name}" for name in formats))
+    names = ("reach.tif", "reach.geojson", "reach.png", "reach.json")
     paths = [output / name for name in names] if output else []
     read = [] if start.file is None else [start.file]
     options.check_outputs(*(("--output", path) for path in paths), more_inputs=read, make_folders=True)
@@ -135,7 +130,6 @@ def command(
             found.geojson(),
             png_bytes(reach_picture(cost, found.field, named, cell, shade=shade, cell_size_m=width)),
             json.dumps(figures, indent=1).encode(),
-            *(found.geopackage() for _ in paths[4:]),
         )
         write_all(dict(zip(paths, contents, strict=True)))
     lines = {"map": size_in_words(terrain), "start": cell}

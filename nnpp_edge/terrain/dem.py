@@ -7,7 +7,6 @@ import math
 from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass, replace
-from functools import partial
 from importlib.resources import files
 from pathlib import Path
 
@@ -69,13 +68,7 @@ class Dem(Place):
         )
 
 
-def read_dem(
-    path: Path | str,
-    cell_size_m: float | None = None,
-    vertical_scale: float | None = None,
-    *,
-    allow_vrt: bool = False,
-) -> Dem:
+def read_dem(path: Path | str, cell_size_m: float | None = None, vertical_scale: float | None = None) -> Dem:
     """Read an elevation map; `.npy` and `.npz` are told by their ending, all else is GDAL's.
 
     Parameters
@@ -90,8 +83,6 @@ def read_dem(
     vertical_scale : float, optional
         Metres per unit of the file's heights, after the band's own scale and offset. A PNG needs it;
         elsewhere it wins over the unit that the file names, which is metres where it names none.
-    allow_vrt : bool
-        Whether a GDAL VRT is read, too, if it is made of GeoTIFFs in its own folder.
 
     Returns
     -------
@@ -113,8 +104,7 @@ def read_dem(
     from that sphere and keep float32's precision.
     """
     path = Path(path)
-    arrays = path.suffix.lower() in ARRAY_ENDINGS
-    read = read_arrays if arrays else partial(read_raster, allow_vrt=allow_vrt)
+    read = read_arrays if path.suffix.lower() in ARRAY_ENDINGS else read_raster
     with checked_file(path, cell_size_m, vertical_scale):
         elevation, cell, georeference = read(path, vertical_scale)
     sides = cell_sides(path, elevation.shape, cell, georeference, cell_size_m)
@@ -236,11 +226,11 @@ class DemWindows(Place):
         return heights if self.scale == 1.0 else metres(heights, self.scale)
 
 
-def size_of(path: Path, *, allow_vrt: bool = False) -> tuple[int, int] | None:
+def size_of(path: Path) -> tuple[int, int] | None:
     """Rows and columns of a raster, by its header; None for a file that only `read_dem` reads, or none at all."""
     if path.suffix.lower() in (*ARRAY_ENDINGS, ".png") or problem_with_file(path) is not None:
         return None
-    with checked_file(path, None, None), opened_raster(path, None, allow_vrt) as raster:
+    with checked_file(path, None, None), opened_raster(path, None) as raster:
         return raster.shape
 
 
@@ -251,7 +241,6 @@ def open_dem(
     vertical_scale: float | None = None,
     *,
     rescale_m: float | None = None,
-    allow_vrt: bool = False,
 ) -> Iterator[DemWindows]:
     """An elevation map in a raster, to be read by windows; arguments and errors as of `read_dem` and `Dem.rescaled`.
 
@@ -260,7 +249,7 @@ def open_dem(
     path = Path(path)
     with ExitStack() as stack:
         with checked_file(path, cell_size_m, vertical_scale):
-            raster = stack.enter_context(opened_raster(path, vertical_scale, allow_vrt, by_windows=True))
+            raster = stack.enter_context(opened_raster(path, vertical_scale, by_windows=True))
             row_of_blocks = raster.block[0] * max(raster.shape[1], raster.block[1]) * raster.dtype.itemsize
             if raster.driver in _STREAMS or row_of_blocks > _MOST_BLOCK_BYTES:
                 stored = _STREAMS.get(raster.driver, "in blocks of {} × {} cells".format(*raster.block))

@@ -5,9 +5,7 @@ raster. So the driver is one of `DRIVERS`, and what it would open besides is che
 """
 
 import re
-from collections.abc import Iterator
 from pathlib import Path
-from xml.etree import ElementTree
 
 from nnpp_edge.runtime.errors import TerrainError
 
@@ -29,19 +27,12 @@ _SIDECARS = (".msk", ".ovr", ".aux", ".rrd")
 """Masks, overviews and statistics: GDAL opens those beside a raster with any driver there is."""
 _LABEL_END = re.compile(rb"^\s*END\s*$", re.MULTILINE)
 _LABEL_FILE = re.compile(rb'FILE_NAME\s*=\s*"([\w.-]+)"', re.IGNORECASE)
-_VRT_ELEMENTS = re.compile(
-    "VRTDataset|SRS|GeoTransform|Metadata|MDI|BlockXSize|BlockYSize|VRTRasterBand|Description|UnitType|Offset|Scale|"
-    "NoDataValue|HideNoDataValue|ColorInterp|SimpleSource|ComplexSource|SourceFilename|SourceBand|SourceProperties|"
-    "SrcRect|DstRect|NODATA|ScaleOffset|ScaleRatio|UseMaskBand|Histograms|HistItem|HistMin|HistMax|BucketCount|"
-    "IncludeOutOfRange|Approximate|HistCounts"
-)
 
 
-def openable(path: Path, allow_vrt: bool) -> tuple[Path, list[str]]:
-    """The name for GDAL to open for an elevation map, and by which drivers.
+def openable(path: Path) -> Path:
+    """The name for GDAL to open for an elevation map: of a PDS3 image with a detached label, that of the label.
 
-    For a PDS3 image with a detached label it is the label. TerrainError where GDAL would open what is no plain
-    raster: a VRT that is not allowed, or not made of GeoTIFFs beside it; a label or a sidecar that leads elsewhere.
+    TerrainError where GDAL would open what is no plain raster: XML, or a label or a sidecar that leads elsewhere.
     """
     if path.suffix.lower() in _RECORDINGS:
         hint = "`GridMap` of nnpp_edge.ros.maps makes an .npz of one (docs/how-to-maps.md)"
@@ -51,13 +42,8 @@ def openable(path: Path, allow_vrt: bool) -> tuple[Path, list[str]]:
     opened = next((label for end in endings if (label := path.with_suffix(end)).is_file()), path).absolute()
     head = _head(opened)
     if head.lstrip(b"\xef\xbb\xbf \t\r\n").startswith(b"<"):
-        if not (allow_vrt and b"<VRTDataset" in head):
-            hint = "; --allow-vrt reads a VRT of GeoTIFFs in its own folder" if b"<VRTDataset" in head else ""
-            raise TerrainError(f"{path}: wanted {FORMATS}, got XML that names other files{hint}")
-        opened = opened.resolve()
-        for source in _vrt_sources(path, opened):
-            _check_plain(path, opened.with_name(source))
-        return opened, ["VRT"]
+        hint = "; gdal_translate -of COG makes a GeoTIFF of a VRT" if b"<VRTDataset" in head else ""
+        raise TerrainError(f"{path}: wanted {FORMATS}, got XML that names other files{hint}")
     if b"PDS_VERSION_ID" in head:
         _check_label(path, opened, head)
     if head.startswith(_TIFF_STARTS):  # libtiff would print on stderr where the first directory lies beyond the end
@@ -65,22 +51,7 @@ def openable(path: Path, allow_vrt: bool) -> tuple[Path, list[str]]:
         if int.from_bytes(head[8:16] if big else head[4:8], order) >= opened.stat().st_size:  # type: ignore[arg-type]
             raise TerrainError(f"{path}: wanted a whole TIFF, got one whose first directory lies beyond its end")
     _check_sidecars(path, opened)
-    return opened, list(DRIVERS)
-
-
-def _vrt_sources(path: Path, vrt: Path) -> Iterator[str]:
-    """Names of a VRT's sources; TerrainError where it holds anything but bands made of files beside it."""
-    text = vrt.read_text("utf-8") if vrt.stat().st_size <= _HEAD_BYTES else "<!"
-    if "<!" in text:
-        raise TerrainError(f"{path}: wanted a VRT of at most 1 MiB without declarations and comments")
-    for element in ElementTree.fromstring(text).iter():
-        if not _VRT_ELEMENTS.fullmatch(element.tag) or "subClass" in element.attrib:
-            raise TerrainError(f"{path}: wanted a VRT of plain bands, got one with {' '.join(element.tag.split())!r}")
-        if element.tag == "SourceFilename":
-            name = element.text or ""
-            if element.get("relativeToVRT") != "1" or not re.fullmatch(r"[\w. -]+", name):
-                raise TerrainError(f"{path}: wanted sources in the VRT's own folder, got {name!r}")
-            yield name
+    return opened
 
 
 def _check_label(path: Path, opened: Path, head: bytes) -> None:

@@ -22,7 +22,7 @@ from nnpp_edge.runtime.bands import in_bands
 from nnpp_edge.runtime.cells import Rectangle
 from nnpp_edge.runtime.errors import OutputError, TerrainError, optional_module
 from nnpp_edge.runtime.tuning import THREADS_FROM
-from nnpp_edge.terrain.gdal_files import FORMATS, NO_NETWORK, openable
+from nnpp_edge.terrain.gdal_files import DRIVERS, FORMATS, NO_NETWORK, openable
 from nnpp_edge.terrain.georeference import Georeference
 from nnpp_edge.terrain.heights import Reading, check_room, metres
 
@@ -136,9 +136,7 @@ class Raster:
 
 
 @contextmanager
-def opened_raster(
-    path: Path, vertical_scale: float | None, allow_vrt: bool = False, *, by_windows: bool = False
-) -> Iterator[Raster]:
+def opened_raster(path: Path, vertical_scale: float | None, *, by_windows: bool = False) -> Iterator[Raster]:
     """An open raster of one band of heights, all in files of its own folder; raises as `read_raster`.
 
     One to be read by windows keeps a row of blocks, decoded by several threads, and forgets what it has read before.
@@ -146,10 +144,10 @@ def opened_raster(
     rasterio = optional_module("rasterio", f"reading {path.name}", "geo")
     # An ASCII grid without a decimal point would be read as whole numbers, and its nan as 0.
     options = {"DATATYPE": "Float64"} if path.suffix.lower() == ".asc" else {}
-    opened, drivers = openable(path, allow_vrt)
-    if by_windows and len(drivers) > 1:
+    opened = openable(path)
+    if by_windows:
         options["NUM_THREADS"] = "ALL_CPUS"
-    with _quiet(rasterio), _opened(rasterio, path, opened, driver=drivers, **options) as dataset:
+    with _quiet(rasterio), _opened(rasterio, path, opened, **options) as dataset:
         if any(Path(name).parent != opened.parent for name in dataset.files):
             raise TerrainError(f"{path}: wanted a raster whose files lie in its own folder, got {dataset.files}")
         raster = Raster(path, dataset, vertical_scale)
@@ -162,9 +160,9 @@ def opened_raster(
             yield raster
 
 
-def read_raster(path: Path, vertical_scale: float | None, allow_vrt: bool = False) -> Reading:
+def read_raster(path: Path, vertical_scale: float | None) -> Reading:
     """Elevation and georeference of a raster of `FORMATS`; errors of `read_dem`, and whatever rasterio raises."""
-    with opened_raster(path, vertical_scale, allow_vrt) as raster:
+    with opened_raster(path, vertical_scale) as raster:
         check_room(path, raster.shape, raster.dtype, raster.dtype.itemsize * math.prod(raster.block))
         raster.check_whole()
         return raster.heights((0, 0, *raster.shape)), None, raster.place()
@@ -220,9 +218,9 @@ def _pds_label(dataset: "DatasetReader") -> tuple[dict[str, object], bool]:
 
 
 def _opened(rasterio: ModuleType, path: Path, opened: Path, **options: object) -> "DatasetReader":
-    """The raster, opened by the drivers in `options` alone: `rasterio.open` would take one."""
+    """The raster, opened by one of `DRIVERS`: `rasterio.open` would take one driver."""
     try:
-        return cast("DatasetReader", rasterio.io.DatasetReader(str(opened), **options))
+        return cast("DatasetReader", rasterio.io.DatasetReader(str(opened), driver=list(DRIVERS), **options))
     except rasterio.errors.RasterioIOError as error:
         if "not recognized" in str(error):
             raise TerrainError(f"{path}: wanted {FORMATS}, got a file that cannot be read as one of them") from error

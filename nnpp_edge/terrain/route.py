@@ -3,7 +3,7 @@
 import json
 import math
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -15,7 +15,7 @@ from nnpp_edge.runtime.map.along import Along, Line
 from nnpp_edge.terrain.coordinates import lonlat_of
 from nnpp_edge.terrain.dem import Dem
 from nnpp_edge.terrain.georeference import Place
-from nnpp_edge.terrain.vectors import geopackage_bytes, gpx_bytes, line_wkb, polygons_wkb
+from nnpp_edge.terrain.vectors import gpx_bytes
 
 _LOCAL = 'LOCAL_CS["the map\'s own metres",UNIT["metre",1]]'
 _EPSG = re.compile(r'(?:AUTHORITY|ID)\["EPSG",\s*"?(\d+)"?\]\]\s*$')
@@ -89,16 +89,6 @@ class Route:
         properties = {**properties, **self.stands(), "coordinates": meaning, "crs": place and place.crs}
         feature = {"type": "Feature", "geometry": geometry, "properties": properties}
         return json.dumps(feature | named_crs(self.dem), allow_nan=False).encode()
-
-    def geopackage(self, properties: dict[str, object]) -> bytes:
-        """A GeoPackage whose layer `path` has the path with its heights as one line, empty where there is none.
-
-        MissingExtraError where pyogrio is not installed.
-        """
-        line = np.column_stack((places_of(self.dem, self.along.points), self.along.heights_m))
-        shapes = [line_wkb(np.repeat(line, 2, axis=0) if len(line) == 1 else line)] if len(line) else []
-        fields = {name: [value] for name, value in properties.items() if shapes and value is not None}
-        return geopackage_bytes("path", "LineString Z", shapes, fields, self.dem)
 
     def gpx(self, name: str, stops: Mapping[str, tuple[int, int]]) -> bytes:
         """A GPX track, and stops (row, col) by name; InvalidQueryError where the map does not lie on the Earth."""
@@ -183,24 +173,16 @@ class Reach:
         return [shape["coordinates"] for shape, _ in found]
 
     def geojson(self) -> bytes:
-        """A feature for each level, the widest first; coordinates as in a path's GeoJSON."""
+        """A feature for each level, the widest first, so that others are drawn on it; coordinates as a path's."""
         found = []
-        for level, properties in self._layers():
+        for level, cells, area in list(zip(self.levels, self.cells, self.areas_m2, strict=True))[::-1]:
+            properties = {
+                "within": level,
+                "measure": self.measure,
+                "unit": self.unit,
+                "cells": cells,
+                "area_m2": area,
+            }
             geometry = {"type": "MultiPolygon", "coordinates": self.polygons(level)}
             found.append({"type": "Feature", "geometry": geometry, "properties": properties})
         return json.dumps({"type": "FeatureCollection", "features": found} | named_crs(self.dem)).encode()
-
-    def geopackage(self) -> bytes:
-        """These areas as a GeoPackage whose layer is `reach`; MissingExtraError where pyogrio is not installed."""
-        layers = self._layers()
-        shapes = [polygons_wkb([[np.array(r) for r in p] for p in self.polygons(level)]) for level, _ in layers]
-        fields: dict[str, Sequence[object]] = {name: [p[name] for _, p in layers] for name in layers[0][1]}
-        return geopackage_bytes("reach", "MultiPolygon", shapes, fields, self.dem)
-
-    def _layers(self) -> list[tuple[float, dict[str, object]]]:
-        """Each level with its properties, the widest first, so that the others are drawn on it."""
-        found = zip(self.levels, self.cells, self.areas_m2, strict=True)
-        return [
-            (level, {"within": level, "measure": self.measure, "unit": self.unit, "cells": cells, "area_m2": area})
-            for level, cells, area in reversed(list(found))
-        ]

@@ -1,11 +1,10 @@
-"""Vector files: points of a layer as places on a map, and features as a GeoPackage, by pyogrio; paths as GPX."""
+"""Vector files: points of a layer as places on a map, by pyogrio; paths as GPX."""
 
-import io
 import math
 import re
 import struct
 import warnings
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
 from types import ModuleType
@@ -62,42 +61,6 @@ def named_file(name: str) -> tuple[Path, str | None]:
     if file and layer and problem_with_file(Path(file)) is None:
         return Path(file), layer
     raise VectorFileError(f"{name}: wanted a vector file ({problem})")
-
-
-def geopackage_bytes(
-    layer: str, kind: str, shapes: Sequence[bytes], fields: Mapping[str, Sequence[object]], place: Place
-) -> bytes:
-    """A GeoPackage of one layer of shapes (WKB) of a kind (in OGR's words) with a value of each field for each."""
-    out = io.BytesIO()
-    texts = {name: any(isinstance(value, str) for value in values) for name, values in fields.items()}
-    columns = [np.array(values, object if texts[name] else None) for name, values in fields.items()]
-    with _pyogrio("writing a GeoPackage") as pyogrio:
-        pyogrio.raw.write(
-            out,
-            np.array([*shapes, None], object)[:-1],
-            field_data=columns,
-            fields=np.array(list(fields), object),
-            geometry_type=kind,
-            crs=place.georeference.crs if place.georeference else None,
-            layer=layer,
-            driver="GPKG",
-        )
-    return out.getvalue()
-
-
-def line_wkb(points: npt.NDArray[np.float64]) -> bytes:
-    """A line (N, 2), or (N, 3) with heights, as WKB."""
-    kind = 2 if points.shape[1] == 2 else 1002
-    return struct.pack("<BII", 1, kind, len(points)) + np.ascontiguousarray(points, "<f8").tobytes()
-
-
-def polygons_wkb(polygons: Sequence[Sequence[npt.NDArray[np.float64]]]) -> bytes:
-    """Polygons, each of an outer ring (N, 2) and those of its holes, as one shape in WKB."""
-    out = [struct.pack("<BII", 1, 6, len(polygons))]
-    for rings in polygons:
-        out.append(struct.pack("<BII", 1, 3, len(rings)))
-        out += [struct.pack("<I", len(ring)) + np.ascontiguousarray(ring, "<f8").tobytes() for ring in rings]
-    return b"".join(out)
 
 
 def gpx_bytes(

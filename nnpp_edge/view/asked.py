@@ -45,12 +45,12 @@ class Site:
 
     dem: Dem
     path: Path
-    reading: Mapping[str, float | bool]
+    reading: Mapping[str, float]
     """Arguments of `read_dem`, and ``rescale``, that were given."""
     bodies: Mapping[str, Body]
 
     @classmethod
-    def of(cls, dem: Dem, path: Path, reading: Mapping[str, float | bool], given: Body | None = None) -> "Site":
+    def of(cls, dem: Dem, path: Path, reading: Mapping[str, float], given: Body | None = None) -> "Site":
         """With the package's vehicles, under the map's gravity where that is known, and that of the command line.
 
         A body without a vehicle, which has a mobility alone, takes the place of the point.

@@ -15,8 +15,7 @@ def command_of(site: Site, asked: Asked) -> str:
     """A line for a shell that plans the same path; without painted obstacles, which no option describes."""
     words = ["nnpp-edge", "plan", str(site.path)]
     for name, value in site.reading.items():
-        option = f"--{name.removesuffix('_m').replace('_', '-')}"
-        words += [option] if value is True else [option, _number(value)]
+        words += [f"--{name.removesuffix('_m').replace('_', '-')}", _number(value)]
     for name, (row, col) in (("--start", asked.start), ("--goal", asked.goal)):
         words += [f"{name}={row},{col}"] if row < 0 or col < 0 else [name, f"{row},{col}"]
     words += ["--method", asked.method]

@@ -36,7 +36,7 @@ plan hills.tif --start xy:1e308,1e308 --goal 2,2 | near the map
 plan hills.tif --start xy:-1e308,0 --goal 2,2  | near the map
 plan hills.tif --start lonlat:-94.3,95 --goal 1,1 | latitude 95 of WGS 84 has no place in SVY21 / Singapore TM
 plan hills.tif --start lonlat:10,50 --goal 1,1 | lies outside the map of 80 × 90 cells
-plan hills.tif --start lonlat:103.83,1 --goal 1,1 | longitude 103.8333 to 103.8349 and latitude 1.3675
+plan hills.tif --start lonlat:103.83,1 --goal 1,1 | which spans x 28000 to 28180 and y 38840 to 39000
 plan hills.tif --start 5,5 --goal xy:0,0       | lies outside the map of 80 × 90 cells, which spans x 28000 to 28180
 plan hills.tif --start two.gpkg --goal 1,1     | --start must be one place, got 2
 plan hills.tif --start 5,5 --goal 9,86 --via 1,1 | goal (9, 86) is impassable
@@ -63,12 +63,12 @@ $PLAN --step-cost tobler --refine any-angle    | refine='any-angle' prices lines
 $PLAN --step-cost downhill                     | 'downhill' is not one of
 $PLAN --refine smooth                          | any-angle
 $PLAN --set radius_m=2 --set turning_radius_m=4 | turning_radius_m needs --refine any-angle
-$PLAN --format gpx                             | give -o too
+$PLAN --gpx                                    | give -o too
 $PLAN --profile-plot                           | needs a file's name, or -o
 $PLAN --profile-plot a.txt                     | must end with .png, .svg, .pdf, got '.txt'
 $PLAN --rocks 0.1                              | no such option '--rocks'
 $PLAN --workload body-rocks30                  | 0 to 20 percent
-$PLAN --via path.gpkg -o . --format gpkg       | would replace | path.gpkg
+$PLAN --via path.geojson -o .                  | would replace | path.geojson
 plan cost.npz --start 1,1 --goal 9,9 --vehicle small-rover | wanted heights, got costs
 $HILL --vehicle none.toml                      | got 'none.toml' (no such file)
 $HILL --vehicle .                              | (a folder)
@@ -115,10 +115,10 @@ run --map hills.npz --rate 1e-10               | --rate
 run --map hills.npz --output foo               | output must be stdout, zenoh[:ENDPOINT] or none, got 'foo'
 run --map hills.npz --profile own.toml --ticks 1 | 'nope'
 run --map hills.npz --method astar --model nope --ticks 1 | 'nope'
-run --map hills.npz --metrics pipe.npy    | it is a pipe
+run --map hills.npz --metrics pipe.npy    | it is no plain file
 simulate --map hills.npz --method astar --model nope | 'nope'
 simulate --seed -1                             | --seed
-simulate --map hills.npz --log pipe.npy        | it is a pipe
+simulate --map hills.npz --log pipe.npy        | it is no plain file
 reproduce table1 --quick --model nope          | 'nope'
 profile compare none.json none.json            | none.json: wanted a report of nnpp-edge profile (no such file)
 profile --profile quick --vehicle small-rover -o out | vehicle: wanted none without the workload body
@@ -126,7 +126,7 @@ profile --profile rover --vehicle none.toml -o out | got 'none.toml' (no such fi
 profile --peers --vehicle small-rover          | --vehicle does not go with --peers
 evaluate --synthetic --sizes 999999999         | sides of 2 to 32768 cells
 evaluate --terrain hills.npz --methods astar --model nope | 'nope'
-evaluate --terrain hills.npz --plot pipe.npy   | it is a pipe
+evaluate --terrain hills.npz --plot pipe.npy   | it is no plain file
 evaluate --terrain hills.npz --plot none/a.png | no such folder
 evaluate --dataset . --step-cost tobler        | --step-cost needs elevations
 evaluate --dataset . --workload body --vehicle small-rover | a data set holds cost maps
@@ -148,11 +148,10 @@ $REACH --within-time 3 --step-cost linear      | --within-time counts time alrea
 $REACH --within-energy 3 --step-cost tobler    | --within-energy counts energy already: leave out --step-cost
 $REACH --within-energy 3                       | needs a table [mobility.energy]
 $REACH --within-cost 3 --step-cost energy      | needs a table [mobility.energy]
-$REACH --within-cost 3 --format gpkg           | give -o too
 reach hills.tif --within-cost 3                | missing option '--start'
 costmap hills.tif -o cost.gif                  | must end in .tif
 costmap hills.tif -o ''                        | wanted a path, got nothing
-costmap hills.tif -o pipe.npy                  | it is a pipe
+costmap hills.tif -o pipe.npy                  | it is no plain file
 costmap hills.tif -o cost.npz --memory 1kB  | must end in .tif
 $COST --picture cost.jpg                       | must end in .png
 $COST --limit slope_limit_deg=95               | got 95
@@ -204,11 +203,12 @@ def place(run, hills, tmp_path):
     small[18:30, 20:30] += np.arange(12, dtype=np.float32)[:, None] * np.float32(0.4)
     np.savez("hill.npz", elevation_m=small, cell_size_m=0.25)
     np.savez("cost.npz", cost=np.full((60, 60), 0.2, np.float32), cell_size_m=0.25)
-    for name, second in (("path", (1, 1)), ("two", (1, 1)), ("far", (200, 300))):
+    for name, second in (("two", (1, 1)), ("far", (200, 300))):
         layer(Path(f"{name}.gpkg"), [(60, 70), second])
     Path("drive.mcap").write_bytes(b"\x89MCAP0\r\n" * 20)
     Path("set").mkdir()
     for name, text in {
+        "path.geojson": "{}",
         "mine.toml": ENERGY,
         "heavy.toml": ENERGY.replace("50", "-50"),
         "body.toml": "length_m = 1.0\nwidth_m = 0.8\nclearance_m = 0.3\nwheels = 6\n",

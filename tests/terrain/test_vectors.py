@@ -164,18 +164,7 @@ def route(place=PLACE, cells=((3, 4), (4, 5), (4, 6))):
     return Route.of(path, along, np.full((80, 90), 0.5, np.float32), ground)
 
 
-def test_a_geopackage_holds_the_line_with_its_heights_and_the_numbers(tmp_path):
-    (tmp_path / "a.gpkg").write_bytes(route().geopackage({"status": "OK", "cost": 1.5, "energy_j": None}))
-    meta, _, (shape,), (status, cost) = pyogrio.raw.read(tmp_path / "a.gpkg")
-    assert (meta["geometry_type"], meta["crs"]) == ("LineString Z", UTM)
-    assert (status.tolist(), cost.tolist()) == (["OK"], [1.5])
-    points = np.frombuffer(shape[9:], "<f8").reshape(-1, 3)
-    assert points.tolist() == [[400_009, 4_999_993, 4], [400_011, 4_999_991, 5], [400_013, 4_999_991, 6]]
-
-
-def test_no_path_is_a_geopackage_without_a_line_and_a_gpx_without_points(tmp_path):
-    (tmp_path / "a.gpkg").write_bytes(route(cells=()).geopackage({"status": "NO_PATH", "cost": None}))
-    assert len(pyogrio.raw.read(tmp_path / "a.gpkg")[2]) == 0
+def test_no_path_is_a_gpx_without_points():
     tree = ElementTree.fromstring(route(cells=()).gpx("a way", {"start": (3, 4)}))
     assert [each.tag.rpartition("}")[2] for each in tree] == ["wpt", "trk"]
 
@@ -212,7 +201,7 @@ def area(polygons):
 
 
 @pytest.mark.parametrize("place", [PLACE, None])
-def test_areas_are_the_cells_that_are_reached_with_their_holes(place, tmp_path):
+def test_areas_are_the_cells_that_are_reached_with_their_holes(place):
     field = np.random.default_rng(1).uniform(0.0, 4.0, (80, 90)).astype(np.float32)
     field[field > 3.0] = np.inf
     found = Reach(field, (1.0, 2.0, 3.0), "time", "s", dem(place))
@@ -225,9 +214,6 @@ def test_areas_are_the_cells_that_are_reached_with_their_holes(place, tmp_path):
     x, y = np.concatenate([np.array(ring) for polygon in found.polygons(3.0) for ring in polygon]).T
     low = (400_000.0, 4_999_840.0) if place else (-1.0, -1.0)
     assert (x.min(), y.min()) == low
-    (tmp_path / "a.gpkg").write_bytes(found.geopackage())
-    _, _, shapes, (within, *_) = pyogrio.raw.read(tmp_path / "a.gpkg")
-    assert within.tolist() == [3.0, 2.0, 1.0] and len(shapes) == 3
     assert np.isnan(found.raster()[np.isinf(field)]).all()
     for levels in ((), (1.0, 1.0), (2.0, 1.0), (np.inf,)):
         with pytest.raises(InvalidQueryError, match="levels must be ascending"):
