@@ -30,7 +30,7 @@ def command(
     """Open a page to look at the elevation map DEM, and to try planning on it.
 
     Drag start and goal, set limits, step cost and vehicle, compare methods, paint obstacles, and copy what you see as
-    a command or as Python. The page is served to this machine alone, asks nothing of any other, and ends with Ctrl-C.
+    a command. The page is served to this machine alone, asks nothing of any other, and ends with Ctrl-C.
 
     \b
     nnpp-edge view dem.tif --workload limit20

@@ -1,7 +1,8 @@
 """A complete question: ends, method, limits, step cost, vehicle, obstacles; and the map that it is asked of."""
 
+import shlex
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Annotated, Literal
 
@@ -120,3 +121,28 @@ class Asked(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
             step_cost=self.slope_cost,
             mobility=body.mobility,
         )
+
+
+def command_of(site: Site, asked: Asked) -> str:
+    """A line for a shell that plans the same path; without painted obstacles, which no option describes."""
+    words = ["nnpp-edge", "plan", str(site.path)]
+    for name, value in site.reading.items():
+        words += [f"--{name.removesuffix('_m').replace('_', '-')}", _number(value)]
+    for name, (row, col) in (("--start", asked.start), ("--goal", asked.goal)):
+        words += [f"{name}={row},{col}"] if row < 0 or col < 0 else [name, f"{row},{col}"]
+    words += ["--method", asked.method]
+    for name, value in asdict(asked.limits).items():
+        words += ["--limit", f"{name}={_number(value)}"] if value != getattr(Traversability(), name) else []
+    if asked.slope_cost != "paper":
+        words += ["--step-cost", asked.slope_cost]
+    elif asked.weight != PAPER_OMEGA:
+        words += ["--omega", _number(asked.weight)]
+    words += [*([] if asked.corner_cutting else ["--no-corner-cutting"]), *asked.chosen(site).options]
+    for name, value in asked.changes(site).items():
+        words += ["--set", f"{name}={_number(value)}"]
+    return shlex.join([*words, *(["--refine", asked.freed] if asked.freed else [])])
+
+
+def _number(value: float) -> str:
+    """As a user writes it, and without loss."""
+    return repr(int(value)) if float(value).is_integer() else repr(value)
