@@ -92,7 +92,6 @@ def command(
         omega=omega,
         stripe=(1.0 - validation_share, 1.0) if held_out else (0.0, 1.0 - validation_share),
         cell_size_m=terrain.cell_size,
-        vertical_scale=terrain.vertical_scale,
         **kind,  # type: ignore[arg-type]  # it checks them
     )
     make = partial(shards_on_cluster, scheduler) if scheduler else None

@@ -38,6 +38,7 @@ INSTEAD = {
     "plan --format": "write --gpx; `ogr2ogr path.gpkg path.geojson` makes a GeoPackage",
     "reach --format": "`ogr2ogr reach.gpkg reach.geojson` makes a GeoPackage",
     "dataset --shard": "--scheduler shares the work out by Dask",
+    "--vertical-scale": "`gdal_translate -a_scale METRES dem.png dem.tif` makes a GeoTIFF with that scale",
     "--landmarks": "they pay for many queries on one map: `Planner.prepare`",
     "--start-xy": "write --start xy:X,Y",
     "--goal-xy": "write --goal xy:X,Y",

@@ -49,7 +49,7 @@ def command(
     with PageServer(port) as server:
         read = robot.read(dem)
         given = _given_body(robot, read)
-        reading = {"cell_size_m": robot.cell_size, "vertical_scale": robot.vertical_scale, "rescale": robot.rescale}
+        reading = {"cell_size_m": robot.cell_size, "rescale": robot.rescale}
         site = Site.of(read, dem, {name: value for name, value in reading.items() if value is not None}, given)
         asked = Asked(
             start=start.one_cell(site.dem, "--start") if start else (0, 0),

@@ -21,7 +21,7 @@ _ARRAY_NAMES = ("elevation_m", "elevation", "dem")
 _HEADERS = {(1, 0): npy.read_array_header_1_0, (2, 0): npy.read_array_header_2_0}
 
 
-def read_arrays(path: Path, vertical_scale: float | None) -> Reading:
+def read_arrays(path: Path) -> Reading:
     """Elevation and cell (size, width) of a NumPy file; its first bytes show whether it is an archive.
 
     Raises TerrainError and InvalidQueryError as `read_dem` does, and whatever else NumPy raises for a broken file.
@@ -36,7 +36,7 @@ def read_arrays(path: Path, vertical_scale: float | None) -> Reading:
         check_room(path, promised.shape, promised.dtype, promised.nbytes if archive else 0)
         loaded = archive.array(name) if archive else np.load(path, allow_pickle=False)
         place = archive.place() if archive else None
-    return metres(loaded, vertical_scale or 1.0), cell, place
+    return metres(loaded, 1.0), cell, place
 
 
 def read_cost_map(path: Path) -> tuple[Float2D, float] | None:

@@ -173,7 +173,8 @@ def read_recipe(folder: Path) -> Recipe:
     """The recipe in a data set's folder; DataSetError if there is none."""
     try:
         stored = msgspec.json.decode((folder / RECIPE_FILE).read_bytes(), type=dict[str, object])
-        stored.pop("allow_vrt", None)  # of older versions
+        for former in ("allow_vrt", "vertical_scale"):  # older versions wrote them
+            stored.pop(former, None)
         if (of := stored.pop("format", None)) == FORMAT:
             return msgspec.convert(stored, Recipe)
     except (OSError, RecursionError, ValueError, msgspec.MsgspecError) as error:

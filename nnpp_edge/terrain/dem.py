@@ -68,7 +68,7 @@ class Dem(Place):
         )
 
 
-def read_dem(path: Path | str, cell_size_m: float | None = None, vertical_scale: float | None = None) -> Dem:
+def read_dem(path: Path | str, cell_size_m: float | None = None) -> Dem:
     """Read an elevation map; `.npy` and `.npz` are told by their ending, all else is GDAL's.
 
     Parameters
@@ -80,9 +80,6 @@ def read_dem(path: Path | str, cell_size_m: float | None = None, vertical_scale:
         and addresses that it names elsewhere are not opened.
     cell_size_m : float, optional
         Side of a cell, north-south. Wins over the file's; the ratio of width to height is kept.
-    vertical_scale : float, optional
-        Metres per unit of the file's heights, after the band's own scale and offset. A PNG needs it;
-        elsewhere it wins over the unit that the file names, which is metres where it names none.
 
     Returns
     -------
@@ -105,17 +102,16 @@ def read_dem(path: Path | str, cell_size_m: float | None = None, vertical_scale:
     """
     path = Path(path)
     read = read_arrays if path.suffix.lower() in ARRAY_ENDINGS else read_raster
-    with checked_file(path, cell_size_m, vertical_scale):
-        elevation, cell, georeference = read(path, vertical_scale)
+    with checked_file(path, cell_size_m):
+        elevation, cell, georeference = read(path)
     sides = cell_sides(path, elevation.shape, cell, georeference, cell_size_m)
     return Dem(known_heights(elevation), *sides, georeference, path)
 
 
 @contextmanager
-def checked_file(path: Path, cell_size_m: float | None, vertical_scale: float | None) -> Iterator[None]:
+def checked_file(path: Path, cell_size_m: float | None) -> Iterator[None]:
     """Refuse options that make no sense and what is no file; whatever is raised meanwhile becomes a TerrainError."""
     check_option("cell size", cell_size_m)
-    check_option("vertical scale", vertical_scale)
     if (problem := problem_with_file(path)) is not None:
         raise TerrainError(f"{path}: wanted a file with an elevation map ({problem})")
     with refused_as(TerrainError, f"{path}: wanted an elevation map, got a file that cannot be read"):
@@ -188,8 +184,6 @@ def sample_dem(name: str) -> Dem:
     return read_dem(sample_path(name))
 
 
-_STREAMS = {"AAIGrid": "as text", "PNG": "as one stream"}
-"""Drivers whose files can only be read from the beginning on."""
 _MOST_BLOCK_BYTES = 1 << 28
 """Of the blocks of a row of them, which are in memory at once."""
 
@@ -228,9 +222,9 @@ class DemWindows(Place):
 
 def size_of(path: Path) -> tuple[int, int] | None:
     """Rows and columns of a raster, by its header; None for a file that only `read_dem` reads, or none at all."""
-    if path.suffix.lower() in (*ARRAY_ENDINGS, ".png") or problem_with_file(path) is not None:
+    if path.suffix.lower() in ARRAY_ENDINGS or problem_with_file(path) is not None:
         return None
-    with checked_file(path, None, None), opened_raster(path, None) as raster:
+    with checked_file(path, None), opened_raster(path) as raster:
         return raster.shape
 
 
@@ -238,7 +232,6 @@ def size_of(path: Path) -> tuple[int, int] | None:
 def open_dem(
     path: Path | str,
     cell_size_m: float | None = None,
-    vertical_scale: float | None = None,
     *,
     rescale_m: float | None = None,
 ) -> Iterator[DemWindows]:
@@ -248,11 +241,11 @@ def open_dem(
     """
     path = Path(path)
     with ExitStack() as stack:
-        with checked_file(path, cell_size_m, vertical_scale):
-            raster = stack.enter_context(opened_raster(path, vertical_scale, by_windows=True))
+        with checked_file(path, cell_size_m):
+            raster = stack.enter_context(opened_raster(path, by_windows=True))
             row_of_blocks = raster.block[0] * max(raster.shape[1], raster.block[1]) * raster.dtype.itemsize
-            if raster.driver in _STREAMS or row_of_blocks > _MOST_BLOCK_BYTES:
-                stored = _STREAMS.get(raster.driver, "in blocks of {} × {} cells".format(*raster.block))
+            if (text := raster.driver == "AAIGrid") or row_of_blocks > _MOST_BLOCK_BYTES:
+                stored = "as text" if text else "in blocks of {} × {} cells".format(*raster.block)
                 raise TerrainError(
                     f"{path}: wanted a raster that can be read by windows, got one stored {stored}: "
                     "make it tiled with gdal_translate -of COG"

@@ -9,8 +9,8 @@ from pathlib import Path
 
 from nnpp_edge.runtime.errors import TerrainError
 
-DRIVERS = ("GTiff", "AAIGrid", "PDS", "SRTMHGT", "EHdr", "HFA", "PNG")
-FORMATS = "GeoTIFF, ESRI ASCII grid, PDS3, SRTM .hgt, ESRI .bil, Erdas .img, 16-bit PNG"
+DRIVERS = ("GTiff", "AAIGrid", "PDS", "SRTMHGT", "EHdr", "HFA")
+FORMATS = "GeoTIFF, ESRI ASCII grid, PDS3, SRTM .hgt, ESRI .bil, Erdas .img"
 NO_NETWORK = {"CPL_VSIL_CURL_ALLOWED_FILENAME": "none"}
 """GDAL's options under which its file system knows no addresses."""
 

@@ -1,4 +1,4 @@
-"""Elevation maps in rasters (GeoTIFF, PDS3, ESRI ASCII grid, 16-bit PNG and others), read and written by rasterio."""
+"""Elevation maps in rasters (GeoTIFF, PDS3, ESRI ASCII grid and others), read and written by rasterio."""
 
 import json
 import math
@@ -47,25 +47,20 @@ _FEW_BLOCKS = 8
 class Raster:
     """The heights in an open file of one of `FORMATS`; `opened_raster` makes one."""
 
-    def __init__(self, path: Path, dataset: "DatasetReader", vertical_scale: float | None) -> None:
+    def __init__(self, path: Path, dataset: "DatasetReader") -> None:
         self.path, self.dataset = path, dataset
         self.shape: tuple[int, int] = dataset.shape
         """Rows and columns."""
         self.block: tuple[int, int] = dataset.block_shapes[0]
         """Rows and columns of a block, which is read as one."""
         self.dtype, self.driver = np.dtype(dataset.dtypes[0]), dataset.driver
-        if self.driver == "PNG":
-            if dataset.count != 1 or self.dtype != np.uint16:
-                raise TerrainError(f"{path}: wanted a grey 16-bit PNG, got {dataset.count} × {self.dtype}")
-            if vertical_scale is None:
-                raise TerrainError(f"{path}: no unit of height in a PNG; give metres per level with --vertical-scale")
         if dataset.count != 1:
             raise TerrainError(f"{path}: wanted one band of elevation, got {dataset.count} bands")
         if dataset.dtypes[0].startswith("complex"):
             raise TerrainError(f"{path}: wanted a band of real numbers, got {dataset.dtypes[0]}")
         image, self._compressed = _pds_label(dataset)
         name = dataset.units[0] or image.get("UNIT", "")  # GDAL passes over the unit in a PDS3 label
-        unit = vertical_scale or _METRES_PER_UNIT.get(str(name).lower(), 1.0)
+        unit = _METRES_PER_UNIT.get(str(name).lower(), 1.0)
         offset = dataset.offsets[0] * unit
         self._scale, self._offset = dataset.scales[0] * unit, 0.0 if abs(offset) > _HIGHEST_OFFSET_M else offset
         structure = dataset.tags(ns="IMAGE_STRUCTURE")
@@ -136,7 +131,7 @@ class Raster:
 
 
 @contextmanager
-def opened_raster(path: Path, vertical_scale: float | None, *, by_windows: bool = False) -> Iterator[Raster]:
+def opened_raster(path: Path, *, by_windows: bool = False) -> Iterator[Raster]:
     """An open raster of one band of heights, all in files of its own folder; raises as `read_raster`.
 
     One to be read by windows keeps a row of blocks, decoded by several threads, and forgets what it has read before.
@@ -150,7 +145,7 @@ def opened_raster(path: Path, vertical_scale: float | None, *, by_windows: bool 
     with _quiet(rasterio), _opened(rasterio, path, opened, **options) as dataset:
         if any(Path(name).parent != opened.parent for name in dataset.files):
             raise TerrainError(f"{path}: wanted a raster whose files lie in its own folder, got {dataset.files}")
-        raster = Raster(path, dataset, vertical_scale)
+        raster = Raster(path, dataset)
         if not by_windows:
             yield raster
             return
@@ -160,9 +155,9 @@ def opened_raster(path: Path, vertical_scale: float | None, *, by_windows: bool 
             yield raster
 
 
-def read_raster(path: Path, vertical_scale: float | None) -> Reading:
+def read_raster(path: Path) -> Reading:
     """Elevation and georeference of a raster of `FORMATS`; errors of `read_dem`, and whatever rasterio raises."""
-    with opened_raster(path, vertical_scale) as raster:
+    with opened_raster(path) as raster:
         check_room(path, raster.shape, raster.dtype, raster.dtype.itemsize * math.prod(raster.block))
         raster.check_whole()
         return raster.heights((0, 0, *raster.shape)), None, raster.place()

@@ -68,8 +68,7 @@ class Recipe(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     stripe: tuple[float, float] = (0.0, 1.0)
     """The part of each file that is used: from where to where on its longer side, as shares of it."""
     cell_size_m: float | None = None
-    """This and the next: see `read_dem`."""
-    vertical_scale: float | None = None
+    """See `read_dem`."""
 
     def __post_init__(self) -> None:
         size, blocks, (start, end) = self.size, self.blocks, self.stripe
@@ -119,7 +118,7 @@ def read_terrain(recipe: Recipe) -> list[Dem]:
     """
     tiles = []
     for name in recipe.terrain:
-        dem = read_dem(Path(name), recipe.cell_size_m, recipe.vertical_scale)
+        dem = read_dem(Path(name), recipe.cell_size_m)
         tiles.append(dem := _stripe(dem, recipe.stripe))
         rows, cols = dem.shape
         if min(rows, cols) < recipe.size:

@@ -173,7 +173,7 @@ costmap hills.tif -o text.txt/cost.tif         | could not be written
 costmap hills.tif -o none/cost.npy             | could not be written
 costmap hills.npz -o hills.npz                 | --output would replace hills.npz, which is read
 costmap hills.npz -o link.npz                  | would replace | which is read
-costmap grey.png -o grey.npy --cell-size 1 --vertical-scale 1 | --picture would replace | which is read
+costmap grey.png -o grey.npy --cell-size 1 | --picture would replace | which is read
 evaluate --terrain hills.npz --plot hills.npz  | would replace | which is read
 evaluate hills.npz --terrain grey.png --plot hills.npz | would replace | which is read
 evaluate --dataset set --plot set/dataset.json | would replace | which is read

@@ -6,7 +6,6 @@ import json
 import random
 import struct
 import warnings
-import zlib
 
 import numpy as np
 
@@ -60,11 +59,10 @@ def _dem(rng: random.Random, place: Place) -> Command:
         name = rng.choice(("dem.npz", "dem.npz", "dem.npy"))
         content = _odd_archive(rng) if name == "dem.npz" else _odd_array(rng)
     else:
-        name, content = rng.choice((_odd_text, _odd_asc, _odd_png, _sparse, _odd_tif, _odd_tif))(rng, place)
+        name, content = rng.choice((_odd_text, _odd_asc, _sparse, _odd_tif, _odd_tif))(rng, place)
     words = rng.choice(_OF_DEM if rng.random() < 0.95 else _OF_DEM_SELDOM)
     known = {parameter.name for parameter in command_of(words.split()[0]).params}
     words += " --cell-size 2" * ("cell_size" in known and rng.random() < 0.5)
-    words += " --vertical-scale 0.01" * ("vertical_scale" in known and name.endswith("png"))
     return _reading(words, f"in/{name}", content, patient=name == "sparse.tif")  # 10¹⁰ cells take minutes
 
 
@@ -145,18 +143,6 @@ def _odd_asc(rng: random.Random, place: Place) -> tuple[str, bytes]:
     words[rng.choice(list(words))] = rng.choice(str.split("0 -1 nan inf 1e9 1000000000 1e400 x 31 2147483648"))
     body = " ".join(f"{z:.2f}" for z in np.nan_to_num(heights(0, 24, 32)).ravel())
     return "dem.asc", ("\n".join(f"{k} {v}" for k, v in words.items()) + "\n" + body).encode()
-
-
-def _odd_png(rng: random.Random, place: Place) -> tuple[str, bytes]:
-    """A head that promises more, or less, than there is."""
-    size = rng.choice((32, 2**31 - 1, 65535, 0)), rng.choice((24, 2**31 - 1, 0))
-    chunks = [(b"IHDR", struct.pack(">IIBBBBB", *size, 16, 0, 0, 0, 0))]
-    chunks += [(b"IDAT", zlib.compress(bytes(24 * 65))), (b"IEND", b"")]
-    parts = (
-        struct.pack(">I", len(data)) + name + data + struct.pack(">I", zlib.crc32(name + data))
-        for name, data in chunks
-    )
-    return "dem.png", b"\x89PNG\r\n\x1a\n" + b"".join(parts)
 
 
 def _sparse(rng: random.Random, place: Place) -> tuple[str, bytes]:

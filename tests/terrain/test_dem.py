@@ -6,7 +6,6 @@ import sys
 from pathlib import Path
 from typing import Any
 
-import cv2
 import numpy as np
 import pytest
 import rasterio
@@ -98,7 +97,6 @@ def test_feet_become_metres(tmp_path):
     assert read_dem(geotiff(tmp_path / "site.tif", crs=site)).cell_size_m == pytest.approx(5 * 0.3048)
     path = geotiff(tmp_path / "heights.tif", crs=UTM, units=["ft"])
     np.testing.assert_allclose(read_dem(path).elevation, HEIGHTS * 0.3048, rtol=1e-6)
-    np.testing.assert_allclose(read_dem(path, vertical_scale=2.0).elevation, HEIGHTS * 2, rtol=1e-6)
 
 
 def test_nodata_masks_infinities_and_fill_values_become_nan(tmp_path):
@@ -255,28 +253,15 @@ def test_a_pds3_image_that_its_label_calls_compressed_is_read(detached):
     assert np.nanmax(read_dem(label).elevation) == pytest.approx(1000 * float(stored.max()))
 
 
-def test_a_16_bit_png_becomes_metres_and_another_picture_is_refused(tmp_path):
-    path, levels = tmp_path / "grey.png", np.array([[0, 1], [40000, 65535]], np.uint16)
-    cv2.imwrite(str(path), levels)
-    refused(path, "--vertical-scale", cell_size_m=1)
-    refused(path, "--cell-size", vertical_scale=0.5)
-    dem = read_dem(path, cell_size_m=1, vertical_scale=0.5)
-    np.testing.assert_array_equal(dem.elevation, levels * np.float32(0.5))
-    for shape, kind in (((4, 4), "uint8"), ((4, 4, 3), "uint8"), ((4, 4, 3), "uint16")):
-        cv2.imwrite(str(path), np.zeros(shape, kind))
-        refused(path, "wanted a grey 16-bit PNG", f"got {shape[2] if shape[2:] else 1} × {kind}", cell_size_m=1)
-
-
 def test_an_array_file_is_read_with_the_cell_size_given(tmp_path):
     path = tmp_path / "map.npy"
     for dtype in (np.float64, np.int16, ">f4", np.float16):
         heights = np.asfortranarray(HEIGHTS.astype(dtype))
         np.save(path, heights)
         refused(path, "--cell-size")
-        dem = read_dem(path, cell_size_m=0.5, vertical_scale=2)
-        np.testing.assert_array_equal(dem.elevation, 2 * heights.astype(np.float32))
-        for elevation in (dem.elevation, read_dem(path, cell_size_m=0.5).elevation):
-            assert elevation.dtype == np.float32 and elevation.flags.c_contiguous
+        dem = read_dem(path, cell_size_m=0.5)
+        np.testing.assert_array_equal(dem.elevation, heights.astype(np.float32))
+        assert dem.elevation.dtype == np.float32 and dem.elevation.flags.c_contiguous
         assert (dem.cell_size_m, dem.georeference) == (0.5, None)
     for array in (
         HEIGHTS[0], np.zeros((0, 4)), HEIGHTS.astype(complex), np.zeros((3, 3), bool), np.full((3, 3), "1"),
@@ -321,10 +306,10 @@ def test_an_archive_that_is_no_elevation_map_is_refused(tmp_path):
 
 
 def test_what_is_no_terrain_is_refused(tmp_path):
-    for name in ("x.tif", "x.asc", "x.img", "x.lbl", "x.npy", "x.npz", "x.png", "x"):
+    for name in ("x.tif", "x.asc", "x.img", "x.lbl", "x.npy", "x.npz", "x"):
         for content in (b"", b"Dear reader,\nthere is no terrain here.\n", b"\x00\xff" * 300):
             (tmp_path / name).write_bytes(content)
-            refused(tmp_path / name, "wanted", cell_size_m=1, vertical_scale=1)
+            refused(tmp_path / name, "wanted", cell_size_m=1)
     refused(tmp_path / "none.tif", "(no such file)")
     refused(tmp_path, "(a folder)")
     (tmp_path / "drive.mcap").write_bytes(b"\x89MCAP0\r\n")
@@ -336,13 +321,12 @@ def test_a_file_cut_short_is_refused(tmp_path):
     geotiff(tmp_path / "x.tif", heights, crs=UTM, compress="deflate")
     np.save(tmp_path / "x.npy", heights)
     np.savez_compressed(tmp_path / "x.npz", dem=heights)
-    cv2.imwrite(str(tmp_path / "x.png"), heights)
     for path in tmp_path.iterdir():
-        read_dem(path, cell_size_m=1, vertical_scale=1)
+        read_dem(path, cell_size_m=1)
         content = path.read_bytes()
         for kept in (0.2, 0.5, 0.95):
             path.write_bytes(content[: int(kept * len(content))])
-            refused(path, "wanted", cell_size_m=1, vertical_scale=1)
+            refused(path, "wanted", cell_size_m=1)
 
 
 def test_options_that_make_no_sense_are_refused(tmp_path):
@@ -350,8 +334,6 @@ def test_options_that_make_no_sense_are_refused(tmp_path):
     for value in (0, -1, math.nan, math.inf):
         with pytest.raises(InvalidQueryError, match=r"cell size must be above 0"):
             read_dem(path, cell_size_m=value)
-        with pytest.raises(InvalidQueryError, match=r"vertical scale must be above 0"):
-            read_dem(path, vertical_scale=value)
 
 
 def test_without_rasterio_the_extra_is_named_and_arrays_still_read(tmp_path, monkeypatch):
