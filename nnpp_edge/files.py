@@ -110,18 +110,6 @@ def make_folder(path: Path) -> None:
         raise OutputError(f"{path}: wanted a folder to write to ({reason(error)})") from error
 
 
-@contextmanager
-def temporary_folder() -> Iterator[Path]:
-    """A folder that is gone afterwards; OutputError where there is room for none, or for what is put into it."""
-    try:
-        with tempfile.TemporaryDirectory() as folder:
-            yield Path(folder)
-    except NnppEdgeError:
-        raise
-    except OSError as error:
-        raise OutputError(f"temporary files could not be written, set TMPDIR ({reason(error)})") from error
-
-
 def _beside(path: Path) -> tuple[Path, Path]:
     """A new name beside the file that a path leads to, and that file."""
     target = Path(os.path.realpath(path))

@@ -1,13 +1,11 @@
 """Files are written whole or not at all, all or none, and never over what is read."""
 
-import errno
 import os
 import socket
-import tempfile
 
 import pytest
 
-from nnpp_edge.files import check_outputs, make_folder, temporary_folder, write_all, write_whole
+from nnpp_edge.files import check_outputs, make_folder, write_all, write_whole
 from nnpp_edge.runtime.errors import OutputError
 
 
@@ -83,16 +81,3 @@ def test_the_folder_of_an_output_is_there_or_made(tmp_path):
         check_outputs([("--plot", tmp_path / "none" / "a")], [])
     check_outputs([("--plot", tmp_path / "none" / "a")], [], make_folders=True)
     assert (tmp_path / "none").is_dir()
-
-
-def test_a_folder_for_temporary_files_is_gone_afterwards_and_missed_in_one_line(tmp_path, monkeypatch):
-    monkeypatch.setattr(tempfile, "tempdir", str(tmp_path))
-    with temporary_folder() as folder:
-        (folder / "file").write_bytes(b"some")
-    assert names(tmp_path) == []
-    with pytest.raises(OutputError, match=r"set TMPDIR \(File too large\)"), temporary_folder() as folder:
-        raise OSError(errno.EFBIG, os.strerror(errno.EFBIG))
-    assert names(tmp_path) == []
-    monkeypatch.setattr(tempfile, "tempdir", str(tmp_path / "none"))
-    with pytest.raises(OutputError, match="TMPDIR"), temporary_folder():
-        pass

@@ -39,7 +39,6 @@ COMMANDS = {
 _EXTRAS = {
     "geo": ("rasterio",),
     "robot": ("mcap", "prometheus_client", "zenoh"),
-    "vector": ("pyogrio", "pyproj"),
     "train": ("torch", "onnx", "onnxscript", "safetensors"),
     "viz": ("jinja2", "matplotlib", "PIL", "rerun"),
 }

@@ -12,11 +12,12 @@ from numpy.typing import NDArray
 from nnpp_edge.runtime import Ground, Vehicle, pose_costs
 from nnpp_edge.runtime.arrays import Float2D
 from nnpp_edge.runtime.cells import Cell
-from nnpp_edge.runtime.errors import InvalidMapError, InvalidQueryError, Status
+from nnpp_edge.runtime.errors import InvalidMapError, InvalidQueryError, NnppEdgeError, Status
 from nnpp_edge.runtime.memory import available_bytes
 from nnpp_edge.runtime.planners.plan import Method, Plan
 from nnpp_edge.runtime.terrain.traversability import Traversability, terrain_terms, traversability_cost
 from nnpp_edge.terrain import dem as dems
+from nnpp_edge.terrain.coordinates import lonlat_corners
 from nnpp_edge.terrain.dem import Dem
 from nnpp_edge.terrain.georeference import Place
 from nnpp_edge.viz.picture import hillshade
@@ -140,7 +141,13 @@ def _outside(status: Status, cell: Cell, place: Place) -> str:
         return words
     corners = [place.map_coordinates(row - 0.5, col - 0.5) for row in (0, rows) for col in (0, cols)]
     (left, low), (right, high) = np.min(corners, 0), np.max(corners, 0)
-    return f"{words}, which spans x {left:.10g} to {right:.10g} and y {low:.10g} to {high:.10g}"
+    words += f", which spans x {left:.10g} to {right:.10g} and y {low:.10g} to {high:.10g}"
+    try:
+        found = lonlat_corners(place)
+    except NnppEdgeError:  # no coordinate system, or nothing that knows it
+        return words
+    (west, south), (east, north) = found.min(0), found.max(0)
+    return f"{words}, longitude {west:.4f} to {east:.4f} and latitude {south:.4f} to {north:.4f}"
 
 
 def _blocked(status: Status, cell: Cell, near: Near) -> str:

@@ -35,12 +35,11 @@ def command(
 ) -> None:
     """Plan a path over the elevation map DEM, a file or sample:NAME (such as moon_highlands or mars_victoria).
 
-    Give start and goal as cells, in the map's coordinates, as longitude and latitude, or as a vector file's points
-    (GeoPackage, GeoJSON, GPX, Shapefile, FlatGeobuf; FILE:LAYER of several layers). With several goals a path to each
-    is planned, and the one that costs least is taken. The time shown includes loading compiled code and, as its stage
-    `load`, waiting for the network, whose file is opened meanwhile; with --compare and --time-limit these are loaded
-    first. Exit codes: 0 for a path, 1 for NO_PATH or TIMEOUT, 2 where start or goal lies outside the map or
-    is impassable.
+    Give start and goal as cells, in the map's coordinates, as longitude and latitude, or as a GeoJSON file's
+    points. With several goals a path to each is planned, and the one that costs least is taken. The time shown
+    includes loading compiled code and, as its stage `load`, waiting for the network, whose file is opened
+    meanwhile; with --compare and --time-limit these are loaded first. Exit codes: 0 for a path, 1 for NO_PATH or
+    TIMEOUT, 2 where start or goal lies outside the map or is impassable.
 
     A limit of slope is on the plane through a cell and its eight neighbours, not on a single step from cell to cell:
     a warning tells how many steps of the path are steeper.

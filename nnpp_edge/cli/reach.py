@@ -78,7 +78,7 @@ def command(
 
     measure, most = within.most
     in_seconds = unit_of(robot.step_cost) == "s"
-    if measure != "cost" and "step_cost" in options.given_options() and not (measure == "time" and in_seconds):
+    if measure != "cost" and robot.step_cost != "paper" and not (measure == "time" and in_seconds):
         raise click.UsageError(
             f"--within-{measure} counts {measure} already: leave out --step-cost, or give --within-cost with it; "
             "one in seconds goes with --within-time"

@@ -1,14 +1,13 @@
 """`nnpp-edge view`: a page on this machine to look at a map and to try planning on it."""
 
 import signal
-from dataclasses import fields
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import click
 
 from nnpp_edge.cli import options
-from nnpp_edge.cli.ground_options import GroundOptions, VehicleOptions
+from nnpp_edge.cli.ground_options import GroundOptions
 from nnpp_edge.cli.requests import PLACE, End
 
 if TYPE_CHECKING:
@@ -78,15 +77,11 @@ def _given_body(robot: GroundOptions, place: "Dem") -> "Body | None":
     from nnpp_edge.terrain.vehicle_files import shipped_vehicles
     from nnpp_edge.view.asked import Body
 
-    names = {field.name for field in fields(VehicleOptions)}.intersection(options.given_options()) - {"step_cost"}
-    if not names or (names == {"vehicle"} and robot.vehicle in shipped_vehicles()):
+    files = (("--vehicle", robot.vehicle), ("--mobility", robot.mobility_file))
+    words = [word for option, name in files if name for word in (option, _whole_name(name))]
+    words += [word for setting in robot.settings for word in ("--set", setting.word)]
+    if not words or (len(words) == 2 and robot.vehicle in shipped_vehicles()):
         return None
-    words: list[str] = []
-    for each in click.get_current_context().command.params:
-        if each.name in names:
-            value = getattr(robot, each.name)
-            given = [setting.word for setting in value] if isinstance(value, tuple) else [_whole_name(value)]
-            words += [word for one in given for word in (each.opts[0], one)]
     return Body(robot.body(), robot.mobility(place), tuple(words))
 
 

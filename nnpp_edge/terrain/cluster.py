@@ -4,7 +4,6 @@ import asyncio
 import logging
 import zlib
 from collections.abc import Iterator, Sequence
-from concurrent.futures import CancelledError
 from contextlib import contextmanager
 from types import ModuleType
 
@@ -39,7 +38,7 @@ def shards_on_cluster(address: str, recipe: Recipe, tiles: Sequence[Dem], indice
         return
     distributed = optional_module("distributed", "a Dask cluster", "cluster")
     dask = optional_module("dask", "a Dask cluster", "cluster")
-    with _one_line_error(address, distributed):
+    with _one_line_error(address):
         asyncio.run(_try(address, distributed))
         with (
             dask.config.set({"distributed.admin.large-graph-warning-threshold": "1 TiB"}),
@@ -71,7 +70,7 @@ async def _try(address: str, distributed: ModuleType) -> None:
 
 
 @contextmanager
-def _one_line_error(address: str, distributed: ModuleType) -> Iterator[None]:
+def _one_line_error(address: str) -> Iterator[None]:
     """Turn what Dask raises into a ClusterError of one line, and keep its client from logging the same at length."""
     log = logging.getLogger("distributed.client")
     level = log.level
@@ -80,11 +79,6 @@ def _one_line_error(address: str, distributed: ModuleType) -> Iterator[None]:
         yield
     except NnppEdgeError:
         raise
-    except distributed.KilledWorker as error:
-        died = f"{error.allowed_failures + 1} of the workers died under the same shard; their logs say why"
-        raise ClusterError(f"{address}: {died}") from error
-    except CancelledError as error:
-        raise ClusterError(f"{address}: the connection to the scheduler was lost") from error
     except Exception as error:  # Dask's errors have no base class of their own
         raise ClusterError(f"wanted a Dask scheduler with workers at {address!r}, got: {reason(error)}") from error
     finally:

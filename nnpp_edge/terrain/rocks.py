@@ -20,8 +20,8 @@ _GREATEST_M = 3.0
 """Larger rocks cover less than 0.01 % of the ground even at the largest share."""
 _TABLE = 4096
 """Diameters at which the law is tabulated: counts are right to four digits or better."""
-_AT_ONCE = 1 << 20
-"""Cells of rocks that are worked out together."""
+_AT_ONCE = 4096
+"""Rocks that are worked out together."""
 
 
 class Rocks(NamedTuple):
@@ -93,33 +93,22 @@ def with_rocks(
 def rock_heights(shape: tuple[int, int], sides_m: tuple[float, float], rocks: Rocks) -> Float2D:
     """(H, W) metres by which rocks raise the cells of a map."""
     out = np.zeros(shape, np.float32)
-    reach = 0.5 + 0.5 * rocks.diameters_m[:, None] / sides_m
+    (height, width), radii = shape, 0.5 * rocks.diameters_m
+    reach = 0.5 + radii[:, None] / sides_m
     first = np.ceil(rocks.places - reach).astype(np.int64)
-    last = np.floor(rocks.places + reach).astype(np.int64)
-    windows, kinds = np.unique(last - first + 1, axis=0, return_inverse=True)
-    for kind, window in enumerate(windows.tolist()):
-        same = np.flatnonzero(kinds.reshape(-1) == kind)
-        most = max(_AT_ONCE // math.prod(window), 1)
-        for at in range(0, len(same), most):
-            some = same[at : at + most]
-            _raise(out, Rocks(*(each[some] for each in rocks)), first[some], window, sides_m)
+    sizes = np.floor(rocks.places + reach).astype(np.int64) - first + 1
+    for at in range(0, len(radii), _AT_ONCE):
+        cells = sizes[at : at + _AT_ONCE].prod(1)
+        rock = np.repeat(np.arange(at, at + len(cells)), cells)
+        within = np.arange(len(rock)) - np.repeat(np.cumsum(cells) - cells, cells)
+        row, col = first[rock].T + np.divmod(within, sizes[rock, 1])
+        away = np.abs(np.stack((row, col), axis=1) - rocks.places[rock])
+        down, across = (np.maximum(away - 0.5, 0.0) * sides_m).T
+        rest = radii[rock] ** 2 - down**2 - across**2
+        touched = (rest > 0.0) & (row >= 0) & (row < height) & (col >= 0) & (col < width)
+        raised = (2.0 * HEIGHT * np.sqrt(rest[touched])).astype(np.float32)
+        np.maximum.at(out.reshape(-1), (row * width + col)[touched], raised)
     return out
-
-
-def _raise(
-    out: Float2D, rocks: Rocks, first: NDArray[np.int64], window: tuple[int, int], sides_m: tuple[float, float]
-) -> None:
-    """Raise the cells that rocks touch, all in windows of one size from their `first` cells on."""
-    (height, width), places = out.shape, rocks.places[:, :, None, None]
-    row, col = (first[:, axis, None, None] + np.indices((1, *window))[axis + 1] for axis in (0, 1))
-    down, across = (
-        np.maximum(np.abs(cells - places[:, axis]) - 0.5, 0.0) * sides_m[axis]
-        for axis, cells in enumerate((row, col))
-    )
-    rest = (0.5 * rocks.diameters_m)[:, None, None] ** 2 - down**2 - across**2
-    touched = (rest > 0.0) & (row >= 0) & (row < height) & (col >= 0) & (col < width)
-    raised = (2.0 * HEIGHT * np.sqrt(rest[touched])).astype(np.float32)
-    np.maximum.at(out.reshape(-1), (row * width + col)[touched], raised)
 
 
 def _numbers(cover: float, least_m: float, greatest_m: float) -> tuple[NDArray[np.float64], NDArray[np.float64]]:

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from nnpp_edge.runtime.arrays import Float2D
-from nnpp_edge.runtime.errors import InvalidQueryError, optional_module
+from nnpp_edge.runtime.errors import optional_module
 from nnpp_edge.runtime.map.along import Along, Line
 from nnpp_edge.terrain.coordinates import lonlat_of
 from nnpp_edge.terrain.dem import Dem
@@ -132,7 +132,7 @@ Polygon = list[list[tuple[float, float]]]
 
 @dataclass(frozen=True, eq=False)
 class Reach:
-    """The areas that can be reached within each of several costs; InvalidQueryError for levels that do not ascend."""
+    """The areas that can be reached within each of several costs."""
 
     field: Float2D
     """(H, W) cost of getting to each cell; inf where that is not possible, or costs more than the last level."""
@@ -142,10 +142,6 @@ class Reach:
     """Of the costs: ``cost``, ``time`` or ``energy``."""
     unit: str
     dem: Dem
-
-    def __post_init__(self) -> None:
-        if not self.levels or any(np.diff(self.levels) <= 0.0) or not all(map(math.isfinite, self.levels)):
-            raise InvalidQueryError(f"levels must be ascending numbers, got {self.levels}")
 
     @property
     def cells(self) -> list[int]:

@@ -1,9 +1,8 @@
 """Grounds that several tests of commands share."""
 
-import struct
+import json
 
 import numpy as np
-import pyogrio
 from pyproj import CRS, Transformer
 
 from nnpp_edge.terrain.georeference import Georeference
@@ -21,10 +20,8 @@ def rolling(rows=80, cols=90):
 
 
 def layer(path, cells, crs=GRID):
-    """Points in the middles of cells, as a GeoPackage in a system."""
+    """Points in the middles of cells, as GeoJSON in a system."""
     move = Transformer.from_crs(GRID, crs, always_xy=True)
     places = [move.transform(*PLACE.map_coordinates(*cell)) for cell in cells]
-    shapes = np.array([*(struct.pack("<BIdd", 1, 1, *place) for place in places), None], object)[:-1]
-    names = {"field_data": [np.arange(len(cells))], "fields": np.array(["number"], object)}
-    pyogrio.raw.write(path, shapes, geometry_type="Point", crs=crs, layer="stops", driver="GPKG", **names)
+    path.write_text(json.dumps({"type": "MultiPoint", "coordinates": places, "crs": {"properties": {"name": crs}}}))
     return path

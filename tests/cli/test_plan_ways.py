@@ -106,23 +106,23 @@ def test_a_leg_that_cannot_be_is_named_and_ends_with_1(run, told, hills):
     assert (found["status"], found["cost"], found["climb_m"]) == ("NO_PATH", None, None)
 
 
-def test_ends_are_places_on_the_map_or_on_the_globe_or_points_of_a_layer(run, told, hills):
+def test_ends_are_places_on_the_map_or_on_the_globe_or_points_of_a_file(run, told, hills):
     cells = [(5, 5), (40, 30), (70, 80)]
     wanted = told(f"{PLAN} --via 40,30")
     move = Transformer.from_crs(GRID, "EPSG:4326", always_xy=True)
     places = [PLACE.map_coordinates(*cell) for cell in cells]
     xy = [f"xy:{x},{y}" for x, y in places]
     lonlat = ["lonlat:{:.9f},{:.9f}".format(*move.transform(x, y)) for x, y in places]
-    layers = [f"{layer(Path(f'{at}.gpkg'), [cell])}:stops" for at, cell in enumerate(cells)]
+    layers = [layer(Path(f"{at}.geojson"), [cell]) for at, cell in enumerate(cells)]
     for start, via, goal in (xy, lonlat, layers):
         found = told(f"plan hills.tif --start {start} --via {via} --goal {goal}")
         assert (found["start"], found["via"]["stops"][1], found["goal"]) == ([5, 5], [40, 30], [70, 80])
         assert found["cost"] == wanted["cost"]
-    layer(Path("stops.gpkg"), [(60, 70), (12, 30)], crs="EPSG:4326")
-    ended = run(f"{PLAN} --via stops.gpkg --json")
-    assert ended.err == "stops.gpkg: reprojected from WGS 84 to SVY21 / Singapore TM\n"
+    layer(Path("stops.geojson"), [(60, 70), (12, 30)], crs="EPSG:4326")
+    ended = run(f"{PLAN} --via stops.geojson --json")
+    assert ended.err == "stops.geojson: reprojected from WGS 84 to SVY21 / Singapore TM\n"
     assert json.loads(ended.out)["via"]["stops"] == [[5, 5], [60, 70], [12, 30], [70, 80]]
-    goals = told("plan hills.tif --start 5,5 --goal stops.gpkg")
+    goals = told("plan hills.tif --start 5,5 --goal stops.geojson")
     assert goals["goal"] == [12, 30] and len(goals["goals"]) == 2
 
 
