@@ -18,10 +18,9 @@ from nnpp_edge.runtime.arrays import Float2D, unmasked
 from nnpp_edge.runtime.cells import Rectangle
 from nnpp_edge.runtime.errors import InvalidQueryError, OutputError, TerrainError
 from nnpp_edge.runtime.reading import problem_with_file, refused_as
-from nnpp_edge.terrain.array_files import read_arrays
+from nnpp_edge.terrain.array_files import check_grid, known_heights, metres, read_arrays
 from nnpp_edge.terrain.coordinates import cell_on_ground
 from nnpp_edge.terrain.georeference import Georeference, Place, check_sides
-from nnpp_edge.terrain.heights import check_grid, known_heights, metres
 from nnpp_edge.terrain.rasters import Raster, geotiff_bytes, opened_raster, read_raster
 
 ARRAY_ENDINGS = (".npy", ".npz")

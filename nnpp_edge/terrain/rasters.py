@@ -22,9 +22,9 @@ from nnpp_edge.runtime.bands import in_bands
 from nnpp_edge.runtime.cells import Rectangle
 from nnpp_edge.runtime.errors import OutputError, TerrainError, optional_module
 from nnpp_edge.runtime.tuning import THREADS_FROM
+from nnpp_edge.terrain.array_files import Reading, check_room, metres
 from nnpp_edge.terrain.gdal_files import DRIVERS, FORMATS, NO_NETWORK, openable
 from nnpp_edge.terrain.georeference import Georeference
-from nnpp_edge.terrain.heights import Reading, check_room, metres
 
 if TYPE_CHECKING:
     from rasterio.io import DatasetReader

@@ -173,7 +173,7 @@ def test_memory_that_is_not_there_is_noticed_in_the_header(tmp_path, monkeypatch
         pass
     assert path.stat().st_size < 4e6
     assert "GB of memory for 1048576 × 1048576 float32 heights" in refusal(path)
-    monkeypatch.setattr("nnpp_edge.terrain.heights.available_bytes", lambda: 60e6)
+    monkeypatch.setattr("nnpp_edge.terrain.array_files.available_bytes", lambda: 60e6)
     small = raster(tmp_path / "block.tif", np.ones((16, 16), np.float32), **tiles)
     assert "for 16 × 16 float32 heights, got 0.1 GB" in refusal(small)
     assert read_dem(raster(tmp_path / "small.tif", np.ones((1000, 1000), np.float32))).elevation.size == 10**6
