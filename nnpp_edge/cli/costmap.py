@@ -22,11 +22,10 @@ def command(
     /,
     output: Annotated[Path, "-o", options.NEW_FILE, ".tif, .npy or .npz."],
     terrain: TerrainOptions,
-    picture: Annotated[Path | None, options.NEW_FILE, "PNG; by default beside the output, under its name."] = None,
     memory: options.Memory = None,
     as_json: options.AsJson = False,
 ) -> None:
-    """Write the traversability cost of an elevation map, and a picture of it.
+    """Write the traversability cost of an elevation map, and a picture of it beside that, a PNG.
 
     Costs lie in [0, 1). A GeoTIFF keeps the DEM's georeference; its impassable cells are NaN, declared as
     nodata. In .npy and .npz (arrays cost, cell_size_m, cell_width_m) they are inf. In the picture, whiter is
@@ -40,10 +39,8 @@ def command(
     """
     if output.suffix.lower() not in _ENDINGS:
         raise click.UsageError(f"--output must end in {', '.join(_ENDINGS)}, got {output.name!r}")
-    picture = picture or output.with_suffix(".png")
-    if picture.suffix.lower() != ".png":
-        raise click.UsageError(f"--picture must end in .png, got {picture.name!r}")
-    options.check_outputs(("--output", output), ("--picture", picture))
+    picture = output.with_suffix(".png")
+    options.check_outputs(("--output", output), ("--output", picture))
     limits = terrain.limits()
 
     from nnpp_edge.cli.costmap_files import write_cost_map

@@ -1,12 +1,12 @@
 """`nnpp-edge models`: the shipped models, and what is known of one."""
 
-from collections.abc import Iterator, Sequence
+import json
+from collections.abc import Sequence
 from dataclasses import asdict
 from typing import TYPE_CHECKING, Annotated
 
 from nnpp_edge.cli import options
 from nnpp_edge.cli.text import aligned, table, tell
-from nnpp_edge.progress import MISSING
 
 if TYPE_CHECKING:
     from nnpp_edge.runtime.network.model_file import ModelFile
@@ -68,16 +68,9 @@ def _text(found: "ModelFile") -> str:
         "sha256": found.sha256,
     }
     metadata = asdict(found.metadata) | {"architecture": architecture_name(found.metadata.architecture)}
-    parts = [aligned(head), "metadata\n" + aligned(dict(_flat(metadata)), "  "), (found.card or "").strip()]
+    parts = [
+        aligned(head),
+        f"metadata\n{json.dumps(metadata, indent=1, ensure_ascii=False)}",
+        (found.card or "").strip(),
+    ]
     return "\n\n".join(filter(None, parts))
-
-
-def _flat(value: object, name: str = "") -> Iterator[tuple[str, str]]:
-    """Nested facts as lines, names joined by dots."""
-    if isinstance(value, dict) and value:
-        for key, inner in value.items():
-            yield from _flat(inner, f"{name}.{key}" if name else str(key))
-    elif isinstance(value, list | tuple) and value:
-        yield name, ", ".join(" ".join(map(str, v)) if isinstance(v, list | tuple) else str(v) for v in value)
-    else:
-        yield name, MISSING if value in (None, "", {}, [], ()) else str(value)

@@ -48,6 +48,7 @@ INSTEAD = {
     **dict.fromkeys(("--html", "--board-row", "profile --trace"), _REPORT),
     "--save-choice": "`auto` goes by the shipped figures; name another --method where you measured otherwise",
     **dict.fromkeys(("--poses", "dataset --vehicle", "dataset --mobility"), _CORRIDOR_OF_A_VEHICLE),
+    "costmap --picture": "the picture lies beside the output, under its name",
     "dataset --picture": "the sheet is samples.png in the folder of -o",
     "reproduce --dataset": "no experiment trains a network any more",
     "reproduce --steps": "no experiment trains a network any more",

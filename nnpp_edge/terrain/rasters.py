@@ -40,8 +40,6 @@ _TILE = 512
 """Cells to the side of a tile of a raster that is written as a stream."""
 _LEAST_CACHE_BYTES = 1 << 26
 """Of blocks that GDAL keeps for a raster read by windows; by itself it would keep a twentieth of the memory."""
-_FEW_BLOCKS = 8
-"""That are not worth threads."""
 
 
 class Raster:
@@ -123,10 +121,8 @@ class Raster:
                         wanted = f"{self.path}: wanted whole blocks, got a damaged one at byte {at}"
                         raise TerrainError(wanted) from error
 
-        if len(places) > _FEW_BLOCKS:
-            in_bands(check, len(places), THREADS_FROM)
-        else:
-            check(0, len(places))
+        if places:
+            in_bands(check, len(places), THREADS_FROM // 8)  # fewer are not worth threads
         self._right |= blocks
 
 

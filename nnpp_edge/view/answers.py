@@ -118,7 +118,7 @@ def path_answer(site: Site, asked: Asked, landscape: Landscape, plan: Plan) -> A
     answer: Answer = {
         "figures": plan.summary(),
         "ok": plan.ok,
-        "unit": unit_of(asked.slope_cost),
+        "unit": unit_of(asked.step_cost),
         "on_foot": asked.chosen(site).mobility.time is None,
         "rows": [],
         "cols": [],

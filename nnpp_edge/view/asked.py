@@ -72,8 +72,7 @@ class Asked(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     method: Method = "auto"
     refine: bool = False
     """Whether the path is freed from the grid."""
-    step_cost: Literal["paper", "length", "tobler", "irmischer", "linear", "time", "energy"] = "paper"
-    """``length`` is the paper's where the ground costs nothing: the shortest way that the hard limits leave."""
+    step_cost: Literal["paper", "tobler", "irmischer", "linear", "time", "energy"] = "paper"
     omega: Positive = PAPER_OMEGA
     corner_cutting: bool = True
     limits: Traversability = Traversability()
@@ -84,19 +83,9 @@ class Asked(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     obstacles: Obstacles = ()
 
     @property
-    def weight(self) -> float:
-        """ω of the paper's step costs."""
-        return 0.0 if self.step_cost == "length" else self.omega
-
-    @property
-    def slope_cost(self) -> str:
-        """The step cost by the planner's name for it."""
-        return "paper" if self.step_cost == "length" else self.step_cost
-
-    @property
     def freed(self) -> str | None:
         """How the path is refined; steps that cost by their slope leave it on the grid."""
-        return "any-angle" if self.refine and self.slope_cost == "paper" else None
+        return "any-angle" if self.refine and self.step_cost == "paper" else None
 
     def chosen(self, site: Site) -> Body:
         """The body; InvalidQueryError if there is none of that name."""
@@ -118,7 +107,7 @@ class Asked(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
             self.limits,
             cell_width_m=dem.cell_width_m,
             vehicle=replace(body.vehicle, **changes) if body.vehicle and changes else body.vehicle,  # type: ignore[arg-type]
-            step_cost=self.slope_cost,
+            step_cost=self.step_cost,
             mobility=body.mobility,
         )
 
@@ -133,10 +122,10 @@ def command_of(site: Site, asked: Asked) -> str:
     words += ["--method", asked.method]
     for name, value in asdict(asked.limits).items():
         words += ["--limit", f"{name}={_number(value)}"] if value != getattr(Traversability(), name) else []
-    if asked.slope_cost != "paper":
-        words += ["--step-cost", asked.slope_cost]
-    elif asked.weight != PAPER_OMEGA:
-        words += ["--omega", _number(asked.weight)]
+    if asked.step_cost != "paper":
+        words += ["--step-cost", asked.step_cost]
+    elif asked.omega != PAPER_OMEGA:
+        words += ["--omega", _number(asked.omega)]
     words += [*([] if asked.corner_cutting else ["--no-corner-cutting"]), *asked.chosen(site).options]
     for name, value in asked.changes(site).items():
         words += ["--set", f"{name}={_number(value)}"]

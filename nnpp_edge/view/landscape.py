@@ -38,7 +38,7 @@ class Landscape:
             )
             """(H, W) traversability costs, without what is painted."""
         self.warnings = [str(warning.message) for warning in told]
-        self.planner = Planner(self.ground, omega=asked.weight, corner_cutting=asked.corner_cutting, model="edge")
+        self.planner = Planner(self.ground, omega=asked.omega, corner_cutting=asked.corner_cutting, model="edge")
         self._laid: Obstacles = ()
 
     def lay(self, obstacles: Obstacles) -> None:

@@ -106,7 +106,7 @@ def test_a_shipped_model_is_shown_with_its_metadata_and_card(nnpp_edge):
     ended = nnpp_edge("models", "edge")
     assert (ended.code, ended.err) == (0, "")
     found, card = read_model_file("edge"), (MODELS / "edge.md").read_text()
-    for word in (found.sha256, found.metadata.precision, "training.dataset.maps", card.strip()):
+    for word in (found.sha256, found.metadata.precision, '"maps": 9216', card.strip()):
         assert word in ended.out
     assert json.loads(nnpp_edge("models", "edge", "--json").out)["card"] == card
 
@@ -114,8 +114,7 @@ def test_a_shipped_model_is_shown_with_its_metadata_and_card(nnpp_edge):
 def test_a_file_of_ones_own_is_shown_with_what_lies_beside_it(run, told, model):
     ended = run("models changed.onnx")
     assert (ended.code, ended.err) == (0, "")
-    lines = [line.split(maxsplit=1) for line in ended.out.splitlines()]
-    assert all(line in lines for line in (["training.excluded", "–"], ["training.workloads", "soft 0.5"]))
+    assert all(word in ended.out for word in ('"maps": 7', '"excluded": []', '"architecture": "'))
     found = told("models changed.onnx")
     assert (found["name"], found["metadata"]["name"]) == ("changed", "tiny")
     assert found["card"] is None
@@ -132,7 +131,7 @@ def test_what_is_no_model_is_refused_in_one_line(run, model, make_tiny_model):
     run("models nosuch").refused(", ".join(SHIPPED), "'nosuch'")
     run("models .").refused("wanted a model file")
     make_tiny_model(architecture="split")  # its former name
-    assert ["architecture", "edge"] in [line.split() for line in run("models changed.onnx").out.splitlines()]
+    assert '"architecture": "edge"' in run("models changed.onnx").out
 
 
 def test_models_are_shown_without_heavy_imports():

@@ -153,7 +153,6 @@ costmap hills.tif -o cost.gif                  | must end in .tif
 costmap hills.tif -o ''                        | wanted a path, got nothing
 costmap hills.tif -o pipe.npy                  | it is no plain file
 costmap hills.tif -o cost.npz --memory 1kB  | must end in .tif
-$COST --picture cost.jpg                       | must end in .png
 $COST --limit slope_limit_deg=95               | got 95
 $COST --limit step_limit_m=0                   | step_limit_m must be greater than 0
 $COST --limit step_limit_m=high                | wanted KEY=VALUE in TOML, such as hard_slope_deg=20
@@ -173,7 +172,7 @@ costmap hills.tif -o text.txt/cost.tif         | could not be written
 costmap hills.tif -o none/cost.npy             | could not be written
 costmap hills.npz -o hills.npz                 | --output would replace hills.npz, which is read
 costmap hills.npz -o link.npz                  | would replace | which is read
-costmap grey.png -o grey.npy --cell-size 1 | --picture would replace | which is read
+costmap grey.png -o grey.npy --cell-size 1 | --output would replace grey.png | which is read
 evaluate --terrain hills.npz --plot hills.npz  | would replace | which is read
 evaluate hills.npz --terrain grey.png --plot hills.npz | would replace | which is read
 evaluate --dataset set --plot set/dataset.json | would replace | which is read

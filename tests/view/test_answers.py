@@ -29,7 +29,7 @@ LIMITS = Traversability(25.0, step_limit_m=0.5, hard_slope_deg=7.5, hard_step_m=
 SETTINGS = {
     "plain": {},
     "limits": {"limits": LIMITS, "omega": 0.02},
-    "shortest": {"step_cost": "length", "method": "astar", "corner_cutting": False},
+    "shortest": {"omega": 0.0, "method": "astar", "corner_cutting": False},
     "any angle": {"refine": True, "method": "corridor"},
     "on foot": {"step_cost": "tobler"},
     "on foot off paths": {"step_cost": "irmischer"},
