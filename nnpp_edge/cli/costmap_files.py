@@ -14,8 +14,8 @@ from nnpp_edge.runtime.errors import OutputError
 from nnpp_edge.runtime.reading import refused_as
 from nnpp_edge.runtime.terrain.traversability import Traversability
 from nnpp_edge.runtime.terrain.windows import CostWindows
-from nnpp_edge.terrain.dem import Dem, DemWindows, raster_bytes
-from nnpp_edge.terrain.rasters import geotiff_stream
+from nnpp_edge.terrain.dem import Dem, DemWindows
+from nnpp_edge.terrain.rasters import geotiff_stream, raster_bytes
 from nnpp_edge.viz.picture import cost_map_picture, png_bytes
 
 _MOST_PIXELS = 2000

@@ -96,7 +96,7 @@ def command(
     from nnpp_edge.files import write_all
     from nnpp_edge.runtime import Planner
     from nnpp_edge.runtime.planners.query import problem_with
-    from nnpp_edge.terrain.dem import raster_bytes
+    from nnpp_edge.terrain.rasters import raster_bytes
     from nnpp_edge.terrain.route import Reach
     from nnpp_edge.viz.picture import png_bytes, reach_picture
 

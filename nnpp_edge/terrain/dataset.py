@@ -90,28 +90,14 @@ def make_dataset(
     make: Callable[[Recipe, Sequence[Dem], Sequence[int]], Shards] | None = None,
     progress: Callable[[int], object] = lambda done: None,
 ) -> dict[str, int]:
-    """Write what is missing of a data set.
+    """Write what is missing of a data set; numbers of ``shards``, ``maps``, ``queries``, and of all shards (``of``).
 
-    Parameters
-    ----------
-    folder : Path
-        Made if need be. A folder with shards of another recipe is refused; shards that are there are kept.
-    make : callable, optional
-        Makes shards elsewhere (`nnpp_edge.terrain.cluster`): from the recipe, the terrain and the numbers of the
-        missing shards, yields each one's number and content as it is done. Else `workers` processes do, one a core.
-    progress : callable
-        Called with how many shards are done.
+    The folder is made if need be; shards that are there are kept. To `make` shards elsewhere (`terrain.cluster`) is to
+    yield number and content of each missing one as it is done, from the recipe, the terrain and the numbers; else
+    `workers` processes do, one a core. `progress` is called with how many are done.
 
-    Returns
-    -------
-    dict
-        Numbers of ``shards``, ``maps`` and ``queries`` in the folder, and of shards in the whole set (``of``).
-
-    Raises
-    ------
-    DataSetError, TerrainError, OutputError
-        The folder holds another set, damaged shards, or cannot be written to; terrain cannot be read, is too small or
-        has no two cells to plan between; a process died.
+    Raises DataSetError, TerrainError or OutputError where the folder holds another set, damaged shards, or cannot be
+    written to; terrain cannot be read, is too small or has no two cells to plan between; a process died.
     """
     missing = [i for i in range(recipe.shards) if not _shard_path(folder, i).exists()]
     tiles = read_terrain(recipe) if missing else []

@@ -16,12 +16,12 @@ import numpy.typing as npt
 from nnpp_edge.files import write_whole
 from nnpp_edge.runtime.arrays import Float2D, unmasked
 from nnpp_edge.runtime.cells import Rectangle
-from nnpp_edge.runtime.errors import InvalidQueryError, OutputError, TerrainError
+from nnpp_edge.runtime.errors import InvalidQueryError, TerrainError
 from nnpp_edge.runtime.reading import problem_with_file, refused_as
 from nnpp_edge.terrain.array_files import check_grid, known_heights, metres, read_arrays
 from nnpp_edge.terrain.coordinates import cell_on_ground
 from nnpp_edge.terrain.georeference import Georeference, Place, check_sides
-from nnpp_edge.terrain.rasters import Raster, geotiff_bytes, opened_raster, read_raster
+from nnpp_edge.terrain.rasters import Raster, opened_raster, raster_bytes, read_raster
 
 ARRAY_ENDINGS = (".npy", ".npz")
 
@@ -75,8 +75,7 @@ def read_dem(path: Path | str, cell_size_m: float | None = None) -> Dem:
     path : Path or str
         A raster of one band in one of `gdal_files.FORMATS`, whatever its name (for a PDS3 `.img` with a `.lbl` beside
         it, the label is opened); a 2-D `.npy`; an `.npz` with `elevation_m`, `elevation`, `dem` or a single 2-D
-        array, and perhaps `cell_size_m` (or `cell_m`), `cell_width_m` and `transform`, as of `Georeference`. Files
-        and addresses that it names elsewhere are not opened.
+        array, and perhaps `cell_size_m` (or `cell_m`), `cell_width_m` and `transform`, as of `Georeference`.
     cell_size_m : float, optional
         Side of a cell, north-south. Wins over the file's; the ratio of width to height is kept.
 
@@ -89,15 +88,12 @@ def read_dem(path: Path | str, cell_size_m: float | None = None) -> Dem:
     ------
     TerrainError, InvalidQueryError, MissingExtraError
         The file is missing, broken, no elevation map, too large for the memory that is left, or lacks a cell size;
-        an option makes no sense; the format needs rasterio, which is not installed.
+        the size given makes no sense; the format needs rasterio, which is not installed.
 
     Notes
     -----
-    Cells are as long as the ground under them: geodesics on the system's own ellipsoid, along a column and a row at
-    the middle of the map. A UserWarning says where a projection's metre is more than 1 % off
-    there, and ground elsewhere on the map more than 3 %. A transform without a system, or with a local one, is taken
-    as it is. An offset over 100 km is a body's radius (PDS3 labels of the Moon): it is left out, so heights count
-    from that sphere and keep float32's precision.
+    Cells are as long as the ground under them (`coordinates.cell_on_ground`). An offset over 100 km is a body's
+    radius (PDS3 labels of the Moon): it is left out, so heights count from that sphere and keep float32's precision.
     """
     path = Path(path)
     read = read_arrays if path.suffix.lower() in ARRAY_ENDINGS else read_raster
@@ -143,16 +139,6 @@ def write_raster(path: Path | str, array: npt.ArrayLike, dem: Dem) -> None:
     """
     path = Path(path)
     write_whole(path, raster_bytes(path, array, dem))
-
-
-def raster_bytes(path: Path, array: npt.ArrayLike, dem: Dem) -> bytes:
-    """The file's content, and the errors, of `write_raster`."""
-    values = unmasked(array)
-    if values.shape != dem.shape or values.dtype.kind not in "biuf":
-        wanted = f"wanted a {dem.shape} array of numbers"
-        raise OutputError(f"{path}: {wanted}, got {values.shape} {values.dtype}")
-    with refused_as(OutputError, f"{path}: could not be written"):
-        return geotiff_bytes(path.name, values, dem.georeference)
 
 
 def check_option(name: str, value: float | None) -> None:

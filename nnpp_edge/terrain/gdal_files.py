@@ -19,14 +19,13 @@ _RECORDINGS = (".mcap", ".db3", ".bag")
 _HEAD_BYTES = 1 << 20
 """Of a file that are looked at; GDAL tells formats apart by less."""
 _TIFF_STARTS = (b"II*\0", b"MM\0*", b"II+\0", b"MM\0+")
-_PLAIN_STARTS = (*_TIFF_STARTS, b"\0\0\0\x0cjP  ", b"EHFA_HEADER_TAG")
-"""Of TIFF, BigTIFF, JPEG 2000 and Erdas files."""
+_PLAIN_STARTS = (*_TIFF_STARTS, b"EHFA_HEADER_TAG")
+"""Of TIFF, BigTIFF and Erdas files."""
 _XML_FORMATS = re.compile(rb"<(VRTDataset|GDAL\w*Dataset|GDAL_W\w+|WCS_GDAL|MRF_META)", re.IGNORECASE)
 """GDAL looks for some of these anywhere in a file's head, whatever the file begins with."""
 _SIDECARS = (".msk", ".ovr", ".aux", ".rrd")
 """Masks, overviews and statistics: GDAL opens those beside a raster with any driver there is."""
 _LABEL_END = re.compile(rb"^\s*END\s*$", re.MULTILINE)
-_LABEL_FILE = re.compile(rb'FILE_NAME\s*=\s*"([\w.-]+)"', re.IGNORECASE)
 
 
 def openable(path: Path) -> Path:
@@ -45,7 +44,9 @@ def openable(path: Path) -> Path:
         hint = "; gdal_translate -of COG makes a GeoTIFF of a VRT" if b"<VRTDataset" in head else ""
         raise TerrainError(f"{path}: wanted {FORMATS}, got XML that names other files{hint}")
     if b"PDS_VERSION_ID" in head:
-        _check_label(path, opened, head)
+        end = _LABEL_END.search(head)
+        if end is None or b"COMPRESSED_FILE" in head[: end.start()].upper():  # GDAL opens that with any driver
+            raise TerrainError(f"{path}: wanted a PDS3 label of at most 1 MiB of an image that is not compressed")
     if head.startswith(_TIFF_STARTS):  # libtiff would print on stderr where the first directory lies beyond the end
         big, order = b"+" in head[2:4], "little" if head.startswith(b"II") else "big"
         if int.from_bytes(head[8:16] if big else head[4:8], order) >= opened.stat().st_size:  # type: ignore[arg-type]
@@ -54,33 +55,16 @@ def openable(path: Path) -> Path:
     return opened
 
 
-def _check_label(path: Path, opened: Path, head: bytes) -> None:
-    """TerrainError for a PDS3 label whose compressed image is not a plain raster beside it."""
-    end = _LABEL_END.search(head)
-    label = head[: end.start()] if end else b""
-    names = _LABEL_FILE.findall(label)
-    if end is None or len(names) != label.upper().count(b"FILE_NAME"):
-        raise TerrainError(f"{path}: wanted a PDS3 label of at most 1 MiB that names files in its own folder alone")
-    for name in names if b"COMPRESSED_FILE" in label.upper() else ():
-        if (compressed := opened.with_name(name.decode())).is_file():
-            _check_plain(path, compressed)
-
-
-def _check_plain(path: Path, other: Path) -> None:
-    """TerrainError, in the name of `path`, for another file that is no plain raster, or whose sidecar is none."""
-    head = _head(other)
-    if not head.startswith(_PLAIN_STARTS) or _XML_FORMATS.search(head):
-        raise TerrainError(f"{path}: wanted a plain raster in {other.name} beside it, got another kind of file")
-    if other.suffix.lower() not in _SIDECARS:
-        _check_sidecars(path, other)
-
-
 def _check_sidecars(path: Path, opened: Path) -> None:
-    """TerrainError for a file beside a raster that GDAL would open with it, and that is no plain one."""
+    """TerrainError for a file beside a raster that GDAL would open with it, and that is no plain raster."""
     start = f"{opened.stem.lower()}."
     for other in opened.parent.iterdir():
         if other.suffix.lower() in _SIDECARS and other.name.lower().startswith(start):
-            _check_plain(path, other)
+            head = _head(other)
+            if not head.startswith(_PLAIN_STARTS) or _XML_FORMATS.search(head):
+                raise TerrainError(
+                    f"{path}: wanted a plain raster in {other.name} beside it, got another kind of file"
+                )
 
 
 def _head(path: Path) -> bytes:

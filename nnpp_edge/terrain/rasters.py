@@ -17,14 +17,15 @@ from typing import TYPE_CHECKING, cast
 import numpy as np
 import numpy.typing as npt
 
-from nnpp_edge.runtime.arrays import Float2D
+from nnpp_edge.runtime.arrays import Float2D, unmasked
 from nnpp_edge.runtime.bands import in_bands
 from nnpp_edge.runtime.cells import Rectangle
 from nnpp_edge.runtime.errors import OutputError, TerrainError, optional_module
+from nnpp_edge.runtime.reading import refused_as
 from nnpp_edge.runtime.tuning import THREADS_FROM
 from nnpp_edge.terrain.array_files import Reading, check_room, metres
 from nnpp_edge.terrain.gdal_files import DRIVERS, FORMATS, NO_NETWORK, openable
-from nnpp_edge.terrain.georeference import Georeference
+from nnpp_edge.terrain.georeference import Georeference, Place
 
 if TYPE_CHECKING:
     from rasterio.io import DatasetReader
@@ -56,7 +57,7 @@ class Raster:
             raise TerrainError(f"{path}: wanted one band of elevation, got {dataset.count} bands")
         if dataset.dtypes[0].startswith("complex"):
             raise TerrainError(f"{path}: wanted a band of real numbers, got {dataset.dtypes[0]}")
-        image, self._compressed = _pds_label(dataset)
+        image = _pds_image(dataset)
         name = dataset.units[0] or image.get("UNIT", "")  # GDAL passes over the unit in a PDS3 label
         unit = _METRES_PER_UNIT.get(str(name).lower(), 1.0)
         offset = dataset.offsets[0] * unit
@@ -92,7 +93,7 @@ class Raster:
             got = np.fromstring(text, dtype=np.float32, sep=" ").size
             if got < cells:
                 raise TerrainError(f"{self.path}: wanted {cells} heights, got {got} before the end or a word")
-        elif self.driver == "EHdr" or (self.driver == "PDS" and not self._compressed):
+        elif self.driver in ("EHdr", "PDS"):
             files = self.dataset.files if self.driver == "PDS" else [self.path]
             wanted, bytes_ = cells * self.dtype.itemsize, sum(Path(name).stat().st_size for name in files)
             if bytes_ < wanted:
@@ -159,11 +160,14 @@ def read_raster(path: Path) -> Reading:
         return raster.heights((0, 0, *raster.shape)), None, raster.place()
 
 
-def geotiff_bytes(name: str, values: npt.NDArray[np.generic], place: Georeference | None) -> bytes:
-    """A float32 GeoTIFF of `values` (H, W), made in memory: GDAL may meet a full disk in silence, Python does not."""
-    rasterio = optional_module("rasterio", f"writing {name}", "geo")
-    with _quiet(rasterio), rasterio.MemoryFile() as memory:
-        with memory.open(**_geotiff(rasterio, values.shape, place)) as dataset:
+def raster_bytes(path: Path, array: npt.ArrayLike, place: Place) -> bytes:
+    """What `write_raster` writes, with its errors: made in memory, as GDAL may meet a full disk in silence."""
+    values = unmasked(array)
+    if values.shape != place.shape or values.dtype.kind not in "biuf":
+        raise OutputError(f"{path}: wanted a {place.shape} array of numbers, got {values.shape} {values.dtype}")
+    rasterio = optional_module("rasterio", f"writing {path.name}", "geo")
+    with refused_as(OutputError, f"{path}: could not be written"), _quiet(rasterio), rasterio.MemoryFile() as memory:
+        with memory.open(**_geotiff(rasterio, values.shape, place.georeference)) as dataset:
             dataset.write(values.astype(np.float32), 1)
         return bytes(memory.read())
 
@@ -201,11 +205,12 @@ def _geotiff(rasterio: ModuleType, shape: tuple[int, ...], place: Georeference |
     return {"driver": "GTiff", "compress": "deflate", "predictor": 3, "nodata": math.nan, **size, **where}
 
 
-def _pds_label(dataset: "DatasetReader") -> tuple[dict[str, object], bool]:
-    """The image object of a PDS3 label, empty for other files, and whether the image is compressed."""
+def _pds_image(dataset: "DatasetReader") -> dict[str, object]:
+    """The image object of a PDS3 label; empty for other files."""
     tags = dataset.tags(ns="json:PDS")
     label = json.loads(":".join(*tags.items())) if tags else {}  # rasterio cuts the JSON at its first colon
-    return label.get("UNCOMPRESSED_FILE", label).get("IMAGE", {}), "COMPRESSED_FILE" in label
+    found: dict[str, object] = label.get("IMAGE", {})
+    return found
 
 
 def _opened(rasterio: ModuleType, path: Path, opened: Path, **options: object) -> "DatasetReader":

@@ -69,7 +69,6 @@ def with_rocks(
     rng: np.random.Generator | int,
     *,
     cell_width_m: float | None = None,
-    diameters_m: tuple[float, float] | None = None,
 ) -> Float2D:
     """An elevation map (metres, NaN where unknown) with rocks on it: a new (H, W) float32 array.
 
@@ -79,14 +78,11 @@ def with_rocks(
     Parameters
     ----------
     cover : float
-        Share of the ground under rocks of any size, from 0 to 0.2: the law's k. Those that are drawn cover
-        `covered_share` of the least diameter less that of the greatest.
-    diameters_m : (float, float), optional
-        Of the least and the greatest rock. By default the least is 0.2 m or half a cell, whichever is more, and the
-        greatest 3 m. InvalidQueryError where they are not in order, as on cells of more than 6 m by default.
+        Share of the ground under rocks of any size, from 0 to 0.2: the law's k. Drawn are rocks of 0.2 m, or half a
+        cell if that is more, to 3 m. InvalidQueryError on cells of more than 6 m.
     """
     heights, sides = as_map(dem, "dem"), sides_of(cell_size_m, cell_width_m)
-    wanted = (max(_LEAST_M, _LEAST_CELLS * max(sides)), _GREATEST_M) if diameters_m is None else diameters_m
+    wanted = max(_LEAST_M, _LEAST_CELLS * max(sides)), _GREATEST_M
     return heights + rock_heights(heights.shape, sides, draw_rocks(heights.shape, sides, cover, rng, wanted))
 
 

@@ -78,8 +78,10 @@ class Recipe(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
         span = f"{LEAST_SIDE_M:g} to {MOST_SIDE_M:g} m, got {self.cell_sizes_m}"
         for met, wanted in (
             (size > 0 == size % _SIZE_STEP, f"size must be a multiple of {_SIZE_STEP}, got {size}"),
-            (blocks > 0 == blocks % 8, f"blocks must be a multiple of 8, got {blocks}"),
-            (blocks > 0 == size % blocks, f"blocks must divide {size}, got {blocks}"),
+            (
+                blocks > 0 == blocks % 8 == size % blocks,
+                f"blocks must be a multiple of 8 that divides {size}, got {blocks}",
+            ),
             (min(counts) > 0 <= self.seed, "numbers of maps and points must be above 0"),
             (all(0.0 <= share <= 1.0 for share in shares), f"shares must lie in [0, 1], got {shares}"),
             (all(min(s, default=-1) >= 0 < sum(s) < math.inf for s in drawn), f"shares must be above 0, got {drawn}"),

@@ -241,18 +241,6 @@ def test_a_pds3_image_cut_short_is_refused_and_not_filled_with_zeros(detached):
     refused(image, "wanted 32768 bytes of heights")
 
 
-def test_a_pds3_image_that_its_label_calls_compressed_is_read(detached):
-    image, label, heights = detached
-    stored = np.tile(heights * 2, (20, 50)).astype(np.int16)  # far smaller in the file than in memory
-    geotiff(image.with_suffix(".tif"), stored, compress="deflate")
-    compressed = b'OBJECT = COMPRESSED_FILE\r\nFILE_NAME = "ldem.tif"\r\nENCODING_TYPE = "ZIP"\r\nEND_OBJECT\r\n'
-    head, middle, end = label.read_bytes().replace(b"METER", b"KILOMETER").partition(b"END_OBJECT = IMAGE\r\n")
-    head = head.replace(b"RECORD_TYPE", compressed + b"OBJECT = UNCOMPRESSED_FILE\r\nRECORD_TYPE")
-    label.write_bytes(head + middle + b"END_OBJECT = UNCOMPRESSED_FILE\r\n" + end)
-    image.unlink()
-    assert np.nanmax(read_dem(label).elevation) == pytest.approx(1000 * float(stored.max()))
-
-
 def test_an_array_file_is_read_with_the_cell_size_given(tmp_path):
     path = tmp_path / "map.npy"
     for dtype in (np.float64, np.int16, ">f4", np.float16):
