@@ -92,8 +92,8 @@ def make_dataset(
 ) -> dict[str, int]:
     """Write what is missing of a data set; numbers of ``shards``, ``maps``, ``queries``, and of all shards (``of``).
 
-    The folder is made if need be; shards that are there are kept. To `make` shards elsewhere (`terrain.cluster`) is to
-    yield number and content of each missing one as it is done, from the recipe, the terrain and the numbers; else
+    The folder is made if need be; shards that are there are kept. To `make` shards elsewhere (`terrain.cluster`) is
+    to yield number and content of each missing one as it is done, from the recipe, the terrain and the numbers; else
     `workers` processes do, one a core. `progress` is called with how many are done.
 
     Raises DataSetError, TerrainError or OutputError where the folder holds another set, damaged shards, or cannot be

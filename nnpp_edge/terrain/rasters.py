@@ -161,7 +161,7 @@ def read_raster(path: Path) -> Reading:
 
 
 def raster_bytes(path: Path, array: npt.ArrayLike, place: Place) -> bytes:
-    """What `write_raster` writes, with its errors: made in memory, as GDAL may meet a full disk in silence."""
+    """Content of `write_raster`'s file, and its errors: made in memory, as GDAL may meet a full disk in silence."""
     values = unmasked(array)
     if values.shape != place.shape or values.dtype.kind not in "biuf":
         raise OutputError(f"{path}: wanted a {place.shape} array of numbers, got {values.shape} {values.dtype}")

@@ -64,8 +64,7 @@ $PLAN --step-cost downhill                     | 'downhill' is not one of
 $PLAN --refine smooth                          | any-angle
 $PLAN --set radius_m=2 --set turning_radius_m=4 | turning_radius_m needs --refine any-angle
 $PLAN --gpx                                    | give -o too
-$PLAN --profile-plot                           | needs a file's name, or -o
-$PLAN --profile-plot a.txt                     | must end with .png, .svg, .pdf, got '.txt'
+$PLAN --profile-plot                           | give -o too
 $PLAN --rocks 0.1                              | no such option '--rocks'
 $PLAN --workload body-rocks30                  | 0 to 20 percent
 $PLAN --via path.geojson -o .                  | would replace | path.geojson
@@ -75,7 +74,7 @@ $HILL --vehicle .                              | (a folder)
 $HILL --set clearance_m=0.3                    | length_m is missing
 $HILL --set clearance                          | wanted KEY=VALUE in TOML, such as clearance_m=0.3, got 'clearance'
 $HILL --set ''                                 | wanted KEY=VALUE
-$BODY --set "axles='two'"                      | axles: wanted a whole number, got 'two'
+$BODY --set "axles='two'"                      | axles: Expected `int`, got `str`
 $BODY --set clearance_m=nan                    | clearance_m must be
 $HILL --set clearance=0.3                      | clearance is unknown: wanted one of length_m, width_m
 $HILL --set radius_m=50                        | the map's edge lies within the vehicle's radius
