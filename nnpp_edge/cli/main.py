@@ -37,7 +37,7 @@ COMMANDS = {
 """Name and one line each; the command itself is `command` in the module of that name."""
 
 _EXTRAS = {
-    "geo": ("rasterio",),
+    "geo": ("rasterio", "pyproj"),
     "robot": ("mcap", "prometheus_client", "zenoh"),
     "train": ("torch", "onnx", "onnxscript", "safetensors"),
     "viz": ("jinja2", "matplotlib", "PIL", "rerun"),
