@@ -37,8 +37,9 @@ COMMANDS = {
 """Name and one line each; the command itself is `command` in the module of that name."""
 
 _EXTRAS = {
-    "geo": ("rasterio", "pyproj"),
+    "geo": ("rasterio",),
     "robot": ("mcap", "prometheus_client", "zenoh"),
+    "vector": ("pyogrio", "pyproj"),
     "train": ("torch", "onnx", "onnxscript", "safetensors"),
     "viz": ("jinja2", "matplotlib", "PIL", "rerun"),
 }

@@ -12,7 +12,7 @@ from nnpp_edge.cli.text import tell
 from nnpp_edge.runtime.errors import optional_module
 
 _OUTPUT = "Folder for path.geojson, path.csv, plan.png and plan.json."
-_GPX = "Write path.gpx there too."
+_FORMATS = "Write the path there as GeoPackage or GPX too, path.gpkg or path.gpx."
 _PROFILE_PLOT = "Draw height, slope and cost along the path there, as profile.png."
 _BYTES_PER_POSED_CELL = 12
 """More for a vehicle: four codes and another height."""
@@ -27,18 +27,19 @@ def command(
     request: PlanRequest,
     robot: GroundOptions,
     output: Annotated[Path | None, "-o", options.PATH, _OUTPUT] = None,
-    gpx: Annotated[bool, _GPX] = False,
+    formats: Annotated[tuple[str, ...], "--format", click.Choice(["gpkg", "gpx"]), options.MANY, _FORMATS] = (),
     profile_plot: Annotated[bool, _PROFILE_PLOT] = False,
     memory: options.Memory = None,
     as_json: options.AsJson = False,
 ) -> None:
     """Plan a path over the elevation map DEM, a file or sample:NAME (such as moon_highlands or mars_victoria).
 
-    Give start and goal as cells, in the map's coordinates, as longitude and latitude, or as a GeoJSON file's
-    points. With several goals a path to each is planned, and the one that costs least is taken. The time shown
-    includes loading compiled code and, as its stage `load`, waiting for the network, whose file is opened
-    meanwhile; with --compare and --time-limit these are loaded first. Exit codes: 0 for a path, 1 for NO_PATH or
-    TIMEOUT, 2 where start or goal lies outside the map or is impassable.
+    Give start and goal as cells, in the map's coordinates, as longitude and latitude, or as a vector file's points
+    (GeoPackage, GeoJSON, GPX, Shapefile, FlatGeobuf; FILE:LAYER of several layers). With several goals a path to each
+    is planned, and the one that costs least is taken. The time shown includes loading compiled code and, as its stage
+    `load`, waiting for the network, whose file is opened meanwhile; with --compare and --time-limit these are loaded
+    first. Exit codes: 0 for a path, 1 for NO_PATH or TIMEOUT, 2 where start or goal lies outside the map or
+    is impassable.
 
     A limit of slope is on the plane through a cell and its eight neighbours, not on a single step from cell to cell:
     a warning tells how many steps of the path are steeper.
@@ -52,9 +53,9 @@ def command(
     \b
     nnpp-edge plan dem.tif --start 20,30 --goal 380,360 --workload limit20 -o plan
     """
-    more = [name for name, asked in (("path.gpx", gpx), ("profile.png", profile_plot)) if asked]
+    more = [*(f"path.{name}" for name in formats), *["profile.png"] * profile_plot]
     if more and output is None:
-        raise click.UsageError("--gpx and --profile-plot are of what is written: give -o too")
+        raise click.UsageError("--format and --profile-plot are of what is written: give -o too")
     names = ("path.geojson", "path.csv", "plan.png", "plan.json", *more)
     outputs = [("--output", output / name) for name in names] if output else []
     if profile_plot:

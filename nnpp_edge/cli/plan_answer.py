@@ -214,6 +214,7 @@ class Answer:
             "plan.json": lambda: json.dumps(self.figures(files), indent=1).encode(),
             "plan.png": lambda: png_bytes(self.picture()),
             "profile.png": self._profile,
+            "path.gpkg": lambda: route.geopackage(self.properties()),
             "path.gpx": lambda: route.gpx("nnpp-edge plan", ends),
         }
         return makers[path.name]()

@@ -35,7 +35,6 @@ INSTEAD = {
     "--unknown-fails": "write --set unknown_passes=false",
     "--framing": "each message is a line, which its base64 does not break",
     "--allow-vrt": "gdal_translate -of COG makes a GeoTIFF of a VRT",
-    "plan --format": "write --gpx; `ogr2ogr path.gpkg path.geojson` makes a GeoPackage",
     "reach --format": "`ogr2ogr reach.gpkg reach.geojson` makes a GeoPackage",
     "dataset --shard": "--scheduler shares the work out by Dask",
     "--vertical-scale": "`gdal_translate -a_scale METRES dem.png dem.tif` makes a GeoTIFF with that scale",

@@ -12,7 +12,6 @@ import click
 
 from nnpp_edge.cli import options
 from nnpp_edge.cli.options import MANY, Parsed
-from nnpp_edge.runtime.reading import problem_with_file
 
 if TYPE_CHECKING:
     from nnpp_edge.runtime.cells import Cell
@@ -22,15 +21,15 @@ _NUMBERS = re.compile(r"\s*([+-]?\d+)\s*,\s*([+-]?\d+)\s*|(xy|lonlat):([^,]+),([
 
 
 class End(NamedTuple):
-    """A place, or several in the order of a file's points, as the user named them."""
+    """A place, or several in the order of a layer's points, as the user named them."""
 
     cells: "Callable[[Place], list[Cell]]"
     """The cells of a map below, perhaps outside it; InvalidQueryError for what has no place on the map's plane."""
     file: Path | None = None
-    """The GeoJSON file, if it is one."""
+    """The vector file, if it is one."""
 
     def one_cell(self, place: "Place", option: str) -> "Cell":
-        """The cell below; InvalidQueryError where the file has another number of points."""
+        """The cell below; InvalidQueryError where the layer has another number of points."""
         from nnpp_edge.runtime.errors import InvalidQueryError
 
         if len(cells := self.cells(place)) != 1:
@@ -47,9 +46,11 @@ def _end(word: str) -> End:
         if system is None:
             return End(lambda place: [(int(row), int(col))])
         return End(lambda place: [place.cell_of(*at)] if system == "xy" else _below_lonlat(place, at))
-    if "," in word or problem_with_file(word) is not None:
+    from nnpp_edge.terrain.vectors import named_file
+
+    if "," in word or not word:
         raise ValueError
-    return End(partial(_below_points, Path(word)), Path(word))
+    return End(partial(_below_layer, word), named_file(word)[0])  # VectorFileError, a ValueError, where there is none
 
 
 def _below_lonlat(place: "Place", at: tuple[float, float]) -> "list[Cell]":
@@ -60,18 +61,18 @@ def _below_lonlat(place: "Place", at: tuple[float, float]) -> "list[Cell]":
     return [place.cell_of(x, y) for x, y in lonlat_on_map(place, np.array([at])).tolist()]
 
 
-def _below_points(path: Path, place: "Place") -> "list[Cell]":
-    """The cells below a file's points; that they had to be reprojected is told on stderr."""
+def _below_layer(word: str, place: "Place") -> "list[Cell]":
+    """The cells below a layer's points; that they had to be reprojected is told on stderr."""
     from nnpp_edge.terrain.vectors import points_of
 
-    points, told = points_of(path, place)
+    points, told = points_of(word, place)
     if told:
         click.echo(told, err=True)
     return [place.cell_of(x, y) for x, y in points.tolist()]
 
 
-PLACE = Parsed("PLACE", "ROW,COL as two whole numbers, xy:X,Y, lonlat:LON,LAT, or a GeoJSON file", _end)
-Start = Annotated[End, PLACE, "ROW,COL from 0, xy:X,Y, lonlat:LON,LAT, or a GeoJSON file's point."]
+PLACE = Parsed("PLACE", "ROW,COL as two whole numbers, xy:X,Y, lonlat:LON,LAT, or a vector file", _end)
+Start = Annotated[End, PLACE, "ROW,COL from 0, xy:X,Y, lonlat:LON,LAT, or a vector file's point."]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -80,7 +81,7 @@ class PlanRequest:
 
     start: Start
     goals: Annotated[tuple[End, ...], "--goal", PLACE, MANY, "Likewise; of several, the nearest is taken."]
-    via: Annotated[tuple[End, ...], PLACE, MANY, "Go by way of this place, or of a GeoJSON file's points."] = ()
+    via: Annotated[tuple[End, ...], PLACE, MANY, "Go by way of this place, or of a vector file's points."] = ()
     best_order: Annotated[bool, "Visit the places of --via, 12 at most, in the cheapest order."] = False
     method: Annotated[str, click.Choice(["auto", "astar", "corridor", "nnpp"])] = "auto"
     model: options.Model = "edge"

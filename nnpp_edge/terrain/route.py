@@ -15,7 +15,7 @@ from nnpp_edge.runtime.map.along import Along, Line
 from nnpp_edge.terrain.coordinates import lonlat_of
 from nnpp_edge.terrain.dem import Dem
 from nnpp_edge.terrain.georeference import Place
-from nnpp_edge.terrain.vectors import gpx_bytes
+from nnpp_edge.terrain.vectors import geopackage_bytes, gpx_bytes
 
 _LOCAL = 'LOCAL_CS["the map\'s own metres",UNIT["metre",1]]'
 _EPSG = re.compile(r'(?:AUTHORITY|ID)\["EPSG",\s*"?(\d+)"?\]\]\s*$')
@@ -79,16 +79,23 @@ class Route:
         other bodies have neither. `crs` in the properties is the coordinate system as WKT, or null; `named_crs`
         names it to GDAL and QGIS.
         """
-        places = places_of(self.dem, self.line).tolist()
-        geometry: dict[str, object] | None = None
-        if places:
-            one = len(places) == 1
-            geometry = {"type": "Point" if one else "LineString", "coordinates": places[0] if one else places}
         place = self.dem.georeference
         meaning = "metres from the centre of cell (0, 0), y downwards" if place is None else "the map's own"
         properties = {**properties, **self.stands(), "coordinates": meaning, "crs": place and place.crs}
-        feature = {"type": "Feature", "geometry": geometry, "properties": properties}
-        return json.dumps(feature | named_crs(self.dem), allow_nan=False).encode()
+        return json.dumps(self._feature(places_of(self.dem, self.line), properties), allow_nan=False).encode()
+
+    def geopackage(self, properties: dict[str, object]) -> bytes:
+        """Likewise with heights, as a GeoPackage whose layer is `path`; MissingExtraError without pyogrio."""
+        places = np.column_stack((places_of(self.dem, self.along.points), self.along.heights_m))
+        return geopackage_bytes("path", json.dumps(self._feature(places, properties)).encode())
+
+    def _feature(self, places: NDArray[np.float64], properties: dict[str, object]) -> dict[str, object]:
+        line: list[object] = places.tolist()
+        geometry: dict[str, object] | None = None
+        if line:
+            one = len(line) == 1
+            geometry = {"type": "Point" if one else "LineString", "coordinates": line[0] if one else line}
+        return {"type": "Feature", "geometry": geometry, "properties": properties} | named_crs(self.dem)
 
     def gpx(self, name: str, stops: Mapping[str, tuple[int, int]]) -> bytes:
         """A GPX track, and stops (row, col) by name; InvalidQueryError where the map does not lie on the Earth."""

@@ -1,53 +1,103 @@
-"""Points in GeoJSON as places on a map, and paths as GPX."""
+"""Vector files: points of a layer as places on a map, and GeoJSON as a GeoPackage, by pyogrio; paths as GPX."""
 
+import io
 import math
+import re
+import warnings
 from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 from pathlib import Path
-from typing import Any
+from types import ModuleType
 from xml.sax.saxutils import escape
 
 import numpy as np
 import numpy.typing as npt
 
-from nnpp_edge.runtime.errors import InvalidQueryError
-from nnpp_edge.runtime.reading import parse, read_text, refused_as
-from nnpp_edge.terrain.coordinates import WGS84, Points, on_map
+from nnpp_edge.runtime.errors import InvalidQueryError, optional_module
+from nnpp_edge.runtime.reading import parse, problem_with_file, read_text, refused_as
+from nnpp_edge.terrain.coordinates import Points, on_map
+from nnpp_edge.terrain.gdal_files import NO_NETWORK
 from nnpp_edge.terrain.georeference import Place
+
+FORMATS = "GeoPackage, GeoJSON, GPX, Shapefile, FlatGeobuf"
+_PLAIN = re.compile(
+    rb"SQLite format 3\0|\0\0\x27\x0a|fgb\x03|(<\?xml[^>]*\?>)?\s*(<!--.*?-->\s*)*<gpx[\s>]", re.DOTALL
+)
+"""How a GeoPackage, a Shapefile, a FlatGeobuf and GPX begin."""
+_GEOJSON_TYPES = ("FeatureCollection", "Feature", "Point", "MultiPoint", "GeometryCollection")
+_POINTS = np.dtype([("head", "V5"), ("xy", "<f8", 2)])
+"""A point in WKB; where there are several they follow a head of 9 bytes."""
 
 
 class VectorFileError(InvalidQueryError):
     """A vector file that cannot be used; the message names the file."""
 
 
-def points_of(path: Path, place: Place) -> tuple[Points, str]:
-    """Map coordinates (N, 2) of the points in a GeoJSON file, in their order, and a word where they were reprojected.
+def points_of(name: str, place: Place) -> tuple[Points, str]:
+    """Map coordinates (N, 2) of a layer's points, in their order, and a word where they had to be reprojected.
 
-    They are longitude and latitude of WGS 84, or in the system that the member ``crs`` of 2008 names. VectorFileError
-    where the file holds other things than points, or none; InvalidQueryError where its system does not lead to the
-    map's.
+    The name is that of a file of one of `FORMATS`, or FILE:LAYER where it has several, of which GPX's is that of the
+    way points. Points of a layer that names no coordinate system are in the map's own. VectorFileError where there is
+    no such file or layer, or it holds other things than points, or none; InvalidQueryError where its system does not
+    lead to the map's.
     """
-    with refused_as(VectorFileError, f"{path}: wanted GeoJSON with points (ogr2ogr makes it of other layers)"):
-        content = parse(read_text(path))
-        found = np.array(list(_points(content)), np.float64).reshape(-1, 2)
-        if not len(found):
-            raise VectorFileError(f"{path}: wanted points, got none")
-        return on_map(place, found, content["crs"]["properties"]["name"] if content.get("crs") else WGS84, str(path))
+    path, layer = named_file(name)
+    refused = refused_as(VectorFileError, f"{path}: wanted {FORMATS} with points")
+    with _pyogrio(f"reading {path.name}") as pyogrio, refused:
+        _check_plain(path)
+        layers = pyogrio.list_layers(path)[:, 0].tolist()
+        if layer is None and len(layers) > 1 and layers[0] != "waypoints":
+            raise VectorFileError(f"{path}: wanted one layer: name it as {path.name}:LAYER ({', '.join(layers)})")
+        meta, _, read, _ = pyogrio.raw.read(path, layer=layer or layers[0], columns=[], force_2d=True)
+        shapes = [shape for shape in read if shape is not None]
+        if any(shape[1] not in (1, 4) for shape in shapes):
+            raise VectorFileError(f"{path}: wanted points, got other shapes ({meta['geometry_type']})")
+        points = [np.frombuffer(shape, _POINTS, offset=9 if shape[1] == 4 else 0)["xy"] for shape in shapes]
+    found = np.concatenate([np.empty((0, 2)), *points])
+    found = found[np.isfinite(found).all(axis=1)]  # an empty point has no numbers
+    if not len(found):
+        raise VectorFileError(f"{path}: wanted points, got none")
+    return (found, "") if meta["crs"] is None else on_map(place, found, meta["crs"], str(path))
 
 
-def _points(shape: Any) -> Iterator[tuple[float, float]]:
-    """x and y of each point in an object of GeoJSON; ValueError for what is none."""
-    match shape:
-        case {"type": "FeatureCollection", "features": list(inner)} | {"geometries": list(inner)}:
-            for each in inner:
-                yield from _points(each)
-        case {"type": "Feature", "geometry": inner}:
-            yield from _points(inner) if inner else ()
-        case {"type": "Point", "coordinates": [x, y, *_]}:
-            yield float(x), float(y)
-        case {"type": "MultiPoint", "coordinates": list(inner)}:
-            yield from ((float(x), float(y)) for x, y, *_ in inner)
-        case _:
-            raise ValueError(f"got {shape.get('type') if isinstance(shape, dict) else type(shape).__name__}")
+def named_file(name: str) -> tuple[Path, str | None]:
+    """The file and the layer that FILE or FILE:LAYER names; VectorFileError where there is no such file."""
+    problem = problem_with_file(name)
+    if problem is None:
+        return Path(name), None
+    file, _, layer = name.rpartition(":")
+    if layer and problem_with_file(file) is None:
+        return Path(file), layer
+    raise VectorFileError(f"{name}: wanted a vector file ({problem})")
+
+
+def geopackage_bytes(layer: str, geojson: bytes) -> bytes:
+    """A GeoPackage of one layer, of GeoJSON; MissingExtraError where pyogrio is not installed."""
+    out = io.BytesIO()
+    with _pyogrio("writing a GeoPackage") as pyogrio:
+        meta, _, shapes, values = pyogrio.raw.read(geojson)
+        kinds = {"geometry_type": meta["geometry_type"], "crs": meta["crs"]}
+        pyogrio.raw.write(out, shapes, values, meta["fields"], layer=layer, driver="GPKG", **kinds)
+    return out.getvalue()
+
+
+@contextmanager
+def _pyogrio(purpose: str) -> Iterator[ModuleType]:
+    """pyogrio without the network, and without GDAL's warnings: of a damaged file, which is refused, for instance."""
+    pyogrio = optional_module("pyogrio", purpose, "vector")
+    pyogrio.set_gdal_config_options(NO_NETWORK)
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        yield pyogrio
+
+
+def _check_plain(path: Path) -> None:
+    """VectorFileError for what GDAL would take for a list of other files and addresses, or read otherwise."""
+    with path.open("rb") as file:
+        head = file.read(1 << 12).lstrip(b"\xef\xbb\xbf \t\r\n")
+    if (head.startswith(b"{") and parse(read_text(path)).get("type") in _GEOJSON_TYPES) or _PLAIN.match(head):
+        return
+    raise VectorFileError(f"{path}: wanted {FORMATS}, got another kind of file")
 
 
 def gpx_bytes(

@@ -6,6 +6,7 @@ import numpy as np
 from pyproj import CRS, Transformer
 
 from nnpp_edge.terrain.georeference import Georeference
+from nnpp_edge.terrain.vectors import geopackage_bytes
 
 GRID = "EPSG:3414"  # whose metres are those of the ground, here
 PLACE = Georeference(CRS(GRID).to_wkt(), (2.0, 0.0, 28_000.0, 0.0, -2.0, 39_000.0))
@@ -20,8 +21,10 @@ def rolling(rows=80, cols=90):
 
 
 def layer(path, cells, crs=GRID):
-    """Points in the middles of cells, as GeoJSON in a system."""
+    """Points in the middles of cells, as a GeoPackage in a system."""
     move = Transformer.from_crs(GRID, crs, always_xy=True)
     places = [move.transform(*PLACE.map_coordinates(*cell)) for cell in cells]
-    path.write_text(json.dumps({"type": "MultiPoint", "coordinates": places, "crs": {"properties": {"name": crs}}}))
+    named = {"type": "name", "properties": {"name": crs}}
+    content = json.dumps({"type": "MultiPoint", "coordinates": places, "crs": named})
+    path.write_bytes(geopackage_bytes("stops", content.encode()))
     return path

@@ -46,7 +46,7 @@ def hill(run):
 
 @pytest.mark.parametrize("body", ["", BODY])
 def test_all_outputs_say_the_same_numbers(run, told, hills, body):
-    words = f"{PLAN} {body} -o out"
+    words = f"{PLAN} {body} -o out --format gpkg"
     found = told(words)
     made = {"vehicle": None, "mobility": None}
     if body:
@@ -63,6 +63,9 @@ def test_all_outputs_say_the_same_numbers(run, told, hills, body):
     worst = [name for name in found if name.startswith(("steepest_", "least_")) and name not in Numbers._fields]
     assert len(worst) == (4 if body else 0)
     assert all(properties[name] == found[name] for name in (*Numbers._fields, *worst, "cost"))
+    meta, _, _, values = pyogrio.raw.read("out/path.gpkg")
+    fields = dict(zip(meta["fields"].tolist(), values, strict=True))
+    assert all(fields[name][0] == found[name] for name in numbers) and meta["geometry_type"] == "LineString Z"
     rows = rows_of("out/path.csv")
     for name, whole in (("distance_m", "length_m"), ("ground_m", "ground_length_m"), ("time_s", "time_s")):
         assert float(rows[-1][name]) == pytest.approx(found[whole], abs=1e-5)
@@ -82,7 +85,7 @@ def test_a_path_leads_by_way_of_places_in_the_order_given_or_in_the_best(run, to
     given = told(words)
     assert given["via"]["stops"] == [[5, 5], [60, 70], [12, 30], [40, 50], [70, 80]]
     assert given["via"]["order"] == [1, 2, 3] and given["via"]["given_cost"] is None
-    best = told(f"{words} --best-order -o out --gpx")
+    best = told(f"{words} --best-order -o out --format gpx")
     assert best["via"]["stops"] == [[5, 5], [12, 30], [40, 50], [60, 70], [70, 80]]
     assert best["via"]["order"] == [2, 3, 1]
     assert best["cost"] < given["cost"] == pytest.approx(best["via"]["given_cost"], rel=1e-6)
@@ -106,23 +109,23 @@ def test_a_leg_that_cannot_be_is_named_and_ends_with_1(run, told, hills):
     assert (found["status"], found["cost"], found["climb_m"]) == ("NO_PATH", None, None)
 
 
-def test_ends_are_places_on_the_map_or_on_the_globe_or_points_of_a_file(run, told, hills):
+def test_ends_are_places_on_the_map_or_on_the_globe_or_points_of_a_layer(run, told, hills):
     cells = [(5, 5), (40, 30), (70, 80)]
     wanted = told(f"{PLAN} --via 40,30")
     move = Transformer.from_crs(GRID, "EPSG:4326", always_xy=True)
     places = [PLACE.map_coordinates(*cell) for cell in cells]
     xy = [f"xy:{x},{y}" for x, y in places]
     lonlat = ["lonlat:{:.9f},{:.9f}".format(*move.transform(x, y)) for x, y in places]
-    layers = [layer(Path(f"{at}.geojson"), [cell]) for at, cell in enumerate(cells)]
+    layers = [f"{layer(Path(f'{at}.gpkg'), [cell])}:stops" for at, cell in enumerate(cells)]
     for start, via, goal in (xy, lonlat, layers):
         found = told(f"plan hills.tif --start {start} --via {via} --goal {goal}")
         assert (found["start"], found["via"]["stops"][1], found["goal"]) == ([5, 5], [40, 30], [70, 80])
         assert found["cost"] == wanted["cost"]
-    layer(Path("stops.geojson"), [(60, 70), (12, 30)], crs="EPSG:4326")
-    ended = run(f"{PLAN} --via stops.geojson --json")
-    assert ended.err == "stops.geojson: reprojected from WGS 84 to SVY21 / Singapore TM\n"
+    layer(Path("stops.gpkg"), [(60, 70), (12, 30)], crs="EPSG:4326")
+    ended = run(f"{PLAN} --via stops.gpkg --json")
+    assert ended.err == "stops.gpkg: reprojected from WGS 84 to SVY21 / Singapore TM\n"
     assert json.loads(ended.out)["via"]["stops"] == [[5, 5], [60, 70], [12, 30], [70, 80]]
-    goals = told("plan hills.tif --start 5,5 --goal stops.geojson")
+    goals = told("plan hills.tif --start 5,5 --goal stops.gpkg")
     assert goals["goal"] == [12, 30] and len(goals["goals"]) == 2
 
 
@@ -139,7 +142,7 @@ def test_the_profile_is_drawn_where_it_is_wanted(run, told, hills, monkeypatch):
 
 
 def test_gpx_needs_a_map_on_the_earth_and_nothing_is_written_without(run, hills):
-    run(f"plan hills.npz {ENDS} -o out --gpx").refused("wanted a map with a coordinate system")
+    run(f"plan hills.npz {ENDS} -o out --format gpx").refused("wanted a map with a coordinate system")
     assert list(Path("out").iterdir()) == []
 
 

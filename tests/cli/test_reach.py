@@ -53,9 +53,9 @@ def test_limits_and_vehicles_bound_what_is_reached(told, reached):
 
 def test_the_start_is_any_place_that_plan_takes(told, hills):
     x, y = PLACE.map_coordinates(40, 30)
-    layer(Path("a.geojson"), [(40, 30)])
+    layer(Path("a.gpkg"), [(40, 30)])
     wanted, *found = (
-        told(f"reach hills.tif --within-cost 20 --start {at}") for at in ("40,30", f"xy:{x},{y}", "a.geojson")
+        told(f"reach hills.tif --within-cost 20 --start {at}") for at in ("40,30", f"xy:{x},{y}", "a.gpkg")
     )
     assert all(each == wanted for each in found)
 

@@ -26,7 +26,7 @@ plan                                           | missing argument 'DEM'; see nnp
 costmap dem.tif                                | missing option '-o' / '--output'
 plan hills.tif --goal 1,1                      | missing option '--start'
 plan hills.tif --start 1,1                     | missing option '--goal'
-plan hills.tif --start 1 --goal 2,2            | wanted ROW,COL as two whole numbers, xy:X,Y, lonlat:LON,LAT, or a G
+plan hills.tif --start 1 --goal 2,2            | wanted ROW,COL as two whole numbers, xy:X,Y, lonlat:LON,LAT, or a v
 plan hills.tif --start xy:1,1,1 --goal 2,2     | xy:X,Y
 plan hills.tif --start xy:nan,1 --goal 2,2     | xy:X,Y
 plan hills.tif --start '1;1' --goal 2,2        | two whole numbers
@@ -38,7 +38,7 @@ plan hills.tif --start lonlat:-94.3,95 --goal 1,1 | latitude 95 of WGS 84 has no
 plan hills.tif --start lonlat:10,50 --goal 1,1 | lies outside the map of 80 × 90 cells
 plan hills.tif --start lonlat:103.83,1 --goal 1,1 | longitude 103.8333 to 103.8349 and latitude 1.3675
 plan hills.tif --start 5,5 --goal xy:0,0       | lies outside the map of 80 × 90 cells, which spans x 28000 to 28180
-plan hills.tif --start two.geojson --goal 1,1     | --start must be one place, got 2
+plan hills.tif --start two.gpkg --goal 1,1     | --start must be one place, got 2
 plan hills.tif --start 5,5 --goal 9,86 --via 1,1 | goal (9, 86) is impassable
 plan drive.mcap --start 1,1 --goal 2,2         | drive.mcap: wanted an elevation map, got a recording of messages; `G
 $PLAN --method rrt                             | rrt
@@ -49,11 +49,11 @@ $PLAN --model nope                             | wanted a model file or the name
 $PLAN --model text.txt --method nnpp           | text.txt: wanted an ONNX model
 $PLAN --via 20,86                              | via 1, (20, 86), is impassable
 $PLAN --via 1,1 --via 80,3                     | via 2, (80, 3), lies outside the map
-$PLAN --via far.geojson                           | via 2, (200, 300), lies outside the map
+$PLAN --via far.gpkg                           | via 2, (200, 300), lies outside the map
 $PLAN --best-order                             | --best-order is of way points
 $PLAN --via 1,1 --compare                      | --compare is of one leg
 $PLAN --goal 1,1 --via 3,3                     | --goal, with --via, must be one place, got 2
-$PLAN --via none.geojson                          | lonlat:LON,LAT, or a GeoJSON file, got 'none.geojson'
+$PLAN --via none.gpkg                          | lonlat:LON,LAT, or a vector file, got 'none.gpkg'
 $PLAN --step-cost energy                       | with mass_kg and rolling_resistance, such as the shipped vehicles
 $PLAN --step-cost energy                       | step_cost='energy' needs a table [mobility.energy]
 $PLAN --step-cost time --mobility mine.toml    | needs a table [mobility.time]
@@ -63,11 +63,11 @@ $PLAN --step-cost tobler --refine any-angle    | refine='any-angle' prices lines
 $PLAN --step-cost downhill                     | 'downhill' is not one of
 $PLAN --refine smooth                          | any-angle
 $PLAN --set radius_m=2 --set turning_radius_m=4 | turning_radius_m needs --refine any-angle
-$PLAN --gpx                                    | give -o too
+$PLAN --format gpx                             | give -o too
 $PLAN --profile-plot                           | give -o too
 $PLAN --rocks 0.1                              | no such option '--rocks'
 $PLAN --workload body-rocks30                  | 0 to 20 percent
-$PLAN --via path.geojson -o .                  | would replace | path.geojson
+$PLAN --via path.gpkg -o . --format gpkg       | would replace | path.gpkg
 plan cost.npz --start 1,1 --goal 9,9 --vehicle small-rover | wanted heights, got costs
 $HILL --vehicle none.toml                      | got 'none.toml' (no such file)
 $HILL --vehicle .                              | (a folder)
@@ -142,7 +142,7 @@ $REACH --within-time soon                      | a time such as 90, 90s, 30min o
 $REACH --within-cost -3                        | --within-cost
 $REACH --within-cost 3 --start 9,86            | start (9, 86) is impassable: its elevation is unknown; the nearest
 $REACH --within-cost 3 --start 80,40           | start (80, 40) lies outside the map
-$REACH --within-cost 3 --start two.geojson        | --start must be one place, got 2
+$REACH --within-cost 3 --start two.gpkg           | --start must be one place, got 2
 $REACH --within-time 3 --step-cost linear      | --within-time counts time already: leave out --step-cost, or give
 $REACH --within-energy 3 --step-cost tobler    | --within-energy counts energy already: leave out --step-cost
 $REACH --within-energy 3                       | needs a table [mobility.energy]
@@ -202,11 +202,11 @@ def place(run, hills, tmp_path):
     np.savez("hill.npz", elevation_m=small, cell_size_m=0.25)
     np.savez("cost.npz", cost=np.full((60, 60), 0.2, np.float32), cell_size_m=0.25)
     for name, second in (("two", (1, 1)), ("far", (200, 300))):
-        layer(Path(f"{name}.geojson"), [(60, 70), second])
+        layer(Path(f"{name}.gpkg"), [(60, 70), second])
     Path("drive.mcap").write_bytes(b"\x89MCAP0\r\n" * 20)
     Path("set").mkdir()
     for name, text in {
-        "path.geojson": "{}",
+        "path.gpkg": "{}",
         "mine.toml": ENERGY,
         "heavy.toml": ENERGY.replace("50", "-50"),
         "body.toml": "length_m = 1.0\nwidth_m = 0.8\nclearance_m = 0.3\nwheels = 6\n",

@@ -1,4 +1,4 @@
-"""Points of GeoJSON on a map, and paths and areas as vector files."""
+"""Points of vector layers on a map, and paths and areas as vector files."""
 
 import json
 import struct
@@ -17,7 +17,7 @@ from nnpp_edge.terrain.coordinates import lonlat_of, lonlat_on_map
 from nnpp_edge.terrain.dem import Dem
 from nnpp_edge.terrain.georeference import Georeference
 from nnpp_edge.terrain.route import Reach, Route, places_of
-from nnpp_edge.terrain.vectors import VectorFileError, points_of
+from nnpp_edge.terrain.vectors import VectorFileError, geopackage_bytes, points_of
 
 UTM = "EPSG:32615"
 PLACE = Georeference(CRS(UTM).to_wkt(), (2.0, 0.0, 400_000.0, 0.0, -2.0, 5_000_000.0))
@@ -26,6 +26,7 @@ MOON = (
     'UNIT["degree",0.0174532925199433]],PROJECTION["Equirectangular"],PARAMETER["standard_parallel_1",0],'
     'PARAMETER["central_meridian",0],UNIT["metre",1]]'
 )
+ENDINGS = ("geojson", "gpkg")
 PLACES = [(400_010.5, 4_999_989.5), (400_100.0, 4_999_900.0), (400_050.0, 4_999_950.0)]
 
 
@@ -33,54 +34,89 @@ def dem(place=PLACE, shape=(80, 90)):
     return Dem(np.zeros(shape, np.float32), 2.0, 2.0, place, Path("dem.tif"))
 
 
-def write(path, shape, crs=UTM):
-    content = shape if crs is None else {**shape, "crs": {"type": "name", "properties": {"name": crs}}}
-    path.write_text(json.dumps(content))
-    return path
+def content(kind, places, crs=UTM):
+    named = {"crs": {"type": "name", "properties": {"name": crs}}} if crs else {}
+    return json.dumps({"type": kind, "coordinates": places} | named).encode()
 
 
-def points(places, kind="MultiPoint"):
-    return {"type": kind, "coordinates": places}
+def write(path, places, crs=UTM, kind="MultiPoint"):
+    made = content(kind, places, crs)
+    path.write_bytes(made if path.suffix == ".geojson" else geopackage_bytes("stops", made))
+    return str(path)
+
+
+def write_points(path, places, crs=UTM, layer="stops", driver="GPKG"):
+    """A point a feature, the second empty."""
+    shapes = [struct.pack("<BIdd", 1, 1, *place) for place in (places[0], (np.nan, np.nan), *places[1:])]
+    kinds = {"geometry_type": "Point", "crs": crs, "layer": layer, "driver": driver, "append": path.exists()}
+    fields = {"field_data": [np.arange(len(shapes))], "fields": np.array(["number"], object)}
+    pyogrio.raw.write(path, np.array(shapes, object), **fields, **kinds, SPATIAL_INDEX="NO")
+    return str(path)
 
 
 def test_points_in_the_maps_system_are_taken_as_they_are_in_their_order(tmp_path):
-    shapes = [points((*place, 7.0), "Point") for place in PLACES]
-    features = [{"type": "Feature", "geometry": shape, "properties": {}} for shape in (shapes[0], None, *shapes[1:])]
-    for shape in (
-        points(PLACES),
-        {"type": "FeatureCollection", "features": features},
-        {"type": "GeometryCollection", "geometries": shapes},
-    ):
-        found, word = points_of(write(tmp_path / "a.geojson", shape), dem())
+    several = [write(tmp_path / f"several.{ending}", [(*place, 7.0) for place in PLACES]) for ending in ENDINGS]
+    single = write_points(tmp_path / "a.gpkg", PLACES)
+    with pytest.warns(UserWarning, match="crs"):
+        bare = write_points(tmp_path / "b.shp", PLACES, crs=None, driver="ESRI Shapefile")
+    packed = write_points(tmp_path / "a.fgb", PLACES, driver="FlatGeobuf")
+    for path in (*several, single, bare, packed):
+        found, word = points_of(path, dem())
         assert list(map(tuple, found.tolist())) == PLACES and word == ""
 
 
-def test_points_in_another_system_or_in_none_are_reprojected_and_it_is_said(tmp_path):
+def test_points_in_another_system_are_reprojected_and_it_is_said(tmp_path):
     lonlat = Transformer.from_crs(UTM, "EPSG:4326", always_xy=True)
-    there = points([lonlat.transform(*place) for place in PLACES])
-    for crs in ("EPSG:4326", "urn:ogc:def:crs:OGC:1.3:CRS84", None):
-        found, word = points_of(path := write(tmp_path / "a.geojson", there, crs), dem())
-        assert found == pytest.approx(np.array(PLACES), abs=1e-3)
-        assert word.startswith(f"{path}: reprojected from WGS 84") and word.endswith("to WGS 84 / UTM zone 15N")
-
-
-def test_what_is_no_file_of_points_is_refused_in_one_line(tmp_path):
-    for content, words in (
-        (b'{"type": "Feature", ', "wanted GeoJSON"),
-        (b"SQLite format 3\0", "ogr2ogr makes it of other layers"),
-        (b"3", "got int"),
-        (b'{"type": "Feature", "geometry": null, "properties": {}}', "wanted points, got none"),
-        (b'{"type": "MultiPoint", "coordinates": []}', "wanted points, got none"),
-        (b'{"type": "LineString", "coordinates": [[0, 0], [1, 1]]}', "got LineString"),
-        (b'{"type": "Point", "coordinates": ["a", 1]}', "wanted GeoJSON"),
-        (b'{"type": "Point", "coordinates": [1, 2], "crs": {"properties": {"name": "nowhere"}}}', "nowhere"),
-        (b'{"type": "Point", "coordinates": [1, 2], "crs": 3}', "wanted GeoJSON"),
-        (b'{"a":' * 90_000, "nested too deep"),
+    there = [lonlat.transform(*place) for place in PLACES]
+    points = "".join(f'<wpt lat="{lat:.9f}" lon="{lon:.9f}"/>' for lon, lat in there)
+    (tmp_path / "a.gpx").write_text(
+        f'<?xml version="1.0"?>\n<gpx version="1.1" xmlns="http://www.topografix.com/GPX/1/1">{points}</gpx>'
+    )
+    for path in (
+        write(tmp_path / "a.gpkg", there, "EPSG:4326"),
+        write(tmp_path / "a.geojson", there, None),
+        str(tmp_path / "a.gpx"),
     ):
-        (tmp_path / "a.geojson").write_bytes(content)
+        found, word = points_of(path, dem())
+        assert found == pytest.approx(np.array(PLACES), abs=1e-3)
+        assert word == f"{path}: reprojected from WGS 84 to WGS 84 / UTM zone 15N"
+
+
+def test_of_several_layers_one_is_named(tmp_path):
+    path = tmp_path / "a.gpkg"
+    write_points(path, PLACES[:1])
+    write_points(path, PLACES, layer="more")
+    with pytest.raises(VectorFileError, match=r"name it as a.gpkg:LAYER \(stops, more\)"):
+        points_of(str(path), dem())
+    assert [len(points_of(f"{path}:{layer}", dem())[0]) for layer in ("stops", "more")] == [1, 3]
+    with pytest.raises(VectorFileError, match="nothing"):
+        points_of(f"{path}:nothing", dem())
+
+
+def test_what_is_no_plain_file_of_points_is_refused_in_one_line(tmp_path):
+    vrt = b"<OGRVRTDataSource><OGRVRTLayer name='a'/></OGRVRTDataSource><!-- <gpx -->"
+    for name, made, words in (
+        ("a.vrt", vrt, "another kind of file"),
+        ("a.gpx", b"<!-- <gpx --><OGRVRTDataSource/>", "another kind of file"),
+        ("a.json", b'{"type": "gdal_streamed_alg", "command_line": "gdal vector pipeline"}', "another kind of file"),
+        ("a.geojson", b'{"type": "Feature", ', "wanted GeoPackage, GeoJSON"),
+        ("a.geojson", b'{"a":' * 90_000, "nested too deep"),
+        ("a.geojson", b'{"type": "Feature", "geometry": null, "properties": {}}', "wanted points, got none"),
+        ("a.geojson", content("MultiPoint", []), "wanted points, got none"),
+        ("a.gpkg", geopackage_bytes("ways", content("LineString", PLACES)), "other shapes"),
+        ("a.csv", b"x,y\n1,2\n", "another kind of file"),
+        ("a.gpkg", b"SQLite format 3\0" + bytes(100), "FlatGeobuf with points"),
+        ("a.gpx", b"<gpx><wpt", "FlatGeobuf with points"),
+        ("a.gpkg", b"", "another kind of file"),
+        ("none.gpkg", None, "wanted a vector file"),
+        ("none.gpkg:layer", None, "wanted a vector file"),
+        (".", None, "wanted a vector file"),
+    ):
+        if made is not None:
+            (tmp_path / name).write_bytes(made)
         with pytest.raises(VectorFileError, match=words) as caught:
-            points_of(tmp_path / "a.geojson", dem())
-        assert "\n" not in str(caught.value) and "a.geojson" in str(caught.value)
+            points_of(str(tmp_path / name), dem())
+        assert ("\n" not in str(caught.value) and name in str(caught.value)) or name == "."
 
 
 def test_longitude_and_latitude_are_wgs_84_on_the_earth_and_the_bodys_own_elsewhere():
@@ -99,15 +135,20 @@ def test_places_and_layers_of_another_world_or_of_none_are_refused(tmp_path):
             lonlat_on_map(dem(place), np.array([(1.0, 2.0)]))
     with pytest.raises(InvalidQueryError, match="longitude 10, latitude 95 of WGS 84 has no place"):
         lonlat_on_map(dem(), np.array([(10.0, 95.0)]))
-    path = write(tmp_path / "a.geojson", points([(1.0, 2.0)]), MOON)
+    path = write_points(tmp_path / "a.gpkg", [(1.0, 2.0)], MOON)
     with pytest.raises(InvalidQueryError, match="two bodies"):
         points_of(path, dem())
 
 
-def test_where_pyproj_is_missing_it_is_said_which_extra_brings_it(tmp_path, monkeypatch):
-    monkeypatch.setitem(sys.modules, "pyproj", None)
-    with pytest.raises(MissingExtraError, match=r"needs pyproj.*nnpp-edge\[geo\]"):
-        points_of(write(tmp_path / "a.geojson", points([(1.0, 2.0)])), dem())
+def test_where_a_package_is_missing_it_is_said_which_extra_brings_it(tmp_path, monkeypatch):
+    path = write(tmp_path / "a.gpkg", [(1.0, 2.0)], "EPSG:4326")
+    for module, words in (
+        ("pyproj", r"needs pyproj.*nnpp-edge\[geo\]"),
+        ("pyogrio", r"reading a.gpkg needs pyogrio.*nnpp-edge\[vector\]"),
+    ):
+        monkeypatch.setitem(sys.modules, module, None)
+        with pytest.raises(MissingExtraError, match=words):
+            points_of(path, dem())
 
 
 def route(place=PLACE, cells=((3, 4), (4, 5), (4, 6))):
@@ -117,7 +158,18 @@ def route(place=PLACE, cells=((3, 4), (4, 5), (4, 6))):
     return Route.of(path, along, np.full((80, 90), 0.5, np.float32), ground)
 
 
-def test_no_path_is_a_gpx_without_points():
+def test_a_geopackage_holds_the_line_with_its_heights_and_the_numbers(tmp_path):
+    (tmp_path / "a.gpkg").write_bytes(route().geopackage({"status": "OK", "cost": 1.5, "energy_j": None}))
+    meta, _, (shape,), (status, cost, _) = pyogrio.raw.read(tmp_path / "a.gpkg")
+    assert (meta["geometry_type"], meta["crs"]) == ("LineString Z", UTM)
+    assert (status.tolist(), cost.tolist()) == (["OK"], [1.5])
+    points = np.frombuffer(shape[9:], "<f8").reshape(-1, 3)
+    assert points.tolist() == [[400_009, 4_999_993, 4], [400_011, 4_999_991, 5], [400_013, 4_999_991, 6]]
+
+
+def test_no_path_is_a_geopackage_without_a_line_and_a_gpx_without_points(tmp_path):
+    (tmp_path / "a.gpkg").write_bytes(route(cells=()).geopackage({"status": "NO_PATH", "cost": None}))
+    assert pyogrio.raw.read(tmp_path / "a.gpkg")[2].tolist() == [None]
     tree = ElementTree.fromstring(route(cells=()).gpx("a way", {"start": (3, 4)}))
     assert [each.tag.rpartition("}")[2] for each in tree] == ["wpt", "trk"]
 
