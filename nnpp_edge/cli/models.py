@@ -1,12 +1,11 @@
 """`nnpp-edge models`: the shipped models, and what is known of one."""
 
 import json
-from collections.abc import Sequence
 from dataclasses import asdict
 from typing import TYPE_CHECKING, Annotated
 
 from nnpp_edge.cli import options
-from nnpp_edge.cli.text import aligned, table, tell
+from nnpp_edge.cli.text import Columns, aligned, columns, table, tell
 
 if TYPE_CHECKING:
     from nnpp_edge.runtime.network.model_file import ModelFile
@@ -15,6 +14,11 @@ _PURPOSES = {
     "edge": "planning on board; the default of --method nnpp",
     "edge-fp32": "edge before quantisation, from which quantize shows its work",
     "paper": "the paper's network, to reproduce its experiments",
+}
+_LISTED: Columns = {
+    **columns("name | for: purpose | precision: metadata.precision"),
+    "MB": lambda row: f"{row['size_bytes'] / 1e6:.2f}",
+    "sha256": lambda row: str(row["sha256"][:8]),
 }
 
 
@@ -34,27 +38,12 @@ def command(
     from nnpp_edge.runtime.network.model_file import list_models, read_model_file
 
     if model is None:
-        listed = list_models()
-        told = [found.summary() | {"purpose": _PURPOSES.get(found.name)} for found in listed]
-        tell(as_json, told, lambda: _listed(listed), indent=1)
+        told = [found.summary() | {"purpose": _PURPOSES.get(found.name)} for found in list_models()]
+        words = "\n\n`nnpp-edge models NAME` shows one in full."
+        tell(as_json, told, lambda: table(told, _LISTED) + words, indent=1)
         return
     found = read_model_file(model)
     tell(as_json, {**found.summary(), "card": found.card}, lambda: _text(found), indent=1)
-
-
-def _listed(models: "Sequence[ModelFile]") -> str:
-    """The models for people, one a row."""
-    rows = [
-        {
-            "name": found.name,
-            "for": _PURPOSES.get(found.name),
-            "precision": found.metadata.precision,
-            "MB": f"{found.size_bytes / 1e6:.2f}",
-            "sha256": found.sha256[:8],
-        }
-        for found in models
-    ]
-    return f"{table(rows, {title: title for title in rows[0]})}\n\n`nnpp-edge models NAME` shows one in full."
 
 
 def _text(found: "ModelFile") -> str:

@@ -77,14 +77,11 @@ def _given_body(robot: GroundOptions, place: "Dem") -> "Body | None":
     from nnpp_edge.terrain.vehicle_files import shipped_vehicles
     from nnpp_edge.view.asked import Body
 
-    files = (("--vehicle", robot.vehicle), ("--mobility", robot.mobility_file))
-    words = [word for option, name in files if name for word in (option, _whole_name(name))]
+    words = []
+    for option, name in (("--vehicle", robot.vehicle), ("--mobility", robot.mobility_file)):
+        if name:
+            words += [option, str(Path(name).resolve()) if Path(name).is_file() else name]
     words += [word for setting in robot.settings for word in ("--set", setting.word)]
     if not words or (len(words) == 2 and robot.vehicle in shipped_vehicles()):
         return None
     return Body(robot.body(), robot.mobility(place), tuple(words))
-
-
-def _whole_name(word: str) -> str:
-    """A file by its whole name."""
-    return str(Path(word).resolve()) if Path(word).is_file() else word

@@ -1,9 +1,8 @@
-"""Digital elevation models: read from the files that space agencies and surveyors publish, and written back.
+"""Digital elevation models: read from the files that space agencies and surveyors publish.
 
 Rasters (`gdal_files.FORMATS`) go through rasterio; NumPy arrays need none.
 """
 
-import math
 from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass, replace
@@ -13,7 +12,6 @@ from pathlib import Path
 import numpy as np
 import numpy.typing as npt
 
-from nnpp_edge.files import write_whole
 from nnpp_edge.runtime.arrays import Float2D, unmasked
 from nnpp_edge.runtime.cells import Rectangle
 from nnpp_edge.runtime.errors import InvalidQueryError, TerrainError
@@ -21,7 +19,7 @@ from nnpp_edge.runtime.reading import problem_with_file, refused_as
 from nnpp_edge.terrain.array_files import check_grid, known_heights, metres, read_arrays
 from nnpp_edge.terrain.coordinates import cell_on_ground
 from nnpp_edge.terrain.georeference import Georeference, Place, check_sides
-from nnpp_edge.terrain.rasters import Raster, opened_raster, raster_bytes, read_raster
+from nnpp_edge.terrain.rasters import Raster, opened_raster, read_raster
 
 ARRAY_ENDINGS = (".npy", ".npz")
 
@@ -59,7 +57,6 @@ class Dem(Place):
 
         The georeference stays as it is: it still says where each cell lay on the map.
         """
-        check_option("cell size", cell_size_m)
         factor = cell_size_m / self.cell_size_m
         width = self.cell_width_m * factor
         return replace(
@@ -97,16 +94,15 @@ def read_dem(path: Path | str, cell_size_m: float | None = None) -> Dem:
     """
     path = Path(path)
     read = read_arrays if path.suffix.lower() in ARRAY_ENDINGS else read_raster
-    with checked_file(path, cell_size_m):
+    with checked_file(path):
         elevation, cell, georeference = read(path)
     sides = cell_sides(path, elevation.shape, cell, georeference, cell_size_m)
     return Dem(known_heights(elevation), *sides, georeference, path)
 
 
 @contextmanager
-def checked_file(path: Path, cell_size_m: float | None) -> Iterator[None]:
-    """Refuse options that make no sense and what is no file; whatever is raised meanwhile becomes a TerrainError."""
-    check_option("cell size", cell_size_m)
+def checked_file(path: Path) -> Iterator[None]:
+    """Refuse what is no file; whatever is raised meanwhile becomes a TerrainError."""
     if (problem := problem_with_file(path)) is not None:
         raise TerrainError(f"{path}: wanted a file with an elevation map ({problem})")
     with refused_as(TerrainError, f"{path}: wanted an elevation map, got a file that cannot be read"):
@@ -130,21 +126,6 @@ def cell_sides(
     if cell is None:
         raise TerrainError(f"{path}: no cell size in the file; give it with --cell-size METRES")
     return float(cell[0]), float(cell[1])
-
-
-def write_raster(path: Path | str, array: npt.ArrayLike, dem: Dem) -> None:
-    """Write a map of `dem`'s cells, numbers or bools, as a float32 GeoTIFF (deflate, nodata NaN), whole or not.
-
-    Masked cells become NaN. OutputError where the shape or type does not fit, or the file could not be written.
-    """
-    path = Path(path)
-    write_whole(path, raster_bytes(path, array, dem))
-
-
-def check_option(name: str, value: float | None) -> None:
-    """Refuse an option that is given and not above 0 and finite."""
-    if value is not None and not (math.isfinite(value) and value > 0):
-        raise InvalidQueryError(f"{name} must be above 0 and finite, got {value}")
 
 
 SAMPLES = ("earth_hummocks", "mars_victoria", "moon_highlands", "moon_rocks")
@@ -209,7 +190,7 @@ def size_of(path: Path) -> tuple[int, int] | None:
     """Rows and columns of a raster, by its header; None for a file that only `read_dem` reads, or none at all."""
     if path.suffix.lower() in ARRAY_ENDINGS or problem_with_file(path) is not None:
         return None
-    with checked_file(path, None), opened_raster(path) as raster:
+    with checked_file(path), opened_raster(path) as raster:
         return raster.shape
 
 
@@ -226,7 +207,7 @@ def open_dem(
     """
     path = Path(path)
     with ExitStack() as stack:
-        with checked_file(path, cell_size_m):
+        with checked_file(path):
             raster = stack.enter_context(opened_raster(path, by_windows=True))
             row_of_blocks = raster.block[0] * max(raster.shape[1], raster.block[1]) * raster.dtype.itemsize
             if (text := raster.driver == "AAIGrid") or row_of_blocks > _MOST_BLOCK_BYTES:

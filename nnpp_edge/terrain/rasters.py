@@ -161,7 +161,11 @@ def read_raster(path: Path) -> Reading:
 
 
 def raster_bytes(path: Path, array: npt.ArrayLike, place: Place) -> bytes:
-    """Content of `write_raster`'s file, and its errors: made in memory, as GDAL may meet a full disk in silence."""
+    """A map of a place's cells, numbers or bools, as a float32 GeoTIFF whose masked cells are NaN.
+
+    It is made in memory, as GDAL may meet a full disk in silence. OutputError, which names the file to be written,
+    where the shape or type does not fit, or GDAL cannot write it.
+    """
     values = unmasked(array)
     if values.shape != place.shape or values.dtype.kind not in "biuf":
         raise OutputError(f"{path}: wanted a {place.shape} array of numbers, got {values.shape} {values.dtype}")

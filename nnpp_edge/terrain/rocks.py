@@ -56,7 +56,13 @@ def draw_rocks(
 ) -> Rocks:
     """Rocks at random places of a map of (H, W) cells of these (height, width), as many as the law has on average."""
     rng = np.random.default_rng(rng)
-    table, numbers = _numbers(cover, *diameters_m)
+    if not 0.0 < diameters_m[0] < diameters_m[1] < math.inf:
+        wanted = "rocks' diameters must be positive and in order, metres"
+        raise InvalidQueryError(f"{wanted}, got {diameters_m[0]:g} and {diameters_m[1]:g}")
+    table = np.geomspace(*diameters_m, _TABLE)
+    shares = covered_share(cover, table)
+    between = np.maximum(shares[:-1] - shares[1:], 0.0) / (0.25 * math.pi * table[:-1] * table[1:])
+    numbers = np.concatenate(((0.0,), np.cumsum(between)))  # on a square metre, from the least diameter up to each
     count = int(rng.poisson(numbers[-1] * math.prod(shape) * math.prod(sides_m)))
     places = rng.random((count, 2)) * shape - 0.5
     return Rocks(places, np.interp(rng.random(count) * numbers[-1], numbers, table))
@@ -105,14 +111,3 @@ def rock_heights(shape: tuple[int, int], sides_m: tuple[float, float], rocks: Ro
         raised = (2.0 * HEIGHT * np.sqrt(rest[touched])).astype(np.float32)
         np.maximum.at(out.reshape(-1), (row * width + col)[touched], raised)
     return out
-
-
-def _numbers(cover: float, least_m: float, greatest_m: float) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Diameters from the least to the greatest, and how many rocks a square metre has from the least up to each."""
-    if not 0.0 < least_m < greatest_m < math.inf:
-        wanted = "rocks' diameters must be positive and in order, metres"
-        raise InvalidQueryError(f"{wanted}, got {least_m:g} and {greatest_m:g}")
-    table = np.geomspace(least_m, greatest_m, _TABLE)
-    shares = covered_share(cover, table)
-    between = np.maximum(shares[:-1] - shares[1:], 0.0) / (0.25 * math.pi * table[:-1] * table[1:])
-    return table, np.concatenate(((0.0,), np.cumsum(between)))

@@ -7,7 +7,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from nnpp_edge.terrain.dem import Dem, write_raster
+from nnpp_edge.terrain.dem import Dem
+from nnpp_edge.terrain.rasters import raster_bytes
 from tests.cli.grounds import PLACE, layer
 
 ENERGY = "[mobility.energy]\nmass_kg = 50\nrolling_resistance = 0.1\n"
@@ -40,6 +41,7 @@ plan hills.tif --start lonlat:103.83,1 --goal 1,1 | longitude 103.8333 to 103.83
 plan hills.tif --start 5,5 --goal xy:0,0       | lies outside the map of 80 × 90 cells, which spans x 28000 to 28180
 plan hills.tif --start two.gpkg --goal 1,1     | --start must be one place, got 2
 plan hills.tif --start 5,5 --goal 9,86 --via 1,1 | goal (9, 86) is impassable
+plan hills.npz --start 5,5 --goal 70,80 -o new --format gpx | wanted a map with a coordinate system
 plan drive.mcap --start 1,1 --goal 2,2         | drive.mcap: wanted an elevation map, got a recording of messages; `G
 $PLAN --method rrt                             | rrt
 $PLAN --time-limit 0                           | --time-limit
@@ -194,7 +196,8 @@ def place(run, hills, tmp_path):
     """A folder of inputs of all kinds, in which commands run."""
     cliff = 50.0 * np.arange(90.0)
     for name, more, where in (("nothing", cliff, PLACE), ("bare", 0.0, None)):
-        write_raster(Path(f"{name}.tif"), (hills + more).astype(np.float32), Dem(hills, 2.0, 2.0, where, tmp_path))
+        heights, ground = (hills + more).astype(np.float32), Dem(hills, 2.0, 2.0, where, tmp_path)
+        Path(f"{name}.tif").write_bytes(raster_bytes(tmp_path, heights, ground))
     rows = "\n".join(" ".join(["0.0"] * 90) for _ in range(80))
     Path("grid.asc").write_text(f"ncols 90\nnrows 80\nxllcorner 0\nyllcorner 0\ncellsize 2\n{rows}\n")
     small = (0.02 * np.random.default_rng(0).random((60, 60))).astype(np.float32)

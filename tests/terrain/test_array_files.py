@@ -81,21 +81,6 @@ def test_however_a_file_is_damaged_it_is_read_or_refused_in_one_line(good, capfd
     assert capfd.readouterr() == ("", "")
 
 
-@pytest.mark.parametrize(("field", "words"), [("flag_bits", "encrypted"), ("compress_type", "compression")])
-def test_archives_that_zip_cannot_open_are_refused(tmp_path, field, words):
-    archive(tmp_path / "map.npz", cost=header((2, 2)) + bytes(16))
-    damaged = bytearray((tmp_path / "map.npz").read_bytes())
-    central = damaged.index(b"PK\x01\x02")
-    for start, shift in ((0, 0), (central, 2)):
-        if field == "flag_bits":
-            damaged[start + 6 + shift] |= 1
-        else:
-            damaged[start + 8 + shift] = 99
-    (tmp_path / "map.npz").write_bytes(damaged)
-    with pytest.raises(TerrainError, match=words):
-        read_cost_map(tmp_path / "map.npz")
-
-
 @pytest.mark.filterwarnings("error")
 def test_costs_that_are_no_map_are_refused(tmp_path):
     path = tmp_path / "cost.npz"
