@@ -117,10 +117,8 @@ def command(
             return f"within a cost of {level:.6g} {found.unit}".rstrip()
         return f"within {duration(level) if measure == 'time' else f'{level / 1000.0:.4g} kJ'}"
 
-    rows = list(zip(found.levels, found.cells, found.areas_m2, strict=True))
-    areas = [{"within": level, "cells": cells, "area_m2": round(area, 3)} for level, cells, area in rows]
     files = [str(path) for path in paths]
-    figures = {"start": cell, "measure": measure, "unit": found.unit, "areas": areas, **size_of(terrain)}
+    figures = {"start": cell, "measure": measure, "unit": found.unit, "areas": found.areas, **size_of(terrain)}
     figures |= {"files": files} if files else {}
     if paths:
         shade = shade_of(terrain) if hillshade else None
@@ -133,7 +131,7 @@ def command(
         )
         write_all(dict(zip(paths, contents, strict=True)))
     lines = {"map": size_in_words(terrain), "start": cell}
-    for level, cells, area in rows:
+    for level, cells, area in map(dict.values, found.areas):
         size = f"{area / 1e6:.4g} km²" if area >= 1e5 else f"{area:.0f} m²"
         lines[words(level)] = f"{cells} cells, {size}, {100.0 * cells / cost.size:.1f} % of the map"
     tell(as_json, figures, lambda: aligned(lines | {"written": ", ".join(files)}))

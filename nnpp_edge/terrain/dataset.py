@@ -174,8 +174,6 @@ def read_samples(folder: Path, most_maps: int | None = None, *, size: int | None
     DataSetError where the set cannot be read, or has no maps of that size.
     """
     recipe = read_recipe(folder)
-    if recipe.size % (size or recipe.size):
-        raise DataSetError(f"{folder}: wanted maps of {size} cells a side or a multiple of that, got {recipe.size}")
     parts: list[Samples] = []
     maps = 0
     for shard in read_shards(folder, recipe):

@@ -5,6 +5,7 @@ import math
 import re
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from xml.sax.saxutils import escape
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,7 +16,7 @@ from nnpp_edge.runtime.map.along import Along, Line
 from nnpp_edge.terrain.coordinates import lonlat_of
 from nnpp_edge.terrain.dem import Dem
 from nnpp_edge.terrain.georeference import Place
-from nnpp_edge.terrain.vectors import geopackage_bytes, gpx_bytes
+from nnpp_edge.terrain.vectors import geopackage_bytes
 
 _LOCAL = 'LOCAL_CS["the map\'s own metres",UNIT["metre",1]]'
 _EPSG = re.compile(r'(?:AUTHORITY|ID)\["EPSG",\s*"?(\d+)"?\]\]\s*$')
@@ -98,11 +99,20 @@ class Route:
         return {"type": "Feature", "geometry": geometry, "properties": properties} | named_crs(self.dem)
 
     def gpx(self, name: str, stops: Mapping[str, tuple[int, int]]) -> bytes:
-        """A GPX track, and stops (row, col) by name; InvalidQueryError where the map does not lie on the Earth."""
+        """A GPX 1.1 track, and stops (row, col) by name as way points; InvalidQueryError for a map off the Earth."""
         cells = np.array(list(stops.values()), np.float64).reshape(-1, 2)
-        lonlat = lonlat_of(self.dem, places_of(self.dem, np.concatenate((cells, self.along.points))))
-        ends = dict(zip(stops, [(lon, lat) for lon, lat in lonlat[: len(cells)].tolist()], strict=True))
-        return gpx_bytes(name, lonlat[len(cells) :], self.along.heights_m, ends)
+        lonlat = lonlat_of(self.dem, places_of(self.dem, np.concatenate((cells, self.along.points)))).tolist()
+        out = [
+            '<?xml version="1.0" encoding="UTF-8"?>',
+            '<gpx version="1.1" creator="nnpp-edge" xmlns="http://www.topografix.com/GPX/1/1">',
+        ]
+        for stop, (lon, lat) in zip(stops, lonlat, strict=False):
+            out.append(f'<wpt lat="{lat:.8f}" lon="{lon:.8f}"><name>{escape(stop)}</name></wpt>')
+        out.append(f"<trk><name>{escape(name)}</name><trkseg>")
+        for (lon, lat), height in zip(lonlat[len(stops) :], self.along.heights_m, strict=True):
+            known = f"<ele>{height:.3f}</ele>" if math.isfinite(height) else ""
+            out.append(f'<trkpt lat="{lat:.8f}" lon="{lon:.8f}">{known}</trkpt>')
+        return "\n".join([*out, "</trkseg></trk>", "</gpx>", ""]).encode()
 
 
 def _known(number: float) -> float | None:
@@ -151,14 +161,12 @@ class Reach:
     dem: Dem
 
     @property
-    def cells(self) -> list[int]:
-        """How many cells can be reached within each level."""
-        return [int((self.field <= level).sum()) for level in self.levels]
-
-    @property
-    def areas_m2(self) -> list[float]:
-        """Their area on the level."""
-        return [cells * self.dem.cell_size_m * self.dem.cell_width_m for cells in self.cells]
+    def areas(self) -> list[dict[str, float]]:
+        """Of each level: ``within``, the ``cells`` that can be reached within it, and their ``area_m2``."""
+        cells = [int((self.field <= level).sum()) for level in self.levels]
+        cell_m2 = self.dem.cell_size_m * self.dem.cell_width_m
+        found = zip(self.levels, cells, strict=True)
+        return [{"within": level, "cells": n, "area_m2": round(n * cell_m2, 3)} for level, n in found]
 
     def raster(self) -> NDArray[np.float32]:
         """`field`, with NaN where nothing is reached."""
@@ -178,14 +186,8 @@ class Reach:
     def geojson(self) -> bytes:
         """A feature for each level, the widest first, so that others are drawn on it; coordinates as a path's."""
         found = []
-        for level, cells, area in list(zip(self.levels, self.cells, self.areas_m2, strict=True))[::-1]:
-            properties = {
-                "within": level,
-                "measure": self.measure,
-                "unit": self.unit,
-                "cells": cells,
-                "area_m2": area,
-            }
-            geometry = {"type": "MultiPolygon", "coordinates": self.polygons(level)}
+        for area in self.areas[::-1]:
+            properties = {"measure": self.measure, "unit": self.unit, **area}
+            geometry = {"type": "MultiPolygon", "coordinates": self.polygons(area["within"])}
             found.append({"type": "Feature", "geometry": geometry, "properties": properties})
         return json.dumps({"type": "FeatureCollection", "features": found} | named_crs(self.dem)).encode()

@@ -1,17 +1,14 @@
-"""Vector files: points of a layer as places on a map, and GeoJSON as a GeoPackage, by pyogrio; paths as GPX."""
+"""Vector files: points of a layer as places on a map, and GeoJSON as a GeoPackage, by pyogrio."""
 
 import io
-import math
 import re
 import warnings
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from types import ModuleType
-from xml.sax.saxutils import escape
 
 import numpy as np
-import numpy.typing as npt
 
 from nnpp_edge.runtime.errors import InvalidQueryError, optional_module
 from nnpp_edge.runtime.reading import parse, problem_with_file, read_text, refused_as
@@ -98,20 +95,3 @@ def _check_plain(path: Path) -> None:
     if (head.startswith(b"{") and parse(read_text(path)).get("type") in _GEOJSON_TYPES) or _PLAIN.match(head):
         return
     raise VectorFileError(f"{path}: wanted {FORMATS}, got another kind of file")
-
-
-def gpx_bytes(
-    name: str, lonlat: Points, elevation_m: npt.NDArray[np.float64], stops: Mapping[str, tuple[float, float]]
-) -> bytes:
-    """A path as a GPX 1.1 track, and stops by name as way points; longitude and latitude of WGS 84."""
-    out = [
-        '<?xml version="1.0" encoding="UTF-8"?>',
-        '<gpx version="1.1" creator="nnpp-edge" xmlns="http://www.topografix.com/GPX/1/1">',
-    ]
-    for stop, (lon, lat) in stops.items():
-        out.append(f'<wpt lat="{lat:.8f}" lon="{lon:.8f}"><name>{escape(stop)}</name></wpt>')
-    out.append(f"<trk><name>{escape(name)}</name><trkseg>")
-    for (lon, lat), height in zip(lonlat.tolist(), elevation_m.tolist(), strict=True):
-        known = f"<ele>{height:.3f}</ele>" if math.isfinite(height) else ""
-        out.append(f'<trkpt lat="{lat:.8f}" lon="{lon:.8f}">{known}</trkpt>')
-    return "\n".join([*out, "</trkseg></trk>", "</gpx>", ""]).encode()

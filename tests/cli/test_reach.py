@@ -11,7 +11,7 @@ import pytest
 from nnpp_edge.runtime import Planner, Vehicle
 from nnpp_edge.terrain.dem import read_dem
 from nnpp_edge.terrain.vehicle_files import load_mobility, load_vehicle
-from tests.cli.grounds import BODY, PLACE, layer
+from tests.cli.grounds import BODY, PLACE
 
 REACH = "reach hills.tif --start 40,30"
 
@@ -49,15 +49,6 @@ def test_limits_and_vehicles_bound_what_is_reached(told, reached):
     )
     wanted = reached(60.0, vehicle=Vehicle(radius_m=3.0))
     assert disc == np.isfinite(wanted).sum() and 0 < body < every and 0 < limited < every > disc
-
-
-def test_the_start_is_any_place_that_plan_takes(told, hills):
-    x, y = PLACE.map_coordinates(40, 30)
-    layer(Path("a.gpkg"), [(40, 30)])
-    wanted, *found = (
-        told(f"reach hills.tif --within-cost 20 --start {at}") for at in ("40,30", f"xy:{x},{y}", "a.gpkg")
-    )
-    assert all(each == wanted for each in found)
 
 
 def test_within_a_time_on_foot_or_of_a_vehicle_and_within_its_energy(run, told, reached):

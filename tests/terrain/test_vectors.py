@@ -210,8 +210,8 @@ def test_areas_are_the_cells_that_are_reached_with_their_holes(place):
     field = np.random.default_rng(1).uniform(0.0, 4.0, (80, 90)).astype(np.float32)
     field[field > 3.0] = np.inf
     found = Reach(field, (1.0, 2.0, 3.0), "time", "s", dem(place))
-    for level, square_m in zip(found.levels, found.areas_m2, strict=True):
-        assert square_m == 4.0 * (field <= level).sum()
+    for level, cells, square_m in map(dict.values, found.areas):
+        assert square_m == 4.0 * cells == 4.0 * (field <= level).sum()
         assert area(found.polygons(level)) == pytest.approx(square_m)
     collection = json.loads(found.geojson())
     assert [each["properties"]["within"] for each in collection["features"]] == [3.0, 2.0, 1.0]
