@@ -4,6 +4,7 @@ import time
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
+from tempfile import TemporaryDirectory
 
 import msgspec
 import numpy as np
@@ -15,7 +16,7 @@ from onnxruntime.quantization import QuantType
 
 from nnpp_edge import __version__
 from nnpp_edge.export.to_onnx import nodes_leading_to, quiet
-from nnpp_edge.files import temporary_folder, write_whole
+from nnpp_edge.files import write_whole
 from nnpp_edge.model.registry import Spec
 from nnpp_edge.runtime.errors import DataSetError, InvalidQueryError, ModelError, OutputError
 from nnpp_edge.runtime.network.inference import NetworkModel
@@ -160,9 +161,9 @@ def quantize(
     versions = {"nnpp_edge": __version__, "onnxruntime": ort.__version__, "onnx": onnx.__version__}
     facts: dict[str, object] = {"samples": len(calibration), "seed": seed, "dataset_seed": read_recipe(dataset).seed}
     facts |= {"method": "minmax", "reduce_range": True, "excluded": list(exclude), "versions": versions}
-    with temporary_folder() as folder:
-        made, quantised = quantised_graph(fp32, calibration, folder, exclude)
-        path = folder / "int8.onnx"
+    with TemporaryDirectory() as folder:
+        made, quantised = quantised_graph(fp32, calibration, Path(folder), exclude)
+        path = Path(folder) / "int8.onnx"
         path.write_bytes(_with_facts(made, fp32, facts))
         compared = compare(fp32, NetworkModel(path), held_out, HELD_OUT, rounds)
     figures = {name: getattr(compared, name) for name in ("queries", "mean_difference", "max_difference")}

@@ -57,7 +57,6 @@ def command(
     terrain: options.TerrainFiles = (),
     cell_size: options.CellSize = None,
     rescale: options.Rescale = None,
-    allow_vrt: options.AllowVrt = False,
     dataset: Annotated[Path | None, options.FOLDER, "Judge by a data set's maps and queries instead."] = None,
     workloads: Annotated[tuple[str, ...], "--workload", options.NAMES, _WORKLOADS] = ("soft",),
     synthetic: Annotated[bool, "Judge by synthetic terrain instead."] = False,
@@ -131,7 +130,7 @@ def command(
     control = [narrow_corridor()] if fresh_map else []
     of_point = exact_and(methods, networks) + control
     of_body = exact_and([name for name in methods if name != Method.NNPP], {}) + control
-    dems = suites.TerrainFiles(files, rescale, cell_size, allow_vrt).read()
+    dems = suites.TerrainFiles(files, rescale, cell_size).read()
     suites.check_sizes(dems, sizes)
     mobility = robot.mobility(*dems[:1]) if directed else None
 

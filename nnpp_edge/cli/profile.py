@@ -78,7 +78,6 @@ class Asked:
     terrain: Annotated[options.TerrainFiles, _TERRAIN] = ()
     cell_size: options.CellSize = None
     rescale: options.Rescale = None
-    allow_vrt: options.AllowVrt = False
     vehicle: Annotated[str | None, {"metavar": "NAME|FILE"}, _VEHICLE] = None
     sizes: Annotated[tuple[int, ...] | None, options.COUNTS, _SIZES] = None
     queries: Annotated[
@@ -156,7 +155,6 @@ def _profile(name: str, asked: Asked) -> int:
     profile, dropped = overridden(
         profile,
         terrain=tuple(map(str, asked.terrain)) or None,
-        allow_vrt=asked.allow_vrt or None,
         **{key: getattr(asked, key) for key in names},
     )
     if profile.load.vehicle is not None:
@@ -201,7 +199,7 @@ def _peers(asked: Asked) -> None:
         raise click.UsageError(f"--sizes must be different numbers from 16 to {options.LARGEST_SIDE}, got {words}")
     written = [] if asked.output is None else [asked.output / f"peers.{end}" for end in ("json", "md", "png")]
     options.check_outputs(*(("--output", path) for path in written), make_folders=True)
-    terrain = TerrainFiles.or_sample(asked.terrain, asked.rescale, asked.cell_size, asked.allow_vrt)
+    terrain = TerrainFiles.or_sample(asked.terrain, asked.rescale, asked.cell_size)
     with bar("profile", queries * len(sizes)) as advance:
         rows, missing = run(sizes, queries, terrain, seed=seed, limit_s=limit_s, progress=advance)
     facts = {"queries": queries, "seed": seed, "limit_s": limit_s, "left_out": missing, "rows": rows}

@@ -21,7 +21,6 @@ def command(
     terrain: options.TerrainFiles = (),
     cell_size: options.CellSize = None,
     rescale: options.Rescale = None,
-    allow_vrt: options.AllowVrt = False,
     models: Annotated[tuple[str, ...], "--model", options.MODEL, options.MANY, _MODEL] = (),
     queries: Annotated[int | None, options.COUNT, _QUERIES] = None,
     quick: Annotated[bool, "A smoke run of less than a minute; its figures mean nothing."] = False,
@@ -54,7 +53,7 @@ def command(
         raise click.UsageError(f"wanted at most two of --model, the paper's and ours, got {len(models)}")
     both = (models[0], models[-1]) if models else ("paper", "edge")
     names = [name for name in EXPERIMENTS if not experiments or name in experiments]
-    files = TerrainFiles.or_sample(terrain, rescale, cell_size, allow_vrt)
+    files = TerrainFiles.or_sample(terrain, rescale, cell_size)
     told = []
     settings: dict[str, Any] = {"models": both, "seed": seed, "quick": quick, "queries": queries, "again": again}
     for made, ran in reproduce(names, files, output, **settings):

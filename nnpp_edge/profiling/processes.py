@@ -5,10 +5,11 @@ import os
 import subprocess
 import sys
 from dataclasses import asdict
+from pathlib import Path
+from tempfile import TemporaryDirectory
 
 import numpy as np
 
-from nnpp_edge.files import temporary_folder
 from nnpp_edge.profiling.profile_maps import ProfileMap, ProfileQuery
 from nnpp_edge.profiling.suites import heights_of
 from nnpp_edge.runtime.errors import NnppEdgeError
@@ -51,8 +52,8 @@ def peak_memory_mb(on_map: ProfileMap, query: ProfileQuery, method: str, model: 
     ground, body = on_map.ground, ""
     if ground.vehicle is not None:
         body = json.dumps((*ground.sides_m, asdict(ground.vehicle)))
-    with temporary_folder() as folder:
-        path = folder / "map.npy"
+    with TemporaryDirectory() as folder:
+        path = Path(folder) / "map.npy"
         np.save(path, heights_of(ground) if body else on_map.cost)
         command = [sys.executable, "-c", _PLAN_ONCE, str(path), method, model, body, json.dumps(query.ends)]
         ended = subprocess.run(command, check=False, capture_output=True, text=True)
@@ -67,8 +68,8 @@ def start_up_s(method: str, repeats: int = 3) -> tuple[float, float]:
 
     The empty cache is met once, the full one `repeats` times, of which the median counts.
     """
-    with temporary_folder() as folder:
-        environment = os.environ | {"NUMBA_CACHE_DIR": str(folder)}
+    with TemporaryDirectory() as folder:
+        environment = os.environ | {"NUMBA_CACHE_DIR": folder}
         command = [sys.executable, "-c", _FIRST_PLAN, method]
         cold, *warm = [
             float(subprocess.run(command, env=environment, check=True, stdout=subprocess.PIPE, text=True).stdout)

@@ -117,7 +117,6 @@ class Load(Table, frozen=True):
     """Side of a cell in metres that the terrain is rescaled to, slopes kept."""
     cell_size: _Positive | None = None
     """Side of a cell in metres, where the files do not say."""
-    allow_vrt: bool = False
     workloads: _Names = ("soft",)
     vehicle: str | None = None
     """Name of a shipped one or a TOML file: whose the workloads ``body`` and ``body-rocksN`` are."""

@@ -77,7 +77,7 @@ class ProfileMaps:
         self._dems: list[Dem] = []
         for name in () if load.terrain == (SYNTHETIC,) else load.terrain:
             paths = () if name == SAMPLE else (Path(name),)
-            self._dems += TerrainFiles.or_sample(paths, load.rescale, load.cell_size, load.allow_vrt).read()
+            self._dems += TerrainFiles.or_sample(paths, load.rescale, load.cell_size).read()
         largest = max(self._dems, key=lambda dem: min(dem.shape), default=None)
         if largest is not None and not any(large_enough(self._dems, size) for size in load.sizes):
             (rows, cols), least = largest.shape, min(load.sizes)

@@ -77,25 +77,20 @@ class TerrainFiles:
     """Side of a cell in metres that the terrain is rescaled to, its slopes kept."""
     cell_size: float | None = None
     """Side of a cell in metres, where the files do not say."""
-    allow_vrt: bool = False
 
     @classmethod
     def or_sample(
-        cls,
-        paths: Sequence[Path],
-        rescale: float | None = None,
-        cell_size: float | None = None,
-        allow_vrt: bool = False,
+        cls, paths: Sequence[Path], rescale: float | None = None, cell_size: float | None = None
     ) -> "TerrainFiles":
         """These files; without any, the sample that travels with the package, at cells of 20 m by default."""
         if paths:
-            return cls(tuple(paths), rescale, cell_size, allow_vrt)
+            return cls(tuple(paths), rescale, cell_size)
         sample = Path(str(files("nnpp_edge.terrain") / "samples" / _SAMPLE_FILE))
         return cls((sample,), rescale or _SAMPLE_CELL_M, None)
 
     def read(self) -> list[Dem]:
         """Every file's terrain; TerrainError if one cannot be read."""
-        dems = [read_dem(path, self.cell_size, allow_vrt=self.allow_vrt) for path in self.paths]
+        dems = [read_dem(path, self.cell_size) for path in self.paths]
         return dems if self.rescale is None else [dem.rescaled(self.rescale) for dem in dems]
 
 

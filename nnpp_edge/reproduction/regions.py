@@ -8,12 +8,12 @@ import math
 import time
 from collections.abc import Callable, Sequence
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from nnpp_edge.files import temporary_folder
 from nnpp_edge.reproduction.plain import build_graph, search
 from nnpp_edge.runtime.arrays import Float2D
 from nnpp_edge.runtime.cells import Cell, Endpoints
@@ -142,7 +142,7 @@ def _shuffled(network_file: Path) -> NetworkModel:
             values = numpy_helper.to_array(weights)
             mixed = rng.permutation(values.ravel()).reshape(values.shape)
             weights.CopyFrom(numpy_helper.from_array(np.ascontiguousarray(mixed), weights.name))
-    with temporary_folder() as folder:
-        path = folder / "shuffled.onnx"
+    with TemporaryDirectory() as folder:
+        path = Path(folder) / "shuffled.onnx"
         path.write_bytes(network.SerializeToString())
         return NetworkModel(path)

@@ -20,7 +20,6 @@ if TYPE_CHECKING:
     from nnpp_edge.terrain.dataset import Samples
 
 OURS = ("astar", "corridor", "nnpp")
-PROFILE_ENDINGS = (".png", ".svg", ".pdf")
 _CYAN = np.array([0.0, 0.9, 1.0])
 _KILOMETRE = 1000.0
 _GROUND, _LINE, _UP, _DOWN, _COST, _STOP = "#e6ded0", "#6b5233", "#c8501e", "#2f7fc0", "#555b66", "#1e1e1e"
@@ -128,18 +127,16 @@ def pareto(rows: Sequence[Facts], path: Path) -> None:
     write_whole(path, _encoded(figure))
 
 
-def profile_picture(
-    path: Path, along: Along, cost: NDArray[np.float32], title: str = "", stops: Sequence[int] = ()
-) -> bytes:
-    """The ground below a path, its slope and its cost, over the way from the start.
+def profile_picture(along: Along, cost: NDArray[np.float32], title: str = "", stops: Sequence[int] = ()) -> bytes:
+    """The ground below a path, its slope and its cost, over the way from the start, as PNG.
 
-    In the format that `path` ends with, one of `PROFILE_ENDINGS`; it says so where there is no way or height to draw.
+    It says so where there is no way or height to draw.
     `cost` is (N,) float32 at each point of the way; `stops` are numbers of the points at which it stops.
     """
-    figure, form = _figure(9.0, 5.2), path.suffix[1:].lower()
+    figure = _figure(9.0, 5.2)
     if len(along.points) < 2 or not np.isfinite(along.heights_m).any():
         figure.text(0.5, 0.5, "no way with known heights", ha="center")
-        return _encoded(figure, form, 150)
+        return _encoded(figure, dpi=150)
     ground, slope, price = figure.subplots(3, 1, sharex=True, height_ratios=(3.0, 1.4, 1.4))
     far, heights = along.distance_m[-1] >= 2.0 * _KILOMETRE, along.heights_m
     at = along.distance_m / (_KILOMETRE if far else 1.0)
@@ -161,7 +158,7 @@ def profile_picture(
         for stop in stops:
             axes.axvline(at[stop], color=_STOP, linewidth=0.8, linestyle=":")
     ground.set_title(title, fontsize=10, loc="left")
-    return _encoded(figure, form, 150)
+    return _encoded(figure, dpi=150)
 
 
 def log_axis(axes: "Axes", which: str, base: int = 10) -> None:
@@ -184,7 +181,7 @@ def _figure(width: float, height: float) -> "Figure":
     return Figure(figsize=(width, height), layout="constrained")
 
 
-def _encoded(figure: "Figure", form: str = "png", dpi: int = 110) -> bytes:
+def _encoded(figure: "Figure", dpi: int = 110) -> bytes:
     content = io.BytesIO()
-    figure.savefig(content, format=form, dpi=dpi)
+    figure.savefig(content, format="png", dpi=dpi)
     return content.getvalue()

@@ -17,7 +17,7 @@ from tests.fuzz.mutations import npy
 
 ROWS, COLS = 132, 140  # enough for a data set
 CELL_M = 2.0
-DEMS = ("dem.npy", "dem.npz", "dem.tif", "dem.asc", "dem.png", "N10E010.hgt", "dem.img")
+DEMS = ("dem.npy", "dem.npz", "dem.tif", "dem.asc", "N10E010.hgt", "dem.img")
 PROFILE = """planner = "auto"
 
 budgets = [
@@ -71,7 +71,6 @@ def heights(seed: int = 0, rows: int = ROWS, cols: int = COLS) -> np.ndarray:
 
 def make_light(folder: Path) -> None:
     """All that needs no training: terrain, cost maps, recordings, profiles, the smallest model."""
-    import cv2
     import rasterio
 
     from nnpp_edge.robot.transports.wire import encode
@@ -89,8 +88,6 @@ def make_light(folder: Path) -> None:
         dataset.write(marked, 1)
     with rasterio.open(folder / "sparse.tif", "w", SPARSE_OK=True, tiled=True, height=10**5, width=10**5, **kind):
         pass
-    levels = np.round(100.0 * (known - known.min())).astype(np.uint16)
-    (folder / "dem.png").write_bytes(cv2.imencode(".png", levels)[1].tobytes())
     head = f"ncols {COLS}\nnrows {ROWS}\nxllcorner 0\nyllcorner 0\ncellsize {CELL_M}\nNODATA_value -9999"
     np.savetxt(folder / "dem.asc", marked, "%.3f", header=head, comments="")
     (folder / "N10E010.hgt").write_bytes(np.tile(known[:1, :1], (1201, 1201)).astype(">i2").tobytes())
