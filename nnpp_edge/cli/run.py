@@ -1,6 +1,5 @@
 """`nnpp-edge run`: the onboard loop as a program."""
 
-import re
 from dataclasses import asdict, dataclass, fields
 from functools import partial
 from pathlib import Path
@@ -25,7 +24,6 @@ _LOOP = (
 )
 _SETTING = options.SettingType("nnpp_edge.profiling.profile_file:OnboardLoop", "tolerance=0.05", bare=True)
 _CONNECT = "Connect to this router or peer instead of listening."
-_METRICS = "Serve the counters to Prometheus at this port, or keep them in this file. May be repeated."
 _TRACE = "Write what ran when, stage by stage, as JSON for ui.perfetto.dev."
 
 
@@ -60,7 +58,7 @@ def command(
     model: Annotated[str | None, options.MODEL, _MODEL] = None,
     loop: Annotated[tuple[options.Setting, ...], _SETTING, MANY, _LOOP] = (),
     ticks: Annotated[int | None, COUNT, "End after so many."] = None,
-    metrics: Annotated[tuple[Path, ...], NEW_FILE, MANY, {"metavar": "PORT|FILE"}, _METRICS] = (),
+    metrics: Annotated[int | None, click.IntRange(0, 65535), "Serve the counters to Prometheus at this port."] = None,
     as_json: options.AsJson = False,
 ) -> None:
     """Plan at a fixed rate: patches, poses and goals in, paths out.
@@ -80,12 +78,7 @@ def command(
     from nnpp_edge.runtime.network.loading import begin_loading
     from nnpp_edge.runtime.network.model_file import model_path
 
-    ports = [int(str(place)) for place in metrics if re.fullmatch(r"\d{1,5}", str(place))]
-    kept = [place for place in metrics if not re.fullmatch(r"\d{1,5}", str(place))]
-    if len(ports) > 1 or len(kept) > 1 or max(ports, default=0) > 65535:
-        raise click.UsageError("--metrics takes one port up to 65535 and one file")
-    port, file = ports[0] if ports else None, kept[0] if kept else None
-    wiring = Wiring(**vars(ends), metrics_port=port, metrics_file=file)
+    wiring = Wiring(**vars(ends), metrics_port=metrics)
     if as_json and STDOUT in wiring.output_kinds:
         raise click.UsageError("--json prints on stdout, which answers go to: add --output none, or zenoh")
     changes = {name: value for each in loop for name, value in each.values.items()}
@@ -97,12 +90,7 @@ def command(
     of_loop = {name: getattr(settings, name) for name in names}
     navigator = NavigatorSettings(**of_loop, refine=settings.refine or None)
     options.check_outputs(  # --record never replaces a file
-        *(
-            ("--log", ends.log),
-            ("--metrics", file),
-            ("--view", options.view_file(ends.view)),
-            ("--trace", ends.trace),
-        ),
+        *(("--log", ends.log), ("--view", options.view_file(ends.view)), ("--trace", ends.trace)),
         more_inputs=[model_path(settings.model)],
     )
     if navigator.asks_network:

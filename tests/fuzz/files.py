@@ -191,7 +191,7 @@ def _recording(rng: random.Random, place: Place) -> Command:
     content = mutated(rng, content) if rng.random() < 0.1 else content
     content += b" " * (64 << 20) * (rng.random() < 0.02)
     words = f"{MAP} --input replay:{{f}} --fast --output {rng.choice(('none', 'stdout'))} "
-    words += rng.choice(("", "", "--record out/again.jsonl", "--log out/drive.mcap", "--metrics out/m"))
+    words += rng.choice(("", "", "--record out/again.jsonl", "--log out/drive.mcap"))
     return _reading(words, "in/played.jsonl", content)
 
 

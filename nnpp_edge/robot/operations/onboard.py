@@ -1,6 +1,5 @@
 """Putting the onboard loop together: world, input, sinks, and what watches over it."""
 
-import errno
 import logging
 import signal
 import sys
@@ -12,7 +11,7 @@ from pathlib import Path
 from nnpp_edge.files import write_whole
 from nnpp_edge.profiling.profile_file import OnboardLoop
 from nnpp_edge.profiling.trace import Trace
-from nnpp_edge.robot.operations.metrics import MetricsServer, write_metrics
+from nnpp_edge.robot.operations.metrics import MetricsServer
 from nnpp_edge.robot.operations.systemd import Notifier
 from nnpp_edge.robot.transports.incoming import MailboxSource, Refusals
 from nnpp_edge.robot.transports.mcap_log import McapLog
@@ -65,7 +64,6 @@ class Wiring:
     log: Path | None = None
     """MCAP file to write."""
     metrics_port: int | None = None
-    metrics_file: Path | None = None
     view: str | None = None
     """Where rerun shows map and path, as for `RerunSink`."""
     trace: Path | None = None
@@ -136,10 +134,7 @@ def run(
         if recorders:
             feed = RecordedSource(source, recorders, navigator.count_error, wait=wiring.fast)
             stack.enter_context(feed)
-        sinks += [*observers, _Statuses("systemd", lambda status: notifier.status(status.text))]
-        if (metrics := wiring.metrics_file) is not None:
-            _begin(metrics)
-            sinks.append(_Statuses("metrics", lambda status: write_metrics(metrics, status.counters)))
+        sinks += [*observers, _Statuses(notifier)]
         trace = None if wiring.trace is None else Trace("nnpp-edge run")
 
         def after_tick(message: PathMessage) -> None:
@@ -168,41 +163,27 @@ def run(
             report(f"ready: {settings.method} at {pace.rate_hz:g} Hz, {rows} × {cols} cells")
             counters = loop.run(ticks)
             notifier.stopping()
-            if metrics is not None:
-                _keep("file of metrics", lambda: write_metrics(metrics, counters))
-            if (file := wiring.trace) is not None and trace is not None:
-                _keep("trace", lambda: write_whole(file, trace.to_json()))
+            if wiring.trace is not None and trace is not None:
+                try:
+                    write_whole(wiring.trace, trace.to_json())
+                except OutputError as error:  # as a log's, its loss costs the run nothing
+                    _LOG.warning("the trace is lost: %s", error)
     if source.failure:
         raise SourceError(f"the input failed, and the loop has ended: {source.failure}")
     return counters
 
 
-def _begin(metrics: Path) -> None:
-    """Begin the file of metrics; OutputError if it cannot be written for another reason than a full disk."""
-    try:
-        write_metrics(metrics, Counters())
-    except OutputError as error:
-        if getattr(error.__cause__, "errno", None) not in (errno.ENOSPC, errno.EDQUOT):
-            raise
-
-
-def _keep(what: str, write: Callable[[], None]) -> None:
-    """Write it, or say why not: as a log's, its loss costs the run nothing."""
-    try:
-        write()
-    except OutputError as error:
-        _LOG.warning("the %s is lost: %s", what, error)
-
-
 class _Statuses:
-    """A sink that passes status messages to a function."""
+    """A sink that passes status messages to the service manager."""
 
-    def __init__(self, name: str, use: Callable[[StatusMessage], object]) -> None:
-        self.name, self._use = name, use
+    name = "systemd"
+
+    def __init__(self, notifier: Notifier) -> None:
+        self._notifier = notifier
 
     def publish(self, message: Output) -> None:
         if isinstance(message, StatusMessage):
-            self._use(message)
+            self._notifier.status(message.text)
 
 
 def _connected(
