@@ -10,7 +10,6 @@ from typing import Annotated, Final, Literal
 
 import msgspec
 
-from nnpp_edge.runtime.arguments import formerly
 from nnpp_edge.runtime.errors import ModelError
 from nnpp_edge.runtime.network.graph_check import checked_metadata
 from nnpp_edge.runtime.reading import problem_with_file, refused_as
@@ -30,7 +29,6 @@ _Row = msgspec.defstruct(
 _CHANNELS = {"gaussian": ("cost", "start_map", "goal_map"), "ends": ("cost", "blocked", "ends")}
 QUERY_SPACING = 8
 """Network cells between the points of a query that is encoded as ``ends``."""
-_SHAPES = "shapes follow from encoding and sizes, docs/models.md"
 _DEEPEST = 20
 """Lists and objects inside one another in the facts of a training."""
 _MODELS = Path(str(files("nnpp_edge.models")))
@@ -39,7 +37,6 @@ Count = Annotated[int, msgspec.Meta(gt=0)]
 Positive = Annotated[float, msgspec.Meta(gt=0.0)]
 
 
-@formerly(facts="write dataclasses.asdict", map_unshuffle=_SHAPES, output_shuffle=_SHAPES)
 @dataclass(frozen=True)
 class ModelMetadata:
     """The terms of network and runtime; they travel in the ONNX file as JSON and are checked at load."""
@@ -109,7 +106,6 @@ class Figures(msgspec.Struct, rename={"rows": "figures"}):
     model_sha256: str
 
 
-@formerly(inputs=_SHAPES, outputs=_SHAPES, producer="it is not read any more")
 @dataclass(frozen=True)
 class ModelFile:
     """A model file, with its metadata, figures and card."""
