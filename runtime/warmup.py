@@ -152,13 +152,9 @@ def _remove_old(folder: Path) -> tuple[Path, ...]:
     for other in sorted(folder.parent.iterdir()):
         if other == folder or other.is_symlink() or not other.is_dir() or not _FOLDER_NAME.fullmatch(other.name):
             continue
-        if other.stat().st_uid != os.geteuid() or time.time() - _last_written(other) < _STILL_IN_USE_S:
+        if other.stat().st_uid != os.geteuid() or time.time() - other.stat().st_mtime < _STILL_IN_USE_S:
             continue
         shutil.rmtree(other, ignore_errors=True)
         if not other.exists():
             removed.append(other)
     return tuple(removed)
-
-
-def _last_written(folder: Path) -> float:
-    return max((path.lstat().st_mtime for path in (folder, *folder.rglob("*"))), default=0.0)

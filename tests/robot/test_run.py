@@ -16,7 +16,7 @@ import numpy as np
 import pytest
 
 from nnpp_edge.profiling.profile_file import OnboardLoop, ProfileError, overridden_loop, read_profile
-from nnpp_edge.robot.operations.onboard import Wiring
+from nnpp_edge.robot.operations.wiring import Wiring
 from nnpp_edge.robot.transports.recording import RecordingFile, read_recording
 from nnpp_edge.robot.transports.wire import decode_output, encode
 from nnpp_edge.runtime.errors import InvalidQueryError, OutputError

@@ -30,7 +30,7 @@ from nnpp_edge.runtime.loop.messages import (
 )
 from nnpp_edge.runtime.loop.navigator import Navigator
 from nnpp_edge.runtime.loop.runner import Loop, handling_signals
-from nnpp_edge.runtime.loop.timing import Histogram, Ticker, rss_bytes
+from nnpp_edge.runtime.loop.timing import Histogram, Ticker
 from nnpp_edge.runtime.map.ground import Ground
 from nnpp_edge.runtime.map.state import map_state
 from nnpp_edge.runtime.network import loading
@@ -507,18 +507,6 @@ def test_after_a_slow_inference_the_corridor_answers_until_the_network_is_tried_
     assert nav.counters().degraded == {"timeout": 1, "late": skipped}
 
 
-def test_a_network_that_is_always_slow_costs_few_deadlines(make_tiny_model, monkeypatch):
-    model, session = slow_network(make_tiny_model(), monkeypatch)
-    source, goals = InProcessSource(), itertools.cycle(range(50, 90))
-    monkeypatch.setattr(source, "poll", lambda: [Pose(5, 5), Goal(90, next(goals))])
-    loop = Loop(navigator(free((100, 100)), method="nnpp", model=model), source, rate_hz=40.0)
-    session.seconds = 0.08
-    counters = loop.run(30)
-    late = counters.degraded["late"]
-    assert (counters.planned, counters.degraded) == (30, {"late": late, "timeout": 30 - late})
-    assert 1 <= counters.overruns < 15
-
-
 def test_a_map_that_changes_while_planning_holds_the_path_back(monkeypatch):
     nav = navigator(refine="any-angle")
     replan, later = nav.planner.replan, [lambda plan: one_cell(plan.path[10], 0.9)]
@@ -581,43 +569,6 @@ def test_a_model_is_reloaded_whole_or_not_at_all(tmp_path):
     assert nav.tick().method == "nnpp"
     assert nav.model is not before
     assert (nav.counters().reloads, nav.counters().errors) == (1, {"reload": 1})
-
-
-@pytest.mark.parametrize(("method", "ticks"), [("auto", 1000), ("nnpp", 200), ("nnpp-dstar", 300), ("dstar", 300)])
-def test_no_invalid_path_is_ever_published_and_memory_stays(method, ticks, network):
-    rng = np.random.default_rng(5)
-    size, outcomes, rss, at = 128, [], 0, np.array([5, 5])
-    base = (rng.random((size, size)) * 0.8).astype(np.float32)
-    cost = base.copy()
-    nav = navigator(base, (5, 5), (120, 120), method=method, model=network)
-    for n in range(ticks):
-        if n == ticks // 3:
-            gc.collect()
-            rss = rss_bytes()
-        h, w = (int(x) for x in rng.integers(1, 16, 2))
-        row, col = (int(x) for x in rng.integers(-10, size + 5, 2))
-        top, left = max(row, 0), max(col, 0)
-        part = np.s_[top : max(row + h, 0), left : max(col + w, 0)]
-        kind = int(rng.integers(6))
-        patch = np.full((h, w), {0: 1.0, 1: np.nan}.get(kind, 0.3), np.float32)
-        if kind >= 3 and base[part].size:  # what stood there is gone
-            patch, row, col = base[part].copy(), top, left
-        nav.offer(MapPatch(row, col, cost=patch))
-        cut = patch[top - row :, left - col :]
-        cost[part] = np.where(np.isnan(cut), np.inf, cut)[: cost[part].shape[0], : cost[part].shape[1]]
-        if n % 40 == 0:
-            nav.offer(Goal(*(int(x) for x in rng.choice(np.argwhere(cost < 1.0)))))
-        nav.offer(Pose(*at))
-        message = nav.tick(time.monotonic() + 0.5)
-        check(message, cost)
-        outcomes.append(message.outcome)
-        if message.ok:
-            at = message.path[min(2, len(message.path) - 1)]
-    assert outcomes.count(Status.OK) > 0.3 * ticks
-    assert nav.counters().errors == {}
-    assert nav.counters().kept > 0
-    gc.collect()
-    assert rss_bytes() - rss < 8e6
 
 
 # --- the runner

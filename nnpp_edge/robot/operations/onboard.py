@@ -5,7 +5,6 @@ import signal
 import sys
 from collections.abc import Callable
 from contextlib import ExitStack
-from dataclasses import dataclass
 from pathlib import Path
 
 from nnpp_edge.files import write_whole
@@ -13,13 +12,14 @@ from nnpp_edge.profiling.profile_file import OnboardLoop
 from nnpp_edge.profiling.trace import Trace
 from nnpp_edge.robot.operations.metrics import MetricsServer
 from nnpp_edge.robot.operations.systemd import Notifier
+from nnpp_edge.robot.operations.wiring import REPLAY, STDIN, STDOUT, ZENOH, Wiring
 from nnpp_edge.robot.transports.incoming import MailboxSource, Refusals
 from nnpp_edge.robot.transports.mcap_log import McapLog
 from nnpp_edge.robot.transports.recording import RecordedSource, RecordingFile, ReplaySource
 from nnpp_edge.robot.transports.rerun_view import RerunSink
 from nnpp_edge.robot.transports.stdio import StdioSink, StdioSource
 from nnpp_edge.robot.transports.zenoh_io import LOOPBACK, ZenohLink, ZenohSink, ZenohSource
-from nnpp_edge.runtime.errors import InvalidQueryError, NnppEdgeError, OutputError
+from nnpp_edge.runtime.errors import NnppEdgeError, OutputError
 from nnpp_edge.runtime.exercises import exercise
 from nnpp_edge.runtime.loop.connections import InputSource, Sink
 from nnpp_edge.runtime.loop.ladder import NavigatorSettings
@@ -31,7 +31,6 @@ from nnpp_edge.runtime.map.ground import Ground
 from nnpp_edge.runtime.map.state import MapState
 
 _LOG = logging.getLogger(__name__)
-STDIN, REPLAY, ZENOH, STDOUT, NONE = "stdin", "replay", "zenoh", "stdout", "none"
 _STARTING: dict[signal.Signals, Handler] = {
     signal.SIGTERM: signal.SIG_DFL,
     signal.SIGINT: signal.SIG_DFL,
@@ -42,71 +41,6 @@ _STARTING: dict[signal.Signals, Handler] = {
 
 class SourceError(NnppEdgeError, RuntimeError):
     """Inputs can no longer be read."""
-
-
-@dataclass(frozen=True)
-class Wiring:
-    """Connections of the loop; InvalidQueryError where input or outputs are unknown, or do not go together."""
-
-    input: str = STDIN
-    """``stdin``, ``replay:FILE``, or ``zenoh`` or ``zenoh:ENDPOINT``."""
-    outputs: tuple[str, ...] = ()
-    """``stdout``, ``zenoh[:ENDPOINT]`` or ``none``; empty: ``zenoh`` for input from there, else ``stdout``."""
-    zenoh_connect: str | None = None
-    """Connect to this endpoint instead of listening."""
-    zenoh_prefix: str = "nnpp_edge"
-    fast: bool = False
-    """Replay at full speed: each tick gets the inputs of one recorded tick, and the next one follows at once."""
-    stay: bool = False
-    """Go on after stdin is closed or the replay is over."""
-    record: Path | None = None
-    """Recording of the inputs to write."""
-    log: Path | None = None
-    """MCAP file to write."""
-    metrics_port: int | None = None
-    view: str | None = None
-    """Where rerun shows map and path, as for `RerunSink`."""
-    trace: Path | None = None
-    """Trace of the ticks to write at the end, its newest events."""
-
-    def __post_init__(self) -> None:
-        (kind, place), kinds, endpoints = self.input_kind, self.output_kinds, self._endpoints
-        if kind not in (STDIN, REPLAY, ZENOH) or (kind == STDIN and place) or (kind == REPLAY and not place):
-            raise InvalidQueryError(f"input must be stdin, replay:FILE or zenoh[:ENDPOINT], got {self.input!r}")
-        if self.fast and kind != REPLAY:
-            raise InvalidQueryError(f"only a replay can be fast, got input {self.input!r}")
-        for output, its_kind in zip(self.outputs, kinds, strict=False):
-            if its_kind not in (STDOUT, ZENOH, NONE):
-                raise InvalidQueryError(f"output must be stdout, zenoh[:ENDPOINT] or none, got {output!r}")
-        if len(set(kinds)) < len(kinds):
-            raise InvalidQueryError(f"outputs must differ, got {', '.join(self.outputs)}")
-        if NONE in kinds and len(kinds) > 1:
-            raise InvalidQueryError(f"output none goes with no other, got {', '.join(self.outputs)}")
-        if len(endpoints) > 1:
-            raise InvalidQueryError(f"input and output must name one endpoint, got {', '.join(endpoints)}")
-
-    @property
-    def input_kind(self) -> tuple[str, str]:
-        """``replay:FILE`` as (``replay``, ``FILE``)."""
-        kind, _, place = self.input.partition(":")
-        return kind, place
-
-    @property
-    def output_kinds(self) -> tuple[str, ...]:
-        """The outputs without endpoints."""
-        if self.outputs:
-            return tuple(output.partition(":")[0] for output in self.outputs)
-        return (ZENOH if self.input_kind[0] == ZENOH else STDOUT,)
-
-    @property
-    def endpoint(self) -> str | None:
-        """Zenoh's endpoint, if one is named."""
-        return next(iter(self._endpoints), None)
-
-    @property
-    def _endpoints(self) -> list[str]:
-        named = (text.partition(":") for text in (self.input, *self.outputs))
-        return sorted({place for kind, _, place in named if kind == ZENOH and place})
 
 
 def run(
@@ -154,8 +88,8 @@ def run(
             paced=not wiring.fast,
             after_tick=after_tick,
         )
-        if wiring.metrics_port is not None:
-            server = stack.enter_context(MetricsServer(wiring.metrics_port, loop.counters))
+        if wiring.metrics is not None:
+            server = stack.enter_context(MetricsServer(wiring.metrics, loop.counters))
             report(f"metrics: http://{server.host}:{server.port}/metrics")
         with handling_signals(loop), stack:
             notifier.ready()
