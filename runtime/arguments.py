@@ -70,8 +70,9 @@ def _fits(value: object, hint: object) -> bool:
     if origin in _UNIONS:
         return any(_fits(value, each) for each in inner)
     if origin in _SEQUENCES:
-        is_one = isinstance(value, Sequence | np.ndarray | set | frozenset)
-        return is_one and _length(hint) in (None, len(value)) and all(_fits(each, inner[0]) for each in value)
+        if not isinstance(value, Sequence | np.ndarray | set | frozenset):
+            return False
+        return _length(hint) in (None, len(value)) and all(_fits(each, inner[0]) for each in value)
     if origin is Callable:
         return callable(value)
     kind = dict if origin is dict else hint

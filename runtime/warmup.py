@@ -123,7 +123,9 @@ def _helpers(jobs: int) -> Iterator[None]:
         subprocess.Popen(
             [sys.executable, "-c", code.format(number, jobs)],
             env=os.environ | {"PYTHONPATH": path},
-            **dict.fromkeys(("stdin", "stdout", "stderr"), subprocess.DEVNULL),
+            stdin=subprocess.DEVNULL,
+            stdout=subprocess.DEVNULL,
+            stderr=subprocess.DEVNULL,
         )
         for number in range(1, jobs)
     ]

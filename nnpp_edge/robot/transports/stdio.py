@@ -34,7 +34,7 @@ def messages(stream: BinaryIO, limit: int = LIMIT_BYTES) -> Iterator[bytes | Wir
 class _Waiting(io.FileIO):
     """A descriptor that is waited for, also where the parent process made it non-blocking."""
 
-    def readinto(self, buffer: "Buffer", /) -> int:  # type: ignore[override]
+    def readinto(self, buffer: "Buffer", /) -> int:
         while (count := super().readinto(buffer)) is None:
             select.select([self], [], [])
         return count
