@@ -33,7 +33,6 @@ from nnpp_edge.runtime.loop.runner import Loop, handling_signals
 from nnpp_edge.runtime.loop.timing import Histogram, Ticker
 from nnpp_edge.runtime.map.ground import Ground
 from nnpp_edge.runtime.map.state import map_state
-from nnpp_edge.runtime.network import loading
 from nnpp_edge.runtime.planners.plan import Method, Plan
 from nnpp_edge.runtime.planners.planner import Planner
 from nnpp_edge.runtime.terrain.vehicle import Vehicle
@@ -341,10 +340,6 @@ def test_what_fails_is_said():
         assert message.origin is (Origin.FULL if outcome is Status.OK else Origin.NONE)
         check(message, cost)
         assert message.ok or message.reason
-    message = navigator(cost, (9, 12), (30, 30)).tick()  # in an obstacle: it starts at the nearest free cell
-    assert message.ok and message.start_moved and message.start == (7, 12)
-    check(message, cost)
-    assert navigator(cost, (9, 12), (30, 30), snap_radius=1).tick().outcome is Status.START_BLOCKED
 
 
 def test_a_goal_that_nothing_is_known_of_is_approached_until_it_is_seen():
@@ -462,51 +457,6 @@ def test_a_search_is_ended_at_the_deadline():
     check(message, cost)
 
 
-class SlowSession:
-    """onnxruntime's session, whose inference takes so much longer."""
-
-    def __init__(self, session):
-        self.session, self.seconds = session, 0.0
-
-    def run_with_iobinding(self, binding):
-        time.sleep(self.seconds)
-        self.session.run_with_iobinding(binding)
-
-    def __getattr__(self, name):
-        return getattr(self.session, name)
-
-
-def slow_network(path, monkeypatch):
-    """A network that is loaded and asked as any other, and its session."""
-    sessions, open_session = [], loading.open_session
-
-    def opened(*words):
-        sessions.append(SlowSession(open_session(*words)))
-        return sessions[-1]
-
-    monkeypatch.setattr(loading, "open_session", opened)
-    return NetworkModel(path), sessions[-1]
-
-
-def test_after_a_slow_inference_the_corridor_answers_until_the_network_is_tried_again(make_tiny_model, monkeypatch):
-    model, session = slow_network(make_tiny_model(), monkeypatch)
-    nav = navigator(free((100, 100)), goal=(90, 90), method="nnpp", model=model)
-    for n in range(5):  # of which one at least is as fast as the network can be
-        nav.offer(Goal(85 + n, 90))
-        assert nav.tick().origin is Origin.FULL
-    session.seconds, answers = 0.6, []
-    for n in range(30):
-        nav.offer(Goal(90, 60 + n))
-        answers.append(nav.tick(time.monotonic() + 0.2))
-        session.seconds = 0.0
-    origins = [message.origin for message in answers]
-    skipped = origins.count(Origin.CORRIDOR) - 1
-    assert answers[0].planning_ms > 600.0
-    assert 9 <= skipped <= 14  # until 0.6 s, shrunk by a tenth each time, fit into 0.2 s
-    assert origins == [*[Origin.CORRIDOR] * (1 + skipped), *[Origin.FULL] * (29 - skipped)]
-    assert nav.counters().degraded == {"timeout": 1, "late": skipped}
-
-
 def test_a_map_that_changes_while_planning_holds_the_path_back(monkeypatch):
     nav = navigator(refine="any-angle")
     replan, later = nav.planner.replan, [lambda plan: one_cell(plan.path[10], 0.9)]
@@ -597,7 +547,7 @@ def test_it_runs_at_its_rate_and_sends_answers_and_status():
     assert 1 <= len(status) <= elapsed_s / 0.05 + 1
     assert status[-1].summary()["counters"]["ticks"] > 0
     assert paths[-1].summary()["outcome"] == "OK"
-    assert gc.isenabled()
+    assert gc.isenabled() and not gc.get_freeze_count()
 
 
 def test_a_full_source_says_so():

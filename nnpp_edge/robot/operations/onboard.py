@@ -23,7 +23,7 @@ from nnpp_edge.runtime.errors import NnppEdgeError, OutputError
 from nnpp_edge.runtime.exercises import exercise
 from nnpp_edge.runtime.loop.connections import InputSource, Sink
 from nnpp_edge.runtime.loop.ladder import NavigatorSettings
-from nnpp_edge.runtime.loop.messages import Counters, Input, Output, PathMessage, StatusMessage
+from nnpp_edge.runtime.loop.messages import Counters, Input, PathMessage
 from nnpp_edge.runtime.loop.navigator import Navigator
 from nnpp_edge.runtime.loop.runner import Loop, handling_signals
 from nnpp_edge.runtime.loop.timing import Handler, signal_handlers
@@ -68,7 +68,7 @@ def run(
         if recorders:
             feed = RecordedSource(source, recorders, navigator.count_error, wait=wiring.fast)
             stack.enter_context(feed)
-        sinks += [*observers, _Statuses(notifier)]
+        sinks += [*observers, notifier]
         trace = None if wiring.trace is None else Trace("nnpp-edge run")
 
         def after_tick(message: PathMessage) -> None:
@@ -105,19 +105,6 @@ def run(
     if source.failure:
         raise SourceError(f"the input failed, and the loop has ended: {source.failure}")
     return counters
-
-
-class _Statuses:
-    """A sink that passes status messages to the service manager."""
-
-    name = "systemd"
-
-    def __init__(self, notifier: Notifier) -> None:
-        self._notifier = notifier
-
-    def publish(self, message: Output) -> None:
-        if isinstance(message, StatusMessage):
-            self._notifier.status(message.text)
 
 
 def _connected(

@@ -48,7 +48,7 @@ _FLUSH_EVERY_S = 1.0
 _MAP_EVERY_S = 10.0
 """Where heights come, which change the costs around them."""
 _MOST_WAITING = 256
-_LEAST_LIMIT_MB = 0.1
+_LIMIT_BYTES = 512e6
 
 
 class McapLog(Closing):
@@ -58,30 +58,26 @@ class McapLog(Closing):
     readers that take an unfinished file (the ``mcap`` tool's ``recover``, Foxglove) find them. If nothing more can be
     written, a warning says so once, later messages are counted in `lost`, and the loop goes on.
 
+    The log takes 512 MB of disk at most, or four bytes for each cell of the map, not counting a second's messages. A
+    file of half that size is finished and renamed to ``NAME.1.mcap``, in place of an earlier one, and a new file is
+    begun: the newest messages are kept.
+
     Parameters
     ----------
     path : Path
         ``.mcap``; a file of that name is replaced. OutputError if it cannot be begun.
-    limit_mb : float
-        Most megabytes on disk, not counting a second's messages; inf for no limit. A file of half that size is
-        finished and renamed to ``NAME.1.mcap``, in place of an earlier one, and a new file is begun: the newest
-        messages are kept. InvalidQueryError below 0.1, or below four bytes for each cell of the map.
     state : MapState
         The loop's map (`Navigator.map`), which is written; `cell_size_m` of 1 shows it in cells.
     """
 
     name = "mcap"
 
-    def __init__(
-        self, path: Path, *, limit_mb: float = 512.0, state: MapState | None = None, cell_size_m: float = 1.0
-    ) -> None:
+    def __init__(self, path: Path, *, state: MapState | None = None, cell_size_m: float = 1.0) -> None:
         self._mcap = optional_module("mcap.writer", "a log", "robot")
-        least = max(_LEAST_LIMIT_MB, 4e-6 * math.prod(state.shape)) if state else _LEAST_LIMIT_MB
-        if not limit_mb >= least:
-            raise InvalidQueryError(f"the log's limit must be at least {least:.3g} MB here, got {limit_mb:g}")
         if not 0.0 < cell_size_m < math.inf:
             raise InvalidQueryError(f"the side of a cell must be above 0 m, got {cell_size_m}")
-        self._path, self._limit = Path(path), 0.5e6 * limit_mb
+        self._path = Path(path)
+        self._limit = 0.5 * max(_LIMIT_BYTES, 4.0 * math.prod(state.shape) if state else 0.0)
         self._state, self._cell = state, cell_size_m
         self._lock = threading.Lock()
         self._waiting: deque[tuple[int, Input]] = deque()
