@@ -73,21 +73,6 @@ def received(pipe):
     return [decode_output(message) for message in b"".join(chunks).splitlines()]
 
 
-def test_paths_come_back_and_the_end_of_input_ends_the_run(incoming, outgoing, navigator, drive):
-    wall = encode(MapPatch(10, 0, cost=np.full((1, 59), np.inf)))
-    send(incoming, POSE, wall, GOAL)
-    refusals = Refusals(navigator.count_error)
-    sink = StdioSink(refusals, descriptor=outgoing.write)
-    source = StdioSource(refusals, descriptor=incoming.read)
-    ended = drive(navigator, source, [sink])
-    answers = received(outgoing)
-    last = [m for m in answers if isinstance(m, PathMessage)][-1]
-    assert last.ok
-    assert last.map_version == 1
-    assert [col for row, col in last.path.tolist() if row == 10] == [59]
-    assert ended.counters.errors == {}
-
-
 def test_garbage_is_answered_line_by_line_and_ends_nothing(incoming, outgoing, navigator, drive):
     refusals = Refusals(navigator.count_error)
     sink = StdioSink(refusals, descriptor=outgoing.write)

@@ -14,7 +14,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from nnpp_edge.runtime import NetworkModel, traversability_cost
+from nnpp_edge.runtime import NetworkModel
 from nnpp_edge.runtime.errors import InvalidQueryError, ModelError, Status
 from nnpp_edge.runtime.loop import workers
 from nnpp_edge.runtime.loop.connections import InProcessSink, InProcessSource
@@ -199,26 +199,6 @@ def test_a_patch_is_a_copy():
 
 
 # --- the map
-
-
-def test_heights_are_turned_into_costs_as_if_they_had_always_been_there():
-    rng = np.random.default_rng(0)
-    heights = np.cumsum(rng.normal(0, 0.1, (40, 50)), axis=1).astype(np.float32)
-    nav = Navigator(Ground.of_elevation(heights, 0.5))
-    for _ in range(20):
-        row, col = int(rng.integers(-12, 44)), int(rng.integers(-9, 54))
-        new = rng.normal(0, 0.2, (9, 7)).astype(np.float32)
-        new[rng.random(new.shape) < 0.2] = rng.choice([np.nan, np.inf, -np.inf])
-        nav.offer(MapPatch(row, col, elevation=new))
-        if rng.random() < 0.3:  # some wait for others
-            nav.tick()
-        for (i, j), value in np.ndenumerate(new):
-            if 0 <= row + i < 40 and 0 <= col + j < 50:
-                heights[row + i, col + j] = value if np.isfinite(value) else np.nan
-    nav.tick()
-    np.testing.assert_array_equal(nav.map.elevation(), heights)
-    np.testing.assert_array_equal(nav.map.cost(), traversability_cost(heights, 0.5, warn=False))
-    assert nav.counters().patches_clipped > 0 and nav.counters().patches_rejected > 0
 
 
 def test_patches_off_the_map_and_of_the_wrong_kind_are_counted():
