@@ -206,15 +206,6 @@ def test_a_loop_that_is_blind_is_found_out(grounds, kind, monkeypatch):
     assert simulate(ground, start, goal, SimulationSettings("astar", changes=3, ticks=60)).forbidden > 0
 
 
-def test_who_knows_all_and_meets_nothing_drives_the_optimum(ground):
-    start, goal = random_drive(ground, 2)
-    known = SurveyedGround(ground.ground, ground.true.copy())
-    drive = simulate(known, start, goal, SimulationSettings("astar", changes=0))
-    assert drive.reached
-    assert drive.driven_cost == pytest.approx(drive.optimal_cost)
-    assert (drive.counters.planned, drive.excess) == (1, pytest.approx(0.0, abs=1e-9))
-
-
 def test_the_same_seed_gives_the_same_drive(ground):
     start, goal = random_drive(ground, 1)
     first, again, other = (
@@ -307,19 +298,21 @@ def test_what_the_simulation_judges_by_agrees_with_the_planners_check():
     assert sum(walked[known, True] > 3 for known in range(9)) > 4
 
 
-@pytest.mark.parametrize("step_cost", ["energy", "tobler"])
-def test_a_drive_by_the_slope_reaches_its_goal_and_costs_the_optimum_where_all_is_known(step_cost):
+@pytest.mark.parametrize("step_cost", ["paper", "energy", "tobler"])
+def test_a_drive_reaches_its_goal_and_costs_the_optimum_where_all_is_known_and_nothing_is_met(step_cost):
     heights = synthetic_terrain(np.random.default_rng(3), 80, 20.0)
     heights[30:33, 20:50] = np.nan
-    given = {"step_cost": step_cost, "mobility": load_mobility("large-rover")}
-    surveyed = SurveyedGround.of(Ground.of_elevation(heights, 20.0, LIMITS, **given), 6)
+    mobility = load_mobility("large-rover")
+    ground = Ground.of_elevation(heights, 20.0, LIMITS, step_cost=step_cost, mobility=mobility)
+    surveyed = SurveyedGround.of(ground, 6)
     start, goal = random_drive(surveyed, 1)
     drive = simulate(surveyed, start, goal, SimulationSettings("dstar", ticks=1500))
     assert drive.reached and drive.forbidden == 0 and drive.counters.errors == {}
-    known = SurveyedGround.of(Ground.of_elevation(heights, 20.0, LIMITS, **given), 1)
+    known = SurveyedGround.of(ground, 1)
     drive = simulate(known, start, goal, SimulationSettings("dstar", ticks=1500, changes=0))
-    planner = Planner.of_elevation(heights, 20.0, LIMITS, warn=False, **given)
-    assert drive.driven_cost == pytest.approx(planner.plan(start, goal, method="astar").cost, rel=1e-5)
+    best = Planner(ground).plan(start, goal, method="astar").cost
+    assert drive.driven_cost == pytest.approx(best, rel=1e-5) == pytest.approx(drive.optimal_cost, rel=1e-5)
+    assert (drive.counters.planned, drive.excess) == (1, pytest.approx(0.0, abs=1e-5))
 
 
 def test_a_body_stops_before_a_rock_and_is_told_heights():

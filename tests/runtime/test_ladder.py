@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from nnpp_edge.runtime import (
+    DynamicPlanner,
     Goal,
     Ground,
     MapPatch,
@@ -36,6 +37,14 @@ def two_lanes():
     cost = np.full((3, 61), 0.2, np.float32)
     cost[1, 1:-1] = np.inf
     return cost
+
+
+@pytest.fixture(scope="module", autouse=True)
+def compiled():
+    """Kernels are there before a search has half a second."""
+    planner = DynamicPlanner(two_lanes(), (1, 60), "corridor")
+    planner.move((1, 0))
+    assert planner.replan().ok
 
 
 def made_dearer(share):
