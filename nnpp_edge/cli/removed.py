@@ -30,7 +30,7 @@ INSTEAD = {
     "run --tolerance": "write --loop tolerance=VALUE",
     "run --refine": "write --loop refine=any-angle",
     "--metrics-port": "write --metrics PORT",
-    "--metrics-file": "write --metrics FILE",
+    "--metrics-file": "write --metrics PORT; status messages and --log have the counters too",
     "--unknown-passes": "write --set unknown_passes=true",
     "--unknown-fails": "write --set unknown_passes=false",
     "--framing": "each message is a line, which its base64 does not break",

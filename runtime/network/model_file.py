@@ -9,7 +9,6 @@ from typing import Annotated, Final, Literal
 
 import msgspec
 
-from nnpp_edge.runtime.arguments import formerly
 from nnpp_edge.runtime.errors import ModelError
 from nnpp_edge.runtime.network.graph_check import checked_metadata
 from nnpp_edge.runtime.reading import problem_with_file, refused_as
@@ -19,7 +18,6 @@ FORMAT: Final = "nnpp-edge-model-1"
 _CHANNELS = {"gaussian": ("cost", "start_map", "goal_map"), "ends": ("cost", "blocked", "ends")}
 QUERY_SPACING = 8
 """Network cells between the points of a query that is encoded as ``ends``."""
-_SHAPES = "shapes follow from encoding and sizes, docs/models.md"
 _DEEPEST = 20
 """Lists and objects inside one another in the facts of a training."""
 _MODELS = Path(str(files("nnpp_edge.models")))
@@ -28,7 +26,6 @@ Count = Annotated[int, msgspec.Meta(gt=0)]
 Positive = Annotated[float, msgspec.Meta(gt=0.0)]
 
 
-@formerly(facts="write dataclasses.asdict", map_unshuffle=_SHAPES, output_shuffle=_SHAPES)
 @dataclass(frozen=True)
 class ModelMetadata:
     """The terms of network and runtime; they travel in the ONNX file as JSON and are checked at load."""
@@ -86,7 +83,6 @@ def _depth(value: object) -> int:
     return 1 + max(map(_depth, inner), default=0)
 
 
-@formerly(inputs=_SHAPES, outputs=_SHAPES, producer="it is not read any more", figures="they stand in `card`")
 @dataclass(frozen=True)
 class ModelFile:
     """A model file, with its metadata and card."""

@@ -116,7 +116,6 @@ run --map hills.npz --rate 1e-10               | --rate
 run --map hills.npz --output foo               | output must be stdout, zenoh[:ENDPOINT] or none, got 'foo'
 run --map hills.npz --profile own.toml --ticks 1 | 'nope'
 run --map hills.npz --method astar --model nope --ticks 1 | 'nope'
-run --map hills.npz --metrics pipe.npy    | it is no plain file
 simulate --map hills.npz --method astar --model nope | 'nope'
 simulate --seed -1                             | --seed
 simulate --map hills.npz --log pipe.npy        | it is no plain file
@@ -183,9 +182,8 @@ profile --profile set/report.json -o set       | would replace | which is read
 profile --peers --terrain set/peers.json -o set | would replace | which is read
 simulate --map hills.npz --log hills.npz       | would replace | which is read
 simulate --map grey.png --picture grey.png     | would replace | which is read
-run --map hills.npz --metrics hills.npz   | would replace | which is read
 run --map hills.npz --log link.npz             | would replace | which is read
-run --map hills.npz --input replay:text.txt --metrics text.txt | would replace | which is read
+run --map hills.npz --input replay:text.txt --trace text.txt | would replace | which is read
 run --map hills.npz --profile set/report.json --log set/report.json | would replace | which is read
 run --map hills.npz --model text.txt --log text.txt | would replace | which is read
 """

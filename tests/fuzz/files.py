@@ -74,7 +74,6 @@ def generate(rng: random.Random, place: Place) -> Command:
     content = place.sample(other) if swapped else damaged(rng, place.sample(name))
     known = {parameter.name for parameter in command_of(words.split()[0]).params}
     words += " --cell-size 2" * (names is DEMS and "cell_size" in known and rng.random() < 0.5)
-    words += " --vertical-scale 0.01" * ("vertical_scale" in known and name.endswith("png"))
     patient = other == "sparse.tif" or words.startswith("profile --")  # 10¹⁰ cells take minutes
     command = Command(tuple(words.replace("{f}", f"in/{name}").split()), {f"in/{name}": content}, patient=patient)
     if name == "messages.jsonl":
