@@ -100,7 +100,7 @@ def command(asked: Asked) -> None:
     same queries in turns. Then the profile's planner gets each map as if it had just arrived, and where a budget
     asks for it the onboard loop is run with a patch of elevations at each tick. Where the profile says so all is
     measured once more with something running beside it. Prints times by stage, speed-up,
-    path costs, where each planner starts to pay, and the budgets. Exit code 0 when all are met, 1 when one is
+    path costs, the size from which each planner pays, and the budgets. Exit code 0 when all are met, 1 when one is
     missed, 3 when the run was too noisy to tell, or the processor was slowed and a budget missed for it.
 
     \b
@@ -133,7 +133,7 @@ def command(asked: Asked) -> None:
 
 def _profile(name: str, asked: Asked) -> int:
     """Measure, write what was asked for, print the report; the exit code."""
-    from nnpp_edge.cli.profile_text import report_markdown, report_text
+    from nnpp_edge.cli.profile_text import report_text
     from nnpp_edge.files import write_all
     from nnpp_edge.profiling.compare import board_header, board_row
     from nnpp_edge.profiling.judge import EXIT_CODES
@@ -162,11 +162,11 @@ def _profile(name: str, asked: Asked) -> int:
     if profile.load.vehicle is not None:
         load_vehicle(profile.load.vehicle)  # before the run: it may be none
     notes = [f"left out, as their sizes are not measured: {', '.join(dropped)}"] if dropped else []
-    runs, trace = 1 + profile.contention.wanted, None if asked.output is None else Trace("nnpp-edge profile")
+    runs, trace = 1 + bool(profile.contention.words), None if asked.output is None else Trace("nnpp-edge profile")
     with bar("profile", runs * queries_in(profile.load), quiet=True) as advance:
         watchers = Watchers(advance, lambda line: click.echo(line, err=True), trace)
         report = profile_machine(profile, start_up=asked.start_up, notes=notes, watchers=watchers)
-    content, markdown = json.dumps(report, indent=1), report_markdown(report)
+    content, markdown = json.dumps(report, indent=1), report_text(report, markdown=True)
     if trace is not None:
         rows = f"{board_header()}\n{board_row(report)}\n"
         contents = (content.encode(), markdown.encode(), rows.encode(), trace.to_json(), _page(report, profile))

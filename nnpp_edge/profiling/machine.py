@@ -15,7 +15,6 @@ import numpy as np
 from nnpp_edge import __version__
 from nnpp_edge.profiling.contest import Facts
 from nnpp_edge.profiling.sensors import Sensors, text_of
-from nnpp_edge.runtime.reading import reason
 
 ResultT = TypeVar("ResultT")
 _FLAGS = (
@@ -163,25 +162,3 @@ def core_seconds(cores: Sequence[int]) -> float | None:
     if len(ticks) < len(wanted) or not all(map(sum, ticks)):
         return None
     return sum(sum(each[:_GUEST]) - sum(each[_IDLE]) for each in ticks) / os.sysconf("SC_CLK_TCK")
-
-
-class EnergyMeter:
-    """Energy of the processor packages by RAPL; `problem` says why there is none."""
-
-    def __init__(self, folder: Path = _SYS / "class" / "powercap") -> None:
-        # packages are intel-rapl:N on AMD too; intel-rapl:N:M are parts of them
-        self._zones = [zone for zone in sorted(folder.glob("intel-rapl:*")) if zone.name.count(":") == 1]
-        self.problem = "" if self._zones else "this machine has no energy counter"
-        try:
-            self._ranges = [int((zone / "max_energy_range_uj").read_text()) for zone in self._zones]
-            self.read()
-        except (OSError, ValueError) as error:
-            self._zones, self._ranges, self.problem = [], [], f"the counter cannot be read ({reason(error)})"
-
-    def read(self) -> list[int]:
-        """Microjoules of each package's counter; empty where there is none."""
-        return [int((zone / "energy_uj").read_text()) for zone in self._zones]
-
-    def joules(self, before: list[int], after: list[int]) -> float:
-        """Energy between two readings; a counter that has wrapped around is one range further."""
-        return 1e-6 * sum((b - a) % (size + 1) for a, b, size in zip(before, after, self._ranges, strict=True))

@@ -9,8 +9,9 @@ from dataclasses import asdict
 import numpy as np
 
 from nnpp_edge.files import temporary_folder
-from nnpp_edge.profiling.profile_maps import ProfileMap, ProfileQuery
+from nnpp_edge.profiling.profile_maps import ProfileMap
 from nnpp_edge.profiling.suites import heights_of
+from nnpp_edge.runtime.cells import Endpoints
 from nnpp_edge.runtime.errors import NnppEdgeError
 
 _PLAN_ONCE = """
@@ -42,7 +43,7 @@ print(time.perf_counter() - began)
 """
 
 
-def peak_memory_mb(on_map: ProfileMap, query: ProfileQuery, method: str, model: str) -> float | None:
+def peak_memory_mb(on_map: ProfileMap, query: Endpoints, method: str, model: str) -> float | None:
     """Peak resident memory of import, load, map and one plan, in MB (10⁶ bytes); None where the kernel does not say.
 
     The map is read as costs, and with a vehicle as elevations. NnppEdgeError if the process fails; the message ends
@@ -54,7 +55,7 @@ def peak_memory_mb(on_map: ProfileMap, query: ProfileQuery, method: str, model: 
     with temporary_folder() as folder:
         path = folder / "map.npy"
         np.save(path, heights_of(ground) if body else on_map.cost)
-        command = [sys.executable, "-c", _PLAN_ONCE, str(path), method, model, body, json.dumps(query.ends)]
+        command = [sys.executable, "-c", _PLAN_ONCE, str(path), method, model, body, json.dumps(query)]
         ended = subprocess.run(command, check=False, capture_output=True, text=True)
     if ended.returncode:
         said = ended.stderr.strip().splitlines() or ["no word of why"]

@@ -2,7 +2,6 @@
 
 import re
 import shlex
-import shutil
 import tomllib
 from collections.abc import Collection
 from importlib.resources import files
@@ -12,7 +11,7 @@ from typing import Annotated, NamedTuple, TypeVar, cast
 
 import msgspec
 from msgspec import Meta
-from msgspec.structs import asdict, fields, replace
+from msgspec.structs import asdict, replace
 
 from nnpp_edge.profiling.contest import Facts
 from nnpp_edge.runtime.errors import InvalidQueryError
@@ -66,7 +65,6 @@ QUANTITIES = {
         ("gap_mean", "gap_p99", "gap_max", "cc_excess", "success_first", "success"), Quantity("%", scale=100.0)
     ),
     "expansions_median": Quantity("1"),
-    "energy_mj": Quantity("mJ", "time"),
     "peak_memory_mb": Quantity("MB", whole_run=True),
     **dict.fromkeys(("start_up_warm_s", "start_up_cold_s"), Quantity("s", "time", whole_run=True)),
     "model_mb": Quantity("MB", whole_run=True),
@@ -124,8 +122,6 @@ class Load(Table, frozen=True):
     sizes: Annotated[tuple[Annotated[int, Meta(ge=16, le=1 << 15)], ...], Meta(min_length=1)] = (256,)
     queries: _Count = 60
     """For each workload and size."""
-    near: _Whole = 20
-    """Queries of shorter distances besides, which only the break-even is found from."""
     repeats: _Count = 2
     """Times each planner answers each query, in each half of the run."""
     min_distance: Annotated[float, Meta(gt=0.0, le=1.0)] = 0.35
@@ -196,27 +192,11 @@ class Contention(Table, frozen=True):
     """So many that compute without a pause, each a process of its own."""
     command: tuple[str, ...] = ()
     """A program and its words, run without a shell, in place of the threads. It must not end before the run does."""
-    cores: tuple[_Core, ...] = ()
-    """To keep it on; by default the device's."""
-
-    def __post_init__(self) -> None:
-        self.check_different("cores")
-        self.refuse_unless(not (self.threads and self.command), "threads", "threads or a command, not both")
-
-    @property
-    def wanted(self) -> bool:
-        """Whether anything runs beside."""
-        return bool(self.threads or self.command)
 
     @property
     def words(self) -> str:
-        """In words."""
-        return shlex.join(self.command) if self.command else f"{self.threads} busy thread{'s' * (self.threads > 1)}"
-
-    def check(self) -> None:
-        """ProfileError if this machine cannot run the command."""
-        if self.command and shutil.which(self.command[0]) is None:
-            raise ProfileError(f"contention.command: wanted a program that can be run here, got {self.command[0]!r}")
+        """What runs, in words; empty where nothing does."""
+        return shlex.join(self.command) or f"{self.threads} busy thread(s)" * bool(self.threads)
 
 
 class Budget(Table, frozen=True):
@@ -349,24 +329,10 @@ def _changed(table: TableT, changes: dict[str, object]) -> TableT:
     return _converted(asdict(table) | given, type(table))
 
 
-_LISTS = {
-    "device": ("cores",),
-    "loop": ("cores",),
-    "contention": ("cores", "command"),
-    "workload": ("terrain", "workloads", "sizes"),
-}
-"""Keys, by table, whose value may stand alone."""
-
-
 def _profile(content: Facts, name: str) -> Profile:
-    for place, keys in _LISTS.items():
-        table = content.get(place)
-        for key in keys:
-            if isinstance(table, dict) and key in table and not isinstance(table[key], list):
-                table[key] = [table[key]]
-    read = _converted({"title": name, **content, "name": content.get("name", name)}, Profile)
     if "name" in content:
-        raise ProfileError("name is unknown: wanted one of " + ", ".join(_known("")))
+        raise ProfileError("name: a profile is called by its file, got a key")
+    read = _converted({"title": name, **content, "name": name}, Profile)
     inherited = {"cores": read.device.cores, "model": read.networks.int8}
     loop = replace(read.loop, **{key: inherited[key] for key in inherited.keys() - content.get("loop", {}).keys()})
     whose = {each: LOOP if QUANTITIES[each.quantity].of_loop else read.planner for each in read.budgets}
@@ -390,42 +356,10 @@ def _converted(content: Facts, kind: type[TableT]) -> TableT:
         return msgspec.convert(content, kind)
     except msgspec.ValidationError as error:
         problem, _, place = str(error).replace("`", "").partition(" - at $")
-        raise ProfileError(_explained(problem, place.strip("."), content)) from None
-
-
-def _known(place: str) -> list[str]:
-    """Keys of a table of the file."""
-    tables = {field.encode_name: field.type for field in fields(Profile)} | {"": Profile, "budgets": Budget}
-    return [field.encode_name for field in fields(tables[place]) if (place, field.name) != ("", "name")]
-
-
-_WORDS = {
-    "object": "a table",
-    "array": "a list",
-    "str": "text",
-    "int": "a whole number",
-    "float": "a number",
-    "bool": "true or false",
-    " | null": "",
-    ">=": "of at least",
-    "<=": "of at most",
-    ">": "above",
-}
-"""Kinds of values, in msgspec's words and in ours."""
-
-
-def _explained(problem: str, place: str, content: Facts) -> str:
-    """msgspec's sentence on a key as ours, with the value that came."""
-    before = f"{place}." if place else ""
-    if unknown := re.fullmatch(r"Object contains unknown field (.*)", problem):
-        return f"{before}{unknown[1]} is unknown: wanted one of {', '.join(_known(place.partition('[')[0]))}"
-    if missing := re.fullmatch(r"Object missing required field (.*)", problem):
-        return f"{before}{missing[1]} is missing"
-    if not problem.startswith("Expected "):
-        return before + problem
-    wanted = problem.removeprefix("Expected ").partition(", got")[0]
-    for theirs, ours in _WORDS.items():
-        wanted = wanted.replace(theirs, ours)
-    for key in re.findall(r"\w+", place):
-        content = content[int(key) if isinstance(content, list | tuple) else key]
-    return f"{place}: wanted {wanted}, got {content!r}"
+        value: object = content
+        for key in re.findall(r"\w+", place):
+            value = value[int(key) if isinstance(value, list | tuple) else key]  # type: ignore[index]
+        if problem.startswith("Expected"):
+            problem = f"{problem.partition(', got')[0]}, got {value!r}"
+        between = ": " if problem.startswith(("Expected", "Object")) else "."  # ours begin with the key
+        raise ProfileError(f"{place[1:]}{between}{problem}" if place else problem) from None

@@ -6,13 +6,12 @@ from dataclasses import dataclass
 from datetime import UTC, datetime
 
 from nnpp_edge import __version__
-from nnpp_edge.profiling.break_even import break_even
-from nnpp_edge.profiling.contention import running
+from nnpp_edge.profiling.contention import check, running
 from nnpp_edge.profiling.contest import Facts
-from nnpp_edge.profiling.figures import loaded_rows, loop_rows, rows
+from nnpp_edge.profiling.figures import break_even, loaded_rows, loop_rows, rows
 from nnpp_edge.profiling.judge import Noise, WholeRun, judged, summary, verdict
 from nnpp_edge.profiling.machine import Disturbance, busy_share, environment, pinned
-from nnpp_edge.profiling.measure import Arriving, Run, queries_in, rivals_of, run
+from nnpp_edge.profiling.measure import Run, queries_in, rivals_of, run
 from nnpp_edge.profiling.processes import peak_memory_mb, start_up_s
 from nnpp_edge.profiling.profile_file import SYNTHETIC, Profile
 from nnpp_edge.profiling.profile_maps import ProfileMaps
@@ -48,7 +47,7 @@ def profile_machine(
     cannot be used, or the terrain has too few queries with a path.
     """
     watchers, said, load = watchers or Watchers(), list(notes), profile.load
-    profile.contention.check()
+    check(profile.contention)
     with pinned(profile.device.cores) as (cores, problems):
         if (busy := busy_share(cores)) is not None and busy > profile.stability.disturbance:
             problems.append(f"others use {100 * busy:.0f} % of the cores' time before the run begins")
@@ -56,29 +55,19 @@ def profile_machine(
             said.append(line)
             watchers.say(line)
         rivals, sensors = rivals_of(profile.networks, profile.device), Sensors(cores)
-        arriving = Arriving(profile.arriving, profile.reactions_at, profile.loop)
-        measured = run(
-            rivals,
-            load,
-            cores,
-            arriving=arriving,
-            sensors=sensors,
-            trace=watchers.trace,
-            progress=watchers.progress,
-        )
+        measured = run(profile, rivals, cores, sensors=sensors, trace=watchers.trace, progress=watchers.progress)
         contention = None
-        if profile.contention.wanted:
-            beside, done = profile.contention.words, queries_in(load)
+        if beside := profile.contention.words:
+            done = queries_in(load)
             watchers.say(f"once more, beside {beside}")
-            with running(profile.contention, cores) as ended_early:
-                loaded = run(
-                    rivals, load, cores, arriving=arriving, progress=lambda more: watchers.progress(done + more)
-                )
+            with running(profile.contention) as ended_early:
+                loaded = run(profile, rivals, cores, progress=lambda more: watchers.progress(done + more))
                 said += ended_early()
-            contention = {"beside": beside, "rows": loaded_rows(measured, loaded), "halves": _halves(loaded)}
+            both = loaded_rows(measured, loaded, profile.loop)
+            contention = {"beside": beside, "rows": both, "halves": _halves(loaded)}
         own_peak_mb = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * 1.024e-3
         whole_run = _whole_run(profile, rivals, start_up, watchers.say)
-    results, loop = rows(measured), loop_rows(measured)
+    results, loop = rows(measured), loop_rows(measured, profile.loop)
     if load.terrain != (SYNTHETIC,):
         made = {row["size"] for row in results if row["terrain"] == SYNTHETIC}
         said += [f"no terrain has {size} × {size} cells: synthetic ground in its place" for size in sorted(made)]
@@ -105,7 +94,6 @@ def profile_machine(
         "sensors": sensor_facts(sensors.readings, sensors.limits),
         "besides": whole_run,
         "profiler_peak_memory_mb": own_peak_mb,
-        "energy_problem": measured.energy_problem or None,
         "cores": cores,
         "environment": environment(cores),
         "notes": said,

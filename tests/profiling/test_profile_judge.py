@@ -47,7 +47,7 @@ GAP = budget("gap_mean", 1.0, "at most", "%")
         (GAP, {"halves": {"time": [1.0, 9.0]}}, DISTURBED, "fail"),
         (GAP, {"gap_mean": 0.0099}, DISTURBED, "pass"),
         (GAP, {"gap_mean": None}, QUIET, "not measured"),
-        (budget("energy_mj", 1.0, "at most", "mJ"), {"energy_mj": None}, QUIET, "not measured"),
+        (budget("inference_fps", 1.0, "at least", "1/s"), {"inference_fps": None}, QUIET, "not measured"),
         (budget("fps", 1.0, "at least", "1/s", planner="corridor"), {}, QUIET, "not measured"),
     ],
 )
@@ -171,7 +171,5 @@ def test_the_verdict_of_a_throttled_run():
     assert verdict(judged(profile(FPS, GAP), [row(fps=99.0)], {}, SLOWED), SLOWED) == "missed"
     assert verdict(judged(profile(FPS), [row()], {}, SLOWED), SLOWED) == "met"
     assert verdict([], SLOWED) == "throttled" and verdict([], QUIET) == "met"
-    missing = judged(
-        profile(FPS, budget("energy_mj", 1.0, "at most", "mJ")), [row(fps=99.0, energy_mj=None)], {}, SLOWED
-    )
+    missing = judged(profile(FPS, budget("cc_excess", 1.0, "at most", "%")), [row(fps=99.0)], {}, SLOWED)
     assert verdict(missing, SLOWED) == "noisy"

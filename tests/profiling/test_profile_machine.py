@@ -8,7 +8,7 @@ from contextlib import contextmanager
 import pytest
 
 from nnpp_edge.profiling import machine
-from nnpp_edge.profiling.machine import Disturbance, EnergyMeter, environment, pinned
+from nnpp_edge.profiling.machine import Disturbance, environment, pinned
 
 
 @contextmanager
@@ -93,26 +93,6 @@ def test_cores_that_are_missing_are_said():
     assert len(said) == 1 and "4000" in said[0] and "1 fewer" in said[0]
     with pinned([4000]) as (cores, said):
         assert cores == [min(have)] and "4000" in said[0]
-
-
-def test_energy_is_summed_over_packages_and_a_counter_may_wrap(tmp_path):
-    for name, counted in (("intel-rapl:0", 900), ("intel-rapl:1", 100), ("intel-rapl:0:0", 5)):
-        (tmp_path / name).mkdir()
-        (tmp_path / name / "energy_uj").write_text(f"{counted}\n")
-        (tmp_path / name / "max_energy_range_uj").write_text("999\n")
-    meter = EnergyMeter(tmp_path)
-    before = meter.read()
-    (tmp_path / "intel-rapl:0" / "energy_uj").write_text("50\n")
-    (tmp_path / "intel-rapl:1" / "energy_uj").write_text("160\n")
-    assert meter.problem == "" and before == [900, 100]
-    assert meter.joules(before, meter.read()) == pytest.approx(1e-6 * (150 + 60))
-
-
-def test_without_a_counter_there_is_no_energy(tmp_path):
-    meter = EnergyMeter(tmp_path)
-    assert meter.read() == [] and "no energy counter" in meter.problem
-    (tmp_path / "intel-rapl:0").mkdir()
-    assert "cannot be read" in EnergyMeter(tmp_path).problem
 
 
 @pytest.mark.parametrize(
