@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from nnpp_edge.profiling.profile_file import Profile
 
 _FILES = ("report.json", "report.md", "board-row.md", "trace.json", "report.html")
-_PEERS_SIZES, _PEERS_QUERIES, _PEERS_LIMIT_S = (256, 512, 1024), 50, 5.0
+_PEERS_SIZES, _PEERS_QUERIES = (256, 512, 1024), 50
 _WANTED = "give either --profile (paper, edge-2core, single-core, quick, rover or a file) or --peers"
 _TERRAIN = "Elevation file, or several, in place of the profile's; else the sample."
 _VEHICLE = (
@@ -30,7 +30,6 @@ _SIZES = (
     "Sides of the maps, in place of the profile's; for --peers 256,512,1024. Synthetic terrain where no file is "
     "large enough."
 )
-_LIMIT = "With --peers: seconds; a planner that needs longer for a query is left out at that size (by default 5)."
 
 
 @options.command("compare")
@@ -88,7 +87,6 @@ class Asked:
     as_json: options.AsJson = False
     markdown: Annotated[bool, "Print the report, with --peers its table, as Markdown."] = False
     start_up: Annotated[bool, "Also measure import to first plan in new processes; takes a minute."] = False
-    limit: Annotated[float | None, options.POSITIVE, _LIMIT] = None
     output: Annotated[Path | None, "-o", options.FOLDER, _OUTPUT] = None
 
 
@@ -122,9 +120,8 @@ def command(asked: Asked) -> None:
         raise click.UsageError(_WANTED)
     if asked.as_json and asked.markdown:
         raise click.UsageError("give one of --json and --markdown")
-    measured, other = ("peers", ("vehicle", "start_up")) if asked.peers else ("profile", ("limit",))
-    if wrong := [name for name in other if getattr(asked, name)]:
-        raise click.UsageError(f"--{wrong[0].replace('_', '-')} does not go with --{measured}")
+    if asked.peers and (asked.vehicle or asked.start_up):
+        raise click.UsageError(f"--{'vehicle' if asked.vehicle else 'start-up'} does not go with --peers")
     if asked.profile is None:
         _peers(asked)
     else:
@@ -195,7 +192,7 @@ def _peers(asked: Asked) -> None:
     from nnpp_edge.progress import bar
 
     sizes, queries = asked.sizes or _PEERS_SIZES, asked.queries or _PEERS_QUERIES
-    seed, limit_s = 1 if asked.seed is None else asked.seed, asked.limit or _PEERS_LIMIT_S
+    seed = 1 if asked.seed is None else asked.seed
     if not 16 <= min(sizes) <= max(sizes) <= options.LARGEST_SIDE or len(set(sizes)) < len(sizes):
         words = ",".join(map(str, sizes))
         raise click.UsageError(f"--sizes must be different numbers from 16 to {options.LARGEST_SIDE}, got {words}")
@@ -203,8 +200,8 @@ def _peers(asked: Asked) -> None:
     options.check_outputs(*(("--output", path) for path in written), make_folders=True)
     terrain = TerrainFiles.or_sample(asked.terrain, asked.rescale, asked.cell_size, asked.allow_vrt)
     with bar("profile", queries * len(sizes)) as advance:
-        rows, missing = run(sizes, queries, terrain, seed=seed, limit_s=limit_s, progress=advance)
-    facts = {"queries": queries, "seed": seed, "limit_s": limit_s, "left_out": missing, "rows": rows}
+        rows, missing = run(sizes, queries, terrain, seed=seed, progress=advance)
+    facts = {"queries": queries, "seed": seed, "left_out": missing, "rows": rows}
     if written:
         from nnpp_edge.viz.figures import times_by_size
 

@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from nnpp_edge.profiling.arrivals import patch_side
-from nnpp_edge.profiling.contest import Columns, Facts, Row, Summary, answer, mean, quantile, ratio, summarised
+from nnpp_edge.profiling.contest import Columns, Facts, Summary, answer, mean, quantile, ratio, summarised
 from nnpp_edge.profiling.measure import HALVES, Answers, Run, WorkloadRun
 from nnpp_edge.profiling.profile_file import LOOP, OnboardLoop
 from nnpp_edge.profiling.rivals import EXACT
@@ -95,11 +95,8 @@ def _row(of: WorkloadRun, name: str) -> Facts:
     answers, exact = of.answers[name], of.answers[EXACT]
     times, exact_times = answers.column("time_ms"), exact.column("time_ms")
     found = []
-    for query, plan, ms, optimum, exact_ms in zip(
-        of.queries, answers.plans, times, exact.plans, exact_times, strict=True
-    ):
-        figures = answer(plan, ms, optimum.cost, exact_ms)
-        found.append(Row(name, query, figures | {"exact_cc": plan.ok * optimum.traverse_cost}))
+    for plan, ms, optimum, exact_ms in zip(answers.plans, times, exact.plans, exact_times, strict=True):
+        found.append(answer(plan, ms, optimum.cost, exact_ms) | {"exact_cc": plan.ok * optimum.traverse_cost})
     whole, network = _spread(times), answers.column("network_ms")
     network_ms = float(np.median(network)) if len(network) else None
     fp32 = of.answers.get("nnpp-fp32") if name == "nnpp" and network_ms else None

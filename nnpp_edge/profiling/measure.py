@@ -19,6 +19,7 @@ from nnpp_edge.profiling.sensors import Sensors
 from nnpp_edge.profiling.trace import Trace
 from nnpp_edge.runtime.cells import Endpoints
 from nnpp_edge.runtime.errors import InvalidQueryError
+from nnpp_edge.runtime.map.ground import Ground
 from nnpp_edge.runtime.network.inference import NetworkModel
 from nnpp_edge.runtime.planners.plan import Method, Plan
 
@@ -230,4 +231,4 @@ class _Session:
 
 
 def _planner(rival: RivalPlanner, on_map: ProfileMap) -> FindsPlans:
-    return rival.planner_of(on_map.ground, lazy=True) if on_map.has_body else rival.planner(on_map.cost)
+    return rival.planner(on_map.ground if on_map.has_body else Ground(on_map.cost))

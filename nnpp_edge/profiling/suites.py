@@ -58,14 +58,6 @@ class Case:
     """Start and goal both passable, a vehicle's in some heading; whether they are connected is not known yet."""
     ground: Ground | None = None
     """Source of the costs; None where that is not known."""
-    least_distance: float = 0.0
-    """Cells between start and goal at least."""
-
-    def more_queries(self) -> Iterator[Endpoints]:
-        """Other random queries, always the same ones; they end where no fitting one is found."""
-        rng = np.random.default_rng(np.ravel(self.queries))
-        while (query := random_query(rng, self.cost, self.least_distance)) is not None:
-            yield query
 
 
 @dataclass(frozen=True)
@@ -177,7 +169,7 @@ def terrain_cases(
         queries = [query for _ in range(QUERIES_PER_MAP) if (query := random_query(rng, cost, least)) is not None]
         in_vain = 0 if queries else in_vain + 1
         if queries:
-            yield Case(name, size, cost, tuple(queries), ground, least)
+            yield Case(name, size, cost, tuple(queries), ground)
     raise InvalidQueryError(
         f"no two passable cells {least:.0f} apart were found in {_TRIES} maps of {rows} × {cols} for the workload "
         f"{name}"

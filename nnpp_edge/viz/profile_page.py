@@ -134,11 +134,12 @@ def _stages(figure: Figure, rows: Sequence[Facts]) -> None:
     found, sizes = {stage for row in rows for stage in row["stages_ms"]}, sorted({row["size"] for row in rows})
     figure.set_size_inches(_WIDE, 1.9 * len(sizes) + 0.6)
     for size, axes in zip(sizes, figure.subplots(len(sizes), squeeze=False).flat, strict=True):
-        of_size, left = [row for row in rows if row["size"] == size], 0.0
+        of_size = [row for row in rows if row["size"] == size]
+        left = np.zeros(len(of_size))
         for stage in (*(stage for stage in STAGES if stage in found), *sorted(found - set(STAGES))):
             widths = np.array([row["stages_ms"].get(stage, {"mean": 0.0})["mean"] for row in of_size])
             axes.barh([row["planner"] for row in of_size], widths, left=left, label=stage)
-            left = left + widths
+            left += widths
         axes.set_title(f"{size}²", fontsize=10)
         axes.invert_yaxis()
         axes.grid(axis="y", visible=False)

@@ -209,7 +209,7 @@ def test_a_run_disturbed_in_one_half_is_noisy(told, profile, monkeypatch):
 
 def test_what_makes_no_sense_ends_in_one_line(run):
     for words in (
-        *("--profile quick --peers", "--profile quick --limit 3", "--peers --start-up", ""),
+        *("--profile quick --peers", "--peers --start-up", ""),
         *("--profile quick --json --markdown", "--queries 5 compare a.json b.json"),
     ):
         ended = run(f"profile {words}")

@@ -7,7 +7,7 @@ import pytest
 from nnpp_edge.profiling.evaluate import evaluate
 from nnpp_edge.profiling.rivals import FreshMap, exact_and, narrow_corridor
 from nnpp_edge.profiling.suites import TerrainFiles, dataset_cases, terrain_cases
-from nnpp_edge.runtime import NetworkModel, Planner, Status
+from nnpp_edge.runtime import Ground, NetworkModel, Planner, Status
 from nnpp_edge.runtime.errors import InvalidQueryError
 from nnpp_edge.terrain.dataset import Recipe, make_dataset
 from nnpp_edge.terrain.synthetic import synthetic_terrain
@@ -93,8 +93,7 @@ def test_lazy_planners_compute_part_of_a_fresh_map(terrain):
     shares = {}
     for name, rival in rivals.items():
         for lazy in (True, False):
-            call = FreshMap(rival, case.ground, lazy=lazy)
-            (plan,) = call((((4, 4), (12, 20)),))
+            plan = FreshMap(rival, case.ground, lazy=lazy)(((4, 4), (12, 20)))
             shares[name, lazy] = plan.costs_computed
             assert plan.ok
     assert all(shares[name, False] == 1.0 for name in rivals)
@@ -105,7 +104,7 @@ def test_lazy_planners_compute_part_of_a_fresh_map(terrain):
 def test_the_narrow_corridor_is_the_learned_regions_without_a_network(terrain):
     """It searches no more than the usual corridor, and where that is too narrow it widens and looks everywhere."""
     case = next(terrain_cases(TerrainFiles((terrain,)).read(), "soft", 160))
-    narrow, usual = narrow_corridor().planner(case.cost), Planner(case.cost)
+    narrow, usual = narrow_corridor().planner(Ground(case.cost)), Planner(case.cost)
     for start, goal in case.queries:
         plan = narrow.plan(start, goal, method="corridor", keep_regions=True)
         other = usual.plan(start, goal, method="corridor", keep_regions=True)
@@ -113,7 +112,9 @@ def test_the_narrow_corridor_is_the_learned_regions_without_a_network(terrain):
         assert plan.cost >= plan.lower_bound * (1.0 - 1e-6)
     walled = case.cost.copy()
     walled[:, 80] = np.inf
-    assert narrow_corridor().planner(walled).plan((4, 4), (4, 150), method="corridor").status == Status.NO_PATH
+    assert (
+        narrow_corridor().planner(Ground(walled)).plan((4, 4), (4, 150), method="corridor").status == Status.NO_PATH
+    )
 
 
 def test_the_same_seed_asks_the_same(terrain):

@@ -25,8 +25,8 @@ class Timed(Planner):
 
     calls: ClassVar[dict] = defaultdict(list)
 
-    def __init__(self, cost, model="edge"):
-        super().__init__(cost, model=model)
+    def __init__(self, ground, model="edge", lazy=True):
+        super().__init__(ground, model=model, lazy=lazy)
         self.asked = model
 
     def plan(self, start, goal, **options):
