@@ -54,7 +54,7 @@ def measured(tiny_model):
     patch.setattr(rivals, "Planner", Timed)
     Timed.calls.clear()
     planners = rivals_of(Networks(str(tiny_model), str(tiny_model)), Device((0,)))
-    patch.setattr(measure, "reactions", partial(reactions, patches=10))
+    patch.setattr(measure, "reactions", partial(reactions, patches=16))
     budgets = (asks("map_ms", "astar"), asks("reaction_ms", "loop", workload="limit20", size=256))
     asked = profile(LOAD, "nnpp", tiny_model, *budgets)
     found = run(asked, planners, cores, progress=done.append)
@@ -146,8 +146,8 @@ def test_maps_and_patches_that_have_just_arrived_are_measured_of_whom_it_was_ask
 def test_the_loop_answers_every_patch_with_a_checked_path(measured):
     (row,) = loop_rows(measured[0], OnboardLoop(rate_hz=200.0))
     assert (row["workload"], row["size"], row["method"], row["rate_hz"]) == ("limit20", 256, "auto", 200.0)
-    assert (row["n"], row["patch_side"]) == (20, 64)
-    assert row["planned"] + row["kept"] + row["without_path"] == 20 and row["planned"] > 0
+    assert (row["n"], row["patch_side"]) == (32, 64)
+    assert row["planned"] + row["kept"] + row["without_path"] == 32 and row["planned"] > 0
     assert 0.0 < row["reaction_ms"]["median"] <= row["reaction_ms"]["p99"]
     assert len(row["halves"]["reaction"]) == 2
 
@@ -174,7 +174,7 @@ def test_each_call_on_a_vehicles_map_is_that_of_a_planner_that_has_checked_nothi
     )
     asked = profile(load, "corridor", tiny_model, asks("reaction_ms", "loop", workload="body"))
     planners = rivals_of(Networks(str(tiny_model)), Device((0,)))
-    monkeypatch.setattr(measure, "reactions", partial(reactions, patches=4))
+    monkeypatch.setattr(measure, "reactions", partial(reactions, patches=6))
     found = run(asked, planners, sorted(os.sched_getaffinity(0)))
     maps = ProfileMaps(load)
     for of in found.workloads:
@@ -190,7 +190,7 @@ def test_each_call_on_a_vehicles_map_is_that_of_a_planner_that_has_checked_nothi
             assert (plan.checks > 0) == (of.workload != "soft")
         assert len(of.answers["corridor"].column("map_ms", 0)) == 3
     (reacting,) = (of for of in found.workloads if of.reactions)
-    assert reacting.workload == "body" and len(reacting.reactions[0].ms) == 4
+    assert reacting.workload == "body" and len(reacting.reactions[0].ms) == 6
     gaps = {row["planner"]: row["gap_mean"] for row in rows(found) if row["workload"] == "body"}
     assert gaps["astar"] == 0.0 and all(gap > -1e-6 for gap in gaps.values())
 
