@@ -132,7 +132,7 @@ def _profile(name: str, asked: Asked) -> int:
     """Measure, write what was asked for, print the report; the exit code."""
     from nnpp_edge.cli.profile_text import report_text
     from nnpp_edge.files import write_all
-    from nnpp_edge.profiling.compare import board_header, board_row
+    from nnpp_edge.profiling.compare import board_table
     from nnpp_edge.profiling.judge import EXIT_CODES
     from nnpp_edge.profiling.measure import queries_in
     from nnpp_edge.profiling.profile_file import overridden, read_profile
@@ -165,8 +165,8 @@ def _profile(name: str, asked: Asked) -> int:
         report = profile_machine(profile, start_up=asked.start_up, notes=notes, watchers=watchers)
     content, markdown = json.dumps(report, indent=1), report_text(report, markdown=True)
     if trace is not None:
-        rows = f"{board_header()}\n{board_row(report)}\n"
-        contents = (content.encode(), markdown.encode(), rows.encode(), trace.to_json(), _page(report, profile))
+        texts = (text.encode() for text in (content, markdown, f"{board_table(report)}\n"))
+        contents = (*texts, trace.to_json(), _page(report, profile))
         write_all({path: each for path, each in zip(written, contents, strict=True) if each})
     printed = content if asked.as_json else markdown if asked.markdown else report_text(report)
     click.echo(printed.rstrip("\n"))

@@ -12,7 +12,7 @@ import pytest
 
 from nnpp_edge.profiling import machine, measure
 from nnpp_edge.profiling import report as report_module
-from nnpp_edge.profiling.compare import board_row
+from nnpp_edge.profiling.compare import board_table
 from nnpp_edge.profiling.processes import peak_memory_mb
 from nnpp_edge.profiling.profile_maps import ProfileMap
 from nnpp_edge.runtime import Ground, Vehicle
@@ -120,8 +120,7 @@ def test_a_row_for_the_table_of_boards_a_trace_and_the_same_beside_other_work(ru
     ended = run("profile --profile tiny.toml -o .")
     assert ended.code == 0, ended.err
     told = json.loads(Path("report.json").read_text())
-    *_, row = Path("board-row.md").read_text().splitlines()
-    assert row == board_row(told) and row.startswith(f"| {told['made'][:10]} | ")
+    assert Path("board-row.md").read_text() == board_table(told) + "\n"
     assert told["contention"]["beside"] == "1 busy thread(s)"
     rows = told["contention"]["rows"]
     assert [each["planner"] for each in rows] == [each["planner"] for each in told["results"]]
@@ -174,7 +173,7 @@ def test_json_may_be_printed_and_an_impossible_budget_is_missed_and_named(run, p
     load = told["profile"]["load"]
     assert (ended.code, load["queries"], load["seed"]) == (1, 4, 5) and "profile: 100 %" in ended.err
     assert {row["n"] for row in told["results"]} == {4}
-    assert told["summary"].startswith("budgets missed: 3 of 5 pass; not plans a second (soft 64²")
+    assert told["summary"].startswith("budgets missed: 3 of 5 pass; not plans a second")
 
 
 def test_a_disturbed_run_is_noisy(run, profile):
