@@ -136,10 +136,9 @@ def _profile(name: str, asked: Asked) -> int:
     from nnpp_edge.profiling.judge import EXIT_CODES
     from nnpp_edge.profiling.measure import queries_in
     from nnpp_edge.profiling.profile_file import overridden, read_profile
-    from nnpp_edge.profiling.report import Watchers, profile_machine
+    from nnpp_edge.profiling.report import profile_machine
     from nnpp_edge.profiling.trace import Trace
     from nnpp_edge.progress import bar
-    from nnpp_edge.terrain.vehicle_files import load_vehicle
 
     profile = read_profile(name)
     others = (profile.networks.fp32, profile.load.vehicle)
@@ -156,13 +155,17 @@ def _profile(name: str, asked: Asked) -> int:
         allow_vrt=asked.allow_vrt or None,
         **{key: getattr(asked, key) for key in names},
     )
-    if profile.load.vehicle is not None:
-        load_vehicle(profile.load.vehicle)  # before the run: it may be none
     notes = [f"left out, as their sizes are not measured: {', '.join(dropped)}"] if dropped else []
     runs, trace = 1 + bool(profile.contention.words), None if asked.output is None else Trace("nnpp-edge profile")
     with bar("profile", runs * queries_in(profile.load), quiet=True) as advance:
-        watchers = Watchers(advance, lambda line: click.echo(line, err=True), trace)
-        report = profile_machine(profile, start_up=asked.start_up, notes=notes, watchers=watchers)
+        report = profile_machine(
+            profile,
+            start_up=asked.start_up,
+            notes=notes,
+            progress=advance,
+            say=lambda line: click.echo(line, err=True),
+            trace=trace,
+        )
     content, markdown = json.dumps(report, indent=1), report_text(report, markdown=True)
     if trace is not None:
         texts = (text.encode() for text in (content, markdown, f"{board_table(report)}\n"))

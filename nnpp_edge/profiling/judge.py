@@ -12,6 +12,8 @@ WholeRun = dict[str, dict[str, float]]
 PASS, FAIL, NOISY, THROTTLED, ABSENT = "pass", "fail", "noisy", "throttled", "not measured"
 MET, MISSED, UNSURE = "met", "missed", "noisy"
 EXIT_CODES = {MET: 0, MISSED: 1, UNSURE: 3, THROTTLED: 3}
+MOST_APART, MOST_DISTURBED = 0.15, 0.10
+"""Shares by which medians of the halves of a run may differ, and of the time that others may take."""
 _BEYOND_DOUBT = 1.25
 """In a noisy or throttled run a budget is missed where it would be by this factor with all the lost time back."""
 
@@ -46,7 +48,7 @@ def judged(
             value = whole_run.get(name, {}).get(budget.planner) if quantity.whole_run else _value(row, name)
             halves = None if value is None else row["halves"].get(quantity.basis)
             value = None if value is None else quantity.scale * value
-            state, why = _verdict(budget, value, halves, profile.stability.halves, noise)
+            state, why = _verdict(budget, value, halves, noise)
             lines.append(
                 {
                     **{key: getattr(budget, key) for key in ("name", "quantity", "planner")},
@@ -96,10 +98,8 @@ def _value(row: Facts, quantity: str) -> float | None:
     return value if isinstance(value, int | float) else None
 
 
-def _verdict(
-    budget: Budget, value: float | None, halves: Sequence[float] | None, allowed: float, noise: Noise
-) -> tuple[str, str]:
-    """A budget's verdict, and why it is none; `allowed` is the share by which the halves of the run may differ."""
+def _verdict(budget: Budget, value: float | None, halves: Sequence[float] | None, noise: Noise) -> tuple[str, str]:
+    """A budget's verdict, and why it is none."""
     if value is None:
         return ABSENT, "this run did not measure it"
     least = budget.direction == "at least"
@@ -107,7 +107,7 @@ def _verdict(
     if not QUANTITIES[budget.quantity].basis:
         return state, ""
     apart = abs(halves[0] - halves[1]) / min(halves) if halves is not None else 0.0
-    words = f"the halves of the run differ by {100 * apart:.0f} %" if apart > allowed else noise.words
+    words = f"the halves of the run differ by {100 * apart:.0f} %" if apart > MOST_APART else noise.words
     slowed = "" if words or state == PASS else noise.throttling.words
     if not (words or slowed):
         return state, ""

@@ -150,15 +150,6 @@ class Networks(Table, frozen=True):
     """None: not measured."""
 
 
-class Stability(Table, frozen=True):
-    """When a run is called noisy."""
-
-    halves: _Positive = 0.15
-    """Share by which the medians of the two halves of the run may differ."""
-    disturbance: _Positive = 0.10
-    """Share of the cores' time that others may take."""
-
-
 class OnboardLoop(Table, frozen=True):
     """How `nnpp-edge run` plans on this device."""
 
@@ -222,8 +213,6 @@ class Budget(Table, frozen=True):
     def check(self, profile: "Profile") -> None:
         """Refuse what this profile does not measure."""
         self.check_choice("planner", (LOOP,) if QUANTITIES[self.quantity].of_loop else profile.measured)
-        known = self.quantity != "int8_speedup" or profile.networks.fp32 is not None
-        self.refuse_unless(known, "quantity", "one that is measured (model.fp32 is not set)")
         if self.workload is not None:
             self.check_choice("workload", profile.load.workloads)
         sizes = profile.load.sizes
@@ -240,7 +229,6 @@ class Profile(Table, frozen=True):
     device: Device = Device()
     load: Load = msgspec.field(default_factory=Load, name="workload")
     networks: Networks = msgspec.field(default_factory=Networks, name="model")
-    stability: Stability = Stability()
     budgets: tuple[Budget, ...] = ()
     loop: OnboardLoop = OnboardLoop()
     contention: Contention = Contention()
@@ -340,11 +328,9 @@ def _profile(content: Facts, name: str) -> Profile:
     profile = replace(read, loop=loop, budgets=budgets)
     if profile.planner not in profile.measured:
         raise ProfileError(f"planner: wanted one that is measured (model.fp32 is not set), got {profile.planner!r}")
-    names = [budget.name for budget in budgets]
     for at, budget in enumerate(budgets):
         try:
             budget.check(profile)
-            budget.refuse_unless(budget.name not in names[:at], "name", "a name of its own")
         except ValueError as error:
             raise ProfileError(f"budgets[{at}].{error}") from None
     return profile

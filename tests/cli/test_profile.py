@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from nnpp_edge.profiling import machine, measure
+from nnpp_edge.profiling import judge, machine, measure
 from nnpp_edge.profiling import report as report_module
 from nnpp_edge.profiling.compare import board_table
 from nnpp_edge.profiling.processes import peak_memory_mb
@@ -38,16 +38,13 @@ repeats = 1
 [model]
 int8 = "MODEL"
 fp32 = "MODEL"
-[stability]
-halves = 1000.0
-disturbance = DISTURBANCE
 """
 
 
 CORE = min(os.sched_getaffinity(0))
 KEYS = """
 schema version made profile verdict summary budgets results loop break_even disturbance contention sensors besides
-profiler_peak_memory_mb cores environment notes
+cores environment notes
 """
 DESCRIBED = Path(__file__).parents[2].joinpath("docs", "profile.md").read_text()
 ARRIVALS = """
@@ -65,10 +62,11 @@ LONGER = {"sizes = [64]": "sizes = [192]", "repeats = 1": "repeats = 4", **ALONE
 def profile(run, tiny_model, monkeypatch):
     """Write tiny.toml, which stands any noise unless told otherwise; peak memory has a test of its own."""
     monkeypatch.setattr(report_module, "peak_memory_mb", lambda *words: 100.0)
+    monkeypatch.setattr(judge, "MOST_APART", 1000.0)
 
     def write(limit=1.0, disturbance=1.0, changes=()):
         text = PROFILE.replace("LIMIT", str(limit)).replace("CORE", str(CORE)).replace("MODEL", str(tiny_model))
-        text = text.replace("DISTURBANCE", str(disturbance))
+        monkeypatch.setattr(report_module, "MOST_DISTURBED", disturbance)
         for old, new in dict(changes).items():
             assert old in text
             text = text.replace(old, new)
@@ -115,8 +113,8 @@ def test_a_report_in_every_form(run, profile):
 
 
 def test_a_row_for_the_table_of_boards_a_trace_and_the_same_beside_other_work(run, profile):
-    contention = "[contention]\nthreads = 1\n[stability]"
-    profile(changes={"[stability]": contention, "queries = 10": "queries = 100", **ALONE})
+    contention = "[contention]\nthreads = 1\n[model]"
+    profile(changes={"[model]": contention, "queries = 10": "queries = 100", **ALONE})
     ended = run("profile --profile tiny.toml -o .")
     assert ended.code == 0, ended.err
     told = json.loads(Path("report.json").read_text())
