@@ -186,7 +186,7 @@ class Contention(Table, frozen=True):
 
     @property
     def words(self) -> str:
-        """What runs, in words; empty where nothing does."""
+        """Words on what runs; empty where nothing does."""
         return shlex.join(self.command) or f"{self.threads} busy thread(s)" * bool(self.threads)
 
 

@@ -134,8 +134,8 @@ def test_a_row_for_the_table_of_boards_a_trace_and_the_same_beside_other_work(ru
     names = [[each["name"] for each in of_call] for of_call in stages]
     assert all(each[-2:] == ["search", "path"] for each in names)
     assert ["encode", "inference", "threshold", "search", "path"] in names
-    for call, of_call in zip(calls, stages, strict=True):
-        assert sum(each["dur"] for each in of_call) > 0.3 * call["dur"]
+    shares = [sum(each["dur"] for each in inner) / call["dur"] for call, inner in zip(calls, stages, strict=True)]
+    assert np.median(shares) > 0.5  # of one that was held up it may be little
 
 
 def test_the_clock_starts_at_the_elevations(run, profile):
