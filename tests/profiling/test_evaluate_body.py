@@ -68,13 +68,8 @@ def test_each_workload_has_rows_of_the_corridor_and_exact_search(judged):
         assert row["gap_mean"] >= -1e-5
         if row["method"] == "astar":
             assert row["gap_max"] == 0.0 and row["whole_map_share"] == 0.0
-
-
-def test_the_table_says_what_was_checked(judged):
-    ended = judged("--workload", "body", "--markdown")
-    assert ended.code == 0, ended.err
-    assert "poses checked" in ended.out
-    assert "speed-up" not in ended.out  # a table of points, of which there are none
+    table = judged("--workload", "body", "--markdown").out
+    assert "poses checked" in table and "speed-up" not in table  # a table of points, of which there are none
 
 
 def test_a_planner_that_checks_all_poses_first_is_the_control_on_a_fresh_map(judged):
