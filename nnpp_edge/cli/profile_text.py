@@ -19,7 +19,8 @@ _RESULTS = {
     **columns("FPS: fps .0f | network/FPS: inference_fps .0f"),
     **columns("speed-up/median: speedup_median .2f | speed-up/total: speedup_total .2f"),
     **columns("success: success_first .1% | after/fallback: success .1%"),
-    **columns("gap/mean: gap_mean z.2% | gap/p99: gap_p99 z.2% | expan-/sions: expansions_median .0f"),
+    **columns("gap/mean: gap_mean z.2% | gap/p99: gap_p99 z.2%"),
+    **columns("expan-/sions: expansions_median .0f | mJ: energy_mj"),
 }
 _ARRIVALS = {
     **_PLACE,

@@ -97,6 +97,7 @@ def _row(of: WorkloadRun, name: str) -> Facts:
     found = []
     for plan, ms, optimum, exact_ms in zip(answers.plans, times, exact.plans, exact_times, strict=True):
         found.append(answer(plan, ms, optimum.cost, exact_ms) | {"exact_cc": plan.ok * optimum.traverse_cost})
+    energy_mj = float(np.mean(answers.energy_mj))
     whole, network = _spread(times), answers.column("network_ms")
     network_ms = float(np.median(network)) if len(network) else None
     fp32 = of.answers.get("nnpp-fp32") if name == "nnpp" and network_ms else None
@@ -109,6 +110,7 @@ def _row(of: WorkloadRun, name: str) -> Facts:
         "fps": 1e3 / whole["median"],
         "stages_ms": _stages(answers),
         **summarised(found, _ANSWERS),
+        "energy_mj": None if np.isnan(energy_mj) else energy_mj,
         "inference_ms_median": network_ms,
         "inference_fps": network_ms and 1e3 / network_ms,
         "int8_speedup": fp32 and float(np.median(fp32.column("network_ms"))) / float(np.median(network)),

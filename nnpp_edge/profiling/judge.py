@@ -1,5 +1,6 @@
 """Budgets against figures: passed, missed, noisy, throttled or not measured."""
 
+from collections import defaultdict
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 
@@ -74,7 +75,7 @@ def verdict(lines: Sequence[Facts], noise: Noise) -> str:
 
 
 def summary(ending: str, lines: Sequence[Facts], noise: str) -> str:
-    """One line: the verdict, and the budgets that are to blame for it."""
+    """One line: the verdict, and the budgets that are to blame for it, with planner, workloads and sizes."""
     if not lines:
         return f"no budgets; the run was disturbed: {noise}" if noise else "no budgets"
     head, blame = {
@@ -83,7 +84,10 @@ def summary(ending: str, lines: Sequence[Facts], noise: str) -> str:
         THROTTLED: ("throttled", (THROTTLED,)),
         UNSURE: ("too noisy to tell", (NOISY, ABSENT)),
     }[ending]
-    names = dict.fromkeys(line["name"] for line in lines if line["verdict"] in blame)
+    places: dict[tuple[str, str], list[str]] = defaultdict(list)
+    for line in (each for each in lines if each["verdict"] in blame):
+        places[line["name"], line["planner"]] += [f"{line['workload']} {line['size']}²"] if line["size"] else []
+    names = [f"{name} ({', '.join([planner, *where])})" for (name, planner), where in places.items()]
     passed = sum(line["verdict"] == PASS for line in lines)
     return f"{head}: {passed} of {len(lines)} pass" + (f"; not {', '.join(names)}" if names else "")
 

@@ -24,6 +24,8 @@ _FLAGS = (
 """Flags that decide how fast int8 and float kernels are, of x86 and ARM; asimddp is the dot product."""
 _PACKAGES = ("numpy", "numba", "onnxruntime", "opencv-python-headless")
 _PROC, _SYS = Path("/proc"), Path("/sys")
+_NO_PROCESSORS = ("i915", "xe", "amd_energy")
+"""Drivers whose energies in hwmon are those of graphics cards, or count cores twice."""
 _IDLE = slice(3, 5)
 """Columns of /proc/stat that are no work: idle, and waiting for a disk."""
 _GUEST = 8
@@ -162,3 +164,29 @@ def core_seconds(cores: Sequence[int]) -> float | None:
     if len(ticks) < len(wanted) or not all(map(sum, ticks)):
         return None
     return sum(sum(each[:_GUEST]) - sum(each[_IDLE]) for each in ticks) / os.sysconf("SC_CLK_TCK")
+
+
+class EnergyMeter:
+    """Energy of the processor by RAPL's packages, else by hwmon; NaN where neither can be read."""
+
+    def __init__(self, folder: Path = _SYS / "class") -> None:
+        # of RAPL's other zones, core and dram are parts of packages, and psys holds them
+        zones = [
+            zone for zone in folder.glob("powercap/intel-rapl:*") if text_of(zone / "name").startswith("package")
+        ]
+        chips = [
+            path
+            for path in folder.glob("hwmon/hwmon*/energy*_input")
+            if text_of(path.with_name("name")) not in _NO_PROCESSORS
+        ]
+        self._counters = [zone / "energy_uj" for zone in zones] or chips
+        ranges = [text_of(path.with_name("max_energy_range_uj")) or math.inf for path in self._counters]
+        self._ranges = np.array(ranges, float) + 1.0
+
+    def read(self) -> np.ndarray:
+        """Microjoules of each counter."""
+        return np.array([text_of(path) or math.nan for path in self._counters], float)
+
+    def since_mj(self, before: np.ndarray) -> float:
+        """Millijoules since that reading; a counter that has wrapped around is one range further."""
+        return 1e-3 * float(np.sum((self.read() - before) % self._ranges)) if self._counters else math.nan

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from nnpp_edge.profiling.arrivals import Reactions, arrival_ms, reactions
 from nnpp_edge.profiling.contest import Harness, Record
-from nnpp_edge.profiling.machine import Disturbance
+from nnpp_edge.profiling.machine import Disturbance, EnergyMeter
 from nnpp_edge.profiling.profile_file import Device, Load, Networks, Profile
 from nnpp_edge.profiling.profile_maps import ProfileMap, ProfileMaps
 from nnpp_edge.profiling.rivals import EXACT, FindsPlans, RivalPlanner
@@ -39,6 +39,8 @@ class Answers:
     stages_ms: list[dict[str, float]] = field(default_factory=list)
     """The stages of the same calls of both halves, and ``other``: what no stage counts."""
     plans: list[Plan] = field(default_factory=list)
+    energy_mj: list[float] = field(default_factory=list)
+    """Of every call of both halves; NaN where the kernel does not tell."""
 
     def column(self, name: str, half: int | None = None) -> NDArray[np.float64]:
         """A figure of each query that it was measured of: of one half, or the mean of both."""
@@ -166,7 +168,7 @@ class _Session:
         self, profile: Profile, rivals: Sequence[RivalPlanner], sensors: Sensors | None, trace: Trace | None
     ) -> None:
         self._profile, self._rivals, self._sensors, self._trace = profile, rivals, sensors, trace
-        self._harness = Harness()
+        self._harness, self._meter = Harness(), EnergyMeter()
 
     def measure(
         self, on_map: ProfileMap, queries: list[Endpoints], of: WorkloadRun, half: int, disturbance: Disturbance
@@ -178,18 +180,19 @@ class _Session:
         def call(name: str) -> Callable[[Endpoints], Plan]:
             return lambda query: rivals[name].plan(planners[name], query)
 
-        worked_s = 0.0
+        energy, worked_s = self._meter.read(), 0.0
 
         def before(name: str) -> None:
-            nonlocal worked_s
+            nonlocal energy, worked_s
             if on_map.has_body:
                 planners[name] = _planner(rivals[name], on_map)
             if self._sensors is not None and self._sensors.due():
                 disturbance.left_out(self._sensors.read)
-            worked_s = time.thread_time()
+            energy, worked_s = self._meter.read(), time.thread_time()
 
         def after(name: str, elapsed_s: float, plan: Plan) -> None:
             ended, worked = time.perf_counter(), time.thread_time() - worked_s
+            of.answers[name].energy_mj.append(self._meter.since_mj(energy))
             if plan.method is Method.NNPP:  # this thread may have waited for threads of its own
                 disturbance.leave_out(elapsed_s, worked)
             if self._trace is not None:

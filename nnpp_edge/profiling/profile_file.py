@@ -7,11 +7,11 @@ from collections.abc import Collection
 from importlib.resources import files
 from itertools import product
 from pathlib import Path
-from typing import Annotated, NamedTuple, TypeVar, cast
+from typing import Annotated, NamedTuple, TypeVar, cast, get_args
 
 import msgspec
 from msgspec import Meta
-from msgspec.structs import asdict, replace
+from msgspec.structs import asdict, fields, replace
 
 from nnpp_edge.profiling.contest import Facts
 from nnpp_edge.runtime.errors import InvalidQueryError
@@ -65,6 +65,7 @@ QUANTITIES = {
         ("gap_mean", "gap_p99", "gap_max", "cc_excess", "success_first", "success"), Quantity("%", scale=100.0)
     ),
     "expansions_median": Quantity("1"),
+    "energy_mj": Quantity("mJ", "time"),
     "peak_memory_mb": Quantity("MB", whole_run=True),
     **dict.fromkeys(("start_up_warm_s", "start_up_cold_s"), Quantity("s", "time", whole_run=True)),
     "model_mb": Quantity("MB", whole_run=True),
@@ -347,5 +348,14 @@ def _converted(content: Facts, kind: type[TableT]) -> TableT:
             value = value[int(key) if isinstance(value, list | tuple) else key]  # type: ignore[index]
         if problem.startswith("Expected"):
             problem = f"{problem.partition(', got')[0]}, got {value!r}"
+        elif problem.startswith("Object contains unknown"):
+            problem += f": wanted one of {', '.join(_keys(kind, place))}"
         between = ": " if problem.startswith(("Expected", "Object")) else "."  # ours begin with the key
         raise ProfileError(f"{place[1:]}{between}{problem}" if place else problem) from None
+
+
+def _keys(kind: type[Table], place: str) -> list[str]:
+    """The keys of the table at that place, ``.device`` or ``.budgets[0]``, of a table; a profile's name is none."""
+    inner = {each.encode_name: each.type for each in fields(kind)}.get(place.strip(".[]0123456789"), kind)
+    table = next(iter(get_args(inner)), inner)
+    return [each.encode_name for each in fields(table) if (table, each.name) != (Profile, "name")]

@@ -171,7 +171,7 @@ def test_json_may_be_printed_and_an_impossible_budget_is_missed_and_named(run, p
     load = told["profile"]["load"]
     assert (ended.code, load["queries"], load["seed"]) == (1, 4, 5) and "profile: 100 %" in ended.err
     assert {row["n"] for row in told["results"]} == {4}
-    assert told["summary"].startswith("budgets missed: 3 of 5 pass; not plans a second")
+    assert told["summary"].startswith("budgets missed: 3 of 5 pass; not plans a second (nnpp, soft 64², limit20 64²)")
 
 
 def test_a_disturbed_run_is_noisy(run, profile):

@@ -48,8 +48,13 @@ def test_a_profile_says_what_stands_in_it(write):
     [
         ('planner = "corridor"', 'planner = "dijkstra"', ["planner: wanted one of astar,", "'dijkstra'"]),
         ('planner = "corridor"', "planner = 3", ["planner: ", "got 3"]),
-        ('planner = "corridor"', 'plan = "corridor"', ["unknown field plan"]),
+        (
+            'planner = "corridor"',
+            'plan = "corridor"',
+            ["unknown field plan: wanted one of title, planner,", "workload, model, budgets"],
+        ),
         ("[device]", "[devices]", ["unknown field devices"]),
+        ("threads = 1", "thread = 1", ["device: ", "unknown field thread: wanted one of cores, threads"]),
         ("threads = 1", "threads = 0", ["device.threads", "int >= 1", "got 0"]),
         ("threads = 1", "threads = true", ["device.threads", "True"]),
         ("cores = [0, 1]", "cores = [0, 0]", ["device.cores", "different"]),
@@ -89,7 +94,11 @@ def test_a_profile_says_what_stands_in_it(write):
         ("limit = 10,", "limit = inf,", ["budgets[0].limit"]),
         ("size = 128 }", "size = 256 }", ["budgets[1].size", "64, 128", "256"]),
         ("size = 128 }", 'workload = "limit20" }', ["budgets[1].workload", "'limit20'"]),
-        ("size = 128 }", "colour = 1 }", ["budgets[1]", "unknown field colour"]),
+        (
+            "size = 128 }",
+            "colour = 1 }",
+            ["budgets[1]: ", "unknown field colour: wanted one of name, quantity, limit"],
+        ),
         ('planner = "nnpp", size', 'planner = "nnpp-fp32", size', ["budgets[1].planner"]),
         (
             '"gap_mean", limit = 1, direction = "at most", unit = "%"',

@@ -47,6 +47,8 @@ GAP = budget("gap_mean", 1.0, "at most", "%")
         (GAP, {"halves": {"time": [1.0, 9.0]}}, DISTURBED, "fail"),
         (GAP, {"gap_mean": 0.0099}, DISTURBED, "pass"),
         (GAP, {"gap_mean": None}, QUIET, "not measured"),
+        (budget("energy_mj", 5.0, "at most", "mJ"), {"energy_mj": 6.0}, QUIET, "fail"),
+        (budget("energy_mj", 5.0, "at most", "mJ"), {"energy_mj": None}, QUIET, "not measured"),
         (budget("inference_fps", 1.0, "at least", "1/s"), {"inference_fps": None}, QUIET, "not measured"),
         (budget("fps", 1.0, "at least", "1/s", planner="corridor"), {}, QUIET, "not measured"),
     ],

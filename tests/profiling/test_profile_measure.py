@@ -37,6 +37,16 @@ class Timed(Planner):
         return plan
 
 
+class OneWatt:
+    """A meter by which every call takes as many millijoules as milliseconds."""
+
+    def read(self):
+        return time.perf_counter()
+
+    def since_mj(self, before):
+        return 1e3 * (time.perf_counter() - before)
+
+
 def asks(quantity, planner, **where):
     return Budget(quantity, quantity, 1.0, "at most", "ms", planner, **where)
 
@@ -52,6 +62,7 @@ def measured(tiny_model):
     done = []
     patch = pytest.MonkeyPatch()
     patch.setattr(rivals, "Planner", Timed)
+    patch.setattr(measure, "EnergyMeter", OneWatt)
     Timed.calls.clear()
     planners = rivals_of(Networks(str(tiny_model), str(tiny_model)), Device((0,)))
     patch.setattr(measure, "reactions", partial(reactions, patches=16))
@@ -69,6 +80,7 @@ def test_every_planner_has_a_row_for_each_workload_and_size(measured):
     ]
     assert all(row["n"] == 12 and set(row["time_ms"]) == {"median", "p90", "p99", "max", "mean"} for row in told)
     assert done[-1] == queries_in(LOAD) == 2 * 2 * 2 * 12 and done == sorted(done)
+    assert all(1.0 < row["energy_mj"] / row["time_ms"]["mean"] < 1.5 for row in told)
     assert len(found.disturbance) == 2 and all(half.elapsed_s > 0.0 for half in found.disturbance)
 
 
