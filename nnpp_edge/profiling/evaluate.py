@@ -8,7 +8,7 @@ from itertools import product
 import numpy as np
 
 from nnpp_edge.profiling.contest import Figures, Harness, Record, Row, answer, mean, quantile, ratio, summarised
-from nnpp_edge.profiling.rivals import EXACT, FindsPlans, FreshMap, RivalPlanner
+from nnpp_edge.profiling.rivals import EXACT, FindsPlans, RivalPlanner
 from nnpp_edge.profiling.suites import Case
 from nnpp_edge.runtime.cells import Endpoints
 from nnpp_edge.runtime.errors import InvalidQueryError
@@ -135,10 +135,11 @@ class _OnMap:
         """Of a vehicle's body on the map; 0 of a point."""
         how = (True, False) if fresh_map else (True,) if self._body is not None else ()
         self._fresh = {
-            _FRESH + _key(rival, lazy): FreshMap(rival.apart(), ground, lazy=lazy)
+            _FRESH + _key(rival, lazy): partial(self._from_elevations, rival.apart(), ground, lazy)
             for rival, lazy in product(rivals, how)
             if ground is not None
         }
+        self._kept: FindsPlans | None = None
         standing = ground if ground is not None and ground.by_slope else Ground(case.cost)
         self._standing = {} if self._body else {each.name: each.planner(standing, lazy=False) for each in rivals}
         self.calls: dict[str, Callable[[Endpoints], Plan]] = {
@@ -152,8 +153,12 @@ class _OnMap:
 
     def forget(self, name: str, elapsed_s: float, result: Plan) -> None:
         """Give a fresh map's planner back after a call, outside the time that counts."""
-        if name in self._fresh:
-            self._fresh[name].forget()
+        self._kept = None
+
+    def _from_elevations(self, rival: RivalPlanner, ground: Ground, lazy: bool, query: Endpoints) -> Plan:
+        """From elevations to the plan; the planner is kept until `forget`."""
+        self._kept = rival.planner(ground, lazy=lazy)
+        return rival.plan(self._kept, query)
 
     def judged(self, records: Records) -> Iterator[tuple[str, Row]]:
         """Rows of what was measured on a query, by planner."""

@@ -64,27 +64,6 @@ class RivalPlanner:
         return replace(self, model=self.model and self.model.share())
 
 
-class FreshMap:
-    """A rival on a map that has just arrived: a function of a query that makes a planner from elevations for it.
-
-    The planner is kept until `forget` is called: to give its memory back is no part of planning. The rival must be
-    `apart`.
-    """
-
-    def __init__(self, rival: RivalPlanner, ground: Ground, *, lazy: bool = True) -> None:
-        self._rival, self._ground, self._lazy = rival, ground, lazy
-        self._planner: FindsPlans | None = None
-
-    def __call__(self, query: Endpoints) -> Plan:
-        """From elevations to the plan."""
-        self._planner = self._rival.planner(self._ground, lazy=self._lazy)
-        return self._rival.plan(self._planner, query)
-
-    def forget(self) -> None:
-        """Give the planner's memory back."""
-        self._planner = None
-
-
 def exact_and(methods: Iterable[str], models: Mapping[str, NetworkModel]) -> list[RivalPlanner]:
     """Exact A*, and a rival for each other method; for ``nnpp`` one for each model.
 
