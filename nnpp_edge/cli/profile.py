@@ -13,7 +13,6 @@ from nnpp_edge.cli.text import tell
 
 if TYPE_CHECKING:
     from nnpp_edge.profiling.contest import Facts
-    from nnpp_edge.profiling.profile_file import Profile
 
 _FILES = ("report.json", "report.md", "board-row.md", "trace.json", "report.html")
 _PEERS_SIZES, _PEERS_QUERIES = (256, 512, 1024), 50
@@ -169,21 +168,21 @@ def _profile(name: str, asked: Asked) -> int:
     content, markdown = json.dumps(report, indent=1), report_text(report, markdown=True)
     if trace is not None:
         texts = (text.encode() for text in (content, markdown, f"{board_table(report)}\n"))
-        contents = (*texts, trace.to_json(), _page(report, profile))
+        contents = (*texts, trace.to_json(), _page(report))
         write_all({path: each for path, each in zip(written, contents, strict=True) if each})
     printed = content if asked.as_json else markdown if asked.markdown else report_text(report)
     click.echo(printed.rstrip("\n"))
     return EXIT_CODES[report["verdict"]]
 
 
-def _page(report: "Facts", profile: "Profile") -> bytes:
+def _page(report: "Facts") -> bytes:
     """The report as a page of HTML; empty, which is said, where the extra `viz` is not installed."""
     try:
         from nnpp_edge.viz.profile_page import page
     except ImportError as error:
         click.echo(f"note: {_FILES[-1]} is left out: {error} (pip install 'nnpp-edge[viz]')", err=True)
         return b""
-    return page(report, profile).encode()
+    return page(report).encode()
 
 
 def _peers(asked: Asked) -> None:
