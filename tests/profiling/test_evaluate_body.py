@@ -117,12 +117,8 @@ def test_the_vehicle_stands_on_starts_and_goals_and_rocks_lie_on_the_crops(terra
     np.testing.assert_array_equal(asked.ground.elevation, rocky.ground.elevation)
     raised = rocky.ground.elevation - bare.ground.elevation
     assert raised.min() >= 0.0 and 0.0 < np.mean(raised > 0.05) < 0.5
-
-
-def test_rocks_of_each_map_are_others(terrain):
-    cases = terrain_cases(TerrainFiles((terrain,)).read(), "body-rocks5", 128, vehicle=ROVER)
-    first, second = (next(cases).ground.elevation for _ in range(2))
-    assert first.shape == (128, 128) and (first != second).any()  # of the same crop: the whole terrain
+    whole = terrain_cases(dems, "body-rocks5", 128, vehicle=ROVER)  # of the same crop rocks of each map are others
+    assert (next(whole).ground.elevation != next(whole).ground.elevation).any()
 
 
 def test_rocks_may_lie_in_the_way_of_a_point(nnpp_edge, terrain):
@@ -152,31 +148,25 @@ def test_maps_without_any_path_are_not_asked_forever(rocky):
         evaluate(cases(), exact_and(["astar"], {}), 1, repeats=1)
 
 
-@pytest.mark.parametrize(
-    ("words", "complaint"),
-    [
-        (("--workload", "body-rocks30"), "N from 0 to 20 percent, got 'body-rocks30'"),
-        (("--workload", "body-rocks"), "N from 0 to 20 percent, got 'body-rocks'"),
-        (("--workload", "bodyrocks5"), "'bodyrocks5'"),
-        (
-            ("--workload", "body", "--set", "length_m=200", "--set", "width_m=9", "--set", "max_tilt_deg=20"),
-            "wanted a map that the vehicle fits on",
-        ),
-        (("--workload", "body", "--rocks", 0.5), "--rocks"),
-    ],
-)
-def test_wrong_use_is_one_line(judged, words, complaint):
-    judged(*words).refused(complaint)
-
-
-def test_a_vehicle_needs_its_workload_and_elevations_and_the_other_way_round(nnpp_edge, terrain, rover, tmp_path):
-    nnpp_edge("evaluate", terrain, "--workload", "body-rocks5").refused("--workload body-rocks5", "--vehicle")
-    nnpp_edge("evaluate", terrain, "--vehicle", rover).refused("for the workloads body and body-rocksN")
-    nnpp_edge("evaluate", terrain, "--vehicle", "unicycle", "--workload", "body").refused("unicycle")
+def test_wrong_use_is_one_line(judged, nnpp_edge, terrain, rover, tmp_path):
+    large = ("--set", "length_m=200", "--set", "width_m=9", "--set", "max_tilt_deg=20")
+    for words, complaint in (
+        (("body-rocks30",), "N from 0 to 20 percent, got 'body-rocks30'"),
+        (("body-rocks",), "N from 0 to 20 percent, got 'body-rocks'"),
+        (("bodyrocks5",), "'bodyrocks5'"),
+        (("body", *large), "wanted a map that the vehicle fits on"),
+        (("body", "--rocks", 0.5), "--rocks"),
+    ):
+        judged("--workload", *words).refused(complaint)
     (tmp_path / "set").mkdir()
-    words = ("evaluate", "--dataset", tmp_path / "set")
-    nnpp_edge(*words, "--vehicle", rover, "--workload", "body").refused("elevations")
-    nnpp_edge(*words, "--rocks", 0.1).refused("elevations")
+    for words, complaints in (
+        ((terrain, "--workload", "body-rocks5"), ("--workload body-rocks5", "--vehicle")),
+        ((terrain, "--vehicle", rover), ("for the workloads body and body-rocksN",)),
+        ((terrain, "--vehicle", "unicycle", "--workload", "body"), ("unicycle",)),
+        (("--dataset", tmp_path / "set", "--vehicle", rover, "--workload", "body"), ("elevations",)),
+        (("--dataset", tmp_path / "set", "--rocks", 0.1), ("elevations",)),
+    ):
+        nnpp_edge("evaluate", *words).refused(*complaints)
 
 
 def test_other_commands_say_that_they_do_not_serve_a_vehicles_workloads(nnpp_edge, terrain):

@@ -54,11 +54,6 @@ def test_libraries_that_are_not_installed_are_named_and_left_out(nnpp_edge, terr
     assert "corridor" in ended.out and "skimage.graph" not in ended.out
 
 
-def test_without_peers_it_is_wrong_use(nnpp_edge):
-    ended = nnpp_edge("profile")
-    assert ended.code == 2 and "--peers" in ended.err
-
-
 def one_map(cost, *queries):
     return iter([Case("made", len(cost), cost.astype(np.float32), queries)])
 
