@@ -254,7 +254,7 @@ def compare(
                 break
         again, taking_part = answered[:_FRESH_QUERIES], [each for each in planners if each.name in searches]
         fresh = {"once_ms": {each.name: partial(each.plan_once, weights) for each in taking_part}}
-        if case.ground is not None:
+        if case.ground.elevation is not None:
             fresh["elevation_ms"] = {each.name: partial(each.plan_on, case.ground) for each in taking_part}
         for figure, calls in fresh.items():
             for records in harness.measure(calls, again, warm_up=again[:1]):

@@ -136,8 +136,7 @@ def command(
         found = suites.terrain_cases(dems, name, size, seed, min_distance, body, rocks)
         found = suites.dataset_cases(dataset, name) if dataset is not None else found
         for case in found:
-            ground = case.ground and replace(case.ground, step_cost=robot.step_cost, mobility=mobility)
-            yield replace(case, ground=ground)
+            yield replace(case, ground=replace(case.ground, step_cost=robot.step_cost, mobility=mobility))
 
     runs = list(product(workloads, (read_recipe(dataset).size,) if dataset else sizes))
     rows: list[dict[str, str | float | None]] = []

@@ -13,7 +13,6 @@ from nnpp_edge.profiling.suites import Case
 from nnpp_edge.runtime.cells import Endpoints
 from nnpp_edge.runtime.errors import InvalidQueryError
 from nnpp_edge.runtime.exercises import exercise
-from nnpp_edge.runtime.map.ground import Ground
 from nnpp_edge.runtime.planners.plan import Plan, Source
 from nnpp_edge.runtime.terrain.vehicle import HEADINGS
 
@@ -126,22 +125,19 @@ class _OnMap:
     """The rivals on the map of one case, as functions of a query."""
 
     def __init__(self, case: Case, rivals: Sequence[RivalPlanner], fresh_map: bool) -> None:
-        ground = case.ground
-        if fresh_map and ground is None:
+        if fresh_map and case.ground.elevation is None:
             raise InvalidQueryError("a fresh map is made from elevations, got a case of costs alone")
-        self._body = ground if ground is not None and ground.vehicle is not None else None
-        self._cells, self._rivals = case.cost.size, rivals
-        self.poses = len(HEADINGS) * case.cost.size if self._body is not None else 0
+        body = case.ground.vehicle is not None
+        self._ground, self._cells, self._rivals = case.ground, case.cost.size, rivals
+        self.poses = len(HEADINGS) * case.cost.size if body else 0
         """Of a vehicle's body on the map; 0 of a point."""
-        how = (True, False) if fresh_map else (True,) if self._body is not None else ()
+        how = (True, False) if fresh_map else (True,) if body else ()
         self._fresh = {
-            _FRESH + _key(rival, lazy): partial(self._from_elevations, rival.apart(), ground, lazy)
+            _FRESH + _key(rival, lazy): partial(self._from_elevations, rival.apart(), lazy)
             for rival, lazy in product(rivals, how)
-            if ground is not None
         }
         self._kept: FindsPlans | None = None
-        standing = ground if ground is not None and ground.by_slope else Ground(case.cost)
-        self._standing = {} if self._body else {each.name: each.planner(standing, lazy=False) for each in rivals}
+        self._standing = {} if body else {each.name: each.planner(case.standing, lazy=False) for each in rivals}
         self.calls: dict[str, Callable[[Endpoints], Plan]] = {
             **{each.name: partial(each.plan, self._standing[each.name]) for each in rivals if self._standing},
             **self._fresh,
@@ -155,9 +151,9 @@ class _OnMap:
         """Give a fresh map's planner back after a call, outside the time that counts."""
         self._kept = None
 
-    def _from_elevations(self, rival: RivalPlanner, ground: Ground, lazy: bool, query: Endpoints) -> Plan:
+    def _from_elevations(self, rival: RivalPlanner, lazy: bool, query: Endpoints) -> Plan:
         """From elevations to the plan; the planner is kept until `forget`."""
-        self._kept = rival.planner(ground, lazy=lazy)
+        self._kept = rival.planner(self._ground, lazy=lazy)
         return rival.plan(self._kept, query)
 
     def judged(self, records: Records) -> Iterator[tuple[str, Row]]:
@@ -181,7 +177,7 @@ class _OnMap:
         return float(np.median([plan.timings_ms.get("total", 0.0) for plan in records[_FRESH + name].results]))
 
     def _planner(self, rival: RivalPlanner) -> FindsPlans:
-        return self._standing[rival.name] if self._body is None else rival.planner(self._body)
+        return self._standing[rival.name] if self._standing else rival.planner(self._ground)
 
 
 def _key(rival: RivalPlanner, lazy: bool) -> str:

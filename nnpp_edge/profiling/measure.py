@@ -13,13 +13,13 @@ from nnpp_edge.profiling.arrivals import Reactions, arrival_ms, reactions
 from nnpp_edge.profiling.contest import Harness, Record
 from nnpp_edge.profiling.machine import Disturbance, EnergyMeter
 from nnpp_edge.profiling.profile_file import Device, Load, Networks, Profile
-from nnpp_edge.profiling.profile_maps import ProfileMap, ProfileMaps
-from nnpp_edge.profiling.rivals import EXACT, FindsPlans, RivalPlanner
+from nnpp_edge.profiling.profile_maps import ProfileMaps
+from nnpp_edge.profiling.rivals import EXACT, RivalPlanner
 from nnpp_edge.profiling.sensors import Sensors
+from nnpp_edge.profiling.suites import Case
 from nnpp_edge.profiling.trace import Trace
 from nnpp_edge.runtime.cells import Endpoints
 from nnpp_edge.runtime.errors import InvalidQueryError
-from nnpp_edge.runtime.map.ground import Ground
 from nnpp_edge.runtime.network.inference import NetworkModel
 from nnpp_edge.runtime.planners.plan import Method, Plan
 
@@ -138,13 +138,13 @@ def queries_in(load: Load) -> int:
     return HALVES * len(load.workloads) * len(load.sizes) * load.queries
 
 
-def first_half_again(maps: ProfileMaps, of: WorkloadRun) -> Iterator[tuple[ProfileMap, list[Endpoints]]]:
+def first_half_again(maps: ProfileMaps, of: WorkloadRun) -> Iterator[tuple[Case, list[Endpoints]]]:
     """The maps of the first half again, with its queries."""
     found = zip(of.queries_by_map, maps.maps(of.workload, of.size), strict=False)
     return ((on_map, queries) for queries, on_map in found if queries)
 
 
-def _solvable(maps: ProfileMaps, of: WorkloadRun, load: Load) -> Iterator[tuple[ProfileMap, list[Endpoints]]]:
+def _solvable(maps: ProfileMaps, of: WorkloadRun, load: Load) -> Iterator[tuple[Case, list[Endpoints]]]:
     """Maps with those of their queries that have a path, until there are enough; they are kept in `of`."""
     missing = load.queries
     for on_map in islice(maps.maps(of.workload, of.size), _MAPS_TRIED * load.queries):
@@ -171,11 +171,11 @@ class _Session:
         self._harness, self._meter = Harness(), EnergyMeter()
 
     def measure(
-        self, on_map: ProfileMap, queries: list[Endpoints], of: WorkloadRun, half: int, disturbance: Disturbance
+        self, on_map: Case, queries: list[Endpoints], of: WorkloadRun, half: int, disturbance: Disturbance
     ) -> None:
         """Have all planners answer the queries on one map, and count the answers."""
         rivals = {rival.name: rival for rival in self._rivals}
-        planners = {name: _planner(rival, on_map) for name, rival in rivals.items()}
+        planners = {name: rival.planner(on_map.standing) for name, rival in rivals.items()}
 
         def call(name: str) -> Callable[[Endpoints], Plan]:
             return lambda query: rivals[name].plan(planners[name], query)
@@ -184,8 +184,8 @@ class _Session:
 
         def before(name: str) -> None:
             nonlocal energy, worked_s
-            if on_map.has_body:
-                planners[name] = _planner(rivals[name], on_map)
+            if on_map.ground.vehicle is not None:
+                planners[name] = rivals[name].planner(on_map.standing)
             if self._sensors is not None and self._sensors.due():
                 disturbance.left_out(self._sensors.read)
             energy, worked_s = self._meter.read(), time.thread_time()
@@ -208,14 +208,14 @@ class _Session:
             for name in rivals:
                 of.answers[name].add(records[name], half)
             for name, rival in rivals.items():  # last, so that no planner follows what others do not
-                if rival.method is Method.NNPP and rival.model is not None and not on_map.has_body:
+                if rival.method is Method.NNPP and rival.model is not None and on_map.ground.vehicle is None:
                     # on the map that it was shown last, encoded anew, and a query
                     seconds, _ = disturbance.left_out(partial(self._harness.timed, rival.model.try_out))
                     of.answers[name].figures[half][-1]["network_ms"] = 1e3 * seconds
         disturbance.stop()
         self._span(f"{of.workload} {of.size}², half {half + 1}", began)
 
-    def measure_arriving(self, on_map: ProfileMap, queries: list[Endpoints], of: WorkloadRun, half: int) -> None:
+    def measure_arriving(self, on_map: Case, queries: list[Endpoints], of: WorkloadRun, half: int) -> None:
         """Have some planners answer the queries on one map as if it had just arrived; run the loop on it."""
         profile, ground = self._profile, on_map.ground
         for rival in (each for each in self._rivals if each.name in profile.arriving):
@@ -231,7 +231,3 @@ class _Session:
     def _span(self, name: str, began_s: float) -> None:
         if self._trace is not None:
             self._trace.span(name, began_s, time.perf_counter())
-
-
-def _planner(rival: RivalPlanner, on_map: ProfileMap) -> FindsPlans:
-    return rival.planner(on_map.ground if on_map.has_body else Ground(on_map.cost))

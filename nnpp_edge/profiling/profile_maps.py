@@ -1,45 +1,13 @@
 """The maps and queries of a profile: crops of terrain, synthetic terrain where no file is large enough."""
 
-from collections.abc import Callable, Iterator
-from dataclasses import dataclass
+from collections.abc import Iterator
 from pathlib import Path
 
 from nnpp_edge.profiling.profile_file import SAMPLE, Load
-from nnpp_edge.profiling.suites import (
-    SYNTHETIC,
-    TerrainFiles,
-    large_enough,
-    source_of,
-    terrain_cases,
-)
-from nnpp_edge.runtime.arrays import Float2D
-from nnpp_edge.runtime.cells import Endpoints
+from nnpp_edge.profiling.suites import SYNTHETIC, Case, TerrainFiles, large_enough, source_of, terrain_cases
 from nnpp_edge.runtime.errors import TerrainError
-from nnpp_edge.runtime.map.ground import Ground
-from nnpp_edge.runtime.planners.plan import Method
-from nnpp_edge.runtime.planners.planner import Planner
 from nnpp_edge.terrain.dem import Dem
 from nnpp_edge.terrain.vehicle_files import load_vehicle
-
-
-@dataclass(frozen=True)
-class ProfileMap:
-    """A map with its queries."""
-
-    cost: Float2D
-    """With a vehicle the cost of the best pose of each cell; each planner checks the poses itself."""
-    ground: Ground
-    queries: tuple[Endpoints, ...]
-
-    @property
-    def has_body(self) -> bool:
-        """Whether a vehicle's poses cost."""
-        return self.ground.vehicle is not None
-
-    def connections(self) -> Callable[[Endpoints], bool]:
-        """Whether there is a path, as a function of the query."""
-        planner = Planner(self.ground if self.has_body else self.cost)
-        return lambda query: planner.plan(*query, method=Method.CORRIDOR).ok
 
 
 class ProfileMaps:
@@ -68,9 +36,6 @@ class ProfileMaps:
         """Name of the terrain that maps of this size come from."""
         return source_of(self._dems, size)
 
-    def maps(self, name: str, size: int) -> Iterator[ProfileMap]:
-        """Maps of one workload and size, without end."""
-        load = self.load
-        for case in terrain_cases(self._dems, name, size, load.seed, load.min_distance, self._vehicle):
-            assert case.ground is not None
-            yield ProfileMap(case.cost, case.ground, case.queries)
+    def maps(self, name: str, size: int) -> Iterator[Case]:
+        """Maps of one workload and size with their queries, without end."""
+        return terrain_cases(self._dems, name, size, self.load.seed, self.load.min_distance, self._vehicle)

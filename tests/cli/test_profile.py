@@ -12,7 +12,7 @@ from nnpp_edge.profiling import judge, machine, measure
 from nnpp_edge.profiling import report as report_module
 from nnpp_edge.profiling.compare import board_table
 from nnpp_edge.profiling.processes import peak_memory_mb
-from nnpp_edge.profiling.profile_maps import ProfileMap
+from nnpp_edge.profiling.suites import Case
 from nnpp_edge.runtime import Ground, Vehicle
 from tests.profiling.test_profile_machine import busy_core
 from tests.profiling.traces import check_trace, spans_of, within
@@ -246,7 +246,8 @@ def test_peak_memory_is_that_of_another_process(tiny_model):
 
     def peak(side, vehicle=None):
         flat = np.zeros((side, side), np.float32)
-        on_map = ProfileMap(flat + 0.2, Ground.of_elevation(flat, 0.25, vehicle=vehicle), (query,))
+        ground = Ground.of_elevation(flat, 0.25, vehicle=vehicle)
+        on_map = Case("soft", side, flat + 0.2, (query,), ground)
         return peak_memory_mb(on_map, query, "astar", str(tiny_model))
 
     mine = np.ones(200_000_000, np.uint8)  # must not count

@@ -145,7 +145,9 @@ def test_a_data_set_can_be_judged_by(tmp_path, tiny_model, nnpp_edge):
 def test_a_fresh_map_needs_elevations(nnpp_edge, tmp_path, terrain):
     (tmp_path / "set").mkdir()
     nnpp_edge("evaluate", "--dataset", tmp_path / "set", "--fresh-map").refused("--fresh-map", "elevations")
-    case = replace(next(terrain_cases(TerrainFiles((terrain,)).read(), "soft", 64)), ground=None)
+    case = replace(
+        next(terrain_cases(TerrainFiles((terrain,)).read(), "soft", 64)), ground=Ground(np.zeros((64, 64)))
+    )
     with pytest.raises(InvalidQueryError, match="elevations"):
         evaluate([case], exact_and(["corridor"], {}), 1, fresh_map=True)
     nnpp_edge("evaluate", terrain, "--json", "--markdown").refused("--json", "--markdown")

@@ -7,6 +7,7 @@ import pytest
 from nnpp_edge.benchmarks import peers
 from nnpp_edge.benchmarks.peers import peer_planners, weights_of
 from nnpp_edge.profiling.suites import Case, TerrainFiles, terrain_cases
+from nnpp_edge.runtime import Ground
 
 SOLVE_THE_SAME = ("astar", "skimage.graph", "scipy dijkstra")
 OTHERS = {"pyastar2d": "pyastar2d", "skimage.graph": "skimage", "tcod.path": "tcod", "scipy dijkstra": "scipy"}
@@ -55,7 +56,8 @@ def test_libraries_that_are_not_installed_are_named_and_left_out(nnpp_edge, terr
 
 
 def one_map(cost, *queries):
-    return iter([Case("made", len(cost), cost.astype(np.float32), queries)])
+    cost = cost.astype(np.float32)
+    return iter([Case("made", len(cost), cost, queries, Ground(cost))])
 
 
 def test_a_planner_over_the_limit_is_left_out_and_says_so(monkeypatch):
