@@ -97,7 +97,7 @@ def draw_times(axes: "Axes", times_ms: Mapping[str, Mapping[int, float]]) -> Non
         line, width = ("o-", 2.0) if name in OURS else ("s--", 1.2)
         axes.plot([*by_size], [*by_size.values()], line, linewidth=width, markersize=4, label=name)
     sides = sorted({side for by_size in times_ms.values() for side in by_size})
-    log_axis(axes, "x", base=2)
+    _log_x(axes, base=2)
     axes.set(yscale="log", xlabel="side of the map, cells", ylabel="median time of a query, ms")
     axes.set_xticks(sides, [str(side) for side in sides])
 
@@ -122,7 +122,7 @@ def pareto(rows: Sequence[Facts], path: Path) -> None:
             points.append((ms, gap))
         front = [(ms, gap) for ms, gap in sorted(points) if not any(t < ms and g <= gap for t, g in points)]
         axes.plot(*zip(*front, strict=True), color="grey", linewidth=1, zorder=0)
-        log_axis(axes, "x")
+        _log_x(axes)
         axes.set(title=f"{name}, {size}", xlabel="ms, median", ylabel="cost gap, %: mean, to p95")
         axes.grid(alpha=0.3, which="both")
     handles: Facts = {}
@@ -169,12 +169,12 @@ def profile_picture(
     return _encoded(figure, form, 150)
 
 
-def log_axis(axes: "Axes", which: str, base: int = 10) -> None:
-    """Make an axis logarithmic, with plain numbers, a few of them."""
+def _log_x(axes: "Axes", base: int = 10) -> None:
+    """Make the x axis logarithmic, with plain numbers, a few of them."""
     from matplotlib.ticker import LogLocator, NullFormatter
 
-    axis = axes.xaxis if which == "x" else axes.yaxis
-    (axes.set_xscale if which == "x" else axes.set_yscale)("log", base=base)
+    axis = axes.xaxis
+    axes.set_xscale("log", base=base)
     low, high = axis.get_view_interval()
     decades = float(np.log10(high / low))
     subs = (1.0,) if base != 10 or decades > 2.5 else (1.0, 3.0) if decades > 1.2 else (1.0, 2.0, 5.0)

@@ -6,6 +6,7 @@ page; colours of planners and stages are of middling lightness.
 
 import io
 import re
+from collections import defaultdict
 from collections.abc import Iterator, Sequence
 from importlib.resources import files
 from typing import Any
@@ -81,11 +82,6 @@ def _svg(figure: Figure, title: str, prefix: str) -> Markup:
     return Markup(text.replace("<svg", f'<svg role="img" aria-label="{title}"', 1))
 
 
-def _by_planner(rows: Sequence[Facts]) -> dict[str, list[Facts]]:
-    names = dict.fromkeys(row["planner"] for row in rows)
-    return {name: [row for row in rows if row["planner"] == name] for name in names}
-
-
 def _stages(figure: Figure, rows: Sequence[Facts]) -> None:
     found, sizes = {stage for row in rows for stage in row["stages_ms"]}, sorted({row["size"] for row in rows})
     figure.set_size_inches(_WIDE, 1.9 * len(sizes) + 0.6)
@@ -103,9 +99,9 @@ def _stages(figure: Figure, rows: Sequence[Facts]) -> None:
 
 
 def _by_size(figure: Figure, rows: Sequence[Facts]) -> None:
-    axes = figure.add_subplot()
-    medians = {name: {row["size"]: row["time_ms"]["median"] for row in of} for name, of in _by_planner(rows).items()}
+    axes, medians = figure.add_subplot(), defaultdict[str, dict[int, float]](dict)
+    for row in rows:
+        medians[row["planner"]][row["size"]] = row["time_ms"]["median"]
+        color = f"C{[*medians].index(row['planner'])}"
+        axes.vlines(row["size"], row["time_ms"]["median"], row["time_ms"]["p99"], color=color, linewidth=0.8)
     draw_times(axes, medians)
-    for at, of in enumerate(_by_planner(rows).values()):
-        for row in of:
-            axes.vlines(row["size"], row["time_ms"]["median"], row["time_ms"]["p99"], color=f"C{at}", linewidth=0.8)
