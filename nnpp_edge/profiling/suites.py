@@ -1,7 +1,7 @@
 """Maps and queries to judge planners by, from terrain files or from a data set."""
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from importlib.resources import files
 from pathlib import Path
@@ -13,6 +13,8 @@ from nnpp_edge.runtime.cells import Endpoints
 from nnpp_edge.runtime.errors import DataSetError, InvalidQueryError
 from nnpp_edge.runtime.map.ground import Ground
 from nnpp_edge.runtime.map.poses import pose_costs
+from nnpp_edge.runtime.planners.plan import Method
+from nnpp_edge.runtime.planners.planner import Planner
 from nnpp_edge.runtime.terrain.traversability import Traversability
 from nnpp_edge.runtime.terrain.vehicle import Vehicle
 from nnpp_edge.terrain.dataset import read_recipe, read_shards
@@ -56,16 +58,18 @@ class Case:
     """(H, W) traversability cost."""
     queries: tuple[Endpoints, ...]
     """Start and goal both passable, a vehicle's in some heading; whether they are connected is not known yet."""
-    ground: Ground | None = None
-    """Source of the costs; None where that is not known."""
-    least_distance: float = 0.0
-    """Cells between start and goal at least."""
+    ground: Ground
+    """Source of the costs: elevations, or of a data set the costs themselves."""
 
-    def more_queries(self) -> Iterator[Endpoints]:
-        """Other random queries, always the same ones; they end where no fitting one is found."""
-        rng = np.random.default_rng(np.ravel(self.queries))
-        while (query := random_query(rng, self.cost, self.least_distance)) is not None:
-            yield query
+    @property
+    def standing(self) -> Ground:
+        """For planners on a standing map: the costs, but elevations where a vehicle's poses or the slope decide."""
+        return self.ground if self.ground.vehicle is not None or self.ground.by_slope else Ground(self.cost)
+
+    def connections(self) -> Callable[[Endpoints], bool]:
+        """Whether there is a path, as a function of the query."""
+        planner = Planner(self.standing)
+        return lambda query: planner.plan(*query, method=Method.CORRIDOR).ok
 
 
 @dataclass(frozen=True)
@@ -172,7 +176,7 @@ def terrain_cases(
         queries = [query for _ in range(QUERIES_PER_MAP) if (query := random_query(rng, cost, least)) is not None]
         in_vain = 0 if queries else in_vain + 1
         if queries:
-            yield Case(name, size, cost, tuple(queries), ground, least)
+            yield Case(name, size, cost, tuple(queries), ground)
     raise InvalidQueryError(
         f"no two passable cells {least:.0f} apart were found in {_TRIES} maps of {rows} × {cols} for the workload "
         f"{name}"
@@ -192,6 +196,6 @@ def dataset_cases(folder: Path, name: str) -> Iterator[Case]:
             ends = np.rint(np.stack([shard["start"][of_map], shard["goal"][of_map]], axis=1)).astype(int)
             queries = tuple(((int(a[0]), int(a[1])), (int(b[0]), int(b[1]))) for a, b in ends)
             found = True
-            yield Case(name, recipe.size, cost, queries)
+            yield Case(name, recipe.size, cost, queries, Ground(cost))
     if not found:
         raise DataSetError(f"{folder}: holds no map of the workload {name} at full resolution")

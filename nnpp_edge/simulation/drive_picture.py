@@ -16,15 +16,13 @@ from nnpp_edge.simulation.robots import Robot
 from nnpp_edge.simulation.scene import Scene, SurveyedGround
 from nnpp_edge.simulation.simulate import Drive
 from nnpp_edge.viz.picture import BODY, IMPASSABLE, OPTIMUM, PATH, body_outlines, cost_picture
-from nnpp_edge.viz.sheet import INK, Colour, MapDrawing, Picture
+from nnpp_edge.viz.sheet import GOAL, INK, START, Colour, MapDrawing, Picture
 
 if TYPE_CHECKING:
     from PIL.Image import Image
 
 DRIVEN: Colour = (70, 190, 40)
 SEEN: Colour = (255, 210, 60)
-_GOAL: Colour = (30, 20, 225)
-_ROBOT: Colour = (0, 215, 255)
 _GREYS = 20
 _MOST_FRAMES = 80
 _FRAME_PIXELS = 480
@@ -46,16 +44,16 @@ def drive_picture(ground: SurveyedGround, drive: Drive) -> Picture:
     """
     sheet = MapDrawing(cost_picture(ground.costs()))
     sheet.line(drive.driven, DRIVEN, 4.0)
-    sheet.line(drive.optimal, OPTIMUM, 2.0, dashed=True)
+    sheet.line(drive.optimal, OPTIMUM, 2.0)
     bodies = _bodies(ground.robot, drive.driven)
     for outline in bodies:
         sheet.line(outline, INK, 2.5)
         sheet.line(outline, BODY, 1.2)
     sheet.star(sheet.at(drive.goal))
     sheet.square(sheet.at(drive.start))
-    ends = [sheet.symbol_key(sheet.square, "start"), sheet.symbol_key(sheet.star, "goal")]
-    lines = [sheet.line_key(DRIVEN, "driven"), sheet.line_key(OPTIMUM, "optimum, with all known", dashed=True)]
-    lines += [sheet.line_key(BODY, "vehicle")] * bool(bodies)
+    ends = [sheet.swatch(START, "start"), sheet.swatch(GOAL, "goal")]
+    lines = [sheet.swatch(DRIVEN, "driven"), sheet.swatch(OPTIMUM, "optimum, with all known")]
+    lines += [sheet.swatch(BODY, "vehicle")] * bool(bodies)
     costs = f"cost {drive.driven_cost:.4g}, optimum {drive.optimal_cost:.4g}"
     if drive.excess is not None:
         costs += f" (+{100 * drive.excess:.1f} %)"
@@ -100,7 +98,7 @@ def _frame(scene: Scene, message: PathMessage) -> Picture:
     driven = np.array(scene.driven, np.int32)
     lines: list[tuple[NDArray[np.generic], Colour, int]] = [(message.path, PATH, 2), (driven, DRIVEN, 2)]
     lines += [(outline, BODY, 1) for outline in _bodies(scene.ground.robot, message.path)]
-    lines += [(outline, _ROBOT, 2) for outline in _bodies(scene.ground.robot, driven)[-1:]]
+    lines += [(outline, START, 2) for outline in _bodies(scene.ground.robot, driven)[-1:]]
     for cells, colour, width in lines:
         if len(cells):
             cv2.polylines(picture, [_pixels(cells, factor)], False, colour, width, cv2.LINE_AA)
@@ -108,7 +106,7 @@ def _frame(scene: Scene, message: PathMessage) -> Picture:
     corners = _pixels(np.array([(row, col), (row + rows - 1, col + cols - 1)]), factor)
     cv2.rectangle(picture, corners[0].tolist(), corners[1].tolist(), SEEN, 1)
     radius = max(3, math.ceil(factor))
-    for cell, colour in ((scene.goal, _GOAL), (scene.robot, _ROBOT)):
+    for cell, colour in ((scene.goal, GOAL), (scene.robot, START)):
         cv2.circle(picture, _pixels(np.array([cell]), factor)[0].tolist(), radius + 1, colour, -1, cv2.LINE_AA)
     return picture
 
@@ -128,7 +126,7 @@ def _palette(picture: Picture) -> "Image":
     from PIL import Image
 
     greys = [(level, level, level) for level in np.linspace(0, 255, _GREYS).astype(int).tolist()]
-    colours = [*greys, IMPASSABLE, PATH, BODY, DRIVEN, SEEN, _GOAL, _ROBOT]
+    colours = [*greys, IMPASSABLE, PATH, BODY, DRIVEN, SEEN, GOAL, START]
     palette = Image.new("P", (1, 1))
     palette.putpalette([value for blue, green, red in colours for value in (red, green, blue)])
     image = Image.fromarray(np.ascontiguousarray(picture[..., ::-1]))

@@ -211,8 +211,8 @@ def place(run, hills, tmp_path):
         "mine.toml": ENERGY,
         "heavy.toml": ENERGY.replace("50", "-50"),
         "body.toml": "length_m = 1.0\nwidth_m = 0.8\nclearance_m = 0.3\nwheels = 6\n",
-        "own.toml": "[loop]\nmodel = 'nope'\nmethod = 'astar'\n[workload]\nterrain = 'hills.npz'\n",
-        "set/report.json": "[workload]\nterrain = 'hills.npz'\n",
+        "own.toml": "[loop]\nmodel = 'nope'\nmethod = 'astar'\n[workload]\nterrain = ['hills.npz']\n",
+        "set/report.json": "[workload]\nterrain = ['hills.npz']\n",
         **dict.fromkeys(("text.txt", "grey.png", "set/peers.json", "set/dataset.json"), "input"),
     }.items():
         Path(name).write_text(text)

@@ -28,11 +28,10 @@ budgets = [
 cores = [0]
 
 [workload]
-terrain = "synthetic"
+terrain = ["synthetic"]
 workloads = ["soft"]
 sizes = [32]
 queries = 1
-near = 0
 repeats = 1
 
 [model]

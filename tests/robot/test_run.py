@@ -329,12 +329,12 @@ def test_the_table_loop_of_a_profile(tmp_path):
 def test_a_table_loop_that_makes_no_sense_is_refused(tmp_path):
     path = tmp_path / "robot.toml"
     for line, words in (
-        ("rate_hz = 0", "loop.rate_hz: wanted a number of at least 0.001, got 0"),
+        ("rate_hz = 0", "loop.rate_hz: Expected float >= 0.001, got 0"),
         ("method = 'magic'", "loop.method: wanted one of auto"),
         ("priority = 100", "loop.priority"),
         ("tolerance = -0.1", "loop.tolerance"),
-        ("corner_cutting = 1", "loop.corner_cutting: wanted true or false"),
-        ("speed = 1", "loop.speed is unknown"),
+        ("corner_cutting = 1", "loop.corner_cutting: Expected bool, got 1"),
+        ("speed = 1", "loop: Object contains unknown field speed"),
     ):
         path.write_text(f"[loop]\n{line}\n")
         with pytest.raises(ProfileError, match=words):
