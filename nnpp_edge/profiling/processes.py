@@ -4,6 +4,7 @@ import os
 import pickle
 import subprocess
 import sys
+from tempfile import TemporaryDirectory
 
 import numpy as np
 
