@@ -78,6 +78,11 @@ def rounded_up(run):
     return np.ceil(run)
 
 
+def fused(factor, run, more):
+    """`factor` times a run, and another run more, rounded once: a processor's one instruction."""
+    return factor * run + more
+
+
 @intrinsic
 def _run_at(typing_context, array, at):
     def generate(context, builder, signature, values):
@@ -205,6 +210,21 @@ def _define_single(function, name):
     @overload(function)
     def compiled(run):
         return (lambda run: compute(run)) if run is RUN else None
+
+
+@intrinsic
+def _fused(typing_context, factor, run, more):
+    def generate(context, builder, signature, values):
+        kind = ir.FunctionType(_NUMBERS, [_NUMBERS] * 3)
+        there = cgutils.get_or_insert_function(builder.module, kind, f"llvm.fma.v{LANES}f32")
+        return builder.call(there, (_spread(builder, values[0]), *values[1:]))
+
+    return RUN(types.float32, RUN, RUN), generate
+
+
+@overload(fused)
+def _compiled_fused(factor, run, more):
+    return lambda factor, run, more: _fused(np.float32(factor), run, more)
 
 
 _define_single(root, "sqrt")

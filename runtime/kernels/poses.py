@@ -22,7 +22,7 @@ from numba.extending import overload
 
 from nnpp_edge.runtime.compiled.kernel import helper, kernel
 from nnpp_edge.runtime.kernels.by_address import address_of, borrowed, call_at
-from nnpp_edge.runtime.kernels.lanes import LANES, chosen, in_all, put_run, root, rounded_up, run_at
+from nnpp_edge.runtime.kernels.lanes import LANES, chosen, fused, in_all, put_run, root, rounded_up, run_at
 from nnpp_edge.runtime.kernels.traversability import arc_tangent
 
 RUN = LANES
@@ -36,6 +36,7 @@ TILT_WEIGHT, RISE_WEIGHT, STEP_WEIGHT = 6, 7, 8
 LIMIT_SLOTS = 9
 """Of the limits: tilt in radians, the greatest slopes ahead and to the left, step and clearance in metres; the
 weights of the terms of T."""
+_1, _2, _3, _4 = np.uint64(1), np.uint64(2), np.uint64(3), np.uint64(4)
 _ONE, _TWO, _HALF = np.float32(1.0), np.float32(2.0), np.float32(0.5)
 _ZERO, _INF, _MOST = np.float32(0.0), np.float32(np.inf), np.float32(MOST_CODE)
 
@@ -58,29 +59,40 @@ def put_heights(heights, base, unknown, out, row, col):
 
 
 @helper
+def _group(groups, k):
+    """Samples and cells of a group, as unsigned indices, which need no look whether they are negative."""
+    begin, fours, lines = np.uint64(groups[k, 0]), np.uint64(groups[k, 1]), np.uint64(groups[k, 2])
+    return begin, fours, lines, np.uint64(groups[k, 3]), np.uint64(groups[k, 4])
+
+
+@helper
+def _above(height, sample, samples, slopes):
+    """Heights at a sample, above a plane that falls by these slopes from the body's middle."""
+    return fused(samples[0][sample], slopes[0], fused(samples[1][sample], slopes[1], height))
+
+
+@helper
 def _on_cell(heights, first, sample, n, samples, slopes):
-    """Heights at a sample that is a cell, above a plane of these slopes through the body's middle."""
-    places, offsets, _ = samples
-    height = run_at(heights, first + offsets[n])
-    return height - (places[sample, 0] * slopes[0] + places[sample, 1] * slopes[1])
+    """`_above` at a sample that is a cell."""
+    return _above(run_at(heights, first + samples[2][n]), sample, samples, slopes)
 
 
 @helper
 def _on_line(heights, first, sample, n, samples, slopes):
     """Likewise, at one between two cells."""
-    places, offsets, shares = samples
-    height = shares[n] * run_at(heights, first + offsets[n]) + shares[n + 1] * run_at(heights, first + offsets[n + 1])
-    return height - (places[sample, 0] * slopes[0] + places[sample, 1] * slopes[1])
+    _, _, offsets, shares = samples
+    height = shares[n] * run_at(heights, first + offsets[n])
+    return _above(fused(shares[n + _1], run_at(heights, first + offsets[n + _1]), height), sample, samples, slopes)
 
 
 @helper
 def _on_four(heights, first, sample, n, samples, slopes):
     """Likewise, at one between four cells."""
-    places, offsets, shares = samples
-    height = shares[n] * run_at(heights, first + offsets[n]) + shares[n + 1] * run_at(heights, first + offsets[n + 1])
-    height += shares[n + 2] * run_at(heights, first + offsets[n + 2])
-    height += shares[n + 3] * run_at(heights, first + offsets[n + 3])
-    return height - (places[sample, 0] * slopes[0] + places[sample, 1] * slopes[1])
+    _, _, offsets, shares = samples
+    height = shares[n] * run_at(heights, first + offsets[n])
+    height = fused(shares[n + _1], run_at(heights, first + offsets[n + _1]), height)
+    height = fused(shares[n + _2], run_at(heights, first + offsets[n + _2]), height)
+    return _above(fused(shares[n + _3], run_at(heights, first + offsets[n + _3]), height), sample, samples, slopes)
 
 
 @helper
@@ -91,15 +103,15 @@ def _range(heights, first, group, samples, slopes):
     for sample in range(begin, fours):
         there = _on_four(heights, first, sample, n, samples, slopes)
         low, high = chosen(there < low, there, low), chosen(there > high, there, high)
-        n += 4
+        n += _4
     for sample in range(fours, lines):
         there = _on_line(heights, first, sample, n, samples, slopes)
         low, high = chosen(there < low, there, low), chosen(there > high, there, high)
-        n += 2
+        n += _2
     for sample in range(lines, end):
         there = _on_cell(heights, first, sample, n, samples, slopes)
         low, high = chosen(there < low, there, low), chosen(there > high, there, high)
-        n += 1
+        n += _1
     return low, high
 
 
@@ -111,15 +123,15 @@ def _greatest(heights, first, group, samples, slopes):
     for sample in range(begin, fours):
         there = _on_four(heights, first, sample, n, samples, slopes)
         high = chosen(there > high, there, high)
-        n += 4
+        n += _4
     for sample in range(fours, lines):
         there = _on_line(heights, first, sample, n, samples, slopes)
         high = chosen(there > high, there, high)
-        n += 2
+        n += _2
     for sample in range(lines, end):
         there = _on_cell(heights, first, sample, n, samples, slopes)
         high = chosen(there > high, there, high)
-        n += 1
+        n += _1
     return high
 
 
@@ -130,8 +142,8 @@ def _slopes(heights, first, pose, fitted):
     along, across = in_all(_ZERO), in_all(_ZERO)
     for n in range(slopes_of[pose], slopes_of[pose + 1]):
         there = run_at(heights, first + offsets[n])
-        along += shares[n, 0] * there
-        across += shares[n, 1] * there
+        along = fused(shares[n, 0], there, along)
+        across = fused(shares[n, 1], there, across)
     known = abs(along) + abs(across) < _INF
     return chosen(known, along, _ZERO), chosen(known, across, _ZERO)
 
@@ -147,15 +159,14 @@ def _lift(heights, first, pose, tables, slopes, plane, halves):
     rise = in_all(-_INF)
     for part in range(groups_of[pose] + gradients.shape[1], groups_of[pose + 1]):
         level, along, across = plane
-        along, across = along + slopes[0], across + slopes[1]
         for n in range(raised_of[part], raised_of[part + 1]):
             w = raised[n]
             more = _TWO * run_at(halves, w * RUN)
             level += gradients[0, w] * more
             along += gradients[1, w] * more
             across += gradients[2, w] * more
-        group = groups[part, 0], groups[part, 1], groups[part, 2], groups[part, 3], groups[part, 4]
-        above = _greatest(heights, first, group, samples, (along, across)) - level
+        group = _group(groups, part)
+        above = _greatest(heights, first, group, samples, (_ZERO - (along + slopes[0]), _ZERO - (across + slopes[1]))) - level
         rise = chosen(above > rise, above, rise)
     return rise
 
@@ -187,8 +198,8 @@ def _pose_codes(heights, first, pose, tables, limits, halves):
     more_along, more_across = in_all(_ZERO), in_all(_ZERO)
     for w in range(gradients.shape[1]):
         k = groups_of[pose] + w
-        group = groups[k, 0], groups[k, 1], groups[k, 2], groups[k, 3], groups[k, 4]
-        low, high = _range(heights, first, group, samples, slopes)
+        group = _group(groups, k)
+        low, high = _range(heights, first, group, samples, (_ZERO - slopes[0], _ZERO - slopes[1]))
         half = _HALF * (high - low)
         put_run(halves, w * RUN, half)
         level += gradients[0, w] * low
@@ -235,7 +246,7 @@ def check_run(poses, row, col, motion):
     tables = (
         borrowed(given[1]),
         borrowed(given[2]),
-        (borrowed(samples[0]), borrowed(samples[1]), borrowed(samples[2])),
+        (borrowed(samples[0]), borrowed(samples[1]), borrowed(samples[2]), borrowed(samples[3])),
         (borrowed(fitted[0]), borrowed(fitted[1]), borrowed(fitted[2])),
         (borrowed(belly[0]), borrowed(belly[1])),
         borrowed(given[6]),

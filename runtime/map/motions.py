@@ -22,8 +22,9 @@ AXES = ((1, 0), (2, 1), (1, 1), (1, 2), (0, 1), (-1, 2), (-1, 1), (-2, 1))
 """(row, col) of the legs along each axis, by rising angle from (1, 0) towards (0, 1). Directions 0 to 7 are theirs, 8
 to 15 their reverses."""
 DIRECTIONS = (*AXES, *((-row, -col) for row, col in AXES))
-LEG_SPACING = 0.19
-"""Of the body's length: from one pose of a leg to the next, at most."""
+LEG_SPACING = 0.19, 0.38
+"""Of the body's length: from one pose of a leg to the next, at most, on cells of a third of the body and of a sixth. Half
+of that passes 2 % more legs of a body of six cells among rocks, for nearly twice the checks; on coarse cells a fifth."""
 TURN_POSES = 2
 """Of a turn from one direction to the next."""
 SNAPPED = 0.02
@@ -51,7 +52,8 @@ def leg_poses(direction: int, sides_m: tuple[float, float], length_m: float) -> 
     row, col = DIRECTIONS[direction]
     down, right = row * sides_m[0], col * sides_m[1]
     metres = math.hypot(down, right)
-    count = math.ceil(metres / (LEG_SPACING * length_m))
+    share = np.clip(length_m / (16.0 * max(sides_m)), *LEG_SPACING)
+    count = math.ceil(metres / (share * length_m))
     shares = ((2 * k + 1) / (2 * count) for k in range(count))
     ahead = down / metres, right / metres
     return [Pose(share * row, share * col, ahead, metres / (2 * count)) for share in shares]
