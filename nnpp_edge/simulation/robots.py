@@ -36,6 +36,11 @@ class Robot:
             eased = {name: limit * (1.0 + _ROUNDING) for name, limit in limits.items() if limit is not None}
             self._eased = replace(ground, vehicle=replace(vehicle, **eased))
 
+    @property
+    def has_legs(self) -> bool:
+        """Whether it is a body, whose legs may lead to the cell after the next."""
+        return self.vehicle is not None and not self.vehicle.is_disc
+
     def obstacle(self, values: Float2D) -> float:
         """The value of an obstacle's cells: the paper's cost, or unknown ground.
 

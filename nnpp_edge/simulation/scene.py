@@ -165,10 +165,12 @@ class Scene:
 
 
 def walkable(robot: Robot, path: NDArray[np.int32], values: Float2D, goal: Cell | None) -> bool:
-    """Whether a path leads to the goal over a map, each cell next to the one before, and the robot can take it."""
+    """Whether a path leads to the goal over a map, by steps or a body's legs, and the robot can take it."""
     if not len(path) or tuple(path[-1].tolist()) != goal:
         return False
-    if not ((path >= 0) & (path < values.shape)).all() or (np.abs(np.diff(path, axis=0)).max(axis=1) != 1).any():
+    longest = 2 if robot.has_legs else 1
+    apart = np.abs(np.diff(path, axis=0)).max(axis=1)
+    if not ((path >= 0) & (path < values.shape)).all() or ((apart < 1) | (apart > longest)).any():
         return False
     return robot.stands(values, tuple(path[0].tolist())) and robot.steps(values, path) == len(path) - 1
 

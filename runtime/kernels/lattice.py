@@ -434,7 +434,8 @@ def expand_states(grid, poses, edges, prices, field, region, ends, rule, memory,
 def walk_states(poses, edges, prices, stride, path, first, costs):
     """Write what a body's path (N, 2) costs from its cell `first` to each later one into `costs` (N,).
 
-    Returns the number of the first cell that a failing leg or turn leads to, from `first` on; -1 if all pass.
+    Returns the number of the first cell that a failing leg or turn leads to, from `first` on; -1 if all pass. The turn
+    at `first` must pass, too, but is not counted.
     """
     lengths, unit, turn_prices, _ = prices
     legs = poses[0]
@@ -451,7 +452,7 @@ def walk_states(poses, edges, prices, stride, path, first, costs):
             price = turn_price(poses, turn_prices, stride, node, before, k)
             if price == np.inf:
                 return n
-            total += price
+            total += price if n > first + 1 else 0.0
         axis = k & 7
         at = node if k < AXES else (path[n, 0] + 1) * stride + path[n, 1] + 1
         if legs[at, axis] == UNCHECKED:

@@ -166,7 +166,10 @@ def _lift(heights, first, pose, tables, slopes, plane, halves):
             along += gradients[1, w] * more
             across += gradients[2, w] * more
         group = _group(groups, part)
-        above = _greatest(heights, first, group, samples, (_ZERO - (along + slopes[0]), _ZERO - (across + slopes[1]))) - level
+        above = (
+            _greatest(heights, first, group, samples, (_ZERO - (along + slopes[0]), _ZERO - (across + slopes[1])))
+            - level
+        )
         rise = chosen(above > rise, above, rise)
     return rise
 

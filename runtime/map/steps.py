@@ -37,8 +37,8 @@ class PointSteps:
     """Whether a vehicle's poses are checked; whether steps cost otherwise one way than the other."""
     states_a_node = 1
     """Places of a search on a node."""
-    shortest = 1.0
-    """Length of the shortest way over that by straight and diagonal steps."""
+    shortest, half_turn = 1.0, 0.0
+    """Length of the shortest way over that by straight and diagonal steps; cost of a turn to the opposite direction."""
 
     def edges(self, backwards: bool = False) -> Edges | None:
         """What each step costs, as searches take it; `backwards` those that come to a cell, on a coarse level.
@@ -96,7 +96,7 @@ class PoseSteps(PointSteps):
     by_poses, states_a_node, shortest = True, DIRECTIONS, KNIGHT
 
     def __init__(self, poses: Poses) -> None:
-        self.poses = poses
+        self.poses, self.half_turn = poses, float(poses.prices[3].max())
 
     def states(self) -> States:
         return self.poses.packed, NO_EDGES, self.poses.prices

@@ -208,7 +208,7 @@ class CoarseToFine:
                     return Found.of(self._state.grid, descent[0], source, descent[1], work)
                 if not left or self._last is None or not isinstance(searcher, AStarSearcher):
                     break
-                if not coarse.close_dead_ends(self._last, self._finest.field, self._state.shape):
+                if not coarse.close_dead_ends(self._last, self._finest.field or self._finest, self._state.shape):
                     break
                 work.stage_ends("coarse")
             return None

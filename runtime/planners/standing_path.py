@@ -169,7 +169,8 @@ class StandingPath:
         grid = self._grid
         if self._by_parts:
             by_way = min((self._by_way_of(part, at, goal) for part in self._parts), default=math.inf)
-            return [min(bound, by_way) for bound in bounds]
+            # of a body that has arrived in one direction, while another path may begin in any
+            return [min(bound - grid.steps.half_turn, by_way) for bound in bounds]
         saved, by_cheaper, by_opened = savings(
             grid.weights, self._before, self._touched, self._count, grid.stride, at, goal, grid.prices
         )

@@ -122,7 +122,7 @@ def _over_states(
     good; no path at all then costs less than the octile distance.
     """
     states, allowed, field, (first, last, _, _) = grid.steps.states(), _allowed(region), workspace.field, ends
-    assert states is not None
+    assert states is not None and field is not None
     between = states[2][3] if region is not None else states[2][3][:0]
     rule = _best(grid), _bucket_width(grid), between
     code, spent, refused = _run(fill_field, (grid.packed, *states, allowed), (last, first, last), rule, field, limits)

@@ -46,7 +46,7 @@ class Workspace:
     states = 1
 
     def __init__(self, nodes: int, states: int = 1) -> None:
-        self.field: Workspace = Workspace(nodes) if states > 1 else self
+        self.field = Workspace(nodes) if states > 1 else None
         """Memory of a search of the nodes that goes before one of their states."""
         self.states, nodes = states, nodes * states
         state, self._searches = _memory(2 * nodes)

@@ -75,10 +75,6 @@ class Vehicle:
             raise InvalidMapError(
                 "a body turns on the spot, by turn_cost_m_per_rad: wanted no turning_radius_m, and turns_on_spot true"
             )
-        if not 0.0 <= self.turn_m_per_rad < math.inf:
-            raise InvalidMapError(
-                f"turn_cost_m_per_rad must be a number of metres from 0 up, got {self.turn_cost_m_per_rad}"
-            )
         self._check_metres(math.inf, "wheelbase_m", "track_m", "wheel_length_m", "wheel_width_m")
         for name, value in self._given("max_tilt_deg", "max_pitch_deg", "max_roll_deg"):
             if not 0.0 < value < 90.0:
@@ -95,6 +91,10 @@ class Vehicle:
                     f"the wheels must lie under the body: {name} must be at most {most:g} m less a contact patch of "
                     f"{contact:g} m and more than 0, got {apart:g}"
                 )
+        if not 0.0 <= self.turn_m_per_rad < math.inf:
+            raise InvalidMapError(
+                f"turn_cost_m_per_rad must be a number of metres from 0 up, got {self.turn_cost_m_per_rad}"
+            )
 
     def _given(self, *names: str) -> Iterator[tuple[str, float]]:
         return ((name, value) for name in names if (value := getattr(self, name)) is not None)
