@@ -37,7 +37,7 @@ def priced(weights, turns, vehicle, sides, scale):
     for k, (row, col) in enumerate(AXES):
         t = weights[..., k]
         ahead = math.hypot(row, col) * np.where(np.isfinite(t), 1.0 + 2.0 * scale * np.minimum(t, 1.0), np.inf)
-        here, there = _between(ahead.shape, (row, col))
+        here, there = between(ahead.shape, (row, col))
         legs[(*here, k)] = legs[(*there, k + 8)] = ahead[here]
     angles = np.array([math.atan2(col * sides[1], row * sides[0]) for row, col in (*AXES, (-1, 0))])
     return Motions(
@@ -45,7 +45,7 @@ def priced(weights, turns, vehicle, sides, scale):
     )
 
 
-def _between(shape, step):
+def between(shape, step):
     """Slices of the cells that a step stays on the map from, and of those that it leads to."""
     ends = [
         (slice(max(-by, 0), side - max(by, 0)), slice(max(by, 0), side + min(by, 0)))

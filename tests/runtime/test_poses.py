@@ -91,13 +91,19 @@ def test_pitch_and_roll_have_limits_of_their_own_by_the_direction():
         found = passing(checked(down, replace(ROVER, **changes)))[:, 20, 20]
         for kind in (0, 16):  # legs, and standing
             assert not found[kind + fails] and found[kind + 4 - fails]
-    for (row, col), pitched, rolled in (((-1, 0), -20, 0), ((1, 0), 20, 0), ((0, 1), 0, -20), ((0, -1), 0, 20)):
-        path = np.array([(20 + n * row, 20 + n * col) for n in range(4)], np.int32)
-        found = attitudes(checked(down), path)
-        assert found.pitch_deg == pytest.approx(np.full(4, pitched), abs=0.2)
-        assert found.roll_deg == pytest.approx(np.full(4, rolled), abs=0.2)
-        assert found.tilt_deg == pytest.approx(np.full(4, 20.0), abs=0.2)
-        assert found.clearance_m == pytest.approx(np.full(4, ROVER.clearance_m), abs=1e-3)
+
+
+def test_attitudes_on_a_plane_are_the_planes():
+    gradient, (down, right) = np.array((0.15, -0.1)), CELL_M * np.mgrid[:61, :61]
+    path = np.cumsum([(30, 20), *pose_oracles.DIRECTIONS], axis=0).astype(np.int32)
+    found = attitudes(checked(gradient[0] * down + gradient[1] * right), path)
+    ahead = np.array((*pose_oracles.DIRECTIONS, pose_oracles.DIRECTIONS[-1]))
+    ahead = ahead / np.hypot(*ahead.T)[:, None]
+    left = np.stack((-ahead[:, 1], ahead[:, 0]), 1)
+    assert found.pitch_deg == pytest.approx(np.degrees(np.arctan(ahead @ gradient)), abs=0.01)
+    assert found.roll_deg == pytest.approx(np.degrees(np.arctan(left @ gradient)), abs=0.01)
+    assert found.tilt_deg == pytest.approx(np.full(17, math.degrees(math.atan(np.hypot(*gradient)))), abs=0.01)
+    assert found.clearance_m == pytest.approx(np.full(17, ROVER.clearance_m), abs=1e-3)
 
 
 def test_the_axes_are_told_apart_by_lanes_in_which_one_alone_has_room():
