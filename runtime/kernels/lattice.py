@@ -370,7 +370,6 @@ def expand_states(grid, poses, edges, prices, field, region, ends, rule, memory,
                     step = edges[np.uint64(node), np.uint64(k)]
                 else:
                     step = lengths[axis] * (np.float32(1.0) + motion_weight(found, unit))
-                left = _left(across << PER_NODE, judge)
             else:
                 if word & DIRECTION_BITS == LEFT + RIGHT - way:
                     continue
@@ -380,12 +379,12 @@ def expand_states(grid, poses, edges, prices, field, region, ends, rule, memory,
                 checked = bits & 1 != 0
                 if checked and not bits >> AXES & 1:
                     continue
-                motion, step, left = AXES + axis, turn_prices[axis], h
+                motion, step = AXES + axis, turn_prices[axis]
             there = across * DIRECTIONS + to
             known = np.float32(np.inf)
             if meta[np.uint64(2 * there + 1)] >> STAMP_SHIFT == stamp:
                 known = g[np.uint64(2 * there)]
-            reached = g_state + step
+            reached, left = g_state + step, _left(there, judge)
             f = reached + left
             if not reached < known or f >= bound:
                 continue
