@@ -299,7 +299,7 @@ def test_what_the_simulation_judges_by_agrees_with_the_planners_check():
             row, col = rng.integers(8, 52, 2).tolist()
             assert robot.stands(heights, (row, col)) or not stands[:, row, col].any()
             turns, first = rng.integers(-1, 2, 8).cumsum(), rng.integers(16)
-            path = np.cumsum([(row, col), *steps[(first + turns) % 16]], axis=0).astype(np.int32)
+            path = np.cumsum([(row, col), *steps[(first + turns) % 16]], axis=0).clip(0, 59).astype(np.int32)
             costs = [pose_oracles.path_cost(priced, path[: n + 1].tolist()) for n in range(1, 9)]
             known = int(np.isfinite(costs).sum())
             assert robot.steps(heights, path) >= known, (

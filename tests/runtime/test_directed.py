@@ -170,14 +170,14 @@ def walked(grid, path):
     """What the steps of a path cost on a coarse level."""
     directions = {(up, left): k for k, (up, left) in enumerate(zip(ROW_STEP, COL_STEP, strict=True))}
     steps = zip(path.tolist(), np.diff(path, axis=0).tolist(), strict=False)
-    return sum(float(grid.directed.edges[grid.node(*cell), directions[tuple(step)]]) for cell, step in steps)
+    return sum(float(grid.directed.edges()[grid.node(*cell), directions[tuple(step)]]) for cell, step in steps)
 
 
 def test_a_coarse_steps_cost_is_the_mean_of_the_steps_below():
     planner = Planner.of_elevation(ramp(8, 12, 0.1), 1.0, step_cost="linear", mobility=Mobility(linear=LinearCost()))
     coarse = planner.state.pyramid.levels[1].grid
     assert coarse.prices == planner.state.grid.prices
-    uphill, downhill = coarse.directed.edges[coarse.node(0, 1), [3, 2]].tolist()
+    uphill, downhill = coarse.directed.edges()[coarse.node(0, 1), [3, 2]].tolist()
     assert uphill == pytest.approx(0.72 + (6.0 - 1.9998) * 0.1, rel=1e-3)
     assert downhill == pytest.approx(0.72, rel=1e-3)
     assert coarse.directed.backwards[coarse.node(0, 1), 2] == pytest.approx(uphill)  # from the left
