@@ -58,18 +58,15 @@ def hills(rng: np.random.Generator, most_side: int = 24, least_side: int = 1) ->
 def dijkstra(case: Hills, model: SlopeCost, start: tuple[int, int], dem: np.ndarray | None = None) -> np.ndarray:
     """(H, W) cost of the cheapest path from `start` to each cell, by scipy; inf where there is none."""
     dem = case.dem if dem is None else dem
-    return over_slopes(dem, case.passable, case.sides, model, start, case.corner_cutting)
-
-
-def over_slopes(dem, passable, sides, model, start, corner_cutting=True):
-    """`dijkstra` where `passable` is (H, W), or (4, H, W) by heading."""
     heights = np.where(np.isfinite(dem), dem, 0.0).astype(np.float64)
 
-    def price(_, step, one, other):
+    def price(step, one, other):
         rise = heights.flat[other] - heights.flat[one]
-        return model.cost(math.hypot(step[0] * sides[0], step[1] * sides[1]), rise) - model.height_price * rise
+        return (
+            model.cost(math.hypot(step[0] * case.sides[0], step[1] * case.sides[1]), rise) - model.height_price * rise
+        )
 
-    found = oracles.costs_from(oracles.steps(passable, price, corner_cutting), dem.shape, start)
+    found = oracles.costs_from(oracles.steps(case.passable, price, case.corner_cutting), dem.shape, start)
     return found + model.height_price * (heights - heights[start])
 
 

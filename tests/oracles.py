@@ -8,9 +8,6 @@ from scipy.ndimage import label
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import dijkstra as scipy_dijkstra
 
-HEADINGS = ((1, 0), (1, 1), (0, 1), (-1, 1))
-"""Steps, (row, col), along which a path may lead, each both ways."""
-
 
 def traversability(dem, dy, dx, t):
     """Eq. 1 cell by cell, with numpy's least squares."""
@@ -40,21 +37,21 @@ def traversability(dem, dy, dx, t):
 def steps(passable, price, corner_cutting=True):
     """Every step of a grid as arrays (from, to, cost), by the definition in words.
 
-    `passable` is (H, W), or (4, H, W) by heading; `price` takes a heading's number, (rows, cols) that the step leads
-    down and right, and the nodes that it leads from and to.
+    `passable` is (H, W); `price` takes (rows, cols) that the step leads down and right, and the nodes that it leads
+    from and to.
     """
-    planes = np.broadcast_to(passable, (4, *np.shape(passable)[-2:]))
-    rows, cols = planes.shape[1:]
+    rows, cols = passable.shape
     nodes, parts = np.arange(rows * cols).reshape(rows, cols), []
-    for heading, sign in itertools.product(range(4), (1, -1)):
-        plane, (dr, dc) = planes[heading], (sign * each for each in HEADINGS[heading])
+    for dr, dc in itertools.product((-1, 0, 1), repeat=2):
+        if not (dr or dc):
+            continue
         here = slice(max(-dr, 0), rows - max(dr, 0)), slice(max(-dc, 0), cols - max(dc, 0))
         there = slice(max(dr, 0), rows - max(-dr, 0)), slice(max(dc, 0), cols - max(-dc, 0))
-        allowed = plane[here] & plane[there]
+        allowed = passable[here] & passable[there]
         if dr and dc and not corner_cutting:
-            allowed &= plane[here[0], there[1]] & plane[there[0], here[1]]
+            allowed &= passable[here[0], there[1]] & passable[there[0], here[1]]
         one, other = nodes[here][allowed], nodes[there][allowed]
-        parts.append((one, other, price(heading, (dr, dc), one, other)))
+        parts.append((one, other, price((dr, dc), one, other)))
     return tuple(np.concatenate(each) for each in zip(*parts, strict=True))
 
 
@@ -69,7 +66,7 @@ def steps_on(cost, step_cost="paper", corner_cutting=True, omega=0.011):
     """`steps` on a map of costs, in one of the two models."""
     weights = cost.astype(np.float64).ravel()
 
-    def price(_, step, one, other):
+    def price(step, one, other):
         length, pair = math.hypot(*step), weights[one] + weights[other]
         return length + 255 * omega * pair if step_cost == "paper" else length * pair / 2
 

@@ -14,51 +14,88 @@ import numpy as np
 
 AXES = ((1, 0), (2, 1), (1, 1), (1, 2), (0, 1), (-1, 2), (-1, 1), (-2, 1))
 DIRECTIONS = AXES + tuple((-row, -col) for row, col in AXES)
-JUST_BELOW_1 = 1.0 - 1e-9
-
-
-def right_of(ahead):
-    """Direction to the right of one that lies along (row, col), rows going south."""
-    return np.array((ahead[1], -ahead[0]))
 
 
 # --- paths over states
 
 
 class Motions(NamedTuple):
-    """T of each leg along an axis on a map, (H, W, 8), inf where it fails; and its turns that pass, bool."""
+    """What a body can do on a map, and for how much; inf where it cannot."""
 
     legs: np.ndarray
+    """(H, W, 16) of the leg that leaves a cell in each direction."""
     turns: np.ndarray
+    """(H, W, 8) of the turn on it from each direction to the next, and from the reverse to the next one's."""
 
 
-def costs_to_states(motions, turn_costs, scale, starts):
-    """Cost of the cheapest way from one of some states (row, col, direction) to every other, (H, W, 16), by Dijkstra.
+def priced(weights, turns, vehicle, sides, scale):
+    """`Motions` where legs along the axes have T of (H, W, 8), and turns (H, W, 8) bool are possible.
 
-    A leg costs its length in cells · (1 + 2 · scale · T), a turn to the next direction what `turn_costs` (8) say.
+    A leg costs its length in cells · (1 + 2 · scale · T), a turn its angle by the vehicle's price.
     """
-    rows, cols, _ = motions.legs.shape
-    costs = np.full((rows, cols, 16), np.inf)
+    legs = np.full((*weights.shape[:2], 16), np.inf)
+    for k, (row, col) in enumerate(AXES):
+        t = weights[..., k]
+        ahead = math.hypot(row, col) * np.where(np.isfinite(t), 1.0 + 2.0 * scale * np.minimum(t, 1.0), np.inf)
+        here, there = between(ahead.shape, (row, col))
+        legs[(*here, k)] = legs[(*there, k + 8)] = ahead[here]
+    angles = np.array([math.atan2(col * sides[1], row * sides[0]) for row, col in (*AXES, (-1, 0))])
+    return Motions(
+        legs, np.where(turns, vehicle.turn_m_per_rad / sides[0] * (np.diff(angles) % (2.0 * math.pi)), np.inf)
+    )
+
+
+def between(shape, step):
+    """Slices of the cells that a step stays on the map from, and of those that it leads to."""
+    ends = [
+        (slice(max(-by, 0), side - max(by, 0)), slice(max(by, 0), side + min(by, 0)))
+        for by, side in zip(step, shape, strict=True)
+    ]
+    return tuple(zip(*ends, strict=True))
+
+
+def costs_to_states(motions, starts):
+    """(H, W, 16) cost of the cheapest way from one of some states (row, col, direction) to every one, by Dijkstra."""
+    costs = np.full(motions.legs.shape, np.inf)
     queue = [(0.0, state) for state in starts]
     for _, state in queue:
         costs[state] = 0.0
+    legs, turns = motions.legs.tolist(), motions.turns.tolist()
     while queue:
         cost, (row, col, k) = heapq.heappop(queue)
         if cost > costs[row, col, k]:
             continue
-        ways = []
-        i, j = row + DIRECTIONS[k][0], col + DIRECTIONS[k][1]
-        if 0 <= i < rows and 0 <= j < cols:
-            t = motions.legs[(row, col, k) if k < 8 else (i, j, k - 8)]
-            ways.append((math.hypot(*DIRECTIONS[k]) * (1.0 + 2.0 * scale * t), (i, j, k)))
-        for to, axis in (((k + 1) % 16, k % 8), ((k - 1) % 16, (k - 1) % 8)):
-            if motions.turns[row, col, axis]:
-                ways.append((turn_costs[axis], (row, col, to)))
+        ways = [
+            (legs[row][col][k], (row + DIRECTIONS[k][0], col + DIRECTIONS[k][1], k)),
+            (turns[row][col][k % 8], (row, col, (k + 1) % 16)),
+            (turns[row][col][(k - 1) % 8], (row, col, (k - 1) % 16)),
+        ]
         for more, state in ways:
-            if cost + more < costs[state]:
+            if more < math.inf and cost + more < costs[state]:
                 costs[state] = cost + more
                 heapq.heappush(queue, (cost + more, state))
     return costs
+
+
+def costs_to_cells(motions, start):
+    """(H, W) cost of the cheapest way from a cell to every other, whatever the directions at both."""
+    return costs_to_states(motions, [(*start, k) for k in range(16)]).min(2)
+
+
+def path_cost(motions, path):
+    """Cost of a path of cells, turned at each the cheaper way that is possible; inf where it fails, or leaps."""
+    total, before = 0.0, None
+    for (row, col), there in itertools.pairwise(path):
+        step = int(there[0] - row), int(there[1] - col)
+        if step not in DIRECTIONS:
+            return math.inf
+        k = DIRECTIONS.index(step)
+        turns = np.tile(motions.turns[row, col], 2)
+        if before is not None:
+            first, last = sorted((before, k))
+            total += min(turns[first:last].sum(), turns[last:].sum() + turns[:first].sum())
+        total, before = total + motions.legs[row, col, k], k
+    return total
 
 
 def headings_of(path):
@@ -133,8 +170,9 @@ def worst_figures(dem, cell_size_m, vehicle, places, headings):
     plane between theirs. Heights are taken along the edges of each patch and of the body, eight to a cell, and at
     every cell's middle inside them.
     """
-    ground = _Ground(dem, cell_size_m, vehicle.unknown_passes)
-    middles, (long, wide) = np.asarray(places) * cell_size_m, vehicle.contact_m
+    sides = np.broadcast_to(cell_size_m, 2)
+    ground = _Ground(dem, sides, vehicle.unknown_passes)
+    middles, (long, wide) = np.asarray(places) * sides, vehicle.contact_m
     ahead = np.stack((np.cos(headings), np.sin(headings)), 1)
     right = np.stack((ahead[:, 1], -ahead[:, 0]), 1)
     fit = np.linalg.pinv(np.column_stack((np.ones(len(vehicle.wheels_m)), vehicle.wheels_m)))
@@ -174,15 +212,15 @@ def worst_figures(dem, cell_size_m, vehicle, places, headings):
 class _Ground:
     """Bilinear ground between the cells' middles."""
 
-    def __init__(self, dem, side, unknown_passes):
+    def __init__(self, dem, sides, unknown_passes):
         heights = np.asarray(dem, np.float64)
         self.padded = np.pad(np.where(np.isfinite(heights), heights, np.nan), 2, constant_values=np.nan)
-        self.side, self.unknown_passes = side, unknown_passes
+        self.sides, self.unknown_passes = sides, unknown_passes
 
     def at(self, points):
         """Heights of (..., 2) points; NaN where a cell with weight is unknown (where all are, if unknown passes)."""
         most = np.array(self.padded.shape) - 2.0
-        place = np.clip(np.round(points / self.side, 9) + 2.0, 0.0, most)  # beyond the map lie two unknown rings
+        place = np.clip(np.round(points / self.sides, 9) + 2.0, 0.0, most)  # beyond the map lie two unknown rings
         first = np.floor(place).astype(np.int64)
         share, total, weight = place - first, 0.0, 0.0
         for row, col in itertools.product((0, 1), repeat=2):
@@ -200,16 +238,16 @@ class _Ground:
         several planes is concave: the ground rises highest above them at these points, and the edges are sampled.
         """
         right = np.stack((ahead[:, 1], -ahead[:, 0]), 1)
-        counts = [2 + int(2.0 * side * PER_CELL / self.side) for side in half]
+        counts = [2 + int(2.0 * side * PER_CELL / self.sides.min()) for side in half]
         along, across = (np.linspace(-side, side, count) for side, count in zip(half, counts, strict=True))
         edges = np.array(
             [(x, y) for x in along for y in (-half[1], half[1])]
             + [(x, y) for x in (-half[0], half[0]) for y in across]
         )
         edges = edges[:, 0, None] * ahead[:, None] + edges[:, 1, None] * right[:, None]
-        reach = math.ceil(math.hypot(*half) / self.side) + 1
+        reach = math.ceil(math.hypot(*half) / self.sides.min()) + 1
         window = np.array(list(itertools.product(range(-reach, reach + 1), repeat=2)))
-        near = (np.round(middles / self.side)[:, None] + window) * self.side
+        near = (np.round(middles / self.sides)[:, None] + window) * self.sides
         apart = near - middles[:, None]
         inside = np.abs((apart * ahead[:, None]).sum(2)) <= half[0]
         inside &= np.abs((apart * right[:, None]).sum(2)) <= half[1]

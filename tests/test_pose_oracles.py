@@ -60,7 +60,7 @@ def test_a_drive_that_breaks_a_limit_is_seen_and_others_are_not():
         ("unknown", np.full((17, 17), np.nan), ALONG_ROW, BODY),
         ("unknown", FLAT, [(8, col) for col in range(8, 17)], BODY),
         (None, with_cell(0.29), ALONG_ROW, wide),  # a rock between the wheels, where the belly meets it or not
-        ("clearance", with_cell(0.31), ALONG_ROW, wide),
+        ("belly", with_cell(0.31), ALONG_ROW, wide),
         ("step", kerb, ALONG_ROW, long),  # under one contact patch
         (None, low_kerb, ALONG_ROW, long),
         ("unknown", with_cell(np.nan), ALONG_ROW, BODY),
@@ -68,47 +68,42 @@ def test_a_drive_that_breaks_a_limit_is_seen_and_others_are_not():
         ("pitch", with_cell(-0.5), [(8, 6), (8, 7)], small),  # a hole that only places in between see
     ):
         assert broken(ground, path, body) == limit
-    assert broken(with_cell(0.31), ALONG_ROW, wide, margin_m=0.02) is None
+    assert broken(with_cell(0.31), ALONG_ROW, wide, allowed_m=0.02) is None
     assert 0.3 < pose_oracles.drive_breaks(with_cell(0.31), 1.0, wide, ALONG_ROW).value <= 0.31 + 1e-9
 
 
-def test_the_cells_near_a_point_are_the_four_around_it():
-    def near(middle, ahead, half):
-        return pose_oracles.cells_near(middle, ahead, (half, half), 1.0, 1.0)
-
-    assert near((0.5, 0.25), (1.0, 0.0), 0.01) == {(0, 0), (0, 1), (1, 0), (1, 1)}
-    assert near((0.0, 0.0), (0.0, 1.0), 1e-12) == {(0, 0)}
-    assert near((0.0, 0.5), (0.0, 1.0), 1e-12) == {(0, 0), (0, 1)}
-    diamond = near((0.0, 0.0), (math.sqrt(0.5), math.sqrt(0.5)), 0.72)
-    assert (1, 1) in diamond and (2, 1) in diamond and (2, 2) not in diamond
+def test_a_turn_that_breaks_a_limit_is_seen():
+    path = [(8, 3), (8, 4), (8, 3)]
+    long = Vehicle(length_m=4.0, width_m=1.0, clearance_m=0.3)
+    assert broken(FLAT, path, long) is None
+    post = np.where((np.arange(17)[:, None] == 6) & (np.arange(17) == 5), 1.0, FLAT)
+    assert broken(post, path[:2], long) is None and broken(post, path[1:], long) is None
+    assert broken(post, path, long) in ("belly", "tilt", "pitch", "step")
 
 
-def test_poses_on_a_plane_cost_its_tilt_rounded_up_by_a_part_in_65533_at_most():
-    found = pose_oracles.naive_pose_costs(0.25 * slope(3, 4), 0.25, BODY)[:, 8, 8]
-    tilt = math.atan(math.hypot(math.tan(math.radians(3)), math.tan(math.radians(4))))
-    assert (found > 0.6 * tilt / math.radians(22.0)).all() and (found < 1.0).all()
-    np.testing.assert_array_equal(pose_oracles.naive_pose_costs(FLAT, 1.0, BODY)[:, 4:-4, 4:-4], 0.0)
-    for passes in (False, True):
-        body = dataclasses.replace(BODY, unknown_passes=passes)
-        assert np.isfinite(pose_oracles.naive_pose_costs(with_cell(np.nan), 1.0, body)[2, 8, 8]) == passes
-    costs = np.random.default_rng(0).random(1000)
-    coded = pose_oracles.coded(costs)
-    assert ((coded >= costs) & (coded < costs + 1.0 / 65533)).all()
-    assert pose_oracles.coded([0.0, np.inf]).tolist() == [0.0, np.inf]
-
-
-def test_paths_cost_the_poses_of_both_ends_in_the_steps_heading():
-    costs = np.full((4, 3, 3), 0.5)
-    costs[2, 1] = (0.0, 0.25, 0.5)
-    assert pose_oracles.path_cost_over_poses(costs, [(1, 0), (1, 1)], 2.0) == 1.5
-    assert pose_oracles.path_cost_over_poses(costs, [(2, 0), (1, 1)], 2.0) == pytest.approx(math.sqrt(2) + 2.0)
-    assert pose_oracles.dijkstra_over_poses(costs, (1, 2), (1, 0), 2.0) == 4.0
-    costs[2, 1, 1] = np.inf
-    assert math.isinf(pose_oracles.path_cost_over_poses(costs, [(1, 0), (1, 1)], 2.0))
-    assert pose_oracles.dijkstra_over_poses(costs, (1, 2), (1, 0), 2.0) == pytest.approx(2 * math.sqrt(2) + 4.0)
-    costs[:, 1, 1] = costs[:, 0] = costs[:, 2] = np.inf
-    assert math.isinf(pose_oracles.dijkstra_over_poses(costs, (1, 2), (1, 0), 2.0))
-    assert pose_oracles.dijkstra_over_poses(costs, (1, 2), (1, 2), 2.0) == 0.0
+def test_ways_over_states_cost_their_legs_and_turns():
+    body = dataclasses.replace(BODY, turn_cost_m_per_rad=2.0)
+    turns = np.ones((5, 7, 8), bool)
+    priced = pose_oracles.priced(np.full((5, 7, 8), 0.5), turns, body, (1.0, 1.0), 2.0)
+    path = [(2, 1), (2, 2), (3, 3), (4, 5)]
+    assert pose_oracles.path_cost(priced, path) == pytest.approx(
+        3.0 * (1.0 + math.sqrt(2.0) + math.sqrt(5.0)) + 2.0 * math.atan(2.0)
+    )
+    assert pose_oracles.path_cost(priced, [(2, 1), (2, 3)]) == math.inf
+    found = pose_oracles.costs_to_cells(priced, (2, 1))
+    assert (
+        found[2, 1] == 0.0
+        and found[2, 6] == pytest.approx(15.0)
+        and found[1, 3] == pytest.approx(3.0 * math.sqrt(5.0))
+    )
+    assert found[0, 2] == pytest.approx(3.0 * math.sqrt(5.0)) and found[3, 4] == pytest.approx(
+        3.0 * (math.sqrt(5.0) + 1.0) + 2.0 * math.atan(0.5)
+    )
+    priced.turns[:] = np.inf
+    assert pose_oracles.costs_to_cells(priced, (2, 1))[3, 4] == math.inf
+    assert pose_oracles.path_cost(priced, path) == math.inf
+    back = pose_oracles.costs_to_cells(priced, (4, 5))
+    assert back[2, 1] == pytest.approx(6.0 * math.sqrt(5.0)), "legs lead both ways"
 
 
 def test_headings_go_clockwise_from_north():

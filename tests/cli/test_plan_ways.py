@@ -16,7 +16,6 @@ from pyproj import Transformer
 from nnpp_edge.runtime import Planner, Vehicle, pose_costs
 from nnpp_edge.runtime.map.along import Numbers
 from nnpp_edge.runtime.map.turns import curvatures
-from nnpp_edge.runtime.planners.refine import BodyLines
 from nnpp_edge.terrain.vehicle_files import load_mobility, load_vehicle
 from nnpp_edge.viz.picture import BODY as OUTLINE
 from nnpp_edge.viz.picture import POINT
@@ -153,9 +152,9 @@ def test_every_waypoint_has_its_heading_and_how_the_body_stands(run, hill):
     plan = Planner.of_elevation(hill, 0.25, vehicle=own).plan((10, 10), (45, 48), method="astar")
     found = json.loads(Path("out/plan.json").read_text())
     assert found["cost"] == pytest.approx(plan.cost, rel=1e-5)
-    assert found["waypoints"]["heading_deg"] == plan.headings_deg.tolist()
+    assert found["waypoints"]["heading_deg"] == pytest.approx(plan.headings_deg, abs=1e-4)
     rows = rows_of("out/path.csv")
-    assert [float(row["heading_deg"]) for row in rows] == plan.headings_deg.tolist()
+    assert [float(row["heading_deg"]) for row in rows] == pytest.approx(plan.headings_deg, abs=1e-4)
     assert all(float(row["tilt_deg"]) <= 25.0 and 0.0 < float(row["clearance_m"]) <= 0.3 for row in rows)
     assert np.isfinite(pose_costs(hill, 0.25, own)[:, *plan.path.T]).any(0).all()
     assert set(found["waypoints"]) <= set(json.loads(Path("out/path.geojson").read_text())["properties"])
@@ -203,8 +202,8 @@ def test_way_points_are_told_with_their_headings_and_curvatures(run, told, hills
     assert not {"line", "sharpest_curvature_per_m"} & set(told(PLAN))
 
 
-def test_how_a_body_stands_is_told_along_the_way_points_where_it_was_checked(run, told, hills):
-    words = f"{PLAN} {BODY} --method astar --refine any-angle"
+def test_how_a_body_stands_is_told_along_its_path(run, told, hills):
+    words = f"{PLAN} {BODY} --method astar"
     found = told(f"{words} -o out")
     rows = rows_of("out/path.csv")
     for name in ("pitch", "roll", "tilt"):
@@ -212,23 +211,7 @@ def test_how_a_body_stands_is_told_along_the_way_points_where_it_was_checked(run
         assert found[f"steepest_{name}_deg"] == pytest.approx(steepest, rel=1e-3)
     assert 0.0 < found["steepest_tilt_deg"] <= 40.0 and found["least_clearance_m"] >= 0.0
     assert "pitched by at most" in run(words).out
-    words = "plan sample:moon_rocks --vehicle large-rover --start 60,6 --goal 60,113 --refine any-angle"
-    for via in ("", "--via 52,60"):
-        assert told(f"{words} {via}")["least_clearance_m"] >= 0.0, "which it was between the places checked"
-
-
-def test_on_a_plane_a_body_stands_as_the_plane_in_every_heading():
-    row, col = 0.1 * np.mgrid[0:240, 0:240]
-    heights = (0.1 * row - 0.2 * col).astype(np.float32)
-    planner = Planner.of_elevation(heights, 0.1, vehicle=Vehicle(3.0, 2.0, 2.0, max_tilt_deg=60.0), warn=False)
-    points = np.array([[10.0, 10.0], [13.0, 14.0], [9.5, 14.5], [14.0, 14.5]])
-    found = BodyLines(planner.state.grid).attitudes(points / 0.1)
-    ahead = np.diff(points, axis=0, append=2.0 * points[-1:] - points[-2:-1])
-    down, right = (ahead / np.hypot(*ahead.T)[:, None]).T
-    # a wheel's height is known to half a cell each way: 0.015 m of height over 2 m
-    assert found.pitch_deg == pytest.approx(np.degrees(np.arctan(0.1 * down - 0.2 * right)), abs=0.5)
-    assert found.roll_deg == pytest.approx(-np.degrees(np.arctan(0.1 * right + 0.2 * down)), abs=0.5)
-    assert (found.tilt_deg >= np.degrees(np.arctan(np.hypot(0.1, 0.2))) - 1e-3).all()
+    assert "a body's legs lead in 16 directions" in run(f"{words} --refine any-angle").err
 
 
 def test_turns_are_no_sharper_than_the_vehicle_s(told, hills):

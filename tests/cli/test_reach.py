@@ -47,8 +47,10 @@ def test_limits_and_vehicles_bound_what_is_reached(told, reached):
     every, limited, body, disc = (
         told(f"{words} {more}")["areas"][0]["cells"] for more in ("", "--workload limit12", BODY, "--set radius_m=3")
     )
-    wanted = reached(60.0, vehicle=Vehicle(radius_m=3.0))
-    assert disc == np.isfinite(wanted).sum() and 0 < body < every and 0 < limited < every > disc
+    rover = replace(load_vehicle("large-rover"), max_tilt_deg=40.0, clearance_m=1.5)
+    for cells, vehicle in ((disc, Vehicle(radius_m=3.0)), (body, rover)):
+        assert cells == np.isfinite(reached(60.0, vehicle=vehicle)).sum() > 0
+    assert 0 < limited < every > disc
 
 
 def test_within_a_time_on_foot_or_of_a_vehicle_and_within_its_energy(run, told, reached):

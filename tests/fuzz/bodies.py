@@ -1,21 +1,27 @@
-"""Robots with a body on elevations that change: poses beside a naive check, plans beside Dijkstra over all poses."""
+"""Robots with a body on elevations that change: motions beside NumPy and dense sampling, plans beside Dijkstra."""
 
+import functools
 import math
 import random
 from typing import Any
 
 import numpy as np
 
-from nnpp_edge.runtime import Planner, Status, Vehicle, pose_costs
+from nnpp_edge.runtime import Planner, Status, Vehicle
+from nnpp_edge.runtime.kernels.poses import AXES, FAILS, MOST_CODE
+from nnpp_edge.runtime.map import attitude
+from nnpp_edge.runtime.map.poses import Poses, limits_of
 from tests import pose_oracles
 from tests.fuzz.cases import NOWHERE, Case, Place, Problem, problem_with_optimum
 from tests.fuzz.elevations import draw_patch, draw_sizes, drive, sizes
 
-METHODS = ("astar", "corridor", "auto")
+METHODS = ("astar", "corridor", "auto", "dstar")
 NEAR_A_LIMIT = 2e-5
 """Share of a limit by which a figure may miss it and still be on either side: heights are kept in float32."""
-T_ROUNDED, T_ALIKE = 2.0 / pose_oracles.CODES, 2e-5
+T_ROUNDED, T_ALIKE = 2.0 / MOST_CODE, 5e-5
 """By how much T is rounded up at most, and how much it differs through float32 heights."""
+SAMPLED = 12
+"""Motions that are followed densely in a check."""
 
 
 def generate(rng: random.Random, place: Place = NOWHERE, most_side: int = 22) -> Case:
@@ -33,7 +39,7 @@ def generate(rng: random.Random, place: Place = NOWHERE, most_side: int = 22) ->
         if rng.random() < 0.4:
             return draw_patch(rng, numbers, dem, vehicle.clearance_m, most=10)
         ends = rng.random(), rng.random()
-        return "plan", (rng.random() < 0.1, ends, rng.choice(METHODS), rng.choice((math.inf, 0.0, 0.05)))
+        return "plan", (rng.random() < 0.1, ends, rng.choice(METHODS[:3]), rng.choice((math.inf, 0.0, 0.05)))
 
     return Case(
         dem=dem,
@@ -69,6 +75,7 @@ def draw_vehicle(rng: random.Random, cell: float) -> Vehicle:
         wheel_length_m=long,
         wheel_width_m=wide,
         unknown_passes=rng.random() < 0.3,
+        turn_cost_m_per_rad=rng.choice((None, None, 0.0, 0.3 * length, 20.0 * length)),
     )
 
 
@@ -95,7 +102,7 @@ def draw_heights(rng: random.Random, numbers: np.random.Generator, rows: int, co
 
 
 def check(case: Case, place: Place = NOWHERE) -> Problem | None:
-    """Do all steps with a planner that checks poses where it looks and with one that checks all; compare them."""
+    """Do all steps with a planner that checks motions where it looks and with one that checks all; compare them."""
     with sizes(case):
         return _check(case, place)
 
@@ -105,79 +112,134 @@ def _check(case: Case, place: Place) -> Problem | None:
     settings |= {"model": place.model, "cell_width_m": case.cell[1]}
     dem = case.dem.copy()
     lazy, dense = (Planner.of_elevation(dem.copy(), case.cell[0], lazy=lazy, **settings) for lazy in (True, False))
-    if problem := problem_with_poses(dem, case.cell, case.vehicle, repr(case)):
+    if problem := problem_with_motions(dense, dem, repr(case)):
         return problem
 
     def judged(anywhere: bool, ends: Any, method: str, epsilon: float, told: str) -> Problem | None:
-        costs = pose_costs(dem, case.cell[0], case.vehicle, cell_width_m=case.cell[1])
-        start, goal = (_cell_of(share, costs, anywhere) for share in ends)
+        stands = (poses_of(dense).standing() < FAILS).any(0)
+        cells = np.argwhere(stands | (anywhere or not stands.any()))
+        start, goal = (tuple(cells[int(share * len(cells))].tolist()) for share in ends)
         plans = [each.plan(start, goal, method=method, epsilon=epsilon) for each in (lazy, dense)]
         if plans[0].status is not plans[1].status or not math.isclose(plans[0].cost, plans[1].cost, rel_tol=1e-6):
             return Problem(f"lazy is not dense: {method}", f"{plans}\n{told}")
-        given = costs, start, goal, case.omega, method == "astar" or epsilon == 0.0, epsilon, told
-        # their bounds may differ: a pose that is not checked yet counts as free
+        given = priced(dense, case.omega), stands, start, goal, method == "astar" or epsilon == 0.0, epsilon, told
+        # their bounds may differ: a motion that is not checked yet counts as free
         return problem_with_plan(plans[0], *given) or problem_with_plan(plans[1], *given)
 
-    found = drive(case, dem, (lazy, dense), judged)
-    return found or problem_with_poses(dem, case.cell, case.vehicle, repr(case))
+    if found := drive(case, dem, (lazy, dense), judged):
+        return found
+    fresh = Planner.of_elevation(dem.copy(), case.cell[0], lazy=False, **settings)
+    ours, alike = poses_of(lazy), np.array_equal(poses_of(fresh).heights, poses_of(lazy).heights, equal_nan=True)
+    ours.complete()
+    for name in ("legs", "turns"):
+        kept = [getattr(poses_of(each), name) for each in (lazy, dense, fresh)]
+        if not np.array_equal(kept[0], kept[1]) or (alike and not np.array_equal(kept[0], kept[2])):
+            return Problem(f"after patches {name} are others", repr(case))
+    return problem_with_motions(dense, dem, repr(case))
 
 
-def _cell_of(share: float, costs: np.ndarray, anywhere: bool) -> tuple[int, int]:
-    """The cell so far through the map, or through those where the body may stand."""
-    stands = np.isfinite(costs).any(0)
-    cells = np.argwhere(stands | (anywhere or not stands.any()))
-    row, col = cells[int(share * len(cells))]
-    return int(row), int(col)
+def poses_of(planner: Planner) -> Poses:
+    """A planner's; all checked."""
+    planner.state.grid.poses.complete()
+    return planner.state.grid.poses
 
 
-def problem_with_poses(
-    dem: np.ndarray, cell: tuple[float, float], vehicle: Vehicle, told: str = ""
-) -> Problem | None:
-    """What differs between the dense poses and the naive ones; poses that rounding decides may do either."""
-    found = pose_costs(dem, cell[0], vehicle, cell_width_m=cell[1])
-    wanted, margins = pose_oracles.naive_pose_checks(dem, cell[0], vehicle, cell[1])
-    if found.shape != wanted.shape or found.dtype != np.float32:
-        return Problem("poses of another shape", f"{found.shape} {found.dtype}\n{told}")
-    passes = np.isfinite(found)
-    differ = (passes != np.isfinite(wanted)) & (margins > NEAR_A_LIMIT)
-    if differ.any():
-        at = tuple(np.argwhere(differ)[0])
-        kind = "a pose passes that must fail" if passes[at] else "a pose fails that must pass"
-        return Problem(kind, f"{int(differ.sum())} of them, first {at}: {found[at]} for {wanted[at]}\n{told}")
-    both = passes & np.isfinite(wanted)
-    if not ((found[both] >= 0.0) & (found[both] < 1.0)).all():
-        return Problem("T is not in [0, 1)", told)
-    more = found[both].astype(np.float64) - wanted[both]
-    less = T_ALIKE + T_ROUNDED * (found[both].max(initial=0.0) > 0.999)
-    if more.size and (more.min() < -less or more.max() > T_ROUNDED + T_ALIKE):
-        return Problem("T of a pose is another", f"{more.min()} to {more.max()} more\n{told}")
+def motions_on(poses: Poses) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """(8, H, W) codes of the legs along the axes, whether turns are possible, and codes of standing."""
+    inside = np.s_[1:-1, 1:-1]
+    rows, cols = poses.shape
+    legs = poses.legs.reshape(rows + 2, cols + 2, AXES)[inside].transpose(2, 0, 1)
+    turns = poses.turns.reshape(rows + 2, cols + 2)[inside] >> (AXES + np.arange(AXES))[:, None, None] & 1
+    return legs, turns.astype(bool), poses.standing()
+
+
+def priced(planner: Planner, omega: float) -> pose_oracles.Motions:
+    """A planner's motions as the oracle takes them."""
+    poses = poses_of(planner)
+    legs, turns, _ = motions_on(poses)
+    weights = np.where(legs < FAILS, (legs - 1.0) / MOST_CODE, np.inf).transpose(1, 2, 0)
+    return pose_oracles.priced(weights, turns.transpose(1, 2, 0), poses.vehicle, poses.sides_m, 255.0 * omega)
+
+
+def problem_with_motions(planner: Planner, dem: np.ndarray, told: str = "") -> Problem | None:
+    """What differs from the check in NumPy, but for what rounding decides; and where a motion breaks a limit."""
+    poses = poses_of(planner)
+    cells = np.argwhere(np.ones(poses.shape, bool))
+    found = motions_on(poses)
+    for motion in range(3 * AXES):
+        kind, axis = divmod(motion, AXES)
+        codes, t, near = codes_in_numpy(poses, motion, cells)
+        ours = found[kind][axis].ravel()
+        same = np.where(codes >= FAILS, ours == codes, ours < FAILS) if kind != 1 else ours == (codes < FAILS)
+        if (differ := ~same & ~near).any():
+            at = int(np.argmax(differ))
+            return Problem(
+                f"a code of motions of kind {kind} is another",
+                f"{motion} {cells[at]}: {ours[at]} for {codes[at]}\n{told}",
+            )
+        both = (codes < FAILS) & (ours < FAILS) if kind != 1 else np.zeros(len(codes), bool)
+        more = (ours[both] - 1.0) / MOST_CODE - t[both]
+        if both.any() and (more.min() < -T_ALIKE - T_ROUNDED * (t.max() > 0.999) or more.max() > T_ROUNDED + T_ALIKE):
+            return Problem("T of a motion is another", f"{motion}: {more.min()} to {more.max()} more\n{told}")
+    rng = np.random.default_rng(len(told))
+    passes = np.argwhere(np.concatenate((found[0] < FAILS, found[1])))
+    for motion, row, col in rng.permutation(passes)[:SAMPLED].tolist():
+        places, headings = dense_places(motion, (row, col), poses.sides_m)
+        if (broken := pose_oracles.breaks_at(dem, poses.sides_m, poses.vehicle, places, headings)) is not None:
+            return Problem(f"a motion that passes breaks {broken.limit}", f"{motion} {(row, col)}: {broken}\n{told}")
     return None
+
+
+def dense_places(
+    motion: int, cell: tuple[int, int], sides: tuple[float, float], count: int = 15
+) -> tuple[np.ndarray, np.ndarray]:
+    """Places (N, 2) and headings (N,) along a leg, or a turn to the next direction, from a cell."""
+    shares = np.linspace(0.0, 1.0, count)[:, None]
+    ways = [*pose_oracles.AXES, (-1, 0)]
+    angles = [math.atan2(col * sides[1], row * sides[0]) for row, col in ways]
+    kind, axis = divmod(motion, AXES)
+    if kind == 0:
+        return cell + shares * ways[axis], np.full(count, angles[axis])
+    return cell + 0.0 * shares, (angles[axis] + shares * (angles[axis + 1] - angles[axis]))[:, 0]
+
+
+def codes_in_numpy(poses: Poses, motion: int, cells: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """(N,) code of the worst pose of a motion from each cell or 0, mean T, and whether rounding may decide."""
+    limits = limits_of(poses.vehicle, poses.weights).astype(np.float64)[:, None]
+    first, last = poses.motions.poses_of[motion : motion + 2]
+    worst, total, near = np.zeros(len(cells), int), 0.0, np.zeros(len(cells), bool)
+    for pose in range(first, last):
+        _, _, slope, *others = attitude._figures(poses, cells, attitude._Tables(poses.motions, pose))
+        values = np.stack((np.arctan(slope), *others))
+        unknown = ~np.isfinite(slope + values[3] + values[4])
+        refused = np.concatenate((unknown[None], ~(values <= limits[1:6])))
+        code = np.where(refused.any(0), FAILS + refused.argmax(0), 0)
+        worst = np.maximum(worst, code)
+        near |= (np.abs(values - limits[1:6]) <= NEAR_A_LIMIT * limits[1:6]).any(0) & ~unknown
+        total = total + (limits[6:] * (values / limits[1:6])[[0, 4, 3]]).sum(0)
+    return worst, total / (last - first), near
 
 
 def problem_with_plan(
     plan: Any,
-    costs: np.ndarray,
+    priced: pose_oracles.Motions,
+    stands: np.ndarray,
     start: tuple[int, int],
     goal: tuple[int, int],
-    omega: float,
     exact: bool,
     epsilon: float = math.inf,
     told: str = "",
 ) -> Problem | None:
-    """What is wrong with an answer where the poses' T are `costs`, (4, H, W)."""
-    if not 0 <= plan.checks <= costs.size:
-        return Problem(f"{plan.checks} of {costs.size} poses checked: {plan.planner}", f"{plan}\n{told}")
-    stands = [bool(np.isfinite(costs[:, row, col]).any()) for row, col in (start, goal)]
-    if not all(stands):
-        blocked = Status.GOAL_BLOCKED if stands[0] else Status.START_BLOCKED
+    """What is wrong with an answer where motions cost so much, and the body stands on cells `stands`."""
+    if not (stands[start] and stands[goal]):
+        blocked = Status.GOAL_BLOCKED if stands[start] else Status.START_BLOCKED
         allowed = {blocked, Status.NO_PATH, *([Status.OK] if start == goal else [])}
         return None if plan.status in allowed else Problem(f"{plan.status} for {blocked}: {plan.planner}", told)
-    scale = 255.0 * omega
     return problem_with_optimum(
         plan,
-        pose_oracles.dijkstra_over_poses(costs, start, goal, scale),
-        lambda path: problem_with_path(path, plan.headings_deg, costs, start, goal),
-        lambda path: pose_oracles.path_cost_over_poses(costs, path, scale),
+        float(pose_oracles.costs_to_cells(priced, start)[goal]),
+        lambda path: problem_with_path(path, plan.headings_deg, priced, start, goal),
+        functools.partial(pose_oracles.path_cost, priced),
         exact=exact,
         epsilon=epsilon,
         told=told,
@@ -187,25 +249,21 @@ def problem_with_plan(
 def problem_with_path(
     path: list[tuple[int, int]],
     headings_deg: np.ndarray,
-    costs: np.ndarray,
+    priced: pose_oracles.Motions,
     start: tuple[int, int],
     goal: tuple[int, int],
 ) -> str:
     """What is wrong with a path and its headings; empty if nothing is.
 
-    Each cell's heading is that of the step that leaves it, the last one's that of the step that reaches it; degrees
+    Each cell's heading is that of the leg that leaves it, the last one's that of the leg that reaches it; degrees
     in [0, 360), clockwise from north, which is up the rows, as if cells were square; none for a single cell.
     """
     if not path or path[0] != tuple(start) or path[-1] != tuple(goal):
         return "a path with other ends"
-    if any(not (0 <= row < costs.shape[1] and 0 <= col < costs.shape[2]) for row, col in path):
-        return "a path that leaves the map"
-    if any(max(abs(r - i), abs(c - j)) != 1 for (r, c), (i, j) in zip(path[:-1], path[1:], strict=True)):
-        return "a path with a leap"
-    if not math.isfinite(pose_oracles.path_cost_over_poses(costs, path, 1.0)):
-        return "a path through a pose that fails"
+    if not math.isfinite(pose_oracles.path_cost(priced, path)):
+        return "a path with a leap, or through a motion that fails"
     if len(headings_deg) != (len(path) if len(path) > 1 else 0):
         return f"{len(headings_deg)} headings for {len(path)} cells"
-    steps = pose_oracles.headings_of(path)
-    wrong = len(path) > 1 and not np.allclose(headings_deg, [*steps, steps[-1]], atol=1e-3)
-    return "headings that are not the steps'" if wrong else ""
+    legs = pose_oracles.headings_of(path)
+    wrong = len(path) > 1 and not np.allclose(headings_deg, [*legs, legs[-1]], atol=1e-3)
+    return "headings that are not the legs'" if wrong else ""

@@ -1,4 +1,4 @@
-"""Lines off the grid, of points, discs and bodies: their distance to obstacles, how a body stands, cost and turns."""
+"""Lines off the grid, of points and discs: their distance to obstacles, cost and turns."""
 
 import math
 import random
@@ -8,7 +8,6 @@ import numpy as np
 from nnpp_edge.runtime import Ground, Planner, Vehicle
 from nnpp_edge.runtime.map.turns import curvatures
 from nnpp_edge.runtime.planners.plan import Plan
-from nnpp_edge.runtime.planners.refine import BodyLines
 from tests import oracles
 from tests.fuzz.cases import NOWHERE, Case, Place, Problem
 
@@ -16,27 +15,19 @@ SAMPLES = 16  # places a cell's length at which a line is checked
 
 
 def generate(rng: random.Random, place: Place = NOWHERE) -> Case:
-    """A map of 20 to 60 cells a side, with obstacles or rocks, a vehicle, and ends of lines."""
-    numbers, kind = np.random.default_rng(rng.getrandbits(32)), rng.choice(("point", "disc", "disc", "body"))
+    """A map of 20 to 60 cells a side, with obstacles, a vehicle, and ends of lines."""
+    numbers, kind = np.random.default_rng(rng.getrandbits(32)), rng.choice(("point", "disc", "disc"))
     rows, cols = numbers.integers(20, 60, 2).tolist()
     size = rng.choice((0.5, 1.0))
     cost = numbers.random((rows, cols)).astype(np.float32) * rng.choice((0.9, 0.2))
-    heights = 0.02 * np.cumsum(numbers.normal(size=(rows, cols)), axis=1)
     for _ in range(rng.randrange(2, 16)):
         row, col = numbers.integers(0, (rows, cols)).tolist()
         high, wide = numbers.integers(1, 4, 2).tolist()
         cost[row : row + high, col : col + wide] = np.inf
-        heights[row : row + high, col : col + wide] += size * rng.uniform(0.1, 0.6)
-    length = size * rng.uniform(1.5, 4.0)
-    vehicle = {
-        "point": None,
-        "disc": Vehicle(radius_m=size * rng.uniform(0.3, 2.2)),
-        "body": Vehicle(length, length * rng.uniform(0.5, 1.0), size * rng.uniform(0.15, 0.5), max_tilt_deg=25.0),
-    }[kind]
+    vehicle = Vehicle(radius_m=size * rng.uniform(0.3, 2.2)) if kind == "disc" else None
     return Case(
         kind=kind,
         cost=cost,
-        heights=heights.astype(np.float32),
         sides=rng.choice(((size, size), (size, size), (size, 0.8 * size))),
         vehicle=vehicle,
         turning_m=size * rng.uniform(1.0, 12.0) if vehicle and rng.random() < 0.4 else None,
@@ -46,16 +37,13 @@ def generate(rng: random.Random, place: Place = NOWHERE) -> Case:
 
 def check(case: Case, place: Place = NOWHERE) -> Problem | None:
     """What is wrong with the lines between the ends of a case."""
-    sides = {"cell_size_m": case.sides[0], "cell_width_m": case.sides[1], "vehicle": case.vehicle}
-    if case.kind == "body":
-        planner = Planner.of_elevation(case.heights, **sides, warn=False)
-    else:
-        planner = Planner(Ground(case.cost, **sides))
+    sides = {"cell_size_m": case.sides[0], "cell_width_m": case.sides[1]}
+    planner = Planner(Ground(case.cost, **sides, vehicle=case.vehicle))
     for start, goal in zip(case.ends[::2], case.ends[1::2], strict=True):
         plan = planner.plan(start, goal, refine="any-angle", turning_radius_m=case.turning_m)
         if not plan.ok or plan.waypoints is None or len(plan.waypoints) < 2:
             continue
-        if problem := _turns(plan, case) or _OF_KIND[case.kind](plan, case, planner):
+        if problem := _turns(plan, case) or _OF_KIND[case.kind](plan, case):
             return Problem(problem, f"{start} to {goal}\n{case!r}\n{plan.waypoints.tolist()}")
     return None
 
@@ -84,33 +72,15 @@ def _turns(plan: Plan, case: Case) -> str:
     return f"turns sharper than {case.turning_m}" if sharpest * case.turning_m > 1.0 + 1e-6 else ""
 
 
-def _of_point(plan: Plan, case: Case, planner: Planner) -> str:
+def _of_point(plan: Plan, case: Case) -> str:
     """Its cost, by very many samples of the bilinear density."""
     total = oracles.line_cost(plan.waypoints, case.cost, per_cell=2000)
     return "" if abs(total - plan.line_cost) <= 2e-3 * total else f"costs {plan.line_cost}, and by samples {total}"
 
 
-def _of_disc(plan: Plan, case: Case, planner: Planner) -> str:
+def _of_disc(plan: Plan, case: Case) -> str:
     radius, near = case.vehicle.radius_m, _distance_m(_dense(plan.waypoints), ~(case.cost < 1.0), case.sides)
     return f"a disc of {radius} comes within {near}" if near < radius * 0.99999 else ""
 
 
-def _of_body(plan: Plan, case: Case, planner: Planner) -> str:
-    """How it stands at the places that are told of, which lie along the line."""
-    assert plan.along is not None
-    stands = BodyLines(planner.state.grid).attitudes(plan.along.points)
-    pitch, roll, tilt = (limit + 1e-3 for limit in case.vehicle.tilts_deg)
-    limits = {
-        "clear": stands.clearance_m >= -1e-5,
-        "tilted": stands.tilt_deg <= tilt,
-        "pitched": np.abs(stands.pitch_deg) <= pitch,
-        "rolled": np.abs(stands.roll_deg) <= roll,
-    }
-    if failed := [name for name, holds in limits.items() if not holds.all()]:
-        return f"not {failed[0]} where it is told of"
-    apart = (plan.waypoints[:, None] - plan.along.points[None]).transpose(2, 0, 1)
-    missed = float(np.hypot(*apart).min(1).max())
-    return f"a way point lies {missed} from all places that are told of" if missed > 1e-6 else ""
-
-
-_OF_KIND = {"point": _of_point, "disc": _of_disc, "body": _of_body}
+_OF_KIND = {"point": _of_point, "disc": _of_disc}

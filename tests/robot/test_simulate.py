@@ -14,7 +14,7 @@ from nnpp_edge.runtime.map.ground import Ground
 from nnpp_edge.runtime.map.poses import pose_costs
 from nnpp_edge.runtime.planners.planner import Planner
 from nnpp_edge.runtime.terrain.traversability import Traversability, traversability_cost
-from nnpp_edge.runtime.terrain.vehicle import HEADINGS, Vehicle
+from nnpp_edge.runtime.terrain.vehicle import Vehicle
 from nnpp_edge.simulation.robots import Robot
 from nnpp_edge.simulation.scene import Scene, SurveyedGround, walkable
 from nnpp_edge.simulation.simulate import SimulationSettings, random_drive, simulate
@@ -23,6 +23,8 @@ from nnpp_edge.terrain.rocks import with_rocks
 from nnpp_edge.terrain.synthetic import synthetic_terrain
 from nnpp_edge.terrain.vehicle_files import load_mobility
 from nnpp_edge.viz.picture import BODY as BODY_COLOUR
+from tests import pose_oracles
+from tests.fuzz import bodies
 
 LIMITS = Traversability(slope_limit_deg=20.0, hard_slope_deg=20.0)
 BODY = Vehicle(length_m=1.5, width_m=1.2, clearance_m=0.3)
@@ -167,7 +169,9 @@ def test_the_robot_reaches_its_goal_and_no_path_was_forbidden(grounds, kind, met
     assert (np.abs(np.diff(drive.driven, axis=0)).max(axis=1) == 1).all()
     assert (tuple(drive.driven[0]), tuple(drive.driven[-1])) == (start, goal)
     if kind == "body":
-        assert all(passing(pose_costs(ground.true, 0.4, BODY), drive.driven)), "nor over rocks that it saw on its way"
+        priced = bodies.priced(Planner.of_elevation(ground.true, 0.4, vehicle=BODY, warn=False), 0.0)
+        legs = [pose_oracles.path_cost(priced, leg) for leg in itertools.pairwise(drive.driven.tolist())]
+        assert np.isfinite(legs).all(), "nor over rocks that it saw on its way"
     else:
         assert (ground.true[drive.driven[:, 0], drive.driven[:, 1]] < 1.0).all()
     best = Planner(ground.ground).plan(start, goal, method="astar").cost
@@ -261,34 +265,28 @@ def test_what_makes_no_sense_is_refused(ground):
 # --- a body
 
 
-def heading_of(step):
-    """Number of the heading that a step is along."""
-    return HEADINGS.index(step if step in HEADINGS else (-step[0], -step[1]))
-
-
-def passing(poses, path):
-    """Whether each step's poses pass at both its ends, of (4, H, W) costs of poses."""
-    cells = [tuple(cell) for cell in path.tolist()]
-    steps = [(one, other, heading_of(tuple(np.subtract(other, one)))) for one, other in itertools.pairwise(cells)]
-    return [bool(np.isfinite(poses[way][one]) and np.isfinite(poses[way][other])) for one, other, way in steps]
-
-
 def test_what_the_simulation_judges_by_agrees_with_the_planners_check():
     walked = Counter()
-    steps = np.array([way for way in itertools.product((-1, 0, 1), repeat=2) if any(way)])
+    steps = np.array(pose_oracles.DIRECTIONS)
     for seed in range(6):
         rng = np.random.default_rng(seed)
         width = (0.25, 0.3)[seed % 2]
         heights = with_rocks(synthetic_terrain(rng, 60, 0.25), 0.25, 0.03, rng, cell_width_m=width)
         heights[20:22, 30:36] = np.nan
         vehicle = replace(BODY, unknown_passes=seed % 3 == 0, axles=2 + seed % 3, max_pitch_deg=20.0)
-        poses = pose_costs(heights, 0.25, vehicle, cell_width_m=width)
+        planner = Planner.of_elevation(heights, 0.25, cell_width_m=width, vehicle=vehicle, warn=False)
+        priced, stands = (
+            bodies.priced(planner, 0.0),
+            np.isfinite(pose_costs(heights, 0.25, vehicle, cell_width_m=width)),
+        )
         robot = Robot(Ground.of_elevation(heights, 0.25, cell_width_m=width, vehicle=vehicle))
         for _ in range(40):
             row, col = rng.integers(8, 52, 2).tolist()
-            assert robot.stands(heights, (row, col)) or not np.isfinite(poses[:, row, col]).any()
-            path = np.cumsum([(row, col), *rng.choice(steps, 8)], axis=0).astype(np.int32)
-            known = int(np.cumprod(passing(poses, path)).sum())
+            assert robot.stands(heights, (row, col)) or not stands[:, row, col].any()
+            turns, first = rng.integers(-1, 2, 8).cumsum(), rng.integers(16)
+            path = np.cumsum([(row, col), *steps[(first + turns) % 16]], axis=0).clip(0, 59).astype(np.int32)
+            costs = [pose_oracles.path_cost(priced, path[: n + 1].tolist()) for n in range(1, 9)]
+            known = int(np.isfinite(costs).sum())
             assert robot.steps(heights, path) >= known, (
                 "what a planner may drive over, the simulation does not forbid"
             )

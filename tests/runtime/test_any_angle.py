@@ -5,7 +5,6 @@ import math
 import random
 from fractions import Fraction
 
-import numba
 import numpy as np
 import pytest
 from hypothesis import example, given, settings
@@ -13,14 +12,12 @@ from hypothesis import strategies as st
 
 from nnpp_edge.runtime import DynamicPlanner, Planner, Status, Vehicle
 from nnpp_edge.runtime.deadline import Deadline
-from nnpp_edge.runtime.kernels import any_heading
+from nnpp_edge.runtime.errors import InvalidQueryError
 from nnpp_edge.runtime.kernels.any_angle import NO_DISC, line_cost
 from nnpp_edge.runtime.map.grid import Grid
-from nnpp_edge.runtime.map.poses import pose_costs
 from nnpp_edge.runtime.map.step_cost import StepModel
 from nnpp_edge.runtime.map.turns import curvatures, sharpest, turns_rad, with_arcs
-from nnpp_edge.runtime.planners.refine import BodyLines, Refiner
-from nnpp_edge.runtime.terrain.vehicle import HEADINGS
+from nnpp_edge.runtime.planners.refine import Refiner
 from tests import oracles
 from tests.fuzz import lines
 from tests.strategies import Case, cases
@@ -152,12 +149,6 @@ def test_at_the_deadline_the_line_is_what_was_found():
     refiner = Refiner(planner.state)
     late, whole = refiner.refined(plan, deadline=Deadline(0.0)), refiner.refined(plan)
     assert whole.line_cost < late.line_cost <= refiner.cost(plan.path.astype(np.float64)) * (1.0 + 1e-12)
-    heights = np.cumsum(np.random.default_rng(0).normal(0.0, 0.005, (60, 60)), axis=1).astype(np.float32)
-    body = Planner.of_elevation(heights, 0.5, vehicle=Vehicle(length_m=1.2, width_m=0.8, clearance_m=0.3), warn=False)
-    plan = body.plan((6, 6), (50, 40), method="astar")
-    refiner = Refiner(body.state)
-    late, whole = refiner.refined(plan, deadline=Deadline(0.0)), refiner.refined(plan)
-    assert whole.line_cost < late.line_cost < np.inf
 
 
 def test_lines_of_elevations_computed_where_somebody_looks_are_those_of_all():
@@ -167,57 +158,7 @@ def test_lines_of_elevations_computed_where_somebody_looks_are_those_of_all():
     assert plans[0].line_cost == pytest.approx(plans[1].line_cost, rel=1e-9)
 
 
-# --- of a body
-
-BODY = Vehicle(1.5, 1.2, 0.3)
-
-
-@numba.njit
-def pose_cost(body, row, col, ahead, sweep):
-    under, contacts = any_heading.under_body(body), np.empty((2, len(body[1])))
-    return any_heading.pose_cost(under, row, col, ahead, sweep, contacts)
-
-
-def rocky(seed, side=60, cell_m=0.25):
-    rng = np.random.default_rng(seed)
-    heights = np.cumsum(rng.normal(0.0, 0.01, (side, side)), axis=1) * cell_m
-    for row, col in rng.integers(0, side, (side // 5, 2)).tolist():
-        heights[row : row + 2, col : col + 2] += rng.uniform(0.1, 0.5)
-    return heights.astype(np.float32)
-
-
-def test_the_check_at_any_heading_is_that_of_the_grid_on_its_diagonals():
-    heights, sides = rocky(1), (0.25, 0.3)
-    wanted = pose_costs(heights, sides[0], BODY, cell_width_m=sides[1])
-    planner = Planner.of_elevation(heights, sides[0], cell_width_m=sides[1], vehicle=BODY, warn=False)
-    body = BodyLines(planner.state.grid).body
-    for heading, row, col, sign in itertools.product((1, 3), range(0, 60, 4), range(0, 60, 3), (1.0, -1.0)):
-        step = np.array(HEADINGS[heading]) * sides
-        length, cost = float(np.hypot(*step)), wanted[heading, row, col]
-        ahead = tuple((sign * step / length).tolist())
-        found = pose_cost(body, float(row), float(col), ahead, 0.5 * length)
-        assert math.isinf(found) == math.isinf(cost), (row, col)
-        assert math.isinf(found) or found == pytest.approx(cost, abs=1e-4)
-
-
-def test_every_leg_of_a_bodys_line_can_be_followed_at_no_higher_cost_and_keeps_the_limits_between_its_poses():
-    lines, checked = 0, 0
-    for seed in range(6):
-        planner = Planner.of_elevation(rocky(seed), 0.25, vehicle=BODY, warn=False)
-        plan = planner.plan((8, 8), (50, 48), method="astar", refine="any-angle")
-        if not plan.ok:
-            continue
-        refiner, body = Refiner(planner.state), BodyLines(planner.state.grid).body
-        on_grid = refiner.cost(plan.path.astype(np.float64))
-        assert tuple(plan.waypoints[0]) == (8, 8) and tuple(plan.waypoints[-1]) == (50, 48)
-        assert refiner.cost(plan.waypoints) == pytest.approx(plan.line_cost, rel=1e-12)
-        assert plan.line_cost <= on_grid * (1.0 + 1e-9)
-        lines += plan.line_cost < 0.99 * on_grid
-        for begin, end in itertools.pairwise(plan.waypoints):
-            ahead = (end - begin) / np.hypot(*(end - begin))
-            if np.isclose(np.abs(ahead), [[0.0, 1.0], [1.0, 0.0]]).all(1).any():
-                continue  # along rows and columns the grid's check is another, see docs/vehicle.md
-            for place in begin + np.linspace(0.0, 1.0, 50)[:, None] * (end - begin):
-                assert math.isfinite(pose_cost(body, *place.tolist(), tuple(ahead.tolist()), 0.0))
-                checked += 1
-    assert lines and checked
+def test_a_bodys_path_is_not_freed():
+    planner = Planner.of_elevation(np.zeros((40, 40)), 0.5, vehicle=Vehicle(1.2, 0.8, 0.3), warn=False)
+    with pytest.raises(InvalidQueryError, match="a body's legs lead in 16 directions"):
+        planner.plan((10, 10), (20, 30), refine="any-angle")

@@ -1,17 +1,22 @@
-"""Poses of a robot with a body, and plans over them, beside plain and slow answers.
+"""Motions of a robot with a body, and plans over them, beside plain and slow answers.
 
 Many more cases of the same kind: ``python -m tests.fuzz --target bodies``.
 """
 
-import dataclasses
+import itertools
 import math
 import random
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
 from nnpp_edge.runtime import DynamicPlanner, Planner, Traversability, Vehicle, pose_costs
 from nnpp_edge.runtime.kernels.nodes import STAMP_SHIFT
+from nnpp_edge.runtime.kernels.poses import AXES, FAILS, MOST_CODE, REFUSALS, check_run
+from nnpp_edge.runtime.map import motions
+from nnpp_edge.runtime.map.attitude import attitudes, explain
+from nnpp_edge.runtime.map.poses import Poses
 from nnpp_edge.runtime.map.region import Region
 from nnpp_edge.runtime.planners.coarse_to_fine import CoarseLevel
 from nnpp_edge.runtime.planners.plan import Source
@@ -22,8 +27,9 @@ from tests.fuzz.cases import Place
 
 METHODS = ("astar", "corridor")
 ROVER = Vehicle(length_m=1.3, width_m=0.9, clearance_m=0.3, wheel_length_m=0.21, wheel_width_m=0.13)
-CELL_M = 0.25
-ROUNDING_M = 1e-6
+CELL_M, OMEGA = 0.25, 0.011
+LIMITS = ("max_tilt_deg", "max_pitch_deg", "max_roll_deg", "max_step_m", "clearance_m")
+WEIGHTS = (0.6, 0.2, 0.2)
 pytestmark = pytest.mark.filterwarnings("ignore:the network .* was trained for omega")
 
 
@@ -46,100 +52,276 @@ def rocks(seed, rows=44, cols=52, share=0.02):
     return dem.astype(np.float32)
 
 
-def ends_of(costs, seed):
-    """Two cells far apart on which the body may stand."""
-    cells = np.argwhere(np.isfinite(costs).any(0))
-    rng = random.Random(seed)
-    pairs = [[tuple(map(int, cells[rng.randrange(len(cells))])) for _ in range(2)] for _ in range(8)]
-    return max(pairs, key=lambda pair: math.dist(*pair))
+def checked(dem, vehicle=ROVER, sides=(CELL_M, CELL_M)):
+    """All motions on a map."""
+    poses = Poses(np.asarray(dem, np.float32), sides, vehicle, WEIGHTS, 255 * OMEGA)
+    poses.complete()
+    return poses
 
 
-def test_flat_ground_costs_nothing_and_the_three_weights_are_those_of_eq_1():
+def passing(poses):
+    """(24, H, W) whether legs along the axes, turns to the next direction, and standing bodies pass."""
+    legs, turns, standing = bodies.motions_on(poses)
+    return np.concatenate((legs < FAILS, turns, standing < FAILS))
+
+
+# --- the check
+
+
+def test_a_smooth_plane_passes_up_to_the_limit_whichever_way_it_rises_and_not_above():
+    rng = random.Random(4)
+    for number, per_cell in enumerate((2.0, 2.0, 2.4, 3.0, 3.0, 3.7, 4.0, 5.5, 8.0, 11.0, 16.0)):
+        long, cell = number % 2 == 0, rng.uniform(0.1, 2.0)
+        sides = [per_cell * cell, per_cell * cell * rng.uniform(1.0, 1.4)]
+        size = dict(zip(("length_m", "width_m"), sides[::-1] if long else sides, strict=True))
+        limit = rng.uniform(15.0, 35.0)
+        vehicle = Vehicle(**size, clearance_m=0.2 * per_cell * cell, max_tilt_deg=limit, axles=rng.choice((2, 3)))
+        side = 2 * math.ceil(1.4 * per_cell) + 9
+        down, right = np.mgrid[:side, :side] * cell
+        for angle in np.arange(0.0, 360.0, 22.5) + rng.uniform(0.0, 22.5):
+            along = down * math.cos(math.radians(angle)) + right * math.sin(math.radians(angle))
+            for share, wanted in ((0.97 if per_cell >= 3.0 else 0.9, True), (1.0001, False)):
+                poses = checked(along * math.tan(math.radians(share * limit)), vehicle, (cell, cell))
+                assert (passing(poses)[:, side // 2, side // 2] == wanted).all(), (per_cell, angle, share)
+
+
+def test_pitch_and_roll_have_limits_of_their_own_by_the_direction():
+    down = np.tan(np.radians(20.0)) * CELL_M * np.mgrid[:41, :41][0]
+    for changes, fails in (({"max_pitch_deg": 19.0}, 0), ({"max_roll_deg": 19.0}, 4)):
+        found = passing(checked(down, replace(ROVER, **changes)))[:, 20, 20]
+        for kind in (0, 16):  # legs, and standing
+            assert not found[kind + fails] and found[kind + 4 - fails]
+
+
+def test_attitudes_on_a_plane_are_the_planes():
+    gradient, (down, right) = np.array((0.15, -0.1)), CELL_M * np.mgrid[:61, :61]
+    path = np.cumsum([(30, 20), *pose_oracles.DIRECTIONS], axis=0).astype(np.int32)
+    found = attitudes(checked(gradient[0] * down + gradient[1] * right), path)
+    ahead = np.array((*pose_oracles.DIRECTIONS, pose_oracles.DIRECTIONS[-1]))
+    ahead = ahead / np.hypot(*ahead.T)[:, None]
+    left = np.stack((-ahead[:, 1], ahead[:, 0]), 1)
+    assert found.pitch_deg == pytest.approx(np.degrees(np.arctan(ahead @ gradient)), abs=0.01)
+    assert found.roll_deg == pytest.approx(np.degrees(np.arctan(left @ gradient)), abs=0.01)
+    assert found.tilt_deg == pytest.approx(np.full(17, math.degrees(math.atan(np.hypot(*gradient)))), abs=0.01)
+    assert found.clearance_m == pytest.approx(np.full(17, ROVER.clearance_m), abs=1e-3)
+
+
+def test_the_axes_are_told_apart_by_lanes_in_which_one_alone_has_room():
+    body = Vehicle(length_m=4.0, width_m=0.7, clearance_m=0.3)
+    cells = np.stack(np.mgrid[:49, :49], 2) - 24
+    for k, (row, col) in enumerate(pose_oracles.AXES):
+        off = np.abs(cells @ (-col, row)) / math.hypot(row, col) * CELL_M
+        dem = np.where(off > 0.75, np.nan, 0.0)
+        assert np.flatnonzero(np.isfinite(pose_costs(dem, CELL_M, body)[:, 24, 24])).tolist() == [k]
+        found = passing(checked(dem, body))[:, 24, 24]
+        assert np.flatnonzero(found).tolist() == [k, 16 + k], "no turn, and the leg along it"
+
+
+def test_t_is_that_of_eq_1():
     found = pose_costs(np.full((20, 24), 7.0, np.float32), CELL_M, ROVER)
-    assert found.shape == (4, 20, 24) and found.dtype == np.float32
+    assert found.shape == (8, 20, 24) and found.dtype == np.float32
     assert (found[:, 6:-6, 6:-6] == 0.0).all()
     assert np.isinf(found[:, 0]).all() and np.isinf(found[:, :, -1]).all()
-    limits = Traversability(slope_weight=0.1, roughness_weight=0.7, step_weight=0.2)
-    dem = rocks(3, 20, 24)
-    found = pose_costs(dem, CELL_M, ROVER, traversability=limits)
-    wanted = pose_oracles.naive_pose_costs(dem, CELL_M, ROVER, weights=(0.1, 0.7, 0.2))
-    both = np.isfinite(found) & np.isfinite(wanted)
-    assert both.any()
-    np.testing.assert_allclose(found[both], wanted[both], atol=5e-5)
+    slope = CELL_M * np.tan(np.radians(10.0)) * np.mgrid[:20, :24][0]
+    dem = slope + np.where(np.arange(24) == 12, 0.1, 0.0)
+    rock = 0.15 * (np.arange(20 * 24) == 10 * 24 + 12).reshape(20, 24)
+    for ground, shares, wanted in (
+        (slope, (1.0, 0.0, 0.0), 10.0 / 25.0),
+        (slope, (0.5, 0.5, 0.0), 5.0 / 25.0),
+        (slope + rock, (0.0, 1.0, 0.0), 0.5),
+        (np.where(np.arange(20)[:, None] == 8, 0.12, 0.0) + 0.0 * dem, (0.0, 0.0, 1.0), 0.4),
+    ):
+        rule = Traversability(**dict(zip(("slope_weight", "roughness_weight", "step_weight"), shares, strict=True)))
+        t = pose_costs(ground, CELL_M, ROVER, traversability=rule)[0, 10, 12]
+        assert t == pytest.approx(wanted, abs=0.03), shares
 
 
-def test_poses_and_plans_over_them_are_the_naive_ones_checked_at_once_or_where_a_search_looks(tiny_model):
-    for seed in range(14):
-        case = bodies.generate(random.Random(seed), most_side=16)
+def test_raising_a_limit_never_makes_a_motion_fail():
+    for seed in range(12):
+        case = bodies.generate(random.Random(seed), most_side=18)
+        before = passing(checked(case.dem, case.vehicle, case.cell))
+        for name, factor in itertools.product(LIMITS, (1.02, 1.5)):
+            if (limit := getattr(case.vehicle, name)) is not None:
+                more = min(limit * factor, 89.0) if name.endswith("deg") else limit * factor
+                now = passing(checked(case.dem, replace(case.vehicle, **{name: more}), case.cell))
+                assert not (before & ~now).any(), (seed, name)
+
+
+def unswept(vehicle, sides):
+    """Tables of motions whose poses stand for nothing but themselves."""
+    makes = motions.leg_poses, motions.turn_poses, motions.standing
+    given = (sides, vehicle.length_m), (sides,), (sides,)
+    all_poses = [make(k, *more) for make, more in zip(makes, given, strict=True) for k in range(AXES)]
+    alone = [[pose._replace(sweep_m=0.0, turn_rad=0.0) for pose in poses] for poses in all_poses]
+    return motions.motions_of(vehicle, sides, alone)
+
+
+def broken_on_ground_made_to_pass(seed, motion):
+    """What a motion breaks on ground that is raised and lowered, cell by cell, as far as it still passes."""
+    rng, side = np.random.default_rng(seed), 21
+    vehicle = bodies.draw_vehicle(random.Random(seed), 1.0)
+    dem = np.zeros((side, side), np.float32)
+    poses = Poses(dem, (1.0, 1.0), vehicle, WEIGHTS, 1.0)
+    middle = (10, 10)
+    cells = np.argwhere((np.abs(np.mgrid[:side, :side] - 10) <= 2 + int(vehicle.reach_m)).all(0))
+    for row, col in rng.permutation(cells).tolist():
+        way, share, step = vehicle.clearance_m * rng.choice((4.0, -4.0)), 0.0, 1.0
+        while step > 0.005:  # the most that passes
+            dem[row, col] = way * (share + step)
+            poses.write(row, col, dem[row : row + 1, col : col + 1])
+            check_run(poses.packed, *middle, motion)
+            node = 11 * (side + 2) + 11
+            passes = poses.legs[node, motion] < FAILS if motion < AXES else poses.turns[node] >> motion & 1
+            share, step = share + step * bool(passes), 0.5 * step
+        dem[row, col] = way * share
+        poses.write(row, col, dem[row : row + 1, col : col + 1])
+    return pose_oracles.breaks_at(dem, 1.0, vehicle, *bodies.dense_places(motion, middle, (1.0, 1.0), 25))
+
+
+def test_no_motion_that_passes_breaks_a_limit_on_the_worst_ground_and_unswept_ones_do(monkeypatch):
+    assert not any(broken_on_ground_made_to_pass(seed, seed % 16) for seed in range(32))
+    monkeypatch.setattr(motions, "all_motions", unswept)
+    broken = [motion for motion in range(16) if broken_on_ground_made_to_pass(motion, motion)]
+    assert min(broken) < AXES < max(broken) and len(broken) > 4
+
+
+def test_among_rocks_most_that_dense_sampling_passes_passes():
+    """Standing there; legs and turns stand for more than what is sampled."""
+    dem, rng, kept = rocks(3, share=0.01), np.random.default_rng(0), np.zeros((3, 2))
+    found = passing(checked(dem))
+    for motion, row, col in np.stack(
+        (rng.integers(0, 24, 900), rng.integers(8, 36, 900), rng.integers(8, 44, 900)), 1
+    ).tolist():
+        places, headings = bodies.dense_places(
+            motion % 16 if motion < 16 else motion - 16, (row, col), (CELL_M, CELL_M)
+        )
+        if motion >= 16:
+            places, headings = places[:1], headings[:1]
+        if pose_oracles.breaks_at(dem, CELL_M, ROVER, places, headings) is None:
+            kept[motion // 8] += 1, found[motion, row, col]
+    assert (kept[:, 1] / kept[:, 0] > (0.8, 0.75, 0.93)).all(), kept
+
+
+def test_what_refuses_a_pose_is_told_with_its_numbers():
+    dem, told, more = rocks(5, share=0.02), set(), []
+    dem[30:32, 20:24] = np.nan
+    dem[:, 45:] += np.float32(0.5) * np.arange(7)
+    vehicle = replace(ROVER, max_pitch_deg=12.0, max_roll_deg=9.0, max_tilt_deg=14.0, max_step_m=0.16)
+    poses = checked(dem, vehicle)
+    standing = poses.standing()
+    for row, col in np.random.default_rng(1).integers(6, (38, 46), (150, 2)).tolist():
+        for k, (down, right) in enumerate(pose_oracles.AXES):
+            heading = math.degrees(math.atan2(right, -down)) + 360.0 * (k % 3)
+            found, code = explain(poses, (row, col), heading), standing[k, row, col]
+            assert found.cell == (row, col) and found.heading_deg == pytest.approx(heading % 360.0)
+            assert (found.ok, found.refused_by) == (code < FAILS, REFUSALS[code - FAILS] if code >= FAILS else None)
+            assert str(found).count("\n") == 5 and ("stands" in str(found)) == found.ok
+            told.add(found.refused_by)
+            if found.refused_by == "unknown":
+                continue
+            limits = [found.step_m, found.pitch_deg, found.roll_deg, found.tilt_deg, found.belly_m]
+            assert [each.allowance for each in limits] == [0.16, 12.0, 9.0, 14.0, 0.3]
+            true = pose_oracles.worst_figures(dem, CELL_M, vehicle, [(row, col)], np.array([math.atan2(right, down)]))
+            true = true[0, 1:] * (1.0, *3 * [180.0 / math.pi], 1.0)
+            more.append([each.value for each in limits] - np.maximum(true, 0.0))
+    assert np.min(more) > -1e-4 and (np.median(more, 0) < (0.02, 0.7, 0.7, 1.0, 0.05)).all(), np.median(more, 0)
+    assert told >= {None, "unknown", "tilt", "roll", "step"}
+
+
+# --- searches
+
+
+def test_motions_and_plans_are_the_naive_ones_checked_at_once_or_where_a_search_looks(tiny_model):
+    for seed in range(24):
+        case = bodies.generate(random.Random(seed), most_side=14)
         assert (problem := bodies.check(case, Place(tiny_model.parent))) is None, f"{seed}: {problem.kind}"
 
 
-@pytest.mark.parametrize(("n", "drop"), [(2, 0.05), (3, 0.26), (4, 0.15), (6, 0.05)])
-def test_ground_made_to_meet_the_belly_between_two_cells_never_does(n, drop):
-    """The front wheels come down and the ground between the wheels is as high as both poses bear."""
-    length, point = 2 * n + 0.07, {"wheel_length_m": 0.01, "wheel_width_m": 0.01}
-    stance = {"wheelbase_m": 2 * n - 0.03, "track_m": 2.7}
-    vehicle = Vehicle(length, 3.3, 0.3, max_tilt_deg=30.0, max_step_m=1.0, **stance, **point)
-    dem, middle, col = np.full((13, 2 * n + 14), -3.0), 6, n + 6
-    for row in (4, 5, 7, 8):
-        dem[row, col - n : col - n + 3] = -0.5 * drop / length, 0.0, 0.0
-        dem[row, col + n - 1 : col + n + 2] = -0.5 * drop / length, -0.5 * drop / length, -drop
+def with_motions(made, seed, omega):
+    """Random ones in place of what was checked; the priced motions."""
+    poses, rng = made.state.grid.poses, np.random.default_rng(seed)
+    poses.complete()
+    poses.legs[:] = rng.integers(1, MOST_CODE, poses.legs.shape)
+    poses.legs[rng.random(poses.legs.shape) < rng.choice((0.05, 0.4))] = FAILS + 1
+    passes = (rng.random((*poses.turns.shape, AXES)) < rng.choice((0.4, 0.9))) @ (1 << np.arange(AXES, 2 * AXES))
+    poses.turns[:] = 255 + passes
+    return bodies.priced(made, omega)
 
-    def both_pass():
-        return np.isfinite(pose_costs(dem, 1.0, vehicle)[2, middle, col : col + 2]).all()
 
-    for at in range(col - n, col + n + 2):  # raised cell by cell while both poses pass
-        for height in np.arange(0.35, 0.0, -0.005):
-            dem[middle, at] = height
-            if both_pass():
-                break
-            dem[middle, at] = -3.0
-    assert both_pass()
-    path = [(middle, col), (middle, col + 1)]
-    assert pose_oracles.drive_breaks(dem, 1.0, vehicle, path, positions=20, margin_m=ROUNDING_M) is None
+@pytest.mark.parametrize("turn_cost", [0.0, None, 5.0])
+def test_searches_and_reach_are_dijkstras_over_states_whatever_passes(turn_cost):
+    vehicle, shape = replace(ROVER, turn_cost_m_per_rad=turn_cost), (17, 21)
+    for seed in range(6):
+        omega, sides = (OMEGA, 0.0)[seed % 2], {"cell_size_m": CELL_M, "cell_width_m": 0.2}
+        made = Planner.of_elevation(np.zeros(shape), **sides, vehicle=vehicle, warn=False, omega=omega)
+        priced = with_motions(made, seed, omega)
+        stops = [tuple(cell) for cell in np.random.default_rng(seed).integers(5, (12, 16), (4, 2)).tolist()]
+        costs = [pose_oracles.costs_to_cells(priced, stop) for stop in stops]
+        np.testing.assert_allclose(made.reach(stops[0]), costs[0], rtol=1e-5)
+        everywhere = np.ones(shape, bool)
+        for (a, start), (_, goal) in itertools.permutations(enumerate(stops), 2):
+            for method in METHODS:
+                plan = made.plan(start, goal, method=method)
+                given = priced, everywhere, start, goal, method == "astar"
+                assert (found := bodies.problem_with_plan(plan, *given)) is None, found
+                assert method == "corridor" or not plan.ok or plan.cost == pytest.approx(costs[a][goal], rel=1e-5)
+
+
+def test_a_tour_turns_at_its_stops_where_it_can_and_pays_for_that():
+    for seed in range(8):
+        made = Planner.of_elevation(np.zeros((17, 21)), CELL_M, vehicle=ROVER, warn=False)
+        priced = with_motions(made, seed, OMEGA)
+        tour = made.plan_via((8, 5), (5, 12), [(10, 14), (6, 6)], method="astar")
+        if tour.plan.ok:
+            assert tour.plan.cost == pytest.approx(pose_oracles.path_cost(priced, tour.plan.path.tolist()), rel=1e-5)
+
+
+def test_a_path_pays_for_its_turns_and_makes_none_that_fails(planner):
+    """A body is symmetric: the longer way of turning holds all directions of the shorter one."""
+    made, path, costs = planner(np.zeros((40, 40))), np.array([(20, 20), (20, 21), (19, 21)], np.int32), np.zeros(3)
+    poses, turn = made.state.grid.poses, 0.5 * math.pi * ROVER.turn_m_per_rad / CELL_M
+    poses.complete()
+    for blocked in (None, 0, 4, 7):  # the path turns from direction 4 to 8
+        poses.turns[21 * 42 + 22] = 0xFFFF ^ (0 if blocked is None else 1 << AXES + blocked)
+        passes = blocked not in (4, 7)
+        assert made.state.grid.walk(path, 0, costs) == (-1 if passes else 2)
+        assert not passes or costs == pytest.approx([0.0, 1.0, 2.0 + turn], rel=1e-5)
+        found = pose_oracles.path_cost(bodies.priced(made, OMEGA), path.tolist())
+        assert found == pytest.approx(2.0 + turn if passes else math.inf)
 
 
 def test_checks_are_made_where_a_search_looks_and_are_kept(planner):
     dem = rocks(1, share=0.001)
-    costs, ours = pose_costs(dem, CELL_M, ROVER), planner(dem)
-    pairs = (ends_of(costs, seed) for seed in range(40))
-    start, goal = next(pair for pair in pairs if planner(dem).plan(*pair, method="astar").ok)
+    start, goal, ours = (6, 6), (37, 44), planner(dem)
     first, again = (ours.plan(start, goal, method="astar") for _ in range(2))
-    assert first.ok and 0 < first.checks <= 4 * dem.size
+    most = len(ours.state.grid.poses.motions.swept) * dem.size
+    assert first.ok and 0 < first.checks <= most
     assert again.checks == 0 and again.cost == first.cost
     row, col = first.path[len(first.path) // 2]
     ours.update_elevation(int(row), int(col), dem[row : row + 1, col : col + 1] + np.float32(0.01))
     assert 0 < ours.plan(start, goal, method="astar").checks < first.checks
     assert planner(dem, lazy=False).plan(start, goal, method="astar").checks == 0
     plan = planner(np.zeros((200, 200), np.float32)).plan((90, 90), (92, 110), method="astar")
-    assert plan.ok and plan.checks < 0.1 * 4 * 200 * 200  # a short way checks a small part of the map
+    assert plan.ok and plan.checks < 0.1 * most / dem.size * 200 * 200  # a short way checks a small part of the map
 
 
-def test_headings_are_those_of_the_steps(planner):
-    ours = planner(np.zeros((40, 40), np.float32))
-    for goal, heading in (((10, 20), 0.0), ((20, 30), 90.0), ((30, 20), 180.0), ((30, 10), 225.0), ((10, 10), 315.0)):
-        plan = ours.plan((20, 20), goal, method="astar")
-        np.testing.assert_allclose(plan.headings_deg, np.full(len(plan.path), heading), atol=1e-9)
-    assert len(ours.plan((20, 20), (20, 20), method="astar").headings_deg) == 0
-
-
-def test_the_judges_of_poses_and_plans_can_fail(monkeypatch):
-    case = bodies.generate(random.Random(1), most_side=12)
-    dem = np.zeros(case.dem.shape)
-    dem[dem.shape[0] // 2, dem.shape[1] // 2] = 1.5 * case.vehicle.clearance_m
-    assert bodies.problem_with_poses(dem, case.cell, case.vehicle) is None
-    flat = pose_costs(np.zeros_like(dem), case.cell[0], case.vehicle, cell_width_m=case.cell[1])
-    monkeypatch.setattr(bodies, "pose_costs", lambda *given, **options: flat)  # a check that forgets the belly
-    found = bodies.problem_with_poses(dem, case.cell, case.vehicle)
-    assert found is not None and found.kind == "a pose passes that must fail"
-    costs, ends = np.zeros((4, 6, 6), np.float32), ((2, 0), (2, 5))
-    plan = Planner(np.zeros((6, 6), np.float32)).plan(*ends, method="astar")
-    assert bodies.problem_with_plan(plan, costs, *ends, 0.011, True) is None
-    found = bodies.problem_with_plan(dataclasses.replace(plan, checks=145), costs, *ends, 0.011, True)
-    assert found is not None and found.kind.startswith("145 of 144 poses checked")
-    costs[2, 2, 3] = np.inf
-    found = bodies.problem_with_plan(plan, costs, *ends, 0.011, True)
-    assert found is not None and found.kind.startswith("a path through a pose that fails")
+def test_the_judges_of_motions_and_plans_can_fail(monkeypatch, planner):
+    dem = np.zeros((20, 24), np.float32)
+    made = planner(dem, lazy=False)
+    rock = np.where(np.arange(480).reshape(dem.shape) == 250, 0.4, dem)
+    assert bodies.problem_with_motions(made, dem) is None
+    assert bodies.problem_with_motions(made, rock).kind.startswith("a motion that passes breaks belly")
+    made.state.grid.poses.legs[0, 0], made.state.grid.poses.legs[300, 3] = 9, 9000
+    assert bodies.problem_with_motions(made, dem).kind == "T of a motion is another"
+    made.state.grid.poses.turns[300] ^= 1 << AXES
+    monkeypatch.setattr(bodies, "T_ROUNDED", 1.0)
+    assert bodies.problem_with_motions(made, dem).kind == "a code of motions of kind 1 is another"
+    plan, stands = planner(dem).plan((8, 6), (8, 12), method="astar"), np.ones(dem.shape, bool)
+    priced = bodies.priced(planner(dem), OMEGA)
+    assert bodies.problem_with_plan(plan, priced, stands, (8, 6), (8, 12), True) is None
+    priced.legs[8, 9, 4] = np.inf
+    found = bodies.problem_with_plan(plan, priced, stands, (8, 6), (8, 12), True)
+    assert found is not None and found.kind.startswith("a path with a leap, or through a motion that fails")
 
 
 def test_what_is_driven_breaks_no_limit_between_the_cells(planner):
@@ -147,21 +329,19 @@ def test_what_is_driven_breaks_no_limit_between_the_cells(planner):
         driven = 0
         for seed in range(4):
             dem = rocks(seed, share=0.01)
-            start, goal = ends_of(pose_costs(dem, CELL_M, ROVER), seed)
-            plan = planner(dem).plan(start, goal, method=method)
-            assert pose_oracles.drive_breaks(dem, CELL_M, ROVER, plan.path, margin_m=ROUNDING_M) is None
+            plan = planner(dem).plan((8, 8), (36, 44 - seed), method=method)
+            assert pose_oracles.drive_breaks(dem, CELL_M, ROVER, plan.path) is None
             driven += len(plan.path)
         assert driven > 40
 
 
 SMALL = Vehicle(length_m=1.2, width_m=0.9, clearance_m=0.3, max_tilt_deg=30.0)
 LOW = Vehicle(length_m=1.5, width_m=1.2, clearance_m=0.05, max_step_m=0.04)
-SCALE = 255 * 0.011
 START, GOAL = (128, 20), (128, 236)
 
 
-def optimum(dem, start, goal, vehicle=SMALL):
-    return Planner.of_elevation(dem, CELL_M, vehicle=vehicle, warn=False).plan(start, goal, method="astar")
+def fresh(dem, vehicle=SMALL):
+    return Planner.of_elevation(dem, CELL_M, vehicle=vehicle, warn=False)
 
 
 @pytest.mark.parametrize("method", ["dstar", "astar", "corridor-dstar", "nnpp-dstar", "auto"])
@@ -172,16 +352,13 @@ def test_plans_on_a_changing_map_are_those_of_a_new_planner(method):
         dem[tuple(rng.integers(0, 44, 2))] += rng.uniform(0.05, 0.4)
     at, goal = (7, 8), (36, 35)
     planner = DynamicPlanner.of_elevation(dem, CELL_M, goal, method=method, vehicle=SMALL)
-
-    def cost_of(path):
-        return pose_oracles.path_cost_over_poses(pose_costs(dem, CELL_M, SMALL), path, SCALE)
-
     for _ in range(6):
         planner.move(at)
-        plan, best = planner.replan(), optimum(dem, at, goal)
+        plan, best = planner.replan(), fresh(dem).plan(at, goal, method="astar")
         assert plan.status is best.status
         if plan.ok:
-            assert cost_of(plan.path) == pytest.approx(plan.cost, rel=1e-5)
+            cost = pose_oracles.path_cost(bodies.priced(fresh(dem), OMEGA), plan.path.tolist())
+            assert cost == pytest.approx(plan.cost, rel=1e-5)
             assert plan.cost >= best.cost * (1.0 - 1e-5)
             if method in ("dstar", "astar"):
                 assert plan.cost == pytest.approx(best.cost, rel=1e-5)
@@ -191,12 +368,16 @@ def test_plans_on_a_changing_map_are_those_of_a_new_planner(method):
         row, col = (int(n) for n in rng.integers(0, 38, 2))  # heights as they are, raised or lowered at random
         dem[row : row + 6, col : col + 6] += rng.choice([0.0, 0.3, -0.2]) * rng.random((6, 6))
         planner.update_elevation(row, col, dem[row : row + 6, col : col + 6])
-        if plan.ok and (standing := planner.standing()).valid:
-            path = planner.standing_plan.path
-            rest = path[int(np.flatnonzero((path == at).all(1))[0]) :]
-            assert standing.cost == pytest.approx(cost_of(rest) if len(rest) > 1 else 0.0, rel=1e-5)
-            now = optimum(dem, at, goal)
-            assert not now.ok or standing.lower_bound <= now.cost * (1.0 + 1e-5)
+        if plan.ok:
+            path = planner.standing_plan.path.tolist()
+            begin = path.index(list(at))
+            priced = bodies.priced(fresh(dem), OMEGA)
+            before = pose_oracles.path_cost(priced, path[max(begin - 1, 0) :])
+            standing, now = planner.standing(), fresh(dem).plan(at, goal, method="astar")
+            if standing.valid:
+                rest = before - (pose_oracles.path_cost(priced, path[begin - 1 : begin + 1]) if begin else 0.0)
+                assert standing.cost == pytest.approx(rest, rel=1e-5)
+                assert not now.ok or standing.lower_bound <= now.cost * (1.0 + 1e-5)
 
 
 @pytest.fixture(scope="module")
@@ -213,7 +394,7 @@ def test_where_no_pose_passes_the_links_are_closed_and_the_next_region_leads_aro
     monkeypatch.setattr(
         CoarseLevel, "close_dead_ends", lambda self, *given: closed.append(close(self, *given)) or closed[-1]
     )
-    exact = optimum(gaps, START, GOAL, LOW)
+    exact = fresh(gaps, LOW).plan(START, GOAL, method="astar")
     planner = Planner.of_elevation(gaps, CELL_M, vehicle=LOW, warn=False)
     plan = planner.plan(START, GOAL, method="corridor")
     assert exact.ok and plan.ok and plan.source in (Source.REGION, Source.WIDENED)

@@ -1,9 +1,8 @@
-"""A vehicle's values, the cells under it, and a disc, of which a radius alone is known."""
+"""A vehicle's values, and a disc, of which a radius alone is known."""
 
 import copy
 import itertools
 import math
-import random
 import re
 
 import numpy as np
@@ -11,12 +10,8 @@ import pytest
 
 from nnpp_edge.runtime import DynamicPlanner, Ground, Planner, Vehicle, traversability_cost
 from nnpp_edge.runtime.errors import InvalidMapError, Status
-from nnpp_edge.runtime.terrain.vehicle import HEADINGS, footprint
-from tests import pose_oracles
-from tests.fuzz.bodies import draw_vehicle
 
 PLAIN = {"length_m": 1.6, "width_m": 1.2, "clearance_m": 0.3}
-SIDES = ((1.0, 1.0), (0.25, 0.25), (0.4, 0.3), (0.3, 0.5))
 
 
 def vehicle(**changes):
@@ -24,7 +19,7 @@ def vehicle(**changes):
 
 
 def test_unlikely_bodies_are_bodies_and_stand_on_their_wheels():
-    assert Vehicle(length_m=240.0, width_m=40.0, clearance_m=9.0, turning_radius_m=90.0).reach_m > 100.0
+    assert Vehicle(length_m=240.0, width_m=40.0, clearance_m=9.0).reach_m > 100.0
     assert vehicle(clearance_m=3.0, max_tilt_deg=2.0, max_step_m=0.001).step_m == 0.001
     for length, width in itertools.product((0.3, 0.5, 0.7, 1.1, 12.3), repeat=2):
         made = Vehicle(length_m=length, width_m=width, clearance_m=0.1)
@@ -41,6 +36,10 @@ def test_what_is_not_given_is_taken_from_the_others_and_what_is_given_is_taken()
     made = vehicle(**limits, **wheels)
     assert (made.contact_m, made.stance_m, made.step_m) == ((0.3, 0.1), (1.0, 0.8), 0.1)
     assert made.tilts_deg == (20.0, 10.0, 30.0)
+    assert (
+        made.turn_m_per_rad == pytest.approx(0.5 * math.hypot(1.0, 0.8))
+        and vehicle(turn_cost_m_per_rad=0.0).turn_m_per_rad == 0.0
+    )
     assert vehicle(wheel_length_m=0.4, wheel_width_m=0.2).stance_m == pytest.approx((1.2, 1.0))
     assert vehicle(wheelbase_m=1.4, wheel_length_m=0.2).stance_m[0] == 1.4  # at the very edge
     assert vehicle(track_m=1.1, wheel_width_m=0.1).stance_m[1] == 1.1
@@ -59,6 +58,7 @@ def test_a_bad_value_is_named_in_one_line():
     for names, values in (
         ((*lengths, "wheel_length_m", "wheel_width_m"), (0.0, -0.1, math.inf, -math.inf, math.nan)),
         (angles, (0.0, -5.0, 90.0, 91.0, math.inf, math.nan)),
+        (("turn_cost_m_per_rad",), (-0.1, math.inf, math.nan)),
         (("axles",), (0, 1, 9, -2, 2.5, 3.0, math.nan, True)),
     ):
         for name, value in itertools.product(names, values):
@@ -72,7 +72,8 @@ def test_a_value_in_another_unit_is_refused_with_the_unit_that_is_wanted():
     for values, told in (
         ({"clearance_m": 400.0}, "clearance_m must be in metres, at most 4.8 for such a vehicle, got 400 (0.4 m if"),
         ({"max_step_m": 150.0}, "max_step_m must be in metres"),
-        ({"turning_radius_m": 2000.0}, "turning_radius_m must be in metres, at most 160"),
+        ({"turning_radius_m": 2.0}, "a body turns on the spot, by turn_cost_m_per_rad: wanted no turning_radius_m"),
+        ({"turns_on_spot": False}, "a body turns on the spot, by turn_cost_m_per_rad"),
         (large, "length_m must be in metres, at most 250"),
         ({"width_m": 120.0}, "width_m must be in metres, at most 80"),
         ({"max_tilt_deg": 0.5236}, "max_tilt_deg must be in degrees, above 1.57, got 0.5236 (30° if that is in rad"),
@@ -89,30 +90,6 @@ def test_a_value_in_another_unit_is_refused_with_the_unit_that_is_wanted():
     for values in ({"radius_m": 400.0}, {"radius_m": 0.3, "turning_radius_m": 500.0}):
         with pytest.raises(InvalidMapError, match="must be in metres"):
             Vehicle(**values)
-
-
-def test_footprints_hold_the_cells_that_clipped_polygons_touch_and_no_other_alike_both_ways():
-    assert HEADINGS == pose_oracles.HEADINGS
-    for seed, sides in itertools.product(range(6), SIDES):
-        check_footprints(draw_vehicle(random.Random(seed), min(sides)), sides)
-    for changes in ({}, {"length_m": 2.0, "width_m": 1.0, "wheel_length_m": 0.5, "axles": 3}):
-        check_footprints(vehicle(**changes), (0.25, 0.25))  # of sizes that meet the cells' edges
-
-
-def as_sets(wheels, belly):
-    """Order does not matter; wheels are told apart by their cells."""
-    return sorted(sorted(map(tuple, cells.tolist())) for cells in wheels), sorted(map(tuple, belly.tolist()))
-
-
-def check_footprints(made, sides):
-    for heading in range(4):
-        found, wanted = footprint(made, heading, *sides), pose_oracles.Body.of(made, heading, *sides)
-        assert as_sets(found.wheels, found.belly) == as_sets(wanted.wheels, wanted.belly)
-        assert found.half_step == pytest.approx(wanted.half_step)
-        turned = [-cells for cells in found.wheels], -found.belly
-        assert as_sets(*turned) == as_sets(found.wheels, found.belly)
-        order = np.lexsort(found.belly.T[::-1])  # as the oracle's cells are sorted
-        np.testing.assert_allclose(found.places[order], wanted.places * (1, -1), atol=1e-9)
 
 
 DISC = Vehicle(radius_m=1.2)
