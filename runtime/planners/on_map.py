@@ -3,6 +3,7 @@
 import functools
 import math
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from threading import RLock
 from typing import Concatenate, ParamSpec, TypeVar, cast
@@ -12,10 +13,12 @@ from numpy.typing import NDArray
 
 from nnpp_edge.runtime.arguments import checked
 from nnpp_edge.runtime.arrays import Float2D
-from nnpp_edge.runtime.cells import Cell, as_cell
+from nnpp_edge.runtime.cells import Cell, apart, as_cell
 from nnpp_edge.runtime.deadline import OutOfTimeError
-from nnpp_edge.runtime.errors import ConcurrentUseError, InvalidMapError, InvalidQueryError, NnppEdgeError, shown
+from nnpp_edge.runtime.errors import ConcurrentUseError, InvalidMapError, InvalidQueryError, NnppEdgeError, Status, shown
+from nnpp_edge.runtime.map.attitude import PoseCheck, explain
 from nnpp_edge.runtime.map.ground import Ground, GroundOptions
+from nnpp_edge.runtime.map.refusal import why_blocked, why_ended
 from nnpp_edge.runtime.map.state import MapState, map_state
 from nnpp_edge.runtime.memory import touch
 from nnpp_edge.runtime.network.inference import NetworkModel
@@ -143,6 +146,19 @@ class OnMap:
 
     @checked(InvalidQueryError)
     @one_at_a_time
+    def explain(self, cell: Cell, heading_deg: float) -> PoseCheck:
+        """How the vehicle stands on a cell with a heading, clockwise from up the rows: each limit's value and allowance.
+
+        Checked is the body on the very cell, heading just so. The steps of a path are checked with all places and
+        headings between, so one may be refused where this is not. InvalidQueryError without a body on a map of
+        elevations, for what is no cell of the map, or a heading that is no number.
+        """
+        if (poses := self._state.grid.poses) is None:
+            raise InvalidQueryError("explain wants a vehicle with length, width and clearance on a map of elevations")
+        return explain(poses, as_cell(cell, "cell"), heading_deg)
+
+    @checked(InvalidQueryError)
+    @one_at_a_time
     def update(self, row: int, col: int, patch: Float2D, *, seen: NDArray[np.bool_] | None = None) -> int:
         """Put new costs into the map.
 
@@ -215,13 +231,32 @@ class OnMap:
         """
         state, by, choice = self._state, wanted, ""
         if problem := problem_with(state.grid, query.start, query.goal):
-            return Plan(problem, by.base, planner=by, reason=told(problem, query))
+            return Plan(problem, by.base, planner=by, reason=told(problem, query) + self._why_blocked(problem, query))
         checked_before = state.checked
         try:
             found, by, choice = find()
         except OutOfTimeError:
             found = Found.too_late(Source.MAP if wanted.whole_map else Source.REGION)
-        return found.plan(by, work, state, checked_before, choice=choice, keep_regions=keep_regions)
+        plan = found.plan(by, work, state, checked_before, choice=choice, keep_regions=keep_regions)
+        return replace(plan, reason=plan.reason + self._why_ended(query)) if plan.status is Status.NO_PATH else plan
+
+    def _why_blocked(self, problem: Status, query: Query) -> str:
+        """By which limit a body stands in no heading on an end."""
+        poses, ends = self._state.grid.poses, {Status.START_BLOCKED: query.start, Status.GOAL_BLOCKED: query.goal}
+        return "" if poses is None or problem not in ends else f": {why_blocked(poses, ends[problem])}"
+
+    def _why_ended(self, query: Query) -> str:
+        """By which limit a body gets no farther, by the search of the whole map that has just found no path."""
+        if (poses := self._state.grid.poses) is None:
+            return ""
+        grid, memory, ends = self._state.grid, self._methods.astar.workspace.field, (query.goal, query.start)
+        start, names = grid.node(*query.start), ("goal", "start")
+        if memory.costs(slice(start, start + 1))[0] < math.inf:  # by legs alone: turns were searched from the start
+            memory, ends, names = self._methods.astar.workspace, ends[::-1], names[::-1]
+        reached = memory.costs().reshape(-1, grid.stride)[1 : grid.rows + 1, 1:-1] < math.inf
+        closest, why = why_ended(poses, reached, ends[1])
+        away = apart((*closest, 1, 1), ends[1])
+        return f"; the way from the {names[0]} comes to {closest}, {away} cells from the {names[1]}. {why}"
 
     def _reach(self, start: Cell, within: float = math.inf) -> Float2D:
         """As `Planner.reach`."""

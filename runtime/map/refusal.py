@@ -1,0 +1,91 @@
+"""Why a vehicle's body cannot stand on a cell, or get from where it can to the rest of a map: by which limit."""
+
+import numpy as np
+from numpy.typing import NDArray
+
+from nnpp_edge.runtime.cells import Cell, apart, slices, widened
+from nnpp_edge.runtime.kernels.poses import AXES, FAILS, REFUSALS, TILT, UNKNOWN
+from nnpp_edge.runtime.map import motions
+from nnpp_edge.runtime.map.attitude import greatest
+from nnpp_edge.runtime.map.poses import Poses
+
+_AROUND = 32
+"""Cells around the place where a search came closest, of whose steps is counted by which limit they are refused."""
+_WORDS = (
+    "unknown ground, an obstacle or the map's edge lies below it",
+    "it tilts by {}",
+    "it pitches by {}",
+    "it rolls by {}",
+    "heights under a wheel differ by {}",
+    "the ground comes {} above the plane of its wheels",
+)
+"""What each limit refuses."""
+_KEYS = ("", "max_tilt_deg", "max_pitch_deg", "max_roll_deg", "max_step_m", "clearance_m")
+
+
+def refusals(codes: NDArray[np.uint16]) -> NDArray[np.uint8]:
+    """(H, W) of the codes of `Poses.standing`: 0 where the body stands in some direction.
+
+    Else 1 + the limit, by its place in `REFUSALS`, that refuses it in most.
+    """
+    counts = np.stack([(codes == FAILS + limit).sum(0, dtype=np.uint8) for limit in range(len(REFUSALS))])
+    return np.where((codes < FAILS).any(0), 0, 1 + counts.argmax(0)).astype(np.uint8)
+
+
+def why_blocked(poses: Poses, cell: Cell) -> str:
+    """By which limit the body is refused on a cell where it stands in no direction."""
+    codes = poses.standing(range(cell[0], cell[0] + 1))[:, :, cell[1]]
+    limit = int(refusals(codes[..., None])[0, 0]) - 1
+    axes = np.nonzero(codes[:, 0] == FAILS + limit)[0].tolist()
+    least = min(greatest(poses, cell, 2 * AXES + axis)[limit] for axis in axes)
+    headings = "any heading" if len(axes) == AXES else f"{len(axes)} of {AXES} headings"
+    return f"in {headings} {_refused(poses, limit, least, '{} or more')}"
+
+
+def why_ended(poses: Poses, reached: NDArray[np.bool_], end: Cell) -> tuple[Cell, str]:
+    """The cell, of those (H, W) that a search reached, that lies closest to an end, and why it got no closer.
+
+    Told is the limit that refuses most of the steps near that cell, from cells that were reached to others, and the
+    nearest of these. Where no step is refused, a turn is.
+    """
+    rows, cols = poses.shape
+    away = np.where(reached, ((np.arange(rows) - end[0]) ** 2)[:, None] + (np.arange(cols) - end[1]) ** 2, np.inf)
+    closest = row, col = divmod(int(away.argmin()), cols)
+    top, left, height, width = part = widened((row, col, 1, 1), (_AROUND, _AROUND), poses.shape)
+    legs = poses.legs.reshape(rows + 2, cols + 2, AXES)[slices((top + 1, left + 1, height, width))]
+    refused, sides = legs.astype(np.int64) - FAILS, np.pad(reached.astype(np.int8), 2, constant_values=2)
+    for axis, (down, right) in enumerate(motions.AXES):
+        other = sides[slices((top + 2 + down, left + 2 + right, height, width))]
+        refused[reached[slices(part)] + other != 1, axis] = -1
+    if len(found := refused[refused >= 0]):
+        limit = int(np.bincount(found).argmax())
+        places = np.argwhere(refused == limit) + (top, left, 0)
+        *one, axis = places[np.abs(places[:, :2] - closest).max(1).argmin()].tolist()
+        two = [at + by for at, by in zip(one, motions.AXES[axis], strict=True)]
+        ends = [tuple(each) for each in ((one, two) if reached[tuple(one)] else (two, one))]
+        told = _refused(poses, limit, greatest(poses, (one[0], one[1]), axis)[limit], "up to {}")
+        by = f"{len(places)} are by {REFUSALS[limit]}, as from {ends[0]} to {ends[1]}"
+        return closest, f"Of {len(found)} steps refused near there {by}: {told}"
+    node = (row + 1) * (cols + 2) + col + 1
+    turns = [axis for axis in range(AXES) if poses.turns[node] >> axis & 1 and not poses.turns[node] >> AXES + axis & 1]
+    for axis in turns[:1]:
+        values = greatest(poses, closest, AXES + axis)
+        limit = next((at for at in range(len(REFUSALS)) if not values[at] <= _allowance(poses, at)), TILT)
+        return closest, f"It cannot turn on the spot there: {_refused(poses, limit, values[limit], 'up to {}')}"
+    return closest, "No turn leads on from there"
+
+
+def _allowance(poses: Poses, limit: int) -> float:
+    pitch, roll, tilt = poses.vehicle.tilts_deg
+    return (0.0, tilt, pitch, roll, poses.vehicle.step_m, poses.vehicle.clearance_m)[limit]
+
+
+def _refused(poses: Poses, limit: int, value: float, form: str) -> str:
+    """What a limit refuses, with the value (put into `form`) and the key of the vehicle's file that allows less."""
+    if limit == UNKNOWN:
+        return _WORDS[limit]
+    key, unit = _KEYS[limit], "°" if _KEYS[limit].endswith("deg") else " m"
+    if getattr(poses.vehicle, key) is None:
+        key = "max_tilt_deg" if unit == "°" else "clearance_m"
+    told = _WORDS[limit].format(form.format(f"{value:.4g}{unit}"))
+    return f"{told}, and {key} is {_allowance(poses, limit):g}"
