@@ -10,13 +10,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from nnpp_edge.cli.ground_options import TerrainOptions
-from nnpp_edge.runtime import Ground, Vehicle, pose_costs
+from nnpp_edge.runtime import Ground, Vehicle
 from nnpp_edge.runtime.arrays import Float2D
 from nnpp_edge.runtime.cells import Cell
 from nnpp_edge.runtime.errors import InvalidMapError, InvalidQueryError, NnppEdgeError, Status
+from nnpp_edge.runtime.kernels.poses import FAILS
+from nnpp_edge.runtime.map.poses import Poses, term_weights
+from nnpp_edge.runtime.map.refusal import why_blocked
 from nnpp_edge.runtime.memory import available_bytes
 from nnpp_edge.runtime.planners.plan import Method, Plan
-from nnpp_edge.runtime.terrain.traversability import Traversability, terrain_terms, traversability_cost
+from nnpp_edge.runtime.terrain.traversability import Traversability, relative_heights, terrain_terms, traversability_cost
 from nnpp_edge.terrain import dem as dems
 from nnpp_edge.terrain.coordinates import lonlat_corners
 from nnpp_edge.terrain.dem import Dem
@@ -162,11 +165,11 @@ def _blocked(status: Status, cell: Cell, near: Near) -> str:
     if vehicle is not None and not vehicle.is_disc:
         row, col = (max(each - _LOOKED_AROUND, 0) for each in cell)
         part = near.elevation[row : cell[0] + _LOOKED_AROUND + 1, col : cell[1] + _LOOKED_AROUND + 1]
-        costs = pose_costs(part, near.place.cell_size_m, vehicle, cell_width_m=near.place.cell_width_m)
-        stands = np.argwhere(np.isfinite(costs).any(0)) + np.array((row, col))
-        where = f"the nearest cell where it does is {_nearest(stands, cell)}" if len(stands) else ""
-        where = where or f"nor on any cell within {_LOOKED_AROUND}"
-        return f"{end}: the vehicle stands there in no heading; {where}"
+        poses = Poses(relative_heights(part)[0], (near.place.cell_size_m, near.place.cell_width_m), vehicle, term_weights(near.limits), 1.0)
+        stands = np.argwhere((poses.standing() < FAILS).any(0)) + np.array((row, col))
+        where = f"the nearest cell where it stands is {_nearest(stands, cell)}" if len(stands) else ""
+        where = where or f"nor does it stand on any cell within {_LOOKED_AROUND}"
+        return f"{end}: {why_blocked(poses, (cell[0] - row, cell[1] - col))}; {where}"
     reason, passable = _why_blocked(at, near), np.argwhere(near.cost < 1.0)
     if not len(passable):
         return f"{end}: {reason}; so is all around it"

@@ -231,6 +231,12 @@ CellSize = Annotated[float | None, POSITIVE, "Side of a cell in metres, where th
 Rescale = Annotated[
     float | None, POSITIVE, "Make cells this many metres wide and scale heights alike, so that slopes stay."
 ]
+Resample = Annotated[
+    float | None,
+    POSITIVE,
+    "Interpolate the heights between the cells' middles to cells of this many metres. It adds nothing that the map does "
+    "not show, but a vehicle may stand and step between the cells.",
+]
 AllowVrt = Annotated[bool, "Read a GDAL VRT, too, of GeoTIFFs in its own folder."]
 TerrainFiles = Annotated[tuple[Path, ...], MAP, MANY, "Elevation file. May be repeated."]
 Omega = Annotated[float, NOT_NEGATIVE, "Weight of the cost against length, per grey level."]

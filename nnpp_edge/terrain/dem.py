@@ -18,6 +18,7 @@ from nnpp_edge.files import write_whole
 from nnpp_edge.runtime.arrays import Float2D, unmasked
 from nnpp_edge.runtime.cells import Rectangle
 from nnpp_edge.runtime.errors import InvalidQueryError, OutputError, TerrainError
+from nnpp_edge.runtime.map.along import heights_at
 from nnpp_edge.runtime.reading import problem_with_file, refused_as
 from nnpp_edge.terrain.array_files import read_arrays
 from nnpp_edge.terrain.coordinates import cell_on_ground
@@ -67,6 +68,41 @@ class Dem(Place):
         return replace(
             self, elevation=metres(self.elevation, factor), cell_size_m=float(cell_size_m), cell_width_m=width
         )
+
+    def resampled(self, cell_size_m: float) -> "Dem":
+        """This terrain in finer cells, of heights that are bilinear between the middles of its own.
+
+        The first cell keeps its middle; the last one's is no farther than this map's last. Unknown where a height that
+        counts is. InvalidQueryError where the cells would not be smaller, or more than `MOST_RESAMPLED`.
+        """
+        check_option("cell size", cell_size_m)
+        share = cell_size_m / self.cell_size_m
+        if not share < 1.0:
+            raise InvalidQueryError(
+                f"{self.source}: resampling makes cells smaller: wanted less than {self.cell_size_m:g} m, got {cell_size_m:g}"
+            )
+        rows, cols = (math.floor((cells - 1) / share + 1e-6) + 1 for cells in self.shape)
+        if rows * cols > MOST_RESAMPLED:
+            raise InvalidQueryError(
+                f"{self.source}: wanted at most {MOST_RESAMPLED} cells of {cell_size_m:g} m, got {rows} × {cols}: "
+                "cut out a part of the map"
+            )
+        heights, columns = np.empty((rows, cols), np.float32), share * np.arange(cols)
+        for row in range(rows):
+            heights[row] = heights_at(self.elevation, np.column_stack((np.full(cols, share * row), columns)))
+        place = self.georeference
+        if place is not None:
+            (a, b, c, d, e, f), corner = place.transform, 0.5 * (1.0 - share)
+            moved = c + (a + b) * corner, f + (d + e) * corner
+            place = replace(place, transform=(a * share, b * share, moved[0], d * share, e * share, moved[1]))
+        width = self.cell_width_m * share
+        return replace(
+            self, elevation=heights, cell_size_m=float(cell_size_m), cell_width_m=width, georeference=place
+        )
+
+
+MOST_RESAMPLED = 1 << 22
+"""Cells of a map that is made finer, at most."""
 
 
 def read_dem(

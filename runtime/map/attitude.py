@@ -46,7 +46,7 @@ class PoseCheck:
     """Clockwise from up the rows, in [0, 360)."""
     ok: bool
     refused_by: str | None
-    """The first limit that is passed: ``unknown``, ``tilt``, ``pitch``, ``roll``, ``step`` or ``belly``; None if ok."""
+    """The first that is passed of ``unknown``, ``tilt``, ``pitch``, ``roll``, ``step`` and ``belly``; None if ok."""
     tilt_deg: Limit
     pitch_deg: Limit
     roll_deg: Limit
@@ -58,7 +58,7 @@ class PoseCheck:
     def __str__(self) -> str:
         """A line for each limit."""
         lines = [f"({self.cell[0]}, {self.cell[1]}) at {self.heading_deg:g}°: "]
-        lines[0] += "stands" if self.ok else f"refused, {self.refused_by}"
+        lines[0] += "stands" if self.ok else f"refused by {self.refused_by}"
         for name in ("tilt_deg", "pitch_deg", "roll_deg", "step_m", "belly_m"):
             value, most = getattr(self, name)
             unit, digits = ("°", 1) if name.endswith("deg") else (" m", 2)

@@ -3,8 +3,8 @@
 import numpy as np
 from numpy.typing import NDArray
 
-from nnpp_edge.runtime.cells import Cell, apart, slices, widened
-from nnpp_edge.runtime.kernels.poses import AXES, FAILS, REFUSALS, TILT, UNKNOWN
+from nnpp_edge.runtime.cells import Cell, slices, widened
+from nnpp_edge.runtime.kernels.poses import AXES, FAILS, REFUSALS, UNKNOWN
 from nnpp_edge.runtime.map import motions
 from nnpp_edge.runtime.map.attitude import greatest
 from nnpp_edge.runtime.map.poses import Poses
@@ -42,37 +42,37 @@ def why_blocked(poses: Poses, cell: Cell) -> str:
     return f"in {headings} {_refused(poses, limit, least, '{} or more')}"
 
 
-def why_ended(poses: Poses, reached: NDArray[np.bool_], end: Cell) -> tuple[Cell, str]:
+def why_ended(poses: Poses, reached: NDArray[np.bool_], end: Cell, *, by_turns: bool) -> tuple[Cell, str]:
     """The cell, of those (H, W) that a search reached, that lies closest to an end, and why it got no closer.
 
-    Told is the limit that refuses most of the steps near that cell, from cells that were reached to others, and the
-    nearest of these. Where no step is refused, a turn is.
+    Told is the limit that refuses most of the steps near that cell, from cells that were reached to others that are
+    no farther from the end, and the nearest of these steps; or `by_turns`, of a turn on the cell.
     """
     rows, cols = poses.shape
-    away = np.where(reached, ((np.arange(rows) - end[0]) ** 2)[:, None] + (np.arange(cols) - end[1]) ** 2, np.inf)
-    closest = row, col = divmod(int(away.argmin()), cols)
-    top, left, height, width = part = widened((row, col, 1, 1), (_AROUND, _AROUND), poses.shape)
+    away = ((np.arange(rows) - end[0]) ** 2)[:, None] + (np.arange(cols) - end[1]) ** 2
+    closest = row, col = divmod(int(np.where(reached, away, np.inf).argmin()), cols)
+    node = (row + 1) * (cols + 2) + col + 1
+    for axis in range(AXES if by_turns else 0):
+        if poses.turns[node] >> axis & 1 and not poses.turns[node] >> AXES + axis & 1:
+            values = greatest(poses, closest, AXES + axis)
+            limit = next(at for at in range(len(REFUSALS)) if not values[at] <= _allowance(poses, at))
+            return closest, f"It cannot turn on the spot there: {_refused(poses, limit, values[limit], 'up to {}')}"
+    top, left, height, width = widened((row, col, 1, 1), (_AROUND, _AROUND), poses.shape)
     legs = poses.legs.reshape(rows + 2, cols + 2, AXES)[slices((top + 1, left + 1, height, width))]
-    refused, sides = legs.astype(np.int64) - FAILS, np.pad(reached.astype(np.int8), 2, constant_values=2)
+    refused, sides = legs.astype(np.int64) - FAILS, np.pad(reached + 2 * (~reached & (away <= away[closest])), 2)
     for axis, (down, right) in enumerate(motions.AXES):
-        other = sides[slices((top + 2 + down, left + 2 + right, height, width))]
-        refused[reached[slices(part)] + other != 1, axis] = -1
+        one, two = (sides[slices((top + 2 + i, left + 2 + j, height, width))] for i, j in ((0, 0), (down, right)))
+        refused[one * two != 2, axis] = -1
     if len(found := refused[refused >= 0]):
         limit = int(np.bincount(found).argmax())
-        places = np.argwhere(refused == limit) + (top, left, 0)
-        *one, axis = places[np.abs(places[:, :2] - closest).max(1).argmin()].tolist()
-        two = [at + by for at, by in zip(one, motions.AXES[axis], strict=True)]
-        ends = [tuple(each) for each in ((one, two) if reached[tuple(one)] else (two, one))]
-        told = _refused(poses, limit, greatest(poses, (one[0], one[1]), axis)[limit], "up to {}")
-        by = f"{len(places)} are by {REFUSALS[limit]}, as from {ends[0]} to {ends[1]}"
+        places = np.argwhere(refused == limit) + np.array((top, left, 0))
+        i, j, axis = places[np.abs(places[:, :2] - closest).max(1).argmin()].tolist()
+        ends = [(i, j), (i + motions.AXES[axis][0], j + motions.AXES[axis][1])]
+        told = _refused(poses, limit, greatest(poses, (i, j), axis)[limit], "up to {}")
+        first, last = ends if reached[i, j] else ends[::-1]
+        by = f"{len(places)} are by {REFUSALS[limit]}, as from {first} to {last}"
         return closest, f"Of {len(found)} steps refused near there {by}: {told}"
-    node = (row + 1) * (cols + 2) + col + 1
-    turns = [axis for axis in range(AXES) if poses.turns[node] >> axis & 1 and not poses.turns[node] >> AXES + axis & 1]
-    for axis in turns[:1]:
-        values = greatest(poses, closest, AXES + axis)
-        limit = next((at for at in range(len(REFUSALS)) if not values[at] <= _allowance(poses, at)), TILT)
-        return closest, f"It cannot turn on the spot there: {_refused(poses, limit, values[limit], 'up to {}')}"
-    return closest, "No turn leads on from there"
+    return closest, "No step on from there is possible"
 
 
 def _allowance(poses: Poses, limit: int) -> float:

@@ -15,7 +15,14 @@ from nnpp_edge.runtime.arguments import checked
 from nnpp_edge.runtime.arrays import Float2D
 from nnpp_edge.runtime.cells import Cell, apart, as_cell
 from nnpp_edge.runtime.deadline import OutOfTimeError
-from nnpp_edge.runtime.errors import ConcurrentUseError, InvalidMapError, InvalidQueryError, NnppEdgeError, Status, shown
+from nnpp_edge.runtime.errors import (
+    ConcurrentUseError,
+    InvalidMapError,
+    InvalidQueryError,
+    NnppEdgeError,
+    Status,
+    shown,
+)
 from nnpp_edge.runtime.map.attitude import PoseCheck, explain
 from nnpp_edge.runtime.map.ground import Ground, GroundOptions
 from nnpp_edge.runtime.map.refusal import why_blocked, why_ended
@@ -147,14 +154,16 @@ class OnMap:
     @checked(InvalidQueryError)
     @one_at_a_time
     def explain(self, cell: Cell, heading_deg: float) -> PoseCheck:
-        """How the vehicle stands on a cell with a heading, clockwise from up the rows: each limit's value and allowance.
+        """How the vehicle stands on a cell, with a heading clockwise from up the rows: each limit, with what is allowed.
 
         Checked is the body on the very cell, heading just so. The steps of a path are checked with all places and
         headings between, so one may be refused where this is not. InvalidQueryError without a body on a map of
         elevations, for what is no cell of the map, or a heading that is no number.
         """
         if (poses := self._state.grid.poses) is None:
-            raise InvalidQueryError("explain wants a vehicle with length, width and clearance on a map of elevations")
+            raise InvalidQueryError(
+                "explain: wanted a vehicle with length, width and clearance on a map of elevations"
+            )
         return explain(poses, as_cell(cell, "cell"), heading_deg)
 
     @checked(InvalidQueryError)
@@ -251,10 +260,11 @@ class OnMap:
             return ""
         grid, memory, ends = self._state.grid, self._methods.astar.workspace.field, (query.goal, query.start)
         start, names = grid.node(*query.start), ("goal", "start")
-        if memory.costs(slice(start, start + 1))[0] < math.inf:  # by legs alone: turns were searched from the start
+        # where legs alone lead to the start, turns were searched from there
+        if by_turns := memory.costs(slice(start, start + 1))[0] < math.inf:
             memory, ends, names = self._methods.astar.workspace, ends[::-1], names[::-1]
         reached = memory.costs().reshape(-1, grid.stride)[1 : grid.rows + 1, 1:-1] < math.inf
-        closest, why = why_ended(poses, reached, ends[1])
+        closest, why = why_ended(poses, reached, ends[1], by_turns=bool(by_turns))
         away = apart((*closest, 1, 1), ends[1])
         return f"; the way from the {names[0]} comes to {closest}, {away} cells from the {names[1]}. {why}"
 
