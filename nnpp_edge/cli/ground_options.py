@@ -8,7 +8,17 @@ from typing import TYPE_CHECKING, Annotated
 
 import click
 
-from nnpp_edge.cli.options import MANY, POSITIVE, AllowVrt, CellSize, Resample, Rescale, Setting, SettingType, StepCost
+from nnpp_edge.cli.options import (
+    MANY,
+    POSITIVE,
+    AllowVrt,
+    CellSize,
+    Resample,
+    Rescale,
+    Setting,
+    SettingType,
+    StepCost,
+)
 
 if TYPE_CHECKING:
     from nnpp_edge.runtime.map.ground import Ground
@@ -31,7 +41,6 @@ class TerrainOptions:
     cell_size: CellSize = None
     vertical_scale: Annotated[float | None, POSITIVE, "Metres per grey level, for 16-bit PNG."] = None
     rescale: Rescale = None
-    resample: Resample = None
     allow_vrt: AllowVrt = False
     limit: Annotated[
         tuple[Setting, ...],
@@ -49,25 +58,12 @@ class TerrainOptions:
         from nnpp_edge.terrain.dem import read_dem
 
         dem = read_dem(path, self.cell_size, self.vertical_scale, allow_vrt=self.allow_vrt)
-        dem = dem if self.rescale is None else dem.rescaled(self.rescale)
-        if self.resample is None:
-            return dem
-        finer = dem.resampled(self.resample)
-        times = dem.cell_size_m / finer.cell_size_m
-        warnings.warn(
-            f"resampled to {finer.shape[0]} × {finer.shape[1]} cells of {finer.cell_size_m:g} m: cell (row, col) of the "
-            f"file is now ({times:.4g} row, {times:.4g} col)",
-            stacklevel=2,
-        )
-        return finer
+        return dem if self.rescale is None else dem.rescaled(self.rescale)
 
     def open(self, path: Path) -> "AbstractContextManager[DemWindows]":
         """The elevation map in a file, to be read by windows."""
-        from nnpp_edge.runtime.errors import InvalidQueryError
         from nnpp_edge.terrain.dem import open_dem
 
-        if self.resample is not None:
-            raise InvalidQueryError("--resample needs the whole map in memory: cut out a part of the map")
         return open_dem(path, self.cell_size, self.vertical_scale, rescale_m=self.rescale, allow_vrt=self.allow_vrt)
 
     def limits(self) -> "Traversability":
@@ -173,6 +169,30 @@ def _merge(into: dict[str, object], values: dict[str, object]) -> None:
 @dataclass(frozen=True, kw_only=True)
 class GroundOptions(VehicleOptions, TerrainOptions):
     """A map, and who drives on it at what cost."""
+
+    resample: Resample = None
+
+    def read(self, path: Path) -> "Dem":
+        """As `TerrainOptions.read`; a warning says where cells of the file lie on a map that was made finer."""
+        dem = super().read(path)
+        if self.resample is None:
+            return dem
+        finer = dem.resampled(self.resample)
+        (rows, cols), times = finer.shape, dem.cell_size_m / finer.cell_size_m
+        warnings.warn(
+            f"resampled to {rows} × {cols} cells of {finer.cell_size_m:g} m: cell (row, col) of the file is now "
+            f"({times:.4g} row, {times:.4g} col)",
+            stacklevel=2,
+        )
+        return finer
+
+    def open(self, path: Path) -> "AbstractContextManager[DemWindows]":
+        """As `TerrainOptions.open`; InvalidQueryError for a map that is to be made finer."""
+        from nnpp_edge.runtime.errors import InvalidQueryError
+
+        if self.resample is not None:
+            raise InvalidQueryError("--resample needs the whole map in memory: cut out a part of the map")
+        return super().open(path)
 
     def of(self, dem: "Dem") -> "Ground":
         """The ground of an elevation map; a warning says where its cells are too coarse for the vehicle."""

@@ -19,7 +19,12 @@ from nnpp_edge.runtime.map.poses import Poses, term_weights
 from nnpp_edge.runtime.map.refusal import why_blocked
 from nnpp_edge.runtime.memory import available_bytes
 from nnpp_edge.runtime.planners.plan import Method, Plan
-from nnpp_edge.runtime.terrain.traversability import Traversability, relative_heights, terrain_terms, traversability_cost
+from nnpp_edge.runtime.terrain.traversability import (
+    Traversability,
+    relative_heights,
+    terrain_terms,
+    traversability_cost,
+)
 from nnpp_edge.terrain import dem as dems
 from nnpp_edge.terrain.coordinates import lonlat_corners
 from nnpp_edge.terrain.dem import Dem
@@ -165,7 +170,13 @@ def _blocked(status: Status, cell: Cell, near: Near) -> str:
     if vehicle is not None and not vehicle.is_disc:
         row, col = (max(each - _LOOKED_AROUND, 0) for each in cell)
         part = near.elevation[row : cell[0] + _LOOKED_AROUND + 1, col : cell[1] + _LOOKED_AROUND + 1]
-        poses = Poses(relative_heights(part)[0], (near.place.cell_size_m, near.place.cell_width_m), vehicle, term_weights(near.limits), 1.0)
+        poses = Poses(
+            relative_heights(part)[0],
+            (near.place.cell_size_m, near.place.cell_width_m),
+            vehicle,
+            term_weights(near.limits),
+            1.0,
+        )
         stands = np.argwhere((poses.standing() < FAILS).any(0)) + np.array((row, col))
         where = f"the nearest cell where it stands is {_nearest(stands, cell)}" if len(stands) else ""
         where = where or f"nor does it stand on any cell within {_LOOKED_AROUND}"

@@ -234,8 +234,8 @@ Rescale = Annotated[
 Resample = Annotated[
     float | None,
     POSITIVE,
-    "Interpolate the heights between the cells' middles to cells of this many metres. It adds nothing that the map does "
-    "not show, but a vehicle may stand and step between the cells.",
+    "Make cells finer, this many metres wide, with heights interpolated between the map's. That shows no more of the "
+    "ground, but a vehicle may stand and step between the cells.",
 ]
 AllowVrt = Annotated[bool, "Read a GDAL VRT, too, of GeoTIFFs in its own folder."]
 TerrainFiles = Annotated[tuple[Path, ...], MAP, MANY, "Elevation file. May be repeated."]

@@ -48,9 +48,10 @@ def command(
 
     with PageServer(port) as server:
         read = robot.read(dem)
+        robot.warn_if_coarse(read)
         given = _given_body(robot, read)
         reading = {"cell_size_m": robot.cell_size, "vertical_scale": robot.vertical_scale}
-        reading |= {"rescale": robot.rescale, "allow_vrt": robot.allow_vrt or None}
+        reading |= {"rescale": robot.rescale, "resample": robot.resample, "allow_vrt": robot.allow_vrt or None}
         site = Site.of(read, dem, {name: value for name, value in reading.items() if value is not None}, given)
         asked = Asked(
             start=start.one_cell(site.dem, "--start") if start else (0, 0),

@@ -72,14 +72,15 @@ class Dem(Place):
     def resampled(self, cell_size_m: float) -> "Dem":
         """This terrain in finer cells, of heights that are bilinear between the middles of its own.
 
-        The first cell keeps its middle; the last one's is no farther than this map's last. Unknown where a height that
-        counts is. InvalidQueryError where the cells would not be smaller, or more than `MOST_RESAMPLED`.
+        The first cell keeps its middle; the last one's is no farther than this map's last. Unknown where one of these
+        heights is. InvalidQueryError where the cells would not be smaller, or more than `MOST_RESAMPLED`.
         """
         check_option("cell size", cell_size_m)
         share = cell_size_m / self.cell_size_m
         if not share < 1.0:
             raise InvalidQueryError(
-                f"{self.source}: resampling makes cells smaller: wanted less than {self.cell_size_m:g} m, got {cell_size_m:g}"
+                f"{self.source}: resampling makes cells finer: wanted less than {self.cell_size_m:g} m, "
+                f"got {cell_size_m:g}"
             )
         rows, cols = (math.floor((cells - 1) / share + 1e-6) + 1 for cells in self.shape)
         if rows * cols > MOST_RESAMPLED:

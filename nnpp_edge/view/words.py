@@ -35,7 +35,7 @@ def command_of(site: Site, asked: Asked) -> str:
 def python_of(site: Site, asked: Asked) -> str:
     """Lines of Python that plan the same path, painted obstacles included, as `plan`."""
     ground, given = asked.ground(site), dict(site.reading)
-    rescaled = f".rescaled({given.pop('rescale'):.10g})" if "rescale" in given else ""
+    steps = [f".{name}d({given.pop(name):.10g})" for name in ("rescale", "resample") if name in given]
     reading = ", ".join([repr(str(site.path)), *(f"{name}={value!r}" for name, value in given.items())])
     limits = ", ".join(f"{name}={value!r}" for name, value in _limits(asked).items())
     planner = f"""planner = Planner.of_elevation(
@@ -50,7 +50,7 @@ def python_of(site: Site, asked: Asked) -> str:
         f"from nnpp_edge.runtime import {', '.join(names)}",
         "from nnpp_edge.terrain.dem import read_dem",
         "",
-        f"dem = read_dem({reading}){rescaled}",
+        f"dem = read_dem({reading}){''.join(steps)}",
         planner,
         *(f"planner.update({row}, {col}, np.ones(({rows}, {cols})))" for row, col, rows, cols in asked.obstacles),
         f"plan = planner.plan({asked.start}, {asked.goal}, method={asked.method!r}, refine={asked.freed!r})",

@@ -31,7 +31,7 @@ GRID: Colour = (150, 245, 255)
 BODY: Colour = (120, 255, 190)
 POINT: Colour = (255, 255, 255)
 REFUSED: tuple[tuple[Colour, str], ...] = (
-    ((200, 120, 40), "unknown ground, or the edge"),
+    ((200, 120, 40), "unknown ground, obstacle or edge"),
     ((40, 40, 215), "too steep"),
     ((110, 60, 235), "too steep ahead"),
     ((190, 70, 220), "too steep sideways"),
@@ -134,7 +134,7 @@ def plan_picture(
     regions = ((plan.network_region, 0.2, "network's region"), (plan.region, 0.42, "region searched"))
     tints = [(region.mask(), strength, REGION, words) for region, strength, words in regions if region is not None]
     for limit in np.unique(() if body.refused is None else body.refused[body.refused > 0]).astype(int).tolist():
-        tints.insert(0, (body.refused == limit, _NO_STAND, *REFUSED[limit - 1]))
+        tints.append((body.refused == limit, _NO_STAND, *REFUSED[limit - 1]))
     for mask, strength, colour, _ in tints:
         mask &= passable
         ground[mask] = _mixed(ground[mask], strength, colour)

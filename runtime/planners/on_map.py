@@ -154,7 +154,7 @@ class OnMap:
     @checked(InvalidQueryError)
     @one_at_a_time
     def explain(self, cell: Cell, heading_deg: float) -> PoseCheck:
-        """How the vehicle stands on a cell, with a heading clockwise from up the rows: each limit, with what is allowed.
+        """How the vehicle stands on a cell, heading so many degrees clockwise from up the rows, by each limit.
 
         Checked is the body on the very cell, heading just so. The steps of a path are checked with all places and
         headings between, so one may be refused where this is not. InvalidQueryError without a body on a map of
