@@ -76,14 +76,16 @@ def left_over(rows, cols, prices):
 @helper
 def _left(place, judge):
     """A lower bound on what a way from a place costs: the field's where that is settled, else by distances."""
-    (per_node, stride, goal_row, goal_col, best), (g, meta, stamp, start_row, start_col, floor) = judge
+    (per_node, stride, goal_row, goal_col, best), (g, meta, stamp, start_row, start_col, floor, between) = judge
     node = place >> per_node
     row = node // stride
     col = node - row * stride
     left = left_over(abs(row - goal_row), abs(col - goal_col), best)
     if len(g):
-        if meta[np.uint64(2 * node + 1)] & ~DIRECTION_BITS == stamp << STAMP_SHIFT:
-            return np.float64(g[np.uint64(2 * node)])
+        word = meta[np.uint64(2 * node + 1)]
+        if word & ~DIRECTION_BITS == stamp << STAMP_SHIFT:
+            left = np.float64(g[np.uint64(2 * node)])
+            return left + between[place & _MASK, word & DIRECTION_BITS] if len(between) and left > 0.0 else left
         left = max(left, floor - left_over(abs(row - start_row), abs(col - start_col), best))
     return left
 
@@ -110,16 +112,19 @@ def trace_states(meta, state, stride, out):
 
 @kernel
 def fill_field(grid, poses, edges, prices, region, ends, rule, memory, limits):
-    """Costs to the goal of the cells from which a way to it may be part of the best one, where turns are free.
+    """Costs to the goal of the cells from which a way to it may be part of the best one.
 
-    Arguments as for `expand_states`, but for memory, which is that of nodes, and `ends`, (goal, start). Searches from
-    the goal until the start is settled; each leg is that of the way back. Returns the code, the expansions, and the
-    least f of a node that the region refused.
+    Arguments as for `expand_states`, but for memory, which is that of nodes, `ends`, (goal, start, goal), the first -1 to go on, and `rule`,
+    (towards, width, between). Searches from the goal until the start is settled; each leg is that of the way back.
+    Without `between` turns are free, and no way costs less. With the costs of turns `between` directions, (16, 16)
+    float32, each cell's cost is that of a way with its turns: as the cell's best way on is what counts for all that
+    come to it, nearly the least. Returns the code, the expansions, and the least f of a node that the region refused.
     """
     _, stride, _, _, _ = grid
-    goal, start = ends
-    lengths, unit, _ = prices
-    best, width, _ = rule
+    goal, start, goal_node = ends
+    lengths, unit, turn_prices, _ = prices
+    best, width, between = rule
+    between = borrowed(between)
     most, until = limits
     legs, rows, cols = borrowed(poses[0]), poses[2][5][0], poses[2][5][1]
     g, meta, stamp, heads, entries, control, reals, counts, _ = memory
@@ -129,7 +134,7 @@ def fill_field(grid, poses, edges, prices, region, ends, rule, memory, limits):
     edges, lengths = borrowed(edges), borrowed(lengths)
     regional, by_edges = len(bitmap) > 0, len(edges) > 0
     start_row, start_col = start // stride, start % stride
-    judge = (0, stride, start_row, start_col, best), (g[:0], meta[:0], 0, 0, 0, 0.0)
+    judge = (0, stride, start_row, start_col, best), (g[:0], meta[:0], 0, 0, 0, 0.0, between[:0])
     if goal >= 0:
         clear(heads, control)
         control[FREE], control[USED] = push(heads, entries, 0, goal, 0, 0, NOTHING, 0)
@@ -180,6 +185,7 @@ def fill_field(grid, poses, edges, prices, region, ends, rule, memory, limits):
         if g_node + left_over(abs(row - start_row), abs(col - start_col), best) >= bound:
             continue  # and stays open: what it costs may not be the least
         meta[np.uint64(2 * node + 1)] = word & ~OPEN_BIT
+        onwards = word & DIRECTION_BITS
         expansions += 1
         for k in range(DIRECTIONS):
             i, j = row - ROWS[k], col - COLS[k]
@@ -197,7 +203,8 @@ def fill_field(grid, poses, edges, prices, region, ends, rule, memory, limits):
             known = np.float32(np.inf)
             if meta[np.uint64(2 * there + 1)] >> STAMP_SHIFT == stamp:
                 known = g[np.uint64(2 * there)]
-            reached = g_node + step
+            turned = between[k, onwards] if len(between) and node != goal_node else np.float32(0.0)
+            reached = g_node + (step + turned)
             if not reached < known:
                 continue
             left = left_over(abs(i - start_row), abs(j - start_col), best)
@@ -216,11 +223,12 @@ def fill_field(grid, poses, edges, prices, region, ends, rule, memory, limits):
                 if found >= FAILS:
                     continue
                 if not by_edges:
-                    reached = g_node + lengths[axis] * (np.float32(1.0) + motion_weight(found, unit))
-                    if not reached < known or reached + left >= bound:
-                        continue
+                    step = lengths[axis] * (np.float32(1.0) + motion_weight(found, unit))
+            reached = g_node + np.float32(step + turned)
+            if not reached < known or reached + left >= bound:
+                continue
             g[np.uint64(2 * there)] = reached
-            meta[np.uint64(2 * there + 1)] = (stamp << STAMP_SHIFT) | OPEN_BIT
+            meta[np.uint64(2 * there + 1)] = (stamp << STAMP_SHIFT) | OPEN_BIT | k
             if there == start:
                 bound = np.float64(reached)
                 last_bucket = last_bucket_below(bound, *order)
@@ -251,8 +259,9 @@ def expand_states(grid, poses, edges, prices, field, region, ends, rule, memory,
     prices : (lengths, unit, turns)
         (8,) float32 what a leg of each axis costs on the best ground; by how much each step of its code makes it
         dearer, as a share; (8,) float32 what a turn from each direction to the next costs.
-    field : (g, meta, stamp, row, col, floor)
+    field : (g, meta, stamp, row, col, floor, between)
         What `fill_field` left, the number of that search, the start, and what it costs from there; no g without one.
+        With costs of turns `between` directions, (16, 16) float32, if it was filled by these.
     region, memory, limits
         As there; memory is that of the states.
     ends : (start, goal, first, last)
@@ -267,7 +276,7 @@ def expand_states(grid, poses, edges, prices, field, region, ends, rule, memory,
     """
     _, stride, _, _, _ = grid
     start, goal, first, wanted = ends
-    lengths, unit, turn_prices = prices
+    lengths, unit, turn_prices, _ = prices
     best, width, beyond = rule
     most, until = limits
     legs, turns, rows, cols = borrowed(poses[0]), borrowed(poses[1]), poses[2][5][0], poses[2][5][1]
@@ -278,7 +287,7 @@ def expand_states(grid, poses, edges, prices, field, region, ends, rule, memory,
     edges, lengths, turn_prices = borrowed(edges), borrowed(lengths), borrowed(turn_prices)
     regional, by_edges = len(bitmap) > 0, len(edges) > 0
     goal_row, goal_col = goal // stride, goal % stride
-    field = borrowed(field[0]), borrowed(field[1]), field[2], field[3], field[4], field[5]
+    field = borrowed(field[0]), borrowed(field[1]), field[2], field[3], field[4], field[5], borrowed(field[6])
     judge = (PER_NODE, stride, goal_row, goal_col, best), field
     if start >= 0:
         h = _left(start << PER_NODE, judge)
@@ -361,7 +370,6 @@ def expand_states(grid, poses, edges, prices, field, region, ends, rule, memory,
                     step = edges[np.uint64(node), np.uint64(k)]
                 else:
                     step = lengths[axis] * (np.float32(1.0) + motion_weight(found, unit))
-                left = _left(across << PER_NODE, judge)
             else:
                 if word & DIRECTION_BITS == LEFT + RIGHT - way:
                     continue
@@ -371,12 +379,12 @@ def expand_states(grid, poses, edges, prices, field, region, ends, rule, memory,
                 checked = bits & 1 != 0
                 if checked and not bits >> AXES & 1:
                     continue
-                motion, step, left = AXES + axis, turn_prices[axis], h
+                motion, step = AXES + axis, turn_prices[axis]
             there = across * DIRECTIONS + to
             known = np.float32(np.inf)
             if meta[np.uint64(2 * there + 1)] >> STAMP_SHIFT == stamp:
                 known = g[np.uint64(2 * there)]
-            reached = g_state + step
+            reached, left = g_state + step, _left(there, judge)
             f = reached + left
             if not reached < known or f >= bound:
                 continue
@@ -442,7 +450,7 @@ def walk_states(poses, edges, prices, stride, path, first, costs):
     At a cell it turns the shorter way, or the longer one where that is impossible. Returns the number of the first
     cell that a failing leg or turn leads to, from `first` on; -1 if all pass.
     """
-    lengths, unit, turn_prices = prices
+    lengths, unit, turn_prices, _ = prices
     legs = poses[0]
     total, before = 0.0, -1
     for n in range(max(first, 1), len(path)):

@@ -16,6 +16,7 @@ from nnpp_edge.runtime.kernels.directed import join_steps, pool_steps, price_ste
 from nnpp_edge.runtime.kernels.nodes import COL_STEP, ROW_STEP
 from nnpp_edge.runtime.map.changes import Change
 from nnpp_edge.runtime.map.motions import DIRECTIONS
+from nnpp_edge.runtime.map.poses import between
 from nnpp_edge.runtime.map.slope_cost import SlopeCost
 from nnpp_edge.runtime.map.steps import Edges, PointSteps, PoseSteps, States
 
@@ -137,9 +138,9 @@ class DirectedSteps(PointSteps):
     def states(self) -> States | None:
         if not isinstance(self._under, PoseSteps):
             return None
-        packed, _, (lengths, unit, _) = self._under.states()
+        packed, _, (lengths, unit, *_) = self._under.states()
         turns = (self._under.poses.turns_m * float(self._model.cost(1.0, 0.0))).astype(np.float32)
-        return packed, self._edges, (lengths, unit, turns)
+        return packed, self._edges, (lengths, unit, turns, between(turns))
 
     def stands_at(self, grid: "Grid", cell: Cell) -> bool:
         return self._under.stands_at(grid, cell)
@@ -148,7 +149,7 @@ class DirectedSteps(PointSteps):
         blocked = self._under.walk(grid, path, first, costs)
         legs = np.cumsum(self._costs_along(path[first:]))
         if (states := self.states()) is not None and isinstance(self._under, PoseSteps):
-            by_turns = np.zeros_like(states[2][0]), np.float32(0.0), states[2][2]
+            by_turns = np.zeros_like(states[2][0]), np.float32(0.0), *states[2][2:]
             blocked = self._under.poses.walk(path, first, costs, prices=by_turns)
             legs = legs + costs[first + 1 :]
         costs[first], costs[first + 1 :] = 0.0, legs

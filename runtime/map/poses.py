@@ -35,7 +35,7 @@ from nnpp_edge.runtime.terrain.vehicle import Vehicle
 Floats = NDArray[np.float32]
 PackedPoses = tuple[NDArray[np.uint16], NDArray[np.uint16], tuple[object, ...], int]
 """Motions as the kernels take them, see `kernels.poses`."""
-Prices = tuple[Floats, np.float32, Floats]
+Prices = tuple[Floats, np.float32, Floats, Floats]
 """What legs and turns cost, see `kernels.lattice.expand_states`."""
 NO_EDGES = np.empty((0, 2 * AXES), np.float32)
 """Of legs that cost by what they are checked to be."""
@@ -129,7 +129,8 @@ class Poses:
         self.turns_m: NDArray[np.float64] = turns_m
         """(8,) metres of level ground as dear as the turn from each direction to the next."""
         unit = np.float32(2.0 * scale / MOST_CODE)
-        self.prices: Prices = lengths, unit, (turns_m / dy).astype(np.float32)
+        turns = (turns_m / dy).astype(np.float32)
+        self.prices: Prices = lengths, unit, turns, between(turns)
         """Of legs and turns, in cells of level ground."""
         self._put(0, 0, heights, shut)
 
@@ -237,6 +238,13 @@ def pose_costs(
     codes = Poses(heights, sides, vehicle, term_weights(traversability), 1.0).standing()
     costs = (np.maximum(codes, 1) - np.float32(1)) / np.float32(MOST_CODE)
     return np.where(codes >= FAILS, np.float32(np.inf), costs.astype(np.float32))
+
+
+def between(turns: Floats) -> Floats:
+    """(16, 16) what the shorter turn from each direction to each other costs, given (8,) of those to the next."""
+    at = np.cumsum(np.concatenate(([0.0], turns, turns)))
+    apart = np.abs(at[:-1, None] - at[:-1])
+    return np.minimum(apart, at[-1] - apart).astype(np.float32)
 
 
 def term_weights(traversability: Traversability | None) -> tuple[float, float, float]:

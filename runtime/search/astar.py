@@ -17,6 +17,7 @@ from nnpp_edge.runtime.cells import Cell
 from nnpp_edge.runtime.deadline import NEVER, Deadline
 from nnpp_edge.runtime.errors import Status
 from nnpp_edge.runtime.kernels import expansion as kernels
+from nnpp_edge.runtime.kernels.nodes import octile
 from nnpp_edge.runtime.kernels.lattice import KNIGHT, expand_states, fill_field, trace_states
 from nnpp_edge.runtime.map.grid import Grid
 from nnpp_edge.runtime.map.region import Region
@@ -118,17 +119,19 @@ def _over_states(
     """
     states, allowed, field = grid.steps.states(), _allowed(region), workspace.field
     assert states is not None
-    rule = _best(grid), _bucket_width(grid), _beyond(beyond)
-    code, spent, refused = _run(fill_field, (grid.packed, *states, allowed), (last, first), rule, field, limits)
+    between = states[2][3] if region is not None else states[2][3][:0]
+    rule, ends = (_best(grid), _bucket_width(grid), between), (last, first, last)
+    code, spent, refused = _run(fill_field, (grid.packed, *states, allowed), ends, rule, field, limits)
     if code != kernels.FOUND:
         status = Status.NO_PATH if code == kernels.EXHAUSTED else Status.TIMEOUT
         return Search.without_path(status, spent, refused)
     floor = float(field.g[2 * first])
-    judged = field.g, field.meta, field.stamp, first // grid.stride, first % grid.stride, floor
+    judged = field.g, field.meta, field.stamp, first // grid.stride, first % grid.stride, floor, between
     before, ends = (grid.packed, *states, judged, allowed), (first, last, -1, -1)
+    ends_of = *grid.cell(first), *grid.cell(last)
     rule = _best(grid), grid.prices[0] * BUCKET_WIDTH_BY_LANDMARKS, _beyond(beyond)
     code, length, expansions, _ = _run(expand_states, before, ends, rule, workspace, limits)
-    end, least = int(workspace.counts[kernels.BEST_NODE]), math.inf if region is None else min(refused, floor)
+    end, least = int(workspace.counts[kernels.BEST_NODE]), math.inf if region is None else float(octile.py_func(*ends_of, *grid.prices))
     return _traced(trace_states, grid, workspace, code, end, length, expansions + spent, least)
 
 
@@ -195,7 +198,7 @@ def _settling(
     ws.next_stamp()
     limits, corner_of_border = (most, deadline.at), 0  # which is impassable, so never reached
     begin, code, width = grid.node(*source), kernels.FULL, _bucket_width(grid)
-    states, nothing = grid.steps.states(), (ws.g[:0], ws.meta[:0], 0, 0, 0, 0.0)
+    states, nothing = grid.steps.states(), (ws.g[:0], ws.meta[:0], 0, 0, 0, 0.0, np.empty((0, 0), np.float32))
     ways, everywhere = kernels.NO_LINKS if links is None else links, kernels.NO_REGION
     while code in (kernels.FULL, kernels.PAUSED):
         if states is not None:
