@@ -186,14 +186,6 @@ class GroundOptions(VehicleOptions, TerrainOptions):
         )
         return finer
 
-    def open(self, path: Path) -> "AbstractContextManager[DemWindows]":
-        """As `TerrainOptions.open`; InvalidQueryError for a map that is to be made finer."""
-        from nnpp_edge.runtime.errors import InvalidQueryError
-
-        if self.resample is not None:
-            raise InvalidQueryError("--resample needs the whole map in memory: cut out a part of the map")
-        return super().open(path)
-
     def of(self, dem: "Dem") -> "Ground":
         """The ground of an elevation map; a warning says where its cells are too coarse for the vehicle."""
         from nnpp_edge.runtime.map.ground import Ground

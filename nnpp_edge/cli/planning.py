@@ -74,7 +74,7 @@ def plan_in_memory(request: PlanRequest, path: Path, robot: GroundOptions, *, dr
         refuse_map(dem)
     ground, planner_of = robot.of(dem), partial(Planner, omega=request.omega, corner_cutting=request.corner_cutting)
     planner = planner_of(priced(ground, cost), model=request.model)
-    near = Near(dem, dem.elevation, cost, limits, body)
+    near = Near(dem, dem.elevation, cost, limits, body, planner.state.grid.poses)
     if len(goals) == 1 and (problem := problem_with(planner.state.grid, start, goals[0])):
         refuse(problem, start, goals[0], near)
     if request.time_limit is not None:  # loading would use it up
@@ -137,6 +137,7 @@ def plan_by_windows(request: PlanRequest, path: Path, robot: GroundOptions) -> A
         "--compare": request.compare,
         "--hillshade": request.hillshade,
         "--refine": request.refine is not None,
+        "--resample": robot.resample is not None,
     }
     if wrong := [name for name, asked in unfit.items() if asked]:
         raise InvalidQueryError(

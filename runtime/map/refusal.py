@@ -3,7 +3,7 @@
 import numpy as np
 from numpy.typing import NDArray
 
-from nnpp_edge.runtime.cells import Cell, slices, widened
+from nnpp_edge.runtime.cells import Cell, apart, slices, widened
 from nnpp_edge.runtime.kernels.poses import AXES, FAILS, REFUSALS, UNKNOWN
 from nnpp_edge.runtime.map import motions
 from nnpp_edge.runtime.map.attitude import greatest
@@ -19,7 +19,7 @@ _WORDS = (
     "heights under a wheel differ by {}",
     "the ground comes {} above the plane of its wheels",
 )
-"""What each limit refuses."""
+"""Faults that each limit refuses."""
 _KEYS = ("", "max_tilt_deg", "max_pitch_deg", "max_roll_deg", "max_step_m", "clearance_m")
 
 
@@ -42,46 +42,48 @@ def why_blocked(poses: Poses, cell: Cell) -> str:
     return f"in {headings} {_refused(poses, limit, least, '{} or more')}"
 
 
-def why_ended(poses: Poses, reached: NDArray[np.bool_], end: Cell, *, by_turns: bool) -> tuple[Cell, str]:
-    """The cell, of those (H, W) that a search reached, that lies closest to an end, and why it got no closer.
+def why_ended(poses: Poses, reached: NDArray[np.bool_], end: Cell, *, by_legs: bool) -> str:
+    """Where the cells (H, W) that a search reached come closest to an end, and why no closer.
 
-    Told is the limit that refuses most of the steps near that cell, from cells that were reached to others that are
-    no farther from the end, and the nearest of these steps; or `by_turns`, of a turn on the cell.
+    `by_legs` it was one from the goal by legs alone: told is the limit that refuses most of the legs near there, from
+    cells that were reached to others that are no farther from the end, and the nearest of these legs. Else it was
+    one from the start, which lacked a turn there.
     """
     rows, cols = poses.shape
     away = ((np.arange(rows) - end[0]) ** 2)[:, None] + (np.arange(cols) - end[1]) ** 2
     closest = row, col = divmod(int(np.where(reached, away, np.inf).argmin()), cols)
-    node = (row + 1) * (cols + 2) + col + 1
-    for axis in range(AXES if by_turns else 0):
-        if poses.turns[node] >> axis & 1 and not poses.turns[node] >> AXES + axis & 1:
-            values = greatest(poses, closest, AXES + axis)
-            limit = next(at for at in range(len(REFUSALS)) if not values[at] <= _allowance(poses, at))
-            return closest, f"It cannot turn on the spot there: {_refused(poses, limit, values[limit], 'up to {}')}"
+    begun, other = ("goal", "start") if by_legs else ("start", "goal")
+    told = f"the way from the {begun} comes to {closest}, {apart((row, col, 1, 1), end)} cells from the {other}"
+    bits = int(poses.turns[(row + 1) * (cols + 2) + col + 1])
+    for axis in (axis for axis in range(AXES) if not by_legs and bits >> axis & 1 > bits >> AXES + axis & 1):
+        values = greatest(poses, closest, AXES + axis)
+        limit = max(range(len(REFUSALS)), key=lambda at: values[at] / _allowance(poses, at))
+        return f"{told}. It cannot turn on the spot there: {_refused(poses, limit, values[limit], 'up to {}')}"
     top, left, height, width = widened((row, col, 1, 1), (_AROUND, _AROUND), poses.shape)
     legs = poses.legs.reshape(rows + 2, cols + 2, AXES)[slices((top + 1, left + 1, height, width))]
     refused, sides = legs.astype(np.int64) - FAILS, np.pad(reached + 2 * (~reached & (away <= away[closest])), 2)
     for axis, (down, right) in enumerate(motions.AXES):
         one, two = (sides[slices((top + 2 + i, left + 2 + j, height, width))] for i, j in ((0, 0), (down, right)))
         refused[one * two != 2, axis] = -1
-    if len(found := refused[refused >= 0]):
-        limit = int(np.bincount(found).argmax())
-        places = np.argwhere(refused == limit) + np.array((top, left, 0))
-        i, j, axis = places[np.abs(places[:, :2] - closest).max(1).argmin()].tolist()
-        ends = [(i, j), (i + motions.AXES[axis][0], j + motions.AXES[axis][1])]
-        told = _refused(poses, limit, greatest(poses, (i, j), axis)[limit], "up to {}")
-        first, last = ends if reached[i, j] else ends[::-1]
-        by = f"{len(places)} are by {REFUSALS[limit]}, as from {first} to {last}"
-        return closest, f"Of {len(found)} steps refused near there {by}: {told}"
-    return closest, "No step on from there is possible"
+    if not len(found := refused[refused >= 0]):
+        return told
+    limit = int(np.bincount(found).argmax())
+    places = np.argwhere(refused == limit) + np.array((top, left, 0))
+    i, j, axis = places[np.abs(places[:, :2] - closest).max(1).argmin()].tolist()
+    leg = [(i, j), (i + motions.AXES[axis][0], j + motions.AXES[axis][1])]
+    first, last = leg if reached[i, j] else leg[::-1]
+    told += f". Of {len(found)} steps refused near there {len(places)} are by {REFUSALS[limit]}"
+    value = greatest(poses, (i, j), axis)[limit]
+    return f"{told}, as from {first} to {last}: {_refused(poses, limit, value, 'up to {}')}"
 
 
 def _allowance(poses: Poses, limit: int) -> float:
     pitch, roll, tilt = poses.vehicle.tilts_deg
-    return (0.0, tilt, pitch, roll, poses.vehicle.step_m, poses.vehicle.clearance_m)[limit]
+    return (1.0, tilt, pitch, roll, poses.vehicle.step_m, poses.vehicle.clearance_m)[limit]
 
 
 def _refused(poses: Poses, limit: int, value: float, form: str) -> str:
-    """What a limit refuses, with the value (put into `form`) and the key of the vehicle's file that allows less."""
+    """The fault that a limit refuses, its value put into `form`, and the vehicle's key that allows less."""
     if limit == UNKNOWN:
         return _WORDS[limit]
     key, unit = _KEYS[limit], "°" if _KEYS[limit].endswith("deg") else " m"

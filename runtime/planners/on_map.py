@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from nnpp_edge.runtime.arguments import checked
 from nnpp_edge.runtime.arrays import Float2D
-from nnpp_edge.runtime.cells import Cell, apart, as_cell
+from nnpp_edge.runtime.cells import Cell, as_cell
 from nnpp_edge.runtime.deadline import OutOfTimeError
 from nnpp_edge.runtime.errors import (
     ConcurrentUseError,
@@ -25,7 +25,7 @@ from nnpp_edge.runtime.errors import (
 )
 from nnpp_edge.runtime.map.attitude import PoseCheck, explain
 from nnpp_edge.runtime.map.ground import Ground, GroundOptions
-from nnpp_edge.runtime.map.refusal import why_blocked, why_ended
+from nnpp_edge.runtime.map.refusal import why_ended
 from nnpp_edge.runtime.map.state import MapState, map_state
 from nnpp_edge.runtime.memory import touch
 from nnpp_edge.runtime.network.inference import NetworkModel
@@ -240,7 +240,7 @@ class OnMap:
         """
         state, by, choice = self._state, wanted, ""
         if problem := problem_with(state.grid, query.start, query.goal):
-            return Plan(problem, by.base, planner=by, reason=told(problem, query) + self._why_blocked(problem, query))
+            return Plan(problem, by.base, planner=by, reason=told(problem, query, state.grid.poses))
         checked_before = state.checked
         try:
             found, by, choice = find()
@@ -249,24 +249,16 @@ class OnMap:
         plan = found.plan(by, work, state, checked_before, choice=choice, keep_regions=keep_regions)
         return replace(plan, reason=plan.reason + self._why_ended(query)) if plan.status is Status.NO_PATH else plan
 
-    def _why_blocked(self, problem: Status, query: Query) -> str:
-        """By which limit a body stands in no heading on an end."""
-        poses, ends = self._state.grid.poses, {Status.START_BLOCKED: query.start, Status.GOAL_BLOCKED: query.goal}
-        return "" if poses is None or problem not in ends else f": {why_blocked(poses, ends[problem])}"
-
     def _why_ended(self, query: Query) -> str:
         """By which limit a body gets no farther, by the search of the whole map that has just found no path."""
-        if (poses := self._state.grid.poses) is None:
+        grid, memory, end = self._state.grid, self._methods.astar.workspace, query.goal
+        if grid.poses is None:
             return ""
-        grid, memory, ends = self._state.grid, self._methods.astar.workspace.field, (query.goal, query.start)
-        start, names = grid.node(*query.start), ("goal", "start")
-        # where legs alone lead to the start, turns were searched from there
-        if by_turns := memory.costs(slice(start, start + 1))[0] < math.inf:
-            memory, ends, names = self._methods.astar.workspace, ends[::-1], names[::-1]
+        start = grid.node(*query.start)
+        if by_legs := bool(memory.field.costs(slice(start, start + 1))[0] == math.inf):  # else it was the turns
+            memory, end = memory.field, query.start
         reached = memory.costs().reshape(-1, grid.stride)[1 : grid.rows + 1, 1:-1] < math.inf
-        closest, why = why_ended(poses, reached, ends[1], by_turns=bool(by_turns))
-        away = apart((*closest, 1, 1), ends[1])
-        return f"; the way from the {names[0]} comes to {closest}, {away} cells from the {names[1]}. {why}"
+        return f"; {why_ended(grid.poses, reached, end, by_legs=by_legs)}"
 
     def _reach(self, start: Cell, within: float = math.inf) -> Float2D:
         """As `Planner.reach`."""
