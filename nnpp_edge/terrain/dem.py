@@ -77,16 +77,11 @@ class Dem(Place):
         """
         check_option("cell size", cell_size_m)
         share = cell_size_m / self.cell_size_m
-        if not share < 1.0:
-            raise InvalidQueryError(
-                f"{self.source}: resampling makes cells finer: wanted less than {self.cell_size_m:g} m, "
-                f"got {cell_size_m:g}"
-            )
         rows, cols = (math.floor((cells - 1) / share + 1e-6) + 1 for cells in self.shape)
-        if rows * cols > MOST_RESAMPLED:
+        if not share < 1.0 or rows * cols > MOST_RESAMPLED:
             raise InvalidQueryError(
-                f"{self.source}: wanted at most {MOST_RESAMPLED} cells of {cell_size_m:g} m, got {rows} × {cols}: "
-                "cut out a part of the map"
+                f"{self.source}: wanted finer cells, below {self.cell_size_m:g} m and at most {MOST_RESAMPLED} of "
+                f"them, got {rows} × {cols} cells of {cell_size_m:g} m"
             )
         heights, columns = np.empty((rows, cols), np.float32), share * np.arange(cols)
         for row in range(rows):

@@ -395,7 +395,11 @@ def test_finer_cells_have_bilinear_heights_at_the_same_places_of_the_map():
     for cell in ((0, 0), (5, 3), (8, 11)):
         assert finer.map_coordinates(4 * cell[0], 4 * cell[1]) == pytest.approx(dem.map_coordinates(*cell))
     assert dem.resampled(0.6).shape == (27, 37)
-    for cell_size_m, words in ((2.0, "less than 2 m, got 2"), (1e-3, "at most 4194304 cells"), (math.nan, "above 0")):
+    for cell_size_m, words in (
+        (2.0, "got 9 × 12 cells of 2 m"),
+        (1e-3, "at most 4194304 of them"),
+        (math.nan, "above 0"),
+    ):
         with pytest.raises(InvalidQueryError, match=words):
             dem.resampled(cell_size_m)
 
