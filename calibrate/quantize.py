@@ -4,6 +4,7 @@ import time
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
+from tempfile import TemporaryDirectory
 
 import msgspec
 import numpy as np
@@ -15,7 +16,7 @@ from onnxruntime.quantization import QuantType
 
 from nnpp_edge import __version__
 from nnpp_edge.export.to_onnx import nodes_leading_to, quiet
-from nnpp_edge.files import temporary_folder, write_whole
+from nnpp_edge.files import write_whole
 from nnpp_edge.model.registry import Spec
 from nnpp_edge.runtime.errors import DataSetError, InvalidQueryError, ModelError, OutputError
 from nnpp_edge.runtime.network.inference import NetworkModel
@@ -128,7 +129,7 @@ def quantize(
     dataset, validation : Path
         Data set to calibrate on, and one to judge on; without that, a quarter of `dataset`'s maps is held out.
     samples, rounds : int
-        Queries to calibrate on, each from another map while there are maps; timed runs of each model.
+        Queries to calibrate on, drawn at random; timed runs of each model.
     exclude : names
         Nodes to leave float, as those of the head are in any case.
 
@@ -160,9 +161,9 @@ def quantize(
     versions = {"nnpp_edge": __version__, "onnxruntime": ort.__version__, "onnx": onnx.__version__}
     facts: dict[str, object] = {"samples": len(calibration), "seed": seed, "dataset_seed": read_recipe(dataset).seed}
     facts |= {"method": "minmax", "reduce_range": True, "excluded": list(exclude), "versions": versions}
-    with temporary_folder() as folder:
-        made, quantised = quantised_graph(fp32, calibration, folder, exclude)
-        path = folder / "int8.onnx"
+    with TemporaryDirectory() as folder:
+        made, quantised = quantised_graph(fp32, calibration, Path(folder), exclude)
+        path = Path(folder) / "int8.onnx"
         path.write_bytes(_with_facts(made, fp32, facts))
         compared = compare(fp32, NetworkModel(path), held_out, HELD_OUT, rounds)
     figures = {name: getattr(compared, name) for name in ("queries", "mean_difference", "max_difference")}
@@ -240,7 +241,7 @@ def _with_facts(model: onnx.ModelProto, fp32: NetworkModel, facts: Mapping[str, 
 def compare(fp32: NetworkModel, int8: NetworkModel, samples: Samples, most: int, rounds: int) -> Comparison:
     """Compare two models on at most `most` of the queries, and time each `rounds` times."""
     m = fp32.metadata
-    validator = Validator(samples, Spec(m.architecture, m.input_size, m.sigma, encoding=m.encoding), m.omega, most)
+    validator = Validator(samples, Spec(m.architecture, m.input_size, m.sigma), m.omega, most)
     queries = samples.pick(validator.index)
     p, q = (probabilities(model, queries) for model in (fp32, int8))
     (one,), (other,) = (validator.judge_probabilities(each, (m.region_factor,)) for each in (p, q))
@@ -290,11 +291,5 @@ def split(samples: Samples, seed: int) -> tuple[Samples, Samples]:
 
 
 def spread(samples: Samples, count: int, seed: int) -> Samples:
-    """At most `count` queries at random, from as many maps as there are: each map gives one, then a second, …"""
-    order = np.random.default_rng([seed, 1]).permutation(len(samples))
-    maps = samples.map_index[order]
-    turn = np.empty(len(order), np.int64)  # how many queries of the same map come before
-    by_map = np.argsort(maps, kind="stable")
-    _, first, counts = np.unique(maps[by_map], return_index=True, return_counts=True)
-    turn[by_map] = np.arange(len(order)) - np.repeat(first, counts)
-    return samples.pick(order[np.argsort(turn, kind="stable")[:count]])
+    """At most `count` queries at random."""
+    return samples.pick(np.random.default_rng([seed, 1]).permutation(len(samples))[:count])

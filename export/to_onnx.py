@@ -11,6 +11,7 @@ from collections import Counter, OrderedDict
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import asdict, dataclass
 from pathlib import Path
+from tempfile import TemporaryDirectory
 
 import msgspec
 import numpy as np
@@ -20,7 +21,7 @@ from onnxscript import optimizer
 from torch import Tensor, nn
 
 from nnpp_edge import __version__
-from nnpp_edge.files import temporary_folder, write_whole
+from nnpp_edge.files import write_whole
 from nnpp_edge.model import edge
 from nnpp_edge.model.edge import EdgeNet
 from nnpp_edge.model.network import Network, count_macs, encode
@@ -101,8 +102,8 @@ def export_network(
     onnx.helper.set_model_props(model, {METADATA_KEY: facts.to_json()})
     onnx.checker.check_model(model, full_check=True)
     content = model.SerializeToString()
-    with temporary_folder() as folder:
-        (trial := folder / output.name).write_bytes(content)
+    with TemporaryDirectory() as folder:
+        (trial := Path(folder) / output.name).write_bytes(content)
         try:
             NetworkModel(trial)
         except ModelError as error:  # what the runtime would refuse is not written

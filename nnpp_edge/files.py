@@ -5,7 +5,6 @@ import os
 import secrets
 import signal
 import stat
-import sys
 import tempfile
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
@@ -26,23 +25,17 @@ def write_whole(path: Path, content: Content) -> None:
 def write_all(contents: Mapping[Path, Content]) -> None:
     """Put each content at its path: all or none, by way of temporary files beside them and then renames.
 
-    A reader finds the old file or the whole new one. Links are followed. A character device, and what stdout or
-    stderr goes to, is written to and stays what it is. OutputError where one could not be written, or is a folder, a
-    pipe, a socket or a disk.
+    A reader finds the old file or the whole new one. Links are followed. OutputError where one could not be written,
+    or is no plain file.
     """
     staged: list[tuple[Path, Path]] = []
-    streams: list[tuple[Path, Content]] = []
     path = Path()
     try:
         for path, content in contents.items():
-            if _is_stream(_stands(path)):
-                streams.append((path, content))
-                continue
+            _is_there(path)
             staged.append(_beside(path))
             with staged[-1][0].open("xb") as file:
                 file.write(content)
-        for path, content in streams:
-            _write_in_place(path, content)
         for temporary, path in staged:
             temporary.replace(path)
     except (OSError, ValueError) as error:
@@ -67,8 +60,7 @@ def staged(path: Path) -> Iterator[Path]:
     temporary, target = _beside(path)
     before = signal.signal(signal.SIGTERM, end)
     try:
-        if _is_stream(_stands(path)):
-            raise OSError(errno.EINVAL, "it is no plain file")
+        _is_there(path)
         yield temporary
         temporary.replace(target)
     except (OSError, ValueError) as error:
@@ -94,13 +86,11 @@ def check_outputs(
     places: dict[str, str] = {}
     for name, path in wanted:
         try:
-            stands = _stands(path)
+            is_there = _is_there(path)
         except (OSError, ValueError) as error:
             raise OutputError(f"{name} {path}: could not be written ({reason(error)})") from error
-        if _is_stream(stands):
-            continue
         place = os.path.realpath(path)
-        if any(_same(place, each) or (stands and place.startswith(each + os.sep)) for each in read):
+        if any(_same(place, each) or (is_there and place.startswith(each + os.sep)) for each in read):
             raise OutputError(f"{name} would replace {path}, which is read: give another name")
         if (other := places.setdefault(place, name)) != name:
             raise OutputError(f"{name} and {other} name the same file, {path}: give another name")
@@ -120,61 +110,21 @@ def make_folder(path: Path) -> None:
         raise OutputError(f"{path}: wanted a folder to write to ({reason(error)})") from error
 
 
-@contextmanager
-def temporary_folder() -> Iterator[Path]:
-    """A folder that is gone afterwards; OutputError where there is room for none, or for what is put into it."""
-    try:
-        with tempfile.TemporaryDirectory() as folder:
-            yield Path(folder)
-    except NnppEdgeError:
-        raise
-    except OSError as error:
-        raise OutputError(f"temporary files could not be written, set TMPDIR ({reason(error)})") from error
-
-
 def _beside(path: Path) -> tuple[Path, Path]:
     """A new name beside the file that a path leads to, and that file."""
     target = Path(os.path.realpath(path))
     return target.with_name(f".{target.name[:40]}.{secrets.token_hex(4)}"), target
 
 
-def _stands(path: Path) -> os.stat_result | None:
-    """The kind of file at a path; OSError for what is neither to be replaced nor to be written to."""
+def _is_there(path: Path) -> bool:
+    """Whether a file is at a path; OSError for what is not to be replaced: folders, devices, pipes, sockets."""
     try:
         found = path.stat()
     except (FileNotFoundError, NotADirectoryError):
-        return None
-    kinds = {stat.S_ISDIR: "a folder", stat.S_ISFIFO: "a pipe", stat.S_ISSOCK: "a socket", stat.S_ISBLK: "a disk"}
-    for is_kind, kind in kinds.items():
-        if is_kind(found.st_mode) and _own(found) is None:
-            raise OSError(errno.EINVAL, f"it is {kind}")
-    return found
-
-
-def _is_stream(found: os.stat_result | None) -> bool:
-    """Whether it is written to as it is: a device, or our own stdout or stderr."""
-    return found is not None and (stat.S_ISCHR(found.st_mode) or _own(found) is not None)
-
-
-def _own(found: os.stat_result) -> int | None:
-    """The descriptor, 1 or 2, of our own stream that goes to this file or pipe."""
-    for descriptor in (1, 2) if not stat.S_ISCHR(found.st_mode) else ():
-        try:
-            if os.path.samestat(found, os.fstat(descriptor)):
-                return descriptor
-        except OSError:  # it is closed
-            continue
-    return None
-
-
-def _write_in_place(path: Path, content: Content) -> None:
-    """Write to a device, or to where one of our streams goes, after what the stream holds."""
-    sys.stdout.flush()
-    own = _own(path.stat())
-    with open(path if own is None else own, "wb", buffering=0, closefd=own is None) as stream:
-        rest = memoryview(content)
-        while rest:
-            rest = rest[stream.write(rest) :]
+        return False
+    if not stat.S_ISREG(found.st_mode):
+        raise OSError(errno.EINVAL, f"it is {'a folder' if stat.S_ISDIR(found.st_mode) else 'no plain file'}")
+    return True
 
 
 def _same(one: str, other: str) -> bool:

@@ -8,28 +8,19 @@ import functools
 import inspect
 import types
 from collections.abc import Callable, Iterable, Sequence
+from itertools import chain
 from numbers import Integral, Real
 from pathlib import Path
-from typing import NamedTuple, TypeVar, Union, cast, get_args, get_origin, get_type_hints
+from typing import TypeVar, Union, cast, get_args, get_origin, get_type_hints
 
 import numpy as np
 
 from nnpp_edge.runtime.errors import NnppEdgeError, shown
 
 F = TypeVar("F", bound=Callable[..., object])
-C = TypeVar("C")
 _LARGEST = 1 << 63
 """Whole numbers from here on fit into no kernel."""
-
-
-class Kind(NamedTuple):
-    """A kind of argument."""
-
-    exact: frozenset[type]
-    """Types that need no second look."""
-    accepts: Callable[[object], bool]
-    words: str
-    """For people: the kind that is wanted."""
+_UNIONS, _SEQUENCES = (Union, types.UnionType), (Sequence, Iterable, tuple)
 
 
 def checked(error: type[NnppEdgeError]) -> Callable[[F], F]:
@@ -44,20 +35,6 @@ def checked(error: type[NnppEdgeError]) -> Callable[[F], F]:
     return of
 
 
-def formerly(**advice: str) -> Callable[[type[C]], type[C]]:
-    """Decorator of a class: attributes that it had once raise AttributeError with what to write instead."""
-
-    def of(kind: type[C]) -> type[C]:
-        def missing(self: C, name: str) -> object:
-            instead = f": {advice[name]}" if name in advice else ""
-            raise AttributeError(f"{kind.__name__} has no attribute {name!r}{instead}", name=name, obj=self)
-
-        kind.__getattr__ = missing  # type: ignore[attr-defined]
-        return kind
-
-    return of
-
-
 def is_real(value: object) -> bool:
     """Whether it is a number, of Python or NumPy; truth values and numbers beyond 64 bits are none."""
     return _is_whole(value) or (isinstance(value, Real) and not isinstance(value, Integral))
@@ -65,67 +42,67 @@ def is_real(value: object) -> bool:
 
 def _guarded(entry: Callable[..., object], error: type[NnppEdgeError]) -> Callable[..., object]:
     @functools.cache
-    def kinds() -> dict[str, Kind | None]:
-        """Read at the first call, when all that annotations name is there."""
-        hints = get_type_hints(entry)
-        return {name: _kind(hints.get(name)) for name in inspect.signature(entry).parameters}
-
-    def check(name: str, kind: Kind, value: object) -> None:
-        if not kind.accepts(value):
-            raise error(f"{name} must be {kind.words}, got {shown(value)}")
+    def kinds() -> dict[str, tuple[object, set[object]]]:
+        """Annotations, and types that need no second look; read at the first call, when all they name is there."""
+        hints = {name: get_type_hints(entry).get(name) for name in inspect.signature(entry).parameters}
+        return {
+            name: (hint, {*get_args(hint)} - {int} if get_origin(hint) in _UNIONS else {hint} - {int})
+            for name, hint in hints.items()
+        }
 
     @functools.wraps(entry)
     def call(*args: object, **given: object) -> object:
         known = kinds()
-        for value, (name, kind) in zip(args, known.items(), strict=False):
-            if kind is not None and type(value) not in kind.exact:
-                check(name, kind, value)
-        for name, value in given.items():
-            if (kind := known.get(name)) is not None and type(value) not in kind.exact:
-                check(name, kind, value)
+        for name, value in chain(zip(known, args, strict=False), given.items()):
+            hint, exact = known.get(name, (None, ()))
+            if hint is not None and type(value) not in exact and not _fits(value, hint):
+                raise error(f"{name} must be {_words(hint)}, got {shown(value)}")
         return entry(*args, **given)
 
     return call
 
 
-def _kind(hint: object) -> Kind | None:
-    """The kind that an annotation accepts; None where that is for others to say."""
+def _fits(value: object, hint: object) -> bool:
+    """Whether a value is of the kind that an annotation names; True where that is for others to say."""
     if hint in _KINDS:
-        return _KINDS[hint]
+        return _KINDS[hint][1](value)
     origin, inner = get_origin(hint), get_args(hint)
-    if origin in (Union, types.UnionType):
-        known = [kind for kind in map(_kind, inner) if kind is not None]
-        exact, words = frozenset[type]().union(*(kind.exact for kind in known)), " or ".join(k.words for k in known)
-        return (
-            Kind(exact, lambda value: any(k.accepts(value) for k in known), words)
-            if len(known) == len(inner)
-            else None
-        )
-    if origin is Callable or hint is Callable:
-        return Kind(frozenset(), callable, "callable")
-    if origin is dict:
-        return _kind(dict)
-    if origin is tuple:
-        return _sequence(_kind(inner[0]), None if inner[-1] is ... else len(inner))
-    if origin in (Sequence, Iterable):
-        return _sequence(_kind(inner[0]))
-    if origin is not None or not isinstance(hint, type) or issubclass(hint, np.ndarray):
-        return None
-    words = f"{'an' if hint.__name__[0] in 'AEIO' else 'a'} {hint.__name__}"
-    if getattr(hint, "_is_protocol", False):
-        names = [name for name, value in vars(hint).items() if callable(value) and not name.startswith("_")]
-        return Kind(frozenset(), lambda value: all(hasattr(value, name) for name in names), words)
-    return Kind(frozenset([hint]), lambda value: isinstance(value, hint), words)
-
-
-def _sequence(of: Kind | None, length: int | None = None) -> Kind:
-    def accepts(value: object) -> bool:
-        if not isinstance(value, Sequence | np.ndarray | set | frozenset) or length not in (None, len(value)):
+    if origin in _UNIONS:
+        return any(_fits(value, each) for each in inner)
+    if origin in _SEQUENCES:
+        if not isinstance(value, Sequence | np.ndarray | set | frozenset):
             return False
-        return of is None or all(type(each) in of.exact or of.accepts(each) for each in value)
+        return _length(hint) in (None, len(value)) and all(_fits(each, inner[0]) for each in value)
+    if origin is Callable:
+        return callable(value)
+    kind = dict if origin is dict else hint
+    if not isinstance(kind, type) or issubclass(kind, np.ndarray):
+        return True
+    if getattr(kind, "_is_protocol", False):
+        return all(hasattr(value, name) for name in vars(kind) if name[0] != "_" and callable(getattr(kind, name)))
+    return isinstance(value, kind)
 
-    words = "a sequence" if length is None else f"{length} values"
-    return Kind(frozenset(), accepts, words if of is None else f"{words}, each {of.words}")
+
+def _words(hint: object) -> str:
+    """The kind, for people."""
+    if hint in _KINDS:
+        return _KINDS[hint][0]
+    origin, inner = get_origin(hint), get_args(hint)
+    if origin in _UNIONS:
+        return " or ".join(map(_words, inner))
+    if origin in _SEQUENCES:
+        words = "a sequence" if (length := _length(hint)) is None else f"{length} values"
+        return f"{words}, each {each}" if (each := _words(inner[0])) else words
+    if origin is Callable:
+        return "callable"
+    name = getattr(origin or hint, "__name__", "")
+    return f"{'an' if name[0] in 'AEIO' else 'a'} {name}"
+
+
+def _length(hint: object) -> int | None:
+    """Of a tuple of so many; None of other sequences."""
+    inner = get_args(hint)
+    return len(inner) if get_origin(hint) is tuple and inner[-1] is not ... else None
 
 
 def _is_whole(value: object) -> bool:
@@ -133,12 +110,12 @@ def _is_whole(value: object) -> bool:
     return whole and -_LARGEST <= int(value) < _LARGEST  # type: ignore[call-overload]
 
 
-_KINDS: dict[object, Kind | None] = {
-    int: Kind(frozenset(), _is_whole, "a whole number"),
-    float: Kind(frozenset([float]), is_real, "a number"),
-    bool: Kind(frozenset([bool]), lambda value: isinstance(value, np.bool_), "True or False"),
-    str: Kind(frozenset([str]), lambda value: isinstance(value, str), "text"),
-    Path: Kind(frozenset(), lambda value: isinstance(value, Path), "a path"),
-    type(None): Kind(frozenset([type(None)]), lambda value: value is None, "None"),
-    tuple[int, int]: None,
+_KINDS: dict[object, tuple[str, Callable[[object], bool]]] = {
+    int: ("a whole number", _is_whole),
+    float: ("a number", is_real),
+    bool: ("True or False", lambda value: isinstance(value, bool | np.bool_)),
+    str: ("text", lambda value: isinstance(value, str)),
+    Path: ("a path", lambda value: isinstance(value, Path)),
+    type(None): ("None", lambda value: value is None),
+    tuple[int, int]: ("", lambda value: True),
 }

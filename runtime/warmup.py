@@ -1,7 +1,8 @@
 """Compiling every kernel before the first plan: at install or at boot, rather than on the way.
 
 What `exercises` compiles stays in the cache folder that `compiled` chose. Several processes share the work: this one
-begins with the first exercise, the others with the last, and none compiles what another is at.
+begins with the first exercise, the others with the last, and none compiles what another is at; so do
+two warm-ups at once.
 """
 
 import os
@@ -11,8 +12,8 @@ import subprocess
 import sys
 import time
 import warnings
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager, suppress
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import asdict, dataclass
 from pathlib import Path
 
@@ -85,10 +86,10 @@ def warm_up(*, keep_old: bool = False, jobs: int | None = None) -> Warmth:
         )
     began = time.perf_counter()
     try:
-        with _alone(folder), warnings.catch_warnings():
+        with warnings.catch_warnings():
             warnings.simplefilter("ignore", RuntimeWarning)  # of a kernel that is not kept: an error below
             before = _kept(folder)
-            with claims.shared(folder), _helpers(folder, jobs):
+            with claims.shared(folder), _helpers(jobs):
                 exercise()
             compiled = len(_kept(folder) - before)
         if cache.save_error is not None:
@@ -111,16 +112,16 @@ def _kept(folder: Path) -> set[tuple[str, int]]:
 
 
 @contextmanager
-def _helpers(folder: Path, jobs: int) -> Iterator[None]:
+def _helpers(jobs: int) -> Iterator[None]:
     """Have all but one of `jobs` processes compile as well, until what is within has ended.
 
     They only take work off this one: whatever becomes of them, it goes through every exercise itself.
     """
-    code = f"from nnpp_edge.runtime.warmup import help_out; help_out({str(folder)!r}, {{}}, {jobs})"
-    path = os.pathsep.join(folder for folder in sys.path if folder)
+    code = "from nnpp_edge.runtime.warmup import help_out; help_out({}, {})"
+    path = os.pathsep.join(filter(None, sys.path))
     helpers = [
         subprocess.Popen(
-            [sys.executable, "-c", code.format(number)],
+            [sys.executable, "-c", code.format(number, jobs)],
             env=os.environ | {"PYTHONPATH": path},
             stdin=subprocess.DEVNULL,
             stdout=subprocess.DEVNULL,
@@ -137,37 +138,14 @@ def _helpers(folder: Path, jobs: int) -> Iterator[None]:
             helper.wait()
 
 
-def help_out(folder: str, number: int, jobs: int) -> None:
-    """Go through the exercises from the end, as process `number` of `jobs`, for a warm-up that fills `folder`."""
-    if str(kernel.CACHE_FOLDER) != folder:
-        return
-    with claims.shared(Path(folder)):
-        for part in from_the_end(parts(), number, jobs):
+def help_out(number: int, jobs: int) -> None:
+    """Go through the exercises from the end, as process `number` of `jobs`, each of which begins elsewhere."""
+    assert kernel.CACHE_FOLDER is not None
+    with claims.shared(kernel.CACHE_FOLDER):
+        backwards = parts()[::-1]
+        first = len(backwards) * (number - 1) // jobs
+        for part in backwards[first:] + backwards[:first]:
             part()
-
-
-def from_the_end(all_parts: list[Callable[[], None]], number: int, jobs: int) -> list[Callable[[], None]]:
-    """The parts backwards, each process beginning elsewhere."""
-    backwards = all_parts[::-1]
-    first = len(backwards) * (number - 1) // jobs
-    return backwards[first:] + backwards[:first]
-
-
-@contextmanager
-def _alone(folder: Path) -> Iterator[None]:
-    """Wait until no other warm-up works for `folder`: the second finds what the first has compiled."""
-    try:
-        import fcntl
-    except ImportError:  # not on this system
-        yield
-        return
-    descriptor = os.open(folder / ".lock", os.O_RDWR | os.O_CREAT | os.O_CLOEXEC | os.O_NOFOLLOW, 0o600)
-    try:
-        with suppress(OSError):  # a file system without locks
-            fcntl.flock(descriptor, fcntl.LOCK_EX)
-        yield
-    finally:
-        os.close(descriptor)
 
 
 def _remove_old(folder: Path) -> tuple[Path, ...]:
@@ -176,13 +154,9 @@ def _remove_old(folder: Path) -> tuple[Path, ...]:
     for other in sorted(folder.parent.iterdir()):
         if other == folder or other.is_symlink() or not other.is_dir() or not _FOLDER_NAME.fullmatch(other.name):
             continue
-        if other.stat().st_uid != os.geteuid() or time.time() - _last_written(other) < _STILL_IN_USE_S:
+        if other.stat().st_uid != os.geteuid() or time.time() - other.stat().st_mtime < _STILL_IN_USE_S:
             continue
         shutil.rmtree(other, ignore_errors=True)
         if not other.exists():
             removed.append(other)
     return tuple(removed)
-
-
-def _last_written(folder: Path) -> float:
-    return max((path.lstat().st_mtime for path in (folder, *folder.rglob("*"))), default=0.0)

@@ -99,9 +99,8 @@ def test_every_place_that_lists_step_costs_has_each_of_them():
     has = {
         "runtime/map/slope_cost.py, Mobility": set(fields),
         "nnpp_edge/cli/options.py, STEP_COSTS": set(STEP_COSTS) - {"paper"},
-        "nnpp_edge/view/asked.py": {*get_args(get_type_hints(Asked)["step_cost"])} - {"paper", "length"},
-        "nnpp_edge/view/page/index.html": {*re.findall(r'value="(\w+)"', page.partition("</select>")[0])}
-        - {"paper", "length"},
+        "nnpp_edge/view/asked.py": {*get_args(get_type_hints(Asked)["step_cost"])} - {"paper"},
+        "nnpp_edge/view/page/index.html": {*re.findall(r'value="(\w+)"', page.partition("</select>")[0])} - {"paper"},
         "docs/vehicle.md": set(re.findall(r"^\| `(\w+)` \|", rows, re.MULTILINE)),
     }
     for place, names in has.items():

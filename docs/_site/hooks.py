@@ -1,11 +1,9 @@
-"""Additions to mkdocs: pages of examples, commands, public names, and of files outside docs/."""
+"""Additions to mkdocs: pages of examples, commands, and of files outside docs/."""
 
 from __future__ import annotations
 
-import ast
 import os
 import re
-from collections.abc import Iterable
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -24,43 +22,6 @@ OUTSIDE = {  # page: the file that it shows
     "contributing.md": "CONTRIBUTING.md",
     "changelog.md": "CHANGELOG.md",
 }
-API = {  # page: its title, what it says first, and the modules or names it shows
-    "terrain": (
-        "Terrain files",
-        "Elevation maps from files, samples, workloads, vehicles, rocks. Rasters need the extra `geo`.",
-        "terrain.dem terrain.workloads terrain.vehicle_files terrain.rocks "
-        "terrain.synthetic terrain.coordinates terrain.vectors terrain.route",
-    ),
-    "large": (
-        "Maps larger than memory",
-        "A planner that reads its map by windows.",
-        "runtime.planners.windowed.WindowedPlanner runtime.terrain.windows",
-    ),
-    "robot": (
-        "ROS maps and transports",
-        "The layouts of ROS messages without ROS, and what carries inputs and answers of the loop.",
-        "ros.maps robot.transports.wire robot.transports.stdio robot.transports.rerun_view robot.transports.mcap_log",
-    ),
-    "simulation": (
-        "Simulation",
-        "A robot that drives through the loop over ground that its map knows only roughly.",
-        "simulation.scene simulation.simulate simulation.drive_picture",
-    ),
-    "pictures": ("Pictures", "With OpenCV alone; figures with matplotlib.", "viz.picture viz.figures"),
-    "profiling": (
-        "Measuring",
-        "What `nnpp-edge profile` and `evaluate` are made of.",
-        "profiling.profile_file profiling.report profiling.compare",
-    ),
-    "networks": (
-        "Networks",
-        "From terrain to an int8 model. Needs the extra `train`.",
-        "terrain.shards.Recipe terrain.dataset model.registry training.checkpoint.TrainSettings training.train.train "
-        "export.to_onnx.export_network export.to_onnx.ExportReport calibrate.quantize",
-    ),
-}
-RUNTIME_FIRST = ["planners.planner.Planner", "planners.plan.Plan", "planners.dynamic.DynamicPlanner"]
-RUNTIME_LAST = ["planners.tour.Tour", "map.along.Along", "map.along.Numbers", "errors", "planners.refine"]
 _LOADED = re.compile(r"<(?:script|link|img|iframe|source|video|object|embed)\b[^>]*>")
 _FENCED = re.compile(r"(^ *```.*?^ *```$)", re.DOTALL | re.MULTILINE)
 
@@ -72,7 +33,6 @@ def on_config(config: MkDocsConfig) -> MkDocsConfig:
     experiments.sort(key=lambda path: (path.stem[0] == "t", len(path.stem), path))
     made = {
         "gallery/index.md": [f"gallery/{path.stem}.md" for path in examples()],
-        "api/index.md": ["api/runtime.md", *(f"api/{name}.md" for name in API)],
         "cli/index.md": [f"cli/{name}.md" for name in commands()],
         "reproduction/README.md": [f"reproduction/{path.stem}/{path.name}" for path in experiments],
     }
@@ -100,7 +60,7 @@ def on_files(files: Files, config: MkDocsConfig) -> Files:
 
 def pages() -> dict[str, str]:
     """Every page that is made, and its Markdown."""
-    return {page: (ROOT / path).read_text() for page, path in OUTSIDE.items()} | _gallery() | _api() | _cli()
+    return {page: (ROOT / path).read_text() for page, path in OUTSIDE.items()} | _gallery() | _cli()
 
 
 def on_page_markdown(markdown: str, page: Page, config: MkDocsConfig, files: Files) -> str:
@@ -162,27 +122,6 @@ def _gallery() -> dict[str, str]:
         "picture that it makes. What they share, how ground and paths are drawn, is in `examples/drawing.py`.\n\n"
     )
     return made | {"gallery/index.md": f'{head}<div class="cards">\n{cards}</div>\n'}
-
-
-def _api() -> dict[str, str]:
-    listed = ast.parse((ROOT / "runtime/__init__.pyi").read_text()).body
-    imports = [node for node in listed if isinstance(node, ast.ImportFrom) and node.module]
-    names = [f"{node.module}.{node.names[0].name}".removeprefix("nnpp_edge.runtime.") for node in imports]
-    shown = dict.fromkeys([*RUNTIME_FIRST, *names, *RUNTIME_LAST])
-    words = "What runs on a robot: planners, plans, costs, regions, the loop. One import for all."
-    first = "What runs on a robot. Every name down to `Vehicle` can be imported from here: "
-    first += "`from nnpp_edge.runtime import Planner`."
-    made = {"api/runtime.md": f"# nnpp_edge.runtime\n\n{first}\n\n{_shown(f'runtime.{name}' for name in shown)}"}
-    rows = [f"| [nnpp_edge.runtime](runtime.md) | {words} |"]
-    for page, (title, words, of_page) in API.items():
-        made[f"api/{page}.md"] = f"# {title}\n\n{words}\n\n{_shown(of_page.split())}"
-        rows.append(f"| [{title}]({page}.md) | {words} |")
-    last = "\nEvery entry says shapes, dtypes, units, ranges and errors, and shows its source."
-    return made | {"api/index.md": "\n".join(["# Python\n", "| page | what |", "| --- | --- |", *rows, last])}
-
-
-def _shown(names: Iterable[str]) -> str:
-    return "\n\n".join(f"::: nnpp_edge.{name}" for name in names) + "\n"
 
 
 def commands() -> dict[str, click.Command]:

@@ -12,7 +12,7 @@ others, which know no terrain, get their weights from our `traversability_cost`,
 import functools
 import importlib
 import math
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import partial
 from importlib.metadata import version
@@ -35,6 +35,8 @@ from nnpp_edge.terrain.workloads import SOFT
 REFERENCE = "astar"
 _FRESH_QUERIES = 3
 """Of a map, that are also asked with nothing kept: some libraries take many times longer to set up than to search."""
+LIMIT_S = 5.0
+"""A planner that needs longer for a query is left out."""
 SAME_OPTIMUM = 1e-4
 """Costs that differ by no more than this share count as the same."""
 _LENGTH = "length × mean weight"
@@ -212,38 +214,27 @@ def compare(
     cases: Iterator[Case],
     queries: int,
     *,
-    limit_s: float = 5.0,
-    expected_s: Mapping[str, float] | None = None,
     progress: Callable[[int], None] = lambda done: None,
 ) -> dict[str, Figures]:
     """Have every planner answer the same queries on maps of one size, in turns: a row of figures for each.
 
     Our exact A*, `REFERENCE`, must be among them; queries that it finds no path for are passed over. A planner that
-    takes longer than `limit_s` for a query is left out, and one that would by `expected_s`, the time by planner that
-    a smaller size has shown. `progress` is called with the number of queries that are done. Before the clock starts,
-    each planner prepares the map (counted apart) and answers the map's first query once.
+    takes longer than `LIMIT_S` for the first is left out. `progress` is called with the number of queries that are
+    done. Before the clock starts, each planner prepares the map (counted apart) and answers the map's first query.
     """
-    harness, rows, done = Harness(), list[Row](), 0
-    left_out = {
-        name: f"left out: about {seconds:.1f} s a query, over the limit of {limit_s:g} s"
-        for name, seconds in (expected_s or {}).items()
-        if seconds > limit_s and name != REFERENCE
-    }
-    tried: set[str] = set()
+    harness, rows, done = Harness(), list[tuple[str, Row]](), 0
+    left_out = dict[str, str]()
     for case in cases:
         weights, searches = weights_of(case.cost), dict[str, Callable[[Endpoints], CellPath | None]]()
-        taking_part = [each for each in planners if each.name not in left_out]
-        for planner in taking_part.copy():
+        for planner in [each for each in planners if each.name not in left_out]:
             map_s, search = harness.timed(partial(planner.prepare, weights))
             search(*case.queries[0])
             seconds, _ = harness.timed(partial(search, *case.queries[0]))
-            rows.append(Row(planner.name, case.queries[0], {"map_ms": 1e3 * map_s}))
-            if seconds > limit_s and planner.name != REFERENCE and planner.name not in tried:
-                left_out[planner.name] = f"left out: {seconds:.1f} s a query, over the limit of {limit_s:g} s"
-                taking_part.remove(planner)
+            rows.append((planner.name, {"map_ms": 1e3 * map_s}))
+            if seconds > LIMIT_S and planner.name != REFERENCE and not done:
+                left_out[planner.name] = f"left out: {seconds:.1f} s a query, over the limit of {LIMIT_S:g} s"
             else:
                 searches[planner.name] = lambda query, search=search: search(*query)  # type: ignore[misc]
-            tried.add(planner.name)
         answered = list[Endpoints]()
         for records in harness.measure(searches, case.queries):
             exact, query = records[REFERENCE].results[0], records[REFERENCE].case
@@ -255,30 +246,30 @@ def compare(
                 path = record.results[0]
                 if path is not None and (tuple(path[0]), tuple(path[-1])) == query:
                     found |= {"failed": False, "gap": gap(path_cost(weights, path), path_cost(weights, exact))}
-                rows.append(Row(name, query, found))
+                rows.append((name, found))
             answered.append(query)
             done += 1
             progress(done)
             if done == queries:
                 break
-        again = answered[:_FRESH_QUERIES]
+        again, taking_part = answered[:_FRESH_QUERIES], [each for each in planners if each.name in searches]
         fresh = {"once_ms": {each.name: partial(each.plan_once, weights) for each in taking_part}}
-        if case.ground is not None:
+        if case.ground.elevation is not None:
             fresh["elevation_ms"] = {each.name: partial(each.plan_on, case.ground) for each in taking_part}
         for figure, calls in fresh.items():
             for records in harness.measure(calls, again, warm_up=again[:1]):
-                rows += [Row(name, record.case, {figure: 1e3 * record.median_s}) for name, record in records.items()]
+                rows += [(name, {figure: 1e3 * record.median_s}) for name, record in records.items()]
         if done == queries:
             break
     return {planner.name: _figures(planner, rows, left_out.get(planner.name)) for planner in planners}
 
 
-def _figures(planner: PeerPlanner, rows: Sequence[Row], note: str | None) -> Figures:
+def _figures(planner: PeerPlanner, rows: Sequence[tuple[str, Row]], note: str | None) -> Figures:
     """All that a planner did."""
-    own = [row for row in rows if row.rival == planner.name]
-    answered = any("time_ms" in row.figures for row in own)
-    gaps = [abs(row.figures["gap"]) for row in own if "gap" in row.figures]
-    same = bool(gaps) and max(gaps) <= SAME_OPTIMUM and not any(row.figures.get("failed") for row in own)
+    own = [row for name, row in rows if name == planner.name]
+    answered = any("time_ms" in row for row in own)
+    gaps = [abs(row["gap"]) for row in own if "gap" in row]
+    same = bool(gaps) and max(gaps) <= SAME_OPTIMUM and not any(row.get("failed") for row in own)
     return {
         "planner": planner.name,
         "version": __version__ if planner.package == "nnpp-edge" else version(planner.package),
@@ -295,7 +286,6 @@ def run(
     terrain: TerrainFiles,
     *,
     seed: int = 1,
-    limit_s: float = 5.0,
     progress: Callable[[int], None] = lambda done: None,
 ) -> tuple[list[Figures], list[str]]:
     """The comparison at every size: rows of figures, and the packages that are not installed.
@@ -305,21 +295,13 @@ def run(
     planners, missing = peer_planners()
     exercise()
     dems, rows = terrain.read(), list[Figures]()
-    known: dict[str, tuple[int, float]] = {}
-    """The last size that a planner was measured at, or thought too slow for, and seconds a query."""
     for at, size in enumerate(sorted(sizes)):
         # enough maps, and some for queries without a path
         cases = islice(terrain_cases(dems, SOFT, size, seed), 4 * -(-queries // QUERIES_PER_MAP))
-        expected = {name: seconds * (size / side) ** 2 for name, (side, seconds) in known.items()}
 
         def of_size(done: int, before: int = at * queries) -> None:
             progress(before + done)
 
-        figures = compare(planners, cases, queries, limit_s=limit_s, expected_s=expected, progress=of_size)
-        for name, row in figures.items():
-            if isinstance(median_ms := row["time_ms_median"], float):
-                known[name] = (size, 1e-3 * median_ms)
-            elif row["note"]:
-                known.setdefault(name, (size, 2.0 * limit_s))
+        figures = compare(planners, cases, queries, progress=of_size)
         rows += [{"size": size, "terrain": source_of(dems, size), **row} for row in figures.values()]
     return rows, missing

@@ -1,5 +1,6 @@
 """`nnpp-edge costmap`: what crossing each cell of an elevation map costs."""
 
+from contextlib import nullcontext
 from pathlib import Path
 from typing import Annotated
 
@@ -7,7 +8,7 @@ import click
 
 from nnpp_edge.cli import options
 from nnpp_edge.cli.ground_options import TerrainOptions
-from nnpp_edge.cli.text import tell
+from nnpp_edge.cli.text import aligned, tell
 
 _RASTERS = (".tif", ".tiff")
 _ENDINGS = (*_RASTERS, ".npy", ".npz")
@@ -21,11 +22,10 @@ def command(
     /,
     output: Annotated[Path, "-o", options.NEW_FILE, ".tif, .npy or .npz."],
     terrain: TerrainOptions,
-    picture: Annotated[Path | None, options.NEW_FILE, "PNG; by default beside the output, under its name."] = None,
     memory: options.Memory = None,
     as_json: options.AsJson = False,
 ) -> None:
-    """Write the traversability cost of an elevation map, and a picture of it.
+    """Write the traversability cost of an elevation map, and a picture of it beside that, a PNG.
 
     Costs lie in [0, 1). A GeoTIFF keeps the DEM's georeference; its impassable cells are NaN, declared as
     nodata. In .npy and .npz (arrays cost, cell_size_m, cell_width_m) they are inf. In the picture, whiter is
@@ -39,22 +39,23 @@ def command(
     """
     if output.suffix.lower() not in _ENDINGS:
         raise click.UsageError(f"--output must end in {', '.join(_ENDINGS)}, got {output.name!r}")
-    picture = picture or output.with_suffix(".png")
-    if picture.suffix.lower() != ".png":
-        raise click.UsageError(f"--picture must end in .png, got {picture.name!r}")
-    options.check_outputs(("--output", output), ("--picture", picture))
+    picture = output.with_suffix(".png")
+    options.check_outputs(("--output", output), ("--output", picture))
     limits = terrain.limits()
 
-    from nnpp_edge.cli.costmap_files import write_by_windows, write_whole
-    from nnpp_edge.cli.maps import reads_by_windows
+    from nnpp_edge.cli.costmap_files import write_cost_map
+    from nnpp_edge.cli.maps import reads_by_windows, size_in_words, size_of
     from nnpp_edge.runtime.errors import InvalidQueryError
 
-    if not reads_by_windows(dem, terrain, memory, _BYTES_PER_CELL):
-        tally = write_whole(terrain.read(dem), limits, output, picture)
-    elif output.suffix.lower() in _RASTERS:
-        with terrain.open(dem) as ground:
-            tally = write_by_windows(ground, limits, output, picture)
-    else:
+    by_windows = reads_by_windows(dem, memory, _BYTES_PER_CELL)
+    if by_windows and output.suffix.lower() not in _RASTERS:
         raise InvalidQueryError(f"--output must end in .tif for a map that is read by windows, got {output.name!r}")
+    with terrain.open(dem) if by_windows else nullcontext(terrain.read(dem)) as ground:
+        share = write_cost_map(ground, limits, output, picture)
     files = [str(output), str(picture)]
-    tell(as_json, tally.figures() | {"files": files}, lambda: tally.text(dem.name, files))
+    lines = {
+        "map": f"{dem.name}: {size_in_words(ground)}",
+        "passable": f"{100 * share:.2f} % of cells",
+        "written": ", ".join(files),
+    }
+    tell(as_json, size_of(ground) | {"passable_share": share, "files": files}, lambda: aligned(lines))

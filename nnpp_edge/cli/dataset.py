@@ -3,7 +3,7 @@
 from dataclasses import asdict
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated
 
 import click
 
@@ -11,21 +11,12 @@ from nnpp_edge.cli import options
 from nnpp_edge.cli.ground_options import TerrainOptions
 from nnpp_edge.cli.text import tell
 
-if TYPE_CHECKING:
-    pass
-
 _POINTS = "On a map; pairs far enough apart are queries."
-_SHARDS = "Make every N-th shard from the K-th on; the union is the whole set."
 _SIZE = "Side of the network's input, or a multiple of it: 64 for edge, 256 for nnpp."
 _PAPERS_MAPS = "Maps as the paper's: its cost without hard limits, cells of 20 m, none averaged or with a margin."
 _OWN_CELLS = "Leave the terrain's cells and heights as they are; else it is rescaled to cells of 1 to 20 m."
 _LEAVE = "Leave out this share of each file, a stripe at the end of its longer side, for --held-out."
 _SCHEDULER = "Of a Dask scheduler (tcp://10.0.0.5:8786) to make the shards."
-
-
-def _part(word: str) -> tuple[int, int]:
-    k, n = map(int, word.split("/"))
-    return k, n
 
 
 @options.command("dataset")
@@ -45,7 +36,6 @@ def command(
     papers_maps: Annotated[bool, _PAPERS_MAPS] = False,
     terrain: TerrainOptions,
     omega: options.Omega = 0.011,
-    shard: Annotated[tuple[int, int], options.Parsed("K/N", "K/N, such as 2/8", _part), _SHARDS] = (1, 1),
     workers: Annotated[int | None, options.COUNT, "Processes; by default one a core."] = None,
     scheduler: Annotated[str | None, {"metavar": "ADDRESS"}, _SCHEDULER] = None,
     seed: options.Seed = 1,
@@ -102,15 +92,11 @@ def command(
         omega=omega,
         stripe=(1.0 - validation_share, 1.0) if held_out else (0.0, 1.0 - validation_share),
         cell_size_m=terrain.cell_size,
-        vertical_scale=terrain.vertical_scale,
-        allow_vrt=terrain.allow_vrt,
         **kind,  # type: ignore[arg-type]  # it checks them
     )
     make = partial(shards_on_cluster, scheduler) if scheduler else None
     with bar("shards", recipe.shards) as advance:
-        counts = make_dataset(
-            recipe, output, workers=workers, part=shard, make=make, progress=lambda done, total: advance(done)
-        )
+        counts = make_dataset(recipe, output, workers=workers, make=make, progress=advance)
     picture = output / "samples.png"
     if counts["shards"]:
         sample_sheet(read_samples(output, most_maps=256), picture, seed=seed)

@@ -16,7 +16,6 @@ if TYPE_CHECKING:
     from nnpp_edge.profiling.suites import Case, Size
 
 _WORKLOADS = "soft, limit20, limit15 or any limitN; with a vehicle body, body-rocks10 or any body-rocksN."
-_PER_MAP = "Of a vehicle's queries, so many are answered by one planner; rows for each.  [default: 1]"
 _ROCKS = "Share of the ground under rocks, 0 to 0.2, where the workload does not say."
 _MODEL = "Shipped model or file for nnpp of a point; several are set beside each other."
 _FRESH_MAP = "Also from elevations to the path on a map that has just arrived, lazily and eagerly."
@@ -39,7 +38,7 @@ _FRESH_COLUMNS = {
     **columns("gap/mean: fresh_gap_mean z.2% | gap/p99: fresh_gap_p99 z.2% | standing/map, ms: time_ms_median"),
 }
 _BODY_COLUMNS = {
-    **columns("workload | size | method | queries/a map: queries_per_map | n | without/a path: unsolvable"),
+    **columns("workload | size | method | n | without/a path: unsolvable"),
     **_SUCCESS,
     **_GAPS,
     **columns("poses/checked: checks_mean | of all: checks_share_mean .1% | expan-/sions: expansions_median"),
@@ -57,7 +56,6 @@ def command(
     terrain: options.TerrainFiles = (),
     cell_size: options.CellSize = None,
     rescale: options.Rescale = None,
-    allow_vrt: options.AllowVrt = False,
     dataset: Annotated[Path | None, options.FOLDER, "Judge by a data set's maps and queries instead."] = None,
     workloads: Annotated[tuple[str, ...], "--workload", options.NAMES, _WORKLOADS] = ("soft",),
     synthetic: Annotated[bool, "Judge by synthetic terrain instead."] = False,
@@ -67,7 +65,6 @@ def command(
     methods: Annotated[tuple[str, ...], options.NAMES] = ("astar", "corridor", "nnpp"),
     models: _MODELS = ("edge",),
     robot: VehicleOptions,
-    queries_per_map: Annotated[tuple[int, ...] | None, options.COUNTS, _PER_MAP] = None,
     rocks: Annotated[float, options.Real(0.0, 0.2), _ROCKS] = 0.0,
     repeats: Annotated[int, options.COUNT, "Times each planner answers each query; its median time counts."] = 3,
     fresh_map: Annotated[bool, _FRESH_MAP] = False,
@@ -87,7 +84,7 @@ def command(
     With --step-cost all planners go by the slope; the network has been trained for costs without a direction.
 
     The workloads body and body-rocksN, rocks on N percent of the ground, are those of a vehicle: a planner that has
-    checked none of its poses is made for every query, or for --queries-per-map.
+    checked none of its poses is made for every query.
 
     \b
     nnpp-edge evaluate --terrain dem.tif --rescale 20 --workload soft,limit15 --sizes 256,512
@@ -114,9 +111,8 @@ def command(
     body, directed = robot.body(), robot.step_cost != "paper"
     if (bodies := of_bodies(workloads)) and body is None:
         raise click.UsageError(f"--workload {bodies[0]} needs a vehicle: give --vehicle")
-    if not bodies and (body or queries_per_map):
-        option = "--vehicle" if body else "--queries-per-map"
-        raise click.UsageError(f"{option} is for the workloads body and body-rocksN")
+    if body and not bodies:
+        raise click.UsageError("--vehicle is for the workloads body and body-rocksN")
     need_heights = {"--fresh-map": fresh_map, "--step-cost": directed, "a vehicle": bodies, "--rocks": rocks}
     if dataset is not None and (wrong := [name for name, asked in need_heights.items() if asked]):
         raise click.UsageError(
@@ -131,7 +127,7 @@ def command(
     control = [narrow_corridor()] if fresh_map else []
     of_point = exact_and(methods, networks) + control
     of_body = exact_and([name for name in methods if name != Method.NNPP], {}) + control
-    dems = suites.TerrainFiles(files, rescale, cell_size, allow_vrt).read()
+    dems = suites.TerrainFiles(files, rescale, cell_size).read()
     suites.check_sizes(dems, sizes)
     mobility = robot.mobility(*dems[:1]) if directed else None
 
@@ -139,24 +135,18 @@ def command(
         found = suites.terrain_cases(dems, name, size, seed, min_distance, body, rocks)
         found = suites.dataset_cases(dataset, name) if dataset is not None else found
         for case in found:
-            ground = case.ground and replace(case.ground, step_cost=robot.step_cost, mobility=mobility)
-            yield replace(case, ground=ground)
+            yield replace(case, ground=replace(case.ground, step_cost=robot.step_cost, mobility=mobility))
 
-    runs = [
-        (name, size, count)
-        for name, size in product(workloads, (read_recipe(dataset).size,) if dataset else sizes)
-        for count in (queries_per_map if queries_per_map and name in bodies else (1,))
-    ]
+    runs = list(product(workloads, (read_recipe(dataset).size,) if dataset else sizes))
     rows: list[dict[str, str | float | None]] = []
     with bar("evaluate", queries * len(runs)) as advance:
-        for at, (name, size, count) in enumerate(runs):
+        for at, (name, size) in enumerate(runs):
             figures = evaluate(
                 cases(name, size),
                 of_body if name in bodies else of_point,
                 queries,
                 repeats=repeats,
                 fresh_map=fresh_map,
-                queries_per_map=count,
                 progress=lambda done, before=at * queries: advance(before + done),  # type: ignore[misc]
             )
             place = {"workload": name, "size": suites.name_of(size)}

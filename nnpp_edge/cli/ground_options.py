@@ -8,17 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import click
 
-from nnpp_edge.cli.options import (
-    MANY,
-    POSITIVE,
-    AllowVrt,
-    CellSize,
-    Resample,
-    Rescale,
-    Setting,
-    SettingType,
-    StepCost,
-)
+from nnpp_edge.cli.options import MANY, CellSize, Resample, Rescale, Setting, SettingType, StepCost
 
 if TYPE_CHECKING:
     from nnpp_edge.runtime.map.ground import Ground
@@ -39,9 +29,7 @@ class TerrainOptions:
     """How an elevation map is read, and by which limits it becomes a cost map."""
 
     cell_size: CellSize = None
-    vertical_scale: Annotated[float | None, POSITIVE, "Metres per grey level, for 16-bit PNG."] = None
     rescale: Rescale = None
-    allow_vrt: AllowVrt = False
     limit: Annotated[
         tuple[Setting, ...],
         SettingType("nnpp_edge.runtime.terrain.traversability:Traversability", "hard_slope_deg=20"),
@@ -57,14 +45,14 @@ class TerrainOptions:
         """The elevation map in a file."""
         from nnpp_edge.terrain.dem import read_dem
 
-        dem = read_dem(path, self.cell_size, self.vertical_scale, allow_vrt=self.allow_vrt)
+        dem = read_dem(path, self.cell_size)
         return dem if self.rescale is None else dem.rescaled(self.rescale)
 
     def open(self, path: Path) -> "AbstractContextManager[DemWindows]":
         """The elevation map in a file, to be read by windows."""
         from nnpp_edge.terrain.dem import open_dem
 
-        return open_dem(path, self.cell_size, self.vertical_scale, rescale_m=self.rescale, allow_vrt=self.allow_vrt)
+        return open_dem(path, self.cell_size, rescale_m=self.rescale)
 
     def limits(self) -> "Traversability":
         """The limits of the cost map; UsageError where the workload sets one that was given too."""

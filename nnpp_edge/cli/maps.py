@@ -9,7 +9,6 @@ import click
 import numpy as np
 from numpy.typing import NDArray
 
-from nnpp_edge.cli.ground_options import TerrainOptions
 from nnpp_edge.runtime import Ground, Vehicle
 from nnpp_edge.runtime.arrays import Float2D
 from nnpp_edge.runtime.cells import Cell
@@ -73,14 +72,12 @@ def priced(ground: Ground, cost: Float2D) -> Ground:
     return ground if ground.vehicle or ground.step_cost != "paper" else Ground(cost)
 
 
-def reads_by_windows(
-    dem: Path, terrain: TerrainOptions, memory: float | None, bytes_per_cell: int, *, whole: bool = False
-) -> bool:
+def reads_by_windows(dem: Path, memory: float | None, bytes_per_cell: int, *, whole: bool = False) -> bool:
     """Whether a map needs more memory than is free, or than was given; then a warning says so.
 
     InvalidQueryError if it does and the `whole` map is needed, as for a vehicle and for directed step costs.
     """
-    if (size := dems.size_of(dem, allow_vrt=terrain.allow_vrt)) is None:
+    if (size := dems.size_of(dem)) is None:
         return False
     wanted, room = size[0] * size[1] * bytes_per_cell, available_bytes() if memory is None else memory
     if wanted <= room:

@@ -1,8 +1,9 @@
 """How commands are made of functions, and the options that several of them share.
 
 A parameter of the function is ``Annotated[…]`` with its type; names that begin with a hyphen, where its own does not
-serve; a click type; its help; and a dict of more words for click. Those before ``/`` are arguments, one without a
-default is required, and one whose type is a dataclass is made of the options that are its fields.
+serve; a click type, of an optional path by default a file to write; its help; and a dict of more words for click.
+Those before ``/`` are arguments, one without a default is required, and one whose type is a dataclass is made of the
+options that are its fields.
 """
 
 import inspect
@@ -67,7 +68,7 @@ def _words(annotation: object, default: object) -> dict[str, Any]:
     python_type, *said = get_args(annotation)
     required = default is MISSING or default is inspect.Parameter.empty
     words: dict[str, object] = {"required": required} if required or default is None else {"default": default}
-    words |= {"is_flag": True} if python_type is bool else {}
+    words |= {"is_flag": True} if python_type is bool else {"type": NEW_FILE} if python_type == Path | None else {}
     for each in said:
         if isinstance(each, dict):
             words |= each
@@ -215,11 +216,6 @@ STEP_COSTS = ("paper", "tobler", "irmischer", "linear", "time", "energy")
 MANY = {"multiple": True}
 
 AsJson = Annotated[bool, "--json", "Print JSON for programs."]
-View = Annotated[
-    str | None,
-    {"metavar": "WHERE"},
-    "Map and path in rerun: 'here' starts a viewer, rerun+http://HOST:9876/proxy is one, FILE.rrd is written.",
-]
 Seed = Annotated[int, SEED, "Seed of every random choice."]
 Model = Annotated[str, MODEL, "Name of a shipped network, or an ONNX file."]
 Memory = Annotated[
@@ -237,7 +233,6 @@ Resample = Annotated[
     "Make cells finer, this many metres wide, with heights interpolated between the map's. That shows no more of the "
     "ground, but a vehicle may stand and step between the cells.",
 ]
-AllowVrt = Annotated[bool, "Read a GDAL VRT, too, of GeoTIFFs in its own folder."]
 TerrainFiles = Annotated[tuple[Path, ...], MAP, MANY, "Elevation file. May be repeated."]
 Omega = Annotated[float, NOT_NEGATIVE, "Weight of the cost against length, per grey level."]
 CornerCutting = Annotated[

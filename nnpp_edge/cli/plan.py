@@ -9,12 +9,11 @@ from nnpp_edge.cli import options
 from nnpp_edge.cli.ground_options import GroundOptions
 from nnpp_edge.cli.requests import PlanRequest
 from nnpp_edge.cli.text import tell
+from nnpp_edge.runtime.errors import optional_module
 
-_PROFILE = "profile.png"
-_FILE = {"is_flag": False, "flag_value": _PROFILE, "metavar": "[FILE]"}
 _OUTPUT = "Folder for path.geojson, path.csv, plan.png and plan.json."
 _FORMATS = "Write the path there as GeoPackage or GPX too, path.gpkg or path.gpx."
-_PROFILE_PLOT = "Draw height, slope and cost along the path: .png, .svg or .pdf; profile.png in the folder of -o."
+_PROFILE_PLOT = "Draw height, slope and cost along the path there, as profile.png."
 _BYTES_PER_POSED_CELL = 12
 """More for a vehicle: four codes and another height."""
 _BYTES_PER_CELL = 24
@@ -29,7 +28,7 @@ def command(
     robot: GroundOptions,
     output: Annotated[Path | None, "-o", options.PATH, _OUTPUT] = None,
     formats: Annotated[tuple[str, ...], "--format", click.Choice(["gpkg", "gpx"]), options.MANY, _FORMATS] = (),
-    profile_plot: Annotated[str | None, _FILE, _PROFILE_PLOT] = None,
+    profile_plot: Annotated[bool, _PROFILE_PLOT] = False,
     memory: options.Memory = None,
     as_json: options.AsJson = False,
 ) -> None:
@@ -54,14 +53,13 @@ def command(
     \b
     nnpp-edge plan dem.tif --start 20,30 --goal 380,360 --workload limit20 -o plan
     """
-    if formats and output is None:
-        raise click.UsageError("--format is of what is written: give -o too")
-    names = ("path.geojson", "path.csv", "plan.png", "plan.json", *(f"path.{name}" for name in formats))
+    more = [*(f"path.{name}" for name in formats), *["profile.png"] * profile_plot]
+    if more and output is None:
+        raise click.UsageError("--format and --profile-plot are of what is written: give -o too")
+    names = ("path.geojson", "path.csv", "plan.png", "plan.json", *more)
     outputs = [("--output", output / name) for name in names] if output else []
-    if profile_plot is not None:
-        folder = output if output and profile_plot == _PROFILE else Path()
-        outputs.append(("--profile-plot", folder / profile_plot))
-        _check_plot(profile_plot, output)
+    if profile_plot:
+        optional_module("matplotlib", "--profile-plot", "viz")
     robot.check_turns(request.refine)
     robot.limits()  # those that make no sense are refused before any work
     options.check_outputs(*outputs, more_inputs=request.files, make_folders=True)
@@ -72,7 +70,7 @@ def command(
 
     directed, moves = robot.step_cost != "paper", robot.body() is not None
     bytes_per_cell = _BYTES_PER_CELL + _BYTES_PER_POSED_CELL * moves + DIRECTED_BYTES_PER_CELL * directed
-    if reads_by_windows(dem, robot, memory, bytes_per_cell, whole=directed or moves):
+    if reads_by_windows(dem, memory, bytes_per_cell, whole=directed or moves):
         answer = plan_by_windows(request, dem, robot)
     else:
         answer = plan_in_memory(request, dem, robot, drawn=output is not None)
@@ -81,14 +79,3 @@ def command(
     tell(as_json, answer.figures(files), lambda: answer.text(files))
     if not answer.plan.ok:
         click.get_current_context().exit(1)
-
-
-def _check_plot(name: str, output: Path | None) -> None:
-    from nnpp_edge.runtime.errors import optional_module
-    from nnpp_edge.viz.figures import PROFILE_ENDINGS as ENDINGS
-
-    if name == _PROFILE and output is None:
-        raise click.UsageError("--profile-plot needs a file's name, or -o for its folder")
-    if (ending := Path(name).suffix.lower()) not in ENDINGS:
-        raise click.UsageError(f"--profile-plot must end with {', '.join(ENDINGS)}, got {ending or 'no ending'!r}")
-    optional_module("matplotlib", "--profile-plot", "viz")

@@ -213,13 +213,15 @@ class Answer:
             "path.csv": route.csv,
             "plan.json": lambda: json.dumps(self.figures(files), indent=1).encode(),
             "plan.png": lambda: png_bytes(self.picture()),
+            "profile.png": self._profile,
             "path.gpkg": lambda: route.geopackage(self.properties()),
             "path.gpx": lambda: route.gpx("nnpp-edge plan", ends),
         }
-        if path.name in makers:
-            return makers[path.name]()
+        return makers[path.name]()
+
+    def _profile(self) -> bytes:
         from nnpp_edge.viz.figures import profile_picture
 
         legs = [len(crossings(leg.line)) - 1 for leg in (self.tour.legs if self.tour and self.plan.ok else ())]
         between = [sum(legs[:at]) for at in range(1, len(legs))]
-        return profile_picture(path, route.along, route.cost, "\n".join(self.on_the_ground().values()), between)
+        return profile_picture(self.route.along, self.route.cost, "\n".join(self.on_the_ground().values()), between)

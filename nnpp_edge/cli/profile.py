@@ -13,10 +13,9 @@ from nnpp_edge.cli.text import tell
 
 if TYPE_CHECKING:
     from nnpp_edge.profiling.contest import Facts
-    from nnpp_edge.profiling.profile_file import Profile
 
 _FILES = ("report.json", "report.md", "board-row.md", "trace.json", "report.html")
-_PEERS_SIZES, _PEERS_QUERIES, _PEERS_LIMIT_S = (256, 512, 1024), 50, 5.0
+_PEERS_SIZES, _PEERS_QUERIES = (256, 512, 1024), 50
 _WANTED = "give either --profile (paper, edge-2core, single-core, quick, rover or a file) or --peers"
 _TERRAIN = "Elevation file, or several, in place of the profile's; else the sample."
 _VEHICLE = (
@@ -30,7 +29,6 @@ _SIZES = (
     "Sides of the maps, in place of the profile's; for --peers 256,512,1024. Synthetic terrain where no file is "
     "large enough."
 )
-_LIMIT = "With --peers: seconds; a planner that needs longer for a query is left out at that size (by default 5)."
 
 
 @options.command("compare")
@@ -78,7 +76,6 @@ class Asked:
     terrain: Annotated[options.TerrainFiles, _TERRAIN] = ()
     cell_size: options.CellSize = None
     rescale: options.Rescale = None
-    allow_vrt: options.AllowVrt = False
     vehicle: Annotated[str | None, {"metavar": "NAME|FILE"}, _VEHICLE] = None
     sizes: Annotated[tuple[int, ...] | None, options.COUNTS, _SIZES] = None
     queries: Annotated[
@@ -88,7 +85,6 @@ class Asked:
     as_json: options.AsJson = False
     markdown: Annotated[bool, "Print the report, with --peers its table, as Markdown."] = False
     start_up: Annotated[bool, "Also measure import to first plan in new processes; takes a minute."] = False
-    limit: Annotated[float | None, options.POSITIVE, _LIMIT] = None
     output: Annotated[Path | None, "-o", options.FOLDER, _OUTPUT] = None
 
 
@@ -100,7 +96,7 @@ def command(asked: Asked) -> None:
     same queries in turns. Then the profile's planner gets each map as if it had just arrived, and where a budget
     asks for it the onboard loop is run with a patch of elevations at each tick. Where the profile says so all is
     measured once more with something running beside it. Prints times by stage, speed-up,
-    path costs, where each planner starts to pay, and the budgets. Exit code 0 when all are met, 1 when one is
+    path costs, the size from which each planner pays, and the budgets. Exit code 0 when all are met, 1 when one is
     missed, 3 when the run was too noisy to tell, or the processor was slowed and a budget missed for it.
 
     \b
@@ -122,9 +118,8 @@ def command(asked: Asked) -> None:
         raise click.UsageError(_WANTED)
     if asked.as_json and asked.markdown:
         raise click.UsageError("give one of --json and --markdown")
-    measured, other = ("peers", ("vehicle", "start_up")) if asked.peers else ("profile", ("limit",))
-    if wrong := [name for name in other if getattr(asked, name)]:
-        raise click.UsageError(f"--{wrong[0].replace('_', '-')} does not go with --{measured}")
+    if asked.peers and (asked.vehicle or asked.start_up):
+        raise click.UsageError(f"--{'vehicle' if asked.vehicle else 'start-up'} does not go with --peers")
     if asked.profile is None:
         _peers(asked)
     else:
@@ -133,16 +128,15 @@ def command(asked: Asked) -> None:
 
 def _profile(name: str, asked: Asked) -> int:
     """Measure, write what was asked for, print the report; the exit code."""
-    from nnpp_edge.cli.profile_text import report_markdown, report_text
+    from nnpp_edge.cli.profile_text import report_text
     from nnpp_edge.files import write_all
-    from nnpp_edge.profiling.compare import board_header, board_row
+    from nnpp_edge.profiling.compare import board_table
     from nnpp_edge.profiling.judge import EXIT_CODES
     from nnpp_edge.profiling.measure import queries_in
     from nnpp_edge.profiling.profile_file import overridden, read_profile
-    from nnpp_edge.profiling.report import Watchers, profile_machine
+    from nnpp_edge.profiling.report import profile_machine
     from nnpp_edge.profiling.trace import Trace
     from nnpp_edge.progress import bar
-    from nnpp_edge.terrain.vehicle_files import load_vehicle
 
     profile = read_profile(name)
     others = (profile.networks.fp32, profile.load.vehicle)
@@ -156,34 +150,37 @@ def _profile(name: str, asked: Asked) -> int:
     profile, dropped = overridden(
         profile,
         terrain=tuple(map(str, asked.terrain)) or None,
-        allow_vrt=asked.allow_vrt or None,
         **{key: getattr(asked, key) for key in names},
     )
-    if profile.load.vehicle is not None:
-        load_vehicle(profile.load.vehicle)  # before the run: it may be none
     notes = [f"left out, as their sizes are not measured: {', '.join(dropped)}"] if dropped else []
-    runs, trace = 1 + profile.contention.wanted, None if asked.output is None else Trace("nnpp-edge profile")
+    runs, trace = 1 + bool(profile.contention.words), None if asked.output is None else Trace("nnpp-edge profile")
     with bar("profile", runs * queries_in(profile.load), quiet=True) as advance:
-        watchers = Watchers(advance, lambda line: click.echo(line, err=True), trace)
-        report = profile_machine(profile, start_up=asked.start_up, notes=notes, watchers=watchers)
-    content, markdown = json.dumps(report, indent=1), report_markdown(report)
+        report = profile_machine(
+            profile,
+            start_up=asked.start_up,
+            notes=notes,
+            progress=advance,
+            say=lambda line: click.echo(line, err=True),
+            trace=trace,
+        )
+    content, markdown = json.dumps(report, indent=1), report_text(report, markdown=True)
     if trace is not None:
-        rows = f"{board_header()}\n{board_row(report)}\n"
-        contents = (content.encode(), markdown.encode(), rows.encode(), trace.to_json(), _page(report, profile))
+        texts = (text.encode() for text in (content, markdown, f"{board_table(report)}\n"))
+        contents = (*texts, trace.to_json(), _page(report))
         write_all({path: each for path, each in zip(written, contents, strict=True) if each})
     printed = content if asked.as_json else markdown if asked.markdown else report_text(report)
     click.echo(printed.rstrip("\n"))
     return EXIT_CODES[report["verdict"]]
 
 
-def _page(report: "Facts", profile: "Profile") -> bytes:
+def _page(report: "Facts") -> bytes:
     """The report as a page of HTML; empty, which is said, where the extra `viz` is not installed."""
     try:
         from nnpp_edge.viz.profile_page import page
     except ImportError as error:
         click.echo(f"note: {_FILES[-1]} is left out: {error} (pip install 'nnpp-edge[viz]')", err=True)
         return b""
-    return page(report, profile).encode()
+    return page(report).encode()
 
 
 def _peers(asked: Asked) -> None:
@@ -195,16 +192,16 @@ def _peers(asked: Asked) -> None:
     from nnpp_edge.progress import bar
 
     sizes, queries = asked.sizes or _PEERS_SIZES, asked.queries or _PEERS_QUERIES
-    seed, limit_s = 1 if asked.seed is None else asked.seed, asked.limit or _PEERS_LIMIT_S
+    seed = 1 if asked.seed is None else asked.seed
     if not 16 <= min(sizes) <= max(sizes) <= options.LARGEST_SIDE or len(set(sizes)) < len(sizes):
         words = ",".join(map(str, sizes))
         raise click.UsageError(f"--sizes must be different numbers from 16 to {options.LARGEST_SIDE}, got {words}")
     written = [] if asked.output is None else [asked.output / f"peers.{end}" for end in ("json", "md", "png")]
     options.check_outputs(*(("--output", path) for path in written), make_folders=True)
-    terrain = TerrainFiles.or_sample(asked.terrain, asked.rescale, asked.cell_size, asked.allow_vrt)
+    terrain = TerrainFiles.or_sample(asked.terrain, asked.rescale, asked.cell_size)
     with bar("profile", queries * len(sizes)) as advance:
-        rows, missing = run(sizes, queries, terrain, seed=seed, limit_s=limit_s, progress=advance)
-    facts = {"queries": queries, "seed": seed, "limit_s": limit_s, "left_out": missing, "rows": rows}
+        rows, missing = run(sizes, queries, terrain, seed=seed, progress=advance)
+    facts = {"queries": queries, "seed": seed, "left_out": missing, "rows": rows}
     if written:
         from nnpp_edge.viz.figures import times_by_size
 

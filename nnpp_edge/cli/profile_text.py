@@ -1,7 +1,6 @@
 """The findings of `nnpp-edge profile` for people: tables on a terminal, or in Markdown."""
 
 from collections.abc import Callable, Iterator, Sequence
-from typing import NamedTuple
 
 from nnpp_edge.cli.text import Columns, Row, aligned, columns, table
 from nnpp_edge.profiling.contest import Facts, Figures
@@ -20,7 +19,8 @@ _RESULTS = {
     **columns("FPS: fps .0f | network/FPS: inference_fps .0f"),
     **columns("speed-up/median: speedup_median .2f | speed-up/total: speedup_total .2f"),
     **columns("success: success_first .1% | after/fallback: success .1%"),
-    **columns("gap/mean: gap_mean z.2% | gap/p99: gap_p99 z.2% | expan-/sions: expansions_median .0f"),
+    **columns("gap/mean: gap_mean z.2% | gap/p99: gap_p99 z.2%"),
+    **columns("expan-/sions: expansions_median .0f | mJ: energy_mj"),
 }
 _ARRIVALS = {
     **_PLACE,
@@ -54,77 +54,59 @@ _WHOLE_RUN = (
 """Key, name and unit of what there is one figure of for each planner."""
 
 
-class _Table(NamedTuple):
-    title: str
-    rows: Sequence[Row]
-    shown_as: Columns
-
-
-def report_text(report: Facts) -> str:
-    """The whole report: budgets last, where the eye rests."""
-    parts = [f"{each.title}\n\n{table(each.rows, each.shown_as)}".lstrip() for each in _tables(report)]
-    parts += ["\n".join(_sentences(report)), aligned(dict(_machine(report)))]
-    parts += ["\n".join(f"note: {line}" for line in report["notes"])]
-    parts += [table(report["budgets"], _BUDGETS) if report["budgets"] else ""]
-    return "\n\n".join([*filter(None, parts), "\n".join([*_reasons(report), report["summary"]])])
-
-
-def report_markdown(report: Facts) -> str:
-    """The whole report as Markdown: the verdict first."""
-    parts = [f"# {report['profile']['title']}", report["summary"]]
-    if report["budgets"]:
-        parts += ["## Budgets", table(report["budgets"], _BUDGETS, markdown=True), *_reasons(report)]
-    for title, rows, shown_as in _tables(report):
-        title = title or "times, speed-ups and path costs"
-        parts += [f"## {title[:1].upper()}{title[1:]}", table(rows, shown_as, markdown=True)]
-    facts = [f"{name} {value}" for name, value in _machine(report)] + [f"note {line}" for line in report["notes"]]
-    parts += ["\n".join(f"- {line}" for line in _sentences(report)), "## Machine"]
-    return "\n\n".join(filter(None, [*parts, "\n".join(f"- {line}" for line in facts)])) + "\n"
-
-
-def _tables(report: Facts) -> Iterator[_Table]:
+def report_text(report: Facts, *, markdown: bool = False) -> str:
+    """The whole report: on a terminal the budgets come last, where the eye rests, in Markdown first."""
     results = report["results"]
-    yield _Table("", results, _RESULTS)
     found = {stage for row in results for stage in row["stages_ms"]}
-    stages = [*sorted(found - set(STAGES)), *(stage for stage in STAGES if stage in found)]
-    yield _Table(
-        "mean ms by stage, and share of the whole", results, {**_PLACE, **{name: _stage(name) for name in stages}}
-    )
-    if arrived := [row for row in results if row["map_ms"] is not None]:
-        yield _Table("maps and patches of elevations that have just arrived", arrived, _ARRIVALS)
-    if report["loop"]:
-        yield _Table("the onboard loop: from a patch's arrival to the checked path", report["loop"], _LOOP)
+    stages = [*(stage for stage in STAGES if stage in found), *sorted(found - set(STAGES))]
+    tables: list[tuple[str, Sequence[Row], Columns]] = [
+        ("Times, speed-ups and path costs", results, _RESULTS),
+        ("Mean ms by stage, and share of the whole", results, {**_PLACE, **{name: _stage(name) for name in stages}}),
+        (
+            "Maps and patches of elevations that have just arrived",
+            [row for row in results if row["map_ms"] is not None],
+            _ARRIVALS,
+        ),
+        ("The onboard loop: from a patch's arrival to the checked path", report["loop"], _LOOP),
+    ]
     if (contention := report["contention"]) is not None:
-        yield _Table(f"alone, and beside {contention['beside']}", contention["rows"], _LOADED)
+        tables.append((f"Alone, and beside {contention['beside']}", contention["rows"], _LOADED))
+    head = "## " if markdown else ""
+    parts = [f"{head}{title}\n\n{table(rows, as_, markdown=markdown)}" for title, rows, as_ in tables if rows]
+    reasons = [f"why: {why}" for why in dict.fromkeys(line["why"] for line in report["budgets"] if line["why"])]
+    budgets = [table(report["budgets"], _BUDGETS, markdown=markdown)] if report["budgets"] else []
+    machine = dict(_machine(report))
+    if markdown:
+        facts = [f"{name} {value}" for name, value in machine.items()]
+        facts += [f"note {line}" for line in report["notes"]]
+        parts = [f"# {report['profile']['title']}", report["summary"], "## Budgets", *budgets, *reasons, *parts]
+        lists = ("\n".join(f"- {line}" for line in lines) for lines in (_sentences(report), facts))
+        return "\n\n".join([*parts, next(lists), "## Machine", next(lists)]) + "\n"
+    parts += ["\n".join(_sentences(report)), aligned(machine)]
+    parts += ["\n".join(f"note: {line}" for line in report["notes"]), *budgets]
+    return "\n\n".join([*filter(None, parts), "\n".join([*reasons, report["summary"]])])
 
 
 def _stage(name: str) -> Callable[[Row], str]:
     """A stage's mean and share, of a row of results."""
 
     def shown_of(row: Row) -> str:
-        spread, share = row["stages_ms"].get(name), row["stages_share"].get(name)
-        return MISSING if spread is None or share is None else f"{spread['mean']:.3f} {100 * share:3.0f} %"
+        if (spread := row["stages_ms"].get(name)) is None:
+            return MISSING
+        return f"{spread['mean']:.3f} {100 * spread['mean'] / row['time_ms']['mean']:3.0f} %"
 
     return shown_of
 
 
 def _sentences(report: Facts) -> Iterator[str]:
-    yield from map(_break_even, report["break_even"])
+    for line in report["break_even"]:
+        where = "never in this run" if line["size_from"] is None else f"from {line['size_from']}² on"
+        yield f"{line['planner']} pays over {line['over']}: {where}"
     if int8 := [row for row in report["results"] if row["int8_speedup"] is not None]:
         gains = ", ".join(f"{row['int8_speedup']:.2f} ({row['workload']} {row['size']}²)" for row in int8)
         yield f"int8 over fp32, the whole network alone: {gains}"
     if lost := sum(row["without_path"] for row in report["loop"]):
         yield f"the onboard loop had no path after {lost} patches"
-
-
-def _break_even(line: Facts) -> str:
-    """Where one planner starts to pay over another."""
-    where = "never in this run" if line["size_from"] is None else f"from {line['size_from']}² on"
-    distances = []
-    for size, cells in line["distance_from"].items():
-        at = "never" if cells is None else "from the shortest on" if cells == 0 else f"from {cells} cells on"
-        distances.append(f"{size}²: {at}")
-    return f"{line['planner']} pays over {line['over']}: {where} (by distance, {'; '.join(distances)})"
 
 
 def _machine(report: Facts) -> Iterator[tuple[str, str]]:
@@ -137,9 +119,6 @@ def _machine(report: Facts) -> Iterator[tuple[str, str]]:
     for key, name, unit in _WHOLE_RUN:
         if by_planner := report["besides"].get(key):
             yield name, ", ".join(f"{who} {shown(value)} {unit}" for who, value in by_planner.items())
-    energy = (f"{r['planner']} {shown(r['energy_mj'])} mJ ({r['workload']} {r['size']}²)" for r in report["results"])
-    problem = report["energy_problem"]
-    yield "energy", f"{MISSING} ({problem})" if problem else ", ".join(energy)
     halves = report["disturbance"]["halves"]
     shares = [max(half["waited_share"], half["others_share"] or 0.0) for half in halves]
     yield "others took", f"{' and '.join(f'{100 * share:.1f} %' for share in shares)} of the halves of the run"
@@ -157,10 +136,6 @@ def _readings(found: dict[str, dict[str, float | None]], what: str, unit: str, l
         for name, each in found.items()
     ]
     return ", ".join(ranges) or f"{MISSING} (the kernel does not tell)"
-
-
-def _reasons(report: Facts) -> list[str]:
-    return [f"why: {why}" for why in dict.fromkeys(line["why"] for line in report["budgets"] if line["why"])]
 
 
 def _with_unit(line: Row, number: str) -> str:

@@ -64,9 +64,6 @@ def command(
     output: Annotated[
         Path | None, "-o", options.PATH, "Folder for reach.tif, reach.geojson, reach.png, reach.json."
     ] = None,
-    formats: Annotated[
-        tuple[str, ...], "--format", click.Choice(["gpkg"]), options.MANY, "Write the areas as GeoPackage too."
-    ] = (),
     as_json: options.AsJson = False,
 ) -> None:
     """Show what can be reached on the elevation map DEM from a place, within a cost, a time or an energy.
@@ -81,14 +78,12 @@ def command(
 
     measure, most = within.most
     in_seconds = unit_of(robot.step_cost) == "s"
-    if measure != "cost" and "step_cost" in options.given_options() and not (measure == "time" and in_seconds):
+    if measure != "cost" and robot.step_cost != "paper" and not (measure == "time" and in_seconds):
         raise click.UsageError(
             f"--within-{measure} counts {measure} already: leave out --step-cost, or give --within-cost with it; "
             "one in seconds goes with --within-time"
         )
-    if formats and output is None:
-        raise click.UsageError("--format is of what is written: give -o too")
-    names = ("reach.tif", "reach.geojson", "reach.png", "reach.json", *(f"reach.{name}" for name in formats))
+    names = ("reach.tif", "reach.geojson", "reach.png", "reach.json")
     paths = [output / name for name in names] if output else []
     read = [] if start.file is None else [start.file]
     options.check_outputs(*(("--output", path) for path in paths), more_inputs=read, make_folders=True)
@@ -101,7 +96,7 @@ def command(
     from nnpp_edge.files import write_all
     from nnpp_edge.runtime import Planner
     from nnpp_edge.runtime.planners.query import problem_with
-    from nnpp_edge.terrain.dem import raster_bytes
+    from nnpp_edge.terrain.rasters import raster_bytes
     from nnpp_edge.terrain.route import Reach
     from nnpp_edge.viz.picture import png_bytes, reach_picture
 
@@ -123,10 +118,8 @@ def command(
             return f"within a cost of {level:.6g} {found.unit}".rstrip()
         return f"within {duration(level) if measure == 'time' else f'{level / 1000.0:.4g} kJ'}"
 
-    rows = list(zip(found.levels, found.cells, found.areas_m2, strict=True))
-    areas = [{"within": level, "cells": cells, "area_m2": round(area, 3)} for level, cells, area in rows]
     files = [str(path) for path in paths]
-    figures = {"start": cell, "measure": measure, "unit": found.unit, "areas": areas, **size_of(terrain)}
+    figures = {"start": cell, "measure": measure, "unit": found.unit, "areas": found.areas, **size_of(terrain)}
     figures |= {"files": files} if files else {}
     if paths:
         shade = shade_of(terrain) if hillshade else None
@@ -136,11 +129,10 @@ def command(
             found.geojson(),
             png_bytes(reach_picture(cost, found.field, named, cell, shade=shade, cell_size_m=width)),
             json.dumps(figures, indent=1).encode(),
-            *(found.geopackage() for _ in paths[4:]),
         )
         write_all(dict(zip(paths, contents, strict=True)))
     lines = {"map": size_in_words(terrain), "start": cell}
-    for level, cells, area in rows:
+    for level, cells, area in map(dict.values, found.areas):
         size = f"{area / 1e6:.4g} km²" if area >= 1e5 else f"{area:.0f} m²"
         lines[words(level)] = f"{cells} cells, {size}, {100.0 * cells / cost.size:.1f} % of the map"
     tell(as_json, figures, lambda: aligned(lines | {"written": ", ".join(files)}))

@@ -4,7 +4,7 @@ import json
 from collections import Counter
 from dataclasses import asdict
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import click
 
@@ -21,7 +21,6 @@ def command(
     terrain: options.TerrainFiles = (),
     cell_size: options.CellSize = None,
     rescale: options.Rescale = None,
-    allow_vrt: options.AllowVrt = False,
     models: Annotated[tuple[str, ...], "--model", options.MODEL, options.MANY, _MODEL] = (),
     queries: Annotated[int | None, options.COUNT, _QUERIES] = None,
     quick: Annotated[bool, "A smoke run of less than a minute; its figures mean nothing."] = False,
@@ -37,16 +36,16 @@ def command(
     The paper's method runs with the paper's own network, ours with `edge`; --model puts another in the place of both.
     Without --terrain the ground is the shipped sample, at cells of 20 m.
 
-    EXPERIMENT is one of table1, fig6, fig7, fig8, table2, fig9, fig11, fig12, fig14, table3 and table4;
-    by default all. Each gets a folder with a table (Markdown), its figures (CSV) and a picture (PNG); README.md
-    puts them together and says what agrees with the paper and what does not. What is complete is not run again.
+    EXPERIMENT is one of table1, fig7, table2, fig9, fig11, fig12, fig14, table3 and table4;
+    by default all. Each gets a folder with its figures (CSV) and a picture (PNG); README.md has the tables
+    and says what agrees with the paper and what does not. What is complete is not run again.
 
     \b
     nnpp-edge reproduce --terrain dem.tif --rescale 20 -o reproduction
     nnpp-edge reproduce table2 fig7 --quick
     """
     from nnpp_edge.profiling.suites import TerrainFiles
-    from nnpp_edge.reproduction.runner import EXPERIMENTS, Request, reproduce
+    from nnpp_edge.reproduction.runner import EXPERIMENTS, reproduce
 
     if unknown := [name for name in experiments if name not in EXPERIMENTS]:
         raise click.UsageError(f"wanted EXPERIMENT of {', '.join(EXPERIMENTS)}, got {', '.join(unknown)}")
@@ -54,9 +53,10 @@ def command(
         raise click.UsageError(f"wanted at most two of --model, the paper's and ours, got {len(models)}")
     both = (models[0], models[-1]) if models else ("paper", "edge")
     names = [name for name in EXPERIMENTS if not experiments or name in experiments]
-    files = TerrainFiles.or_sample(terrain, rescale, cell_size, allow_vrt)
+    files = TerrainFiles.or_sample(terrain, rescale, cell_size)
     told = []
-    for made, ran in reproduce(Request(names, files, output, seed, both, quick, queries, again)):
+    settings: dict[str, Any] = {"models": both, "seed": seed, "quick": quick, "queries": queries, "again": again}
+    for made, ran in reproduce(names, files, output, **settings):
         findings = [asdict(finding) for finding in made.findings]
         told.append({"experiment": made.name, "ended": "done" if ran else "skipped", "findings": findings})
         verdicts = Counter(finding.verdict for finding in made.findings)

@@ -62,7 +62,7 @@ def _below_lonlat(place: "Place", at: tuple[float, float]) -> "list[Cell]":
 
 
 def _below_layer(word: str, place: "Place") -> "list[Cell]":
-    """The cells below a layer's points; that it had to be reprojected is told on stderr."""
+    """The cells below a layer's points; that they had to be reprojected is told on stderr."""
     from nnpp_edge.terrain.vectors import points_of
 
     points, told = points_of(word, place)

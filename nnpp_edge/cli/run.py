@@ -1,7 +1,6 @@
 """`nnpp-edge run`: the onboard loop as a program."""
 
-import re
-from dataclasses import asdict, dataclass, fields
+from dataclasses import asdict, fields
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -10,47 +9,26 @@ import click
 
 from nnpp_edge.cli import options
 from nnpp_edge.cli.ground_options import GroundOptions
-from nnpp_edge.cli.options import COUNT, MANY, NEW_FILE
+from nnpp_edge.cli.options import COUNT, MANY
 from nnpp_edge.cli.text import aligned, tell
+from nnpp_edge.robot.operations.wiring import STDOUT, Wiring
 
 if TYPE_CHECKING:
     from nnpp_edge.runtime.loop.messages import Counters
     from nnpp_edge.runtime.map.ground import Ground
 
-_OUTPUTS = "Where paths go; may be repeated. By default to the sender of the inputs, and of a replay to stdout."
 _MODEL = "Shipped network's name, or an ONNX file, in place of the profile's (else edge)."
 _LOOP = (
     "Set a value of the profile's table [loop], such as cores=[2,3], priority=50, tolerance=0.05, approach=true or "
     "refine=any-angle. May be repeated."
 )
 _SETTING = options.SettingType("nnpp_edge.profiling.profile_file:OnboardLoop", "tolerance=0.05", bare=True)
-_CONNECT = "Connect to this router or peer instead of listening."
-_METRICS = "Serve the counters to Prometheus at this port, or keep them in this file. May be repeated."
-_TRACE = "Write what ran when, stage by stage, as JSON for ui.perfetto.dev."
-
-
-@dataclass(frozen=True, kw_only=True)
-class Ends:
-    """Connections of the loop, as of `Wiring`."""
-
-    input: Annotated[
-        str, {"metavar": "stdin|replay:FILE|zenoh[:ENDPOINT]"}, "Where patches, poses and goals come from."
-    ] = "stdin"
-    outputs: Annotated[tuple[str, ...], "--output", MANY, {"metavar": "stdout|zenoh[:ENDPOINT]|none"}, _OUTPUTS] = ()
-    fast: Annotated[bool, "Replay one recorded tick a tick, and ticks without a pause."] = False
-    stay: Annotated[bool, "Go on when stdin is closed or the replay is over."] = False
-    zenoh_connect: Annotated[str | None, {"metavar": "ENDPOINT"}, _CONNECT] = None
-    zenoh_prefix: Annotated[str, "First part of all topics."] = "nnpp_edge"
-    record: Annotated[Path | None, NEW_FILE, "Write the inputs to this file, for replay."] = None
-    log: Annotated[Path | None, NEW_FILE, "Write inputs and answers to this .mcap file."] = None
-    view: options.View = None
-    trace: Annotated[Path | None, NEW_FILE, _TRACE] = None
 
 
 @options.command("run")
 def command(
     map_file: Annotated[Path, "--map", options.MAP, "Elevation map, or an .npz of `costmap`."],
-    ends: Ends,
+    wiring: Wiring,
     robot: GroundOptions,
     profile: Annotated[
         str | None, {"metavar": "NAME|FILE"}, "A shipped profile or a TOML file; its table [loop] counts."
@@ -60,7 +38,6 @@ def command(
     model: Annotated[str | None, options.MODEL, _MODEL] = None,
     loop: Annotated[tuple[options.Setting, ...], _SETTING, MANY, _LOOP] = (),
     ticks: Annotated[int | None, COUNT, "End after so many."] = None,
-    metrics: Annotated[tuple[Path, ...], NEW_FILE, MANY, {"metavar": "PORT|FILE"}, _METRICS] = (),
     as_json: options.AsJson = False,
 ) -> None:
     """Plan at a fixed rate: patches, poses and goals in, paths out.
@@ -75,17 +52,11 @@ def command(
     nnpp-edge run --map dem.tif --input replay:drive.jsonl --fast --output none --json
     """
     from nnpp_edge.profiling.profile_file import OnboardLoop, overridden_loop, read_profile
-    from nnpp_edge.robot.operations.onboard import STDOUT, Wiring, run
+    from nnpp_edge.robot.operations.onboard import run
     from nnpp_edge.runtime.loop.ladder import NavigatorSettings
     from nnpp_edge.runtime.network.loading import begin_loading
     from nnpp_edge.runtime.network.model_file import model_path
 
-    ports = [int(str(place)) for place in metrics if re.fullmatch(r"\d{1,5}", str(place))]
-    kept = [place for place in metrics if not re.fullmatch(r"\d{1,5}", str(place))]
-    if len(ports) > 1 or len(kept) > 1 or max(ports, default=0) > 65535:
-        raise click.UsageError("--metrics takes one port up to 65535 and one file")
-    port, file = ports[0] if ports else None, kept[0] if kept else None
-    wiring = Wiring(**vars(ends), metrics_port=port, metrics_file=file)
     if as_json and STDOUT in wiring.output_kinds:
         raise click.UsageError("--json prints on stdout, which answers go to: add --output none, or zenoh")
     changes = {name: value for each in loop for name, value in each.values.items()}
@@ -97,12 +68,7 @@ def command(
     of_loop = {name: getattr(settings, name) for name in names}
     navigator = NavigatorSettings(**of_loop, refine=settings.refine or None)
     options.check_outputs(  # --record never replaces a file
-        *(
-            ("--log", ends.log),
-            ("--metrics", file),
-            ("--view", options.view_file(ends.view)),
-            ("--trace", ends.trace),
-        ),
+        *(("--log", wiring.log), ("--view", options.view_file(wiring.view)), ("--trace", wiring.trace)),
         more_inputs=[model_path(settings.model)],
     )
     if navigator.asks_network:

@@ -11,11 +11,11 @@ from nnpp_edge.cli import options
 from nnpp_edge.cli.ground_options import GroundOptions
 from nnpp_edge.cli.options import COUNT
 from nnpp_edge.cli.text import aligned, tell
+from nnpp_edge.robot.operations.wiring import View
 from nnpp_edge.runtime.cells import Cell
 
 if TYPE_CHECKING:
     from nnpp_edge.runtime.loop.connections import Sink
-    from nnpp_edge.runtime.loop.messages import PathMessage
     from nnpp_edge.runtime.map.state import MapState
     from nnpp_edge.simulation.simulate import Drive
 
@@ -50,7 +50,7 @@ def command(
     seed: options.Seed = 1,
     endless: Annotated[bool, "Drive from goal to goal for all --ticks."] = False,
     log: Annotated[Path | None, options.NEW_FILE, "Write inputs and answers as MCAP with ROS 2 messages."] = None,
-    view: options.View = None,
+    view: View = None,
     picture: Annotated[Path | None, options.NEW_FILE, ".png of the way driven, or .gif of the drive."] = None,
     as_json: options.AsJson = False,
 ) -> None:
@@ -73,11 +73,12 @@ def command(
 
     from nnpp_edge.robot.transports.mcap_log import McapLog
     from nnpp_edge.robot.transports.rerun_view import RerunSink
-    from nnpp_edge.simulation.drive_picture import Film, check_name, save_drive
-    from nnpp_edge.simulation.scene import Scene, SurveyedGround
+    from nnpp_edge.simulation.drive_picture import Film, check_name, drive_picture
+    from nnpp_edge.simulation.scene import SurveyedGround
     from nnpp_edge.simulation.simulate import SimulationSettings, random_drive, simulate
     from nnpp_edge.terrain.dem import sample_path
     from nnpp_edge.terrain.rocks import with_rocks
+    from nnpp_edge.viz.picture import save_picture
 
     robot.limits()  # those that make no sense are refused before any work
     body, settings = (
@@ -106,12 +107,6 @@ def command(
     if start is None or goal is None:
         start, goal = random_drive(ground, seed)
     film = Film() if picture is not None and picture.suffix.lower() == ".gif" else None
-    scenes: list[Scene] = []
-
-    def watch(scene: Scene, message: "PathMessage") -> None:
-        scenes[:] = [scene]
-        if film is not None:
-            film(scene, message)
 
     with ExitStack() as stack:
 
@@ -123,9 +118,11 @@ def command(
                 sinks.append(stack.enter_context(RerunSink(view, state=state)))
             return sinks
 
-        drive = simulate(ground, start, goal, settings, make_sinks=make_sinks, watch=watch)
-    if picture is not None:
-        save_drive(picture, scenes[0], drive, film)
+        drive = simulate(ground, start, goal, settings, make_sinks=make_sinks, watch=film)
+    if picture is not None and film is not None:
+        film.save(picture)
+    elif picture is not None:
+        save_picture(picture, drive_picture(ground, drive))
     result = {**drive.summary(), "rows": rows, "cols": cols, "files": written}
     tell(as_json, result, lambda: text(drive, (rows, cols), written))
     if drive.forbidden or not (drive.reached or endless):

@@ -12,7 +12,7 @@ from nnpp_edge.progress import markdown_table, shown
 Row = Mapping[str, Any]
 Columns = Mapping[str, str | Callable[[Row], str]]
 """By title a key, or keys of inner tables joined by dots, and after a space the form for `shown`; or a function."""
-_PLACE = ("workload", "size", "queries_per_map")
+_PLACE = ("workload", "size")
 """A rule is drawn above a row where one of these changes."""
 
 

@@ -6,7 +6,7 @@ import os
 from contextlib import nullcontext
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated
 
 import click
 
@@ -14,9 +14,6 @@ from nnpp_edge.cli import options
 from nnpp_edge.cli.text import tell
 from nnpp_edge.model.registry import PRESETS
 from nnpp_edge.progress import bar
-
-if TYPE_CHECKING:
-    from nnpp_edge.training.train import Progress
 
 _PARTS = 1000
 """Of the training, for the progress bar."""
@@ -85,10 +82,6 @@ def command(
     size = input_size or preset.input_size
     first = int(os.environ.get("RANK", "0")) == 0
     with bar("train", _PARTS) if first else nullcontext(lambda done: None) as advance:
-
-        def report(progress: "Progress", mean_loss: float, share: float) -> None:
-            advance(int(_PARTS * share))
-
         checkpoint = train(
             replace(preset, sigma=sigma, input_size=size),
             TrainSettings(
@@ -103,7 +96,7 @@ def command(
             begin_with=begin_with,
             small_checkpoints=small_checkpoints,
             pause_after_s=60.0 * (pause_after or math.inf),
-            report=report,
+            report=lambda share: advance(int(_PARTS * share)),
         )
     if not first:
         return

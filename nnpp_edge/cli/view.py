@@ -1,14 +1,13 @@
 """`nnpp-edge view`: a page on this machine to look at a map and to try planning on it."""
 
 import signal
-from dataclasses import fields
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import click
 
 from nnpp_edge.cli import options
-from nnpp_edge.cli.ground_options import GroundOptions, VehicleOptions
+from nnpp_edge.cli.ground_options import GroundOptions
 from nnpp_edge.cli.requests import PLACE, End
 
 if TYPE_CHECKING:
@@ -30,7 +29,7 @@ def command(
     """Open a page to look at the elevation map DEM, and to try planning on it.
 
     Drag start and goal, set limits, step cost and vehicle, compare methods, paint obstacles, and copy what you see as
-    a command or as Python. The page is served to this machine alone, asks nothing of any other, and ends with Ctrl-C.
+    a command. The page is served to this machine alone, asks nothing of any other, and ends with Ctrl-C.
 
     \b
     nnpp-edge view dem.tif --workload limit20
@@ -50,8 +49,7 @@ def command(
         read = robot.read(dem)
         robot.warn_if_coarse(read)
         given = _given_body(robot, read)
-        reading = {"cell_size_m": robot.cell_size, "vertical_scale": robot.vertical_scale}
-        reading |= {"rescale": robot.rescale, "resample": robot.resample, "allow_vrt": robot.allow_vrt or None}
+        reading = {"cell_size_m": robot.cell_size, "rescale": robot.rescale, "resample": robot.resample}
         site = Site.of(read, dem, {name: value for name, value in reading.items() if value is not None}, given)
         asked = Asked(
             start=start.one_cell(site.dem, "--start") if start else (0, 0),
@@ -80,18 +78,11 @@ def _given_body(robot: GroundOptions, place: "Dem") -> "Body | None":
     from nnpp_edge.terrain.vehicle_files import shipped_vehicles
     from nnpp_edge.view.asked import Body
 
-    names = {field.name for field in fields(VehicleOptions)}.intersection(options.given_options()) - {"step_cost"}
-    if not names or (names == {"vehicle"} and robot.vehicle in shipped_vehicles()):
+    words = []
+    for option, name in (("--vehicle", robot.vehicle), ("--mobility", robot.mobility_file)):
+        if name:
+            words += [option, str(Path(name).resolve()) if Path(name).is_file() else name]
+    words += [word for setting in robot.settings for word in ("--set", setting.word)]
+    if not words or (len(words) == 2 and robot.vehicle in shipped_vehicles()):
         return None
-    words: list[str] = []
-    for each in click.get_current_context().command.params:
-        if each.name in names:
-            value = getattr(robot, each.name)
-            given = [setting.word for setting in value] if isinstance(value, tuple) else [_whole_name(value)]
-            words += [word for one in given for word in (each.opts[0], one)]
     return Body(robot.body(), robot.mobility(place), tuple(words))
-
-
-def _whole_name(word: str) -> str:
-    """A file by its whole name."""
-    return str(Path(word).resolve()) if Path(word).is_file() else word

@@ -31,20 +31,20 @@ class Spec:
     """Of the Gaussians around start and goal, as a share of the map's side (the paper's best: 1/4)."""
     options: Mapping[str, int | Sequence[int]] = field(default_factory=dict)
     """Arguments of the network's constructor; lists become tuples."""
-    encoding: str = ""
-    """How start and goal are shown: the architecture's own."""
 
     def __post_init__(self) -> None:
         """Fill in the defaults and check."""
         name = architecture_name(self.architecture)
         if name not in ENCODINGS:
             raise ModelError(f"architecture must be one of {', '.join(ENCODINGS)}, got {self.architecture!r}")
-        encoding = ENCODINGS[name]
-        if self.encoding not in ("", encoding):
-            raise ModelError(f"encoding of {name} must be {encoding}, got {self.encoding!r}")
         options = {key: tuple(v) if isinstance(v, Sequence) else v for key, v in self.options.items()}
-        for key, value in {"architecture": name, "encoding": encoding, "options": options}.items():
+        for key, value in {"architecture": name, "options": options}.items():
             object.__setattr__(self, key, value)
+
+    @property
+    def encoding(self) -> str:
+        """How start and goal are shown."""
+        return ENCODINGS[self.architecture]
 
     @property
     def blocks(self) -> int:

@@ -1,6 +1,5 @@
 """Times of maps and patches of elevations that have just arrived: to the first path, and to a checked one."""
 
-import time
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field
 
@@ -12,8 +11,9 @@ from nnpp_edge.profiling.rivals import RivalPlanner
 from nnpp_edge.profiling.suites import heights_of
 from nnpp_edge.profiling.trace import Trace
 from nnpp_edge.runtime.cells import Endpoints
+from nnpp_edge.runtime.loop.connections import InProcessSource
 from nnpp_edge.runtime.loop.ladder import NavigatorSettings
-from nnpp_edge.runtime.loop.messages import Goal, Input, MapPatch, Origin, Output, PathMessage, Pose
+from nnpp_edge.runtime.loop.messages import Goal, Input, MapPatch, Origin, PathMessage, Pose
 from nnpp_edge.runtime.loop.navigator import Navigator
 from nnpp_edge.runtime.loop.runner import Loop
 from nnpp_edge.runtime.map.ground import Ground
@@ -23,8 +23,8 @@ from nnpp_edge.runtime.planners.planner import Planner
 REACTIONS = 120
 """Patches that the loop is given in each half of a run: seven seconds at 17 Hz."""
 _PATCH_SIDE = 64
-_WARM_UP = 4
-"""Patches before these, whose times do not count."""
+_WARM_UP = 2
+"""Hills before these, whose times do not count."""
 _QUERIES = 4
 """Most queries of a map that share the patches: on one, hills might lie in an odd place."""
 _PLACES = (0.35, 0.5, 0.65)
@@ -63,7 +63,7 @@ class Reactions:
     """Answers of the onboard loop to patches, one at each tick."""
 
     ms: list[float] = field(default_factory=list)
-    """From each patch's arrival to the path being published."""
+    """From the loop's reading of each patch to the path being handed on."""
     planned: int = 0
     """Answers with a new path."""
     kept: int = 0
@@ -76,7 +76,6 @@ def reactions(
     queries: Sequence[Endpoints],
     loop: OnboardLoop,
     patches: int = REACTIONS,
-    clock: Callable[[], float] = time.perf_counter,
     trace: Trace | None = None,
 ) -> Reactions:
     """Run the onboard loop at its rate on this map, with a patch of elevations at each tick.
@@ -84,82 +83,57 @@ def reactions(
     With every other patch a hill appears on the newest path; with the next it is gone. The first of the queries share
     the patches. `trace` is given every tick.
     """
-    settings = NavigatorSettings(
-        loop.method, corner_cutting=loop.corner_cutting, model=loop.model, tolerance=loop.tolerance
-    )
-    hills = _Hills(ground, list(_script(queries[:_QUERIES], patches)), clock)
-    running = Loop(
-        Navigator(ground, settings),
-        hills,
-        [hills],
-        rate_hz=loop.rate_hz,
-        cores=loop.cores,
-        priority=loop.priority,
-        after_tick=None if trace is None else lambda message: trace.tick(message, running.spans),
-    )
-    running.run(len(hills.script))
-    found = Reactions()
-    for turn, arrived, (published, message) in zip(hills.script, hills.arrived, hills.answers, strict=True):
-        if turn is True:
-            found.ms.append(1e3 * (published - arrived))
+    source, found, path, counts = InProcessSource(), Reactions(), np.array(queries[0]), False
+    queries = queries[:_QUERIES]
+    hills = max(patches // (2 * len(queries)), 1)
+    inputs = _inputs(ground, queries, hills, lambda: path)
+
+    def feed() -> None:
+        nonlocal counts
+        messages, counts = next(inputs, ([], False))
+        for message in messages:
+            source.put(message)
+
+    def after_tick(message: PathMessage) -> None:
+        nonlocal path
+        tick = running.spans[0]
+        if counts:
+            found.ms.append(1e3 * (tick.ended_s - tick.began_s))
             found.planned += message.ok and message.origin is not Origin.STANDING
             found.kept += message.origin is Origin.STANDING
             found.without_path += not message.ok
+        path = message.path if message.ok else path
+        if trace is not None:
+            trace.tick(message, running.spans)
+        feed()
+
+    settings = NavigatorSettings(
+        loop.method, corner_cutting=loop.corner_cutting, model=loop.model, tolerance=loop.tolerance
+    )
+    running = Loop(
+        Navigator(ground, settings),
+        source,
+        rate_hz=loop.rate_hz,
+        cores=loop.cores,
+        priority=loop.priority,
+        after_tick=after_tick,
+    )
+    feed()
+    running.run(2 * _WARM_UP + len(queries) * (1 + 2 * hills))
     return found
 
 
-_Turn = Endpoints | bool
-"""Input of a tick: another query, or a patch, which counts or does not."""
-
-
-def _script(queries: Sequence[Endpoints], patches: int) -> Iterator[_Turn]:
-    """Inputs of each tick. After an even number of patches no hill is left."""
-    for at, query in enumerate(queries):
-        yield query
-        yield from (False,) * (0 if at else _WARM_UP)
-        first, end = (patches * number // len(queries) for number in (at, at + 1))
-        yield from (True,) * (end - first)
-        yield from (False,) * ((end - first) % 2)
-
-
-class _Hills:
-    """The loop's source and its sink: hills come and go on the path that was published last."""
-
-    name = "hills"
-
-    def __init__(self, ground: Ground, script: Sequence[_Turn], clock: Callable[[], float]) -> None:
-        self._ground, self.script, self._clock = ground, script, clock
-        self._hill: tuple[int, int] | None = None
-        self._path = np.array(script[0])
-        self.arrived: list[float] = []
-        """When the inputs of each tick came."""
-        self.answers: list[tuple[float, PathMessage]] = []
-        """When the answer of each tick was published, and the answer."""
-
-    def poll(self) -> Iterator[Input]:
-        """The inputs of the next tick."""
-        turn = self.script[len(self.arrived)]
-        messages: list[Input] = [self._next()] if isinstance(turn, bool) else [Pose(*turn[0]), Goal(*turn[1])]
-        self.arrived.append(self._clock())
-        return iter(messages)
-
-    def publish(self, message: Output) -> None:
-        """An answer of the loop."""
-        now = self._clock()
-        if isinstance(message, PathMessage):
-            self.answers.append((now, message))
-            if message.ok:
-                self._path = message.path
-
-    def _next(self) -> MapPatch:
-        """A hill on the path, or the ground as it was where one stands."""
-        if self._hill is None:
-            row, col, heights = _patch(self._ground, self._path, _PLACES[len(self.arrived) % len(_PLACES)])
-            self._hill = row, col
-        else:
-            (row, col), side = self._hill, patch_side(self._ground.shape)
-            heights, self._hill = heights_of(self._ground)[row : row + side, col : col + side], None
-        return MapPatch(row, col, elevation=heights)
+def _inputs(
+    ground: Ground, queries: Sequence[Endpoints], hills: int, newest: Callable[[], np.ndarray]
+) -> Iterator[tuple[list[Input], bool]]:
+    """Inputs of each tick, and whether its answer counts: each query, and hills that come and go on its paths."""
+    for at, (start, goal) in enumerate(queries):
+        yield [Pose(*start), Goal(*goal)], False
+        for number in range(0 if at else -_WARM_UP, hills):
+            row, col, heights = _patch(ground, newest(), _PLACES[number % len(_PLACES)])
+            yield [MapPatch(row, col, elevation=heights)], number >= 0
+            rows, cols = (slice(first, first + n) for first, n in zip((row, col), heights.shape, strict=True))
+            yield [MapPatch(row, col, elevation=heights_of(ground)[rows, cols])], number >= 0
 
 
 def _patch(ground: Ground, path: np.ndarray, share: float) -> tuple[int, int, np.ndarray]:

@@ -1,13 +1,14 @@
 """Reports of `nnpp-edge profile` beside others: what has become worse, and a row for a table of boards."""
 
 import json
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from pathlib import Path
 from typing import NamedTuple, cast
 
 from nnpp_edge.profiling.contest import Facts
 from nnpp_edge.profiling.figures import find
 from nnpp_edge.profiling.report import SCHEMA
+from nnpp_edge.progress import MISSING, markdown_table
 from nnpp_edge.runtime.errors import InvalidQueryError
 from nnpp_edge.runtime.reading import parse, read_text, reason
 
@@ -140,76 +141,45 @@ def _short(value: object) -> str:
     return json.dumps(value, ensure_ascii=False) if isinstance(value, dict | list) else str(value)
 
 
-def board_header() -> str:
-    """The first two lines, in Markdown, of the table in docs/boards.md."""
-    return f"{_board_line(list(BOARD_COLUMNS))}\n{_board_line(['---'] * len(BOARD_COLUMNS))}"
+def board_table(report: Facts) -> str:
+    """The report's row for the table in docs/boards.md, below that table's header."""
+    cells = {name: cell.replace("|", "\\|") for name, cell in board(report).items()}
+    return markdown_table([*cells], [[*cells.values()]])
 
 
-def board_row(report: Facts) -> str:
-    """The report's line of the table."""
-    return _board_line([cell(report) for cell in BOARD_COLUMNS.values()])
+def board(report: Facts) -> dict[str, str]:
+    """The report's words for each column of the table in docs/boards.md."""
+    facts, sensors, results = report["environment"], report["sensors"], report["results"]
+    workload, clocks = results[0]["workload"], sensors["clock_mhz"].values()
 
+    def medians(planner: str, key: str = "time_ms") -> str:
+        """Milliseconds by size, at the profile's first workload."""
+        rows = [row for row in results if (row["workload"], row["planner"]) == (workload, planner) and row[key]]
+        return " · ".join(f"{row['size']}² {row[key]['median']:.3g}" for row in rows) or MISSING
 
-def _board_line(cells: list[str]) -> str:
-    return "| " + " | ".join(" ".join(cell.split()).replace("|", "\\|") for cell in cells) + " |"
-
-
-def _clock(report: Facts) -> str:
-    """The greatest clock, and the lowest and greatest that were read while planners ran."""
-    seen, known = report["sensors"]["clock_mhz"].values(), report["environment"]["clock_mhz"]
-    lows, highs = ([each[name] for each in seen] for name in ("min", "max"))
-    read = f"ran at {min(lows):.0f} to {max(highs):.0f}" if lows else "not told while it ran"
-    return ("–" if known is None else f"{known:.0f} MHz") + f", {read}"
-
-
-def _medians(planner: str | None, key: str = "time_ms") -> Callable[[Facts], str]:
-    """Medians in milliseconds by size, at the profile's first workload; None for the profile's planner."""
-
-    def cell(report: Facts) -> str:
-        place = report["results"][0]["workload"], planner or report["profile"]["planner"]
-        rows = [row for row in report["results"] if (row["workload"], row["planner"]) == place]
-        return " · ".join(f"{row['size']}² {row[key]['median']:.3g}" for row in rows if row[key]) or "–"
-
-    return cell
-
-
-def _system(facts: Facts) -> str:
-    return f"{facts['system'] or 'Linux'}, kernel {facts['kernel']}, {facts['architecture']}"
-
-
-def _versions(facts: Facts) -> str:
-    names = ("nnpp-edge", "numpy", "numba", "onnxruntime")
-    return ", ".join([f"python {facts['python']}", *(f"{name} {facts['packages'][name]}" for name in names)])
-
-
-def _others(report: Facts) -> str:
-    halves = report["disturbance"]["halves"]
-    return f"{100 * max(max(half['waited_share'], half['others_share'] or 0.0) for half in halves):.1f} %"
-
-
-def _throttled(sensors: Facts) -> str:
-    told = sensors["clock_mhz"] or sensors["temperature_c"]
-    return sensors["throttled"] or ("no" if told else "not told")
-
-
-BOARD_COLUMNS: dict[str, Callable[[Facts], str]] = {
-    "date": lambda report: report["made"][:10],
-    "processor": lambda report: report["environment"]["cpu"],
-    "cores": lambda report: f"{len(report['cores'])} of {report['environment']['cores_online'] or '?'}",
-    "flags": lambda report: ", ".join(report["environment"]["flags"]) or "–",
-    "clock": _clock,
-    "memory": lambda report: f"{report['environment']['memory_mb'] / 1024:.1f} GiB",
-    "system": lambda report: _system(report["environment"]),
-    "versions": lambda report: _versions(report["environment"]),
-    "profile": lambda report: f"{report['profile']['name']}: {report['results'][0]['workload']}",
-    "A*, ms": _medians("astar"),
-    "corridor, ms": _medians("corridor"),
-    "nnpp int8, ms": _medians("nnpp"),
-    "nnpp fp32, ms": _medians("nnpp-fp32"),
-    "auto, ms": _medians("auto"),
-    "first path of a map, ms": _medians(None, "map_ms"),
-    "verdict": lambda report: report["verdict"],
-    "others took": _others,
-    "throttled": lambda report: _throttled(report["sensors"]),
-}
-"""Heading of each column, and what a report has to say in it."""
+    greatest = MISSING if facts["clock_mhz"] is None else f"{facts['clock_mhz']:.0f} MHz"
+    ran = "not told while it ran"
+    if clocks:
+        ran = f"ran at {min(each['min'] for each in clocks):.0f} to {max(each['max'] for each in clocks):.0f}"
+    versions = (f"{name} {facts['packages'][name]}" for name in ("nnpp-edge", "numpy", "numba", "onnxruntime"))
+    others = max(max(half["waited_share"], half["others_share"] or 0.0) for half in report["disturbance"]["halves"])
+    return {
+        "date": report["made"][:10],
+        "processor": facts["cpu"],
+        "cores": f"{len(report['cores'])} of {facts['cores_online'] or '?'}",
+        "flags": ", ".join(facts["flags"]) or MISSING,
+        "clock": f"{greatest}, {ran}",
+        "memory": f"{facts['memory_mb'] / 1024:.1f} GiB",
+        "system": f"{facts['system'] or 'Linux'}, kernel {facts['kernel']}, {facts['architecture']}",
+        "versions": f"python {facts['python']}, {', '.join(versions)}",
+        "profile": f"{report['profile']['name']}: {workload}",
+        "A*, ms": medians("astar"),
+        "corridor, ms": medians("corridor"),
+        "nnpp int8, ms": medians("nnpp"),
+        "nnpp fp32, ms": medians("nnpp-fp32"),
+        "auto, ms": medians("auto"),
+        "first path of a map, ms": medians(report["profile"]["planner"], "map_ms"),
+        "verdict": report["verdict"],
+        "others took": f"{100 * others:.1f} %",
+        "throttled": sensors["throttled"] or ("no" if clocks or sensors["temperature_c"] else "not told"),
+    }

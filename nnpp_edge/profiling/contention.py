@@ -1,11 +1,12 @@
 """Other work beside the planners in a loaded run, as on a robot whose computer has other work."""
 
 import os
+import shutil
 import signal
 import subprocess
 import sys
-from collections.abc import Callable, Iterator, Sequence
-from contextlib import ExitStack, contextmanager, suppress
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, suppress
 
 from nnpp_edge.profiling.profile_file import Contention, ProfileError
 
@@ -13,35 +14,28 @@ _BUSY = "import os\nparent = os.getppid()\nwhile os.getppid() == parent: sum(ran
 """Computes without a pause, and ends with the process that started it."""
 
 
+def check(contention: Contention) -> None:
+    """ProfileError if this machine cannot run the command."""
+    if contention.command and shutil.which(contention.command[0]) is None:
+        raise ProfileError(f"contention.command: wanted a program that can be run, got {contention.command[0]!r}")
+
+
 @contextmanager
-def running(contention: Contention, cores: Sequence[int]) -> Iterator[Callable[[], list[str]]]:
-    """Run it on its cores, else on these, until the block ends; gives a function that says what ended too early."""
-    words = [contention.command] if contention.command else [(sys.executable, "-c", _BUSY)] * contention.threads
-    with ExitStack() as stack:
-        started = [stack.enter_context(_process(each, contention.cores or tuple(cores))) for each in words]
+def running(contention: Contention) -> Iterator[Callable[[], list[str]]]:
+    """Run it on this thread's cores until the block ends; gives a function that says what ended too early."""
+    commands = [contention.command] if contention.command else [(sys.executable, "-c", _BUSY)] * contention.threads
+    nowhere, started = subprocess.DEVNULL, list[subprocess.Popen[bytes]]()
+    try:
+        for words in commands:
+            process = subprocess.Popen(words, stdin=nowhere, stdout=nowhere, stderr=nowhere, start_new_session=True)
+            started.append(process)
         yield lambda: [
             f"{contention.words} ended before the loaded run did, with exit code {process.returncode}"
             for process in started
             if process.poll() is not None
         ][:1]
-
-
-@contextmanager
-def _process(words: Sequence[str], cores: Sequence[int]) -> Iterator[subprocess.Popen[bytes]]:
-    """A process and its children on these cores; all are ended with the block."""
-    before = os.sched_getaffinity(0)
-    with suppress(OSError):  # the machine may lack the cores
-        os.sched_setaffinity(0, cores)  # which the process inherits
-    try:
-        nowhere = subprocess.DEVNULL
-        process = subprocess.Popen(words, stdin=nowhere, stdout=nowhere, stderr=nowhere, start_new_session=True)
-    except OSError as error:
-        raise ProfileError(f"contention.command: {words[0]!r} could not be run ({error.strerror})") from error
     finally:
-        os.sched_setaffinity(0, before)
-    try:
-        yield process
-    finally:
-        with suppress(ProcessLookupError):
-            os.killpg(process.pid, signal.SIGKILL)
-        process.wait()
+        for process in started:
+            with suppress(ProcessLookupError):
+                os.killpg(process.pid, signal.SIGKILL)
+            process.wait()

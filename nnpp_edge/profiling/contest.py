@@ -12,13 +12,14 @@ from typing import Any, Generic, TypeVar
 
 import numpy as np
 
-from nnpp_edge.runtime.cells import Endpoints
 from nnpp_edge.runtime.planners.plan import Plan, Source
 
 CaseT = TypeVar("CaseT")
 ResultT = TypeVar("ResultT")
 Facts = dict[str, Any]
 """Content of JSON, by key; docs/profile.md says what the keys of a profile's report mean."""
+Row = dict[str, float]
+"""Figures of an answer, without those that were not measured or that no path has. Shares are means of 0 and 1."""
 Figures = dict[str, str | float | None]
 """Figures by key; None where there was nothing to count."""
 Columns = Mapping[str, list[float]]
@@ -121,20 +122,10 @@ def _no_garbage_collection() -> Iterator[None]:
             gc.enable()
 
 
-@dataclass(frozen=True)
-class Row:
-    """One rival's answer to one query."""
-
-    rival: str
-    query: Endpoints
-    figures: dict[str, float] = field(default_factory=dict)
-    """By name; what was not measured, or is none without a path, is left out. Shares are means of zeros and ones."""
-
-
-def answer(plan: Plan, time_ms: float, optimum: float, exact_ms: float | None) -> dict[str, float]:
+def answer(plan: Plan, time_ms: float, optimum: float, exact_ms: float | None) -> Row:
     """A plan's figures beside the optimum's cost; `exact_ms` is exact A*'s time, where it was measured."""
     first = plan.source in FIRST_SOURCES
-    found = {"time_ms": time_ms, "first": first, "solved": plan.ok, "expansions": plan.expansions}
+    found: Row = {"time_ms": time_ms, "first": first, "solved": plan.ok, "expansions": plan.expansions}
     found |= {"costs_computed": plan.costs_computed}
     if exact_ms is not None:
         found |= {"exact_ms": exact_ms, "speedup": exact_ms / time_ms}
@@ -151,7 +142,7 @@ def summarised(rows: Iterable[Row], summary: Summary) -> Figures:
     """Figures of the rows of one rival."""
     columns: dict[str, list[float]] = defaultdict(list)
     for row in rows:
-        for name, value in row.figures.items():
+        for name, value in row.items():
             columns[name].append(value)
     return {key: figure(columns) for key, figure in summary.items()}
 

@@ -1,31 +1,28 @@
 """Every planner on the same queries, in one interleaved run, judged by the exact optimum."""
 
-import math
 from collections import defaultdict
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from functools import partial
-from itertools import islice, product
+from itertools import product
 
 import numpy as np
 
 from nnpp_edge.profiling.contest import Figures, Harness, Record, Row, answer, mean, quantile, ratio, summarised
-from nnpp_edge.profiling.rivals import EXACT, FindsPlans, FreshMap, Queries, RivalPlanner
+from nnpp_edge.profiling.rivals import EXACT, FindsPlans, RivalPlanner
 from nnpp_edge.profiling.suites import Case
 from nnpp_edge.runtime.cells import Endpoints
 from nnpp_edge.runtime.errors import InvalidQueryError
 from nnpp_edge.runtime.exercises import exercise
 from nnpp_edge.runtime.kernels.poses import AXES
-from nnpp_edge.runtime.planners.plan import Method, Plan, Source
+from nnpp_edge.runtime.map.motions import all_motions
+from nnpp_edge.runtime.planners.plan import Plan, Source
 
-Plans = tuple[Plan, ...]
-Records = Mapping[str, Record[Queries, Plans]]
-"""Measurements on queries that share a planner, by the names of the calls."""
+Records = Mapping[str, Record[Endpoints, Plan]]
+"""Measurements on a query, by the names of the calls."""
 EAGER = "-eager"
 """Ends the name of a planner that computes all costs of a fresh map before it plans."""
 _FRESH = "fresh map: "
 """Before the names of planners that are measured on fresh maps beside others of the same name."""
-_DRAWN = 5
-"""Queries drawn for each that is wanted, on a map that does not connect enough of its own."""
 _MAPS_WITHOUT_PATH = 50
 """So many maps in a row without any path, and there will be none."""
 _ANSWERS = {
@@ -73,8 +70,6 @@ def evaluate(
     *,
     repeats: int = 3,
     fresh_map: bool = False,
-    queries_per_map: int = 1,
-    harness: Harness | None = None,
     progress: Callable[[int], None] = lambda done: None,
 ) -> dict[str, Figures]:
     """Have every planner, exact A* among them, answer the same queries: a row of figures for each planner's key, in
@@ -91,39 +86,28 @@ def evaluate(
 
     On the maps of a vehicle every answer is that of a planner which has not checked any pose before, and which is
     made of the elevations for it: its time is the plan's own, and from the elevations on it is given as of a fresh
-    map. All cases are a vehicle's, or none. With `queries_per_map` a planner is made for so many queries on a map,
-    which it answers one after the other: a query's time is the mean of theirs, what the first one prepares included.
-    `queries` is rounded up to whole groups of them.
+    map. All cases are a vehicle's, or none.
 
-    InvalidQueryError for a case without elevations where they are needed, 50 maps in a row without a path (or without
-    as many as are to share a planner), or several queries to a planner without a vehicle.
+    InvalidQueryError for a case without elevations where they are needed, or 50 maps in a row without a path.
     """
     exercise()
-    harness, rows = harness or Harness(), defaultdict[str, list[Row]](list)
+    harness, rows = Harness(), defaultdict[str, list[Row]](list)
     done = in_vain = unsolvable = poses = 0
     for case in cases:
         on_map = _OnMap(case, rivals, fresh_map)
-        poses = on_map.poses
-        if queries_per_map > 1 and not poses:
-            raise InvalidQueryError("queries_per_map is for a vehicle: a point's planner serves all queries of a map")
-        groups = on_map.groups(queries_per_map)
-        unsolvable += sum(not plan.ok for plan in on_map.exact.values())
-        in_vain = 0 if groups else in_vain + 1
+        poses, solvable = on_map.poses, [query for query, plan in on_map.exact.items() if plan.ok]
+        unsolvable += len(on_map.exact) - len(solvable)
+        in_vain = 0 if solvable else in_vain + 1
         if in_vain == _MAPS_WITHOUT_PATH:
-            several = f"fewer than {queries_per_map} queries have paths"
-            wanted = "no query has a path" if queries_per_map == 1 else several
-            raise InvalidQueryError(f"{wanted} on {in_vain} maps in a row of the workload {case.workload}")
-        for call in on_map.calls.values():
-            call(case.queries[:1])
-        for fresh in on_map.fresh.values():
-            fresh.forget()
-        missing = groups[: math.ceil((queries - done) / queries_per_map)]
-        measured = harness.measure(on_map.calls, missing, repeats=repeats, after=on_map.forget)
-        for group, records in zip(missing, measured, strict=True):
-            for row in on_map.judged(group, records):
-                rows[row.rival].append(row)
-            done += queries_per_map
-            progress(min(done, queries))
+            raise InvalidQueryError(f"no query has a path on {in_vain} maps in a row of the workload {case.workload}")
+        for name, call in on_map.calls.items():
+            on_map.forget(name, 0.0, call(case.queries[0]))
+        for records in harness.measure(
+            on_map.calls, solvable[: queries - done], repeats=repeats, after=on_map.forget
+        ):
+            for name, row in on_map.judged(records):
+                rows[name].append(row)
+            progress(done := done + 1)
         if done >= queries:
             break
     found: dict[str, Figures] = {}
@@ -131,8 +115,7 @@ def evaluate(
         key = _key(rival, lazy)
         answers, on_fresh = rows[rival.name], rows[_FRESH + key]
         if answers and (lazy or on_fresh):
-            found[key] = {"method": key, "queries_per_map": queries_per_map if poses else None}
-            found[key] |= {**summarised(answers, _ANSWERS), "unsolvable": unsolvable}
+            found[key] = {"method": key, **summarised(answers, _ANSWERS), "unsolvable": unsolvable}
             found[key] |= summarised(answers, _OF_BODY) if poses else {}
             found[key] |= {"checks_mean": poses, "checks_share_mean": 1.0} if poses and not lazy else {}
             found[key] |= summarised(on_fresh, _ON_FRESH_MAP) if on_fresh else {}
@@ -140,102 +123,79 @@ def evaluate(
 
 
 class _OnMap:
-    """The rivals on the map of one case, as functions of start and goal."""
+    """The rivals on the map of one case, as functions of a query."""
 
     def __init__(self, case: Case, rivals: Sequence[RivalPlanner], fresh_map: bool) -> None:
-        self.case, self._rivals = case, rivals
-        has_body = case.ground is not None and case.ground.vehicle is not None
-        self.poses = 2 * AXES * case.cost.size if has_body else 0
+        if fresh_map and case.ground.elevation is None:
+            raise InvalidQueryError("a fresh map is made from elevations, got a case of costs alone")
+        body = case.ground.vehicle is not None
+        self._ground, self._cells, self._rivals = case.ground, case.cost.size, rivals
+        self.poses = 0
+        if case.ground.vehicle is not None:
+            motions = all_motions(case.ground.vehicle, case.ground.sides_m)
+            self.poses = int(motions.poses_of[2 * AXES]) * case.cost.size
         """Of a vehicle's body on the map; 0 of a point."""
-        self.fresh: dict[str, FreshMap] = {}
-        """On a map that has just arrived."""
-        for rival, lazy in product(rivals, (True, False) if fresh_map else (True,) if has_body else ()):
-            if case.ground is None:
-                raise InvalidQueryError("a fresh map is made from elevations, got a case of costs alone")
-            self.fresh[_FRESH + _key(rival, lazy)] = FreshMap(rival.apart(), case.ground, lazy=lazy)
-        standing = () if has_body else rivals
-        self._standing = {rival.name: rival.planner(case.cost, case.ground) for rival in standing}
-        self.calls: dict[str, Callable[[Queries], Plans]] = {
-            rival.name: partial(_plans, rival, self._standing[rival.name]) for rival in standing
+        how = (True, False) if fresh_map else (True,) if body else ()
+        self._fresh = {
+            _FRESH + _key(rival, lazy): partial(self._from_elevations, rival.apart(), lazy)
+            for rival, lazy in product(rivals, how)
         }
-        self.calls |= self.fresh
-        self.exact: dict[Endpoints, Plan] = {}
-        """The optimum of each query that has been asked for it."""
+        self._kept: FindsPlans | None = None
+        self._standing = {} if body else {each.name: each.planner(case.standing, lazy=False) for each in rivals}
+        self.calls: dict[str, Callable[[Endpoints], Plan]] = {
+            **{each.name: partial(each.plan, self._standing[each.name]) for each in rivals if self._standing},
+            **self._fresh,
+        }
+        exact = next(each for each in rivals if each.name == EXACT)
+        planner = self._planner(exact)
+        self.exact = {query: exact.plan(planner, query) for query in case.queries}
+        """Optima, and answers to queries without a path."""
 
-    def groups(self, count: int) -> list[Queries]:
-        """The map's queries that have a path, so many together.
-
-        Where the map's own queries are too few for one group, others are drawn until there is one.
-        """
-        planner = self._planner(EXACT)
-        solvable: list[Endpoints] = []
-        drawn = islice(self.case.more_queries(), _DRAWN * count) if count > 1 else ()
-        for at, query in enumerate((*self.case.queries, *drawn)):
-            if at >= len(self.case.queries) and len(solvable) >= count:
-                break
-            self.exact[query] = planner.plan(*query, method=Method.ASTAR)
-            solvable += [query] if self.exact[query].ok else []
-        whole = range(0, len(solvable) - count + 1, count)
-        return [tuple(solvable[at : at + count]) for at in whole]
-
-    def forget(self, name: str, elapsed_s: float, result: Plans) -> None:
+    def forget(self, name: str, elapsed_s: float, result: Plan) -> None:
         """Give a fresh map's planner back after a call, outside the time that counts."""
-        if name in self.fresh:
-            self.fresh[name].forget()
+        self._kept = None
 
-    def judged(self, queries: Queries, records: Records) -> Iterator[Row]:
-        """Rows of what was measured on queries that share a planner."""
-        cells, exact = self.case.cost.size, [self.exact[query] for query in queries]
+    def _from_elevations(self, rival: RivalPlanner, lazy: bool, query: Endpoints) -> Plan:
+        """From elevations to the plan; the planner is kept until `forget`."""
+        self._kept = rival.planner(self._ground, lazy=lazy)
+        return rival.plan(self._kept, query)
+
+    def judged(self, records: Records) -> Iterator[tuple[str, Row]]:
+        """Rows of what was measured on a query, by planner."""
         exact_ms, eager = self._own_ms(EXACT, records), records.get(_FRESH + EXACT + EAGER)
-        eager_ms = None if eager is None else _mean_ms(eager)
+        eager_ms = None if eager is None else 1e3 * eager.median_s
         for rival in self._rivals:
-            time_ms = self._own_ms(rival.name, records)
+            time_ms, query = self._own_ms(rival.name, records), next(iter(records.values())).case
             # of a planner that has checked no pose before
-            plans = _plans(rival, self._planner(rival.name), queries, keep_regions=True)
-            for query, plan, optimum in zip(queries, plans, exact, strict=True):
-                found = answer(plan, time_ms, optimum.cost, exact_ms) | _searched(plan, optimum, cells)
-                yield Row(rival.name, query, found)
-        for name in self.fresh:
-            time_ms = _mean_ms(records[name])
-            for query, plan, optimum in zip(queries, records[name].results[0], exact, strict=True):
-                yield Row(name, query, answer(plan, time_ms, optimum.cost, eager_ms))
+            plan, optimum = rival.plan(self._planner(rival), query, keep_regions=True), self.exact[query]
+            found = answer(plan, time_ms, optimum.cost, exact_ms) | _searched(plan, optimum, self._cells, self.poses)
+            yield rival.name, found
+        for name in self._fresh:
+            record = records[name]
+            yield name, answer(record.results[0], 1e3 * record.median_s, self.exact[record.case].cost, eager_ms)
 
-    def _own_ms(self, key: str, records: Records) -> float:
-        """An answer's time: with a vehicle without the making of the planner, and the mean of those it gave."""
+    def _own_ms(self, name: str, records: Records) -> float:
+        """An answer's time: with a vehicle without the making of the planner."""
         if self._standing:
-            return _mean_ms(records[key])
-        record = records[_FRESH + key]
-        totals = [sum(plan.timings_ms.get("total", 0.0) for plan in plans) for plans in record.results]
-        return float(np.median(totals)) / len(record.case)
+            return 1e3 * records[name].median_s
+        return float(np.median([plan.timings_ms.get("total", 0.0) for plan in records[_FRESH + name].results]))
 
-    def _planner(self, key: str) -> FindsPlans:
-        if self._standing:
-            return self._standing[key]
-        assert self.case.ground is not None
-        return self.fresh[_FRESH + key].rival.planner_of(self.case.ground, lazy=True)
+    def _planner(self, rival: RivalPlanner) -> FindsPlans:
+        return self._standing[rival.name] if self._standing else rival.planner(self._ground)
 
 
 def _key(rival: RivalPlanner, lazy: bool) -> str:
     return rival.name + EAGER * (not lazy)
 
 
-def _plans(rival: RivalPlanner, planner: FindsPlans, queries: Queries, *, keep_regions: bool = False) -> Plans:
-    return tuple([rival.plan(planner, query, keep_regions=keep_regions) for query in queries])
-
-
-def _mean_ms(record: Record[Queries, Plans]) -> float:
-    """Milliseconds of a call for each of its queries."""
-    return 1e3 * record.median_s / len(record.case)
-
-
-def _searched(plan: Plan, optimum: Plan, cells: int) -> dict[str, float]:
-    """Cells and poses that a plan's search went over, on a map of so many cells, its regions kept.
+def _searched(plan: Plan, optimum: Plan, cells: int, poses: int) -> Row:
+    """Cells and poses that a plan's search went over, on a map of so many, its regions kept.
 
     MM is the number of cells of the optimal path over those of a region: of the one that was searched, where one was,
     and of the network's at the threshold itself.
     """
     area = plan.region.area() if plan.region is not None else None
-    found = {"checks": plan.checks, "checks_share": plan.checks / (2 * AXES * cells)}
+    found: Row = {"checks": plan.checks, "checks_share": plan.checks / max(poses, 1)}
     found |= {"widened": plan.source is Source.WIDENED, "whole_map": plan.source is Source.FALLBACK}
     found |= {"region_share": 1.0} if area is None else {"region_share": area / cells, "mm": len(optimum.path) / area}
     if plan.network_region is not None:

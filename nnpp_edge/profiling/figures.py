@@ -1,18 +1,21 @@
-"""A run's figures: what each planner did at each workload and size, as rows of a report."""
+"""A run's figures: what each planner did at each workload and size, as rows of a report, and who pays over whom."""
 
+from collections import defaultdict
 from collections.abc import Sequence
 
 import numpy as np
 from numpy.typing import NDArray
 
 from nnpp_edge.profiling.arrivals import patch_side
-from nnpp_edge.profiling.contest import Columns, Facts, Row, Summary, answer, mean, quantile, ratio, summarised
+from nnpp_edge.profiling.contest import Columns, Facts, Summary, answer, mean, quantile, ratio, summarised
 from nnpp_edge.profiling.measure import HALVES, Answers, Run, WorkloadRun
 from nnpp_edge.profiling.profile_file import LOOP, OnboardLoop
 from nnpp_edge.profiling.rivals import EXACT
 
 STAGES = ("encode", "inference", "threshold", "coarse", "search", "path", "other")
 """Of a plan, in the order of work."""
+PAIRS = (("corridor", "astar"), ("nnpp", "astar"), ("nnpp", "corridor"))
+"""Who might pay over whom."""
 
 
 def _excess(columns: Columns) -> float | None:
@@ -20,7 +23,7 @@ def _excess(columns: Columns) -> float | None:
     return None if share is None else share - 1.0
 
 
-_JUDGED: Summary = {
+_ANSWERS: Summary = {
     "n": lambda columns: len(columns["time_ms"]),
     "speedup_median": quantile("speedup", 0.5),
     "speedup_total": ratio("exact_ms", "time_ms"),
@@ -36,7 +39,7 @@ _JUDGED: Summary = {
 
 def rows(run: Run) -> list[Facts]:
     """A row for each workload, size and planner, in order: the ``results`` of docs/profile.md."""
-    return [_row(of, name, run.energy_problem) for of in run.workloads for name in of.answers]
+    return [_row(of, name) for of in run.workloads for name in of.answers]
 
 
 def find(results: Sequence[Facts], workload: str, size: int, planner: str) -> Facts | None:
@@ -45,15 +48,24 @@ def find(results: Sequence[Facts], workload: str, size: int, planner: str) -> Fa
     return next((row for row in results if (row["workload"], row["size"], row["planner"]) == place), None)
 
 
-def loop_rows(run: Run) -> list[Facts]:
-    """A row for each workload and size at which the loop's reactions were measured."""
-    return [_loop_row(of, run.loop) for of in run.workloads if of.reactions]
+def loop_rows(run: Run, loop: OnboardLoop) -> list[Facts]:
+    """A row for each workload and size at which the reactions of this loop were measured."""
+    found = []
+    for of in run.workloads:
+        if halves := [each.ms for each in of.reactions]:
+            counts = ("planned", "kept", "without_path")
+            row: Facts = {"workload": of.workload, "size": of.size, "method": loop.method, "rate_hz": loop.rate_hz}
+            row |= {"patch_side": patch_side((of.size, of.size)), "n": sum(map(len, halves))}
+            row |= {"reaction_ms": _spread(np.concatenate(halves))}
+            row |= {name: sum(getattr(each, name) for each in of.reactions) for name in counts}
+            found.append(row | {"halves": {"reaction": [float(np.median(half)) for half in halves]}})
+    return found
 
 
-def loaded_rows(idle: Run, loaded: Run) -> list[Facts]:
+def loaded_rows(idle: Run, loaded: Run, loop: OnboardLoop) -> list[Facts]:
     """Both runs' times beside each other, of the planners and then of the loop."""
     both = [(one, other, "time_ms") for one, other in zip(rows(idle), rows(loaded), strict=True)]
-    for one, other in zip(loop_rows(idle), loop_rows(loaded), strict=True):
+    for one, other in zip(loop_rows(idle, loop), loop_rows(loaded, loop), strict=True):
         both.append(({**one, "planner": LOOP}, other, "reaction_ms"))
     found = []
     for one, other, key in both:
@@ -63,35 +75,30 @@ def loaded_rows(idle: Run, loaded: Run) -> list[Facts]:
     return found
 
 
-def _loop_row(of: WorkloadRun, loop: OnboardLoop) -> Facts:
-    halves = [each.ms for each in of.reactions]
-    counts = ("planned", "kept", "without_path")
-    return {
-        "workload": of.workload,
-        "size": of.size,
-        "method": loop.method,
-        "rate_hz": loop.rate_hz,
-        "patch_side": patch_side((of.size, of.size)),
-        "n": sum(map(len, halves)),
-        "reaction_ms": _spread(np.concatenate(halves)),
-        **{name: sum(getattr(each, name) for each in of.reactions) for name in counts},
-        "halves": {"reaction": [float(np.median(half)) for half in halves]},
-    }
+def break_even(results: Sequence[Facts]) -> list[Facts]:
+    """The size from which on one planner pays over another, of each pair; None where it does not at the largest."""
+    totals: dict[str, dict[int, float]] = defaultdict(lambda: defaultdict(float))
+    for row in results:
+        totals[row["planner"]][row["size"]] += row["n"] * row["time_ms"]["mean"]
+    lines: list[Facts] = []
+    for planner, over in PAIRS:
+        size_from = None
+        for size in sorted(totals[planner], reverse=True):
+            if totals[planner][size] >= totals[over][size]:
+                break
+            size_from = size
+        lines.append({"planner": planner, "over": over, "size_from": size_from})
+    return lines
 
 
-def _row(of: WorkloadRun, name: str, energy_problem: str) -> Facts:
+def _row(of: WorkloadRun, name: str) -> Facts:
     answers, exact = of.answers[name], of.answers[EXACT]
-    times = answers.column("time_ms", near=True)
-    exact_times = exact.column("time_ms", near=True)
-    judged = []
-    for query, plan, ms, optimum, exact_ms in zip(
-        of.queries, answers.plans, times, exact.plans, exact_times, strict=True
-    ):
-        if query.judged:
-            found = answer(plan, ms, optimum.cost, exact_ms)
-            judged.append(Row(name, query.ends, found | {"exact_cc": plan.ok * optimum.traverse_cost}))
-    whole, stages, halves = _spread(answers.column("time_ms")), _stages(answers), _halves(of, name)
-    network = answers.column("network_ms")
+    times, exact_times = answers.column("time_ms"), exact.column("time_ms")
+    found = []
+    for plan, ms, optimum, exact_ms in zip(answers.plans, times, exact.plans, exact_times, strict=True):
+        found.append(answer(plan, ms, optimum.cost, exact_ms) | {"exact_cc": plan.ok * optimum.traverse_cost})
+    energy_mj = float(np.mean(answers.energy_mj))
+    whole, network = _spread(times), answers.column("network_ms")
     network_ms = float(np.median(network)) if len(network) else None
     fp32 = of.answers.get("nnpp-fp32") if name == "nnpp" and network_ms else None
     return {
@@ -100,22 +107,15 @@ def _row(of: WorkloadRun, name: str, energy_problem: str) -> Facts:
         "terrain": of.terrain,
         "planner": name,
         "time_ms": whole,
-        "worst_call_ms": round(answers.worst_ms, 6),
         "fps": 1e3 / whole["median"],
-        "stages_ms": stages,
-        "stages_share": {stage: spread["mean"] / whole["mean"] for stage, spread in stages.items()},
-        **summarised(judged, _JUDGED),
-        "energy_mj": None if energy_problem else 1e3 * answers.energy_j / answers.calls,
+        "stages_ms": _stages(answers),
+        **summarised(found, _ANSWERS),
+        "energy_mj": None if np.isnan(energy_mj) else energy_mj,
         "inference_ms_median": network_ms,
         "inference_fps": network_ms and 1e3 / network_ms,
         "int8_speedup": fp32 and float(np.median(fp32.column("network_ms"))) / float(np.median(network)),
         **{key: _spread(column) if len(column := answers.column(key)) else None for key in ("map_ms", "patch_ms")},
-        "halves": halves,
-        "queries": {
-            "time_ms": [round(float(each), 4) for each in times],
-            "distance": [query.distance for query in of.queries],
-            "judged": [query.judged for query in of.queries],
-        },
+        "halves": _halves(of, name),
     }
 
 
@@ -142,10 +142,7 @@ def _spread(times: NDArray[np.float64]) -> dict[str, float]:
 
 
 def _stages(answers: Answers) -> dict[str, dict[str, float]]:
-    """Each stage's times over the judged queries of both halves; one that a plan did without took it 0 ms."""
-    halves = zip(answers.stages_ms, answers.figures, strict=True)
-    plans = [of_plan for half in halves for of_plan, row in zip(*half, strict=True) if row["judged"]]
-    names = {stage for stages in plans for stage in stages}
-    unknown = sorted(names - set(STAGES))
-    ordered = [stage for stage in (*STAGES[:-1], *unknown, STAGES[-1]) if stage in names]
-    return {stage: _spread(np.array([stages.get(stage, 0.0) for stages in plans])) for stage in ordered}
+    """Each stage's times over the queries of both halves; one that a plan did without took it 0 ms."""
+    names = {stage for stages in answers.stages_ms for stage in stages}
+    ordered = [*(stage for stage in STAGES if stage in names), *sorted(names - set(STAGES))]
+    return {stage: _spread(np.array([plan.get(stage, 0.0) for plan in answers.stages_ms])) for stage in ordered}

@@ -1,5 +1,6 @@
 """Budgets against figures: passed, missed, noisy, throttled or not measured."""
 
+from collections import defaultdict
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 
@@ -12,10 +13,10 @@ WholeRun = dict[str, dict[str, float]]
 PASS, FAIL, NOISY, THROTTLED, ABSENT = "pass", "fail", "noisy", "throttled", "not measured"
 MET, MISSED, UNSURE = "met", "missed", "noisy"
 EXIT_CODES = {MET: 0, MISSED: 1, UNSURE: 3, THROTTLED: 3}
+MOST_APART, MOST_DISTURBED = 0.15, 0.10
+"""Shares by which medians of the halves of a run may differ, and of the time that others may take."""
 _BEYOND_DOUBT = 1.25
 """In a noisy or throttled run a budget is missed where it would be by this factor with all the lost time back."""
-_PLACES = 2
-"""A budget that is missed in more places is named with their number."""
 
 
 @dataclass(frozen=True)
@@ -44,12 +45,22 @@ def judged(
     for budget in profile.budgets:
         name, quantity = budget.quantity, QUANTITIES[budget.quantity]
         for place in ((None, None),) if quantity.whole_run else profile.places(budget):
-            if quantity.whole_run:
-                value, halves = whole_run.get(name, {}).get(budget.planner), None
-            else:
-                row = rows.get((*place, budget.planner), {"halves": {}})
-                value, halves = _value(row, name), row["halves"].get(quantity.basis)
-            lines.append(_line(budget, place, value, halves, profile.stability.halves, noise))
+            row = rows.get((*place, budget.planner), {"halves": {}})
+            value = whole_run.get(name, {}).get(budget.planner) if quantity.whole_run else _value(row, name)
+            halves = None if value is None else row["halves"].get(quantity.basis)
+            value = None if value is None else quantity.scale * value
+            state, why = _verdict(budget, value, halves, noise)
+            lines.append(
+                {
+                    **{key: getattr(budget, key) for key in ("name", "quantity", "planner")},
+                    **dict(zip(("workload", "size"), place, strict=True)),
+                    **{key: getattr(budget, key) for key in ("direction", "limit", "unit")},
+                    "value": value,
+                    "halves": halves,
+                    "verdict": state,
+                    "why": why,
+                }
+            )
     return lines
 
 
@@ -64,22 +75,20 @@ def verdict(lines: Sequence[Facts], noise: Noise) -> str:
 
 
 def summary(ending: str, lines: Sequence[Facts], noise: str) -> str:
-    """One line: the verdict, and the budgets that are to blame for it."""
+    """One line: the verdict, and the budgets that are to blame for it, with planner, workloads and sizes."""
     if not lines:
         return f"no budgets; the run was disturbed: {noise}" if noise else "no budgets"
-    blame = {MISSED: (FAIL,), MET: (), THROTTLED: (THROTTLED,)}.get(ending, (NOISY, ABSENT))
-    places: dict[str, list[str]] = {}
-    for line in lines:
-        if line["verdict"] in blame:
-            where = [f"{line['workload']} {line['size']}²"] if line["size"] is not None else []
-            places.setdefault(line["name"], []).extend(where)
-    names = [
-        f"{name} ({f'{len(where)} times' if len(where) > _PLACES else ', '.join(where)})" if where else name
-        for name, where in places.items()
-    ]
+    head, blame = {
+        MET: ("all budgets met", ()),
+        MISSED: ("budgets missed", (FAIL,)),
+        THROTTLED: ("throttled", (THROTTLED,)),
+        UNSURE: ("too noisy to tell", (NOISY, ABSENT)),
+    }[ending]
+    places: dict[tuple[str, str], list[str]] = defaultdict(list)
+    for line in (each for each in lines if each["verdict"] in blame):
+        places[line["name"], line["planner"]] += [f"{line['workload']} {line['size']}²"] if line["size"] else []
+    names = [f"{name} ({', '.join([planner, *where])})" for (name, planner), where in places.items()]
     passed = sum(line["verdict"] == PASS for line in lines)
-    heads = {MET: "all budgets met", MISSED: "budgets missed", THROTTLED: "throttled"}
-    head = heads.get(ending, "too noisy to tell")
     return f"{head}: {passed} of {len(lines)} pass" + (f"; not {', '.join(names)}" if names else "")
 
 
@@ -93,49 +102,22 @@ def _value(row: Facts, quantity: str) -> float | None:
     return value if isinstance(value, int | float) else None
 
 
-def _line(
-    budget: Budget,
-    place: tuple[str | None, int | None],
-    value: float | None,
-    halves: Sequence[float] | None,
-    allowed: float,
-    noise: Noise,
-) -> Facts:
-    """A budget's line; `allowed` is the share by which the halves of the run may differ."""
-    quantity = QUANTITIES[budget.quantity]
-    shown = None if value is None else quantity.scale * value
-    state, why = ABSENT, "this run did not measure it"
-    apart: float | None = None
-    if shown is not None:
-        least = budget.direction == "at least"
-        state, why = (PASS if (shown >= budget.limit if least else shown <= budget.limit) else FAIL), ""
-        if quantity.basis and halves is not None:
-            apart = abs(halves[0] - halves[1]) / min(halves)
-        words = noise.words if quantity.basis else ""
-        if apart is not None and apart > allowed:
-            words = f"the halves of the run differ by {100 * apart:.0f} %"
-        slowed = "" if words or not quantity.basis or state == PASS else noise.throttling.words
-        if words or slowed:
-            lost, differ = (noise.share, apart or 0.0) if words else (noise.throttling.share, 0.0)
-            beyond = state == FAIL and _beyond_doubt(budget, shown, lost, differ)
-            why = (words or slowed) + (", which explains no such miss" if beyond else "")
-            state = FAIL if beyond else NOISY if words else THROTTLED
-    halves_unit = None if not quantity.basis else "x" if "ratio" in quantity.basis else "ms"
-    return {
-        **{name: getattr(budget, name) for name in ("name", "quantity", "planner")},
-        "workload": place[0],
-        "size": place[1],
-        **{name: getattr(budget, name) for name in ("direction", "limit", "unit")},
-        "value": shown,
-        "halves": None if apart is None else halves,
-        "halves_unit": halves_unit,
-        "halves_differ": apart,
-        "verdict": state,
-        "why": why,
-    }
-
-
-def _beyond_doubt(budget: Budget, value: float, lost: float, apart: float) -> bool:
-    """Whether the better half would miss the limit even with the share of the time back that was `lost`."""
-    wanted, got = (budget.limit, value) if budget.direction == "at least" else (value, budget.limit)
-    return got <= 0.0 or (1.0 - lost) * wanted / (got * (1.0 + apart)) > _BEYOND_DOUBT
+def _verdict(budget: Budget, value: float | None, halves: Sequence[float] | None, noise: Noise) -> tuple[str, str]:
+    """A budget's verdict, and why it is none."""
+    if value is None:
+        return ABSENT, "this run did not measure it"
+    least = budget.direction == "at least"
+    state = PASS if (value >= budget.limit if least else value <= budget.limit) else FAIL
+    if not QUANTITIES[budget.quantity].basis:
+        return state, ""
+    apart = abs(halves[0] - halves[1]) / min(halves) if halves is not None else 0.0
+    words = f"the halves of the run differ by {100 * apart:.0f} %" if apart > MOST_APART else noise.words
+    slowed = "" if words or state == PASS else noise.throttling.words
+    if not (words or slowed):
+        return state, ""
+    lost, apart = (noise.share, apart) if words else (noise.throttling.share, 0.0)
+    # beyond doubt: the better half would miss the limit even with the share of the time back that was lost
+    wanted, got = (budget.limit, value) if least else (value, budget.limit)
+    if state == FAIL and (got <= 0.0 or (1.0 - lost) * wanted / (got * (1.0 + apart)) > _BEYOND_DOUBT):
+        return FAIL, f"{words or slowed}, which explains no such miss"
+    return (NOISY, words) if words else (THROTTLED, slowed)

@@ -15,7 +15,6 @@ import numpy as np
 from nnpp_edge import __version__
 from nnpp_edge.profiling.contest import Facts
 from nnpp_edge.profiling.sensors import Sensors, text_of
-from nnpp_edge.runtime.reading import reason
 
 ResultT = TypeVar("ResultT")
 _FLAGS = (
@@ -25,6 +24,8 @@ _FLAGS = (
 """Flags that decide how fast int8 and float kernels are, of x86 and ARM; asimddp is the dot product."""
 _PACKAGES = ("numpy", "numba", "onnxruntime", "opencv-python-headless")
 _PROC, _SYS = Path("/proc"), Path("/sys")
+_NO_PROCESSORS = ("i915", "xe", "amd_energy")
+"""Drivers whose energies in hwmon are those of graphics cards, or count cores twice."""
 _IDLE = slice(3, 5)
 """Columns of /proc/stat that are no work: idle, and waiting for a disk."""
 _GUEST = 8
@@ -166,22 +167,26 @@ def core_seconds(cores: Sequence[int]) -> float | None:
 
 
 class EnergyMeter:
-    """Energy of the processor packages by RAPL; `problem` says why there is none."""
+    """Energy of the processor by RAPL's packages, else by hwmon; NaN where neither can be read."""
 
-    def __init__(self, folder: Path = _SYS / "class" / "powercap") -> None:
-        # packages are intel-rapl:N on AMD too; intel-rapl:N:M are parts of them
-        self._zones = [zone for zone in sorted(folder.glob("intel-rapl:*")) if zone.name.count(":") == 1]
-        self.problem = "" if self._zones else "this machine has no energy counter"
-        try:
-            self._ranges = [int((zone / "max_energy_range_uj").read_text()) for zone in self._zones]
-            self.read()
-        except (OSError, ValueError) as error:
-            self._zones, self._ranges, self.problem = [], [], f"the counter cannot be read ({reason(error)})"
+    def __init__(self, folder: Path = _SYS / "class") -> None:
+        # of RAPL's other zones, core and dram are parts of packages, and psys holds them
+        zones = [
+            zone for zone in folder.glob("powercap/intel-rapl:*") if text_of(zone / "name").startswith("package")
+        ]
+        chips = [
+            path
+            for path in folder.glob("hwmon/hwmon*/energy*_input")
+            if text_of(path.with_name("name")) not in _NO_PROCESSORS
+        ]
+        self._counters = [zone / "energy_uj" for zone in zones] or chips
+        ranges = [text_of(path.with_name("max_energy_range_uj")) or math.inf for path in self._counters]
+        self._ranges = np.array(ranges, float) + 1.0
 
-    def read(self) -> list[int]:
-        """Microjoules of each package's counter; empty where there is none."""
-        return [int((zone / "energy_uj").read_text()) for zone in self._zones]
+    def read(self) -> np.ndarray:
+        """Microjoules of each counter."""
+        return np.array([text_of(path) or math.nan for path in self._counters], float)
 
-    def joules(self, before: list[int], after: list[int]) -> float:
-        """Energy between two readings; a counter that has wrapped around is one range further."""
-        return 1e-6 * sum((b - a) % (size + 1) for a, b, size in zip(before, after, self._ranges, strict=True))
+    def since_mj(self, before: np.ndarray) -> float:
+        """Millijoules since that reading; a counter that has wrapped around is one range further."""
+        return 1e-3 * float(np.sum((self.read() - before) % self._ranges)) if self._counters else math.nan

@@ -9,14 +9,16 @@ from itertools import islice, product
 import numpy as np
 from numpy.typing import NDArray
 
-from nnpp_edge.profiling.arrivals import REACTIONS, Reactions, arrival_ms, reactions
+from nnpp_edge.profiling.arrivals import Reactions, arrival_ms, reactions
 from nnpp_edge.profiling.contest import Harness, Record
 from nnpp_edge.profiling.machine import Disturbance, EnergyMeter
-from nnpp_edge.profiling.profile_file import Device, Load, Networks, OnboardLoop
-from nnpp_edge.profiling.profile_maps import ProfileMap, ProfileMaps, ProfileQuery
-from nnpp_edge.profiling.rivals import EXACT, FindsPlans, RivalPlanner
+from nnpp_edge.profiling.profile_file import Device, Load, Networks, Profile
+from nnpp_edge.profiling.profile_maps import ProfileMaps
+from nnpp_edge.profiling.rivals import EXACT, RivalPlanner
 from nnpp_edge.profiling.sensors import Sensors
+from nnpp_edge.profiling.suites import Case
 from nnpp_edge.profiling.trace import Trace
+from nnpp_edge.runtime.cells import Endpoints
 from nnpp_edge.runtime.errors import InvalidQueryError
 from nnpp_edge.runtime.network.inference import NetworkModel
 from nnpp_edge.runtime.planners.plan import Method, Plan
@@ -31,32 +33,26 @@ class Answers:
     """Answers of one planner to the queries of one workload and size. Lists run over the queries, in order."""
 
     figures: list[list[dict[str, float]]] = field(default_factory=lambda: [[] for _ in range(HALVES)])
-    """For each half, for each query: ``judged``, and milliseconds, where they are measured: ``time_ms`` of the middle
-    call (of two the faster one), ``network_ms`` of the whole network on map and query, ``map_ms`` from elevations to
-    the path, ``patch_ms`` of a patch on that path."""
-    stages_ms: list[list[dict[str, float]]] = field(default_factory=lambda: [[] for _ in range(HALVES)])
-    """The stages of the same calls, and ``other``: what no stage counts."""
+    """For each half, for each query, milliseconds where they are measured: ``time_ms`` of the middle call (of two the
+    faster one), ``network_ms`` of the whole network on map and query, ``map_ms`` from elevations to the path,
+    ``patch_ms`` of a patch on that path."""
+    stages_ms: list[dict[str, float]] = field(default_factory=list)
+    """The stages of the same calls of both halves, and ``other``: what no stage counts."""
     plans: list[Plan] = field(default_factory=list)
-    worst_ms: float = 0.0
-    """The slowest call of all."""
-    energy_j: float = 0.0
-    calls: int = 0
+    energy_mj: list[float] = field(default_factory=list)
+    """Of every call of both halves; NaN where the kernel does not tell."""
 
-    def column(self, name: str, half: int | None = None, *, near: bool = False) -> NDArray[np.float64]:
-        """A figure of each judged query that it was measured of, and with `near` of the others: of one half, or the
-        mean of both."""
-        halves = [[row[name] for row in rows if name in row and (near or row["judged"])] for rows in self.figures]
+    def column(self, name: str, half: int | None = None) -> NDArray[np.float64]:
+        """A figure of each query that it was measured of: of one half, or the mean of both."""
+        halves = [[row[name] for row in rows if name in row] for rows in self.figures]
         return np.mean(halves, axis=0) if half is None else np.array(halves[half])
 
-    def add(self, record: Record[ProfileQuery, Plan], half: int) -> None:
+    def add(self, record: Record[Endpoints, Plan], half: int) -> None:
         """Count a query's calls in one half. Plans are the same in both, so the first half's count."""
-        self.calls += len(record.elapsed_s)
-        self.worst_ms = max(self.worst_ms, 1e3 * max(record.elapsed_s))
         seconds, plan = record.middle()
         stages = {stage: ms for stage, ms in plan.timings_ms.items() if stage != "total"}
-        stages["other"] = 1e3 * seconds - sum(stages.values())
-        self.stages_ms[half].append(stages)
-        self.figures[half].append({"judged": record.case.judged, "time_ms": 1e3 * seconds})
+        self.stages_ms.append(stages | {"other": 1e3 * seconds - sum(stages.values())})
+        self.figures[half].append({"time_ms": 1e3 * seconds})
         if half == 0:
             self.plans.append(plan)
 
@@ -70,13 +66,13 @@ class WorkloadRun:
     terrain: str
     answers: dict[str, Answers]
     """By the planner's name."""
-    queries_by_map: list[list[ProfileQuery]] = field(default_factory=list)
+    queries_by_map: list[list[Endpoints]] = field(default_factory=list)
     """Map by map; on some maps no query had a path."""
     reactions: list[Reactions] = field(default_factory=list)
     """Of the onboard loop, for each half; empty where these are not measured."""
 
     @property
-    def queries(self) -> list[ProfileQuery]:
+    def queries(self) -> list[Endpoints]:
         """All queries, in the order of the answers."""
         return [query for on_map in self.queries_by_map for query in on_map]
 
@@ -88,23 +84,6 @@ class Run:
     workloads: list[WorkloadRun]
     disturbance: list[Disturbance]
     """One for each half."""
-    energy_problem: str
-    """Why there is no energy; empty where there is."""
-    loop: OnboardLoop
-    """Whose reactions were measured."""
-
-
-@dataclass(frozen=True)
-class Arriving:
-    """Choice of what is measured of maps and patches that have just arrived."""
-
-    planners: frozenset[str] = frozenset()
-    """Whose first path is timed, and whose map after a patch."""
-    reactions_at: frozenset[tuple[str, int]] = frozenset()
-    """Workloads and sizes at which the loop is run."""
-    loop: OnboardLoop = field(default_factory=OnboardLoop)
-    patches: int = REACTIONS
-    """That the loop is given in each half."""
 
 
 def rivals_of(networks: Networks, device: Device) -> list[RivalPlanner]:
@@ -122,12 +101,10 @@ def rivals_of(networks: Networks, device: Device) -> list[RivalPlanner]:
 
 
 def run(
+    profile: Profile,
     rivals: Sequence[RivalPlanner],
-    load: Load,
     cores: Sequence[int],
     *,
-    arriving: Arriving | None = None,
-    harness: Harness | None = None,
     sensors: Sensors | None = None,
     trace: Trace | None = None,
     progress: Callable[[int], None] = lambda done: None,
@@ -140,8 +117,8 @@ def run(
     On a vehicle's map each call is that of a planner which has checked no pose before. Maps and patches that have
     just arrived are measured afterwards, map by map: they drive the standing map out of the caches.
     """
-    maps, meter, arriving = ProfileMaps(load), EnergyMeter(), arriving or Arriving()
-    session = _Session(rivals, load.repeats, meter, harness or Harness(), arriving, sensors, trace)
+    load = profile.load
+    maps, session = ProfileMaps(load), _Session(profile, rivals, sensors, trace)
     runs = [
         WorkloadRun(name, size, maps.source(size), {rival.name: Answers() for rival in rivals})
         for name, size in product(load.workloads, load.sizes)
@@ -153,119 +130,104 @@ def run(
             session.measure(on_map, queries, of, half, disturbance[half])
             session.measure_arriving(on_map, queries, of, half)
             progress(done := done + len(queries))
-    return Run(runs, disturbance, meter.problem, arriving.loop)
+    return Run(runs, disturbance)
 
 
 def queries_in(load: Load) -> int:
     """How many queries `run` will report as done."""
-    return HALVES * len(load.workloads) * len(load.sizes) * (load.queries + load.near)
+    return HALVES * len(load.workloads) * len(load.sizes) * load.queries
 
 
-def first_half_again(maps: ProfileMaps, of: WorkloadRun) -> Iterator[tuple[ProfileMap, list[ProfileQuery]]]:
+def first_half_again(maps: ProfileMaps, of: WorkloadRun) -> Iterator[tuple[Case, list[Endpoints]]]:
     """The maps of the first half again, with its queries."""
     found = zip(of.queries_by_map, maps.maps(of.workload, of.size), strict=False)
     return ((on_map, queries) for queries, on_map in found if queries)
 
 
-def _solvable(maps: ProfileMaps, of: WorkloadRun, load: Load) -> Iterator[tuple[ProfileMap, list[ProfileQuery]]]:
+def _solvable(maps: ProfileMaps, of: WorkloadRun, load: Load) -> Iterator[tuple[Case, list[Endpoints]]]:
     """Maps with those of their queries that have a path, until there are enough; they are kept in `of`."""
-    missing = {True: load.queries, False: load.near}
-    for on_map in islice(maps.maps(of.workload, of.size), _MAPS_TRIED * (load.queries + load.near)):
-        chosen: list[ProfileQuery] = []
-        connects = on_map.connections()
-        for query in on_map.queries:
-            if missing[query.judged] and connects(query):
-                missing[query.judged] -= 1
-                chosen.append(query)
+    missing = load.queries
+    for on_map in islice(maps.maps(of.workload, of.size), _MAPS_TRIED * load.queries):
+        chosen = list(islice(filter(on_map.connections(), on_map.queries), missing))
         of.queries_by_map.append(chosen)
+        missing -= len(chosen)
         if chosen:
             yield on_map, chosen
-        if not any(missing.values()):
+        if not missing:
             return
     raise InvalidQueryError(
         f"wanted {load.queries} queries with a path on maps of {of.size} × {of.size} ({of.workload}), "
-        f"found {load.queries - missing[True]} on {len(of.queries_by_map)} maps"
+        f"found {load.queries - missing} on {len(of.queries_by_map)} maps"
     )
 
 
-@dataclass
 class _Session:
     """Means by which all maps of a run are measured."""
 
-    rivals: Sequence[RivalPlanner]
-    repeats: int
-    meter: EnergyMeter
-    harness: Harness
-    arriving: Arriving
-    sensors: Sensors | None
-    trace: Trace | None
+    def __init__(
+        self, profile: Profile, rivals: Sequence[RivalPlanner], sensors: Sensors | None, trace: Trace | None
+    ) -> None:
+        self._profile, self._rivals, self._sensors, self._trace = profile, rivals, sensors, trace
+        self._harness, self._meter = Harness(), EnergyMeter()
 
     def measure(
-        self, on_map: ProfileMap, queries: list[ProfileQuery], of: WorkloadRun, half: int, disturbance: Disturbance
+        self, on_map: Case, queries: list[Endpoints], of: WorkloadRun, half: int, disturbance: Disturbance
     ) -> None:
         """Have all planners answer the queries on one map, and count the answers."""
-        rivals = {rival.name: rival for rival in self.rivals}
-        planners = {name: _planner(rival, on_map) for name, rival in rivals.items()}
+        rivals = {rival.name: rival for rival in self._rivals}
+        planners = {name: rival.planner(on_map.standing) for name, rival in rivals.items()}
 
-        def call(name: str) -> Callable[[ProfileQuery], Plan]:
-            return lambda query: rivals[name].plan(planners[name], query.ends)
+        def call(name: str) -> Callable[[Endpoints], Plan]:
+            return lambda query: rivals[name].plan(planners[name], query)
 
-        counters, worked_s = list[int](), 0.0
+        energy, worked_s = self._meter.read(), 0.0
 
         def before(name: str) -> None:
-            nonlocal counters, worked_s
-            if on_map.has_body:
-                planners[name] = _planner(rivals[name], on_map)
-            if self.sensors is not None and self.sensors.due():
-                disturbance.left_out(self.sensors.read)
-            counters, worked_s = self.meter.read(), time.thread_time()
+            nonlocal energy, worked_s
+            if on_map.ground.vehicle is not None:
+                planners[name] = rivals[name].planner(on_map.standing)
+            if self._sensors is not None and self._sensors.due():
+                disturbance.left_out(self._sensors.read)
+            energy, worked_s = self._meter.read(), time.thread_time()
 
         def after(name: str, elapsed_s: float, plan: Plan) -> None:
             ended, worked = time.perf_counter(), time.thread_time() - worked_s
-            of.answers[name].energy_j += self.meter.joules(counters, self.meter.read())
+            of.answers[name].energy_mj.append(self._meter.since_mj(energy))
             if plan.method is Method.NNPP:  # this thread may have waited for threads of its own
                 disturbance.leave_out(elapsed_s, worked)
-            if self.trace is not None:
+            if self._trace is not None:
                 facts = {"expansions": plan.expansions}
-                self.trace.span(name, ended - elapsed_s, ended, plan.timings_ms, facts=facts)
+                self._trace.span(name, ended - elapsed_s, ended, plan.timings_ms, facts=facts)
 
         calls = {name: call(name) for name in rivals}
         for answer in calls.values():
             answer(queries[0])  # the map's own work, and warm caches
-        began = time.perf_counter()
+        began, repeats = time.perf_counter(), self._profile.load.repeats
         disturbance.start()
-        for records in self.harness.measure(calls, queries, repeats=self.repeats, before=before, after=after):
+        for records in self._harness.measure(calls, queries, repeats=repeats, before=before, after=after):
             for name in rivals:
                 of.answers[name].add(records[name], half)
             for name, rival in rivals.items():  # last, so that no planner follows what others do not
-                if rival.method is Method.NNPP and rival.model is not None and not on_map.has_body:
+                if rival.method is Method.NNPP and rival.model is not None and on_map.ground.vehicle is None:
                     # on the map that it was shown last, encoded anew, and a query
-                    seconds, _ = disturbance.left_out(partial(self.harness.timed, rival.model.try_out))
+                    seconds, _ = disturbance.left_out(partial(self._harness.timed, rival.model.try_out))
                     of.answers[name].figures[half][-1]["network_ms"] = 1e3 * seconds
         disturbance.stop()
-        self._trace(f"{of.workload} {of.size}², half {half + 1}", began)
+        self._span(f"{of.workload} {of.size}², half {half + 1}", began)
 
-    def measure_arriving(self, on_map: ProfileMap, queries: list[ProfileQuery], of: WorkloadRun, half: int) -> None:
-        """Have some planners answer the judged queries on one map as if it had just arrived; run the loop on it."""
-        judged = [query.ends for query in queries if query.judged]
-        for rival in self.rivals:
-            if not judged or rival.name not in self.arriving.planners:
-                continue
+    def measure_arriving(self, on_map: Case, queries: list[Endpoints], of: WorkloadRun, half: int) -> None:
+        """Have some planners answer the queries on one map as if it had just arrived; run the loop on it."""
+        profile, ground = self._profile, on_map.ground
+        for rival in (each for each in self._rivals if each.name in profile.arriving):
             own, began = rival.apart(), time.perf_counter()
-            arrival_ms(own, on_map.ground, judged[0], self.harness)  # kernels loaded
+            arrival_ms(own, ground, queries[0], self._harness)  # kernels loaded
             for query, figures in zip(queries, of.answers[rival.name].figures[half][-len(queries) :], strict=True):
-                if query.judged:
-                    times = [arrival_ms(own, on_map.ground, query.ends, self.harness) for _ in range(self.repeats)]
-                    figures["map_ms"], figures["patch_ms"] = np.median(times, axis=0).tolist()
-            self._trace(f"maps that have just arrived, {rival.name}", began)
-        if (of.workload, of.size) in self.arriving.reactions_at and judged and len(of.reactions) == half:
-            loop, patches = self.arriving.loop, self.arriving.patches
-            of.reactions.append(reactions(on_map.ground, judged, loop, patches, trace=self.trace))
+                times = [arrival_ms(own, ground, query, self._harness) for _ in range(profile.load.repeats)]
+                figures["map_ms"], figures["patch_ms"] = np.median(times, axis=0).tolist()
+            self._span(f"maps that have just arrived, {rival.name}", began)
+        if (of.workload, of.size) in profile.reactions_at and len(of.reactions) == half:
+            of.reactions.append(reactions(ground, queries, profile.loop, trace=self._trace))
 
-    def _trace(self, name: str, began_s: float) -> None:
-        if self.trace is not None:
-            self.trace.span(name, began_s, time.perf_counter())
-
-
-def _planner(rival: RivalPlanner, on_map: ProfileMap) -> FindsPlans:
-    return rival.planner_of(on_map.ground, lazy=True) if on_map.has_body else rival.planner(on_map.cost)
+    def _span(self, name: str, began_s: float) -> None:
+        if self._trace is not None:
+            self._trace.span(name, began_s, time.perf_counter())

@@ -2,13 +2,12 @@
 
 import re
 import shlex
-import shutil
 import tomllib
 from collections.abc import Collection
 from importlib.resources import files
 from itertools import product
 from pathlib import Path
-from typing import Annotated, NamedTuple, TypeVar, cast
+from typing import Annotated, NamedTuple, TypeVar, cast, get_args
 
 import msgspec
 from msgspec import Meta
@@ -117,15 +116,12 @@ class Load(Table, frozen=True):
     """Side of a cell in metres that the terrain is rescaled to, slopes kept."""
     cell_size: _Positive | None = None
     """Side of a cell in metres, where the files do not say."""
-    allow_vrt: bool = False
     workloads: _Names = ("soft",)
     vehicle: str | None = None
     """Name of a shipped one or a TOML file: whose the workloads ``body`` and ``body-rocksN`` are."""
     sizes: Annotated[tuple[Annotated[int, Meta(ge=16, le=1 << 15)], ...], Meta(min_length=1)] = (256,)
     queries: _Count = 60
     """For each workload and size."""
-    near: _Whole = 20
-    """Queries of shorter distances besides, which only the break-even is found from."""
     repeats: _Count = 2
     """Times each planner answers each query, in each half of the run."""
     min_distance: Annotated[float, Meta(gt=0.0, le=1.0)] = 0.35
@@ -152,15 +148,6 @@ class Networks(Table, frozen=True):
     int8: str = "edge"
     fp32: str | None = None
     """None: not measured."""
-
-
-class Stability(Table, frozen=True):
-    """When a run is called noisy."""
-
-    halves: _Positive = 0.15
-    """Share by which the medians of the two halves of the run may differ."""
-    disturbance: _Positive = 0.10
-    """Share of the cores' time that others may take."""
 
 
 class OnboardLoop(Table, frozen=True):
@@ -196,27 +183,11 @@ class Contention(Table, frozen=True):
     """So many that compute without a pause, each a process of its own."""
     command: tuple[str, ...] = ()
     """A program and its words, run without a shell, in place of the threads. It must not end before the run does."""
-    cores: tuple[_Core, ...] = ()
-    """To keep it on; by default the device's."""
-
-    def __post_init__(self) -> None:
-        self.check_different("cores")
-        self.refuse_unless(not (self.threads and self.command), "threads", "threads or a command, not both")
-
-    @property
-    def wanted(self) -> bool:
-        """Whether anything runs beside."""
-        return bool(self.threads or self.command)
 
     @property
     def words(self) -> str:
-        """In words."""
-        return shlex.join(self.command) if self.command else f"{self.threads} busy thread{'s' * (self.threads > 1)}"
-
-    def check(self) -> None:
-        """ProfileError if this machine cannot run the command."""
-        if self.command and shutil.which(self.command[0]) is None:
-            raise ProfileError(f"contention.command: wanted a program that can be run here, got {self.command[0]!r}")
+        """Words on what runs; empty where nothing does."""
+        return shlex.join(self.command) or f"{self.threads} busy thread(s)" * bool(self.threads)
 
 
 class Budget(Table, frozen=True):
@@ -242,8 +213,6 @@ class Budget(Table, frozen=True):
     def check(self, profile: "Profile") -> None:
         """Refuse what this profile does not measure."""
         self.check_choice("planner", (LOOP,) if QUANTITIES[self.quantity].of_loop else profile.measured)
-        known = self.quantity != "int8_speedup" or profile.networks.fp32 is not None
-        self.refuse_unless(known, "quantity", "one that is measured (model.fp32 is not set)")
         if self.workload is not None:
             self.check_choice("workload", profile.load.workloads)
         sizes = profile.load.sizes
@@ -260,7 +229,6 @@ class Profile(Table, frozen=True):
     device: Device = Device()
     load: Load = msgspec.field(default_factory=Load, name="workload")
     networks: Networks = msgspec.field(default_factory=Networks, name="model")
-    stability: Stability = Stability()
     budgets: tuple[Budget, ...] = ()
     loop: OnboardLoop = OnboardLoop()
     contention: Contention = Contention()
@@ -349,24 +317,10 @@ def _changed(table: TableT, changes: dict[str, object]) -> TableT:
     return _converted(asdict(table) | given, type(table))
 
 
-_LISTS = {
-    "device": ("cores",),
-    "loop": ("cores",),
-    "contention": ("cores", "command"),
-    "workload": ("terrain", "workloads", "sizes"),
-}
-"""Keys, by table, whose value may stand alone."""
-
-
 def _profile(content: Facts, name: str) -> Profile:
-    for place, keys in _LISTS.items():
-        table = content.get(place)
-        for key in keys:
-            if isinstance(table, dict) and key in table and not isinstance(table[key], list):
-                table[key] = [table[key]]
-    read = _converted({"title": name, **content, "name": content.get("name", name)}, Profile)
     if "name" in content:
-        raise ProfileError("name is unknown: wanted one of " + ", ".join(_known("")))
+        raise ProfileError("name: a profile is called by its file, got a key")
+    read = _converted({"title": name, **content, "name": name}, Profile)
     inherited = {"cores": read.device.cores, "model": read.networks.int8}
     loop = replace(read.loop, **{key: inherited[key] for key in inherited.keys() - content.get("loop", {}).keys()})
     whose = {each: LOOP if QUANTITIES[each.quantity].of_loop else read.planner for each in read.budgets}
@@ -374,11 +328,9 @@ def _profile(content: Facts, name: str) -> Profile:
     profile = replace(read, loop=loop, budgets=budgets)
     if profile.planner not in profile.measured:
         raise ProfileError(f"planner: wanted one that is measured (model.fp32 is not set), got {profile.planner!r}")
-    names = [budget.name for budget in budgets]
     for at, budget in enumerate(budgets):
         try:
             budget.check(profile)
-            budget.refuse_unless(budget.name not in names[:at], "name", "a name of its own")
         except ValueError as error:
             raise ProfileError(f"budgets[{at}].{error}") from None
     return profile
@@ -390,42 +342,19 @@ def _converted(content: Facts, kind: type[TableT]) -> TableT:
         return msgspec.convert(content, kind)
     except msgspec.ValidationError as error:
         problem, _, place = str(error).replace("`", "").partition(" - at $")
-        raise ProfileError(_explained(problem, place.strip("."), content)) from None
+        value: object = content
+        for key in re.findall(r"\w+", place):
+            value = value[int(key) if isinstance(value, list | tuple) else key]  # type: ignore[index]
+        if problem.startswith("Expected"):
+            problem = f"{problem.partition(', got')[0]}, got {value!r}"
+        elif problem.startswith("Object contains unknown"):
+            problem += f": wanted one of {', '.join(_keys(kind, place))}"
+        between = ": " if problem.startswith(("Expected", "Object")) else "."  # ours begin with the key
+        raise ProfileError(f"{place[1:]}{between}{problem}" if place else problem) from None
 
 
-def _known(place: str) -> list[str]:
-    """Keys of a table of the file."""
-    tables = {field.encode_name: field.type for field in fields(Profile)} | {"": Profile, "budgets": Budget}
-    return [field.encode_name for field in fields(tables[place]) if (place, field.name) != ("", "name")]
-
-
-_WORDS = {
-    "object": "a table",
-    "array": "a list",
-    "str": "text",
-    "int": "a whole number",
-    "float": "a number",
-    "bool": "true or false",
-    " | null": "",
-    ">=": "of at least",
-    "<=": "of at most",
-    ">": "above",
-}
-"""Kinds of values, in msgspec's words and in ours."""
-
-
-def _explained(problem: str, place: str, content: Facts) -> str:
-    """msgspec's sentence on a key as ours, with the value that came."""
-    before = f"{place}." if place else ""
-    if unknown := re.fullmatch(r"Object contains unknown field (.*)", problem):
-        return f"{before}{unknown[1]} is unknown: wanted one of {', '.join(_known(place.partition('[')[0]))}"
-    if missing := re.fullmatch(r"Object missing required field (.*)", problem):
-        return f"{before}{missing[1]} is missing"
-    if not problem.startswith("Expected "):
-        return before + problem
-    wanted = problem.removeprefix("Expected ").partition(", got")[0]
-    for theirs, ours in _WORDS.items():
-        wanted = wanted.replace(theirs, ours)
-    for key in re.findall(r"\w+", place):
-        content = content[int(key) if isinstance(content, list | tuple) else key]
-    return f"{place}: wanted {wanted}, got {content!r}"
+def _keys(kind: type[Table], place: str) -> list[str]:
+    """The keys of the table at that place, ``.device`` or ``.budgets[0]``, of a table; a profile's name is none."""
+    inner = {each.encode_name: each.type for each in fields(kind)}.get(place.strip(".[]0123456789"), kind)
+    table = next(iter(get_args(inner)), inner)
+    return [each.encode_name for each in fields(table) if (table, each.name) != (Profile, "name")]

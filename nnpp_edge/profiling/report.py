@@ -1,18 +1,15 @@
 """A profile's report: the run, what it cost besides time, budgets and verdict. Keys as in docs/profile.md."""
 
-import resource
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
 from datetime import UTC, datetime
 
 from nnpp_edge import __version__
-from nnpp_edge.profiling.break_even import break_even
-from nnpp_edge.profiling.contention import running
+from nnpp_edge.profiling.contention import check, running
 from nnpp_edge.profiling.contest import Facts
-from nnpp_edge.profiling.figures import loaded_rows, loop_rows, rows
-from nnpp_edge.profiling.judge import Noise, WholeRun, judged, summary, verdict
+from nnpp_edge.profiling.figures import break_even, loaded_rows, loop_rows, rows
+from nnpp_edge.profiling.judge import MOST_DISTURBED, Noise, WholeRun, judged, summary, verdict
 from nnpp_edge.profiling.machine import Disturbance, busy_share, environment, pinned
-from nnpp_edge.profiling.measure import Arriving, Run, queries_in, rivals_of, run
+from nnpp_edge.profiling.measure import Run, queries_in, rivals_of, run
 from nnpp_edge.profiling.processes import peak_memory_mb, start_up_s
 from nnpp_edge.profiling.profile_file import SYNTHETIC, Profile
 from nnpp_edge.profiling.profile_maps import ProfileMaps
@@ -26,66 +23,50 @@ SCHEMA = 1
 _START_UP = ("astar", "corridor", "nnpp", "auto")
 
 
-@dataclass(frozen=True)
-class Watchers:
-    """Called while the run goes on."""
-
-    progress: Callable[[int], None] = lambda done: None
-    """With the number of queries that are done."""
-    say: Callable[[str], None] = lambda line: None
-    """With a line for people, at once."""
-    trace: Trace | None = None
-    """Is given every call, tick and reading."""
-
-
 def profile_machine(
-    profile: Profile, *, start_up: bool = False, notes: Sequence[str] = (), watchers: Watchers | None = None
+    profile: Profile,
+    *,
+    start_up: bool = False,
+    notes: Sequence[str] = (),
+    progress: Callable[[int], None] = lambda done: None,
+    say: Callable[[str], None] = lambda line: None,
+    trace: Trace | None = None,
 ) -> Facts:
     """Pin, warm up, measure, judge: the report that docs/profile.md describes, ready for JSON.
 
     `start_up` also measures the time from import to first plan, which takes a minute; without it that is done only
-    where a budget asks for it. `notes` are put before the report's own. NnppEdgeError if a terrain or model file
-    cannot be used, or the terrain has too few queries with a path.
+    where a budget asks for it. `notes` are put before the report's own. `progress` is called with the number of
+    queries that are done, `say` with a line for people, at once; `trace` is given every call, tick and reading.
+    NnppEdgeError if a terrain or model file cannot be used, or the terrain has too few queries with a path.
     """
-    watchers, said, load = watchers or Watchers(), list(notes), profile.load
-    profile.contention.check()
+    said, load = list(notes), profile.load
+    check(profile.contention)
     with pinned(profile.device.cores) as (cores, problems):
-        if (busy := busy_share(cores)) is not None and busy > profile.stability.disturbance:
+        if (busy := busy_share(cores)) is not None and busy > MOST_DISTURBED:
             problems.append(f"others use {100 * busy:.0f} % of the cores' time before the run begins")
         for line in problems:
             said.append(line)
-            watchers.say(line)
+            say(line)
         rivals, sensors = rivals_of(profile.networks, profile.device), Sensors(cores)
-        arriving = Arriving(profile.arriving, profile.reactions_at, profile.loop)
-        measured = run(
-            rivals,
-            load,
-            cores,
-            arriving=arriving,
-            sensors=sensors,
-            trace=watchers.trace,
-            progress=watchers.progress,
-        )
+        measured = run(profile, rivals, cores, sensors=sensors, trace=trace, progress=progress)
         contention = None
-        if profile.contention.wanted:
-            beside, done = profile.contention.words, queries_in(load)
-            watchers.say(f"once more, beside {beside}")
-            with running(profile.contention, cores) as ended_early:
-                loaded = run(
-                    rivals, load, cores, arriving=arriving, progress=lambda more: watchers.progress(done + more)
-                )
+        if beside := profile.contention.words:
+            done = queries_in(load)
+            say(f"once more, beside {beside}")
+            with running(profile.contention) as ended_early:
+                loaded = run(profile, rivals, cores, progress=lambda more: progress(done + more))
                 said += ended_early()
-            contention = {"beside": beside, "rows": loaded_rows(measured, loaded), "halves": _halves(loaded)}
-        own_peak_mb = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * 1.024e-3
-        whole_run = _whole_run(profile, rivals, start_up, watchers.say)
-    results, loop = rows(measured), loop_rows(measured)
+            both = loaded_rows(measured, loaded, profile.loop)
+            contention = {"beside": beside, "rows": both, "halves": _halves(loaded)}
+        whole_run = _whole_run(profile, rivals, start_up, say)
+    results, loop = rows(measured), loop_rows(measured, profile.loop)
     if load.terrain != (SYNTHETIC,):
         made = {row["size"] for row in results if row["terrain"] == SYNTHETIC}
         said += [f"no terrain has {size} × {size} cells: synthetic ground in its place" for size in sorted(made)]
-    if watchers.trace is not None:
-        watchers.trace.sensors(sensors.readings)
+    if trace is not None:
+        trace.sensors(sensors.readings)
     slowed = throttling(sensors.readings, sensors.limits)
-    noise = _noise(measured.disturbance, profile.stability.disturbance, slowed)
+    noise = _noise(measured.disturbance, slowed)
     lines = judged(profile, results, whole_run, noise, loop)
     of_points = [row for row in results if body_rocks(row["workload"]) is None]
     ending = verdict(lines, noise)
@@ -104,8 +85,6 @@ def profile_machine(
         "contention": contention,
         "sensors": sensor_facts(sensors.readings, sensors.limits),
         "besides": whole_run,
-        "profiler_peak_memory_mb": own_peak_mb,
-        "energy_problem": measured.energy_problem or None,
         "cores": cores,
         "environment": environment(cores),
         "notes": said,
@@ -145,13 +124,13 @@ def _halves(measured: Run) -> list[Facts]:
     ]
 
 
-def _noise(halves: Sequence[Disturbance], allowed: float, slowed: Throttling) -> Noise:
+def _noise(halves: Sequence[Disturbance], slowed: Throttling) -> Noise:
     """Time of others in the half in which they took most, in words; no words where that is allowed."""
     at, worst = max(enumerate(halves), key=lambda half: half[1].share())
     signs = []
-    if (others := worst.others_share() or 0.0) > allowed:
+    if (others := worst.others_share() or 0.0) > MOST_DISTURBED:
         signs.append(f"others took {100 * others:.0f} % of the cores' time")
-    if (waited := worst.waited_share()) > allowed:
+    if (waited := worst.waited_share()) > MOST_DISTURBED:
         signs.append(f"the planners stood still for {100 * waited:.0f} % of theirs")
     words = f"{' and '.join(signs)} in the {('first', 'second')[at]} half of the run" if signs else ""
     return Noise(words, worst.share(), slowed)

@@ -2,9 +2,7 @@
 
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
-from typing import Protocol
 
-from nnpp_edge.runtime.arrays import Float2D
 from nnpp_edge.runtime.cells import Cell, Endpoints
 from nnpp_edge.runtime.map.ground import Ground
 from nnpp_edge.runtime.map.state import MapState, map_state
@@ -17,15 +15,6 @@ from nnpp_edge.runtime.tuning import LEARNED_CORRIDOR, WIDENED_CORRIDOR, Corrido
 
 EXACT = "astar"
 """The rival that all others are compared with."""
-Queries = tuple[Endpoints, ...]
-"""Starts and goals that one planner answers one after the other."""
-
-
-class FindsPlans(Protocol):
-    """`Planner`, as far as rivals need it."""
-
-    def plan(self, start: Cell, goal: Cell, *, method: str, keep_regions: bool = False) -> Plan:
-        """As `Planner.plan`."""
 
 
 class CorridorAlone:
@@ -46,6 +35,9 @@ class CorridorAlone:
         return replace(plan, planner=method)
 
 
+FindsPlans = Planner | CorridorAlone
+
+
 @dataclass(frozen=True)
 class RivalPlanner:
     """A planner under its name in a report."""
@@ -61,16 +53,8 @@ class RivalPlanner:
         """The answer of a planner of the rival's own."""
         return planner.plan(*query, method=self.method, keep_regions=keep_regions)
 
-    def planner(self, cost: Float2D, ground: Ground | None = None) -> FindsPlans:
-        """A planner of its own for a map; `ground` is what it was made from, by which directed steps cost."""
-        if ground is not None and ground.by_slope:
-            return self.planner_of(ground, lazy=False)
-        if self.width is not None:
-            return CorridorAlone(map_state(Ground(cost)), self.width)
-        return Planner(cost, model=self.model or "edge")
-
-    def planner_of(self, ground: Ground, *, lazy: bool) -> FindsPlans:
-        """A planner of its own for elevations."""
+    def planner(self, ground: Ground, *, lazy: bool = True) -> FindsPlans:
+        """A planner of its own for a map."""
         if self.width is not None:
             return CorridorAlone(map_state(ground, lazy=lazy), self.width)
         return Planner(ground, model=self.model or "edge", lazy=lazy)
@@ -78,27 +62,6 @@ class RivalPlanner:
     def apart(self) -> "RivalPlanner":
         """With a network that no other planner uses: what that has been shown of a map is not kept."""
         return replace(self, model=self.model and self.model.share())
-
-
-class FreshMap:
-    """A rival on a map that has just arrived: a function of queries that makes one planner from elevations for them.
-
-    The planner is kept until `forget` is called: to give its memory back is no part of planning. The rival must be
-    `apart`.
-    """
-
-    def __init__(self, rival: RivalPlanner, ground: Ground, *, lazy: bool = True) -> None:
-        self.rival, self._ground, self._lazy = rival, ground, lazy
-        self._planner: FindsPlans | None = None
-
-    def __call__(self, queries: Queries) -> tuple[Plan, ...]:
-        """From elevations to the plans."""
-        self._planner = self.rival.planner_of(self._ground, lazy=self._lazy)
-        return tuple([self.rival.plan(self._planner, query) for query in queries])
-
-    def forget(self) -> None:
-        """Give the planner's memory back."""
-        self._planner = None
 
 
 def exact_and(methods: Iterable[str], models: Mapping[str, NetworkModel]) -> list[RivalPlanner]:

@@ -1,7 +1,7 @@
 """Clocks and temperatures while a machine is measured, as far as the kernel tells, and whether it was throttled."""
 
 import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -45,17 +45,10 @@ class Limits:
 class Sensors:
     """The sensors below `root`: cpufreq and the thermal counter of these cores, and all thermal zones.
 
-    Readings are kept, and none is `due` sooner than `every_s` seconds after the one before.
+    Readings are kept, and none is `due` sooner than `EVERY_S` seconds after the one before.
     """
 
-    def __init__(
-        self,
-        cores: Sequence[int],
-        root: Path = Path("/sys"),
-        every_s: float = EVERY_S,
-        clock: Callable[[], float] = time.monotonic,
-    ) -> None:
-        self._every_s, self._clock, self._next_s = every_s, clock, float("-inf")
+    def __init__(self, cores: Sequence[int], root: Path = Path("/sys")) -> None:
         self.readings: list[Reading] = []
         self._cores = {str(core): root / f"devices/system/cpu/cpu{core}" for core in cores}
         zones = sorted((root / "class/thermal").glob("thermal_zone*"))
@@ -67,7 +60,7 @@ class Sensors:
 
     def due(self) -> bool:
         """Whether it is time for the next reading."""
-        return self._clock() >= self._next_s
+        return not self.readings or time.perf_counter() >= self.readings[-1].at_s + EVERY_S
 
     def read(self) -> Reading:
         """A reading of now; a file that cannot be read is left out."""
@@ -81,7 +74,6 @@ class Sensors:
             int(sum(known)) if known else None,
         )
         self.readings.append(reading)
-        self._next_s = self._clock() + self._every_s
         return reading
 
     def _clocks(self, file: str) -> dict[str, float]:

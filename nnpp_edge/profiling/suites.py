@@ -1,7 +1,7 @@
 """Maps and queries to judge planners by, from terrain files or from a data set."""
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from importlib.resources import files
 from pathlib import Path
@@ -13,6 +13,8 @@ from nnpp_edge.runtime.cells import Endpoints
 from nnpp_edge.runtime.errors import DataSetError, InvalidQueryError
 from nnpp_edge.runtime.map.ground import Ground
 from nnpp_edge.runtime.map.poses import pose_costs
+from nnpp_edge.runtime.planners.plan import Method
+from nnpp_edge.runtime.planners.planner import Planner
 from nnpp_edge.runtime.terrain.traversability import Traversability
 from nnpp_edge.runtime.terrain.vehicle import Vehicle
 from nnpp_edge.terrain.dataset import read_recipe, read_shards
@@ -56,16 +58,18 @@ class Case:
     """(H, W) traversability cost."""
     queries: tuple[Endpoints, ...]
     """Start and goal both passable, a vehicle's in some heading; whether they are connected is not known yet."""
-    ground: Ground | None = None
-    """Source of the costs; None where that is not known."""
-    least_distance: float = 0.0
-    """Cells between start and goal at least."""
+    ground: Ground
+    """Source of the costs: elevations, or of a data set the costs themselves."""
 
-    def more_queries(self) -> Iterator[Endpoints]:
-        """Other random queries, always the same ones; they end where no fitting one is found."""
-        rng = np.random.default_rng(np.ravel(self.queries))
-        while (query := random_query(rng, self.cost, self.least_distance)) is not None:
-            yield query
+    @property
+    def standing(self) -> Ground:
+        """For planners on a standing map: the costs, but elevations where a vehicle's poses or the slope decide."""
+        return self.ground if self.ground.vehicle is not None or self.ground.by_slope else Ground(self.cost)
+
+    def connections(self) -> Callable[[Endpoints], bool]:
+        """Whether there is a path, as a function of the query."""
+        planner = Planner(self.standing)
+        return lambda query: planner.plan(*query, method=Method.CORRIDOR).ok
 
 
 @dataclass(frozen=True)
@@ -77,25 +81,20 @@ class TerrainFiles:
     """Side of a cell in metres that the terrain is rescaled to, its slopes kept."""
     cell_size: float | None = None
     """Side of a cell in metres, where the files do not say."""
-    allow_vrt: bool = False
 
     @classmethod
     def or_sample(
-        cls,
-        paths: Sequence[Path],
-        rescale: float | None = None,
-        cell_size: float | None = None,
-        allow_vrt: bool = False,
+        cls, paths: Sequence[Path], rescale: float | None = None, cell_size: float | None = None
     ) -> "TerrainFiles":
         """These files; without any, the sample that travels with the package, at cells of 20 m by default."""
         if paths:
-            return cls(tuple(paths), rescale, cell_size, allow_vrt)
+            return cls(tuple(paths), rescale, cell_size)
         sample = Path(str(files("nnpp_edge.terrain") / "samples" / _SAMPLE_FILE))
         return cls((sample,), rescale or _SAMPLE_CELL_M, None)
 
     def read(self) -> list[Dem]:
         """Every file's terrain; TerrainError if one cannot be read."""
-        dems = [read_dem(path, self.cell_size, allow_vrt=self.allow_vrt) for path in self.paths]
+        dems = [read_dem(path, self.cell_size) for path in self.paths]
         return dems if self.rescale is None else [dem.rescaled(self.rescale) for dem in dems]
 
 
@@ -177,7 +176,7 @@ def terrain_cases(
         queries = [query for _ in range(QUERIES_PER_MAP) if (query := random_query(rng, cost, least)) is not None]
         in_vain = 0 if queries else in_vain + 1
         if queries:
-            yield Case(name, size, cost, tuple(queries), ground, least)
+            yield Case(name, size, cost, tuple(queries), ground)
     raise InvalidQueryError(
         f"no two passable cells {least:.0f} apart were found in {_TRIES} maps of {rows} × {cols} for the workload "
         f"{name}"
@@ -197,6 +196,6 @@ def dataset_cases(folder: Path, name: str) -> Iterator[Case]:
             ends = np.rint(np.stack([shard["start"][of_map], shard["goal"][of_map]], axis=1)).astype(int)
             queries = tuple(((int(a[0]), int(a[1])), (int(b[0]), int(b[1]))) for a, b in ends)
             found = True
-            yield Case(name, recipe.size, cost, queries)
+            yield Case(name, recipe.size, cost, queries, Ground(cost))
     if not found:
         raise DataSetError(f"{folder}: holds no map of the workload {name} at full resolution")

@@ -12,7 +12,7 @@ from nnpp_edge.reproduction import drawing, paper
 from nnpp_edge.reproduction.episode import STRIDE, Episode, Step, make_episode
 from nnpp_edge.reproduction.experiment import MAPS_TRIED, Context, Result, experiment
 from nnpp_edge.reproduction.findings import Finding, Own, judge, judge_increase, judge_speedup
-from nnpp_edge.reproduction.paper import ASTAR, ASTAR_NN, DSTAR, DSTAR_NN, DYNAMIC, NEAR, STATIC
+from nnpp_edge.reproduction.paper import ASTAR, ASTAR_NN, DSTAR, DSTAR_NN, DYNAMIC, STATIC
 from nnpp_edge.reproduction.plain import PlainDStar
 from nnpp_edge.reproduction.planners import (
     PLAIN,
@@ -37,18 +37,12 @@ PLAIN_ASTARS = (PLAIN, PLAIN_NN, PLAIN_CONTROLS[CORRIDOR])
 PLANNERS = (*PLAIN_ASTARS, PLAIN_DSTAR, PLAIN_DSTAR_NN, PLAIN_DSTAR_CORRIDOR, *COMPILED)
 LEAST_DISTANCE = 0.7
 """Between start and goal, as a share of the map's side: four plans or more at 256²."""
-NEAR_STRIDE = 5
-"""Cells that the robot walks between two plans where the map changes near it."""
 OURS_OF = {ASTAR: (PLAIN, "astar"), ASTAR_NN: (PLAIN_NN, "nnpp"), DSTAR: (PLAIN_DSTAR, "dstar")}
 OURS_OF |= {DSTAR_NN: (PLAIN_DSTAR_NN, "nnpp-dstar")}
 """For each of the paper's methods ours: plain and compiled."""
 _COMPARED = [(ASTAR, ASTAR_NN, STATIC), (ASTAR, ASTAR_NN, DYNAMIC), (ASTAR, DSTAR, DYNAMIC)]
-_COMPARED += [(slow, DSTAR_NN, scene) for scene in (DYNAMIC, NEAR) for slow in (DSTAR, ASTAR_NN)]
+_COMPARED += [(DSTAR, DSTAR_NN, DYNAMIC), (ASTAR_NN, DSTAR_NN, DYNAMIC)]
 """The paper's methods whose times are compared in Table 4, and in which scene."""
-_CONTROLS_NOTE = (
-    "a *corridor* in place of the network's region: for the plain methods the blocks nearest to the path over the "
-    "map averaged to blocks, as many as the network's region; for ours `corridor` and `corridor-dstar`"
-)
 
 
 def stride_on(size: int) -> int:
@@ -56,15 +50,12 @@ def stride_on(size: int) -> int:
     return min(STRIDE, max(STRIDE * size // 256, 1))
 
 
-def find_episodes(context: Context, size: int, count: int, *, near: bool = False) -> list[Episode]:
-    """So many episodes on crops of the terrain: the paper's scene, or the one whose changes stay near the robot.
-
-    InvalidQueryError if too few have a way.
-    """
-    stride, found = NEAR_STRIDE if near else stride_on(size), list[Episode]()
+def find_episodes(context: Context, size: int, count: int) -> list[Episode]:
+    """So many episodes on crops of the terrain; InvalidQueryError if too few have a way."""
+    found = list[Episode]()
     for at, case in enumerate(islice(context.cases(size, LEAST_DISTANCE), MAPS_TRIED * count)):
         with suppress(InvalidQueryError):
-            found.append(make_episode(case.cost, *case.queries[0], context.seed + at, stride, near=near))
+            found.append(make_episode(case.cost, *case.queries[0], context.seed + at, stride_on(size)))
         if len(found) == count:
             return found
     raise InvalidQueryError(f"wanted {count} maps of {size} × {size} cells with a path, got {len(found)}")
@@ -136,10 +127,7 @@ def _repaired(here: OneMap, dstars: dict[str, PlainDStar], harness: Harness) -> 
 _QUICK = {"size": 128, "repeats": 1}
 
 
-@experiment(
-    *("Table 3 and Fig. 16", "Planning anew as the map changes, plan by plan", {**_QUICK, "episodes": 3}),
-    controls=_CONTROLS_NOTE,
-)
+@experiment("Table 3 and Fig. 16", "Planning anew as the map changes, plan by plan", {**_QUICK, "episodes": 3})
 def table3(context: Context, *, size: int = 256, episodes: int = 12, repeats: int = 5) -> Result:
     """One episode, every plan of it by all planners: of so many the one with as many plans as the paper's."""
     size, frames = context.one_size(size), len(paper.TABLE_3.of(ASTAR))
@@ -147,21 +135,16 @@ def table3(context: Context, *, size: int = 256, episodes: int = 12, repeats: in
     context.progress(0.2)
     rows = drive(episode, context.networks, repeats)
     context.progress(0.6)
-    views = view_episode(episode, context.networks.paper)
+    views = [
+        drawing.view_plan(episode.map_at(at), (step.start, episode.goal), context.networks.paper, step.patches)
+        for at, step in enumerate(episode.steps)
+    ]
     figure = drawing.new_figure(2.7 * len(views), 3.4)
     panels = figure.subplots(1, len(views), squeeze=False)[0]
     for at, (axes, view) in enumerate(zip(panels, views, strict=True)):
         drawing.draw_view(axes, view, drawing.frame(at), before=views[at - 1] if at else None)
     drawing.map_legend(figure, panels[min(1, len(views) - 1)])
     return Result(rows, ("plan", "planner"), table3_findings(rows), figure, [*paper.TABLE_3, *rows])
-
-
-def view_episode(episode: Episode, model: NetworkModel) -> list[drawing.View]:
-    """Every plan of an episode, as the paper's method sees it."""
-    return [
-        drawing.view_plan(episode.map_at(at), (step.start, episode.goal), model, step.patches)
-        for at, step in enumerate(episode.steps)
-    ]
 
 
 def table3_findings(rows: Rows) -> list[Finding]:
@@ -195,62 +178,53 @@ def _speedups(slow: str, fast: str, theirs: float, rows: Rows, where: str = "") 
         yield judge_speedup(claim, theirs, rows, pair)
 
 
-@experiment(
-    *("Table 4", "Five maps, standing still and changing", {**_QUICK, "maps": 2}),
-    controls=_CONTROLS_NOTE,
-)
+@experiment("Table 4", "Five maps, standing still and changing", {**_QUICK, "maps": 2})
 def table4(context: Context, *, size: int = 256, maps: int = 5, repeats: int = 5) -> Result:
-    """Two episodes on each of some maps, by all planners: changes anywhere, and near the robot."""
-    size, rows = context.one_size(size), Rows()
-    for near, scene in enumerate((DYNAMIC, NEAR)):
-        for at, episode in enumerate(find_episodes(context, size, maps, near=bool(near)), 1):
-            rows += [{"scene": scene, "map": at, **row} for row in drive(episode, context.networks, repeats)]
-            context.progress((near * maps + at) / (2 * maps))
-    rows = Rows([{**row, "scene": STATIC} for row in rows.of(scene=DYNAMIC, plan=0)] + rows)
+    """An episode on each of some maps, by all planners; its first plan is that of the map standing still."""
+    rows = Rows()
+    for at, episode in enumerate(find_episodes(context, context.one_size(size), maps), 1):
+        rows += [{"scene": DYNAMIC, "map": at, **row} for row in drive(episode, context.networks, repeats)]
+        context.progress(at / maps)
+    rows = Rows([{**row, "scene": STATIC} for row in rows.of(plan=0)] + rows)
     everything = Rows([*paper.TABLE_4, *rows])
     picture = drawing.bars({str(scene): of for (scene,), of in everything.by("scene").items()})
     return Result(rows, ("scene", "planner"), table4_findings(rows), picture, everything, totals=True)
-
-
-def _theirs(slow: str, fast: str, scene: str) -> float:
-    """The paper's speed-up of one method over another in a scene."""
-    return paper.TABLE_4.of(scene=DYNAMIC if scene == NEAR else scene).speedup(slow, fast)
 
 
 def table4_findings(rows: Rows) -> list[Finding]:
     """Of the rows of all scenes, beside the paper's table."""
     found = list[Finding]()
     for slow, fast, scene in _COMPARED:
-        found += _speedups(slow, fast, _theirs(slow, fast, scene), rows.of(scene=scene), f", {scene}")
+        theirs = paper.TABLE_4.of(scene=scene).speedup(slow, fast)
+        found += _speedups(slow, fast, theirs, rows.of(scene=scene), f", {scene}")
     of = rows.of(scene=DYNAMIC)
     for label, slow, fast in zip(("plain", "ours"), OURS_OF[DSTAR], OURS_OF[ASTAR_NN], strict=True):
         claim = f"the network gains A* more than D* does: A*NN is faster than D*, dynamic, both {label}"
-        texts = f"{_theirs(DSTAR, ASTAR_NN, DYNAMIC):.2f}×", f"{of.speedup(slow, fast):.2f}×"
+        theirs = paper.TABLE_4.of(scene=DYNAMIC).speedup(DSTAR, ASTAR_NN)
+        texts = f"{theirs:.2f}×", f"{of.speedup(slow, fast):.2f}×"
         rule = f"{shown('planner', fast)} takes less time than {shown('planner', slow)}"
         found.append(judge(claim, *texts, rule, partial(_faster, of, slow, fast), of, fast))
-    for what, theirs, name, scene in (
+    for what, method, name, scene in (
         ("A*NN, static, plain", ASTAR_NN, PLAIN_NN, STATIC),
         ("A*NN, dynamic, plain", ASTAR_NN, PLAIN_NN, DYNAMIC),
         ("D*NN, dynamic, plain", DSTAR_NN, PLAIN_DSTAR_NN, DYNAMIC),
         ("D*NN, dynamic, ours", DSTAR_NN, "nnpp-dstar", DYNAMIC),
     ):
-        more = paper.TABLE_4.of(scene=scene).increase(theirs)
+        more = paper.TABLE_4.of(scene=scene).increase(method)
         found.append(judge_increase(f"CC increase of {what}", more, rows.of(scene=scene), name))
-    for scene in (DYNAMIC, NEAR):
-        later = Rows(row for row in rows.of(scene=scene) if row["plan"])
-        pairs = zip(OURS_OF[ASTAR_NN], OURS_OF[DSTAR_NN], strict=True) if later else ()
-        found += [_mends(later, scene, afresh, name) for afresh, name in pairs]
-    return found
+    later = Rows(row for row in of if row["plan"])
+    pairs = zip(OURS_OF[ASTAR_NN], OURS_OF[DSTAR_NN], strict=True) if later else ()
+    return [*found, *(_mends(later, afresh, name) for afresh, name in pairs)]
 
 
 def _faster(rows: Rows, slow: str, fast: str, own: Own) -> bool:
     return rows.speedup(own(slow), own(fast)) > 1.0
 
 
-def _mends(later: Rows, scene: str, afresh: str, name: str) -> Finding:
+def _mends(later: Rows, afresh: str, name: str) -> Finding:
     """Whether D*NN mends, and gains by it over A*NN, which searches afresh."""
     mended, gain = later.of(name).all("mended"), later.speedup(afresh, name)
-    claim = f"D*NN mends, and gains by it, {scene} ({shown('planner', name)})"
+    claim = f"D*NN mends, and gains by it, dynamic ({shown('planner', name)})"
     ours = f"{sum(mended):.0f} of {len(mended)} plans after the first, {gain:.2f}× as fast as afresh"
     rule = "on half of the plans or more, and faster than afresh"
 

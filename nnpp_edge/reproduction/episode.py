@@ -4,26 +4,20 @@ A path is planned; the robot follows it for 45 cells; rectangles of cost 1 appea
 or vanish; the rest is planned anew, until the goal is near. The robot follows exact A*'s path.
 """
 
-import math
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
 from nnpp_edge.runtime.arrays import Float2D
-from nnpp_edge.runtime.cells import Cell, Rectangle
+from nnpp_edge.runtime.cells import Cell
 from nnpp_edge.runtime.errors import InvalidQueryError
-from nnpp_edge.runtime.planners.dynamic import DynamicPlanner
-from nnpp_edge.runtime.planners.plan import DynamicMethod
-from nnpp_edge.terrain.obstacles import PAPERS_SIDES, Obstacles, changed_parts
+from nnpp_edge.runtime.planners.planner import Planner
+from nnpp_edge.terrain.obstacles import Obstacles, changed_parts
 
 STRIDE = 45
 """Cells that the robot walks between two plans (the paper's)."""
 _TRIES = 20
-_NEAR_REACH = 4
-"""Strides from the robot within which the map changes, in the scene whose changes stay near it."""
-_NEAR_SIDES = (1 / 60, 1 / 30)
-"""Sides of a rectangle there, as shares of the map's."""
 
 Patch = tuple[int, int, Float2D]
 """(row, col, new costs)."""
@@ -57,54 +51,33 @@ class Episode:
         return cost
 
 
-def make_episode(
-    cost: Float2D, start: Cell, goal: Cell, seed: int, stride: int = STRIDE, *, near: bool = False
-) -> Episode:
+def make_episode(cost: Float2D, start: Cell, goal: Cell, seed: int, stride: int = STRIDE) -> Episode:
     """An episode on a cost map (H, W), the same for the same seed; start and goal are passable and connected.
 
-    `stride` is the number of cells that the robot walks between two plans; with `near` the map changes by smaller
-    rectangles, and near the robot alone. InvalidQueryError if the stride is less than 1, or the goal cannot be
-    reached.
+    `stride` is the number of cells, 1 or more, that the robot walks between two plans. InvalidQueryError if the goal
+    cannot be reached.
     """
-    if stride < 1:
-        raise InvalidQueryError(f"the stride must be at least 1 cell, got {stride}")
     base = np.ascontiguousarray(cost, np.float32)
-    planner, steps = DynamicPlanner(base, goal, DynamicMethod.ASTAR), [Step(start, ())]
-    reach, sides = (_NEAR_REACH * stride, _NEAR_SIDES) if near else (math.inf, PAPERS_SIDES)
-    obstacles = Obstacles((base.shape[0], base.shape[1]), np.random.default_rng(seed), sides=sides)
-    path = _exact(planner, start)
+    obstacles = Obstacles((base.shape[0], base.shape[1]), np.random.default_rng(seed))
+    path, steps = _exact(base, start, goal), [Step(start, ())]
     if path is None:
         raise InvalidQueryError(f"an episode needs a goal that can be reached, got {start} to {goal}")
     while len(path) > stride + 1:
         rest = path[stride:]
         here, before = (int(rest[0, 0]), int(rest[0, 1])), obstacles.blocks
+        path = rest  # what is left of it, where no other scene leaves a way
         for _ in range(_TRIES):
-            obstacles.next_scene(here, goal, rest, reach)
-            patches = _change(planner, base, obstacles, before)
-            if (found := _exact(planner, here)) is not None:
+            obstacles.next_scene(here, goal, rest)
+            found = _exact(obstacles.cover(base, (0, 0, *base.shape)), here, goal)
+            if found is not None:
+                path = found
                 break
-            refused, obstacles.blocks = obstacles.blocks, before  # no way is left: restore the map, try others
-            _change(planner, base, obstacles, refused)
-        else:
-            patches, found = (), _exact(planner, here)
-            assert found is not None
-        steps.append(Step(here, patches))
-        path = found
+            obstacles.blocks = before
+        changed = changed_parts(before, obstacles.blocks)
+        steps.append(Step(here, tuple((*part[:2], obstacles.cover(base, part)) for part in changed)))
     return Episode(base, goal, tuple(steps))
 
 
-def _exact(planner: DynamicPlanner, start: Cell) -> NDArray[np.int32] | None:
-    planner.move(start)
-    plan = planner.replan()
+def _exact(cost: Float2D, start: Cell, goal: Cell) -> NDArray[np.int32] | None:
+    plan = Planner(cost).plan(start, goal, method="astar")
     return plan.path if plan.ok else None
-
-
-def _change(
-    planner: DynamicPlanner, base: Float2D, obstacles: Obstacles, before: list[Rectangle]
-) -> tuple[Patch, ...]:
-    """Put the obstacles into the planner's map in place of those before; the patches."""
-    parts = changed_parts(before, obstacles.blocks)
-    patches = tuple((part[0], part[1], obstacles.cover(base, part)) for part in parts)
-    for patch in patches:
-        planner.update(*patch)
-    return patches

@@ -1,4 +1,4 @@
-"""Table 1, Fig. 6 and 7: what needs no network, the building of A*'s graph and the weight ω."""
+"""Table 1 and Fig. 7: what needs no network, the building of A*'s graph and the weight ω."""
 
 from collections.abc import Sequence
 from functools import partial
@@ -23,23 +23,21 @@ from nnpp_edge.runtime.search.workspace import Workspace
 
 Floats = NDArray[np.float64]
 _OMEGA = f"{paper.OMEGA:.3f} ± {paper.OMEGA_DEVIATION:.3f}"
-_QUICK = {"sizes": (64, 128, 256), "maps": 1, "repeats": 1}
+_QUICK = {"sizes": (64, 128, 256), "maps": 1}
 
 
 @experiment("Table 1", "Building the graph against searching it", _QUICK, networks=())
-def table1(
-    context: Context, *, sizes: Sequence[int] = (64, 128, 256, 512, 1024), maps: int = 5, repeats: int = 5
-) -> Result:
-    """Average maps of the greatest size down to the others, start and goal with them, and time both A*."""
+def table1(context: Context, *, sizes: Sequence[int] = (64, 128, 256, 512, 1024), maps: int = 5) -> Result:
+    """Average maps of the greatest size down to the others, start and goal with them, and time plain A*."""
     sizes, rows, done = context.fitting(sizes), Rows(), 0
     for at, (case, query) in enumerate(context.maps(max(sizes), maps), 1):
         for size in sizes:
-            rows += [{"map": at, "size": size} | row for row in _timed(*_scaled(case.cost, query, size), repeats)]
+            rows.append({"map": at, "size": size} | _timed(*_scaled(case.cost, query, size)))
             done += size**2
             context.progress(done / (maps * sum(side**2 for side in sizes)))
     everything = Rows(row for row in (*paper.TABLE_1, *rows) if row["size"] in sizes)
-    styles = {paper.ASTAR: "o--", PLAIN: "o-", "astar": "^-"}
-    of_times = everything, "time_s", styles, "Mean time of a query, the graph or the map included", "seconds"
+    styles = {paper.ASTAR: "o--", PLAIN: "o-"}
+    of_times = everything, "time_s", styles, "Mean time of a query, the graph included", "seconds"
     of_shares = everything, "graph_share", styles, "Share of the graph in the time", ""
     picture = drawing.by_size([of_times, of_shares])
     return Result(rows, ("size", "planner"), table1_findings(rows), picture, everything)
@@ -58,18 +56,12 @@ def _scaled(cost: Float2D, query: Endpoints, size: int) -> tuple[Float2D, Endpoi
     return small, ((a // factor, b // factor), (c // factor, d // factor))
 
 
-def _timed(cost: Float2D, query: Endpoints, repeats: int) -> list[Row]:
-    """Plain A*, and our exact A*: the median of its repeats."""
-    harness, workspace = Harness(), Workspace((len(cost) + 2) ** 2)
+def _timed(cost: Float2D, query: Endpoints) -> Row:
+    harness = Harness()
     graph_s, graph = harness.timed(lambda: build_graph(cost))
     search_s, path = harness.timed(lambda: search(graph, *query))
     assert path is not None  # a cell is impassable only if all that it covers is
-    ours_s = []
-    for _ in range(repeats):
-        grid_s, grid = harness.timed(lambda: Grid.of(cost, StepModel.of("paper")))
-        ours_s.append((grid_s, harness.timed(partial(astar, grid, *query, workspace))[0]))
-    times_s = {PLAIN: (graph_s, search_s), "astar": np.median(ours_s, axis=0).tolist()}
-    return [paper.graph_row(name, first_s, then_s, len(path)) for name, (first_s, then_s) in times_s.items()]
+    return paper.graph_row(PLAIN, graph_s, search_s, len(path))
 
 
 def table1_findings(rows: Rows) -> list[Finding]:
@@ -93,26 +85,6 @@ def table1_findings(rows: Rows) -> list[Finding]:
         near, rule = 0.5 * cells <= grown <= 2.0 * cells, "within a factor of 2 of the cells'"
         found.append(judge(claim, times(theirs), f"{grown:.0f}× (plain A*)", rule, near))
     return found
-
-
-@experiment("Fig. 6", "Paths at three weights ω", {"size": 128}, networks=())
-def fig6(context: Context, *, size: int = 256, omegas: Sequence[float] = (0.0, 0.01, 0.05)) -> Result:
-    """One map and one query, and the optimal path at three weights ω, per grey level."""
-    size = context.one_size(size)
-    ((case, query),) = context.maps(size, 1)
-    rows, figure = Rows(), drawing.new_figure(3.4 * len(omegas), 3.8)
-    for axes, omega in zip(figure.subplots(1, len(omegas)), omegas, strict=True):
-        row, path = _at_omega(case.cost, query, omega, Workspace((size + 2) ** 2))
-        rows.append(row)
-        drawing.draw_map(axes, case.cost, f"ω = {omega:g}: {row['length']:.0f} cells, CC {row['cc']:.1f}")
-        drawing.draw_path(axes, path, "optimal path")
-        drawing.draw_ends(axes, *query)
-    lengths, ccs = rows.all("length"), rows.all("cc")
-    ours = f"length {lengths[0]:.1f} → {lengths[-1]:.1f} cells, CC {ccs[0]:.2f} → {ccs[-1]:.2f}"
-    curved = all(np.diff(lengths) >= -1e-6) and all(np.diff(ccs) <= 1e-6)
-    claim = "the greater ω, the more the path turns aside for cheaper ground"
-    finding = judge(claim, "yes (picture)", ours, "length never falls, CC never rises", curved)
-    return Result(rows, ("omega",), [finding], figure)
 
 
 def _at_omega(cost: Float2D, query: Endpoints, omega: float, workspace: Workspace) -> tuple[Row, NDArray[np.int32]]:
@@ -158,7 +130,7 @@ def fig7(
         axes.legend(fontsize="small")
     findings = fig7_findings(omegas, lengths.mean(0), ccs.mean(0), typical_s, best)
     shown = [{"normalised": how, "best_omega": omega} for how, of in best.items() for omega in of]
-    return Result(rows.averaged("omega"), ("normalised",), findings, figure, shown)
+    return Result(rows, ("normalised",), findings, figure, shown)
 
 
 def by_range(values: Floats) -> Floats:

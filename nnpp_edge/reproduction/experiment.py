@@ -25,9 +25,9 @@ BOTH, PAPERS = ("the paper's method", "ours"), ("the paper's method",)
 """Networks that take part in an experiment."""
 CONTROLS_NOTE = (
     "*corridor*, the blocks nearest to the path that a search over the map averaged to blocks finds, as many as the "
-    "network's region has, so that MM is the same; *straight band*, as many blocks nearest to the line from start to "
-    "goal; *shuffled weights*, the same network with the weights of each layer in a random order, its region by the "
-    "same rule. Where a control meets a rule as well, the figure says nothing about the network"
+    "network's region has, so that MM is the same (of ours `corridor` and `corridor-dstar`); *straight band*, as "
+    "many blocks nearest to the line from start to goal; *shuffled weights*, the same network with the weights of "
+    "each layer in a random order. Where a control meets a rule as well, the figure says nothing about the network"
 )
 
 
@@ -107,7 +107,6 @@ class Experiment:
     """Settings of a smoke run, where not the full one's."""
     networks: tuple[str, ...] = BOTH
     """Those that take part: what was made stays good when there is another one of the others."""
-    controls: str = CONTROLS_NOTE
 
     def settings(self, *, quick: bool, queries: int | None = None) -> dict[str, object]:
         """All settings of a run, with the number of `queries` where it has one."""
@@ -118,12 +117,7 @@ class Experiment:
 
 
 def experiment(
-    where: str,
-    title: str,
-    quick: Mapping[str, object],
-    *,
-    networks: tuple[str, ...] = BOTH,
-    controls: str = CONTROLS_NOTE,
+    where: str, title: str, quick: Mapping[str, object], networks: tuple[str, ...] = BOTH
 ) -> Callable[[Callable[..., Result]], Experiment]:
     """Make a function an `Experiment`."""
-    return lambda run: Experiment(where, title, run, quick, networks, controls)
+    return lambda run: Experiment(where, title, run, quick, networks)

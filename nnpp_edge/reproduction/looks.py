@@ -1,6 +1,4 @@
-"""Fig. 8, 14 and 15: the network's region at several thresholds, for several goals, and around moving obstacles."""
-
-from collections.abc import Sequence
+"""Fig. 14 and 15: the network's region for several goals, and around moving obstacles."""
 
 import numpy as np
 
@@ -8,13 +6,12 @@ from nnpp_edge.reproduction import drawing
 from nnpp_edge.reproduction.experiment import PAPERS, Context, Result, experiment
 from nnpp_edge.reproduction.findings import Finding, Own, judge
 from nnpp_edge.reproduction.planners import OneMap
-from nnpp_edge.reproduction.regions import CONTROLS, NETWORK, PaperRegions
+from nnpp_edge.reproduction.regions import CONTROLS, NETWORK
 from nnpp_edge.reproduction.rows import Rows, percent
 from nnpp_edge.runtime.arrays import Float2D
 from nnpp_edge.runtime.cells import Cell
 from nnpp_edge.runtime.errors import InvalidQueryError
 from nnpp_edge.runtime.planners.planner import Planner
-from nnpp_edge.runtime.region.learned import probability_of
 from nnpp_edge.terrain.obstacles import OBSTACLE, covered
 
 _KINDS = {kind: kind for kind in (NETWORK, *CONTROLS)}
@@ -26,41 +23,6 @@ _WHERE = (0.35, 0.65)
 """Of the way, as shares of the optimal path, where the obstacles cross it half-way through the frames."""
 _MAPS = 40
 """Tried for one on which the goals can be reached and the obstacles leave a way."""
-
-
-@experiment("Fig. 8", "Regions at several thresholds", {"size": 128}, networks=PAPERS)
-def fig8(
-    context: Context, *, size: int = 256, above: Sequence[float] = (0.6, 0.3), below: Sequence[float] = (1.0, 0.5)
-) -> Result:
-    """The answer of the paper's network at td, and at thresholds around it.
-
-    `above` are shares of the way from td to 1, `below` shares of td.
-    """
-    ((case, query),) = context.maps(context.one_size(size), 1)
-    maker = PaperRegions(case.cost, context.networks.paper)
-    maker.find(query)
-    td, levels = probability_of(maker.td), maker.finder.levels
-    answer = np.vectorize(probability_of)(levels.astype(int))
-    thresholds = [*(td + share * (1.0 - td) for share in above), *(share * td for share in below)]
-    figure, rows = drawing.new_figure(2.7 * (len(thresholds) + 1), 3.3), Rows()
-    first, *others = figure.subplots(1, len(thresholds) + 1)
-    first.imshow(answer[np.ix_(*maker.lookup)])
-    first.set(title="the network's answer", xticks=[], yticks=[])
-    drawing.draw_ends(first, *query)
-    for axes, threshold in zip(others, thresholds, strict=True):
-        region = maker.at(int(levels[answer >= threshold].min(initial=255))).mask()
-        joined = "connected" if threshold <= td else "apart"
-        rows.append({"td": f"{threshold:.4g}", "start and goal": joined, "share": float(region.mean())})
-        drawing.draw_map(axes, case.cost, f"td = {threshold:.3g}: {joined}", region)
-        drawing.draw_ends(axes, *query)
-    found = OneMap(case.cost, query, context.networks).searched(_KINDS)
-
-    def small(own: Own) -> bool:
-        return found.of(own(NETWORK), found=1.0).mean("share") < 0.2
-
-    claim, ours = "the greatest td that joins start and goal leaves a small part of the map", found.of(NETWORK)
-    texts = "yes (picture)", percent(ours.mean("share")), "below 20 %"
-    return Result(rows, ("td", "start and goal"), [judge(claim, *texts, small, found, NETWORK)], figure)
 
 
 @experiment("Fig. 14 and 15", "Other goals, and obstacles that move", {"size": 128, "goals": 3}, networks=PAPERS)

@@ -62,8 +62,8 @@ TABLE_3 = Rows(
 )
 """Table 3, at T, T + Δt, T + 2Δt and T + 3Δt."""
 
-STATIC, DYNAMIC, NEAR = "static", "dynamic", "near the robot"
-"""Scenes: an episode's first plan (-s in Table 4), all its plans (-d), and one of ours whose changes stay near."""
+STATIC, DYNAMIC = "static", "dynamic"
+"""Scenes: an episode's first plan (-s in Table 4), and all its plans (-d)."""
 _TABLE_4 = {
     STATIC: {
         ASTAR: ((2.37, 120.51), (2.48, 128.71), (2.31, 103.15), (2.22, 92.24), (2.20, 112.03)),

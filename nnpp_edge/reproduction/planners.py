@@ -44,13 +44,10 @@ PLAIN_KINDS = {NETWORK: PLAIN_NN, **PLAIN_CONTROLS}
 PLAIN_PLANNERS = (PLAIN, *PLAIN_KINDS.values())
 OURS = ("astar", "corridor", "nnpp")
 PLANNERS = (*PLAIN_PLANNERS, *OURS)
-OWN = {NETWORK: "`nnpp`'s own region"} | {kind: f"*{kind}* in place of `nnpp`'s own region" for kind in CONTROLS}
-"""The region of our network by the paper's rule, before all that ``nnpp`` does with it, and its controls."""
 CONTROLS_OF = {
     NETWORK: {kind: kind for kind in CONTROLS},
     PLAIN_NN: PLAIN_CONTROLS,
     PLAIN_DSTAR_NN: {CORRIDOR: PLAIN_DSTAR_CORRIDOR},
-    OWN[NETWORK]: {kind: OWN[kind] for kind in CONTROLS},
     "nnpp": {CORRIDOR: "corridor"},
     "nnpp-dstar": {CORRIDOR: "corridor-dstar"},
 }
@@ -117,16 +114,11 @@ class OneMap:
 
 
 def answers(cost: Float2D, query: Endpoints, networks: Networks, repeats: int, harness: Harness) -> list[Row]:
-    """All of `PLANNERS` and `OWN`, the former timed; without `repeats` the regions of the paper's and of ours alone.
-
-    Success, MM and share of ``nnpp`` are those of its network's own region.
-    """
+    """All of `PLANNERS` timed; without `repeats` the paper's method and its controls alone, without times."""
     here = OneMap(cost, query, networks)
-    own = here.searched(OWN, all_regions(PaperRegions(cost, networks.ours), query))
     if not repeats:
-        return [here.row(PLAIN, here.optimum), *here.searched(PLAIN_KINDS), *own]
-    *others, nnpp = here.timed(PLANNERS, repeats, harness)
-    return [*others, nnpp | {name: own[0][name] for name in ("found", "mm", "share")}, *own]
+        return [here.row(PLAIN, here.optimum), *here.searched(PLAIN_KINDS)]
+    return here.timed(PLANNERS, repeats, harness)
 
 
 def network_of(planner: str, networks: Networks) -> str:
@@ -134,7 +126,7 @@ def network_of(planner: str, networks: Networks) -> str:
     if planner.startswith("paper's"):
         return "the paper's" if planner.endswith("NN") else "–"
     asked = dict.fromkeys((PLAIN_NN, PLAIN_DSTAR_NN, PLAIN_CONTROLS[SHUFFLED], NETWORK, SHUFFLED), networks.paper)
-    asked |= dict.fromkeys(("nnpp", "nnpp-dstar", OWN[NETWORK], OWN[SHUFFLED]), networks.ours)
+    asked |= dict.fromkeys(("nnpp", "nnpp-dstar"), networks.ours)
     return f"`{asked[planner].metadata.name}`" + ", shuffled" * (SHUFFLED in planner) if planner in asked else "–"
 
 
@@ -171,7 +163,7 @@ def summary(rows: Sequence[Row], by: Sequence[str], networks: Networks, *, total
         "time in all" if totals else "AT": ("time_s", lambda of: seconds(of_all(of, "time_s"))),
         "over A*": ("time_s", lambda of: times(over_astar(of))),
         "inference": ("inference_s", lambda of: seconds(of.mean("inference_s"))),
-        "graph, or map": ("graph_s", lambda of: seconds(of.mean("graph_s"))),
+        "graph": ("graph_s", lambda of: seconds(of.mean("graph_s"))),
         "search": ("search_s", lambda of: seconds(of.mean("search_s"))),
         "graph's share": ("graph_share", lambda of: percent(of.mean("graph_share"))),
         "path, cells": ("path_cells", lambda of: number(of.mean("path_cells"), ".0f")),

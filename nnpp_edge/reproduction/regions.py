@@ -8,12 +8,12 @@ import math
 import time
 from collections.abc import Callable, Sequence
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from nnpp_edge.files import temporary_folder
 from nnpp_edge.reproduction.plain import build_graph, search
 from nnpp_edge.runtime.arrays import Float2D
 from nnpp_edge.runtime.cells import Cell, Endpoints
@@ -55,8 +55,6 @@ class PaperRegions:
         self.finder = RegionFinder(metadata.blocks)
         self.inference_s = math.nan
         """Of the last query."""
-        self.td = -1
-        """Level of the adaptive threshold of the last query, see `RegionFinder.levels`."""
 
     def find(self, query: Endpoints) -> Region:
         """The region at td."""
@@ -66,12 +64,7 @@ class PaperRegions:
         probability = self.model.answer(*ends, anew=True)
         self.inference_s = time.perf_counter() - began
         self.finder.read(probability)
-        self.td = self.finder.threshold(*_blocks(self.lookup, query))
-        return self.at(self.td)
-
-    def at(self, level: int) -> Region:
-        """The region of the last query at another threshold."""
-        blocks = self.finder.levels >= level
+        blocks = self.finder.levels >= self.finder.threshold(*_blocks(self.lookup, query))
         return Region(np.pad(blocks, ((0, 1), (0, 1))).astype(np.int32), *self.lookup)
 
     def controls(self, like: Region) -> dict[str, Callable[[Endpoints], Region]]:
@@ -149,7 +142,7 @@ def _shuffled(network_file: Path) -> NetworkModel:
             values = numpy_helper.to_array(weights)
             mixed = rng.permutation(values.ravel()).reshape(values.shape)
             weights.CopyFrom(numpy_helper.from_array(np.ascontiguousarray(mixed), weights.name))
-    with temporary_folder() as folder:
-        path = folder / "shuffled.onnx"
+    with TemporaryDirectory() as folder:
+        path = Path(folder) / "shuffled.onnx"
         path.write_bytes(network.SerializeToString())
         return NetworkModel(path)

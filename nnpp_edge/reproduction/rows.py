@@ -55,16 +55,6 @@ class Rows(list[Row]):
             return math.nan
         return cc / exact - 1.0 if exact else (0.0 if cc == 0.0 else math.inf)
 
-    def averaged(self, *names: str) -> "Rows":
-        """A row for each group by these names: how many it has, the means, and the deviations as ``NAME_sd``."""
-        out = Rows()
-        for key, group in self.by(*names).items():
-            out.append(dict(zip(names, key, strict=True)) | {"n": len(group)})
-            for name in dict.fromkeys(name for row in group for name in row if name not in names):
-                if not isinstance(group[0].get(name), str):
-                    out[-1] |= {name: group.mean(name), f"{name}_sd": float(np.std(group.all(name)))}
-        return out
-
     def csv(self) -> str:
         """Comma-separated values for programs, floats in full; what a row lacks, inf and NaN are left empty."""
         out, names = io.StringIO(), list(dict.fromkeys(name for row in self for name in row))

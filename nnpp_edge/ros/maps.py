@@ -141,11 +141,6 @@ class OccupancyGrid:
         known = np.where(values >= occupied, np.float32(np.inf), values / np.float32(100.0))
         return np.where(values < 0, np.float32(np.nan), known)
 
-    @classmethod
-    def of_cost(cls, cost: ArrayLike, frame: MapFrame) -> "OccupancyGrid":
-        """The grid of a cost map (H, W); the inverse of `cost`, to a hundredth."""
-        return cls(as_occupancy(as_map(cost, "cost")), frame)
-
 
 @checked(InvalidMapError)
 @dataclass(frozen=True, eq=False)

@@ -12,18 +12,17 @@ from numpy.typing import NDArray
 from nnpp_edge.files import write_whole
 from nnpp_edge.runtime.errors import InvalidQueryError
 from nnpp_edge.runtime.loop.messages import PathMessage
-from nnpp_edge.simulation.scene import Scene
+from nnpp_edge.simulation.robots import Robot
+from nnpp_edge.simulation.scene import Scene, SurveyedGround
 from nnpp_edge.simulation.simulate import Drive
-from nnpp_edge.viz.picture import BODY, IMPASSABLE, OPTIMUM, PATH, body_outlines, cost_picture, save_picture
-from nnpp_edge.viz.sheet import INK, Colour, MapDrawing, Picture
+from nnpp_edge.viz.picture import BODY, IMPASSABLE, OPTIMUM, PATH, body_outlines, cost_picture
+from nnpp_edge.viz.sheet import GOAL, INK, START, Colour, MapDrawing, Picture
 
 if TYPE_CHECKING:
     from PIL.Image import Image
 
 DRIVEN: Colour = (70, 190, 40)
 SEEN: Colour = (255, 210, 60)
-_GOAL: Colour = (30, 20, 225)
-_ROBOT: Colour = (0, 215, 255)
 _GREYS = 20
 _MOST_FRAMES = 80
 _FRAME_PIXELS = 480
@@ -38,28 +37,28 @@ def check_name(path: Path) -> None:
         import PIL  # noqa: F401
 
 
-def drive_picture(scene: Scene, drive: Drive) -> Picture:
+def drive_picture(ground: SurveyedGround, drive: Drive) -> Picture:
     """The true cost, the way driven, and the optimum for a robot that knew everything.
 
     Of a body the outline is drawn along the way; the cost of a cell is that of its best heading there.
     """
-    sheet = MapDrawing(cost_picture(scene.ground.costs()))
+    sheet = MapDrawing(cost_picture(ground.costs()))
     sheet.line(drive.driven, DRIVEN, 4.0)
-    sheet.line(drive.optimal, OPTIMUM, 2.0, dashed=True)
-    bodies = _bodies(scene, drive.driven)
+    sheet.line(drive.optimal, OPTIMUM, 2.0)
+    bodies = _bodies(ground.robot, drive.driven)
     for outline in bodies:
         sheet.line(outline, INK, 2.5)
         sheet.line(outline, BODY, 1.2)
     sheet.star(sheet.at(drive.goal))
     sheet.square(sheet.at(drive.start))
-    ends = [sheet.symbol_key(sheet.square, "start"), sheet.symbol_key(sheet.star, "goal")]
-    lines = [sheet.line_key(DRIVEN, "driven"), sheet.line_key(OPTIMUM, "optimum, with all known", dashed=True)]
-    lines += [sheet.line_key(BODY, "vehicle")] * bool(bodies)
+    ends = [sheet.swatch(START, "start"), sheet.swatch(GOAL, "goal")]
+    lines = [sheet.swatch(DRIVEN, "driven"), sheet.swatch(OPTIMUM, "optimum, with all known")]
+    lines += [sheet.swatch(BODY, "vehicle")] * bool(bodies)
     costs = f"cost {drive.driven_cost:.4g}, optimum {drive.optimal_cost:.4g}"
     if drive.excess is not None:
         costs += f" (+{100 * drive.excess:.1f} %)"
     facts = [drive.method, f"{drive.counters.ticks} ticks, {drive.counters.planned} plans", costs]
-    scale = sheet.scale(scene.ground.robot.sides_m[0])
+    scale = sheet.scale(ground.robot.sides_m[0])
     return sheet.finish([[*ends, *lines], [*map(sheet.text_item, facts), *scale], [sheet.grey_bar()]])
 
 
@@ -91,14 +90,6 @@ class Film:
         write_whole(path, content.getvalue())
 
 
-def save_drive(path: Path, scene: Scene, drive: Drive, film: Film | None) -> None:
-    """The film where there is one, else the still."""
-    if film is not None:
-        film.save(path)
-    else:
-        save_picture(path, drive_picture(scene, drive))
-
-
 def _frame(scene: Scene, message: PathMessage) -> Picture:
     ground = cost_picture(scene.ground.robot.costs(scene.told))
     factor = _FRAME_PIXELS / max(ground.shape[:2])
@@ -106,8 +97,8 @@ def _frame(scene: Scene, message: PathMessage) -> Picture:
     picture: Picture = cv2.resize(ground, size, interpolation=cv2.INTER_NEAREST)  # type: ignore[assignment]
     driven = np.array(scene.driven, np.int32)
     lines: list[tuple[NDArray[np.generic], Colour, int]] = [(message.path, PATH, 2), (driven, DRIVEN, 2)]
-    lines += [(outline, BODY, 1) for outline in _bodies(scene, message.path)]
-    lines += [(outline, _ROBOT, 2) for outline in _bodies(scene, driven)[-1:]]
+    lines += [(outline, BODY, 1) for outline in _bodies(scene.ground.robot, message.path)]
+    lines += [(outline, START, 2) for outline in _bodies(scene.ground.robot, driven)[-1:]]
     for cells, colour, width in lines:
         if len(cells):
             cv2.polylines(picture, [_pixels(cells, factor)], False, colour, width, cv2.LINE_AA)
@@ -115,14 +106,13 @@ def _frame(scene: Scene, message: PathMessage) -> Picture:
     corners = _pixels(np.array([(row, col), (row + rows - 1, col + cols - 1)]), factor)
     cv2.rectangle(picture, corners[0].tolist(), corners[1].tolist(), SEEN, 1)
     radius = max(3, math.ceil(factor))
-    for cell, colour in ((scene.goal, _GOAL), (scene.robot, _ROBOT)):
+    for cell, colour in ((scene.goal, GOAL), (scene.robot, START)):
         cv2.circle(picture, _pixels(np.array([cell]), factor)[0].tolist(), radius + 1, colour, -1, cv2.LINE_AA)
     return picture
 
 
-def _bodies(scene: Scene, path: NDArray[np.int32]) -> list[NDArray[np.float64]]:
+def _bodies(robot: Robot, path: NDArray[np.int32]) -> list[NDArray[np.float64]]:
     """(5, 2) outlines of the robot's body along a path, rows and columns; none of a point."""
-    robot = scene.ground.robot
     return [] if robot.vehicle is None else body_outlines(path, robot.vehicle, robot.sides_m)
 
 
@@ -136,7 +126,7 @@ def _palette(picture: Picture) -> "Image":
     from PIL import Image
 
     greys = [(level, level, level) for level in np.linspace(0, 255, _GREYS).astype(int).tolist()]
-    colours = [*greys, IMPASSABLE, PATH, BODY, DRIVEN, SEEN, _GOAL, _ROBOT]
+    colours = [*greys, IMPASSABLE, PATH, BODY, DRIVEN, SEEN, GOAL, START]
     palette = Image.new("P", (1, 1))
     palette.putpalette([value for blue, green, red in colours for value in (red, green, blue)])
     image = Image.fromarray(np.ascontiguousarray(picture[..., ::-1]))

@@ -9,7 +9,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from nnpp_edge.runtime import Goal, Ground, MapPatch, PathMessage, Planner, Pose
+from nnpp_edge.runtime import Goal, Ground, MapPatch, PathMessage, Pose
 from nnpp_edge.runtime.arrays import Float2D
 from nnpp_edge.runtime.cells import Cell, Rectangle, slices, widened
 from nnpp_edge.runtime.errors import InvalidMapError, InvalidQueryError
@@ -34,14 +34,12 @@ class SurveyedGround:
 
         Of ground with rocks the survey has the `bare` heights. To a body, the edge of what it has seen of ground that
         was much blurred is a step, and may shut it in. Points and discs whose steps do not cost by the slope drive by
-        costs. InvalidQueryError where `block` is less than 1, or no cell's height is known; InvalidMapError for a
-        disc whose steps cost by the slope.
+        costs. InvalidQueryError where no cell's height is known; InvalidMapError for a disc whose steps cost by the
+        slope.
         """
-        if block < 1:
-            raise InvalidQueryError(f"the survey's blocks must be of at least 1 cell, got {block}")
         assert ground.elevation is not None
         bare = ground.elevation if bare is None else bare
-        surveyed = bare.copy() if block == 1 else _blurred(bare, block / 2.0)
+        surveyed = bare.copy() if block <= 1 else _blurred(bare, block / 2.0)
         vehicle, by_slope = ground.vehicle, ground.step_cost != StepCost.PAPER
         if vehicle is not None and vehicle.is_disc and by_slope:
             raise InvalidMapError("a disc drives by costs here: wanted step_cost='paper', or no vehicle")
@@ -66,10 +64,6 @@ class SurveyedGround:
         """(H, W) true traversability costs; impassable from 1 up."""
         return self.robot.costs(self.true)
 
-    def planner(self) -> Planner:
-        """Of the truth."""
-        return Planner(self.ground)
-
 
 class Scene:
     """The ground, what the robot has been told of it, and the robot; an `InputSource` that advances at each poll.
@@ -77,8 +71,7 @@ class Scene:
     At a poll the robot walks on, `speed` cells along the newest path, as far as that is free, obstacles change
     (`changes` events), and the robot sees the true cost of the cells around it, `sight` to each side beyond those
     under its body, at least 1. Obstacles are told at once, wherever they are. InvalidQueryError where start or goal,
-    around which the true costs are known from the beginning, is outside the map or truly impassable, or a number is
-    out of range.
+    around which the true costs are known from the beginning, is outside the map or truly impassable.
     """
 
     def __init__(
@@ -92,9 +85,6 @@ class Scene:
         speed: int = 1,
         changes: int = 1,
     ) -> None:
-        for name, value, least in (("sight", sight, 1), ("speed", speed, 1), ("changes", changes, 0)):
-            if value < least:
-                raise InvalidQueryError(f"{name} must be at least {least}, got {value}")
         rows, cols = ground.true.shape
         for name, cell in (("start", start), ("goal", goal)):
             if not (0 <= cell[0] < rows and 0 <= cell[1] < cols):

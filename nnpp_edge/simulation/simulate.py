@@ -1,6 +1,5 @@
 """A simulated robot drives to its goal through the onboard loop, over ground that the map knows only roughly."""
 
-import math
 from collections import Counter
 from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass, field, replace
@@ -29,8 +28,6 @@ _WARM_UP = 0.1
 _LEAST_DISTANCE = 0.6
 """Between a random start and goal, as a share of the map's longer side."""
 
-Watch = Callable[[Scene, PathMessage], None]
-
 
 @dataclass(frozen=True)
 class SimulationSettings:
@@ -52,12 +49,6 @@ class SimulationSettings:
     """Of the obstacles."""
     endless: bool = False
     """Whether the robot drives on to another goal where it has reached one, or cannot, until the ticks are over."""
-
-    def __post_init__(self) -> None:
-        if self.rate_hz is not None and not 0.0 < self.rate_hz < math.inf:
-            raise InvalidQueryError(f"the rate must be a positive number of ticks a second, got {self.rate_hz}")
-        if self.ticks < 1:
-            raise InvalidQueryError(f"ticks must be at least 1, got {self.ticks}")
 
 
 @dataclass(frozen=True, eq=False)
@@ -105,7 +96,7 @@ class Drive:
 
 def random_drive(ground: SurveyedGround, seed: int) -> tuple[Cell, Cell]:
     """A start and a goal that are far apart and truly connected; InvalidQueryError if there are none to be found."""
-    return _connected(ground.planner(), ground.costs(), np.random.default_rng([seed, 1]))
+    return _connected(Planner(ground.ground), ground.costs(), np.random.default_rng([seed, 1]))
 
 
 def _connected(planner: Planner, costs: Float2D, rng: np.random.Generator, start: Cell | None = None) -> Endpoints:
@@ -127,7 +118,7 @@ def simulate(
     settings: SimulationSettings | None = None,
     *,
     make_sinks: Callable[[MapState], Sequence[Sink]] = lambda state: (),
-    watch: Watch = lambda scene, message: None,
+    watch: Callable[[Scene, PathMessage], None] | None = None,
 ) -> Drive:
     """Drive from start to goal over ground whose truth decides, and whose survey is the robot's first map.
 
@@ -139,7 +130,7 @@ def simulate(
     settings = settings or SimulationSettings()
     rng = np.random.default_rng([settings.seed, 2])
     scene = Scene(ground, start, goal, rng, sight=settings.sight, speed=settings.speed, changes=settings.changes)
-    planner, costs = ground.planner(), ground.costs()
+    planner, costs = Planner(ground.ground), ground.costs()
     planner.touch()  # what the scene needs is not to look like growth of the loop
     best = planner.plan(start, goal, method="astar")
     if not best.ok:
@@ -165,7 +156,8 @@ def simulate(
         stuck = stuck + 1 if scene.waited > waited else 0
         waited = scene.waited
         scene.heard(message)
-        watch(scene, message)
+        if watch is not None:
+            watch(scene, message)
         goals += scene.reached
         if scene.reached and not settings.endless:
             loop.finish()

@@ -1,4 +1,4 @@
-"""Elevation and cost maps in NumPy files, which need no rasterio."""
+"""Elevations as every reader of a map makes them, and maps in NumPy files, which need no rasterio."""
 
 import math
 import warnings
@@ -13,15 +13,20 @@ from numpy.lib import format as npy
 
 from nnpp_edge.runtime.arrays import Float2D
 from nnpp_edge.runtime.errors import TerrainError
+from nnpp_edge.runtime.memory import available_bytes
 from nnpp_edge.runtime.reading import problem_with_file, refused_as
 from nnpp_edge.terrain.georeference import Georeference
-from nnpp_edge.terrain.heights import Reading, check_grid, check_room, metres
 
+Reading = tuple[Float2D, tuple[float, float] | None, Georeference | None]
+"""(H, W) heights in metres, a cell's (size, width) in metres and the map's place, if known."""
+_BYTES_PER_CELL = 20
+"""That reading takes beside the stored values: a float64 copy, the float32 map, masks."""
+_FARTHEST_M = 1e9
 _ARRAY_NAMES = ("elevation_m", "elevation", "dem")
 _HEADERS = {(1, 0): npy.read_array_header_1_0, (2, 0): npy.read_array_header_2_0}
 
 
-def read_arrays(path: Path, vertical_scale: float | None) -> Reading:
+def read_arrays(path: Path) -> Reading:
     """Elevation and cell (size, width) of a NumPy file; its first bytes show whether it is an archive.
 
     Raises TerrainError and InvalidQueryError as `read_dem` does, and whatever else NumPy raises for a broken file.
@@ -36,7 +41,7 @@ def read_arrays(path: Path, vertical_scale: float | None) -> Reading:
         check_room(path, promised.shape, promised.dtype, promised.nbytes if archive else 0)
         loaded = archive.array(name) if archive else np.load(path, allow_pickle=False)
         place = archive.place() if archive else None
-    return metres(loaded, vertical_scale or 1.0), cell, place
+    return metres(loaded, 1.0), cell, place
 
 
 def read_cost_map(path: Path) -> tuple[Float2D, float] | None:
@@ -55,6 +60,43 @@ def read_cost_map(path: Path) -> tuple[Float2D, float] | None:
             raise TerrainError(f"{path}: wanted an (H, W) array of costs, got {promised.shape} {promised.dtype}")
         check_room(path, promised.shape, promised.dtype)
         return metres(archive.array("cost"), 1.0), cell[0] if cell else 1.0
+
+
+def check_room(path: Path, shape: tuple[int, ...], dtype: np.dtype[np.generic], more_bytes: int = 0) -> None:
+    """TerrainError where an array of this shape cannot become a map in the memory that is left, before it is read.
+
+    `more_bytes` is what reading it takes besides.
+    """
+    wanted = math.prod(shape) * (dtype.itemsize + _BYTES_PER_CELL) + more_bytes
+    room = available_bytes()
+    if wanted > room:
+        size = " × ".join(map(str, shape))
+        raise TerrainError(
+            f"{path}: wanted {wanted / 1e9:.1f} GB of memory for {size} {dtype.name} heights, got {room / 1e9:.1f} GB"
+        )
+
+
+def metres(values: npt.NDArray[np.generic], scale: float, offset: float = 0.0) -> Float2D:
+    """A fresh float32 array of scale * values + offset, worked out in float64."""
+    with np.errstate(over="ignore", invalid="ignore"):
+        if scale == 1.0 and offset == 0.0:
+            return np.array(values, dtype=np.float32, order="C")
+        scaled = values.astype(np.float64)
+        scaled *= scale
+        scaled += offset
+        return np.ascontiguousarray(scaled, np.float32)
+
+
+def known_heights(elevation: Float2D) -> Float2D:
+    """This array, with NaN for infinities and for heights beyond 1e9 m."""
+    elevation[~(np.abs(elevation) < _FARTHEST_M)] = np.nan
+    return elevation
+
+
+def check_grid(path: Path, array: npt.NDArray[np.generic]) -> None:
+    """TerrainError for what is not a 2-D array of at least one real number."""
+    if array.ndim != 2 or array.size == 0 or array.dtype.kind not in "iuf":
+        raise TerrainError(f"{path}: wanted an (H, W) array of heights, got {array.shape} {array.dtype}")
 
 
 class _Archive(zipfile.ZipFile):

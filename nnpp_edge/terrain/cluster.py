@@ -4,13 +4,12 @@ import asyncio
 import logging
 import zlib
 from collections.abc import Iterator, Sequence
-from concurrent.futures import CancelledError
 from contextlib import contextmanager
 from types import ModuleType
 
 from nnpp_edge import __version__
 from nnpp_edge.runtime.errors import NnppEdgeError, optional_module
-from nnpp_edge.runtime.reading import reason
+from nnpp_edge.runtime.reading import refused_as
 from nnpp_edge.terrain.dataset import Shards
 from nnpp_edge.terrain.dem import Dem
 from nnpp_edge.terrain.shards import Recipe, shard_content
@@ -39,7 +38,8 @@ def shards_on_cluster(address: str, recipe: Recipe, tiles: Sequence[Dem], indice
         return
     distributed = optional_module("distributed", "a Dask cluster", "cluster")
     dask = optional_module("dask", "a Dask cluster", "cluster")
-    with _one_line_error(address, distributed):
+    wanted = f"wanted a Dask scheduler with workers at {address!r}"
+    with refused_as(ClusterError, wanted), _quiet_client():
         asyncio.run(_try(address, distributed))
         with (
             dask.config.set({"distributed.admin.large-graph-warning-threshold": "1 TiB"}),
@@ -51,7 +51,7 @@ def shards_on_cluster(address: str, recipe: Recipe, tiles: Sequence[Dem], indice
                 client.wait_for_workers(1, timeout=WORKER_WAIT_S)
             except TimeoutError as error:
                 got = f"none within {WORKER_WAIT_S:g} s (one that lacks nnpp-edge leaves at once, as its log says)"
-                raise ClusterError(f"wanted a Dask scheduler with workers at {address!r}, got {got}") from error
+                raise ClusterError(f"{wanted}, got {got}") from error
             for job in distributed.as_completed(list(jobs), loop=client.loop):
                 content = zlib.decompress(job.result())
                 yield jobs.pop(job), content
@@ -71,21 +71,12 @@ async def _try(address: str, distributed: ModuleType) -> None:
 
 
 @contextmanager
-def _one_line_error(address: str, distributed: ModuleType) -> Iterator[None]:
-    """Turn what Dask raises into a ClusterError of one line, and keep its client from logging the same at length."""
+def _quiet_client() -> Iterator[None]:
+    """Keep Dask's client from logging at length what is raised too."""
     log = logging.getLogger("distributed.client")
     level = log.level
     log.setLevel(logging.CRITICAL)
     try:
         yield
-    except NnppEdgeError:
-        raise
-    except distributed.KilledWorker as error:
-        died = f"{error.allowed_failures + 1} of the workers died under the same shard; their logs say why"
-        raise ClusterError(f"{address}: {died}") from error
-    except CancelledError as error:
-        raise ClusterError(f"{address}: the connection to the scheduler was lost") from error
-    except Exception as error:  # Dask's errors have no base class of their own
-        raise ClusterError(f"wanted a Dask scheduler with workers at {address!r}, got: {reason(error)}") from error
     finally:
         log.setLevel(level)

@@ -87,54 +87,33 @@ def make_dataset(
     folder: Path,
     *,
     workers: int | None = None,
-    part: tuple[int, int] = (1, 1),
     make: Callable[[Recipe, Sequence[Dem], Sequence[int]], Shards] | None = None,
-    progress: Callable[[int, int], None] = lambda done, total: None,
+    progress: Callable[[int], object] = lambda done: None,
 ) -> dict[str, int]:
-    """Write what is missing of a data set.
+    """Write what is missing of a data set; numbers of ``shards``, ``maps``, ``queries``, and of all shards (``of``).
 
-    Parameters
-    ----------
-    folder : Path
-        Made if need be. A folder with shards of another recipe is refused; shards that are there are kept.
-    part : (k, n)
-        Make only every n-th shard, from the k-th on; the union over k = 1…n is the whole set.
-    make : callable, optional
-        Makes shards elsewhere (`nnpp_edge.terrain.cluster`): from the recipe, the terrain and the numbers of the
-        missing shards, yields each one's number and content as it is done. Else `workers` processes do, one a core.
-    progress : callable
-        Called with how many shards of how many are done.
+    The folder is made if need be; shards that are there are kept. To `make` shards elsewhere (`terrain.cluster`) is
+    to yield number and content of each missing one as it is done, from the recipe, the terrain and the numbers; else
+    `workers` processes do, one a core. `progress` is called with how many are done.
 
-    Returns
-    -------
-    dict
-        Numbers of ``shards``, ``maps`` and ``queries`` in the folder, and of shards in the whole set (``of``).
-
-    Raises
-    ------
-    DataSetError, TerrainError, OutputError
-        The folder holds another set, damaged shards, or cannot be written to; terrain cannot be read, is too small or
-        has no two cells to plan between; a process died.
+    Raises DataSetError, TerrainError or OutputError where the folder holds another set, damaged shards, or cannot be
+    written to; terrain cannot be read, is too small or has no two cells to plan between; a process died.
     """
-    k, n = part
-    if not 1 <= k <= n:
-        raise DataSetError(f"a shard must be k/n with 1 <= k <= n, got {k}/{n}")
-    wanted = [i for i in range(recipe.shards) if i % n == k - 1]
-    missing = [i for i in wanted if not _shard_path(folder, i).exists()]
+    missing = [i for i in range(recipe.shards) if not _shard_path(folder, i).exists()]
     tiles = read_terrain(recipe) if missing else []
     if sides := left_out(recipe, tiles):
         names = " and ".join(f"{side}²" for side in sides)
         warnings.warn(f"the terrain has no room for maps of {names} cells: they are left out", stacklevel=2)
     make_folder(folder)
     _claim(recipe, folder)
-    done = len(wanted) - len(missing)
-    progress(done, len(wanted))
+    done = recipe.shards - len(missing)
+    progress(done)
     made = make(recipe, tiles, missing) if make else _shards_here(recipe, tiles, missing, workers)
     with closing(made):
         for index, content in made:
             write_whole(_shard_path(folder, index), content)
             done += 1
-            progress(done, len(wanted))
+            progress(done)
     counts = [(len(shard["planes"]), len(shard["map_index"])) for shard in read_shards(folder, recipe)]
     maps, queries = (sum(each) for each in zip(*counts, strict=True)) if counts else (0, 0)
     return {"shards": len(counts), "of": recipe.shards, "maps": maps, "queries": queries}
@@ -180,6 +159,8 @@ def read_recipe(folder: Path) -> Recipe:
     """The recipe in a data set's folder; DataSetError if there is none."""
     try:
         stored = msgspec.json.decode((folder / RECIPE_FILE).read_bytes(), type=dict[str, object])
+        for former in ("allow_vrt", "vertical_scale"):  # older versions wrote them
+            stored.pop(former, None)
         if (of := stored.pop("format", None)) == FORMAT:
             return msgspec.convert(stored, Recipe)
     except (OSError, RecursionError, ValueError, msgspec.MsgspecError) as error:
@@ -193,8 +174,6 @@ def read_samples(folder: Path, most_maps: int | None = None, *, size: int | None
     DataSetError where the set cannot be read, or has no maps of that size.
     """
     recipe = read_recipe(folder)
-    if recipe.size % (size or recipe.size):
-        raise DataSetError(f"{folder}: wanted maps of {size} cells a side or a multiple of that, got {recipe.size}")
     parts: list[Samples] = []
     maps = 0
     for shard in read_shards(folder, recipe):

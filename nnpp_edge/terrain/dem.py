@@ -1,30 +1,26 @@
-"""Digital elevation models: read from the files that space agencies and surveyors publish, and written back.
+"""Digital elevation models: read from the files that space agencies and surveyors publish.
 
 Rasters (`gdal_files.FORMATS`) go through rasterio; NumPy arrays need none.
 """
 
-import math
 from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass, replace
-from functools import partial
 from importlib.resources import files
 from pathlib import Path
 
 import numpy as np
 import numpy.typing as npt
 
-from nnpp_edge.files import write_whole
 from nnpp_edge.runtime.arrays import Float2D, unmasked
 from nnpp_edge.runtime.cells import Rectangle
-from nnpp_edge.runtime.errors import InvalidQueryError, OutputError, TerrainError
+from nnpp_edge.runtime.errors import InvalidQueryError, TerrainError
 from nnpp_edge.runtime.map.along import heights_at
 from nnpp_edge.runtime.reading import problem_with_file, refused_as
-from nnpp_edge.terrain.array_files import read_arrays
+from nnpp_edge.terrain.array_files import check_grid, known_heights, metres, read_arrays
 from nnpp_edge.terrain.coordinates import cell_on_ground
 from nnpp_edge.terrain.georeference import Georeference, Place, check_sides
-from nnpp_edge.terrain.heights import check_grid, known_heights, metres
-from nnpp_edge.terrain.rasters import Raster, geotiff_bytes, opened_raster, read_raster
+from nnpp_edge.terrain.rasters import Raster, opened_raster, read_raster
 
 ARRAY_ENDINGS = (".npy", ".npz")
 
@@ -62,7 +58,6 @@ class Dem(Place):
 
         The georeference stays as it is: it still says where each cell lay on the map.
         """
-        check_option("cell size", cell_size_m)
         factor = cell_size_m / self.cell_size_m
         width = self.cell_width_m * factor
         return replace(
@@ -75,10 +70,11 @@ class Dem(Place):
         The first cell keeps its middle; the last one's is no farther than this map's last. Unknown where one of these
         heights is. InvalidQueryError where the cells would not be smaller, or more than `MOST_RESAMPLED`.
         """
-        check_option("cell size", cell_size_m)
         share = cell_size_m / self.cell_size_m
-        rows, cols = (math.floor((cells - 1) / share + 1e-6) + 1 for cells in self.shape)
-        if not share < 1.0 or rows * cols > MOST_RESAMPLED:
+        rows, cols = self.shape
+        if finer := 0.0 < share < 1.0:
+            rows, cols = (int(min((cells - 1) / share, 1e9) + 1e-6) + 1 for cells in self.shape)
+        if not finer or rows * cols > MOST_RESAMPLED:
             raise InvalidQueryError(
                 f"{self.source}: wanted finer cells, below {self.cell_size_m:g} m and at most {MOST_RESAMPLED} of "
                 f"them, got {rows} × {cols} cells of {cell_size_m:g} m"
@@ -101,13 +97,7 @@ MOST_RESAMPLED = 1 << 22
 """Cells of a map that is made finer, at most."""
 
 
-def read_dem(
-    path: Path | str,
-    cell_size_m: float | None = None,
-    vertical_scale: float | None = None,
-    *,
-    allow_vrt: bool = False,
-) -> Dem:
+def read_dem(path: Path | str, cell_size_m: float | None = None) -> Dem:
     """Read an elevation map; `.npy` and `.npz` are told by their ending, all else is GDAL's.
 
     Parameters
@@ -115,15 +105,9 @@ def read_dem(
     path : Path or str
         A raster of one band in one of `gdal_files.FORMATS`, whatever its name (for a PDS3 `.img` with a `.lbl` beside
         it, the label is opened); a 2-D `.npy`; an `.npz` with `elevation_m`, `elevation`, `dem` or a single 2-D
-        array, and perhaps `cell_size_m` (or `cell_m`), `cell_width_m` and `transform`, as of `Georeference`. Files
-        and addresses that it names elsewhere are not opened.
+        array, and perhaps `cell_size_m` (or `cell_m`), `cell_width_m` and `transform`, as of `Georeference`.
     cell_size_m : float, optional
         Side of a cell, north-south. Wins over the file's; the ratio of width to height is kept.
-    vertical_scale : float, optional
-        Metres per unit of the file's heights, after the band's own scale and offset. A PNG needs it;
-        elsewhere it wins over the unit that the file names, which is metres where it names none.
-    allow_vrt : bool
-        Whether a GDAL VRT is read, too, if it is made of GeoTIFFs in its own folder.
 
     Returns
     -------
@@ -134,30 +118,24 @@ def read_dem(
     ------
     TerrainError, InvalidQueryError, MissingExtraError
         The file is missing, broken, no elevation map, too large for the memory that is left, or lacks a cell size;
-        an option makes no sense; the format needs rasterio, which is not installed.
+        the size given makes no sense; the format needs rasterio, which is not installed.
 
     Notes
     -----
-    Cells are as long as the ground under them: geodesics on the system's own ellipsoid, along a column and a row at
-    the middle of the map. A UserWarning says where a projection's metre is more than 1 % off
-    there, and ground elsewhere on the map more than 3 %. A transform without a system, or with a local one, is taken
-    as it is. An offset over 100 km is a body's radius (PDS3 labels of the Moon): it is left out, so heights count
-    from that sphere and keep float32's precision.
+    Cells are as long as the ground under them (`coordinates.cell_on_ground`). An offset over 100 km is a body's
+    radius (PDS3 labels of the Moon): it is left out, so heights count from that sphere and keep float32's precision.
     """
     path = Path(path)
-    arrays = path.suffix.lower() in ARRAY_ENDINGS
-    read = read_arrays if arrays else partial(read_raster, allow_vrt=allow_vrt)
-    with checked_file(path, cell_size_m, vertical_scale):
-        elevation, cell, georeference = read(path, vertical_scale)
+    read = read_arrays if path.suffix.lower() in ARRAY_ENDINGS else read_raster
+    with checked_file(path):
+        elevation, cell, georeference = read(path)
     sides = cell_sides(path, elevation.shape, cell, georeference, cell_size_m)
     return Dem(known_heights(elevation), *sides, georeference, path)
 
 
 @contextmanager
-def checked_file(path: Path, cell_size_m: float | None, vertical_scale: float | None) -> Iterator[None]:
-    """Refuse options that make no sense and what is no file; whatever is raised meanwhile becomes a TerrainError."""
-    check_option("cell size", cell_size_m)
-    check_option("vertical scale", vertical_scale)
+def checked_file(path: Path) -> Iterator[None]:
+    """Refuse what is no file; whatever is raised meanwhile becomes a TerrainError."""
     if (problem := problem_with_file(path)) is not None:
         raise TerrainError(f"{path}: wanted a file with an elevation map ({problem})")
     with refused_as(TerrainError, f"{path}: wanted an elevation map, got a file that cannot be read"):
@@ -183,31 +161,6 @@ def cell_sides(
     return float(cell[0]), float(cell[1])
 
 
-def write_raster(path: Path | str, array: npt.ArrayLike, dem: Dem) -> None:
-    """Write a map of `dem`'s cells, numbers or bools, as a float32 GeoTIFF (deflate, nodata NaN), whole or not.
-
-    Masked cells become NaN. OutputError where the shape or type does not fit, or the file could not be written.
-    """
-    path = Path(path)
-    write_whole(path, raster_bytes(path, array, dem))
-
-
-def raster_bytes(path: Path, array: npt.ArrayLike, dem: Dem) -> bytes:
-    """The file's content, and the errors, of `write_raster`."""
-    values = unmasked(array)
-    if values.shape != dem.shape or values.dtype.kind not in "biuf":
-        wanted = f"wanted a {dem.shape} array of numbers"
-        raise OutputError(f"{path}: {wanted}, got {values.shape} {values.dtype}")
-    with refused_as(OutputError, f"{path}: could not be written"):
-        return geotiff_bytes(path.name, values, dem.georeference)
-
-
-def check_option(name: str, value: float | None) -> None:
-    """Refuse an option that is given and not above 0 and finite."""
-    if value is not None and not (math.isfinite(value) and value > 0):
-        raise InvalidQueryError(f"{name} must be above 0 and finite, got {value}")
-
-
 SAMPLES = ("earth_hummocks", "mars_victoria", "moon_highlands", "moon_rocks")
 
 
@@ -230,8 +183,6 @@ def sample_dem(name: str) -> Dem:
     return read_dem(sample_path(name))
 
 
-_STREAMS = {"AAIGrid": "as text", "PNG": "as one stream"}
-"""Drivers whose files can only be read from the beginning on."""
 _MOST_BLOCK_BYTES = 1 << 28
 """Of the blocks of a row of them, which are in memory at once."""
 
@@ -268,11 +219,11 @@ class DemWindows(Place):
         return heights if self.scale == 1.0 else metres(heights, self.scale)
 
 
-def size_of(path: Path, *, allow_vrt: bool = False) -> tuple[int, int] | None:
+def size_of(path: Path) -> tuple[int, int] | None:
     """Rows and columns of a raster, by its header; None for a file that only `read_dem` reads, or none at all."""
-    if path.suffix.lower() in (*ARRAY_ENDINGS, ".png") or problem_with_file(path) is not None:
+    if path.suffix.lower() in ARRAY_ENDINGS or problem_with_file(path) is not None:
         return None
-    with checked_file(path, None, None), opened_raster(path, None, allow_vrt) as raster:
+    with checked_file(path), opened_raster(path) as raster:
         return raster.shape
 
 
@@ -280,10 +231,8 @@ def size_of(path: Path, *, allow_vrt: bool = False) -> tuple[int, int] | None:
 def open_dem(
     path: Path | str,
     cell_size_m: float | None = None,
-    vertical_scale: float | None = None,
     *,
     rescale_m: float | None = None,
-    allow_vrt: bool = False,
 ) -> Iterator[DemWindows]:
     """An elevation map in a raster, to be read by windows; arguments and errors as of `read_dem` and `Dem.rescaled`.
 
@@ -291,11 +240,11 @@ def open_dem(
     """
     path = Path(path)
     with ExitStack() as stack:
-        with checked_file(path, cell_size_m, vertical_scale):
-            raster = stack.enter_context(opened_raster(path, vertical_scale, allow_vrt, by_windows=True))
+        with checked_file(path):
+            raster = stack.enter_context(opened_raster(path, by_windows=True))
             row_of_blocks = raster.block[0] * max(raster.shape[1], raster.block[1]) * raster.dtype.itemsize
-            if raster.driver in _STREAMS or row_of_blocks > _MOST_BLOCK_BYTES:
-                stored = _STREAMS.get(raster.driver, "in blocks of {} × {} cells".format(*raster.block))
+            if (text := raster.driver == "AAIGrid") or row_of_blocks > _MOST_BLOCK_BYTES:
+                stored = "as text" if text else "in blocks of {} × {} cells".format(*raster.block)
                 raise TerrainError(
                     f"{path}: wanted a raster that can be read by windows, got one stored {stored}: "
                     "make it tiled with gdal_translate -of COG"

@@ -5,14 +5,12 @@ raster. So the driver is one of `DRIVERS`, and what it would open besides is che
 """
 
 import re
-from collections.abc import Iterator
 from pathlib import Path
-from xml.etree import ElementTree
 
 from nnpp_edge.runtime.errors import TerrainError
 
-DRIVERS = ("GTiff", "AAIGrid", "PDS", "SRTMHGT", "EHdr", "HFA", "PNG")
-FORMATS = "GeoTIFF, ESRI ASCII grid, PDS3, SRTM .hgt, ESRI .bil, Erdas .img, 16-bit PNG"
+DRIVERS = ("GTiff", "AAIGrid", "PDS", "SRTMHGT", "EHdr", "HFA")
+FORMATS = "GeoTIFF, ESRI ASCII grid, PDS3, SRTM .hgt, ESRI .bil, Erdas .img"
 NO_NETWORK = {"CPL_VSIL_CURL_ALLOWED_FILENAME": "none"}
 """GDAL's options under which its file system knows no addresses."""
 
@@ -21,27 +19,19 @@ _RECORDINGS = (".mcap", ".db3", ".bag")
 _HEAD_BYTES = 1 << 20
 """Of a file that are looked at; GDAL tells formats apart by less."""
 _TIFF_STARTS = (b"II*\0", b"MM\0*", b"II+\0", b"MM\0+")
-_PLAIN_STARTS = (*_TIFF_STARTS, b"\0\0\0\x0cjP  ", b"EHFA_HEADER_TAG")
-"""Of TIFF, BigTIFF, JPEG 2000 and Erdas files."""
+_PLAIN_STARTS = (*_TIFF_STARTS, b"EHFA_HEADER_TAG")
+"""Of TIFF, BigTIFF and Erdas files."""
 _XML_FORMATS = re.compile(rb"<(VRTDataset|GDAL\w*Dataset|GDAL_W\w+|WCS_GDAL|MRF_META)", re.IGNORECASE)
 """GDAL looks for some of these anywhere in a file's head, whatever the file begins with."""
 _SIDECARS = (".msk", ".ovr", ".aux", ".rrd")
 """Masks, overviews and statistics: GDAL opens those beside a raster with any driver there is."""
 _LABEL_END = re.compile(rb"^\s*END\s*$", re.MULTILINE)
-_LABEL_FILE = re.compile(rb'FILE_NAME\s*=\s*"([\w.-]+)"', re.IGNORECASE)
-_VRT_ELEMENTS = re.compile(
-    "VRTDataset|SRS|GeoTransform|Metadata|MDI|BlockXSize|BlockYSize|VRTRasterBand|Description|UnitType|Offset|Scale|"
-    "NoDataValue|HideNoDataValue|ColorInterp|SimpleSource|ComplexSource|SourceFilename|SourceBand|SourceProperties|"
-    "SrcRect|DstRect|NODATA|ScaleOffset|ScaleRatio|UseMaskBand|Histograms|HistItem|HistMin|HistMax|BucketCount|"
-    "IncludeOutOfRange|Approximate|HistCounts"
-)
 
 
-def openable(path: Path, allow_vrt: bool) -> tuple[Path, list[str]]:
-    """The name for GDAL to open for an elevation map, and by which drivers.
+def openable(path: Path) -> Path:
+    """The name for GDAL to open for an elevation map: of a PDS3 image with a detached label, that of the label.
 
-    For a PDS3 image with a detached label it is the label. TerrainError where GDAL would open what is no plain
-    raster: a VRT that is not allowed, or not made of GeoTIFFs beside it; a label or a sidecar that leads elsewhere.
+    TerrainError where GDAL would open what is no plain raster: XML, or a label or a sidecar that leads elsewhere.
     """
     if path.suffix.lower() in _RECORDINGS:
         hint = "`GridMap` of nnpp_edge.ros.maps makes an .npz of one (docs/how-to-maps.md)"
@@ -51,65 +41,30 @@ def openable(path: Path, allow_vrt: bool) -> tuple[Path, list[str]]:
     opened = next((label for end in endings if (label := path.with_suffix(end)).is_file()), path).absolute()
     head = _head(opened)
     if head.lstrip(b"\xef\xbb\xbf \t\r\n").startswith(b"<"):
-        if not (allow_vrt and b"<VRTDataset" in head):
-            hint = "; --allow-vrt reads a VRT of GeoTIFFs in its own folder" if b"<VRTDataset" in head else ""
-            raise TerrainError(f"{path}: wanted {FORMATS}, got XML that names other files{hint}")
-        opened = opened.resolve()
-        for source in _vrt_sources(path, opened):
-            _check_plain(path, opened.with_name(source))
-        return opened, ["VRT"]
+        hint = "; gdal_translate -of COG makes a GeoTIFF of a VRT" if b"<VRTDataset" in head else ""
+        raise TerrainError(f"{path}: wanted {FORMATS}, got XML that names other files{hint}")
     if b"PDS_VERSION_ID" in head:
-        _check_label(path, opened, head)
+        end = _LABEL_END.search(head)
+        if end is None or b"COMPRESSED_FILE" in head[: end.start()].upper():  # GDAL opens that with any driver
+            raise TerrainError(f"{path}: wanted a PDS3 label of at most 1 MiB of an image that is not compressed")
     if head.startswith(_TIFF_STARTS):  # libtiff would print on stderr where the first directory lies beyond the end
         big, order = b"+" in head[2:4], "little" if head.startswith(b"II") else "big"
         if int.from_bytes(head[8:16] if big else head[4:8], order) >= opened.stat().st_size:  # type: ignore[arg-type]
             raise TerrainError(f"{path}: wanted a whole TIFF, got one whose first directory lies beyond its end")
     _check_sidecars(path, opened)
-    return opened, list(DRIVERS)
-
-
-def _vrt_sources(path: Path, vrt: Path) -> Iterator[str]:
-    """Names of a VRT's sources; TerrainError where it holds anything but bands made of files beside it."""
-    text = vrt.read_text("utf-8") if vrt.stat().st_size <= _HEAD_BYTES else "<!"
-    if "<!" in text:
-        raise TerrainError(f"{path}: wanted a VRT of at most 1 MiB without declarations and comments")
-    for element in ElementTree.fromstring(text).iter():
-        if not _VRT_ELEMENTS.fullmatch(element.tag) or "subClass" in element.attrib:
-            raise TerrainError(f"{path}: wanted a VRT of plain bands, got one with {' '.join(element.tag.split())!r}")
-        if element.tag == "SourceFilename":
-            name = element.text or ""
-            if element.get("relativeToVRT") != "1" or not re.fullmatch(r"[\w. -]+", name):
-                raise TerrainError(f"{path}: wanted sources in the VRT's own folder, got {name!r}")
-            yield name
-
-
-def _check_label(path: Path, opened: Path, head: bytes) -> None:
-    """TerrainError for a PDS3 label whose compressed image is not a plain raster beside it."""
-    end = _LABEL_END.search(head)
-    label = head[: end.start()] if end else b""
-    names = _LABEL_FILE.findall(label)
-    if end is None or len(names) != label.upper().count(b"FILE_NAME"):
-        raise TerrainError(f"{path}: wanted a PDS3 label of at most 1 MiB that names files in its own folder alone")
-    for name in names if b"COMPRESSED_FILE" in label.upper() else ():
-        if (compressed := opened.with_name(name.decode())).is_file():
-            _check_plain(path, compressed)
-
-
-def _check_plain(path: Path, other: Path) -> None:
-    """TerrainError, in the name of `path`, for another file that is no plain raster, or whose sidecar is none."""
-    head = _head(other)
-    if not head.startswith(_PLAIN_STARTS) or _XML_FORMATS.search(head):
-        raise TerrainError(f"{path}: wanted a plain raster in {other.name} beside it, got another kind of file")
-    if other.suffix.lower() not in _SIDECARS:
-        _check_sidecars(path, other)
+    return opened
 
 
 def _check_sidecars(path: Path, opened: Path) -> None:
-    """TerrainError for a file beside a raster that GDAL would open with it, and that is no plain one."""
+    """TerrainError for a file beside a raster that GDAL would open with it, and that is no plain raster."""
     start = f"{opened.stem.lower()}."
     for other in opened.parent.iterdir():
         if other.suffix.lower() in _SIDECARS and other.name.lower().startswith(start):
-            _check_plain(path, other)
+            head = _head(other)
+            if not head.startswith(_PLAIN_STARTS) or _XML_FORMATS.search(head):
+                raise TerrainError(
+                    f"{path}: wanted a plain raster in {other.name} beside it, got another kind of file"
+                )
 
 
 def _head(path: Path) -> bytes:

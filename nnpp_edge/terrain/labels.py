@@ -1,8 +1,8 @@
 """Labels by our own exact search: the optimal path, and how far from optimal each part of the map is."""
 
 import math
-from dataclasses import dataclass
 from itertools import combinations
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,14 +18,11 @@ EXCESS_STEP = 0.001
 """The excess is kept in steps of 0.1 %; level 255 stands for 25.5 % and more, and for out of reach."""
 
 
-@dataclass(frozen=True)
-class Label:
+class Label(NamedTuple):
     """Labels of one query by the exact search: its optimal path, and how much worse each block's best path is."""
 
     start: Cell
     goal: Cell
-    optimum: float
-    """Cost of the optimal path."""
     path: NDArray[np.int32]
     """(N, 2) the optimal path."""
     excess: NDArray[np.uint8]
@@ -68,7 +65,7 @@ def label_queries(
         assert found.status is Status.OK
         through = (fields[a] + fields[b]).reshape(blocks, side, blocks, side).min(axis=(1, 3))
         excess = np.minimum((through / optimum - 1.0) / EXCESS_STEP, 255.0)
-        out.append(Label(start, goal, optimum, found.path, np.maximum(np.rint(excess), 0.0).astype(np.uint8)))
+        out.append(Label(start, goal, found.path, np.maximum(np.rint(excess), 0.0).astype(np.uint8)))
     return out
 
 

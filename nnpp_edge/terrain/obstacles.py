@@ -1,6 +1,5 @@
 """Simulated obstacles: rectangles of impassable cells that appear, move and vanish."""
 
-import math
 from collections.abc import Collection, Sequence
 
 import numpy as np
@@ -16,7 +15,7 @@ CLEAR = 3
 # of single events: obstacles at a time; chances of a new one, else of one that vanishes rather than moves, and of a
 # new one on the path ahead; cells that one moves at most, to each side
 _MOST, _APPEARS, _DISAPPEARS, _ACROSS_THE_PATH, _REACH = 12, 0.4, 0.4, 0.5, 2
-PAPERS_SIDES = (1 / 20, 1 / 8)
+_SIDES = (1 / 20, 1 / 8)
 """Sides of an obstacle of the paper's scene, as shares of the map's."""
 _ON_PATH, _VANISHES, _MOVES = (0.15, 0.85), 0.25, 0.35
 """Where on what is left of the path one appears in the paper's scene, and the chances of each there."""
@@ -25,8 +24,7 @@ _ON_PATH, _VANISHES, _MOVES = (0.15, 0.85), 0.25, 0.35
 class Obstacles:
     """Obstacles on a map of this shape, (H, W); the same for the same generator.
 
-    Their cells have at least this `value`, and stay out of so many `clear` cells around robot and goal. `sides` are
-    the least and the greatest side of those of `next_scene`, as shares of the map's.
+    Their cells have at least this `value`, and stay out of so many `clear` cells around robot and goal.
     """
 
     def __init__(
@@ -36,9 +34,8 @@ class Obstacles:
         *,
         value: float = OBSTACLE,
         clear: int = CLEAR,
-        sides: tuple[float, float] = PAPERS_SIDES,
     ) -> None:
-        self.shape, self._rng, self._value, self._clear, self._sides = shape, rng, value, clear, sides
+        self.shape, self._rng, self._value, self._clear = shape, rng, value, clear
         self.blocks: list[Rectangle] = []
 
     def one_event(self, robot: Cell, goal: Cell, path: NDArray[np.int32]) -> list[Rectangle]:
@@ -59,20 +56,16 @@ class Obstacles:
         blocks[at] = new
         return [old, new]
 
-    def next_scene(self, robot: Cell, goal: Cell, path: NDArray[np.int32], reach: float = math.inf) -> None:
-        """The paper's scene between two plans: some vanish, some move on, and one more appears across the path.
-
-        All of it happens at most about `reach` cells from the robot.
-        """
+    def next_scene(self, robot: Cell, goal: Cell, path: NDArray[np.int32]) -> None:
+        """The paper's scene between two plans: some vanish, some move on, and one more appears across the path."""
         rng, kept = self._rng, []
         for block in self.blocks:
-            fate = 1.0 if apart(block, robot) > reach else rng.random()
+            fate = rng.random()
             if fate >= _VANISHES:
                 kept.append(self._moved(block, block[2], block[3]) if fate < _VANISHES + _MOVES else block)
         side = max(self.shape)
-        rows, cols = (min(max(int(rng.uniform(*self._sides) * side), 2), n) for n in self.shape)
-        ahead = min(len(path) - 1, reach)
-        kept.append(self._around(path[int(rng.uniform(*_ON_PATH) * ahead)], rows, cols))
+        rows, cols = (min(max(int(rng.uniform(*_SIDES) * side), 2), n) for n in self.shape)
+        kept.append(self._around(path[int(rng.uniform(*_ON_PATH) * (len(path) - 1))], rows, cols))
         self.blocks = [block for block in kept if not self._near(block, robot, goal)]
 
     def clear_of(self, cell: Cell) -> list[Rectangle]:

@@ -1,4 +1,4 @@
-"""Elevation maps in rasters (GeoTIFF, PDS3, ESRI ASCII grid, 16-bit PNG and others), read and written by rasterio."""
+"""Elevation maps in rasters (GeoTIFF, PDS3, ESRI ASCII grid and others), read and written by rasterio."""
 
 import json
 import math
@@ -17,14 +17,15 @@ from typing import TYPE_CHECKING, cast
 import numpy as np
 import numpy.typing as npt
 
-from nnpp_edge.runtime.arrays import Float2D
+from nnpp_edge.runtime.arrays import Float2D, unmasked
 from nnpp_edge.runtime.bands import in_bands
 from nnpp_edge.runtime.cells import Rectangle
 from nnpp_edge.runtime.errors import OutputError, TerrainError, optional_module
+from nnpp_edge.runtime.reading import refused_as
 from nnpp_edge.runtime.tuning import THREADS_FROM
-from nnpp_edge.terrain.gdal_files import FORMATS, NO_NETWORK, openable
-from nnpp_edge.terrain.georeference import Georeference
-from nnpp_edge.terrain.heights import Reading, check_room, metres
+from nnpp_edge.terrain.array_files import Reading, check_room, metres
+from nnpp_edge.terrain.gdal_files import DRIVERS, FORMATS, NO_NETWORK, openable
+from nnpp_edge.terrain.georeference import Georeference, Place
 
 if TYPE_CHECKING:
     from rasterio.io import DatasetReader
@@ -40,32 +41,25 @@ _TILE = 512
 """Cells to the side of a tile of a raster that is written as a stream."""
 _LEAST_CACHE_BYTES = 1 << 26
 """Of blocks that GDAL keeps for a raster read by windows; by itself it would keep a twentieth of the memory."""
-_FEW_BLOCKS = 8
-"""That are not worth threads."""
 
 
 class Raster:
     """The heights in an open file of one of `FORMATS`; `opened_raster` makes one."""
 
-    def __init__(self, path: Path, dataset: "DatasetReader", vertical_scale: float | None) -> None:
+    def __init__(self, path: Path, dataset: "DatasetReader") -> None:
         self.path, self.dataset = path, dataset
         self.shape: tuple[int, int] = dataset.shape
         """Rows and columns."""
         self.block: tuple[int, int] = dataset.block_shapes[0]
         """Rows and columns of a block, which is read as one."""
         self.dtype, self.driver = np.dtype(dataset.dtypes[0]), dataset.driver
-        if self.driver == "PNG":
-            if dataset.count != 1 or self.dtype != np.uint16:
-                raise TerrainError(f"{path}: wanted a grey 16-bit PNG, got {dataset.count} × {self.dtype}")
-            if vertical_scale is None:
-                raise TerrainError(f"{path}: no unit of height in a PNG; give metres per level with --vertical-scale")
         if dataset.count != 1:
             raise TerrainError(f"{path}: wanted one band of elevation, got {dataset.count} bands")
         if dataset.dtypes[0].startswith("complex"):
             raise TerrainError(f"{path}: wanted a band of real numbers, got {dataset.dtypes[0]}")
-        image, self._compressed = _pds_label(dataset)
+        image = _pds_image(dataset)
         name = dataset.units[0] or image.get("UNIT", "")  # GDAL passes over the unit in a PDS3 label
-        unit = vertical_scale or _METRES_PER_UNIT.get(str(name).lower(), 1.0)
+        unit = _METRES_PER_UNIT.get(str(name).lower(), 1.0)
         offset = dataset.offsets[0] * unit
         self._scale, self._offset = dataset.scales[0] * unit, 0.0 if abs(offset) > _HIGHEST_OFFSET_M else offset
         structure = dataset.tags(ns="IMAGE_STRUCTURE")
@@ -99,7 +93,7 @@ class Raster:
             got = np.fromstring(text, dtype=np.float32, sep=" ").size
             if got < cells:
                 raise TerrainError(f"{self.path}: wanted {cells} heights, got {got} before the end or a word")
-        elif self.driver == "EHdr" or (self.driver == "PDS" and not self._compressed):
+        elif self.driver in ("EHdr", "PDS"):
             files = self.dataset.files if self.driver == "PDS" else [self.path]
             wanted, bytes_ = cells * self.dtype.itemsize, sum(Path(name).stat().st_size for name in files)
             if bytes_ < wanted:
@@ -128,17 +122,13 @@ class Raster:
                         wanted = f"{self.path}: wanted whole blocks, got a damaged one at byte {at}"
                         raise TerrainError(wanted) from error
 
-        if len(places) > _FEW_BLOCKS:
-            in_bands(check, len(places), THREADS_FROM)
-        else:
-            check(0, len(places))
+        if places:
+            in_bands(check, len(places), THREADS_FROM // 8)  # fewer are not worth threads
         self._right |= blocks
 
 
 @contextmanager
-def opened_raster(
-    path: Path, vertical_scale: float | None, allow_vrt: bool = False, *, by_windows: bool = False
-) -> Iterator[Raster]:
+def opened_raster(path: Path, *, by_windows: bool = False) -> Iterator[Raster]:
     """An open raster of one band of heights, all in files of its own folder; raises as `read_raster`.
 
     One to be read by windows keeps a row of blocks, decoded by several threads, and forgets what it has read before.
@@ -146,13 +136,13 @@ def opened_raster(
     rasterio = optional_module("rasterio", f"reading {path.name}", "geo")
     # An ASCII grid without a decimal point would be read as whole numbers, and its nan as 0.
     options = {"DATATYPE": "Float64"} if path.suffix.lower() == ".asc" else {}
-    opened, drivers = openable(path, allow_vrt)
-    if by_windows and len(drivers) > 1:
+    opened = openable(path)
+    if by_windows:
         options["NUM_THREADS"] = "ALL_CPUS"
-    with _quiet(rasterio), _opened(rasterio, path, opened, driver=drivers, **options) as dataset:
+    with _quiet(rasterio), _opened(rasterio, path, opened, **options) as dataset:
         if any(Path(name).parent != opened.parent for name in dataset.files):
             raise TerrainError(f"{path}: wanted a raster whose files lie in its own folder, got {dataset.files}")
-        raster = Raster(path, dataset, vertical_scale)
+        raster = Raster(path, dataset)
         if not by_windows:
             yield raster
             return
@@ -162,19 +152,26 @@ def opened_raster(
             yield raster
 
 
-def read_raster(path: Path, vertical_scale: float | None, allow_vrt: bool = False) -> Reading:
+def read_raster(path: Path) -> Reading:
     """Elevation and georeference of a raster of `FORMATS`; errors of `read_dem`, and whatever rasterio raises."""
-    with opened_raster(path, vertical_scale, allow_vrt) as raster:
+    with opened_raster(path) as raster:
         check_room(path, raster.shape, raster.dtype, raster.dtype.itemsize * math.prod(raster.block))
         raster.check_whole()
         return raster.heights((0, 0, *raster.shape)), None, raster.place()
 
 
-def geotiff_bytes(name: str, values: npt.NDArray[np.generic], place: Georeference | None) -> bytes:
-    """A float32 GeoTIFF of `values` (H, W), made in memory: GDAL may meet a full disk in silence, Python does not."""
-    rasterio = optional_module("rasterio", f"writing {name}", "geo")
-    with _quiet(rasterio), rasterio.MemoryFile() as memory:
-        with memory.open(**_geotiff(rasterio, values.shape, place)) as dataset:
+def raster_bytes(path: Path, array: npt.ArrayLike, place: Place) -> bytes:
+    """A map of a place's cells, numbers or bools, as a float32 GeoTIFF whose masked cells are NaN.
+
+    It is made in memory, as GDAL may meet a full disk in silence. OutputError, which names the file to be written,
+    where the shape or type does not fit, or GDAL cannot write it.
+    """
+    values = unmasked(array)
+    if values.shape != place.shape or values.dtype.kind not in "biuf":
+        raise OutputError(f"{path}: wanted a {place.shape} array of numbers, got {values.shape} {values.dtype}")
+    rasterio = optional_module("rasterio", f"writing {path.name}", "geo")
+    with refused_as(OutputError, f"{path}: could not be written"), _quiet(rasterio), rasterio.MemoryFile() as memory:
+        with memory.open(**_geotiff(rasterio, values.shape, place.georeference)) as dataset:
             dataset.write(values.astype(np.float32), 1)
         return bytes(memory.read())
 
@@ -212,17 +209,18 @@ def _geotiff(rasterio: ModuleType, shape: tuple[int, ...], place: Georeference |
     return {"driver": "GTiff", "compress": "deflate", "predictor": 3, "nodata": math.nan, **size, **where}
 
 
-def _pds_label(dataset: "DatasetReader") -> tuple[dict[str, object], bool]:
-    """The image object of a PDS3 label, empty for other files, and whether the image is compressed."""
+def _pds_image(dataset: "DatasetReader") -> dict[str, object]:
+    """The image object of a PDS3 label; empty for other files."""
     tags = dataset.tags(ns="json:PDS")
     label = json.loads(":".join(*tags.items())) if tags else {}  # rasterio cuts the JSON at its first colon
-    return label.get("UNCOMPRESSED_FILE", label).get("IMAGE", {}), "COMPRESSED_FILE" in label
+    found: dict[str, object] = label.get("IMAGE", {})
+    return found
 
 
 def _opened(rasterio: ModuleType, path: Path, opened: Path, **options: object) -> "DatasetReader":
-    """The raster, opened by the drivers in `options` alone: `rasterio.open` would take one."""
+    """The raster, opened by one of `DRIVERS`: `rasterio.open` would take one driver."""
     try:
-        return cast("DatasetReader", rasterio.io.DatasetReader(str(opened), **options))
+        return cast("DatasetReader", rasterio.io.DatasetReader(str(opened), driver=list(DRIVERS), **options))
     except rasterio.errors.RasterioIOError as error:
         if "not recognized" in str(error):
             raise TerrainError(f"{path}: wanted {FORMATS}, got a file that cannot be read as one of them") from error

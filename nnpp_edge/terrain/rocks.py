@@ -20,8 +20,8 @@ _GREATEST_M = 3.0
 """Larger rocks cover less than 0.01 % of the ground even at the largest share."""
 _TABLE = 4096
 """Diameters at which the law is tabulated: counts are right to four digits or better."""
-_AT_ONCE = 1 << 20
-"""Cells of rocks that are worked out together."""
+_AT_ONCE = 4096
+"""Rocks that are worked out together."""
 
 
 class Rocks(NamedTuple):
@@ -56,7 +56,13 @@ def draw_rocks(
 ) -> Rocks:
     """Rocks at random places of a map of (H, W) cells of these (height, width), as many as the law has on average."""
     rng = np.random.default_rng(rng)
-    table, numbers = _numbers(cover, *diameters_m)
+    if not 0.0 < diameters_m[0] < diameters_m[1] < math.inf:
+        wanted = "rocks' diameters must be positive and in order, metres"
+        raise InvalidQueryError(f"{wanted}, got {diameters_m[0]:g} and {diameters_m[1]:g}")
+    table = np.geomspace(*diameters_m, _TABLE)
+    shares = covered_share(cover, table)
+    between = np.maximum(shares[:-1] - shares[1:], 0.0) / (0.25 * math.pi * table[:-1] * table[1:])
+    numbers = np.concatenate(((0.0,), np.cumsum(between)))  # on a square metre, from the least diameter up to each
     count = int(rng.poisson(numbers[-1] * math.prod(shape) * math.prod(sides_m)))
     places = rng.random((count, 2)) * shape - 0.5
     return Rocks(places, np.interp(rng.random(count) * numbers[-1], numbers, table))
@@ -69,7 +75,6 @@ def with_rocks(
     rng: np.random.Generator | int,
     *,
     cell_width_m: float | None = None,
-    diameters_m: tuple[float, float] | None = None,
 ) -> Float2D:
     """An elevation map (metres, NaN where unknown) with rocks on it: a new (H, W) float32 array.
 
@@ -79,55 +84,30 @@ def with_rocks(
     Parameters
     ----------
     cover : float
-        Share of the ground under rocks of any size, from 0 to 0.2: the law's k. Those that are drawn cover
-        `covered_share` of the least diameter less that of the greatest.
-    diameters_m : (float, float), optional
-        Of the least and the greatest rock. By default the least is 0.2 m or half a cell, whichever is more, and the
-        greatest 3 m. InvalidQueryError where they are not in order, as on cells of more than 6 m by default.
+        Share of the ground under rocks of any size, from 0 to 0.2: the law's k. Drawn are rocks of 0.2 m, or half a
+        cell if that is more, to 3 m. InvalidQueryError on cells of more than 6 m.
     """
     heights, sides = as_map(dem, "dem"), sides_of(cell_size_m, cell_width_m)
-    wanted = (max(_LEAST_M, _LEAST_CELLS * max(sides)), _GREATEST_M) if diameters_m is None else diameters_m
+    wanted = max(_LEAST_M, _LEAST_CELLS * max(sides)), _GREATEST_M
     return heights + rock_heights(heights.shape, sides, draw_rocks(heights.shape, sides, cover, rng, wanted))
 
 
 def rock_heights(shape: tuple[int, int], sides_m: tuple[float, float], rocks: Rocks) -> Float2D:
     """(H, W) metres by which rocks raise the cells of a map."""
     out = np.zeros(shape, np.float32)
-    reach = 0.5 + 0.5 * rocks.diameters_m[:, None] / sides_m
+    (height, width), radii = shape, 0.5 * rocks.diameters_m
+    reach = 0.5 + radii[:, None] / sides_m
     first = np.ceil(rocks.places - reach).astype(np.int64)
-    last = np.floor(rocks.places + reach).astype(np.int64)
-    windows, kinds = np.unique(last - first + 1, axis=0, return_inverse=True)
-    for kind, window in enumerate(windows.tolist()):
-        same = np.flatnonzero(kinds.reshape(-1) == kind)
-        most = max(_AT_ONCE // math.prod(window), 1)
-        for at in range(0, len(same), most):
-            some = same[at : at + most]
-            _raise(out, Rocks(*(each[some] for each in rocks)), first[some], window, sides_m)
+    sizes = np.floor(rocks.places + reach).astype(np.int64) - first + 1
+    for at in range(0, len(radii), _AT_ONCE):
+        cells = sizes[at : at + _AT_ONCE].prod(1)
+        rock = np.repeat(np.arange(at, at + len(cells)), cells)
+        within = np.arange(len(rock)) - np.repeat(np.cumsum(cells) - cells, cells)
+        row, col = first[rock].T + np.divmod(within, sizes[rock, 1])
+        away = np.abs(np.stack((row, col), axis=1) - rocks.places[rock])
+        down, across = (np.maximum(away - 0.5, 0.0) * sides_m).T
+        rest = radii[rock] ** 2 - down**2 - across**2
+        touched = (rest > 0.0) & (row >= 0) & (row < height) & (col >= 0) & (col < width)
+        raised = (2.0 * HEIGHT * np.sqrt(rest[touched])).astype(np.float32)
+        np.maximum.at(out.reshape(-1), (row * width + col)[touched], raised)
     return out
-
-
-def _raise(
-    out: Float2D, rocks: Rocks, first: NDArray[np.int64], window: tuple[int, int], sides_m: tuple[float, float]
-) -> None:
-    """Raise the cells that rocks touch, all in windows of one size from their `first` cells on."""
-    (height, width), places = out.shape, rocks.places[:, :, None, None]
-    row, col = (first[:, axis, None, None] + np.indices((1, *window))[axis + 1] for axis in (0, 1))
-    down, across = (
-        np.maximum(np.abs(cells - places[:, axis]) - 0.5, 0.0) * sides_m[axis]
-        for axis, cells in enumerate((row, col))
-    )
-    rest = (0.5 * rocks.diameters_m)[:, None, None] ** 2 - down**2 - across**2
-    touched = (rest > 0.0) & (row >= 0) & (row < height) & (col >= 0) & (col < width)
-    raised = (2.0 * HEIGHT * np.sqrt(rest[touched])).astype(np.float32)
-    np.maximum.at(out.reshape(-1), (row * width + col)[touched], raised)
-
-
-def _numbers(cover: float, least_m: float, greatest_m: float) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Diameters from the least to the greatest, and how many rocks a square metre has from the least up to each."""
-    if not 0.0 < least_m < greatest_m < math.inf:
-        wanted = "rocks' diameters must be positive and in order, metres"
-        raise InvalidQueryError(f"{wanted}, got {least_m:g} and {greatest_m:g}")
-    table = np.geomspace(least_m, greatest_m, _TABLE)
-    shares = covered_share(cover, table)
-    between = np.maximum(shares[:-1] - shares[1:], 0.0) / (0.25 * math.pi * table[:-1] * table[1:])
-    return table, np.concatenate(((0.0,), np.cumsum(between)))

@@ -3,19 +3,20 @@
 import json
 import math
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass, field
+from xml.sax.saxutils import escape
 
 import numpy as np
 from numpy.typing import NDArray
 
 from nnpp_edge.runtime.arrays import Float2D
-from nnpp_edge.runtime.errors import InvalidQueryError, optional_module
+from nnpp_edge.runtime.errors import optional_module
 from nnpp_edge.runtime.map.along import Along, Line
 from nnpp_edge.terrain.coordinates import lonlat_of
 from nnpp_edge.terrain.dem import Dem
 from nnpp_edge.terrain.georeference import Place
-from nnpp_edge.terrain.vectors import geopackage_bytes, gpx_bytes, line_wkb, polygons_wkb
+from nnpp_edge.terrain.vectors import geopackage_bytes
 
 _LOCAL = 'LOCAL_CS["the map\'s own metres",UNIT["metre",1]]'
 _EPSG = re.compile(r'(?:AUTHORITY|ID)\["EPSG",\s*"?(\d+)"?\]\]\s*$')
@@ -79,33 +80,39 @@ class Route:
         other bodies have neither. `crs` in the properties is the coordinate system as WKT, or null; `named_crs`
         names it to GDAL and QGIS.
         """
-        places = places_of(self.dem, self.line).tolist()
-        geometry: dict[str, object] | None = None
-        if places:
-            one = len(places) == 1
-            geometry = {"type": "Point" if one else "LineString", "coordinates": places[0] if one else places}
         place = self.dem.georeference
         meaning = "metres from the centre of cell (0, 0), y downwards" if place is None else "the map's own"
         properties = {**properties, **self.stands(), "coordinates": meaning, "crs": place and place.crs}
-        feature = {"type": "Feature", "geometry": geometry, "properties": properties}
-        return json.dumps(feature | named_crs(self.dem), allow_nan=False).encode()
+        return json.dumps(self._feature(places_of(self.dem, self.line), properties), allow_nan=False).encode()
 
     def geopackage(self, properties: dict[str, object]) -> bytes:
-        """A GeoPackage whose layer `path` has the path with its heights as one line, empty where there is none.
+        """Likewise with heights, as a GeoPackage whose layer is `path`; MissingExtraError without pyogrio."""
+        places = np.column_stack((places_of(self.dem, self.along.points), self.along.heights_m))
+        return geopackage_bytes("path", json.dumps(self._feature(places, properties)).encode())
 
-        MissingExtraError where pyogrio is not installed.
-        """
-        line = np.column_stack((places_of(self.dem, self.along.points), self.along.heights_m))
-        shapes = [line_wkb(np.repeat(line, 2, axis=0) if len(line) == 1 else line)] if len(line) else []
-        fields = {name: [value] for name, value in properties.items() if shapes and value is not None}
-        return geopackage_bytes("path", "LineString Z", shapes, fields, self.dem)
+    def _feature(self, places: NDArray[np.float64], properties: dict[str, object]) -> dict[str, object]:
+        line: list[object] = places.tolist()
+        geometry: dict[str, object] | None = None
+        if line:
+            one = len(line) == 1
+            geometry = {"type": "Point" if one else "LineString", "coordinates": line[0] if one else line}
+        return {"type": "Feature", "geometry": geometry, "properties": properties} | named_crs(self.dem)
 
     def gpx(self, name: str, stops: Mapping[str, tuple[int, int]]) -> bytes:
-        """A GPX track, and stops (row, col) by name; InvalidQueryError where the map does not lie on the Earth."""
+        """A GPX 1.1 track, and stops (row, col) by name as way points; InvalidQueryError for a map off the Earth."""
         cells = np.array(list(stops.values()), np.float64).reshape(-1, 2)
-        lonlat = lonlat_of(self.dem, places_of(self.dem, np.concatenate((cells, self.along.points))))
-        ends = dict(zip(stops, [(lon, lat) for lon, lat in lonlat[: len(cells)].tolist()], strict=True))
-        return gpx_bytes(name, lonlat[len(cells) :], self.along.heights_m, ends)
+        lonlat = lonlat_of(self.dem, places_of(self.dem, np.concatenate((cells, self.along.points)))).tolist()
+        out = [
+            '<?xml version="1.0" encoding="UTF-8"?>',
+            '<gpx version="1.1" creator="nnpp-edge" xmlns="http://www.topografix.com/GPX/1/1">',
+        ]
+        for stop, (lon, lat) in zip(stops, lonlat, strict=False):
+            out.append(f'<wpt lat="{lat:.8f}" lon="{lon:.8f}"><name>{escape(stop)}</name></wpt>')
+        out.append(f"<trk><name>{escape(name)}</name><trkseg>")
+        for (lon, lat), height in zip(lonlat[len(stops) :], self.along.heights_m, strict=True):
+            known = f"<ele>{height:.3f}</ele>" if math.isfinite(height) else ""
+            out.append(f'<trkpt lat="{lat:.8f}" lon="{lon:.8f}">{known}</trkpt>')
+        return "\n".join([*out, "</trkseg></trk>", "</gpx>", ""]).encode()
 
 
 def _known(number: float) -> float | None:
@@ -142,7 +149,7 @@ Polygon = list[list[tuple[float, float]]]
 
 @dataclass(frozen=True, eq=False)
 class Reach:
-    """The areas that can be reached within each of several costs; InvalidQueryError for levels that do not ascend."""
+    """The areas that can be reached within each of several costs."""
 
     field: Float2D
     """(H, W) cost of getting to each cell; inf where that is not possible, or costs more than the last level."""
@@ -153,19 +160,13 @@ class Reach:
     unit: str
     dem: Dem
 
-    def __post_init__(self) -> None:
-        if not self.levels or any(np.diff(self.levels) <= 0.0) or not all(map(math.isfinite, self.levels)):
-            raise InvalidQueryError(f"levels must be ascending numbers, got {self.levels}")
-
     @property
-    def cells(self) -> list[int]:
-        """How many cells can be reached within each level."""
-        return [int((self.field <= level).sum()) for level in self.levels]
-
-    @property
-    def areas_m2(self) -> list[float]:
-        """Their area on the level."""
-        return [cells * self.dem.cell_size_m * self.dem.cell_width_m for cells in self.cells]
+    def areas(self) -> list[dict[str, float]]:
+        """Of each level: ``within``, the ``cells`` that can be reached within it, and their ``area_m2``."""
+        cells = [int((self.field <= level).sum()) for level in self.levels]
+        cell_m2 = self.dem.cell_size_m * self.dem.cell_width_m
+        found = zip(self.levels, cells, strict=True)
+        return [{"within": level, "cells": n, "area_m2": round(n * cell_m2, 3)} for level, n in found]
 
     def raster(self) -> NDArray[np.float32]:
         """`field`, with NaN where nothing is reached."""
@@ -183,24 +184,10 @@ class Reach:
         return [shape["coordinates"] for shape, _ in found]
 
     def geojson(self) -> bytes:
-        """A feature for each level, the widest first; coordinates as in a path's GeoJSON."""
+        """A feature for each level, the widest first, so that others are drawn on it; coordinates as a path's."""
         found = []
-        for level, properties in self._layers():
-            geometry = {"type": "MultiPolygon", "coordinates": self.polygons(level)}
+        for area in self.areas[::-1]:
+            properties = {"measure": self.measure, "unit": self.unit, **area}
+            geometry = {"type": "MultiPolygon", "coordinates": self.polygons(area["within"])}
             found.append({"type": "Feature", "geometry": geometry, "properties": properties})
         return json.dumps({"type": "FeatureCollection", "features": found} | named_crs(self.dem)).encode()
-
-    def geopackage(self) -> bytes:
-        """These areas as a GeoPackage whose layer is `reach`; MissingExtraError where pyogrio is not installed."""
-        layers = self._layers()
-        shapes = [polygons_wkb([[np.array(r) for r in p] for p in self.polygons(level)]) for level, _ in layers]
-        fields: dict[str, Sequence[object]] = {name: [p[name] for _, p in layers] for name in layers[0][1]}
-        return geopackage_bytes("reach", "MultiPolygon", shapes, fields, self.dem)
-
-    def _layers(self) -> list[tuple[float, dict[str, object]]]:
-        """Each level with its properties, the widest first, so that the others are drawn on it."""
-        found = zip(self.levels, self.cells, self.areas_m2, strict=True)
-        return [
-            (level, {"within": level, "measure": self.measure, "unit": self.unit, "cells": cells, "area_m2": area})
-            for level, cells, area in reversed(list(found))
-        ]

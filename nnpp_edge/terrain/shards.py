@@ -68,9 +68,7 @@ class Recipe(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     stripe: tuple[float, float] = (0.0, 1.0)
     """The part of each file that is used: from where to where on its longer side, as shares of it."""
     cell_size_m: float | None = None
-    """This and the next two: see `read_dem`."""
-    vertical_scale: float | None = None
-    allow_vrt: bool = False
+    """See `read_dem`."""
 
     def __post_init__(self) -> None:
         size, blocks, (start, end) = self.size, self.blocks, self.stripe
@@ -80,8 +78,10 @@ class Recipe(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
         span = f"{LEAST_SIDE_M:g} to {MOST_SIDE_M:g} m, got {self.cell_sizes_m}"
         for met, wanted in (
             (size > 0 == size % _SIZE_STEP, f"size must be a multiple of {_SIZE_STEP}, got {size}"),
-            (blocks > 0 == blocks % 8, f"blocks must be a multiple of 8, got {blocks}"),
-            (blocks > 0 == size % blocks, f"blocks must divide {size}, got {blocks}"),
+            (
+                blocks > 0 == blocks % 8 == size % blocks,
+                f"blocks must be a multiple of 8 that divides {size}, got {blocks}",
+            ),
             (min(counts) > 0 <= self.seed, "numbers of maps and points must be above 0"),
             (all(0.0 <= share <= 1.0 for share in shares), f"shares must lie in [0, 1], got {shares}"),
             (all(min(s, default=-1) >= 0 < sum(s) < math.inf for s in drawn), f"shares must be above 0, got {drawn}"),
@@ -120,7 +120,7 @@ def read_terrain(recipe: Recipe) -> list[Dem]:
     """
     tiles = []
     for name in recipe.terrain:
-        dem = read_dem(Path(name), recipe.cell_size_m, recipe.vertical_scale, allow_vrt=recipe.allow_vrt)
+        dem = read_dem(Path(name), recipe.cell_size_m)
         tiles.append(dem := _stripe(dem, recipe.stripe))
         rows, cols = dem.shape
         if min(rows, cols) < recipe.size:

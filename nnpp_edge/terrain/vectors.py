@@ -1,18 +1,14 @@
-"""Vector files: points of a layer as places on a map, and features as a GeoPackage, by pyogrio; paths as GPX."""
+"""Vector files: points of a layer as places on a map, and GeoJSON as a GeoPackage, by pyogrio."""
 
 import io
-import math
 import re
-import struct
 import warnings
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from types import ModuleType
-from xml.sax.saxutils import escape
 
 import numpy as np
-import numpy.typing as npt
 
 from nnpp_edge.runtime.errors import InvalidQueryError, optional_module
 from nnpp_edge.runtime.reading import parse, problem_with_file, read_text, refused_as
@@ -21,13 +17,13 @@ from nnpp_edge.terrain.gdal_files import NO_NETWORK
 from nnpp_edge.terrain.georeference import Place
 
 FORMATS = "GeoPackage, GeoJSON, GPX, Shapefile, FlatGeobuf"
-_STARTS = (b"SQLite format 3\0", b"\0\0\x27\x0a", b"fgb\x03")
-"""Of a GeoPackage, a Shapefile and a FlatGeobuf."""
-_GPX = re.compile(rb"(<\?xml[^>]*\?>)?\s*(<!--.*?-->\s*)*<gpx[\s>]", re.DOTALL)
+_PLAIN = re.compile(
+    rb"SQLite format 3\0|\0\0\x27\x0a|fgb\x03|(<\?xml[^>]*\?>)?\s*(<!--.*?-->\s*)*<gpx[\s>]", re.DOTALL
+)
+"""How a GeoPackage, a Shapefile, a FlatGeobuf and GPX begin."""
 _GEOJSON_TYPES = ("FeatureCollection", "Feature", "Point", "MultiPoint", "GeometryCollection")
-_SHAPES = {2: "a line", 3: "a polygon", 5: "lines", 6: "polygons", 7: "a collection"}
-"""By their numbers in WKB; a point is 1, points are 4."""
-_HEAD_BYTES = 1 << 12
+_POINTS = np.dtype([("head", "V5"), ("xy", "<f8", 2)])
+"""A point in WKB; where there are several they follow a head of 9 bytes."""
 
 
 class VectorFileError(InvalidQueryError):
@@ -37,84 +33,49 @@ class VectorFileError(InvalidQueryError):
 def points_of(name: str, place: Place) -> tuple[Points, str]:
     """Map coordinates (N, 2) of a layer's points, in their order, and a word where they had to be reprojected.
 
-    The name is that of a file of one of `FORMATS`, or FILE:LAYER where several of its layers hold points. Points of a
-    layer that names no coordinate system are in the map's own. VectorFileError where there is no such file or layer,
-    or it holds other things than points, or none; InvalidQueryError where its system does not lead to the map's.
+    The name is that of a file of one of `FORMATS`, or FILE:LAYER where it has several, of which GPX's is that of the
+    way points. Points of a layer that names no coordinate system are in the map's own. VectorFileError where there is
+    no such file or layer, or it holds other things than points, or none; InvalidQueryError where its system does not
+    lead to the map's.
     """
     path, layer = named_file(name)
-    _check_plain(path)
-    refused = refused_as(VectorFileError, f"{path}: wanted {FORMATS} with a layer of points")
+    refused = refused_as(VectorFileError, f"{path}: wanted {FORMATS} with points")
     with _pyogrio(f"reading {path.name}") as pyogrio, refused:
-        layer = layer or _only_layer(pyogrio, path)
-        meta, _, shapes, _ = pyogrio.raw.read(path, layer=layer, columns=[], force_2d=True)
-    found = np.array([point for shape in shapes for point in _points(path, shape)]).reshape(-1, 2)
+        _check_plain(path)
+        layers = pyogrio.list_layers(path)[:, 0].tolist()
+        if layer is None and len(layers) > 1 and layers[0] != "waypoints":
+            raise VectorFileError(f"{path}: wanted one layer: name it as {path.name}:LAYER ({', '.join(layers)})")
+        meta, _, read, _ = pyogrio.raw.read(path, layer=layer or layers[0], columns=[], force_2d=True)
+        shapes = [shape for shape in read if shape is not None]
+        if any(shape[1] not in (1, 4) for shape in shapes):
+            raise VectorFileError(f"{path}: wanted points, got other shapes ({meta['geometry_type']})")
+        points = [np.frombuffer(shape, _POINTS, offset=9 if shape[1] == 4 else 0)["xy"] for shape in shapes]
+    found = np.concatenate([np.empty((0, 2)), *points])
+    found = found[np.isfinite(found).all(axis=1)]  # an empty point has no numbers
     if not len(found):
-        raise VectorFileError(f"{path}: wanted a layer of points, got {layer!r}, which holds none")
+        raise VectorFileError(f"{path}: wanted points, got none")
     return (found, "") if meta["crs"] is None else on_map(place, found, meta["crs"], str(path))
 
 
 def named_file(name: str) -> tuple[Path, str | None]:
     """The file and the layer that FILE or FILE:LAYER names; VectorFileError where there is no such file."""
-    problem = problem_with_file(path := Path(name))
+    problem = problem_with_file(name)
     if problem is None:
-        return path, None
+        return Path(name), None
     file, _, layer = name.rpartition(":")
-    if file and layer and problem_with_file(Path(file)) is None:
+    if layer and problem_with_file(file) is None:
         return Path(file), layer
     raise VectorFileError(f"{name}: wanted a vector file ({problem})")
 
 
-def geopackage_bytes(
-    layer: str, kind: str, shapes: Sequence[bytes], fields: Mapping[str, Sequence[object]], place: Place
-) -> bytes:
-    """A GeoPackage of one layer of shapes (WKB) of a kind (in OGR's words) with a value of each field for each."""
+def geopackage_bytes(layer: str, geojson: bytes) -> bytes:
+    """A GeoPackage of one layer, of GeoJSON; MissingExtraError where pyogrio is not installed."""
     out = io.BytesIO()
-    texts = {name: any(isinstance(value, str) for value in values) for name, values in fields.items()}
-    columns = [np.array(values, object if texts[name] else None) for name, values in fields.items()]
     with _pyogrio("writing a GeoPackage") as pyogrio:
-        pyogrio.raw.write(
-            out,
-            np.array([*shapes, None], object)[:-1],
-            field_data=columns,
-            fields=np.array(list(fields), object),
-            geometry_type=kind,
-            crs=place.georeference.crs if place.georeference else None,
-            layer=layer,
-            driver="GPKG",
-        )
+        meta, _, shapes, values = pyogrio.raw.read(geojson)
+        kinds = {"geometry_type": meta["geometry_type"], "crs": meta["crs"]}
+        pyogrio.raw.write(out, shapes, values, meta["fields"], layer=layer, driver="GPKG", **kinds)
     return out.getvalue()
-
-
-def line_wkb(points: npt.NDArray[np.float64]) -> bytes:
-    """A line (N, 2), or (N, 3) with heights, as WKB."""
-    kind = 2 if points.shape[1] == 2 else 1002
-    return struct.pack("<BII", 1, kind, len(points)) + np.ascontiguousarray(points, "<f8").tobytes()
-
-
-def polygons_wkb(polygons: Sequence[Sequence[npt.NDArray[np.float64]]]) -> bytes:
-    """Polygons, each of an outer ring (N, 2) and those of its holes, as one shape in WKB."""
-    out = [struct.pack("<BII", 1, 6, len(polygons))]
-    for rings in polygons:
-        out.append(struct.pack("<BII", 1, 3, len(rings)))
-        out += [struct.pack("<I", len(ring)) + np.ascontiguousarray(ring, "<f8").tobytes() for ring in rings]
-    return b"".join(out)
-
-
-def gpx_bytes(
-    name: str, lonlat: Points, elevation_m: npt.NDArray[np.float64], stops: Mapping[str, tuple[float, float]]
-) -> bytes:
-    """A path as a GPX 1.1 track, and stops by name as way points; longitude and latitude of WGS 84."""
-    out = [
-        '<?xml version="1.0" encoding="UTF-8"?>',
-        '<gpx version="1.1" creator="nnpp-edge" xmlns="http://www.topografix.com/GPX/1/1">',
-    ]
-    for stop, (lon, lat) in stops.items():
-        out.append(f'<wpt lat="{lat:.8f}" lon="{lon:.8f}"><name>{escape(stop)}</name></wpt>')
-    out.append(f"<trk><name>{escape(name)}</name><trkseg>")
-    for (lon, lat), height in zip(lonlat.tolist(), elevation_m.tolist(), strict=True):
-        known = f"<ele>{height:.3f}</ele>" if math.isfinite(height) else ""
-        out.append(f'<trkpt lat="{lat:.8f}" lon="{lon:.8f}">{known}</trkpt>')
-    return "\n".join([*out, "</trkseg></trk>", "</gpx>", ""]).encode()
 
 
 @contextmanager
@@ -130,40 +91,7 @@ def _pyogrio(purpose: str) -> Iterator[ModuleType]:
 def _check_plain(path: Path) -> None:
     """VectorFileError for what GDAL would take for a list of other files and addresses, or read otherwise."""
     with path.open("rb") as file:
-        head = file.read(_HEAD_BYTES).lstrip(b"\xef\xbb\xbf \t\r\n")
-    if head.startswith(_STARTS) or _GPX.match(head):
+        head = file.read(1 << 12).lstrip(b"\xef\xbb\xbf \t\r\n")
+    if (head.startswith(b"{") and parse(read_text(path)).get("type") in _GEOJSON_TYPES) or _PLAIN.match(head):
         return
-    if head.startswith(b"{"):
-        with refused_as(VectorFileError, f"{path}: wanted GeoJSON"):
-            if parse(read_text(path)).get("type") in _GEOJSON_TYPES:
-                return
     raise VectorFileError(f"{path}: wanted {FORMATS}, got another kind of file")
-
-
-def _only_layer(pyogrio: ModuleType, path: Path) -> str:
-    """The one layer that holds points; VectorFileError where there is none, or there are several."""
-    layers = {str(layer): str(kind or "") for layer, kind in pyogrio.list_layers(path)}
-    if len(layers) == 1:
-        return next(iter(layers))
-
-    def count(name: str) -> int:
-        return int(pyogrio.read_info(path, layer=name, force_feature_count=True)["features"])
-
-    found = [name for name, kind in layers.items() if "Point" in kind and count(name)]
-    if len(found) == 1:
-        return found[0]
-    several = f"several: name one as {path.name}:LAYER ({', '.join(found)})"
-    which = several if found else f"none ({', '.join(layers)})"
-    raise VectorFileError(f"{path}: wanted one layer of points, got {which}")
-
-
-def _points(path: Path, shape: bytes | None) -> list[tuple[float, float]]:
-    """The points in a shape (WKB, little-endian, of two dimensions); VectorFileError for another kind."""
-    if shape is None:
-        return []
-    (kind,) = struct.unpack_from("<I", shape, 1)
-    if kind not in (1, 4):
-        raise VectorFileError(f"{path}: wanted points, got {_SHAPES.get(kind, 'another shape')}")
-    starts = (5,) if kind == 1 else range(14, len(shape), 21)
-    found = [struct.unpack_from("<dd", shape, start) for start in starts]
-    return [(x, y) for x, y in found if math.isfinite(x)]

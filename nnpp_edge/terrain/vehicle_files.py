@@ -1,6 +1,5 @@
 """Vehicles from TOML, and how they get up and down: those that travel with the package, and a user's own."""
 
-import re
 import tomllib
 from collections.abc import Iterable, Mapping
 from dataclasses import fields
@@ -17,7 +16,6 @@ from nnpp_edge.runtime.reading import parse, problem_with_file, read_text, reaso
 from nnpp_edge.runtime.terrain.vehicle import Vehicle
 
 _SHIPPED = Path(str(files("nnpp_edge.profiles"))) / "vehicles"
-_WORDS = {"int": "a whole number", "float": "a number", "bool": "true or false"}
 T = TypeVar("T")
 
 
@@ -98,7 +96,5 @@ def _converted(values: object, kind: type[T], source: str) -> T:
         return msgspec.convert(values, kind)
     except msgspec.ValidationError as error:
         problem, _, place = str(error).partition(" - at `$")
-        name, wanted = place.strip(".`"), re.match(r"Expected `(int|float|bool)\b", problem)
-        if wanted and isinstance(values, Mapping) and name in values:
-            problem = f"wanted {_WORDS[wanted[1]]}, got {values[name]!r}"
+        name = place.strip(".`")
         raise VehicleError(f"{source}: {name}: {problem}" if place else f"{source}: {problem}") from None

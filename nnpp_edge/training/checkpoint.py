@@ -70,7 +70,7 @@ class Checkpoint:
     average: State
     optimiser: dict[str, object]
     origin: dict[str, object] = field(default_factory=dict)
-    """Where else the weights come from: ``torch`` (its version), ``threads``, ``loss``, ``begun_with`` (`facts` of
+    """Where else the weights come from: ``torch`` (its version), ``threads``, ``begun_with`` (`facts` of
     the run whose weights this one began with), ``resumed_with_other_settings``, ``resumed_without_optimiser``."""
 
     def facts(self) -> dict[str, object]:

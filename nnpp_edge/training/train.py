@@ -24,10 +24,6 @@ from nnpp_edge.training.validation import Validator
 
 __all__ = ["Progress", "TrainSettings", "train"]
 CHECKPOINT = "checkpoint.pt"
-Loss = Callable[[Tensor, Tensor], Tensor]
-"""Mean loss of (N, B, B) logits against targets in [0, 1]."""
-_RECENT = 50
-"""Steps whose mean loss is reported."""
 
 
 def train(
@@ -38,11 +34,10 @@ def train(
     folder: Path,
     *,
     omega: float,
-    loss: Loss = binary_cross_entropy_with_logits,
     begin_with: Path | None = None,
     small_checkpoints: bool = False,
     pause_after_s: float = math.inf,
-    report: Callable[[Progress, float, float], None] = lambda progress, loss, share: None,
+    report: Callable[[float], None] = lambda share: None,
 ) -> Path:
     """Train a network, going on from the folder's checkpoint if there is one; the path of its checkpoint.
 
@@ -61,7 +56,7 @@ def train(
     pause_after_s : float
         Save and return after so many seconds, wherever the training is; called again it goes on.
     report : callable
-        Called after each step with the progress, the latest mean loss and the share of the training that is done.
+        Called after each step with the share of the training that is done.
 
     Notes
     -----
@@ -76,7 +71,7 @@ def train(
     path = folder / CHECKPOINT
     batches = Batches(training, spec, settings, rank=processes.rank, world=processes.world)
     validator = Validator(validation, spec, omega) if processes.first else None
-    run = _Run(spec, settings, loss, processes, len(batches))
+    run = _Run(spec, settings, processes, len(batches))
     run.begin(path, begin_with)
     progress, began = run.progress, time.monotonic()
     validated = began
@@ -98,7 +93,7 @@ def train(
                 break
             run.step(batch)
             if processes.first:
-                report(progress, float(np.mean(run.losses[-_RECENT:])), run.share_done)
+                report(run.share_done)
             if processes.of_the_first(time.monotonic() - validated) > settings.validate_every_s:
                 validate_and_save()
                 validated = time.monotonic()
@@ -164,10 +159,8 @@ class Processes:
 class _Run:
     """One process's part of a training run: the network, its running mean, the optimiser and the progress."""
 
-    def __init__(
-        self, spec: Spec, settings: TrainSettings, loss: Loss, processes: Processes, batches_an_epoch: int
-    ) -> None:
-        self.spec, self.settings, self.loss, self.processes = spec, settings, loss, processes
+    def __init__(self, spec: Spec, settings: TrainSettings, processes: Processes, batches_an_epoch: int) -> None:
+        self.spec, self.settings, self.processes = spec, settings, processes
         self.device = device = processes.device
         torch.manual_seed(settings.seed)
         self.network = Network(spec).to(device, memory_format=torch.channels_last)  # type: ignore[call-overload]
@@ -183,7 +176,6 @@ class _Run:
         """Of the steps since the last validation."""
         self.progress = Progress()
         self.origin: dict[str, object] = {"torch": str(torch.__version__), "threads": torch.get_num_threads()}
-        self.origin["loss"] = getattr(loss, "__name__", type(loss).__name__)
 
     def begin(self, path: Path, other: Path | None) -> None:
         """Go on from a checkpoint, if it is there, else begin with another run's weights; start the clock."""
@@ -236,7 +228,7 @@ class _Run:
         self.network.train()
         with torch.autocast(self.device.type, torch.bfloat16, enabled=self.in_bfloat16):
             logits = self.wrapped((planes.float() / 255.0).contiguous(memory_format=torch.channels_last), query)
-        loss = self.loss(logits.float(), target)
+        loss = binary_cross_entropy_with_logits(logits.float(), target)
         self.optimiser.zero_grad(set_to_none=True)
         torch.autograd.backward(loss)
         nn.utils.clip_grad_norm_(self.network.parameters(), 1.0)

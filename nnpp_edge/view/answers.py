@@ -1,4 +1,4 @@
-"""Answers to the page: the path with its figures and profile, a method beside others, a mended path, layers.
+"""Answers to the page: the path with its figures and profile, a method beside others, layers.
 
 A layer is a byte a pixel, with no more pixels than a screen has, whatever the map. The page colours it
 (`page/layers.js`); nothing is compressed on the way to this machine's own browser.
@@ -21,9 +21,8 @@ from nnpp_edge.runtime.kernels.poses import REFUSALS
 from nnpp_edge.runtime.map.slope_cost import unit_of
 from nnpp_edge.runtime.planners.plan import Plan
 from nnpp_edge.runtime.terrain.traversability import terrain_terms
-from nnpp_edge.view.asked import Asked, Method, Obstacles, Site
+from nnpp_edge.view.asked import Asked, Method, Site, command_of
 from nnpp_edge.view.landscape import Landscape, painted
-from nnpp_edge.view.words import command_of, python_of
 from nnpp_edge.viz.picture import REFUSED, hillshade
 
 IMPASSABLE, UNKNOWN = 255, 0
@@ -43,12 +42,10 @@ Layer = NDArray[np.uint8]
 class Question(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     """Content of the page's requests."""
 
-    want: Literal["path", "relief", "slope", "cost", "compare", "mend"]
+    want: Literal["path", "relief", "slope", "cost", "compare"]
     asked: Asked
     method: Method = "auto"
     """To compare."""
-    before: Obstacles = ()
-    """That the path to be mended was planned among."""
     pixels: Annotated[int, Meta(ge=64, le=2048)] = 1024
     """Of a side of a layer, at most."""
 
@@ -123,10 +120,6 @@ class Answerer:
             answer |= {"time_ms": round(time_ms, 3), "line": plan.line.tolist()}
             answer["share"] = None if region is None else float(region.mean())
             return answer, None if region is None else (smaller(region, pixels) * 255.0).astype(np.uint8)
-        if question.want == "mend":
-            footing, *plans = landscape.mend(asked, question.before)
-            took = [{"status": p.status, "ms": p.timings_ms.get("total"), "expansions": p.expansions} for p in plans]
-            return {"footing": footing, "mended": took[0], "afresh": took[1]}, None
         return path_answer(self.site, asked, landscape, landscape.plan(asked, asked.method)), None
 
 
@@ -135,13 +128,12 @@ def path_answer(site: Site, asked: Asked, landscape: Landscape, plan: Plan) -> A
     answer: Answer = {
         "figures": plan.summary(),
         "ok": plan.ok,
-        "unit": unit_of(asked.slope_cost),
+        "unit": unit_of(asked.step_cost),
         "on_foot": asked.chosen(site).mobility.time is None,
         "rows": [],
         "cols": [],
         "warnings": landscape.warnings,
         "command": command_of(site, asked),
-        "python": python_of(site, asked),
     }
     if plan.along is None or not len(plan.path):
         return answer

@@ -1,7 +1,8 @@
 """A complete question: ends, method, limits, step cost, vehicle, obstacles; and the map that it is asked of."""
 
+import shlex
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Annotated, Literal
 
@@ -45,12 +46,12 @@ class Site:
 
     dem: Dem
     path: Path
-    reading: Mapping[str, float | bool]
+    reading: Mapping[str, float]
     """Arguments of `read_dem`, ``rescale`` and ``resample``, that were given."""
     bodies: Mapping[str, Body]
 
     @classmethod
-    def of(cls, dem: Dem, path: Path, reading: Mapping[str, float | bool], given: Body | None = None) -> "Site":
+    def of(cls, dem: Dem, path: Path, reading: Mapping[str, float], given: Body | None = None) -> "Site":
         """With the package's vehicles, under the map's gravity where that is known, and that of the command line.
 
         A body without a vehicle, which has a mobility alone, takes the place of the point.
@@ -71,8 +72,7 @@ class Asked(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     method: Method = "auto"
     refine: bool = False
     """Whether the path is freed from the grid."""
-    step_cost: Literal["paper", "length", "tobler", "irmischer", "linear", "time", "energy"] = "paper"
-    """``length`` is the paper's where the ground costs nothing: the shortest way that the hard limits leave."""
+    step_cost: Literal["paper", "tobler", "irmischer", "linear", "time", "energy"] = "paper"
     omega: Positive = PAPER_OMEGA
     corner_cutting: bool = True
     limits: Traversability = Traversability()
@@ -83,19 +83,9 @@ class Asked(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     obstacles: Obstacles = ()
 
     @property
-    def weight(self) -> float:
-        """ω of the paper's step costs."""
-        return 0.0 if self.step_cost == "length" else self.omega
-
-    @property
-    def slope_cost(self) -> str:
-        """The step cost by the planner's name for it."""
-        return "paper" if self.step_cost == "length" else self.step_cost
-
-    @property
     def freed(self) -> str | None:
         """How the path is refined; steps that cost by their slope leave it on the grid."""
-        return "any-angle" if self.refine and self.slope_cost == "paper" else None
+        return "any-angle" if self.refine and self.step_cost == "paper" else None
 
     def chosen(self, site: Site) -> Body:
         """The body; InvalidQueryError if there is none of that name."""
@@ -117,6 +107,31 @@ class Asked(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
             self.limits,
             cell_width_m=dem.cell_width_m,
             vehicle=replace(body.vehicle, **changes) if body.vehicle and changes else body.vehicle,  # type: ignore[arg-type]
-            step_cost=self.slope_cost,
+            step_cost=self.step_cost,
             mobility=body.mobility,
         )
+
+
+def command_of(site: Site, asked: Asked) -> str:
+    """A line for a shell that plans the same path; without painted obstacles, which no option describes."""
+    words = ["nnpp-edge", "plan", str(site.path)]
+    for name, value in site.reading.items():
+        words += [f"--{name.removesuffix('_m').replace('_', '-')}", _number(value)]
+    for name, (row, col) in (("--start", asked.start), ("--goal", asked.goal)):
+        words += [f"{name}={row},{col}"] if row < 0 or col < 0 else [name, f"{row},{col}"]
+    words += ["--method", asked.method]
+    for name, value in asdict(asked.limits).items():
+        words += ["--limit", f"{name}={_number(value)}"] if value != getattr(Traversability(), name) else []
+    if asked.step_cost != "paper":
+        words += ["--step-cost", asked.step_cost]
+    elif asked.omega != PAPER_OMEGA:
+        words += ["--omega", _number(asked.omega)]
+    words += [*([] if asked.corner_cutting else ["--no-corner-cutting"]), *asked.chosen(site).options]
+    for name, value in asked.changes(site).items():
+        words += ["--set", f"{name}={_number(value)}"]
+    return shlex.join([*words, *(["--refine", asked.freed] if asked.freed else [])])
+
+
+def _number(value: float) -> str:
+    """As a user writes it, and without loss."""
+    return repr(int(value)) if float(value).is_integer() else repr(value)

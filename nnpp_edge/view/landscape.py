@@ -3,12 +3,11 @@
 import warnings
 from collections.abc import Callable
 from statistics import median
-from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from nnpp_edge.runtime import DynamicPlanner, Plan, Planner
+from nnpp_edge.runtime import Plan, Planner
 from nnpp_edge.runtime.arrays import Float2D
 from nnpp_edge.runtime.cells import Cell
 from nnpp_edge.runtime.errors import InvalidQueryError
@@ -23,17 +22,6 @@ _LOOKED_AT = 1000
 """Of these for each end, where a vehicle's poses must be checked."""
 _REPEATS, _LONG_MS = 3, 100.0
 """A plan is repeated so often for its median time, unless it takes longer than that."""
-
-
-class Mended(NamedTuple):
-    """The path before obstacles came or went, and the two exact searches after it."""
-
-    footing: str
-    """How the path before stands now: a word of `Footing`, or nothing where there was none."""
-    mended: Plan
-    """By D* Lite, which keeps its search."""
-    afresh: Plan
-    """By A*."""
 
 
 class Landscape:
@@ -52,14 +40,21 @@ class Landscape:
             )
             """(H, W) traversability costs, without what is painted."""
         self.warnings = [str(warning.message) for warning in told]
-        self._weight, self._cutting = asked.weight, asked.corner_cutting
-        self.planner = Planner(self.ground, omega=asked.weight, corner_cutting=asked.corner_cutting, model="edge")
-        self._mender: DynamicPlanner | None = None
-        self._laid: dict[Planner | DynamicPlanner, Obstacles] = {self.planner: ()}
+        self.planner = Planner(self.ground, omega=asked.omega, corner_cutting=asked.corner_cutting, model="edge")
+        self._laid: Obstacles = ()
 
     def lay(self, obstacles: Obstacles) -> None:
         """Plan among these obstacles from now on; InvalidQueryError where one leaves the map."""
-        self._lay(self.planner, obstacles)
+        height, width = self.cost.shape
+        for row, col, rows, cols in obstacles:
+            if min(row, col, rows - 1, cols - 1) < 0 or row + rows > height or col + cols > width:
+                part = row, col, rows, cols
+                raise InvalidQueryError(f"an obstacle must lie on the map of {(height, width)} cells, got {part}")
+        if changed := set(self._laid) ^ set(obstacles):
+            told = painted(self.cost.shape, obstacles)
+            for row, col, rows, cols in changed:
+                self.planner.update(row, col, told[row : row + rows, col : col + cols].astype(np.float32))
+        self._laid = obstacles
 
     def refused(self) -> NDArray[np.uint8] | None:
         """(H, W) limits that refuse the vehicle where it stands in no heading, see `map.refusal.refusals`.
@@ -81,36 +76,6 @@ class Landscape:
         if plans[0].timings_ms.get("total", _LONG_MS) < _LONG_MS:
             plans += [self.plan(asked, method, keep_regions=True) for _ in range(_REPEATS)]
         return plans[-1], median(plan.timings_ms.get("total", 0.0) for plan in plans[1:] or plans)
-
-    def mend(self, asked: Asked, before: Obstacles) -> Mended:
-        """Work of mending the path for the obstacles that came or went since `before`."""
-        if self._mender is None or self._mender.goal != asked.goal:
-            self._mender = DynamicPlanner(
-                self.ground, asked.goal, "dstar", omega=self._weight, corner_cutting=self._cutting
-            )
-            self._laid = {self.planner: self._laid[self.planner], self._mender: ()}
-            self._mend(self._mender, asked, before)  # no mending that is timed waits for compiled code
-        return self._mend(self._mender, asked, before)
-
-    def _mend(self, mender: DynamicPlanner, asked: Asked, before: Obstacles) -> Mended:
-        self._lay(mender, before)
-        mender.move(asked.start)
-        stood = mender.replan()
-        self._lay(mender, asked.obstacles)
-        footing = str(mender.standing().footing) if stood.ok else ""
-        return Mended(footing, mender.replan(), mender.replan(method="astar"))
-
-    def _lay(self, planner: Planner | DynamicPlanner, obstacles: Obstacles) -> None:
-        height, width = self.cost.shape
-        for row, col, rows, cols in obstacles:
-            if min(row, col, rows - 1, cols - 1) < 0 or row + rows > height or col + cols > width:
-                part = row, col, rows, cols
-                raise InvalidQueryError(f"an obstacle must lie on the map of {(height, width)} cells, got {part}")
-        if changed := set(self._laid[planner]) ^ set(obstacles):
-            told = painted(self.cost.shape, obstacles)
-            for row, col, rows, cols in changed:
-                planner.update(row, col, told[row : row + rows, col : col + cols].astype(np.float32))
-        self._laid[planner] = obstacles
 
 
 def painted(shape: tuple[int, ...], obstacles: Obstacles) -> NDArray[np.bool_]:

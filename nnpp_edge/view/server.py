@@ -2,7 +2,6 @@
 
 import mimetypes
 import sys
-import threading
 from contextlib import suppress
 from http.server import BaseHTTPRequestHandler
 from importlib.resources import files
@@ -27,8 +26,6 @@ _HEADERS = {
     "Cache-Control": "no-cache",
 }
 _LONGEST_QUESTION = 1 << 16
-_MOST_CONNECTIONS = 64
-"""Each has a thread; a browser opens at most 6 a tab. As many may wait to be accepted."""
 
 
 class PageServer(ThreadingTCPServer):
@@ -36,7 +33,7 @@ class PageServer(ThreadingTCPServer):
 
     allow_reuse_address = True
     daemon_threads = True
-    request_queue_size = _MOST_CONNECTIONS
+    request_queue_size = 64
     answerer: Answerer
 
     def __init__(self, port: int) -> None:
@@ -56,10 +53,6 @@ class PageServer(ThreadingTCPServer):
         self.answerer = answerer
         with suppress(KeyboardInterrupt):
             self.serve_forever()
-
-    def verify_request(self, request: object, client_address: object) -> bool:
-        """Close a connection at once where there are too many."""
-        return threading.active_count() <= _MOST_CONNECTIONS
 
     def handle_error(self, request: object, client_address: object) -> None:
         """Say what went wrong, unless a tab was closed while it was answered."""

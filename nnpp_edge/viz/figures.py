@@ -1,7 +1,7 @@
 """Pictures with matplotlib: sheets of samples, training curves, figures of planners, and a path's profile."""
 
 import io
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from itertools import product
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -20,7 +20,6 @@ if TYPE_CHECKING:
     from nnpp_edge.terrain.dataset import Samples
 
 OURS = ("astar", "corridor", "nnpp")
-PROFILE_ENDINGS = (".png", ".svg", ".pdf")
 _CYAN = np.array([0.0, 0.9, 1.0])
 _KILOMETRE = 1000.0
 _GROUND, _LINE, _UP, _DOWN, _COST, _STOP = "#e6ded0", "#6b5233", "#c8501e", "#2f7fc0", "#555b66", "#1e1e1e"
@@ -80,21 +79,26 @@ def training_curves(history: Sequence[dict[str, float]], path: Path) -> None:
 
 def times_by_size(rows: Sequence[Facts]) -> bytes:
     """A PNG: median time of a query of each planner against the side of the map, of `profile --peers`'s rows."""
-    figure = _figure(8.0, 5.5)
+    figure, times = _figure(8.0, 5.5), dict[str, dict[int, float]]()
+    for row in rows:
+        if row["time_ms_median"] is not None:
+            times.setdefault(row["planner"], {})[row["size"]] = row["time_ms_median"]
     axes = figure.add_subplot()
-    for name in dict.fromkeys(row["planner"] for row in rows):
-        measured = [row for row in rows if row["planner"] == name and row["time_ms_median"] is not None]
-        times = {row["size"]: row["time_ms_median"] for row in measured}
-        line, width = ("o-", 2.2) if name in OURS else ("s--", 1.2)
-        if times:
-            axes.plot([*times], [*times.values()], line, linewidth=width, label=name)
-    sides = sorted({row["size"] for row in rows})
-    log_axis(axes, "x", base=2)
-    axes.set(yscale="log", xlabel="side of the map, cells", ylabel="median time of a query, ms")
-    axes.set_xticks(sides, [str(side) for side in sides])
+    draw_times(axes, times)
     axes.grid(alpha=0.3)
     axes.legend()
     return _encoded(figure)
+
+
+def draw_times(axes: "Axes", times_ms: Mapping[str, Mapping[int, float]]) -> None:
+    """A line for each planner: its time by the side of the map."""
+    for name, by_size in times_ms.items():
+        line, width = ("o-", 2.0) if name in OURS else ("s--", 1.2)
+        axes.plot([*by_size], [*by_size.values()], line, linewidth=width, markersize=4, label=name)
+    sides = sorted({side for by_size in times_ms.values() for side in by_size})
+    _log_x(axes, base=2)
+    axes.set(yscale="log", xlabel="side of the map, cells", ylabel="median time of a query, ms")
+    axes.set_xticks(sides, [str(side) for side in sides])
 
 
 def pareto(rows: Sequence[Facts], path: Path) -> None:
@@ -117,7 +121,7 @@ def pareto(rows: Sequence[Facts], path: Path) -> None:
             points.append((ms, gap))
         front = [(ms, gap) for ms, gap in sorted(points) if not any(t < ms and g <= gap for t, g in points)]
         axes.plot(*zip(*front, strict=True), color="grey", linewidth=1, zorder=0)
-        log_axis(axes, "x")
+        _log_x(axes)
         axes.set(title=f"{name}, {size}", xlabel="ms, median", ylabel="cost gap, %: mean, to p95")
         axes.grid(alpha=0.3, which="both")
     handles: Facts = {}
@@ -128,18 +132,16 @@ def pareto(rows: Sequence[Facts], path: Path) -> None:
     write_whole(path, _encoded(figure))
 
 
-def profile_picture(
-    path: Path, along: Along, cost: NDArray[np.float32], title: str = "", stops: Sequence[int] = ()
-) -> bytes:
-    """The ground below a path, its slope and its cost, over the way from the start.
+def profile_picture(along: Along, cost: NDArray[np.float32], title: str = "", stops: Sequence[int] = ()) -> bytes:
+    """The ground below a path, its slope and its cost, over the way from the start, as PNG.
 
-    In the format that `path` ends with, one of `PROFILE_ENDINGS`; it says so where there is no way or height to draw.
+    It says so where there is no way or height to draw.
     `cost` is (N,) float32 at each point of the way; `stops` are numbers of the points at which it stops.
     """
-    figure, form = _figure(9.0, 5.2), path.suffix[1:].lower()
+    figure = _figure(9.0, 5.2)
     if len(along.points) < 2 or not np.isfinite(along.heights_m).any():
         figure.text(0.5, 0.5, "no way with known heights", ha="center")
-        return _encoded(figure, form, 150)
+        return _encoded(figure, dpi=150)
     ground, slope, price = figure.subplots(3, 1, sharex=True, height_ratios=(3.0, 1.4, 1.4))
     far, heights = along.distance_m[-1] >= 2.0 * _KILOMETRE, along.heights_m
     at = along.distance_m / (_KILOMETRE if far else 1.0)
@@ -161,15 +163,15 @@ def profile_picture(
         for stop in stops:
             axes.axvline(at[stop], color=_STOP, linewidth=0.8, linestyle=":")
     ground.set_title(title, fontsize=10, loc="left")
-    return _encoded(figure, form, 150)
+    return _encoded(figure, dpi=150)
 
 
-def log_axis(axes: "Axes", which: str, base: int = 10) -> None:
-    """Make an axis logarithmic, with plain numbers, a few of them."""
+def _log_x(axes: "Axes", base: int = 10) -> None:
+    """Make the x axis logarithmic, with plain numbers, a few of them."""
     from matplotlib.ticker import LogLocator, NullFormatter
 
-    axis = axes.xaxis if which == "x" else axes.yaxis
-    (axes.set_xscale if which == "x" else axes.set_yscale)("log", base=base)
+    axis = axes.xaxis
+    axes.set_xscale("log", base=base)
     low, high = axis.get_view_interval()
     decades = float(np.log10(high / low))
     subs = (1.0,) if base != 10 or decades > 2.5 else (1.0, 3.0) if decades > 1.2 else (1.0, 2.0, 5.0)
@@ -184,7 +186,7 @@ def _figure(width: float, height: float) -> "Figure":
     return Figure(figsize=(width, height), layout="constrained")
 
 
-def _encoded(figure: "Figure", form: str = "png", dpi: int = 110) -> bytes:
+def _encoded(figure: "Figure", dpi: int = 110) -> bytes:
     content = io.BytesIO()
-    figure.savefig(content, format=form, dpi=dpi)
+    figure.savefig(content, format="png", dpi=dpi)
     return content.getvalue()

@@ -19,7 +19,7 @@ from nnpp_edge.runtime.errors import OutputError
 from nnpp_edge.runtime.map.along import Line
 from nnpp_edge.runtime.planners.plan import Plan
 from nnpp_edge.runtime.terrain.vehicle import Vehicle
-from nnpp_edge.viz.sheet import INK, Cells, Colour, Item, MapDrawing, Picture, metres
+from nnpp_edge.viz.sheet import GOAL, INK, PAPER, START, Cells, Colour, Item, MapDrawing, Picture, metres
 
 Mask = NDArray[np.bool_]
 
@@ -57,7 +57,7 @@ class BodyDrawing(NamedTuple):
     refused: NDArray[np.uint8] | None = None
     """(H, W) from `map.refusal.refusals`: where it stands in no heading; None where that is not known."""
     point_path: Cells | None = None
-    """(N, 2) the path of a point, drawn dashed."""
+    """(N, 2) the path of a point."""
 
 
 _NO_BODY = BodyDrawing(())
@@ -126,7 +126,7 @@ def plan_picture(
     via : sequence of (row, col)
         Places between, in the order in which they are visited.
     reference_path : (N, 2) int
-        The exact optimum, drawn dashed.
+        The exact optimum, drawn thinner.
     cell_size_m, length_m : float
         For the scale and the legend; without a length it gives that in cells.
     """
@@ -141,7 +141,7 @@ def plan_picture(
     drawing = MapDrawing(ground)
     freed = plan.line is not plan.path
     lines: list[tuple[Line | None, Colour, float, str]] = [
-        (plan.line, PATH, 4.0, "path freed from the grid" if freed else "path"),
+        (plan.line, PATH, 5.0, "path freed from the grid" if freed else "path"),
         (plan.path if freed else None, GRID, 1.5, "path of the grid"),
         (reference_path, OPTIMUM, 2.0, "exact optimum"),
         (body.point_path, POINT, 2.0, "path of a point"),
@@ -149,9 +149,9 @@ def plan_picture(
     drawn = [(line, colour, width, words) for line, colour, width, words in lines if line is not None and len(line)]
     # the optimum lies on the path, thinner, and its rim below: both are seen where they agree
     for line, colour, width, _ in reversed(drawn):
-        drawing.line(line, INK, width + 2.0, dashed=colour != PATH)
+        drawing.line(line, INK, width + 2.0)
     for line, colour, width, _ in drawn:
-        drawing.line(line, colour, width, dashed=colour != PATH)
+        drawing.line(line, colour, width)
     for outline in body.outlines:
         drawing.line(outline, INK, 2.5)
         drawing.line(outline, BODY, 1.2)
@@ -159,14 +159,14 @@ def plan_picture(
     keys: list[Item] = []
     for number, stop in enumerate(via, 1):
         drawing.numbered(drawing.at(stop), str(number))
-    symbols = ((start or ends[0], drawing.square, "start"), (goal or ends[1], drawing.star, "goal"))
-    for cell, symbol, name in reversed(symbols):
+    symbols = ((goal or ends[1], drawing.star, GOAL, "goal"), (start or ends[0], drawing.square, START, "start"))
+    for cell, symbol, colour, name in symbols:
         if cell is not None:
             symbol(drawing.at(cell))
-            keys.insert(0, drawing.symbol_key(symbol, name))
-    keys += [drawing.symbol_key(drawing.numbered, "by way of")] if via else []
-    keys += [drawing.line_key(colour, words, dashed=colour != PATH) for _, colour, _, words in drawn]
-    keys += [drawing.line_key(BODY, "vehicle")] if len(body.outlines) else []
+            keys.insert(0, drawing.swatch(colour, name))
+    keys += [drawing.swatch(PAPER, "by way of")] if via else []
+    keys += [drawing.swatch(colour, words) for _, colour, _, words in drawn]
+    keys += [drawing.swatch(BODY, "vehicle")] if len(body.outlines) else []
     keys += [_tint_key(drawing, shade, strength, colour, words) for _, strength, colour, words in tints]
     keys += [*_impassable(drawing, cost), *([drawing.grey_bar()] if shade is None else [])]
     facts = [drawing.text_item(text) for text in _facts(plan, length_m)]
@@ -201,7 +201,7 @@ def reach_picture(
     ground[edges & (cost < 1.0).repeat(fine, 0).repeat(fine, 1)] = INK
     drawing = MapDrawing(ground)
     drawing.square(drawing.at((start[0] * fine + fine // 2, start[1] * fine + fine // 2)))
-    keys = [drawing.symbol_key(drawing.square, "start")]
+    keys = [drawing.swatch(START, "start")]
     keys += [_tint_key(drawing, shade, _BAND, c, words) for c, (_, words) in zip(colours, levels, strict=True)]
     keys += _impassable(drawing, cost)
     return drawing.finish([keys, drawing.scale(None if cell_size_m is None else cell_size_m / fine)])

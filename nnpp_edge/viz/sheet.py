@@ -5,7 +5,7 @@ other.
 """
 
 import math
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Sequence
 from typing import NamedTuple
 
 import cv2
@@ -71,9 +71,9 @@ class MapDrawing:
         rows, cols = (cells.astype(np.float64) + 0.5).T
         return np.column_stack([cols * self.sides[1] - 0.5 + self.left, rows * self.sides[0] - 0.5 + self.margin])
 
-    def line(self, cells: NDArray[np.generic], colour: Colour, width: float, dashed: bool = False) -> None:
+    def line(self, cells: NDArray[np.generic], colour: Colour, width: float) -> None:
         """A path, `width` points wide."""
-        self._stroke(self._points(cells), colour, width, dashed)
+        self._stroke(self._points(cells), colour, width)
 
     def square(self, middle: Point) -> None:
         """The start's symbol."""
@@ -94,21 +94,6 @@ class MapDrawing:
         """A key: a patch of colour."""
         corners = np.array([(0, -7), (22, -7), (22, 7), (0, 7)])
         return self._key(22.0, lambda x, y: self._polygon(corners, (x, y), colour), words)
-
-    def line_key(self, colour: Colour, words: str, dashed: bool = False) -> Item:
-        """A key: a piece of line."""
-        width = 2.0 if dashed else 4.0
-
-        def draw(x: float, y: float) -> None:
-            ends = np.array([(x, y), (x + 30 * self.unit, y)])
-            self._stroke(ends, INK, width + 2.0, dashed)
-            self._stroke(ends, colour, width, dashed)
-
-        return self._key(30.0, draw, words)
-
-    def symbol_key(self, symbol: Callable[[Point], None], words: str) -> Item:
-        """A key: start or goal."""
-        return self._key(18.0, lambda x, y: symbol((x + 9 * self.unit, y)), words)
 
     def grey_bar(self) -> Item:
         """A key: the greys from 0 to 1."""
@@ -143,22 +128,21 @@ class MapDrawing:
     def finish(self, lines: Sequence[Sequence[Item]]) -> Picture:
         """The picture with lines of keys below the map, broken where they are too long for it."""
         gap, height = 26 * self.unit, round(28 * self.unit)
-        room = self.picture.shape[1] - 2 * self.margin
-        placed: list[tuple[float, int, Item]] = []
+        right, top, half = self.picture.shape[1] - self.margin, self.picture.shape[0], self.margin / 2
+        placed: list[tuple[float, float, Item]] = []
         row = 0
         for items in lines:
-            x = 0.0
+            x: float = self.margin
             for item in items:
-                if x and x + item.width > room:
-                    row, x = row + 1, 0.0
-                placed.append((x, row, item))
+                if x > self.margin and x + item.width > right:
+                    row, x = row + 1, self.margin
+                placed.append((x, top + height * (row + 0.5) - half, item))
                 x += item.width + gap
             row += bool(items)
-        top = self.picture.shape[0]
         strip = np.full((height * row + self.margin // 2, self.picture.shape[1], 3), PAPER, np.uint8)
         self.picture = np.concatenate([self.picture, strip])
-        for x, at, item in placed:
-            item.draw(self.margin + x, top + height * at + height / 2 - self.margin / 2)
+        for x, y, item in placed:
+            item.draw(x, y)
         return self.picture
 
     def _key(self, symbol_width: float, symbol: Callable[[float, float], None], words: str) -> Item:
@@ -183,23 +167,13 @@ class MapDrawing:
         cv2.fillPoly(self.picture, [_fixed(points)], colour, cv2.LINE_AA, _SHIFT)
         self._stroke(np.vstack((points, points[:1])), INK, 1.0)
 
-    def _stroke(self, points: NDArray[np.float64], colour: Colour, width: float, dashed: bool = False) -> None:
-        pieces = _dashes(points, 10 * self.unit, 9 * self.unit) if dashed else [points]
+    def _stroke(self, points: NDArray[np.float64], colour: Colour, width: float) -> None:
         thickness = max(1, round(width * self.unit))
-        cv2.polylines(self.picture, [*map(_fixed, pieces)], False, colour, thickness, cv2.LINE_AA, _SHIFT)
+        cv2.polylines(self.picture, [_fixed(points)], False, colour, thickness, cv2.LINE_AA, _SHIFT)
 
 
 def _fixed(points: NDArray[np.float64]) -> Cells:
     return np.asarray(np.rint(points * 2**_SHIFT), np.int32)
-
-
-def _dashes(points: NDArray[np.float64], dash: float, gap: float) -> Iterator[NDArray[np.float64]]:
-    """Cut a line into dashes of a length, a gap apart."""
-    along = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(points, axis=0).T))])
-    for begin in np.arange(0.0, max(along[-1], 1e-9), dash + gap):
-        end = min(begin + dash, along[-1])
-        stops = np.concatenate([[begin], along[(along > begin) & (along < end)], [end]])
-        yield np.column_stack([np.interp(stops, along, points[:, axis]) for axis in (0, 1)])
 
 
 def metres(length_m: float) -> str:

@@ -11,7 +11,6 @@ first, since a robot that loses its power may be left with a file of zeros. What
 anew and written again; what cannot be written is warned of once, and the kernel runs all the same.
 """
 
-import functools
 import hashlib
 import os
 import pickle
@@ -26,7 +25,7 @@ from types import FunctionType
 from typing import Any
 
 import numba
-from numba.core.caching import _Cache
+from numba.core.caching import NullCache
 from numba.core.compiler import CompileResult
 from numba.core.serialize import dumps
 from numba.core.sigutils import normalize_signature
@@ -45,7 +44,7 @@ save_error: OSError | None = None
 """Why the first of the kernels that this process could not keep was not kept; None if all were."""
 
 
-class KernelCache(_Cache):
+class KernelCache(NullCache):
     """The store that numba asks for the compiled versions of `function`, and hands new ones to.
 
     Parameters
@@ -70,30 +69,10 @@ class KernelCache(_Cache):
             )
         self._folder = folder
         self._stem = f"{function.__module__}.{function.__qualname__}-{code.co_firstlineno}"
-        self._made_by = (_source_digest(code.co_filename), numba.__version__, *sys.version_info[:2], sys.abiflags)
-        self._enabled = True
-
-    @property
-    def cache_path(self) -> str:
-        return str(self._folder)
-
-    def enable(self) -> None:
-        self._enabled = True
-
-    def disable(self) -> None:
-        self._enabled = False
-
-    def flush(self) -> None:
-        """Delete every version of this kernel; what cannot be deleted stays."""
-        for path in self._folder.glob("*.nbc"):
-            if path.name.rsplit(".", 2)[0] == self._stem:
-                with suppress(OSError):
-                    path.unlink()
+        self._made_by = (code.co_code, code.co_consts, numba.__version__, *sys.version_info[:2], sys.abiflags)
 
     def load_overload(self, sig: NumbaObject, target_context: NumbaObject) -> NumbaObject:
         """The compiled version for `sig`, or None where no sound one is kept."""
-        if not self._enabled:
-            return None
         target_context.refresh()
         key = self._key(sig, target_context.codegen())
         kept = self._load(key, sig, target_context)
@@ -120,8 +99,6 @@ class KernelCache(_Cache):
         """Keep the compiled version `data` for `sig`, unless it holds addresses of this process."""
         if _compiling:
             _compiling.pop().cancel()
-        if not self._enabled:
-            return
         key = self._key(sig, data.codegen)
         if not (data.lifted or data.library.has_dynamic_globals):
             self._save(key, data)
@@ -179,15 +156,6 @@ def _checksum(key: bytes, content: bytes) -> bytes:
     digest = hashlib.sha256(key)
     digest.update(content)
     return digest.digest()
-
-
-@functools.cache
-def _source_digest(filename: str) -> bytes:
-    """Of a kernel's own file, which may change while a process that has named its folder is running."""
-    try:
-        return hashlib.sha256(Path(filename).read_bytes()).digest()
-    except OSError:
-        return b""
 
 
 def _is_ours(info: os.stat_result) -> bool:

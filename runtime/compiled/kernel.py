@@ -12,6 +12,7 @@ kernels: changed code never meets an old cache. `cache` reads and writes the fil
 import hashlib
 import os
 import warnings
+from contextlib import suppress
 from pathlib import Path
 from types import FunctionType
 
@@ -30,15 +31,6 @@ def _source_digest() -> str:
     return digest.hexdigest()[:8]
 
 
-def _is_safe(folder: Path) -> bool:
-    """Make `folder` if need be; tell whether it is ours alone to write."""
-    try:
-        make_private(folder)
-    except OSError:
-        return False
-    return True
-
-
 def cache_folder() -> Path | None:
     """Folder for this version's compiled kernels, or None where no safe one can be written.
 
@@ -54,7 +46,12 @@ def cache_folder() -> Path | None:
         if xdg := os.environ.get("XDG_CACHE_HOME"):
             candidates.insert(0, Path(xdg) / "nnpp-edge")
     name = f"kernels-{__version__}-{_source_digest()}"
-    return next((base / name for base in candidates if _is_safe(base) and _is_safe(base / name)), None)
+    for base in candidates:
+        with suppress(OSError):
+            make_private(base)
+            make_private(base / name)
+            return base / name
+    return None
 
 
 CACHE_FOLDER = cache_folder()

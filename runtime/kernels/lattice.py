@@ -114,9 +114,9 @@ def trace_states(meta, state, stride, out):
 def fill_field(grid, poses, edges, prices, region, ends, rule, memory, limits):
     """Costs to the goal of the cells from which a way to it may be part of the best one.
 
-    Arguments as for `expand_states`, but for memory, which is that of nodes, `ends`, (goal, start, goal), the first -1 to go on, and `rule`,
-    (towards, width, between). Searches from the goal until the start is settled; each leg is that of the way back.
-    Without `between` turns are free, and no way costs less. With the costs of turns `between` directions, (16, 16)
+    Arguments as for `expand_states`, but for memory, which is that of nodes, `ends`, (goal, start, goal), the first
+    -1 to go on, and `rule`, (towards, width, between). Searches from the goal until the start is settled; each leg is
+    that of the way back. Without `between` turns are free, and no way costs less. With the costs of turns `between` directions, (16, 16)
     float32, each cell's cost is that of a way with its turns: as the cell's best way on is what counts for all that
     come to it, nearly the least. Returns the code, the expansions, and the least f of a node that the region refused.
     """
@@ -431,24 +431,10 @@ def expand_states(grid, poses, edges, prices, field, region, ends, rule, memory,
 
 
 @kernel
-def read_states(g, meta, stamp, stride, field):
-    """The least g of the states of every cell into `field`, inf where the search did not come."""
-    rows, cols = field.shape
-    for row in range(rows):
-        for col in range(cols):
-            least, first = np.float32(np.inf), ((row + 1) * stride + col + 1) * DIRECTIONS
-            for state in range(first, first + DIRECTIONS):
-                if meta[2 * state + 1] >> STAMP_SHIFT == stamp:
-                    least = min(least, g[2 * state])
-            field[row, col] = least
-
-
-@kernel
 def walk_states(poses, edges, prices, stride, path, first, costs):
     """Write what a body's path (N, 2) costs from its cell `first` to each later one into `costs` (N,).
 
-    At a cell it turns the shorter way, or the longer one where that is impossible. Returns the number of the first
-    cell that a failing leg or turn leads to, from `first` on; -1 if all pass.
+    Returns the number of the first cell that a failing leg or turn leads to, from `first` on; -1 if all pass.
     """
     lengths, unit, turn_prices, _ = prices
     legs = poses[0]
@@ -493,17 +479,16 @@ def direction_of(rows, cols):
 
 @helper
 def turn_price(poses, turn_prices, stride, node, before, after):
-    """Cost of turning on a node from a direction to another, the shorter way if that is possible; inf if none is."""
-    count = (after - before) & _MASK
-    for longer in range(2):
-        left = (count <= DIRECTIONS - count) != (longer == 1)
-        total, k = 0.0, before
-        while k != after and total < np.inf:
-            axis = k & 7 if left else (k - 1) & 7
-            if not poses[1][node] >> axis & 1:
-                check_there(poses, node // stride - 1, node % stride - 1, AXES + axis)
-            total = total + turn_prices[axis] if poses[1][node] >> (AXES + axis) & 1 else np.inf
-            k = (k + 1 if left else k - 1) & _MASK
-        if total < np.inf:
-            return total
-    return np.inf
+    """Cost of turning on a node from a direction to another, the shorter way; inf where that is impossible.
+
+    Then the longer way is impossible, too: it leads by all the axes, as the body looks alike from front and behind.
+    """
+    left = (after - before) & _MASK <= DIRECTIONS // 2
+    total, k = 0.0, before
+    while k != after and total < np.inf:
+        axis = k & 7 if left else (k - 1) & 7
+        if not poses[1][node] >> axis & 1:
+            check_there(poses, node // stride - 1, node % stride - 1, AXES + axis)
+        total = total + turn_prices[axis] if poses[1][node] >> (AXES + axis) & 1 else np.inf
+        k = (k + 1 if left else k - 1) & _MASK
+    return total

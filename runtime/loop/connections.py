@@ -76,6 +76,8 @@ class InProcessSource:
     @checked(InvalidMessageError)
     def __init__(self, most_patches: int = 256) -> None:
         self._mailbox = Mailbox(most_patches, sys.maxsize)
+        self.poll = self._mailbox.read
+        """Inputs since the last call."""
 
     @property
     def refused(self) -> int:
@@ -89,10 +91,6 @@ class InProcessSource:
         InvalidMessageError for anything else than an input.
         """
         return not self._mailbox.put(message, when_full="refuse")
-
-    def poll(self) -> Iterator[Input]:
-        """Inputs since the last call."""
-        return self._mailbox.read()
 
 
 class InProcessSink:

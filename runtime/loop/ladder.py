@@ -93,10 +93,6 @@ class Tick:
         """To the deadline; below 0 once it has passed."""
         return self.deadline - self.clock()
 
-    def fail(self, kind: str, reason: str) -> None:
-        """Note why a rung gives no answer."""
-        self.failures.append(Failure(kind, reason))
-
     def no_path(self, outcome: Status, reason: str, *, degraded: bool = False) -> PathMessage:
         """The answer without a path."""
         ms = 1e3 * (self.clock() - self._started)
@@ -152,7 +148,7 @@ class Ladder:
     def _planned_in_full(self, tick: Tick) -> PathMessage | None:
         if self._expected_s > max(tick.left_s, _LEAST_PLANNING_S):
             self._expected_s *= _FORGET
-            tick.fail("late", "by its last times the full method would be late")
+            tick.failures.append(Failure("late", "by its last times the full method would be late"))
             return None
         return self._planned(tick, Origin.FULL)
 
@@ -185,7 +181,7 @@ class Ladder:
         except Exception as error:
             _LOG.warning("planning by %s raised", method or self._settings.method, exc_info=True)
             self._count_error(str(origin))
-            tick.fail("raised", one_line(error))
+            tick.failures.append(Failure("raised", one_line(error)))
             return None
         ended = tick.clock()
         tick.spans.append(Span(f"plan by {plan.planner}", began, ended, plan.timings_ms))
@@ -193,13 +189,13 @@ class Ladder:
             mean = 0.8 * self._expected_s + 0.2 * (ended - began)
             self._expected_s = max(ended - began, mean if plan.ok else self._expected_s)
         if plan.status is Status.TIMEOUT:
-            tick.fail("timeout", "the search ran out of time")
+            tick.failures.append(Failure("timeout", "the search ran out of time"))
             return None
         if not plan.ok:
             return tick.no_path(plan.status, plan.reason)
         message = self._path(tick, plan, origin, tick.failures[-1].reason if tick.failures else plan.reason)
         if message is None:
-            tick.fail("map_changed", "the map changed while planning")
+            tick.failures.append(Failure("map_changed", "the map changed while planning"))
         return message
 
     def _path(self, tick: Tick, plan: Plan, origin: Origin, reason: str) -> PathMessage | None:

@@ -28,8 +28,6 @@ _BOUND_OCTAVES = range(8, 20)
 _BOUNDS_MS = (*(f"{1e-3 * 2**n:g}" for n in _BOUND_OCTAVES), "inf")
 _LONGEST_SLEEP_S = 0.05
 """Then the loop looks whether it is to stop: an Event's lock is not safe in handlers of signals."""
-_GC_EVERY = 64
-"""Ticks after which garbage is collected, if there is time."""
 
 
 class Loop:
@@ -98,7 +96,6 @@ class Loop:
         self._histogram = Histogram()
         self._reloader: threading.Thread | None = None
         self._unread: Iterator[Input] = iter(())
-        self._collection_s = 0.0
         self._process_cores: set[int] = set()
         """Cores that the process could use before the loop's thread was pinned."""
 
@@ -122,7 +119,7 @@ class Loop:
             worker.start()  # before the loop's thread gets its core and priority, which threads inherit
         self._process_cores = os.sched_getaffinity(0)
         try:
-            with realtime(self._cores, self._priority), _without_garbage_collection():
+            with realtime(self._cores, self._priority), _little_garbage():
                 self._run_ticks(ticks)
         finally:
             for _, worker in self._sinks:
@@ -170,8 +167,6 @@ class Loop:
                 self._publish(StatusMessage(message.tick, message.outcome, message.outcome + how, self.counters()))
             with self._after_guard:
                 self._after_tick(message)
-            if done % _GC_EVERY == 0:
-                self._collect()
 
     def _tick(self) -> PathMessage:
         began = time.monotonic()
@@ -222,15 +217,6 @@ class Loop:
         for _, worker in self._sinks:
             worker.queue.put(message, self._when_full)
 
-    def _collect(self) -> None:
-        """Collect garbage if the idle time is enough for it."""
-        if self._ticker.remaining() > 2.0 * self._collection_s:
-            began = time.monotonic()
-            gc.collect()
-            self._collection_s = time.monotonic() - began
-        else:
-            self._collection_s *= 0.9
-
 
 def handling_signals(loop: Loop) -> AbstractContextManager[None]:
     """SIGTERM and SIGINT stop the loop after its tick, SIGHUP reads the model again. For the main thread."""
@@ -243,15 +229,11 @@ def handling_signals(loop: Loop) -> AbstractContextManager[None]:
 
 
 @contextmanager
-def _without_garbage_collection() -> Iterator[None]:
-    """Collect once, then leave collecting to the loop."""
-    enabled = gc.isenabled()
+def _little_garbage() -> Iterator[None]:
+    """Collect once, then look no more at what is there: each collection within takes well below a millisecond."""
     gc.collect()
     gc.freeze()
-    gc.disable()
     try:
         yield
     finally:
         gc.unfreeze()
-        if enabled:
-            gc.enable()

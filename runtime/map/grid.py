@@ -110,6 +110,7 @@ class Grid:
     def stand_by(self, poses: Poses) -> None:
         """From now on steps cost by these poses; the weights remain what the coarse levels are made of."""
         self.poses, self.steps = poses, PoseSteps(poses)
+        self.set_bounds(self.least, self.greatest)
 
     def go_by(self, directed: DirectedSteps | CoarseSteps) -> None:
         """From now on steps cost by these; weights, or poses, decide where they may lead."""

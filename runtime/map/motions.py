@@ -299,17 +299,11 @@ def _corners_of(columns: Floats, rows: Floats, near: Floats) -> Floats:
 
 def _cells_of(points: Floats) -> tuple[NDArray[np.int64], Floats]:
     """Of points (S, 2): how many cells each height is a mean of, and these, (C, 3) row, column and share."""
-    first = np.floor(np.round(points, 9))
-    share = np.round(points, 9) - first
-    parts = [
-        (share[:, 0] if i else 1.0 - share[:, 0]) * (share[:, 1] if j else 1.0 - share[:, 1])
-        for i in (0, 1)
-        for j in (0, 1)
-    ]
-    around = [
-        np.column_stack((first + np.array((i, j)), part))
-        for (i, j), part in zip(((0, 0), (0, 1), (1, 0), (1, 1)), parts, strict=True)
-    ]
-    cells = np.stack(around, 1)
-    some = cells[..., 2] > _ROUNDING
-    return some.sum(1), cells[some]
+    first = np.floor(points + _ROUNDING)
+    shares = np.stack((first + 1.0 - points, points - first), 1)  # (S, 2, 2) of both lines, along rows and columns
+    there = shares > _ROUNDING  # by axis, so that none is a mean of three
+    corner = np.array(((0, 0), (0, 1), (1, 0), (1, 1)))
+    cells = first[:, None] + corner
+    parts = shares[:, corner[:, 0], 0] * shares[:, corner[:, 1], 1]
+    some = there[:, corner[:, 0], 0] & there[:, corner[:, 1], 1]
+    return some.sum(1), np.concatenate((cells, parts[..., None]), 2)[some]

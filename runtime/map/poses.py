@@ -244,7 +244,8 @@ def between(turns: Floats) -> Floats:
     """(16, 16) what the shorter turn from each direction to each other costs, given (8,) of those to the next."""
     at = np.cumsum(np.concatenate(([0.0], turns, turns)))
     apart = np.abs(at[:-1, None] - at[:-1])
-    return np.minimum(apart, at[-1] - apart).astype(np.float32)
+    found: Floats = np.minimum(apart, at[-1] - apart).astype(np.float32)
+    return found
 
 
 def term_weights(traversability: Traversability | None) -> tuple[float, float, float]:

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from nnpp_edge.runtime.arguments import checked, formerly
+from nnpp_edge.runtime.arguments import checked
 from nnpp_edge.runtime.arrays import Float2D
 from nnpp_edge.runtime.errors import ModelError
 from nnpp_edge.runtime.network.encoding import Point, encode_gaussian
@@ -17,7 +17,6 @@ from nnpp_edge.runtime.network.place_head import PlaceHead
 from nnpp_edge.runtime.reading import refused_as
 
 
-@formerly(run="write answer(start, goal)", set_query="write answer(start, goal)")
 class NetworkModel:
     """A network ready to run, with inputs and outputs of its own. Serves one thread at a time.
 

@@ -1,8 +1,7 @@
-"""Model files: where they are, what they say of themselves, and what was measured with them."""
+"""Model files: where they are, and what they say of themselves."""
 
 import hashlib
 import json
-import warnings
 from dataclasses import asdict, dataclass, field
 from importlib.resources import files
 from pathlib import Path
@@ -10,27 +9,15 @@ from typing import Annotated, Final, Literal
 
 import msgspec
 
-from nnpp_edge.runtime.arguments import formerly
 from nnpp_edge.runtime.errors import ModelError
 from nnpp_edge.runtime.network.graph_check import checked_metadata
 from nnpp_edge.runtime.reading import problem_with_file, refused_as
 
 METADATA_KEY = "nnpp_edge"
 FORMAT: Final = "nnpp-edge-model-1"
-FIGURES_FORMAT = "nnpp-edge-figures-1"
-FIGURE_NAMES = (
-    *("workload", "size", "method", "n", "success_raw", "success", "gap_mean", "gap_p99"),
-    *("time_ms_median", "time_ms_p99", "speedup_median", "speedup_total", "mm_mean"),
-)
-"""The keys that every row of figures has, as `nnpp-edge evaluate --json` prints them."""
-
-_Row = msgspec.defstruct(
-    "Row", [(name, str if name in ("workload", "method") else float | None) for name in FIGURE_NAMES]
-)
 _CHANNELS = {"gaussian": ("cost", "start_map", "goal_map"), "ends": ("cost", "blocked", "ends")}
 QUERY_SPACING = 8
 """Network cells between the points of a query that is encoded as ``ends``."""
-_SHAPES = "shapes follow from encoding and sizes, docs/models.md"
 _DEEPEST = 20
 """Lists and objects inside one another in the facts of a training."""
 _MODELS = Path(str(files("nnpp_edge.models")))
@@ -39,7 +26,6 @@ Count = Annotated[int, msgspec.Meta(gt=0)]
 Positive = Annotated[float, msgspec.Meta(gt=0.0)]
 
 
-@formerly(facts="write dataclasses.asdict", map_unshuffle=_SHAPES, output_shuffle=_SHAPES)
 @dataclass(frozen=True)
 class ModelMetadata:
     """The terms of network and runtime; they travel in the ONNX file as JSON and are checked at load."""
@@ -97,22 +83,9 @@ def _depth(value: object) -> int:
     return 1 + max(map(_depth, inner), default=0)
 
 
-class Figures(msgspec.Struct, rename={"rows": "figures"}):
-    """Figures measured with a model; in the JSON file beside it."""
-
-    rows: list[dict[str, str | float | None]]
-    """With the keys of `FIGURE_NAMES`; the planners that it was compared with have rows of their own."""
-    commands: list[str]
-    """That printed the rows."""
-    machine: str
-    """They ran on."""
-    model_sha256: str
-
-
-@formerly(inputs=_SHAPES, outputs=_SHAPES, producer="it is not read any more")
 @dataclass(frozen=True)
 class ModelFile:
-    """A model file, with its metadata, figures and card."""
+    """A model file, with its metadata and card."""
 
     name: str
     """The file's, without its ending: what `model_path` takes if the model is shipped."""
@@ -120,16 +93,14 @@ class ModelFile:
     size_bytes: int
     sha256: str
     metadata: ModelMetadata
-    figures: Figures | None
     card: str | None
-    """Text of the Markdown file beside it."""
+    """Text of the Markdown file beside it, with what was measured."""
 
     def summary(self) -> dict[str, object]:
         """For JSON: all but the card."""
-        facts, figures = asdict(self) | {"path": str(self.path)}, self.figures
+        facts = asdict(self) | {"path": str(self.path)}
         del facts["card"]
-        measured = (figures.rows, figures.commands, figures.machine) if figures else (None, None, None)
-        return facts | dict(zip(("figures", "commands", "machine"), measured, strict=True))
+        return facts
 
 
 def model_path(name: str | Path) -> Path:
@@ -156,20 +127,17 @@ def list_models() -> list[ModelFile]:
 def read_model_file(model: str | Path = "edge") -> ModelFile:
     """All about a shipped model, by its name, or an ONNX file with our metadata.
 
-    Beside MODEL.onnx may lie MODEL.md, the card, and MODEL.json, the figures: ``format``, ``model_sha256``,
-    ``machine``, ``commands`` and ``figures``. Figures of another file of that name are left out with a warning.
-    ModelError where the file is missing, truncated or without our metadata, or its figures cannot be read.
+    Beside MODEL.onnx may lie MODEL.md, the card. ModelError where the file is missing, truncated or without our
+    metadata.
     """
     path = model_path(model)
     content, card = _bytes(path), path.with_suffix(".md")
-    sha256 = hashlib.sha256(content).hexdigest()
     return ModelFile(
         name=path.stem,
         path=path,
         size_bytes=len(content),
-        sha256=sha256,
+        sha256=hashlib.sha256(content).hexdigest(),
         metadata=read_metadata(path, content),
-        figures=_figures(path.with_suffix(".json"), sha256),
         card=_bytes(card).decode(errors="replace") if problem_with_file(card) is None else None,
     )
 
@@ -177,19 +145,3 @@ def read_model_file(model: str | Path = "edge") -> ModelFile:
 def _bytes(path: Path) -> bytes:
     with refused_as(ModelError, f"{path}: wanted a file to read"):
         return path.read_bytes()
-
-
-def _figures(path: Path, sha256: str) -> Figures | None:
-    """Those in `path`; None if there is no such file, or it is a JSON file of another kind or another model."""
-    if problem_with_file(path) is not None:
-        return None
-    with refused_as(ModelError, f"{path}: wanted figures as JSON"):
-        stored = msgspec.json.decode(_bytes(path))
-        if not isinstance(stored, dict) or stored.get("format") != FIGURES_FORMAT:
-            return None
-        found = msgspec.convert(stored, Figures)
-        msgspec.convert(found.rows, list[_Row])  # type: ignore[valid-type]
-    if found.model_sha256 != sha256:
-        warnings.warn(f"{path}: its figures are of another model file and are left out", stacklevel=3)
-        return None
-    return found

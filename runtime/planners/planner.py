@@ -167,7 +167,7 @@ class Planner(OnMap):
         memory = self._methods.astar.workspace
         nearest = partial(costs_to_nearest, grid, stops, NEAREST_STOPS, memory, deadline)
         found = tour(
-            lambda begin, end: self._on_grid(begin, end, wishes, Work(), deadline),
+            lambda begin, end, direction: self._on_grid(begin, end, wishes, Work(), deadline, direction),
             stops,
             grid,
             best_order=best_order,
@@ -192,9 +192,11 @@ class Planner(OnMap):
         deadline = Deadline.within(wishes.time_limit_s)
         return self._refined(self._on_grid(start, goal, wishes, work, deadline), refining, wishes, deadline)
 
-    def _on_grid(self, start: Cell, goal: Cell, wishes: Wishes, work: Work, deadline: Deadline) -> Plan:
+    def _on_grid(
+        self, start: Cell, goal: Cell, wishes: Wishes, work: Work, deadline: Deadline, direction: int = -1
+    ) -> Plan:
         """The plan by the search alone."""
-        query, methods = Query.of(start, goal, deadline, wishes.epsilon), self._methods
+        query, methods = Query.of(start, goal, deadline, wishes.epsilon, direction), self._methods
         chosen, why = methods.choose(wishes.method, query)
 
         def find() -> tuple[Found, DynamicMethod, str]:

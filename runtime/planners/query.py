@@ -28,13 +28,17 @@ class Query(NamedTuple):
     """A path that is certain to cost at most 1 + `epsilon` times the optimum is good enough."""
     deadline: Deadline = NEVER
     """When to give up."""
+    direction: int = -1
+    """In which a body stands at the start, see `map.motions.DIRECTIONS`; -1 where any will do."""
 
     @classmethod
-    def of(cls, start: Cell, goal: Cell, deadline: Deadline, epsilon: float = math.inf) -> "Query":
+    def of(
+        cls, start: Cell, goal: Cell, deadline: Deadline, epsilon: float = math.inf, direction: int = -1
+    ) -> "Query":
         """From what a user gave; InvalidQueryError for what is no cell, or a number below 0."""
         if not epsilon >= 0.0:
             raise InvalidQueryError(f"epsilon must be a number of at least 0, got {epsilon}")
-        return cls(as_cell(start, "start"), as_cell(goal, "goal"), epsilon, deadline)
+        return cls(as_cell(start, "start"), as_cell(goal, "goal"), epsilon, deadline, direction)
 
     @property
     def apart(self) -> int:

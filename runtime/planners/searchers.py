@@ -48,11 +48,10 @@ class AStarSearcher:
 
     def search(self, query: Query, work: Work, region: Region | None, *, limit: int | None = None) -> Search:
         """As `Searcher`; without a region the whole map, and after `limit` expansions it gives up with TIMEOUT."""
-        (start, goal, _, deadline), landmarks = query, self.landmarks
+        (start, goal, _, deadline, direction), landmarks = query, self.landmarks
         hints = landmarks.towards(goal) if landmarks else None
-        found = astar(
-            self.grid, start, goal, self.workspace, region=region, hints=hints, limit=limit, deadline=deadline
-        )
+        place = self.grid, start, goal, self.workspace, region
+        found = astar(*place, hints=hints, limit=limit, deadline=deadline, direction=direction)
         work.expansions += found.expansions
         work.stage_ends("search")
         return found

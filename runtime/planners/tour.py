@@ -14,6 +14,7 @@ from nnpp_edge.runtime.deadline import NEVER, Deadline, OutOfTimeError
 from nnpp_edge.runtime.errors import InvalidQueryError, Status
 from nnpp_edge.runtime.map.along import joined
 from nnpp_edge.runtime.map.grid import Grid
+from nnpp_edge.runtime.map.motions import DIRECTIONS
 from nnpp_edge.runtime.planners.plan import Method, Plan, Source
 from nnpp_edge.runtime.planners.query import in_words
 from nnpp_edge.runtime.stopwatch import Stopwatch
@@ -23,7 +24,7 @@ MOST_ORDERED = 12
 _TIE = 1e-5
 """Share by which another order must cost less than the one given: sums of rounded costs differ by less."""
 
-PlanLeg = Callable[[Cell, Cell], Plan]
+PlanLeg = Callable[[Cell, Cell, int], Plan]
 Order = tuple[int, ...]
 """Numbers of the places between, counted from 0 as they were given."""
 Costs = NDArray[np.float64]
@@ -100,9 +101,12 @@ def tour(
             raise InvalidQueryError(f"the best order is found of at most {MOST_ORDERED} places, got {count}")
         with suppress(OutOfTimeError):
             order, given_cost = legs.best_order(nearest, deadline)
-    found = []
+    found: list[Plan] = []
     for begin, end in legs.along(order):
-        found.append(finish(legs.plan(begin, end)))
+        leg = legs.plan(begin, end)
+        if grid.steps.by_poses and found and leg.ok:  # a body sets out as it has arrived
+            leg = plan(stops[begin], stops[end], arrival(found[-1].path))
+        found.append(finish(leg))
         if not found[-1].ok:
             break
     ordered = stops[0], *(stops[each + 1] for each in order), stops[-1]
@@ -111,6 +115,11 @@ def tour(
     apart = {"order": total - sum(leg.timings_ms.get("total", 0.0) for leg in found)} if best_order else {}
     whole = replace(whole, timings_ms={**whole.timings_ms, **apart, "total": total})
     return Tour(ordered, order, tuple(found), whole, given_cost)
+
+
+def arrival(path: NDArray[np.int32]) -> int:
+    """Direction in which a body comes to the end of a path; -1 for a single cell."""
+    return DIRECTIONS.index(tuple((path[-1] - path[-2]).tolist())) if len(path) > 1 else -1
 
 
 class _Legs:
@@ -129,7 +138,7 @@ class _Legs:
             along = None if back.along is None else back.along.back()
             self._made[begin, end] = replace(back, path=back.path[::-1].copy(), along=along)
         elif (begin, end) not in self._made:
-            plan = self._plan(self._stops[begin], self._stops[end])
+            plan = self._plan(self._stops[begin], self._stops[end], -1)
             if plan.source is None:
                 self._refuse(begin if plan.status.startswith("START") else end, plan.status)
             self._made[begin, end] = plan
@@ -232,7 +241,7 @@ def _as_one(legs: Sequence[Plan], stops: Sequence[Cell], grid: Grid) -> Plan:
         path=path,
         waypoints=joined(lines).astype(np.float64) if len(lines) == len(legs) else None,
         line_cost=sum(leg.line_cost for leg in legs),
-        cost=sum(leg.cost for leg in legs),
+        cost=grid.costs_of(path)[0] if grid.steps.by_poses else sum(leg.cost for leg in legs),
         length=sum(leg.length for leg in legs),
         traverse_cost=grid.costs_of(path)[2],
         lower_bound=sum(leg.lower_bound for leg in legs),

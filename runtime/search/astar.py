@@ -17,8 +17,8 @@ from nnpp_edge.runtime.cells import Cell
 from nnpp_edge.runtime.deadline import NEVER, Deadline
 from nnpp_edge.runtime.errors import Status
 from nnpp_edge.runtime.kernels import expansion as kernels
-from nnpp_edge.runtime.kernels.nodes import octile
 from nnpp_edge.runtime.kernels.lattice import KNIGHT, expand_states, fill_field, trace_states
+from nnpp_edge.runtime.kernels.nodes import octile
 from nnpp_edge.runtime.map.grid import Grid
 from nnpp_edge.runtime.map.region import Region
 from nnpp_edge.runtime.map.step_cost import StepCost
@@ -66,6 +66,7 @@ def astar(
     beyond: float = 0.0,
     limit: int | None = None,
     deadline: Deadline = NEVER,
+    direction: int = -1,
 ) -> Search:
     """Cheapest path between two passable cells of a grid.
 
@@ -83,6 +84,8 @@ def astar(
         Settle also every cell on a path that costs less than 1 + `beyond` times the optimum.
     limit, deadline
         Give up with TIMEOUT after about so many expansions, or then.
+    direction : int
+        In which a body stands at the start, see `map.motions.DIRECTIONS`; by default any.
 
     Notes
     -----
@@ -93,7 +96,8 @@ def astar(
     if first == last:
         return Search(Status.OK, np.array([start], np.int32), 0)
     if grid.steps.by_poses:
-        return _over_states(grid, first, last, workspace, region, beyond, (limit or _WITHOUT_END, deadline.at))
+        ends, limits = (first, last, direction, -1), (limit or _WITHOUT_END, deadline.at)
+        return _over_states(grid, ends, workspace, region, beyond, limits)
     rule = *grid.prices, _bucket_width(grid, hints), _successors(grid, links), _beyond(beyond)
     ways, landmarks = kernels.NO_LINKS if links is None else links, kernels.NO_HINTS if hints is None else hints
     before = grid.packed, grid.steps.edges(backwards), ways, _allowed(region), landmarks
@@ -105,33 +109,34 @@ def astar(
 
 def _over_states(
     grid: Grid,
-    first: int,
-    last: int,
+    ends: tuple[int, int, int, int],
     workspace: Workspace,
     region: Region | None,
     beyond: float,
     limits: tuple[int, float],
 ) -> Search:
-    """As `astar`, over a body's states: guided by the costs to go of cells, where turns are free.
+    """As `astar`, over a body's states, `ends` as for `expand_states`: guided by the costs to go of cells.
 
-    These are found from the goal on, and tell soon where there is no path. What was refused for lying outside the
-    region was refused there, so no path that leaves it costs less than that, or than the field's at the start.
+    These are found from the goal on, and tell soon where there is no path. On the whole map turns are free in them,
+    and the answer is the best. In a region they count, which leaves few states to look at, for an answer about as
+    good; no path at all then costs less than the octile distance.
     """
-    states, allowed, field = grid.steps.states(), _allowed(region), workspace.field
+    states, allowed, field, (first, last, _, _) = grid.steps.states(), _allowed(region), workspace.field, ends
     assert states is not None
     between = states[2][3] if region is not None else states[2][3][:0]
-    rule, ends = (_best(grid), _bucket_width(grid), between), (last, first, last)
-    code, spent, refused = _run(fill_field, (grid.packed, *states, allowed), ends, rule, field, limits)
+    rule = _best(grid), _bucket_width(grid), between
+    code, spent, refused = _run(fill_field, (grid.packed, *states, allowed), (last, first, last), rule, field, limits)
     if code != kernels.FOUND:
         status = Status.NO_PATH if code == kernels.EXHAUSTED else Status.TIMEOUT
         return Search.without_path(status, spent, refused)
-    floor = float(field.g[2 * first])
-    judged = field.g, field.meta, field.stamp, first // grid.stride, first % grid.stride, floor, between
-    before, ends = (grid.packed, *states, judged, allowed), (first, last, -1, -1)
-    ends_of = *grid.cell(first), *grid.cell(last)
-    rule = _best(grid), grid.prices[0] * BUCKET_WIDTH_BY_LANDMARKS, _beyond(beyond)
-    code, length, expansions, _ = _run(expand_states, before, ends, rule, workspace, limits)
-    end, least = int(workspace.counts[kernels.BEST_NODE]), math.inf if region is None else float(octile.py_func(*ends_of, *grid.prices))
+    row, col = divmod(first, grid.stride)
+    judged = field.g, field.meta, field.stamp, row, col, float(field.g[2 * first]), between
+    before = grid.packed, *states, judged, allowed
+    by_states = _best(grid), grid.prices[0] * BUCKET_WIDTH_BY_LANDMARKS, _beyond(beyond)
+    code, length, expansions, _ = _run(expand_states, before, ends, by_states, workspace, limits)
+    apart = float(octile.py_func(*grid.cell(first), *grid.cell(last), *grid.prices))
+    least = math.inf if region is None else apart
+    end = int(workspace.counts[kernels.BEST_NODE])
     return _traced(trace_states, grid, workspace, code, end, length, expansions + spent, least)
 
 

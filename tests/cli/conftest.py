@@ -6,7 +6,8 @@ import shlex
 import numpy as np
 import pytest
 
-from nnpp_edge.terrain.dem import Dem, write_raster
+from nnpp_edge.terrain.dem import Dem
+from nnpp_edge.terrain.rasters import raster_bytes
 from tests.cli.grounds import PLACE, rolling
 
 
@@ -34,6 +35,6 @@ def hills(run, tmp_path):
     """Heights of rolling ground with an unknown column, in hills.tif and hills.npz; cells of 2 m."""
     heights = rolling()
     heights[:, 86] = np.nan
-    write_raster(tmp_path / "hills.tif", heights, Dem(heights, 2.0, 2.0, PLACE, tmp_path))
+    (tmp_path / "hills.tif").write_bytes(raster_bytes(tmp_path, heights, Dem(heights, 2.0, 2.0, PLACE, tmp_path)))
     np.savez(tmp_path / "hills.npz", elevation_m=heights, cell_size_m=2.0)
     return heights

@@ -1,12 +1,12 @@
 """Grounds that several tests of commands share."""
 
-import struct
+import json
 
 import numpy as np
-import pyogrio
 from pyproj import CRS, Transformer
 
 from nnpp_edge.terrain.georeference import Georeference
+from nnpp_edge.terrain.vectors import geopackage_bytes
 
 GRID = "EPSG:3414"  # whose metres are those of the ground, here
 PLACE = Georeference(CRS(GRID).to_wkt(), (2.0, 0.0, 28_000.0, 0.0, -2.0, 39_000.0))
@@ -24,7 +24,7 @@ def layer(path, cells, crs=GRID):
     """Points in the middles of cells, as a GeoPackage in a system."""
     move = Transformer.from_crs(GRID, crs, always_xy=True)
     places = [move.transform(*PLACE.map_coordinates(*cell)) for cell in cells]
-    shapes = np.array([*(struct.pack("<BIdd", 1, 1, *place) for place in places), None], object)[:-1]
-    names = {"field_data": [np.arange(len(cells))], "fields": np.array(["number"], object)}
-    pyogrio.raw.write(path, shapes, geometry_type="Point", crs=crs, layer="stops", driver="GPKG", **names)
+    named = {"type": "name", "properties": {"name": crs}}
+    content = json.dumps({"type": "MultiPoint", "coordinates": places, "crs": named})
+    path.write_bytes(geopackage_bytes("stops", content.encode()))
     return path

@@ -40,17 +40,13 @@ def test_arrays_need_no_rasterio(run, hills, monkeypatch):
 
 
 def test_json_tells_the_same_figures(told, hills):
-    found = told("costmap hills.tif -o cost.npy --picture other.png --workload limit12")
+    found = told("costmap hills.tif -o cost.npy --workload limit12")
     cost = np.load("cost.npy")
     limits = Traversability(slope_limit_deg=12, hard_slope_deg=12)
     np.testing.assert_array_equal(cost, traversability_cost(hills, 2.0, limits))
     assert (found["rows"], found["cols"], found["cell_size_m"]) == (80, 90, 2.0)
     assert found["passable_share"] == pytest.approx(np.isfinite(cost).mean())
-    assert found["cost_quantiles"]["0.5"] == pytest.approx(np.median(cost[np.isfinite(cost)]), abs=1e-5)
-    known = np.isfinite(hills).sum()
-    too_steep = np.isinf(cost).sum() - (hills.size - known)
-    assert found["saturated_share"]["slope"] == pytest.approx(too_steep / known, abs=1e-5)
-    assert found["files"] == ["cost.npy", "other.png"]
+    assert found["files"] == ["cost.npy", "cost.png"]
 
 
 def test_a_saturated_term_is_a_warning_and_leaves_stdout_to_the_result(run):
@@ -65,7 +61,7 @@ def test_a_map_without_a_passable_cell_is_written_all_the_same(run):
     cliff = np.arange(30.0, dtype=np.float32) * np.ones((30, 1), np.float32)
     np.savez("cliff.npz", elevation_m=cliff, cell_size_m=1.0)
     ended = run("costmap cliff.npz -o cost.tif --workload limit20")
-    assert ended.code == 0 and "no cell is passable" in ended.out and Path("cost.png").exists()
+    assert ended.code == 0 and "0.00 % of cells" in ended.out and Path("cost.png").exists()
 
 
 @pytest.mark.filterwarnings("error")

@@ -3,9 +3,6 @@
 import subprocess
 import sys
 
-import numpy as np
-import pytest
-
 from nnpp_edge.runtime.compiled import notice
 
 INTERRUPTED = """
@@ -61,20 +58,3 @@ def test_what_takes_a_second_is_told_once_and_what_does_not_is_not(monkeypatch):
     for _ in range(2):
         notice.begins("a wait").join()
     assert heard == ["a wait"]
-
-
-@pytest.mark.slow
-def test_the_whole_chain_from_terrain_to_an_int8_model(run, tmp_path):
-    """A model far too small and trained far too short, but every link is the real one."""
-    np.savez("dem.npz", elevation_m=np.random.default_rng(0).normal(0, 0.1, (90, 120)), cell_size_m=1.0)
-    for words in (
-        "dataset -o data --maps 6 --workers 1 --size 256 --points 3",
-        "train data --validation data -o run --epochs 1 --batch 4 --threads 1",
-        "export run/checkpoint.pt -o fp32.onnx --name mine",
-        "quantize fp32.onnx --dataset data -o int8.onnx --samples 8",
-        "plan dem.npz --start 2,3 --goal 80,110 --method nnpp --model int8.onnx -o out",
-    ):
-        ended = run(words)
-        assert ended.code == 0, ended.err
-    assert all((tmp_path / name).stat().st_size > 10_000 for name in ("data/samples.png", "run/curves.png"))
-    assert len(list((tmp_path / "out").iterdir())) == 4

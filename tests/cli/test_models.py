@@ -9,8 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from nnpp_edge.cli.models import table
-from nnpp_edge.runtime.network.model_file import FIGURE_NAMES, FIGURES_FORMAT, list_models, read_model_file
+from nnpp_edge.runtime.network.model_file import read_model_file
 
 MODELS = Path(__file__).parents[2] / "nnpp_edge" / "models"
 SHIPPED = sorted(path.stem for path in MODELS.glob("*.onnx"))
@@ -18,17 +17,8 @@ SHIPPED = sorted(path.stem for path in MODELS.glob("*.onnx"))
 
 @pytest.fixture
 def model(make_tiny_model):
-    """A model of one's own, with room for a card and figures beside it."""
+    """A model of one's own, with room for a card beside it."""
     return make_tiny_model(training={"dataset": {"maps": 7}, "workloads": [["soft", 0.5]], "excluded": []})
-
-
-def figures_of(model, *methods, **changes):
-    row = {**dict.fromkeys(FIGURE_NAMES, 0.5), "workload": "soft", "size": 256, "n": 3}
-    return {
-        "format": FIGURES_FORMAT, "model_sha256": hashlib.sha256(model.read_bytes()).hexdigest(),
-        "machine": "a small board", "commands": ["nnpp-edge evaluate --json"],
-        "figures": [{**row, "method": method} for method in methods], **changes,
-    }  # fmt: skip
 
 
 def test_the_list_says_what_each_shipped_model_is_for(nnpp_edge):
@@ -37,25 +27,14 @@ def test_the_list_says_what_each_shipped_model_is_for(nnpp_edge):
     rows = {line.split()[0]: line for line in ended.out.splitlines() if line.strip()}
     listed = json.loads(nnpp_edge("models", "--json").out)
     assert [told["name"] for told in listed] == SHIPPED
-    for told, found in zip(listed, list_models(), strict=True):
+    for told in listed:
         content = (MODELS / f"{told['name']}.onnx").read_bytes()
         assert (told["size_bytes"], told["sha256"]) == (len(content), hashlib.sha256(content).hexdigest())
         assert "card" not in told and told["purpose"]
         for word in (told["purpose"], told["metadata"]["precision"], f"{len(content) / 1e6:.2f}", told["sha256"][:8]):
             assert word in rows[told["name"]]
-        assert "–" in rows[found.name] or found.figures is not None
     edge = next(told for told in listed if told["name"] == "edge")
     assert edge["metadata"]["precision"] == "int8"
-    assert {row["method"] for row in edge["figures"]} >= {"astar", "corridor", "nnpp"}
-
-
-def test_shipped_figures_were_measured_with_the_shipped_model(recwarn):
-    for path in MODELS.glob("*.json"):
-        figures = read_model_file(path.stem).figures
-        assert figures is not None, "the model file is another one than its figures were measured with"
-        assert figures.commands and figures.machine
-        assert all(set(row) == set(FIGURE_NAMES) for row in figures.rows)
-    assert not recwarn.list
 
 
 def stages(training):
@@ -97,6 +76,7 @@ def test_a_card_and_the_commands_that_are_told_agree_with_the_files_metadata(nam
     assert re.search(rf"`{name}\.onnx` \({m.precision}, ({megabytes:.1f}|{megabytes:.2f}) MB", card["files"])
     near = f"exp(-excess / {100 * training['softness']:g} %)"
     assert (near if training["target"] == "near" else "the single optimal path") in card["target"]
+    assert f"sha256 {read_model_file(name).sha256[:8]}" in card["files"], "measured with another file"
     assert f"QDQ {m.precision} on {samples} queries" in card["calibration"]
     for options, stage in zip(commands["train"], stages(training), strict=True):
         assert "--time-limit" not in options and int(options["--steps"]) == stage["steps"]
@@ -122,56 +102,27 @@ def test_what_lies_beside_a_model_is_shipped():
             assert any(fnmatch.fnmatch(path.name, pattern) for pattern in patterns), path
 
 
-def test_a_shipped_model_is_shown_with_its_metadata_figures_and_card(nnpp_edge):
+def test_a_shipped_model_is_shown_with_its_metadata_and_card(nnpp_edge):
     ended = nnpp_edge("models", "edge")
     assert (ended.code, ended.err) == (0, "")
     found, card = read_model_file("edge"), (MODELS / "edge.md").read_text()
-    figures = f"{found.figures.rows[-1]['size']}²", found.figures.machine, *found.figures.commands
-    for word in (found.sha256, found.metadata.precision, "training.dataset.maps", "corridor", *figures, card.strip()):
+    for word in (found.sha256, found.metadata.precision, '"maps": 9216', card.strip()):
         assert word in ended.out
-    told = json.loads(nnpp_edge("models", "edge", "--json").out)
-    assert (told["card"], told["figures"]) == (card, found.figures.rows)
+    assert json.loads(nnpp_edge("models", "edge", "--json").out)["card"] == card
 
 
-@pytest.mark.filterwarnings("always:.*another model file")
 def test_a_file_of_ones_own_is_shown_with_what_lies_beside_it(run, told, model):
-    figures, card = model.with_suffix(".json"), model.with_suffix(".md")
     ended = run("models changed.onnx")
     assert (ended.code, ended.err) == (0, "")
-    lines = [line.split(maxsplit=1) for line in ended.out.splitlines()]
-    assert all(line in lines for line in (["figures", "–"], ["training.workloads", "soft 0.5"]))
-    assert ["training.excluded", "–"] in lines
+    assert all(word in ended.out for word in ('"maps": 7', '"excluded": []', '"architecture": "'))
     found = told("models changed.onnx")
     assert (found["name"], found["metadata"]["name"]) == ("changed", "tiny")
-    assert found["figures"] is found["machine"] is found["card"] is None
-    card.write_text("# A card of its own\n")
-    measured = figures_of(model, "astar", "corridor", "nnpp", "nnpp:changed", "nnpp:other")
-    for row, gap in zip(measured["figures"], (0.0, 0.9, 0.001, 0.002, 0.8), strict=True):
-        row["gap_mean"] = gap
-    figures.write_text(json.dumps(measured))
-    ended = run("models changed.onnx")
-    assert (ended.code, ended.err) == (0, "")
-    assert all(word in ended.out for word in ("# A card of its own", "a small board", "nnpp:changed", "50.0 %"))
-    shown = table([read_model_file(model)])
-    assert "0.10–0.20 %" in shown and "50.0 %" in shown, "the model's own rows are summed up"
-    assert "90.00 %" not in shown and "80.00 %" not in shown
-    figures.write_text('{"size_bytes": 3}')
-    assert read_model_file(model).figures is None, "a file of another kind is let be"
-    figures.write_text(json.dumps(figures_of(model, "nnpp", model_sha256="0" * 64)))
-    ended = run("models changed.onnx")
-    assert ended.code == 0 and "figures     –" in ended.out
-    (warned,) = ended.err.splitlines()
-    assert warned.startswith("warning: ") and "another model file" in warned
+    assert found["card"] is None
+    model.with_suffix(".md").write_text("# A card of its own\n")
+    assert "# A card of its own" in run("models changed.onnx").out
 
 
-def test_what_is_no_model_or_no_figures_is_refused_in_one_line(run, model, make_tiny_model):
-    for content, word in (
-        ({"figures": [{"workload": "soft"}]}, "missing required field `size`"),
-        ({"figures": [{**dict.fromkeys(FIGURE_NAMES, 1), "workload": "soft"}]}, "$[0].method"),
-        ({"figures": 3}, "$.figures"),
-    ):
-        model.with_suffix(".json").write_text(json.dumps(figures_of(model, "nnpp", **content)))
-        run("models changed.onnx").refused("changed.json", "wanted figures", word)
+def test_what_is_no_model_is_refused_in_one_line(run, model, make_tiny_model):
     for key, value in (("input_size", "64"), ("encoding", ["ends"]), ("sigma", None)):
         make_tiny_model(**{key: value})
         run("models changed.onnx").refused("wanted metadata of format", f"$.{key}")
@@ -179,9 +130,8 @@ def test_what_is_no_model_or_no_figures_is_refused_in_one_line(run, model, make_
     run("models changed.onnx").refused("changed.onnx", "wanted an ONNX model")
     run("models nosuch").refused(", ".join(SHIPPED), "'nosuch'")
     run("models .").refused("wanted a model file")
-    model.with_suffix(".json").unlink()
     make_tiny_model(architecture="split")  # its former name
-    assert ["architecture", "edge"] in [line.split() for line in run("models changed.onnx").out.splitlines()]
+    assert '"architecture": "edge"' in run("models changed.onnx").out
 
 
 def test_models_are_shown_without_heavy_imports():

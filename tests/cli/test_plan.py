@@ -17,7 +17,8 @@ from nnpp_edge.runtime.network import loading
 from nnpp_edge.runtime.planners import planner
 from nnpp_edge.runtime.planners.query import Work
 from nnpp_edge.terrain import dem as dem_module
-from nnpp_edge.terrain.dem import Dem, Georeference, write_raster
+from nnpp_edge.terrain.dem import Dem, Georeference
+from nnpp_edge.terrain.rasters import raster_bytes
 from tests.cli.grounds import ENDS, rolling
 
 PLACE = Georeference("EPSG:32615", (2.0, 0.0, 400_000.0, 0.0, -2.0, 5_000_000.0))
@@ -69,7 +70,7 @@ def test_it_plans_once_unless_asked_to_compare(run, hills, monkeypatch):
 
 def test_the_files_hold_the_path_in_map_coordinates(told, tmp_path):
     heights, folder = rolling(), tmp_path / "new" / "plan"
-    write_raster("dem.tif", heights, Dem(heights, 2.0, 2.0, PLACE, tmp_path))
+    Path("dem.tif").write_bytes(raster_bytes(tmp_path, heights, Dem(heights, 2.0, 2.0, PLACE, tmp_path)))
     found = told(f"plan dem.tif {ENDS} --method astar --hillshade -o", folder)
     assert found == json.loads((folder / "plan.json").read_text())
     assert sorted(found["files"]) == sorted(map(str, folder.iterdir()))

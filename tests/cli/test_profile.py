@@ -2,20 +2,19 @@
 
 import json
 import os
-import subprocess
-import sys
-from contextlib import ExitStack, contextmanager
+from contextlib import ExitStack
 from pathlib import Path
 
 import numpy as np
 import pytest
 
-from nnpp_edge.profiling import machine, measure
+from nnpp_edge.profiling import judge, machine, measure
 from nnpp_edge.profiling import report as report_module
-from nnpp_edge.profiling.compare import board_row
+from nnpp_edge.profiling.compare import board_table
 from nnpp_edge.profiling.processes import peak_memory_mb
-from nnpp_edge.profiling.profile_maps import ProfileMap, ProfileQuery
+from nnpp_edge.profiling.suites import Case
 from nnpp_edge.runtime import Ground, Vehicle
+from tests.profiling.test_profile_machine import busy_core
 from tests.profiling.traces import check_trace, spans_of, within
 
 PROFILE = """
@@ -30,25 +29,21 @@ budgets = [
 cores = [CORE]
 threads = 1
 [workload]
-terrain = "synthetic"
+terrain = ["synthetic"]
 workloads = ["soft", "limit20"]
 sizes = [64]
 queries = 10
-near = 6
 repeats = 1
 [model]
 int8 = "MODEL"
 fp32 = "MODEL"
-[stability]
-halves = 1000.0
-disturbance = DISTURBANCE
 """
 
 
 CORE = min(os.sched_getaffinity(0))
 KEYS = """
 schema version made profile verdict summary budgets results loop break_even disturbance contention sensors besides
-profiler_peak_memory_mb energy_problem cores environment notes
+cores environment notes
 """
 DESCRIBED = Path(__file__).parents[2].joinpath("docs", "profile.md").read_text()
 ARRIVALS = """
@@ -66,10 +61,11 @@ LONGER = {"sizes = [64]": "sizes = [192]", "repeats = 1": "repeats = 4", **ALONE
 def profile(run, tiny_model, monkeypatch):
     """Write tiny.toml, which stands any noise unless told otherwise; peak memory has a test of its own."""
     monkeypatch.setattr(report_module, "peak_memory_mb", lambda *words: 100.0)
+    monkeypatch.setattr(judge, "MOST_APART", 1000.0)
 
     def write(limit=1.0, disturbance=1.0, changes=()):
         text = PROFILE.replace("LIMIT", str(limit)).replace("CORE", str(CORE)).replace("MODEL", str(tiny_model))
-        text = text.replace("DISTURBANCE", str(disturbance))
+        monkeypatch.setattr(report_module, "MOST_DISTURBED", disturbance)
         for old, new in dict(changes).items():
             assert old in text
             text = text.replace(old, new)
@@ -82,18 +78,6 @@ def described(*tables):
     """Every key of a report has its line in docs/profile.md."""
     for key in set().union(*tables):
         assert f"`{key}`" in DESCRIBED, key
-
-
-@contextmanager
-def busy_core():
-    """Another process that keeps the core busy."""
-    code = f"import os\nos.sched_setaffinity(0, [{CORE}])\nprint(flush=True)\nwhile True: pass"
-    with subprocess.Popen([sys.executable, "-c", code], stdout=subprocess.PIPE) as process:
-        try:
-            process.stdout.readline()
-            yield
-        finally:
-            process.kill()
 
 
 def test_a_report_in_every_form(run, profile):
@@ -109,21 +93,20 @@ def test_a_report_in_every_form(run, profile):
     described(KEYS.split(), told["budgets"][0], told["results"][0], told["disturbance"]["halves"][0])
     page = Path("out/report.html").read_text()
     assert "Tiny &amp; &lt;quick&gt;" in page and "Tiny & <quick>" not in page
-    assert page.count("<svg") == 5 and page.count("data:image/png;base64,") == 3
+    assert page.count("<svg") == 2
     assert "<script" not in page and 'src="http' not in page and "@import" not in page
     assert "#010203" not in page and "currentColor" in page
     assert not Path("out/.report.json").exists() and len(list(Path("out").iterdir())) == 5
 
 
 def test_a_row_for_the_table_of_boards_a_trace_and_the_same_beside_other_work(run, profile):
-    contention = f"[contention]\nthreads = 1\ncores = [{CORE}]\n[stability]"
-    profile(changes={"[stability]": contention, **ALONE})
+    contention = "[contention]\nthreads = 1\n[model]"
+    profile(changes={"[model]": contention, "queries = 10": "queries = 100", **ALONE})
     ended = run("profile --profile tiny.toml -o .")
     assert ended.code == 0, ended.err
     told = json.loads(Path("report.json").read_text())
-    *_, row = Path("board-row.md").read_text().splitlines()
-    assert row == board_row(told) and row.startswith(f"| {told['made'][:10]} | ")
-    assert told["contention"]["beside"] == "1 busy thread"
+    assert Path("board-row.md").read_text() == board_table(told) + "\n"
+    assert told["contention"]["beside"] == "1 busy thread(s)"
     rows = told["contention"]["rows"]
     assert [each["planner"] for each in rows] == [each["planner"] for each in told["results"]]
     assert rows[0]["idle_ms"] == told["results"][0]["time_ms"]
@@ -133,13 +116,13 @@ def test_a_row_for_the_table_of_boards_a_trace_and_the_same_beside_other_work(ru
     spans = check_trace(Path("trace.json").read_bytes())
     inside = [each for whole in spans_of(spans, "soft 64², half ") for each in within(spans, whole)]
     calls = [each for each in inside if each["name"] == "nnpp"]
-    assert len(calls) == 2 * 16, "each query once in each half"
+    assert len(calls) == 2 * 100, "each query once in each half"
     stages = [within(inside, call) for call in calls]
     names = [[each["name"] for each in of_call] for of_call in stages]
     assert all(each[-2:] == ["search", "path"] for each in names)
     assert ["encode", "inference", "threshold", "search", "path"] in names
-    for call, of_call in zip(calls, stages, strict=True):
-        assert sum(each["dur"] for each in of_call) > 0.3 * call["dur"]
+    shares = [sum(each["dur"] for each in inner) / call["dur"] for call, inner in zip(calls, stages, strict=True)]
+    assert np.median(shares) > 0.5  # of one that was held up it may be little
 
 
 def test_the_clock_starts_at_the_elevations(run, profile):
@@ -175,13 +158,13 @@ def test_json_may_be_printed_and_an_impossible_budget_is_missed_and_named(run, p
     load = told["profile"]["load"]
     assert (ended.code, load["queries"], load["seed"]) == (1, 4, 5) and "profile: 100 %" in ended.err
     assert {row["n"] for row in told["results"]} == {4}
-    assert told["summary"].startswith("budgets missed: 3 of 5 pass; not plans a second (soft 64²")
+    assert told["summary"].startswith("budgets missed: 3 of 5 pass; not plans a second (nnpp, soft 64², limit20 64²)")
 
 
 def test_a_disturbed_run_is_noisy(run, profile):
     """Another process on the one core, all the time: the halves agree, and yet nothing may pass."""
     profile(disturbance=0.1, changes=LONGER)
-    with busy_core():
+    with busy_core(CORE):
         ended = run("profile --profile tiny.toml --json")
     assert ended.code == 3, ended.out
     told = json.loads(ended.out)
@@ -197,7 +180,7 @@ def test_a_run_disturbed_in_one_half_is_noisy(told, profile, monkeypatch):
     with ExitStack() as disturbances:
 
         def first_half_again(*words, real=measure.first_half_again):
-            disturbances.enter_context(busy_core())
+            disturbances.enter_context(busy_core(CORE))
             return real(*words)
 
         monkeypatch.setattr(measure, "first_half_again", first_half_again)
@@ -210,7 +193,7 @@ def test_a_run_disturbed_in_one_half_is_noisy(told, profile, monkeypatch):
 
 def test_what_makes_no_sense_ends_in_one_line(run):
     for words in (
-        *("--profile quick --peers", "--profile quick --limit 3", "--peers --start-up", ""),
+        *("--profile quick --peers", "--peers --start-up", ""),
         *("--profile quick --json --markdown", "--queries 5 compare a.json b.json"),
     ):
         ended = run(f"profile {words}")
@@ -259,11 +242,12 @@ def test_regressions_between_two_reports(run, told, profile):
 
 
 def test_peak_memory_is_that_of_another_process(tiny_model):
-    query = ProfileQuery(((5, 5), (90, 90)))
+    query = ((5, 5), (90, 90))
 
     def peak(side, vehicle=None):
         flat = np.zeros((side, side), np.float32)
-        on_map = ProfileMap(flat + 0.2, Ground.of_elevation(flat, 0.25, vehicle=vehicle), (query,))
+        ground = Ground.of_elevation(flat, 0.25, vehicle=vehicle)
+        on_map = Case("soft", side, flat + 0.2, (query,), ground)
         return peak_memory_mb(on_map, query, "astar", str(tiny_model))
 
     mine = np.ones(200_000_000, np.uint8)  # must not count

@@ -64,16 +64,8 @@ def test_a_plan_by_windows_is_that_of_the_map_in_memory(run, told, ground):
     assert "by windows" in run(f"{words} {SMALL}").out
 
 
-def test_vrt_of_tiles_and_rescaling_and_places(told, ground):
-    Path("map.vrt").write_text(
-        '<VRTDataset rasterXSize="400" rasterYSize="300"><SRS>EPSG:32615</SRS>'
-        "<GeoTransform>400000, 2, 0, 5000000, 0, -2</GeoTransform>"
-        '<VRTRasterBand dataType="Float32" band="1"><NoDataValue>nan</NoDataValue><SimpleSource>'
-        '<SourceFilename relativeToVRT="1">ground.tif</SourceFilename><SourceBand>1</SourceBand>'
-        '<SrcRect xOff="0" yOff="0" xSize="400" ySize="300"/><DstRect xOff="0" yOff="0" xSize="400" ySize="300"/>'
-        "</SimpleSource></VRTRasterBand></VRTDataset>"
-    )
-    words = "plan map.vrt --allow-vrt --rescale 1 --start xy:400011,4999989 --goal 200,200 --goal 290,380"
+def test_rescaling_and_places(told, ground):
+    words = "plan ground.tif --rescale 1 --start xy:400011,4999989 --goal 200,200 --goal 290,380"
     whole, found = told(f"{words} {LIMIT} --method corridor"), told(f"{words} {LIMIT} {SMALL}")
     assert found["start"] == whole["start"] == [5, 5]
     assert all(found[name] == whole[name] for name in ("goal", "goals", "cost", "length_m", "cell_size_m"))
@@ -115,8 +107,6 @@ def test_a_cost_map_written_as_a_stream_is_that_of_the_whole_map(run, told, grou
     assert "read by windows" in ended.err
     found = json.loads(ended.out)
     assert (found["rows"], found["passable_share"]) == (whole["rows"], whole["passable_share"])
-    assert found["cost_quantiles"] == pytest.approx(whole["cost_quantiles"], abs=1e-4)
-    assert found["saturated_share"] == pytest.approx(whole["saturated_share"], abs=0.01)
     with rasterio.open("a/cost.tif") as one, rasterio.open("b/cost.tif") as other:
         np.testing.assert_array_equal(one.read(1), other.read(1))
         assert (one.crs, one.transform) == (other.crs, other.transform)

@@ -1,5 +1,6 @@
 """JSON messages into the loop: junk, halves, floods, out of order. It never raises; its paths hold."""
 
+import io
 import json
 import logging
 import math
@@ -10,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from nnpp_edge.robot.transports.stdio import Framer
+from nnpp_edge.robot.transports.stdio import messages
 from nnpp_edge.robot.transports.wire import WireError, decode, decode_output, encode
 from nnpp_edge.runtime.errors import Status
 from nnpp_edge.runtime.loop.ladder import NavigatorSettings
@@ -28,7 +29,7 @@ _ODD_NUMBERS = (0.0, -0.0, 1.0, 0.999999, 1e-45, 1e38, 3e38, -1.0, 1e300, math.i
 
 
 def generate(rng: random.Random, place: Place = NOWHERE) -> Case:
-    """A map, how the loop plans, and what comes: ``bytes`` for the framer, and ``tick``, due in so many seconds."""
+    """A map, how the loop plans, and what comes: ``bytes`` of messages, and ``tick``, due in so many seconds."""
     rows, cols = rng.randrange(4, 40), rng.randrange(4, 40)
     by_heights = rng.random() < 0.3
     steps: list[tuple[str, Any]] = []
@@ -133,7 +134,6 @@ def _drive(case: Case, place: Place, log: _Log, answer: Callable[[Navigator, flo
     ground = layers.ground(1.0)
     settings = NavigatorSettings(case.method, corner_cutting=case.corner_cutting, model=place.model)
     navigator = Navigator(ground, settings, clock=lambda: clock)
-    framer = Framer(_LIMIT)
     taken: list[Input] = []
     for kind, value in case.steps:
         if kind == "tick":
@@ -144,7 +144,7 @@ def _drive(case: Case, place: Place, log: _Log, answer: Callable[[Navigator, flo
             if errors := navigator.counters().errors:
                 return Problem(f"caught inside the loop: {', '.join(errors)}", f"{log.text}\n{case!r}")
             continue
-        for found in _inputs(value, framer):
+        for found in _inputs(value):
             taken.append(found)
             navigator.offer(found)
             if isinstance(found, MapPatch):
@@ -152,10 +152,10 @@ def _drive(case: Case, place: Place, log: _Log, answer: Callable[[Navigator, flo
     return None
 
 
-def _inputs(value: bytes, framer: Framer) -> list[Input]:
+def _inputs(value: bytes) -> list[Input]:
     """The messages that are understood. Others must be refused by an error of the toolkit."""
-    found, half = [], len(value) // 2
-    for payload in (*framer.feed(value[:half]), *framer.feed(value[half:])):
+    found = []
+    for payload in messages(io.BytesIO(value), _LIMIT):
         try:
             if isinstance(payload, WireError):
                 raise payload

@@ -1,10 +1,16 @@
-"""What can be wrong with bytes, numbers and words. Each function draws from `random.Random` alone."""
+"""Damage to bytes, and to what files of known formats hold. Each function draws from `random.Random` alone."""
 
+import ast
+import contextlib
+import io
 import json
 import random
 import re
-from collections.abc import Callable
+import struct
+import zipfile
 from typing import Any
+
+import numpy as np
 
 NUMBERS = (
     *str.split("0 -0.0 1 -1 2 7 0.5 1e-45 1e-320 1e-30 1e38 3.5e38 1e308 1e999 nan -nan inf -inf NaN Infinity 1e3"),
@@ -17,9 +23,9 @@ WORDS = (
     *("", " ", '"', "\\", "\n", "a\nb", "\x1b[31m", "é" * 300, "x" * 256, "x" * 5000, "\udcff\udcfe", "%s%n"),
     *("{0}", "[bold]", "📍", "1,2,3"),
 )
-PAIRS = (*str.split("1,2 0,0 -1,-1 1 1,2,3 , 1, 1.5,2 nan,nan inf,inf 1e308,1e308"), "9" * 20 + ",0")
-SIZES = (*str.split("16 2 1 0 -5 16x16 2x40 1x1 x 16x 16,16 16x16x16"), "9" * 12, "9" * 30, "")
 _MOST_REPEATED = 1 << 24
+_DTYPES = str.split("<f4 >f4 <f8 <f2 <f16 |b1 |i1 |u1 <i8 >u2 <c8 |O |S4 <U4 <M8[s] junk |V0 <m8")
+_MEMBERS = str.split("elevation.npy dem.npy cost.npy cell_size_m.npy cell_width_m.npy cell_size_m x.txt ../x.npy")
 
 
 def junk_bytes(rng: random.Random, most: int = 200) -> bytes:
@@ -27,66 +33,52 @@ def junk_bytes(rng: random.Random, most: int = 200) -> bytes:
     return rng.randbytes(rng.randrange(most))
 
 
-def mutated(rng: random.Random, content: bytes, others: tuple[bytes, ...] = ()) -> bytes:
-    """The content, damaged once to three times."""
+def junk_value(rng: random.Random) -> Any:
+    """A value of any type."""
+    values: tuple[Any, ...] = (None, True, False, 0, -1, 1, 2**31, 2**64, -(2**63) - 1, 10**30, 1.5, -0.0, 1e300)
+    values += (float("nan"), float("inf"), "", "x", "é\u0000", "\ud800", "1", "../../x", "x" * 400, [], {}, [[]])
+    values += ([None], {"a": []}, [1, 2, 3], ["a"], {"": None}, [[1, [2]]], list(range(100)), "9" * 400)
+    return rng.choice(values)
+
+
+def mutated(rng: random.Random, content: bytes) -> bytes:
+    """The content with its bytes damaged once to three times."""
     for _ in range(rng.choice((1, 1, 1, 2, 3))):
-        content = rng.choice(_BYTE_MUTATIONS)(rng, content)
-    if others and rng.random() < 0.05:
-        other = rng.choice(others)
-        content = content[: rng.randrange(len(content) + 1)] + other[rng.randrange(len(other) + 1) :]
+        one, other = sorted(rng.randrange(len(content) + 1) for _ in range(2))
+        numbers = list(re.finditer(rb"-?[0-9][0-9.e+-]*", content[:200_000]))
+        match rng.choice(("flip", "flip", "overwrite", "insert", "cut", "repeat", "number", "number", "shorten")):
+            case "overwrite":
+                value = rng.choice((b"\x00", b"\xff", b"\x7f", b"\x80", b" ", b"9")) * rng.choice((1, 2, 4, 8, 100))
+                content = content[:one] + value[: len(content) - one] + content[one + len(value) :]
+            case "insert":
+                content = content[:one] + junk_bytes(rng) + content[one:]
+            case "cut":
+                content = content[:one] + content[other:]
+            case "repeat":
+                times = min(rng.choice((1, 2, 50)), _MOST_REPEATED // (other - one + 1) + 1)
+                content = content[:other] + content[one:other] * times + content[other:]
+            case "number" if numbers:
+                found = rng.choice(numbers)
+                content = content[: found.start()] + rng.choice(NUMBERS).encode() + content[found.end() :]
+            case "shorten":
+                content = content[: rng.choice((0, 1, one, one, other))]
+            case _:
+                flipped = bytearray(content)
+                near = len(flipped) if rng.random() < 0.5 else min(len(flipped), 256)
+                for _ in range(rng.choice((1, 1, 2, 8, 64)) if near else 0):
+                    flipped[rng.randrange(near)] ^= 1 << rng.randrange(8)
+                content = bytes(flipped)
     return content
 
 
-def _two_places(rng: random.Random, content: bytes) -> tuple[int, int]:
-    one, other = sorted(rng.randrange(len(content) + 1) for _ in range(2))
-    return one, other
-
-
-def _flip_bits(rng: random.Random, content: bytes) -> bytes:
-    found = bytearray(content)
-    near = len(found) if rng.random() < 0.5 else min(len(found), 256)
-    for _ in range(rng.choice((1, 1, 2, 8, 64)) if near else 0):
-        found[rng.randrange(near)] ^= 1 << rng.randrange(8)
-    return bytes(found)
-
-
-def _overwrite(rng: random.Random, content: bytes) -> bytes:
-    at, count = rng.randrange(len(content) + 1), rng.choice((1, 2, 4, 8, 100))
-    value = rng.choice((b"\x00", b"\xff", b"\x7f", b"\x80", b" ", b"9"))
-    return content[:at] + value * min(count, len(content) - at) + content[at + count :]
-
-
-def _insert(rng: random.Random, content: bytes) -> bytes:
-    at = rng.randrange(len(content) + 1)
-    return content[:at] + junk_bytes(rng) + content[at:]
-
-
-def _cut_out(rng: random.Random, content: bytes) -> bytes:
-    one, other = _two_places(rng, content)
-    return content[:one] + content[other:]
-
-
-def _repeat(rng: random.Random, content: bytes) -> bytes:
-    one, other = _two_places(rng, content)
-    times = min(rng.choice((1, 2, 50)), _MOST_REPEATED // (other - one + 1) + 1)
-    return content[:other] + content[one:other] * times + content[other:]
-
-
-def _other_number(rng: random.Random, content: bytes) -> bytes:
-    found = list(re.finditer(rb"-?[0-9][0-9.e+-]*", content[:200_000]))
-    if not found:
-        return _flip_bits(rng, content)
-    one = rng.choice(found)
-    return content[: one.start()] + rng.choice(NUMBERS).encode() + content[one.end() :]
-
-
-def _shorten(rng: random.Random, content: bytes) -> bytes:
-    return content[: rng.choice((0, 1, *[rng.randrange(len(content) + 1)] * 4))]
-
-
-_BYTE_MUTATIONS: tuple[Callable[[random.Random, bytes], bytes], ...] = (
-    *(_flip_bits, _flip_bits, _overwrite, _insert, _cut_out, _repeat, _other_number, _other_number, _shorten),
-)
+def damaged(rng: random.Random, content: bytes) -> bytes:
+    """A file that holds something else, by its format, or whose bytes are damaged."""
+    of_format = {b"PK": _other_archive, b"\x93NUMPY": _other_array, b"{": _other_lines, b"\x08": _other_model}
+    of_format |= {b"planner": _other_toml}
+    for begin, other in of_format.items():
+        if content.startswith(begin) and rng.random() < 0.6:
+            return other(rng, content)
+    return mutated(rng, content)
 
 
 def mutated_json(rng: random.Random, content: bytes) -> bytes:
@@ -103,16 +95,8 @@ def mutated_json(rng: random.Random, content: bytes) -> bytes:
     return text.encode() if rng.random() < 0.9 else mutated(rng, text.encode())
 
 
-def junk_value(rng: random.Random) -> Any:
-    """A value of any type."""
-    values: tuple[Any, ...] = (None, True, False, 0, -1, 1, 2**31, 2**64, -(2**63) - 1, 10**30, 1.5, -0.0, 1e300)
-    values += (float("nan"), float("inf"), "", "x", "é\u0000", "\ud800", "1", "../../x", "x" * 400, [], {}, [[]])
-    values += ([None], {"a": []}, [1, 2, 3], ["a"], {"": None}, [[1, [2]]], list(range(100)), "9" * 400)
-    return rng.choice(values)
-
-
 def _other_node(rng: random.Random, tree: Any) -> Any:
-    """The tree with one node replaced, renamed, left out or doubled."""
+    """The tree with one node replaced, renamed, left out or doubled; a text that is JSON is a tree of its own."""
     kind = rng.random()
     if isinstance(tree, dict) and tree and rng.random() < 0.85:
         key = rng.choice(list(tree))
@@ -125,16 +109,92 @@ def _other_node(rng: random.Random, tree: Any) -> Any:
         at = rng.randrange(len(tree))
         here = [] if kind < 0.2 else [tree[at]] * 2 if kind < 0.4 else [_other_node(rng, tree[at])]
         return [*tree[:at], *here, *tree[at + 1 :]]
-    return junk_value(rng)
+    if isinstance(tree, str) and tree.startswith("{") and kind < 0.9:
+        return mutated_json(rng, tree.encode()).decode("utf-8", "replace")
+    return rng.choice((*NUMBERS, *WORDS)) if isinstance(tree, str) and kind < 0.6 else junk_value(rng)
 
 
-def mutated_toml(rng: random.Random, content: bytes) -> bytes:
-    """TOML with a value of another type or range; damaged now and then."""
-    lines = content.decode().splitlines()
-    for _ in range(rng.choice((1, 1, 2))):
+def _other_lines(rng: random.Random, content: bytes) -> bytes:
+    """JSON, or lines of it of which some are changed, doubled or left out."""
+    with contextlib.suppress(ValueError):
+        return mutated_json(rng, content)
+    lines = content.splitlines()
+    for _ in range(rng.choice((1, 2, 4))):
         at = rng.randrange(len(lines))
-        key, equals, _ = lines[at].partition(" = ")
-        values = (*NUMBERS, '"x"', "true", "[]", "{}", "[[]]", '["a", "a"]', '""', "1979-05-27", "[" * 3000)
-        lines[at] = f"{key} = {rng.choice(values)}" if equals else rng.choice(("", "[x]", "[loop]", "x = 1", "]"))
-    found = "\n".join(lines).encode()
-    return found if rng.random() < 0.85 else mutated(rng, found)
+        lines[at] = rng.choice((mutated_json, mutated))(rng, lines[at])
+        lines = rng.choice((lines, lines, [lines[0], *rng.choices(lines, k=len(lines))]))
+        if any(not _is_json(line) for line in lines):
+            break
+    return b"\n".join(lines) + rng.choice((b"\n", b"\n", b"", b" " * (1 << 20)))
+
+
+def _is_json(line: bytes) -> bool:
+    with contextlib.suppress(ValueError, RecursionError):
+        json.loads(line)
+        return True
+    return False
+
+
+def _other_toml(rng: random.Random, content: bytes) -> bytes:
+    """A value of another type or range, or another table."""
+    lines = content.decode().splitlines()
+    at = rng.randrange(len(lines))
+    key, equals, _ = lines[at].partition(" = ")
+    values = (*NUMBERS, '"x"', "true", "[]", "{}", "[[]]", '["a", "a"]', '""', "1979-05-27", "[" * 3000)
+    lines[at] = f"{key} = {rng.choice(values)}" if equals else rng.choice(("", "[x]", "[loop]", "x = 1", "]"))
+    return "\n".join(lines).encode()
+
+
+def npy(header: object, data: bytes = b"") -> bytes:
+    """A NumPy file with a header of one's own."""
+    text = repr(header).encode() + b"\n"
+    return b"\x93NUMPY\x02\x00" + struct.pack("<I", len(text)) + text + data
+
+
+def _other_array(rng: random.Random, content: bytes) -> bytes:
+    """A header that is another, or says more than there is; or other numbers."""
+    start = content.index(b"{")
+    end = content.index(b"\n", start)
+    header, data = ast.literal_eval(content[start:end].decode()), content[end + 1 :]
+    kind = rng.random()
+    if kind < 0.25:
+        header["descr"] = rng.choice(_DTYPES)
+    elif kind < 0.6:
+        header = _other_node(rng, header | {"shape": list(header["shape"])})
+        if isinstance(header, dict) and isinstance(header.get("shape"), list):
+            header["shape"] = tuple(header["shape"])
+    elif kind < 0.9:
+        numbers = np.frombuffer(data[: len(data) // 8 * 8], "<f4" if b"f4" in content[:end] else "<f8").copy()
+        odd = rng.choice((0.0, -1.0, np.nan, np.inf, -np.inf, 1e-45, 3e38, -3e38, 1e9, 9.9e8))
+        numbers[np.random.default_rng(rng.getrandbits(32)).random(numbers.shape) < rng.choice((0.5, 1.0))] = odd
+        data = numbers.tobytes()
+    else:
+        data = rng.choice((data[: rng.randrange(len(data) + 1)], b"", data * 3))
+    return npy(header, data)
+
+
+def _other_archive(rng: random.Random, content: bytes) -> bytes:
+    """One file in it damaged, of another name, or missing."""
+    with zipfile.ZipFile(io.BytesIO(content)) as archive:
+        files = {name: archive.read(name) for name in archive.namelist()}
+    name, kind = rng.choice(list(files)), rng.random()
+    inner = files.pop(name)
+    if kind < 0.9:
+        files[name if kind < 0.75 else rng.choice(_MEMBERS)] = damaged(rng, inner) if kind < 0.8 else inner
+    made = io.BytesIO()
+    with zipfile.ZipFile(made, "w") as archive:
+        for name, data in files.items():
+            archive.writestr(name, data)
+    return made.getvalue()
+
+
+def _other_model(rng: random.Random, content: bytes) -> bytes:
+    """An ONNX model with another value anywhere: a name, a shape, an operator, our metadata."""
+    from google.protobuf import json_format
+    from onnx import ModelProto
+
+    tree = json_format.MessageToDict(ModelProto.FromString(content), preserving_proto_field_name=True)
+    for _ in range(20):
+        with contextlib.suppress(Exception):  # of values that have no place there
+            return bytes(json_format.ParseDict(_other_node(rng, tree), ModelProto()).SerializeToString())
+    return mutated(rng, content)

@@ -10,7 +10,7 @@ from nnpp_edge.cli import options
 from nnpp_edge.cli.main import COMMANDS, cli
 from tests.fuzz.cases import NOWHERE, Place
 from tests.fuzz.commands import Command
-from tests.fuzz.mutations import NUMBERS, PAIRS, SIZES, WORDS
+from tests.fuzz.mutations import NUMBERS, WORDS
 
 BASES = {
     "costmap": ("in/dem.npz -o out/cost.npz", "in/dem.tif -o out/c.tif"),
@@ -47,17 +47,20 @@ BASES = {
 HEAVY = ("train", "export", "quantize", "profile compare")  # commands whose samples must be trained or measured first
 SELDOM = {"reproduce": 0.15, "export": 0.1, "quantize": 0.1, "train": 0.25, "profile": 0.1, "evaluate": 0.6}
 SELDOM |= {"warmup": 0.2}
-_PLACES = (*str.split("xy:1005,1995 xy:nan,1 xy:1 lonlat:1,2 lonlat:-94,45 in/dem.npz in/dem.tif:a : xy:,"),)
-_TIMES = (*str.split("9 90s 1min 2h -3s 1e9h soon 0"),)
-_NAMES = "dem.npz dem.npy dem.tif dem.png dem.asc cost.npz drive.jsonl profile.toml tiny.onnx dem.img sparse.tif"
-_INPUTS = [f"in/{name}" for name in (*_NAMES.split(), "bomb.npz", "set32")]
-_ODD = ("", ".", "odd/loop", "odd/" + "x" * 300, "odd/null", "odd/link")
-_ODD_INPUTS = (
-    *_ODD,
-    *str.split("/ in missing in/dem.npz/x odd/zero ~ /proc/self/mem"),
-    "y/" * 2500,
+_PLACES = (*str.split("1,2 0,0 -1,-1 1 1,2,3 , 1, 1.5,2 nan,nan inf,inf 1e308,1e308"), "9" * 20 + ",0")
+_PLACES += (*str.split("xy:1005,1995 xy:nan,1 xy:1 lonlat:1,2 lonlat:-94,45 in/dem.npz in/dem.tif:a : xy:,"),)
+_SIZES = (
+    *str.split("16 2 1 0 -5 16x16 2x40 1x1 x 16x 16,16 16x16x16 9 90s 1min 2h -3s 1e9h soon"),
+    "9" * 12,
+    "9" * 30,
 )
-_ODD_INPUTS += ("in/\x01", "in/\udcff.npz")
+_ODD_WORDS = (*_PLACES, *_SIZES, *WORDS, *NUMBERS)
+_NAMES = (
+    "dem.npz dem.npy dem.tif dem.png dem.asc cost.npz drive.jsonl profile.toml tiny.onnx dem.img sparse.tif bomb.npz"
+)
+_INPUTS = [f"in/{name}" for name in (*_NAMES.split(), "set")]
+_ODD = ("", ".", "odd/loop", "odd/" + "x" * 300, "odd/null", "odd/link")
+_ODD_INPUTS = (*_ODD, *str.split("/ in missing in/dem.npz/x odd/zero ~ /proc/self/mem"), "y/" * 2500, "in/\udcff.npz")
 _ODD_OUTPUTS = (*_ODD, *str.split("out odd/full in/dem.npz/x.png /proc/none/x old/old.png old/old.npz"))
 _ODD_OUTPUTS += ("old/old.json", "y/" * 2500 + "x")
 _ENDINGS = (*str.split(".tif .tiff .npy .npz .png .gif .json .jsonl .mcap .onnx .html .rrd .X"), "")
@@ -156,11 +159,9 @@ def _draw_value(rng: random.Random, kind: click.ParamType, used: list[str]) -> s
         return str(rng.randrange(1, 40)) if whole else f"{10 ** rng.uniform(-2, 2):.3g}"
     if isinstance(kind, options.SettingType):
         number = rng.choice(NUMBERS) if rng.random() < 0.5 else f"{10 ** rng.uniform(-2, 2):.3g}"
-        return f"{rng.choice(kind.keys())}={number}" if rng.random() < 0.8 else rng.choice((*WORDS, *PAIRS))
+        return f"{rng.choice(kind.keys())}={number}" if rng.random() < 0.8 else rng.choice(_ODD_WORDS)
     if isinstance(kind, options.Parsed) and kind is not options.MODEL:
-        pools = {"R,C": PAIRS, "N|RxC,…": SIZES, "N,…": PAIRS + NUMBERS, "PLACE": PAIRS + _PLACES, "TIME": _TIMES}
-        odd = PAIRS + SIZES + WORDS + NUMBERS
-        pool = pools.get(kind.name, odd) if rng.random() < 0.7 else odd
+        pool = {"N|RxC,…": _SIZES, "TIME": _SIZES}.get(kind.name, _PLACES) if rng.random() < 0.7 else _ODD_WORDS
         return rng.choice(pool) if rng.random() < 0.7 else f"{rng.randrange(24)},{rng.randrange(32)}"
     if rng.random() < 0.4:
         return rng.choice(("", "", "replay:", "zenoh:")) + _path(rng, options.PATH, used)

@@ -13,9 +13,10 @@ import time
 import traceback
 import warnings
 from collections import Counter
-from collections.abc import Callable, Mapping, Sequence
-from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
+from collections.abc import Mapping, Sequence
+from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass, field
+from functools import partial
 from importlib import import_module
 from pathlib import Path
 from typing import Any
@@ -28,16 +29,10 @@ FOLDER = Path("build/fuzz")
 BATCH, BATCH_S = 200, 20.0
 """Cases that one forked process does one after another, and seconds after which it begins no other."""
 MOST_KEPT = 3  # findings of one cause that are kept in full
-SHARES = {"files": 3.0, "options": 3.0, "models": 1.5, "weights": 1.5, "messages": 1.5, "sequences": 2.0} | {
-    "elevations": 1.5,
-    "bodies": 1.5,
-    "layers": 1.5,
-    "lines": 1.0,
-    "limits": 1.5,
-    "projections": 0.5,
-}
+SHARES = {"files": 4.5, "options": 3.0, "weights": 1.5, "messages": 1.5, "sequences": 2.0, "elevations": 1.5}
+SHARES |= {"bodies": 1.5, "layers": 1.5, "lines": 1.0, "limits": 1.5, "projections": 0.5}
 """Of the time, for each target."""
-COMMAND_TARGETS = ("files", "options", "models")
+COMMAND_TARGETS = ("files", "options")
 """Each case of these is a process; those of the others are functions, done in batches."""
 IN_BATCH = Limits(wall_s=120.0, cpu_s=100, memory_bytes=1 << 30)
 HEAVY = ("torch", "nnpp_edge.export.to_onnx", "nnpp_edge.training.train")
@@ -60,18 +55,18 @@ class Finding:
     @property
     def again(self) -> str:
         """How to do the case again."""
-        return f"--target {self.target} --seed {self.seed}"
+        return f"{self.cause}; again with --target {self.target} --seed {self.seed}"
 
     def keep(self, folder: Path) -> None:
         """Write it down."""
-        told = f"{self.cause}\npython -m tests.fuzz {self.again}\n\n{self.problem.kind}\n{self.problem.detail}\n"
         folder.mkdir(parents=True, exist_ok=True)
+        told = f"{self.again}\n\n{self.problem.kind}\n{self.problem.detail}\n"
         (folder / f"{self.target}-{self.seed}.txt").write_text(told, errors="backslashreplace")
 
 
 @dataclass
 class Tally:
-    """The cases done so far, the seconds they took, and what was found, by cause."""
+    """The cases done so far, the seconds they took, and what was found, by target."""
 
     cases: Counter[str] = field(default_factory=Counter)
     seconds: Counter[str] = field(default_factory=Counter)
@@ -79,15 +74,11 @@ class Tally:
 
     def text(self) -> str:
         """For people."""
-        found = Counter(finding.target for finding in self.findings)
-        lines = [f"{'target':<12}{'cases':>9}{'a second':>10}{'findings':>10}"]
-        for name in sorted(self.cases):
-            rate = self.cases[name] / max(self.seconds[name], 1e-9)
-            lines.append(f"{name:<12}{self.cases[name]:>9}{rate:>10.1f}{found[name]:>10}")
-        lines.append(f"{'all':<12}{self.cases.total():>9}{'':>10}{len(self.findings):>10}")
+        lines = [f"{name:<12}{self.cases[name]:>9} in {self.seconds[name]:.0f} s" for name in sorted(self.cases)]
         first = {finding.cause: finding.again for finding in reversed(self.findings)}
         causes = Counter(finding.cause for finding in self.findings).most_common()
-        return "\n".join([*lines, *(f"{count:>6} × {cause}; again with {first[cause]}" for cause, count in causes)])
+        lines += [f"{count:>6} × {first[cause]}" for cause, count in causes]
+        return "\n".join([*lines, f"{self.cases.total()} cases, {len(self.findings)} findings"])
 
 
 def case_of(target: str, seed: int, place: Place) -> Any:
@@ -108,16 +99,11 @@ def check_case(target: str, seed: int, place: Place) -> Problem | None:
         return found
 
 
-def make_samples(folder: Path, heavy: bool) -> Path:
-    """The folder of the samples, which are made, where they are not there yet, in a process of their own."""
+def prepare(folder: Path, heavy: bool) -> Place:
+    """Make the samples where they are not there yet, and load all that cases need. Leaves no thread behind."""
     samples = folder.resolve() / "samples"
     if not (samples / "made").exists():
         subprocess.run([sys.executable, "-m", "tests.fuzz.samples", samples, *["heavy"] * heavy], check=True)
-    return samples
-
-
-def prepare(samples: Path, heavy: bool) -> Place:
-    """Load all that the cases need. Leaves no thread behind."""
     os.environ.update(dict.fromkeys(("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS"), "1"))
     for name in (*LOADED, *(HEAVY if heavy else ()), *(f"tests.fuzz.{target}" for target in SHARES)):
         import_module(name)
@@ -137,14 +123,6 @@ def prepare(samples: Path, heavy: bool) -> Place:
     return Place(samples, samples.parent / f"case-{os.getpid()}" / "here", heavy)
 
 
-_PLACE: list[Place] = []
-
-
-def _begin(samples: Path, heavy: bool) -> None:
-    """Make a process of the pool ready."""
-    _PLACE.append(prepare(samples, heavy))
-
-
 def _checked(target: str, seed: int, place: Place) -> Problem | None:
     """A case's problem. What depends on time is tried again, as other programs may have held it up."""
     try:
@@ -156,12 +134,12 @@ def _checked(target: str, seed: int, place: Place) -> Problem | None:
         return Problem("the fuzzer itself raised", traceback.format_exc())
 
 
-def run_batch(target: str, seeds: Sequence[int], place: Place | None = None) -> tuple[int, float, list[Finding]]:
-    """How many cases were done, in how many seconds, and what was found.
+def run_batch(target: str, seeds: Sequence[int], place: Place) -> tuple[int, list[Finding]]:
+    """How many cases were done, and what was found.
 
     Functions are done in one forked process; a case that hangs, crashes or takes too much memory ends it.
     """
-    place, began = place or _PLACE[0], time.monotonic()
+    began = time.monotonic()
     assert place.folder is not None
     place.folder.parent.mkdir(parents=True, exist_ok=True)
     if target in COMMAND_TARGETS:
@@ -185,56 +163,45 @@ def run_batch(target: str, seeds: Sequence[int], place: Place | None = None) -> 
             kind = f"hangs: {target}" if ended.late else f"killed by signal {-ended.code}: {target}"
             detail = f"{ended.late}\n{ended.err.decode('utf-8', 'replace')[-4000:]}"
             told.append((lines[-1][0], Problem(kind, detail)))
-    return len(told), time.monotonic() - began, [Finding(target, *each) for each in told if each[1]]
+    return len(told), [Finding(target, *each) for each in told if each[1]]
+
+
+def work(base: int, minutes: float, most: Mapping[str, int], folder: Path, heavy: bool) -> Tally:
+    """Do cases until the time has passed, or so many of each target are done."""
+    place, tally, seeds = prepare(folder, heavy), Tally(), itertools.count(base * 1_000_000)
+    left, until = dict(most), time.monotonic() + 60.0 * minutes
+    while time.monotonic() < until and any(left.values()):
+        name = min(filter(left.get, left), key=lambda each: tally.seconds[each] / SHARES[each])
+        count, began = min(1 if name in COMMAND_TARGETS else BATCH, left[name]), time.monotonic()
+        done, found = run_batch(name, list(itertools.islice(seeds, count)), place)
+        left[name] -= done
+        tally.cases[name] += done
+        tally.seconds[name] += time.monotonic() - began
+        for finding in found:
+            tally.findings.append(finding)
+            if sum(each.cause == finding.cause for each in tally.findings) <= MOST_KEPT:
+                finding.keep(folder / "findings")
+                print(f"FOUND {finding.again}", flush=True)
+    shutil.rmtree(place.folder.parent, ignore_errors=True)  # type: ignore[union-attr]
+    return tally
 
 
 def run(
-    *,
     base: int,
-    minutes: float = math.inf,
-    most: Mapping[str, int] | None = None,
-    workers: int = 2,
     targets: Sequence[str] = tuple(SHARES),
+    minutes: float = math.inf,
+    workers: int = 2,
     folder: Path = FOLDER,
     heavy: bool = True,
-    tell: Callable[[str], None] = print,
 ) -> Tally:
-    """Let workers do cases until the time has passed, or so many cases of each target are done."""
-    samples = make_samples(folder, heavy)
-    tally, kept, seeds = Tally(), Counter[str](), itertools.count(base * 1_000_000)
-    left = {name: (most or {}).get(name, sys.maxsize) for name in targets}
-    running: dict[Future[tuple[int, float, list[Finding]]], tuple[str, int]] = {}
-    until = told_at = time.monotonic()
-    until += 60.0 * minutes
-    context = multiprocessing.get_context("spawn")
-    with ProcessPoolExecutor(workers, context, initializer=_begin, initargs=(samples, heavy)) as pool:
-        while True:
-            while len(running) < workers and time.monotonic() < until and any(left.values()):
-                going = Counter(name for name, _ in running.values())  # each counts as a second that is spent
-                name = min(
-                    filter(left.get, left), key=lambda each: (tally.seconds[each] + going[each]) / SHARES[each]
-                )
-                count = min(1 if name in COMMAND_TARGETS else BATCH, left[name])
-                left[name] -= count
-                running[pool.submit(run_batch, name, list(itertools.islice(seeds, count)))] = name, count
-            if not running:
-                break
-            for future in wait(running, 5.0, FIRST_COMPLETED).done:
-                name, count = running.pop(future)
-                done, seconds, found = future.result()
-                left[name] += count - done
-                tally.cases[name] += done
-                tally.seconds[name] += max(seconds, 1e-6)
-                for finding in found:
-                    tally.findings.append(finding)
-                    kept[finding.cause] += 1
-                    if kept[finding.cause] <= MOST_KEPT:
-                        finding.keep(folder / "findings")
-                        tell(f"FOUND {finding.cause}; again with {finding.again}")
-            if time.monotonic() - told_at > 60.0:
-                told_at = time.monotonic()
-                counts = ", ".join(f"{name} {count}" for name, count in sorted(tally.cases.items()))
-                tell(f"{counts}; {len(tally.findings)} findings")
-    for case_folder in folder.glob("case-*"):
-        shutil.rmtree(case_folder, ignore_errors=True)
+    """Let workers, processes that have loaded everything, do cases for so many minutes."""
+    one = partial(work, minutes=minutes, most=dict.fromkeys(targets, sys.maxsize), folder=folder, heavy=heavy)
+    prepare(folder, heavy)  # the samples, once
+    tally = Tally()
+    with ProcessPoolExecutor(workers, multiprocessing.get_context("spawn")) as pool:
+        tallies = list(pool.map(one, range(base * workers, (base + 1) * workers)))
+    for each in tallies:
+        tally.cases += each.cases
+        tally.seconds += each.seconds
+        tally.findings += each.findings
     return tally

@@ -3,21 +3,21 @@
 ``python -m tests.fuzz.samples FOLDER [heavy]``
 """
 
-import io
 import json
 import os
-import struct
+import shutil
 import subprocess
 import sys
 import zipfile
-import zlib
 from pathlib import Path
 
 import numpy as np
 
+from tests.fuzz.mutations import npy
+
 ROWS, COLS = 132, 140  # enough for a data set
 CELL_M = 2.0
-DEMS = ("dem.npy", "dem.npz", "dem.tif", "dem.asc", "dem.png", "N10E010.hgt", "dem.img")
+DEMS = ("dem.npy", "dem.npz", "dem.tif", "dem.asc", "N10E010.hgt", "dem.img")
 PROFILE = """planner = "auto"
 
 budgets = [
@@ -28,11 +28,10 @@ budgets = [
 cores = [0]
 
 [workload]
-terrain = "synthetic"
+terrain = ["synthetic"]
 workloads = ["soft"]
 sizes = [32]
 queries = 1
-near = 0
 repeats = 1
 
 [model]
@@ -57,6 +56,9 @@ END_OBJECT = IMAGE
 END
 """
 
+VRT = """<VRTDataset rasterXSize="32" rasterYSize="24"><VRTRasterBand dataType="Float32" band="1"><SimpleSource>
+<SourceFilename>/vsicurl/http://127.0.0.1:9/x.tif</SourceFilename></SimpleSource></VRTRasterBand></VRTDataset>"""
+
 
 def heights(seed: int = 0, rows: int = ROWS, cols: int = COLS) -> np.ndarray:
     """Gentle hills with a hole in them, metres."""
@@ -68,7 +70,6 @@ def heights(seed: int = 0, rows: int = ROWS, cols: int = COLS) -> np.ndarray:
 
 def make_light(folder: Path) -> None:
     """All that needs no training: terrain, cost maps, recordings, profiles, the smallest model."""
-    import cv2
     import rasterio
 
     from nnpp_edge.robot.transports.wire import encode
@@ -86,8 +87,6 @@ def make_light(folder: Path) -> None:
         dataset.write(marked, 1)
     with rasterio.open(folder / "sparse.tif", "w", SPARSE_OK=True, tiled=True, height=10**5, width=10**5, **kind):
         pass
-    levels = np.round(100.0 * (known - known.min())).astype(np.uint16)
-    (folder / "dem.png").write_bytes(cv2.imencode(".png", levels)[1].tobytes())
     head = f"ncols {COLS}\nnrows {ROWS}\nxllcorner 0\nyllcorner 0\ncellsize {CELL_M}\nNODATA_value -9999"
     np.savetxt(folder / "dem.asc", marked, "%.3f", header=head, comments="")
     (folder / "N10E010.hgt").write_bytes(np.tile(known[:1, :1], (1201, 1201)).astype(">i2").tobytes())
@@ -109,15 +108,20 @@ def make_light(folder: Path) -> None:
     row |= {"gap_mean": 0.0, "gap_p99": 0.0, "time_ms_median": 1.0, "time_ms_p99": 1.0, "speedup_median": 2.0}
     row |= {"speedup_total": 2.0, "mm_mean": 0.1}
     (folder / "tiny.json").write_text(json.dumps({"machine": "any", "commands": ["none"], "rows": [row]}))
-    (folder / "bomb.npz").write_bytes(_bomb("elevation_m.npy", 20_000))
-    (folder / "bomb-cost.npz").write_bytes(_bomb("cost.npy", 20_000))
+    (folder / "odd.vrt").write_text(VRT)
+    with (
+        zipfile.ZipFile(folder / "bomb.npz", "w", zipfile.ZIP_DEFLATED, compresslevel=1) as archive,
+        archive.open("elevation_m.npy", "w", force_zip64=True) as member,
+    ):
+        member.write(npy({"descr": "<f4", "fortran_order": False, "shape": (20_480, 20_480)}))
+        for _ in range(100):
+            member.write(bytes(1 << 24))
 
 
 COMMANDS = (
     "dataset -o in/set --maps 2 --size 64 --points 2 --workers 1",
     "train in/set --validation in/set -o in/trained --steps 1 --input-size 64 --batch 2 --validate-every 0",
     "export in/trained/checkpoint.pt -o in/edge64.onnx",
-    "dataset -o in/set32 --maps 2 --size 32 --points 2 --workers 1",
     "profile --profile in/profile.toml -o in",
 )
 """They make a data set, a checkpoint, a trained model and a report."""
@@ -130,43 +134,11 @@ def make_heavy(folder: Path) -> None:
     if not (making / "in").exists():
         (making / "in").symlink_to(folder.resolve())
     for words in COMMANDS:
-        command = [sys.executable, "-m", "nnpp_edge.cli.main", *words.split()]
-        ended = subprocess.run(
-            command, cwd=making, env=os.environ | {"PYTHONPATH": str(Path.cwd())}, capture_output=True
-        )
+        command, env = [sys.executable, "-m", "nnpp_edge.cli.main"], os.environ | {"PYTHONPATH": str(Path.cwd())}
+        ended = subprocess.run([*command, *words.split()], cwd=making, env=env, capture_output=True)
         if ended.returncode not in (0, 1):
             raise RuntimeError(f"no samples by {words}: {ended.stderr.decode()[-2000:]}")
-
-
-def npz(arrays: dict[str, bytes]) -> bytes:
-    """An archive of these files."""
-    content = io.BytesIO()
-    with zipfile.ZipFile(content, "w") as archive:
-        for name, data in arrays.items():
-            archive.writestr(name, data)
-    return content.getvalue()
-
-
-def npy(descr: object, shape: object, data: bytes = b"", fortran: object = False) -> bytes:
-    """A NumPy file with a header of one's own."""
-    header = repr({"descr": descr, "fortran_order": fortran, "shape": shape}).encode() + b"\n"
-    return b"\x93NUMPY\x02\x00" + struct.pack("<I", len(header)) + header + data
-
-
-def _bomb(name: str, side: int) -> bytes:
-    """A small archive of a huge array of zeros: one deflated block, repeated."""
-    head, block = npy("<f4", (side, side)), 1 << 24
-    packer = zlib.compressobj(9, wbits=-15)
-    first = packer.compress(head) + packer.flush(zlib.Z_FULL_FLUSH)
-    repeated = packer.compress(bytes(block)) + packer.flush(zlib.Z_FULL_FLUSH)
-    times = 4 * side * side // block
-    data = first + times * repeated + packer.flush(zlib.Z_FINISH)
-    size = min(len(head) + times * block, 0xFFFFFFFE)
-    entry = struct.pack("<HHHHHIIIHH", 20, 0, 8, 0, 33, 0, len(data), size, len(name), 0)
-    local = b"PK\x03\x04" + entry + name.encode()
-    central = b"PK\x01\x02" + struct.pack("<H", 20) + entry + struct.pack("<HHHII", 0, 0, 0, 0, 0) + name.encode()
-    end = struct.pack("<HHHHIIH", 0, 0, 1, 1, len(central), len(local) + len(data), 0)
-    return local + data + central + b"PK\x05\x06" + end
+    shutil.copy(folder / "report.json", folder / "another.json")
 
 
 if __name__ == "__main__":

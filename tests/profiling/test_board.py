@@ -3,8 +3,7 @@
 import re
 from pathlib import Path
 
-from nnpp_edge.profiling.compare import BOARD_COLUMNS as COLUMNS
-from nnpp_edge.profiling.compare import board_header, board_row
+from nnpp_edge.profiling.compare import board, board_table
 
 BOARDS = Path(__file__).parents[2] / "docs" / "boards.md"
 
@@ -51,8 +50,8 @@ REPORT = {
 
 
 def test_a_report_as_a_row():
-    told = dict(zip(COLUMNS, cells_of(board_row(REPORT)), strict=True))
-    assert told == {
+    head, _, row = board_table(REPORT).splitlines()
+    assert dict(zip(cells_of(head), cells_of(row), strict=True)) == {
         "date": "2026-05-04",
         "processor": "A \\| board model",
         "cores": "2 of 4",
@@ -76,17 +75,18 @@ def test_a_report_as_a_row():
 
 def test_a_machine_that_tells_nothing():
     nothing = {"sensors": {"throttled": "", "clock_mhz": {}, "temperature_c": {}}}
-    told = dict(zip(COLUMNS, cells_of(board_row(REPORT | nothing)), strict=True))
+    told = board(REPORT | nothing)
     assert (told["throttled"], told["clock"]) == ("not told", "2400 MHz, not told while it ran")
 
 
 def test_the_committed_table_has_these_columns_and_stands_last_so_that_rows_can_be_added_to_the_file():
     text = BOARDS.read_text()
-    before, _, after = text.partition(board_header() + "\n")
-    assert before != text, f"docs/boards.md must hold the header\n{board_header()}"
+    header = board_table(REPORT).rpartition("\n")[0]
+    before, _, after = text.partition(header + "\n")
+    assert before != text, f"docs/boards.md must hold the header\n{header}"
     lines = after.splitlines()
-    assert all(len(cells_of(line)) == len(COLUMNS) for line in lines), "nothing but rows follows the header"
+    assert all(len(cells_of(line)) == len(board(REPORT)) for line in lines), "nothing but rows follows the header"
     assert text.endswith("\n")
     for line in lines:
-        told = dict(zip(COLUMNS, cells_of(line), strict=True))
+        told = dict(zip(board(REPORT), cells_of(line), strict=True))
         assert re.fullmatch(r"\d{4}-\d\d-\d\d", told["date"]) and all(told.values())

@@ -13,7 +13,7 @@ cores = [0, 1]
 threads = 1
 [workload]
 sizes = [64, 128]
-workloads = "soft"
+workloads = ["soft"]
 """
 
 
@@ -48,34 +48,28 @@ def test_a_profile_says_what_stands_in_it(write):
     [
         ('planner = "corridor"', 'planner = "dijkstra"', ["planner: wanted one of astar,", "'dijkstra'"]),
         ('planner = "corridor"', "planner = 3", ["planner: ", "got 3"]),
-        ('planner = "corridor"', 'plan = "corridor"', ["plan is unknown", "budgets"]),
-        ("[device]", "[devices]", ["devices is unknown"]),
-        ("threads = 1", "threads = 0", ["device.threads", "at least 1", "got 0"]),
-        ("threads = 1", "threads = true", ["device.threads", "True"]),
+        ('planner = "corridor"', "plan = 1", ["field plan: wanted one of title, planner,", "workload, model"]),
+        ("[device]", "[devices]", ["unknown field devices"]),
+        ("threads = 1", "thread = 1", ["device: ", "unknown field thread: wanted one of cores, threads"]),
+        ("threads = 1", "threads = 0", ["device.threads", "int >= 1", "got 0"]),
         ("cores = [0, 1]", "cores = [0, 0]", ["device.cores", "different"]),
         ("cores = [0, 1]", "cores = [-1]", ["device.cores"]),
         ("cores = [0, 1]", "cores = []", ["device.cores"]),
         ("cores = [0, 1]", 'cores = "0"', ["device.cores"]),
-        ("sizes = [64, 128]", "sizes = [4, 128]", ["workload.sizes", "at least 16"]),
+        ("sizes = [64, 128]", "sizes = [4, 128]", ["workload.sizes[0]", "int >= 16", "got 4"]),
         ("sizes = [64, 128]", "sizes = [64.5, 128]", ["workload.sizes"]),
-        ('workloads = "soft"', 'workloads = "hard"', ["workload.workloads", "'hard'"]),
-        ('workloads = "soft"', 'workloads = "body"', ["workload.vehicle", "a vehicle for the workload body", "None"]),
-        ('workloads = "soft"', 'vehicle = "tracked"', ["workload.vehicle", "without the workload body", "'tracked'"]),
-        ('workloads = "soft"', 'vehicle = 3\nworkloads = "body"', ["workload.vehicle", "got 3"]),
-        (
-            'workloads = "soft"',
-            'vehicle = "tracked"\nworkloads = ["body", "body-rocks30"]',
-            ["workload.workloads", "0 to 20 percent", "'body-rocks30'"],
-        ),
-        ('workloads = "soft"', "queries = 0", ["workload.queries", "at least 1"]),
-        ('workloads = "soft"', "rescale = -1.0", ["workload.rescale", "-1.0"]),
-        ('workloads = "soft"', "rescale = nan", ["workload.rescale"]),
-        ('workloads = "soft"', "min_distance = 1.5", ["workload.min_distance"]),
-        ('workloads = "soft"', 'terrain = ["synthetic", "a.tif"]', ["workload.terrain"]),
-        ('workloads = "soft"', "[stability]\nhalves = 0", ["stability.halves", "above 0"]),
-        ('workloads = "soft"', "[model]\nint8 = 8", ["model.int8", "got 8"]),
-        ('name = "fast"', 'name = "gap"', ["budgets[1].name", "'gap'"]),
-        ('name = "fast", ', "", ["budgets[0].name is missing"]),
+        ('workloads = ["soft"]', 'workloads = ["hard"]', ["workload.workloads", "'hard'"]),
+        ('["soft"]', '["body"]', ["workload.vehicle: wanted a vehicle for the workload body"]),
+        ('workloads = ["soft"]', 'vehicle = "tracked"', ["workload.vehicle: wanted none without"]),
+        ('workloads = ["soft"]', 'vehicle = 3\nworkloads = ["body"]', ["workload.vehicle", "got 3"]),
+        ('["soft"]', '["body-rocks30"]', ["workload.workloads", "0 to 20 percent", "'body-rocks30'"]),
+        ('workloads = ["soft"]', "queries = 0", ["workload.queries", "int >= 1"]),
+        ('workloads = ["soft"]', "rescale = -1.0", ["workload.rescale", "-1.0"]),
+        ('workloads = ["soft"]', "rescale = nan", ["workload.rescale"]),
+        ('workloads = ["soft"]', "min_distance = 1.5", ["workload.min_distance"]),
+        ('workloads = ["soft"]', 'terrain = ["synthetic", "a.tif"]', ["workload.terrain"]),
+        ('workloads = ["soft"]', "[model]\nint8 = 8", ["model.int8", "got 8"]),
+        ('name = "fast", ', "", ["budgets[0]", "missing required field name"]),
         ('"fps"', '"frames"', ["budgets[0].quantity", "'frames'", "speedup_total"]),
         ('"1/s"', '"ms"', ["budgets[0].unit", "'1/s'", "'ms'"]),
         ('"at least"', '"over"', ["budgets[0].direction", "'over'"]),
@@ -83,24 +77,14 @@ def test_a_profile_says_what_stands_in_it(write):
         ("limit = 10,", "limit = inf,", ["budgets[0].limit"]),
         ("size = 128 }", "size = 256 }", ["budgets[1].size", "64, 128", "256"]),
         ("size = 128 }", 'workload = "limit20" }', ["budgets[1].workload", "'limit20'"]),
-        ("size = 128 }", "colour = 1 }", ["budgets[1].colour is unknown"]),
+        ("size = 128 }", "colour = 1 }", ["budgets[1]: ", "field colour: wanted one of name, quantity, limit"]),
         ('planner = "nnpp", size', 'planner = "nnpp-fp32", size', ["budgets[1].planner"]),
-        (
-            '"gap_mean", limit = 1, direction = "at most", unit = "%"',
-            '"int8_speedup", limit = 1.0, direction = "at most", unit = "x"',
-            ["budgets[1].quantity", "model.fp32"],
-        ),
         (
             '"gap_mean", limit = 1, direction = "at most", unit = "%"',
             '"reaction_ms", limit = 3.0, direction = "at most", unit = "ms"',
             ["budgets[1].planner", "loop", "'nnpp'"],
         ),
-        (
-            'unit = "1/s" },',
-            'unit = "1/s", planner = "loop" },',
-            ["budgets[0].planner", "'loop'"],
-        ),
-        ('"fps"', '"reaction_s"', ["budgets[0].quantity", "'reaction_s'", "reaction_ms_p99"]),
+        ('"1/s" },', '"1/s", planner = "loop" },', ["budgets[0].planner", "'loop'"]),
         ("budgets = [", 'budgets = ["all",', ["budgets[0]", "'all'"]),
         ("budgets = [", "budgets = [[", ["mine.toml"]),
     ],
@@ -116,7 +100,7 @@ def test_a_bad_profile_is_refused_with_the_key(write, old, new, words):
 
 
 def test_a_vehicle_has_workloads_beside_a_points(write):
-    text = GOOD.replace('workloads = "soft"', 'workloads = ["body-rocks5", "soft", "body"]\nvehicle = "tracked"')
+    text = GOOD.replace('workloads = ["soft"]', 'workloads = ["body-rocks5", "soft", "body"]\nvehicle = "tracked"')
     profile = read_profile(write(text))
     assert profile.load.workloads == ("body-rocks5", "soft", "body") and profile.load.vehicle == "tracked"
     other, _ = overridden(profile, vehicle="a/folder/own.toml")

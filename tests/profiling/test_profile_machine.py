@@ -5,6 +5,7 @@ import threading
 import time
 from contextlib import contextmanager
 
+import numpy as np
 import pytest
 
 from nnpp_edge.profiling import machine
@@ -95,24 +96,35 @@ def test_cores_that_are_missing_are_said():
         assert cores == [min(have)] and "4000" in said[0]
 
 
+def counters(folder, **counted):
+    for name, microjoules in counted.items():
+        zone = folder / "powercap" / f"intel-rapl:{name}"
+        zone.mkdir(parents=True, exist_ok=True)
+        (zone / "name").write_text(f"{name}\n")
+        (zone / "energy_uj").write_text(f"{microjoules}\n")
+        (zone / "max_energy_range_uj").write_text("999\n")
+
+
 def test_energy_is_summed_over_packages_and_a_counter_may_wrap(tmp_path):
-    for name, counted in (("intel-rapl:0", 900), ("intel-rapl:1", 100), ("intel-rapl:0:0", 5)):
-        (tmp_path / name).mkdir()
-        (tmp_path / name / "energy_uj").write_text(f"{counted}\n")
-        (tmp_path / name / "max_energy_range_uj").write_text("999\n")
+    counters(tmp_path, package0=900, package1=100, core=5, psys=7)
     meter = EnergyMeter(tmp_path)
     before = meter.read()
-    (tmp_path / "intel-rapl:0" / "energy_uj").write_text("50\n")
-    (tmp_path / "intel-rapl:1" / "energy_uj").write_text("160\n")
-    assert meter.problem == "" and before == [900, 100]
-    assert meter.joules(before, meter.read()) == pytest.approx(1e-6 * (150 + 60))
+    counters(tmp_path, package0=50, package1=160, core=50, psys=80)
+    assert sorted(before) == [100, 900] and meter.since_mj(before) == pytest.approx(1e-3 * (150 + 60))
+    (tmp_path / "powercap/intel-rapl:package0/energy_uj").unlink()
+    assert np.isnan(meter.since_mj(before)), "one package that cannot be read"
 
 
-def test_without_a_counter_there_is_no_energy(tmp_path):
+def test_without_rapl_energy_is_what_hwmon_counts_but_for_graphics_cards(tmp_path):
+    assert np.isnan(EnergyMeter(tmp_path).since_mj(EnergyMeter(tmp_path).read()))
+    for at, (driver, microjoules) in enumerate((("scmi_sensors", 2000), ("xe", 9000))):
+        (tmp_path / f"hwmon/hwmon{at}").mkdir(parents=True)
+        (tmp_path / f"hwmon/hwmon{at}/name").write_text(f"{driver}\n")
+        (tmp_path / f"hwmon/hwmon{at}/energy1_input").write_text(f"{microjoules}\n")
     meter = EnergyMeter(tmp_path)
-    assert meter.read() == [] and "no energy counter" in meter.problem
-    (tmp_path / "intel-rapl:0").mkdir()
-    assert "cannot be read" in EnergyMeter(tmp_path).problem
+    before = meter.read()
+    (tmp_path / "hwmon/hwmon0/energy1_input").write_text("5000\n")
+    assert before == [2000] and meter.since_mj(before) == 3.0
 
 
 @pytest.mark.parametrize(

@@ -1,22 +1,22 @@
 import os
 import time
 from collections import defaultdict
+from functools import partial
 from typing import ClassVar
 
 import numpy as np
 import pytest
 
-from nnpp_edge.profiling import rivals
-from nnpp_edge.profiling.figures import find, loop_rows, rows
-from nnpp_edge.profiling.measure import Arriving, queries_in, rivals_of, run
-from nnpp_edge.profiling.profile_file import Device, Load, Networks, OnboardLoop
+from nnpp_edge.profiling import measure, rivals
+from nnpp_edge.profiling.arrivals import reactions
+from nnpp_edge.profiling.figures import break_even, find, loop_rows, rows
+from nnpp_edge.profiling.measure import queries_in, rivals_of, run
+from nnpp_edge.profiling.profile_file import Budget, Device, Load, Networks, OnboardLoop, Profile
 from nnpp_edge.profiling.profile_maps import ProfileMaps
 from nnpp_edge.runtime.errors import InvalidQueryError
 from nnpp_edge.runtime.planners.planner import Planner
 
-LOAD = Load(
-    terrain=("synthetic",), workloads=("soft", "limit20"), sizes=(96, 256), queries=12, near=5, repeats=1, seed=3
-)
+LOAD = Load(terrain=("synthetic",), workloads=("soft", "limit20"), sizes=(96, 256), queries=12, repeats=1, seed=3)
 NAMES = ["astar", "corridor", "nnpp", "nnpp-fp32", "auto"]
 
 
@@ -25,8 +25,8 @@ class Timed(Planner):
 
     calls: ClassVar[dict] = defaultdict(list)
 
-    def __init__(self, cost, model="edge"):
-        super().__init__(cost, model=model)
+    def __init__(self, ground, model="edge", lazy=True):
+        super().__init__(ground, model=model, lazy=lazy)
         self.asked = model
 
     def plan(self, start, goal, **options):
@@ -37,6 +37,24 @@ class Timed(Planner):
         return plan
 
 
+class OneWatt:
+    """A meter by which every call takes as many millijoules as milliseconds."""
+
+    def read(self):
+        return time.perf_counter()
+
+    def since_mj(self, before):
+        return 1e3 * (time.perf_counter() - before)
+
+
+def asks(quantity, planner, **where):
+    return Budget(quantity, quantity, 1.0, "at most", "ms", planner, **where)
+
+
+def profile(load, planner, model, *budgets):
+    return Profile("p", "p", planner, load=load, budgets=budgets, loop=OnboardLoop(rate_hz=200.0, model=str(model)))
+
+
 @pytest.fixture(scope="module")
 def measured(tiny_model):
     """A run, its rows, what the clock outside showed, the progress, and the planners."""
@@ -44,11 +62,13 @@ def measured(tiny_model):
     done = []
     patch = pytest.MonkeyPatch()
     patch.setattr(rivals, "Planner", Timed)
+    patch.setattr(measure, "EnergyMeter", OneWatt)
     Timed.calls.clear()
     planners = rivals_of(Networks(str(tiny_model), str(tiny_model)), Device((0,)))
-    loop = OnboardLoop(rate_hz=200.0, model=str(tiny_model))
-    arriving = Arriving(frozenset({"nnpp", "astar"}), frozenset({("limit20", 256)}), loop, patches=10)
-    found = run(planners, LOAD, cores, arriving=arriving, progress=done.append)
+    patch.setattr(measure, "reactions", partial(reactions, patches=16))
+    budgets = (asks("map_ms", "astar"), asks("reaction_ms", "loop", workload="limit20", size=256))
+    asked = profile(LOAD, "nnpp", tiny_model, *budgets)
+    found = run(asked, planners, cores, progress=done.append)
     patch.undo()
     return found, rows(found), dict(Timed.calls), done, {planner.name: planner for planner in planners}
 
@@ -58,14 +78,16 @@ def test_every_planner_has_a_row_for_each_workload_and_size(measured):
     assert [(row["workload"], row["size"], row["planner"]) for row in told] == [
         (workload, size, name) for workload in LOAD.workloads for size in LOAD.sizes for name in NAMES
     ]
-    assert all(row["n"] == 12 and len(row["queries"]["time_ms"]) == 17 for row in told)
-    assert done[-1] == queries_in(LOAD) == 2 * 2 * 2 * 17 and done == sorted(done)
+    assert all(row["n"] == 12 and set(row["time_ms"]) == {"median", "p90", "p99", "max", "mean"} for row in told)
+    assert done[-1] == queries_in(LOAD) == 2 * 2 * 2 * 12 and done == sorted(done)
+    watts = [row["energy_mj"] / row["time_ms"]["mean"] for row in told]
+    assert min(watts) > 1.0 and np.median(watts) < 1.5  # a call may be held up after the clock stopped
     assert len(found.disturbance) == 2 and all(half.elapsed_s > 0.0 for half in found.disturbance)
 
 
 def test_each_row_has_the_stages_of_its_planner(measured):
     for row in measured[1]:
-        assert list(row["stages_ms"])[-1] == "other" and set(row["stages_share"]) == set(row["stages_ms"])
+        assert list(row["stages_ms"])[-1] == "other"
     stages = find(measured[1], "soft", 96, "nnpp")["stages_ms"]
     assert {"encode", "inference", "threshold", "search", "path"} <= set(stages)
     assert set(find(measured[1], "soft", 96, "astar")["stages_ms"]) == {"search", "path", "other"}
@@ -76,7 +98,7 @@ def clock_outside(measured, of, name):
     _, _, outside, _, planners = measured
     rival, times = planners[name], []
     for query in of.queries:
-        calls = outside[(of.size, of.size), *query.ends, rival.method, rival.model or "edge"]
+        calls = outside[(of.size, of.size), *query, rival.method, rival.model or "edge"]
         assert len(calls) in (2, 4)
         times.append(
             calls[1::2] if len(calls) == 4 else calls
@@ -85,32 +107,25 @@ def clock_outside(measured, of, name):
 
 
 @pytest.mark.parametrize("name", NAMES)
-def test_the_stages_add_up_to_the_time_by_a_clock_outside_within_5_percent(measured, name):
-    """Query by query, and the better of its two calls: a disturbance between two stages does not decide."""
-    for of in measured[0].workloads:
-        halves = of.answers[name].stages_ms
-        named = [
-            [sum(ms for stage, ms in of_half.items() if stage != "other") for of_half in half] for half in halves
-        ]
-        shares = np.array(named).T / clock_outside(measured, of, name)
-        assert shares.max() <= 1.0
-        assert np.median(shares.max(axis=1)) > 0.95, (of.workload, of.size)
+def test_stages_and_figures_agree_with_a_clock_outside_within_5_percent(measured, name):
+    """Query by query, of stages the better of its two calls: a disturbance between two does not decide.
 
-
-@pytest.mark.parametrize("name", NAMES)
-def test_the_figures_agree_with_a_clock_outside(measured, name):
-    """The clock outside is nearer to the planner by a call, so it shows a little less, query by query."""
+    The clock outside is nearer to the planner by a call, so it shows a little less than the figures.
+    """
     for of in measured[0].workloads:
-        ratios = clock_outside(measured, of, name).mean(axis=1) / of.answers[name].column("time_ms", near=True)
-        assert ratios.max() <= 1.0
-        assert np.median(ratios) > 0.95, (of.workload, of.size)
+        answers, outside = of.answers[name], clock_outside(measured, of, name)
+        named = [sum(ms for stage, ms in plan.items() if stage != "other") for plan in answers.stages_ms]
+        shares = np.reshape(named, (2, -1)).T / outside
+        ratios = outside.mean(axis=1) / answers.column("time_ms")
+        assert shares.max() <= 1.0 and ratios.max() <= 1.0
+        assert np.median(shares.max(axis=1)) > 0.95 < np.median(ratios), (of.workload, of.size)
 
 
 def test_both_halves_ask_the_same_and_costs_are_those_of_the_public_planner(measured):
     found, told, *_ = measured
     for of in found.workloads:
         assert all(len(half) == len(of.queries) for half in of.answers["astar"].figures)
-        assert sum(query.judged for query in of.queries) == 12
+        assert len(of.queries) == 12
     for row in told:
         assert row["gap_max"] >= row["gap_mean"] >= -1e-6
         assert row["success"] == 1.0 and 0.0 <= row["success_first"] <= 1.0
@@ -136,19 +151,12 @@ def test_maps_and_patches_that_have_just_arrived_are_measured_of_whom_it_was_ask
 
 
 def test_the_loop_answers_every_patch_with_a_checked_path(measured):
-    (row,) = loop_rows(measured[0])
+    (row,) = loop_rows(measured[0], OnboardLoop(rate_hz=200.0))
     assert (row["workload"], row["size"], row["method"], row["rate_hz"]) == ("limit20", 256, "auto", 200.0)
-    assert (row["n"], row["patch_side"]) == (20, 64)
-    assert row["planned"] + row["kept"] + row["without_path"] == 20 and row["planned"] > 0
+    assert (row["n"], row["patch_side"]) == (32, 64)
+    assert row["planned"] + row["kept"] + row["without_path"] == 32 and row["planned"] > 0
     assert 0.0 < row["reaction_ms"]["median"] <= row["reaction_ms"]["p99"]
     assert len(row["halves"]["reaction"]) == 2
-
-
-def test_near_questions_are_nearer_than_judged_ones(measured):
-    for of in measured[0].workloads:
-        for query in of.queries:
-            distance = np.hypot(*np.subtract(*query.ends))
-            assert (distance >= 0.35 * of.size) == query.judged or abs(distance - 0.35 * of.size) < 1.5
 
 
 def test_terrain_without_enough_queries_is_refused(tmp_path, tiny_model):
@@ -156,31 +164,30 @@ def test_terrain_without_enough_queries_is_refused(tmp_path, tiny_model):
     heights = (1000.0 * towers).astype(np.float32)
     np.savez(tmp_path / "cliff.npz", elevation_m=heights, cell_size_m=1.0)
     terrain = (str(tmp_path / "cliff.npz"),)
-    load = Load(terrain, workloads=("limit20",), sizes=(40,), queries=2, near=0, min_distance=0.6)
+    load = Load(terrain, workloads=("limit20",), sizes=(40,), queries=2, min_distance=0.6)
     planners = rivals_of(Networks(str(tiny_model)), Device((0,)))
     with pytest.raises(InvalidQueryError, match="wanted 2 queries with a path"):
-        run(planners, load, [0])
+        run(profile(load, "auto", tiny_model), planners, [0])
 
 
-def test_each_call_on_a_vehicles_map_is_that_of_a_planner_that_has_checked_nothing(tiny_model):
+def test_each_call_on_a_vehicles_map_is_that_of_a_planner_that_has_checked_nothing(tiny_model, monkeypatch):
     load = Load(
         terrain=("synthetic",),
         vehicle="small-rover",
         workloads=("soft", "body", "body-rocks5"),
         sizes=(64,),
         queries=3,
-        near=1,
         repeats=2,
     )
-    loop = OnboardLoop(rate_hz=200.0, model=str(tiny_model))
-    arriving = Arriving(frozenset({"corridor"}), frozenset({("body", 64)}), loop, patches=4)
+    asked = profile(load, "corridor", tiny_model, asks("reaction_ms", "loop", workload="body"))
     planners = rivals_of(Networks(str(tiny_model)), Device((0,)))
-    found = run(planners, load, sorted(os.sched_getaffinity(0)), arriving=arriving)
+    monkeypatch.setattr(measure, "reactions", partial(reactions, patches=6))
+    found = run(asked, planners, sorted(os.sched_getaffinity(0)))
     maps = ProfileMaps(load)
     for of in found.workloads:
         grounds = [on_map.ground for _, on_map in zip(of.queries_by_map, maps.maps(of.workload, 64), strict=False)]
         wanted = [
-            Planner(ground).plan(*query.ends, method="astar")
+            Planner(ground).plan(*query, method="astar")
             for ground, queries in zip(grounds, of.queries_by_map, strict=True)
             for query in queries
         ]
@@ -190,6 +197,18 @@ def test_each_call_on_a_vehicles_map_is_that_of_a_planner_that_has_checked_nothi
             assert (plan.checks > 0) == (of.workload != "soft")
         assert len(of.answers["corridor"].column("map_ms", 0)) == 3
     (reacting,) = (of for of in found.workloads if of.reactions)
-    assert reacting.workload == "body" and len(reacting.reactions[0].ms) == 4
+    assert reacting.workload == "body" and len(reacting.reactions[0].ms) == 6
     gaps = {row["planner"]: row["gap_mean"] for row in rows(found) if row["workload"] == "body"}
     assert gaps["astar"] == 0.0 and all(gap > -1e-6 for gap in gaps.values())
+
+
+def test_from_which_size_on_a_planner_pays():
+    times = {"astar": (1.0, 9.0, 50.0), "corridor": (2.0, 3.0, 40.0), "nnpp": (0.5, 10.0, 30.0)}
+    told = [
+        {"planner": name, "size": size, "n": 10, "time_ms": {"mean": ms}}
+        for name, of_sizes in times.items()
+        for size, ms in zip((128, 256, 512), of_sizes, strict=True)
+    ]
+    found = {(line["planner"], line["over"]): line["size_from"] for line in break_even(told)}
+    assert found == {("corridor", "astar"): 256, ("nnpp", "astar"): 512, ("nnpp", "corridor"): 512}
+    assert {line["size_from"] for line in break_even([row for row in told if row["size"] < 512])} == {256, None}

@@ -1,7 +1,10 @@
 """Sensors read from a folder made like /sys, and what is made of their readings."""
 
+from types import SimpleNamespace
+
 import pytest
 
+from nnpp_edge.profiling import sensors
 from nnpp_edge.profiling.sensors import Limits, Reading, Sensors, sensor_facts, throttling
 
 LIMITS = Limits({"0": 2000.0, "1": 2000.0}, {"cpu 0": 85.0})
@@ -41,15 +44,15 @@ def fake(tmp_path):
     return tree
 
 
-def test_what_the_kernel_tells(fake, tmp_path):
-    sensors = Sensors([0, 1], tmp_path)
-    assert sensors.limits == LIMITS
-    told = sensors.read()
-    assert (
-        told.clock_mhz == {"0": 1800.0, "1": 1800.0}
-        and told.temperature_c == {"cpu 0": 55.25}
-        and told.throttles == 6
-    )
+def test_what_the_kernel_tells_without_files_that_cannot_be_read(fake, tmp_path):
+    log = Sensors([0, 1], tmp_path)
+    told = log.read()
+    assert (log.limits, told.clock_mhz, told.throttles) == (LIMITS, {"0": 1800.0, "1": 1800.0}, 6)
+    assert told.temperature_c == {"cpu 0": 55.25}
+    fake.clock(0, "<unknown>")
+    (tmp_path / "class/thermal/thermal_zone0/temp").unlink()
+    told = log.read()
+    assert told.clock_mhz == {"1": 1800.0} and told.temperature_c == {}
 
 
 def test_a_machine_that_tells_nothing_has_no_readings_and_is_not_called_throttled(tmp_path):
@@ -61,23 +64,15 @@ def test_a_machine_that_tells_nothing_has_no_readings_and_is_not_called_throttle
     assert facts == {"readings": 2, "throttled": "", "clock_mhz": {}, "temperature_c": {}}
 
 
-def test_files_that_cannot_be_read_are_left_out(fake, tmp_path):
-    fake.clock(0, "<unknown>")
-    (tmp_path / "class/thermal/thermal_zone0/temp").unlink()
-    told = Sensors([0, 1], tmp_path).read()
-    assert told.clock_mhz == {"1": 1800.0} and told.temperature_c == {}
-
-
-def test_readings_are_taken_no_sooner_than_asked(fake, tmp_path):
-    now = [0.0]
-    log = Sensors([0], tmp_path, 0.5, lambda: now[0])
-    taken = []
-    for tenth in range(20):
-        now[0] = 0.1 * tenth
+def test_readings_are_taken_no_sooner_than_a_quarter_second_after_the_last(fake, tmp_path, monkeypatch):
+    now, log, taken = [0.0], Sensors([0], tmp_path), []
+    monkeypatch.setattr(sensors, "time", SimpleNamespace(perf_counter=lambda: now[0]))
+    for sixteenth in range(12):
+        now[0] = sixteenth / 16
         if log.due():
             log.read()
-            taken.append(tenth)
-    assert taken == [0, 5, 10, 15]
+            taken.append(sixteenth)
+    assert taken == [0, 4, 8]
 
 
 def readings(clocks=(), temperatures=(), counts=()):

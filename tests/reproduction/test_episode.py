@@ -24,20 +24,8 @@ def test_an_episode_is_the_same_for_the_same_seed_and_can_always_be_walked():
     assert any((patch >= 1.0).any() for step in one.steps for *_, patch in step.patches)
 
 
-def test_near_the_robot_smaller_rectangles_come_and_go():
-    cost = (np.random.default_rng(1).random((128, 128)) * 0.5).astype(np.float32)
-    episode = make_episode(cost, (5, 5), (120, 120), 4, stride=5, near=True)
-    changed = [(step.start, patch) for step in episode.steps for patch in step.patches]
-    assert len(changed) > len(episode.steps) // 4
-    for (row, col), (top, left, patch) in changed:
-        assert max(patch.shape) <= 128 / 30
-        assert max(abs(top - row), abs(left - col)) <= 4 * 5 + 2 * 128 / 30
-
-
 def test_an_episode_needs_a_way():
     cost = np.full((60, 60), 0.2, np.float32)
     cost[30] = 1.0
     with pytest.raises(InvalidQueryError, match="can be reached"):
         make_episode(cost, (5, 5), (50, 50), 1)
-    with pytest.raises(InvalidQueryError, match="stride"):
-        make_episode(np.full((30, 40), 0.2, np.float32), (5, 5), (20, 20), 1, stride=0)

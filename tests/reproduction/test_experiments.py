@@ -11,10 +11,8 @@ from nnpp_edge.profiling.suites import TerrainFiles
 from nnpp_edge.reproduction import dynamic, exact, paper, runner, static
 from nnpp_edge.reproduction.episode import make_episode
 from nnpp_edge.reproduction.findings import Verdict
-from nnpp_edge.reproduction.pages import finding_cells
 from nnpp_edge.reproduction.planners import (
     CONTROLS_OF,
-    OWN,
     PLAIN,
     PLAIN_CONTROLS,
     PLAIN_DSTAR,
@@ -25,16 +23,14 @@ from nnpp_edge.reproduction.planners import (
 )
 from nnpp_edge.reproduction.regions import CORRIDOR, Networks
 from nnpp_edge.reproduction.rows import Rows
-from nnpp_edge.reproduction.runner import EXPERIMENTS, Request, reproduce
+from nnpp_edge.reproduction.runner import EXPERIMENTS, finding_cells, reproduce
 from nnpp_edge.runtime import NetworkModel
 from nnpp_edge.runtime.errors import InvalidQueryError
 from nnpp_edge.terrain.synthetic import synthetic_terrain
 
 TINY = {
-    "table1": {"sizes": (16, 32, 64, 512), "maps": 1, "repeats": 1},
-    "fig6": {"size": 64},
+    "table1": {"sizes": (16, 32, 64, 512), "maps": 1},
     "fig7": {"size": 64, "maps": 3, "fine": 10, "coarse": 3},
-    "fig8": {"size": 64},
     "table2": {"sizes": (64, 128), "maps": 4, "queries": 3, "repeats": 1},
     "fig9": {"sizes": (64, 96), "queries": 2, "repeats": 1},
     "fig11": {"size": 64, "queries": 4, "repeats": 1},
@@ -68,8 +64,8 @@ def run(tiny_model):
 
     def run_on(terrain, folder, *names, models=(tiny_model, tiny_model), **more):
         files = TerrainFiles((terrain,))
-        request = Request(names or list(TINY), files, folder, models=tuple(map(str, models)), quick=True, **more)
-        return list(reproduce(request))
+        both = tuple(map(str, models))
+        return list(reproduce(names or list(TINY), files, folder, models=both, quick=True, **more))
 
     return run_on
 
@@ -98,7 +94,7 @@ def test_every_experiment_writes_its_tables_picture_and_findings(made, terrain):
     heads = {Verdict.AGREES: "What agrees", Verdict.BETTER: "What is better", Verdict.DIFFERS: "What does not agree"}
     for made_of, _ in outcomes:
         name = made_of.name
-        files = {f"{name}.{end}" for end in ("csv", "md", "png", "json")}
+        files = {f"{name}.{end}" for end in ("csv", "png", "json")}
         assert {path.name for path in (folder / name).iterdir()} == files
         with (folder / name / f"{name}.csv").open() as file:
             header, *rows = csv.reader(file)
@@ -107,24 +103,22 @@ def test_every_experiment_writes_its_tables_picture_and_findings(made, terrain):
         with Image.open(folder / name / f"{name}.png") as picture:
             assert min(picture.size) > 300 and len(set(picture.convert("L").resize((64, 64)).tobytes())) > 8, name
         facts = json.loads((folder / name / f"{name}.json").read_text())
-        assert facts["made_with"]["quick"] and facts["made_with"]["terrain"][0]["name"] == "ground.npz"
+        assert facts["quick"] and facts["made_with"]["terrain"].startswith("`ground.npz` (cells of 5 m, ")
         assert made_of.findings and f"{name}/{name}.png" in index
         for finding in made_of.findings:
             part = index.partition(heads[finding.verdict])[2].partition("\n## ")[0]
             assert finding.claim in part and finding.ours in part
     assert "Left out, as the terrain is no more than 256 cells a side: 512²." in index
-    for page in ("README.md", *(f"{name}/{name}.md" for name in TINY)):
-        text = (folder / page).read_text()
-        assert tables(text) and all(len(set(columns)) == 1 and len(columns) > 2 for columns in tables(text)), page
-        assert str(terrain.parent) not in text and "None" not in text and "nan" not in text, page
-        assert all(words in text for words in ("smoke run", "- networks: ", "- samples: ", "- controls: ")), page
+    assert len(tables(index)) > len(TINY) and all(len(set(t)) == 1 and len(t) > 2 for t in tables(index))
+    assert str(terrain.parent) not in index and "None" not in index and "nan" not in index
+    assert all(words in index for words in ("smoke run", "- networks: ", "- samples: ", "- controls: "))
 
 
 def test_every_page_of_a_network_names_it_and_has_controls(made):
-    for name in ("table2", "fig8", "fig9", "fig11", "fig12", "fig14", "table3", "table4"):
-        text = (made[0] / name / f"{name}.md").read_text()
+    for name in ("table2", "fig9", "fig11", "fig12", "fig14", "table3", "table4"):
+        text = (made[0] / "README.md").read_text().partition(f'<a id="{name}">')[2].partition("<a id")[0]
         assert "`tiny`" in text and "corridor" in text, name
-        lines = text.partition("## Findings")[0].splitlines()
+        lines = text.splitlines()
         assert all("`tiny`" in line for line in lines if "| plain A*NN |" in line or "| `nnpp` |" in line), name
 
 
@@ -144,15 +138,15 @@ def test_a_second_run_skips_what_is_complete_and_mends_what_is_not(terrain, run,
 
 
 def test_an_experiment_that_fails_leaves_what_was_there(terrain, run, tmp_path, monkeypatch):
-    run(terrain, tmp_path, "fig6")
+    run(terrain, tmp_path, "table1")
     before = {p: p.read_bytes() for p in tmp_path.rglob("*") if p.is_file()}
 
-    def fails(context, *, size=64):
+    def fails(context, **settings):
         raise InvalidQueryError("no such luck")
 
-    monkeypatch.setitem(EXPERIMENTS, "fig6", replace(EXPERIMENTS["fig6"], run=fails))
+    monkeypatch.setitem(EXPERIMENTS, "table1", replace(EXPERIMENTS["table1"], run=fails))
     with pytest.raises(InvalidQueryError, match="no such luck"):
-        run(terrain, tmp_path, "fig6", again=True)
+        run(terrain, tmp_path, "table1", again=True)
     assert {p: p.read_bytes() for p in tmp_path.rglob("*") if p.is_file()} == before
 
 
@@ -166,7 +160,7 @@ def test_plain_astar_is_optimal_and_the_region_is_the_networks(tiny_model):
     cost = np.random.default_rng(3).uniform(0.0, 0.8, (70, 70)).astype(np.float32)
     networks = Networks(NetworkModel(tiny_model), NetworkModel(tiny_model))
     timed, plain = (Rows(answers(cost, ((2, 3), (60, 66)), networks, n, Harness())) for n in (1, 0))
-    assert [row["planner"] for row in timed] == [*PLANNERS, *OWN.values()]
+    assert [row["planner"] for row in timed] == list(PLANNERS)
     for rows in (timed, plain):
         (exact_row,), (nn,) = rows.of(PLAIN), rows.of(PLAIN_NN)
         assert exact_row["excess"] == pytest.approx(0.0, abs=1e-5) and "mm" not in exact_row
@@ -174,7 +168,7 @@ def test_plain_astar_is_optimal_and_the_region_is_the_networks(tiny_model):
         assert rows.increase(PLAIN) == pytest.approx(0.0, abs=1e-2)
     assert timed.of(PLAIN_NN).mean("excess") == pytest.approx(plain.of(PLAIN_NN).mean("excess"), abs=1e-5)
     assert 0.0 < timed.of(PLAIN_NN).mean("inference_s") < timed.of(PLAIN_NN).mean("time_s")
-    assert not plain.all("time_s") and timed.of("nnpp").mean("mm") == timed.of(OWN["network"]).mean("mm")
+    assert not plain.all("time_s")
 
 
 def verdicts(findings):
@@ -268,7 +262,7 @@ def as_in_table4(**change):
         first |= dict.fromkeys(METHODS[2:], first[paper.ASTAR])
         last = {name: moving[name]["time_s"] - first[name][0] for name in METHODS}
         ccs = {name: moving[name].get("cc", moving[paper.ASTAR]["cc"]) - first[name][1] for name in METHODS}
-        for scene, plans in ((paper.STATIC, 1), (paper.DYNAMIC, 2), (paper.NEAR, 2)):
+        for scene, plans in ((paper.STATIC, 1), (paper.DYNAMIC, 2)):
             rows += answered({"scene": scene, "map": at, "plan": 0}, first | change)
             if plans == 2:
                 later = {name: (last[name], ccs[name]) for name in METHODS}
@@ -302,8 +296,6 @@ def test_an_episode_is_driven_by_all(tiny_model):
         == rows.of("dstar").all("mended")
         == [0.0] + [1.0] * (len(episode.steps) - 1)
     )
-    views = dynamic.view_episode(episode, NetworkModel(tiny_model))
-    assert [tuple(view.optimum[0]) for view in views] == [step.start for step in episode.steps]
 
 
 def test_the_best_omega_is_where_length_and_cc_together_are_least():
@@ -325,11 +317,6 @@ def test_rows_become_csv_and_figures():
     )
     assert rows.csv() == "planner,time_s,cc,exact_cc\na,1.5,3.0,2.0\nb,,,\n"
     assert rows.increase("a") == 0.5 and np.isnan(rows.increase("b")) and np.isnan(rows.mean("mm"))
-    more = Rows([{"size": 1, "x": 1.0}, {"size": 1, "x": 3.0}, {"size": 2, "x": 5.0}])
-    assert more.averaged("size") == [
-        {"size": 1, "n": 2, "x": 2.0, "x_sd": 1.0},
-        {"size": 2, "n": 1, "x": 5.0, "x_sd": 0.0},
-    ]
 
 
 def test_the_command_prints_a_line_for_each_experiment_and_json_for_programs(
@@ -362,7 +349,7 @@ def test_wrong_use_and_bad_input_are_refused_in_a_line(nnpp_edge, terrain, tiny_
     nnpp_edge("reproduce", "--terrain", terrain, "--model", tmp_path / "no.onnx", "-o", out).refused("no.onnx")
     np.savez(tmp_path / "small.npz", elevation_m=np.zeros((40, 50)), cell_size_m=1.0)
     words = ["--quick", "--terrain", tmp_path / "small.npz", "--model", tiny_model, "-o", out]
-    nnpp_edge("reproduce", "fig6", *words).refused("wanted terrain of at least 64 cells a side, got 40")
+    nnpp_edge("reproduce", "fig7", *words).refused("wanted terrain of at least 64 cells a side, got 40")
     (tmp_path / "file").write_text("in the way")
     ended = nnpp_edge("reproduce", "--terrain", terrain, "--model", tiny_model, "-o", tmp_path / "file" / "out")
     ended.refused("wanted a folder to write to")

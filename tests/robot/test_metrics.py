@@ -9,8 +9,8 @@ from dataclasses import fields, replace
 import pytest
 from prometheus_client.parser import text_string_to_metric_families
 
-from nnpp_edge.robot.operations.metrics import CONTENT_TYPE, MetricsServer, metrics_text, write_metrics
-from nnpp_edge.runtime.errors import InvalidQueryError, MissingExtraError, OutputError
+from nnpp_edge.robot.operations.metrics import CONTENT_TYPE, MetricsServer, metrics_text
+from nnpp_edge.runtime.errors import InvalidQueryError, MissingExtraError
 from nnpp_edge.runtime.loop.messages import Counters
 from tests.robot.conftest import wait_until
 
@@ -61,16 +61,6 @@ def test_every_counter_is_told_with_help_and_type():
     for name, value in (("sum", 2.0), ("count", 999), ("max", 0.08)):
         assert samples[f"nnpp_edge_tick_seconds_{name}", ()] == pytest.approx(value)
     assert parse(metrics_text(Counters()))[0]["nnpp_edge_ticks_total", ()] == 0
-
-
-def test_the_file_is_written_whole(tmp_path):
-    path = tmp_path / "nnpp_edge.prom"
-    write_metrics(path, Counters(ticks=1))
-    write_metrics(path, COUNTERS)
-    assert parse(path.read_text())[0]["nnpp_edge_ticks_total", ()] == 1000
-    assert list(tmp_path.iterdir()) == [path]
-    with pytest.raises(OutputError, match="could not be written"):
-        write_metrics(tmp_path / "missing" / "file", COUNTERS)
 
 
 def get(server, path, method="GET"):

@@ -152,13 +152,6 @@ def test_what_is_no_recording_is_refused_at_the_begin(tmp_path):
         RecordingFile(tmp_path / "no" / "folder.jsonl", SHAPE)
 
 
-def test_an_empty_recording_is_over_at_once(tmp_path):
-    (tmp_path / "scene.jsonl").write_text("")
-    source = ReplaySource(tmp_path / "scene.jsonl", fast=True)
-    assert source.ended
-    assert not list(source.poll())
-
-
 def test_large_patches_that_wait_for_a_slow_recorder_are_few(tmp_path):
     free, counted, seen = threading.Event(), [], []
 

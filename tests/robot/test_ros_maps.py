@@ -15,6 +15,7 @@ from nnpp_edge.ros.maps import (
     GridMap,
     MapFrame,
     OccupancyGrid,
+    as_occupancy,
     grid_map_patch,
     occupancy_patch,
     path_poses,
@@ -138,13 +139,13 @@ def test_a_saved_layer_lies_where_the_grid_map_does(tmp_path):
 @example([0.01 * n for n in range(101)])
 def test_a_cost_read_back_is_passable_impassable_or_unknown_as_it_was(costs):
     cost = np.array([costs], np.float32)
-    grid = OccupancyGrid.of_cost(cost, MapFrame(0.1))
+    grid = OccupancyGrid(as_occupancy(cost), MapFrame(0.1))
     back = grid.cost()
     np.testing.assert_array_equal(np.isnan(back), np.isnan(cost))
     np.testing.assert_array_equal(back < 1.0, cost < 1.0)
     passable = cost < 1.0
     np.testing.assert_allclose(back[passable], np.minimum(cost[passable], 0.98), atol=0.00501)
-    np.testing.assert_array_equal(OccupancyGrid.of_cost(back, grid.frame).data, grid.data)
+    np.testing.assert_array_equal(as_occupancy(back), grid.data)
 
 
 @pytest.mark.parametrize("rows_along_x", [False, True])
@@ -219,8 +220,7 @@ REFUSED = (
     (lambda: OccupancyGrid(np.zeros((2, 3)), MapFrame(1.0)), r"whole numbers, got \(2, 3\) float64"),
     (lambda: OccupancyGrid(np.zeros(6, int), MapFrame(1.0)), r"a map \(height, width\)"),
     (lambda: OccupancyGrid(np.full((2, 3), 101), MapFrame(1.0)), r"\[-1, 100\], got \[101, 101\]"),
-    (lambda: OccupancyGrid.of_cost(np.zeros((2, 2)), AGAINST_X), "rows must run with y"),
-    (lambda: OccupancyGrid.of_cost(np.zeros(3), MapFrame(1.0)), r"\(H, W\) map of numbers, got \(3,\)"),
+    (lambda: OccupancyGrid(np.zeros((2, 2), int), AGAINST_X), "rows must run with y"),
     (lambda: MapFrame(1.0, x=math.nan), "finite"),
     (lambda: GridMap.of_message(np.zeros((2, 3))), "a message with layers, got a ndarray without layers"),
     (lambda: GridMap.of_message({"layers": [], "data": [], "info": {}}), "a dict without resolution"),

@@ -7,6 +7,7 @@ from contextlib import ExitStack, suppress
 import pytest
 
 from nnpp_edge.robot.operations.systemd import Notifier
+from nnpp_edge.runtime import Counters, Status, StatusMessage
 
 
 class Clock:
@@ -34,6 +35,10 @@ def notify():
         yield lambda *words, **options: stack.enter_context(Notifier(*words, **options))
 
 
+def status(text):
+    return StatusMessage(1, Status.OK, text, Counters())
+
+
 def waiting(receiver):
     """All that was sent."""
     receiver.setblocking(False)
@@ -47,11 +52,11 @@ def waiting(receiver):
 def test_the_manager_hears_each_word(manager, monkeypatch, notify):
     for name, receiver in manager.items():
         notifier = notify({"NOTIFY_SOCKET": name})
-        assert notifier.ready() and notifier.status("3 ticks") and notifier.stopping()
+        assert notifier.ready() and notifier.stopping()
         assert not notifier.alive(), "nobody asked for a watchdog"
         notifier.close()
-        assert notifier.ready()
-        assert waiting(receiver) == ["READY=1", "STATUS=3 ticks", "STOPPING=1", "READY=1"]
+        assert not notifier.ready()
+        assert waiting(receiver) == ["READY=1", "STOPPING=1"]
     monkeypatch.setenv("NOTIFY_SOCKET", name)
     assert notify().ready(), "the environment is where it looks by default"
     assert waiting(receiver) == ["READY=1"]
@@ -89,7 +94,7 @@ def test_a_status_is_one_line(manager, notify):
         "": "",
     }
     for text, line in lines.items():
-        assert notify({"NOTIFY_SOCKET": name}).status(text)
+        notify({"NOTIFY_SOCKET": name}).publish(status(text))
         assert waiting(receiver) == ["STATUS=" + line]
 
 
@@ -97,17 +102,17 @@ def test_without_a_manager_nothing_happens(notify):
     for name in ("", "notify", "@", "vsock:2:1234"):
         notifier = notify({"NOTIFY_SOCKET": name, "WATCHDOG_USEC": "1000"})
         assert notifier.watchdog_s is None
-        assert not (notifier.ready() or notifier.alive() or notifier.status("x") or notifier.stopping())
+        assert not (notifier.ready() or notifier.alive() or notifier.stopping())
 
 
 def test_a_manager_that_went_away_or_does_not_read_is_warned_of_once(tmp_path, caplog, notify):
     notifier = notify({"NOTIFY_SOCKET": str(tmp_path / "gone")})
     with caplog.at_level(logging.WARNING):
         assert not notifier.ready()
-        assert not notifier.status("x")
+        notifier.publish(status("x"))
     assert len(caplog.records) == 1
     with socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM) as receiver:
         receiver.bind(str(tmp_path / "full"))
         notifier = notify({"NOTIFY_SOCKET": str(tmp_path / "full")})
-        answers = [notifier.status("x" * 200) for _ in range(5000)]  # never waits for the reader
+        answers = [notifier.ready() for _ in range(5000)]  # never waits for the reader
     assert answers[0] and not answers[-1]

@@ -100,31 +100,6 @@ def peer(link):
 
 
 @pytest.fixture
-def running(link, navigator, drive):
-    """Start a loop in a thread of its own, and end it; it ends with the test too."""
-    stops = []
-
-    def start(**options):
-        refusals, mailbox, ended = Refusals(navigator.count_error), Mailbox(), []
-        sink = ZenohSink(link, refusals)
-        source = ZenohSource(link, refusals, navigator.count_error, mailbox=mailbox, **options)
-        thread = threading.Thread(target=lambda: ended.append(drive(navigator, source, [sink])))
-        thread.start()
-
-        def stop():
-            mailbox.close()
-            thread.join(10.0)
-            return ended[0].counters
-
-        stops.append(stop)
-        return stop
-
-    yield start
-    for stop in stops:
-        stop()
-
-
-@pytest.fixture
 def listening(link, navigator, peer):
     """A source of this mailbox that the other process has found."""
 
@@ -141,42 +116,41 @@ def listening(link, navigator, peer):
     return start
 
 
-def test_a_path_goes_to_and_fro_between_two_processes(peer, running):
-    stop = running()
-    wait_until(lambda: peer.of("path"))
-    peer.send("pose", encode(Pose(5, 5)))
-    peer.send("goal", encode(Goal(35, 55)))
-    wait_until(lambda: peer.of("path")[-1].ok)
-    peer.send("patch", encode(MapPatch(10, 0, cost=np.full((1, 59), np.inf))))
-    wait_until(lambda: peer.of("path")[-1].map_version == 1)
-    last = peer.of("path")[-1]
-    assert [col for row, col in last.path.tolist() if row == 10] == [59]
-    counters = stop()
-    assert counters.errors == {}
-    assert counters.drops == {"zenoh": 0, "in-process": 0}
-
-
-def test_what_makes_no_sense_is_answered_and_ends_nothing(peer, running):
-    stop = running(limit=1000)
-    wait_until(lambda: peer.of("path"))
+def test_a_path_goes_to_and_fro_between_two_processes_and_what_makes_no_sense_is_answered(
+    link, peer, navigator, drive
+):
+    refusals, mailbox, ended = Refusals(navigator.count_error), Mailbox(), []
+    sink = ZenohSink(link, refusals)
+    source = ZenohSource(link, refusals, navigator.count_error, mailbox=mailbox, limit=1000)
+    thread = threading.Thread(target=lambda: ended.append(drive(navigator, source, [sink])))
     bad = [
         ("pose", "garbage", "JSON is malformed"),
-        ("pose", encode(Goal(1, 1)).decode(), "type: Invalid value 'goal'"),
+        ("pose", encode(Goal(1, 1)), "type: Invalid value 'goal'"),
         ("goal", '{"row":1.5,"col":2}', "whole number"),
         ("patch", '{"row":0,"col":0,"cost":[[-1]]}', "at least 0"),
         ("patch", "x" * 2000, "at most 1000 bytes, got 2000"),
     ]
-    for topic, payload, _ in bad:
-        peer.send(topic, payload)
-    wait_until(lambda: len(peer.of("error")) == len(bad))
+    thread.start()
+    try:
+        wait_until(lambda: peer.of("path"))
+        for topic, payload, _ in bad:
+            peer.send(topic, payload)
+        wait_until(lambda: len(peer.of("error")) == len(bad))
+        peer.send("pose", '{"row":5,"col":5}')
+        peer.send("goal", encode(Goal(35, 55)))
+        wait_until(lambda: peer.of("path")[-1].ok)
+        peer.send("patch", encode(MapPatch(10, 0, cost=np.full((1, 59), np.inf))))
+        wait_until(lambda: peer.of("path")[-1].map_version == 1)
+    finally:
+        mailbox.close()
+        thread.join(10.0)
+    assert [col for row, col in peer.of("path")[-1].path.tolist() if row == 10] == [59]
     faults = peer.of("error")
     assert [fault.count for fault in faults] == [1, 2, 3, 4, 5]  # topics are heard in no certain order
     for _, _, words in bad:
         assert sum(words in fault.error for fault in faults) == 1
-    peer.send("pose", '{"row":5,"col":5}')
-    peer.send("goal", '{"row":35,"col":55}')
-    wait_until(lambda: peer.of("path")[-1].ok)
-    assert stop().errors == {"input": 5}
+    assert ended[0].counters.errors == {"input": 5}
+    assert ended[0].counters.drops == {"zenoh": 0, "in-process": 0}
 
 
 def test_of_a_flood_the_newest_are_kept_and_the_rest_is_counted(peer, navigator, listening):

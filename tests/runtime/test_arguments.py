@@ -29,7 +29,6 @@ from nnpp_edge.runtime import (
     ToblerCost,
     Traversability,
     Vehicle,
-    list_models,
     plan_path,
     pose_costs,
     traversability_cost,
@@ -229,17 +228,3 @@ def test_values_that_make_no_sense_are_refused_in_a_line_and_change_no_map():
     for planner, wanted in zip(PLANNERS, before, strict=True):
         np.testing.assert_array_equal(planner.state.grid.map(), wanted)
     assert ON_HEIGHTS.update(0, 0, FLAT[:1, :1]) == 0  # costs are told beside the heights
-
-
-def test_attributes_that_are_gone_say_what_to_write_instead():
-    model, file = NetworkModel("edge"), list_models()[0]
-    for thing, name, wanted in (
-        (model, "run", "write answer"),
-        (model, "set_query", "write answer"),
-        (model.metadata, "facts", "asdict"),
-        (file, "inputs", "docs/models.md"),
-        (file, "producer", "not read any more"),
-        (file, "nothing", r"'nothing'$"),
-    ):
-        with pytest.raises(AttributeError, match=wanted):
-            getattr(thing, name)

@@ -107,7 +107,7 @@ def test_a_version_is_compiled_by_one_of_those_that_fill_a_folder(folder, tmp_pa
 # What is read back
 
 
-def test_a_kernel_is_compiled_once_for_each_set_of_types_and_flushed_alone(folder):
+def test_a_kernel_is_compiled_once_for_each_set_of_types(folder):
     def other(x):
         return x - x
 
@@ -120,8 +120,6 @@ def test_a_kernel_is_compiled_once_for_each_set_of_types_and_flushed_alone(folde
         assert compiled == 0
     compilations(other, 1)
     assert cache.count_kept(folder) == (2, 7)
-    cache.KernelCache(double, folder).flush()
-    assert cache.count_kept(folder) == (1, 1)
     assert compilations(other, 1) == (0, 0)
 
 
@@ -232,11 +230,3 @@ def test_a_warm_up_needs_no_help(folder, monkeypatch, python):
     monkeypatch.setattr(warmup, "exercise", lambda: compilations(double, 1))
     monkeypatch.setattr(sys, "executable", python or sys.executable)
     assert warmup.warm_up(keep_old=True, jobs=3).compiled == 1
-
-
-@pytest.mark.parametrize("jobs", [2, 3, 5])
-def test_helpers_go_through_every_exercise_from_the_end(jobs):
-    orders = [warmup.from_the_end(list(range(7)), number, jobs) for number in range(1, jobs)]
-    assert orders[0] == [6, 5, 4, 3, 2, 1, 0]
-    assert all(sorted(order) == list(range(7)) for order in orders)
-    assert len({order[0] for order in orders}) == jobs - 1

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from nnpp_edge.runtime import (
+    DynamicPlanner,
     Goal,
     Ground,
     MapPatch,
@@ -36,6 +37,14 @@ def two_lanes():
     cost = np.full((3, 61), 0.2, np.float32)
     cost[1, 1:-1] = np.inf
     return cost
+
+
+@pytest.fixture(scope="module", autouse=True)
+def compiled():
+    """Kernels are there before a search has half a second."""
+    planner = DynamicPlanner(two_lanes(), (1, 60), "corridor")
+    planner.move((1, 0))
+    assert planner.replan().ok
 
 
 def made_dearer(share):
@@ -91,6 +100,20 @@ def test_a_method_that_was_slow_once_is_not_trusted_after_one_quick_answer_but_a
     assert message.degraded is not reload and navigator.counters().reloads == reload
 
 
+def test_a_method_that_was_slow_is_tried_again_after_a_while():
+    navigator, clock, make_dearer = made_dearer(0.3)
+    clock.step = 1.0
+    make_dearer()
+    clock.step, origins = 1e-6, []
+    for n in range(30):
+        navigator.offer(Goal(2 * (n % 2), 60))
+        origins.append(navigator.tick(deadline=clock.now + 0.5).origin)
+    skipped = origins.count(Origin.CORRIDOR)
+    assert 10 <= skipped <= 20  # until some seconds, shrunk by a tenth each time, fit
+    assert origins == [*[Origin.CORRIDOR] * skipped, *[Origin.FULL] * (30 - skipped)]
+    assert navigator.counters().degraded == {"late": skipped}
+
+
 @pytest.mark.parametrize(
     ("cell", "status"), [((18, 13), "OK"), ((17, 13), "START_BLOCKED"), ((17, 12), "START_BLOCKED")]
 )
@@ -103,6 +126,7 @@ def test_a_robot_in_an_obstacle_starts_beside_it_no_farther_than_its_radius(cell
     navigator.offer(Pose(cell[0] + 0.5, cell[1] + 0.5))
     message = navigator.tick()
     assert message.outcome == status and message.start_moved == message.ok
+    assert not message.ok or message.start == (20, 15)
 
 
 FREE = np.float32(0.2)

@@ -14,7 +14,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from nnpp_edge.runtime import NetworkModel, traversability_cost
+from nnpp_edge.runtime import NetworkModel
 from nnpp_edge.runtime.errors import InvalidQueryError, ModelError, Status
 from nnpp_edge.runtime.loop import workers
 from nnpp_edge.runtime.loop.connections import InProcessSink, InProcessSource
@@ -30,10 +30,9 @@ from nnpp_edge.runtime.loop.messages import (
 )
 from nnpp_edge.runtime.loop.navigator import Navigator
 from nnpp_edge.runtime.loop.runner import Loop, handling_signals
-from nnpp_edge.runtime.loop.timing import Histogram, Ticker, rss_bytes
+from nnpp_edge.runtime.loop.timing import Histogram, Ticker
 from nnpp_edge.runtime.map.ground import Ground
 from nnpp_edge.runtime.map.state import map_state
-from nnpp_edge.runtime.network import loading
 from nnpp_edge.runtime.planners.plan import Method, Plan
 from nnpp_edge.runtime.planners.planner import Planner
 from nnpp_edge.runtime.terrain.vehicle import Vehicle
@@ -202,26 +201,6 @@ def test_a_patch_is_a_copy():
 # --- the map
 
 
-def test_heights_are_turned_into_costs_as_if_they_had_always_been_there():
-    rng = np.random.default_rng(0)
-    heights = np.cumsum(rng.normal(0, 0.1, (40, 50)), axis=1).astype(np.float32)
-    nav = Navigator(Ground.of_elevation(heights, 0.5))
-    for _ in range(20):
-        row, col = int(rng.integers(-12, 44)), int(rng.integers(-9, 54))
-        new = rng.normal(0, 0.2, (9, 7)).astype(np.float32)
-        new[rng.random(new.shape) < 0.2] = rng.choice([np.nan, np.inf, -np.inf])
-        nav.offer(MapPatch(row, col, elevation=new))
-        if rng.random() < 0.3:  # some wait for others
-            nav.tick()
-        for (i, j), value in np.ndenumerate(new):
-            if 0 <= row + i < 40 and 0 <= col + j < 50:
-                heights[row + i, col + j] = value if np.isfinite(value) else np.nan
-    nav.tick()
-    np.testing.assert_array_equal(nav.map.elevation(), heights)
-    np.testing.assert_array_equal(nav.map.cost(), traversability_cost(heights, 0.5, warn=False))
-    assert nav.counters().patches_clipped > 0 and nav.counters().patches_rejected > 0
-
-
 def test_patches_off_the_map_and_of_the_wrong_kind_are_counted():
     nav = Navigator(Ground(free()))
     for row, col, layer in ((100, 0, "cost"), (-3, 0, "cost"), (0, 0, "elevation"), (-1, -1, "cost")):
@@ -234,32 +213,25 @@ def test_patches_off_the_map_and_of_the_wrong_kind_are_counted():
     assert lengths.counters().patches_rejected == 1
 
 
-def test_a_flood_of_patches_is_merged_and_none_is_lost():
-    rng = np.random.default_rng(0)
+def test_a_flood_of_patches_from_several_threads_is_merged_and_none_is_lost():
     cost, nav = free(), navigator(method="astar")
+    told = [[(first + 4 * (n % 10), n % 60, 0.1 + n / 1000) for n in range(500)] for first in range(4)]
 
-    def flood(seed):
-        own = np.random.default_rng(seed)
-        for _ in range(500):
-            nav.offer(MapPatch(int(own.integers(0, 40)), int(own.integers(0, 60)), cost=free((2, 2)) + 0.3))
+    def flood(patches):
+        for row, col, value in patches:
+            nav.offer(one_cell((row, col), value))
 
-    threads = [threading.Thread(target=flood, args=(seed,)) for seed in range(4)]
+    threads = [threading.Thread(target=flood, args=(patches,)) for patches in told]
     for thread in threads:
         thread.start()
     for thread in threads:
         thread.join()
-    for _ in range(300):
-        row, col = int(rng.integers(0, 39)), int(rng.integers(0, 59))
-        value = float(rng.random() * 0.9)
-        nav.offer(MapPatch(row, col, cost=np.full((2, 2), value)))
-        cost[row : row + 2, col : col + 2] = value
-    message = nav.tick()
-    check(message, nav.map.cost())
-    assert message.cost == pytest.approx(Planner(nav.map.cost()).plan((5, 5), (35, 55), method="astar").cost)
-    written = cost != free()
-    np.testing.assert_allclose(nav.map.cost()[written], cost[written], rtol=1e-6)
-    counters = nav.counters()
-    assert counters.patches == message.map_version == 2300
+    for row, col, value in itertools.chain(*told):
+        cost[row, col] = value
+    message, counters = nav.tick(), nav.counters()
+    check(message, cost)
+    np.testing.assert_allclose(nav.map.cost(), cost, rtol=1e-6)
+    assert counters.patches == message.map_version == 2000
     assert counters.patches_merged > 0
 
 
@@ -341,10 +313,6 @@ def test_what_fails_is_said():
         assert message.origin is (Origin.FULL if outcome is Status.OK else Origin.NONE)
         check(message, cost)
         assert message.ok or message.reason
-    message = navigator(cost, (9, 12), (30, 30)).tick()  # in an obstacle: it starts at the nearest free cell
-    assert message.ok and message.start_moved and message.start == (7, 12)
-    check(message, cost)
-    assert navigator(cost, (9, 12), (30, 30), snap_radius=1).tick().outcome is Status.START_BLOCKED
 
 
 def test_a_goal_that_nothing_is_known_of_is_approached_until_it_is_seen():
@@ -462,63 +430,6 @@ def test_a_search_is_ended_at_the_deadline():
     check(message, cost)
 
 
-class SlowSession:
-    """onnxruntime's session, whose inference takes so much longer."""
-
-    def __init__(self, session):
-        self.session, self.seconds = session, 0.0
-
-    def run_with_iobinding(self, binding):
-        time.sleep(self.seconds)
-        self.session.run_with_iobinding(binding)
-
-    def __getattr__(self, name):
-        return getattr(self.session, name)
-
-
-def slow_network(path, monkeypatch):
-    """A network that is loaded and asked as any other, and its session."""
-    sessions, open_session = [], loading.open_session
-
-    def opened(*words):
-        sessions.append(SlowSession(open_session(*words)))
-        return sessions[-1]
-
-    monkeypatch.setattr(loading, "open_session", opened)
-    return NetworkModel(path), sessions[-1]
-
-
-def test_after_a_slow_inference_the_corridor_answers_until_the_network_is_tried_again(make_tiny_model, monkeypatch):
-    model, session = slow_network(make_tiny_model(), monkeypatch)
-    nav = navigator(free((100, 100)), goal=(90, 90), method="nnpp", model=model)
-    for n in range(5):  # of which one at least is as fast as the network can be
-        nav.offer(Goal(85 + n, 90))
-        assert nav.tick().origin is Origin.FULL
-    session.seconds, answers = 0.6, []
-    for n in range(30):
-        nav.offer(Goal(90, 60 + n))
-        answers.append(nav.tick(time.monotonic() + 0.2))
-        session.seconds = 0.0
-    origins = [message.origin for message in answers]
-    skipped = origins.count(Origin.CORRIDOR) - 1
-    assert answers[0].planning_ms > 600.0
-    assert 9 <= skipped <= 14  # until 0.6 s, shrunk by a tenth each time, fit into 0.2 s
-    assert origins == [*[Origin.CORRIDOR] * (1 + skipped), *[Origin.FULL] * (29 - skipped)]
-    assert nav.counters().degraded == {"timeout": 1, "late": skipped}
-
-
-def test_a_network_that_is_always_slow_costs_few_deadlines(make_tiny_model, monkeypatch):
-    model, session = slow_network(make_tiny_model(), monkeypatch)
-    source, goals = InProcessSource(), itertools.cycle(range(50, 90))
-    monkeypatch.setattr(source, "poll", lambda: [Pose(5, 5), Goal(90, next(goals))])
-    loop = Loop(navigator(free((100, 100)), method="nnpp", model=model), source, rate_hz=40.0)
-    session.seconds = 0.08
-    counters = loop.run(30)
-    late = counters.degraded["late"]
-    assert (counters.planned, counters.degraded) == (30, {"late": late, "timeout": 30 - late})
-    assert 1 <= counters.overruns < 15
-
-
 def test_a_map_that_changes_while_planning_holds_the_path_back(monkeypatch):
     nav = navigator(refine="any-angle")
     replan, later = nav.planner.replan, [lambda plan: one_cell(plan.path[10], 0.9)]
@@ -583,43 +494,6 @@ def test_a_model_is_reloaded_whole_or_not_at_all(tmp_path):
     assert (nav.counters().reloads, nav.counters().errors) == (1, {"reload": 1})
 
 
-@pytest.mark.parametrize(("method", "ticks"), [("auto", 1000), ("nnpp", 200), ("nnpp-dstar", 300), ("dstar", 300)])
-def test_no_invalid_path_is_ever_published_and_memory_stays(method, ticks, network):
-    rng = np.random.default_rng(5)
-    size, outcomes, rss, at = 128, [], 0, np.array([5, 5])
-    base = (rng.random((size, size)) * 0.8).astype(np.float32)
-    cost = base.copy()
-    nav = navigator(base, (5, 5), (120, 120), method=method, model=network)
-    for n in range(ticks):
-        if n == ticks // 3:
-            gc.collect()
-            rss = rss_bytes()
-        h, w = (int(x) for x in rng.integers(1, 16, 2))
-        row, col = (int(x) for x in rng.integers(-10, size + 5, 2))
-        top, left = max(row, 0), max(col, 0)
-        part = np.s_[top : max(row + h, 0), left : max(col + w, 0)]
-        kind = int(rng.integers(6))
-        patch = np.full((h, w), {0: 1.0, 1: np.nan}.get(kind, 0.3), np.float32)
-        if kind >= 3 and base[part].size:  # what stood there is gone
-            patch, row, col = base[part].copy(), top, left
-        nav.offer(MapPatch(row, col, cost=patch))
-        cut = patch[top - row :, left - col :]
-        cost[part] = np.where(np.isnan(cut), np.inf, cut)[: cost[part].shape[0], : cost[part].shape[1]]
-        if n % 40 == 0:
-            nav.offer(Goal(*(int(x) for x in rng.choice(np.argwhere(cost < 1.0)))))
-        nav.offer(Pose(*at))
-        message = nav.tick(time.monotonic() + 0.5)
-        check(message, cost)
-        outcomes.append(message.outcome)
-        if message.ok:
-            at = message.path[min(2, len(message.path) - 1)]
-    assert outcomes.count(Status.OK) > 0.3 * ticks
-    assert nav.counters().errors == {}
-    assert nav.counters().kept > 0
-    gc.collect()
-    assert rss_bytes() - rss < 8e6
-
-
 # --- the runner
 
 
@@ -646,7 +520,7 @@ def test_it_runs_at_its_rate_and_sends_answers_and_status():
     assert 1 <= len(status) <= elapsed_s / 0.05 + 1
     assert status[-1].summary()["counters"]["ticks"] > 0
     assert paths[-1].summary()["outcome"] == "OK"
-    assert gc.isenabled()
+    assert gc.isenabled() and not gc.get_freeze_count()
 
 
 def test_a_full_source_says_so():

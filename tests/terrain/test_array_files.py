@@ -1,12 +1,8 @@
-"""Maps in NumPy files and PNGs that are damaged, or promise too much."""
+"""Maps in NumPy files that are damaged, or promise too much."""
 
 import io
-import struct
-import sys
 import zipfile
-import zlib
 
-import cv2
 import numpy as np
 import pytest
 
@@ -15,7 +11,6 @@ from nnpp_edge.terrain.array_files import read_cost_map
 from nnpp_edge.terrain.dem import read_dem
 
 COST = np.random.default_rng(0).uniform(0, 0.9, (40, 30)).astype(np.float32)
-PNG = np.random.default_rng(0).integers(0, 65535, (40, 30)).astype(np.uint16)
 
 
 @pytest.fixture
@@ -25,7 +20,6 @@ def good(tmp_path):
     np.savez(tmp_path / "plain.npz", cost=COST, cell_size_m=2.0)
     np.savez(tmp_path / "heights.npz", elevation_m=COST, cell_size_m=2.0)
     np.save(tmp_path / "heights.npy", COST)
-    cv2.imwrite(str(tmp_path / "heights.png"), PNG)
     return tmp_path
 
 
@@ -46,7 +40,7 @@ def archive(path, **members):
 
 def read(path):
     found = read_cost_map(path)
-    return read_dem(path, cell_size_m=1.0, vertical_scale=1.0) if found is None else found
+    return read_dem(path, cell_size_m=1.0) if found is None else found
 
 
 def test_a_cost_map_is_read_with_its_cell_size(good):
@@ -63,9 +57,9 @@ def test_a_cost_map_is_read_with_its_cell_size(good):
 
 
 @pytest.mark.filterwarnings("error")
-@pytest.mark.parametrize("name", ["packed.npz", "plain.npz", "heights.npy", "heights.png"])
+@pytest.mark.parametrize("name", ["packed.npz", "plain.npz", "heights.npy"])
 def test_however_a_file_is_damaged_it_is_read_or_refused_in_one_line(good, capfd, name):
-    """Cut short, bytes changed, pieces replaced; libpng is not heard of. Other formats: the fuzzer."""
+    """Cut short, bytes changed, pieces replaced. Other formats: the fuzzer."""
     content, rng = (good / name).read_bytes(), np.random.default_rng(1)
     path, refused = good / f"damaged{name[-4:]}", 0
     for case in range(150):
@@ -87,21 +81,6 @@ def test_however_a_file_is_damaged_it_is_read_or_refused_in_one_line(good, capfd
     assert capfd.readouterr() == ("", "")
 
 
-@pytest.mark.parametrize(("field", "words"), [("flag_bits", "encrypted"), ("compress_type", "compression")])
-def test_archives_that_zip_cannot_open_are_refused(tmp_path, field, words):
-    archive(tmp_path / "map.npz", cost=header((2, 2)) + bytes(16))
-    damaged = bytearray((tmp_path / "map.npz").read_bytes())
-    central = damaged.index(b"PK\x01\x02")
-    for start, shift in ((0, 0), (central, 2)):
-        if field == "flag_bits":
-            damaged[start + 6 + shift] |= 1
-        else:
-            damaged[start + 8 + shift] = 99
-    (tmp_path / "map.npz").write_bytes(damaged)
-    with pytest.raises(TerrainError, match=words):
-        read_cost_map(tmp_path / "map.npz")
-
-
 @pytest.mark.filterwarnings("error")
 def test_costs_that_are_no_map_are_refused(tmp_path):
     path = tmp_path / "cost.npz"
@@ -118,15 +97,12 @@ def test_costs_that_are_no_map_are_refused(tmp_path):
 
 
 def test_a_map_larger_than_memory_is_refused_by_its_header(tmp_path):
-    chunk = b"IHDR" + struct.pack(">IIBBBBB", 2_000_000, 2_000_000, 16, 0, 0, 0, 0)
-    png = b"\x89PNG\r\n\x1a\n" + struct.pack(">I", 13) + chunk + struct.pack(">I", zlib.crc32(chunk))
-    (tmp_path / "dem.png").write_bytes(png + bytes(100))
     for sides in ((20_000, 2_000_000), (2**62, 1), (-5, 3), (10**30, 10**30)):
         beginning = header(sides) + bytes(4096)
         for name, array in (("cost.npz", "cost"), ("dem.npz", "elevation_m"), ("other.npz", "anything")):
             archive(tmp_path / name, **{array: beginning})
         (tmp_path / "dem.npy").write_bytes(beginning)
-        for name in ("cost.npz", "dem.npz", "other.npz", "dem.npy", "dem.png"):
+        for name in ("cost.npz", "dem.npz", "other.npz", "dem.npy"):
             with pytest.raises(TerrainError) as caught:
                 read(tmp_path / name)
             assert "\n" not in str(caught.value)
@@ -142,18 +118,3 @@ def test_arrays_that_are_not_wanted_are_not_unpacked_and_nothing_advises_to_unpi
         with pytest.raises(TerrainError) as caught:
             read_dem(tmp_path / "dem.npy", cell_size_m=1.0)
         assert "pickle" not in str(caught.value)
-
-
-def test_a_png_whose_checksums_are_right_and_whose_lines_are_not_is_refused_silently(tmp_path, capfd):
-    def chunk(kind, body):
-        return struct.pack(">I", len(body)) + kind + body + struct.pack(">I", zlib.crc32(kind + body))
-
-    head = struct.pack(">IIBBBBB", 30, 40, 16, 0, 0, 0, 0)
-    for lines in (b"", b"\x09" + bytes(60), b"\x00" + bytes(59)):
-        body = zlib.compress(lines * 40)
-        content = b"\x89PNG\r\n\x1a\n" + chunk(b"IHDR", head) + chunk(b"IDAT", body) + chunk(b"IEND", b"")
-        (tmp_path / "dem.png").write_bytes(content)
-        with pytest.raises(TerrainError, match="cannot be read"):
-            read_dem(tmp_path / "dem.png", cell_size_m=1.0, vertical_scale=1.0)
-    sys.stderr.flush()
-    assert capfd.readouterr() == ("", "")

@@ -26,17 +26,17 @@ def raster(path: Path, heights: np.ndarray = HEIGHTS, driver: str = "GTiff", **p
     return path
 
 
-def vrt(source: str, relative: int = 1, band: str = "", inside: str = "") -> str:
-    """A VRT of `HEIGHTS`' size whose band comes from a source; more attributes and elements of the band."""
+def vrt(source: str) -> str:
+    """A VRT of `HEIGHTS`' size whose band comes from an address."""
     return f"""<VRTDataset rasterXSize="9" rasterYSize="6"><GeoTransform>0, 2, 0, 0, 0, -2</GeoTransform>
-        <VRTRasterBand dataType="Float32" band="1"{band}>{inside}<SimpleSource>
-        <SourceFilename relativeToVRT="{relative}">{source}</SourceFilename><SourceBand>1</SourceBand>
+        <VRTRasterBand dataType="Float32" band="1"><SimpleSource>
+        <SourceFilename relativeToVRT="0">{source}</SourceFilename><SourceBand>1</SourceBand>
         </SimpleSource></VRTRasterBand></VRTDataset>"""
 
 
-def refusal(path: Path, **options) -> str:
+def refusal(path: Path) -> str:
     with pytest.raises(TerrainError) as caught:
-        read_dem(path, cell_size_m=1, **options)
+        read_dem(path, cell_size_m=1)
     assert str(caught.value).startswith(f"{path}: ") and "\n" not in str(caught.value)
     return str(caught.value)
 
@@ -73,62 +73,20 @@ def test_no_file_makes_a_request(tmp_path, site):
     masked = '<Metadata><MDI key="INTERNAL_MASK_FLAGS_1">2</MDI></Metadata>'
     for name in ("dem.tif", "dem.vrt", "dem.asc", "dem.png", "dem"):
         path = tmp_path / name
-        for content in (vrt(f"/vsicurl/{address}/dem.tif", 0), wms(address), f'<?xml version="1.0"?>{wms(address)}'):
+        for content in (vrt(f"/vsicurl/{address}/dem.tif"), wms(address), f'<?xml version="1.0"?>{wms(address)}'):
             path.write_text(content)
             assert "XML that names other files" in refusal(path)
-            assert refusal(path, allow_vrt=True)
     for end in (".tif.msk", ".tif.ovr", ".aux"):
         beside = raster(tmp_path / "own.tif").with_name(f"own{end}")
-        beside.write_text(vrt(f"/vsicurl/{address}/mask.tif", 0).replace("<VRTRaster", f"{masked}<VRTRaster", 1))
+        beside.write_text(vrt(f"/vsicurl/{address}/mask.tif").replace("<VRTRaster", f"{masked}<VRTRaster", 1))
         assert f"wanted a plain raster in {beside.name} beside it" in refusal(tmp_path / "own.tif")
         beside.unlink()
     assert requests == []
 
 
-def test_a_vrt_of_files_in_its_own_folder_is_read_if_that_is_allowed(nnpp_edge, tmp_path):
-    raster(tmp_path / "part 1.tif")
-    whole = tmp_path / "whole.vrt"
-    whole.write_text(vrt("part 1.tif"))
-    assert "--allow-vrt reads a VRT of GeoTIFFs in its own folder" in refusal(whole)
-    np.testing.assert_array_equal(read_dem(whole, allow_vrt=True).elevation, HEIGHTS)
-    (tmp_path / "elsewhere").mkdir()
-    (tmp_path / "elsewhere" / "link.vrt").symlink_to(whole)
-    assert read_dem(tmp_path / "elsewhere" / "link.vrt", allow_vrt=True).cell_size_m == 2
-    words = ("costmap", whole, "-o", tmp_path / "cost.npy")
-    nnpp_edge(*words).refused("--allow-vrt")
-    assert nnpp_edge(*words, "--allow-vrt").code == 0
-
-
-def test_a_vrt_that_leads_elsewhere_or_computes_is_refused(tmp_path):
-    folder = tmp_path / "inner"
-    folder.mkdir()
-    for place in (tmp_path, folder):
-        raster(place / "dem.tif")
-    (folder / "inner.vrt").write_text(vrt("dem.tif"))
-    (folder / "text.tif").write_text("II*\0<VRTDataset ")
-    for content in (
-        vrt("../dem.tif"),
-        vrt(f"{tmp_path}/dem.tif", 0),
-        vrt("dem.tif", 0),
-        *(vrt(source) for source in ("inner.vrt", "text.tif", "none.tif", "..")),
-        vrt("dem.tif", band=' subClass="VRTDerivedRasterBand"'),
-        vrt("dem.tif", inside="<PixelFunctionType>sum</PixelFunctionType>"),
-        '<!DOCTYPE x [<!ENTITY y "dem.tif">]>' + vrt("&y;"),
-        vrt("dem.tif") + " " * (1 << 20),
-        vrt("dem.tif")[:-9],
-        "<VRTDataset>" * 5000,
-        "<VRTDataset/>",
-    ):
-        (folder / "outer.vrt").write_text(content)
-        refusal(folder / "outer.vrt", allow_vrt=True)
-
-
 LABEL = """PDS_VERSION_ID = PDS3\r\nRECORD_TYPE = FIXED_LENGTH\r\nRECORD_BYTES = 36\r\n^IMAGE = ("{file}", 1)\r
 OBJECT = IMAGE\r\nLINES = 6\r\nLINE_SAMPLES = 9\r\nSAMPLE_TYPE = PC_REAL\r\nSAMPLE_BITS = 32\r
 END_OBJECT = IMAGE\r\nEND\r\n"""
-COMPRESSED = """PDS_VERSION_ID = PDS3\r\nOBJECT = COMPRESSED_FILE\r\nFILE_NAME = "{file}"\r\nENCODING_TYPE = "ZIP"\r
-END_OBJECT\r\nOBJECT = UNCOMPRESSED_FILE\r\nOBJECT = IMAGE\r\nLINES = 6\r\nLINE_SAMPLES = 9\r\nSAMPLE_TYPE = PC_REAL\r
-SAMPLE_BITS = 32\r\nEND_OBJECT = IMAGE\r\nEND_OBJECT = UNCOMPRESSED_FILE\r\nEND\r\n"""
 
 
 def test_a_label_that_leads_elsewhere_is_refused(tmp_path):
@@ -141,23 +99,9 @@ def test_a_label_that_leads_elsewhere_is_refused(tmp_path):
     for file in ("../secret.img", f"{tmp_path}/secret.img"):
         label.write_text(LABEL.format(file=file), newline="")
         refusal(label)
-
-
-def test_a_compressed_image_is_a_plain_raster_beside_its_label(tmp_path, site):
-    address, requests = site
-    label = tmp_path / "dem.lbl"
-    (tmp_path / "dem.jp2").write_text(vrt(f"/vsicurl/{address}/dem.tif", 0))
-    (tmp_path / "inner").mkdir()
-    raster(tmp_path / "inner" / "dem.tif")
-    for file in ("dem.jp2", "inner/dem.tif"):
-        label.write_text(COMPRESSED.format(file=file), newline="")
-        refusal(label)
-    label.write_text(COMPRESSED.format(file="dem.jp2").replace("FILE_NAME =", "FILE_NAME /* */ ="), newline="")
-    assert "names files in its own folder alone" in refusal(label)
-    raster(tmp_path / "dem.tif")
-    label.write_text(COMPRESSED.format(file="dem.tif"), newline="")
-    np.testing.assert_array_equal(read_dem(label, cell_size_m=1).elevation, HEIGHTS)
-    assert requests == []
+    compressed = 'OBJECT = compressed_file\r\nFILE_NAME = "own.tif"\r\nEND_OBJECT\r\n'
+    label.write_text(LABEL.format(file="own.img").replace("OBJECT", f"{compressed}OBJECT", 1), newline="")
+    assert "an image that is not compressed" in refusal(label)
 
 
 def test_the_formats_of_the_list_are_read_and_not_when_cut_short(tmp_path):
@@ -212,7 +156,7 @@ def test_memory_that_is_not_there_is_noticed_in_the_header(tmp_path, monkeypatch
         pass
     assert path.stat().st_size < 4e6
     assert "GB of memory for 1048576 × 1048576 float32 heights" in refusal(path)
-    monkeypatch.setattr("nnpp_edge.terrain.heights.available_bytes", lambda: 60e6)
+    monkeypatch.setattr("nnpp_edge.terrain.array_files.available_bytes", lambda: 60e6)
     small = raster(tmp_path / "block.tif", np.ones((16, 16), np.float32), **tiles)
     assert "for 16 × 16 float32 heights, got 0.1 GB" in refusal(small)
     assert read_dem(raster(tmp_path / "small.tif", np.ones((1000, 1000), np.float32))).elevation.size == 10**6

@@ -8,9 +8,7 @@ import pyproj
 import pytest
 import rasterio
 
-from nnpp_edge.runtime.terrain.traversability import traversability_cost
 from nnpp_edge.terrain.dem import open_dem, read_dem
-from nnpp_edge.terrain.workloads import workload
 
 MARS, MOON = "IAU_2015:49900", "IAU_2015:30100"
 SYSTEMS = [  # system, longitude and latitude of the middle, side of a cell in the system's unit
@@ -64,16 +62,6 @@ def test_cells_are_as_long_as_the_ground_under_them(tmp_path):
         assert (dem.cell_size_m, dem.cell_width_m) == pytest.approx((column, row), rel=1e-5), crs
         with open_dem(path) as windows:
             assert (windows.cell_size_m, windows.cell_width_m) == (dem.cell_size_m, dem.cell_width_m)
-
-
-@pytest.mark.filterwarnings("ignore:.* draws a metre of ground")
-def test_a_limit_of_slope_holds_on_the_ground_under_web_mercator(tmp_path):
-    metres, limits = 30.0 * 0.5013 * np.arange(24), workload("limit20")  # of ground, at 60° north
-    for slope_deg, passes in ((19.0, True), (21.0, False), (32.0, False)):
-        plane = np.tile(math.tan(math.radians(slope_deg)) * metres, (24, 1))
-        dem = read_dem(written(tmp_path / "map.tif", "EPSG:3857", 11.0, 60.0, 30.0, plane))
-        cost = traversability_cost(dem.elevation, dem.cell_size_m, limits, cell_width_m=dem.cell_width_m, warn=False)
-        assert bool(np.isfinite(cost[12, 12])) is passes
 
 
 @pytest.mark.parametrize("more", [(), ("--memory", "10kB")])

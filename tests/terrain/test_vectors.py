@@ -17,7 +17,7 @@ from nnpp_edge.terrain.coordinates import lonlat_of, lonlat_on_map
 from nnpp_edge.terrain.dem import Dem
 from nnpp_edge.terrain.georeference import Georeference
 from nnpp_edge.terrain.route import Reach, Route, places_of
-from nnpp_edge.terrain.vectors import VectorFileError, points_of
+from nnpp_edge.terrain.vectors import VectorFileError, geopackage_bytes, points_of
 
 UTM = "EPSG:32615"
 PLACE = Georeference(CRS(UTM).to_wkt(), (2.0, 0.0, 400_000.0, 0.0, -2.0, 5_000_000.0))
@@ -26,6 +26,7 @@ MOON = (
     'UNIT["degree",0.0174532925199433]],PROJECTION["Equirectangular"],PARAMETER["standard_parallel_1",0],'
     'PARAMETER["central_meridian",0],UNIT["metre",1]]'
 )
+ENDINGS = ("geojson", "gpkg")
 PLACES = [(400_010.5, 4_999_989.5), (400_100.0, 4_999_900.0), (400_050.0, 4_999_950.0)]
 
 
@@ -33,96 +34,89 @@ def dem(place=PLACE, shape=(80, 90)):
     return Dem(np.zeros(shape, np.float32), 2.0, 2.0, place, Path("dem.tif"))
 
 
-def point(x, y, kind=1):
-    return struct.pack("<BI", 1, kind) + struct.pack("<dd", x, y) + (struct.pack("<d", 7.0) if kind == 1001 else b"")
+def content(kind, places, crs=UTM):
+    named = {"crs": {"type": "name", "properties": {"name": crs}}} if crs else {}
+    return json.dumps({"type": kind, "coordinates": places} | named).encode()
 
 
-def write_layer(path, shapes, crs=UTM, layer="stops", kind="Point", driver="GPKG", append=False):
-    values = np.array([*shapes, None], object)[:-1]
-    names = {"field_data": [np.arange(len(shapes))], "fields": np.array(["number"], object)}
-    pyogrio.raw.write(path, values, geometry_type=kind, crs=crs, layer=layer, driver=driver, append=append, **names)
-    return path
+def write(path, places, crs=UTM, kind="MultiPoint"):
+    made = content(kind, places, crs)
+    path.write_bytes(made if path.suffix == ".geojson" else geopackage_bytes("stops", made))
+    return str(path)
 
 
-def test_points_of_a_layer_in_the_maps_system_are_taken_as_they_are_in_their_order(tmp_path):
-    for name, driver in (("a.gpkg", "GPKG"), ("a.shp", "ESRI Shapefile"), ("a.fgb", "FlatGeobuf")):
-        path = write_layer(tmp_path / name, [point(*place) for place in PLACES], driver=driver)
-        found, word = points_of(str(path), dem())
-        order = sorted if driver == "FlatGeobuf" else list  # which packs its features by place
-        assert order(map(tuple, found.tolist())) == order(PLACES) and word == ""
-    several = struct.pack("<BII", 1, 4, 2) + point(*PLACES[0]) + point(*PLACES[1])
-    high = write_layer(tmp_path / "z.gpkg", [point(*place, kind=1001) for place in PLACES], kind="Point Z")
-    multi = write_layer(tmp_path / "m.gpkg", [several], kind="MultiPoint")
-    assert list(map(tuple, points_of(str(high), dem())[0].tolist())) == PLACES
-    assert list(map(tuple, points_of(str(multi), dem())[0].tolist())) == PLACES[:2]
+def write_points(path, places, crs=UTM, layer="stops", driver="GPKG"):
+    """A point a feature, the second empty."""
+    shapes = [struct.pack("<BIdd", 1, 1, *place) for place in (places[0], (np.nan, np.nan), *places[1:])]
+    kinds = {"geometry_type": "Point", "crs": crs, "layer": layer, "driver": driver, "append": path.exists()}
+    fields = {"field_data": [np.arange(len(shapes))], "fields": np.array(["number"], object)}
+    pyogrio.raw.write(path, np.array(shapes, object), **fields, **kinds, SPATIAL_INDEX="NO")
+    return str(path)
+
+
+def test_points_in_the_maps_system_are_taken_as_they_are_in_their_order(tmp_path):
+    several = [write(tmp_path / f"several.{ending}", [(*place, 7.0) for place in PLACES]) for ending in ENDINGS]
+    single = write_points(tmp_path / "a.gpkg", PLACES)
     with pytest.warns(UserWarning, match="crs"):
-        path = write_layer(tmp_path / "b.shp", [point(*PLACES[0])], crs=None, driver="ESRI Shapefile")
-    assert points_of(str(path), dem())[0].tolist() == [list(PLACES[0])]
+        bare = write_points(tmp_path / "b.shp", PLACES, crs=None, driver="ESRI Shapefile")
+    packed = write_points(tmp_path / "a.fgb", PLACES, driver="FlatGeobuf")
+    for path in (*several, single, bare, packed):
+        found, word = points_of(path, dem())
+        assert list(map(tuple, found.tolist())) == PLACES and word == ""
 
 
-def test_a_layer_in_another_system_is_reprojected_and_it_is_said(tmp_path):
+def test_points_in_another_system_are_reprojected_and_it_is_said(tmp_path):
     lonlat = Transformer.from_crs(UTM, "EPSG:4326", always_xy=True)
-    points = [lonlat.transform(*place) for place in PLACES]
-    path = write_layer(tmp_path / "a.gpkg", [point(*each) for each in points], crs="EPSG:4326")
-    found, word = points_of(str(path), dem())
-    assert found == pytest.approx(np.array(PLACES), abs=1e-3)
-    assert word == f"{path}: reprojected from WGS 84 to WGS 84 / UTM zone 15N"
-    feature = {"type": "FeatureCollection", "features": []}
-    for lon, lat in points:
-        geometry = {"type": "Point", "coordinates": [lon, lat]}
-        feature["features"].append({"type": "Feature", "geometry": geometry, "properties": {}})
-    (tmp_path / "a.geojson").write_text(json.dumps(feature))
-    assert points_of(str(tmp_path / "a.geojson"), dem())[0] == pytest.approx(np.array(PLACES), abs=1e-3)
+    there = [lonlat.transform(*place) for place in PLACES]
+    points = "".join(f'<wpt lat="{lat:.9f}" lon="{lon:.9f}"/>' for lon, lat in there)
+    (tmp_path / "a.gpx").write_text(
+        f'<?xml version="1.0"?>\n<gpx version="1.1" xmlns="http://www.topografix.com/GPX/1/1">{points}</gpx>'
+    )
+    for path in (
+        write(tmp_path / "a.gpkg", there, "EPSG:4326"),
+        write(tmp_path / "a.geojson", there, None),
+        str(tmp_path / "a.gpx"),
+    ):
+        found, word = points_of(path, dem())
+        assert found == pytest.approx(np.array(PLACES), abs=1e-3)
+        assert word == f"{path}: reprojected from WGS 84 to WGS 84 / UTM zone 15N"
 
 
-def test_of_several_layers_the_one_with_points_is_taken_or_named(tmp_path):
-    path = write_layer(tmp_path / "a.gpkg", [point(*PLACES[0])])
-    line = struct.pack("<BII", 1, 2, 2) + struct.pack("<4d", 0, 0, 1, 1)
-    write_layer(path, [line], layer="ways", kind="LineString", append=True)
-    assert len(points_of(str(path), dem())[0]) == 1
-    write_layer(path, [point(*place) for place in PLACES], layer="more", append=True)
-    with pytest.raises(VectorFileError, match=r"several: name one as a.gpkg:LAYER \(stops, more\)"):
+def test_of_several_layers_one_is_named(tmp_path):
+    path = tmp_path / "a.gpkg"
+    write_points(path, PLACES[:1])
+    write_points(path, PLACES, layer="more")
+    with pytest.raises(VectorFileError, match=r"name it as a.gpkg:LAYER \(stops, more\)"):
         points_of(str(path), dem())
-    assert len(points_of(f"{path}:more", dem())[0]) == 3
+    assert [len(points_of(f"{path}:{layer}", dem())[0]) for layer in ("stops", "more")] == [1, 3]
     with pytest.raises(VectorFileError, match="nothing"):
         points_of(f"{path}:nothing", dem())
-    with pytest.raises(VectorFileError, match="wanted points, got a line"):
-        points_of(f"{path}:ways", dem())
-
-
-def test_way_points_of_gpx_are_points(tmp_path):
-    (tmp_path / "a.gpx").write_text(
-        '<?xml version="1.0"?>\n<gpx version="1.1" creator="x" xmlns="http://www.topografix.com/GPX/1/1">'
-        '<wpt lat="45.1" lon="-94.3"/><wpt lat="45.2" lon="-94.2"/></gpx>'
-    )
-    found, word = points_of(str(tmp_path / "a.gpx"), dem())
-    assert lonlat_of(dem(), found) == pytest.approx(np.array([(-94.3, 45.1), (-94.2, 45.2)])) and "WGS 84" in word
 
 
 def test_what_is_no_plain_file_of_points_is_refused_in_one_line(tmp_path):
     vrt = b"<OGRVRTDataSource><OGRVRTLayer name='a'/></OGRVRTDataSource><!-- <gpx -->"
-    for name, content, words in (
+    for name, made, words in (
         ("a.vrt", vrt, "another kind of file"),
         ("a.gpx", b"<!-- <gpx --><OGRVRTDataSource/>", "another kind of file"),
         ("a.json", b'{"type": "gdal_streamed_alg", "command_line": "gdal vector pipeline"}', "another kind of file"),
-        ("a.geojson", b'{"type": "Feature", ', "wanted GeoJSON"),
-        ("a.geojson", b'{"type": "Feature", "geometry": null, "properties": {}}', "holds none"),
+        ("a.geojson", b'{"type": "Feature", ', "wanted GeoPackage, GeoJSON"),
+        ("a.geojson", b'{"a":' * 90_000, "nested too deep"),
+        ("a.geojson", b'{"type": "Feature", "geometry": null, "properties": {}}', "wanted points, got none"),
+        ("a.geojson", content("MultiPoint", []), "wanted points, got none"),
+        ("a.gpkg", geopackage_bytes("ways", content("LineString", PLACES)), "other shapes"),
         ("a.csv", b"x,y\n1,2\n", "another kind of file"),
-        ("a.gpkg", b"SQLite format 3\0" + bytes(100), "with a layer of points"),
-        ("a.gpx", b"<gpx><wpt", "with a layer of points"),
+        ("a.gpkg", b"SQLite format 3\0" + bytes(100), "FlatGeobuf with points"),
+        ("a.gpx", b"<gpx><wpt", "FlatGeobuf with points"),
         ("a.gpkg", b"", "another kind of file"),
         ("none.gpkg", None, "wanted a vector file"),
         ("none.gpkg:layer", None, "wanted a vector file"),
         (".", None, "wanted a vector file"),
     ):
-        if content is not None:
-            (tmp_path / name).write_bytes(content)
+        if made is not None:
+            (tmp_path / name).write_bytes(made)
         with pytest.raises(VectorFileError, match=words) as caught:
             points_of(str(tmp_path / name), dem())
         assert ("\n" not in str(caught.value) and name in str(caught.value)) or name == "."
-    path = write_layer(tmp_path / "b.gpkg", [])
-    with pytest.raises(VectorFileError, match="'stops', which holds none"):
-        points_of(str(path), dem())
 
 
 def test_longitude_and_latitude_are_wgs_84_on_the_earth_and_the_bodys_own_elsewhere():
@@ -141,20 +135,20 @@ def test_places_and_layers_of_another_world_or_of_none_are_refused(tmp_path):
             lonlat_on_map(dem(place), np.array([(1.0, 2.0)]))
     with pytest.raises(InvalidQueryError, match="longitude 10, latitude 95 of WGS 84 has no place"):
         lonlat_on_map(dem(), np.array([(10.0, 95.0)]))
-    path = write_layer(tmp_path / "a.gpkg", [point(1.0, 2.0)], crs=MOON)
+    path = write_points(tmp_path / "a.gpkg", [(1.0, 2.0)], MOON)
     with pytest.raises(InvalidQueryError, match="two bodies"):
-        points_of(str(path), dem())
+        points_of(path, dem())
 
 
 def test_where_a_package_is_missing_it_is_said_which_extra_brings_it(tmp_path, monkeypatch):
-    path = write_layer(tmp_path / "a.gpkg", [point(1.0, 2.0)], crs="EPSG:4326")
+    path = write(tmp_path / "a.gpkg", [(1.0, 2.0)], "EPSG:4326")
     for module, words in (
         ("pyproj", r"needs pyproj.*nnpp-edge\[geo\]"),
         ("pyogrio", r"reading a.gpkg needs pyogrio.*nnpp-edge\[vector\]"),
     ):
         monkeypatch.setitem(sys.modules, module, None)
         with pytest.raises(MissingExtraError, match=words):
-            points_of(str(path), dem())
+            points_of(path, dem())
 
 
 def route(place=PLACE, cells=((3, 4), (4, 5), (4, 6))):
@@ -166,7 +160,7 @@ def route(place=PLACE, cells=((3, 4), (4, 5), (4, 6))):
 
 def test_a_geopackage_holds_the_line_with_its_heights_and_the_numbers(tmp_path):
     (tmp_path / "a.gpkg").write_bytes(route().geopackage({"status": "OK", "cost": 1.5, "energy_j": None}))
-    meta, _, (shape,), (status, cost) = pyogrio.raw.read(tmp_path / "a.gpkg")
+    meta, _, (shape,), (status, cost, _) = pyogrio.raw.read(tmp_path / "a.gpkg")
     assert (meta["geometry_type"], meta["crs"]) == ("LineString Z", UTM)
     assert (status.tolist(), cost.tolist()) == (["OK"], [1.5])
     points = np.frombuffer(shape[9:], "<f8").reshape(-1, 3)
@@ -175,7 +169,7 @@ def test_a_geopackage_holds_the_line_with_its_heights_and_the_numbers(tmp_path):
 
 def test_no_path_is_a_geopackage_without_a_line_and_a_gpx_without_points(tmp_path):
     (tmp_path / "a.gpkg").write_bytes(route(cells=()).geopackage({"status": "NO_PATH", "cost": None}))
-    assert len(pyogrio.raw.read(tmp_path / "a.gpkg")[2]) == 0
+    assert pyogrio.raw.read(tmp_path / "a.gpkg")[2].tolist() == [None]
     tree = ElementTree.fromstring(route(cells=()).gpx("a way", {"start": (3, 4)}))
     assert [each.tag.rpartition("}")[2] for each in tree] == ["wpt", "trk"]
 
@@ -212,12 +206,12 @@ def area(polygons):
 
 
 @pytest.mark.parametrize("place", [PLACE, None])
-def test_areas_are_the_cells_that_are_reached_with_their_holes(place, tmp_path):
+def test_areas_are_the_cells_that_are_reached_with_their_holes(place):
     field = np.random.default_rng(1).uniform(0.0, 4.0, (80, 90)).astype(np.float32)
     field[field > 3.0] = np.inf
     found = Reach(field, (1.0, 2.0, 3.0), "time", "s", dem(place))
-    for level, square_m in zip(found.levels, found.areas_m2, strict=True):
-        assert square_m == 4.0 * (field <= level).sum()
+    for level, cells, square_m in map(dict.values, found.areas):
+        assert square_m == 4.0 * cells == 4.0 * (field <= level).sum()
         assert area(found.polygons(level)) == pytest.approx(square_m)
     collection = json.loads(found.geojson())
     assert [each["properties"]["within"] for each in collection["features"]] == [3.0, 2.0, 1.0]
@@ -225,10 +219,4 @@ def test_areas_are_the_cells_that_are_reached_with_their_holes(place, tmp_path):
     x, y = np.concatenate([np.array(ring) for polygon in found.polygons(3.0) for ring in polygon]).T
     low = (400_000.0, 4_999_840.0) if place else (-1.0, -1.0)
     assert (x.min(), y.min()) == low
-    (tmp_path / "a.gpkg").write_bytes(found.geopackage())
-    _, _, shapes, (within, *_) = pyogrio.raw.read(tmp_path / "a.gpkg")
-    assert within.tolist() == [3.0, 2.0, 1.0] and len(shapes) == 3
     assert np.isnan(found.raster()[np.isinf(field)]).all()
-    for levels in ((), (1.0, 1.0), (2.0, 1.0), (np.inf,)):
-        with pytest.raises(InvalidQueryError, match="levels must be ascending"):
-            Reach(np.zeros((2, 2), np.float32), levels, "cost", "", dem(shape=(2, 2)))

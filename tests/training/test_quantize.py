@@ -123,16 +123,6 @@ def test_the_papers_network_is_quantised_too(samples, tmp_path):
     assert np.abs(probabilities(NetworkModel(tmp_path / "int8.onnx"), few) - wanted).mean() < 0.05
 
 
-def test_queries_spread_over_the_maps(samples):
-    maps = len(np.unique(samples.map_index))
-    assert len(np.unique(spread(samples, maps, 1).map_index)) == maps
-    both = spread(samples, maps + 5, 1)
-    assert np.bincount(both.map_index).max() == 2
-    assert len(spread(samples, 10**6, 1)) == len(samples)
-    np.testing.assert_array_equal(spread(samples, 9, 1).start, spread(samples, 9, 1).start)
-    assert not np.array_equal(spread(samples, 9, 1).start, spread(samples, 9, 2).start)
-
-
 def test_queries_to_judge_on_lie_on_other_maps(samples):
     ours, theirs = split(samples, 1)
     assert not set(ours.map_index) & set(theirs.map_index)

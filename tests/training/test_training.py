@@ -164,20 +164,6 @@ def test_a_checkpoint_of_another_time_is_read_and_a_file_that_is_none_refused(tr
             load_checkpoint(path)
 
 
-def test_the_loss_that_is_passed_in_is_learned_by_and_kept(samples, tmp_path):
-    def absolute(logits, target):
-        return (torch.sigmoid(logits) - target).abs().mean()
-
-    few, settings = samples.pick(range(4)), TrainSettings(batch=16, steps=1, warmup_steps=0)
-    path = train(SMALL, settings, samples, few, tmp_path, omega=RECIPE.omega, loss=absolute)
-    saved = load_checkpoint(path)
-    assert saved.facts()["loss"] == "absolute"
-    assert saved.progress.history[0]["loss"] < 0.5  # cross-entropy begins higher
-    assert load_checkpoint(run(samples, tmp_path / "other", steps=1)).progress.history[0]["loss"] != pytest.approx(
-        saved.progress.history[0]["loss"]
-    )
-
-
 def test_batches_turn_map_query_and_target_together(samples):
     batches = Batches(samples, SMALL, TrainSettings(batch=16))
     seen = set()
@@ -292,9 +278,5 @@ def test_the_presets_can_be_built_and_a_spec_that_no_network_fits_is_refused():
             planes = torch.zeros(1, 2, spec.input_size, spec.input_size)
         query = torch.from_numpy(encode(spec, (1.0, 2.0), (3.0, 4.0)))[None].to("meta")
         assert network.eval()(planes, query).shape == (1, spec.blocks, spec.blocks)
-    for changes, word in (
-        ({"architecture": "none"}, "architecture must be one of edge, nnpp"),
-        ({"encoding": "pixel"}, "encoding of edge must be ends"),
-    ):
-        with pytest.raises(ModelError, match=word):
-            dataclasses.replace(SMALL, **changes)
+    with pytest.raises(ModelError, match="architecture must be one of edge, nnpp"):
+        dataclasses.replace(SMALL, architecture="none")

@@ -160,11 +160,10 @@ def test_methods_stand_side_by_side_and_shade_their_regions(tab):
     assert tab.page.evaluate("document.querySelector('#region').hidden")
 
 
-def test_an_obstacle_is_painted_mended_and_undone(tab):
+def test_an_obstacle_is_painted_and_undone(tab):
     before = tab.line
     tab.page.click("#across")
     around = tab.line_other_than(before)
-    tab.until("document.querySelector('#mended').textContent.includes('D* Lite mends it')")
     assert tab.page.get_attribute("#before", "d") == before
     tab.page.click("#paint")
     box = tab.page.locator("#sheet").bounding_box()
@@ -191,13 +190,6 @@ def test_what_is_copied_is_what_is_seen(tab, nnpp_edge):
     seen = float(tab.page.locator("#figures dd").first.inner_text())
     assert json.loads(nnpp_edge(*words[1:], "--json").out)["cost"] == pytest.approx(seen, rel=1e-4)
     tab.page.click("#across")
-    tab.until("document.querySelector('#python').textContent.includes('planner.update(')")
-    tab.page.click("#copy-python")
-    tab.until("navigator.clipboard.readText().then(text => text.includes('planner.update('))")
-    made = {}
-    exec(tab.page.evaluate("navigator.clipboard.readText()"), made)
-    seen = float(tab.page.locator("#figures dd").first.inner_text())
-    assert made["plan"].cost == pytest.approx(seen, rel=1e-4)
     tab.page.click("#copy-command")
     tab.until("document.querySelector('#copied').textContent.includes('no painted obstacles')")
 
@@ -208,7 +200,7 @@ def test_everything_is_reached_by_keys(tab):
         tab.page.keyboard.press("Tab")
         reached.add(tab.page.evaluate(names))
     wanted = "start goal zoom-in chart layer opacity method step_cost body refine slope_limit_deg omega"
-    assert {*wanted.split(), "hard_slope_deg", "shade", "paint", "across", "copy-command", "copy-python"} <= reached
+    assert {*wanted.split(), "hard_slope_deg", "shade", "paint", "across", "copy-command"} <= reached
     unnamed = "[...document.querySelectorAll('button, input, select, [role=slider]')].filter(each => !("
     unnamed += "each.labels?.length || each.ariaLabel || each.textContent.trim())).map(each => each.id)"
     assert tab.page.evaluate(unnamed) == []

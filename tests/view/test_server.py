@@ -102,20 +102,6 @@ def test_a_connection_that_sends_nothing_or_half_a_request_is_closed_after_a_whi
     assert capfd.readouterr() == ("", "")
 
 
-def test_a_connection_too_many_is_closed_at_once(page, monkeypatch):
-    monkeypatch.setattr("nnpp_edge.view.server._Handler.timeout", 5.0)
-    monkeypatch.setattr("nnpp_edge.view.server._MOST_CONNECTIONS", threading.active_count() + 1)
-    idle = [page(b"") for _ in range(2)]
-    assert closed(page(b""))
-    idle.pop().close()
-    for _ in range(100):
-        if (answer := page(WHOLE)).recv(12).endswith(b"200"):
-            break
-        answer.close()
-    else:
-        raise AssertionError("a connection's place was not given to another")
-
-
 def test_a_taken_port_is_refused_in_a_line(nnpp_edge, tmp_path):
     with socket.create_server(("127.0.0.1", 0)) as taken:
         port = taken.getsockname()[1]

@@ -1,4 +1,4 @@
-"""The loop's counters for Prometheus: over HTTP, or as a file for the node exporter's textfile collector.
+"""The loop's counters for Prometheus, over HTTP.
 
 Each counter of `Counters` is a family named ``nnpp_edge_…``. The work of a tick is a histogram.
 """
@@ -8,11 +8,9 @@ import threading
 import time
 from collections.abc import Callable, Iterator
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
-from pathlib import Path
 from typing import TYPE_CHECKING, get_type_hints
 
 from nnpp_edge import __version__
-from nnpp_edge.files import write_whole
 from nnpp_edge.robot.closing import Closing
 from nnpp_edge.runtime.errors import InvalidQueryError, optional_module
 from nnpp_edge.runtime.loop.messages import Counters
@@ -35,11 +33,6 @@ def metrics_text(counters: Counters) -> str:
     registry = client.CollectorRegistry()
     registry.register(Snapshot())
     return str(client.generate_latest(registry).decode())
-
-
-def write_metrics(path: Path, counters: Counters) -> None:
-    """Put the counters into a file, whole or not at all; OutputError if it cannot be written."""
-    write_whole(Path(path), metrics_text(counters).encode())
 
 
 class MetricsServer(Closing):

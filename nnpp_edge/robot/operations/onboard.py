@@ -1,30 +1,29 @@
 """Putting the onboard loop together: world, input, sinks, and what watches over it."""
 
-import errno
 import logging
 import signal
 import sys
 from collections.abc import Callable
 from contextlib import ExitStack
-from dataclasses import dataclass
 from pathlib import Path
 
 from nnpp_edge.files import write_whole
 from nnpp_edge.profiling.profile_file import OnboardLoop
 from nnpp_edge.profiling.trace import Trace
-from nnpp_edge.robot.operations.metrics import MetricsServer, write_metrics
+from nnpp_edge.robot.operations.metrics import MetricsServer
 from nnpp_edge.robot.operations.systemd import Notifier
+from nnpp_edge.robot.operations.wiring import REPLAY, STDIN, STDOUT, ZENOH, Wiring
 from nnpp_edge.robot.transports.incoming import MailboxSource, Refusals
 from nnpp_edge.robot.transports.mcap_log import McapLog
 from nnpp_edge.robot.transports.recording import RecordedSource, RecordingFile, ReplaySource
 from nnpp_edge.robot.transports.rerun_view import RerunSink
 from nnpp_edge.robot.transports.stdio import StdioSink, StdioSource
 from nnpp_edge.robot.transports.zenoh_io import LOOPBACK, ZenohLink, ZenohSink, ZenohSource
-from nnpp_edge.runtime.errors import InvalidQueryError, NnppEdgeError, OutputError
+from nnpp_edge.runtime.errors import NnppEdgeError, OutputError
 from nnpp_edge.runtime.exercises import exercise
 from nnpp_edge.runtime.loop.connections import InputSource, Sink
 from nnpp_edge.runtime.loop.ladder import NavigatorSettings
-from nnpp_edge.runtime.loop.messages import Counters, Input, Output, PathMessage, StatusMessage
+from nnpp_edge.runtime.loop.messages import Counters, Input, PathMessage
 from nnpp_edge.runtime.loop.navigator import Navigator
 from nnpp_edge.runtime.loop.runner import Loop, handling_signals
 from nnpp_edge.runtime.loop.timing import Handler, signal_handlers
@@ -32,7 +31,6 @@ from nnpp_edge.runtime.map.ground import Ground
 from nnpp_edge.runtime.map.state import MapState
 
 _LOG = logging.getLogger(__name__)
-STDIN, REPLAY, ZENOH, STDOUT, NONE = "stdin", "replay", "zenoh", "stdout", "none"
 _STARTING: dict[signal.Signals, Handler] = {
     signal.SIGTERM: signal.SIG_DFL,
     signal.SIGINT: signal.SIG_DFL,
@@ -43,72 +41,6 @@ _STARTING: dict[signal.Signals, Handler] = {
 
 class SourceError(NnppEdgeError, RuntimeError):
     """Inputs can no longer be read."""
-
-
-@dataclass(frozen=True)
-class Wiring:
-    """Connections of the loop; InvalidQueryError where input or outputs are unknown, or do not go together."""
-
-    input: str = STDIN
-    """``stdin``, ``replay:FILE``, or ``zenoh`` or ``zenoh:ENDPOINT``."""
-    outputs: tuple[str, ...] = ()
-    """``stdout``, ``zenoh[:ENDPOINT]`` or ``none``; empty: ``zenoh`` for input from there, else ``stdout``."""
-    zenoh_connect: str | None = None
-    """Connect to this endpoint instead of listening."""
-    zenoh_prefix: str = "nnpp_edge"
-    fast: bool = False
-    """Replay at full speed: each tick gets the inputs of one recorded tick, and the next one follows at once."""
-    stay: bool = False
-    """Go on after stdin is closed or the replay is over."""
-    record: Path | None = None
-    """Recording of the inputs to write."""
-    log: Path | None = None
-    """MCAP file to write."""
-    metrics_port: int | None = None
-    metrics_file: Path | None = None
-    view: str | None = None
-    """Where rerun shows map and path, as for `RerunSink`."""
-    trace: Path | None = None
-    """Trace of the ticks to write at the end, its newest events."""
-
-    def __post_init__(self) -> None:
-        (kind, place), kinds, endpoints = self.input_kind, self.output_kinds, self._endpoints
-        if kind not in (STDIN, REPLAY, ZENOH) or (kind == STDIN and place) or (kind == REPLAY and not place):
-            raise InvalidQueryError(f"input must be stdin, replay:FILE or zenoh[:ENDPOINT], got {self.input!r}")
-        if self.fast and kind != REPLAY:
-            raise InvalidQueryError(f"only a replay can be fast, got input {self.input!r}")
-        for output, its_kind in zip(self.outputs, kinds, strict=False):
-            if its_kind not in (STDOUT, ZENOH, NONE):
-                raise InvalidQueryError(f"output must be stdout, zenoh[:ENDPOINT] or none, got {output!r}")
-        if len(set(kinds)) < len(kinds):
-            raise InvalidQueryError(f"outputs must differ, got {', '.join(self.outputs)}")
-        if NONE in kinds and len(kinds) > 1:
-            raise InvalidQueryError(f"output none goes with no other, got {', '.join(self.outputs)}")
-        if len(endpoints) > 1:
-            raise InvalidQueryError(f"input and output must name one endpoint, got {', '.join(endpoints)}")
-
-    @property
-    def input_kind(self) -> tuple[str, str]:
-        """``replay:FILE`` as (``replay``, ``FILE``)."""
-        kind, _, place = self.input.partition(":")
-        return kind, place
-
-    @property
-    def output_kinds(self) -> tuple[str, ...]:
-        """The outputs without endpoints."""
-        if self.outputs:
-            return tuple(output.partition(":")[0] for output in self.outputs)
-        return (ZENOH if self.input_kind[0] == ZENOH else STDOUT,)
-
-    @property
-    def endpoint(self) -> str | None:
-        """Zenoh's endpoint, if one is named."""
-        return next(iter(self._endpoints), None)
-
-    @property
-    def _endpoints(self) -> list[str]:
-        named = (text.partition(":") for text in (self.input, *self.outputs))
-        return sorted({place for kind, _, place in named if kind == ZENOH and place})
 
 
 def run(
@@ -136,10 +68,7 @@ def run(
         if recorders:
             feed = RecordedSource(source, recorders, navigator.count_error, wait=wiring.fast)
             stack.enter_context(feed)
-        sinks += [*observers, _Statuses("systemd", lambda status: notifier.status(status.text))]
-        if (metrics := wiring.metrics_file) is not None:
-            _begin(metrics)
-            sinks.append(_Statuses("metrics", lambda status: write_metrics(metrics, status.counters)))
+        sinks += [*observers, notifier]
         trace = None if wiring.trace is None else Trace("nnpp-edge run")
 
         def after_tick(message: PathMessage) -> None:
@@ -159,8 +88,8 @@ def run(
             paced=not wiring.fast,
             after_tick=after_tick,
         )
-        if wiring.metrics_port is not None:
-            server = stack.enter_context(MetricsServer(wiring.metrics_port, loop.counters))
+        if wiring.metrics is not None:
+            server = stack.enter_context(MetricsServer(wiring.metrics, loop.counters))
             report(f"metrics: http://{server.host}:{server.port}/metrics")
         with handling_signals(loop), stack:
             notifier.ready()
@@ -168,41 +97,14 @@ def run(
             report(f"ready: {settings.method} at {pace.rate_hz:g} Hz, {rows} × {cols} cells")
             counters = loop.run(ticks)
             notifier.stopping()
-            if metrics is not None:
-                _keep("file of metrics", lambda: write_metrics(metrics, counters))
-            if (file := wiring.trace) is not None and trace is not None:
-                _keep("trace", lambda: write_whole(file, trace.to_json()))
+            if wiring.trace is not None and trace is not None:
+                try:
+                    write_whole(wiring.trace, trace.to_json())
+                except OutputError as error:  # as a log's, its loss costs the run nothing
+                    _LOG.warning("the trace is lost: %s", error)
     if source.failure:
         raise SourceError(f"the input failed, and the loop has ended: {source.failure}")
     return counters
-
-
-def _begin(metrics: Path) -> None:
-    """Begin the file of metrics; OutputError if it cannot be written for another reason than a full disk."""
-    try:
-        write_metrics(metrics, Counters())
-    except OutputError as error:
-        if getattr(error.__cause__, "errno", None) not in (errno.ENOSPC, errno.EDQUOT):
-            raise
-
-
-def _keep(what: str, write: Callable[[], None]) -> None:
-    """Write it, or say why not: as a log's, its loss costs the run nothing."""
-    try:
-        write()
-    except OutputError as error:
-        _LOG.warning("the %s is lost: %s", what, error)
-
-
-class _Statuses:
-    """A sink that passes status messages to a function."""
-
-    def __init__(self, name: str, use: Callable[[StatusMessage], object]) -> None:
-        self.name, self._use = name, use
-
-    def publish(self, message: Output) -> None:
-        if isinstance(message, StatusMessage):
-            self._use(message)
 
 
 def _connected(

@@ -8,13 +8,14 @@ import time
 from collections.abc import Callable, Mapping
 
 from nnpp_edge.robot.closing import Closing
+from nnpp_edge.runtime.loop.messages import Output, StatusMessage
 
 _LOG = logging.getLogger(__name__)
 _LONGEST_STATUS = 200
 
 
 class Notifier(Closing):
-    """Notifies the service manager; without one, every call does nothing and returns False.
+    """Notifies the service manager, to which it is a sink; without one, every call does nothing and returns False.
 
     No call raises or waits: a notification that cannot be sent is dropped, with a warning the first time.
 
@@ -22,17 +23,18 @@ class Notifier(Closing):
     ``WATCHDOG_PID``.
     """
 
+    name = "systemd"
+
     def __init__(
         self, environment: Mapping[str, str] | None = None, *, clock: Callable[[], float] = time.monotonic
     ) -> None:
         environment = os.environ if environment is None else environment
         self._clock, self._last, self._warned = clock, -math.inf, False
-        self._socket: socket.socket | None = None
+        self._socket = socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM | socket.SOCK_CLOEXEC)
+        self._socket.setblocking(False)
         name = environment.get("NOTIFY_SOCKET", "")
-        self._address = os.fsencode("\0" + name[1:] if name[:1] == "@" else name)
-        if name and (name[0] not in "/@" or len(name) < 2):
-            _LOG.warning("NOTIFY_SOCKET must be a path or @name, got %r", name)
-            self._address = b""
+        usable = len(name) > 1 and name[0] in "/@"
+        self._address = os.fsencode("\0" + name[1:] if name[0] == "@" else name) if usable else b""
         self.watchdog_s = _watchdog_s(environment) if self._address else None
         """Seconds without `alive` after which the manager acts; None if it does not watch this process."""
 
@@ -48,28 +50,25 @@ class Notifier(Closing):
         self._last = now
         return self._send("WATCHDOG=1")
 
-    def status(self, text: str) -> bool:
-        """One line for ``systemctl status``: unprintable characters become blanks, 200 characters at most."""
-        line = " ".join("".join(c if c.isprintable() else " " for c in text).split())
-        return self._send("STATUS=" + line[:_LONGEST_STATUS])
+    def publish(self, message: Output) -> None:
+        """Of a status message a line for ``systemctl status``: unprintable characters become blanks, at most 200."""
+        if isinstance(message, StatusMessage):
+            line = " ".join("".join(c if c.isprintable() else " " for c in message.text).split())
+            self._send("STATUS=" + line[:_LONGEST_STATUS])
 
     def stopping(self) -> bool:
         """The process is about to end."""
         return self._send("STOPPING=1")
 
     def close(self) -> None:
-        """Close the socket; the next call opens another."""
-        if self._socket is not None:
-            self._socket.close()
-            self._socket = None
+        """Close the socket: nothing more is sent."""
+        self._address = b""
+        self._socket.close()
 
     def _send(self, text: str) -> bool:
         if not self._address:
             return False
         try:
-            if self._socket is None:
-                self._socket = socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM | socket.SOCK_CLOEXEC)
-                self._socket.setblocking(False)
             self._socket.sendto(text.encode(errors="replace"), self._address)
         except OSError as error:
             if not self._warned:

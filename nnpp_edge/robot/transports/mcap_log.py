@@ -9,7 +9,6 @@ import logging
 import math
 import threading
 import time
-from collections import deque
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
@@ -47,8 +46,7 @@ _CHUNK_BYTES = 1 << 16
 _FLUSH_EVERY_S = 1.0
 _MAP_EVERY_S = 10.0
 """Where heights come, which change the costs around them."""
-_MOST_WAITING = 256
-_LEAST_LIMIT_MB = 0.1
+_LIMIT_BYTES = 512e6
 
 
 class McapLog(Closing):
@@ -58,33 +56,28 @@ class McapLog(Closing):
     readers that take an unfinished file (the ``mcap`` tool's ``recover``, Foxglove) find them. If nothing more can be
     written, a warning says so once, later messages are counted in `lost`, and the loop goes on.
 
+    The log takes 512 MB of disk at most, or four bytes for each cell of the map, not counting a second's messages. A
+    file of half that size is finished and renamed to ``NAME.1.mcap``, in place of an earlier one, and a new file is
+    begun: the newest messages are kept.
+
     Parameters
     ----------
     path : Path
         ``.mcap``; a file of that name is replaced. OutputError if it cannot be begun.
-    limit_mb : float
-        Most megabytes on disk, not counting a second's messages; inf for no limit. A file of half that size is
-        finished and renamed to ``NAME.1.mcap``, in place of an earlier one, and a new file is begun: the newest
-        messages are kept. InvalidQueryError below 0.1, or below four bytes for each cell of the map.
     state : MapState
         The loop's map (`Navigator.map`), which is written; `cell_size_m` of 1 shows it in cells.
     """
 
     name = "mcap"
 
-    def __init__(
-        self, path: Path, *, limit_mb: float = 512.0, state: MapState | None = None, cell_size_m: float = 1.0
-    ) -> None:
+    def __init__(self, path: Path, *, state: MapState | None = None, cell_size_m: float = 1.0) -> None:
         self._mcap = optional_module("mcap.writer", "a log", "robot")
-        least = max(_LEAST_LIMIT_MB, 4e-6 * math.prod(state.shape)) if state else _LEAST_LIMIT_MB
-        if not limit_mb >= least:
-            raise InvalidQueryError(f"the log's limit must be at least {least:.3g} MB here, got {limit_mb:g}")
         if not 0.0 < cell_size_m < math.inf:
             raise InvalidQueryError(f"the side of a cell must be above 0 m, got {cell_size_m}")
-        self._path, self._limit = Path(path), 0.5e6 * limit_mb
+        self._path = Path(path)
+        self._limit = 0.5 * max(_LIMIT_BYTES, 4.0 * math.prod(state.shape) if state else 0.0)
         self._state, self._cell = state, cell_size_m
         self._lock = threading.Lock()
-        self._waiting: deque[tuple[int, Input]] = deque()
         self._last_path: NDArray[np.int32] | None = None
         self._heights_came = False
         self.lost = 0
@@ -97,39 +90,9 @@ class McapLog(Closing):
             self._begin(self._stream)
 
     def record(self, message: Input, at_s: float = 0.0) -> None:
-        """Keep an input until the next answer is written. Waits for the disk only once 256 of them are kept."""
-        self._waiting.append((time.time_ns(), message))
-        if len(self._waiting) > _MOST_WAITING:
-            with self._lock:
-                self._write_waiting()
-                self._tidy()
-
-    def publish(self, message: Output) -> None:
-        """Write the waiting inputs, and this answer. Never raises an OSError."""
-        now = time.time_ns()
+        """Write an input. Never raises an OSError."""
+        stamp = time.time_ns()
         with self._lock:
-            self._write_waiting()
-            if isinstance(message, PathMessage):
-                answer = message.summary() | {"path": len(message.path)}
-                del answer["headings_deg"]
-                self._write("/answer", now, string_message(json.dumps(answer)))
-                if not _is_rest(message.path, self._last_path):
-                    self._write("/path", now, path_message(message.path, self._cell, now))
-                self._last_path = message.path
-            else:
-                self._write("/status", now, string_message(json.dumps(message.summary())))
-            self._tidy()
-
-    def close(self) -> None:
-        """Write the waiting inputs and finish the file; nothing is written after it."""
-        with self._lock:
-            self._write_waiting()
-            with self._stopping_on_error():
-                self._finish()
-
-    def _write_waiting(self) -> None:
-        while self._waiting:
-            stamp, message = self._waiting.popleft()
             if isinstance(message, Pose):
                 self._write("/pose", stamp, pose_message(message.row, message.col, self._cell, stamp))
             elif isinstance(message, Goal):
@@ -142,6 +105,27 @@ class McapLog(Closing):
                 data = heights_message(message.elevation, (message.row, message.col), self._cell, stamp)
                 self._write("/elevation_patch", stamp, data)
                 self._heights_came = True
+            self._tidy()
+
+    def publish(self, message: Output) -> None:
+        """Write an answer. Never raises an OSError."""
+        now = time.time_ns()
+        with self._lock:
+            if isinstance(message, PathMessage):
+                answer = message.summary() | {"path": len(message.path)}
+                del answer["headings_deg"]
+                self._write("/answer", now, string_message(json.dumps(answer)))
+                if not _is_rest(message.path, self._last_path):
+                    self._write("/path", now, path_message(message.path, self._cell, now))
+                self._last_path = message.path
+            else:
+                self._write("/status", now, string_message(json.dumps(message.summary())))
+            self._tidy()
+
+    def close(self) -> None:
+        """Finish the file; nothing is written after it."""
+        with self._lock, self._stopping_on_error():
+            self._finish()
 
     def _begin(self, stream: IO[bytes]) -> None:
         """Begin a file with the schemas and the map."""

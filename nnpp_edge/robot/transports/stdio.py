@@ -1,9 +1,11 @@
 """Messages over standard input and output: for shell scripts, and for programs that start the loop themselves."""
 
+import io
 import os
 import select
 import threading
 from collections.abc import Iterator
+from typing import TYPE_CHECKING, BinaryIO
 
 from nnpp_edge.robot.transports.incoming import MailboxSource, Refusals
 from nnpp_edge.robot.transports.wire import LIMIT_BYTES, WireError, encode
@@ -11,46 +13,31 @@ from nnpp_edge.runtime.errors import OutputError
 from nnpp_edge.runtime.loop.connections import Mailbox
 from nnpp_edge.runtime.loop.messages import Output
 
+if TYPE_CHECKING:
+    from _typeshed import WriteableBuffer as Buffer
+
 _CHUNK = 1 << 16
 
 
-class Framer:
-    """Cuts a stream into messages, each a line. Those of more than `limit` bytes are skipped up to their end."""
+def messages(stream: BinaryIO, limit: int = LIMIT_BYTES) -> Iterator[bytes | WireError]:
+    """The lines of a stream, without blank ones, and an error in the place of each of more than `limit` bytes."""
+    while line := stream.readline(limit + 1):
+        length = len(line.rstrip(b"\n"))
+        if length > limit:
+            while line and not line.endswith(b"\n"):
+                line = stream.readline(_CHUNK)
+            yield WireError(f"wanted a message of at most {limit} bytes, got {length} or more")
+        elif line := line.strip():
+            yield line
 
-    def __init__(self, limit: int = LIMIT_BYTES) -> None:
-        self._limit, self._skips = limit, False
-        self._buffer = bytearray()
 
-    def feed(self, chunk: bytes) -> Iterator[bytes | WireError]:
-        """The messages that end in `chunk`, and an error in the place of each that is too long."""
-        *ends, rest = chunk.split(b"\n")
-        for end in ends:
-            line, skipped = bytes(self._buffer) + end, self._skips
-            self._buffer.clear()
-            self._skips = False
-            if len(line) > self._limit and not skipped:
-                yield self._too_long(len(line))
-            elif (message := line.strip()) and not skipped:
-                yield message
-        if not self._skips:
-            self._buffer += rest
-        if len(self._buffer) > self._limit:
-            self._skips = True
-            yield self._too_long(len(self._buffer))
-            self._buffer.clear()
+class _Waiting(io.FileIO):
+    """A descriptor that is waited for, also where the parent process made it non-blocking."""
 
-    def end(self) -> bytes:
-        """The last line of a stream that has ended without its end; empty if there is none."""
-        rest, self._buffer = bytes(self._buffer).strip(), bytearray()
-        return rest
-
-    @property
-    def buffered(self) -> int:
-        """Bytes that wait for the end of their message."""
-        return len(self._buffer)
-
-    def _too_long(self, length: int) -> WireError:
-        return WireError(f"wanted a message of at most {self._limit} bytes, got {length} or more")
+    def readinto(self, buffer: "Buffer", /) -> int:
+        while (count := super().readinto(buffer)) is None:
+            select.select([self], [], [])
+        return count
 
 
 class StdioSource(MailboxSource):
@@ -69,25 +56,17 @@ class StdioSource(MailboxSource):
         mailbox: Mailbox | None = None,
     ) -> None:
         super().__init__(refusals, limit, mailbox)
-        self._descriptor, self._framer = descriptor, Framer(limit)
+        self._descriptor = descriptor
         self._thread = threading.Thread(target=self._read, name="nnpp-edge stdin", daemon=True)
         self._thread.start()
 
     def _read(self) -> None:
         with self._reading():
-            while chunk := self._chunk():
-                for message in self._framer.feed(chunk):
-                    self._take(message, "wait")
-            if rest := self._framer.end():
-                self._take(rest, "wait")
+            for message in messages(
+                io.BufferedReader(_Waiting(self._descriptor, closefd=False), _CHUNK), self._limit
+            ):
+                self._take(message, "wait")
             self._mailbox.close()
-
-    def _chunk(self) -> bytes:
-        while True:
-            try:
-                return os.read(self._descriptor, _CHUNK)
-            except BlockingIOError:  # the parent process made the descriptor non-blocking
-                select.select([self._descriptor], [], [])
 
 
 class StdioSink:

@@ -5,7 +5,6 @@ An input is taken whole or refused: unknown words, wrong types and values out of
 
 import math
 import re
-from binascii import a2b_base64
 from dataclasses import dataclass
 from typing import Annotated, Literal, TypeVar, get_args
 
@@ -23,11 +22,9 @@ LIMIT_BYTES = 16 << 20
 """Of a message; room for a patch of 1700 × 1700 cells in base64."""
 JSON_BYTES = 128 << 10
 """Of a message besides a patch's base64; room for 128 × 128 cells as lists. No other thread runs while JSON is
-decoded: 9 ms at most for so much; 16 MiB of lists took 1 s and 1 GB."""
+decoded: 9 ms at most for so much, as for 16 MiB of base64; 16 MiB of lists took 1 s and 1 GB."""
 _EXCERPT = 60
 _OPENING = re.compile(rb'"float32"\s{0,60}:\s{0,60}"')
-_BASE64_CHUNK = 1 << 16
-"""Characters decoded at once, a multiple of 4; other threads may run between."""
 
 _Place = Annotated[float, msgspec.Meta(ge=-(2**31), le=2**31)]
 _Stamp = Annotated[float, msgspec.Meta(ge=-1e12, le=1e12)]
@@ -145,24 +142,14 @@ def decoded(payload: bytes, decoder: msgspec.json.Decoder[T], wanted: str, limit
 
 
 def decoded_input(payload: bytes, decoder: msgspec.json.Decoder[T], wanted: str, limit: int = LIMIT_BYTES) -> T:
-    """As `decoded`, for inputs: a large one does not hold up other threads.
-
-    A large patch's base64 is decoded part by part. WireError if more than `JSON_BYTES` are left without it.
-    """
-    if not JSON_BYTES < len(payload) <= limit:
-        return decoded(payload, decoder, wanted, limit)
-    begin = end = 0
-    if opening := _OPENING.search(payload, 0, JSON_BYTES):
-        begin = opening.end()
-        end = max(payload.find(b'"', begin), begin)
-    if (rest := len(payload) - (end - begin)) > JSON_BYTES:
-        wanted = f"at most {JSON_BYTES} bytes besides a patch's base64 values (float32)"
-        raise WireError(f"wanted {wanted}, got {rest}")
-    record = decoded(payload[:begin] + payload[end:], decoder, wanted, limit)
-    for name in ("elevation", "cost"):
-        if isinstance(packed := getattr(record, name, None), Packed):
-            packed.float32 = _from_base64(payload[begin:end])
-    return record
+    """As `decoded`, for inputs: a WireError too if more than `JSON_BYTES` are left without a patch's base64."""
+    if JSON_BYTES < len(payload) <= limit:
+        opening = _OPENING.search(payload, 0, JSON_BYTES)
+        base64 = payload.find(b'"', opening.end()) - opening.end() if opening else 0
+        if (rest := len(payload) - max(base64, 0)) > JSON_BYTES:
+            wanted = f"at most {JSON_BYTES} bytes besides a patch's base64 values (float32)"
+            raise WireError(f"wanted {wanted}, got {rest}")
+    return decoded(payload, decoder, wanted, limit)
 
 
 def as_input(record: Record) -> Input:
@@ -190,17 +177,6 @@ def _plain(value: object) -> object:
 
 
 _ENCODER = msgspec.json.Encoder(enc_hook=_plain)
-
-
-def _from_base64(text: bytes) -> bytes:
-    """The values that stand in a JSON string."""
-    if b"\\" in text:
-        text = text.replace(b"\\/", b"/")
-    parts = range(0, len(text), _BASE64_CHUNK)
-    try:
-        return b"".join([a2b_base64(text[at : at + _BASE64_CHUNK], strict_mode=True) for at in parts])
-    except ValueError as error:
-        raise WireError(f"wanted base64 values (float32), got what is none ({error})") from None
 
 
 def _as_places(kind: object, places: list[list[float]]) -> NDArray[np.int32] | NDArray[np.float64]:

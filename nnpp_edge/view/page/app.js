@@ -95,7 +95,6 @@ function hear(answer, question) {
   if (answer.problem) refused(answer.problem);
   else if (want === "path") show(answer, question);
   else if (want === "compare") compared(answer, question.more.method);
-  else if (want === "mend") mended(answer);
   else paint(byId(want), answer.layer);
   if (answer.refused) [...byId("refused").children].forEach((key, at) => (key.hidden = !answer.refused.includes(at + 1)));
   busy();
@@ -126,7 +125,6 @@ function show(answer, question) {
   figures(answer);
   profile.show(answer);
   byId("command").textContent = answer.command;
-  byId("python").textContent = answer.python;
 }
 
 // After the frame with the path has been drawn.
@@ -288,22 +286,13 @@ function obstacle(part) {
 }
 
 function edit(obstacles) {
-  const before = asked.obstacles;
   asked.obstacles = obstacles;
   stale();
   map.line("before", path.rows, path.cols);
-  byId("mended").textContent = "…";
-  link.ask("path", {}, { kind: "edit", done: () => link.ask("mend", { before }) });
+  link.ask("path", {}, { kind: "edit" });
   link.ask("cost", pixels);
   settle();
   busy();
-}
-
-function mended({ footing, mended: own, afresh }) {
-  const words = { blocked: "The path was blocked", valid: "The path stood", "": "There was no path" }[footing] ?? `The path: ${footing}`;
-  const took = ({ ms, expansions }) => `${ms.toFixed(2)} ms, ${expansions.toLocaleString("en")} cells`;
-  byId("mended").textContent =
-    own.ms === null ? `${words}. ${STATUS[own.status] ?? own.status}.` : `${words}. D* Lite mends it in ${took(own)}; A* afresh takes ${took(afresh)}.`;
 }
 
 for (const radio of document.querySelectorAll("[name=layer]"))
@@ -332,14 +321,12 @@ byId("zoom-in").addEventListener("click", () => map.zoomBy(1.5));
 byId("zoom-out").addEventListener("click", () => map.zoomBy(1 / 1.5));
 byId("zoom-fit").addEventListener("click", () => map.fit());
 
-for (const what of ["command", "python"])
-  byId(`copy-${what}`).addEventListener("click", async () => {
-    const without = what === "command" && good.obstacles.length ? " It has no painted obstacles: the Python has." : "";
-    try {
-      await navigator.clipboard.writeText(path[what]);
-      byId("copied").textContent = `Copied.${without}`;
-    } catch {
-      byId("copied").textContent = "The browser does not let the page copy: take the text from below.";
-      byId(what).closest("details").open = true;
-    }
-  });
+byId("copy-command").addEventListener("click", async () => {
+  try {
+    await navigator.clipboard.writeText(path.command);
+    byId("copied").textContent = `Copied.${good.obstacles.length ? " It has no painted obstacles." : ""}`;
+  } catch {
+    byId("copied").textContent = "The browser does not let the page copy: take the text from below.";
+    byId("command").closest("details").open = true;
+  }
+});

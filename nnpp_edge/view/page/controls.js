@@ -49,7 +49,7 @@ export class Controls {
     }
     const choice = byId("step_cost");
     if (choice.selectedOptions[0]?.disabled) choice.value = "paper";
-    byId("refine").disabled = !["paper", "length"].includes(choice.value);
+    byId("refine").disabled = choice.value !== "paper";
     byId("omega").disabled = choice.value !== "paper";
   }
 
