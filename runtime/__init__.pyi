@@ -16,6 +16,7 @@ from nnpp_edge.runtime.loop.messages import StatusMessage as StatusMessage
 from nnpp_edge.runtime.loop.navigator import Navigator as Navigator
 from nnpp_edge.runtime.loop.runner import Loop as Loop
 from nnpp_edge.runtime.loop.runner import handling_signals as handling_signals
+from nnpp_edge.runtime.map.attitude import PoseCheck as PoseCheck
 from nnpp_edge.runtime.map.ground import Ground as Ground
 from nnpp_edge.runtime.map.poses import pose_costs as pose_costs
 from nnpp_edge.runtime.map.region import Region as Region

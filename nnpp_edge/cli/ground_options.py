@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import click
 
-from nnpp_edge.cli.options import MANY, CellSize, Rescale, Setting, SettingType, StepCost
+from nnpp_edge.cli.options import MANY, CellSize, Resample, Rescale, Setting, SettingType, StepCost
 
 if TYPE_CHECKING:
     from nnpp_edge.runtime.map.ground import Ground
@@ -18,6 +18,8 @@ if TYPE_CHECKING:
     from nnpp_edge.terrain.dem import Dem, DemWindows
     from nnpp_edge.terrain.georeference import Place
 
+_CELLS_A_BODY, _RESAMPLED = 4.0, 6.0
+"""Cells along a body below which a warning says so, and those along it after the resampling that it names."""
 _MOST_UNEQUAL_GRAVITY = 0.01
 """Share by which the map's gravity may differ from the file's before a warning says so."""
 
@@ -156,10 +158,27 @@ def _merge(into: dict[str, object], values: dict[str, object]) -> None:
 class GroundOptions(VehicleOptions, TerrainOptions):
     """A map, and who drives on it at what cost."""
 
+    resample: Resample = None
+
+    def read(self, path: Path) -> "Dem":
+        """As `TerrainOptions.read`; a warning says where cells of the file lie on a map that was made finer."""
+        dem = super().read(path)
+        if self.resample is None:
+            return dem
+        finer = dem.resampled(self.resample)
+        (rows, cols), times = finer.shape, dem.cell_size_m / finer.cell_size_m
+        warnings.warn(
+            f"resampled to {rows} × {cols} cells of {finer.cell_size_m:g} m: cell (row, col) of the file is now "
+            f"({times:.4g} row, {times:.4g} col)",
+            stacklevel=2,
+        )
+        return finer
+
     def of(self, dem: "Dem") -> "Ground":
-        """The ground of an elevation map."""
+        """The ground of an elevation map; a warning says where its cells are too coarse for the vehicle."""
         from nnpp_edge.runtime.map.ground import Ground
 
+        self.warn_if_coarse(dem)
         return Ground.of_elevation(
             dem.elevation,
             dem.cell_size_m,
@@ -168,4 +187,15 @@ class GroundOptions(VehicleOptions, TerrainOptions):
             vehicle=self.body(),
             step_cost=self.step_cost,
             mobility=self.mobility(dem),
+        )
+
+    def warn_if_coarse(self, dem: "Dem") -> None:
+        """Warn of cells beside which the vehicle is so short that little is known of the ground below it."""
+        body, side = self.body(), max(dem.cell_size_m, dem.cell_width_m)
+        if body is None or body.is_disc or body.length_m >= _CELLS_A_BODY * side:
+            return
+        warnings.warn(
+            f"cells of {side:.4g} m are coarse for a body of {body.length_m:g} × {body.width_m:g} m: a rock narrower "
+            f"than a cell is not seen; --resample {body.length_m / _RESAMPLED:.2g} checks between the cells",
+            stacklevel=2,
         )

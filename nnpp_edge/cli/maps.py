@@ -9,10 +9,13 @@ import click
 import numpy as np
 from numpy.typing import NDArray
 
-from nnpp_edge.runtime import Ground, Vehicle, pose_costs
+from nnpp_edge.runtime import Ground, Vehicle
 from nnpp_edge.runtime.arrays import Float2D
 from nnpp_edge.runtime.cells import Cell
 from nnpp_edge.runtime.errors import InvalidMapError, InvalidQueryError, NnppEdgeError, Status
+from nnpp_edge.runtime.kernels.poses import FAILS
+from nnpp_edge.runtime.map.poses import Poses
+from nnpp_edge.runtime.map.refusal import why_blocked
 from nnpp_edge.runtime.memory import available_bytes
 from nnpp_edge.runtime.planners.plan import Method, Plan
 from nnpp_edge.runtime.terrain.traversability import Traversability, terrain_terms, traversability_cost
@@ -26,7 +29,7 @@ from nnpp_edge.viz.sheet import Cells
 _MOST_UNEQUAL_SIDES = 0.02
 """Cells whose sides differ by more than this share are warned of."""
 _LOOKED_AROUND = 64
-"""Cells around an end that are tried for a place where the vehicle stands."""
+"""Rows above and below an end that are tried for a place where the vehicle stands."""
 
 
 def size_of(place: Place) -> dict[str, object]:
@@ -101,6 +104,7 @@ class Near(NamedTuple):
     cost: Float2D
     limits: Traversability
     vehicle: Vehicle | None = None
+    poses: Poses | None = None
     origin: Cell = (0, 0)
 
 
@@ -156,14 +160,13 @@ def _blocked(status: Status, cell: Cell, near: Near) -> str:
     vehicle, at = near.vehicle, (cell[0] - near.origin[0], cell[1] - near.origin[1])
     if vehicle is not None and vehicle.is_disc and near.cost[at] < 1.0:
         return f"{end}: an obstacle or the map's edge lies within the vehicle's radius"
-    if vehicle is not None and not vehicle.is_disc:
-        row, col = (max(each - _LOOKED_AROUND, 0) for each in cell)
-        part = near.elevation[row : cell[0] + _LOOKED_AROUND + 1, col : cell[1] + _LOOKED_AROUND + 1]
-        costs = pose_costs(part, near.place.cell_size_m, vehicle, cell_width_m=near.place.cell_width_m)
-        stands = np.argwhere(np.isfinite(costs).any(0)) + np.array((row, col))
-        where = f"the nearest cell where it does is {_nearest(stands, cell)}" if len(stands) else ""
-        where = where or f"nor on any cell within {_LOOKED_AROUND}"
-        return f"{end}: the vehicle stands there in no heading; {where}"
+    if near.poses is not None:
+        first = max(cell[0] - _LOOKED_AROUND, 0)
+        codes = near.poses.standing(range(first, min(cell[0] + _LOOKED_AROUND + 1, near.place.shape[0])))
+        stands = np.argwhere((codes < FAILS).any(0)) + np.array((first, 0))
+        where = f"the nearest cell where it stands is {_nearest(stands, cell)}" if len(stands) else ""
+        where = where or f"it stands on no cell within {_LOOKED_AROUND} rows"
+        return f"{end}: {why_blocked(near.poses, cell)}; {where}"
     reason, passable = _why_blocked(at, near), np.argwhere(near.cost < 1.0)
     if not len(passable):
         return f"{end}: {reason}; so is all around it"

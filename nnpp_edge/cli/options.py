@@ -227,6 +227,12 @@ CellSize = Annotated[float | None, POSITIVE, "Side of a cell in metres, where th
 Rescale = Annotated[
     float | None, POSITIVE, "Make cells this many metres wide and scale heights alike, so that slopes stay."
 ]
+Resample = Annotated[
+    float | None,
+    POSITIVE,
+    "Make cells finer, this many metres wide, with heights interpolated between the map's. That shows no more of the "
+    "ground, but a vehicle may stand and step between the cells.",
+]
 TerrainFiles = Annotated[tuple[Path, ...], MAP, MANY, "Elevation file. May be repeated."]
 Omega = Annotated[float, NOT_NEGATIVE, "Weight of the cost against length, per grey level."]
 CornerCutting = Annotated[

@@ -15,13 +15,14 @@ from nnpp_edge.cli.plan_answer import Answer
 from nnpp_edge.cli.requests import PlanRequest
 from nnpp_edge.cli.text import Row
 from nnpp_edge.progress import bar
-from nnpp_edge.runtime import Ground, Method, Plan, Planner, Traversability, exercises, pose_costs
+from nnpp_edge.runtime import Ground, Method, Plan, Planner, Traversability, exercises
 from nnpp_edge.runtime.arrays import Float2D, headings_along
 from nnpp_edge.runtime.cells import Cell
 from nnpp_edge.runtime.compiled.notice import told_if_slow
 from nnpp_edge.runtime.errors import InvalidQueryError
 from nnpp_edge.runtime.map.along import Along
 from nnpp_edge.runtime.map.attitude import attitudes
+from nnpp_edge.runtime.map.refusal import refusals
 from nnpp_edge.runtime.memory import peak_bytes
 from nnpp_edge.runtime.network import loading
 from nnpp_edge.runtime.planners.query import PlanOptions, problem_with
@@ -30,14 +31,12 @@ from nnpp_edge.runtime.tuning import LARGE_MAP
 from nnpp_edge.terrain.dem import Dem, DemWindows
 from nnpp_edge.terrain.georeference import Place
 from nnpp_edge.terrain.route import Route
-from nnpp_edge.viz.picture import BodyDrawing, body_outlines, plan_picture
+from nnpp_edge.viz.picture import MOST_SHOWN, BodyDrawing, body_outlines, plan_picture
 from nnpp_edge.viz.sheet import Picture
 
 _REPEATS = 3
 """Plans by each method that --compare takes the median time of."""
 _COMPARED = ("method", "source", "status", "cost", "length", "expansions")
-_MOST_SHOWN = 1 << 20
-"""Cells of a map whose poses are all checked for a picture, a tenth of a second."""
 _AROUND = 64
 """Cells around a blocked start or goal in which a passable one is looked for."""
 _MOST_PIXELS = 2000
@@ -75,7 +74,7 @@ def plan_in_memory(request: PlanRequest, path: Path, robot: GroundOptions, *, dr
         refuse_map(dem)
     ground, planner_of = robot.of(dem), partial(Planner, omega=request.omega, corner_cutting=request.corner_cutting)
     planner = planner_of(priced(ground, cost), model=request.model)
-    near = Near(dem, dem.elevation, cost, limits, body)
+    near = Near(dem, dem.elevation, cost, limits, body, planner.state.grid.poses)
     if len(goals) == 1 and (problem := problem_with(planner.state.grid, start, goals[0])):
         refuse(problem, start, goals[0], near)
     if request.time_limit is not None:  # loading would use it up
@@ -94,13 +93,12 @@ def plan_in_memory(request: PlanRequest, path: Path, robot: GroundOptions, *, dr
     route = _route(plan, cost, dem, ground, planner)
 
     def picture() -> Picture:
-        stands = of_point = None
-        sides = ground.sides_m
-        if body is not None and not body.is_disc and cost.size <= _MOST_SHOWN:
-            stands = np.isfinite(pose_costs(dem.elevation, sides[0], body, cell_width_m=sides[1]).min(0))
+        refused, of_point, poses = None, None, planner.state.grid.poses
+        if poses is not None and cost.size <= MOST_SHOWN:
+            refused = refusals(poses.standing())
         if body is not None and request.compare and robot.step_cost == "paper":
             of_point = planner_of(cost).plan(start, goal, method="astar").path
-        drawing = body and BodyDrawing(body_outlines(plan.path, body, sides), stands, of_point)
+        drawing = body and BodyDrawing(body_outlines(plan.path, body, ground.sides_m), refused, of_point)
         return plan_picture(
             cost,
             plan,
@@ -139,6 +137,7 @@ def plan_by_windows(request: PlanRequest, path: Path, robot: GroundOptions) -> A
         "--compare": request.compare,
         "--hillshade": request.hillshade,
         "--refine": request.refine is not None,
+        "--resample": robot.resample is not None,
     }
     if wrong := [name for name, asked in unfit.items() if asked]:
         raise InvalidQueryError(

@@ -108,7 +108,8 @@ def command(
     ground = replace(robot, step_cost=step_cost).of(terrain)
     planner = Planner(priced(ground, cost), omega=omega, corner_cutting=corner_cutting)
     if problem := problem_with(planner.state.grid, cell, cell):
-        refuse(problem, cell, cell, Near(terrain, terrain.elevation, cost, limits, ground.vehicle))
+        near = Near(terrain, terrain.elevation, cost, limits, ground.vehicle, planner.state.grid.poses)
+        refuse(problem, cell, cell, near)
     shares = tuple((most * np.arange(1, levels + 1) / levels).tolist())
     found = Reach(planner.reach(cell, most), shares, measure, unit_of(step_cost), terrain)
 

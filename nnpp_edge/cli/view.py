@@ -47,8 +47,9 @@ def command(
 
     with PageServer(port) as server:
         read = robot.read(dem)
+        robot.warn_if_coarse(read)
         given = _given_body(robot, read)
-        reading = {"cell_size_m": robot.cell_size, "rescale": robot.rescale}
+        reading = {"cell_size_m": robot.cell_size, "rescale": robot.rescale, "resample": robot.resample}
         site = Site.of(read, dem, {name: value for name, value in reading.items() if value is not None}, given)
         asked = Asked(
             start=start.one_cell(site.dem, "--start") if start else (0, 0),

@@ -15,6 +15,7 @@ import numpy.typing as npt
 from nnpp_edge.runtime.arrays import Float2D, unmasked
 from nnpp_edge.runtime.cells import Rectangle
 from nnpp_edge.runtime.errors import InvalidQueryError, TerrainError
+from nnpp_edge.runtime.map.along import heights_at
 from nnpp_edge.runtime.reading import problem_with_file, refused_as
 from nnpp_edge.terrain.array_files import check_grid, known_heights, metres, read_arrays
 from nnpp_edge.terrain.coordinates import cell_on_ground
@@ -62,6 +63,38 @@ class Dem(Place):
         return replace(
             self, elevation=metres(self.elevation, factor), cell_size_m=float(cell_size_m), cell_width_m=width
         )
+
+    def resampled(self, cell_size_m: float) -> "Dem":
+        """This terrain in finer cells, of heights that are bilinear between the middles of its own.
+
+        The first cell keeps its middle; the last one's is no farther than this map's last. Unknown where one of these
+        heights is. InvalidQueryError where the cells would not be smaller, or more than `MOST_RESAMPLED`.
+        """
+        share = cell_size_m / self.cell_size_m
+        rows, cols = self.shape
+        if finer := 0.0 < share < 1.0:
+            rows, cols = (int(min((cells - 1) / share, 1e9) + 1e-6) + 1 for cells in self.shape)
+        if not finer or rows * cols > MOST_RESAMPLED:
+            raise InvalidQueryError(
+                f"{self.source}: wanted finer cells, below {self.cell_size_m:g} m and at most {MOST_RESAMPLED} of "
+                f"them, got {rows} × {cols} cells of {cell_size_m:g} m"
+            )
+        heights, columns = np.empty((rows, cols), np.float32), share * np.arange(cols)
+        for row in range(rows):
+            heights[row] = heights_at(self.elevation, np.column_stack((np.full(cols, share * row), columns)))
+        place = self.georeference
+        if place is not None:
+            (a, b, c, d, e, f), corner = place.transform, 0.5 * (1.0 - share)
+            moved = c + (a + b) * corner, f + (d + e) * corner
+            place = replace(place, transform=(a * share, b * share, moved[0], d * share, e * share, moved[1]))
+        width = self.cell_width_m * share
+        return replace(
+            self, elevation=heights, cell_size_m=float(cell_size_m), cell_width_m=width, georeference=place
+        )
+
+
+MOST_RESAMPLED = 1 << 22
+"""Cells of a map that is made finer, at most."""
 
 
 def read_dem(path: Path | str, cell_size_m: float | None = None) -> Dem:

@@ -17,15 +17,18 @@ from numpy.typing import NDArray
 
 from nnpp_edge.runtime.arrays import Float2D
 from nnpp_edge.runtime.errors import InvalidQueryError, NnppEdgeError
+from nnpp_edge.runtime.kernels.poses import REFUSALS
 from nnpp_edge.runtime.map.slope_cost import unit_of
 from nnpp_edge.runtime.planners.plan import Plan
 from nnpp_edge.runtime.terrain.traversability import terrain_terms
 from nnpp_edge.view.asked import Asked, Method, Site, command_of
 from nnpp_edge.view.landscape import Landscape, painted
-from nnpp_edge.viz.picture import hillshade
+from nnpp_edge.viz.picture import REFUSED, hillshade
 
 IMPASSABLE, UNKNOWN = 255, 0
 """Of a pixel of costs, and of one of the relief."""
+FIRST_REFUSED = 249
+"""Of a pixel of costs where the first of `REFUSALS` refuses the vehicle; the others follow."""
 _STEEPEST_DEG = 40.0
 """Slope from which on its layer grows no stronger."""
 _BLOCKED = 0.25
@@ -73,7 +76,13 @@ class Answerer:
                 "clearance_m": vehicle and vehicle.clearance_m,
                 "max_tilt_deg": vehicle and vehicle.max_tilt_deg,
             }
-        shown = {"name": dem.source.name, "shape": dem.shape, "sides_m": (dem.cell_size_m, dem.cell_width_m)}
+        refused = [{"colour": colour[::-1], "words": words} for colour, words in REFUSED]
+        shown = {
+            "refused": refused,
+            "name": dem.source.name,
+            "shape": dem.shape,
+            "sides_m": (dem.cell_size_m, dem.cell_width_m),
+        }
         return msgspec.json.encode(shown | {"bodies": bodies, "asked": self.first})
 
     def answer(self, question: bytes) -> bytes:
@@ -100,9 +109,10 @@ class Answerer:
             return {}, slope(dem.elevation, sides, pixels)
         landscape = self.landscape(asked)
         if question.want == "cost":
-            return {}, costs(
-                np.where(painted(dem.shape, asked.obstacles), np.float32(np.inf), landscape.cost), pixels
-            )
+            cost = np.where(painted(dem.shape, asked.obstacles), np.float32(np.inf), landscape.cost)
+            refused = landscape.refused()
+            layer = costs(cost, pixels, refused)
+            return {"refused": [] if refused is None else np.unique(refused[refused > 0]).tolist()}, layer
         if question.want == "compare":
             plan, time_ms = landscape.compare(asked, question.method)
             region = None if plan.region is None else plan.region.mask()
@@ -153,10 +163,17 @@ def slope(elevation: Float2D, sides_m: tuple[float, float], pixels: int) -> Laye
     return np.asarray(np.minimum(smaller(slopes, pixels) * 255.0 / math.radians(_STEEPEST_DEG), 255.0), np.uint8)
 
 
-def costs(cost: Float2D, pixels: int) -> Layer:
-    """Traversability costs, from 0 to 254; `IMPASSABLE` where a pixel's cells are, by a quarter of them."""
+def costs(cost: Float2D, pixels: int, refused: Layer | None = None) -> Layer:
+    """Traversability costs, from 0 to 248; `IMPASSABLE` where a pixel's cells are, by a quarter of them.
+
+    Where a vehicle stands in no heading on a quarter of them, `refused` from `map.refusal.refusals`, the limit that
+    refuses it on most, from `FIRST_REFUSED` on.
+    """
     passable = cost < 1.0
-    strength = smaller(np.where(passable, cost, np.float32(0.0)), pixels) * 254.0
+    strength = smaller(np.where(passable, cost, np.float32(0.0)), pixels) * (FIRST_REFUSED - 1)
+    if refused is not None:
+        shares = np.stack([smaller(refused == 1 + limit, pixels) for limit in range(len(REFUSALS))])
+        strength = np.where(shares.sum(0) > _BLOCKED, FIRST_REFUSED + shares.argmax(0), strength)
     strength[smaller(~passable, pixels) > _BLOCKED] = IMPASSABLE
     return strength.astype(np.uint8)
 

@@ -47,7 +47,7 @@ class Site:
     dem: Dem
     path: Path
     reading: Mapping[str, float]
-    """Arguments of `read_dem`, and ``rescale``, that were given."""
+    """Arguments of `read_dem`, ``rescale`` and ``resample``, that were given."""
     bodies: Mapping[str, Body]
 
     @classmethod

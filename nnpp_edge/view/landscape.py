@@ -11,8 +11,10 @@ from nnpp_edge.runtime import Plan, Planner
 from nnpp_edge.runtime.arrays import Float2D
 from nnpp_edge.runtime.cells import Cell
 from nnpp_edge.runtime.errors import InvalidQueryError
+from nnpp_edge.runtime.map.refusal import refusals
 from nnpp_edge.runtime.terrain.traversability import traversability_cost
 from nnpp_edge.view.asked import Asked, Method, Obstacles, Site
+from nnpp_edge.viz.picture import MOST_SHOWN
 
 _TRIED = 256
 """Cells along a side that are tried as first ends."""
@@ -53,6 +55,14 @@ class Landscape:
             for row, col, rows, cols in changed:
                 self.planner.update(row, col, told[row : row + rows, col : col + cols].astype(np.float32))
         self._laid = obstacles
+
+    def refused(self) -> NDArray[np.uint8] | None:
+        """(H, W) limits that refuse the vehicle where it stands in no heading, see `map.refusal.refusals`.
+
+        None without a body, and on maps of more than `MOST_SHOWN` cells.
+        """
+        poses = self.planner.state.grid.poses
+        return None if poses is None or self.cost.size > MOST_SHOWN else refusals(poses.standing())
 
     def plan(self, asked: Asked, method: Method, *, keep_regions: bool = False) -> Plan:
         """Plan between the ends that are asked for."""

@@ -30,6 +30,17 @@ OPTIMUM: Colour = (255, 90, 235)
 GRID: Colour = (150, 245, 255)
 BODY: Colour = (120, 255, 190)
 POINT: Colour = (255, 255, 255)
+REFUSED: tuple[tuple[Colour, str], ...] = (
+    ((200, 120, 40), "unknown ground, obstacle or edge"),
+    ((40, 40, 215), "too steep"),
+    ((110, 60, 235), "too steep ahead"),
+    ((190, 70, 220), "too steep sideways"),
+    ((20, 170, 240), "rock under a wheel"),
+    ((60, 150, 60), "ground touches the belly"),
+)
+"""Colour, and words of the legend, of ground where a limit refuses a vehicle, by its place in `REFUSALS`."""
+MOST_SHOWN = 1 << 20
+"""Cells of a map whose poses are all checked for a picture, a tenth of a second."""
 _NO_STAND, _BAND = 0.45, 0.5
 """How strongly cells are coloured where a vehicle stands in no heading, and bands of what can be reached."""
 _LIGHT = (315.0, 45.0)
@@ -43,8 +54,8 @@ class BodyDrawing(NamedTuple):
 
     outlines: Sequence[NDArray[np.float64]]
     """Of the body along the path, rows and columns; from `body_outlines`."""
-    stands: Mask | None = None
-    """(H, W) cells where it stands in some heading; None where that is not known."""
+    refused: NDArray[np.uint8] | None = None
+    """(H, W) from `map.refusal.refusals`: where it stands in no heading; None where that is not known."""
     point_path: Cells | None = None
     """(N, 2) the path of a point."""
 
@@ -122,8 +133,8 @@ def plan_picture(
     ground, passable = cost_picture(cost, shade), cost < 1.0
     regions = ((plan.network_region, 0.2, "network's region"), (plan.region, 0.42, "region searched"))
     tints = [(region.mask(), strength, REGION, words) for region, strength, words in regions if region is not None]
-    if body.stands is not None and not body.stands.all():
-        tints.insert(0, (~body.stands, _NO_STAND, IMPASSABLE, "stands in no heading"))
+    for limit in np.unique(() if body.refused is None else body.refused[body.refused > 0]).astype(int).tolist():
+        tints.append((body.refused == limit, _NO_STAND, *REFUSED[limit - 1]))
     for mask, strength, colour, _ in tints:
         mask &= passable
         ground[mask] = _mixed(ground[mask], strength, colour)

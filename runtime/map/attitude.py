@@ -38,15 +38,15 @@ class Limit(NamedTuple):
 
 
 @dataclass(frozen=True)
-class Standing:
-    """How a vehicle stands on one cell, and what refuses it."""
+class PoseCheck:
+    """How a vehicle stands on one cell, and the limit that refuses it."""
 
     cell: Cell
     heading_deg: float
-    """Clockwise from up the rows."""
+    """Clockwise from up the rows, in [0, 360)."""
     ok: bool
     refused_by: str | None
-    """The first limit that is passed: ``unknown``, ``tilt``, ``pitch``, ``roll``, ``step``, ``belly``; None if ok."""
+    """The first that is passed of ``unknown``, ``tilt``, ``pitch``, ``roll``, ``step`` and ``belly``; None if ok."""
     tilt_deg: Limit
     pitch_deg: Limit
     roll_deg: Limit
@@ -57,14 +57,14 @@ class Standing:
 
     def __str__(self) -> str:
         """A line for each limit."""
-        head = f"{self.cell[0]}, {self.cell[1]} heading {self.heading_deg:g}°: "
-        lines = [head + ("stands" if self.ok else f"refused by {self.refused_by}")]
+        lines = [f"({self.cell[0]}, {self.cell[1]}) at {self.heading_deg:g}°: "]
+        lines[0] += "stands" if self.ok else f"refused by {self.refused_by}"
         for name in ("tilt_deg", "pitch_deg", "roll_deg", "step_m", "belly_m"):
-            value, allowance = getattr(self, name)
-            unit = "°" if name.endswith("deg") else " m"
-            digits = 1 if unit == "°" else 2
+            value, most = getattr(self, name)
+            unit, digits = ("°", 1) if name.endswith("deg") else (" m", 2)
             known = f"{value:.{digits}f}{unit}" if math.isfinite(value) else "unknown"
-            lines.append(f"  {name.rpartition('_')[0]:<6}{known:>9}  of {allowance:.{digits}f}{unit}")
+            beyond = "   too much" if value > most else ""
+            lines.append(f"  {name.rpartition('_')[0]:<6}{known:>9}, at most {most:.{digits}f}{unit}{beyond}")
         return "\n".join(lines)
 
 
@@ -95,7 +95,7 @@ def attitudes(poses: Poses, path: NDArray[np.int32]) -> Attitudes:
     return Attitudes(*found)
 
 
-def explain(poses: Poses, cell: Cell, heading_deg: float) -> Standing:
+def explain(poses: Poses, cell: Cell, heading_deg: float) -> PoseCheck:
     """How the vehicle stands on a cell with a heading, clockwise from up the rows, and what refuses it.
 
     InvalidQueryError where the cell lies outside the map, or the heading is no number.
@@ -118,7 +118,7 @@ def explain(poses: Poses, cell: Cell, heading_deg: float) -> Standing:
     else:
         refused = next((REFUSALS[n] for n in range(1, len(REFUSALS)) if not values[n] <= most[n]), None)
     pitch_deg, roll_deg, tilt_deg = poses.vehicle.tilts_deg
-    return Standing(
+    return PoseCheck(
         cell,
         heading_deg % 360.0,
         refused is None,
@@ -129,6 +129,17 @@ def explain(poses: Poses, cell: Cell, heading_deg: float) -> Standing:
         Limit(step, poses.vehicle.step_m),
         Limit(up, poses.vehicle.clearance_m),
     )
+
+
+def greatest(poses: Poses, cell: Cell, motion: int) -> Floats:
+    """(6,) what a motion from a cell comes to at most by each limit, in their order in `REFUSALS`.
+
+    Degrees and metres; inf of ``unknown`` where unknown cells lie below, and then of others, or NaN.
+    """
+    figures = [_figures(poses, np.array([cell]), pose)[1:, 0] for pose in _of_motion(poses.motions, motion)]
+    most: Floats = np.max(figures, axis=0)
+    most[0], most[1:4] = 0.0 if np.isfinite(most[1:]).all() else np.inf, np.degrees(np.arctan(most[1:4]))
+    return most
 
 
 class _Tables(NamedTuple):
@@ -214,4 +225,4 @@ def _figures(poses: Poses, cells: NDArray[np.int32], of: _Tables) -> Floats:
         return np.where(unknown & ~np.isfinite(figures), np.nan, figures)
 
 
-__all__ = ["Attitudes", "Limit", "Standing", "Vehicle", "attitudes", "explain"]
+__all__ = ["Attitudes", "Limit", "PoseCheck", "Vehicle", "attitudes", "explain", "greatest"]

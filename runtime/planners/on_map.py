@@ -3,6 +3,7 @@
 import functools
 import math
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from threading import RLock
 from typing import Concatenate, ParamSpec, TypeVar, cast
@@ -14,8 +15,17 @@ from nnpp_edge.runtime.arguments import checked
 from nnpp_edge.runtime.arrays import Float2D
 from nnpp_edge.runtime.cells import Cell, as_cell
 from nnpp_edge.runtime.deadline import OutOfTimeError
-from nnpp_edge.runtime.errors import ConcurrentUseError, InvalidMapError, InvalidQueryError, NnppEdgeError, shown
+from nnpp_edge.runtime.errors import (
+    ConcurrentUseError,
+    InvalidMapError,
+    InvalidQueryError,
+    NnppEdgeError,
+    Status,
+    shown,
+)
+from nnpp_edge.runtime.map.attitude import PoseCheck, explain
 from nnpp_edge.runtime.map.ground import Ground, GroundOptions
+from nnpp_edge.runtime.map.refusal import why_ended
 from nnpp_edge.runtime.map.state import MapState, map_state
 from nnpp_edge.runtime.memory import touch
 from nnpp_edge.runtime.network.inference import NetworkModel
@@ -143,6 +153,21 @@ class OnMap:
 
     @checked(InvalidQueryError)
     @one_at_a_time
+    def explain(self, cell: Cell, heading_deg: float) -> PoseCheck:
+        """How the vehicle stands on a cell, heading so many degrees clockwise from up the rows, by each limit.
+
+        Checked is the body on the very cell, heading just so. The steps of a path are checked with all places and
+        headings between, so one may be refused where this is not. InvalidQueryError without a body on a map of
+        elevations, for what is no cell of the map, or a heading that is no number.
+        """
+        if (poses := self._state.grid.poses) is None:
+            raise InvalidQueryError(
+                "explain: wanted a vehicle with length, width and clearance on a map of elevations"
+            )
+        return explain(poses, as_cell(cell, "cell"), heading_deg)
+
+    @checked(InvalidQueryError)
+    @one_at_a_time
     def update(self, row: int, col: int, patch: Float2D, *, seen: NDArray[np.bool_] | None = None) -> int:
         """Put new costs into the map.
 
@@ -215,13 +240,25 @@ class OnMap:
         """
         state, by, choice = self._state, wanted, ""
         if problem := problem_with(state.grid, query.start, query.goal):
-            return Plan(problem, by.base, planner=by, reason=told(problem, query))
+            return Plan(problem, by.base, planner=by, reason=told(problem, query, state.grid.poses))
         checked_before = state.checked
         try:
             found, by, choice = find()
         except OutOfTimeError:
             found = Found.too_late(Source.MAP if wanted.whole_map else Source.REGION)
-        return found.plan(by, work, state, checked_before, choice=choice, keep_regions=keep_regions)
+        plan = found.plan(by, work, state, checked_before, choice=choice, keep_regions=keep_regions)
+        return replace(plan, reason=plan.reason + self._why_ended(query)) if plan.status is Status.NO_PATH else plan
+
+    def _why_ended(self, query: Query) -> str:
+        """By which limit a body gets no farther, by the search of the whole map that has just found no path."""
+        grid, memory, end = self._state.grid, self._methods.astar.workspace, query.goal
+        if grid.poses is None:
+            return ""
+        start = grid.node(*query.start)
+        if by_legs := bool(memory.field.costs(slice(start, start + 1))[0] == math.inf):  # else it was the turns
+            memory, end = memory.field, query.start
+        reached = memory.costs().reshape(-1, grid.stride)[1 : grid.rows + 1, 1:-1] < math.inf
+        return f"; {why_ended(grid.poses, reached, end, by_legs=by_legs)}"
 
     def _reach(self, start: Cell, within: float = math.inf) -> Float2D:
         """As `Planner.reach`."""

@@ -10,6 +10,8 @@ from nnpp_edge.runtime.cells import Cell, as_cell
 from nnpp_edge.runtime.deadline import NEVER, Deadline
 from nnpp_edge.runtime.errors import InvalidQueryError, Status
 from nnpp_edge.runtime.map.grid import Grid
+from nnpp_edge.runtime.map.poses import Poses
+from nnpp_edge.runtime.map.refusal import why_blocked
 from nnpp_edge.runtime.map.region import Region
 from nnpp_edge.runtime.map.state import MapState
 from nnpp_edge.runtime.planners.plan import DynamicMethod, Method, Plan, Source
@@ -192,11 +194,12 @@ def problem_with(grid: Grid, start: Cell, goal: Cell) -> Status | None:
     return None
 
 
-def told(problem: Status, query: Query) -> str:
+def told(problem: Status, query: Query, poses: Poses | None = None) -> str:
     """Which cell of a query is at fault and why, for people."""
     at_start = problem in (Status.START_OUTSIDE_MAP, Status.START_BLOCKED)
-    end = f"start {query.start}" if at_start else f"goal {query.goal}"
-    return f"{end} {in_words(problem)}"
+    cell = query.start if at_start else query.goal
+    why = f": {why_blocked(poses, cell)}" if poses is not None and problem.endswith("BLOCKED") else ""
+    return f"{'start' if at_start else 'goal'} {cell} {in_words(problem)}{why}"
 
 
 def in_words(problem: Status) -> str:

@@ -14,11 +14,12 @@ import pytest
 from pyproj import Transformer
 
 from nnpp_edge.runtime import Planner, Vehicle, pose_costs
+from nnpp_edge.runtime.kernels.poses import REFUSALS
 from nnpp_edge.runtime.map.along import Numbers
 from nnpp_edge.runtime.map.turns import curvatures
 from nnpp_edge.terrain.vehicle_files import load_mobility, load_vehicle
 from nnpp_edge.viz.picture import BODY as OUTLINE
-from nnpp_edge.viz.picture import POINT
+from nnpp_edge.viz.picture import POINT, REFUSED
 from tests.cli.grounds import BODY, ENDS, GRID, PLACE, layer, rolling
 
 PLAN = f"plan hills.tif {ENDS}"
@@ -158,6 +159,31 @@ def test_every_waypoint_has_its_heading_and_how_the_body_stands(run, hill):
     assert all(float(row["tilt_deg"]) <= 25.0 and 0.0 < float(row["clearance_m"]) <= 0.3 for row in rows)
     assert np.isfinite(pose_costs(hill, 0.25, own)[:, *plan.path.T]).any(0).all()
     assert set(found["waypoints"]) <= set(json.loads(Path("out/path.geojson").read_text())["properties"])
+
+
+def test_cells_too_coarse_for_the_body_are_told_before_and_made_finer(run, hill):
+    body = "--set length_m=2 --set width_m=1 --set clearance_m=0.4"
+    words = f"plan hill.npz --cell-size 1 --start 10,10 --goal 14,10 {body}"
+    coarse, finer = run(words), run(f"{words} --resample 0.33")
+    assert coarse.err == (
+        "warning: cells of 1 m are coarse for a body of 2 × 1 m: a rock narrower than a cell is not seen; "
+        "--resample 0.33 checks between the cells\n"
+    )
+    assert finer.err == (
+        "warning: resampled to 179 × 179 cells of 0.33 m: cell (row, col) of the file is now (3.03 row, 3.03 col)\n"
+    )
+    assert finer.code == 0 and "179 × 179 cells of 0.33 m" in finer.out
+
+
+def test_without_a_path_a_body_is_told_by_which_limit_and_the_picture_has_its_colour(run, told, hill):
+    words = "plan wall.npz --start 10,10 --goal 45,48 --vehicle small-rover -o out"
+    reason = told(words, code=1)["reason"]
+    assert "; the way from the goal comes to (" in reason and " are by tilt, as from (" in reason
+    picture = cv2.imread("out/plan.png")
+    for limit, seen in (("tilt", True), ("unknown", True), ("pitch", False)):
+        colour, _ = REFUSED[REFUSALS.index(limit)]
+        key = (0.55 * 90 + 0.45 * np.array(colour)).astype(np.uint8)  # of the legend
+        assert (picture == key).all(2).any() == seen, limit
 
 
 def test_the_picture_has_the_body_and_with_a_comparison_a_points_path(run, hill):

@@ -346,6 +346,30 @@ def test_rescaling_keeps_every_slope(cell_size_m):
     np.testing.assert_array_equal(dem.elevation, HEIGHTS)
 
 
+def test_finer_cells_have_bilinear_heights_at_the_same_places_of_the_map():
+    row, col = np.mgrid[0:9, 0:12].astype(np.float32)
+    heights, place = 3.0 * row - 2.0 * col + row * col, Georeference(None, tuple(turned(30.0, 2.0, 1.0))[:6])
+    heights[8, 11] = np.nan
+    dem = Dem(heights, 2.0, 1.0, place, Path("made.tif"))
+    finer = dem.resampled(0.5)
+    assert finer.shape == (33, 45) and (finer.cell_size_m, finer.cell_width_m) == (0.5, 0.25)
+    y, x = np.mgrid[0:33, 0:45] / 4.0
+    assert np.array_equal(np.isnan(finer.elevation), (y > 7.0) & (x > 10.0))
+    known = ~np.isnan(finer.elevation)
+    np.testing.assert_allclose(finer.elevation[known], (3.0 * y - 2.0 * x + y * x)[known], rtol=1e-6, atol=1e-5)
+    for cell in ((0, 0), (5, 3), (8, 11)):
+        assert finer.map_coordinates(4 * cell[0], 4 * cell[1]) == pytest.approx(dem.map_coordinates(*cell))
+    assert dem.resampled(0.6).shape == (27, 37)
+    for cell_size_m, words in (
+        (2.0, "got 9 × 12 cells of 2 m"),
+        (1e-3, "at most 4194304 of them"),
+        (math.nan, "finer cells"),
+        (1e-320, "at most"),
+    ):
+        with pytest.raises(InvalidQueryError, match=words):
+            dem.resampled(cell_size_m)
+
+
 @given(
     st.integers(-50, 5000),
     st.integers(-50, 5000),

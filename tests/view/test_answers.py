@@ -81,8 +81,8 @@ def test_what_is_copied_plans_the_same_path(nnpp_edge, site, name):
 def test_what_the_command_line_describes_is_copied_too(nnpp_edge, site):
     options = ("--vehicle", "large-rover", "--set", "max_step_m=0.6", "--mobility", "tracked")
     vehicle = replace(site.bodies["large-rover"].vehicle, max_step_m=0.6)
-    reading = {"cell_size_m": 3.0, "rescale": 2.0}
-    dem = read_dem(site.path, 3.0).rescaled(2.0)
+    reading = {"cell_size_m": 3.0, "rescale": 2.0, "resample": 1.5}
+    dem = read_dem(site.path, 3.0).rescaled(2.0).resampled(1.5)
     given = Site.of(dem, site.path, reading, Body(vehicle, site.bodies["tracked"].mobility, options))
     asked = with_values(PLAIN, body="as given", step_cost="time")
     plan, told = planned(given, asked), nnpp_edge(*command_of(given, asked).split()[1:], "--json").out
@@ -170,6 +170,21 @@ def test_layers_have_no_more_pixels_than_the_screen(site):
         assert relief[middle] == answers.UNKNOWN and costs[middle] == answers.IMPASSABLE and slope[middle] == 0
         assert (relief[: shape[0] // 3] != answers.UNKNOWN).all() and slope.max() > 20
     assert np.array_equal(answers.costs(cost, 2000) == answers.IMPASSABLE, cost >= 1.0)
+
+
+def test_the_cost_of_ground_where_the_body_stands_in_no_heading_says_the_limit(site):
+    asked = with_values(PLAIN, body="small-rover")
+    answerer = Answerer(site, asked)
+    told, layer = ask(answerer, want="cost", asked=in_json(asked), pixels=2048)
+    refused = answerer.landscape(asked).refused()
+    shown = (layer >= answers.FIRST_REFUSED) & (layer < answers.IMPASSABLE)
+    assert np.array_equal(shown, (refused > 0) & (layer != answers.IMPASSABLE)) and shown.any()
+    assert np.array_equal(layer[shown], answers.FIRST_REFUSED - 1 + refused[shown])
+    assert told["refused"] == np.unique(refused[refused > 0]).tolist()
+    point, layer = ask(answerer, want="cost", asked=in_json(PLAIN), pixels=2048)
+    assert point["refused"] == [] and not ((layer >= answers.FIRST_REFUSED) & (layer < answers.IMPASSABLE)).any()
+    few = answers.costs(np.zeros((4, 4), np.float32), 2, np.array([[2, 2, 0, 0], [2, 6, 0, 6]] * 2, np.uint8))
+    assert few.tolist() == [[answers.FIRST_REFUSED + 1, 0]] * 2
     painted = in_json(with_values(asked, obstacles=((2, 3, 4, 5),)))
     _, costs = ask(answerer, want="cost", asked=painted, pixels=2000)
     assert (costs[2:6, 3:8] == answers.IMPASSABLE).all() and costs[1, 2] != answers.IMPASSABLE

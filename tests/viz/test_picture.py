@@ -8,6 +8,7 @@ import pytest
 
 from nnpp_edge.runtime import Planner
 from nnpp_edge.runtime.errors import OutputError, Status
+from nnpp_edge.runtime.kernels.poses import REFUSALS
 from nnpp_edge.runtime.planners.plan import Method, Plan, Source
 from nnpp_edge.runtime.terrain.vehicle import Vehicle
 from nnpp_edge.viz.picture import (
@@ -154,14 +155,15 @@ def test_a_picture_shows_where_the_vehicle_stands_in_no_heading():
     cost = np.full((40, 40), 0.3, np.float32)
     path = np.array([(20, col) for col in range(5, 35)], np.int32)
     plan = Plan(Status.OK, Method.ASTAR, Source.MAP, path, cost=1.0, length=29.0)
-    stands = np.ones((40, 40), bool)
-    stands[2:8, 2:8] = False
+    refused = np.zeros((40, 40), np.uint8)
+    refused[2:8, 2:5], refused[2:8, 5:8] = 1 + REFUSALS.index("tilt"), 1 + REFUSALS.index("belly")
     outlines = body_outlines(path, Vehicle(4.0, 3.0, 0.3), (1.0, 1.0))
-    plain, shown = (plan_picture(cost, plan, body=BodyDrawing(outlines, each)) for each in (None, stands))
+    plain, shown = (plan_picture(cost, plan, body=BodyDrawing(outlines, each)) for each in (None, refused))
     pixels = 800 // 40
     at = slice(18 + 3 * pixels, 18 + 7 * pixels)
     assert (plain[at, at] != shown[at, at]).any(-1).all()
+    assert (shown[18 + 4 * pixels, 18 + 3 * pixels] != shown[18 + 4 * pixels, 18 + 7 * pixels]).any()
     other = slice(18 + 10 * pixels, 18 + 39 * pixels)
     assert np.array_equal(plain[other, other], shown[other, other])
-    with_point = plan_picture(cost, plan, body=BodyDrawing(outlines, stands, path[:, ::-1].copy()))
+    with_point = plan_picture(cost, plan, body=BodyDrawing(outlines, refused, path[:, ::-1].copy()))
     assert not np.array_equal(with_point[: shown.shape[0]], shown)

@@ -1,7 +1,7 @@
 // The page's parts put together: the user acts, the server answers, and the answer is drawn.
 
 import { Controls } from "./controls.js";
-import { paint } from "./layers.js";
+import { colourRefused, paint } from "./layers.js";
 import { Link } from "./link.js";
 import { MapView } from "./map.js";
 import { metres, Profile } from "./profile.js";
@@ -56,6 +56,8 @@ function opening(site) {
   map.open(rows, cols, site.sides_m);
   asked = site.asked;
   controls = new Controls(site, change);
+  colourRefused(site.refused.map(({ colour }) => colour));
+  byId("refused").replaceChildren(...site.refused.map(swatch));
   putEnds();
   byId("methods").tBodies[0].replaceChildren(...METHODS.map(row));
   const side = Math.ceil(Math.max(map.frame.clientWidth, map.frame.clientHeight) * devicePixelRatio);
@@ -65,6 +67,15 @@ function opening(site) {
   link.ask("cost", pixels);
   settle();
   byId("map").removeAttribute("aria-busy");
+}
+
+function swatch({ colour, words }) {
+  const key = document.createElement("span");
+  const patch = key.appendChild(document.createElement("i"));
+  patch.style.background = `rgb(${colour})`;
+  key.append(words);
+  key.hidden = true;
+  return key;
 }
 
 function putEnds() {
@@ -85,6 +96,7 @@ function hear(answer, question) {
   else if (want === "path") show(answer, question);
   else if (want === "compare") compared(answer, question.more.method);
   else paint(byId(want), answer.layer);
+  if (answer.refused) [...byId("refused").children].forEach((key, at) => (key.hidden = !answer.refused.includes(at + 1)));
   busy();
 }
 
@@ -290,7 +302,7 @@ for (const radio of document.querySelectorAll("[name=layer]"))
     byId("legend").className = `hint ${radio.value}`;
     byId("most").textContent = radio.value === "slope" ? "40°" : "1";
     byId("least").textContent = radio.value === "slope" ? "0°" : "0";
-    byId("brown").hidden = radio.value === "slope";
+    byId("brown").hidden = byId("refused").hidden = radio.value === "slope";
     if (radio.value === "slope" && !byId("slope").dataset.asked) {
       byId("slope").dataset.asked = "yes";
       link.ask("slope", pixels);

@@ -1,6 +1,7 @@
 // Colours of the layers: a byte a pixel comes in, a canvas is painted.
 
 const BROWN = [96, 44, 34];
+const FIRST_REFUSED = 249; // pixels of the cost from here on: the limit that refuses the vehicle
 
 function table(colour) {
   const found = new Uint32Array(256);
@@ -15,6 +16,12 @@ const TABLES = {
   cost: table((value) => (value === 255 ? [...BROWN, 230] : [95, 40, 140, 0.9 * value])),
   region: table((value) => [0, 230, 255, 0.36 * value]),
 };
+
+// The colours of ground where the vehicle stands in no heading, by the limit that refuses it.
+export function colourRefused(colours) {
+  const refused = table((value) => [...(colours[value - FIRST_REFUSED] ?? BROWN), 200]);
+  TABLES.cost.set(refused.subarray(FIRST_REFUSED, 255), FIRST_REFUSED);
+}
 
 export function paint(canvas, { rows, cols, pixels }) {
   const colours = TABLES[canvas.id];

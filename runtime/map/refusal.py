@@ -1,0 +1,93 @@
+"""Why a vehicle's body cannot stand on a cell, or get from where it can to the rest of a map: by which limit."""
+
+import numpy as np
+from numpy.typing import NDArray
+
+from nnpp_edge.runtime.cells import Cell, apart, slices, widened
+from nnpp_edge.runtime.kernels.poses import AXES, FAILS, REFUSALS, UNKNOWN
+from nnpp_edge.runtime.map import motions
+from nnpp_edge.runtime.map.attitude import greatest
+from nnpp_edge.runtime.map.poses import Poses
+
+_AROUND = 32
+"""Cells around the place where a search came closest, of whose steps is counted by which limit they are refused."""
+_WORDS = (
+    "unknown ground, an obstacle or the map's edge lies below it",
+    "it tilts by {}",
+    "it pitches by {}",
+    "it rolls by {}",
+    "heights under a wheel differ by {}",
+    "the ground comes {} above the plane of its wheels",
+)
+"""Faults that each limit refuses."""
+_KEYS = ("", "max_tilt_deg", "max_pitch_deg", "max_roll_deg", "max_step_m", "clearance_m")
+
+
+def refusals(codes: NDArray[np.uint16]) -> NDArray[np.uint8]:
+    """(H, W) of the codes of `Poses.standing`: 0 where the body stands in some direction.
+
+    Else 1 + the limit, by its place in `REFUSALS`, that refuses it in most.
+    """
+    counts = np.stack([(codes == FAILS + limit).sum(0, dtype=np.uint8) for limit in range(len(REFUSALS))])
+    return np.where((codes < FAILS).any(0), 0, 1 + counts.argmax(0)).astype(np.uint8)
+
+
+def why_blocked(poses: Poses, cell: Cell) -> str:
+    """By which limit the body is refused on a cell where it stands in no direction."""
+    codes = poses.standing(range(cell[0], cell[0] + 1))[:, :, cell[1]]
+    limit = int(refusals(codes[..., None])[0, 0]) - 1
+    axes = np.nonzero(codes[:, 0] == FAILS + limit)[0].tolist()
+    least = min(greatest(poses, cell, 2 * AXES + axis)[limit] for axis in axes)
+    headings = "any heading" if len(axes) == AXES else f"{len(axes)} of {AXES} headings"
+    return f"in {headings} {_refused(poses, limit, least, '{} or more')}"
+
+
+def why_ended(poses: Poses, reached: NDArray[np.bool_], end: Cell, *, by_legs: bool) -> str:
+    """Where the cells (H, W) that a search reached come closest to an end, and why no closer.
+
+    `by_legs` it was one from the goal by legs alone: told is the limit that refuses most of the legs near there, from
+    cells that were reached to others that are no farther from the end, and the nearest of these legs. Else it was
+    one from the start, which lacked a turn there.
+    """
+    rows, cols = poses.shape
+    away = ((np.arange(rows) - end[0]) ** 2)[:, None] + (np.arange(cols) - end[1]) ** 2
+    closest = row, col = divmod(int(np.where(reached, away, np.inf).argmin()), cols)
+    begun, other = ("goal", "start") if by_legs else ("start", "goal")
+    told = f"the way from the {begun} comes to {closest}, {apart((row, col, 1, 1), end)} cells from the {other}"
+    bits = int(poses.turns[(row + 1) * (cols + 2) + col + 1])
+    for axis in (axis for axis in range(AXES) if not by_legs and bits >> axis & 1 > bits >> AXES + axis & 1):
+        values = greatest(poses, closest, AXES + axis)
+        limit = max(range(len(REFUSALS)), key=lambda at: values[at] / _allowance(poses, at))
+        return f"{told}. It cannot turn on the spot there: {_refused(poses, limit, values[limit], 'up to {}')}"
+    top, left, height, width = widened((row, col, 1, 1), (_AROUND, _AROUND), poses.shape)
+    legs = poses.legs.reshape(rows + 2, cols + 2, AXES)[slices((top + 1, left + 1, height, width))]
+    refused, sides = legs.astype(np.int64) - FAILS, np.pad(reached + 2 * (~reached & (away <= away[closest])), 2)
+    for axis, (down, right) in enumerate(motions.AXES):
+        one, two = (sides[slices((top + 2 + i, left + 2 + j, height, width))] for i, j in ((0, 0), (down, right)))
+        refused[one * two != 2, axis] = -1
+    if not len(found := refused[refused >= 0]):
+        return told
+    limit = int(np.bincount(found).argmax())
+    places = np.argwhere(refused == limit) + np.array((top, left, 0))
+    i, j, axis = places[np.abs(places[:, :2] - closest).max(1).argmin()].tolist()
+    leg = [(i, j), (i + motions.AXES[axis][0], j + motions.AXES[axis][1])]
+    first, last = leg if reached[i, j] else leg[::-1]
+    told += f". Of {len(found)} steps refused near there {len(places)} are by {REFUSALS[limit]}"
+    value = greatest(poses, (i, j), axis)[limit]
+    return f"{told}, as from {first} to {last}: {_refused(poses, limit, value, 'up to {}')}"
+
+
+def _allowance(poses: Poses, limit: int) -> float:
+    pitch, roll, tilt = poses.vehicle.tilts_deg
+    return (1.0, tilt, pitch, roll, poses.vehicle.step_m, poses.vehicle.clearance_m)[limit]
+
+
+def _refused(poses: Poses, limit: int, value: float, form: str) -> str:
+    """The fault that a limit refuses, its value put into `form`, and the vehicle's key that allows less."""
+    if limit == UNKNOWN:
+        return _WORDS[limit]
+    key, unit = _KEYS[limit], "°" if _KEYS[limit].endswith("deg") else " m"
+    if getattr(poses.vehicle, key) is None:
+        key = "max_tilt_deg" if unit == "°" else "clearance_m"
+    told = _WORDS[limit].format(form.format(f"{value:.4g}{unit}"))
+    return f"{told}, and {key} is {_allowance(poses, limit):g}"
