@@ -116,9 +116,10 @@ def fill_field(grid, poses, edges, prices, region, ends, rule, memory, limits):
 
     Arguments as for `expand_states`, but for memory, which is that of nodes, `ends`, (goal, start, goal), the first
     -1 to go on, and `rule`, (towards, width, between). Searches from the goal until the start is settled; each leg is
-    that of the way back. Without `between` turns are free, and no way costs less. With the costs of turns `between` directions, (16, 16)
-    float32, each cell's cost is that of a way with its turns: as the cell's best way on is what counts for all that
-    come to it, nearly the least. Returns the code, the expansions, and the least f of a node that the region refused.
+    that of the way back. Without `between` turns are free, and no way costs less. With the costs of turns `between`
+    directions, (16, 16) float32, each cell's cost is that of a way with its turns: as the cell's best way on is what
+    counts for all that come to it, nearly the least. Returns the code, the expansions, and the least f of a node that
+    the region refused.
     """
     _, stride, _, _, _ = grid
     goal, start, goal_node = ends
@@ -434,8 +435,8 @@ def expand_states(grid, poses, edges, prices, field, region, ends, rule, memory,
 def walk_states(poses, edges, prices, stride, path, first, costs):
     """Write what a body's path (N, 2) costs from its cell `first` to each later one into `costs` (N,).
 
-    Returns the number of the first cell that a failing leg or turn leads to, from `first` on; -1 if all pass. The turn
-    at `first` must pass, too, but is not counted.
+    Returns the number of the first cell that a failing leg or turn leads to, from `first` on; -1 if all pass. The
+    turn at `first` must pass, too, but is not counted.
     """
     lengths, unit, turn_prices, _ = prices
     legs = poses[0]
