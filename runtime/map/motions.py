@@ -23,8 +23,8 @@ AXES = ((1, 0), (2, 1), (1, 1), (1, 2), (0, 1), (-1, 2), (-1, 1), (-2, 1))
 to 15 their reverses."""
 DIRECTIONS = (*AXES, *((-row, -col) for row, col in AXES))
 LEG_SPACING = 0.19, 0.38
-"""Of the body's length: from one pose of a leg to the next, at most, on cells of a third of the body and of a sixth. Half
-of that passes 2 % more legs of a body of six cells among rocks, for nearly twice the checks; on coarse cells a fifth."""
+"""Of the body's length: from one pose of a leg to the next, at most, on cells of a third of the body and of a sixth.
+Half of that passes 2 % more legs of a body of six cells among rocks, for nearly twice the checks."""
 TURN_POSES = 2
 """Of a turn from one direction to the next."""
 SNAPPED = 0.02
