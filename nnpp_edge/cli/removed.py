@@ -45,6 +45,8 @@ INSTEAD = {
     "--prices": f"{_CORRIDOR}; write --methods astar,corridor",
     "--widths": "each corridor is measured as wide as `plan` searches it",
     **dict.fromkeys(("--html", "--board-row", "profile --trace"), _REPORT),
+    "evaluate --dataset": "write --terrain FILE; quantize --validation judges a model by a data set",
+    "evaluate --rocks": "write --workload body-rocksN, with a vehicle",
     "--queries-per-map": "with a vehicle each answer is that of a planner that has checked no pose",
     "profile --limit": "a planner that needs more than 5 s for a query is left out",
     "--save-choice": "`auto` goes by the shipped figures; name another --method where you measured otherwise",

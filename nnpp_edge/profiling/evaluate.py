@@ -87,7 +87,7 @@ def evaluate(
     made of the elevations for it: its time is the plan's own, and from the elevations on it is given as of a fresh
     map. All cases are a vehicle's, or none.
 
-    InvalidQueryError for a case without elevations where they are needed, or 50 maps in a row without a path.
+    InvalidQueryError for 50 maps in a row without a path.
     """
     exercise()
     harness, rows = Harness(), defaultdict[str, list[Row]](list)
@@ -125,8 +125,6 @@ class _OnMap:
     """The rivals on the map of one case, as functions of a query."""
 
     def __init__(self, case: Case, rivals: Sequence[RivalPlanner], fresh_map: bool) -> None:
-        if fresh_map and case.ground.elevation is None:
-            raise InvalidQueryError("a fresh map is made from elevations, got a case of costs alone")
         body = case.ground.vehicle is not None
         self._ground, self._cells, self._rivals = case.ground, case.cost.size, rivals
         self.poses = len(HEADINGS) * case.cost.size if body else 0

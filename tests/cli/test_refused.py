@@ -128,10 +128,6 @@ evaluate --synthetic --sizes 999999999         | sides of 2 to 32768 cells
 evaluate --terrain hills.npz --methods astar --model nope | 'nope'
 evaluate --terrain hills.npz --plot pipe.npy   | it is no plain file
 evaluate --terrain hills.npz --plot none/a.png | no such folder
-evaluate --dataset . --step-cost tobler        | --step-cost needs elevations
-evaluate --dataset . --workload body --vehicle small-rover | a data set holds cost maps
-$EVAL --rocks -0.1                             | --rocks
-$EVAL --rocks 0.3                              | --rocks
 $EVAL --workload body                          | --workload body needs a vehicle
 $EVAL --workload body-rocks10                  | --workload body-rocks10 needs a vehicle
 $EVAL --vehicle small-rover                    | for the workloads body and body-rocksN
@@ -175,7 +171,6 @@ costmap hills.npz -o link.npz                  | would replace | which is read
 costmap grey.png -o grey.npy --cell-size 1 | --output would replace grey.png | which is read
 evaluate --terrain hills.npz --plot hills.npz  | would replace | which is read
 evaluate hills.npz --terrain grey.png --plot hills.npz | would replace | which is read
-evaluate --dataset set --plot set/dataset.json | would replace | which is read
 export hills.npz -o hills.npz                  | would replace | which is read
 quantize hills.npz --dataset set -o link.npz   | would replace | which is read
 profile --profile set/report.json -o set       | would replace | which is read

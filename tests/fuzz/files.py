@@ -50,7 +50,6 @@ _TRAINED = (  # the same, of samples that are trained or measured
     (0.6, ("report.json",), "profile compare {f} in/another.json", "profile compare in/another.json {f}"),
     (
         *(0.8, ("set/dataset.json", "set/shard-00000.npz")),
-        f"evaluate --dataset in/set {_QUICK} astar",
         "dataset -o in/set --maps 2 --size 64 --points 2 --workers 1",
         f"{_TRAIN} -o out/run",
     ),

@@ -161,7 +161,7 @@ def _draw_value(rng: random.Random, kind: click.ParamType, used: list[str]) -> s
         number = rng.choice(NUMBERS) if rng.random() < 0.5 else f"{10 ** rng.uniform(-2, 2):.3g}"
         return f"{rng.choice(kind.keys())}={number}" if rng.random() < 0.8 else rng.choice(_ODD_WORDS)
     if isinstance(kind, options.Parsed) and kind is not options.MODEL:
-        pool = {"N|RxC,…": _SIZES, "TIME": _SIZES}.get(kind.name, _PLACES) if rng.random() < 0.7 else _ODD_WORDS
+        pool = {"N,…": _SIZES, "TIME": _SIZES}.get(kind.name, _PLACES) if rng.random() < 0.7 else _ODD_WORDS
         return rng.choice(pool) if rng.random() < 0.7 else f"{rng.randrange(24)},{rng.randrange(32)}"
     if rng.random() < 0.4:
         return rng.choice(("", "", "replay:", "zenoh:")) + _path(rng, options.PATH, used)
