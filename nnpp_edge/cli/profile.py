@@ -14,7 +14,7 @@ from nnpp_edge.cli.text import tell
 if TYPE_CHECKING:
     from nnpp_edge.profiling.contest import Facts
 
-_FILES = ("report.json", "report.md", "board-row.md", "trace.json", "report.html")
+_FILES = ("report.json", "report.md", "board-row.md", "report.html")
 _PEERS_SIZES, _PEERS_QUERIES = (256, 512, 1024), 50
 _WANTED = "give either --profile (paper, edge-2core, single-core, quick, rover or a file) or --peers"
 _TERRAIN = "Elevation file, or several, in place of the profile's; else the sample."
@@ -22,8 +22,8 @@ _VEHICLE = (
     "Whose the workloads body and body-rocksN are, in place of the profile's: a shipped vehicle or a TOML file."
 )
 _OUTPUT = (
-    "Folder for report.json, report.md, report.html, board-row.md (a row for docs/boards.md) and trace.json "
-    "(what ran when, for ui.perfetto.dev); with --peers for peers.json, peers.md and peers.png."
+    "Folder for report.json, report.md, report.html and board-row.md (a row for docs/boards.md); with --peers for "
+    "peers.json, peers.md and peers.png."
 )
 _SIZES = (
     "Sides of the maps, in place of the profile's; for --peers 256,512,1024. Synthetic terrain where no file is "
@@ -135,7 +135,6 @@ def _profile(name: str, asked: Asked) -> int:
     from nnpp_edge.profiling.measure import queries_in
     from nnpp_edge.profiling.profile_file import overridden, read_profile
     from nnpp_edge.profiling.report import profile_machine
-    from nnpp_edge.profiling.trace import Trace
     from nnpp_edge.progress import bar
 
     profile = read_profile(name)
@@ -153,7 +152,7 @@ def _profile(name: str, asked: Asked) -> int:
         **{key: getattr(asked, key) for key in names},
     )
     notes = [f"left out, as their sizes are not measured: {', '.join(dropped)}"] if dropped else []
-    runs, trace = 1 + bool(profile.contention.words), None if asked.output is None else Trace("nnpp-edge profile")
+    runs = 1 + bool(profile.contention.words)
     with bar("profile", runs * queries_in(profile.load), quiet=True) as advance:
         report = profile_machine(
             profile,
@@ -161,12 +160,11 @@ def _profile(name: str, asked: Asked) -> int:
             notes=notes,
             progress=advance,
             say=lambda line: click.echo(line, err=True),
-            trace=trace,
         )
     content, markdown = json.dumps(report, indent=1), report_text(report, markdown=True)
-    if trace is not None:
+    if written:
         texts = (text.encode() for text in (content, markdown, f"{board_table(report)}\n"))
-        contents = (*texts, trace.to_json(), _page(report))
+        contents = (*texts, _page(report))
         write_all({path: each for path, each in zip(written, contents, strict=True) if each})
     printed = content if asked.as_json else markdown if asked.markdown else report_text(report)
     click.echo(printed.rstrip("\n"))

@@ -68,7 +68,7 @@ def command(
     of_loop = {name: getattr(settings, name) for name in names}
     navigator = NavigatorSettings(**of_loop, refine=settings.refine or None)
     options.check_outputs(  # --record never replaces a file
-        *(("--log", wiring.log), ("--view", options.view_file(wiring.view)), ("--trace", wiring.trace)),
+        *(("--log", wiring.log), ("--view", options.view_file(wiring.view))),
         more_inputs=[model_path(settings.model)],
     )
     if navigator.asks_network:

@@ -15,7 +15,6 @@ from nnpp_edge.profiling.profile_file import SYNTHETIC, Profile
 from nnpp_edge.profiling.profile_maps import ProfileMaps
 from nnpp_edge.profiling.rivals import RivalPlanner
 from nnpp_edge.profiling.sensors import Sensors, Throttling, sensor_facts, throttling
-from nnpp_edge.profiling.trace import Trace
 from nnpp_edge.runtime.network.model_file import model_path
 from nnpp_edge.terrain.workloads import body_rocks
 
@@ -30,13 +29,12 @@ def profile_machine(
     notes: Sequence[str] = (),
     progress: Callable[[int], None] = lambda done: None,
     say: Callable[[str], None] = lambda line: None,
-    trace: Trace | None = None,
 ) -> Facts:
     """Pin, warm up, measure, judge: the report that docs/profile.md describes, ready for JSON.
 
     `start_up` also measures the time from import to first plan, which takes a minute; without it that is done only
     where a budget asks for it. `notes` are put before the report's own. `progress` is called with the number of
-    queries that are done, `say` with a line for people, at once; `trace` is given every call, tick and reading.
+    queries that are done, `say` with a line for people, at once.
     NnppEdgeError if a terrain or model file cannot be used, or the terrain has too few queries with a path.
     """
     said, load = list(notes), profile.load
@@ -48,7 +46,7 @@ def profile_machine(
             said.append(line)
             say(line)
         rivals, sensors = rivals_of(profile.networks, profile.device), Sensors(cores)
-        measured = run(profile, rivals, cores, sensors=sensors, trace=trace, progress=progress)
+        measured = run(profile, rivals, cores, sensors=sensors, progress=progress)
         contention = None
         if beside := profile.contention.words:
             done = queries_in(load)
@@ -63,8 +61,6 @@ def profile_machine(
     if load.terrain != (SYNTHETIC,):
         made = {row["size"] for row in results if row["terrain"] == SYNTHETIC}
         said += [f"no terrain has {size} × {size} cells: synthetic ground in its place" for size in sorted(made)]
-    if trace is not None:
-        trace.sensors(sensors.readings)
     slowed = throttling(sensors.readings, sensors.limits)
     noise = _noise(measured.disturbance, slowed)
     lines = judged(profile, results, whole_run, noise, loop)

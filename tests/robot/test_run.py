@@ -19,11 +19,10 @@ from nnpp_edge.profiling.profile_file import OnboardLoop, ProfileError, overridd
 from nnpp_edge.robot.operations.wiring import Wiring
 from nnpp_edge.robot.transports.recording import RecordingFile, read_recording
 from nnpp_edge.robot.transports.wire import decode_output, encode
-from nnpp_edge.runtime.errors import InvalidQueryError, OutputError
+from nnpp_edge.runtime.errors import InvalidQueryError
 from nnpp_edge.runtime.loop.messages import Goal, MapPatch, PathMessage, Pose
 from nnpp_edge.runtime.network import loading
 from nnpp_edge.terrain import dem as dem_module
-from tests.profiling.traces import check_trace, spans_of
 from tests.robot.conftest import wait_until
 
 DOCS = Path(__file__).parents[2] / "docs" / "run.md"
@@ -201,14 +200,12 @@ def replayed(nnpp_edge, recording):
     return lambda file, *words: nnpp_edge("run", "--map", file, *fast, *words)
 
 
-def test_a_replay_ends_with_its_counters_its_log_its_metrics_and_its_trace(replayed, dem, tmp_path):
+def test_a_replay_ends_with_its_counters_its_log_and_its_metrics(replayed, dem, tmp_path):
     reader = pytest.importorskip("mcap.reader")
-    trace, log = tmp_path / "t.json", tmp_path / "drive.mcap"
-    outputs = ("--metrics", "0", "--trace", trace, "--log", log)
+    log = tmp_path / "drive.mcap"
+    outputs = ("--metrics", "0", "--log", log)
     ended = replayed(dem, "--method", "astar", "--rate", "2", *outputs)
     assert ended.code == 0
-    ticks = spans_of(check_trace(trace.read_bytes()), "tick ")
-    assert [each["args"]["map_version"] for each in ticks] == [0, 1, 1]
     told = json.loads(ended.out)
     assert (told["ticks"], told["planned"], told["failed"], told["patches"]) == (3, 3, 0, 1)
     assert told["errors"] == {}
@@ -217,21 +214,6 @@ def test_a_replay_ends_with_its_counters_its_log_its_metrics_and_its_trace(repla
     with log.open("rb") as file:
         topics = [channel.topic for _, channel, _ in reader.make_reader(file).iter_messages()]
     assert {"/pose", "/goal", "/path"} <= set(topics)
-
-
-def test_a_disk_that_fills_up_costs_the_trace_and_not_the_run(replayed, dem, tmp_path, monkeypatch, caplog):
-    def full(path, content):
-        try:
-            raise OSError(28, "No space left on device")
-        except OSError as error:
-            raise OutputError(f"{path}: could not be written (No space left on device)") from error
-
-    monkeypatch.setattr("nnpp_edge.robot.operations.onboard.write_whole", full)
-    ended = replayed(dem, *QUICK, "--trace", tmp_path / "t.json")
-    assert (ended.code, json.loads(ended.out)["planned"]) == (0, 3)
-    (lost,) = (r.getMessage() for r in caplog.records)
-    assert lost.startswith(f"the trace is lost: {tmp_path}/t.json: could not be written")
-    assert not (tmp_path / "t.json").exists()
 
 
 def test_a_cost_map_is_understood_as_one(replayed, tmp_path):
