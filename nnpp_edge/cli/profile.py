@@ -94,8 +94,7 @@ def command(asked: Asked) -> None:
 
     Pins to the profile's cores and lets exact A*, corridor, learned region (int8 and fp32) and auto answer the
     same queries in turns. Then the profile's planner gets each map as if it had just arrived, and where a budget
-    asks for it the onboard loop is run with a patch of elevations at each tick. Where the profile says so all is
-    measured once more with something running beside it. Prints times by stage, speed-up,
+    asks for it the onboard loop is run with a patch of elevations at each tick. Prints times by stage, speed-up,
     path costs, the size from which each planner pays, and the budgets. Exit code 0 when all are met, 1 when one is
     missed, 3 when the run was too noisy to tell, or the processor was slowed and a budget missed for it.
 
@@ -152,8 +151,7 @@ def _profile(name: str, asked: Asked) -> int:
         **{key: getattr(asked, key) for key in names},
     )
     notes = [f"left out, as their sizes are not measured: {', '.join(dropped)}"] if dropped else []
-    runs = 1 + bool(profile.contention.words)
-    with bar("profile", runs * queries_in(profile.load), quiet=True) as advance:
+    with bar("profile", queries_in(profile.load), quiet=True) as advance:
         report = profile_machine(
             profile,
             start_up=asked.start_up,

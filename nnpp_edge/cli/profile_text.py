@@ -33,11 +33,6 @@ _LOOP: Columns = {
     **columns("n | ms/median: reaction_ms.median | ms/p90: reaction_ms.p90 | ms/p99: reaction_ms.p99"),
     **columns("ms/max: reaction_ms.max | new: planned | kept"),
 }
-_LOADED = {
-    **_PLACE,
-    **columns("alone, ms/median: idle_ms.median | alone, ms/p99: idle_ms.p99"),
-    **columns("beside, ms/median: loaded_ms.median | beside, ms/p99: loaded_ms.p99 | times/as long: factor .2f"),
-}
 _COMPARED = {**_PLACE, **columns("figure | before | after | worse by: change +.1%"), "verdict": _verdict}
 _PEERS = {
     **columns("size | terrain | planner | n | ms/median: time_ms_median | ms/p95: time_ms_p95"),
@@ -69,8 +64,6 @@ def report_text(report: Facts, *, markdown: bool = False) -> str:
         ),
         ("The onboard loop: from a patch's arrival to the checked path", report["loop"], _LOOP),
     ]
-    if (contention := report["contention"]) is not None:
-        tables.append((f"Alone, and beside {contention['beside']}", contention["rows"], _LOADED))
     head = "## " if markdown else ""
     parts = [f"{head}{title}\n\n{table(rows, as_, markdown=markdown)}" for title, rows, as_ in tables if rows]
     reasons = [f"why: {why}" for why in dict.fromkeys(line["why"] for line in report["budgets"] if line["why"])]

@@ -4,12 +4,11 @@ from collections.abc import Callable, Sequence
 from datetime import UTC, datetime
 
 from nnpp_edge import __version__
-from nnpp_edge.profiling.contention import check, running
 from nnpp_edge.profiling.contest import Facts
-from nnpp_edge.profiling.figures import break_even, loaded_rows, loop_rows, rows
+from nnpp_edge.profiling.figures import break_even, loop_rows, rows
 from nnpp_edge.profiling.judge import MOST_DISTURBED, Noise, WholeRun, judged, summary, verdict
 from nnpp_edge.profiling.machine import Disturbance, busy_share, environment, pinned
-from nnpp_edge.profiling.measure import Run, queries_in, rivals_of, run
+from nnpp_edge.profiling.measure import Run, rivals_of, run
 from nnpp_edge.profiling.processes import peak_memory_mb, start_up_s
 from nnpp_edge.profiling.profile_file import SYNTHETIC, Profile
 from nnpp_edge.profiling.profile_maps import ProfileMaps
@@ -38,7 +37,6 @@ def profile_machine(
     NnppEdgeError if a terrain or model file cannot be used, or the terrain has too few queries with a path.
     """
     said, load = list(notes), profile.load
-    check(profile.contention)
     with pinned(profile.device.cores) as (cores, problems):
         if (busy := busy_share(cores)) is not None and busy > MOST_DISTURBED:
             problems.append(f"others use {100 * busy:.0f} % of the cores' time before the run begins")
@@ -47,15 +45,6 @@ def profile_machine(
             say(line)
         rivals, sensors = rivals_of(profile.networks, profile.device), Sensors(cores)
         measured = run(profile, rivals, cores, sensors=sensors, progress=progress)
-        contention = None
-        if beside := profile.contention.words:
-            done = queries_in(load)
-            say(f"once more, beside {beside}")
-            with running(profile.contention) as ended_early:
-                loaded = run(profile, rivals, cores, progress=lambda more: progress(done + more))
-                said += ended_early()
-            both = loaded_rows(measured, loaded, profile.loop)
-            contention = {"beside": beside, "rows": both, "halves": _halves(loaded)}
         whole_run = _whole_run(profile, rivals, start_up, say)
     results, loop = rows(measured), loop_rows(measured, profile.loop)
     if load.terrain != (SYNTHETIC,):
@@ -78,7 +67,6 @@ def profile_machine(
         "loop": loop,
         "break_even": break_even(of_points or results),
         "disturbance": {"words": noise.words, "halves": _halves(measured)},
-        "contention": contention,
         "sensors": sensor_facts(sensors.readings, sensors.limits),
         "besides": whole_run,
         "cores": cores,

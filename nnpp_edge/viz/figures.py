@@ -45,7 +45,7 @@ def sample_sheet(samples: "Samples", path: Path, *, seed: int = 1, columns: int 
         axes.plot(c, r, "s", color="gold", markeredgecolor="black", markersize=7)
         axes.plot(j, i, "*", color="red", markeredgecolor="black", markersize=11)
         axes.set_axis_off()
-    write_whole(path, _encoded(figure))
+    write_whole(path, encoded(figure))
 
 
 def _tinted(samples: "Samples", query: int) -> NDArray[np.float64]:
@@ -74,7 +74,7 @@ def training_curves(history: Sequence[dict[str, float]], path: Path) -> None:
             axes.legend(fontsize="small")
         axes.set(title=title, xlabel="step", yscale="log" if name in ("loss", "gap") else "linear")
         axes.grid(alpha=0.3)
-    write_whole(path, _encoded(figure))
+    write_whole(path, encoded(figure))
 
 
 def times_by_size(rows: Sequence[Facts]) -> bytes:
@@ -87,7 +87,7 @@ def times_by_size(rows: Sequence[Facts]) -> bytes:
     draw_times(axes, times)
     axes.grid(alpha=0.3)
     axes.legend()
-    return _encoded(figure)
+    return encoded(figure)
 
 
 def draw_times(axes: "Axes", times_ms: Mapping[str, Mapping[int, float]]) -> None:
@@ -129,7 +129,7 @@ def pareto(rows: Sequence[Facts], path: Path) -> None:
         handles |= dict(zip(*reversed(axes.get_legend_handles_labels()), strict=True))
     columns = min(len(handles), 2 * len(sizes))
     figure.legend(handles.values(), handles.keys(), loc="outside lower center", ncols=columns)
-    write_whole(path, _encoded(figure))
+    write_whole(path, encoded(figure))
 
 
 def profile_picture(along: Along, cost: NDArray[np.float32], title: str = "", stops: Sequence[int] = ()) -> bytes:
@@ -141,7 +141,7 @@ def profile_picture(along: Along, cost: NDArray[np.float32], title: str = "", st
     figure = _figure(9.0, 5.2)
     if len(along.points) < 2 or not np.isfinite(along.heights_m).any():
         figure.text(0.5, 0.5, "no way with known heights", ha="center")
-        return _encoded(figure, dpi=150)
+        return encoded(figure, dpi=150)
     ground, slope, price = figure.subplots(3, 1, sharex=True, height_ratios=(3.0, 1.4, 1.4))
     far, heights = along.distance_m[-1] >= 2.0 * _KILOMETRE, along.heights_m
     at = along.distance_m / (_KILOMETRE if far else 1.0)
@@ -163,7 +163,7 @@ def profile_picture(along: Along, cost: NDArray[np.float32], title: str = "", st
         for stop in stops:
             axes.axvline(at[stop], color=_STOP, linewidth=0.8, linestyle=":")
     ground.set_title(title, fontsize=10, loc="left")
-    return _encoded(figure, dpi=150)
+    return encoded(figure, dpi=150)
 
 
 def _log_x(axes: "Axes", base: int = 10) -> None:
@@ -186,7 +186,8 @@ def _figure(width: float, height: float) -> "Figure":
     return Figure(figsize=(width, height), layout="constrained")
 
 
-def _encoded(figure: "Figure", dpi: int = 110) -> bytes:
+def encoded(figure: "Figure", dpi: int = 110) -> bytes:
+    """The figure as PNG."""
     content = io.BytesIO()
     figure.savefig(content, format="png", dpi=dpi)
     return content.getvalue()
