@@ -51,7 +51,7 @@ def command(
     nnpp-edge run --map dem.tif --profile edge-2core --input zenoh --log drive.mcap
     nnpp-edge run --map dem.tif --input replay:drive.jsonl --fast --output none --json
     """
-    from nnpp_edge.profiling.profile_file import OnboardLoop, overridden_loop, read_profile
+    from nnpp_edge.profiling.profile_file import OnboardLoop, changed, read_profile
     from nnpp_edge.robot.operations.onboard import run
     from nnpp_edge.runtime.loop.ladder import NavigatorSettings
     from nnpp_edge.runtime.network.loading import begin_loading
@@ -62,7 +62,7 @@ def command(
     changes = {name: value for each in loop for name, value in each.values.items()}
     given = {"rate_hz": rate, "method": method, "model": model}
     changes |= {name: value for name, value in given.items() if value is not None}
-    settings = overridden_loop(read_profile(profile).loop if profile else OnboardLoop(), **changes)
+    settings = changed(read_profile(profile).loop if profile else OnboardLoop(), **changes)
     robot.check_turns(settings.refine)
     names = ("method", "model", "tolerance", "corner_cutting", "approach")
     of_loop = {name: getattr(settings, name) for name in names}

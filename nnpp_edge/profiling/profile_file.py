@@ -282,21 +282,17 @@ def overridden(profile: Profile, **changes: object) -> tuple[Profile, list[str]]
 
     Also the names of the budgets that were left out because their size is no longer measured.
     """
-    load = _changed(profile.load, changes)
+    load = changed(profile.load, **changes)
     kept = tuple(budget for budget in profile.budgets if budget.size is None or budget.size in load.sizes)
     dropped = [budget.name for budget in profile.budgets if budget not in kept]
     return replace(profile, load=load, budgets=kept), dropped
 
 
-def overridden_loop(loop: OnboardLoop, **changes: object) -> OnboardLoop:
-    """The loop as options on the command line ask for; None changes nothing. ProfileError if out of range."""
-    return _changed(loop, changes)
-
-
 TableT = TypeVar("TableT", bound=Table)
 
 
-def _changed(table: TableT, changes: dict[str, object]) -> TableT:
+def changed(table: TableT, **changes: object) -> TableT:
+    """A table as options on the command line ask for; None changes nothing. ProfileError if out of range."""
     given = {key: value for key, value in changes.items() if value is not None}
     return _converted(asdict(table) | given, type(table))
 

@@ -15,7 +15,7 @@ import msgspec
 import numpy as np
 import pytest
 
-from nnpp_edge.profiling.profile_file import OnboardLoop, ProfileError, overridden_loop, read_profile
+from nnpp_edge.profiling.profile_file import OnboardLoop, ProfileError, changed, read_profile
 from nnpp_edge.robot.operations.wiring import Wiring
 from nnpp_edge.robot.transports.recording import RecordingFile, read_recording
 from nnpp_edge.robot.transports.wire import decode_output, encode
@@ -304,8 +304,8 @@ def test_the_table_loop_of_a_profile(tmp_path):
     expected = OnboardLoop(5.0, "dstar", "edge", (0,), 10, 0.0, False)
     assert read_profile(path).loop == expected
     assert "loop" not in read_profile(path).facts()
-    changed = msgspec.structs.replace(expected, cores=(3,), method="astar")
-    assert overridden_loop(expected, rate_hz=None, cores=(3,), method="astar") == changed
+    wanted = msgspec.structs.replace(expected, cores=(3,), method="astar")
+    assert changed(expected, rate_hz=None, cores=(3,), method="astar") == wanted
 
 
 def test_a_table_loop_that_makes_no_sense_is_refused(tmp_path):
