@@ -4,7 +4,7 @@ from collections.abc import Callable, Iterator, Sequence
 
 from nnpp_edge.cli.text import Columns, Row, aligned, columns, table
 from nnpp_edge.profiling.contest import Facts, Figures
-from nnpp_edge.profiling.figures import STAGES
+from nnpp_edge.profiling.figures import stages_of
 from nnpp_edge.progress import MISSING, shown
 
 
@@ -52,11 +52,14 @@ _WHOLE_RUN = (
 def report_text(report: Facts, *, markdown: bool = False) -> str:
     """The whole report: on a terminal the budgets come last, where the eye rests, in Markdown first."""
     results = report["results"]
-    found = {stage for row in results for stage in row["stages_ms"]}
-    stages = [*(stage for stage in STAGES if stage in found), *sorted(found - set(STAGES))]
+    stages = {name: _stage(name) for name in stages_of(results)}
     tables: list[tuple[str, Sequence[Row], Columns]] = [
         ("Times, speed-ups and path costs", results, _RESULTS),
-        ("Mean ms by stage, and share of the whole", results, {**_PLACE, **{name: _stage(name) for name in stages}}),
+        (
+            "Mean ms by stage, and share of the whole",
+            results,
+            {**_PLACE, **stages},
+        ),
         (
             "Maps and patches of elevations that have just arrived",
             [row for row in results if row["map_ms"] is not None],

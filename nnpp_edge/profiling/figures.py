@@ -42,6 +42,12 @@ def rows(run: Run) -> list[Facts]:
     return [_row(of, name) for of in run.workloads for name in of.answers]
 
 
+def stages_of(results: Sequence[Facts]) -> list[str]:
+    """The stages of all rows, in the order of work."""
+    found = {stage for row in results for stage in row["stages_ms"]}
+    return [*(stage for stage in STAGES if stage in found), *sorted(found - set(STAGES))]
+
+
 def find(results: Sequence[Facts], workload: str, size: int, planner: str) -> Facts | None:
     """The row of a planner."""
     place = (workload, size, planner)

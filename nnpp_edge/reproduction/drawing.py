@@ -1,6 +1,5 @@
 """Parts of the experiments' pictures: charts of rows, and maps with regions and paths."""
 
-import io
 from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, NamedTuple
 
@@ -14,6 +13,7 @@ from nnpp_edge.reproduction.rows import Rows
 from nnpp_edge.runtime.arrays import Float2D
 from nnpp_edge.runtime.cells import Cell, Endpoints
 from nnpp_edge.runtime.network.inference import NetworkModel
+from nnpp_edge.viz.figures import new_figure
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -34,20 +34,6 @@ _PATHS = {
 }
 """Colour, width and style of a path by its label."""
 _CHANGED, _CYAN, _TINT = "#ff3b1f", np.array([0.0, 0.9, 1.0]), 0.45
-
-
-def new_figure(width: float, height: float) -> "Figure":
-    """An empty figure, so many inches wide and high."""
-    from matplotlib.figure import Figure
-
-    return Figure(figsize=(width, height), layout="constrained")
-
-
-def png(figure: "Figure") -> bytes:
-    """The figure as PNG."""
-    content = io.BytesIO()
-    figure.savefig(content, format="png", dpi=130)
-    return content.getvalue()
 
 
 def tidy(axes: "Axes", title: str, x: str = "", y: str = "") -> None:

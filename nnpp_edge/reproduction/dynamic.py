@@ -20,6 +20,7 @@ from nnpp_edge.runtime.errors import InvalidQueryError
 from nnpp_edge.runtime.network.inference import NetworkModel
 from nnpp_edge.runtime.planners.dynamic import DynamicPlanner
 from nnpp_edge.runtime.planners.plan import Plan, Source
+from nnpp_edge.viz.figures import new_figure
 
 COMPILED = ("astar", "nnpp", "dstar", "nnpp-dstar", "corridor", "corridor-dstar")
 PLAIN_ASTARS = (PLAIN, PLAIN_NN, PLAIN_CONTROLS[CORRIDOR])
@@ -105,7 +106,7 @@ def table3(context: Context, *, size: int = 256, episodes: int = 12, repeats: in
         drawing.view_plan(episode.map_at(at), (step.start, episode.goal), context.networks.paper, step.patches)
         for at, step in enumerate(episode.steps)
     ]
-    figure = drawing.new_figure(2.7 * len(views), 3.4)
+    figure = new_figure(2.7 * len(views), 3.4)
     panels = figure.subplots(1, len(views), squeeze=False)[0]
     for at, (axes, view) in enumerate(zip(panels, views, strict=True)):
         drawing.draw_view(axes, view, drawing.frame(at), before=views[at - 1] if at else None)

@@ -16,6 +16,7 @@ from nnpp_edge.runtime.cells import Cell
 from nnpp_edge.runtime.errors import InvalidQueryError
 from nnpp_edge.runtime.planners.planner import Planner
 from nnpp_edge.terrain.obstacles import covered
+from nnpp_edge.viz.figures import new_figure
 
 _KINDS = {kind: kind for kind in (NETWORK, *CONTROLS)}
 _FRAMES = 5
@@ -44,7 +45,7 @@ def fig14(context: Context, *, size: int = 256, goals: int = 5) -> Result:
         "obstacles": {drawing.frame(at): (cost, goal) for at, cost in enumerate(moving)},
     }
     columns = max(map(len, parts.values()))
-    figure, rows = drawing.new_figure(2.5 * columns, 5.8), Rows()
+    figure, rows = new_figure(2.5 * columns, 5.8), Rows()
     grid = figure.subplots(2, columns, squeeze=False)
     for panels, (part, scenes) in zip(grid, parts.items(), strict=True):
         first = None

@@ -10,7 +10,7 @@ from jinja2 import Environment, StrictUndefined
 from matplotlib.figure import Figure
 
 from nnpp_edge.profiling.contest import Facts
-from nnpp_edge.profiling.figures import STAGES
+from nnpp_edge.profiling.figures import stages_of
 from nnpp_edge.progress import shown
 from nnpp_edge.viz.figures import draw_times, encoded
 
@@ -49,12 +49,12 @@ def _plots(report: Facts) -> Iterator[tuple[str, str, str]]:
 
 
 def _stages(figure: Figure, rows: Sequence[Facts]) -> None:
-    found, sizes = {stage for row in rows for stage in row["stages_ms"]}, sorted({row["size"] for row in rows})
+    sizes = sorted({row["size"] for row in rows})
     figure.set_size_inches(_WIDE, 1.9 * len(sizes) + 0.6)
     for size, axes in zip(sizes, figure.subplots(len(sizes), squeeze=False).flat, strict=True):
         of_size = [row for row in rows if row["size"] == size]
         left = np.zeros(len(of_size))
-        for stage in (*(stage for stage in STAGES if stage in found), *sorted(found - set(STAGES))):
+        for stage in stages_of(rows):
             widths = np.array([row["stages_ms"].get(stage, {"mean": 0.0})["mean"] for row in of_size])
             axes.barh([row["planner"] for row in of_size], widths, left=left, label=stage)
             left += widths
