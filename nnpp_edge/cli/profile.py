@@ -23,7 +23,7 @@ _VEHICLE = (
 )
 _OUTPUT = (
     "Folder for report.json, report.md, report.html and board-row.md (a row for docs/boards.md); with --peers for "
-    "peers.json, peers.md and peers.png."
+    "peers.json and peers.md."
 )
 _SIZES = (
     "Sides of the maps, in place of the profile's; for --peers 256,512,1024. Synthetic terrain where no file is "
@@ -192,16 +192,13 @@ def _peers(asked: Asked) -> None:
     if not 16 <= min(sizes) <= max(sizes) <= options.LARGEST_SIDE or len(set(sizes)) < len(sizes):
         words = ",".join(map(str, sizes))
         raise click.UsageError(f"--sizes must be different numbers from 16 to {options.LARGEST_SIDE}, got {words}")
-    written = [] if asked.output is None else [asked.output / f"peers.{end}" for end in ("json", "md", "png")]
+    written = [] if asked.output is None else [asked.output / f"peers.{end}" for end in ("json", "md")]
     options.check_outputs(*(("--output", path) for path in written), make_folders=True)
     terrain = TerrainFiles.or_sample(asked.terrain, asked.rescale, asked.cell_size)
     with bar("profile", queries * len(sizes)) as advance:
         rows, missing = run(sizes, queries, terrain, seed=seed, progress=advance)
     facts = {"queries": queries, "seed": seed, "left_out": missing, "rows": rows}
     if written:
-        from nnpp_edge.viz.figures import times_by_size
-
         page = f"{peers_text(rows, missing, markdown=True)}\n"
-        contents = (json.dumps(facts, indent=1).encode(), page.encode(), times_by_size(rows))
-        write_all(dict(zip(written, contents, strict=True)))
+        write_all(dict(zip(written, (json.dumps(facts, indent=1).encode(), page.encode()), strict=True)))
     tell(asked.as_json, facts, lambda: peers_text(rows, missing, markdown=asked.markdown), indent=1)

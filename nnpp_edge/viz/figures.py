@@ -77,19 +77,6 @@ def training_curves(history: Sequence[dict[str, float]], path: Path) -> None:
     write_whole(path, encoded(figure))
 
 
-def times_by_size(rows: Sequence[Facts]) -> bytes:
-    """A PNG: median time of a query of each planner against the side of the map, of `profile --peers`'s rows."""
-    figure, times = new_figure(8.0, 5.5), dict[str, dict[int, float]]()
-    for row in rows:
-        if row["time_ms_median"] is not None:
-            times.setdefault(row["planner"], {})[row["size"]] = row["time_ms_median"]
-    axes = figure.add_subplot()
-    draw_times(axes, times)
-    axes.grid(alpha=0.3)
-    axes.legend()
-    return encoded(figure)
-
-
 def draw_times(axes: "Axes", times_ms: Mapping[str, Mapping[int, float]]) -> None:
     """A line for each planner: its time by the side of the map."""
     for name, by_size in times_ms.items():

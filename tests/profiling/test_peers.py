@@ -40,7 +40,6 @@ def test_a_row_for_each_size_and_planner(nnpp_edge, terrain, tmp_path):
         if row["planner"] == "astar":
             assert row["times_astar_median"] == 1.0 and row["gap_max"] == 0.0
     assert json.loads((tmp_path / "out" / "peers.json").read_text()) == told
-    assert (tmp_path / "out" / "peers.png").stat().st_size > 10_000
 
 
 def test_libraries_that_are_not_installed_are_named_and_left_out(nnpp_edge, terrain, monkeypatch):
