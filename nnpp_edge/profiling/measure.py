@@ -70,11 +70,6 @@ class WorkloadRun:
     reactions: list[Reactions] = field(default_factory=list)
     """Of the onboard loop, for each half; empty where these are not measured."""
 
-    @property
-    def queries(self) -> list[Endpoints]:
-        """All queries, in the order of the answers."""
-        return [query for on_map in self.queries_by_map for query in on_map]
-
 
 @dataclass
 class Run:
