@@ -130,9 +130,9 @@ def draw_view(axes: "Axes", view: View, title: str, *, before: View | None = Non
     for label, path in paths.items():
         colour, width, style = _PATHS[label]
         axes.plot(path[:, 1], path[:, 0], style, color=colour, linewidth=width, label=label)
-    (start, goal), symbol = view.optimum[[0, -1]], {"mec": "black", "zorder": 5}
-    axes.plot(start[1], start[0], "s", color="gold", markersize=6, label="start", **symbol)
-    axes.plot(goal[1], goal[0], "*", color="red", markersize=11, label="goal", **symbol)
+    start, goal = view.optimum[[0, -1]]
+    axes.plot(start[1], start[0], "s", color="gold", mec="black", markersize=6, label="start", zorder=5)
+    axes.plot(goal[1], goal[0], "*", color="red", mec="black", markersize=11, label="goal", zorder=5)
 
 
 def map_legend(figure: "Figure", axes: "Axes") -> None:
