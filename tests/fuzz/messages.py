@@ -6,7 +6,6 @@ import logging
 import math
 import random
 import traceback
-from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -110,15 +109,13 @@ class _Log(logging.Handler):
             self.text += "".join(traceback.format_exception(*record.exc_info))  # type: ignore[arg-type]
 
 
-def check(
-    case: Case, place: Place = NOWHERE, answer: Callable[[Navigator, float], PathMessage] = Navigator.tick
-) -> Problem | None:
+def check(case: Case, place: Place = NOWHERE) -> Problem | None:
     """Let the messages come, and look at each answer."""
     log, logger = _Log(), logging.getLogger("nnpp_edge")
     logger.addHandler(log)
     propagated, logger.propagate = logger.propagate, False
     try:
-        return _drive(case, place, log, answer)
+        return _drive(case, place, log)
     except Exception:
         return Problem("the loop raised", f"{traceback.format_exc()}\n{case!r}")
     finally:
@@ -126,7 +123,7 @@ def check(
         logger.propagate = propagated
 
 
-def _drive(case: Case, place: Place, log: _Log, answer: Callable[[Navigator, float], PathMessage]) -> Problem | None:
+def _drive(case: Case, place: Place, log: _Log) -> Problem | None:
     numbers, clock = np.random.default_rng(case.seed), 100.0
     cost = numbers.random((case.rows, case.cols)).astype(np.float32)
     cost[numbers.random(cost.shape) < 0.15] = np.inf
@@ -139,7 +136,7 @@ def _drive(case: Case, place: Place, log: _Log, answer: Callable[[Navigator, flo
     for kind, value in case.steps:
         if kind == "tick":
             clock += 0.05
-            message = answer(navigator, clock + value)
+            message = navigator.tick(clock + value)
             told = f"{message}\n{log.text}\n{case!r}"
             if errors := navigator.counters().errors:
                 return Problem(f"caught inside the loop: {', '.join(errors)}", told)

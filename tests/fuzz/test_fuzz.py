@@ -15,11 +15,9 @@ import numpy as np
 import pytest
 
 from nnpp_edge.runtime import Planner, Status
-from nnpp_edge.runtime.loop.navigator import Navigator
-from nnpp_edge.terrain import coordinates
 from tests.fuzz import __main__ as runner
-from tests.fuzz import commands, messages, options, projections, samples, sequences, weights
-from tests.fuzz.cases import Case, Place, Problem
+from tests.fuzz import commands, options, samples, sequences, weights
+from tests.fuzz.cases import Place, Problem
 from tests.fuzz.children import Limits, run_forked
 from tests.fuzz.commands import Command
 
@@ -206,33 +204,6 @@ def test_the_judge_of_plans_sees_each_fault(wall):
     assert found is not None and found.kind.startswith("not the optimum")
 
 
-def test_the_judge_of_the_loop_sees_a_path_of_yesterdays_map():
-    def patch(row, rows, value):
-        cells = b",".join([b"[" + b",".join([value] * 9) + b"]"] * rows)
-        return b'{"type":"patch","row":%d,"col":0,"cost":[%b]}\n' % (row, cells)
-
-    ends = b'{"type":"pose","row":1,"col":1}\n{"type":"goal","row":7,"col":7}\n'
-    steps = (("bytes", patch(0, 9, b"0.5") + ends), ("tick", 1e9), ("bytes", patch(4, 1, b"1")), ("tick", 1e9))
-    free = messages.generate(random.Random(0)).but(by_heights=False, rows=9, cols=9)
-    case, kept = free.but(method="astar", steps=steps), []
-
-    def yesterdays(navigator, deadline):
-        kept.append(navigator.tick(deadline))
-        return kept[0]
-
-    def late(navigator, deadline):
-        return navigator.tick(-1e9)
-
-    for answer, kind in (
-        (Navigator.tick, ""),
-        (yesterdays, "OK where the map has NO_PATH"),
-        (lambda *_: 1 / 0, "the loop raised"),
-        (late, ""),  # but right
-    ):
-        found = messages.check(case, answer=answer)
-        assert (found.kind if found else "") == kind
-
-
 def test_an_interrupt_comes_where_a_signal_could_come():
     planner = Planner(np.full((20, 20), 0.5, np.float32))
     planner.plan((0, 0), (19, 19), method="astar")
@@ -247,37 +218,6 @@ def test_an_interrupt_comes_where_a_signal_could_come():
             break
     assert len(places) == after - 1 > 20
     assert any("astar.py" in place for place in places) and sys.gettrace() is None
-
-
-def test_the_judge_of_sequences_sees_a_planner_that_forgets_a_patch(monkeypatch):
-    wall = np.full((1, 6), np.inf, np.float32)
-    steps = (("update", (3, 0, wall)), ("plan", ("dstar", np.inf, np.inf)))
-    case = Case(cost=np.full((6, 6), 0.5, np.float32), step_cost="paper", corner_cutting=True, method="dstar").but(
-        steps=steps
-    )
-    assert sequences.check(case) is None
-    monkeypatch.setattr("nnpp_edge.runtime.DynamicPlanner.update", lambda self, row, col, patch: 0)
-    found = sequences.check(case)
-    assert found is not None and found.kind.startswith("OK where there is no path")
-
-
-def test_the_judge_of_projections_sees_cells_of_another_size(monkeypatch):
-    case = projections.generate(random.Random(1)).but(
-        crs="EPSG:3857", middle=(10.0, 60.0), cell_m=20.0, wider=1.0, turned_deg=0.0, shape=(30, 30), slope_deg=20.0
-    )
-    case = case.but(towards_deg=45.0, limit_deg=22.0, ends=[(2, 3), (25, 20)])
-    right = coordinates.cell_on_ground
-    for factor in ((1.1, 1.0), (1.0, 0.9), (1.05, 1.05), (1.0, 1.0)):
-        monkeypatch.setattr(
-            "nnpp_edge.terrain.dem.cell_on_ground",
-            lambda *args, factor=factor, **given: tuple(np.multiply(right(*args, **given), factor)),
-        )
-        found = projections.check(case)
-        assert (found and found.kind) == (None if factor == (1.0, 1.0) else "another slope")
-        with monkeypatch.context() as loose:
-            loose.setattr(projections, "SLOPE_WITHIN", np.inf)
-            flat = projections.check(case.but(slope_deg=1e-6, limit_deg=5.0))
-        assert (flat is None) == (factor == (1.0, 1.0))
 
 
 def test_what_a_batch_found_is_told_by_its_seed_and_a_crash_ends_it(monkeypatch, tmp_path):

@@ -94,7 +94,7 @@ def test_sides_are_the_files_or_those_that_are_given(tmp_path):
 
 
 def test_feet_become_metres(tmp_path):
-    """Of cells in other systems: test_ground_metres.py."""
+    """Of cells in other systems: tests.fuzz.projections."""
     site = rasterio.CRS.from_wkt('LOCAL_CS["site",UNIT["foot",0.3048]]')
     assert read_dem(geotiff(tmp_path / "site.tif", crs=site)).cell_size_m == pytest.approx(5 * 0.3048)
     path = geotiff(tmp_path / "heights.tif", crs=UTM, units=["ft"])
