@@ -2,7 +2,6 @@
 
 import contextlib
 import hashlib
-import itertools
 import json
 import os
 import re
@@ -24,8 +23,7 @@ SLOW_COMMANDS = ("dataset", "train", "export", "quantize", "reproduce", "profile
 RESUMED_COMMANDS = ("dataset", "train", "reproduce")  # they leave what is complete, to go on from
 REPLACED = ("old/", "in/trained/", "in/set/samples.png")
 """Results of earlier commands, which later ones may replace."""
-STREAMED = ("--log", "--record", "--view")
-LOGGING_COMMANDS = ("run", "simulate")  # they log what they refuse, before they end
+LOGGING_COMMANDS = ("run", "simulate")  # they log what they refuse, before they end, and keep logs and recordings
 PLAIN = ("null", "pipe", "pipe")
 _TEMPORARY = re.compile(r"^\..*\.[0-9a-f]{6,}$")
 _PROGRESS = re.compile(
@@ -224,19 +222,9 @@ def _wrong_files(command: Command, ended: Ended, err: str, before: Tree, after: 
     if any(_TEMPORARY.match(Path(place).name) for place in added):
         return f"temporary file left: {added}"
     refused = ended.code == 2 or (ended.code == 1 and err.rstrip().rpartition("\n")[2].startswith("error: "))
-    streamed = _streamed(command) if command.name in LOGGING_COMMANDS else []
-    left = [place for place in added if not place.startswith(("home/", *streamed))]
-    resumed = ended.interrupted or command.name in RESUMED_COMMANDS
+    left = [place for place in added if not place.startswith("home/")]
+    resumed = ended.interrupted or command.name in (*RESUMED_COMMANDS, *LOGGING_COMMANDS)
     return f"partial output: {left}" if refused and left and could_tell and not resumed else ""
-
-
-def _streamed(command: Command) -> list[str]:
-    """How the names of logs and recordings begin, which are kept however the loop ends."""
-    pairs = [
-        word.partition("=")[::2] if "=" in word else (word, after)
-        for word, after in itertools.pairwise((*command.words, ""))
-    ]
-    return [value.rpartition(".")[0] or value for word, value in pairs if word in STREAMED and value]
 
 
 def _wrong_json(command: Command, ended: Ended, out: str) -> str:

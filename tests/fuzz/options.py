@@ -84,6 +84,7 @@ _ODD_INPUTS = (*_ODD, *str.split("/ in missing in/dem.npz/x odd/zero ~ /proc/sel
 _ODD_OUTPUTS = (*_ODD, *str.split("out odd/full in/dem.npz/x.png /proc/none/x old/old.png old/old.npz"))
 _ODD_OUTPUTS += ("old/old.json", "y/" * 2500 + "x")
 _ENDINGS = (*str.split(".tif .tiff .npy .npz .png .gif .json .jsonl .mcap .onnx .html .rrd .X"), "")
+_PATIENT = ("stay", "start_up", "ticks", "rate", "rate_hz")  # with these a command may rightly wait
 _LINES = (b'{"type":"pose","row":2,"col":2}', b'{"type":"goal","row":20,"col":28}', b"junk", b"[" * 500, b"", b"\xff")
 
 
@@ -130,7 +131,7 @@ def generate(rng: random.Random, place: Place = NOWHERE) -> Command:
     link = rng.choice(("../in/dem.npz", "../old/old.png", "nowhere", "../out"))
     streams = ("pipe" if name == "run" else "null", "pipe", "pipe")
     found = Command((*name.split(), *words), files, needs=("dem.npz",), link=link, streams=streams)
-    found = replace(found, stdin=stdin if name == "run" else b"", patient=patient or _waits(words))
+    found = replace(found, stdin=stdin if name == "run" else b"", patient=patient)
     return disturbed(rng, found)
 
 
@@ -159,7 +160,7 @@ def _redraw(rng: random.Random, name: str, words: list[str]) -> bool:
     for _ in range(rng.choice((0, 1, 1, 1, 2, 2, 3, 5))):
         parameter = rng.choice(command_of(name).params)
         values = draw_values(rng, parameter, words)
-        patient |= any(map(may_take_long, values)) or parameter.name in ("stay", "start_up")
+        patient |= any(map(may_take_long, values)) or parameter.name in _PATIENT
         if isinstance(parameter, click.Option):
             option = parameter.opts[-1]
             words += [option] if parameter.is_flag else [f"{option}={value}" for value in values]
@@ -170,16 +171,6 @@ def _redraw(rng: random.Random, name: str, words: list[str]) -> bool:
         odd = rng.choice(("--nope", "-h", "--help", "extra", "--json=1", "--", ""))
         words.insert(rng.randrange(len(words) + 1), odd)
     return patient
-
-
-def _waits(words: list[str]) -> bool:
-    """Whether a loop's ticks come so seldom that all of them take longer than a case may."""
-    pairs = [pair for word in words for pair in word.split("=")]
-    try:
-        ticks, rate = (float(pairs[len(pairs) - pairs[::-1].index(name)]) for name in ("--ticks", "--rate"))
-        return ticks > 20.0 * rate
-    except (IndexError, ValueError):
-        return False
 
 
 def disturbed(rng: random.Random, command: Command) -> Command:

@@ -1,6 +1,5 @@
 import itertools
 import json
-import math
 from collections import Counter
 from dataclasses import replace
 
@@ -9,7 +8,6 @@ import pytest
 
 from nnpp_edge.runtime.errors import InvalidQueryError, Status
 from nnpp_edge.runtime.loop.messages import Goal, MapPatch, Origin, PathMessage, Pose
-from nnpp_edge.runtime.loop.navigator import Navigator
 from nnpp_edge.runtime.map.ground import Ground
 from nnpp_edge.runtime.map.poses import pose_costs
 from nnpp_edge.runtime.planners.planner import Planner
@@ -189,21 +187,6 @@ def test_an_endless_drive_goes_from_goal_to_goal_and_keeps_its_word_and_its_memo
         assert drive.goals >= 2 and drive.counters.planned > 20 and drive.goal != goal
         assert tuple(drive.driven[0]) == drive.start and len(drive.driven) < 250
         assert drive.memory_mb["end"] - drive.memory_mb["tenth"] < 5.0 < drive.memory_mb["start"]
-
-
-@pytest.mark.parametrize("kind", ["point", "body", "disc"])
-def test_a_loop_that_is_blind_is_found_out(grounds, kind, monkeypatch):
-    tick, ground = Navigator.tick, grounds[kind]
-
-    def blind(self, deadline=math.inf):
-        """Answers with the first path for ever."""
-        if not hasattr(self, "first"):
-            self.first = tick(self, deadline)
-        return self.first
-
-    start, goal = random_drive(ground, 1)
-    monkeypatch.setattr(Navigator, "tick", blind)
-    assert simulate(ground, start, goal, SimulationSettings("astar", changes=3, ticks=60)).forbidden > 0
 
 
 def test_the_same_seed_gives_the_same_drive(ground):

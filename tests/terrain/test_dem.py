@@ -306,19 +306,6 @@ def test_what_is_no_terrain_is_refused(tmp_path):
     refused(tmp_path / "drive.mcap", "wanted an elevation map, got a recording of messages", "nnpp_edge.ros.maps")
 
 
-def test_a_file_cut_short_is_refused(tmp_path):
-    heights = np.random.default_rng(3).integers(0, 60000, (80, 80)).astype(np.uint16)
-    geotiff(tmp_path / "x.tif", heights, crs=UTM, compress="deflate")
-    np.save(tmp_path / "x.npy", heights)
-    np.savez_compressed(tmp_path / "x.npz", dem=heights)
-    for path in tmp_path.iterdir():
-        read_dem(path, cell_size_m=1)
-        content = path.read_bytes()
-        for kept in (0.2, 0.5, 0.95):
-            path.write_bytes(content[: int(kept * len(content))])
-            refused(path, "wanted", cell_size_m=1)
-
-
 def test_without_rasterio_the_extra_is_named_and_arrays_still_read(tmp_path, monkeypatch):
     path = geotiff(tmp_path / "hills.tif", crs=UTM)
     np.save(tmp_path / "map.npy", HEIGHTS)
