@@ -75,9 +75,7 @@ _SIZES = (
     "9" * 30,
 )
 _ODD_WORDS = (*_PLACES, *_SIZES, *WORDS, *NUMBERS)
-_NAMES = (
-    "dem.npz dem.npy dem.tif dem.png dem.asc cost.npz drive.jsonl profile.toml tiny.onnx dem.img sparse.tif bomb.npz"
-)
+_NAMES = "dem.npz dem.npy dem.tif dem.png dem.asc cost.npz drive.jsonl profile.toml tiny.onnx dem.img"
 _INPUTS = [f"in/{name}" for name in (*_NAMES.split(), "set")]
 _ODD = ("", ".", "odd/loop", "odd/" + "x" * 300, "odd/null", "odd/link")
 _ODD_INPUTS = (*_ODD, *str.split("/ in missing in/dem.npz/x odd/zero ~ /proc/self/mem"), "y/" * 2500, "in/\udcff.npz")
@@ -146,9 +144,7 @@ def _damage(rng: random.Random, place: Place, name: str, words: list[str]) -> tu
         return words, {}
     file = rng.choice([each for each in named for each in INSIDE.get(each, (each,))])
     if file in DEMS and rng.random() < 0.15:
-        return words, {
-            f"in/{file}": place.sample(rng.choice((*DEMS, "cost.npz", "tiny.onnx", "bomb.npz", "odd.vrt")))
-        }
+        return words, {f"in/{file}": place.sample(rng.choice((*DEMS, "cost.npz", "tiny.onnx")))}
     return words, {f"in/{file}": damaged(rng, place.sample(file))}
 
 

@@ -357,21 +357,3 @@ def test_the_command_drives_a_body_writes_draws_and_tells(nnpp_edge, tmp_path):
     with image.open(still) as picture:
         assert min(picture.size) > 300
         assert (np.asarray(picture).reshape(-1, 3) == BODY_COLOUR[::-1]).all(1).sum() > 100
-
-
-def test_wrong_use_of_the_command_ends_in_one_line(nnpp_edge):
-    for words, said in (
-        ("--start 3,3", "both --start and --goal"),
-        ("--picture drive.jpg", ".png or .gif file, got drive.jpg"),
-        ("--map missing.tif", "no such file"),
-        ("--start 3,3 --goal 900,3 --size 32", "outside the map"),
-        ("--model missing.onnx --method nnpp --size 32", "missing.onnx"),
-        ("--rate 0", "--rate"),
-        ("--set radius_m=1 --step-cost tobler", "a disc drives by costs here"),
-        ("--vehicle bicycle", "small-rover"),
-        ("--rocks 0.3", "--rocks"),
-        ("--vehicle small-rover --rescale 0.02 --size 16", "that the vehicle fits on"),
-    ):
-        ended = nnpp_edge("simulate", *words.split())
-        assert ended.code == 2
-        assert said in ended.err.splitlines()[-1]
