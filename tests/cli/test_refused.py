@@ -20,6 +20,8 @@ SHORT = {
     "$REACH": "reach hills.tif --start 1,1",
     "$EVAL": "evaluate --terrain hill.npz --sizes 60 --queries 1 --plot a.png",
     "$COST": "costmap hills.tif -o cost.tif",
+    "$RUN": "run --map hills.npz --ticks 1",
+    "$VIEW": "view --port 0 --no-browser",
 }
 CASES = """
 fly                                            | no such command 'fly'; see nnpp-edge --help
@@ -117,9 +119,43 @@ run --map hills.npz --output foo               | output must be stdout, zenoh[:E
 run --map hills.npz --profile own.toml --ticks 1 | 'nope'
 run --map hills.npz --method astar --model nope --ticks 1 | 'nope'
 simulate --map hills.npz --method astar --model nope | 'nope'
+$RUN --input nonsense                          | input must be stdin, replay:FILE or zenoh
+$RUN --input replay                            | input must be
+$RUN --input stdin:x                           | input must be
+$RUN --input replay:none.jsonl                 | none.jsonl: wanted a recording
+$RUN --fast                                    | only a replay can be fast
+$RUN --output none --output stdout             | none goes with no other
+$RUN --output stdout --output stdout           | outputs must differ
+$RUN --input zenoh:tcp/a:1 --output zenoh:tcp/b:1 | one endpoint
+$RUN --method magic                            | method: wanted one of auto, astar
+$RUN --loop cores=[-1]                         | cores
+$RUN --profile none                            | profile
+$RUN --record no/such/folder.jsonl             | could not be written
+$RUN --metrics metrics.prom                    | 'metrics.prom' is not a valid integer
+$RUN --json                                    | --json prints on stdout
+simulate --start 3,3                           | both --start and --goal
+simulate --picture drive.jpg                   | .png or .gif file, got drive.jpg
+simulate --map missing.tif                     | no such file
+simulate --start 3,3 --goal 900,3 --size 32    | outside the map
+simulate --rate 0                              | --rate
+simulate --set radius_m=1 --step-cost tobler   | a disc drives by costs here
+simulate --vehicle bicycle                     | small-rover
+simulate --rocks 0.3                           | --rocks
+simulate --vehicle small-rover --rescale 0.02 --size 16 | that the vehicle fits on
+$VIEW text.txt                                 | text.txt
+$VIEW hills.npz --step-cost energy             | mobility.energy
+$VIEW hills.npz --vehicle hovercraft           | hovercraft
+$VIEW nothing.tif --workload limit20           | all impassable
+$VIEW hills.npz --start lonlat:1,2             | coordinate system
 simulate --seed -1                             | --seed
 simulate --map hills.npz --log pipe.npy        | it is no plain file
 reproduce table1 --quick --model nope          | 'nope'
+reproduce fig99 -o new                         | wanted EXPERIMENT of table1
+reproduce table2 --queries 0 -o new            | --queries
+reproduce --model edge --model edge --model edge -o new | at most two of --model
+reproduce fig12 --quick --terrain text.txt -o new | text.txt
+reproduce fig7 --quick --terrain hill.npz -o new | wanted terrain of at least 64 cells a side, got 60
+reproduce --terrain hills.npz -o text.txt/out  | wanted a folder to write to
 profile compare none.json none.json            | none.json: wanted a report of nnpp-edge profile (no such file)
 profile --profile quick --vehicle small-rover -o out | vehicle: wanted none without the workload body
 profile --profile rover --vehicle none.toml -o out | got 'none.toml' (no such file)

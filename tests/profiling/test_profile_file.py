@@ -87,6 +87,12 @@ def test_a_profile_says_what_stands_in_it(write):
         ('"1/s" },', '"1/s", planner = "loop" },', ["budgets[0].planner", "'loop'"]),
         ("budgets = [", 'budgets = ["all",', ["budgets[0]", "'all'"]),
         ("budgets = [", "budgets = [[", ["mine.toml"]),
+        ("[device]", "[loop]\nrate_hz = 0\n[device]", ["loop.rate_hz: Expected float >= 0.001, got 0"]),
+        ("[device]", "[loop]\nmethod = 'magic'\n[device]", ["loop.method: wanted one of auto"]),
+        ("[device]", "[loop]\npriority = 100\n[device]", ["loop.priority"]),
+        ("[device]", "[loop]\ntolerance = -0.1\n[device]", ["loop.tolerance"]),
+        ("[device]", "[loop]\ncorner_cutting = 1\n[device]", ["loop.corner_cutting: Expected bool, got 1"]),
+        ("[device]", "[loop]\nspeed = 1\n[device]", ["loop: Object contains unknown field speed"]),
     ],
 )
 def test_a_bad_profile_is_refused_with_the_key(write, old, new, words):

@@ -329,23 +329,3 @@ def test_the_command_prints_a_line_for_each_experiment_and_json_for_programs(
         ("fig12", "skipped"),
     ]
     assert all(f["verdict"] in list(Verdict) for e in told["experiments"] for f in e["findings"])
-
-
-def test_wrong_use_and_bad_input_are_refused_in_a_line(nnpp_edge, terrain, tiny_model, tmp_path, bad_dem):
-    out = tmp_path / "out"
-    for words, wanted in (
-        (["fig99"], "wanted EXPERIMENT of table1"),
-        (["table2", "--queries", "0"], "--queries"),
-        (["--model", "edge", "--model", "edge", "--model", "edge"], "at most two of --model"),
-    ):
-        ended = nnpp_edge("reproduce", *words, "-o", out)
-        assert ended.code == 2 and wanted in ended.err and not out.exists()
-    path, word = bad_dem
-    nnpp_edge("reproduce", "fig12", "--quick", "--terrain", path, "-o", out).refused(word)
-    nnpp_edge("reproduce", "--terrain", terrain, "--model", tmp_path / "no.onnx", "-o", out).refused("no.onnx")
-    np.savez(tmp_path / "small.npz", elevation_m=np.zeros((40, 50)), cell_size_m=1.0)
-    words = ["--quick", "--terrain", tmp_path / "small.npz", "--model", tiny_model, "-o", out]
-    nnpp_edge("reproduce", "fig7", *words).refused("wanted terrain of at least 64 cells a side, got 40")
-    (tmp_path / "file").write_text("in the way")
-    ended = nnpp_edge("reproduce", "--terrain", terrain, "--model", tiny_model, "-o", tmp_path / "file" / "out")
-    ended.refused("wanted a folder to write to")

@@ -38,18 +38,3 @@ def test_the_graph_of_a_region_holds_its_passable_cells_and_steps_alone():
     assert search(graph, (1, 0), (1, 2)) == [(1, 0), (0, 1), (1, 2)]
 
 
-def test_no_step_leads_across_the_maps_edge():
-    graph = build_graph(np.zeros((3, 4), np.float32))
-    for node, steps in graph.edges.items():
-        row, col = graph.cell(node)
-        for neighbour, _ in steps:
-            i, j = graph.cell(neighbour)
-            assert 0 <= i < 3 and 0 <= j < 4 and max(abs(i - row), abs(j - col)) == 1
-
-
-def test_a_walled_in_goal_has_no_path_and_a_start_is_its_own_goal():
-    cost = np.zeros((5, 5), np.float32)
-    cost[2] = 1.0
-    graph = build_graph(cost)
-    assert search(graph, (0, 0), (4, 4)) is None
-    assert search(graph, (0, 0), (0, 0)) == [(0, 0)]

@@ -15,7 +15,7 @@ import msgspec
 import numpy as np
 import pytest
 
-from nnpp_edge.profiling.profile_file import OnboardLoop, ProfileError, changed, read_profile
+from nnpp_edge.profiling.profile_file import OnboardLoop, changed, read_profile
 from nnpp_edge.robot.operations.wiring import Wiring
 from nnpp_edge.robot.transports.recording import RecordingFile, read_recording
 from nnpp_edge.robot.transports.wire import decode_output, encode
@@ -254,30 +254,6 @@ def test_ticks_end_it_and_the_profile_and_its_model_count(replayed, dem, tmp_pat
     assert "ready: dstar at 80 Hz" in replayed(dem, *words, "--method", "dstar", "--rate", "80").err
 
 
-def test_wrong_use_ends_in_one_line_before_the_first_tick(nnpp_edge, dem, monkeypatch):
-    monkeypatch.setattr("nnpp_edge.robot.operations.onboard.exercise", lambda: None)
-    for words, told in (
-        ("--input nonsense", "input must be stdin, replay:FILE or zenoh"),
-        ("--input replay", "input must be"),
-        ("--input stdin:x", "input must be"),
-        ("--input replay:none.jsonl", "none.jsonl: wanted a recording"),
-        ("--fast", "only a replay can be fast"),
-        ("--output paper", "output must be stdout, zenoh[:ENDPOINT] or none, got 'paper'"),
-        ("--output none --output stdout", "none goes with no other"),
-        ("--output stdout --output stdout", "outputs must differ"),
-        ("--input zenoh:tcp/a:1 --output zenoh:tcp/b:1", "one endpoint"),
-        ("--rate 0", "0.0 is not in the range 0.001<=x<=1000"),
-        ("--method magic", "method: wanted one of auto, astar"),
-        ("--loop cores=[-1]", "cores"),
-        ("--profile none", "profile"),
-        ("--record no/such/folder.jsonl", "could not be written"),
-        ("--metrics metrics.prom", "'metrics.prom' is not a valid integer"),
-        ("--model none.onnx --method nnpp", "none.onnx"),
-        ("--json", "--json prints on stdout"),
-    ):
-        nnpp_edge("run", "--map", dem, *words.split(), "--ticks", "1").refused(told)
-
-
 def test_a_map_that_cannot_be_read_is_told(nnpp_edge, bad_dem):
     path, words = bad_dem
     nnpp_edge("run", "--map", path, "--ticks", "1").refused(words)
@@ -306,21 +282,6 @@ def test_the_table_loop_of_a_profile(tmp_path):
     assert "loop" not in read_profile(path).facts()
     wanted = msgspec.structs.replace(expected, cores=(3,), method="astar")
     assert changed(expected, rate_hz=None, cores=(3,), method="astar") == wanted
-
-
-def test_a_table_loop_that_makes_no_sense_is_refused(tmp_path):
-    path = tmp_path / "robot.toml"
-    for line, words in (
-        ("rate_hz = 0", "loop.rate_hz: Expected float >= 0.001, got 0"),
-        ("method = 'magic'", "loop.method: wanted one of auto"),
-        ("priority = 100", "loop.priority"),
-        ("tolerance = -0.1", "loop.tolerance"),
-        ("corner_cutting = 1", "loop.corner_cutting: Expected bool, got 1"),
-        ("speed = 1", "loop: Object contains unknown field speed"),
-    ):
-        path.write_text(f"[loop]\n{line}\n")
-        with pytest.raises(ProfileError, match=words):
-            read_profile(path)
 
 
 def test_the_network_is_loaded_while_the_first_map_is_read_where_it_will_be_asked(replayed, dem, monkeypatch):
