@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from nnpp_edge.runtime import DynamicPlanner, Planner, Vehicle
-from nnpp_edge.runtime.map.along import Along, Numbers, crossings, heights_at, joined
+from nnpp_edge.runtime.map.along import Along, Numbers, heights_at, joined
 from nnpp_edge.runtime.map.slope_cost import EnergyCost, Mobility, TimeCost
 
 ROVER = Mobility(time=TimeCost((-20.0, 0.0, 20.0), (0.2, 0.4, 0.1)), energy=EnergyCost(50.0, 0.15, 0.8, 0.3))
@@ -63,12 +63,6 @@ def test_what_is_summed_along_the_way_ends_with_the_whole_and_back_again_climb_i
     assert there.ground_length_m == pytest.approx(numbers.ground_length_m)
     assert there.time_s != pytest.approx(numbers.time_s)
     assert Along.of(path.astype(np.float64), rough(), (2.0, 3.0), ROVER).numbers == pytest.approx(there, nan_ok=True)
-
-
-def test_a_line_is_cut_where_it_crosses_rows_and_columns_of_middles():
-    points = crossings(np.array([(0.5, 0.0), (2.5, 1.0), (2.5, 1.0), (2.5, 0.25)]))
-    wanted = [(0.5, 0), (1, 0.25), (2, 0.75), (2.5, 1), (2.5, 1), (2.5, 0.25)]
-    assert points == pytest.approx(np.array(wanted))
 
 
 def test_heights_between_middles_are_bilinear_and_an_unknown_cell_matters_only_where_it_weighs():

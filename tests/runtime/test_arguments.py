@@ -197,6 +197,7 @@ REFUSED = (
     (lambda refine: DynamicPlanner(FLAT, (1, 1), refine=refine), ("smooth",), "refine must be"),
     (lambda goal: DynamicPlanner(FLAT, goal), ((40, 1),), "goal must lie inside"),
     (lambda planner: planner.replan(), (MOVING,), "wanted a start"),
+    (lambda method: dynamic().replan(method=method), ("best",), "method must be one of auto, astar"),
     (lambda landmarks: TOBLER.prepare(landmarks=landmarks), (2,), "landmarks.*alike both ways"),
     (lambda goal: TOBLER.prepare(goals=[goal]), ((1, 1),), "landmarks"),
     (lambda size: Planner.of_elevation(FLAT, size), (0.0, NAN), "cell size must be a positive number"),
@@ -228,3 +229,27 @@ def test_values_that_make_no_sense_are_refused_in_a_line_and_change_no_map():
     for planner, wanted in zip(PLANNERS, before, strict=True):
         np.testing.assert_array_equal(planner.state.grid.map(), wanted)
     assert ON_HEIGHTS.update(0, 0, FLAT[:1, :1]) == 0  # costs are told beside the heights
+
+
+@pytest.mark.parametrize("dtype", [np.float32, np.float64, np.int16, np.uint8])
+def test_a_masked_cell_is_unknown_everywhere(dtype):
+    """As rasterio's read(masked=True) gives it: a number that means nothing under the mask."""
+    plain = np.ones((5, 5), dtype)
+    weights = np.ma.MaskedArray(plain.copy(), np.zeros(plain.shape, np.bool_), fill_value=0)
+    weights.data[2, 2], weights.mask[2, 2] = 0, True
+    planner, free = Planner(weights, step_cost="length"), Planner(plain, step_cost="length")
+    assert planner.plan((2, 2), (0, 0)).status == "START_BLOCKED"
+    assert free.plan((2, 2), (0, 0)).ok
+    free.update(0, 0, weights)
+    assert free.plan((2, 2), (0, 0)).status == "START_BLOCKED"
+    dynamic = DynamicPlanner(plain, (4, 4), "dstar", step_cost="length")
+    dynamic.update(0, 0, weights)
+    assert not dynamic.is_passable((2, 2))
+    assert np.argwhere(np.isnan(MapPatch(0, 0, elevation=weights).elevation)).tolist() == [[2, 2]]
+    loop = Navigator(Ground.of_elevation(plain, 1.0))
+    loop.offer(MapPatch(0, 0, elevation=weights))
+    loop.tick()
+    assert np.isinf(loop.map.cost()[2, 2])
+    if dtype is np.float64:
+        weights.data[2, 2] = -1.7976931348623157e308  # which no map can hold
+    assert np.argwhere(np.isinf(traversability_cost(weights, 1.0))).tolist() == [[2, 2]]

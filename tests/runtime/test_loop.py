@@ -209,8 +209,9 @@ def test_patches_off_the_map_and_of_the_wrong_kind_are_counted():
     assert (counters.patches, counters.patches_rejected, counters.patches_clipped) == (4, 3, 1)
     assert nav.tick().map_version == 1
     lengths = Navigator(Ground(free(), step_cost="length"))
-    lengths.offer(MapPatch(0, 0, cost=np.zeros((1, 1))))
-    assert lengths.counters().patches_rejected == 1
+    for weight in (0.0, 1e-39, 1.1e30):
+        lengths.offer(MapPatch(0, 0, cost=np.full((1, 1), weight)))
+    assert lengths.counters().patches_rejected == 3
 
 
 def test_a_flood_of_patches_from_several_threads_is_merged_and_none_is_lost():

@@ -230,4 +230,6 @@ def test_auto_mends_within_its_limits_alone(name, value, apart, wanted, monkeypa
     planner = moving(apart)
     planner.update(22, 247 - apart, free(1, 1) + 0.3)
     monkeypatch.setattr(dynamic, name, value)
-    assert planner.replan().planner == wanted
+    plan = planner.replan()
+    assert plan.planner == wanted == plan.summary()["method"]
+    assert {"astar": "less than", "corridor": "", "corridor-dstar": "near the start"}[wanted] in plan.choice

@@ -15,7 +15,6 @@ from nnpp_edge.runtime.map.slope_cost import (
     Mobility,
     TimeCost,
     ToblerCost,
-    unit_of,
 )
 from nnpp_edge.runtime.map.step_cost import StepModel
 
@@ -183,8 +182,3 @@ def test_what_is_wrong_is_said_in_one_line():
         with pytest.raises(InvalidQueryError) as caught:
             make()
         assert all(word in str(caught.value) for word in words) and "\n" not in str(caught.value)
-
-
-def test_every_step_cost_has_a_unit():
-    units = {name: unit_of(name) for name in ("paper", "tobler", "irmischer", "linear", "time", "energy", "length")}
-    assert units == dict.fromkeys(units, "") | {"tobler": "s", "irmischer": "s", "time": "s", "energy": "J"}
