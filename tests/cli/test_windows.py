@@ -71,14 +71,6 @@ def test_rescaling_and_places(told, ground):
     assert all(found[name] == whole[name] for name in ("goal", "goals", "cost", "length_m", "cell_size_m"))
 
 
-def test_walls_are_outcomes(run):
-    heights = np.zeros((300, 400), np.float32)
-    heights[150] = np.nan
-    write("split.tif", heights)
-    ended = run(f"plan split.tif {ENDS} {SMALL}")
-    assert ended.code == 1 and ended.out.startswith("NO_PATH")
-
-
 def test_a_broken_cog_is_one_line_and_nothing_half_written(run, ground):
     rasterio.shutil.copy("ground.tif", "cog.tif", driver="COG", compress="DEFLATE", blocksize=128)
     Path("out").mkdir()

@@ -64,6 +64,19 @@ class Changing:
         return found
 
 
+def check_open_list(search):
+    """A heap in order, of exactly those nodes whose g and rhs differ; nothing in its unused slots."""
+    memory, size = search.memory, search.open_nodes
+    listed, (g, rhs) = memory.heap_nodes[:size], (memory.state[::2], memory.state[1::2])
+    assert sorted(listed) == np.flatnonzero(g != rhs).tolist()
+    assert (memory.position[listed] == np.arange(size)).all()
+    assert (memory.position != kernels.ABSENT).sum() == size
+    keys = list(zip(memory.firsts[:size].tolist(), memory.seconds[:size].tolist(), strict=True))
+    assert all(keys[(i - 1) // 4] <= keys[i] for i in range(1, size))
+    assert np.isinf(memory.firsts[size:]).all()
+    np.testing.assert_array_equal(memory.seconds[:size], np.minimum(g, rhs)[listed])
+
+
 def random_region(rng, shape, before=None):
     """Coarse blocks, each a random multiple of rows and columns; at times one block of the last one flipped."""
     blocks = max(min(shape) // 2, 1)
@@ -95,7 +108,10 @@ def live_through(world, rng, changes, kind, blocked, slowly_each):
             world.set_region(None)
         elif draw < 0.4:
             world.set_region(random_region(rng, shape, world.region))
+        if n % 5 == 0:
+            world.search.plan(start, deadline=Deadline.within(0.0))
         found = world.plan(start, slowly=world.region is None and n % slowly_each == 0)
+        check_open_list(world.search)
 
 
 @pytest.mark.parametrize("step_cost", ["paper", "length"])
@@ -107,6 +123,35 @@ def test_after_each_of_thousands_of_changes_it_equals_a_fresh_search(step_cost):
         cost = random_costs(rng, shape, step_cost, kind, blocked)
         world = Changing(cost, random_cell(rng, shape), step_cost, corner_cutting=seed % 2 == 0)
         live_through(world, rng, 50, kind, blocked, slowly_each=10)
+
+
+@pytest.mark.parametrize("stride", [5, 20, 1000])
+def test_a_start_that_goes_far_does_not_leave_stale_keys_behind(stride):
+    """On larger maps the open list outlives the moves; a wall rises before the start at every turn."""
+    for seed in range(12):
+        rng, step_cost = np.random.default_rng([seed, stride]), ("paper", "length")[seed % 2]
+        cost = random_costs(rng, (50, 60), step_cost, "uniform", 0.1 * (seed % 5)) * np.float32(0.3)
+        world = Changing(cost, (25, 30), step_cost)
+        found = world.plan(random_cell(rng, (50, 60)))
+        for _ in range(30):
+            start = random_cell(rng, (50, 60))
+            if len(found.path) > stride + 6:
+                start, (row, col) = tuple(found.path[stride].tolist()), np.maximum(found.path[stride + 3] - 3, 0)
+                patch = world.cost[row : row + 6, col : col + 6].copy()
+                patch[rng.random(patch.shape) < 0.7] = np.inf
+                world.put(row, col, patch)
+            found = world.plan(start)
+
+
+def test_cells_cheaper_than_any_before_are_made_use_of_with_another_goal():
+    for seed in range(20):
+        rng = np.random.default_rng(seed)
+        world = Changing(np.full((12, 15), 0.9), (11, 14), ("paper", "length")[seed % 2])
+        for most in (0.6, 0.05, 0.01):
+            world.plan((0, 0))
+            world.put(0, 0, rng.uniform(0.1 * most, most, (12, 15) if seed % 3 else (12, 4)))
+            world.set_goal(random_cell(rng, (12, 15)))
+            world.plan((0, 0), slowly=True)
 
 
 def test_what_the_path_does_not_need_costs_little():

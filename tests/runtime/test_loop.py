@@ -15,13 +15,12 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from nnpp_edge.runtime import NetworkModel
-from nnpp_edge.runtime.errors import InvalidQueryError, ModelError, Status
+from nnpp_edge.runtime.errors import ModelError, Status
 from nnpp_edge.runtime.loop import workers
 from nnpp_edge.runtime.loop.connections import InProcessSink, InProcessSource
 from nnpp_edge.runtime.loop.ladder import NavigatorSettings
 from nnpp_edge.runtime.loop.messages import (
     Goal,
-    InvalidMessageError,
     MapPatch,
     Origin,
     PathMessage,
@@ -148,46 +147,6 @@ def test_a_histogram_takes_any_duration_and_says_how_many_were_shorter_exactly()
 
 
 # --- messages and settings
-
-
-def test_what_makes_no_sense_is_refused():
-    for make, words in (
-        (lambda: MapPatch(0, 0), "either elevation or cost"),
-        (lambda: MapPatch(0, 0, elevation=free(), cost=free()), "either elevation or cost"),
-        (lambda: MapPatch(0, 0, cost=np.zeros(3)), r"map of numbers, got \(3,\)"),
-        (lambda: MapPatch(0, 0, cost=np.zeros((0, 3))), "numbers"),
-        (lambda: MapPatch(0, 0, cost=np.array([["a"]])), "numbers"),
-        (lambda: MapPatch(0, 0, cost=np.array([[0.5, -2.0]])), "at least 0, got one of -2"),
-        (lambda: MapPatch(0, 0, cost=np.array([[-np.inf]])), "at least 0"),
-        (lambda: MapPatch(0.5, 0, cost=free()), "whole number, got 0.5"),
-        (lambda: MapPatch(0, math.inf, cost=free()), "whole number"),
-        (lambda: MapPatch(0, 0, cost=free(), stamp=math.nan), "finite"),
-        (lambda: Pose(math.nan, 0.0), "finite number, got nan"),
-        (lambda: Pose("a", 0.0), "finite number"),
-        (lambda: Pose(0.0, 10**400), "a pose's col must be a finite number, got 1000"),
-        (lambda: Goal(1.5, 0), "whole number, got 1.5"),
-        (lambda: Goal(None, 0), "whole number"),
-        (lambda: PathMessage(1, Status.OK, Origin.FULL), "comes with a path"),
-        (lambda: PathMessage(1, Status.NO_PATH, Origin.FULL, np.zeros((1, 2), np.int32)), "comes with a path"),
-        (lambda: InProcessSource().put({"row": 5, "col": 5}), r"must be a MapPatch or a Pose or a Goal, got {'row'"),
-    ):
-        with pytest.raises(InvalidMessageError, match=words):
-            make()
-    heights = np.zeros((4, 4), np.float32)
-    for make, words in (
-        *((lambda period=period: Ticker(period), "period") for period in (0.0, -1.0, math.inf, math.nan)),
-        (
-            lambda: Loop(navigator(), InProcessSource(), InProcessSink()),
-            "sinks must be a sequence, each a Sink, got <",
-        ),
-        (lambda: Loop(navigator(), InProcessSource(), rate_hz=0.0), "rate"),
-        (lambda: NavigatorSettings(tolerance=-1.0), "tolerance"),
-        (lambda: NavigatorSettings(snap_radius=-1), "snap_radius"),
-        (lambda: Ground.of_elevation(heights, 1.0, step_cost="effort"), "step_cost must be one of"),
-        (lambda: Ground.of_elevation(heights, 1.0, step_cost="energy"), r"mobility\.energy"),
-    ):
-        with pytest.raises(InvalidQueryError, match=words):
-            make()
 
 
 def test_a_patch_is_a_copy():
