@@ -192,7 +192,7 @@ def test_a_run_disturbed_in_one_half_is_noisy(told, profile, monkeypatch):
 
 
 def test_what_is_no_report_is_refused(run):
-    for content in ("", "[]", "{}", '{"schema": 2, "results": []}', '{"schema": 1}'):
+    for content in ("", "[]", "{}", "[" * 100_000, '{"schema": 2, "results": []}', '{"schema": 1}'):
         Path("other.json").write_text(content)
         run("profile compare other.json other.json").refused("other.json", "wanted a report of nnpp-edge profile")
 

@@ -80,13 +80,16 @@ def test_over_unknown_ground_the_way_is_even_from_the_last_known_height_to_the_n
 
 
 def test_a_plan_keeps_its_numbers_when_the_ground_changes_and_a_copy_of_the_planner_goes_on_with_its_mobility():
-    planner = Planner.of_elevation(rough() / 20.0, 1.0, mobility=ROVER, warn=False)
+    planner = Planner.of_elevation(rough() / 20.0, 1.0, step_cost="time", mobility=ROVER, warn=False)
     plan = planner.plan((5, 5), (30, 40))
     before = tuple(plan.numbers)
     copy = pickle.loads(pickle.dumps(planner))
     planner.update_elevation(0, 0, np.zeros((40, 50), np.float32))
     assert tuple(plan.numbers) == before
-    assert copy.plan((5, 5), (30, 40)).energy_j == pytest.approx(plan.energy_j)
+    again = copy.plan((5, 5), (30, 40))
+    assert (again.cost, again.energy_j) == pytest.approx((plan.cost, plan.energy_j))
+    copy.update_elevation(0, 0, np.zeros((40, 50), np.float32))
+    assert copy.plan((5, 5), (30, 40)).cost == pytest.approx(planner.plan((5, 5), (30, 40)).cost) != plan.cost
     assert planner.plan((5, 5), (30, 40)).climb_m == 0.0
 
 

@@ -50,38 +50,6 @@ def loop(heights, vehicle, method="auto", **step):
 
 
 @pytest.mark.parametrize("vehicle", VEHICLES.values(), ids=VEHICLES)
-def test_heights_beside_an_obstacle_do_not_clear_it_and_what_says_nothing_changes_nothing(vehicle):
-    nothing = np.full(FLAT.shape, np.nan, np.float32)
-    nav, planner = loop(nothing, vehicle), Planner.of_elevation(FLAT, CELL_M, LIMITS, vehicle=vehicle)
-    nav.offer(MapPatch(0, 0, cost=nothing))
-    assert nav.tick().outcome is Status.START_BLOCKED
-    nav.offer(MapPatch(0, 0, elevation=FLAT))
-    first = nav.tick()
-    assert first.ok
-    for patch in (
-        MapPatch(20, 0, cost=nothing[:1]),
-        MapPatch(20, 0, cost=nothing[:1], keep_known=True),
-        MapPatch(20, 0, elevation=nothing[:1], keep_known=True),
-    ):
-        nav.offer(patch)
-        message = nav.tick()
-        assert message.ok and message.cost == pytest.approx(first.cost)
-    planner.update(20, 0, WALL)
-    for row in (19, 20, 21):  # heights above, of and below the wall's cells
-        for patch in (MapPatch(20, 0, cost=WALL), *3 * [MapPatch(20, 0, cost=nothing[:1])]):  # made one as they wait
-            nav.offer(patch)
-        heights = np.full((1, SIDE), 0.001 * (row - 15))
-        nav.offer(MapPatch(row, 0, elevation=heights))
-        planner.update_elevation(row, 0, heights)
-        assert nav.tick().outcome is planner.plan(*ENDS).status is Status.NO_PATH
-    planner.update(20, 0, 0.0 * WALL)
-    nav.offer(MapPatch(20, 0, cost=0.0 * WALL))
-    assert nav.tick().ok and planner.plan(*ENDS).ok
-    nav.offer(MapPatch(20, 0, elevation=nothing[:1]))
-    assert nav.tick().outcome is Status.NO_PATH, "which says that the heights are unknown now"
-
-
-@pytest.mark.parametrize("vehicle", VEHICLES.values(), ids=VEHICLES)
 def test_what_was_told_outlives_copies_and_interrupts(vehicle, monkeypatch):
     planner = Planner.of_elevation(FLAT, CELL_M, LIMITS, vehicle=vehicle)
     planner.update(20, 0, WALL)

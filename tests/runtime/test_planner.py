@@ -7,7 +7,20 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from nnpp_edge.runtime import DynamicPlanner, NetworkModel, Planner, Status, Vehicle, plan_path
+from nnpp_edge.runtime import (
+    DynamicPlanner,
+    Goal,
+    Ground,
+    Navigator,
+    NavigatorSettings,
+    NetworkModel,
+    Origin,
+    Planner,
+    Pose,
+    Status,
+    Vehicle,
+    plan_path,
+)
 from nnpp_edge.runtime.errors import InvalidQueryError, ModelError
 from tests import oracles
 from tests.strategies import cases
@@ -126,6 +139,12 @@ def test_a_status_says_why(network):
             dynamic = DynamicPlanner(np.minimum(cost, 1.0), goal, "astar")
             dynamic.move(start)
             assert dynamic.replan().reason == why
+        nav = Navigator(Ground(np.minimum(cost, 1.0)), NavigatorSettings("astar", snap_radius=0))
+        nav.offer(Pose(*start))
+        nav.offer(Goal(*goal))
+        message, origin = nav.tick(), Origin.FULL if status is Status.OK else Origin.NONE
+        assert (message.outcome, message.origin, message.ok) == (status, origin, status is Status.OK)
+        assert bool(message.reason) != message.ok == bool(len(message.path))
 
 
 def test_a_planner_gives_its_memory_back_at_once():
