@@ -55,7 +55,6 @@ $PLAN --step-cost time --mobility mine.toml    | needs a table [mobility.time]
 $PLAN --step-cost tobler --mobility nope       | wanted a vehicle's file | 'nope'
 $PLAN --step-cost tobler --memory 1kB          | in memory alone | directed
 $PLAN --step-cost tobler --refine any-angle    | refine='any-angle' prices lines by the map's cost
-$PLAN --step-cost downhill                     | 'downhill' is not one of
 $PLAN --set radius_m=2 --set turning_radius_m=4 | turning_radius_m needs --refine any-angle
 $PLAN --format gpx                             | give -o too
 $PLAN --profile-plot                           | give -o too
@@ -74,7 +73,6 @@ $HILL --vehicle body.toml                      | wheels is unknown: wanted one o
 $HILL --step-cost energy --mobility heavy.toml | heavy.toml: mobility: energy: mass_kg must be a number above 0
 $HILL --set length_m=50 --set width_m=2 --set clearance_m=1 | a map that the vehicle fits on
 run --map hill.npz --ticks 1 --log log.mcap --vehicle body.toml | wheels is unknown: wanted one of length_m
-$EVAL --step-cost energy --mobility heavy.toml | mass_kg must be a number above 0
 $EVAL --step-cost energy --mobility body.toml  | body.toml: wanted a table [mobility], got none
 $BODY --method nnpp --model none.onnx          | none.onnx
 $BODY --workload body                          | is a vehicle's
@@ -82,7 +80,6 @@ $BODY --start 24,25                            | the nearest cell where it does 
 plan hill.npz --start 10,10 --goal 24,25 --vehicle small-rover | goal (24, 25) is impassable: the vehicle stands
 $BODY --start 0,0                              | start (0, 0) is impassable: the vehicle stands there in no
 $SMALL --vehicle small-rover                   | in memory alone
-$SMALL --set radius_m=0.5                      | in memory alone
 $SMALL --method astar                          | --method astar needs the whole map
 $SMALL --compare --hillshade                   | --compare, --hillshade needs the whole map
 $SMALL --refine any-angle                      | --refine needs the whole map
@@ -124,7 +121,6 @@ profile --queries 5 compare a.json b.json      | compare
 profile --profile slow                         | 'slow' | quick
 $EVAL --workload body                          | --workload body needs a vehicle
 $EVAL --vehicle small-rover                    | for the workloads body and body-rocksN
-$EVAL --vehicle small-rover --workload body-rocks-1 | 0 to 20 percent
 $EVAL --set radius_m=1 --workload body         | a disc has no poses
 $REACH                                         | give one of --within-cost, --within-time and --within-energy
 $REACH --within-cost 3 --within-time 3         | give one of

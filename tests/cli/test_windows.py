@@ -99,8 +99,10 @@ def test_a_cost_map_written_as_a_stream_is_that_of_the_whole_map(run, told, grou
     assert "read by windows" in ended.err
     found = json.loads(ended.out)
     assert (found["rows"], found["passable_share"]) == (whole["rows"], whole["passable_share"])
+    assert (whole["rows"], whole["files"]) == (300, ["a/cost.tif", "a/cost.png"])
     with rasterio.open("a/cost.tif") as one, rasterio.open("b/cost.tif") as other:
         np.testing.assert_array_equal(one.read(1), other.read(1))
+        assert whole["passable_share"] == pytest.approx(np.isfinite(one.read(1)).mean())
         assert (one.crs, one.transform) == (other.crs, other.transform)
         assert np.isnan(other.nodata) and other.block_shapes == [(512, 512)]
     assert sorted(path.name for path in Path("b").iterdir()) == ["cost.png", "cost.tif"]

@@ -67,15 +67,12 @@ def test_rivals_take_turns_in_an_order_that_is_drawn_anew_and_the_same_for_the_s
 
 
 def test_medians_quantiles_and_the_middle_call(clock):
-    times = [5.0, 1.0, 3.0, 2.0]
+    times = iter([5.0, 1.0, 3.0, 2.0])
 
     def call(case):
-        seconds = times[len(made)]
-        made.append(seconds)
-        clock.now += seconds
+        clock.now += (seconds := next(times))
         return f"took {seconds}"
 
-    made = []
     (record,) = (records["x"] for records in Harness(clock=clock).measure({"x": call}, [0], repeats=4))
     assert record.median_s == 2.5
     assert record.middle() == (2.0, "took 2.0")  # of the two in the middle the faster one

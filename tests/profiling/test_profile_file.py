@@ -115,11 +115,6 @@ def test_the_loop_is_run_where_a_budget_asks_for_its_reactions(write):
     assert profile.reactions_at == {("soft", 64)} and profile.arriving == {"corridor", "nnpp"}
 
 
-def test_an_unknown_name_lists_the_shipped_ones():
-    with pytest.raises(ProfileError, match=r"edge-2core, paper, quick, rover, single-core.*'fast'"):
-        read_profile("fast")
-
-
 def test_another_load_leaves_out_budgets_of_sizes_that_are_gone(write):
     profile, dropped = overridden(read_profile(write(GOOD)), sizes=(64,), queries=None, seed=4)
     assert dropped == ["gap"] and [budget.name for budget in profile.budgets] == ["fast"]

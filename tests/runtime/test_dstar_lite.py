@@ -203,16 +203,6 @@ def test_a_region_holds_start_and_goal_whatever_its_bitmap_which_may_be_numbered
         assert ([5, 5] in world.plan(start).path.tolist()) == (start == (5, 5))
 
 
-def test_a_passed_deadline_is_reported_and_the_search_goes_on_from_there():
-    world = Changing(np.random.default_rng(0).random((300, 300)), (299, 299))
-    found = world.search.plan((0, 0), deadline=Deadline.within(0.0))
-    assert (found.status, len(found.path)) == (Status.TIMEOUT, 0)
-    assert world.search.plan((0, 0), deadline=Deadline.within(0.0)).status is Status.TIMEOUT
-    rest = world.plan((0, 0))
-    whole = DStarLite(world.state, world.goal).plan((0, 0))
-    assert rest.expansions + 2 * found.expansions == whole.expansions
-
-
 def test_long_travels_do_not_wear_out_the_keys(monkeypatch):
     """What a start's moves have added to the keys is forgotten before sums of it are rounded."""
     cost = np.random.default_rng(3).random((20, 20))

@@ -236,18 +236,6 @@ def test_a_path_is_kept_while_it_holds_and_planned_anew_when_it_does_not():
     assert (counters.ticks, counters.planned, counters.kept, counters.failed) == (4, 3, 1, 0)
 
 
-def test_a_shortcut_that_opens_is_taken():
-    cost = free()
-    cost[20, :58] = 1.0
-    for tolerance, origin in ((0.02, Origin.FULL), (10.0, Origin.STANDING)):
-        nav = navigator(cost, start=(5, 5), goal=(35, 5), tolerance=tolerance)
-        long = nav.tick()
-        nav.offer(MapPatch(20, 5, cost=free((1, 2))))
-        short = nav.tick()
-        assert short.origin is origin
-        assert (short.cost < 0.6 * long.cost) == (origin is Origin.FULL)
-
-
 def test_a_goal_that_nothing_is_known_of_is_approached_until_it_is_seen():
     cost = free()
     cost[:, 30:] = np.nan  # nothing is known of it

@@ -180,8 +180,6 @@ def test_a_change_outside_its_window_is_not_shown_to_a_network_and_one_inside_is
         patch[0, 0] = max(patch[0, 0], most)
         cost[row : row + 20, 150:180] = patch
         state.update(row, 150, patch)
-        cost[row + 30, 155] = 0.5
-        state.update(row + 30, 155, cost[row + 30 : row + 31, 155:156])
         view.show(*ends)
         new = MapView(state_of(cost, step_cost), NetworkModel("edge"))
         new.show(*ends)
