@@ -79,6 +79,7 @@ $BODY --workload body                          | is a vehicle's
 $BODY --start 24,25                            | the nearest cell where it does is (
 plan hill.npz --start 10,10 --goal 24,25 --vehicle small-rover | goal (24, 25) is impassable: the vehicle stands
 $BODY --start 0,0                              | start (0, 0) is impassable: the vehicle stands there in no
+$BODY --start 60,0                             | lies outside the map
 $SMALL --vehicle small-rover                   | in memory alone
 $SMALL --method astar                          | --method astar needs the whole map
 $SMALL --compare --hillshade                   | --compare, --hillshade needs the whole map
