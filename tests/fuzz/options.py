@@ -37,7 +37,6 @@ BASES = {
         "--synthetic --sizes 16 --queries 1 --repeats 1 --methods astar",
         "--terrain in/dem.npz --sizes 16 --queries 1 --repeats 1 --methods astar,corridor",
         "--terrain in/dem.npz --sizes 16 --queries 1 --repeats 1 --methods nnpp --model in/tiny.onnx",
-        "--dataset in/set --queries 1 --repeats 1 --methods astar",
     ),
     "reproduce": ("table9 --quick -o out/paper",),
     "profile": ("--profile in/profile.toml", "--peers --sizes 16 --queries 1"),

@@ -78,21 +78,6 @@ def test_a_fresh_map_is_timed_from_its_elevations_on(nnpp_edge, terrain, tiny_mo
     assert all(word in ended.out for word in ("| nnpp |", "speed-up", "fallback", "| corridor-narrow-eager |"))
 
 
-def test_lazy_planners_compute_part_of_a_fresh_map(terrain):
-    """Between near cells of a larger map; the narrow corridor looks no farther than the usual one."""
-    case = next(terrain_cases(TerrainFiles((terrain,)).read(), "soft", 160))
-    rivals = {each.name: each for each in (*exact_and(["corridor"], {}), narrow_corridor())}
-    shares = {}
-    for name, rival in rivals.items():
-        for lazy in (True, False):
-            plan = rival.plan(rival.planner(case.ground, lazy=lazy), ((4, 4), (12, 20)))
-            shares[name, lazy] = plan.costs_computed
-            assert plan.ok
-    assert all(shares[name, False] == 1.0 for name in rivals)
-    assert 0.0 < shares["astar", True] < 1.0
-    assert 0.0 < shares["corridor-narrow", True] <= shares["corridor", True]
-
-
 def test_the_narrow_corridor_is_the_learned_regions_without_a_network(terrain):
     """It searches no more than the usual corridor, and where that is too narrow it widens and looks everywhere."""
     case = next(terrain_cases(TerrainFiles((terrain,)).read(), "soft", 160))

@@ -139,32 +139,11 @@ def test_maps_without_any_path_are_not_asked_forever(rocky):
         evaluate(cases(), exact_and(["astar"], {}), 1, repeats=1)
 
 
-def test_wrong_use_is_one_line(judged, nnpp_edge, terrain, rover):
-    large = ("--set", "length_m=200", "--set", "width_m=9", "--set", "max_tilt_deg=20")
-    for words, complaint in (
-        (("body-rocks30",), "N from 0 to 20 percent, got 'body-rocks30'"),
-        (("body-rocks",), "N from 0 to 20 percent, got 'body-rocks'"),
-        (("bodyrocks5",), "'bodyrocks5'"),
-        (("body", *large), "wanted a map that the vehicle fits on"),
-    ):
-        judged("--workload", *words).refused(complaint)
-    for words, complaints in (
-        ((terrain, "--workload", "body-rocks5"), ("--workload body-rocks5", "--vehicle")),
-        ((terrain, "--vehicle", rover), ("for the workloads body and body-rocksN",)),
-        ((terrain, "--vehicle", "unicycle", "--workload", "body"), ("unicycle",)),
-    ):
-        nnpp_edge("evaluate", *words).refused(*complaints)
-
-
-def test_other_commands_say_that_they_do_not_serve_a_vehicles_workloads(nnpp_edge, terrain):
-    nnpp_edge("costmap", terrain, "-o", "out.npz", "--workload", "body-rocks5").refused("'body-rocks5'", "evaluate")
-    with pytest.raises(InvalidQueryError, match="vehicle"):
-        workload("body")
-
-
 def test_a_body_workload_names_its_rocks():
     shares = {name: body_rocks(name) for name in ("body", "body-rocks10", "body-rocks2.5", "soft", "limit15")}
     assert shares == {"body": 0.0, "body-rocks10": 0.1, "body-rocks2.5": 0.025, "soft": None, "limit15": None}
-    for name in ("body-rocks-1", "body-rocksnan", "body-rocks21"):
+    for name in ("body-rocks", "body-rocks-1", "body-rocksnan", "body-rocks21"):
         with pytest.raises(InvalidQueryError, match="percent"):
             body_rocks(name)
+    with pytest.raises(InvalidQueryError, match="vehicle"):
+        workload("body")

@@ -36,5 +36,3 @@ def test_the_graph_of_a_region_holds_its_passable_cells_and_steps_alone():
         {(0, 0): 1 + weight, (0, 2): 1 + weight, (1, 0): math.sqrt(2) + weight, (1, 2): math.sqrt(2) + weight}
     )
     assert search(graph, (1, 0), (1, 2)) == [(1, 0), (0, 1), (1, 2)]
-
-
