@@ -14,9 +14,8 @@ KERNELS = "runtime/kernels/"
 KERNEL_IMPORTS = re.compile(
     r"(numpy|numba|llvmlite|time|math|enum|operator|typing|nnpp_edge\.runtime\.(tuning|compiled|kernels|errors))(\.|$)"
 )
-MOST_SOURCE_LINES, MOST_TEST_LINES = 35_120, 23_410
-"""What there is, examples and the site's scripts included; 32,000, of which the runtime 14,500, and 21,000 are wanted
-(docs/decisions.md, "The code"). Only ever to be lowered."""
+MOST_SOURCE_LINES, MOST_TEST_LINES = 32_000, 21_000
+"""Examples and the site's scripts included (docs/decisions.md, "The code"). Only ever to be lowered."""
 MOST_PARAMETERS = 10
 MORE_PARAMETERS: dict[str, float] = {}
 """Kernels with more parameters: the microseconds that a call would have cost with them bundled."""
