@@ -136,16 +136,7 @@ def quantize(
     Notes
     -----
     The head (the last convolution and what does not lead to it) stays float: it costs next to nothing, and its
-    error would be that of the probabilities. The rest are measured choices. The edge network on a CPU with AVX2 and
-    without VNNI, mean and largest difference of the probabilities and time over that of fp32:
-
-    - as it is, uint8 activations, int8 weights of 7 bits by channel, ranges by min and max: 0.0008, 0.07, 0.62
-    - weights of 8 bits, whose sums of products saturate there: 0.0014, 0.17, 0.62
-    - a scale for each tensor in place of each channel: 0.0029, 0.26, 0.61
-    - uint8 weights: 0.0007, 0.05, 0.80
-    - int8 activations, which leave 79 QDQ nodes behind: 0.0008, 0.07, 1.03
-
-    Ranges by percentile and by entropy come to the same mean; their largest difference is 1.3 and 1.7 times as large.
+    error would be that of the probabilities. The rest are measured choices (docs/decisions.md, *S8S8*).
     """
     if not output.parent.is_dir():
         raise OutputError(f"{output}: its folder does not exist")

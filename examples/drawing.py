@@ -13,8 +13,6 @@ from nnpp_edge.terrain.dem import Dem
 from nnpp_edge.viz.picture import hillshade
 
 OUT = Path(__file__).parent / "out"
-_TILE = 512
-"""Cells a side of a tile of a large file."""
 
 
 def run(example: Callable[[Path, bool], Path]) -> None:
@@ -58,23 +56,3 @@ def save(figure: Figure, folder: Path, name: str) -> Path:
     """Write the figure as a PNG; its path."""
     figure.savefig(folder / f"{name}.png", dpi=100)
     return folder / f"{name}.png"
-
-
-def large_ground(path: Path, side: int) -> None:
-    """Write a square tiled GeoTIFF of cells of 1 m, row of tiles by row of tiles: it is never all in memory."""
-    import rasterio
-
-    from nnpp_edge.terrain.synthetic import fractal
-
-    ground = fractal(np.random.default_rng(1), _TILE, 1.0, 8.0)
-    both = np.hstack((ground, ground[:, ::-1]))
-    strip = np.tile(both, -(-side // both.shape[1]))[:, :side] + 30.0 * np.sin(np.arange(side) / 500)
-    kind = {"driver": "GTiff", "width": side, "height": side, "count": 1, "dtype": "float32", "crs": "EPSG:32615"}
-    tiles = {"tiled": True, "blockxsize": _TILE, "blockysize": _TILE, "compress": "deflate", "predictor": 3}
-    place = rasterio.Affine(1, 0, 400_000, 0, -1, 5_000_000)
-    with rasterio.open(path, "w", transform=place, **kind, **tiles) as dataset:
-        for at, row in enumerate(range(0, side, _TILE)):
-            high = min(_TILE, side - row)
-            hills = 30.0 * np.sin(np.arange(row, row + high) / 300)[:, None]
-            tile = strip[:: -1 if at % 2 else 1][:high] + hills
-            dataset.write(tile.astype(np.float32), 1, window=((row, row + high), (0, side)))

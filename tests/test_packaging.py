@@ -70,14 +70,16 @@ def test_the_runtime_imports_neither_torch_nor_onnx():
     assert heavy_modules(code, TRAINING) == []
 
 
-def test_help_imports_nothing_heavy():
-    code = (
-        "from click.testing import CliRunner\n"
-        "from nnpp_edge.cli.main import cli\n"
-        f"for words in {[[], *([name] for name in COMMANDS)]}:\n"
-        "    assert CliRunner().invoke(cli, [*words, '--help']).exit_code == 0"
-    )
-    assert heavy_modules(code, TRAINING | {"numpy", "numba", "onnxruntime", "cv2", "rich", "jinja2"}) == []
+def test_help_and_the_list_of_models_import_nothing_heavy():
+    helps, heavy = [["--help"], *([name, "--help"] for name in COMMANDS)], TRAINING | {"numba", "onnxruntime", "cv2"}
+    for calls, more in ((helps, {"numpy", "rich", "jinja2"}), ([["models", "--json"], ["models", "edge"]], set())):
+        code = (
+            "from click.testing import CliRunner\n"
+            "from nnpp_edge.cli.main import cli\n"
+            f"for words in {calls}:\n"
+            "    assert CliRunner().invoke(cli, words).exit_code == 0"
+        )
+        assert heavy_modules(code, heavy | more) == []
 
 
 def test_the_onboard_install_asks_for_no_training_packages():

@@ -1,12 +1,9 @@
 """Our planners beside other libraries' grid search, on the same maps and queries, in one interleaved run.
 
 The problem is the one that most of them can solve: a step costs its length times the mean weight of the two
-cells, with weights 1 + 2·255·ω·T. scikit-image and scipy then solve the very same problem as our exact A*;
-what the others minimise is said beside them, and the price of their paths is counted by the common rule.
-
-Beside a plan on a standing map stand one-off use, from weights to a path with nothing kept (ours by `plan_path`), and
-a map that has just arrived, from elevations to a path: ours by `Planner.of_elevation`, in the paper's step costs; the
-others, which know no terrain, get their weights from our `traversability_cost`, on the clock.
+cells, with weights 1 + 2·255·ω·T. What others minimise is said beside them, and the price of their paths is counted
+by the common rule. Beside a plan on a standing map stand one-off use (`plan_path` of ours), and a map that has just
+arrived, for which others get their weights from our `traversability_cost`, on the clock.
 """
 
 import functools

@@ -13,13 +13,12 @@ from nnpp_edge.cli.ground_options import VehicleOptions
 from nnpp_edge.cli.text import columns, table, tell
 
 if TYPE_CHECKING:
-    from nnpp_edge.profiling.suites import Case, Size
+    from nnpp_edge.profiling.suites import Case
 
 _WORKLOADS = "soft, limit20, limit15 or any limitN; with a vehicle body, body-rocks10 or any body-rocksN."
-_ROCKS = "Share of the ground under rocks, 0 to 0.2, where the workload does not say."
 _MODEL = "Shipped model or file for nnpp of a point; several are set beside each other."
 _FRESH_MAP = "Also from elevations to the path on a map that has just arrived, lazily and eagerly."
-_MIN_DISTANCE = "Between start and goal, as a share of the map's longer side."
+_MIN_DISTANCE = "Between start and goal, as a share of the map's side."
 _MODELS = Annotated[tuple[str, ...], "--model", options.MODEL, options.MANY, _MODEL]
 
 _SUCCESS = columns("success: success_raw .1% | after/fallback: success .1%")
@@ -56,16 +55,14 @@ def command(
     terrain: options.TerrainFiles = (),
     cell_size: options.CellSize = None,
     rescale: options.Rescale = None,
-    dataset: Annotated[Path | None, options.FOLDER, "Judge by a data set's maps and queries instead."] = None,
     workloads: Annotated[tuple[str, ...], "--workload", options.NAMES, _WORKLOADS] = ("soft",),
     synthetic: Annotated[bool, "Judge by synthetic terrain instead."] = False,
-    sizes: Annotated["tuple[Size, ...]", options.SIZES, "Sides of the maps."] = (256,),
+    sizes: Annotated[tuple[int, ...], options.SIZES, "Sides of the maps."] = (256,),
     queries: Annotated[int, options.COUNT, "For each row."] = 300,
     min_distance: Annotated[float, options.SHARE, _MIN_DISTANCE] = 0.35,
     methods: Annotated[tuple[str, ...], options.NAMES] = ("astar", "corridor", "nnpp"),
     models: _MODELS = ("edge",),
     robot: VehicleOptions,
-    rocks: Annotated[float, options.Real(0.0, 0.2), _ROCKS] = 0.0,
     repeats: Annotated[int, options.COUNT, "Times each planner answers each query; its median time counts."] = 3,
     fresh_map: Annotated[bool, _FRESH_MAP] = False,
     plot: Annotated[Path | None, options.NEW_FILE, "PNG to draw: cost gap against time, every planner."] = None,
@@ -98,12 +95,11 @@ def command(
     from nnpp_edge.runtime.map.slope_cost import slope_cost_of
     from nnpp_edge.runtime.network.inference import NetworkModel
     from nnpp_edge.runtime.planners.plan import Method
-    from nnpp_edge.terrain.dataset import read_recipe
     from nnpp_edge.terrain.workloads import of_bodies
 
     files = (*terrain, *more_terrain)
-    if bool(files) + (dataset is not None) + synthetic != 1:
-        raise click.UsageError("give one of --terrain FILE, --dataset DIR and --synthetic")
+    if bool(files) == synthetic:
+        raise click.UsageError("give either --terrain FILE or --synthetic")
     if as_json and markdown:
         raise click.UsageError("give one of --json and --markdown")
     if unknown := set(methods) - set(Method):
@@ -113,11 +109,6 @@ def command(
         raise click.UsageError(f"--workload {bodies[0]} needs a vehicle: give --vehicle")
     if body and not bodies:
         raise click.UsageError("--vehicle is for the workloads body and body-rocksN")
-    need_heights = {"--fresh-map": fresh_map, "--step-cost": directed, "a vehicle": bodies, "--rocks": rocks}
-    if dataset is not None and (wrong := [name for name, asked in need_heights.items() if asked]):
-        raise click.UsageError(
-            f"{wrong[0]} needs elevations, a data set holds cost maps: give --terrain or --synthetic"
-        )
     if directed:
         slope_cost_of(robot.step_cost, robot.mobility())  # refused now
     options.check_outputs(("--plot", plot))
@@ -131,13 +122,11 @@ def command(
     suites.check_sizes(dems, sizes)
     mobility = robot.mobility(*dems[:1]) if directed else None
 
-    def cases(name: str, size: "Size") -> "Iterator[Case]":
-        found = suites.terrain_cases(dems, name, size, seed, min_distance, body, rocks)
-        found = suites.dataset_cases(dataset, name) if dataset is not None else found
-        for case in found:
+    def cases(name: str, size: int) -> "Iterator[Case]":
+        for case in suites.terrain_cases(dems, name, size, seed, min_distance, body):
             yield replace(case, ground=replace(case.ground, step_cost=robot.step_cost, mobility=mobility))
 
-    runs = list(product(workloads, (read_recipe(dataset).size,) if dataset else sizes))
+    runs = list(product(workloads, sizes))
     rows: list[dict[str, str | float | None]] = []
     with bar("evaluate", queries * len(runs)) as advance:
         for at, (name, size) in enumerate(runs):
@@ -149,8 +138,7 @@ def command(
                 fresh_map=fresh_map,
                 progress=lambda done, before=at * queries: advance(before + done),  # type: ignore[misc]
             )
-            place = {"workload": name, "size": suites.name_of(size)}
-            rows += [{**place, **row} for row in figures.values()]
+            rows += [{"workload": name, "size": size, **row} for row in figures.values()]
     standing = [row for row in rows if not str(row["method"]).endswith(EAGER)]
     if plot is not None:
         from nnpp_edge.viz.figures import pareto

@@ -163,11 +163,10 @@ def _cell(word: str) -> tuple[int, int]:
     return row, col
 
 
-def _size(word: str) -> int | tuple[int, int]:
-    rows, cols = map(int, word.split("x")) if "x" in word else (int(word), int(word))
-    if not 2 <= min(rows, cols) <= max(rows, cols) <= LARGEST_SIDE:
+def _size(word: str) -> int:
+    if not 2 <= (side := int(word)) <= LARGEST_SIDE:
         raise ValueError
-    return rows if rows == cols else (rows, cols)
+    return side
 
 
 def _bytes(word: str) -> float:
@@ -210,8 +209,7 @@ MODEL = Parsed("NAME|FILE", "", _model)
 CELL = Parsed("R,C", "ROW,COL as two whole numbers", _cell)
 NAMES = Parsed("NAME,…", "names joined by commas", joined(str.strip))
 COUNTS = Parsed("N,…", "whole numbers of at least 1, joined by commas", joined(_count))
-SIZES = Parsed("N|RxC,…", f"sides of 2 to {LARGEST_SIDE} cells, or ROWSxCOLS, joined by commas", joined(_size))
-"""Sides of square maps as ints, others as pairs of ints."""
+SIZES = Parsed("N,…", f"sides of 2 to {LARGEST_SIDE} cells, joined by commas", joined(_size))
 STEP_COSTS = ("paper", "tobler", "irmischer", "linear", "time", "energy")
 MANY = {"multiple": True}
 

@@ -14,7 +14,7 @@ from nnpp_edge.cli.text import tell
 if TYPE_CHECKING:
     from nnpp_edge.profiling.contest import Facts
 
-_FILES = ("report.json", "report.md", "board-row.md", "trace.json", "report.html")
+_FILES = ("report.json", "report.md", "board-row.md", "report.html")
 _PEERS_SIZES, _PEERS_QUERIES = (256, 512, 1024), 50
 _WANTED = "give either --profile (paper, edge-2core, single-core, quick, rover or a file) or --peers"
 _TERRAIN = "Elevation file, or several, in place of the profile's; else the sample."
@@ -22,8 +22,8 @@ _VEHICLE = (
     "Whose the workloads body and body-rocksN are, in place of the profile's: a shipped vehicle or a TOML file."
 )
 _OUTPUT = (
-    "Folder for report.json, report.md, report.html, board-row.md (a row for docs/boards.md) and trace.json "
-    "(what ran when, for ui.perfetto.dev); with --peers for peers.json, peers.md and peers.png."
+    "Folder for report.json, report.md, report.html and board-row.md (a row for docs/boards.md); with --peers for "
+    "peers.json and peers.md."
 )
 _SIZES = (
     "Sides of the maps, in place of the profile's; for --peers 256,512,1024. Synthetic terrain where no file is "
@@ -94,8 +94,7 @@ def command(asked: Asked) -> None:
 
     Pins to the profile's cores and lets exact A*, corridor, learned region (int8 and fp32) and auto answer the
     same queries in turns. Then the profile's planner gets each map as if it had just arrived, and where a budget
-    asks for it the onboard loop is run with a patch of elevations at each tick. Where the profile says so all is
-    measured once more with something running beside it. Prints times by stage, speed-up,
+    asks for it the onboard loop is run with a patch of elevations at each tick. Prints times by stage, speed-up,
     path costs, the size from which each planner pays, and the budgets. Exit code 0 when all are met, 1 when one is
     missed, 3 when the run was too noisy to tell, or the processor was slowed and a budget missed for it.
 
@@ -135,7 +134,6 @@ def _profile(name: str, asked: Asked) -> int:
     from nnpp_edge.profiling.measure import queries_in
     from nnpp_edge.profiling.profile_file import overridden, read_profile
     from nnpp_edge.profiling.report import profile_machine
-    from nnpp_edge.profiling.trace import Trace
     from nnpp_edge.progress import bar
 
     profile = read_profile(name)
@@ -153,20 +151,18 @@ def _profile(name: str, asked: Asked) -> int:
         **{key: getattr(asked, key) for key in names},
     )
     notes = [f"left out, as their sizes are not measured: {', '.join(dropped)}"] if dropped else []
-    runs, trace = 1 + bool(profile.contention.words), None if asked.output is None else Trace("nnpp-edge profile")
-    with bar("profile", runs * queries_in(profile.load), quiet=True) as advance:
+    with bar("profile", queries_in(profile.load), quiet=True) as advance:
         report = profile_machine(
             profile,
             start_up=asked.start_up,
             notes=notes,
             progress=advance,
             say=lambda line: click.echo(line, err=True),
-            trace=trace,
         )
     content, markdown = json.dumps(report, indent=1), report_text(report, markdown=True)
-    if trace is not None:
+    if written:
         texts = (text.encode() for text in (content, markdown, f"{board_table(report)}\n"))
-        contents = (*texts, trace.to_json(), _page(report))
+        contents = (*texts, _page(report))
         write_all({path: each for path, each in zip(written, contents, strict=True) if each})
     printed = content if asked.as_json else markdown if asked.markdown else report_text(report)
     click.echo(printed.rstrip("\n"))
@@ -196,16 +192,13 @@ def _peers(asked: Asked) -> None:
     if not 16 <= min(sizes) <= max(sizes) <= options.LARGEST_SIDE or len(set(sizes)) < len(sizes):
         words = ",".join(map(str, sizes))
         raise click.UsageError(f"--sizes must be different numbers from 16 to {options.LARGEST_SIDE}, got {words}")
-    written = [] if asked.output is None else [asked.output / f"peers.{end}" for end in ("json", "md", "png")]
+    written = [] if asked.output is None else [asked.output / f"peers.{end}" for end in ("json", "md")]
     options.check_outputs(*(("--output", path) for path in written), make_folders=True)
     terrain = TerrainFiles.or_sample(asked.terrain, asked.rescale, asked.cell_size)
     with bar("profile", queries * len(sizes)) as advance:
         rows, missing = run(sizes, queries, terrain, seed=seed, progress=advance)
     facts = {"queries": queries, "seed": seed, "left_out": missing, "rows": rows}
     if written:
-        from nnpp_edge.viz.figures import times_by_size
-
         page = f"{peers_text(rows, missing, markdown=True)}\n"
-        contents = (json.dumps(facts, indent=1).encode(), page.encode(), times_by_size(rows))
-        write_all(dict(zip(written, contents, strict=True)))
+        write_all(dict(zip(written, (json.dumps(facts, indent=1).encode(), page.encode()), strict=True)))
     tell(asked.as_json, facts, lambda: peers_text(rows, missing, markdown=asked.markdown), indent=1)

@@ -4,7 +4,7 @@ from collections.abc import Callable, Iterator, Sequence
 
 from nnpp_edge.cli.text import Columns, Row, aligned, columns, table
 from nnpp_edge.profiling.contest import Facts, Figures
-from nnpp_edge.profiling.figures import STAGES
+from nnpp_edge.profiling.figures import stages_of
 from nnpp_edge.progress import MISSING, shown
 
 
@@ -33,11 +33,6 @@ _LOOP: Columns = {
     **columns("n | ms/median: reaction_ms.median | ms/p90: reaction_ms.p90 | ms/p99: reaction_ms.p99"),
     **columns("ms/max: reaction_ms.max | new: planned | kept"),
 }
-_LOADED = {
-    **_PLACE,
-    **columns("alone, ms/median: idle_ms.median | alone, ms/p99: idle_ms.p99"),
-    **columns("beside, ms/median: loaded_ms.median | beside, ms/p99: loaded_ms.p99 | times/as long: factor .2f"),
-}
 _COMPARED = {**_PLACE, **columns("figure | before | after | worse by: change +.1%"), "verdict": _verdict}
 _PEERS = {
     **columns("size | terrain | planner | n | ms/median: time_ms_median | ms/p95: time_ms_p95"),
@@ -57,11 +52,14 @@ _WHOLE_RUN = (
 def report_text(report: Facts, *, markdown: bool = False) -> str:
     """The whole report: on a terminal the budgets come last, where the eye rests, in Markdown first."""
     results = report["results"]
-    found = {stage for row in results for stage in row["stages_ms"]}
-    stages = [*(stage for stage in STAGES if stage in found), *sorted(found - set(STAGES))]
+    stages = {name: _stage(name) for name in stages_of(results)}
     tables: list[tuple[str, Sequence[Row], Columns]] = [
         ("Times, speed-ups and path costs", results, _RESULTS),
-        ("Mean ms by stage, and share of the whole", results, {**_PLACE, **{name: _stage(name) for name in stages}}),
+        (
+            "Mean ms by stage, and share of the whole",
+            results,
+            {**_PLACE, **stages},
+        ),
         (
             "Maps and patches of elevations that have just arrived",
             [row for row in results if row["map_ms"] is not None],
@@ -69,8 +67,6 @@ def report_text(report: Facts, *, markdown: bool = False) -> str:
         ),
         ("The onboard loop: from a patch's arrival to the checked path", report["loop"], _LOOP),
     ]
-    if (contention := report["contention"]) is not None:
-        tables.append((f"Alone, and beside {contention['beside']}", contention["rows"], _LOADED))
     head = "## " if markdown else ""
     parts = [f"{head}{title}\n\n{table(rows, as_, markdown=markdown)}" for title, rows, as_ in tables if rows]
     reasons = [f"why: {why}" for why in dict.fromkeys(line["why"] for line in report["budgets"] if line["why"])]

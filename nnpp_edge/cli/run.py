@@ -51,7 +51,7 @@ def command(
     nnpp-edge run --map dem.tif --profile edge-2core --input zenoh --log drive.mcap
     nnpp-edge run --map dem.tif --input replay:drive.jsonl --fast --output none --json
     """
-    from nnpp_edge.profiling.profile_file import OnboardLoop, overridden_loop, read_profile
+    from nnpp_edge.profiling.profile_file import OnboardLoop, changed, read_profile
     from nnpp_edge.robot.operations.onboard import run
     from nnpp_edge.runtime.loop.ladder import NavigatorSettings
     from nnpp_edge.runtime.network.loading import begin_loading
@@ -62,13 +62,13 @@ def command(
     changes = {name: value for each in loop for name, value in each.values.items()}
     given = {"rate_hz": rate, "method": method, "model": model}
     changes |= {name: value for name, value in given.items() if value is not None}
-    settings = overridden_loop(read_profile(profile).loop if profile else OnboardLoop(), **changes)
+    settings = changed(read_profile(profile).loop if profile else OnboardLoop(), **changes)
     robot.check_turns(settings.refine)
     names = ("method", "model", "tolerance", "corner_cutting", "approach")
     of_loop = {name: getattr(settings, name) for name in names}
     navigator = NavigatorSettings(**of_loop, refine=settings.refine or None)
     options.check_outputs(  # --record never replaces a file
-        *(("--log", wiring.log), ("--view", options.view_file(wiring.view)), ("--trace", wiring.trace)),
+        *(("--log", wiring.log), ("--view", options.view_file(wiring.view))),
         more_inputs=[model_path(settings.model)],
     )
     if navigator.asks_network:

@@ -9,7 +9,6 @@ from nnpp_edge.profiling.contest import Harness
 from nnpp_edge.profiling.profile_file import OnboardLoop
 from nnpp_edge.profiling.rivals import RivalPlanner
 from nnpp_edge.profiling.suites import heights_of
-from nnpp_edge.profiling.trace import Trace
 from nnpp_edge.runtime.cells import Endpoints
 from nnpp_edge.runtime.loop.connections import InProcessSource
 from nnpp_edge.runtime.loop.ladder import NavigatorSettings
@@ -71,17 +70,11 @@ class Reactions:
     without_path: int = 0
 
 
-def reactions(
-    ground: Ground,
-    queries: Sequence[Endpoints],
-    loop: OnboardLoop,
-    patches: int = REACTIONS,
-    trace: Trace | None = None,
-) -> Reactions:
+def reactions(ground: Ground, queries: Sequence[Endpoints], loop: OnboardLoop, patches: int = REACTIONS) -> Reactions:
     """Run the onboard loop at its rate on this map, with a patch of elevations at each tick.
 
     With every other patch a hill appears on the newest path; with the next it is gone. The first of the queries share
-    the patches. `trace` is given every tick.
+    the patches.
     """
     source, found, path, counts = InProcessSource(), Reactions(), np.array(queries[0]), False
     queries = queries[:_QUERIES]
@@ -96,15 +89,12 @@ def reactions(
 
     def after_tick(message: PathMessage) -> None:
         nonlocal path
-        tick = running.spans[0]
         if counts:
-            found.ms.append(1e3 * (tick.ended_s - tick.began_s))
+            found.ms.append(1e3 * running.tick_s)
             found.planned += message.ok and message.origin is not Origin.STANDING
             found.kept += message.origin is Origin.STANDING
             found.without_path += not message.ok
         path = message.path if message.ok else path
-        if trace is not None:
-            trace.tick(message, running.spans)
         feed()
 
     settings = NavigatorSettings(

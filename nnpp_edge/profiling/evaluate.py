@@ -75,20 +75,11 @@ def evaluate(
     """Have every planner, exact A* among them, answer the same queries: a row of figures for each planner's key, in
     order.
 
-    Queries that exact A* finds no path for are passed over; `queries` others are judged by, fewer if the cases run
-    out. Each planner answers each of them `repeats` times, in turn with the others; its median time counts: the whole
-    call, encoding, inference, threshold, searches, path, and every widening and fallback. What depends on the map
-    alone is made before the clock starts. `progress` is called with the number of queries that are done.
+    What counts, and the figures, are in docs/evaluate.md. `queries` are judged by, fewer if the cases run out, each
+    answered `repeats` times in turns. `progress` is called with the number that are done. All cases are a vehicle's,
+    or none. With `fresh_map` a planner is also made of the elevations for each call, lazily and eagerly.
 
-    With `fresh_map` each also answers every query on a map that has just arrived, lazily and eagerly, in the same
-    turns: a planner is made of the elevations for each call, all of it on the clock. A row that ends in ``-eager``
-    follows.
-
-    On the maps of a vehicle every answer is that of a planner which has not checked any pose before, and which is
-    made of the elevations for it: its time is the plan's own, and from the elevations on it is given as of a fresh
-    map. All cases are a vehicle's, or none.
-
-    InvalidQueryError for a case without elevations where they are needed, or 50 maps in a row without a path.
+    InvalidQueryError for 50 maps in a row without a path.
     """
     exercise()
     harness, rows = Harness(), defaultdict[str, list[Row]](list)
@@ -126,8 +117,6 @@ class _OnMap:
     """The rivals on the map of one case, as functions of a query."""
 
     def __init__(self, case: Case, rivals: Sequence[RivalPlanner], fresh_map: bool) -> None:
-        if fresh_map and case.ground.elevation is None:
-            raise InvalidQueryError("a fresh map is made from elevations, got a case of costs alone")
         body = case.ground.vehicle is not None
         self._ground, self._cells, self._rivals = case.ground, case.cost.size, rivals
         self.poses = 0

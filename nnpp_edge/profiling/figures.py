@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from nnpp_edge.profiling.arrivals import patch_side
 from nnpp_edge.profiling.contest import Columns, Facts, Summary, answer, mean, quantile, ratio, summarised
 from nnpp_edge.profiling.measure import HALVES, Answers, Run, WorkloadRun
-from nnpp_edge.profiling.profile_file import LOOP, OnboardLoop
+from nnpp_edge.profiling.profile_file import OnboardLoop
 from nnpp_edge.profiling.rivals import EXACT
 
 STAGES = ("encode", "inference", "threshold", "coarse", "search", "path", "other")
@@ -42,6 +42,12 @@ def rows(run: Run) -> list[Facts]:
     return [_row(of, name) for of in run.workloads for name in of.answers]
 
 
+def stages_of(results: Sequence[Facts]) -> list[str]:
+    """The stages of all rows, in the order of work."""
+    found = {stage for row in results for stage in row["stages_ms"]}
+    return [*(stage for stage in STAGES if stage in found), *sorted(found - set(STAGES))]
+
+
 def find(results: Sequence[Facts], workload: str, size: int, planner: str) -> Facts | None:
     """The row of a planner."""
     place = (workload, size, planner)
@@ -59,19 +65,6 @@ def loop_rows(run: Run, loop: OnboardLoop) -> list[Facts]:
             row |= {"reaction_ms": _spread(np.concatenate(halves))}
             row |= {name: sum(getattr(each, name) for each in of.reactions) for name in counts}
             found.append(row | {"halves": {"reaction": [float(np.median(half)) for half in halves]}})
-    return found
-
-
-def loaded_rows(idle: Run, loaded: Run, loop: OnboardLoop) -> list[Facts]:
-    """Both runs' times beside each other, of the planners and then of the loop."""
-    both = [(one, other, "time_ms") for one, other in zip(rows(idle), rows(loaded), strict=True)]
-    for one, other in zip(loop_rows(idle, loop), loop_rows(loaded, loop), strict=True):
-        both.append(({**one, "planner": LOOP}, other, "reaction_ms"))
-    found = []
-    for one, other, key in both:
-        place = {name: one[name] for name in ("workload", "size", "planner")}
-        factor = other[key]["median"] / one[key]["median"]
-        found.append({**place, "idle_ms": one[key], "loaded_ms": other[key], "factor": factor})
     return found
 
 

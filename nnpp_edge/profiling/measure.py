@@ -17,7 +17,6 @@ from nnpp_edge.profiling.profile_maps import ProfileMaps
 from nnpp_edge.profiling.rivals import EXACT, RivalPlanner
 from nnpp_edge.profiling.sensors import Sensors
 from nnpp_edge.profiling.suites import Case
-from nnpp_edge.profiling.trace import Trace
 from nnpp_edge.runtime.cells import Endpoints
 from nnpp_edge.runtime.errors import InvalidQueryError
 from nnpp_edge.runtime.network.inference import NetworkModel
@@ -71,11 +70,6 @@ class WorkloadRun:
     reactions: list[Reactions] = field(default_factory=list)
     """Of the onboard loop, for each half; empty where these are not measured."""
 
-    @property
-    def queries(self) -> list[Endpoints]:
-        """All queries, in the order of the answers."""
-        return [query for on_map in self.queries_by_map for query in on_map]
-
 
 @dataclass
 class Run:
@@ -106,7 +100,6 @@ def run(
     cores: Sequence[int],
     *,
     sensors: Sensors | None = None,
-    trace: Trace | None = None,
     progress: Callable[[int], None] = lambda done: None,
 ) -> Run:
     """Have every planner, exact A* first, answer every query, in both halves of the run.
@@ -118,7 +111,7 @@ def run(
     just arrived are measured afterwards, map by map: they drive the standing map out of the caches.
     """
     load = profile.load
-    maps, session = ProfileMaps(load), _Session(profile, rivals, sensors, trace)
+    maps, session = ProfileMaps(load), _Session(profile, rivals, sensors)
     runs = [
         WorkloadRun(name, size, maps.source(size), {rival.name: Answers() for rival in rivals})
         for name, size in product(load.workloads, load.sizes)
@@ -164,10 +157,8 @@ def _solvable(maps: ProfileMaps, of: WorkloadRun, load: Load) -> Iterator[tuple[
 class _Session:
     """Means by which all maps of a run are measured."""
 
-    def __init__(
-        self, profile: Profile, rivals: Sequence[RivalPlanner], sensors: Sensors | None, trace: Trace | None
-    ) -> None:
-        self._profile, self._rivals, self._sensors, self._trace = profile, rivals, sensors, trace
+    def __init__(self, profile: Profile, rivals: Sequence[RivalPlanner], sensors: Sensors | None) -> None:
+        self._profile, self._rivals, self._sensors = profile, rivals, sensors
         self._harness, self._meter = Harness(), EnergyMeter()
 
     def measure(
@@ -191,18 +182,15 @@ class _Session:
             energy, worked_s = self._meter.read(), time.thread_time()
 
         def after(name: str, elapsed_s: float, plan: Plan) -> None:
-            ended, worked = time.perf_counter(), time.thread_time() - worked_s
+            worked = time.thread_time() - worked_s
             of.answers[name].energy_mj.append(self._meter.since_mj(energy))
             if plan.method is Method.NNPP:  # this thread may have waited for threads of its own
                 disturbance.leave_out(elapsed_s, worked)
-            if self._trace is not None:
-                facts = {"expansions": plan.expansions}
-                self._trace.span(name, ended - elapsed_s, ended, plan.timings_ms, facts=facts)
 
         calls = {name: call(name) for name in rivals}
         for answer in calls.values():
             answer(queries[0])  # the map's own work, and warm caches
-        began, repeats = time.perf_counter(), self._profile.load.repeats
+        repeats = self._profile.load.repeats
         disturbance.start()
         for records in self._harness.measure(calls, queries, repeats=repeats, before=before, after=after):
             for name in rivals:
@@ -213,21 +201,15 @@ class _Session:
                     seconds, _ = disturbance.left_out(partial(self._harness.timed, rival.model.try_out))
                     of.answers[name].figures[half][-1]["network_ms"] = 1e3 * seconds
         disturbance.stop()
-        self._span(f"{of.workload} {of.size}², half {half + 1}", began)
 
     def measure_arriving(self, on_map: Case, queries: list[Endpoints], of: WorkloadRun, half: int) -> None:
         """Have some planners answer the queries on one map as if it had just arrived; run the loop on it."""
         profile, ground = self._profile, on_map.ground
         for rival in (each for each in self._rivals if each.name in profile.arriving):
-            own, began = rival.apart(), time.perf_counter()
+            own = rival.apart()
             arrival_ms(own, ground, queries[0], self._harness)  # kernels loaded
             for query, figures in zip(queries, of.answers[rival.name].figures[half][-len(queries) :], strict=True):
                 times = [arrival_ms(own, ground, query, self._harness) for _ in range(profile.load.repeats)]
                 figures["map_ms"], figures["patch_ms"] = np.median(times, axis=0).tolist()
-            self._span(f"maps that have just arrived, {rival.name}", began)
         if (of.workload, of.size) in profile.reactions_at and len(of.reactions) == half:
-            of.reactions.append(reactions(ground, queries, profile.loop, trace=self._trace))
-
-    def _span(self, name: str, began_s: float) -> None:
-        if self._trace is not None:
-            self._trace.span(name, began_s, time.perf_counter())
+            of.reactions.append(reactions(ground, queries, profile.loop))

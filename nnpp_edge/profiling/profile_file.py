@@ -1,7 +1,6 @@
 """Profiles: a device, a workload, a model, and budgets on quantities, read from TOML."""
 
 import re
-import shlex
 import tomllib
 from collections.abc import Collection
 from importlib.resources import files
@@ -176,20 +175,6 @@ class OnboardLoop(Table, frozen=True):
         self.check_different("cores")
 
 
-class Contention(Table, frozen=True):
-    """Work that runs beside, in a second run; by default nothing, and there is none."""
-
-    threads: Annotated[int, Meta(ge=0, le=1024)] = 0
-    """So many that compute without a pause, each a process of its own."""
-    command: tuple[str, ...] = ()
-    """A program and its words, run without a shell, in place of the threads. It must not end before the run does."""
-
-    @property
-    def words(self) -> str:
-        """Words on what runs; empty where nothing does."""
-        return shlex.join(self.command) or f"{self.threads} busy thread(s)" * bool(self.threads)
-
-
 class Budget(Table, frozen=True):
     """One line of the table of budgets."""
 
@@ -231,7 +216,6 @@ class Profile(Table, frozen=True):
     networks: Networks = msgspec.field(default_factory=Networks, name="model")
     budgets: tuple[Budget, ...] = ()
     loop: OnboardLoop = OnboardLoop()
-    contention: Contention = Contention()
 
     def __post_init__(self) -> None:
         self.check_choice("planner", PLANNERS)
@@ -298,21 +282,17 @@ def overridden(profile: Profile, **changes: object) -> tuple[Profile, list[str]]
 
     Also the names of the budgets that were left out because their size is no longer measured.
     """
-    load = _changed(profile.load, changes)
+    load = changed(profile.load, **changes)
     kept = tuple(budget for budget in profile.budgets if budget.size is None or budget.size in load.sizes)
     dropped = [budget.name for budget in profile.budgets if budget not in kept]
     return replace(profile, load=load, budgets=kept), dropped
 
 
-def overridden_loop(loop: OnboardLoop, **changes: object) -> OnboardLoop:
-    """The loop as options on the command line ask for; None changes nothing. ProfileError if out of range."""
-    return _changed(loop, changes)
-
-
 TableT = TypeVar("TableT", bound=Table)
 
 
-def _changed(table: TableT, changes: dict[str, object]) -> TableT:
+def changed(table: TableT, **changes: object) -> TableT:
+    """A table as options on the command line ask for; None changes nothing. ProfileError if out of range."""
     given = {key: value for key, value in changes.items() if value is not None}
     return _converted(asdict(table) | given, type(table))
 

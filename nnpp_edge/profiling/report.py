@@ -4,18 +4,16 @@ from collections.abc import Callable, Sequence
 from datetime import UTC, datetime
 
 from nnpp_edge import __version__
-from nnpp_edge.profiling.contention import check, running
 from nnpp_edge.profiling.contest import Facts
-from nnpp_edge.profiling.figures import break_even, loaded_rows, loop_rows, rows
+from nnpp_edge.profiling.figures import break_even, loop_rows, rows
 from nnpp_edge.profiling.judge import MOST_DISTURBED, Noise, WholeRun, judged, summary, verdict
 from nnpp_edge.profiling.machine import Disturbance, busy_share, environment, pinned
-from nnpp_edge.profiling.measure import Run, queries_in, rivals_of, run
+from nnpp_edge.profiling.measure import Run, rivals_of, run
 from nnpp_edge.profiling.processes import peak_memory_mb, start_up_s
 from nnpp_edge.profiling.profile_file import SYNTHETIC, Profile
 from nnpp_edge.profiling.profile_maps import ProfileMaps
 from nnpp_edge.profiling.rivals import RivalPlanner
 from nnpp_edge.profiling.sensors import Sensors, Throttling, sensor_facts, throttling
-from nnpp_edge.profiling.trace import Trace
 from nnpp_edge.runtime.network.model_file import model_path
 from nnpp_edge.terrain.workloads import body_rocks
 
@@ -30,17 +28,15 @@ def profile_machine(
     notes: Sequence[str] = (),
     progress: Callable[[int], None] = lambda done: None,
     say: Callable[[str], None] = lambda line: None,
-    trace: Trace | None = None,
 ) -> Facts:
     """Pin, warm up, measure, judge: the report that docs/profile.md describes, ready for JSON.
 
     `start_up` also measures the time from import to first plan, which takes a minute; without it that is done only
     where a budget asks for it. `notes` are put before the report's own. `progress` is called with the number of
-    queries that are done, `say` with a line for people, at once; `trace` is given every call, tick and reading.
+    queries that are done, `say` with a line for people, at once.
     NnppEdgeError if a terrain or model file cannot be used, or the terrain has too few queries with a path.
     """
     said, load = list(notes), profile.load
-    check(profile.contention)
     with pinned(profile.device.cores) as (cores, problems):
         if (busy := busy_share(cores)) is not None and busy > MOST_DISTURBED:
             problems.append(f"others use {100 * busy:.0f} % of the cores' time before the run begins")
@@ -48,23 +44,12 @@ def profile_machine(
             said.append(line)
             say(line)
         rivals, sensors = rivals_of(profile.networks, profile.device), Sensors(cores)
-        measured = run(profile, rivals, cores, sensors=sensors, trace=trace, progress=progress)
-        contention = None
-        if beside := profile.contention.words:
-            done = queries_in(load)
-            say(f"once more, beside {beside}")
-            with running(profile.contention) as ended_early:
-                loaded = run(profile, rivals, cores, progress=lambda more: progress(done + more))
-                said += ended_early()
-            both = loaded_rows(measured, loaded, profile.loop)
-            contention = {"beside": beside, "rows": both, "halves": _halves(loaded)}
+        measured = run(profile, rivals, cores, sensors=sensors, progress=progress)
         whole_run = _whole_run(profile, rivals, start_up, say)
     results, loop = rows(measured), loop_rows(measured, profile.loop)
     if load.terrain != (SYNTHETIC,):
         made = {row["size"] for row in results if row["terrain"] == SYNTHETIC}
         said += [f"no terrain has {size} × {size} cells: synthetic ground in its place" for size in sorted(made)]
-    if trace is not None:
-        trace.sensors(sensors.readings)
     slowed = throttling(sensors.readings, sensors.limits)
     noise = _noise(measured.disturbance, slowed)
     lines = judged(profile, results, whole_run, noise, loop)
@@ -82,7 +67,6 @@ def profile_machine(
         "loop": loop,
         "break_even": break_even(of_points or results),
         "disturbance": {"words": noise.words, "halves": _halves(measured)},
-        "contention": contention,
         "sensors": sensor_facts(sensors.readings, sensors.limits),
         "besides": whole_run,
         "cores": cores,

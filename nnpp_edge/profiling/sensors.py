@@ -32,16 +32,6 @@ class Reading:
     """How often the processor says it has slowed its cores since the machine started."""
 
 
-@dataclass(frozen=True)
-class Limits:
-    """Limits of readings."""
-
-    clock_mhz: dict[str, float] = field(default_factory=dict)
-    """The greatest clock of each core."""
-    trip_c: dict[str, float] = field(default_factory=dict)
-    """The temperature of each thermal zone at which the kernel slows the processor."""
-
-
 class Sensors:
     """The sensors below `root`: cpufreq and the thermal counter of these cores, and all thermal zones.
 
@@ -56,7 +46,8 @@ class Sensors:
         self._zones = {f"{kind} {zone.name.removeprefix('thermal_zone')}": zone for zone, kind in kinds.items()}
         trips = {name: min(_trips(folder), default=None) for name, folder in self._zones.items()}
         known = {name: trip for name, trip in trips.items() if trip is not None}
-        self.limits = Limits(self._clocks("cpuinfo_max_freq"), known)
+        self.limits = Reading(0.0, self._clocks("cpuinfo_max_freq"), known)
+        """The greatest clock of each core, and the temperature of each zone at which the kernel slows it."""
 
     def due(self) -> bool:
         """Whether it is time for the next reading."""
@@ -91,7 +82,7 @@ class Throttling:
     """Of the greatest clock that was missing; 1 where the clock is not known."""
 
 
-def throttling(readings: Sequence[Reading], limits: Limits) -> Throttling:
+def throttling(readings: Sequence[Reading], limits: Reading) -> Throttling:
     """Signs in the readings of a run: a clock that fell, a trip point that was met, a counter that rose.
 
     A clock fell where its median over the last quarter of the readings is below that over the first by `FALL`.
@@ -104,7 +95,7 @@ def throttling(readings: Sequence[Reading], limits: Limits) -> Throttling:
         if last < (1.0 - FALL) * first:
             words.append(f"the clock of core {core} fell from {first:.0f} to {last:.0f} MHz")
     for zone, values in _series(readings, "temperature_c").items() if len(readings) > 1 else ():
-        trip = limits.trip_c.get(zone, float("inf"))
+        trip = limits.temperature_c.get(zone, float("inf"))
         if met := sum(each >= trip for each in values):
             words.append(f"{zone} stood at its trip point of {trip:g} °C in {met} of {len(values)} readings")
     counts = [reading.throttles for reading in readings if reading.throttles is not None]
@@ -117,13 +108,13 @@ def throttling(readings: Sequence[Reading], limits: Limits) -> Throttling:
     return Throttling("; ".join(words), float(max(missing, default=1.0)))
 
 
-def sensor_facts(readings: Sequence[Reading], limits: Limits) -> Facts:
+def sensor_facts(readings: Sequence[Reading], limits: Reading) -> Facts:
     """Facts of the sensors, ready for JSON."""
     found: Facts = {"readings": len(readings), "throttled": throttling(readings, limits).words}
-    for key, name, of in (("clock_mhz", "limit", limits.clock_mhz), ("temperature_c", "trip", limits.trip_c)):
+    for key, name in (("clock_mhz", "limit"), ("temperature_c", "trip")):
         found[key] = {
             each: {"first": values[0], "last": values[-1], "min": min(values), "max": max(values)}
-            | {name: of.get(each)}
+            | {name: getattr(limits, key).get(each)}
             for each, values in _series(readings, key).items()
         }
     return found

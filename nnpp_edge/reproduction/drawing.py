@@ -1,6 +1,5 @@
 """Parts of the experiments' pictures: charts of rows, and maps with regions and paths."""
 
-import io
 from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, NamedTuple
 
@@ -12,8 +11,9 @@ from nnpp_edge.reproduction.planners import PLANNERS
 from nnpp_edge.reproduction.regions import PaperRegions, best_path
 from nnpp_edge.reproduction.rows import Rows
 from nnpp_edge.runtime.arrays import Float2D
-from nnpp_edge.runtime.cells import Cell, Endpoints
+from nnpp_edge.runtime.cells import Endpoints
 from nnpp_edge.runtime.network.inference import NetworkModel
+from nnpp_edge.viz.figures import new_figure
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -30,24 +30,9 @@ _PATHS = {
     "optimal path": ("#e0218a", 3.0, "-"),
     "path in the region": ("#ffe100", 1.2, "-"),
     "path before": ("#b8b8b8", 1.2, ":"),
-    "driven": ("#ff9e3d", 2.2, "-"),
 }
 """Colour, width and style of a path by its label."""
 _CHANGED, _CYAN, _TINT = "#ff3b1f", np.array([0.0, 0.9, 1.0]), 0.45
-
-
-def new_figure(width: float, height: float) -> "Figure":
-    """An empty figure, so many inches wide and high."""
-    from matplotlib.figure import Figure
-
-    return Figure(figsize=(width, height), layout="constrained")
-
-
-def png(figure: "Figure") -> bytes:
-    """The figure as PNG."""
-    content = io.BytesIO()
-    figure.savefig(content, format="png", dpi=130)
-    return content.getvalue()
 
 
 def tidy(axes: "Axes", title: str, x: str = "", y: str = "") -> None:
@@ -122,42 +107,32 @@ def frame(at: int) -> str:
     return ("T", "T + Δt")[at] if at < 2 else f"T + {at}Δt"
 
 
-def draw_map(axes: "Axes", cost: Float2D, title: str, region: NDArray[np.bool_] | None = None) -> None:
-    """A cost map in grey, the whiter the dearer, brown where impassable, and cyan inside a region."""
-    passable = (cost < 1.0)[..., None]
-    picture = np.where(passable, np.where(passable[..., 0], cost, 0.0)[..., None], [0.38, 0.17, 0.13])
-    tint = _TINT * passable * (np.zeros_like(passable) if region is None else region[..., None])
+def draw_view(axes: "Axes", view: View, title: str, *, before: View | None = None) -> None:
+    """A plan on its cost in grey, the whiter the dearer, brown where impassable, and cyan inside the region.
+
+    Start and goal lie above all paths. `before` is the plan before: its path is drawn, and what has changed since.
+    """
+    from matplotlib.patches import Rectangle
+
+    passable = (view.cost < 1.0)[..., None]
+    picture = np.where(passable, np.where(passable[..., 0], view.cost, 0.0)[..., None], [0.38, 0.17, 0.13])
+    tint = _TINT * passable * view.region[..., None]
     axes.imshow(np.clip(picture * (1.0 - tint) + _CYAN * tint, 0.0, 1.0), interpolation="nearest")
     axes.set_title(title, fontsize="small")
     axes.set(xticks=[], yticks=[])
-
-
-def draw_path(axes: "Axes", path: Cells, label: str) -> None:
-    """A path on a map, of a kind that the legend names."""
-    colour, width, style = _PATHS[label]
-    axes.plot(path[:, 1], path[:, 0], style, color=colour, linewidth=width, label=label)
-
-
-def draw_ends(axes: "Axes", start: Cell | Cells, goal: Cell | Cells) -> None:
-    """Start and goal on a map, above all paths."""
-    axes.plot(start[1], start[0], "s", color="gold", mec="black", markersize=6, label="start", zorder=5)
-    axes.plot(goal[1], goal[0], "*", color="red", mec="black", markersize=11, label="goal", zorder=5)
-
-
-def draw_view(axes: "Axes", view: View, title: str, *, before: View | None = None) -> None:
-    """A plan; and the path before, where that is another, with what has changed since."""
-    from matplotlib.patches import Rectangle
-
-    draw_map(axes, view.cost, title, view.region)
+    paths = {"optimal path": view.optimum, "path in the region": view.path}
     if before is not None:
-        draw_path(axes, before.optimum, "path before")
+        paths = {"path before": before.optimum} | paths
         for at, (row, col, patch) in enumerate(view.patches):
             label, sides = "_" * bool(at) + "changed", patch.shape[::-1]
             where = (col - 0.5, row - 0.5)
             axes.add_patch(Rectangle(where, *sides, fill=False, ec=_CHANGED, lw=1.3, zorder=4, label=label))
-    draw_path(axes, view.optimum, "optimal path")
-    draw_path(axes, view.path, "path in the region")
-    draw_ends(axes, view.optimum[0], view.optimum[-1])
+    for label, path in paths.items():
+        colour, width, style = _PATHS[label]
+        axes.plot(path[:, 1], path[:, 0], style, color=colour, linewidth=width, label=label)
+    start, goal = view.optimum[[0, -1]]
+    axes.plot(start[1], start[0], "s", color="gold", mec="black", markersize=6, label="start", zorder=5)
+    axes.plot(goal[1], goal[0], "*", color="red", mec="black", markersize=11, label="goal", zorder=5)
 
 
 def map_legend(figure: "Figure", axes: "Axes") -> None:

@@ -1,4 +1,4 @@
-"""Tables 3 and 4, Fig. 16: episodes on a map that changes, for the paper's plain methods and our dynamic planners."""
+"""Tables 3 and 4, Fig. 16: episodes on a map that changes, for plain A* and A*NN, and our dynamic planners."""
 
 from collections.abc import Iterator
 from contextlib import suppress
@@ -13,33 +13,23 @@ from nnpp_edge.reproduction.episode import STRIDE, Episode, Step, make_episode
 from nnpp_edge.reproduction.experiment import MAPS_TRIED, Context, Result, experiment
 from nnpp_edge.reproduction.findings import Finding, Own, judge, judge_increase, judge_speedup
 from nnpp_edge.reproduction.paper import ASTAR, ASTAR_NN, DSTAR, DSTAR_NN, DYNAMIC, STATIC
-from nnpp_edge.reproduction.plain import PlainDStar
-from nnpp_edge.reproduction.planners import (
-    PLAIN,
-    PLAIN_CONTROLS,
-    PLAIN_DSTAR,
-    PLAIN_DSTAR_CORRIDOR,
-    PLAIN_DSTAR_NN,
-    PLAIN_NN,
-    OneMap,
-    shown,
-)
-from nnpp_edge.reproduction.regions import CORRIDOR, NETWORK, Networks
+from nnpp_edge.reproduction.planners import PLAIN, PLAIN_CONTROLS, PLAIN_NN, OneMap, shown
+from nnpp_edge.reproduction.regions import CORRIDOR, Networks
 from nnpp_edge.reproduction.rows import Row, Rows, seconds
-from nnpp_edge.runtime.cells import Cell
 from nnpp_edge.runtime.errors import InvalidQueryError
 from nnpp_edge.runtime.network.inference import NetworkModel
 from nnpp_edge.runtime.planners.dynamic import DynamicPlanner
 from nnpp_edge.runtime.planners.plan import Plan, Source
+from nnpp_edge.viz.figures import new_figure
 
 COMPILED = ("astar", "nnpp", "dstar", "nnpp-dstar", "corridor", "corridor-dstar")
 PLAIN_ASTARS = (PLAIN, PLAIN_NN, PLAIN_CONTROLS[CORRIDOR])
-PLANNERS = (*PLAIN_ASTARS, PLAIN_DSTAR, PLAIN_DSTAR_NN, PLAIN_DSTAR_CORRIDOR, *COMPILED)
+PLANNERS = (*PLAIN_ASTARS, *COMPILED)
 LEAST_DISTANCE = 0.7
 """Between start and goal, as a share of the map's side: four plans or more at 256²."""
-OURS_OF = {ASTAR: (PLAIN, "astar"), ASTAR_NN: (PLAIN_NN, "nnpp"), DSTAR: (PLAIN_DSTAR, "dstar")}
-OURS_OF |= {DSTAR_NN: (PLAIN_DSTAR_NN, "nnpp-dstar")}
-"""For each of the paper's methods ours: plain and compiled."""
+PLAIN_OF = {ASTAR: PLAIN, ASTAR_NN: PLAIN_NN}
+OURS_OF = {ASTAR: "astar", ASTAR_NN: "nnpp", DSTAR: "dstar", DSTAR_NN: "nnpp-dstar"}
+"""For each of the paper's methods ours."""
 _COMPARED = [(ASTAR, ASTAR_NN, STATIC), (ASTAR, ASTAR_NN, DYNAMIC), (ASTAR, DSTAR, DYNAMIC)]
 _COMPARED += [(DSTAR, DSTAR_NN, DYNAMIC), (ASTAR_NN, DSTAR_NN, DYNAMIC)]
 """The paper's methods whose times are compared in Table 4, and in which scene."""
@@ -63,11 +53,10 @@ def find_episodes(context: Context, size: int, count: int) -> list[Episode]:
 
 def drive(episode: Episode, networks: Networks, repeats: int) -> Rows:
     """Have all of `PLANNERS` make every plan of an episode; of ours the median of `repeats` lives counts."""
-    harness, rows, dstars = Harness(), Rows(), dict[str, PlainDStar]()
+    harness, rows = Harness(), Rows()
     for at, (step, compiled) in enumerate(zip(episode.steps, _ours(episode, networks.ours, repeats), strict=True)):
         here = OneMap(episode.map_at(at), (step.start, episode.goal), networks)
-        found = [*here.timed(PLAIN_ASTARS, 1, harness), *_repaired(here, dstars, harness), *compiled]
-        rows += [{"plan": at, **row} for row in found]
+        rows += [{"plan": at, **row} for row in (*here.timed(PLAIN_ASTARS, 1, harness), *compiled)]
     return rows
 
 
@@ -102,28 +91,6 @@ def _replan(planner: DynamicPlanner, step: Step) -> Plan:
     return planner.replan()
 
 
-def _repaired(here: OneMap, dstars: dict[str, PlainDStar], harness: Harness) -> list[Row]:
-    """The next answers of the plain D* Lite searches, which are kept in `dstars`."""
-    corridor, (start, goal) = here.maker.controls(here.regions[NETWORK])[CORRIDOR], here.query
-    makers = {PLAIN_DSTAR: None, PLAIN_DSTAR_NN: here.maker.find, PLAIN_DSTAR_CORRIDOR: corridor}
-
-    def plan(name: str) -> list[Cell] | None:
-        make = makers[name]
-        inside = None if make is None else make(here.query).mask()
-        if name not in dstars:
-            dstars[name] = PlainDStar(here.cost, start, goal, inside)
-        else:
-            dstars[name].change(here.cost, inside)
-            dstars[name].move(start)
-        return dstars[name].plan()
-
-    rows, mended = list[Row](), float(bool(dstars))
-    for name in makers:
-        time_s, path = harness.timed(partial(plan, name))
-        rows.append(here.row(name, path) | {"time_s": time_s, "mended": mended})
-    return rows
-
-
 _QUICK = {"size": 128, "repeats": 1}
 
 
@@ -139,7 +106,7 @@ def table3(context: Context, *, size: int = 256, episodes: int = 12, repeats: in
         drawing.view_plan(episode.map_at(at), (step.start, episode.goal), context.networks.paper, step.patches)
         for at, step in enumerate(episode.steps)
     ]
-    figure = drawing.new_figure(2.7 * len(views), 3.4)
+    figure = new_figure(2.7 * len(views), 3.4)
     panels = figure.subplots(1, len(views), squeeze=False)[0]
     for at, (axes, view) in enumerate(zip(panels, views, strict=True)):
         drawing.draw_view(axes, view, drawing.frame(at), before=views[at - 1] if at else None)
@@ -152,16 +119,16 @@ def table3_findings(rows: Rows) -> list[Finding]:
     found = list[Finding]()
     for slow, fast in ((ASTAR, ASTAR_NN), (ASTAR, DSTAR), (DSTAR, DSTAR_NN)):
         found += _speedups(slow, fast, paper.TABLE_3.speedup(slow, fast), rows)
-    for theirs, name in ((ASTAR_NN, PLAIN_NN), (DSTAR_NN, PLAIN_DSTAR_NN), (DSTAR_NN, "nnpp-dstar")):
+    for theirs, name in ((ASTAR_NN, PLAIN_NN), (DSTAR_NN, "nnpp-dstar")):
         claim = f"CC increase of {_short(theirs)} ({shown('planner', name)})"
         found.append(judge_increase(claim, paper.TABLE_3.increase(theirs), rows, name))
     last = rows.of(plan=max(rows.all("plan")))
-    nn_s, dstar_s = (last.of(name).mean("time_s") for name in (PLAIN_DSTAR_NN, PLAIN_DSTAR))
+    nn_s, dstar_s = (last.of(name).mean("time_s") for name in ("nnpp-dstar", "dstar"))
     theirs_s = (seconds(paper.TABLE_3.of(name, plan=3).mean("time_s")) for name in (DSTAR_NN, DSTAR))
     texts = (
         " against ".join(theirs_s),
         f"{seconds(nn_s)} against {seconds(dstar_s)}",
-        f"{PLAIN_DSTAR_NN} takes longer",
+        "`nnpp-dstar` takes longer",
     )
     claim = "near the goal, in the last frame, D*NN takes longer than D*"
     return [*found, judge(claim, *texts, True, better=nn_s <= dstar_s)]
@@ -172,10 +139,11 @@ def _short(theirs: str) -> str:
 
 
 def _speedups(slow: str, fast: str, theirs: float, rows: Rows, where: str = "") -> Iterator[Finding]:
-    """One of the paper's methods over another, plain and compiled."""
-    for pair, label in zip(zip(OURS_OF[slow], OURS_OF[fast], strict=True), ("plain", "ours"), strict=True):
-        claim = f"speed-up of {_short(fast)} over {_short(slow)}{where}, both {label}"
-        yield judge_speedup(claim, theirs, rows, pair)
+    """One of the paper's methods over another, plain where we have both so, and compiled."""
+    for label, of in {"plain": PLAIN_OF, "ours": OURS_OF}.items():
+        if slow in of and fast in of:
+            claim = f"speed-up of {_short(fast)} over {_short(slow)}{where}, both {label}"
+            yield judge_speedup(claim, theirs, rows, (of[slow], of[fast]))
 
 
 @experiment("Table 4", "Five maps, standing still and changing", {**_QUICK, "maps": 2})
@@ -198,23 +166,21 @@ def table4_findings(rows: Rows) -> list[Finding]:
         theirs = paper.TABLE_4.of(scene=scene).speedup(slow, fast)
         found += _speedups(slow, fast, theirs, rows.of(scene=scene), f", {scene}")
     of = rows.of(scene=DYNAMIC)
-    for label, slow, fast in zip(("plain", "ours"), OURS_OF[DSTAR], OURS_OF[ASTAR_NN], strict=True):
-        claim = f"the network gains A* more than D* does: A*NN is faster than D*, dynamic, both {label}"
-        theirs = paper.TABLE_4.of(scene=DYNAMIC).speedup(DSTAR, ASTAR_NN)
-        texts = f"{theirs:.2f}×", f"{of.speedup(slow, fast):.2f}×"
-        rule = f"{shown('planner', fast)} takes less time than {shown('planner', slow)}"
-        found.append(judge(claim, *texts, rule, partial(_faster, of, slow, fast), of, fast))
+    slow, fast = OURS_OF[DSTAR], OURS_OF[ASTAR_NN]
+    claim = "the network gains A* more than D* does: A*NN is faster than D*, dynamic, both ours"
+    theirs = paper.TABLE_4.of(scene=DYNAMIC).speedup(DSTAR, ASTAR_NN)
+    texts = f"{theirs:.2f}×", f"{of.speedup(slow, fast):.2f}×"
+    rule = f"{shown('planner', fast)} takes less time than {shown('planner', slow)}"
+    found.append(judge(claim, *texts, rule, partial(_faster, of, slow, fast), of, fast))
     for what, method, name, scene in (
         ("A*NN, static, plain", ASTAR_NN, PLAIN_NN, STATIC),
         ("A*NN, dynamic, plain", ASTAR_NN, PLAIN_NN, DYNAMIC),
-        ("D*NN, dynamic, plain", DSTAR_NN, PLAIN_DSTAR_NN, DYNAMIC),
         ("D*NN, dynamic, ours", DSTAR_NN, "nnpp-dstar", DYNAMIC),
     ):
         more = paper.TABLE_4.of(scene=scene).increase(method)
         found.append(judge_increase(f"CC increase of {what}", more, rows.of(scene=scene), name))
     later = Rows(row for row in of if row["plan"])
-    pairs = zip(OURS_OF[ASTAR_NN], OURS_OF[DSTAR_NN], strict=True) if later else ()
-    return [*found, *(_mends(later, afresh, name) for afresh, name in pairs)]
+    return [*found, _mends(later, OURS_OF[ASTAR_NN], OURS_OF[DSTAR_NN])] if later else found
 
 
 def _faster(rows: Rows, slow: str, fast: str, own: Own) -> bool:

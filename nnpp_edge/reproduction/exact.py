@@ -20,6 +20,7 @@ from nnpp_edge.runtime.map.grid import Grid
 from nnpp_edge.runtime.map.step_cost import StepModel
 from nnpp_edge.runtime.search.astar import astar
 from nnpp_edge.runtime.search.workspace import Workspace
+from nnpp_edge.viz.figures import new_figure
 
 Floats = NDArray[np.float64]
 _OMEGA = f"{paper.OMEGA:.3f} ± {paper.OMEGA_DEVIATION:.3f}"
@@ -113,7 +114,7 @@ def fig7(
         for how, normal in {"range": by_range, "greatest": by_greatest}.items()
     }
     lengths, ccs = by_range(lengths), by_range(ccs)
-    figure = drawing.new_figure(13, 4.2)
+    figure = new_figure(13, 4.2)
     left, middle, right = figure.subplots(1, 3)
     for label, values in {"LEN": lengths, "CC": ccs}.items():
         average, deviation = values.mean(0), values.std(0)

@@ -1,7 +1,10 @@
 """Fig. 14 and 15: the network's region for several goals, and around moving obstacles."""
 
+import math
+
 import numpy as np
 
+from nnpp_edge.profiling.suites import LEAST_DISTANCE, Case
 from nnpp_edge.reproduction import drawing
 from nnpp_edge.reproduction.experiment import PAPERS, Context, Result, experiment
 from nnpp_edge.reproduction.findings import Finding, Own, judge
@@ -12,7 +15,8 @@ from nnpp_edge.runtime.arrays import Float2D
 from nnpp_edge.runtime.cells import Cell
 from nnpp_edge.runtime.errors import InvalidQueryError
 from nnpp_edge.runtime.planners.planner import Planner
-from nnpp_edge.terrain.obstacles import OBSTACLE, covered
+from nnpp_edge.terrain.obstacles import covered
+from nnpp_edge.viz.figures import new_figure
 
 _KINDS = {kind: kind for kind in (NETWORK, *CONTROLS)}
 _FRAMES = 5
@@ -31,7 +35,8 @@ def fig14(context: Context, *, size: int = 256, goals: int = 5) -> Result:
     size = context.one_size(size)
     for tried, (case, (start, goal)) in enumerate(context.maps(size, _MAPS)):
         context.progress(0.8 * tried / _MAPS)
-        if (ends := _goals(case.cost, start, goal, goals)) and (moving := _moving(case.cost, start, goal)):
+        ends, moving = _goals(case, start, goal, goals), _moving(case.cost, start, goal)
+        if len(ends) == goals and moving:
             break
     else:
         raise InvalidQueryError(f"none of {_MAPS} maps of {size} × {size} cells has ways around moving obstacles")
@@ -40,7 +45,7 @@ def fig14(context: Context, *, size: int = 256, goals: int = 5) -> Result:
         "obstacles": {drawing.frame(at): (cost, goal) for at, cost in enumerate(moving)},
     }
     columns = max(map(len, parts.values()))
-    figure, rows = drawing.new_figure(2.5 * columns, 5.8), Rows()
+    figure, rows = new_figure(2.5 * columns, 5.8), Rows()
     grid = figure.subplots(2, columns, squeeze=False)
     for panels, (part, scenes) in zip(grid, parts.items(), strict=True):
         first = None
@@ -61,41 +66,29 @@ def fig14(context: Context, *, size: int = 256, goals: int = 5) -> Result:
     return Result(rows, ("scene", "planner"), fig14_findings(rows), figure)
 
 
-def _goals(cost: Float2D, start: Cell, goal: Cell, count: int) -> list[Cell]:
-    """Goals far from the start, the first given, each in another direction; none if they cannot be found."""
-    size, planner, found = len(cost), Planner(cost), [goal]
-    first = np.arctan2(goal[0] - start[0], goal[1] - start[1])
-    for turn in range(1, 48):
-        angle = first + 2.4 * turn  # in turns that do not come round
-        reach = (0.35 + 0.3 * (turn % 3) / 2) * size
-        row, col = (int(x) for x in (start[0] + reach * np.sin(angle), start[1] + reach * np.cos(angle)))
-        if 0 <= row < size and 0 <= col < size and planner.plan(start, (row, col), method="astar").ok:
-            found.append((row, col))
-        if len(found) == count:
-            return found
-    return []
+def _goals(case: Case, start: Cell, goal: Cell, most: int) -> list[Cell]:
+    """The first goal, and ends of the map's other queries that are far from the start and can be reached."""
+    planner, least = Planner(case.cost), LEAST_DISTANCE * len(case.cost)
+    others = dict.fromkeys(end for query in case.queries for end in query if math.dist(start, end) >= least)
+    found = [goal, *(end for end in others if end != goal and planner.plan(start, end, method="astar").ok)]
+    return found[:most]
 
 
 def _moving(cost: Float2D, start: Cell, goal: Cell) -> list[Float2D]:
     """The map at each frame; none if an obstacle would cover start or goal, or leave no way."""
     size, way = len(cost), Planner(cost).plan(start, goal, method="astar").path
-    places = sorted((way[int(share * len(way))].tolist() for share in _WHERE), key=lambda cell: cell[0])
+    places = sorted(way[int(share * len(way))].tolist() for share in _WHERE)
     length, depth = int(_LENGTH * size), max(int(_DEPTH * size), 2)
     costs = list[Float2D]()
     for at in range(_FRAMES):
         moved = int((at - _FRAMES // 2) * _STEP * size)
-        obstacles = [
+        blocks = [
             (max(row - depth // 2, 0), col + towards * moved - length // 2, depth, length)
             for (row, col), towards in zip(places, (-1, 1), strict=True)
         ]
-        changed = covered(cost, (0, 0, size, size), obstacles)
-        if (
-            max(changed[start], changed[goal]) >= OBSTACLE
-            or not Planner(changed).plan(start, goal, method="astar").ok
-        ):
-            return []
-        costs.append(changed)
-    return costs
+        costs.append(covered(cost, (0, 0, size, size), blocks))
+    free = all(Planner(changed).plan(start, goal, method="astar").ok for changed in costs)
+    return costs if free else []
 
 
 def fig14_findings(rows: Rows) -> list[Finding]:

@@ -36,9 +36,6 @@ PLAIN, PLAIN_NN = "plain A*", "plain A*NN"
 adaptive threshold td, in which the time of the network counts."""
 PLAIN_CONTROLS = {kind: f"{PLAIN}, {kind}" for kind in CONTROLS}
 """A* over a graph of a region that no network made, or one with shuffled weights; the region's making counts."""
-PLAIN_DSTAR, PLAIN_DSTAR_NN, PLAIN_DSTAR_CORRIDOR = "plain D*", "plain D*NN", "plain D*, corridor"
-"""D* Lite over a graph of the whole map, of the network's region, and of a corridor of the same area: the graph is
-repaired as the map changes, and as the region does."""
 PLAIN_KINDS = {NETWORK: PLAIN_NN, **PLAIN_CONTROLS}
 """The plain planners that search a region, by its kind."""
 PLAIN_PLANNERS = (PLAIN, *PLAIN_KINDS.values())
@@ -47,7 +44,6 @@ PLANNERS = (*PLAIN_PLANNERS, *OURS)
 CONTROLS_OF = {
     NETWORK: {kind: kind for kind in CONTROLS},
     PLAIN_NN: PLAIN_CONTROLS,
-    PLAIN_DSTAR_NN: {CORRIDOR: PLAIN_DSTAR_CORRIDOR},
     "nnpp": {CORRIDOR: "corridor"},
     "nnpp-dstar": {CORRIDOR: "corridor-dstar"},
 }
@@ -125,7 +121,7 @@ def network_of(planner: str, networks: Networks) -> str:
     """The network that a planner runs, for a table."""
     if planner.startswith("paper's"):
         return "the paper's" if planner.endswith("NN") else "–"
-    asked = dict.fromkeys((PLAIN_NN, PLAIN_DSTAR_NN, PLAIN_CONTROLS[SHUFFLED], NETWORK, SHUFFLED), networks.paper)
+    asked = dict.fromkeys((PLAIN_NN, PLAIN_CONTROLS[SHUFFLED], NETWORK, SHUFFLED), networks.paper)
     asked |= dict.fromkeys(("nnpp", "nnpp-dstar"), networks.ours)
     return f"`{asked[planner].metadata.name}`" + ", shuffled" * (SHUFFLED in planner) if planner in asked else "–"
 

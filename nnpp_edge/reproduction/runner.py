@@ -15,7 +15,6 @@ from nnpp_edge.files import make_folder, write_all, write_whole
 from nnpp_edge.profiling.machine import environment
 from nnpp_edge.profiling.suites import TerrainFiles
 from nnpp_edge.progress import bar, markdown_table
-from nnpp_edge.reproduction.drawing import png
 from nnpp_edge.reproduction.dynamic import table3, table4
 from nnpp_edge.reproduction.exact import fig7, table1
 from nnpp_edge.reproduction.experiment import BOTH, CONTROLS_NOTE, Context
@@ -27,6 +26,7 @@ from nnpp_edge.reproduction.static import fig9, fig11, fig12, table2
 from nnpp_edge.runtime.exercises import exercise
 from nnpp_edge.runtime.network.inference import NetworkModel
 from nnpp_edge.runtime.network.model_file import read_model_file
+from nnpp_edge.viz.figures import encoded
 
 FORMAT = "nnpp-edge-reproduction-3"
 _RUN = (table1, fig7, table2, fig9, fig11, fig12, fig14, table3, table4)
@@ -124,7 +124,7 @@ def reproduce(
         write_all(
             {
                 place.with_suffix(".csv"): result.rows.csv().encode(),
-                place.with_suffix(".png"): png(result.picture),
+                place.with_suffix(".png"): encoded(result.picture, dpi=130),
                 place.with_suffix(".json"): msgspec.json.format(msgspec.json.encode(facts), indent=1),
             }
         )

@@ -11,6 +11,7 @@ from nnpp_edge.reproduction.experiment import Context, Result, experiment
 from nnpp_edge.reproduction.findings import Finding, Own, judge, judge_increase, judge_speedup
 from nnpp_edge.reproduction.planners import OURS, PLAIN, PLAIN_NN, PLAIN_PLANNERS, PLANNERS, answers
 from nnpp_edge.reproduction.rows import Rows, percent
+from nnpp_edge.viz.figures import new_figure
 
 _THEIRS = (paper.ASTAR, paper.ASTAR_NN)
 _PAIRS = {(PLAIN, PLAIN_NN): "A*NN over A*, both plain", ("astar", "nnpp"): "`nnpp` over our own exact A*"}
@@ -144,7 +145,7 @@ def fig11(context: Context, *, size: int = 256, queries: int = 300, repeats: int
     """Random queries, near ones among them, each put to all planners."""
     size = context.one_size(size)
     rows = contest(context, (size,), queries, repeats=repeats, least_distance=0.05).of(*PLANNERS)
-    figure = drawing.new_figure(11.5, 4.6)
+    figure = new_figure(11.5, 4.6)
     panels = {"Plain Python, a graph for each query": PLAIN_PLANNERS[:3], "This toolkit's planners": OURS}
     for axes, (title, names) in zip(figure.subplots(1, 2), panels.items(), strict=True):
         for name in names:
@@ -194,7 +195,7 @@ def fig12(context: Context, *, size: int = 256, maps: int = 5, repeats: int = 5)
     """One query on each of five maps: drawn, and answered by all planners."""
     size = context.one_size(size)
     rows = contest(context, (size,), maps, repeats=repeats).of(*PLANNERS)
-    figure = drawing.new_figure(2.6 * maps, 3.4)
+    figure = new_figure(2.6 * maps, 3.4)
     panels = figure.subplots(1, maps, squeeze=False)[0]
     for at, (axes, (case, query)) in enumerate(zip(panels, context.maps(size, maps), strict=True), 1):
         own, view = rows.of(PLAIN_NN, map=at), drawing.view_plan(case.cost, query, context.networks.paper)

@@ -3,8 +3,7 @@
 import asyncio
 import logging
 import zlib
-from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Sequence
 from types import ModuleType
 
 from nnpp_edge import __version__
@@ -39,7 +38,8 @@ def shards_on_cluster(address: str, recipe: Recipe, tiles: Sequence[Dem], indice
     distributed = optional_module("distributed", "a Dask cluster", "cluster")
     dask = optional_module("dask", "a Dask cluster", "cluster")
     wanted = f"wanted a Dask scheduler with workers at {address!r}"
-    with refused_as(ClusterError, wanted), _quiet_client():
+    logging.getLogger("distributed.client").setLevel(logging.CRITICAL)  # it logs at length what is raised too
+    with refused_as(ClusterError, wanted):
         asyncio.run(_try(address, distributed))
         with (
             dask.config.set({"distributed.admin.large-graph-warning-threshold": "1 TiB"}),
@@ -68,15 +68,3 @@ async def _try(address: str, distributed: ModuleType) -> None:
     """Connect, and hang up: a `Client` that cannot connect may, collected as garbage, wait for another's lock."""
     comm = await distributed.comm.connect(address)
     await comm.close()
-
-
-@contextmanager
-def _quiet_client() -> Iterator[None]:
-    """Keep Dask's client from logging at length what is raised too."""
-    log = logging.getLogger("distributed.client")
-    level = log.level
-    log.setLevel(logging.CRITICAL)
-    try:
-        yield
-    finally:
-        log.setLevel(level)

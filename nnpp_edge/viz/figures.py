@@ -37,7 +37,7 @@ def sample_sheet(samples: "Samples", path: Path, *, seed: int = 1, columns: int 
     Cells within 5 % of the optimum are tinted, the nearer the stronger; the optimal path's blocks are dark.
     """
     rng = np.random.default_rng(seed)
-    figure = _figure(2.2 * columns, 2.35 * rows)
+    figure = new_figure(2.2 * columns, 2.35 * rows)
     for at, query in enumerate(rng.choice(len(samples), min(columns * rows, len(samples)), replace=False)):
         axes = figure.add_subplot(rows, columns, at + 1)
         axes.imshow(_tinted(samples, query), interpolation="nearest")
@@ -45,7 +45,7 @@ def sample_sheet(samples: "Samples", path: Path, *, seed: int = 1, columns: int 
         axes.plot(c, r, "s", color="gold", markeredgecolor="black", markersize=7)
         axes.plot(j, i, "*", color="red", markeredgecolor="black", markersize=11)
         axes.set_axis_off()
-    write_whole(path, _encoded(figure))
+    write_whole(path, encoded(figure))
 
 
 def _tinted(samples: "Samples", query: int) -> NDArray[np.float64]:
@@ -63,7 +63,7 @@ def _tinted(samples: "Samples", query: int) -> NDArray[np.float64]:
 
 def training_curves(history: Sequence[dict[str, float]], path: Path) -> None:
     """Loss, cost gap, success and region share of the validations, against training steps."""
-    figure = _figure(11.0, 6.5)
+    figure = new_figure(11.0, 6.5)
     steps = [row["step"] for row in history]
     factors = sorted({key.partition("@")[2] for key in history[0] if "@" in key}, key=float, reverse=True)
     for axes, (name, title, scale) in zip(figure.subplots(2, 2).flat, _PANELS, strict=True):
@@ -74,20 +74,7 @@ def training_curves(history: Sequence[dict[str, float]], path: Path) -> None:
             axes.legend(fontsize="small")
         axes.set(title=title, xlabel="step", yscale="log" if name in ("loss", "gap") else "linear")
         axes.grid(alpha=0.3)
-    write_whole(path, _encoded(figure))
-
-
-def times_by_size(rows: Sequence[Facts]) -> bytes:
-    """A PNG: median time of a query of each planner against the side of the map, of `profile --peers`'s rows."""
-    figure, times = _figure(8.0, 5.5), dict[str, dict[int, float]]()
-    for row in rows:
-        if row["time_ms_median"] is not None:
-            times.setdefault(row["planner"], {})[row["size"]] = row["time_ms_median"]
-    axes = figure.add_subplot()
-    draw_times(axes, times)
-    axes.grid(alpha=0.3)
-    axes.legend()
-    return _encoded(figure)
+    write_whole(path, encoded(figure))
 
 
 def draw_times(axes: "Axes", times_ms: Mapping[str, Mapping[int, float]]) -> None:
@@ -109,7 +96,7 @@ def pareto(rows: Sequence[Facts], path: Path) -> None:
     workloads, sizes, methods = (
         list(dict.fromkeys(row[key] for row in rows)) for key in ("workload", "size", "method")
     )
-    figure = _figure(3.6 * len(sizes) + 0.4, 3.1 * len(workloads) + 0.6)
+    figure = new_figure(3.6 * len(sizes) + 0.4, 3.1 * len(workloads) + 0.6)
     panels = figure.subplots(len(workloads), len(sizes), squeeze=False)
     for axes, (name, size) in zip(panels.flat, product(workloads, sizes), strict=True):
         points = []
@@ -129,7 +116,7 @@ def pareto(rows: Sequence[Facts], path: Path) -> None:
         handles |= dict(zip(*reversed(axes.get_legend_handles_labels()), strict=True))
     columns = min(len(handles), 2 * len(sizes))
     figure.legend(handles.values(), handles.keys(), loc="outside lower center", ncols=columns)
-    write_whole(path, _encoded(figure))
+    write_whole(path, encoded(figure))
 
 
 def profile_picture(along: Along, cost: NDArray[np.float32], title: str = "", stops: Sequence[int] = ()) -> bytes:
@@ -138,10 +125,10 @@ def profile_picture(along: Along, cost: NDArray[np.float32], title: str = "", st
     It says so where there is no way or height to draw.
     `cost` is (N,) float32 at each point of the way; `stops` are numbers of the points at which it stops.
     """
-    figure = _figure(9.0, 5.2)
+    figure = new_figure(9.0, 5.2)
     if len(along.points) < 2 or not np.isfinite(along.heights_m).any():
         figure.text(0.5, 0.5, "no way with known heights", ha="center")
-        return _encoded(figure, dpi=150)
+        return encoded(figure, dpi=150)
     ground, slope, price = figure.subplots(3, 1, sharex=True, height_ratios=(3.0, 1.4, 1.4))
     far, heights = along.distance_m[-1] >= 2.0 * _KILOMETRE, along.heights_m
     at = along.distance_m / (_KILOMETRE if far else 1.0)
@@ -163,7 +150,7 @@ def profile_picture(along: Along, cost: NDArray[np.float32], title: str = "", st
         for stop in stops:
             axes.axvline(at[stop], color=_STOP, linewidth=0.8, linestyle=":")
     ground.set_title(title, fontsize=10, loc="left")
-    return _encoded(figure, dpi=150)
+    return encoded(figure, dpi=150)
 
 
 def _log_x(axes: "Axes", base: int = 10) -> None:
@@ -180,13 +167,15 @@ def _log_x(axes: "Axes", base: int = 10) -> None:
     axis.set_minor_formatter(NullFormatter())
 
 
-def _figure(width: float, height: float) -> "Figure":
+def new_figure(width: float, height: float) -> "Figure":
+    """An empty figure, so many inches wide and high."""
     from matplotlib.figure import Figure
 
     return Figure(figsize=(width, height), layout="constrained")
 
 
-def _encoded(figure: "Figure", dpi: int = 110) -> bytes:
+def encoded(figure: "Figure", dpi: int = 110) -> bytes:
+    """The figure as PNG."""
     content = io.BytesIO()
     figure.savefig(content, format="png", dpi=dpi)
     return content.getvalue()

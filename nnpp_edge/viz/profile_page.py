@@ -1,44 +1,22 @@
-"""A profile's report as one page of HTML that needs nothing else: style and plots stand in it.
+"""A profile's report as one page of HTML that needs nothing else: style and plots stand in it."""
 
-Plots are SVG without a background, with text in the page's own colour, so that one drawing serves a light and a dark
-page; colours of planners and stages are of middling lightness.
-"""
-
-import io
-import re
+from base64 import b64encode
 from collections import defaultdict
 from collections.abc import Iterator, Sequence
 from importlib.resources import files
-from typing import Any
 
-import matplotlib
 import numpy as np
 from jinja2 import Environment, StrictUndefined
-from markupsafe import Markup
 from matplotlib.figure import Figure
 
 from nnpp_edge.profiling.contest import Facts
-from nnpp_edge.profiling.figures import STAGES
+from nnpp_edge.profiling.figures import stages_of
 from nnpp_edge.progress import shown
-from nnpp_edge.viz.figures import draw_times
+from nnpp_edge.viz.figures import draw_times, encoded
 
 _TEMPLATE = "profile.html.j2"
-_INK = "#010203"
-"""Drawn with, and replaced by the page's own colour."""
 _WIDE = 5.2
 """Inches: narrow enough for words to be read where a telephone shrinks the picture."""
-_INKED = ("text.color", "axes.edgecolor", "axes.labelcolor", "xtick.color", "ytick.color")
-_STYLE: dict[Any, Any] = {
-    **dict.fromkeys(_INKED, _INK),
-    **dict.fromkeys(("axes.spines.top", "axes.spines.right", "legend.frameon"), False),
-    "svg.fonttype": "none",
-    "svg.hashsalt": "nnpp-edge",
-    "font.family": "sans-serif",
-    "font.size": 10.0,
-    "axes.grid": True,
-    "grid.color": "#8b8f98",
-    "grid.alpha": 0.3,
-}
 
 
 def page(report: Facts) -> str:
@@ -53,48 +31,36 @@ def _number(value: float | None, unit: str = "") -> str:
     return shown(value) if value is None or unit in ("", "1") else f"{shown(value)} {unit}"
 
 
-def _plots(report: Facts) -> Iterator[tuple[str, str, Markup]]:
-    """Title, a sentence on how to read it, and the SVG, of each plot, of the first workload."""
+def _plots(report: Facts) -> Iterator[tuple[str, str, str]]:
+    """Title, a sentence on how to read it, and the PNG in base64, of each plot, of the first workload."""
     first = report["results"][0]["workload"]
     rows = [row for row in report["results"] if row["workload"] == first]
     drawn = (
         ("Time by stage", f"Mean of a plan on {first}, whole job.", _stages),
         ("Time against map size", f"On {first}: medians as lines, thin up to the slowest hundredth.", _by_size),
     )
-    for number, (title, words, draw) in enumerate(drawn):
-        with matplotlib.rc_context(_STYLE):
-            figure = Figure((_WIDE, 3.7), layout="constrained")
-            draw(figure, rows)
-            yield title, words, _svg(figure, title, f"plot{number}")
-
-
-def _svg(figure: Figure, title: str, prefix: str) -> Markup:
-    """The figure as an element of a page: names of its own, the page's colour for ink; the page sets its width."""
-    handles, names = figure.axes[-1].get_legend_handles_labels()
-    narrow = {"columnspacing": 1.0, "handlelength": 1.4, "fontsize": 8.5}
-    figure.legend(handles, names, loc="outside upper center", ncols=min(len(names), 5), **narrow)
-    content = io.StringIO()
-    figure.savefig(content, format="svg", transparent=True, metadata={"Date": None, "Creator": None})
-    text = content.getvalue()
-    text = re.sub(r"<metadata>.*?</metadata>", "", text[text.index("<svg") :], flags=re.DOTALL)
-    text = re.sub(r'(\sid="|url\(#|href="#)', rf"\g<1>{prefix}-", text).replace(_INK, "currentColor")
-    text = re.sub(r'<svg([^>]*?) width="[^"]*" height="[^"]*"', r"<svg\1", text, count=1)
-    return Markup(text.replace("<svg", f'<svg role="img" aria-label="{title}"', 1))
+    for title, words, draw in drawn:
+        figure = Figure((_WIDE, 3.7), layout="constrained")
+        draw(figure, rows)
+        handles, names = figure.axes[-1].get_legend_handles_labels()
+        narrow = {"columnspacing": 1.0, "handlelength": 1.4, "fontsize": 8.5, "frameon": False}
+        figure.legend(handles, names, loc="outside upper center", ncols=min(len(names), 5), **narrow)
+        yield title, words, b64encode(encoded(figure, dpi=200)).decode()
 
 
 def _stages(figure: Figure, rows: Sequence[Facts]) -> None:
-    found, sizes = {stage for row in rows for stage in row["stages_ms"]}, sorted({row["size"] for row in rows})
+    sizes = sorted({row["size"] for row in rows})
     figure.set_size_inches(_WIDE, 1.9 * len(sizes) + 0.6)
     for size, axes in zip(sizes, figure.subplots(len(sizes), squeeze=False).flat, strict=True):
         of_size = [row for row in rows if row["size"] == size]
         left = np.zeros(len(of_size))
-        for stage in (*(stage for stage in STAGES if stage in found), *sorted(found - set(STAGES))):
+        for stage in stages_of(rows):
             widths = np.array([row["stages_ms"].get(stage, {"mean": 0.0})["mean"] for row in of_size])
             axes.barh([row["planner"] for row in of_size], widths, left=left, label=stage)
             left += widths
         axes.set_title(f"{size}²", fontsize=10)
         axes.invert_yaxis()
-        axes.grid(axis="y", visible=False)
+        axes.grid(axis="x", alpha=0.3)
     axes.set_xlabel("ms")
 
 
@@ -105,3 +71,4 @@ def _by_size(figure: Figure, rows: Sequence[Facts]) -> None:
         color = f"C{[*medians].index(row['planner'])}"
         axes.vlines(row["size"], row["time_ms"]["median"], row["time_ms"]["p99"], color=color, linewidth=0.8)
     draw_times(axes, medians)
+    axes.grid(alpha=0.3)

@@ -17,7 +17,7 @@ from typing import NamedTuple
 
 from nnpp_edge.runtime.arguments import checked
 from nnpp_edge.runtime.errors import InvalidQueryError, Status
-from nnpp_edge.runtime.loop.messages import Origin, PathMessage, Span
+from nnpp_edge.runtime.loop.messages import Origin, PathMessage
 from nnpp_edge.runtime.map.step_cost import PAPER_OMEGA
 from nnpp_edge.runtime.network.inference import NetworkModel
 from nnpp_edge.runtime.planners.dynamic import DynamicPlanner
@@ -82,7 +82,6 @@ class Tick:
     standing: Standing | None = None
     """The standing path, while it is valid."""
     failures: list[Failure] = field(default_factory=list)
-    spans: list[Span] = field(default_factory=list)
     """Times of what has run so far."""
 
     def __post_init__(self) -> None:
@@ -184,7 +183,6 @@ class Ladder:
             tick.failures.append(Failure("raised", one_line(error)))
             return None
         ended = tick.clock()
-        tick.spans.append(Span(f"plan by {plan.planner}", began, ended, plan.timings_ms))
         if method is None:
             mean = 0.8 * self._expected_s + 0.2 * (ended - began)
             self._expected_s = max(ended - began, mean if plan.ok else self._expected_s)

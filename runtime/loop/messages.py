@@ -1,11 +1,10 @@
 """Inputs and outputs of the onboard loop."""
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import asdict, dataclass, field
 from enum import StrEnum
-from types import MappingProxyType
-from typing import Annotated, NamedTuple
+from typing import Annotated
 
 import numpy as np
 from numpy.typing import NDArray
@@ -238,18 +237,6 @@ class StatusMessage:
 
 
 Output = PathMessage | StatusMessage
-
-
-class Span(NamedTuple):
-    """When a part of a tick ran."""
-
-    name: str
-    """``tick``, ``inputs``, ``map``, ``plan`` with its method, ``publish``."""
-    began_s: float
-    """By the monotonic clock of the loop."""
-    ended_s: float
-    stages_ms: Mapping[str, float] = MappingProxyType({})
-    """Milliseconds by stage, as `Plan.timings_ms`; empty where there are none."""
 
 
 def _check_numbers(message: Input, whole: Sequence[str], finite: Sequence[str]) -> None:

@@ -26,7 +26,6 @@ from nnpp_edge.runtime.loop.messages import (
     Origin,
     PathMessage,
     Pose,
-    Span,
 )
 from nnpp_edge.runtime.loop.patches import Patches, Waiting
 from nnpp_edge.runtime.map.ground import Ground
@@ -73,8 +72,6 @@ class Navigator:
         self.settings = settings = settings or NavigatorSettings()
         self.model: str | Path | NetworkModel = settings.model
         """The network, or its name or file; `reload` replaces it at the next tick."""
-        self.spans: list[Span] = []
-        """Actions of the last tick, and when. It belongs to the thread that calls `tick`."""
         self._clock = clock
         self._inbox = threading.Lock()
         self._pose: Pose | None = None
@@ -151,7 +148,6 @@ class Navigator:
         """Read the inputs and answer by `deadline`, a reading of the clock. Never raises an `Exception`."""
         self._counts["ticks"] += 1
         tick = Tick(self._clock, deadline, PathMessage(self._counts["ticks"], Status.UNKNOWN, Origin.NONE))
-        self.spans = tick.spans
         try:
             message = self._answer(tick)
         except Exception as error:
@@ -175,9 +171,7 @@ class Navigator:
             self.planner.use_model(model)
             self._counts["reloads"] += 1
             self._ladder.forget_times()
-        began = self._clock()
         tick.known = replace(tick.known, map_version=self._update_map())
-        tick.spans.append(Span("map", began, self._clock()))
         if pose is None or goal is None:
             return tick.no_path(Status.NO_POSE if pose is None else Status.NO_GOAL, "nothing to plan yet")
         for cell, status in ((goal.cell, Status.GOAL_OUTSIDE_MAP), (pose.cell, Status.START_OUTSIDE_MAP)):

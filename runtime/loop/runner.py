@@ -15,7 +15,7 @@ from types import FrameType
 from nnpp_edge.runtime.arguments import checked
 from nnpp_edge.runtime.errors import InvalidQueryError
 from nnpp_edge.runtime.loop.connections import InputSource, Sink
-from nnpp_edge.runtime.loop.messages import Counters, Input, Output, PathMessage, Span, StatusMessage
+from nnpp_edge.runtime.loop.messages import Counters, Input, Output, PathMessage, StatusMessage
 from nnpp_edge.runtime.loop.navigator import Navigator
 from nnpp_edge.runtime.loop.timing import Histogram, Ticker, realtime, rss_bytes, signal_handlers
 from nnpp_edge.runtime.loop.workers import Guard, Queue, WhenFull, Worker
@@ -77,8 +77,8 @@ class Loop:
         if not rate_hz > 0.0:
             raise InvalidQueryError(f"the rate must be a positive number of ticks a second, got {rate_hz}")
         self.navigator, self._source = navigator, source
-        self.spans: tuple[Span, ...] = ()
-        """The last tick and its parts, in order, for `after_tick`."""
+        self.tick_s = 0.0
+        """That the last tick took, for `after_tick`."""
         self._stopping = self._hurried = self._reload_wanted = False
         self._ticker = Ticker(1.0 / rate_hz, sleep=self._sleep)
         count_error = navigator.count_error
@@ -177,14 +177,10 @@ class Loop:
             self._reload_wanted = False
             self._reloader = threading.Thread(target=self._reload, name="nnpp-edge reload", daemon=True)
             self._reloader.start()
-        read = time.monotonic()
         message = self.navigator.tick(self._ticker.deadline)
-        answered = time.monotonic()
         self._publish(message)
-        ended = time.monotonic()
-        self._histogram.add(ended - began)
-        inputs, publish = Span("inputs", began, read), Span("publish", answered, ended)
-        self.spans = (Span("tick", began, ended), inputs, *self.navigator.spans, publish)
+        self.tick_s = time.monotonic() - began
+        self._histogram.add(self.tick_s)
         return message
 
     def _read_inputs(self, began: float) -> None:

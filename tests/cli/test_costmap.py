@@ -39,16 +39,6 @@ def test_arrays_need_no_rasterio(run, hills, monkeypatch):
         run(words).refused("nnpp-edge[geo]")
 
 
-def test_json_tells_the_same_figures(told, hills):
-    found = told("costmap hills.tif -o cost.npy --workload limit12")
-    cost = np.load("cost.npy")
-    limits = Traversability(slope_limit_deg=12, hard_slope_deg=12)
-    np.testing.assert_array_equal(cost, traversability_cost(hills, 2.0, limits))
-    assert (found["rows"], found["cols"], found["cell_size_m"]) == (80, 90, 2.0)
-    assert found["passable_share"] == pytest.approx(np.isfinite(cost).mean())
-    assert found["files"] == ["cost.npy", "cost.png"]
-
-
 def test_a_saturated_term_is_a_warning_and_leaves_stdout_to_the_result(run):
     rough = np.random.default_rng(2).uniform(0, 30, (40, 40)).astype(np.float32)
     np.savez("rough.npz", elevation_m=rough, cell_size_m=50.0)

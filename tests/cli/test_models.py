@@ -1,10 +1,6 @@
-import fnmatch
 import hashlib
 import json
 import re
-import subprocess
-import sys
-import tomllib
 from pathlib import Path
 
 import pytest
@@ -94,14 +90,6 @@ def test_a_card_and_the_commands_that_are_told_agree_with_the_files_metadata(nam
         assert all(words in card["training"] for words in minutes)
 
 
-def test_what_lies_beside_a_model_is_shipped():
-    pyproject = tomllib.loads((MODELS.parents[1] / "pyproject.toml").read_text())
-    patterns = pyproject["tool"]["setuptools"]["package-data"]["nnpp_edge.models"]
-    for path in MODELS.iterdir():
-        if path.suffix != ".py" and path.is_file() and not path.name.startswith("."):
-            assert any(fnmatch.fnmatch(path.name, pattern) for pattern in patterns), path
-
-
 def test_a_shipped_model_is_shown_with_its_metadata_and_card(nnpp_edge):
     ended = nnpp_edge("models", "edge")
     assert (ended.code, ended.err) == (0, "")
@@ -132,16 +120,3 @@ def test_what_is_no_model_is_refused_in_one_line(run, model, make_tiny_model):
     run("models .").refused("wanted a model file")
     make_tiny_model(architecture="split")  # its former name
     assert '"architecture": "edge"' in run("models changed.onnx").out
-
-
-def test_models_are_shown_without_heavy_imports():
-    code = (
-        "import sys\n"
-        "from click.testing import CliRunner\n"
-        "from nnpp_edge.cli.main import cli\n"
-        "for words in (['models', '--json'], ['models', 'edge'], ['models', '--help'], ['plan', '--help']):\n"
-        "    assert CliRunner().invoke(cli, words).exit_code == 0\n"
-        "print(sorted({*'numba onnx onnxruntime torch cv2 rasterio matplotlib'.split()} & set(sys.modules)))\n"
-    )
-    result = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
-    assert (result.returncode, result.stdout.strip()) == (0, "[]"), result.stderr

@@ -3,7 +3,6 @@
 import csv
 import json
 import math
-import shutil
 from pathlib import Path
 
 import cv2
@@ -214,13 +213,6 @@ def test_the_network_is_loaded_where_it_will_be_asked_once_the_ends_are_on_the_m
         assert done == ["the map is read"] + (["loading begins"] if method == "nnpp" else [])
         run(f"plan hills.npz --start 5,5 --goal 5,900 --method {method}").refused("lies outside the map")
         assert done[-1] == "the map is read"
-
-
-def test_the_time_shown_tells_waiting_for_the_network_apart(told, hills, tiny_model, monkeypatch):
-    monkeypatch.setattr(loading, "begin_loading", lambda model: None)
-    shutil.copy(tiny_model, "slow.onnx")
-    first, again = (told(f"plan hills.npz {ENDS} --method nnpp --model slow.onnx")["timings_ms"] for _ in range(2))
-    assert 0.0 < first["load"] < first["total"] and "load" not in again
 
 
 def test_who_gave_a_wrong_place_does_not_wait(run, hills, monkeypatch):

@@ -20,21 +20,19 @@ SHORT = {
     "$REACH": "reach hills.tif --start 1,1",
     "$EVAL": "evaluate --terrain hill.npz --sizes 60 --queries 1 --plot a.png",
     "$COST": "costmap hills.tif -o cost.tif",
+    "$RUN": "run --map hills.npz --ticks 1",
+    "$VIEW": "view --port 0 --no-browser",
 }
 CASES = """
 fly                                            | no such command 'fly'; see nnpp-edge --help
 plan                                           | missing argument 'DEM'; see nnpp-edge plan --help
 costmap dem.tif                                | missing option '-o' / '--output'
-plan hills.tif --goal 1,1                      | missing option '--start'
 plan hills.tif --start 1,1                     | missing option '--goal'
 plan hills.tif --start 1 --goal 2,2            | wanted ROW,COL as two whole numbers, xy:X,Y, lonlat:LON,LAT, or a v
-plan hills.tif --start xy:1,1,1 --goal 2,2     | xy:X,Y
 plan hills.tif --start xy:nan,1 --goal 2,2     | xy:X,Y
-plan hills.tif --start '1;1' --goal 2,2        | two whole numbers
 plan hills.tif --start 1.5,1 --goal 2,2        | two whole numbers
 plan hills.npz --start xy:1,1 --goal 2,2       | georeference
 plan hills.tif --start xy:1e308,1e308 --goal 2,2 | near the map
-plan hills.tif --start xy:-1e308,0 --goal 2,2  | near the map
 plan hills.tif --start lonlat:-94.3,95 --goal 1,1 | latitude 95 of WGS 84 has no place in SVY21 / Singapore TM
 plan hills.tif --start lonlat:10,50 --goal 1,1 | lies outside the map of 80 × 90 cells
 plan hills.tif --start lonlat:103.83,1 --goal 1,1 | longitude 103.8333 to 103.8349 and latitude 1.3675
@@ -43,10 +41,7 @@ plan hills.tif --start two.gpkg --goal 1,1     | --start must be one place, got 
 plan hills.tif --start 5,5 --goal 9,86 --via 1,1 | goal (9, 86) is impassable
 plan hills.npz --start 5,5 --goal 70,80 -o new --format gpx | wanted a map with a coordinate system
 plan drive.mcap --start 1,1 --goal 2,2         | drive.mcap: wanted an elevation map, got a recording of messages; `G
-$PLAN --method rrt                             | rrt
 $PLAN --time-limit 0                           | --time-limit
-$PLAN --epsilon -1                             | --epsilon
-$PLAN --omega 1e308                            | --omega
 $PLAN --model nope                             | wanted a model file or the name of a shipped model | 'nope'
 $PLAN --model text.txt --method nnpp           | text.txt: wanted an ONNX model
 $PLAN --via 20,86                              | via 1, (20, 86), is impassable
@@ -62,8 +57,6 @@ $PLAN --step-cost time --mobility mine.toml    | needs a table [mobility.time]
 $PLAN --step-cost tobler --mobility nope       | wanted a vehicle's file | 'nope'
 $PLAN --step-cost tobler --memory 1kB          | in memory alone | directed
 $PLAN --step-cost tobler --refine any-angle    | refine='any-angle' prices lines by the map's cost
-$PLAN --step-cost downhill                     | 'downhill' is not one of
-$PLAN --refine smooth                          | any-angle
 $PLAN --set radius_m=2 --set turning_radius_m=4 | turning_radius_m needs --refine any-angle
 $PLAN --format gpx                             | give -o too
 $PLAN --profile-plot                           | give -o too
@@ -72,10 +65,8 @@ $PLAN --workload body-rocks30                  | 0 to 20 percent
 $PLAN --via path.gpkg -o . --format gpkg       | would replace | path.gpkg
 plan cost.npz --start 1,1 --goal 9,9 --vehicle small-rover | wanted heights, got costs
 $HILL --vehicle none.toml                      | got 'none.toml' (no such file)
-$HILL --vehicle .                              | (a folder)
 $HILL --set clearance_m=0.3                    | length_m is missing
 $HILL --set clearance                          | wanted KEY=VALUE in TOML, such as clearance_m=0.3, got 'clearance'
-$HILL --set ''                                 | wanted KEY=VALUE
 $BODY --set "axles='two'"                      | axles: Expected `int`, got `str`
 $BODY --set clearance_m=nan                    | clearance_m must be
 $HILL --set clearance=0.3                      | clearance is unknown: wanted one of length_m, width_m
@@ -84,8 +75,6 @@ $HILL --vehicle body.toml                      | wheels is unknown: wanted one o
 $HILL --step-cost energy --mobility heavy.toml | heavy.toml: mobility: energy: mass_kg must be a number above 0
 $HILL --set length_m=50 --set width_m=2 --set clearance_m=1 | a map that the vehicle fits on
 run --map hill.npz --ticks 1 --log log.mcap --vehicle body.toml | wheels is unknown: wanted one of length_m
-$EVAL --workload body --vehicle body.toml      | wheels is unknown: wanted one of length_m
-$EVAL --step-cost energy --mobility heavy.toml | mass_kg must be a number above 0
 $EVAL --step-cost energy --mobility body.toml  | body.toml: wanted a table [mobility], got none
 $BODY --method nnpp --model none.onnx          | none.onnx
 $BODY --workload body                          | is a vehicle's
@@ -97,16 +86,12 @@ $PLAN --resample 2                             | finer cells, below 2 m and at m
 $PLAN --resample 0.001                         | finer cells, below 2 m and at most 4194304 of them, got
 $SMALL --resample 1                            | --resample needs the whole map in memory
 $SMALL --vehicle small-rover                   | in memory alone
-$SMALL --set radius_m=0.5                      | in memory alone
 $SMALL --method astar                          | --method astar needs the whole map
-$SMALL --method nnpp                           | --method nnpp needs the whole map
 $SMALL --compare --hillshade                   | --compare, --hillshade needs the whole map
 $SMALL --refine any-angle                      | --refine needs the whole map
 $SMALL --start 400,5                           | start (400, 5) lies outside the map of 80 × 90 cells
-$SMALL --goal -1,5 --start -1,5                | start (-1, 5) lies outside
 $SMALL --start 9,86                            | start (9, 86) is impassable: its elevation is unknown; the nearest
 $SMALL --memory much                           | a size such as 2GB
-$SMALL --memory 0GB                            | a size such as 2GB
 plan nothing.tif --memory 1kB --workload limit20 --start 1,1 --goal 2,2 | all impassable
 plan bare.tif --memory 1kB --start 1,1 --goal 2,2 | no cell size in the file
 plan bare.tif --memory 1kB --start xy:1,1 --goal 2,2 --cell-size 2 | georeference
@@ -115,14 +100,47 @@ run --map cost.npz --ticks 1 --vehicle small-rover | holds costs: --vehicle need
 run --map hills.npz --set radius_m=2 --set turning_radius_m=6 | turning_radius_m needs --refine any-angle
 run --map hills.npz --loop cores=x             | cores
 run --map hills.npz --loop speed=3             | speed is unknown: wanted one of rate_hz, method
-run --map hills.npz --rate 1e-10               | --rate
 run --map hills.npz --output foo               | output must be stdout, zenoh[:ENDPOINT] or none, got 'foo'
 run --map hills.npz --profile own.toml --ticks 1 | 'nope'
 run --map hills.npz --method astar --model nope --ticks 1 | 'nope'
 simulate --map hills.npz --method astar --model nope | 'nope'
+$RUN --input nonsense                          | input must be stdin, replay:FILE or zenoh
+$RUN --input replay                            | input must be
+$RUN --input stdin:x                           | input must be
+$RUN --input replay:none.jsonl                 | none.jsonl: wanted a recording
+$RUN --fast                                    | only a replay can be fast
+$RUN --output none --output stdout             | none goes with no other
+$RUN --output stdout --output stdout           | outputs must differ
+$RUN --input zenoh:tcp/a:1 --output zenoh:tcp/b:1 | one endpoint
+$RUN --method magic                            | method: wanted one of auto, astar
+$RUN --loop cores=[-1]                         | cores
+$RUN --profile none                            | profile
+$RUN --record no/such/folder.jsonl             | could not be written
+$RUN --metrics metrics.prom                    | 'metrics.prom' is not a valid integer
+$RUN --json                                    | --json prints on stdout
+simulate --start 3,3                           | both --start and --goal
+simulate --picture drive.jpg                   | .png or .gif file, got drive.jpg
+simulate --map missing.tif                     | no such file
+simulate --start 3,3 --goal 900,3 --size 32    | outside the map
+simulate --rate 0                              | --rate
+simulate --set radius_m=1 --step-cost tobler   | a disc drives by costs here
+simulate --vehicle bicycle                     | small-rover
+simulate --rocks 0.3                           | --rocks
+simulate --vehicle small-rover --rescale 0.02 --size 16 | that the vehicle fits on
+$VIEW text.txt                                 | text.txt
+$VIEW hills.npz --step-cost energy             | mobility.energy
+$VIEW hills.npz --vehicle hovercraft           | hovercraft
+$VIEW nothing.tif --workload limit20           | all impassable
+$VIEW hills.npz --start lonlat:1,2             | coordinate system
 simulate --seed -1                             | --seed
 simulate --map hills.npz --log pipe.npy        | it is no plain file
 reproduce table1 --quick --model nope          | 'nope'
+reproduce fig99 -o new                         | wanted EXPERIMENT of table1
+reproduce table2 --queries 0 -o new            | --queries
+reproduce --model edge --model edge --model edge -o new | at most two of --model
+reproduce fig12 --quick --terrain text.txt -o new | text.txt
+reproduce fig7 --quick --terrain hill.npz -o new | wanted terrain of at least 64 cells a side, got 60
+reproduce --terrain hills.npz -o text.txt/out  | wanted a folder to write to
 profile compare none.json none.json            | none.json: wanted a report of nnpp-edge profile (no such file)
 profile --profile quick --vehicle small-rover -o out | vehicle: wanted none without the workload body
 profile --profile rover --vehicle none.toml -o out | got 'none.toml' (no such file)
@@ -131,46 +149,41 @@ evaluate --synthetic --sizes 999999999         | sides of 2 to 32768 cells
 evaluate --terrain hills.npz --methods astar --model nope | 'nope'
 evaluate --terrain hills.npz --plot pipe.npy   | it is no plain file
 evaluate --terrain hills.npz --plot none/a.png | no such folder
-evaluate --dataset . --step-cost tobler        | --step-cost needs elevations
-evaluate --dataset . --workload body --vehicle small-rover | a data set holds cost maps
-$EVAL --rocks -0.1                             | --rocks
-$EVAL --rocks 0.3                              | --rocks
+$COST --workload body-rocks5                   | 'body-rocks5' | evaluate
+profile --profile quick --peers                | --peers
+profile --peers --start-up                     | --peers
+profile                                        | --profile
+profile --profile quick --json --markdown      | --json
+profile --queries 5 compare a.json b.json      | compare
+profile --profile slow                         | 'slow' | quick
 $EVAL --workload body                          | --workload body needs a vehicle
-$EVAL --workload body-rocks10                  | --workload body-rocks10 needs a vehicle
 $EVAL --vehicle small-rover                    | for the workloads body and body-rocksN
-$EVAL --vehicle small-rover --workload body-rocks-1 | 0 to 20 percent
 $EVAL --set radius_m=1 --workload body         | a disc has no poses
 $REACH                                         | give one of --within-cost, --within-time and --within-energy
 $REACH --within-cost 3 --within-time 3         | give one of
 $REACH --within-time soon                      | a time such as 90, 90s, 30min or 2h
-$REACH --within-cost -3                        | --within-cost
 $REACH --within-cost 3 --start 9,86            | start (9, 86) is impassable: its elevation is unknown; the nearest
-$REACH --within-cost 3 --start 80,40           | start (80, 40) lies outside the map
 $REACH --within-cost 3 --start two.gpkg           | --start must be one place, got 2
 $REACH --within-time 3 --step-cost linear      | --within-time counts time already: leave out --step-cost, or give
 $REACH --within-energy 3 --step-cost tobler    | --within-energy counts energy already: leave out --step-cost
 $REACH --within-energy 3                       | needs a table [mobility.energy]
 $REACH --within-cost 3 --step-cost energy      | needs a table [mobility.energy]
-reach hills.tif --within-cost 3                | missing option '--start'
 costmap hills.tif -o cost.gif                  | must end in .tif
 costmap hills.tif -o ''                        | wanted a path, got nothing
 costmap hills.tif -o pipe.npy                  | it is no plain file
 costmap hills.tif -o cost.npz --memory 1kB  | must end in .tif
 $COST --limit slope_limit_deg=95               | got 95
-$COST --limit step_limit_m=0                   | step_limit_m must be greater than 0
 $COST --limit step_limit_m=high                | wanted KEY=VALUE in TOML, such as hard_slope_deg=20
 $COST --limit "hard_slope_deg='x'"             | hard_slope_deg
 $COST --limit slope=3                          | slope is unknown: wanted one of slope_limit_deg
 $COST --workload steep                         | steep
 $COST --workload limit20 --limit slope_limit_deg=25 | leave out --limit slope_limit_deg
-$COST --workload limit20 --limit hard_slope_deg=25 | leave out --limit hard_slope_deg
 costmap sample:mars -o cost.npz                | moon_highlands | 'mars'
 $PLAN -o out                                   | out/plan.json: could not be written (it is a folder)
 dataset -o text.txt/set --maps 2               | text.txt/set | wanted a folder to write to
 profile --profile quick --json out.json        | wanted options, or compare, got 'out.json': --json prints, -o DIR wr
 $PLAN -o loop                                  | symbolic links
 $PLAN -o text.txt                              | text.txt | folder to write to
-$PLAN -o text.txt/out                          | text.txt/out | folder to write to
 costmap hills.tif -o text.txt/cost.tif         | could not be written
 costmap hills.tif -o none/cost.npy             | could not be written
 costmap hills.npz -o hills.npz                 | --output would replace hills.npz, which is read
@@ -178,7 +191,6 @@ costmap hills.npz -o link.npz                  | would replace | which is read
 costmap grey.png -o grey.npy --cell-size 1 | --output would replace grey.png | which is read
 evaluate --terrain hills.npz --plot hills.npz  | would replace | which is read
 evaluate hills.npz --terrain grey.png --plot hills.npz | would replace | which is read
-evaluate --dataset set --plot set/dataset.json | would replace | which is read
 export hills.npz -o hills.npz                  | would replace | which is read
 quantize hills.npz --dataset set -o link.npz   | would replace | which is read
 profile --profile set/report.json -o set       | would replace | which is read
@@ -186,7 +198,7 @@ profile --peers --terrain set/peers.json -o set | would replace | which is read
 simulate --map hills.npz --log hills.npz       | would replace | which is read
 simulate --map grey.png --picture grey.png     | would replace | which is read
 run --map hills.npz --log link.npz             | would replace | which is read
-run --map hills.npz --input replay:text.txt --trace text.txt | would replace | which is read
+run --map hills.npz --input replay:text.txt --log text.txt | would replace | which is read
 run --map hills.npz --profile set/report.json --log set/report.json | would replace | which is read
 run --map hills.npz --model text.txt --log text.txt | would replace | which is read
 """

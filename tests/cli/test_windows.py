@@ -71,14 +71,6 @@ def test_rescaling_and_places(told, ground):
     assert all(found[name] == whole[name] for name in ("goal", "goals", "cost", "length_m", "cell_size_m"))
 
 
-def test_walls_are_outcomes(run):
-    heights = np.zeros((300, 400), np.float32)
-    heights[150] = np.nan
-    write("split.tif", heights)
-    ended = run(f"plan split.tif {ENDS} {SMALL}")
-    assert ended.code == 1 and ended.out.startswith("NO_PATH")
-
-
 def test_a_broken_cog_is_one_line_and_nothing_half_written(run, ground):
     rasterio.shutil.copy("ground.tif", "cog.tif", driver="COG", compress="DEFLATE", blocksize=128)
     Path("out").mkdir()
@@ -107,8 +99,10 @@ def test_a_cost_map_written_as_a_stream_is_that_of_the_whole_map(run, told, grou
     assert "read by windows" in ended.err
     found = json.loads(ended.out)
     assert (found["rows"], found["passable_share"]) == (whole["rows"], whole["passable_share"])
+    assert (whole["rows"], whole["files"]) == (300, ["a/cost.tif", "a/cost.png"])
     with rasterio.open("a/cost.tif") as one, rasterio.open("b/cost.tif") as other:
         np.testing.assert_array_equal(one.read(1), other.read(1))
+        assert whole["passable_share"] == pytest.approx(np.isfinite(one.read(1)).mean())
         assert (one.crs, one.transform) == (other.crs, other.transform)
         assert np.isnan(other.nodata) and other.block_shapes == [(512, 512)]
     assert sorted(path.name for path in Path("b").iterdir()) == ["cost.png", "cost.tif"]

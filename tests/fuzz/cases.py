@@ -5,7 +5,6 @@ A target is a module with `generate(rng, place)` and `check(case, place)`: the r
 
 import functools
 import math
-import re
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
@@ -40,14 +39,6 @@ class Problem:
     kind: str  # in a few words; findings of one kind and place are counted together
     detail: str = ""
 
-    @property
-    def signature(self) -> str:
-        """Equal for findings of one cause, as far as that can be told."""
-        frames = re.findall(r'File "[^"]*?((?:nnpp_edge|tests)/[^"]+|[^"/]+)", line \d+, in (\w+)', self.detail)
-        ours = [f"{file}:{name}" for file, name in frames if "/" in file and "fuzz" not in file]
-        last = re.findall(r"^[\w.]+(?:Error|Exception|Interrupt|Warning)\b", self.detail, re.MULTILINE)
-        return " | ".join([self.kind, *ours[-1:], *(re.sub(r"\W.*", "", name) for name in last[-1:])])
-
 
 @functools.lru_cache(maxsize=4)
 def _tiny(folder: Path) -> Any:
@@ -58,11 +49,10 @@ def _tiny(folder: Path) -> Any:
 
 @dataclass(frozen=True)
 class Place:
-    """Where the samples are, which folder a case may write to, and whether samples that are trained are there."""
+    """Where the samples are, and which folder a case may write to."""
 
     samples: Path | None = None
     folder: Path | None = None
-    heavy: bool = True
 
     @property
     def model(self) -> Any:

@@ -5,20 +5,20 @@ process that forks must have no threads of its own.
 """
 
 import contextlib
-import faulthandler
 import mmap
+import multiprocessing
 import os
 import resource
-import select
 import signal
 import sys
+import threading
 import time
 import traceback
 from collections.abc import Callable
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Any
 
+FORK = multiprocessing.get_context("fork")
 GRACE_S = 15.0  # a process that is interrupted has so long to end
 MOST_READ = 4 << 20  # bytes that are kept of each stream
 
@@ -41,16 +41,16 @@ class Ended:
     """How a process ended.
 
     `code` is below 0 for the signal that killed it, `peak_bytes` counts from what it began with, `late` tells which
-    limit of time it passed, and where it then was, and `interrupted` that it ended by itself once it was interrupted.
+    limit of time it passed, and `interrupted` that it ended by itself once it was interrupted.
     """
 
     code: int
-    out: bytes = b""
-    err: bytes = b""
-    wall_s: float = 0.0
-    peak_bytes: int = 0
-    late: str = ""
-    interrupted: bool = False
+    out: bytes
+    err: bytes
+    wall_s: float
+    peak_bytes: int
+    late: str
+    interrupted: bool
 
 
 def run_forked(
@@ -59,51 +59,64 @@ def run_forked(
     *,
     streams: tuple[str, str, str] = ("null", "pipe", "pipe"),
     stdin: bytes = b"",
-    trace: Path | None = None,
 ) -> Ended:
-    """Let a fork do `work`, whose value is the exit code.
+    """Let a fork do `work`, whose value is the exit code; interrupt it, then kill it, when it is late.
 
-    Parameters
-    ----------
-    streams : (str, str, str)
-        What stdin, stdout and stderr are: ``null``, ``pipe``, ``closed``, ``full`` (a device without room) or
-        ``broken`` (a pipe that nobody reads). What comes through pipes is returned; `stdin` goes into one.
-    trace : Path
-        File for the stacks of a process that passes its limit of time.
+    `streams` are what stdin, stdout and stderr are: ``null``, ``pipe``, ``closed``, ``full`` (a device without room)
+    or ``broken`` (a pipe that nobody reads). What comes through pipes is returned; `stdin` goes into one.
     """
-    base = mmap.mmap(-1, 8)  # shared with the fork
+    peak, content = mmap.mmap(-1, 8), {}  # shared with the fork
     pipes = {n: os.pipe() for n in range(3) if streams[n] == "pipe"}
-    if 0 in pipes:
-        os.set_blocking(pipes[0][1], False)
-        with contextlib.suppress(BlockingIOError):  # at most what fits without a reader
-            os.write(pipes[0][1], stdin[: 1 << 16])
     sys.stdout.flush()
     sys.stderr.flush()
-    began = time.monotonic()
-    pid = os.fork()
-    if pid == 0:
-        _child(work, limits, base, streams, pipes, trace)
-    for end in [pipes[n][n > 0] for n in pipes] + ([pipes[0][1]] if 0 in pipes else []):
-        os.close(end)
-    return _watch(pid, began, limits, {read: n for n, (read, _) in pipes.items() if n}, base, trace)
+    child, began = FORK.Process(target=_child, args=(work, limits, peak, streams, pipes)), time.monotonic()
+    child.start()
+    for n, pair in pipes.items():
+        os.close(pair[n > 0])
+    if 0 in pipes:
+        with contextlib.suppress(BrokenPipeError), os.fdopen(pipes[0][1], "wb", buffering=0) as end:
+            end.write(stdin[: 1 << 16])  # at most what fits without a reader
+
+    def read(n: int) -> None:
+        with os.fdopen(pipes[n][0], "rb") as end:
+            content[n] = end.read(MOST_READ)
+            while end.read(1 << 20):
+                pass
+
+    readers = [threading.Thread(target=read, args=(n,)) for n in pipes if n]
+    for reader in readers:
+        reader.start()
+    child.join(limits.wall_s)
+    late = f"it took more than {limits.wall_s:g} s" if child.is_alive() else ""
+    if late:
+        with contextlib.suppress(ProcessLookupError):
+            os.kill(child.pid or 0, signal.SIGINT)
+        child.join(GRACE_S)
+    in_time = not child.is_alive()
+    with contextlib.suppress(ProcessLookupError):
+        os.killpg(child.pid or 0, signal.SIGKILL)  # it, or what it started and left behind
+    for thread in (child, *readers):
+        thread.join()
+    code = child.exitcode or 0
+    if code == -signal.SIGXCPU:
+        late = f"it took more than {limits.cpu_s} s of processor time"
+    took, by_itself = time.monotonic() - began, bool(late) and in_time and code >= 0
+    grown = int.from_bytes(peak[:], "little")
+    return Ended(code, content.get(1, b""), content.get(2, b""), took, grown, late, by_itself)
 
 
 def _child(
     work: Callable[[], int],
     limits: Limits,
-    base: mmap.mmap,
+    peak: mmap.mmap,
     streams: tuple[str, str, str],
     pipes: dict[int, tuple[int, int]],
-    trace: Path | None,
 ) -> None:
     """The forked process; never returns."""
-    code = 70
+    code, base = 70, _status_bytes("VmRSS:")
     try:
-        base[:] = _status_bytes("VmRSS:").to_bytes(8, "little")
         os.setsid()
         signal.signal(signal.SIGINT, signal.default_int_handler)
-        if trace is not None:
-            faulthandler.register(signal.SIGUSR2, file=trace.open("wb"), all_threads=True)
         space = _status_bytes("VmSize:") + limits.memory_bytes
         for name, least, most in (
             (resource.RLIMIT_CORE, 0, 0),
@@ -121,6 +134,8 @@ def _child(
         with contextlib.suppress(BaseException):
             os.write(2, traceback.format_exc().encode("utf-8", "replace"))
     finally:
+        grown = max(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * 1024 - base, 0)
+        peak[:] = grown.to_bytes(8, "little")
         os._exit(code & 0xFF)
 
 
@@ -148,54 +163,6 @@ def _connect(streams: tuple[str, str, str], pipes: dict[int, tuple[int, int]]) -
 
     sys.stdin, sys.stdout, sys.stderr = stream(0, "r"), stream(1, "w"), stream(2, "w")
     sys.__stdin__, sys.__stdout__, sys.__stderr__ = sys.stdin, sys.stdout, sys.stderr  # type: ignore[misc]
-
-
-def _watch(
-    pid: int, began: float, limits: Limits, readers: dict[int, int], base: mmap.mmap, trace: Path | None
-) -> Ended:
-    """Read what a process writes until it ends; interrupt it, then kill it, when it is late."""
-    content = {n: bytearray() for n in (1, 2)}
-    late, interrupted_at, found = "", 0.0, 0
-
-    def read(patience_s: float) -> bool:
-        ready = select.select(list(readers), [], [], patience_s)[0]
-        for end in ready:
-            chunk = os.read(end, 1 << 16)
-            content[readers[end]] += chunk[: MOST_READ - len(content[readers[end]])]
-            if not chunk:
-                os.close(end)
-                del readers[end]
-        return bool(ready)
-
-    while not found:
-        read(0.002)
-        found, status, usage = os.wait4(pid, os.WNOHANG)
-        now = time.monotonic()
-        if not found and not late and now - began > limits.wall_s:
-            late, interrupted_at = f"it took more than {limits.wall_s:g} s", now
-            if trace is not None:
-                os.kill(pid, signal.SIGUSR2)
-                time.sleep(0.2)
-            os.kill(pid, signal.SIGINT)
-        elif not found and late and now - interrupted_at > GRACE_S:
-            os.killpg(pid, signal.SIGKILL)
-            late += " and did not end when it was interrupted"
-            interrupted_at = float("inf")
-    with contextlib.suppress(ProcessLookupError):
-        os.killpg(pid, signal.SIGKILL)  # what it started and left behind
-    while read(0.0):
-        pass
-    for end in readers:
-        os.close(end)
-    code = os.waitstatus_to_exitcode(status)
-    if code == -signal.SIGXCPU:
-        late = f"it took more than {limits.cpu_s} s of processor time"
-    if late and trace is not None and trace.exists():
-        late += "\n" + trace.read_text(errors="replace")[-3000:]
-    peak = max(usage.ru_maxrss * 1024 - int.from_bytes(base[:], "little"), 0)
-    by_itself = 0.0 < interrupted_at < float("inf") and code >= 0
-    took = time.monotonic() - began
-    return Ended(code, bytes(content[1]), bytes(content[2]), took, peak, late, interrupted=by_itself)
 
 
 def _status_bytes(name: str) -> int:

@@ -2,7 +2,6 @@
 
 import contextlib
 import hashlib
-import itertools
 import json
 import os
 import re
@@ -24,8 +23,7 @@ SLOW_COMMANDS = ("dataset", "train", "export", "quantize", "reproduce", "profile
 RESUMED_COMMANDS = ("dataset", "train", "reproduce")  # they leave what is complete, to go on from
 REPLACED = ("old/", "in/trained/", "in/set/samples.png")
 """Results of earlier commands, which later ones may replace."""
-STREAMED = ("--log", "--record", "--view")
-LOGGING_COMMANDS = ("run", "simulate")  # they log what they refuse, before they end
+LOGGING_COMMANDS = ("run", "simulate")  # they log what they refuse, before they end, and keep logs and recordings
 PLAIN = ("null", "pipe", "pipe")
 _TEMPORARY = re.compile(r"^\..*\.[0-9a-f]{6,}$")
 _PROGRESS = re.compile(
@@ -71,9 +69,13 @@ class Command:
 def check(command: Command, place: Place) -> Problem | None:
     """Run the case in the place's folder, which is made for it; what is wrong, if anything."""
     assert place.samples is not None and place.folder is not None
-    lay_out(command, place.samples, place.folder)
-    before = snapshot(place.folder)
-    return judge(command, execute(command, place.folder), before, snapshot(place.folder))
+    for _ in range(2):  # the first time, other programs may have held it up
+        lay_out(command, place.samples, place.folder)
+        before = snapshot(place.folder)
+        problem = judge(command, execute(command, place.folder), before, snapshot(place.folder))
+        if problem is None or not problem.kind.startswith(("hangs", "cannot be interrupted")):
+            break
+    return problem
 
 
 def lay_out(command: Command, samples: Path, folder: Path) -> None:
@@ -117,10 +119,8 @@ def execute(command: Command, folder: Path) -> Ended:
 
         return exit_code_of(main)
 
-    trace = folder.with_suffix(".stack")
-    trace.unlink(missing_ok=True)
     limits = Limits(wall_s, cpu_s, file_bytes=command.file_bytes)
-    return run_forked(work, limits, streams=command.streams, stdin=command.stdin, trace=trace)
+    return run_forked(work, limits, streams=command.streams, stdin=command.stdin)
 
 
 def exit_code_of(main: Callable[[], object]) -> int:
@@ -222,19 +222,9 @@ def _wrong_files(command: Command, ended: Ended, err: str, before: Tree, after: 
     if any(_TEMPORARY.match(Path(place).name) for place in added):
         return f"temporary file left: {added}"
     refused = ended.code == 2 or (ended.code == 1 and err.rstrip().rpartition("\n")[2].startswith("error: "))
-    streamed = _streamed(command) if command.name in LOGGING_COMMANDS else []
-    left = [place for place in added if not place.startswith(("home/", *streamed))]
-    resumed = ended.interrupted or command.name in RESUMED_COMMANDS
+    left = [place for place in added if not place.startswith("home/")]
+    resumed = ended.interrupted or command.name in (*RESUMED_COMMANDS, *LOGGING_COMMANDS)
     return f"partial output: {left}" if refused and left and could_tell and not resumed else ""
-
-
-def _streamed(command: Command) -> list[str]:
-    """How the names of logs and recordings begin, which are kept however the loop ends."""
-    pairs = [
-        word.partition("=")[::2] if "=" in word else (word, after)
-        for word, after in itertools.pairwise((*command.words, ""))
-    ]
-    return [value.rpartition(".")[0] or value for word, value in pairs if word in STREAMED and value]
 
 
 def _wrong_json(command: Command, ended: Ended, out: str) -> str:

@@ -154,17 +154,15 @@ def drive(
 
 def _compare_maps(lazy: Planner, eager: Planner, fresh: Planner, told: str) -> Problem | None:
     """All weights, and all coarse levels, are those of a planner made afresh."""
-    maps = [each.state.grid.map().copy() for each in (lazy, eager, fresh)]
-    if not (np.array_equal(maps[0], maps[1]) and np.array_equal(maps[1], maps[2])):
-        return Problem("the maps are not alike", told)
-    pyramids = [each.state.pyramid for each in (lazy, eager, fresh)]
-    for each in (lazy, eager, fresh):
-        each.state.grid.complete()
-    for number in range(1, len(pyramids[0].levels)):
-        one, other, third = (pyramid.levels[number] for pyramid in pyramids)
-        pairs = {name: (getattr(one, name), getattr(other, name)) for name in ("pieces", "links")}
-        pairs |= {"weights": (one.grid.weights, other.grid.weights), "fresh links": (other.links, third.links)}
-        for name, pair in pairs.items():
-            if not np.array_equal(*pair):
-                return Problem(f"lazy is not eager: {name} of level {number}", told)
-    return None
+    every = [each.state for each in (lazy, eager, fresh)]
+    maps = [state.grid.map().copy() for state in every]
+    pyramids = [state.pyramid for state in every]
+    for state in every:
+        state.grid.complete()
+    for one, other, third in zip(*(pyramid.levels[1:] for pyramid in pyramids), strict=True):
+        same = all(np.array_equal(getattr(one, name), getattr(other, name)) for name in ("pieces", "links"))
+        same &= np.array_equal(one.grid.weights, other.grid.weights) and np.array_equal(other.links, third.links)
+        if not same:
+            return Problem("lazy is not eager: a coarse level", told)
+    alike = np.array_equal(maps[0], maps[1]) and np.array_equal(maps[1], maps[2])
+    return None if alike else Problem("the maps are not alike", told)

@@ -145,7 +145,8 @@ def check(case: Case, place: Place = NOWHERE) -> Problem | None:
         told = f"tick {tick}: {message}\n{case!r}"
         if errors := navigator.counters().errors:
             return Problem(f"caught inside the loop: {', '.join(errors)}", told)
-        if problem := _wrong(message, _planner(case, layers), at, case):
+        exact = case.method in ("astar", "dstar")
+        if problem := wrong_answer(message, _planner(case, layers), at, case.goal, exact=exact):
             return Problem(problem, told)
         bare = layers.told if layers.heights is None else layers.ground(**robot).costs()
         if not np.array_equal(navigator.map.cost() < 1.0, (bare < 1.0) & (layers.told < 1.0)):
@@ -157,15 +158,20 @@ def check(case: Case, place: Place = NOWHERE) -> Problem | None:
     return None
 
 
-def _wrong(message: PathMessage, planner: Planner, at: tuple[int, int], case: Case) -> str:
+def wrong_answer(
+    message: PathMessage, planner: Planner, at: tuple[int, int], goal: tuple[int, int], *, exact: bool
+) -> str:
     """What is wrong with an answer, by a planner of the whole map; empty if nothing."""
-    best = planner.plan(at, case.goal, method="astar")
+    best = planner.plan(at, goal, method="astar")
     if message.outcome is not best.status:
         return f"{message.outcome} where the map has {best.status}"
     if message.outcome is not Status.OK:
         return ""
     cost, near = planner.state.grid.costs_of(message.path)[0], 1e-4 * abs(best.cost) + 1e-5
-    if not np.isfinite(cost):
+    leaps = (np.abs(np.diff(message.path, axis=0)).max(1) != 1).any()
+    if leaps or (tuple(message.path[0]), tuple(message.path[-1])) != (at, goal):
+        return "published: a path with a leap or other ends"
+    if not np.isfinite(cost) or cost < best.cost - near:
         return "published: a path that cannot be walked"
     # a body on its way pays for the turn at the robot, from the leg before
     turned = 0.0 if planner.state.grid.poses is None else float(planner.state.grid.poses.prices[2].sum())
@@ -173,5 +179,4 @@ def _wrong(message: PathMessage, planner: Planner, at: tuple[int, int], case: Ca
         return "published: a cost that is not the path's"
     if message.lower_bound > best.cost + near:
         return "published: a lower bound above the optimum"
-    exact = case.method in ("astar", "dstar")
     return "published: a path that is not the best" if exact and message.cost > best.cost + 3.0 * near else ""

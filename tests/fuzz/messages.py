@@ -2,11 +2,9 @@
 
 import io
 import json
-import logging
 import math
 import random
 import traceback
-from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -18,9 +16,9 @@ from nnpp_edge.runtime.loop.ladder import NavigatorSettings
 from nnpp_edge.runtime.loop.messages import Goal, Input, MapPatch, PathMessage, Pose
 from nnpp_edge.runtime.loop.navigator import Navigator
 from nnpp_edge.runtime.planners.plan import DynamicMethod
-from tests import oracles
-from tests.fuzz.cases import EXACT, NOWHERE, Case, Place, Problem
-from tests.fuzz.layers import HARD, SOFT, Layers
+from nnpp_edge.runtime.planners.planner import Planner
+from tests.fuzz.cases import NOWHERE, Case, Place, Problem
+from tests.fuzz.layers import HARD, SOFT, Layers, wrong_answer
 from tests.fuzz.mutations import junk_bytes, junk_value, mutated, mutated_json
 from tests.fuzz.samples import heights
 
@@ -66,7 +64,7 @@ def _bytes(rng: random.Random, rows: int, cols: int, by_heights: bool) -> bytes:
 
 def _payload(rng: random.Random, rows: int, cols: int, by_heights: bool) -> bytes:
     row, col = rng.randrange(-3, rows + 3), rng.randrange(-3, cols + 3)
-    kind = rng.choices(("pose", "goal", "patch", "list", "odd", "deep", "packed"), (3, 1, 5, 2, 2.4, 0.3, 0.3))[0]
+    kind = rng.choices(("pose", "goal", "patch", "list", "odd"), (3, 1, 5, 2, 2.7))[0]
     stamp = rng.choice((0.0, 1.0, -1.0, 1e11, 5e8))
     if kind == "pose":
         return encode(Pose(row + rng.random(), col + rng.random(), stamp))
@@ -78,13 +76,9 @@ def _payload(rng: random.Random, rows: int, cols: int, by_heights: bool) -> byte
     if kind == "patch":
         both = (values, None) if elevation else (None, np.abs(values))
         return encode(MapPatch(row, col, *both, keep, stamp))
-    if kind == "deep":
-        return b'{"type":"patch","row":0,"col":0,"cost":' + b"[" * rng.choice((10, 3000, 90_000))
     name = "elevation" if elevation else "cost"
     message: dict[str, Any] = {"type": "patch", "row": row, "col": col, "keep_known": keep}
     message[name] = [[None if math.isnan(value) else value for value in each] for each in values.tolist()]
-    if kind == "packed":
-        message[name] = {"shape": [rng.choice((1, 2**31, 2**62)), rng.choice((1, 2**33))], "float32": "AAAA"}
     if kind == "odd" and rng.random() < 0.3:
         message[rng.choice(list(message))] = junk_value(rng)
     elif kind == "odd":
@@ -100,52 +94,36 @@ def _values(rng: random.Random, height: int, width: int, by_heights: bool) -> np
         return np.where(odd, rng.choice(_ODD_NUMBERS), values).astype(np.float32)
 
 
-class _Log(logging.Handler):
-    """Keeps the tracebacks that the loop logs."""
-
-    text = ""
-
-    def emit(self, record: logging.LogRecord) -> None:
-        if record.exc_info:
-            self.text += "".join(traceback.format_exception(*record.exc_info))  # type: ignore[arg-type]
-
-
-def check(
-    case: Case, place: Place = NOWHERE, answer: Callable[[Navigator, float], PathMessage] = Navigator.tick
-) -> Problem | None:
+def check(case: Case, place: Place = NOWHERE) -> Problem | None:
     """Let the messages come, and look at each answer."""
-    log, logger = _Log(), logging.getLogger("nnpp_edge")
-    logger.addHandler(log)
-    propagated, logger.propagate = logger.propagate, False
     try:
-        return _drive(case, place, log, answer)
+        return _drive(case, place)
     except Exception:
         return Problem("the loop raised", f"{traceback.format_exc()}\n{case!r}")
-    finally:
-        logger.removeHandler(log)
-        logger.propagate = propagated
 
 
-def _drive(case: Case, place: Place, log: _Log, answer: Callable[[Navigator, float], PathMessage]) -> Problem | None:
+def _drive(case: Case, place: Place) -> Problem | None:
     numbers, clock = np.random.default_rng(case.seed), 100.0
     cost = numbers.random((case.rows, case.cols)).astype(np.float32)
     cost[numbers.random(cost.shape) < 0.15] = np.inf
     layers = Layers(heights(case.seed, *cost.shape) if case.by_heights else None, cost, case.limits)
-    ground = layers.ground(1.0)
-    settings = NavigatorSettings(case.method, corner_cutting=case.corner_cutting, model=place.model)
-    navigator = Navigator(ground, settings, clock=lambda: clock)
-    taken: list[Input] = []
+    settings = NavigatorSettings(
+        case.method, tolerance=1e-4, snap_radius=0, corner_cutting=case.corner_cutting, model=place.model
+    )
+    navigator = Navigator(layers.ground(1.0), settings, clock=lambda: clock)
+    last: dict[type, Input] = {}
     for kind, value in case.steps:
         if kind == "tick":
             clock += 0.05
-            message = answer(navigator, clock + value)
-            if problem := _problem_with_answer(message, layers, case, taken):
-                return Problem(problem, f"{message}\n{log.text}\n{case!r}")
+            message = navigator.tick(clock + value)
+            told = f"{message}\n{case!r}"
             if errors := navigator.counters().errors:
-                return Problem(f"caught inside the loop: {', '.join(errors)}", f"{log.text}\n{case!r}")
+                return Problem(f"caught inside the loop: {', '.join(errors)}", told)
+            if problem := _problem_with_answer(message, layers, case, last.get(Pose), last.get(Goal)):
+                return Problem(problem, told)
             continue
         for found in _inputs(value):
-            taken.append(found)
+            last[type(found)] = found
             navigator.offer(found)
             if isinstance(found, MapPatch):
                 layers.put(found)
@@ -166,30 +144,17 @@ def _inputs(value: bytes) -> list[Input]:
     return found
 
 
-def _problem_with_answer(message: PathMessage, layers: Layers, case: Case, taken: list[Input]) -> str:
+def _problem_with_answer(message: PathMessage, layers: Layers, case: Case, pose: Any, goal: Any) -> str:
     """What is wrong with an answer on the map as it is; empty if nothing."""
-    pose = next((m for m in reversed(taken) if isinstance(m, Pose)), None)
-    goal = next((m for m in reversed(taken) if isinstance(m, Goal)), None)
     outcome = message.outcome
     if decode_output(encode(message), 1 << 24).outcome is not outcome:  # type: ignore[union-attr]
         return "an answer that reads back as another"
     if pose is None or goal is None:
         return "" if outcome in (Status.NO_POSE, Status.NO_GOAL) else f"{outcome} without pose or goal"
-    cost = layers.cost(1.0)
-    seen = np.where(cost < 1.0, cost, np.inf).astype(np.float64)
-    if not message.ok:
-        if outcome is Status.NO_PATH and message.start is not None:
-            optimum = oracles.cheapest(seen, message.start, goal.cell, corner_cutting=case.corner_cutting)
-            return "NO_PATH where there is a path" if math.isfinite(optimum) else ""
-        return f"{outcome}" if outcome in (Status.UNKNOWN, Status.INVALID_MAP) else ""
-    path = [tuple(map(int, cell)) for cell in message.path]
-    start = message.start if message.start_moved else pose.cell
-    if start is None or goal.cell != message.goal:
-        return "a path to another goal"
-    if wrong := oracles.path_problem(path, seen, start, goal.cell, case.corner_cutting):
-        return f"published: {wrong}"
-    optimum = oracles.cheapest(seen, start, goal.cell, corner_cutting=case.corner_cutting)
-    if message.lower_bound > optimum * (1.0 + EXACT) + 1e-6:
-        return "published: a lower bound above the optimum"
-    cost = oracles.path_cost(path, seen)
-    return "" if abs(cost - message.cost) <= 1e-4 * cost + 1e-6 else "published: a cost that is not the path's"
+    if outcome in (Status.TIMEOUT, Status.UNKNOWN, Status.INVALID_MAP):
+        return "" if outcome is Status.TIMEOUT else f"{outcome}"
+    outside = not (0 <= goal.row < case.rows and 0 <= goal.col < case.cols)
+    if outside and outcome is Status.GOAL_OUTSIDE_MAP:  # wherever the pose is
+        return ""
+    planner = Planner(layers.cost(1.0), corner_cutting=case.corner_cutting)
+    return wrong_answer(message, planner, pose.cell, goal.cell, exact=False)

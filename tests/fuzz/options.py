@@ -1,7 +1,8 @@
-"""Options of every command, drawn from what click knows of them: a new option is drawn without being listed here."""
+"""Every command with other options or a damaged file; options are drawn from what click knows, without a list."""
 
 import math
 import random
+import re
 from dataclasses import replace
 
 import click
@@ -9,9 +10,11 @@ import click
 from nnpp_edge.cli import options
 from nnpp_edge.cli.main import COMMANDS, cli
 from tests.fuzz.cases import NOWHERE, Place
-from tests.fuzz.commands import Command
-from tests.fuzz.mutations import NUMBERS, WORDS
+from tests.fuzz.commands import Command, check
+from tests.fuzz.mutations import NUMBERS, WORDS, damaged
+from tests.fuzz.samples import DEMS
 
+__all__ = ["check"]
 BASES = {
     "costmap": ("in/dem.npz -o out/cost.npz", "in/dem.tif -o out/c.tif"),
     "plan": (
@@ -20,31 +23,47 @@ BASES = {
         "in/dem.npz --start 2,2 --goal 20,28 --method nnpp --model in/tiny.onnx",
     ),
     "reach": ("in/dem.npz --start 2,2 --within-cost 20", "in/dem.tif --start 2,2 --within-cost 9 -o out/reach"),
-    "dataset": ("-o out/set --maps 1 --size 32 --points 2 --workers 1",),
-    "train": ("in/set --validation in/set -o out/run --steps 1 --batch 2 --input-size 64 --validate-every 0",),
+    "dataset": (
+        "in/dem.npz -o out/set --maps 1 --size 32 --points 2 --workers 1",
+        "-o in/set --maps 2 --size 64 --points 2 --workers 1",
+    ),
+    "train": (
+        "in/set --validation in/set -o out/run --steps 1 --batch 2 --input-size 64 --validate-every 0",
+        "in/set --validation in/set -o in/trained --steps 1 --batch 2 --input-size 64 --validate-every 0",
+    ),
     "export": ("in/trained/checkpoint.pt -o out/net.onnx",),
     "quantize": ("in/edge64.onnx --dataset in/set -o out/int8.onnx --samples 2",),
     "evaluate": (
         "--synthetic --sizes 16 --queries 1 --repeats 1 --methods astar",
         "--terrain in/dem.npz --sizes 16 --queries 1 --repeats 1 --methods astar,corridor",
+        "--terrain in/dem.npz --sizes 16 --queries 1 --repeats 1 --methods nnpp --model in/tiny.onnx",
     ),
     "reproduce": ("table9 --quick -o out/paper",),
     "profile": ("--profile in/profile.toml", "--peers --sizes 16 --queries 1"),
-    "profile compare": ("in/report.json in/report.json",),
+    "profile compare": ("in/report.json in/another.json", "in/another.json in/report.json"),
     "simulate": (
         "--map in/dem.npz --size 16 --ticks 3 --method astar",
         "--map in/dem.npz --size 24 --ticks 3 --method corridor --log out/drive.mcap",
         "--size 32 --ticks 3 --method corridor --vehicle small-rover --rocks 0.02",
+        "--map in/dem.npz --size 16 --ticks 3 --method nnpp-dstar --model in/tiny.onnx",
     ),
     "run": (
         "--map in/dem.npz --input replay:in/drive.jsonl --fast --output none",
         "--map in/cost.npz --input stdin --ticks 3 --rate 200 --method corridor",
+        "--map in/dem.npz --input replay:in/drive.jsonl --fast --output stdout --record out/again.jsonl",
+        "--map in/dem.npz --method nnpp --model in/tiny.onnx --input replay:in/drive.jsonl --fast --output none",
+        "--map in/dem.npz --profile in/profile.toml --input replay:in/drive.jsonl --fast --output none",
+        "--map in/dem.npz --method corridor --rate 200 --log out/x.mcap --record out/r",
     ),
     "models": ("in/tiny.onnx", ""),
     "warmup": ("--keep-old",),
 }
 """For each command words with which it ends well and soon; the cases depart from these."""
-HEAVY = ("train", "export", "quantize", "profile compare")  # commands whose samples must be trained or measured first
+INSIDE = {
+    "set": ("set/dataset.json", "set/shard-00000.npz"),
+    "tiny.onnx": ("tiny.onnx",) * 4 + ("tiny.json", "tiny.md"),
+}
+"""The files that are read where a word names these."""
 SELDOM = {"reproduce": 0.15, "export": 0.1, "quantize": 0.1, "train": 0.25, "profile": 0.1, "evaluate": 0.6}
 SELDOM |= {"warmup": 0.2}
 _PLACES = (*str.split("1,2 0,0 -1,-1 1 1,2,3 , 1, 1.5,2 nan,nan inf,inf 1e308,1e308"), "9" * 20 + ",0")
@@ -55,15 +74,14 @@ _SIZES = (
     "9" * 30,
 )
 _ODD_WORDS = (*_PLACES, *_SIZES, *WORDS, *NUMBERS)
-_NAMES = (
-    "dem.npz dem.npy dem.tif dem.png dem.asc cost.npz drive.jsonl profile.toml tiny.onnx dem.img sparse.tif bomb.npz"
-)
+_NAMES = "dem.npz dem.npy dem.tif dem.png dem.asc cost.npz drive.jsonl profile.toml tiny.onnx dem.img"
 _INPUTS = [f"in/{name}" for name in (*_NAMES.split(), "set")]
 _ODD = ("", ".", "odd/loop", "odd/" + "x" * 300, "odd/null", "odd/link")
 _ODD_INPUTS = (*_ODD, *str.split("/ in missing in/dem.npz/x odd/zero ~ /proc/self/mem"), "y/" * 2500, "in/\udcff.npz")
 _ODD_OUTPUTS = (*_ODD, *str.split("out odd/full in/dem.npz/x.png /proc/none/x old/old.png old/old.npz"))
 _ODD_OUTPUTS += ("old/old.json", "y/" * 2500 + "x")
 _ENDINGS = (*str.split(".tif .tiff .npy .npz .png .gif .json .jsonl .mcap .onnx .html .rrd .X"), "")
+_PATIENT = ("stay", "start_up", "ticks", "rate", "rate_hz")  # with these a command may rightly wait
 _LINES = (b'{"type":"pose","row":2,"col":2}', b'{"type":"goal","row":20,"col":28}', b"junk", b"[" * 500, b"", b"\xff")
 
 
@@ -91,16 +109,53 @@ def names() -> list[str]:
 
 
 def generate(rng: random.Random, place: Place = NOWHERE) -> Command:
-    """A command with some of its options set to what may or may not make sense."""
-    known = [name for name in names() if place.heavy or name not in HEAVY]
+    """A command with some of its options set to what may or may not make sense, or with a file damaged."""
+    known = names()
     name = rng.choices(known, [SELDOM.get(name, 1.0) for name in known])[0]
     words, patient = rng.choice(BASES.get(name, ("",))).split(), name in ("reproduce", "warmup")
+    stdin = b"\n".join(rng.choices(_LINES, k=rng.randrange(8))) + rng.choice((b"", b"\n"))
+    files: dict[str, bytes] = {}
+    if place.samples is not None and rng.random() < 0.6:
+        if name == "run" and not any("replay" in word for word in words):
+            stdin = damaged(rng, place.sample("messages.jsonl"))
+        else:
+            words, files = _damage(rng, place, name, words)
+        patient |= name == "profile"
+    else:
+        patient |= _redraw(rng, name, words)
+    if name == "warmup":
+        words.append("--keep-old")  # what others compiled is left alone
+    link = rng.choice(("../in/dem.npz", "../old/old.png", "nowhere", "../out"))
+    streams = ("pipe" if name == "run" else "null", "pipe", "pipe")
+    found = Command((*name.split(), *words), files, needs=("dem.npz",), link=link, streams=streams)
+    found = replace(found, stdin=stdin if name == "run" else b"", patient=patient)
+    return disturbed(rng, found)
+
+
+def _damage(rng: random.Random, place: Place, name: str, words: list[str]) -> tuple[list[str], dict[str, bytes]]:
+    """The words with a map of any format, and one of the files that they name, damaged or of another kind."""
+    dem = rng.choice(DEMS)
+    words = [re.sub(r"^in/dem\.\w+$", f"in/{dem}", word) for word in words]
+    if dem in " ".join(words) and rng.random() < 0.5:
+        words += ["--cell-size=2"] * any(each.name == "cell_size" for each in command_of(name).params)
+    named = re.findall(r"in/([\w./-]+)", " ".join(words))
+    if not named:
+        return words, {}
+    file = rng.choice([each for each in named for each in INSIDE.get(each, (each,))])
+    if file in DEMS and rng.random() < 0.15:
+        return words, {f"in/{file}": place.sample(rng.choice((*DEMS, "cost.npz", "tiny.onnx")))}
+    return words, {f"in/{file}": damaged(rng, place.sample(file))}
+
+
+def _redraw(rng: random.Random, name: str, words: list[str]) -> bool:
+    """Change some of the words; whether the command may then take long."""
+    patient = False
     if words and rng.random() < 0.08:
         del words[rng.randrange(len(words))]
     for _ in range(rng.choice((0, 1, 1, 1, 2, 2, 3, 5))):
         parameter = rng.choice(command_of(name).params)
         values = draw_values(rng, parameter, words)
-        patient |= any(map(may_take_long, values)) or parameter.name in ("stay", "start_up")
+        patient |= any(map(may_take_long, values)) or parameter.name in _PATIENT
         if isinstance(parameter, click.Option):
             option = parameter.opts[-1]
             words += [option] if parameter.is_flag else [f"{option}={value}" for value in values]
@@ -110,23 +165,7 @@ def generate(rng: random.Random, place: Place = NOWHERE) -> Command:
     if rng.random() < 0.04:
         odd = rng.choice(("--nope", "-h", "--help", "extra", "--json=1", "--", ""))
         words.insert(rng.randrange(len(words) + 1), odd)
-    if name == "warmup":
-        words.append("--keep-old")  # what others compiled is left alone
-    link = rng.choice(("../in/dem.npz", "../old/old.png", "nowhere", "../out"))
-    stdin = b"\n".join(rng.choices(_LINES, k=rng.randrange(8))) + rng.choice((b"", b"\n")) if name == "run" else b""
-    streams = ("pipe" if name == "run" else "null", "pipe", "pipe")
-    found = Command((*name.split(), *words), needs=("dem.npz",), link=link, stdin=stdin, streams=streams)
-    return disturbed(rng, replace(found, patient=patient or _waits(words)))
-
-
-def _waits(words: list[str]) -> bool:
-    """Whether a loop's ticks come so seldom that all of them take longer than a case may."""
-    pairs = [pair for word in words for pair in word.split("=")]
-    try:
-        ticks, rate = (float(pairs[len(pairs) - pairs[::-1].index(name)]) for name in ("--ticks", "--rate"))
-        return ticks > 20.0 * rate
-    except (IndexError, ValueError):
-        return False
+    return patient
 
 
 def disturbed(rng: random.Random, command: Command) -> Command:
@@ -161,7 +200,7 @@ def _draw_value(rng: random.Random, kind: click.ParamType, used: list[str]) -> s
         number = rng.choice(NUMBERS) if rng.random() < 0.5 else f"{10 ** rng.uniform(-2, 2):.3g}"
         return f"{rng.choice(kind.keys())}={number}" if rng.random() < 0.8 else rng.choice(_ODD_WORDS)
     if isinstance(kind, options.Parsed) and kind is not options.MODEL:
-        pool = {"N|RxC,…": _SIZES, "TIME": _SIZES}.get(kind.name, _PLACES) if rng.random() < 0.7 else _ODD_WORDS
+        pool = {"N,…": _SIZES, "TIME": _SIZES}.get(kind.name, _PLACES) if rng.random() < 0.7 else _ODD_WORDS
         return rng.choice(pool) if rng.random() < 0.7 else f"{rng.randrange(24)},{rng.randrange(32)}"
     if rng.random() < 0.4:
         return rng.choice(("", "", "replay:", "zenoh:")) + _path(rng, options.PATH, used)

@@ -13,7 +13,7 @@ import pyproj
 import rasterio
 
 from nnpp_edge.runtime.terrain.traversability import terrain_terms, traversability_cost
-from nnpp_edge.terrain.dem import read_dem
+from nnpp_edge.terrain.dem import open_dem, read_dem
 from nnpp_edge.terrain.workloads import workload
 from tests.fuzz.cases import NOWHERE, Case, Place, Problem
 
@@ -29,6 +29,7 @@ SYSTEMS = {  # with the longitudes and latitudes at which they are used, and bey
     "EPSG:2263": (-75, -72, 40, 42),
     "EPSG:27700": (-8, 2, 49, 61),
     "EPSG:4807": (-5, 10, 41, 52),
+    "EPSG:5972": (5, 12, 57, 72),
     "ESRI:54008": (-170, 170, -80, 80),
     "ESRI:54009": (-150, 150, -75, 75),
     "IAU_2015:30100": (-179, 179, -88, 88),
@@ -37,8 +38,8 @@ SYSTEMS = {  # with the longitudes and latitudes at which they are used, and bey
     "IAU_2015:49910": (-179, 179, -85, 85),
     "IAU_2015:49935": (-180, 180, -89.9, -60),
 }
-WITHIN, SLOPE_WITHIN = 0.03, 0.035
-"""Share by which a length, and the tangent of a slope, may be off where no warning tells of more."""
+WITHIN, SLOPE_WITHIN, CELL_WITHIN = 0.03, 0.035, 2e-6
+"""By which share a length, the tangent of a slope and the middle cell may be off where no warning tells of more."""
 
 
 def generate(rng: random.Random, place: Place = NOWHERE) -> Case:
@@ -112,10 +113,18 @@ def check(case: Case, place: Place = NOWHERE) -> Problem | None:
         with rasterio.open(Path(folder) / "map.tif", "w", crs=case.crs, transform=where, **kind) as file:
             file.write(heights, 1)
         dem = read_dem(Path(folder) / "map.tif")
+        with open_dem(Path(folder) / "map.tif") as windows:
+            if (windows.cell_size_m, windows.cell_width_m) != (dem.cell_size_m, dem.cell_width_m):
+                return Problem("other cells in windows", repr(case))
     off = [re.search(r"up to (\d+) % off", str(each.message)) for each in told]
     told_off = max((float(found[1]) / 100.0 for found in off if found), default=0.0)
     sides = {"cell_size_m": dem.cell_size_m, "cell_width_m": dem.cell_width_m}
     middle = case.shape[0] // 2, case.shape[1] // 2
+    geod = globe_of(case.crs)[3]
+    for side, step in ((dem.cell_size_m, (0.5, 0.0)), (dem.cell_width_m, (0.0, 0.5))):
+        lon, lat = lonlat(case, 0.5 * np.array(case.shape) - 0.5 + np.array((step, np.negative(step))))
+        if abs(geod.inv(lon[0], lat[0], lon[1], lat[1])[2] / side - 1.0) > CELL_WITHIN:
+            return Problem("another side of a cell", f"{sides}\n{case}")
     if not told_off:
         slope = terrain_terms(dem.elevation, **sides)[0][middle]
         if abs(math.tan(slope) / math.tan(math.radians(case.slope_deg)) - 1.0) > SLOPE_WITHIN:
@@ -127,7 +136,7 @@ def check(case: Case, place: Place = NOWHERE) -> Problem | None:
     cells = np.unique(np.linspace(*case.ends, 40).round().astype(int), axis=0)
     steps = np.diff(cells, axis=0)
     lon, lat = lonlat(case, cells)
-    metres = np.asarray(globe_of(case.crs)[3].inv(lon[:-1], lat[:-1], lon[1:], lat[1:])[2])
+    metres = np.asarray(geod.inv(lon[:-1], lat[:-1], lon[1:], lat[1:])[2])
     found = np.hypot(steps[:, 0] * dem.cell_size_m, steps[:, 1] * dem.cell_width_m)
     off_by = np.abs(metres / found - 1.0).max(initial=0.0)
     if off_by > max(WITHIN, told_off) + 0.006:

@@ -23,7 +23,7 @@ def generate(rng: random.Random, place: Place = NOWHERE, most_side: int = 40) ->
     rows, cols = (max(int(most_side ** rng.random()), 1) for _ in range(2))
     step_cost = rng.choice(("paper", "length"))
     numbers = np.random.default_rng(rng.getrandbits(32))
-    kind, cost = (_weights if step_cost == "length" else _costs)(rng, numbers, rows, cols)
+    cost = (_weights if step_cost == "length" else _costs)(rng, numbers, rows, cols)
     blocked = numbers.random((rows, cols)) < rng.choice((0.0, 0.0, 0.1, 0.3, 0.5))
     with np.errstate(over="ignore", under="ignore"):
         cost = cost.astype(rng.choice((np.float32, np.float32, np.float64)))
@@ -42,44 +42,33 @@ def generate(rng: random.Random, place: Place = NOWHERE, most_side: int = 40) ->
         method=rng.choice(METHODS),
         epsilon=rng.choice((math.inf, math.inf, 0.0, 0.05)),
         landmarks=rng.choice((0, 0, 0, 3)),
-        kind=kind,
     )
 
 
-def _weights(rng: random.Random, numbers: np.random.Generator, rows: int, cols: int) -> tuple[str, np.ndarray]:
-    """Weights above 0; one map in ten may hold some out of range."""
-    share, size = numbers.random((rows, cols)), 10.0 ** rng.uniform(-40.0, 32.0)
-    few = size * (1.0 + 2.0 * share)
-    factor = 10.0 ** rng.uniform(-30.0, 30.0)
-    for _ in range(rng.choice((1, 3, 5))):
-        few[rng.randrange(rows), rng.randrange(cols)] *= factor
-    kinds = {
-        "all": 10.0 ** (-37.9 + share * rng.choice((67.9, 50.0, 20.0))),
-        "one size": size * (1.0 + share * rng.choice((1e-6, 0.1, 3.0, 1e3))),
-        "few dear or cheap": few,
-        "tiny": 10.0 ** (-37.9 + 15.0 * share),
-        "huge": MOST_WEIGHT * (0.1 + 0.9 * share),
-        "equal": np.full((rows, cols), size),
-        "levels": size * 10.0 ** np.round(3.0 * share),
-        "steps": size * (1 << numbers.integers(0, 40, (rows, cols))),
-    }
-    kind = rng.choice(list(kinds))
-    return kind, kinds[kind] if rng.random() < 0.1 else np.clip(kinds[kind], LEAST_WEIGHT, MOST_WEIGHT)
+def _weights(rng: random.Random, numbers: np.random.Generator, rows: int, cols: int) -> np.ndarray:
+    """Weights of one size or of up to 68 decades, a few of them far from the others; seldom out of range."""
+    share = numbers.random((rows, cols))
+    share = share if rng.random() < 0.7 else np.round(rng.choice((0, 3, 40)) * share) / 40.0  # equal, or in levels
+    spread = rng.choice((1e-6, 0.1, 0.5, 3.0, 12.0, 20.0, 50.0, 68.0))
+    values = 10.0 ** (rng.uniform(-40.0, 32.0 - 0.9 * spread) + spread * share)
+    for _ in range(rng.choice((0, 0, 1, 3, 5))):
+        values[rng.randrange(rows), rng.randrange(cols)] *= 10.0 ** rng.uniform(-30.0, 30.0)
+    return values if rng.random() < 0.1 else np.clip(values, LEAST_WEIGHT, MOST_WEIGHT)
 
 
-def _costs(rng: random.Random, numbers: np.random.Generator, rows: int, cols: int) -> tuple[str, np.ndarray]:
+def _costs(rng: random.Random, numbers: np.random.Generator, rows: int, cols: int) -> np.ndarray:
     """Traversability costs in [0, 1), and some of 1 and more, which are impassable."""
     share = numbers.random((rows, cols))
-    kinds = {
-        "uniform": share,
-        "tiny": 10.0 ** (-45.0 * share),
-        "near 1": 1.0 - 10.0 ** (-1.0 - 8.0 * share),
-        "zeros": np.where(share < 0.7, rng.choice((0.0, -0.0)), share),
-        "over 1": np.where(share > 0.9, share * 10.0 ** rng.uniform(0.0, 37.0), share),
-        "equal": np.full((rows, cols), share[0, 0]),
-    }
-    kind = rng.choice(list(kinds))
-    return kind, kinds[kind]
+    return rng.choice(
+        (
+            share,
+            10.0 ** (-45.0 * share),
+            1.0 - 10.0 ** (-1.0 - 8.0 * share),
+            np.where(share < 0.7, rng.choice((0.0, -0.0)), share),
+            np.where(share > 0.9, share * 10.0 ** rng.uniform(0.0, 37.0), share),
+            np.full((rows, cols), share[0, 0]),
+        )
+    )
 
 
 def check(case: Case, place: Place = NOWHERE, planner_type: type = Planner) -> Problem | None:

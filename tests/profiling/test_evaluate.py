@@ -1,15 +1,13 @@
 import json
-from dataclasses import replace
 
 import numpy as np
 import pytest
 
 from nnpp_edge.profiling.evaluate import evaluate
 from nnpp_edge.profiling.rivals import exact_and, narrow_corridor
-from nnpp_edge.profiling.suites import TerrainFiles, dataset_cases, terrain_cases
+from nnpp_edge.profiling.suites import TerrainFiles, terrain_cases
 from nnpp_edge.runtime import Ground, NetworkModel, Planner, Status
 from nnpp_edge.runtime.errors import InvalidQueryError
-from nnpp_edge.terrain.dataset import Recipe, make_dataset
 from nnpp_edge.terrain.synthetic import synthetic_terrain
 
 KEYS = {
@@ -80,21 +78,6 @@ def test_a_fresh_map_is_timed_from_its_elevations_on(nnpp_edge, terrain, tiny_mo
     assert all(word in ended.out for word in ("| nnpp |", "speed-up", "fallback", "| corridor-narrow-eager |"))
 
 
-def test_lazy_planners_compute_part_of_a_fresh_map(terrain):
-    """Between near cells of a larger map; the narrow corridor looks no farther than the usual one."""
-    case = next(terrain_cases(TerrainFiles((terrain,)).read(), "soft", 160))
-    rivals = {each.name: each for each in (*exact_and(["corridor"], {}), narrow_corridor())}
-    shares = {}
-    for name, rival in rivals.items():
-        for lazy in (True, False):
-            plan = rival.plan(rival.planner(case.ground, lazy=lazy), ((4, 4), (12, 20)))
-            shares[name, lazy] = plan.costs_computed
-            assert plan.ok
-    assert all(shares[name, False] == 1.0 for name in rivals)
-    assert 0.0 < shares["astar", True] < 1.0
-    assert 0.0 < shares["corridor-narrow", True] <= shares["corridor", True]
-
-
 def test_the_narrow_corridor_is_the_learned_regions_without_a_network(terrain):
     """It searches no more than the usual corridor, and where that is too narrow it widens and looks everywhere."""
     case = next(terrain_cases(TerrainFiles((terrain,)).read(), "soft", 160))
@@ -128,33 +111,9 @@ def test_two_models_stand_beside_each_other(terrain, tiny_model):
     assert rows["nnpp"]["gap_mean"] == rows["nnpp:two"]["gap_mean"]
 
 
-def test_a_data_set_can_be_judged_by(tmp_path, tiny_model, nnpp_edge):
-    make_dataset(Recipe((), maps=8, size=64, blocks=16, poolings=((1, 1.0),)), tmp_path / "set", workers=1)
-    case = next(dataset_cases(tmp_path / "set", "soft"))
-    assert case.size == 64
-    assert all(np.isfinite(case.cost[start]) for start, _ in case.queries)
-    ended = nnpp_edge("evaluate", "--dataset", tmp_path / "set", "--queries", 5, "--model", tiny_model, "--json")
-    assert ended.code == 0, ended.err
-    assert {row["size"] for row in json.loads(ended.out)} == {64}
-    ended = nnpp_edge("evaluate", "--dataset", tmp_path / "set", "--queries", 2, "--methods", "corridor", "--json")
-    assert {row["size"] for row in json.loads(ended.out)} == {64}
-    ended = nnpp_edge("evaluate", "--dataset", tmp_path / "set", "--workload", "limit3", "--model", tiny_model)
-    ended.refused("limit3")
-
-
-def test_a_fresh_map_needs_elevations(nnpp_edge, tmp_path, terrain):
-    (tmp_path / "set").mkdir()
-    nnpp_edge("evaluate", "--dataset", tmp_path / "set", "--fresh-map").refused("--fresh-map", "elevations")
-    case = replace(
-        next(terrain_cases(TerrainFiles((terrain,)).read(), "soft", 64)), ground=Ground(np.zeros((64, 64)))
-    )
-    with pytest.raises(InvalidQueryError, match="elevations"):
-        evaluate([case], exact_and(["corridor"], {}), 1, fresh_map=True)
-    nnpp_edge("evaluate", terrain, "--json", "--markdown").refused("--json", "--markdown")
-
-
 def test_wrong_use_is_one_line(nnpp_edge, terrain, tiny_model, bad_dem):
     assert nnpp_edge("evaluate").code == 2
+    nnpp_edge("evaluate", terrain, "--json", "--markdown").refused("--json", "--markdown")
     assert nnpp_edge("evaluate", terrain, "--methods", "best").code == 2
     nnpp_edge("evaluate", terrain, "--sizes", 512, "--model", tiny_model).refused("at least 512 × 512 cells")
     nnpp_edge("evaluate", terrain, "--model", "nosuch").refused("nosuch")

@@ -40,7 +40,6 @@ def test_a_row_for_each_size_and_planner(nnpp_edge, terrain, tmp_path):
         if row["planner"] == "astar":
             assert row["times_astar_median"] == 1.0 and row["gap_max"] == 0.0
     assert json.loads((tmp_path / "out" / "peers.json").read_text()) == told
-    assert (tmp_path / "out" / "peers.png").stat().st_size > 10_000
 
 
 def test_libraries_that_are_not_installed_are_named_and_left_out(nnpp_edge, terrain, monkeypatch):
@@ -66,7 +65,8 @@ def test_a_planner_over_the_limit_is_left_out_and_says_so(monkeypatch):
     rows = peers.compare(planners, one_map(np.full((40, 40), 0.2), ((0, 0), (39, 39))), 1)
     assert rows["corridor"]["note"] == "left out: 0.0 s a query, over the limit of 1e-09 s"
     assert rows["corridor"]["n"] == 0 and rows["corridor"]["time_ms_median"] is None
-    assert rows["astar"]["n"] == 1
+    assert rows["astar"]["n"] == 1 and rows["astar"]["once_ms_median"] > 0.0
+    assert rows["astar"]["elevation_ms_median"] is None, "of a map of costs alone"
 
 
 def test_obstacles_are_obstacles_to_all_and_queries_without_a_path_are_passed_over():
@@ -93,12 +93,6 @@ def test_from_elevations_and_once_every_planner_finds_what_it_finds_on_a_standin
         # ours go by the paper's step costs there, in which diagonal steps weigh less
         rel = 0.05 if planner.package == "nnpp-edge" else 1e-6
         assert peers.path_cost(weights, path) == pytest.approx(standing, rel=rel), planner.name
-
-
-def test_maps_of_costs_alone_are_not_timed_from_elevations():
-    planners = [p for p in peer_planners()[0] if p.name == "astar"]
-    rows = peers.compare(planners, one_map(np.full((40, 40), 0.2), ((0, 0), (39, 39))), 1)
-    assert rows["astar"]["once_ms_median"] > 0.0 and rows["astar"]["elevation_ms_median"] is None
 
 
 def test_a_paths_cost_is_length_times_mean_weight():

@@ -5,6 +5,7 @@ from nnpp_edge.profiling.profile_file import Budget, Device, Load, Profile
 from nnpp_edge.profiling.sensors import Throttling
 
 QUIET, DISTURBED = Noise(), Noise("others took 40 % of the cores' time", 0.4)
+SLOWED = Noise(throttling=Throttling("the clock of core 0 fell from 2000 to 1500 MHz", 0.25))
 
 
 def profile(*budgets, sizes=(64,)):
@@ -68,13 +69,24 @@ GAP = budget("gap_mean", 1.0, "at most", "%")
         (budget("energy_mj", 5.0, "at most", "mJ"), {"energy_mj": None}, QUIET, "not measured"),
         (budget("inference_fps", 1.0, "at least", "1/s"), {"inference_fps": None}, QUIET, "not measured"),
         (budget("fps", 1.0, "at least", "1/s", planner="corridor"), {}, QUIET, "not measured"),
+        (FPS, {}, SLOWED, "pass"),
+        (FPS, {"fps": 99.0}, SLOWED, "throttled"),
+        (FPS, {"fps": 61.0}, SLOWED, "throttled"),
+        (FPS, {"fps": 59.0}, SLOWED, "fail"),
+        (FPS, {"fps": 99.0, "halves": {"time": [1.0, 1.2]}}, SLOWED, "noisy"),
+        (GAP, {}, SLOWED, "fail"),
+        (GAP, {"gap_mean": 0.001}, SLOWED, "pass"),
     ],
 )
 def test_a_budgets_verdict(wanted, figures, disturbed, state):
     (line,) = judged(profile(wanted), [row(**figures)], {}, disturbed)
     assert line["verdict"] == state
-    assert bool(line["why"]) == (state in ("noisy", "not measured") or "explains no such miss" in line["why"])
+    unsure = state in ("noisy", "not measured", "throttled")
+    assert bool(line["why"]) == (unsure or "explains no such miss" in line["why"])
     assert state != "pass" or not line["why"]
+    assert ("core 0 fell" in line["why"]) == (
+        disturbed is SLOWED and wanted is FPS and state in ("throttled", "fail")
+    )
 
 
 def test_the_loops_reactions_have_budgets():
@@ -120,27 +132,6 @@ def test_what_the_run_has_one_figure_of_is_judged_once_and_start_up_may_be_noisy
 )
 def test_the_whole_runs_verdict(states, disturbed, whole):
     assert verdict([{"verdict": state} for state in states], disturbed) == whole
-
-
-SLOWED = Noise(throttling=Throttling("the clock of core 0 fell from 2000 to 1500 MHz", 0.25))
-
-
-@pytest.mark.parametrize(
-    ("wanted", "figures", "state"),
-    [
-        (FPS, {}, "pass"),
-        (FPS, {"fps": 99.0}, "throttled"),
-        (FPS, {"fps": 61.0}, "throttled"),
-        (FPS, {"fps": 59.0}, "fail"),
-        (FPS, {"fps": 99.0, "halves": {"time": [1.0, 1.2]}}, "noisy"),
-        (GAP, {}, "fail"),
-        (GAP, {"gap_mean": 0.001}, "pass"),
-    ],
-)
-def test_a_budget_on_a_throttled_processor(wanted, figures, state):
-    (line,) = judged(profile(wanted), [row(**figures)], {}, SLOWED)
-    assert line["verdict"] == state
-    assert ("core 0 fell" in line["why"]) == (wanted is FPS and state in ("throttled", "fail"))
 
 
 def test_the_verdict_of_a_throttled_run():

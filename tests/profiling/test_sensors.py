@@ -5,9 +5,9 @@ from types import SimpleNamespace
 import pytest
 
 from nnpp_edge.profiling import sensors
-from nnpp_edge.profiling.sensors import Limits, Reading, Sensors, sensor_facts, throttling
+from nnpp_edge.profiling.sensors import Reading, Sensors, sensor_facts, throttling
 
-LIMITS = Limits({"0": 2000.0, "1": 2000.0}, {"cpu 0": 85.0})
+LIMITS = Reading(0.0, {"0": 2000.0, "1": 2000.0}, {"cpu 0": 85.0})
 
 
 class FakeSys:

@@ -4,7 +4,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from nnpp_edge.runtime import Goal, Ground, InProcessSink, Loop, Navigator, NavigatorSettings, PathMessage, Pose
+from nnpp_edge.runtime import Ground, InProcessSink, Loop, Navigator, NavigatorSettings, PathMessage
 
 
 def free(shape=(40, 60)):
@@ -45,9 +45,3 @@ def drive():
         return SimpleNamespace(counters=counters, paths=paths)
 
     return run
-
-
-@pytest.fixture
-def ends():
-    """A pose and a goal on the free map."""
-    return Pose(5, 5), Goal(35, 55)

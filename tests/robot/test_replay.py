@@ -119,12 +119,6 @@ def test_a_recording_that_is_damaged_while_it_is_played_is_a_failure(tmp_path):
     assert "wanted a pose, goal or patch" in source.failure
 
 
-def test_what_stands_there_is_left_alone(tmp_path):
-    paths = [recorded(tmp_path / "scene.jsonl", (0.5, Pose(1, 2))) for _ in range(3)]
-    assert [path.name for path in paths] == ["scene.jsonl", "scene-2.jsonl", "scene-3.jsonl"]
-    assert all(list(read_recording(path)) == [(0.5, Pose(1, 2))] for path in paths)
-
-
 POSE = '{"at":1,"type":"pose","row":1,"col":2}\n'
 
 

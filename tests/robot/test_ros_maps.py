@@ -200,12 +200,6 @@ def test_a_path_becomes_poses_in_metres():
     assert path_poses(np.empty((0, 2), np.int32), MapFrame(1.0)).shape == (0, 3)
 
 
-@given(st.floats(-50, 50), st.floats(-50, 50), st.booleans(), st.sampled_from([0.05, 0.2, 1.0, 3.0]))
-def test_places_and_metres_are_inverse(row, col, rows_along_x, resolution):
-    frame = MapFrame(resolution, 12.5, -4.0, rows_along_x=rows_along_x)
-    np.testing.assert_allclose(frame.places(frame.metres([[row, col]])), [[row, col]], atol=1e-9)
-
-
 def changed(change):
     """A grid map's message with a change."""
     found = message()

@@ -15,15 +15,14 @@ import msgspec
 import numpy as np
 import pytest
 
-from nnpp_edge.profiling.profile_file import OnboardLoop, ProfileError, overridden_loop, read_profile
+from nnpp_edge.profiling.profile_file import OnboardLoop, changed, read_profile
 from nnpp_edge.robot.operations.wiring import Wiring
 from nnpp_edge.robot.transports.recording import RecordingFile, read_recording
 from nnpp_edge.robot.transports.wire import decode_output, encode
-from nnpp_edge.runtime.errors import InvalidQueryError, OutputError
+from nnpp_edge.runtime.errors import InvalidQueryError
 from nnpp_edge.runtime.loop.messages import Goal, MapPatch, PathMessage, Pose
 from nnpp_edge.runtime.network import loading
 from nnpp_edge.terrain import dem as dem_module
-from tests.profiling.traces import check_trace, spans_of
 from tests.robot.conftest import wait_until
 
 DOCS = Path(__file__).parents[2] / "docs" / "run.md"
@@ -201,14 +200,12 @@ def replayed(nnpp_edge, recording):
     return lambda file, *words: nnpp_edge("run", "--map", file, *fast, *words)
 
 
-def test_a_replay_ends_with_its_counters_its_log_its_metrics_and_its_trace(replayed, dem, tmp_path):
+def test_a_replay_ends_with_its_counters_its_log_and_its_metrics(replayed, dem, tmp_path):
     reader = pytest.importorskip("mcap.reader")
-    trace, log = tmp_path / "t.json", tmp_path / "drive.mcap"
-    outputs = ("--metrics", "0", "--trace", trace, "--log", log)
+    log = tmp_path / "drive.mcap"
+    outputs = ("--metrics", "0", "--log", log)
     ended = replayed(dem, "--method", "astar", "--rate", "2", *outputs)
     assert ended.code == 0
-    ticks = spans_of(check_trace(trace.read_bytes()), "tick ")
-    assert [each["args"]["map_version"] for each in ticks] == [0, 1, 1]
     told = json.loads(ended.out)
     assert (told["ticks"], told["planned"], told["failed"], told["patches"]) == (3, 3, 0, 1)
     assert told["errors"] == {}
@@ -217,21 +214,6 @@ def test_a_replay_ends_with_its_counters_its_log_its_metrics_and_its_trace(repla
     with log.open("rb") as file:
         topics = [channel.topic for _, channel, _ in reader.make_reader(file).iter_messages()]
     assert {"/pose", "/goal", "/path"} <= set(topics)
-
-
-def test_a_disk_that_fills_up_costs_the_trace_and_not_the_run(replayed, dem, tmp_path, monkeypatch, caplog):
-    def full(path, content):
-        try:
-            raise OSError(28, "No space left on device")
-        except OSError as error:
-            raise OutputError(f"{path}: could not be written (No space left on device)") from error
-
-    monkeypatch.setattr("nnpp_edge.robot.operations.onboard.write_whole", full)
-    ended = replayed(dem, *QUICK, "--trace", tmp_path / "t.json")
-    assert (ended.code, json.loads(ended.out)["planned"]) == (0, 3)
-    (lost,) = (r.getMessage() for r in caplog.records)
-    assert lost.startswith(f"the trace is lost: {tmp_path}/t.json: could not be written")
-    assert not (tmp_path / "t.json").exists()
 
 
 def test_a_cost_map_is_understood_as_one(replayed, tmp_path):
@@ -272,30 +254,6 @@ def test_ticks_end_it_and_the_profile_and_its_model_count(replayed, dem, tmp_pat
     assert "ready: dstar at 80 Hz" in replayed(dem, *words, "--method", "dstar", "--rate", "80").err
 
 
-def test_wrong_use_ends_in_one_line_before_the_first_tick(nnpp_edge, dem, monkeypatch):
-    monkeypatch.setattr("nnpp_edge.robot.operations.onboard.exercise", lambda: None)
-    for words, told in (
-        ("--input nonsense", "input must be stdin, replay:FILE or zenoh"),
-        ("--input replay", "input must be"),
-        ("--input stdin:x", "input must be"),
-        ("--input replay:none.jsonl", "none.jsonl: wanted a recording"),
-        ("--fast", "only a replay can be fast"),
-        ("--output paper", "output must be stdout, zenoh[:ENDPOINT] or none, got 'paper'"),
-        ("--output none --output stdout", "none goes with no other"),
-        ("--output stdout --output stdout", "outputs must differ"),
-        ("--input zenoh:tcp/a:1 --output zenoh:tcp/b:1", "one endpoint"),
-        ("--rate 0", "0.0 is not in the range 0.001<=x<=1000"),
-        ("--method magic", "method: wanted one of auto, astar"),
-        ("--loop cores=[-1]", "cores"),
-        ("--profile none", "profile"),
-        ("--record no/such/folder.jsonl", "could not be written"),
-        ("--metrics metrics.prom", "'metrics.prom' is not a valid integer"),
-        ("--model none.onnx --method nnpp", "none.onnx"),
-        ("--json", "--json prints on stdout"),
-    ):
-        nnpp_edge("run", "--map", dem, *words.split(), "--ticks", "1").refused(told)
-
-
 def test_a_map_that_cannot_be_read_is_told(nnpp_edge, bad_dem):
     path, words = bad_dem
     nnpp_edge("run", "--map", path, "--ticks", "1").refused(words)
@@ -322,23 +280,8 @@ def test_the_table_loop_of_a_profile(tmp_path):
     expected = OnboardLoop(5.0, "dstar", "edge", (0,), 10, 0.0, False)
     assert read_profile(path).loop == expected
     assert "loop" not in read_profile(path).facts()
-    changed = msgspec.structs.replace(expected, cores=(3,), method="astar")
-    assert overridden_loop(expected, rate_hz=None, cores=(3,), method="astar") == changed
-
-
-def test_a_table_loop_that_makes_no_sense_is_refused(tmp_path):
-    path = tmp_path / "robot.toml"
-    for line, words in (
-        ("rate_hz = 0", "loop.rate_hz: Expected float >= 0.001, got 0"),
-        ("method = 'magic'", "loop.method: wanted one of auto"),
-        ("priority = 100", "loop.priority"),
-        ("tolerance = -0.1", "loop.tolerance"),
-        ("corner_cutting = 1", "loop.corner_cutting: Expected bool, got 1"),
-        ("speed = 1", "loop: Object contains unknown field speed"),
-    ):
-        path.write_text(f"[loop]\n{line}\n")
-        with pytest.raises(ProfileError, match=words):
-            read_profile(path)
+    wanted = msgspec.structs.replace(expected, cores=(3,), method="astar")
+    assert changed(expected, rate_hz=None, cores=(3,), method="astar") == wanted
 
 
 def test_the_network_is_loaded_while_the_first_map_is_read_where_it_will_be_asked(replayed, dem, monkeypatch):

@@ -1,6 +1,5 @@
 import itertools
 import json
-import math
 from collections import Counter
 from dataclasses import replace
 
@@ -9,7 +8,6 @@ import pytest
 
 from nnpp_edge.runtime.errors import InvalidQueryError, Status
 from nnpp_edge.runtime.loop.messages import Goal, MapPatch, Origin, PathMessage, Pose
-from nnpp_edge.runtime.loop.navigator import Navigator
 from nnpp_edge.runtime.map.ground import Ground
 from nnpp_edge.runtime.map.poses import pose_costs
 from nnpp_edge.runtime.planners.planner import Planner
@@ -195,21 +193,6 @@ def test_an_endless_drive_goes_from_goal_to_goal_and_keeps_its_word_and_its_memo
         assert drive.memory_mb["end"] - drive.memory_mb["tenth"] < 5.0 < drive.memory_mb["start"]
 
 
-@pytest.mark.parametrize("kind", ["point", "body", "disc"])
-def test_a_loop_that_is_blind_is_found_out(grounds, kind, monkeypatch):
-    tick, ground = Navigator.tick, grounds[kind]
-
-    def blind(self, deadline=math.inf):
-        """Answers with the first path for ever."""
-        if not hasattr(self, "first"):
-            self.first = tick(self, deadline)
-        return self.first
-
-    start, goal = random_drive(ground, 1)
-    monkeypatch.setattr(Navigator, "tick", blind)
-    assert simulate(ground, start, goal, SimulationSettings("astar", changes=3, ticks=60)).forbidden > 0
-
-
 def test_the_same_seed_gives_the_same_drive(ground):
     start, goal = random_drive(ground, 1)
     first, again, other = (
@@ -372,21 +355,3 @@ def test_the_command_drives_a_body_writes_draws_and_tells(nnpp_edge, tmp_path):
     with image.open(still) as picture:
         assert min(picture.size) > 300
         assert (np.asarray(picture).reshape(-1, 3) == BODY_COLOUR[::-1]).all(1).sum() > 100
-
-
-def test_wrong_use_of_the_command_ends_in_one_line(nnpp_edge):
-    for words, said in (
-        ("--start 3,3", "both --start and --goal"),
-        ("--picture drive.jpg", ".png or .gif file, got drive.jpg"),
-        ("--map missing.tif", "no such file"),
-        ("--start 3,3 --goal 900,3 --size 32", "outside the map"),
-        ("--model missing.onnx --method nnpp --size 32", "missing.onnx"),
-        ("--rate 0", "--rate"),
-        ("--set radius_m=1 --step-cost tobler", "a disc drives by costs here"),
-        ("--vehicle bicycle", "small-rover"),
-        ("--rocks 0.3", "--rocks"),
-        ("--vehicle small-rover --rescale 0.02 --size 16", "that the vehicle fits on"),
-    ):
-        ended = nnpp_edge("simulate", *words.split())
-        assert ended.code == 2
-        assert said in ended.err.splitlines()[-1]

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from nnpp_edge.runtime import DynamicPlanner, Planner, Vehicle
-from nnpp_edge.runtime.map.along import Along, Numbers, crossings, heights_at, joined
+from nnpp_edge.runtime.map.along import Along, Numbers, heights_at, joined
 from nnpp_edge.runtime.map.slope_cost import EnergyCost, Mobility, TimeCost
 
 ROVER = Mobility(time=TimeCost((-20.0, 0.0, 20.0), (0.2, 0.4, 0.1)), energy=EnergyCost(50.0, 0.15, 0.8, 0.3))
@@ -65,12 +65,6 @@ def test_what_is_summed_along_the_way_ends_with_the_whole_and_back_again_climb_i
     assert Along.of(path.astype(np.float64), rough(), (2.0, 3.0), ROVER).numbers == pytest.approx(there, nan_ok=True)
 
 
-def test_a_line_is_cut_where_it_crosses_rows_and_columns_of_middles():
-    points = crossings(np.array([(0.5, 0.0), (2.5, 1.0), (2.5, 1.0), (2.5, 0.25)]))
-    wanted = [(0.5, 0), (1, 0.25), (2, 0.75), (2.5, 1), (2.5, 1), (2.5, 0.25)]
-    assert points == pytest.approx(np.array(wanted))
-
-
 def test_heights_between_middles_are_bilinear_and_an_unknown_cell_matters_only_where_it_weighs():
     heights = np.array([[0.0, 1.0], [2.0, np.nan]])
     assert heights_at(heights, np.array([(0.0, 0.5), (0.5, 0.0), (1.0, 0.0)])) == pytest.approx([0.5, 1.0, 2.0])
@@ -86,13 +80,16 @@ def test_over_unknown_ground_the_way_is_even_from_the_last_known_height_to_the_n
 
 
 def test_a_plan_keeps_its_numbers_when_the_ground_changes_and_a_copy_of_the_planner_goes_on_with_its_mobility():
-    planner = Planner.of_elevation(rough() / 20.0, 1.0, mobility=ROVER, warn=False)
+    planner = Planner.of_elevation(rough() / 20.0, 1.0, step_cost="time", mobility=ROVER, warn=False)
     plan = planner.plan((5, 5), (30, 40))
     before = tuple(plan.numbers)
     copy = pickle.loads(pickle.dumps(planner))
     planner.update_elevation(0, 0, np.zeros((40, 50), np.float32))
     assert tuple(plan.numbers) == before
-    assert copy.plan((5, 5), (30, 40)).energy_j == pytest.approx(plan.energy_j)
+    again = copy.plan((5, 5), (30, 40))
+    assert (again.cost, again.energy_j) == pytest.approx((plan.cost, plan.energy_j))
+    copy.update_elevation(0, 0, np.zeros((40, 50), np.float32))
+    assert copy.plan((5, 5), (30, 40)).cost == pytest.approx(planner.plan((5, 5), (30, 40)).cost) != plan.cost
     assert planner.plan((5, 5), (30, 40)).climb_m == 0.0
 
 

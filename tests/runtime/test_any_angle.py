@@ -10,7 +10,7 @@ import pytest
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
-from nnpp_edge.runtime import DynamicPlanner, Planner, Status, Vehicle
+from nnpp_edge.runtime import DynamicPlanner, Planner, Vehicle
 from nnpp_edge.runtime.deadline import Deadline
 from nnpp_edge.runtime.errors import InvalidQueryError
 from nnpp_edge.runtime.kernels.any_angle import NO_DISC, line_cost
@@ -99,25 +99,6 @@ def test_curvature_is_that_of_the_widest_arc_that_fits():
     assert np.hypot(*(arcs - (2.5, 7.5)).T)[1:-1] == pytest.approx(2.5)
     assert with_arcs(corner, 7.0) is None
     assert curvatures(corner[:1]).tolist() == [0.0]
-
-
-def test_no_turn_is_sharper_than_asked_for_or_there_is_no_path():
-    rng = np.random.default_rng(4)
-    dem = np.cumsum(np.cumsum(rng.normal(0.0, 0.02, (90, 90)), axis=0), axis=1).astype(np.float32)
-    planner = Planner.of_elevation(dem, 2.0, warn=False)
-    plan = planner.plan((5, 5), (80, 70), refine="any-angle", turning_radius_m=4.0)
-    assert plan.ok and sharpest(plan.waypoints) <= 0.5 * (1.0 + 1e-9)
-    disc = Planner(
-        np.full((30, 30), 0.2, np.float32), vehicle=Vehicle(radius_m=0.3, turning_radius_m=2.0), cell_size_m=1.0
-    )
-    assert disc.state.turning_radius_m == 2.0 and disc.state.sides_m == (1.0, 1.0)
-    alley = np.full((24, 24), np.nan, np.float32)
-    alley[1:6, 1:21] = alley[1:21, 16:21] = 0.0
-    tight = Planner.of_elevation(alley, 1.0, warn=False)
-    ends = (3, 3), (18, 18)
-    refused = tight.plan(*ends, refine="any-angle", turning_radius_m=30.0)
-    assert refused.status is Status.NO_PATH and "radius of 30 m" in refused.reason
-    assert tight.plan(*ends, refine="any-angle").ok
 
 
 def test_a_dynamic_planner_frees_every_plan_on_the_newest_map():

@@ -23,8 +23,11 @@ from nnpp_edge.runtime import (
     NavigatorSettings,
     NetworkModel,
     NnppEdgeError,
+    Origin,
+    PathMessage,
     Planner,
     Pose,
+    Status,
     TimeCost,
     ToblerCost,
     Traversability,
@@ -33,6 +36,7 @@ from nnpp_edge.runtime import (
     pose_costs,
     traversability_cost,
 )
+from nnpp_edge.runtime.loop.timing import Ticker
 
 COST, HEIGHTS = np.full((12, 14), 0.2, np.float32), np.zeros((12, 14), np.float32)
 ENDS = {"start": (1, 2), "goal": (9, 11)}
@@ -197,6 +201,7 @@ REFUSED = (
     (lambda refine: DynamicPlanner(FLAT, (1, 1), refine=refine), ("smooth",), "refine must be"),
     (lambda goal: DynamicPlanner(FLAT, goal), ((40, 1),), "goal must lie inside"),
     (lambda planner: planner.replan(), (MOVING,), "wanted a start"),
+    (lambda method: dynamic().replan(method=method), ("best",), "method must be one of auto, astar"),
     (lambda landmarks: TOBLER.prepare(landmarks=landmarks), (2,), "landmarks.*alike both ways"),
     (lambda goal: TOBLER.prepare(goals=[goal]), ((1, 1),), "landmarks"),
     (lambda size: Planner.of_elevation(FLAT, size), (0.0, NAN), "cell size must be a positive number"),
@@ -215,6 +220,42 @@ REFUSED = (
     (lambda slope: Traversability(slope_limit_deg=slope), (0, 90), "slope limit"),
     (lambda step: Traversability(step_limit_m=step), (-1,), "step_limit_m"),
     (lambda weight: Traversability(slope_weight=weight), (0.9,), "weight"),
+    (lambda cost: MapPatch(0, 0, cost=cost), NO_MAP[1:], "numbers"),
+    (lambda cost: MapPatch(0, 0, cost=cost), ([[0.5, -2.0]], [[-np.inf]]), "at least 0, got one of -"),
+    (lambda given: MapPatch(0, 0, **given), ({}, {"elevation": FLAT, "cost": FLAT}), "either elevation or cost"),
+    (lambda row: MapPatch(row, 0, cost=FLAT), (0.5, math.inf), "whole number"),
+    (lambda stamp: MapPatch(0, 0, cost=FLAT, stamp=stamp), (NAN,), "finite"),
+    (lambda col: Pose(0.0, col), (NAN, "a", 10**400), "a pose's col must be a finite number, got"),
+    (lambda row: Goal(row, 0), (1.5, None), "whole number, got"),
+    (lambda given: PathMessage(1, *given), ((Status.OK, Origin.FULL),), "comes with a path"),
+    (lambda path: PathMessage(1, Status.NO_PATH, Origin.FULL, path), (np.zeros((1, 2), int),), "comes with a path"),
+    (
+        lambda told: InProcessSource().put(told),
+        ({"row": 5, "col": 5},),
+        "must be a MapPatch or a Pose or a Goal, got",
+    ),
+    (lambda seconds: Ticker(seconds), (0.0, -1.0, math.inf, NAN), "period"),
+    (lambda given: Loop(Navigator(Ground(COST)), InProcessSource(), given), (InProcessSink(),), "each a Sink, got <"),
+    (lambda rate: Loop(Navigator(Ground(COST)), InProcessSource(), rate_hz=rate), (0.0,), "rate"),
+    (lambda share: NavigatorSettings(tolerance=share), (-1.0,), "tolerance"),
+    (lambda cells: NavigatorSettings(snap_radius=cells), (-1,), "snap_radius"),
+    (lambda kg: EnergyCost(kg, 0.1), (-5.0, NAN), "mass_kg must be a number above 0, got (-5.0|nan)"),
+    (lambda rolling: EnergyCost(5.0, rolling), (0.0,), "rolling_resistance .*above 0"),
+    (lambda share: EnergyCost(5.0, 0.1, recovery=share), (1.2,), "recovery .*from 0 to 1.* got 1.2"),
+    (lambda share: EnergyCost(5.0, 0.1, efficiency=share), (0.0, 1.1), r"efficiency .*(\(0, 1\]|0 to 1).* got"),
+    (lambda watts: EnergyCost(5.0, 0.1, idle_w=watts), (3.0,), "idle_w needs a speed_m_s"),
+    (lambda watts: EnergyCost(5.0, 0.1, idle_w=watts, speed_m_s=1.0), (-3.0,), "idle_w .*at least 0"),
+    (lambda speed: EnergyCost(5.0, 0.1, speed_m_s=speed), (math.inf,), "speed_m_s .*inf"),
+    (lambda speed: ToblerCost(top_speed_km_h=speed), (0.0,), "top_speed_km_h .*above 0"),
+    (lambda slope: ToblerCost(best_slope=slope), (2.0,), "best_slope .*from -1 to 1"),
+    (lambda factor: IrmischerCost(factor=factor), (-1.0,), "factor .*above 0.*-1"),
+    (lambda level: LinearCost(level), (0.0,), "level_per_m .*above 0"),
+    (lambda down: LinearCost(down_per_m=down), (-4.0, NAN), "every way must cost more than 0"),
+    (lambda up: LinearCost(up_per_m=up), (-1.0,), "up_per_m .*at least 0"),
+    (lambda slope: LinearCost(steep_slope=slope), (0.1,), "steep_slope .*at most 0"),
+    (lambda slopes: TimeCost(slopes, (1.0,)), ((), (0.0, 1.0)), "a speed for each slope_deg.*1 of "),
+    (lambda slopes: TimeCost(slopes, (1.0, 1.0)), ((1.0, 1.0), (0.0, 90.0)), "ascend"),
+    (lambda speed: TimeCost((0.0,), (speed,)), (0.0,), "speed_m_s must be positive"),
 )
 
 
@@ -228,3 +269,27 @@ def test_values_that_make_no_sense_are_refused_in_a_line_and_change_no_map():
     for planner, wanted in zip(PLANNERS, before, strict=True):
         np.testing.assert_array_equal(planner.state.grid.map(), wanted)
     assert ON_HEIGHTS.update(0, 0, FLAT[:1, :1]) == 0  # costs are told beside the heights
+
+
+@pytest.mark.parametrize("dtype", [np.float32, np.float64, np.int16, np.uint8])
+def test_a_masked_cell_is_unknown_everywhere(dtype):
+    """As rasterio's read(masked=True) gives it: a number that means nothing under the mask."""
+    plain = np.ones((5, 5), dtype)
+    weights = np.ma.MaskedArray(plain.copy(), np.zeros(plain.shape, np.bool_), fill_value=0)
+    weights.data[2, 2], weights.mask[2, 2] = 0, True
+    planner, free = Planner(weights, step_cost="length"), Planner(plain, step_cost="length")
+    assert planner.plan((2, 2), (0, 0)).status == "START_BLOCKED"
+    assert free.plan((2, 2), (0, 0)).ok
+    free.update(0, 0, weights)
+    assert free.plan((2, 2), (0, 0)).status == "START_BLOCKED"
+    dynamic = DynamicPlanner(plain, (4, 4), "dstar", step_cost="length")
+    dynamic.update(0, 0, weights)
+    assert not dynamic.is_passable((2, 2))
+    assert np.argwhere(np.isnan(MapPatch(0, 0, elevation=weights).elevation)).tolist() == [[2, 2]]
+    loop = Navigator(Ground.of_elevation(plain, 1.0))
+    loop.offer(MapPatch(0, 0, elevation=weights))
+    loop.tick()
+    assert np.isinf(loop.map.cost()[2, 2])
+    if dtype is np.float64:
+        weights.data[2, 2] = -1.7976931348623157e308  # which no map can hold
+    assert np.argwhere(np.isinf(traversability_cost(weights, 1.0))).tolist() == [[2, 2]]

@@ -122,6 +122,33 @@ def check_standing(found, plan, cost, optimum, model):
         assert found.cost <= found.bound * optimum + slack
 
 
+# --- weights of any size
+
+ENDS, PLAIN = ((3, 5), (114, 111)), np.random.default_rng(0).uniform(1.0, 3.0, (120, 120)).astype(np.float32)
+
+
+def test_a_patch_of_extreme_weights_leaves_nothing_behind_once_it_is_taken_back():
+    for value in (1e9, 1e30, 1e-9, 1e-37):
+        planner = Planner(PLAIN, step_cost="length")
+        before = {method: planner.plan(*ENDS, method=method) for method in ("astar", "corridor")}
+        planner.update(40, 40, np.full((2, 3), value))
+        planner.plan(*ENDS)
+        planner.update(40, 40, PLAIN[40:42, 40:43])
+        for method, plan in before.items():
+            now = planner.plan(*ENDS, method=method)
+            assert (now.cost, now.expansions, now.lower_bound) == (plan.cost, plan.expansions, plan.lower_bound)
+
+
+def test_mended_paths_are_optimal_where_all_weights_have_grown_beyond_comparison():
+    """In units of the cheapest step that there was, the dearest of today would be too many for a float32."""
+    planner = DynamicPlanner(PLAIN * np.float32(1e-30), ENDS[1], "dstar", step_cost="length")
+    planner.move(ENDS[0])
+    assert planner.replan().ok
+    grown = (10.0 ** np.random.default_rng(1).uniform(0, 7, (120, 120))).astype(np.float32)
+    planner.update(0, 0, grown)
+    assert planner.replan().cost == pytest.approx(oracles.dijkstra(grown, ENDS[0], "length")[ENDS[1]], rel=1e-6)
+
+
 # --- the log itself
 
 

@@ -3,12 +3,10 @@
 The same properties hold on 3,000 maps and 2,000 patches and more: NNPP_EDGE_MAPS=3000 (docs/decisions.md).
 """
 
-import copy
 import dataclasses
 import itertools
 import math
 import os
-import pickle
 
 import numpy as np
 import pytest
@@ -218,20 +216,6 @@ def test_bounds_reckon_with_the_height_between_the_ends():
     )  # the way is free again, and something changes far off
     planner.update_elevation(0, 58, np.full((1, 1), 3.0))
     assert planner.standing().lower_bound <= planner.replan().cost < around.cost
-
-
-def test_a_copy_and_a_planner_begun_anew_plan_the_same():
-    case = hills(np.random.default_rng(5), 60, 50)
-    for vehicle in (None, Vehicle(radius_m=0.4)):
-        planner = planner_of(case, "tobler", vehicle=vehicle)
-        planner.update_elevation(3, 4, case.dem[3:9, 4:8] + np.float32(0.2))
-        wanted = planner.plan(case.start, case.goal, method="astar")
-        for other in (copy.deepcopy(planner), pickle.loads(pickle.dumps(planner))):
-            found = other.plan(case.start, case.goal, method="astar")
-            assert (found.status, found.cost) == (wanted.status, wanted.cost)
-            planner.update_elevation(3, 4, case.dem[3:9, 4:8])
-            other.update_elevation(3, 4, case.dem[3:9, 4:8])
-            assert other.plan(case.start, case.goal).cost == planner.plan(case.start, case.goal).cost
 
 
 # --- with a vehicle

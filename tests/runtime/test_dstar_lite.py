@@ -64,6 +64,19 @@ class Changing:
         return found
 
 
+def check_open_list(search):
+    """A heap in order, of exactly those nodes whose g and rhs differ; nothing in its unused slots."""
+    memory, size = search.memory, search.open_nodes
+    listed, (g, rhs) = memory.heap_nodes[:size], (memory.state[::2], memory.state[1::2])
+    assert sorted(listed) == np.flatnonzero(g != rhs).tolist()
+    assert (memory.position[listed] == np.arange(size)).all()
+    assert (memory.position != kernels.ABSENT).sum() == size
+    keys = list(zip(memory.firsts[:size].tolist(), memory.seconds[:size].tolist(), strict=True))
+    assert all(keys[(i - 1) // 4] <= keys[i] for i in range(1, size))
+    assert np.isinf(memory.firsts[size:]).all()
+    np.testing.assert_array_equal(memory.seconds[:size], np.minimum(g, rhs)[listed])
+
+
 def random_region(rng, shape, before=None):
     """Coarse blocks, each a random multiple of rows and columns; at times one block of the last one flipped."""
     blocks = max(min(shape) // 2, 1)
@@ -95,7 +108,10 @@ def live_through(world, rng, changes, kind, blocked, slowly_each):
             world.set_region(None)
         elif draw < 0.4:
             world.set_region(random_region(rng, shape, world.region))
+        if n % 5 == 0:
+            world.search.plan(start, deadline=Deadline.within(0.0))
         found = world.plan(start, slowly=world.region is None and n % slowly_each == 0)
+        check_open_list(world.search)
 
 
 @pytest.mark.parametrize("step_cost", ["paper", "length"])
@@ -109,54 +125,33 @@ def test_after_each_of_thousands_of_changes_it_equals_a_fresh_search(step_cost):
         live_through(world, rng, 50, kind, blocked, slowly_each=10)
 
 
-def check_open_list(search):
-    """A heap in order, of exactly those nodes whose g and rhs differ; nothing in its unused slots."""
-    memory, size = search.memory, search.open_nodes
-    listed = memory.heap_nodes[:size]
-    g, rhs = memory.state[::2], memory.state[1::2]
-    assert sorted(listed) == np.flatnonzero(g != rhs).tolist()
-    assert (memory.position[listed] == np.arange(size)).all()
-    assert (memory.position != kernels.ABSENT).sum() == size
-    keys = list(zip(memory.firsts[:size].tolist(), memory.seconds[:size].tolist(), strict=True))
-    assert all(keys[(i - 1) // 4] <= keys[i] for i in range(1, size))
-    assert np.isinf(memory.firsts[size:]).all()
-    np.testing.assert_array_equal(memory.seconds[:size], np.minimum(g, rhs)[listed])
-
-
-def test_the_open_list_stays_in_order_wherever_a_search_is_broken_off():
-    for seed in range(9):
-        rng, kind = np.random.default_rng(seed), ("uniform", "equal", "steep")[seed % 3]
-        shape, step_cost = (30, 40), ("paper", "length")[seed % 2]
-        cost = random_costs(rng, shape, step_cost, kind, 0.2)
-        world = Changing(cost, (15, 20), step_cost, corner_cutting=seed < 4)
-        for _ in range(20):
-            start = random_cell(rng, shape)
-            world.search.plan(start, deadline=Deadline.within(0.0))
-            world.plan(start)
-            check_open_list(world.search)
-            world.put(*random_patch(rng, world.cost, step_cost, kind, 0.2))
-
-
 @pytest.mark.parametrize("stride", [5, 20, 1000])
 def test_a_start_that_goes_far_does_not_leave_stale_keys_behind(stride):
     """On larger maps the open list outlives the moves; a wall rises before the start at every turn."""
     for seed in range(12):
-        rng = np.random.default_rng([seed, stride])
-        shape, step_cost = (50, 60), ("paper", "length")[seed % 2]
-        cost = random_costs(rng, shape, step_cost, "uniform", 0.1 * (seed % 5)) * np.float32(0.3)
+        rng, step_cost = np.random.default_rng([seed, stride]), ("paper", "length")[seed % 2]
+        cost = random_costs(rng, (50, 60), step_cost, "uniform", 0.1 * (seed % 5)) * np.float32(0.3)
         world = Changing(cost, (25, 30), step_cost)
-        found = world.plan(random_cell(rng, shape))
+        found = world.plan(random_cell(rng, (50, 60)))
         for _ in range(30):
-            start = random_cell(rng, shape)
+            start = random_cell(rng, (50, 60))
             if len(found.path) > stride + 6:
-                start = tuple(int(x) for x in found.path[stride])
-                row, col = (max(int(x) - 3, 0) for x in found.path[stride + 3])
+                start, (row, col) = tuple(found.path[stride].tolist()), np.maximum(found.path[stride + 3] - 3, 0)
                 patch = world.cost[row : row + 6, col : col + 6].copy()
                 patch[rng.random(patch.shape) < 0.7] = np.inf
                 world.put(row, col, patch)
-            row, col = random_cell(rng, (44, 54))
-            world.put(row, col, random_costs(rng, (6, 6), step_cost, "uniform", 0.1) * np.float32(0.3))
             found = world.plan(start)
+
+
+def test_cells_cheaper_than_any_before_are_made_use_of_with_another_goal():
+    for seed in range(20):
+        rng = np.random.default_rng(seed)
+        world = Changing(np.full((12, 15), 0.9), (11, 14), ("paper", "length")[seed % 2])
+        for most in (0.6, 0.05, 0.01):
+            world.plan((0, 0))
+            world.put(0, 0, rng.uniform(0.1 * most, most, (12, 15) if seed % 3 else (12, 4)))
+            world.set_goal(random_cell(rng, (12, 15)))
+            world.plan((0, 0), slowly=True)
 
 
 def test_what_the_path_does_not_need_costs_little():
@@ -192,22 +187,6 @@ def test_changes_reach_as_far_as_the_one_nearest_to_the_goal():
     assert search.reach() == 1.0
 
 
-@pytest.mark.parametrize("step_cost", ["paper", "length"])
-def test_cells_cheaper_than_any_before_are_made_use_of_also_with_another_goal(step_cost):
-    for seed in range(20):
-        rng = np.random.default_rng(seed)
-        world = Changing(np.full((12, 15), np.inf if seed == 0 else 0.9), (11, 14), step_cost)
-        world.plan((0, 0))
-        for most in (0.6, 0.05, 0.01):
-            goal = random_cell(rng, (12, 15))
-            if seed % 2:
-                world.set_goal(goal)
-            world.put(0, 0, rng.uniform(0.1 * most, most, (12, 15) if seed % 3 else (12, 4)))
-            if not seed % 2:
-                world.set_goal(goal)
-            world.plan((0, 0), slowly=True)
-
-
 def test_a_region_holds_start_and_goal_whatever_its_bitmap_which_may_be_numbered_anew_in_place():
     rng = np.random.default_rng(6)
     world = Changing(rng.random((40, 40)), (38, 37))
@@ -222,16 +201,6 @@ def test_a_region_holds_start_and_goal_whatever_its_bitmap_which_may_be_numbered
     world.set_region(Region(bitmap, *[np.arange(12, dtype=np.int32)] * 2, 1))
     for start in ((0, 0), (5, 5), (1, 1), (0, 0)):  # only as long as it starts there
         assert ([5, 5] in world.plan(start).path.tolist()) == (start == (5, 5))
-
-
-def test_a_passed_deadline_is_reported_and_the_search_goes_on_from_there():
-    world = Changing(np.random.default_rng(0).random((300, 300)), (299, 299))
-    found = world.search.plan((0, 0), deadline=Deadline.within(0.0))
-    assert (found.status, len(found.path)) == (Status.TIMEOUT, 0)
-    assert world.search.plan((0, 0), deadline=Deadline.within(0.0)).status is Status.TIMEOUT
-    rest = world.plan((0, 0))
-    whole = DStarLite(world.state, world.goal).plan((0, 0))
-    assert rest.expansions + 2 * found.expansions == whole.expansions
 
 
 def test_long_travels_do_not_wear_out_the_keys(monkeypatch):

@@ -85,33 +85,23 @@ def test_a_tick_that_is_late_keeps_a_path_that_still_leads_there_and_says_so():
 
 
 @pytest.mark.parametrize("reload", [False, True])
-def test_a_method_that_was_slow_once_is_not_trusted_after_one_quick_answer_but_another_network_is(reload):
-    navigator, clock, make_dearer = made_dearer(0.3)
-    clock.step = 1.0
-    make_dearer()
-    clock.step = 1e-6
-    if reload:
-        navigator.reload()
-    else:
-        assert navigator.tick().origin is Origin.FULL  # there is time enough
-        make_dearer()
-    message = navigator.tick(deadline=clock.now + 0.5)
-    assert message.ok and message.origin is (Origin.FULL if reload else Origin.CORRIDOR)
-    assert message.degraded is not reload and navigator.counters().reloads == reload
-
-
-def test_a_method_that_was_slow_is_tried_again_after_a_while():
+def test_a_method_that_was_slow_is_tried_again_after_a_while_and_another_network_at_once(reload):
     navigator, clock, make_dearer = made_dearer(0.3)
     clock.step = 1.0
     make_dearer()
     clock.step, origins = 1e-6, []
+    if reload:
+        navigator.reload()
+    else:  # one quick answer, for which there is time enough, is no reason to trust it
+        navigator.offer(Goal(2, 60))
+        assert navigator.tick().origin is Origin.FULL
     for n in range(30):
         navigator.offer(Goal(2 * (n % 2), 60))
         origins.append(navigator.tick(deadline=clock.now + 0.5).origin)
     skipped = origins.count(Origin.CORRIDOR)
-    assert 10 <= skipped <= 20  # until some seconds, shrunk by a tenth each time, fit
+    assert (8 <= skipped <= 20) != reload  # until some seconds, shrunk by a tenth each time, fit
     assert origins == [*[Origin.CORRIDOR] * skipped, *[Origin.FULL] * (30 - skipped)]
-    assert navigator.counters().degraded == {"late": skipped}
+    assert navigator.counters().degraded.get("late", 0) == skipped and navigator.counters().reloads == reload
 
 
 @pytest.mark.parametrize(

@@ -8,17 +8,14 @@ import pytest
 
 from nnpp_edge.runtime import (
     DynamicPlanner,
-    EnergyCost,
     Goal,
     Ground,
     MapPatch,
-    Mobility,
     Navigator,
     NavigatorSettings,
     Planner,
     Pose,
     Status,
-    TimeCost,
     Traversability,
     Vehicle,
     pose_costs,
@@ -50,63 +47,6 @@ def loop(heights, vehicle, method="auto", **step):
     nav.offer(Pose(*ENDS[0]))
     nav.offer(Goal(*ENDS[1]))
     return nav
-
-
-@pytest.mark.parametrize("vehicle", VEHICLES.values(), ids=VEHICLES)
-def test_heights_beside_an_obstacle_do_not_clear_it_and_what_says_nothing_changes_nothing(vehicle):
-    nothing = np.full(FLAT.shape, np.nan, np.float32)
-    nav, planner = loop(nothing, vehicle), Planner.of_elevation(FLAT, CELL_M, LIMITS, vehicle=vehicle)
-    nav.offer(MapPatch(0, 0, cost=nothing))
-    assert nav.tick().outcome is Status.START_BLOCKED
-    nav.offer(MapPatch(0, 0, elevation=FLAT))
-    first = nav.tick()
-    assert first.ok
-    for patch in (
-        MapPatch(20, 0, cost=nothing[:1]),
-        MapPatch(20, 0, cost=nothing[:1], keep_known=True),
-        MapPatch(20, 0, elevation=nothing[:1], keep_known=True),
-    ):
-        nav.offer(patch)
-        message = nav.tick()
-        assert message.ok and message.cost == pytest.approx(first.cost)
-    planner.update(20, 0, WALL)
-    for row in (19, 20, 21):  # heights above, of and below the wall's cells
-        for patch in (MapPatch(20, 0, cost=WALL), *3 * [MapPatch(20, 0, cost=nothing[:1])]):  # made one as they wait
-            nav.offer(patch)
-        heights = np.full((1, SIDE), 0.001 * (row - 15))
-        nav.offer(MapPatch(row, 0, elevation=heights))
-        planner.update_elevation(row, 0, heights)
-        assert nav.tick().outcome is planner.plan(*ENDS).status is Status.NO_PATH
-    planner.update(20, 0, 0.0 * WALL)
-    nav.offer(MapPatch(20, 0, cost=0.0 * WALL))
-    assert nav.tick().ok and planner.plan(*ENDS).ok
-    nav.offer(MapPatch(20, 0, elevation=nothing[:1]))
-    assert nav.tick().outcome is Status.NO_PATH, "which says that the heights are unknown now"
-
-
-@pytest.mark.parametrize("vehicle", VEHICLES.values(), ids=VEHICLES)
-@pytest.mark.parametrize("step_cost", ["paper", "time", "energy", "tobler", "linear"])
-def test_the_loop_plans_as_plan_does(step_cost, vehicle):
-    """On ground with walls too steep, whose neighbours Eq. 1 passes as long as nobody takes the walls away."""
-    heights, mobility = rough(3), None
-    if step_cost in ("time", "energy"):
-        mobility = Mobility(time=TimeCost((-20.0, 0.0, 20.0), (0.5, 1.0, 0.2)), energy=EnergyCost(50.0, 0.1))
-    given = {"step_cost": step_cost, "mobility": mobility}
-    planner = Planner.of_elevation(heights, CELL_M, LIMITS, vehicle=vehicle, warn=False, **given)
-    nav, rng, found = loop(heights, vehicle, method="dstar", **given), np.random.default_rng(1), 0
-    for _ in range(14):
-        start, goal = rng.integers(2, SIDE - 2, (2, 2)).tolist()
-        best = planner.plan(tuple(start), tuple(goal), method="astar")
-        nav.offer(Pose(start[0] + 0.5, start[1] + 0.5))
-        nav.offer(Goal(*goal))
-        message = nav.tick()
-        if best.status not in (Status.START_BLOCKED, Status.GOAL_BLOCKED):
-            assert message.outcome is best.status
-        if best.ok:
-            found += 1
-            assert message.cost == pytest.approx(best.cost, rel=1e-5)
-            assert message.lower_bound <= best.cost * (1.0 + 1e-6)
-    assert found > 3
 
 
 @pytest.mark.parametrize("vehicle", VEHICLES.values(), ids=VEHICLES)

@@ -11,7 +11,7 @@ import weakref
 import numpy as np
 import pytest
 
-from nnpp_edge.runtime import Ground, Navigator, NavigatorSettings, NetworkModel, Planner, plan_path
+from nnpp_edge.runtime import Goal, Ground, Navigator, NavigatorSettings, NetworkModel, Planner, Pose, plan_path
 from nnpp_edge.runtime.errors import ModelError
 from nnpp_edge.runtime.loop import navigator
 from nnpp_edge.runtime.network import loading
@@ -177,6 +177,14 @@ def test_a_file_that_has_changed_is_opened_anew(fresh_model, sessions, way):
     loop.reload()
     loop.tick()
     assert planner.plan(*ENDS, method="nnpp").ok and len(sessions.paths) == 1
+    whole, model = fresh_model.read_bytes(), loop.model
+    fresh_model.write_bytes(whole[: len(whole) // 2])
+    with pytest.raises(ModelError):
+        loop.reload()
+    loop.offer(Pose(*ENDS[0]))
+    loop.offer(Goal(*ENDS[1]))
+    assert loop.tick().method == "nnpp" and loop.model is model
+    fresh_model.write_bytes(whole)
     content, found = fresh_model.read_bytes().replace(b'"version": "0"', b'"version": "1"'), fresh_model.stat()
     if way.startswith("in place"):
         fresh_model.write_bytes(content)
@@ -191,7 +199,7 @@ def test_a_file_that_has_changed_is_opened_anew(fresh_model, sessions, way):
     loop.reload()
     loop.tick()
     assert loop.model.metadata.version == "1"
-    assert (len(sessions.paths), loop.counters().reloads) == (2, 2)
+    assert (len(sessions.paths), loop.counters().reloads, loop.counters().errors) == (2, 2, {"reload": 1})
 
 
 def test_a_file_that_changes_while_it_is_loaded_is_refused(fresh_model, sessions, monkeypatch):

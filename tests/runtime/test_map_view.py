@@ -35,20 +35,6 @@ def test_a_map_is_averaged_and_its_rest_is_shown_impassable():
         assert (planes[:, rows:] == 1).all()
 
 
-@given(st.integers(1, 90), st.integers(1, 90), st.data())
-def test_an_update_of_parts_equals_the_whole(rows, cols, data):
-    rng = np.random.default_rng(rows * 100 + cols)
-    cost = rng.random((rows, cols)).astype(np.float32)
-    out = planes_of(cost, 32)
-    parts = []
-    for _ in range(data.draw(st.integers(1, 3))):
-        row, col = data.draw(st.integers(0, rows - 1)), data.draw(st.integers(0, cols - 1))
-        h, w = data.draw(st.integers(1, rows - row)), data.draw(st.integers(1, cols - col))
-        cost[row : row + h, col : col + w] = rng.choice([0.3, np.inf])
-        parts.append((row, col, h, w))
-    np.testing.assert_allclose(planes_of(cost, 32, parts, out), planes_of(cost, 32), atol=1e-6)
-
-
 @given(st.integers(1, 2000), st.integers(1, 2000), st.sampled_from([(64, 16), (256, 64)]))
 def test_every_cell_has_a_block_and_neighbours_have_neighbouring_ones(rows, cols, sizes):
     size, blocks = sizes

@@ -10,17 +10,8 @@ from onnx import TensorProto, helper
 
 from nnpp_edge.runtime import NetworkModel
 from nnpp_edge.runtime.errors import ModelError
-from nnpp_edge.runtime.network.model_file import METADATA_KEY, ModelMetadata, read_model_file
+from nnpp_edge.runtime.network.model_file import METADATA_KEY, read_model_file
 from tests.conftest import TINY_MODEL
-
-
-def test_a_model_answers_with_probabilities_of_its_blocks(network):
-    network.set_map(np.random.default_rng(0).random((2, 64, 64)).astype(np.float32))
-    first = network.answer((5.0, 6.0), (50.0, 40.0)).copy()
-    assert first.shape == (8, 8) and 0.0 <= first.min() <= first.max() <= 1.0
-    assert not np.array_equal(first, network.answer((60.0, 60.0), (3.0, 5.0)))
-    np.testing.assert_array_equal(first, network.answer((5.0, 6.0), (50.0, 40.0)))
-    assert ModelMetadata.from_json(network.metadata.to_json(), "x") == network.metadata
 
 
 def refusal(path):

@@ -155,10 +155,6 @@ def free(*shape):
     return np.full(shape, 0.2, np.float32)
 
 
-def plain_rough(*shape):
-    return (np.random.default_rng(0).random(shape) * 0.6).astype(np.float32)
-
-
 def test_every_number_is_used_by_its_name_and_stands_with_its_unit():
     body, named = ast.parse(inspect.getsource(tuning)).body, set()
     for statement, below in zip(body, [*body[1:], None], strict=True):
@@ -179,7 +175,8 @@ def test_every_number_is_used_by_its_name_and_stands_with_its_unit():
 def test_from_refine_from_on_a_learned_region_is_searched_coarsely_first(network):
     size = tuning.REFINE_FROM
     for side, coarsely in ((size - 1, False), (size, True)):
-        plan = Planner(plain_rough(side, 60), model=network, ask_from=0).plan((1, 1), (side - 2, 50), method="nnpp")
+        cost = (np.random.default_rng(0).random((side, 60)) * 0.6).astype(np.float32)
+        plan = Planner(cost, model=network, ask_from=0).plan((1, 1), (side - 2, 50), method="nnpp")
         assert plan.ok and ("coarse" in plan.timings_ms) == coarsely
 
 
@@ -230,4 +227,6 @@ def test_auto_mends_within_its_limits_alone(name, value, apart, wanted, monkeypa
     planner = moving(apart)
     planner.update(22, 247 - apart, free(1, 1) + 0.3)
     monkeypatch.setattr(dynamic, name, value)
-    assert planner.replan().planner == wanted
+    plan = planner.replan()
+    assert plan.planner == wanted == plan.summary()["method"]
+    assert {"astar": "less than", "corridor": "", "corridor-dstar": "near the start"}[wanted] in plan.choice

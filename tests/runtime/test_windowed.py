@@ -13,7 +13,6 @@ from nnpp_edge.runtime import Planner, plan_path
 from nnpp_edge.runtime.errors import InvalidMapError, Status
 from nnpp_edge.runtime.map.grid import Grid
 from nnpp_edge.runtime.map.pyramid import Pyramid
-from nnpp_edge.runtime.map.slope_cost import EnergyCost, Mobility
 from nnpp_edge.runtime.map.step_cost import StepModel
 from nnpp_edge.runtime.map.streamed import StreamedMap
 from nnpp_edge.runtime.planners import windowed
@@ -175,21 +174,6 @@ def test_ends_that_are_none_and_corridors_that_do_not_fit_are_refused_before_mor
     with pytest.raises(InvalidMapError, match=r"cells under the corridor, got 0.00 GB: plan in several legs"):
         planner.plan((10, 10), (290, 290))
     assert len(source.read_parts) <= before + 2  # start and goal
-
-
-def test_plans_carry_the_numbers_along_their_way():
-    heights = synthetic_terrain(np.random.default_rng(3), 96, 1.0)
-    heights[20:60, 50] = np.nan
-    mobility, stops = Mobility(energy=EnergyCost(50.0, 0.1)), [(3, 4), (30, 20), (30, 80), (90, 85)]
-    whole = Planner.of_elevation(heights, 1.0, cell_width_m=1.5, warn=False, mobility=mobility)
-    both = (WindowedPlanner(ArrayWindows(heights), mobility=mobility), {}), (whole, {"method": "corridor"})
-    plan, wanted = (planner.plan(stops[0], stops[-1], **how) for planner, how in both)
-    assert plan.ok and plan.numbers == pytest.approx(wanted.numbers) and plan.energy_j > 0.0 < plan.climb_m
-    tour, wanted = (planner.plan_via(stops[0], stops[-1], stops[1:-1], **how) for planner, how in both)
-    for found, also in zip((tour.plan, *tour.legs), (wanted.plan, *wanted.legs), strict=True):
-        assert found.numbers == pytest.approx(also.numbers)
-    assert tour.order == wanted.order and tour.plan.path.tolist() == wanted.plan.path.tolist()
-    assert tour.plan.time_s == pytest.approx(sum(leg.time_s for leg in tour.legs))
 
 
 @pytest.mark.usefixtures("small_bands")

@@ -199,14 +199,6 @@ def test_terrain_without_two_cells_to_plan_between_ends_the_making_and_does_not_
     assert read_recipe(tmp_path / "set") == good
 
 
-def test_large_maps_are_left_out_where_there_is_no_room(tmp_path):
-    recipe = of_terrain(tmp_path, synthetic_terrain(np.random.default_rng(0), 40, 5.0))
-    with pytest.warns(UserWarning, match="no room for maps of 64² cells"):
-        make_dataset(recipe, tmp_path / "set", make=make_in_this_process)
-    with np.load(tmp_path / "set" / "shard-00000.npz") as shard:
-        assert set(shard["pooling"]) == {1}
-
-
 @pytest.mark.parametrize("shape", [(200, 40), (40, 200)])
 def test_training_and_validation_have_different_parts_of_a_file(tmp_path, shape):
     """Cells are told apart by their heights."""

@@ -94,7 +94,7 @@ def test_sides_are_the_files_or_those_that_are_given(tmp_path):
 
 
 def test_feet_become_metres(tmp_path):
-    """Of cells in other systems: test_ground_metres.py."""
+    """Of cells in other systems: tests.fuzz.projections."""
     site = rasterio.CRS.from_wkt('LOCAL_CS["site",UNIT["foot",0.3048]]')
     assert read_dem(geotiff(tmp_path / "site.tif", crs=site)).cell_size_m == pytest.approx(5 * 0.3048)
     path = geotiff(tmp_path / "heights.tif", crs=UTM, units=["ft"])
@@ -304,19 +304,6 @@ def test_what_is_no_terrain_is_refused(tmp_path):
     refused(tmp_path, "(a folder)")
     (tmp_path / "drive.mcap").write_bytes(b"\x89MCAP0\r\n")
     refused(tmp_path / "drive.mcap", "wanted an elevation map, got a recording of messages", "nnpp_edge.ros.maps")
-
-
-def test_a_file_cut_short_is_refused(tmp_path):
-    heights = np.random.default_rng(3).integers(0, 60000, (80, 80)).astype(np.uint16)
-    geotiff(tmp_path / "x.tif", heights, crs=UTM, compress="deflate")
-    np.save(tmp_path / "x.npy", heights)
-    np.savez_compressed(tmp_path / "x.npz", dem=heights)
-    for path in tmp_path.iterdir():
-        read_dem(path, cell_size_m=1)
-        content = path.read_bytes()
-        for kept in (0.2, 0.5, 0.95):
-            path.write_bytes(content[: int(kept * len(content))])
-            refused(path, "wanted", cell_size_m=1)
 
 
 def test_without_rasterio_the_extra_is_named_and_arrays_still_read(tmp_path, monkeypatch):

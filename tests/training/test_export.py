@@ -2,7 +2,6 @@
 
 import json
 import re
-from dataclasses import asdict
 from types import SimpleNamespace
 
 import msgspec
@@ -162,16 +161,6 @@ def test_the_file_is_whole_folded_and_free_of_local_paths(exported):
     modes = {a.s for n in model.graph.node if n.op_type == "Resize" for a in n.attribute if a.name == "mode"}
     assert modes == {b"nearest"}  # int8 values stay as they are
     assert not {"Shape", "Gather", "Pad"} & {node.op_type for node in model.graph.node}
-
-
-def test_what_is_no_checkpoint_is_refused_and_nothing_is_written(nnpp_edge, tmp_path):
-    bad = tmp_path / "checkpoint.pt"
-    bad.write_bytes(b"no checkpoint")
-    nnpp_edge("export", bad, "-o", tmp_path / "out.onnx").refused("checkpoint.pt", "wanted a checkpoint")
-    network = lived_in(EDGE)
-    torch.save({"spec": asdict(network.spec), "average": network.state_dict()}, bad)
-    nnpp_edge("export", bad, "-o", tmp_path / "out.onnx").refused("wanted a checkpoint", "missing required field")
-    assert [path.name for path in tmp_path.iterdir()] == ["checkpoint.pt"]
 
 
 def test_what_the_runtime_would_refuse_is_not_written_and_a_data_set_is_told_without_its_folders(tmp_path):

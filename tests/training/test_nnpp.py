@@ -46,13 +46,6 @@ def test_the_shipped_weights_give_the_shipped_models_answers():
     assert np.corrcoef(answer.ravel(), wanted.ravel())[0, 1] > 0.98
 
 
-def test_the_output_has_one_channel_at_an_eighth_of_the_input():
-    for width in (2, 16, 64):
-        for size in (128, 256, 512):
-            logits = on_meta(size, width).eval()(maps(2, size, "meta"))
-            assert (logits.shape, logits.dtype) == ((2, 1, size // 8, size // 8), torch.float32)
-
-
 def test_what_cannot_be_built_or_shown_is_refused():
     for arguments in ({"input_size": 0}, {"input_size": 192}, {"width": 0}, {"width": 15}):
         with pytest.raises(ModelError, match="must be"):

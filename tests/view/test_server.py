@@ -107,16 +107,3 @@ def test_a_taken_port_is_refused_in_a_line(nnpp_edge, tmp_path):
         port = taken.getsockname()[1]
         ended = nnpp_edge("view", write_ground(tmp_path), "--port", port, "--no-browser")
     ended.refused(f"port {port} on 127.0.0.1 cannot be used", "--port")
-
-
-def test_what_cannot_be_read_or_planned_on_is_refused_in_a_line(nnpp_edge, tmp_path, bad_dem):
-    path, word = bad_dem
-    nnpp_edge("view", path, "--port", "0", "--no-browser").refused(word)
-    path = write_ground(tmp_path)
-    for *words, said in (
-        ("--step-cost", "energy", "mobility.energy"),
-        ("--vehicle", "hovercraft", "hovercraft"),
-        ("--limit", "hard_slope_deg=0.001", "all impassable"),
-        ("--start", "lonlat:1,2", "coordinate system"),
-    ):
-        nnpp_edge("view", path, *words, "--port", "0", "--no-browser").refused(said)

@@ -1,15 +1,12 @@
 """Putting the onboard loop together: world, input, sinks, and what watches over it."""
 
-import logging
 import signal
 import sys
 from collections.abc import Callable
 from contextlib import ExitStack
 from pathlib import Path
 
-from nnpp_edge.files import write_whole
 from nnpp_edge.profiling.profile_file import OnboardLoop
-from nnpp_edge.profiling.trace import Trace
 from nnpp_edge.robot.operations.metrics import MetricsServer
 from nnpp_edge.robot.operations.systemd import Notifier
 from nnpp_edge.robot.operations.wiring import REPLAY, STDIN, STDOUT, ZENOH, Wiring
@@ -19,7 +16,7 @@ from nnpp_edge.robot.transports.recording import RecordedSource, RecordingFile, 
 from nnpp_edge.robot.transports.rerun_view import RerunSink
 from nnpp_edge.robot.transports.stdio import StdioSink, StdioSource
 from nnpp_edge.robot.transports.zenoh_io import LOOPBACK, ZenohLink, ZenohSink, ZenohSource
-from nnpp_edge.runtime.errors import NnppEdgeError, OutputError
+from nnpp_edge.runtime.errors import NnppEdgeError
 from nnpp_edge.runtime.exercises import exercise
 from nnpp_edge.runtime.loop.connections import InputSource, Sink
 from nnpp_edge.runtime.loop.ladder import NavigatorSettings
@@ -30,7 +27,6 @@ from nnpp_edge.runtime.loop.timing import Handler, signal_handlers
 from nnpp_edge.runtime.map.ground import Ground
 from nnpp_edge.runtime.map.state import MapState
 
-_LOG = logging.getLogger(__name__)
 _STARTING: dict[signal.Signals, Handler] = {
     signal.SIGTERM: signal.SIG_DFL,
     signal.SIGINT: signal.SIG_DFL,
@@ -69,12 +65,9 @@ def run(
             feed = RecordedSource(source, recorders, navigator.count_error, wait=wiring.fast)
             stack.enter_context(feed)
         sinks += [*observers, notifier]
-        trace = None if wiring.trace is None else Trace("nnpp-edge run")
 
         def after_tick(message: PathMessage) -> None:
             notifier.alive()
-            if trace is not None:
-                trace.tick(message, loop.spans)
             if source.failure or (source.ended and not wiring.stay):
                 loop.finish()
 
@@ -97,11 +90,6 @@ def run(
             report(f"ready: {settings.method} at {pace.rate_hz:g} Hz, {rows} × {cols} cells")
             counters = loop.run(ticks)
             notifier.stopping()
-            if wiring.trace is not None and trace is not None:
-                try:
-                    write_whole(wiring.trace, trace.to_json())
-                except OutputError as error:  # as a log's, its loss costs the run nothing
-                    _LOG.warning("the trace is lost: %s", error)
     if source.failure:
         raise SourceError(f"the input failed, and the loop has ended: {source.failure}")
     return counters

@@ -40,7 +40,6 @@ class Wiring:
         int | None, click.IntRange(0, 65535), {"metavar": "PORT"}, "Serve the counters to Prometheus at this port."
     ] = None
     view: View = None
-    trace: Annotated[Path | None, "Write what ran when, stage by stage, as JSON for ui.perfetto.dev."] = None
 
     def __post_init__(self) -> None:
         (kind, place), kinds, endpoints = self.input_kind, self.output_kinds, self._endpoints
