@@ -128,7 +128,9 @@ def _exercise_kernels(dem: Float2D, network: NetworkModel) -> None:
 
 def _exercise_body_kernels(dem: Float2D) -> None:
     pose_costs(dem[:148], 1.0, _BODY)
-    state = Planner.of_elevation(dem, 1.0, vehicle=_BODY, warn=False).state
+    planner = Planner.of_elevation(dem, 1.0, vehicle=_BODY, warn=False)
+    planner.explain((70, 12), 0.0)
+    state = planner.state
     coarse, (finest, *_) = CoarseLevel(state.pyramid.levels[1]), state.pyramid.levels
     nothing = np.zeros((2 * coarse.grid.rows, 2 * coarse.grid.cols), np.int32)
     coarse.close_dead_ends(Region(nothing, *finest.quarters), Workspace(len(finest.grid.weights)), state.shape)

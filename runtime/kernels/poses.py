@@ -192,8 +192,10 @@ def _codes(figures, limits):
 
 
 @helper
-def _pose_codes(heights, first, pose, tables, limits, halves):
-    """Codes of a run's poses, of one place and heading."""
+def _figures(heights, first, pose, tables, halves):
+    """Of a run's poses, of one place and heading: bounds of slope, pitch, roll (as slopes), step, and rise under the
+    belly; and their slopes ahead and to the left with the wheels in the middle of their ranges.
+    """
     groups_of, groups, samples, fitted, _, swept, gradients, carried = tables
     slopes = _slopes(heights, first, pose, fitted)
     level, along, across, step = in_all(_ZERO), in_all(_ZERO), in_all(_ZERO), in_all(_ZERO)
@@ -233,19 +235,15 @@ def _pose_codes(heights, first, pose, tables, limits, halves):
     slope = root(most_along * most_along + most_across * most_across)
     pitch, roll = along + turn * (abs(slopes[1]) + steep_across), across + turn * (abs(slopes[0]) + steep_along)
     pitch, roll = chosen(pitch < slope, pitch, slope), chosen(roll < slope, roll, slope)
-    return _codes((slope, pitch, roll, step, up), limits)
+    return (slope, pitch, roll, step, up), (slopes[0] + mid_along, slopes[1] + mid_across)
 
 
-@kernel
-def check_run(poses, row, col, motion):
-    """Check a motion from all cells of the run that a cell lies in, and write what is found of it.
-
-    Motions are the legs along the axes, the turns from one direction to the next, and the body standing in each
-    direction, eight of each. What a leg or a standing body comes to is left in the scratch memory, too.
-    """
-    legs, turns, source = borrowed(poses[0]), borrowed(poses[1]), poses[2]
-    heights, given = borrowed(source[0]), source[1]
-    poses_of, samples, fitted, belly = borrowed(given[0]), given[3], given[4], given[5]
+@helper
+def _given(poses):
+    """What the check reads and writes, references to which are not counted: (heights, width, margin), tables, scratch."""
+    source = poses[2]
+    given, shape = source[1], source[5]
+    samples, fitted, belly = given[3], given[4], given[5]
     tables = (
         borrowed(given[1]),
         borrowed(given[2]),
@@ -256,18 +254,38 @@ def check_run(poses, row, col, motion):
         borrowed(given[7]),
         borrowed(given[8]),
     )
-    limits, scratch, counts, shape = (
-        borrowed(source[2]),
-        borrowed(source[3]),
-        borrowed(source[4]),
-        borrowed(source[5]),
-    )
-    cols, width, margin = shape[1], shape[2], shape[3]
+    return (borrowed(source[0]), shape[2], shape[3]), borrowed(given[0]), tables, borrowed(source[3])
+
+
+@kernel
+def figures_of(poses, row, col, motion, out):
+    """Figures of a motion's poses from a cell, as `_figures`, into `out` (P, 7)."""
+    (heights, width, margin), poses_of, tables, scratch = _given(poses)
+    first = (row + margin) * width + col + margin
+    for n in range(poses_of[motion + 1] - poses_of[motion]):
+        bounds, (along, across) = _figures(heights, first, poses_of[motion] + n, tables, scratch)
+        figures = bounds[0], bounds[1], bounds[2], bounds[3], bounds[4], along, across
+        for k in range(7):
+            put_run(scratch, 0, figures[k])
+            out[n, k] = scratch[0]
+
+
+@kernel
+def check_run(poses, row, col, motion):
+    """Check a motion from all cells of the run that a cell lies in, and write what is found of it.
+
+    Motions are the legs along the axes, the turns from one direction to the next, and the body standing in each
+    direction, eight of each. What a leg or a standing body comes to is left in the scratch memory, too.
+    """
+    legs, turns, source = borrowed(poses[0]), borrowed(poses[1]), poses[2]
+    limits, counts, cols = borrowed(source[2]), borrowed(source[4]), source[5][1]
+    (heights, width, margin), poses_of, tables, scratch = _given(poses)
     col -= col % RUN
     first = (row + margin) * width + col + margin
     total, worst = in_all(_ZERO), in_all(_ZERO)
     for pose in range(poses_of[motion], poses_of[motion + 1]):
-        code = _pose_codes(heights, first, pose, tables, limits, scratch)
+        bounds, _ = _figures(heights, first, pose, tables, scratch)
+        code = _codes(bounds, limits)
         total += code
         worst = chosen(code > worst, code, worst)
     mean = rounded_up(total * (_ONE / np.float32(poses_of[motion + 1] - poses_of[motion])))

@@ -24,6 +24,7 @@ from nnpp_edge.runtime.kernels.poses import (
     RUN,
     address_of_check,
     check_rows,
+    figures_of,
     forget_poses,
     put_heights,
     standing_codes,
@@ -36,7 +37,7 @@ Floats = NDArray[np.float32]
 PackedPoses = tuple[NDArray[np.uint16], NDArray[np.uint16], tuple[object, ...], int]
 """Motions as the kernels take them, see `kernels.poses`."""
 Prices = tuple[Floats, np.float32, Floats, Floats]
-"""What legs and turns cost, see `kernels.lattice.expand_states`."""
+"""Costs of legs and turns, see `kernels.lattice.expand_states`."""
 NO_EDGES = np.empty((0, 2 * AXES), np.float32)
 """Of legs that cost by what they are checked to be."""
 _SAFE = 1.0 - 1e-5
@@ -83,7 +84,8 @@ class Poses:
         reach = np.abs(np.concatenate((tables.cells, tables.slope_cells))).max(0)
         self.reach: Cell = (int(reach[0]), int(reach[1]))
         """Rows and columns from a cell to those that it takes to check its motions."""
-        self._margin, width = max(self.reach), cols + 2 * max(self.reach) + RUN
+        self._margin = max(self.reach) + 1
+        width = cols + 2 * self._margin + RUN
         self._base = _some_height(heights)
         self._unknown = np.float32(np.nan if vehicle.unknown_passes else np.inf)
         self.heights = np.empty((rows + 2 * self._margin, width), np.float32)
@@ -101,28 +103,9 @@ class Poses:
         self.turns: NDArray[np.uint16] = np.zeros(nodes, np.uint16)
         self._counts = np.zeros(1, np.int64)
 
-        def at(cells: NDArray[np.int64]) -> NDArray[np.int64]:
-            return np.ascontiguousarray(cells[:, 0] * width + cells[:, 1])
-
-        source = (
-            self.heights.reshape(-1),
-            (
-                tables.poses_of,
-                tables.groups_of,
-                tables.groups,
-                (*np.ascontiguousarray(tables.places.T), at(tables.cells), tables.shares),
-                (tables.slopes_of, at(tables.slope_cells), tables.slope_shares),
-                (tables.raised_of, tables.raised),
-                tables.swept,
-                tables.gradients,
-                tables.carried,
-            ),
-            limits_of(vehicle, weights),
-            np.zeros(max(tables.gradients.shape[1], 1) * RUN, np.float32),
-            self._counts,
-            np.array((rows, cols, width, self._margin), np.int64),
-        )
-        self.packed: PackedPoses = self.legs, self.turns, source, _address()
+        self._limits = limits_of(vehicle, weights)
+        self._scratch = np.zeros(max(tables.gradients.shape[1], 1) * RUN, np.float32)
+        self.packed: PackedPoses = self._packed_for(tables)
         """As the kernels take them."""
         lengths = np.array([math.hypot(*axis) for axis in motions.AXES], np.float32)
         turns_m = vehicle.turn_m_per_rad * np.array([motions.turn_rad(k, sides_m) for k in range(AXES)])
@@ -133,6 +116,36 @@ class Poses:
         self.prices: Prices = lengths, unit, turns, between(turns)
         """Of legs and turns, in cells of level ground."""
         self._put(0, 0, heights, shut)
+
+    def _packed_for(self, tables: motions.Motions) -> PackedPoses:
+        (rows, cols), width = self.shape, self.heights.shape[1]
+
+        def at(cells: NDArray[np.int64]) -> NDArray[np.int64]:
+            return np.ascontiguousarray(cells[:, 0] * width + cells[:, 1])
+
+        packed = (
+            tables.poses_of,
+            tables.groups_of,
+            tables.groups,
+            (*np.ascontiguousarray(tables.places.T), at(tables.cells), tables.shares),
+            (tables.slopes_of, at(tables.slope_cells), tables.slope_shares),
+            (tables.raised_of, tables.raised),
+            tables.swept,
+            tables.gradients,
+            tables.carried,
+        )
+        shape = np.array((rows, cols, width, self._margin), np.int64)
+        source = self.heights.reshape(-1), packed, self._limits, self._scratch, self._counts, shape
+        return self.legs, self.turns, source, _address()
+
+    def figures(self, cell: Cell, motion: int, other: motions.Motions | None = None) -> NDArray[np.float64]:
+        """(P, 7) of the poses of a motion from a cell, or of one of other motions: bounds of slope, pitch, roll, step
+        and rise, and slopes ahead and to the left with the wheels in the middle of their ranges; see `kernels.poses`.
+        """
+        poses_of = (other or self.motions).poses_of
+        found = np.empty((int(poses_of[motion + 1] - poses_of[motion]), 7))
+        figures_of(self.packed if other is None else self._packed_for(other), *cell, motion, found)
+        return found
 
     @property
     def checked(self) -> int:

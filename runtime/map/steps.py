@@ -42,7 +42,7 @@ class PointSteps:
     """
 
     def edges(self, backwards: bool = False) -> Edges | None:
-        """What each step costs, as searches take it; `backwards` those that come to a cell, on a coarse level.
+        """Costs of the steps, as searches take them; `backwards` of those that come to a cell, on a coarse level.
 
         None where steps cost by the weights of their ends.
         """

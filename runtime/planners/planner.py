@@ -167,7 +167,7 @@ class Planner(OnMap):
         memory = self._methods.astar.workspace
         nearest = partial(costs_to_nearest, grid, stops, NEAREST_STOPS, memory, deadline)
         found = tour(
-            lambda begin, end, direction: self._on_grid(begin, end, wishes, Work(), deadline, direction),
+            lambda begin, end, direction=-1: self._on_grid(begin, end, wishes, Work(), deadline, direction),
             stops,
             grid,
             best_order=best_order,

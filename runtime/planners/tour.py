@@ -24,7 +24,7 @@ MOST_ORDERED = 12
 _TIE = 1e-5
 """Share by which another order must cost less than the one given: sums of rounded costs differ by less."""
 
-PlanLeg = Callable[[Cell, Cell, int], Plan]
+PlanLeg = Callable[..., Plan]
 Order = tuple[int, ...]
 """Numbers of the places between, counted from 0 as they were given."""
 Costs = NDArray[np.float64]
@@ -105,7 +105,7 @@ def tour(
     for begin, end in legs.along(order):
         leg = legs.plan(begin, end)
         if grid.steps.by_poses and found and leg.ok:  # a body sets out as it has arrived
-            leg = plan(stops[begin], stops[end], arrival(found[-1].path))
+            leg = plan(stops[begin], stops[end], direction=arrival(found[-1].path))
         found.append(finish(leg))
         if not found[-1].ok:
             break
@@ -138,7 +138,7 @@ class _Legs:
             along = None if back.along is None else back.along.back()
             self._made[begin, end] = replace(back, path=back.path[::-1].copy(), along=along)
         elif (begin, end) not in self._made:
-            plan = self._plan(self._stops[begin], self._stops[end], -1)
+            plan = self._plan(self._stops[begin], self._stops[end])
             if plan.source is None:
                 self._refuse(begin if plan.status.startswith("START") else end, plan.status)
             self._made[begin, end] = plan

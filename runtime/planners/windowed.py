@@ -164,7 +164,7 @@ class WindowedPlanner:
         """As `Planner.plan_via`; for the best order more corridors are read than lie along it."""
         deadline = Deadline.within(time_limit_s)
 
-        def leg(begin: Cell, end: Cell, _: int) -> Plan:
+        def leg(begin: Cell, end: Cell) -> Plan:
             return self._plan(begin, end, epsilon, deadline)
 
         between = [as_cell(cell, f"via {at}") for at, cell in enumerate(via, 1)]

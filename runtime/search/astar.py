@@ -30,6 +30,7 @@ _BETWEEN_LOOKS = 1 << 14
 _WITHOUT_END = int(np.iinfo(np.int64).max >> 1)
 Links = NDArray[np.uint8] | None
 """The directions in which each node may be left, as bits; None where passability decides."""
+Parts = tuple[Any, ...]
 _ON = -1
 """In place of the node at which a search begins: go on where it stopped."""
 Hints = tuple[NDArray[np.float32], NDArray[np.float32], float]
@@ -141,17 +142,17 @@ def _over_states(
 
 
 def _run(
-    kernel: Callable[..., Any],
-    before: tuple[Any, ...],
+    kernel: Callable[..., Parts],
+    before: Parts,
     ends: tuple[int, ...],
-    rule: tuple[Any, ...],
+    rule: Parts,
     workspace: Workspace,
     limits: tuple[int, float],
-) -> tuple[Any, ...]:
-    """What a search's kernel comes to; the open list grows as it needs."""
+) -> Parts:
+    """The outcome of a search's kernel; the open list grows as it needs."""
     workspace.next_stamp()
     while True:
-        found: tuple[Any, ...] = kernel(*before, ends, rule, workspace.packed, limits)
+        found: Parts = kernel(*before, ends, rule, workspace.packed, limits)
         if found[0] != kernels.FULL or time.monotonic() >= limits[1]:
             return found
         ends = _ON, *ends[1:]
@@ -173,7 +174,7 @@ def _traced(
     return Search(status, ws.path[length - 1 :: -1].copy(), spent, refused)
 
 
-def _allowed(region: Region | None) -> tuple[Any, ...]:
+def _allowed(region: Region | None) -> Parts:
     return kernels.NO_REGION if region is None else tuple(region)
 
 
@@ -256,7 +257,7 @@ def _bucket_width(grid: Grid, hints: Hints | None = None) -> float:
 
 
 def _best(grid: Grid) -> tuple[float, float, float]:
-    """What straight, diagonal and knight's legs cost at least, see `Grid.prices`."""
+    """Least costs of straight, diagonal and knight's legs, see `Grid.prices`."""
     straight, diagonal = grid.prices
     return straight / KNIGHT, diagonal / KNIGHT, straight + diagonal
 

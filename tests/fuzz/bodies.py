@@ -9,7 +9,6 @@ import numpy as np
 
 from nnpp_edge.runtime import Planner, Status, Vehicle
 from nnpp_edge.runtime.kernels.poses import AXES, FAILS, MOST_CODE
-from nnpp_edge.runtime.map import attitude
 from nnpp_edge.runtime.map.poses import Poses, limits_of
 from tests import pose_oracles
 from tests.fuzz.cases import NOWHERE, Case, Place, Problem, problem_with_optimum
@@ -209,7 +208,7 @@ def codes_in_numpy(poses: Poses, motion: int, cells: np.ndarray) -> tuple[np.nda
     first, last = poses.motions.poses_of[motion : motion + 2]
     worst, total, near = np.zeros(len(cells), int), 0.0, np.zeros(len(cells), bool)
     for pose in range(first, last):
-        _, _, slope, *others = attitude._figures(poses, cells, attitude._Tables(poses.motions, pose))
+        slope, *others = figures_in_numpy(poses, cells, pose)
         values = np.stack((np.arctan(slope), *others))
         unknown = ~np.isfinite(slope + values[3] + values[4])
         refused = np.concatenate((unknown[None], ~(values <= limits[1:6])))
@@ -218,6 +217,68 @@ def codes_in_numpy(poses: Poses, motion: int, cells: np.ndarray) -> tuple[np.nda
         near |= (np.abs(values - limits[1:6]) <= NEAR_A_LIMIT * limits[1:6]).any(0) & ~unknown
         total = total + (limits[6:] * (values / limits[1:6])[[0, 4, 3]]).sum(0)
     return worst, total / (last - first), near
+
+
+def figures_in_numpy(poses: Poses, cells: np.ndarray, pose: int) -> np.ndarray:
+    """(5, N) bounds of slope, pitch, roll (as slopes), step and rise of a pose from N cells; see docs/vehicle.md."""
+    tables, vehicle = poses.motions, poses.vehicle
+    ground = poses.heights.astype(np.float64)
+    margin = (poses.heights.shape[0] - poses.shape[0]) // 2
+    base = cells + margin
+
+    def at(offsets: np.ndarray) -> np.ndarray:
+        row = np.clip(base[:, None, 0] + offsets[:, 0], 0, ground.shape[0] - 1)
+        col = np.clip(base[:, None, 1] + offsets[:, 1], 0, ground.shape[1] - 1)
+        heights: np.ndarray = ground[row, col]
+        return heights
+
+    with np.errstate(invalid="ignore"):
+        fitted = slice(*tables.slopes_of[pose : pose + 2])
+        slopes = at(tables.slope_cells[fitted]) @ tables.slope_shares[fitted].astype(np.float64)
+        slopes = np.where(np.isfinite(slopes).all(1, keepdims=True), slopes, 0.0)
+        wheels = len(vehicle.wheels_m)
+        gradients = tables.gradients.astype(np.float64)
+        ranges: list[tuple[np.ndarray, np.ndarray]] = []
+        parts: list[tuple[np.ndarray, np.ndarray, slice]] = []
+        for group in range(*tables.groups_of[pose : pose + 2]):
+            first, fours, lines, end, cell = tables.groups[group].tolist()
+            counts = np.repeat((4, 2, 1), (fours - first, lines - fours, end - lines))
+            last = cell + counts.sum()
+            heights = at(tables.cells[cell:last]) * tables.shares[cell:last]
+            heights = np.add.reduceat(heights, np.cumsum(counts) - counts, axis=1)
+            places = tables.places[first:end].astype(np.float64)
+            departs = heights - slopes @ places.T
+            if len(ranges) < wheels:
+                ranges.append((np.fmin.reduce(departs, 1), np.fmax.reduce(departs, 1)))
+            else:
+                parts.append((departs, places, slice(*tables.raised_of[group : group + 2])))
+        low, high = np.array(ranges).transpose(1, 0, 2)
+        if not vehicle.unknown_passes:
+            high = np.where(np.isnan(high), np.inf, high)
+        middle, half = 0.5 * (low + high), 0.5 * (high - low)
+        along, across = gradients[1:3] @ middle
+        more_along, more_across = gradients[3:5] @ half
+        planes = []
+        for departs, places, raised in parts:
+            touched = low.copy()
+            touched[tables.raised[raised]] = high[tables.raised[raised]]
+            level, ahead, left = gradients[:3] @ touched
+            plane = level[:, None] + np.outer(ahead, places[:, 0]) + np.outer(left, places[:, 1])
+            planes.append(np.fmax.reduce(departs - plane, 1))
+        rise = np.fmax.reduce(planes)
+        carried, (sway, aside, turn) = tables.carried.astype(np.float64), tables.swept[pose].astype(np.float64)
+        steep = np.stack((np.abs(along) + more_along, np.abs(across) + more_across))
+        by = carried[:6].reshape(3, 2) @ steep
+        steep, more_along, more_across = steep + by[:2], more_along + by[0], more_across + by[1]
+        up = np.maximum(rise + by[2] + sway * steep[0] + aside * steep[1], 0.0)
+        step = 2.0 * half.max(0) + carried[6:] @ steep
+        most = np.stack((np.abs(slopes[:, 0] + along) + more_along, np.abs(slopes[:, 1] + across) + more_across))
+        slope = np.hypot(*(most + turn * steep[::-1]))
+        turned = most + turn * (np.abs(slopes.T[::-1]) + steep[::-1])
+        pitch, roll = np.minimum(turned, slope)
+        unknown = ~np.isfinite(slope + step + rise)
+        figures = np.stack((slope, pitch, roll, step, up))
+        return np.where(unknown & ~np.isfinite(figures), np.nan, figures)
 
 
 def problem_with_plan(

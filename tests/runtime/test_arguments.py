@@ -121,7 +121,7 @@ def raw(call, label, value, given):
 
 
 def test_every_public_name_is_called_here():
-    answers = {"Counters", "ModelFile", "PathMessage", "Plan", "Region", "Standing", "StatusMessage"}
+    answers = {"Counters", "ModelFile", "PathMessage", "Plan", "PoseCheck", "Region", "Standing", "StatusMessage"}
     words = {"DynamicMethod", "Method", "Origin", "Source", "Status"}
     others = {"InputSource", "Sink", "handling_signals", "list_models"}
     public = {name: getattr(runtime, name) for name in dir(runtime) if not name.startswith("_")}
