@@ -240,7 +240,7 @@ def _figures(heights, first, pose, tables, halves):
 
 @helper
 def _given(poses):
-    """What the check reads and writes, references to which are not counted: (heights, width, margin), tables, scratch."""
+    """All that the check reads, references to which are not counted: (heights, width, margin), tables, scratch."""
     source = poses[2]
     given, shape = source[1], source[5]
     samples, fitted, belly = given[3], given[4], given[5]
