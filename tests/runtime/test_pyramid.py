@@ -119,7 +119,7 @@ def assert_same_levels(pyramid, other):
         if ours.links is not None:
             np.testing.assert_array_equal(ours.links, theirs.links)
             if (steps := ours.grid.directed) is not None:
-                np.testing.assert_allclose(steps.edges, theirs.grid.directed.edges, rtol=1e-5)
+                np.testing.assert_allclose(steps.edges(), theirs.grid.directed.edges(), rtol=1e-5)
                 np.testing.assert_allclose(steps.backwards, theirs.grid.directed.backwards, rtol=1e-5)
 
 
