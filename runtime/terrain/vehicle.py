@@ -91,9 +91,10 @@ class Vehicle:
                     f"the wheels must lie under the body: {name} must be at most {most:g} m less a contact patch of "
                     f"{contact:g} m and more than 0, got {apart:g}"
                 )
-        if not 0.0 <= self.turn_m_per_rad < math.inf:
+        if not 0.0 <= self.turn_m_per_rad <= _WIDEST_TURN * longest:
             raise InvalidMapError(
-                f"turn_cost_m_per_rad must be a number of metres from 0 up, got {self.turn_cost_m_per_rad}"
+                f"turn_cost_m_per_rad must be a number of metres from 0 to {_WIDEST_TURN * longest:g}, "
+                f"got {self.turn_cost_m_per_rad}"
             )
 
     def _given(self, *names: str) -> Iterator[tuple[str, float]]:
