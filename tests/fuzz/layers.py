@@ -131,7 +131,8 @@ def _planner(case: Case, layers: Layers) -> Planner:
 def check(case: Case, place: Place = NOWHERE) -> Problem | None:
     """What is wrong with the loop's answers, beside the map that keeps the layers apart."""
     layers, robot = Layers(case.heights, case.cost, case.limits), _robot(case)
-    refine = "any-angle" if case.refine and case.step_cost == "paper" else None
+    body = case.vehicle is not None and not case.vehicle.is_disc
+    refine = "any-angle" if case.refine and case.step_cost == "paper" and not body else None
     settings = NavigatorSettings(case.method, tolerance=1e-4, snap_radius=0, refine=refine)
     navigator, numbers = Navigator(layers.ground(**robot), settings), np.random.default_rng(case.seed)
     navigator.offer(Goal(*case.goal))
