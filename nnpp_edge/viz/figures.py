@@ -1,4 +1,4 @@
-"""Pictures with matplotlib: sheets of samples, training curves, figures of planners, and a path's profile."""
+"""Pictures with matplotlib: training curves, and figures of planners."""
 
 import io
 from collections.abc import Mapping, Sequence
@@ -7,58 +7,22 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 
 from nnpp_edge.files import write_whole
 from nnpp_edge.profiling.contest import Facts
-from nnpp_edge.runtime.map.along import Along
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-    from nnpp_edge.terrain.dataset import Samples
 
 OURS = ("astar", "corridor", "nnpp")
-_CYAN = np.array([0.0, 0.9, 1.0])
-_KILOMETRE = 1000.0
-_GROUND, _LINE, _UP, _DOWN, _COST, _STOP = "#e6ded0", "#6b5233", "#c8501e", "#2f7fc0", "#555b66", "#1e1e1e"
 _PANELS = (
     ("loss", "training loss", 1.0),
     ("gap", "mean cost gap, %", 100.0),
     ("success", "path inside the region, %", 100.0),
     ("region_share", "region, % of the map", 100.0),
 )
-
-
-def sample_sheet(samples: "Samples", path: Path, *, seed: int = 1, columns: int = 6, rows: int = 3) -> None:
-    """A picture of random samples: cost in grey, walls in brown, nearness to the optimum in cyan, start, goal.
-
-    Cells within 5 % of the optimum are tinted, the nearer the stronger; the optimal path's blocks are dark.
-    """
-    rng = np.random.default_rng(seed)
-    figure = new_figure(2.2 * columns, 2.35 * rows)
-    for at, query in enumerate(rng.choice(len(samples), min(columns * rows, len(samples)), replace=False)):
-        axes = figure.add_subplot(rows, columns, at + 1)
-        axes.imshow(_tinted(samples, query), interpolation="nearest")
-        (r, c), (i, j) = samples.start[query], samples.goal[query]
-        axes.plot(c, r, "s", color="gold", markeredgecolor="black", markersize=7)
-        axes.plot(j, i, "*", color="red", markeredgecolor="black", markersize=11)
-        axes.set_axis_off()
-    write_whole(path, encoded(figure))
-
-
-def _tinted(samples: "Samples", query: int) -> NDArray[np.float64]:
-    from nnpp_edge.terrain.labels import EXCESS_STEP
-
-    mean, blocked = samples.planes[samples.map_index[query]].astype(np.float64) / 255.0
-    picture = np.where(blocked[..., None] > 0.5, [0.35, 0.16, 0.12], np.repeat(mean[..., None], 3, axis=2))
-    block = np.ones((mean.shape[0] // samples.excess.shape[-1],) * 2)
-    excess = np.kron(samples.excess[query] * EXCESS_STEP, block)
-    tint = 0.75 * np.clip(1.0 - excess / 0.05, 0.0, 1.0)[..., None]
-    picture = picture * (1.0 - tint) + _CYAN * tint
-    on_path = np.kron(np.unpackbits(samples.on_path[query], axis=-1), block)
-    return np.where(on_path[..., None] > 0, 0.55 * picture, picture)
 
 
 def training_curves(history: Sequence[dict[str, float]], path: Path) -> None:
@@ -117,40 +81,6 @@ def pareto(rows: Sequence[Facts], path: Path) -> None:
     columns = min(len(handles), 2 * len(sizes))
     figure.legend(handles.values(), handles.keys(), loc="outside lower center", ncols=columns)
     write_whole(path, encoded(figure))
-
-
-def profile_picture(along: Along, cost: NDArray[np.float32], title: str = "", stops: Sequence[int] = ()) -> bytes:
-    """The ground below a path, its slope and its cost, over the way from the start, as PNG.
-
-    It says so where there is no way or height to draw.
-    `cost` is (N,) float32 at each point of the way; `stops` are numbers of the points at which it stops.
-    """
-    figure = new_figure(9.0, 5.2)
-    if len(along.points) < 2 or not np.isfinite(along.heights_m).any():
-        figure.text(0.5, 0.5, "no way with known heights", ha="center")
-        return encoded(figure, dpi=150)
-    ground, slope, price = figure.subplots(3, 1, sharex=True, height_ratios=(3.0, 1.4, 1.4))
-    far, heights = along.distance_m[-1] >= 2.0 * _KILOMETRE, along.heights_m
-    at = along.distance_m / (_KILOMETRE if far else 1.0)
-    low, high = np.nanmin(heights), np.nanmax(heights)
-    room = max(0.08 * (high - low), 0.5)
-    ground.fill_between(at, heights, low - room, color=_GROUND, linewidth=0)
-    ground.plot(at, heights, color=_LINE, linewidth=1.4)
-    ground.set(ylabel="height, m", ylim=(low - room, high + room))
-    slopes = np.degrees(np.arctan2(along.rises_m[1:], along.steps_m[1:]))  # between two points each
-    for part, colour in ((np.maximum(slopes, 0.0), _UP), (np.minimum(slopes, 0.0), _DOWN)):
-        slope.stairs(part, at, fill=True, color=colour, linewidth=0)
-    slope.set(ylabel="slope, °")
-    price.fill_between(at, cost, step="mid", color=_COST, alpha=0.35, linewidth=0)
-    price.plot(at, cost, color=_COST, linewidth=0.8, drawstyle="steps-mid")
-    price.set(ylabel="cost T", ylim=(0.0, 1.0), xlabel=f"way from the start, {'km' if far else 'm'}")
-    for axes in (ground, slope, price):
-        axes.grid(alpha=0.3)
-        axes.margins(x=0.0)
-        for stop in stops:
-            axes.axvline(at[stop], color=_STOP, linewidth=0.8, linestyle=":")
-    ground.set_title(title, fontsize=10, loc="left")
-    return encoded(figure, dpi=150)
 
 
 def _log_x(axes: "Axes", base: int = 10) -> None:
