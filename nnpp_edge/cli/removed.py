@@ -57,6 +57,7 @@ INSTEAD = {
     "reproduce --dataset": "no experiment trains a network any more",
     "reproduce --steps": "no experiment trains a network any more",
     "train --encoding": "each architecture has one way of showing start and goal",
+    "evaluate --plot": "the tables have gap and time of every planner; --json gives them to a plotting program",
     "--profile-plot": "`view` draws height and cost along the path, path.csv has them",
     "--loss": "the loss is binary cross-entropy; `nnpp_edge.training` takes another",
     "--opset": "files have opset 18",
