@@ -80,11 +80,10 @@ def hillshade(elevation: Float2D, cell_size_m: float, cell_width_m: float | None
     return np.asarray(40.0 + 205.0 * np.clip(light, 0.0, 1.0)).astype(np.uint8)
 
 
-def cost_map_picture(cost: Float2D, *, cell_size_m: float | None = None, title: str = "") -> Picture:
-    """A cost map (H, W) above a colour bar, a scale and the key to impassable cells; the title is ASCII."""
+def cost_map_picture(cost: Float2D, *, cell_size_m: float | None = None) -> Picture:
+    """A cost map (H, W) above a colour bar, a scale and the key to impassable cells."""
     drawing = MapDrawing(cost_picture(cost))
-    items = [drawing.text_item(title)] if title else []
-    return drawing.finish([[*items, drawing.grey_bar(), *_impassable(drawing, cost), *drawing.scale(cell_size_m)]])
+    return drawing.finish([[drawing.grey_bar(), *_impassable(drawing, cost), *drawing.scale(cell_size_m)]])
 
 
 def plan_picture(

@@ -122,7 +122,7 @@ def test_maps_of_any_shape_are_drawn(shape):
 
 
 def test_a_picture_is_written_whole(tmp_path):
-    picture = cost_map_picture(some_cost(20, 30), cell_size_m=1.0, title="hills")
+    picture = cost_map_picture(some_cost(20, 30), cell_size_m=1.0)
     save_picture(tmp_path / "map.png", picture)
     np.testing.assert_array_equal(cv2.imread(str(tmp_path / "map.png")), picture)
     with pytest.raises(OutputError, match="could not be written"):
