@@ -6,7 +6,7 @@
 # make coverage: what the fast tests reach, in the terminal and as build/coverage.xml; compiled kernels are not seen.
 # make wheel, make try-wheel, make try-oldest: the wheel; it alone in a bare environment, which plans and measures there,
 # with the newest and with the oldest packages that it takes (.ci/oldest.txt). PYTHON=python3.12 tries another Python.
-# make docs: the site, into build/site; nothing is fetched but the packages. make pictures draws the gallery's anew.
+# make docs: the site, into build/site; nothing is fetched but the packages.
 # make fuzz MINUTES=30: damaged files, odd options, odd weights and the rest (docs/fuzzing.md).
 PYTHON ?= python3
 MINUTES ?= 30
@@ -17,7 +17,7 @@ PYTEST := $(DEV)/bin/python -m pytest --numprocesses 2
 
 DOCS := .venv-docs
 
-.PHONY: demo check test coverage bench docs pictures fuzz kernels lint spelling types contract format wheel try-wheel try-oldest clean
+.PHONY: demo check test coverage bench docs fuzz kernels lint spelling types contract format wheel try-wheel try-oldest clean
 
 $(DEMO)/ready: pyproject.toml
 	$(PYTHON) -m venv $(DEMO)
@@ -90,9 +90,6 @@ $(DOCS)/ready: pyproject.toml
 
 docs: $(DOCS)/ready
 	NO_MKDOCS_2_WARNING=1 $(DOCS)/bin/mkdocs build --quiet --strict
-
-pictures: $(DEV)/ready
-	$(DEV)/bin/python docs/_site/pictures.py
 
 fuzz: $(DEV)/ready
 	$(DEV)/bin/python -m tests.fuzz --minutes $(MINUTES)

@@ -21,7 +21,7 @@ from nnpp_edge.viz.picture import body_outlines
 START, GOAL = (60, 6), (60, 113)
 
 
-def main(folder: Path, small: bool = False) -> Path:
+def main(folder: Path) -> Path:
     """Plan for a point, and for the rover exactly and in a corridor."""
     dem, rover = sample_dem("moon_rocks"), load_vehicle("large-rover")
     point = Planner.of_elevation(dem.elevation, dem.cell_size_m, warn=False).plan(START, GOAL, method="astar")

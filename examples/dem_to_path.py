@@ -24,7 +24,7 @@ QUERIES = {  # name of the map: start and goal, (row, col)
 }
 
 
-def main(folder: Path, small: bool = False) -> Path:
+def main(folder: Path) -> Path:
     """Plan on each map and draw the paths side by side."""
     figure, axes = panels(len(QUERIES))
     for panel, (name, (start, goal)) in zip(axes, QUERIES.items(), strict=True):

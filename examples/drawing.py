@@ -1,6 +1,5 @@
-"""Common parts of the examples: their arguments, and how ground, paths and ends are drawn. Nothing here plans."""
+"""Common parts of the examples: where they write, and how ground, paths and ends are drawn. Nothing here plans."""
 
-import argparse
 import sys
 from collections.abc import Callable
 from pathlib import Path
@@ -15,15 +14,11 @@ from nnpp_edge.viz.picture import hillshade
 OUT = Path(__file__).parent / "out"
 
 
-def run(example: Callable[[Path, bool], Path]) -> None:
-    """Run an example from the command line: `python examples/NAME.py [FOLDER] [--small]`."""
-    kind = argparse.RawDescriptionHelpFormatter
-    parser = argparse.ArgumentParser(description=sys.modules["__main__"].__doc__, formatter_class=kind)
-    parser.add_argument("folder", nargs="?", type=Path, default=OUT, help="for the picture; by default examples/out")
-    parser.add_argument("--small", action="store_true", help="less work, where there is much")
-    given = parser.parse_args()
-    given.folder.mkdir(parents=True, exist_ok=True)
-    print(f"written: {example(given.folder, given.small)}")
+def run(example: Callable[[Path], Path]) -> None:
+    """Run an example: `python examples/NAME.py [FOLDER]` writes its picture there, else into examples/out."""
+    folder = Path(sys.argv[1]) if sys.argv[1:] else OUT
+    folder.mkdir(parents=True, exist_ok=True)
+    print(f"written: {example(folder)}")
 
 
 def panels(count: int, *, width: float = 4.2, height: float = 4.4) -> tuple[Figure, list[Axes]]:
@@ -53,6 +48,6 @@ def ends(axes: Axes, start: tuple[int, int], goal: tuple[int, int]) -> None:
 
 
 def save(figure: Figure, folder: Path, name: str) -> Path:
-    """Write the figure as a PNG; its path."""
-    figure.savefig(folder / f"{name}.png", dpi=100)
-    return folder / f"{name}.png"
+    """Write the figure as WebP; its path."""
+    figure.savefig(folder / f"{name}.webp", dpi=80)
+    return folder / f"{name}.webp"

@@ -44,7 +44,7 @@ class Rover:
         self.driven += [(int(row), int(col)) for row, col in answer.path[1:4]]
 
 
-def main(folder: Path, small: bool = False) -> Path:
+def main(folder: Path) -> Path:
     """Drive, and draw what was known after some ticks."""
     (figure, axes), body = panels(len(DRAWN)), load_vehicle("large-rover")
     ground = Ground.of_elevation(np.full(TRUTH.shape, np.nan), TRUTH.cell_size_m, vehicle=body)

@@ -1,4 +1,4 @@
-"""Every example runs, at small size, is short, and says what it shows, how long it takes and whose data it uses."""
+"""Every example runs, is short, and says what it shows, how long it takes and whose data it uses."""
 
 import ast
 import importlib
@@ -29,10 +29,7 @@ def test_an_example_runs_and_draws(path, tmp_path, monkeypatch):
     from PIL import Image
 
     monkeypatch.syspath_prepend(path.parent)
-    monkeypatch.setattr(
-        "nnpp_edge.profiling.report.peak_memory_mb", lambda *_: None
-    )  # many processes, tested elsewhere
-    picture = importlib.import_module(path.stem).main(tmp_path, small=True)
+    picture = importlib.import_module(path.stem).main(tmp_path)
     assert picture.parent == tmp_path and picture.stem == path.stem
     with Image.open(picture) as image:
         assert min(image.size) > 100 and len(set(image.convert("L").resize((64, 64)).tobytes())) > 8

@@ -1,4 +1,4 @@
-"""Additions to mkdocs: pages of examples, commands, and of files outside docs/."""
+"""Additions to mkdocs: pages of commands, and of files outside docs/."""
 
 from __future__ import annotations
 
@@ -18,6 +18,7 @@ ROOT = Path(__file__).parent.parent.parent
 OUTSIDE = {  # page: the file that it shows
     "cards/edge.md": "nnpp_edge/models/edge.md",
     "cards/paper.md": "nnpp_edge/models/paper.md",
+    "gallery/index.md": "examples/README.md",
     "samples.md": "nnpp_edge/terrain/samples/README.md",
     "contributing.md": "CONTRIBUTING.md",
     "changelog.md": "CHANGELOG.md",
@@ -32,7 +33,6 @@ def on_config(config: MkDocsConfig) -> MkDocsConfig:
     experiments = list((ROOT / "docs/reproduction").glob("*/*.md"))
     experiments.sort(key=lambda path: (path.stem[0] == "t", len(path.stem), path))
     made = {
-        "gallery/index.md": [f"gallery/{path.stem}.md" for path in examples()],
         "cli/index.md": [f"cli/{name}.md" for name in commands()],
         "reproduction/README.md": [f"reproduction/{path.stem}/{path.name}" for path in experiments],
     }
@@ -60,7 +60,7 @@ def on_files(files: Files, config: MkDocsConfig) -> Files:
 
 def pages() -> dict[str, str]:
     """Every page that is made, and its Markdown."""
-    return {page: (ROOT / path).read_text() for page, path in OUTSIDE.items()} | _gallery() | _cli()
+    return {page: (ROOT / path).read_text() for page, path in OUTSIDE.items()} | _cli()
 
 
 def on_page_markdown(markdown: str, page: Page, config: MkDocsConfig, files: Files) -> str:
@@ -85,7 +85,7 @@ def on_page_markdown(markdown: str, page: Page, config: MkDocsConfig, files: Fil
 
     parts = _FENCED.split(markdown)  # text, code, text, …
     for at in range(0, len(parts), 2):
-        text = re.sub(r"(?<!!)\[([^\]]+)\]\((?!http|#)([^)#\s]+)(#[^)\s]*)?\)", linked, parts[at])
+        text = re.sub(r"\[([^\]]+)\]\((?!http|#)([^)#\s]+)(#[^)\s]*)?\)", linked, parts[at])
         parts[at] = re.sub(r"(?<!\[)`docs/([a-z-]+\.md)`", named, text)
     return "".join(parts)
 
@@ -96,32 +96,6 @@ def on_post_build(config: MkDocsConfig) -> None:
         for tag in _LOADED.findall(path.read_text()):
             if re.search(r"""\b(src|href|srcset)=["']?(https?:)?//""", tag) and "canonical" not in tag:
                 raise SystemExit(f"{path}: wanted nothing from other hosts, got {tag}")
-
-
-def examples() -> list[Path]:
-    """The runnable examples, in the order of the table in their README."""
-    names = re.findall(r"\]\((\w+\.py)\)", (ROOT / "examples/README.md").read_text())
-    return [ROOT / "examples" / name for name in names]
-
-
-def _gallery() -> dict[str, str]:
-    cards, made = "", {}
-    for path in examples():
-        _, words, code = path.read_text().split('"""', 2)
-        title, body = words.split("\n", 1)
-        body = re.sub(r"^(Run time|Data): ", r"\n**\1**: ", body, flags=re.MULTILINE)
-        made[f"gallery/{path.stem}.md"] = (
-            f"---\ntitle: {re.split('[,:.](?: |$)', title)[0]}\n---\n\n# {title.rstrip('.')}\n{body}\n\n"
-            f"![The picture that it makes]({path.stem}.webp)\n\n"
-            f"```sh\npython examples/{path.name}\n```\n\n```python\n{code.strip()}\n```"
-        )
-        picture = f'<img src="{path.stem}.webp" alt="" loading="lazy">'
-        cards += f'<a href="{path.stem}.html">{picture}<span>{title}</span></a>\n'
-    head = (
-        "# Gallery\n\nScripts of less than 60 lines in the folder `examples/` of the repository, each with the "
-        "picture that it makes. What they share, how ground and paths are drawn, is in `examples/drawing.py`.\n\n"
-    )
-    return made | {"gallery/index.md": f'{head}<div class="cards">\n{cards}</div>\n'}
 
 
 def commands() -> dict[str, click.Command]:

@@ -66,9 +66,8 @@ def command(
     from nnpp_edge.progress import bar
     from nnpp_edge.runtime.terrain.traversability import Traversability
     from nnpp_edge.terrain.cluster import shards_on_cluster
-    from nnpp_edge.terrain.dataset import make_dataset, read_samples
+    from nnpp_edge.terrain.dataset import make_dataset
     from nnpp_edge.terrain.shards import Recipe
-    from nnpp_edge.viz.figures import sample_sheet
 
     kind: dict[str, object] = {}
     if papers_maps:
@@ -97,11 +96,7 @@ def command(
     make = partial(shards_on_cluster, scheduler) if scheduler else None
     with bar("shards", recipe.shards) as advance:
         counts = make_dataset(recipe, output, workers=workers, make=make, progress=advance)
-    picture = output / "samples.png"
-    if counts["shards"]:
-        sample_sheet(read_samples(output, most_maps=256), picture, seed=seed)
     words = (
-        f"{output}: {counts['shards']} of {counts['of']} shards, {counts['maps']} maps, "
-        f"{counts['queries']} queries; a sheet of samples is in {picture}"
+        f"{output}: {counts['shards']} of {counts['of']} shards, {counts['maps']} maps, {counts['queries']} queries"
     )
-    tell(as_json, counts | {"folder": str(output), "picture": str(picture)}, lambda: words)
+    tell(as_json, counts | {"folder": str(output)}, lambda: words)

@@ -65,7 +65,6 @@ def command(
     robot: VehicleOptions,
     repeats: Annotated[int, options.COUNT, "Times each planner answers each query; its median time counts."] = 3,
     fresh_map: Annotated[bool, _FRESH_MAP] = False,
-    plot: Annotated[Path | None, options.NEW_FILE, "PNG to draw: cost gap against time, every planner."] = None,
     seed: options.Seed = 1,
     as_json: options.AsJson = False,
     markdown: Annotated[bool, "Print the tables as Markdown."] = False,
@@ -111,7 +110,6 @@ def command(
         raise click.UsageError("--vehicle is for the workloads body and body-rocksN")
     if directed:
         slope_cost_of(robot.step_cost, robot.mobility())  # refused now
-    options.check_outputs(("--plot", plot))
     points = [name for name in workloads if name not in bodies]
     needed = models if points and {Method.NNPP, Method.AUTO} & set(methods) else ()
     networks = {Path(name).stem: NetworkModel(name) for name in needed}
@@ -140,10 +138,6 @@ def command(
             )
             rows += [{"workload": name, "size": size, **row} for row in figures.values()]
     standing = [row for row in rows if not str(row["method"]).endswith(EAGER)]
-    if plot is not None:
-        from nnpp_edge.viz.figures import pareto
-
-        pareto(standing, plot)
 
     def text() -> str:
         tables = [([row for row in standing if row["workload"] not in bodies], _COLUMNS)]

@@ -9,11 +9,9 @@ from nnpp_edge.cli import options
 from nnpp_edge.cli.ground_options import GroundOptions
 from nnpp_edge.cli.requests import PlanRequest
 from nnpp_edge.cli.text import tell
-from nnpp_edge.runtime.errors import optional_module
 
 _OUTPUT = "Folder for path.geojson, path.csv, plan.png and plan.json."
 _FORMATS = "Write the path there as GeoPackage or GPX too, path.gpkg or path.gpx."
-_PROFILE_PLOT = "Draw height, slope and cost along the path there, as profile.png."
 _BYTES_PER_POSED_CELL = 12
 """More for a vehicle: four codes and another height."""
 _BYTES_PER_CELL = 24
@@ -28,7 +26,6 @@ def command(
     robot: GroundOptions,
     output: Annotated[Path | None, "-o", options.PATH, _OUTPUT] = None,
     formats: Annotated[tuple[str, ...], "--format", click.Choice(["gpkg", "gpx"]), options.MANY, _FORMATS] = (),
-    profile_plot: Annotated[bool, _PROFILE_PLOT] = False,
     memory: options.Memory = None,
     as_json: options.AsJson = False,
 ) -> None:
@@ -53,13 +50,10 @@ def command(
     \b
     nnpp-edge plan dem.tif --start 20,30 --goal 380,360 --workload limit20 -o plan
     """
-    more = [*(f"path.{name}" for name in formats), *["profile.png"] * profile_plot]
-    if more and output is None:
-        raise click.UsageError("--format and --profile-plot are of what is written: give -o too")
-    names = ("path.geojson", "path.csv", "plan.png", "plan.json", *more)
+    if formats and output is None:
+        raise click.UsageError("--format is of what is written: give -o too")
+    names = ("path.geojson", "path.csv", "plan.png", "plan.json", *(f"path.{name}" for name in formats))
     outputs = [("--output", output / name) for name in names] if output else []
-    if profile_plot:
-        optional_module("matplotlib", "--profile-plot", "viz")
     robot.check_turns(request.refine)
     robot.limits()  # those that make no sense are refused before any work
     options.check_outputs(*outputs, more_inputs=request.files, make_folders=True)

@@ -13,7 +13,6 @@ from nnpp_edge.cli.text import Row, aligned, columns, duration, table
 from nnpp_edge.files import write_all
 from nnpp_edge.runtime import Plan, Vehicle
 from nnpp_edge.runtime.cells import Cell
-from nnpp_edge.runtime.map.along import crossings
 from nnpp_edge.runtime.map.slope_cost import unit_of
 from nnpp_edge.runtime.planners.tour import Tour
 from nnpp_edge.terrain.route import Route
@@ -213,15 +212,7 @@ class Answer:
             "path.csv": route.csv,
             "plan.json": lambda: json.dumps(self.figures(files), indent=1).encode(),
             "plan.png": lambda: png_bytes(self.picture()),
-            "profile.png": self._profile,
             "path.gpkg": lambda: route.geopackage(self.properties()),
             "path.gpx": lambda: route.gpx("nnpp-edge plan", ends),
         }
         return makers[path.name]()
-
-    def _profile(self) -> bytes:
-        from nnpp_edge.viz.figures import profile_picture
-
-        legs = [len(crossings(leg.line)) - 1 for leg in (self.tour.legs if self.tour and self.plan.ok else ())]
-        between = [sum(legs[:at]) for at in range(1, len(legs))]
-        return profile_picture(self.route.along, self.route.cost, "\n".join(self.on_the_ground().values()), between)

@@ -31,7 +31,7 @@ from nnpp_edge.runtime.tuning import LARGE_MAP
 from nnpp_edge.terrain.dem import Dem, DemWindows
 from nnpp_edge.terrain.georeference import Place
 from nnpp_edge.terrain.route import Route
-from nnpp_edge.viz.picture import MOST_SHOWN, BodyDrawing, body_outlines, plan_picture
+from nnpp_edge.viz.picture import MOST_SHOWN, body_outlines, plan_picture
 from nnpp_edge.viz.sheet import Picture
 
 _REPEATS = 3
@@ -98,7 +98,6 @@ def plan_in_memory(request: PlanRequest, path: Path, robot: GroundOptions, *, dr
             refused = refusals(poses.standing())
         if body is not None and request.compare and robot.step_cost == "paper":
             of_point = planner_of(cost).plan(start, goal, method="astar").path
-        drawing = body and BodyDrawing(body_outlines(plan.path, body, ground.sides_m), refused, of_point)
         return plan_picture(
             cost,
             plan,
@@ -109,7 +108,9 @@ def plan_in_memory(request: PlanRequest, path: Path, robot: GroundOptions, *, dr
             reference_path=exact.path if exact and exact.ok and plan.method != exact.method else None,
             cell_size_m=dem.cell_width_m,
             length_m=route.length_m,
-            **({"body": drawing} if drawing else {}),
+            outlines=body_outlines(plan.path, body, ground.sides_m) if body else (),
+            refused=refused,
+            point_path=of_point,
         )
 
     shut_in = plan.status == "NO_PATH" and tour is None and request.refine is None

@@ -54,15 +54,6 @@ def compare_command(
     sys.exit({WORSE: 1, NOISY: 3}.get(comparison["verdict"], 0))
 
 
-class _Profile(click.Group):
-    def resolve_command(
-        self, ctx: click.Context, args: list[str]
-    ) -> tuple[str | None, click.Command | None, list[str]]:
-        if args[0] not in self.commands:
-            ctx.fail(f"wanted options, or compare, got {args[0]!r}: --json prints, -o DIR writes all of a run")
-        return super().resolve_command(ctx, args)
-
-
 @dataclass(frozen=True, kw_only=True)
 class Asked:
     """Options; None and () where not given."""
@@ -88,7 +79,7 @@ class Asked:
     output: Annotated[Path | None, "-o", options.FOLDER, _OUTPUT] = None
 
 
-@options.command("profile", _Profile, invoke_without_command=True, commands={"compare": compare_command})
+@options.command("profile", click.Group, invoke_without_command=True, commands={"compare": compare_command})
 def command(asked: Asked) -> None:
     """Measure the planners on this machine against the budgets of a profile.
 

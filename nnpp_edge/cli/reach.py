@@ -2,7 +2,6 @@
 
 import json
 import re
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated
 
@@ -14,6 +13,9 @@ from nnpp_edge.cli.requests import Start
 from nnpp_edge.cli.text import aligned, duration, tell
 
 _SECONDS = {"s": 1.0, "min": 60.0, "h": 3600.0}
+_COST = "The most that a path may cost, in the unit of --step-cost."
+_TIME = "The longest that it may take: by --step-cost, else at the vehicle's speeds, else by Tobler's function."
+_ENERGY = "The most joules that it may draw, of a --vehicle."
 
 
 def _duration(word: str) -> float:
@@ -23,39 +25,18 @@ def _duration(word: str) -> float:
     return seconds
 
 
-@dataclass(frozen=True, kw_only=True)
-class Within:
-    """How far: one of three measures."""
-
-    within_cost: Annotated[
-        float | None, options.POSITIVE, "The most that a path may cost, in the unit of --step-cost."
-    ] = None
-    within_time: Annotated[
-        float | None,
-        options.Parsed("TIME", "a time such as 90, 90s, 30min or 2h", _duration),
-        "The longest that it may take: by --step-cost, else at the vehicle's speeds, else by Tobler's function.",
-    ] = None
-    within_energy: Annotated[float | None, options.POSITIVE, "The most joules that it may draw, of a --vehicle."] = (
-        None
-    )
-
-    def __post_init__(self) -> None:
-        """Refuse all but one."""
-        if sum(most is not None for most in vars(self).values()) != 1:
-            raise click.UsageError("give one of --within-cost, --within-time and --within-energy")
-
-    @property
-    def most(self) -> tuple[str, float]:
-        """The measure, and its number."""
-        return next((name.removeprefix("within_"), most) for name, most in vars(self).items() if most is not None)
+_DURATION = options.Parsed("TIME", "a time such as 90, 90s, 30min or 2h", _duration)
 
 
 @options.command("reach")
 def command(
     dem: Annotated[Path, options.MAP],
     /,
+    *,
     start: Start,
-    within: Within,
+    within_cost: Annotated[float | None, options.POSITIVE, _COST] = None,
+    within_time: Annotated[float | None, _DURATION, _TIME] = None,
+    within_energy: Annotated[float | None, options.POSITIVE, _ENERGY] = None,
     robot: GroundOptions,
     levels: Annotated[int, click.IntRange(1, 24), "Into how many areas that is divided."] = 4,
     omega: options.Omega = 0.011,
@@ -76,7 +57,11 @@ def command(
     """
     from nnpp_edge.runtime.map.slope_cost import unit_of
 
-    measure, most = within.most
+    given = {"cost": within_cost, "time": within_time, "energy": within_energy}
+    asked = [(name, most) for name, most in given.items() if most is not None]
+    if len(asked) != 1:
+        raise click.UsageError("give one of --within-cost, --within-time and --within-energy")
+    ((measure, most),) = asked
     in_seconds = unit_of(robot.step_cost) == "s"
     if measure != "cost" and robot.step_cost != "paper" and not (measure == "time" and in_seconds):
         raise click.UsageError(

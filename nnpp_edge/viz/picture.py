@@ -7,7 +7,6 @@ A picture is (H, W, 3) uint8 in OpenCV's order blue, green, red.
 import math
 from collections.abc import Iterator, Sequence
 from pathlib import Path
-from typing import NamedTuple
 
 import cv2
 import numpy as np
@@ -49,20 +48,6 @@ _SHARP = 800
 """Pixels of the longer side up to which a map is enlarged before bands are drawn on it."""
 
 
-class BodyDrawing(NamedTuple):
-    """A vehicle in a picture."""
-
-    outlines: Sequence[NDArray[np.float64]]
-    """Of the body along the path, rows and columns; from `body_outlines`."""
-    refused: NDArray[np.uint8] | None = None
-    """(H, W) from `map.refusal.refusals`: where it stands in no heading; None where that is not known."""
-    point_path: Cells | None = None
-    """(N, 2) the path of a point."""
-
-
-_NO_BODY = BodyDrawing(())
-
-
 def cost_picture(cost: Float2D, shade: NDArray[np.uint8] | None = None) -> Picture:
     """A cell a pixel: grey from 0 (black) to 1 (white), or `shade`, (H, W) uint8 from `hillshade`, in its place.
 
@@ -95,11 +80,10 @@ def hillshade(elevation: Float2D, cell_size_m: float, cell_width_m: float | None
     return np.asarray(40.0 + 205.0 * np.clip(light, 0.0, 1.0)).astype(np.uint8)
 
 
-def cost_map_picture(cost: Float2D, *, cell_size_m: float | None = None, title: str = "") -> Picture:
-    """A cost map (H, W) above a colour bar, a scale and the key to impassable cells; the title is ASCII."""
+def cost_map_picture(cost: Float2D, *, cell_size_m: float | None = None) -> Picture:
+    """A cost map (H, W) above a colour bar, a scale and the key to impassable cells."""
     drawing = MapDrawing(cost_picture(cost))
-    items = [drawing.text_item(title)] if title else []
-    return drawing.finish([[*items, drawing.grey_bar(), *_impassable(drawing, cost), *drawing.scale(cell_size_m)]])
+    return drawing.finish([[drawing.grey_bar(), *_impassable(drawing, cost), *drawing.scale(cell_size_m)]])
 
 
 def plan_picture(
@@ -113,7 +97,9 @@ def plan_picture(
     reference_path: Cells | None = None,
     cell_size_m: float | None = None,
     length_m: float | None = None,
-    body: BodyDrawing = _NO_BODY,
+    outlines: Sequence[NDArray[np.float64]] = (),
+    refused: NDArray[np.uint8] | None = None,
+    point_path: Cells | None = None,
 ) -> Picture:
     """A plan on its map: regions in translucent cyan, path, start (yellow square) and goal (red star).
 
@@ -127,14 +113,20 @@ def plan_picture(
         Places between, in the order in which they are visited.
     reference_path : (N, 2) int
         The exact optimum, drawn thinner.
+    outlines : sequence of (N, 2) float
+        Of a vehicle along the path, rows and columns, from `body_outlines`.
+    refused : (H, W) uint8
+        Where it stands in no heading, from `map.refusal.refusals`.
+    point_path : (N, 2) int
+        The path of a point.
     cell_size_m, length_m : float
         For the scale and the legend; without a length it gives that in cells.
     """
     ground, passable = cost_picture(cost, shade), cost < 1.0
     regions = ((plan.network_region, 0.2, "network's region"), (plan.region, 0.42, "region searched"))
     tints = [(region.mask(), strength, REGION, words) for region, strength, words in regions if region is not None]
-    for limit in np.unique(() if body.refused is None else body.refused[body.refused > 0]).astype(int).tolist():
-        tints.append((body.refused == limit, _NO_STAND, *REFUSED[limit - 1]))
+    for limit in np.unique(() if refused is None else refused[refused > 0]).astype(int).tolist():
+        tints.append((refused == limit, _NO_STAND, *REFUSED[limit - 1]))
     for mask, strength, colour, _ in tints:
         mask &= passable
         ground[mask] = _mixed(ground[mask], strength, colour)
@@ -144,7 +136,7 @@ def plan_picture(
         (plan.line, PATH, 5.0, "path freed from the grid" if freed else "path"),
         (plan.path if freed else None, GRID, 1.5, "path of the grid"),
         (reference_path, OPTIMUM, 2.0, "exact optimum"),
-        (body.point_path, POINT, 2.0, "path of a point"),
+        (point_path, POINT, 2.0, "path of a point"),
     ]
     drawn = [(line, colour, width, words) for line, colour, width, words in lines if line is not None and len(line)]
     # the optimum lies on the path, thinner, and its rim below: both are seen where they agree
@@ -152,7 +144,7 @@ def plan_picture(
         drawing.line(line, INK, width + 2.0)
     for line, colour, width, _ in drawn:
         drawing.line(line, colour, width)
-    for outline in body.outlines:
+    for outline in outlines:
         drawing.line(outline, INK, 2.5)
         drawing.line(outline, BODY, 1.2)
     ends = [(int(row), int(col)) for row, col in plan.path[[0, -1]]] if len(plan.path) else [None, None]
@@ -166,7 +158,7 @@ def plan_picture(
             keys.insert(0, drawing.swatch(colour, name))
     keys += [drawing.swatch(PAPER, "by way of")] if via else []
     keys += [drawing.swatch(colour, words) for _, colour, _, words in drawn]
-    keys += [drawing.swatch(BODY, "vehicle")] if len(body.outlines) else []
+    keys += [drawing.swatch(BODY, "vehicle")] if len(outlines) else []
     keys += [_tint_key(drawing, shade, strength, colour, words) for _, strength, colour, words in tints]
     keys += [*_impassable(drawing, cost), *([drawing.grey_bar()] if shade is None else [])]
     facts = [drawing.text_item(text) for text in _facts(plan, length_m)]

@@ -12,7 +12,7 @@ from matplotlib.figure import Figure
 from nnpp_edge.profiling.contest import Facts
 from nnpp_edge.profiling.figures import stages_of
 from nnpp_edge.progress import shown
-from nnpp_edge.viz.figures import draw_times, encoded
+from nnpp_edge.viz.figures import encoded
 
 _TEMPLATE = "profile.html.j2"
 _WIDE = 5.2
@@ -70,5 +70,10 @@ def _by_size(figure: Figure, rows: Sequence[Facts]) -> None:
         medians[row["planner"]][row["size"]] = row["time_ms"]["median"]
         color = f"C{[*medians].index(row['planner'])}"
         axes.vlines(row["size"], row["time_ms"]["median"], row["time_ms"]["p99"], color=color, linewidth=0.8)
-    draw_times(axes, medians)
+    for name, by_size in medians.items():
+        axes.plot([*by_size], [*by_size.values()], "o-", linewidth=2.0, markersize=4, label=name)
+    sides = sorted({row["size"] for row in rows})
+    axes.set(xscale="log", yscale="log", xlabel="side of the map, cells", ylabel="median time of a query, ms")
+    axes.set_xticks(sides, [str(side) for side in sides])
+    axes.set_xticks([], minor=True)
     axes.grid(alpha=0.3)

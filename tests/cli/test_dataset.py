@@ -102,7 +102,7 @@ def test_from_ones_own_terrain_to_a_plan(run, told, dem):
         "export run/checkpoint.pt -o fp32.onnx --name own --dataset train",
     ):
         assert run(words).code == 0
-    assert all(Path(name).stat().st_size > 10_000 for name in ("train/samples.png", "run/curves.png"))
+    assert Path("run/curves.png").stat().st_size > 10_000
     words = "quantize fp32.onnx --dataset train -o int8.onnx --samples 4"
     run(f"{words} --exclude none-of-them").refused("none-of-them")
     assert run(f"{words} --validation val").code == 0

@@ -127,18 +127,6 @@ def test_ends_are_places_on_the_map_or_on_the_globe_or_points_of_a_layer(run, to
     assert goals["goal"] == [12, 30] and len(goals["goals"]) == 2
 
 
-def test_the_profile_is_drawn_where_it_is_wanted(run, told, hills, monkeypatch):
-    assert "out/profile.png" in told(f"{PLAN} -o out --profile-plot")["files"]
-    picture = cv2.imread("out/profile.png")
-    assert min(picture.shape[:2]) > 400 and len(np.unique(picture.reshape(-1, 3), axis=0)) > 50
-    assert run(f"{PLAN} -o between --profile-plot --via 40,40").code == 0
-    assert Path("between/profile.png").read_bytes() != Path("out/profile.png").read_bytes()
-    assert run("plan hills.tif --start 5,5 --goal 70,88 -o none --profile-plot").code == 1
-    assert Path("none/profile.png").exists()
-    monkeypatch.setitem(sys.modules, "matplotlib", None)
-    run(f"{PLAN} -o out --profile-plot").refused("--profile-plot needs matplotlib", "nnpp-edge[viz]")
-
-
 def test_a_map_read_by_windows_has_the_same_numbers_and_tours(told, hills):
     words = f"{PLAN} --method corridor --via 60,20 --via 20,60 --best-order"
     whole, windows = told(words), told(f"{words} --memory 1kB")

@@ -18,7 +18,7 @@ SHORT = {
     "$BODY": "plan hill.npz --start 10,10 --goal 45,48 -o new --vehicle small-rover",
     "$SMALL": "plan hills.tif --memory 100kB --start 5,5 --goal 70,80",
     "$REACH": "reach hills.tif --start 1,1",
-    "$EVAL": "evaluate --terrain hill.npz --sizes 60 --queries 1 --plot a.png",
+    "$EVAL": "evaluate --terrain hill.npz --sizes 60 --queries 1",
     "$COST": "costmap hills.tif -o cost.tif",
     "$RUN": "run --map hills.npz --ticks 1",
     "$VIEW": "view --port 0 --no-browser",
@@ -59,7 +59,6 @@ $PLAN --step-cost tobler --memory 1kB          | in memory alone | directed
 $PLAN --step-cost tobler --refine any-angle    | refine='any-angle' prices lines by the map's cost
 $PLAN --set radius_m=2 --set turning_radius_m=4 | turning_radius_m needs --refine any-angle
 $PLAN --format gpx                             | give -o too
-$PLAN --profile-plot                           | give -o too
 $PLAN --rocks 0.1                              | no such option '--rocks'
 $PLAN --workload body-rocks30                  | 0 to 20 percent
 $PLAN --via path.gpkg -o . --format gpkg       | would replace | path.gpkg
@@ -147,8 +146,6 @@ profile --profile rover --vehicle none.toml -o out | got 'none.toml' (no such fi
 profile --peers --vehicle small-rover          | --vehicle does not go with --peers
 evaluate --synthetic --sizes 999999999         | sides of 2 to 32768 cells
 evaluate --terrain hills.npz --methods astar --model nope | 'nope'
-evaluate --terrain hills.npz --plot pipe.npy   | it is no plain file
-evaluate --terrain hills.npz --plot none/a.png | no such folder
 $COST --workload body-rocks5                   | 'body-rocks5' | evaluate
 profile --profile quick --peers                | --peers
 profile --peers --start-up                     | --peers
@@ -181,7 +178,7 @@ $COST --workload limit20 --limit slope_limit_deg=25 | leave out --limit slope_li
 costmap sample:mars -o cost.npz                | moon_highlands | 'mars'
 $PLAN -o out                                   | out/plan.json: could not be written (it is a folder)
 dataset -o text.txt/set --maps 2               | text.txt/set | wanted a folder to write to
-profile --profile quick --json out.json        | wanted options, or compare, got 'out.json': --json prints, -o DIR wr
+profile --profile quick --json out.json        | no such command 'out.json'; see nnpp-edge profile --help
 $PLAN -o loop                                  | symbolic links
 $PLAN -o text.txt                              | text.txt | folder to write to
 costmap hills.tif -o text.txt/cost.tif         | could not be written
@@ -189,8 +186,6 @@ costmap hills.tif -o none/cost.npy             | could not be written
 costmap hills.npz -o hills.npz                 | --output would replace hills.npz, which is read
 costmap hills.npz -o link.npz                  | would replace | which is read
 costmap grey.png -o grey.npy --cell-size 1 | --output would replace grey.png | which is read
-evaluate --terrain hills.npz --plot hills.npz  | would replace | which is read
-evaluate hills.npz --terrain grey.png --plot hills.npz | would replace | which is read
 export hills.npz -o hills.npz                  | would replace | which is read
 quantize hills.npz --dataset set -o link.npz   | would replace | which is read
 profile --profile set/report.json -o set       | would replace | which is read
@@ -277,6 +272,5 @@ def test_outputs_are_checked_before_any_work(run, place, monkeypatch):
     for words in (
         "plan hills.npz --start 1,1 --goal 2,2 -o loop",
         "costmap hills.npz -o pipe.npy",
-        "evaluate --terrain hills.npz --plot pipe.npy",
     ):
         assert run(words).code == 2

@@ -21,7 +21,7 @@ MOST_BYTES = 1 << 30  # memory that a command may take for the small inputs of a
 SLOW_COMMANDS = ("dataset", "train", "export", "quantize", "reproduce", "profile", "evaluate")
 """They train, trace or measure: they get more time."""
 RESUMED_COMMANDS = ("dataset", "train", "reproduce")  # they leave what is complete, to go on from
-REPLACED = ("old/", "in/trained/", "in/set/samples.png")
+REPLACED = ("old/", "in/trained/")
 """Results of earlier commands, which later ones may replace."""
 LOGGING_COMMANDS = ("run", "simulate")  # they log what they refuse, before they end, and keep logs and recordings
 PLAIN = ("null", "pipe", "pipe")

@@ -15,7 +15,6 @@ from nnpp_edge.viz.picture import (
     IMPASSABLE,
     OPTIMUM,
     PATH,
-    BodyDrawing,
     body_outlines,
     cost_map_picture,
     cost_picture,
@@ -123,7 +122,7 @@ def test_maps_of_any_shape_are_drawn(shape):
 
 
 def test_a_picture_is_written_whole(tmp_path):
-    picture = cost_map_picture(some_cost(20, 30), cell_size_m=1.0, title="hills")
+    picture = cost_map_picture(some_cost(20, 30), cell_size_m=1.0)
     save_picture(tmp_path / "map.png", picture)
     np.testing.assert_array_equal(cv2.imread(str(tmp_path / "map.png")), picture)
     with pytest.raises(OutputError, match="could not be written"):
@@ -158,12 +157,12 @@ def test_a_picture_shows_where_the_vehicle_stands_in_no_heading():
     refused = np.zeros((40, 40), np.uint8)
     refused[2:8, 2:5], refused[2:8, 5:8] = 1 + REFUSALS.index("tilt"), 1 + REFUSALS.index("belly")
     outlines = body_outlines(path, Vehicle(4.0, 3.0, 0.3), (1.0, 1.0))
-    plain, shown = (plan_picture(cost, plan, body=BodyDrawing(outlines, each)) for each in (None, refused))
+    plain, shown = (plan_picture(cost, plan, outlines=outlines, refused=each) for each in (None, refused))
     pixels = 800 // 40
     at = slice(18 + 3 * pixels, 18 + 7 * pixels)
     assert (plain[at, at] != shown[at, at]).any(-1).all()
     assert (shown[18 + 4 * pixels, 18 + 3 * pixels] != shown[18 + 4 * pixels, 18 + 7 * pixels]).any()
     other = slice(18 + 10 * pixels, 18 + 39 * pixels)
     assert np.array_equal(plain[other, other], shown[other, other])
-    with_point = plan_picture(cost, plan, body=BodyDrawing(outlines, refused, path[:, ::-1].copy()))
+    with_point = plan_picture(cost, plan, outlines=outlines, refused=refused, point_path=path[:, ::-1].copy())
     assert not np.array_equal(with_point[: shown.shape[0]], shown)
