@@ -31,38 +31,6 @@ _SIZES = (
 )
 
 
-@options.command("compare")
-def compare_command(
-    before: Annotated[Path, options.PATH],
-    after: Annotated[Path, options.PATH],
-    /,
-    tolerance: Annotated[float, options.NOT_NEGATIVE, "Share by which a figure may become worse."] = 0.1,
-    as_json: options.AsJson = False,
-) -> None:
-    """Look for regressions between two reports, report.json of -o.
-
-    Exit code 1 when a figure is worse by more than the tolerance, 3 when only figures of a disturbed run are.
-
-    \b
-    nnpp-edge profile compare before/report.json after/report.json --tolerance 0.1
-    """
-    from nnpp_edge.cli.profile_text import comparison_text
-    from nnpp_edge.profiling.compare import NOISY, WORSE, compare, read_report
-
-    comparison = compare(read_report(before), read_report(after), tolerance)
-    tell(as_json, comparison, lambda: comparison_text(comparison), indent=1)
-    sys.exit({WORSE: 1, NOISY: 3}.get(comparison["verdict"], 0))
-
-
-class _Profile(click.Group):
-    def resolve_command(
-        self, ctx: click.Context, args: list[str]
-    ) -> tuple[str | None, click.Command | None, list[str]]:
-        if args[0] not in self.commands:
-            ctx.fail(f"wanted options, or compare, got {args[0]!r}: --json prints, -o DIR writes all of a run")
-        return super().resolve_command(ctx, args)
-
-
 @dataclass(frozen=True, kw_only=True)
 class Asked:
     """Options; None and () where not given."""
@@ -88,7 +56,7 @@ class Asked:
     output: Annotated[Path | None, "-o", options.FOLDER, _OUTPUT] = None
 
 
-@options.command("profile", _Profile, invoke_without_command=True, commands={"compare": compare_command})
+@options.command("profile")
 def command(asked: Asked) -> None:
     """Measure the planners on this machine against the budgets of a profile.
 
@@ -101,7 +69,6 @@ def command(asked: Asked) -> None:
     \b
     nnpp-edge profile --profile quick
     nnpp-edge profile --profile edge-2core --terrain dem.tif -o report
-    nnpp-edge profile compare before/report.json after/report.json
     nnpp-edge profile --peers --sizes 256,512,1024 -o bench
 
     With --peers a step costs its length times the mean weight of its two cells, the weight being 1 + 5.61 T; gaps
@@ -109,10 +76,6 @@ def command(asked: Asked) -> None:
     others get from us, are computed on all cores. Beside a plan on a standing map stand one-off use (from weights to
     a path, nothing kept) and elevations to a path.
     """
-    if (inner := click.get_current_context().invoked_subcommand) is not None:
-        if any(vars(asked).values()):
-            raise click.UsageError(f"the options of profile do not go with {inner}")
-        return
     if bool(asked.profile) == asked.peers:
         raise click.UsageError(_WANTED)
     if asked.as_json and asked.markdown:
@@ -129,7 +92,7 @@ def _profile(name: str, asked: Asked) -> int:
     """Measure, write what was asked for, print the report; the exit code."""
     from nnpp_edge.cli.profile_text import report_text
     from nnpp_edge.files import write_all
-    from nnpp_edge.profiling.compare import board_table
+    from nnpp_edge.profiling.board import board_table
     from nnpp_edge.profiling.judge import EXIT_CODES
     from nnpp_edge.profiling.measure import queries_in
     from nnpp_edge.profiling.profile_file import overridden, read_profile

@@ -141,7 +141,6 @@ reproduce --model edge --model edge --model edge -o new | at most two of --model
 reproduce fig12 --quick --terrain text.txt -o new | text.txt
 reproduce fig7 --quick --terrain hill.npz -o new | wanted terrain of at least 64 cells a side, got 60
 reproduce --terrain hills.npz -o text.txt/out  | wanted a folder to write to
-profile compare none.json none.json            | none.json: wanted a report of nnpp-edge profile (no such file)
 profile --profile quick --vehicle small-rover -o out | vehicle: wanted none without the workload body
 profile --profile rover --vehicle none.toml -o out | got 'none.toml' (no such file)
 profile --peers --vehicle small-rover          | --vehicle does not go with --peers
