@@ -32,7 +32,7 @@ _STARTING: dict[signal.Signals, Handler] = {
     signal.SIGINT: signal.SIG_DFL,
     signal.SIGHUP: signal.SIG_IGN,
 }
-"""Until the loop runs there is nothing to finish, and nothing to reload: the system ends the process at once."""
+"""Until the loop runs there is nothing to finish: the system ends the process at once. A hangup ends nothing."""
 
 
 class SourceError(NnppEdgeError, RuntimeError):
@@ -50,7 +50,7 @@ def run(
 ) -> Counters:
     """Load kernels and network, connect everything, and run the loop until it is stopped or its input ends.
 
-    SIGTERM and SIGINT end it after the tick, as do so many `ticks`; SIGHUP reloads the model. For the main thread.
+    SIGTERM and SIGINT end it after the tick, as do so many `ticks`. For the main thread.
     Of `pace` rate, cores and priority count. `report` is called with a line for each thing that is started.
     SourceError where inputs can no longer be read.
     """
