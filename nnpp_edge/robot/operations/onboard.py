@@ -7,7 +7,7 @@ from contextlib import ExitStack
 from pathlib import Path
 
 from nnpp_edge.profiling.profile_file import OnboardLoop
-from nnpp_edge.robot.operations.metrics import MetricsServer
+from nnpp_edge.robot.operations.metrics import serving_metrics
 from nnpp_edge.robot.operations.systemd import Notifier
 from nnpp_edge.robot.operations.wiring import REPLAY, STDIN, STDOUT, ZENOH, Wiring
 from nnpp_edge.robot.transports.incoming import MailboxSource, Refusals
@@ -82,8 +82,7 @@ def run(
             after_tick=after_tick,
         )
         if wiring.metrics is not None:
-            server = stack.enter_context(MetricsServer(wiring.metrics, loop.counters))
-            report(f"metrics: http://{server.host}:{server.port}/metrics")
+            report(f"metrics: {stack.enter_context(serving_metrics(wiring.metrics, loop.counters))}")
         with handling_signals(loop), stack:
             notifier.ready()
             rows, cols = navigator.map.shape
