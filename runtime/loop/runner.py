@@ -1,7 +1,6 @@
 """The onboard loop at a fixed rate: read the inputs, let the navigator answer, hand the answer to the sinks."""
 
 import gc
-import logging
 import math
 import signal
 import time
@@ -18,7 +17,6 @@ from nnpp_edge.runtime.loop.navigator import Navigator
 from nnpp_edge.runtime.loop.timing import Histogram, Ticker, realtime, rss_bytes, signal_handlers
 from nnpp_edge.runtime.loop.workers import Guard, Queue, WhenFull, Worker
 
-_LOG = logging.getLogger(__name__)
 _SHARE_FOR_INPUTS = 0.5
 """Of a period; inputs that come faster than they can be read wait for the next tick."""
 _BOUND_OCTAVES = range(8, 20)
