@@ -180,7 +180,7 @@ $COST --workload limit20 --limit slope_limit_deg=25 | leave out --limit slope_li
 costmap sample:mars -o cost.npz                | moon_highlands | 'mars'
 $PLAN -o out                                   | out/plan.json: could not be written (it is a folder)
 dataset -o text.txt/set --maps 2               | text.txt/set | wanted a folder to write to
-profile --profile quick --json out.json        | wanted options, or compare, got 'out.json': --json prints, -o DIR wr
+profile --profile quick --json out.json        | got unexpected extra argument (out.json)
 $PLAN -o loop                                  | symbolic links
 $PLAN -o text.txt                              | text.txt | folder to write to
 costmap hills.tif -o text.txt/cost.tif         | could not be written
