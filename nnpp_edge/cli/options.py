@@ -27,9 +27,7 @@ LARGEST_SIDE = 1 << 15
 SAMPLE = "sample:"
 
 
-def command(
-    name: str, kind: type[click.Command] = click.Command, **more: Any
-) -> Callable[[Callable[..., None]], click.Command]:
+def command(name: str) -> Callable[[Callable[..., None]], click.Command]:
     """Make a command of a function."""
 
     def make(function: Callable[..., None]) -> click.Command:
@@ -51,7 +49,7 @@ def command(
                 params.append(click.Argument([each.name], **{key: words[key] for key in words if key != "default"}))
             else:
                 params.append(_option(each.name, each.annotation, each.default))
-        return kind(name, callback=call, params=params, help=inspect.getdoc(function), **more)
+        return click.Command(name, callback=call, params=params, help=inspect.getdoc(function))
 
     return make
 

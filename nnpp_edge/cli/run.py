@@ -42,9 +42,9 @@ def command(
 ) -> None:
     """Plan at a fixed rate: patches, poses and goals in, paths out.
 
-    Inputs and answers are JSON; see docs/run.md. SIGTERM ends the run after its tick with exit code 0, SIGHUP reads
-    the model again. Closing stdin ends it once the last inputs were answered. At the end the counters are
-    printed on stderr, or with --json on stdout.
+    Inputs and answers are JSON; see docs/run.md. SIGTERM ends the run after its tick with exit code 0. Closing stdin
+    ends it once the last inputs were answered. At the end the counters are printed on stderr, or with --json on
+    stdout.
 
     \b
     nnpp-edge run --map dem.tif --workload limit20
@@ -99,7 +99,6 @@ def summary(counters: "Counters") -> str:
         "dropped": counted(c.drops),
         "lost": counted(c.lost),
         "patches": ", ".join(patches) if c.patches else "",
-        "reloads": str(c.reloads or ""),
         "memory": f"{c.rss_bytes / 1e6:.0f} MB",
     }
     return aligned(lines)

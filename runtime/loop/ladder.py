@@ -117,10 +117,6 @@ class Ladder:
         self._expected_s = 0.0
         """Time that the method asked for is expected to take."""
 
-    def forget_times(self) -> None:
-        """Expect nothing of the method asked for: its network is a different one now."""
-        self._expected_s = 0.0
-
     def answer(self, tick: Tick) -> PathMessage:
         """The answer of the first rung that gives one; `tick` holds afterwards what failed on the way."""
         standing = self._planner.standing()

@@ -207,7 +207,6 @@ class Counters:
     patches_merged: Annotated[int, "Changes of the map that were merged with the next."] = 0
     """Too many were waiting. No changed cell is lost."""
     starts_moved: Annotated[int, "Ticks whose path starts beside the robot, which stood in an impassable cell."] = 0
-    reloads: Annotated[int, "Times that the model was loaded again."] = 0
     drops: Annotated[CountBy, "Messages that a sink was too slow for.", "sink"] = field(default_factory=dict)
     lost: Annotated[CountBy, "Messages that a sink took and could not keep.", "sink"] = field(default_factory=dict)
     """Only of sinks that count them."""

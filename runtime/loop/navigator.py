@@ -7,7 +7,6 @@ import time
 from collections import Counter
 from collections.abc import Callable
 from dataclasses import replace
-from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
@@ -30,7 +29,6 @@ from nnpp_edge.runtime.loop.messages import (
 from nnpp_edge.runtime.loop.patches import Patches, Waiting
 from nnpp_edge.runtime.map.ground import Ground
 from nnpp_edge.runtime.map.state import MapState
-from nnpp_edge.runtime.network.inference import NetworkModel
 from nnpp_edge.runtime.network.loading import begin_loading
 from nnpp_edge.runtime.planners.dynamic import DynamicPlanner
 
@@ -49,7 +47,7 @@ class _Approached(NamedTuple):
 class Navigator:
     """Answers the ticks of the onboard loop, by a planner, its map and the standing path.
 
-    `offer` and `reload` may be called from any thread, `tick` from one at a time.
+    `offer` may be called from any thread, `tick` from one at a time.
 
     Parameters
     ----------
@@ -70,13 +68,10 @@ class Navigator:
         clock: Callable[[], float] = time.monotonic,
     ) -> None:
         self.settings = settings = settings or NavigatorSettings()
-        self.model: str | Path | NetworkModel = settings.model
-        """The network, or its name or file; `reload` replaces it at the next tick."""
         self._clock = clock
         self._inbox = threading.Lock()
         self._pose: Pose | None = None
         self._goal: Goal | None = None
-        self._next_model: NetworkModel | None = None
         self._counts: Counter[str] = Counter()
         """By the names that `Counters` has for them."""
         self._degraded: Counter[str] = Counter()
@@ -86,14 +81,14 @@ class Navigator:
         offsets = [(row, col) for row in sides for col in sides if math.hypot(row, col) <= settings.snap_radius]
         self._nearest_first = sorted(offsets, key=lambda offset: math.hypot(*offset))
         if settings.asks_network:
-            begin_loading(self.model)
+            begin_loading(settings.model)
         self.planner = DynamicPlanner(
             ground,
             (0, 0),
             settings.method,
             omega=settings.omega,
             corner_cutting=settings.corner_cutting,
-            model=self.model,
+            model=settings.model,
             refine=settings.refine,
         )
         """Plans on the loop's one map. It belongs to the thread that calls `tick`."""
@@ -115,22 +110,6 @@ class Navigator:
             self._pose = message
         else:
             self._goal = message
-
-    @checked(InvalidQueryError)
-    def reload(self, model: str | Path | None = None) -> None:
-        """Load a network, try it, and use it from the next tick on; if that fails, the old one stays.
-
-        By default the file of the present one is read again. ModelError if the model cannot be used.
-        """
-        try:
-            present = self.model.path if isinstance(self.model, NetworkModel) else self.model
-            loaded = NetworkModel(present if model is None else model)
-            loaded.try_out()
-        except Exception:
-            self.count_error("reload")
-            raise
-        with self._inbox:
-            self._next_model = loaded
 
     def count_error(self, place: str) -> None:
         """Count an error that was caught; from any thread."""
@@ -165,12 +144,7 @@ class Navigator:
     def _answer(self, tick: Tick) -> PathMessage:
         """The ladder's answer to the newest inputs, or what is wrong with them."""
         with self._inbox:
-            pose, goal, model, self._next_model = self._pose, self._goal, self._next_model, None
-        if model is not None:
-            self.model = model
-            self.planner.use_model(model)
-            self._counts["reloads"] += 1
-            self._ladder.forget_times()
+            pose, goal = self._pose, self._goal
         tick.known = replace(tick.known, map_version=self._update_map())
         if pose is None or goal is None:
             return tick.no_path(Status.NO_POSE if pose is None else Status.NO_GOAL, "nothing to plan yet")

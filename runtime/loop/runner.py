@@ -1,14 +1,11 @@
 """The onboard loop at a fixed rate: read the inputs, let the navigator answer, hand the answer to the sinks."""
 
 import gc
-import logging
 import math
-import os
 import signal
-import threading
 import time
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import AbstractContextManager, contextmanager, suppress
+from contextlib import AbstractContextManager, contextmanager
 from dataclasses import replace
 from types import FrameType
 
@@ -20,7 +17,6 @@ from nnpp_edge.runtime.loop.navigator import Navigator
 from nnpp_edge.runtime.loop.timing import Histogram, Ticker, realtime, rss_bytes, signal_handlers
 from nnpp_edge.runtime.loop.workers import Guard, Queue, WhenFull, Worker
 
-_LOG = logging.getLogger(__name__)
 _SHARE_FOR_INPUTS = 0.5
 """Of a period; inputs that come faster than they can be read wait for the next tick."""
 _BOUND_OCTAVES = range(8, 20)
@@ -79,7 +75,7 @@ class Loop:
         self.navigator, self._source = navigator, source
         self.tick_s = 0.0
         """That the last tick took, for `after_tick`."""
-        self._stopping = self._hurried = self._reload_wanted = False
+        self._stopping = self._hurried = False
         self._ticker = Ticker(1.0 / rate_hz, sleep=self._sleep)
         count_error = navigator.count_error
         self._sinks: list[tuple[Sink, Worker[Output]]] = []
@@ -94,10 +90,7 @@ class Loop:
         self._source_guard = Guard("the source", "source", count_error)
         self._after_guard = Guard("after_tick", "after_tick", count_error)
         self._histogram = Histogram()
-        self._reloader: threading.Thread | None = None
         self._unread: Iterator[Input] = iter(())
-        self._process_cores: set[int] = set()
-        """Cores that the process could use before the loop's thread was pinned."""
 
     def stop(self) -> None:
         """Finish the tick and leave `run`, soon. May be called from a signal handler or any thread."""
@@ -108,16 +101,11 @@ class Loop:
         """As `stop`, but without `paced` the sinks are waited for until they have taken all answers."""
         self._stopping = True
 
-    def request_reload(self) -> None:
-        """Read the model's file again, beside the loop. May be called from a signal handler or any thread."""
-        self._reload_wanted = True
-
     @checked(InvalidQueryError)
     def run(self, ticks: int | None = None) -> Counters:
         """Run until `stop`, or for so many ticks; the counters at the end. A loop runs once."""
         for _, worker in self._sinks:
             worker.start()  # before the loop's thread gets its core and priority, which threads inherit
-        self._process_cores = os.sched_getaffinity(0)
         try:
             with realtime(self._cores, self._priority), _little_garbage():
                 self._run_ticks(ticks)
@@ -173,10 +161,6 @@ class Loop:
         self._read_inputs(began)
         if not self._paced:
             self._ticker.start()
-        if self._reload_wanted and (self._reloader is None or not self._reloader.is_alive()):
-            self._reload_wanted = False
-            self._reloader = threading.Thread(target=self._reload, name="nnpp-edge reload", daemon=True)
-            self._reloader.start()
         message = self.navigator.tick(self._ticker.deadline)
         self._publish(message)
         self.tick_s = time.monotonic() - began
@@ -200,28 +184,18 @@ class Loop:
                 return False
         return True
 
-    def _reload(self) -> None:
-        with suppress(OSError):  # this thread, and the network's, must not inherit the loop's core and priority
-            os.sched_setaffinity(0, self._process_cores)
-            os.sched_setscheduler(0, os.SCHED_OTHER, os.sched_param(0))
-        try:
-            self.navigator.reload()
-        except Exception as error:
-            _LOG.warning("the model stays as it is: %s", error)
-
     def _publish(self, message: Output) -> None:
         for _, worker in self._sinks:
             worker.queue.put(message, self._when_full)
 
 
 def handling_signals(loop: Loop) -> AbstractContextManager[None]:
-    """SIGTERM and SIGINT stop the loop after its tick, SIGHUP reads the model again. For the main thread."""
+    """SIGTERM and SIGINT stop the loop after its tick. For the main thread."""
 
     def stop(number: int, frame: FrameType | None) -> None:
         loop.stop()
 
-    handlers = {signal.SIGTERM: stop, signal.SIGINT: stop}
-    return signal_handlers({**handlers, signal.SIGHUP: lambda number, frame: loop.request_reload()})
+    return signal_handlers({signal.SIGTERM: stop, signal.SIGINT: stop})
 
 
 @contextmanager

@@ -1,18 +1,16 @@
 import socket
-import struct
 import sys
-import threading
-import urllib.error
+import urllib.parse
 import urllib.request
 from dataclasses import fields, replace
 
 import pytest
+from prometheus_client import generate_latest
 from prometheus_client.parser import text_string_to_metric_families
 
-from nnpp_edge.robot.operations.metrics import CONTENT_TYPE, MetricsServer, metrics_text
+from nnpp_edge.robot.operations.metrics import metrics_registry, serving_metrics
 from nnpp_edge.runtime.errors import InvalidQueryError, MissingExtraError
 from nnpp_edge.runtime.loop.messages import Counters
-from tests.robot.conftest import wait_until
 
 COUNTERS = Counters(
     ticks=1000,
@@ -44,6 +42,10 @@ def parse(text):
     return values, {family.name: family.type for family in families}
 
 
+def metrics_text(counters):
+    return generate_latest(metrics_registry(lambda: counters)).decode()
+
+
 def test_every_counter_is_told_with_help_and_type():
     samples, types = parse(metrics_text(COUNTERS))
     for field in fields(Counters):
@@ -63,69 +65,35 @@ def test_every_counter_is_told_with_help_and_type():
     assert parse(metrics_text(Counters()))[0]["nnpp_edge_ticks_total", ()] == 0
 
 
-def get(server, path, method="GET"):
-    request = urllib.request.Request(f"http://{server.host}:{server.port}{path}", method=method)
-    try:
-        with urllib.request.urlopen(request, timeout=5.0) as answer:
-            return answer.status, answer.headers["Content-Type"], answer.read().decode()
-    except urllib.error.HTTPError as error:
-        return error.code, error.headers["Content-Type"], error.read().decode()
+def get(address):
+    with urllib.request.urlopen(address, timeout=5.0) as answer:
+        return answer.read().decode()
 
 
-def test_metrics_are_served():
-    with MetricsServer(0, lambda: COUNTERS) as server:
-        assert get(server, "/metrics") == (200, CONTENT_TYPE, metrics_text(COUNTERS))
-        assert get(server, "/metrics?name[]=x")[0] == 200
-        assert get(server, "/metrics", "HEAD") == (200, CONTENT_TYPE, "")
-        assert get(server, "/")[0] == 404
-        assert get(server, "/metrics", "POST")[0] == 501
-        idle = socket.create_connection((server.host, server.port))  # says nothing, holds nobody up
-        assert get(server, "/health")[0] == 200
+def test_the_newest_counters_are_served():
+    counters = [COUNTERS]
+    with serving_metrics(0, lambda: counters[0]) as address:
+        assert get(address) == metrics_text(COUNTERS)
+        place = urllib.parse.urlsplit(address)
+        idle = socket.create_connection((place.hostname, place.port))  # says nothing, holds nobody up
+        counters[0] = replace(COUNTERS, ticks=1001)
+        assert parse(get(address))[0]["nnpp_edge_ticks_total", ()] == 1001
         idle.close()
     with pytest.raises(OSError):
-        get(server, "/metrics")
-
-
-def test_connections_that_break_say_nothing(capsys):
-    with MetricsServer(0, lambda: COUNTERS) as server:
-        before = threading.active_count()
-        for _ in range(5):
-            broken = socket.create_connection((server.host, server.port))
-            broken.sendall(b"GET /metrics")
-            wait_until(lambda: threading.active_count() > before)
-            broken.setsockopt(socket.SOL_SOCKET, socket.SO_LINGER, struct.pack("ii", 1, 0))  # reset at the end
-            broken.close()
-            wait_until(lambda: threading.active_count() == before)
-        assert get(server, "/health")[0] == 200
-    assert capsys.readouterr().err == ""
-
-
-def test_health_follows_the_ticks():
-    counters, now = [Counters()], [100.0]
-    with MetricsServer(0, lambda: counters[0], stale_s=0.15, clock=lambda: now[0]) as server:
-        assert get(server, "/health")[0] == 200
-        now[0] += 0.2
-        status, _, body = get(server, "/health")
-        assert status == 503 and body.startswith("stalled: no tick for 0.") and body.count("\n") == 1
-        counters[0] = replace(counters[0], ticks=7)
-        assert get(server, "/health")[::2] == (200, "ok: 7 ticks\n")
-        counters.clear()  # they cannot be read any more
-        assert get(server, "/health")[::2] == (503, "no counters: list index out of range\n")
-        assert get(server, "/metrics")[0] == 503
+        get(address)
 
 
 def test_without_the_library_the_error_names_the_extra(monkeypatch):
     monkeypatch.setitem(sys.modules, "prometheus_client", None)
-    with pytest.raises(MissingExtraError, match=r"nnpp-edge\[robot\]"):
-        MetricsServer(0, lambda: COUNTERS)
+    with pytest.raises(MissingExtraError, match=r"nnpp-edge\[robot\]"), serving_metrics(0, lambda: COUNTERS):
+        pass
 
 
-def test_an_address_that_is_taken_or_makes_no_sense_is_one_line():
-    with (
-        MetricsServer(0, lambda: COUNTERS) as server,
-        pytest.raises(InvalidQueryError, match=f"127.0.0.1:{server.port}"),
-    ):
-        MetricsServer(server.port, lambda: COUNTERS)
-    for address in ((70000, "127.0.0.1"), (0, "256.1.1.1.1")):
-        with pytest.raises(InvalidQueryError, match="metrics cannot be served at"):
-            MetricsServer(address[0], lambda: COUNTERS, host=address[1])
+def test_a_port_that_is_taken_or_makes_no_sense_is_one_line():
+    with serving_metrics(0, lambda: COUNTERS) as address:
+        for port in (urllib.parse.urlsplit(address).port, 70000):
+            with (
+                pytest.raises(InvalidQueryError, match=f"metrics cannot be served at 127.0.0.1:{port}"),
+                serving_metrics(port, lambda: COUNTERS),
+            ):
+                pass

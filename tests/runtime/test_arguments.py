@@ -95,7 +95,7 @@ METHODS = {
         "replan": {"method": "astar"},
         "refined": {"plan": Planner(COST).plan((1, 2), (3, 3), method="astar")},
     },
-    lambda: Navigator(Ground(COST), NavigatorSettings("astar")): {"offer": {"message": Goal(1, 1)}, "reload": {}},
+    lambda: Navigator(Ground(COST), NavigatorSettings("astar")): {"offer": {"message": Goal(1, 1)}},
     InProcessSource: {"put": {"message": Goal(1, 1)}},
 }
 """Methods of what each of these makes."""

@@ -3,126 +3,54 @@
 Each counter of `Counters` is a family named ``nnpp_edge_…``. The work of a tick is a histogram.
 """
 
-import logging
-import threading
-import time
 from collections.abc import Callable, Iterator
-from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
+from contextlib import contextmanager
 from typing import TYPE_CHECKING, get_type_hints
 
 from nnpp_edge import __version__
-from nnpp_edge.robot.closing import Closing
 from nnpp_edge.runtime.errors import InvalidQueryError, optional_module
 from nnpp_edge.runtime.loop.messages import Counters
 
 if TYPE_CHECKING:
-    from prometheus_client import Metric
+    from prometheus_client import CollectorRegistry, Metric
 
-_LOG = logging.getLogger(__name__)
-CONTENT_TYPE = "text/plain; version=0.0.4; charset=utf-8"
+HOST = "127.0.0.1"
+"""Only this machine can connect."""
 
 
-def metrics_text(counters: Counters) -> str:
-    """The counters in Prometheus' text format; MissingExtraError where `prometheus-client` is not installed."""
-    client = optional_module("prometheus_client", "metrics", "robot")
+@contextmanager
+def serving_metrics(port: int, snapshot: Callable[[], Counters]) -> Iterator[str]:
+    """Serve the counters from threads of their own; gives the address. Port 0 is any free one.
+
+    `snapshot` gives the newest counters (`Loop.counters`) at each request. InvalidQueryError where the address cannot
+    be listened at, MissingExtraError without `prometheus-client`.
+    """
+    registry = metrics_registry(snapshot)
+    from prometheus_client import start_http_server
+
+    try:
+        server, thread = start_http_server(port, HOST, registry)
+    except (OSError, OverflowError) as error:
+        reason = getattr(error, "strerror", None) or error
+        raise InvalidQueryError(f"metrics cannot be served at {HOST}:{port} ({reason})") from error
+    try:
+        yield f"http://{HOST}:{server.server_port}/metrics"
+    finally:
+        server.shutdown()
+        server.server_close()
+        thread.join()
+
+
+def metrics_registry(snapshot: Callable[[], Counters]) -> "CollectorRegistry":
+    """The counters of the moment at which they are asked for; MissingExtraError without `prometheus-client`."""
+    registry: CollectorRegistry = optional_module("prometheus_client", "metrics", "robot").CollectorRegistry()
 
     class Snapshot:
         def collect(self) -> "Iterator[Metric]":
-            return _families(counters)
+            return _families(snapshot())
 
-    registry = client.CollectorRegistry()
     registry.register(Snapshot())
-    return str(client.generate_latest(registry).decode())
-
-
-class MetricsServer(Closing):
-    """Serves ``/metrics`` for Prometheus and ``/health`` for supervisors, from threads of its own.
-
-    Health is 200 while the loop ticks, and 503 if it has not ticked for `stale_s` seconds, which are longer than its
-    period, or its counters cannot be read. `snapshot` gives the newest counters (`Loop.counters`) at each request. By
-    default only this machine can connect; port 0 is any free one, see `port`. InvalidQueryError where the address
-    cannot be listened at, MissingExtraError without `prometheus-client`.
-    """
-
-    def __init__(
-        self,
-        port: int,
-        snapshot: Callable[[], Counters],
-        host: str = "127.0.0.1",
-        *,
-        stale_s: float = 5.0,
-        clock: Callable[[], float] = time.monotonic,
-    ) -> None:
-        metrics_text(Counters())  # fails here where the library is missing, not at the first request
-        self._snapshot, self._stale_s, self._clock = snapshot, stale_s, clock
-        self._lock = threading.Lock()
-        self._seen, self._seen_at = 0, clock()
-        handler = type("Handler", (_Handler,), {"owner": self})
-        try:
-            self._server = _Server((host, port), handler)
-        except (OSError, OverflowError) as error:
-            reason = getattr(error, "strerror", None) or error
-            raise InvalidQueryError(f"metrics cannot be served at {host}:{port} ({reason})") from error
-        self.host, self.port = host, int(self._server.server_address[1])
-        """Where it listens."""
-        serve = self._server.serve_forever
-        self._thread = threading.Thread(target=serve, args=(0.1,), name="nnpp-edge metrics", daemon=True)
-        self._thread.start()
-
-    def close(self) -> None:
-        """Stop listening."""
-        self._server.shutdown()
-        self._server.server_close()
-        self._thread.join()
-
-    def answer(self, path: str) -> tuple[int, str]:
-        """HTTP status and body for a path."""
-        try:
-            counters = self._snapshot()
-        except Exception as error:
-            return 503, " ".join(f"no counters: {error}".split()) + "\n"
-        if path == "/metrics":
-            return 200, metrics_text(counters)
-        if path != "/health":
-            return 404, "wanted /metrics or /health\n"
-        ticks, now = counters.ticks, self._clock()
-        with self._lock:
-            if ticks != self._seen:
-                self._seen, self._seen_at = ticks, now
-            silent_s = now - self._seen_at
-        if silent_s > self._stale_s:
-            return 503, f"stalled: no tick for {silent_s:.1f} s, after {ticks}\n"
-        return 200, f"ok: {ticks} ticks\n"
-
-
-class _Server(ThreadingHTTPServer):
-    """A connection that breaks is closed in silence."""
-
-    daemon_threads = True
-
-    def handle_error(self, request: object, client_address: object) -> None:
-        _LOG.debug("a request from %s broke off", client_address, exc_info=True)
-
-
-class _Handler(BaseHTTPRequestHandler):
-    owner: MetricsServer
-    timeout = 5.0
-    server_version = "nnpp-edge"
-
-    def do_GET(self) -> None:
-        status, body = self.owner.answer(self.path.partition("?")[0])
-        content = body.encode()
-        self.send_response(status)
-        self.send_header("Content-Type", CONTENT_TYPE)
-        self.send_header("Content-Length", str(len(content)))
-        self.end_headers()
-        if self.command != "HEAD":
-            self.wfile.write(content)
-
-    do_HEAD = do_GET
-
-    def log_message(self, *_: object) -> None:
-        """Log no requests."""
+    return registry
 
 
 def _families(counters: Counters) -> "Iterator[Metric]":

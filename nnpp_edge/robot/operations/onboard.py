@@ -7,7 +7,7 @@ from contextlib import ExitStack
 from pathlib import Path
 
 from nnpp_edge.profiling.profile_file import OnboardLoop
-from nnpp_edge.robot.operations.metrics import MetricsServer
+from nnpp_edge.robot.operations.metrics import serving_metrics
 from nnpp_edge.robot.operations.systemd import Notifier
 from nnpp_edge.robot.operations.wiring import REPLAY, STDIN, STDOUT, ZENOH, Wiring
 from nnpp_edge.robot.transports.incoming import MailboxSource, Refusals
@@ -32,7 +32,7 @@ _STARTING: dict[signal.Signals, Handler] = {
     signal.SIGINT: signal.SIG_DFL,
     signal.SIGHUP: signal.SIG_IGN,
 }
-"""Until the loop runs there is nothing to finish, and nothing to reload: the system ends the process at once."""
+"""Until the loop runs there is nothing to finish: the system ends the process at once. A hangup ends nothing."""
 
 
 class SourceError(NnppEdgeError, RuntimeError):
@@ -50,7 +50,7 @@ def run(
 ) -> Counters:
     """Load kernels and network, connect everything, and run the loop until it is stopped or its input ends.
 
-    SIGTERM and SIGINT end it after the tick, as do so many `ticks`; SIGHUP reloads the model. For the main thread.
+    SIGTERM and SIGINT end it after the tick, as do so many `ticks`. For the main thread.
     Of `pace` rate, cores and priority count. `report` is called with a line for each thing that is started.
     SourceError where inputs can no longer be read.
     """
@@ -82,8 +82,7 @@ def run(
             after_tick=after_tick,
         )
         if wiring.metrics is not None:
-            server = stack.enter_context(MetricsServer(wiring.metrics, loop.counters))
-            report(f"metrics: http://{server.host}:{server.port}/metrics")
+            report(f"metrics: {stack.enter_context(serving_metrics(wiring.metrics, loop.counters))}")
         with handling_signals(loop), stack:
             notifier.ready()
             rows, cols = navigator.map.shape
