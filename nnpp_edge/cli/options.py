@@ -27,7 +27,9 @@ LARGEST_SIDE = 1 << 15
 SAMPLE = "sample:"
 
 
-def command(name: str) -> Callable[[Callable[..., None]], click.Command]:
+def command(
+    name: str, kind: type[click.Command] = click.Command, **more: Any
+) -> Callable[[Callable[..., None]], click.Command]:
     """Make a command of a function."""
 
     def make(function: Callable[..., None]) -> click.Command:
@@ -49,7 +51,7 @@ def command(name: str) -> Callable[[Callable[..., None]], click.Command]:
                 params.append(click.Argument([each.name], **{key: words[key] for key in words if key != "default"}))
             else:
                 params.append(_option(each.name, each.annotation, each.default))
-        return click.Command(name, callback=call, params=params, help=inspect.getdoc(function))
+        return kind(name, callback=call, params=params, help=inspect.getdoc(function), **more)
 
     return make
 

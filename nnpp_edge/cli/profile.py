@@ -31,7 +31,6 @@ _SIZES = (
 )
 
 
-<<<<<<< HEAD
 @options.command("compare")
 def compare_command(
     before: Annotated[Path, options.PATH],
@@ -55,8 +54,6 @@ def compare_command(
     sys.exit({WORSE: 1, NOISY: 3}.get(comparison["verdict"], 0))
 
 
-=======
->>>>>>> w-s3
 @dataclass(frozen=True, kw_only=True)
 class Asked:
     """Options; None and () where not given."""
@@ -82,11 +79,7 @@ class Asked:
     output: Annotated[Path | None, "-o", options.FOLDER, _OUTPUT] = None
 
 
-<<<<<<< HEAD
 @options.command("profile", click.Group, invoke_without_command=True, commands={"compare": compare_command})
-=======
-@options.command("profile")
->>>>>>> w-s3
 def command(asked: Asked) -> None:
     """Measure the planners on this machine against the budgets of a profile.
 
@@ -99,6 +92,7 @@ def command(asked: Asked) -> None:
     \b
     nnpp-edge profile --profile quick
     nnpp-edge profile --profile edge-2core --terrain dem.tif -o report
+    nnpp-edge profile compare before/report.json after/report.json
     nnpp-edge profile --peers --sizes 256,512,1024 -o bench
 
     With --peers a step costs its length times the mean weight of its two cells, the weight being 1 + 5.61 T; gaps
@@ -106,6 +100,10 @@ def command(asked: Asked) -> None:
     others get from us, are computed on all cores. Beside a plan on a standing map stand one-off use (from weights to
     a path, nothing kept) and elevations to a path.
     """
+    if (inner := click.get_current_context().invoked_subcommand) is not None:
+        if any(vars(asked).values()):
+            raise click.UsageError(f"the options of profile do not go with {inner}")
+        return
     if bool(asked.profile) == asked.peers:
         raise click.UsageError(_WANTED)
     if asked.as_json and asked.markdown:
@@ -122,7 +120,7 @@ def _profile(name: str, asked: Asked) -> int:
     """Measure, write what was asked for, print the report; the exit code."""
     from nnpp_edge.cli.profile_text import report_text
     from nnpp_edge.files import write_all
-    from nnpp_edge.profiling.board import board_table
+    from nnpp_edge.profiling.compare import board_table
     from nnpp_edge.profiling.judge import EXIT_CODES
     from nnpp_edge.profiling.measure import queries_in
     from nnpp_edge.profiling.profile_file import overridden, read_profile

@@ -33,6 +33,7 @@ _LOOP: Columns = {
     **columns("n | ms/median: reaction_ms.median | ms/p90: reaction_ms.p90 | ms/p99: reaction_ms.p99"),
     **columns("ms/max: reaction_ms.max | new: planned | kept"),
 }
+_COMPARED = {**_PLACE, **columns("figure | before | after | worse by: change +.1%"), "verdict": _verdict}
 _PEERS = {
     **columns("size | terrain | planner | n | ms/median: time_ms_median | ms/p95: time_ms_p95"),
     **columns("× astar/median: times_astar_median | map/ms: map_ms_median | one-off/ms: once_ms_median"),
@@ -144,6 +145,17 @@ _BUDGETS: Columns = {
     "wanted": lambda line: _with_unit(line, f"{'≥' if line['direction'] == 'at least' else '≤'} {line['limit']:g}"),
     "verdict": _verdict,
 }
+
+
+def comparison_text(comparison: Facts) -> str:
+    """The figures that changed, and how the comparison ends."""
+    changed = [line for line in comparison["lines"] if line["verdict"] != "same"]
+    parts = [f"note: {line}" for line in comparison["notes"]] + ([table(changed, _COMPARED)] if changed else [])
+    worse = sum(line["verdict"] in ("worse", "noisy") for line in changed)
+    doubt = ", all of them in a disturbed run" if comparison["verdict"] == "noisy" else ""
+    tolerance = 100 * comparison["tolerance"]
+    parts.append(f"{worse} of {len(comparison['lines'])} figures are worse by more than {tolerance:g} %{doubt}")
+    return "\n".join(parts)
 
 
 def peers_text(rows: Sequence[Figures], missing: Sequence[str], *, markdown: bool = False) -> str:

@@ -48,6 +48,12 @@ def stages_of(results: Sequence[Facts]) -> list[str]:
     return [*(stage for stage in STAGES if stage in found), *sorted(found - set(STAGES))]
 
 
+def find(results: Sequence[Facts], workload: str, size: int, planner: str) -> Facts | None:
+    """The row of a planner."""
+    place = (workload, size, planner)
+    return next((row for row in results if (row["workload"], row["size"], row["planner"]) == place), None)
+
+
 def loop_rows(run: Run, loop: OnboardLoop) -> list[Facts]:
     """A row for each workload and size at which the reactions of this loop were measured."""
     found = []

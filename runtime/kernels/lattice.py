@@ -1,14 +1,9 @@
 """The search over a body's states: a cell and one of sixteen directions, in which the body stands there.
 
-A state leads along its direction to another cell (a leg), and to the two directions beside it (turns on the spot).
-What a leg or turn comes to `kernels.poses` checks where the search first asks: until then it counts as possible, and
-a leg as costing no more than its length. So what is found is the optimum, though a part has been checked.
-
-State = node * 16 + direction; directions as in `map.motions`. The open list and the memory are those of
-`kernels.expansion`, by state.
-
-What is left from a state is judged by a field: the costs to the goal where turns are free, found from the goal on
-before. It holds for cells, so it takes a sixteenth of the states, and few of these are left to look at.
+A state, node * 16 + direction (`map.motions`), leads along its direction to another cell (a leg), and to the two
+directions beside it (turns on the spot). `kernels.poses` checks them where the search first asks: until then they count
+as possible, and a leg as costing its length. So what is found is the optimum, though a part has been checked. What is
+left from a state is judged by a field, costs from cells to the goal that are found before.
 """
 
 import math
@@ -265,8 +260,8 @@ def expand_states(grid, poses, edges, prices, field, region, ends, rule, memory,
         With costs of turns `between` directions, (16, 16) float32, if it was filled by these.
     region, memory, limits
         As there; memory is that of the states.
-    ends : (start, goal, first, last)
-        Nodes, and the directions at the start and at the goal; -1 where any will do.
+    ends : (start, goal, first)
+        Nodes, and the direction at the start; -1 where any will do.
     rule : (towards, width, beyond)
         Costs of straight, diagonal and knight's legs by which what is left is judged; else as there.
 
@@ -276,7 +271,7 @@ def expand_states(grid, poses, edges, prices, field, region, ends, rule, memory,
         As there; once the goal is found, `counts` has its state in the place of the nearest one's.
     """
     _, stride, _, _, _ = grid
-    start, goal, first, wanted = ends
+    start, goal, first = ends
     lengths, unit, turn_prices, _ = prices
     best, width, beyond = rule
     most, until = limits
@@ -311,7 +306,7 @@ def expand_states(grid, poses, edges, prices, field, region, ends, rule, memory,
     bound, last_bucket, settled = np.inf, np.int64(SPAN), np.int64(-1)
     for k in range(DIRECTIONS):
         state = goal * DIRECTIONS + k
-        found_before = start < 0 and (wanted < 0 or wanted == k) and meta[2 * state + 1] >> STAMP_SHIFT == stamp
+        found_before = start < 0 and meta[2 * state + 1] >> STAMP_SHIFT == stamp
         if found_before and g[2 * state] * beyond < bound:
             bound, settled = np.float64(g[2 * state]) * beyond, state
             last_bucket = last_bucket_below(bound, *order)
@@ -411,7 +406,7 @@ def expand_states(grid, poses, edges, prices, field, region, ends, rule, memory,
                     continue
             g[np.uint64(2 * there)] = reached
             come = np.int64((stamp << STAMP_SHIFT) | OPEN_BIT | way)
-            if across == goal and (wanted < 0 or wanted == to):
+            if across == goal:
                 come ^= OPEN_BIT  # never expanded, so never put on the open list
                 bound, settled = f * beyond, there
                 last_bucket = last_bucket_below(bound, *order)

@@ -3,11 +3,6 @@
 Motions are checked a run at a time, `RUN` cells of a row, where a search first asks: a run takes about as long as two
 or three motions would take one by one. docs/vehicle.md has the definitions and the proof, `map.motions` the tables.
 
-The ground is taken relative to a plane through the heights under the wheels' middles, so that no slope counts as
-roughness. What each wheel touches then lies between a least and a greatest departure from it, and the plane of the
-contacts, fitted by least squares, is linear in these: its steepest slopes, and the lowest that the belly can come
-above each place, are found from the middles and half widths of these ranges, without trying any out.
-
 The kernels are given `poses`, a tuple (legs, turns, source, address):
 
     legs       (nodes, 8) uint16, of the leg that leaves along each axis: `UNCHECKED`, 1 + T · `MOST_CODE`, rounded

@@ -4,9 +4,8 @@ A motion is a straight leg from a cell to another, or a turn on the spot. Each o
 places up to `sweep_m` before and behind it, and for headings up to `turn_rad` to both sides, so together they leave
 nothing out. docs/vehicle.md has the definitions, and proves what a pose that passes says of all that it stands for.
 
-The ground between the cells' middles is bilinear. Over an axis-aligned box between four middles such a height, less
-that of any plane, is least and greatest at the box's corners; so what lies under a rectangle is bounded by the
-corners of the boxes that its parts fit into. These are the samples: each is a mean of up to four cells.
+Over an axis-aligned box between four cells' middles a bilinear height, less that of any plane, is least and greatest
+at corners. So the ground is sampled at the corners of the boxes that parts of a rectangle fit into.
 """
 
 import functools
@@ -100,19 +99,16 @@ class Motions(NamedTuple):
     places: NDArray[np.float32]
     """(S, 2) metres of each sample ahead of the pose's middle and to the left of it."""
     cells: NDArray[np.int64]
-    """(C, 2) row and column of samples' cells, from the motion's cell."""
     shares: NDArray[np.float32]
-    """(C,) of each cell's height in its sample's."""
+    """(C, 2) row and column of samples' cells, from the motion's cell; (C,) shares of their heights."""
     slopes_of: NDArray[np.int64]
     """(P + 1,) where the cells begin by which each pose's plane is fitted."""
     slope_cells: NDArray[np.int64]
-    """(D, 2) row and column from the motion's cell."""
     slope_shares: NDArray[np.float32]
-    """(D, 2) what a cell's height adds to the slope of that plane ahead, and to the left."""
+    """(D, 2) row and column of these; (D, 2) what each height adds to the plane's slope ahead, and to the left."""
     raised_of: NDArray[np.int64]
-    """(G + 1,) where the wheels of each group begin whose greatest heights make the plane lowest there."""
     raised: NDArray[np.int64]
-    """Numbers of these wheels."""
+    """Wheels whose greatest heights make the plane lowest in each group; (G + 1,) where each group's begin."""
     swept: NDArray[np.float32]
     """(P, 3) metres by which a point under the body may lie elsewhere ahead and to the left, and the turn in rad."""
     gradients: NDArray[np.float32]

@@ -252,11 +252,11 @@ class OnMap:
     def _why_ended(self, query: Query) -> str:
         """By which limit a body gets no farther, by the search of the whole map that has just found no path."""
         grid, memory, end = self._state.grid, self._methods.astar.workspace, query.goal
-        if grid.poses is None:
+        if grid.poses is None or (field := memory.field) is None:
             return ""
         start = grid.node(*query.start)
-        if by_legs := bool(memory.field.costs(slice(start, start + 1))[0] == math.inf):  # else it was the turns
-            memory, end = memory.field, query.start
+        if by_legs := bool(field.costs(slice(start, start + 1))[0] == math.inf):  # else it was the turns
+            memory, end = field, query.start
         reached = memory.costs().reshape(-1, grid.stride)[1 : grid.rows + 1, 1:-1] < math.inf
         return f"; {why_ended(grid.poses, reached, end, by_legs=by_legs)}"
 

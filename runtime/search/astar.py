@@ -97,7 +97,7 @@ def astar(
     if first == last:
         return Search(Status.OK, np.array([start], np.int32), 0)
     if grid.steps.by_poses:
-        ends, limits = (first, last, direction, -1), (limit or _WITHOUT_END, deadline.at)
+        ends, limits = (first, last, direction), (limit or _WITHOUT_END, deadline.at)
         return _over_states(grid, ends, workspace, region, beyond, limits)
     rule = *grid.prices, _bucket_width(grid, hints), _successors(grid, links), _beyond(beyond)
     ways, landmarks = kernels.NO_LINKS if links is None else links, kernels.NO_HINTS if hints is None else hints
@@ -110,7 +110,7 @@ def astar(
 
 def _over_states(
     grid: Grid,
-    ends: tuple[int, int, int, int],
+    ends: tuple[int, int, int],
     workspace: Workspace,
     region: Region | None,
     beyond: float,
@@ -122,7 +122,7 @@ def _over_states(
     and the answer is the best. In a region they count, which leaves few states to look at, for an answer about as
     good; no path at all then costs less than the octile distance.
     """
-    states, allowed, field, (first, last, _, _) = grid.steps.states(), _allowed(region), workspace.field, ends
+    states, allowed, field, (first, last, _) = grid.steps.states(), _allowed(region), workspace.field, ends
     assert states is not None and field is not None
     between = states[2][3] if region is not None else states[2][3][:0]
     rule = _best(grid), _bucket_width(grid), between
@@ -208,7 +208,7 @@ def _settling(
     ways, everywhere = kernels.NO_LINKS if links is None else links, kernels.NO_REGION
     while code in (kernels.FULL, kernels.PAUSED):
         if states is not None:
-            ends, rule = (begin, corner_of_border, -1, -1), ((0.0, 0.0, 0.0), width, kernels.BELOW)
+            ends, rule = (begin, corner_of_border, -1), ((0.0, 0.0, 0.0), width, kernels.BELOW)
             code, *_ = expand_states(grid.packed, *states, nothing, everywhere, ends, rule, ws.packed, limits)
         else:
             ground = grid.packed, grid.steps.edges(), ways, everywhere, kernels.NO_HINTS

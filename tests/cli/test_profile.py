@@ -10,7 +10,7 @@ import pytest
 
 from nnpp_edge.profiling import judge, machine, measure
 from nnpp_edge.profiling import report as report_module
-from nnpp_edge.profiling.board import board_table
+from nnpp_edge.profiling.compare import board_table
 from nnpp_edge.profiling.processes import peak_memory_mb
 from nnpp_edge.profiling.suites import Case
 from nnpp_edge.runtime import Ground, Vehicle
@@ -120,6 +120,9 @@ def test_the_clock_starts_at_the_elevations(run, profile):
     described(row)
     assert ended.out.startswith("# Tiny & <quick>\n\nbudgets missed: ")
     assert "## The onboard loop: from a patch's arrival to the checked path\n\n| workload |" in ended.out
+    older = told | {"results": [{k: v for k, v in r.items() if k != "map_ms"} for r in told["results"]]}
+    Path("older.json").write_text(json.dumps(older))
+    assert run("profile compare older.json report.json").code == 0
 
 
 def test_json_may_be_printed_and_an_impossible_budget_is_missed_and_named(run, profile):
@@ -160,6 +163,49 @@ def test_a_run_disturbed_in_one_half_is_noisy(told, profile, monkeypatch):
     assert report["verdict"] == "noisy"
     half = report["disturbance"]["halves"][1]
     assert half["others_share"] is None and half["waited_share"] > 0.1
+
+
+def test_what_is_no_report_is_refused(run):
+    for content in ("", "[]", "{}", "[" * 100_000, '{"schema": 2, "results": []}', '{"schema": 1}'):
+        Path("other.json").write_text(content)
+        run("profile compare other.json other.json").refused("other.json", "wanted a report of nnpp-edge profile")
+
+
+def test_regressions_between_two_reports(run, told, profile):
+    profile()
+    assert run("profile --profile tiny.toml -o .").code == 0
+
+    def write(name, report=None, **changes):
+        """report.json, or another, with figures of nnpp that are worse."""
+        report = report or json.loads(Path("report.json").read_text())
+        for row in report["results"]:
+            for key, factor in changes.items() if row["planner"] == "nnpp" else ():
+                old = row[key]
+                row[key] = {name: factor * each for name, each in old.items()} if key == "time_ms" else factor * old
+        Path(name).write_text(json.dumps(report))
+
+    same = run("profile compare report.json report.json")
+    assert same.code == 0 and same.out.startswith("0 of ")
+    write("slower.json", time_ms=1.3, speedup_total=1 / 1.3)
+    ended = run("profile compare report.json slower.json")
+    assert ended.code == 1 and all(words in ended.out for words in ("time_ms median", "+30.0 %", "WORSE"))
+    assert run("profile compare report.json slower.json --tolerance 0.4").code == 0
+    assert run("profile compare slower.json report.json").code == 0
+    found = told("profile compare report.json slower.json", code=1)
+    worse = [line for line in found["lines"] if line["verdict"] == "worse"]
+    assert {line["planner"] for line in worse} == {"nnpp"} and found["verdict"] == "worse"
+    assert all(line["change"] == pytest.approx(0.3) for line in worse)
+    write("failing.json", success=0.5)
+    assert run("profile compare report.json failing.json --tolerance 0.4").code == 1
+    for key, word, change, factor, code, words in (
+        ("disturbance", "words", "others took 50 % of the cores' time", 2.0, 3, "disturbed"),
+        ("environment", "cpu", "another", 1.0, 0, "the CPU differs"),
+    ):
+        report = json.loads(Path("report.json").read_text())
+        report[key][word] = change
+        write("other.json", report, time_ms=factor)
+        ended = run("profile compare report.json other.json")
+        assert ended.code == code and words in ended.out
 
 
 def test_peak_memory_is_that_of_another_process(tiny_model):

@@ -140,6 +140,7 @@ reproduce --model edge --model edge --model edge -o new | at most two of --model
 reproduce fig12 --quick --terrain text.txt -o new | text.txt
 reproduce fig7 --quick --terrain hill.npz -o new | wanted terrain of at least 64 cells a side, got 60
 reproduce --terrain hills.npz -o text.txt/out  | wanted a folder to write to
+profile compare none.json none.json            | none.json: wanted a report of nnpp-edge profile (no such file)
 profile --profile quick --vehicle small-rover -o out | vehicle: wanted none without the workload body
 profile --profile rover --vehicle none.toml -o out | got 'none.toml' (no such file)
 profile --peers --vehicle small-rover          | --vehicle does not go with --peers
@@ -177,11 +178,7 @@ $COST --workload limit20 --limit slope_limit_deg=25 | leave out --limit slope_li
 costmap sample:mars -o cost.npz                | moon_highlands | 'mars'
 $PLAN -o out                                   | out/plan.json: could not be written (it is a folder)
 dataset -o text.txt/set --maps 2               | text.txt/set | wanted a folder to write to
-<<<<<<< HEAD
 profile --profile quick --json out.json        | no such command 'out.json'; see nnpp-edge profile --help
-=======
-profile --profile quick --json out.json        | got unexpected extra argument (out.json)
->>>>>>> w-s3
 $PLAN -o loop                                  | symbolic links
 $PLAN -o text.txt                              | text.txt | folder to write to
 costmap hills.tif -o text.txt/cost.tif         | could not be written

@@ -40,6 +40,7 @@ BASES = {
     ),
     "reproduce": ("table9 --quick -o out/paper",),
     "profile": ("--profile in/profile.toml", "--peers --sizes 16 --queries 1"),
+    "profile compare": ("in/report.json in/another.json", "in/another.json in/report.json"),
     "simulate": (
         "--map in/dem.npz --size 16 --ticks 3 --method astar",
         "--map in/dem.npz --size 24 --ticks 3 --method corridor --log out/drive.mcap",

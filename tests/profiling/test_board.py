@@ -3,7 +3,7 @@
 import re
 from pathlib import Path
 
-from nnpp_edge.profiling.board import board, board_table
+from nnpp_edge.profiling.compare import board, board_table
 
 BOARDS = Path(__file__).parents[2] / "docs" / "boards.md"
 

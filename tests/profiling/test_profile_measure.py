@@ -10,7 +10,7 @@ import pytest
 
 from nnpp_edge.profiling import measure, rivals
 from nnpp_edge.profiling.arrivals import reactions
-from nnpp_edge.profiling.figures import break_even, loop_rows, rows
+from nnpp_edge.profiling.figures import break_even, find, loop_rows, rows
 from nnpp_edge.profiling.measure import queries_in, rivals_of, run
 from nnpp_edge.profiling.profile_file import Budget, Device, Load, Networks, OnboardLoop, Profile
 from nnpp_edge.profiling.profile_maps import ProfileMaps
@@ -46,12 +46,6 @@ class OneWatt:
 
     def since_mj(self, before):
         return 1e3 * (time.perf_counter() - before)
-
-
-def find(results, workload, size, planner):
-    """The row of a planner."""
-    (row,) = [r for r in results if (r["workload"], r["size"], r["planner"]) == (workload, size, planner)]
-    return row
 
 
 def asks(quantity, planner, **where):

@@ -7,8 +7,9 @@ from pathlib import Path
 
 import pytest
 
+from nnpp_edge.profiling.compare import read_report
 from nnpp_edge.profiling.profile_file import ProfileError, read_profile
-from nnpp_edge.runtime.errors import ModelError, TerrainError
+from nnpp_edge.runtime.errors import InvalidQueryError, ModelError, TerrainError
 from nnpp_edge.runtime.network.model_file import model_path
 from nnpp_edge.runtime.reading import parse, problem_with_file, read_text, reason
 from nnpp_edge.terrain.dem import read_dem
@@ -41,6 +42,7 @@ def test_no_kind_of_path_makes_a_reader_wait_or_fail_with_anything_but_one_line(
         (read_dem, TerrainError),
         (model_path, ModelError),
         (read_profile, ProfileError),
+        (read_report, InvalidQueryError),
     ):
         with pytest.raises(kind) as caught:
             read(path)
