@@ -1,9 +1,8 @@
 """The search over a body's states: a cell and one of sixteen directions, in which the body stands there.
 
 A state, node * 16 + direction (`map.motions`), leads along its direction to another cell (a leg), and to the two
-directions beside it (turns on the spot). `kernels.poses` checks them where the search first asks: until then they count
-as possible, and a leg as costing its length. So what is found is the optimum, though a part has been checked. What is
-left from a state is judged by a field, costs from cells to the goal that are found before.
+directions beside it (turns on the spot). `kernels.poses` checks them where the search first asks: until then they
+count as possible. What is left from a state is judged by a field, costs from cells to the goal that are found before.
 """
 
 import math

@@ -20,13 +20,11 @@ class Attitudes(NamedTuple):
     """Of each cell of a path, on the leg by which it is left, the last as it is arrived at; (N,) float64 each."""
 
     pitch_deg: Floats
-    """Of the plane of the wheels in the middle of their ranges, where the leg begins; nose up is positive."""
     roll_deg: Floats
-    """Likewise; left side up is positive."""
+    """With the wheels in the middle of their ranges, where the leg begins; nose up and left side up are positive."""
     tilt_deg: Floats
-    """The most that the body can be inclined on the leg, wherever in their patches the wheels touch."""
     clearance_m: Floats
-    """The least that is left between belly and ground, likewise."""
+    """The most that the body can be inclined on the leg, and the least that is left below it."""
 
 
 class Limit(NamedTuple):

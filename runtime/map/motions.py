@@ -1,11 +1,8 @@
 """The poses that a motion of a vehicle's body is checked by, and the tables by which the check samples the ground.
 
 A motion is a straight leg from a cell to another, or a turn on the spot. Each of its poses stands for the body's
-places up to `sweep_m` before and behind it, and for headings up to `turn_rad` to both sides, so together they leave
-nothing out. docs/vehicle.md has the definitions, and proves what a pose that passes says of all that it stands for.
-
-Over an axis-aligned box between four cells' middles a bilinear height, less that of any plane, is least and greatest
-at corners. So the ground is sampled at the corners of the boxes that parts of a rectangle fit into.
+places up to `sweep_m` before and behind it, and for headings up to `turn_rad` to both sides: together they leave
+nothing out. The ground is sampled at the corners of the boxes that parts of a rectangle fit into (docs/vehicle.md).
 """
 
 import functools
@@ -65,12 +62,6 @@ def turn_poses(direction: int, sides_m: tuple[float, float]) -> list[Pose]:
     return [Pose(0.0, 0.0, (math.cos(at), math.sin(at)), 0.0, angle / (2 * TURN_POSES)) for at in middles]
 
 
-def standing(direction: int, sides_m: tuple[float, float]) -> list[Pose]:
-    """The body standing on a cell in a direction."""
-    angle = heading_rad(direction, sides_m)
-    return [Pose(0.0, 0.0, (math.cos(angle), math.sin(angle)))]
-
-
 def turn_rad(direction: int, sides_m: tuple[float, float]) -> float:
     """Angle from a direction to the next."""
     return (heading_rad(direction + 1, sides_m) - heading_rad(direction, sides_m)) % (2.0 * math.pi)
@@ -125,7 +116,9 @@ def all_motions(vehicle: Vehicle, sides_m: tuple[float, float]) -> Motions:
     """Tables of the legs along the axes, the turns from one direction to the next, and of standing in each: 24."""
     axes = range(len(AXES))
     legs = [leg_poses(k, sides_m, vehicle.length_m) for k in axes]
-    return motions_of(vehicle, sides_m, legs + [make(k, sides_m) for make in (turn_poses, standing) for k in axes])
+    angles = [heading_rad(k, sides_m) for k in axes]
+    standing = [[Pose(0.0, 0.0, (math.cos(angle), math.sin(angle)))] for angle in angles]
+    return motions_of(vehicle, sides_m, legs + [turn_poses(k, sides_m) for k in axes] + standing)
 
 
 def motions_of(vehicle: Vehicle, sides_m: tuple[float, float], motions: list[list[Pose]]) -> Motions:

@@ -28,10 +28,6 @@ class Region(NamedTuple):
         """All of a map, as one block."""
         return cls(np.ones((1, 1), np.int32), np.zeros(rows, np.int32), np.zeros(cols, np.int32))
 
-    def holds(self, row: int, col: int) -> bool:
-        """Whether a cell is inside."""
-        return bool(self.bitmap[self.row_block[row], self.col_block[col]] == self.stamp)
-
     def blocks(self) -> NDArray[np.bool_]:
         """Which of the bitmap's blocks are inside; bool, of its shape."""
         inside: NDArray[np.bool_] = self.bitmap == self.stamp
