@@ -149,6 +149,16 @@ def test_memory_is_left_to_the_next_workspace_but_never_shared():
     assert not np.shares_memory(third.meta, Workspace(len(grid.weights)).meta)
 
 
+def test_a_workspace_that_has_counted_to_the_end_begins_anew():
+    grid = Grid.of(np.random.default_rng(3).random((30, 40)).astype(np.float32), StepModel.of("paper"))
+    workspace = Workspace(len(grid.weights))
+    workspace.meta[1::2], workspace.stamp = 0, 0
+    astar(grid, (1, 1), (28, 38), workspace)  # the first search
+    workspace.stamp = LAST_STAMP
+    again, anew = (astar(grid, (29, 2), (3, 35), each) for each in (workspace, Workspace(len(grid.weights))))
+    assert np.array_equal(again.path, anew.path) and again.expansions == anew.expansions and workspace.stamp == 1
+
+
 # --- what can be reached
 
 

@@ -149,9 +149,8 @@ def test_raising_a_limit_never_makes_a_motion_fail():
 
 def unswept(vehicle, sides):
     """Tables of motions whose poses stand for nothing but themselves."""
-    makes = motions.leg_poses, motions.turn_poses, motions.standing
-    given = (sides, vehicle.length_m), (sides,), (sides,)
-    all_poses = [make(k, *more) for make, more in zip(makes, given, strict=True) for k in range(AXES)]
+    all_poses = [motions.leg_poses(k, sides, vehicle.length_m) for k in range(AXES)]
+    all_poses += [motions.turn_poses(k, sides) for k in range(AXES)] * 2  # the last eight are not asked for
     alone = [[pose._replace(sweep_m=0.0, turn_rad=0.0) for pose in poses] for poses in all_poses]
     return motions.motions_of(vehicle, sides, alone)
 
@@ -274,6 +273,24 @@ def test_a_tour_turns_at_its_stops_where_it_can_and_pays_for_that():
         tour = made.plan_via((8, 5), (5, 12), [(10, 14), (6, 6)], method="astar")
         if tour.plan.ok:
             assert tour.plan.cost == pytest.approx(pose_oracles.path_cost(priced, tour.plan.path.tolist()), rel=1e-5)
+
+
+def test_a_tour_does_not_turn_at_a_stop_where_turning_fails():
+    planner = fresh(np.zeros((17, 21), np.float32))
+    planner.state.grid.poses.turns[:] = 255  # all are checked, and none passes
+    assert planner.plan_via((8, 5), (8, 15), [(8, 10)], method="astar").plan.ok
+    assert not planner.plan_via((8, 5), (5, 10), [(8, 10)], method="astar").plan.ok
+
+
+def test_the_bound_of_a_standing_path_holds_for_bodies_that_begin_in_any_direction():
+    dem, goal = np.zeros((40, 40), np.float32), (31, 24)
+    moving = DynamicPlanner.of_elevation(dem, CELL_M, goal, vehicle=SMALL, method="astar")
+    moving.move((8, 8))
+    path = moving.replan().path.tolist()
+    assert len({tuple(leg) for leg in np.diff(path, axis=0).tolist()}) > 1, "it turns"
+    for cell in map(tuple, path[:-1]):
+        moving.move(cell)
+        assert moving.standing().lower_bound <= fresh(dem).plan(cell, goal, method="astar").cost * (1.0 + 1e-5)
 
 
 def test_a_path_pays_for_its_turns_and_makes_none_that_fails(planner):
