@@ -39,7 +39,7 @@ from nnpp_edge.runtime.kernels.open_list import (
     last_bucket_below,
     pop,
     push,
-    refill,
+    refill_by,
 )
 from nnpp_edge.runtime.kernels.pooling import NO_LINKS as NO_LINKS
 from nnpp_edge.runtime.kernels.tiles import open_there
@@ -104,6 +104,9 @@ def _left(node, judge):
     (stride, goal_row, goal_col, h_straight, h_diagonal), (fields, at_goal, slack) = judge
     h = octile(node // stride, node % stride, goal_row, goal_col, h_straight, h_diagonal)
     return max(h, _apart(fields, at_goal, node) - slack) if len(fields) else h
+
+
+_refill = refill_by(_left)
 
 
 @kernel
@@ -210,7 +213,7 @@ def expand(grid, edges, links, region, hints, ends, rule, memory, limits):
             if waiting == 0:
                 code = FOUND if bound < np.inf else EXHAUSTED
                 break
-            found = refill(_left, judge, bound, block, order, g, meta, heads, entries, free, waiting)
+            found = _refill(judge, bound, block, order, g, meta, heads, entries, free, waiting)
             block, fine_at, order, free, waiting, last_bucket = found
             continue
         waiting -= 1

@@ -39,7 +39,7 @@ from nnpp_edge.runtime.kernels.open_list import (
     last_bucket_below,
     pop,
     push,
-    refill,
+    refill_by,
 )
 from nnpp_edge.runtime.kernels.poses import AXES, FAILS, UNCHECKED, check_there, motion_weight
 
@@ -52,14 +52,13 @@ KNIGHT = math.sqrt(5.0) / (1.0 + math.sqrt(2.0))
 LEG, LEFT, RIGHT, ORIGIN = 0, 1, 2, 3
 """How a state was come to."""
 _MASK = DIRECTIONS - 1
-LOOK_EVERY = 32
+LOOK_EVERY = 8
 """Expansions between two looks at the clock, as each may check poses."""
 
 
 @helper
 def left_over(rows, cols, prices):
-    """Least cost of a way that leads so many rows and columns on, where straight, diagonal and knight's legs cost
-    `prices`."""
+    """Least cost of a way so many rows and columns on; `prices`, of straight, diagonal and knight's legs."""
     near, far = min(rows, cols), max(rows, cols)
     straight, diagonal, knight = prices
     if 2 * near <= far:
@@ -82,6 +81,9 @@ def _left(place, judge):
             return left + between[place & _MASK, word & DIRECTION_BITS] if len(between) and left > 0.0 else left
         left = max(left, floor - left_over(abs(row - start_row), abs(col - start_col), best))
     return left
+
+
+_refill = refill_by(_left)
 
 
 @kernel
@@ -167,7 +169,7 @@ def fill_field(grid, poses, edges, prices, region, ends, rule, memory, limits):
             if waiting == 0:
                 code = FOUND if bound < np.inf else EXHAUSTED
                 break
-            rest = refill(_left, judge, bound, block, order, g, meta, heads, entries, free, waiting)
+            rest = _refill(judge, bound, block, order, g, meta, heads, entries, free, waiting)
             block, fine_at, order, free, waiting, last_bucket = rest
             continue
         waiting -= 1
@@ -329,7 +331,7 @@ def expand_states(grid, poses, edges, prices, field, region, ends, rule, memory,
             if waiting == 0:
                 code = FOUND if settled >= 0 else EXHAUSTED
                 break
-            rest = refill(_left, judge, bound, block, order, g, meta, heads, entries, free, waiting)
+            rest = _refill(judge, bound, block, order, g, meta, heads, entries, free, waiting)
             block, fine_at, order, free, waiting, last_bucket = rest
             continue
         waiting -= 1
@@ -475,10 +477,7 @@ def direction_of(rows, cols):
 
 @helper
 def turn_price(poses, turn_prices, stride, node, before, after):
-    """Cost of turning on a node from a direction to another, the shorter way; inf where that is impossible.
-
-    Then the longer way is impossible, too: it leads by all the axes, as the body looks alike from front and behind.
-    """
+    """Cost of turning on a node to another direction, the shorter way; inf where impossible (both ways are)."""
     left = (after - before) & _MASK <= DIRECTIONS // 2
     total, k = 0.0, before
     while k != after and total < np.inf:

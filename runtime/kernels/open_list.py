@@ -94,37 +94,41 @@ def last_bucket_below(bound, base, inverse_width):
     return np.int64(min(max((bound - base) * inverse_width, -1.0), float(SPAN)))
 
 
-@helper
-def refill(left, judge, bound, block, order, g, meta, heads, entries, free, waiting):
-    """Deal the next coarse bucket's entries out into the fine buckets, dropping those that are no longer open.
+def refill_by(left):
+    """A helper that refills by `left(node, judge)`: handed to a kernel, that is compiled anew in each process."""
 
-    `left(node, judge)` is what is left from an entry's node; `order` (base, inverse_width) of the buckets, which
-    begin anew where only what lies beyond the last is left. Returns the new block, fine_at, order, free and waiting,
-    and the last bucket that holds an f below the bound.
-    """
-    base, inverse_width = order
-    block, chain = next_block(heads, block)
-    fine_at = np.int64(0)
-    if block == COARSE:
-        block, fine_at, least, entry = np.int64(-1), np.int64(FINE), np.inf, chain
-        while entry != NOTHING:
-            node = np.int64(entries[2 * entry])
+    @helper
+    def refill(judge, bound, block, order, g, meta, heads, entries, free, waiting):
+        """Deal the next coarse bucket's entries out into the fine buckets, dropping those that are no longer open.
+
+        `order` is (base, inverse_width) of the buckets, which begin anew where only what lies beyond the last is
+        left. Returns the new block, fine_at, order, free and waiting, and the last bucket with an f below the bound.
+        """
+        base, inverse_width = order
+        block, chain = next_block(heads, block)
+        fine_at = np.int64(0)
+        if block == COARSE:
+            block, fine_at, least, entry = np.int64(-1), np.int64(FINE), np.inf, chain
+            while entry != NOTHING:
+                node = np.int64(entries[2 * entry])
+                if meta[2 * node + 1] & OPEN_BIT:
+                    least = min(least, g[2 * node] + left(node, judge))
+                entry = np.int64(entries[2 * entry + 1])
+            if least < np.inf:
+                base, inverse_width = least, min(inverse_width, SPAN / least)
+        while chain != NOTHING:
+            following = np.int64(entries[2 * chain + 1])
+            node = np.int64(entries[2 * chain])
             if meta[2 * node + 1] & OPEN_BIT:
-                least = min(least, g[2 * node] + left(node, judge))
-            entry = np.int64(entries[2 * entry + 1])
-        if least < np.inf:
-            base, inverse_width = least, min(inverse_width, SPAN / least)
-    while chain != NOTHING:
-        following = np.int64(entries[2 * chain + 1])
-        node = np.int64(entries[2 * chain])
-        if meta[2 * node + 1] & OPEN_BIT:
-            bucket = bucket_of(g[2 * node] + left(node, judge), base, inverse_width)
-            slot = max(bucket - block * FINE, np.int64(0)) if block >= 0 else FINE + bucket // FINE
-            entries[2 * chain + 1] = heads[slot]
-            heads[slot] = chain
-        else:
-            entries[2 * chain + 1] = free
-            free = chain
-            waiting -= 1
-        chain = following
-    return block, fine_at, (base, inverse_width), free, waiting, last_bucket_below(bound, base, inverse_width)
+                bucket = bucket_of(g[2 * node] + left(node, judge), base, inverse_width)
+                slot = max(bucket - block * FINE, np.int64(0)) if block >= 0 else FINE + bucket // FINE
+                entries[2 * chain + 1] = heads[slot]
+                heads[slot] = chain
+            else:
+                entries[2 * chain + 1] = free
+                free = chain
+                waiting -= 1
+            chain = following
+        return block, fine_at, (base, inverse_width), free, waiting, last_bucket_below(bound, base, inverse_width)
+
+    return refill

@@ -14,8 +14,7 @@ class InputSource(Protocol):
     """Where inputs come from."""
 
     def poll(self) -> Iterable[Input]:
-        """Inputs since the last call. It must not wait. An iterable that is not read to its end is read on in
-        the next tick."""
+        """Inputs since the last call; never waits. An iterable that is not read to its end is read on in the next."""
 
 
 class Sink(Protocol):

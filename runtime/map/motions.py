@@ -85,8 +85,7 @@ class Motions(NamedTuple):
     groups_of: NDArray[np.int64]
     """(P + 1,) where the groups of each pose begin: of its wheels, then of its belly's parts."""
     groups: NDArray[np.int64]
-    """(G, 5) first sample of each group, first that is a mean of two cells, first that is one, and the end; first
-    cell."""
+    """(G, 5) of each group: first sample, first that is a mean of two cells, first that is one, end; first cell."""
     places: NDArray[np.float32]
     """(S, 2) metres of each sample ahead of the pose's middle and to the left of it."""
     cells: NDArray[np.int64]

@@ -38,8 +38,7 @@ class PointSteps:
     states_a_node = 1
     """Places of a search on a node."""
     shortest, half_turn = 1.0, 0.0
-    """Length of the shortest way over that by straight and diagonal steps; cost of turning to the opposite direction.
-    """
+    """Length of the shortest way over that by straight and diagonal steps; cost of turning to the opposite."""
 
     def edges(self, backwards: bool = False) -> Edges | None:
         """Costs of the steps, as searches take them; `backwards` of those that come to a cell, on a coarse level.

@@ -21,8 +21,7 @@ from nnpp_edge.runtime.memory import virtual_zeros
 MOST_NODES = int(np.iinfo(np.int32).max)
 """Of the finest level: nodes are int32."""
 _KEPT = FACTOR + 1
-"""Rows of a band that the next one needs: those under the last coarse row, whose links it completes, and the one
-above them."""
+"""Rows of a band that the next one needs: those under the last coarse row, whose links it completes, and one more."""
 
 
 class StreamedMap:

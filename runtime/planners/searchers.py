@@ -98,8 +98,7 @@ class RegionMender:
         self._restarts = 0
         """How often D* Lite had forgotten all by its last search."""
         self._saving_missed = 0.0
-        """Work that mending would have saved since it was last done, had it been done each time, in fresh searches.
-        """
+        """Work that mending would have saved since it was last done, had it been done each time, in new searches."""
         self._changes = state.log.reader()
         """Since the last region was searched."""
 
