@@ -83,7 +83,7 @@ def kernels():
     found = {}
     for info in pkgutil.walk_packages(nnpp_edge.runtime.kernels.__path__, "nnpp_edge.runtime.kernels."):
         for name, value in vars(importlib.import_module(info.name)).items():
-            if hasattr(value, "py_func") and value.py_func.__module__ == info.name:
+            if hasattr(value, "py_func") and (value.py_func.__module__ == info.name or value.py_func.__closure__):
                 found[f"{info.name}.{name}"] = value
     return found
 
@@ -91,8 +91,10 @@ def versions():
     return {name: sorted(map(str, kernel.signatures)) for name, kernel in kernels().items()}
 
 def calls(kernel):
-    seen = (kernel.py_func.__globals__.get(name) for name in kernel.py_func.__code__.co_names)
-    return [f"{each.py_func.__module__}.{each.py_func.__name__}" for each in seen if hasattr(each, "py_func")]
+    names, f = {id(value): name for name, value in kernels().items()}, kernel.py_func
+    seen = [f.__globals__.get(name) for name in f.__code__.co_names]
+    seen += [cell.cell_contents for cell in f.__closure__ or ()]  # of helpers that are made for a search
+    return [names[id(each)] for each in seen if hasattr(each, "py_func")]
 
 warmup.exercise()
 warm = versions()
