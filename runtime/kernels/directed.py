@@ -100,8 +100,9 @@ def pool_steps(finer, pieces, obstacle, area, means):
 
     Parameters
     ----------
-    finer : (H + 2, W + 2, 8) float32
-        Steps of the map, or means of the finer level. Those that lead off the map do not count.
+    finer : (steps, neighbours)
+        (H + 2, W + 2, K) float32 of the map, or means of the finer level, and (8,) int64, which of the K lead to the
+        neighbours. Those that lead off the map do not count.
     pieces : (nodes,) uint16
         The cells below each cell that it stands for, as bits; what is in none of them counts as an obstacle.
     obstacle : (8,) float32
@@ -110,7 +111,8 @@ def pool_steps(finer, pieces, obstacle, area, means):
     means : (h + 2, w + 2, 8) float32
         Written inside the rectangle.
     """
-    rows, cols = finer.shape[0] - 2, finer.shape[1] - 2
+    steps, neighbours = finer
+    rows, cols = steps.shape[0] - 2, steps.shape[1] - 2
     row0, row1, col0, col1 = area
     stride = means.shape[1]
     for row in range(row0, row1):
@@ -120,13 +122,13 @@ def pool_steps(finer, pieces, obstacle, area, means):
                 if own == 0:
                     means[row + 1, col + 1, k] = np.inf
                     continue
-                total, count = np.float32(0.0), 0
+                total, count, way = np.float32(0.0), 0, neighbours[k]
                 for bit in range(FACTOR * FACTOR):
                     r, c = row * FACTOR + bit // FACTOR, col * FACTOR + bit % FACTOR
                     i, j = r + ROW_STEP[k], c + COL_STEP[k]
                     if r >= rows or c >= cols or not (0 <= i < rows and 0 <= j < cols):
                         continue
-                    step = finer[r + 1, c + 1, k]
+                    step = steps[r + 1, c + 1, way]
                     total += step if (own >> bit) & 1 and step < np.inf else obstacle[k]
                     count += 1
                 means[row + 1, col + 1, k] = total / np.float32(count) if count else obstacle[k]

@@ -86,6 +86,13 @@ def _left(place, judge):
 _refill = refill_by(_left)
 
 
+@helper
+def _outside(allowed, row, col):
+    """Whether a region, as everywhere, lacks a cell, numbered within the border."""
+    bitmap, row_block, col_block, stamp = allowed
+    return bitmap[np.uint64(row_block[np.uint64(row - 1)]), np.uint64(col_block[np.uint64(col - 1)])] != stamp
+
+
 @kernel
 def trace_states(meta, state, stride, out):
     """Write the cells from a state back to the start into `out`, as far as it reaches; their number."""
@@ -126,10 +133,9 @@ def fill_field(grid, poses, edges, prices, region, ends, rule, memory, limits):
     legs, rows, cols = borrowed(poses[0]), poses[2][5][0], poses[2][5][1]
     g, meta, stamp, heads, entries, control, reals, counts, _ = memory
     g, meta, heads, entries = borrowed(g), borrowed(meta), borrowed(heads), borrowed(entries)
-    bitmap, row_block, col_block, region_stamp = region
-    bitmap, row_block, col_block = borrowed(bitmap), borrowed(row_block), borrowed(col_block)
+    allowed = borrowed(region[0]), borrowed(region[1]), borrowed(region[2]), region[3]
     edges, lengths = borrowed(edges), borrowed(lengths)
-    regional, by_edges = len(bitmap) > 0, len(edges) > 0
+    regional, by_edges = len(region[0]) > 0, len(edges) > 0
     start_row, start_col = start // stride, start % stride
     judge = (0, stride, start_row, start_col, best), (g[:0], meta[:0], 0, 0, 0, 0.0, between[:0])
     if goal >= 0:
@@ -207,13 +213,9 @@ def fill_field(grid, poses, edges, prices, region, ends, rule, memory, limits):
             left = left_over(abs(i - start_row), abs(j - start_col), best)
             if reached + left >= bound:
                 continue
-            if regional and there != start:  # noqa: SIM102
-                if (
-                    bitmap[np.uint64(row_block[np.uint64(i - 1)]), np.uint64(col_block[np.uint64(j - 1)])]
-                    != region_stamp
-                ):
-                    refused = min(refused, reached + left)
-                    continue
+            if regional and there != start and _outside(allowed, i, j):
+                refused = min(refused, reached + left)
+                continue
             if found == UNCHECKED:
                 check_there(poses, at // stride - 1, at % stride - 1, axis)
                 found = np.int64(legs[np.uint64(at), np.uint64(axis)])
@@ -279,10 +281,9 @@ def expand_states(grid, poses, edges, prices, field, region, ends, rule, memory,
     legs, turns, rows, cols = borrowed(poses[0]), borrowed(poses[1]), poses[2][5][0], poses[2][5][1]
     g, meta, stamp, heads, entries, control, reals, counts, path = memory
     g, meta, heads, entries = borrowed(g), borrowed(meta), borrowed(heads), borrowed(entries)
-    bitmap, row_block, col_block, region_stamp = region
-    bitmap, row_block, col_block = borrowed(bitmap), borrowed(row_block), borrowed(col_block)
+    allowed = borrowed(region[0]), borrowed(region[1]), borrowed(region[2]), region[3]
     edges, lengths, turn_prices = borrowed(edges), borrowed(lengths), borrowed(turn_prices)
-    regional, by_edges = len(bitmap) > 0, len(edges) > 0
+    regional, by_edges = len(region[0]) > 0, len(edges) > 0
     goal_row, goal_col = goal // stride, goal % stride
     field = borrowed(field[0]), borrowed(field[1]), field[2], field[3], field[4], field[5], borrowed(field[6])
     judge = (PER_NODE, stride, goal_row, goal_col, best), field
@@ -385,13 +386,9 @@ def expand_states(grid, poses, edges, prices, field, region, ends, rule, memory,
             f = reached + left
             if not reached < known or f >= bound:
                 continue
-            if regional and way == LEG and across != goal:  # noqa: SIM102
-                if (
-                    bitmap[np.uint64(row_block[np.uint64(i - 1)]), np.uint64(col_block[np.uint64(j - 1)])]
-                    != region_stamp
-                ):
-                    refused = min(refused, f)
-                    continue
+            if regional and way == LEG and across != goal and _outside(allowed, i, j):
+                refused = min(refused, f)
+                continue
             if not checked:
                 check_there(poses, at // stride - 1, at % stride - 1, motion)
                 if way == LEG:
@@ -437,14 +434,14 @@ def walk_states(poses, edges, prices, stride, path, first, costs):
     lengths, unit, turn_prices, _ = prices
     legs = poses[0]
     total, before = 0.0, -1
+    if first == 0:
+        costs[:1] = 0.0
     for n in range(max(first, 1), len(path)):
         k = direction_of(path[n, 0] - path[n - 1, 0], path[n, 1] - path[n - 1, 1])
         node = (path[n - 1, 0] + 1) * stride + path[n - 1, 1] + 1
         if n == first:  # the leg before: only its direction counts
             before, costs[n] = k, 0.0
             continue
-        if n == 1:
-            costs[0] = 0.0
         if before >= 0 and before != k:
             price = turn_price(poses, turn_prices, stride, node, before, k)
             if price == np.inf:
@@ -461,8 +458,6 @@ def walk_states(poses, edges, prices, stride, path, first, costs):
         else:
             total += lengths[axis] * (1.0 + motion_weight(legs[at, axis], unit))
         costs[n], before = total, k
-    if first == 0 and len(path) == 1:
-        costs[0] = 0.0
     return -1
 
 

@@ -30,6 +30,9 @@ _OBSTACLE = 1.5
 _THREADS_FROM = 20_000
 """Cells from which on steps are computed by a thread a core."""
 
+Finer = tuple[Edges, NDArray[np.int64]]
+"""(H + 2, W + 2, K) float32 steps by cell and direction, and (8,) int64, which of the K lead to the neighbours."""
+
 
 class CoarseSteps(PointSteps):
     """Costs of the steps of a coarse level, both ways; `prices` are those of the map's own steps."""
@@ -41,6 +44,7 @@ class CoarseSteps(PointSteps):
         self.shape, self.prices = shape, prices
         self.means: Edges = np.full((rows + 2, cols + 2, 8), np.inf, np.float32)
         """By cell (with a border) and direction, what a step within it costs, over the cells of the finest level."""
+        self.finer: Finer = self.means, np.arange(8)
         nodes = (rows + 2) * (cols + 2)
         self.forwards: Edges = np.full((nodes, 8), np.inf, np.float32)
         """(nodes, 8) of the step that leaves a node in each direction."""
@@ -50,11 +54,10 @@ class CoarseSteps(PointSteps):
     def edges(self, backwards: bool = False) -> Edges:
         return self.backwards if backwards else self.forwards
 
-    def pool(self, finer: Edges, pieces: NDArray[np.uint16], area: Rectangle, obstacle: NDArray[np.float32]) -> None:
+    def pool(self, finer: Finer, pieces: NDArray[np.uint16], area: Rectangle, obstacle: NDArray[np.float32]) -> None:
         """Bring a rectangle of this level's cells up to date, and their steps.
 
-        `finer` are (H + 2, W + 2, 8) means of the finer level, or steps of the map; `pieces` and `obstacle` as for
-        `kernels.directed.pool_steps`.
+        `finer` is of the map or the finer level; `pieces` and `obstacle` as for `kernels.directed.pool_steps`.
         """
         edges, backwards = (each.reshape(self.means.shape) for each in (self.forwards, self.backwards))
         (row, col, rows, cols), (top, left, tall, wide) = area, widened(area, (1, 1), self.shape)
@@ -94,8 +97,9 @@ class DirectedSteps(PointSteps):
         self.prices = straight, min(least * math.hypot(dy, dx), 2.0 * straight)
         """Cost of getting a straight and a diagonal step closer where all ways are as cheap as the cheapest."""
         self._edges: Edges = np.empty(((rows + 2) * (cols + 2), len(self._ways)), np.float32)
-        self._near = [DIRECTIONS.index(step) for step in _NEIGHBOURS] if by_poses else slice(None)
-        self.obstacle = (_OBSTACLE * model.least_per_m * self._lengths[self._near]).astype(np.float32)
+        near = np.array([self._ways.tolist().index([*step]) for step in _NEIGHBOURS])
+        self.finer: Finer = self.padded, near
+        self.obstacle = (_OBSTACLE * model.least_per_m * self._lengths[near]).astype(np.float32)
         """(8,) what an impassable cell counts for in a coarse cell's mean, by direction."""
         self._greatest = straight
         self.padded[:: rows + 1] = self.padded[:, :: cols + 1] = np.inf
@@ -105,11 +109,6 @@ class DirectedSteps(PointSteps):
     def padded(self) -> Edges:
         """(H + 2, W + 2, 8 or 16) the steps, or a body's legs, by cell and direction, within a border."""
         return self._edges.reshape(self.shape[0] + 2, self.shape[1] + 2, -1)
-
-    @property
-    def to_neighbours(self) -> Edges:
-        """(H + 2, W + 2, 8) the steps to neighbours, within a border."""
-        return np.ascontiguousarray(self.padded[..., self._near])
 
     def follow(self, change: Change, heights: Rectangle) -> Change:
         """Bring the steps up to date after a change of the weights, and of the heights in a rectangle.

@@ -12,12 +12,13 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from nnpp_edge.runtime.kernels.lattice import COLS, ROWS
 from nnpp_edge.runtime.terrain.vehicle import Vehicle
 
-AXES = ((1, 0), (2, 1), (1, 1), (1, 2), (0, 1), (-1, 2), (-1, 1), (-2, 1))
-"""(row, col) of the legs along each axis, by rising angle from (1, 0) towards (0, 1). Directions 0 to 7 are theirs, 8
-to 15 their reverses."""
-DIRECTIONS = (*AXES, *((-row, -col) for row, col in AXES))
+DIRECTIONS = tuple(zip(ROWS, COLS, strict=True))
+"""(row, col) of the legs, by rising angle from (1, 0) towards (0, 1)."""
+AXES = DIRECTIONS[:8]
+"""Directions 8 to 15 are their reverses."""
 LEG_SPACING = 0.19, 0.38
 """Of the body's length: from one pose of a leg to the next, at most, on cells of a third of the body and of a sixth.
 Half of that passes 2 % more legs of a body of six cells among rocks, for nearly twice the checks."""

@@ -127,7 +127,7 @@ class Pyramid:
         finest = self.levels[0].grid.directed
         if not isinstance(finest, DirectedSteps):
             return
-        (row0, col0, rows, cols), finer = changed, finest.to_neighbours
+        (row0, col0, rows, cols), finer = changed, finest.finer
         row1, col1 = row0 + rows, col0 + cols
         for level in self.levels[1:]:
             row0, row1 = max(row0 // FACTOR - 1, 0), min(-(-row1 // FACTOR) + 1, level.grid.rows)
@@ -137,7 +137,7 @@ class Pyramid:
             for first, last in stripes(row1 - row0, 8 * FACTOR**2 * (col1 - col0)):
                 steps.pool(finer, level.pieces, (row0 + first, col0, last - first, col1 - col0), finest.obstacle)
                 yield
-            finer = steps.means
+            finer = steps.finer
 
     @property
     def obstacle_weight(self) -> float:

@@ -171,14 +171,16 @@ def walked(grid, path):
     return sum(float(grid.directed.edges()[grid.node(*cell), directions[tuple(step)]]) for cell, step in steps)
 
 
-def test_a_coarse_steps_cost_is_the_mean_of_the_steps_below():
-    planner = Planner.of_elevation(ramp(8, 12, 0.1), 1.0, step_cost="linear", mobility=Mobility(linear=LinearCost()))
+@pytest.mark.parametrize("vehicle", [None, Vehicle(2.2, 2.2, 0.6)])
+def test_a_coarse_steps_cost_is_the_mean_of_the_steps_below(vehicle):
+    options = {"step_cost": "linear", "mobility": Mobility(linear=LinearCost()), "warn": False}
+    planner = Planner.of_elevation(ramp(16, 20, 0.1), 1.0, vehicle=vehicle, **options)
     coarse = planner.state.pyramid.levels[1].grid
     assert coarse.prices == planner.state.grid.prices
-    uphill, downhill = coarse.directed.edges()[coarse.node(0, 1), [3, 2]].tolist()
+    uphill, downhill = coarse.directed.edges()[coarse.node(1, 2), [3, 2]].tolist()
     assert uphill == pytest.approx(0.72 + (6.0 - 1.9998) * 0.1, rel=1e-3)
     assert downhill == pytest.approx(0.72, rel=1e-3)
-    assert coarse.directed.backwards[coarse.node(0, 1), 2] == pytest.approx(uphill)  # from the left
+    assert coarse.directed.backwards[coarse.node(1, 2), 2] == pytest.approx(uphill)  # from the left
 
 
 # --- by hand, on ramps
