@@ -19,9 +19,9 @@ DIRECTIONS = tuple(zip(ROWS, COLS, strict=True))
 """(row, col) of the legs, by rising angle from (1, 0) towards (0, 1)."""
 AXES = DIRECTIONS[:8]
 """Directions 8 to 15 are their reverses."""
-LEG_SPACING = 0.19, 0.38
+LEG_SPACING = 0.095, 0.19
 """Of the body's length: from one pose of a leg to the next, at most, on cells of a third of the body and of a sixth.
-Half of that passes 2 % more legs of a body of six cells among rocks, for nearly twice the checks."""
+Twice as much takes 0.6 of the checks, but paths among rocks cost 1.1 % more (docs/decisions.md)."""
 TURN_POSES = 2
 """Of a turn from one direction to the next."""
 SNAPPED = 0.02
@@ -49,7 +49,7 @@ def leg_poses(direction: int, sides_m: tuple[float, float], length_m: float) -> 
     row, col = DIRECTIONS[direction]
     down, right = row * sides_m[0], col * sides_m[1]
     metres = math.hypot(down, right)
-    share = np.clip(length_m / (16.0 * max(sides_m)), *LEG_SPACING)
+    share = np.clip(length_m / (32.0 * max(sides_m)), *LEG_SPACING)
     count = math.ceil(metres / (share * length_m))
     shares = ((2 * k + 1) / (2 * count) for k in range(count))
     ahead = down / metres, right / metres

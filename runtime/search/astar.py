@@ -23,7 +23,7 @@ from nnpp_edge.runtime.map.grid import Grid
 from nnpp_edge.runtime.map.region import Region
 from nnpp_edge.runtime.map.step_cost import StepCost
 from nnpp_edge.runtime.search.workspace import Workspace
-from nnpp_edge.runtime.tuning import BUCKET_WIDTH, BUCKET_WIDTH_BY_LANDMARKS, DIRECTED_BUCKET_WIDTH
+from nnpp_edge.runtime.tuning import BUCKET_WIDTH, BUCKET_WIDTH_BY_LANDMARKS, DIRECTED_BUCKET_WIDTH, TURNS_IN_FIELD
 
 _BETWEEN_LOOKS = 1 << 14
 """Expansions after which is looked whether enough is known."""
@@ -124,7 +124,7 @@ def _over_states(
     """
     states, allowed, field, (first, last, _) = grid.steps.states(), _allowed(region), workspace.field, ends
     assert states is not None and field is not None
-    between = states[2][3] if region is not None else states[2][3][:0]
+    between = np.float32(TURNS_IN_FIELD) * states[2][3] if region is not None else states[2][3][:0]
     rule = _best(grid), _bucket_width(grid), between
     code, spent, refused = _run(fill_field, (grid.packed, *states, allowed), (last, first, last), rule, field, limits)
     if code != kernels.FOUND:
