@@ -46,9 +46,9 @@ from nnpp_edge.runtime.kernels.tiles import open_there
 
 FOUND, EXHAUSTED, PAUSED, FULL = 0, 1, 2, 3
 # slots of the float64 array of results
-BASE, INVERSE_WIDTH, REFUSED, BEST_H = 0, 1, 2, 3
+BASE, INVERSE_WIDTH, REFUSED, BEST_H, BOUND = range(5)
 # slots of the int64 array of results
-EXPANSIONS, BEST_NODE = 0, 1
+EXPANSIONS, BEST_NODE, SETTLED = range(3)
 
 LANES = 8
 """Landmarks that a node has room for."""

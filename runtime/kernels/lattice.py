@@ -1,8 +1,9 @@
-"""The search over a body's states: a cell and one of sixteen directions, in which the body stands there.
+"""The search over a body's states: a cell, one of sixteen directions in which the body stands there, and its gear.
 
-A state, node * 16 + direction (`map.motions`), leads along its direction to another cell (a leg), and to the two
-directions beside it (turns on the spot). `kernels.poses` checks them where the search first asks: until then they
-count as possible. What is left from a state is judged by a field, costs from cells to the goal that are found before.
+A state is left by motion primitives: legs, turns on the spot and arcs (`map.primitives`). One that nobody has checked
+counts as possible and cheap until the state that it leads to would be expanded: only then `kernels.poses` checks it.
+If it fails, or is dearer, the state waits for the next best way to it. What is left from a state is judged by a
+field, costs from cells to the goal that are found before.
 """
 
 import math
@@ -16,6 +17,7 @@ from nnpp_edge.runtime.kernels.expansion import (
     BASE,
     BEST_H,
     BEST_NODE,
+    BOUND,
     EXHAUSTED,
     EXPANSIONS,
     FOUND,
@@ -23,8 +25,9 @@ from nnpp_edge.runtime.kernels.expansion import (
     INVERSE_WIDTH,
     PAUSED,
     REFUSED,
+    SETTLED,
 )
-from nnpp_edge.runtime.kernels.nodes import DIRECTION_BITS, OPEN_BIT, STAMP_SHIFT
+from nnpp_edge.runtime.kernels.nodes import DIRECTION_BITS, OPEN_BIT, STAMP_SHIFT, UNSURE_BIT
 from nnpp_edge.runtime.kernels.open_list import (
     BLOCK,
     FINE,
@@ -43,14 +46,20 @@ from nnpp_edge.runtime.kernels.open_list import (
 )
 from nnpp_edge.runtime.kernels.poses import AXES, FAILS, UNCHECKED, check_there, motion_weight
 
-DIRECTIONS, PER_NODE = 16, 4
-"""Directions of a node, and binary digits of their number."""
+DIRECTIONS = 16
 ROWS = (1, 2, 1, 1, 0, -1, -1, -2, -1, -2, -1, -1, 0, 1, 1, 2)
 COLS = (0, 1, 1, 2, 1, 2, 1, 1, 0, -1, -1, -2, -1, -2, -1, -1)
 KNIGHT = math.sqrt(5.0) / (1.0 + math.sqrt(2.0))
 """A knight's leg over a straight and a diagonal one."""
-LEG, LEFT, RIGHT, ORIGIN = 0, 1, 2, 3
-"""How a state was come to."""
+DOWN, RIGHT, TO, MOTION, THERE, EDGE = range(6)
+"""Of a primitive: rows and columns to the cell that it leads to, the state there among those of a cell (-1 where there
+is no such primitive); the motion that is checked, and whether that begins there; the direction of a leg, else -1."""
+BY_LENGTH, FIXED = 0, 1
+"""Of what a primitive costs: cells on the best ground, which its code makes dearer, and what comes to it in any case."""
+ORIGIN = DIRECTION_BITS
+"""In place of the primitive that led to a state: where the search began."""
+LEG, LEFT_TURN = 0, 1
+"""Primitives of a body that turns on the spot; `LEFT_TURN` + 1 is the one to the right."""
 _MASK = DIRECTIONS - 1
 LOOK_EVERY = 8
 """Expansions between two looks at the clock, as each may check poses."""
@@ -67,23 +76,52 @@ def left_over(rows, cols, prices):
 
 
 @helper
-def _left(place, judge):
-    """A lower bound on what a way from a place costs: the field's where that is settled, else by distances."""
-    (per_node, stride, goal_row, goal_col, best), (g, meta, stamp, start_row, start_col, floor, between) = judge
-    node = place >> per_node
+def _place(state, frame):
+    """Row and column within the border of a state, and its number among those of its cell."""
+    bits, top, left, stride = frame
+    node = state >> bits
     row = node // stride
-    col = node - row * stride
+    return row + top, node - row * stride + left, state & ((1 << bits) - 1)
+
+
+@helper
+def _state(row, col, local, frame):
+    """The state of that number on a cell of the frame."""
+    bits, top, left, stride = frame
+    return (((row - top) * stride + col - left) << bits) + local
+
+
+@helper
+def _left_at(row, col, local, judge):
+    """A lower bound on what a way from a state costs: the field's where that is settled, else by distances."""
+    _, (goal_row, goal_col, best), (g, meta, stamp, stride, start_row, start_col, floor, between) = judge
     left = left_over(abs(row - goal_row), abs(col - goal_col), best)
     if len(g):
+        node = row * stride + col
         word = meta[np.uint64(2 * node + 1)]
         if word & ~DIRECTION_BITS == stamp << STAMP_SHIFT:
             left = np.float64(g[np.uint64(2 * node)])
-            return left + between[place & _MASK, word & DIRECTION_BITS] if len(between) and left > 0.0 else left
+            return left + between[local & _MASK, word & DIRECTION_BITS] if len(between) and left > 0.0 else left
         left = max(left, floor - left_over(abs(row - start_row), abs(col - start_col), best))
     return left
 
 
-_refill = refill_by(_left)
+@helper
+def _left(state, judge):
+    """As `_left_at`, of a state."""
+    row, col, local = _place(state, judge[0])
+    return _left_at(row, col, local, judge)
+
+
+@helper
+def _left_of_cell(node, judge):
+    """By distances alone, of a cell."""
+    stride, goal_row, goal_col, best = judge
+    row = node // stride
+    return left_over(abs(row - goal_row), abs(node - row * stride - goal_col), best)
+
+
+_refill, _refill_cells = refill_by(_left), refill_by(_left_of_cell)
 
 
 @helper
@@ -94,27 +132,24 @@ def _outside(allowed, row, col):
 
 
 @kernel
-def trace_states(meta, state, stride, out):
-    """Write the cells from a state back to the start into `out`, as far as it reaches; their number."""
+def trace_states(meta, state, prices, frame, out):
+    """Write the states from one back to the start, (row, col, number), into `out`, as far as it reaches; how many."""
+    _, moves, _, origins, _, _, _ = prices
     n = 0
-    last = -1
     while True:
-        node = state >> PER_NODE
-        if node != last:
-            if n < len(out):
-                out[n, 0], out[n, 1] = node // stride - 1, node % stride - 1
-            n, last = n + 1, node
-        way, k = meta[2 * state + 1] & DIRECTION_BITS, state & _MASK
+        row, col, local = _place(state, frame)
+        if n < len(out):
+            out[n, 0], out[n, 1], out[n, 2] = row - 1, col - 1, local
+        n += 1
+        way = meta[2 * state + 1] & DIRECTION_BITS
         if way == ORIGIN:
             return n
-        if way == LEG:
-            state -= (ROWS[k] * stride + COLS[k]) << PER_NODE
-        else:
-            state += ((k - 1 if way == LEFT else k + 1) & _MASK) - k
+        before = origins[local, way]
+        state = _state(row - moves[before, way, DOWN], col - moves[before, way, RIGHT], before, frame)
 
 
 @kernel
-def fill_field(grid, poses, edges, prices, region, ends, rule, memory, limits):
+def fill_field(poses, edges, prices, region, ends, rule, memory, limits):
     """Costs to the goal of the cells from which a way to it may be part of the best one.
 
     Arguments as for `expand_states`, but for memory, which is that of nodes, `ends`, (goal, start, goal), the first
@@ -124,33 +159,33 @@ def fill_field(grid, poses, edges, prices, region, ends, rule, memory, limits):
     counts for all that come to it, nearly the least. Returns the code, the expansions, and the least f of a node that
     the region refused.
     """
-    _, stride, _, _, _ = grid
     goal, start, goal_node = ends
-    lengths, unit, turn_prices, _ = prices
+    unit, rays, lengths = prices[0], borrowed(prices[4]), borrowed(prices[5])
     best, width, between = rule
     between = borrowed(between)
     most, until = limits
-    legs, rows, cols = borrowed(poses[0]), poses[2][5][0], poses[2][5][1]
+    codes, rows, cols = borrowed(poses[0]), poses[1][5][0], poses[1][5][1]
+    stride = cols + 2
     g, meta, stamp, heads, entries, control, reals, counts, _ = memory
     g, meta, heads, entries = borrowed(g), borrowed(meta), borrowed(heads), borrowed(entries)
     allowed = borrowed(region[0]), borrowed(region[1]), borrowed(region[2]), region[3]
-    edges, lengths = borrowed(edges), borrowed(lengths)
+    edges = borrowed(edges)
     regional, by_edges = len(region[0]) > 0, len(edges) > 0
     start_row, start_col = start // stride, start % stride
-    judge = (0, stride, start_row, start_col, best), (g[:0], meta[:0], 0, 0, 0, 0.0, between[:0])
+    judge = stride, start_row, start_col, best
     if goal >= 0:
         clear(heads, control)
         control[FREE], control[USED] = push(heads, entries, 0, goal, 0, 0, NOTHING, 0)
         control[LENGTH] = 1
         g[2 * goal] = 0.0
         meta[2 * goal + 1] = (stamp << STAMP_SHIFT) | OPEN_BIT
-        reals[BASE], reals[INVERSE_WIDTH] = _left(goal, judge), 1.0 / width
+        reals[BASE], reals[INVERSE_WIDTH] = _left_of_cell(goal, judge), 1.0 / width
         reals[REFUSED] = np.inf
         counts[EXPANSIONS] = 0
     order, refused = (reals[BASE], reals[INVERSE_WIDTH]), reals[REFUSED]
     free, used, fine_at = control[FREE], control[USED], control[FINE_AT]
     block, waiting = control[BLOCK], control[LENGTH]
-    room = np.int64(len(entries)) // 2 - DIRECTIONS - 1
+    room = np.int64(len(entries)) // 2 - len(rays) - 1
     bound, last_bucket = np.inf, np.int64(SPAN)
     if meta[2 * start + 1] >> STAMP_SHIFT == stamp:
         bound = np.float64(g[2 * start])
@@ -175,7 +210,7 @@ def fill_field(grid, poses, edges, prices, region, ends, rule, memory, limits):
             if waiting == 0:
                 code = FOUND if bound < np.inf else EXHAUSTED
                 break
-            rest = _refill(judge, bound, block, order, g, meta, heads, entries, free, waiting)
+            rest = _refill_cells(judge, bound, block, order, g, meta, heads, entries, free, waiting)
             block, fine_at, order, free, waiting, last_bucket = rest
             continue
         waiting -= 1
@@ -190,19 +225,19 @@ def fill_field(grid, poses, edges, prices, region, ends, rule, memory, limits):
         meta[np.uint64(2 * node + 1)] = word & ~OPEN_BIT
         onwards = word & DIRECTION_BITS
         expansions += 1
-        for k in range(DIRECTIONS):
-            i, j = row - ROWS[k], col - COLS[k]
+        for k in range(len(rays)):
+            i, j = row - rays[k, DOWN], col - rays[k, RIGHT]
             if not (1 <= i <= rows and 1 <= j <= cols):
                 continue
-            there, axis = i * stride + j, k & 7
-            at = there if k < AXES else node
-            found = np.int64(legs[np.uint64(at), np.uint64(axis)])
+            there, motion = i * stride + j, np.int64(rays[k, MOTION])
+            at = node if rays[k, THERE] else there
+            found = np.int64(codes[np.uint64(at), np.uint64(motion)])
             if found >= FAILS:
                 continue
             if by_edges:
                 step = edges[np.uint64(there), np.uint64(k)]
             else:
-                step = lengths[axis] * (np.float32(1.0) + motion_weight(found, unit))
+                step = lengths[k] * (np.float32(1.0) + motion_weight(found, unit))
             known = np.float32(np.inf)
             if meta[np.uint64(2 * there + 1)] >> STAMP_SHIFT == stamp:
                 known = g[np.uint64(2 * there)]
@@ -217,17 +252,17 @@ def fill_field(grid, poses, edges, prices, region, ends, rule, memory, limits):
                 refused = min(refused, reached + left)
                 continue
             if found == UNCHECKED:
-                check_there(poses, at // stride - 1, at % stride - 1, axis)
-                found = np.int64(legs[np.uint64(at), np.uint64(axis)])
+                check_there(poses, at // stride - 1, at % stride - 1, motion)
+                found = np.int64(codes[np.uint64(at), np.uint64(motion)])
                 if found >= FAILS:
                     continue
                 if not by_edges:
-                    step = lengths[axis] * (np.float32(1.0) + motion_weight(found, unit))
+                    step = lengths[k] * (np.float32(1.0) + motion_weight(found, unit))
             reached = g_node + np.float32(step + turned)
             if not reached < known or reached + left >= bound:
                 continue
             g[np.uint64(2 * there)] = reached
-            meta[np.uint64(2 * there + 1)] = (stamp << STAMP_SHIFT) | OPEN_BIT | k
+            meta[np.uint64(2 * there + 1)] = (stamp << STAMP_SHIFT) | OPEN_BIT | (k & _MASK)
             if there == start:
                 bound = np.float64(reached)
                 last_bucket = last_bucket_below(bound, *order)
@@ -242,76 +277,89 @@ def fill_field(grid, poses, edges, prices, region, ends, rule, memory, limits):
     return code, expansions, refused
 
 
+@helper
+def _step(code, edges, node, move, fare, unit):
+    """What a primitive costs by its code; unchecked as if on the best ground, inf where it fails."""
+    if code >= FAILS:
+        return np.float32(np.inf)
+    if len(edges) and move[EDGE] >= 0:
+        return edges[np.uint64(node), np.uint64(move[EDGE])]
+    return fare[BY_LENGTH] * (np.float32(1.0) + motion_weight(code, unit)) + fare[FIXED]
+
+
 @kernel
-def expand_states(grid, poses, edges, prices, field, region, ends, rule, memory, limits):
+def expand_states(poses, edges, prices, field, region, ends, rule, memory, limits):
     """As `kernels.expansion.expand`, over a body's states.
 
     Parameters
     ----------
-    grid : tuple
-        As everywhere.
     poses : tuple
-        Of the body, see `kernels.poses`. What a leg or a turn needs of them is checked.
+        Of the body, see `kernels.poses`. What a motion needs of them is checked.
     edges : (nodes, 16) float32
         What the leg that leaves a node in each direction costs, inf where there is none; without any, legs cost by
         what they are checked to be.
-    prices : (lengths, unit, turns)
-        (8,) float32 what a leg of each axis costs on the best ground; by how much each step of its code makes it
-        dearer, as a share; (8,) float32 what a turn from each direction to the next costs.
-    field : (g, meta, stamp, row, col, floor, between)
+    prices : tuple
+        Of primitives and rays, see `map.primitives`.
+    field : (g, meta, stamp, stride, row, col, floor, between)
         What `fill_field` left, the number of that search, the start, and what it costs from there; no g without one.
         With costs of turns `between` directions, (16, 16) float32, if it was filled by these.
-    region, memory, limits
-        As there; memory is that of the states.
-    ends : (start, goal, first)
-        Nodes, and the direction at the start; -1 where any will do.
-    rule : (towards, width, beyond)
-        Costs of straight, diagonal and knight's legs by which what is left is judged; else as there.
+    region, limits
+        As there.
+    ends : (start, goal, first, ring)
+        Nodes, and the state at the start among those of its cell; -1 where any will do. From so many cells from the
+        start on, as the king moves, states are judged by the field alone and are as good as the goal; 0 for none.
+    rule : (towards, width, beyond, frame, wanted)
+        Costs of straight, diagonal and knight's legs by which what is left is judged; else as there. Binary digits of
+        a cell's states, and first row, first column and stride of the memory. (S,) bool, states that will do at the
+        goal.
+    memory
+        As there, of the states of the frame's cells.
 
     Returns
     -------
     tuple
         As there; once the goal is found, `counts` has its state in the place of the nearest one's.
     """
-    _, stride, _, _, _ = grid
-    start, goal, first = ends
-    lengths, unit, turn_prices, _ = prices
-    best, width, beyond = rule
+    start, goal, first, ring = ends
+    unit, moves, fares, origins, _, _, _ = prices
+    moves, fares, origins = borrowed(moves), borrowed(fares), borrowed(origins)
+    best, width, beyond, frame, wanted = rule
+    wanted = borrowed(wanted)
     most, until = limits
-    legs, turns, rows, cols = borrowed(poses[0]), borrowed(poses[1]), poses[2][5][0], poses[2][5][1]
+    codes, rows, cols = borrowed(poses[0]), poses[1][5][0], poses[1][5][1]
+    stride, ways = cols + 2, moves.shape[1]
     g, meta, stamp, heads, entries, control, reals, counts, path = memory
     g, meta, heads, entries = borrowed(g), borrowed(meta), borrowed(heads), borrowed(entries)
     allowed = borrowed(region[0]), borrowed(region[1]), borrowed(region[2]), region[3]
-    edges, lengths, turn_prices = borrowed(edges), borrowed(lengths), borrowed(turn_prices)
-    regional, by_edges = len(region[0]) > 0, len(edges) > 0
+    edges = borrowed(edges)
+    regional = len(region[0]) > 0
     goal_row, goal_col = goal // stride, goal % stride
-    field = borrowed(field[0]), borrowed(field[1]), field[2], field[3], field[4], field[5], borrowed(field[6])
-    judge = (PER_NODE, stride, goal_row, goal_col, best), field
+    start_row, start_col = field[4], field[5]
+    field = borrowed(field[0]), borrowed(field[1]), field[2], field[3], start_row, start_col, field[6], borrowed(field[7])
+    judge = frame, (goal_row, goal_col, best), field
     if start >= 0:
-        h = _left(start << PER_NODE, judge)
+        h = _left_at(start // stride, start % stride, max(first, 0), judge)
         clear(heads, control)
         free, used, waiting = np.int64(NOTHING), np.int64(0), 0
-        for k in range(DIRECTIONS):
-            if first < 0 or first == k:
-                state = start * DIRECTIONS + k
+        for local in range(len(moves)):
+            if first < 0 or first == local:
+                state = _state(start // stride, start % stride, local, frame)
                 free, used = push(heads, entries, 0, state, 0, 0, free, used)
                 g[2 * state] = 0.0
                 meta[2 * state + 1] = (stamp << STAMP_SHIFT) | OPEN_BIT | ORIGIN
                 waiting += 1
         control[FREE], control[USED], control[LENGTH] = free, used, waiting
         reals[BASE], reals[INVERSE_WIDTH], reals[REFUSED], reals[BEST_H] = h, 1.0 / width, np.inf, np.inf
-        counts[EXPANSIONS], counts[BEST_NODE] = 0, start * DIRECTIONS + max(first, 0)
+        reals[BOUND] = np.inf
+        counts[EXPANSIONS] = 0
+        counts[BEST_NODE] = _state(start // stride, start % stride, max(first, 0), frame)
+        counts[SETTLED] = NOTHING
     order, refused, best_h = (reals[BASE], reals[INVERSE_WIDTH]), reals[REFUSED], reals[BEST_H]
     free, used, fine_at = control[FREE], control[USED], control[FINE_AT]
     block, waiting = control[BLOCK], control[LENGTH]
-    room = np.int64(len(entries)) // 2 - DIRECTIONS - 3
-    bound, last_bucket, settled = np.inf, np.int64(SPAN), np.int64(-1)
-    for k in range(DIRECTIONS):
-        state = goal * DIRECTIONS + k
-        found_before = start < 0 and meta[2 * state + 1] >> STAMP_SHIFT == stamp
-        if found_before and g[2 * state] * beyond < bound:
-            bound, settled = np.float64(g[2 * state]) * beyond, state
-            last_bucket = last_bucket_below(bound, *order)
+    room = np.int64(len(entries)) // 2 - ways - DIRECTIONS - 3
+    bound, settled = reals[BOUND], counts[SETTLED]
+    last_bucket = last_bucket_below(bound, *order)
     expansions = counts[EXPANSIONS]
     last = expansions + most
     look_at = expansions + LOOK_EVERY
@@ -336,91 +384,112 @@ def expand_states(grid, poses, edges, prices, field, region, ends, rule, memory,
             block, fine_at, order, free, waiting, last_bucket = rest
             continue
         waiting -= 1
-        word = meta[np.uint64(2 * state + 1)]
+        word = np.int64(meta[np.uint64(2 * state + 1)])
         if not word & OPEN_BIT:
             continue
-        meta[np.uint64(2 * state + 1)] = word & ~OPEN_BIT
-        node, k = state >> PER_NODE, state & _MASK
-        row = node // stride
-        col = node - row * stride
-        h = _left(state, judge)
+        row, col, local = _place(state, frame)
+        h = _left_at(row, col, local, judge)
         g_state = g[np.uint64(2 * state)]
         if g_state + h >= bound:
+            meta[np.uint64(2 * state + 1)] = word & ~OPEN_BIT
             continue
+        if word & UNSURE_BIT:  # what leads here is checked now
+            way = word & DIRECTION_BITS
+            before = origins[local, way]
+            i, j = row - moves[before, way, DOWN], col - moves[before, way, RIGHT]
+            motion, at = np.int64(moves[before, way, MOTION]), i * stride + j
+            on = row * stride + col if moves[before, way, THERE] else at
+            if codes[np.uint64(on), np.uint64(motion)] == UNCHECKED:
+                check_there(poses, on // stride - 1, on % stride - 1, motion)
+            found = np.int64(codes[np.uint64(on), np.uint64(motion)])
+            reached = g[np.uint64(2 * _state(i, j, before, frame))]
+            reached += _step(found, edges, at, moves[before, way], fares[before, way], unit)
+            if reached > g_state:
+                least, word = np.float32(np.inf), np.int64(0)
+                for way in range(ways):  # the best of all from states that are sure
+                    before = origins[local, way]
+                    if before < 0:
+                        continue
+                    i, j = row - moves[before, way, DOWN], col - moves[before, way, RIGHT]
+                    if not (1 <= i <= rows and 1 <= j <= cols):
+                        continue
+                    other = _state(i, j, before, frame)
+                    known = np.int64(meta[np.uint64(2 * other + 1)])
+                    if known >> STAMP_SHIFT != stamp or known & UNSURE_BIT:
+                        continue
+                    motion, at = np.int64(moves[before, way, MOTION]), i * stride + j
+                    on = row * stride + col if moves[before, way, THERE] else at
+                    found = np.int64(codes[np.uint64(on), np.uint64(motion)])
+                    reached = g[np.uint64(2 * other)]
+                    reached += _step(found, edges, at, moves[before, way], fares[before, way], unit)
+                    if reached < least:
+                        least = reached
+                        word = (stamp << STAMP_SHIFT) | OPEN_BIT | (UNSURE_BIT if found == UNCHECKED else 0) | way
+                meta[np.uint64(2 * state + 1)] = word
+                if word:
+                    g[np.uint64(2 * state)] = least
+                    free, used = push(
+                        heads, entries, bucket_of(least + h, *order), state, block, fine_at, free, used
+                    )
+                    waiting += 1
+                continue
+        meta[np.uint64(2 * state + 1)] = word & ~(OPEN_BIT | UNSURE_BIT)
         expansions += 1
         if h < best_h:
             best_h = h
             counts[BEST_NODE] = state
-        for way in range(3):
-            i, j, across, to = row, col, node, k
-            at, axis, motion = node, k & 7, k & 7
-            if way == LEG:
-                i, j = row + ROWS[k], col + COLS[k]
-                if not (1 <= i <= rows and 1 <= j <= cols):
-                    continue
-                across = i * stride + j
-                at = node if k < AXES else across
-                found = np.int64(legs[np.uint64(at), np.uint64(axis)])
-                if found >= FAILS:
-                    continue
-                checked = found != UNCHECKED
-                if by_edges:
-                    step = edges[np.uint64(node), np.uint64(k)]
-                else:
-                    step = lengths[axis] * (np.float32(1.0) + motion_weight(found, unit))
-            else:
-                if word & DIRECTION_BITS == LEFT + RIGHT - way:
-                    continue
-                to = (k + 1) & _MASK if way == LEFT else (k - 1) & _MASK
-                axis = k & 7 if way == LEFT else to & 7
-                bits = np.int64(turns[np.uint64(node)]) >> axis
-                checked = bits & 1 != 0
-                if checked and not bits >> AXES & 1:
-                    continue
-                motion, step = AXES + axis, turn_prices[axis]
-            there = across * DIRECTIONS + to
-            known = np.float32(np.inf)
-            if meta[np.uint64(2 * there + 1)] >> STAMP_SHIFT == stamp:
-                known = g[np.uint64(2 * there)]
-            reached, left = g_state + step, _left(there, judge)
-            f = reached + left
-            if not reached < known or f >= bound:
+        node = row * stride + col
+        for way in range(ways):
+            to = np.int64(moves[local, way, TO])
+            i, j = row + moves[local, way, DOWN], col + moves[local, way, RIGHT]
+            if to < 0 or not (1 <= i <= rows and 1 <= j <= cols):
                 continue
-            if regional and way == LEG and across != goal and _outside(allowed, i, j):
-                refused = min(refused, f)
+            across, motion = i * stride + j, np.int64(moves[local, way, MOTION])
+            on = across if moves[local, way, THERE] else node
+            found = np.int64(codes[np.uint64(on), np.uint64(motion)])
+            if found >= FAILS:
                 continue
-            if not checked:
-                check_there(poses, at // stride - 1, at % stride - 1, motion)
-                if way == LEG:
-                    found = np.int64(legs[np.uint64(at), np.uint64(axis)])
-                    if found >= FAILS:
-                        continue
-                    if not by_edges:
-                        reached = g_state + lengths[axis] * (np.float32(1.0) + motion_weight(found, unit))
-                        f = reached + left
-                        if not reached < known or f >= bound:
-                            continue
-                elif not np.int64(turns[np.uint64(node)]) >> (AXES + axis) & 1:
+            there = _state(i, j, to, frame)
+            known, sure, before = np.float32(np.inf), False, np.int64(meta[np.uint64(2 * there + 1)])
+            if before >> STAMP_SHIFT == stamp:
+                known, sure = g[np.uint64(2 * there)], not before & UNSURE_BIT
+            step, left = _step(found, edges, node, moves[local, way], fares[local, way], unit), _left_at(i, j, to, judge)
+            reached = np.float32(g_state + step)
+            if not reached < known or reached + left >= bound:
+                continue
+            if regional and across != node and across != goal and _outside(allowed, i, j):
+                refused = min(refused, reached + left)
+                continue
+            far = ring > 0 and max(abs(i - start_row), abs(j - start_col)) >= ring
+            ends_here = far or (across == goal and wanted[to])
+            if (ends_here or sure) and found == UNCHECKED:  # what is sure stays so
+                check_there(poses, on // stride - 1, on % stride - 1, motion)
+                found = np.int64(codes[np.uint64(on), np.uint64(motion)])
+                step = _step(found, edges, node, moves[local, way], fares[local, way], unit)
+                reached = np.float32(g_state + step)
+                if not reached < known or reached + left >= bound:
                     continue
             g[np.uint64(2 * there)] = reached
-            come = np.int64((stamp << STAMP_SHIFT) | OPEN_BIT | way)
-            if across == goal:
-                come ^= OPEN_BIT  # never expanded, so never put on the open list
-                bound, settled = f * beyond, there
+            come = np.int64((stamp << STAMP_SHIFT) | way)
+            if ends_here:  # never expanded, so never put on the open list
+                bound, settled = (reached + left) * beyond, there
                 last_bucket = last_bucket_below(bound, *order)
             else:
-                free, used = push(heads, entries, bucket_of(f, *order), there, block, fine_at, free, used)
+                come |= OPEN_BIT | (UNSURE_BIT if found == UNCHECKED else 0)
+                bucket = bucket_of(reached + left, *order)
+                free, used = push(heads, entries, bucket, there, block, fine_at, free, used)
                 waiting += 1
             meta[np.uint64(2 * there + 1)] = come
     control[FREE], control[USED], control[FINE_AT] = free, used, fine_at
     control[BLOCK], control[LENGTH] = block, waiting
     reals[BASE], reals[INVERSE_WIDTH], reals[REFUSED], reals[BEST_H] = order[0], order[1], refused, best_h
+    reals[BOUND], counts[SETTLED] = bound, settled
     counts[EXPANSIONS] = expansions
     if code == FOUND:
         counts[BEST_NODE] = settled
     cells = 0
     if code != FULL:
-        cells = trace_states(meta, counts[BEST_NODE], stride, path)
+        cells = trace_states(meta, counts[BEST_NODE], prices, frame, path)
     return code, cells, expansions, refused
 
 
@@ -431,8 +500,8 @@ def walk_states(poses, edges, prices, stride, path, first, costs):
     Returns the number of the first cell that a failing leg or turn leads to, from `first` on; -1 if all pass. The
     turn at `first` must pass, too, but is not counted.
     """
-    lengths, unit, turn_prices, _ = prices
-    legs = poses[0]
+    unit, _, fares, _, _, _, _ = prices
+    codes = poses[0]
     total, before = 0.0, -1
     if first == 0:
         costs[:1] = 0.0
@@ -443,21 +512,49 @@ def walk_states(poses, edges, prices, stride, path, first, costs):
             before, costs[n] = k, 0.0
             continue
         if before >= 0 and before != k:
-            price = turn_price(poses, turn_prices, stride, node, before, k)
+            price = turn_price(poses, fares, stride, node, before, k)
             if price == np.inf:
                 return n
             total += price if n > first + 1 else 0.0
         axis = k & 7
         at = node if k < AXES else (path[n, 0] + 1) * stride + path[n, 1] + 1
-        if legs[at, axis] == UNCHECKED:
+        if codes[at, axis] == UNCHECKED:
             check_there(poses, at // stride - 1, at % stride - 1, axis)
-        if legs[at, axis] >= FAILS:
+        if codes[at, axis] >= FAILS:
             return n
         if len(edges):
             total += edges[node, k]
         else:
-            total += lengths[axis] * (1.0 + motion_weight(legs[at, axis], unit))
+            total += fares[k, LEG, BY_LENGTH] * (1.0 + motion_weight(codes[at, axis], unit))
         costs[n], before = total, k
+    return -1
+
+
+@kernel
+def walk_primitives(poses, edges, prices, path, first, costs):
+    """Write what a path of states (N, 3) costs from its state `first` to each later one into `costs` (N,).
+
+    Returns the number of the first state that a failing primitive, or none at all, leads to; -1 if all pass.
+    """
+    unit, moves, fares, _, _, _, _ = prices
+    stride, total = poses[1][5][1] + 2, 0.0
+    costs[first : first + 1] = 0.0
+    for n in range(first + 1, len(path)):
+        row, col, local = path[n - 1, 0] + 1, path[n - 1, 1] + 1, path[n - 1, 2]
+        down, right, step = path[n, 0] + 1 - row, path[n, 1] + 1 - col, np.inf
+        for way in range(moves.shape[1]):
+            move = moves[local, way]
+            if move[TO] == path[n, 2] and move[DOWN] == down and move[RIGHT] == right:
+                i, j, motion = row + down * move[THERE], col + right * move[THERE], np.int64(move[MOTION])
+                if poses[0][i * stride + j, motion] == UNCHECKED:
+                    check_there(poses, i - 1, j - 1, motion)
+                code = np.int64(poses[0][i * stride + j, motion])
+                if code < FAILS:
+                    step = np.float64(_step(code, edges, row * stride + col, move, fares[local, way], unit))
+        if step == np.inf:
+            return n
+        total += step
+        costs[n] = total
     return -1
 
 
@@ -471,14 +568,14 @@ def direction_of(rows, cols):
 
 
 @helper
-def turn_price(poses, turn_prices, stride, node, before, after):
+def turn_price(poses, fares, stride, node, before, after):
     """Cost of turning on a node to another direction, the shorter way; inf where impossible (both ways are)."""
     left = (after - before) & _MASK <= DIRECTIONS // 2
     total, k = 0.0, before
     while k != after and total < np.inf:
         axis = k & 7 if left else (k - 1) & 7
-        if not poses[1][node] >> axis & 1:
+        if poses[0][node, AXES + axis] == UNCHECKED:
             check_there(poses, node // stride - 1, node % stride - 1, AXES + axis)
-        total = total + turn_prices[axis] if poses[1][node] >> (AXES + axis) & 1 else np.inf
+        total = total + fares[axis, LEFT_TURN, FIXED] if poses[0][node, AXES + axis] < FAILS else np.inf
         k = (k + 1 if left else k - 1) & _MASK
     return total

@@ -6,8 +6,9 @@ from numba.extending import intrinsic, overload
 
 from nnpp_edge.runtime.compiled.kernel import kernel
 
-STAMP_SHIFT = 5
-OPEN_BIT = 16
+STAMP_SHIFT = 6
+OPEN_BIT, UNSURE_BIT = 16, 32
+"""To be expanded; and come to by a motion that has not been checked (`kernels.lattice`)."""
 ORIGIN = 8
 """Direction 0-7 leads from the parent to the node; this one marks the start."""
 DIRECTION_BITS = 15

@@ -121,7 +121,8 @@ def refill_by(left):
             node = np.int64(entries[2 * chain])
             if meta[2 * node + 1] & OPEN_BIT:
                 bucket = bucket_of(g[2 * node] + left(node, judge), base, inverse_width)
-                slot = max(bucket - block * FINE, np.int64(0)) if block >= 0 else FINE + bucket // FINE
+                ahead = max(bucket - block * FINE, np.int64(0)) if block >= 0 else np.int64(FINE)
+                slot = ahead if ahead < FINE else FINE + bucket // FINE  # g may have risen meanwhile
                 entries[2 * chain + 1] = heads[slot]
                 heads[slot] = chain
             else:

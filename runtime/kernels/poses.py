@@ -3,11 +3,10 @@
 Motions are checked a run at a time, `RUN` cells of a row, where a search first asks: a run takes about as long as two
 or three motions would take one by one. docs/vehicle.md has the definitions and the proof, `map.motions` the tables.
 
-The kernels are given `poses`, a tuple (legs, turns, source, address):
+The kernels are given `poses`, a tuple (codes, source, address):
 
-    legs       (nodes, 8) uint16, of the leg that leaves along each axis: `UNCHECKED`, 1 + T · `MOST_CODE`, rounded
-               up, or `MOST_CODE` + 1 + the limit that refuses it
-    turns      (nodes,) uint16, bit k: the turn from direction k to the next was checked; bit 8 + k: and is possible
+    codes      (nodes, M) uint16, of each motion that begins on a node: `UNCHECKED`, 1 + T · `MOST_CODE`, rounded up, or
+               `MOST_CODE` + 1 + the limit that refuses it
     source     (heights, motions, limits, scratch, counts, shape), see `map.poses`
     address    of `check_run`
 """
@@ -236,7 +235,7 @@ def _figures(heights, first, pose, tables, halves):
 @helper
 def _given(poses):
     """All that the check reads, references to which are not counted: (heights, width, margin), tables, scratch."""
-    source = poses[2]
+    source = poses[1]
     given, shape = source[1], source[5]
     samples, fitted, belly = given[3], given[4], given[5]
     tables = (
@@ -269,10 +268,9 @@ def figures_of(poses, row, col, motion, out):
 def check_run(poses, row, col, motion):
     """Check a motion from all cells of the run that a cell lies in, and write what is found of it.
 
-    Motions are the legs along the axes, the turns from one direction to the next, and the body standing in each
-    direction, eight of each. What a leg or a standing body comes to is left in the scratch memory, too.
+    What a motion comes to, one from M on of the body standing in a direction, is left in the scratch memory, too.
     """
-    legs, turns, source = borrowed(poses[0]), borrowed(poses[1]), poses[2]
+    codes, source = borrowed(poses[0]), poses[1]
     limits, counts, cols = borrowed(source[2]), borrowed(source[4]), source[5][1]
     (heights, width, margin), poses_of, tables, scratch = _given(poses)
     col -= col % RUN
@@ -286,15 +284,10 @@ def check_run(poses, row, col, motion):
     mean = rounded_up(total * (_ONE / np.float32(poses_of[motion + 1] - poses_of[motion])))
     put_run(scratch, 0, chosen(worst < np.float32(FAILS), mean, worst))
     n, node = min(RUN, cols - col), (row + 1) * (cols + 2) + col + 1
-    if motion < AXES:
-        there = legs[node:, motion]
+    if motion < codes.shape[1]:
+        there = codes[node:, motion]
         for c in range(n):
             there[c] = np.uint16(scratch[c])
-    elif motion < 2 * AXES:
-        bit = np.uint16(1 << (motion - AXES))
-        for c in range(n):
-            passes = np.uint16(bit << 8) if scratch[c] < FAILS else np.uint16(0)
-            turns[node + c] = turns[node + c] | bit | passes
     counts[0] += n * (poses_of[motion + 1] - poses_of[motion])
 
 
@@ -305,7 +298,7 @@ def check_there(poses, row, col, motion):
 
 @overload(check_there)
 def _compiled_check_there(poses, row, col, motion):
-    return lambda poses, row, col, motion: call_at(poses[3], (poses, row, col, motion))
+    return lambda poses, row, col, motion: call_at(poses[2], (poses, row, col, motion))
 
 
 def address_of_check(poses):
@@ -316,37 +309,34 @@ def address_of_check(poses):
 @kernel
 def standing_codes(poses, row, out):
     """Codes of the body standing on the cells of a row, in each direction, into `out` (8, W)."""
-    source = poses[2]
-    for motion in range(2 * AXES, 3 * AXES):
+    scratch, first = poses[1][3], poses[0].shape[1]
+    for k in range(AXES):
         for col in range(0, out.shape[1], RUN):
-            check_run(poses, row, col, motion)
+            check_run(poses, row, col, first + k)
             for c in range(min(RUN, out.shape[1] - col)):
-                out[motion - 2 * AXES, col + c] = np.uint16(source[3][c])
+                out[k, col + c] = np.uint16(scratch[c])
 
 
 @kernel
 def check_rows(poses, row0, row1):
-    """Check all legs and turns of some rows that are not checked yet."""
-    legs, turns, source, _ = poses
-    cols = source[5][1]
+    """Check all motions of some rows that are not checked yet."""
+    codes, cols = poses[0], poses[1][5][1]
     for row in range(row0, row1):
         first = (row + 1) * (cols + 2) + 1
         for col in range(0, cols, RUN):
-            for motion in range(AXES):
-                if legs[first + col, motion] == UNCHECKED:
+            for motion in range(codes.shape[1]):
+                if codes[first + col, motion] == UNCHECKED:
                     check_run(poses, row, col, motion)
-                if not turns[first + col] >> motion & 1:
-                    check_run(poses, row, col, AXES + motion)
 
 
 @kernel
 def forget_poses(poses, area, reach):
-    """Take legs and turns within reach of a rectangle of cells, (row0, row1, col0, col1), as unchecked.
+    """Take motions within reach of a rectangle of cells, (row0, row1, col0, col1), as unchecked.
 
     `reach` is (rows, columns). Returns how many had been checked.
     """
-    legs, turns, source, _ = poses
-    rows, cols = source[5][0], source[5][1]
+    codes, shape = poses[0], poses[1][5]
+    rows, cols = shape[0], shape[1]
     row0, row1 = max(area[0] - reach[0], 0), min(area[1] + reach[0], rows)
     col0, col1 = max(area[2] - reach[1], 0), min(area[3] + reach[1], cols)
     col0 -= col0 % RUN
@@ -355,8 +345,7 @@ def forget_poses(poses, area, reach):
     for row in range(row0, row1):
         first = (row + 1) * (cols + 2) + 1
         for node in range(first + col0, first + col1):
-            for motion in range(AXES):
-                forgotten += (legs[node, motion] != UNCHECKED) + (turns[node] >> motion & 1)
-                legs[node, motion] = UNCHECKED
-            turns[node] = 0
+            for motion in range(codes.shape[1]):
+                forgotten += codes[node, motion] != UNCHECKED
+                codes[node, motion] = UNCHECKED
     return forgotten

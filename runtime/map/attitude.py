@@ -76,7 +76,7 @@ def attitudes(poses: Poses, path: NDArray[np.int32]) -> Attitudes:
     for n in range(len(path)):
         k = kinds[min(n, len(kinds) - 1)]
         axis, back = k % AXES, k >= AXES
-        motion, (row, col) = (axis, path[n + back]) if n < len(legs) else (2 * AXES + axis, path[n])
+        motion, (row, col) = (axis, path[n + back]) if n < len(legs) else (poses.codes.shape[1] + axis, path[n])
         figures = poses.figures((int(row), int(col)), motion)
         sign = -1.0 if back else 1.0
         found[:2, n] = sign * figures[-1 if back else 0, 5:]

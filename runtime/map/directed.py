@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from nnpp_edge.runtime.bands import in_bands
 from nnpp_edge.runtime.cells import Cell, Rectangle, enclosing, widened
 from nnpp_edge.runtime.kernels.directed import join_steps, pool_steps, price_steps
+from nnpp_edge.runtime.kernels.lattice import FIXED
 from nnpp_edge.runtime.kernels.nodes import COL_STEP, ROW_STEP
 from nnpp_edge.runtime.map.changes import Change
 from nnpp_edge.runtime.map.motions import DIRECTIONS
@@ -138,9 +139,10 @@ class DirectedSteps(PointSteps):
     def states(self) -> States | None:
         if not isinstance(self._under, PoseSteps):
             return None
-        packed, _, (lengths, unit, *_) = self._under.states()
-        turns = (self._under.poses.turns_m * float(self._model.cost(1.0, 0.0))).astype(np.float32)
-        return packed, self._edges, (lengths, unit, turns, between(turns))
+        packed, _, (unit, moves, fares, *rest, _) = self._under.states()
+        metre, turns = float(self._model.cost(1.0, 0.0)), fares.copy()
+        turns[..., FIXED] *= self._sides[0] * metre
+        return packed, self._edges, (unit, moves, turns, *rest, between(self._under.poses.turns_m * metre))
 
     def stands_at(self, grid: "Grid", cell: Cell) -> bool:
         return self._under.stands_at(grid, cell)
@@ -149,7 +151,8 @@ class DirectedSteps(PointSteps):
         blocked = self._under.walk(grid, path, first, costs)
         legs = np.cumsum(self._costs_along(path[first:]))
         if (states := self.states()) is not None and isinstance(self._under, PoseSteps):
-            by_turns = np.zeros_like(states[2][0]), np.float32(0.0), *states[2][2:]
+            _, moves, fares, *rest = states[2]
+            by_turns = np.float32(0.0), moves, fares * np.float32((0.0, 1.0)), *rest
             blocked = self._under.poses.walk(path, first, costs, prices=by_turns)
             legs = legs + costs[first + 1 :]
         costs[first], costs[first + 1 :] = 0.0, legs

@@ -1,6 +1,6 @@
 """The poses that a motion of a vehicle's body is checked by, and the tables by which the check samples the ground.
 
-A motion is a straight leg from a cell to another, or a turn on the spot. Each of its poses stands for the body's
+A motion is a straight leg from a cell to another, a turn on the spot, or an arc (`map.primitives`). Each of its poses stands for the body's
 places up to `sweep_m` before and behind it, and for headings up to `turn_rad` to both sides: together they leave
 nothing out. The ground is sampled at the corners of the boxes that parts of a rectangle fit into (docs/vehicle.md).
 """
@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from nnpp_edge.runtime.kernels.lattice import COLS, ROWS
+from nnpp_edge.runtime.map.primitives import curve, heading_rad, turn_rad
 from nnpp_edge.runtime.terrain.vehicle import Vehicle
 
 DIRECTIONS = tuple(zip(ROWS, COLS, strict=True))
@@ -63,15 +64,21 @@ def turn_poses(direction: int, sides_m: tuple[float, float]) -> list[Pose]:
     return [Pose(0.0, 0.0, (math.cos(at), math.sin(at)), 0.0, angle / (2 * TURN_POSES)) for at in middles]
 
 
-def turn_rad(direction: int, sides_m: tuple[float, float]) -> float:
-    """Angle from a direction to the next."""
-    return (heading_rad(direction + 1, sides_m) - heading_rad(direction, sides_m)) % (2.0 * math.pi)
-
-
-def heading_rad(direction: int, sides_m: tuple[float, float]) -> float:
-    """Angle of a direction from down the rows, rising towards growing columns, on the ground."""
-    row, col = DIRECTIONS[direction % len(DIRECTIONS)]
-    return math.atan2(col * sides_m[1], row * sides_m[0])
+def arc_poses(direction: int, sides_m: tuple[float, float], radius_m: float, length_m: float) -> list[Pose]:
+    """Of an arc from a direction to the next, of a body of this length."""
+    first, bend = heading_rad(direction, sides_m), curve(direction, sides_m, radius_m)
+    share = np.clip(length_m / (32.0 * max(sides_m)), *LEG_SPACING)
+    count = math.ceil(bend.length_m / (share * length_m))
+    half, poses = bend.length_m / (2 * count), []
+    for n in range(count):
+        at = (2 * n + 1) * half
+        ahead, left, turned = bend.at(at)
+        place = (math.cos(first) * ahead - math.sin(first) * left) / sides_m[0]
+        heading = math.cos(first + turned), math.sin(first + turned)
+        bent = bend.before_m < at + half and at - half < bend.length_m - bend.after_m
+        aside = (math.sin(first) * ahead + math.cos(first) * left) / sides_m[1]
+        poses.append(Pose(place, aside, heading, half, half / bend.radius_m if bent else 0.0))
+    return poses
 
 
 class Motions(NamedTuple):
@@ -113,12 +120,16 @@ class Motions(NamedTuple):
 
 @functools.lru_cache(maxsize=16)
 def all_motions(vehicle: Vehicle, sides_m: tuple[float, float]) -> Motions:
-    """Tables of the legs along the axes, the turns from one direction to the next, and of standing in each: 24."""
-    axes = range(len(AXES))
+    """Tables of the legs along the axes, the turns from one direction to the next, the arcs from each direction, if
+    the vehicle drives any, and of standing along each axis.
+    """
+    axes, radius = range(len(AXES)), vehicle.turning_radius_m
     legs = [leg_poses(k, sides_m, vehicle.length_m) for k in axes]
     angles = [heading_rad(k, sides_m) for k in axes]
     standing = [[Pose(0.0, 0.0, (math.cos(angle), math.sin(angle)))] for angle in angles]
-    return motions_of(vehicle, sides_m, legs + [turn_poses(k, sides_m) for k in axes] + standing)
+    turns, bent = [turn_poses(k, sides_m) for k in axes], range(0 if radius is None else len(DIRECTIONS))
+    arcs = [arc_poses(k, sides_m, radius or 0.0, vehicle.length_m) for k in bent]
+    return motions_of(vehicle, sides_m, legs + turns + arcs + standing)
 
 
 def motions_of(vehicle: Vehicle, sides_m: tuple[float, float], motions: list[list[Pose]]) -> Motions:

@@ -15,7 +15,7 @@ from nnpp_edge.runtime.arguments import checked
 from nnpp_edge.runtime.arrays import Float2D
 from nnpp_edge.runtime.cells import Cell, Rectangle, slices, widened
 from nnpp_edge.runtime.errors import InvalidMapError
-from nnpp_edge.runtime.kernels.lattice import walk_states
+from nnpp_edge.runtime.kernels.lattice import walk_primitives, walk_states
 from nnpp_edge.runtime.kernels.poses import (
     AXES,
     FAILS,
@@ -30,14 +30,17 @@ from nnpp_edge.runtime.kernels.poses import (
     standing_codes,
 )
 from nnpp_edge.runtime.map import motions
+from nnpp_edge.runtime.map.primitives import primitives
 from nnpp_edge.runtime.terrain.traversability import Traversability, relative_heights, sides_of
 from nnpp_edge.runtime.terrain.vehicle import Vehicle
 
 Floats = NDArray[np.float32]
-PackedPoses = tuple[NDArray[np.uint16], NDArray[np.uint16], tuple[object, ...], int]
+PackedPoses = tuple[NDArray[np.uint16], tuple[object, ...], int]
 """Motions as the kernels take them, see `kernels.poses`."""
-Prices = tuple[Floats, np.float32, Floats, Floats]
-"""Costs of legs and turns, see `kernels.lattice.expand_states`."""
+Ints = NDArray[np.int32]
+Prices = tuple[np.float32, Ints, Floats, Ints, Ints, Floats, Floats]
+"""By how much each step of a code makes a motion dearer, as a share; primitives and rays (`map.primitives`); and
+what turns between directions cost (16, 16)."""
 NO_EDGES = np.empty((0, 2 * AXES), np.float32)
 """Of legs that cost by what they are checked to be."""
 _SAFE = 1.0 - 1e-5
@@ -98,23 +101,21 @@ class Poses:
         ):
             self.heights[edge] = self._unknown
         nodes = (rows + 2) * (cols + 2)
-        self.legs: NDArray[np.uint16] = np.zeros((nodes, AXES), np.uint16)
-        """(nodes, 8) what is known of the leg that leaves a node along each axis."""
-        self.turns: NDArray[np.uint16] = np.zeros(nodes, np.uint16)
+        self.codes: NDArray[np.uint16] = np.zeros((nodes, len(tables.poses_of) - 1 - AXES), np.uint16)
+        """(nodes, M) what is known of each motion that begins on a node: legs, turns, and arcs if there are any."""
         self._counts = np.zeros(1, np.int64)
 
         self._limits = limits_of(vehicle, weights)
         self._scratch = np.zeros(max(tables.gradients.shape[1], 1) * RUN, np.float32)
         self.packed: PackedPoses = self._packed_for(tables)
         """As the kernels take them."""
-        lengths = np.array([math.hypot(*axis) for axis in motions.AXES], np.float32)
         turns_m = vehicle.turn_m_per_rad * np.array([motions.turn_rad(k, sides_m) for k in range(AXES)])
         self.turns_m: NDArray[np.float64] = turns_m
         """(8,) metres of level ground as dear as the turn from each direction to the next."""
-        unit = np.float32(2.0 * scale / MOST_CODE)
-        turns = (turns_m / dy).astype(np.float32)
-        self.prices: Prices = lengths, unit, turns, between(turns)
-        """Of legs and turns, in cells of level ground."""
+        self.primitives = primitives(vehicle, sides_m)
+        moves, fares, origins, *rays, _ = self.primitives
+        self.prices: Prices = np.float32(2.0 * scale / MOST_CODE), moves, fares, origins, *rays, between(turns_m / dy)
+        """Of the vehicle's motions, in cells of level ground."""
         self._put(0, 0, heights, shut)
 
     def _packed_for(self, tables: motions.Motions) -> PackedPoses:
@@ -136,7 +137,7 @@ class Poses:
         )
         shape = np.array((rows, cols, width, self._margin), np.int64)
         source = self.heights.reshape(-1), packed, self._limits, self._scratch, self._counts, shape
-        return self.legs, self.turns, source, _address()
+        return self.codes, source, _address()
 
     def figures(self, cell: Cell, motion: int, other: motions.Motions | None = None) -> NDArray[np.float64]:
         """(P, 7) of the poses of a motion from a cell, or of one of other motions: bounds of slope, pitch, roll, step
@@ -192,6 +193,8 @@ class Poses:
         prices: Prices | None = None,
     ) -> int:
         """As `Grid.walk`, by these prices, and by what legs cost in each direction, (nodes, 16), if given."""
+        if path.shape[1] == 3:
+            return int(walk_primitives(self.packed, edges, prices or self.prices, path, first, costs))
         return int(walk_states(self.packed, edges, prices or self.prices, self.shape[1] + 2, path, first, costs))
 
     def cost_along(self, path: NDArray[np.int32]) -> NDArray[np.float64]:
@@ -199,7 +202,7 @@ class Poses:
         legs = np.diff(path, axis=0)
         kinds = np.array([motions.DIRECTIONS.index((row, col)) for row, col in legs.tolist()], np.int64)
         base = np.where((kinds < AXES)[:, None], path[:-1], path[1:]) + 1
-        codes = self.legs[base[:, 0] * (self.shape[1] + 2) + base[:, 1], kinds % AXES]
+        codes = self.codes[base[:, 0] * (self.shape[1] + 2) + base[:, 1], kinds % AXES]
         return np.where(codes < FAILS, (codes - 1.0) / MOST_CODE, np.inf)
 
 
@@ -253,7 +256,7 @@ def pose_costs(
     return np.where(codes >= FAILS, np.float32(np.inf), costs.astype(np.float32))
 
 
-def between(turns: Floats) -> Floats:
+def between(turns: NDArray[np.floating]) -> Floats:
     """(16, 16) what the shorter turn from each direction to each other costs, given (8,) of those to the next."""
     at = np.cumsum(np.concatenate(([0.0], turns, turns)))
     apart = np.abs(at[:-1, None] - at[:-1])
@@ -307,5 +310,5 @@ def _address() -> int:
         ints,
         np.array((1, 1, RUN, 0)),
     )
-    packed = np.zeros((9, AXES), np.uint16), np.zeros(9, np.uint16), source, 0
+    packed = np.zeros((9, AXES), np.uint16), source, 0
     return int(address_of_check(packed))  # type: ignore[no-untyped-call]  # as all of `kernels`

@@ -37,7 +37,7 @@ def why_blocked(poses: Poses, cell: Cell) -> str:
     codes = poses.standing(range(cell[0], cell[0] + 1))[:, :, cell[1]]
     limit = int(refusals(codes[..., None])[0, 0]) - 1
     axes = np.nonzero(codes[:, 0] == FAILS + limit)[0].tolist()
-    least = min(greatest(poses, cell, 2 * AXES + axis)[limit] for axis in axes)
+    least = min(greatest(poses, cell, poses.codes.shape[1] + axis)[limit] for axis in axes)
     headings = "any heading" if len(axes) == AXES else f"{len(axes)} of {AXES} headings"
     return f"in {headings} {_refused(poses, limit, least, '{} or more')}"
 
@@ -54,13 +54,13 @@ def why_ended(poses: Poses, reached: NDArray[np.bool_], end: Cell, *, by_legs: b
     closest = row, col = divmod(int(np.where(reached, away, np.inf).argmin()), cols)
     begun, other = ("goal", "start") if by_legs else ("start", "goal")
     told = f"the way from the {begun} comes to {closest}, {apart((row, col, 1, 1), end)} cells from the {other}"
-    bits = int(poses.turns[(row + 1) * (cols + 2) + col + 1])
-    for axis in (axis for axis in range(AXES) if not by_legs and bits >> axis & 1 > bits >> AXES + axis & 1):
+    turns = poses.codes[(row + 1) * (cols + 2) + col + 1, AXES : 2 * AXES]
+    for axis in (axis for axis in range(AXES) if not by_legs and turns[axis] >= FAILS):
         values = greatest(poses, closest, AXES + axis)
         limit = max(range(len(REFUSALS)), key=lambda at: values[at] / _allowance(poses, at))
         return f"{told}. It cannot turn on the spot there: {_refused(poses, limit, values[limit], 'up to {}')}"
     top, left, height, width = widened((row, col, 1, 1), (_AROUND, _AROUND), poses.shape)
-    legs = poses.legs.reshape(rows + 2, cols + 2, AXES)[slices((top + 1, left + 1, height, width))]
+    legs = poses.codes.reshape(rows + 2, cols + 2, -1)[slices((top + 1, left + 1, height, width))][..., :AXES]
     refused, sides = legs.astype(np.int64) - FAILS, np.pad(reached + 2 * (~reached & (away <= away[closest])), 2)
     for axis, (down, right) in enumerate(motions.AXES):
         one, two = (sides[slices((top + 2 + i, left + 2 + j, height, width))] for i, j in ((0, 0), (down, right)))

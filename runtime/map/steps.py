@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from nnpp_edge.runtime.cells import Cell
-from nnpp_edge.runtime.kernels.lattice import DIRECTIONS, KNIGHT
+from nnpp_edge.runtime.kernels.lattice import KNIGHT
 from nnpp_edge.runtime.kernels.paths import measure, walk
 from nnpp_edge.runtime.map import motions
 from nnpp_edge.runtime.map.poses import NO_EDGES, PackedPoses, Poses, Prices
@@ -35,8 +35,8 @@ class PointSteps:
 
     by_poses = by_slope = False
     """Whether a vehicle's poses are checked; whether steps cost otherwise one way than the other."""
-    states_a_node = 1
-    """Places of a search on a node."""
+    states_a_node, columns = 1, 2
+    """Places of a search on a node; numbers of a place on a path, three where its state counts."""
     shortest, half_turn = 1.0, 0.0
     """Length of the shortest way over that by straight and diagonal steps; cost of turning to the opposite."""
 
@@ -93,10 +93,12 @@ class PointSteps:
 class PoseSteps(PointSteps):
     """A body's legs and turns. A leg costs its length by what it is checked to be, a turn by its angle."""
 
-    by_poses, states_a_node, shortest = True, DIRECTIONS, KNIGHT
+    by_poses = True
 
     def __init__(self, poses: Poses) -> None:
-        self.poses, self.half_turn = poses, float(poses.prices[3].max())
+        self.poses, self.half_turn = poses, float(poses.prices[-1].max())
+        self.states_a_node, self.shortest = len(poses.prices[1]), KNIGHT * poses.primitives.shortest
+        self.columns = 2 if poses.vehicle.turning_radius_m is None else 3
 
     def states(self) -> States:
         return self.poses.packed, NO_EDGES, self.poses.prices
@@ -110,6 +112,8 @@ class PoseSteps(PointSteps):
     def costs_of(self, grid: "Grid", path: NDArray[np.int32]) -> tuple[float, float, float]:
         if not len(path):
             return math.inf, math.inf, math.inf
+        if path.shape[1] == 3:
+            return self._costs_of_arcs(path)
         costs, lengths = np.zeros(len(path)), np.hypot(*np.diff(path, axis=0).T)
         blocked = self.poses.walk(path, 0, costs)
         cost = math.inf if blocked >= 0 else float(costs[-1])

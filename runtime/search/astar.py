@@ -7,6 +7,7 @@ metre over all slopes: no steps undercut it, and it is consistent. `landmarks` s
 import math
 import time
 from collections.abc import Callable, Iterator, Sequence
+from functools import partial
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -17,7 +18,7 @@ from nnpp_edge.runtime.cells import Cell
 from nnpp_edge.runtime.deadline import NEVER, Deadline
 from nnpp_edge.runtime.errors import Status
 from nnpp_edge.runtime.kernels import expansion as kernels
-from nnpp_edge.runtime.kernels.lattice import KNIGHT, expand_states, fill_field, trace_states
+from nnpp_edge.runtime.kernels.lattice import DIRECTIONS, KNIGHT, expand_states, fill_field, trace_states
 from nnpp_edge.runtime.kernels.nodes import octile
 from nnpp_edge.runtime.map.grid import Grid
 from nnpp_edge.runtime.map.region import Region
@@ -43,15 +44,18 @@ class Search(NamedTuple):
     status: Status
     """OK, NO_PATH or TIMEOUT."""
     path: NDArray[np.int32]
-    """(N, 2) cells (row, col) from start to goal; on TIMEOUT to the expanded cell nearest the goal."""
+    """(N, 2) cells (row, col) from start to goal; on TIMEOUT to the expanded cell nearest the goal. Of a body that
+    drives arcs (N, 3), with the state on each cell."""
     expansions: int
     refused_f: float = math.inf
     """Least f of a cell that was refused for lying outside the region; inf if none was."""
 
     @classmethod
-    def without_path(cls, status: Status, expansions: int = 0, refused_f: float = math.inf) -> "Search":
+    def without_path(
+        cls, status: Status, expansions: int = 0, refused_f: float = math.inf, columns: int = 2
+    ) -> "Search":
         """A search that found no path."""
-        return cls(status, np.empty((0, 2), np.int32), expansions, refused_f)
+        return cls(status, np.empty((0, columns), np.int32), expansions, refused_f)
 
 
 def astar(
@@ -68,6 +72,7 @@ def astar(
     limit: int | None = None,
     deadline: Deadline = NEVER,
     direction: int = -1,
+    wanted: NDArray[np.bool_] | None = None,
 ) -> Search:
     """Cheapest path between two passable cells of a grid.
 
@@ -87,6 +92,8 @@ def astar(
         Give up with TIMEOUT after about so many expansions, or then.
     direction : int
         In which a body stands at the start, see `map.motions.DIRECTIONS`; by default any.
+    wanted : (16,) bool
+        Directions in which it may arrive; by default all.
 
     Notes
     -----
@@ -94,23 +101,26 @@ def astar(
     it exceeds without ever overestimating. g is kept in float32.
     """
     first, last = grid.node(*start), grid.node(*goal)
-    if first == last:
-        return Search(Status.OK, np.array([start], np.int32), 0)
+    if first == last and (direction < 0 or wanted is None or wanted[direction]):
+        there = int(np.argmax(wanted)) if direction < 0 and wanted is not None else max(direction, 0)
+        return Search(Status.OK, np.array([(*start, there)[: grid.steps.columns]], np.int32), 0)
     if grid.steps.by_poses:
         ends, limits = (first, last, direction), (limit or _WITHOUT_END, deadline.at)
-        return _over_states(grid, ends, workspace, region, beyond, limits)
+        return _over_states(grid, ends, wanted, workspace, region, beyond, limits)
     rule = *grid.prices, _bucket_width(grid, hints), _successors(grid, links), _beyond(beyond)
     ways, landmarks = kernels.NO_LINKS if links is None else links, kernels.NO_HINTS if hints is None else hints
     before = grid.packed, grid.steps.edges(backwards), ways, _allowed(region), landmarks
     limits = limit or _WITHOUT_END, deadline.at
     code, length, expansions, refused = _run(kernels.expand, before, (first, last), rule, workspace, limits)
     end = last if code == kernels.FOUND else int(workspace.counts[kernels.BEST_NODE])
-    return _traced(kernels.trace, grid, workspace, code, end, length, expansions, refused)
+    trace = partial(kernels.trace, stride=grid.stride)
+    return _traced(trace, workspace, code, end, length, expansions, refused)
 
 
 def _over_states(
     grid: Grid,
     ends: tuple[int, int, int],
+    wanted: NDArray[np.bool_] | None,
     workspace: Workspace,
     region: Region | None,
     beyond: float,
@@ -119,26 +129,46 @@ def _over_states(
     """As `astar`, over a body's states, `ends` as for `expand_states`: guided by the costs to go of cells.
 
     These are found from the goal on, and tell soon where there is no path. On the whole map turns are free in them,
-    and the answer is the best. In a region they count, which leaves few states to look at, for an answer about as
-    good; no path at all then costs less than the octile distance.
+    arcs are ways between cells like legs, whatever the direction, and the answer is the best. In a region legs and
+    their turns alone count, which leaves few states to look at, for an answer about as good; no path at all then
+    costs less than the octile distance.
     """
-    states, allowed, field, (first, last, _) = grid.steps.states(), _allowed(region), workspace.field, ends
+    states, allowed, field, (first, last, direction) = grid.steps.states(), _allowed(region), workspace.field, ends
     assert states is not None and field is not None
-    between = np.float32(TURNS_IN_FIELD) * states[2][3] if region is not None else states[2][3][:0]
+    poses, edges, prices = states
+    *_, rays, lengths, turns = prices
+    between, fill = turns[:0], prices
+    if region is not None:
+        between, fill = np.float32(TURNS_IN_FIELD) * turns, (*prices[:4], rays[:DIRECTIONS], lengths[:DIRECTIONS], turns)
     rule = _best(grid), _bucket_width(grid), between
-    code, spent, refused = _run(fill_field, (grid.packed, *states, allowed), (last, first, last), rule, field, limits)
+    code, spent, refused = _run(fill_field, (poses, edges, fill, allowed), (last, first, last), rule, field, limits)
     if code != kernels.FOUND:
         status = Status.NO_PATH if code == kernels.EXHAUSTED else Status.TIMEOUT
-        return Search.without_path(status, spent, refused)
+        return Search.without_path(status, spent, refused, grid.steps.columns)
     row, col = divmod(first, grid.stride)
-    judged = field.g, field.meta, field.stamp, row, col, float(field.g[2 * first]), between
-    before = grid.packed, *states, judged, allowed
-    by_states = _best(grid), grid.prices[0] * BUCKET_WIDTH_BY_LANDMARKS, _beyond(beyond)
-    code, length, expansions, _ = _run(expand_states, before, ends, by_states, workspace, limits)
+    judged = field.g, field.meta, field.stamp, grid.stride, row, col, float(field.g[2 * first]), between
+    before, frame = (*states, judged, allowed), _whole(grid, workspace)
+    at_goal = np.ones(workspace.states, np.bool_) if wanted is None else np.resize(wanted, workspace.states)
+    by_states = _best(grid), grid.prices[0] * BUCKET_WIDTH_BY_LANDMARKS, _beyond(beyond), frame, at_goal
+    ring = 0
+    code, length, expansions, _ = _run(expand_states, before, (first, last, direction, ring), by_states, workspace, limits)
     apart = float(octile.py_func(*grid.cell(first), *grid.cell(last), *grid.prices))
     least = math.inf if region is None else apart
     end = int(workspace.counts[kernels.BEST_NODE])
-    return _traced(trace_states, grid, workspace, code, end, length, expansions + spent, least)
+    trace = partial(trace_states, prices=prices, frame=frame)
+    found = _traced(trace, workspace, code, end, length, expansions + spent, least)
+    return found if grid.steps.columns == 3 else found._replace(path=_cells(found.path))
+
+
+def _cells(states: NDArray[np.int32]) -> NDArray[np.int32]:
+    """(N, 2) the cells of a path of states (M, 3), turned on once."""
+    moved = np.any(np.diff(states[:, :2], axis=0, prepend=-1), axis=1)
+    return np.ascontiguousarray(states[moved, :2])
+
+
+def _whole(grid: Grid, workspace: Workspace) -> tuple[int, int, int, int]:
+    """The frame of memory for all of a map, see `expand_states`."""
+    return workspace.states.bit_length() - 1, 0, 0, grid.stride
 
 
 def _run(
@@ -160,16 +190,16 @@ def _run(
 
 
 def _traced(
-    trace: Callable[..., int], grid: Grid, ws: Workspace, code: int, end: int, length: int, spent: int, refused: float
+    trace: Callable[..., int], ws: Workspace, code: int, end: int, length: int, spent: int, refused: float
 ) -> Search:
     """The outcome of a search that came to `end`, with its path."""
     if code == kernels.EXHAUSTED:
-        return Search.without_path(Status.NO_PATH, spent, refused)
+        return Search.without_path(Status.NO_PATH, spent, refused, ws.path.shape[1])
     if code == kernels.FULL:  # out of time just when the open list had to grow
-        length = trace(ws.meta, end, grid.stride, ws.path)
+        length = trace(ws.meta, end, out=ws.path)
     if length > len(ws.path):
-        ws.path = np.empty((length, 2), np.int32)
-        trace(ws.meta, end, grid.stride, ws.path)
+        ws.path = np.empty((length, ws.path.shape[1]), np.int32)
+        trace(ws.meta, end, out=ws.path)
     status = Status.OK if code == kernels.FOUND else Status.TIMEOUT
     return Search(status, ws.path[length - 1 :: -1].copy(), spent, refused)
 
@@ -204,12 +234,13 @@ def _settling(
     ws.next_stamp()
     limits, corner_of_border = (most, deadline.at), 0  # which is impassable, so never reached
     begin, code, width = grid.node(*source), kernels.FULL, _bucket_width(grid)
-    states, nothing = grid.steps.states(), (ws.g[:0], ws.meta[:0], 0, 0, 0, 0.0, np.empty((0, 0), np.float32))
+    states, nothing = grid.steps.states(), (ws.g[:0], ws.meta[:0], 0, 0, 0, 0, 0.0, np.empty((0, 0), np.float32))
     ways, everywhere = kernels.NO_LINKS if links is None else links, kernels.NO_REGION
     while code in (kernels.FULL, kernels.PAUSED):
         if states is not None:
-            ends, rule = (begin, corner_of_border, -1), ((0.0, 0.0, 0.0), width, kernels.BELOW)
-            code, *_ = expand_states(grid.packed, *states, nothing, everywhere, ends, rule, ws.packed, limits)
+            ends, everywhere_open = (begin, corner_of_border, -1, 0), np.ones(ws.states, np.bool_)
+            rule = (0.0, 0.0, 0.0), width, kernels.BELOW, _whole(grid, ws), everywhere_open
+            code, *_ = expand_states(*states, nothing, everywhere, ends, rule, ws.packed, limits)
         else:
             ground = grid.packed, grid.steps.edges(), ways, everywhere, kernels.NO_HINTS
             points = 0.0, 0.0, width, _successors(grid, links), kernels.BELOW

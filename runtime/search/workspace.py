@@ -56,8 +56,8 @@ class Workspace:
         """stamp, open bit and direction of node n at 2n + 1."""
         self.heads, self.control = np.empty(BUCKETS, np.int32), np.zeros(CONTROL_SLOTS, np.int64)
         self.entries = np.empty(2 * min(max(nodes // 2, 1024), 1 << 16), np.int32)
-        self.reals, self.counts = np.zeros(4), np.zeros(2, np.int64)
-        self.path = np.empty((min(nodes, 4096), 2), np.int32)
+        self.reals, self.counts = np.zeros(5), np.zeros(3, np.int64)
+        self.path = np.empty((min(nodes, 4096), 2 if states == 1 else 3), np.int32)
 
     @property
     def stamp(self) -> int:

@@ -52,12 +52,17 @@ class Vehicle:
     radius_m: float | None = None
     """Of a disc."""
     turning_radius_m: float | None = None
-    """Of the sharpest turn of a disc on a path freed from the grid; None where any turn will do."""
+    """Of the sharpest arc that a body drives; None for one that drives straight and turns on the spot. Of a disc, that
+    of the sharpest turn on a path freed from the grid; None where any turn will do."""
     turn_cost_m_per_rad: float | None = None
     """Metres of level ground as dear as a turn on the spot by a radian; None for the way that each wheel rolls in it:
     half the diagonal from wheel to wheel."""
-    turns_on_spot: bool = True
-    """Whether the vehicle can turn without rolling on."""
+    turns_on_spot: bool | None = None
+    """Whether a body can turn without rolling on; None for one that drives no arcs."""
+    reverse_cost: float | None = None
+    """How many times as dear arcs and straight ways are backwards, at least 1; None where it never drives so."""
+    gear_change_m: float = 0.0
+    """Metres of level ground as dear as each change from forwards to backwards, or back."""
 
     def __post_init__(self) -> None:
         if self.radius_m is not None:
@@ -71,10 +76,14 @@ class Vehicle:
         self._check_metres(_THINNEST * min(self.length_m, self.width_m), "length_m", "width_m")
         longest = max(self.length_m, self.width_m)
         self._check_metres(_TALLEST * longest, "clearance_m", "max_step_m")
-        if self.turning_radius_m is not None or not self.turns_on_spot:
-            raise InvalidMapError(
-                "a body turns on the spot, by turn_cost_m_per_rad: wanted no turning_radius_m, and turns_on_spot true"
-            )
+        self._check_metres(_WIDEST_TURN * longest, "turning_radius_m")
+        if self.turning_radius_m is None and (self.turns_on_spot is False or self.reverse_cost or self.gear_change_m):
+            raise InvalidMapError("a body that turns on the spot alone drives no arcs: wanted a turning_radius_m")
+        if self.reverse_cost is not None and not 1.0 <= self.reverse_cost < math.inf:
+            raise InvalidMapError(f"reverse_cost must be a number of at least 1, got {self.reverse_cost}")
+        if not 0.0 <= self.gear_change_m <= _WIDEST_TURN * longest:
+            most = f"{_WIDEST_TURN * longest:g}"
+            raise InvalidMapError(f"gear_change_m must be a number from 0 to {most}, got {self.gear_change_m}")
         self._check_metres(math.inf, "wheelbase_m", "track_m", "wheel_length_m", "wheel_width_m")
         for name, value in self._given("max_tilt_deg", "max_pitch_deg", "max_roll_deg"):
             if not 0.0 < value < 90.0:
@@ -115,6 +124,11 @@ class Vehicle:
     def is_disc(self) -> bool:
         """Whether nothing but a radius is known."""
         return self.radius_m is not None
+
+    @property
+    def can_turn_on_spot(self) -> bool:
+        """Whether a body can turn without rolling on."""
+        return self.turning_radius_m is None if self.turns_on_spot is None else self.turns_on_spot
 
     @property
     def contact_m(self) -> tuple[float, float]:

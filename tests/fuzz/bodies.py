@@ -130,10 +130,9 @@ def _check(case: Case, place: Place) -> Problem | None:
     fresh = Planner.of_elevation(dem.copy(), case.cell[0], lazy=False, **settings)
     ours, alike = poses_of(lazy), np.array_equal(poses_of(fresh).heights, poses_of(lazy).heights, equal_nan=True)
     ours.complete()
-    for name in ("legs", "turns"):
-        kept = [getattr(poses_of(each), name) for each in (lazy, dense, fresh)]
-        if not np.array_equal(kept[0], kept[1]) or (alike and not np.array_equal(kept[0], kept[2])):
-            return Problem(f"after patches {name} are others", repr(case))
+    kept = [poses_of(each).codes for each in (lazy, dense, fresh)]
+    if not np.array_equal(kept[0], kept[1]) or (alike and not np.array_equal(kept[0], kept[2])):
+        return Problem("after patches motions are others", repr(case))
     return problem_with_motions(dense, dem, repr(case))
 
 
@@ -144,12 +143,11 @@ def poses_of(planner: Planner) -> Poses:
 
 
 def motions_on(poses: Poses) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """(8, H, W) codes of the legs along the axes, whether turns are possible, and codes of standing."""
+    """(8, H, W) each: codes of the legs along the axes, whether turns are possible, and codes of standing."""
     inside = np.s_[1:-1, 1:-1]
     rows, cols = poses.shape
-    legs = poses.legs.reshape(rows + 2, cols + 2, AXES)[inside].transpose(2, 0, 1)
-    turns = poses.turns.reshape(rows + 2, cols + 2)[inside] >> (AXES + np.arange(AXES))[:, None, None] & 1
-    return legs, turns.astype(bool), poses.standing()
+    codes = poses.codes.reshape(rows + 2, cols + 2, -1)[inside].transpose(2, 0, 1)
+    return codes[:AXES], codes[AXES : 2 * AXES] < FAILS, poses.standing()
 
 
 def priced(planner: Planner, omega: float) -> pose_oracles.Motions:
