@@ -222,7 +222,7 @@ def _route(plan: Plan, cost: Float2D, dem: Dem, ground: Ground, planner: Planner
         return route
     standing = {"heading_deg": headings_along(plan.along.points)}
     if (poses := planner.state.grid.poses) is not None:
-        standing |= attitudes(poses, plan.path)._asdict()
+        standing |= attitudes(poses, plan.walked)._asdict()
     return replace(route, standing=standing)
 
 

@@ -66,20 +66,17 @@ class PoseCheck:
 
 
 def attitudes(poses: Poses, path: NDArray[np.int32]) -> Attitudes:
-    """How the vehicle stands along a path (N, 2) of legs; a single cell counts as left along the first direction.
+    """How the vehicle stands along a path (N, 2) of legs, or of states (N, 3); a single cell counts as left along the first direction.
 
     inf or NaN where unknown cells lie below, unless these pass.
     """
-    legs = np.diff(path, axis=0)
-    kinds = [motions.DIRECTIONS.index((row, col)) for row, col in legs.tolist()] or [0]
-    found = np.full((4, len(path)), np.nan)
-    for n in range(len(path)):
-        k = kinds[min(n, len(kinds) - 1)]
-        axis, back = k % AXES, k >= AXES
-        motion, (row, col) = (axis, path[n + back]) if n < len(legs) else (poses.codes.shape[1] + axis, path[n])
-        figures = poses.figures((int(row), int(col)), motion)
-        sign = -1.0 if back else 1.0
-        found[:2, n] = sign * figures[-1 if back else 0, 5:]
+    steps, found = poses.steps(path), np.full((4, len(path)), np.nan)
+    last = int(path[-1, 2]) if path.shape[1] == 3 else int(steps.headings[-1]) if len(path) > 1 else 0
+    standing = (path[-1, :2], poses.codes.shape[1] + last % AXES, False, last % (2 * AXES) >= AXES)
+    taken = zip(steps.cells, steps.motions, steps.reversed, steps.turned, strict=True)
+    for n, (cell, motion, back, turned) in enumerate((*taken, standing)):
+        figures = poses.figures((int(cell[0]), int(cell[1])), int(motion))
+        found[:2, n] = (-1.0 if turned else 1.0) * figures[-1 if back else 0, 5:]
         found[2:, n] = figures[:, 0].max(), figures[:, 4].max()
     found[:3] = np.degrees(np.arctan(found[:3]))
     found[3] = poses.vehicle.clearance_m - found[3]

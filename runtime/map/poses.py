@@ -7,6 +7,7 @@ optimum over all motions, though it has checked a part.
 
 import functools
 import math
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -197,13 +198,43 @@ class Poses:
             return int(walk_primitives(self.packed, edges, prices or self.prices, path, first, costs))
         return int(walk_states(self.packed, edges, prices or self.prices, self.shape[1] + 2, path, first, costs))
 
-    def cost_along(self, path: NDArray[np.int32]) -> NDArray[np.float64]:
-        """(N - 1,) T of the legs of a path (N, 2), all of which have been checked."""
-        legs = np.diff(path, axis=0)
-        kinds = np.array([motions.DIRECTIONS.index((row, col)) for row, col in legs.tolist()], np.int64)
-        base = np.where((kinds < AXES)[:, None], path[:-1], path[1:]) + 1
-        codes = self.codes[base[:, 0] * (self.shape[1] + 2) + base[:, 1], kinds % AXES]
-        return np.where(codes < FAILS, (codes - 1.0) / MOST_CODE, np.inf)
+    def steps(self, path: NDArray[np.int32]) -> "Steps":
+        """The motions along a path: legs between its cells (N, 2), or primitives between its states (N, 3)."""
+        if path.shape[1] == 3:
+            moves, fares = self.prices[1:3]
+            local, ahead = path[:-1, 2], np.column_stack((np.diff(path[:, :2], axis=0), path[1:, 2]))
+            ways = (moves[local][..., :3] == ahead[:, None]).all(2).argmax(1)
+            taken, lengths = moves[local, ways], fares[local, ways, 0].astype(np.float64)
+            motion, there, heading = taken[:, 3], taken[:, 4].astype(np.bool_), local % len(motions.DIRECTIONS)
+            at_path = np.where(motion < 2 * AXES, motion % AXES, (motion - 2 * AXES + there) % len(motions.DIRECTIONS))
+        else:
+            legs = np.diff(path, axis=0)
+            heading = np.array([motions.DIRECTIONS.index((row, col)) for row, col in legs.tolist()], np.int64)
+            motion, there, lengths = heading % AXES, heading >= AXES, np.hypot(*legs.T)
+            at_path = motion
+        return Steps(np.where(there[:, None], path[1:, :2], path[:-1, :2]), motion, there, heading, heading != at_path, lengths)
+
+    def cost_along(self, path: NDArray[np.int32]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """(N - 1,) lengths of the motions along a path, in cells, and their T; all of them have been checked."""
+        steps = self.steps(path)
+        base = steps.cells + 1
+        codes = self.codes[base[:, 0] * (self.shape[1] + 2) + base[:, 1], steps.motions]
+        return steps.lengths, np.where(codes < FAILS, (np.maximum(codes, 1) - 1.0) / MOST_CODE, np.inf)
+
+
+class Steps(NamedTuple):
+    """The motions along a path of N places, (N - 1,) each."""
+
+    cells: NDArray[np.int32]
+    """(N - 1, 2) where each motion begins, which for some is where the path comes to by it."""
+    motions: NDArray[np.int64]
+    reversed: NDArray[np.bool_]
+    """Whether it begins there."""
+    headings: NDArray[np.int64]
+    """Direction of the body where the path comes from."""
+    turned: NDArray[np.bool_]
+    """Whether the body stands the other way round there than the motion is checked."""
+    lengths: NDArray[np.float64]
 
 
 @checked(InvalidMapError)

@@ -112,12 +112,10 @@ class PoseSteps(PointSteps):
     def costs_of(self, grid: "Grid", path: NDArray[np.int32]) -> tuple[float, float, float]:
         if not len(path):
             return math.inf, math.inf, math.inf
-        if path.shape[1] == 3:
-            return self._costs_of_arcs(path)
-        costs, lengths = np.zeros(len(path)), np.hypot(*np.diff(path, axis=0).T)
-        blocked = self.poses.walk(path, 0, costs)
-        cost = math.inf if blocked >= 0 else float(costs[-1])
-        return cost, float(lengths.sum()), float((lengths * self.poses.cost_along(path)).sum())
+        costs = np.zeros(len(path))
+        cost = math.inf if self.poses.walk(path, 0, costs) >= 0 else float(costs[-1])
+        lengths, rated = self.poses.cost_along(path)
+        return cost, float(lengths.sum()), float((lengths * rated).sum())
 
     def greatest(self, grid: "Grid") -> float:
         return max(math.hypot(*axis) for axis in motions.AXES) * (1.0 + 2.0 * grid.model.scale)

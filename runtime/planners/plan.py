@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from nnpp_edge.runtime.arrays import headings_along
 from nnpp_edge.runtime.errors import InvalidQueryError, Status
+from nnpp_edge.runtime.map.arcs import Arc, heading_deg, poses_along
 from nnpp_edge.runtime.map.along import Along, Line, Numbers
 from nnpp_edge.runtime.map.region import Region
 from nnpp_edge.runtime.map.state import MapState
@@ -131,6 +132,11 @@ class Plan:
     """The line integral of the cost along the way points, in units of `cost`; see `planners.refine`."""
     along: Along | None = field(default=None, repr=False)
     """The path over the ground, point by point; None where no elevations are known."""
+    states: NDArray[np.int32] | None = field(default=None, repr=False)
+    """(N,) the direction in which a body that drives arcs stands on each cell, see `map.motions.DIRECTIONS`, and 16
+    more where it came backwards and a change of gear costs; None of others, as cells tell it."""
+    arcs: tuple[Arc, ...] = field(default=(), repr=False)
+    """What it drives, piece by piece."""
     timings_ms: dict[str, float] = field(default_factory=dict)
     """Milliseconds by stage, and ``total``."""
 
@@ -141,8 +147,33 @@ class Plan:
 
     @property
     def headings_deg(self) -> NDArray[np.float64]:
-        """(N,) degrees clockwise from up the rows in which each cell is left, see `arrays.headings_along`."""
-        return headings_along(self.path)
+        """(N,) degrees clockwise from up the rows in which each cell is left, see `arrays.headings_along`; of a body
+        that drives arcs, in which it stands there.
+        """
+        if self.states is None or self.along is None:
+            return headings_along(self.path)
+        return np.array([heading_deg(k, self.along.sides_m) for k in (self.states % 16).tolist()])
+
+    @property
+    def poses(self) -> NDArray[np.float64]:
+        """(N, 3) along `arcs`, every 0.25 m or nearer: metres along columns and along rows from the middle of cell
+        (0, 0), degrees clockwise from up the rows; empty without arcs.
+        """
+        return poses_along(self.arcs)
+
+    @property
+    def walked(self) -> NDArray[np.int32]:
+        """What `Grid.walk` takes: (N, 2) cells, of a body that drives arcs (N, 3) with its states."""
+        return self.path if self.states is None else np.column_stack((self.path, self.states)).astype(np.int32)
+
+    def rest(self, first: int) -> "Plan":
+        """What is left of the path from one of its cells on."""
+        if self.states is None:
+            return replace(self, path=self.path[first:])
+        # an arc that has begun before that cell ends there: pieces are told apart by where they begin
+        x, y = self.path[first, ::-1] * (self.along.sides_m[::-1] if self.along else (1.0, 1.0))
+        starts = [n for n, arc in enumerate(self.arcs) if math.hypot(arc.start_pose[0] - x, arc.start_pose[1] - y) < 1e-6]
+        return replace(self, path=self.path[first:], states=self.states[first:], arcs=self.arcs[starts[0] if starts else 0 :])
 
     @property
     def waypoint_headings_deg(self) -> NDArray[np.float64]:

@@ -196,7 +196,8 @@ class Planner(OnMap):
         self, start: Cell, goal: Cell, wishes: Wishes, work: Work, deadline: Deadline, direction: int = -1
     ) -> Plan:
         """The plan by the search alone."""
-        query, methods = Query.of(start, goal, deadline, wishes.epsilon, direction), self._methods
+        methods, (begin, wanted) = self._methods, wishes.directions(self._state.grid)
+        query = Query.of(start, goal, deadline, wishes.epsilon, direction if direction >= 0 else begin, wanted)
         chosen, why = methods.choose(wishes.method, query)
 
         def find() -> tuple[Found, DynamicMethod, str]:

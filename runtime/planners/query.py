@@ -5,10 +5,14 @@ from collections.abc import Callable
 from dataclasses import replace
 from typing import NamedTuple, TypedDict
 
+import numpy as np
+from numpy.typing import NDArray
+
 from nnpp_edge.runtime.arguments import checked
 from nnpp_edge.runtime.cells import Cell, as_cell
 from nnpp_edge.runtime.deadline import NEVER, Deadline
 from nnpp_edge.runtime.errors import InvalidQueryError, Status
+from nnpp_edge.runtime.map.arcs import Arc, arcs_along, direction_near, directions_within
 from nnpp_edge.runtime.map.grid import Grid
 from nnpp_edge.runtime.map.poses import Poses
 from nnpp_edge.runtime.map.refusal import why_blocked
@@ -30,15 +34,23 @@ class Query(NamedTuple):
     """When to give up."""
     direction: int = -1
     """In which a body stands at the start, see `map.motions.DIRECTIONS`; -1 where any will do."""
+    wanted: NDArray[np.bool_] | None = None
+    """(16,) directions in which it may arrive; None where any will do."""
 
     @classmethod
     def of(
-        cls, start: Cell, goal: Cell, deadline: Deadline, epsilon: float = math.inf, direction: int = -1
+        cls,
+        start: Cell,
+        goal: Cell,
+        deadline: Deadline,
+        epsilon: float = math.inf,
+        direction: int = -1,
+        wanted: NDArray[np.bool_] | None = None,
     ) -> "Query":
         """From what a user gave; InvalidQueryError for what is no cell, or a number below 0."""
         if not epsilon >= 0.0:
             raise InvalidQueryError(f"epsilon must be a number of at least 0, got {epsilon}")
-        return cls(as_cell(start, "start"), as_cell(goal, "goal"), epsilon, deadline, direction)
+        return cls(as_cell(start, "start"), as_cell(goal, "goal"), epsilon, deadline, direction, wanted)
 
     @property
     def apart(self) -> int:
@@ -71,6 +83,12 @@ class PlanOptions(TypedDict, total=False):
     refine: str | None
     """``any-angle``: free the path from the grid, see `planners.refine`. The plan gains `waypoints` and `line_cost`;
     its path and cost stay the grid's."""
+    start_heading_deg: float | None
+    """In which a body stands at the start, degrees clockwise from up the rows: the nearest of the sixteen directions
+    counts, at most 14° off on square cells; by default it may begin in any."""
+    goal_heading_deg: float | None
+    goal_tolerance_deg: float
+    """In which it is to arrive: in a direction so near to that, 0 by default, or the nearest; by default in any."""
     turning_radius_m: float | None
     """With `refine`: no turn at a way point is to be sharper; by default the vehicle's. Where no such line is found,
     the answer is NO_PATH, and the reason says so."""
@@ -85,6 +103,22 @@ class Wishes(NamedTuple):
     keep_regions: bool = False
     refine: str | None = None
     turning_radius_m: float | None = None
+    start_heading_deg: float | None = None
+    goal_heading_deg: float | None = None
+    goal_tolerance_deg: float = 0.0
+
+    def directions(self, grid: Grid) -> tuple[int, NDArray[np.bool_] | None]:
+        """Those of a body at the start, and at the goal, as in `Query`; InvalidQueryError where it has none."""
+        headings = self.start_heading_deg, self.goal_heading_deg
+        if headings == (None, None):
+            return -1, None
+        if (poses := grid.poses) is None:
+            raise InvalidQueryError("start_heading_deg and goal_heading_deg want a vehicle's body on elevations")
+        if not all(each is None or math.isfinite(each) for each in headings) or not self.goal_tolerance_deg >= 0.0:
+            raise InvalidQueryError(f"headings must be numbers of degrees, got {headings}, {self.goal_tolerance_deg}")
+        start, goal = headings
+        begin = -1 if start is None else direction_near(start, poses.sides_m)
+        return begin, None if goal is None else directions_within(goal, self.goal_tolerance_deg, poses.sides_m)
 
 
 _wishes: Callable[..., Wishes] = checked(InvalidQueryError)(Wishes)
@@ -126,7 +160,7 @@ class Found(NamedTuple):
         costs, bound = grid.costs_of(search.path), 0.0
         if search.status is Status.OK:
             # g is kept in float32: a refused cell's f may be too high by its rounding
-            start, goal = search.path[[0, -1]].tolist()
+            start, goal = search.path[[0, -1], :2].tolist()
             bound = min(costs[0], search.refused_f * (1.0 - 1e-6) + grid.steps.worth_of_height(start, goal))
         work.stage_ends("path")
         return cls(search, source, *costs, bound, region)
@@ -154,11 +188,15 @@ class Found(NamedTuple):
     ) -> Plan:
         """The finished plan, which owns its data; of a map of which poses had been checked before, if given."""
         search = self.search
+        path, states = search.path[:, :2], search.path[:, 2] if search.path.shape[1] == 3 else None
+        arcs: tuple[Arc, ...] = ()
+        if states is not None and state is not None and state.vehicle is not None and state.sides_m is not None:
+            arcs = arcs_along(search.path, state.vehicle, state.sides_m)
         plan = Plan(
             search.status,
             by.base,
             self.source,
-            search.path,
+            np.ascontiguousarray(path),
             self.cost,
             self.length,
             self.traverse_cost,
@@ -171,7 +209,9 @@ class Found(NamedTuple):
             costs_computed=1.0 if state is None else state.costs_computed,
             checks=0 if state is None else state.checked - checked_before,
             timings_ms=work.timings_ms,
-            along=None if state is None else state.along(search.path),
+            along=None if state is None else state.along(path),
+            states=states,
+            arcs=arcs,
         )
         work.stage_ends("path")  # the plan's own making counts
         work.timings_ms["total"] = work.total_ms()

@@ -48,10 +48,10 @@ class AStarSearcher:
 
     def search(self, query: Query, work: Work, region: Region | None, *, limit: int | None = None) -> Search:
         """As `Searcher`; without a region the whole map, and after `limit` expansions it gives up with TIMEOUT."""
-        (start, goal, _, deadline, direction), landmarks = query, self.landmarks
+        (start, goal, _, deadline, direction, wanted), landmarks = query, self.landmarks
         hints = landmarks.towards(goal) if landmarks else None
         place = self.grid, start, goal, self.workspace, region
-        found = astar(*place, hints=hints, limit=limit, deadline=deadline, direction=direction)
+        found = astar(*place, hints=hints, limit=limit, deadline=deadline, direction=direction, wanted=wanted)
         work.expansions += found.expansions
         work.stage_ends("search")
         return found

@@ -112,7 +112,7 @@ class StandingPath:
         if not plan.ok or not len(plan.path):
             raise InvalidQueryError(f"a standing path must lead to the goal, got a plan of status {plan.status}")
         self._walked, self._scratch = np.empty(len(plan.path)), np.empty(len(plan.path))
-        if self._grid.walk(plan.path, 0, self._walked) >= 0:
+        if self._grid.walk(plan.walked, 0, self._walked) >= 0:
             raise InvalidQueryError("a standing path must be walkable on the map it was planned on")
         self.plan, self._count, self._parts = plan, 0, []
         self._changes.skip()
@@ -145,7 +145,7 @@ class StandingPath:
         straight = octile.py_func(*at, *goal, *grid.prices) + grid.steps.worth_of_height(at, goal)
         rest = float(self._walked[-1]) - walked, (1.0 - _ROUNDING) * self.plan.lower_bound - walked
         floor, lower = (max(bound, straight) for bound in self._bounds_now(rest, at, goal))
-        blocked = self._grid.walk(path, index, self._scratch)
+        blocked = self._grid.walk(self.plan.walked, index, self._scratch)
         if blocked >= 0:
             cell = int(path[blocked, 0]), int(path[blocked, 1])
             return Standing(Footing.BLOCKED, index, cell, lower_bound=lower, floor=floor)

@@ -1,0 +1,127 @@
+"""A body's path of motion primitives as what is driven: straight pieces, arcs and turns, and poses along them."""
+
+import math
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from nnpp_edge.runtime.kernels.lattice import COLS, DIRECTIONS, ROWS
+from nnpp_edge.runtime.map.primitives import AXES, curve, heading_rad
+from nnpp_edge.runtime.terrain.vehicle import Vehicle
+
+PoseOf = tuple[float, float, float]
+POSES_EVERY_M = 0.25
+_LEAST_M = 1e-9
+
+
+@dataclass(frozen=True)
+class Arc:
+    """A piece of a path on which gear and curvature stay the same; it begins as the one before ends."""
+
+    gear: int
+    """1 forwards, -1 backwards, 0 for a turn on the spot."""
+    curvature_per_m: float
+    """To the left of the body positive, whichever way it drives; 0 straight on, and of a turn on the spot."""
+    length_m: float
+    """That the body's middle covers; 0 of a turn on the spot."""
+    start_pose: PoseOf
+    """Metres along columns and along rows from the middle of cell (0, 0), and degrees clockwise from up the rows."""
+    turn_deg: float = 0.0
+    """By how much it turns, counterclockwise."""
+
+    def at(self, share: float) -> PoseOf:
+        """The pose so far along it, of 1."""
+        x, y, heading = self.start_pose
+        turned, first = math.radians(self.turn_deg) * share, math.radians(heading)
+        ahead, left = self.gear * self.length_m * share, 0.0
+        if self.gear and abs(turned) > _LEAST_M:
+            radius = 1.0 / self.curvature_per_m
+            ahead, left = radius * math.sin(turned), radius * (1.0 - math.cos(turned))
+        x += ahead * math.sin(first) - left * math.cos(first)
+        y -= ahead * math.cos(first) + left * math.sin(first)
+        return x, y, (heading - math.degrees(turned)) % 360.0
+
+
+def heading_deg(direction: int, sides_m: tuple[float, float]) -> float:
+    """Of one of the sixteen directions, degrees clockwise from up the rows."""
+    return (180.0 - math.degrees(heading_rad(direction, sides_m))) % 360.0
+
+
+def direction_near(heading: float, sides_m: tuple[float, float]) -> int:
+    """The direction whose heading is nearest to one in degrees."""
+    return int(np.argmin(_apart(heading, sides_m)))
+
+
+def directions_within(heading: float, tolerance_deg: float, sides_m: tuple[float, float]) -> NDArray[np.bool_]:
+    """(16,) those whose heading lies so near to one in degrees; the nearest always."""
+    apart = _apart(heading, sides_m)
+    near: NDArray[np.bool_] = apart <= max(tolerance_deg, float(apart.min()))
+    return near
+
+
+def _apart(heading: float, sides_m: tuple[float, float]) -> NDArray[np.float64]:
+    headings = np.array([heading_deg(k, sides_m) for k in range(DIRECTIONS)])
+    return np.abs((headings - heading + 180.0) % 360.0 - 180.0)
+
+
+def arcs_along(states: NDArray[np.int32], vehicle: Vehicle, sides_m: tuple[float, float]) -> tuple[Arc, ...]:
+    """What a body drives along states (N, 3) of a path, pieces of the same kind joined."""
+    (dy, dx), found = sides_m, list[Arc]()
+    for before, after in zip(states[:-1].tolist(), states[1:].tolist(), strict=True):
+        k, to = before[2] % DIRECTIONS, after[2] % DIRECTIONS
+        pose = before[1] * dx, before[0] * dy, heading_deg(k, sides_m)
+        for gear, curvature, length, turned in _pieces(before, after, k, to, vehicle, sides_m):
+            last = found[-1] if found else None
+            if last and last.gear == gear and last.curvature_per_m == curvature and (gear or last.turn_deg * turned > 0):
+                whole = last.length_m + length, last.start_pose, last.turn_deg + turned
+                found[-1] = Arc(gear, curvature, *whole)
+            else:
+                found.append(Arc(gear, curvature, length, pose, turned))
+            pose = Arc(gear, curvature, length, pose, turned).at(1.0)
+    return tuple(found)
+
+
+def _pieces(
+    before: Sequence[int], after: Sequence[int], k: int, to: int, vehicle: Vehicle, sides_m: tuple[float, float]
+) -> Iterator[tuple[int, float, float, float]]:
+    """(gear, curvature, metres, degrees) of a primitive between two states."""
+    down, right = after[0] - before[0], after[1] - before[1]
+    side = (to - k + AXES) % DIRECTIONS - AXES
+    if not (down or right):
+        step = 1 if side > 0 else -1
+        for n in range(k, k + side, step):
+            yield 0, 0.0, 0.0, step * _turn_deg(n if step > 0 else n - 1, sides_m)
+        return
+    gear = 1 if (down * ROWS[k] * sides_m[0] ** 2 + right * COLS[k] * sides_m[1] ** 2) > 0 else -1
+    if not side:
+        yield gear, 0.0, math.hypot(down * sides_m[0], right * sides_m[1]), 0.0
+        return
+    ahead = k if gear > 0 else (k + AXES) % DIRECTIONS
+    bend = curve(ahead if side > 0 else (ahead - 1 + AXES) % DIRECTIONS, sides_m, vehicle.turning_radius_m or 0.0)
+    first, last = (bend.before_m, bend.after_m)[:: 1 if side > 0 else -1]
+    turned = side * math.degrees(bend.angle_rad)
+    for length, curvature, degrees in (
+        (first, 0.0, 0.0),
+        (bend.radius_m * bend.angle_rad, side * gear / bend.radius_m, turned),
+        (last, 0.0, 0.0),
+    ):
+        if length > _LEAST_M:
+            yield gear, curvature, length, degrees
+
+
+def _turn_deg(direction: int, sides_m: tuple[float, float]) -> float:
+    return (heading_deg(direction, sides_m) - heading_deg((direction + 1) % DIRECTIONS, sides_m)) % 360.0
+
+
+def poses_along(arcs: Sequence[Arc], every_m: float = POSES_EVERY_M) -> NDArray[np.float64]:
+    """(N, 3) metres along columns, metres along rows, degrees clockwise from up the rows; no farther apart than so.
+
+    Turns on the spot have poses at most 15° apart.
+    """
+    found = [arcs[0].start_pose] if arcs else []
+    for arc in arcs:
+        count = max(math.ceil(arc.length_m / every_m), math.ceil(abs(arc.turn_deg) / 15.0), 1)
+        found += [arc.at((n + 1) / count) for n in range(count)]
+    return np.array(found).reshape(-1, 3)
