@@ -90,6 +90,13 @@ WIDENED_BODY_CORRIDOR = CorridorWidth(4, 0.1, nearby=6.0, coarse_radius=0, coars
 TURNS_IN_FIELD = 0.7
 """Share of what turns cost that the field of a body's region counts: with 1 too much is counted, for 1 % dearer paths
 found in 0.9 of the time; with 0.5 they are 0.3 % cheaper among no rocks, for twice the expansions (docs/decisions.md)."""
+FIELD_KEPT = 0.02
+"""Share of the map's cells that may change before the field that guides a body's searches to a goal is made anew."""
+ARC_CORRIDOR = CorridorWidth(6, 0.04, nearby=2.5, coarse_radius=0, coarse_band=0.0)
+"""For a vehicle that drives arcs, which swing out. With a radius of 2 quarters paths of a radius of 2.7 bodies are
+0.2 % dearer and 20 of 60 corridors are widened, not 12."""
+MOST_ABOVE_FIELD = 1.45
+"""A path of arcs that costs more times what the legs of its region promised is looked for in a wider one, too."""
 MOST_CORRECTIONS = 3
 """How many times a vehicle's region is searched, links corrected in between, before a wider one is."""
 REFINE_FROM = 192

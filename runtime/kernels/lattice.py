@@ -78,23 +78,23 @@ def left_over(rows, cols, prices):
 @helper
 def _place(state, frame):
     """Row and column within the border of a state, and its number among those of its cell."""
-    bits, top, left, stride = frame
+    bits, stride = frame
     node = state >> bits
     row = node // stride
-    return row + top, node - row * stride + left, state & ((1 << bits) - 1)
+    return row, node - row * stride, state & ((1 << bits) - 1)
 
 
 @helper
 def _state(row, col, local, frame):
-    """The state of that number on a cell of the frame."""
-    bits, top, left, stride = frame
-    return (((row - top) * stride + col - left) << bits) + local
+    """The state of that number on a cell."""
+    bits, stride = frame
+    return ((row * stride + col) << bits) + local
 
 
 @helper
 def _left_at(row, col, local, judge):
     """A lower bound on what a way from a state costs: the field's where that is settled, else by distances."""
-    _, (goal_row, goal_col, best), (g, meta, stamp, stride, start_row, start_col, floor, between) = judge
+    (_, stride), (goal_row, goal_col, best), (g, meta, stamp, start_row, start_col, floor, between) = judge
     left = left_over(abs(row - goal_row), abs(col - goal_col), best)
     if len(g):
         node = row * stride + col
@@ -300,27 +300,25 @@ def expand_states(poses, edges, prices, field, region, ends, rule, memory, limit
         what they are checked to be.
     prices : tuple
         Of primitives and rays, see `map.primitives`.
-    field : (g, meta, stamp, stride, row, col, floor, between)
+    field : (g, meta, stamp, row, col, floor, between)
         What `fill_field` left, the number of that search, the start, and what it costs from there; no g without one.
         With costs of turns `between` directions, (16, 16) float32, if it was filled by these.
     region, limits
         As there.
-    ends : (start, goal, first, ring)
-        Nodes, and the state at the start among those of its cell; -1 where any will do. From so many cells from the
-        start on, as the king moves, states are judged by the field alone and are as good as the goal; 0 for none.
+    ends : (start, goal, first)
+        Nodes, and the state at the start among those of its cell; -1 where any will do.
     rule : (towards, width, beyond, frame, wanted)
         Costs of straight, diagonal and knight's legs by which what is left is judged; else as there. Binary digits of
-        a cell's states, and first row, first column and stride of the memory. (S,) bool, states that will do at the
-        goal.
+        a cell's states, and cells of a row with its border. (S,) bool, states that will do at the goal.
     memory
-        As there, of the states of the frame's cells.
+        As there, of the states.
 
     Returns
     -------
     tuple
         As there; once the goal is found, `counts` has its state in the place of the nearest one's.
     """
-    start, goal, first, ring = ends
+    start, goal, first = ends
     unit, moves, fares, origins, _, _, _ = prices
     moves, fares, origins = borrowed(moves), borrowed(fares), borrowed(origins)
     best, width, beyond, frame, wanted = rule
@@ -334,8 +332,7 @@ def expand_states(poses, edges, prices, field, region, ends, rule, memory, limit
     edges = borrowed(edges)
     regional = len(region[0]) > 0
     goal_row, goal_col = goal // stride, goal % stride
-    start_row, start_col = field[4], field[5]
-    field = borrowed(field[0]), borrowed(field[1]), field[2], field[3], start_row, start_col, field[6], borrowed(field[7])
+    field = borrowed(field[0]), borrowed(field[1]), field[2], field[3], field[4], field[5], borrowed(field[6])
     judge = frame, (goal_row, goal_col, best), field
     if start >= 0:
         h = _left_at(start // stride, start % stride, max(first, 0), judge)
@@ -460,8 +457,7 @@ def expand_states(poses, edges, prices, field, region, ends, rule, memory, limit
             if regional and across != node and across != goal and _outside(allowed, i, j):
                 refused = min(refused, reached + left)
                 continue
-            far = ring > 0 and max(abs(i - start_row), abs(j - start_col)) >= ring
-            ends_here = far or (across == goal and wanted[to])
+            ends_here = across == goal and wanted[to]
             if (ends_here or sure) and found == UNCHECKED:  # what is sure stays so
                 check_there(poses, on // stride - 1, on % stride - 1, motion)
                 found = np.int64(codes[np.uint64(on), np.uint64(motion)])

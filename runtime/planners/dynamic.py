@@ -17,6 +17,7 @@ from nnpp_edge.runtime.arrays import Float2D
 from nnpp_edge.runtime.cells import Cell, apart, as_cell
 from nnpp_edge.runtime.deadline import NEVER, Deadline
 from nnpp_edge.runtime.errors import InvalidQueryError, Status
+from nnpp_edge.runtime.map.arcs import direction_near
 from nnpp_edge.runtime.map.ground import Ground
 from nnpp_edge.runtime.memory import touch
 from nnpp_edge.runtime.planners.methods import Methods
@@ -46,7 +47,7 @@ class DynamicChooser:
     def find(self, query: Query, work: Work) -> tuple[Found, DynamicMethod, str]:
         """A path, the method that it was found by, and why that one. OutOfTimeError at the deadline."""
         methods = self._methods
-        if query.apart < NEAR and (near := methods.search_briefly(query, work)) is not None:
+        if query.apart < NEAR and not methods.has_arcs and (near := methods.search_briefly(query, work)) is not None:
             return near, DynamicMethod.ASTAR, f"the goal is less than {NEAR} cells away"
         if why_afresh := self._against_mending(query):
             self._drift = 1.0
@@ -125,6 +126,7 @@ class DynamicPlanner(OnMap):
     ) -> None:
         self.method = DynamicMethod(method)
         self._start: Cell | None = None
+        self._heading_deg: float | None = None
         self._standing: Plan | None = None
         super().__init__(cost, cell_size_m, options, tell_unknown=True)
         self._refinement = Refinement.named(refine, self._state.grid)
@@ -151,6 +153,7 @@ class DynamicPlanner(OnMap):
         """Of a standing path's plan nothing but its bound is forgotten."""
         super()._make()
         self._methods.regions.unseen_change = UNSEEN_CHANGE
+        self._methods.keeps_field = True
         self._path = StandingPath(self._state)
         self._chooser = DynamicChooser(self._methods, self._path)
         if not self.method.whole_map:
@@ -165,7 +168,7 @@ class DynamicPlanner(OnMap):
 
     def __getstate__(self) -> dict[str, object]:
         """The map, the model, the ends, and the standing path: a copy begins anew with these."""
-        own = {name: getattr(self, name) for name in ("_refinement", "_start", "_goal", "method")}
+        own = {name: getattr(self, name) for name in ("_refinement", "_start", "_heading_deg", "_goal", "method")}
         return super().__getstate__() | own | {"_standing": self._path.plan}
 
     @property
@@ -200,9 +203,14 @@ class DynamicPlanner(OnMap):
         """As `Planner.reach`, by default from where the robot is."""
         return self._reach(self._where() if start is None else start)
 
-    def move(self, start: Cell) -> None:
-        """The robot is in this cell now; InvalidQueryError if it is not a cell."""
-        self._start = as_cell(start, "start")
+    def move(self, start: Cell, heading_deg: float | None = None) -> None:
+        """The robot is in this cell now; InvalidQueryError if it is not a cell, or the heading no number.
+
+        A body heads so many degrees clockwise from up the rows, and by default for where the plan would have it.
+        """
+        if heading_deg is not None and not math.isfinite(heading_deg):
+            raise InvalidQueryError(f"heading_deg must be a number of degrees, got {heading_deg}")
+        self._start, self._heading_deg = as_cell(start, "start"), heading_deg
 
     @one_at_a_time
     def standing(self) -> Standing:
@@ -242,8 +250,9 @@ class DynamicPlanner(OnMap):
         ModelError
             The network is needed and cannot be loaded.
         """
-        work, wanted = Work(), self.method if method is None else DynamicMethod(method)
-        query = Query.of(self._where(), self._goal, Deadline.within(time_limit_s))
+        work, wanted, grid = Work(), self.method if method is None else DynamicMethod(method), self._state.grid
+        begin = -1 if self._heading_deg is None or grid.poses is None else direction_near(self._heading_deg, grid.poses.sides_m)
+        query = Query.of(self._where(), self._goal, Deadline.within(time_limit_s), direction=begin)
 
         def find() -> tuple[Found, DynamicMethod, str]:
             if wanted is DynamicMethod.AUTO:

@@ -17,12 +17,14 @@ from nnpp_edge.runtime.planners.searchers import AStarSearcher, MendingSearcher,
 from nnpp_edge.runtime.region.learned import LearnedRegions
 from nnpp_edge.runtime.search.dstar_lite import DStarLite, serves
 from nnpp_edge.runtime.tuning import (
+    ARC_CORRIDOR,
     BODY_CORRIDOR,
     BRIEF_EXPANSIONS,
     CORRIDOR,
     FAR,
     LARGE_MAP,
     LEARNED_CORRIDOR,
+    MOST_ABOVE_FIELD,
     NEAR,
     REFINE_FROM,
     WIDENED_BODY_CORRIDOR,
@@ -67,8 +69,10 @@ class Methods:
         ask_from: int = NEAR,
     ) -> None:
         self.state, self._ask_from = state, ask_from
-        self.has_poses = state.grid.steps.by_poses
-        """Whether a vehicle's poses are searched."""
+        self.has_poses, self.has_arcs = state.grid.steps.by_poses, state.grid.steps.columns == 3
+        """Whether a vehicle's poses are searched, and whether it drives arcs."""
+        self.keeps_field = False
+        """Whether what guides a body's search serves the next one to the same goal, for an answer about as good."""
         self.astar = AStarSearcher(state)
         self.regions = LearnedRegions(state, model)
         self._dstar: DStarLite | None = None
@@ -109,6 +113,8 @@ class Methods:
     def choose(self, method: str, query: Query) -> tuple[Method, str]:
         """The method of that name, for ``auto`` the one to pick and why; InvalidQueryError for another name."""
         if (wanted := Method(method)) is Method.AUTO:
+            if self.has_arcs:
+                return Method.CORRIDOR, "arcs are checked where the corridor leads"
             return pick_method(self.state.shape, self.regions.model, self.has_poses, query.apart)
         unasked = wanted is Method.NNPP and self.has_poses
         return wanted, _UNASKED if unasked else ""
@@ -162,12 +168,25 @@ class Methods:
         """A path in a corridor around the coarse path, else in a wider one, else on the whole map."""
         self.state.pyramid_by(query.deadline)
         by_robot = (BODY_CORRIDOR, WIDENED_BODY_CORRIDOR) if self.has_poses else (CORRIDOR, WIDENED_CORRIDOR)
+        if self.has_arcs:
+            by_robot = ARC_CORRIDOR, WIDENED_BODY_CORRIDOR
+        if self.keeps_field and self.has_arcs and (again := self.astar.search_again(query, work)) is not None:
+            found = Found.of(self.state.grid, again, Source.REGION, None, work)
+            if found.suffices(query) and found.cost <= MOST_ABOVE_FIELD * again.promised:
+                return found
         searcher, top = searcher or self.astar, self.descent.top_for(query)
+        doubtful: Found | None = None
         for width, source in zip(widths or by_robot, (Source.REGION, Source.WIDENED), strict=True):
             found = self.descent.find(query, work, searcher, top, None, width, source)
-            if found is not None and found.suffices(query):
-                return found
-        return self.search_map(query, work, Source.FALLBACK)
+            if found is None or not found.suffices(query):
+                continue
+            if doubtful is None and found.cost > MOST_ABOVE_FIELD * found.search.promised:
+                doubtful = found  # an arc too many: perhaps there is a smoother way
+                continue
+            if self.keeps_field and self.has_arcs and found.region is not None:
+                self.astar.keep_field(query.goal, found.region)
+            return found if doubtful is None or found.cost < doubtful.cost else doubtful
+        return doubtful or self.search_map(query, work, Source.FALLBACK)
 
     def network_region(self, query: Query, work: Work, searcher: Searcher | None = None) -> Found:
         """A path in the network's region, else in a wider one, else on the whole map; a near goal by A*.

@@ -3,6 +3,7 @@
 import math
 from dataclasses import dataclass, field, replace
 from enum import StrEnum
+from functools import cached_property
 from typing import TYPE_CHECKING, NoReturn
 
 import numpy as np
@@ -10,11 +11,12 @@ from numpy.typing import NDArray
 
 from nnpp_edge.runtime.arrays import headings_along
 from nnpp_edge.runtime.errors import InvalidQueryError, Status
-from nnpp_edge.runtime.map.arcs import Arc, heading_deg, poses_along
+from nnpp_edge.runtime.map.arcs import Arc, arcs_along, heading_deg, poses_along
 from nnpp_edge.runtime.map.along import Along, Line, Numbers
 from nnpp_edge.runtime.map.region import Region
 from nnpp_edge.runtime.map.state import MapState
 from nnpp_edge.runtime.map.turns import curvatures
+from nnpp_edge.runtime.terrain.vehicle import Vehicle
 from nnpp_edge.runtime.planners.plan_shown import draw, html_of
 
 if TYPE_CHECKING:
@@ -135,8 +137,8 @@ class Plan:
     states: NDArray[np.int32] | None = field(default=None, repr=False)
     """(N,) the direction in which a body that drives arcs stands on each cell, see `map.motions.DIRECTIONS`, and 16
     more where it came backwards and a change of gear costs; None of others, as cells tell it."""
-    arcs: tuple[Arc, ...] = field(default=(), repr=False)
-    """What it drives, piece by piece."""
+    vehicle: Vehicle | None = field(default=None, repr=False)
+    """That body."""
     timings_ms: dict[str, float] = field(default_factory=dict)
     """Milliseconds by stage, and ``total``."""
 
@@ -154,6 +156,13 @@ class Plan:
             return headings_along(self.path)
         return np.array([heading_deg(k, self.along.sides_m) for k in (self.states % 16).tolist()])
 
+    @cached_property
+    def arcs(self) -> tuple[Arc, ...]:
+        """What a body that drives arcs does, piece by piece; empty of others."""
+        if self.states is None or self.vehicle is None or self.along is None:
+            return ()
+        return arcs_along(self.walked, self.vehicle, self.along.sides_m)
+
     @property
     def poses(self) -> NDArray[np.float64]:
         """(N, 3) along `arcs`, every 0.25 m or nearer: metres along columns and along rows from the middle of cell
@@ -168,12 +177,7 @@ class Plan:
 
     def rest(self, first: int) -> "Plan":
         """What is left of the path from one of its cells on."""
-        if self.states is None:
-            return replace(self, path=self.path[first:])
-        # an arc that has begun before that cell ends there: pieces are told apart by where they begin
-        x, y = self.path[first, ::-1] * (self.along.sides_m[::-1] if self.along else (1.0, 1.0))
-        starts = [n for n, arc in enumerate(self.arcs) if math.hypot(arc.start_pose[0] - x, arc.start_pose[1] - y) < 1e-6]
-        return replace(self, path=self.path[first:], states=self.states[first:], arcs=self.arcs[starts[0] if starts else 0 :])
+        return replace(self, path=self.path[first:], states=None if self.states is None else self.states[first:])
 
     @property
     def waypoint_headings_deg(self) -> NDArray[np.float64]:

@@ -12,7 +12,7 @@ from nnpp_edge.runtime.arguments import checked
 from nnpp_edge.runtime.cells import Cell, as_cell
 from nnpp_edge.runtime.deadline import NEVER, Deadline
 from nnpp_edge.runtime.errors import InvalidQueryError, Status
-from nnpp_edge.runtime.map.arcs import Arc, arcs_along, direction_near, directions_within
+from nnpp_edge.runtime.map.arcs import direction_near, directions_within
 from nnpp_edge.runtime.map.grid import Grid
 from nnpp_edge.runtime.map.poses import Poses
 from nnpp_edge.runtime.map.refusal import why_blocked
@@ -189,9 +189,6 @@ class Found(NamedTuple):
         """The finished plan, which owns its data; of a map of which poses had been checked before, if given."""
         search = self.search
         path, states = search.path[:, :2], search.path[:, 2] if search.path.shape[1] == 3 else None
-        arcs: tuple[Arc, ...] = ()
-        if states is not None and state is not None and state.vehicle is not None and state.sides_m is not None:
-            arcs = arcs_along(search.path, state.vehicle, state.sides_m)
         plan = Plan(
             search.status,
             by.base,
@@ -211,7 +208,7 @@ class Found(NamedTuple):
             timings_ms=work.timings_ms,
             along=None if state is None else state.along(path),
             states=states,
-            arcs=arcs,
+            vehicle=None if states is None or state is None else state.vehicle,
         )
         work.stage_ends("path")  # the plan's own making counts
         work.timings_ms["total"] = work.total_ms()

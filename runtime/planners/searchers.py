@@ -9,7 +9,7 @@ import numpy as np
 
 from nnpp_edge.runtime.cells import Cell, apart
 from nnpp_edge.runtime.deadline import OutOfTimeError
-from nnpp_edge.runtime.errors import InvalidQueryError
+from nnpp_edge.runtime.errors import InvalidQueryError, Status
 from nnpp_edge.runtime.kernels.nodes import octile
 from nnpp_edge.runtime.kernels.pooling import FACTOR
 from nnpp_edge.runtime.map.changes import ChangeReader
@@ -18,11 +18,11 @@ from nnpp_edge.runtime.map.region import Region
 from nnpp_edge.runtime.map.state import MapState
 from nnpp_edge.runtime.memory import touch
 from nnpp_edge.runtime.planners.query import Query, Work, problem_with
-from nnpp_edge.runtime.search.astar import Search, astar
+from nnpp_edge.runtime.search.astar import Search, astar, by_kept_field
 from nnpp_edge.runtime.search.dstar_lite import DStarLite, serves
 from nnpp_edge.runtime.search.landmarks import MOST_LANDMARKS, Landmarks
 from nnpp_edge.runtime.search.workspace import Workspace
-from nnpp_edge.runtime.tuning import DSTAR_SLOWER, EXPANDED_TWICE, MOST_JOINED, MOST_RATIO_FOR_LANDMARKS
+from nnpp_edge.runtime.tuning import DSTAR_SLOWER, EXPANDED_TWICE, FIELD_KEPT, MOST_JOINED, MOST_RATIO_FOR_LANDMARKS
 
 _FOR_READING = 0.25
 """Share of the time left that D* Lite may take to read the map before the region is searched afresh."""
@@ -42,6 +42,9 @@ class AStarSearcher:
         self.grid = grid = state.grid
         self.workspace = Workspace(len(grid.weights), grid.steps.states_a_node)
         self._log = state.log
+        self._kept: tuple[Cell, Region, int] | None = None
+        """Goal, region and number of the search of the field that is kept."""
+        self._since = state.log.reader()
         self._landmarks: Landmarks | None = None
         self._changes: ChangeReader | None = None
         """Since landmarks were set: without any, nothing has to be kept for it."""
@@ -55,6 +58,27 @@ class AStarSearcher:
         work.expansions += found.expansions
         work.stage_ends("search")
         return found
+
+    def keep_field(self, goal: Cell, region: Region) -> None:
+        """Keep what guided the search that was just made in a region, for `search_again`."""
+        assert self.workspace.field is not None
+        self._kept = goal, region.copy(), self.workspace.field.stamp
+        self._since = self._log.reader()
+
+    def search_again(self, query: Query, work: Work) -> Search | None:
+        """A path of a body from another start, or on a changed map, by what guided an earlier search; None where that
+        is of another goal, much has changed since, or the path costs too much by it.
+        """
+        (start, goal, _, deadline, direction, wanted), field = query, self.workspace.field
+        if self._kept is None or field is None or (goal, field.stamp) != (self._kept[0], self._kept[2]):
+            return None
+        if sum(change.cells for change in self._since.peek()) > FIELD_KEPT * self.grid.cells:
+            return None
+        ends = self.grid, start, goal, self.workspace, self._kept[1]
+        found = by_kept_field(*ends, deadline=deadline, direction=direction, wanted=wanted)
+        work.expansions += found.expansions
+        work.stage_ends("search")
+        return found if found.status is Status.OK else None
 
     @property
     def landmarks(self) -> Landmarks | None:

@@ -49,6 +49,8 @@ class Search(NamedTuple):
     expansions: int
     refused_f: float = math.inf
     """Least f of a cell that was refused for lying outside the region; inf if none was."""
+    promised: float = math.inf
+    """What a body's path was expected to cost, by the field that guided the search."""
 
     @classmethod
     def without_path(
@@ -133,7 +135,7 @@ def _over_states(
     their turns alone count, which leaves few states to look at, for an answer about as good; no path at all then
     costs less than the octile distance.
     """
-    states, allowed, field, (first, last, direction) = grid.steps.states(), _allowed(region), workspace.field, ends
+    states, allowed, field, (first, last, _) = grid.steps.states(), _allowed(region), workspace.field, ends
     assert states is not None and field is not None
     poses, edges, prices = states
     *_, rays, lengths, turns = prices
@@ -145,19 +147,58 @@ def _over_states(
     if code != kernels.FOUND:
         status = Status.NO_PATH if code == kernels.EXHAUSTED else Status.TIMEOUT
         return Search.without_path(status, spent, refused, grid.steps.columns)
-    row, col = divmod(first, grid.stride)
-    judged = field.g, field.meta, field.stamp, grid.stride, row, col, float(field.g[2 * first]), between
-    before, frame = (*states, judged, allowed), _whole(grid, workspace)
-    at_goal = np.ones(workspace.states, np.bool_) if wanted is None else np.resize(wanted, workspace.states)
-    by_states = _best(grid), grid.prices[0] * BUCKET_WIDTH_BY_LANDMARKS, _beyond(beyond), frame, at_goal
-    ring = 0
-    code, length, expansions, _ = _run(expand_states, before, (first, last, direction, ring), by_states, workspace, limits)
+    found = _by_field(grid, ends, wanted, workspace, allowed, between, beyond, limits)
     apart = float(octile.py_func(*grid.cell(first), *grid.cell(last), *grid.prices))
-    least = math.inf if region is None else apart
+    return found._replace(expansions=found.expansions + spent, refused_f=math.inf if region is None else apart)
+
+
+def by_kept_field(
+    grid: Grid,
+    start: Cell,
+    goal: Cell,
+    workspace: Workspace,
+    region: Region,
+    *,
+    deadline: Deadline = NEVER,
+    direction: int = -1,
+    wanted: NDArray[np.bool_] | None = None,
+) -> Search:
+    """As `astar` in a region, of a body, guided by the costs to go that the last search in it was guided by.
+
+    NO_PATH, too, where these do not reach the start. The map may have changed: what is driven is checked on it.
+    """
+    assert workspace.field is not None
+    first, last, (*_, turns) = grid.node(*start), grid.node(*goal), grid.steps.states()[2]  # type: ignore[index]
+    if not np.isfinite(workspace.field.costs(slice(first, first + 1))[0]):
+        return Search.without_path(Status.NO_PATH, columns=grid.steps.columns)
+    between, limits = np.float32(TURNS_IN_FIELD) * turns, (_WITHOUT_END, deadline.at)
+    found = _by_field(grid, (first, last, direction), wanted, workspace, _allowed(region), between, 0.0, limits)
+    return found._replace(refused_f=float(octile.py_func(*start, *goal, *grid.prices)))
+
+
+def _by_field(
+    grid: Grid,
+    ends: tuple[int, int, int],
+    wanted: NDArray[np.bool_] | None,
+    workspace: Workspace,
+    allowed: Parts,
+    between: NDArray[np.float32],
+    beyond: float,
+    limits: tuple[int, float],
+) -> Search:
+    """The search over states, once the field is there."""
+    states, field, first = grid.steps.states(), workspace.field, ends[0]
+    assert states is not None and field is not None
+    promised, (row, col) = float(field.g[2 * first]), divmod(first, grid.stride)
+    judged, frame = (field.g, field.meta, field.stamp, row, col, promised, between), _frame(grid, workspace)
+    at_goal = np.ones(workspace.states, np.bool_) if wanted is None else np.resize(wanted, workspace.states)
+    rule = _best(grid), grid.prices[0] * BUCKET_WIDTH_BY_LANDMARKS, _beyond(beyond), frame, at_goal
+    code, length, expansions, _ = _run(expand_states, (*states, judged, allowed), ends, rule, workspace, limits)
     end = int(workspace.counts[kernels.BEST_NODE])
-    trace = partial(trace_states, prices=prices, frame=frame)
-    found = _traced(trace, workspace, code, end, length, expansions + spent, least)
-    return found if grid.steps.columns == 3 else found._replace(path=_cells(found.path))
+    trace = partial(trace_states, prices=states[2], frame=frame)
+    found = _traced(trace, workspace, code, end, length, expansions, math.inf)
+    path = found.path if grid.steps.columns == 3 else _cells(found.path)
+    return found._replace(path=path, promised=promised)
 
 
 def _cells(states: NDArray[np.int32]) -> NDArray[np.int32]:
@@ -166,9 +207,9 @@ def _cells(states: NDArray[np.int32]) -> NDArray[np.int32]:
     return np.ascontiguousarray(states[moved, :2])
 
 
-def _whole(grid: Grid, workspace: Workspace) -> tuple[int, int, int, int]:
-    """The frame of memory for all of a map, see `expand_states`."""
-    return workspace.states.bit_length() - 1, 0, 0, grid.stride
+def _frame(grid: Grid, workspace: Workspace) -> tuple[int, int]:
+    """How states are numbered, see `expand_states`."""
+    return workspace.states.bit_length() - 1, grid.stride
 
 
 def _run(
@@ -234,12 +275,12 @@ def _settling(
     ws.next_stamp()
     limits, corner_of_border = (most, deadline.at), 0  # which is impassable, so never reached
     begin, code, width = grid.node(*source), kernels.FULL, _bucket_width(grid)
-    states, nothing = grid.steps.states(), (ws.g[:0], ws.meta[:0], 0, 0, 0, 0, 0.0, np.empty((0, 0), np.float32))
+    states, nothing = grid.steps.states(), (ws.g[:0], ws.meta[:0], 0, 0, 0, 0.0, np.empty((0, 0), np.float32))
     ways, everywhere = kernels.NO_LINKS if links is None else links, kernels.NO_REGION
+    no_goal = np.zeros(ws.states, np.bool_)
     while code in (kernels.FULL, kernels.PAUSED):
         if states is not None:
-            ends, everywhere_open = (begin, corner_of_border, -1, 0), np.ones(ws.states, np.bool_)
-            rule = (0.0, 0.0, 0.0), width, kernels.BELOW, _whole(grid, ws), everywhere_open
+            ends, rule = (begin, corner_of_border, -1), ((0.0, 0.0, 0.0), width, kernels.BELOW, _frame(grid, ws), no_goal)
             code, *_ = expand_states(*states, nothing, everywhere, ends, rule, ws.packed, limits)
         else:
             ground = grid.packed, grid.steps.edges(), ways, everywhere, kernels.NO_HINTS
