@@ -95,7 +95,7 @@ def _frame(scene: Scene, message: PathMessage) -> Picture:
     factor = _FRAME_PIXELS / max(ground.shape[:2])
     size = (round(ground.shape[1] * factor), round(ground.shape[0] * factor))
     picture: Picture = cv2.resize(ground, size, interpolation=cv2.INTER_NEAREST)  # type: ignore[assignment]
-    driven = np.array(scene.driven, np.int32)
+    driven = np.array(scene.driven, np.int32)[:, :2]
     lines: list[tuple[NDArray[np.generic], Colour, int]] = [(message.path, PATH, 2), (driven, DRIVEN, 2)]
     lines += [(outline, BODY, 1) for outline in _bodies(scene.ground.robot, message.path)]
     lines += [(outline, START, 2) for outline in _bodies(scene.ground.robot, driven)[-1:]]

@@ -104,12 +104,15 @@ class Scene:
         """(H, W) the ground with the obstacles that are there."""
         self.told = self.known.copy()
         """(H, W) the map as the loop has been given it."""
-        self.driven: list[Cell] = [start]
-        """Cells that the robot walked over, each next to the one before."""
+        self.driven: list[tuple[int, ...]] = [start]
+        """Cells that the robot walked over, each next to the one before; with its states where it drives arcs."""
         self.polls = self.waited = self.forbidden = 0
         """`forbidden`: published paths that crossed a cell which the map that was told forbids, or were broken."""
         self.path = np.empty((0, 2), np.int32)
-        """The newest that was published."""
+        """The newest that was published; of a body that drives arcs (N, 3), with its states."""
+        self.heading_deg: float | None = None
+        """Of such a body, once it has begun to drive."""
+        self._headings = np.empty(0)
         self._orders: list[Input] = [Goal(*goal)]
 
     @property
@@ -124,10 +127,10 @@ class Scene:
         self.polls += 1
         orders, self._orders = self._orders, []
         yield from orders
-        events = [self.obstacles.one_event(self.robot, self.goal, self.path) for _ in range(self._changes)]
+        events = [self.obstacles.one_event(self.robot, self.goal, self.path[:, :2]) for _ in range(self._changes)]
         self.seen = self._see(self.robot)
         yield from self._patches([*chain(*events), self.seen])
-        yield Pose(self.robot[0] + 0.5, self.robot[1] + 0.5)
+        yield Pose(self.robot[0] + 0.5, self.robot[1] + 0.5, heading_deg=self.heading_deg)
 
     def send_to(self, goal: Cell) -> None:
         """Give the robot another goal, at the next poll; obstacles too near to it vanish, and the way so far."""
@@ -143,18 +146,22 @@ class Scene:
 
     def heard(self, message: PathMessage) -> None:
         """Take the loop's answer, which is checked by the definition of a path that can be walked."""
-        self.path = message.path
-        if message.ok and not walkable(self.ground.robot, message.path, self.told, message.goal):
+        self.path, self._headings = message.walked, message.headings_deg
+        if message.ok and not walkable(self.ground.robot, self.path, self.told, message.goal):
             self.forbidden += 1
 
     def _walk(self) -> None:
         """Along the path, while the next step is truly free."""
-        at = np.flatnonzero((self.path == self.robot).all(axis=1))
+        at = np.flatnonzero((self.path[:, :2] == self.robot).all(axis=1))
         ahead = self.path[at[0] : at[0] + 1 + self._speed] if len(at) else self.path[:1]
         count = self.ground.robot.steps(self.now, ahead) if len(ahead) > 1 else 0
-        for row, col in ahead[1 : 1 + count].tolist():
-            self.robot = (row, col)
-            self.driven.append(self.robot)
+        if count and len(self.driven[-1]) < ahead.shape[1]:
+            self.driven[-1] = tuple(ahead[0].tolist())
+        for place in ahead[1 : 1 + count].tolist():
+            self.robot = (place[0], place[1])
+            self.driven.append(tuple(place))
+        if ahead.shape[1] == 3 and len(at):
+            self.heading_deg = float(self._headings[at[0] + count])
         self.waited += not count
 
     def _see(self, cell: Cell) -> Rectangle:
@@ -166,13 +173,14 @@ class Scene:
 
 def walkable(robot: Robot, path: NDArray[np.int32], values: Float2D, goal: Cell | None) -> bool:
     """Whether a path leads to the goal over a map, by steps or a body's legs, and the robot can take it."""
-    if not len(path) or tuple(path[-1].tolist()) != goal:
+    if not len(path) or tuple(path[-1, :2].tolist()) != goal:
         return False
     longest = 2 if robot.has_legs else 1
-    apart = np.abs(np.diff(path, axis=0)).max(axis=1)
-    if not ((path >= 0) & (path < values.shape)).all() or ((apart < 1) | (apart > longest)).any():
+    cells, legs = path[:, :2], path.shape[1] == 2
+    apart = np.abs(np.diff(cells, axis=0)).max(axis=1)
+    if not ((cells >= 0) & (cells < values.shape)).all() or (legs and ((apart < 1) | (apart > longest)).any()):
         return False
-    return robot.stands(values, tuple(path[0].tolist())) and robot.steps(values, path) == len(path) - 1
+    return robot.stands(values, tuple(cells[0].tolist())) and robot.steps(values, path) == len(path) - 1
 
 
 def _blurred(elevation: Float2D, sigma: float) -> Float2D:

@@ -176,7 +176,7 @@ def simulate(
     driven = np.array(scene.driven, np.int32)
     return Drive(
         settings.method,
-        scene.driven[0],
+        (scene.driven[0][0], scene.driven[0][1]),
         scene.goal,
         scene.reached,
         counters,
@@ -187,6 +187,6 @@ def simulate(
         goals=goals,
         memory_mb=memory_mb | {"end": 1e-6 * rss_bytes()},
         planning_ms=histogram.summary_ms(),
-        driven=driven,
+        driven=driven[:, :2],
         optimal=best.path,
     )

@@ -157,7 +157,7 @@ class Ladder:
             return None
         plan = self._planner.standing_plan
         assert plan is not None
-        left = replace(plan, path=plan.path[standing.index :], cost=standing.cost, lower_bound=standing.lower_bound)
+        left = replace(plan.rest(standing.index), cost=standing.cost, lower_bound=standing.lower_bound)
         freed = self._planner.refined(left)
         return self._path(tick, freed, Origin.STANDING, reason) if freed.ok else None
 
@@ -198,11 +198,13 @@ class Ladder:
         if (tuple(path[0]), tuple(path[-1])) != (tick.known.start, tick.known.goal):
             _LOG.info("a path from %s is not published: it has other ends", origin)
             return None
-        if (blocked := self._planner.first_blocked(path)) >= 0:
+        if (blocked := self._planner.first_blocked(plan.walked)) >= 0:
             _LOG.info("a path from %s is not published: it cannot be walked at %s", origin, path[blocked].tolist())
             return None
         base = tick.no_path(Status.NO_PATH, reason, degraded=bool(tick.failures))
         found = replace(base, outcome=Status.OK, origin=origin, path=path, method=plan.planner, choice=plan.choice)
+        if plan.states is not None:
+            found = replace(found, states=tuple(plan.states.tolist()), arcs=plan.arcs)
         if version == tick.known.map_version:
             found = replace(found, waypoints=plan.waypoints, line_cost=plan.line_cost)
             return replace(found, cost=plan.cost, lower_bound=plan.lower_bound)

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from nnpp_edge.runtime.arrays import Float2D, as_map, headings_along
 from nnpp_edge.runtime.cells import Cell
 from nnpp_edge.runtime.errors import InvalidMapError, NnppEdgeError, Status, shown
+from nnpp_edge.runtime.map.arcs import Arc, heading_deg
 
 
 class InvalidMessageError(NnppEdgeError, ValueError):
@@ -81,14 +82,16 @@ class MapPatch:
 
 @dataclass(frozen=True)
 class Pose:
-    """Where the robot is, in cells; fractions lie within a cell. InvalidMessageError unless both are finite."""
+    """Where the robot is, in cells; fractions lie within a cell. InvalidMessageError unless its numbers are finite."""
 
     row: float
     col: float
     stamp: float = 0.0
+    heading_deg: float | None = None
+    """In which a body stands, clockwise from up the rows; None where nobody says: a path begins in any direction."""
 
     def __post_init__(self) -> None:
-        _check_numbers(self, [], ["row", "col", "stamp"])
+        _check_numbers(self, [], ["row", "col", "stamp", *(["heading_deg"] if self.heading_deg is not None else [])])
 
     @property
     def cell(self) -> Cell:
@@ -151,6 +154,9 @@ class PathMessage:
     """No path leads to the goal that was asked for; this one leads as near to it as there is a way, to `goal`."""
     choice: str = ""
     """Why that method was picked, where there was a choice; for people."""
+    states: tuple[int, ...] = ()
+    arcs: tuple[Arc, ...] = ()
+    """Of a body that drives arcs, as in `Plan`; empty of others."""
 
     def __post_init__(self) -> None:
         if (self.outcome is Status.OK) != bool(cells := len(self.path)):
@@ -166,7 +172,14 @@ class PathMessage:
     @property
     def headings_deg(self) -> NDArray[np.float64]:
         """(N,) degrees clockwise from up the rows, of each cell of the path as in `Plan`; none for a path of one."""
+        if self.states:
+            return np.array([heading_deg(state, (1.0, 1.0)) for state in self.states])
         return headings_along(self.path)
+
+    @property
+    def walked(self) -> NDArray[np.int32]:
+        """As in `Plan`."""
+        return np.column_stack((self.path, self.states)).astype(np.int32) if self.states else self.path
 
     def summary(self) -> dict[str, object]:
         """Ready for JSON: an infinite cost is None, and way points are left out where there are none."""
@@ -178,6 +191,8 @@ class PathMessage:
             "headings_deg": self.headings_deg.tolist(),
             "cost": self.cost if math.isfinite(self.cost) else None,
         }
+        if not self.states:
+            del fields["states"], fields["arcs"]
         if self.waypoints is None:
             del fields["waypoints"], fields["line_cost"]
             return fields

@@ -157,7 +157,7 @@ class Navigator:
             radius = self.settings.snap_radius
             reason = f"no passable cell within {radius} of the robot{self._unknown_around(pose.cell, radius)}"
             return tick.no_path(Status.START_BLOCKED, reason)
-        self.planner.move(start)
+        self.planner.move(start, pose.heading_deg)
         target = goal.cell
         if not self.planner.is_passable(target) and not self.settings.approach:
             return tick.no_path(Status.GOAL_BLOCKED, f"the goal is impassable{self._unknown_around(target)}")

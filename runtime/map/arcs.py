@@ -46,7 +46,7 @@ class Arc:
 
 def heading_deg(direction: int, sides_m: tuple[float, float]) -> float:
     """Of one of the sixteen directions, degrees clockwise from up the rows."""
-    return (180.0 - math.degrees(heading_rad(direction, sides_m))) % 360.0
+    return (180.0 - math.degrees(heading_rad(direction % DIRECTIONS, sides_m))) % 360.0
 
 
 def direction_near(heading: float, sides_m: tuple[float, float]) -> int:

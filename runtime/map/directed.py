@@ -86,7 +86,7 @@ class DirectedSteps(PointSteps):
         self.shape, (rows, cols), (dy, dx) = grid.shape, grid.shape, sides_m
         self.by_poses = by_poses = grid.steps.by_poses
         self.states_a_node, self.shortest = grid.steps.states_a_node, grid.steps.shortest
-        self.half_turn = grid.steps.half_turn * dy * float(model.cost(1.0, 0.0))
+        self.readiness, self.columns = grid.steps.readiness * dy * float(model.cost(1.0, 0.0)), grid.steps.columns
         self._ways = np.array(DIRECTIONS if by_poses else _NEIGHBOURS, np.int64)
         self._weights = np.empty(0, np.float32) if by_poses else grid.weights
         self._rule = not by_poses, grid.corner_cutting

@@ -37,8 +37,10 @@ class PointSteps:
     """Whether a vehicle's poses are checked; whether steps cost otherwise one way than the other."""
     states_a_node, columns = 1, 2
     """Places of a search on a node; numbers of a place on a path, three where its state counts."""
-    shortest, half_turn = 1.0, 0.0
-    """Length of the shortest way over that by straight and diagonal steps; cost of turning to the opposite."""
+    shortest, readiness = 1.0, 0.0
+    """Length of the shortest way over that by straight and diagonal steps; by how much a body on its way may have it
+    cheaper than one that sets out from the same cell: as it need not turn round, or has the right gear in.
+    """
 
     def edges(self, backwards: bool = False) -> Edges | None:
         """Costs of the steps, as searches take them; `backwards` of those that come to a cell, on a coarse level.
@@ -96,9 +98,11 @@ class PoseSteps(PointSteps):
     by_poses = True
 
     def __init__(self, poses: Poses) -> None:
-        self.poses, self.half_turn = poses, float(poses.prices[-1].max())
+        self.poses, vehicle = poses, poses.vehicle
+        by_turning, by_gear = float(poses.prices[-1].max()), vehicle.gear_change_m / poses.sides_m[0]
+        self.readiness = by_turning if vehicle.turning_radius_m is None else by_gear
         self.states_a_node, self.shortest = len(poses.prices[1]), KNIGHT * poses.primitives.shortest
-        self.columns = 2 if poses.vehicle.turning_radius_m is None else 3
+        self.columns = 2 if vehicle.turning_radius_m is None else 3
 
     def states(self) -> States:
         return self.poses.packed, NO_EDGES, self.poses.prices

@@ -56,7 +56,7 @@ class DynamicChooser:
         if methods.mender.knows_region(query.goal):
             search = methods.mender.search(query, work, None)
             found = Found.of(methods.state.grid, search, Source.REGION, None, work)
-            floor = self._path.check(query.start).floor
+            floor = self._path.check(query.start, query.direction).floor
             if search.status is Status.OK and floor > 0.0:
                 drift = self._drift * max(found.cost / floor, 1.0)
                 if drift <= MOST_DRIFT:
@@ -195,7 +195,7 @@ class DynamicPlanner(OnMap):
 
     @one_at_a_time
     def first_blocked(self, path: NDArray[np.int32]) -> int:
-        """Number of the first cell of a path (N, 2) inside the map that cannot be stepped on now; -1 if all can."""
+        """Number of the first cell of a path inside the map, as `Plan.walked`, that cannot be stepped on now; or -1."""
         return self._state.grid.walk(path, 0, np.empty(len(path)))
 
     @one_at_a_time
@@ -215,7 +215,7 @@ class DynamicPlanner(OnMap):
     @one_at_a_time
     def standing(self) -> Standing:
         """How the last path stands on the map as it is now, for the robot where it is now."""
-        return self._path.check(self._where())
+        return self._path.check(self._where(), self._direction)
 
     @one_at_a_time
     def prepare(self) -> None:
@@ -250,9 +250,8 @@ class DynamicPlanner(OnMap):
         ModelError
             The network is needed and cannot be loaded.
         """
-        work, wanted, grid = Work(), self.method if method is None else DynamicMethod(method), self._state.grid
-        begin = -1 if self._heading_deg is None or grid.poses is None else direction_near(self._heading_deg, grid.poses.sides_m)
-        query = Query.of(self._where(), self._goal, Deadline.within(time_limit_s), direction=begin)
+        work, wanted = Work(), self.method if method is None else DynamicMethod(method)
+        query = Query.of(self._where(), self._goal, Deadline.within(time_limit_s), direction=self._direction)
 
         def find() -> tuple[Found, DynamicMethod, str]:
             if wanted is DynamicMethod.AUTO:
@@ -275,6 +274,14 @@ class DynamicPlanner(OnMap):
 
     def _refined(self, plan: Plan, deadline: Deadline) -> Plan:
         return plan if self._refinement is None else self._refiner.refined(plan, deadline=deadline)
+
+    @property
+    def _direction(self) -> int:
+        """In which a body that drives arcs heads; -1 of others, and where nobody says."""
+        heading, poses = self._heading_deg, self._state.grid.poses
+        if heading is None or poses is None or not self._methods.has_arcs:
+            return -1
+        return direction_near(heading, poses.sides_m)
 
     def _where(self) -> Cell:
         if self._start is None:

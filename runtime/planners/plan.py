@@ -154,7 +154,7 @@ class Plan:
         """
         if self.states is None or self.along is None:
             return headings_along(self.path)
-        return np.array([heading_deg(k, self.along.sides_m) for k in (self.states % 16).tolist()])
+        return np.array([heading_deg(k, self.along.sides_m) for k in self.states.tolist()])
 
     @cached_property
     def arcs(self) -> tuple[Arc, ...]:

@@ -22,6 +22,7 @@ import numpy as np
 
 from nnpp_edge.runtime.cells import Cell, Rectangle
 from nnpp_edge.runtime.errors import InvalidQueryError
+from nnpp_edge.runtime.kernels.lattice import DIRECTIONS
 from nnpp_edge.runtime.kernels.nodes import octile
 from nnpp_edge.runtime.kernels.paths import remember, savings
 from nnpp_edge.runtime.map.state import MapState
@@ -131,20 +132,23 @@ class StandingPath:
         if self._changes.behind > MOST_LOGGED_CHANGES // 2 or sum(len(c.nodes) for c in self._changes.peek()) > _MANY:
             self._read_changes()
 
-    def check(self, at: Cell) -> Standing:
-        """How the path stands for a robot in the cell `at`."""
+    def check(self, at: Cell, direction: int = -1) -> Standing:
+        """How the path stands for a robot in the cell `at`, heading in a direction; -1 where nobody says."""
         self._read_changes()
         if self.plan is None:
             return Standing(Footing.NONE)
         path, grid = self.plan.path, self._grid
-        hits = np.flatnonzero((path[:, 0] == at[0]) & (path[:, 1] == at[1]))
+        here = (path[:, 0] == at[0]) & (path[:, 1] == at[1])
+        if direction >= 0 and self.plan.states is not None:  # such a path may cross itself
+            here &= self.plan.states % DIRECTIONS == direction
+        hits = np.flatnonzero(here)
         if not len(hits):
             return Standing(Footing.OFF_PATH)
         index, goal = int(hits[0]), (int(path[-1, 0]), int(path[-1, 1]))
         walked = float(self._walked[index])
         straight = octile.py_func(*at, *goal, *grid.prices) + grid.steps.worth_of_height(at, goal)
         rest = float(self._walked[-1]) - walked, (1.0 - _ROUNDING) * self.plan.lower_bound - walked
-        floor, lower = (max(bound, straight) for bound in self._bounds_now(rest, at, goal))
+        floor, lower = (max(bound, straight) for bound in self._bounds_now(rest, at, goal, direction))
         blocked = self._grid.walk(self.plan.walked, index, self._scratch)
         if blocked >= 0:
             cell = int(path[blocked, 0]), int(path[blocked, 1])
@@ -164,13 +168,14 @@ class StandingPath:
                 change.nodes, change.old_weights, self._before, self._noted, self._stamp, self._touched, self._count
             )
 
-    def _bounds_now(self, bounds: tuple[float, ...], at: Cell, goal: Cell) -> list[float]:
+    def _bounds_now(self, bounds: tuple[float, ...], at: Cell, goal: Cell, direction: int) -> list[float]:
         """Bounds of the paths of now, given bounds of those on the map as it was."""
         grid = self._grid
         if self._by_parts:
             by_way = min((self._by_way_of(part, at, goal) for part in self._parts), default=math.inf)
-            # of a body that has arrived in one direction, while another path may begin in any
-            return [min(bound - grid.steps.half_turn, by_way) for bound in bounds]
+            if self.plan is not None and self.plan.states is not None and direction < 0:
+                return [-math.inf for _ in bounds]  # another path may begin in any direction
+            return [min(bound - grid.steps.readiness, by_way) for bound in bounds]
         saved, by_cheaper, by_opened = savings(
             grid.weights, self._before, self._touched, self._count, grid.stride, at, goal, grid.prices
         )

@@ -62,6 +62,8 @@ class Record(msgspec.Struct, tag_field="type", forbid_unknown_fields=True, kw_on
 class PoseRecord(Record, tag="pose"):
     """A `Pose` on the wire."""
 
+    heading_deg: float | None = None
+
 
 class GoalRecord(Record, tag="goal"):
     """A `Goal` on the wire."""
@@ -158,8 +160,9 @@ def as_input(record: Record) -> Input:
         if isinstance(record, PatchRecord):
             values = _values("elevation", record.elevation), _values("cost", record.cost)
             return MapPatch(record.row, record.col, *values, record.keep_known, record.stamp)  # type: ignore[arg-type]
-        kind = Pose if isinstance(record, PoseRecord) else Goal
-        return kind(record.row, record.col, record.stamp)  # type: ignore[arg-type]  # a goal refuses fractions
+        if isinstance(record, PoseRecord):
+            return Pose(record.row, record.col, record.stamp, record.heading_deg)
+        return Goal(record.row, record.col, record.stamp)  # type: ignore[arg-type]  # a goal refuses fractions
     except InvalidMessageError as error:
         raise WireError(str(error)) from None
 
