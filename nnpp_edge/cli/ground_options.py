@@ -100,8 +100,9 @@ class VehicleOptions:
         return vehicle_of(values, self.vehicle or "vehicle")
 
     def check_turns(self, refine: str | None) -> None:
-        """Refuse a turning radius that was set for paths that stay on the grid."""
-        if not refine and any("turning_radius_m" in setting.values for setting in self.settings):
+        """Refuse a turning radius that was set for a disc whose paths stay on the grid."""
+        disc = any("radius_m" in setting.values for setting in self.settings)
+        if not refine and disc and any("turning_radius_m" in setting.values for setting in self.settings):
             raise click.UsageError("turning_radius_m needs --refine any-angle: paths on the grid turn in a cell")
 
     def mobility(self, place: "Place | None" = None) -> "Mobility":

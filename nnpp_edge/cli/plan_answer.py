@@ -139,6 +139,11 @@ class Answer:
                 sharpest = plan.curvatures.max(initial=0.0)
                 turns = f", sharpest turn of {1.0 / sharpest:.3g} m radius" if sharpest > 0.0 else ""
                 yield "line", f"{len(plan.waypoints)} way points, line integral {plan.line_cost:.6g}{turns}"
+            if plan.arcs:
+                back = sum(arc.length_m for arc in plan.arcs if arc.gear < 0)
+                sharpest = max(abs(arc.curvature_per_m) for arc in plan.arcs)
+                turns = f", sharpest of {1.0 / sharpest:.3g} m radius" if sharpest > 0.0 else ""
+                yield "arcs", f"{len(plan.arcs)} pieces{turns}, {metres(back)} of them backwards"
             yield "CC", f"{plan.traverse_cost:.6g}"
         elif len(plan.path):
             yield "path", f"{len(plan.path)} cells so far, {length}"

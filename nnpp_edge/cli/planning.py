@@ -8,6 +8,7 @@ from pathlib import Path
 from statistics import median
 
 import numpy as np
+from numpy.typing import NDArray
 
 from nnpp_edge.cli.ground_options import GroundOptions
 from nnpp_edge.cli.maps import Near, cost_of, priced, refuse, refuse_map, refuse_outside, shade_of, warn_if_not_square
@@ -15,7 +16,7 @@ from nnpp_edge.cli.plan_answer import Answer
 from nnpp_edge.cli.requests import PlanRequest
 from nnpp_edge.cli.text import Row
 from nnpp_edge.progress import bar
-from nnpp_edge.runtime import Ground, Method, Plan, Planner, Traversability, exercises
+from nnpp_edge.runtime import Ground, Method, Plan, Planner, Traversability, Vehicle, exercises
 from nnpp_edge.runtime.arrays import Float2D, headings_along
 from nnpp_edge.runtime.cells import Cell
 from nnpp_edge.runtime.compiled.notice import told_if_slow
@@ -79,7 +80,7 @@ def plan_in_memory(request: PlanRequest, path: Path, robot: GroundOptions, *, dr
         refuse(problem, start, goals[0], near)
     if request.time_limit is not None:  # loading would use it up
         exercises.exercise()
-    within: PlanOptions = {"refine": request.refine, **request.within}  # type: ignore[typeddict-item]
+    within: PlanOptions = {"refine": request.refine, **request.headings, **request.within}  # type: ignore[typeddict-item]
     wanted: PlanOptions = {**within, "method": request.method, "keep_regions": drawn}
     tour = planner.plan_via(start, goals[0], via, best_order=request.best_order, **wanted) if via else None
     ranked = [(0, tour.plan)] if tour else planner.nearest(start, goals, count=len(goals), **wanted)
@@ -108,7 +109,7 @@ def plan_in_memory(request: PlanRequest, path: Path, robot: GroundOptions, *, dr
             reference_path=exact.path if exact and exact.ok and plan.method != exact.method else None,
             cell_size_m=dem.cell_width_m,
             length_m=route.length_m,
-            outlines=body_outlines(plan.path, body, ground.sides_m) if body else (),
+            outlines=_outlines(plan, body, ground.sides_m) if body else (),
             refused=refused,
             point_path=of_point,
         )
@@ -138,6 +139,7 @@ def plan_by_windows(request: PlanRequest, path: Path, robot: GroundOptions) -> A
         "--compare": request.compare,
         "--hillshade": request.hillshade,
         "--refine": request.refine is not None,
+        "--start-heading, --goal-heading": bool(request.headings),
         "--resample": robot.resample is not None,
     }
     if wrong := [name for name, asked in unfit.items() if asked]:
@@ -208,6 +210,11 @@ def _around(planner: WindowedPlanner, ground: DemWindows, limits: Traversability
     return Near(ground, elevation, cost, limits, origin=(row0, col0))
 
 
+def _outlines(plan: Plan, body: Vehicle, sides_m: tuple[float, float]) -> list[NDArray[np.float64]]:
+    """The body along a path."""
+    return body_outlines(plan.line, body, sides_m, None if plan.drive is None else plan.drive.poses[:, 2])
+
+
 def _on_the_ground(plan: Plan, ground: Ground) -> Plan:
     """The plan with the numbers along its way."""
     assert ground.elevation is not None and ground.mobility is not None
@@ -220,9 +227,13 @@ def _route(plan: Plan, cost: Float2D, dem: Dem, ground: Ground, planner: Planner
     route, vehicle = Route.of(plan.line, plan.along, cost, dem), ground.vehicle
     if vehicle is None or len(plan.path) < 2:
         return route
-    standing = {"heading_deg": headings_along(plan.along.points)}
+    standing: dict[str, NDArray[np.float64]] = {"heading_deg": headings_along(plan.along.points)}
     if (poses := planner.state.grid.poses) is not None:
         standing |= attitudes(poses, plan.walked)._asdict()
+    if plan.drive is not None:
+        of_steps = {name: numbers[plan.drive.steps] for name, numbers in standing.items() if name != "heading_deg"}
+        standing = {"heading_deg": plan.drive.poses[:, 2], "gear": plan.drive.gears.astype(np.float64)} | of_steps
+        standing["curvature_per_m"] = plan.drive.curvatures_per_m
     return replace(route, standing=standing)
 
 

@@ -92,6 +92,11 @@ class PlanRequest:
     ] = None
     time_limit: Annotated[float | None, options.POSITIVE, "Seconds for one planning."] = None
     refine: Annotated[str | None, click.Choice(["any-angle"]), "Free the path from the grid: way points, too."] = None
+    start_heading: Annotated[
+        float | None, options.ANGLE, "In which a body stands, degrees clockwise from up the map's rows."
+    ] = None
+    goal_heading: Annotated[float | None, options.ANGLE, "In which it is to arrive, likewise."] = None
+    goal_tolerance: Annotated[float, options.NOT_NEGATIVE, "How far off the heading at the goal may be."] = 0.0
     compare: Annotated[bool, "Plan with exact A* and the corridor planner too."] = False
     hillshade: options.Hillshade = False
 
@@ -106,6 +111,13 @@ class PlanRequest:
     def files(self) -> list[Path]:
         """Vector files that are read."""
         return [end.file for end in (self.start, *self.via, *self.goals) if end.file is not None]
+
+    @property
+    def headings(self) -> dict[str, float]:
+        """Those that were given, as `PlanOptions`."""
+        given = {"start_heading_deg": self.start_heading, "goal_heading_deg": self.goal_heading}
+        given["goal_tolerance_deg"] = self.goal_tolerance or None
+        return {name: number for name, number in given.items() if number is not None}
 
     @property
     def within(self) -> dict[str, float]:

@@ -131,10 +131,10 @@ def plan_picture(
         mask &= passable
         ground[mask] = _mixed(ground[mask], strength, colour)
     drawing = MapDrawing(ground)
-    freed = plan.line is not plan.path
+    freed, arcs = plan.line is not plan.path, plan.states is not None
     lines: list[tuple[Line | None, Colour, float, str]] = [
-        (plan.line, PATH, 5.0, "path freed from the grid" if freed else "path"),
-        (plan.path if freed else None, GRID, 1.5, "path of the grid"),
+        (plan.line, PATH, 5.0, "path of arcs" if arcs else "path freed from the grid" if freed else "path"),
+        (plan.path if freed and not arcs else None, GRID, 1.5, "path of the grid"),
         (reference_path, OPTIMUM, 2.0, "exact optimum"),
         (point_path, POINT, 2.0, "path of a point"),
     ]
@@ -199,10 +199,13 @@ def reach_picture(
     return drawing.finish([keys, drawing.scale(None if cell_size_m is None else cell_size_m / fine)])
 
 
-def body_outlines(path: Cells, vehicle: Vehicle, sides_m: tuple[float, float]) -> list[NDArray[np.float64]]:
+def body_outlines(
+    path: Line, vehicle: Vehicle, sides_m: tuple[float, float], headings_deg: NDArray[np.float64] | None = None
+) -> list[NDArray[np.float64]]:
     """(N, 2) the body's outline, rows and columns, and a line from its front to its middle, all along a path.
 
-    One at every second body length, at most a hundred; none for a path of less than two cells.
+    One at every second body length, at most a hundred; none for a path of less than two cells. Its headings (N,), in
+    degrees clockwise from up the rows, are by default those to the next place.
     """
     if len(path) < 2:
         return []
@@ -219,8 +222,12 @@ def body_outlines(path: Cells, vehicle: Vehicle, sides_m: tuple[float, float]) -
     count = min(max(int(along[-1] / (4.0 * shape[:, 0].max())), 1), 100)
     outlines = []
     for at in np.searchsorted(along, np.linspace(0.0, along[-1], count + 1)).tolist():
-        step = steps[min(at, len(steps) - 1)]
-        ahead = step / np.hypot(*step)
+        if headings_deg is None:
+            step = steps[min(at, len(steps) - 1)]
+            ahead = step / np.hypot(*step)
+        else:
+            heading = math.radians(headings_deg[at])
+            ahead = np.array((-math.cos(heading), math.sin(heading)))
         left = np.array((-ahead[1], ahead[0]))  # rows go down
         outlines.append(path[at] + (shape @ np.array((ahead, left))) / sides_m)
     return outlines

@@ -52,10 +52,10 @@ COLS = (0, 1, 1, 2, 1, 2, 1, 1, 0, -1, -1, -2, -1, -2, -1, -1)
 KNIGHT = math.sqrt(5.0) / (1.0 + math.sqrt(2.0))
 """A knight's leg over a straight and a diagonal one."""
 DOWN, RIGHT, TO, MOTION, THERE, EDGE = range(6)
-"""Of a primitive: rows and columns to the cell that it leads to, the state there among those of a cell (-1 where there
-is no such primitive); the motion that is checked, and whether that begins there; the direction of a leg, else -1."""
+"""Of a primitive: rows and columns to the cell that it leads to, the state there among those of a cell (-1 where no
+such primitive is); the motion that is checked, and whether that begins there; the direction of a leg, else -1."""
 BY_LENGTH, FIXED = 0, 1
-"""Of what a primitive costs: cells on the best ground, which its code makes dearer, and what comes to it in any case."""
+"""Of what a primitive costs: cells on the best ground, which its code makes dearer, and what comes to it always."""
 ORIGIN = DIRECTION_BITS
 """In place of the primitive that led to a state: where the search began."""
 LEG, LEFT_TURN = 0, 1
@@ -153,16 +153,17 @@ def fill_field(poses, edges, prices, region, ends, rule, memory, limits):
     """Costs to the goal of the cells from which a way to it may be part of the best one.
 
     Arguments as for `expand_states`, but for memory, which is that of nodes, `ends`, (goal, start, goal), the first
-    -1 to go on, and `rule`, (towards, width, between). Searches from the goal until the start is settled; each leg is
-    that of the way back. Without `between` turns are free, and no way costs less. With the costs of turns `between`
+    -1 to go on, and `rule`, (towards, width, between, at_goal). Searches from the goal until the start is settled, by
+    the rays of `prices`. Without `between` turns are free, and no way costs less. With the costs of turns `between`
     directions, (16, 16) float32, each cell's cost is that of a way with its turns: as the cell's best way on is what
-    counts for all that come to it, nearly the least. Returns the code, the expansions, and the least f of a node that
+    counts for all that come to it, nearly the least; `at_goal` (16,) is what it costs to turn at the goal from each
+    direction to a wanted one. Returns the code, the expansions, and the least f of a node that
     the region refused.
     """
     goal, start, goal_node = ends
     unit, rays, lengths = prices[0], borrowed(prices[4]), borrowed(prices[5])
-    best, width, between = rule
-    between = borrowed(between)
+    best, width, between, at_goal = rule
+    between, at_goal = borrowed(between), borrowed(at_goal)
     most, until = limits
     codes, rows, cols = borrowed(poses[0]), poses[1][5][0], poses[1][5][1]
     stride = cols + 2
@@ -241,7 +242,9 @@ def fill_field(poses, edges, prices, region, ends, rule, memory, limits):
             known = np.float32(np.inf)
             if meta[np.uint64(2 * there + 1)] >> STAMP_SHIFT == stamp:
                 known = g[np.uint64(2 * there)]
-            turned = between[k, onwards] if len(between) and node != goal_node else np.float32(0.0)
+            turned = np.float32(0.0)
+            if len(between):
+                turned = at_goal[k] if node == goal_node else between[k, onwards]
             reached = g_node + (step + turned)
             if not reached < known:
                 continue
@@ -279,7 +282,7 @@ def fill_field(poses, edges, prices, region, ends, rule, memory, limits):
 
 @helper
 def _step(code, edges, node, move, fare, unit):
-    """What a primitive costs by its code; unchecked as if on the best ground, inf where it fails."""
+    """Cost of a primitive by its code; unchecked as if on the best ground, inf where it fails."""
     if code >= FAILS:
         return np.float32(np.inf)
     if len(edges) and move[EDGE] >= 0:
@@ -425,9 +428,7 @@ def expand_states(poses, edges, prices, field, region, ends, rule, memory, limit
                 meta[np.uint64(2 * state + 1)] = word
                 if word:
                     g[np.uint64(2 * state)] = least
-                    free, used = push(
-                        heads, entries, bucket_of(least + h, *order), state, block, fine_at, free, used
-                    )
+                    free, used = push(heads, entries, bucket_of(least + h, *order), state, block, fine_at, free, used)
                     waiting += 1
                 continue
         meta[np.uint64(2 * state + 1)] = word & ~(OPEN_BIT | UNSURE_BIT)
@@ -450,7 +451,10 @@ def expand_states(poses, edges, prices, field, region, ends, rule, memory, limit
             known, sure, before = np.float32(np.inf), False, np.int64(meta[np.uint64(2 * there + 1)])
             if before >> STAMP_SHIFT == stamp:
                 known, sure = g[np.uint64(2 * there)], not before & UNSURE_BIT
-            step, left = _step(found, edges, node, moves[local, way], fares[local, way], unit), _left_at(i, j, to, judge)
+            step, left = (
+                _step(found, edges, node, moves[local, way], fares[local, way], unit),
+                _left_at(i, j, to, judge),
+            )
             reached = np.float32(g_state + step)
             if not reached < known or reached + left >= bound:
                 continue

@@ -5,8 +5,8 @@ or three motions would take one by one. docs/vehicle.md has the definitions and 
 
 The kernels are given `poses`, a tuple (codes, source, address):
 
-    codes      (nodes, M) uint16, of each motion that begins on a node: `UNCHECKED`, 1 + T · `MOST_CODE`, rounded up, or
-               `MOST_CODE` + 1 + the limit that refuses it
+    codes      (nodes, M) uint16, of each motion that begins on a node: `UNCHECKED`, 1 + T · `MOST_CODE`, rounded up,
+               or `MOST_CODE` + 1 + the limit that refuses it
     source     (heights, motions, limits, scratch, counts, shape), see `map.poses`
     address    of `check_run`
 """

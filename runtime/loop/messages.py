@@ -82,7 +82,7 @@ class MapPatch:
 
 @dataclass(frozen=True)
 class Pose:
-    """Where the robot is, in cells; fractions lie within a cell. InvalidMessageError unless its numbers are finite."""
+    """Where the robot is, in cells; fractions lie within a cell. InvalidMessageError unless all is finite."""
 
     row: float
     col: float

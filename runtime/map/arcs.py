@@ -3,6 +3,7 @@
 import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,7 +13,7 @@ from nnpp_edge.runtime.map.primitives import AXES, curve, heading_rad
 from nnpp_edge.runtime.terrain.vehicle import Vehicle
 
 PoseOf = tuple[float, float, float]
-POSES_EVERY_M = 0.25
+POSES_EVERY_M, _MOST_TURN_DEG = 0.25, 15.0
 _LEAST_M = 1e-9
 
 
@@ -67,14 +68,19 @@ def _apart(heading: float, sides_m: tuple[float, float]) -> NDArray[np.float64]:
 
 
 def arcs_along(states: NDArray[np.int32], vehicle: Vehicle, sides_m: tuple[float, float]) -> tuple[Arc, ...]:
-    """What a body drives along states (N, 3) of a path, pieces of the same kind joined."""
+    """The pieces that a body drives along states (N, 3) of a path, those of the same kind joined."""
     (dy, dx), found = sides_m, list[Arc]()
     for before, after in zip(states[:-1].tolist(), states[1:].tolist(), strict=True):
         k, to = before[2] % DIRECTIONS, after[2] % DIRECTIONS
         pose = before[1] * dx, before[0] * dy, heading_deg(k, sides_m)
         for gear, curvature, length, turned in _pieces(before, after, k, to, vehicle, sides_m):
             last = found[-1] if found else None
-            if last and last.gear == gear and last.curvature_per_m == curvature and (gear or last.turn_deg * turned > 0):
+            if (
+                last
+                and last.gear == gear
+                and last.curvature_per_m == curvature
+                and (gear or last.turn_deg * turned > 0)
+            ):
                 whole = last.length_m + length, last.start_pose, last.turn_deg + turned
                 found[-1] = Arc(gear, curvature, *whole)
             else:
@@ -115,13 +121,26 @@ def _turn_deg(direction: int, sides_m: tuple[float, float]) -> float:
     return (heading_deg(direction, sides_m) - heading_deg((direction + 1) % DIRECTIONS, sides_m)) % 360.0
 
 
-def poses_along(arcs: Sequence[Arc], every_m: float = POSES_EVERY_M) -> NDArray[np.float64]:
-    """(N, 3) metres along columns, metres along rows, degrees clockwise from up the rows; no farther apart than so.
+class Drive(NamedTuple):
+    """Poses along a path of states, no farther apart than `POSES_EVERY_M`; turned on the spot by at most 15°."""
 
-    Turns on the spot have poses at most 15° apart.
-    """
-    found = [arcs[0].start_pose] if arcs else []
-    for arc in arcs:
-        count = max(math.ceil(arc.length_m / every_m), math.ceil(abs(arc.turn_deg) / 15.0), 1)
-        found += [arc.at((n + 1) / count) for n in range(count)]
-    return np.array(found).reshape(-1, 3)
+    poses: NDArray[np.float64]
+    """(N, 3) metres along columns, metres along rows, degrees clockwise from up the rows."""
+    gears: NDArray[np.int64]
+    curvatures_per_m: NDArray[np.float64]
+    """(N,) of the piece that comes to each pose, of the first that leaves it, see `Arc`."""
+    steps: NDArray[np.int64]
+    """(N,) numbers of the states that these pieces come from."""
+
+
+def drive_along(states: NDArray[np.int32], vehicle: Vehicle, sides_m: tuple[float, float]) -> Drive:
+    """The drive of a body along states (N, 3) of a path, pose by pose."""
+    first = states[0, 1] * sides_m[1], states[0, 0] * sides_m[0], heading_deg(int(states[0, 2]), sides_m)
+    found: list[tuple[PoseOf, int, float, int]] = []
+    for n in range(len(states) - 1):
+        for arc in arcs_along(states[n : n + 2], vehicle, sides_m):
+            count = max(math.ceil(arc.length_m / POSES_EVERY_M), math.ceil(abs(arc.turn_deg) / _MOST_TURN_DEG), 1)
+            found += [(arc.at((k + 1) / count), arc.gear, arc.curvature_per_m, n) for k in range(count)]
+    found.insert(0, (first, *found[0][1:]) if found else (first, 0, 0.0, 0))
+    poses, gears, curvatures, steps = zip(*found, strict=True)
+    return Drive(np.array(poses), np.array(gears), np.array(curvatures), np.array(steps))

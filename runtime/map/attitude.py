@@ -66,9 +66,9 @@ class PoseCheck:
 
 
 def attitudes(poses: Poses, path: NDArray[np.int32]) -> Attitudes:
-    """How the vehicle stands along a path (N, 2) of legs, or of states (N, 3); a single cell counts as left along the first direction.
+    """How the vehicle stands along a path of legs (N, 2), or of states (N, 3).
 
-    inf or NaN where unknown cells lie below, unless these pass.
+    A single cell counts as left along the first direction. inf or NaN where unknown cells lie below, unless these pass.
     """
     steps, found = poses.steps(path), np.full((4, len(path)), np.nan)
     last = int(path[-1, 2]) if path.shape[1] == 3 else int(steps.headings[-1]) if len(path) > 1 else 0
@@ -121,8 +121,11 @@ def explain(poses: Poses, cell: Cell, heading_deg: float) -> PoseCheck:
 def greatest(poses: Poses, cell: Cell, motion: int) -> Floats:
     """(6,) what a motion from a cell comes to at most by each limit, in their order in `REFUSALS`.
 
-    Degrees and metres; inf of ``unknown`` where unknown cells lie below, and then of others, or NaN.
+    Degrees and metres; inf of ``unknown`` where unknown cells lie below a pose: the others are then of those poses
+    that stand on known ground, NaN without any.
     """
-    most: Floats = poses.figures(cell, motion)[:, :5].max(0)
-    unknown = 0.0 if np.isfinite(most).all() else np.inf
+    figures = poses.figures(cell, motion)[:, :5]
+    known = np.isfinite(figures).all(1)
+    most: Floats = figures[known].max(0) if known.any() else np.full(5, np.nan)
+    unknown = 0.0 if known.all() else np.inf
     return np.concatenate(([unknown], np.degrees(np.arctan(most[:3])), most[3:]))

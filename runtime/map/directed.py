@@ -139,10 +139,11 @@ class DirectedSteps(PointSteps):
     def states(self) -> States | None:
         if not isinstance(self._under, PoseSteps):
             return None
-        packed, _, (unit, moves, fares, *rest, _) = self._under.states()
+        packed, _, (unit, moves, fares, origins, rays, lengths, _) = self._under.states()
         metre, turns = float(self._model.cost(1.0, 0.0)), fares.copy()
         turns[..., FIXED] *= self._sides[0] * metre
-        return packed, self._edges, (unit, moves, turns, *rest, between(self._under.poses.turns_m * metre))
+        by_angle = between(self._under.poses.turns_m * metre)
+        return packed, self._edges, (unit, moves, turns, origins, rays, lengths, by_angle)
 
     def stands_at(self, grid: "Grid", cell: Cell) -> bool:
         return self._under.stands_at(grid, cell)
@@ -151,8 +152,9 @@ class DirectedSteps(PointSteps):
         blocked = self._under.walk(grid, path, first, costs)
         legs = np.cumsum(self._costs_along(path[first:]))
         if (states := self.states()) is not None and isinstance(self._under, PoseSteps):
-            _, moves, fares, *rest = states[2]
-            by_turns = np.float32(0.0), moves, fares * np.float32((0.0, 1.0)), *rest
+            _, moves, fares, origins, rays, lengths, by_angle = states[2]
+            turns = fares * np.array((0.0, 1.0), np.float32)
+            by_turns = np.float32(0.0), moves, turns, origins, rays, lengths, by_angle
             blocked = self._under.poses.walk(path, first, costs, prices=by_turns)
             legs = legs + costs[first + 1 :]
         costs[first], costs[first + 1 :] = 0.0, legs

@@ -31,7 +31,7 @@ from nnpp_edge.runtime.kernels.poses import (
     standing_codes,
 )
 from nnpp_edge.runtime.map import motions
-from nnpp_edge.runtime.map.primitives import primitives
+from nnpp_edge.runtime.map.primitives import primitives, turn_rad
 from nnpp_edge.runtime.terrain.traversability import Traversability, relative_heights, sides_of
 from nnpp_edge.runtime.terrain.vehicle import Vehicle
 
@@ -110,12 +110,13 @@ class Poses:
         self._scratch = np.zeros(max(tables.gradients.shape[1], 1) * RUN, np.float32)
         self.packed: PackedPoses = self._packed_for(tables)
         """As the kernels take them."""
-        turns_m = vehicle.turn_m_per_rad * np.array([motions.turn_rad(k, sides_m) for k in range(AXES)])
+        turns_m = vehicle.turn_m_per_rad * np.array([turn_rad(k, sides_m) for k in range(AXES)])
         self.turns_m: NDArray[np.float64] = turns_m
         """(8,) metres of level ground as dear as the turn from each direction to the next."""
         self.primitives = primitives(vehicle, sides_m)
-        moves, fares, origins, *rays, _ = self.primitives
-        self.prices: Prices = np.float32(2.0 * scale / MOST_CODE), moves, fares, origins, *rays, between(turns_m / dy)
+        moves, fares, origins, rays, lengths, _ = self.primitives
+        unit = np.float32(2.0 * scale / MOST_CODE)
+        self.prices: Prices = unit, moves, fares, origins, rays, lengths, between(turns_m / dy)
         """Of the vehicle's motions, in cells of level ground."""
         self._put(0, 0, heights, shut)
 
@@ -205,14 +206,16 @@ class Poses:
             local, ahead = path[:-1, 2], np.column_stack((np.diff(path[:, :2], axis=0), path[1:, 2]))
             ways = (moves[local][..., :3] == ahead[:, None]).all(2).argmax(1)
             taken, lengths = moves[local, ways], fares[local, ways, 0].astype(np.float64)
-            motion, there, heading = taken[:, 3], taken[:, 4].astype(np.bool_), local % len(motions.DIRECTIONS)
-            at_path = np.where(motion < 2 * AXES, motion % AXES, (motion - 2 * AXES + there) % len(motions.DIRECTIONS))
+            motion, there, heading = taken[:, 3].astype(np.int64), taken[:, 4] > 0, local.astype(np.int64) % 16
+            at_path = np.where(motion < 2 * AXES, motion % AXES, (motion - 2 * AXES + there) % 16)
         else:
             legs = np.diff(path, axis=0)
             heading = np.array([motions.DIRECTIONS.index((row, col)) for row, col in legs.tolist()], np.int64)
             motion, there, lengths = heading % AXES, heading >= AXES, np.hypot(*legs.T)
             at_path = motion
-        return Steps(np.where(there[:, None], path[1:, :2], path[:-1, :2]), motion, there, heading, heading != at_path, lengths)
+        return Steps(
+            np.where(there[:, None], path[1:, :2], path[:-1, :2]), motion, there, heading, heading != at_path, lengths
+        )
 
     def cost_along(self, path: NDArray[np.int32]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """(N - 1,) lengths of the motions along a path, in cells, and their T; all of them have been checked."""

@@ -14,7 +14,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from nnpp_edge.runtime.kernels.lattice import COLS, DIRECTIONS, EDGE, LEFT_TURN, LEG, ROWS
+from nnpp_edge.runtime.kernels.lattice import COLS, DIRECTIONS, LEFT_TURN, LEG, ROWS
 from nnpp_edge.runtime.terrain.vehicle import Vehicle
 
 AXES = 8
@@ -23,6 +23,7 @@ LEGS, TURNS, ARCS = 0, AXES, 2 * AXES
 FORWARDS, BACKWARDS = 0, DIRECTIONS
 """Added to a direction, the number of a state among those of its cell: the gear in which it was come to."""
 _INT, _FLOAT = np.int32, np.float32
+_Move = tuple[int, int, int, int, bool, int]
 
 
 class Curve(NamedTuple):
@@ -71,9 +72,7 @@ def curve(direction: int, sides_m: tuple[float, float], radius_m: float) -> Curv
     legs, touching = (leg_m(direction, sides_m), leg_m(after, sides_m)), math.tan(0.5 * angle)
     counts = [max(math.ceil(radius_m * touching / leg - 1e-9), 1) for leg in legs]
     tangents = [count * leg for count, leg in zip(counts, legs, strict=True)]
-    down, right = (
-        counts[0] * steps[direction] + counts[1] * steps[after] for steps in (ROWS, COLS)
-    )
+    down, right = (counts[0] * steps[direction] + counts[1] * steps[after] for steps in (ROWS, COLS))
     shorter = min(tangents)
     return Curve(down, right, tangents[0] - shorter, shorter / touching, angle, tangents[1] - shorter)
 
@@ -105,7 +104,7 @@ def primitives(vehicle: Vehicle, sides_m: tuple[float, float]) -> Primitives:
     """Of a vehicle on cells of these sides, heights and widths."""
     geared = vehicle.gear_change_m > 0.0 and vehicle.reverse_cost is not None
     gears = (FORWARDS, BACKWARDS) if geared else (FORWARDS,)
-    unit, found = min(sides_m), dict[tuple[int, int], tuple[tuple[int, ...], tuple[float, float]]]()
+    unit, found = min(sides_m), dict[tuple[int, int], tuple[_Move, tuple[float, float]]]()
     ways = list(_ways(vehicle, sides_m))
     kinds = sorted({(kind, before) for _, kind, _, _, gear in ways for before in (gears if gear else (0,))})
     for k, kind, move, length, gear in ways:
@@ -125,24 +124,22 @@ def primitives(vehicle: Vehicle, sides_m: tuple[float, float]) -> Primitives:
     for (local, at), (move, fare) in found.items():
         moves[local, at], fares[local, at] = move, fare
         origins[move[2], at] = local
-    legs = [(ROWS[k], COLS[k], k, k % AXES, k >= AXES, k) for k in range(DIRECTIONS)]
+    legs: list[_Move] = [(ROWS[k], COLS[k], k, k % AXES, k >= AXES, k) for k in range(DIRECTIONS)]
     lengths, shortest = [math.hypot(ROWS[k], COLS[k]) for k in range(DIRECTIONS)], 1.0
     if vehicle.turning_radius_m is not None:
         for k in range(DIRECTIONS):
             bend = curve(k, sides_m, vehicle.turning_radius_m)
             cells = bend.length_m / unit
             ends = (bend.down, bend.right), (-bend.down, -bend.right)
-            legs += [(*end, k, ARCS + k, there, -1) for end, there in zip(ends, (0, 1), strict=True)]
+            legs += [(*end, k, ARCS + k, there, -1) for end, there in zip(ends, (False, True), strict=True)]
             lengths += [cells, cells]
             shortest = min(shortest, cells / _by_legs(bend.down, bend.right))
     rays = np.array(legs, _INT)
     return Primitives(moves, fares, origins, rays, np.array(lengths, _FLOAT), shortest)
 
 
-def _ways(
-    vehicle: Vehicle, sides_m: tuple[float, float]
-) -> Iterator[tuple[int, int, tuple[int, int, int, int, int, int], float, int]]:
-    """Of each direction: kind, (rows, columns, direction, motion, whether there, leg), cells, gear (0: on the spot)."""
+def _ways(vehicle: Vehicle, sides_m: tuple[float, float]) -> Iterator[tuple[int, int, _Move, float, int]]:
+    """Of each direction: kind, rows, columns, direction, motion, whether there, leg; cells, gear (0 on the spot)."""
     gears = (1,) if vehicle.reverse_cost is None else (1, -1)
     for k in range(DIRECTIONS):
         before, after = (k - 1) % DIRECTIONS, (k + 1) % DIRECTIONS
@@ -151,15 +148,15 @@ def _ways(
             kind = LEG if gear > 0 else 3
             yield k, kind, (ROWS[way], COLS[way], k, k % AXES, way >= AXES, way), math.hypot(ROWS[k], COLS[k]), gear
         if vehicle.can_turn_on_spot:
-            yield k, LEFT_TURN, (0, 0, after, TURNS + k % AXES, 0, -1), 0.0, 0
-            yield k, LEFT_TURN + 1, (0, 0, before, TURNS + before % AXES, 0, -1), 0.0, 0
+            yield k, LEFT_TURN, (0, 0, after, TURNS + k % AXES, False, -1), 0.0, 0
+            yield k, LEFT_TURN + 1, (0, 0, before, TURNS + before % AXES, False, -1), 0.0, 0
         if (radius := vehicle.turning_radius_m) is None:
             continue
         for gear in gears:
             # from its beginning to the left, and from its end, the other way round, to the right
             ahead = k if gear > 0 else (k + AXES) % DIRECTIONS
             left, right = ahead, (ahead - 1 + AXES) % DIRECTIONS
-            for arc, to, there, kind in ((left, 1, 0, 4), (right, -1, 1, 5)):
+            for arc, to, there, kind in ((left, 1, False, 4), (right, -1, True, 5)):
                 bend, sign = curve(arc, sides_m, radius), -1 if there else 1
                 move = sign * bend.down, sign * bend.right, (k + to) % DIRECTIONS, ARCS + arc, there, -1
                 yield k, kind if gear > 0 else kind + 2, move, bend.length_m / min(sides_m), gear

@@ -195,7 +195,7 @@ class DynamicPlanner(OnMap):
 
     @one_at_a_time
     def first_blocked(self, path: NDArray[np.int32]) -> int:
-        """Number of the first cell of a path inside the map, as `Plan.walked`, that cannot be stepped on now; or -1."""
+        """Number of the first cell of a path on the map, as `Plan.walked`, that cannot be stepped on now; or -1."""
         return self._state.grid.walk(path, 0, np.empty(len(path)))
 
     @one_at_a_time
@@ -203,6 +203,7 @@ class DynamicPlanner(OnMap):
         """As `Planner.reach`, by default from where the robot is."""
         return self._reach(self._where() if start is None else start)
 
+    @checked(InvalidQueryError)
     def move(self, start: Cell, heading_deg: float | None = None) -> None:
         """The robot is in this cell now; InvalidQueryError if it is not a cell, or the heading no number.
 

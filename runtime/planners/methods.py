@@ -177,15 +177,15 @@ class Methods:
         searcher, top = searcher or self.astar, self.descent.top_for(query)
         doubtful: Found | None = None
         for width, source in zip(widths or by_robot, (Source.REGION, Source.WIDENED), strict=True):
-            found = self.descent.find(query, work, searcher, top, None, width, source)
-            if found is None or not found.suffices(query):
+            here = self.descent.find(query, work, searcher, top, None, width, source)
+            if here is None or not here.suffices(query):
                 continue
-            if doubtful is None and found.cost > MOST_ABOVE_FIELD * found.search.promised:
-                doubtful = found  # an arc too many: perhaps there is a smoother way
+            if doubtful is None and self.has_arcs and here.cost > MOST_ABOVE_FIELD * here.search.promised:
+                doubtful = here  # an arc too many: perhaps there is a smoother way
                 continue
-            if self.keeps_field and self.has_arcs and found.region is not None:
-                self.astar.keep_field(query.goal, found.region)
-            return found if doubtful is None or found.cost < doubtful.cost else doubtful
+            if self.keeps_field and self.has_arcs and here.region is not None:
+                self.astar.keep_field(query.goal, here.region)
+            return here if doubtful is None or here.cost < doubtful.cost else doubtful
         return doubtful or self.search_map(query, work, Source.FALLBACK)
 
     def network_region(self, query: Query, work: Work, searcher: Searcher | None = None) -> Found:

@@ -1,7 +1,7 @@
 """The answer of a planner, its methods, and where a path was found."""
 
 import math
-from dataclasses import dataclass, field, replace
+from dataclasses import asdict, dataclass, field, replace
 from enum import StrEnum
 from functools import cached_property
 from typing import TYPE_CHECKING, NoReturn
@@ -11,13 +11,13 @@ from numpy.typing import NDArray
 
 from nnpp_edge.runtime.arrays import headings_along
 from nnpp_edge.runtime.errors import InvalidQueryError, Status
-from nnpp_edge.runtime.map.arcs import Arc, arcs_along, heading_deg, poses_along
 from nnpp_edge.runtime.map.along import Along, Line, Numbers
+from nnpp_edge.runtime.map.arcs import Arc, Drive, arcs_along, drive_along, heading_deg
 from nnpp_edge.runtime.map.region import Region
 from nnpp_edge.runtime.map.state import MapState
 from nnpp_edge.runtime.map.turns import curvatures
-from nnpp_edge.runtime.terrain.vehicle import Vehicle
 from nnpp_edge.runtime.planners.plan_shown import draw, html_of
+from nnpp_edge.runtime.terrain.vehicle import Vehicle
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -158,25 +158,32 @@ class Plan:
 
     @cached_property
     def arcs(self) -> tuple[Arc, ...]:
-        """What a body that drives arcs does, piece by piece; empty of others."""
+        """The pieces that a body drives which drives arcs; empty of others."""
         if self.states is None or self.vehicle is None or self.along is None:
             return ()
         return arcs_along(self.walked, self.vehicle, self.along.sides_m)
+
+    @cached_property
+    def drive(self) -> Drive | None:
+        """Poses along the arcs; None without any."""
+        if self.states is None or self.vehicle is None or self.along is None or not len(self.path):
+            return None
+        return drive_along(self.walked, self.vehicle, self.along.sides_m)
 
     @property
     def poses(self) -> NDArray[np.float64]:
         """(N, 3) along `arcs`, every 0.25 m or nearer: metres along columns and along rows from the middle of cell
         (0, 0), degrees clockwise from up the rows; empty without arcs.
         """
-        return poses_along(self.arcs)
+        return np.empty((0, 3)) if self.drive is None else self.drive.poses
 
     @property
     def walked(self) -> NDArray[np.int32]:
-        """What `Grid.walk` takes: (N, 2) cells, of a body that drives arcs (N, 3) with its states."""
+        """The path for `Grid.walk`: (N, 2) cells, of a body that drives arcs (N, 3) with its states."""
         return self.path if self.states is None else np.column_stack((self.path, self.states)).astype(np.int32)
 
     def rest(self, first: int) -> "Plan":
-        """What is left of the path from one of its cells on."""
+        """The plan with the rest of its path, from one of its cells on."""
         return replace(self, path=self.path[first:], states=None if self.states is None else self.states[first:])
 
     @property
@@ -195,12 +202,16 @@ class Plan:
 
     @property
     def line(self) -> Line:
-        """(N, 2) what is driven: way points (row, col) where the path was freed from the grid, else its cells."""
+        """(N, 2) what is driven: way points (row, col) where the path was freed from the grid, the middles of a body
+        along its arcs, else the path's cells.
+        """
+        if self.drive is not None and self.along is not None:
+            return self.drive.poses[:, 1::-1] / self.along.sides_m
         return self.path if self.waypoints is None else self.waypoints
 
     def over(self, state: MapState, at: Line | None = None) -> "Plan":
         """This plan with what lies below it on this map, at places (M, 2) of its line; as `MapState.along`."""
-        along = state.along(self.line, at)
+        along = state.along(self.line, self.line if at is None and self.states is not None else at)
         return self if along is None else replace(self, along=along)
 
     @property
@@ -262,6 +273,7 @@ class Plan:
             "choice": self.choice,
             "reason": self.reason,
             **({} if self.waypoints is None else self._line_figures()),
+            **({} if self.states is None else {"arcs": [asdict(arc) for arc in self.arcs]}),
             "timings_ms": {stage: round(ms, 3) for stage, ms in self.timings_ms.items()},
         }
 

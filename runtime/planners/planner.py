@@ -212,7 +212,9 @@ class Planner(OnMap):
 
     def _refined(self, plan: Plan, refining: Refinement | None, wishes: Wishes, deadline: Deadline) -> Plan:
         """The plan, freed from the grid if that is asked for."""
-        return plan if refining is None else self._refiner.refined(plan, wishes.turning_radius_m, deadline)
+        if refining is None:
+            return plan if plan.states is None else plan.over(self._state)
+        return self._refiner.refined(plan, wishes.turning_radius_m, deadline)
 
 
 @checked(InvalidQueryError)

@@ -50,7 +50,7 @@ class Search(NamedTuple):
     refused_f: float = math.inf
     """Least f of a cell that was refused for lying outside the region; inf if none was."""
     promised: float = math.inf
-    """What a body's path was expected to cost, by the field that guided the search."""
+    """Cost of a body's path as the field had it that guided the search."""
 
     @classmethod
     def without_path(
@@ -141,8 +141,14 @@ def _over_states(
     *_, rays, lengths, turns = prices
     between, fill = turns[:0], prices
     if region is not None:
-        between, fill = np.float32(TURNS_IN_FIELD) * turns, (*prices[:4], rays[:DIRECTIONS], lengths[:DIRECTIONS], turns)
-    rule = _best(grid), _bucket_width(grid), between
+        between, fill = (
+            np.float32(TURNS_IN_FIELD) * turns,
+            (*prices[:4], rays[:DIRECTIONS], lengths[:DIRECTIONS], turns),
+        )
+    at_goal = (
+        np.zeros(DIRECTIONS, np.float32) if wanted is None else np.float32(TURNS_IN_FIELD) * turns[:, wanted].min(1)
+    )
+    rule = _best(grid), _bucket_width(grid), between, at_goal
     code, spent, refused = _run(fill_field, (poses, edges, fill, allowed), (last, first, last), rule, field, limits)
     if code != kernels.FOUND:
         status = Status.NO_PATH if code == kernels.EXHAUSTED else Status.TIMEOUT
@@ -280,7 +286,10 @@ def _settling(
     no_goal = np.zeros(ws.states, np.bool_)
     while code in (kernels.FULL, kernels.PAUSED):
         if states is not None:
-            ends, rule = (begin, corner_of_border, -1), ((0.0, 0.0, 0.0), width, kernels.BELOW, _frame(grid, ws), no_goal)
+            ends, rule = (
+                (begin, corner_of_border, -1),
+                ((0.0, 0.0, 0.0), width, kernels.BELOW, _frame(grid, ws), no_goal),
+            )
             code, *_ = expand_states(*states, nothing, everywhere, ends, rule, ws.packed, limits)
         else:
             ground = grid.packed, grid.steps.edges(), ways, everywhere, kernels.NO_HINTS

@@ -52,8 +52,8 @@ class Vehicle:
     radius_m: float | None = None
     """Of a disc."""
     turning_radius_m: float | None = None
-    """Of the sharpest arc that a body drives; None for one that drives straight and turns on the spot. Of a disc, that
-    of the sharpest turn on a path freed from the grid; None where any turn will do."""
+    """Of the sharpest arc that a body drives; None for one that drives straight and turns on the spot. Of a disc,
+    that of the sharpest turn on a path freed from the grid; None where any turn will do."""
     turn_cost_m_per_rad: float | None = None
     """Metres of level ground as dear as a turn on the spot by a radian; None for the way that each wheel rolls in it:
     half the diagonal from wheel to wheel."""
@@ -82,8 +82,8 @@ class Vehicle:
         if self.reverse_cost is not None and not 1.0 <= self.reverse_cost < math.inf:
             raise InvalidMapError(f"reverse_cost must be a number of at least 1, got {self.reverse_cost}")
         if not 0.0 <= self.gear_change_m <= _WIDEST_TURN * longest:
-            most = f"{_WIDEST_TURN * longest:g}"
-            raise InvalidMapError(f"gear_change_m must be a number from 0 to {most}, got {self.gear_change_m}")
+            words = f"a number of metres from 0 to {_WIDEST_TURN * longest:g}"
+            raise InvalidMapError(f"gear_change_m must be {words}, got {self.gear_change_m}")
         self._check_metres(math.inf, "wheelbase_m", "track_m", "wheel_length_m", "wheel_width_m")
         for name, value in self._given("max_tilt_deg", "max_pitch_deg", "max_roll_deg"):
             if not 0.0 < value < 90.0:

@@ -138,7 +138,7 @@ def _damage(rng: random.Random, place: Place, name: str, words: list[str]) -> tu
     words = [re.sub(r"^in/dem\.\w+$", f"in/{dem}", word) for word in words]
     if dem in " ".join(words) and rng.random() < 0.5:
         words += ["--cell-size=2"] * any(each.name == "cell_size" for each in command_of(name).params)
-    named = re.findall(r"in/([\w./-]+)", " ".join(words))
+    named = [each for each in re.findall(r"in/([\w./-]+)", " ".join(words)) if each != "trained"]
     if not named:
         return words, {}
     file = rng.choice([each for each in named for each in INSIDE.get(each, (each,))])

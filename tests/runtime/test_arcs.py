@@ -91,7 +91,7 @@ def ways_of(vehicle, sides):
 def dijkstra(codes, vehicle, sides, scale, starts):
     """{(row, col, heading, gear): cost} of all states that can be reached from some."""
     rows, cols = codes.shape[:2]
-    ways, costs = ways_of(vehicle, sides), {state: 0.0 for state in starts}
+    ways, costs = ways_of(vehicle, sides), dict.fromkeys(starts, 0.0)
     queue = [(0.0, state) for state in starts]
     geared = vehicle.gear_change_m > 0.0
     while queue:
@@ -205,7 +205,9 @@ def test_arcs_join_keep_the_radius_and_break_no_limit_between_the_cells(vehicle)
                 assert before.at(1.0) == pytest.approx(after.start_pose, abs=1e-6)
             assert max(abs(arc.curvature_per_m) for arc in plan.arcs) <= 1.0 / vehicle.turning_radius_m + 1e-9
             gears = {arc.gear for arc in plan.arcs}
-            assert gears <= {1} | ({-1} if vehicle.reverse_cost else set()) | ({0} if vehicle.turns_on_spot else set())
+            assert gears <= {1} | ({-1} if vehicle.reverse_cost else set()) | (
+                {0} if vehicle.turns_on_spot else set()
+            )
             assert pose_oracles.breaks_at(dem, CELL_M, vehicle, places, headings) is None
             assert np.hypot(*np.diff(plan.poses[:, :2], axis=0).T).max() <= 0.25 + 1e-9
             metres += sum(arc.length_m for arc in plan.arcs)

@@ -72,8 +72,11 @@ def test_a_value_in_another_unit_is_refused_with_the_unit_that_is_wanted():
     for values, told in (
         ({"clearance_m": 400.0}, "clearance_m must be in metres, at most 4.8 for such a vehicle, got 400 (0.4 m if"),
         ({"max_step_m": 150.0}, "max_step_m must be in metres"),
-        ({"turning_radius_m": 2.0}, "a body turns on the spot, by turn_cost_m_per_rad: wanted no turning_radius_m"),
-        ({"turns_on_spot": False}, "a body turns on the spot, by turn_cost_m_per_rad"),
+        ({"turns_on_spot": False}, "a body that turns on the spot alone drives no arcs: wanted a turning_radius_m"),
+        ({"reverse_cost": 2.0}, "drives no arcs: wanted a turning_radius_m"),
+        ({"turning_radius_m": 2.0, "reverse_cost": 0.5}, "reverse_cost must be a number of at least 1, got 0.5"),
+        ({"turning_radius_m": 2000.0}, "turning_radius_m must be in metres, at most 160"),
+        ({"turning_radius_m": 2.0, "gear_change_m": -1.0}, "gear_change_m must be a number of metres from 0 to"),
         (large, "length_m must be in metres, at most 250"),
         ({"width_m": 120.0}, "width_m must be in metres, at most 80"),
         ({"max_tilt_deg": 0.5236}, "max_tilt_deg must be in degrees, above 1.57, got 0.5236 (30° if that is in rad"),
