@@ -68,7 +68,8 @@ class PoseCheck:
 def attitudes(poses: Poses, path: NDArray[np.int32]) -> Attitudes:
     """How the vehicle stands along a path of legs (N, 2), or of states (N, 3).
 
-    A single cell counts as left along the first direction. inf or NaN where unknown cells lie below, unless these pass.
+    A single cell counts as left along the first direction. inf or NaN where unknown cells lie below, unless these
+    pass.
     """
     steps, found = poses.steps(path), np.full((4, len(path)), np.nan)
     last = int(path[-1, 2]) if path.shape[1] == 3 else int(steps.headings[-1]) if len(path) > 1 else 0
