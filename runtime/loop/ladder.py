@@ -204,7 +204,8 @@ class Ladder:
         base = tick.no_path(Status.NO_PATH, reason, degraded=bool(tick.failures))
         found = replace(base, outcome=Status.OK, origin=origin, path=path, method=plan.planner, choice=plan.choice)
         if plan.states is not None:
-            found = replace(found, states=tuple(plan.states.tolist()), arcs=plan.arcs)
+            states, headings = tuple(plan.states.tolist()), tuple(plan.headings_deg.tolist())
+            found = replace(found, states=states, arcs=plan.arcs, headings=headings)
         if version == tick.known.map_version:
             found = replace(found, waypoints=plan.waypoints, line_cost=plan.line_cost)
             return replace(found, cost=plan.cost, lower_bound=plan.lower_bound)

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from nnpp_edge.runtime.arrays import Float2D, as_map, headings_along
 from nnpp_edge.runtime.cells import Cell
 from nnpp_edge.runtime.errors import InvalidMapError, NnppEdgeError, Status, shown
-from nnpp_edge.runtime.map.arcs import Arc, heading_deg
+from nnpp_edge.runtime.map.arcs import Arc
 
 
 class InvalidMessageError(NnppEdgeError, ValueError):
@@ -157,6 +157,8 @@ class PathMessage:
     states: tuple[int, ...] = ()
     arcs: tuple[Arc, ...] = ()
     """Of a body that drives arcs, as in `Plan`; empty of others."""
+    headings: tuple[float, ...] = ()
+    """Degrees in which it stands on each cell."""
 
     def __post_init__(self) -> None:
         if (self.outcome is Status.OK) != bool(cells := len(self.path)):
@@ -172,9 +174,7 @@ class PathMessage:
     @property
     def headings_deg(self) -> NDArray[np.float64]:
         """(N,) degrees clockwise from up the rows, of each cell of the path as in `Plan`; none for a path of one."""
-        if self.states:
-            return np.array([heading_deg(state, (1.0, 1.0)) for state in self.states])
-        return headings_along(self.path)
+        return np.array(self.headings) if self.headings else headings_along(self.path)
 
     @property
     def walked(self) -> NDArray[np.int32]:
@@ -192,7 +192,7 @@ class PathMessage:
             "cost": self.cost if math.isfinite(self.cost) else None,
         }
         if not self.states:
-            del fields["states"], fields["arcs"]
+            del fields["states"], fields["arcs"], fields["headings"]
         if self.waypoints is None:
             del fields["waypoints"], fields["line_cost"]
             return fields
