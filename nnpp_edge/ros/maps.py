@@ -18,7 +18,7 @@ body would touch, and is read as impassable.
 
 import io
 import math
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -260,15 +260,22 @@ def placed(values: NDArray[np.float32], source: MapFrame, target: MapFrame) -> t
     return np.ascontiguousarray(cells), int(row), int(col)
 
 
-def path_poses(path: NDArray[np.int32], frame: MapFrame) -> NDArray[np.float64]:
+def path_poses(
+    path: NDArray[np.int32], frame: MapFrame, headings_deg: Sequence[float] | NDArray[np.float64] = ()
+) -> NDArray[np.float64]:
     """The poses (N, 3) of a path's cells (N, 2), as nav_msgs/Path wants them: x, y and heading.
 
     x and y are those of the cells' middles in metres; the heading is in radians, counted from x towards y: to the
-    next cell, and at the end as it was before. Its quaternion has z = sin(heading / 2) and w = cos(heading / 2).
+    next cell, and at the end as it was before; of a body that drives arcs its own, by `headings_deg` (N,), clockwise
+    from up the rows. Its quaternion has z = sin(heading / 2) and w = cos(heading / 2).
     """
     points = frame.metres(np.asarray(path, np.int64).reshape(-1, 2))
     heading = np.zeros(len(points))
-    if len(points) > 1:
+    if len(headings_deg):
+        angles = np.radians(np.asarray(headings_deg, np.float64))
+        ahead = frame.metres(np.column_stack((-np.cos(angles), np.sin(angles)))) - frame.metres((0.0, 0.0))
+        heading = np.arctan2(ahead[:, 1], ahead[:, 0])
+    elif len(points) > 1:
         steps = np.diff(points, axis=0)
         heading[:-1] = np.arctan2(steps[:, 1], steps[:, 0])
         heading[-1] = heading[-2]

@@ -7,6 +7,7 @@ poses takes 0.07 ms, and 6 to 7 ms with rosbags or mcap-ros2-support, which writ
 
 import math
 import struct
+from collections.abc import Sequence
 from typing import Self
 
 import numpy as np
@@ -52,11 +53,13 @@ def definition(name: str) -> str:
     return "\n".join([_PARTS[name], *rest]) + "\n"
 
 
-def path_message(cells: NDArray[np.int32], cell_size_m: float, stamp_ns: int) -> bytes:
-    """nav_msgs/Path of (N, 2) cells; each pose heads for the next, the last as it is arrived at."""
+def path_message(
+    cells: NDArray[np.int32], cell_size_m: float, stamp_ns: int, headings_deg: Sequence[float] = ()
+) -> bytes:
+    """nav_msgs/Path of (N, 2) cells; poses head for the next, the last as it is arrived at, or as `path_poses`."""
     cdr = _Cdr(stamp_ns).numbers("I", len(cells))
     if len(cells):
-        x, y, heading = path_poses(cells, MapFrame(cell_size_m)).T
+        x, y, heading = path_poses(cells, MapFrame(cell_size_m), headings_deg).T
         cdr.time(stamp_ns).string(FRAME).pose(x[0], y[0], heading[0])
         # each further pose begins at a multiple of eight bytes, so all of them are laid out alike
         head = _Cdr(stamp_ns).data[4:]

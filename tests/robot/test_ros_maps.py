@@ -197,6 +197,10 @@ def test_a_path_becomes_poses_in_metres():
     against = path_poses(path, MapFrame(2.0, 10.0, 20.0, rows_along_x=True))
     np.testing.assert_allclose(against, [[9, 19, -0.75 * math.pi], [7, 17, -math.pi / 2], [7, 15, -math.pi / 2]])
     assert path_poses(path[:1], MapFrame(1.0)).tolist() == [[0.5, 0.5, 0.0]]
+    for frame, east in ((MapFrame(1.0), 0.0), (MapFrame(1.0, rows_along_x=True), -math.pi / 2)):
+        turned = path_poses(path[:2], frame, (90.0, 180.0))[:, 2]  # to greater columns, and down the rows
+        down = path_poses(np.array([(0, 0), (1, 0)]), frame)[0, 2]
+        assert np.exp(1j * turned) == pytest.approx(np.exp(1j * np.array((east, down))))
     assert path_poses(np.empty((0, 2), np.int32), MapFrame(1.0)).shape == (0, 3)
 
 

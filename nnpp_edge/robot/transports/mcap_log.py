@@ -116,7 +116,7 @@ class McapLog(Closing):
                 del answer["headings_deg"]
                 self._write("/answer", now, string_message(json.dumps(answer)))
                 if not _is_rest(message.path, self._last_path):
-                    self._write("/path", now, path_message(message.path, self._cell, now))
+                    self._write("/path", now, path_message(message.path, self._cell, now, message.headings))
                 self._last_path = message.path
             else:
                 self._write("/status", now, string_message(json.dumps(message.summary())))
