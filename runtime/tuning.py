@@ -92,6 +92,9 @@ TURNS_IN_FIELD = 0.7
 among rocks) in place of 1.1 (0.3); with 0.5 0.4 (0.3) %, for four times the states of the last search among rocks."""
 FIELD_KEPT = 0.02
 """Share of the map's cells that may change before the field that guides a body's searches to a goal is made anew."""
+IN_VAIN = 16
+"""Plans to a goal to which no corridor had a path of arcs that are made on the whole map at once: the corridors took
+more of a loop's time than that search (90 to 540 ms for 24 to 155), tick after tick."""
 ARC_CORRIDOR = CorridorWidth(6, 0.04, nearby=2.5, coarse_radius=0, coarse_band=0.0)
 """For a vehicle that drives arcs, which swing out. With a radius of 2 quarters paths of a radius of 2.7 bodies are
 0.2 % dearer and 20 of 60 corridors are widened, not 12."""

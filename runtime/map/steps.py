@@ -111,7 +111,10 @@ class PoseSteps(PointSteps):
         return self.poses.stands_at(cell)
 
     def walk(self, grid: "Grid", path: NDArray[np.int32], first: int, costs: NDArray[np.float64]) -> int:
-        return self.poses.walk(path, first, costs)
+        blocked = self.poses.walk(path, first, costs)
+        if blocked < 0 and first == len(path) - 1 and not self.poses.stands_at((int(path[-1, 0]), int(path[-1, 1]))):
+            return first
+        return blocked
 
     def costs_of(self, grid: "Grid", path: NDArray[np.int32]) -> tuple[float, float, float]:
         if not len(path):

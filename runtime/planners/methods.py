@@ -22,6 +22,7 @@ from nnpp_edge.runtime.tuning import (
     BRIEF_EXPANSIONS,
     CORRIDOR,
     FAR,
+    IN_VAIN,
     LARGE_MAP,
     LEARNED_CORRIDOR,
     MOST_ABOVE_FIELD,
@@ -73,6 +74,8 @@ class Methods:
         """Whether a vehicle's poses are searched, and whether it drives arcs."""
         self.keeps_field = False
         """Whether what guides a body's search serves the next one to the same goal, for an answer about as good."""
+        self._in_vain: tuple[Cell, int] = (-1, -1), 0
+        """Goal to which no corridor led lately, and for how many queries none is tried."""
         self.astar = AStarSearcher(state)
         self.regions = LearnedRegions(state, model)
         self._dstar: DStarLite | None = None
@@ -175,6 +178,10 @@ class Methods:
             if found.suffices(query) and found.cost <= MOST_ABOVE_FIELD * again.promised:
                 return found
         searcher, top = searcher or self.astar, self.descent.top_for(query)
+        goal, times = self._in_vain
+        if self.keeps_field and query.goal == goal and times:
+            self._in_vain = goal, times - 1
+            return self.search_map(query, work, Source.FALLBACK)
         doubtful: Found | None = None
         for width, source in zip(widths or by_robot, (Source.REGION, Source.WIDENED), strict=True):
             here = self.descent.find(query, work, searcher, top, None, width, source)
@@ -186,7 +193,11 @@ class Methods:
             if self.keeps_field and self.has_arcs and here.region is not None:
                 self.astar.keep_field(query.goal, here.region)
             return here if doubtful is None or here.cost < doubtful.cost else doubtful
-        return doubtful or self.search_map(query, work, Source.FALLBACK)
+        if doubtful is not None:
+            return doubtful
+        if self.has_arcs:  # before the search, which may end for want of time
+            self._in_vain = query.goal, IN_VAIN
+        return self.search_map(query, work, Source.FALLBACK)
 
     def network_region(self, query: Query, work: Work, searcher: Searcher | None = None) -> Found:
         """A path in the network's region, else in a wider one, else on the whole map; a near goal by A*.

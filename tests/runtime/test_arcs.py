@@ -130,12 +130,13 @@ def with_codes(made, seed):
 def test_searches_over_arcs_are_dijkstras_over_a_lattice_built_anew(vehicle):
     for seed in range(MAPS):
         width = (CELL_M, 0.2)[seed % 2]
-        made = planner(np.zeros((17, 21)), vehicle, cell_width_m=width, omega=(OMEGA, 0.0)[seed // 2 % 2])
+        shape = (17, 21) if vehicle.reverse_cost else (31, 35)  # forwards alone takes room
+        made = planner(np.zeros(shape), vehicle, cell_width_m=width, omega=(OMEGA, 0.0)[seed // 2 % 2])
         codes, sides = with_codes(made, seed), (CELL_M, width)
         scale = 255.0 * (OMEGA, 0.0)[seed // 2 % 2]
         rng = np.random.default_rng(seed)
         for begin, end in itertools.product((None, int(rng.integers(16))), repeat=2):
-            start, goal = (tuple(cell) for cell in rng.integers(4, (13, 17), (2, 2)).tolist())
+            start, goal = (tuple(cell) for cell in rng.integers(4, (shape[0] - 4, shape[1] - 4), (2, 2)).tolist())
             starts = range(16) if begin is None else (begin,)
             gears = (1, -1) if begin is None and vehicle.gear_change_m else (1,)
             costs = dijkstra(codes, vehicle, sides, scale, [(*start, k, g) for k in starts for g in gears])
@@ -260,6 +261,17 @@ def test_the_way_between_the_same_cells_depends_on_the_headings():
     assert around.cost > 40.0 + 2.0 * math.pi * 1.1 / CELL_M * 0.9
     spot = made.plan((30, 10), (30, 10), start_heading_deg=90.0, goal_heading_deg=270.0)
     assert spot.ok and spot.cost > 10.0 and spot.poses[-1] == pytest.approx((2.5, 7.5, 270.0), abs=1e-6)
+
+
+def test_a_robot_on_a_goal_that_has_become_impassable_does_not_stand_well():
+    for vehicle in (CAR, replace(CAR, turning_radius_m=None)):
+        moving = DynamicPlanner.of_elevation(np.zeros((40, 40)), CELL_M, (20, 20), vehicle=vehicle)
+        moving.move((20, 12), 90.0)
+        moving.replan()
+        moving.move((20, 20), 90.0)
+        assert moving.standing().valid
+        moving.update_elevation(20, 20, np.full((1, 1), 3.0))
+        assert not moving.standing().valid
 
 
 def test_a_moving_planner_begins_as_the_robot_stands_and_is_as_good_as_a_new_one():
