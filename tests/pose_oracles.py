@@ -16,6 +16,18 @@ AXES = ((1, 0), (2, 1), (1, 1), (1, 2), (0, 1), (-1, 2), (-1, 1), (-2, 1))
 DIRECTIONS = AXES + tuple((-row, -col) for row, col in AXES)
 
 
+# --- ground
+
+
+def rocks(seed, rows=44, cols=52, share=0.02):
+    """Gentle hills with rocks of half a clearance to two."""
+    rng = np.random.default_rng(seed)
+    row, col = np.mgrid[:rows, :cols]
+    dem = 0.15 * np.sin(row / 9.0 + seed) + 0.2 * np.cos(col / 11.0)
+    dem[rng.random(dem.shape) < share] += rng.uniform(0.15, 0.6)
+    return dem.astype(np.float32)
+
+
 # --- paths over states
 
 

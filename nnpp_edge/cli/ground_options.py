@@ -101,8 +101,8 @@ class VehicleOptions:
 
     def check_turns(self, refine: str | None) -> None:
         """Refuse a turning radius that was set for a disc whose paths stay on the grid."""
-        disc = any("radius_m" in setting.values for setting in self.settings)
-        if not refine and disc and any("turning_radius_m" in setting.values for setting in self.settings):
+        wanted = not refine and any("turning_radius_m" in setting.values for setting in self.settings)
+        if wanted and (body := self.body()) is not None and body.is_disc:
             raise click.UsageError("turning_radius_m needs --refine any-angle: paths on the grid turn in a cell")
 
     def mobility(self, place: "Place | None" = None) -> "Mobility":

@@ -549,8 +549,7 @@ def walk_primitives(poses, edges, prices, path, first, costs):
                 if poses[0][i * stride + j, motion] == UNCHECKED:
                     check_there(poses, i - 1, j - 1, motion)
                 code = np.int64(poses[0][i * stride + j, motion])
-                if code < FAILS:
-                    step = np.float64(_step(code, edges, row * stride + col, move, fares[local, way], unit))
+                step = np.float64(_step(code, edges, row * stride + col, move, fares[local, way], unit))
         if step == np.inf:
             return n
         total += step

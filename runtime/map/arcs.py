@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from nnpp_edge.runtime.kernels.lattice import COLS, DIRECTIONS, ROWS
-from nnpp_edge.runtime.map.primitives import AXES, curve, heading_rad
+from nnpp_edge.runtime.map.primitives import AXES, curve, heading_rad, turn_rad
 from nnpp_edge.runtime.terrain.vehicle import Vehicle
 
 PoseOf = tuple[float, float, float]
@@ -98,7 +98,7 @@ def _pieces(
     if not (down or right):
         step = 1 if side > 0 else -1
         for n in range(k, k + side, step):
-            yield 0, 0.0, 0.0, step * _turn_deg(n if step > 0 else n - 1, sides_m)
+            yield 0, 0.0, 0.0, step * math.degrees(turn_rad(n if step > 0 else n - 1, sides_m))
         return
     gear = 1 if (down * ROWS[k] * sides_m[0] ** 2 + right * COLS[k] * sides_m[1] ** 2) > 0 else -1
     if not side:
@@ -115,10 +115,6 @@ def _pieces(
     ):
         if length > _LEAST_M:
             yield gear, curvature, length, degrees
-
-
-def _turn_deg(direction: int, sides_m: tuple[float, float]) -> float:
-    return (heading_deg(direction, sides_m) - heading_deg((direction + 1) % DIRECTIONS, sides_m)) % 360.0
 
 
 class Drive(NamedTuple):

@@ -51,11 +51,16 @@ def leg_poses(direction: int, sides_m: tuple[float, float], length_m: float) -> 
     row, col = DIRECTIONS[direction]
     down, right = row * sides_m[0], col * sides_m[1]
     metres = math.hypot(down, right)
-    share = np.clip(length_m / (32.0 * max(sides_m)), *LEG_SPACING)
-    count = math.ceil(metres / (share * length_m))
+    count = _poses_in(metres, sides_m, length_m)
     shares = ((2 * k + 1) / (2 * count) for k in range(count))
     ahead = down / metres, right / metres
     return [Pose(share * row, share * col, ahead, metres / (2 * count)) for share in shares]
+
+
+def _poses_in(metres: float, sides_m: tuple[float, float], length_m: float) -> int:
+    """Number of poses on so long a leg or arc, by `LEG_SPACING`."""
+    share = float(np.clip(length_m / (32.0 * max(sides_m)), *LEG_SPACING))
+    return math.ceil(metres / (share * length_m))
 
 
 def turn_poses(direction: int, sides_m: tuple[float, float]) -> list[Pose]:
@@ -68,8 +73,7 @@ def turn_poses(direction: int, sides_m: tuple[float, float]) -> list[Pose]:
 def arc_poses(direction: int, sides_m: tuple[float, float], radius_m: float, length_m: float) -> list[Pose]:
     """Of an arc from a direction to the next, of a body of this length."""
     first, bend = heading_rad(direction, sides_m), curve(direction, sides_m, radius_m)
-    share = np.clip(length_m / (32.0 * max(sides_m)), *LEG_SPACING)
-    count = math.ceil(bend.length_m / (share * length_m))
+    count = _poses_in(bend.length_m, sides_m, length_m)
     half, poses = bend.length_m / (2 * count), []
     for n in range(count):
         at = (2 * n + 1) * half

@@ -15,11 +15,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from nnpp_edge.runtime.kernels.lattice import COLS, DIRECTIONS, LEFT_TURN, LEG, ROWS
+from nnpp_edge.runtime.kernels.poses import AXES as AXES
 from nnpp_edge.runtime.terrain.vehicle import Vehicle
 
-AXES = 8
-LEGS, TURNS, ARCS = 0, AXES, 2 * AXES
-"""Numbers of the first motion of each kind; arcs, if there are any, are sixteen: to the left from each direction."""
+TURNS, ARCS = AXES, 2 * AXES
+"""Numbers of the first motions after legs; arcs, if there are any, are sixteen: to the left from each direction."""
 FORWARDS, BACKWARDS = 0, DIRECTIONS
 """Added to a direction, the number of a state among those of its cell: the gear in which it was come to."""
 _INT, _FLOAT = np.int32, np.float32
@@ -92,11 +92,6 @@ class Primitives(NamedTuple):
     """(16 or 48,) cells that each costs by its code."""
     shortest: float
     """No curve is shorter than so many times the way by legs."""
-
-    @property
-    def bits(self) -> int:
-        """Binary digits of a state's number among those of its cell."""
-        return int(len(self.moves) - 1).bit_length()
 
 
 @functools.lru_cache(maxsize=16)

@@ -18,7 +18,7 @@ from nnpp_edge.runtime.kernels.poses import AXES, FAILS, MOST_CODE
 from nnpp_edge.runtime.map.arcs import heading_deg
 from nnpp_edge.runtime.map.primitives import primitives
 from tests import pose_oracles
-from tests.pose_oracles import DIRECTIONS
+from tests.pose_oracles import DIRECTIONS, rocks
 
 MAPS = int(os.environ.get("NNPP_EDGE_MAPS", "6"))
 CELL_M, OMEGA = 0.25, 0.011
@@ -35,15 +35,6 @@ pytestmark = pytest.mark.filterwarnings("ignore:the network .* was trained for o
 def planner(dem, vehicle=CAR, **options):
     options.setdefault("cell_size_m", CELL_M)
     return Planner.of_elevation(dem, vehicle=vehicle, warn=False, **options)
-
-
-def rocks(seed, rows=60, cols=64, share=0.01):
-    """Gentle hills with rocks."""
-    rng = np.random.default_rng(seed)
-    row, col = np.mgrid[:rows, :cols]
-    dem = 0.15 * np.sin(row / 9.0 + seed) + 0.2 * np.cos(col / 11.0)
-    dem[rng.random(dem.shape) < share] += rng.uniform(0.15, 0.6)
-    return dem.astype(np.float32)
 
 
 # --- the lattice, by geometry of its own: an arc touches the lines of two directions, which cross at a point
@@ -161,7 +152,7 @@ def test_searches_over_arcs_are_dijkstras_over_a_lattice_built_anew(vehicle):
 @pytest.mark.parametrize("vehicle", KINDS)
 def test_what_is_checked_where_a_search_looks_is_what_all_at_once_gives_and_patches_keep_it_so(vehicle):
     for seed in range(MAPS // 2):
-        dem, rng = rocks(seed, 40, 44), np.random.default_rng(seed)
+        dem, rng = rocks(seed, 40, 44, 0.01), np.random.default_rng(seed)
         lazy = planner(dem, vehicle)
         for _ in range(4):
             row, col = rng.integers(0, (34, 38)).tolist()
@@ -194,7 +185,7 @@ def driven(plan, every_m=0.02):
 def test_arcs_join_keep_the_radius_and_break_no_limit_between_the_cells(vehicle):
     metres = 0.0
     for seed in range(max(MAPS // 2, 3)):
-        dem = rocks(seed)
+        dem = rocks(seed, 60, 64, 0.01)
         for method in ("astar", "corridor"):
             options = {"start_heading_deg": 90.0 + 22.0 * seed, "goal_heading_deg": 170.0, "goal_tolerance_deg": 30.0}
             plan = planner(dem, vehicle).plan((10, 10), (50, 52 - seed), method=method, **options)
@@ -226,7 +217,7 @@ def test_an_unswept_arc_breaks_a_limit_that_the_swept_one_is_refused_for(monkeyp
     motions.all_motions.cache_clear()
     broken = 0
     for seed in range(24):
-        dem = rocks(seed, share=0.02)
+        dem = rocks(seed, 60, 64, 0.02)
         plan = planner(dem).plan((10, 10), (50, 52), method="astar")
         broken += plan.ok and pose_oracles.breaks_at(dem, CELL_M, CAR, *driven(plan)) is not None
     motions.all_motions.cache_clear()

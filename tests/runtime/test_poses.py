@@ -24,6 +24,7 @@ from nnpp_edge.runtime.search.workspace import Workspace
 from tests import pose_oracles
 from tests.fuzz import bodies
 from tests.fuzz.cases import Place
+from tests.pose_oracles import rocks
 
 METHODS = ("astar", "corridor")
 ROVER = Vehicle(length_m=1.3, width_m=0.9, clearance_m=0.3, wheel_length_m=0.21, wheel_width_m=0.13)
@@ -41,15 +42,6 @@ def planner(tiny_model):
         return Planner.of_elevation(dem, CELL_M, vehicle=vehicle, model=tiny_model, ask_from=0, warn=False, **options)
 
     return make
-
-
-def rocks(seed, rows=44, cols=52, share=0.02):
-    """Gentle hills with rocks of half a clearance to two."""
-    rng = np.random.default_rng(seed)
-    row, col = np.mgrid[:rows, :cols]
-    dem = 0.15 * np.sin(row / 9.0 + seed) + 0.2 * np.cos(col / 11.0)
-    dem[rng.random(dem.shape) < share] += rng.uniform(0.15, 0.6)
-    return dem.astype(np.float32)
 
 
 def checked(dem, vehicle=ROVER, sides=(CELL_M, CELL_M)):
