@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 
 from nnpp_edge.runtime import DynamicPlanner, Planner, Traversability, Vehicle, pose_costs
+from nnpp_edge.runtime.errors import Status
 from nnpp_edge.runtime.kernels.nodes import STAMP_SHIFT
 from nnpp_edge.runtime.kernels.poses import AXES, FAILS, MOST_CODE, REFUSALS, check_run
 from nnpp_edge.runtime.map import motions
@@ -21,6 +22,7 @@ from nnpp_edge.runtime.map.region import Region
 from nnpp_edge.runtime.planners.coarse_to_fine import CoarseLevel
 from nnpp_edge.runtime.planners.plan import Source
 from nnpp_edge.runtime.search.workspace import Workspace
+from nnpp_edge.terrain.rocks import with_rocks
 from tests import pose_oracles
 from tests.fuzz import bodies
 from tests.fuzz.cases import Place
@@ -312,6 +314,18 @@ def test_checks_are_made_where_a_search_looks_and_are_kept(planner):
     assert planner(dem, lazy=False).plan(start, goal, method="astar").checks == 0
     plan = planner(np.zeros((200, 200), np.float32)).plan((90, 90), (92, 110), method="astar")
     assert plan.ok and plan.checks < 0.1 * most / dem.size * 200 * 200  # a short way checks a small part of the map
+
+
+@pytest.mark.parametrize(
+    ("seed", "start", "goal"), [(21, (179, 45), (185, 144)), (23, (147, 34), (129, 22))], ids=["far", "near"]
+)
+def test_a_search_that_checks_on_its_way_is_the_one_over_what_has_been_checked(seed, start, goal):
+    """A state's g rises where a motion turns out to be dearer. Its entry on the list must not be lost."""
+    row, col = np.mgrid[:200, :200]
+    hills = 0.5 * np.sin(row / 15.0 + seed) + 0.6 * np.cos(col / 17.0)
+    made = fresh(with_rocks(hills.astype(np.float32), CELL_M, 0.12, seed), Vehicle(1.5, 1.2, 0.3))
+    first, again = (made.plan(start, goal, method="astar") for _ in range(2))
+    assert first.status is again.status is Status.NO_PATH  # by turns: all states are looked at
 
 
 def test_the_judges_of_motions_and_plans_can_fail(monkeypatch, planner):
