@@ -92,6 +92,11 @@ TURNS_IN_FIELD = 0.7
 among rocks) in place of 1.1 (0.3); with 0.5 0.4 (0.3) %, for four times the states of the last search among rocks."""
 FIELD_KEPT = 0.02
 """Share of the map's cells that may change before the field that guides a body's searches to a goal is made anew."""
+JOIN_AHEAD, JOIN_BEHIND, JOIN_WITHIN = 64, 16, 8
+"""States ahead of the robot, and behind what is blocked, at which a new way joins the standing path of arcs again;
+and cells from the path at which a robot may be."""
+JOIN_EXPANSIONS = 4096
+"""After so many the best way to that place is taken, else the path as it stood."""
 IN_VAIN = 16
 """Plans to a goal to which no corridor had a path of arcs that are made on the whole map at once: the corridors took
 more of a loop's time than that search (90 to 540 ms for 24 to 155), tick after tick."""

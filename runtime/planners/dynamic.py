@@ -255,6 +255,10 @@ class DynamicPlanner(OnMap):
         query = Query.of(self._where(), self._goal, Deadline.within(time_limit_s), direction=self._direction)
 
         def find() -> tuple[Found, DynamicMethod, str]:
+            if self._methods.has_arcs and not wanted.whole_map:
+                rest = self._path.rest(query.start, query.direction)
+                if rest is not None and (joined := self._methods.rejoin(query, work, rest)) is not None:
+                    return joined, DynamicMethod.CORRIDOR, "a way to the standing path, and on along that"
             if wanted is DynamicMethod.AUTO:
                 return self._chooser.find(query, work)
             return self._methods.find(wanted, query, work), wanted, ""

@@ -1,7 +1,10 @@
 """The ways of finding a path on one map: what they share is made when first needed."""
 
+import math
 from functools import cached_property
 from pathlib import Path
+
+import numpy as np
 
 from nnpp_edge.runtime.arguments import checked
 from nnpp_edge.runtime.cells import Cell
@@ -14,7 +17,9 @@ from nnpp_edge.runtime.planners.coarse_to_fine import CoarseToFine
 from nnpp_edge.runtime.planners.plan import DynamicMethod, Method, Source
 from nnpp_edge.runtime.planners.query import Found, Query, Work
 from nnpp_edge.runtime.planners.searchers import AStarSearcher, MendingSearcher, RegionMender, Searcher
+from nnpp_edge.runtime.planners.standing_path import Rest
 from nnpp_edge.runtime.region.learned import LearnedRegions
+from nnpp_edge.runtime.search.astar import Search
 from nnpp_edge.runtime.search.dstar_lite import DStarLite, serves
 from nnpp_edge.runtime.tuning import (
     ARC_CORRIDOR,
@@ -23,9 +28,13 @@ from nnpp_edge.runtime.tuning import (
     CORRIDOR,
     FAR,
     IN_VAIN,
+    JOIN_AHEAD,
+    JOIN_BEHIND,
+    JOIN_EXPANSIONS,
     LARGE_MAP,
     LEARNED_CORRIDOR,
     MOST_ABOVE_FIELD,
+    MOST_DRIFT,
     NEAR,
     REFINE_FROM,
     WIDENED_BODY_CORRIDOR,
@@ -173,7 +182,8 @@ class Methods:
         by_robot = (BODY_CORRIDOR, WIDENED_BODY_CORRIDOR) if self.has_poses else (CORRIDOR, WIDENED_CORRIDOR)
         if self.has_arcs:
             by_robot = ARC_CORRIDOR, WIDENED_BODY_CORRIDOR
-        if self.keeps_field and self.has_arcs and (again := self.astar.search_again(query, work)) is not None:
+        known = self.keeps_field and self.has_arcs and self.astar.kept_cost(query) < math.inf
+        if known and (again := self.astar.search_again(query, work)) is not None:
             found = Found.of(self.state.grid, again, Source.REGION, None, work)
             if found.suffices(query) and found.cost <= MOST_ABOVE_FIELD * again.promised:
                 return found
@@ -181,7 +191,7 @@ class Methods:
         goal, times = self._in_vain
         if self.keeps_field and query.goal == goal and times:
             self._in_vain = goal, times - 1
-            return self.search_map(query, work, Source.FALLBACK)
+            return self._search_at_last(query, work)
         doubtful: Found | None = None
         for width, source in zip(widths or by_robot, (Source.REGION, Source.WIDENED), strict=True):
             here = self.descent.find(query, work, searcher, top, None, width, source)
@@ -191,13 +201,37 @@ class Methods:
                 doubtful = here  # an arc too many: perhaps there is a smoother way
                 continue
             if self.keeps_field and self.has_arcs and here.region is not None:
-                self.astar.keep_field(query.goal, here.region)
+                self.astar.keep_field(query.goal, here)
             return here if doubtful is None or here.cost < doubtful.cost else doubtful
         if doubtful is not None:
             return doubtful
         if self.has_arcs:  # before the search, which may end for want of time
             self._in_vain = query.goal, IN_VAIN
-        return self.search_map(query, work, Source.FALLBACK)
+        return self._search_at_last(query, work)
+
+    def _search_at_last(self, query: Query, work: Work) -> Found:
+        """The optimal path, by A* over the whole map, every corridor having failed."""
+        found = self.search_map(query, work, Source.FALLBACK)
+        if self.keeps_field and self.has_arcs and found.search.status is Status.OK:
+            self.astar.keep_field(query.goal, found)
+        return found
+
+    def rejoin(self, query: Query, work: Work, rest: Rest) -> Found | None:
+        """A way to a place ahead on the path of arcs that stood, and on along that; None where a search is due.
+
+        Without a way as short to search, the robot goes on along the path, if it is on it and all of it is clear.
+        """
+        promised = self.astar.kept_cost(query)
+        if promised == math.inf:
+            return None
+        ahead = min(max(JOIN_AHEAD, rest.clear + JOIN_BEHIND), len(rest.states) - 1)
+        search = self.astar.search_again(query, work, rest.states[ahead], JOIN_EXPANSIONS)
+        if search is None and not rest.valid:
+            return None
+        way = rest.states if search is None else np.concatenate((search.path, rest.states[ahead + 1 :]))
+        found = Found.of(self.state.grid, Search(Status.OK, way, 0, rest.bound), Source.STANDING, None, work)
+        most = MOST_DRIFT * max(MOST_ABOVE_FIELD, self.astar.kept_above)
+        return found if found.cost <= most * promised else None
 
     def network_region(self, query: Query, work: Work, searcher: Searcher | None = None) -> Found:
         """A path in the network's region, else in a wider one, else on the whole map; a near goal by A*.

@@ -82,6 +82,8 @@ class Source(StrEnum):
     """In a widened region, the first having failed."""
     FALLBACK = "fallback"
     """The whole map was searched because every region had failed: the path is optimal."""
+    STANDING = "standing"
+    """A way to a place on the path of arcs that stood before, and on along that."""
 
 
 def _no_path() -> NDArray[np.int32]:

@@ -6,6 +6,7 @@ from contextlib import suppress
 from typing import Protocol
 
 import numpy as np
+from numpy.typing import NDArray
 
 from nnpp_edge.runtime.cells import Cell, apart
 from nnpp_edge.runtime.deadline import OutOfTimeError
@@ -17,7 +18,7 @@ from nnpp_edge.runtime.map.pyramid import quarters
 from nnpp_edge.runtime.map.region import Region
 from nnpp_edge.runtime.map.state import MapState
 from nnpp_edge.runtime.memory import touch
-from nnpp_edge.runtime.planners.query import Query, Work, problem_with
+from nnpp_edge.runtime.planners.query import Found, Query, Work, problem_with
 from nnpp_edge.runtime.search.astar import Search, astar, by_kept_field
 from nnpp_edge.runtime.search.dstar_lite import DStarLite, serves
 from nnpp_edge.runtime.search.landmarks import MOST_LANDMARKS, Landmarks
@@ -42,8 +43,10 @@ class AStarSearcher:
         self.grid = grid = state.grid
         self.workspace = Workspace(len(grid.weights), grid.steps.states_a_node)
         self._log = state.log
-        self._kept: tuple[Cell, Region, int] | None = None
-        """Goal, region and number of the search of the field that is kept."""
+        self._kept: tuple[Cell, Region | None, int, Cell, float] | None = None
+        """Of the field that is kept: goal, region, number of the search, its start, and the cost from there."""
+        self.kept_above = 1.0
+        """Cost of the path found by it, over what it promised."""
         self._since = state.log.reader()
         self._landmarks: Landmarks | None = None
         self._changes: ChangeReader | None = None
@@ -59,23 +62,41 @@ class AStarSearcher:
         work.stage_ends("search")
         return found
 
-    def keep_field(self, goal: Cell, region: Region) -> None:
-        """Keep what guided the search that was just made in a region, for `search_again`."""
+    def keep_field(self, goal: Cell, found: Found) -> None:
+        """Keep what guided the search that this was just found by, for `search_again`."""
         assert self.workspace.field is not None
-        self._kept = goal, region.copy(), self.workspace.field.stamp
+        start, region = found.search.path[0, :2].tolist(), None if found.region is None else found.region.copy()
+        self._kept = goal, region, self.workspace.field.stamp, (start[0], start[1]), found.search.promised
+        self.kept_above = found.cost / found.search.promised
         self._since = self._log.reader()
 
-    def search_again(self, query: Query, work: Work) -> Search | None:
-        """A path of a body from another start, or on a changed map, by what guided an earlier search; None where that
-        is of another goal, much has changed since, or the path costs too much by it.
+    def kept_cost(self, query: Query) -> float:
+        """The least from the query's start to its goal by what guided an earlier search; inf where that is of another
+        goal, or much has changed since.
         """
-        (start, goal, _, deadline, direction, wanted), field = query, self.workspace.field
-        if self._kept is None or field is None or (goal, field.stamp) != (self._kept[0], self._kept[2]):
-            return None
-        if sum(change.cells for change in self._since.peek()) > FIELD_KEPT * self.grid.cells:
-            return None
-        ends = self.grid, start, goal, self.workspace, self._kept[1]
-        found = by_kept_field(*ends, deadline=deadline, direction=direction, wanted=wanted)
+        field, grid = self.workspace.field, self.grid
+        if self._kept is None or field is None or (query.goal, field.stamp) != (self._kept[0], self._kept[2]):
+            return math.inf
+        if sum(change.cells for change in self._since.peek()) > FIELD_KEPT * grid.cells:
+            return math.inf
+        node, (begun, promised) = grid.node(*query.start), self._kept[3:]
+        known = float(field.costs(slice(node, node + 1))[0])
+        return known if known < math.inf else promised - float(octile.py_func(*query.start, *begun, *grid.prices))
+
+    def search_again(
+        self, query: Query, work: Work, by_way_of: NDArray[np.int32] | None = None, limit: int | None = None
+    ) -> Search | None:
+        """A path of a body by what guided an earlier search, where `kept_cost` is known, to the goal or to a state
+        (row, col, number) on the way; None where none is found, by `limit` expansions.
+        """
+        assert self._kept is not None
+        start, goal, _, deadline, direction, wanted = query
+        if by_way_of is not None:
+            goal = int(by_way_of[0]), int(by_way_of[1])
+            wanted = np.arange(self.workspace.states) == by_way_of[2]
+        _, region, _, begun, promised = self._kept
+        ends = self.grid, start, goal, self.workspace, region, begun, promised
+        found = by_kept_field(*ends, limit=limit, deadline=deadline, direction=direction, wanted=wanted)
         work.expansions += found.expansions
         work.stage_ends("search")
         return found if found.status is Status.OK else None

@@ -17,8 +17,10 @@ The least of the three bounds every path. Cells that became dearer change nothin
 import math
 from dataclasses import dataclass
 from enum import StrEnum
+from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from nnpp_edge.runtime.cells import Cell, Rectangle
 from nnpp_edge.runtime.errors import InvalidQueryError
@@ -27,7 +29,7 @@ from nnpp_edge.runtime.kernels.nodes import octile
 from nnpp_edge.runtime.kernels.paths import remember, savings
 from nnpp_edge.runtime.map.state import MapState
 from nnpp_edge.runtime.planners.plan import Plan
-from nnpp_edge.runtime.tuning import MOST_LOGGED_CHANGES
+from nnpp_edge.runtime.tuning import JOIN_WITHIN, MOST_LOGGED_CHANGES
 
 _ROUNDING = 1e-6
 """Share by which a bound may be off, as the searches keep g in float32."""
@@ -80,6 +82,19 @@ class Standing:
         if self.lower_bound > 0.0:
             return max(self.cost / self.lower_bound, 1.0)
         return 1.0 if self.cost == 0.0 else math.inf
+
+
+class Rest(NamedTuple):
+    """The standing path ahead of a robot, on the map as it is now."""
+
+    states: NDArray[np.int32]
+    """(N, 2) cells or (N, 3) states; the first is the robot's, or of those nearby the nearest."""
+    clear: int
+    """Number of the state from which on all lead to the goal."""
+    valid: bool
+    """Whether the robot is on it, and all of it is clear."""
+    bound: float
+    """No path from the robot's cell to the goal costs less."""
 
 
 class StandingPath:
@@ -155,6 +170,23 @@ class StandingPath:
             return Standing(Footing.BLOCKED, index, cell, lower_bound=lower, floor=floor)
         cost = float(self._scratch[-1])
         return Standing(Footing.VALID, index, None, cost, min(lower, cost), min(floor, cost))
+
+    def rest(self, at: Cell, direction: int = -1) -> Rest | None:
+        """The path ahead of a robot in the cell `at`, heading in a direction; None far from it, or without one."""
+        standing = self.check(at, direction)
+        if self.plan is None:
+            return None
+        path, index = self.plan.path, standing.index
+        if index < 0:
+            away = np.abs(path - np.array(at, np.int32)).max(1)
+            if away[index := int(away.argmin())] > JOIN_WITHIN:
+                return None
+        states, clear = self.plan.walked[index:], 0
+        while (blocked := self._grid.walk(states, clear, self._scratch)) >= 0:
+            clear = blocked
+        goal = int(path[-1, 0]), int(path[-1, 1])
+        straight = octile.py_func(*at, *goal, *self._grid.prices) + self._grid.steps.worth_of_height(at, goal)
+        return Rest(states, clear, standing.valid, max(standing.lower_bound, straight))
 
     def _read_changes(self) -> None:
         """Note what changed nodes weighed when the path was set."""

@@ -153,7 +153,8 @@ def _over_states(
     if code != kernels.FOUND:
         status = Status.NO_PATH if code == kernels.EXHAUSTED else Status.TIMEOUT
         return Search.without_path(status, spent, refused, grid.steps.columns)
-    found = _by_field(grid, ends, wanted, workspace, allowed, between, beyond, limits)
+    guide = first, float(field.g[2 * first]), between
+    found = _by_field(grid, ends, wanted, workspace, allowed, guide, beyond, limits)
     apart = float(octile.py_func(*grid.cell(first), *grid.cell(last), *grid.prices))
     return found._replace(expansions=found.expansions + spent, refused_f=math.inf if region is None else apart)
 
@@ -163,22 +164,26 @@ def by_kept_field(
     start: Cell,
     goal: Cell,
     workspace: Workspace,
-    region: Region,
+    region: Region | None,
+    begun: Cell,
+    promised: float,
     *,
+    limit: int | None = None,
     deadline: Deadline = NEVER,
     direction: int = -1,
     wanted: NDArray[np.bool_] | None = None,
 ) -> Search:
-    """As `astar` in a region, of a body, guided by the costs to go that the last search in it was guided by.
+    """As `astar` of a body, guided by the costs to go that the last search of the region, or the map, was guided by.
 
-    NO_PATH, too, where these do not reach the start. The map may have changed: what is driven is checked on it.
+    That began at the cell `begun`, to be `promised` its cost to go. `goal` may be a cell on the way to its goal, and
+    `wanted` (S,) the states that will do there. The map may have changed: what is driven is checked on it. At the
+    `limit` the best path so far counts.
     """
-    assert workspace.field is not None
     first, last, (*_, turns) = grid.node(*start), grid.node(*goal), grid.steps.states()[2]  # type: ignore[index]
-    if not np.isfinite(workspace.field.costs(slice(first, first + 1))[0]):
-        return Search.without_path(Status.NO_PATH, columns=grid.steps.columns)
-    between, limits = np.float32(TURNS_IN_FIELD) * turns, (_WITHOUT_END, deadline.at)
-    found = _by_field(grid, (first, last, direction), wanted, workspace, _allowed(region), between, 0.0, limits)
+    between = turns[:0] if region is None else np.float32(TURNS_IN_FIELD) * turns
+    limits = limit or _WITHOUT_END, deadline.at
+    guide, ends = (grid.node(*begun), promised, between), (first, last, direction)
+    found = _by_field(grid, ends, wanted, workspace, _allowed(region), guide, 0.0, limits)
     return found._replace(refused_f=float(octile.py_func(*start, *goal, *grid.prices)))
 
 
@@ -188,20 +193,25 @@ def _by_field(
     wanted: NDArray[np.bool_] | None,
     workspace: Workspace,
     allowed: Parts,
-    between: NDArray[np.float32],
+    guide: tuple[int, float, NDArray[np.float32]],
     beyond: float,
     limits: tuple[int, float],
 ) -> Search:
-    """The search over states, once the field is there."""
-    states, field, first = grid.steps.states(), workspace.field, ends[0]
+    """The search over states, once the field is there; of that the start, the cost from there, and those of turns."""
+    states, field, (begun, promised, between) = grid.steps.states(), workspace.field, guide
     assert states is not None and field is not None
-    promised, (row, col) = float(field.g[2 * first]), divmod(first, grid.stride)
-    judged, frame = (field.g, field.meta, field.stamp, row, col, promised, between), _frame(grid, workspace)
+    judged, frame = (
+        (field.g, field.meta, field.stamp, *divmod(begun, grid.stride), promised, between),
+        _frame(grid, workspace),
+    )
     at_goal = np.ones(workspace.states, np.bool_) if wanted is None else np.resize(wanted, workspace.states)
     rule = _best(grid), grid.prices[0] * BUCKET_WIDTH_BY_LANDMARKS, _beyond(beyond), frame, at_goal
     code, length, expansions, _ = _run(expand_states, (*states, judged, allowed), ends, rule, workspace, limits)
     end = int(workspace.counts[kernels.BEST_NODE])
     trace = partial(trace_states, prices=states[2], frame=frame)
+    if code == kernels.PAUSED and limits[0] < _WITHOUT_END and workspace.counts[kernels.SETTLED] >= 0:
+        code, end = kernels.FOUND, int(workspace.counts[kernels.SETTLED])
+        length = trace(workspace.meta, end, out=workspace.path)
     found = _traced(trace, workspace, code, end, length, expansions, math.inf)
     path = found.path if grid.steps.columns == 3 else _cells(found.path)
     return found._replace(path=path, promised=promised)

@@ -17,6 +17,8 @@ from nnpp_edge.runtime.errors import InvalidQueryError
 from nnpp_edge.runtime.kernels.poses import AXES, FAILS, MOST_CODE
 from nnpp_edge.runtime.map.arcs import heading_deg
 from nnpp_edge.runtime.map.primitives import primitives
+from nnpp_edge.runtime.planners import methods
+from nnpp_edge.runtime.planners.plan import Source
 from tests import pose_oracles
 from tests.pose_oracles import DIRECTIONS, rocks
 
@@ -269,10 +271,11 @@ def test_a_moving_planner_begins_as_the_robot_stands_and_is_as_good_as_a_new_one
     dem, goal = rocks(3, 80, 80, 0.004), (66, 70)
     vehicle = replace(CAR, reverse_cost=2.0)
     moving = DynamicPlanner.of_elevation(dem, CELL_M, goal, vehicle=vehicle)
-    cell, heading, rng = (10, 12), 200.0, np.random.default_rng(0)
+    cell, heading, rng, sources = (10, 12), 200.0, np.random.default_rng(0), set()
     for _ in range(12):
         moving.move(cell, heading)
         plan = moving.replan()
+        sources.add(plan.source)
         fresh = planner(dem, vehicle).plan(cell, goal, method="astar", start_heading_deg=heading)
         assert plan.ok and fresh.cost * (1.0 - 1e-5) <= plan.cost <= 1.3 * fresh.cost
         assert plan.lower_bound <= fresh.cost * (1.0 + 1e-5)
@@ -290,3 +293,28 @@ def test_a_moving_planner_begins_as_the_robot_stands_and_is_as_good_as_a_new_one
         if min(max(abs(row - i), abs(col - j)) for i, j in (cell, goal)) > 10:
             dem[row : row + 2, col : col + 2] += 0.4
         moving.update_elevation(row, col, dem[row : row + 2, col : col + 2])
+    assert Source.STANDING in sources
+
+
+def test_a_path_of_arcs_is_left_where_it_is_blocked_and_joined_again(monkeypatch):
+    monkeypatch.setattr(methods, "JOIN_EXPANSIONS", 1 << 15)
+    dem = np.zeros((160, 240))
+    moving = DynamicPlanner.of_elevation(dem, CELL_M, (80, 220), vehicle=CAR)
+    moving.move((80, 15), 90.0)
+    first = moving.replan()
+    moving.update_elevation(79, 60, np.full((2, 2), 2.0))
+    dem[79:81, 60:62] = 2.0
+    assert not moving.standing().valid
+    for cell in (80, 15), (82, 17):  # on the path, and beside it
+        moving.move(cell, 90.0)
+        again = moving.replan()
+        assert again.ok and again.source is Source.STANDING
+        assert again.path[-100:].tolist() == first.path[-100:].tolist()
+        assert pose_oracles.breaks_at(dem, CELL_M, CAR, *driven(again)) is None
+        fresh = planner(dem, CAR).plan(cell, (80, 220), method="astar", start_heading_deg=90.0)
+        assert again.lower_bound <= fresh.cost * (1.0 + 1e-5) and fresh.cost <= again.cost * (1.0 + 1e-5)
+        assert again.cost <= 1.02 * fresh.cost
+    monkeypatch.setattr(methods, "JOIN_EXPANSIONS", 1)
+    assert moving.replan().walked.tolist() == again.walked.tolist()
+    moving.update_elevation(79, 100, np.full((2, 2), 2.0))
+    assert moving.replan().source is Source.REGION  # blocked, and no way found by so few expansions

@@ -1,0 +1,149 @@
+"""A body that drives arcs among rocks: its first plans, its ticks and its drives, beside the exact lattice.
+
+python -m nnpp_edge.benchmarks.arcs TERRAIN.tif --size 512 --radius 2 --queries 100
+"""
+
+from collections import Counter
+from collections.abc import Callable, Iterator
+from dataclasses import replace
+from functools import partial
+from itertools import islice
+from pathlib import Path
+
+import click
+import numpy as np
+
+from nnpp_edge.profiling.contest import Harness
+from nnpp_edge.profiling.suites import Case, TerrainFiles, heights_of, terrain_cases
+from nnpp_edge.runtime import DynamicPlanner, Plan, Planner, Vehicle
+from nnpp_edge.runtime.arrays import Float2D
+from nnpp_edge.runtime.cells import Cell, Endpoints
+from nnpp_edge.runtime.map.ground import Ground
+from nnpp_edge.runtime.planners.query import PlanOptions
+
+BODY = Vehicle(1.5, 1.2, 0.3)
+QUERIES_OF_A_MAP = 2
+TICKS, STEP, NEAR_CELLS, ROCK_CELLS = 40, 2, 25, 8
+"""Ticks of a drive on which the map changes; states driven in between; where it changes, from the robot; its size."""
+STRIDE = 24
+"""States that are driven between two plans of a drive whose cost counts."""
+
+
+def queries(terrain: TerrainFiles, size: int, seed: int) -> Iterator[tuple[Case, Endpoints]]:
+    """Maps with rocks on a tenth of the ground, and two queries on each, without end."""
+    for case in terrain_cases(terrain.read(), "body-rocks10", size, seed, vehicle=BODY):
+        yield from ((case, query) for query in case.queries[:QUERIES_OF_A_MAP])
+
+
+def first_plan(make: Callable[[], Ground], start: Cell, goal: Cell, options: PlanOptions) -> Plan:
+    """From elevations to the first answer of a planner."""
+    return Planner(make()).plan(start, goal, **options)
+
+
+def driven_cost(planner: DynamicPlanner, plan: Plan) -> float:
+    """Cost of the drive to the goal by a new plan every `STRIDE` states, the first being this."""
+    driven = 0.0
+    while len(plan.path) > STRIDE:
+        grid, costs = planner.state.grid, np.empty(len(plan.path))
+        grid.walk(plan.walked, 0, costs)
+        driven += costs[STRIDE]
+        planner.move(tuple(plan.path[STRIDE].tolist()), float(plan.headings_deg[STRIDE]))
+        plan = planner.replan()
+        if not plan.ok:
+            return np.inf
+    return driven + plan.cost
+
+
+def tick_times(
+    harness: Harness, heights: Float2D, planner: DynamicPlanner, plan: Plan, rng: np.random.Generator
+) -> Iterator[float]:
+    """Milliseconds of the plans of a drive on which rocks appear and vanish near the robot."""
+    rock = ROCK_CELLS
+    for _ in range(TICKS):
+        if not plan.ok or len(plan.path) <= STEP:
+            return
+        cell, near = plan.path[STEP], rng.integers(-NEAR_CELLS, NEAR_CELLS + 1, 2)
+        row, col = np.clip(cell + near, 0, np.array(planner.shape) - rock).tolist()
+        patch = heights[row : row + rock, col : col + rock].copy()
+        if np.abs(near + rock // 2).max() > rock + 2:
+            patch[2:5, 2:5] += rng.choice([0.0, 0.2, 0.5])
+        planner.update_elevation(row, col, patch)
+        planner.move((int(cell[0]), int(cell[1])), float(plan.headings_deg[STEP]))
+        seconds, plan = harness.timed(planner.replan)
+        yield 1e3 * seconds
+
+
+def quantiles(values: list[float], *shares: float) -> str:
+    """In words, some quantiles."""
+    return ", ".join(f"{float(np.quantile(values, share)):.3g}" for share in shares)
+
+
+@click.command()
+@click.argument("terrain", nargs=-1, required=True, type=click.Path(exists=True, dir_okay=False, path_type=Path))
+@click.option("--size", default=256, show_default=True, help="Cells of a map's side.")
+@click.option("--radius", default=2.0, show_default=True, help="Turning radius in metres.")
+@click.option("--cell-size", default=0.25, show_default=True, help="Metres that the terrain is rescaled to.")
+@click.option("--forwards", is_flag=True, help="The body cannot go backwards.")
+@click.option("--fixed", is_flag=True, help="Goals have headings, too.")
+@click.option("--queries", "count", default=20, show_default=True, help="Those that have a path count.")
+@click.option("--seed", default=1, show_default=True)
+def main(
+    terrain: tuple[Path, ...],
+    size: int,
+    radius: float,
+    cell_size: float,
+    forwards: bool,
+    fixed: bool,
+    count: int,
+    seed: int,
+) -> None:
+    """Plan, tick and drive between random headings; medians and quantiles in milliseconds, gaps in per cent."""
+    vehicle = replace(BODY, turning_radius_m=radius)
+    if not forwards:
+        vehicle = replace(vehicle, reverse_cost=2.0, gear_change_m=1.0)
+    harness, rng, solved = Harness(), np.random.default_rng(seed), 0
+    exact_ms, first_ms, tick_ms, gaps, drives = (list[float]() for _ in range(5))
+    sources = Counter[str]()
+    flat = Planner.of_elevation(np.zeros((80, 80), np.float32), cell_size, vehicle=vehicle, warn=False)
+    for method in ("corridor", "astar"):
+        flat.plan((20, 20), (60, 70), method=method)
+    for case, (start, goal) in islice(queries(TerrainFiles(terrain, cell_size), size, seed), 4 * count):
+        begin, end = rng.uniform(0.0, 360.0, 2)
+        options: PlanOptions = {"start_heading_deg": begin, "goal_heading_deg": end if fixed else None}
+        height_m, width_m = case.ground.sides_m
+        make = partial(Ground.of_elevation, heights_of(case.ground), height_m, cell_width_m=width_m, vehicle=vehicle)
+        ground = make()
+        exact = Planner(ground).plan(start, goal, **(options | {"method": "astar"}))
+        if not exact.ok:
+            continue
+        seconds, plan = harness.timed(partial(first_plan, make, start, goal, options))
+        exact_ms.append(exact.timings_ms["total"])
+        first_ms.append(1e3 * seconds)
+        solved += plan.ok
+        sources[str(plan.source)] += 1
+        gaps.append(plan.cost / exact.cost - 1.0)
+        if not fixed:
+            moving = DynamicPlanner(ground, goal)
+            moving.move(start, begin)
+            drives.append(driven_cost(moving, moving.replan()) / exact.cost - 1.0)
+            moving.move(start, begin)
+            tick_ms += tick_times(harness, heights_of(case.ground), moving, moving.replan(), rng)
+        if len(gaps) == count:
+            break
+    if not gaps:
+        raise click.ClickException("no query has a path")
+    click.echo(f"{size}², R {radius:g} m{', forwards' if forwards else ''}{', goal heading fixed' if fixed else ''}")
+    click.echo(f"  solved {solved} of {len(gaps)}; by {dict(sources)}")
+    click.echo(f"  exact lattice, ms: {quantiles(exact_ms, 0.5, 0.95)} (median, p95)")
+    click.echo(f"  first plan, ms:    {quantiles(first_ms, 0.5, 0.95, 0.99)} (median, p95, p99)")
+    for name, each in (("gap, %", gaps), ("driven, %", drives)):
+        if each:
+            told = f"{100.0 * np.mean(each):.2f}, {100.0 * np.quantile(each, 0.95):.2f}"
+            click.echo(f"  {name + ':':18} {told} (mean, p95)")
+    if tick_ms:
+        told = f"{quantiles(tick_ms, 0.5, 0.95, 0.99, 1.0)} (median, p95, p99, max)"
+        click.echo(f"  {len(tick_ms)} ticks, ms: {told}")
+
+
+if __name__ == "__main__":
+    main()
