@@ -13,9 +13,11 @@ numba would else compile it anew into each kernel that calls it. `source` is a t
     coarse     (…,) float32, weights of all coarse levels, one after another
     pieces     (…,) uint16, likewise
     links      (…,) uint8, likewise
-    counts     (2,) int64, cells of computed tiles; whether any cost was told
+    counts     (COUNT_SLOTS,) int64, see `CELLS_COSTED`
     shape      (2,) int64, rows and columns of the map
     told       (rows · cols,) float32, costs that were told: a cell weighs by the greater of its own and this
+    unseen     (2 · blocks,) float32, on a map of which blocks of cells are known by their means: the price of each
+               block, T a cell that is not known, then what is known of it, see `UNTOUCHED`
 """
 
 import numpy as np
@@ -29,6 +31,11 @@ from nnpp_edge.runtime.kernels.traversability import SCALE, fill_weights
 
 COSTED, SURROUNDED, POOLED, LINKED = 1, 2, 4, 8
 """Of a tile: its weights are there; so are those around it; its coarse cells are there; all their links are."""
+CELLS_COSTED, ANY_TOLD, BLOCK_SIDE, BLOCK_COLS, COUNT_SLOTS = 0, 1, 2, 3, 4
+"""Of `counts`: cells of computed tiles; whether any cost was told; cells to a block's side, 0 without blocks, and
+blocks in a row."""
+UNTOUCHED, UNKNOWN, SEEN = 0.0, 1.0, 2.0
+"""Of a block: its heights mean nothing; none is known; some may be."""
 _ROWS, _COLS, _STRIDE, _FIRST = 0, 1, 2, 3
 CELLS, CHEAPER, TOP, LEFT, BOTTOM, END, NOTED, NEW, FOUND_SLOTS = 0, 1, 2, 3, 4, 5, 6, 7, 11
 """Of what `write_layer` has found."""
@@ -37,7 +44,7 @@ CELLS, CHEAPER, TOP, LEFT, BOTTOM, END, NOTED, NEW, FOUND_SLOTS = 0, 1, 2, 3, 4,
 @helper
 def _level(source, number):
     """A level as the kernels of `pooling` take it; 0 is the map, without pieces and links."""
-    _, _, weights, levels, coarse, pieces, links, _, shape, _ = source
+    _, _, weights, levels, coarse, pieces, links, _, shape, _, _ = source
     if number == 0:
         return weights, pieces[:0], links[:0], shape[1] + 2, shape[0], shape[1]
     first, rows, stride = levels[number, _FIRST], levels[number, _ROWS], levels[number, _STRIDE]
@@ -69,12 +76,24 @@ def _link_levels(source, area):
 
 @helper
 def _weigh(source, area, out, first, stride):
-    """Weights of a rectangle of the map, by heights and costs told; what is written as by `fill_weights`."""
-    heights, rule, _, _, _, _, _, counts, shape, told = source
-    fill_weights(heights, shape[0], shape[1], rule, area, out, first, stride)
-    if counts[1] == 0:
-        return
+    """Weights of a rectangle of the map, by heights, costs told and prices; what is written as by `fill_weights`."""
+    heights, rule, _, _, _, _, _, counts, shape, told, unseen = source
+    side, blocks = counts[BLOCK_SIDE], counts[BLOCK_COLS]
+    if side == 0 or _any_seen(unseen, side, blocks, area):
+        fill_weights(heights, shape[0], shape[1], rule, area, out, first, stride)
     row0, row1, col0, col1 = area
+    if side:
+        for row in range(row0, row1):
+            col = col0
+            while col < col1:
+                block, end = row // side * blocks + col // side, min((col // side + 1) * side, col1)
+                price, known = np.float32(unseen[block] * rule[SCALE]), unseen[len(unseen) // 2 + block] == SEEN
+                for c in range(col, end):
+                    if not (known and abs(heights[row * shape[1] + c]) < np.inf):
+                        out[first + row * stride + c] = price
+                col = end
+    if counts[ANY_TOLD] == 0:
+        return
     for row in range(row0, row1):
         for col in range(col0, col1):
             cost = told[row * shape[1] + col]
@@ -82,6 +101,43 @@ def _weigh(source, area, out, first, stride):
                 at = first + row * stride + col
                 weight = np.float32(cost * rule[SCALE]) if cost < 1.0 else np.float32(np.inf)
                 out[at] = max(out[at], weight)
+
+
+@helper
+def _any_seen(unseen, side, blocks, area):
+    """Whether anything may be known of the heights in a rectangle of the map."""
+    for i in range(area[0] // side, (area[1] - 1) // side + 1):
+        for j in range(area[2] // side, (area[3] - 1) // side + 1):
+            if unseen[len(unseen) // 2 + i * blocks + j] == SEEN:
+                return True
+    return False
+
+
+@helper
+def _see_blocks(source, row, col, patch, seen):
+    """Have the blocks under a patch of heights take them; those around are unknown where nothing was seen."""
+    heights, _, _, _, _, _, _, counts, shape, _, unseen = source
+    side, blocks = counts[BLOCK_SIDE], counts[BLOCK_COLS]
+    high = shape[0] // side
+    for i in range(row // side, (row + patch.shape[0] - 1) // side + 1):
+        for j in range(col // side, (col + patch.shape[1] - 1) // side + 1):
+            at = len(unseen) // 2 + i * blocks + j
+            if unseen[at] == SEEN:
+                continue
+            new = False
+            for r in range(max(i * side, row), min((i + 1) * side, row + patch.shape[0])):
+                for c in range(max(j * side, col), min((j + 1) * side, col + patch.shape[1])):
+                    new |= abs(patch[r - row, c - col]) < np.inf and (seen.size == 0 or seen[r - row, c - col])
+            if not new:
+                continue
+            for a in range(max(i - 1, 0), min(i + 2, high)):
+                for b in range(max(j - 1, 0), min(j + 2, blocks)):
+                    beside = len(unseen) // 2 + a * blocks + b
+                    if unseen[beside] == UNTOUCHED:
+                        for r in range(a * side, (a + 1) * side):
+                            heights[r * shape[1] + b * side : r * shape[1] + (b + 1) * side] = np.nan
+                        unseen[beside] = UNKNOWN
+            unseen[at] = SEEN
 
 
 @helper
@@ -94,7 +150,7 @@ def _fill(source, area):
 @helper
 def _tile_area(source, i, j):
     """First row, one past the last, and so for the columns, of a tile."""
-    _, _, _, levels, _, _, _, _, shape, _ = source
+    _, _, _, levels, _, _, _, _, shape, _, _ = source
     high, wide = 1 << levels[0, 0], 1 << levels[0, 1]
     return i * high, min((i + 1) * high, shape[0]), j * wide, min((j + 1) * wide, shape[1])
 
@@ -107,7 +163,7 @@ def _cost_tile(tiles, i, j):
         area = _tile_area(source, i, j)
         _fill(source, area)
         state[i, j] |= COSTED
-        source[7][0] += (area[1] - area[0]) * (area[3] - area[2])
+        source[7][CELLS_COSTED] += (area[1] - area[0]) * (area[3] - area[2])
 
 
 @kernel
@@ -181,7 +237,7 @@ def link_rows(tiles, row0, row1):
 def _weigh_anew(tiles, area, found, nodes, old_weights):
     """Weights of a rectangle within one computed tile; what changed is added to all three, see `write_layer`."""
     source = tiles[4]
-    _, _, weights, _, _, _, _, _, shape, _ = source
+    _, _, weights, _, _, _, _, _, shape, _, _ = source
     row0, row1, col0, col1 = area
     stride, wide = shape[1] + 2, col1 - col0
     old = np.empty((row1 - row0) * wide, np.float32)
@@ -231,7 +287,7 @@ def _put_new(layer, cols, patch, seen, row, col):
 
 
 @kernel
-def write_layer(tiles, layer, rim, patch, seen, row, col, found, nodes, old_weights):
+def write_layer(tiles, layer, kind, patch, seen, row, col, found, nodes, old_weights):
     """Put values into a layer of the map, and bring up to date whatever of it has been computed.
 
     Parameters
@@ -239,9 +295,10 @@ def write_layer(tiles, layer, rim, patch, seen, row, col, found, nodes, old_weig
     tiles
         Of the map itself.
     layer : (rows · cols,) float32
-        Its heights, or the costs told.
-    rim : int
-        Cells around a value that it matters to: 1 for heights, 0 for costs.
+        Its heights, the costs told, or the prices of unseen blocks.
+    kind : (rim, side)
+        Cells around a value that it matters to: 1 for heights, 0 for costs; and cells to the side of what a value is
+        of: those of a block for prices, else 1. Where the patch goes is counted in these.
     patch : (h, w) float32
         Must lie inside the map.
     seen : (h, w) bool
@@ -256,18 +313,22 @@ def write_layer(tiles, layer, rim, patch, seen, row, col, found, nodes, old_weig
         Written: the changed nodes and what they weighed, which is computed where it is not yet. With room for all
         cells of the patch and its rim, or empty: then nothing is noted.
     """
-    state, _, _, _, source, _ = tiles
+    (rim, side), (state, _, _, _, source, _) = kind, tiles
     levels, shape = source[3], source[8]
     rows, cols = shape[0], shape[1]
     down, right = levels[0, 0], levels[0, 1]
     if len(nodes):
-        for i in range(max(row - rim, 0) >> down, ((min(row + patch.shape[0] + rim, rows) - 1) >> down) + 1):
-            for j in range(max(col - rim, 0) >> right, ((min(col + patch.shape[1] + rim, cols) - 1) >> right) + 1):
+        high, wide = (row + patch.shape[0]) * side, (col + patch.shape[1]) * side
+        for i in range(max(row * side - rim, 0) >> down, ((min(high + rim, rows) - 1) >> down) + 1):
+            for j in range(max(col * side - rim, 0) >> right, ((min(wide + rim, cols) - 1) >> right) + 1):
                 _cost_tile(tiles, i, j)
     found[:] = 0
-    first, last, begin, past = _put_new(layer, cols, patch, seen, row, col)
+    if rim and source[7][BLOCK_SIDE]:
+        _see_blocks(source, row, col, patch, seen)
+    first, last, begin, past = _put_new(layer, cols // side, patch, seen, row, col)
     if first >= last:
         return
+    first, last, begin, past = first * side, last * side, begin * side, past * side
     found[NEW], found[NEW + 1], found[NEW + 2], found[NEW + 3] = first, begin, last, past
     found[TOP], found[LEFT] = rows, cols
     row0, row1, col0, col1 = max(first - rim, 0), min(last + rim, rows), max(begin - rim, 0), min(past + rim, cols)
@@ -290,7 +351,7 @@ def write_layer(tiles, layer, rim, patch, seen, row, col, found, nodes, old_weig
 def _pool_anew(tiles, found):
     """Coarse cells above a rectangle whose weights changed, in the tiles that have any, and their links."""
     state, _, _, _, source, _ = tiles
-    _, rule, _, levels, _, _, _, _, _, _ = source
+    _, rule, _, levels, _, _, _, _, _, _, _ = source
     row0, col0, row1, col1 = found[TOP], found[LEFT], found[BOTTOM], found[END]
     corner_cutting, obstacle = levels[0, 2] != 0, rule[SCALE]
     down, right = levels[0, 0], levels[0, 1]

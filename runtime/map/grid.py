@@ -17,6 +17,7 @@ from nnpp_edge.runtime.map.poses import Poses
 from nnpp_edge.runtime.map.step_cost import GREY_LEVELS, LEAST_WEIGHT, PAPER_OMEGA, StepCost, StepModel
 from nnpp_edge.runtime.map.steps import PackedGrid, PointSteps, PoseSteps
 from nnpp_edge.runtime.map.tiles import COMPLETE, Tiles
+from nnpp_edge.runtime.memory import virtual_zeros
 
 _FAR = 0.25
 """A bound is measured anew when it lies beyond this share, or one over it, of what was measured last."""
@@ -255,8 +256,12 @@ class Grid:
         return self.steps.stands_at(self, cell)
 
 
-def bordered(rows: int, cols: int) -> NDArray[np.float32]:
-    """Room for a map's weights within an impassable border. Pages of it that nobody touches take no time."""
-    padded = np.empty((rows + 2) * (cols + 2), np.float32)
+def bordered(rows: int, cols: int, *, small: bool = False) -> NDArray[np.float32]:
+    """Room for a map's weights within an impassable border. Pages of it that nobody touches take no time.
+
+    With `small` pages no memory either, but under the border.
+    """
+    nodes = (rows + 2) * (cols + 2)
+    padded = virtual_zeros(nodes, np.float32) if small else np.empty(nodes, np.float32)
     close_border(padded, rows, cols)
     return padded

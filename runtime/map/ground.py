@@ -5,7 +5,8 @@ from typing import TypedDict, Unpack
 
 from nnpp_edge.runtime.arguments import checked
 from nnpp_edge.runtime.arrays import Float2D, as_map, numbers
-from nnpp_edge.runtime.errors import InvalidMapError
+from nnpp_edge.runtime.errors import InvalidMapError, InvalidQueryError
+from nnpp_edge.runtime.map.priors import prior_named
 from nnpp_edge.runtime.map.slope_cost import Mobility, slope_cost_of
 from nnpp_edge.runtime.map.step_cost import StepCost, StepModel
 from nnpp_edge.runtime.terrain.traversability import Traversability, sides_of, traversability_cost
@@ -54,6 +55,12 @@ class Ground:
     ``linear``, see `map.slope_cost`; limits or poses decide all the same where paths may go."""
     mobility: Mobility | None = None
     """Parameters of the step costs by the slope; ``time`` and ``energy`` have none by default."""
+    factor: int = 1
+    """Cells to the side of a block of which `elevation` (H, W) has the means: the map has H · factor rows. Nothing of
+    a cell's own elevation is known until a patch tells it."""
+    prior: str = "slope"
+    """By what a cell is priced until then: ``slope``, the coarse map's slope as calibrated on maps that are known
+    finely; ``eq1``, NNPP's costs of the coarse map; ``mean``, one price for all. See `map.priors`."""
 
     def __post_init__(self) -> None:
         """Check what goes together; what only the map's values tell is checked by `state`."""
@@ -64,7 +71,13 @@ class Ground:
             if self.cell_size_m is None:
                 raise InvalidMapError("wanted cell_size_m, the side of a cell, with elevations")
             slope_cost_of(self.step_cost, self.mobility)
+            if self.factor > 1:
+                if self.by_slope or self.vehicle is not None:
+                    raise InvalidMapError("a coarse map is for points so far: wanted step_cost='paper', no vehicle")
+                prior_named(self.prior, self.traversability, 1.0, self.factor)
             return
+        if self.factor > 1:
+            raise InvalidMapError("a coarse map has elevations: got costs")
         StepModel.of(self.step_cost)
         if self.vehicle is None:
             return
@@ -86,6 +99,27 @@ class Ground:
         """Of heights; arguments as the attributes."""
         return cls(None, elevation, cell_size_m, traversability=traversability or Traversability(), **options)
 
+    @classmethod
+    def of_coarse(
+        cls,
+        dem: Float2D,
+        cell_size_m: float,
+        factor: int,
+        traversability: Traversability | None = None,
+        *,
+        prior: str = "slope",
+        **options: Unpack[GroundOptions],
+    ) -> "Ground":
+        """Of a coarse map: `dem` (H, W) has the means of `factor` × `factor` cells, blocks of `cell_size_m`
+        by `cell_width_m`; else as the attributes.
+        """
+        if factor < 1:
+            raise InvalidQueryError(f"factor must be at least 1, got {factor}")
+        if (width := options.get("cell_width_m")) is not None:
+            options["cell_width_m"] = width / factor
+        limits = traversability or Traversability()
+        return cls(None, dem, cell_size_m / factor, traversability=limits, factor=factor, prior=prior, **options)
+
     @property
     def sides_m(self) -> tuple[float, float]:
         """Height and width of a cell, metres; 1 where none is known. InvalidMapError if one is no positive number."""
@@ -101,7 +135,7 @@ class Ground:
         """Rows and columns."""
         values, name = (self.elevation, "dem") if self.cost is None else (self.cost, "cost")
         rows, cols = numbers(values, name).shape  # type: ignore[arg-type]  # one of them is there
-        return rows, cols
+        return rows * self.factor, cols * self.factor
 
     def costs(self) -> Float2D:
         """(H, W) float32, what each cell costs a point: as given, or by Eq. 1."""

@@ -23,8 +23,10 @@ from nnpp_edge.runtime.map.pyramid import Pyramid, coarse_shapes
 from nnpp_edge.runtime.map.slope_cost import Mobility, slope_cost_of
 from nnpp_edge.runtime.map.step_cost import PAPER_OMEGA, StepCost, StepModel
 from nnpp_edge.runtime.map.tiles import Tiles
-from nnpp_edge.runtime.memory import check_planner_fits
+from nnpp_edge.runtime.map.unseen import Unseen
+from nnpp_edge.runtime.memory import check_planner_fits, virtual_zeros
 from nnpp_edge.runtime.terrain.traversability import relative_heights, traversability_cost, warn_of_saturation
+from nnpp_edge.runtime.tuning import MOST_PRICE
 
 Room = tuple[NDArray[np.float32], int, int, float, float, float]
 _PAPER = StepModel.of(StepCost.PAPER)
@@ -61,6 +63,9 @@ class MapState:
         self._limits, self._lazy, self._corner_cutting = ground.traversability, lazy, corner_cutting
         self._slope_cost = slope_cost_of(ground.step_cost, ground.mobility) if by_slope else None
         self._model = StepModel.of(StepCost.PAPER if ground.cost is None else ground.step_cost, omega)
+        self.unseen = Unseen(ground) if ground.factor > 1 else None
+        """What is known by the means of blocks alone; None where all is known, or nothing."""
+        self.omega = omega
         self._heights, self._base = self._heights_of(ground)
         self._told: Float2D | None = None
         self._shut_alone = shut_alone or by_slope or (ground.elevation is not None and ground.vehicle is not None)
@@ -71,6 +76,9 @@ class MapState:
         """The map's own heights, and the height in metres that they are relative to; None for a map of costs."""
         if (dem := ground.elevation) is None:
             return None, 0.0
+        if self.unseen is not None:
+            rows, cols = ground.shape
+            return virtual_zeros(rows * cols, np.float32).reshape(rows, cols), relative_heights(dem)[1]
         heights, base = relative_heights(dem)
         return heights.copy() if np.shares_memory(heights, np.asarray(dem)) else heights, base
 
@@ -94,8 +102,12 @@ class MapState:
         else:
             (rows, cols), corner_cutting = heights.shape, self._corner_cutting
             rule, coarsest = self._limits.rule(*sides, scale=model.scale), FACTOR ** len(coarse_shapes(rows, cols))
-            self.grid = Grid(rows, cols, model, corner_cutting, weights := bordered(rows, cols))
-            self.grid.compute_by(Tiles(heights, rule, weights, corner_cutting, coarsest, self._told))
+            unseen = None if self.unseen is None else self.unseen.layers
+            weights = bordered(rows, cols, small=unseen is not None)
+            self.grid = Grid(rows, cols, model, corner_cutting, weights)
+            self.grid.compute_by(Tiles(heights, rule, weights, corner_cutting, coarsest, self._told, unseen))
+            if unseen is not None:  # prices may be greater than any cost
+                self.grid.set_bounds(self.grid.least, MOST_PRICE * model.scale)
             if self.vehicle is not None:
                 terms, shut = term_weights(self._limits), None if self._told is None else self._told >= 1.0
                 self.grid.stand_by(Poses(heights, sides, self.vehicle, terms, model.scale, shut))
@@ -180,6 +192,8 @@ class MapState:
         change, new = self._tiles.write(
             part, heights, ALL if seen is None else seen, keeps=self.log.keeps_old_weights
         )
+        if self.unseen is not None:
+            self.unseen.note(new)
         return self._noted(self._stand_anew(change, new), new)
 
     def _stand_anew(self, change: Change, part: Rectangle) -> Change:
@@ -205,8 +219,10 @@ class MapState:
         or plans on it: then it is some of the old map and some of the new.
         """
         if self._heights is not None and self.sides_m is not None:
-            (dy, dx), heights = self.sides_m, self._heights.copy()
+            (dy, dx), heights = self.sides_m, np.where(self.unknown(), np.float32(np.nan), self._heights)
             cost = traversability_cost(heights, dy, self._limits, cell_width_m=dx, warn=False)
+            if self.unseen is not None:
+                cost = np.where(np.isfinite(heights), cost, self.unseen.at())
             return cost if self._told is None else np.maximum(cost, self._told)
         weights, scale = self.grid.map().copy(), self._model.scale
         cost = weights / np.float32(scale) if scale else np.where(weights < np.inf, np.float32(0.0), weights)
@@ -216,12 +232,13 @@ class MapState:
         """(H, W) metres, NaN where unknown, a copy; None for a map of costs. Any thread may ask, as for `cost`."""
         if (heights := self._heights) is None:
             return None
-        return np.where(np.isfinite(heights), heights + np.asarray(self._base, heights.dtype), np.nan)
+        return np.where(self.unknown(), np.nan, heights + np.asarray(self._base, heights.dtype))
 
     def unknown(self, rows: slice = slice(None), cols: slice = slice(None)) -> NDArray[np.bool_]:
         """Cells of which nothing is known, of the map or a part; a map of costs tells only if it was to keep them."""
         if self._heights is not None:
-            return ~np.isfinite(self._heights[rows, cols])
+            unknown = ~np.isfinite(self._heights[rows, cols])
+            return unknown if self.unseen is None else unknown | self.unseen.unknown(rows, cols)
         unknown = np.zeros(self.shape, np.bool_) if self._unknown is None else self._unknown
         return unknown[rows, cols].copy()
 
@@ -252,7 +269,7 @@ class MapState:
 
         It is told at places `at` (M, 2), by default where the line crosses rows and columns of cells' middles.
         """
-        if self._heights is None or self.sides_m is None:
+        if self._heights is None or self.sides_m is None or self.unseen is not None:
             return None
         places = crossings(line) if at is None else at
         walker = self._slope_cost if self._slope_cost is not None and self._slope_cost.function else None
@@ -362,7 +379,7 @@ def map_state(
     """
     by_slope = ground.elevation is not None and ground.by_slope
     check_planner_fits(ground.shape, directed=by_slope)
-    if warn and ground.elevation is not None:
+    if warn and ground.elevation is not None and ground.factor == 1:
         heights, rule = relative_heights(ground.elevation)[0], ground.traversability.rule(*ground.sides_m)
         warn_of_saturation(heights, rule, stacklevel=7)  # who called the planner
     kind = DiscState if ground.vehicle is not None and ground.vehicle.is_disc else MapState

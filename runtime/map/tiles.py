@@ -20,7 +20,12 @@ from nnpp_edge.runtime.bands import in_bands, stripes
 from nnpp_edge.runtime.cells import Rectangle
 from nnpp_edge.runtime.deadline import NEVER, Deadline
 from nnpp_edge.runtime.kernels.tiles import (
+    ANY_TOLD,
+    BLOCK_COLS,
+    BLOCK_SIDE,
+    CELLS_COSTED,
     COSTED,
+    COUNT_SLOTS,
     FOUND_SLOTS,
     LINKED,
     POOLED,
@@ -44,13 +49,13 @@ _EVERYWHERE = 62
 """Bits by which a row is shifted to the one tile of a map that is there as a whole."""
 _NONE = np.empty(0, np.float32)
 _NO_LEVELS = _NONE, np.empty(0, np.uint16), np.empty(0, np.uint8)
-_COUNTS = np.zeros((1, 4), np.int64), np.zeros(2, np.int64), np.zeros(2, np.int64)
+_COUNTS = np.zeros((1, 4), np.int64), np.zeros(COUNT_SLOTS, np.int64), np.zeros(2, np.int64)
 COMPLETE: PackedTiles = (
     np.full((1, 1), COSTED | SURROUNDED | POOLED | LINKED, np.uint8),
     SURROUNDED,
     _EVERYWHERE,
     _EVERYWHERE,
-    (_NONE, np.zeros(RULE_SLOTS), _NONE, _COUNTS[0], *_NO_LEVELS, *_COUNTS[1:], _NONE),
+    (_NONE, np.zeros(RULE_SLOTS), _NONE, _COUNTS[0], *_NO_LEVELS, *_COUNTS[1:], _NONE, _NONE),
     0,
 )
 """Of a grid whose weights are all there."""
@@ -67,7 +72,8 @@ class Tiles:
     `heights` (H, W) float32 in metres, not finite where unknown, are kept, and changed by `write` alone;
     `rule` as for `fill_weights`; `weights` and `corner_cutting` are those of the map's grid. Tiles consist of whole
     cells of the coarsest level, which are `coarsest` cells to the side. `told` as from `tell_from_now_on`, if
-    anything was told before.
+    anything was told before. `unseen` (2, I, J) float32 are the prices of blocks, and what is known of their heights,
+    see `kernels.tiles.UNTOUCHED`, on a map of which blocks are known.
     """
 
     def __init__(
@@ -78,6 +84,7 @@ class Tiles:
         corner_cutting: bool,
         coarsest: int,
         told: Float2D | None = None,
+        unseen: NDArray[np.float32] | None = None,
     ) -> None:
         self.heights, self.rule, self._weights, self._told = heights, rule, weights, _NONE
         self.shape: tuple[int, int] = heights.shape
@@ -85,20 +92,23 @@ class Tiles:
         self.state = np.zeros((-(-self.shape[0] // high), -(-self.shape[1] // wide)), np.uint8)
         """(I, J) uint8, what has been computed of each tile, as bits."""
         self._levels = np.array([(high.bit_length() - 1, wide.bit_length() - 1, corner_cutting, 0)], np.int64)
-        self._coarse, self._counts = _NO_LEVELS, np.zeros(2, np.int64)
+        self._coarse, self._counts, self._unseen = _NO_LEVELS, np.zeros(COUNT_SLOTS, np.int64), _NONE
+        if unseen is not None:
+            self._unseen, blocks = unseen.reshape(-1), unseen.shape[2]
+            self._counts[BLOCK_SIDE : BLOCK_COLS + 1] = self.shape[1] // blocks, blocks
         if told is not None:
-            self._told, self._counts[1] = told.reshape(-1), 1
+            self._told, self._counts[ANY_TOLD] = told.reshape(-1), 1
 
     @property
     def cells_computed(self) -> int:
         """Cells whose weights there are."""
-        return int(self._counts[0])
+        return int(self._counts[CELLS_COSTED])
 
     def packed(self, number: int = 0) -> PackedTiles:
         """As kernels take them that look at the level of that number."""
         down, right = (side.bit_length() - 1 - 2 * number for side in self._sides)
         of_map, counts = (self.heights.reshape(-1), self.rule, self._weights), (self._counts, np.array(self.shape))
-        source = *of_map, self._levels, *self._coarse, *counts, self._told
+        source = *of_map, self._levels, *self._coarse, *counts, self._told, self._unseen
         return self.state, LINKED if number else SURROUNDED, down, right, source, _address()
 
     def add_levels(
@@ -142,13 +152,13 @@ class Tiles:
                     state |= wanted
                     deadline.check()
         self.state |= SURROUNDED
-        self._counts[0] = rows * cols
+        self._counts[CELLS_COSTED] = rows * cols
 
     def tell_from_now_on(self) -> Float2D:
         """(H, W) float32, costs that were told, inf where a cell is shut, 0 where nothing was; to be asked for
         before any are written.
         """
-        self._told, self._counts[1] = virtual_zeros(self.heights.size, np.float32), 1
+        self._told, self._counts[ANY_TOLD] = virtual_zeros(self.heights.size, np.float32), 1
         return self._told.reshape(self.shape)
 
     def write(
@@ -160,12 +170,29 @@ class Tiles:
         all. Returns the change, which counts what has not been computed yet as changed, and the rectangle of new
         values, of no rows without any. With `keeps` old weights are kept, and computed first where there are none.
         """
-        layer, rim = (self._told, 0) if told else (self.heights.reshape(-1), 1)
-        room = (part[2] + 2 * rim) * (part[3] + 2 * rim) if keeps else 0
+        layer, kind = (self._told, (0, 1)) if told else (self.heights.reshape(-1), (1, 1))
+        return self._written(layer, kind, part, patch, seen, keeps)
+
+    def price(self, part: Rectangle, prices: Float2D, new: NDArray[np.bool_], *, keeps: bool = False) -> Change:
+        """Put prices of unseen blocks, those that are `new`, into a part of these; as `write`."""
+        kind = 0, int(self._counts[BLOCK_SIDE])
+        return self._written(self._unseen, kind, part, prices, new, keeps)[0]
+
+    def _written(
+        self,
+        layer: NDArray[np.float32],
+        kind: tuple[int, int],
+        part: Rectangle,
+        patch: Float2D,
+        seen: NDArray[np.bool_],
+        keeps: bool,
+    ) -> tuple[Change, Rectangle]:
+        rim, side = kind
+        room = (part[2] * side + 2 * rim) * (part[3] * side + 2 * rim) if keeps else 0
         found, nodes, old = np.empty(FOUND_SLOTS, np.int64), np.empty(room, np.int32), np.empty(room, np.float32)
-        write_layer(self.packed(), layer, rim, np.ascontiguousarray(patch), seen, *part[:2], found, nodes, old)
+        write_layer(self.packed(), layer, kind, np.ascontiguousarray(patch), seen, *part[:2], found, nodes, old)
         cells, cheaper, *changed, noted, row0, col0, row1, col1 = found.tolist()
-        top, left, bottom, end = changed if cells else (part[0], part[1], part[0], part[1])
+        top, left, bottom, end = changed if cells else (side * part[0], side * part[1]) * 2
         change = Change((top, left, bottom - top, end - left), cells, bool(cheaper))
         if keeps:
             change = change._replace(nodes=nodes[:noted].copy(), old_weights=old[:noted].copy())

@@ -9,13 +9,15 @@ import numpy as np
 from nnpp_edge.runtime.arguments import checked
 from nnpp_edge.runtime.cells import Cell
 from nnpp_edge.runtime.errors import InvalidQueryError, Status
+from nnpp_edge.runtime.kernels.nodes import octile
 from nnpp_edge.runtime.map.pyramid import coarse_shapes
 from nnpp_edge.runtime.map.state import MapState
 from nnpp_edge.runtime.memory import touch
 from nnpp_edge.runtime.network.inference import NetworkModel
+from nnpp_edge.runtime.planners.by_blocks import BlockWay, cell, over
 from nnpp_edge.runtime.planners.coarse_to_fine import CoarseToFine
 from nnpp_edge.runtime.planners.plan import DynamicMethod, Method, Source
-from nnpp_edge.runtime.planners.query import Found, Query, Work
+from nnpp_edge.runtime.planners.query import Found, Query, Work, problem_with
 from nnpp_edge.runtime.planners.searchers import AStarSearcher, MendingSearcher, RegionMender, Searcher
 from nnpp_edge.runtime.planners.standing_path import Rest
 from nnpp_edge.runtime.region.learned import LearnedRegions
@@ -93,6 +95,11 @@ class Methods:
     def descent(self) -> CoarseToFine:
         """Searches of the coarse levels."""
         return CoarseToFine(self.state, self.astar.workspace)
+
+    @cached_property
+    def blocks(self) -> BlockWay:
+        """Searches of the blocks of a coarse map."""
+        return BlockWay(self.state, self.state.omega, lambda state: Methods(state).corridor)
 
     @cached_property
     def mender(self) -> RegionMender:
@@ -178,6 +185,8 @@ class Methods:
         widths: tuple[CorridorWidth, CorridorWidth] | None = None,
     ) -> Found:
         """A path in a corridor around the coarse path, else in a wider one, else on the whole map."""
+        if self.state.unseen is not None and (found := self._by_blocks(query, work)) is not None:
+            return found
         self.state.pyramid_by(query.deadline)
         by_robot = (BODY_CORRIDOR, WIDENED_BODY_CORRIDOR) if self.has_poses else (CORRIDOR, WIDENED_CORRIDOR)
         if self.has_arcs:
@@ -215,6 +224,27 @@ class Methods:
         if self.keeps_field and self.has_arcs and found.search.status is Status.OK:
             self.astar.keep_field(query.goal, found)
         return found
+
+    def _by_blocks(self, query: Query, work: Work) -> Found | None:
+        """A path over cells as far as these were seen, and over blocks' middles beyond; None if none leads on."""
+        state, grid = self.state, self.state.grid
+        assert state.unseen is not None
+        way = self.blocks  # before what is new is read: it begins with all
+        if (part := state.unseen.read(grid)) is not None:
+            way.changed(part)
+        if (found := way.find(query, work)) is None:
+            return None
+        stops, first, region = found
+        near = query._replace(goal=cell(stops[first]))
+        if problem_with(grid, near.start, near.goal) is not None:
+            return None
+        search = self.astar.search(near, work, region)
+        if search.status is not Status.OK:
+            return None
+        path = np.concatenate((search.path[:-1], over(stops[first:])))
+        bound = float(octile.py_func(*query.start, *query.goal, *grid.prices))
+        answer = Found.of(grid, Search(Status.OK, path, 0, bound), Source.REGION, None, work)
+        return answer if answer.cost < math.inf else None
 
     def rejoin(self, query: Query, work: Work, rest: Rest) -> Found | None:
         """A way to a place ahead on the path of arcs that stood, and on along that; None where a search is due.

@@ -82,6 +82,36 @@ class Planner(OnMap):
         rest.setdefault("warn", True)
         return cls(Ground.of_elevation(dem, cell_size_m, traversability, **own), **rest)
 
+    @classmethod
+    def of_coarse(
+        cls,
+        dem: Float2D,
+        cell_size_m: float,
+        factor: int,
+        traversability: Traversability | None = None,
+        *,
+        prior: str = "slope",
+        **options: Unpack[PlannerOptions],
+    ) -> "Planner":
+        """A planner of ground that is known coarsely, and finely where `update_elevation` has told it.
+
+        Start, goal, path and patches are counted in the fine cells. A cell that nobody has seen counts by its block's
+        expected price, and never as checked: `Plan.known` says how far a path leads over cells that were seen.
+
+        Parameters
+        ----------
+        dem : (H, W) float
+            Mean elevation in metres of blocks of `factor` × `factor` cells, NaN where unknown.
+        cell_size_m : float
+            Side of a block.
+        prior : str
+            See `Ground.prior`.
+        **options
+            As for `of_elevation`, as errors are.
+        """
+        own, rest = split(options)
+        return cls(Ground.of_coarse(dem, cell_size_m, factor, traversability, prior=prior, **own), **rest)
+
     @checked(InvalidQueryError)
     @one_at_a_time
     def prepare(self, *, landmarks: int = 0, goals: Sequence[Cell] = ()) -> None:

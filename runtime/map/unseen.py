@@ -1,0 +1,89 @@
+"""Ground of which the means of blocks are known, until its cells are seen."""
+
+import numpy as np
+from numpy.typing import NDArray
+
+from nnpp_edge.runtime.arrays import Float2D
+from nnpp_edge.runtime.cells import Rectangle, enclosing, slices
+from nnpp_edge.runtime.kernels.tiles import SEEN, UNTOUCHED
+from nnpp_edge.runtime.map.grid import Grid
+from nnpp_edge.runtime.map.ground import Ground
+from nnpp_edge.runtime.map.priors import Seen, prior_named
+from nnpp_edge.runtime.terrain.traversability import relative_heights
+from nnpp_edge.runtime.tuning import BLOCKED_PRICE, MOST_PRICE
+
+
+class Unseen:
+    """The blocks of a coarse map: what has been seen of each, and the price by which its other cells count."""
+
+    def __init__(self, ground: Ground) -> None:
+        assert ground.elevation is not None and ground.cell_size_m is not None
+        self.factor, self.dem = ground.factor, relative_heights(ground.elevation)[0]
+        side_m = ground.factor * ground.cell_size_m
+        self.prior = prior_named(ground.prior, ground.traversability, side_m, ground.factor)
+        self.layers = np.zeros((2, *self.dem.shape), np.float32)
+        """(2, H, W) prices, and what is known of the heights, as `map.tiles.Tiles` takes it."""
+        self.layers[0] = self.prior.prices(self.dem)
+        self.seen = Seen(*(np.zeros(self.dem.shape, np.float32) for _ in range(3)))
+        self._new: list[Rectangle] = []
+
+    def note(self, part: Rectangle) -> None:
+        """Heights of cells in a part of the map have changed."""
+        if part[2] and part[3]:
+            (row, col, rows, cols), side = part, self.factor
+            last_row, last_col = (row + rows - 1) // side, (col + cols - 1) // side
+            row, col = row // side, col // side
+            self._new.append((row, col, last_row - row + 1, last_col - col + 1))
+
+    def read(self, grid: Grid) -> Rectangle | None:
+        """Sum up what has been seen since this was last asked; the blocks that it is of, None for none."""
+        if not self._new:
+            return None
+        assert grid.tiles is not None
+        part, side = enclosing(self._new), self.factor
+        self._new = []
+        row, col, rows, cols = part
+        for i in range(row * side, (row + rows) * side, side):
+            for j in range(col * side, (col + cols) * side, side):
+                grid.tiles.open_at(i, j)
+        cells = slices((row * side, col * side, rows * side, cols * side))
+        known = np.isfinite(grid.tiles.heights[cells])
+        known &= (self.layers[1] == SEEN)[self._blocks(*cells)]
+        costs = grid.map()[cells] / np.float32(grid.model.scale or 1.0)
+        shut = known & ~(costs < np.inf)
+        count = np.maximum(self._sums(known), 1.0)
+        blocks = slices(part)
+        self.seen.share[blocks] = self._sums(known) / np.float32(side**2)
+        self.seen.mean[blocks] = self._sums(np.where(shut, np.float32(1.0), np.where(known, costs, 0.0))) / count
+        self.seen.blocked[blocks] = self._sums(shut) / count
+        return part
+
+    def costs(self, part: Rectangle) -> Float2D:
+        """Expected price of a cell of each block of a part, what was seen of it counted; inf where all is shut."""
+        blocks, seen = slices(part), self.seen
+        share, blocked = seen.share[blocks], seen.blocked[blocks]
+        here = np.minimum(seen.mean[blocks] + np.float32(BLOCKED_PRICE) * blocked, np.float32(MOST_PRICE))
+        price: Float2D = share * here + (1.0 - share) * self.layers[0][blocks]
+        return np.where((share == 1.0) & (blocked == 1.0), np.float32(np.inf), price)
+
+    def unknown(self, rows: slice, cols: slice) -> NDArray[np.bool_]:
+        """Cells of a part of the map whose heights mean nothing."""
+        unknown: NDArray[np.bool_] = (self.layers[1] == UNTOUCHED)[self._blocks(rows, cols)]
+        return unknown
+
+    def at(self) -> Float2D:
+        """(rows, cols) the price of each cell of the map."""
+        prices: Float2D = self.layers[0][self._blocks(slice(None), slice(None))]
+        return prices
+
+    def _sums(self, cells: NDArray[np.generic]) -> Float2D:
+        """Sums over blocks."""
+        rows, cols = (side // self.factor for side in cells.shape)
+        by_block = cells.reshape(rows, self.factor, cols, self.factor)
+        sums: Float2D = by_block.sum(axis=(1, 3), dtype=np.float32)
+        return sums
+
+    def _blocks(self, rows: slice, cols: slice) -> tuple[NDArray[np.intp], ...]:
+        """Those of the cells of a part of the map, to index with."""
+        sides = zip(self.dem.shape, (rows, cols), strict=True)
+        return np.ix_(*(np.arange(side * self.factor)[part] // self.factor for side, part in sides))
