@@ -1,8 +1,9 @@
 """A robot in the simulation: what stands where, by costs or by heights. Its ground is the runtime's `Ground`."""
 
 import math
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
+import cv2
 import numpy as np
 from numpy.typing import NDArray
 
@@ -15,7 +16,27 @@ from nnpp_edge.terrain.obstacles import OBSTACLE
 
 _ROUNDING = 1e-4
 """Share of a limit by which a pose may exceed it: its heights are rounded otherwise than in the loop."""
+_SPIKE = 100.0
+"""Height of an obstacle over all ground, in sides of a cell, on ground that is known coarsely."""
 _LIMITS = ("clearance_m", "max_tilt_deg", "max_pitch_deg", "max_roll_deg", "max_step_m")
+
+
+@dataclass(frozen=True, eq=False)
+class Known:
+    """A coarse map, all that a robot knows before it sees the ground."""
+
+    means: Float2D
+    """(H, W) mean elevations of blocks, metres."""
+    factor: int
+    """Cells to the side of a block."""
+    prior: str
+
+    @classmethod
+    def of(cls, elevation: Float2D, factor: int, prior: str) -> "Known":
+        """Of heights, whose sides the factor divides."""
+        rows, cols = (side // factor for side in elevation.shape)
+        means = elevation.reshape(rows, factor, cols, factor).mean((1, 3), dtype=np.float64)
+        return cls(means.astype(np.float32), factor, prior)
 
 
 class Robot:
@@ -26,7 +47,8 @@ class Robot:
     for a robot as large as a cell by each cell's cost, else by a grid that is made anew.
     """
 
-    def __init__(self, ground: Ground) -> None:
+    def __init__(self, ground: Ground, known: "Known | None" = None) -> None:
+        self._known = known
         self._ground, self.vehicle, self.sides_m = ground, ground.vehicle, ground.sides_m
         self._by_costs, self._eased, self.reach = ground.elevation is None, ground, 0
         """Cells from its own to the farthest that lies under it."""
@@ -47,7 +69,8 @@ class Robot:
         To a body it is higher above every cell than the body is long: no pose reaches from the ground onto it.
         """
         if self._by_costs or (body := self.vehicle) is None:
-            return OBSTACLE if self._by_costs else math.nan
+            spike = float(np.nanmax(values)) + _SPIKE * max(self.sides_m)
+            return OBSTACLE if self._by_costs else math.nan if self._known is None else spike
         return float(np.nanmax(values)) + body.length_m + body.clearance_m + body.step_m
 
     def stands(self, values: Float2D, cell: Cell) -> bool:
@@ -68,7 +91,11 @@ class Robot:
         if self._by_costs:
             return values
         if self.vehicle is None:
-            return self.ground(values).costs()
+            costs = _with(self._ground, values).costs()
+            if self._known is None:
+                return costs
+            known = cv2.erode(np.isfinite(values).astype(np.uint8), np.ones((3, 3), np.uint8))
+            return np.where(known, costs, np.float32(0.0))
         (height, width), rule = self.sides_m, self._ground.traversability
         poses = pose_costs(values, height, self.vehicle, cell_width_m=width, traversability=rule)
         best: Float2D = poses.min(0)
@@ -76,6 +103,10 @@ class Robot:
 
     def ground(self, values: Float2D) -> Ground:
         """Itself on the map, for planners and the onboard loop."""
+        if (known := self._known) is not None:
+            limits, (height_m, width_m) = self._ground.traversability, (known.factor * side for side in self.sides_m)
+            place = known.means, height_m, known.factor, limits
+            return Ground.of_coarse(*place, prior=known.prior, cell_width_m=width_m)
         return _with(self._ground, values)
 
     def patch(self, row: int, col: int, values: Float2D) -> MapPatch:

@@ -15,7 +15,7 @@ from nnpp_edge.runtime.cells import Cell, Rectangle, slices, widened
 from nnpp_edge.runtime.errors import InvalidMapError, InvalidQueryError
 from nnpp_edge.runtime.loop.messages import Input
 from nnpp_edge.runtime.map.step_cost import StepCost
-from nnpp_edge.simulation.robots import Robot
+from nnpp_edge.simulation.robots import Known, Robot
 from nnpp_edge.terrain.obstacles import CLEAR, Obstacles
 
 
@@ -27,6 +27,8 @@ class SurveyedGround:
     """As it is."""
     surveyed: Float2D
     """(H, W) of heights that are blurred, or lack the rocks; of the kind that the ground holds."""
+    known: Known | None = None
+    """What is known in place of a survey: means of blocks."""
 
     @classmethod
     def of(cls, ground: Ground, block: int, bare: Float2D | None = None) -> "SurveyedGround":
@@ -48,10 +50,19 @@ class SurveyedGround:
         costs = replace(ground, elevation=surveyed).costs()
         return cls(replace(ground, cost=ground.costs(), elevation=None), costs)
 
+    @classmethod
+    def of_known(cls, ground: Ground, factor: int, prior: str) -> "SurveyedGround":
+        """Of heights whose sides the factor divides, of which the robot knows the means of blocks."""
+        assert ground.elevation is not None
+        if ground.vehicle is not None or ground.by_slope:
+            raise InvalidMapError("ground is known coarsely to points so far: wanted step_cost='paper', no vehicle")
+        nothing = np.full(ground.shape, np.nan, np.float32)
+        return cls(ground, nothing, Known.of(ground.elevation, factor, prior))
+
     @cached_property
     def robot(self) -> Robot:
         """The robot that drives on it."""
-        return Robot(self.ground)
+        return Robot(self.ground, self.known)
 
     @property
     def true(self) -> Float2D:
@@ -97,7 +108,8 @@ class Scene:
         self._sight, self._speed, self._changes = sight + under, speed, changes
         self.known = ground.surveyed.copy()
         """(H, W) what has been seen or surveyed, without obstacles."""
-        self._see(goal)
+        if ground.known is None:
+            self._see(goal)
         self.seen = self._see(start)
         """The part of the map in sight."""
         self.now = ground.true.copy()

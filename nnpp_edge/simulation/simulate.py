@@ -91,6 +91,7 @@ class Drive:
         values: dict[str, object] = asdict(self) | {"excess": self.excess, "cells": len(self.driven)}
         for name in ("driven", "optimal", "counters"):
             del values[name]
+        values["omniscient_cost"] = self.optimal_cost
         return values | {name: getattr(self.counters, name) for name in _COUNTED}
 
 

@@ -89,8 +89,11 @@ def _weigh(source, area, out, first, stride):
                 block, end = row // side * blocks + col // side, min((col // side + 1) * side, col1)
                 price, known = np.float32(unseen[block] * rule[SCALE]), unseen[len(unseen) // 2 + block] == SEEN
                 for c in range(col, end):
+                    at = first + row * stride + c
                     if not (known and abs(heights[row * shape[1] + c]) < np.inf):
-                        out[first + row * stride + c] = price
+                        out[at] = price
+                    elif out[at] == np.inf and not _all_known(heights, shape, row, c):
+                        out[at] = max(price, np.float32(rule[SCALE]))
                 col = end
     if counts[ANY_TOLD] == 0:
         return
@@ -101,6 +104,16 @@ def _weigh(source, area, out, first, stride):
                 at = first + row * stride + col
                 weight = np.float32(cost * rule[SCALE]) if cost < 1.0 else np.float32(np.inf)
                 out[at] = max(out[at], weight)
+
+
+@helper
+def _all_known(heights, shape, row, col):
+    """Whether a cell's neighbours are known: else a slope too steep may be that of a part of them."""
+    for i in range(max(row - 1, 0), min(row + 2, shape[0])):
+        for j in range(max(col - 1, 0), min(col + 2, shape[1])):
+            if not abs(heights[i * shape[1] + j]) < np.inf:
+                return False
+    return True
 
 
 @helper

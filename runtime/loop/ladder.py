@@ -206,6 +206,8 @@ class Ladder:
         if plan.states is not None:
             states, headings = tuple(plan.states.tolist()), tuple(plan.headings_deg.tolist())
             found = replace(found, states=states, arcs=plan.arcs, headings=headings)
+        if (state := self._planner.state).unseen is not None:
+            found = replace(found, known=state.known_along(path))
         if version == tick.known.map_version:
             found = replace(found, waypoints=plan.waypoints, line_cost=plan.line_cost)
             return replace(found, cost=plan.cost, lower_bound=plan.lower_bound)

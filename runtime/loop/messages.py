@@ -159,6 +159,8 @@ class PathMessage:
     """Of a body that drives arcs, as in `Plan`; empty of others."""
     headings: tuple[float, ...] = ()
     """Degrees in which it stands on each cell."""
+    known: int | None = None
+    """Cells of the path, from its first on, that are known; None where the map is known finely."""
 
     def __post_init__(self) -> None:
         if (self.outcome is Status.OK) != bool(cells := len(self.path)):
@@ -193,6 +195,8 @@ class PathMessage:
         }
         if not self.states:
             del fields["states"], fields["arcs"], fields["headings"]
+        if self.known is None:
+            del fields["known"]
         if self.waypoints is None:
             del fields["waypoints"], fields["line_cost"]
             return fields

@@ -242,6 +242,13 @@ class MapState:
         unknown = np.zeros(self.shape, np.bool_) if self._unknown is None else self._unknown
         return unknown[rows, cols].copy()
 
+    def known_along(self, path: NDArray[np.int32]) -> int:
+        """How many cells of a path (N, 2), from its first on, are no unseen ones of a coarse map."""
+        if self.unseen is None or self._heights is None:
+            return len(path)
+        unknown = ~np.isfinite(self._heights[path[:, 0], path[:, 1]]) | self.unseen.unknown_at(path)
+        return int(unknown.argmax()) if unknown.any() else len(path)
+
     @property
     def room(self) -> Room:
         """Obstacles that lines must keep away from, see `kernels.any_angle`."""

@@ -66,9 +66,19 @@ class Unseen:
         price: Float2D = share * here + (1.0 - share) * self.layers[0][blocks]
         return np.where((share == 1.0) & (blocked == 1.0), np.float32(np.inf), price)
 
+    @property
+    def nothing_left(self) -> bool:
+        """Whether all cells have been seen, as far as this was asked for."""
+        return bool((self.seen.share == 1.0).all())
+
     def unknown(self, rows: slice, cols: slice) -> NDArray[np.bool_]:
         """Cells of a part of the map whose heights mean nothing."""
         unknown: NDArray[np.bool_] = (self.layers[1] == UNTOUCHED)[self._blocks(rows, cols)]
+        return unknown
+
+    def unknown_at(self, path: NDArray[np.int32]) -> NDArray[np.bool_]:
+        """As `unknown`, of the cells (N, 2) of a path."""
+        unknown: NDArray[np.bool_] = self.layers[1][tuple(path.T // self.factor)] == UNTOUCHED
         return unknown
 
     def at(self) -> Float2D:

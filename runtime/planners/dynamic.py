@@ -68,6 +68,8 @@ class DynamicChooser:
 
     def _against_mending(self, query: Query) -> str:
         """Why a search afresh is expected to be faster than repairing the last one; empty where it is not."""
+        if self._methods.state.unseen is not None:
+            return "the ground is known coarsely"
         changes, reach = self._changes.peek(), MEND_WITHIN * query.apart
         if self._path.plan is None:
             return "there is no earlier search to repair"
@@ -149,6 +151,22 @@ class DynamicPlanner(OnMap):
         ground = Ground.of_elevation(dem, cell_size_m, traversability, **own)
         return cls(ground, goal, method, refine=refine, **rest)
 
+    @classmethod
+    def of_coarse(
+        cls,
+        dem: Float2D,
+        cell_size_m: float,
+        factor: int,
+        goal: Cell,
+        traversability: Traversability | None = None,
+        *,
+        prior: str = "slope",
+        **options: Unpack[PlannerOptions],
+    ) -> "DynamicPlanner":
+        """A planner of ground that is known coarsely, as `Planner.of_coarse`."""
+        own, rest = split(options)
+        return cls(Ground.of_coarse(dem, cell_size_m, factor, traversability, prior=prior, **own), goal, **rest)
+
     def _make(self) -> None:
         """Of a standing path's plan nothing but its bound is forgotten."""
         super()._make()
@@ -156,7 +174,9 @@ class DynamicPlanner(OnMap):
         self._methods.keeps_field = True
         self._path = StandingPath(self._state)
         self._chooser = DynamicChooser(self._methods, self._path)
-        if not self.method.whole_map:
+        if self._state.unseen is not None:
+            _ = self._methods.blocks
+        elif not self.method.whole_map:
             _ = self._methods.descent  # pooled now, so that the first plan does not wait for it
         if (standing := self._standing) is not None and tuple(standing.path[-1]) == self._goal:
             with suppress(InvalidQueryError):  # it may not be walkable any more
@@ -224,6 +244,8 @@ class DynamicPlanner(OnMap):
 
         The system is made to back all of the planner's arrays with memory, so that no later answer waits for that.
         """
+        if self._state.unseen is not None:  # memory goes by what is seen
+            return
         touch(self._methods.astar.workspace, self._path)
         self._methods.descent.touch()
         if self.method is DynamicMethod.DSTAR:

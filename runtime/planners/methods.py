@@ -134,6 +134,8 @@ class Methods:
         if (wanted := Method(method)) is Method.AUTO:
             if self.has_arcs:
                 return Method.CORRIDOR, "arcs are checked where the corridor leads"
+            if self.state.unseen is not None:
+                return Method.CORRIDOR, "over blocks where the ground is known coarsely"
             return pick_method(self.state.shape, self.regions.model, self.has_poses, query.apart)
         unasked = wanted is Method.NNPP and self.has_poses
         return wanted, _UNASKED if unasked else ""
@@ -232,6 +234,8 @@ class Methods:
         way = self.blocks  # before what is new is read: it begins with all
         if (part := state.unseen.read(grid)) is not None:
             way.changed(part)
+        if state.unseen.nothing_left:
+            return None
         if (found := way.find(query, work)) is None:
             return None
         stops, first, region = found

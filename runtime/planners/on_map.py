@@ -224,8 +224,9 @@ class OnMap:
     @one_at_a_time
     def touch(self) -> None:
         """Have the system back the planner's arrays with memory now, rather than when they are first written to."""
-        touch(self._methods.astar.workspace)
-        self._methods.descent.touch()
+        if self._state.unseen is None:
+            touch(self._methods.astar.workspace)
+            self._methods.descent.touch()
 
     def _answer(
         self,

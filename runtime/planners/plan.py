@@ -141,6 +141,8 @@ class Plan:
     more where it came backwards and a change of gear costs; None of others, as cells tell it."""
     vehicle: Vehicle | None = field(default=None, repr=False)
     """That body."""
+    known: int = 0
+    """Cells from the path's first on that are known and checked: all, but on ground that is known coarsely."""
     timings_ms: dict[str, float] = field(default_factory=dict)
     """Milliseconds by stage, and ``total``."""
 
@@ -186,7 +188,8 @@ class Plan:
 
     def rest(self, first: int) -> "Plan":
         """The plan with the rest of its path, from one of its cells on."""
-        return replace(self, path=self.path[first:], states=None if self.states is None else self.states[first:])
+        states = None if self.states is None else self.states[first:]
+        return replace(self, path=self.path[first:], states=states, known=max(self.known - first, 0))
 
     @property
     def waypoint_headings_deg(self) -> NDArray[np.float64]:

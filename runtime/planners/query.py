@@ -209,6 +209,7 @@ class Found(NamedTuple):
             along=None if state is None else state.along(path),
             states=states,
             vehicle=None if states is None or state is None else state.vehicle,
+            known=len(path) if state is None else state.known_along(path),
         )
         work.stage_ends("path")  # the plan's own making counts
         work.timings_ms["total"] = work.total_ms()
