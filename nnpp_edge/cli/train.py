@@ -72,7 +72,7 @@ def command(
     os.environ.setdefault("OMP_WAIT_POLICY", "PASSIVE")
     import torch
 
-    from nnpp_edge.terrain.dataset import Samples, read_known, read_recipe, read_samples
+    from nnpp_edge.terrain.dataset import read_known, read_recipe, read_samples
     from nnpp_edge.training.train import TrainSettings, train
     from nnpp_edge.viz.figures import training_curves
 
@@ -81,11 +81,12 @@ def command(
     preset = PRESETS[architecture]
     size = input_size or preset.input_size
     unseen = preset.encoding == "unseen"
-
-    def samples() -> tuple[Samples, Samples]:
-        return read_samples(dataset, size=size), read_samples(validation)
-
     first = int(os.environ.get("RANK", "0")) == 0
+    training, judged_on = (
+        (read_known(dataset), read_known(validation))
+        if unseen
+        else (read_samples(dataset, size=size), read_samples(validation))
+    )
     with bar("train", _PARTS) if first else nullcontext(lambda done: None) as advance:
         checkpoint = train(
             replace(preset, sigma=sigma, input_size=size),
@@ -94,7 +95,8 @@ def command(
                 time_limit_s=60.0 * (time_limit or math.inf),
                 validate_every_s=60.0 * validate_every,
             ),
-            *((read_known(dataset), read_known(validation)) if unseen else samples()),
+            training,
+            judged_on,
             output,
             omega=read_recipe(dataset).omega,
             begin_with=begin_with,

@@ -11,7 +11,7 @@ SIZE_STEP = 4
 
 
 class UnseenNet(nn.Module):
-    """Down to a quarter of the resolution and up again; `widths` are the channels at full, half and a quarter of it."""
+    """Down to a quarter of the resolution and up again; `widths` are the channels at full, half and quarter."""
 
     def __init__(self, input_size: int = 64, widths: tuple[int, int, int] = (32, 48, 48)) -> None:
         super().__init__()

@@ -57,8 +57,10 @@ class KnownMaps:
     def seen(self, at: int, mask: NDArray[np.bool_]) -> Seen:
         """Blocks of one map, of whose parts (4B, 4B) these were seen."""
         share = pooled(mask.astype(np.float32))
-        over = np.float32(1.0 / 255.0) / np.maximum(share, np.float32(1e-6))
-        mean, blocked = (pooled(each[at] * mask) * over for each in (self.mean, self.blocked))
+        parts = np.maximum(share, np.float32(1e-6)) * np.float32(255.0)
+        mean, blocked = (
+            np.divide(pooled(each[at] * mask), parts, dtype=np.float32) for each in (self.mean, self.blocked)
+        )
         return Seen(mean, blocked, share)
 
     def answers(self, at: int) -> Floats:

@@ -1,7 +1,6 @@
 """Batches of coarse maps with random tracks of what has been seen, and how well the answers fit."""
 
 import math
-import os
 from collections import deque
 from collections.abc import Iterator
 from concurrent.futures import Future, ThreadPoolExecutor
@@ -59,7 +58,7 @@ class KnownBatches:
                 yield ahead.popleft().result()
 
 
-def stacked(samples: list[tuple[Floats, Floats]]) -> Batch:
+def stacked(samples: list[tuple[Floats, Floats]]) -> tuple[Floats, Floats, Floats]:
     """A batch; the query of these networks is empty."""
     planes, targets = (np.stack(each) for each in zip(*samples, strict=True))
     return planes, np.empty((len(samples), 0), np.float32), targets
@@ -126,12 +125,13 @@ class KnownValidator:
 
     def rows(self, network: Network) -> dict[str, float]:
         """For a training's history."""
-        fit = self.judge(probabilities(network, self.planes))
+        fit = fit_of(probabilities(network, self.planes), self.targets)
         return {"rmse_mean": fit.mean, "rmse_blocked": fit.blocked, "rmse_closed": fit.closed}
 
-    def judge(self, answers: Floats) -> Fit:
-        """Of the answers (N, 3, B, B) for all the maps."""
-        return Fit(*np.sqrt(np.nanmean((answers - self.targets) ** 2, axis=(0, 2, 3))).tolist())
+
+def fit_of(answers: Floats, targets: Floats) -> Fit:
+    """Of answers (N, 3, B, B) to targets that are NaN where all was seen."""
+    return Fit(*np.sqrt(np.nanmean((answers - targets) ** 2, axis=(0, 2, 3))).tolist())
 
 
 @torch.no_grad()

@@ -86,9 +86,10 @@ class NetworkModel:
         return self._answer
 
     def answers(self) -> NDArray[np.float32]:
-        """Of a network that prices unseen ground, for what lies in its input: (3, S, S) float32, until the next call."""
+        """Of a network that prices unseen ground, for its input: (3, S, S) float32, until the next call."""
         self._infer()
-        return self._outputs[OUTPUT][0]
+        answers: NDArray[np.float32] = self._outputs[OUTPUT][0]
+        return answers
 
     def try_out(self) -> None:
         """Answer some query by all of the network: ModelError where its graph fails."""

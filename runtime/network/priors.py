@@ -1,8 +1,8 @@
 """Prices of ground that nobody has seen: what crossing a block of a coarse map is expected to cost.
 
 A block's price is in units of T a fine cell: a straight step through it costs L + 2 · 255 · ω · price. It is finite.
-Where a block is likely to hold impassable cells it is above 1, up to `MOST_PRICE`: a way through it may turn out to be
-a dead end, which costs more than any ground. Blocks of unknown elevation have that price.
+Where a block is likely to hold impassable cells it is above 1, up to `MOST_PRICE`: a way through it may turn out to
+be a dead end, which costs more than any ground. Blocks of unknown elevation have that price.
 """
 
 from collections.abc import Iterator
@@ -38,7 +38,7 @@ def prior_named(
 ) -> Prior:
     """The prior of that name, for blocks of `cell_size_m` and `factor` × `factor` cells.
 
-    InvalidQueryError for another name; ModelError where the network's `model` cannot be loaded, or is of another kind.
+    InvalidQueryError for another name; ModelError where the network's `model` cannot be loaded or is another kind.
     """
     if name == "network":
         return NetworkPrior(model, traversability, cell_size_m, factor)
@@ -108,7 +108,6 @@ class NetworkPrior:
         self._shown_by = traversability, cell_size_m, factor
         side = self.network.metadata.input_size
         self._dem = np.empty((side, side), np.float32)
-        self._seen = Seen(*np.zeros((3, side, side), np.float32))
 
     def prices(self, dem: Float2D, seen: Seen | None = None) -> Float2D:
         """As of `Prior`; maps larger than the network's input are shown to it window by window."""
@@ -129,15 +128,12 @@ class NetworkPrior:
         rows, cols = dem.shape
         self._dem[:] = np.nan
         self._dem[:rows, :cols] = dem
+        padded = None
         if seen is not None:
-            for own, given in zip(
-                (self._seen.mean, self._seen.blocked, self._seen.share),
-                (seen.mean, seen.blocked, seen.share),
-                strict=True,
-            ):
-                own[:] = 0.0
+            padded = Seen(*np.zeros((3, *self._dem.shape), np.float32))
+            for own, given in zip(padded.planes, seen.planes, strict=True):
                 own[:rows, :cols] = given
-        encode_unseen(self._dem, seen and self._seen, *self._shown_by, self.network.inputs["input"][0])
+        encode_unseen(self._dem, padded, *self._shown_by, self.network.inputs["input"][0])
         return self.network.answers()
 
 

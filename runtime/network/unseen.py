@@ -38,14 +38,23 @@ class Seen:
     share: Float2D
     """Share of the block's cells that was seen."""
 
+    @property
+    def planes(self) -> tuple[Float2D, Float2D, Float2D]:
+        """All three."""
+        return self.mean, self.blocked, self.share
+
+    def part(self, of: tuple[slice, slice]) -> "Seen":
+        """Those of some blocks."""
+        return Seen(*(plane[of] for plane in self.planes))
+
 
 def expected_by_slope(
     slope: NDArray[np.floating], limits: Traversability, factor: int, numbers: SlopePrice = _NUMBERS
 ) -> tuple[NDArray[np.floating], NDArray[np.floating]]:
     """Mean T, impassable cells apart, and share of impassable cells of blocks by their coarse slope (rad).
 
-    T rises with the slope up to the limit φ_s. Where slopes are limited the share is a logistic function of the slope,
-    the broader the more cells a block has.
+    T rises with the slope up to the limit φ_s. Where slopes are limited the share is a logistic function of the
+    slope, the broader the more cells a block has.
     """
     mean = numbers.floor + numbers.gain * np.minimum(slope / math.radians(limits.slope_limit_deg), 1.0)
     if not limits.hard_slope_deg < math.inf:
@@ -104,10 +113,11 @@ def _mean(height: Float2D, known: Float2D, blocks: int) -> Float2D:
         cv2.boxFilter(plane, cv2.CV_32F, (blocks, blocks), normalize=False, borderType=cv2.BORDER_CONSTANT)
         for plane in (height, known)
     )
-    mean: Float2D = total / np.maximum(count, np.float32(1e-6))
+    mean: Float2D = np.divide(total, np.maximum(count, np.float32(1e-6)), dtype=np.float32)
     return mean
 
 
 def _soft(x: NDArray[np.floating]) -> NDArray[np.floating]:
     """Into (-1, 1), finest around 0."""
-    return x / (1.0 + np.abs(x))
+    soft: NDArray[np.floating] = x / (1.0 + np.abs(x))
+    return soft
