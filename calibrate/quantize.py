@@ -1,8 +1,9 @@
 """An int8 model made from an fp32 model, and measured against it: speed, agreement, and what a search makes of it."""
 
 import time
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import astuple, dataclass, replace
+from functools import partial
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
@@ -21,9 +22,12 @@ from nnpp_edge.model.registry import Spec
 from nnpp_edge.runtime.errors import DataSetError, InvalidQueryError, ModelError, OutputError
 from nnpp_edge.runtime.network.inference import NetworkModel
 from nnpp_edge.runtime.network.model_file import METADATA_KEY
-from nnpp_edge.terrain.dataset import Samples, read_recipe, read_samples
+from nnpp_edge.runtime.network.unseen import ANSWERS
+from nnpp_edge.terrain.dataset import Samples, read_known, read_recipe, read_samples
+from nnpp_edge.training.unseen import Fit, KnownValidator, fit_of
 from nnpp_edge.training.validation import Judgement, Validator
 
+Floats = NDArray[np.float32]
 OPERATORS = ("Conv", "Relu", "Add", "Resize", "Concat", "AveragePool", "MaxPool")
 """Kinds of nodes that have an int8 kernel on CPUs, so that their QDQ pairs disappear."""
 HELD_OUT = 256
@@ -38,6 +42,8 @@ SUCCESS_LIMIT = 0.01
 """The most that it may take from the share of queries with a path inside the region."""
 DIFFERENCE_LIMIT = 0.005
 """Mean difference of the probabilities from which on it is another network: about one of the region's 256 levels."""
+ERROR_LIMIT = 0.02
+"""The most by which the errors of prices may grow, as a share of them."""
 HELD_OUT_SHARE = 4
 """Of a data set's maps, one in this many is held out to judge on."""
 
@@ -88,6 +94,34 @@ class Comparison:
 
 
 @dataclass(frozen=True)
+class FitComparison:
+    """Two models that price unseen ground, on the same maps of which parts were seen."""
+
+    queries: int
+    """Maps."""
+    mean_difference: float
+    max_difference: float
+    fp32: Fit
+    int8: Fit
+    fp32_latency: Latency
+    int8_latency: Latency
+
+    @property
+    def speed_up(self) -> float:
+        """Ratio of the medians."""
+        return self.fp32_latency.median_ms / self.int8_latency.median_ms
+
+    def recommendation(self) -> str:
+        """One plain sentence that begins with ``int8`` or ``keep fp32``."""
+        grown = max(after / before - 1.0 for before, after in zip(*map(astuple, (self.fp32, self.int8)), strict=True))
+        said = (
+            f"{self.speed_up:.2f} times as fast on this machine, and its errors grow by {100 * grown:.1f} % at most"
+        )
+        pays = self.speed_up >= WORTH_IT and grown <= ERROR_LIMIT
+        return f"{'int8' if pays else 'keep fp32: int8 is'}{':' * pays} {said}."
+
+
+@dataclass(frozen=True)
 class QuantizeReport:
     """The model made, and how it compares with the model that it was made from."""
 
@@ -101,7 +135,7 @@ class QuantizeReport:
     """Convolutions in int8."""
     fp32_bytes: int
     int8_bytes: int
-    compared: Comparison
+    compared: Comparison | FitComparison
     recommendation: str
 
     def to_json(self) -> str:
@@ -146,9 +180,16 @@ def quantize(
         raise ModelError(f"{fp32.path}: wanted an fp32 model, got one of {fp32.metadata.precision}")
     if output.resolve() == fp32.path.resolve():
         raise InvalidQueryError(f"{output}: wanted another file than the fp32 model")
-    pool = read_samples(dataset, most_maps=2 * samples, size=size)
-    pool, held_out = (pool, read_samples(validation, size=size)) if validation else split(pool, seed)
-    calibration = spread(pool, samples, seed)
+    calibration: Samples | Floats
+    compare_on: Callable[[NetworkModel], Comparison | FitComparison]
+    if fp32.metadata.encoding == "unseen":
+        calibration, held_out_planes, targets = known_planes(dataset, validation, samples, size, seed)
+        compare_on = partial(compare_fits, fp32, planes=held_out_planes, targets=targets, rounds=rounds)
+    else:
+        pool = read_samples(dataset, most_maps=2 * samples, size=size)
+        pool, held_out = (pool, read_samples(validation, size=size)) if validation else split(pool, seed)
+        calibration = spread(pool, samples, seed)
+        compare_on = partial(compare, fp32, samples=held_out, most=HELD_OUT, rounds=rounds)
     versions = {"nnpp_edge": __version__, "onnxruntime": ort.__version__, "onnx": onnx.__version__}
     facts: dict[str, object] = {"samples": len(calibration), "seed": seed, "dataset_seed": read_recipe(dataset).seed}
     facts |= {"method": "minmax", "reduce_range": True, "excluded": list(exclude), "versions": versions}
@@ -156,7 +197,7 @@ def quantize(
         made, quantised = quantised_graph(fp32, calibration, Path(folder), exclude)
         path = Path(folder) / "int8.onnx"
         path.write_bytes(_with_facts(made, fp32, facts))
-        compared = compare(fp32, NetworkModel(path), held_out, HELD_OUT, rounds)
+        compared = compare_on(NetworkModel(path))
     figures = {name: getattr(compared, name) for name in ("queries", "mean_difference", "max_difference")}
     content = _with_facts(made, fp32, facts | {"agreement": figures})
     write_whole(output, content)
@@ -166,7 +207,7 @@ def quantize(
 
 
 def quantised_graph(
-    fp32: NetworkModel, samples: Samples, folder: Path, exclude: Sequence[str] = ()
+    fp32: NetworkModel, samples: Samples | Floats, folder: Path, exclude: Sequence[str] = ()
 ) -> tuple[onnx.ModelProto, int]:
     """A model's int8 variant, calibrated on all of `samples`, and the number of convolutions in int8.
 
@@ -205,7 +246,7 @@ def quantised_graph(
 class _Reader(quantization.CalibrationDataReader):  # type: ignore[misc]  # onnxruntime has no types
     """Inputs of a network for all queries of `samples`, one at a time, as `model` lays them out."""
 
-    def __init__(self, model: NetworkModel, samples: Samples) -> None:
+    def __init__(self, model: NetworkModel, samples: Samples | Floats) -> None:
         self.model, self.samples, self.queries = model, samples, iter(range(len(samples)))
 
     def get_next(self) -> dict[str, NDArray[np.generic]] | None:
@@ -241,11 +282,58 @@ def compare(fp32: NetworkModel, int8: NetworkModel, samples: Samples, most: int,
     return Comparison(len(queries), *figures, one, other, *latencies(fp32, int8, queries, rounds))
 
 
-def answer(model: NetworkModel, samples: Samples, query: int) -> NDArray[np.float32]:
-    """A network's probabilities for a query on its map; they, and the inputs, stay until the next."""
+def known_planes(
+    dataset: Path, validation: Path | None, count: int, size: int, seed: int
+) -> tuple[Floats, Floats, Floats]:
+    """Planes to calibrate on, and planes and targets to judge on, of maps known by their blocks."""
+    maps = read_known(dataset)
+    calibration, judged = (
+        KnownValidator(maps, 2 * count),
+        KnownValidator(read_known(validation) if validation else maps),
+    )
+    order = np.random.default_rng([seed, 1]).permutation(len(calibration.planes))
+    pick, rest = order[:count], slice(None) if validation else np.setdiff1d(order, order[:count])
+
+    def sized(planes: Floats) -> Floats:
+        """At the network's size, the rest unknown."""
+        out = np.zeros((*planes.shape[:2], size, size), np.float32)
+        side = min(size, planes.shape[-1])
+        out[..., :side, :side] = planes[..., :side, :side]
+        return out
+
+    if not validation:
+        judged = calibration
+    targets = np.full((len(judged.targets), ANSWERS, size, size), np.nan, np.float32)
+    side = min(size, judged.targets.shape[-1])
+    targets[..., :side, :side] = judged.targets[..., :side, :side]
+    return sized(calibration.planes[pick]), sized(judged.planes)[rest], targets[rest]
+
+
+def compare_fits(
+    fp32: NetworkModel, int8: NetworkModel, *, planes: Floats, targets: Floats, rounds: int
+) -> FitComparison:
+    """Compare two models that price unseen ground on planes (N, C, S, S), and time each `rounds` times."""
+    p, q = (np.array([answer(model, planes, at).copy() for at in range(len(planes))]) for model in (fp32, int8))
+    difference = np.abs(p - q)[np.isfinite(targets)]
+    figures = float(difference.mean()), float(difference.max())
+    return FitComparison(
+        len(planes), *figures, fit_of(p, targets), fit_of(q, targets), *latencies(fp32, int8, planes, rounds)
+    )
+
+
+def shown(model: NetworkModel, samples: Samples | Floats, query: int) -> Callable[[], Floats]:
+    """Show a network the map of a query, or planes; what runs it. Inputs and answers stay until the next."""
+    if isinstance(samples, np.ndarray):
+        model.inputs["input"][0] = samples[query]
+        return model.answers
     planes, start, goal = samples.query(query)
     model.set_map(planes)
-    return model.answer(start, goal)
+    return partial(model.answer, start, goal)
+
+
+def answer(model: NetworkModel, samples: Samples | Floats, query: int) -> Floats:
+    """The answer as of `shown`."""
+    return shown(model, samples, query)()
 
 
 def probabilities(model: NetworkModel, samples: Samples) -> NDArray[np.float32]:
@@ -256,16 +344,17 @@ def probabilities(model: NetworkModel, samples: Samples) -> NDArray[np.float32]:
     return out
 
 
-def latencies(one: NetworkModel, other: NetworkModel, samples: Samples, rounds: int) -> tuple[Latency, Latency]:
+def latencies(
+    one: NetworkModel, other: NetworkModel, samples: Samples | Floats, rounds: int
+) -> tuple[Latency, Latency]:
     """Time two models in turns on the same queries, so that whatever else the machine does slows both."""
     times: tuple[list[float], list[float]] = ([], [])
     models = (one, other)
     for at in range(-max(3, rounds // 10), rounds):
         for which in (0, 1) if at % 2 else (1, 0):
-            planes, start, goal = samples.query(at % len(samples))
-            models[which].set_map(planes)
+            run = shown(models[which], samples, at % len(samples))
             started = time.perf_counter()
-            models[which].answer(start, goal)
+            run()
             if at >= 0:
                 times[which].append(1e3 * (time.perf_counter() - started))
     a, b = (Latency(float(np.median(t)), float(np.percentile(t, 99))) for t in times)

@@ -17,6 +17,7 @@ import msgspec
 import numpy as np
 import onnx
 import torch
+from numpy.typing import NDArray
 from onnxscript import optimizer
 from torch import Tensor, nn
 
@@ -33,6 +34,7 @@ from nnpp_edge.runtime.map.step_cost import PAPER_OMEGA
 from nnpp_edge.runtime.network.inference import NetworkModel
 from nnpp_edge.runtime.network.loading import ASK, HEAD, OUTPUT, PLACES
 from nnpp_edge.runtime.network.model_file import METADATA_KEY, QUERY_SPACING, ModelMetadata
+from nnpp_edge.runtime.network.unseen import CHANNELS
 from nnpp_edge.runtime.reading import refused_as
 from nnpp_edge.runtime.terrain.traversability import Traversability
 from nnpp_edge.terrain.dataset import Samples
@@ -82,14 +84,18 @@ def export_network(
     `limits` (by default the paper's) are those of the cost maps that it was trained on.
     """
     spec, body = network.spec, network.body
-    of_edge = isinstance(body, EdgeNet)
+    channels = {
+        "ends": ("cost", "blocked", "ends"),
+        "gaussian": ("cost", "start_map", "goal_map"),
+        "unseen": CHANNELS,
+    }
     facts = ModelMetadata(
         name=name,
         architecture=spec.architecture,
         input_size=spec.input_size,
         blocks=spec.blocks,
         encoding=spec.encoding,
-        channels=("cost", "blocked", "ends") if of_edge else ("cost", "start_map", "goal_map"),
+        channels=channels[spec.encoding],
         sigma=spec.sigma,
         omega=omega,
         cost_limits={k: v for k, v in asdict(limits or Traversability()).items() if math.isfinite(v)},
@@ -122,6 +128,8 @@ def parity(network: Network, onnx_path: Path, samples: Samples | None = None, n:
     """
     network.eval()
     model, size, rng = NetworkModel(onnx_path), network.spec.input_size, np.random.default_rng(seed)
+    if network.spec.encoding == "unseen":
+        return _parity_of_answers(network, model, rng.uniform(-1.0, 1.0, (n, len(CHANNELS), size, size)))
     if samples is None:
         drawn = rng.uniform(0, size - 1, (n, 2, 2)).tolist()
         queries = [(rng.random((2, size, size), np.float32), tuple(start), tuple(goal)) for start, goal in drawn]
@@ -139,6 +147,17 @@ def parity(network: Network, onnx_path: Path, samples: Samples | None = None, n:
     source = "random" if samples is None else "dataset"
     most, mean = float(np.max(differences)), float(np.mean(differences))
     return Parity(len(differences), source, most, mean, MOST_DIFFERENCE, passed=most <= MOST_DIFFERENCE)
+
+
+def _parity_of_answers(network: Network, model: NetworkModel, planes: NDArray[np.float64]) -> Parity:
+    """As `parity`, of a network that prices unseen ground, over random planes."""
+    differences = []
+    for shown in torch.from_numpy(planes).float():
+        model.inputs["input"][0] = shown.numpy()
+        wanted = torch.sigmoid(network(shown[None], shown[:0]))[0].numpy()
+        differences.append(np.abs(model.answers() - wanted))
+    most, mean = float(np.max(differences)), float(np.mean(differences))
+    return Parity(len(planes), "random", most, mean, MOST_DIFFERENCE, passed=most <= MOST_DIFFERENCE)
 
 
 def to_onnx(network: Network) -> onnx.ModelProto:
@@ -184,6 +203,8 @@ def example_inputs(spec: Spec) -> dict[str, Tensor]:
     size = spec.input_size
     if spec.architecture == "nnpp":
         return {"input": torch.zeros(1, 3, size, size)}
+    if spec.architecture == "unseen":
+        return {"input": torch.zeros(1, len(CHANNELS), size, size)}
     map_side, query_side = size // edge.UNSHUFFLE, size // QUERY_SPACING
     return {
         "map": torch.zeros(1, edge.MAP_CHANNELS * edge.UNSHUFFLE**2, map_side, map_side),

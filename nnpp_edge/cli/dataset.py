@@ -12,10 +12,11 @@ from nnpp_edge.cli.ground_options import TerrainOptions
 from nnpp_edge.cli.text import tell
 
 _POINTS = "On a map; pairs far enough apart are queries."
-_SIZE = "Side of the network's input, or a multiple of it: 64 for edge, 256 for nnpp."
+_SIZE = "Side of the network's input, or a multiple of it: 64 for edge, 256 for nnpp; with --known 32 blocks. [256]"
 _PAPERS_MAPS = "Maps as the paper's: its cost without hard limits, cells of 20 m, none averaged or with a margin."
 _OWN_CELLS = "Leave the terrain's cells and heights as they are; else it is rescaled to cells of 1 to 20 m."
 _LEAVE = "Leave out this share of each file, a stripe at the end of its longer side, for --held-out."
+_KNOWN = "Maps are known by means of so many cells to a side, for --architecture unseen."
 _SCHEDULER = "Of a Dask scheduler (tcp://10.0.0.5:8786) to make the shards."
 
 
@@ -26,7 +27,7 @@ def command(
     *,
     output: Annotated[Path, "-o", options.FOLDER, "Folder; resumed if it holds a part."],
     maps: Annotated[int, options.COUNT, "Number of maps."] = 4096,
-    size: Annotated[int, options.COUNT, _SIZE] = 256,
+    size: Annotated[int | None, options.COUNT, _SIZE] = None,
     points: Annotated[int, click.IntRange(2, 1000), _POINTS] = 4,
     synthetic_share: Annotated[float, options.SHARE] = 0.25,
     obstacle_share: Annotated[float, options.SHARE, "Share of maps with rectangles of cost 1."] = 0.3,
@@ -34,6 +35,7 @@ def command(
     held_out: Annotated[bool, "Use nothing but that stripe, to validate on."] = False,
     own_cell_size: Annotated[bool, _OWN_CELLS] = False,
     papers_maps: Annotated[bool, _PAPERS_MAPS] = False,
+    known: Annotated[tuple[int, ...], options.COUNTS, _KNOWN] = (),
     terrain: TerrainOptions,
     omega: options.Omega = 0.011,
     workers: Annotated[int | None, options.COUNT, "Processes; by default one a core."] = None,
@@ -49,6 +51,7 @@ def command(
 
     \b
     nnpp-edge dataset train/*.tif -o data/train --maps 9216
+    nnpp-edge dataset train/*.tif -o data/unseen --maps 6000 --known 4,8,16
     nnpp-edge dataset dem.tif -o data/train --validation-share 0.2 --own-cell-size --limit hard_slope_deg=20
     nnpp-edge dataset dem.tif -o data/val --validation-share 0.2 --held-out --own-cell-size --limit hard_slope_deg=20
     """
@@ -66,7 +69,8 @@ def command(
     from nnpp_edge.progress import bar
     from nnpp_edge.runtime.terrain.traversability import Traversability
     from nnpp_edge.terrain.cluster import shards_on_cluster
-    from nnpp_edge.terrain.dataset import make_dataset
+    from nnpp_edge.terrain.dataset import make_dataset, read_known
+    from nnpp_edge.terrain.known import fitted_slope
     from nnpp_edge.terrain.shards import Recipe
 
     kind: dict[str, object] = {}
@@ -79,6 +83,9 @@ def command(
         papers = asdict(Traversability())
         own = {name: value for name, value in asdict(terrain.limits()).items() if value != papers[name]}
         kind |= {"limits": own, "workloads": ((terrain.workload or "soft", 1.0),)}
+    if known:
+        kind |= {"known": True, "poolings": tuple((factor, 1.0) for factor in known)}
+    size = size or (32 if known else 256)
     recipe = Recipe(
         tuple(map(str, terrain_files)),
         maps,
@@ -99,4 +106,10 @@ def command(
     words = (
         f"{output}: {counts['shards']} of {counts['of']} shards, {counts['maps']} maps, {counts['queries']} queries"
     )
+    if known:
+        slope = fitted_slope(read_known(output))
+        counts |= slope._asdict()
+        words += (
+            f"\nby the slope T is {slope.floor:g} + {slope.gain:g} × its share of the limit, spread {slope.spread:g}"
+        )
     tell(as_json, counts | {"folder": str(output)}, lambda: words)

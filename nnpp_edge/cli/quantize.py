@@ -31,7 +31,7 @@ def command(
     """
     options.check_outputs(("--output", output))
 
-    from nnpp_edge.calibrate.quantize import quantize
+    from nnpp_edge.calibrate.quantize import FitComparison, quantize
 
     r = quantize(model, dataset, output, validation=validation, samples=samples, exclude=exclude, seed=seed)
     if as_json:
@@ -42,6 +42,10 @@ def command(
         **columns("precision | MB: size_mb .2f | ms/median: median_ms .2f | ms/p99: p99_ms .2f"),
         **columns("cost gap: gap z.3% | found in/region: success .1% | region, of/the map: region_share .2%"),
     }
+    if isinstance(c, FitComparison):
+        shown_as = {name: shown_as[name] for name in list(shown_as)[:4]} | columns(
+            "error of/mean T: mean .4f | blocked/share: blocked .4f | closed/chance: closed .4f"
+        )
     rows = [
         {"precision": name, "size_mb": size / 1e6, **asdict(latency), **asdict(judged)}
         for name, size, latency, judged in (
@@ -52,7 +56,7 @@ def command(
     click.echo(
         f"{r.output}: calibrated on {r.samples} queries, compared on {c.queries} held-out ones\n"
         f"{table(rows, shown_as)}\n"
-        f"probabilities differ by {c.mean_difference:.4f} on average, {c.max_difference:.3f} at most; "
-        f"region at td × {c.fp32.factor:g}\n"
+        f"answers differ by {c.mean_difference:.4f} on average, {c.max_difference:.3f} at most"
+        f"{'' if isinstance(c, FitComparison) else f'; region at td × {c.fp32.factor:g}'}\n"
         f"{r.quantised} convolutions in int8, left float: {', '.join(('the head', *r.excluded))}\n{r.recommendation}"
     )

@@ -72,7 +72,7 @@ def command(
     os.environ.setdefault("OMP_WAIT_POLICY", "PASSIVE")
     import torch
 
-    from nnpp_edge.terrain.dataset import read_recipe, read_samples
+    from nnpp_edge.terrain.dataset import read_known, read_recipe, read_samples
     from nnpp_edge.training.train import TrainSettings, train
     from nnpp_edge.viz.figures import training_curves
 
@@ -80,7 +80,13 @@ def command(
         torch.set_num_threads(threads)
     preset = PRESETS[architecture]
     size = input_size or preset.input_size
+    unseen = preset.encoding == "unseen"
     first = int(os.environ.get("RANK", "0")) == 0
+    training, judged_on = (
+        (read_known(dataset), read_known(validation))
+        if unseen
+        else (read_samples(dataset, size=size), read_samples(validation))
+    )
     with bar("train", _PARTS) if first else nullcontext(lambda done: None) as advance:
         checkpoint = train(
             replace(preset, sigma=sigma, input_size=size),
@@ -89,8 +95,8 @@ def command(
                 time_limit_s=60.0 * (time_limit or math.inf),
                 validate_every_s=60.0 * validate_every,
             ),
-            read_samples(dataset, size=size),
-            read_samples(validation),
+            training,
+            judged_on,
             output,
             omega=read_recipe(dataset).omega,
             begin_with=begin_with,
@@ -107,6 +113,9 @@ def command(
         last = history[-1]
         minutes = last["spent_s"] / 60
         lines = [f"{checkpoint}: {last['step']:.0f} steps in {minutes:.0f} min, loss {last['loss']:.4f}"]
+        if unseen:
+            errors = ", ".join(f"{name.removeprefix('rmse_')} {last[name]:.4f}" for name in last if "rmse" in name)
+            lines.append(f"  root mean square errors where nothing was seen: {errors}")
         for factor in sorted(key.partition("@")[2] for key in last if key.startswith("gap@")):
             gap, success, share, mm = (last[f"{name}@{factor}"] for name in ("gap", "success", "region_share", "mm"))
             lines.append(

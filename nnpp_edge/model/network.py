@@ -12,11 +12,12 @@ from torch.utils.flop_counter import FlopCounterMode
 from nnpp_edge.model import edge
 from nnpp_edge.model.nnpp import NNPP
 from nnpp_edge.model.registry import Spec
+from nnpp_edge.model.unseen import UnseenNet
 from nnpp_edge.runtime.kernels.encoding import ENDS_CHANNELS, GAUSSIAN_CHANNELS
 from nnpp_edge.runtime.network.encoding import encode_ends, encode_gaussian
 from nnpp_edge.runtime.network.model_file import QUERY_SPACING
 
-_BODIES: dict[str, Callable[..., nn.Module]] = {"edge": edge.EdgeNet, "nnpp": NNPP}
+_BODIES: dict[str, Callable[..., nn.Module]] = {"edge": edge.EdgeNet, "nnpp": NNPP, "unseen": UnseenNet}
 
 
 class Network(nn.Module):
@@ -31,8 +32,12 @@ class Network(nn.Module):
         """Logits (N, B, B) on blocks × blocks.
 
         For planes (N, 2, S, S), mean cost and share of impassable cells in [0, 1] (the paper's network is shown the
-        first alone), and start and goal (N, C, E, E), from `encode`.
+        first alone), and start and goal (N, C, E, E), from `encode`. A network that prices unseen ground is shown
+        planes of its own (`encode_unseen`) and no query, and has three logits: (N, 3, B, B).
         """
+        if self.spec.architecture == "unseen":
+            answers: Tensor = self.body(planes)
+            return answers
         if self.spec.architecture == "nnpp":
             logits: Tensor = self.body(torch.cat((planes[:, :1], query), 1))
         else:

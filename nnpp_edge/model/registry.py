@@ -8,10 +8,10 @@ from dataclasses import dataclass, field
 
 from nnpp_edge.runtime.errors import ModelError
 
-ENCODINGS = {"edge": "ends", "nnpp": "gaussian"}
+ENCODINGS = {"edge": "ends", "nnpp": "gaussian", "unseen": "unseen"}
 """The encoding of start and goal of each architecture."""
 
-OUTPUT_STRIDES = {"edge": 4, "nnpp": 8}
+OUTPUT_STRIDES = {"edge": 4, "nnpp": 8, "unseen": 1}
 """Cells of the input to the side of a block of the output."""
 
 
@@ -56,5 +56,7 @@ PRESETS = {
     "edge": Spec("edge", input_size=64),
     "nnpp-w16": Spec("nnpp", options={"width": 16}),
     "nnpp": Spec("nnpp", options={"width": 64}),
+    "unseen": Spec("unseen", input_size=64),
 }
-"""``edge`` runs its encoder once for each map and a small head for each query; ``nnpp`` is the paper's network."""
+"""``edge`` runs its encoder once for each map and a small head for each query; ``nnpp`` is the paper's network;
+``unseen`` prices ground of which a coarse map alone is known."""

@@ -18,6 +18,7 @@ from nnpp_edge.files import make_folder, write_whole
 from nnpp_edge.runtime.errors import DataSetError
 from nnpp_edge.runtime.reading import refused_as
 from nnpp_edge.terrain.dem import Dem
+from nnpp_edge.terrain.known import QUARTERS, KnownMaps
 from nnpp_edge.terrain.shards import Recipe, left_out, read_terrain, shard_content
 
 FORMAT = "nnpp-edge-dataset-1"
@@ -114,7 +115,8 @@ def make_dataset(
             write_whole(_shard_path(folder, index), content)
             done += 1
             progress(done)
-    counts = [(len(shard["planes"]), len(shard["map_index"])) for shard in read_shards(folder, recipe)]
+    maps_in, queries_in = ("heights", "factor") if recipe.known else ("planes", "map_index")
+    counts = [(len(shard[maps_in]), len(shard[queries_in])) for shard in read_shards(folder, recipe)]
     maps, queries = (sum(each) for each in zip(*counts, strict=True)) if counts else (0, 0)
     return {"shards": len(counts), "of": recipe.shards, "maps": maps, "queries": queries}
 
@@ -134,6 +136,9 @@ def read_shards(folder: Path, recipe: Recipe) -> Iterator[Arrays]:
 
 def _check_shard(shard: Arrays, recipe: Recipe) -> None:
     """KeyError or ValueError where a shard's arrays are not those that the recipe makes."""
+    if recipe.known:
+        _check_known(shard, recipe.size)
+        return
     maps, queries, side, blocks = len(shard["planes"]), len(shard["map_index"]), recipe.size, recipe.blocks
     for name, dtype, *shape in (
         ("planes", "u1", maps, 2, side, side),
@@ -155,6 +160,27 @@ def _check_shard(shard: Arrays, recipe: Recipe) -> None:
         raise ValueError("its queries do not lie on its maps")
 
 
+def _check_known(shard: Arrays, blocks: int) -> None:
+    """As `_check_shard`, for maps that are known by their blocks."""
+    maps = len(shard["heights"])
+    shapes = {"heights": (blocks, blocks), "closed": (blocks, blocks)}
+    shapes |= dict.fromkeys(("mean", "blocked"), (QUARTERS * blocks, QUARTERS * blocks))
+    for field in fields(KnownMaps):
+        if (got := shard[field.name].shape) != (wanted := (maps, *shapes.get(field.name, ()))):
+            raise ValueError(f"{field.name} is {got}, not {wanted}")
+
+
+def read_known(folder: Path) -> KnownMaps:
+    """All maps of a data set that are known by their blocks; DataSetError where it cannot be read, or has none."""
+    recipe = read_recipe(folder)
+    if not recipe.known:
+        raise DataSetError(f"{folder}: wanted maps that are known by their blocks (dataset --known), got others")
+    shards = list(read_shards(folder, recipe))
+    if not shards:
+        raise DataSetError(f"{folder}: wanted at least one shard, got none")
+    return KnownMaps.of({field.name: np.concatenate([s[field.name] for s in shards]) for field in fields(KnownMaps)})
+
+
 def read_recipe(folder: Path) -> Recipe:
     """The recipe in a data set's folder; DataSetError if there is none."""
     try:
@@ -174,6 +200,8 @@ def read_samples(folder: Path, most_maps: int | None = None, *, size: int | None
     DataSetError where the set cannot be read, or has no maps of that size.
     """
     recipe = read_recipe(folder)
+    if recipe.known:
+        raise DataSetError(f"{folder}: wanted maps with queries, got maps that are known by their blocks")
     parts: list[Samples] = []
     maps = 0
     for shard in read_shards(folder, recipe):

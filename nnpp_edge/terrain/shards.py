@@ -3,7 +3,7 @@
 import io
 import math
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import fields, replace
 from pathlib import Path
 from typing import TypeVar
 
@@ -18,6 +18,7 @@ from nnpp_edge.runtime.network.encoding import Frame, map_planes
 from nnpp_edge.runtime.terrain.traversability import Traversability, traversability_cost
 from nnpp_edge.terrain.dem import Dem, read_dem
 from nnpp_edge.terrain.georeference import LEAST_SIDE_M, MOST_SIDE_M
+from nnpp_edge.terrain.known import QUARTERS, KnownMaps, known_map
 from nnpp_edge.terrain.labels import label_queries, random_points
 from nnpp_edge.terrain.synthetic import synthetic_terrain
 from nnpp_edge.terrain.workloads import SOFT, workload
@@ -69,6 +70,9 @@ class Recipe(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """The part of each file that is used: from where to where on its longer side, as shares of it."""
     cell_size_m: float | None = None
     """See `read_dem`."""
+    known: bool = False
+    """Whether maps are known by the means of their blocks, and what lies unseen is learned: `size` blocks of
+    `poolings` cells to a side (`terrain.known`)."""
 
     def __post_init__(self) -> None:
         size, blocks, (start, end) = self.size, self.blocks, self.stripe
@@ -88,6 +92,10 @@ class Recipe(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
             (0.0 < self.omega < math.inf, f"ω must be above 0, got {self.omega}"),
             (all(LEAST_SIDE_M <= m <= MOST_SIDE_M for m in self.cell_sizes_m), f"cell sizes must be {span}"),
             (0.0 <= start < end <= 1.0, f"a stripe must lie in [0, 1], got {self.stripe}"),
+            (
+                not (self.known and any(factor % QUARTERS for factor, _ in self.poolings)),
+                f"blocks must have a multiple of {QUARTERS} cells to a side, got {self.poolings}",
+            ),
             (bool(self.cell_sizes_m or self.terrain), "synthetic terrain needs a cell size"),
         ):
             if not met:
@@ -154,7 +162,8 @@ def shard_content(recipe: Recipe, tiles: Sequence[Dem], index: int) -> bytes:
     content = io.BytesIO()
     key = [recipe.seed, index] if recipe.stripe[0] == 0.0 else [recipe.seed, index, 1]  # else synthetic maps repeat
     rng = np.random.default_rng(key)
-    np.savez(content, **make_shard(recipe, tiles, rng, maps))  # type: ignore[arg-type]  # numpy's stub takes `allow_pickle` for one of them
+    made = (make_known_shard if recipe.known else make_shard)(recipe, tiles, rng, maps)
+    np.savez(content, **made)  # type: ignore[arg-type]  # numpy's stub takes `allow_pickle` for one of them
     return content.getvalue()
 
 
@@ -194,6 +203,31 @@ def make_shard(
     return dict(zip(_ARRAYS, map(np.array, columns), strict=True))
 
 
+def make_known_shard(
+    recipe: Recipe, tiles: Sequence[Dem], rng: np.random.Generator, maps: int
+) -> dict[str, NDArray[np.generic]]:
+    """The arrays of one shard of maps that are known by their blocks."""
+    poolings = [(p, share) for p, share in recipe.poolings if recipe.size * p not in left_out(recipe, tiles)]
+    made = []
+    for _ in range(maps):
+        limits, factor = recipe.limits_of(_pick(rng, recipe.workloads)), _pick(rng, poolings)
+        elevation, cell_size_m, width_m, _ = _random_ground(recipe, tiles, rng, recipe.size * factor)
+        made.append(known_map(elevation, cell_size_m, width_m, limits, factor))
+    names = [field.name for field in fields(KnownMaps)]
+    return dict(zip(names, map(np.array, zip(*made, strict=True)), strict=True))
+
+
+def _random_ground(
+    recipe: Recipe, tiles: Sequence[Dem], rng: np.random.Generator, side: int
+) -> tuple[NDArray[np.float32], float, float, bool]:
+    """Square terrain, a cell's size and width; whether it is from a file."""
+    given_m = float(rng.choice(recipe.cell_sizes_m)) if recipe.cell_sizes_m else None
+    if bool(tiles) and rng.random() >= recipe.synthetic_share:
+        return *_random_crop(tiles, rng, side, given_m, finely=recipe.known), True
+    cell_size_m = given_m or tiles[0].cell_size_m
+    return synthetic_terrain(rng, side, cell_size_m), cell_size_m, cell_size_m, False
+
+
 def _seen_by_network(cost: NDArray[np.float32], frame: Frame, omega: float) -> NDArray[np.uint8]:
     """The map's two planes (2, S, S), in 255ths."""
     grid = Grid.of(cost, StepModel.of("paper", omega))
@@ -212,13 +246,7 @@ def _random_cost(
     recipe: Recipe, tiles: Sequence[Dem], rng: np.random.Generator, name: str, side: int
 ) -> tuple[NDArray[np.float32], bool]:
     """A square cost map, with obstacles and a margin on a share of the maps; whether its terrain is from a file."""
-    given_m = float(rng.choice(recipe.cell_sizes_m)) if recipe.cell_sizes_m else None
-    measured = bool(tiles) and rng.random() >= recipe.synthetic_share
-    if measured:
-        elevation, cell_size_m, width_m = _random_crop(tiles, rng, side, given_m)
-    else:
-        cell_size_m = width_m = given_m or tiles[0].cell_size_m
-        elevation = synthetic_terrain(rng, side, cell_size_m)
+    elevation, cell_size_m, width_m, measured = _random_ground(recipe, tiles, rng, side)
     limits = recipe.limits_of(name)
     cost = traversability_cost(elevation, cell_size_m, limits, cell_width_m=width_m, warn=False)
     if rng.random() < recipe.obstacle_share:
@@ -233,17 +261,18 @@ def _random_cost(
 
 
 def _random_crop(
-    tiles: Sequence[Dem], rng: np.random.Generator, side: int, cell_size_m: float | None
+    tiles: Sequence[Dem], rng: np.random.Generator, side: int, cell_size_m: float | None, *, finely: bool = False
 ) -> tuple[NDArray[np.float32], float, float]:
     """Part of a random tile: elevation, and a cell's size and width.
 
-    With a cell size it is averaged where the tile allows it, and rescaled with its slopes kept.
+    With a cell size it is averaged where the tile allows it (`finely`: seldom), and rescaled with its slopes kept.
     """
     tiles = [dem for dem in tiles if min(dem.elevation.shape) >= side]
     areas = np.array([dem.elevation.size for dem in tiles], np.float64)
     dem = tiles[int(rng.choice(len(tiles), p=areas / areas.sum()))]
     fits = [f for f in (1, 2, 4) if side * f <= min(dem.elevation.shape)] if cell_size_m else [1]
-    factor = int(rng.choice(fits))
+    shares = 1.0 / np.array(fits)
+    factor = int(rng.choice(fits, p=shares / shares.sum() if finely else None))
     row, col = (int(rng.integers(0, n - side * factor + 1)) for n in dem.elevation.shape)
     crop = dem.elevation[row : row + side * factor, col : col + side * factor]
     averaged: NDArray[np.float32] = crop.reshape(side, factor, side, factor).mean(axis=(1, 3))

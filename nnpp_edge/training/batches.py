@@ -15,7 +15,7 @@ from nnpp_edge.terrain.dataset import Samples
 from nnpp_edge.terrain.labels import EXCESS_STEP
 from nnpp_edge.training.checkpoint import TrainSettings
 
-Batch = tuple[NDArray[np.uint8], NDArray[np.float32], NDArray[np.float32]]
+Batch = tuple[NDArray[np.generic], NDArray[np.float32], NDArray[np.float32]]
 """Planes, encoded queries, targets."""
 
 

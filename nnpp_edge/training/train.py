@@ -16,10 +16,12 @@ from torch.nn.functional import binary_cross_entropy_with_logits
 from nnpp_edge.files import make_folder
 from nnpp_edge.model.network import Network
 from nnpp_edge.model.registry import Spec
-from nnpp_edge.runtime.errors import InvalidQueryError, ModelError
+from nnpp_edge.runtime.errors import DataSetError, InvalidQueryError, ModelError
 from nnpp_edge.terrain.dataset import Samples
+from nnpp_edge.terrain.known import KnownMaps
 from nnpp_edge.training.batches import Batch, Batches
 from nnpp_edge.training.checkpoint import Checkpoint, Progress, TrainSettings, in_16_bits, load_checkpoint
+from nnpp_edge.training.unseen import KnownBatches, KnownValidator, loss_where_unseen
 from nnpp_edge.training.validation import Validator
 
 __all__ = ["Progress", "TrainSettings", "train"]
@@ -29,8 +31,8 @@ CHECKPOINT = "checkpoint.pt"
 def train(
     spec: Spec,
     settings: TrainSettings,
-    training: Samples,
-    validation: Samples,
+    training: Samples | KnownMaps,
+    validation: Samples | KnownMaps,
     folder: Path,
     *,
     omega: float,
@@ -69,8 +71,17 @@ def train(
         raise InvalidQueryError(f"batch must be a multiple of the {processes.world} processes, got {settings.batch}")
     make_folder(folder)
     path = folder / CHECKPOINT
-    batches = Batches(training, spec, settings, rank=processes.rank, world=processes.world)
-    validator = Validator(validation, spec, omega) if processes.first else None
+    place = {"rank": processes.rank, "world": processes.world}
+    batches: Batches | KnownBatches
+    validator: Validator | KnownValidator | None = None
+    if isinstance(training, KnownMaps) and isinstance(validation, KnownMaps):
+        batches = KnownBatches(training, settings, **place)
+        validator = KnownValidator(validation) if processes.first else None
+    elif isinstance(training, Samples) and isinstance(validation, Samples):
+        batches = Batches(training, spec, settings, **place)
+        validator = Validator(validation, spec, omega) if processes.first else None
+    else:
+        raise DataSetError("wanted two data sets of one kind, got one with queries and one without")
     run = _Run(spec, settings, processes, len(batches))
     run.begin(path, begin_with)
     progress, began = run.progress, time.monotonic()
@@ -225,10 +236,12 @@ class _Run:
         for group in self.optimiser.param_groups:
             group["lr"] = self._learning_rate()
         planes, query, target = (torch.from_numpy(array).to(self.device, non_blocking=True) for array in batch)
+        unseen = self.spec.encoding == "unseen"
         self.network.train()
         with torch.autocast(self.device.type, torch.bfloat16, enabled=self.in_bfloat16):
-            logits = self.wrapped((planes.float() / 255.0).contiguous(memory_format=torch.channels_last), query)
-        loss = binary_cross_entropy_with_logits(logits.float(), target)
+            shown = planes if unseen else planes.float() / 255.0
+            logits = self.wrapped(shown.contiguous(memory_format=torch.channels_last), query)
+        loss = (loss_where_unseen if unseen else binary_cross_entropy_with_logits)(logits.float(), target)
         self.optimiser.zero_grad(set_to_none=True)
         torch.autograd.backward(loss)
         nn.utils.clip_grad_norm_(self.network.parameters(), 1.0)
@@ -251,12 +264,14 @@ class _Run:
             return warmed
         return warmed * (0.01 + 0.99 * 0.5 * (1.0 + math.cos(math.pi * (step - warm) / (steps - warm))))
 
-    def validated(self, validator: Validator, loss: float) -> dict[str, float]:
+    def validated(self, validator: Validator | KnownValidator, loss: float) -> dict[str, float]:
         """The history's row for the running mean, with this mean loss since the last one."""
         for theirs, ours in zip(self.network.buffers(), self.average.buffers(), strict=True):
             ours.copy_(theirs)  # the batch norms' statistics
         p = self.progress
         row: dict[str, float] = {"step": p.step, "epoch": p.epoch, "spent_s": round(p.spent_s, 1), "loss": loss}
+        if isinstance(validator, KnownValidator):
+            return row | validator.rows(self.average)
         for judged in validator.judge(self.average):
             row |= {f"{name}@{judged.factor:g}": value for name, value in asdict(judged).items() if name != "factor"}
         return row

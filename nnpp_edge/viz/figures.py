@@ -16,14 +16,21 @@ _PANELS = (
     ("success", "path inside the region, %", 100.0),
     ("region_share", "region, % of the map", 100.0),
 )
+_FITS = (
+    ("loss", "training loss", 1.0),
+    ("rmse_mean", "error of the mean T", 1.0),
+    ("rmse_blocked", "error of the share of impassable cells", 1.0),
+    ("rmse_closed", "error of the chance that a block is closed", 1.0),
+)
 
 
 def training_curves(history: Sequence[dict[str, float]], path: Path) -> None:
-    """Loss, cost gap, success and region share of the validations, against training steps."""
+    """Loss, and what the validations found, against training steps."""
+    panels = _FITS if "rmse_mean" in history[0] else _PANELS
     figure = new_figure(11.0, 6.5)
     steps = [row["step"] for row in history]
     factors = sorted({key.partition("@")[2] for key in history[0] if "@" in key}, key=float, reverse=True)
-    for axes, (name, title, scale) in zip(figure.subplots(2, 2).flat, _PANELS, strict=True):
+    for axes, (name, title, scale) in zip(figure.subplots(2, 2).flat, panels, strict=True):
         for key in [name] if name in history[0] else [f"{name}@{factor}" for factor in factors]:
             label = f"td × {key.partition('@')[2]}" if "@" in key else None
             axes.plot(steps, [scale * row[key] for row in history], marker="o", markersize=3, label=label)

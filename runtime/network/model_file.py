@@ -11,11 +11,12 @@ import msgspec
 
 from nnpp_edge.runtime.errors import ModelError
 from nnpp_edge.runtime.network.graph_check import checked_metadata
+from nnpp_edge.runtime.network.unseen import CHANNELS as UNSEEN
 from nnpp_edge.runtime.reading import problem_with_file, refused_as
 
 METADATA_KEY = "nnpp_edge"
 FORMAT: Final = "nnpp-edge-model-1"
-_CHANNELS = {"gaussian": ("cost", "start_map", "goal_map"), "ends": ("cost", "blocked", "ends")}
+_CHANNELS = {"gaussian": ("cost", "start_map", "goal_map"), "ends": ("cost", "blocked", "ends"), "unseen": UNSEEN}
 QUERY_SPACING = 8
 """Network cells between the points of a query that is encoded as ``ends``."""
 _DEEPEST = 20
@@ -37,7 +38,8 @@ class ModelMetadata:
     blocks: Count
     """The answer comes on blocks × blocks."""
     encoding: str
-    """``gaussian`` (the paper's): cost, start and goal map in one input. ``ends``: an encoder sees the map alone."""
+    """``gaussian`` (the paper's): cost, start and goal map in one input. ``ends``: an encoder sees the map alone.
+    ``unseen``: no query, see `network.unseen`."""
     channels: tuple[str, ...]
     """Their order in the input."""
     sigma: Positive

@@ -1,0 +1,40 @@
+"""The network that prices unseen ground: fully convolutional, from blocks of a coarse map to the same blocks."""
+
+from torch import Tensor, nn
+from torch.nn import functional
+
+from nnpp_edge.model.nnpp import ConvBNReLU, initialise
+from nnpp_edge.runtime.errors import ModelError
+from nnpp_edge.runtime.network.unseen import ANSWERS, CHANNELS
+
+SIZE_STEP = 4
+
+
+class UnseenNet(nn.Module):
+    """Down to a quarter of the resolution and up again; `widths` are the channels at full, half and quarter."""
+
+    def __init__(self, input_size: int = 64, widths: tuple[int, int, int] = (32, 48, 48)) -> None:
+        super().__init__()
+        if input_size < SIZE_STEP or input_size % SIZE_STEP:
+            raise ModelError(f"input_size must be a positive multiple of {SIZE_STEP}, got {input_size}")
+        full, half, quarter = widths
+        self.stem = nn.Sequential(ConvBNReLU(len(CHANNELS), full), ConvBNReLU(full, full))
+        self.down = nn.Sequential(ConvBNReLU(full, half, stride=2), ConvBNReLU(half, half))
+        self.deep = nn.Sequential(ConvBNReLU(half, quarter, stride=2), ConvBNReLU(quarter, quarter))
+        self.match_half, self.merge_half = ConvBNReLU(quarter, half, 1), ConvBNReLU(half, half)
+        self.match_full, self.merge_full = ConvBNReLU(half, full, 1), ConvBNReLU(full, full)
+        self.answer = nn.Conv2d(full, ANSWERS, 1)
+        initialise(self, self.answer)
+
+    def forward(self, planes: Tensor) -> Tensor:
+        """Logits (N, 3, H, W) of the answers for planes (N, 16, H, W) from `encode_unseen`."""
+        full = self.stem(planes)
+        half = self.down(full)
+        half = self.merge_half(half + doubled(self.match_half(self.deep(half))))
+        logits: Tensor = self.answer(self.merge_full(full + doubled(self.match_full(half))))
+        return logits
+
+
+def doubled(x: Tensor) -> Tensor:
+    """At twice the side."""
+    return functional.interpolate(x, scale_factor=2, mode="nearest")
