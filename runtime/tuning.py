@@ -171,6 +171,12 @@ optimum if impassable cells count as T = 1, 4.9 at 1, 4.2 at 2 to 4, 5.2 at 8.""
 BLOCKED_PRICES = 2.0, 3.0
 """By a network: that of the share of impassable cells, and that of the chance that a block cannot be crossed."""
 
+BLOCKS_AROUND, BLOCKS_BEYOND = 3, 3
+"""Blocks to each side of the way over blocks in which cells are searched; and blocks beyond what has been seen from
+which on the way leads over their middles."""
+PRICE_KEPT = 0.05
+"""A block's price is left as it is until another differs by so much, in T a cell: each change is one of the map."""
+
 
 class SlopePrice(NamedTuple):
     """Price of a block by its slope, fitted on lunar terrain at 20 m, factors 4 to 16: it explains T to 0.08."""

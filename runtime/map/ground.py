@@ -1,12 +1,12 @@
 """One ground that one robot plans on: heights or costs, the sides of a cell, limits, vehicle, and what steps cost."""
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
+from pathlib import Path
 from typing import TypedDict, Unpack
 
 from nnpp_edge.runtime.arguments import checked
 from nnpp_edge.runtime.arrays import Float2D, as_map, numbers
 from nnpp_edge.runtime.errors import InvalidMapError, InvalidQueryError
-from nnpp_edge.runtime.map.priors import prior_named
 from nnpp_edge.runtime.map.slope_cost import Mobility, slope_cost_of
 from nnpp_edge.runtime.map.step_cost import StepCost, StepModel
 from nnpp_edge.runtime.terrain.traversability import Traversability, sides_of, traversability_cost
@@ -59,8 +59,11 @@ class Ground:
     """Cells to the side of a block of which `elevation` (H, W) has the means: the map has H · factor rows. Nothing of
     a cell's own elevation is known until a patch tells it."""
     prior: str = "slope"
-    """By what a cell is priced until then: ``slope``, the coarse map's slope as calibrated on maps that are known
-    finely; ``eq1``, NNPP's costs of the coarse map; ``mean``, one price for all. See `map.priors`."""
+    """By what a cell is priced until then, see `network.priors`: ``network``, shown the coarse map and what was seen
+    nearby; ``slope``, the coarse map's, calibrated on maps that are known finely; ``eq1``, NNPP's costs of the coarse
+    map; ``mean``, one price for all."""
+    prior_model: str | Path = "unseen"
+    """That network: a shipped model's name, or a file."""
 
     def __post_init__(self) -> None:
         """Check what goes together; what only the map's values tell is checked by `state`."""
@@ -71,10 +74,8 @@ class Ground:
             if self.cell_size_m is None:
                 raise InvalidMapError("wanted cell_size_m, the side of a cell, with elevations")
             slope_cost_of(self.step_cost, self.mobility)
-            if self.factor > 1:
-                if self.by_slope or self.vehicle is not None:
-                    raise InvalidMapError("a coarse map is for points so far: wanted step_cost='paper', no vehicle")
-                prior_named(self.prior, self.traversability, 1.0, self.factor)
+            if self.factor > 1 and (self.by_slope or self.vehicle is not None):
+                raise InvalidMapError("a coarse map is for points so far: wanted step_cost='paper', no vehicle")
             return
         if self.factor > 1:
             raise InvalidMapError("a coarse map has elevations: got costs")
@@ -108,6 +109,7 @@ class Ground:
         traversability: Traversability | None = None,
         *,
         prior: str = "slope",
+        model: str | Path | None = None,
         **options: Unpack[GroundOptions],
     ) -> "Ground":
         """Of a coarse map: `dem` (H, W) has the means of `factor` × `factor` cells, blocks of `cell_size_m`
@@ -117,8 +119,8 @@ class Ground:
             raise InvalidQueryError(f"factor must be at least 1, got {factor}")
         if (width := options.get("cell_width_m")) is not None:
             options["cell_width_m"] = width / factor
-        limits = traversability or Traversability()
-        return cls(None, dem, cell_size_m / factor, traversability=limits, factor=factor, prior=prior, **options)
+        known = cls.of_elevation(dem, cell_size_m / factor, traversability, **options)
+        return replace(known, factor=factor, prior=prior, prior_model=model or "unseen")
 
     @property
     def sides_m(self) -> tuple[float, float]:

@@ -196,6 +196,10 @@ class MapState:
             self.unseen.note(new)
         return self._noted(self._stand_anew(change, new), new)
 
+    def price(self, part: Rectangle, prices: Float2D, new: NDArray[np.bool_]) -> Change:
+        """Put prices (h, w) of unseen blocks, those that are `new`, into a part of these; as `update`."""
+        return self._noted(self._tiles.price(part, prices, new, keeps=self.log.keeps_old_weights), (0, 0, 0, 0))
+
     def _stand_anew(self, change: Change, part: Rectangle) -> Change:
         """Have a body's poses checked anew that touch a part; no more is known of them than where they are."""
         if self.grid.poses is None or self._heights is None or not part[2]:

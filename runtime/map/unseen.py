@@ -8,7 +8,6 @@ from nnpp_edge.runtime.cells import Rectangle, enclosing, slices
 from nnpp_edge.runtime.kernels.tiles import SEEN, UNTOUCHED
 from nnpp_edge.runtime.map.grid import Grid
 from nnpp_edge.runtime.map.ground import Ground
-from nnpp_edge.runtime.map.priors import Seen, prior_named
 from nnpp_edge.runtime.terrain.traversability import relative_heights
 from nnpp_edge.runtime.tuning import BLOCKED_PRICE, MOST_PRICE
 
@@ -17,14 +16,13 @@ class Unseen:
     """The blocks of a coarse map: what has been seen of each, and the price by which its other cells count."""
 
     def __init__(self, ground: Ground) -> None:
-        assert ground.elevation is not None and ground.cell_size_m is not None
-        self.factor, self.dem = ground.factor, relative_heights(ground.elevation)[0]
-        side_m = ground.factor * ground.cell_size_m
-        self.prior = prior_named(ground.prior, ground.traversability, side_m, ground.factor)
+        assert ground.elevation is not None
+        self.ground, self.factor, self.dem = ground, ground.factor, relative_heights(ground.elevation)[0]
         self.layers = np.zeros((2, *self.dem.shape), np.float32)
         """(2, H, W) prices, and what is known of the heights, as `map.tiles.Tiles` takes it."""
-        self.layers[0] = self.prior.prices(self.dem)
-        self.seen = Seen(*(np.zeros(self.dem.shape, np.float32) for _ in range(3)))
+        self.mean, self.blocked, self.share = (np.zeros(self.dem.shape, np.float32) for _ in range(3))
+        """(H, W) of the cells seen of each block: mean T, impassable ones as 1; share that is impassable; and what
+        share they are of the block's."""
         self._new: list[Rectangle] = []
 
     def note(self, part: Rectangle) -> None:
@@ -53,23 +51,23 @@ class Unseen:
         shut = known & ~(costs < np.inf)
         count = np.maximum(self._sums(known), 1.0)
         blocks = slices(part)
-        self.seen.share[blocks] = self._sums(known) / np.float32(side**2)
-        self.seen.mean[blocks] = self._sums(np.where(shut, np.float32(1.0), np.where(known, costs, 0.0))) / count
-        self.seen.blocked[blocks] = self._sums(shut) / count
+        self.share[blocks] = self._sums(known) / np.float32(side**2)
+        self.mean[blocks] = self._sums(np.where(shut, np.float32(1.0), np.where(known, costs, 0.0))) / count
+        self.blocked[blocks] = self._sums(shut) / count
         return part
 
     def costs(self, part: Rectangle) -> Float2D:
         """Expected price of a cell of each block of a part, what was seen of it counted; inf where all is shut."""
-        blocks, seen = slices(part), self.seen
-        share, blocked = seen.share[blocks], seen.blocked[blocks]
-        here = np.minimum(seen.mean[blocks] + np.float32(BLOCKED_PRICE) * blocked, np.float32(MOST_PRICE))
+        blocks = slices(part)
+        share, blocked = self.share[blocks], self.blocked[blocks]
+        here = np.minimum(self.mean[blocks] + np.float32(BLOCKED_PRICE) * blocked, np.float32(MOST_PRICE))
         price: Float2D = share * here + (1.0 - share) * self.layers[0][blocks]
         return np.where((share == 1.0) & (blocked == 1.0), np.float32(np.inf), price)
 
     @property
     def nothing_left(self) -> bool:
         """Whether all cells have been seen, as far as this was asked for."""
-        return bool((self.seen.share == 1.0).all())
+        return bool((self.share == 1.0).all())
 
     def unknown(self, rows: slice, cols: slice) -> NDArray[np.bool_]:
         """Cells of a part of the map whose heights mean nothing."""

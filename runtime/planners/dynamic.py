@@ -21,7 +21,7 @@ from nnpp_edge.runtime.map.arcs import direction_near
 from nnpp_edge.runtime.map.ground import Ground
 from nnpp_edge.runtime.memory import touch
 from nnpp_edge.runtime.planners.methods import Methods
-from nnpp_edge.runtime.planners.on_map import OnMap, PlannerOptions, one_at_a_time, split
+from nnpp_edge.runtime.planners.on_map import OnMap, PlannerOptions, model_file, one_at_a_time, split
 from nnpp_edge.runtime.planners.plan import DynamicMethod, Method, Plan, Source
 from nnpp_edge.runtime.planners.query import Found, Query, Work
 from nnpp_edge.runtime.planners.refine import Refinement
@@ -165,7 +165,9 @@ class DynamicPlanner(OnMap):
     ) -> "DynamicPlanner":
         """A planner of ground that is known coarsely, as `Planner.of_coarse`."""
         own, rest = split(options)
-        return cls(Ground.of_coarse(dem, cell_size_m, factor, traversability, prior=prior, **own), goal, **rest)
+        model = model_file(rest.pop("model", None))
+        ground = Ground.of_coarse(dem, cell_size_m, factor, traversability, prior=prior, model=model, **own)
+        return cls(ground, goal, **rest)
 
     def _make(self) -> None:
         """Of a standing path's plan nothing but its bound is forgotten."""

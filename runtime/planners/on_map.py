@@ -280,6 +280,11 @@ def split(options: PlannerOptions) -> tuple[GroundOptions, PlannerOptions]:
     return cast(GroundOptions, own), cast(PlannerOptions, rest)
 
 
+def model_file(model: str | Path | NetworkModel | None) -> str | Path | None:
+    """Name or file of a network."""
+    return model.path if isinstance(model, NetworkModel) else model
+
+
 def _mask(seen: NDArray[np.bool_] | None, patch: Float2D) -> NDArray[np.bool_] | None:
     if seen is None:
         return None

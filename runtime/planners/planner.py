@@ -15,7 +15,7 @@ from nnpp_edge.runtime.errors import InvalidQueryError
 from nnpp_edge.runtime.map.ground import Ground
 from nnpp_edge.runtime.map.step_cost import PAPER_OMEGA
 from nnpp_edge.runtime.network.inference import NetworkModel
-from nnpp_edge.runtime.planners.on_map import OnMap, PlannerOptions, one_at_a_time, split
+from nnpp_edge.runtime.planners.on_map import OnMap, PlannerOptions, model_file, one_at_a_time, split
 from nnpp_edge.runtime.planners.plan import DynamicMethod, Method, Plan
 from nnpp_edge.runtime.planners.query import Found, PlanOptions, Query, Wishes, Work, options_of
 from nnpp_edge.runtime.planners.refine import Refinement
@@ -105,12 +105,14 @@ class Planner(OnMap):
         cell_size_m : float
             Side of a block.
         prior : str
-            See `Ground.prior`.
+            See `Ground.prior`; its network is the option `model`.
         **options
             As for `of_elevation`, as errors are.
         """
         own, rest = split(options)
-        return cls(Ground.of_coarse(dem, cell_size_m, factor, traversability, prior=prior, **own), **rest)
+        model = model_file(rest.pop("model", None))
+        ground = Ground.of_coarse(dem, cell_size_m, factor, traversability, prior=prior, model=model, **own)
+        return cls(ground, **rest)
 
     @checked(InvalidQueryError)
     @one_at_a_time
