@@ -276,3 +276,9 @@ def given_options() -> list[str]:
     context = click.get_current_context()
     default = click.core.ParameterSource.DEFAULT
     return [name for name in context.params if context.get_parameter_source(name) is not default]
+
+
+PRIORS = ("network", "slope", "eq1", "mean")
+PRIOR = (
+    "With --known, what unseen ground is expected to cost by: a network, the coarse slope, NNPP's Eq. 1, one mean."
+)

@@ -29,8 +29,6 @@ _SIZE = "Side of the part of the map, picked by the seed."
 _START = "Cell of that part, row first; by default picked by the seed."
 _CHANGES = "Obstacles that appear, move or vanish between two ticks."
 _KNOWN = "The first map has means of so many cells to each side alone; what was not seen counts by --prior."
-_PRIOR = "With --known: expected price of a block by its slope (by default), NNPP's Eq. 1, or one mean for all."
-_PRIORS = ("slope", "eq1", "mean")
 _SURVEYED = "Blur the first map's heights over so many cells; 1: none. By default 8, and 1 with a vehicle."
 
 
@@ -48,7 +46,7 @@ def command(
     changes: Annotated[int, click.IntRange(0, 1000), _CHANGES] = 1,
     survey: Annotated[int | None, click.IntRange(1, 1000), _SURVEYED] = None,
     known: Annotated[int | None, click.IntRange(2, 64), _KNOWN] = None,
-    prior: Annotated[str | None, click.Choice(_PRIORS), _PRIOR] = None,
+    prior: Annotated[str, click.Choice(options.PRIORS), options.PRIOR] = "slope",
     sight: Annotated[int, COUNT, "Cells to each side, beyond the body, that it sees."] = 12,
     speed: Annotated[int, COUNT, "Cells a tick."] = 1,
     rocks: Annotated[float, options.Real(0.0, 0.2), "Share of the ground under rocks."] = 0.0,
@@ -73,8 +71,6 @@ def command(
     """
     if (start is None) != (goal is None):
         raise click.UsageError("give both --start and --goal, or neither")
-    if known is None and prior is not None:
-        raise click.UsageError("--prior goes with --known")
     if known is not None and (survey is not None or rocks):
         raise click.UsageError("--known takes the place of --survey and --rocks")
 
@@ -114,7 +110,7 @@ def command(
     survey = survey or (_SURVEY if body is None else 1)
     ground = SurveyedGround.of(robot.of(true), survey, part.elevation)
     if known is not None:
-        ground = SurveyedGround.of_known(robot.of(true), known, prior or "slope")
+        ground = SurveyedGround.of_known(robot.of(true), known, prior)
     if start is None or goal is None:
         start, goal = random_drive(ground, seed)
     film = Film() if picture is not None and picture.suffix.lower() == ".gif" else None

@@ -47,7 +47,8 @@ def grounds(ground, rocky):
     """By the robot that drives there."""
     heights, disc = synthetic_terrain(np.random.default_rng(2), 80, 20.0), Vehicle(radius_m=26.0)
     of_disc = SurveyedGround.of(Ground.of_elevation(heights, 20.0, LIMITS, vehicle=disc), 1)
-    return {"point": ground, "body": rocky, "disc": of_disc}
+    known = SurveyedGround.of_known(Ground.of_elevation(heights, 20.0, LIMITS), 8, "slope")
+    return {"point": ground, "body": rocky, "disc": of_disc, "coarse": known}
 
 
 def flat(shape=(30, 40)):
@@ -154,7 +155,14 @@ def test_what_can_be_walked_is_checked_by_the_definition():
 
 @pytest.mark.parametrize(
     ("kind", "method"),
-    [("point", "auto"), ("point", "astar"), ("point", "nnpp-dstar"), ("body", "corridor"), ("body", "dstar")],
+    [
+        ("point", "auto"),
+        ("point", "astar"),
+        ("point", "nnpp-dstar"),
+        ("body", "corridor"),
+        ("body", "dstar"),
+        ("coarse", "auto"),
+    ],
 )
 def test_the_robot_reaches_its_goal_and_no_path_was_forbidden(grounds, kind, method, tiny_model):
     ground, seen = grounds[kind], []
@@ -171,7 +179,10 @@ def test_the_robot_reaches_its_goal_and_no_path_was_forbidden(grounds, kind, met
         legs = [pose_oracles.path_cost(priced, leg) for leg in itertools.pairwise(drive.driven.tolist())]
         assert np.isfinite(legs).all(), "nor over rocks that it saw on its way"
     else:
-        assert (ground.true[drive.driven[:, 0], drive.driven[:, 1]] < 1.0).all()
+        assert (ground.costs()[drive.driven[:, 0], drive.driven[:, 1]] < 1.0).all()
+    assert [message.known is not None for message in seen if message.ok] == [kind == "coarse"] * (
+        len(seen) - drive.counters.failed
+    )
     best = Planner(ground.ground).plan(start, goal, method="astar").cost
     assert drive.optimal_cost == pytest.approx(best)
     assert drive.driven_cost >= best * (1 - 1e-6)
@@ -179,7 +190,7 @@ def test_the_robot_reaches_its_goal_and_no_path_was_forbidden(grounds, kind, met
     json.dumps(drive.summary())
 
 
-@pytest.mark.parametrize("kind", ["point", "body", "disc"])
+@pytest.mark.parametrize("kind", ["point", "body", "disc", "coarse"])
 def test_an_endless_drive_goes_from_goal_to_goal_and_keeps_its_word_and_its_memory(grounds, kind, tiny_model):
     ground, methods = grounds[kind], {"body": ("auto", "dstar", "corridor-dstar"), "disc": ("auto",)}
     start, goal = random_drive(ground, 1)

@@ -1,0 +1,129 @@
+"""Ground of which the means of blocks are known, and cells where they were seen."""
+
+import numpy as np
+import pytest
+
+from nnpp_edge.runtime import DynamicPlanner, Planner, Traversability
+from nnpp_edge.runtime.errors import InvalidMapError, InvalidQueryError
+from nnpp_edge.runtime.map.ground import Ground
+from nnpp_edge.runtime.map.step_cost import PAPER_OMEGA
+from nnpp_edge.runtime.terrain.traversability import traversability_cost
+from nnpp_edge.runtime.tuning import MOST_PRICE
+from nnpp_edge.terrain.synthetic import synthetic_terrain
+
+FACTOR, CELL_M = 8, 20.0
+LIMITS = Traversability(hard_slope_deg=20.0)
+HEIGHTS = synthetic_terrain(np.random.default_rng(5), 128, CELL_M).astype(np.float32)
+START, GOAL = (4, 6), (120, 118)
+
+
+def coarse(prior="slope", limits=LIMITS, **options):
+    means = HEIGHTS.reshape(16, FACTOR, 16, FACTOR).mean((1, 3), dtype=np.float64).astype(np.float32)
+    return Planner.of_coarse(means, FACTOR * CELL_M, FACTOR, limits, prior=prior, **options)
+
+
+def weights(planner):
+    planner.state.grid.complete()
+    return planner.state.grid.map().copy()
+
+
+def patches(rng, count):
+    for _ in range(count):
+        row, col = rng.integers(0, 100, 2).tolist()
+        rows, cols = rng.integers(1, 28, 2).tolist()
+        yield row, col, HEIGHTS[row : row + rows, col : col + cols]
+
+
+def test_a_map_of_which_all_cells_were_seen_is_one_of_elevations():
+    seen, known = coarse(), Planner.of_elevation(HEIGHTS, CELL_M, LIMITS, warn=False)
+    seen.plan(START, GOAL)
+    for row, col, patch in patches(np.random.default_rng(0), 20):
+        seen.update_elevation(row, col, patch)
+    seen.update_elevation(0, 0, HEIGHTS)
+    for method in ("astar", "corridor"):
+        plan, other = (planner.plan(START, GOAL, method=method) for planner in (seen, known))
+        assert plan.path.tolist() == other.path.tolist() and plan.cost == other.cost and plan.known == len(plan.path)
+    assert np.array_equal(weights(seen), weights(known))
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_what_is_known_does_not_depend_on_the_order_or_on_when_a_search_looked(seed):
+    rng, step_by_step, at_once = np.random.default_rng(seed), coarse(), coarse()
+    for number, (row, col, patch) in enumerate(patches(rng, 12)):
+        step_by_step.update_elevation(row, col, patch)
+        if number % 3 == 0:
+            step_by_step.plan(START, GOAL, method=("astar", "corridor")[number % 2])
+    told = step_by_step.state.elevation()
+    assert told.shape == (128, 128) and np.isnan(told).any() and np.isfinite(told).any()
+    at_once.update_elevation(0, 0, told)
+    assert np.array_equal(weights(step_by_step), weights(at_once))
+
+
+@pytest.mark.parametrize("prior", ("slope", "eq1", "mean"))
+def test_where_nothing_was_seen_a_path_costs_by_the_prices_of_blocks(prior):
+    planner = coarse(prior)
+    prices = np.repeat(np.repeat(planner.state.unseen.layers[0], FACTOR, 0), FACTOR, 1)
+    assert prices.min() >= 0.0 and prices.max() <= MOST_PRICE and len(np.unique(prices)) > 20 * (prior != "mean")
+    scale = 2.0 * MOST_PRICE  # else the dearest would be impassable
+    priced = Planner(prices / np.float32(scale), omega=scale * PAPER_OMEGA)
+    exact, other = (each.plan(START, GOAL, method="astar") for each in (planner, priced))
+    assert exact.cost == pytest.approx(other.cost, rel=1e-5)
+    by_blocks = planner.plan(START, GOAL)
+    assert by_blocks.known == exact.known == 0
+    assert np.abs(np.diff(by_blocks.path, axis=0)).max() == 1 and by_blocks.path[-1].tolist() == list(GOAL)
+    assert by_blocks.lower_bound <= exact.cost * (1.0 + 1e-6) and exact.cost <= by_blocks.cost * (1.0 + 1e-6)
+    assert by_blocks.cost <= 1.15 * exact.cost
+
+
+def test_a_cell_weighs_by_its_own_heights_once_it_was_seen_and_the_path_says_how_far_it_is_known():
+    planner, grid = coarse(limits=Traversability()), slice(0, 40)
+    planner.update_elevation(0, 0, HEIGHTS[grid, grid])
+    costs = weights(planner) / (255.0 * PAPER_OMEGA)
+    whole = traversability_cost(HEIGHTS, CELL_M, Traversability(), warn=False)
+    prices = np.repeat(np.repeat(planner.state.unseen.layers[0], FACTOR, 0), FACTOR, 1)
+    assert costs[:39, :39] == pytest.approx(whole[:39, :39], abs=1e-6)
+    assert costs[48:, 48:] == pytest.approx(
+        np.repeat(np.repeat(planner.state.unseen.layers[0], 8, 0), 8, 1)[48:, 48:]
+    )
+    plan = planner.plan((5, 5), GOAL)
+    assert 30 < plan.known < len(plan.path) and plan.path[plan.known - 1].max() < 40 <= plan.path[plan.known].max()
+    assert plan.rest(10).known == plan.known - 10
+    assert planner.state.grid.costs_of(plan.path)[0] == plan.cost
+
+
+def test_a_slope_that_a_part_of_a_cell_s_neighbours_make_too_steep_does_not_shut_it():
+    planner, wall = coarse(), HEIGHTS.copy()
+    wall[:, 70:] += 500.0
+    planner.update_elevation(0, 0, wall[:, :71])
+    assert np.isinf(weights(planner)[1:-1, 69]).all() and np.isfinite(weights(planner)[1:-1, 70]).all()
+    planner.update_elevation(0, 71, wall[:, 71:])
+    assert np.isinf(weights(planner)[1:-1, 70]).all()
+
+
+def test_a_moving_planner_on_coarse_ground_takes_what_it_sees():
+    moving = DynamicPlanner(coarse().state.unseen.ground, GOAL)
+    moving.prepare()
+    at, unknown = START, []
+    for _ in range(200):
+        row, col = (max(cell - 12, 0) for cell in at)
+        moving.update_elevation(row, col, HEIGHTS[row : at[0] + 13, col : at[1] + 13])
+        moving.move(at)
+        plan = moving.replan()
+        assert plan.ok and moving.standing().valid and plan.known > min(6, len(plan.path) - 1)
+        unknown.append(len(plan.path) - plan.known)
+        at = tuple(plan.path[min(6, len(plan.path) - 1)].tolist())
+        if at == GOAL:
+            break
+    assert at == GOAL and unknown[0] > 50 and unknown[-1] == 0
+
+
+def test_what_a_coarse_map_cannot_be_is_refused():
+    means = np.zeros((8, 8), np.float32)
+    with pytest.raises(InvalidQueryError, match="factor must be at least 1, got 0"):
+        Planner.of_coarse(means, 1.0, 0)
+    with pytest.raises(InvalidQueryError, match="prior must be one of network, slope, eq1, mean, got 'best'"):
+        Planner.of_coarse(means, 1.0, 4, prior="best")
+    with pytest.raises(InvalidMapError, match="a coarse map is for points so far"):
+        Planner.of_coarse(means, 1.0, 4, step_cost="tobler")
+    with pytest.raises(InvalidMapError, match="a coarse map has elevations"):
+        Ground(means, factor=4)
