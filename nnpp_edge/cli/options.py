@@ -279,6 +279,4 @@ def given_options() -> list[str]:
 
 
 PRIORS = ("network", "slope", "eq1", "mean")
-PRIOR = (
-    "With --known, what unseen ground is expected to cost by: a network, the coarse slope, NNPP's Eq. 1, one mean."
-)
+PRIOR = "With --known, what unseen ground is priced by: a network, the coarse slope, NNPP's Eq. 1, one mean."

@@ -82,9 +82,7 @@ def test_a_cell_weighs_by_its_own_heights_once_it_was_seen_and_the_path_says_how
     whole = traversability_cost(HEIGHTS, CELL_M, Traversability(), warn=False)
     prices = np.repeat(np.repeat(planner.state.unseen.layers[0], FACTOR, 0), FACTOR, 1)
     assert costs[:39, :39] == pytest.approx(whole[:39, :39], abs=1e-6)
-    assert costs[48:, 48:] == pytest.approx(
-        np.repeat(np.repeat(planner.state.unseen.layers[0], 8, 0), 8, 1)[48:, 48:]
-    )
+    assert costs[48:, 48:] == pytest.approx(prices[48:, 48:])
     plan = planner.plan((5, 5), GOAL)
     assert 30 < plan.known < len(plan.path) and plan.path[plan.known - 1].max() < 40 <= plan.path[plan.known].max()
     assert plan.rest(10).known == plan.known - 10
