@@ -1,0 +1,58 @@
+"""A robot that knows the ground coarsely: three drives by three expectations of what it has not seen.
+
+The map has means of 8 × 8 cells. The robot sees 16 cells around itself, and plans anew after every eighth: over cells
+where it has seen them, over blocks beyond. What it expects of a block decides where it goes.
+
+Run time: 8 s.
+Data: moon_highlands, LROC WAC GLD100 (public domain).
+"""
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+from drawing import ends, line, panels, relief, run, save
+
+from nnpp_edge.runtime import DynamicPlanner, Planner, Traversability
+from nnpp_edge.terrain.dem import sample_dem
+
+FACTOR, SIGHT, STRIDE = 8, 16, 8
+START, GOAL, LIMITS = (20, 30), (236, 214), Traversability(slope_limit_deg=20.0, hard_slope_deg=20.0)
+WHOLE = sample_dem("moon_highlands").rescaled(20.0)
+TRUTH = replace(WHOLE, elevation=WHOLE.elevation[:256, :256])
+
+
+def drive(prior: str) -> np.ndarray:
+    """The cells that the robot walks over."""
+    heights, side = TRUTH.elevation, TRUTH.cell_size_m
+    means = heights.reshape(32, FACTOR, 32, FACTOR).mean((1, 3))
+    planner = DynamicPlanner.of_coarse(means, FACTOR * side, FACTOR, GOAL, LIMITS, prior=prior)
+    driven = [START]
+    while driven[-1] != GOAL:
+        row, col = (max(cell - SIGHT, 0) for cell in driven[-1])
+        seen = heights[row : driven[-1][0] + SIGHT + 1, col : driven[-1][1] + SIGHT + 1]
+        planner.update_elevation(row, col, seen)
+        planner.move(driven[-1])
+        plan = planner.replan()
+        driven += [(int(row), int(col)) for row, col in plan.path[1 : 1 + min(STRIDE, plan.known - 1)]]
+    return np.array(driven, np.int32)
+
+
+def main(folder: Path) -> Path:
+    """Drive, and draw each way beside the one that is best for who knows all."""
+    figure, axes = panels(3)
+    whole = Planner.of_elevation(TRUTH.elevation, TRUTH.cell_size_m, LIMITS)
+    best = whole.plan(START, GOAL, method="astar")
+    for prior, panel in zip(("eq1", "slope", "network"), axes, strict=True):
+        driven = drive(prior)
+        excess = whole.state.grid.costs_of(driven)[0] / best.cost - 1.0
+        relief(panel, TRUTH, f"{prior}: +{100.0 * excess:.1f} %")
+        line(panel, best.path, color="white")
+        line(panel, driven)
+        ends(panel, START, GOAL)
+        print(f"{prior}: {100.0 * excess:.1f} % above the path of who knows all")
+    return save(figure, folder, "unseen_ground")
+
+
+if __name__ == "__main__":
+    run(main)
