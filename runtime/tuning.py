@@ -96,7 +96,7 @@ JOIN_AHEAD, JOIN_BEHIND, JOIN_WITHIN = 64, 16, 8
 """States ahead of the robot, and behind what is blocked, at which a new way joins the standing path of arcs again;
 and cells from the path at which a robot may be."""
 JOIN_EXPANSIONS = 4096
-"""After so many the best way to that place is taken, else the path as it stood."""
+"""Expansions after which the best way to that place is taken, else the path as it stood."""
 IN_VAIN = 16
 """Plans to a goal to which no corridor had a path of arcs that are made on the whole map at once: the corridors took
 more of a loop's time than that search (90 to 540 ms for 24 to 155), tick after tick."""

@@ -191,13 +191,11 @@ class GroundOptions(VehicleOptions, TerrainOptions):
         )
 
     def of_blocks(self, dem: "Dem", factor: int, prior: str) -> "Ground":
-        """The ground of a map of which each cell is the mean of `factor` × `factor`; UsageError for a vehicle."""
+        """The ground of a map of which each cell is the mean of `factor` × `factor`."""
         from nnpp_edge.runtime.map.ground import Ground
 
-        if self.body() is not None:
-            raise click.UsageError("--known is for points so far: leave out --vehicle and --set")
-        place = dem.elevation, dem.cell_size_m, factor, self.limits()
-        return Ground.of_coarse(*place, prior=prior, cell_width_m=dem.cell_width_m, step_cost=self.step_cost)
+        width, body, place = dem.cell_width_m, self.body(), (dem.elevation, dem.cell_size_m, factor, self.limits())
+        return Ground.of_coarse(*place, prior=prior, cell_width_m=width, vehicle=body, step_cost=self.step_cost)
 
     def warn_if_coarse(self, dem: "Dem") -> None:
         """Warn of cells beside which the vehicle is so short that little is known of the ground below it."""

@@ -7,7 +7,7 @@ The kernels are given `poses`, a tuple (codes, source, address):
 
     codes      (nodes, M) uint16, of each motion that begins on a node: `UNCHECKED`, 1 + T · `MOST_CODE`, rounded up,
                or `MOST_CODE` + 1 + the limit that refuses it
-    source     (heights, motions, limits, scratch, counts, shape), see `map.poses`
+    source     (heights, motions, limits, scratch, counts, shape, unseen), see `map.poses`
     address    of `check_run`
 """
 
@@ -272,6 +272,7 @@ def check_run(poses, row, col, motion):
     """
     codes, source = borrowed(poses[0]), poses[1]
     limits, counts, cols = borrowed(source[2]), borrowed(source[4]), source[5][1]
+    side, unseen = source[5][4], borrowed(source[6])
     (heights, width, margin), poses_of, tables, scratch = _given(poses)
     col -= col % RUN
     first = (row + margin) * width + col + margin
@@ -284,6 +285,11 @@ def check_run(poses, row, col, motion):
     mean = rounded_up(total * (_ONE / np.float32(poses_of[motion + 1] - poses_of[motion])))
     put_run(scratch, 0, chosen(worst < np.float32(FAILS), mean, worst))
     n, node = min(RUN, cols - col), (row + 1) * (cols + 2) + col + 1
+    if side > 0:
+        for c in range(n):
+            if scratch[c] == np.float32(FAILS + UNKNOWN):
+                price = unseen[row // side * (cols // side) + (col + c) // side]
+                scratch[c] = _ONE + (_MOST - _ONE) * min(price, _ONE)
     if motion < codes.shape[1]:
         there = codes[node:, motion]
         for c in range(n):

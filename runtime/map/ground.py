@@ -74,8 +74,9 @@ class Ground:
             if self.cell_size_m is None:
                 raise InvalidMapError("wanted cell_size_m, the side of a cell, with elevations")
             slope_cost_of(self.step_cost, self.mobility)
-            if self.factor > 1 and (self.by_slope or self.vehicle is not None):
-                raise InvalidMapError("a coarse map is for points so far: wanted step_cost='paper', no vehicle")
+            is_disc = self.vehicle is not None and self.vehicle.is_disc
+            if self.factor > 1 and (self.by_slope or is_disc):
+                raise InvalidMapError("a coarse map is for points and bodies: wanted step_cost='paper', and no disc")
             return
         if self.factor > 1:
             raise InvalidMapError("a coarse map has elevations: got costs")

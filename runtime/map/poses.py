@@ -44,6 +44,8 @@ Prices = tuple[np.float32, Ints, Floats, Ints, Ints, Floats, Floats]
 what turns between directions cost (16, 16)."""
 NO_EDGES = np.empty((0, 2 * AXES), np.float32)
 """Of legs that cost by what they are checked to be."""
+_WALL_M = 1e6
+"""Height of what no body passes, on a map where unknown ground counts by its price."""
 _SAFE = 1.0 - 1e-5
 """Share of a limit that is used: what rounding to float32 may add."""
 
@@ -65,6 +67,8 @@ class Poses:
         Weight of T = 1.
     shut : (H, W) bool
         Cells that no part of the body may be above, whatever their heights; by default none.
+    unseen : (2, I, J) float32
+        Prices of blocks, see `map.tiles.Tiles`: motions that would be over unknown cells cost by these.
     """
 
     def __init__(
@@ -75,8 +79,9 @@ class Poses:
         weights: tuple[float, float, float],
         scale: float,
         shut: NDArray[np.bool_] | None = None,
+        unseen: Floats | None = None,
     ) -> None:
-        self.weights = weights
+        self.weights, self._unseen = weights, unseen
         self.vehicle, self.shape, self.sides_m = vehicle, (heights.shape[0], heights.shape[1]), sides_m
         (rows, cols), (dy, dx) = self.shape, sides_m
         if vehicle.length_m > max(rows * dy, cols * dx) or vehicle.width_m > min(rows * dy, cols * dx):
@@ -91,7 +96,8 @@ class Poses:
         self._margin = max(self.reach) + 1
         width = cols + 2 * self._margin + RUN
         self._base = _some_height(heights)
-        self._unknown = np.float32(np.nan if vehicle.unknown_passes else np.inf)
+        self._unknown = np.float32(np.nan if vehicle.unknown_passes or unseen is not None else np.inf)
+        self._shut = np.float32(np.inf if unseen is None else _WALL_M)
         self.heights = np.empty((rows + 2 * self._margin, width), np.float32)
         """Within a margin of `margin` unknown cells, and more to the right; relative to one of them."""
         for edge in (
@@ -100,7 +106,7 @@ class Poses:
             np.s_[:, : self._margin],
             np.s_[:, self._margin + cols :],
         ):
-            self.heights[edge] = self._unknown
+            self.heights[edge] = self._unknown if unseen is None else self._shut
         nodes = (rows + 2) * (cols + 2)
         self.codes: NDArray[np.uint16] = np.zeros((nodes, len(tables.poses_of) - 1 - AXES), np.uint16)
         """(nodes, M) what is known of each motion that begins on a node: legs, turns, and arcs if there are any."""
@@ -137,8 +143,10 @@ class Poses:
             tables.gradients,
             tables.carried,
         )
-        shape = np.array((rows, cols, width, self._margin), np.int64)
-        source = self.heights.reshape(-1), packed, self._limits, self._scratch, self._counts, shape
+        unseen = np.empty(0, np.float32) if self._unseen is None else self._unseen.reshape(-1)
+        side = 0 if self._unseen is None else cols // self._unseen.shape[2]
+        shape = np.array((rows, cols, width, self._margin, side), np.int64)
+        source = self.heights.reshape(-1), packed, self._limits, self._scratch, self._counts, shape, unseen
         return self.codes, source, _address()
 
     def figures(self, cell: Cell, motion: int, other: motions.Motions | None = None) -> NDArray[np.float64]:
@@ -159,7 +167,7 @@ class Poses:
         place = self._margin + row, self._margin + col
         put_heights(np.ascontiguousarray(heights), self._base, self._unknown, self.heights, *place)
         if shut is not None:
-            self.heights[slices((*place, *heights.shape))][shut] = np.inf
+            self.heights[slices((*place, *heights.shape))][shut] = self._shut
 
     def write(self, row: int, col: int, heights: Float2D, shut: NDArray[np.bool_] | None = None) -> Rectangle:
         """Put heights into the map, (h, w) float32 that lie inside it, and forget the motions that they touch.
@@ -342,7 +350,8 @@ def _address() -> int:
         np.ones(LIMIT_SLOTS, np.float32),
         np.zeros(RUN, np.float32),
         ints,
-        np.array((1, 1, RUN, 0)),
+        np.array((1, 1, RUN, 0, 0)),
+        np.empty(0, np.float32),
     )
     packed = np.zeros((9, AXES), np.uint16), source, 0
     return int(address_of_check(packed))  # type: ignore[no-untyped-call]  # as all of `kernels`

@@ -110,7 +110,8 @@ class MapState:
                 self.grid.set_bounds(self.grid.least, MOST_PRICE * model.scale)
             if self.vehicle is not None:
                 terms, shut = term_weights(self._limits), None if self._told is None else self._told >= 1.0
-                self.grid.stand_by(Poses(heights, sides, self.vehicle, terms, model.scale, shut))
+                known = self._known_heights((0, 0, rows, cols))
+                self.grid.stand_by(Poses(known, sides, self.vehicle, terms, model.scale, shut, unseen))
             elif self._slope_cost is not None:
                 self.grid.complete()
 
@@ -198,14 +199,21 @@ class MapState:
 
     def price(self, part: Rectangle, prices: Float2D, new: NDArray[np.bool_]) -> Change:
         """Put prices (h, w) of unseen blocks, those that are `new`, into a part of these; as `update`."""
-        return self._noted(self._tiles.price(part, prices, new, keeps=self.log.keeps_old_weights), (0, 0, 0, 0))
+        change, cells = self._tiles.price(part, prices, new, keeps=self.log.keeps_old_weights)
+        return self._noted(self._stand_anew(change, cells), (0, 0, 0, 0))
+
+    def _known_heights(self, part: Rectangle) -> Float2D:
+        """Heights of a part of the map, NaN where they mean nothing."""
+        assert self._heights is not None
+        heights: Float2D = self._heights[slices(part)]
+        return heights if self.unseen is None else np.where(self.unknown(*slices(part)), np.float32(np.nan), heights)
 
     def _stand_anew(self, change: Change, part: Rectangle) -> Change:
         """Have a body's poses checked anew that touch a part; no more is known of them than where they are."""
         if self.grid.poses is None or self._heights is None or not part[2]:
             return change
         shut = None if self._told is None else self._told[slices(part)] >= 1.0
-        touched = self.grid.poses.write(*part[:2], self._heights[slices(part)], shut)
+        touched = self.grid.poses.write(*part[:2], self._known_heights(part), shut)
         return Change(touched, touched[2] * touched[3], cheaper=True)
 
     def _noted(self, change: Change, heights: Rectangle) -> Change:
@@ -223,7 +231,7 @@ class MapState:
         or plans on it: then it is some of the old map and some of the new.
         """
         if self._heights is not None and self.sides_m is not None:
-            (dy, dx), heights = self.sides_m, np.where(self.unknown(), np.float32(np.nan), self._heights)
+            (dy, dx), heights = self.sides_m, self._known_heights((0, 0, *self.shape)).copy()
             cost = traversability_cost(heights, dy, self._limits, cell_width_m=dx, warn=False)
             if self.unseen is not None:
                 cost = np.where(np.isfinite(heights), cost, self.unseen.at())
@@ -251,7 +259,11 @@ class MapState:
         if self.unseen is None or self._heights is None:
             return len(path)
         unknown = ~np.isfinite(self._heights[path[:, 0], path[:, 1]]) | self.unseen.unknown_at(path)
-        return int(unknown.argmax()) if unknown.any() else len(path)
+        known = int(unknown.argmax()) if unknown.any() else len(path)
+        if (poses := self.grid.poses) is None:
+            return known
+        under = (slices(widened((*cell, 1, 1), poses.reach, self.shape)) for cell in path[:known].tolist())
+        return next((n for n, cells in enumerate(under) if self.unknown(*cells).any()), known)
 
     @property
     def room(self) -> Room:

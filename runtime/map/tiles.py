@@ -173,10 +173,12 @@ class Tiles:
         layer, kind = (self._told, (0, 1)) if told else (self.heights.reshape(-1), (1, 1))
         return self._written(layer, kind, part, patch, seen, keeps)
 
-    def price(self, part: Rectangle, prices: Float2D, new: NDArray[np.bool_], *, keeps: bool = False) -> Change:
+    def price(
+        self, part: Rectangle, prices: Float2D, new: NDArray[np.bool_], *, keeps: bool = False
+    ) -> tuple[Change, Rectangle]:
         """Put prices of unseen blocks, those that are `new`, into a part of these; as `write`."""
         kind = 0, int(self._counts[BLOCK_SIDE])
-        return self._written(self._unseen, kind, part, prices, new, keeps)[0]
+        return self._written(self._unseen, kind, part, prices, new, keeps)
 
     def _written(
         self,

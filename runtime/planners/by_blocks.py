@@ -39,9 +39,9 @@ class BlockWay:
         """Blocks of a part cost otherwise now."""
         self._map.update(*part[:2], self._unseen.costs(part) / MOST_PRICE)
 
-    def find(self, query: Query, work: Work) -> tuple[CellPath, int, Region] | None:
+    def find(self, query: Query, work: Work, *, whole: bool) -> tuple[CellPath, int, Region] | None:
         """Cells to go by: the middles of the blocks on the way, and the goal; up to which of them the first stretch
-        leads that has been seen; and the blocks around that. None where no way was found.
+        leads that has been seen, or the `whole` way; and the blocks around that. None where no way was found.
         """
         side = self._unseen.factor
         start, goal = ((cell[0] // side, cell[1] // side) for cell in (query.start, query.goal))
@@ -52,7 +52,7 @@ class BlockWay:
         stops = way * side + side // 2
         stops[-1] = query.goal
         unseen = np.flatnonzero(self._unseen.layers[1][way[:, 0], way[:, 1]] != SEEN)
-        first = min(int(unseen[0]) + BLOCKS_BEYOND if len(unseen) else len(way), len(way) - 1)
+        first = min(int(unseen[0]) + BLOCKS_BEYOND if len(unseen) and not whole else len(way), len(way) - 1)
         self._region = region = self._region._replace(stamp=self._region.stamp + 1)
         for row, col in way[: first + 1].tolist():
             rows, cols = (slice(max(at - BLOCKS_AROUND, 0), at + BLOCKS_AROUND + 1) for at in (row, col))

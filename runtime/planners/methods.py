@@ -240,16 +240,16 @@ class Methods:
             way.changed(part)
         if state.unseen.nothing_left:
             return None
-        if (found := way.find(query, work)) is None:
+        if (found := way.find(query, work, whole=self.has_poses)) is None:
             return None
         stops, first, region = found
-        near = query._replace(goal=cell(stops[first]))
+        near = query if self.has_poses else query._replace(goal=cell(stops[first]))
         if problem_with(grid, near.start, near.goal) is not None:
             return None
         search = self.astar.search(near, work, region)
         if search.status is not Status.OK:
             return None
-        path = np.concatenate((search.path[:-1], over(stops[first:])))
+        path = search.path if self.has_poses else np.concatenate((search.path[:-1], over(stops[first:])))
         bound = float(octile.py_func(*query.start, *query.goal, *grid.prices))
         answer = Found.of(grid, Search(Status.OK, path, 0, bound), Source.REGION, None, work)
         return answer if answer.cost < math.inf else None

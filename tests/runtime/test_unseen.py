@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from nnpp_edge.runtime import DynamicPlanner, Planner, Traversability
+from nnpp_edge.runtime import DynamicPlanner, Planner, Traversability, Vehicle
 from nnpp_edge.runtime.errors import InvalidMapError, InvalidQueryError
 from nnpp_edge.runtime.map.ground import Ground
 from nnpp_edge.runtime.map.step_cost import PAPER_OMEGA
@@ -115,13 +115,31 @@ def test_a_moving_planner_on_coarse_ground_takes_what_it_sees():
     assert at == GOAL and unknown[0] > 50 and unknown[-1] == 0
 
 
+@pytest.mark.parametrize("turning_radius_m", (None, 40.0))
+def test_a_body_goes_by_prices_until_its_poses_are_known(turning_radius_m):
+    body = Vehicle(60.0, 40.0, 8.0, max_step_m=10.0, turning_radius_m=turning_radius_m)
+    planner, known = coarse(vehicle=body), Planner.of_elevation(HEIGHTS, CELL_M, LIMITS, vehicle=body, warn=False)
+    plan = planner.plan(START, GOAL)
+    assert plan.ok and plan.known == 0 and plan.lower_bound <= plan.cost
+    planner.update_elevation(0, 0, HEIGHTS[:60, :60])
+    seen = planner.plan(START, GOAL)
+    assert seen.ok and 20 < seen.known < len(seen.path) and seen.path[: seen.known].max() < 60
+    planner.update(30, 30, np.ones((4, 4)))  # an obstacle that was told shuts a way, seen or not
+    assert not planner.is_passable((31, 31)) and planner.plan(START, GOAL).ok
+    planner = coarse(vehicle=body)
+    planner.update_elevation(0, 0, HEIGHTS)
+    for method in ("astar", "corridor"):
+        plan, other = (each.plan(START, GOAL, method=method) for each in (planner, known))
+        assert plan.cost == pytest.approx(other.cost, rel=1e-5)  # heights are rounded otherwise
+
+
 def test_what_a_coarse_map_cannot_be_is_refused():
     means = np.zeros((8, 8), np.float32)
     with pytest.raises(InvalidQueryError, match="factor must be at least 1, got 0"):
         Planner.of_coarse(means, 1.0, 0)
     with pytest.raises(InvalidQueryError, match="prior must be one of network, slope, eq1, mean, got 'best'"):
         Planner.of_coarse(means, 1.0, 4, prior="best")
-    with pytest.raises(InvalidMapError, match="a coarse map is for points so far"):
+    with pytest.raises(InvalidMapError, match="a coarse map is for points and bodies"):
         Planner.of_coarse(means, 1.0, 4, step_cost="tobler")
     with pytest.raises(InvalidMapError, match="a coarse map has elevations"):
         Ground(means, factor=4)
