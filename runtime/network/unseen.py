@@ -29,7 +29,7 @@ _NUMBERS = SlopePrice()
 
 @dataclass(frozen=True, eq=False)
 class Seen:
-    """What has been seen of each block of a window: (H, W) float32 each, 0 where nothing was."""
+    """Facts seen of each block of a window: (H, W) float32 each, 0 where nothing was."""
 
     mean: Float2D
     """Mean T of the cells seen, impassable ones as 1."""
