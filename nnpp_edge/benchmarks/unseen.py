@@ -69,7 +69,7 @@ class Ground:
 
     @cached_property
     def coarse(self) -> Float2D:
-        """What is known of it beforehand."""
+        """The part that is known beforehand."""
         return self.pooled(self.elevation)
 
     def pooled(self, cells: NDArray[np.generic]) -> Float2D:
