@@ -12,7 +12,8 @@ from torch.nn.functional import binary_cross_entropy_with_logits
 
 from nnpp_edge.model.network import Network
 from nnpp_edge.runtime.errors import DataSetError
-from nnpp_edge.runtime.network.unseen import CHANNELS, Seen, encode_unseen
+from nnpp_edge.runtime.network.model_file import UNSEEN
+from nnpp_edge.runtime.network.unseen import Seen, encode_unseen
 from nnpp_edge.terrain.known import QUARTERS, KnownMaps
 from nnpp_edge.training.batches import Batch, made_ahead
 from nnpp_edge.training.checkpoint import TrainSettings
@@ -67,7 +68,7 @@ def sample(maps: KnownMaps, at: int, rng: np.random.Generator) -> tuple[Floats, 
         array = np.rot90(array, quarters, axes=(-2, -1))
         return np.ascontiguousarray(array[..., ::-1] if mirrored else array)
 
-    planes = np.empty((len(CHANNELS), *answers.shape[1:]), np.float32)
+    planes = np.empty((len(UNSEEN), *answers.shape[1:]), np.float32)
     now = Seen(*(turned(each) for each in (seen.mean, seen.blocked, seen.share)))
     size_m = float(maps.cell_size_m[at]) * factor
     encode_unseen(turned(maps.heights[at]), now, maps.limits(at), size_m, factor, planes)
