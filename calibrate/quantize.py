@@ -22,7 +22,6 @@ from nnpp_edge.model.registry import Spec
 from nnpp_edge.runtime.errors import DataSetError, InvalidQueryError, ModelError, OutputError
 from nnpp_edge.runtime.network.inference import NetworkModel
 from nnpp_edge.runtime.network.model_file import METADATA_KEY
-from nnpp_edge.runtime.network.unseen import ANSWERS
 from nnpp_edge.terrain.dataset import Samples, read_known, read_recipe, read_samples
 from nnpp_edge.training.unseen import Fit, KnownValidator, fit_of
 from nnpp_edge.training.validation import Judgement, Validator
@@ -64,9 +63,9 @@ class Comparison:
     mean_difference: float
     """Of the probabilities."""
     max_difference: float
-    fp32: Judgement
-    """Outcome of searches in its regions, at the model's factor on the threshold."""
-    int8: Judgement
+    fp32: Judgement | Fit
+    """Outcome of searches in its regions, at the model's factor on the threshold; or errors of prices."""
+    int8: Judgement | Fit
     fp32_latency: Latency
     int8_latency: Latency
 
@@ -77,6 +76,15 @@ class Comparison:
 
     def recommendation(self) -> str:
         """One plain sentence that begins with ``int8`` or ``keep fp32``."""
+        if isinstance(self.fp32, Fit) or isinstance(self.int8, Fit):
+            before, after = astuple(self.fp32), astuple(self.int8)
+            grown = max(b / a - 1.0 for a, b in zip(before, after, strict=True))
+            said = f"{self.speed_up:.2f} times as fast on this machine, and its errors grow by {100 * grown:.1f} %."
+            return (
+                f"int8: {said}"
+                if self.speed_up >= WORTH_IT and grown <= ERROR_LIMIT
+                else f"keep fp32: int8 is {said}"
+            )
         more, fewer = self.int8.gap - self.fp32.gap, self.fp32.success - self.int8.success
         as_fast = f"{self.speed_up:.2f} times as fast"
         grows = f"but the cost gap grows by {100 * more:.2f} points, and {100 * GAP_LIMIT:.1f} are allowed"
@@ -94,34 +102,6 @@ class Comparison:
 
 
 @dataclass(frozen=True)
-class FitComparison:
-    """Two models that price unseen ground, on the same maps of which parts were seen."""
-
-    queries: int
-    """Maps."""
-    mean_difference: float
-    max_difference: float
-    fp32: Fit
-    int8: Fit
-    fp32_latency: Latency
-    int8_latency: Latency
-
-    @property
-    def speed_up(self) -> float:
-        """Ratio of the medians."""
-        return self.fp32_latency.median_ms / self.int8_latency.median_ms
-
-    def recommendation(self) -> str:
-        """One plain sentence that begins with ``int8`` or ``keep fp32``."""
-        grown = max(after / before - 1.0 for before, after in zip(*map(astuple, (self.fp32, self.int8)), strict=True))
-        said = (
-            f"{self.speed_up:.2f} times as fast on this machine, and its errors grow by {100 * grown:.1f} % at most"
-        )
-        pays = self.speed_up >= WORTH_IT and grown <= ERROR_LIMIT
-        return f"{'int8' if pays else 'keep fp32: int8 is'}{':' * pays} {said}."
-
-
-@dataclass(frozen=True)
 class QuantizeReport:
     """The model made, and how it compares with the model that it was made from."""
 
@@ -135,7 +115,7 @@ class QuantizeReport:
     """Convolutions in int8."""
     fp32_bytes: int
     int8_bytes: int
-    compared: Comparison | FitComparison
+    compared: Comparison
     recommendation: str
 
     def to_json(self) -> str:
@@ -181,9 +161,9 @@ def quantize(
     if output.resolve() == fp32.path.resolve():
         raise InvalidQueryError(f"{output}: wanted another file than the fp32 model")
     calibration: Samples | Floats
-    compare_on: Callable[[NetworkModel], Comparison | FitComparison]
+    compare_on: Callable[[NetworkModel], Comparison]
     if fp32.metadata.encoding == "unseen":
-        calibration, held_out_planes, targets = known_planes(dataset, validation, samples, size, seed)
+        calibration, held_out_planes, targets = known_planes(dataset, validation, samples, size)
         compare_on = partial(compare_fits, fp32, planes=held_out_planes, targets=targets, rounds=rounds)
     else:
         pool = read_samples(dataset, most_maps=2 * samples, size=size)
@@ -282,41 +262,21 @@ def compare(fp32: NetworkModel, int8: NetworkModel, samples: Samples, most: int,
     return Comparison(len(queries), *figures, one, other, *latencies(fp32, int8, queries, rounds))
 
 
-def known_planes(
-    dataset: Path, validation: Path | None, count: int, size: int, seed: int
-) -> tuple[Floats, Floats, Floats]:
+def known_planes(dataset: Path, validation: Path | None, count: int, size: int) -> tuple[Floats, Floats, Floats]:
     """Planes to calibrate on, and planes and targets to judge on, of maps known by their blocks."""
-    maps = read_known(dataset)
-    calibration, judged = (
-        KnownValidator(maps, 2 * count),
-        KnownValidator(read_known(validation) if validation else maps),
-    )
-    order = np.random.default_rng([seed, 1]).permutation(len(calibration.planes))
-    pick, rest = order[:count], slice(None) if validation else np.setdiff1d(order, order[:count])
-
-    def sized(planes: Floats) -> Floats:
-        """At the network's size, the rest unknown."""
-        out = np.zeros((*planes.shape[:2], size, size), np.float32)
-        side = min(size, planes.shape[-1])
-        out[..., :side, :side] = planes[..., :side, :side]
-        return out
-
-    if not validation:
-        judged = calibration
-    targets = np.full((len(judged.targets), ANSWERS, size, size), np.nan, np.float32)
-    side = min(size, judged.targets.shape[-1])
-    targets[..., :side, :side] = judged.targets[..., :side, :side]
-    return sized(calibration.planes[pick]), sized(judged.planes)[rest], targets[rest]
+    shown = KnownValidator(read_known(dataset), 2 * count, size)
+    judged = KnownValidator(read_known(validation), HELD_OUT, size) if validation else shown
+    return shown.planes[::2], judged.planes[1::2], judged.targets[1::2]
 
 
 def compare_fits(
     fp32: NetworkModel, int8: NetworkModel, *, planes: Floats, targets: Floats, rounds: int
-) -> FitComparison:
+) -> Comparison:
     """Compare two models that price unseen ground on planes (N, C, S, S), and time each `rounds` times."""
     p, q = (np.array([answer(model, planes, at).copy() for at in range(len(planes))]) for model in (fp32, int8))
     difference = np.abs(p - q)[np.isfinite(targets)]
     figures = float(difference.mean()), float(difference.max())
-    return FitComparison(
+    return Comparison(
         len(planes), *figures, fit_of(p, targets), fit_of(q, targets), *latencies(fp32, int8, planes, rounds)
     )
 

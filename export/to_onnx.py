@@ -33,8 +33,7 @@ from nnpp_edge.runtime.kernels.place_head import ANSWERS
 from nnpp_edge.runtime.map.step_cost import PAPER_OMEGA
 from nnpp_edge.runtime.network.inference import NetworkModel
 from nnpp_edge.runtime.network.loading import ASK, HEAD, OUTPUT, PLACES
-from nnpp_edge.runtime.network.model_file import METADATA_KEY, QUERY_SPACING, ModelMetadata
-from nnpp_edge.runtime.network.unseen import CHANNELS
+from nnpp_edge.runtime.network.model_file import METADATA_KEY, QUERY_SPACING, UNSEEN, ModelMetadata
 from nnpp_edge.runtime.reading import refused_as
 from nnpp_edge.runtime.terrain.traversability import Traversability
 from nnpp_edge.terrain.dataset import Samples
@@ -87,7 +86,7 @@ def export_network(
     channels = {
         "ends": ("cost", "blocked", "ends"),
         "gaussian": ("cost", "start_map", "goal_map"),
-        "unseen": CHANNELS,
+        "unseen": UNSEEN,
     }
     facts = ModelMetadata(
         name=name,
@@ -129,7 +128,7 @@ def parity(network: Network, onnx_path: Path, samples: Samples | None = None, n:
     network.eval()
     model, size, rng = NetworkModel(onnx_path), network.spec.input_size, np.random.default_rng(seed)
     if network.spec.encoding == "unseen":
-        return _parity_of_answers(network, model, rng.uniform(-1.0, 1.0, (n, len(CHANNELS), size, size)))
+        return _parity_of_answers(network, model, rng.uniform(-1.0, 1.0, (n, len(UNSEEN), size, size)))
     if samples is None:
         drawn = rng.uniform(0, size - 1, (n, 2, 2)).tolist()
         queries = [(rng.random((2, size, size), np.float32), tuple(start), tuple(goal)) for start, goal in drawn]
@@ -204,7 +203,7 @@ def example_inputs(spec: Spec) -> dict[str, Tensor]:
     if spec.architecture == "nnpp":
         return {"input": torch.zeros(1, 3, size, size)}
     if spec.architecture == "unseen":
-        return {"input": torch.zeros(1, len(CHANNELS), size, size)}
+        return {"input": torch.zeros(1, len(UNSEEN), size, size)}
     map_side, query_side = size // edge.UNSHUFFLE, size // QUERY_SPACING
     return {
         "map": torch.zeros(1, edge.MAP_CHANNELS * edge.UNSHUFFLE**2, map_side, map_side),

@@ -26,9 +26,9 @@ from nnpp_edge.runtime.arrays import Float2D
 from nnpp_edge.runtime.cells import Cell
 from nnpp_edge.runtime.map.grid import Grid
 from nnpp_edge.runtime.map.step_cost import PAPER_OMEGA, StepModel
-from nnpp_edge.runtime.network.model_file import model_path
+from nnpp_edge.runtime.network.model_file import UNSEEN, model_path
 from nnpp_edge.runtime.network.priors import CoarseCost, CoarseSlope, NetworkPrior, Prior, within
-from nnpp_edge.runtime.network.unseen import CHANNELS, Seen, encode_unseen, prices_of
+from nnpp_edge.runtime.network.unseen import Seen, encode_unseen, prices_of
 from nnpp_edge.runtime.terrain.traversability import Traversability, traversability_cost
 from nnpp_edge.runtime.tuning import MOST_PRICE
 from nnpp_edge.terrain.dataset import read_known
@@ -69,7 +69,7 @@ class Ground:
 
     @cached_property
     def coarse(self) -> Float2D:
-        """What is known of it beforehand."""
+        """The part that is known beforehand."""
         return self.pooled(self.elevation)
 
     def pooled(self, cells: NDArray[np.generic]) -> Float2D:
@@ -186,7 +186,7 @@ def shuffled_network(model: str, limits: Traversability, block_m: float, factor:
 
 def features(planes: NDArray[np.float32]) -> NDArray[np.float32]:
     """(H · W, F) features of blocks, from a network's planes: the block's own, and of its neighbourhood."""
-    named = dict(zip(CHANNELS, planes, strict=True))
+    named = dict(zip(UNSEEN, planes, strict=True))
     seen, known = named["seen"], np.maximum(named["known"], np.float32(0.0))
     of_seen = [seen, *(seen * named[name] for name in ("seen_mean", "seen_blocked", "seen_more_blocked"))]
     heights = [named[name] for name in ("slope", "step", "blocked_by_slope", "above_3", "above_7", "above_15")]
@@ -216,7 +216,7 @@ def trees(maps: KnownMaps, rows: int = 600_000, iterations: int = 250) -> Price:
     fitted = [HistGradientBoostingRegressor(**settings).fit(x, each) for each in y]
 
     def price(ground: Ground, seen: Seen) -> Float2D:
-        planes = np.empty((len(CHANNELS), *ground.coarse.shape), np.float32)
+        planes = np.empty((len(UNSEEN), *ground.coarse.shape), np.float32)
         encode_unseen(ground.coarse, seen, ground.limits, ground.cell_size_m * ground.factor, ground.factor, planes)
         shown = features(planes)
         answers = np.array([np.clip(each.predict(shown), 0.0, 1.0) for each in fitted], np.float32)

@@ -13,6 +13,7 @@ if TYPE_CHECKING:
 _PURPOSES = {
     "edge": "planning on board; the default of --method nnpp",
     "edge-fp32": "edge before quantisation, from which quantize shows its work",
+    "unseen": "prices of ground of which a coarse map alone is known",
     "paper": "the paper's network, to reproduce its experiments",
 }
 _LISTED: Columns = {

@@ -31,7 +31,8 @@ def command(
     """
     options.check_outputs(("--output", output))
 
-    from nnpp_edge.calibrate.quantize import FitComparison, quantize
+    from nnpp_edge.calibrate.quantize import quantize
+    from nnpp_edge.training.unseen import Fit
 
     r = quantize(model, dataset, output, validation=validation, samples=samples, exclude=exclude, seed=seed)
     if as_json:
@@ -42,7 +43,7 @@ def command(
         **columns("precision | MB: size_mb .2f | ms/median: median_ms .2f | ms/p99: p99_ms .2f"),
         **columns("cost gap: gap z.3% | found in/region: success .1% | region, of/the map: region_share .2%"),
     }
-    if isinstance(c, FitComparison):
+    if isinstance(c.fp32, Fit):
         shown_as = {name: shown_as[name] for name in list(shown_as)[:4]} | columns(
             "error of/mean T: mean .4f | blocked/share: blocked .4f | closed/chance: closed .4f"
         )
@@ -57,6 +58,6 @@ def command(
         f"{r.output}: calibrated on {r.samples} queries, compared on {c.queries} held-out ones\n"
         f"{table(rows, shown_as)}\n"
         f"answers differ by {c.mean_difference:.4f} on average, {c.max_difference:.3f} at most"
-        f"{'' if isinstance(c, FitComparison) else f'; region at td × {c.fp32.factor:g}'}\n"
+        f"{'' if isinstance(c.fp32, Fit) else f'; region at td × {c.fp32.factor:g}'}\n"
         f"{r.quantised} convolutions in int8, left float: {', '.join(('the head', *r.excluded))}\n{r.recommendation}"
     )

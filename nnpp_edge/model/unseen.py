@@ -5,7 +5,8 @@ from torch.nn import functional
 
 from nnpp_edge.model.nnpp import ConvBNReLU, initialise
 from nnpp_edge.runtime.errors import ModelError
-from nnpp_edge.runtime.network.unseen import ANSWERS, CHANNELS
+from nnpp_edge.runtime.network.model_file import UNSEEN
+from nnpp_edge.runtime.network.unseen import ANSWERS
 
 SIZE_STEP = 4
 
@@ -18,7 +19,7 @@ class UnseenNet(nn.Module):
         if input_size < SIZE_STEP or input_size % SIZE_STEP:
             raise ModelError(f"input_size must be a positive multiple of {SIZE_STEP}, got {input_size}")
         full, half, quarter = widths
-        self.stem = nn.Sequential(ConvBNReLU(len(CHANNELS), full), ConvBNReLU(full, full))
+        self.stem = nn.Sequential(ConvBNReLU(len(UNSEEN), full), ConvBNReLU(full, full))
         self.down = nn.Sequential(ConvBNReLU(full, half, stride=2), ConvBNReLU(half, half))
         self.deep = nn.Sequential(ConvBNReLU(half, quarter, stride=2), ConvBNReLU(quarter, quarter))
         self.match_half, self.merge_half = ConvBNReLU(quarter, half, 1), ConvBNReLU(half, half)

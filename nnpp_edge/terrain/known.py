@@ -64,7 +64,7 @@ class KnownMaps:
         return Seen(mean, blocked, share)
 
     def answers(self, at: int) -> Floats:
-        """What a network is to answer of one map: (3, B, B) float32."""
+        """The answers wanted for one map: (3, B, B) float32."""
         truth = self.seen(at, np.ones(self.mean.shape[1:], np.bool_))
         return np.stack([truth.mean, truth.blocked, self.closed[at].astype(np.float32) / 2.0])
 

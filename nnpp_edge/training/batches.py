@@ -2,7 +2,7 @@
 
 import os
 from collections import deque
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from concurrent.futures import Future, ThreadPoolExecutor
 
 import numpy as np
@@ -17,6 +17,19 @@ from nnpp_edge.training.checkpoint import TrainSettings
 
 Batch = tuple[NDArray[np.generic], NDArray[np.float32], NDArray[np.float32]]
 """Planes, encoded queries, targets."""
+
+
+def made_ahead(make: Callable[[int], Batch], numbers: range) -> Iterator[Batch]:
+    """The batches of these numbers, made ahead in threads."""
+    threads = max(2, len(os.sched_getaffinity(0)))
+    with ThreadPoolExecutor(threads) as pool:
+        ahead: deque[Future[Batch]] = deque()
+        for at in numbers:
+            if len(ahead) > threads:
+                yield ahead.popleft().result()
+            ahead.append(pool.submit(make, at))
+        while ahead:
+            yield ahead.popleft().result()
 
 
 class Batches:
@@ -59,15 +72,7 @@ class Batches:
             ours = slice(self.rank, step, self.world)
             return self._make(order[at * step : (at + 1) * step][ours], swapped[ours], turns[ours])
 
-        threads = max(2, len(os.sched_getaffinity(0)))
-        with ThreadPoolExecutor(threads) as pool:
-            ahead: deque[Future[Batch]] = deque()
-            for at in range(skip, len(self)):
-                if len(ahead) > threads:
-                    yield ahead.popleft().result()
-                ahead.append(pool.submit(make, at))
-            while ahead:
-                yield ahead.popleft().result()
+        return made_ahead(make, range(skip, len(self)))
 
     def _make(self, queries: NDArray[np.int64], swapped: list[bool], turns: list[tuple[int, bool]]) -> Batch:
         """The batch of `queries`; those `swapped` go from goal to start, and each is turned and mirrored."""

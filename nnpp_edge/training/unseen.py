@@ -1,9 +1,7 @@
 """Batches of coarse maps with random tracks of what has been seen, and how well the answers fit."""
 
 import math
-from collections import deque
 from collections.abc import Iterator
-from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import dataclass
 
 import numpy as np
@@ -14,9 +12,10 @@ from torch.nn.functional import binary_cross_entropy_with_logits
 
 from nnpp_edge.model.network import Network
 from nnpp_edge.runtime.errors import DataSetError
-from nnpp_edge.runtime.network.unseen import CHANNELS, Seen, encode_unseen
+from nnpp_edge.runtime.network.model_file import UNSEEN
+from nnpp_edge.runtime.network.unseen import Seen, encode_unseen
 from nnpp_edge.terrain.known import QUARTERS, KnownMaps
-from nnpp_edge.training.batches import Batch
+from nnpp_edge.training.batches import Batch, made_ahead
 from nnpp_edge.training.checkpoint import TrainSettings
 
 NOTHING_SEEN = 0.12
@@ -39,7 +38,7 @@ class KnownBatches:
         return len(self.maps) // self.settings.batch
 
     def epoch(self, number: int, skip: int = 0) -> Iterator[Batch]:
-        """The batches of an epoch from the `skip`-th on, made ahead in a thread."""
+        """The batches of an epoch from the `skip`-th on, made ahead in threads."""
         seed, step = self.settings.seed, self.settings.batch
         order = np.random.default_rng([seed, number]).permutation(len(self.maps))
 
@@ -48,14 +47,7 @@ class KnownBatches:
             ours = range(at * step + self.rank, (at + 1) * step, self.world)
             return stacked([sample(self.maps, int(order[i]), rngs[i - at * step]) for i in ours])
 
-        with ThreadPoolExecutor(1) as pool:
-            ahead: deque[Future[Batch]] = deque()
-            for at in range(skip, len(self)):
-                if len(ahead) > 2:
-                    yield ahead.popleft().result()
-                ahead.append(pool.submit(make, at))
-            while ahead:
-                yield ahead.popleft().result()
+        return made_ahead(make, range(skip, len(self)))
 
 
 def stacked(samples: list[tuple[Floats, Floats]]) -> tuple[Floats, Floats, Floats]:
@@ -76,7 +68,7 @@ def sample(maps: KnownMaps, at: int, rng: np.random.Generator) -> tuple[Floats, 
         array = np.rot90(array, quarters, axes=(-2, -1))
         return np.ascontiguousarray(array[..., ::-1] if mirrored else array)
 
-    planes = np.empty((len(CHANNELS), *answers.shape[1:]), np.float32)
+    planes = np.empty((len(UNSEEN), *answers.shape[1:]), np.float32)
     now = Seen(*(turned(each) for each in (seen.mean, seen.blocked, seen.share)))
     size_m = float(maps.cell_size_m[at]) * factor
     encode_unseen(turned(maps.heights[at]), now, maps.limits(at), size_m, factor, planes)
@@ -116,12 +108,15 @@ class Fit:
 
 
 class KnownValidator:
-    """Judges answers on fixed maps of other terrain, each with a fixed track."""
+    """Judges answers on fixed maps of other terrain, each with a fixed track; up to `size` all beyond is unknown."""
 
-    def __init__(self, maps: KnownMaps, most: int = 256) -> None:
+    def __init__(self, maps: KnownMaps, most: int = 256, size: int = 0) -> None:
         chosen = np.linspace(0, len(maps) - 1, min(most, len(maps))).astype(int)
         drawn = [sample(maps, int(at), np.random.default_rng([7, int(at)])) for at in chosen]
-        self.planes, _, self.targets = stacked(drawn)
+        planes, _, targets = stacked(drawn)
+        room = [(0, max(size - planes.shape[-1], 0))] * 2
+        self.planes: Floats = np.pad(planes, [(0, 0), (0, 0), *room])
+        self.targets: Floats = np.pad(targets, [(0, 0), (0, 0), *room], constant_values=np.nan)
 
     def rows(self, network: Network) -> dict[str, float]:
         """For a training's history."""

@@ -60,6 +60,8 @@ class NetworkModel:
     def set_map(self, planes: NDArray[np.float32]) -> None:
         """Show the network a map: (2, S, S) float32, mean cost and share of impassable cells, both in [0, 1]."""
         self._encoded = False
+        if self.metadata.encoding == "unseen":
+            raise ModelError(f"{self.path}: wanted a network that answers queries, got one that prices unseen ground")
         if self._head is None:
             self.inputs["input"][0, 0] = planes[0]
             return

@@ -20,10 +20,9 @@ from numpy.typing import NDArray
 from nnpp_edge.runtime.errors import ModelError, NnppEdgeError
 from nnpp_edge.runtime.kernels.encoding import ENDS_CHANNELS
 from nnpp_edge.runtime.kernels.place_head import ANSWERS
-from nnpp_edge.runtime.network.model_file import QUERY_SPACING, ModelMetadata, model_path, read_metadata
+from nnpp_edge.runtime.network.model_file import QUERY_SPACING, UNSEEN, ModelMetadata, model_path, read_metadata
 from nnpp_edge.runtime.network.place_head import PlaceHead, count_parameters
 from nnpp_edge.runtime.network.unseen import ANSWERS as ANSWERS_UNSEEN
-from nnpp_edge.runtime.network.unseen import CHANNELS
 from nnpp_edge.runtime.reading import reason, refused_as
 from nnpp_edge.runtime.tuning import TWO_THREADS_FROM
 
@@ -158,7 +157,7 @@ def _shapes(m: ModelMetadata) -> tuple[Shapes, Shapes]:
     """Of inputs and outputs by the metadata."""
     size = m.input_size
     if m.encoding == "unseen":
-        return {"input": (1, len(CHANNELS), size, size)}, {OUTPUT: (1, ANSWERS_UNSEEN, size, size)}
+        return {"input": (1, len(UNSEEN), size, size)}, {OUTPUT: (1, ANSWERS_UNSEEN, size, size)}
     if m.encoding == "gaussian":
         return {"input": (1, 3, size, size)}, {OUTPUT: (1, 1, m.blocks, m.blocks)}
     side, places = size // _UNSHUFFLE, size // QUERY_SPACING

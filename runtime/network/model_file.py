@@ -11,11 +11,15 @@ import msgspec
 
 from nnpp_edge.runtime.errors import ModelError
 from nnpp_edge.runtime.network.graph_check import checked_metadata
-from nnpp_edge.runtime.network.unseen import CHANNELS as UNSEEN
 from nnpp_edge.runtime.reading import problem_with_file, refused_as
 
 METADATA_KEY = "nnpp_edge"
 FORMAT: Final = "nnpp-edge-model-1"
+UNSEEN = (
+    *("slope_across", "slope_down", "above_3", "above_7", "above_15", "slope", "step", "blocked_by_slope", "known"),
+    *("seen", "seen_mean", "seen_blocked", "seen_more_blocked", "limited", "factor", "cell"),
+)
+"""Planes of a coarse map, in order; `above_n` are differences between means over n × n blocks (`network.unseen`)."""
 _CHANNELS = {"gaussian": ("cost", "start_map", "goal_map"), "ends": ("cost", "blocked", "ends"), "unseen": UNSEEN}
 QUERY_SPACING = 8
 """Network cells between the points of a query that is encoded as ``ends``."""

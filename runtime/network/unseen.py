@@ -15,11 +15,6 @@ from nnpp_edge.runtime.arrays import Float2D
 from nnpp_edge.runtime.terrain.traversability import Traversability
 from nnpp_edge.runtime.tuning import BLOCKED_PRICES, SlopePrice
 
-CHANNELS = (
-    *("slope_across", "slope_down", "above_3", "above_7", "above_15", "slope", "step", "blocked_by_slope", "known"),
-    *("seen", "seen_mean", "seen_blocked", "seen_more_blocked", "limited", "factor", "cell"),
-)
-"""Planes of the input, in order; `above_n` are differences between means over n × n blocks."""
 ANSWERS = 3
 """Of a block: mean T, impassable cells as 1; share of impassable cells; chance that it cannot be crossed."""
 MARGIN = 8
@@ -29,7 +24,7 @@ _NUMBERS = SlopePrice()
 
 @dataclass(frozen=True, eq=False)
 class Seen:
-    """What has been seen of each block of a window: (H, W) float32 each, 0 where nothing was."""
+    """Facts seen of each block of a window: (H, W) float32 each, 0 where nothing was."""
 
     mean: Float2D
     """Mean T of the cells seen, impassable ones as 1."""
@@ -66,7 +61,7 @@ def expected_by_slope(
 def encode_unseen(
     dem: Float2D, seen: Seen | None, limits: Traversability, cell_size_m: float, factor: int, out: NDArray[np.float32]
 ) -> None:
-    """Show a window of a coarse map: `CHANNELS` of each block into `out`, (16, H, W) float32; 0 where unknown.
+    """Show a window of a coarse map: the channels of each block into `out`, (16, H, W) float32; 0 where unknown.
 
     `dem` (H, W) are means over factor × factor cells, metres, NaN where unknown; `cell_size_m` is a block's side.
     """
