@@ -140,26 +140,29 @@ export class MapView {
     return element;
   }
 
+  // `moved` gets where the middle of a button is dragged to, and when.
+  #watchPointer(button, moved) {
+    let held = null;
+    button.addEventListener("pointerdown", (event) => {
+      if (this.painting) return; // to the map below
+      event.stopPropagation();
+      const { left, top, width, height } = button.getBoundingClientRect();
+      held = [event.clientX - left - width / 2, event.clientY - top - height / 2];
+      button.setPointerCapture(event.pointerId);
+    });
+    button.addEventListener("pointermove", (event) => {
+      if (held) moved({ clientX: event.clientX - held[0], clientY: event.clientY - held[1] }, event.timeStamp);
+    });
+    for (const name of ["pointerup", "pointercancel"])
+      button.addEventListener(name, () => {
+        if (held) this.act.settled();
+        held = null;
+      });
+  }
+
   #watchEnds() {
     for (const [end, button] of Object.entries(this.ends)) {
-      let held = null;
-      button.addEventListener("pointerdown", (event) => {
-        if (this.painting) return; // to the map below
-        event.stopPropagation();
-        const { left, top, width, height } = button.getBoundingClientRect();
-        held = [event.clientX - left - width / 2, event.clientY - top - height / 2];
-        button.setPointerCapture(event.pointerId);
-      });
-      button.addEventListener("pointermove", (event) => {
-        if (!held) return;
-        const cell = this.cellAt({ clientX: event.clientX - held[0], clientY: event.clientY - held[1] });
-        this.#move(end, cell, event.timeStamp);
-      });
-      for (const name of ["pointerup", "pointercancel"])
-        button.addEventListener(name, () => {
-          if (held) this.act.settled();
-          held = null;
-        });
+      this.#watchPointer(button, (place, at) => this.#move(end, this.cellAt(place), at));
       button.addEventListener("focus", () => this.#bringIn(end));
       button.addEventListener("keydown", (event) => {
         const way = { ArrowUp: [-1, 0], ArrowDown: [1, 0], ArrowLeft: [0, -1], ArrowRight: [0, 1] }[event.key];
@@ -181,25 +184,14 @@ export class MapView {
         this.act.turned(end, heading, at);
       };
       const whole = (degrees) => (Math.round(degrees) + 360) % 360;
-      let held = false;
-      arrow.addEventListener("pointerdown", (event) => {
-        if (this.painting) return; // to the map below
-        event.stopPropagation();
-        held = true;
-        arrow.setPointerCapture(event.pointerId);
-      });
-      arrow.addEventListener("pointermove", (event) => {
-        if (!held) return;
+      this.#watchPointer(arrow, ({ clientX, clientY }, at) => {
         const { left, top, width, height } = this.ends[end].getBoundingClientRect();
-        const angle = Math.atan2(event.clientX - left - width / 2, top + height / 2 - event.clientY);
-        turn(whole((angle * 180) / Math.PI), event.timeStamp);
+        turn(whole((Math.atan2(clientX - left - width / 2, top + height / 2 - clientY) * 180) / Math.PI), at);
       });
-      for (const name of ["pointerup", "pointercancel"])
-        arrow.addEventListener(name, () => {
-          if (held) this.act.settled();
-          held = false;
-        });
-      arrow.addEventListener("dblclick", (event) => turn(null, event.timeStamp));
+      arrow.addEventListener("dblclick", (event) => {
+        turn(null, event.timeStamp);
+        this.act.settled();
+      });
       arrow.addEventListener("keydown", (event) => {
         const by = { ArrowLeft: -5, ArrowRight: 5, Delete: null, Backspace: null }[event.key];
         if (by === undefined) return;
