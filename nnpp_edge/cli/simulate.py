@@ -28,6 +28,7 @@ _METHODS = ("auto", "astar", "dstar", "corridor", "corridor-dstar", "nnpp", "nnp
 _SIZE = "Side of the part of the map, picked by the seed."
 _START = "Cell of that part, row first; by default picked by the seed."
 _CHANGES = "Obstacles that appear, move or vanish between two ticks."
+_NOISE = "Standard deviation of the steering angle, degrees, of a vehicle that drives arcs."
 _SURVEYED = "Blur the first map's heights over so many cells; 1: none. By default 8, and 1 with a vehicle."
 
 
@@ -46,6 +47,7 @@ def command(
     survey: Annotated[int | None, click.IntRange(1, 1000), _SURVEYED] = None,
     sight: Annotated[int, COUNT, "Cells to each side, beyond the body, that it sees."] = 12,
     speed: Annotated[int, COUNT, "Cells a tick."] = 1,
+    steering_noise: Annotated[float, options.Real(0.0, 45.0), _NOISE] = 0.0,
     rocks: Annotated[float, options.Real(0.0, 0.2), "Share of the ground under rocks."] = 0.0,
     seed: options.Seed = 1,
     endless: Annotated[bool, "Drive from goal to goal for all --ticks."] = False,
@@ -83,7 +85,7 @@ def command(
     robot.limits()  # those that make no sense are refused before any work
     body, settings = (
         robot.body(),
-        SimulationSettings(method, model, rate, ticks, changes, sight, speed, seed, endless),
+        SimulationSettings(method, model, rate, ticks, changes, sight, speed, seed, endless, steering_noise),
     )
     if picture is not None:
         check_name(picture)
@@ -144,7 +146,7 @@ def text(drive: "Drive", shape: tuple[int, int], written: list[str]) -> str:
         "ticks": f"{ticks.ticks}: {ticks.planned} planned, {ticks.kept} kept their path, {ticks.failed} without one",
         "degraded": f"{degraded}; {ticks.overruns} late",
         "answer": ", ".join(f"{name} {drive.planning_ms[name]:.2f}" for name in ("p50", "p99", "max")) + " ms",
-        "driven": f"{len(drive.driven)} cells, cost {drive.driven_cost:.6g}; stood still {drive.waited} times",
+        "driven": f"{drive.cells} cells, cost {drive.driven_cost:.6g}; stood still {drive.waited} times",
         "optimum": f"{drive.optimal_cost:.6g} with all known and no obstacle{excess}",
         "forbidden": f"{drive.forbidden} of the paths published",
         "memory": ", ".join(f"{when} {size:.0f}" for when, size in drive.memory_mb.items()) + " MB",

@@ -9,6 +9,8 @@ from numpy.typing import NDArray
 from nnpp_edge.runtime import Ground, MapPatch, pose_costs
 from nnpp_edge.runtime.arrays import Float2D
 from nnpp_edge.runtime.cells import Cell
+from nnpp_edge.runtime.kernels.poses import MOST_CODE
+from nnpp_edge.runtime.map.attitude import costs_at
 from nnpp_edge.runtime.map.grid import Grid
 from nnpp_edge.runtime.map.state import map_state
 from nnpp_edge.terrain.obstacles import OBSTACLE
@@ -62,6 +64,12 @@ class Robot:
             return int((self.costs(values)[path[1:, 0], path[1:, 1]] < OBSTACLE).cumprod().sum())
         blocked = self._grid(values).walk(path, 0, np.empty(len(path)))
         return len(path) - 1 if blocked < 0 else max(blocked - 1, 0)
+
+    def weights_at(self, values: Float2D, places: NDArray[np.float64]) -> NDArray[np.float64]:
+        """(N,) what a cell's length costs a body at places as in `attitude.costs_at`; inf where it may not stand."""
+        poses = self._grid(values).poses
+        assert poses is not None
+        return 1.0 + MOST_CODE * float(poses.prices[0]) * costs_at(poses, places)
 
     def costs(self, values: Float2D) -> Float2D:
         """(H, W) traversability cost of each cell, to a body in its best heading; impassable from 1 up."""

@@ -48,9 +48,8 @@ CAR = {"turning_radius_m": 8.0, "reverse_cost": 2.0}
 @pytest.fixture(scope="module")
 def site(tmp_path_factory):
     path = write_ground(tmp_path_factory.mktemp("ground"))
-    site, words = Site.of(read_dem(path), path, {}), ("--vehicle", "large-rover")
-    for name, value in CAR.items():
-        words += ("--set", f"{name}={value}")
+    site, words = Site.of(read_dem(path), path, {}), [f"--set={name}={value}" for name, value in CAR.items()]
+    words = ("--vehicle", "large-rover", *words)
     car = Body(replace(site.bodies["large-rover"].vehicle, **CAR), site.bodies["none"].mobility, words)
     return replace(site, bodies={**site.bodies, "car": car})
 

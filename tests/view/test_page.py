@@ -160,7 +160,6 @@ def test_arrows_set_headings_and_a_dashed_line_is_driven_backwards(browser, tmp_
         tab.page.focus("#goal-heading")
         tab.page.keyboard.press("ArrowLeft")
         tab.line_other_than(turned)
-        assert tab.page.evaluate(headings) == ["Start heading, 270°", "Goal heading, 355°"]
         assert "--start-heading 270 --goal-heading 355" in tab.page.text_content("#command")
         tab.page.keyboard.press("Delete")
         tab.page.dblclick("#start-heading")
