@@ -71,12 +71,15 @@ def small_pages() -> Iterator[None]:
             prctl(_PR_SET_THP_DISABLE, 0, 0, 0, 0)
 
 
-def check_planner_fits(shape: tuple[int, ...], *, directed: bool = False) -> None:
-    """InvalidMapError where the memory that is left cannot hold a planner of a map of this shape."""
+def check_planner_fits(shape: tuple[int, ...], more_per_cell: int = 0) -> None:
+    """InvalidMapError where the memory that is left cannot hold a planner of a map of this shape.
+
+    `more_per_cell` are bytes beside those of a point's planner. All that is reserved counts: a search takes it where
+    it first comes, but by huge pages, so a corridor across a map takes nearly all of a body's.
+    """
     if len(shape) != 2 or shape[0] * shape[1] <= _ALWAYS_FITS:
         return
-    per_cell = PLANNER_BYTES_PER_CELL + DIRECTED_BYTES_PER_CELL * directed
-    wanted, room = shape[0] * shape[1] * per_cell, available_bytes()
+    wanted, room = shape[0] * shape[1] * (PLANNER_BYTES_PER_CELL + more_per_cell), available_bytes()
     if wanted > room:
         raise InvalidMapError(
             f"wanted {wanted / 1e9:.1f} GB of memory to plan on {shape[0]} × {shape[1]} cells, got {room / 1e9:.1f} "

@@ -12,8 +12,6 @@ from nnpp_edge.cli.text import tell
 
 _OUTPUT = "Folder for path.geojson, path.csv, plan.png and plan.json."
 _FORMATS = "Write the path there as GeoPackage or GPX too, path.gpkg or path.gpx."
-_BYTES_PER_POSED_CELL = 12
-"""More for a vehicle: four codes and another height."""
 _BYTES_PER_CELL = 24
 """At the peak of planning on a whole map: 19 to 23 measured, the most by `nnpp` (docs/decisions.md)."""
 
@@ -60,11 +58,12 @@ def command(
 
     from nnpp_edge.cli.maps import reads_by_windows
     from nnpp_edge.cli.planning import plan_by_windows, plan_in_memory
+    from nnpp_edge.runtime.map.poses import bytes_per_cell
     from nnpp_edge.runtime.memory import DIRECTED_BYTES_PER_CELL
 
-    directed, moves = robot.step_cost != "paper", robot.body() is not None
-    bytes_per_cell = _BYTES_PER_CELL + _BYTES_PER_POSED_CELL * moves + DIRECTED_BYTES_PER_CELL * directed
-    if reads_by_windows(dem, memory, bytes_per_cell, whole=directed or moves):
+    directed, body = robot.step_cost != "paper", robot.body()
+    per_cell = _BYTES_PER_CELL + (bytes_per_cell(body) if body else 0) + DIRECTED_BYTES_PER_CELL * directed
+    if reads_by_windows(dem, memory, per_cell, whole=directed or body is not None):
         answer = plan_by_windows(request, dem, robot)
     else:
         answer = plan_in_memory(request, dem, robot, drawn=output is not None)

@@ -94,11 +94,15 @@ def plan_in_memory(request: PlanRequest, path: Path, robot: GroundOptions, *, dr
     route = _route(plan, cost, dem, ground, planner)
 
     def picture() -> Picture:
-        refused, of_point, poses = None, None, planner.state.grid.poses
+        refused, beside, poses = None, None, planner.state.grid.poses
         if poses is not None and cost.size <= MOST_SHOWN:
             refused = refusals(poses.standing())
         if body is not None and request.compare and robot.step_cost == "paper":
-            of_point = planner_of(cost).plan(start, goal, method="astar").path
+            other = planner_of(cost)
+            if plan.states is not None:
+                spot = replace(body, turning_radius_m=None, reverse_cost=None, gear_change_m=0.0, turns_on_spot=None)
+                other = planner_of(replace(ground, vehicle=spot))
+            beside = other.plan(start, goal, method="astar").path
         return plan_picture(
             cost,
             plan,
@@ -106,12 +110,14 @@ def plan_in_memory(request: PlanRequest, path: Path, robot: GroundOptions, *, dr
             goal=goal,
             via=tour.stops[1:-1] if tour else (),
             shade=shade_of(dem) if request.hillshade else None,
-            reference_path=exact.path if exact and exact.ok and plan.method != exact.method else None,
+            reference_path=(exact.path if exact.states is None else exact.line)
+            if exact and exact.ok and plan.method != exact.method
+            else None,
             cell_size_m=dem.cell_width_m,
             length_m=route.length_m,
             outlines=_outlines(plan, body, ground.sides_m) if body else (),
             refused=refused,
-            point_path=of_point,
+            point_path=beside,
         )
 
     shut_in = plan.status == "NO_PATH" and tour is None and request.refine is None

@@ -29,6 +29,7 @@ _SIZE = "Side of the part of the map, picked by the seed."
 _START = "Cell of that part, row first; by default picked by the seed."
 _CHANGES = "Obstacles that appear, move or vanish between two ticks."
 _KNOWN = "The first map has means of so many cells to each side alone; what was not seen counts by --prior."
+_NOISE = "Standard deviation of the steering angle, degrees, of a vehicle that drives arcs."
 _SURVEYED = "Blur the first map's heights over so many cells; 1: none. By default 8, and 1 with a vehicle."
 
 
@@ -49,6 +50,7 @@ def command(
     prior: Annotated[str, click.Choice(options.PRIORS), options.PRIOR] = "slope",
     sight: Annotated[int, COUNT, "Cells to each side, beyond the body, that it sees."] = 12,
     speed: Annotated[int, COUNT, "Cells a tick."] = 1,
+    steering_noise: Annotated[float, options.Real(0.0, 45.0), _NOISE] = 0.0,
     rocks: Annotated[float, options.Real(0.0, 0.2), "Share of the ground under rocks."] = 0.0,
     seed: options.Seed = 1,
     endless: Annotated[bool, "Drive from goal to goal for all --ticks."] = False,
@@ -71,8 +73,8 @@ def command(
     """
     if (start is None) != (goal is None):
         raise click.UsageError("give both --start and --goal, or neither")
-    if known is not None and (survey is not None or rocks):
-        raise click.UsageError("--known takes the place of --survey and --rocks")
+    if known is not None and survey is not None:
+        raise click.UsageError("--known takes the place of --survey")
 
     import numpy as np
 
@@ -88,7 +90,7 @@ def command(
     robot.limits()  # those that make no sense are refused before any work
     body, settings = (
         robot.body(),
-        SimulationSettings(method, model, rate, ticks, changes, sight, speed, seed, endless),
+        SimulationSettings(method, model, rate, ticks, changes, sight, speed, seed, endless, steering_noise),
     )
     if picture is not None:
         check_name(picture)
@@ -151,7 +153,7 @@ def text(drive: "Drive", shape: tuple[int, int], written: list[str]) -> str:
         "ticks": f"{ticks.ticks}: {ticks.planned} planned, {ticks.kept} kept their path, {ticks.failed} without one",
         "degraded": f"{degraded}; {ticks.overruns} late",
         "answer": ", ".join(f"{name} {drive.planning_ms[name]:.2f}" for name in ("p50", "p99", "max")) + " ms",
-        "driven": f"{len(drive.driven)} cells, cost {drive.driven_cost:.6g}; stood still {drive.waited} times",
+        "driven": f"{drive.cells} cells, cost {drive.driven_cost:.6g}; stood still {drive.waited} times",
         "optimum": f"{drive.optimal_cost:.6g} with all known and no obstacle{excess}",
         "forbidden": f"{drive.forbidden} of the paths published",
         "memory": ", ".join(f"{when} {size:.0f}" for when, size in drive.memory_mb.items()) + " MB",

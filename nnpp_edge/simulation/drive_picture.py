@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from nnpp_edge.files import write_whole
 from nnpp_edge.runtime.errors import InvalidQueryError
 from nnpp_edge.runtime.loop.messages import PathMessage
+from nnpp_edge.runtime.map.along import Line
 from nnpp_edge.simulation.robots import Robot
 from nnpp_edge.simulation.scene import Scene, SurveyedGround
 from nnpp_edge.simulation.simulate import Drive
@@ -95,7 +96,7 @@ def _frame(scene: Scene, message: PathMessage) -> Picture:
     factor = _FRAME_PIXELS / max(ground.shape[:2])
     size = (round(ground.shape[1] * factor), round(ground.shape[0] * factor))
     picture: Picture = cv2.resize(ground, size, interpolation=cv2.INTER_NEAREST)  # type: ignore[assignment]
-    driven = np.array(scene.driven, np.int32)[:, :2]
+    driven = np.array(scene.driven)[:, :2]
     lines: list[tuple[NDArray[np.generic], Colour, int]] = [(message.path, PATH, 2), (driven, DRIVEN, 2)]
     lines += [(outline, BODY, 1) for outline in _bodies(scene.ground.robot, message.path)]
     lines += [(outline, START, 2) for outline in _bodies(scene.ground.robot, driven)[-1:]]
@@ -111,7 +112,7 @@ def _frame(scene: Scene, message: PathMessage) -> Picture:
     return picture
 
 
-def _bodies(robot: Robot, path: NDArray[np.int32]) -> list[NDArray[np.float64]]:
+def _bodies(robot: Robot, path: Line) -> list[NDArray[np.float64]]:
     """(5, 2) outlines of the robot's body along a path, rows and columns; none of a point."""
     return [] if robot.vehicle is None else body_outlines(path, robot.vehicle, robot.sides_m)
 

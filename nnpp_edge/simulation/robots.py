@@ -10,6 +10,8 @@ from numpy.typing import NDArray
 from nnpp_edge.runtime import Ground, MapPatch, pose_costs
 from nnpp_edge.runtime.arrays import Float2D
 from nnpp_edge.runtime.cells import Cell
+from nnpp_edge.runtime.kernels.poses import MOST_CODE
+from nnpp_edge.runtime.map.attitude import costs_at
 from nnpp_edge.runtime.map.grid import Grid
 from nnpp_edge.runtime.map.state import map_state
 from nnpp_edge.terrain.obstacles import OBSTACLE
@@ -86,6 +88,12 @@ class Robot:
         blocked = self._grid(values).walk(path, 0, np.empty(len(path)))
         return len(path) - 1 if blocked < 0 else max(blocked - 1, 0)
 
+    def weights_at(self, values: Float2D, places: NDArray[np.float64]) -> NDArray[np.float64]:
+        """(N,) what a cell's length costs a body at places as in `attitude.costs_at`; inf where it may not stand."""
+        poses = self._grid(values).poses
+        assert poses is not None
+        return 1.0 + MOST_CODE * float(poses.prices[0]) * costs_at(poses, places)
+
     def costs(self, values: Float2D) -> Float2D:
         """(H, W) traversability cost of each cell, to a body in its best heading; impassable from 1 up."""
         if self._by_costs:
@@ -103,18 +111,26 @@ class Robot:
 
     def ground(self, values: Float2D) -> Ground:
         """Itself on the map, for planners and the onboard loop."""
-        if (known := self._known) is not None:
-            limits, (height_m, width_m) = self._ground.traversability, (known.factor * side for side in self.sides_m)
-            place = known.means, height_m, known.factor, limits
-            return Ground.of_coarse(*place, prior=known.prior, cell_width_m=width_m)
-        return _with(self._ground, values)
+        return _with(self._ground, values) if self._known is None else self._coarse(self._ground)
 
     def patch(self, row: int, col: int, values: Float2D) -> MapPatch:
         """The message that tells the loop of values."""
         return MapPatch(row, col, cost=values) if self._by_costs else MapPatch(row, col, elevation=values)
 
+    def _coarse(self, ground: Ground) -> Ground:
+        """A ground as it is known before anything was seen."""
+        known = self._known
+        assert known is not None
+        height_m, width_m = (known.factor * side for side in self.sides_m)
+        place = known.means, height_m, known.factor, ground.traversability
+        return Ground.of_coarse(*place, prior=known.prior, cell_width_m=width_m, vehicle=ground.vehicle)
+
     def _grid(self, values: Float2D) -> Grid:
-        return map_state(_with(self._eased, values)).grid
+        if self._known is None:
+            return map_state(_with(self._eased, values)).grid
+        state = map_state(self._coarse(self._eased))
+        state.update_elevation(0, 0, values, np.isfinite(values))
+        return state.grid
 
 
 def _with(ground: Ground, values: Float2D) -> Ground:

@@ -1,5 +1,6 @@
 """A small simulated world for the onboard loop: ground that is not what the map says, a robot, and obstacles."""
 
+import math
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -14,8 +15,10 @@ from nnpp_edge.runtime.arrays import Float2D
 from nnpp_edge.runtime.cells import Cell, Rectangle, slices, widened
 from nnpp_edge.runtime.errors import InvalidMapError, InvalidQueryError
 from nnpp_edge.runtime.loop.messages import Input
+from nnpp_edge.runtime.map.arcs import PoseOf, drive_along
 from nnpp_edge.runtime.map.step_cost import StepCost
 from nnpp_edge.simulation.robots import Known, Robot
+from nnpp_edge.simulation.steering import followed
 from nnpp_edge.terrain.obstacles import CLEAR, Obstacles
 
 
@@ -54,8 +57,8 @@ class SurveyedGround:
     def of_known(cls, ground: Ground, factor: int, prior: str) -> "SurveyedGround":
         """Of heights whose sides the factor divides, of which the robot knows the means of blocks."""
         assert ground.elevation is not None
-        if ground.vehicle is not None or ground.by_slope:
-            raise InvalidMapError("ground is known coarsely to points so far: wanted step_cost='paper', no vehicle")
+        if ground.by_slope or (ground.vehicle is not None and ground.vehicle.is_disc):
+            raise InvalidMapError("a coarse map is for points and bodies: wanted step_cost='paper', and no disc")
         nothing = np.full(ground.shape, np.nan, np.float32)
         return cls(ground, nothing, Known.of(ground.elevation, factor, prior))
 
@@ -83,6 +86,9 @@ class Scene:
     (`changes` events), and the robot sees the true cost of the cells around it, `sight` to each side beyond those
     under its body, at least 1. Obstacles are told at once, wherever they are. InvalidQueryError where start or goal,
     around which the true costs are known from the beginning, is outside the map or truly impassable.
+
+    With `steering_noise_deg` a body that drives arcs follows them as a kinematic vehicle and comes off them; the loop
+    is told its true pose. It drives on as far as it may truly stand. InvalidQueryError for any other robot.
     """
 
     def __init__(
@@ -95,6 +101,7 @@ class Scene:
         sight: int = 12,
         speed: int = 1,
         changes: int = 1,
+        steering_noise_deg: float = 0.0,
     ) -> None:
         rows, cols = ground.true.shape
         for name, cell in (("start", start), ("goal", goal)):
@@ -102,7 +109,10 @@ class Scene:
                 raise InvalidQueryError(f"{name} {cell} lies outside the map of {rows} × {cols} cells")
             if not ground.robot.stands(ground.true, cell):
                 raise InvalidQueryError(f"{name} {cell} is impassable")
+        if steering_noise_deg and (ground.robot.vehicle is None or ground.robot.vehicle.turning_radius_m is None):
+            raise InvalidQueryError("noise in steering wants a vehicle with a turning_radius_m")
         self.ground, self.robot, self.goal = ground, start, goal
+        self._noise_deg, self._rng = steering_noise_deg, rng
         under, obstacle = ground.robot.reach, ground.robot.obstacle(ground.true)
         self.obstacles = Obstacles((rows, cols), rng, value=obstacle, clear=max(CLEAR, under))
         self._sight, self._speed, self._changes = sight + under, speed, changes
@@ -116,8 +126,14 @@ class Scene:
         """(H, W) the ground with the obstacles that are there."""
         self.told = self.known.copy()
         """(H, W) the map as the loop has been given it."""
-        self.driven: list[tuple[int, ...]] = [start]
-        """Cells that the robot walked over, each next to the one before; with its states where it drives arcs."""
+        self.driven: list[tuple[float, ...]] = [start]
+        """Cells that the robot walked over, each next to the one before; with its states where it drives arcs. With
+        noise in steering places (row, col)."""
+        self.driven_cost = 0.0
+        """Of the way driven with noise in steering, each piece by the pose at its end."""
+        self._pose: PoseOf | None = None
+        """There, once the body has begun to drive."""
+        self._gear = 1
         self.polls = self.waited = self.forbidden = 0
         """`forbidden`: published paths that crossed a cell which the map that was told forbids, or were broken."""
         self.path = np.empty((0, 2), np.int32)
@@ -135,18 +151,19 @@ class Scene:
     def poll(self) -> Iterator[Input]:
         """Messages until the next tick. Each message counts as told once it is taken."""
         if self.polls:
-            self._walk()
+            self._steer() if self._noise_deg else self._walk()
         self.polls += 1
         orders, self._orders = self._orders, []
         yield from orders
         events = [self.obstacles.one_event(self.robot, self.goal, self.path[:, :2]) for _ in range(self._changes)]
         self.seen = self._see(self.robot)
         yield from self._patches([*chain(*events), self.seen])
-        yield Pose(self.robot[0] + 0.5, self.robot[1] + 0.5, heading_deg=self.heading_deg)
+        row, col = self.driven[-1][:2]
+        yield Pose(row + 0.5, col + 0.5, heading_deg=self.heading_deg)
 
     def send_to(self, goal: Cell) -> None:
         """Give the robot another goal, at the next poll; obstacles too near to it vanish, and the way so far."""
-        self.goal, self.path, self.driven = goal, self.path[:0], self.driven[-1:]
+        self.goal, self.path, self.driven, self.driven_cost = goal, self.path[:0], self.driven[-1:], 0.0
         self._orders = [Goal(*goal), *self._patches(self.obstacles.clear_of(goal))]
 
     def _patches(self, parts: Iterable[Rectangle]) -> Iterator[MapPatch]:
@@ -171,10 +188,32 @@ class Scene:
             self.driven[-1] = tuple(ahead[0].tolist())
         for place in ahead[1 : 1 + count].tolist():
             self.robot = (place[0], place[1])
-            self.driven.append(tuple(place))
+            self.driven.append((place[0], place[1]))
         if ahead.shape[1] == 3 and len(at):
             self.heading_deg = float(self._headings[at[0] + count])
         self.waited += not count
+
+    def _steer(self) -> None:
+        """Along the path by `speed` of its steps, while it may truly stand."""
+        robot, body, (dy, dx) = self.ground.robot, self.ground.robot.vehicle, self.ground.robot.sides_m
+        before = self._pose
+        if body is not None and len(self.path) > 1:
+            drive = drive_along(self.path[: 1 + self._speed], body, (dy, dx))
+            first: PoseOf = self._pose or tuple(drive.poses[0].tolist())
+            arcs = list(followed(first, drive, body, self._noise_deg, self._rng))
+            places = np.array([arc.at(1.0) for arc in arcs]).reshape(-1, 3)[:, [1, 0, 2]] / (dy, dx, 1.0)
+            weights = robot.weights_at(self.now, places).tolist()
+            for arc, (row, col, heading), weight in zip(arcs, places.tolist(), weights, strict=True):
+                if not math.isfinite(weight):
+                    break
+                changed = body.gear_change_m if arc.gear * self._gear < 0 else 0.0
+                turned = 0.0 if arc.gear else body.turn_m_per_rad * math.radians(abs(arc.turn_deg))
+                metres = arc.length_m * ((body.reverse_cost or 1.0) if arc.gear < 0 else 1.0)
+                self.driven_cost += (metres * weight + changed + turned) / dy
+                self._pose, self.heading_deg, self._gear = arc.at(1.0), heading, arc.gear or self._gear
+                self.driven.append((row, col))
+                self.robot = math.floor(row + 0.5), math.floor(col + 0.5)
+        self.waited += self._pose is before
 
     def _see(self, cell: Cell) -> Rectangle:
         """The robot's view from a cell, which it knows from now on."""

@@ -49,6 +49,8 @@ class SimulationSettings:
     """Of the obstacles."""
     endless: bool = False
     """Whether the robot drives on to another goal where it has reached one, or cannot, until the ticks are over."""
+    steering_noise_deg: float = 0.0
+    """Standard deviation of the steering angle of a body that drives arcs."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -66,7 +68,8 @@ class Drive:
     """Published paths that crossed a cell, or a pose of the vehicle, that the map forbade by then; checked apart from
     the loop. 0, or the loop is at fault."""
     driven_cost: float
-    """Of the cells that the robot walked over, by the true costs without obstacles."""
+    """Of the cells that the robot walked over, by the true costs without obstacles; with noise in steering of the
+    way that it drove, piece by piece at the price of the pose at its end."""
     optimal_cost: float
     """Of the best path that anyone could have walked, knowing all of the ground and meeting no obstacle."""
     goals: int
@@ -75,8 +78,8 @@ class Drive:
     """Of the process: at the first tick (``start``), after a tenth of those allowed (``tenth``), at the ``end``."""
     planning_ms: dict[str, float]
     """``p50``, ``p90``, ``p99``, ``max``, ``mean`` of a tick's answer."""
-    driven: NDArray[np.int32] = field(repr=False)
-    """(N, 2) cells in the order walked."""
+    driven: NDArray[np.int32] | NDArray[np.float64] = field(repr=False)
+    """(N, 2) cells in the order walked; with noise in steering places."""
     optimal: NDArray[np.int32] = field(repr=False)
 
     @property
@@ -86,9 +89,14 @@ class Drive:
             return None
         return self.driven_cost / self.optimal_cost - 1.0 if self.optimal_cost else 0.0
 
+    @property
+    def cells(self) -> int:
+        """How many it came to, each as often as it did."""
+        return 1 + int(np.diff(np.rint(self.driven), axis=0).any(1).sum())
+
     def summary(self) -> dict[str, object]:
         """Without its arrays, ready for JSON."""
-        values: dict[str, object] = asdict(self) | {"excess": self.excess, "cells": len(self.driven)}
+        values: dict[str, object] = asdict(self) | {"excess": self.excess, "cells": self.cells}
         for name in ("driven", "optimal", "counters"):
             del values[name]
         values["omniscient_cost"] = self.optimal_cost
@@ -130,7 +138,8 @@ def simulate(
     """
     settings = settings or SimulationSettings()
     rng = np.random.default_rng([settings.seed, 2])
-    scene = Scene(ground, start, goal, rng, sight=settings.sight, speed=settings.speed, changes=settings.changes)
+    options = {"sight": settings.sight, "speed": settings.speed, "changes": settings.changes}
+    scene = Scene(ground, start, goal, rng, **options, steering_noise_deg=settings.steering_noise_deg)
     planner, costs = Planner(ground.ground), ground.costs()
     planner.touch()  # what the scene needs is not to look like growth of the loop
     best = planner.plan(start, goal, method="astar")
@@ -174,16 +183,19 @@ def simulate(
         counters = loop.run(settings.ticks)
     if not paced:
         counters = replace(counters, overruns=late[True])
-    driven = np.array(scene.driven, np.int32)
+    driven, driven_cost = np.array(scene.driven), scene.driven_cost
+    if not settings.steering_noise_deg:
+        driven = driven.astype(np.int32)
+        driven_cost = planner.state.grid.costs_of(driven)[0]
     return Drive(
         settings.method,
-        (scene.driven[0][0], scene.driven[0][1]),
+        (round(driven[0, 0]), round(driven[0, 1])),
         scene.goal,
         scene.reached,
         counters,
         waited=scene.waited,
         forbidden=scene.forbidden,
-        driven_cost=planner.state.grid.costs_of(driven)[0],
+        driven_cost=driven_cost,
         optimal_cost=best.cost,
         goals=goals,
         memory_mb=memory_mb | {"end": 1e-6 * rss_bytes()},

@@ -61,6 +61,7 @@ class Answerer:
     def landscape(self, asked: Asked) -> Landscape:
         """The map that is asked of, with its obstacles."""
         rest = {"start": (0, 0), "goal": (0, 0), "method": "auto", "refine": False, "obstacles": ()}
+        rest |= {"start_heading_deg": None, "goal_heading_deg": None}
         found = self._landscapes(msgspec.structs.replace(asked, **rest))
         found.lay(asked.obstacles)
         return found
@@ -73,6 +74,7 @@ class Answerer:
             bodies[name] = {
                 "time": body.mobility.time is not None,
                 "energy": body.mobility.energy is not None,
+                "arcs": body.has_arcs,
                 "clearance_m": vehicle and vehicle.clearance_m,
                 "max_tilt_deg": vehicle and vehicle.max_tilt_deg,
             }
@@ -142,6 +144,8 @@ def path_answer(site: Site, asked: Asked, landscape: Landscape, plan: Plan) -> A
     columns = {"rows": (rows, 2), "cols": (cols, 2), "distance_m": (plan.along.distance_m, 1)}
     columns |= {"height_m": (plan.along.heights_m, 2), "cost": (np.minimum(cost, 1.0), 3)}
     answer |= {name: np.round(values.astype(float), digits).tolist() for name, (values, digits) in columns.items()}
+    if plan.drive is not None:
+        answer["gears"] = plan.drive.gears.tolist()
     if plan.waypoints is not None:
         answer |= {"waypoints": np.round(plan.waypoints, 2).tolist(), "grid": plan.path.tolist()}
     return answer

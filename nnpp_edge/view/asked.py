@@ -13,6 +13,7 @@ from nnpp_edge.runtime.errors import InvalidQueryError
 from nnpp_edge.runtime.map.ground import Ground
 from nnpp_edge.runtime.map.slope_cost import Mobility
 from nnpp_edge.runtime.map.step_cost import PAPER_OMEGA
+from nnpp_edge.runtime.planners.query import PlanOptions
 from nnpp_edge.runtime.terrain.traversability import Traversability
 from nnpp_edge.runtime.terrain.vehicle import Vehicle
 from nnpp_edge.terrain.coordinates import gravity_of
@@ -24,6 +25,7 @@ POINT, GIVEN = "none", "as given"
 Method = Literal["auto", "astar", "corridor", "nnpp"]
 Obstacles = Annotated[tuple[Rectangle, ...], Meta(max_length=200)]
 Positive = Annotated[float, Meta(ge=0.0)]
+Heading = Annotated[float, Meta(ge=0.0, le=360.0)]
 
 
 @dataclass(frozen=True)
@@ -38,6 +40,11 @@ class Body:
     def has_poses(self) -> bool:
         """Whether poses are checked: it is neither a point nor a disc."""
         return self.vehicle is not None and not self.vehicle.is_disc
+
+    @property
+    def has_arcs(self) -> bool:
+        """Whether it drives arcs."""
+        return self.has_poses and self.vehicle is not None and self.vehicle.turning_radius_m is not None
 
 
 @dataclass(frozen=True, eq=False)
@@ -81,6 +88,9 @@ class Asked(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     """In place of the vehicle's own, as is `max_tilt_deg`; of no effect on a point or a disc."""
     max_tilt_deg: Positive | None = None
     obstacles: Obstacles = ()
+    start_heading_deg: Heading | None = None
+    """Clockwise from up the rows, of a body that drives arcs; None for any, as is `goal_heading_deg`."""
+    goal_heading_deg: Heading | None = None
 
     @property
     def freed(self) -> str | None:
@@ -97,6 +107,12 @@ class Asked(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
         """Values that were set in place of the vehicle's own."""
         named = {"clearance_m": self.clearance_m, "max_tilt_deg": self.max_tilt_deg}
         return {name: value for name, value in named.items() if value is not None and self.chosen(site).has_poses}
+
+    def headings(self, site: Site) -> PlanOptions:
+        """Of the ends, where the body drives arcs."""
+        if not self.chosen(site).has_arcs:
+            return {}
+        return {"start_heading_deg": self.start_heading_deg, "goal_heading_deg": self.goal_heading_deg}
 
     def ground(self, site: Site) -> Ground:
         """Choices that decide the map, but for obstacles; NnppEdgeError for what makes none."""
@@ -127,6 +143,9 @@ def command_of(site: Site, asked: Asked) -> str:
     elif asked.omega != PAPER_OMEGA:
         words += ["--omega", _number(asked.omega)]
     words += [*([] if asked.corner_cutting else ["--no-corner-cutting"]), *asked.chosen(site).options]
+    for name, heading in asked.headings(site).items():
+        option = f"--{name.removesuffix('_deg').replace('_', '-')}"
+        words += [] if heading is None else [option, _number(heading)]  # type: ignore[arg-type]  # of two numbers
     for name, value in asked.changes(site).items():
         words += ["--set", f"{name}={_number(value)}"]
     return shlex.join([*words, *(["--refine", asked.freed] if asked.freed else [])])

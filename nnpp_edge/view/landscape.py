@@ -12,6 +12,7 @@ from nnpp_edge.runtime.arrays import Float2D
 from nnpp_edge.runtime.cells import Cell
 from nnpp_edge.runtime.errors import InvalidQueryError
 from nnpp_edge.runtime.map.refusal import refusals
+from nnpp_edge.runtime.planners.query import PlanOptions
 from nnpp_edge.runtime.terrain.traversability import traversability_cost
 from nnpp_edge.view.asked import Asked, Method, Obstacles, Site
 from nnpp_edge.viz.picture import MOST_SHOWN
@@ -32,7 +33,7 @@ class Landscape:
     """
 
     def __init__(self, site: Site, asked: Asked) -> None:
-        self.ground, dem = asked.ground(site), site.dem
+        self.ground, self._site, dem = asked.ground(site), site, site.dem
         with warnings.catch_warnings(record=True) as told:
             warnings.simplefilter("always")
             self.cost = traversability_cost(
@@ -66,9 +67,9 @@ class Landscape:
 
     def plan(self, asked: Asked, method: Method, *, keep_regions: bool = False) -> Plan:
         """Plan between the ends that are asked for."""
-        return self.planner.plan(
-            asked.start, asked.goal, method=method, refine=asked.freed, keep_regions=keep_regions
-        )
+        options: PlanOptions = {"method": method, "refine": asked.freed, "keep_regions": keep_regions}
+        options |= asked.headings(self._site)
+        return self.planner.plan(asked.start, asked.goal, **options)
 
     def compare(self, asked: Asked, method: Method) -> tuple[Plan, float]:
         """A method's plan with its region, and its median time, ms."""

@@ -94,7 +94,7 @@ def plan_picture(
     goal: tuple[int, int] | None = None,
     via: Sequence[tuple[int, int]] = (),
     shade: NDArray[np.uint8] | None = None,
-    reference_path: Cells | None = None,
+    reference_path: Line | None = None,
     cell_size_m: float | None = None,
     length_m: float | None = None,
     outlines: Sequence[NDArray[np.float64]] = (),
@@ -118,7 +118,7 @@ def plan_picture(
     refused : (H, W) uint8
         Where it stands in no heading, from `map.refusal.refusals`.
     point_path : (N, 2) int
-        The path of a point.
+        The path of a point; beside one of arcs, of the same body that turns on the spot.
     cell_size_m, length_m : float
         For the scale and the legend; without a length it gives that in cells.
     """
@@ -136,7 +136,7 @@ def plan_picture(
         (plan.line, PATH, 5.0, "path of arcs" if arcs else "path freed from the grid" if freed else "path"),
         (plan.path if freed and not arcs else None, GRID, 1.5, "path of the grid"),
         (reference_path, OPTIMUM, 2.0, "exact optimum"),
-        (point_path, POINT, 2.0, "path of a point"),
+        (point_path, POINT, 2.0, "path with turns on the spot" if arcs else "path of a point"),
     ]
     drawn = [(line, colour, width, words) for line, colour, width, words in lines if line is not None and len(line)]
     # the optimum lies on the path, thinner, and its rim below: both are seen where they agree

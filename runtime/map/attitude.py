@@ -94,10 +94,7 @@ def explain(poses: Poses, cell: Cell, heading_deg: float) -> PoseCheck:
         raise InvalidQueryError(f"cell must lie on the map of {rows} × {cols} cells, got {cell}")
     if not math.isfinite(heading_deg):
         raise InvalidQueryError(f"heading_deg must be a number of degrees, got {heading_deg}")
-    angle = math.radians(heading_deg)
-    pose = motions.Pose(0.0, 0.0, (-math.cos(angle), math.sin(angle)))
-    alone = motions.motions_of(poses.vehicle, poses.sides_m, [[pose]])
-    slope, pitch, roll, step, up, _, _ = poses.figures(cell, 0, alone)[0].tolist()
+    slope, pitch, roll, step, up = _standing(poses, np.array([(*cell, heading_deg)]))[0].tolist()
     tilts = [math.degrees(math.atan(each)) for each in (slope, pitch, roll)]
     most = limits_of(poses.vehicle, poses.weights).astype(np.float64)
     values = math.nan, math.atan(slope), pitch, roll, step, up
@@ -117,6 +114,31 @@ def explain(poses: Poses, cell: Cell, heading_deg: float) -> PoseCheck:
         Limit(step, poses.vehicle.step_m),
         Limit(up, poses.vehicle.clearance_m),
     )
+
+
+def costs_at(poses: Poses, places: Floats) -> Floats:
+    """(N,) T of the vehicle at places (N, 3) on the map: row and column from the middle of cell (0, 0), and degrees
+    clockwise from up the rows; inf where it may not stand.
+    """
+    inside = ((places[:, :2] > -0.5) & (places[:, :2] < np.array(poses.shape) - 0.5)).all(1)
+    found, limits = np.full(len(places), np.inf), limits_of(poses.vehicle, poses.weights).astype(np.float64)
+    values = _standing(poses, places[inside])
+    values[:, 0] = np.arctan(values[:, 0])
+    shares = values / limits[1:6]
+    found[inside] = np.where((shares <= 1.0).all(1), shares[:, [0, 4, 3]] @ limits[6:], np.inf)
+    return found
+
+
+def _standing(poses: Poses, places: Floats) -> Floats:
+    """(N, 5) bounds of slope, pitch, roll, step and rise at places as in `costs_at`, inside the map."""
+    cells, angles = np.rint(places[:, :2]), np.radians(places[:, 2])
+    offsets, ahead = (places[:, :2] - cells).tolist(), np.column_stack((-np.cos(angles), np.sin(angles))).tolist()
+    alone = [
+        [motions.Pose(row, col, (down, right))] for (row, col), (down, right) in zip(offsets, ahead, strict=True)
+    ]
+    tables = motions.motions_of(poses.vehicle, poses.sides_m, alone)
+    each = [poses.figures((row, col), n, tables)[0, :5] for n, (row, col) in enumerate(cells.astype(int).tolist())]
+    return np.array(each)
 
 
 def greatest(poses: Poses, cell: Cell, motion: int) -> Floats:

@@ -312,6 +312,17 @@ def term_weights(traversability: Traversability | None) -> tuple[float, float, f
     return rule.slope_weight, rule.roughness_weight, rule.step_weight
 
 
+def bytes_per_cell(vehicle: Vehicle) -> int:
+    """Memory that planning takes for a vehicle, beside a point's.
+
+    For a body a height, a code for each motion, and g and parent of each state: a direction, and a gear where a
+    change costs. A disc has a point's map beside its own.
+    """
+    motions_of_cell = 2 * AXES if vehicle.turning_radius_m is None else 4 * AXES
+    gears = 2 if vehicle.reverse_cost is not None and vehicle.gear_change_m else 1
+    return 12 if vehicle.is_disc else 4 + 2 * motions_of_cell + 8 * gears * 2 * AXES
+
+
 def limits_of(vehicle: Vehicle, weights: tuple[float, float, float]) -> Floats:
     """Of a vehicle, as the check takes them."""
     pitch, roll, tilt = (math.radians(angle) for angle in vehicle.tilts_deg)

@@ -18,13 +18,13 @@ from nnpp_edge.runtime.map.changes import Change, ChangeLog, ChangeReader
 from nnpp_edge.runtime.map.directed import DirectedSteps
 from nnpp_edge.runtime.map.grid import ALL, Grid, bordered
 from nnpp_edge.runtime.map.ground import Ground
-from nnpp_edge.runtime.map.poses import Poses, term_weights
+from nnpp_edge.runtime.map.poses import Poses, bytes_per_cell, term_weights
 from nnpp_edge.runtime.map.pyramid import Pyramid, coarse_shapes
 from nnpp_edge.runtime.map.slope_cost import Mobility, slope_cost_of
 from nnpp_edge.runtime.map.step_cost import PAPER_OMEGA, StepCost, StepModel
 from nnpp_edge.runtime.map.tiles import Tiles
 from nnpp_edge.runtime.map.unseen import Unseen
-from nnpp_edge.runtime.memory import check_planner_fits, virtual_zeros
+from nnpp_edge.runtime.memory import DIRECTED_BYTES_PER_CELL, check_planner_fits, virtual_zeros
 from nnpp_edge.runtime.terrain.traversability import relative_heights, traversability_cost, warn_of_saturation
 from nnpp_edge.runtime.tuning import MOST_PRICE
 
@@ -401,7 +401,9 @@ def map_state(
     `Planner`.
     """
     by_slope = ground.elevation is not None and ground.by_slope
-    check_planner_fits(ground.shape, directed=by_slope)
+    body_bytes = 0 if ground.elevation is None or ground.vehicle is None else bytes_per_cell(ground.vehicle)
+    if ground.factor == 1 or body_bytes:  # else memory goes by what is seen
+        check_planner_fits(ground.shape, DIRECTED_BYTES_PER_CELL * by_slope + body_bytes)
     if warn and ground.elevation is not None and ground.factor == 1:
         heights, rule = relative_heights(ground.elevation)[0], ground.traversability.rule(*ground.sides_m)
         warn_of_saturation(heights, rule, stacklevel=7)  # who called the planner

@@ -211,6 +211,8 @@ class Methods:
             here = self.descent.find(query, work, searcher, top, None, width, source)
             if here is None or not here.suffices(query):
                 continue
+            if here.search.status is not Status.OK:
+                return doubtful or here
             if doubtful is None and self.has_arcs and here.cost > MOST_ABOVE_FIELD * here.search.promised:
                 doubtful = here  # an arc too many: perhaps there is a smoother way
                 continue

@@ -77,19 +77,26 @@ def test_a_recording_holds_map_path_robot_goal_and_latencies(tmp_path):
     np.testing.assert_array_equal(pictures[1], cost_picture(state.cost())[..., ::-1])
 
 
-def test_a_recording_holds_the_outline_of_the_body_along_the_path(tmp_path):
-    body = Vehicle(length_m=2.0, width_m=1.0, clearance_m=0.3)
-    state = map_state(Ground.of_elevation(np.zeros((20, 30), np.float32), 0.5, vehicle=body))
+@pytest.mark.parametrize("radius", [None, 3.0])
+def test_a_recording_holds_the_outline_of_the_body_and_of_arcs_the_headings(tmp_path, radius):
+    body = Vehicle(length_m=2.0, width_m=1.0, clearance_m=0.3, turning_radius_m=radius)
+    state = map_state(Ground.of_elevation(np.zeros((20, 300), np.float32), 0.5, cell_width_m=0.25, vehicle=body))
+    line, ahead = np.array([(5, 5 + n) for n in range(250)], np.int32), -1.0 if radius else 1.0  # arcs backwards
+    driven = {"states": (12,) * 250, "headings": (270.0,) * 250} if radius else {}
     with RerunSink(tmp_path / "loop.rrd", state=state) as sink:
-        line = np.array([(5, 5 + n) for n in range(9)], np.int32)
-        sink.publish(PathMessage(1, Status.OK, Origin.FULL, line))
+        sink.record(Pose(5.5, 5.25, heading_deg=180.0))
+        sink.publish(PathMessage(1, Status.OK, Origin.FULL, line, **driven))
         sink.publish(PathMessage(2, Status.NO_PATH, Origin.NONE))
-    outlines, none = read(tmp_path / "loop.rrd")["/map/body"]["strips"]
-    assert len(outlines) == 2 and not none
-    for outline, middle in zip(outlines, (5.5, 13.5), strict=True):
-        drawn = {tuple(corner) for corner in outline}
-        corners = {(middle + x, 5.5 + y) for x in (-2.0, 2.0) for y in (-1.0, 1.0)}
-        assert drawn == corners | {(middle, 5.5), (middle + 2.0, 5.5)}, "its outline, and a line to its front"
+    found = read(tmp_path / "loop.rrd")
+    outlines, none = found["/map/body"]["strips"]
+    corners = {(5.5 + x, 5.5 + y) for x in (-4.0, 4.0) for y in (-1.0, 1.0)}
+    assert {tuple(corner) for corner in outlines[0]} == corners | {(5.5, 5.5), (5.5 + 4.0 * ahead, 5.5)} and not none
+    assert found["/map/robot/heading"]["vectors"][0] == [pytest.approx([0.0, 1.0], abs=1e-6)]
+    assert found["/map/robot/heading"]["origins"] == [[[5.25, 5.5]]]
+    assert ("/map/headings" in found) == bool(radius)
+    if radius:
+        assert found["/map/headings"]["origins"] == [[[5.5 + 3 * n, 5.5] for n in range(84)], []]
+        assert found["/map/headings"]["vectors"][0] == [pytest.approx([-2.0, 0.0], abs=1e-6)] * 84
 
 
 @pytest.mark.filterwarnings("ignore:RRD file has no footer")

@@ -1,6 +1,6 @@
 import itertools
 import json
-from collections import Counter
+import math
 from dataclasses import replace
 
 import numpy as np
@@ -9,7 +9,6 @@ import pytest
 from nnpp_edge.runtime.errors import InvalidQueryError, Status
 from nnpp_edge.runtime.loop.messages import Goal, MapPatch, Origin, PathMessage, Pose
 from nnpp_edge.runtime.map.ground import Ground
-from nnpp_edge.runtime.map.poses import pose_costs
 from nnpp_edge.runtime.planners.planner import Planner
 from nnpp_edge.runtime.terrain.traversability import Traversability, traversability_cost
 from nnpp_edge.runtime.terrain.vehicle import Vehicle
@@ -26,6 +25,7 @@ from tests.fuzz import bodies
 
 LIMITS = Traversability(slope_limit_deg=20.0, hard_slope_deg=20.0)
 BODY = Vehicle(length_m=1.5, width_m=1.2, clearance_m=0.3)
+CAR = replace(BODY, turning_radius_m=2.0, reverse_cost=2.0, gear_change_m=1.0)
 
 
 @pytest.fixture(scope="module")
@@ -48,7 +48,8 @@ def grounds(ground, rocky):
     heights, disc = synthetic_terrain(np.random.default_rng(2), 80, 20.0), Vehicle(radius_m=26.0)
     of_disc = SurveyedGround.of(Ground.of_elevation(heights, 20.0, LIMITS, vehicle=disc), 1)
     known = SurveyedGround.of_known(Ground.of_elevation(heights, 20.0, LIMITS), 8, "slope")
-    return {"point": ground, "body": rocky, "disc": of_disc, "coarse": known}
+    car = SurveyedGround(replace(rocky.ground, vehicle=CAR), rocky.surveyed)
+    return {"point": ground, "body": rocky, "disc": of_disc, "coarse": known, "car": car}
 
 
 def flat(shape=(30, 40)):
@@ -204,42 +205,18 @@ def test_an_endless_drive_goes_from_goal_to_goal_and_keeps_its_word_and_its_memo
         assert drive.memory_mb["end"] - drive.memory_mb["tenth"] < 5.0 < drive.memory_mb["start"]
 
 
-def test_the_same_seed_gives_the_same_drive(ground):
+@pytest.mark.parametrize(("kind", "noise"), [("point", 0.0), ("car", 6.0)])
+def test_the_same_seed_gives_the_same_drive(grounds, kind, noise):
+    ground = grounds[kind]
     start, goal = random_drive(ground, 1)
+    given = {"changes": 3, "ticks": 500, "steering_noise_deg": noise}
     first, again, other = (
-        simulate(ground, start, goal, SimulationSettings("astar", seed=seed, changes=3)) for seed in (4, 4, 5)
+        simulate(ground, start, goal, SimulationSettings("corridor", seed=seed, **given)) for seed in (4, 4, 5)
     )
+    assert all(drive.reached and drive.forbidden == 0 and not drive.counters.errors for drive in (first, other))
     np.testing.assert_array_equal(first.driven, again.driven)
     assert (first.counters.planned, first.driven_cost) == (again.counters.planned, again.driven_cost)
     assert first.counters.planned != other.counters.planned or not np.array_equal(first.driven, other.driven)
-
-
-class Sink:
-    name = "test"
-
-    def __init__(self, fails=False):
-        self.answers, self.inputs, self.fails = [], [], fails
-
-    def publish(self, message):
-        self.answers.append(message)
-        if self.fails:
-            raise RuntimeError("no")
-
-    def record(self, message, at_s):
-        self.inputs.append(message)
-
-
-@pytest.mark.parametrize("rate", [None, 60.0])
-def test_at_a_rate_or_not_the_loop_drives_and_sinks_get_everything(rate):
-    sinks, settings = [Sink(), Sink(fails=True)], SimulationSettings("astar", rate_hz=rate, changes=1)
-    drive = simulate(flat(), (5, 5), (15, 20), settings, make_sinks=lambda state: sinks)
-    assert drive.reached and drive.forbidden == 0
-    assert drive.counters.ticks < 500, "it ends at the goal"
-    paths = [m for m in sinks[0].answers if isinstance(m, PathMessage)]
-    assert len(paths) + drive.counters.drops.get("test", 0) == drive.counters.ticks
-    assert sum(isinstance(m, Pose) for m in sinks[0].inputs) == drive.counters.ticks
-    assert sum(isinstance(m, Goal) for m in sinks[0].inputs) == 1
-    assert drive.counters.errors["sink test"] >= drive.counters.ticks - drive.counters.drops.get("test", 0)
 
 
 def test_what_makes_no_sense_is_refused(ground):
@@ -250,6 +227,8 @@ def test_what_makes_no_sense_is_refused(ground):
     for start, words in (((5, 20), "impassable"), ((5, 40), "outside the map of 30 × 40")):
         with pytest.raises(InvalidQueryError, match=words):
             simulate(wall, start, (20, 30))
+    with pytest.raises(InvalidQueryError, match="wants a vehicle with a turning_radius_m"):
+        simulate(flat(), (5, 5), (20, 30), SimulationSettings(steering_noise_deg=3.0))
     islands = flat((40, 40))
     islands.true[:, 3::4] = islands.true[3::4] = 1.0
     with pytest.raises(InvalidQueryError, match="give start and goal"):
@@ -257,37 +236,6 @@ def test_what_makes_no_sense_is_refused(ground):
 
 
 # --- a body
-
-
-def test_what_the_simulation_judges_by_agrees_with_the_planners_check():
-    walked = Counter()
-    steps = np.array(pose_oracles.DIRECTIONS)
-    for seed in range(6):
-        rng = np.random.default_rng(seed)
-        width = (0.25, 0.3)[seed % 2]
-        heights = with_rocks(synthetic_terrain(rng, 60, 0.25), 0.25, 0.03, rng, cell_width_m=width)
-        heights[20:22, 30:36] = np.nan
-        vehicle = replace(BODY, unknown_passes=seed % 3 == 0, axles=2 + seed % 3, max_pitch_deg=20.0)
-        planner = Planner.of_elevation(heights, 0.25, cell_width_m=width, vehicle=vehicle, warn=False)
-        priced, stands = (
-            bodies.priced(planner, 0.0),
-            np.isfinite(pose_costs(heights, 0.25, vehicle, cell_width_m=width)),
-        )
-        robot = Robot(Ground.of_elevation(heights, 0.25, cell_width_m=width, vehicle=vehicle))
-        for _ in range(40):
-            row, col = rng.integers(8, 52, 2).tolist()
-            assert robot.stands(heights, (row, col)) or not stands[:, row, col].any()
-            turns, first = rng.integers(-1, 2, 8).cumsum(), rng.integers(16)
-            path = np.cumsum([(row, col), *steps[(first + turns) % 16]], axis=0).clip(0, 59).astype(np.int32)
-            costs = [pose_oracles.path_cost(priced, path[: n + 1].tolist()) for n in range(1, 9)]
-            known = int(np.isfinite(costs).sum())
-            assert robot.steps(heights, path) >= known, (
-                "what a planner may drive over, the simulation does not forbid"
-            )
-            walked[known, robot.steps(heights, path) == known] += 1
-    agreed = sum(count for (_, same), count in walked.items() if same)
-    assert agreed >= 235, "but for rounding they are one check"
-    assert sum(walked[known, True] > 3 for known in range(9)) > 4
 
 
 @pytest.mark.parametrize("step_cost", ["paper", "energy", "tobler"])
@@ -341,6 +289,24 @@ def test_obstacles_stand_above_the_ground_and_out_of_the_bodys_reach():
     assert blocked.sum() > (scene.now > 0.0).sum() / 2
 
 
+@pytest.mark.parametrize("noise", [1e-9, 9.0])
+def test_a_car_drives_its_arcs_off_by_its_steering_and_its_way_costs_what_it_drove(noise):
+    ground = SurveyedGround.of(Ground.of_elevation(np.zeros((60, 60), np.float32), 0.25, vehicle=CAR), 1)
+    plan = Planner(ground.ground).plan((30, 12), (30, 48), start_heading_deg=270.0, goal_heading_deg=90.0)
+    scene = Scene(ground, (30, 12), (30, 48), np.random.default_rng(1), changes=0, speed=99, steering_noise_deg=noise)
+    list(scene.poll())
+    scene.heard(replace(answer(plan.path.tolist(), (30, 48)), states=tuple(plan.states.tolist())))
+    pose = list(scene.poll())[-1]
+    off = math.hypot(pose.row - 30.5, pose.col - 48.5)
+    assert off < 1e-3 if noise < 1.0 else 0.1 < off < 1.0
+    assert pose.heading_deg == pytest.approx(90.0, abs=0.01 if noise < 1.0 else 8.0)
+    assert {-1, 1} <= {arc.gear for arc in plan.arcs} and (scene.forbidden, scene.waited) == (0, 0)
+    assert scene.driven_cost == pytest.approx(plan.cost, rel=5e-4 if noise < 1.0 else 0.05)
+    scene.now[26:35, 55:] = 3.0  # where its front would come
+    scene.heard(replace(answer([(30, 48 + n) for n in range(9)], (30, 56)), states=(4,) * 9))
+    assert list(scene.poll())[-1].col < 53.0 and scene.forbidden == 0
+
+
 # --- the command
 
 
@@ -360,7 +326,7 @@ def test_the_command_drives_a_body_writes_draws_and_tells(nnpp_edge, tmp_path):
     with image.open(film) as frames:
         assert 1 < frames.n_frames <= 81
     start, goal = (",".join(map(str, told[end])) for end in ("start", "goal"))
-    ended = nnpp_edge(*words, "--start", start, "--goal", goal, "--ticks", 9, "--picture", still)
+    ended = nnpp_edge(*words, "--start", start, "--goal", goal, "--ticks", 9, "--rate", 60, "--picture", still)
     assert ended.code == 1
     assert "GOAL NOT REACHED" in ended.out and "9:" in ended.out
     with image.open(still) as picture:

@@ -301,6 +301,8 @@ def test_a_path_of_arcs_is_left_where_it_is_blocked_and_joined_again(monkeypatch
     dem = np.zeros((160, 240))
     moving = DynamicPlanner.of_elevation(dem, CELL_M, (80, 220), vehicle=CAR)
     moving.move((80, 15), 90.0)
+    for time_s in np.geomspace(2e-4, 4e-3, 12):
+        assert moving.replan(time_limit_s=time_s).status in ("OK", "TIMEOUT")
     first = moving.replan()
     moving.update_elevation(79, 60, np.full((2, 2), 2.0))
     dem[79:81, 60:62] = 2.0

@@ -3,13 +3,14 @@ import itertools
 import math
 import os
 import resource
+from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
-from nnpp_edge.runtime import Planner, memory, warmup
+from nnpp_edge.runtime import Planner, Vehicle, memory, warmup
 from nnpp_edge.runtime.errors import InvalidMapError
 from nnpp_edge.runtime.loop.timing import rss_bytes
 from nnpp_edge.runtime.map.step_cost import StepModel
@@ -118,6 +119,11 @@ def test_a_map_too_large_for_memory_is_refused_before_anything_is_allocated(monk
     monkeypatch.setattr(memory, "available_bytes", lambda: 4096 * 4096 * 20)
     check_planner_fits((4096, 4096))
     with pytest.raises(InvalidMapError, match=r"wanted 0\.9 GB"):
-        check_planner_fits((4096, 4096), directed=True)
+        check_planner_fits((4096, 4096), memory.DIRECTED_BYTES_PER_CELL)
+    wide, body = np.broadcast_to(np.float32(0.0), (4096, 4096)), Vehicle(1.5, 1.2, 0.3)
+    car = replace(body, turning_radius_m=2.0, reverse_cost=2.0)
+    for vehicle, gigabytes in ((body, 3.0), (car, 3.6), (replace(car, gear_change_m=1.0), 5.7)):
+        with pytest.raises(InvalidMapError, match=f"wanted {gigabytes} GB"):
+            Planner.of_elevation(wide, 0.25, vehicle=vehicle)
     with pytest.raises(InvalidMapError, match="cells"):
         StreamedMap((60_000, 60_000), StepModel.of("paper"))

@@ -16,7 +16,7 @@ from nnpp_edge.runtime.errors import Status
 from nnpp_edge.runtime.kernels.nodes import STAMP_SHIFT
 from nnpp_edge.runtime.kernels.poses import AXES, FAILS, MOST_CODE, REFUSALS, check_run
 from nnpp_edge.runtime.map import motions
-from nnpp_edge.runtime.map.attitude import attitudes, explain
+from nnpp_edge.runtime.map.attitude import attitudes, costs_at, explain
 from nnpp_edge.runtime.map.poses import Poses
 from nnpp_edge.runtime.map.region import Region
 from nnpp_edge.runtime.planners.coarse_to_fine import CoarseLevel
@@ -210,6 +210,8 @@ def test_what_refuses_a_pose_is_told_with_its_numbers():
             assert (found.ok, found.refused_by) == (code < FAILS, REFUSALS[code - FAILS] if code >= FAILS else None)
             assert str(found).count("\n") == 5 and ("stands" in str(found)) == found.ok
             told.add(found.refused_by)
+            cost = (max(int(code), 1) - 1) / MOST_CODE if found.ok else math.inf
+            assert costs_at(poses, np.array([(row, col, heading)]))[0] == pytest.approx(cost, abs=2e-5)
             if found.refused_by == "unknown":
                 continue
             limits = [found.step_m, found.pitch_deg, found.roll_deg, found.tilt_deg, found.belly_m]
@@ -219,6 +221,11 @@ def test_what_refuses_a_pose_is_told_with_its_numbers():
             more.append([each.value for each in limits] - np.maximum(true, 0.0))
     assert np.min(more) > -1e-4 and (np.median(more, 0) < (0.02, 0.7, 0.7, 1.0, 0.05)).all(), np.median(more, 0)
     assert told >= {None, "unknown", "tilt", "roll", "step"}
+    places = np.random.default_rng(2).uniform((-1.0, -1.0, 0.0), (45.0, 53.0, 360.0), (500, 3))  # anywhere
+    standing = places[np.isfinite(costs_at(poses, places))]
+    for row, col, heading in standing:
+        angle = np.array([math.pi - math.radians(heading)])
+        assert pose_oracles.breaks_at(dem, CELL_M, vehicle, np.array([(row, col)]), angle) is None
 
 
 # --- searches

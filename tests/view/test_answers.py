@@ -40,13 +40,18 @@ SETTINGS = {
         "method": "auto",
     },
     "vehicle": {"body": "large-rover", "method": "corridor"},
+    "arcs": {"body": "car", "method": "corridor", "start_heading_deg": 270.0, "goal_heading_deg": 12.5},
 }
+CAR = {"turning_radius_m": 8.0, "reverse_cost": 2.0}
 
 
 @pytest.fixture(scope="module")
 def site(tmp_path_factory):
     path = write_ground(tmp_path_factory.mktemp("ground"))
-    return Site.of(read_dem(path), path, {})
+    site, words = Site.of(read_dem(path), path, {}), [f"--set={name}={value}" for name, value in CAR.items()]
+    words = ("--vehicle", "large-rover", *words)
+    car = Body(replace(site.bodies["large-rover"].vehicle, **CAR), site.bodies["none"].mobility, words)
+    return replace(site, bodies={**site.bodies, "car": car})
 
 
 def ask(answerer, **question):
@@ -132,7 +137,7 @@ def test_what_cannot_be_asked_is_answered_in_a_line(site):
     wrong = [{"step_cost": "energy"}, {"body": "hovercraft"}, {"nonsense": 1}, {"omega": "much"}, {"omega": -1.0}]
     wrong += [{"limits": {"slope_limit_deg": 0.0}}, {"body": "tracked", "clearance_m": 0.0}, {"start": [1]}]
     wrong += [{"obstacles": [part]} for part in ([0, 0, 0, 0], [-1, 5, 3, 3], [90, 0, 7, 3], [0, 118, 3, 3])]
-    wrong += [{"obstacles": [[0, 0, 1, 1]] * 201}]
+    wrong += [{"obstacles": [[0, 0, 1, 1]] * 201}, {"start_heading_deg": -1.0}, {"goal_heading_deg": "up"}]
     for values in wrong:
         told, _ = ask(answerer, want="path", asked=plain | values)
         assert set(told) == {"problem"} and "\n" not in told["problem"], values
@@ -155,7 +160,19 @@ def test_an_answer_tells_what_lies_along_the_path(site):
     assert path["figures"]["cost"] == round(plan.cost, 6) and path["unit"] == "" and path["on_foot"]
     opening = json.loads(answerer.opening())
     assert opening["bodies"]["none"]["clearance_m"] is None and opening["bodies"]["large-rover"]["clearance_m"] > 0.0
+    assert [name for name, body in opening["bodies"].items() if body["arcs"]] == ["car"]
     assert opening["asked"]["start"] == [8, 8] and opening["asked"]["limits"]["hard_slope_deg"] is None
+
+
+def test_arcs_are_answered_as_they_are_driven_with_the_headings_that_are_asked_for(site):
+    asked = with_values(PLAIN, **SETTINGS["arcs"])
+    path, _ = ask(Answerer(site, asked), want="path", asked=in_json(asked))
+    plan = planned(site, asked)
+    assert path["gears"] == plan.drive.gears.tolist() and {-1, 1} <= set(path["gears"])
+    assert np.stack((path["rows"], path["cols"]), 1) == pytest.approx(plan.line, abs=6e-3)
+    assert plan.poses[[0, -1], 2] == pytest.approx([270.0, 0.0], abs=1e-9), "the nearest of sixteen directions"
+    assert planned(site, with_values(asked, goal_heading_deg=None)).cost < plan.cost
+    assert planned(site, with_values(asked, body="none")).ok, "of a point they count for nothing"
 
 
 def test_layers_have_no_more_pixels_than_the_screen(site):
@@ -214,7 +231,8 @@ def test_whatever_the_map_depends_on_is_asked_of_another_map_and_two_maps_are_ke
         asked = with_values(plain, **{name: value})
         found = answerer.landscape(asked)
         assert found.plan(asked, "astar").cost == planned(site, asked).cost, name
-        assert answerer.landscape(with_values(asked, start=(3, 3), refine=True, method="auto")) is found
+        ends = {"start": (3, 3), "start_heading_deg": 30.0, "goal_heading_deg": 60.0}
+        assert answerer.landscape(with_values(asked, **ends, refine=True, method="auto")) is found
         assert answerer.landscape(plain) is first
     answerer.landscape(with_values(plain, omega=0.04))
     answerer.landscape(with_values(plain, omega=0.03))

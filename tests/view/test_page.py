@@ -148,6 +148,27 @@ def test_what_is_refused_leaves_path_and_controls_as_they_were(tab):
     tab.until("document.querySelector('#notice').hidden")
 
 
+def test_arrows_set_headings_and_a_dashed_line_is_driven_backwards(browser, tmp_path):
+    car = ("--vehicle", "large-rover", "--set", "turning_radius_m=8", "--set", "reverse_cost=2")
+    with serving(write_ground(tmp_path), *car) as running:
+        tab = Tab(browser.new_page(), running.address)
+        before, headings = tab.line, "[...document.querySelectorAll('.heading')].map(each => each.ariaLabel)"
+        tab.drag("start-heading", (36, -36))
+        turned = tab.line_other_than(before)
+        assert tab.page.evaluate(headings) == ["Start heading, 270°", "Goal heading, any"]
+        assert tab.page.get_attribute("#reverse", "d").startswith("M")
+        tab.page.focus("#goal-heading")
+        tab.page.keyboard.press("ArrowLeft")
+        tab.line_other_than(turned)
+        assert "--start-heading 270 --goal-heading 355" in tab.page.text_content("#command")
+        tab.page.keyboard.press("Delete")
+        tab.page.dblclick("#start-heading")
+        tab.until(f"{LINE} === {json.dumps(before)}")
+        tab.page.select_option("#body", "none")
+        assert not tab.page.is_visible("#start-heading") and not tab.page.is_visible("#turns")
+        assert tab.wrong == [] and running.end() == (0, "")
+
+
 def test_methods_stand_side_by_side_and_shade_their_regions(tab):
     rows = {name: tab.page.locator(f"#row-{name} td").all_inner_texts() for name in ("auto", "astar", "corridor")}
     assert rows["astar"][2] == "0.00 %"

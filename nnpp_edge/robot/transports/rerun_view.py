@@ -12,12 +12,14 @@ from nnpp_edge.runtime.errors import InvalidQueryError, OutputError, optional_mo
 from nnpp_edge.runtime.loop.messages import Goal, Input, MapPatch, Output, PathMessage, Pose
 from nnpp_edge.runtime.map.state import MapState
 
+Colour = tuple[int, int, int]
 _PATH = (255, 120, 20)
 _DEGRADED = (235, 60, 200)
 _BODY = (190, 255, 120)
 _ROBOT = (255, 215, 0)
 _GOAL = (225, 20, 30)
 _PATCH = (0, 200, 230)
+_MOST_ARROWS = 100
 _SECONDS = "time"
 _TICKS = "tick"
 
@@ -77,6 +79,9 @@ class RerunSink(Closing):
             self._point("map/goal", (message.row + 0.5, message.col + 0.5), _GOAL)
         elif isinstance(message, Pose):
             self._point("map/robot", (message.row, message.col), _ROBOT)
+            if message.heading_deg is not None:
+                place = np.array([(message.col, message.row)], np.float32)
+                self._arrows("map/robot/heading", place, np.array([message.heading_deg]), _ROBOT)
 
     def publish(self, message: Output) -> None:
         """Show an answer or a status message."""
@@ -93,7 +98,7 @@ class RerunSink(Closing):
         colour = _DEGRADED if message.degraded else _PATH
         strips = [_points(message.path)] if len(message.path) else []
         self._stream.log("map/path", rr.LineStrips2D(strips, colors=colour, radii=0.4, draw_order=10.0))
-        self._show_bodies(message.path)
+        self._show_bodies(message)
         self._scalar("planning_ms", message.planning_ms)
         self._scalar("cost", message.cost if message.ok else None)
         outcome = f"{message.outcome} by {message.origin}" + (" (degraded)" if message.degraded else "")
@@ -120,17 +125,31 @@ class RerunSink(Closing):
         picture = np.ascontiguousarray(cost_picture(state.cost())[..., ::-1])
         self._stream.log("map/cost", self._rr.Image(picture))
 
-    def _show_bodies(self, path: NDArray[np.int32]) -> None:
-        """The outline of the map's vehicle along the path."""
+    def _show_bodies(self, message: PathMessage) -> None:
+        """The outline of the map's vehicle along the path, and its headings where it drives arcs."""
         vehicle, sides = (None, None) if self._state is None else (self._state.vehicle, self._state.sides_m)
         if vehicle is None or sides is None:
             return
         from nnpp_edge.viz.picture import body_outlines
 
-        strips = [_points(outline) for outline in body_outlines(path, vehicle, sides)]
+        headings, some = message.headings_deg, slice(None, None, 1 + len(message.path) // _MOST_ARROWS)
+        outlines = body_outlines(message.path, vehicle, sides, headings if message.states else None)
+        strips = [_points(outline) for outline in outlines]
         self._stream.log("map/body", self._rr.LineStrips2D(strips, colors=_BODY, radii=0.15, draw_order=15.0))
 
-    def _point(self, place: str, cell: tuple[float, float], colour: tuple[int, int, int]) -> None:
+        if vehicle.turning_radius_m is not None:
+            self._arrows("map/headings", _points(message.path)[some], headings[some], _PATH)
+
+    def _arrows(
+        self, place: str, points: NDArray[np.float32], headings_deg: NDArray[np.float64], colour: Colour
+    ) -> None:
+        """Arrows two cells long from points (x, y)."""
+        (dy, dx), turns = (self._state and self._state.sides_m) or (1.0, 1.0), np.radians(headings_deg)
+        ahead = 2.0 * min(dy, dx) * np.column_stack((np.sin(turns) / dx, -np.cos(turns) / dy))
+        arrows = self._rr.Arrows2D(vectors=ahead, origins=points, colors=colour, radii=0.15, draw_order=16.0)
+        self._stream.log(place, arrows)
+
+    def _point(self, place: str, cell: tuple[float, float], colour: Colour) -> None:
         point = self._rr.Points2D([(cell[1], cell[0])], colors=colour, radii=1.2, draw_order=20.0)
         self._stream.log(place, point)
 

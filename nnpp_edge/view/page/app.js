@@ -36,6 +36,11 @@ const map = new MapView({
     asked[end] = cell;
     link.ask("path", {}, { at });
   },
+  turned: (end, heading, at) => {
+    stale();
+    asked[`${end}_heading_deg`] = heading;
+    link.ask("path", {}, { at });
+  },
   settled: settle,
   painted: obstacle,
 });
@@ -79,12 +84,18 @@ function swatch({ colour, words }) {
 }
 
 function putEnds() {
-  for (const end of ["start", "goal"]) map.putEnd(end, asked[end]);
+  const { arcs } = controls.bodies[asked.body];
+  byId("turns").hidden = !arcs;
+  for (const end of ["start", "goal"]) {
+    map.putEnd(end, asked[end]);
+    map.putHeading(end, asked[`${end}_heading_deg`] ?? null, arcs);
+  }
 }
 
 function change(values) {
   stale();
   for (const [name, value] of Object.entries(values)) (name in asked.limits ? asked.limits : asked)[name] = value;
+  putEnds();
   link.ask("path");
   if (!("method" in values || "refine" in values)) link.ask("cost", pixels);
   settle();
@@ -115,6 +126,7 @@ function show(answer, question) {
   good = question.asked;
   map.line("path-rim", answer.rows, answer.cols);
   map.line("path", answer.rows, answer.cols);
+  map.reverse(answer.rows, answer.cols, answer.gears);
   map.lineOf("grid", answer.grid);
   map.waypoints(answer.waypoints);
   map.obstacles(good.obstacles);

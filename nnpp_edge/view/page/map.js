@@ -5,16 +5,18 @@ const byId = (id) => document.getElementById(id);
 const SVG = "http://www.w3.org/2000/svg";
 
 export class MapView {
-  // `act` has moved(end, cell, at), settled() and painted(rectangle).
+  // `act` has moved(end, cell, at), turned(end, degrees, at), settled() and painted(rectangle).
   constructor(act) {
     this.act = act;
     this.frame = byId("map");
     this.sheet = byId("sheet");
     this.ends = { start: byId("start"), goal: byId("goal") };
+    this.arrows = { start: byId("start-heading"), goal: byId("goal-heading") };
     this.cells = {};
     this.zoom = 1;
     this.middle = [0.5, 0.5]; // of the sheet, as shares, in the frame's middle
     this.#watchEnds();
+    this.#watchArrows();
     this.#watchFrame();
     new ResizeObserver(() => this.place()).observe(this.frame);
   }
@@ -72,9 +74,27 @@ export class MapView {
 
   putEnd(end, cell) {
     this.cells[end] = cell;
-    this.put(this.ends[end], this.#inside(cell));
+    for (const button of [this.ends[end], this.arrows[end]]) this.put(button, this.#inside(cell));
     const name = end === "start" ? "Start" : "Goal";
     this.ends[end].setAttribute("aria-label", `${name}, row ${cell[0]}, column ${cell[1]}`);
+  }
+
+  // Degrees clockwise from up the rows; null for any.
+  putHeading(end, heading, shown = true) {
+    const arrow = this.arrows[end];
+    arrow.hidden = !shown;
+    arrow.classList.toggle("any", heading === null);
+    arrow.style.setProperty("--turn", `${heading ?? 0}deg`);
+    arrow.setAttribute("aria-label", `${end === "start" ? "Start" : "Goal"} heading, ${heading === null ? "any" : `${heading}°`}`);
+    arrow.heading = heading;
+  }
+
+  // The parts of a line that are driven backwards.
+  reverse(rows, cols, gears = []) {
+    let d = "";
+    for (let at = 1; at < gears.length; at++)
+      if (gears[at] < 0) d += `${at > 1 && gears[at - 1] < 0 ? "" : `M${cols[at - 1]} ${rows[at - 1]}`}L${cols[at]} ${rows[at]}`;
+    byId("reverse").setAttribute("d", d);
   }
 
   line(id, rows, cols) {
@@ -120,26 +140,29 @@ export class MapView {
     return element;
   }
 
+  // `moved` gets where the middle of a button is dragged to, and when.
+  #watchPointer(button, moved) {
+    let held = null;
+    button.addEventListener("pointerdown", (event) => {
+      if (this.painting) return; // to the map below
+      event.stopPropagation();
+      const { left, top, width, height } = button.getBoundingClientRect();
+      held = [event.clientX - left - width / 2, event.clientY - top - height / 2];
+      button.setPointerCapture(event.pointerId);
+    });
+    button.addEventListener("pointermove", (event) => {
+      if (held) moved({ clientX: event.clientX - held[0], clientY: event.clientY - held[1] }, event.timeStamp);
+    });
+    for (const name of ["pointerup", "pointercancel"])
+      button.addEventListener(name, () => {
+        if (held) this.act.settled();
+        held = null;
+      });
+  }
+
   #watchEnds() {
     for (const [end, button] of Object.entries(this.ends)) {
-      let held = null;
-      button.addEventListener("pointerdown", (event) => {
-        if (this.painting) return; // to the map below
-        event.stopPropagation();
-        const { left, top, width, height } = button.getBoundingClientRect();
-        held = [event.clientX - left - width / 2, event.clientY - top - height / 2];
-        button.setPointerCapture(event.pointerId);
-      });
-      button.addEventListener("pointermove", (event) => {
-        if (!held) return;
-        const cell = this.cellAt({ clientX: event.clientX - held[0], clientY: event.clientY - held[1] });
-        this.#move(end, cell, event.timeStamp);
-      });
-      for (const name of ["pointerup", "pointercancel"])
-        button.addEventListener(name, () => {
-          if (held) this.act.settled();
-          held = null;
-        });
+      this.#watchPointer(button, (place, at) => this.#move(end, this.cellAt(place), at));
       button.addEventListener("focus", () => this.#bringIn(end));
       button.addEventListener("keydown", (event) => {
         const way = { ArrowUp: [-1, 0], ArrowDown: [1, 0], ArrowLeft: [0, -1], ArrowRight: [0, 1] }[event.key];
@@ -148,6 +171,32 @@ export class MapView {
         const far = event.shiftKey ? Math.max(Math.round(Math.max(this.rows, this.cols) / 40), 2) : 1;
         this.#move(end, this.#inside(this.cells[end].map((at, axis) => at + far * way[axis])), event.timeStamp);
         this.#bringIn(end);
+        this.act.settled();
+      });
+    }
+  }
+
+  #watchArrows() {
+    for (const [end, arrow] of Object.entries(this.arrows)) {
+      const turn = (heading, at) => {
+        if (heading === arrow.heading) return;
+        this.putHeading(end, heading);
+        this.act.turned(end, heading, at);
+      };
+      const whole = (degrees) => (Math.round(degrees) + 360) % 360;
+      this.#watchPointer(arrow, ({ clientX, clientY }, at) => {
+        const { left, top, width, height } = this.ends[end].getBoundingClientRect();
+        turn(whole((Math.atan2(clientX - left - width / 2, top + height / 2 - clientY) * 180) / Math.PI), at);
+      });
+      arrow.addEventListener("dblclick", (event) => {
+        turn(null, event.timeStamp);
+        this.act.settled();
+      });
+      arrow.addEventListener("keydown", (event) => {
+        const by = { ArrowLeft: -5, ArrowRight: 5, Delete: null, Backspace: null }[event.key];
+        if (by === undefined) return;
+        event.preventDefault();
+        turn(by === null ? null : whole((arrow.heading ?? 0) + by), event.timeStamp);
         this.act.settled();
       });
     }
