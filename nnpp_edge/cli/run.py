@@ -36,7 +36,7 @@ def command(
     ] = None,
     rate: Annotated[float | None, options.RATE, "Ticks a second, in place of the profile's (else 17)."] = None,
     known: Annotated[int | None, click.IntRange(2, 64), _KNOWN] = None,
-    prior: Annotated[str, click.Choice(options.PRIORS), options.PRIOR] = "slope",
+    prior: Annotated[str, click.Choice(options.PRIORS), options.PRIOR] = "network",
     method: Annotated[str | None, "Planner, in place of the profile's (else auto)."] = None,
     model: Annotated[str | None, options.MODEL, _MODEL] = None,
     loop: Annotated[tuple[options.Setting, ...], _SETTING, MANY, _LOOP] = (),

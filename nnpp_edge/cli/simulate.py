@@ -47,7 +47,7 @@ def command(
     changes: Annotated[int, click.IntRange(0, 1000), _CHANGES] = 1,
     survey: Annotated[int | None, click.IntRange(1, 1000), _SURVEYED] = None,
     known: Annotated[int | None, click.IntRange(2, 64), _KNOWN] = None,
-    prior: Annotated[str, click.Choice(options.PRIORS), options.PRIOR] = "slope",
+    prior: Annotated[str, click.Choice(options.PRIORS), options.PRIOR] = "network",
     sight: Annotated[int, COUNT, "Cells to each side, beyond the body, that it sees."] = 12,
     speed: Annotated[int, COUNT, "Cells a tick."] = 1,
     steering_noise: Annotated[float, options.Real(0.0, 45.0), _NOISE] = 0.0,

@@ -58,7 +58,7 @@ class Ground:
     factor: int = 1
     """Cells to the side of a block of which `elevation` (H, W) has the means: the map has H · factor rows. Nothing of
     a cell's own elevation is known until a patch tells it."""
-    prior: str = "slope"
+    prior: str = "network"
     """By what a cell is priced until then, see `network.priors`: ``network``, shown the coarse map and what was seen
     nearby; ``slope``, the coarse map's, calibrated on maps that are known finely; ``eq1``, NNPP's costs of the coarse
     map; ``mean``, one price for all."""
@@ -109,7 +109,7 @@ class Ground:
         factor: int,
         traversability: Traversability | None = None,
         *,
-        prior: str = "slope",
+        prior: str = "network",
         model: str | Path | None = None,
         **options: Unpack[GroundOptions],
     ) -> "Ground":

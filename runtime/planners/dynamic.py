@@ -160,7 +160,7 @@ class DynamicPlanner(OnMap):
         goal: Cell,
         traversability: Traversability | None = None,
         *,
-        prior: str = "slope",
+        prior: str = "network",
         **options: Unpack[PlannerOptions],
     ) -> "DynamicPlanner":
         """A planner of ground that is known coarsely, as `Planner.of_coarse`."""

@@ -90,7 +90,7 @@ class Planner(OnMap):
         factor: int,
         traversability: Traversability | None = None,
         *,
-        prior: str = "slope",
+        prior: str = "network",
         **options: Unpack[PlannerOptions],
     ) -> "Planner":
         """A planner of ground that is known coarsely, and finely where `update_elevation` has told it.
