@@ -175,8 +175,6 @@ same drives: 2.9 % at 1 and 1, 1.9 at 2 and 3; by boosted trees 2.6 and 2.2."""
 BLOCKS_AROUND, BLOCKS_BEYOND = 3, 3
 """Blocks to each side of the way over blocks in which cells are searched; and blocks beyond what has been seen from
 which on the way leads over their middles."""
-PRICE_KEPT = 0.05
-"""A block's price is left as it is until another differs by so much, in T a cell: each change is one of the map."""
 
 
 class SlopePrice(NamedTuple):

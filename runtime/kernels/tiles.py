@@ -300,7 +300,7 @@ def _put_new(layer, cols, patch, seen, row, col):
 
 
 @kernel
-def write_layer(tiles, layer, kind, patch, seen, row, col, found, nodes, old_weights):
+def write_layer(tiles, layer, rim, patch, seen, row, col, found, nodes, old_weights):
     """Put values into a layer of the map, and bring up to date whatever of it has been computed.
 
     Parameters
@@ -308,10 +308,9 @@ def write_layer(tiles, layer, kind, patch, seen, row, col, found, nodes, old_wei
     tiles
         Of the map itself.
     layer : (rows · cols,) float32
-        Its heights, the costs told, or the prices of unseen blocks.
-    kind : (rim, side)
-        Cells around a value that it matters to: 1 for heights, 0 for costs; and cells to the side of what a value is
-        of: those of a block for prices, else 1. Where the patch goes is counted in these.
+        Its heights, or the costs told.
+    rim : int
+        Cells around a value that it matters to: 1 for heights, 0 for costs.
     patch : (h, w) float32
         Must lie inside the map.
     seen : (h, w) bool
@@ -326,22 +325,20 @@ def write_layer(tiles, layer, kind, patch, seen, row, col, found, nodes, old_wei
         Written: the changed nodes and what they weighed, which is computed where it is not yet. With room for all
         cells of the patch and its rim, or empty: then nothing is noted.
     """
-    (rim, side), (state, _, _, _, source, _) = kind, tiles
+    state, _, _, _, source, _ = tiles
     levels, shape = source[3], source[8]
     rows, cols = shape[0], shape[1]
     down, right = levels[0, 0], levels[0, 1]
     if len(nodes):
-        high, wide = (row + patch.shape[0]) * side, (col + patch.shape[1]) * side
-        for i in range(max(row * side - rim, 0) >> down, ((min(high + rim, rows) - 1) >> down) + 1):
-            for j in range(max(col * side - rim, 0) >> right, ((min(wide + rim, cols) - 1) >> right) + 1):
+        for i in range(max(row - rim, 0) >> down, ((min(row + patch.shape[0] + rim, rows) - 1) >> down) + 1):
+            for j in range(max(col - rim, 0) >> right, ((min(col + patch.shape[1] + rim, cols) - 1) >> right) + 1):
                 _cost_tile(tiles, i, j)
     found[:] = 0
     if rim and source[7][BLOCK_SIDE]:
         _see_blocks(source, row, col, patch, seen)
-    first, last, begin, past = _put_new(layer, cols // side, patch, seen, row, col)
+    first, last, begin, past = _put_new(layer, cols, patch, seen, row, col)
     if first >= last:
         return
-    first, last, begin, past = first * side, last * side, begin * side, past * side
     found[NEW], found[NEW + 1], found[NEW + 2], found[NEW + 3] = first, begin, last, past
     found[TOP], found[LEFT] = rows, cols
     row0, row1, col0, col1 = max(first - rim, 0), min(last + rim, rows), max(begin - rim, 0), min(past + rim, cols)

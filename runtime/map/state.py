@@ -90,7 +90,7 @@ class MapState:
         self.log = ChangeLog()
         self._pyramid: Pyramid | None = None
         self._unpooled: ChangeReader | None = None
-        if not self._lazy:
+        if not self._lazy and self.unseen is None:
             self.grid.complete()
 
     def _make_grid(self, cost: Float2D | None) -> None:
@@ -196,11 +196,6 @@ class MapState:
         if self.unseen is not None:
             self.unseen.note(new)
         return self._noted(self._stand_anew(change, new), new)
-
-    def price(self, part: Rectangle, prices: Float2D, new: NDArray[np.bool_]) -> Change:
-        """Put prices (h, w) of unseen blocks, those that are `new`, into a part of these; as `update`."""
-        change, cells = self._tiles.price(part, prices, new, keeps=self.log.keeps_old_weights)
-        return self._noted(self._stand_anew(change, cells), (0, 0, 0, 0))
 
     def _known_heights(self, part: Rectangle) -> Float2D:
         """Heights of a part of the map, NaN where they mean nothing."""

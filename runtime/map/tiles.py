@@ -170,31 +170,12 @@ class Tiles:
         all. Returns the change, which counts what has not been computed yet as changed, and the rectangle of new
         values, of no rows without any. With `keeps` old weights are kept, and computed first where there are none.
         """
-        layer, kind = (self._told, (0, 1)) if told else (self.heights.reshape(-1), (1, 1))
-        return self._written(layer, kind, part, patch, seen, keeps)
-
-    def price(
-        self, part: Rectangle, prices: Float2D, new: NDArray[np.bool_], *, keeps: bool = False
-    ) -> tuple[Change, Rectangle]:
-        """Put prices of unseen blocks, those that are `new`, into a part of these; as `write`."""
-        kind = 0, int(self._counts[BLOCK_SIDE])
-        return self._written(self._unseen, kind, part, prices, new, keeps)
-
-    def _written(
-        self,
-        layer: NDArray[np.float32],
-        kind: tuple[int, int],
-        part: Rectangle,
-        patch: Float2D,
-        seen: NDArray[np.bool_],
-        keeps: bool,
-    ) -> tuple[Change, Rectangle]:
-        rim, side = kind
-        room = (part[2] * side + 2 * rim) * (part[3] * side + 2 * rim) if keeps else 0
+        layer, rim = (self._told, 0) if told else (self.heights.reshape(-1), 1)
+        room = (part[2] + 2 * rim) * (part[3] + 2 * rim) if keeps else 0
         found, nodes, old = np.empty(FOUND_SLOTS, np.int64), np.empty(room, np.int32), np.empty(room, np.float32)
-        write_layer(self.packed(), layer, kind, np.ascontiguousarray(patch), seen, *part[:2], found, nodes, old)
+        write_layer(self.packed(), layer, rim, np.ascontiguousarray(patch), seen, *part[:2], found, nodes, old)
         cells, cheaper, *changed, noted, row0, col0, row1, col1 = found.tolist()
-        top, left, bottom, end = changed if cells else (side * part[0], side * part[1]) * 2
+        top, left, bottom, end = changed if cells else (part[0], part[1], part[0], part[1])
         change = Change((top, left, bottom - top, end - left), cells, bool(cheaper))
         if keeps:
             change = change._replace(nodes=nodes[:noted].copy(), old_weights=old[:noted].copy())

@@ -20,6 +20,8 @@ class Unseen:
         self.ground, self.factor, self.dem = ground, ground.factor, relative_heights(ground.elevation)[0]
         self.layers = np.zeros((2, *self.dem.shape), np.float32)
         """(2, H, W) prices, and what is known of the heights, as `map.tiles.Tiles` takes it."""
+        self.priced = False
+        """Whether the prices are there."""
         self.mean, self.blocked, self.share = (np.zeros(self.dem.shape, np.float32) for _ in range(3))
         """(H, W) of the cells seen of each block: mean T, impassable ones as 1; share that is impassable; and what
         share they are of the block's."""

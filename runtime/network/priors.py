@@ -101,9 +101,6 @@ def within(price: NDArray[np.floating], dem: Float2D) -> Float2D:
 class NetworkPrior:
     """A network that is shown the coarse map and what has been seen nearby."""
 
-    reach = MARGIN
-    """Blocks from one that was seen to those whose price may depend on it."""
-
     def __init__(self, model: str | Path, traversability: Traversability, cell_size_m: float, factor: int) -> None:
         self.network = NetworkModel(model)
         if self.network.metadata.encoding != "unseen":

@@ -21,7 +21,7 @@ from nnpp_edge.runtime.planners.query import Found, Query, Work, problem_with
 from nnpp_edge.runtime.planners.searchers import AStarSearcher, MendingSearcher, RegionMender, Searcher
 from nnpp_edge.runtime.planners.standing_path import Rest
 from nnpp_edge.runtime.region.learned import LearnedRegions
-from nnpp_edge.runtime.region.prices import UnseenPrices
+from nnpp_edge.runtime.region.prices import set_prices
 from nnpp_edge.runtime.search.astar import Search
 from nnpp_edge.runtime.search.dstar_lite import DStarLite, serves
 from nnpp_edge.runtime.tuning import (
@@ -90,8 +90,8 @@ class Methods:
         """Goal to which no corridor led lately, and for how many queries none is tried."""
         self.astar = AStarSearcher(state)
         self.regions = LearnedRegions(state, model)
-        self.prices = None if state.unseen is None else UnseenPrices(state)
-        """Of ground that was not seen."""
+        if state.unseen is not None:
+            set_prices(state.unseen)
         self._dstar: DStarLite | None = None
 
     @cached_property
@@ -236,9 +236,8 @@ class Methods:
         """A path over cells as far as these were seen, and over blocks' middles beyond; None if none leads on."""
         state, grid = self.state, self.state.grid
         assert state.unseen is not None
-        assert self.prices is not None
-        part, way = self.prices.look(), self.blocks
-        if part is not None:
+        way = self.blocks  # before what is new is read: it begins with all
+        if (part := state.unseen.read(grid)) is not None:
             way.changed(part)
         if state.unseen.nothing_left:
             return None
