@@ -100,7 +100,7 @@ def assumed(path):
     dem = sample_dem("earth_hummocks").elevation
     names = {"np": np, "dem": dem, "start": (20, 20), "goal": (240, 150)}
     if path.name == "README.md":
-        return {"dem": np.outer(np.sin(np.arange(512) / 40.0), np.cos(np.arange(512) / 50.0))}
+        return {"np": np, "dem": np.outer(np.sin(np.arange(512) / 40.0), np.cos(np.arange(512) / 50.0))}
     if path.name == "onboard.md":
         return names | {"cost": np.full((256, 256), 0.2, np.float32), "patch": np.ones((3, 4))}
     if path.name == "how-to-maps.md":

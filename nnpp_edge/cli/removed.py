@@ -36,6 +36,7 @@ INSTEAD = {
     "--framing": "each message is a line, which its base64 does not break",
     "--allow-vrt": "gdal_translate -of COG makes a GeoTIFF of a VRT",
     "reach --format": "`ogr2ogr reach.gpkg reach.geojson` makes a GeoPackage",
+    "simulate --survey": "write --known FACTOR",
     "dataset --shard": "--scheduler shares the work out by Dask",
     "--vertical-scale": "`gdal_translate -a_scale METRES dem.png dem.tif` makes a GeoTIFF with that scale",
     "--landmarks": "they pay for many queries on one map: `Planner.prepare`",

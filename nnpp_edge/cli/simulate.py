@@ -23,14 +23,13 @@ _SAMPLE, _SAMPLE_RESCALE = "moon_highlands", 20.0
 _CELLS_TO_A_BODY = 4.0
 """Cells of the sample along a vehicle."""
 _SURVEY = 8
-"""Cells over which a point's first map is blurred by default."""
+"""Cells over which a point's first map is blurred without --known."""
 _METHODS = ("auto", "astar", "dstar", "corridor", "corridor-dstar", "nnpp", "nnpp-dstar")
 _SIZE = "Side of the part of the map, picked by the seed."
 _START = "Cell of that part, row first; by default picked by the seed."
 _CHANGES = "Obstacles that appear, move or vanish between two ticks."
 _KNOWN = "The first map has means of so many cells to each side alone; what was not seen counts by --prior."
 _NOISE = "Standard deviation of the steering angle, degrees, of a vehicle that drives arcs."
-_SURVEYED = "Blur the first map's heights over so many cells; 1: none. By default 8, and 1 with a vehicle."
 
 
 @options.command("simulate")
@@ -45,7 +44,6 @@ def command(
     rate: Annotated[float | None, options.RATE, "Ticks a second; else as fast as possible."] = None,
     ticks: Annotated[int, COUNT, "At most."] = 5000,
     changes: Annotated[int, click.IntRange(0, 1000), _CHANGES] = 1,
-    survey: Annotated[int | None, click.IntRange(1, 1000), _SURVEYED] = None,
     known: Annotated[int | None, click.IntRange(2, 64), _KNOWN] = None,
     prior: Annotated[str, click.Choice(options.PRIORS), options.PRIOR] = "network",
     sight: Annotated[int, COUNT, "Cells to each side, beyond the body, that it sees."] = 12,
@@ -73,8 +71,6 @@ def command(
     """
     if (start is None) != (goal is None):
         raise click.UsageError("give both --start and --goal, or neither")
-    if known is not None and survey is not None:
-        raise click.UsageError("--known takes the place of --survey")
 
     import numpy as np
 
@@ -109,9 +105,9 @@ def command(
     if rocks:
         rng, width = np.random.default_rng([seed, 4]), part.cell_width_m
         true = replace(part, elevation=with_rocks(heights, part.cell_size_m, rocks, rng, cell_width_m=width))
-    survey = survey or (_SURVEY if body is None else 1)
-    ground = SurveyedGround.of(robot.of(true), survey, part.elevation)
-    if known is not None:
+    if known is None:
+        ground = SurveyedGround.of(robot.of(true), _SURVEY if body is None else 1, part.elevation)
+    else:
         ground = SurveyedGround.of_known(robot.of(true), known, prior)
     if start is None or goal is None:
         start, goal = random_drive(ground, seed)

@@ -31,7 +31,7 @@ class SurveyedGround:
     surveyed: Float2D
     """(H, W) of heights that are blurred, or lack the rocks; of the kind that the ground holds."""
     known: Known | None = None
-    """What is known in place of a survey: means of blocks."""
+    """Means of blocks, known in place of a survey."""
 
     @classmethod
     def of(cls, ground: Ground, block: int, bare: Float2D | None = None) -> "SurveyedGround":

@@ -64,7 +64,7 @@ class MapState:
         self._slope_cost = slope_cost_of(ground.step_cost, ground.mobility) if by_slope else None
         self._model = StepModel.of(StepCost.PAPER if ground.cost is None else ground.step_cost, omega)
         self.unseen = Unseen(ground) if ground.factor > 1 else None
-        """What is known by the means of blocks alone; None where all is known, or nothing."""
+        """Blocks that are known by their means; None where cells are known, or nothing."""
         self.omega = omega
         self._heights, self._base = self._heights_of(ground)
         self._told: Float2D | None = None
@@ -250,7 +250,7 @@ class MapState:
         return unknown[rows, cols].copy()
 
     def known_along(self, path: NDArray[np.int32]) -> int:
-        """How many cells of a path (N, 2), from its first on, are no unseen ones of a coarse map."""
+        """Number of the cells of a path (N, 2), from its first on, that are known, with all under a body."""
         if self.unseen is None or self._heights is None:
             return len(path)
         unknown = ~np.isfinite(self._heights[path[:, 0], path[:, 1]]) | self.unseen.unknown_at(path)

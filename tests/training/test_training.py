@@ -275,7 +275,10 @@ def test_the_presets_can_be_built_and_a_spec_that_no_network_fits_is_refused():
     for spec in PRESETS.values():
         with torch.device("meta"):
             network = Network(spec)
-            planes = torch.zeros(1, 2, spec.input_size, spec.input_size)
+            planes = torch.zeros(1, 16 if spec.encoding == "unseen" else 2, spec.input_size, spec.input_size)
+        if spec.encoding == "unseen":
+            assert network.eval()(planes, planes[:, :0]).shape == (1, 3, spec.blocks, spec.blocks)
+            continue
         query = torch.from_numpy(encode(spec, (1.0, 2.0), (3.0, 4.0)))[None].to("meta")
         assert network.eval()(planes, query).shape == (1, spec.blocks, spec.blocks)
     with pytest.raises(ModelError, match="architecture must be one of edge, nnpp"):
