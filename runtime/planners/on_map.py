@@ -3,6 +3,7 @@
 import functools
 import math
 from collections.abc import Callable
+from contextlib import nullcontext
 from dataclasses import replace
 from pathlib import Path
 from threading import RLock
@@ -27,7 +28,7 @@ from nnpp_edge.runtime.map.attitude import PoseCheck, explain
 from nnpp_edge.runtime.map.ground import Ground, GroundOptions
 from nnpp_edge.runtime.map.refusal import why_ended
 from nnpp_edge.runtime.map.state import MapState, map_state
-from nnpp_edge.runtime.memory import touch
+from nnpp_edge.runtime.memory import small_pages, touch
 from nnpp_edge.runtime.network.inference import NetworkModel
 from nnpp_edge.runtime.planners.methods import Methods
 from nnpp_edge.runtime.planners.plan import DynamicMethod, Plan, Source
@@ -244,7 +245,8 @@ class OnMap:
             return Plan(problem, by.base, planner=by, reason=told(problem, query, state.grid.poses))
         checked_before = state.checked
         try:
-            found, by, choice = find()
+            with small_pages() if state.unseen is not None else nullcontext():
+                found, by, choice = find()
         except OutOfTimeError:
             found = Found.too_late(Source.MAP if wanted.whole_map else Source.REGION)
         plan = found.plan(by, work, state, checked_before, choice=choice, keep_regions=keep_regions)
