@@ -57,10 +57,10 @@ class SurveyedGround:
     def of_known(cls, ground: Ground, factor: int, prior: str) -> "SurveyedGround":
         """Of heights whose sides the factor divides, of which the robot knows the means of blocks."""
         assert ground.elevation is not None
-        if ground.by_slope or (ground.vehicle is not None and ground.vehicle.is_disc):
-            raise InvalidMapError("a coarse map is for points and bodies: wanted step_cost='paper', and no disc")
         nothing = np.full(ground.shape, np.nan, np.float32)
-        return cls(ground, nothing, Known.of(ground.elevation, factor, prior))
+        known = cls(ground, nothing, Known.of(ground.elevation, factor, prior))
+        known.robot.ground(nothing)  # refuses who cannot drive there
+        return known
 
     @cached_property
     def robot(self) -> Robot:
@@ -139,7 +139,7 @@ class Scene:
         self.path = np.empty((0, 2), np.int32)
         """The newest that was published; of a body that drives arcs (N, 3), with its states."""
         self.heading_deg: float | None = None
-        """Of such a body, once it has begun to drive."""
+        """Of a body, once it has begun to drive."""
         self._headings = np.empty(0)
         self._orders: list[Input] = [Goal(*goal)]
 
@@ -188,9 +188,11 @@ class Scene:
             self.driven[-1] = tuple(ahead[0].tolist())
         for place in ahead[1 : 1 + count].tolist():
             self.robot = (place[0], place[1])
-            self.driven.append((place[0], place[1]))
+            self.driven.append(tuple(place))
         if ahead.shape[1] == 3 and len(at):
             self.heading_deg = float(self._headings[at[0] + count])
+        elif self.ground.robot.has_legs and count:  # as it came here
+            self.heading_deg = float(self._headings[at[0] + count - 1])
         self.waited += not count
 
     def _steer(self) -> None:

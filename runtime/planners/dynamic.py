@@ -306,9 +306,9 @@ class DynamicPlanner(OnMap):
 
     @property
     def _direction(self) -> int:
-        """In which a body that drives arcs heads; -1 of others, and where nobody says."""
+        """In which a body heads; -1 of others, and where nobody says."""
         heading, poses = self._heading_deg, self._state.grid.poses
-        if heading is None or poses is None or not self._methods.has_arcs:
+        if heading is None or poses is None:
             return -1
         return direction_near(heading, poses.sides_m)
 

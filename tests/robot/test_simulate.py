@@ -163,6 +163,7 @@ def test_what_can_be_walked_is_checked_by_the_definition():
         ("body", "corridor"),
         ("body", "dstar"),
         ("coarse", "auto"),
+        ("car", "auto"),
     ],
 )
 def test_the_robot_reaches_its_goal_and_no_path_was_forbidden(grounds, kind, method, tiny_model):
@@ -173,7 +174,8 @@ def test_the_robot_reaches_its_goal_and_no_path_was_forbidden(grounds, kind, met
     assert drive.reached and drive.forbidden == 0 and drive.counters.errors == {}
     assert len(seen) == drive.counters.ticks == drive.counters.planned + drive.counters.kept + drive.counters.failed
     assert drive.counters.planned > 5
-    assert np.isin(np.abs(np.diff(drive.driven, axis=0)).max(axis=1), (1, 2) if kind == "body" else (1,)).all()
+    longest = {"body": 2, "car": 5}.get(kind, 1)
+    assert np.isin(np.abs(np.diff(drive.driven, axis=0)).max(axis=1), range(1, longest + 1)).all()
     assert (tuple(drive.driven[0]), tuple(drive.driven[-1])) == (start, goal)
     if kind == "body":
         priced = bodies.priced(Planner.of_elevation(ground.true, 0.4, vehicle=BODY, warn=False), 0.0)
@@ -186,7 +188,7 @@ def test_the_robot_reaches_its_goal_and_no_path_was_forbidden(grounds, kind, met
     )
     best = Planner(ground.ground).plan(start, goal, method="astar").cost
     assert drive.optimal_cost == pytest.approx(best)
-    assert drive.driven_cost >= best * (1 - 1e-6)
+    assert best * (1 - 1e-6) <= drive.driven_cost < math.inf
     assert drive.excess == pytest.approx(drive.driven_cost / best - 1.0)
     json.dumps(drive.summary())
 

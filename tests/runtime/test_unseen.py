@@ -115,9 +115,8 @@ def test_a_moving_planner_on_coarse_ground_takes_what_it_sees():
     assert at == GOAL and unknown[0] > 50 and unknown[-1] == 0
 
 
-@pytest.mark.parametrize("turning_radius_m", (None, 40.0))
-def test_a_body_goes_by_prices_until_its_poses_are_known(turning_radius_m):
-    body = Vehicle(60.0, 40.0, 8.0, max_step_m=10.0, turning_radius_m=turning_radius_m)
+def test_a_body_goes_by_prices_until_its_poses_are_known():
+    body = Vehicle(60.0, 40.0, 8.0, max_step_m=10.0)
     planner, known = coarse(vehicle=body), Planner.of_elevation(HEIGHTS, CELL_M, LIMITS, vehicle=body, warn=False)
     plan = planner.plan(START, GOAL)
     assert plan.ok and plan.known == 0 and plan.lower_bound <= plan.cost
@@ -141,5 +140,7 @@ def test_what_a_coarse_map_cannot_be_is_refused():
         Planner.of_coarse(means, 1.0, 4, prior="best")
     with pytest.raises(InvalidMapError, match="a coarse map is for points and bodies"):
         Planner.of_coarse(means, 1.0, 4, step_cost="tobler")
+    with pytest.raises(InvalidMapError, match="no turning_radius_m"):
+        Planner.of_coarse(means, 1.0, 4, vehicle=Vehicle(2.0, 1.0, 0.2, turning_radius_m=3.0))
     with pytest.raises(InvalidMapError, match="a coarse map has elevations"):
         Ground(means, factor=4)
