@@ -271,11 +271,11 @@ def test_a_moving_planner_begins_as_the_robot_stands_and_is_as_good_as_a_new_one
     dem, goal = rocks(3, 80, 80, 0.004), (66, 70)
     vehicle = replace(CAR, reverse_cost=2.0)
     moving = DynamicPlanner.of_elevation(dem, CELL_M, goal, vehicle=vehicle)
-    cell, heading, rng, sources = (10, 12), 200.0, np.random.default_rng(0), set()
+    cell, heading, rng, sources = (10, 12), 200.0, np.random.default_rng(0), []
     for _ in range(12):
         moving.move(cell, heading)
         plan = moving.replan()
-        sources.add(plan.source)
+        sources.append(plan.source)
         fresh = planner(dem, vehicle).plan(cell, goal, method="astar", start_heading_deg=heading)
         assert plan.ok and fresh.cost * (1.0 - 1e-5) <= plan.cost <= 1.3 * fresh.cost
         assert plan.lower_bound <= fresh.cost * (1.0 + 1e-5)
@@ -293,7 +293,7 @@ def test_a_moving_planner_begins_as_the_robot_stands_and_is_as_good_as_a_new_one
         if min(max(abs(row - i), abs(col - j)) for i, j in (cell, goal)) > 10:
             dem[row : row + 2, col : col + 2] += 0.4
         moving.update_elevation(row, col, dem[row : row + 2, col : col + 2])
-    assert Source.STANDING in sources
+    assert sources.count(Source.STANDING) >= 5
 
 
 def test_a_path_of_arcs_is_left_where_it_is_blocked_and_joined_again(monkeypatch):
@@ -316,7 +316,10 @@ def test_a_path_of_arcs_is_left_where_it_is_blocked_and_joined_again(monkeypatch
         fresh = planner(dem, CAR).plan(cell, (80, 220), method="astar", start_heading_deg=90.0)
         assert again.lower_bound <= fresh.cost * (1.0 + 1e-5) and fresh.cost <= again.cost * (1.0 + 1e-5)
         assert again.cost <= 1.02 * fresh.cost
+    moving.update_elevation(79, 110, np.full((2, 2), 2.0))  # farther on than where it is joined as a rule
+    again = moving.replan()
+    assert again.source is Source.STANDING and again.path[-60:].tolist() == first.path[-60:].tolist()
     monkeypatch.setattr(methods, "JOIN_EXPANSIONS", 1)
     assert moving.replan().walked.tolist() == again.walked.tolist()
-    moving.update_elevation(79, 100, np.full((2, 2), 2.0))
+    moving.update_elevation(79, 150, np.full((2, 2), 2.0))
     assert moving.replan().source is Source.REGION  # blocked, and no way found by so few expansions

@@ -44,6 +44,9 @@ def test_a_map_of_which_all_cells_were_seen_is_one_of_elevations():
         plan, other = (planner.plan(START, GOAL, method=method) for planner in (seen, known))
         assert plan.path.tolist() == other.path.tolist() and plan.cost == other.cost and plan.known == len(plan.path)
     assert np.array_equal(weights(seen), weights(known))
+    shut, blocks = np.isinf(weights(known)), seen.state.unseen
+    assert blocks.share.min() == 1.0 and 0.0 < blocks.blocked.mean() < 1.0
+    assert blocks.blocked == pytest.approx(shut.reshape(16, FACTOR, 16, FACTOR).mean((1, 3)), abs=1e-6)
 
 
 @pytest.mark.parametrize("seed", range(4))
@@ -122,7 +125,8 @@ def test_a_body_goes_by_prices_until_its_poses_are_known():
     assert plan.ok and plan.known == 0 and plan.lower_bound <= plan.cost
     planner.update_elevation(0, 0, HEIGHTS[:60, :60])
     seen = planner.plan(START, GOAL)
-    assert seen.ok and 20 < seen.known < len(seen.path) and seen.path[: seen.known].max() < 60
+    reach = max(planner.state.grid.poses.reach)
+    assert seen.ok and 20 < seen.known < len(seen.path) and seen.path[: seen.known].max() + reach < 60
     planner.update(30, 30, np.ones((4, 4)))  # an obstacle that was told shuts a way, seen or not
     assert not planner.is_passable((31, 31)) and planner.plan(START, GOAL).ok
     planner = coarse(vehicle=body)
