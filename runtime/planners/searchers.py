@@ -99,7 +99,8 @@ class AStarSearcher:
         found = by_kept_field(*ends, limit=limit, deadline=deadline, direction=direction, wanted=wanted)
         work.expansions += found.expansions
         work.stage_ends("search")
-        return found if found.status is Status.OK else None
+        inside = ((found.path[:, :2] >= 0) & (found.path[:, :2] < self.grid.shape)).all()
+        return found if found.status is Status.OK and inside else None
 
     @property
     def landmarks(self) -> Landmarks | None:
