@@ -76,9 +76,7 @@ def command(
     )
     if navigator.asks_network:
         begin_loading(navigator.model)
-    ground = _ground(map_file, robot)
-    if known is not None:
-        ground = robot.of_blocks(robot.read(map_file), known, prior)
+    ground = robot.of_blocks(robot.read(map_file), known, prior) if known else _ground(map_file, robot)
     counters = run(ground, navigator, wiring, settings, ticks=ticks, report=partial(click.echo, err=True))
     if as_json:
         tell(as_json, asdict(counters), str)

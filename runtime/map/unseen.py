@@ -48,7 +48,7 @@ class Unseen:
                 grid.tiles.open_at(i, j)
         cells = slices((row * side, col * side, rows * side, cols * side))
         known = np.isfinite(grid.tiles.heights[cells])
-        known &= (self.layers[1] == SEEN)[self._blocks(*cells)]
+        known &= self.layers[1][self._blocks(*cells)] == SEEN
         costs = grid.map()[cells] / np.float32(grid.model.scale or 1.0)
         shut = known & ~(costs < np.inf)
         count = np.maximum(self._sums(known), 1.0)
@@ -73,7 +73,7 @@ class Unseen:
 
     def unknown(self, rows: slice, cols: slice) -> NDArray[np.bool_]:
         """Cells of a part of the map whose heights mean nothing."""
-        unknown: NDArray[np.bool_] = (self.layers[1] == UNTOUCHED)[self._blocks(rows, cols)]
+        unknown: NDArray[np.bool_] = self.layers[1][self._blocks(rows, cols)] == UNTOUCHED
         return unknown
 
     def unknown_at(self, path: NDArray[np.int32]) -> NDArray[np.bool_]:
