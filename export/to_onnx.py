@@ -33,7 +33,7 @@ from nnpp_edge.runtime.kernels.place_head import ANSWERS
 from nnpp_edge.runtime.map.step_cost import PAPER_OMEGA
 from nnpp_edge.runtime.network.inference import NetworkModel
 from nnpp_edge.runtime.network.loading import ASK, HEAD, OUTPUT, PLACES
-from nnpp_edge.runtime.network.model_file import METADATA_KEY, QUERY_SPACING, UNSEEN, ModelMetadata
+from nnpp_edge.runtime.network.model_file import CHANNELS, METADATA_KEY, QUERY_SPACING, UNSEEN, ModelMetadata
 from nnpp_edge.runtime.reading import refused_as
 from nnpp_edge.runtime.terrain.traversability import Traversability
 from nnpp_edge.terrain.dataset import Samples
@@ -83,18 +83,13 @@ def export_network(
     `limits` (by default the paper's) are those of the cost maps that it was trained on.
     """
     spec, body = network.spec, network.body
-    channels = {
-        "ends": ("cost", "blocked", "ends"),
-        "gaussian": ("cost", "start_map", "goal_map"),
-        "unseen": UNSEEN,
-    }
     facts = ModelMetadata(
         name=name,
         architecture=spec.architecture,
         input_size=spec.input_size,
         blocks=spec.blocks,
         encoding=spec.encoding,
-        channels=channels[spec.encoding],
+        channels=CHANNELS[spec.encoding],
         sigma=spec.sigma,
         omega=omega,
         cost_limits={k: v for k, v in asdict(limits or Traversability()).items() if math.isfinite(v)},

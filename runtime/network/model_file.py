@@ -20,7 +20,8 @@ UNSEEN = (
     *("seen", "seen_mean", "seen_blocked", "seen_more_blocked", "limited", "factor", "cell"),
 )
 """Planes of a coarse map, in order; `above_n` are differences between means over n × n blocks (`network.unseen`)."""
-_CHANNELS = {"gaussian": ("cost", "start_map", "goal_map"), "ends": ("cost", "blocked", "ends"), "unseen": UNSEEN}
+CHANNELS = {"gaussian": ("cost", "start_map", "goal_map"), "ends": ("cost", "blocked", "ends"), "unseen": UNSEEN}
+"""Names of what a network is shown, in order, by its encoding."""
 QUERY_SPACING = 8
 """Network cells between the points of a query that is encoded as ``ends``."""
 _DEEPEST = 20
@@ -73,9 +74,9 @@ class ModelMetadata:
         with refused_as(ModelError, f"{source}: wanted metadata of format {FORMAT}"):
             found = msgspec.json.decode(text, type=cls)
             too_deep = _depth(found.training) > _DEEPEST
-        if _CHANNELS.get(found.encoding) != found.channels:
+        if CHANNELS.get(found.encoding) != found.channels:
             got = f"{found.encoding!r} {found.channels}"
-            raise ModelError(f"{source}: wanted encoding and channels to be one of {_CHANNELS}, got {got}")
+            raise ModelError(f"{source}: wanted encoding and channels to be one of {CHANNELS}, got {got}")
         in_parts, blocks, size = found.encoding == "ends", found.blocks, found.input_size
         fits = size % blocks == 0 and (blocks == 2 * (size // QUERY_SPACING) or not in_parts)
         if too_deep or not fits or len(found.head) != 3 * in_parts:
