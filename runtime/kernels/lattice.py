@@ -485,8 +485,6 @@ def expand_states(poses, edges, prices, field, region, ends, rule, memory, limit
     reals[BASE], reals[INVERSE_WIDTH], reals[REFUSED], reals[BEST_H] = order[0], order[1], refused, best_h
     reals[BOUND], counts[SETTLED] = bound, settled
     counts[EXPANSIONS] = expansions
-    if code == FOUND and settled < 0:  # nothing left that is worth looking at
-        code = EXHAUSTED
     if code == FOUND:
         counts[BEST_NODE] = settled
     cells = 0

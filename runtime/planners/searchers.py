@@ -63,8 +63,10 @@ class AStarSearcher:
         return found
 
     def keep_field(self, goal: Cell, found: Found) -> None:
-        """Keep what guided the search that this was just found by, for `search_again`."""
+        """Keep what guided the search that this was just found by, for `search_again`; at the goal nothing did."""
         assert self.workspace.field is not None
+        if found.search.promised == math.inf:
+            return
         start, region = found.search.path[0, :2].tolist(), None if found.region is None else found.region.copy()
         self._kept = goal, region, self.workspace.field.stamp, (start[0], start[1]), found.search.promised
         self.kept_above = found.cost / found.search.promised
@@ -99,8 +101,7 @@ class AStarSearcher:
         found = by_kept_field(*ends, limit=limit, deadline=deadline, direction=direction, wanted=wanted)
         work.expansions += found.expansions
         work.stage_ends("search")
-        inside = ((found.path[:, :2] >= 0) & (found.path[:, :2] < self.grid.shape)).all()
-        return found if found.status is Status.OK and inside else None
+        return found if found.status is Status.OK else None
 
     @property
     def landmarks(self) -> Landmarks | None:

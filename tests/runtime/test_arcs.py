@@ -296,6 +296,16 @@ def test_a_moving_planner_begins_as_the_robot_stands_and_is_as_good_as_a_new_one
     assert sources.count(Source.STANDING) >= 5
 
 
+def test_a_plan_at_the_goal_leaves_no_costs_that_mislead_the_next():
+    vehicle, goal = replace(CAR, reverse_cost=2.0), (66, 70)
+    moving = DynamicPlanner.of_elevation(rocks(3, 80, 80, 0.004), CELL_M, goal, vehicle=vehicle)
+    costs = []
+    for cell in (10, 12), goal, (10, 12):
+        moving.move(cell, 200.0)
+        costs.append(moving.replan().cost)
+    assert costs[1] == 0.0 and costs[2] == pytest.approx(costs[0])
+
+
 def test_a_path_of_arcs_is_left_where_it_is_blocked_and_joined_again(monkeypatch):
     monkeypatch.setattr(methods, "JOIN_EXPANSIONS", 1 << 15)
     dem = np.zeros((160, 240))
