@@ -152,18 +152,17 @@ def trace_states(meta, state, prices, frame, out):
 def fill_field(poses, edges, prices, region, ends, rule, memory, limits):
     """Costs to the goal of the cells from which a way to it may be part of the best one.
 
-    Arguments as for `expand_states`, but for memory, which is that of nodes, `ends`, (goal, start, goal), the first
-    -1 to go on, and `rule`, (towards, width, between, at_goal). Searches from the goal until the start is settled, by
-    the rays of `prices`. Without `between` turns are free, and no way costs less. With the costs of turns `between`
-    directions, (16, 16) float32, each cell's cost is that of a way with its turns: as the cell's best way on is what
-    counts for all that come to it, nearly the least; `at_goal` (16,) is what it costs to turn at the goal from each
-    direction to a wanted one. Returns the code, the expansions, and the least f of a node that
-    the region refused.
+    Arguments as for `expand_states`, but for memory, which is that of nodes, `ends`, (goal, start), the first -1 to
+    go on with what is on the open list, and `rule`, (towards, width, between). Searches from the goal until the start
+    is settled, by the rays of `prices`. Without `between` turns are free, and no way costs less. With the costs of
+    turns `between` directions, (16, 16) float32, each cell's cost is that of a way with its turns: as the cell's best
+    way on is what counts for all that come to it, nearly the least. Returns the code, the expansions, and the least f
+    of a node that the region refused.
     """
-    goal, start, goal_node = ends
+    goal, start = ends
     unit, rays, lengths = prices[0], borrowed(prices[4]), borrowed(prices[5])
-    best, width, between, at_goal = rule
-    between, at_goal = borrowed(between), borrowed(at_goal)
+    best, width, between = rule
+    between = borrowed(between)
     most, until = limits
     codes, rows, cols = borrowed(poses[0]), poses[1][5][0], poses[1][5][1]
     stride = cols + 2
@@ -243,8 +242,8 @@ def fill_field(poses, edges, prices, region, ends, rule, memory, limits):
             if meta[np.uint64(2 * there + 1)] >> STAMP_SHIFT == stamp:
                 known = g[np.uint64(2 * there)]
             turned = np.float32(0.0)
-            if len(between):
-                turned = at_goal[k] if node == goal_node else between[k, onwards]
+            if len(between) and g_node > 0.0:
+                turned = between[k, onwards]
             reached = g_node + (step + turned)
             if not reached < known:
                 continue
@@ -280,6 +279,53 @@ def fill_field(poses, edges, prices, region, ends, rule, memory, limits):
     return code, expansions, refused
 
 
+@kernel
+def field_around(states, memory, frame, ends, rule, part, inside):
+    """Put cells near the goal into a field by what their states cost, as a search of states from the goal has them.
+
+    Parameters
+    ----------
+    states : (g, meta, stamp)
+        Of that search, in which bodies stand the other way round than on their way to the goal.
+    memory
+        Of the field, as for `fill_field`.
+    frame : (bits, stride)
+        As for `expand_states`.
+    ends, rule : (goal, start), (towards, width)
+        As for `fill_field`.
+    part : (row, rows, col, cols)
+        The cells that are looked at, numbered within the border: from, to.
+    inside : bool
+        False: begin the field by the cells of states that are still open, from which all ways lead on to the goal;
+        they are put on the open list, which has room for all. True, once it is filled: give cells of states that are settled what these cost,
+        where that is less.
+    """
+    (costs, known, search), (g, meta, stamp, heads, entries, control, reals, counts, _) = states, memory
+    (bits, stride), (best, width) = frame, rule
+    judge = stride, ends[1] // stride, ends[1] % stride, best
+    order = _left_of_cell(ends[0], judge), 1.0 / width
+    if not inside:
+        clear(heads, control)
+        reals[BASE], reals[INVERSE_WIDTH], reals[REFUSED] = order[0], order[1], np.inf
+        counts[EXPANSIONS] = 0
+    for row in range(part[0], part[1]):
+        for col in range(part[2], part[3]):
+            node, least, onwards = row * stride + col, np.float32(np.inf), 0
+            for local in range(1 << bits):
+                state = (node << bits) + local
+                word = known[2 * state + 1]
+                if word >> STAMP_SHIFT == search and (word & OPEN_BIT > 0) != inside and costs[2 * state] < least:
+                    least, onwards = costs[2 * state], (local + (AXES if local < DIRECTIONS else 0)) & _MASK
+            if least == np.inf or (inside and meta[2 * node + 1] >> STAMP_SHIFT == stamp and g[2 * node] <= least):
+                continue
+            g[2 * node] = least
+            meta[2 * node + 1] = (stamp << STAMP_SHIFT) | (0 if inside else OPEN_BIT) | onwards
+            if not inside:
+                bucket = bucket_of(least + _left_of_cell(node, judge), *order)
+                control[FREE], control[USED] = push(heads, entries, bucket, node, 0, 0, control[FREE], control[USED])
+                control[LENGTH] += 1
+
+
 @helper
 def _step(code, edges, node, move, fare, unit):
     """Cost of a primitive by its code; unchecked as if on the best ground, inf where it fails."""
@@ -308,11 +354,12 @@ def expand_states(poses, edges, prices, field, region, ends, rule, memory, limit
         With costs of turns `between` directions, (16, 16) float32, if it was filled by these.
     region, limits
         As there.
-    ends : (start, goal, first)
-        Nodes, and the state at the start among those of its cell; -1 where any will do.
-    rule : (towards, width, beyond, frame, wanted)
+    ends : (start, goal)
+        Nodes.
+    rule : (towards, width, beyond, frame, starting, wanted)
         Costs of straight, diagonal and knight's legs by which what is left is judged; else as there. Binary digits of
-        a cell's states, and cells of a row with its border. (S,) bool, states that will do at the goal.
+        a cell's states, and cells of a row with its border. (S,) bool, states in which it may start, one at least, and
+        that will do at the goal.
     memory
         As there, of the states.
 
@@ -321,11 +368,11 @@ def expand_states(poses, edges, prices, field, region, ends, rule, memory, limit
     tuple
         As there; once the goal is found, `counts` has its state in the place of the nearest one's.
     """
-    start, goal, first = ends
+    start, goal = ends
     unit, moves, fares, origins, _, _, _ = prices
     moves, fares, origins = borrowed(moves), borrowed(fares), borrowed(origins)
-    best, width, beyond, frame, wanted = rule
-    wanted = borrowed(wanted)
+    best, width, beyond, frame, starting, wanted = rule
+    starting, wanted = borrowed(starting), borrowed(wanted)
     most, until = limits
     codes, rows, cols = borrowed(poses[0]), poses[1][5][0], poses[1][5][1]
     stride, ways = cols + 2, moves.shape[1]
@@ -338,12 +385,13 @@ def expand_states(poses, edges, prices, field, region, ends, rule, memory, limit
     field = borrowed(field[0]), borrowed(field[1]), field[2], field[3], field[4], field[5], borrowed(field[6])
     judge = frame, (goal_row, goal_col, best), field
     if start >= 0:
-        h = _left_at(start // stride, start % stride, max(first, 0), judge)
+        h = np.inf
         clear(heads, control)
         free, used, waiting = np.int64(NOTHING), np.int64(0), 0
         for local in range(len(moves)):
-            if first < 0 or first == local:
+            if starting[local]:
                 state = _state(start // stride, start % stride, local, frame)
+                h = min(h, _left(state, judge))
                 free, used = push(heads, entries, 0, state, 0, 0, free, used)
                 g[2 * state] = 0.0
                 meta[2 * state + 1] = (stamp << STAMP_SHIFT) | OPEN_BIT | ORIGIN
@@ -352,7 +400,7 @@ def expand_states(poses, edges, prices, field, region, ends, rule, memory, limit
         reals[BASE], reals[INVERSE_WIDTH], reals[REFUSED], reals[BEST_H] = h, 1.0 / width, np.inf, np.inf
         reals[BOUND] = np.inf
         counts[EXPANSIONS] = 0
-        counts[BEST_NODE] = _state(start // stride, start % stride, max(first, 0), frame)
+        counts[BEST_NODE] = state
         counts[SETTLED] = NOTHING
     order, refused, best_h = (reals[BASE], reals[INVERSE_WIDTH]), reals[REFUSED], reals[BEST_H]
     free, used, fine_at = control[FREE], control[USED], control[FINE_AT]

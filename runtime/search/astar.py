@@ -18,13 +18,13 @@ from nnpp_edge.runtime.cells import Cell
 from nnpp_edge.runtime.deadline import NEVER, Deadline
 from nnpp_edge.runtime.errors import Status
 from nnpp_edge.runtime.kernels import expansion as kernels
-from nnpp_edge.runtime.kernels.lattice import DIRECTIONS, KNIGHT, expand_states, fill_field, trace_states
+from nnpp_edge.runtime.kernels.lattice import DIRECTIONS, KNIGHT, expand_states, field_around, fill_field, trace_states
 from nnpp_edge.runtime.kernels.nodes import octile
 from nnpp_edge.runtime.map.grid import Grid
 from nnpp_edge.runtime.map.region import Region
 from nnpp_edge.runtime.map.step_cost import StepCost
 from nnpp_edge.runtime.search.workspace import Workspace
-from nnpp_edge.runtime.tuning import BUCKET_WIDTH, BUCKET_WIDTH_BY_LANDMARKS, DIRECTED_BUCKET_WIDTH, TURNS_IN_FIELD
+from nnpp_edge.runtime.tuning import AROUND_GOAL, BUCKET_WIDTH, BUCKET_WIDTH_BY_LANDMARKS, DIRECTED_BUCKET_WIDTH, TURNS_IN_FIELD
 
 _BETWEEN_LOOKS = 1 << 14
 """Expansions after which is looked whether enough is known."""
@@ -32,6 +32,8 @@ _WITHOUT_END = int(np.iinfo(np.int64).max >> 1)
 Links = NDArray[np.uint8] | None
 """The directions in which each node may be left, as bits; None where passability decides."""
 Parts = tuple[Any, ...]
+_CORNER = 0
+"""Of the border, which is impassable: the goal of a search that is to have none."""
 _ON = -1
 """In place of the node at which a search begins: go on where it stopped."""
 Hints = tuple[NDArray[np.float32], NDArray[np.float32], float]
@@ -141,22 +143,71 @@ def _over_states(
     *_, rays, lengths, turns = prices
     between, fill = turns[:0], prices
     if region is not None:
-        between, fill = (
-            np.float32(TURNS_IN_FIELD) * turns,
-            (*prices[:4], rays[:DIRECTIONS], lengths[:DIRECTIONS], turns),
-        )
-    at_goal = (
-        np.zeros(DIRECTIONS, np.float32) if wanted is None else np.float32(TURNS_IN_FIELD) * turns[:, wanted].min(1)
-    )
-    rule = _best(grid), _bucket_width(grid), between, at_goal
-    code, spent, refused = _run(fill_field, (poses, edges, fill, allowed), (last, first, last), rule, field, limits)
+        between = np.float32(TURNS_IN_FIELD) * turns
+        fill = *prices[:4], rays[:DIRECTIONS], lengths[:DIRECTIONS], turns
+    rule, begin, around = (_best(grid), _bucket_width(grid), between), last, None
+    if wanted is not None and not len(edges):
+        found, around = _around_goal(grid, ends, wanted, workspace, allowed, limits[1])
+        if found is not None:
+            return found
+    if around is not None:
+        begin = _ON
+        around(False)
+    code, spent, refused = _run(fill_field, (poses, edges, fill, allowed), (begin, first), rule, field, limits)
     if code != kernels.FOUND:
         status = Status.NO_PATH if code == kernels.EXHAUSTED else Status.TIMEOUT
         return Search.without_path(status, spent, refused, grid.steps.columns)
+    if around is not None:
+        around(True)
     guide = first, float(field.g[2 * first]), between
     found = _by_field(grid, ends, wanted, workspace, allowed, guide, beyond, limits)
     apart = float(octile.py_func(*grid.cell(first), *grid.cell(last), *grid.prices))
     return found._replace(expansions=found.expansions + spent, refused_f=math.inf if region is None else apart)
+
+
+def _around_goal(
+    grid: Grid,
+    ends: tuple[int, int, int],
+    wanted: NDArray[np.bool_],
+    workspace: Workspace,
+    allowed: Parts,
+    until: float,
+) -> tuple[Search | None, Callable[[bool], None] | None]:
+    """What the last metres to a goal with a heading cost, by a search from there of a few states.
+
+    A way back, by a body that stands the other way round, costs what the way there does. Returns that there is no
+    path, where all that leads to the goal is known; and what puts the costs into the field, before it is filled and
+    after, None where the start is as near.
+    """
+    states, (first, last, _), frame = grid.steps.states(), ends, _frame(grid, workspace)
+    field = workspace.field
+    assert states is not None and field is not None
+    backwards = np.resize(np.roll(wanted, DIRECTIONS // 2), workspace.states)
+    rule = (0.0, 0.0, 0.0), _bucket_width(grid), kernels.BELOW, frame, backwards, np.zeros_like(backwards)
+    before, limits = (*states, _no_field(workspace), allowed), (AROUND_GOAL, until)
+    code, _, spent, refused = _run(expand_states, before, (last, _CORNER), rule, workspace, limits)
+    if workspace.costs(slice(first, first + 1))[0] < math.inf:
+        return None, None
+    if code == kernels.EXHAUSTED:
+        return Search.without_path(Status.NO_PATH, spent, refused, grid.steps.columns), None
+    reach = int(workspace.least_open / grid.prices[0]) + 2 * int(np.abs(states[2][1][..., :2]).max())
+    row, col = grid.cell(last)
+    part = (
+        max(row + 1 - reach, 1),
+        min(row + 2 + reach, grid.rows + 1),
+        max(col + 1 - reach, 1),
+        min(col + 2 + reach, grid.cols + 1),
+    )
+    while len(field.entries) < 4 * (part[1] - part[0]) * (part[3] - part[2]):
+        field.grow()
+    costs = workspace.g, workspace.meta, workspace.stamp
+
+    def put(inside: bool) -> None:
+        if not inside:
+            field.next_stamp()
+        field_around(costs, field.packed, frame, (last, first), (_best(grid), _bucket_width(grid)), part, inside)
+
+    return None, put
 
 
 def by_kept_field(
@@ -200,13 +251,15 @@ def _by_field(
     """The search over states, once the field is there; of that the start, the cost from there, and those of turns."""
     states, field, (begun, promised, between) = grid.steps.states(), workspace.field, guide
     assert states is not None and field is not None
-    judged, frame = (
-        (field.g, field.meta, field.stamp, *divmod(begun, grid.stride), promised, between),
-        _frame(grid, workspace),
-    )
-    at_goal = np.ones(workspace.states, np.bool_) if wanted is None else np.resize(wanted, workspace.states)
-    rule = _best(grid), grid.prices[0] * BUCKET_WIDTH_BY_LANDMARKS, _beyond(beyond), frame, at_goal
-    code, length, expansions, _ = _run(expand_states, (*states, judged, allowed), ends, rule, workspace, limits)
+    judged = field.g, field.meta, field.stamp, *divmod(begun, grid.stride), promised, between
+    first, last, direction = ends
+    (starting, at_goal), frame = np.ones((2, workspace.states), np.bool_), _frame(grid, workspace)
+    if direction >= 0:
+        starting[:] = np.arange(workspace.states) == direction
+    if wanted is not None:
+        at_goal[:] = np.resize(wanted, workspace.states)
+    rule = _best(grid), grid.prices[0] * BUCKET_WIDTH_BY_LANDMARKS, _beyond(beyond), frame, starting, at_goal
+    code, length, expansions, _ = _run(expand_states, (*states, judged, allowed), (first, last), rule, workspace, limits)
     end = int(workspace.counts[kernels.BEST_NODE])
     trace = partial(trace_states, prices=states[2], frame=frame)
     if code == kernels.PAUSED and limits[0] < _WITHOUT_END and workspace.counts[kernels.SETTLED] >= 0:
@@ -237,7 +290,8 @@ def _run(
     limits: tuple[int, float],
 ) -> Parts:
     """The outcome of a search's kernel; the open list grows as it needs."""
-    workspace.next_stamp()
+    if ends[0] != _ON:
+        workspace.next_stamp()
     while True:
         found: Parts = kernel(*before, ends, rule, workspace.packed, limits)
         if found[0] != kernels.FULL or time.monotonic() >= limits[1]:
@@ -259,6 +313,11 @@ def _traced(
         trace(ws.meta, end, out=ws.path)
     status = Status.OK if code == kernels.FOUND else Status.TIMEOUT
     return Search(status, ws.path[length - 1 :: -1].copy(), spent, refused)
+
+
+def _no_field(workspace: Workspace) -> Parts:
+    """In place of a field, for a search of states that nothing guides."""
+    return workspace.g[:0], workspace.meta[:0], 0, 0, 0, 0.0, np.empty((0, 0), np.float32)
 
 
 def _allowed(region: Region | None) -> Parts:
@@ -289,22 +348,19 @@ def _settling(
     """
     ws = workspace
     ws.next_stamp()
-    limits, corner_of_border = (most, deadline.at), 0  # which is impassable, so never reached
+    limits = most, deadline.at
     begin, code, width = grid.node(*source), kernels.FULL, _bucket_width(grid)
-    states, nothing = grid.steps.states(), (ws.g[:0], ws.meta[:0], 0, 0, 0, 0.0, np.empty((0, 0), np.float32))
+    states, nothing = grid.steps.states(), _no_field(ws)
     ways, everywhere = kernels.NO_LINKS if links is None else links, kernels.NO_REGION
-    no_goal = np.zeros(ws.states, np.bool_)
+    any_of, none = np.ones(ws.states, np.bool_), np.zeros(ws.states, np.bool_)
     while code in (kernels.FULL, kernels.PAUSED):
         if states is not None:
-            ends, rule = (
-                (begin, corner_of_border, -1),
-                ((0.0, 0.0, 0.0), width, kernels.BELOW, _frame(grid, ws), no_goal),
-            )
-            code, *_ = expand_states(*states, nothing, everywhere, ends, rule, ws.packed, limits)
+            rule = (0.0, 0.0, 0.0), width, kernels.BELOW, _frame(grid, ws), any_of, none
+            code, *_ = expand_states(*states, nothing, everywhere, (begin, _CORNER), rule, ws.packed, limits)
         else:
             ground = grid.packed, grid.steps.edges(), ways, everywhere, kernels.NO_HINTS
             points = 0.0, 0.0, width, _successors(grid, links), kernels.BELOW
-            code, *_ = kernels.expand(*ground, (begin, corner_of_border), points, ws.packed, limits)
+            code, *_ = kernels.expand(*ground, (begin, _CORNER), points, ws.packed, limits)
         begin = _ON
         if code in (kernels.FULL, kernels.PAUSED):
             deadline.check()
