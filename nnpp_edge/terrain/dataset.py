@@ -16,9 +16,10 @@ from numpy.typing import NDArray
 
 from nnpp_edge.files import make_folder, write_whole
 from nnpp_edge.runtime.errors import DataSetError
+from nnpp_edge.runtime.network.unseen import ANSWERS
 from nnpp_edge.runtime.reading import refused_as
 from nnpp_edge.terrain.dem import Dem
-from nnpp_edge.terrain.known import QUARTERS, KnownMaps
+from nnpp_edge.terrain.known import KnownMaps
 from nnpp_edge.terrain.shards import Recipe, left_out, read_terrain, shard_content
 
 FORMAT = "nnpp-edge-dataset-1"
@@ -163,8 +164,7 @@ def _check_shard(shard: Arrays, recipe: Recipe) -> None:
 def _check_known(shard: Arrays, blocks: int) -> None:
     """As `_check_shard`, for maps that are known by their blocks."""
     maps = len(shard["heights"])
-    shapes = {"heights": (blocks, blocks), "closed": (blocks, blocks)}
-    shapes |= dict.fromkeys(("mean", "blocked"), (QUARTERS * blocks, QUARTERS * blocks))
+    shapes = {"heights": (blocks, blocks), "answers": (ANSWERS, blocks, blocks)}
     for field in fields(KnownMaps):
         if (got := shard[field.name].shape) != (wanted := (maps, *shapes.get(field.name, ()))):
             raise ValueError(f"{field.name} is {got}, not {wanted}")

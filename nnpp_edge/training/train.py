@@ -21,7 +21,7 @@ from nnpp_edge.terrain.dataset import Samples
 from nnpp_edge.terrain.known import KnownMaps
 from nnpp_edge.training.batches import Batch, Batches
 from nnpp_edge.training.checkpoint import Checkpoint, Progress, TrainSettings, in_16_bits, load_checkpoint
-from nnpp_edge.training.unseen import KnownBatches, KnownValidator, loss_where_unseen
+from nnpp_edge.training.unseen import KnownBatches, KnownValidator
 from nnpp_edge.training.validation import Validator
 
 __all__ = ["Progress", "TrainSettings", "train"]
@@ -236,12 +236,11 @@ class _Run:
         for group in self.optimiser.param_groups:
             group["lr"] = self._learning_rate()
         planes, query, target = (torch.from_numpy(array).to(self.device, non_blocking=True) for array in batch)
-        unseen = self.spec.encoding == "unseen"
         self.network.train()
         with torch.autocast(self.device.type, torch.bfloat16, enabled=self.in_bfloat16):
-            shown = planes if unseen else planes.float() / 255.0
+            shown = planes if planes.is_floating_point() else planes.float() / 255.0
             logits = self.wrapped(shown.contiguous(memory_format=torch.channels_last), query)
-        loss = (loss_where_unseen if unseen else binary_cross_entropy_with_logits)(logits.float(), target)
+        loss = binary_cross_entropy_with_logits(logits.float(), target)
         self.optimiser.zero_grad(set_to_none=True)
         torch.autograd.backward(loss)
         nn.utils.clip_grad_norm_(self.network.parameters(), 1.0)
@@ -270,10 +269,10 @@ class _Run:
             ours.copy_(theirs)  # the batch norms' statistics
         p = self.progress
         row: dict[str, float] = {"step": p.step, "epoch": p.epoch, "spent_s": round(p.spent_s, 1), "loss": loss}
-        if isinstance(validator, KnownValidator):
-            return row | validator.rows(self.average)
         for judged in validator.judge(self.average):
-            row |= {f"{name}@{judged.factor:g}": value for name, value in asdict(judged).items() if name != "factor"}
+            figures = asdict(judged)
+            at = f"@{figures.pop('factor'):g}" if "factor" in figures else ""
+            row |= {f"{name}{at}": value for name, value in figures.items()}
         return row
 
     def checkpoint(self, *, small: bool) -> Checkpoint:

@@ -14,6 +14,7 @@ from nnpp_edge.runtime.map.pyramid import coarse_shapes
 from nnpp_edge.runtime.map.state import MapState
 from nnpp_edge.runtime.memory import touch
 from nnpp_edge.runtime.network.inference import NetworkModel
+from nnpp_edge.runtime.network.priors import set_prices
 from nnpp_edge.runtime.planners.by_blocks import BlockWay, cell, over
 from nnpp_edge.runtime.planners.coarse_to_fine import CoarseToFine
 from nnpp_edge.runtime.planners.plan import DynamicMethod, Method, Source
@@ -21,7 +22,6 @@ from nnpp_edge.runtime.planners.query import Found, Query, Work, problem_with
 from nnpp_edge.runtime.planners.searchers import AStarSearcher, MendingSearcher, RegionMender, Searcher
 from nnpp_edge.runtime.planners.standing_path import Rest
 from nnpp_edge.runtime.region.learned import LearnedRegions
-from nnpp_edge.runtime.region.prices import set_prices
 from nnpp_edge.runtime.search.astar import Search
 from nnpp_edge.runtime.search.dstar_lite import DStarLite, serves
 from nnpp_edge.runtime.tuning import (
@@ -239,7 +239,7 @@ class Methods:
         way = self.blocks  # before what is new is read: it begins with all
         if (part := state.unseen.read(grid)) is not None:
             way.changed(part)
-        if state.unseen.nothing_left:
+        if not state.unseen.left:
             return None
         if (found := way.find(query, work, whole=self.has_poses)) is None:
             return None
