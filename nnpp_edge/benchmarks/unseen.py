@@ -12,16 +12,16 @@ from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 from functools import cached_property, partial
 from pathlib import Path
-from tempfile import TemporaryDirectory
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from nnpp_edge.runtime import Planner
+from nnpp_edge.reproduction.regions import shuffled
+from nnpp_edge.runtime import NetworkModel, Planner
 from nnpp_edge.runtime.arrays import Float2D
 from nnpp_edge.runtime.cells import Endpoints
-from nnpp_edge.runtime.network.model_file import UNSEEN, model_path
+from nnpp_edge.runtime.network.model_file import UNSEEN
 from nnpp_edge.runtime.network.priors import PRIORS, prices_by
 from nnpp_edge.runtime.network.unseen import encode_unseen, prices_of
 from nnpp_edge.runtime.terrain.traversability import Traversability
@@ -59,7 +59,7 @@ class Site:
         means: Float2D = self.elevation.reshape(side, k, side, k).mean((1, 3), dtype=np.float64).astype(np.float32)
         return means
 
-    def prices(self, prior: str, model: str | Path = "unseen") -> Float2D:
+    def prices(self, prior: str, model: str | NetworkModel = "unseen") -> Float2D:
         """By one of `PRIORS`."""
         return prices_by(prior, self.coarse, self.limits, self.cell_size_m * self.factor, self.factor, model)
 
@@ -112,25 +112,10 @@ def rivals(model: str, dataset: Path | None) -> dict[str, Price]:
         "optimistic": lambda site: np.zeros_like(site.coarse),
         **{prior: partial(Site.prices, prior=prior, model=model) for prior in PRIORS},
         "network, answers turned": lambda site: np.rot90(site.prices("network", model)),
-        "network, weights shuffled": lambda site: with_shuffled_weights(model, site),
+        "network, weights shuffled": lambda site: site.prices("network", shuffled(NetworkModel(model))),
         "truth": Site.truth,
     }
     return found if dataset is None else found | {"trees": trees(read_known(dataset))}
-
-
-def with_shuffled_weights(model: str, site: Site) -> Float2D:
-    """Prices by the network with the weights of each convolution in another order."""
-    import onnx
-
-    graph, rng = onnx.load(model_path(model)), np.random.default_rng(1)
-    for tensor in graph.graph.initializer:
-        if len(tensor.dims) == 4:
-            values = onnx.numpy_helper.to_array(tensor)
-            shuffled = rng.permutation(values.ravel()).reshape(values.shape)
-            tensor.CopyFrom(onnx.numpy_helper.from_array(shuffled, tensor.name))
-    with TemporaryDirectory() as folder:
-        (path := Path(folder) / "shuffled.onnx").write_bytes(graph.SerializeToString())
-        return site.prices("network", path)
 
 
 def features(planes: NDArray[np.float32]) -> NDArray[np.float32]:

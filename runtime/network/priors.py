@@ -40,7 +40,7 @@ def prices_by(
     limits: Traversability,
     cell_size_m: float,
     factor: int,
-    model: str | Path = "unseen",
+    model: str | Path | NetworkModel = "unseen",
 ) -> Float2D:
     """Price of each block of a coarse map, (H, W) float32 in [0, `MOST_PRICE`].
 
@@ -50,7 +50,8 @@ def prices_by(
     """
     known = np.isfinite(dem)
     if prior == "network":
-        price = _by_network(NetworkModel(model), dem, limits, cell_size_m, factor)
+        network = model if isinstance(model, NetworkModel) else NetworkModel(model)
+        price = _by_network(network, dem, limits, cell_size_m, factor)
     elif prior == "eq1":
         cost = traversability_cost(dem, cell_size_m, limits, warn=False)
         price = np.where(cost < 1.0, cost, np.float32(BLOCKED_PRICE))
