@@ -21,7 +21,7 @@ from nnpp_edge.terrain.dataset import Samples
 from nnpp_edge.terrain.known import KnownMaps
 from nnpp_edge.training.batches import Batch, Batches
 from nnpp_edge.training.checkpoint import Checkpoint, Progress, TrainSettings, in_16_bits, load_checkpoint
-from nnpp_edge.training.unseen import KnownBatches, KnownValidator
+from nnpp_edge.training.unseen import KnownValidator
 from nnpp_edge.training.validation import Validator
 
 __all__ = ["Progress", "TrainSettings", "train"]
@@ -71,17 +71,13 @@ def train(
         raise InvalidQueryError(f"batch must be a multiple of the {processes.world} processes, got {settings.batch}")
     make_folder(folder)
     path = folder / CHECKPOINT
-    place = {"rank": processes.rank, "world": processes.world}
-    batches: Batches | KnownBatches
     validator: Validator | KnownValidator | None = None
-    if isinstance(training, KnownMaps) and isinstance(validation, KnownMaps):
-        batches = KnownBatches(training, settings, **place)
-        validator = KnownValidator(validation) if processes.first else None
-    elif isinstance(training, Samples) and isinstance(validation, Samples):
-        batches = Batches(training, spec, settings, **place)
-        validator = Validator(validation, spec, omega) if processes.first else None
-    else:
+    if type(training) is not type(validation):
         raise DataSetError("wanted two data sets of one kind, got one with queries and one without")
+    batches = Batches(training, spec, settings, rank=processes.rank, world=processes.world)
+    if processes.first:
+        known = isinstance(validation, KnownMaps)
+        validator = KnownValidator(validation) if known else Validator(validation, spec, omega)
     run = _Run(spec, settings, processes, len(batches))
     run.begin(path, begin_with)
     progress, began = run.progress, time.monotonic()

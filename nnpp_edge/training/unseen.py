@@ -1,6 +1,5 @@
 """Batches of coarse maps, and how well answers fit what lies unseen."""
 
-from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
@@ -8,42 +7,20 @@ import torch
 from numpy.typing import NDArray
 
 from nnpp_edge.model.network import Network
-from nnpp_edge.runtime.errors import DataSetError
 from nnpp_edge.runtime.network.model_file import UNSEEN
 from nnpp_edge.runtime.network.unseen import encode_unseen
 from nnpp_edge.terrain.known import KnownMaps
-from nnpp_edge.training.batches import Batch, made_ahead
-from nnpp_edge.training.checkpoint import TrainSettings
 
 Floats = NDArray[np.float32]
 
 
-class KnownBatches:
-    """Planes of coarse maps, turned and mirrored, and the answers wanted; the query of these networks is empty."""
-
-    def __init__(self, maps: KnownMaps, settings: TrainSettings, *, rank: int = 0, world: int = 1) -> None:
-        if len(maps) < settings.batch:
-            raise DataSetError(f"wanted at least {settings.batch} maps for one batch, got {len(maps)}")
-        self.maps, self.settings, self.rank, self.world = maps, settings, rank, world
-
-    def __len__(self) -> int:
-        """Batches in an epoch."""
-        return len(self.maps) // self.settings.batch
-
-    def epoch(self, number: int, skip: int = 0) -> Iterator[Batch]:
-        """The batches of an epoch from the `skip`-th on, made ahead in threads."""
-        seed, step = self.settings.seed, self.settings.batch
-        order = np.random.default_rng([seed, number]).permutation(len(self.maps))
-
-        def make(at: int) -> Batch:
-            rng = np.random.default_rng([seed, number, at])
-            turns = [(int(rng.integers(4)), bool(rng.integers(2))) for _ in range(step)]
-            ours = range(self.rank, step, self.world)
-            shown = [sample(self.maps, int(order[at * step + i]), *turns[i]) for i in ours]
-            planes, answers = (np.stack(each) for each in zip(*shown, strict=True))
-            return planes, np.empty((len(ours), 0), np.float32), answers
-
-        return made_ahead(make, range(skip, len(self)))
+def known_batch(
+    maps: KnownMaps, numbers: NDArray[np.int64], swapped: list[bool], turns: list[tuple[int, bool]]
+) -> tuple[Floats, Floats, Floats]:
+    """Planes of maps, each turned and mirrored, and the answers wanted; the query of these networks is empty."""
+    shown = [sample(maps, int(at), *turn) for at, turn in zip(numbers, turns, strict=True)]
+    planes, answers = (np.stack(each) for each in zip(*shown, strict=True))
+    return planes, np.empty((len(shown), 0), np.float32), answers
 
 
 def sample(maps: KnownMaps, at: int, quarters: int = 0, mirrored: bool = False) -> tuple[Floats, Floats]:
