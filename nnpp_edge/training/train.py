@@ -75,9 +75,10 @@ def train(
     if type(training) is not type(validation):
         raise DataSetError("wanted two data sets of one kind, got one with queries and one without")
     batches = Batches(training, spec, settings, rank=processes.rank, world=processes.world)
-    if processes.first:
-        known = isinstance(validation, KnownMaps)
-        validator = KnownValidator(validation) if known else Validator(validation, spec, omega)
+    if processes.first and isinstance(validation, KnownMaps):
+        validator = KnownValidator(validation)
+    elif processes.first and isinstance(validation, Samples):
+        validator = Validator(validation, spec, omega)
     run = _Run(spec, settings, processes, len(batches))
     run.begin(path, begin_with)
     progress, began = run.progress, time.monotonic()
