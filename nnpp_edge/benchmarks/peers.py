@@ -106,21 +106,6 @@ def _scikit_image(weights: Weights) -> Search:
     return search
 
 
-def _tcod(weights: Weights) -> Search:
-    from tcod.path import Pathfinder, SimpleGraph
-
-    whole = np.where(np.isfinite(weights), np.rint(100.0 * weights), 0.0).astype(np.int32)  # 0 is impassable
-    finder = Pathfinder(SimpleGraph(cost=whole, cardinal=70, diagonal=99, greed=int(whole[whole > 0].min())))
-
-    def search(start: Cell, goal: Cell) -> CellPath | None:
-        finder.clear()
-        finder.add_root(start)
-        path = finder.path_to(goal)
-        return path if len(path) > 1 or start == goal else None
-
-    return search
-
-
 def _scipy(weights: Weights) -> Search:
     from scipy.sparse import coo_array
     from scipy.sparse.csgraph import dijkstra
@@ -153,7 +138,6 @@ def _scipy(weights: Weights) -> Search:
 _OTHERS = {
     "pyastar2d": PeerPlanner("pyastar2d", "pyastar2d", "weight of the cell entered, diagonals no longer", _pyastar2d),
     "skimage": PeerPlanner("skimage.graph", "scikit-image", _LENGTH, _scikit_image),
-    "tcod": PeerPlanner("tcod.path", "tcod", "length × weight entered, whole numbers", _tcod),
     "scipy": PeerPlanner("scipy dijkstra", "scipy", f"{_LENGTH}, to every cell", _scipy),
 }
 """By the module that must be importable."""

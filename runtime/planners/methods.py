@@ -15,7 +15,7 @@ from nnpp_edge.runtime.map.state import MapState
 from nnpp_edge.runtime.memory import touch
 from nnpp_edge.runtime.network.inference import NetworkModel
 from nnpp_edge.runtime.network.priors import set_prices
-from nnpp_edge.runtime.planners.by_blocks import BlockWay, cell, over
+from nnpp_edge.runtime.planners.by_blocks import BlockWay, over
 from nnpp_edge.runtime.planners.coarse_to_fine import CoarseToFine
 from nnpp_edge.runtime.planners.plan import DynamicMethod, Method, Source
 from nnpp_edge.runtime.planners.query import Found, Query, Work, problem_with
@@ -244,7 +244,7 @@ class Methods:
         if (found := way.find(query, work, whole=self.has_poses)) is None:
             return None
         stops, first, region = found
-        near = query if self.has_poses else query._replace(goal=cell(stops[first]))
+        near = query if self.has_poses else query._replace(goal=(int(stops[first, 0]), int(stops[first, 1])))
         if problem_with(grid, near.start, near.goal) is not None:
             return None
         search = self.astar.search(near, work, region)

@@ -10,7 +10,7 @@ from nnpp_edge.profiling.suites import Case
 from nnpp_edge.runtime import Ground
 
 SOLVE_THE_SAME = ("astar", "skimage.graph", "scipy dijkstra")
-OTHERS = {"pyastar2d": "pyastar2d", "skimage.graph": "skimage", "tcod.path": "tcod", "scipy dijkstra": "scipy"}
+OTHERS = {"pyastar2d": "pyastar2d", "skimage.graph": "skimage", "scipy dijkstra": "scipy"}
 
 
 @pytest.fixture(scope="module")
@@ -48,7 +48,7 @@ def test_libraries_that_are_not_installed_are_named_and_left_out(nnpp_edge, terr
     assert ended.code == 0, ended.err
     last = ended.out.splitlines()[-1]
     assert last.startswith("left out, not installed: ") and "nnpp-edge[bench]" in last
-    for package in ("pyastar2d", "scikit-image", "tcod", "scipy"):
+    for package in ("pyastar2d", "scikit-image", "scipy"):
         assert package in last
     assert "corridor" in ended.out and "skimage.graph" not in ended.out
 
