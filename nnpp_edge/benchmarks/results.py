@@ -17,6 +17,9 @@ from nnpp_edge.benchmarks.arcs import measured
 from nnpp_edge.files import write_all
 from nnpp_edge.profiling.machine import environment
 
+Results = dict[str, Any]
+"""Rows by suite, and where they were measured; or one row of figures."""
+Rows = list[Results]
 PAGES = "README.md", "docs/results.md"
 STORED = Path("docs/results.json")
 READY, FRESH, BODY = "ready", "fresh", "body"
@@ -32,8 +35,8 @@ SUITES = {
         " --workload body,body-rocks10 --sizes 256,512 --queries 60 --methods astar,corridor"
     ],
 }
-"""What `nnpp-edge evaluate` is given, beside the terrain."""
-ARCS: list[dict[str, Any]] = [
+"""Options of `nnpp-edge evaluate`, beside the terrain."""
+ARCS: Rows = [
     {"size": 256, "radius_m": 2.0, "count": 100},
     {"size": 256, "radius_m": 2.0, "count": 100, "forwards": True},
     {"size": 256, "radius_m": 4.0, "count": 100},
@@ -42,8 +45,6 @@ ARCS: list[dict[str, Any]] = [
     {"size": 512, "radius_m": 4.0, "count": 100},
     {"size": 1024, "radius_m": 2.0, "count": 40},
 ]
-Results = dict[str, Any]
-Rows = list[dict[str, Any]]
 _MARK = re.compile(r"(<!-- results: (\w+) -->\n).*?(\n<!-- end -->)", re.DOTALL)
 
 
@@ -60,17 +61,17 @@ def _table(heads: Sequence[str], lines: Iterator[Sequence[str]]) -> str:
     return "\n".join(f"| {' | '.join(cells)} |" for cells in (heads, ["---"] * len(heads), *lines))
 
 
-def _ms(row: dict[str, Any], name: str) -> str:
+def _ms(row: Results, name: str) -> str:
     return f"{row[name]:.3g}"
 
 
-def _percent(row: dict[str, Any], *names: str) -> str:
+def _percent(row: Results, *names: str) -> str:
     """In words, one share, or two of which the second stands in brackets."""
     first, *others = (f"{100.0 * row[name]:.2f}" for name in names)
     return f"{first} %" + "".join(f" ({other})" for other in others)
 
 
-def _by_method(rows: Rows) -> Iterator[dict[str, dict[str, Any]]]:
+def _by_method(rows: Rows) -> Iterator[dict[str, Results]]:
     """The rows of each workload and size, by method."""
     for key in dict.fromkeys((row["workload"], row["size"]) for row in rows):
         yield {row["method"]: row for row in rows if (row["workload"], row["size"]) == key}
@@ -121,8 +122,8 @@ def _arcs(found: Results) -> Iterator[Sequence[str]]:
 
 
 def _readme(found: Results) -> Iterator[Sequence[str]]:
-    def planners(name: str, each: dict[str, dict[str, Any]], kind: str, last: str) -> Sequence[str]:
-        def best(method: str) -> dict[str, Any]:
+    def planners(name: str, each: dict[str, Results], kind: str, last: str) -> Sequence[str]:
+        def best(method: str) -> Results:
             both = [each[key] for key in (method, method + "-eager") if key in each]
             return min(both, key=lambda row: float(row[kind + "ms_median"]))
 
