@@ -132,7 +132,8 @@ def _exercise_body_kernels(dem: Float2D) -> None:
     planner = Planner.of_elevation(dem, 1.0, vehicle=_BODY, warn=False)
     planner.explain((70, 12), 0.0)
     car = replace(_BODY, turning_radius_m=3.0, reverse_cost=2.0, gear_change_m=1.0)
-    Planner.of_elevation(dem, 1.0, vehicle=car, warn=False).plan((70, 12), (90, 12), start_heading_deg=90.0)
+    flat = Planner.of_elevation(np.zeros_like(dem), 1.0, vehicle=car, warn=False)
+    flat.plan((20, 12), (130, 12), start_heading_deg=90.0, goal_heading_deg=90.0)
     state = planner.state
     coarse, (finest, *_) = CoarseLevel(state.pyramid.levels[1]), state.pyramid.levels
     nothing = np.zeros((2 * coarse.grid.rows, 2 * coarse.grid.cols), np.int32)

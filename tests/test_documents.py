@@ -29,8 +29,8 @@ DOCUMENTS = sorted(
 )
 FENCE = re.compile(r"(<!-- only shown: [^>]+ -->\n)?^( *)```(\w*)\n(.*?)^ *```", re.DOTALL | re.MULTILINE)
 LINK = re.compile(r"\[[^\]]*\]\((?!https?:|mailto:)([^)#\s]*)(?:#([^)\s]*))?\)")
-EXECUTED = "docs/start.md"
-"""The document whose commands are run, not only understood."""
+EXECUTED = "README.md", "docs/start.md"
+"""The documents whose commands are run, not only understood."""
 
 
 def name_of(path):
@@ -174,7 +174,7 @@ def test_commands_are_understood():
 
 def test_commands_run(workshop, nnpp_edge, monkeypatch):
     monkeypatch.chdir(workshop)
-    ran = [words for words in commands(ROOT / EXECUTED) if words[0] != "warmup"]
+    ran = [words for page in EXECUTED for words in commands(ROOT / page) if words[0] != "warmup"]
     assert ran and all(nnpp_edge(*words).code == 0 for words in ran)
 
 

@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 
 _FILES = ("report.json", "report.md", "board-row.md", "report.html")
 _PEERS_SIZES, _PEERS_QUERIES = (256, 512, 1024), 50
-_WANTED = "give either --profile (paper, edge-2core, single-core, quick, rover or a file) or --peers"
+_WANTED = "give either --profile (learned, edge-2core, single-core, quick, rover or a file) or --peers"
 _TERRAIN = "Elevation file, or several, in place of the profile's; else the sample."
 _VEHICLE = (
     "Whose the workloads body and body-rocksN are, in place of the profile's: a shipped vehicle or a TOML file."
@@ -61,7 +61,7 @@ class Asked:
     profile: Annotated[
         str | None,
         {"metavar": "NAME|FILE"},
-        "A shipped profile (paper, edge-2core, single-core, quick, rover) or a TOML file.",
+        "A shipped profile (learned, edge-2core, single-core, quick, rover) or a TOML file.",
     ] = None
     peers: Annotated[bool, "Instead: beside other libraries' grid search."] = False
     terrain: Annotated[options.TerrainFiles, _TERRAIN] = ()

@@ -17,6 +17,8 @@ MOST_APART, MOST_DISTURBED = 0.15, 0.10
 """Shares by which medians of the halves of a run may differ, and of the time that others may take."""
 _BEYOND_DOUBT = 1.25
 """In a noisy or throttled run a budget is missed where it would be by this factor with all the lost time back."""
+_TEN_TIMES = 10.0
+"""In a noisy run a budget is kept where it is by this factor."""
 
 
 @dataclass(frozen=True)
@@ -120,4 +122,6 @@ def _verdict(budget: Budget, value: float | None, halves: Sequence[float] | None
     wanted, got = (budget.limit, value) if least else (value, budget.limit)
     if state == FAIL and (got <= 0.0 or (1.0 - lost) * wanted / (got * (1.0 + apart)) > _BEYOND_DOUBT):
         return FAIL, f"{words or slowed}, which explains no such miss"
+    if state == PASS and got >= _TEN_TIMES * wanted:
+        return PASS, f"kept {_TEN_TIMES:g} times over, under load: {words}"
     return (NOISY, words) if words else (THROTTLED, slowed)

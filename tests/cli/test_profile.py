@@ -1,6 +1,7 @@
 """`nnpp-edge profile`: a report in every form, what makes one noisy, and two of them compared."""
 
 import json
+import math
 import os
 from contextlib import ExitStack
 from pathlib import Path
@@ -135,8 +136,9 @@ def test_json_may_be_printed_and_an_impossible_budget_is_missed_and_named(run, p
     assert told["summary"].startswith("budgets missed: 3 of 5 pass; not plans a second (nnpp, soft 64², limit20 64²)")
 
 
-def test_a_disturbed_run_is_noisy(run, profile):
-    """Another process on the one core, all the time: the halves agree, and yet nothing may pass."""
+def test_a_disturbed_run_is_noisy(run, profile, monkeypatch):
+    """Another process on the one core, all the time: the halves agree, and yet nothing may pass by a small margin."""
+    monkeypatch.setattr(judge, "_TEN_TIMES", math.inf)
     profile(disturbance=0.1, changes=LONGER)
     with busy_core(CORE):
         ended = run("profile --profile tiny.toml --json")
@@ -151,6 +153,7 @@ def test_a_disturbed_run_is_noisy(run, profile):
 def test_a_run_disturbed_in_one_half_is_noisy(told, profile, monkeypatch):
     """The same with a kernel that counts no core's time: the planners stand still."""
     monkeypatch.setattr(machine, "core_seconds", lambda cores: None)
+    monkeypatch.setattr(judge, "_TEN_TIMES", math.inf)
     with ExitStack() as disturbances:
 
         def first_half_again(*words, real=measure.first_half_again):

@@ -27,7 +27,7 @@ def write(tmp_path):
 
 
 def test_what_is_shipped_can_be_read_and_has_budgets():
-    assert shipped_profiles() == ["edge-2core", "paper", "quick", "rover", "single-core"]
+    assert shipped_profiles() == ["edge-2core", "learned", "quick", "rover", "single-core"]
     for name in shipped_profiles():
         profile = read_profile(name)
         assert profile.name == name and profile.budgets and profile.title != name

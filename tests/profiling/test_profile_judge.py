@@ -50,11 +50,12 @@ GAP = budget("gap_mean", 1.0, "at most", "%")
             )
         ),
         (budget("speedup_total", 2.0, "at least", "x"), {"halves": HALVES, "speedup_total": 3.0}, QUIET, "pass"),
-        # noise: never a pass, and a miss only where it is beyond doubt
+        # noise: a pass only ten times over, and a miss only where it is beyond doubt
         (FPS, {"halves": {"time": [1.0, 1.2]}}, QUIET, "noisy"),
         (FPS, {"halves": {"time": [1.2, 1.0]}, "fps": 90.0}, QUIET, "noisy"),
         (FPS, {}, DISTURBED, "noisy"),
         (FPS, {"fps": 90.0}, DISTURBED, "noisy"),
+        (FPS, {"fps": 1000.0}, DISTURBED, "pass"),
         (FPS, {"fps": 45.0}, DISTURBED, "fail"),
         (FPS, {"fps": 47.0}, DISTURBED, "noisy"),
         (FPS, {"fps": 41.0, "halves": {"time": [1.0, 2.0]}}, QUIET, "noisy"),
@@ -82,8 +83,7 @@ def test_a_budgets_verdict(wanted, figures, disturbed, state):
     (line,) = judged(profile(wanted), [row(**figures)], {}, disturbed)
     assert line["verdict"] == state
     unsure = state in ("noisy", "not measured", "throttled")
-    assert bool(line["why"]) == (unsure or "explains no such miss" in line["why"])
-    assert state != "pass" or not line["why"]
+    assert bool(line["why"]) == (unsure or "explains no such miss" in line["why"] or "under load" in line["why"])
     assert ("core 0 fell" in line["why"]) == (
         disturbed is SLOWED and wanted is FPS and state in ("throttled", "fail")
     )
@@ -111,7 +111,7 @@ def test_what_the_run_has_one_figure_of_is_judged_once_and_start_up_may_be_noisy
     for quantity, unit, value, noise, state in (
         ("peak_memory_mb", "MB", 280.0, DISTURBED, "pass"),
         ("start_up_warm_s", "s", 0.9, QUIET, "pass"),
-        ("start_up_warm_s", "s", 0.9, DISTURBED, "noisy"),
+        ("start_up_warm_s", "s", 90.0, DISTURBED, "noisy"),
     ):
         wanted = budget(quantity, 300.0, "at most", unit)
         lines = judged(profile(wanted, sizes=(64, 128)), [row()], {quantity: {"nnpp": value}}, noise)
