@@ -79,8 +79,9 @@ class Site:
             row, col = (max(place - sight, 0) for place in way[-1])
             seen = self.elevation[row : way[-1][0] + sight + 1, col : way[-1][1] + sight + 1]
             planner.update_elevation(row, col, seen)
-            path = planner.plan(way[-1], ends[1], method="astar").path[: max(sight // 2, 1) + 1]
-            way += [(row, col) for row, col in path[1:].tolist()]
+            plan = planner.plan(way[-1], ends[1], method="astar")
+            assert plan.ok, "what was seen shuts the way, though there is one"
+            way += [(row, col) for row, col in plan.path[1 : max(sight // 2, 1) + 1].tolist()]
         return self.whole.state.grid.costs_of(np.array(way, np.int32))[0]
 
 
