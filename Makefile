@@ -3,6 +3,7 @@
 # make test: the same with all tests.
 # make bench: our planners beside other libraries' grid search, the stages from elevations to a first path, and how long
 # the first plan takes.
+# make results TERRAIN=dem.tif: the tables of README and docs/results.md, a quarter of an hour on a machine that does nothing else.
 # make coverage: what the fast tests reach, in the terminal and as build/coverage.xml; compiled kernels are not seen.
 # make wheel, make try-wheel, make try-oldest: the wheel; it alone in a bare environment, which plans and measures there,
 # with the newest and with the oldest packages that it takes (.ci/oldest.txt). PYTHON=python3.12 tries another Python.
@@ -17,7 +18,7 @@ PYTEST := $(DEV)/bin/python -m pytest --numprocesses 2
 
 DOCS := .venv-docs
 
-.PHONY: demo check test coverage bench docs fuzz kernels lint spelling types contract format wheel try-wheel try-oldest clean
+.PHONY: demo check test coverage bench results docs fuzz kernels lint spelling types contract format wheel try-wheel try-oldest clean
 
 $(DEMO)/ready: pyproject.toml
 	$(PYTHON) -m venv $(DEMO)
@@ -73,6 +74,9 @@ $(DEV)/ready-to-bench: $(DEV)/ready
 bench: $(DEV)/ready-to-bench
 	$(DEV)/bin/nnpp-edge profile --peers --sizes 256,512,1024,2048,4096 -o build/bench
 	$(DEV)/bin/nnpp-edge profile --profile quick --start-up
+
+results: $(DEV)/ready
+	$(DEV)/bin/python -m nnpp_edge.benchmarks.results $(TERRAIN)
 
 wheel:
 	rm -rf build/lib build/wheel

@@ -23,7 +23,7 @@ from nnpp_edge.runtime.errors import DataSetError, InvalidQueryError, ModelError
 from nnpp_edge.runtime.network.inference import NetworkModel
 from nnpp_edge.runtime.network.model_file import METADATA_KEY
 from nnpp_edge.terrain.dataset import Samples, read_known, read_recipe, read_samples
-from nnpp_edge.training.unseen import Fit, KnownValidator, fit_of
+from nnpp_edge.training.unseen import Fit, KnownValidator
 from nnpp_edge.training.validation import Judgement, Validator
 
 Floats = NDArray[np.float32]
@@ -76,29 +76,25 @@ class Comparison:
 
     def recommendation(self) -> str:
         """One plain sentence that begins with ``int8`` or ``keep fp32``."""
-        if isinstance(self.fp32, Fit) or isinstance(self.int8, Fit):
-            before, after = astuple(self.fp32), astuple(self.int8)
-            grown = max(b / a - 1.0 for a, b in zip(before, after, strict=True))
-            said = f"{self.speed_up:.2f} times as fast on this machine, and its errors grow by {100 * grown:.1f} %."
-            return (
-                f"int8: {said}"
-                if self.speed_up >= WORTH_IT and grown <= ERROR_LIMIT
-                else f"keep fp32: int8 is {said}"
-            )
-        more, fewer = self.int8.gap - self.fp32.gap, self.fp32.success - self.int8.success
         as_fast = f"{self.speed_up:.2f} times as fast"
-        grows = f"but the cost gap grows by {100 * more:.2f} points, and {100 * GAP_LIMIT:.1f} are allowed"
-        misses = f"but finds a path inside its region on {100 * fewer:.1f} % fewer of the queries"
-        differs = f"but its probabilities differ by {self.mean_difference:.4f}: leave nodes float (--exclude)"
-        for holds, why in (
-            (self.speed_up >= WORTH_IT, f"and {WORTH_IT} is wanted"),
-            (more <= GAP_LIMIT, grows),
-            (fewer <= SUCCESS_LIMIT, f"{misses}, and {100 * SUCCESS_LIMIT:.0f} % is allowed"),
-            (self.mean_difference <= DIFFERENCE_LIMIT, differs),
-        ):
+        checks = [(self.speed_up >= WORTH_IT, f"and {WORTH_IT} is wanted")]
+        if isinstance(self.fp32, Judgement) and isinstance(self.int8, Judgement):
+            more, fewer = self.int8.gap - self.fp32.gap, self.fp32.success - self.int8.success
+            grows = f"but the cost gap grows by {100 * more:.2f} points, and {100 * GAP_LIMIT:.1f} are allowed"
+            misses = f"but finds a path inside its region on {100 * fewer:.1f} % fewer of the queries"
+            differs = f"but its probabilities differ by {self.mean_difference:.4f}: leave nodes float (--exclude)"
+            checks.append((more <= GAP_LIMIT, grows))
+            checks.append((fewer <= SUCCESS_LIMIT, f"{misses}, and {100 * SUCCESS_LIMIT:.0f} % is allowed"))
+            checks.append((self.mean_difference <= DIFFERENCE_LIMIT, differs))
+            change = f"the cost gap changes by {100 * more:+.2f} points"
+        else:
+            errors = zip(astuple(self.fp32), astuple(self.int8), strict=True)
+            change = f"its errors grow by {100 * (grown := max(b / a - 1.0 for a, b in errors)):.1f} %"
+            checks.append((grown <= ERROR_LIMIT, f"but {change}, and {100 * ERROR_LIMIT:.0f} % is allowed"))
+        for holds, why in checks:
             if not holds:
                 return f"keep fp32: on this machine int8 is {as_fast}, {why}."
-        return f"int8: {as_fast} on this machine, and the cost gap changes by {100 * more:+.2f} points."
+        return f"int8: {as_fast} on this machine, and {change}."
 
 
 @dataclass(frozen=True)
@@ -163,8 +159,10 @@ def quantize(
     calibration: Samples | Floats
     compare_on: Callable[[NetworkModel], Comparison]
     if fp32.metadata.encoding == "unseen":
-        calibration, held_out_planes, targets = known_planes(dataset, validation, samples, size)
-        compare_on = partial(compare_fits, fp32, planes=held_out_planes, targets=targets, rounds=rounds)
+        maps = read_known(dataset)
+        judged_on = KnownValidator(read_known(validation) if validation else maps.pick(slice(1, None, 2)), HELD_OUT)
+        calibration = KnownValidator(maps.pick(slice(0, None, 2)), samples).planes
+        compare_on = partial(compare_fits, fp32, judged_on=judged_on, rounds=rounds)
     else:
         pool = read_samples(dataset, most_maps=2 * samples, size=size)
         pool, held_out = (pool, read_samples(validation, size=size)) if validation else split(pool, seed)
@@ -262,30 +260,21 @@ def compare(fp32: NetworkModel, int8: NetworkModel, samples: Samples, most: int,
     return Comparison(len(queries), *figures, one, other, *latencies(fp32, int8, queries, rounds))
 
 
-def known_planes(dataset: Path, validation: Path | None, count: int, size: int) -> tuple[Floats, Floats, Floats]:
-    """Planes to calibrate on, and planes and targets to judge on, of maps known by their blocks."""
-    shown = KnownValidator(read_known(dataset), 2 * count, size)
-    judged = KnownValidator(read_known(validation), HELD_OUT, size) if validation else shown
-    return shown.planes[::2], judged.planes[1::2], judged.targets[1::2]
-
-
-def compare_fits(
-    fp32: NetworkModel, int8: NetworkModel, *, planes: Floats, targets: Floats, rounds: int
-) -> Comparison:
-    """Compare two models that price unseen ground on planes (N, C, S, S), and time each `rounds` times."""
+def compare_fits(fp32: NetworkModel, int8: NetworkModel, judged_on: KnownValidator, rounds: int) -> Comparison:
+    """As `compare`, of two models that price unseen ground."""
+    planes, wanted = judged_on.planes, judged_on.wanted
     p, q = (np.array([answer(model, planes, at).copy() for at in range(len(planes))]) for model in (fp32, int8))
-    difference = np.abs(p - q)[np.isfinite(targets)]
+    difference, fits = np.abs(p - q), (Fit.of(p, wanted), Fit.of(q, wanted))
     figures = float(difference.mean()), float(difference.max())
-    return Comparison(
-        len(planes), *figures, fit_of(p, targets), fit_of(q, targets), *latencies(fp32, int8, planes, rounds)
-    )
+    return Comparison(len(planes), *figures, *fits, *latencies(fp32, int8, planes, rounds))
 
 
 def shown(model: NetworkModel, samples: Samples | Floats, query: int) -> Callable[[], Floats]:
     """Show a network the map of a query, or planes; what runs it. Inputs and answers stay until the next."""
     if isinstance(samples, np.ndarray):
-        model.inputs["input"][0] = samples[query]
-        return model.answers
+        rows, cols = samples.shape[2:]
+        model.inputs["input"][0, :, :rows, :cols] = samples[query]
+        return lambda: model.answers()[:, :rows, :cols]
     planes, start, goal = samples.query(query)
     model.set_map(planes)
     return partial(model.answer, start, goal)

@@ -10,6 +10,7 @@ import warnings
 from collections import Counter, OrderedDict
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import asdict, dataclass
+from functools import partial
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
@@ -17,7 +18,6 @@ import msgspec
 import numpy as np
 import onnx
 import torch
-from numpy.typing import NDArray
 from onnxscript import optimizer
 from torch import Tensor, nn
 
@@ -36,7 +36,7 @@ from nnpp_edge.runtime.network.loading import ASK, HEAD, OUTPUT, PLACES
 from nnpp_edge.runtime.network.model_file import CHANNELS, METADATA_KEY, QUERY_SPACING, UNSEEN, ModelMetadata
 from nnpp_edge.runtime.reading import refused_as
 from nnpp_edge.runtime.terrain.traversability import Traversability
-from nnpp_edge.terrain.dataset import Samples
+from nnpp_edge.terrain.dataset import Query, Samples
 from nnpp_edge.terrain.shards import Recipe
 
 OPSET = 18
@@ -122,36 +122,29 @@ def parity(network: Network, onnx_path: Path, samples: Samples | None = None, n:
     """
     network.eval()
     model, size, rng = NetworkModel(onnx_path), network.spec.input_size, np.random.default_rng(seed)
-    if network.spec.encoding == "unseen":
-        return _parity_of_answers(network, model, rng.uniform(-1.0, 1.0, (n, len(UNSEEN), size, size)))
-    if samples is None:
-        drawn = rng.uniform(0, size - 1, (n, 2, 2)).tolist()
-        queries = [(rng.random((2, size, size), np.float32), tuple(start), tuple(goal)) for start, goal in drawn]
-    elif samples.planes.shape[-1] != size:
-        raise DataSetError(f"wanted maps of {size} × {size} cells, got {samples.planes.shape[-1]}")
-    else:
-        chosen = rng.choice(len(samples), min(n, len(samples)), replace=False)
-        queries = [samples.query(at) for at in chosen]
+    queries: list[Query | None] = [None] * n
+    if samples is not None:
+        if samples.planes.shape[-1] != size:
+            raise DataSetError(f"wanted maps of {size} × {size} cells, got {samples.planes.shape[-1]}")
+        queries = [samples.query(at) for at in rng.choice(len(samples), min(n, len(samples)), replace=False)]
     differences = []
-    for planes, start, goal in queries:
-        query = torch.from_numpy(encode(network.spec, start, goal))
-        wanted = torch.sigmoid(network(torch.from_numpy(planes)[None], query[None]))[0].numpy()
-        model.set_map(planes)
-        differences.append(np.abs(model.answer(start, goal) - wanted))
+    for asked in queries:
+        if network.spec.encoding == "unseen":
+            shown, query = model.inputs["input"], np.empty(0, np.float32)
+            shown[0] = rng.uniform(-1.0, 1.0, shown.shape[1:])
+            planes, answer = shown[0], model.answers
+        else:
+            planes, *ends = asked or (
+                rng.random((2, size, size), np.float32),
+                *rng.uniform(0, size - 1, (2, 2)).tolist(),
+            )
+            query, answer = encode(network.spec, *ends), partial(model.answer, *ends)
+            model.set_map(planes)
+        wanted = torch.sigmoid(network(torch.from_numpy(planes)[None], torch.from_numpy(query)[None]))[0].numpy()
+        differences.append(np.abs(answer() - wanted))
     source = "random" if samples is None else "dataset"
     most, mean = float(np.max(differences)), float(np.mean(differences))
     return Parity(len(differences), source, most, mean, MOST_DIFFERENCE, passed=most <= MOST_DIFFERENCE)
-
-
-def _parity_of_answers(network: Network, model: NetworkModel, planes: NDArray[np.float64]) -> Parity:
-    """As `parity`, of a network that prices unseen ground, over random planes."""
-    differences = []
-    for shown in torch.from_numpy(planes).float():
-        model.inputs["input"][0] = shown.numpy()
-        wanted = torch.sigmoid(network(shown[None], shown[:0]))[0].numpy()
-        differences.append(np.abs(model.answers() - wanted))
-    most, mean = float(np.max(differences)), float(np.mean(differences))
-    return Parity(len(planes), "random", most, mean, MOST_DIFFERENCE, passed=most <= MOST_DIFFERENCE)
 
 
 def to_onnx(network: Network) -> onnx.ModelProto:

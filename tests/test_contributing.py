@@ -53,14 +53,6 @@ def test_the_oldest_packages_that_are_tried_are_those_that_are_named():
         assert given[: len(least)] == least and not any(given[len(least) : 2]), f"{version} for {name} {least}"
 
 
-def test_forms_ask_for_something():
-    for form in (ROOT / ".github/ISSUE_TEMPLATE").glob("[!c]*.yml"):
-        told = yaml.safe_load(form.read_text())
-        asked = [each for each in told["body"] if each["type"] != "markdown"]
-        assert told["name"] and told["description"] and asked and all(each["attributes"]["label"] for each in asked)
-        assert len({each["id"] for each in asked}) == len(asked)
-
-
 def test_paths_in_the_guide_are_there_and_its_targets_too():
     text = "\n".join((ROOT / name).read_text() for name in ("CONTRIBUTING.md", "SECURITY.md", "docs/boards.md"))
     for path in re.findall(r"`((?:runtime|nnpp_edge|tests|docs)/[\w/.]+)`", text):
@@ -100,14 +92,6 @@ def test_every_place_that_lists_step_costs_has_each_of_them():
     assert all(kind.unit == "s" for kind in SLOPE_COSTS.values() if kind.function)
 
 
-def test_hooks_run_what_make_check_made():
-    config = yaml.safe_load((ROOT / ".pre-commit-config.yaml").read_text())
-    made = re.search(r"^DEV := (\S+)$", MAKEFILE, re.MULTILINE)[1]
-    for hook in config["repos"][0]["hooks"]:
-        folder, _, tool = hook["entry"].split()[0].rpartition("/")
-        assert folder == f"{made}/bin" and f"$(DEV)/bin/{tool}" in MAKEFILE, hook["entry"]
-
-
 def test_the_citation_and_the_changelog_name_this_version():
     from nnpp_edge import __version__
 
@@ -117,9 +101,3 @@ def test_the_citation_and_the_changelog_name_this_version():
     assert heads[0] == "[Unreleased]" and f"[{__version__}] - {cited['date-released']}" in heads
     kinds = set(re.findall(r"^### (.+)$", (ROOT / "CHANGELOG.md").read_text(), re.MULTILINE))
     assert kinds <= {"Added", "Changed", "Deprecated", "Removed", "Fixed", "Security"}
-
-
-def test_the_readme_shows_without_a_network():
-    """No badge or picture is fetched from elsewhere."""
-    readme = (ROOT / "README.md").read_text()
-    assert not re.search(r"!\[[^]]*\]\(https?:", readme) and '<img src="http' not in readme

@@ -17,6 +17,7 @@ import click
 import numpy as np
 import pytest
 
+from nnpp_edge.benchmarks import results
 from nnpp_edge.cli.main import COMMANDS, cli
 from nnpp_edge.terrain.dem import SAMPLES, sample_dem, sample_path
 
@@ -232,3 +233,30 @@ def test_the_documents_index_of_decisions_is_whole():
     text = (ROOT / "docs/decisions.md").read_text()
     heads = re.findall(r"^## (.*)$", text, re.MULTILINE)
     assert re.findall(r"^- \[(.*)\]\(#", text, re.MULTILINE) == heads
+
+
+PRINTED = re.compile(r"<!-- printed by: (.+) -->\n```\n(.*?)```", re.DOTALL)
+
+
+def test_what_stands_below_a_command_is_what_it_prints(tmp_path, monkeypatch):
+    """All of it but times, which are another machine's."""
+    from click.testing import CliRunner
+
+    def without_times(text):
+        lines = [line for line in text.splitlines() if not line.startswith("time ")]
+        lines = [re.sub(r"( (MAP|map|region) +OK .*%) .* (\d+)$", r"\1 \3", line) for line in lines]
+        return [re.sub(r" +|─+", " ", line).strip() for line in lines]
+
+    found = PRINTED.findall((ROOT / "README.md").read_text())
+    assert found
+    monkeypatch.chdir(tmp_path)
+    for command, text in found:
+        answer = CliRunner().invoke(cli, shlex.split(command)[1:])
+        assert without_times(answer.stdout) == without_times(text)
+
+
+def test_tables_of_results_are_those_of_the_run_that_is_kept():
+    kept = json.loads((ROOT / results.STORED).read_text())
+    for page in results.PAGES:
+        text = (ROOT / page).read_text()
+        assert "<!-- results: " in text and results.filled(text, kept) == text

@@ -4,7 +4,6 @@ import dataclasses
 import math
 
 import numpy as np
-import pytest
 
 from nnpp_edge.runtime import Vehicle
 from tests import pose_oracles
@@ -79,33 +78,3 @@ def test_a_turn_that_breaks_a_limit_is_seen():
     post = np.where((np.arange(17)[:, None] == 6) & (np.arange(17) == 5), 1.0, FLAT)
     assert broken(post, path[:2], long) is None and broken(post, path[1:], long) is None
     assert broken(post, path, long) in ("belly", "tilt", "pitch", "step")
-
-
-def test_ways_over_states_cost_their_legs_and_turns():
-    body = dataclasses.replace(BODY, turn_cost_m_per_rad=2.0)
-    turns = np.ones((5, 7, 8), bool)
-    priced = pose_oracles.priced(np.full((5, 7, 8), 0.5), turns, body, (1.0, 1.0), 2.0)
-    path = [(2, 1), (2, 2), (3, 3), (4, 5)]
-    assert pose_oracles.path_cost(priced, path) == pytest.approx(
-        3.0 * (1.0 + math.sqrt(2.0) + math.sqrt(5.0)) + 2.0 * math.atan(2.0)
-    )
-    assert pose_oracles.path_cost(priced, [(2, 1), (2, 3)]) == math.inf
-    found = pose_oracles.costs_to_cells(priced, (2, 1))
-    assert (
-        found[2, 1] == 0.0
-        and found[2, 6] == pytest.approx(15.0)
-        and found[1, 3] == pytest.approx(3.0 * math.sqrt(5.0))
-    )
-    assert found[0, 2] == pytest.approx(3.0 * math.sqrt(5.0)) and found[3, 4] == pytest.approx(
-        3.0 * (math.sqrt(5.0) + 1.0) + 2.0 * math.atan(0.5)
-    )
-    priced.turns[:] = np.inf
-    assert pose_oracles.costs_to_cells(priced, (2, 1))[3, 4] == math.inf
-    assert pose_oracles.path_cost(priced, path) == math.inf
-    back = pose_oracles.costs_to_cells(priced, (4, 5))
-    assert back[2, 1] == pytest.approx(6.0 * math.sqrt(5.0)), "legs lead both ways"
-
-
-def test_headings_go_clockwise_from_north():
-    path = [(5, 5), (4, 5), (3, 6), (3, 7), (4, 8), (5, 8), (6, 7), (6, 6), (5, 5)]
-    assert pose_oracles.headings_of(path).tolist() == [0.0, 45.0, 90.0, 135.0, 180.0, 225.0, 270.0, 315.0]

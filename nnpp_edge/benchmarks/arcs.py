@@ -3,12 +3,14 @@
 python -m nnpp_edge.benchmarks.arcs TERRAIN.tif --size 512 --radius 2 --queries 100
 """
 
+import json
 from collections import Counter
 from collections.abc import Callable, Iterator
 from dataclasses import replace
 from functools import partial
 from itertools import islice
 from pathlib import Path
+from typing import Any
 
 import click
 import numpy as np
@@ -73,41 +75,28 @@ def tick_times(
         yield 1e3 * seconds
 
 
-def quantiles(values: list[float], *shares: float) -> str:
-    """In words, some quantiles."""
-    return ", ".join(f"{float(np.quantile(values, share)):.3g}" for share in shares)
-
-
-@click.command()
-@click.argument("terrain", nargs=-1, required=True, type=click.Path(exists=True, dir_okay=False, path_type=Path))
-@click.option("--size", default=256, show_default=True, help="Cells of a map's side.")
-@click.option("--radius", default=2.0, show_default=True, help="Turning radius in metres.")
-@click.option("--cell-size", default=0.25, show_default=True, help="Metres that the terrain is rescaled to.")
-@click.option("--forwards", is_flag=True, help="The body cannot go backwards.")
-@click.option("--fixed", is_flag=True, help="Goals have headings, too.")
-@click.option("--queries", "count", default=20, show_default=True, help="Those that have a path count.")
-@click.option("--seed", default=1, show_default=True)
-def main(
+def measured(
     terrain: tuple[Path, ...],
     size: int,
-    radius: float,
-    cell_size: float,
-    forwards: bool,
-    fixed: bool,
+    radius_m: float,
     count: int,
-    seed: int,
-) -> None:
-    """Plan, tick and drive between random headings; medians and quantiles in milliseconds, gaps in per cent."""
-    vehicle = replace(BODY, turning_radius_m=radius)
+    *,
+    cell_size_m: float = 0.25,
+    forwards: bool = False,
+    fixed: bool = False,
+    seed: int = 1,
+) -> dict[str, object]:
+    """Figures of so many queries that have a path: milliseconds, and shares that costs lie above the exact ones."""
+    vehicle = replace(BODY, turning_radius_m=radius_m)
     if not forwards:
         vehicle = replace(vehicle, reverse_cost=2.0, gear_change_m=1.0)
     harness, rng, solved = Harness(), np.random.default_rng(seed), 0
     exact_ms, first_ms, tick_ms, gaps, drives = (list[float]() for _ in range(5))
     sources = Counter[str]()
-    flat = Planner.of_elevation(np.zeros((80, 80), np.float32), cell_size, vehicle=vehicle, warn=False)
+    flat = Planner.of_elevation(np.zeros((80, 80), np.float32), cell_size_m, vehicle=vehicle, warn=False)
     for method in ("corridor", "astar"):
         flat.plan((20, 20), (60, 70), method=method)
-    for case, (start, goal) in islice(queries(TerrainFiles(terrain, cell_size), size, seed), 4 * count):
+    for case, (start, goal) in islice(queries(TerrainFiles(terrain, cell_size_m), size, seed), 4 * count):
         begin, end = rng.uniform(0.0, 360.0, 2)
         options: PlanOptions = {"start_heading_deg": begin, "goal_heading_deg": end if fixed else None}
         height_m, width_m = case.ground.sides_m
@@ -132,17 +121,30 @@ def main(
             break
     if not gaps:
         raise click.ClickException("no query has a path")
-    click.echo(f"{size}², R {radius:g} m{', forwards' if forwards else ''}{', goal heading fixed' if fixed else ''}")
-    click.echo(f"  solved {solved} of {len(gaps)}; by {dict(sources)}")
-    click.echo(f"  exact lattice, ms: {quantiles(exact_ms, 0.5, 0.95)} (median, p95)")
-    click.echo(f"  first plan, ms:    {quantiles(first_ms, 0.5, 0.95, 0.99)} (median, p95, p99)")
-    for name, each in (("gap, %", gaps), ("driven, %", drives)):
-        if each:
-            told = f"{100.0 * np.mean(each):.2f}, {100.0 * np.quantile(each, 0.95):.2f}"
-            click.echo(f"  {name + ':':18} {told} (mean, p95)")
-    if tick_ms:
-        told = f"{quantiles(tick_ms, 0.5, 0.95, 0.99, 1.0)} (median, p95, p99, max)"
-        click.echo(f"  {len(tick_ms)} ticks, ms: {told}")
+    found: dict[str, object] = {"size": size, "radius_m": radius_m, "forwards": forwards, "fixed": fixed}
+    found |= {"n": len(gaps), "solved": solved, "sources": dict(sources), "ticks": len(tick_ms)}
+    for name, values in ("exact_ms", exact_ms), ("first_ms", first_ms), ("tick_ms", tick_ms):
+        if values:
+            cuts = {"median": 0.5, "p95": 0.95, "p99": 0.99, "max": 1.0}
+            found |= {f"{name}_{cut}": float(np.quantile(values, share)) for cut, share in cuts.items()}
+    for name, values in ("gap", gaps), ("driven", drives):
+        if values:
+            found |= {f"{name}_mean": float(np.mean(values)), f"{name}_p95": float(np.quantile(values, 0.95))}
+    return found
+
+
+@click.command()
+@click.argument("terrain", nargs=-1, required=True, type=click.Path(exists=True, dir_okay=False, path_type=Path))
+@click.option("--size", default=256, show_default=True, help="Cells of a map's side.")
+@click.option("--radius", "radius_m", default=2.0, show_default=True, help="Turning radius in metres.")
+@click.option("--cell-size", "cell_size_m", default=0.25, show_default=True, help="Metres of a rescaled cell.")
+@click.option("--forwards", is_flag=True, help="The body cannot go backwards.")
+@click.option("--fixed", is_flag=True, help="Goals have headings, too.")
+@click.option("--queries", "count", default=20, show_default=True, help="Those that have a path count.")
+@click.option("--seed", default=1, show_default=True)
+def main(terrain: tuple[Path, ...], **how: Any) -> None:
+    """Plan, tick and drive between random headings: figures as JSON, milliseconds and shares of the exact cost."""
+    click.echo(json.dumps(measured(terrain, **how), indent=1))
 
 
 if __name__ == "__main__":

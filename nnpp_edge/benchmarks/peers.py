@@ -2,8 +2,7 @@
 
 The problem is the one that most of them can solve: a step costs its length times the mean weight of the two
 cells, with weights 1 + 2·255·ω·T. What others minimise is said beside them, and the price of their paths is counted
-by the common rule. Beside a plan on a standing map stand one-off use (`plan_path` of ours), and a map that has just
-arrived, for which others get their weights from our `traversability_cost`, on the clock.
+by the common rule.
 """
 
 import functools
@@ -20,8 +19,8 @@ from numpy.typing import NDArray
 
 from nnpp_edge import __version__
 from nnpp_edge.profiling.contest import Figures, Harness, Row, Summary, gap, mean, quantile, summarised
-from nnpp_edge.profiling.suites import QUERIES_PER_MAP, Case, TerrainFiles, source_of, terrain_cases, whole_cost
-from nnpp_edge.runtime import Ground, Plan, Planner, plan_path
+from nnpp_edge.profiling.suites import QUERIES_PER_MAP, Case, TerrainFiles, source_of, terrain_cases
+from nnpp_edge.runtime import Plan, Planner
 from nnpp_edge.runtime.arrays import Float2D
 from nnpp_edge.runtime.cells import Cell, Endpoints
 from nnpp_edge.runtime.exercises import exercise
@@ -30,8 +29,6 @@ from nnpp_edge.runtime.network.inference import NetworkModel
 from nnpp_edge.terrain.workloads import SOFT
 
 REFERENCE = "astar"
-_FRESH_QUERIES = 3
-"""Of a map, that are also asked with nothing kept: some libraries take many times longer to set up than to search."""
 LIMIT_S = 5.0
 """A planner that needs longer for a query is left out."""
 SAME_OPTIMUM = 1e-4
@@ -44,8 +41,6 @@ _FIGURES: Summary = {
     "time_ms_p95": quantile("time_ms", 0.95),
     "times_astar_median": quantile("times_astar", 0.5),
     "map_ms_median": quantile("map_ms", 0.5),
-    "once_ms_median": quantile("once_ms", 0.5),
-    "elevation_ms_median": quantile("elevation_ms", 0.5),
     "gap_mean": mean("gap"),
     "gap_max": quantile("gap", 1.0),
 }
@@ -68,33 +63,15 @@ class PeerPlanner:
     prepare: Callable[[Weights], Search]
     """Do the work that depends on the map alone."""
 
-    def plan_once(self, weights: Weights, query: Endpoints) -> CellPath | None:
-        """From weights to one path, nothing being kept."""
-        return self.prepare(weights)(*query)
 
-    def plan_on(self, ground: Ground, query: Endpoints) -> CellPath | None:
-        """From elevations to one path; a library without cost maps of its own gets ours."""
-        return self.plan_once(weights_of(whole_cost(ground)), query)
+def _ours(method: str, how: str = "") -> PeerPlanner:
+    """A method of ours."""
 
+    def prepared(weights: Weights) -> Search:
+        planner = Planner(weights, step_cost="length", model=_network().share() if method == "nnpp" else "edge")
+        return lambda start, goal: _path(planner.plan(start, goal, method=method))
 
-class _OurPlanner(PeerPlanner):
-    """A method of ours. A map that is planned on once is not shown to the network of a standing map."""
-
-    def __init__(self, method: str, how: str = "") -> None:
-        super().__init__(method, "nnpp-edge", _LENGTH + how, self._prepared)
-
-    def _prepared(self, weights: Weights) -> Search:
-        planner = Planner(weights, step_cost="length", model=self._model())
-        return lambda start, goal: _path(planner.plan(start, goal, method=self.name))
-
-    def plan_once(self, weights: Weights, query: Endpoints) -> CellPath | None:
-        return _path(plan_path(weights, *query, self.name, "length", model=self._model()))
-
-    def plan_on(self, ground: Ground, query: Endpoints) -> CellPath | None:
-        return _path(Planner(ground, model=self._model()).plan(*query, method=self.name))
-
-    def _model(self) -> str | NetworkModel:
-        return _network().share() if self.name == "nnpp" else "edge"
+    return PeerPlanner(method, "nnpp-edge", _LENGTH + how, prepared)
 
 
 @functools.cache
@@ -125,21 +102,6 @@ def _scikit_image(weights: Weights) -> Search:
     def search(start: Cell, goal: Cell) -> CellPath | None:
         costs, _ = search_all.find_costs([start], [goal])
         return np.array(search_all.traceback(goal)) if math.isfinite(costs[goal]) else None
-
-    return search
-
-
-def _tcod(weights: Weights) -> Search:
-    from tcod.path import Pathfinder, SimpleGraph
-
-    whole = np.where(np.isfinite(weights), np.rint(100.0 * weights), 0.0).astype(np.int32)  # 0 is impassable
-    finder = Pathfinder(SimpleGraph(cost=whole, cardinal=70, diagonal=99, greed=int(whole[whole > 0].min())))
-
-    def search(start: Cell, goal: Cell) -> CellPath | None:
-        finder.clear()
-        finder.add_root(start)
-        path = finder.path_to(goal)
-        return path if len(path) > 1 or start == goal else None
 
     return search
 
@@ -176,7 +138,6 @@ def _scipy(weights: Weights) -> Search:
 _OTHERS = {
     "pyastar2d": PeerPlanner("pyastar2d", "pyastar2d", "weight of the cell entered, diagonals no longer", _pyastar2d),
     "skimage": PeerPlanner("skimage.graph", "scikit-image", _LENGTH, _scikit_image),
-    "tcod": PeerPlanner("tcod.path", "tcod", "length × weight entered, whole numbers", _tcod),
     "scipy": PeerPlanner("scipy dijkstra", "scipy", f"{_LENGTH}, to every cell", _scipy),
 }
 """By the module that must be importable."""
@@ -184,8 +145,7 @@ _OTHERS = {
 
 def peer_planners() -> tuple[list[PeerPlanner], list[str]]:
     """Our planners, and the other libraries that are installed; the names of those that are not."""
-    found: list[PeerPlanner] = [_OurPlanner("astar"), _OurPlanner("corridor", ", coarse to fine")]
-    found.append(_OurPlanner("nnpp", ", in the network's region"))
+    found = [_ours("astar"), _ours("corridor", ", coarse to fine"), _ours("nnpp", ", in the network's region")]
     missing = []
     for module, planner in _OTHERS.items():
         try:
@@ -232,7 +192,6 @@ def compare(
                 left_out[planner.name] = f"left out: {seconds:.1f} s a query, over the limit of {LIMIT_S:g} s"
             else:
                 searches[planner.name] = lambda query, search=search: search(*query)  # type: ignore[misc]
-        answered = list[Endpoints]()
         for records in harness.measure(searches, case.queries):
             exact, query = records[REFERENCE].results[0], records[REFERENCE].case
             if exact is None:
@@ -244,18 +203,10 @@ def compare(
                 if path is not None and (tuple(path[0]), tuple(path[-1])) == query:
                     found |= {"failed": False, "gap": gap(path_cost(weights, path), path_cost(weights, exact))}
                 rows.append((name, found))
-            answered.append(query)
             done += 1
             progress(done)
             if done == queries:
                 break
-        again, taking_part = answered[:_FRESH_QUERIES], [each for each in planners if each.name in searches]
-        fresh = {"once_ms": {each.name: partial(each.plan_once, weights) for each in taking_part}}
-        if case.ground.elevation is not None:
-            fresh["elevation_ms"] = {each.name: partial(each.plan_on, case.ground) for each in taking_part}
-        for figure, calls in fresh.items():
-            for records in harness.measure(calls, again, warm_up=again[:1]):
-                rows += [(name, {figure: 1e3 * record.median_s}) for name, record in records.items()]
         if done == queries:
             break
     return {planner.name: _figures(planner, rows, left_out.get(planner.name)) for planner in planners}

@@ -11,7 +11,6 @@ from typing import NoReturn
 import click
 
 from nnpp_edge import __version__
-from nnpp_edge.cli.removed import instead_of
 from nnpp_edge.cli.streams import prepare_streams
 from nnpp_edge.runtime.compiled import notice
 from nnpp_edge.runtime.errors import NnppEdgeError
@@ -91,9 +90,6 @@ def main() -> None:
         sys.exit(1)
     except click.UsageError as error:
         message, command = error.format_message(), error.ctx.command_path if error.ctx else "nnpp-edge"
-        option = error.option_name if isinstance(error, click.NoSuchOption) else ""
-        if advice := instead_of(option, command.split()[-1]):
-            _refuse(f"{option} was removed: {advice}")
         _refuse(f"{message[0].lower()}{message[1:].rstrip('.')}; see {command} --help")
     except (NnppEdgeError, click.ClickException) as error:
         _refuse(str(error))

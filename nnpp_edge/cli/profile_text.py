@@ -36,9 +36,8 @@ _LOOP: Columns = {
 _COMPARED = {**_PLACE, **columns("figure | before | after | worse by: change +.1%"), "verdict": _verdict}
 _PEERS = {
     **columns("size | terrain | planner | n | ms/median: time_ms_median | ms/p95: time_ms_p95"),
-    **columns("× astar/median: times_astar_median | map/ms: map_ms_median | one-off/ms: once_ms_median"),
-    **columns("elevation →/path, ms: elevation_ms_median | gap/mean: gap_mean z.2% | gap/max: gap_max z.2%"),
-    **columns("same/optimum: same_optimum"),
+    **columns("× astar/median: times_astar_median | map/ms: map_ms_median | gap/mean: gap_mean z.2%"),
+    **columns("gap/max: gap_max z.2% | same/optimum: same_optimum"),
 }
 _WHOLE_RUN = (
     ("peak_memory_mb", "peak memory", "MB"),
@@ -160,9 +159,7 @@ def comparison_text(comparison: Facts) -> str:
 
 def peers_text(rows: Sequence[Figures], missing: Sequence[str], *, markdown: bool = False) -> str:
     """The rows beside other libraries: the table, what each planner minimises, and who was left out."""
-    lines = [table(rows, _PEERS, markdown=markdown), ""]
-    lines += ["one-off: from weights to a path, nothing kept; elevation → path: ours by Planner.of_elevation in the"]
-    lines += ["paper's step costs, the others by our traversability_cost and their own search", "minimised:"]
+    lines = [table(rows, _PEERS, markdown=markdown), "", "minimised:"]
     lines += [aligned({f"{row['planner']} {row['version']}": row["objective"] for row in rows}, "  ")]
     lines += [f"{row['planner']} at {row['size']}: {row['note']}" for row in rows if row["note"]]
     failed = [row for row in rows if row["failed"]]

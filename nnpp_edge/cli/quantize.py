@@ -45,7 +45,7 @@ def command(
     }
     if isinstance(c.fp32, Fit):
         shown_as = {name: shown_as[name] for name in list(shown_as)[:4]} | columns(
-            "error of/mean T: mean .4f | blocked/share: blocked .4f | closed/chance: closed .4f"
+            "error of/mean T: rmse_mean .4f | blocked/share: rmse_blocked .4f | closed/chance: rmse_closed .4f"
         )
     rows = [
         {"precision": name, "size_mb": size / 1e6, **asdict(latency), **asdict(judged)}

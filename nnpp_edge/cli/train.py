@@ -115,7 +115,7 @@ def command(
         lines = [f"{checkpoint}: {last['step']:.0f} steps in {minutes:.0f} min, loss {last['loss']:.4f}"]
         if unseen:
             errors = ", ".join(f"{name.removeprefix('rmse_')} {last[name]:.4f}" for name in last if "rmse" in name)
-            lines.append(f"  root mean square errors where nothing was seen: {errors}")
+            lines.append(f"  root mean square errors: {errors}")
         for factor in sorted(key.partition("@")[2] for key in last if key.startswith("gap@")):
             gap, success, share, mm = (last[f"{name}@{factor}"] for name in ("gap", "success", "region_share", "mm"))
             lines.append(

@@ -28,7 +28,7 @@ class UnseenNet(nn.Module):
         initialise(self, self.answer)
 
     def forward(self, planes: Tensor) -> Tensor:
-        """Logits (N, 3, H, W) of the answers for planes (N, 16, H, W) from `encode_unseen`."""
+        """Logits (N, 3, H, W) of the answers for planes (N, 12, H, W) from `encode_unseen`."""
         full = self.stem(planes)
         half = self.down(full)
         half = self.merge_half(half + doubled(self.match_half(self.deep(half))))

@@ -1,7 +1,7 @@
 """A robot in the simulation: what stands where, by costs or by heights. Its ground is the runtime's `Ground`."""
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import cv2
 import numpy as np
@@ -23,33 +23,16 @@ _SPIKE = 100.0
 _LIMITS = ("clearance_m", "max_tilt_deg", "max_pitch_deg", "max_roll_deg", "max_step_m")
 
 
-@dataclass(frozen=True, eq=False)
-class Known:
-    """A coarse map, all that a robot knows before it sees the ground."""
-
-    means: Float2D
-    """(H, W) mean elevations of blocks, metres."""
-    factor: int
-    """Cells to the side of a block."""
-    prior: str
-
-    @classmethod
-    def of(cls, elevation: Float2D, factor: int, prior: str) -> "Known":
-        """Of heights, whose sides the factor divides."""
-        rows, cols = (side // factor for side in elevation.shape)
-        means = elevation.reshape(rows, factor, cols, factor).mean((1, 3), dtype=np.float64)
-        return cls(means.astype(np.float32), factor, prior)
-
-
 class Robot:
     """A robot on costs, or on heights where it has a body or its steps cost by the slope.
 
     `values` is always a map (H, W) float32 of the kind that its ground holds. The scene moves values about and puts
     obstacles on them; what they mean, its robot says, of the map as it is given, apart from what a loop keeps of it:
-    for a robot as large as a cell by each cell's cost, else by a grid that is made anew.
+    for a robot as large as a cell by each cell's cost, else by a grid that is made anew. `known` is the
+    ground as it is known coarsely, in place of a survey.
     """
 
-    def __init__(self, ground: Ground, known: "Known | None" = None) -> None:
+    def __init__(self, ground: Ground, known: Ground | None = None) -> None:
         self._known = known
         self._ground, self.vehicle, self.sides_m = ground, ground.vehicle, ground.sides_m
         self._by_costs, self._eased, self.reach = ground.elevation is None, ground, 0
@@ -111,24 +94,16 @@ class Robot:
 
     def ground(self, values: Float2D) -> Ground:
         """Itself on the map, for planners and the onboard loop."""
-        return _with(self._ground, values) if self._known is None else self._coarse(self._ground)
+        return self._known or _with(self._ground, values)
 
     def patch(self, row: int, col: int, values: Float2D) -> MapPatch:
         """The message that tells the loop of values."""
         return MapPatch(row, col, cost=values) if self._by_costs else MapPatch(row, col, elevation=values)
 
-    def _coarse(self, ground: Ground) -> Ground:
-        """A ground as it is known before anything was seen."""
-        known = self._known
-        assert known is not None
-        height_m, width_m = (known.factor * side for side in self.sides_m)
-        place = known.means, height_m, known.factor, ground.traversability
-        return Ground.of_coarse(*place, prior=known.prior, cell_width_m=width_m, vehicle=ground.vehicle)
-
     def _grid(self, values: Float2D) -> Grid:
         if self._known is None:
             return map_state(_with(self._eased, values)).grid
-        state = map_state(self._coarse(self._eased))
+        state = map_state(replace(self._known, vehicle=self._eased.vehicle))
         state.update_elevation(0, 0, values, np.isfinite(values))
         return state.grid
 

@@ -17,7 +17,7 @@ from nnpp_edge.runtime.errors import InvalidMapError, InvalidQueryError
 from nnpp_edge.runtime.loop.messages import Input
 from nnpp_edge.runtime.map.arcs import PoseOf, drive_along
 from nnpp_edge.runtime.map.step_cost import StepCost
-from nnpp_edge.simulation.robots import Known, Robot
+from nnpp_edge.simulation.robots import Robot
 from nnpp_edge.simulation.steering import followed
 from nnpp_edge.terrain.obstacles import CLEAR, Obstacles
 
@@ -30,8 +30,8 @@ class SurveyedGround:
     """As it is."""
     surveyed: Float2D
     """(H, W) of heights that are blurred, or lack the rocks; of the kind that the ground holds."""
-    known: Known | None = None
-    """Means of blocks, known in place of a survey."""
+    known: Ground | None = None
+    """As means of blocks have it, known in place of a survey."""
 
     @classmethod
     def of(cls, ground: Ground, block: int, bare: Float2D | None = None) -> "SurveyedGround":
@@ -57,10 +57,19 @@ class SurveyedGround:
     def of_known(cls, ground: Ground, factor: int, prior: str) -> "SurveyedGround":
         """Of heights whose sides the factor divides, of which the robot knows the means of blocks."""
         assert ground.elevation is not None
-        nothing = np.full(ground.shape, np.nan, np.float32)
-        known = cls(ground, nothing, Known.of(ground.elevation, factor, prior))
-        known.robot.ground(nothing)  # refuses who cannot drive there
-        return known
+        (rows, cols), (height_m, width_m) = ground.shape, ground.sides_m
+        blocks = ground.elevation.reshape(rows // factor, factor, cols // factor, factor)
+        coarse = Ground.of_coarse(
+            blocks.mean((1, 3), dtype=np.float64).astype(np.float32),
+            factor * height_m,
+            factor,
+            ground.traversability,
+            prior=prior,
+            cell_width_m=factor * width_m,
+            vehicle=ground.vehicle,
+            step_cost=ground.step_cost,
+        )
+        return cls(ground, np.full(ground.shape, np.nan, np.float32), coarse)
 
     @cached_property
     def robot(self) -> Robot:

@@ -16,9 +16,10 @@ from numpy.typing import NDArray
 
 from nnpp_edge.files import make_folder, write_whole
 from nnpp_edge.runtime.errors import DataSetError
+from nnpp_edge.runtime.network.unseen import ANSWERS
 from nnpp_edge.runtime.reading import refused_as
 from nnpp_edge.terrain.dem import Dem
-from nnpp_edge.terrain.known import QUARTERS, KnownMaps
+from nnpp_edge.terrain.known import KnownMaps
 from nnpp_edge.terrain.shards import Recipe, left_out, read_terrain, shard_content
 
 FORMAT = "nnpp-edge-dataset-1"
@@ -136,38 +137,33 @@ def read_shards(folder: Path, recipe: Recipe) -> Iterator[Arrays]:
 
 def _check_shard(shard: Arrays, recipe: Recipe) -> None:
     """KeyError or ValueError where a shard's arrays are not those that the recipe makes."""
+    side, blocks, maps = recipe.size, recipe.blocks, len(shard["heights" if recipe.known else "planes"])
+    queries = 0 if recipe.known else len(shard["map_index"])
+    wanted: dict[str, tuple[str, tuple[int, ...]]] = {
+        "planes": ("u1", (maps, 2, side, side)),
+        "workload": ("U", (maps,)),
+        "pooling": ("i4", (maps,)),
+        "map_index": ("i4", (queries,)),
+        "start": ("f4", (queries, 2)),
+        "goal": ("f4", (queries, 2)),
+        "excess": ("u1", (queries, blocks, blocks)),
+        "on_path": ("u1", (queries, blocks, blocks // 8)),
+    }
     if recipe.known:
-        _check_known(shard, recipe.size)
-        return
-    maps, queries, side, blocks = len(shard["planes"]), len(shard["map_index"]), recipe.size, recipe.blocks
-    for name, dtype, *shape in (
-        ("planes", "u1", maps, 2, side, side),
-        ("workload", "U", maps),
-        ("pooling", "i4", maps),
-        ("map_index", "i4", queries),
-        ("start", "f4", queries, 2),
-        ("goal", "f4", queries, 2),
-        ("excess", "u1", queries, blocks, blocks),
-        ("on_path", "u1", queries, blocks, blocks // 8),
-    ):
+        wanted = dict.fromkeys(("cell_size_m", "slope_limit_deg", "hard_slope_deg"), ("f4", (maps,)))
+        wanted |= {"heights": ("f4", (maps, side, side)), "answers": ("u1", (maps, ANSWERS, side, side))}
+        wanted["factor"] = "i4", (maps,)
+    for name, (dtype, shape) in wanted.items():
         got = shard[name]
         fits = got.dtype.kind == "U" if dtype == "U" else got.dtype == np.dtype(dtype)
-        if got.shape != tuple(shape) or not fits:
-            raise ValueError(f"{name} is {got.shape} {got.dtype}, not {tuple(shape)} {dtype}")
+        if got.shape != shape or not fits:
+            raise ValueError(f"{name} is {got.shape} {got.dtype}, not {shape} {dtype}")
+    if recipe.known:
+        return
     ends = np.stack([shard["start"], shard["goal"]]).astype(np.float32)
     numbers = shard["map_index"].astype(np.int32)
     if not (queries and set(numbers.tolist()) <= set(range(maps)) and ((ends > -1) & (ends < side)).all()):
         raise ValueError("its queries do not lie on its maps")
-
-
-def _check_known(shard: Arrays, blocks: int) -> None:
-    """As `_check_shard`, for maps that are known by their blocks."""
-    maps = len(shard["heights"])
-    shapes = {"heights": (blocks, blocks), "closed": (blocks, blocks)}
-    shapes |= dict.fromkeys(("mean", "blocked"), (QUARTERS * blocks, QUARTERS * blocks))
-    for field in fields(KnownMaps):
-        if (got := shard[field.name].shape) != (wanted := (maps, *shapes.get(field.name, ()))):
-            raise ValueError(f"{field.name} is {got}, not {wanted}")
 
 
 def read_known(folder: Path) -> KnownMaps:

@@ -18,7 +18,7 @@ from nnpp_edge.runtime.network.encoding import Frame, map_planes
 from nnpp_edge.runtime.terrain.traversability import Traversability, traversability_cost
 from nnpp_edge.terrain.dem import Dem, read_dem
 from nnpp_edge.terrain.georeference import LEAST_SIDE_M, MOST_SIDE_M
-from nnpp_edge.terrain.known import QUARTERS, KnownMaps, known_map
+from nnpp_edge.terrain.known import KnownMaps, known_map
 from nnpp_edge.terrain.labels import label_queries, random_points
 from nnpp_edge.terrain.synthetic import synthetic_terrain
 from nnpp_edge.terrain.workloads import SOFT, workload
@@ -92,10 +92,6 @@ class Recipe(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
             (0.0 < self.omega < math.inf, f"ω must be above 0, got {self.omega}"),
             (all(LEAST_SIDE_M <= m <= MOST_SIDE_M for m in self.cell_sizes_m), f"cell sizes must be {span}"),
             (0.0 <= start < end <= 1.0, f"a stripe must lie in [0, 1], got {self.stripe}"),
-            (
-                not (self.known and any(factor % QUARTERS for factor, _ in self.poolings)),
-                f"blocks must have a multiple of {QUARTERS} cells to a side, got {self.poolings}",
-            ),
             (bool(self.cell_sizes_m or self.terrain), "synthetic terrain needs a cell size"),
         ):
             if not met:

@@ -1,9 +1,10 @@
-"""Batches of labelled queries, turned and swapped at random."""
+"""Batches of labelled queries, or of maps known by their blocks, turned and swapped at random."""
 
 import os
 from collections import deque
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from concurrent.futures import Future, ThreadPoolExecutor
+from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,49 +13,33 @@ from nnpp_edge.model.network import encode
 from nnpp_edge.model.registry import Spec
 from nnpp_edge.runtime.errors import DataSetError
 from nnpp_edge.terrain.dataset import Samples
+from nnpp_edge.terrain.known import KnownMaps
 from nnpp_edge.terrain.labels import EXCESS_STEP
 from nnpp_edge.training.checkpoint import TrainSettings
+from nnpp_edge.training.unseen import known_batch
 
 Batch = tuple[NDArray[np.generic], NDArray[np.float32], NDArray[np.float32]]
 """Planes, encoded queries, targets."""
-
-
-def made_ahead(make: Callable[[int], Batch], numbers: range) -> Iterator[Batch]:
-    """The batches of these numbers, made ahead in threads."""
-    threads = max(2, len(os.sched_getaffinity(0)))
-    with ThreadPoolExecutor(threads) as pool:
-        ahead: deque[Future[Batch]] = deque()
-        for at in numbers:
-            if len(ahead) > threads:
-                yield ahead.popleft().result()
-            ahead.append(pool.submit(make, at))
-        while ahead:
-            yield ahead.popleft().result()
 
 
 class Batches:
     """Planes, encoded queries and targets, in a new random order each epoch.
 
     The settings' ``target`` is ``near``: exp(-excess / softness), the nearness to the optimum of the best path
-    through a block; or ``path``: 1 on the optimal path's blocks, 0 elsewhere, as in the paper. Every process, `rank`
-    of `world`, takes every `world`-th query of each batch: together they see the samples of one process.
+    through a block; or ``path``: 1 on the optimal path's blocks, 0 elsewhere, as in the paper; of maps known by their
+    blocks it is what these turn out to be. Every process, `rank` of `world`, takes every `world`-th query of each
+    batch: together they see the samples of one process.
     """
 
     def __init__(
-        self, samples: Samples, spec: Spec, settings: TrainSettings, *, rank: int = 0, world: int = 1
+        self, samples: Samples | KnownMaps, spec: Spec, settings: TrainSettings, *, rank: int = 0, world: int = 1
     ) -> None:
-        label_blocks, side = samples.excess.shape[-1], samples.planes.shape[-1]
-        if label_blocks % spec.blocks or side != spec.input_size:
-            raise DataSetError(
-                f"the network wants maps of {spec.input_size} and labels of a multiple of {spec.blocks} "
-                f"blocks, got {side} and {label_blocks}"
-            )
         if len(samples) < settings.batch:
-            raise DataSetError(f"wanted at least {settings.batch} queries for one batch, got {len(samples)}")
-        self.samples, self.spec, self.settings = samples, spec, settings
-        self.rank, self.world = rank, world
-        self.nearness = np.exp(-np.arange(256) * EXCESS_STEP / settings.softness).astype(np.float32)
-        self.nearness[255] = 0.0
+            raise DataSetError(f"wanted at least {settings.batch} samples for one batch, got {len(samples)}")
+        self.samples, self.settings, self.rank, self.world = samples, settings, rank, world
+        self._make = (
+            partial(known_batch, samples) if isinstance(samples, KnownMaps) else _Labelled(samples, spec, settings)
+        )
 
     def __len__(self) -> int:
         """Batches in an epoch."""
@@ -72,9 +57,32 @@ class Batches:
             ours = slice(self.rank, step, self.world)
             return self._make(order[at * step : (at + 1) * step][ours], swapped[ours], turns[ours])
 
-        return made_ahead(make, range(skip, len(self)))
+        threads = max(2, len(os.sched_getaffinity(0)))
+        with ThreadPoolExecutor(threads) as pool:
+            ahead: deque[Future[Batch]] = deque()
+            for at in range(skip, len(self)):
+                if len(ahead) > threads:
+                    yield ahead.popleft().result()
+                ahead.append(pool.submit(make, at))
+            while ahead:
+                yield ahead.popleft().result()
 
-    def _make(self, queries: NDArray[np.int64], swapped: list[bool], turns: list[tuple[int, bool]]) -> Batch:
+
+class _Labelled:
+    """Makes batches of labelled queries."""
+
+    def __init__(self, samples: Samples, spec: Spec, settings: TrainSettings) -> None:
+        label_blocks, side = samples.excess.shape[-1], samples.planes.shape[-1]
+        if label_blocks % spec.blocks or side != spec.input_size:
+            raise DataSetError(
+                f"the network wants maps of {spec.input_size} and labels of a multiple of {spec.blocks} "
+                f"blocks, got {side} and {label_blocks}"
+            )
+        self.samples, self.spec, self.settings = samples, spec, settings
+        self.nearness = np.exp(-np.arange(256) * EXCESS_STEP / settings.softness).astype(np.float32)
+        self.nearness[255] = 0.0
+
+    def __call__(self, queries: NDArray[np.int64], swapped: list[bool], turns: list[tuple[int, bool]]) -> Batch:
         """The batch of `queries`; those `swapped` go from goal to start, and each is turned and mirrored."""
         s, encoded = self.samples, []
         planes, targets = s.planes[s.map_index[queries]], self._targets(queries)

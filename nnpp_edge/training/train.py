@@ -21,7 +21,7 @@ from nnpp_edge.terrain.dataset import Samples
 from nnpp_edge.terrain.known import KnownMaps
 from nnpp_edge.training.batches import Batch, Batches
 from nnpp_edge.training.checkpoint import Checkpoint, Progress, TrainSettings, in_16_bits, load_checkpoint
-from nnpp_edge.training.unseen import KnownBatches, KnownValidator, loss_where_unseen
+from nnpp_edge.training.unseen import KnownValidator
 from nnpp_edge.training.validation import Validator
 
 __all__ = ["Progress", "TrainSettings", "train"]
@@ -71,17 +71,14 @@ def train(
         raise InvalidQueryError(f"batch must be a multiple of the {processes.world} processes, got {settings.batch}")
     make_folder(folder)
     path = folder / CHECKPOINT
-    place = {"rank": processes.rank, "world": processes.world}
-    batches: Batches | KnownBatches
     validator: Validator | KnownValidator | None = None
-    if isinstance(training, KnownMaps) and isinstance(validation, KnownMaps):
-        batches = KnownBatches(training, settings, **place)
-        validator = KnownValidator(validation) if processes.first else None
-    elif isinstance(training, Samples) and isinstance(validation, Samples):
-        batches = Batches(training, spec, settings, **place)
-        validator = Validator(validation, spec, omega) if processes.first else None
-    else:
+    if type(training) is not type(validation):
         raise DataSetError("wanted two data sets of one kind, got one with queries and one without")
+    batches = Batches(training, spec, settings, rank=processes.rank, world=processes.world)
+    if processes.first and isinstance(validation, KnownMaps):
+        validator = KnownValidator(validation)
+    elif processes.first and isinstance(validation, Samples):
+        validator = Validator(validation, spec, omega)
     run = _Run(spec, settings, processes, len(batches))
     run.begin(path, begin_with)
     progress, began = run.progress, time.monotonic()
@@ -236,12 +233,11 @@ class _Run:
         for group in self.optimiser.param_groups:
             group["lr"] = self._learning_rate()
         planes, query, target = (torch.from_numpy(array).to(self.device, non_blocking=True) for array in batch)
-        unseen = self.spec.encoding == "unseen"
         self.network.train()
         with torch.autocast(self.device.type, torch.bfloat16, enabled=self.in_bfloat16):
-            shown = planes if unseen else planes.float() / 255.0
+            shown = planes if planes.is_floating_point() else planes.float() / 255.0
             logits = self.wrapped(shown.contiguous(memory_format=torch.channels_last), query)
-        loss = (loss_where_unseen if unseen else binary_cross_entropy_with_logits)(logits.float(), target)
+        loss = binary_cross_entropy_with_logits(logits.float(), target)
         self.optimiser.zero_grad(set_to_none=True)
         torch.autograd.backward(loss)
         nn.utils.clip_grad_norm_(self.network.parameters(), 1.0)
@@ -270,10 +266,10 @@ class _Run:
             ours.copy_(theirs)  # the batch norms' statistics
         p = self.progress
         row: dict[str, float] = {"step": p.step, "epoch": p.epoch, "spent_s": round(p.spent_s, 1), "loss": loss}
-        if isinstance(validator, KnownValidator):
-            return row | validator.rows(self.average)
         for judged in validator.judge(self.average):
-            row |= {f"{name}@{judged.factor:g}": value for name, value in asdict(judged).items() if name != "factor"}
+            figures = asdict(judged)
+            at = f"@{figures.pop('factor'):g}" if "factor" in figures else ""
+            row |= {f"{name}{at}": value for name, value in figures.items()}
         return row
 
     def checkpoint(self, *, small: bool) -> Checkpoint:

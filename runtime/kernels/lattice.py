@@ -297,8 +297,8 @@ def field_around(states, memory, frame, ends, rule, part, inside):
         The cells that are looked at, numbered within the border: from, to.
     inside : bool
         False: begin the field by the cells of states that are still open, from which all ways lead on to the goal;
-        they are put on the open list, which has room for all. True, once it is filled: give cells of states that are settled what these cost,
-        where that is less.
+        they are put on the open list, which has room for all. True, once it is filled: give cells of settled states
+        what these cost, where that is less.
     """
     (costs, known, search), (g, meta, stamp, heads, entries, control, reals, counts, _) = states, memory
     (bits, stride), (best, width) = frame, rule
@@ -358,8 +358,8 @@ def expand_states(poses, edges, prices, field, region, ends, rule, memory, limit
         Nodes.
     rule : (towards, width, beyond, frame, starting, wanted)
         Costs of straight, diagonal and knight's legs by which what is left is judged; else as there. Binary digits of
-        a cell's states, and cells of a row with its border. (S,) bool, states in which it may start, one at least, and
-        that will do at the goal.
+        a cell's states, and cells of a row with its border. (S,) bool, states in which it may start, one at least,
+        and that will do at the goal.
     memory
         As there, of the states.
 

@@ -25,6 +25,8 @@ class Unseen:
         self.mean, self.blocked, self.share = (np.zeros(self.dem.shape, np.float32) for _ in range(3))
         """(H, W) of the cells seen of each block: mean T, impassable ones as 1; share that is impassable; and what
         share they are of the block's."""
+        self.left = self.dem.size
+        """Blocks not all of whose cells have been seen, as far as `read` knows."""
         self._new: list[Rectangle] = []
 
     def note(self, part: Rectangle) -> None:
@@ -53,7 +55,9 @@ class Unseen:
         shut = known & ~(costs < np.inf)
         count = np.maximum(self._sums(known), 1.0)
         blocks = slices(part)
-        self.share[blocks] = self._sums(known) / np.float32(side**2)
+        share = self._sums(known) / np.float32(side**2)
+        self.left += int((self.share[blocks] == 1.0).sum()) - int((share == 1.0).sum())
+        self.share[blocks] = share
         self.mean[blocks] = self._sums(np.where(shut, np.float32(1.0), np.where(known, costs, 0.0))) / count
         self.blocked[blocks] = self._sums(shut) / count
         return part
@@ -65,11 +69,6 @@ class Unseen:
         here = np.minimum(self.mean[blocks] + np.float32(BLOCKED_PRICE) * blocked, np.float32(MOST_PRICE))
         price: Float2D = share * here + (1.0 - share) * self.layers[0][blocks]
         return np.where((share == 1.0) & (blocked == 1.0), np.float32(np.inf), price)
-
-    @property
-    def nothing_left(self) -> bool:
-        """Whether all cells have been seen, as far as this was asked for."""
-        return bool((self.share == 1.0).all())
 
     def unknown(self, rows: slice, cols: slice) -> NDArray[np.bool_]:
         """Cells of a part of the map whose heights mean nothing."""

@@ -17,7 +17,7 @@ METADATA_KEY = "nnpp_edge"
 FORMAT: Final = "nnpp-edge-model-1"
 UNSEEN = (
     *("slope_across", "slope_down", "above_3", "above_7", "above_15", "slope", "step", "blocked_by_slope", "known"),
-    *("seen", "seen_mean", "seen_blocked", "seen_more_blocked", "limited", "factor", "cell"),
+    *("limited", "factor", "cell"),
 )
 """Planes of a coarse map, in order; `above_n` are differences between means over n × n blocks (`network.unseen`)."""
 CHANNELS = {"gaussian": ("cost", "start_map", "goal_map"), "ends": ("cost", "blocked", "ends"), "unseen": UNSEEN}

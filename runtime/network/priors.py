@@ -6,135 +6,80 @@ be a dead end, which costs more than any ground. Blocks of unknown elevation hav
 """
 
 from collections.abc import Iterator
-from dataclasses import dataclass
 from pathlib import Path
-from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
 from nnpp_edge.runtime.arrays import Float2D
 from nnpp_edge.runtime.errors import InvalidQueryError, ModelError
+from nnpp_edge.runtime.map.unseen import Unseen
 from nnpp_edge.runtime.network.inference import NetworkModel
-from nnpp_edge.runtime.network.unseen import MARGIN, Seen, encode_unseen, expected_by_slope, prices_of
+from nnpp_edge.runtime.network.unseen import MARGIN, encode_unseen, expected_by_slope, prices_of
 from nnpp_edge.runtime.terrain.traversability import Traversability, terrain_terms, traversability_cost
 from nnpp_edge.runtime.tuning import BLOCKED_PRICE, MOST_PRICE
 
 PRIORS = ("network", "slope", "eq1", "mean")
 
 
-class Prior(Protocol):
-    """A rule for prices."""
+def set_prices(unseen: Unseen) -> None:
+    """Price the blocks of a coarse map by its ground's prior, unless they are, before any of its cells are weighed.
 
-    def prices(self, dem: Float2D, seen: Seen | None = None) -> Float2D:
-        """Price of each block, (H, W) float32 in [0, `MOST_PRICE`], of a whole coarse map or a window of it.
-
-        `dem` are the blocks' mean elevations in metres, NaN where unknown. Only what is relative in them counts.
-        """
-
-
-def prior_named(
-    name: str, traversability: Traversability, cell_size_m: float, factor: int, model: str | Path = "unseen"
-) -> Prior:
-    """The prior of that name, for blocks of `cell_size_m` and `factor` × `factor` cells.
-
-    InvalidQueryError for another name; ModelError where the network's `model` cannot be loaded or is another kind.
+    Errors as of `prices_by`.
     """
-    if name == "network":
-        return NetworkPrior(model, traversability, cell_size_m, factor)
-    if name == "eq1":
-        return CoarseCost(traversability, cell_size_m)
-    if name == "slope":
-        return CoarseSlope(traversability, cell_size_m, factor)
-    if name == "mean":
-        return OneMean(CoarseSlope(traversability, cell_size_m, factor))
-    raise InvalidQueryError(f"prior must be one of {', '.join(PRIORS)}, got {name!r}")
+    if not unseen.priced:
+        ground, side_m = unseen.ground, unseen.factor * unseen.ground.sides_m[0]
+        of_map = unseen.dem, ground.traversability, side_m, unseen.factor
+        unseen.layers[0] = prices_by(ground.prior, *of_map, ground.prior_model)
+        unseen.priced = True
 
 
-@dataclass(frozen=True)
-class CoarseCost:
-    """Eq. 1 on the coarse map, as if its blocks were cells."""
+def prices_by(
+    prior: str,
+    dem: Float2D,
+    limits: Traversability,
+    cell_size_m: float,
+    factor: int,
+    model: str | Path | NetworkModel = "unseen",
+) -> Float2D:
+    """Price of each block of a coarse map, (H, W) float32 in [0, `MOST_PRICE`].
 
-    traversability: Traversability
-    cell_size_m: float
-
-    def prices(self, dem: Float2D, seen: Seen | None = None) -> Float2D:
-        """As of `Prior`."""
-        cost = traversability_cost(dem, self.cell_size_m, self.traversability, warn=False)
-        return within(np.where(cost < 1.0, cost, BLOCKED_PRICE), dem)
-
-
-@dataclass(frozen=True)
-class CoarseSlope:
-    """The coarse map's slope, calibrated on maps that are known finely; see `expected_by_slope`."""
-
-    traversability: Traversability
-    cell_size_m: float
-    factor: int
-
-    def prices(self, dem: Float2D, seen: Seen | None = None) -> Float2D:
-        """As of `Prior`."""
-        slope = terrain_terms(dem, self.cell_size_m)[0]
-        mean, blocked = expected_by_slope(slope, self.traversability, self.factor)
-        return within(mean + BLOCKED_PRICE * blocked, dem)
-
-
-@dataclass(frozen=True)
-class OneMean:
-    """The mean of another prior's prices for all known blocks."""
-
-    of: Prior
-
-    def prices(self, dem: Float2D, seen: Seen | None = None) -> Float2D:
-        """As of `Prior`."""
-        known = np.isfinite(dem)
-        mean = float(self.of.prices(dem)[known].mean()) if known.any() else MOST_PRICE
-        return within(np.full(dem.shape, mean), dem)
+    `dem` are the means of `factor` × `factor` cells, metres, NaN where unknown; blocks have sides of `cell_size_m`.
+    Only what is relative in the elevations counts. InvalidQueryError where there is no such prior; ModelError where
+    the network's `model` cannot be loaded or is another kind.
+    """
+    known = np.isfinite(dem)
+    if prior == "network":
+        network = model if isinstance(model, NetworkModel) else NetworkModel(model)
+        price = _by_network(network, dem, limits, cell_size_m, factor)
+    elif prior == "eq1":
+        cost = traversability_cost(dem, cell_size_m, limits, warn=False)
+        price = np.where(cost < 1.0, cost, np.float32(BLOCKED_PRICE))
+    elif prior in PRIORS:
+        mean, blocked = expected_by_slope(terrain_terms(dem, cell_size_m)[0], limits, factor)
+        price = mean + np.float32(BLOCKED_PRICE) * blocked
+        if prior == "mean":
+            price[known] = price[known].sum() / max(known.sum(), 1)
+    else:
+        raise InvalidQueryError(f"prior must be one of {', '.join(PRIORS)}, got {prior!r}")
+    return np.where(known, np.clip(price, 0.0, MOST_PRICE), MOST_PRICE).astype(np.float32)
 
 
-def within(price: NDArray[np.floating], dem: Float2D) -> Float2D:
-    """Prices in range, `MOST_PRICE` where the elevation is unknown."""
-    out: Float2D = np.where(np.isfinite(dem), np.clip(price, 0.0, MOST_PRICE), MOST_PRICE).astype(np.float32)
+def _by_network(
+    network: NetworkModel, dem: Float2D, limits: Traversability, cell_size_m: float, factor: int
+) -> NDArray[np.floating]:
+    """Prices by a network; maps larger than its input are shown to it window by window."""
+    if network.metadata.encoding != "unseen":
+        raise ModelError(f"{network.path}: wanted a network that prices unseen ground, got another")
+    out, side = np.empty(dem.shape, np.float32), network.metadata.input_size
+    for top, row, rows in windows(dem.shape[0], side):
+        for left, col, cols in windows(dem.shape[1], side):
+            part, window = dem[top : top + side, left : left + side], np.full((side, side), np.nan, np.float32)
+            window[: part.shape[0], : part.shape[1]] = part
+            encode_unseen(window, limits, cell_size_m, factor, network.inputs["input"][0])
+            inner = network.answers()[:, row - top : row - top + rows, col - left : col - left + cols]
+            out[row : row + rows, col : col + cols] = prices_of(inner)
     return out
-
-
-class NetworkPrior:
-    """A network that is shown the coarse map and what has been seen nearby."""
-
-    def __init__(self, model: str | Path, traversability: Traversability, cell_size_m: float, factor: int) -> None:
-        self.network = NetworkModel(model)
-        if self.network.metadata.encoding != "unseen":
-            raise ModelError(f"{self.network.path}: wanted a network that prices unseen ground, got another")
-        self._shown_by = traversability, cell_size_m, factor
-        side = self.network.metadata.input_size
-        self._dem = np.empty((side, side), np.float32)
-
-    def prices(self, dem: Float2D, seen: Seen | None = None) -> Float2D:
-        """As of `Prior`; maps larger than the network's input are shown to it window by window."""
-        out = np.empty(dem.shape, np.float32)
-        side = len(self._dem)
-        for top, row, rows in windows(dem.shape[0], side):
-            for left, col, cols in windows(dem.shape[1], side):
-                part = slice(top, top + side), slice(left, left + side)
-                answers = self._answers(
-                    dem[part], seen and Seen(*(a[part] for a in (seen.mean, seen.blocked, seen.share)))
-                )
-                inner = slice(row - top, row - top + rows), slice(col - left, col - left + cols)
-                out[row : row + rows, col : col + cols] = prices_of(answers[(slice(None), *inner)])
-        return within(out, dem)
-
-    def _answers(self, dem: Float2D, seen: Seen | None) -> NDArray[np.float32]:
-        """Of a window of at most the network's size, (3, S, S)."""
-        rows, cols = dem.shape
-        self._dem[:] = np.nan
-        self._dem[:rows, :cols] = dem
-        padded = None
-        if seen is not None:
-            padded = Seen(*np.zeros((3, *self._dem.shape), np.float32))
-            for own, given in zip(padded.planes, seen.planes, strict=True):
-                own[:rows, :cols] = given
-        encode_unseen(self._dem, padded, *self._shown_by, self.network.inputs["input"][0])
-        return self.network.answers()
 
 
 def windows(cells: int, side: int) -> Iterator[tuple[int, int, int]]:

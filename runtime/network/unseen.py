@@ -5,7 +5,6 @@ shown: in units of the rise over a block at the limit of the slope.
 """
 
 import math
-from dataclasses import dataclass
 
 import cv2
 import numpy as np
@@ -20,27 +19,6 @@ ANSWERS = 3
 MARGIN = 8
 """Blocks at the edge of a window whose answers are taken from another window, where there is one."""
 _NUMBERS = SlopePrice()
-
-
-@dataclass(frozen=True, eq=False)
-class Seen:
-    """Facts seen of each block of a window: (H, W) float32 each, 0 where nothing was."""
-
-    mean: Float2D
-    """Mean T of the cells seen, impassable ones as 1."""
-    blocked: Float2D
-    """Share of the cells seen that is impassable."""
-    share: Float2D
-    """Share of the block's cells that was seen."""
-
-    @property
-    def planes(self) -> tuple[Float2D, Float2D, Float2D]:
-        """All three."""
-        return self.mean, self.blocked, self.share
-
-    def part(self, of: tuple[slice, slice]) -> "Seen":
-        """Those of some blocks."""
-        return Seen(*(plane[of] for plane in self.planes))
 
 
 def expected_by_slope(
@@ -59,9 +37,9 @@ def expected_by_slope(
 
 
 def encode_unseen(
-    dem: Float2D, seen: Seen | None, limits: Traversability, cell_size_m: float, factor: int, out: NDArray[np.float32]
+    dem: Float2D, limits: Traversability, cell_size_m: float, factor: int, out: NDArray[np.float32]
 ) -> None:
-    """Show a window of a coarse map: the channels of each block into `out`, (16, H, W) float32; 0 where unknown.
+    """Show a window of a coarse map: the channels of each block into `out`, (12, H, W) float32; 0 where unknown.
 
     `dem` (H, W) are means over factor × factor cells, metres, NaN where unknown; `cell_size_m` is a block's side.
     """
@@ -79,15 +57,10 @@ def encode_unseen(
         (rises[a] - rises[a + 1]) / np.maximum(there[sides[a]] + there[sides[a + 1]], 1.0) for a in (0, 2)
     )
     slope = np.arctan(np.sqrt(down * down + across * across) * np.float32(tangent))
-    mean, blocked = expected_by_slope(slope, limits, factor)
+    blocked = expected_by_slope(slope, limits, factor)[1]
     step = np.max([np.abs(edged[side] - filled) for side in sides], axis=0)
     planes = [_soft(across), _soft(down), _soft(4.0 * (height - near)), _soft(2.0 * (near - wide)), _soft(wide - far)]
     planes += [np.minimum(slope / math.radians(limits.slope_limit_deg), 2.0) / 2.0, _soft(step), blocked, known]
-    if seen is None:
-        planes += [np.zeros_like(known)] * 4
-    else:
-        some = seen.share > 0.0
-        planes += [seen.share, (seen.mean - mean) * some, seen.blocked, seen.share * (seen.blocked - blocked)]
     for plane, values in zip(out, planes, strict=False):
         np.multiply(values, known, out=plane, casting="same_kind")
     cell = cell_size_m / factor * tangent / 2.0

@@ -5,7 +5,6 @@ from collections.abc import Callable
 import numpy as np
 from numpy.typing import NDArray
 
-from nnpp_edge.runtime.cells import Cell
 from nnpp_edge.runtime.errors import Status
 from nnpp_edge.runtime.kernels.tiles import SEEN
 from nnpp_edge.runtime.map.ground import Ground
@@ -28,7 +27,7 @@ class BlockWay:
         self, state: MapState, omega: float, find: Callable[[MapState], Callable[[Query, Work], Found]]
     ) -> None:
         assert state.unseen is not None
-        self._unseen, self._read = state.unseen, state.log.reader()
+        self._unseen = state.unseen
         everywhere = 0, 0, *self._unseen.dem.shape
         self._map = map_state(Ground(self._unseen.costs(everywhere) / MOST_PRICE), omega * MOST_PRICE)
         self._find = find(self._map)
@@ -67,8 +66,3 @@ def over(stops: CellPath) -> CellPath:
     share = ((np.arange(len(begins)) - begins + 1) / np.repeat(steps, steps))[:, None]
     begin, end = (np.repeat(ends, steps, axis=0) for ends in (stops[:-1], stops[1:]))
     return np.concatenate((stops[:1], np.rint(begin * (1.0 - share) + end * share).astype(np.int32)))
-
-
-def cell(stop: CellPath) -> Cell:
-    """As a pair."""
-    return int(stop[0]), int(stop[1])

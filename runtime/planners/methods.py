@@ -14,14 +14,14 @@ from nnpp_edge.runtime.map.pyramid import coarse_shapes
 from nnpp_edge.runtime.map.state import MapState
 from nnpp_edge.runtime.memory import touch
 from nnpp_edge.runtime.network.inference import NetworkModel
-from nnpp_edge.runtime.planners.by_blocks import BlockWay, cell, over
+from nnpp_edge.runtime.network.priors import set_prices
+from nnpp_edge.runtime.planners.by_blocks import BlockWay, over
 from nnpp_edge.runtime.planners.coarse_to_fine import CoarseToFine
 from nnpp_edge.runtime.planners.plan import DynamicMethod, Method, Source
 from nnpp_edge.runtime.planners.query import Found, Query, Work, problem_with
 from nnpp_edge.runtime.planners.searchers import AStarSearcher, MendingSearcher, RegionMender, Searcher
 from nnpp_edge.runtime.planners.standing_path import Rest
 from nnpp_edge.runtime.region.learned import LearnedRegions
-from nnpp_edge.runtime.region.prices import set_prices
 from nnpp_edge.runtime.search.astar import Search
 from nnpp_edge.runtime.search.dstar_lite import DStarLite, serves
 from nnpp_edge.runtime.tuning import (
@@ -239,12 +239,12 @@ class Methods:
         way = self.blocks  # before what is new is read: it begins with all
         if (part := state.unseen.read(grid)) is not None:
             way.changed(part)
-        if state.unseen.nothing_left:
+        if not state.unseen.left:
             return None
         if (found := way.find(query, work, whole=self.has_poses)) is None:
             return None
         stops, first, region = found
-        near = query if self.has_poses else query._replace(goal=cell(stops[first]))
+        near = query if self.has_poses else query._replace(goal=(int(stops[first, 0]), int(stops[first, 1])))
         if problem_with(grid, near.start, near.goal) is not None:
             return None
         search = self.astar.search(near, work, region)

@@ -18,13 +18,26 @@ from nnpp_edge.runtime.cells import Cell
 from nnpp_edge.runtime.deadline import NEVER, Deadline
 from nnpp_edge.runtime.errors import Status
 from nnpp_edge.runtime.kernels import expansion as kernels
-from nnpp_edge.runtime.kernels.lattice import DIRECTIONS, KNIGHT, expand_states, field_around, fill_field, trace_states
+from nnpp_edge.runtime.kernels.lattice import (
+    DIRECTIONS,
+    KNIGHT,
+    expand_states,
+    field_around,
+    fill_field,
+    trace_states,
+)
 from nnpp_edge.runtime.kernels.nodes import octile
 from nnpp_edge.runtime.map.grid import Grid
 from nnpp_edge.runtime.map.region import Region
 from nnpp_edge.runtime.map.step_cost import StepCost
 from nnpp_edge.runtime.search.workspace import Workspace
-from nnpp_edge.runtime.tuning import AROUND_GOAL, BUCKET_WIDTH, BUCKET_WIDTH_BY_LANDMARKS, DIRECTED_BUCKET_WIDTH, TURNS_IN_FIELD
+from nnpp_edge.runtime.tuning import (
+    AROUND_GOAL,
+    BUCKET_WIDTH,
+    BUCKET_WIDTH_BY_LANDMARKS,
+    DIRECTED_BUCKET_WIDTH,
+    TURNS_IN_FIELD,
+)
 
 _BETWEEN_LOOKS = 1 << 14
 """Expansions after which is looked whether enough is known."""
@@ -173,7 +186,7 @@ def _around_goal(
     allowed: Parts,
     until: float,
 ) -> tuple[Search | None, Callable[[bool], None] | None]:
-    """What the last metres to a goal with a heading cost, by a search from there of a few states.
+    """Costs of the last metres to a goal with a heading, by a search from there of a few states.
 
     A way back, by a body that stands the other way round, costs what the way there does. Returns that there is no
     path, where all that leads to the goal is known; and what puts the costs into the field, before it is filled and
@@ -259,7 +272,9 @@ def _by_field(
     if wanted is not None:
         at_goal[:] = np.resize(wanted, workspace.states)
     rule = _best(grid), grid.prices[0] * BUCKET_WIDTH_BY_LANDMARKS, _beyond(beyond), frame, starting, at_goal
-    code, length, expansions, _ = _run(expand_states, (*states, judged, allowed), (first, last), rule, workspace, limits)
+    code, length, expansions, _ = _run(
+        expand_states, (*states, judged, allowed), (first, last), rule, workspace, limits
+    )
     end = int(workspace.counts[kernels.BEST_NODE])
     trace = partial(trace_states, prices=states[2], frame=frame)
     if code == kernels.PAUSED and limits[0] < _WITHOUT_END and workspace.counts[kernels.SETTLED] >= 0:

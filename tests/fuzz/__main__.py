@@ -24,7 +24,7 @@ FOLDER = Path("build/fuzz")
 BATCH, BATCH_S = 200, 5.0
 """Cases that one forked process does one after another, and seconds after which it begins no other."""
 SHARES = {"options": 7.5, "weights": 1.5, "messages": 1.5, "sequences": 2.0, "elevations": 1.5}
-SHARES |= {"bodies": 1.5, "layers": 1.5, "lines": 1.0, "limits": 1.5, "projections": 0.5}
+SHARES |= {"bodies": 1.5, "layers": 1.5, "lines": 1.0, "projections": 0.5}
 """Of the time, for each target."""
 MOST_TOLD = 3  # findings of one kind that are told in full
 LOADED = (

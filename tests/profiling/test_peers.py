@@ -5,12 +5,12 @@ import numpy as np
 import pytest
 
 from nnpp_edge.benchmarks import peers
-from nnpp_edge.benchmarks.peers import peer_planners, weights_of
-from nnpp_edge.profiling.suites import Case, TerrainFiles, terrain_cases
+from nnpp_edge.benchmarks.peers import peer_planners
+from nnpp_edge.profiling.suites import Case
 from nnpp_edge.runtime import Ground
 
 SOLVE_THE_SAME = ("astar", "skimage.graph", "scipy dijkstra")
-OTHERS = {"pyastar2d": "pyastar2d", "skimage.graph": "skimage", "tcod.path": "tcod", "scipy dijkstra": "scipy"}
+OTHERS = {"pyastar2d": "pyastar2d", "skimage.graph": "skimage", "scipy dijkstra": "scipy"}
 
 
 @pytest.fixture(scope="module")
@@ -33,7 +33,6 @@ def test_a_row_for_each_size_and_planner(nnpp_edge, terrain, tmp_path):
     for row in told["rows"]:
         assert (row["n"], row["failed"], row["note"]) == (12, 0, "")
         assert 0.0 < row["time_ms_median"] <= row["time_ms_p95"]
-        assert row["once_ms_median"] > 0.0 and row["elevation_ms_median"] > 0.0
         assert row["gap_max"] >= row["gap_mean"] >= -1e-6
         if row["planner"] in SOLVE_THE_SAME:
             assert row["same_optimum"], row
@@ -49,7 +48,7 @@ def test_libraries_that_are_not_installed_are_named_and_left_out(nnpp_edge, terr
     assert ended.code == 0, ended.err
     last = ended.out.splitlines()[-1]
     assert last.startswith("left out, not installed: ") and "nnpp-edge[bench]" in last
-    for package in ("pyastar2d", "scikit-image", "tcod", "scipy"):
+    for package in ("pyastar2d", "scikit-image", "scipy"):
         assert package in last
     assert "corridor" in ended.out and "skimage.graph" not in ended.out
 
@@ -65,8 +64,7 @@ def test_a_planner_over_the_limit_is_left_out_and_says_so(monkeypatch):
     rows = peers.compare(planners, one_map(np.full((40, 40), 0.2), ((0, 0), (39, 39))), 1)
     assert rows["corridor"]["note"] == "left out: 0.0 s a query, over the limit of 1e-09 s"
     assert rows["corridor"]["n"] == 0 and rows["corridor"]["time_ms_median"] is None
-    assert rows["astar"]["n"] == 1 and rows["astar"]["once_ms_median"] > 0.0
-    assert rows["astar"]["elevation_ms_median"] is None, "of a map of costs alone"
+    assert rows["astar"]["n"] == 1
 
 
 def test_obstacles_are_obstacles_to_all_and_queries_without_a_path_are_passed_over():
@@ -80,19 +78,6 @@ def test_obstacles_are_obstacles_to_all_and_queries_without_a_path_are_passed_ov
         assert (row["n"], row["failed"]) == (2, 0), name
         assert row["same_optimum"] or name not in SOLVE_THE_SAME
         assert np.isfinite(row["gap_max"]), name
-
-
-def test_from_elevations_and_once_every_planner_finds_what_it_finds_on_a_standing_map(terrain):
-    case = next(terrain_cases(TerrainFiles((terrain,)).read(), "soft", 64))
-    weights, query = weights_of(case.cost), case.queries[0]
-    for planner in peer_planners()[0]:
-        standing = peers.path_cost(weights, planner.prepare(weights)(*query))
-        assert peers.path_cost(weights, planner.plan_once(weights, query)) == pytest.approx(standing, rel=1e-6)
-        path = planner.plan_on(case.ground, query)
-        assert (tuple(path[0]), tuple(path[-1])) == query
-        # ours go by the paper's step costs there, in which diagonal steps weigh less
-        rel = 0.05 if planner.package == "nnpp-edge" else 1e-6
-        assert peers.path_cost(weights, path) == pytest.approx(standing, rel=rel), planner.name
 
 
 def test_a_paths_cost_is_length_times_mean_weight():

@@ -149,12 +149,6 @@ def test_an_experiment_that_fails_leaves_what_was_there(terrain, run, tmp_path, 
     assert {p: p.read_bytes() for p in tmp_path.rglob("*") if p.is_file()} == before
 
 
-def test_level_ground_is_no_trouble(run, tmp_path):
-    np.savez(tmp_path / "flat.npz", elevation_m=np.zeros((128, 128)), cell_size_m=1.0)
-    assert all(ran for _, ran in run(tmp_path / "flat.npz", tmp_path / "out"))
-    assert "nan" not in (tmp_path / "out" / "README.md").read_text()
-
-
 def test_plain_astar_is_optimal_and_the_region_is_the_networks(tiny_model):
     cost = np.random.default_rng(3).uniform(0.0, 0.8, (70, 70)).astype(np.float32)
     networks = Networks(NetworkModel(tiny_model), NetworkModel(tiny_model))
@@ -255,31 +249,6 @@ def test_table_3_is_judged_by_the_figures():
     better = of((9.0, 10.0), (1.0, 10.0), (3.0, 10.0), (0.1, 9.0), control=(0.1, 10.0))
     assert verdicts(better) == [Verdict.BETTER] * 7
     assert [f.controls for f in better] == [(CORRIDOR,) if "NN" in f.claim else () for f in better[:6]] + [()]
-
-
-def as_in_table4(**change):
-    """Rows of all scenes that come to the paper's sums."""
-    rows = Rows()
-    for (at,), of in paper.TABLE_4.by("map").items():
-        static_, moving = ({r["planner"]: r for r in of.of(scene=s)} for s in (paper.STATIC, paper.DYNAMIC))
-        first = {name: (static_[name]["time_s"], static_[name]["cc"]) for name in METHODS[:2]}
-        first |= dict.fromkeys(METHODS[2:], first[paper.ASTAR])
-        last = {name: moving[name]["time_s"] - first[name][0] for name in METHODS}
-        ccs = {name: moving[name].get("cc", moving[paper.ASTAR]["cc"]) - first[name][1] for name in METHODS}
-        for scene, plans in ((paper.STATIC, 1), (paper.DYNAMIC, 2)):
-            rows += answered({"scene": scene, "map": at, "plan": 0}, first | change)
-            if plans == 2:
-                later = {name: (last[name], ccs[name]) for name in METHODS}
-                rows += answered({"scene": scene, "map": at, "plan": 1}, later, mended=1.0)
-    return rows
-
-
-def test_table_4_is_judged_by_the_figures():
-    found = dynamic.table4_findings(as_in_table4())
-    assert {f.verdict for f in found if "mends" not in f.claim} == {Verdict.AGREES}
-    assert {f.ours.split(" of")[0] for f in found if "mends" in f.claim} == {"5"}
-    late = dynamic.table4_findings(as_in_table4(**dict.fromkeys((paper.ASTAR_NN, paper.DSTAR_NN), (50.0, 300.0))))
-    assert all(f.verdict is Verdict.DIFFERS for f in late if "A*NN over A*" in f.claim or "CC increase" in f.claim)
 
 
 def test_an_episode_is_driven_by_all(tiny_model):

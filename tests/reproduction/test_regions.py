@@ -10,7 +10,6 @@ from nnpp_edge.reproduction.regions import (
     Networks,
     PaperRegions,
     all_regions,
-    shuffled,
 )
 from nnpp_edge.reproduction.rows import Rows
 from nnpp_edge.runtime import NetworkModel
@@ -67,16 +66,3 @@ def test_the_corridor_goes_round_what_the_straight_band_runs_into(tiny_model):
     found = Rows(here.searched({CORRIDOR: CORRIDOR, BAND: BAND}, here.regions))
     assert found.of(CORRIDOR).all("found") == [1.0] and found.of(BAND).all("found") == [0.0]
     assert np.isnan(found.increase(BAND)) and found.increase(CORRIDOR) >= 0.0
-
-
-def test_a_shuffled_network_is_another_one_and_always_the_same():
-    model = NetworkModel("edge")
-    one, other = shuffled(model), shuffled(model)
-    planes = np.random.default_rng(1).uniform(0.0, 1.0, (2, 64, 64)).astype(np.float32)
-    answers = []
-    for each in (model, one, other):
-        each.set_map(planes)
-        answers.append(each.answer((5.0, 5.0), (50.0, 60.0)).copy())
-    np.testing.assert_array_equal(answers[1], answers[2])
-    assert np.abs(answers[0] - answers[1]).max() > 0.05
-    assert one.metadata == model.metadata

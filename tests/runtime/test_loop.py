@@ -148,14 +148,6 @@ def test_a_histogram_takes_any_duration_and_says_how_many_were_shorter_exactly()
 # --- messages and settings
 
 
-def test_a_patch_is_a_copy():
-    values = free((3, 3))
-    patch = MapPatch(0, 0, cost=values)
-    values[:] = 0.9
-    assert (patch.cost == np.float32(0.2)).all()
-    assert Pose(3.99, -0.5).cell == (3, -1)
-
-
 # --- the map
 
 
@@ -341,15 +333,6 @@ def test_out_of_time_is_a_timeout_and_the_standing_path_bridges_it(monkeypatch):
     assert nav.counters().degraded == {"timeout": 2}
 
 
-def test_a_search_is_ended_at_the_deadline():
-    cost = np.random.default_rng(0).random((1000, 1000)).astype(np.float32) * 0.9
-    nav = navigator(cost, (5, 5), (990, 990), method="astar")
-    message = nav.tick(time.monotonic() + 0.01)
-    assert message.origin is not Origin.FULL
-    assert nav.counters().degraded == {"timeout": 1}
-    check(message, cost)
-
-
 def test_a_map_that_changes_while_planning_holds_the_path_back(monkeypatch):
     nav = navigator(refine="any-angle")
     replan, later = nav.planner.replan, [lambda plan: one_cell(plan.path[10], 0.9)]
@@ -422,15 +405,6 @@ def test_it_runs_at_its_rate_and_sends_answers_and_status():
     assert status[-1].summary()["counters"]["ticks"] > 0
     assert paths[-1].summary()["outcome"] == "OK"
     assert gc.isenabled() and not gc.get_freeze_count()
-
-
-def test_a_full_source_says_so():
-    source = InProcessSource(2)
-    patch = MapPatch(0, 0, cost=free((1, 1)))
-    assert [source.put(patch) for _ in range(3)] == [True, True, False]
-    assert source.refused == 1
-    assert (len(list(source.poll())), len(list(source.poll()))) == (2, 0)
-    assert source.put(patch)
 
 
 class Stuck:
@@ -556,18 +530,6 @@ def test_a_signal_stops_it():
     assert counters.ticks == 10
     assert len([m for m in sink.messages if isinstance(m, PathMessage)]) == counters.ticks
     assert signal.getsignal(signal.SIGTERM) is before
-
-
-def test_stop_ends_a_long_sleep():
-    loops = []
-    for rate_hz in (0.01, 1e-10):
-        soon = threading.Timer(0.05, lambda: loops[-1].stop())
-        loops.append(
-            Loop(navigator(), InProcessSource(), rate_hz=rate_hz, after_tick=lambda _, soon=soon: soon.start())
-        )
-        began = time.monotonic()
-        assert loops[-1].run().ticks == 1
-        assert time.monotonic() - began < 20.0  # of the 100 that a tick has
 
 
 def test_what_follows_a_tick_may_fail_and_ticks_that_are_not_paced_have_a_period_each():

@@ -261,37 +261,3 @@ def test_a_second_thread_is_refused_while_the_first_is_at_work(kind):
         other.join()
     assert found == [4]
     assert planner.update(0, 0, np.full((2, 2), 0.3)) == 4
-
-
-def test_the_nearest_of_several_goals_is_looked_for_on_one_map():
-    """All its plans are one call: none may be made on a map that another thread has changed in between."""
-    planner, refused = Planner(np.full((30, 40), 0.3)), []
-
-    def change():
-        try:
-            planner.update(0, 0, np.ones((2, 2)))
-        except ConcurrentUseError as error:
-            refused.append(error)
-
-    class Interrupted(float):
-        """A number that lets another thread run whenever it is looked at."""
-
-        def __ge__(self, other):
-            thread = threading.Thread(target=change)
-            thread.start()
-            thread.join()
-            return super().__ge__(other)
-
-    ranked = planner.nearest((5, 5), [(29, 39), (9, 8)], count=2, method="astar", epsilon=Interrupted("inf"))
-    assert [number for number, _ in ranked] == [1, 0]
-    assert len(refused) == 2
-
-
-def test_refused_calls_cost_nothing_that_was_kept():
-    planner = Planner(np.full((30, 40), 0.3))
-    planner.prepare(landmarks=4)
-    few = planner.plan((0, 0), (29, 39), method="astar").expansions
-    for wrong in ({"epsilon": float("nan")}, {"time_limit_s": float("nan")}, {"method": "best"}):
-        with pytest.raises(ValueError, match="got"):
-            planner.plan((0, 0), (29, 39), **wrong)
-    assert few == planner.plan((0, 0), (29, 39), method="astar").expansions

@@ -1,6 +1,4 @@
 import io
-import subprocess
-import sys
 from concurrent.futures.process import BrokenProcessPool
 
 import msgspec
@@ -241,12 +239,6 @@ def test_cells_that_are_not_square_are_judged_by_both_sides(tmp_path):
     np.savez(recipe.terrain[0], elevation_m=cols, cell_size_m=1.0, cell_width_m=10.0)
     planes = make_shard(recipe, read_terrain(recipe), np.random.default_rng(0), 2)["planes"]
     assert planes[:, 1, 2:-2, 2:-2].max() == 0  # a slope of 6°, not of 45°
-
-
-def test_a_data_set_made_here_needs_no_dask():
-    code = "import sys; import nnpp_edge.cli.dataset, nnpp_edge.terrain.cluster; print('dask' in sys.modules)"
-    ended = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
-    assert ended.stdout.strip() == "False"
 
 
 def test_a_process_that_dies_is_one_line(tmp_path, monkeypatch):

@@ -15,6 +15,7 @@ import torch
 from nnpp_edge.model.network import Network, encode
 from nnpp_edge.model.registry import PRESETS, Spec
 from nnpp_edge.runtime.errors import DataSetError, InvalidQueryError, ModelError
+from nnpp_edge.runtime.network.model_file import UNSEEN
 from nnpp_edge.terrain.dataset import read_samples
 from nnpp_edge.training.batches import Batches
 from nnpp_edge.training.checkpoint import load_checkpoint
@@ -275,7 +276,7 @@ def test_the_presets_can_be_built_and_a_spec_that_no_network_fits_is_refused():
     for spec in PRESETS.values():
         with torch.device("meta"):
             network = Network(spec)
-            planes = torch.zeros(1, 16 if spec.encoding == "unseen" else 2, spec.input_size, spec.input_size)
+            planes = torch.zeros(1, len(UNSEEN) if spec.encoding == "unseen" else 2, spec.input_size, spec.input_size)
         if spec.encoding == "unseen":
             assert network.eval()(planes, planes[:, :0]).shape == (1, 3, spec.blocks, spec.blocks)
             continue

@@ -1,7 +1,5 @@
 """Pictures: sizes, greys, and that what is drawn stands where it belongs."""
 
-from dataclasses import replace
-
 import cv2
 import numpy as np
 import pytest
@@ -83,23 +81,6 @@ def test_start_goal_and_both_paths_stand_on_the_map():
     assert count(on_map, OPTIMUM) > 100
     blue, _, red = on_map[2 * int(plan.path[100, 0]) - 8, 2 * int(plan.path[100, 1])].astype(int)
     assert blue > red + 20  # the region's tint, beside the path
-
-
-def test_a_plans_picture_is_the_same_after_the_next_query():
-    cost = some_cost(300, 300)
-    planner = Planner(cost)
-    plan = planner.plan((5, 5), (290, 290), method="corridor", keep_regions=True)
-    before = plan_picture(cost, plan)
-    planner.plan((290, 5), (5, 290), method="corridor")
-    np.testing.assert_array_equal(before, plan_picture(cost, plan))
-
-
-def test_the_networks_region_is_drawn_too(tiny_model):
-    cost = some_cost(200, 200)
-    plan = Planner(cost, model=tiny_model).plan((20, 20), (180, 150), method="nnpp", keep_regions=True)
-    assert plan.network_region is not None
-    drawn = [plan_picture(cost, p)[:818] for p in (plan, replace(plan, network_region=None))]
-    assert (drawn[0] != drawn[1]).any()
 
 
 def test_a_plan_without_a_path_shows_its_ends():
