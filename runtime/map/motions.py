@@ -3,7 +3,7 @@
 A motion is a straight leg from a cell to another, a turn on the spot, or an arc (`map.primitives`). Each of its poses
 stands for the body's places up to `sweep_m` before and behind it, and for headings up to `turn_rad` to both sides:
 together they leave nothing out. The ground is sampled at the corners of the boxes that parts of a rectangle fit into
-(docs/vehicle.md).
+(docs/vehicle-check.md).
 """
 
 import functools
