@@ -146,7 +146,7 @@ def quantize(
     Notes
     -----
     The head (the last convolution and what does not lead to it) stays float: it costs next to nothing, and its
-    error would be that of the probabilities. The rest are measured choices (docs/decisions.md, *S8S8*).
+    error would be that of the probabilities. The rest are measured choices (docs/decisions/papers-network.md).
     """
     if not output.parent.is_dir():
         raise OutputError(f"{output}: its folder does not exist")

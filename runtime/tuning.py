@@ -84,7 +84,7 @@ BODY_WEIGHT = 4.0
 """For a vehicle, whose poses coarse levels can only guess, means count so many times there: where cells are dear on
 average, poses fail."""
 BODY_CORRIDOR = CorridorWidth(2, 0.04, nearby=2.5, coarse_radius=0, coarse_band=0.0)
-"""For a vehicle: mean gap 0.0 to 0.2 % with up to a tenth of the ground under rocks (docs/decisions.md)."""
+"""For a vehicle: mean gap 0.0 to 0.2 % with up to a tenth of the ground under rocks (docs/decisions/bodies.md)."""
 WIDENED_BODY_CORRIDOR = CorridorWidth(4, 0.1, nearby=6.0, coarse_radius=0, coarse_band=0.0)
 """Where the first held no path for a vehicle, or not one good enough."""
 TURNS_IN_FIELD = 0.7
@@ -130,7 +130,7 @@ ANY_ANGLE = np.array(
 )
 """Stages in which stations are moved across a path: cells between stations; cells between a station's places; places
 to each side; by how many neighbours may differ; samples per cell; whether way points are stations. The first reaches
-72 cells, as the paper's diagonal steps draw its paths so far aside (docs/decisions.md)."""
+72 cells, as the paper's diagonal steps draw its paths so far aside (docs/decisions/any-angle.md)."""
 WAY_POINT_SAVES = 0.01
 """Cells of mean ground whose cost each way point saves at least: with 0.1 there are half as many, for 0.1 % more."""
 

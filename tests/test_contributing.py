@@ -78,13 +78,13 @@ def test_every_place_that_lists_step_costs_has_each_of_them():
 
     fields = [field.name for field in dataclasses.fields(runtime.Mobility)]
     page = (ROOT / "nnpp_edge/view/page/index.html").read_text().partition('id="step_cost"')[2]
-    rows = (ROOT / "docs/vehicle.md").read_text().partition("| `--step-cost` |")[2].partition("\n\n")[0]
+    rows = (ROOT / "docs/step-costs.md").read_text().partition("| `--step-cost` |")[2].partition("\n\n")[0]
     has = {
         "runtime/map/slope_cost.py, Mobility": set(fields),
         "nnpp_edge/cli/options.py, STEP_COSTS": set(STEP_COSTS) - {"paper"},
         "nnpp_edge/view/asked.py": {*get_args(get_type_hints(Asked)["step_cost"])} - {"paper"},
         "nnpp_edge/view/page/index.html": {*re.findall(r'value="(\w+)"', page.partition("</select>")[0])} - {"paper"},
-        "docs/vehicle.md": set(re.findall(r"^\| `(\w+)` \|", rows, re.MULTILINE)),
+        "docs/step-costs.md": set(re.findall(r"^\| `(\w+)` \|", rows, re.MULTILINE)),
     }
     for place, names in has.items():
         assert names == set(SLOPE_COSTS), place

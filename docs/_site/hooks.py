@@ -86,7 +86,7 @@ def on_page_markdown(markdown: str, page: Page, config: MkDocsConfig, files: Fil
     parts = _FENCED.split(markdown)  # text, code, text, …
     for at in range(0, len(parts), 2):
         text = re.sub(r"\[([^\]]+)\]\((?!http|#)([^)#\s]+)(#[^)\s]*)?\)", linked, parts[at])
-        parts[at] = re.sub(r"(?<!\[)`docs/([a-z-]+\.md)`", named, text)
+        parts[at] = re.sub(r"(?<!\[)`docs/([a-z/-]+\.md)`", named, text)
     return "".join(parts)
 
 

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 import click
 
 from nnpp_edge.cli import options
-from nnpp_edge.cli.ground_options import VehicleOptions
+from nnpp_edge.cli.ground_options import Limit, TerrainOptions, VehicleOptions
 from nnpp_edge.cli.text import columns, table, tell
 
 if TYPE_CHECKING:
@@ -56,6 +56,8 @@ def command(
     cell_size: options.CellSize = None,
     rescale: options.Rescale = None,
     workloads: Annotated[tuple[str, ...], "--workload", options.NAMES, _WORKLOADS] = ("soft",),
+    limit: Limit = (),
+    omega: options.Omega = 0.011,
     synthetic: Annotated[bool, "Judge by synthetic terrain instead."] = False,
     sizes: Annotated[tuple[int, ...], options.SIZES, "Sides of the maps."] = (256,),
     queries: Annotated[int, options.COUNT, "For each row."] = 300,
@@ -111,17 +113,21 @@ def command(
     if directed:
         slope_cost_of(robot.step_cost, robot.mobility())  # refused now
     points = [name for name in workloads if name not in bodies]
+    own = {
+        name: TerrainOptions(limit=limit, workload=name if name in points else None).limits() for name in workloads
+    }
     needed = models if points and {Method.NNPP, Method.AUTO} & set(methods) else ()
     networks = {Path(name).stem: NetworkModel(name) for name in needed}
     control = [narrow_corridor()] if fresh_map else []
-    of_point = exact_and(methods, networks) + control
-    of_body = exact_and([name for name in methods if name != Method.NNPP], {}) + control
+    of_point = [replace(each, omega=omega) for each in exact_and(methods, networks) + control]
+    bodily = exact_and([name for name in methods if name != Method.NNPP], {}) + control
+    of_body = [replace(each, omega=omega) for each in bodily]
     dems = suites.TerrainFiles(files, rescale, cell_size).read()
     suites.check_sizes(dems, sizes)
     mobility = robot.mobility(*dems[:1]) if directed else None
 
     def cases(name: str, size: int) -> "Iterator[Case]":
-        for case in suites.terrain_cases(dems, name, size, seed, min_distance, body):
+        for case in suites.terrain_cases(dems, name, size, seed, min_distance, body, own[name]):
             yield replace(case, ground=replace(case.ground, step_cost=robot.step_cost, mobility=mobility))
 
     runs = list(product(workloads, sizes))

@@ -24,19 +24,22 @@ _MOST_UNEQUAL_GRAVITY = 0.01
 """Share by which the map's gravity may differ from the file's before a warning says so."""
 
 
+Limit = Annotated[
+    tuple[Setting, ...],
+    SettingType("nnpp_edge.runtime.terrain.traversability:Traversability", "hard_slope_deg=20"),
+    MANY,
+    "Set a limit of the cost; by default slope_limit_deg=30, roughness_limit_m=0.6 and step_limit_m=0.2. "
+    "Cells beyond hard_slope_deg, hard_roughness_m or hard_step_m are impassable. May be repeated.",
+]
+
+
 @dataclass(frozen=True, kw_only=True)
 class TerrainOptions:
     """How an elevation map is read, and by which limits it becomes a cost map."""
 
     cell_size: CellSize = None
     rescale: Rescale = None
-    limit: Annotated[
-        tuple[Setting, ...],
-        SettingType("nnpp_edge.runtime.terrain.traversability:Traversability", "hard_slope_deg=20"),
-        MANY,
-        "Set a limit of the cost; by default slope_limit_deg=30, roughness_limit_m=0.6 and step_limit_m=0.2. "
-        "Cells beyond hard_slope_deg, hard_roughness_m or hard_step_m are impassable. May be repeated.",
-    ] = ()
+    limit: Limit = ()
     workload: Annotated[
         str | None, "soft (the paper's cost), or limitN: φ_s = N degrees, and steeper cells are impassable."
     ] = None

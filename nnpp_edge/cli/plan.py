@@ -13,7 +13,7 @@ from nnpp_edge.cli.text import tell
 _OUTPUT = "Folder for path.geojson, path.csv, plan.png and plan.json."
 _FORMATS = "Write the path there as GeoPackage or GPX too, path.gpkg or path.gpx."
 _BYTES_PER_CELL = 24
-"""At the peak of planning on a whole map: 19 to 23 measured, the most by `nnpp` (docs/decisions.md)."""
+"""At the peak of planning on a whole map: 19 to 23 measured, the most by `nnpp` (docs/decisions/maps.md)."""
 
 
 @options.command("plan")

@@ -13,6 +13,7 @@ from nnpp_edge.cli.text import Row, aligned, columns, duration, table
 from nnpp_edge.files import write_all
 from nnpp_edge.runtime import Plan, Vehicle
 from nnpp_edge.runtime.cells import Cell
+from nnpp_edge.runtime.errors import InvalidQueryError
 from nnpp_edge.runtime.map.slope_cost import unit_of
 from nnpp_edge.runtime.planners.tour import Tour
 from nnpp_edge.terrain.route import Route
@@ -220,4 +221,7 @@ class Answer:
             "path.gpkg": lambda: route.geopackage(self.properties()),
             "path.gpx": lambda: route.gpx("nnpp-edge plan", ends),
         }
-        return makers[path.name]()
+        try:
+            return makers[path.name]()
+        except InvalidQueryError as error:
+            raise InvalidQueryError(f"--format {path.suffix[1:]}: {error}") from None

@@ -2,6 +2,7 @@
 
 import json
 import re
+from functools import partial
 from pathlib import Path
 from typing import Annotated
 
@@ -13,19 +14,21 @@ from nnpp_edge.cli.requests import Start
 from nnpp_edge.cli.text import aligned, duration, tell
 
 _SECONDS = {"s": 1.0, "min": 60.0, "h": 3600.0}
+_JOULES = {"J": 1.0, "kJ": 1e3, "MJ": 1e6, "Wh": 3600.0, "kWh": 3.6e6}
 _COST = "The most that a path may cost, in the unit of --step-cost."
 _TIME = "The longest that it may take: by --step-cost, else at the vehicle's speeds, else by Tobler's function."
-_ENERGY = "The most joules that it may draw, of a --vehicle."
+_ENERGY = "The most energy that it may draw, of a --vehicle, in joules without a unit."
 
 
-def _duration(word: str) -> float:
-    found = re.fullmatch(r"(\d+(?:\.\d*)?)\s*(s|min|h)?", word)
-    if found is None or not 0.0 < (seconds := float(found[1]) * _SECONDS[found[2] or "s"]) <= options.LARGEST:
+def _amount(units: dict[str, float], word: str) -> float:
+    found = re.fullmatch(rf"(\d+(?:\.\d*)?(?:e\d+)?)\s*({'|'.join(units)})?", word)
+    if found is None or not 0.0 < (amount := float(found[1]) * units.get(found[2], 1.0)) <= options.LARGEST:
         raise ValueError
-    return seconds
+    return amount
 
 
-_DURATION = options.Parsed("TIME", "a time such as 90, 90s, 30min or 2h", _duration)
+_DURATION = options.Parsed("TIME", "a time such as 90, 90s, 30min or 2h", partial(_amount, _SECONDS))
+_WORK = options.Parsed("ENERGY", "an energy such as 3e4, 500kJ, 20MJ or 2kWh", partial(_amount, _JOULES))
 
 
 @options.command("reach")
@@ -36,7 +39,7 @@ def command(
     start: Start,
     within_cost: Annotated[float | None, options.POSITIVE, _COST] = None,
     within_time: Annotated[float | None, _DURATION, _TIME] = None,
-    within_energy: Annotated[float | None, options.POSITIVE, _ENERGY] = None,
+    within_energy: Annotated[float | None, _WORK, _ENERGY] = None,
     robot: GroundOptions,
     levels: Annotated[int, click.IntRange(1, 24), "Into how many areas that is divided."] = 4,
     omega: options.Omega = 0.011,
@@ -101,7 +104,8 @@ def command(
     def words(level: float) -> str:
         if measure == "cost":
             return f"within a cost of {level:.6g} {found.unit}".rstrip()
-        return f"within {duration(level) if measure == 'time' else f'{level / 1000.0:.4g} kJ'}"
+        work = f"{level / 1e6:.4g} MJ" if level >= 1e6 else f"{level / 1e3:.4g} kJ"
+        return f"within {duration(level) if measure == 'time' else work}"
 
     files = [str(path) for path in paths]
     figures = {"start": cell, "measure": measure, "unit": found.unit, "areas": found.areas, **size_of(terrain)}

@@ -72,7 +72,8 @@ def _below_layer(word: str, place: "Place") -> "list[Cell]":
 
 
 PLACE = Parsed("PLACE", "ROW,COL as two whole numbers, xy:X,Y, lonlat:LON,LAT, or a vector file", _end)
-Start = Annotated[End, PLACE, "ROW,COL from 0, xy:X,Y, lonlat:LON,LAT, or a vector file's point."]
+START = "ROW,COL from 0, xy:X,Y, lonlat:LON,LAT, or a vector file's point."
+Start = Annotated[End, PLACE, START]
 
 
 @dataclass(frozen=True, kw_only=True)

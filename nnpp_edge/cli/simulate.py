@@ -3,16 +3,16 @@
 from contextlib import ExitStack
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import click
 
 from nnpp_edge.cli import options
 from nnpp_edge.cli.ground_options import GroundOptions
 from nnpp_edge.cli.options import COUNT
+from nnpp_edge.cli.requests import PLACE, START, End
 from nnpp_edge.cli.text import aligned, tell
 from nnpp_edge.robot.operations.wiring import View
-from nnpp_edge.runtime.cells import Cell
 
 if TYPE_CHECKING:
     from nnpp_edge.runtime.loop.connections import Sink
@@ -25,8 +25,10 @@ _CELLS_TO_A_BODY = 4.0
 _SURVEY = 8
 """Cells over which a point's first map is blurred without --known."""
 _METHODS = ("auto", "astar", "dstar", "corridor", "corridor-dstar", "nnpp", "nnpp-dstar")
-_SIZE = "Side of the part of the map, picked by the seed."
-_START = "Cell of that part, row first; by default picked by the seed."
+_SIZE = (
+    "Side of the part of the map that is driven on: picked by the seed, but for --start and --goal, which it holds."
+)
+_GOAL = "Likewise; by default start and goal are picked by the seed."
 _CHANGES = "Obstacles that appear, move or vanish between two ticks."
 _KNOWN = "The first map has means of so many cells to each side alone; what was not seen counts by --prior."
 _NOISE = "Standard deviation of the steering angle, degrees, of a vehicle that drives arcs."
@@ -37,8 +39,8 @@ def command(
     robot: GroundOptions,
     dem: Annotated[Path | None, "--map", options.MAP, "Elevation map; by default the shipped lunar sample."] = None,
     size: Annotated[int, click.IntRange(16, options.MOST), _SIZE] = 256,
-    start: Annotated[Cell | None, options.CELL, _START] = None,
-    goal: Annotated[Cell | None, options.CELL, "Likewise."] = None,
+    start: Annotated[End | None, PLACE, START] = None,
+    goal: Annotated[End | None, PLACE, _GOAL] = None,
     method: Annotated[str, click.Choice(_METHODS)] = "auto",
     model: options.Model = "edge",
     rate: Annotated[float | None, options.RATE, "Ticks a second; else as fast as possible."] = None,
@@ -76,6 +78,7 @@ def command(
 
     from nnpp_edge.robot.transports.mcap_log import McapLog
     from nnpp_edge.robot.transports.rerun_view import RerunSink
+    from nnpp_edge.runtime.errors import InvalidQueryError
     from nnpp_edge.simulation.drive_picture import Film, check_name, drive_picture
     from nnpp_edge.simulation.scene import SurveyedGround
     from nnpp_edge.simulation.simulate import SimulationSettings, random_drive, simulate
@@ -100,6 +103,16 @@ def command(
     whole, rng = robot.read(dem), np.random.default_rng([seed, 3])
     rows, cols = (min(size, side) // (known or 1) * (known or 1) for side in whole.shape)
     row, col = (int(rng.integers(side - kept + 1)) for side, kept in zip(whole.shape, (rows, cols), strict=True))
+    if start and goal:
+        ends = np.array([start.one_cell(whole, "--start"), goal.one_cell(whole, "--goal")])
+        least = np.maximum(ends.max(0) - (rows - 1, cols - 1), 0)
+        most = np.minimum(ends.min(0), np.subtract(whole.shape, (rows, cols)))
+        if (least > most).any():
+            raise InvalidQueryError(
+                f"--start and --goal, cells {ends.tolist()}, must not lie outside the map of {whole.shape[0]} × "
+                f"{whole.shape[1]} cells, nor further apart than --size {size}"
+            )
+        row, col = np.clip((row, col), least, most).tolist()
     heights = np.ascontiguousarray(whole.elevation[row : row + rows, col : col + cols])
     part = true = replace(whole, elevation=heights)
     if rocks:
@@ -109,8 +122,7 @@ def command(
         ground = SurveyedGround.of(robot.of(true), _SURVEY if body is None else 1, part.elevation)
     else:
         ground = SurveyedGround.of_known(robot.of(true), known, prior)
-    if start is None or goal is None:
-        start, goal = random_drive(ground, seed)
+    begin, end = map(tuple, (ends - (row, col)).tolist()) if start and goal else random_drive(ground, seed)
     film = Film() if picture is not None and picture.suffix.lower() == ".gif" else None
 
     with ExitStack() as stack:
@@ -123,19 +135,23 @@ def command(
                 sinks.append(stack.enter_context(RerunSink(view, state=state)))
             return sinks
 
-        drive = simulate(ground, start, goal, settings, make_sinks=make_sinks, watch=film)
+        try:
+            drive = simulate(ground, begin, end, settings, make_sinks=make_sinks, watch=film)
+        except InvalidQueryError as error:
+            raise InvalidQueryError(f"{error}, on the part of the map from cell ({row}, {col}) on") from None
     if picture is not None and film is not None:
         film.save(picture)
     elif picture is not None:
         save_picture(picture, drive_picture(ground, drive))
-    result = {**drive.summary(), "rows": rows, "cols": cols, "files": written}
-    tell(as_json, result, lambda: text(drive, (rows, cols), written))
+    of_file = {name: (cell[0] + row, cell[1] + col) for name, cell in (("start", drive.start), ("goal", drive.goal))}
+    result = {**drive.summary(), **of_file, "row": row, "col": col, "rows": rows, "cols": cols, "files": written}
+    tell(as_json, result, lambda: text(drive, result, whole.source.name))
     if drive.forbidden or not (drive.reached or endless):
         click.get_current_context().exit(1)
 
 
-def text(drive: "Drive", shape: tuple[int, int], written: list[str]) -> str:
-    """The result for people."""
+def text(drive: "Drive", result: dict[str, Any], name: str) -> str:
+    """The result for people, on a part of the map of this name."""
     ticks = drive.counters
     degraded = ", ".join(f"{count} {kind}" for kind, count in sorted(ticks.degraded.items())) or "none"
     excess = "" if drive.excess is None else f": driven {100.0 * drive.excess:+.1f} %"
@@ -144,8 +160,8 @@ def text(drive: "Drive", shape: tuple[int, int], written: list[str]) -> str:
         if drive.goals > 1
         else "goal reached"
         if drive.reached
-        else "GOAL NOT REACHED": (f"{drive.method}, {drive.start} to {drive.goal}"),
-        "map": f"{shape[0]} × {shape[1]} cells",
+        else "GOAL NOT REACHED": (f"{drive.method}, {result['start']} to {result['goal']}"),
+        "map": f"{result['rows']} × {result['cols']} cells of {name}, from cell {result['row'], result['col']} on",
         "ticks": f"{ticks.ticks}: {ticks.planned} planned, {ticks.kept} kept their path, {ticks.failed} without one",
         "degraded": f"{degraded}; {ticks.overruns} late",
         "answer": ", ".join(f"{name} {drive.planning_ms[name]:.2f}" for name in ("p50", "p99", "max")) + " ms",
@@ -154,6 +170,6 @@ def text(drive: "Drive", shape: tuple[int, int], written: list[str]) -> str:
         "forbidden": f"{drive.forbidden} of the paths published",
         "memory": ", ".join(f"{when} {size:.0f}" for when, size in drive.memory_mb.items()) + " MB",
         "errors": ", ".join(f"{count} in {place}" for place, count in sorted(ticks.errors.items())),
-        "written": ", ".join(written),
+        "written": ", ".join(result["files"]),
     }
     return aligned(lines)

@@ -6,6 +6,7 @@ from dataclasses import dataclass, replace
 from nnpp_edge.runtime.cells import Cell, Endpoints
 from nnpp_edge.runtime.map.ground import Ground
 from nnpp_edge.runtime.map.state import MapState, map_state
+from nnpp_edge.runtime.map.step_cost import PAPER_OMEGA
 from nnpp_edge.runtime.network.inference import NetworkModel
 from nnpp_edge.runtime.planners.methods import Methods
 from nnpp_edge.runtime.planners.plan import DynamicMethod, Method, Plan
@@ -48,6 +49,7 @@ class RivalPlanner:
     """None: the default model, loaded only if it is needed."""
     width: CorridorWidth | None = None
     """Of the first corridor, instead of the usual one."""
+    omega: float = PAPER_OMEGA
 
     def plan(self, planner: FindsPlans, query: Endpoints, *, keep_regions: bool = False) -> Plan:
         """The answer of a planner of the rival's own."""
@@ -56,8 +58,8 @@ class RivalPlanner:
     def planner(self, ground: Ground, *, lazy: bool = True) -> FindsPlans:
         """A planner of its own for a map."""
         if self.width is not None:
-            return CorridorAlone(map_state(ground, lazy=lazy), self.width)
-        return Planner(ground, model=self.model or "edge", lazy=lazy)
+            return CorridorAlone(map_state(ground, self.omega, lazy=lazy), self.width)
+        return Planner(ground, model=self.model or "edge", omega=self.omega, lazy=lazy)
 
     def apart(self) -> "RivalPlanner":
         """With a network that no other planner uses: what that has been shown of a map is not kept."""

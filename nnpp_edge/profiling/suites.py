@@ -125,17 +125,19 @@ def terrain_cases(
     seed: int = 1,
     least_distance: float = LEAST_DISTANCE,
     vehicle: Vehicle | None = None,
+    limits: Traversability | None = None,
 ) -> Iterator[Case]:
     """Cases of one workload and size, without end, the same for the same seed on any machine.
 
     Maps are random crops of the terrain that is large enough. Where none is, they are fractal and cratered ground
     (`synthetic_terrain`), with cells of 20 m, for a vehicle's workloads of a quarter of its length. `least_distance`
-    is that between start and goal, as a share of the map's side; `vehicle` is for its workloads.
+    is that between start and goal, as a share of the map's side; `vehicle` is for its workloads; `limits` are those
+    of the cost in place of the workload's own.
 
     InvalidQueryError if many maps in a row have no fitting query, there is no such workload, or it takes a vehicle.
     """
     fitting, rocks = large_enough(dems, size), body_rocks(name)
-    limits = workload(name) if rocks is None else Traversability()
+    limits = limits or (workload(name) if rocks is None else Traversability())
     if rocks is not None and vehicle is None:
         raise InvalidQueryError(f"the workload {name} is a vehicle's: wanted a vehicle, got none")
     body = None if rocks is None else vehicle

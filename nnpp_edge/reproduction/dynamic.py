@@ -155,6 +155,7 @@ def table4(context: Context, *, size: int = 256, maps: int = 5, repeats: int = 5
         context.progress(at / maps)
     rows = Rows([{**row, "scene": STATIC} for row in rows.of(plan=0)] + rows)
     everything = Rows([*paper.TABLE_4, *rows])
+    context.notes.append("Times and CC are summed over the plans for which every method found a path.")
     picture = drawing.bars({str(scene): of for (scene,), of in everything.by("scene").items()})
     return Result(rows, ("scene", "planner"), table4_findings(rows), picture, everything, totals=True)
 

@@ -136,11 +136,15 @@ def shown(name: str, value: Any) -> str:
 def summary(rows: Sequence[Row], by: Sequence[str], networks: Networks, *, totals: bool = False) -> str:
     r"""A table for people: a line for each group by these names, a column for each figure that the rows have.
 
-    Means, or sums of times and CC for `totals`. *over A\** is over the A* of the same origin: the paper's, plain,
-    or ours.
+    Means, or for `totals` sums over the queries that all planners answered, beside how many each failed.
+    *over A\** is over the A* of the same origin: the paper's, plain, or ours.
     """
-    rows = Rows(rows if isinstance(rows[0][by[0]], str) else sorted(rows, key=lambda row: row[by[0]]))
+    everything = Rows(rows if isinstance(rows[0][by[0]], str) else sorted(rows, key=lambda row: row[by[0]]))
+    rows = everything.answered() if totals else everything
     place = [name for name in by if name != "planner"]
+
+    def every(of: Rows) -> Rows:
+        return everything.of(**{name: of[0][name] for name in by})
 
     def of_all(of: Rows, name: str) -> float:
         return (sum(of.all(name)) or math.nan) if totals else of.mean(name)
@@ -151,8 +155,11 @@ def summary(rows: Sequence[Row], by: Sequence[str], networks: Networks, *, total
         return rows.of(slow, **{name: of[0][name] for name in place}).mean("time_s") / of.mean("time_s")
 
     def mended(of: Rows) -> str:
-        later = [row["mended"] for row in of if row.get("plan") and "mended" in row]
+        later = [row["mended"] for row in every(of) if row.get("plan") and "mended" in row]
         return f"{sum(later):.0f} of {len(later)}" if later else "–"
+
+    def failed(of: Rows) -> str:
+        return f"{sum('cc' not in row for row in every(of))} of {len(every(of))}" if of.all("found") else "–"
 
     columns: dict[str, tuple[str, Callable[[Rows], str]]] = {
         "network": ("planner", lambda of: network_of(str(of[0]["planner"]), networks)),
@@ -167,7 +174,7 @@ def summary(rows: Sequence[Row], by: Sequence[str], networks: Networks, *, total
         "CC": ("cc", lambda of: number(of_all(of, "cc"), ".2f")),
         "CC increase": ("exact_cc", lambda of: percent(of.increase(), 2)),
         "cost above the optimum": ("excess", lambda of: percent(of.mean("excess"), 2)),
-        "success": ("found", lambda of: percent(of.mean("found"))),
+        "failed" if totals else "success": ("found", failed if totals else lambda of: percent(of.mean("found"))),
         "MM": ("mm", lambda of: spread(of.all("mm"), 3)),
         "region, of the map": ("share", lambda of: percent(of.mean("share"))),
         "in common with the first": ("common", lambda of: percent(of.mean("common"))),

@@ -42,10 +42,16 @@ class Rows(list[Row]):
         """Mean of the numbers under a name; NaN where there are none."""
         return float(np.mean(found)) if (found := self.all(name)) else math.nan
 
+    def answered(self) -> "Rows":
+        """The rows of those queries for which every planner found a path."""
+        failed = {_query(row) for row in self if not row.get("found", 1.0) and "cc" not in row}
+        return Rows(row for row in self if _query(row) not in failed)
+
     def speedup(self, slower: str, faster: str) -> float:
-        """Summed time of one planner over that of another on as many queries."""
-        fast = sum(self.of(faster).all("time_s"))
-        return sum(self.of(slower).all("time_s")) / fast if fast else math.nan
+        """Summed time of one planner over that of another, on the queries that both answered."""
+        both = self.of(slower, faster).answered()
+        fast = sum(both.of(faster).all("time_s"))
+        return sum(both.of(slower).all("time_s")) / fast if fast else math.nan
 
     def increase(self, *planners: str) -> float:
         """By what share the summed CC of these planners' paths lies above the optimal ones'; NaN without a path."""
@@ -62,6 +68,10 @@ class Rows(list[Row]):
         writer.writeheader()
         writer.writerows({k: v for k, v in row.items() if isinstance(v, str) or math.isfinite(v)} for row in self)
         return out.getvalue()
+
+
+def _query(row: Row) -> Key:
+    return tuple(row.get(name) for name in ("scene", "size", "map", "plan"))
 
 
 def number(value: float, form: str) -> str:

@@ -27,7 +27,7 @@ if TYPE_CHECKING:
 _ROUNDED_DOWN = 1.0 - 1e-6
 """Of the cheapest step: edges are rounded to float32, the prices of the heuristic are not."""
 _OBSTACLE = 1.5
-"""Cost of an impassable cell in a coarse cell's mean, in times of a level step (docs/decisions.md)."""
+"""Cost of an impassable cell in a coarse cell's mean, in times of a level step (docs/decisions/slope-costs.md)."""
 _THREADS_FROM = 20_000
 """Cells from which on steps are computed by a thread a core."""
 

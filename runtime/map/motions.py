@@ -3,7 +3,7 @@
 A motion is a straight leg from a cell to another, a turn on the spot, or an arc (`map.primitives`). Each of its poses
 stands for the body's places up to `sweep_m` before and behind it, and for headings up to `turn_rad` to both sides:
 together they leave nothing out. The ground is sampled at the corners of the boxes that parts of a rectangle fit into
-(docs/vehicle.md).
+(docs/vehicle-check.md).
 """
 
 import functools
@@ -23,7 +23,7 @@ AXES = DIRECTIONS[:8]
 """Directions 8 to 15 are their reverses."""
 LEG_SPACING = 0.095, 0.19
 """Of the body's length: from one pose of a leg to the next, at most, on cells of a third of the body and of a sixth.
-Twice as much takes 0.6 of the checks, but paths among rocks cost 1.1 % more (docs/decisions.md)."""
+Twice as much takes 0.6 of the checks, but paths among rocks cost 1.1 % more (docs/decisions/bodies.md)."""
 TURN_POSES = 2
 """Of a turn from one direction to the next."""
 SNAPPED = 0.02

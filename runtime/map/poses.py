@@ -286,7 +286,7 @@ def pose_costs(
 
     Notes
     -----
-    docs/vehicle.md. NNPP (arXiv 2308.04792v3), Eq. 1, of the body in place of the 3 × 3 patch; bounds as in ACE
+    docs/vehicle-check.md. NNPP (arXiv 2308.04792v3), Eq. 1, of the body in place of the 3 × 3 patch; bounds as in ACE
     (arXiv 1808.00031), of what departs from the plane on which the body stands.
     """
     sides = sides_of(cell_size_m, cell_width_m)

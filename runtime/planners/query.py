@@ -70,7 +70,7 @@ class PlanOptions(TypedDict, total=False):
     method: str
     """``astar``: exact, over the whole map. ``corridor``: coarse to fine. ``nnpp``: inside the network's region;
     goals nearer than `ask_from` by A*, where the way is not long; with a vehicle's body the corridor. ``auto``, the
-    default: one of them, by the figures in docs/decisions.md; the plan says which and why."""
+    default: one of them, by the figures in docs/decisions/methods.md; the plan says which and why."""
     epsilon: float
     """Keep widening until the path is certain to cost at most (1 + epsilon) times the optimum; 0 gives the optimum
     itself. By default the first path found is taken."""

@@ -19,7 +19,8 @@ from nnpp_edge.runtime.errors import InvalidMapError
 from nnpp_edge.runtime.kernels.traversability import count_saturated, fill_terms, fill_weights
 from nnpp_edge.runtime.tuning import MOST_SAMPLED
 
-TERMS = ("slope", "roughness", "elevation difference")
+TERMS = {"slope": "slope_limit_deg", "roughness": "roughness_limit_m", "elevation difference": "step_limit_m"}
+"""The terms of Eq. 1, and the limit of each."""
 
 
 @checked(InvalidMapError)
@@ -155,11 +156,11 @@ def warn_of_saturation(heights: Float2D, rule: NDArray[np.float64], stacklevel: 
     counts = np.zeros(4, np.int64)
     count_saturated(heights.reshape(-1), rows, cols, rule, steps, counts)
     known, *at_limit = counts.tolist()
-    for name, count in zip(TERMS, at_limit, strict=True):
+    for (name, limit), count in zip(TERMS.items(), at_limit, strict=True):
         if 2 * count > known:
             warnings.warn(
                 f"{100 * count / known:.0f} % of the cells reach the limit of the {name} term, which no longer tells "
-                "them apart: raise that limit, or rescale the map to smaller cells",
+                f"them apart: raise {limit} (--limit {limit}=…), or rescale the map to smaller cells",
                 SaturationWarning,
                 stacklevel=stacklevel,
             )

@@ -63,7 +63,7 @@ def test_within_a_time_on_foot_or_of_a_vehicle_and_within_its_energy(run, told, 
         ("--within-time 1min --step-cost irmischer", 60.0, {"step_cost": "irmischer"}),
         (f"--within-time 1min --step-cost tobler {BODY}", 60.0, {"step_cost": "tobler", "vehicle": own["vehicle"]}),
         (f"--within-time 1h {BODY}", 3600.0, {"step_cost": "time", **own}),
-        (f"--within-energy 3e4 {BODY}", 3e4, {"step_cost": "energy", **own}),
+        (f"--within-energy 30kJ {BODY}", 3e4, {"step_cost": "energy", **own}),
     ):
         found, wanted = told(f"{REACH} {words} --levels 2"), reached(most, **made)
         cells = [int((wanted <= level).sum()) for level in (most / 2, most)]

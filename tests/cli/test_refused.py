@@ -39,7 +39,7 @@ plan hills.tif --start lonlat:103.83,1 --goal 1,1 | longitude 103.8333 to 103.83
 plan hills.tif --start 5,5 --goal xy:0,0       | lies outside the map of 80 × 90 cells, which spans x 28000 to 28180
 plan hills.tif --start two.gpkg --goal 1,1     | --start must be one place, got 2
 plan hills.tif --start 5,5 --goal 9,86 --via 1,1 | goal (9, 86) is impassable
-plan hills.npz --start 5,5 --goal 70,80 -o new --format gpx | wanted a map with a coordinate system
+plan hills.npz --start 5,5 --goal 70,80 -o new --format gpx | --format gpx: | wanted a map with a coordinate system
 plan drive.mcap --start 1,1 --goal 2,2         | drive.mcap: wanted an elevation map, got a recording of messages; `G
 $PLAN --time-limit 0                           | --time-limit
 $PLAN --model nope                             | wanted a model file or the name of a shipped model | 'nope'
@@ -121,6 +121,7 @@ simulate --start 3,3                           | both --start and --goal
 simulate --picture drive.jpg                   | .png or .gif file, got drive.jpg
 simulate --map missing.tif                     | no such file
 simulate --start 3,3 --goal 900,3 --size 32    | outside the map
+simulate --start 3,3 --goal 90,3 --size 32     | nor further apart than --size 32
 simulate --rate 0                              | --rate
 simulate --set radius_m=1 --step-cost tobler   | a disc drives by costs here
 simulate --vehicle bicycle                     | small-rover
@@ -162,6 +163,7 @@ $REACH --within-time soon                      | a time such as 90, 90s, 30min o
 $REACH --within-cost 3 --start 9,86            | start (9, 86) is impassable: its elevation is unknown; the nearest
 $REACH --within-cost 3 --start two.gpkg           | --start must be one place, got 2
 $REACH --within-time 3 --step-cost linear      | --within-time counts time already: leave out --step-cost, or give
+$REACH --within-energy 20MN                    | '--within-energy' | 500kJ, 20MJ or 2kWh
 $REACH --within-energy 3 --step-cost tobler    | --within-energy counts energy already: leave out --step-cost
 $REACH --within-energy 3                       | needs a table [mobility.energy]
 $REACH --within-cost 3 --step-cost energy      | needs a table [mobility.energy]

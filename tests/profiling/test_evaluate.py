@@ -111,6 +111,16 @@ def test_two_models_stand_beside_each_other(terrain, tiny_model):
     assert rows["nnpp"]["gap_mean"] == rows["nnpp:two"]["gap_mean"]
 
 
+def test_limits_and_weight_of_ones_own_are_taken(nnpp_edge, terrain):
+    words = ("evaluate", terrain, "--sizes", 64, "--queries", 6, "--repeats", 1, "--methods", "astar", "--json")
+
+    def cc(*more):
+        return json.loads(nnpp_edge(*words, *more).out)[0]["cc_mean"]
+
+    assert cc("--omega", 0.05) < cc() != cc("--limit", "roughness_limit_m=2")
+    nnpp_edge(*words, "--workload", "limit20", "--limit", "hard_slope_deg=15").refused("leave out --limit")
+
+
 def test_wrong_use_is_one_line(nnpp_edge, terrain, tiny_model, bad_dem):
     assert nnpp_edge("evaluate").code == 2
     nnpp_edge("evaluate", terrain, "--json", "--markdown").refused("--json", "--markdown")

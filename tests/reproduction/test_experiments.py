@@ -18,6 +18,7 @@ from nnpp_edge.reproduction.planners import (
     PLAIN_NN,
     PLANNERS,
     answers,
+    summary,
 )
 from nnpp_edge.reproduction.regions import CORRIDOR, Networks
 from nnpp_edge.reproduction.rows import Rows
@@ -274,6 +275,27 @@ def test_the_best_omega_is_where_length_and_cc_together_are_least():
     assert best(omegas, length, [[9.0, 3.0, 2.0, 1.0], [8.0, 8.0, 2.0, 2.0]]) == [[0.01, 0.02]] * 2
     assert best(omegas, np.ones((1, 4)), np.ones((1, 4)))[0] == [0.02]
     assert best(omegas[:3], [[100.0, 106.0, 110.0]], [[50.0, 30.0, 20.0]]) == [[0.01], [0.02]], "it decides"
+
+
+def test_sums_are_over_the_queries_that_all_answered(tiny_model):
+    on_both = [
+        {"planner": PLAIN, "time_s": time_s, "cc": 10.0, "exact_cc": 10.0, "found": 1.0} for time_s in (4.0, 90.0)
+    ]
+    found = {"planner": PLAIN_NN, "time_s": 2.0, "cc": 12.0, "exact_cc": 10.0, "found": 1.0}
+    failed = {"planner": PLAIN_NN, "time_s": 1.0, "found": 0.0}
+    rows = Rows({"scene": "-d", "plan": at % 2, **row} for at, row in enumerate((*on_both, found, failed)))
+    assert rows.speedup(PLAIN, PLAIN_NN) == 2.0
+    networks = Networks(NetworkModel(tiny_model), NetworkModel(tiny_model))
+    head, _, exact_line, nn_line = summary(rows, ("scene", "planner"), networks, totals=True).splitlines()
+    assert [name.strip() for name in head.split("|")[4:-1]] == [
+        "time in all",
+        "over A*",
+        "CC",
+        "CC increase",
+        "failed",
+    ]
+    assert "| 4 s | 1× | 10.00 |" in exact_line and "| 0 of 2 |" in exact_line
+    assert "| 2 s | 2× | 12.00 | 20.00 % | 1 of 2 |" in nn_line
 
 
 def test_rows_become_csv_and_figures():

@@ -327,10 +327,14 @@ def test_the_command_drives_a_body_writes_draws_and_tells(nnpp_edge, tmp_path):
     assert counts["/answer"] == counts["/pose"] == told["ticks"]
     with image.open(film) as frames:
         assert 1 < frames.n_frames <= 81
+    assert (told["row"], told["col"]) != (0, 0)
     start, goal = (",".join(map(str, told[end])) for end in ("start", "goal"))
+    again = json.loads(nnpp_edge(*words, "--start", start, "--goal", goal, "--json").out)
+    assert all(again[name] == told[name] for name in ("row", "col", "start", "goal", "optimal_cost"))
     ended = nnpp_edge(*words, "--start", start, "--goal", goal, "--ticks", 9, "--rate", 60, "--picture", still)
     assert ended.code == 1
     assert "GOAL NOT REACHED" in ended.out and "9:" in ended.out
+    assert f"48 × 48 cells of moon_highlands.npz, from cell ({told['row']}, {told['col']}) on" in ended.out
     with image.open(still) as picture:
         assert min(picture.size) > 300
         assert (np.asarray(picture).reshape(-1, 3) == BODY_COLOUR[::-1]).all(1).sum() > 100

@@ -1,6 +1,6 @@
 """Steps that cost by the slope they lead up or down, against scipy's Dijkstra on the directed graph.
 
-The same properties hold on 3,000 maps and 2,000 patches and more: NNPP_EDGE_MAPS=3000 (docs/decisions.md).
+The same properties hold on 3,000 maps and 2,000 patches: NNPP_EDGE_MAPS=3000 (docs/decisions/slope-costs.md).
 """
 
 import dataclasses

@@ -126,7 +126,7 @@ def test_heights_relative_to_a_base_stay_so_in_patches():
 
 
 def test_a_saturated_map_warns_once_it_arrives():
-    with pytest.warns(SaturationWarning, match="slope") as caught:
+    with pytest.warns(SaturationWarning, match="raise slope_limit_deg") as caught:
         Planner.of_elevation(HILLS * 100.0, 1.0, Traversability(step_limit_m=1e6, roughness_limit_m=1e6))
     assert caught[0].filename == __file__
 
