@@ -47,4 +47,4 @@ class Deadline:
 
 
 NEVER = Deadline()
-"""For whoever may take as long as it takes."""
+"""Without a limit."""

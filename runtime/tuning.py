@@ -30,7 +30,7 @@ merged rectangles cover much that did not change."""
 THREADS_FROM = 200_000
 """Cells from which on a map is computed by a thread a core: to start one takes as long as some ten thousand cells."""
 STRIPE_CELLS = 1 << 18
-"""Cells of a map that are made ready between two looks at the clock: about half a millisecond."""
+"""Cells of a map that are made ready between two readings of the clock: about half a millisecond."""
 TILE_ROWS, TILE_COLS = 32, 64
 """Cells of the pieces in which a map of heights is computed: powers of two. In smaller ones rows are too short for
 the compiler's loops; of larger ones a search looks at a small part."""
@@ -154,7 +154,7 @@ DSTAR_SLOWER, EXPANDED_TWICE = 2.5, 2.0
 """Time that D* Lite takes to expand a cell, over what A* takes; cells that became dearer, and all whose path led over
 them, are expanded twice: first to be given up."""
 MEND_FROM, MEND_WITHIN, MEND_SHARE = 192, 0.25, 1.0 / 1024.0
-"""`auto` mends from so many cells to the goal on, as a shorter corridor is as quickly made anew; and only where all
+"""`auto` repairs from so many cells to the goal on, as a shorter corridor is as quickly made anew; and only where all
 changes lie nearer to the start than this share of the way, and at most this share of the map's cells has changed."""
 MOST_DRIFT = 1.02
 """Mended paths are taken until they may cost so many times what paths of a new corridor would."""
@@ -164,7 +164,7 @@ MOST_DRIFT = 1.02
 TWO_THREADS_FROM = 256
 """Cells to the side of a network's input from which on two threads are faster than one."""
 
-# Ground that nobody has seen
+# Unseen ground
 
 BLOCKED_PRICE, MOST_PRICE = 3.0, 6.0
 """Price of a block whose cells are all impassable, beyond that of T = 1, by the coarse slope, and of any block, in T

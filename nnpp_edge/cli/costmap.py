@@ -25,7 +25,7 @@ def command(
     memory: options.Memory = None,
     as_json: options.AsJson = False,
 ) -> None:
-    """Write the traversability cost of an elevation map, and a picture of it beside that, a PNG.
+    """Write the traversability cost of an elevation map, and a PNG picture of it.
 
     Costs lie in [0, 1). A GeoTIFF keeps the DEM's georeference; its impassable cells are NaN, declared as
     nodata. In .npy and .npz (arrays cost, cell_size_m, cell_width_m) they are inf. In the picture, whiter is

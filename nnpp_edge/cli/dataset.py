@@ -46,7 +46,7 @@ def command(
     """Make a training set from TERRAIN files (without any: from synthetic terrain alone).
 
     Maps are random crops at several rescalings, under soft and hard limits, some with obstacles; labels are
-    computed by the exact search. With limits or a workload of one's own all maps are made by those. The format
+    computed by the exact search. With --limit or --workload all maps are made by those. The format
     is described in docs/dataset.md.
 
     \b

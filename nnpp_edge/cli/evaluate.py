@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from nnpp_edge.profiling.suites import Case
 
 _WORKLOADS = "soft, limit20, limit15 or any limitN; with a vehicle body, body-rocks10 or any body-rocksN."
-_MODEL = "Shipped model or file for nnpp of a point; several are set beside each other."
+_MODEL = "Shipped model or file for nnpp of a point; several are compared."
 _FRESH_MAP = "Also from elevations to the path on a map that has just arrived, lazily and eagerly."
 _MIN_DISTANCE = "Between start and goal, as a share of the map's side."
 _MODELS = Annotated[tuple[str, ...], "--model", options.MODEL, options.MANY, _MODEL]
@@ -58,7 +58,7 @@ def command(
     workloads: Annotated[tuple[str, ...], "--workload", options.NAMES, _WORKLOADS] = ("soft",),
     limit: Limit = (),
     omega: options.Omega = 0.011,
-    synthetic: Annotated[bool, "Judge by synthetic terrain instead."] = False,
+    synthetic: Annotated[bool, "Use synthetic terrain instead."] = False,
     sizes: Annotated[tuple[int, ...], options.SIZES, "Sides of the maps."] = (256,),
     queries: Annotated[int, options.COUNT, "For each row."] = 300,
     min_distance: Annotated[float, options.SHARE, _MIN_DISTANCE] = 0.35,
@@ -76,13 +76,13 @@ def command(
     Every planner gets the same maps and queries, in turns. Speed-ups and gaps are against exact A* on the
     same query. Times count the whole job, widening and fallback included.
 
-    With --fresh-map each planner is also made anew of the elevations for every query, all of it on the clock, and
-    so is the corridor as narrow as the learned region's (corridor-narrow): nnpp without a network.
+    With --fresh-map each planner is also made from the elevations for every query, all of it on the clock, and so is
+    a corridor with the learned region's narrow bands (corridor-narrow): nnpp without a network.
 
     With --step-cost all planners go by the slope; the network has been trained for costs without a direction.
 
-    The workloads body and body-rocksN, rocks on N percent of the ground, are those of a vehicle: a planner that has
-    checked none of its poses is made for every query.
+    The workloads body and body-rocksN, rocks on N percent of the ground, need a vehicle: every query gets a new
+    planner, which has checked no poses.
 
     \b
     nnpp-edge evaluate --terrain dem.tif --rescale 20 --workload soft,limit15 --sizes 256,512

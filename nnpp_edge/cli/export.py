@@ -10,7 +10,7 @@ from nnpp_edge.cli import options
 from nnpp_edge.cli.text import tell
 
 _FACTOR = "Factor on the adaptive threshold that planners are to use with this model."
-_DATASET = "What it was trained on, for the metadata and to compare torch and ONNX on."
+_DATASET = "The training's data set, for the metadata and to compare torch and ONNX on."
 
 
 @options.command("export")

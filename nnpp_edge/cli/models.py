@@ -29,8 +29,8 @@ def command(
 ) -> None:
     """List the shipped models, or show one in full.
 
-    NAME is that of a shipped model, FILE any ONNX model that the toolkit wrote. What is shown stands in the
-    file and in NAME.md beside it, the model's card with what was measured. The network is not loaded.
+    NAME is that of a shipped model, FILE any ONNX model that the toolkit wrote. It shows the file's metadata and
+    NAME.md beside it, the model's card with the measurements. The network is not loaded.
 
     \b
     nnpp-edge models

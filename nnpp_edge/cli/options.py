@@ -229,20 +229,20 @@ Rescale = Annotated[
 Resample = Annotated[
     float | None,
     POSITIVE,
-    "Make cells finer, this many metres wide, with heights interpolated between the map's. That shows no more of the "
-    "ground, but a vehicle may stand and step between the cells.",
+    "Make cells finer, this many metres wide, with heights interpolated between the map's. That adds no "
+    "detail, but a vehicle may stand and step between the cells.",
 ]
 TerrainFiles = Annotated[tuple[Path, ...], MAP, MANY, "Elevation file. May be repeated."]
 Omega = Annotated[float, NOT_NEGATIVE, "Weight of the cost against length, per grey level."]
 CornerCutting = Annotated[
     bool, "--corner-cutting/--no-corner-cutting", "Allow diagonal steps beside impassable cells."
 ]
-Hillshade = Annotated[bool, "Draw the relief in place of the cost."]
+Hillshade = Annotated[bool, "Draw the relief instead of the cost."]
 StepCost = Annotated[
     str,
     click.Choice(STEP_COSTS),
-    "What a step costs: by the map's costs, or by the slope it leads up or down; time and energy as the table "
-    "[mobility] of --vehicle or --mobility says.",
+    "Price of a step: by the map's costs, or by the slope it leads up or down; time and energy by the table "
+    "[mobility] of --vehicle or --mobility.",
 ]
 
 
@@ -279,4 +279,4 @@ def given_options() -> list[str]:
 
 
 PRIORS = ("network", "slope", "eq1", "mean")
-PRIOR = "With --known, what unseen ground is priced by: a network, the coarse slope, NNPP's Eq. 1, one mean."
+PRIOR = "With --known, the price of unseen ground: by a network, the coarse slope, NNPP's Eq. 1, or one mean."

@@ -31,13 +31,13 @@ def command(
 
     Give start and goal as cells, in the map's coordinates, as longitude and latitude, or as a vector file's points
     (GeoPackage, GeoJSON, GPX, Shapefile, FlatGeobuf; FILE:LAYER of several layers). With several goals a path to each
-    is planned, and the one that costs least is taken. The time shown includes loading compiled code and, as its stage
+    is planned, and the cheapest is taken. The time shown includes loading compiled code and, as its stage
     `load`, waiting for the network, whose file is opened meanwhile; with --compare and --time-limit these are loaded
     first. Exit codes: 0 for a path, 1 for NO_PATH or TIMEOUT, 2 where start or goal lies outside the map or
     is impassable.
 
     A limit of slope is on the plane through a cell and its eight neighbours, not on a single step from cell to cell:
-    a warning tells how many steps of the path are steeper.
+    a warning counts the steps of the path that are steeper.
 
     path.geojson is in the map's own coordinates, not in longitude and latitude; its properties say which.
     Without a georeference they are x = column and y = row, times the side of a cell, in metres.
@@ -49,7 +49,7 @@ def command(
     nnpp-edge plan dem.tif --start 20,30 --goal 380,360 --workload limit20 -o plan
     """
     if formats and output is None:
-        raise click.UsageError("--format is of what is written: give -o too")
+        raise click.UsageError("--format needs -o")
     names = ("path.geojson", "path.csv", "plan.png", "plan.json", *(f"path.{name}" for name in formats))
     outputs = [("--output", output / name) for name in names] if output else []
     robot.check_turns(request.refine)

@@ -19,7 +19,7 @@ _PEERS_SIZES, _PEERS_QUERIES = (256, 512, 1024), 50
 _WANTED = "give either --profile (learned, edge-2core, single-core, quick, rover or a file) or --peers"
 _TERRAIN = "Elevation file, or several, in place of the profile's; else the sample."
 _VEHICLE = (
-    "Whose the workloads body and body-rocksN are, in place of the profile's: a shipped vehicle or a TOML file."
+    "Vehicle of the workloads body and body-rocksN, in place of the profile's: a shipped vehicle or a TOML file."
 )
 _OUTPUT = (
     "Folder for report.json, report.md, report.html and board-row.md (a row for docs/boards.md); with --peers for "
@@ -97,8 +97,8 @@ def command(asked: Asked) -> None:
 
     With --peers a step costs its length times the mean weight of its two cells, the weight being 1 + 5.61 T; gaps
     are path costs by that rule over exact A*'s, less 1. All planners then run on one thread; only cost maps, which
-    others get from us, are computed on all cores. Beside a plan on a standing map stand one-off use (from weights to
-    a path, nothing kept) and elevations to a path.
+    others get from us, are computed on all cores. Besides plans on a standing map, one-off use (from weights to
+    a path, nothing kept) and elevations to a path are timed.
     """
     if (inner := click.get_current_context().invoked_subcommand) is not None:
         if any(vars(asked).values()):

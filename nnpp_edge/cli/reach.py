@@ -16,8 +16,8 @@ from nnpp_edge.cli.text import aligned, duration, tell
 _SECONDS = {"s": 1.0, "min": 60.0, "h": 3600.0}
 _JOULES = {"J": 1.0, "kJ": 1e3, "MJ": 1e6, "Wh": 3600.0, "kWh": 3.6e6}
 _COST = "The most that a path may cost, in the unit of --step-cost."
-_TIME = "The longest that it may take: by --step-cost, else at the vehicle's speeds, else by Tobler's function."
-_ENERGY = "The most energy that it may draw, of a --vehicle, in joules without a unit."
+_TIME = "The longest time of a path: by --step-cost, else at the vehicle's speeds, else by Tobler's function."
+_ENERGY = "The most energy that a --vehicle may draw, in joules unless a unit is given: 500kJ, 20MJ, 2kWh."
 
 
 def _amount(units: dict[str, float], word: str) -> float:
@@ -41,7 +41,7 @@ def command(
     within_time: Annotated[float | None, _DURATION, _TIME] = None,
     within_energy: Annotated[float | None, _WORK, _ENERGY] = None,
     robot: GroundOptions,
-    levels: Annotated[int, click.IntRange(1, 24), "Into how many areas that is divided."] = 4,
+    levels: Annotated[int, click.IntRange(1, 24), "Number of areas that this is divided into."] = 4,
     omega: options.Omega = 0.011,
     corner_cutting: options.CornerCutting = True,
     hillshade: options.Hillshade = False,

@@ -33,12 +33,12 @@ def command(
 ) -> None:
     """Repeat the paper's experiments, each beside the paper's figures.
 
-    The paper's method runs with the paper's own network, ours with `edge`; --model puts another in the place of both.
+    The paper's method runs with the paper's own network, ours with `edge`; --model replaces both.
     Without --terrain the ground is the shipped sample, at cells of 20 m.
 
     EXPERIMENT is one of table1, fig7, table2, fig9, fig11, fig12, fig14, table3 and table4;
     by default all. Each gets a folder with its figures (CSV) and a picture (PNG); README.md has the tables
-    and says what agrees with the paper and what does not. What is complete is not run again.
+    and the verdicts. Complete experiments are not run again.
 
     \b
     nnpp-edge reproduce --terrain dem.tif --rescale 20 -o reproduction

@@ -62,7 +62,7 @@ def _below_lonlat(place: "Place", at: tuple[float, float]) -> "list[Cell]":
 
 
 def _below_layer(word: str, place: "Place") -> "list[Cell]":
-    """The cells below a layer's points; that they had to be reprojected is told on stderr."""
+    """The cells below a layer's points; a line on stderr says if they had to be reprojected."""
     from nnpp_edge.terrain.vectors import points_of
 
     points, told = points_of(word, place)
@@ -81,7 +81,7 @@ class PlanRequest:
     """A plan's question."""
 
     start: Start
-    goals: Annotated[tuple[End, ...], "--goal", PLACE, MANY, "Likewise; of several, the nearest is taken."]
+    goals: Annotated[tuple[End, ...], "--goal", PLACE, MANY, "As --start; of several, the nearest is taken."]
     via: Annotated[tuple[End, ...], PLACE, MANY, "Go by way of this place, or of a vector file's points."] = ()
     best_order: Annotated[bool, "Visit the places of --via, 12 at most, in the cheapest order."] = False
     method: Annotated[str, click.Choice(["auto", "astar", "corridor", "nnpp"])] = "auto"
@@ -94,9 +94,9 @@ class PlanRequest:
     time_limit: Annotated[float | None, options.POSITIVE, "Seconds for one planning."] = None
     refine: Annotated[str | None, click.Choice(["any-angle"]), "Free the path from the grid: way points, too."] = None
     start_heading: Annotated[
-        float | None, options.ANGLE, "In which a body stands, degrees clockwise from up the map's rows."
+        float | None, options.ANGLE, "Of a body at the start, degrees clockwise from up the map's rows."
     ] = None
-    goal_heading: Annotated[float | None, options.ANGLE, "In which it is to arrive, likewise."] = None
+    goal_heading: Annotated[float | None, options.ANGLE, "Of a body at the goal, the same way."] = None
     goal_tolerance: Annotated[float, options.NOT_NEGATIVE, "How far off the heading at the goal may be."] = 0.0
     compare: Annotated[bool, "Plan with exact A* and the corridor planner too."] = False
     hillshade: options.Hillshade = False

@@ -25,12 +25,10 @@ _CELLS_TO_A_BODY = 4.0
 _SURVEY = 8
 """Cells over which a point's first map is blurred without --known."""
 _METHODS = ("auto", "astar", "dstar", "corridor", "corridor-dstar", "nnpp", "nnpp-dstar")
-_SIZE = (
-    "Side of the part of the map that is driven on: picked by the seed, but for --start and --goal, which it holds."
-)
-_GOAL = "Likewise; by default start and goal are picked by the seed."
+_SIZE = "Side of the part of the map that is driven on; the seed picks one, which holds --start and --goal."
+_GOAL = "As --start; by default the seed picks both."
 _CHANGES = "Obstacles that appear, move or vanish between two ticks."
-_KNOWN = "The first map has means of so many cells to each side alone; what was not seen counts by --prior."
+_KNOWN = "The first map has means of N × N cells only; unseen ground is priced by --prior."
 _NOISE = "Standard deviation of the steering angle, degrees, of a vehicle that drives arcs."
 
 
@@ -62,8 +60,8 @@ def command(
     """Drive a simulated robot to its goal through the onboard loop.
 
     The robot begins with a coarse survey of the terrain, sees the true cost of the cells around it, and walks
-    along the newest path; obstacles of cost 1 appear, move and vanish. Every path is checked apart from the loop.
-    With a vehicle these are heights, obstacles are higher than any step, and the body must stand wherever it goes.
+    along the newest path; obstacles of cost 1 appear, move and vanish. Every path is checked outside the loop, too.
+    A vehicle sees heights instead, obstacles are higher than any step, and its body is checked wherever it goes.
     The survey shows no rocks.
     Exit codes: 0 at the goal, 1 where it was not reached or a path crossed a forbidden cell, 2 for wrong use.
 

@@ -63,7 +63,7 @@ def command(
 
     Each validation searches real queries inside the predicted region. The run's folder gets checkpoint.pt,
     history.json and curves.png; the same command goes on where it stopped. Under torchrun the batch is
-    shared out evenly over the processes, and the first one writes and prints.
+    divided evenly over the processes, and the first one writes and prints.
 
     \b
     nnpp-edge train data/train --validation data/val -o runs/edge --time-limit 60

@@ -21,7 +21,7 @@ def command(
     /,
     robot: GroundOptions,
     start: Annotated[End | None, PLACE, "Where the path begins at first, as for plan."] = None,
-    goal: Annotated[End | None, PLACE, "Likewise where it leads."] = None,
+    goal: Annotated[End | None, PLACE, "As --start."] = None,
     omega: options.Omega = 0.011,
     port: Annotated[int, click.IntRange(0, 65535), "Of the page on 127.0.0.1; 0 for any."] = 8765,
     no_browser: Annotated[bool, "Print the page's address and open no browser."] = False,
@@ -29,7 +29,7 @@ def command(
     """Open a page to look at the elevation map DEM, and to try planning on it.
 
     Drag start and goal, set limits, step cost and vehicle, compare methods, paint obstacles, and copy what you see as
-    a command. The page is served to this machine alone, asks nothing of any other, and ends with Ctrl-C.
+    a command. The page is served to this machine only, loads nothing from others, and ends with Ctrl-C.
 
     \b
     nnpp-edge view dem.tif --workload limit20

@@ -1,4 +1,4 @@
-"""A profile's report: the run, what it cost besides time, budgets and verdict. Keys as in docs/profile.md."""
+"""A profile's report: the run, its costs other than time, budgets and verdict. Keys as in docs/profile.md."""
 
 from collections.abc import Callable, Sequence
 from datetime import UTC, datetime

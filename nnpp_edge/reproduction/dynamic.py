@@ -189,9 +189,9 @@ def _faster(rows: Rows, slow: str, fast: str, own: Own) -> bool:
 
 
 def _mends(later: Rows, afresh: str, name: str) -> Finding:
-    """Whether D*NN mends, and gains by it over A*NN, which searches afresh."""
+    """Whether D*NN repairs, and gains by it over A*NN, which searches afresh."""
     mended, gain = later.of(name).all("mended"), later.speedup(afresh, name)
-    claim = f"D*NN mends, and gains by it, dynamic ({shown('planner', name)})"
+    claim = f"D*NN repairs, and gains by it, dynamic ({shown('planner', name)})"
     ours = f"{sum(mended):.0f} of {len(mended)} plans after the first, {gain:.2f}× as fast as afresh"
     rule = "on half of the plans or more, and faster than afresh"
 

@@ -65,7 +65,7 @@ def read_cost_map(path: Path) -> tuple[Float2D, float] | None:
 def check_room(path: Path, shape: tuple[int, ...], dtype: np.dtype[np.generic], more_bytes: int = 0) -> None:
     """TerrainError where an array of this shape cannot become a map in the memory that is left, before it is read.
 
-    `more_bytes` is what reading it takes besides.
+    `more_bytes` is what reading it takes as well.
     """
     wanted = math.prod(shape) * (dtype.itemsize + _BYTES_PER_CELL) + more_bytes
     room = available_bytes()

@@ -65,7 +65,7 @@ class Recipe(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """Between start and goal, as a share of the map's side."""
     omega: float = PAPER_OMEGA
     limits: dict[str, float] = {}
-    """Fields of `Traversability` that are not its defaults: one's own limits."""
+    """Fields of `Traversability` that are not its defaults: the user's own limits."""
     stripe: tuple[float, float] = (0.0, 1.0)
     """The part of each file that is used: from where to where on its longer side, as shares of it."""
     cell_size_m: float | None = None
@@ -100,7 +100,7 @@ class Recipe(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
             self.limits_of(name)
 
     def limits_of(self, name: str) -> Traversability:
-        """The limits of a workload on top of one's own."""
+        """The limits of a workload on top of the user's own."""
         try:
             return workload(name, Traversability(**self.limits))
         except (TypeError, ValueError) as error:
@@ -108,7 +108,7 @@ class Recipe(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
     @property
     def common_limits(self) -> Traversability:
-        """The limits that all maps have: those of the only workload, or one's own, which several add to."""
+        """The limits that all maps have: those of the only workload, or the user's own, which several add to."""
         return self.limits_of(self.workloads[0][0] if len(self.workloads) == 1 else SOFT)
 
     @property

@@ -27,7 +27,7 @@ def shared(folder: Path) -> Iterator[None]:
 
 
 def take(digest: str) -> bool:
-    """Wait until nobody else compiles the version with this hexadecimal digest; False where nothing is shared."""
+    """Wait until no other process compiles the version with this hexadecimal digest; False if nothing is shared."""
     return _lock(fcntl.LOCK_EX, digest)
 
 

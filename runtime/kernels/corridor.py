@@ -9,7 +9,7 @@ from nnpp_edge.runtime.kernels.pooling import FACTOR
 from nnpp_edge.runtime.kernels.tiles import open_there
 
 _LOOK_EVERY = 256
-"""Cells between two looks at the clock."""
+"""Cells between two readings of the clock."""
 
 
 @helper
@@ -87,7 +87,7 @@ def _flood(grid, edges, links, start, found, limit, scratch, marks, until):
 
 @helper
 def _read_ahead(path, finer):
-    """Read what the next finer search will, along a path of cells: in any order, memory answers many times as soon.
+    """Read what the next finer search will, along a path of cells: in any order, memory answers many times as fast.
 
     Returns a number that means nothing, so that the compiler leaves the reading in.
     """

@@ -19,7 +19,7 @@ SETTLED, PAUSED = 0, 1
 READ, STALE, UNREAD = 0, 1, 2
 ABSENT = -1
 _LOOK_EVERY = 512
-"""Nodes between two looks at the clock."""
+"""Nodes between two readings of the clock."""
 SPARE_SLOTS = 4
 """Slots of the heap beyond the number of nodes, so that the last entries have four below each as well."""
 EXACT = float(1 << 52)

@@ -53,7 +53,7 @@ EXPANSIONS, BEST_NODE, SETTLED = range(3)
 LANES = 8
 """Landmarks that a node has room for."""
 LOOK_EVERY = 1024
-"""Expansions between two looks at the clock."""
+"""Expansions between two readings of the clock."""
 NO_HINTS = np.empty((0, LANES), np.float32), np.empty(LANES, np.float32), 0.0
 NO_REGION = np.empty((0, 0), np.int32), np.empty(0, np.int32), np.empty(0, np.int32), 0
 """Of a search without these: a flag, where None would compile another search."""

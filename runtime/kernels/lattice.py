@@ -62,7 +62,7 @@ LEG, LEFT_TURN = 0, 1
 """Primitives of a body that turns on the spot; `LEFT_TURN` + 1 is the one to the right."""
 _MASK = DIRECTIONS - 1
 LOOK_EVERY = 8
-"""Expansions between two looks at the clock, as each may check poses."""
+"""Expansions between two readings of the clock, as each may check poses."""
 
 
 @helper

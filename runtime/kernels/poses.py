@@ -1,7 +1,7 @@
 """The check of a body's motions: whether it can follow a leg or turn on a cell, what that costs, and why it cannot.
 
 Motions are checked a run at a time, `RUN` cells of a row, where a search first asks: a run takes about as long as two
-or three motions would take one by one. docs/vehicle-check.md has the definitions and the proof, `map.motions` the tables.
+or three motions would take one by one. docs/vehicle-check.md has the definitions and proof, `map.motions` the tables.
 
 The kernels are given `poses`, a tuple (codes, source, address):
 

@@ -14,7 +14,7 @@ LEVELS = 256
 long way round, td is often below 1/1000."""
 TOO_LATE = -2
 _LOOK_EVERY = 1024
-"""Cells between two looks at the clock."""
+"""Cells between two readings of the clock."""
 TOWARDS = np.array(
     [sorted(range(8), key=lambda k: ROW_STEP[k] * (n // 3 - 1) + COL_STEP[k] * (n % 3 - 1)) for n in range(9)],
     np.int8,

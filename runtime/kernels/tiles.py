@@ -1,4 +1,4 @@
-"""A map of heights whose costs and coarse levels are computed by tiles, where somebody looks. See `map.tiles`.
+"""A map of heights whose costs and coarse levels are computed by tiles, where a search reads them. See `map.tiles`.
 
 The kernels that look are given `tiles`, a tuple (state, wanted, row_shift, col_shift, source, address): what has been
 done to each tile, as bits; the bit without which a cell of it may not be left; by how many bits a row and a column of

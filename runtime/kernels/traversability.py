@@ -212,7 +212,7 @@ def _weight(heights, rows, cols, row, col, rule, constants):
 
 @helper
 def _border_weight(heights, rows, cols, row, col, rule, constants):
-    """Weight of a cell at the border, sooner done where its patch has no hole."""
+    """Weight of a cell at the border, faster where its patch has no hole."""
     at = row * cols + col
     if 0 < col < cols - 1 and rows > 1:
         along, across, over = 1, cols if row == 0 else -cols, constants[4][1]

@@ -52,7 +52,7 @@ class NavigatorSettings:
 
     @property
     def asks_network(self) -> bool:
-        """Whether the method asks the network, which ``auto`` does not."""
+        """Whether the method runs the network, which ``auto`` does not."""
         return self.method in (DynamicMethod.NNPP, DynamicMethod.NNPP_DSTAR)
 
     def __post_init__(self) -> None:

@@ -88,7 +88,7 @@ class Pose:
     col: float
     stamp: float = 0.0
     heading_deg: float | None = None
-    """In which a body stands, clockwise from up the rows; None where nobody says: a path begins in any direction."""
+    """In which a body stands, clockwise from up the rows; None: a path begins in any direction."""
 
     def __post_init__(self) -> None:
         _check_numbers(self, [], ["row", "col", "stamp", *(["heading_deg"] if self.heading_deg is not None else [])])

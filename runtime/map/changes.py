@@ -49,7 +49,7 @@ class Change(NamedTuple):
 
 
 class ChangeReader:
-    """Changes that somebody has not read yet, the oldest first; of more than `most`, neighbours are merged."""
+    """Changes that a reader has not read yet, the oldest first; of more than `most`, neighbours are merged."""
 
     def __init__(self, keeps_old_weights: bool, most: int) -> None:
         self.keeps_old_weights, self._most = keeps_old_weights, most
@@ -92,7 +92,7 @@ class ChangeLog:
 
     @property
     def _readers(self) -> "list[ChangeReader]":
-        """Those that somebody still has."""
+        """Those that are still in use."""
         return [reader for each in self._refs if (reader := each()) is not None]
 
     @property

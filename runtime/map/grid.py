@@ -51,7 +51,7 @@ class Grid:
         self.weights: NDArray[np.float32] = weights
         """(nodes,) weights; inf where impassable."""
         self.tiles: Tiles | None = None
-        """By which weights are computed where somebody looks; None where all are there."""
+        """By which weights are computed where a search reads them; None where all are there."""
         self.poses: Poses | None = None
         """Of a vehicle, by which steps cost and cells can be stood on; None for a point."""
         self.directed: DirectedSteps | CoarseSteps | None = None

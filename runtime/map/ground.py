@@ -47,7 +47,7 @@ class Ground:
     traversability: Traversability = field(default_factory=Traversability)
     """How heights become costs, and where they are too steep."""
     vehicle: Vehicle | None = None
-    """A body, on heights: its poses, checked where a search looks, decide where the path may go and what it costs.
+    """A body, on heights: its poses, checked as searched, decide where the path may go and what it costs.
     A disc (`radius_m`): it may not touch impassable cells, nor leave the map. None for a point."""
     step_cost: str = StepCost.PAPER
     """``paper``: a step costs L + 255·omega·(T_i + T_j) (NNPP, Eq. 2-4). ``length``, of costs alone: L × the mean

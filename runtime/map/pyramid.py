@@ -54,7 +54,7 @@ class Level:
 
 
 class Pyramid:
-    """Levels of a map, finest first. Those of a map of heights are computed with it, where somebody looks.
+    """Levels of a map, finest first. Those of a map of heights are computed with it, where a search reads them.
 
     They are right once `finish` has been called, and again after each `update`.
     """

@@ -5,7 +5,7 @@ at every 1024th and where the function has kinks. Searches, plans and figures go
 Models price the slope alone: whether a cell can be stood on is decided by the traversability (or a body's poses).
 
 - ``tobler``: seconds of a hiker (`ToblerCost`).
-- ``irmischer``: seconds of somebody who finds the way on foot, off paths or on them (`IrmischerCost`).
+- ``irmischer``: seconds of a person who finds the way on foot, off paths or on them (`IrmischerCost`).
 - ``linear``: so much a metre of the way, a metre climbed and a metre descended, as r.walk (`LinearCost`).
 - ``time``: seconds of a vehicle whose speed depends on the slope (`TimeCost`).
 - ``energy``: joules of a vehicle with a mass, a rolling resistance, an efficiency and a recovery (`EnergyCost`).
@@ -255,7 +255,7 @@ class TimeCost(SlopeCost):
 @checked(InvalidQueryError)
 @dataclass(frozen=True)
 class IrmischerCost(SlopeCost):
-    """Seconds of somebody who finds the way on foot with a map, off paths or on them.
+    """Seconds of a person who finds the way on foot with a map, off paths or on them.
 
     Notes
     -----

@@ -57,7 +57,7 @@ class MapState:
         self.vehicle = ground.vehicle
         """Whose path it is; None for a point."""
         self.sides_m = None if ground.cell_size_m is None else ground.sides_m
-        """Height and width of a cell; None where nobody has said."""
+        """Height and width of a cell; None where it is not known."""
         self.mobility = ground.mobility or Mobility()
         """By what time and energy along a path are computed."""
         self._limits, self._lazy, self._corner_cutting = ground.traversability, lazy, corner_cutting

@@ -1,4 +1,4 @@
-"""A map of heights, whose costs and coarse levels are computed tile by tile, where somebody looks.
+"""A map of heights, whose costs and coarse levels are computed tile by tile, where a search reads them.
 
 A robot gets heights again and again, and a search looks at a part of the map. So nothing is computed when heights
 arrive. The kernels that expand a cell look whether its tile is open, which takes a byte; if not, they compute the

@@ -1,4 +1,4 @@
-"""Prices of ground that nobody has seen: what crossing a block of a coarse map is expected to cost.
+"""Prices of unseen ground: the expected cost of crossing a block of a coarse map.
 
 A block's price is in units of T a fine cell: a straight step through it costs L + 2 · 255 · ω · price. It is finite.
 Where a block is likely to hold impassable cells it is above 1, up to `MOST_PRICE`: a way through it may turn out to

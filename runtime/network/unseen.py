@@ -1,4 +1,4 @@
-"""Ground that nobody has seen, as a network is shown it, and what its answers make of a block's price.
+"""Ground that is unseen, as input of a network, and a block's price by its output.
 
 Training takes these from here too, so that what runs is what was trained. Only what is relative in the elevations is
 shown: in units of the rise over a block at the limit of the slope.

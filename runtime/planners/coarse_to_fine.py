@@ -57,7 +57,7 @@ class CoarseLevel:
 
         Directed steps are taken backwards, and have no landmarks. Else searches of a whole level get them, one at a
         time, once they have expanded several times the cells that this takes: so a map that is searched often is
-        answered sooner, and one that changes loses little.
+        answered faster, and one that changes loses little.
         """
         if self._version != self.level.version:
             self.landmarks, self._version, self._spent = None, self.level.version, 0.0

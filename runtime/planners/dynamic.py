@@ -38,7 +38,7 @@ class DynamicChooser:
         self._changes = methods.state.log.reader()
         """Since the last answer with a path."""
         self._drift = 1.0
-        """The most that mended paths cost, in times of what a new corridor's would."""
+        """The most that repaired paths cost, in times of what a new corridor's would."""
 
     def answered(self) -> None:
         """The path that was found stands from now on."""
@@ -306,7 +306,7 @@ class DynamicPlanner(OnMap):
 
     @property
     def _direction(self) -> int:
-        """In which a body heads; -1 of others, and where nobody says."""
+        """In which a body heads; -1 of others, and where it is not given."""
         heading, poses = self._heading_deg, self._state.grid.poses
         if heading is None or poses is None:
             return -1

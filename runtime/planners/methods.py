@@ -47,7 +47,7 @@ from nnpp_edge.runtime.tuning import (
 
 _MEASURED = "edge"
 """The network that the figures are of."""
-_UNASKED = "no network is asked for a vehicle's body: the corridor is as fast, closer to optimal"
+_UNASKED = "no network is used for a vehicle's body: the corridor is as fast, closer to optimal"
 
 
 def pick_method(
@@ -128,7 +128,7 @@ class Methods:
         return model
 
     def load_network(self) -> None:
-        """Load the network now, and show it the map; ModelError if it cannot be loaded. With poses none is asked."""
+        """Load the network now, and show it the map; ModelError if it cannot be loaded. With poses none is used."""
         if not self.has_poses:
             self.regions.prepare(self.state.pyramid.levels[self._network_level], self._network_level)
 

@@ -85,7 +85,7 @@ class PlannerOptions(GroundOptions, total=False):
     corner_cutting: bool
     """Whether a diagonal step may pass beside an impassable cell; by default it may."""
     lazy: bool
-    """Whether costs of heights are computed, and poses checked, only where a search looks, as by default. Else all
+    """Whether costs of heights are computed, and poses checked, only where searched, as by default. Else all
     are now; plans are the same. Costs of steps by the slope always are."""
     warn: bool
     """Whether to warn of heights whose slopes all lie beyond the limits; by default `of_elevation` does."""
@@ -93,7 +93,7 @@ class PlannerOptions(GroundOptions, total=False):
     """The network for ``nnpp``: a shipped model's name (by default ``edge``), a file, or one already loaded, which
     planners may share. It is loaded when first needed."""
     ask_from: int
-    """Cells between start and goal from which on ``nnpp`` asks the network. Nearer goals A* has mostly found before
+    """Cells between start and goal from which on ``nnpp`` runs the network. Nearer goals A* has mostly found before
     it has answered, and is tried first."""
 
 

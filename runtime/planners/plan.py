@@ -45,7 +45,7 @@ class DynamicMethod(_Named):
     ASTAR = "astar"
     """Exact A* over the whole map, afresh each time."""
     DSTAR = "dstar"
-    """D* Lite over the whole map: exact, and mended rather than searched anew."""
+    """D* Lite over the whole map: exact, and repaired rather than searched anew."""
     CORRIDOR = "corridor"
     """Coarse to fine, afresh each time."""
     CORRIDOR_DSTAR = "corridor-dstar"

@@ -72,7 +72,7 @@ class Planner(OnMap):
         traversability: Traversability | None = None,
         **options: Unpack[PlannerOptions],
     ) -> "Planner":
-        """A planner of a map that has just arrived: costs and coarse levels are computed where a search looks.
+        """A planner of a map that has just arrived: costs and coarse levels are computed where a search reads them.
 
         Plans are those of ``Planner(traversability_cost(dem, …))``, but for ties, and that the network is shown means
         of a sample of the cells. Arguments are those of `Ground.of_elevation` and `PlannerOptions`; the elevations
@@ -95,7 +95,7 @@ class Planner(OnMap):
     ) -> "Planner":
         """A planner of ground that is known coarsely, and finely where `update_elevation` has told it.
 
-        Start, goal, path and patches are counted in the fine cells. A cell that nobody has seen counts by its block's
+        Start, goal, path and patches are counted in the fine cells. An unseen cell counts by its block's
         expected price, and never as checked: `Plan.known` says how far a path leads over cells that were seen.
 
         Parameters

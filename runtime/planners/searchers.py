@@ -180,7 +180,7 @@ class RegionMender:
         return serves(self._state.grid)
 
     def knows_region(self, goal: Cell) -> bool:
-        """Whether there is a search to be mended, for this goal."""
+        """Whether there is a search to be repaired, for this goal."""
         return self.serves and self._dstar is not None and self._dstar.goal == goal and self._known is not None
 
     def search(self, query: Query, work: Work, region: Region | None) -> Search:

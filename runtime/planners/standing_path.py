@@ -148,7 +148,7 @@ class StandingPath:
             self._read_changes()
 
     def check(self, at: Cell, direction: int = -1) -> Standing:
-        """How the path stands for a robot in the cell `at`, heading in a direction; -1 where nobody says."""
+        """How the path stands for a robot in the cell `at`, heading in a direction; -1 where it is not given."""
         self._read_changes()
         if self.plan is None:
             return Standing(Footing.NONE)

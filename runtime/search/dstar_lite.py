@@ -55,7 +55,7 @@ class DStarMemory:
 class DStarLite:
     """Plans on one map towards one goal, again and again, in a region if given. Serves one thread at a time.
 
-    It reads from the map's log what changed, and mends its search when it is asked for a path.
+    It reads from the map's log what changed, and repairs its search when a path is asked for.
 
     Notes
     -----
@@ -127,7 +127,7 @@ class DStarLite:
         np.maximum(rows, np.where(differs[region.row_block], kernels.STALE, 0), out=rows, casting="unsafe")
 
     def reach(self) -> float:
-        """Share of the way, by cost, that lies between the start and the farthest change: it may have to be mended.
+        """Share of the way, by cost, that lies between the start and the farthest change: it may have to be repaired.
 
         From 0 (none matters: all lie behind the start, or where no search has come) to 1 (at the goal, or the start
         lies where no search has come, and a change does not).

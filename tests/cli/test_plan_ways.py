@@ -187,7 +187,7 @@ def test_the_picture_has_the_body_and_with_a_comparison_a_points_path(run, hill)
 
 def test_a_body_asks_no_network_and_may_have_no_path(run, told, hill):
     found = told("plan hill.npz --start 10,10 --goal 45,48 --vehicle small-rover --method nnpp")
-    assert found["method"] == "nnpp" and "no network is asked for a vehicle's body" in found["choice"]
+    assert found["method"] == "nnpp" and "no network is used for a vehicle's body" in found["choice"]
     words = "plan wall.npz --start 10,10 --goal 45,48 --vehicle small-rover"
     found = told(words, code=1)
     reached = found["reached_cells"]

@@ -218,7 +218,7 @@ def codes_in_numpy(poses: Poses, motion: int, cells: np.ndarray) -> tuple[np.nda
 
 
 def figures_in_numpy(poses: Poses, cells: np.ndarray, pose: int) -> np.ndarray:
-    """(5, N) bounds of slope, pitch, roll (as slopes), step and rise of a pose from N cells; see docs/vehicle-check.md."""
+    """(5, N) bounds of slope, pitch, roll (as slopes), step, rise of a pose of N cells (docs/vehicle-check.md)."""
     tables, vehicle = poses.motions, poses.vehicle
     ground = poses.heights.astype(np.float64)
     margin = (poses.heights.shape[0] - poses.shape[0]) // 2

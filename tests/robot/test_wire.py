@@ -85,7 +85,7 @@ def test_only_the_base64_of_a_message_may_be_large():
         small + b',"row":1' * LARGE,
         b'"stamp":1.' + b"1" * LARGE,
     ):
-        with pytest.raises(WireError, match=r"at most 131072 bytes besides a patch's base64 values \(float32\), got"):
+        with pytest.raises(WireError, match=r"at most 131072 bytes outside a patch's base64 values \(float32\), got"):
             decode(b'{"type":"patch","row":0,"col":0,' + content + b"}")
 
 

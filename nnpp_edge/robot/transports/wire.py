@@ -21,7 +21,7 @@ VERSION = 1
 LIMIT_BYTES = 16 << 20
 """Of a message; room for a patch of 1700 × 1700 cells in base64."""
 JSON_BYTES = 128 << 10
-"""Of a message besides a patch's base64; room for 128 × 128 cells as lists. No other thread runs while JSON is
+"""Of a message outside a patch's base64; room for 128 × 128 cells as lists. No other thread runs while JSON is
 decoded: 9 ms at most for so much, as for 16 MiB of base64; 16 MiB of lists took 1 s and 1 GB."""
 _EXCERPT = 60
 _OPENING = re.compile(rb'"float32"\s{0,60}:\s{0,60}"')
@@ -107,7 +107,7 @@ def decode(payload: bytes, limit: int = LIMIT_BYTES, kind: str | None = None) ->
     """The input that a message holds.
 
     The message is one JSON object in UTF-8. Where only a `kind` may come, ``pose``, ``goal`` or ``patch``, it need
-    not name its type. WireError where it is too long, has more than `JSON_BYTES` besides base64, is no JSON, of
+    not name its type. WireError where it is too long, has more than `JSON_BYTES` outside base64, is no JSON, of
     another version, has words that are unknown, or values out of range.
     """
     return as_input(decoded_input(payload, _INPUTS[kind], f"a {kind or 'pose, goal or patch'}", limit))
@@ -149,7 +149,7 @@ def decoded_input(payload: bytes, decoder: msgspec.json.Decoder[T], wanted: str,
         opening = _OPENING.search(payload, 0, JSON_BYTES)
         base64 = payload.find(b'"', opening.end()) - opening.end() if opening else 0
         if (rest := len(payload) - max(base64, 0)) > JSON_BYTES:
-            wanted = f"at most {JSON_BYTES} bytes besides a patch's base64 values (float32)"
+            wanted = f"at most {JSON_BYTES} bytes outside a patch's base64 values (float32)"
             raise WireError(f"wanted {wanted}, got {rest}")
     return decoded(payload, decoder, wanted, limit)
 
