@@ -30,7 +30,7 @@ def command(
     nnpp-edge warmup
     """
     with warnings.catch_warnings():
-        warnings.simplefilter("ignore", RuntimeWarning)  # that there is no folder: here it is the error below
+        warnings.filterwarnings("ignore", "no folder that only this user")  # here it is the error below
         from nnpp_edge.runtime.warmup import warm_up
     warmth = warm_up(keep_old=keep_old, jobs=jobs)
     counts = f"{warmth.kernels} kernels ({warmth.signatures} versions, {warmth.compiled} of them new)"

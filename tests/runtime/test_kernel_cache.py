@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 from nnpp_edge.runtime import warmup
-from nnpp_edge.runtime.compiled import cache, claims
+from nnpp_edge.runtime.compiled import cache, claims, places
 from nnpp_edge.runtime.compiled import kernel as compiling
 from nnpp_edge.runtime.errors import OutputError
 
@@ -27,7 +27,8 @@ def double(x):
 def folder(tmp_path, monkeypatch):
     """Where kernels made in this process are kept."""
     folder = tmp_path / "cache" / "kernels"
-    monkeypatch.setattr(compiling, "CACHE_FOLDER", folder)
+    monkeypatch.setattr(places, "OWN", folder)
+    monkeypatch.setattr(places, "READ", ())
     monkeypatch.setattr(cache, "save_error", None)
     return folder
 
