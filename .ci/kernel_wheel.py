@@ -3,8 +3,8 @@
 python .ci/kernel_wheel.py FOLDER [KERNEL...]    in an environment with nnpp-edge; KERNEL: module:name, these alone
 
 One x86-64 machine compiles for all: kernels are run once to see with which types they are called, then a process for
-each level compiles them for these types with LLVM's target set, and runs none. The compiled code, once loaded, asks for
-nothing but the C library's own functions: a wheel is for a Python and a numba, as they decide how files are named.
+each level compiles them for these types with LLVM's target set, and runs none. A wheel is for one Python and one
+numba: a compiled version is kept under a name that holds both.
 """
 
 import base64
@@ -112,7 +112,8 @@ def main(folder: Path, *names: str) -> None:
         for machine, levels in MACHINES.items():
             compiled = {name: Path(kept) for name, kept in (step("compile", level, level) for level in levels)}
             made = pack(folder, machine, compiled)
-            print(f"{made}: {made.stat().st_size / 1e6:.1f} MB, {[len([*kept.iterdir()]) for kept in compiled.values()]}")
+            counts = ", ".join(f"{len([*kept.iterdir()])} versions" for kept in compiled.values())
+            print(f"{made}: {made.stat().st_size / 1e6:.1f} MB, {counts}")
 
 
 if __name__ == "__main__":

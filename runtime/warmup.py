@@ -1,8 +1,8 @@
 """Compiling every kernel before the first plan: at install or at boot, rather than on the way.
 
 What `exercises` compiles stays in the cache folder that `compiled` chose; what a wheel of kernels or a read-only
-cache holds is not compiled. Several processes share the work: this one begins with the first exercise, the others with
-the last, and none compiles what another is at; so do two warm-ups at once.
+cache holds is not compiled. Several processes share the work: this one begins with the first exercise, the others
+with the last, and none compiles what another is at; so do two warm-ups at once.
 """
 
 import os

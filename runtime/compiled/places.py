@@ -10,11 +10,12 @@ A compiled kernel holds the code of those that it calls. So a folder's name carr
 kernels: changed code never meets an old cache.
 
 Kernels are compiled for what all cores have in common, not for the core that happens to answer: so a wheel holds what
-many machines need, and a board that switches cores off finds its kernels again.
+many machines need, and a board that switches cores off finds its kernels again. The user's own NUMBA_CPU_NAME wins.
 """
 
 import hashlib
 import os
+import platform
 import stat
 import sys
 import warnings
@@ -27,22 +28,19 @@ from nnpp_edge import __file__ as _package
 from nnpp_edge import __version__
 
 _V3 = "avx avx2 bmi1 bmi2 f16c fma abm movbe xsave"
-LEVELS = {
-    "x86-64-v4": f"{_V3} avx512f avx512bw avx512cd avx512dq avx512vl",
-    "x86-64-v3": _V3,
-    "cortex-a72": "asimd",  # any 64-bit ARM: nothing is used that armv8-a lacks
-}
+_X86 = {"x86-64-v4": f"{_V3} avx512f avx512bw avx512cd avx512dq avx512vl", "x86-64-v3": _V3}
 """LLVM's names of processors that kernels are compiled for, the best first, and the flags which their cores have."""
 _OTHERS_MAY_WRITE = stat.S_IWGRP | stat.S_IWOTH
 _CODE = Path(_package).stat()
 
 
-def level_of(cpuinfo: str) -> str | None:
-    """The best level that each core in this text of /proc/cpuinfo has, None where that is no one's."""
-    cores = [set(line.split()) for line in cpuinfo.splitlines() if line.startswith(("flags", "Features"))]
-    return next(
-        (name for name, flags in LEVELS.items() if cores and set(flags.split()) <= set.intersection(*cores)), None
-    )
+def level_of(machine: str, cpuinfo: str) -> str | None:
+    """The best level that each core in this text of /proc/cpuinfo has; None below the least."""
+    if machine == "aarch64":
+        return "cortex-a72"  # what every armv8-a has: an emulator shows the flags of another machine there
+    cores = [set(line.split()) for line in cpuinfo.splitlines() if line.startswith("flags")]
+    common = set.intersection(*cores) if machine == "x86_64" and cores else set()
+    return next((name for name, flags in _X86.items() if set(flags.split()) <= common), None)
 
 
 def is_private(info: os.stat_result) -> bool:
@@ -130,7 +128,7 @@ def pass_over_wheel(problem: str) -> None:
 _level = None
 if not {"NUMBA_CPU_NAME", "NUMBA_CPU_FEATURES"} & os.environ.keys():  # else the user has chosen
     with suppress(OSError):
-        _level = level_of(Path("/proc/cpuinfo").read_text())
+        _level = level_of(platform.machine(), Path("/proc/cpuinfo").read_text())
     if _level is not None:
         os.environ.update(NUMBA_CPU_NAME=_level, NUMBA_CPU_FEATURES="")
         numba.config.reload_config()
