@@ -98,19 +98,27 @@ def pack(folder: Path, machine: str, compiled: dict[str, Path]) -> Path:
 
 
 def main(folder: Path, *names: str) -> None:
+    from nnpp_edge.runtime.compiled.places import FEATURES
+
     with TemporaryDirectory() as work:
 
-        def step(what: str, level: str, *words: str) -> list[str]:
-            """Do a part in a process of its own, which compiles for this level; the words that it prints."""
-            chosen = {"NUMBA_CPU_NAME": level, "NUMBA_CPU_FEATURES": "", "NUMBA_CACHE_DIR": f"{work}/{level}"}
+        def step(what: str, *words: str, **chosen: str) -> list[str]:
+            """Do a part in a process of its own; the words that it prints."""
             command = [sys.executable, __file__, what, f"{work}/types", *words]
             ended = subprocess.run(command, env=os.environ | chosen, check=True, stdout=subprocess.PIPE, text=True)
             return ended.stdout.split()
 
-        step("note", "x86-64-v3", *names)
+        def compiled_for(level: str) -> tuple[str, Path]:
+            """Name and place of the kernels for a level."""
+            features, kept = FEATURES.get(level, ""), f"{work}/{level}"
+            chosen = {"NUMBA_CPU_NAME": level, "NUMBA_CPU_FEATURES": features, "NUMBA_CACHE_DIR": kept}
+            name, folder = step("compile", level, **chosen)
+            return name, Path(folder)
+
+        step("note", *names)
         folder.mkdir(parents=True, exist_ok=True)
         for machine, levels in MACHINES.items():
-            compiled = {name: Path(kept) for name, kept in (step("compile", level, level) for level in levels)}
+            compiled = dict(map(compiled_for, levels))
             made = pack(folder, machine, compiled)
             counts = ", ".join(f"{len([*kept.iterdir()])} versions" for kept in compiled.values())
             print(f"{made}: {made.stat().st_size / 1e6:.1f} MB, {counts}")

@@ -30,6 +30,9 @@ from nnpp_edge import __version__
 _V3 = "avx avx2 bmi1 bmi2 f16c fma abm movbe xsave"
 _X86 = {"x86-64-v4": f"{_V3} avx512f avx512bw avx512cd avx512dq avx512vl", "x86-64-v3": _V3}
 """LLVM's names of processors that kernels are compiled for, the best first, and the flags which their cores have."""
+FEATURES = {"x86-64-v4": "-prefer-256-bit"}
+"""What LLVM is told beside a level's name. Kernels compute runs of 32 cells: with registers of 256 bits, as it would
+choose, the cost map takes 1.7 times as long."""
 _OTHERS_MAY_WRITE = stat.S_IWGRP | stat.S_IWOTH
 _CODE = Path(_package).stat()
 
@@ -75,7 +78,7 @@ def name_in_wheel(level: str) -> str:
     return f"{__version__}-{_DIGEST}-{python}-numba{numba.__version__}-{level}"
 
 
-def _own() -> tuple[Path | None, list[Path]]:
+def own_folders() -> tuple[Path | None, list[Path]]:
     """Our cache that can be written, the first that serves, and those before it that can only be read."""
     if chosen := os.environ.get("NUMBA_CACHE_DIR"):
         candidates = [Path(chosen)]
@@ -98,7 +101,7 @@ def _own() -> tuple[Path | None, list[Path]]:
     return None, only_read
 
 
-def _installed(level: str, wheel: Path) -> list[Path]:
+def in_wheel(level: str, wheel: Path) -> list[Path]:
     """The folder of the wheel that serves here; with a word where the wheel is there and has none."""
     if not wheel.is_dir():
         return []
@@ -113,16 +116,16 @@ def _installed(level: str, wheel: Path) -> list[Path]:
     return []
 
 
-_passed_over = False
+passed_over = False
 
 
 def pass_over_wheel(problem: str) -> None:
     """Warn once that kernels are compiled in place of those of the wheel."""
-    global _passed_over
-    if not _passed_over:
+    global passed_over
+    if not passed_over:
         text = f"nnpp-edge-kernels is passed over, kernels are compiled here: {problem}"
         warnings.warn(text, RuntimeWarning, stacklevel=2)
-    _passed_over = True
+    passed_over = True
 
 
 _level = None
@@ -130,13 +133,11 @@ if not {"NUMBA_CPU_NAME", "NUMBA_CPU_FEATURES"} & os.environ.keys():  # else the
     with suppress(OSError):
         _level = level_of(platform.machine(), Path("/proc/cpuinfo").read_text())
     if _level is not None:
-        os.environ.update(NUMBA_CPU_NAME=_level, NUMBA_CPU_FEATURES="")
+        os.environ.update(NUMBA_CPU_NAME=_level, NUMBA_CPU_FEATURES=FEATURES.get(_level, ""))
         numba.config.reload_config()
 _DIGEST = source_digest()
-WHEEL = _installed(
-    os.environ.get("NUMBA_CPU_NAME", "this processor"), Path(_package).parents[1] / "nnpp_edge_kernels"
-)
-OWN, _only_read = _own()
+WHEEL = in_wheel(os.environ.get("NUMBA_CPU_NAME", "this processor"), Path(_package).parents[1] / "nnpp_edge_kernels")
+OWN, _only_read = own_folders()
 READ = (*WHEEL, *_only_read)
 if OWN is None and not READ:
     warnings.warn(
