@@ -159,5 +159,7 @@ def test_a_wheel_of_kernels_is_made_for_other_processors_too_and_what_it_holds_i
     environment = (
         os.environ | levels | {"PYTHONPATH": str(tmp_path / "site"), "NUMBA_CACHE_DIR": str(tmp_path / "own")}
     )
-    ended = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, env=environment, check=True)
+    ended = subprocess.run(
+        [sys.executable, "-c", code], cwd=tmp_path, capture_output=True, text=True, env=environment, check=True
+    )
     assert ended.stdout.endswith(" 0\n") and ended.stderr == ""
