@@ -31,8 +31,8 @@ _V3 = "avx avx2 bmi1 bmi2 f16c fma abm movbe xsave"
 _X86 = {"x86-64-v4": f"{_V3} avx512f avx512bw avx512cd avx512dq avx512vl", "x86-64-v3": _V3}
 """LLVM's names of processors that kernels are compiled for, the best first, and the flags which their cores have."""
 FEATURES = {"x86-64-v4": "-prefer-256-bit"}
-"""Features by level that LLVM is told beside its name. Kernels compute runs of 32 cells: with registers of 256 bits, as it would
-choose, the cost map takes 1.7 times as long."""
+"""Features by level that LLVM is told beside its name. Kernels compute runs of 32 cells: with registers of 256 bits,
+as it would choose, the cost map takes 1.7 times as long."""
 _OTHERS_MAY_WRITE = stat.S_IWGRP | stat.S_IWOTH
 _CODE = Path(_package).stat()
 
