@@ -115,7 +115,8 @@ def main(folder: Path, *names: str) -> None:
             name, folder = step("compile", level, **chosen)
             return name, Path(folder)
 
-        step("note", *names)
+        # of all kernels in a cache of its own: what other Pythons compile is not left in the user's
+        step("note", *names, **({} if names else {"NUMBA_CACHE_DIR": f"{work}/note"}))
         folder.mkdir(parents=True, exist_ok=True)
         for machine, levels in MACHINES.items():
             compiled = dict(map(compiled_for, levels))
