@@ -7,9 +7,14 @@
 # make coverage: what the fast tests reach, in the terminal and as build/coverage.xml; compiled kernels are not seen.
 # make wheel, make try-wheel, make try-oldest: the wheel; it alone in a bare environment, which plans and measures there,
 # with the newest and with the oldest packages that it takes (.ci/oldest.txt). PYTHON=python3.12 tries another Python.
+# make kernel-wheels: wheels of compiled kernels (nnpp-edge-kernels), for x86-64-v3 and -v4 and for 64-bit ARM, all made on
+# this x86-64 machine, one for each of PYTHONS that is to be had; some minutes for each.
+# make try-aarch64: as root, both wheels on an emulated 64-bit ARM processor: the same plans as here, and fast tests. PYTHON is
+# to be 3.11.
 # make docs: the site, into build/site; nothing is fetched but the packages.
 # make fuzz MINUTES=30: damaged files, odd options, odd weights and the rest (docs/fuzzing.md).
 PYTHON ?= python3
+PYTHONS ?= python3.11 python3.12 python3.13
 MINUTES ?= 30
 DEMO := .venv-demo
 DEV := .venv-dev
@@ -18,7 +23,8 @@ PYTEST := $(DEV)/bin/python -m pytest --numprocesses 2
 
 DOCS := .venv-docs
 
-.PHONY: demo check test coverage bench results docs fuzz kernels lint spelling types contract format wheel try-wheel try-oldest clean
+.PHONY: demo check test coverage bench results docs fuzz kernels lint spelling types contract format wheel kernel-wheels try-aarch64 \
+	try-wheel try-oldest clean
 
 $(DEMO)/ready: pyproject.toml
 	$(PYTHON) -m venv $(DEMO)
@@ -81,6 +87,19 @@ results: $(DEV)/ready
 wheel:
 	rm -rf build/lib build/wheel
 	$(PYTHON) -m pip wheel --quiet --disable-pip-version-check --no-deps --wheel-dir build/wheel .
+
+kernel-wheels: wheel
+	rm -rf build/kernel-wheels
+	for python in $(PYTHONS); do \
+		if ! $$python --version; then echo "left out: no $$python here"; continue; fi; \
+		$$python -m venv --clear build/kernels && \
+		build/kernels/bin/pip install --quiet --disable-pip-version-check build/wheel/nnpp_edge-*.whl && \
+		build/kernels/bin/python .ci/kernel_wheel.py build/kernel-wheels || exit 1; \
+	done
+
+try-aarch64:
+	$(MAKE) --no-print-directory kernel-wheels PYTHONS=$(PYTHON)
+	.ci/try-aarch64 $(PYTHON)
 
 try-wheel: wheel
 	$(TRY)

@@ -87,9 +87,9 @@ def check_planner_fits(shape: tuple[int, ...], more_per_cell: int = 0) -> None:
         )
 
 
-def peak_bytes() -> int:
-    """The most memory that this process has held at once; 0 where the system does not say."""
-    return next((1024 * held for held in _numbers(Path("/proc/self/status"), "VmHWM:")), 0)
+def peak_bytes(process: int | str = "self") -> int:
+    """The most memory that a process, by its number, has held at once; 0 where the system does not say."""
+    return next((1024 * held for held in _numbers(Path(f"/proc/{process}/status"), "VmHWM:")), 0)
 
 
 def available_bytes(system: Path = Path("/")) -> int:

@@ -1,8 +1,8 @@
 """Compiling every kernel before the first plan: at install or at boot, rather than on the way.
 
-What `exercises` compiles stays in the cache folder that `compiled` chose. Several processes share the work: this one
-begins with the first exercise, the others with the last, and none compiles what another is at; so do
-two warm-ups at once.
+What `exercises` compiles stays in the cache folder that `compiled` chose; what a wheel of kernels or a read-only
+cache holds is not compiled. Several processes share the work: this one begins with the first exercise, the others
+with the last, and none compiles what another is at; so do two warm-ups at once.
 """
 
 import os
@@ -13,11 +13,11 @@ import sys
 import time
 import warnings
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, nullcontext
 from dataclasses import asdict, dataclass
 from pathlib import Path
 
-from nnpp_edge.runtime.compiled import cache, claims, kernel
+from nnpp_edge.runtime.compiled import cache, claims, places
 from nnpp_edge.runtime.errors import OutputError
 from nnpp_edge.runtime.exercises import exercise, parts
 from nnpp_edge.runtime.memory import available_bytes
@@ -35,9 +35,9 @@ class Warmth:
     """The outcome of a warm-up."""
 
     folder: Path
-    """Where the compiled kernels are."""
+    """Where compiled kernels are kept, or only read from."""
     kernels: int
-    """Kernels in it."""
+    """Kernels there, and in other folders that are read."""
     signatures: int
     """Their versions, one for each set of argument types."""
     compiled: int
@@ -78,8 +78,8 @@ def warm_up(*, keep_old: bool = False, jobs: int | None = None) -> Warmth:
     jobs = default_jobs() if jobs is None else jobs
     if jobs < 1:
         raise ValueError(f"jobs: wanted at least 1, got {jobs}")
-    folder = kernel.CACHE_FOLDER
-    if folder is None:
+    own, folders = places.OWN, [*filter(None, [places.OWN]), *places.READ]
+    if not folders:
         raise OutputError(
             "compiled kernels cannot be kept: wanted a folder that only this user can write to, found none "
             "(set NUMBA_CACHE_DIR to such a folder)"
@@ -87,18 +87,18 @@ def warm_up(*, keep_old: bool = False, jobs: int | None = None) -> Warmth:
     began = time.perf_counter()
     try:
         with warnings.catch_warnings():
-            warnings.simplefilter("ignore", RuntimeWarning)  # of a kernel that is not kept: an error below
-            before = _kept(folder)
-            with claims.shared(folder), _helpers(jobs):
+            warnings.filterwarnings("ignore", "compiled kernels cannot be kept")  # an error below
+            before = _kept(folders[0])
+            with claims.shared(own) if own else nullcontext(), _helpers(jobs if own else 1):
                 exercise()
-            compiled = len(_kept(folder) - before)
+            compiled = len(_kept(folders[0]) - before)
         if cache.save_error is not None:
             raise cache.save_error
-        removed = () if keep_old else _remove_old(folder)
+        removed = () if keep_old or own is None else _remove_old(own)
     except OSError as error:
-        raise OutputError(f"{folder}: kernels could not be kept ({error.strerror or error})") from error
-    kernels, signatures = cache.count_kept(folder)
-    return Warmth(folder, kernels, signatures, compiled, time.perf_counter() - began, removed)
+        raise OutputError(f"{folders[0]}: kernels could not be kept ({error.strerror or error})") from error
+    kernels, signatures = cache.count_kept(*folders)
+    return Warmth(folders[0], kernels, signatures, compiled, time.perf_counter() - began, removed)
 
 
 def default_jobs() -> int:
@@ -140,8 +140,8 @@ def _helpers(jobs: int) -> Iterator[None]:
 
 def help_out(number: int, jobs: int) -> None:
     """Go through the exercises from the end, as process `number` of `jobs`, each of which begins elsewhere."""
-    assert kernel.CACHE_FOLDER is not None
-    with claims.shared(kernel.CACHE_FOLDER):
+    assert places.OWN is not None
+    with claims.shared(places.OWN):
         backwards = parts()[::-1]
         first = len(backwards) * (number - 1) // jobs
         for part in backwards[first:] + backwards[:first]:

@@ -1,10 +1,12 @@
 """The wheel: its packages and files, what they import, and the types that reach another package."""
 
+import os
 import re
 import subprocess
 import sys
 import tomllib
 from pathlib import Path
+from zipfile import ZipFile
 
 import pytest
 
@@ -134,3 +136,30 @@ def test_a_strict_package_outside_passes_and_its_mistakes_are_found(tmp_path):
     assert ended.returncode == 1 and not ended.stderr, ended.stdout + ended.stderr
     assert [line.split(":")[1] for line in problems] == [str(last - 1), str(last)], ended.stdout
     assert "[call-arg]" in problems[0] and "[return-value]" in problems[1]
+
+
+@pytest.mark.slow
+def test_a_wheel_of_kernels_is_made_for_other_processors_too_and_what_it_holds_is_not_compiled(tmp_path):
+    (tmp_path / "site").mkdir()
+    (tmp_path / "site/nnpp_edge").symlink_to(ROOT / "nnpp_edge")
+    made = [sys.executable, ROOT / ".ci/kernel_wheel.py", tmp_path, "nnpp_edge.runtime.kernels.threshold:lowered"]
+    subprocess.run(made, check=True, stdout=subprocess.DEVNULL)
+    of_arm, of_x86 = sorted(tmp_path.glob("nnpp_edge_kernels-*.whl"))
+    with ZipFile(of_arm) as wheel:
+        (kept,) = (wheel.read(name) for name in wheel.namelist() if name.endswith(".nbc"))
+    at = kept.index(b"\x7fELF")
+    assert int.from_bytes(kept[at + 18 : at + 20], "little") == 183  # aarch64
+    install = [sys.executable, "-m", "pip", "install", "--quiet", "--no-deps", "--target", tmp_path / "site", of_x86]
+    subprocess.run(install, check=True)
+    code = (
+        "from nnpp_edge.runtime.kernels.threshold import lowered\n"
+        "print(lowered(3, 0.5), sum(lowered.stats.cache_misses.values()))"
+    )
+    levels = {"NUMBA_CPU_NAME": "x86-64-v3", "NUMBA_CPU_FEATURES": ""}
+    environment = (
+        os.environ | levels | {"PYTHONPATH": str(tmp_path / "site"), "NUMBA_CACHE_DIR": str(tmp_path / "own")}
+    )
+    ended = subprocess.run(
+        [sys.executable, "-c", code], cwd=tmp_path, capture_output=True, text=True, env=environment, check=True
+    )
+    assert ended.stdout.endswith(" 0\n") and ended.stderr == ""

@@ -75,7 +75,10 @@ class Asked:
     seed: Annotated[int | None, options.SEED, "Of every random choice; by default the profile's, else 1."] = None
     as_json: options.AsJson = False
     markdown: Annotated[bool, "Print the report, with --peers its table, as Markdown."] = False
-    start_up: Annotated[bool, "Also measure import to first plan in new processes; takes a minute."] = False
+    start_up: Annotated[
+        bool,
+        "Also measure how long new processes take to a first plan, and to the loop's first answer; takes minutes.",
+    ] = False
     output: Annotated[Path | None, "-o", options.FOLDER, _OUTPUT] = None
 
 
@@ -145,7 +148,7 @@ def _profile(name: str, asked: Asked) -> int:
     with bar("profile", queries_in(profile.load), quiet=True) as advance:
         report = profile_machine(
             profile,
-            start_up=asked.start_up,
+            starts=asked.start_up,
             notes=notes,
             progress=advance,
             say=lambda line: click.echo(line, err=True),

@@ -42,8 +42,12 @@ _PEERS = {
 _WHOLE_RUN = (
     ("peak_memory_mb", "peak memory", "MB"),
     ("model_mb", "model", "MB"),
-    ("start_up_cold_s", "start cold", "s"),
-    ("start_up_warm_s", "start warm", "s"),
+    *(
+        (f"{key}_{state}_{end}", f"{name} {state}{of}", unit)
+        for key, name in (("start_up", "first plan"), ("first_tick", "first tick"))
+        for state in ("cold", "warm")
+        for end, of, unit in (("s", "", "s"), ("mb", ", peak", "MB"))
+    ),
 )
 """Key, name and unit of what there is one figure of for each planner."""
 

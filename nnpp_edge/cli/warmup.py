@@ -30,9 +30,10 @@ def command(
     nnpp-edge warmup
     """
     with warnings.catch_warnings():
-        warnings.simplefilter("ignore", RuntimeWarning)  # that there is no folder: here it is the error below
+        warnings.filterwarnings("ignore", "no folder that only this user")  # here it is the error below
         from nnpp_edge.runtime.warmup import warm_up
     warmth = warm_up(keep_old=keep_old, jobs=jobs)
     counts = f"{warmth.kernels} kernels ({warmth.signatures} versions, {warmth.compiled} of them new)"
-    lines = [f"{counts} in {warmth.folder}, {warmth.seconds:.1f} s", *(f"deleted {each}" for each in warmth.removed)]
+    kept = f"{counts}, {warmth.seconds:.1f} s; what is compiled is kept in {warmth.folder}"
+    lines = [kept, *(f"deleted {each}" for each in warmth.removed)]
     tell(as_json, warmth.summary(), lambda: "\n".join(lines), indent=1)

@@ -3,6 +3,7 @@
 import math
 import os
 import platform
+import re
 import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager, suppress
@@ -22,6 +23,18 @@ _FLAGS = (
     *("asimd", "asimddp", "i8mm", "sve", "sve2", "bf16"),
 )
 """Flags that decide how fast int8 and float kernels are, of x86 and ARM; asimddp is the dot product."""
+_PART = re.compile(r"^CPU implementer\s*:\s*(\w+)\n(?:.+\n)*?CPU part\s*:\s*(\w+)", re.MULTILINE)
+_CORTEX = {
+    "d03": "A53",
+    "d05": "A55",
+    "d07": "A57",
+    "d08": "A72",
+    "d09": "A73",
+    "d0b": "A76",
+    "d41": "A78",
+    "d42": "A78AE",
+}
+"""Cores of boards by their part, of implementer 0x41."""
 _PACKAGES = ("numpy", "numba", "onnxruntime", "opencv-python-headless")
 _PROC, _SYS = Path("/proc"), Path("/sys")
 _NO_PROCESSORS = ("i915", "xe", "amd_energy")
@@ -35,19 +48,21 @@ _GUEST = 8
 def environment(cores: Sequence[int]) -> Facts:
     """CPU, its flags, governor of the cores, memory, versions and load, ready for JSON."""
     info: dict[str, str] = {}
-    for line in text_of(_PROC / "cpuinfo").splitlines():  # the first core, and the board behind all of them
+    text = text_of(_PROC / "cpuinfo")
+    for line in text.splitlines():  # the first core, and the board behind all of them
         key, _, value = line.partition(":")
         if value.strip():
             info.setdefault(key.strip(), value.strip())
     flags = set(info.get("flags", info.get("Features", "")).split())
-    board = text_of(_PROC / "device-tree" / "model").rstrip("\0") or info.get("Hardware")
+    board = info.get("Model") or text_of(_PROC / "device-tree" / "model").rstrip("\0") or info.get("Hardware")
+    parts = " + ".join(dict.fromkeys(_core_name(*each) for each in _PART.findall(text)))
     clocks = Sensors(cores, _SYS).limits.clock_mhz or ({"": float(info["cpu MHz"])} if "cpu MHz" in info else {})
     governors = {text_of(_SYS / f"devices/system/cpu/cpu{core}/cpufreq/scaling_governor") for core in cores} - {""}
     system = None
     with suppress(OSError):
         system = platform.freedesktop_os_release().get("PRETTY_NAME")
     return {
-        "cpu": info.get("model name") or board or platform.machine(),
+        "cpu": ", ".join(filter(None, (board, parts))) or info.get("model name") or platform.machine(),
         "architecture": platform.machine(),
         "flags": [flag for flag in _FLAGS if flag in flags],
         "cores_online": os.cpu_count(),
@@ -60,6 +75,11 @@ def environment(cores: Sequence[int]) -> Facts:
         "packages": {"nnpp-edge": __version__, **{name: _version(name) for name in _PACKAGES}},
         "load_average": [round(each, 2) for each in os.getloadavg()],
     }
+
+
+def _core_name(implementer: str, part: str) -> str:
+    cortex = _CORTEX.get(part[2:]) if implementer == "0x41" else None
+    return f"Cortex-{cortex}" if cortex else f"ARM {implementer} {part}"
 
 
 def _version(package: str) -> str | None:

@@ -1,9 +1,10 @@
-"""Figures of processes of their own: the peak memory of one that plans once, and the time to its first plan."""
+"""Figures of processes of their own: the peak memory of one that plans once, and the start up to an answer."""
 
 import os
 import pickle
 import subprocess
 import sys
+import time
 from tempfile import TemporaryDirectory
 
 import numpy as np
@@ -11,6 +12,7 @@ import numpy as np
 from nnpp_edge.profiling.suites import Case
 from nnpp_edge.runtime.cells import Endpoints
 from nnpp_edge.runtime.errors import NnppEdgeError
+from nnpp_edge.runtime.memory import peak_bytes
 
 _PLAN_ONCE = """
 import pickle, sys
@@ -23,14 +25,20 @@ for line in open("/proc/self/status"):
 """
 # VmHWM and not ru_maxrss: the latter begins, in a child, with what the parent held when it was started.
 _FIRST_PLAN = """
-import sys, time
-began = time.perf_counter()
+import sys
 import numpy as np
 from nnpp_edge.runtime import Planner
 cost = np.random.default_rng(0).uniform(0.0, 0.5, (256, 256)).astype(np.float32)
-assert Planner(cost).plan((5, 5), (250, 240), method=sys.argv[1]).ok
-print(time.perf_counter() - began)
+print(Planner(cost).plan((5, 5), (250, 240), method=sys.argv[1]).status, flush=True)
+sys.stdin.read()
 """
+_FIRST_TICK = """
+import sys
+from nnpp_edge.cli.main import main
+sys.argv[1:] = "run --map sample:moon_highlands --rescale 20 --method".split() + sys.argv[1:]
+main()
+"""
+_DRIVE = '{"type":"pose","row":90,"col":60}\n{"type":"goal","row":450,"col":470}\n'
 
 
 def peak_memory_mb(on_map: Case, query: Endpoints, method: str, model: str) -> float | None:
@@ -47,16 +55,36 @@ def peak_memory_mb(on_map: Case, query: Endpoints, method: str, model: str) -> f
     return 1.024e-3 * int(ended.stdout) if ended.stdout.strip() else None
 
 
-def start_up_s(method: str, repeats: int = 3) -> tuple[float, float]:
-    """Seconds from import to the first plan on a map of 256², from an empty cache of kernels and from a full one.
+def start_up(method: str, *, loop: bool = False, repeats: int = 3) -> dict[str, float]:
+    """From a process's start to its first plan on a map of 256², or to the loop's first answer on one of 512².
 
-    The empty cache is met once, the full one `repeats` times, of which the median counts.
+    Seconds and the peak memory until then, from an empty cache of kernels (``cold``) and from a full one. The empty
+    cache is met once, the full one `repeats` times, of which the medians count. A wheel of kernels serves both.
     """
+    name, code = ("first_tick", _FIRST_TICK) if loop else ("start_up", _FIRST_PLAN)
     with TemporaryDirectory() as folder:
-        environment = os.environ | {"NUMBA_CACHE_DIR": folder}
-        command = [sys.executable, "-c", _FIRST_PLAN, method]
-        cold, *warm = [
-            float(subprocess.run(command, env=environment, check=True, stdout=subprocess.PIPE, text=True).stdout)
-            for _ in range(1 + repeats)
-        ]
-    return round(cold, 3), round(float(np.median(warm)), 3)
+        cold, *warm = [_first_answer(code, method, folder) for _ in range(1 + repeats)]
+    figures = {"cold": cold, "warm": tuple(np.median(warm, axis=0))}
+    return {
+        f"{name}_{state}_{unit}": round(float(value), 3)
+        for state, found in figures.items()
+        for unit, value in zip(("s", "mb"), found, strict=True)
+    }
+
+
+def _first_answer(code: str, method: str, cache: str) -> tuple[float, float]:
+    """Seconds until a new process prints a line, and its peak memory by then in MB."""
+    environment, pipe = os.environ | {"NUMBA_CACHE_DIR": cache}, subprocess.PIPE
+    command, quiet, began = [sys.executable, "-c", code, method], subprocess.DEVNULL, time.perf_counter()
+    with subprocess.Popen(command, env=environment, stdin=pipe, stdout=pipe, stderr=quiet, text=True) as process:
+        assert process.stdin is not None and process.stdout is not None
+        process.stdin.write(_DRIVE)
+        process.stdin.flush()
+        answer, took = process.stdout.readline(), time.perf_counter() - began
+        peak = peak_bytes(process.pid)
+        process.kill()
+    if "OK" not in answer:
+        raise NnppEdgeError(
+            f"start-up of {method}: the process ended without a path: {answer.strip() or 'no answer'}"
+        )
+    return took, 1e-6 * peak

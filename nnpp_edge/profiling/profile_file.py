@@ -50,6 +50,7 @@ class Quantity(NamedTuple):
     """It is a figure of the onboard loop, not of a planner."""
 
 
+_STATES = ("warm", "cold")
 QUANTITIES = {
     "fps": Quantity("1/s", "time"),
     **dict.fromkeys(("time_ms_median", "time_ms_p90", "time_ms_p99", "time_ms_max"), Quantity("ms", "time")),
@@ -66,9 +67,13 @@ QUANTITIES = {
     "expansions_median": Quantity("1"),
     "energy_mj": Quantity("mJ", "time"),
     "peak_memory_mb": Quantity("MB", whole_run=True),
-    **dict.fromkeys(("start_up_warm_s", "start_up_cold_s"), Quantity("s", "time", whole_run=True)),
+    **{f"start_up_{state}_s": Quantity("s", "time", whole_run=True) for state in _STATES},
+    **{f"start_up_{state}_mb": Quantity("MB", whole_run=True) for state in _STATES},
+    **{f"first_tick_{state}_s": Quantity("s", "time", whole_run=True, of_loop=True) for state in _STATES},
+    **{f"first_tick_{state}_mb": Quantity("MB", whole_run=True, of_loop=True) for state in _STATES},
     "model_mb": Quantity("MB", whole_run=True),
 }
+STARTS = tuple(name for name in QUANTITIES if name.startswith(("start_up", "first_tick")))
 
 
 class ProfileError(InvalidQueryError):
@@ -234,7 +239,7 @@ class Profile(Table, frozen=True):
     @property
     def reactions_at(self) -> frozenset[tuple[str, int]]:
         """Workloads and sizes at which the loop's reactions are measured: where a budget asks for them."""
-        asked = [each for each in self.budgets if QUANTITIES[each.quantity].of_loop]
+        asked = [each for each in self.budgets if QUANTITIES[each.quantity].basis == "reaction"]
         return frozenset(place for each in asked for place in self.places(each))
 
     def places(self, budget: Budget) -> list[tuple[str, int]]:

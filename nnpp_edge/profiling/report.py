@@ -9,8 +9,8 @@ from nnpp_edge.profiling.figures import break_even, loop_rows, rows
 from nnpp_edge.profiling.judge import MOST_DISTURBED, Noise, WholeRun, judged, summary, verdict
 from nnpp_edge.profiling.machine import Disturbance, busy_share, environment, pinned
 from nnpp_edge.profiling.measure import Run, rivals_of, run
-from nnpp_edge.profiling.processes import peak_memory_mb, start_up_s
-from nnpp_edge.profiling.profile_file import SYNTHETIC, Profile
+from nnpp_edge.profiling.processes import peak_memory_mb, start_up
+from nnpp_edge.profiling.profile_file import LOOP, STARTS, SYNTHETIC, Profile
 from nnpp_edge.profiling.profile_maps import ProfileMaps
 from nnpp_edge.profiling.rivals import RivalPlanner
 from nnpp_edge.profiling.sensors import Sensors, Throttling, sensor_facts, throttling
@@ -18,22 +18,22 @@ from nnpp_edge.runtime.network.model_file import model_path
 from nnpp_edge.terrain.workloads import body_rocks
 
 SCHEMA = 1
-_START_UP = ("astar", "corridor", "nnpp", "auto")
+_START_UP = ("astar", "corridor", "nnpp", "auto", LOOP)
 
 
 def profile_machine(
     profile: Profile,
     *,
-    start_up: bool = False,
+    starts: bool = False,
     notes: Sequence[str] = (),
     progress: Callable[[int], None] = lambda done: None,
     say: Callable[[str], None] = lambda line: None,
 ) -> Facts:
     """Pin, warm up, measure, judge: the report that docs/profile.md describes, ready for JSON.
 
-    `start_up` also measures the time from import to first plan, which takes a minute; without it that is done only
-    where a budget asks for it. `notes` are put before the report's own. `progress` is called with the number of
-    queries that are done, `say` with a line for people, at once.
+    `starts` also measures new processes up to their first plan, and the loop up to its first answer, which takes two
+    minutes; without it that is done only where a budget asks for it. `notes` are put before the report's own.
+    `progress` is called with the number of queries that are done, `say` with a line for people, at once.
     NnppEdgeError if a terrain or model file cannot be used, or the terrain has too few queries with a path.
     """
     said, load = list(notes), profile.load
@@ -45,7 +45,7 @@ def profile_machine(
             say(line)
         rivals, sensors = rivals_of(profile.networks, profile.device), Sensors(cores)
         measured = run(profile, rivals, cores, sensors=sensors, progress=progress)
-        whole_run = _whole_run(profile, rivals, start_up, say)
+        whole_run = _whole_run(profile, rivals, starts, say)
     results, loop = rows(measured), loop_rows(measured, profile.loop)
     if load.terrain != (SYNTHETIC,):
         made = {row["size"] for row in results if row["terrain"] == SYNTHETIC}
@@ -76,7 +76,7 @@ def profile_machine(
 
 
 def _whole_run(
-    profile: Profile, rivals: Sequence[RivalPlanner], start_up: bool, say: Callable[[str], None]
+    profile: Profile, rivals: Sequence[RivalPlanner], starts: bool, say: Callable[[str], None]
 ) -> WholeRun:
     """Figures of the whole run, by quantity and planner."""
     load, int8, fp32 = profile.load, profile.networks.int8, profile.networks.fp32
@@ -92,12 +92,12 @@ def _whole_run(
         if (peak := peak_memory_mb(on_map, on_map.queries[0], rival.method, str(model))) is not None:
             peaks[rival.name] = peak
     found = {"model_mb": sizes_mb, "peak_memory_mb": peaks}
-    asked = [budget.planner for budget in profile.budgets if budget.quantity.startswith("start_up")]
-    if names := [name for name in _START_UP if start_up or name in asked]:
-        say("start-up, in new processes")
-        measured = {name: start_up_s(name) for name in names}
-        for at, key in enumerate(("start_up_cold_s", "start_up_warm_s")):
-            found[key] = {name: seconds[at] for name, seconds in measured.items()}
+    asked = [budget.planner for budget in profile.budgets if budget.quantity in STARTS]
+    for name in (each for each in _START_UP if starts or each in asked):
+        say(f"the start of new processes, {name}")
+        method = profile.loop.method if name == LOOP else name
+        for key, figure in start_up(method, loop=name == LOOP).items():
+            found.setdefault(key, {})[name] = figure
     return found
 
 

@@ -8,16 +8,18 @@ Here a version (the types of the arguments, the processor, Python's and numba's 
 own, named after all these and put in its place whole, by renaming. Nothing is shared and nothing is locked, but
 by processes that fill a folder together (`claims`): they may be forked or killed at any moment. A checksum comes
 first, since a robot that loses its power may be left with a file of zeros. What cannot be read back is compiled
-anew and written again; what cannot be written is warned of once, and the kernel runs all the same.
+anew and written again; what cannot be written is warned of once, and the kernel runs all the same. `places` says
+where files are.
 """
 
+import errno
 import hashlib
 import os
 import pickle
 import secrets
-import stat
 import sys
 import warnings
+from collections.abc import Sequence
 from contextlib import suppress
 from pathlib import Path
 from threading import Timer
@@ -30,16 +32,18 @@ from numba.core.compiler import CompileResult
 from numba.core.serialize import dumps
 from numba.core.sigutils import normalize_signature
 
-from nnpp_edge.runtime.compiled import claims
+from nnpp_edge.runtime.compiled import claims, places
 from nnpp_edge.runtime.compiled.notice import begins
 
 NumbaObject = Any
 """Something of numba's own, which has no types."""
-_COMPILING = "compiling for this processor: up to a minute, once (nnpp-edge warmup does it ahead of time)"
+_COMPILING = (
+    "compiling for this processor: up to a minute, minutes on a small board, once (nnpp-edge warmup does it ahead of "
+    "time; the package nnpp-edge-kernels brings what it compiles)"
+)
 _compiling: list[Timer] = []
 """Of the kernels that are being compiled, each within another."""
 _CHECKSUM_BYTES = 32
-_OTHERS_MAY_WRITE = stat.S_IWGRP | stat.S_IWOTH
 save_error: OSError | None = None
 """Why the first of the kernels that this process could not keep was not kept; None if all were."""
 
@@ -51,9 +55,11 @@ class KernelCache(NullCache):
     ----------
     function : function of a module
         The plain Python of the kernel.
-    folder : Path
-        Where the files are. It belongs to one state of the sources: whoever changes a kernel, or one that it
+    folder : Path or None
+        Where files are written. It belongs to one state of the sources: whoever changes a kernel, or one that it
         calls, changes the folder. It and the folder it lies in are made again if they vanish.
+    read : paths
+        Folders that are only read, and before `folder`.
 
     Raises
     ------
@@ -61,13 +67,13 @@ class KernelCache(NullCache):
         `function` closes over variables, which the name of a file would have to tell apart.
     """
 
-    def __init__(self, function: FunctionType, folder: Path) -> None:
+    def __init__(self, function: FunctionType, folder: Path | None, read: Sequence[Path] = ()) -> None:
         code = function.__code__
         if code.co_freevars:
             raise ValueError(
                 f"wanted a kernel without outer variables, got {function.__qualname__} with {code.co_freevars}"
             )
-        self._folder = folder
+        self._folder, self._read = folder, [*read, *([folder] if folder else [])]
         self._stem = f"{function.__module__}.{function.__qualname__}-{code.co_firstlineno}"
         self._made_by = (code.co_code, code.co_consts, numba.__version__, *sys.version_info[:2], sys.abiflags)
 
@@ -75,17 +81,28 @@ class KernelCache(NullCache):
         """The compiled version for `sig`, or None where no sound one is kept."""
         target_context.refresh()
         key = self._key(sig, target_context.codegen())
-        kept = self._load(key, sig, target_context)
+        kept = self._find(key, sig, target_context)
         if kept is None and claims.take(_digest(key)):  # another may have kept it meanwhile
-            kept = self._load(key, sig, target_context)
+            kept = self._find(key, sig, target_context)
             if kept is not None:
                 claims.release(_digest(key))
         if kept is None:
             _compiling.append(begins(_COMPILING))
         return kept
 
-    def _load(self, key: bytes, sig: NumbaObject, target_context: NumbaObject) -> NumbaObject:
-        content = _read(self._path(key))
+    def _find(self, key: bytes, sig: NumbaObject, target_context: NumbaObject) -> NumbaObject:
+        for folder in self._read:
+            path = folder / self._name(key)
+            if (kept := self._load(path, key, sig, target_context)) is not None:
+                return kept
+            if folder in places.WHEEL:
+                places.pass_over_wheel(
+                    f"{path} is {'damaged, or not its owner alone can write it' if path.exists() else 'missing'}"
+                )
+        return None
+
+    def _load(self, path: Path, key: bytes, sig: NumbaObject, target_context: NumbaObject) -> NumbaObject:
+        content = _read(path)
         kept = content[_CHECKSUM_BYTES:]
         if content != _checksum(key, kept) + kept:
             return None
@@ -107,9 +124,11 @@ class KernelCache(NullCache):
     def _save(self, key: bytes, data: NumbaObject) -> None:
         content = dumps(data._reduce())
         try:
+            if self._folder is None:
+                raise OSError(errno.EROFS, "no folder to write to")
             for folder in (self._folder.parent, self._folder):
-                make_private(folder)
-            _write(self._path(key), _checksum(key, content) + content)
+                places.make_private(folder)
+            _write(self._folder / self._name(key), _checksum(key, content) + content)
         except OSError as error:
             _tell_once(self._folder, error)
 
@@ -117,33 +136,27 @@ class KernelCache(NullCache):
         """All that a compiled version depends on."""
         return repr((self._stem, self._made_by, repr(sig), codegen.magic_tuple())).encode()
 
-    def _path(self, key: bytes) -> Path:
-        return self._folder / f"{self._stem}.{_digest(key)}.nbc"
+    def _name(self, key: bytes) -> str:
+        return f"{self._stem}.{_digest(key)}.nbc"
 
 
-def make_private(folder: Path) -> None:
-    """Make `folder` and its parents if need be; OSError unless it is ours alone to write."""
-    folder.mkdir(mode=0o700, parents=True, exist_ok=True)
-    if not _is_ours(folder.stat()) or not os.access(folder, os.W_OK | os.X_OK):
-        raise PermissionError(f"{folder}: wanted a folder that this user, and no other, can write to")
+def count_kept(*folders: Path) -> tuple[int, int]:
+    """How many kernels are kept in these folders, and how many versions of them in all."""
+    names = {path.name for folder in folders for path in folder.glob("*.nbc")}
+    return len({name.rsplit(".", 2)[0] for name in names}), len(names)
 
 
-def count_kept(folder: Path) -> tuple[int, int]:
-    """How many kernels are kept in `folder`, and how many versions of them in all."""
-    stems = [path.name.rsplit(".", 2)[0] for path in folder.glob("*.nbc")]
-    return len(set(stems)), len(stems)
-
-
-def _tell_once(folder: Path, error: OSError) -> None:
+def _tell_once(folder: Path | None, error: OSError) -> None:
     """Warn of the first failure; numba's compiler lock keeps other threads out."""
     global save_error
     if save_error is not None:
         return
     save_error = error.with_traceback(None)
+    where = (
+        f"in {folder} ({error.strerror or error})" if folder else "(set NUMBA_CACHE_DIR to a folder of this user's)"
+    )
     warnings.warn(
-        f"compiled kernels cannot be kept in {folder} ({error.strerror or error}): other processes compile them anew",
-        RuntimeWarning,
-        stacklevel=2,
+        f"compiled kernels cannot be kept {where}: other processes compile them anew", RuntimeWarning, stacklevel=2
     )
 
 
@@ -158,15 +171,11 @@ def _checksum(key: bytes, content: bytes) -> bytes:
     return digest.digest()
 
 
-def _is_ours(info: os.stat_result) -> bool:
-    return info.st_uid == os.geteuid() and not info.st_mode & _OTHERS_MAY_WRITE
-
-
 def _read(path: Path) -> bytes:
     """The file's content; nothing where it cannot be read, or where others can have written it."""
     try:
         with path.open("rb") as file:
-            return file.read() if _is_ours(os.fstat(file.fileno())) else b""
+            return file.read() if places.is_trusted(os.fstat(file.fileno())) else b""
     except OSError:
         return b""
 

@@ -230,15 +230,24 @@ def test_peak_memory_is_that_of_another_process(tiny_model):
 
 def test_start_up_is_measured_where_a_budget_asks_for_it(run, told, profile, monkeypatch):
     asked = []
-    monkeypatch.setattr(report_module, "start_up_s", lambda method: asked.append(method) or (5.0, 0.5))
+
+    def start_up(method, loop):
+        asked.append((method, loop))
+        return {f"{'first_tick' if loop else 'start_up'}_warm_s": 0.5}
+
+    monkeypatch.setattr(report_module, "start_up", start_up)
     budget = '{ name = "first plan", quantity = "start_up_warm_s", limit = 1, direction = "at most", unit = "s" },'
     profile(changes={"]\n[device]": f"{budget}\n]\n[device]"})
     found = told("profile --profile tiny.toml")
-    assert asked == ["nnpp"] and found["besides"]["start_up_warm_s"] == {"nnpp": 0.5}
+    assert asked == [("nnpp", False)] and found["besides"]["start_up_warm_s"] == {"nnpp": 0.5}
     assert found["budgets"][-1]["verdict"] == "pass"
     profile()
     assert run("profile --profile tiny.toml --start-up").code == 0
-    assert asked[1:] == ["astar", "corridor", "nnpp", "auto"]
+    assert asked[1:] == [*((name, False) for name in ("astar", "corridor", "nnpp", "auto")), ("auto", True)]
+    profile(changes={"]\n[device]": f"{budget.replace('start_up', 'first_tick')}\n]\n[device]"})
+    found = told("profile --profile tiny.toml")
+    assert asked[6:] == [("auto", True)] and found["besides"]["first_tick_warm_s"] == {"loop": 0.5}
+    assert found["budgets"][-1]["verdict"] == "pass" and found["budgets"][-1]["planner"] == "loop"
 
 
 def test_terrain_smaller_than_what_is_measured_is_told(run, told, profile):

@@ -4,7 +4,7 @@ import subprocess
 import sys
 import time
 
-from nnpp_edge.runtime.compiled.kernel import CACHE_FOLDER
+from nnpp_edge.runtime.compiled.places import OWN
 
 PLAN_EVERYTHING = """
 import numpy as np
@@ -48,11 +48,11 @@ Planner(frozen).plan(start, goal)
 PLAN_ONCE = """
 import numpy as np
 from nnpp_edge.runtime import plan_path
-from nnpp_edge.runtime.compiled import kernel
+from nnpp_edge.runtime.compiled import places
 assert plan_path(np.zeros((20, 20), np.float32), (0, 0), (19, 19), method="astar").ok
-print(kernel.CACHE_FOLDER)
+print(places.OWN)
 """
-FOLDER = "from nnpp_edge.runtime.compiled import kernel; print(kernel.CACHE_FOLDER)"
+FOLDER = "from nnpp_edge.runtime.compiled import places; print(places.OWN)"
 WARM_UP = "from nnpp_edge.cli.main import main; import sys; sys.argv[0] = 'nnpp-edge'; main()"
 WARM_UP_LITTLE = (
     """
@@ -148,7 +148,7 @@ def test_all_that_a_warm_up_compiled_is_found_by_the_next():
     here = {name: os.environ[name] for name in FOLDERS if name in os.environ}
     python(WARM_UP, "warmup", "--keep-old", **here)
     told = json.loads(python(WARM_UP, "warmup", "--json", "--keep-old", **here).stdout)
-    assert told["folder"] == str(CACHE_FOLDER) and told["compiled"] == 0
+    assert told["folder"] == str(OWN) and told["compiled"] == 0
     assert told["kernels"] <= 75 and told["kernels"] <= told["signatures"] <= 120
 
 

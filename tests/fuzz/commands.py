@@ -13,7 +13,7 @@ from collections.abc import Callable
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from nnpp_edge.runtime.compiled import kernel
+from nnpp_edge.runtime.compiled import places
 from tests.fuzz.cases import Place, Problem
 from tests.fuzz.children import Ended, Limits, run_forked
 
@@ -107,7 +107,7 @@ def execute(command: Command, folder: Path) -> Ended:
     home = folder / "home"
     names = ("HOME", "XDG_CACHE_HOME", "XDG_CONFIG_HOME", "XDG_DATA_HOME", "TMPDIR")
     env = dict.fromkeys(names, str(home))
-    env["NUMBA_CACHE_DIR"] = str(kernel.CACHE_FOLDER.parent if kernel.CACHE_FOLDER else home)  # others compiled them
+    env["NUMBA_CACHE_DIR"] = str(places.OWN.parent if places.OWN else home)  # others compiled them
     slow = command.name in SLOW_COMMANDS
     wall_s, cpu_s = (5.0 if slow else 2.5, 90) if command.patient else (180.0, 90) if slow else (60.0, 25)
 

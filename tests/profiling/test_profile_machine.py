@@ -127,9 +127,30 @@ def test_without_rapl_energy_is_what_hwmon_counts_but_for_graphics_cards(tmp_pat
     assert before == [2000] and meter.since_mj(before) == 3.0
 
 
+RASPBERRY_PI_4 = """\
+processor\t: 3
+BogoMIPS\t: 108.00
+Features\t: fp asimd evtstrm crc32 cpuid
+CPU implementer\t: 0x41
+CPU architecture: 8
+CPU variant\t: 0x0
+CPU part\t: 0xd08
+CPU revision\t: 3
+
+Hardware\t: BCM2835
+Revision\t: c03114
+Serial\t\t: 100000001a2b3c4d
+Model\t\t: Raspberry Pi 4 Model B Rev 1.4
+"""
+CORE = "processor\t: {0}\nmodel name\t: ARMv8\nCPU implementer\t: 0x41\nCPU variant\t: 0x1\nCPU part\t: {1}\n\n"
+
+
 @pytest.mark.parametrize(
     ("cpuinfo", "cpu", "flags"),
     [
+        (RASPBERRY_PI_4, "Raspberry Pi 4 Model B Rev 1.4, Cortex-A72", ["asimd"]),
+        ("".join(map(CORE.format, range(3), ("0xd05", "0xd05", "0xd0b"))), "Cortex-A55 + Cortex-A76", []),
+        (CORE.format(0, "0xd99"), "ARM 0x41 0xd99", []),
         ("processor\t: 0\nmodel name\t: A CPU\nflags\t\t: fpu avx2 avx512_vnni\n", "A CPU", ["avx2", "avx512_vnni"]),
         ("processor\t: 0\nFeatures\t: fp asimd asimddp\nHardware\t: A board\n", "A board", ["asimd", "asimddp"]),
     ],

@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 from nnpp_edge.runtime import warmup
-from nnpp_edge.runtime.compiled import cache, claims
+from nnpp_edge.runtime.compiled import cache, claims, places
 from nnpp_edge.runtime.compiled import kernel as compiling
 from nnpp_edge.runtime.errors import OutputError
 
@@ -27,7 +27,8 @@ def double(x):
 def folder(tmp_path, monkeypatch):
     """Where kernels made in this process are kept."""
     folder = tmp_path / "cache" / "kernels"
-    monkeypatch.setattr(compiling, "CACHE_FOLDER", folder)
+    monkeypatch.setattr(places, "OWN", folder)
+    monkeypatch.setattr(places, "READ", ())
     monkeypatch.setattr(cache, "save_error", None)
     return folder
 
@@ -164,6 +165,91 @@ def test_a_kernel_may_not_close_over_variables(folder):
 
     with pytest.raises(ValueError, match="step"):
         compiling.kernel(plus)
+
+
+# Where kernels are found
+
+
+V3 = "avx avx2 bmi1 bmi2 f16c fma abm movbe xsave"
+V4 = f"{V3} avx512f avx512bw avx512cd avx512dq avx512vl"
+
+
+@pytest.mark.parametrize(
+    ("machine", "cores", "level"),
+    [
+        ("x86_64", [V4, V4], "x86-64-v4"),
+        ("x86_64", [V4, V3], "x86-64-v3"),
+        ("x86_64", [V4, V3.replace(" fma", "")], None),
+        ("x86_64", [], None),
+        ("aarch64", [V4], "cortex-a72"),
+        ("riscv64", [V4], None),
+    ],
+)
+def test_the_level_is_what_all_cores_have(machine, cores, level):
+    text = "".join(f"processor\t: {at}\nflags\t\t: fpu {flags}\n\n" for at, flags in enumerate(cores))
+    assert places.level_of(machine, text) == level
+
+
+def test_a_cache_that_can_only_be_read_is_read(folder, tmp_path, monkeypatch):
+    base = tmp_path / "image"
+    monkeypatch.setenv("NUMBA_CACHE_DIR", str(base))
+    ours, only_read = places.own_folders()
+    assert ours.parent == base and only_read == []
+    compilations(double, 1)
+    kept(folder)[0].rename(ours / kept(folder)[0].name)
+    monkeypatch.setattr(places.os, "access", lambda *_: False)
+    assert places.own_folders() == (None, [ours])
+    monkeypatch.setattr(places, "READ", (ours,))
+    monkeypatch.setattr(places, "OWN", None)
+    assert compilations(double, 1) == (2, 0)
+    with pytest.warns(RuntimeWarning, match="NUMBA_CACHE_DIR"):
+        assert compilations(double, 1.5) == (3.0, 1)
+    base.chmod(0o770)
+    assert places.own_folders() == (None, [])
+
+
+@pytest.fixture
+def wheel(tmp_path, monkeypatch):
+    """An installed wheel of kernels, without any."""
+    monkeypatch.setattr(places, "passed_over", False)
+    folder = tmp_path / "nnpp_edge_kernels" / places.name_in_wheel("x86-64-v3")
+    folder.mkdir(parents=True, mode=0o755)
+    return folder
+
+
+def test_a_wheel_of_kernels_that_does_not_fit_or_may_be_anothers_is_passed_over_in_one_line(wheel, monkeypatch):
+    def found():
+        monkeypatch.setattr(places, "passed_over", False)
+        with warnings.catch_warnings(record=True, action="always") as told:
+            return places.in_wheel("x86-64-v3", wheel.parent), "".join(str(each.message) for each in told)
+
+    assert places.in_wheel("x86-64-v3", wheel.parent / "none") == []
+    assert found() == ([wheel], "")
+    wheel.chmod(0o757)
+    assert found()[0] == [] and "others" in found()[1]
+    wheel.chmod(0o755)
+    if os.geteuid() == 0:
+        os.chown(wheel.parent, 12345, -1)
+        assert found()[0] == [] and "others" in found()[1]
+        os.chown(wheel.parent, 0, -1)
+    other = wheel.rename(f"{wheel}-of-another-numba")
+    assert found()[0] == [] and f"wanted {wheel.name}, got {other.name}" in found()[1] and "\n" not in found()[1]
+
+
+def test_a_damaged_kernel_of_a_wheel_is_told_of_and_compiled(folder, wheel, monkeypatch):
+    compilations(double, 1)
+    compilations(double, 1.5)
+    for path in kept(folder):
+        path.rename(wheel / path.name)
+    monkeypatch.setattr(places, "WHEEL", [wheel])
+    monkeypatch.setattr(places, "READ", (wheel,))
+    assert compilations(double, 1) == (2, 0)
+    for path in kept(wheel):
+        path.write_bytes(path.read_bytes()[:-1])
+    with pytest.warns(RuntimeWarning, match="damaged") as told:
+        assert (compilations(double, 1), compilations(double, 1.5)) == ((2, 1), (3.0, 1))
+    assert len(told) == 1 and len(kept(folder)) == 2
+    assert compilations(double, 1) == (2, 0)
 
 
 # What cannot be written
