@@ -24,6 +24,7 @@ POINT, GIVEN = "none", "as given"
 """Names of the vehicle that is none, and of the one that the command line describes."""
 Method = Literal["auto", "astar", "corridor", "nnpp"]
 Obstacles = Annotated[tuple[Rectangle, ...], Meta(max_length=200)]
+Stops = Annotated[tuple[Cell, ...], Meta(max_length=50)]
 Positive = Annotated[float, Meta(ge=0.0)]
 Heading = Annotated[float, Meta(ge=0.0, le=360.0)]
 
@@ -68,7 +69,7 @@ class Site:
             bodies[name] = Body(load_vehicle(name), load_mobility(name, gravity), ("--vehicle", name))
         if given is not None:
             bodies[POINT if given.vehicle is None else GIVEN] = given
-        return cls(dem, path.resolve(), reading, bodies)
+        return cls(dem, path, reading, bodies)
 
 
 class Asked(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
@@ -76,6 +77,8 @@ class Asked(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
 
     start: Cell
     goal: Cell
+    via: Stops = ()
+    """Places between, in the order in which they are visited."""
     method: Method = "auto"
     refine: bool = False
     """Whether the path is freed from the grid."""
@@ -133,7 +136,7 @@ def command_of(site: Site, asked: Asked) -> str:
     words = ["nnpp-edge", "plan", str(site.path)]
     for name, value in site.reading.items():
         words += [f"--{name.removesuffix('_m').replace('_', '-')}", _number(value)]
-    for name, (row, col) in (("--start", asked.start), ("--goal", asked.goal)):
+    for name, (row, col) in (("--start", asked.start), *(("--via", at) for at in asked.via), ("--goal", asked.goal)):
         words += [f"{name}={row},{col}"] if row < 0 or col < 0 else [name, f"{row},{col}"]
     words += ["--method", asked.method]
     for name, value in asdict(asked.limits).items():
