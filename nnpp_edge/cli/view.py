@@ -2,7 +2,6 @@
 
 import signal
 import threading
-from io import FileIO
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -26,24 +25,19 @@ def command(
     goal: Annotated[End | None, PLACE, "Likewise where it leads."] = None,
     omega: options.Omega = 0.011,
     port: Annotated[int, click.IntRange(0, 65535), "Of the page on 127.0.0.1; 0 for any."] = 8765,
-    follow: Annotated[
-        Path | None, {"metavar": "FILE"}, "Show where a robot is, by what `nnpp-edge run` writes there; - is stdin."
-    ] = None,
+    follow: Annotated[bool, "Show the robot of an `nnpp-edge run` whose answers come on stdin."] = False,
     no_browser: Annotated[bool, "Print the page's address and open no browser."] = False,
 ) -> None:
     """Open a page to look at the elevation map DEM, and to try planning on it.
 
-    Click for a goal, drag both ends, set limits, step cost and vehicle, compare methods, paint obstacles, see what
-    can be reached, save the path, and copy what you see as a command. The page is served to this machine alone, asks
-    nothing of any other, and ends with Ctrl-C.
+    Click for a goal, set limits, step cost and vehicle, compare methods, paint obstacles, save the path, or copy what
+    you see as a command. The page is served to this machine alone, asks nothing of any other, and ends with Ctrl-C.
 
     \b
     nnpp-edge view dem.tif --workload limit20
-    nnpp-edge run --map dem.tif | nnpp-edge view dem.tif --follow -
+    nnpp-edge run --map dem.tif | nnpp-edge view dem.tif --follow
     """
     limits = robot.limits()
-
-    from dataclasses import replace as replaced
 
     from msgspec.structs import replace
 
@@ -52,17 +46,15 @@ def command(
     from nnpp_edge.runtime.errors import InvalidMapError
     from nnpp_edge.view.answers import Answerer
     from nnpp_edge.view.asked import GIVEN, POINT, Asked, Site
-    from nnpp_edge.view.following import followed
     from nnpp_edge.view.landscape import likely_ends
     from nnpp_edge.view.server import PageServer
 
     def opened(path: Path, begin: End | None = None, end: End | None = None, name: Path | None = None) -> Answerer:
-        read = robot.read(path) if name else replaced(robot.read(path), source=Path(path.name))
+        read = robot.read(path)
         robot.warn_if_coarse(read)
         given = _given_body(robot, read)
         reading = {"cell_size_m": robot.cell_size, "rescale": robot.rescale, "resample": robot.resample}
-        words = {name: value for name, value in reading.items() if value is not None}
-        site = Site.of(read, name or Path(path.name), words, given)
+        site = Site.of(read, name or Path(path.name), {n: v for n, v in reading.items() if v is not None}, given)
         asked = Asked(
             start=begin.one_cell(read, "--start") if begin else (0, 0),
             goal=end.one_cell(read, "--goal") if end else (0, 0),
@@ -84,12 +76,11 @@ def command(
         Answerer.notice = line
         click.echo(line, err=True)
 
-    stream = None if follow is None else FileIO(0 if str(follow) == "-" else follow)
     with PageServer(port) as server:
         server.open_map, notice.tell = opened, told
-        server.add(opened(dem, start, goal, dem.resolve()))
-        if stream is not None:
-            threading.Thread(target=server.follow, args=(followed(stream),), daemon=True).start()
+        server.maps.append(opened(dem, start, goal, dem.resolve()))
+        if follow:
+            threading.Thread(target=server.follow, daemon=True).start()
         click.echo(server.address)
         if not no_browser:
             click.launch(server.address)

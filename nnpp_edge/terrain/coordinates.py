@@ -54,8 +54,7 @@ def lonlat_at(place: Place, points: Points) -> Points:
 
 def lonlat_corners(place: Place) -> Points:
     """(4, 2) those of the middles of a map's corner cells."""
-    rows, cols = place.shape
-    corners = [place.map_coordinates(row, col) for row in (0, rows - 1) for col in (0, cols - 1)]
+    corners = [place.map_coordinates(row, col) for row in (0, place.shape[0] - 1) for col in (0, place.shape[1] - 1)]
     return lonlat_at(place, np.array(corners))
 
 

@@ -6,6 +6,7 @@ A layer is a byte a pixel, with no more pixels than a screen has, whatever the m
 
 import math
 import threading
+from contextlib import suppress
 from functools import lru_cache
 from typing import Annotated, Literal
 
@@ -20,6 +21,7 @@ from nnpp_edge.runtime.cells import Cell
 from nnpp_edge.runtime.compiled import notice
 from nnpp_edge.runtime.errors import InvalidQueryError, NnppEdgeError
 from nnpp_edge.runtime.kernels.poses import REFUSALS
+from nnpp_edge.runtime.map.refusal import why_blocked
 from nnpp_edge.runtime.map.slope_cost import unit_of
 from nnpp_edge.runtime.planners.plan import Plan
 from nnpp_edge.runtime.terrain.traversability import terrain_terms
@@ -38,8 +40,6 @@ _STEEPEST_DEG = 40.0
 """Slope from which on its layer grows no stronger."""
 _BLOCKED = 0.25
 """Share of a pixel's cells from which on it is impassable."""
-_MOST_BANDS = 8
-"""Of a layer of what can be reached."""
 _MOST_LANDSCAPES = 2
 """That are kept; each holds a planner's memory."""
 Answer = dict[str, object]
@@ -56,9 +56,8 @@ class Question(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     pixels: Annotated[int, Meta(ge=64, le=2048)] = 1024
     """Of a side of a layer, at most."""
     at: Cell = (0, 0)
-    """The place that is asked about."""
     format: Literal["geojson", "gpx", "gpkg"] = "geojson"
-    """Of the file."""
+    """Of the file; `at` is the place that is asked about."""
 
 
 class Answerer:
@@ -108,11 +107,8 @@ class Answerer:
         """
         more: Layer | bytes | None = None
         try:
-            decoded = _decode(question)
-            if decoded.want == "place":
-                return msgspec.json.encode(self._place(decoded.asked, decoded.at)) + b"\n"
             with self._lock:
-                answer, more = self._answer(decoded)
+                answer, more = self._answer(_decode(question))
         except (NnppEdgeError, MemoryError) as error:
             answer = {"problem": str(error) if isinstance(error, NnppEdgeError) else "not enough memory"}
         Answerer.notice = ""
@@ -120,26 +116,6 @@ class Answerer:
         if isinstance(more, np.ndarray):
             answer |= {"layer": more.shape}
         return msgspec.json.encode(answer) + b"\n" + (b"" if more is None else bytes(more))
-
-    def _place(self, asked: Asked, cell: Cell) -> Answer:
-        """Where a cell lies, how steep it is, and, unless a plan is being made, what makes it impassable."""
-        dem = self.site.dem
-        if not (0 <= cell[0] < dem.shape[0] and 0 <= cell[1] < dem.shape[1]):
-            raise InvalidQueryError(f"a place must lie on the map of {dem.shape} cells, got {cell}")
-        at = places_of(dem, np.array([cell]))
-        words = ["row {}, column {}".format(*cell), "x {:.9g}, y {:.9g}".format(*at[0])]
-        try:
-            lon, lat = lonlat_at(dem, at)[0].tolist()
-            words.append(f"{abs(lon):.6f}° {'EW'[lon < 0]}, {abs(lat):.6f}° {'NS'[lat < 0]}")
-        except NnppEdgeError:  # no coordinate system, or nothing that knows it
-            pass
-        words.append(ground_at(dem, cell))
-        if self._lock.acquire(blocking=False):
-            try:
-                words.append(self.landscape(asked).why_impassable(cell))
-            finally:
-                self._lock.release()
-        return {"words": [word for word in words if word]}
 
     def _answer(self, question: Question) -> tuple[Answer, Layer | bytes | None]:
         asked, dem, pixels = question.asked, self.site.dem, question.pixels
@@ -149,13 +125,18 @@ class Answerer:
         if question.want == "slope":
             return {}, slope(dem.elevation, sides, pixels)
         landscape = self.landscape(asked)
+        if question.want == "place":
+            words, poses = place_in_words(dem, question.at), landscape.planner.state.grid.poses
+            if not landscape.planner.is_passable(question.at):
+                words.append("impassable" if poses is None else f"it cannot stand: {why_blocked(poses, question.at)}")
+            return {"words": words}, None
         if question.want == "cost":
             cost = np.where(painted(dem.shape, asked.obstacles), np.float32(np.inf), landscape.cost)
             refused = landscape.refused()
             layer = costs(cost, pixels, refused)
             return {"refused": [] if refused is None else np.unique(refused[refused > 0]).tolist()}, layer
         if question.want == "reach":
-            return reach(landscape.reach(asked.start), pixels)
+            return reach(landscape.planner.reach(asked.start), pixels)
         if question.want == "compare":
             plan, time_ms = landscape.compare(asked, question.method)
             region = None if plan.region is None else plan.region.mask()
@@ -184,7 +165,7 @@ def path_answer(site: Site, asked: Asked, landscape: Landscape, plan: Plan) -> A
     }
     if plan.status.endswith("BLOCKED") and landscape.planner.state.grid.poses is None:
         end = asked.start if plan.status.startswith("START") else asked.goal
-        answer["figures"] = plan.summary() | {"reason": f"{plan.reason}: {ground_at(site.dem, end)}"}
+        answer["figures"] = plan.summary() | {"reason": f"{plan.reason}: {ground_in_words(site.dem, end)}"}
     if plan.along is None or not len(plan.path):
         return answer
     rows, cols = plan.along.points.T
@@ -211,17 +192,27 @@ def file_of(dem: Dem, asked: Asked, plan: Plan, cost: Float2D, form: str) -> byt
     return route.geopackage(figures) if form == "gpkg" else route.geojson(figures)
 
 
-def ground_at(dem: Dem, cell: Cell) -> str:
-    """Height and terms of the cost of a cell, in words."""
-    row, col = max(cell[0] - 1, 0), max(cell[1] - 1, 0)
-    terms = terrain_terms(
-        dem.elevation[row : cell[0] + 2, col : cell[1] + 2], dem.cell_size_m, cell_width_m=dem.cell_width_m
-    )
-    slope, roughness, step = terms[:, cell[0] - row, cell[1] - col].tolist()
+def place_in_words(dem: Dem, cell: Cell) -> list[str]:
+    """Where a cell lies, and how steep it is; InvalidQueryError for none of the map."""
+    if not (0 <= cell[0] < dem.shape[0] and 0 <= cell[1] < dem.shape[1]):
+        raise InvalidQueryError(f"a place must lie on the map of {dem.shape} cells, got {cell}")
+    at = places_of(dem, np.array([cell]))
+    words = ["row {}, column {}".format(*cell), "x {:.9g}, y {:.9g}".format(*at[0])]
+    with suppress(NnppEdgeError):  # no coordinate system, or nothing that knows it
+        lon, lat = lonlat_at(dem, at)[0].tolist()
+        words.append(f"{abs(lon):.6f}° {'EW'[lon < 0]}, {abs(lat):.6f}° {'NS'[lat < 0]}")
+    return [*words, ground_in_words(dem, cell)]
+
+
+def ground_in_words(dem: Dem, cell: Cell) -> str:
+    """Height of a cell, and the terms of its cost."""
+    around = dem.elevation[max(cell[0] - 1, 0) : cell[0] + 2, max(cell[1] - 1, 0) : cell[1] + 2]
+    terms = terrain_terms(around, dem.cell_size_m, cell_width_m=dem.cell_width_m)
+    slope, roughness, step = terms[:, min(cell[0], 1), min(cell[1], 1)].tolist()
     if math.isnan(slope):
         return "its height is unknown"
-    height, degrees = float(dem.elevation[cell]), math.degrees(slope)
-    return f"height {height:.7g} m, slope {degrees:.1f}°, roughness {roughness:.2g} m, step {step:.2g} m"
+    height, degrees = dem.elevation[cell], math.degrees(slope)
+    return f"height {height:.2f} m, slope {degrees:.1f}°, roughness {roughness:.2g} m, step {step:.2g} m"
 
 
 def reach(field: Float2D, pixels: int) -> tuple[Answer, Layer]:
@@ -229,11 +220,10 @@ def reach(field: Float2D, pixels: int) -> tuple[Answer, Layer]:
     known = np.isfinite(field)
     share, total = smaller(known, pixels), smaller(np.where(known, field, np.float32(0.0)), pixels)
     most = float(field[known].max(initial=0.0)) or 1.0
-    power = 10.0 ** math.floor(math.log10(most / _MOST_BANDS))
-    step = power * next(times for times in (1, 2, 5, 10, 20) if most <= _MOST_BANDS * times * power)
+    power = 10.0 ** math.floor(math.log10(most / 8))  # eight bands at most, of a round width
+    step = next(times * power for times in (1, 2, 5, 10, 20) if most <= 8 * times * power)
     bands = np.where(share > 0.5, 1.0 + np.maximum(total, 0.0) / np.maximum(share, np.float32(0.5)) / step, 0.0)
-    answer: Answer = {"cells": int(known.sum()), "step": step, "bands": math.ceil(most / step)}
-    return answer, bands.astype(np.uint8)
+    return {"cells": int(known.sum()), "step": step, "bands": math.ceil(most / step)}, bands.astype(np.uint8)
 
 
 def relief(elevation: Float2D, sides_m: tuple[float, float], pixels: int) -> Layer:

@@ -24,7 +24,6 @@ POINT, GIVEN = "none", "as given"
 """Names of the vehicle that is none, and of the one that the command line describes."""
 Method = Literal["auto", "astar", "corridor", "nnpp"]
 Obstacles = Annotated[tuple[Rectangle, ...], Meta(max_length=200)]
-Stops = Annotated[tuple[Cell, ...], Meta(max_length=50)]
 Positive = Annotated[float, Meta(ge=0.0)]
 Heading = Annotated[float, Meta(ge=0.0, le=360.0)]
 
@@ -69,7 +68,7 @@ class Site:
             bodies[name] = Body(load_vehicle(name), load_mobility(name, gravity), ("--vehicle", name))
         if given is not None:
             bodies[POINT if given.vehicle is None else GIVEN] = given
-        return cls(dem, path, reading, bodies)
+        return cls(replace(dem, source=Path(path.name)), path, reading, bodies)
 
 
 class Asked(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
@@ -77,7 +76,7 @@ class Asked(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
 
     start: Cell
     goal: Cell
-    via: Stops = ()
+    via: Annotated[tuple[Cell, ...], Meta(max_length=50)] = ()
     """Places between, in the order in which they are visited."""
     method: Method = "auto"
     refine: bool = False

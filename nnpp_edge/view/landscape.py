@@ -11,8 +11,8 @@ from nnpp_edge.runtime import Plan, Planner
 from nnpp_edge.runtime.arrays import Float2D
 from nnpp_edge.runtime.cells import Cell
 from nnpp_edge.runtime.errors import InvalidQueryError
-from nnpp_edge.runtime.map.refusal import refusals, why_blocked
-from nnpp_edge.runtime.planners.query import PlanOptions, problem_with
+from nnpp_edge.runtime.map.refusal import refusals
+from nnpp_edge.runtime.planners.query import PlanOptions
 from nnpp_edge.runtime.terrain.traversability import traversability_cost
 from nnpp_edge.view.asked import Asked, Method, Obstacles, Site
 from nnpp_edge.viz.picture import MOST_SHOWN
@@ -72,19 +72,6 @@ class Landscape:
         if asked.via:
             return self.planner.plan_via(asked.start, asked.goal, asked.via, **options).plan
         return self.planner.plan(asked.start, asked.goal, **options)
-
-    def reach(self, start: Cell) -> Float2D:
-        """(H, W) cost of getting to each cell; inf where there is no way, or the start is no place to be."""
-        if problem_with(self.planner.state.grid, start, start):
-            return np.full(self.cost.shape, np.inf, np.float32)
-        return self.planner.reach(start)
-
-    def why_impassable(self, cell: Cell) -> str:
-        """By which limit a vehicle stands on a cell in no heading; that it is impassable to a point; else nothing."""
-        grid = self.planner.state.grid
-        if grid.is_passable(cell):
-            return ""
-        return "impassable" if grid.poses is None else f"it cannot stand here: {why_blocked(grid.poses, cell)}"
 
     def compare(self, asked: Asked, method: Method) -> tuple[Plan, float]:
         """A method's plan with its region, and its median time, ms."""

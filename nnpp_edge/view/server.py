@@ -3,10 +3,11 @@
 import mimetypes
 import re
 import sys
-from collections.abc import Callable, Iterable
+from collections.abc import Callable
 from contextlib import suppress
 from http.server import BaseHTTPRequestHandler
 from importlib.resources import files
+from io import BufferedReader, FileIO
 from pathlib import Path
 from socketserver import ThreadingTCPServer
 from tempfile import TemporaryDirectory
@@ -14,7 +15,10 @@ from urllib.parse import unquote
 
 import msgspec
 
+from nnpp_edge.robot.transports.stdio import messages
+from nnpp_edge.robot.transports.wire import WireError, decode_output
 from nnpp_edge.runtime.errors import NnppEdgeError, OutputError
+from nnpp_edge.runtime.loop.messages import PathMessage
 from nnpp_edge.runtime.reading import reason
 from nnpp_edge.view.answers import Answerer
 
@@ -32,10 +36,8 @@ _HEADERS = {
     "Cache-Control": "no-cache",
 }
 _LONGEST_QUESTION = 1 << 16
-LARGEST_FILE = 1 << 28
-"""Bytes of a map that is dropped onto the page."""
-_MOST_DROPPED = 2
-"""Maps of these that are kept, the newest."""
+_LARGEST_FILE, _MOST_DROPPED = 1 << 28, 2
+"""Bytes of a map that is dropped onto the page, and how many of these are kept, the newest."""
 
 
 class PageServer(ThreadingTCPServer):
@@ -46,12 +48,12 @@ class PageServer(ThreadingTCPServer):
     request_queue_size = 64
     open_map: Callable[[Path], Answerer]
     """Reads a map that is dropped onto the page."""
-    live: object = None
-    """What a run that is followed said last; None without one."""
+    live = b"null"
+    """What a run that is followed said last; null without one."""
 
     def __init__(self, port: int) -> None:
-        self.maps: dict[int, Answerer] = {}
-        """By the number in the page's address; the first is that of the command line."""
+        self.maps: list[Answerer | None] = []
+        """By the number in the page's address: that of the command line, then those that were dropped."""
         try:
             super().__init__((HOST, port), _Handler)
         except OSError as error:
@@ -68,19 +70,13 @@ class PageServer(ThreadingTCPServer):
         with suppress(KeyboardInterrupt):
             self.serve_forever()
 
-    def add(self, answerer: Answerer) -> int:
-        """The number of a map from now on; of those that were dropped the oldest is forgotten."""
-        number = max(self.maps, default=-1) + 1
-        self.maps[number] = answerer
-        for old in sorted(self.maps)[1:-_MOST_DROPPED]:
-            del self.maps[old]
-        return number
-
-    def follow(self, answers: Iterable[object]) -> None:
-        """Show the newest of these, as they come."""
-        self.live = {}
-        for self.live in answers:
-            pass
+    def follow(self) -> None:
+        """Show what a run says on stdin of its robot, as it comes; what is no message of a run is passed over."""
+        self.live = b"{}"
+        for line in messages(BufferedReader(FileIO(0, closefd=False))):
+            with suppress(WireError):
+                if isinstance(line, bytes) and isinstance(decode_output(line), PathMessage):
+                    self.live = line
 
     def handle_error(self, request: object, client_address: object) -> None:
         """Say what went wrong, unless a tab was closed while it was answered."""
@@ -103,7 +99,7 @@ class _Handler(BaseHTTPRequestHandler):
         elif path == "/opening" and answerer:
             self._send(answerer.opening(), "application/json")
         elif path == "/news" and answerer:
-            news = {"notice": answerer.notice, "live": None if number else self.server.live}
+            news = {"notice": answerer.notice, "live": msgspec.Raw(b"null" if number else self.server.live)}
             self._send(msgspec.json.encode(news), "application/json")
         elif file := _FILES.get(path):
             self._send(file.read_bytes(), mimetypes.guess_type(file)[0] or "text/plain")
@@ -113,7 +109,7 @@ class _Handler(BaseHTTPRequestHandler):
     def do_POST(self) -> None:
         """A question of our own page, or a map that was dropped onto it."""
         (path, _, number), length = self.path.partition("?map="), self.headers.get("Content-Length", "")
-        answerer, most = self._answerer(number), LARGEST_FILE if path == "/drop" else _LONGEST_QUESTION
+        answerer, most = self._answerer(number), _LARGEST_FILE if path == "/drop" else _LONGEST_QUESTION
         if not self._is_asked_of_us() or self.headers.get("Origin") != f"http://{self.headers['Host']}":
             self.send_error(403, "questions of other pages are not answered")
         elif path not in ("/ask", "/drop") or answerer is None:
@@ -126,19 +122,21 @@ class _Handler(BaseHTTPRequestHandler):
             self._send(answerer.answer(self.rfile.read(int(length))), "application/octet-stream")
 
     def _answerer(self, number: str) -> Answerer | None:
-        """Of the map that is asked of, if it is there."""
-        return self.server.maps.get(int(number or 0) if number.isdecimal() or not number else -1)
+        """Of the map that is asked of, if it is open."""
+        return dict(enumerate(self.server.maps)).get(int(number) if number.isdecimal() else 0)
 
     def _dropped(self, length: int) -> bytes:
         """JSON of the number of a map that is dropped onto the page, or a ``problem`` in one line."""
-        name = re.sub(r"[^\w.+-]", "_", unquote(self.headers.get("X-Name", "")))[-100:].lstrip(".") or "map"
+        maps, name = self.server.maps, re.sub(r"[^\w.+-]", "_", unquote(self.headers.get("X-Name", "")))[-100:]
         with TemporaryDirectory() as folder:
             try:
-                (Path(folder) / name).write_bytes(self.rfile.read(length))
-                return msgspec.json.encode({"map": self.server.add(self.server.open_map(Path(folder) / name))})
+                (file := Path(folder) / f"{name.lstrip('.') or 'map'}").write_bytes(self.rfile.read(length))
+                maps.append(self.server.open_map(file))
             except (NnppEdgeError, OSError, MemoryError) as error:
-                why = str(error) if isinstance(error, NnppEdgeError) else f"{name} could not be kept ({error})"
+                why = str(error) if isinstance(error, NnppEdgeError) else f"{name}: not enough room ({error})"
                 return msgspec.json.encode({"problem": why.replace(f"{folder}/", "")})
+        maps[1:-_MOST_DROPPED] = [None] * len(maps[1:-_MOST_DROPPED])
+        return msgspec.json.encode({"map": len(maps) - 1})
 
     def _is_asked_of_us(self) -> bool:
         """Whether it is our name that the browser knows: another's page may have been given our address."""

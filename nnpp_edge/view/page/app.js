@@ -77,7 +77,9 @@ function over(cell) {
   else byId("place").hidden = true;
 }
 
-fetch(`/opening${location.search}`).then(async (answer) => opening(await answer.json()));
+fetch(`/opening${location.search}`).then(async (answer) =>
+  answer.ok ? opening(await answer.json()) : tell("This map is no longer open: of those that were dropped onto the page the last two are kept."),
+);
 
 function opening(site) {
   const [rows, cols] = site.shape;
@@ -378,7 +380,7 @@ function settle() {
     compare += 1;
     regions.clear();
     lines.clear();
-    if (layer() === "reach" && reachOf !== reachKey(asked)) link.ask("reach", pixels);
+    if (layer() === "reach" && reachOf !== reachKey(asked) && !path?.figures.status.startsWith("START")) link.ask("reach", pixels);
     next(compare, ["astar", ...METHODS.filter((method) => method !== "astar")]);
   }, SETTLES_MS);
 }

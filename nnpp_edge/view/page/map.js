@@ -147,8 +147,8 @@ export class MapView {
   }
 
   // A robot's place and heading, its way, and where it has been.
-  live({ start, line, heading_deg: heading }, driven) {
-    this.lineOf("live", line);
+  live({ start, path, waypoints, headings_deg: [heading = null] }, driven) {
+    this.lineOf("live", waypoints ?? path);
     this.lineOf("driven", driven);
     byId("robot").hidden = !start;
     if (start) this.put(byId("robot"), start);
