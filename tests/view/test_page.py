@@ -134,7 +134,8 @@ def test_sliders_and_choices_change_path_and_figures(tab):
     assert tab.page.locator("#waypoints i").count() > 0 and "line integral" in tab.page.inner_text("#figures")
     assert tab.page.locator("#step_cost option[value=energy]").is_disabled()
     tab.page.select_option("#body", "large-rover")
-    assert tab.page.locator("#clearance_m").is_visible()
+    assert tab.page.locator("#clearance_m").is_visible() and tab.page.is_disabled("#refine")
+    tab.until("document.querySelector('#command').textContent.includes('--vehicle large-rover')")
     tab.page.select_option("#step_cost", "energy")
     tab.until("document.querySelector('#figures').textContent.includes('energy')")
     assert tab.page.is_disabled("#refine")
@@ -155,17 +156,18 @@ def test_what_is_refused_leaves_path_and_controls_as_they_were(tab):
 
 
 def test_clicks_set_goal_start_and_via_points(tab):
-    tab.click(0.2, 0.8)
+    tab.click(0.201, 0.801)
     tab.until("document.querySelector('#goal').ariaLabel === 'Goal, row 38, column 192'")
     tab.click(0.9, 0.1, "Shift")
     tab.until(f"{LINE}.startsWith('M24 172')")
     tab.until(f"{LINE}.endsWith('L192 38')")
-    tab.click(0.5, 0.2, "Control")
-    tab.click(0.95, 0.5, "Alt")
-    tab.until("document.querySelector('#command').textContent.includes('--via 96,48 --via 182,120 ')")
-    tab.until(f"{LINE}.includes('L48 96L') && {LINE}.includes('L120 182L')")
-    tab.click(0.6, 0.15, "Control")  # the path passes near it before the others
-    tab.until("document.querySelector('#command').textContent.includes('--via 115,36 --via 96,48 --via 182,120 ')")
+    tab.click(0.501, 0.751, "Control")
+    tab.until(f"{LINE}.includes('L180 96L')")
+    tab.click(0.501, 0.201, "Alt")  # the path passes near it before
+    tab.until("document.querySelector('#command').textContent.includes('--via 96,48 --via 96,180 ')")
+    tab.until(f"/L48 96L.*L180 96L/.test({LINE})")
+    tab.page.click("#add-via")
+    tab.until("document.querySelectorAll('.via').length === 3")
     tab.page.focus(".via:nth-of-type(2)")
     tab.page.keyboard.press("Delete")
     tab.until("document.querySelectorAll('.via').length === 2")
@@ -173,10 +175,10 @@ def test_clicks_set_goal_start_and_via_points(tab):
     tab.until("document.querySelectorAll('.via').length === 1")
     tab.page.focus(".via")
     tab.page.keyboard.press("ArrowUp")
-    tab.until("document.querySelector('#command').textContent.includes('--via 181,120 --goal')")
+    tab.until("document.querySelector('#command').textContent.includes('--via 95,180 --goal')")
     before = tab.line
-    tab.click(0.5, 0.27, "Control")  # nobody knows the ground there
-    tab.until("/via 2, \\(96, 64\\), is impassable/.test(document.querySelector('#notice').textContent)")
+    tab.click(0.241, 0.271, "Control")  # nobody knows the ground there
+    tab.until("/via \\d, \\(46, 65\\), is impassable/.test(document.querySelector('#notice').textContent)")
     assert tab.line == before and tab.page.locator(".via").count() == 1
     goal = tab.cell("goal")
     tab.page.click("#zoom-in")
@@ -210,17 +212,18 @@ def test_what_can_be_reached_is_shaded_and_why_there_is_no_path_is_told(tab):
     tab.click(0.9, 0.1, "Shift")
     tab.until(f"!document.querySelector('#reach').hidden && {shaded} !== {json.dumps(before)}")
     tab.page.select_option("#body", "small-rover")
-    tab.slide("max_tilt_deg", "5")
+    tab.page.evaluate("document.querySelector('#max_tilt_deg').min = 1")
+    tab.slide("max_tilt_deg", "3")
     tab.until("document.querySelector('#status.bad')")
     why = tab.page.inner_text("#why")
-    assert "max_tilt_deg is 5" in why, why
+    assert "max_tilt_deg is 3" in why
 
 
 def test_the_path_is_downloaded(tab):
     with tab.page.expect_download() as download:
         tab.page.click("[data-format=geojson]")
     assert download.value.suggested_filename == "ground-path.geojson"
-    saved = json.loads(open(download.value.path()).read())["geometry"]["coordinates"]
+    saved = json.loads(download.value.path().read_text())["geometry"]["coordinates"]
     ends = ends_of(tab.line)
     assert [saved[0], saved[-1]] == [[2.0 * col, 2.0 * row] for row, col in ends]
     tab.page.click("[data-format=gpx]")
@@ -232,7 +235,8 @@ def test_a_map_is_dropped_onto_the_page(tab, tmp_path):
     tab.page.set_input_files("#file", tmp_path / "no.txt")
     tab.until("document.querySelector('#notice').textContent.startsWith('no.txt: wanted ')")
     content = write_ground(tmp_path, 48, 60).read_bytes()
-    drop = "bytes => { const files = new DataTransfer(); files.items.add(new File([new Uint8Array(bytes)], 'mine.npz')); "
+    drop = "bytes => { const files = new DataTransfer(); "
+    drop += "files.items.add(new File([new Uint8Array(bytes)], 'mine.npz')); "
     drop += "document.dispatchEvent(new DragEvent('drop', {dataTransfer: files, cancelable: true})); }"
     tab.page.evaluate(drop, list(content))
     tab.page.wait_for_url("**/?map=1")

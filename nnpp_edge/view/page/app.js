@@ -15,6 +15,7 @@ const STATUS = {
   GOAL_OUTSIDE_MAP: "The goal lies outside the map",
   NO_PATH: "There is no path",
 };
+const LEAVE_COSTS = ["method", "refine", "start", "goal", "via"]; // whatever these are
 const MOST_TIMES = 100;
 const SETTLES_MS = 250;
 
@@ -125,10 +126,12 @@ function putEnds() {
 
 function change(values) {
   stale();
+  const same = ([name, value]) => LEAVE_COSTS.includes(name) || (name in asked.limits ? asked.limits : asked)[name] === value;
+  const costs = !Object.entries(values).every(same);
   for (const [name, value] of Object.entries(values)) (name in asked.limits ? asked.limits : asked)[name] = value;
   putEnds();
   link.ask("path");
-  if (!["method", "refine", "start", "goal", "via"].some((name) => name in values)) link.ask("cost", pixels);
+  if (costs) link.ask("cost", pixels);
   settle();
   busy();
 }
