@@ -64,7 +64,7 @@ class Answerer:
     """Answers the page, one question at a time, whichever threads ask."""
 
     notice = ""
-    """What is being waited for, such as kernels that are compiled: of the process, as they are."""
+    """A line on whatever is being waited for, such as kernels that are compiled: of the process, as they are."""
 
     def __init__(self, site: Site, first: Asked) -> None:
         self.site, self.first = site, first
@@ -216,7 +216,7 @@ def ground_in_words(dem: Dem, cell: Cell) -> str:
 
 
 def reach(field: Float2D, pixels: int) -> tuple[Answer, Layer]:
-    """What can be reached: cells, the width and number of bands of cost, and the bands, 1 the nearest, 0 nowhere."""
+    """Cells that can be reached, width and number of bands of cost, and each pixel's: 1 the nearest, 0 nowhere."""
     known = np.isfinite(field)
     share, total = smaller(known, pixels), smaller(np.where(known, field, np.float32(0.0)), pixels)
     most = float(field[known].max(initial=0.0)) or 1.0

@@ -49,7 +49,7 @@ class PageServer(ThreadingTCPServer):
     open_map: Callable[[Path], Answerer]
     """Reads a map that is dropped onto the page."""
     live = b"null"
-    """What a run that is followed said last; null without one."""
+    """The newest message of the run that is followed; null without one."""
 
     def __init__(self, port: int) -> None:
         self.maps: list[Answerer | None] = []
