@@ -1,6 +1,7 @@
 """`nnpp-edge view`: a page on this machine to look at a map and to try planning on it."""
 
 import signal
+import threading
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -24,36 +25,39 @@ def command(
     goal: Annotated[End | None, PLACE, "As --start."] = None,
     omega: options.Omega = 0.011,
     port: Annotated[int, click.IntRange(0, 65535), "Of the page on 127.0.0.1; 0 for any."] = 8765,
+    follow: Annotated[bool, "Show the robot of an `nnpp-edge run` whose answers come on stdin."] = False,
     no_browser: Annotated[bool, "Print the page's address and open no browser."] = False,
 ) -> None:
     """Open a page to look at the elevation map DEM, and to try planning on it.
 
-    Drag start and goal, set limits, step cost and vehicle, compare methods, paint obstacles, and copy what you see as
-    a command. The page is served to this machine only, loads nothing from others, and ends with Ctrl-C.
+    Click for a goal, set limits, step cost and vehicle, compare methods, paint obstacles, save the path, or copy what
+    you see as a command. The page is served to this machine only, loads nothing from others, and ends with Ctrl-C.
 
     \b
     nnpp-edge view dem.tif --workload limit20
+    nnpp-edge run --map dem.tif | nnpp-edge view dem.tif --follow
     """
     limits = robot.limits()
 
     from msgspec.structs import replace
 
     from nnpp_edge.cli.maps import size_in_words
+    from nnpp_edge.runtime.compiled import notice
     from nnpp_edge.runtime.errors import InvalidMapError
     from nnpp_edge.view.answers import Answerer
     from nnpp_edge.view.asked import GIVEN, POINT, Asked, Site
     from nnpp_edge.view.landscape import likely_ends
     from nnpp_edge.view.server import PageServer
 
-    with PageServer(port) as server:
-        read = robot.read(dem)
+    def opened(path: Path, begin: End | None = None, end: End | None = None, name: Path | None = None) -> Answerer:
+        read = robot.read(path)
         robot.warn_if_coarse(read)
         given = _given_body(robot, read)
         reading = {"cell_size_m": robot.cell_size, "rescale": robot.rescale, "resample": robot.resample}
-        site = Site.of(read, dem, {name: value for name, value in reading.items() if value is not None}, given)
+        site = Site.of(read, name or Path(path.name), {n: v for n, v in reading.items() if v is not None}, given)
         asked = Asked(
-            start=start.one_cell(site.dem, "--start") if start else (0, 0),
-            goal=goal.one_cell(site.dem, "--goal") if goal else (0, 0),
+            start=begin.one_cell(read, "--start") if begin else (0, 0),
+            goal=end.one_cell(read, "--goal") if end else (0, 0),
             step_cost=robot.step_cost,  # type: ignore[arg-type]  # click has checked it
             omega=omega,
             limits=limits,
@@ -62,15 +66,26 @@ def command(
         answerer = Answerer(site, asked)
         landscape = answerer.landscape(asked)  # what cannot be planned on is refused here
         if (likely := likely_ends(landscape.cost, landscape.planner.is_passable)) is None:
-            raise InvalidMapError(f"{dem}: wanted a map to plan on, got {size_in_words(site.dem)}, all impassable")
+            raise InvalidMapError(f"{path}: wanted a map to plan on, got {size_in_words(read)}, all impassable")
         answerer.first = replace(
-            asked, start=asked.start if start else likely[0], goal=asked.goal if goal else likely[1]
+            asked, start=asked.start if begin else likely[0], goal=asked.goal if end else likely[1]
         )
+        return answerer
+
+    def told(line: str) -> None:
+        Answerer.notice = line
+        click.echo(line, err=True)
+
+    with PageServer(port) as server:
+        server.open_map, notice.tell = opened, told
+        server.maps.append(opened(dem, start, goal, dem.resolve()))
+        if follow:
+            threading.Thread(target=server.follow, daemon=True).start()
         click.echo(server.address)
         if not no_browser:
             click.launch(server.address)
         signal.signal(signal.SIGINT, signal.default_int_handler)  # a shell has it ignored by what it starts with &
-        server.serve(answerer)
+        server.serve()
 
 
 def _given_body(robot: GroundOptions, place: "Dem") -> "Body | None":

@@ -46,11 +46,16 @@ def lonlat_on_map(place: Place, points: Points) -> Points:
     return _moved(points, _lonlat_system(own), own)
 
 
+def lonlat_at(place: Place, points: Points) -> Points:
+    """Longitudes and latitudes of map coordinates, as `lonlat_on_map` takes them."""
+    own = _system_of(place.georeference, place.source)
+    return _moved(points, own, _lonlat_system(own))
+
+
 def lonlat_corners(place: Place) -> Points:
-    """(4, 2) longitudes and latitudes of the middles of a map's corner cells, as `lonlat_on_map` takes them."""
-    own, (rows, cols) = _system_of(place.georeference, place.source), place.shape
-    corners = np.array([place.map_coordinates(row, col) for row in (0, rows - 1) for col in (0, cols - 1)])
-    return _moved(corners, own, _lonlat_system(own))
+    """(4, 2) those of the middles of a map's corner cells."""
+    corners = [place.map_coordinates(row, col) for row in (0, place.shape[0] - 1) for col in (0, place.shape[1] - 1)]
+    return lonlat_at(place, np.array(corners))
 
 
 def lonlat_of(place: Place, points: Points) -> Points:

@@ -6,6 +6,7 @@ A layer is a byte a pixel, with no more pixels than a screen has, whatever the m
 
 import math
 import threading
+from contextlib import suppress
 from functools import lru_cache
 from typing import Annotated, Literal
 
@@ -16,11 +17,17 @@ from msgspec import Meta, Struct
 from numpy.typing import NDArray
 
 from nnpp_edge.runtime.arrays import Float2D
+from nnpp_edge.runtime.cells import Cell
+from nnpp_edge.runtime.compiled import notice
 from nnpp_edge.runtime.errors import InvalidQueryError, NnppEdgeError
 from nnpp_edge.runtime.kernels.poses import REFUSALS
+from nnpp_edge.runtime.map.refusal import why_blocked
 from nnpp_edge.runtime.map.slope_cost import unit_of
 from nnpp_edge.runtime.planners.plan import Plan
 from nnpp_edge.runtime.terrain.traversability import terrain_terms
+from nnpp_edge.terrain.coordinates import lonlat_at
+from nnpp_edge.terrain.dem import Dem
+from nnpp_edge.terrain.route import Route, places_of
 from nnpp_edge.view.asked import Asked, Method, Site, command_of
 from nnpp_edge.view.landscape import Landscape, painted
 from nnpp_edge.viz.picture import REFUSED, hillshade
@@ -42,16 +49,22 @@ Layer = NDArray[np.uint8]
 class Question(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     """Content of the page's requests."""
 
-    want: Literal["path", "relief", "slope", "cost", "compare"]
+    want: Literal["path", "relief", "slope", "cost", "reach", "compare", "place", "file"]
     asked: Asked
     method: Method = "auto"
     """To compare."""
     pixels: Annotated[int, Meta(ge=64, le=2048)] = 1024
     """Of a side of a layer, at most."""
+    at: Cell = (0, 0)
+    format: Literal["geojson", "gpx", "gpkg"] = "geojson"
+    """Of the file; `at` is the place that is asked about."""
 
 
 class Answerer:
     """Answers the page, one question at a time, whichever threads ask."""
+
+    notice = ""
+    """A line on whatever is being waited for, such as kernels that are compiled: of the process, as they are."""
 
     def __init__(self, site: Site, first: Asked) -> None:
         self.site, self.first = site, first
@@ -60,7 +73,7 @@ class Answerer:
 
     def landscape(self, asked: Asked) -> Landscape:
         """The map that is asked of, with its obstacles."""
-        rest = {"start": (0, 0), "goal": (0, 0), "method": "auto", "refine": False, "obstacles": ()}
+        rest = {"start": (0, 0), "goal": (0, 0), "via": (), "method": "auto", "refine": False, "obstacles": ()}
         rest |= {"start_heading_deg": None, "goal_heading_deg": None}
         found = self._landscapes(msgspec.structs.replace(asked, **rest))
         found.lay(asked.obstacles)
@@ -88,21 +101,23 @@ class Answerer:
         return msgspec.json.encode(shown | {"bodies": bodies, "asked": self.first})
 
     def answer(self, question: bytes) -> bytes:
-        """A line of JSON, then the bytes of the ``layer`` whose shape it holds, if it does.
+        """A line of JSON, then the bytes of the ``layer`` whose shape it holds, or of the ``file``, if it does.
 
         What cannot be done is an answer too, a ``problem`` in one line.
         """
-        layer: Layer | None = None
+        more: Layer | bytes | None = None
         try:
             with self._lock:
-                answer, layer = self._answer(_decode(question))
+                answer, more = self._answer(_decode(question))
         except (NnppEdgeError, MemoryError) as error:
             answer = {"problem": str(error) if isinstance(error, NnppEdgeError) else "not enough memory"}
-        if layer is None:
-            return msgspec.json.encode(answer) + b"\n"
-        return msgspec.json.encode(answer | {"layer": layer.shape}) + b"\n" + layer.tobytes()
+        Answerer.notice = ""
+        notice.say_once.cache_clear()  # more may have to be compiled for the next
+        if isinstance(more, np.ndarray):
+            answer |= {"layer": more.shape}
+        return msgspec.json.encode(answer) + b"\n" + (b"" if more is None else bytes(more))
 
-    def _answer(self, question: Question) -> tuple[Answer, Layer | None]:
+    def _answer(self, question: Question) -> tuple[Answer, Layer | bytes | None]:
         asked, dem, pixels = question.asked, self.site.dem, question.pixels
         sides = dem.cell_size_m, dem.cell_width_m
         if question.want == "relief":
@@ -110,11 +125,18 @@ class Answerer:
         if question.want == "slope":
             return {}, slope(dem.elevation, sides, pixels)
         landscape = self.landscape(asked)
+        if question.want == "place":
+            words, poses = place_in_words(dem, question.at), landscape.planner.state.grid.poses
+            if not landscape.planner.is_passable(question.at):
+                words.append("impassable" if poses is None else f"it cannot stand: {why_blocked(poses, question.at)}")
+            return {"words": words}, None
         if question.want == "cost":
             cost = np.where(painted(dem.shape, asked.obstacles), np.float32(np.inf), landscape.cost)
             refused = landscape.refused()
             layer = costs(cost, pixels, refused)
             return {"refused": [] if refused is None else np.unique(refused[refused > 0]).tolist()}, layer
+        if question.want == "reach":
+            return reach(landscape.planner.reach(asked.start), pixels)
         if question.want == "compare":
             plan, time_ms = landscape.compare(asked, question.method)
             region = None if plan.region is None else plan.region.mask()
@@ -122,7 +144,11 @@ class Answerer:
             answer |= {"time_ms": round(time_ms, 3), "line": plan.line.tolist()}
             answer["share"] = None if region is None else float(region.mean())
             return answer, None if region is None else (smaller(region, pixels) * 255.0).astype(np.uint8)
-        return path_answer(self.site, asked, landscape, landscape.plan(asked, asked.method)), None
+        plan = landscape.plan(asked, asked.method)
+        if question.want == "file":
+            name = f"{self.site.path.stem}-path.{question.format}"
+            return {"file": name}, file_of(self.site.dem, asked, plan, landscape.cost, question.format)
+        return path_answer(self.site, asked, landscape, plan), None
 
 
 def path_answer(site: Site, asked: Asked, landscape: Landscape, plan: Plan) -> Answer:
@@ -137,6 +163,9 @@ def path_answer(site: Site, asked: Asked, landscape: Landscape, plan: Plan) -> A
         "warnings": landscape.warnings,
         "command": command_of(site, asked),
     }
+    if plan.status.endswith("BLOCKED") and landscape.planner.state.grid.poses is None:
+        end = asked.start if plan.status.startswith("START") else asked.goal
+        answer["figures"] = plan.summary() | {"reason": f"{plan.reason}: {ground_in_words(site.dem, end)}"}
     if plan.along is None or not len(plan.path):
         return answer
     rows, cols = plan.along.points.T
@@ -149,6 +178,52 @@ def path_answer(site: Site, asked: Asked, landscape: Landscape, plan: Plan) -> A
     if plan.waypoints is not None:
         answer |= {"waypoints": np.round(plan.waypoints, 2).tolist(), "grid": plan.path.tolist()}
     return answer
+
+
+def file_of(dem: Dem, asked: Asked, plan: Plan, cost: Float2D, form: str) -> bytes:
+    """A file with a path; InvalidQueryError without one, and for GPX off the Earth."""
+    if not plan.ok or plan.along is None:
+        raise InvalidQueryError("there is no path to save")
+    route, told = Route.of(plan.line, plan.along, cost, dem), plan.summary()
+    figures = {name: told[name] for name in ("status", "method", "source", "cost", *plan.numbers._fields)}
+    stops = {"start": asked.start, **{f"via {n}": at for n, at in enumerate(asked.via, 1)}, "goal": asked.goal}
+    if form == "gpx":
+        return route.gpx("nnpp-edge view", stops)
+    return route.geopackage(figures) if form == "gpkg" else route.geojson(figures)
+
+
+def place_in_words(dem: Dem, cell: Cell) -> list[str]:
+    """Where a cell lies, and how steep it is; InvalidQueryError for none of the map."""
+    if not (0 <= cell[0] < dem.shape[0] and 0 <= cell[1] < dem.shape[1]):
+        raise InvalidQueryError(f"a place must lie on the map of {dem.shape} cells, got {cell}")
+    at = places_of(dem, np.array([cell]))
+    words = ["row {}, column {}".format(*cell), "x {:.9g}, y {:.9g}".format(*at[0])]
+    with suppress(NnppEdgeError):  # no coordinate system, or nothing that knows it
+        lon, lat = lonlat_at(dem, at)[0].tolist()
+        words.append(f"{abs(lon):.6f}° {'EW'[lon < 0]}, {abs(lat):.6f}° {'NS'[lat < 0]}")
+    return [*words, ground_in_words(dem, cell)]
+
+
+def ground_in_words(dem: Dem, cell: Cell) -> str:
+    """Height of a cell, and the terms of its cost."""
+    around = dem.elevation[max(cell[0] - 1, 0) : cell[0] + 2, max(cell[1] - 1, 0) : cell[1] + 2]
+    terms = terrain_terms(around, dem.cell_size_m, cell_width_m=dem.cell_width_m)
+    slope, roughness, step = terms[:, min(cell[0], 1), min(cell[1], 1)].tolist()
+    if math.isnan(slope):
+        return "its height is unknown"
+    height, degrees = dem.elevation[cell], math.degrees(slope)
+    return f"height {height:.2f} m, slope {degrees:.1f}°, roughness {roughness:.2g} m, step {step:.2g} m"
+
+
+def reach(field: Float2D, pixels: int) -> tuple[Answer, Layer]:
+    """Cells that can be reached, width and number of bands of cost, and each pixel's: 1 the nearest, 0 nowhere."""
+    known = np.isfinite(field)
+    share, total = smaller(known, pixels), smaller(np.where(known, field, np.float32(0.0)), pixels)
+    most = float(field[known].max(initial=0.0)) or 1.0
+    power = 10.0 ** math.floor(math.log10(most / 8))  # eight bands at most, of a round width
+    step = next(times * power for times in (1, 2, 5, 10, 20) if most <= 8 * times * power)
+    bands = np.where(share > 0.5, 1.0 + np.maximum(total, 0.0) / np.maximum(share, np.float32(0.5)) / step, 0.0)
+    return {"cells": int(known.sum()), "step": step, "bands": math.ceil(most / step)}, bands.astype(np.uint8)
 
 
 def relief(elevation: Float2D, sides_m: tuple[float, float], pixels: int) -> Layer:

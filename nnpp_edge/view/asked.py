@@ -68,7 +68,7 @@ class Site:
             bodies[name] = Body(load_vehicle(name), load_mobility(name, gravity), ("--vehicle", name))
         if given is not None:
             bodies[POINT if given.vehicle is None else GIVEN] = given
-        return cls(dem, path.resolve(), reading, bodies)
+        return cls(replace(dem, source=Path(path.name)), path, reading, bodies)
 
 
 class Asked(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
@@ -76,6 +76,8 @@ class Asked(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
 
     start: Cell
     goal: Cell
+    via: Annotated[tuple[Cell, ...], Meta(max_length=50)] = ()
+    """Places between, in the order in which they are visited."""
     method: Method = "auto"
     refine: bool = False
     """Whether the path is freed from the grid."""
@@ -133,7 +135,7 @@ def command_of(site: Site, asked: Asked) -> str:
     words = ["nnpp-edge", "plan", str(site.path)]
     for name, value in site.reading.items():
         words += [f"--{name.removesuffix('_m').replace('_', '-')}", _number(value)]
-    for name, (row, col) in (("--start", asked.start), ("--goal", asked.goal)):
+    for name, (row, col) in (("--start", asked.start), *(("--via", at) for at in asked.via), ("--goal", asked.goal)):
         words += [f"{name}={row},{col}"] if row < 0 or col < 0 else [name, f"{row},{col}"]
     words += ["--method", asked.method]
     for name, value in asdict(asked.limits).items():

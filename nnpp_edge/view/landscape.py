@@ -66,9 +66,11 @@ class Landscape:
         return None if poses is None or self.cost.size > MOST_SHOWN else refusals(poses.standing())
 
     def plan(self, asked: Asked, method: Method, *, keep_regions: bool = False) -> Plan:
-        """Plan between the ends that are asked for."""
+        """Plan between the ends that are asked for, by way of the places between."""
         options: PlanOptions = {"method": method, "refine": asked.freed, "keep_regions": keep_regions}
         options |= asked.headings(self._site)
+        if asked.via:
+            return self.planner.plan_via(asked.start, asked.goal, asked.via, **options).plan
         return self.planner.plan(asked.start, asked.goal, **options)
 
     def compare(self, asked: Asked, method: Method) -> tuple[Plan, float]:

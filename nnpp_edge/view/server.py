@@ -1,14 +1,24 @@
 """The page on 127.0.0.1: its files, and answers to its questions, for this machine's own browser alone."""
 
 import mimetypes
+import re
 import sys
+from collections.abc import Callable
 from contextlib import suppress
 from http.server import BaseHTTPRequestHandler
 from importlib.resources import files
+from io import BufferedReader, FileIO
 from pathlib import Path
 from socketserver import ThreadingTCPServer
+from tempfile import TemporaryDirectory
+from urllib.parse import unquote
 
-from nnpp_edge.runtime.errors import OutputError
+import msgspec
+
+from nnpp_edge.robot.transports.stdio import messages
+from nnpp_edge.robot.transports.wire import WireError, decode_output
+from nnpp_edge.runtime.errors import NnppEdgeError, OutputError
+from nnpp_edge.runtime.loop.messages import PathMessage
 from nnpp_edge.runtime.reading import reason
 from nnpp_edge.view.answers import Answerer
 
@@ -26,6 +36,8 @@ _HEADERS = {
     "Cache-Control": "no-cache",
 }
 _LONGEST_QUESTION = 1 << 16
+_LARGEST_FILE, _MOST_DROPPED = 1 << 28, 2
+"""Bytes of a map that is dropped onto the page, and how many of these are kept, the newest."""
 
 
 class PageServer(ThreadingTCPServer):
@@ -34,9 +46,14 @@ class PageServer(ThreadingTCPServer):
     allow_reuse_address = True
     daemon_threads = True
     request_queue_size = 64
-    answerer: Answerer
+    open_map: Callable[[Path], Answerer]
+    """Reads a map that is dropped onto the page."""
+    live = b"null"
+    """The newest message of the run that is followed; null without one."""
 
     def __init__(self, port: int) -> None:
+        self.maps: list[Answerer | None] = []
+        """By the number in the page's address: that of the command line, then those that were dropped."""
         try:
             super().__init__((HOST, port), _Handler)
         except OSError as error:
@@ -48,11 +65,18 @@ class PageServer(ThreadingTCPServer):
         """Of the page."""
         return f"http://{HOST}:{self.server_address[1]}/"
 
-    def serve(self, answerer: Answerer) -> None:
+    def serve(self) -> None:
         """Answer until Ctrl-C."""
-        self.answerer = answerer
         with suppress(KeyboardInterrupt):
             self.serve_forever()
+
+    def follow(self) -> None:
+        """Show what a run says on stdin of its robot, as it comes; what is no message of a run is passed over."""
+        self.live = b"{}"
+        for line in messages(BufferedReader(FileIO(0, closefd=False))):
+            with suppress(WireError):
+                if isinstance(line, bytes) and isinstance(decode_output(line), PathMessage):
+                    self.live = line
 
     def handle_error(self, request: object, client_address: object) -> None:
         """Say what went wrong, unless a tab was closed while it was answered."""
@@ -67,25 +91,52 @@ class _Handler(BaseHTTPRequestHandler):
     server: PageServer
 
     def do_GET(self) -> None:
-        """A file of the page, or what it opens with."""
+        """A file of the page, what it opens with, or what there is to tell meanwhile."""
+        path, _, number = self.path.partition("?map=")
+        answerer = self._answerer(number)
         if not self._is_asked_of_us():
             self.send_error(400, "this page is for this machine alone")
-        elif self.path == "/opening":
-            self._send(self.server.answerer.opening(), "application/json")
-        elif path := _FILES.get(self.path):
-            self._send(path.read_bytes(), mimetypes.guess_type(path)[0] or "text/plain")
+        elif path == "/opening" and answerer:
+            self._send(answerer.opening(), "application/json")
+        elif path == "/news" and answerer:
+            news = {"notice": answerer.notice, "live": msgspec.Raw(b"null" if number else self.server.live)}
+            self._send(msgspec.json.encode(news), "application/json")
+        elif file := _FILES.get(path):
+            self._send(file.read_bytes(), mimetypes.guess_type(file)[0] or "text/plain")
         else:
             self.send_error(404)
 
     def do_POST(self) -> None:
-        """A question of our own page."""
-        length = self.headers.get("Content-Length", "")
+        """A question of our own page, or a map that was dropped onto it."""
+        (path, _, number), length = self.path.partition("?map="), self.headers.get("Content-Length", "")
+        answerer, most = self._answerer(number), _LARGEST_FILE if path == "/drop" else _LONGEST_QUESTION
         if not self._is_asked_of_us() or self.headers.get("Origin") != f"http://{self.headers['Host']}":
             self.send_error(403, "questions of other pages are not answered")
-        elif self.path != "/ask" or not length.isdecimal() or int(length) > _LONGEST_QUESTION:
-            self.send_error(413 if self.path == "/ask" else 404)
+        elif path not in ("/ask", "/drop") or answerer is None:
+            self.send_error(404)
+        elif not length.isdecimal() or int(length) > most:
+            self.send_error(413)
+        elif path == "/drop":
+            self._send(self._dropped(int(length)), "application/json")
         else:
-            self._send(self.server.answerer.answer(self.rfile.read(int(length))), "application/octet-stream")
+            self._send(answerer.answer(self.rfile.read(int(length))), "application/octet-stream")
+
+    def _answerer(self, number: str) -> Answerer | None:
+        """Of the map that is asked of, if it is open."""
+        return dict(enumerate(self.server.maps)).get(int(number) if number.isdecimal() else 0)
+
+    def _dropped(self, length: int) -> bytes:
+        """JSON of the number of a map that is dropped onto the page, or a ``problem`` in one line."""
+        maps, name = self.server.maps, re.sub(r"[^\w.+-]", "_", unquote(self.headers.get("X-Name", "")))[-100:]
+        with TemporaryDirectory() as folder:
+            try:
+                (file := Path(folder) / f"{name.lstrip('.') or 'map'}").write_bytes(self.rfile.read(length))
+                maps.append(self.server.open_map(file))
+            except (NnppEdgeError, OSError, MemoryError) as error:
+                why = str(error) if isinstance(error, NnppEdgeError) else f"{name}: not enough room ({error})"
+                return msgspec.json.encode({"problem": why.replace(f"{folder}/", "")})
+        maps[1:-_MOST_DROPPED] = [None] * len(maps[1:-_MOST_DROPPED])
+        return msgspec.json.encode({"map": len(maps) - 1})
 
     def _is_asked_of_us(self) -> bool:
         """Whether it is our name that the browser knows: another's page may have been given our address."""

@@ -2,6 +2,7 @@
 
 import json
 import math
+import re
 from dataclasses import replace
 from statistics import median
 
@@ -13,8 +14,9 @@ from matplotlib import pyplot
 from msgspec.structs import replace as with_values
 
 from nnpp_edge.runtime import Planner
-from nnpp_edge.runtime.terrain.traversability import Traversability
+from nnpp_edge.runtime.terrain.traversability import Traversability, terrain_terms
 from nnpp_edge.terrain.dem import read_dem
+from nnpp_edge.terrain.georeference import Georeference
 from nnpp_edge.view import answers
 from nnpp_edge.view.answers import Answerer
 from nnpp_edge.view.asked import Asked, Body, Site, command_of
@@ -40,6 +42,7 @@ SETTINGS = {
         "method": "auto",
     },
     "vehicle": {"body": "large-rover", "method": "corridor"},
+    "by way of places": {"via": ((70, 20), (20, 90)), "refine": True, "method": "corridor"},
     "arcs": {"body": "car", "method": "corridor", "start_heading_deg": 270.0, "goal_heading_deg": 12.5},
 }
 CAR = {"turning_radius_m": 8.0, "reverse_cost": 2.0}
@@ -138,6 +141,7 @@ def test_what_cannot_be_asked_is_answered_in_a_line(site):
     wrong += [{"limits": {"slope_limit_deg": 0.0}}, {"body": "tracked", "clearance_m": 0.0}, {"start": [1]}]
     wrong += [{"obstacles": [part]} for part in ([0, 0, 0, 0], [-1, 5, 3, 3], [90, 0, 7, 3], [0, 118, 3, 3])]
     wrong += [{"obstacles": [[0, 0, 1, 1]] * 201}, {"start_heading_deg": -1.0}, {"goal_heading_deg": "up"}]
+    wrong += [{"via": [[45, 66]]}, {"via": [[-1, 0]]}, {"via": [[9, 9]] * 51}]
     for values in wrong:
         told, _ = ask(answerer, want="path", asked=plain | values)
         assert set(told) == {"problem"} and "\n" not in told["problem"], values
@@ -162,6 +166,70 @@ def test_an_answer_tells_what_lies_along_the_path(site):
     assert opening["bodies"]["none"]["clearance_m"] is None and opening["bodies"]["large-rover"]["clearance_m"] > 0.0
     assert [name for name, body in opening["bodies"].items() if body["arcs"]] == ["car"]
     assert opening["asked"]["start"] == [8, 8] and opening["asked"]["limits"]["hard_slope_deg"] is None
+
+
+def test_a_place_is_told_in_all_coordinates_and_by_what_it_is_impassable(site):
+    pyproj = pytest.importorskip("pyproj")
+    moon = pyproj.CRS.from_user_input("+proj=eqc +R=1737400 +units=m").to_wkt()
+    degree = 1737400.0 * math.pi / 180.0
+    place = Georeference(moon, (2.0, 0.0, -3.0 * degree, 0.0, -2.0, 5.0 * degree))
+    located = replace(site, dem=replace(site.dem, georeference=place))
+    told, _ = ask(Answerer(located, PLAIN), want="place", asked=in_json(PLAIN), at=[0, 0])
+    assert told["words"][:2] == ["row 0, column 0", f"x {1 - 3 * degree:.9g}, y {5 * degree - 1:.9g}"]
+    lon, lat = (float(word.split("°")[0]) for word in told["words"][2].split(", "))
+    assert (lon, lat) == pytest.approx((3.0 - 1.0 / degree, 5.0 - 1.0 / degree), abs=1e-6)
+    assert re.fullmatch(r"[\d.]+° W, [\d.]+° N", told["words"][2])
+    answerer, rover = Answerer(site, PLAIN), with_values(PLAIN, body="large-rover")
+    slopes = np.degrees(terrain_terms(site.dem.elevation, 2.0)[0])
+    bare, _ = ask(answerer, want="place", asked=in_json(PLAIN), at=[95, 119])
+    assert bare["words"][1] == "x 238, y 190" and f"slope {slopes[95, 119]:.1f}°" in bare["words"][2]
+    assert len(bare["words"]) == 3, "no coordinate system, and passable"
+    unknown, _ = ask(answerer, want="place", asked=in_json(PLAIN), at=[45, 66])
+    assert unknown["words"][2:] == ["its height is unknown", "impassable"]
+    steep, _ = ask(answerer, want="place", asked=in_json(with_values(rover, max_tilt_deg=5.0)), at=[62, 75])
+    assert "it cannot stand: " in steep["words"][-1] and "max_tilt_deg is 5" in steep["words"][-1]
+    assert "must lie on the map" in ask(answerer, want="place", asked=in_json(PLAIN), at=[96, 0])[0]["problem"]
+
+
+def test_what_can_be_reached_is_told_in_bands_of_a_round_cost(site):
+    asked = with_values(PLAIN, limits=LIMITS)
+    answerer = Answerer(site, asked)
+    told, bands = ask(answerer, want="reach", asked=in_json(asked), pixels=2048)
+    field = answerer.landscape(asked).planner.reach(asked.start)
+    reached = np.isfinite(field)
+    assert told["cells"] == reached.sum() and np.array_equal(bands > 0, reached) and not reached.all()
+    assert np.array_equal(bands[reached], 1 + np.floor(field[reached] / told["step"]).astype(int))
+    assert told["bands"] == bands.max() in range(3, 9) and str(told["step"]).strip("0.") in ("1", "2", "5")
+    shut = in_json(with_values(asked, start=(45, 66)))
+    assert "is impassable" in ask(answerer, want="reach", asked=shut)[0]["problem"]
+
+
+def test_the_path_is_saved_as_it_is_drawn(site):
+    asked = with_values(PLAIN, via=((70, 20),), refine=True)
+    answerer = Answerer(site, asked)
+
+    def saved(form, **values):
+        question = {"want": "file", "asked": in_json(with_values(asked, **values)), "format": form}
+        line, _, content = answerer.answer(msgspec.json.encode(question)).partition(b"\n")
+        return json.loads(line), content
+
+    told, content = saved("geojson")
+    feature = json.loads(content)
+    assert told["file"] == "ground-path.geojson" and feature["properties"]["status"] == "OK"
+    assert feature["geometry"]["coordinates"] == pytest.approx(2.0 * planned(site, asked).line[:, ::-1])
+    pytest.importorskip("pyogrio")
+    assert saved("gpkg")[1].startswith(b"SQLite format 3")
+    assert saved("gpx")[0]["problem"].startswith("ground.npz: wanted a map with a coordinate system")
+    assert saved("geojson", goal=(45, 66))[0] == {"problem": "there is no path to save"}
+
+
+def test_why_an_end_is_impassable_to_a_point_is_told(site):
+    answerer, asked = Answerer(site, PLAIN), with_values(PLAIN, limits=Traversability(hard_slope_deg=10.0))
+    slopes = np.degrees(terrain_terms(site.dem.elevation, 2.0)[0])
+    row, col = divmod(int(np.nanargmax(slopes)), slopes.shape[1])
+    told, _ = ask(answerer, want="path", asked=in_json(with_values(asked, goal=(row, col))))
+    assert f"goal ({row}, {col}) is impassable: height " in told["figures"]["reason"]
+    assert f"slope {slopes[row, col]:.1f}°" in told["figures"]["reason"]
 
 
 def test_arcs_are_answered_as_they_are_driven_with_the_headings_that_are_asked_for(site):
@@ -244,7 +312,9 @@ def test_a_map_too_large_for_memory_is_a_problem(site, monkeypatch):
         raise MemoryError
 
     monkeypatch.setattr(answers, "Landscape", none_left)
+    Answerer.notice = "compiling"
     assert ask(Answerer(site, PLAIN), want="path", asked=in_json(PLAIN))[0] == {"problem": "not enough memory"}
+    assert not Answerer.notice, "nothing is waited for any more"
 
 
 def test_a_plan_shows_itself_and_escapes_what_it_was_told():

@@ -78,6 +78,12 @@ class Tab:
         self.page.mouse.move(col + by[1], row + by[0], steps=steps)
         self.page.mouse.up()
 
+    def click(self, row, col, *keys, **more):
+        """The map, at shares of its sides, with these keys held."""
+        box = self.page.locator("#sheet").bounding_box()
+        at = {"x": col * box["width"], "y": row * box["height"]}
+        self.page.locator("#sheet").click(position=at, modifiers=list(keys), **more)
+
     def slide(self, name, value):
         """Set a slider as a user's drag does."""
         script = "([name, value]) => { const each = document.getElementById(name); each.value = value; "
@@ -128,7 +134,8 @@ def test_sliders_and_choices_change_path_and_figures(tab):
     assert tab.page.locator("#waypoints i").count() > 0 and "line integral" in tab.page.inner_text("#figures")
     assert tab.page.locator("#step_cost option[value=energy]").is_disabled()
     tab.page.select_option("#body", "large-rover")
-    assert tab.page.locator("#clearance_m").is_visible()
+    assert tab.page.locator("#clearance_m").is_visible() and tab.page.is_disabled("#refine")
+    tab.until("document.querySelector('#command').textContent.includes('--vehicle large-rover')")
     tab.page.select_option("#step_cost", "energy")
     tab.until("document.querySelector('#figures').textContent.includes('energy')")
     assert tab.page.is_disabled("#refine")
@@ -148,6 +155,109 @@ def test_what_is_refused_leaves_path_and_controls_as_they_were(tab):
     tab.until("document.querySelector('#notice').hidden")
 
 
+def test_clicks_set_goal_start_and_via_points(tab):
+    tab.click(0.201, 0.801)
+    tab.until("document.querySelector('#goal').ariaLabel === 'Goal, row 38, column 192'")
+    tab.click(0.9, 0.1, "Shift")
+    tab.until(f"{LINE}.startsWith('M24 172')")
+    tab.until(f"{LINE}.endsWith('L192 38')")
+    tab.click(0.501, 0.751, "Control")
+    tab.until(f"{LINE}.includes('L180 96L')")
+    tab.click(0.501, 0.201, "Alt")  # the path passes near it before
+    tab.until("document.querySelector('#command').textContent.includes('--via 96,48 --via 96,180 ')")
+    tab.until(f"/L48 96L.*L180 96L/.test({LINE})")
+    tab.page.click("#add-via")
+    tab.until("document.querySelectorAll('.via').length === 3")
+    tab.page.focus(".via:nth-of-type(2)")
+    tab.page.keyboard.press("Delete")
+    tab.until("document.querySelectorAll('.via').length === 2")
+    tab.page.dblclick(".via")
+    tab.until("document.querySelectorAll('.via').length === 1")
+    tab.page.focus(".via")
+    tab.page.keyboard.press("ArrowUp")
+    tab.until("document.querySelector('#command').textContent.includes('--via 95,180 --goal')")
+    before = tab.line
+    tab.click(0.241, 0.271, "Control")  # nobody knows the ground there
+    tab.until("/via \\d, \\(46, 65\\), is impassable/.test(document.querySelector('#notice').textContent)")
+    assert tab.line == before and tab.page.locator(".via").count() == 1
+    goal = tab.cell("goal")
+    tab.page.click("#zoom-in")
+    tab.page.mouse.move(300, 300)
+    tab.page.mouse.down()
+    tab.page.mouse.move(340, 330, steps=3)
+    tab.page.mouse.up()  # the map was moved, no goal set
+    assert tab.cell("goal") == goal
+
+
+def test_the_place_below_the_pointer_is_told(tab):
+    box = tab.page.locator("#sheet").bounding_box()
+    tab.page.mouse.move(box["x"] + 0.5 * box["width"], box["y"] + 0.75 * box["height"])
+    tab.until(
+        "document.querySelector('#place').textContent.startsWith('row 144, column 120 · x 240, y 288 · height')"
+    )
+    assert tab.page.is_visible("#place")
+    tab.page.mouse.move(box["x"] - 5, 5)
+    tab.until("document.querySelector('#place').hidden")
+
+
+def test_what_can_be_reached_is_shaded_and_why_there_is_no_path_is_told(tab):
+    tab.page.check("[name=layer][value=reach]")
+    tab.until("!document.querySelector('#reach').hidden")
+    assert tab.page.locator("#bands span").count() >= 3 and "can be reached" in tab.page.inner_text("#bands")
+    shaded = "document.querySelector('#reach').toDataURL()"
+    before = tab.page.evaluate(shaded)
+    tab.click(0.1, 0.9)
+    tab.until("document.querySelector('#goal').ariaLabel === 'Goal, row 19, column 216'")
+    assert tab.page.is_visible("#reach"), "it does not depend on the goal"
+    tab.click(0.9, 0.1, "Shift")
+    tab.until(f"!document.querySelector('#reach').hidden && {shaded} !== {json.dumps(before)}")
+    tab.page.select_option("#body", "small-rover")
+    tab.page.evaluate("document.querySelector('#max_tilt_deg').min = 1")
+    tab.slide("max_tilt_deg", "3")
+    tab.until("document.querySelector('#status.bad')")
+    why = tab.page.inner_text("#why")
+    assert "max_tilt_deg is 3" in why
+
+
+def test_the_path_is_downloaded(tab):
+    with tab.page.expect_download() as download:
+        tab.page.click("[data-format=geojson]")
+    assert download.value.suggested_filename == "ground-path.geojson"
+    saved = json.loads(download.value.path().read_text())["geometry"]["coordinates"]
+    ends = ends_of(tab.line)
+    assert [saved[0], saved[-1]] == [[2.0 * col, 2.0 * row] for row, col in ends]
+    tab.page.click("[data-format=gpx]")
+    tab.until("document.querySelector('#copied').textContent.includes('wanted a map with a coordinate system')")
+
+
+def test_a_map_is_dropped_onto_the_page(tab, tmp_path):
+    (tmp_path / "no.txt").write_text("no map")
+    tab.page.set_input_files("#file", tmp_path / "no.txt")
+    tab.until("document.querySelector('#notice').textContent.startsWith('no.txt: wanted ')")
+    content = write_ground(tmp_path, 48, 60).read_bytes()
+    drop = "bytes => { const files = new DataTransfer(); "
+    drop += "files.items.add(new File([new Uint8Array(bytes)], 'mine.npz')); "
+    drop += "document.dispatchEvent(new DragEvent('drop', {dataTransfer: files, cancelable: true})); }"
+    tab.page.evaluate(drop, list(content))
+    tab.page.wait_for_url("**/?map=1")
+    tab.until(f"document.querySelector('#name').textContent === 'mine.npz' && {LINE} && {COMPARED}")
+    assert "48 × 60 cells" in tab.page.inner_text("#size")
+
+
+def test_a_run_is_followed(browser, tmp_path):
+    with serving(write_ground(tmp_path), "--follow") as running:
+        tab = Tab(browser.new_page(), running.address)
+        for tick, start in enumerate(([20, 30], [21, 31])):
+            path = [start, [22, 32], [23, 33]]
+            told = {"type": "path", "tick": tick, "outcome": "OK", "origin": "full", "path": path, "start": start}
+            running.process.stdin.write(json.dumps(told | {"headings_deg": [135.0, 135.0, 135.0]}) + "\n")
+            running.process.stdin.flush()
+            tab.until(f"document.querySelector('#live').getAttribute('d') === 'M{start[1]} {start[0]}L32 22L33 23'")
+        assert tab.page.get_attribute("#driven", "d") == "M30 20L31 21" and tab.page.is_visible("#robot.headed")
+        assert "tick 1" in tab.page.inner_text("#following")
+        assert tab.wrong == [] and running.end() == (0, "")
+
+
 def test_arrows_set_headings_and_a_dashed_line_is_driven_backwards(browser, tmp_path):
     car = ("--vehicle", "large-rover", "--set", "turning_radius_m=8", "--set", "reverse_cost=2")
     with serving(write_ground(tmp_path), *car) as running:
@@ -160,7 +270,7 @@ def test_arrows_set_headings_and_a_dashed_line_is_driven_backwards(browser, tmp_
         tab.page.focus("#goal-heading")
         tab.page.keyboard.press("ArrowLeft")
         tab.line_other_than(turned)
-        assert "--start-heading 270 --goal-heading 355" in tab.page.text_content("#command")
+        tab.until("document.querySelector('#command').textContent.includes('--start-heading 270 --goal-heading 355')")
         tab.page.keyboard.press("Delete")
         tab.page.dblclick("#start-heading")
         tab.until(f"{LINE} === {json.dumps(before)}")
@@ -246,6 +356,11 @@ def test_it_fits_a_phone(server, browser, scheme):
     assert opened.page.evaluate("document.documentElement.scrollWidth") == 390
     shade = opened.page.evaluate("getComputedStyle(document.body).backgroundColor")
     assert (np.mean(list(map(int, re.findall(r"\d+", shade)))) < 128) == (scheme == "dark")
+    opened.page.touchscreen.tap(200, 300)
+    opened.until("/^row /.test(document.querySelector('#place').textContent)")
+    opened.until(
+        f"{LINE}.endsWith('L' + document.querySelector('#goal').ariaLabel.match(/\\d+/g).reverse().join(' '))"
+    )
     start = opened.page.locator("#start").bounding_box()
     assert min(start["width"], start["height"]) >= 44  # a finger's
     context.close()

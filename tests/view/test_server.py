@@ -4,9 +4,14 @@ import http.client
 import json
 import socket
 import threading
+import time
 
+import numpy as np
 import pytest
 
+from nnpp_edge.robot.transports.wire import encode
+from nnpp_edge.runtime.errors import Status
+from nnpp_edge.runtime.loop.messages import Origin, PathMessage
 from nnpp_edge.view.server import PageServer
 from tests.view_cases import serving, write_ground
 
@@ -57,6 +62,81 @@ def test_questions_are_answered_and_what_is_too_long_is_not_read(server):
     assert got(server.port, "/other", b"{}")[0] == 404
 
 
+def dropped(server, content, name, **headers):
+    status, _, answer = got(server.port, "/drop", content, **{"X-Name": name} | headers)
+    return json.loads(answer) if status == 200 else status
+
+
+def test_a_dropped_map_is_another_and_two_are_kept(server, tmp_path):
+    write_ground(tmp_path, 30, 70)
+    content = (tmp_path / "ground.npz").read_bytes()
+    numbers = [dropped(server, content, "../other%20map.npz")["map"] for _ in range(3)]
+    assert got(server.port, f"/opening?map={numbers[0]}")[0] == 404
+    assert got(server.port, f"/ask?map={numbers[0]}", b"{}")[0] == 404
+    for number, name, shape in (
+        (0, "ground.npz", [96, 120]),
+        *((n, "_other_map.npz", [30, 70]) for n in numbers[1:]),
+    ):
+        site = json.loads(got(server.port, f"/opening?map={number}")[2])
+        assert (site["name"], site["shape"]) == (name, shape) and got(server.port, f"/?map={number}")[0] == 200
+        asked = {name: site["asked"][name] for name in ("start", "goal")}
+        path = json.loads(got(server.port, f"/ask?map={number}", json.dumps({"want": "path", "asked": asked}))[2])
+        assert path["ok"] and path["command"].split()[2].endswith(name)
+
+
+def test_what_is_dropped_and_is_no_map_is_refused_in_a_line(server):
+    for content, name in ((b"no map", "a.tif"), (b"", "b.npz"), (b"x", ".."), (b"x", "")):
+        told = dropped(server, content, name)
+        assert set(told) == {"problem"} and "wanted" in told["problem"]
+        assert "\n" not in told["problem"] and "/" not in told["problem"].partition(":")[0]
+    assert dropped(server, b"x", "a.tif", Origin="http://evil.example") == 403
+    assert got(server.port, "/drop", None)[0] == 404
+    with socket.create_connection(("127.0.0.1", server.port)) as large:
+        head = (
+            HALF.replace(b"GET /", b"POST /drop")
+            + f"Origin: http://127.0.0.1\r\nContent-Length: {1 << 29}\r\n\r\n".encode()
+        )
+        large.sendall(head)
+        assert b" 413 " in large.recv(1 << 16)
+
+
+def test_a_run_that_is_followed_is_told_as_it_comes(tmp_path):
+    with serving(write_ground(tmp_path), "--follow") as running:
+        live = json.loads(got(running.port, "/news")[2])["live"]
+        assert live == {}
+        message = PathMessage(7, Status.OK, Origin.FULL, np.array([[3, 4], [4, 5]], np.int32), start=(3, 4))
+        for line in (b"no message", encode(message), b"{}"):
+            running.process.stdin.write(line.decode() + "\n")
+            running.process.stdin.flush()
+        end = time.monotonic() + 20.0
+        while not live and time.monotonic() < end:
+            live = json.loads(got(running.port, "/news")[2])["live"]
+        assert (live["tick"], live["path"], live["start"]) == (7, [[3, 4], [4, 5]], [3, 4])
+        assert running.end() == (0, "")
+
+
+def test_it_tells_what_it_waits_for_while_it_plans():
+    class Slow:
+        notice, begun, done = "compiling", threading.Event(), threading.Event()
+
+        def answer(self, question):
+            self.begun.set()
+            self.done.wait(20.0)
+            return b"{}"
+
+    with PageServer(0) as running:
+        running.maps.append(slow := Slow())
+        threading.Thread(target=running.serve, daemon=True).start()
+        port = running.server_address[1]
+        asking = threading.Thread(target=got, args=(port, "/ask", b"{}"))
+        asking.start()
+        assert slow.begun.wait(20.0)
+        assert json.loads(got(port, "/news")[2]) == {"notice": "compiling", "live": None}
+        slow.done.set()
+        asking.join()
+        running.shutdown()
+
+
 def test_a_tab_that_closes_while_it_waits_leaves_the_others_alone(server):
     asked = {"start": [8, 8], "goal": [80, 20], "step_cost": "tobler"}
     body = json.dumps({"want": "path", "asked": asked}).encode()
@@ -73,7 +153,7 @@ def page(monkeypatch):
     monkeypatch.setattr("nnpp_edge.view.server._Handler.timeout", 0.2)
     opened = []
     with PageServer(0) as running:
-        threading.Thread(target=running.serve, args=(None,), daemon=True).start()
+        threading.Thread(target=running.serve, daemon=True).start()
 
         def opening(sent):
             opened.append(socket.create_connection(running.server_address, timeout=5))

@@ -1,7 +1,7 @@
 // The page's parts put together: the user acts, the server answers, and the answer is drawn.
 
 import { Controls } from "./controls.js";
-import { colourRefused, paint } from "./layers.js";
+import { colourBands, colourRefused, paint } from "./layers.js";
 import { Link } from "./link.js";
 import { MapView } from "./map.js";
 import { metres, Profile } from "./profile.js";
@@ -15,6 +15,7 @@ const STATUS = {
   GOAL_OUTSIDE_MAP: "The goal lies outside the map",
   NO_PATH: "There is no path",
 };
+const LEAVE_COSTS = ["method", "refine", "start", "goal", "via"]; // whatever these are
 const MOST_TIMES = 100;
 const SETTLES_MS = 250;
 
@@ -33,8 +34,10 @@ let timer = null;
 const map = new MapView({
   moved: (end, cell, at) => {
     stale();
-    asked[end] = cell;
+    if (typeof end === "number") asked.via[end] = cell;
+    else asked[end] = cell;
     link.ask("path", {}, { at });
+    over(cell);
   },
   turned: (end, heading, at) => {
     stale();
@@ -43,6 +46,13 @@ const map = new MapView({
   },
   settled: settle,
   painted: obstacle,
+  clicked(cell, { shiftKey, ctrlKey, altKey, metaKey }) {
+    over(cell);
+    if (ctrlKey || altKey || metaKey) addVia(cell);
+    else change({ [shiftKey ? "start" : "goal"]: cell });
+  },
+  removed: (at) => change({ via: asked.via.filter((_, each) => each !== at) }),
+  over,
 });
 const profile = new Profile((place) => map.cursor(place));
 const link = new Link(
@@ -51,7 +61,26 @@ const link = new Link(
   () => tell("The page's server has ended. Start it and load the page again."),
 );
 
-fetch("/opening").then(async (answer) => opening(await answer.json()));
+const places = new Link(
+  () => asked,
+  ({ words }) => {
+    byId("place").hidden = !pointed || !words;
+    byId("place").textContent = words?.join(" · ").replace(/-(?=\d)/g, "−") ?? "";
+  },
+  () => {},
+);
+let pointed = null;
+document.addEventListener("pointerdown", ({ target }) => target.closest("#map") || over(null));
+function over(cell) {
+  if (pointed && cell && pointed[0] === cell[0] && pointed[1] === cell[1]) return;
+  pointed = cell;
+  if (cell) places.ask("place", { at: cell });
+  else byId("place").hidden = true;
+}
+
+fetch(`/opening${location.search}`).then(async (answer) =>
+  answer.ok ? opening(await answer.json()) : tell("This map is no longer open: of those that were dropped onto the page the last two are kept."),
+);
 
 function opening(site) {
   const [rows, cols] = site.shape;
@@ -71,6 +100,8 @@ function opening(site) {
   link.ask("relief", pixels);
   link.ask("cost", pixels);
   settle();
+  busy();
+  follow();
   byId("map").removeAttribute("aria-busy");
 }
 
@@ -86,6 +117,7 @@ function swatch({ colour, words }) {
 function putEnds() {
   const { arcs } = controls.bodies[asked.body];
   byId("turns").hidden = !arcs;
+  map.putVias(asked.via);
   for (const end of ["start", "goal"]) {
     map.putEnd(end, asked[end]);
     map.putHeading(end, asked[`${end}_heading_deg`] ?? null, arcs);
@@ -94,18 +126,37 @@ function putEnds() {
 
 function change(values) {
   stale();
+  const same = ([name, value]) => LEAVE_COSTS.includes(name) || (name in asked.limits ? asked.limits : asked)[name] === value;
+  const costs = !Object.entries(values).every(same);
   for (const [name, value] of Object.entries(values)) (name in asked.limits ? asked.limits : asked)[name] = value;
   putEnds();
   link.ask("path");
-  if (!("method" in values || "refine" in values)) link.ask("cost", pixels);
+  if (costs) link.ask("cost", pixels);
   settle();
+  busy();
 }
+
+// A via point comes where the path passes nearest to it.
+function addVia(cell) {
+  const nearest = ([row, col]) => {
+    const away = path.rows.map((each, at) => (each - row) ** 2 + (path.cols[at] - col) ** 2);
+    return away.indexOf(Math.min(...away));
+  };
+  const place = asked.via.filter((each) => nearest(each) < nearest(cell)).length;
+  change({ via: asked.via.toSpliced(path.rows.length ? place : asked.via.length, 0, cell) });
+}
+byId("add-via").addEventListener("click", () => {
+  const middle = path.rows.length >> 1;
+  addVia(path.rows.length ? [path.rows[middle], path.cols[middle]].map(Math.round) : [map.rows >> 1, map.cols >> 1]);
+});
 
 function hear(answer, question) {
   const { want } = question;
-  if (answer.problem) refused(answer.problem);
+  if (want === "file") save(answer);
+  else if (answer.problem) refused(answer.problem);
   else if (want === "path") show(answer, question);
   else if (want === "compare") compared(answer, question.more.method);
+  else if (want === "reach") reached(answer, question.asked);
   else paint(byId(want), answer.layer);
   if (answer.refused) [...byId("refused").children].forEach((key, at) => (key.hidden = !answer.refused.includes(at + 1)));
   busy();
@@ -137,6 +188,82 @@ function show(answer, question) {
   figures(answer);
   profile.show(answer);
   byId("command").textContent = answer.command;
+  shadeReach();
+}
+
+// What can be reached depends on all of the question but where the path leads.
+let reachOf = "";
+const reachKey = ({ goal, via, method, refine, goal_heading_deg: heading, ...rest }) => JSON.stringify(rest);
+const layer = () => document.querySelector("[name=layer]:checked").value;
+
+function reached({ cells, step, bands, layer: found }, question) {
+  reachOf = reachKey(question);
+  const key = (colour, at) => {
+    const each = document.createElement("span");
+    each.appendChild(document.createElement("i")).style.background = colour;
+    each.append(`${at ? "" : "to "}${Number(((at + 1) * step).toPrecision(6)).toLocaleString("en")}`);
+    return each;
+  };
+  const share = `${((100 * cells) / (map.rows * map.cols)).toFixed(1)} % of the map can be reached`;
+  const unit = path?.unit && `, cost in ${path.unit}`;
+  byId("bands").replaceChildren(...colourBands(bands).map(key), share + (unit || ""));
+  paint(byId("reach"), found);
+  shadeReach();
+}
+
+function shadeReach() {
+  byId("reach").hidden = layer() !== "reach" || reachOf !== reachKey(good);
+}
+
+function save({ file, content, problem }) {
+  byId("copied").textContent = problem ?? "";
+  if (problem) return;
+  const link = Object.assign(document.createElement("a"), { href: URL.createObjectURL(new Blob([content])), download: file });
+  link.click();
+  URL.revokeObjectURL(link.href);
+}
+for (const button of document.querySelectorAll("[data-format]"))
+  button.addEventListener("click", () => link.ask("file", { format: button.dataset.format }));
+
+// A map that is dropped, or opened, is a page of its own.
+async function open(file) {
+  if (!file) return;
+  byId("busy").hidden = false;
+  byId("busy").textContent = `reading ${file.name} …`;
+  const most = 2 ** 28;
+  try {
+    if (file.size > most) throw new Error(`${file.name}: wanted at most 256 MiB, got ${Math.ceil(file.size / 2 ** 20)}; start nnpp-edge view with it`);
+    const response = await fetch("/drop", { method: "POST", body: file, headers: { "X-Name": encodeURIComponent(file.name) } });
+    const { map: number, problem } = await response.json();
+    if (problem) throw new Error(problem);
+    location.search = `?map=${number}`;
+  } catch ({ message }) {
+    tell(message);
+    byId("busy").hidden = true;
+  }
+}
+document.addEventListener("dragover", (event) => event.preventDefault());
+document.addEventListener("drop", (event) => {
+  event.preventDefault();
+  open(event.dataTransfer.files[0]);
+});
+byId("open").addEventListener("click", () => byId("file").click());
+byId("file").addEventListener("change", ({ target }) => open(target.files[0]));
+
+// A robot that is followed.
+const news = async () => (await fetch(`/news${location.search}`)).json();
+const driven = [];
+async function follow() {
+  const { live } = await news();
+  if (live === null) return; // none is followed
+  if (live.tick !== undefined) {
+    if (live.start) driven.push(live.start);
+    map.live(live, driven);
+    const ended = live.outcome === "OK" ? `by ${live.method}` : live.outcome;
+    byId("following").textContent = `Robot, tick ${live.tick}: ${ended}${live.reason && `, ${live.reason}`}`;
+    byId("following").hidden = false;
+  }
+  setTimeout(follow, 200);
 }
 
 // After the frame with the path has been drawn.
@@ -157,7 +284,7 @@ function figures({ figures: found, ok, unit, on_foot: onFoot, distance_m: distan
   const status = byId("status");
   status.textContent = ok ? `Path found by ${found.method}` : (STATUS[found.status] ?? found.status);
   status.classList.toggle("bad", !ok);
-  status.title = found.reason || found.choice;
+  byId("why").textContent = found.reason || found.choice;
   const rows = [];
   if (ok) {
     rows.push(["cost", `${number(found.cost)}${unit && ` ${unit}`}`], ["length", metres(distance.at(-1))]);
@@ -198,7 +325,17 @@ let lateBusy = null;
 function busy() {
   clearTimeout(lateBusy);
   byId("busy").hidden = true;
-  if (!link.idle) lateBusy = setTimeout(() => (byId("busy").hidden = link.idle), 300);
+  lateBusy = setTimeout(waiting, 300);
+}
+
+// What takes long says why: kernels that are compiled, once.
+async function waiting() {
+  byId("busy").hidden = link.idle;
+  byId("busy").textContent ||= "working …";
+  if (link.idle) return;
+  lateBusy = setTimeout(waiting, 500);
+  const { notice } = await news();
+  byId("busy").textContent = notice || "working …";
 }
 
 // Methods side by side: one after another once nothing has moved for a while, so that a drag is never kept waiting.
@@ -246,6 +383,7 @@ function settle() {
     compare += 1;
     regions.clear();
     lines.clear();
+    if (layer() === "reach" && reachOf !== reachKey(asked) && !path?.figures.status.startsWith("START")) link.ask("reach", pixels);
     next(compare, ["astar", ...METHODS.filter((method) => method !== "astar")]);
   }, SETTLES_MS);
 }
@@ -268,7 +406,7 @@ function compared(answer, method) {
   cells[1].textContent = cost === null ? "–" : number(cost);
   cells[2].textContent = gap === null ? "–" : `${(100 * gap).toFixed(2)} %`;
   cells[3].textContent = time.toFixed(time < 10 ? 2 : 1);
-  const where = share === null ? "whole map" : `${(100 * share).toFixed(1)} % of the map`;
+  const where = share === null ? (asked.via.length ? "leg by leg" : "whole map") : `${(100 * share).toFixed(1)} % of the map`;
   const ended = cost === null ? `${status}, ` : "";
   byId(`row-${method}`).title = `${ended}${method === by ? "" : `${by}: `}${where}, ${expansions.toLocaleString("en")} cells expanded`;
   lines.set(method, answer.line);
@@ -310,11 +448,15 @@ function edit(obstacles) {
 for (const radio of document.querySelectorAll("[name=layer]"))
   radio.addEventListener("change", () => {
     for (const name of ["slope", "cost"]) byId(name).hidden = radio.value !== name;
+    shadeReach();
+    if (radio.value === "reach") settle();
     byId("opacity").disabled = byId("legend").hidden = radio.value === "relief";
     byId("legend").className = `hint ${radio.value}`;
     byId("most").textContent = radio.value === "slope" ? "40°" : "1";
     byId("least").textContent = radio.value === "slope" ? "0°" : "0";
-    byId("brown").hidden = byId("refused").hidden = radio.value === "slope";
+    byId("brown").hidden = byId("refused").hidden = radio.value !== "cost";
+    for (const id of ["least", "ramp", "most"]) byId(id).hidden = radio.value === "reach";
+    byId("bands").hidden = radio.value !== "reach";
     if (radio.value === "slope" && !byId("slope").dataset.asked) {
       byId("slope").dataset.asked = "yes";
       link.ask("slope", pixels);
@@ -323,7 +465,7 @@ for (const radio of document.querySelectorAll("[name=layer]"))
   });
 function opacity() {
   const { value } = byId("opacity");
-  for (const name of ["slope", "cost"]) byId(name).style.opacity = value;
+  for (const name of ["slope", "cost", "reach"]) byId(name).style.opacity = value;
   byId("opacity").nextElementSibling.textContent = `${Math.round(100 * value)} %`;
 }
 byId("opacity").addEventListener("input", opacity);

@@ -23,7 +23,7 @@ export class Controls {
     for (const name of ["method", "step_cost", "body"])
       byId(name).addEventListener("change", ({ target }) => {
         this.#fitTo(byId("body").value, byId("step_cost").value);
-        const reset = name === "body" ? { clearance_m: null, max_tilt_deg: null } : {};
+        const reset = name === "body" ? { clearance_m: null, max_tilt_deg: null, refine: byId("refine").checked } : {};
         if (name === "body") this.#showBody();
         this.changed({ [name]: target.value, step_cost: byId("step_cost").value, ...reset });
       });
@@ -49,7 +49,9 @@ export class Controls {
     }
     const choice = byId("step_cost");
     if (choice.selectedOptions[0]?.disabled) choice.value = "paper";
-    byId("refine").disabled = choice.value !== "paper";
+    const poses = this.bodies[body].clearance_m !== null; // its legs lead in 16 directions
+    if (poses) byId("refine").checked = false;
+    byId("refine").disabled = poses || choice.value !== "paper";
     byId("omega").disabled = choice.value !== "paper";
   }
 

@@ -1,6 +1,7 @@
 // Colours of the layers: a byte a pixel comes in, a canvas is painted.
 
 const BROWN = [96, 44, 34];
+const REACH = [[13, 8, 135], [126, 3, 168], [204, 71, 120], [248, 149, 64], [240, 249, 33]];
 const FIRST_REFUSED = 249; // pixels of the cost from here on: the limit that refuses the vehicle
 
 function table(colour) {
@@ -21,6 +22,17 @@ const TABLES = {
 export function colourRefused(colours) {
   const refused = table((value) => [...(colours[value - FIRST_REFUSED] ?? BROWN), 200]);
   TABLES.cost.set(refused.subarray(FIRST_REFUSED, 255), FIRST_REFUSED);
+}
+
+// As many colours as there are bands of what can be reached, the nearest first; CSS colours are returned.
+export function colourBands(count) {
+  const colours = Array.from({ length: count }, (_, at) => {
+    const place = (REACH.length - 1) * (count > 1 ? at / (count - 1) : 0);
+    const low = Math.min(Math.floor(place), REACH.length - 2);
+    return REACH[low].map((from, channel) => Math.round(from + (place - low) * (REACH[low + 1][channel] - from)));
+  });
+  TABLES.reach = table((value) => (colours[value - 1] ? [...colours[value - 1], 170] : [0, 0, 0, 0]));
+  return colours.map((colour) => `rgb(${colour})`);
 }
 
 export function paint(canvas, { rows, cols, pixels }) {

@@ -34,15 +34,16 @@ export class Link {
     this.idle = true;
   }
 
-  // A line of JSON, then the pixels of a layer.
+  // A line of JSON, then the pixels of a layer, or a file.
   async #answer({ want, more, asked }) {
     const body = JSON.stringify({ want, asked, ...more }, (_, value) => value ?? undefined); // what is off is left out
-    const response = await fetch("/ask", { method: "POST", body });
+    const response = await fetch(`/ask${location.search}`, { method: "POST", body });
     if (!response.ok) throw new Error(response.statusText);
     const bytes = new Uint8Array(await response.arrayBuffer());
     const end = bytes.indexOf(10);
     const answer = JSON.parse(new TextDecoder().decode(bytes.subarray(0, end)));
     if (answer.layer) answer.layer = { rows: answer.layer[0], cols: answer.layer[1], pixels: bytes.subarray(end + 1) };
+    if (answer.file) answer.content = bytes.subarray(end + 1);
     return answer;
   }
 }

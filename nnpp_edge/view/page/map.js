@@ -5,7 +5,8 @@ const byId = (id) => document.getElementById(id);
 const SVG = "http://www.w3.org/2000/svg";
 
 export class MapView {
-  // `act` has moved(end, cell, at), turned(end, degrees, at), settled() and painted(rectangle).
+  // `act` has moved(end, cell, at), turned(end, degrees, at), settled(), painted(rectangle), clicked(cell, event),
+  // removed(via) and over(cell or null). An end is "start", "goal", or the number of a via point.
   constructor(act) {
     this.act = act;
     this.frame = byId("map");
@@ -15,7 +16,7 @@ export class MapView {
     this.cells = {};
     this.zoom = 1;
     this.middle = [0.5, 0.5]; // of the sheet, as shares, in the frame's middle
-    this.#watchEnds();
+    for (const end of ["start", "goal"]) this.#watchEnd(end);
     this.#watchArrows();
     this.#watchFrame();
     new ResizeObserver(() => this.place()).observe(this.frame);
@@ -63,6 +64,11 @@ export class MapView {
     return this.#inside([((clientY - top) / height) * this.rows, ((clientX - left) / width) * this.cols].map(Math.floor));
   }
 
+  #holds({ clientX, clientY }) {
+    const { left, top, right, bottom } = this.sheet.getBoundingClientRect();
+    return clientX >= left && clientX < right && clientY >= top && clientY < bottom;
+  }
+
   #inside([row, col]) {
     return [Math.min(Math.max(row, 0), this.rows - 1), Math.min(Math.max(col, 0), this.cols - 1)];
   }
@@ -74,9 +80,28 @@ export class MapView {
 
   putEnd(end, cell) {
     this.cells[end] = cell;
-    for (const button of [this.ends[end], this.arrows[end]]) this.put(button, this.#inside(cell));
-    const name = end === "start" ? "Start" : "Goal";
+    this.put(this.ends[end], this.#inside(cell));
+    if (this.arrows[end]) this.put(this.arrows[end], this.#inside(cell));
+    const name = { start: "Start", goal: "Goal" }[end] ?? `Via point ${end + 1}`;
     this.ends[end].setAttribute("aria-label", `${name}, row ${cell[0]}, column ${cell[1]}`);
+  }
+
+  // Buttons stay while they are dragged.
+  putVias(cells) {
+    for (let at = cells.length; this.ends[at]; at++) {
+      this.ends[at].remove();
+      delete this.ends[at];
+    }
+    cells.forEach((cell, at) => {
+      if (!this.ends[at]) {
+        this.ends[at] = Object.assign(document.createElement("button"), { className: "end via", type: "button", textContent: at + 1 });
+        this.ends[at].setAttribute("aria-describedby", "keys");
+        byId("start").before(this.ends[at]);
+        this.ends[at].addEventListener("dblclick", () => this.act.removed(at));
+        this.#watchEnd(at);
+      }
+      this.putEnd(at, cell);
+    });
   }
 
   // Degrees clockwise from up the rows; null for any.
@@ -121,6 +146,16 @@ export class MapView {
     );
   }
 
+  // A robot's place and heading, its way, and where it has been.
+  live({ start, path, waypoints, headings_deg: [heading = null] }, driven) {
+    this.lineOf("live", waypoints ?? path);
+    this.lineOf("driven", driven);
+    byId("robot").hidden = !start;
+    if (start) this.put(byId("robot"), start);
+    byId("robot").classList.toggle("headed", heading !== null);
+    byId("robot").style.setProperty("--turn", `${heading ?? 0}deg`);
+  }
+
   cursor(place) {
     const dot = byId("cursor");
     dot.hidden = !place;
@@ -160,20 +195,20 @@ export class MapView {
       });
   }
 
-  #watchEnds() {
-    for (const [end, button] of Object.entries(this.ends)) {
-      this.#watchPointer(button, (place, at) => this.#move(end, this.cellAt(place), at));
-      button.addEventListener("focus", () => this.#bringIn(end));
-      button.addEventListener("keydown", (event) => {
-        const way = { ArrowUp: [-1, 0], ArrowDown: [1, 0], ArrowLeft: [0, -1], ArrowRight: [0, 1] }[event.key];
-        if (!way) return;
-        event.preventDefault();
-        const far = event.shiftKey ? Math.max(Math.round(Math.max(this.rows, this.cols) / 40), 2) : 1;
-        this.#move(end, this.#inside(this.cells[end].map((at, axis) => at + far * way[axis])), event.timeStamp);
-        this.#bringIn(end);
-        this.act.settled();
-      });
-    }
+  #watchEnd(end) {
+    const button = this.ends[end];
+    this.#watchPointer(button, (place, at) => this.#move(end, this.cellAt(place), at));
+    button.addEventListener("focus", () => this.#bringIn(end));
+    button.addEventListener("keydown", (event) => {
+      if (["Delete", "Backspace"].includes(event.key) && typeof end === "number") this.act.removed(end);
+      const way = { ArrowUp: [-1, 0], ArrowDown: [1, 0], ArrowLeft: [0, -1], ArrowRight: [0, 1] }[event.key];
+      if (!way) return;
+      event.preventDefault();
+      const far = event.shiftKey ? Math.max(Math.round(Math.max(this.rows, this.cols) / 40), 2) : 1;
+      this.#move(end, this.#inside(this.cells[end].map((at, axis) => at + far * way[axis])), event.timeStamp);
+      this.#bringIn(end);
+      this.act.settled();
+    });
   }
 
   #watchArrows() {
@@ -222,19 +257,24 @@ export class MapView {
     const rubber = byId("rubber");
     let first = null;
     let pulled = null;
+    let clicked = null; // where the pointer went down, as long as it stays there
+    const onMap = ({ target }) => !target.closest("#zoom");
     const spanned = (event) => {
       const [r0, c0] = first;
       const [r1, c1] = this.cellAt(event);
       return [Math.min(r0, r1), Math.min(c0, c1), Math.abs(r1 - r0) + 1, Math.abs(c1 - c0) + 1];
     };
     this.frame.addEventListener("pointerdown", (event) => {
-      if (event.target.closest("#zoom")) return;
+      if (!onMap(event) || event.button) return;
+      clicked = this.painting ? null : [event.clientX, event.clientY];
       if (this.painting) first = this.cellAt(event);
       else if (this.zoom > 1) pulled = [event.clientX, event.clientY];
       else return;
       this.frame.setPointerCapture(event.pointerId);
     });
     this.frame.addEventListener("pointermove", (event) => {
+      this.act.over(onMap(event) && this.#holds(event) ? this.cellAt(event) : null);
+      if (clicked && Math.hypot(event.clientX - clicked[0], event.clientY - clicked[1]) > 4) clicked = null;
       if (first) {
         rubber.hidden = false;
         this.#rectangle(rubber, spanned(event));
@@ -249,9 +289,11 @@ export class MapView {
     for (const name of ["pointerup", "pointercancel"])
       this.frame.addEventListener(name, (event) => {
         if (first && name === "pointerup") this.act.painted(this.#widened(spanned(event)));
-        first = pulled = null;
+        if (clicked && name === "pointerup" && this.#holds(event)) this.act.clicked(this.cellAt(event), event);
+        first = pulled = clicked = null;
         rubber.hidden = true;
       });
+    this.frame.addEventListener("pointerleave", ({ pointerType }) => pointerType === "mouse" && this.act.over(null));
     this.frame.addEventListener(
       "wheel",
       (event) => {
