@@ -44,8 +44,8 @@ class PaperRegions:
     """Regions of one network on one map, by the paper's rule (NNPP, section 4.3 and Fig. 10).
 
     The map is averaged to the network's size, once for each query. td is the greatest threshold at which start and
-    goal lie in one piece of {p >= td}, blocks that touch being one piece; the region is all of {p >= factor · td}, by the
-    factor in the model's metadata. The network is run once for a query, and nothing is widened or narrowed.
+    goal lie in one piece of {p >= td}, blocks that touch being one piece; the region is all of {p >= factor · td}, by
+    the factor in the model's metadata. The network is run once for a query, and nothing is widened or narrowed.
     """
 
     def __init__(self, cost: Float2D, model: NetworkModel) -> None:

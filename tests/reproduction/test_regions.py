@@ -42,7 +42,7 @@ def test_the_papers_region_is_all_at_a_factor_of_the_greatest_threshold_that_joi
     levels = maker.finder.levels.astype(int)
     td = max(level for level in range(256) if joined(levels >= level, maker))
     assert maker.inference_s > 0.0
-    assert 0 < td and (region.blocks()[:-1, :-1] == (levels >= int(td * 0.5**0.25))).all()
+    assert td > 0 and (region.blocks()[:-1, :-1] == (levels >= int(td * 0.5**0.25))).all()
     assert (region.blocks()[:-1, :-1] > (levels >= td)).any()
 
 
