@@ -30,12 +30,7 @@ _FENCED = re.compile(r"(^ *```.*?^ *```$)", re.DOTALL | re.MULTILINE)
 def on_config(config: MkDocsConfig) -> MkDocsConfig:
     """Put the pages that are made into the navigation, each after the page that lists them."""
     os.environ.setdefault("NO_MKDOCS_2_WARNING", "1")
-    experiments = list((ROOT / "docs/reproduction").glob("*/*.md"))
-    experiments.sort(key=lambda path: (path.stem[0] == "t", len(path.stem), path))
-    made = {
-        "cli/index.md": [f"cli/{name}.md" for name in commands()],
-        "reproduction/README.md": [f"reproduction/{path.stem}/{path.name}" for path in experiments],
-    }
+    made = {"cli/index.md": [f"cli/{name}.md" for name in commands()]}
 
     def filled(item: Any) -> list[Any]:
         if isinstance(item, list):

@@ -34,6 +34,20 @@ class Conv2d(nn.Conv2d):
             return super().forward(input.float())
 
 
+class Average(nn.AvgPool2d):
+    """Means over 3 × 3 places, two apart, 0 beyond the edge; exported as a convolution, which is faster in int8."""
+
+    def __init__(self) -> None:
+        super().__init__(3, stride=2, padding=1)
+
+    def forward(self, input: Tensor) -> Tensor:
+        if not torch.compiler.is_exporting():
+            return super().forward(input)
+        channels = input.shape[1]
+        kernel = torch.full((channels, 1, 3, 3), 1 / 9)
+        return functional.conv2d(input, kernel, stride=2, padding=1, groups=channels)
+
+
 class ConvBNReLU(nn.Sequential):
     """Convolution without bias, batch normalisation, ReLU (or not); padded so that stride 1 keeps the size.
 
@@ -120,7 +134,7 @@ class STDCModule(nn.Module):
         self.shortcut: nn.Module = nn.Identity()
         self.down: nn.Module = nn.Identity()
         if stride == 2:
-            self.shortcut = nn.AvgPool2d(3, stride=2, padding=1)
+            self.shortcut = Average()
             self.down = ConvBNReLU(widths[0], widths[0], 3, stride=2, groups=widths[0], relu=False)
         self.rest = nn.ModuleList(ConvBNReLU(wider, narrower, 3) for wider, narrower in pairwise(widths))
 

@@ -86,7 +86,7 @@ class View(NamedTuple):
 
     cost: Float2D
     region: NDArray[np.bool_]
-    """The network's, at the adaptive threshold td, by the paper's rule; or another planner's."""
+    """The network's, by the paper's rule; or another planner's."""
     path: Cells
     """In the region; empty where it holds none."""
     optimum: Cells

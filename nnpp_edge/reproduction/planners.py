@@ -32,8 +32,8 @@ from nnpp_edge.runtime.planners.plan import Plan, Source
 from nnpp_edge.runtime.planners.planner import Planner
 
 PLAIN, PLAIN_NN = "plain A*", "plain A*NN"
-"""The paper's two methods: A* over a graph of the whole map; A* over a graph of the network's region at the
-adaptive threshold td, in which the time of the network counts."""
+"""The paper's two methods: A* over a graph of the whole map; A* over a graph of the network's region, in
+which the time of the network counts."""
 PLAIN_CONTROLS = {kind: f"{PLAIN}, {kind}" for kind in CONTROLS}
 """A* over a graph of a region that no network made, or one with shuffled weights; the region's making counts."""
 PLAIN_KINDS = {NETWORK: PLAIN_NN, **PLAIN_CONTROLS}

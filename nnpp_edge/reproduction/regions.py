@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from nnpp_edge.reproduction.plain import build_graph, search
 from nnpp_edge.runtime.arrays import Float2D
 from nnpp_edge.runtime.cells import Cell, Endpoints
+from nnpp_edge.runtime.kernels.threshold import lowered
 from nnpp_edge.runtime.map.grid import Grid
 from nnpp_edge.runtime.map.region import Region
 from nnpp_edge.runtime.map.step_cost import StepModel
@@ -43,8 +44,8 @@ class PaperRegions:
     """Regions of one network on one map, by the paper's rule (NNPP, section 4.3 and Fig. 10).
 
     The map is averaged to the network's size, once for each query. td is the greatest threshold at which start and
-    goal lie in one piece of {p >= td}, blocks that touch being one piece; the region is all of {p >= td}. The network
-    is run once for a query, and nothing is widened or narrowed.
+    goal lie in one piece of {p >= td}, blocks that touch being one piece; the region is all of {p >= factor · td}, by
+    the factor in the model's metadata. The network is run once for a query, and nothing is widened or narrowed.
     """
 
     def __init__(self, cost: Float2D, model: NetworkModel) -> None:
@@ -57,14 +58,15 @@ class PaperRegions:
         """Of the last query."""
 
     def find(self, query: Endpoints) -> Region:
-        """The region at td."""
+        """The region at the model's factor on td."""
         self.model.set_map(_planes(self.grid, self.frame))
         ends = self.frame.place(query[0]), self.frame.place(query[1])
         began = time.perf_counter()
         probability = self.model.answer(*ends, anew=True)
         self.inference_s = time.perf_counter() - began
         self.finder.read(probability)
-        blocks = self.finder.levels >= self.finder.threshold(*_blocks(self.lookup, query))
+        td = self.finder.threshold(*_blocks(self.lookup, query))
+        blocks = self.finder.levels >= min(td, lowered(td, self.model.metadata.region_factor))
         return Region(np.pad(blocks, ((0, 1), (0, 1))).astype(np.int32), *self.lookup)
 
     def controls(self, like: Region) -> dict[str, Callable[[Endpoints], Region]]:

@@ -95,7 +95,11 @@ def reproduce(
     for name in names:
         experiment = EXPERIMENTS[name]
         settings = experiment.settings(quick=quick, queries=queries)
-        of_networks = [f"{of}: `{files[of].name}` (SHA-256 {files[of].sha256[:12]}…)" for of in experiment.networks]
+        of_networks = [
+            f"{of}: `{file.name}` (SHA-256 {file.sha256[:12]}…, region {{p ≥ {file.metadata.region_factor:g} · td}})"
+            for of, file in files.items()
+            if of in experiment.networks
+        ]
         made_with = {
             "made by": f"nnpp-edge {__version__}, seed {seed}" + ", `--quick`" * quick,
             "terrain": ", ".join(grounds),

@@ -224,7 +224,7 @@ def fig12_findings(rows: Rows) -> list[Finding]:
     of_map = "yes (Fig. 8)", percent(own.mean("share")), "below 20 %"
     return [
         judge_speedup(f"speed-up of {label}", theirs.speedup(*_THEIRS), rows, (PLAIN, PLAIN_NN), near=True),
-        judge("MM of the network's region at td", *texts, rule, as_narrow, rows, PLAIN_NN, better=better),
+        judge("MM of the network's region", *texts, rule, as_narrow, rows, PLAIN_NN, better=better),
         judge_increase(f"CC increase of {label}", theirs.increase(paper.ASTAR_NN), rows, PLAIN_NN),
-        judge("the region at td is a small part of the map", *of_map, small, rows, PLAIN_NN),
+        judge("the region is a small part of the map", *of_map, small, rows, PLAIN_NN),
     ]

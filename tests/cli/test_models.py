@@ -59,7 +59,7 @@ def test_a_card_and_the_commands_that_are_told_agree_with_the_files_metadata(nam
     m, commands = read_model_file(name).metadata, commands_that_make(name)
     training, samples = m.training, m.training["calibration"]["samples"]
     (export,), (quantize,) = commands["export"], commands["quantize"]
-    (folder,) = {options["dataset"] for options in commands["train"]}
+    folder = commands["train"][-1]["dataset"]
     dataset, recipe = commands["dataset"][folder], training["dataset"]
     assert (int(dataset["--maps"]), int(dataset["--seed"])) == (recipe["maps"], recipe["seed"])
     assert (export["--dataset"], quantize["--dataset"]) == (folder, folder)

@@ -35,14 +35,14 @@ def joined(blocks, maker):
     return ends[1] in reached
 
 
-def test_the_papers_region_is_all_at_the_greatest_threshold_that_joins_start_and_goal(tiny_model, cost):
+def test_the_papers_region_is_all_at_a_factor_of_the_greatest_threshold_that_joins_start_and_goal(tiny_model, cost):
     maker = PaperRegions(cost, NetworkModel(tiny_model))
     region = maker.find(QUERY)
     levels = maker.finder.levels.astype(int)
-    lowest = levels[region.blocks()[:-1, :-1]].min()
+    td = max(level for level in range(256) if joined(levels >= level, maker))
     assert maker.inference_s > 0.0
-    assert (region.blocks()[:-1, :-1] == (levels >= lowest)).all()
-    assert joined(levels >= lowest, maker) and not joined(levels > lowest, maker)
+    assert td > 0 and (region.blocks()[:-1, :-1] == (levels >= int(td * 0.5**0.25))).all()
+    assert (region.blocks()[:-1, :-1] > (levels >= td)).any()
 
 
 def test_controls_are_as_large_as_the_networks_region_and_join_start_and_goal(tiny_model, cost):
