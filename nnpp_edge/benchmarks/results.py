@@ -62,7 +62,7 @@ def _table(heads: Sequence[str], lines: Iterator[Sequence[str]]) -> str:
 
 
 def _ms(row: Results, name: str) -> str:
-    return f"{row[name]:.3g}"
+    return f"{row[name]:.3g}" if row[name] < 1e3 else f"{row[name]:,.0f}"
 
 
 def _percent(row: Results, *names: str) -> str:
@@ -145,11 +145,11 @@ def _readme(found: Results) -> Iterator[Sequence[str]]:
     for each in _by_method(found[BODY]):
         if each["astar"]["workload"] == "body-rocks10":
             name = f"a body of 1.5 × 1.2 m among rocks, {each['astar']['size']}²"
-            yield planners(name, each, "time_", "no network is asked")
+            yield planners(name, each, "time_", "no network is used")
     for row in found["arcs"]:
         if row["size"] == 512 and row["radius_m"] == 2.0:
             times = _ms(row, "exact_ms_median"), f"{_ms(row, 'first_ms_median')}, {_percent(row, 'gap_mean')}"
-            yield "the same, arcs of 2 m and more, 512²", str(row["n"]), *times, "no network is asked"
+            yield "the same, arcs of 2 m and more, 512²", str(row["n"]), *times, "no network is used"
 
 
 _LAZY = "lazy / eager"
