@@ -24,7 +24,7 @@ const regions = new Map(); // method -> layer
 const lines = new Map();
 let asked = null; // the question as it stands
 let good = null; // the last that was answered
-let path = null;
+let path = { rows: [], cols: [] };
 let controls = null;
 let pixels = {};
 let optimum = null; // cost of exact A*'s path
@@ -96,8 +96,8 @@ function opening(site) {
   byId("methods").tBodies[0].replaceChildren(...METHODS.map(row));
   const side = Math.ceil(Math.max(map.frame.clientWidth, map.frame.clientHeight) * devicePixelRatio);
   pixels = { pixels: Math.min(Math.max(side, 512), 2048) };
+  link.ask("relief", pixels); // seen while kernels are compiled for the first path
   link.ask("path");
-  link.ask("relief", pixels);
   link.ask("cost", pixels);
   settle();
   busy();
@@ -205,7 +205,7 @@ function reached({ cells, step, bands, layer: found }, question) {
     return each;
   };
   const share = `${((100 * cells) / (map.rows * map.cols)).toFixed(1)} % of the map can be reached`;
-  const unit = path?.unit && `, cost in ${path.unit}`;
+  const unit = path.unit && `, cost in ${path.unit}`;
   byId("bands").replaceChildren(...colourBands(bands).map(key), share + (unit || ""));
   paint(byId("reach"), found);
   shadeReach();
@@ -383,7 +383,7 @@ function settle() {
     compare += 1;
     regions.clear();
     lines.clear();
-    if (layer() === "reach" && reachOf !== reachKey(asked) && !path?.figures.status.startsWith("START")) link.ask("reach", pixels);
+    if (layer() === "reach" && reachOf !== reachKey(asked) && !path.figures?.status.startsWith("START")) link.ask("reach", pixels);
     next(compare, ["astar", ...METHODS.filter((method) => method !== "astar")]);
   }, SETTLES_MS);
 }
