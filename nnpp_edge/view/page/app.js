@@ -136,17 +136,19 @@ function change(values) {
   busy();
 }
 
-// A via point comes where the path passes nearest to it.
+// A via point comes where the path passes nearest to it; from its button, between the stops that lie farthest apart.
+function nearest([row, col]) {
+  const away = path.rows.map((each, at) => (each - row) ** 2 + (path.cols[at] - col) ** 2);
+  return away.indexOf(Math.min(...away));
+}
 function addVia(cell) {
-  const nearest = ([row, col]) => {
-    const away = path.rows.map((each, at) => (each - row) ** 2 + (path.cols[at] - col) ** 2);
-    return away.indexOf(Math.min(...away));
-  };
   const place = asked.via.filter((each) => nearest(each) < nearest(cell)).length;
   change({ via: asked.via.toSpliced(path.rows.length ? place : asked.via.length, 0, cell) });
 }
 byId("add-via").addEventListener("click", () => {
-  const middle = path.rows.length >> 1;
+  const stops = [0, ...asked.via.map(nearest).sort((a, b) => a - b), path.rows.length - 1];
+  const gaps = stops.slice(1).map((stop, at) => stop - stops[at]);
+  const middle = stops[gaps.indexOf(Math.max(...gaps))] + (Math.max(...gaps) >> 1);
   addVia(path.rows.length ? [path.rows[middle], path.cols[middle]].map(Math.round) : [map.rows >> 1, map.cols >> 1]);
 });
 
