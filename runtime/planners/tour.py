@@ -105,7 +105,7 @@ def tour(
     for begin, end in legs.along(order):
         leg = legs.plan(begin, end)
         if grid.steps.by_poses and found and leg.ok:  # a body sets out as it has arrived
-            leg = plan(stops[begin], stops[end], direction=arrival(found[-1].path))
+            leg = plan(stops[begin], stops[end], direction=arrival(found[-1].walked))
         found.append(finish(leg))
         if not found[-1].ok:
             break
@@ -118,7 +118,9 @@ def tour(
 
 
 def arrival(path: NDArray[np.int32]) -> int:
-    """Direction in which a body comes to the end of a path; -1 for a single cell."""
+    """Direction in which a body comes to the end of a path, as `Plan.walked`; -1 for a single cell."""
+    if path.shape[1] == 3:
+        return int(path[-1, 2]) % len(DIRECTIONS)
     return DIRECTIONS.index(tuple((path[-1] - path[-2]).tolist())) if len(path) > 1 else -1
 
 
@@ -127,8 +129,8 @@ class _Legs:
 
     def __init__(self, plan: PlanLeg, stops: Sequence[Cell], grid: Grid) -> None:
         self._plan, self._stops, self._grid = plan, stops, grid
-        self._symmetric = not grid.steps.by_slope
-        """Whether a path costs the same both ways: then one plan serves a leg and its reverse."""
+        self._symmetric = not grid.steps.by_slope and grid.steps.columns == 2
+        """Whether a path costs the same both ways, and is driven so: then one plan serves a leg and its reverse."""
         self._made: dict[tuple[int, int], Plan] = {}
 
     def plan(self, begin: int, end: int) -> Plan:
@@ -234,15 +236,19 @@ def _as_one(legs: Sequence[Plan], stops: Sequence[Cell], grid: Grid) -> Plan:
     if not last.ok:
         name = f"leg {len(legs)} of {wanted}, from {stops[len(legs) - 1]} to {stops[len(legs)]}"
         return replace(whole, reason=": ".join(filter(None, (name, last.reason))))
-    path = joined([leg.path for leg in legs]).astype(np.int32)
+    walked = joined([leg.walked for leg in legs]).astype(np.int32)
+    costs = grid.costs_of(walked)
     lines = [leg.waypoints for leg in legs if leg.waypoints is not None]
     return replace(
         whole,
-        path=path,
+        path=np.ascontiguousarray(walked[:, :2]),
+        states=None if first.states is None else walked[:, 2].copy(),
+        vehicle=first.vehicle,
+        along=None if first.states is None else first.along,  # by it alone the arcs are known, `Plan.over` needs them
         waypoints=joined(lines).astype(np.float64) if len(lines) == len(legs) else None,
         line_cost=sum(leg.line_cost for leg in legs),
-        cost=grid.costs_of(path)[0] if grid.steps.by_poses else sum(leg.cost for leg in legs),
+        cost=costs[0] if grid.steps.by_poses else sum(leg.cost for leg in legs),
         length=sum(leg.length for leg in legs),
-        traverse_cost=grid.costs_of(path)[2],
+        traverse_cost=costs[2],
         lower_bound=sum(leg.lower_bound for leg in legs),
     )

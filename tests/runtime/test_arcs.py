@@ -256,6 +256,20 @@ def test_the_way_between_the_same_cells_depends_on_the_headings():
     assert spot.ok and spot.cost > 10.0 and spot.poses[-1] == pytest.approx((2.5, 7.5, 270.0), abs=1e-6)
 
 
+@pytest.mark.parametrize("vehicle", KINDS)
+@pytest.mark.parametrize("best_order", [False, True])
+def test_a_tour_of_arcs_is_driven_on_through_its_stops(vehicle, best_order):
+    made, via = planner(np.zeros((60, 60), np.float32), vehicle), [(40, 20), (40, 20), (15, 40)]
+    tour = made.plan_via((10, 10), (50, 50), via, best_order=best_order, method="astar")
+    plan, poses = tour.plan, tour.plan.poses
+    assert plan.ok and plan.cost == pytest.approx(sum(leg.cost for leg in tour.legs), rel=1e-5)
+    assert {(10, 10), (50, 50), *via} <= set(map(tuple, plan.path.tolist()))
+    assert plan.along.distance_m[-1] == pytest.approx(sum(leg.along.distance_m[-1] for leg in tour.legs), rel=1e-3)
+    apart, turned = np.hypot(*np.diff(poses[:, :2], axis=0).T), np.abs((np.diff(poses[:, 2]) + 180.0) % 360.0 - 180.0)
+    if not vehicle.turns_on_spot:
+        assert apart.max() <= 0.26 and (np.radians(turned) <= apart / vehicle.turning_radius_m + 1e-6).all()
+
+
 def test_a_robot_on_a_goal_that_has_become_impassable_does_not_stand_well():
     for vehicle in (CAR, replace(CAR, turning_radius_m=None)):
         moving = DynamicPlanner.of_elevation(np.zeros((40, 40)), CELL_M, (20, 20), vehicle=vehicle)

@@ -43,7 +43,13 @@ SETTINGS = {
     },
     "vehicle": {"body": "large-rover", "method": "corridor"},
     "by way of places": {"via": ((70, 20), (20, 90)), "refine": True, "method": "corridor"},
-    "arcs": {"body": "car", "method": "corridor", "start_heading_deg": 270.0, "goal_heading_deg": 12.5},
+    "arcs": {
+        "body": "car",
+        "via": ((60, 20),),
+        "method": "corridor",
+        "start_heading_deg": 270.0,
+        "goal_heading_deg": 12.5,
+    },
 }
 CAR = {"turning_radius_m": 8.0, "reverse_cost": 2.0}
 

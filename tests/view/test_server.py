@@ -121,7 +121,7 @@ def test_it_tells_what_it_waits_for_while_it_plans():
 
         def answer(self, question):
             self.begun.set()
-            self.done.wait(20.0)
+            self.done.wait(40.0)  # longer than `got` waits
             return b"{}"
 
     with PageServer(0) as running:

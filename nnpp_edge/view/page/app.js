@@ -24,7 +24,7 @@ const regions = new Map(); // method -> layer
 const lines = new Map();
 let asked = null; // the question as it stands
 let good = null; // the last that was answered
-let path = null;
+let path = { rows: [], cols: [] };
 let controls = null;
 let pixels = {};
 let optimum = null; // cost of exact A*'s path
@@ -96,8 +96,8 @@ function opening(site) {
   byId("methods").tBodies[0].replaceChildren(...METHODS.map(row));
   const side = Math.ceil(Math.max(map.frame.clientWidth, map.frame.clientHeight) * devicePixelRatio);
   pixels = { pixels: Math.min(Math.max(side, 512), 2048) };
+  link.ask("relief", pixels); // seen while kernels are compiled for the first path
   link.ask("path");
-  link.ask("relief", pixels);
   link.ask("cost", pixels);
   settle();
   busy();
@@ -136,17 +136,19 @@ function change(values) {
   busy();
 }
 
-// A via point comes where the path passes nearest to it.
+// A via point comes where the path passes nearest to it; from its button, between the stops that lie farthest apart.
+function nearest([row, col]) {
+  const away = path.rows.map((each, at) => (each - row) ** 2 + (path.cols[at] - col) ** 2);
+  return away.indexOf(Math.min(...away));
+}
 function addVia(cell) {
-  const nearest = ([row, col]) => {
-    const away = path.rows.map((each, at) => (each - row) ** 2 + (path.cols[at] - col) ** 2);
-    return away.indexOf(Math.min(...away));
-  };
   const place = asked.via.filter((each) => nearest(each) < nearest(cell)).length;
   change({ via: asked.via.toSpliced(path.rows.length ? place : asked.via.length, 0, cell) });
 }
 byId("add-via").addEventListener("click", () => {
-  const middle = path.rows.length >> 1;
+  const stops = [0, ...asked.via.map(nearest).sort((a, b) => a - b), path.rows.length - 1];
+  const gaps = stops.slice(1).map((stop, at) => stop - stops[at]);
+  const middle = stops[gaps.indexOf(Math.max(...gaps))] + (Math.max(...gaps) >> 1);
   addVia(path.rows.length ? [path.rows[middle], path.cols[middle]].map(Math.round) : [map.rows >> 1, map.cols >> 1]);
 });
 
@@ -205,7 +207,7 @@ function reached({ cells, step, bands, layer: found }, question) {
     return each;
   };
   const share = `${((100 * cells) / (map.rows * map.cols)).toFixed(1)} % of the map can be reached`;
-  const unit = path?.unit && `, cost in ${path.unit}`;
+  const unit = path.unit && `, cost in ${path.unit}`;
   byId("bands").replaceChildren(...colourBands(bands).map(key), share + (unit || ""));
   paint(byId("reach"), found);
   shadeReach();
@@ -383,7 +385,7 @@ function settle() {
     compare += 1;
     regions.clear();
     lines.clear();
-    if (layer() === "reach" && reachOf !== reachKey(asked) && !path?.figures.status.startsWith("START")) link.ask("reach", pixels);
+    if (layer() === "reach" && reachOf !== reachKey(asked) && !path.figures?.status.startsWith("START")) link.ask("reach", pixels);
     next(compare, ["astar", ...METHODS.filter((method) => method !== "astar")]);
   }, SETTLES_MS);
 }
