@@ -31,6 +31,8 @@ def followed(
             bend = float(np.clip(steered / wheelbase, -1.0 / least, 1.0 / least))
             if (length := -gear * _beside(pose, drive.poses[n + 1])[0]) <= 0.0:
                 continue  # it is past that pose
+            if sharp := abs(bend):  # until it has come as far ahead
+                length = math.asin(min(sharp * length, 1.0)) / sharp
             arc = Arc(gear, bend, length, pose, math.degrees(gear * bend * length))
         else:
             turned = _beside(pose, drive.poses[n + 1])[2]
