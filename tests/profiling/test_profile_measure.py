@@ -26,8 +26,8 @@ class Timed(Planner):
 
     calls: ClassVar[dict] = defaultdict(list)
 
-    def __init__(self, ground, model="edge", lazy=True):
-        super().__init__(ground, model=model, lazy=lazy)
+    def __init__(self, ground, model="edge", **options):
+        super().__init__(ground, model=model, **options)
         self.asked = model
 
     def plan(self, start, goal, **options):
