@@ -5,7 +5,6 @@ cells, with weights 1 + 2·255·ω·T. What others minimise is said beside them,
 by the common rule.
 """
 
-import functools
 import importlib
 import math
 from collections.abc import Callable, Iterator, Sequence
@@ -20,8 +19,7 @@ from numpy.typing import NDArray
 from nnpp_edge import __version__
 from nnpp_edge.profiling.contest import Figures, Harness, Row, Summary, gap, mean, quantile, summarised
 from nnpp_edge.profiling.suites import QUERIES_PER_MAP, Case, TerrainFiles, source_of, terrain_cases
-from nnpp_edge.runtime import Plan, Planner
-from nnpp_edge.runtime.arrays import Float2D
+from nnpp_edge.runtime import Planner
 from nnpp_edge.runtime.cells import Cell, Endpoints
 from nnpp_edge.runtime.exercises import exercise
 from nnpp_edge.runtime.map.step_cost import GREY_LEVELS, PAPER_OMEGA
@@ -64,28 +62,18 @@ class PeerPlanner:
     """Do the work that depends on the map alone."""
 
 
-def _ours(method: str, how: str = "") -> PeerPlanner:
+def _ours(method: str, network: NetworkModel, how: str = "") -> PeerPlanner:
     """A method of ours."""
 
     def prepared(weights: Weights) -> Search:
-        planner = Planner(weights, step_cost="length", model=_network().share() if method == "nnpp" else "edge")
-        return lambda start, goal: _path(planner.plan(start, goal, method=method))
+        planner = Planner(weights, step_cost="length", model=network.share() if method == "nnpp" else "edge")
+
+        def search(start: Cell, goal: Cell) -> CellPath | None:
+            return plan.path if (plan := planner.plan(start, goal, method=method)).ok else None
+
+        return search
 
     return PeerPlanner(method, "nnpp-edge", _LENGTH + how, prepared)
-
-
-@functools.cache
-def _network() -> NetworkModel:
-    return NetworkModel("edge", threads=1)
-
-
-def _path(plan: Plan) -> CellPath | None:
-    return plan.path if plan.ok else None
-
-
-def weights_of(cost: Float2D) -> Weights:
-    """The weights that all planners are given, 1 + 2·255·ω·T; inf where impassable."""
-    return (1.0 + 2.0 * GREY_LEVELS * PAPER_OMEGA * cost).astype(np.float32)
 
 
 def _pyastar2d(weights: Weights) -> Search:
@@ -145,8 +133,9 @@ _OTHERS = {
 
 def peer_planners() -> tuple[list[PeerPlanner], list[str]]:
     """Our planners, and the other libraries that are installed; the names of those that are not."""
-    found = [_ours("astar"), _ours("corridor", ", coarse to fine"), _ours("nnpp", ", in the network's region")]
-    missing = []
+    network, missing = NetworkModel("edge", threads=1), []
+    methods = {"astar": "", "corridor": ", coarse to fine", "nnpp": ", in the network's region"}
+    found = [_ours(method, network, how) for method, how in methods.items()]
     for module, planner in _OTHERS.items():
         try:
             importlib.import_module(module)
@@ -182,7 +171,8 @@ def compare(
     harness, rows, done = Harness(), list[tuple[str, Row]](), 0
     left_out = dict[str, str]()
     for case in cases:
-        weights, searches = weights_of(case.cost), dict[str, Callable[[Endpoints], CellPath | None]]()
+        weights = (1.0 + 2.0 * GREY_LEVELS * PAPER_OMEGA * case.cost).astype(np.float32)  # inf where impassable
+        searches = dict[str, Callable[[Endpoints], CellPath | None]]()
         for planner in [each for each in planners if each.name not in left_out]:
             map_s, search = harness.timed(partial(planner.prepare, weights))
             search(*case.queries[0])

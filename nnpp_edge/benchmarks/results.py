@@ -16,6 +16,7 @@ import click
 from nnpp_edge.benchmarks.arcs import measured
 from nnpp_edge.files import write_all
 from nnpp_edge.profiling.machine import environment
+from nnpp_edge.progress import markdown_table
 
 Results = dict[str, Any]
 """Rows by suite, and where they were measured; or one row of figures."""
@@ -55,10 +56,6 @@ def _evaluated(terrain: Path, arguments: str) -> Rows:
     click.echo("  " + " ".join(command[1:]), err=True)
     found: Rows = json.loads(subprocess.run(command, check=True, stdout=subprocess.PIPE).stdout)
     return found
-
-
-def _table(heads: Sequence[str], lines: Iterator[Sequence[str]]) -> str:
-    return "\n".join(f"| {' | '.join(cells)} |" for cells in (heads, ["---"] * len(heads), *lines))
 
 
 def _ms(row: Results, name: str) -> str:
@@ -189,7 +186,7 @@ def filled(page: str, found: Results) -> str:
 
     def table(mark: re.Match[str]) -> str:
         name = mark[2]
-        text = _stamp(found) if name == "stamp" else _table(TABLES[name][0], TABLES[name][1](found))
+        text = _stamp(found) if name == "stamp" else markdown_table(TABLES[name][0], list(TABLES[name][1](found)))
         return mark[1] + text + mark[3]
 
     return _MARK.sub(table, page)

@@ -158,11 +158,6 @@ class SettingType(click.ParamType):  # type: ignore[type-arg]  # as above
         return Setting(str(value), {key: content})
 
 
-def _cell(word: str) -> tuple[int, int]:
-    row, col = map(int, word.split(","))
-    return row, col
-
-
 def _size(word: str) -> int:
     if not 2 <= (side := int(word)) <= LARGEST_SIDE:
         raise ValueError
@@ -207,7 +202,6 @@ ANGLE = Real(0.0, 360.0)
 SHARE = Real(0.0, 1.0)
 RATE = Real(0.001, 1000.0)
 MODEL = Parsed("NAME|FILE", "", _model)
-CELL = Parsed("R,C", "ROW,COL as two whole numbers", _cell)
 NAMES = Parsed("NAME,…", "names joined by commas", joined(str.strip))
 COUNTS = Parsed("N,…", "whole numbers of at least 1, joined by commas", joined(_count))
 SIZES = Parsed("N,…", f"sides of 2 to {LARGEST_SIDE} cells, joined by commas", joined(_size))

@@ -16,7 +16,7 @@ from nnpp_edge.cli.plan_answer import Answer
 from nnpp_edge.cli.requests import PlanRequest
 from nnpp_edge.cli.text import Row
 from nnpp_edge.progress import bar
-from nnpp_edge.runtime import Ground, Method, Plan, Planner, Traversability, Vehicle, exercises
+from nnpp_edge.runtime import Ground, Method, Plan, Planner, Traversability, exercises
 from nnpp_edge.runtime.arrays import Float2D, headings_along
 from nnpp_edge.runtime.cells import Cell
 from nnpp_edge.runtime.compiled.notice import told_if_slow
@@ -103,6 +103,7 @@ def plan_in_memory(request: PlanRequest, path: Path, robot: GroundOptions, *, dr
                 spot = replace(body, turning_radius_m=None, reverse_cost=None, gear_change_m=0.0, turns_on_spot=None)
                 other = planner_of(replace(ground, vehicle=spot))
             beside = other.plan(start, goal, method="astar").path
+        headings = None if plan.drive is None else plan.drive.poses[:, 2]
         return plan_picture(
             cost,
             plan,
@@ -115,7 +116,7 @@ def plan_in_memory(request: PlanRequest, path: Path, robot: GroundOptions, *, dr
             else None,
             cell_size_m=dem.cell_width_m,
             length_m=route.length_m,
-            outlines=_outlines(plan, body, ground.sides_m) if body else (),
+            outlines=body_outlines(plan.line, body, ground.sides_m, headings) if body else (),
             refused=refused,
             point_path=beside,
         )
@@ -214,11 +215,6 @@ def _around(planner: WindowedPlanner, ground: DemWindows, limits: Traversability
     part = (row0, col0, max(row1 - row0, 1), max(col1 - col0, 1))
     _, elevation, cost = next(planner.costs.windows([part]))
     return Near(ground, elevation, cost, limits, origin=(row0, col0))
-
-
-def _outlines(plan: Plan, body: Vehicle, sides_m: tuple[float, float]) -> list[NDArray[np.float64]]:
-    """The body along a path."""
-    return body_outlines(plan.line, body, sides_m, None if plan.drive is None else plan.drive.poses[:, 2])
 
 
 def _on_the_ground(plan: Plan, ground: Ground) -> Plan:

@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from nnpp_edge.profiling.arrivals import patch_side
-from nnpp_edge.profiling.contest import Columns, Facts, Summary, answer, mean, quantile, ratio, summarised
+from nnpp_edge.profiling.contest import Facts, Summary, answer, mean, quantile, ratio, summarised
 from nnpp_edge.profiling.measure import HALVES, Answers, Run, WorkloadRun
 from nnpp_edge.profiling.profile_file import OnboardLoop
 from nnpp_edge.profiling.rivals import EXACT
@@ -18,11 +18,6 @@ PAIRS = (("corridor", "astar"), ("nnpp", "astar"), ("nnpp", "corridor"))
 """Who might pay over whom."""
 
 
-def _excess(columns: Columns) -> float | None:
-    share = ratio("cc", "exact_cc")(columns)
-    return None if share is None else share - 1.0
-
-
 _ANSWERS: Summary = {
     "n": lambda columns: len(columns["time_ms"]),
     "speedup_median": quantile("speedup", 0.5),
@@ -30,7 +25,7 @@ _ANSWERS: Summary = {
     "gap_mean": mean("gap"),
     "gap_p99": quantile("gap", 0.99),
     "gap_max": quantile("gap", 1.0),
-    "cc_excess": _excess,
+    "cc_excess": lambda columns: None if (share := ratio("cc", "exact_cc")(columns)) is None else share - 1.0,
     "success_first": mean("first"),
     "success": mean("solved"),
     "expansions_median": quantile("expansions", 0.5),

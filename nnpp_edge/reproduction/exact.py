@@ -88,12 +88,12 @@ def table1_findings(rows: Rows) -> list[Finding]:
     return found
 
 
-def _at_omega(cost: Float2D, query: Endpoints, omega: float, workspace: Workspace) -> tuple[Row, NDArray[np.int32]]:
+def _at_omega(cost: Float2D, query: Endpoints, omega: float, workspace: Workspace) -> Row:
     """The optimal path at an ω: its length in cells, a diagonal step counting √2, and the sum of the map's costs."""
     grid = Grid.of(cost, StepModel.of("paper", omega))
     time_s, found = Harness().timed(partial(astar, grid, *query, workspace))
     cc = float(cost[tuple(found.path.T)].sum(dtype=np.float64))  # at ω = 0 no grid knows it
-    return {"omega": omega, "length": grid.costs_of(found.path)[1], "cc": cc, "time_s": time_s}, found.path
+    return {"omega": omega, "length": grid.costs_of(found.path)[1], "cc": cc, "time_s": time_s}
 
 
 @experiment("Fig. 7", "The weight ω of the traversability cost", {"maps": 8, "fine": 25}, networks=())
@@ -105,7 +105,7 @@ def fig7(
     omegas = np.r_[np.linspace(0.0, 0.05, fine + 1), np.linspace(0.05, paper.OMEGA_MOST, coarse + 1)[1:]]
     rows, workspace = Rows(), Workspace((size + 2) ** 2)
     for at, (case, query) in enumerate(context.maps(size, maps), 1):
-        rows += [{"map": at} | _at_omega(case.cost, query, omega, workspace)[0] for omega in omegas.tolist()]
+        rows += [{"map": at} | _at_omega(case.cost, query, omega, workspace) for omega in omegas.tolist()]
         context.progress(at / maps)
     lengths, ccs, times_s = (np.reshape(rows.all(name), (maps, -1)) for name in ("length", "cc", "time_s"))
     typical_s = np.median(times_s, axis=0)

@@ -86,10 +86,6 @@ class Source(StrEnum):
     """A way to a place on the path of arcs that stood before, and on along that."""
 
 
-def _no_path() -> NDArray[np.int32]:
-    return np.empty((0, 2), np.int32)
-
-
 @dataclass(frozen=True)
 class Plan:
     """The answer to one query. Without a path its numbers are inf, or 0 for counts.
@@ -102,7 +98,7 @@ class Plan:
     """The method that was used; for ``auto`` the one it picked."""
     source: Source | None = None
     """Where the path was found; None where no search was made."""
-    path: NDArray[np.int32] = field(default_factory=_no_path, repr=False)
+    path: NDArray[np.int32] = field(default_factory=lambda: np.empty((0, 2), np.int32), repr=False)
     """(N, 2) cells (row, col) from start to goal; on TIMEOUT as far as the search had come, or empty."""
     cost: float = math.inf
     """Sum of the path's step costs; with ``energy`` below 0 where more is got back than drawn."""

@@ -39,7 +39,6 @@ _COARSER = (1.0, 8.0, 64.0)
 """Multiples of what a way point must save, tried one after another where turns are too sharp."""
 _FAR_STAGES = 2
 """Stages that are left out, one after another, while no line is found that costs less than the path."""
-_ON_GRID = 1e-6
 
 
 class Refinement(StrEnum):

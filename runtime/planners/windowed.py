@@ -8,6 +8,7 @@ import math
 from collections.abc import Callable, Generator, Iterable, Sequence
 from contextlib import closing
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
@@ -163,13 +164,9 @@ class WindowedPlanner:
     ) -> Tour:
         """As `Planner.plan_via`; for the best order more corridors are read than lie along it."""
         deadline = Deadline.within(time_limit_s)
-
-        def leg(begin: Cell, end: Cell) -> Plan:
-            return self._plan(begin, end, epsilon, deadline)
-
         between = [as_cell(cell, f"via {at}") for at, cell in enumerate(via, 1)]
         found = tour(
-            leg,
+            partial(self._plan, epsilon=epsilon, deadline=deadline),
             [start, *between, goal],
             self._map.grid,
             best_order=best_order,
