@@ -90,6 +90,8 @@ def main() -> None:
         sys.exit(1)
     except click.UsageError as error:
         message, command = error.format_message(), error.ctx.command_path if error.ctx else "nnpp-edge"
+        if "extra argument" in message and error.ctx and any("--map" in it.opts for it in error.ctx.command.params):
+            message = f"{message.rstrip('.')}: a map is given by --map"
         _refuse(f"{message[0].lower()}{message[1:].rstrip('.')}; see {command} --help")
     except (NnppEdgeError, click.ClickException) as error:
         _refuse(str(error))

@@ -180,6 +180,7 @@ $COST --workload limit20 --limit slope_limit_deg=25 | leave out --limit slope_li
 costmap sample:mars -o cost.npz                | moon_highlands | 'mars'
 $PLAN -o out                                   | out/plan.json: could not be written (it is a folder)
 dataset -o text.txt/set --maps 2               | text.txt/set | wanted a folder to write to
+simulate hills.tif                             | extra argument (hills.tif): a map is given by --map; see nnpp-edge
 profile --profile quick --json out.json        | no such command 'out.json'; see nnpp-edge profile --help
 $PLAN -o loop                                  | symbolic links
 $PLAN -o text.txt                              | text.txt | folder to write to
