@@ -91,7 +91,8 @@ TURNS_IN_FIELD = 0.7
 """Share of what turns cost that the field of a body's region counts: with 1 paths lie 2.1 % above the optimum (1.1 %
 among rocks) in place of 1.1 (0.3); with 0.5 0.4 (0.3) %, for four times the states of the last search among rocks."""
 AROUND_GOAL = 4096
-"""Expansions from a goal with a heading, by which the field of a body's costs to go begins."""
+"""Expansions from a goal with a heading, by which the field of a body's costs to go begins: without them a first plan
+took 38 ms (256², radius 2 m), with 4,096 22, with half or four times as many as long as with these or longer."""
 FIELD_KEPT = 0.02
 """Share of the map's cells that may change before the field that guides a body's searches to a goal is made anew."""
 JOIN_AHEAD, JOIN_BEHIND, JOIN_WITHIN = 64, 16, 8

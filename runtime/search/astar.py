@@ -159,14 +159,15 @@ def _over_states(
         between = np.float32(TURNS_IN_FIELD) * turns
         fill = *prices[:4], rays[:DIRECTIONS], lengths[:DIRECTIONS], turns
     rule, begin, around = (_best(grid), _bucket_width(grid), between), last, None
+    code, spent, refused = kernels.FOUND, 0, math.inf
     if wanted is not None and not len(edges):
-        found, around = _around_goal(grid, ends, wanted, workspace, allowed, limits[1])
-        if found is not None:
-            return found
-    if around is not None:
-        begin = _ON
-        around(False)
-    code, spent, refused = _run(fill_field, (poses, edges, fill, allowed), (begin, first), rule, field, limits)
+        (code, spent, refused), around = _around_goal(grid, ends, wanted, workspace, allowed, limits[1])
+    if code != kernels.EXHAUSTED:
+        if around is not None:
+            begin = _ON
+            around(False)
+        code, more, refused = _run(fill_field, (poses, edges, fill, allowed), (begin, first), rule, field, limits)
+        spent += more
     if code != kernels.FOUND:
         status = Status.NO_PATH if code == kernels.EXHAUSTED else Status.TIMEOUT
         return Search.without_path(status, spent, refused, grid.steps.columns)
@@ -185,12 +186,12 @@ def _around_goal(
     workspace: Workspace,
     allowed: Parts,
     until: float,
-) -> tuple[Search | None, Callable[[bool], None] | None]:
+) -> tuple[Parts, Callable[[bool], None] | None]:
     """Costs of the last metres to a goal with a heading, by a search from there of a few states.
 
-    A way back, by a body that stands the other way round, costs what the way there does. Returns that there is no
-    path, where all that leads to the goal is known; and what puts the costs into the field, before it is filled and
-    after, None where the start is as near.
+    A way back, by a body that stands the other way round, costs what the way there does. Returns code, expansions and
+    least refused f as `fill_field`, EXHAUSTED where no way leads to the goal; and a function that puts the costs into
+    the field, called before the field is filled and after, None where the start is as near.
     """
     states, (first, last, _), frame = grid.steps.states(), ends, _frame(grid, workspace)
     field = workspace.field
@@ -200,9 +201,9 @@ def _around_goal(
     before, limits = (*states, _no_field(workspace), allowed), (AROUND_GOAL, until)
     code, _, spent, refused = _run(expand_states, before, (last, _CORNER), rule, workspace, limits)
     if workspace.costs(slice(first, first + 1))[0] < math.inf:
-        return None, None
+        return (kernels.FOUND, spent, refused), None
     if code == kernels.EXHAUSTED:
-        return Search.without_path(Status.NO_PATH, spent, refused, grid.steps.columns), None
+        return (code, spent, refused), None
     reach = int(workspace.least_open / grid.prices[0]) + 2 * int(np.abs(states[2][1][..., :2]).max())
     row, col = grid.cell(last)
     part = (
@@ -220,7 +221,7 @@ def _around_goal(
             field.next_stamp()
         field_around(costs, field.packed, frame, (last, first), (_best(grid), _bucket_width(grid)), part, inside)
 
-    return None, put
+    return (code, spent, refused), put
 
 
 def by_kept_field(
