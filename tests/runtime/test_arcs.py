@@ -19,6 +19,7 @@ from nnpp_edge.runtime.map.arcs import heading_deg
 from nnpp_edge.runtime.map.primitives import primitives
 from nnpp_edge.runtime.planners import methods
 from nnpp_edge.runtime.planners.plan import Source
+from nnpp_edge.runtime.search import astar as search
 from tests import pose_oracles
 from tests.pose_oracles import DIRECTIONS, rocks
 
@@ -120,8 +121,9 @@ def with_codes(made, seed):
 
 
 @pytest.mark.parametrize("vehicle", KINDS)
-def test_searches_over_arcs_are_dijkstras_over_a_lattice_built_anew(vehicle):
+def test_searches_over_arcs_are_dijkstras_over_a_lattice_built_anew(vehicle, monkeypatch):
     for seed in range(MAPS):
+        monkeypatch.setattr(search, "AROUND_GOAL", (24, 4096)[seed % 3 == 2])  # so few seldom come to the start
         width = (CELL_M, 0.2)[seed % 2]
         shape = (17, 21) if vehicle.reverse_cost else (31, 35)  # forwards alone takes room
         made = planner(np.zeros(shape), vehicle, cell_width_m=width, omega=(OMEGA, 0.0)[seed // 2 % 2])
