@@ -171,6 +171,8 @@ BLOCKED_PRICE, MOST_PRICE = 3.0, 6.0
 """Price of a block whose cells are all impassable, beyond that of T = 1, by the coarse slope, and of any block, in T
 a cell. Lunar terrain at 20 m, factor 8, sight of 16 cells, limit20, 200 drives: the driven cost is 6.2 % above the
 optimum if impassable cells count as T = 1, 4.9 at 1, 4.2 at 2 to 4, 5.2 at 8."""
+PRICE_SCALE = 6.1
+"""A price divided by it is a cost of a map of blocks: the highest is none that is impassable."""
 BLOCKED_PRICES = 2.0, 3.0
 """By a network: that of the share of impassable cells, and that of the chance that a block cannot be crossed. The
 same drives: 2.9 % at 1 and 1, 1.9 at 2 and 3; by boosted trees 2.6 and 2.2."""

@@ -11,7 +11,7 @@ from nnpp_edge.runtime.map.ground import Ground
 from nnpp_edge.runtime.map.region import Region
 from nnpp_edge.runtime.map.state import MapState, map_state
 from nnpp_edge.runtime.planners.query import Found, Query, Work
-from nnpp_edge.runtime.tuning import BLOCKS_AROUND, BLOCKS_BEYOND, MOST_PRICE
+from nnpp_edge.runtime.tuning import BLOCKS_AROUND, BLOCKS_BEYOND, PRICE_SCALE
 
 CellPath = NDArray[np.int32]
 
@@ -29,14 +29,14 @@ class BlockWay:
         assert state.unseen is not None
         self._unseen = state.unseen
         everywhere = 0, 0, *self._unseen.dem.shape
-        self._map = map_state(Ground(self._unseen.costs(everywhere) / MOST_PRICE), omega * MOST_PRICE)
+        self._map = map_state(Ground(self._unseen.costs(everywhere) / PRICE_SCALE), omega * PRICE_SCALE)
         self._find = find(self._map)
         rows, cols = (np.arange(side, dtype=np.int32) // self._unseen.factor for side in state.shape)
         self._region = Region(np.zeros(self._unseen.dem.shape, np.int32), rows, cols, 0)
 
     def changed(self, part: tuple[int, int, int, int]) -> None:
         """Blocks of a part cost otherwise now."""
-        self._map.update(*part[:2], self._unseen.costs(part) / MOST_PRICE)
+        self._map.update(*part[:2], self._unseen.costs(part) / PRICE_SCALE)
 
     def find(self, query: Query, work: Work, *, whole: bool) -> tuple[CellPath, int, Region] | None:
         """Cells to go by: the middles of the blocks on the way, and the goal; up to which of them the first stretch

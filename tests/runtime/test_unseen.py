@@ -78,6 +78,17 @@ def test_where_nothing_was_seen_a_path_costs_by_the_prices_of_blocks(prior):
     assert by_blocks.cost <= 1.15 * exact.cost
 
 
+def test_a_wall_of_unknown_blocks_is_dear_and_crossed_over_blocks():
+    means = np.tile(HEIGHTS[::FACTOR, ::FACTOR], (4, 4))
+    means[:, 50] = np.nan
+    planner = Planner.of_coarse(means, FACTOR * CELL_M, FACTOR, LIMITS, prior="slope")
+    plan = planner.plan(START, (400, 500))
+    assert plan.source == "region" and plan.expansions < means.size + 100 * FACTOR**2 < planner.shape[0] * 400
+    planner.state.grid.complete()  # the search has read few of the cells beyond
+    assert plan.cost == planner.state.grid.costs_of(plan.path)[0]
+    assert plan.cost > FACTOR * (1.0 + 2.0 * MOST_PRICE * 255.0 * PAPER_OMEGA)
+
+
 def test_a_cell_weighs_by_its_own_heights_once_it_was_seen_and_the_path_says_how_far_it_is_known():
     planner, grid = coarse(limits=Traversability()), slice(0, 40)
     planner.update_elevation(0, 0, HEIGHTS[grid, grid])
