@@ -159,6 +159,20 @@ def _merge(into: dict[str, object], values: dict[str, object]) -> None:
 
 
 @dataclass(frozen=True, kw_only=True)
+class KnownOptions:
+    """How much of the ground is known before it is seen."""
+
+    known: Annotated[
+        int | None, click.IntRange(2, 64), "The map knows only means of N × N cells; the rest is priced by --prior."
+    ] = None
+    prior: Annotated[
+        str,
+        click.Choice(["network", "slope", "eq1", "mean"]),
+        "Prices of unseen ground: by a network, the coarse slope, NNPP's Eq. 1, or one mean.",
+    ] = "network"
+
+
+@dataclass(frozen=True, kw_only=True)
 class GroundOptions(VehicleOptions, TerrainOptions):
     """A map, and who drives on it at what cost."""
 
@@ -199,6 +213,14 @@ class GroundOptions(VehicleOptions, TerrainOptions):
 
         width, body, place = dem.cell_width_m, self.body(), (dem.elevation, dem.cell_size_m, factor, self.limits())
         return Ground.of_coarse(*place, prior=prior, cell_width_m=width, vehicle=body, step_cost=self.step_cost)
+
+    def refuse_but_points(self, known: KnownOptions) -> None:
+        """UsageError for a vehicle, a step cost or finer cells on a map whose cells are blocks of the robot's."""
+        if known.known and (self.body() is not None or self.step_cost != "paper" or self.resample is not None):
+            raise click.UsageError(
+                "--known plans over the map's own cells, by their prices: leave out --vehicle, --set, --step-cost "
+                "and --resample"
+            )
 
     def warn_if_coarse(self, dem: "Dem") -> None:
         """Warn of cells beside which the vehicle is so short that little is known of the ground below it."""

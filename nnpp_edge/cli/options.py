@@ -270,7 +270,3 @@ def given_options() -> list[str]:
     context = click.get_current_context()
     default = click.core.ParameterSource.DEFAULT
     return [name for name in context.params if context.get_parameter_source(name) is not default]
-
-
-PRIORS = ("network", "slope", "eq1", "mean")
-PRIOR = "With --known, the price of unseen ground: by a network, the coarse slope, NNPP's Eq. 1, or one mean."

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 import click
 
 from nnpp_edge.cli import options
-from nnpp_edge.cli.ground_options import GroundOptions
+from nnpp_edge.cli.ground_options import GroundOptions, KnownOptions
 from nnpp_edge.cli.options import COUNT, MANY
 from nnpp_edge.cli.text import aligned, tell
 from nnpp_edge.robot.operations.wiring import STDOUT, Wiring
@@ -18,7 +18,6 @@ if TYPE_CHECKING:
     from nnpp_edge.runtime.map.ground import Ground
 
 _MODEL = "Shipped network's name, or an ONNX file, in place of the profile's (else edge)."
-_KNOWN = "Cells of the robot to the side of one of the map: what it has not seen counts by --prior."
 _LOOP = (
     "Set a value of the profile's table [loop], such as cores=[2,3], priority=50, tolerance=0.05, approach=true or "
     "refine=any-angle. May be repeated."
@@ -31,12 +30,11 @@ def command(
     map_file: Annotated[Path, "--map", options.MAP, "Elevation map, or an .npz of `costmap`."],
     wiring: Wiring,
     robot: GroundOptions,
+    blocks: KnownOptions,
     profile: Annotated[
         str | None, {"metavar": "NAME|FILE"}, "A shipped profile or a TOML file; its table [loop] counts."
     ] = None,
     rate: Annotated[float | None, options.RATE, "Ticks a second, in place of the profile's (else 17)."] = None,
-    known: Annotated[int | None, click.IntRange(2, 64), _KNOWN] = None,
-    prior: Annotated[str, click.Choice(options.PRIORS), options.PRIOR] = "network",
     method: Annotated[str | None, "Planner, in place of the profile's (else auto)."] = None,
     model: Annotated[str | None, options.MODEL, _MODEL] = None,
     loop: Annotated[tuple[options.Setting, ...], _SETTING, MANY, _LOOP] = (),
@@ -76,7 +74,10 @@ def command(
     )
     if navigator.asks_network:
         begin_loading(navigator.model)
-    ground = robot.of_blocks(robot.read(map_file), known, prior) if known else _ground(map_file, robot)
+    if blocks.known is not None:
+        ground = robot.of_blocks(robot.read(map_file), blocks.known, blocks.prior)
+    else:
+        ground = _ground(map_file, robot)
     counters = run(ground, navigator, wiring, settings, ticks=ticks, report=partial(click.echo, err=True))
     if as_json:
         tell(as_json, asdict(counters), str)

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import click
 
 from nnpp_edge.cli import options
-from nnpp_edge.cli.ground_options import GroundOptions
+from nnpp_edge.cli.ground_options import GroundOptions, KnownOptions
 from nnpp_edge.cli.options import COUNT
 from nnpp_edge.cli.requests import PLACE, START, End
 from nnpp_edge.cli.text import aligned, tell
@@ -28,13 +28,13 @@ _METHODS = ("auto", "astar", "dstar", "corridor", "corridor-dstar", "nnpp", "nnp
 _SIZE = "Side of the part of the map that is driven on; the seed picks one, which holds --start and --goal."
 _GOAL = "As --start; by default the seed picks both."
 _CHANGES = "Obstacles that appear, move or vanish between two ticks."
-_KNOWN = "The first map has means of N × N cells only; unseen ground is priced by --prior."
 _NOISE = "Standard deviation of the steering angle, degrees, of a vehicle that drives arcs."
 
 
 @options.command("simulate")
 def command(
     robot: GroundOptions,
+    blocks: KnownOptions,
     dem: Annotated[Path | None, "--map", options.MAP, "Elevation map; by default the shipped lunar sample."] = None,
     size: Annotated[int, click.IntRange(16, options.MOST), _SIZE] = 256,
     start: Annotated[End | None, PLACE, START] = None,
@@ -44,8 +44,6 @@ def command(
     rate: Annotated[float | None, options.RATE, "Ticks a second; else as fast as possible."] = None,
     ticks: Annotated[int, COUNT, "At most."] = 5000,
     changes: Annotated[int, click.IntRange(0, 1000), _CHANGES] = 1,
-    known: Annotated[int | None, click.IntRange(2, 64), _KNOWN] = None,
-    prior: Annotated[str, click.Choice(options.PRIORS), options.PRIOR] = "network",
     sight: Annotated[int, COUNT, "Cells to each side, beyond the body, that it sees."] = 12,
     speed: Annotated[int, COUNT, "Cells a tick."] = 1,
     steering_noise: Annotated[float, options.Real(0.0, 45.0), _NOISE] = 0.0,
@@ -99,7 +97,8 @@ def command(
         cell_m = _SAMPLE_RESCALE if body is None or body.is_disc else body.length_m / _CELLS_TO_A_BODY
         dem, robot = sample_path(_SAMPLE), replace(robot, rescale=robot.rescale or cell_m)
     whole, rng = robot.read(dem), np.random.default_rng([seed, 3])
-    rows, cols = (min(size, side) // (known or 1) * (known or 1) for side in whole.shape)
+    factor = blocks.known or 1
+    rows, cols = (min(size, side) // factor * factor for side in whole.shape)
     row, col = (int(rng.integers(side - kept + 1)) for side, kept in zip(whole.shape, (rows, cols), strict=True))
     if start and goal:
         ends = np.array([start.one_cell(whole, "--start"), goal.one_cell(whole, "--goal")])
@@ -116,10 +115,10 @@ def command(
     if rocks:
         rng, width = np.random.default_rng([seed, 4]), part.cell_width_m
         true = replace(part, elevation=with_rocks(heights, part.cell_size_m, rocks, rng, cell_width_m=width))
-    if known is None:
+    if blocks.known is None:
         ground = SurveyedGround.of(robot.of(true), _SURVEY if body is None else 1, part.elevation)
     else:
-        ground = SurveyedGround.of_known(robot.of(true), known, prior)
+        ground = SurveyedGround.of_known(robot.of(true), factor, blocks.prior)
     begin, end = map(tuple, (ends - (row, col)).tolist()) if start and goal else random_drive(ground, seed)
     film = Film() if picture is not None and picture.suffix.lower() == ".gif" else None
 

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 import click
 
 from nnpp_edge.cli import options
-from nnpp_edge.cli.ground_options import GroundOptions
+from nnpp_edge.cli.ground_options import GroundOptions, KnownOptions
 from nnpp_edge.cli.requests import PLACE, End
 
 if TYPE_CHECKING:
@@ -21,6 +21,7 @@ def command(
     dem: Annotated[Path, options.MAP],
     /,
     robot: GroundOptions,
+    blocks: KnownOptions,
     start: Annotated[End | None, PLACE, "Where the path begins at first, as for plan."] = None,
     goal: Annotated[End | None, PLACE, "As --start."] = None,
     omega: options.Omega = 0.011,
@@ -37,6 +38,7 @@ def command(
     nnpp-edge view dem.tif --workload limit20
     nnpp-edge run --map dem.tif | nnpp-edge view dem.tif --follow
     """
+    robot.refuse_but_points(blocks)
     limits = robot.limits()
 
     from msgspec.structs import replace
@@ -53,7 +55,12 @@ def command(
         read = robot.read(path)
         robot.warn_if_coarse(read)
         given = _given_body(robot, read)
-        reading = {"cell_size_m": robot.cell_size, "rescale": robot.rescale, "resample": robot.resample}
+        reading: dict[str, object] = {
+            "cell_size_m": robot.cell_size,
+            "rescale": robot.rescale,
+            "resample": robot.resample,
+        }
+        reading |= {"known": blocks.known, "prior": blocks.prior} if blocks.known else {}
         site = Site.of(read, name or Path(path.name), {n: v for n, v in reading.items() if v is not None}, given)
         asked = Asked(
             start=begin.one_cell(read, "--start") if begin else (0, 0),

@@ -97,6 +97,7 @@ class Answerer:
             "name": dem.source.name,
             "shape": dem.shape,
             "sides_m": (dem.cell_size_m, dem.cell_width_m),
+            "known": self.site.reading.get("known", 1),
         }
         return msgspec.json.encode(shown | {"bodies": bodies, "asked": self.first})
 

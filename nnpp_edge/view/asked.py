@@ -4,7 +4,7 @@ import shlex
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Annotated, Any, Literal
 
 from msgspec import Meta, Struct
 
@@ -53,18 +53,19 @@ class Site:
 
     dem: Dem
     path: Path
-    reading: Mapping[str, float]
-    """Arguments of `read_dem`, ``rescale`` and ``resample``, that were given."""
+    reading: Mapping[str, Any]
+    """Arguments of `read_dem`, ``rescale`` and ``resample``, that were given; ``known`` and ``prior`` of a map whose
+    cells are blocks, see `network.priors`."""
     bodies: Mapping[str, Body]
 
     @classmethod
-    def of(cls, dem: Dem, path: Path, reading: Mapping[str, float], given: Body | None = None) -> "Site":
+    def of(cls, dem: Dem, path: Path, reading: Mapping[str, Any], given: Body | None = None) -> "Site":
         """With the package's vehicles, under the map's gravity where that is known, and that of the command line.
 
         A body without a vehicle, which has a mobility alone, takes the place of the point.
         """
         bodies, gravity = {POINT: Body(None, Mobility())}, gravity_of(dem)
-        for name in shipped_vehicles():
+        for name in shipped_vehicles() if "known" not in reading else ():
             bodies[name] = Body(load_vehicle(name), load_mobility(name, gravity), ("--vehicle", name))
         if given is not None:
             bodies[POINT if given.vehicle is None else GIVEN] = given
@@ -134,7 +135,8 @@ def command_of(site: Site, asked: Asked) -> str:
     """A line for a shell that plans the same path; without painted obstacles, which no option describes."""
     words = ["nnpp-edge", "plan", str(site.path)]
     for name, value in site.reading.items():
-        words += [f"--{name.removesuffix('_m').replace('_', '-')}", _number(value)]
+        option = f"--{name.removesuffix('_m').replace('_', '-')}"
+        words += [option, value if isinstance(value, str) else _number(value)]
     for name, (row, col) in (("--start", asked.start), *(("--via", at) for at in asked.via), ("--goal", asked.goal)):
         words += [f"{name}={row},{col}"] if row < 0 or col < 0 else [name, f"{row},{col}"]
     words += ["--method", asked.method]

@@ -14,6 +14,7 @@ from nnpp_edge.runtime.errors import InvalidQueryError
 from nnpp_edge.runtime.map.refusal import refusals
 from nnpp_edge.runtime.planners.query import PlanOptions
 from nnpp_edge.runtime.terrain.traversability import traversability_cost
+from nnpp_edge.terrain.blocks import Blocks, on_the_ground
 from nnpp_edge.view.asked import Asked, Method, Obstacles, Site
 from nnpp_edge.viz.picture import MOST_SHOWN
 
@@ -33,15 +34,22 @@ class Landscape:
     """
 
     def __init__(self, site: Site, asked: Asked) -> None:
-        self.ground, self._site, dem = asked.ground(site), site, site.dem
+        self.ground, self._site, dem, blocks = asked.ground(site), site, site.dem, site.reading.get("known")
+        if blocks and self.ground.by_slope:
+            raise InvalidQueryError("blocks of a coarse map have prices: wanted the paper's cost of a step")
+        planned, self._scale = self.ground, 1.0
         with warnings.catch_warnings(record=True) as told:
             warnings.simplefilter("always")
             self.cost = traversability_cost(
                 dem.elevation, dem.cell_size_m, asked.limits, cell_width_m=dem.cell_width_m
             )
-            """(H, W) traversability costs, without what is painted."""
+            """(H, W) traversability costs, without what is painted; of blocks their prices, below 1."""
+        if blocks:
+            self.cost, planned, self._scale = Blocks.of(dem, asked.limits, blocks, site.reading["prior"])
         self.warnings = [str(warning.message) for warning in told]
-        self.planner = Planner(self.ground, omega=asked.omega, corner_cutting=asked.corner_cutting, model="edge")
+        self.planner = Planner(
+            planned, omega=self._scale * asked.omega, corner_cutting=asked.corner_cutting, model="edge"
+        )
         self._laid: Obstacles = ()
 
     def lay(self, obstacles: Obstacles) -> None:
@@ -67,11 +75,14 @@ class Landscape:
 
     def plan(self, asked: Asked, method: Method, *, keep_regions: bool = False) -> Plan:
         """Plan between the ends that are asked for, by way of the places between."""
+        method = "corridor" if method == "auto" and self._scale != 1.0 else method  # the network knows maps of cells
         options: PlanOptions = {"method": method, "refine": asked.freed, "keep_regions": keep_regions}
         options |= asked.headings(self._site)
         if asked.via:
-            return self.planner.plan_via(asked.start, asked.goal, asked.via, **options).plan
-        return self.planner.plan(asked.start, asked.goal, **options)
+            plan = self.planner.plan_via(asked.start, asked.goal, asked.via, **options).plan
+        else:
+            plan = self.planner.plan(asked.start, asked.goal, **options)
+        return plan if self._scale == 1.0 else on_the_ground(plan, self.ground, self._scale)
 
     def compare(self, asked: Asked, method: Method) -> tuple[Plan, float]:
         """A method's plan with its region, and its median time, ms."""

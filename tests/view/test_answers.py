@@ -103,6 +103,19 @@ def test_what_the_command_line_describes_is_copied_too(nnpp_edge, site):
     assert plan.ok and json.loads(told)["cost"] == round(plan.cost, 6)
 
 
+def test_blocks_of_a_coarse_map_count_by_their_prices(nnpp_edge, site):
+    blocks = Site.of(site.dem, site.path, {"known": 8, "prior": "slope"})
+    plan, told = planned(blocks, PLAIN), json.loads(nnpp_edge(*command_of(blocks, PLAIN).split()[1:], "--json").out)
+    found = Answerer(blocks, PLAIN).landscape(PLAIN)
+    assert told["method"] == "corridor" and told["cost"] == round(plan.cost, 6) != planned(site, PLAIN).cost
+    assert (
+        told["traverse_cost"] == pytest.approx(found.cost[tuple(plan.path.T)].sum(), rel=1e-5)
+        and plan.numbers.climb_m
+    )
+    on_foot = ask(Answerer(blocks, PLAIN), want="path", asked=in_json(with_values(PLAIN, step_cost="tobler")))[0]
+    assert on_foot["problem"].startswith("blocks of a coarse map")
+
+
 @pytest.mark.parametrize("name", ["plain", "on foot", "vehicle"])
 def test_obstacles_that_come_and_go_leave_the_map_as_if_made_so(site, name):
     rng, asked = np.random.default_rng(4), with_values(PLAIN, **SETTINGS[name] | {"method": "astar"})

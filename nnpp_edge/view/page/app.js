@@ -82,12 +82,14 @@ fetch(`/opening${location.search}`).then(async (answer) =>
   answer.ok ? opening(await answer.json()) : tell("This map is no longer open: of those that were dropped onto the page the last two are kept."),
 );
 
+let known = 1; // cells of a followed robot along one of the map
 function opening(site) {
   const [rows, cols] = site.shape;
   byId("name").textContent = site.name;
   document.title = `${site.name} – nnpp-edge view`;
   byId("size").textContent = `${rows} × ${cols} cells of ${Number(site.sides_m[0].toPrecision(4))} m`;
   map.open(rows, cols, site.sides_m);
+  known = site.known;
   asked = site.asked;
   controls = new Controls(site, change);
   colourRefused(site.refused.map(({ colour }) => colour));
@@ -260,7 +262,7 @@ async function follow() {
   if (live === null) return; // none is followed
   if (live.tick !== undefined) {
     if (live.start) driven.push(live.start);
-    map.live(live, driven);
+    map.live(live, driven, known);
     const ended = live.outcome === "OK" ? `by ${live.method}` : live.outcome;
     byId("following").textContent = `Robot, tick ${live.tick}: ${ended}${live.reason && `, ${live.reason}`}`;
     byId("following").hidden = false;
