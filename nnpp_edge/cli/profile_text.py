@@ -42,6 +42,7 @@ _PEERS = {
 _WHOLE_RUN = (
     ("peak_memory_mb", "peak memory", "MB"),
     ("model_mb", "model", "MB"),
+    ("prior_ms", "prices of 64² unseen blocks", "ms"),
     *(
         (f"{key}_{state}_{end}", f"{name} {state}{of}", unit)
         for key, name in (("start_up", "first plan"), ("first_tick", "first tick"))

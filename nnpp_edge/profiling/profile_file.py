@@ -71,6 +71,7 @@ QUANTITIES = {
     **{f"start_up_{state}_mb": Quantity("MB", whole_run=True) for state in _STATES},
     **{f"first_tick_{state}_s": Quantity("s", "time", whole_run=True, of_loop=True) for state in _STATES},
     **{f"first_tick_{state}_mb": Quantity("MB", whole_run=True, of_loop=True) for state in _STATES},
+    "prior_ms": Quantity("ms", "time", whole_run=True, of_loop=True),
     "model_mb": Quantity("MB", whole_run=True),
 }
 STARTS = tuple(name for name in QUANTITIES if name.startswith(("start_up", "first_tick")))

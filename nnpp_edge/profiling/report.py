@@ -4,7 +4,8 @@ from collections.abc import Callable, Sequence
 from datetime import UTC, datetime
 
 from nnpp_edge import __version__
-from nnpp_edge.profiling.contest import Facts
+from nnpp_edge.profiling.arrivals import prior_ms
+from nnpp_edge.profiling.contest import Facts, Harness
 from nnpp_edge.profiling.figures import break_even, loop_rows, rows
 from nnpp_edge.profiling.judge import MOST_DISTURBED, Noise, WholeRun, judged, summary, verdict
 from nnpp_edge.profiling.machine import Disturbance, busy_share, environment, pinned
@@ -91,7 +92,7 @@ def _whole_run(
         model = rival.model.path if rival.model is not None else model_path(int8)
         if (peak := peak_memory_mb(on_map, on_map.queries[0], rival.method, str(model))) is not None:
             peaks[rival.name] = peak
-    found = {"model_mb": sizes_mb, "peak_memory_mb": peaks}
+    found = {"model_mb": sizes_mb, "peak_memory_mb": peaks, "prior_ms": {LOOP: prior_ms(Harness())}}
     asked = [budget.planner for budget in profile.budgets if budget.quantity in STARTS]
     for name in (each for each in _START_UP if starts or each in asked):
         say(f"the start of new processes, {name}")
