@@ -27,6 +27,9 @@ from nnpp_edge.runtime.planners.standing_path import Standing
 _LOG = logging.getLogger(__name__)
 _LEAST_PLANNING_S = 0.002
 """A search gets this much time even where none is left: else a loop that is always late would never plan."""
+_MOST_IN_VAIN = 5
+"""A robot without a path stands, and each tick that ends for want of time gives the next one twice as long, so many
+times: else a search that takes longer than a tick would never end."""
 _FORGET = 0.9
 """Factor of a method's expected time each time that the method is skipped as too slow: so it is tried again."""
 
@@ -92,6 +95,10 @@ class Tick:
         """To the deadline; below 0 once it has passed."""
         return self.deadline - self.clock()
 
+    def extend(self, times: int) -> None:
+        """Allow for so many times the time from the tick's start."""
+        self.deadline += (times - 1) * max(self.deadline - self._started, 0.0)
+
     def no_path(self, outcome: Status, reason: str, *, degraded: bool = False) -> PathMessage:
         """The answer without a path."""
         ms = 1e3 * (self.clock() - self._started)
@@ -116,18 +123,24 @@ class Ladder:
         self._settings, self._count_error = settings, count_error
         self._expected_s = 0.0
         """Time that the method asked for is expected to take."""
+        self._in_vain = 0
+        """Ticks in a row that ran out of time, at most `_MOST_IN_VAIN`."""
 
     def answer(self, tick: Tick) -> PathMessage:
         """The answer of the first rung that gives one; `tick` holds afterwards what failed on the way."""
         standing = self._planner.standing()
         tick.standing = standing if standing.valid else None
-        return (
+        if tick.standing is None and self._in_vain:
+            tick.extend(2**self._in_vain)
+        answer = (
             self._standing_while_good(tick)
             or self._planned_in_full(tick)
             or self._planned_by_corridor(tick)
             or self._standing_path(tick, tick.failures[0].reason)
             or self._all_failed(tick)
         )
+        self._in_vain = min(self._in_vain + 1, _MOST_IN_VAIN) if answer.outcome is Status.TIMEOUT else 0
+        return answer
 
     # --- the rungs: an answer, or None, with what failed noted in the tick
 

@@ -74,12 +74,10 @@ class Ground:
             if self.cell_size_m is None:
                 raise InvalidMapError("wanted cell_size_m, the side of a cell, with elevations")
             slope_cost_of(self.step_cost, self.mobility)
-            body = self.vehicle
-            turns = body is None or not (body.is_disc or body.turning_radius_m)
-            if self.factor > 1 and (self.by_slope or not turns):
+            disc = self.vehicle is not None and self.vehicle.is_disc
+            if self.factor > 1 and (self.by_slope or disc):
                 raise InvalidMapError(
-                    "a coarse map is for points and bodies that turn on the spot so far: wanted step_cost='paper', "
-                    "no radius_m and no turning_radius_m"
+                    "a coarse map is for points and bodies: wanted step_cost='paper' and no radius_m"
                 )
             return
         if self.factor > 1:

@@ -287,11 +287,14 @@ class MapState:
 
         It is told at places `at` (M, 2), by default where the line crosses rows and columns of cells' middles.
         """
-        if self._heights is None or self.sides_m is None or self.unseen is not None:
+        if self._heights is None or self.sides_m is None:
             return None
         places = crossings(line) if at is None else at
         walker = self._slope_cost if self._slope_cost is not None and self._slope_cost.function else None
-        return Along(places, heights_at(self._heights, places) + self._base, self.sides_m, self.mobility, walker)
+        heights = heights_at(self._heights, places)
+        if self.unseen is not None:
+            heights = self.unseen.heights_at(places, heights)
+        return Along(places, heights + self._base, self.sides_m, self.mobility, walker)
 
     @property
     def checked(self) -> int:

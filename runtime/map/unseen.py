@@ -6,6 +6,7 @@ from numpy.typing import NDArray
 from nnpp_edge.runtime.arrays import Float2D
 from nnpp_edge.runtime.cells import Rectangle, enclosing, slices
 from nnpp_edge.runtime.kernels.tiles import SEEN, UNTOUCHED
+from nnpp_edge.runtime.map.along import Line, heights_at
 from nnpp_edge.runtime.map.grid import Grid
 from nnpp_edge.runtime.map.ground import Ground
 from nnpp_edge.runtime.terrain.traversability import relative_heights
@@ -79,6 +80,11 @@ class Unseen:
         """As `unknown`, of the cells (N, 2) of a path."""
         unknown: NDArray[np.bool_] = self.layers[1][tuple(path.T // self.factor)] == UNTOUCHED
         return unknown
+
+    def heights_at(self, places: Line, known: NDArray[np.float64]) -> NDArray[np.float64]:
+        """(N,) heights at places (N, 2) of the map: `known` where the cell was seen, else by the means of blocks."""
+        unknown = self.unknown_at(np.rint(places).astype(np.int32))
+        return np.where(unknown, heights_at(self.dem, (places + 0.5) / self.factor - 0.5), known)
 
     def at(self) -> Float2D:
         """(rows, cols) the price of each cell of the map."""

@@ -17,6 +17,7 @@ from nnpp_edge.runtime import (
     Vehicle,
 )
 from nnpp_edge.runtime.loop.approach import place_towards
+from nnpp_edge.runtime.planners.plan import Method, Plan
 
 STEP = 1.0 + 2 * 2.805 * 0.2
 """What a straight step costs where the map costs 0.2."""
@@ -71,6 +72,23 @@ def test_a_path_is_kept_while_it_is_at_most_so_much_dearer_than_a_new_one(share,
     message = navigator.tick()
     assert message.ok and message.origin is origin
     assert (message.path[30, 0] == lane) == (origin is Origin.STANDING)
+
+
+def test_a_search_longer_than_a_tick_gets_more_time_with_each_while_there_is_no_path(monkeypatch):
+    clock, limits = Clock(), []
+    navigator = Navigator(Ground(two_lanes()), NavigatorSettings("astar"), clock=clock)
+    replan = navigator.planner.replan
+
+    def slow(method=None, time_limit_s=0.0):
+        limits.append(time_limit_s)
+        return replan(method=method) if time_limit_s > 0.5 else Plan(Status.TIMEOUT, Method.ASTAR)
+
+    monkeypatch.setattr(navigator.planner, "replan", slow)
+    navigator.offer(Pose(1.5, 0.5))
+    navigator.offer(Goal(1, 60))
+    outcomes = [navigator.tick(deadline=clock.now + 0.1).outcome for _ in range(5)]
+    assert outcomes == [Status.TIMEOUT] * 3 + [Status.OK] * 2
+    assert max(limits) == pytest.approx(0.8, rel=0.01) and navigator.tick(deadline=clock.now + 0.1).ok
 
 
 def test_a_tick_that_is_late_keeps_a_path_that_still_leads_there_and_says_so():

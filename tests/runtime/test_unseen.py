@@ -129,11 +129,13 @@ def test_a_moving_planner_on_coarse_ground_takes_what_it_sees():
     assert at == GOAL and unknown[0] > 50 and unknown[-1] == 0
 
 
-def test_a_body_goes_by_prices_until_its_poses_are_known():
-    body = Vehicle(60.0, 40.0, 8.0, max_step_m=10.0)
+@pytest.mark.parametrize("turning", [{}, {"turning_radius_m": 60.0, "reverse_cost": 2.0}])
+def test_a_body_goes_by_prices_until_its_poses_are_known(turning):
+    body = Vehicle(60.0, 40.0, 8.0, max_step_m=10.0, **turning)
     planner, known = coarse(vehicle=body), Planner.of_elevation(HEIGHTS, CELL_M, LIMITS, vehicle=body, warn=False)
     plan = planner.plan(START, GOAL)
     assert plan.ok and plan.known == 0 and plan.lower_bound <= plan.cost
+    assert bool(plan.arcs) == bool(turning) and 0.0 < plan.numbers.climb_m < np.ptp(HEIGHTS) * 3.0
     planner.update_elevation(0, 0, HEIGHTS[:60, :60])
     seen = planner.plan(START, GOAL)
     reach = max(planner.state.grid.poses.reach)
@@ -155,7 +157,7 @@ def test_what_a_coarse_map_cannot_be_is_refused():
         Planner.of_coarse(means, 1.0, 4, prior="best")
     with pytest.raises(InvalidMapError, match="a coarse map is for points and bodies"):
         Planner.of_coarse(means, 1.0, 4, step_cost="tobler")
-    with pytest.raises(InvalidMapError, match="no turning_radius_m"):
-        Planner.of_coarse(means, 1.0, 4, vehicle=Vehicle(2.0, 1.0, 0.2, turning_radius_m=3.0))
+    with pytest.raises(InvalidMapError, match="and no radius_m"):
+        Planner.of_coarse(means, 1.0, 4, vehicle=Vehicle(radius_m=1.0))
     with pytest.raises(InvalidMapError, match="a coarse map has elevations"):
         Ground(means, factor=4)
