@@ -31,6 +31,8 @@ LIMIT_SLOTS = 9
 """Of the limits: tilt in radians, the greatest slopes ahead and to the left, step and clearance in metres; the
 weights of the terms of T."""
 _1, _2, _3, _4 = np.uint64(1), np.uint64(2), np.uint64(3), np.uint64(4)
+WALL_M, _STEEP = 1e6, np.float32(1e4)
+"""Height of what no body passes, where unknown ground counts by its price, and figures that only such ground has."""
 _ONE, _TWO, _HALF = np.float32(1.0), np.float32(2.0), np.float32(0.5)
 _ZERO, _INF, _MOST = np.float32(0.0), np.float32(np.inf), np.float32(MOST_CODE)
 
@@ -131,7 +133,9 @@ def _greatest(heights, first, group, samples, slopes):
 
 @helper
 def _slopes(heights, first, pose, fitted):
-    """Slopes ahead and to the left of the plane through the heights under the wheels' middles; 0 where unknown."""
+    """Slopes ahead and to the left of the plane through the heights under the wheels' middles, and whether that is
+    known: 0 where it is not.
+    """
     slopes_of, offsets, shares = fitted
     along, across = in_all(_ZERO), in_all(_ZERO)
     for n in range(slopes_of[pose], slopes_of[pose + 1]):
@@ -139,7 +143,7 @@ def _slopes(heights, first, pose, fitted):
         along = fused(shares[n, 0], there, along)
         across = fused(shares[n, 1], there, across)
     known = abs(along) + abs(across) < _INF
-    return chosen(known, along, _ZERO), chosen(known, across, _ZERO)
+    return chosen(known, along, _ZERO), chosen(known, across, _ZERO), known
 
 
 @helper
@@ -188,7 +192,8 @@ def _codes(figures, limits):
 @helper
 def _figures(heights, first, pose, tables, halves):
     """Of a run's poses, of one place and heading: bounds of slope, pitch, roll (as slopes), step, and rise under the
-    belly; and their slopes ahead and to the left with the wheels in the middle of their ranges.
+    belly; their slopes ahead and to the left with the wheels in the middle of their ranges; and whether the heights
+    under the wheels' middles are known.
     """
     groups_of, groups, samples, fitted, _, swept, gradients, carried = tables
     slopes = _slopes(heights, first, pose, fitted)
@@ -229,7 +234,7 @@ def _figures(heights, first, pose, tables, halves):
     slope = root(most_along * most_along + most_across * most_across)
     pitch, roll = along + turn * (abs(slopes[1]) + steep_across), across + turn * (abs(slopes[0]) + steep_along)
     pitch, roll = chosen(pitch < slope, pitch, slope), chosen(roll < slope, roll, slope)
-    return (slope, pitch, roll, step, up), (slopes[0] + mid_along, slopes[1] + mid_across)
+    return (slope, pitch, roll, step, up), (slopes[0] + mid_along, slopes[1] + mid_across), slopes[2]
 
 
 @helper
@@ -257,7 +262,7 @@ def figures_of(poses, row, col, motion, out):
     (heights, width, margin), poses_of, tables, scratch = _given(poses)
     first = (row + margin) * width + col + margin
     for n in range(poses_of[motion + 1] - poses_of[motion]):
-        bounds, (along, across) = _figures(heights, first, poses_of[motion] + n, tables, scratch)
+        bounds, (along, across), _ = _figures(heights, first, poses_of[motion] + n, tables, scratch)
         figures = bounds[0], bounds[1], bounds[2], bounds[3], bounds[4], along, across
         for k in range(7):
             put_run(scratch, 0, figures[k])
@@ -278,8 +283,11 @@ def check_run(poses, row, col, motion):
     first = (row + margin) * width + col + margin
     total, worst = in_all(_ZERO), in_all(_ZERO)
     for pose in range(poses_of[motion], poses_of[motion + 1]):
-        bounds, _ = _figures(heights, first, pose, tables, scratch)
+        bounds, _, known = _figures(heights, first, pose, tables, scratch)
         code = _codes(bounds, limits)
+        if side > 0:  # what is known below refuses too much without the wheels' plane, but for what was shut
+            shut = bounds[0] + bounds[3] + bounds[4] > _STEEP
+            code = chosen(known, code, chosen(shut, code, in_all(np.float32(FAILS + UNKNOWN))))
         total += code
         worst = chosen(code > worst, code, worst)
     mean = rounded_up(total * (_ONE / np.float32(poses_of[motion + 1] - poses_of[motion])))

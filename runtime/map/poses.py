@@ -23,6 +23,7 @@ from nnpp_edge.runtime.kernels.poses import (
     LIMIT_SLOTS,
     MOST_CODE,
     RUN,
+    WALL_M,
     address_of_check,
     check_rows,
     figures_of,
@@ -44,8 +45,6 @@ Prices = tuple[np.float32, Ints, Floats, Ints, Ints, Floats, Floats]
 what turns between directions cost (16, 16)."""
 NO_EDGES = np.empty((0, 2 * AXES), np.float32)
 """Of legs that cost by what they are checked to be."""
-_WALL_M = 1e6
-"""Height of what no body passes, on a map where unknown ground counts by its price."""
 _SAFE = 1.0 - 1e-5
 """Share of a limit that is used: what rounding to float32 may add."""
 
@@ -97,7 +96,7 @@ class Poses:
         width = cols + 2 * self._margin + RUN
         self._base = _some_height(heights)
         self._unknown = np.float32(np.nan if vehicle.unknown_passes or unseen is not None else np.inf)
-        self._shut = np.float32(np.inf if unseen is None else _WALL_M)
+        self._shut = np.float32(np.inf if unseen is None else WALL_M)
         self.heights = np.empty((rows + 2 * self._margin, width), np.float32)
         """Within a margin of `margin` unknown cells, and more to the right; relative to one of them."""
         for edge in (

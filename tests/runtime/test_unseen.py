@@ -5,6 +5,7 @@ import pytest
 
 from nnpp_edge.runtime import DynamicPlanner, Planner, Traversability, Vehicle
 from nnpp_edge.runtime.errors import InvalidMapError, InvalidQueryError
+from nnpp_edge.runtime.kernels.poses import FAILS
 from nnpp_edge.runtime.map.ground import Ground
 from nnpp_edge.runtime.map.step_cost import PAPER_OMEGA
 from nnpp_edge.runtime.terrain.traversability import traversability_cost
@@ -147,6 +148,19 @@ def test_a_body_goes_by_prices_until_its_poses_are_known(turning):
     for method in ("astar", "corridor"):
         plan, other = (each.plan(START, GOAL, method=method) for each in (planner, known))
         assert plan.cost == pytest.approx(other.cost, rel=1e-5)  # heights are rounded otherwise
+
+
+def test_poses_at_the_edge_of_what_was_seen_are_not_refused_for_want_of_the_rest():
+    heights = np.add.outer(0.4 * CELL_M * np.arange(128.0), 0.1 * CELL_M * np.arange(128.0)).astype(np.float32)
+    body = Vehicle(60.0, 40.0, 8.0, max_tilt_deg=25.0, max_step_m=10.0)
+    means = heights.reshape(16, FACTOR, 16, FACTOR).mean((1, 3))
+    planner = Planner.of_coarse(means, FACTOR * CELL_M, FACTOR, LIMITS, prior="slope", vehicle=body)
+    planner.update_elevation(30, 30, heights[30:70, 30:70])
+    assert (planner.state.grid.poses.standing()[:, 5:-5, 5:-5] < FAILS).all()  # a plane of 22.4 degrees, all of it
+    planner.update_elevation(
+        66, 30, heights[66:70, 30:70] + np.where(np.arange(40) < 20, 30.0, 0.0).astype(np.float32)
+    )
+    assert not planner.is_passable((66, 45)) and planner.is_passable((66, 60))  # a step, of which all was seen
 
 
 def test_what_a_coarse_map_cannot_be_is_refused():
