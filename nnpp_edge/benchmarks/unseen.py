@@ -17,8 +17,9 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from nnpp_edge.profiling.suites import whole_cost
 from nnpp_edge.reproduction.regions import shuffled
-from nnpp_edge.runtime import NetworkModel, Planner
+from nnpp_edge.runtime import Ground, NetworkModel, Planner, Vehicle
 from nnpp_edge.runtime.arrays import Float2D
 from nnpp_edge.runtime.cells import Endpoints
 from nnpp_edge.runtime.network.model_file import UNSEEN
@@ -29,11 +30,15 @@ from nnpp_edge.terrain.dataset import read_known
 from nnpp_edge.terrain.dem import Dem, read_dem
 from nnpp_edge.terrain.known import KnownMaps, known_map
 from nnpp_edge.terrain.labels import random_query
+from nnpp_edge.terrain.rocks import Rocks, draw_rocks, rock_heights
+from nnpp_edge.terrain.vehicle_files import load_vehicle
 from nnpp_edge.terrain.workloads import workload
 from nnpp_edge.training.unseen import sample
 
 LEAST_APART = 0.6
 """Of the map's side, between start and goal."""
+MOST_ROCKS, LEAST_ROCKS, PATCH_M = 0.12, 1 / 12, 12.0
+"""Most of the ground under rocks, the least as a share of that, and by what Gaussian the noise between is smoothed."""
 MOST_BLOCKED = 0.6
 """Windows with a greater share of impassable cells are left out."""
 
@@ -46,11 +51,17 @@ class Site:
     cell_size_m: float
     limits: Traversability
     factor: int
+    vehicle: Vehicle | None = None
 
     @cached_property
     def whole(self) -> Planner:
         """Of who knows all."""
-        return Planner.of_elevation(self.elevation, self.cell_size_m, self.limits, warn=False)
+        return Planner.of_elevation(self.elevation, self.cell_size_m, self.limits, vehicle=self.vehicle, warn=False)
+
+    @cached_property
+    def costs(self) -> Float2D:
+        """(H, W) of each cell, for a body of its best pose there."""
+        return whole_cost(Ground.of_elevation(self.elevation, self.cell_size_m, self.limits, vehicle=self.vehicle))
 
     @cached_property
     def coarse(self) -> Float2D:
@@ -65,23 +76,27 @@ class Site:
 
     def truth(self) -> Float2D:
         """The prices by what the blocks' cells turn out to be."""
-        of_map = known_map(self.elevation, self.cell_size_m, self.cell_size_m, self.limits, self.factor)
+        of_map = known_map(self.elevation, self.costs, self.cell_size_m, self.limits, self.factor)
         return prices_of(KnownMaps(*(np.array([each]) for each in of_map)).wanted(0))
 
     def driven(self, ends: Endpoints, prices: Float2D, sight: int) -> float:
         """Cost of a drive from start to goal by these prices."""
-        size_m = self.cell_size_m * self.factor
-        planner = Planner.of_coarse(self.coarse, size_m, self.factor, self.limits, prior="mean", warn=False)
+        place = self.coarse, self.cell_size_m * self.factor, self.factor, self.limits
+        planner = Planner.of_coarse(*place, prior="mean", vehicle=self.vehicle, warn=False)
         assert planner.state.unseen is not None
         planner.state.unseen.layers[0] = prices
-        way = [ends[0]]
+        way, far, heading = [ends[0]], sight + planner.state.reach_cells, None
         while way[-1] != ends[1]:
-            row, col = (max(place - sight, 0) for place in way[-1])
-            seen = self.elevation[row : way[-1][0] + sight + 1, col : way[-1][1] + sight + 1]
-            planner.update_elevation(row, col, seen)
-            plan = planner.plan(way[-1], ends[1], method="astar")
+            row, col = (max(place - far, 0) for place in way[-1])
+            planner.update_elevation(row, col, self.elevation[row : way[-1][0] + far + 1, col : way[-1][1] + far + 1])
+            if self.vehicle is None:
+                plan = planner.plan(way[-1], ends[1], method="astar")
+            else:
+                plan = planner.plan(way[-1], ends[1], method="corridor", start_heading_deg=heading)
             assert plan.ok, "what was seen shuts the way, though there is one"
-            way += [(row, col) for row, col in plan.path[1 : max(sight // 2, 1) + 1].tolist()]
+            driven = min(max(sight // 2, 1), len(plan.path) - 1)
+            way += [(row, col) for row, col in plan.path[1 : driven + 1].tolist()]
+            heading = float(plan.headings_deg[driven - 1])
         return self.whole.state.grid.costs_of(np.array(way, np.int32))[0]
 
 
@@ -89,22 +104,42 @@ Price = Callable[[Site], Float2D]
 
 
 def drives(
-    dem: Dem, limits: Traversability, factor: int, count: int, *, side: int = 256, seed: int = 1
+    dem: Dem,
+    limits: Traversability,
+    factor: int,
+    count: int,
+    *,
+    side: int = 256,
+    seed: int = 1,
+    vehicle: Vehicle | None = None,
 ) -> Iterator[tuple[Site, Endpoints, float]]:
-    """Drives on random windows of a map, at most two on each, and what the best path costs."""
+    """Drives on random windows of a map, at most two on each, and what the best path costs.
+
+    A vehicle drives among rocks on 1 to 12 % of the ground, more and fewer by the dozen of metres.
+    """
     rng = np.random.default_rng(seed)
     side = min(side, *dem.shape) // factor * factor
     while count > 0:
         row, col = (int(rng.integers(0, cells - side + 1)) for cells in dem.shape)
         elevation = np.ascontiguousarray(dem.elevation[row : row + side, col : col + side])
-        site = Site(elevation, dem.cell_size_m, limits, factor)
-        costs = site.whole.state.cost()
-        for _ in range(min(count, 2) if np.isinf(costs).mean() <= MOST_BLOCKED else 0):
-            if (ends := random_query(rng, costs, LEAST_APART * side)) is None:
+        if vehicle is not None:
+            elevation = elevation + patchy_rocks(elevation.shape, dem.cell_size_m, rng)
+        site = Site(elevation, dem.cell_size_m, limits, factor, vehicle)
+        for _ in range(min(count, 2) if np.isinf(site.costs).mean() <= MOST_BLOCKED else 0):
+            if (ends := random_query(rng, site.costs, LEAST_APART * side)) is None:
                 continue
             if (plan := site.whole.plan(*ends, method="astar")).ok:
                 yield site, ends, plan.cost
                 count -= 1
+
+
+def patchy_rocks(shape: tuple[int, int], side_m: float, rng: np.random.Generator) -> Float2D:
+    """(H, W) metres by which rocks raise the cells of a map: as `draw_rocks` has them, in some places fewer."""
+    noise = cv2.GaussianBlur(rng.normal(size=shape), (0, 0), PATCH_M / side_m)
+    kept = LEAST_ROCKS + (1.0 - LEAST_ROCKS) * noise.ravel().argsort().argsort().reshape(shape) / noise.size
+    rocks = draw_rocks(shape, (side_m, side_m), MOST_ROCKS, rng, (0.2, 3.0))
+    there = rng.random(len(rocks.places)) < kept[tuple(np.rint(rocks.places).astype(int).T)]
+    return rock_heights(shape, (side_m, side_m), Rocks(*(each[there] for each in rocks)))
 
 
 def rivals(model: str, dataset: Path | None) -> dict[str, Price]:
@@ -175,20 +210,21 @@ def main() -> None:
     for name, default in (("factor", 8), ("sight", 16), ("drives", 200), ("side", 256), ("seed", 1)):
         parser.add_argument(f"--{name}", type=int, default=default)
     parser.add_argument("--workload", default="soft")
-    parser.add_argument("--rescale", type=float, help="as of nnpp-edge plan, metres")
+    parser.add_argument("--rescale", type=float, help="as of nnpp-edge plan; a vehicle has a quarter of its length")
+    parser.add_argument("--vehicle", help="whose body drives among rocks, as of nnpp-edge plan")
     parser.add_argument("--model", default="unseen")
     parser.add_argument("--dataset", type=Path, help="to train trees on")
     parser.add_argument("--only", help="names of rivals, joined by slashes, the slope among them")
     parser.add_argument("--json", action="store_true")
     given = parser.parse_args()
-    dem = read_dem(given.tile)
-    dem = dem.rescaled(given.rescale) if given.rescale else dem
+    dem, vehicle = read_dem(given.tile), load_vehicle(given.vehicle) if given.vehicle else None
+    if size_m := given.rescale or (vehicle and vehicle.length_m / 4):
+        dem = dem.rescaled(size_m)
     found = rivals(given.model, given.dataset)
     wanted = given.only.split("/") if given.only else list(found)
     excess: dict[str, list[float]] = {name: [] for name in wanted}
-    for site, ends, optimum in drives(
-        dem, workload(given.workload), given.factor, given.drives, side=given.side, seed=given.seed
-    ):
+    maps = dem, workload(given.workload), given.factor, given.drives
+    for site, ends, optimum in drives(*maps, side=given.side, seed=given.seed, vehicle=vehicle):
         for name in wanted:
             excess[name].append(site.driven(ends, found[name](site), given.sight) / optimum - 1.0)
     print(json.dumps(excess) if given.json else table({name: np.array(each) for name, each in excess.items()}))

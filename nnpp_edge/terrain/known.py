@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from nnpp_edge.runtime.network.unseen import expected_by_slope
-from nnpp_edge.runtime.terrain.traversability import Traversability, terrain_terms, traversability_cost
+from nnpp_edge.runtime.terrain.traversability import Traversability, terrain_terms
 from nnpp_edge.runtime.tuning import SlopePrice
 
 CERTAIN = 254
@@ -58,10 +58,9 @@ class KnownMaps:
 
 
 def known_map(
-    elevation: Floats, cell_size_m: float, cell_width_m: float, limits: Traversability, factor: int
+    elevation: Floats, cost: Floats, cell_size_m: float, limits: Traversability, factor: int
 ) -> tuple[object, ...]:
     """The fields of `KnownMaps` for one map."""
-    cost = traversability_cost(elevation, cell_size_m, limits, cell_width_m=cell_width_m, warn=False)
     blocked = ~(cost < 1.0)
     side = len(elevation) // factor
     of_blocks = (side, factor, side, factor)

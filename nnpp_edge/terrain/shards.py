@@ -208,7 +208,8 @@ def make_known_shard(
     for _ in range(maps):
         limits, factor = recipe.limits_of(_pick(rng, recipe.workloads)), _pick(rng, poolings)
         elevation, cell_size_m, width_m, _ = _random_ground(recipe, tiles, rng, recipe.size * factor)
-        made.append(known_map(elevation, cell_size_m, width_m, limits, factor))
+        cost = traversability_cost(elevation, cell_size_m, limits, cell_width_m=width_m, warn=False)
+        made.append(known_map(elevation, cost, cell_size_m, limits, factor))
     names = [field.name for field in fields(KnownMaps)]
     return dict(zip(names, map(np.array, zip(*made, strict=True)), strict=True))
 

@@ -33,8 +33,8 @@ def folder(tmp_path_factory):
 def test_targets_are_the_blocks_own_cells():
     limits = Traversability(slope_limit_deg=12.0, hard_slope_deg=12.0)
     elevation = 3.0 * synthetic_terrain(np.random.default_rng(3), 64, 2.0)
-    mean, blocked, closed = known_map(elevation, 2.0, 2.0, limits, 8)[1] / np.float32(CERTAIN)
     cost = traversability_cost(elevation, 2.0, limits, warn=False)
+    mean, blocked, closed = known_map(elevation, cost, 2.0, limits, 8)[1] / np.float32(CERTAIN)
     by_block = cost.reshape(8, 8, 8, 8).swapaxes(1, 2)
     assert mean == pytest.approx(np.minimum(by_block, 1.0).mean(axis=(2, 3)), abs=1.0 / CERTAIN)
     assert blocked == pytest.approx(np.isinf(by_block).mean(axis=(2, 3)), abs=1.0 / CERTAIN)
