@@ -38,7 +38,7 @@ from nnpp_edge.training.unseen import sample
 LEAST_APART = 0.6
 """Of the map's side, between start and goal."""
 MOST_ROCKS, LEAST_ROCKS, PATCH_M = 0.12, 1 / 12, 12.0
-"""Most of the ground under rocks, the least as a share of that, and by what Gaussian the noise between is smoothed."""
+"""Most of the ground under rocks, the least as a share of that, and the smoothing of the noise between, metres."""
 MOST_BLOCKED = 0.6
 """Windows with a greater share of impassable cells are left out."""
 
