@@ -93,7 +93,9 @@ class Site:
                 plan = planner.plan(way[-1], ends[1], method="astar")
             else:
                 plan = planner.plan(way[-1], ends[1], method="corridor", start_heading_deg=heading)
-            assert plan.ok, "what was seen shuts the way, though there is one"
+            if not plan.ok:
+                assert self.vehicle is not None, "what was seen shuts the way, though there is one"
+                return math.inf  # the body can neither go on nor turn
             driven = min(max(sight // 2, 1), len(plan.path) - 1)
             way += [(row, col) for row, col in plan.path[1 : driven + 1].tolist()]
             heading = float(plan.headings_deg[driven - 1])
@@ -193,13 +195,22 @@ def trees(maps: KnownMaps, rows: int = 600_000, iterations: int = 250) -> Price:
 
 
 def table(excess: Mapping[str, NDArray[np.float64]], reference: str = "slope") -> str:
-    """Mean excess and its standard error, 90th percentile, and the paired difference to the reference, in percent."""
-    lines = [f"{'price':28} {'mean':>6} {'s.e.':>5} {'p90':>6}   {'to ' + reference:>9} {'s.e.':>5} {'ratio':>6}"]
-    for name, found in excess.items():
-        apart, root = found - excess[reference], math.sqrt(len(found))
+    """Mean excess and its standard error, 90th percentile, and the paired difference to the reference, in percent.
+
+    Of the drives on which nobody was stuck; and how often each was.
+    """
+    lines = [
+        f"{'price':28} {'mean':>6} {'s.e.':>5} {'p90':>6}   {'to ' + reference:>9} {'s.e.':>5} {'ratio':>6}  stuck"
+    ]
+    free = np.isfinite(list(excess.values())).all(axis=0)
+    base, root = excess[reference][free], math.sqrt(free.sum())
+    for name, found in ((name, each[free]) for name, each in excess.items()):
+        apart, stuck = found - base, np.isinf(excess[name]).sum()
         figures = [100 * found.mean(), 100 * found.std() / root, 100 * np.quantile(found, 0.9)]
-        paired = [100 * apart.mean(), 100 * apart.std() / root, found.mean() / excess[reference].mean()]
-        lines.append("{:28} {:6.2f} {:5.2f} {:6.2f}   {:+9.2f} {:5.2f} {:6.2f}".format(name, *figures, *paired))
+        paired = [100 * apart.mean(), 100 * apart.std() / root, found.mean() / base.mean()]
+        lines.append(
+            "{:28} {:6.2f} {:5.2f} {:6.2f}   {:+9.2f} {:5.2f} {:6.2f} {:6}".format(name, *figures, *paired, stuck)
+        )
     return "\n".join(lines)
 
 
