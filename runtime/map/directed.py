@@ -64,9 +64,9 @@ class CoarseSteps(PointSteps):
         (row, col, rows, cols), (top, left, tall, wide) = area, widened(area, (1, 1), self.shape)
 
         def pool(row0: int, row1: int) -> None:
-            pool_steps(finer, pieces, obstacle, (row + row0, row + row1, col, col + cols), self.means)
+            pool_steps(finer, pieces, obstacle, (row0, row1, col, col + cols), self.means)
 
-        in_bands(pool, rows, cols, threads_from=_THREADS_FROM)
+        in_bands(pool, row, row + rows, cols, threads_from=_THREADS_FROM)
         join_steps(self.means, (top, top + tall, left, left + wide), edges, backwards)
 
 
@@ -188,15 +188,13 @@ class DirectedSteps(PointSteps):
 
     def _compute(self, part: Rectangle) -> None:
         """Compute the steps that leave a rectangle's cells, on all cores where that pays."""
-        row, col, rows, cols = part
-        ways, dearest = (self._ways, self._lengths), [self._greatest]
+        (row, col, rows, cols), dearest = part, [self._greatest]
+        of_map = self._heights, self._weights, self._rule, self._priced, (self._ways, self._lengths)
 
         def price(row0: int, row1: int) -> None:
-            area = row + row0, row + row1, col, col + cols
-            of_map = self._heights, self._weights, self._rule, self._priced, ways
-            dearest.append(float(price_steps(*of_map, area, self.padded)))
+            dearest.append(float(price_steps(*of_map, (row0, row1, col, col + cols), self.padded)))
 
-        in_bands(price, rows, cols, threads_from=_THREADS_FROM)
+        in_bands(price, row, row + rows, cols, threads_from=_THREADS_FROM)
         self._greatest = max(dearest)
 
 

@@ -282,7 +282,7 @@ class Methods:
         top, deadline = self._network_level, query.deadline
         level = self.state.pyramid_by(deadline).levels[top]  # before `descent`, which waits for all of them
         memory = self.descent.workspace(top)
-        answer, regions = self.regions.regions(query.start, query.goal, level, top, memory, work, deadline)
+        td, at_td, regions = self.regions.regions(query.start, query.goal, level, top, memory, work, deadline)
         for number, region in enumerate(regions):
             source = Source.WIDENED if number else Source.REGION
             found = self.descent.find(query, work, searcher or self.astar, top, region, LEARNED_CORRIDOR, source)
@@ -290,7 +290,7 @@ class Methods:
                 break
         else:
             found = self.search_map(query, work, Source.FALLBACK)
-        return found._replace(threshold=answer.threshold, network_region=answer.region)
+        return found._replace(threshold=td, network_region=at_td)
 
     @property
     def _network_level(self) -> int:

@@ -16,7 +16,7 @@ from nnpp_edge.runtime.planners.methods import Methods, pick_method
 from nnpp_edge.runtime.planners.plan import Source
 from nnpp_edge.runtime.planners.query import Query, Work
 from nnpp_edge.runtime.planners.searchers import RegionMender
-from nnpp_edge.runtime.region.learned import LearnedRegions, NetworkAnswer
+from nnpp_edge.runtime.region.learned import LearnedRegions
 from nnpp_edge.runtime.search.astar import Search
 from nnpp_edge.runtime.search.workspace import Workspace
 from nnpp_edge.runtime.tuning import REFINE_FROM, CorridorWidth
@@ -70,7 +70,7 @@ class GivenRegions:
                 self.taken += 1
                 yield region
 
-        return NetworkAnswer(0.25, EVERYWHERE), each()
+        return 0.25, EVERYWHERE, each()
 
 
 def test_a_mender_keeps_its_search_from_one_query_to_the_next_and_forgets_it_for_another_goal(state):
