@@ -19,6 +19,7 @@ from nnpp_edge.runtime.arrays import Float2D, close_border
 from nnpp_edge.runtime.bands import in_bands, stripes
 from nnpp_edge.runtime.cells import Rectangle
 from nnpp_edge.runtime.deadline import NEVER, Deadline
+from nnpp_edge.runtime.kernels.by_address import address_of
 from nnpp_edge.runtime.kernels.tiles import (
     ANY_TOLD,
     BLOCK_COLS,
@@ -30,7 +31,6 @@ from nnpp_edge.runtime.kernels.tiles import (
     LINKED,
     POOLED,
     SURROUNDED,
-    address_of_open_tile,
     compute_rows,
     link_rows,
     open_along,
@@ -63,7 +63,7 @@ COMPLETE: PackedTiles = (
 
 @functools.cache
 def _address() -> int:
-    return int(address_of_open_tile(COMPLETE))  # type: ignore[no-untyped-call]  # as all of `kernels`
+    return int(address_of(open_tile, COMPLETE, 0, 0))  # type: ignore[no-untyped-call]  # as all of `kernels`
 
 
 class Tiles:

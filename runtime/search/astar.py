@@ -424,8 +424,6 @@ def _best(grid: Grid) -> tuple[float, float, float]:
 
 def _successors(grid: Grid, links: Links) -> NDArray[np.int64]:
     """The steps from a cell that its best predecessor leaves to search."""
-    dominance = kernels.Dominance.NONE
-    if links is None and not grid.steps.by_slope:
-        diagonal = grid.corner_cutting and grid.model.kind is StepCost.PAPER
-        dominance = kernels.Dominance.DIAGONAL if diagonal else kernels.Dominance.STRAIGHT
-    return kernels.SUCCESSORS[dominance]
+    if links is not None or grid.steps.by_slope:
+        return kernels.SUCCESSORS[0]
+    return kernels.SUCCESSORS[2 if grid.corner_cutting and grid.model.kind is StepCost.PAPER else 1]
