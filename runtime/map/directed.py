@@ -150,7 +150,11 @@ class DirectedSteps(PointSteps):
 
     def walk(self, grid: "Grid", path: NDArray[np.int32], first: int, costs: NDArray[np.float64]) -> int:
         blocked = self._under.walk(grid, path, first, costs)
-        legs = np.cumsum(self._costs_along(path[first:]))
+        cells = path[first:]
+        lengths = np.hypot(*(np.diff(cells, axis=0) * self._sides).T)
+        with np.errstate(invalid="ignore"):  # wherever steps lead
+            rises = np.diff(self._heights[cells[:, 0], cells[:, 1]].astype(np.float64))
+            legs = np.cumsum(self._model.cost(lengths, rises))
         if (states := self.states()) is not None and isinstance(self._under, PoseSteps):
             _, moves, fares, origins, rays, lengths, by_angle = states[2]
             turns = fares * np.array((0.0, 1.0), np.float32)
@@ -178,13 +182,6 @@ class DirectedSteps(PointSteps):
 
     def greatest(self, grid: "Grid") -> float:
         return self._greatest
-
-    def _costs_along(self, path: NDArray[np.int32]) -> NDArray[np.float64]:
-        """(N - 1,) what the steps of a path cost by the model itself, wherever they lead."""
-        heights = self._heights[path[:, 0], path[:, 1]].astype(np.float64)
-        steps = np.diff(path, axis=0) * np.array(self._sides)
-        with np.errstate(invalid="ignore"):
-            return self._model.cost(np.hypot(steps[:, 0], steps[:, 1]), np.diff(heights))
 
     def _compute(self, part: Rectangle) -> None:
         """Compute the steps that leave a rectangle's cells, on all cores where that pays."""

@@ -134,7 +134,7 @@ class CoarseToFine:
 
     def __init__(self, state: MapState | StreamedMap, finest: Workspace) -> None:
         self._state, self._finest = state, finest
-        self._levels = state.pyramid.levels
+        self._levels = state.pyramid_by(NEVER).levels
         self.coarse_levels = [CoarseLevel(level) for level in self._levels[1:]]
         """The searched levels above the map itself, finest first."""
         self._corrects = state.grid.steps.by_poses

@@ -64,7 +64,7 @@ class DynamicChooser:
                     return found, DynamicMethod.CORRIDOR_DSTAR, reason
             reason = "the path in the standing corridor costs too much by now"
         self._drift = 1.0
-        return methods.corridor(query, work, methods.always_mending), DynamicMethod.CORRIDOR_DSTAR, reason
+        return methods.corridor(query, work, methods.mending(always=True)), DynamicMethod.CORRIDOR_DSTAR, reason
 
     def _against_mending(self, query: Query) -> str:
         """Why a search afresh is expected to be faster than repairing the last one; empty where it is not."""

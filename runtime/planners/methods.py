@@ -109,15 +109,9 @@ class Methods:
         """D* Lite in regions."""
         return RegionMender(self.state)
 
-    @cached_property
-    def mending(self) -> Searcher:
-        """Searches regions by D* Lite where that is expected to be less work."""
-        return MendingSearcher(self.mender, self.astar)
-
-    @cached_property
-    def always_mending(self) -> Searcher:
-        """Searches regions by D* Lite."""
-        return MendingSearcher(self.mender, self.astar, always=True)
+    def mending(self, *, always: bool = False) -> Searcher:
+        """Searches regions by D* Lite where that is expected to be less work, or `always`."""
+        return MendingSearcher(self.mender, self.astar, always=always)
 
     def use_model(self, model: str | Path | NetworkModel) -> NetworkModel:
         """Ask this network from now on, once it has been loaded and tried; ModelError, and the old one stays."""
@@ -150,7 +144,7 @@ class Methods:
             return self.mend_map(query, work)
         if by is DynamicMethod.ASTAR:
             return self.search_map(query, work)
-        searcher = self.mending if by.mends_regions else self.astar
+        searcher = self.mending() if by.mends_regions else self.astar
         if by.base is Method.NNPP and not self.has_poses:
             return self.network_region(query, work, searcher)
         return self.corridor(query, work, searcher)
