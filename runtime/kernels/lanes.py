@@ -7,7 +7,6 @@ A run is a vector of LLVM: each operation on it is as many of the processor's as
 In kernels that are not compiled, runs are arrays of NumPy.
 """
 
-import itertools
 import operator
 
 import numpy as np
@@ -110,8 +109,10 @@ def _spread(builder, number):
 
 def _define(function, kinds, make, result=RUN):
     """Have kernels know a function of runs and masks; a float32 in a run's place is that number in all lanes."""
-    either = itertools.product(*((RUN, types.float32) if kind is RUN else (kind,) for kind in kinds))
-    taken = [given for given in either if RUN in given or RUN not in kinds or MASK in given]
+    taken = [()]
+    for kind in kinds:
+        taken = [(*given, each) for given in taken for each in ((RUN, types.float32) if kind is RUN else (kind,))]
+    taken = [given for given in taken if RUN in given or RUN not in kinds or MASK in given]  # not numbers alone
 
     @infer_global(function)
     class _Known(AbstractTemplate):

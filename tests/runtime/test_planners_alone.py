@@ -139,9 +139,9 @@ def test_learned_regions_are_searched_in_turn_and_then_the_map(state):
 def test_a_networks_regions_widen_and_hold_start_and_goal(state, network):
     level, learned, work = state.pyramid.levels[1], LearnedRegions(state, network), Work()
     learned.prepare(level, 1)
-    answer, regions = learned.regions(*QUERY[:2], level, 1, Workspace(len(level.grid.weights)), work)
+    td, at_td, regions = learned.regions(*QUERY[:2], level, 1, Workspace(len(level.grid.weights)), work)
     ends = tuple(np.array([QUERY.start, QUERY.goal]).T)
-    assert 0.0 < answer.threshold <= 1.0 and answer.region.mask()[ends].all()
+    assert 0.0 < td <= 1.0 and at_td.mask()[ends].all()
     first, wider, whole = (np.ones(level.grid.shape, bool) if each is None else each.mask() for each in regions)
     assert first[tuple(each // 4 for each in ends)].all()
     assert (first <= wider).all() and first.sum() < wider.sum() and whole.all()
