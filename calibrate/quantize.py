@@ -27,6 +27,7 @@ from nnpp_edge.training.unseen import Fit, KnownValidator
 from nnpp_edge.training.validation import Judgement, Validator
 
 Floats = NDArray[np.float32]
+Judge = Callable[[Floats], Sequence[Judgement | Fit]]
 OPERATORS = ("Conv", "Relu", "Add", "Resize", "Concat", "AveragePool", "MaxPool")
 """Kinds of nodes that have an int8 kernel on CPUs, so that their QDQ pairs disappear."""
 HELD_OUT = 256
@@ -151,23 +152,26 @@ def quantize(
     if not output.parent.is_dir():
         raise OutputError(f"{output}: its folder does not exist")
     fp32 = NetworkModel(model)
-    size = fp32.metadata.input_size
-    if fp32.metadata.precision != "fp32":
-        raise ModelError(f"{fp32.path}: wanted an fp32 model, got one of {fp32.metadata.precision}")
+    m = fp32.metadata
+    if m.precision != "fp32":
+        raise ModelError(f"{fp32.path}: wanted an fp32 model, got one of {m.precision}")
     if output.resolve() == fp32.path.resolve():
         raise InvalidQueryError(f"{output}: wanted another file than the fp32 model")
     calibration: Samples | Floats
-    compare_on: Callable[[NetworkModel], Comparison]
-    if fp32.metadata.encoding == "unseen":
+    held_out: Samples | Floats
+    judge: Judge
+    if m.encoding == "unseen":
         maps = read_known(dataset)
-        judged_on = KnownValidator(read_known(validation) if validation else maps.pick(slice(1, None, 2)), HELD_OUT)
+        known = KnownValidator(read_known(validation) if validation else maps.pick(slice(1, None, 2)), HELD_OUT)
         calibration = KnownValidator(maps.pick(slice(0, None, 2)), samples).planes
-        compare_on = partial(compare_fits, fp32, judged_on=judged_on, rounds=rounds)
+        held_out, judge = known.planes, known.judge_answers
     else:
-        pool = read_samples(dataset, most_maps=2 * samples, size=size)
-        pool, held_out = (pool, read_samples(validation, size=size)) if validation else split(pool, seed)
+        pool = read_samples(dataset, most_maps=2 * samples, size=m.input_size)
+        pool, other = (pool, read_samples(validation, size=m.input_size)) if validation else split(pool, seed)
         calibration = spread(pool, samples, seed)
-        compare_on = partial(compare, fp32, samples=held_out, most=HELD_OUT, rounds=rounds)
+        validator = Validator(other, Spec(m.architecture, m.input_size, m.sigma), m.omega, HELD_OUT)
+        held_out = other.pick(validator.index)
+        judge = partial(validator.judge_probabilities, factors=(m.region_factor,))
     versions = {"nnpp_edge": __version__, "onnxruntime": ort.__version__, "onnx": onnx.__version__}
     facts: dict[str, object] = {"samples": len(calibration), "seed": seed, "dataset_seed": read_recipe(dataset).seed}
     facts |= {"method": "minmax", "reduce_range": True, "excluded": list(exclude), "versions": versions}
@@ -175,7 +179,7 @@ def quantize(
         made, quantised = quantised_graph(fp32, calibration, Path(folder), exclude)
         path = Path(folder) / "int8.onnx"
         path.write_bytes(_with_facts(made, fp32, facts))
-        compared = compare_on(NetworkModel(path))
+        compared = compare(fp32, NetworkModel(path), held_out, judge, rounds)
     figures = {name: getattr(compared, name) for name in ("queries", "mean_difference", "max_difference")}
     content = _with_facts(made, fp32, facts | {"agreement": figures})
     write_whole(output, content)
@@ -230,7 +234,7 @@ class _Reader(quantization.CalibrationDataReader):  # type: ignore[misc]  # onnx
     def get_next(self) -> dict[str, NDArray[np.generic]] | None:
         """The next query's inputs by name; None at the end."""
         for query in self.queries:
-            answer(self.model, self.samples, query)  # lays out the inputs
+            shown(self.model, self.samples, query)()  # lays out the inputs
             return {name: array.copy() for name, array in self.model.inputs.items()}
         return None
 
@@ -248,25 +252,14 @@ def _with_facts(model: onnx.ModelProto, fp32: NetworkModel, facts: Mapping[str, 
     return bytes(model.SerializeToString())
 
 
-def compare(fp32: NetworkModel, int8: NetworkModel, samples: Samples, most: int, rounds: int) -> Comparison:
-    """Compare two models on at most `most` of the queries, and time each `rounds` times."""
-    m = fp32.metadata
-    validator = Validator(samples, Spec(m.architecture, m.input_size, m.sigma), m.omega, most)
-    queries = samples.pick(validator.index)
-    p, q = (probabilities(model, queries) for model in (fp32, int8))
-    (one,), (other,) = (validator.judge_probabilities(each, (m.region_factor,)) for each in (p, q))
-    difference = np.abs(p - q)
+def compare(
+    fp32: NetworkModel, int8: NetworkModel, samples: Samples | Floats, judge: Judge, rounds: int
+) -> Comparison:
+    """Compare two models on the queries, or planes, and time each `rounds` times."""
+    p, q = answers(fp32, samples), answers(int8, samples)
+    difference, (one,), (other,) = np.abs(p - q), judge(p), judge(q)
     figures = float(difference.mean()), float(difference.max())
-    return Comparison(len(queries), *figures, one, other, *latencies(fp32, int8, queries, rounds))
-
-
-def compare_fits(fp32: NetworkModel, int8: NetworkModel, judged_on: KnownValidator, rounds: int) -> Comparison:
-    """As `compare`, of two models that price unseen ground."""
-    planes, wanted = judged_on.planes, judged_on.wanted
-    p, q = (np.array([answer(model, planes, at).copy() for at in range(len(planes))]) for model in (fp32, int8))
-    difference, fits = np.abs(p - q), (Fit.of(p, wanted), Fit.of(q, wanted))
-    figures = float(difference.mean()), float(difference.max())
-    return Comparison(len(planes), *figures, *fits, *latencies(fp32, int8, planes, rounds))
+    return Comparison(len(samples), *figures, one, other, *latencies(fp32, int8, samples, rounds))
 
 
 def shown(model: NetworkModel, samples: Samples | Floats, query: int) -> Callable[[], Floats]:
@@ -280,17 +273,9 @@ def shown(model: NetworkModel, samples: Samples | Floats, query: int) -> Callabl
     return partial(model.answer, start, goal)
 
 
-def answer(model: NetworkModel, samples: Samples | Floats, query: int) -> Floats:
-    """The answer as of `shown`."""
-    return shown(model, samples, query)()
-
-
-def probabilities(model: NetworkModel, samples: Samples) -> NDArray[np.float32]:
-    """(Q, B, B) of all the queries."""
-    out = np.empty((len(samples), model.metadata.blocks, model.metadata.blocks), np.float32)
-    for query in range(len(samples)):
-        out[query] = answer(model, samples, query)
-    return out
+def answers(model: NetworkModel, samples: Samples | Floats) -> Floats:
+    """Of all the queries, (Q, B, B) probabilities, or planes, (Q, 3, B, B)."""
+    return np.array([shown(model, samples, query)().copy() for query in range(len(samples))])
 
 
 def latencies(

@@ -114,14 +114,14 @@ def export_network(
 
 
 @torch.no_grad()
-def parity(network: Network, onnx_path: Path, samples: Samples | None = None, n: int = 32, seed: int = 1) -> Parity:
+def parity(network: Network, onnx_path: Path, samples: Samples | None = None, n: int = 32) -> Parity:
     """Compare a network in torch with its ONNX file as the runtime runs it, over `n` whole queries.
 
     They are some of the `samples`, or random maps and ends without samples. How `NetworkModel` lays out the map,
     encodes the query and reads the output is compared too.
     """
     network.eval()
-    model, size, rng = NetworkModel(onnx_path), network.spec.input_size, np.random.default_rng(seed)
+    model, size, rng = NetworkModel(onnx_path), network.spec.input_size, np.random.default_rng(1)
     queries: list[Query | None] = [None] * n
     if samples is not None:
         if samples.planes.shape[-1] != size:

@@ -8,17 +8,17 @@ from nnpp_edge.runtime.tuning import STRIPE_CELLS, THREADS_FROM
 
 
 def in_bands(
-    work: Callable[[int, int], None], rows: int, cols: int, multiple: int = 1, threads_from: int = 0
+    work: Callable[[int, int], None], first: int, last: int, cols: int, multiple: int = 1, threads_from: int = 0
 ) -> None:
-    """Call `work` for all rows, as (first, one past the last), once or, on larger maps, once on each core.
+    """Call `work` for rows from `first` on, as (first, one past the last), once or, on larger maps, on each core.
 
     Threads are started for the occasion: a pool that waits between two maps costs as much, and has to be minded when
-    the process forks. `work` releases the interpreter's lock and writes to rows of its own; bands begin at multiples
-    of so many rows; `threads_from` is in cells, `THREADS_FROM` if 0.
+    the process forks. `work` releases the interpreter's lock and writes to rows of its own; bands but the last have
+    multiples of so many rows; `threads_from` is in cells, `THREADS_FROM` if 0.
     """
-    cores = len(os.sched_getaffinity(0)) if rows * cols >= (threads_from or THREADS_FROM) else 1
-    height = -(-rows // (cores * multiple)) * multiple
-    bands = [(first, min(first + height, rows)) for first in range(0, rows, height)]
+    cores = len(os.sched_getaffinity(0)) if (last - first) * cols >= (threads_from or THREADS_FROM) else 1
+    height = -(-(last - first) // (cores * multiple)) * multiple
+    bands = [(row, min(row + height, last)) for row in range(first, last, height)]
     failed: list[BaseException] = []
 
     def guarded(band: tuple[int, int]) -> None:

@@ -85,8 +85,8 @@ def _exercise_elevations(
         moving.update(9, 4, np.full((2, 2), 0.4, np.float32))
         moving.standing()
     methods = Methods(moving.state, network)
-    for searcher in (methods.always_mending, methods.mending):
-        methods.corridor(Query(start, goal), Work(), searcher)
+    for always in (True, False):
+        methods.corridor(Query(start, goal), Work(), methods.mending(always=always))
 
 
 def _exercise_costs(network: NetworkModel) -> None:

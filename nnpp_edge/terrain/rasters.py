@@ -123,7 +123,7 @@ class Raster:
                         raise TerrainError(wanted) from error
 
         if places:
-            in_bands(check, len(places), THREADS_FROM // 8)  # fewer are not worth threads
+            in_bands(check, 0, len(places), THREADS_FROM // 8)  # fewer are not worth threads
         self._right |= blocks
 
 

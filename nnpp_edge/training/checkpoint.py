@@ -96,11 +96,6 @@ class Checkpoint:
         write_all({path: content.getbuffer(), path.with_name(HISTORY): history})
 
 
-def in_16_bits(state: State) -> State:
-    """The state with the weights of convolutions rounded to float16; the few other numbers as they are."""
-    return {name: values.half() if values.ndim > 1 else values for name, values in state.items()}
-
-
 def load_checkpoint(path: Path) -> Checkpoint:
     """Read a checkpoint; ModelError if the file is none of ours."""
     wanted = f"{path}: wanted a checkpoint of nnpp-edge train"

@@ -20,7 +20,7 @@ from nnpp_edge.runtime.errors import DataSetError, InvalidQueryError, ModelError
 from nnpp_edge.terrain.dataset import Samples
 from nnpp_edge.terrain.known import KnownMaps
 from nnpp_edge.training.batches import Batch, Batches
-from nnpp_edge.training.checkpoint import Checkpoint, Progress, TrainSettings, in_16_bits, load_checkpoint
+from nnpp_edge.training.checkpoint import Checkpoint, Progress, TrainSettings, load_checkpoint
 from nnpp_edge.training.unseen import KnownValidator
 from nnpp_edge.training.validation import Validator
 
@@ -274,8 +274,9 @@ class _Run:
 
     def checkpoint(self, *, small: bool) -> Checkpoint:
         """All of the run, or the running mean alone."""
-        states = self.network.state_dict(), self.average.state_dict(), self.optimiser.state_dict()
-        if small:
-            mean = in_16_bits(self.average.state_dict())
+        mean = self.average.state_dict()
+        states = self.network.state_dict(), mean, self.optimiser.state_dict()
+        if small:  # the few numbers beside convolutions' weights stay as they are
+            mean = {name: values.half() if values.ndim > 1 else values for name, values in mean.items()}
             states = mean, mean, {}
         return Checkpoint(self.spec, self.settings, self.progress, *states, self.origin)

@@ -44,11 +44,6 @@ class Fit:
     rmse_blocked: float
     rmse_closed: float
 
-    @classmethod
-    def of(cls, answers: Floats, wanted: Floats) -> "Fit":
-        """Of answers (N, 3, B, B)."""
-        return cls(*np.sqrt(((answers - wanted) ** 2).mean(axis=(0, 2, 3))).tolist())
-
 
 class KnownValidator:
     """Judges answers on fixed maps of other terrain."""
@@ -64,4 +59,8 @@ class KnownValidator:
         device = next(network.parameters()).device
         parts = (torch.from_numpy(self.planes[at : at + batch]) for at in range(0, len(self.planes), batch))
         logits = [network(part.to(device), part[:0]).float().cpu() for part in parts]
-        return [Fit.of(torch.sigmoid(torch.cat(logits)).numpy(), self.wanted)]
+        return self.judge_answers(torch.sigmoid(torch.cat(logits)).numpy())
+
+    def judge_answers(self, answers: Floats) -> list[Fit]:
+        """How well answers (N, 3, B, B) fit: their root mean square errors."""
+        return [Fit(*np.sqrt(((answers - self.wanted) ** 2).mean(axis=(0, 2, 3))).tolist())]

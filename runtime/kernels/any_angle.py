@@ -270,13 +270,13 @@ def line_cost(grid, room, points):
 
 
 @helper
-def _sampled_cost(ground, row, col, to_row, to_col, per_cell):
-    """About `leg_cost`, by so many samples a cell; inf where the leg is not clear."""
+def _sampled_cost(ground, row, col, to_row, to_col):
+    """About `leg_cost`, by a sample a cell; inf where the leg is not clear."""
     if not is_clear(ground, row, col, to_row, to_col):
         return np.inf
     rows, cols = to_row - row, to_col - col
     length = math.sqrt(rows * rows + cols * cols)
-    samples = max(np.int64(per_cell * length + 0.5), 1)
+    samples = max(np.int64(length + 0.5), 1)
     total = 0.0
     for k in range(samples):
         share = (k + 0.5) / samples
@@ -285,7 +285,7 @@ def _sampled_cost(ground, row, col, to_row, to_col, per_cell):
 
 
 @helper
-def shortened(grid, room, points, every, most, penalty, per_cell):
+def shortened(grid, room, points, every, most, penalty):
     """Way points without those that may be left out: the cheapest choice, each way point costing `penalty` more.
 
     Legs may skip `every`, twice, four times that many points and so on, up to `most`, between points whose numbers
@@ -305,7 +305,7 @@ def shortened(grid, room, points, every, most, penalty, per_cell):
                 low = min(points[i, 0], points[k, 0]), min(points[i, 1], points[k, 1])
                 high = max(points[i, 0], points[k, 0]), max(points[i, 1], points[k, 1])
                 open_between(grid, low, high)
-                cost = _sampled_cost(ground, points[i, 0], points[i, 1], points[k, 0], points[k, 1], per_cell)
+                cost = _sampled_cost(ground, points[i, 0], points[i, 1], points[k, 0], points[k, 1])
                 if costs[i] + penalty + cost < costs[k]:
                     costs[k], before[k] = costs[i] + penalty + cost, i
             if k % every:

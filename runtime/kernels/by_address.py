@@ -1,6 +1,6 @@
 """Calls of a compiled kernel by its address: numba would else compile it anew into each kernel that calls it."""
 
-from numba import types
+from numba import typeof, types
 from numba.core import cgutils
 from numba.extending import intrinsic, overload
 
@@ -42,12 +42,10 @@ def _compiled_borrowed(array):
 
 
 def address_of(kernel, *arguments):
-    """Where a kernel, compiled for such arguments as these, with which it is called, lies in memory.
-
-    0 where kernels are not compiled.
-    """
+    """Where a kernel, compiled for such arguments as these, lies in memory; 0 where kernels are not compiled."""
     if not hasattr(kernel, "overloads"):
         return 0
-    kernel(*arguments)
+    if not kernel.overloads:
+        kernel.compile(tuple(map(typeof, arguments)))
     (compiled,) = kernel.overloads.values()
     return compiled.library.get_pointer_to_function(compiled.fndesc.llvm_func_name)

@@ -13,7 +13,7 @@ import numpy as np
 
 from nnpp_edge.runtime.compiled.kernel import helper, kernel
 from nnpp_edge.runtime.kernels.clock import late
-from nnpp_edge.runtime.kernels.nodes import COL_STEP, OPPOSITE, ROW_STEP, lowest_bit
+from nnpp_edge.runtime.kernels.nodes import COL_STEP, OPPOSITE, ROW_STEP, lowest_bit, octile
 
 SETTLED, PAUSED = 0, 1
 READ, STALE, UNREAD = 0, 1, 2
@@ -28,14 +28,6 @@ CAUTION = 1.0 + 2.0**-40
 """Beyond that, keys this much above the start's are looked at too, so that rounding cannot hide one."""
 DEAREST = 1e38
 """No passable cell weighs more units, lest it read as impassable."""
-
-
-@kernel
-def octile(rows, cols, prices):
-    """Octile distance between cells that lie so many rows and columns apart, in units."""
-    rows, cols = abs(rows), abs(cols)
-    near, far = min(rows, cols), max(rows, cols)
-    return prices[1] * near + prices[0] * (far - near)
 
 
 @helper
@@ -192,15 +184,6 @@ def _sink(firsts, seconds, nodes, position, size, i, first, second, node):
 
 
 @helper
-def _take_last(firsts, seconds, nodes, size):
-    """Take the last entry off the heap: its key and its node."""
-    end = np.uint64(size - 1)
-    first, second = firsts[end], seconds[end]
-    firsts[end] = np.inf
-    return first, second, np.int64(nodes[end])
-
-
-@helper
 def _update_vertex(node, ahead, state, position, firsts, seconds, nodes, size):
     """Have a node on the open list exactly if its g and rhs differ; `ahead` is its h + km.
 
@@ -272,7 +255,7 @@ def mend(pending, search, terrain, edges, state, heap, size, noted, until):
         if rhs == state[2 * node + 1]:
             continue
         state[2 * node + 1] = rhs
-        ahead = km + octile(node // stride - start_row, node % stride - start_col, prices)
+        ahead = km + octile(node // stride, node % stride, start_row, start_col, prices[0], prices[1])
         slot, first, second, moved, size = _update_vertex(node, ahead, state, position, firsts, seconds, nodes, size)
         if slot != ABSENT:
             above = _rise(firsts, seconds, nodes, position, slot, first, second, moved)
@@ -308,8 +291,8 @@ def expand(search, terrain, edges, state, heap, size, until):
         g, rhs = state[np.uint64(2 * node)], state[np.uint64(2 * node + 1)]
         second = min(g, rhs)
         row = np.int64((node + 0.5) * inverse_stride)
-        rows, cols = row - start_row, node - row * stride - start_col
-        ahead = km + octile(rows, cols, prices)
+        col = node - row * stride
+        ahead = km + octile(row, col, start_row, start_col, prices[0], prices[1])
         first = second + ahead
         if firsts[0] < first or (firsts[0] == first and seconds[0] < second):
             _sink(firsts, seconds, nodes, position, size, 0, first, second, node)
@@ -344,7 +327,7 @@ def expand(search, terrain, edges, state, heap, size, until):
                 if k >= 4 and not corner_cutting and (walls[node + up * stride] or walls[node + left]):
                     continue
             state[np.uint64(2 * there + 1)] = by_way
-            ahead = km + octile(rows + up, cols + left, prices)
+            ahead = km + octile(row + up, col + left, start_row, start_col, prices[0], prices[1])
             slot, first, second, moved, grown = _update_vertex(
                 there, ahead, state, position, firsts, seconds, nodes, size
             )
@@ -356,8 +339,10 @@ def expand(search, terrain, edges, state, heap, size, until):
                 if above == slot and 4 * slot + 1 < size:
                     _sink(firsts, seconds, nodes, position, size, slot, first, second, moved)
         if vacant:
-            first, second, moved = _take_last(firsts, seconds, nodes, size)
             size -= 1
+            end = np.uint64(size)
+            first, second, moved = firsts[end], seconds[end], np.int64(nodes[end])
+            firsts[end] = np.inf
             if size > 0:
                 _sink(firsts, seconds, nodes, position, size, 0, first, second, moved)
     return SETTLED, expansions, size

@@ -8,8 +8,6 @@ Indices are cast to unsigned where they are used: numba would otherwise look at 
 as Python's indices may be, which took a tenth of a search's time.
 """
 
-from enum import IntEnum
-
 import numpy as np
 from numpy.typing import NDArray
 
@@ -61,30 +59,22 @@ BELOW = 1.0 - 1e-6
 """Nodes that promise an improvement smaller than g's rounding are left alone."""
 
 
-class Dominance(IntEnum):
-    """Which neighbours of its parent a node need not look at, as the parent reaches them at no higher cost."""
-
-    NONE = 0
-    """Only the parent itself: what holds where links decide which neighbours a cell has."""
-    STRAIGHT = 1
-    """Those a straight step from the parent: for every step-cost model."""
-    DIAGONAL = 2
-    """Those a diagonal away as well: where it is never dearer than the two straight steps around its corner,
-    and never forbidden where they are allowed."""
-
-
-def _successors(dominance: Dominance) -> NDArray[np.int64]:
-    """For each direction of arrival (and none, the start's) the directions worth leaving in, as bits."""
+def _successors(square: int) -> NDArray[np.int64]:
+    """For each direction of arrival (and none, the start's) the directions worth leaving in, as bits: those to cells
+    from which the square of the distance to the parent, which would reach them at no higher cost, is greater.
+    """
     masks = np.full(ORIGIN + 1, 255, np.int64)
     for arrival in range(ORIGIN):
         for k in range(8):
-            rows, cols = abs(ROW_STEP[arrival] + ROW_STEP[k]), abs(COL_STEP[arrival] + COL_STEP[k])
-            if max(rows, cols) <= 1 if dominance is Dominance.DIAGONAL else rows + cols <= dominance:
+            if (ROW_STEP[arrival] + ROW_STEP[k]) ** 2 + (COL_STEP[arrival] + COL_STEP[k]) ** 2 <= square:
                 masks[arrival] &= ~(1 << k)
     return masks
 
 
-SUCCESSORS = {dominance: _successors(dominance) for dominance in Dominance}
+SUCCESSORS = tuple(map(_successors, range(3)))
+"""0: all but the parent, where links decide which neighbours a cell has. 1: none a straight step from the parent, for
+every step-cost model. 2: none a diagonal away either, where it is never dearer than the two straight steps around its
+corner, and never forbidden where they are allowed."""
 
 
 @helper
@@ -146,7 +136,7 @@ def expand(grid, edges, links, region, hints, ends, rule, memory, limits):
     ends : (start, goal)
         Nodes.
     rule : (h_straight, h_diagonal, width, successors, beyond)
-        Prices of the octile distance, the width of a bucket at first, `SUCCESSORS` of the grid's dominance; and, as
+        Prices of the octile distance, the width of a bucket at first, the grid's of the `SUCCESSORS`; and, as
         said above, how far beyond the goal to look.
     memory : (g, meta, stamp, heads, entries, control, reals, counts, path)
         Of a `Workspace`, and the number of this search.

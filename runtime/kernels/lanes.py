@@ -13,7 +13,8 @@ import numpy as np
 from llvmlite import ir
 from numba import types
 from numba.core import cgutils
-from numba.extending import intrinsic, models, overload, register_model
+from numba.core.typing.templates import AbstractTemplate, infer_global, signature
+from numba.extending import lower_builtin, models, overload, register_model, type_callable
 
 LANES = 32
 
@@ -21,31 +22,23 @@ LANES = 32
 class Run(types.Type):
     """`LANES` float32 numbers."""
 
-    def __init__(self):
-        super().__init__("Run")
+    vector = ir.VectorType(ir.FloatType(), LANES)
 
 
 class Mask(types.Type):
     """Which lanes of a run are meant."""
 
-    def __init__(self):
-        super().__init__("Mask")
+    vector = ir.VectorType(ir.IntType(1), LANES)
 
 
-RUN, MASK = Run(), Mask()
-_NUMBERS, _BITS = ir.VectorType(ir.FloatType(), LANES), ir.VectorType(ir.IntType(1), LANES)
+RUN, MASK = Run("Run"), Mask("Mask")
 
 
 @register_model(Run)
-class _RunModel(models.PrimitiveModel):
-    def __init__(self, manager, kind):
-        super().__init__(manager, kind, _NUMBERS)
-
-
 @register_model(Mask)
-class _MaskModel(models.PrimitiveModel):
+class _Vector(models.PrimitiveModel):
     def __init__(self, manager, kind):
-        super().__init__(manager, kind, _BITS)
+        super().__init__(manager, kind, kind.vector)
 
 
 def run_at(array, at):
@@ -83,150 +76,76 @@ def fused(factor, run, more):
     return factor * run + more
 
 
-@intrinsic
-def _run_at(typing_context, array, at):
-    def generate(context, builder, signature, values):
-        data = context.make_array(signature.args[0])(context, builder, values[0]).data
-        place = builder.bitcast(builder.gep(data, [values[1]]), _NUMBERS.as_pointer())
-        return builder.load(place, align=4)
-
-    return RUN(array, types.intp), generate
+type_callable(run_at)(lambda context: lambda array, at: RUN)
+type_callable(put_run)(lambda context: lambda array, at, run: types.none)
 
 
-@overload(run_at)
-def _compiled_run_at(array, at):
-    return lambda array, at: _run_at(array, at)
+def _place(context, builder, signature, values):
+    data = context.make_array(signature.args[0])(context, builder, values[0]).data
+    return builder.bitcast(builder.gep(data, [values[1]]), Run.vector.as_pointer())
 
 
-@intrinsic
-def _put_run(typing_context, array, at, run):
-    def generate(context, builder, signature, values):
-        data = context.make_array(signature.args[0])(context, builder, values[0]).data
-        place = builder.bitcast(builder.gep(data, [values[1]]), _NUMBERS.as_pointer())
-        builder.store(values[2], place, align=4)
-        return context.get_dummy_value()
-
-    return types.none(array, types.intp, run), generate
+@lower_builtin(run_at, types.Array, types.Integer)
+def _run_at(context, builder, signature, values):
+    return builder.load(_place(context, builder, signature, values), align=4)
 
 
-@overload(put_run)
-def _compiled_put_run(array, at, run):
-    return lambda array, at, run: _put_run(array, at, run)
+@lower_builtin(put_run, types.Array, types.Integer, Run)
+def _put_run(context, builder, signature, values):
+    builder.store(values[2], _place(context, builder, signature, values), align=4)
+    return context.get_dummy_value()
+
+
+@overload(chosen)
+def _chosen(mask, one, other):
+    return None if mask is MASK else lambda mask, one, other: one if mask else other
 
 
 def _spread(builder, number):
-    nothing = ir.Constant(_NUMBERS, ir.Undefined)
+    nothing = ir.Constant(Run.vector, ir.Undefined)
     first = ir.Constant(ir.VectorType(ir.IntType(32), LANES), [0] * LANES)
     return builder.shuffle_vector(builder.insert_element(nothing, number, ir.IntType(32)(0)), nothing, first)
 
 
-@intrinsic
-def _in_all(typing_context, number):
-    def generate(context, builder, signature, values):
-        return _spread(builder, values[0])
+def _define(function, kinds, make, result=RUN):
+    """Have kernels know a function of runs and masks; a float32 in a run's place is that number in all lanes."""
+    taken = [()]
+    for kind in kinds:
+        taken = [(*given, each) for given in taken for each in ((RUN, types.float32) if kind is RUN else (kind,))]
+    taken = [given for given in taken if RUN in given or RUN not in kinds or MASK in given]  # not numbers alone
 
-    return RUN(types.float32), generate
+    @infer_global(function)
+    class _Known(AbstractTemplate):
+        def generic(self, given, named):
+            return signature(result, *given) if given in taken else None
 
+    def compute(context, builder, signature, values):
+        pairs = zip(signature.args, values, strict=True)
+        return make(builder, *(_spread(builder, each) if kind is types.float32 else each for kind, each in pairs))
 
-@overload(in_all)
-def _compiled_in_all(number):
-    return lambda number: _in_all(np.float32(number))
-
-
-def _define_pairwise(function, result, make):
-    """Have kernels know an operator of two runs, or of a run and a float32."""
-
-    @intrinsic
-    def compute(typing_context, one, other):
-        def generate(context, builder, signature, values):
-            pairs = zip(signature.args, values, strict=True)
-            return make(builder, *(each if kind is RUN else _spread(builder, each) for kind, each in pairs))
-
-        return result(*(RUN if kind is RUN else types.float32 for kind in (one, other))), generate
-
-    @overload(function)
-    def compiled(one, other):
-        if RUN in (one, other) and {one, other} <= {RUN, types.float32}:
-            return lambda one, other: compute(one, other)
-        return None
+    for given in taken:
+        lower_builtin(function, *given)(compute)
 
 
-def _comparison(sign):
-    return lambda builder, one, other: builder.fcmp_ordered(sign, one, other)
+def _of_llvm(name):
+    def make(builder, *runs):
+        kind = ir.FunctionType(Run.vector, [Run.vector] * len(runs))
+        return builder.call(cgutils.get_or_insert_function(builder.module, kind, f"llvm.{name}.v{LANES}f32"), runs)
+
+    return make
 
 
-for sign in operator.add, operator.iadd:
-    _define_pairwise(sign, RUN, lambda builder, one, other: builder.fadd(one, other))
-_define_pairwise(operator.sub, RUN, lambda builder, one, other: builder.fsub(one, other))
-_define_pairwise(operator.mul, RUN, lambda builder, one, other: builder.fmul(one, other))
-_define_pairwise(operator.truediv, RUN, lambda builder, one, other: builder.fdiv(one, other))
-_define_pairwise(operator.lt, MASK, _comparison("<"))
-_define_pairwise(operator.gt, MASK, _comparison(">"))
-_define_pairwise(operator.le, MASK, _comparison("<="))
-
-
-@intrinsic
-def _both(typing_context, one, other):
-    return MASK(MASK, MASK), lambda context, builder, signature, values: builder.and_(*values)
-
-
-@overload(operator.and_)
-@overload(operator.iand)
-def _compiled_both(one, other):
-    return (lambda one, other: _both(one, other)) if (one, other) == (MASK, MASK) else None
-
-
-@intrinsic
-def _chosen(typing_context, mask, one, other):
-    def generate(context, builder, signature, values):
-        kinds = signature.args[1:]
-        runs = (
-            value if kind is RUN else _spread(builder, value) for kind, value in zip(kinds, values[1:], strict=True)
-        )
-        return builder.select(values[0], *runs)
-
-    return RUN(MASK, *(RUN if kind is RUN else types.float32 for kind in (one, other))), generate
-
-
-@overload(chosen)
-def _compiled_chosen(mask, one, other):
-    if mask is MASK:
-        return lambda mask, one, other: _chosen(mask, one, other)
-    return lambda mask, one, other: one if mask else other
-
-
-def _define_single(function, name):
-    """Have kernels know a function of a run, by its name in LLVM."""
-
-    @intrinsic
-    def compute(typing_context, run):
-        def generate(context, builder, signature, values):
-            kind = ir.FunctionType(_NUMBERS, [_NUMBERS])
-            there = cgutils.get_or_insert_function(builder.module, kind, f"llvm.{name}.v{LANES}f32")
-            return builder.call(there, values)
-
-        return RUN(RUN), generate
-
-    @overload(function)
-    def compiled(run):
-        return (lambda run: compute(run)) if run is RUN else None
-
-
-@intrinsic
-def _fused(typing_context, factor, run, more):
-    def generate(context, builder, signature, values):
-        kind = ir.FunctionType(_NUMBERS, [_NUMBERS] * 3)
-        there = cgutils.get_or_insert_function(builder.module, kind, f"llvm.fma.v{LANES}f32")
-        return builder.call(there, (_spread(builder, values[0]), *values[1:]))
-
-    return RUN(types.float32, RUN, RUN), generate
-
-
-@overload(fused)
-def _compiled_fused(factor, run, more):
-    return lambda factor, run, more: _fused(np.float32(factor), run, more)
-
-
-_define_single(root, "sqrt")
-_define_single(rounded_up, "ceil")
-_define_single(abs, "fabs")
+for function, name in (
+    (operator.add, "fadd"),
+    (operator.iadd, "fadd"),
+    (operator.sub, "fsub"),
+    (operator.mul, "fmul"),
+    (operator.truediv, "fdiv"),
+):
+    _define(function, (RUN, RUN), getattr(ir.IRBuilder, name))
+for function, sign in ((operator.lt, "<"), (operator.gt, ">"), (operator.le, "<=")):
+    _define(function, (RUN, RUN), lambda builder, *pair, sign=sign: builder.fcmp_ordered(sign, *pair), MASK)
+for function, name, count in ((fused, "fma", 3), (root, "sqrt", 1), (rounded_up, "ceil", 1), (abs, "fabs", 1)):
+    _define(function, (RUN,) * count, _of_llvm(name))
+_define(chosen, (MASK, RUN, RUN), ir.IRBuilder.select)
+_define(in_all, (types.float32,), lambda builder, number: number)

@@ -499,10 +499,8 @@ def expand_states(poses, edges, prices, field, region, ends, rule, memory, limit
             known, sure, before = np.float32(np.inf), False, np.int64(meta[np.uint64(2 * there + 1)])
             if before >> STAMP_SHIFT == stamp:
                 known, sure = g[np.uint64(2 * there)], not before & UNSURE_BIT
-            step, left = (
-                _step(found, edges, node, moves[local, way], fares[local, way], unit),
-                _left_at(i, j, to, judge),
-            )
+            step = _step(found, edges, node, moves[local, way], fares[local, way], unit)
+            left = _left_at(i, j, to, judge)
             reached = np.float32(g_state + step)
             if not reached < known or reached + left >= bound:
                 continue

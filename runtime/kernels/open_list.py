@@ -72,17 +72,6 @@ def pop(heads, entries, fine_at, free):
 
 
 @helper
-def next_block(heads, block):
-    """The next coarse bucket that holds something (`COARSE`: what lies beyond), emptied: its number and its chain."""
-    block += 1
-    while heads[FINE + block] == NOTHING:
-        block += 1
-    chain = np.int64(heads[FINE + block])
-    heads[FINE + block] = NOTHING
-    return block, chain
-
-
-@helper
 def bucket_of(f, base, inverse_width):
     """Number of the bucket that an f belongs to."""
     return np.int64(min(max((f - base) * inverse_width, 0.0), float(SPAN)))
@@ -105,9 +94,12 @@ def refill_by(left):
         left. Returns the new block, fine_at, order, free and waiting, and the last bucket with an f below the bound.
         """
         base, inverse_width = order
-        block, chain = next_block(heads, block)
-        fine_at = np.int64(0)
-        if block == COARSE:
+        block += 1
+        while heads[FINE + block] == NOTHING:
+            block += 1
+        chain, fine_at = np.int64(heads[FINE + block]), np.int64(0)
+        heads[FINE + block] = NOTHING
+        if block == COARSE:  # what lies beyond
             block, fine_at, least, entry = np.int64(-1), np.int64(FINE), np.inf, chain
             while entry != NOTHING:
                 node = np.int64(entries[2 * entry])

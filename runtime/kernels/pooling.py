@@ -225,10 +225,8 @@ def _link(fine_links, fine_cols, area, pieces, links, coarse_stride):
         _link_free_row(pieces, (row + 1) * coarse_stride + col0 + 1, coarse_stride, col1 - col0, links)
         for col in range(col0, col1):
             here = (row + 1) * coarse_stride + col + 1
-            if (
-                links[here] and _common_below(fine_links, fine_cols, row, col) == _EVERY_WAY
-            ):  # no passage to a neighbour is closed
-                continue
+            if links[here] and _common_below(fine_links, fine_cols, row, col) == _EVERY_WAY:
+                continue  # no passage to a neighbour is closed
             piece, found = np.int64(pieces[here]), 0
             for b in range(FACTOR * FACTOR):
                 if not (piece >> b) & 1:

@@ -15,7 +15,7 @@ import numpy as np
 from numba.extending import overload
 
 from nnpp_edge.runtime.compiled.kernel import helper, kernel
-from nnpp_edge.runtime.kernels.by_address import address_of, borrowed, call_at
+from nnpp_edge.runtime.kernels.by_address import borrowed, call_at
 from nnpp_edge.runtime.kernels.lanes import LANES, chosen, fused, in_all, put_run, root, rounded_up, run_at
 from nnpp_edge.runtime.kernels.traversability import arc_tangent
 
@@ -27,7 +27,6 @@ UNCHECKED, MOST_CODE, FAILS = 0, 65520, 65521
 REFUSALS = ("unknown", "tilt", "pitch", "roll", "step", "belly")
 UNKNOWN, TILT, PITCH, ROLL, STEP, BELLY = range(6)
 TILT_WEIGHT, RISE_WEIGHT, STEP_WEIGHT = 6, 7, 8
-LIMIT_SLOTS = 9
 """Of the limits: tilt in radians, the greatest slopes ahead and to the left, step and clearance in metres; the
 weights of the terms of T."""
 _1, _2, _3, _4 = np.uint64(1), np.uint64(2), np.uint64(3), np.uint64(4)
@@ -55,80 +54,24 @@ def put_heights(heights, base, unknown, out, row, col):
 
 
 @helper
-def _group(groups, k):
-    """Samples and cells of a group, as unsigned indices, which need no look whether they are negative."""
-    begin, fours, lines = np.uint64(groups[k, 0]), np.uint64(groups[k, 1]), np.uint64(groups[k, 2])
-    return begin, fours, lines, np.uint64(groups[k, 3]), np.uint64(groups[k, 4])
-
-
-@helper
-def _above(height, sample, samples, slopes):
-    """Heights at a sample, above a plane that falls by these slopes from the body's middle."""
-    return fused(samples[0][sample], slopes[0], fused(samples[1][sample], slopes[1], height))
-
-
-@helper
-def _on_cell(heights, first, sample, n, samples, slopes):
-    """`_above` at a sample that is a cell."""
-    return _above(run_at(heights, first + samples[2][n]), sample, samples, slopes)
-
-
-@helper
-def _on_line(heights, first, sample, n, samples, slopes):
-    """Likewise, at one between two cells."""
-    _, _, offsets, shares = samples
-    height = shares[n] * run_at(heights, first + offsets[n])
-    return _above(fused(shares[n + _1], run_at(heights, first + offsets[n + _1]), height), sample, samples, slopes)
-
-
-@helper
-def _on_four(heights, first, sample, n, samples, slopes):
-    """Likewise, at one between four cells."""
-    _, _, offsets, shares = samples
-    height = shares[n] * run_at(heights, first + offsets[n])
-    height = fused(shares[n + _1], run_at(heights, first + offsets[n + _1]), height)
-    height = fused(shares[n + _2], run_at(heights, first + offsets[n + _2]), height)
-    return _above(fused(shares[n + _3], run_at(heights, first + offsets[n + _3]), height), sample, samples, slopes)
-
-
-@helper
 def _range(heights, first, group, samples, slopes):
-    """Least and greatest height above a plane among a group of samples, see `map.motions.Motions.groups`."""
+    """Least and greatest height above a plane among a group of samples, see `map.motions.Motions.groups`.
+
+    The plane falls by these slopes from the body's middle. Unsigned indices need no look for negative ones.
+    """
     low, high = in_all(_INF), in_all(-_INF)
-    begin, fours, lines, end, n = group
-    for sample in range(begin, fours):
-        there = _on_four(heights, first, sample, n, samples, slopes)
-        low, high = chosen(there < low, there, low), chosen(there > high, there, high)
-        n += _4
-    for sample in range(fours, lines):
-        there = _on_line(heights, first, sample, n, samples, slopes)
-        low, high = chosen(there < low, there, low), chosen(there > high, there, high)
-        n += _2
-    for sample in range(lines, end):
-        there = _on_cell(heights, first, sample, n, samples, slopes)
-        low, high = chosen(there < low, there, low), chosen(there > high, there, high)
-        n += _1
+    ahead, left, offsets, shares = samples
+    sample, n = np.uint64(group[0]), np.uint64(group[4])
+    for k, many in ((1, _4), (2, _2), (3, _1)):
+        while sample < np.uint64(group[k]):
+            height = shares[n] * run_at(heights, first + offsets[n])
+            for cell in range(n + _1, n + many):
+                height = fused(shares[cell], run_at(heights, first + offsets[cell]), height)
+            there = fused(ahead[sample], slopes[0], fused(left[sample], slopes[1], height))
+            low, high = chosen(there < low, there, low), chosen(there > high, there, high)
+            n += many
+            sample += _1
     return low, high
-
-
-@helper
-def _greatest(heights, first, group, samples, slopes):
-    """As `_range`, the greatest alone."""
-    high = in_all(-_INF)
-    begin, fours, lines, end, n = group
-    for sample in range(begin, fours):
-        there = _on_four(heights, first, sample, n, samples, slopes)
-        high = chosen(there > high, there, high)
-        n += _4
-    for sample in range(fours, lines):
-        there = _on_line(heights, first, sample, n, samples, slopes)
-        high = chosen(there > high, there, high)
-        n += _2
-    for sample in range(lines, end):
-        there = _on_cell(heights, first, sample, n, samples, slopes)
-        high = chosen(there > high, there, high)
-        n += _1
-    return high
 
 
 @helper
@@ -163,11 +106,8 @@ def _lift(heights, first, pose, tables, slopes, plane, halves):
             level += gradients[0, w] * more
             along += gradients[1, w] * more
             across += gradients[2, w] * more
-        group = _group(groups, part)
-        above = (
-            _greatest(heights, first, group, samples, (_ZERO - (along + slopes[0]), _ZERO - (across + slopes[1])))
-            - level
-        )
+        below = _ZERO - (along + slopes[0]), _ZERO - (across + slopes[1])
+        above = _range(heights, first, groups[part], samples, below)[1] - level
         rise = chosen(above > rise, above, rise)
     return rise
 
@@ -202,8 +142,7 @@ def _figures(heights, first, pose, tables, halves):
     more_along, more_across = in_all(_ZERO), in_all(_ZERO)
     for w in range(gradients.shape[1]):
         k = groups_of[pose] + w
-        group = _group(groups, k)
-        low, high = _range(heights, first, group, samples, (_ZERO - slopes[0], _ZERO - slopes[1]))
+        low, high = _range(heights, first, groups[k], samples, (_ZERO - slopes[0], _ZERO - slopes[1]))
         half = _HALF * (high - low)
         put_run(halves, w * RUN, half)
         level += gradients[0, w] * low
@@ -306,18 +245,13 @@ def check_run(poses, row, col, motion):
 
 
 def check_there(poses, row, col, motion):
-    """`check_run`, for other kernels to call; `address_of_check` must have been asked for."""
+    """`check_run`, for other kernels to call."""
     check_run(poses, row, col, motion)
 
 
 @overload(check_there)
 def _compiled_check_there(poses, row, col, motion):
     return lambda poses, row, col, motion: call_at(poses[2], (poses, row, col, motion))
-
-
-def address_of_check(poses):
-    """Where `check_run`, compiled for such arguments as these, lies in memory; 0 where kernels are not compiled."""
-    return address_of(check_run, poses, 0, 0, 0)
 
 
 @kernel
@@ -332,10 +266,10 @@ def standing_codes(poses, row, out):
 
 
 @kernel
-def check_rows(poses, row0, row1):
-    """Check all motions of some rows that are not checked yet."""
-    codes, cols = poses[0], poses[1][5][1]
-    for row in range(row0, row1):
+def check_all(poses):
+    """Check all motions that are not checked yet."""
+    codes, rows, cols = poses[0], poses[1][5][0], poses[1][5][1]
+    for row in range(rows):
         first = (row + 1) * (cols + 2) + 1
         for col in range(0, cols, RUN):
             for motion in range(codes.shape[1]):
@@ -345,21 +279,12 @@ def check_rows(poses, row0, row1):
 
 @kernel
 def forget_poses(poses, area, reach):
-    """Take motions within reach of a rectangle of cells, (row0, row1, col0, col1), as unchecked.
-
-    `reach` is (rows, columns). Returns how many had been checked.
-    """
-    codes, shape = poses[0], poses[1][5]
-    rows, cols = shape[0], shape[1]
+    """Take motions within `reach`, (rows, columns), of an `area` of cells as unchecked."""
+    codes, rows, cols = poses[0], poses[1][5][0], poses[1][5][1]
     row0, row1 = max(area[0] - reach[0], 0), min(area[1] + reach[0], rows)
     col0, col1 = max(area[2] - reach[1], 0), min(area[3] + reach[1], cols)
     col0 -= col0 % RUN
     col1 = min(col1 + (RUN - col1 % RUN) % RUN, cols)
-    forgotten = 0
     for row in range(row0, row1):
         first = (row + 1) * (cols + 2) + 1
-        for node in range(first + col0, first + col1):
-            for motion in range(codes.shape[1]):
-                forgotten += codes[node, motion] != UNCHECKED
-                codes[node, motion] = UNCHECKED
-    return forgotten
+        codes[first + col0 : first + col1] = UNCHECKED

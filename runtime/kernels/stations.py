@@ -40,8 +40,6 @@ def freed(grid, room, path, stages, tolerance, until):
 
     Parameters
     ----------
-    grid, room
-        As everywhere.
     path : (N, 2) int32
         Cells, each a neighbour of the one before it.
     stages : (S, 6) float64
@@ -49,14 +47,11 @@ def freed(grid, room, path, stages, tolerance, until):
     tolerance : float
         Cells of mean ground, whose cost a way point must save.
     until : float
-        As everywhere. By then stations stay where they are.
+        From then on stations stay where they are.
 
     Returns
     -------
-    (M, 2) float64
-        The way points.
-    float
-        Their line integral; inf where no line was found all of whose legs are clear.
+    (M, 2) float64 way points, and their line integral; inf where no line was found all of whose legs are clear.
     """
     points = _freed(grid, room, path, stages, tolerance, False, until)
     cost = line_cost(grid, room, points)
@@ -73,7 +68,7 @@ def _freed(grid, room, path, stages, tolerance, wary, until):
     for s in range(len(stages)):
         spacing, keeps = stages[s, SPACING], stages[s, KEEPS] > 0.0
         if keeps and on_path:
-            points, on_path = shortened(grid, room, points, 8, 32, 0.0, 1.0), False
+            points, on_path = shortened(grid, room, points, 8, 32, 0.0), False
         stations = _with_stations(points, spacing) if keeps else _evenly(points, spacing)
         step, half, slope = stages[s, STEP], np.int64(stages[s, HALF]), np.int64(stages[s, SLOPE])
         found = moved(grid, room, stations, step, half, slope, stages[s, SAMPLES], wary, until)
@@ -83,7 +78,7 @@ def _freed(grid, room, path, stages, tolerance, wary, until):
     before = 2 * len(points)
     while len(points) < 0.8 * before:
         before = len(points)
-        points = shortened(grid, room, points, 1, 2, tolerance * mean, 1.0)
+        points = shortened(grid, room, points, 1, 2, tolerance * mean)
     return moved(grid, room, points, LAST_STEP, 1, 1, 1.5, wary, until)
 
 

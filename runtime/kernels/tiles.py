@@ -24,7 +24,7 @@ import numpy as np
 from numba.extending import overload
 
 from nnpp_edge.runtime.compiled.kernel import helper, kernel
-from nnpp_edge.runtime.kernels.by_address import address_of, call_at
+from nnpp_edge.runtime.kernels.by_address import call_at
 from nnpp_edge.runtime.kernels.encoding import cells_under
 from nnpp_edge.runtime.kernels.pooling import FACTOR, link, pool
 from nnpp_edge.runtime.kernels.traversability import SCALE, fill_weights
@@ -208,18 +208,13 @@ def open_along(tiles, path):
 
 
 def open_there(tiles, i, j):
-    """`open_tile`, for other kernels to call; `address_of_open_tile` must have been asked for."""
+    """`open_tile`, for other kernels to call."""
     open_tile(tiles, i, j)
 
 
 @overload(open_there)
 def _compiled_open_there(tiles, i, j):
     return lambda tiles, i, j: call_at(tiles[5], (tiles, i, j))
-
-
-def address_of_open_tile(tiles):
-    """Where `open_tile`, compiled for such arguments as these, lies in memory; 0 where kernels are not compiled."""
-    return address_of(open_tile, tiles, 0, 0)
 
 
 @kernel
@@ -305,18 +300,14 @@ def write_layer(tiles, layer, rim, patch, seen, row, col, found, nodes, old_weig
 
     Parameters
     ----------
-    tiles
-        Of the map itself.
     layer : (rows · cols,) float32
         Its heights, or the costs told.
     rim : int
         Cells around a value that it matters to: 1 for heights, 0 for costs.
     patch : (h, w) float32
-        Must lie inside the map.
+        Its first cell goes to `row`, `col`; must lie inside the map.
     seen : (h, w) bool
         Cells that are written; (0, 0) for all.
-    row, col : int
-        Where the patch's first cell goes.
     found : (FOUND_SLOTS,) int64
         Written: the number of cells whose weights are other than before; whether one became cheaper; the rectangle
         that holds them; how many nodes were noted; the rectangle that holds all new values. Rectangles are first row
@@ -394,10 +385,7 @@ def sample_planes(tiles, window, parts, inner, planes):
 
     Parameters
     ----------
-    tiles
-        Of the map itself.
     window : (row, col, rows, cols)
-        Of the map.
     parts : (N, 4) int64
         Row, column, rows and columns of rectangles within the window.
     inner : (rows, cols)

@@ -234,17 +234,12 @@ def fill_weights(heights, rows, cols, rule, area, out, first, stride):
     Parameters
     ----------
     heights : (rows · cols,) float32
-        Metres, row by row; NaN or infinite where unknown.
-    rows, cols : int
-        Of the map.
+        Metres of the map's cells, row by row; NaN or infinite where unknown.
     rule : (RULE_SLOTS,) float64
         Sides of a cell, limits (the slope's in radians), weights, hard limits, and the weight of a cost of 1.
     area : (row0, row1, col0, col1)
-        Of the map.
     out : (…,) float32
-        Written: cell (row, col) at first + row · stride + col.
-    first, stride : int
-        See `out`.
+        Written: cell (row, col) at `first` + row · `stride` + col.
     """
     row0, row1, col0, col1 = area
     inner0, inner1 = max(col0, 1), min(col1, cols - 1)

@@ -15,15 +15,8 @@ def fill_costs(cost, limits, row0, row1, weights, stride, found):
     Numbers from 0 up are in the order of their bits, read as integers; of integers the compiler finds the least of
     eight at once.
 
-    Parameters
-    ----------
-    cost, limits, weights, stride
-        As for `write_costs`, of the whole map.
-    row0, row1 : int
-        The first row, and one past the last.
-    found : (3,) int32
-        Written: the bits of the least passable cost above 0 or 0 itself, those of the greatest (-1 without any), and
-        whether one lies below 0.
+    Arguments as for `write_costs`, of the whole map. Written to `found`, (3,) int32, are the bits of the least
+    passable cost above 0 or 0 itself, those of the greatest (-1 without any), and whether one lies below 0.
     """
     _, _, scale, ceiling = limits
     cols = cost.shape[1]

@@ -41,7 +41,10 @@ def place_towards(
     reached = np.isfinite(costs)
     if reached[goal]:
         return goal
-    edge = reached & _grown(_leading_to(beyond, unknown, margin), margin)
+    count, pieces = cv2.connectedComponents(unknown.view(np.uint8))
+    leads = np.zeros(count, np.bool_)  # by piece of unknown ground, if it comes near to what lies beyond; 0 is known
+    leads[pieces[unknown & _grown(beyond, margin)]] = True
+    edge = reached & _grown(leads[pieces], margin)
     served = edge if edge.any() else reached
     rows, cols = np.nonzero(served)
     cells = np.hypot(rows - goal[0], cols - goal[1])
@@ -57,15 +60,6 @@ def place_towards(
         if here <= cells[best] + _BETTER:
             return present
     return int(rows[best]), int(cols[best])
-
-
-def _leading_to(beyond: NDArray[np.bool_], unknown: NDArray[np.bool_], margin: int) -> NDArray[np.bool_]:
-    """The pieces of unknown ground that come near to what lies beyond."""
-    count, pieces = cv2.connectedComponents(unknown.view(np.uint8))
-    leads = np.zeros(count, np.bool_)  # by piece; the first is what is known
-    leads[pieces[unknown & _grown(beyond, margin)]] = True
-    leading: NDArray[np.bool_] = leads[pieces]
-    return leading
 
 
 def _grown(cells: NDArray[np.bool_], margin: int) -> NDArray[np.bool_]:

@@ -149,10 +149,11 @@ class Navigator:
         if pose is None or goal is None:
             return tick.no_path(Status.NO_POSE if pose is None else Status.NO_GOAL, "nothing to plan yet")
         for cell, status in ((goal.cell, Status.GOAL_OUTSIDE_MAP), (pose.cell, Status.START_OUTSIDE_MAP)):
-            if not self._on_map(cell):
+            if not self.map.grid.holds(cell):
                 return tick.no_path(status, f"the map has {self.planner.shape} cells")
         around = ((pose.cell[0] + row, pose.cell[1] + col) for row, col in self._nearest_first)
-        start = next((cell for cell in around if self._on_map(cell) and self.planner.is_passable(cell)), None)
+        on_map = filter(self.map.grid.holds, around)
+        start = next(filter(self.planner.is_passable, on_map), None)
         if start is None:
             radius = self.settings.snap_radius
             reason = f"no passable cell within {radius} of the robot{self._unknown_around(pose.cell, radius)}"
@@ -214,6 +215,3 @@ class Navigator:
         radius += self.map.reach_cells
         unknown = self.map.unknown(*(slice(max(at - radius, 0), at + radius + 1) for at in cell))
         return f"; {unknown.sum()} of {unknown.size} cells around it are unknown" if unknown.any() else ""
-
-    def _on_map(self, cell: Cell) -> bool:
-        return 0 <= cell[0] < self.planner.shape[0] and 0 <= cell[1] < self.planner.shape[1]

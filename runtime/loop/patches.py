@@ -82,10 +82,16 @@ class Patches:
 
     @contextmanager
     def taking(self) -> Iterator[list[Waiting]]:
-        """The patches that wait, those of a layer as one where they overlap much; after an exception they wait on."""
+        """The patches that wait; after an exception they wait on.
+
+        Those of a layer are one where they have more cells than the rectangle that holds them all.
+        """
         with self._lock:
             layers, self._layers, self._cells = self._layers, {True: [], False: []}, 0
-            layers = {which: self._as_one(layer) if _overlap(layer) else layer for which, layer in layers.items()}
+            for which, layer in layers.items():
+                cells = sum(one.values.size for one in layer)
+                if layer and cells > math.prod(enclosing([one.part for one in layer])[2:]):
+                    layers[which] = self._as_one(layer)
         taken = [*layers[True], *layers[False]]
         try:
             yield taken
@@ -110,10 +116,3 @@ class Patches:
             seen[here] |= new
         count = sum(one.patches for one in layer)
         return [Waiting(layer[0].of_heights, whole, values, None if seen.all() else seen, count)]
-
-
-def _overlap(layer: list[Waiting]) -> bool:
-    """Whether patches together have more cells than the rectangle that holds them all."""
-    return bool(layer) and sum(one.values.size for one in layer) > math.prod(
-        enclosing([one.part for one in layer])[2:]
-    )

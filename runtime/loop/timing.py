@@ -106,14 +106,10 @@ class Histogram:
         counts = self._counts.copy()  # of one moment, also when another thread adds
         return [*(int(counts[: _PER_OCTAVE * n].sum()) for n in octaves), int(counts.sum())]
 
-    @property
-    def mean_s(self) -> float:
-        """Seconds; 0 if there are none."""
-        return self.sum_s / self.count if self.count else 0.0
-
     def summary_ms(self) -> dict[str, float]:
-        """``p50``, ``p90``, ``p99``, ``max`` and ``mean`` in milliseconds."""
-        seconds = {f"p{q}": self.quantile(q / 100.0) for q in (50, 90, 99)} | {"max": self.max_s, "mean": self.mean_s}
+        """``p50``, ``p90``, ``p99``, ``max`` and ``mean`` in milliseconds; 0 if there are none."""
+        seconds = {f"p{q}": self.quantile(q / 100.0) for q in (50, 90, 99)}
+        seconds |= {"max": self.max_s, "mean": self.sum_s / max(self.count, 1)}
         return {name: 1e3 * value for name, value in seconds.items()}
 
 

@@ -12,6 +12,7 @@ from nnpp_edge.runtime.errors import InvalidQueryError
 from nnpp_edge.runtime.kernels.poses import AXES, REFUSALS
 from nnpp_edge.runtime.map import motions
 from nnpp_edge.runtime.map.poses import Poses, limits_of
+from nnpp_edge.runtime.terrain.vehicle import Vehicle
 
 Floats = NDArray[np.float64]
 
@@ -95,25 +96,18 @@ def explain(poses: Poses, cell: Cell, heading_deg: float) -> PoseCheck:
     if not math.isfinite(heading_deg):
         raise InvalidQueryError(f"heading_deg must be a number of degrees, got {heading_deg}")
     slope, pitch, roll, step, up = _standing(poses, np.array([(*cell, heading_deg)]))[0].tolist()
-    tilts = [math.degrees(math.atan(each)) for each in (slope, pitch, roll)]
-    most = limits_of(poses.vehicle, poses.weights).astype(np.float64)
-    values = math.nan, math.atan(slope), pitch, roll, step, up
-    if not math.isfinite(slope + step + up):
-        refused: str | None = REFUSALS[0]
-    else:
-        refused = next((REFUSALS[n] for n in range(1, len(REFUSALS)) if not values[n] <= most[n]), None)
-    pitch_deg, roll_deg, tilt_deg = poses.vehicle.tilts_deg
-    return PoseCheck(
-        cell,
-        heading_deg % 360.0,
-        refused is None,
-        refused,
-        Limit(tilts[0], tilt_deg),
-        Limit(tilts[1], pitch_deg),
-        Limit(tilts[2], roll_deg),
-        Limit(step, poses.vehicle.step_m),
-        Limit(up, poses.vehicle.clearance_m),
-    )
+    values, most = (math.atan(slope), pitch, roll, step, up), limits_of(poses.vehicle, poses.weights)[1:6].tolist()
+    fails = not math.isfinite(slope + step + up), *(not a <= b for a, b in zip(values, most, strict=True))
+    refused = next((name for name, failing in zip(REFUSALS, fails, strict=True) if failing), None)
+    figures = *(math.degrees(math.atan(each)) for each in (slope, pitch, roll)), step, up
+    limits = map(Limit, figures, allowances(poses.vehicle))
+    return PoseCheck(cell, heading_deg % 360.0, refused is None, refused, *limits)
+
+
+def allowances(vehicle: Vehicle) -> tuple[float, float, float, float, float]:
+    """The most by each limit but ``unknown``, in their order in `REFUSALS`: degrees and metres."""
+    pitch, roll, tilt = vehicle.tilts_deg
+    return tilt, pitch, roll, vehicle.step_m, vehicle.clearance_m
 
 
 def costs_at(poses: Poses, places: Floats) -> Floats:

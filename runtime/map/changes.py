@@ -7,7 +7,7 @@ that the reader looks at more than it need, never at less. A reader that is gone
 from collections.abc import Sequence
 from itertools import pairwise
 from typing import NamedTuple
-from weakref import ref
+from weakref import WeakSet
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,7 +17,7 @@ from nnpp_edge.runtime.tuning import MOST_LOGGED_CHANGES
 
 MANY_NODES = 1 << 16
 """From here on the nodes of merged changes are kept once each."""
-_NO_NODES, _NO_WEIGHTS = np.empty(0, np.int32), np.empty(0, np.float32)
+NO_NODES, NO_WEIGHTS = np.empty(0, np.int32), np.empty(0, np.float32)
 
 
 class Change(NamedTuple):
@@ -31,9 +31,9 @@ class Change(NamedTuple):
     """Whether a cell weighs less than before."""
     rescaled: bool = False
     """Whether all that is relative to the map's least and greatest weight is out of date (``length`` model)."""
-    nodes: NDArray[np.int32] = _NO_NODES
+    nodes: NDArray[np.int32] = NO_NODES
     """(N,) the changed cells, for a reader that keeps old weights; else empty."""
-    old_weights: NDArray[np.float32] = _NO_WEIGHTS
+    old_weights: NDArray[np.float32] = NO_WEIGHTS
     """(N,) what they weighed before. Where a node stands twice, the first is the older weight."""
 
     def then(self, newer: "Change") -> "Change":
@@ -53,19 +53,15 @@ class ChangeReader:
 
     def __init__(self, keeps_old_weights: bool, most: int) -> None:
         self.keeps_old_weights, self._most = keeps_old_weights, most
-        self.skip()
+        self._unread: list[Change] = []
 
     def skip(self) -> None:
         """Count everything so far as read."""
-        self.behind, self._unread = 0, list[Change]()
-        """Number of changes, as they were written, that are still to be read."""
+        self._unread = []
 
     def read(self) -> Sequence[Change]:
         """The changes since the last call."""
-        if not self.behind:
-            return ()
-        changes = self._unread
-        self.skip()
+        changes, self._unread = self._unread, []
         return changes
 
     def peek(self) -> Sequence[Change]:
@@ -74,7 +70,6 @@ class ChangeReader:
 
     def add(self, change: Change) -> None:
         """A change to be read; for `ChangeLog`."""
-        self.behind += 1
         self._unread.append(change)
         if (count := len(self._unread)) > self._most:
             pairs, last = list(pairwise(self._unread))[::2], self._unread[count - count % 2 :]
@@ -87,13 +82,7 @@ class ChangeLog:
     def __init__(self, most: int = MOST_LOGGED_CHANGES) -> None:
         self.version = 0
         """Number of changes so far."""
-        self._most = most
-        self._refs: list[ref[ChangeReader]] = []
-
-    @property
-    def _readers(self) -> "list[ChangeReader]":
-        """Those that are still in use."""
-        return [reader for each in self._refs if (reader := each()) is not None]
+        self._most, self._readers = most, WeakSet[ChangeReader]()
 
     @property
     def keeps_old_weights(self) -> bool:
@@ -103,12 +92,12 @@ class ChangeLog:
     def append(self, change: Change) -> None:
         """Write a change down."""
         self.version += 1
-        bare = change._replace(nodes=_NO_NODES, old_weights=_NO_WEIGHTS) if len(change.nodes) else change
+        bare = change._replace(nodes=NO_NODES, old_weights=NO_WEIGHTS) if len(change.nodes) else change
         for reader in self._readers:
             reader.add(change if reader.keeps_old_weights else bare)
 
     def reader(self, *, keeps_old_weights: bool = False) -> ChangeReader:
         """A new reader, to whom all changes so far are known."""
         reader = ChangeReader(keeps_old_weights, self._most)
-        self._refs = [*map(ref, self._readers), ref(reader)]
+        self._readers.add(reader)
         return reader

@@ -64,9 +64,9 @@ class CoarseSteps(PointSteps):
         (row, col, rows, cols), (top, left, tall, wide) = area, widened(area, (1, 1), self.shape)
 
         def pool(row0: int, row1: int) -> None:
-            pool_steps(finer, pieces, obstacle, (row + row0, row + row1, col, col + cols), self.means)
+            pool_steps(finer, pieces, obstacle, (row0, row1, col, col + cols), self.means)
 
-        in_bands(pool, rows, cols, threads_from=_THREADS_FROM)
+        in_bands(pool, row, row + rows, cols, threads_from=_THREADS_FROM)
         join_steps(self.means, (top, top + tall, left, left + wide), edges, backwards)
 
 
@@ -150,7 +150,11 @@ class DirectedSteps(PointSteps):
 
     def walk(self, grid: "Grid", path: NDArray[np.int32], first: int, costs: NDArray[np.float64]) -> int:
         blocked = self._under.walk(grid, path, first, costs)
-        legs = np.cumsum(self._costs_along(path[first:]))
+        cells = path[first:]
+        lengths = np.hypot(*(np.diff(cells, axis=0) * self._sides).T)
+        with np.errstate(invalid="ignore"):  # wherever steps lead
+            rises = np.diff(self._heights[cells[:, 0], cells[:, 1]].astype(np.float64))
+            legs = np.cumsum(self._model.cost(lengths, rises))
         if (states := self.states()) is not None and isinstance(self._under, PoseSteps):
             _, moves, fares, origins, rays, lengths, by_angle = states[2]
             turns = fares * np.array((0.0, 1.0), np.float32)
@@ -179,24 +183,15 @@ class DirectedSteps(PointSteps):
     def greatest(self, grid: "Grid") -> float:
         return self._greatest
 
-    def _costs_along(self, path: NDArray[np.int32]) -> NDArray[np.float64]:
-        """(N - 1,) what the steps of a path cost by the model itself, wherever they lead."""
-        heights = self._heights[path[:, 0], path[:, 1]].astype(np.float64)
-        steps = np.diff(path, axis=0) * np.array(self._sides)
-        with np.errstate(invalid="ignore"):
-            return self._model.cost(np.hypot(steps[:, 0], steps[:, 1]), np.diff(heights))
-
     def _compute(self, part: Rectangle) -> None:
         """Compute the steps that leave a rectangle's cells, on all cores where that pays."""
-        row, col, rows, cols = part
-        ways, dearest = (self._ways, self._lengths), [self._greatest]
+        (row, col, rows, cols), dearest = part, [self._greatest]
+        of_map = self._heights, self._weights, self._rule, self._priced, (self._ways, self._lengths)
 
         def price(row0: int, row1: int) -> None:
-            area = row + row0, row + row1, col, col + cols
-            of_map = self._heights, self._weights, self._rule, self._priced, ways
-            dearest.append(float(price_steps(*of_map, area, self.padded)))
+            dearest.append(float(price_steps(*of_map, (row0, row1, col, col + cols), self.padded)))
 
-        in_bands(price, rows, cols, threads_from=_THREADS_FROM)
+        in_bands(price, row, row + rows, cols, threads_from=_THREADS_FROM)
         self._greatest = max(dearest)
 
 

@@ -11,7 +11,7 @@ from nnpp_edge.runtime.cells import Cell, patch_at
 from nnpp_edge.runtime.deadline import NEVER, Deadline
 from nnpp_edge.runtime.kernels.nodes import octile
 from nnpp_edge.runtime.kernels.weights import fill_costs, write_costs
-from nnpp_edge.runtime.map.changes import Change
+from nnpp_edge.runtime.map.changes import NO_NODES, NO_WEIGHTS, Change
 from nnpp_edge.runtime.map.directed import CoarseSteps, DirectedSteps
 from nnpp_edge.runtime.map.poses import Poses
 from nnpp_edge.runtime.map.step_cost import GREY_LEVELS, LEAST_WEIGHT, PAPER_OMEGA, StepCost, StepModel
@@ -21,7 +21,6 @@ from nnpp_edge.runtime.memory import virtual_zeros
 
 _FAR = 0.25
 """A bound is measured anew when it lies beyond this share, or one over it, of what was measured last."""
-_NO_NODES, _NO_WEIGHTS = np.empty(0, np.int32), np.empty(0, np.float32)
 _OF_WEIGHTS = np.float32(0.0), np.float32(np.inf), np.float32(1.0), np.float32(np.inf)
 """Limits of costs that are weights already."""
 ALL = np.empty((0, 0), np.bool_)
@@ -90,7 +89,7 @@ class Grid:
             fill_costs(cost, grid._limits, row0, row1, grid.weights, grid.stride, found)
             bands.append(found)
 
-        in_bands(fill, rows, cols)
+        in_bands(fill, 0, rows, cols)
         found = np.array(bands)
         lowest, highest = np.array((found[:, 0].min(), found[:, 1].max()), np.int32).view(np.float32)
         floor, most, scale, ceiling = grid._limits
@@ -183,7 +182,7 @@ class Grid:
         row, col, rows, cols = patch_at(origin, cost.shape, self.shape)
         whole = cost.shape == self.shape and seen is None
         bounds = (math.inf, -math.inf) if whole else (self.least, self.greatest)
-        nodes, old = _NO_NODES, _NO_WEIGHTS
+        nodes, old = NO_NODES, NO_WEIGHTS
         if keep_old_weights:
             nodes, old = np.empty(rows * cols, np.int32), np.empty(rows * cols, np.float32)
         refused, cells, cheaper, (top, left, bottom, right), (least, greatest), at_bound = write_costs(

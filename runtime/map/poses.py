@@ -5,7 +5,6 @@ been checked counts as free until it would be worth taking; only then it is chec
 optimum over all motions, though it has checked a part.
 """
 
-import functools
 import math
 from typing import NamedTuple
 
@@ -16,16 +15,16 @@ from nnpp_edge.runtime.arguments import checked
 from nnpp_edge.runtime.arrays import Float2D
 from nnpp_edge.runtime.cells import Cell, Rectangle, slices, widened
 from nnpp_edge.runtime.errors import InvalidMapError
+from nnpp_edge.runtime.kernels.by_address import address_of
 from nnpp_edge.runtime.kernels.lattice import walk_primitives, walk_states
 from nnpp_edge.runtime.kernels.poses import (
     AXES,
     FAILS,
-    LIMIT_SLOTS,
     MOST_CODE,
     RUN,
     WALL_M,
-    address_of_check,
-    check_rows,
+    check_all,
+    check_run,
     figures_of,
     forget_poses,
     put_heights,
@@ -94,7 +93,7 @@ class Poses:
         """Rows and columns from a cell to those that it takes to check its motions."""
         self._margin = max(self.reach) + 1
         width = cols + 2 * self._margin + RUN
-        self._base = _some_height(heights)
+        self._base = np.float32(next((height for line in heights for height in line[np.isfinite(line)][:1]), 0.0))
         self._unknown = np.float32(np.nan if vehicle.unknown_passes or unseen is not None else np.inf)
         self._shut = np.float32(np.inf if unseen is None else WALL_M)
         self.heights = np.empty((rows + 2 * self._margin, width), np.float32)
@@ -146,7 +145,9 @@ class Poses:
         side = 0 if self._unseen is None else cols // self._unseen.shape[2]
         shape = np.array((rows, cols, width, self._margin, side), np.int64)
         source = self.heights.reshape(-1), packed, self._limits, self._scratch, self._counts, shape, unseen
-        return self.codes, source, _address()
+        unaddressed = self.codes, source, 0
+        address: int = address_of(check_run, unaddressed, 0, 0, 0)  # type: ignore[no-untyped-call]  # as all of `kernels`
+        return self.codes, source, address
 
     def figures(self, cell: Cell, motion: int, other: motions.Motions | None = None) -> NDArray[np.float64]:
         """(P, 7) of the poses of a motion from a cell, or of one of other motions: bounds of slope, pitch, roll, step
@@ -180,7 +181,7 @@ class Poses:
 
     def complete(self) -> None:
         """Check all motions that are not checked yet."""
-        check_rows(self.packed, 0, self.shape[0])
+        check_all(self.packed)
 
     def standing(self, rows: range | None = None) -> NDArray[np.uint16]:
         """(8, H, W) codes of the body standing on each cell in each direction, or of those of some rows."""
@@ -327,41 +328,3 @@ def limits_of(vehicle: Vehicle, weights: tuple[float, float, float]) -> Floats:
     pitch, roll, tilt = (math.radians(angle) for angle in vehicle.tilts_deg)
     limits = np.array((0.0, tilt, math.tan(pitch), math.tan(roll), vehicle.step_m, vehicle.clearance_m)) * _SAFE
     return np.array((*limits, *weights), np.float32)
-
-
-def _some_height(heights: Float2D) -> np.float32:
-    """The first finite height; 0 without any."""
-    for line in heights:
-        known = line[np.isfinite(line)]
-        if known.size:
-            return np.float32(known[0])
-    return np.float32(0.0)
-
-
-@functools.cache
-def _address() -> int:
-    """Of the check, compiled by way of a map of one cell and a body without wheels."""
-    ints, floats, pairs = np.zeros(3, np.int64), np.zeros(1, np.float32), np.zeros((1, 2), np.float32)
-    tables = (
-        ints,
-        ints,
-        np.zeros((1, 5), np.int64),
-        (floats, floats, ints, floats),
-        (ints, ints, pairs),
-        (ints, ints),
-        np.zeros((1, 3), np.float32),
-        np.zeros((5, 0), np.float32),
-        np.zeros(8, np.float32),
-    )
-    heights = np.zeros(2 * RUN, np.float32)
-    source = (
-        heights,
-        tables,
-        np.ones(LIMIT_SLOTS, np.float32),
-        np.zeros(RUN, np.float32),
-        ints,
-        np.array((1, 1, RUN, 0, 0)),
-        np.empty(0, np.float32),
-    )
-    packed = np.zeros((9, AXES), np.uint16), source, 0
-    return int(address_of_check(packed))  # type: ignore[no-untyped-call]  # as all of `kernels`

@@ -14,7 +14,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from nnpp_edge.runtime.kernels.lattice import COLS, DIRECTIONS, LEFT_TURN, LEG, ROWS
+from nnpp_edge.runtime.kernels.lattice import COLS, DIRECTIONS, LEFT_TURN, LEG, ROWS, left_over
 from nnpp_edge.runtime.kernels.poses import AXES as AXES
 from nnpp_edge.runtime.terrain.vehicle import Vehicle
 
@@ -22,6 +22,8 @@ TURNS, ARCS = AXES, 2 * AXES
 """Numbers of the first motions after legs; arcs, if there are any, are sixteen: to the left from each direction."""
 FORWARDS, BACKWARDS = 0, DIRECTIONS
 """Added to a direction, the number of a state among those of its cell: the gear in which it was come to."""
+_LEGS = 1.0, math.sqrt(2.0), math.sqrt(5.0)
+"""Cells of a straight, a diagonal and a knight's leg."""
 _INT, _FLOAT = np.int32, np.float32
 _Move = tuple[int, int, int, int, bool, int]
 
@@ -128,7 +130,7 @@ def primitives(vehicle: Vehicle, sides_m: tuple[float, float]) -> Primitives:
             ends = (bend.down, bend.right), (-bend.down, -bend.right)
             legs += [(*end, k, ARCS + k, there, -1) for end, there in zip(ends, (False, True), strict=True)]
             lengths += [cells, cells]
-            shortest = min(shortest, cells / _by_legs(bend.down, bend.right))
+            shortest = min(shortest, cells / left_over.py_func(abs(bend.down), abs(bend.right), _LEGS))
     rays = np.array(legs, _INT)
     return Primitives(moves, fares, origins, rays, np.array(lengths, _FLOAT), shortest)
 
@@ -155,11 +157,3 @@ def _ways(vehicle: Vehicle, sides_m: tuple[float, float]) -> Iterator[tuple[int,
                 bend, sign = curve(arc, sides_m, radius), -1 if there else 1
                 move = sign * bend.down, sign * bend.right, (k + to) % DIRECTIONS, ARCS + arc, there, -1
                 yield k, kind if gear > 0 else kind + 2, move, bend.length_m / min(sides_m), gear
-
-
-def _by_legs(down: int, right: int) -> float:
-    """Cells of the shortest way by legs."""
-    near, far = sorted((abs(down), abs(right)))
-    if 2 * near <= far:
-        return far - 2 * near + math.sqrt(5.0) * near
-    return math.sqrt(5.0) * (far - near) + math.sqrt(2.0) * (2 * near - far)

@@ -6,7 +6,7 @@ from numpy.typing import NDArray
 from nnpp_edge.runtime.cells import Cell, apart, slices, widened
 from nnpp_edge.runtime.kernels.poses import AXES, FAILS, REFUSALS, UNKNOWN
 from nnpp_edge.runtime.map import motions
-from nnpp_edge.runtime.map.attitude import greatest
+from nnpp_edge.runtime.map.attitude import allowances, greatest
 from nnpp_edge.runtime.map.poses import Poses
 
 _AROUND = 32
@@ -57,7 +57,7 @@ def why_ended(poses: Poses, reached: NDArray[np.bool_], end: Cell, *, by_legs: b
     turns = poses.codes[(row + 1) * (cols + 2) + col + 1, AXES : 2 * AXES]
     for axis in (axis for axis in range(AXES) if not by_legs and turns[axis] >= FAILS):
         values = greatest(poses, closest, AXES + axis)
-        limit = max(range(len(REFUSALS)), key=lambda at: values[at] / _allowance(poses, at))
+        limit = int((values / (1.0, *allowances(poses.vehicle))).argmax())
         return f"{told}. It cannot turn on the spot there: {_refused(poses, limit, values[limit], 'up to {}')}"
     top, left, height, width = widened((row, col, 1, 1), (_AROUND, _AROUND), poses.shape)
     legs = poses.codes.reshape(rows + 2, cols + 2, -1)[slices((top + 1, left + 1, height, width))][..., :AXES]
@@ -77,11 +77,6 @@ def why_ended(poses: Poses, reached: NDArray[np.bool_], end: Cell, *, by_legs: b
     return f"{told}, as from {first} to {last}: {_refused(poses, limit, value, 'up to {}')}"
 
 
-def _allowance(poses: Poses, limit: int) -> float:
-    pitch, roll, tilt = poses.vehicle.tilts_deg
-    return (1.0, tilt, pitch, roll, poses.vehicle.step_m, poses.vehicle.clearance_m)[limit]
-
-
 def _refused(poses: Poses, limit: int, value: float, form: str) -> str:
     """The fault that a limit refuses, its value put into `form`, and the vehicle's key that allows less."""
     if limit == UNKNOWN:
@@ -90,4 +85,4 @@ def _refused(poses: Poses, limit: int, value: float, form: str) -> str:
     if getattr(poses.vehicle, key) is None:
         key = "max_tilt_deg" if unit == "°" else "clearance_m"
     told = _WORDS[limit].format(form.format(f"{value:.4g}{unit}"))
-    return f"{told}, and {key} is {_allowance(poses, limit):g}"
+    return f"{told}, and {key} is {allowances(poses.vehicle)[limit - 1]:g}"

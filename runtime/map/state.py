@@ -149,8 +149,7 @@ class MapState:
             self._pyramid, self._unpooled = Pyramid(self.grid), self.log.reader()
             if not self._lazy:
                 self.grid.complete(deadline)
-        elif self._unpooled.behind:
-            changes = self._unpooled.read()
+        elif changes := self._unpooled.read():
             whole = (0, 0, *self.shape)
             for part in [whole] if any(c.rescaled for c in changes) else [c.part for c in changes]:
                 self._pyramid.update(part)

@@ -25,7 +25,6 @@ if TYPE_CHECKING:
 PackedGrid = tuple[NDArray[np.float32], int, tuple[float, float, float, float], bool, PackedTiles]
 """A grid as the kernels take it: (weights, stride, steps, corner_cutting, tiles)."""
 Edges = NDArray[np.float32]
-Sums = tuple[int, int, float, float, float]
 States = tuple[PackedPoses, Edges, Prices]
 """A body's motions and what they cost, as `kernels.lattice.expand_states` takes them."""
 
@@ -69,15 +68,11 @@ class PointSteps:
         """Cost, length in cells and CC of a path, summed in float64; inf for an empty one."""
         if not len(path):
             return math.inf, math.inf, math.inf
-        straight, diagonal, by_straight, by_diagonal, total = self._sums(grid, path)
+        straight, diagonal, by_straight, by_diagonal, total = measure(grid.weights, grid.stride, path)
         length_s, length_d, weight_s, weight_d = grid.model.steps
         cost = length_s * straight + length_d * diagonal + weight_s * by_straight + weight_d * by_diagonal
         scale = grid.model.scale
         return cost, straight + SQRT2 * diagonal, total / scale if scale else 0.0
-
-    def _sums(self, grid: "Grid", path: NDArray[np.int32]) -> Sums:
-        sums: Sums = measure(grid.weights, grid.stride, path)
-        return sums
 
     def worth_of_height(self, start: Cell, goal: Cell) -> float:
         """By how much a path between two cells costs more than its steps as searches take them."""

@@ -45,16 +45,13 @@ class StreamedMap:
             self.levels.append(Level(grid, np.zeros(nodes, np.uint16), np.zeros(nodes, np.uint8)))
         self._band: Grid | None = None
         self._taken, self._least = 0, math.inf
+        self._obstacle = model.scale
+        """Weight of an impassable cell in the mean: T = 1."""
 
     @property
     def shape(self) -> tuple[int, int]:
         """Rows and columns."""
         return self.grid.shape
-
-    @property
-    def pyramid(self) -> "StreamedMap":
-        """The owner of the levels."""
-        return self
 
     def pyramid_by(self, _: Deadline) -> "StreamedMap":
         """Levels that are there already."""
@@ -109,19 +106,11 @@ class StreamedMap:
 
     def _next_band(self, rows: int) -> Grid:
         """A grid for the next rows below four of the last ones; the row above those stands in its border."""
-        above = FACTOR if self._taken else 0
-        last, stride = self._band, self.grid.stride
-        kept = None
-        if last is not None:
-            kept = last.weights.reshape(last.rows + 2, stride)[last.rows + 1 - _KEPT : last.rows + 1].copy()
+        above, last, stride = FACTOR if self._taken else 0, self._band, self.grid.stride
+        kept = None if last is None else last.weights.reshape(-1, stride)[-1 - _KEPT : -1].copy()
         band = last
         if band is None or band.rows != rows + above:
             band = Grid(rows + above, self.grid.cols, self.grid.model, self.grid.corner_cutting)
         if kept is not None:
-            band.weights.reshape(band.rows + 2, stride)[:_KEPT] = kept
+            band.weights.reshape(-1, stride)[:_KEPT] = kept
         return band
-
-    @property
-    def _obstacle(self) -> float:
-        """Weight of an impassable cell in the mean: T = 1."""
-        return self.grid.model.scale

@@ -9,7 +9,7 @@ it is: a plan on a map that is computed as a whole beforehand is the same.
 import functools
 import itertools
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from functools import partial
 
 import numpy as np
@@ -19,6 +19,7 @@ from nnpp_edge.runtime.arrays import Float2D, close_border
 from nnpp_edge.runtime.bands import in_bands, stripes
 from nnpp_edge.runtime.cells import Rectangle
 from nnpp_edge.runtime.deadline import NEVER, Deadline
+from nnpp_edge.runtime.kernels.by_address import address_of
 from nnpp_edge.runtime.kernels.tiles import (
     ANY_TOLD,
     BLOCK_COLS,
@@ -30,7 +31,6 @@ from nnpp_edge.runtime.kernels.tiles import (
     LINKED,
     POOLED,
     SURROUNDED,
-    address_of_open_tile,
     compute_rows,
     link_rows,
     open_along,
@@ -63,7 +63,7 @@ COMPLETE: PackedTiles = (
 
 @functools.cache
 def _address() -> int:
-    return int(address_of_open_tile(COMPLETE))  # type: ignore[no-untyped-call]  # as all of `kernels`
+    return int(address_of(open_tile, COMPLETE, 0, 0))  # type: ignore[no-untyped-call]  # as all of `kernels`
 
 
 class Tiles:
@@ -148,7 +148,7 @@ class Tiles:
             for first, last in stripes(rows, cols, high, whole=deadline.at == math.inf):
                 state = self.state[first // high : -(-last // high)]
                 if (state & wanted != wanted).any():
-                    in_bands(partial(_in_part, work, tiles, first), last - first, cols, high)
+                    in_bands(partial(work, tiles), first, last, cols, high)
                     state |= wanted
                     deadline.check()
         self.state |= SURROUNDED
@@ -186,10 +186,3 @@ class Tiles:
     ) -> None:
         """As `network.encoding.map_planes`, for parts of a window, from two rows of each network cell."""
         sample_planes(self.packed(), window, np.array(parts), inner, out)
-
-
-def _in_part(
-    work: Callable[[PackedTiles, int, int], None], tiles: PackedTiles, first: int, row0: int, row1: int
-) -> None:
-    """Do what takes rows of the map for rows counted from its row `first`."""
-    work(tiles, first + row0, first + row1)

@@ -74,16 +74,11 @@ class CoarseLevel:
         """Set another landmark if enough work has been spent without; what the last search found is overwritten."""
         if self._closed is not None or self._spent < LANDMARK_PATIENCE * self.grid.cells:
             return
-        count = len(self.landmarks.cells) if self.landmarks else 0
-        landmarks = self.set_landmarks(count + 1)
-        enough = len(landmarks.cells) in (count, LEVEL_LANDMARKS)  # there is no place for more, or no need
-        self._spent = -math.inf if enough else 0.0
-
-    def set_landmarks(self, count: int) -> Landmarks:
-        """See to it that the level has so many landmarks, as far as there is place for them."""
         self.landmarks = self.landmarks or Landmarks(self.grid, self.workspace, self.level.links)
-        self.landmarks.spread(count)
-        return self.landmarks
+        count = len(self.landmarks.cells)
+        self.landmarks.spread(count + 1)
+        enough = len(self.landmarks.cells) in (count, LEVEL_LANDMARKS)  # there is no place for more, or no need
+        self._spent = -math.inf if enough else 0.0
 
     def close_dead_ends(self, region: Region, searched: Workspace, shape: Cell) -> bool:
         """Close the links that a search of a region of the map, of this shape, did not get across; whether any were.
@@ -139,7 +134,7 @@ class CoarseToFine:
 
     def __init__(self, state: MapState | StreamedMap, finest: Workspace) -> None:
         self._state, self._finest = state, finest
-        self._levels = state.pyramid.levels
+        self._levels = state.pyramid_by(NEVER).levels
         self.coarse_levels = [CoarseLevel(level) for level in self._levels[1:]]
         """The searched levels above the map itself, finest first."""
         self._corrects = state.grid.steps.by_poses

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from nnpp_edge.runtime.arguments import checked
 from nnpp_edge.runtime.arrays import Float2D
 from nnpp_edge.runtime.cells import Cell, apart, as_cell
-from nnpp_edge.runtime.deadline import NEVER, Deadline
+from nnpp_edge.runtime.deadline import Deadline
 from nnpp_edge.runtime.errors import InvalidQueryError, Status
 from nnpp_edge.runtime.map.arcs import direction_near
 from nnpp_edge.runtime.map.ground import Ground
@@ -24,7 +24,7 @@ from nnpp_edge.runtime.planners.methods import Methods
 from nnpp_edge.runtime.planners.on_map import OnMap, PlannerOptions, model_file, one_at_a_time, split
 from nnpp_edge.runtime.planners.plan import DynamicMethod, Method, Plan, Source
 from nnpp_edge.runtime.planners.query import Found, Query, Work
-from nnpp_edge.runtime.planners.refine import Refinement
+from nnpp_edge.runtime.planners.refine import refines
 from nnpp_edge.runtime.planners.standing_path import Standing, StandingPath
 from nnpp_edge.runtime.terrain.traversability import Traversability
 from nnpp_edge.runtime.tuning import MEND_FROM, MEND_SHARE, MEND_WITHIN, MOST_DRIFT, NEAR, UNSEEN_CHANGE
@@ -64,7 +64,7 @@ class DynamicChooser:
                     return found, DynamicMethod.CORRIDOR_DSTAR, reason
             reason = "the path in the standing corridor costs too much by now"
         self._drift = 1.0
-        return methods.corridor(query, work, methods.always_mending), DynamicMethod.CORRIDOR_DSTAR, reason
+        return methods.corridor(query, work, methods.mending(always=True)), DynamicMethod.CORRIDOR_DSTAR, reason
 
     def _against_mending(self, query: Query) -> str:
         """Why a search afresh is expected to be faster than repairing the last one; empty where it is not."""
@@ -131,7 +131,7 @@ class DynamicPlanner(OnMap):
         self._heading_deg: float | None = None
         self._standing: Plan | None = None
         super().__init__(cost, cell_size_m, options, tell_unknown=True)
-        self._refinement = Refinement.named(refine, self._state.grid)
+        self._refines = refines(refine, self._state.grid)
         self.set_goal(goal)
 
     @classmethod
@@ -190,7 +190,7 @@ class DynamicPlanner(OnMap):
 
     def __getstate__(self) -> dict[str, object]:
         """The map, the model, the ends, and the standing path: a copy begins anew with these."""
-        own = {name: getattr(self, name) for name in ("_refinement", "_start", "_heading_deg", "_goal", "method")}
+        own = {name: getattr(self, name) for name in ("_refines", "_start", "_heading_deg", "_goal", "method")}
         return super().__getstate__() | own | {"_standing": self._path.plan}
 
     @property
@@ -291,7 +291,7 @@ class DynamicPlanner(OnMap):
         if plan.ok:
             self._path.set(plan)
             self._chooser.answered()
-        return self._refined(plan, query.deadline)
+        return self._refiner.refined(plan, deadline=query.deadline) if self._refines else plan
 
     @checked(InvalidQueryError)
     @one_at_a_time
@@ -299,10 +299,7 @@ class DynamicPlanner(OnMap):
         """A plan whose path can be walked on the map as it is now, such as what is left of the standing one, with its
         way points where the planner was made with `refine`, and with the numbers along it.
         """
-        return plan.over(self._state) if self._refinement is None else self._refined(plan, NEVER)
-
-    def _refined(self, plan: Plan, deadline: Deadline) -> Plan:
-        return plan if self._refinement is None else self._refiner.refined(plan, deadline=deadline)
+        return self._refiner.refined(plan) if self._refines else plan.over(self._state)
 
     @property
     def _direction(self) -> int:

@@ -109,15 +109,9 @@ class Methods:
         """D* Lite in regions."""
         return RegionMender(self.state)
 
-    @cached_property
-    def mending(self) -> Searcher:
-        """Searches regions by D* Lite where that is expected to be less work."""
-        return MendingSearcher(self.mender, self.astar)
-
-    @cached_property
-    def always_mending(self) -> Searcher:
-        """Searches regions by D* Lite."""
-        return MendingSearcher(self.mender, self.astar, always=True)
+    def mending(self, *, always: bool = False) -> Searcher:
+        """Searches regions by D* Lite where that is expected to be less work, or `always`."""
+        return MendingSearcher(self.mender, self.astar, always=always)
 
     def use_model(self, model: str | Path | NetworkModel) -> NetworkModel:
         """Ask this network from now on, once it has been loaded and tried; ModelError, and the old one stays."""
@@ -150,7 +144,7 @@ class Methods:
             return self.mend_map(query, work)
         if by is DynamicMethod.ASTAR:
             return self.search_map(query, work)
-        searcher = self.mending if by.mends_regions else self.astar
+        searcher = self.mending() if by.mends_regions else self.astar
         if by.base is Method.NNPP and not self.has_poses:
             return self.network_region(query, work, searcher)
         return self.corridor(query, work, searcher)
@@ -284,7 +278,7 @@ class Methods:
         top, deadline = self._network_level, query.deadline
         level = self.state.pyramid_by(deadline).levels[top]  # before `descent`, which waits for all of them
         memory = self.descent.workspace(top)
-        answer, regions = self.regions.regions(query.start, query.goal, level, top, memory, work, deadline)
+        td, at_td, regions = self.regions.regions(query.start, query.goal, level, top, memory, work, deadline)
         for number, region in enumerate(regions):
             source = Source.WIDENED if number else Source.REGION
             found = self.descent.find(query, work, searcher or self.astar, top, region, LEARNED_CORRIDOR, source)
@@ -292,7 +286,7 @@ class Methods:
                 break
         else:
             found = self.search_map(query, work, Source.FALLBACK)
-        return found._replace(threshold=answer.threshold, network_region=answer.region)
+        return found._replace(threshold=td, network_region=at_td)
 
     @property
     def _network_level(self) -> int:

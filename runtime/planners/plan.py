@@ -210,9 +210,9 @@ class Plan:
             return self.drive.poses[:, 1::-1] / self.along.sides_m
         return self.path if self.waypoints is None else self.waypoints
 
-    def over(self, state: MapState, at: Line | None = None) -> "Plan":
-        """This plan with what lies below it on this map, at places (M, 2) of its line; as `MapState.along`."""
-        along = state.along(self.line, self.line if at is None and self.states is not None else at)
+    def over(self, state: MapState) -> "Plan":
+        """This plan with what lies below its line on this map, of a body that drives arcs at its poses."""
+        along = state.along(self.line, None if self.states is None else self.line)
         return self if along is None else replace(self, along=along)
 
     @property
@@ -251,29 +251,25 @@ class Plan:
         exact = self.cost <= self.lower_bound
         return self.cost / self.lower_bound if self.lower_bound > 0.0 else (1.0 if exact else math.inf)
 
-    def _line_figures(self) -> dict[str, object]:
-        """Of the way points, ready for JSON."""
-        per = "cell" if self.along is None else "m"
-        sharpest = float(self.curvatures.max(initial=0.0))
-        return {"line_cost": _finite(self.line_cost), f"sharpest_curvature_per_{per}": _finite(sharpest)}
-
     def summary(self) -> dict[str, object]:
         """The plan without its arrays, ready for JSON (inf and NaN as None)."""
-        names = ("cost", "length", "traverse_cost", "lower_bound", "bound", "threshold")
-        numbers = {name: _finite(getattr(self, name)) for name in names}
+        line: dict[str, object] = {}
+        if self.waypoints is not None:
+            sharpest = f"sharpest_curvature_per_{'cell' if self.along is None else 'm'}"
+            line = {"line_cost": _finite(self.line_cost), sharpest: _finite(self.curvatures.max(initial=0.0))}
         return {
             "status": str(self.status),
             "method": str(self.planner or self.method),
             "source": None if self.source is None else str(self.source),
-            **{name: numbers[name] for name in names[:4]},
-            "bound": numbers["bound"] if self.ok else None,
+            **{name: _finite(getattr(self, name)) for name in ("cost", "length", "traverse_cost", "lower_bound")},
+            "bound": _finite(self.bound) if self.ok else None,
             "cells": len(self.path),
             **{name: _finite(number) for name, number in self.numbers._asdict().items()},
             "expansions": self.expansions,
-            "threshold": numbers["threshold"],
+            "threshold": _finite(self.threshold),
             "choice": self.choice,
             "reason": self.reason,
-            **({} if self.waypoints is None else self._line_figures()),
+            **line,
             **({} if self.states is None else {"arcs": [asdict(arc) for arc in self.arcs]}),
             "timings_ms": {stage: round(ms, 3) for stage, ms in self.timings_ms.items()},
         }
@@ -309,4 +305,4 @@ class Plan:
 
 
 def _finite(number: float) -> float | None:
-    return round(number, 6) if math.isfinite(number) else None
+    return round(float(number), 6) if math.isfinite(number) else None

@@ -18,7 +18,7 @@ from nnpp_edge.runtime.network.inference import NetworkModel
 from nnpp_edge.runtime.planners.on_map import OnMap, PlannerOptions, model_file, one_at_a_time, split
 from nnpp_edge.runtime.planners.plan import DynamicMethod, Method, Plan
 from nnpp_edge.runtime.planners.query import Found, PlanOptions, Query, Wishes, Work, options_of
-from nnpp_edge.runtime.planners.refine import Refinement
+from nnpp_edge.runtime.planners.refine import refines
 from nnpp_edge.runtime.planners.tour import Tour, tour
 from nnpp_edge.runtime.search.astar import costs_to_nearest
 from nnpp_edge.runtime.terrain.traversability import Traversability
@@ -193,7 +193,7 @@ class Planner(OnMap):
             A place between lies outside the map or is impassable, too many are to be ordered, or as `plan`.
         """
         wishes, grid = options_of(**options), self._state.grid
-        refining, deadline = Refinement.named(wishes.refine, grid), Deadline.within(wishes.time_limit_s)
+        refining, deadline = refines(wishes.refine, grid), Deadline.within(wishes.time_limit_s)
         between = [as_cell(cell, f"via {at}") for at, cell in enumerate(via, 1)]
         stops = [as_cell(start, "start"), *between, as_cell(goal, "goal")]
         memory = self._methods.astar.workspace
@@ -220,8 +220,7 @@ class Planner(OnMap):
         return self._reach(start, within)
 
     def _planned(self, start: Cell, goal: Cell, wishes: Wishes, work: Work) -> Plan:
-        refining = Refinement.named(wishes.refine, self._state.grid)
-        deadline = Deadline.within(wishes.time_limit_s)
+        refining, deadline = refines(wishes.refine, self._state.grid), Deadline.within(wishes.time_limit_s)
         return self._refined(self._on_grid(start, goal, wishes, work, deadline), refining, wishes, deadline)
 
     def _on_grid(
@@ -242,11 +241,11 @@ class Planner(OnMap):
 
         return self._answer(query, work, DynamicMethod(chosen), find, wishes.keep_regions)
 
-    def _refined(self, plan: Plan, refining: Refinement | None, wishes: Wishes, deadline: Deadline) -> Plan:
+    def _refined(self, plan: Plan, refining: bool, wishes: Wishes, deadline: Deadline) -> Plan:
         """The plan, freed from the grid if that is asked for."""
-        if refining is None:
-            return plan if plan.states is None else plan.over(self._state)
-        return self._refiner.refined(plan, wishes.turning_radius_m, deadline)
+        if refining:
+            return self._refiner.refined(plan, wishes.turning_radius_m, deadline)
+        return plan if plan.states is None else plan.over(self._state)
 
 
 @checked(InvalidQueryError)

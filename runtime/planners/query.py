@@ -121,12 +121,8 @@ class Wishes(NamedTuple):
         return begin, None if goal is None else directions_within(goal, self.goal_tolerance_deg, poses.sides_m)
 
 
-_wishes: Callable[..., Wishes] = checked(InvalidQueryError)(Wishes)
-
-
-def options_of(**options: object) -> Wishes:
-    """From keywords; InvalidQueryError for a value of another kind."""
-    return _wishes(**options)
+options_of: Callable[..., Wishes] = checked(InvalidQueryError)(Wishes)
+"""From keywords; InvalidQueryError for a value of another kind."""
 
 
 class Work(Stopwatch):

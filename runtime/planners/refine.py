@@ -16,7 +16,6 @@ A body's path is not freed: its legs lead in sixteen directions, each checked at
 
 import math
 from dataclasses import replace
-from enum import StrEnum
 from typing import NamedTuple
 
 import numpy as np
@@ -41,28 +40,20 @@ _FAR_STAGES = 2
 """Stages that are left out, one after another, while no line is found that costs less than the path."""
 
 
-class Refinement(StrEnum):
-    """Ways to free a path from the grid."""
-
-    ANY_ANGLE = "any-angle"
-
-    @classmethod
-    def named(cls, name: str | None, grid: Grid) -> "Refinement | None":
-        """The one of that name, none for None; InvalidQueryError if there is none, or none for this map's steps."""
-        if name is None:
-            return None
-        try:
-            found = cls(name)
-        except ValueError:
-            raise InvalidQueryError(f"refine must be one of {', '.join(cls)}, got {name!r}") from None
-        if grid.steps.by_poses:
-            raise InvalidQueryError(f"refine={name!r} is for points and discs: a body's legs lead in 16 directions")
-        if grid.steps.by_slope:
-            raise InvalidQueryError(
-                f"refine={name!r} prices lines by the map's cost: wanted step_cost='paper' or 'length', got steps "
-                "that cost by their slope"
-            )
-        return found
+def refines(name: str | None, grid: Grid) -> bool:
+    """Whether paths are freed; InvalidQueryError for another name than ``any-angle``, or for this map's steps."""
+    if name is None:
+        return False
+    if name != "any-angle":
+        raise InvalidQueryError(f"refine must be one of any-angle, got {name!r}")
+    if grid.steps.by_poses:
+        raise InvalidQueryError(f"refine={name!r} is for points and discs: a body's legs lead in 16 directions")
+    if grid.steps.by_slope:
+        raise InvalidQueryError(
+            f"refine={name!r} prices lines by the map's cost: wanted step_cost='paper' or 'length', got steps that "
+            "cost by their slope"
+        )
+    return True
 
 
 class Line(NamedTuple):

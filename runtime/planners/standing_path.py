@@ -144,7 +144,8 @@ class StandingPath:
 
     def catch_up(self) -> None:
         """Read what has changed now if so much waits to be read that it would hold memory."""
-        if self._changes.behind > MOST_LOGGED_CHANGES // 2 or sum(len(c.nodes) for c in self._changes.peek()) > _MANY:
+        unread = self._changes.peek()
+        if len(unread) > MOST_LOGGED_CHANGES // 2 or sum(len(change.nodes) for change in unread) > _MANY:
             self._read_changes()
 
     def check(self, at: Cell, direction: int = -1) -> Standing:

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from nnpp_edge.runtime.cells import Cell
 from nnpp_edge.runtime.deadline import NEVER, Deadline, OutOfTimeError
-from nnpp_edge.runtime.errors import InvalidQueryError, Status
+from nnpp_edge.runtime.errors import InvalidQueryError
 from nnpp_edge.runtime.map.along import joined
 from nnpp_edge.runtime.map.grid import Grid
 from nnpp_edge.runtime.map.motions import DIRECTIONS
@@ -141,8 +141,9 @@ class _Legs:
             self._made[begin, end] = replace(back, path=back.path[::-1].copy(), along=along)
         elif (begin, end) not in self._made:
             plan = self._plan(self._stops[begin], self._stops[end])
-            if plan.source is None:
-                self._refuse(begin if plan.status.startswith("START") else end, plan.status)
+            at = begin if plan.status.startswith("START") else end
+            if plan.source is None and 0 < at < len(self._stops) - 1:  # of start and goal the status tells
+                raise InvalidQueryError(f"via {at}, {self._stops[at]}, {in_words(plan.status)}")
             self._made[begin, end] = plan
         return self._made[begin, end]
 
@@ -175,11 +176,6 @@ class _Legs:
         """Numbers of the stops at both ends of each leg; of the stops between the order counts from 0."""
         visited = [0, *(each + 1 for each in order), len(self._stops) - 1]
         return list(itertools.pairwise(visited))
-
-    def _refuse(self, number: int, status: Status) -> None:
-        """InvalidQueryError where the stop is a place between; start and goal are told of by the plan's status."""
-        if 0 < number < len(self._stops) - 1:
-            raise InvalidQueryError(f"via {number}, {self._stops[number]}, {in_words(status)}")
 
 
 def _cheapest_order(costs: Costs, deadline: Deadline = NEVER) -> tuple[Order, float]:

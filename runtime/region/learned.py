@@ -2,13 +2,12 @@
 
 from collections.abc import Iterator
 from pathlib import Path
-from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from nnpp_edge.runtime.arrays import Float2D
-from nnpp_edge.runtime.cells import Cell
+from nnpp_edge.runtime.cells import Cell, Endpoints
 from nnpp_edge.runtime.deadline import NEVER, Deadline, OutOfTimeError
 from nnpp_edge.runtime.kernels import threshold as kernels
 from nnpp_edge.runtime.kernels.pooling import FACTOR
@@ -21,15 +20,6 @@ from nnpp_edge.runtime.region.map_view import MapView
 from nnpp_edge.runtime.search.workspace import Workspace
 from nnpp_edge.runtime.stopwatch import Stopwatch
 from nnpp_edge.runtime.tuning import WIDENED_BLOCKS, WIDENED_THRESHOLD
-
-
-class Ends(NamedTuple):
-    """Start and goal of a search in a learned region, on the grid that is searched, and the blocks always in it."""
-
-    start: Cell
-    goal: Cell
-    start_block: Cell
-    goal_block: Cell
 
 
 def probability_of(level: int) -> float:
@@ -78,7 +68,8 @@ class RegionFinder:
         level: Level,
         workspace: Workspace,
         lookup: Lookup,
-        ends: Ends,
+        ends: Endpoints,
+        blocks: Endpoints,
         factor: float,
         *,
         touching: bool = False,
@@ -88,17 +79,17 @@ class RegionFinder:
 
         The blocks at td are numbered `stamp` in `at_td`, those at `factor` of it in `bitmap`. Where td is not above
         0, `at_td` is every block and `bitmap` is left alone. The level is walked on; `workspace` is memory of its
-        grid, and `lookup` the block that each of its rows and columns lies in. To say that each step on the grid
-        leads to the same block or a `touching` one saves time. OutOfTimeError at the deadline.
+        grid, `lookup` the block that each of its rows and columns lies in, and `blocks` are in every region. To say
+        that each step on the grid leads to the same block or a `touching` one saves time. OutOfTimeError at the
+        deadline.
         """
         self.stamp += 1
-        node = level.grid.node
-        packed_ends = node(*ends.start), node(*ends.goal), *ends.start_block, *ends.goal_block
+        grid, (start, goal) = level.grid, ends
+        walked = probability, lookup, grid.packed, level.links
+        asked = (grid.node(*start), grid.node(*goal), *blocks[0], *blocks[1]), (touching, factor)
         scratch = self._levels, self._heads, self._following, self._done
         search, marks = (workspace.meta, workspace.next_stamp()), (self.stamp, self.at_td, self.bitmap)
-        rule = touching, factor
-        walked, until = (level.grid.packed, level.links), deadline.at
-        td = kernels.first_regions(probability, lookup, *walked, packed_ends, rule, scratch, search, marks, until)
+        td = kernels.first_regions(*walked, *asked, scratch, search, marks, deadline.at)
         if td == kernels.TOO_LATE:
             raise OutOfTimeError
         return int(td)
@@ -111,15 +102,6 @@ class RegionFinder:
     def region(self, lookup: Lookup) -> Region:
         """The blocks marked last, as a region of the grid whose rows and columns lie in the blocks of `lookup`."""
         return Region(self.bitmap, *lookup, self.stamp)
-
-
-class NetworkAnswer(NamedTuple):
-    """A network's answer to a query."""
-
-    threshold: float
-    """The adaptive threshold td, a probability."""
-    region: Region
-    """The region at td itself (NNPP, section 4.3), over the map's own cells."""
 
 
 class LearnedRegions:
@@ -156,8 +138,9 @@ class LearnedRegions:
         workspace: Workspace,
         stopwatch: Stopwatch,
         deadline: Deadline = NEVER,
-    ) -> tuple[NetworkAnswer, Iterator[Region | None]]:
-        """The network's answer, and regions of a level to search one after another until one suffices.
+    ) -> tuple[float, Region, Iterator[Region | None]]:
+        """The adaptive threshold td, a probability, the region at td itself (NNPP, section 4.3) over the map's own
+        cells, and regions of a level to search one after another until one suffices.
 
         td is found along steps that the level, the pyramid's of that number, allows. The regions are that at a share
         of td, a wider one, and None, which stands for all of a coarse level; to search all of the map itself is left
@@ -174,22 +157,23 @@ class LearnedRegions:
         deadline.check()
         factor, finder, share = FACTOR**number, self._finder, view.network.metadata.region_factor
         lookup, touching = view.lookup_at(level.grid, number)
-        cells = (start[0] // factor, start[1] // factor), (goal[0] // factor, goal[1] // factor)
-        ends = Ends(*cells, view.block(start), view.block(goal))
-        td = finder.first(probability, level, workspace, lookup, ends, share, touching=touching, deadline=deadline)
-        answer = NetworkAnswer(probability_of(td), Region(finder.at_td, *view.lookup, finder.stamp))
+        ends = (start[0] // factor, start[1] // factor), (goal[0] // factor, goal[1] // factor)
+        blocks = view.block(start), view.block(goal)
+        place = workspace, lookup, ends, blocks
+        td = finder.first(probability, level, *place, share, touching=touching, deadline=deadline)
+        at_td = Region(finder.at_td, *view.lookup, finder.stamp)
         stopwatch.stage_ends("threshold")
 
         def widening() -> Iterator[Region | None]:
             if td > 0:
                 yield finder.region(lookup)
-                finder.mark(lowered(td, share * WIDENED_THRESHOLD), ends.start_block, ends.goal_block, WIDENED_BLOCKS)
+                finder.mark(lowered(td, share * WIDENED_THRESHOLD), *blocks, WIDENED_BLOCKS)
                 stopwatch.stage_ends("threshold")
                 yield finder.region(lookup)
             if number:
                 yield None
 
-        return answer, widening()
+        return probability_of(td), at_td, widening()
 
     def _loaded_view(self, stopwatch: Stopwatch) -> MapView:
         if self._view is None:

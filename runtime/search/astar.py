@@ -125,8 +125,8 @@ def astar(
         ends, limits = (first, last, direction), (limit or _WITHOUT_END, deadline.at)
         return _over_states(grid, ends, wanted, workspace, region, beyond, limits)
     rule = *grid.prices, _bucket_width(grid, hints), _successors(grid, links), _beyond(beyond)
-    ways, landmarks = kernels.NO_LINKS if links is None else links, kernels.NO_HINTS if hints is None else hints
-    before = grid.packed, grid.steps.edges(backwards), ways, _allowed(region), landmarks
+    landmarks = kernels.NO_HINTS if hints is None else hints
+    before = grid.packed, grid.steps.edges(backwards), _ways(links), _allowed(region), landmarks
     limits = limit or _WITHOUT_END, deadline.at
     code, length, expansions, refused = _run(kernels.expand, before, (first, last), rule, workspace, limits)
     end = last if code == kernels.FOUND else int(workspace.counts[kernels.BEST_NODE])
@@ -305,7 +305,7 @@ def _run(
     workspace: Workspace,
     limits: tuple[int, float],
 ) -> Parts:
-    """The outcome of a search's kernel; the open list grows as it needs."""
+    """The outcome of a search's kernel; the open list grows as it needs, unless it is late."""
     if ends[0] != _ON:
         workspace.next_stamp()
     while True:
@@ -340,6 +340,10 @@ def _allowed(region: Region | None) -> Parts:
     return kernels.NO_REGION if region is None else tuple(region)
 
 
+def _ways(links: Links) -> NDArray[np.uint8]:
+    return kernels.NO_LINKS if links is None else links
+
+
 def _beyond(share: float) -> float:
     return 1.0 + share if share else kernels.BELOW
 
@@ -362,27 +366,20 @@ def _settling(
 
     OutOfTimeError at the deadline.
     """
-    ws = workspace
-    ws.next_stamp()
-    limits = most, deadline.at
-    begin, code, width = grid.node(*source), kernels.FULL, _bucket_width(grid)
-    states, nothing = grid.steps.states(), _no_field(ws)
-    ways, everywhere = kernels.NO_LINKS if links is None else links, kernels.NO_REGION
-    any_of, none = np.ones(ws.states, np.bool_), np.zeros(ws.states, np.bool_)
-    while code in (kernels.FULL, kernels.PAUSED):
-        if states is not None:
-            rule = (0.0, 0.0, 0.0), width, kernels.BELOW, _frame(grid, ws), any_of, none
-            code, *_ = expand_states(*states, nothing, everywhere, (begin, _CORNER), rule, ws.packed, limits)
-        else:
-            ground = grid.packed, grid.steps.edges(), ways, everywhere, kernels.NO_HINTS
-            points = 0.0, 0.0, width, _successors(grid, links), kernels.BELOW
-            code, *_ = kernels.expand(*ground, (begin, _CORNER), points, ws.packed, limits)
+    width, anywhere = _bucket_width(grid), np.ones(workspace.states, np.bool_)
+    kernel: Callable[..., Parts] = kernels.expand
+    before: Parts = grid.packed, grid.steps.edges(), _ways(links), kernels.NO_REGION, kernels.NO_HINTS
+    rule: Parts = 0.0, 0.0, width, _successors(grid, links), kernels.BELOW
+    if (states := grid.steps.states()) is not None:
+        kernel, before = expand_states, (*states, _no_field(workspace), kernels.NO_REGION)
+        rule = (0.0, 0.0, 0.0), width, kernels.BELOW, _frame(grid, workspace), anywhere, ~anywhere
+    begin, code = grid.node(*source), kernels.PAUSED
+    while code == kernels.PAUSED:
+        code, *_ = _run(kernel, before, (begin, _CORNER), rule, workspace, (most, deadline.at))
         begin = _ON
-        if code in (kernels.FULL, kernels.PAUSED):
+        if code != kernels.EXHAUSTED:
             deadline.check()
-        if code == kernels.FULL:
-            ws.grow()
-        yield math.inf if code == kernels.EXHAUSTED else ws.least_open
+        yield math.inf if code == kernels.EXHAUSTED else workspace.least_open
 
 
 def cost_field(grid: Grid, source: Cell, workspace: Workspace) -> Float2D:
@@ -427,8 +424,6 @@ def _best(grid: Grid) -> tuple[float, float, float]:
 
 def _successors(grid: Grid, links: Links) -> NDArray[np.int64]:
     """The steps from a cell that its best predecessor leaves to search."""
-    dominance = kernels.Dominance.NONE
-    if links is None and not grid.steps.by_slope:
-        diagonal = grid.corner_cutting and grid.model.kind is StepCost.PAPER
-        dominance = kernels.Dominance.DIAGONAL if diagonal else kernels.Dominance.STRAIGHT
-    return kernels.SUCCESSORS[dominance]
+    if links is not None or grid.steps.by_slope:
+        return kernels.SUCCESSORS[0]
+    return kernels.SUCCESSORS[2 if grid.corner_cutting and grid.model.kind is StepCost.PAPER else 1]

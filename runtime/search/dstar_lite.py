@@ -14,6 +14,7 @@ from nnpp_edge.runtime.cells import Cell
 from nnpp_edge.runtime.deadline import NEVER, Deadline, OutOfTimeError
 from nnpp_edge.runtime.errors import InvalidMapError, InvalidQueryError, Status
 from nnpp_edge.runtime.kernels import dstar as kernels
+from nnpp_edge.runtime.kernels.nodes import octile
 from nnpp_edge.runtime.map.grid import Grid
 from nnpp_edge.runtime.map.region import Region
 from nnpp_edge.runtime.map.state import MapState
@@ -105,10 +106,10 @@ class DStarLite:
         if node == self._start:
             return
         left, self._start = self._start, node
-        (row, col), (to_row, to_col) = self._grid.cell(left), self._grid.cell(node)
-        self._km += float(kernels.octile(to_row - row, to_col - col, self._prices))
+        ends = self._grid.cell(left), self._grid.cell(node)
+        self._km += float(octile.py_func(*ends[0], *ends[1], *self._prices))
         if self._region is not self._everywhere:  # start and goal count as inside it
-            for cell in ((row, col), (to_row, to_col)):
+            for cell in ends:
                 self._read_rectangle((*cell, 1, 1))
 
     def set_region(self, region: Region | None) -> None:

@@ -109,7 +109,9 @@ def traversability_cost(
     heights, _ = relative_heights(dem)
     rule = (traversability or Traversability()).rule(*sides_of(cell_size_m, cell_width_m))
     (rows, cols), known, cost = heights.shape, heights.reshape(-1), np.empty(heights.size, np.float32)
-    in_bands(lambda top, end: fill_weights(known, rows, cols, rule, (top, end, 0, cols), cost, 0, cols), rows, cols)
+    in_bands(
+        lambda top, end: fill_weights(known, rows, cols, rule, (top, end, 0, cols), cost, 0, cols), 0, rows, cols
+    )
     if warn:
         warn_of_saturation(heights, rule)
     return cost.reshape(heights.shape)

@@ -16,7 +16,7 @@ from nnpp_edge.runtime.planners.methods import Methods, pick_method
 from nnpp_edge.runtime.planners.plan import Source
 from nnpp_edge.runtime.planners.query import Query, Work
 from nnpp_edge.runtime.planners.searchers import RegionMender
-from nnpp_edge.runtime.region.learned import LearnedRegions, NetworkAnswer
+from nnpp_edge.runtime.region.learned import LearnedRegions
 from nnpp_edge.runtime.search.astar import Search
 from nnpp_edge.runtime.search.workspace import Workspace
 from nnpp_edge.runtime.tuning import REFINE_FROM, CorridorWidth
@@ -70,7 +70,7 @@ class GivenRegions:
                 self.taken += 1
                 yield region
 
-        return NetworkAnswer(0.25, EVERYWHERE), each()
+        return 0.25, EVERYWHERE, each()
 
 
 def test_a_mender_keeps_its_search_from_one_query_to_the_next_and_forgets_it_for_another_goal(state):
@@ -139,9 +139,9 @@ def test_learned_regions_are_searched_in_turn_and_then_the_map(state):
 def test_a_networks_regions_widen_and_hold_start_and_goal(state, network):
     level, learned, work = state.pyramid.levels[1], LearnedRegions(state, network), Work()
     learned.prepare(level, 1)
-    answer, regions = learned.regions(*QUERY[:2], level, 1, Workspace(len(level.grid.weights)), work)
+    td, at_td, regions = learned.regions(*QUERY[:2], level, 1, Workspace(len(level.grid.weights)), work)
     ends = tuple(np.array([QUERY.start, QUERY.goal]).T)
-    assert 0.0 < answer.threshold <= 1.0 and answer.region.mask()[ends].all()
+    assert 0.0 < td <= 1.0 and at_td.mask()[ends].all()
     first, wider, whole = (np.ones(level.grid.shape, bool) if each is None else each.mask() for each in regions)
     assert first[tuple(each // 4 for each in ends)].all()
     assert (first <= wider).all() and first.sum() < wider.sum() and whole.all()

@@ -14,6 +14,7 @@ from nnpp_edge.runtime.planners.plan import Source
 from nnpp_edge.runtime.planners.query import Query, Work
 from nnpp_edge.runtime.planners.searchers import AStarSearcher
 from nnpp_edge.runtime.search.astar import astar, settle_all
+from nnpp_edge.runtime.search.landmarks import Landmarks
 from nnpp_edge.runtime.search.workspace import Workspace
 from nnpp_edge.runtime.tuning import ANOTHER_LEVEL_FROM, CORRIDOR
 from tests.strategies import state_of
@@ -61,7 +62,8 @@ def test_the_band_is_every_coarse_cell_on_a_path_that_costs_little_more(seed, bl
         settle_all(grid, end, scratch, level.links)
         fields.append(scratch.costs().reshape(-1, grid.stride)[1:-1, 1 : grid.cols + 1])
     if with_landmarks:
-        coarse.set_landmarks(4)
+        coarse.landmarks = Landmarks(grid, coarse.workspace, level.links)
+        coarse.landmarks.spread(4)
     found = coarse.search(*ends[::-1], None, beyond=band)
     if found.status is not Status.OK:
         assert np.isinf(fields[0][ends[1]])

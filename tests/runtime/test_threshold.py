@@ -10,7 +10,7 @@ from nnpp_edge.runtime.map.pyramid import Level, Pyramid
 from nnpp_edge.runtime.map.region import Lookup
 from nnpp_edge.runtime.map.step_cost import StepModel
 from nnpp_edge.runtime.network.encoding import Frame
-from nnpp_edge.runtime.region.learned import Ends, RegionFinder, probability_of
+from nnpp_edge.runtime.region.learned import RegionFinder, probability_of
 from nnpp_edge.runtime.search.astar import astar
 from nnpp_edge.runtime.search.workspace import Workspace
 from tests import oracles
@@ -54,29 +54,30 @@ def test_the_walkable_threshold_is_the_highest_at_which_a_search_of_the_region_s
     blocks = (np.arange(rows, dtype=np.int32) // per_block, np.arange(cols, dtype=np.int32) // per_block)
     finder, workspace = RegionFinder(side), Workspace(len(grid.weights))
     probability = (rng.integers(0, 8, (side, side)) / 8).astype(np.float32)
-    ends = Ends(start, goal, *((int(blocks[0][r]), int(blocks[1][c])) for r, c in (start, goal)))
+    ends = tuple((int(blocks[0][r]), int(blocks[1][c])) for r, c in (start, goal))
+    query = (start, goal), ends, 0.0625
 
     def succeeds(threshold: int) -> bool:
-        finder.mark(threshold, ends.start_block, ends.goal_block)
+        finder.mark(threshold, *ends)
         region = finder.region(blocks)
         return astar(grid, start, goal, Workspace(len(grid.weights)), region=region).status is Status.OK
 
     level = Level(grid)
-    td = finder.first(probability, level, workspace, blocks, ends, 0.0625)
+    td = finder.first(probability, level, workspace, blocks, *query)
     if td < 0:
         assert not succeeds(0)
     else:
         at_td, wider, stamp = finder.at_td == finder.stamp, finder.bitmap == finder.stamp, finder.stamp
-        finder.mark(td, ends.start_block, ends.goal_block)
+        finder.mark(td, *ends)
         np.testing.assert_array_equal(at_td, finder.bitmap == stamp + 1)
         if td:
-            finder.mark(lowered(td, 0.0625), ends.start_block, ends.goal_block)
+            finder.mark(lowered(td, 0.0625), *ends)
             np.testing.assert_array_equal(wider, finder.bitmap == stamp + 2)
         assert succeeds(td)
-        lower = min(int(finder.levels[block]) for block in (ends.start_block, ends.goal_block))
+        lower = min(int(finder.levels[block]) for block in ends)
         assert td >= lower or not succeeds(td + 1)
     for touching in (False, True):
-        assert finder.first(probability, level, workspace, blocks, ends, 0.0625, touching=touching) == td
+        assert finder.first(probability, level, workspace, blocks, *query, touching=touching) == td
 
 
 @settings(max_examples=30)
@@ -97,8 +98,8 @@ def test_cells_that_the_network_is_not_shown_belong_to_no_region(side, above, le
 
     def first(cost: np.ndarray, lookup: Lookup, start: Cell, goal: Cell) -> int:
         grid = Grid.of(cost, StepModel.of("paper"))
-        workspace, ends = Workspace(len(grid.weights)), Ends(start, goal, (0, 0), (side - 1, side - 1))
-        return finder.first(probability, Level(grid), workspace, lookup, ends, 0.1, touching=True)
+        place = Workspace(len(grid.weights)), lookup, (start, goal), ((0, 0), (side - 1, side - 1))
+        return finder.first(probability, Level(grid), *place, 0.1, touching=True)
 
     corner = inside - 1
     alone = np.arange(inside, dtype=np.int32) // 3
@@ -119,13 +120,10 @@ def test_on_coarse_cells_the_bound_by_blocks_changes_nothing(rows, cols, seed):
         coarse.append(blocks[np.minimum(np.arange(cells) * 4 + 2, len(blocks) - 1)])
     probability = rng.random((16, 16)).astype(np.float32)
     cells = [(int(rng.integers(0, rows)), int(rng.integers(0, cols))) for _ in range(2)]
-    coarse_cells = ((row // 4, col // 4) for row, col in cells)
-    ends = Ends(*coarse_cells, *((int(lookup[0][row]), int(lookup[1][col])) for row, col in cells))
-    finder, workspace = RegionFinder(16), Workspace(len(level.grid.weights))
-    found = {
-        finder.first(probability, level, workspace, tuple(coarse), ends, 0.2, touching=touching)
-        for touching in (False, True)
-    }
+    ends = tuple((row // 4, col // 4) for row, col in cells)
+    blocks = tuple((int(lookup[0][row]), int(lookup[1][col])) for row, col in cells)
+    finder, place = RegionFinder(16), (Workspace(len(level.grid.weights)), tuple(coarse), ends, blocks)
+    found = {finder.first(probability, level, *place, 0.2, touching=touching) for touching in (False, True)}
     assert len(found) == 1
 
 

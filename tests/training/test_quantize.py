@@ -4,6 +4,7 @@ import dataclasses
 import json
 import math
 from collections import Counter
+from functools import partial
 
 import numpy as np
 import onnx
@@ -14,8 +15,8 @@ import torch
 from nnpp_edge.calibrate.quantize import (
     Comparison,
     Latency,
+    answers,
     compare,
-    probabilities,
     quantised_graph,
     quantize,
     split,
@@ -60,7 +61,7 @@ def operators_left(path, folder):
 
 def test_int8_is_smaller_and_close(made, fp32, samples):
     assert made.int8_bytes < 0.7 * made.fp32_bytes
-    wanted, got = (probabilities(NetworkModel(path), samples) for path in (fp32, made.output))
+    wanted, got = (answers(NetworkModel(path), samples) for path in (fp32, made.output))
     assert wanted.std() > 0.02
     assert np.abs(got - wanted).mean() < 0.01
     assert np.corrcoef(got.ravel(), wanted.ravel())[0, 1] > 0.99
@@ -118,9 +119,9 @@ def test_the_papers_network_is_quantised_too(samples, tmp_path):
     assert operators_left(tmp_path / "int8.onnx", tmp_path)["QLinearConv"] > 0.5 * quantised
     onnx.helper.set_model_props(graph, {p.key: p.value for p in onnx.load(fp32.path).metadata_props})
     onnx.save(graph, tmp_path / "int8.onnx")
-    wanted = probabilities(fp32, few)
+    wanted = answers(fp32, few)
     assert wanted.std() > 0.02
-    assert np.abs(probabilities(NetworkModel(tmp_path / "int8.onnx"), few) - wanted).mean() < 0.05
+    assert np.abs(answers(NetworkModel(tmp_path / "int8.onnx"), few) - wanted).mean() < 0.05
 
 
 def test_queries_to_judge_on_lie_on_other_maps(samples):
@@ -134,11 +135,11 @@ def test_queries_to_judge_on_lie_on_other_maps(samples):
 
 def test_a_model_agrees_with_itself_and_is_judged_as_the_validator_does(fp32, samples):
     model = NetworkModel(fp32)
-    found = compare(model, model, samples, 20, 3)
-    assert (found.queries, found.mean_difference, found.max_difference) == (20, 0.0, 0.0)
     validator = Validator(samples, SMALL, RECIPE.omega, 20)
-    p = probabilities(model, samples)[validator.index]
-    assert [found.fp32, found.int8] == 2 * validator.judge_probabilities(p, (0.5,))
+    queries, judge = samples.pick(validator.index), partial(validator.judge_probabilities, factors=(0.5,))
+    found = compare(model, model, queries, judge, 3)
+    assert (found.queries, found.mean_difference, found.max_difference) == (20, 0.0, 0.0)
+    assert [found.fp32, found.int8] == 2 * judge(answers(model, samples)[validator.index])
 
 
 def test_the_recommendation_weighs_speed_cost_and_agreement():
