@@ -9,9 +9,7 @@ Data: moon_rocks, a crop of LROC WAC GLD100 (public domain) with rocks made by n
 of it.
 """
 
-from pathlib import Path
-
-from drawing import ends, panels, relief, run, save
+from drawing import ends, panels, relief, save
 
 from nnpp_edge.runtime import Planner
 from nnpp_edge.terrain.dem import sample_dem
@@ -20,28 +18,21 @@ from nnpp_edge.viz.picture import body_outlines
 
 START, GOAL = (60, 6), (60, 113)
 
-
-def main(folder: Path) -> Path:
-    """Plan for a point, and for the rover exactly and in a corridor."""
-    dem, rover = sample_dem("moon_rocks"), load_vehicle("large-rover")
-    point = Planner.of_elevation(dem.elevation, dem.cell_size_m, warn=False).plan(START, GOAL, method="astar")
-    exact = Planner.of_elevation(dem.elevation, dem.cell_size_m, vehicle=rover).plan(START, GOAL, method="astar")
-    ways = {"every pose that A* meets": "astar", "corridor": "corridor"}
-    figure, axes = panels(len(ways), width=5.0, height=2.9)
-    for panel, (name, method) in zip(axes, ways.items(), strict=True):
-        planner = Planner.of_elevation(dem.elevation, dem.cell_size_m, vehicle=rover)  # has checked no pose yet
-        plan = planner.plan(START, GOAL, method=method)
-        gap = 100 * (plan.cost / exact.cost - 1)
-        print(f"{name:<28}{plan.status}: {plan.checks} poses checked, {gap:.2f} % above the optimum")
-        relief(panel, dem, f"{name}\n{plan.checks:,} poses checked, +{gap:.2f} %")
-        panel.plot(*point.path.T[::-1], "--", color="white", linewidth=1.2)  # nothing that it can follow
-        panel.plot(*plan.path.T[::-1], color="tab:orange", linewidth=1.2)
-        for outline in body_outlines(plan.path, rover, (dem.cell_size_m, dem.cell_width_m)):
-            panel.plot(outline[:, 1], outline[:, 0], color="lime", linewidth=1.0)
-        ends(panel, START, GOAL)
-        panel.set_ylim(84, 28)
-    return save(figure, folder, "body_among_rocks")
-
-
-if __name__ == "__main__":
-    run(main)
+dem, rover = sample_dem("moon_rocks"), load_vehicle("large-rover")
+point = Planner.of_elevation(dem.elevation, dem.cell_size_m, warn=False).plan(START, GOAL, method="astar")
+exact = Planner.of_elevation(dem.elevation, dem.cell_size_m, vehicle=rover).plan(START, GOAL, method="astar")
+ways = {"every pose that A* meets": "astar", "corridor": "corridor"}
+figure, axes = panels(len(ways), width=5.0, height=2.9)
+for panel, (name, method) in zip(axes, ways.items(), strict=True):
+    planner = Planner.of_elevation(dem.elevation, dem.cell_size_m, vehicle=rover)  # has checked no pose yet
+    plan = planner.plan(START, GOAL, method=method)
+    gap = 100 * (plan.cost / exact.cost - 1)
+    print(f"{name:<28}{plan.status}: {plan.checks} poses checked, {gap:.2f} % above the optimum")
+    relief(panel, dem, f"{name}\n{plan.checks:,} poses checked, +{gap:.2f} %")
+    panel.plot(*point.path.T[::-1], "--", color="white", linewidth=1.2)  # nothing that it can follow
+    panel.plot(*plan.path.T[::-1], color="tab:orange", linewidth=1.2)
+    for outline in body_outlines(plan.path, rover, (dem.cell_size_m, dem.cell_width_m)):
+        panel.plot(outline[:, 1], outline[:, 0], color="lime", linewidth=1.0)
+    ends(panel, START, GOAL)
+    panel.set_ylim(84, 28)
+save(figure)

@@ -9,9 +9,7 @@ of Victoria crater, NASA/JPL/University of Arizona, public. Earth: airborne lida
 nnpp_edge/terrain/samples/README.md.
 """
 
-from pathlib import Path
-
-from drawing import ends, line, panels, relief, run, save
+from drawing import ends, line, panels, relief, save
 
 from nnpp_edge.runtime import Planner
 from nnpp_edge.terrain.dem import sample_dem
@@ -23,24 +21,17 @@ QUERIES = {  # name of the map: start and goal, (row, col)
     "earth_hummocks": ((20, 20), (240, 150)),
 }
 
+figure, axes = panels(len(QUERIES))
+for panel, (name, (start, goal)) in zip(axes, QUERIES.items(), strict=True):
+    dem = sample_dem(name)
+    if name.startswith("moon"):
+        dem = dem.rescaled(20.0)  # cells of 118 m hide what a rover meets: as if they were 20 m, slopes kept
 
-def main(folder: Path) -> Path:
-    """Plan on each map and draw the paths side by side."""
-    figure, axes = panels(len(QUERIES))
-    for panel, (name, (start, goal)) in zip(axes, QUERIES.items(), strict=True):
-        dem = sample_dem(name)
-        if name.startswith("moon"):
-            dem = dem.rescaled(20.0)  # cells of 118 m hide what a rover meets: as if they were 20 m, slopes kept
+    planner = Planner.of_elevation(dem.elevation, dem.cell_size_m, workload("limit20"), warn=False)
+    plan = planner.plan(start, goal)
 
-        planner = Planner.of_elevation(dem.elevation, dem.cell_size_m, workload("limit20"), warn=False)
-        plan = planner.plan(start, goal)
-
-        print(f"{name}: {plan.status}, {plan.ground_length_m:.0f} m, climbs {plan.climb_m:.0f} m, by {plan.planner}")
-        relief(panel, dem, f"{name.replace('_', ' ')}\n{plan.ground_length_m:,.0f} m, {plan.climb_m:.0f} m up")
-        line(panel, plan.path)
-        ends(panel, start, goal)
-    return save(figure, folder, "dem_to_path")
-
-
-if __name__ == "__main__":
-    run(main)
+    print(f"{name}: {plan.status}, {plan.ground_length_m:.0f} m, climbs {plan.climb_m:.0f} m, by {plan.planner}")
+    relief(panel, dem, f"{name.replace('_', ' ')}\n{plan.ground_length_m:,.0f} m, {plan.climb_m:.0f} m up")
+    line(panel, plan.path)
+    ends(panel, start, goal)
+save(figure)

@@ -1,7 +1,6 @@
 """Common parts of the examples: where they write, and how ground, paths and ends are drawn. Nothing here plans."""
 
 import sys
-from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -12,13 +11,6 @@ from nnpp_edge.terrain.dem import Dem
 from nnpp_edge.viz.picture import hillshade
 
 OUT = Path(__file__).parent / "out"
-
-
-def run(example: Callable[[Path], Path]) -> None:
-    """Run an example: `python examples/NAME.py [FOLDER]` writes its picture there, else into examples/out."""
-    folder = Path(sys.argv[1]) if sys.argv[1:] else OUT
-    folder.mkdir(parents=True, exist_ok=True)
-    print(f"written: {example(folder)}")
 
 
 def panels(count: int, *, width: float = 4.2, height: float = 4.4) -> tuple[Figure, list[Axes]]:
@@ -47,7 +39,9 @@ def ends(axes: Axes, start: tuple[int, int], goal: tuple[int, int]) -> None:
     axes.plot(goal[1], goal[0], "*", color="red", markeredgecolor="black", markersize=12)
 
 
-def save(figure: Figure, folder: Path, name: str) -> Path:
-    """Write the figure as WebP; its path."""
-    figure.savefig(folder / f"{name}.webp", dpi=80)
-    return folder / f"{name}.webp"
+def save(figure: Figure) -> None:
+    """Write NAME.webp: `python examples/NAME.py [FOLDER]` writes it there, else into examples/out."""
+    folder = Path(sys.argv[1]) if sys.argv[1:] else OUT
+    folder.mkdir(parents=True, exist_ok=True)
+    figure.savefig(written := folder / Path(sys.argv[0]).with_suffix(".webp").name, dpi=80)
+    print(f"written: {written}")

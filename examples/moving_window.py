@@ -8,10 +8,9 @@ Data: moon_rocks, LROC WAC GLD100 (public domain) with rocks made by nnpp_edge/t
 """
 
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
-from drawing import ends, line, panels, relief, run, save
+from drawing import ends, line, panels, relief, save
 
 from nnpp_edge.ros.maps import GridMap, MapFrame, grid_map_patch, path_poses
 from nnpp_edge.runtime import Goal, Ground, Loop, Navigator, NavigatorSettings, Pose
@@ -44,16 +43,10 @@ class Rover:
         self.driven += [(int(row), int(col)) for row, col in answer.path[1:4]]
 
 
-def main(folder: Path) -> Path:
-    """Drive, and draw what was known after some ticks."""
-    (figure, axes), body = panels(len(DRAWN)), load_vehicle("large-rover")
-    ground = Ground.of_elevation(np.full(TRUTH.shape, np.nan), TRUTH.cell_size_m, vehicle=body)
-    rover = Rover(Navigator(ground, NavigatorSettings(approach=True)), axes)
-    counters = Loop(rover.navigator, rover, paced=False, after_tick=rover.follow).run(DRAWN[-1])
-    pose = path_poses(np.array(rover.driven), FRAME)[-1]  # x, y, heading, as nav_msgs/Path wants them
-    print(f"driven to {np.round(pose, 2)}; a tick took {counters.tick_ms['p50']:.2f} ms, half of them less")
-    return save(figure, folder, "moving_window")
-
-
-if __name__ == "__main__":
-    run(main)
+(figure, axes), body = panels(len(DRAWN)), load_vehicle("large-rover")
+ground = Ground.of_elevation(np.full(TRUTH.shape, np.nan), TRUTH.cell_size_m, vehicle=body)
+rover = Rover(Navigator(ground, NavigatorSettings(approach=True)), axes)
+counters = Loop(rover.navigator, rover, paced=False, after_tick=rover.follow).run(DRAWN[-1])
+pose = path_poses(np.array(rover.driven), FRAME)[-1]  # x, y, heading, as nav_msgs/Path wants them
+print(f"driven to {np.round(pose, 2)}; a tick took {counters.tick_ms['p50']:.2f} ms, half of them less")
+save(figure)

@@ -8,10 +8,9 @@ Data: moon_highlands, LROC WAC GLD100 (public domain).
 """
 
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
-from drawing import ends, line, panels, relief, run, save
+from drawing import ends, line, panels, relief, save
 
 from nnpp_edge.runtime import DynamicPlanner, Planner, Traversability
 from nnpp_edge.terrain.dem import sample_dem
@@ -38,21 +37,15 @@ def drive(prior: str) -> np.ndarray:
     return np.array(driven, np.int32)
 
 
-def main(folder: Path) -> Path:
-    """Drive, and draw each way beside the one that is best for who knows all."""
-    figure, axes = panels(3)
-    whole = Planner.of_elevation(TRUTH.elevation, TRUTH.cell_size_m, LIMITS)
-    best = whole.plan(START, GOAL, method="astar")
-    for prior, panel in zip(("eq1", "slope", "network"), axes, strict=True):
-        driven = drive(prior)
-        excess = whole.state.grid.costs_of(driven)[0] / best.cost - 1.0
-        relief(panel, TRUTH, f"{prior}: +{100.0 * excess:.1f} %")
-        line(panel, best.path, color="white")
-        line(panel, driven)
-        ends(panel, START, GOAL)
-        print(f"{prior}: {100.0 * excess:.1f} % above the path of who knows all")
-    return save(figure, folder, "unseen_ground")
-
-
-if __name__ == "__main__":
-    run(main)
+figure, axes = panels(3)
+whole = Planner.of_elevation(TRUTH.elevation, TRUTH.cell_size_m, LIMITS)
+best = whole.plan(START, GOAL, method="astar")
+for prior, panel in zip(("eq1", "slope", "network"), axes, strict=True):
+    driven = drive(prior)
+    excess = whole.state.grid.costs_of(driven)[0] / best.cost - 1.0
+    relief(panel, TRUTH, f"{prior}: +{100.0 * excess:.1f} %")
+    line(panel, best.path, color="white")
+    line(panel, driven)
+    ends(panel, START, GOAL)
+    print(f"{prior}: {100.0 * excess:.1f} % above the path of who knows all")
+save(figure)

@@ -4,6 +4,7 @@ import errno
 import json
 import os
 import stat
+import tomllib
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -61,6 +62,22 @@ def read_text(path: Path, most_bytes: int = MOST_BYTES) -> str:
     if len(content) > most_bytes:
         raise OSError(errno.EFBIG, f"longer than {most_bytes} bytes")
     return content.decode("utf-8")
+
+
+def read_toml(name: str | Path, shipped: Path, what: str, kind: type[NnppEdgeError]) -> tuple[Path, dict[str, Any]]:
+    """The TOML file NAME in the folder `shipped`, else the user's file of that name, and its content.
+
+    NnppEdgeError of this `kind`, about a file of `what`, where there is none, or none in TOML.
+    """
+    names = sorted(path.stem for path in shipped.glob("*.toml"))
+    path = shipped / f"{name}.toml" if name in names else Path(name)
+    if (problem := problem_with_file(path)) is not None:
+        wanted = f"wanted a {what}'s file or the name of a shipped one ({', '.join(names)})"
+        raise kind(f"{wanted}, got {str(name)!r} ({problem})")
+    try:
+        return path, parse(read_text(path), tomllib.loads)
+    except (OSError, ValueError) as error:
+        raise kind(f"{path}: wanted a {what} in TOML ({reason(error)})") from error
 
 
 def parse(text: str, loads: Callable[[str], Any] = json.loads) -> Any:

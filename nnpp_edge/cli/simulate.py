@@ -1,6 +1,6 @@
 """`nnpp-edge simulate`: a robot that drives through the onboard loop, over ground that its map knows only roughly."""
 
-from contextlib import ExitStack
+from contextlib import ExitStack, closing
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -127,9 +127,9 @@ def command(
         def make_sinks(state: "MapState") -> "list[Sink]":
             sinks: list[Sink] = []
             if log is not None:
-                sinks.append(stack.enter_context(McapLog(log, state=state, cell_size_m=part.cell_size_m)))
+                sinks.append(stack.enter_context(closing(McapLog(log, state))))
             if view is not None:
-                sinks.append(stack.enter_context(RerunSink(view, state=state)))
+                sinks.append(stack.enter_context(closing(RerunSink(view, state))))
             return sinks
 
         try:

@@ -6,7 +6,7 @@ import time
 from collections import defaultdict
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from functools import partial
 from typing import Any, Generic, TypeVar
 
@@ -51,17 +51,11 @@ class Record(Generic[CaseT, ResultT]):
         return self.elapsed_s[at], self.results[at]
 
 
-@dataclass
 class Harness:
     """Times calls by a clock in seconds. Garbage is not collected meanwhile. `seed` draws the order of the turns."""
 
-    seed: int = 0
-    clock: Callable[[], float] = time.perf_counter
-    _rng: np.random.Generator = field(init=False, repr=False)
-
-    def __post_init__(self) -> None:
-        """Begin a sequence of orders."""
-        self._rng = np.random.default_rng(self.seed)
+    def __init__(self, seed: int = 0, clock: Callable[[], float] = time.perf_counter) -> None:
+        self._rng, self.clock = np.random.default_rng(seed), clock
 
     def timed(self, call: Callable[[], ResultT]) -> tuple[float, ResultT]:
         """Seconds that one call takes, and what it returns."""

@@ -1,7 +1,6 @@
 """Profiles: a device, a workload, a model, and budgets on quantities, read from TOML."""
 
 import re
-import tomllib
 from collections.abc import Collection
 from importlib.resources import files
 from itertools import product
@@ -15,14 +14,14 @@ from msgspec.structs import asdict, fields, replace
 from nnpp_edge.profiling.contest import Facts
 from nnpp_edge.runtime.errors import InvalidQueryError
 from nnpp_edge.runtime.planners.plan import DynamicMethod
-from nnpp_edge.runtime.reading import parse, problem_with_file, read_text, reason
+from nnpp_edge.runtime.reading import read_toml
 from nnpp_edge.terrain.workloads import of_bodies
 
 PLANNERS = ("astar", "corridor", "nnpp", "nnpp-fp32", "auto")
 SAMPLE, SYNTHETIC = "sample", "synthetic"
 LOOP = "loop"
 """Whom figures of the onboard loop belong to, in place of a planner."""
-_SHIPPED = Path(str(files("nnpp_edge.profiles")))
+SHIPPED = Path(str(files("nnpp_edge.profiles")))
 _LARGEST = 1e9
 """Neither inf nor NaN is a number here, and products of two stay finite."""
 
@@ -257,26 +256,12 @@ class Profile(Table, frozen=True):
         return cast(Facts, msgspec.to_builtins(facts))
 
 
-def shipped_profiles() -> list[str]:
-    """Names of the profiles that travel with the package."""
-    return sorted(path.stem for path in _SHIPPED.glob("*.toml"))
-
-
 def read_profile(name: str | Path) -> Profile:
     """A shipped profile by its name, or one from a TOML file.
 
     ProfileError if there is no such profile, or a key is missing, unknown, of the wrong type or out of range.
     """
-    path = _SHIPPED / f"{name}.toml"
-    if problem_with_file(path):
-        path = Path(name)
-    if (problem := problem_with_file(path)) is not None:
-        wanted = f"wanted a profile's file or the name of a shipped one ({', '.join(shipped_profiles())})"
-        raise ProfileError(f"{wanted}, got {str(name)!r} ({problem})")
-    try:
-        content = parse(read_text(path), tomllib.loads)
-    except (OSError, ValueError) as error:
-        raise ProfileError(f"{path}: wanted a profile in TOML ({reason(error)})") from error
+    path, content = read_toml(name, SHIPPED, "profile", ProfileError)
     try:
         return _profile(content, path.stem)
     except ValueError as error:

@@ -9,10 +9,9 @@ from nnpp_edge.profiling.contest import Facts, Harness
 from nnpp_edge.profiling.figures import break_even, loop_rows, rows
 from nnpp_edge.profiling.judge import MOST_DISTURBED, Noise, WholeRun, judged, summary, verdict
 from nnpp_edge.profiling.machine import Disturbance, busy_share, environment, pinned
-from nnpp_edge.profiling.measure import Run, rivals_of, run
+from nnpp_edge.profiling.measure import ProfileMaps, Run, rivals_of, run
 from nnpp_edge.profiling.processes import peak_memory_mb, start_up
 from nnpp_edge.profiling.profile_file import LOOP, STARTS, SYNTHETIC, Profile
-from nnpp_edge.profiling.profile_maps import ProfileMaps
 from nnpp_edge.profiling.rivals import RivalPlanner
 from nnpp_edge.profiling.sensors import Sensors, Throttling, sensor_facts, throttling
 from nnpp_edge.runtime.network.model_file import model_path

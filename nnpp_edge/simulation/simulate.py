@@ -2,6 +2,7 @@
 
 from collections import Counter
 from collections.abc import Callable, Sequence
+from contextlib import closing
 from dataclasses import asdict, dataclass, field, replace
 
 import numpy as np
@@ -179,7 +180,7 @@ def simulate(
     paced = settings.rate_hz is not None
     rate_hz = settings.rate_hz or 1.0 / PERIOD_S
     loop = Loop(navigator, source, sinks, rate_hz=rate_hz, paced=paced, after_tick=after_tick)
-    with source:
+    with closing(source):
         counters = loop.run(settings.ticks)
     if not paced:
         counters = replace(counters, overruns=late[True])

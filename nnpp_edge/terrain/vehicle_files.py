@@ -1,6 +1,5 @@
 """Vehicles from TOML, and how they get up and down: those that travel with the package, and a user's own."""
 
-import tomllib
 from collections.abc import Iterable, Mapping
 from dataclasses import fields
 from importlib.resources import files
@@ -12,7 +11,7 @@ import msgspec
 
 from nnpp_edge.runtime.errors import InvalidQueryError
 from nnpp_edge.runtime.map.slope_cost import SLOPE_COSTS, Mobility
-from nnpp_edge.runtime.reading import parse, problem_with_file, read_text, reason
+from nnpp_edge.runtime.reading import read_toml
 from nnpp_edge.runtime.terrain.vehicle import Vehicle
 
 _SHIPPED = Path(str(files("nnpp_edge.profiles"))) / "vehicles"
@@ -62,15 +61,7 @@ def mobility_of(values: object, source: str) -> Mobility:
 
 def read_vehicle(name: str | Path) -> dict[str, object]:
     """A vehicle's values as its file has them, not yet checked; VehicleError if there is no file in TOML."""
-    path = _SHIPPED / f"{name}.toml" if name in shipped_vehicles() else Path(name)
-    if (problem := problem_with_file(path)) is not None:
-        wanted = f"wanted a vehicle's file or the name of a shipped one ({', '.join(shipped_vehicles())})"
-        raise VehicleError(f"{wanted}, got {str(name)!r} ({problem})")
-    try:
-        content: dict[str, object] = parse(read_text(path), tomllib.loads)
-    except (OSError, ValueError) as error:
-        raise VehicleError(f"{path}: wanted a vehicle in TOML ({reason(error)})") from error
-    return content
+    return read_toml(name, _SHIPPED, "vehicle", VehicleError)[1]
 
 
 def vehicle_of(values: Mapping[str, object], source: str) -> Vehicle:

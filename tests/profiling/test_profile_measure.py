@@ -11,9 +11,8 @@ import pytest
 from nnpp_edge.profiling import measure, rivals
 from nnpp_edge.profiling.arrivals import reactions
 from nnpp_edge.profiling.figures import break_even, find, loop_rows, rows
-from nnpp_edge.profiling.measure import queries_in, rivals_of, run
+from nnpp_edge.profiling.measure import ProfileMaps, queries_in, rivals_of, run
 from nnpp_edge.profiling.profile_file import Budget, Device, Load, Networks, OnboardLoop, Profile
-from nnpp_edge.profiling.profile_maps import ProfileMaps
 from nnpp_edge.runtime.errors import InvalidQueryError
 from nnpp_edge.runtime.planners.planner import Planner
 

@@ -3,6 +3,7 @@
 import json
 import threading
 import time
+from contextlib import closing
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -41,7 +42,7 @@ def told(paths):
 
 def recorded(path, *timed):
     """A file of these times and inputs."""
-    with RecordingFile(path, SHAPE) as recorder:
+    with closing(RecordingFile(path, SHAPE)) as recorder:
         for at_s, message in timed:
             recorder.record(message, at_s)
     return recorder.path
@@ -81,7 +82,7 @@ def test_a_recording_of_a_replay_is_the_replay(tmp_path, drive, navigator):
     first = scene(tmp_path / "scene.jsonl", ticks=10)
     recorder = RecordingFile(tmp_path / "again.jsonl", SHAPE)
     source = ReplaySource(first, fast=True)
-    with RecordedSource(source, [recorder.record], navigator.count_error) as recorded:
+    with closing(RecordedSource(source, [recorder.record], navigator.count_error)) as recorded:
         drive(navigator, recorded, rate_hz=1.0, paced=False, ends=source)
     recorder.close()
     was, now = (list(read_recording(path, SHAPE)) for path in (first, recorder.path))
@@ -173,8 +174,9 @@ def test_a_slow_recorder_is_waited_for_where_nothing_may_be_left_out(tmp_path):
         seen.append(message)
 
     poses = [Pose(n, n) for n in range(5000)]
-    with RecordedSource(SimpleNamespace(poll=lambda: poses), [slow], counted.append, wait=True) as passed:
-        assert list(passed.poll()) == poses
+    passed = RecordedSource(SimpleNamespace(poll=lambda: poses), [slow], counted.append, wait=True)
+    assert list(passed.poll()) == poses
+    passed.close()
     assert (seen, counted) == (poses, [])
 
 

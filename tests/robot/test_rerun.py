@@ -5,7 +5,7 @@ import socket
 import subprocess
 import sys
 import time
-from contextlib import suppress
+from contextlib import closing, suppress
 
 import numpy as np
 import pytest
@@ -29,6 +29,7 @@ from nnpp_edge.runtime.errors import InvalidQueryError, MissingExtraError, Outpu
 from nnpp_edge.runtime.map.state import map_state
 from nnpp_edge.viz.picture import cost_picture
 
+STATE = map_state(Ground(np.full((5, 5), 0.2, np.float32)))
 PATH = np.array([[3, 4], [4, 5], [4, 6]], np.int32)
 
 
@@ -48,7 +49,7 @@ def test_a_recording_holds_map_path_robot_goal_and_latencies(tmp_path):
     cost = np.linspace(0.0, 0.9, 20 * 30, dtype=np.float32).reshape(20, 30)
     cost[4, 4] = np.inf
     state = map_state(Ground(cost))
-    with RerunSink(tmp_path / "loop.rrd", state=state, map_every_s=0.0) as sink:
+    with closing(RerunSink(tmp_path / "loop.rrd", state, map_every_s=0.0)) as sink:
         sink.record(Pose(3.25, 4.5))
         sink.record(Goal(7, 8))
         sink.record(MapPatch(2, 3, cost=np.zeros((4, 5))))
@@ -83,7 +84,7 @@ def test_a_recording_holds_the_outline_of_the_body_and_of_arcs_the_headings(tmp_
     state = map_state(Ground.of_elevation(np.zeros((20, 300), np.float32), 0.5, cell_width_m=0.25, vehicle=body))
     line, ahead = np.array([(5, 5 + n) for n in range(250)], np.int32), -1.0 if radius else 1.0  # arcs backwards
     driven = {"states": (12,) * 250, "headings": (270.0,) * 250} if radius else {}
-    with RerunSink(tmp_path / "loop.rrd", state=state) as sink:
+    with closing(RerunSink(tmp_path / "loop.rrd", state)) as sink:
         sink.record(Pose(5.5, 5.25, heading_deg=180.0))
         sink.publish(PathMessage(1, Status.OK, Origin.FULL, line, **driven))
         sink.publish(PathMessage(2, Status.NO_PATH, Origin.NONE))
@@ -114,7 +115,7 @@ def test_a_viewer_elsewhere_is_shown_the_same(tmp_path):
                 break
             time.sleep(0.05)
         state = map_state(Ground(np.full((20, 30), 0.3)))
-        with RerunSink(f"rerun+http://127.0.0.1:{port}/proxy", state=state) as sink:
+        with closing(RerunSink(f"rerun+http://127.0.0.1:{port}/proxy", state)) as sink:
             for tick in (1, 2):
                 sink.publish(PathMessage(tick, Status.OK, Origin.FULL, PATH, cost=2.0, planning_ms=1.5))
         sizes = [-1, 0]
@@ -131,11 +132,11 @@ def test_a_viewer_elsewhere_is_shown_the_same(tmp_path):
 
 def test_where_nothing_can_be_shown_it_is_one_line(tmp_path):
     with pytest.raises(InvalidQueryError, match=r"view must be here, rerun\+http.* got 'there'"):
-        RerunSink("there")
+        RerunSink("there", STATE)
     with pytest.raises(OutputError, match="No such file"):
-        RerunSink(tmp_path / "missing" / "loop.rrd")
+        RerunSink(tmp_path / "missing" / "loop.rrd", STATE)
     with pytest.raises(OutputError, match="cannot write there"):
-        RerunSink("rerun+http://no address")
+        RerunSink("rerun+http://no address", STATE)
 
 
 def test_rerun_is_imported_only_when_it_is_used_and_without_it_the_error_names_the_extra(monkeypatch, tmp_path):
@@ -144,4 +145,4 @@ def test_rerun_is_imported_only_when_it_is_used_and_without_it_the_error_names_t
     monkeypatch.delitem(sys.modules, name)
     assert importlib.import_module(name).RerunSink is not RerunSink
     with pytest.raises(MissingExtraError, match=r"nnpp-edge\[viz\]"):
-        RerunSink(tmp_path / "loop.rrd")
+        RerunSink(tmp_path / "loop.rrd", STATE)

@@ -2,7 +2,7 @@ import logging
 import os
 import secrets
 import socket
-from contextlib import ExitStack, suppress
+from contextlib import ExitStack, closing, suppress
 
 import pytest
 
@@ -32,7 +32,7 @@ def manager(tmp_path):
 def notify():
     """Make notifiers; their sockets are closed at the end."""
     with ExitStack() as stack:
-        yield lambda *words, **options: stack.enter_context(Notifier(*words, **options))
+        yield lambda *words, **options: stack.enter_context(closing(Notifier(*words, **options)))
 
 
 def status(text):

@@ -55,7 +55,7 @@ def free_endpoint():
 @pytest.fixture
 def link():
     """A session that another process can reach."""
-    with ZenohLink(endpoint := free_endpoint(), prefix="robot/7") as link:
+    with closing(ZenohLink(endpoint := free_endpoint(), prefix="robot/7")) as link:
         link.endpoint = endpoint
         yield link
 
@@ -241,7 +241,7 @@ def test_a_session_that_cannot_be_opened_is_told_in_one_line(link):
 def test_it_may_go_to_another_instead_of_listening(link, navigator):
     heard = []
     subscriber = link.session.declare_subscriber("robot/7/path", lambda s: heard.append(s.payload.to_bytes()))
-    with ZenohLink(connect=link.endpoint, prefix="robot/7") as other:
+    with closing(ZenohLink(connect=link.endpoint, prefix="robot/7")) as other:
         sink, message = ZenohSink(other), navigator.tick()
         wait_until(lambda: sink.publish(message) or heard)
     assert decode_output(heard[0]).outcome == "NO_POSE"

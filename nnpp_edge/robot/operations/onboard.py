@@ -3,7 +3,7 @@
 import signal
 import sys
 from collections.abc import Callable
-from contextlib import ExitStack
+from contextlib import ExitStack, closing
 from pathlib import Path
 
 from nnpp_edge.profiling.profile_file import OnboardLoop
@@ -55,15 +55,15 @@ def run(
     SourceError where inputs can no longer be read.
     """
     with signal_handlers(_STARTING), ExitStack() as stack:
-        notifier = stack.enter_context(Notifier())
+        notifier = stack.enter_context(closing(Notifier()))
         exercise()
         navigator = Navigator(ground, settings)
         source, sinks = _connected(stack, wiring, navigator)
         feed: InputSource = source
-        observers, recorders = _observers(stack, wiring, navigator.map, ground.sides_m[0], report)
+        observers, recorders = _observers(stack, wiring, navigator.map, report)
         if recorders:
-            feed = RecordedSource(source, recorders, navigator.count_error, wait=wiring.fast)
-            stack.enter_context(feed)
+            recorded = RecordedSource(source, recorders, navigator.count_error, wait=wiring.fast)
+            feed = stack.enter_context(closing(recorded))
         sinks += [*observers, notifier]
 
         def after_tick(message: PathMessage) -> None:
@@ -102,7 +102,8 @@ def _connected(
     link = None
     if ZENOH in (kind, *wiring.output_kinds):
         endpoint = wiring.endpoint or LOOPBACK
-        link = stack.enter_context(ZenohLink(endpoint, connect=wiring.zenoh_connect, prefix=wiring.zenoh_prefix))
+        link = ZenohLink(endpoint, connect=wiring.zenoh_connect, prefix=wiring.zenoh_prefix)
+        stack.callback(link.close)
         if ZENOH in wiring.output_kinds:
             sinks.append(ZenohSink(link, refusals if kind == ZENOH else None))
     if STDOUT in wiring.output_kinds:
@@ -116,17 +117,17 @@ def _connected(
 
 
 def _observers(
-    stack: ExitStack, wiring: Wiring, state: MapState, cell_size_m: float, report: Callable[[str], None]
+    stack: ExitStack, wiring: Wiring, state: MapState, report: Callable[[str], None]
 ) -> tuple[list[Sink], list[Callable[[Input, float], object]]]:
     """Further sinks for the answers, and recorders of the inputs."""
     sinks: list[McapLog | RerunSink] = []
     recorders: list[Callable[[Input, float], object]] = []
     if wiring.record is not None:
-        recording = stack.enter_context(RecordingFile(wiring.record, state.shape))
+        recording = stack.enter_context(closing(RecordingFile(wiring.record, state.shape)))
         recorders.append(recording.record)
         report(f"recording: {recording.path}")
     if wiring.log is not None:
-        sinks.append(stack.enter_context(McapLog(wiring.log, state=state, cell_size_m=cell_size_m)))
+        sinks.append(stack.enter_context(closing(McapLog(wiring.log, state))))
     if wiring.view is not None:
-        sinks.append(stack.enter_context(RerunSink(wiring.view, state=state)))
+        sinks.append(stack.enter_context(closing(RerunSink(wiring.view, state))))
     return list(sinks), [*recorders, *(sink.record for sink in sinks)]

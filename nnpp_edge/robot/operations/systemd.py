@@ -7,14 +7,13 @@ import socket
 import time
 from collections.abc import Callable, Mapping
 
-from nnpp_edge.robot.closing import Closing
 from nnpp_edge.runtime.loop.messages import Output, StatusMessage
 
 _LOG = logging.getLogger(__name__)
 _LONGEST_STATUS = 200
 
 
-class Notifier(Closing):
+class Notifier:
     """Notifies the service manager, to which it is a sink; without one, every call does nothing and returns False.
 
     No call raises or waits: a notification that cannot be sent is dropped, with a warning the first time.

@@ -17,7 +17,6 @@ from typing import IO
 import numpy as np
 from numpy.typing import NDArray
 
-from nnpp_edge.robot.closing import Closing
 from nnpp_edge.ros.messages import (
     definition,
     grid_message,
@@ -26,7 +25,7 @@ from nnpp_edge.ros.messages import (
     pose_message,
     string_message,
 )
-from nnpp_edge.runtime.errors import InvalidQueryError, OutputError, optional_module
+from nnpp_edge.runtime.errors import OutputError, optional_module
 from nnpp_edge.runtime.loop.messages import Goal, Input, Output, PathMessage, Pose
 from nnpp_edge.runtime.map.state import MapState
 
@@ -49,7 +48,7 @@ _MAP_EVERY_S = 10.0
 _LIMIT_BYTES = 512e6
 
 
-class McapLog(Closing):
+class McapLog:
     """A sink that writes inputs and answers to a file. Any thread may call any method.
 
     Messages older than a second, or 64 kB, are with the operating system: they survive any end of the process, and
@@ -65,18 +64,16 @@ class McapLog(Closing):
     path : Path
         ``.mcap``; a file of that name is replaced. OutputError if it cannot be begun.
     state : MapState
-        The loop's map (`Navigator.map`), which is written; `cell_size_m` of 1 shows it in cells.
+        The loop's map (`Navigator.map`), which is written; in cells where it has no cell size.
     """
 
     name = "mcap"
 
-    def __init__(self, path: Path, *, state: MapState | None = None, cell_size_m: float = 1.0) -> None:
+    def __init__(self, path: Path, state: MapState) -> None:
         self._mcap = optional_module("mcap.writer", "a log", "robot")
-        if not 0.0 < cell_size_m < math.inf:
-            raise InvalidQueryError(f"the side of a cell must be above 0 m, got {cell_size_m}")
         self._path = Path(path)
-        self._limit = 0.5 * max(_LIMIT_BYTES, 4.0 * math.prod(state.shape) if state else 0.0)
-        self._state, self._cell = state, cell_size_m
+        self._limit = 0.5 * max(_LIMIT_BYTES, 4.0 * math.prod(state.shape))
+        self._state, self._cell = state, 1.0 if state.sides_m is None else state.sides_m[0]
         self._lock = threading.Lock()
         self._last_path: NDArray[np.int32] | None = None
         self._heights_came = False
@@ -145,9 +142,8 @@ class McapLog(Closing):
 
     def _write_map(self) -> None:
         self._mapped, self._heights_came = time.monotonic(), False
-        if self._state is not None:
-            now = time.time_ns()
-            self._write("/map", now, grid_message(self._state.cost(), (0, 0), self._cell, now))
+        now = time.time_ns()
+        self._write("/map", now, grid_message(self._state.cost(), (0, 0), self._cell, now))
 
     def _write(self, topic: str, stamp: int, data: bytes) -> None:
         if self._stream is None:

@@ -15,7 +15,6 @@ from typing import Literal
 
 import msgspec
 
-from nnpp_edge.robot.closing import Closing
 from nnpp_edge.robot.transports.wire import (
     LIMIT_BYTES,
     VERSION,
@@ -132,7 +131,7 @@ def _read_line(line: bytes, shape: tuple[int, int] | None, latest: float) -> tup
     return record.at, as_input(record)
 
 
-class RecordingFile(Closing):
+class RecordingFile:
     """Writes inputs to a new file, line by line: what was written survives the end of the process, however it ends.
 
     A file of that name is left alone: ``scene-2.jsonl`` is written instead of ``scene.jsonl``. The `shape` is that of
@@ -171,7 +170,7 @@ class RecordingFile(Closing):
         self._file.close()
 
 
-class RecordedSource(Closing):
+class RecordedSource:
     """Passes on the inputs of another source, and hands them to recorders, each in a thread of its own.
 
     Recorders are called with an input, and the seconds from the first call of `poll` to the one that gave the input.

@@ -7,7 +7,6 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from nnpp_edge.robot.closing import Closing
 from nnpp_edge.runtime.errors import InvalidQueryError, OutputError, optional_module
 from nnpp_edge.runtime.loop.messages import Goal, Input, MapPatch, Output, PathMessage, Pose
 from nnpp_edge.runtime.map.state import MapState
@@ -24,7 +23,7 @@ _SECONDS = "time"
 _TICKS = "tick"
 
 
-class RerunSink(Closing):
+class RerunSink:
     """A sink for rerun. Columns run to the right and rows down; the map is drawn as in the toolkit's pictures.
 
     Parameters
@@ -41,9 +40,7 @@ class RerunSink(Closing):
 
     name = "rerun"
 
-    def __init__(
-        self, where: str | Path = "here", *, state: MapState | None = None, map_every_s: float = 1.0
-    ) -> None:
+    def __init__(self, where: str | Path, state: MapState, *, map_every_s: float = 1.0) -> None:
         self._rr = optional_module("rerun", "a view", "viz")
         self._state, self._map_every_s = state, map_every_s
         self._version, self._mapped, self._tick = -1, -math.inf, 0
@@ -117,7 +114,7 @@ class RerunSink(Closing):
 
     def _show_map(self) -> None:
         now, state = time.monotonic(), self._state
-        if state is None or state.log.version == self._version or now - self._mapped < self._map_every_s:
+        if state.log.version == self._version or now - self._mapped < self._map_every_s:
             return
         from nnpp_edge.viz.picture import cost_picture
 
@@ -127,7 +124,7 @@ class RerunSink(Closing):
 
     def _show_bodies(self, message: PathMessage) -> None:
         """The outline of the map's vehicle along the path, and its headings where it drives arcs."""
-        vehicle, sides = (None, None) if self._state is None else (self._state.vehicle, self._state.sides_m)
+        vehicle, sides = self._state.vehicle, self._state.sides_m
         if vehicle is None or sides is None:
             return
         from nnpp_edge.viz.picture import body_outlines
@@ -144,7 +141,7 @@ class RerunSink(Closing):
         self, place: str, points: NDArray[np.float32], headings_deg: NDArray[np.float64], colour: Colour
     ) -> None:
         """Arrows two cells long from points (x, y)."""
-        (dy, dx), turns = (self._state and self._state.sides_m) or (1.0, 1.0), np.radians(headings_deg)
+        (dy, dx), turns = self._state.sides_m or (1.0, 1.0), np.radians(headings_deg)
         ahead = 2.0 * min(dy, dx) * np.column_stack((np.sin(turns) / dx, -np.cos(turns) / dy))
         arrows = self._rr.Arrows2D(vectors=ahead, origins=points, colors=colour, radii=0.15, draw_order=16.0)
         self._stream.log(place, arrows)

@@ -9,7 +9,6 @@ from collections.abc import Callable
 from functools import partial
 from typing import TYPE_CHECKING
 
-from nnpp_edge.robot.closing import Closing
 from nnpp_edge.robot.transports.incoming import MailboxSource, Refusals
 from nnpp_edge.robot.transports.wire import LIMIT_BYTES, encode
 from nnpp_edge.runtime.errors import InvalidQueryError, optional_module
@@ -36,7 +35,7 @@ _CONFIGURATION = {
 }
 
 
-class ZenohLink(Closing):
+class ZenohLink:
     """A Zenoh session without discovery: it listens at `endpoint` (``tcp/ADDRESS:PORT``, by default the loopback
     interface), or connects to a router or peer, again and again until that succeeds.
 
