@@ -2,6 +2,8 @@
 
 import atexit
 import functools
+import io
+import os
 import signal
 import sys
 import warnings
@@ -11,9 +13,8 @@ from typing import NoReturn
 import click
 
 from nnpp_edge import __version__
-from nnpp_edge.cli.streams import prepare_streams
 from nnpp_edge.runtime.compiled import notice
-from nnpp_edge.runtime.errors import NnppEdgeError
+from nnpp_edge.runtime.errors import NnppEdgeError, OutputError
 from nnpp_edge.runtime.reading import reason
 
 COMMANDS = {
@@ -80,7 +81,7 @@ def _show_warning(message: Warning | str, category: type[Warning], *_: object, *
 
 def main() -> None:
     """Run the command. Wrong use and bad input end in one line and exit code 2, as does a stdout that is full."""
-    prepare_streams()
+    _prepare_streams()
     warnings.showwarning = _show_warning
     notice.tell = functools.partial(click.echo, err=True)
     try:
@@ -116,6 +117,42 @@ def _refuse(message: str) -> NoReturn:
 def _tell(line: str) -> None:
     """Print a line on stderr; what a file's name brought along can neither break it nor steer a terminal."""
     click.echo("".join(each if each.isprintable() else repr(each)[1:-1] for each in line), err=True)
+
+
+def _prepare_streams() -> None:
+    """Open what is closed, and replace stdout and stderr by streams whose failures do no harm.
+
+    A closed one would give its number to the next file that is opened, and what a library prints would end in there.
+    Streams that a test or another program has put in their place stay.
+    """
+    for descriptor, mode in ((0, os.O_RDONLY), (1, os.O_RDONLY), (2, os.O_WRONLY)):  # writing to 1 then fails
+        try:
+            os.fstat(descriptor)
+        except OSError:
+            os.open(os.devnull, mode)  # gets the lowest number that is free
+    for name, descriptor in (("stdout", 1), ("stderr", 2)):
+        own = getattr(sys, f"__{name}__")
+        if getattr(sys, name) is own:  # as Python makes its own; characters that the encoding lacks are escaped
+            raw = io.BufferedWriter(_Stream(descriptor, "w", closefd=False))
+            encoding = own.encoding if own else None
+            setattr(sys, name, io.TextIOWrapper(raw, encoding, "backslashreplace", line_buffering=True))
+
+
+class _Stream(io.FileIO):
+    """Takes everything, also what cannot be written; but stdout fails once: what is left in a buffer not again."""
+
+    _failed = False
+
+    def write(self, content: "io.ReadableBuffer", /) -> int:  # type: ignore[name-defined]
+        try:
+            return super().write(content) or 0
+        except OSError as error:
+            if self._failed or self.fileno() == 2:
+                return len(memoryview(content).cast("B"))
+            self._failed = True
+            if isinstance(error, BrokenPipeError):  # nobody reads any more
+                raise
+            raise OutputError(f"standard output could not be written ({reason(error)})") from error
 
 
 if __name__ == "__main__":

@@ -54,7 +54,6 @@ def command(
     """
     from nnpp_edge.profiling.profile_file import OnboardLoop, changed, read_profile
     from nnpp_edge.robot.operations.onboard import run
-    from nnpp_edge.runtime.loop.ladder import NavigatorSettings
     from nnpp_edge.runtime.network.loading import begin_loading
     from nnpp_edge.runtime.network.model_file import model_path
 
@@ -65,9 +64,7 @@ def command(
     changes |= {name: value for name, value in given.items() if value is not None}
     settings = changed(read_profile(profile).loop if profile else OnboardLoop(), **changes)
     robot.check_turns(settings.refine)
-    names = ("method", "model", "tolerance", "corner_cutting", "approach")
-    of_loop = {name: getattr(settings, name) for name in names}
-    navigator = NavigatorSettings(**of_loop, refine=settings.refine or None)
+    navigator = settings.navigator()
     options.check_outputs(  # --record never replaces a file
         *(("--log", wiring.log), ("--view", options.view_file(wiring.view))),
         more_inputs=[model_path(settings.model)],

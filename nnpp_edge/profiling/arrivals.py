@@ -12,7 +12,6 @@ from nnpp_edge.profiling.rivals import RivalPlanner
 from nnpp_edge.profiling.suites import heights_of
 from nnpp_edge.runtime.cells import Endpoints
 from nnpp_edge.runtime.loop.connections import InProcessSource
-from nnpp_edge.runtime.loop.ladder import NavigatorSettings
 from nnpp_edge.runtime.loop.messages import Goal, Input, MapPatch, Origin, PathMessage, Pose
 from nnpp_edge.runtime.loop.navigator import Navigator
 from nnpp_edge.runtime.loop.runner import Loop
@@ -110,11 +109,8 @@ def reactions(ground: Ground, queries: Sequence[Endpoints], loop: OnboardLoop, p
         path = message.path if message.ok else path
         feed()
 
-    settings = NavigatorSettings(
-        loop.method, corner_cutting=loop.corner_cutting, model=loop.model, tolerance=loop.tolerance
-    )
     running = Loop(
-        Navigator(ground, settings),
+        Navigator(ground, loop.navigator()),
         source,
         rate_hz=loop.rate_hz,
         cores=loop.cores,

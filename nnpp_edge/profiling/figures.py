@@ -131,6 +131,5 @@ def _spread(times: NDArray[np.float64]) -> dict[str, float]:
 
 def _stages(answers: Answers) -> dict[str, dict[str, float]]:
     """Each stage's times over the queries of both halves; one that a plan did without took it 0 ms."""
-    names = {stage for stages in answers.stages_ms for stage in stages}
-    ordered = [*(stage for stage in STAGES if stage in names), *sorted(names - set(STAGES))]
+    ordered = stages_of([{"stages_ms": stages} for stages in answers.stages_ms])
     return {stage: _spread(np.array([plan.get(stage, 0.0) for plan in answers.stages_ms])) for stage in ordered}

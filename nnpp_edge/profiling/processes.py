@@ -5,6 +5,7 @@ import pickle
 import subprocess
 import sys
 import time
+from contextlib import suppress
 from tempfile import TemporaryDirectory
 
 import numpy as np
@@ -12,24 +13,14 @@ import numpy as np
 from nnpp_edge.profiling.suites import Case
 from nnpp_edge.runtime.cells import Endpoints
 from nnpp_edge.runtime.errors import NnppEdgeError
+from nnpp_edge.runtime.map.ground import Ground
 from nnpp_edge.runtime.memory import peak_bytes
 
 _PLAN_ONCE = """
 import pickle, sys
 from nnpp_edge.runtime import Planner
 ground, query, method, model = pickle.load(sys.stdin.buffer)
-assert Planner(ground, model=model).plan(*query, method=method).ok
-for line in open("/proc/self/status"):
-    if line.startswith("VmHWM"):
-        print(line.split()[1])
-"""
-# VmHWM and not ru_maxrss: the latter begins, in a child, with what the parent held when it was started.
-_FIRST_PLAN = """
-import sys
-import numpy as np
-from nnpp_edge.runtime import Planner
-cost = np.random.default_rng(0).uniform(0.0, 0.5, (256, 256)).astype(np.float32)
-print(Planner(cost).plan((5, 5), (250, 240), method=sys.argv[1]).status, flush=True)
+print(Planner(ground, model=model).plan(*query, method=method).status, flush=True)
 sys.stdin.read()
 """
 _FIRST_TICK = """
@@ -38,7 +29,7 @@ from nnpp_edge.cli.main import main
 sys.argv[1:] = "run --map sample:moon_highlands --rescale 20 --method".split() + sys.argv[1:]
 main()
 """
-_DRIVE = '{"type":"pose","row":90,"col":60}\n{"type":"goal","row":450,"col":470}\n'
+_DRIVE = b'{"type":"pose","row":90,"col":60}\n{"type":"goal","row":450,"col":470}\n'
 
 
 def peak_memory_mb(on_map: Case, query: Endpoints, method: str, model: str) -> float | None:
@@ -47,12 +38,7 @@ def peak_memory_mb(on_map: Case, query: Endpoints, method: str, model: str) -> f
     The map is read as costs, and with a vehicle as elevations. NnppEdgeError if the process fails; the message ends
     with the last line that it wrote.
     """
-    given = pickle.dumps((on_map.standing, query, method, model), protocol=5)
-    ended = subprocess.run([sys.executable, "-c", _PLAN_ONCE], check=False, capture_output=True, input=given)
-    if ended.returncode:
-        said = ended.stderr.decode().strip().splitlines() or ["no word of why"]
-        raise NnppEdgeError(f"peak memory of {method}: the process that plans once failed: {said[-1]}")
-    return 1.024e-3 * int(ended.stdout) if ended.stdout.strip() else None
+    return _first_answer(_PLAN_ONCE, method, pickle.dumps((on_map.standing, query, method, model), 5))[1] or None
 
 
 def start_up(method: str, *, loop: bool = False, repeats: int = 3) -> dict[str, float]:
@@ -61,9 +47,11 @@ def start_up(method: str, *, loop: bool = False, repeats: int = 3) -> dict[str, 
     Seconds and the peak memory until then, from an empty cache of kernels (``cold``) and from a full one. The empty
     cache is met once, the full one `repeats` times, of which the medians count. A wheel of kernels serves both.
     """
-    name, code = ("first_tick", _FIRST_TICK) if loop else ("start_up", _FIRST_PLAN)
+    cost = np.random.default_rng(0).uniform(0.0, 0.5, (256, 256)).astype(np.float32)
+    plan = pickle.dumps((Ground(cost), ((5, 5), (250, 240)), method, "edge"), 5)
+    name, code, given = ("first_tick", _FIRST_TICK, _DRIVE) if loop else ("start_up", _PLAN_ONCE, plan)
     with TemporaryDirectory() as folder:
-        cold, *warm = [_first_answer(code, method, folder) for _ in range(1 + repeats)]
+        cold, *warm = [_first_answer(code, method, given, NUMBA_CACHE_DIR=folder) for _ in range(1 + repeats)]
     figures = {"cold": cold, "warm": tuple(np.median(warm, axis=0))}
     return {
         f"{name}_{state}_{unit}": round(float(value), 3)
@@ -72,19 +60,18 @@ def start_up(method: str, *, loop: bool = False, repeats: int = 3) -> dict[str, 
     }
 
 
-def _first_answer(code: str, method: str, cache: str) -> tuple[float, float]:
+def _first_answer(code: str, method: str, given: bytes, **environment: str) -> tuple[float, float]:
     """Seconds until a new process prints a line, and its peak memory by then in MB."""
-    environment, pipe = os.environ | {"NUMBA_CACHE_DIR": cache}, subprocess.PIPE
-    command, quiet, began = [sys.executable, "-c", code, method], subprocess.DEVNULL, time.perf_counter()
-    with subprocess.Popen(command, env=environment, stdin=pipe, stdout=pipe, stderr=quiet, text=True) as process:
+    command, pipe, began = [sys.executable, "-c", code, method], subprocess.PIPE, time.perf_counter()
+    with subprocess.Popen(command, env=os.environ | environment, stdin=pipe, stdout=pipe, stderr=pipe) as process:
         assert process.stdin is not None and process.stdout is not None
-        process.stdin.write(_DRIVE)
-        process.stdin.flush()
+        with suppress(BrokenPipeError):
+            process.stdin.write(given)
+            process.stdin.flush()
         answer, took = process.stdout.readline(), time.perf_counter() - began
         peak = peak_bytes(process.pid)
         process.kill()
-    if "OK" not in answer:
-        raise NnppEdgeError(
-            f"start-up of {method}: the process ended without a path: {answer.strip() or 'no answer'}"
-        )
+        said = process.communicate()[1].decode().strip().splitlines() or ["no word of why"]
+    if b"OK" not in answer:
+        raise NnppEdgeError(f"a process that was to plan once by {method} ended without a path: {said[-1]}")
     return took, 1e-6 * peak

@@ -13,6 +13,7 @@ from msgspec.structs import asdict, fields, replace
 
 from nnpp_edge.profiling.contest import Facts
 from nnpp_edge.runtime.errors import InvalidQueryError
+from nnpp_edge.runtime.loop.ladder import NavigatorSettings
 from nnpp_edge.runtime.planners.plan import DynamicMethod
 from nnpp_edge.runtime.reading import read_toml
 from nnpp_edge.terrain.workloads import of_bodies
@@ -178,6 +179,11 @@ class OnboardLoop(Table, frozen=True):
         self.check_choice("method", tuple(DynamicMethod))
         self.check_choice("refine", ("", "any-angle"))
         self.check_different("cores")
+
+    def navigator(self) -> NavigatorSettings:
+        """The part of it that is the navigator's."""
+        names = ("method", "model", "tolerance", "corner_cutting", "approach")
+        return NavigatorSettings(**{name: getattr(self, name) for name in names}, refine=self.refine or None)
 
 
 class Budget(Table, frozen=True):

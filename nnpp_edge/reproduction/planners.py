@@ -74,11 +74,10 @@ class OneMap:
             row |= {"mm": len(self.optimum) / area, "share": area / self.cost.size}
         return row
 
-    def searched(self, names: dict[str, str], regions: dict[str, Region] | None = None) -> Rows:
+    def searched(self, names: dict[str, str]) -> Rows:
         """Figures of compiled searches in regions, under these names by the regions' kinds."""
-        regions = regions or self.regions
-        paths = {kind: best_path(self.grid, self.query, regions[kind]) for kind in names}
-        return Rows(self.row(name, paths[kind], regions[kind]) for kind, name in names.items())
+        found = ((name, self.regions[kind]) for kind, name in names.items())
+        return Rows(self.row(name, best_path(self.grid, self.query, region), region) for name, region in found)
 
     def timed(self, planners: Sequence[str], repeats: int, harness: Harness) -> list[Row]:
         """Planners of `PLANNERS` in turns: ours `repeats` times, whose median time counts, plain Python once."""

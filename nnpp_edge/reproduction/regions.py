@@ -21,11 +21,12 @@ from nnpp_edge.runtime.kernels.threshold import lowered
 from nnpp_edge.runtime.map.grid import Grid
 from nnpp_edge.runtime.map.region import Region
 from nnpp_edge.runtime.map.step_cost import StepModel
-from nnpp_edge.runtime.network.encoding import Frame, map_planes
+from nnpp_edge.runtime.network.encoding import Frame
 from nnpp_edge.runtime.network.inference import NetworkModel
 from nnpp_edge.runtime.region.learned import RegionFinder
 from nnpp_edge.runtime.search.astar import astar
 from nnpp_edge.runtime.search.workspace import Workspace
+from nnpp_edge.terrain.shards import planes_of
 
 NETWORK, CORRIDOR, BAND, SHUFFLED = "network", "corridor", "straight band", "shuffled weights"
 CONTROLS = (CORRIDOR, BAND, SHUFFLED)
@@ -59,7 +60,7 @@ class PaperRegions:
 
     def find(self, query: Endpoints) -> Region:
         """The region at the model's factor on td."""
-        self.model.set_map(_planes(self.grid, self.frame))
+        self.model.set_map(planes_of(self.grid, self.frame))
         ends = self.frame.place(query[0]), self.frame.place(query[1])
         began = time.perf_counter()
         probability = self.model.answer(*ends, anew=True)
@@ -90,13 +91,6 @@ def best_path(grid: Grid, query: Endpoints, region: Region | None = None) -> NDA
     return astar(grid, *query, Workspace(len(grid.weights)), region=region).path
 
 
-def _planes(grid: Grid, frame: Frame) -> NDArray[np.float32]:
-    """(2, S, S) mean cost and share of impassable cells of a map."""
-    planes = np.empty((2, frame.size, frame.size), np.float32)
-    map_planes(grid, frame, planes)
-    return planes
-
-
 def _blocks(lookup: tuple[NDArray[np.int32], NDArray[np.int32]], cells: Sequence[Cell]) -> list[Cell]:
     """The blocks that cells lie in."""
     return [(int(lookup[0][row]), int(lookup[1][col])) for row, col in cells]
@@ -104,7 +98,7 @@ def _blocks(lookup: tuple[NDArray[np.int32], NDArray[np.int32]], cells: Sequence
 
 def _coarse_path(grid: Grid, query: Endpoints, like: Region) -> list[Cell]:
     """The cheapest path over the map averaged to blocks; start and goal where there is none."""
-    cost, blocked = _planes(grid, Frame(*grid.shape, len(like.bitmap) - 1))
+    cost, blocked = planes_of(grid, Frame(*grid.shape, len(like.bitmap) - 1))
     passable = np.where(blocked < 1.0, np.minimum(cost, np.float32(0.999)), np.float32(np.inf))
     start, goal = _blocks((like.row_block, like.col_block), query)
     return search(build_graph(passable), start, goal) or [start, goal]

@@ -7,7 +7,8 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from nnpp_edge.runtime import Ground, MapPatch, pose_costs
+from nnpp_edge.profiling.suites import whole_cost
+from nnpp_edge.runtime import Ground, MapPatch
 from nnpp_edge.runtime.arrays import Float2D
 from nnpp_edge.runtime.cells import Cell
 from nnpp_edge.runtime.kernels.poses import MOST_CODE
@@ -87,10 +88,7 @@ class Robot:
                 return costs
             known = cv2.erode(np.isfinite(values).astype(np.uint8), np.ones((3, 3), np.uint8))
             return np.where(known, costs, np.float32(0.0))
-        (height, width), rule = self.sides_m, self._ground.traversability
-        poses = pose_costs(values, height, self.vehicle, cell_width_m=width, traversability=rule)
-        best: Float2D = poses.min(0)
-        return best
+        return whole_cost(_with(self._ground, values))
 
     def ground(self, values: Float2D) -> Ground:
         """Itself on the map, for planners and the onboard loop."""

@@ -194,7 +194,8 @@ def make_shard(
             crossed[tuple((label.path * blocks // side).T)] = True
             ends = (np.array(frame.place(end), np.float32) for end in (label.start, label.goal))
             queries.append((np.int32(len(made)), *ends, label.excess, np.packbits(crossed, axis=-1)))
-        made.append((_seen_by_network(cost, frame, recipe.omega), name, np.int32(pooling)))
+        planes = planes_of(Grid.of(cost, StepModel.of("paper", recipe.omega)), frame)
+        made.append((np.rint(planes * 255.0).astype(np.uint8), name, np.int32(pooling)))
     columns = (*zip(*made, strict=True), *zip(*queries, strict=True))
     return dict(zip(_ARRAYS, map(np.array, columns), strict=True))
 
@@ -225,12 +226,11 @@ def _random_ground(
     return synthetic_terrain(rng, side, cell_size_m), cell_size_m, cell_size_m, False
 
 
-def _seen_by_network(cost: NDArray[np.float32], frame: Frame, omega: float) -> NDArray[np.uint8]:
-    """The map's two planes (2, S, S), in 255ths."""
-    grid = Grid.of(cost, StepModel.of("paper", omega))
+def planes_of(grid: Grid, frame: Frame) -> NDArray[np.float32]:
+    """(2, S, S) mean cost and share of impassable cells of a map."""
     planes = np.empty((2, frame.size, frame.size), np.float32)
     map_planes(grid, frame, planes)
-    return np.asarray(np.rint(planes * 255.0), np.uint8)
+    return planes
 
 
 def _pick(rng: np.random.Generator, shares: Sequence[tuple[T, float]]) -> T:

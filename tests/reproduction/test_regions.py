@@ -54,7 +54,7 @@ def test_controls_are_as_large_as_the_networks_region_and_join_start_and_goal(ti
         assert regions[name].area() == regions[NETWORK].area()
         assert joined(regions[name].blocks()[:-1, :-1], maker)
     here = OneMap(cost, QUERY, Networks(model, model))
-    found = here.searched({kind: kind for kind in regions}, regions)
+    found = here.searched({kind: kind for kind in regions})
     assert all(row["found"] and row["excess"] >= -1e-6 for row in found)
 
 
@@ -63,6 +63,6 @@ def test_the_corridor_goes_round_what_the_straight_band_runs_into(tiny_model):
     cost[48:80, :112] = 1.0
     model = NetworkModel(tiny_model)
     here = OneMap(cost, ((10, 20), (118, 20)), Networks(model, model))
-    found = Rows(here.searched({CORRIDOR: CORRIDOR, BAND: BAND}, here.regions))
+    found = Rows(here.searched({CORRIDOR: CORRIDOR, BAND: BAND}))
     assert found.of(CORRIDOR).all("found") == [1.0] and found.of(BAND).all("found") == [0.0]
     assert np.isnan(found.increase(BAND)) and found.increase(CORRIDOR) >= 0.0
