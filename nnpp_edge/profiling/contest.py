@@ -41,7 +41,6 @@ class Record(Generic[CaseT, ResultT]):
 
     @property
     def median_s(self) -> float:
-        """Median time of a call."""
         return float(np.median(self.elapsed_s))
 
     def middle(self) -> tuple[float, ResultT]:
@@ -147,7 +146,6 @@ def of(name: str, reduce: Callable[[list[float]], np.floating]) -> Callable[[Col
 
 
 def mean(name: str) -> Callable[[Columns], float | None]:
-    """The mean of a column."""
     return of(name, np.mean)
 
 

@@ -44,7 +44,6 @@ def stages_of(results: Sequence[Facts]) -> list[str]:
 
 
 def find(results: Sequence[Facts], workload: str, size: int, planner: str) -> Facts | None:
-    """The row of a planner."""
     place = (workload, size, planner)
     return next((row for row in results if (row["workload"], row["size"], row["planner"]) == place), None)
 

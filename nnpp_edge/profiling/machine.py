@@ -130,7 +130,6 @@ class Disturbance:
         self._sums, self._left_out, self._began = np.zeros(4), np.zeros(2), np.zeros(4)
 
     def start(self) -> None:
-        """Start or resume the watch."""
         self._began = self._clocks()
 
     def stop(self) -> None:
@@ -150,7 +149,6 @@ class Disturbance:
 
     @property
     def elapsed_s(self) -> float:
-        """Seconds that were watched."""
         return float(self._sums[0])
 
     def waited_share(self) -> float:

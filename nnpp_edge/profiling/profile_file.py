@@ -148,8 +148,6 @@ class Load(Table, frozen=True):
 
 
 class Networks(Table, frozen=True):
-    """The model in both precisions."""
-
     int8: str = "edge"
     fp32: str | None = None
     """None: not measured."""
@@ -233,7 +231,6 @@ class Profile(Table, frozen=True):
 
     @property
     def measured(self) -> tuple[str, ...]:
-        """The planners that take part."""
         return tuple(name for name in PLANNERS if self.networks.fp32 is not None or name != "nnpp-fp32")
 
     @property

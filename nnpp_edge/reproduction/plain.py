@@ -27,11 +27,9 @@ class Graph:
     edges: dict[int, list[tuple[int, float]]]
 
     def node(self, cell: Cell) -> int:
-        """The node of a cell."""
         return cell[0] * self.stride + cell[1]
 
     def cell(self, node: int) -> Cell:
-        """The cell of a node."""
         return divmod(node, self.stride)
 
     def distance(self, a: int, b: int) -> float:

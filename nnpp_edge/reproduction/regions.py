@@ -33,8 +33,6 @@ CONTROLS = (CORRIDOR, BAND, SHUFFLED)
 
 
 class Networks(NamedTuple):
-    """The networks of an experiment."""
-
     paper: NetworkModel
     """Of the paper's method, A* in the region at td."""
     ours: NetworkModel

@@ -95,5 +95,4 @@ def percent(share: float, digits: int = 1) -> str:
 
 
 def spread(values: Sequence[float] | NDArray[np.float64], digits: int) -> str:
-    """Mean and standard deviation."""
     return f"{np.mean(values):.{digits}f} ± {np.std(values):.{digits}f}" if len(values) else "–"

@@ -106,7 +106,6 @@ def heights_message(
 
 
 def string_message(text: str) -> bytes:
-    """std_msgs/String."""
     return bytes(_Cdr().string(text).data)
 
 

@@ -56,7 +56,6 @@ class Samples:
         return cls(*(np.asarray(arrays[field.name]) for field in fields(cls)))
 
     def __len__(self) -> int:
-        """Number of queries."""
         return len(self.map_index)
 
     def query(self, at: int) -> Query:

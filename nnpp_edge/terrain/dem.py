@@ -49,7 +49,6 @@ class Dem(Place):
 
     @property
     def shape(self) -> tuple[int, int]:
-        """Rows and columns."""
         rows, cols = self.elevation.shape
         return rows, cols
 
@@ -204,7 +203,6 @@ class DemWindows(Place):
 
     @property
     def shape(self) -> tuple[int, int]:
-        """Rows and columns."""
         return self.raster.shape
 
     @property

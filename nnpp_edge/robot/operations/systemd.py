@@ -38,7 +38,6 @@ class Notifier:
         """Seconds without `alive` after which the manager acts; None if it does not watch this process."""
 
     def ready(self) -> bool:
-        """Start-up is done."""
         return self._send("READY=1")
 
     def alive(self) -> bool:

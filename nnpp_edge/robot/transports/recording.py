@@ -166,7 +166,6 @@ class RecordingFile:
         self._full = False
 
     def close(self) -> None:
-        """Finish the file."""
         self._file.close()
 
 

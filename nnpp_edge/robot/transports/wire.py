@@ -49,8 +49,6 @@ class Fault:
 
 
 class Record(msgspec.Struct, tag_field="type", forbid_unknown_fields=True, kw_only=True):
-    """An input on the wire."""
-
     v: Literal[1] = 1
     row: _Place
     col: _Place
@@ -60,8 +58,6 @@ class Record(msgspec.Struct, tag_field="type", forbid_unknown_fields=True, kw_on
 
 
 class PoseRecord(Record, tag="pose"):
-    """A `Pose` on the wire."""
-
     heading_deg: float | None = None
 
 
@@ -77,8 +73,6 @@ class Packed(msgspec.Struct, forbid_unknown_fields=True):
 
 
 class PatchRecord(Record, tag="patch"):
-    """A `MapPatch` on the wire."""
-
     elevation: _Rows | Packed | None = None
     cost: _Rows | Packed | None = None
     keep_known: bool = False
