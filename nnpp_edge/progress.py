@@ -1,5 +1,6 @@
 """Progress on stderr, figures and tables for stdout."""
 
+import math
 import sys
 import time
 from collections.abc import Callable, Iterator, Sequence
@@ -44,8 +45,11 @@ def _lines(what: str, total: int) -> Callable[[int], None]:
 
 
 def shown(value: object, form: str = "") -> str:
-    """A value in the form of a format specification, or with ² behind it; three digits of a float without one."""
-    if value is None:
+    """A value in the form of a format specification, or with ² behind it; three digits of a float without one.
+
+    A dash stands for None, NaN and inf.
+    """
+    if value is None or (isinstance(value, float) and not math.isfinite(value)):
         return MISSING
     if isinstance(value, bool):
         return "yes" if value else "no"

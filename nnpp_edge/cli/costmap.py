@@ -1,8 +1,10 @@
 """`nnpp-edge costmap`: what crossing each cell of an elevation map costs."""
 
+import io
+import math
 from contextlib import nullcontext
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import click
 
@@ -10,10 +12,16 @@ from nnpp_edge.cli import options
 from nnpp_edge.cli.ground_options import TerrainOptions
 from nnpp_edge.cli.text import aligned, tell
 
+if TYPE_CHECKING:
+    from nnpp_edge.runtime.terrain.traversability import Traversability
+    from nnpp_edge.terrain.dem import Dem, DemWindows
+
 _RASTERS = (".tif", ".tiff")
 _ENDINGS = (*_RASTERS, ".npy", ".npz")
 _BYTES_PER_CELL = 32
 """At the peak of writing a whole map: 28 measured."""
+_MOST_PIXELS = 2000
+"""Of the picture's longer side: as many as are drawn of any map."""
 
 
 @options.command("costmap")
@@ -43,7 +51,6 @@ def command(
     options.check_outputs(("--output", output), ("--output", picture))
     limits = terrain.limits()
 
-    from nnpp_edge.cli.costmap_files import write_cost_map
     from nnpp_edge.cli.maps import reads_by_windows, size_in_words, size_of
     from nnpp_edge.runtime.errors import InvalidQueryError
 
@@ -51,7 +58,7 @@ def command(
     if by_windows and output.suffix.lower() not in _RASTERS:
         raise InvalidQueryError(f"--output must end in .tif for a map that is read by windows, got {output.name!r}")
     with terrain.open(dem) if by_windows else nullcontext(terrain.read(dem)) as ground:
-        share = write_cost_map(ground, limits, output, picture)
+        share = _write(ground, limits, output, picture)
     files = [str(output), str(picture)]
     lines = {
         "map": f"{dem.name}: {size_in_words(ground)}",
@@ -59,3 +66,51 @@ def command(
         "written": ", ".join(files),
     }
     tell(as_json, size_of(ground) | {"passable_share": share, "files": files}, lambda: aligned(lines))
+
+
+def _write(ground: "Dem | DemWindows", limits: "Traversability", output: Path, picture: Path) -> float:
+    """Write cost map and picture; the share of cells that are passable.
+
+    Of a map in memory both or none are written; one read by windows becomes a GeoTIFF, a band after another.
+    """
+    import numpy as np
+
+    from nnpp_edge.cli.maps import cost_of
+    from nnpp_edge.files import staged, write_all, write_whole
+    from nnpp_edge.progress import bar
+    from nnpp_edge.runtime.errors import OutputError
+    from nnpp_edge.runtime.reading import refused_as
+    from nnpp_edge.runtime.terrain.windows import CostWindows
+    from nnpp_edge.terrain.dem import Dem
+    from nnpp_edge.terrain.rasters import geotiff_stream, raster_bytes
+    from nnpp_edge.viz.picture import cost_map_picture, png_bytes
+
+    nodata = np.float32(np.nan)
+    if isinstance(ground, Dem):
+        cost, content = cost_of(ground, limits), io.BytesIO()
+        if output.suffix.lower() in _RASTERS:
+            content.write(raster_bytes(output, np.where(np.isfinite(cost), cost, nodata), ground))
+        elif output.suffix.lower() == ".npy":
+            np.save(content, cost)
+        else:
+            size, width = ground.cell_size_m, ground.cell_width_m
+            np.savez_compressed(content, cost=cost, cell_size_m=size, cell_width_m=width)
+        drawn = cost_map_picture(cost, cell_size_m=ground.cell_width_m)
+        write_all({output: content.getvalue(), picture: png_bytes(drawn)})
+        return float(np.isfinite(cost).mean())
+    passable, sampled = 0, []
+    step = -(-max(ground.shape) // _MOST_PIXELS)
+    with staged(output) as temporary:
+        with (
+            refused_as(OutputError, f"{output}: could not be written"),
+            bar("cost map", ground.shape[0]) as progress,
+            geotiff_stream(temporary, ground.shape, ground.georeference) as write,
+        ):
+            for row, _, cost in CostWindows(ground, limits).bands():
+                write(row, np.where(np.isfinite(cost), cost, nodata))
+                passable += int(np.isfinite(cost).sum())
+                sampled.append(cost[-row % step :: step, ::step].copy())
+                progress(row + len(cost))
+        drawn = cost_map_picture(np.concatenate(sampled), cell_size_m=ground.cell_width_m * step)
+        write_whole(picture, png_bytes(drawn))
+    return passable / math.prod(ground.shape)

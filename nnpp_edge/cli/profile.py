@@ -166,11 +166,12 @@ def _profile(name: str, asked: Asked) -> int:
 def _page(report: "Facts") -> bytes:
     """The report as a page of HTML; empty, which is said, where the extra `viz` is not installed."""
     try:
-        from nnpp_edge.viz.profile_page import page
+        from nnpp_edge.viz.figures import page
+
+        return page(report).encode()
     except ImportError as error:
         click.echo(f"note: {_FILES[-1]} is left out: {error} (pip install 'nnpp-edge[viz]')", err=True)
         return b""
-    return page(report).encode()
 
 
 def _peers(asked: Asked) -> None:

@@ -116,7 +116,8 @@ def _differences(before: Facts, after: Facts) -> Iterator[str]:
     for words, path in _PLACES:
         was, now = (_inside(report, path) for report in (before, after))
         if was != now:
-            yield f"{words} differ" + ("s" if words[-1] != "s" else "") + f": {_short(was)}, then {_short(now)}"
+            told = ", then ".join(json.dumps(each, ensure_ascii=False) for each in (was, now))
+            yield f"{words} differ" + ("s" if words[-1] != "s" else "") + f": {told}"
     for words, report in (("first", before), ("second", after)):
         if doubt := _doubt(report):
             yield f"the {words} run was {doubt}"
@@ -135,10 +136,6 @@ def _inside(facts: Facts | None, path: tuple[str, ...]) -> float | None:
     for key in path[:-1]:
         facts = facts and facts.get(key)
     return facts.get(path[-1]) if facts else None
-
-
-def _short(value: object) -> str:
-    return json.dumps(value, ensure_ascii=False) if isinstance(value, dict | list) else str(value)
 
 
 def board_table(report: Facts) -> str:

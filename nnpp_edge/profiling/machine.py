@@ -113,15 +113,6 @@ def _pin(cores: Sequence[int] | set[int]) -> None:
             os.sched_setaffinity(int(thread.name), cores)
 
 
-def busy_share(cores: Sequence[int], seconds: float = 0.3) -> float | None:
-    """Share of these cores' time that others use at the moment; None where it cannot be known."""
-    watch = Disturbance(cores)
-    watch.start()
-    time.sleep(seconds)
-    watch.stop()
-    return watch.others_share()
-
-
 class Disturbance:
     """Time of others while the planners were measured, in one half of the run."""
 

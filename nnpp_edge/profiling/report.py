@@ -8,7 +8,7 @@ from nnpp_edge.profiling.arrivals import prior_ms
 from nnpp_edge.profiling.contest import Facts, Harness
 from nnpp_edge.profiling.figures import break_even, loop_rows, rows
 from nnpp_edge.profiling.judge import MOST_DISTURBED, Noise, WholeRun, judged, summary, verdict
-from nnpp_edge.profiling.machine import Disturbance, busy_share, environment, pinned
+from nnpp_edge.profiling.machine import Disturbance, environment, pinned
 from nnpp_edge.profiling.measure import ProfileMaps, Run, rivals_of, run
 from nnpp_edge.profiling.processes import peak_memory_mb, start_up
 from nnpp_edge.profiling.profile_file import LOOP, STARTS, SYNTHETIC, Profile
@@ -38,8 +38,6 @@ def profile_machine(
     """
     said, load = list(notes), profile.load
     with pinned(profile.device.cores) as (cores, problems):
-        if (busy := busy_share(cores)) is not None and busy > MOST_DISTURBED:
-            problems.append(f"others use {100 * busy:.0f} % of the cores' time before the run begins")
         for line in problems:
             said.append(line)
             say(line)

@@ -2,7 +2,6 @@
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
-from importlib.resources import files
 from pathlib import Path
 
 import numpy as np
@@ -16,7 +15,7 @@ from nnpp_edge.runtime.planners.plan import Method
 from nnpp_edge.runtime.planners.planner import Planner
 from nnpp_edge.runtime.terrain.traversability import Traversability
 from nnpp_edge.runtime.terrain.vehicle import Vehicle
-from nnpp_edge.terrain.dem import Dem, read_dem
+from nnpp_edge.terrain.dem import Dem, read_dem, sample_path
 from nnpp_edge.terrain.labels import random_query
 from nnpp_edge.terrain.rocks import with_rocks
 from nnpp_edge.terrain.synthetic import synthetic_terrain
@@ -25,9 +24,9 @@ from nnpp_edge.terrain.workloads import body_rocks, workload
 QUERIES_PER_MAP = 10
 SYNTHETIC = "synthetic"
 SYNTHETIC_CELL_M = 20.0
+"""Of synthetic ground, and of the sample."""
 LEAST_DISTANCE = 0.35
 """Between start and goal by default, as a share of the map's side."""
-_SAMPLE_FILE, _SAMPLE_CELL_M = "moon_highlands.npz", 20.0
 _CELLS_TO_A_BODY = 4.0
 """Cells of synthetic ground along a vehicle."""
 _TRIES = 50
@@ -74,8 +73,7 @@ class TerrainFiles:
         """These files; without any, the sample that travels with the package, at cells of 20 m by default."""
         if paths:
             return cls(tuple(paths), rescale, cell_size)
-        sample = Path(str(files("nnpp_edge.terrain") / "samples" / _SAMPLE_FILE))
-        return cls((sample,), rescale or _SAMPLE_CELL_M, None)
+        return cls((sample_path("moon_highlands"),), rescale or SYNTHETIC_CELL_M, None)
 
     def read(self) -> list[Dem]:
         """Every file's terrain; TerrainError if one cannot be read."""

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from nnpp_edge.profiling.contest import Harness, gap
 from nnpp_edge.progress import markdown_table
+from nnpp_edge.progress import shown as figure
 from nnpp_edge.reproduction import paper
 from nnpp_edge.reproduction.plain import build_graph, search
 from nnpp_edge.reproduction.regions import (
@@ -22,7 +23,7 @@ from nnpp_edge.reproduction.regions import (
     all_regions,
     best_path,
 )
-from nnpp_edge.reproduction.rows import Row, Rows, number, percent, seconds, spread, times
+from nnpp_edge.reproduction.rows import Row, Rows, percent, seconds, spread, times
 from nnpp_edge.runtime.arrays import Float2D
 from nnpp_edge.runtime.cells import Cell, Endpoints
 from nnpp_edge.runtime.map.grid import Grid
@@ -168,9 +169,9 @@ def summary(rows: Sequence[Row], by: Sequence[str], networks: Networks, *, total
         "graph": ("graph_s", lambda of: seconds(of.mean("graph_s"))),
         "search": ("search_s", lambda of: seconds(of.mean("search_s"))),
         "graph's share": ("graph_share", lambda of: percent(of.mean("graph_share"))),
-        "path, cells": ("path_cells", lambda of: number(of.mean("path_cells"), ".0f")),
-        "length, cells": ("length", lambda of: number(of.mean("length"), ".2f")),
-        "CC": ("cc", lambda of: number(of_all(of, "cc"), ".2f")),
+        "path, cells": ("path_cells", lambda of: figure(of.mean("path_cells"), ".0f")),
+        "length, cells": ("length", lambda of: figure(of.mean("length"), ".2f")),
+        "CC": ("cc", lambda of: figure(of_all(of, "cc"), ".2f")),
         "CC increase": ("exact_cc", lambda of: percent(of.increase(), 2)),
         "cost above the optimum": ("excess", lambda of: percent(of.mean("excess"), 2)),
         "failed" if totals else "success": ("found", failed if totals else lambda of: percent(of.mean("found"))),

@@ -15,6 +15,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from nnpp_edge.progress import shown
+
 Row = dict[str, Any]
 Key = tuple[Any, ...]
 
@@ -74,14 +76,9 @@ def _query(row: Row) -> Key:
     return tuple(row.get(name) for name in ("scene", "size", "map", "plan"))
 
 
-def number(value: float, form: str) -> str:
-    """A number as text, a dash where there is none."""
-    return format(value, form) if math.isfinite(value) else "–"
-
-
 def seconds(value: float) -> str:
     """A time with its unit, three digits."""
-    return f"{number(value, '.3g')} s" if value >= 1.0 else f"{number(1e3 * value, '.3g')} ms"
+    return f"{shown(value, '.3g')} s" if value >= 1.0 else f"{shown(1e3 * value, '.3g')} ms"
 
 
 def times(ratio: float) -> str:
@@ -91,7 +88,7 @@ def times(ratio: float) -> str:
 
 def percent(share: float, digits: int = 1) -> str:
     """A share as so many per cent, never as -0."""
-    return f"{round(100.0 * share, digits) + 0.0:.{digits}f} %" if math.isfinite(share) else "–"
+    return shown(share, f"z.{digits}%")
 
 
 def spread(values: Sequence[float] | NDArray[np.float64], digits: int) -> str:

@@ -1,11 +1,19 @@
-"""Pictures with matplotlib: training curves, and what all figures share."""
+"""Pictures with matplotlib: training curves, the plots of a profile's page, and what all figures share."""
 
 import io
-from collections.abc import Sequence
+from base64 import b64encode
+from collections import defaultdict
+from collections.abc import Iterator, Sequence
+from importlib.resources import files
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+import numpy as np
+
 from nnpp_edge.files import write_whole
+from nnpp_edge.profiling.contest import Facts
+from nnpp_edge.profiling.figures import stages_of
+from nnpp_edge.progress import shown
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -22,6 +30,10 @@ _FITS = (
     ("rmse_blocked", "error of the share of impassable cells", 1.0),
     ("rmse_closed", "error of the chance that a block is closed", 1.0),
 )
+
+_TEMPLATE = "profile.html.j2"
+_WIDE = 5.2
+"""Inches: narrow enough for words to be read where a telephone shrinks the picture."""
 
 
 def training_curves(history: Sequence[dict[str, float]], path: Path) -> None:
@@ -53,3 +65,65 @@ def encoded(figure: "Figure", dpi: int = 110) -> bytes:
     content = io.BytesIO()
     figure.savefig(content, format="png", dpi=dpi)
     return content.getvalue()
+
+
+def page(report: Facts) -> str:
+    """A profile's report as one page of HTML that needs nothing else: style and plots stand in it."""
+    from jinja2 import Environment, StrictUndefined
+
+    template = Environment(autoescape=True, undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True)
+    template.filters |= {"number": _number, "percent": lambda share, digits=1: shown(share, f"z.{digits}%")}
+    text = (files("nnpp_edge.viz") / _TEMPLATE).read_text(encoding="utf-8")
+    return template.from_string(text).render(report=report, plots=list(_plots(report)))
+
+
+def _number(value: float | None, unit: str = "") -> str:
+    return shown(value) if value is None or unit in ("", "1") else f"{shown(value)} {unit}"
+
+
+def _plots(report: Facts) -> Iterator[tuple[str, str, str]]:
+    """Title, a sentence on how to read it, and the PNG in base64, of each plot, of the first workload."""
+    first = report["results"][0]["workload"]
+    rows = [row for row in report["results"] if row["workload"] == first]
+    drawn = (
+        ("Time by stage", f"Mean of a plan on {first}, whole job.", _stages),
+        ("Time against map size", f"On {first}: medians as lines, thin up to the slowest hundredth.", _by_size),
+    )
+    for title, words, draw in drawn:
+        figure = new_figure(_WIDE, 3.7)
+        draw(figure, rows)
+        handles, names = figure.axes[-1].get_legend_handles_labels()
+        narrow = {"columnspacing": 1.0, "handlelength": 1.4, "fontsize": 8.5, "frameon": False}
+        figure.legend(handles, names, loc="outside upper center", ncols=min(len(names), 5), **narrow)
+        yield title, words, b64encode(encoded(figure, dpi=200)).decode()
+
+
+def _stages(figure: "Figure", rows: Sequence[Facts]) -> None:
+    sizes = sorted({row["size"] for row in rows})
+    figure.set_size_inches(_WIDE, 1.9 * len(sizes) + 0.6)
+    for size, axes in zip(sizes, figure.subplots(len(sizes), squeeze=False).flat, strict=True):
+        of_size = [row for row in rows if row["size"] == size]
+        left = np.zeros(len(of_size))
+        for stage in stages_of(rows):
+            widths = np.array([row["stages_ms"].get(stage, {"mean": 0.0})["mean"] for row in of_size])
+            axes.barh([row["planner"] for row in of_size], widths, left=left, label=stage)
+            left += widths
+        axes.set_title(f"{size}²", fontsize=10)
+        axes.invert_yaxis()
+        axes.grid(axis="x", alpha=0.3)
+    axes.set_xlabel("ms")
+
+
+def _by_size(figure: "Figure", rows: Sequence[Facts]) -> None:
+    axes, medians = figure.add_subplot(), defaultdict[str, dict[int, float]](dict)
+    for row in rows:
+        medians[row["planner"]][row["size"]] = row["time_ms"]["median"]
+        color = f"C{[*medians].index(row['planner'])}"
+        axes.vlines(row["size"], row["time_ms"]["median"], row["time_ms"]["p99"], color=color, linewidth=0.8)
+    for name, by_size in medians.items():
+        axes.plot([*by_size], [*by_size.values()], "o-", linewidth=2.0, markersize=4, label=name)
+    sides = sorted({row["size"] for row in rows})
+    axes.set(xscale="log", yscale="log", xlabel="side of the map, cells", ylabel="median time of a query, ms")
+    axes.set_xticks(sides, [str(side) for side in sides])
+    axes.set_xticks([], minor=True)
+    axes.grid(alpha=0.3)

@@ -264,7 +264,7 @@ def test_answers_go_back_to_where_inputs_come_from():
     assert Wiring(input="replay:x").output_kinds == ("stdout",)
     assert Wiring(input="zenoh:tcp/a:1").output_kinds == ("zenoh",)
     both = Wiring(outputs=("stdout", "zenoh:tcp/a:1"))
-    assert (both.output_kinds, both.endpoint) == (("stdout", "zenoh"), "tcp/a:1")
+    assert (both.output_kinds, both.endpoints) == (("stdout", "zenoh"), ["tcp/a:1"])
     with pytest.raises(InvalidQueryError):
         replace(both, input="zenoh:tcp/b:1")
 

@@ -101,7 +101,7 @@ def _connected(
     (kind, place), refusals, sinks = wiring.input_kind, Refusals(navigator.count_error), list[Sink]()
     link = None
     if ZENOH in (kind, *wiring.output_kinds):
-        endpoint = wiring.endpoint or LOOPBACK
+        endpoint = next(iter(wiring.endpoints), LOOPBACK)
         link = ZenohLink(endpoint, connect=wiring.zenoh_connect, prefix=wiring.zenoh_prefix)
         stack.callback(link.close)
         if ZENOH in wiring.output_kinds:

@@ -42,7 +42,7 @@ class Wiring:
     view: View = None
 
     def __post_init__(self) -> None:
-        (kind, place), kinds, endpoints = self.input_kind, self.output_kinds, self._endpoints
+        (kind, place), kinds, endpoints = self.input_kind, self.output_kinds, self.endpoints
         if kind not in (STDIN, REPLAY, ZENOH) or (kind == STDIN and place) or (kind == REPLAY and not place):
             raise InvalidQueryError(f"input must be stdin, replay:FILE or zenoh[:ENDPOINT], got {self.input!r}")
         if self.fast and kind != REPLAY:
@@ -71,11 +71,7 @@ class Wiring:
         return (ZENOH if self.input_kind[0] == ZENOH else STDOUT,)
 
     @property
-    def endpoint(self) -> str | None:
-        """Zenoh's endpoint, if one is named."""
-        return next(iter(self._endpoints), None)
-
-    @property
-    def _endpoints(self) -> list[str]:
+    def endpoints(self) -> list[str]:
+        """Zenoh's, those that are named."""
         named = (text.partition(":") for text in (self.input, *self.outputs))
         return sorted({place for kind, _, place in named if kind == ZENOH and place})
