@@ -166,6 +166,7 @@ def peers_text(rows: Sequence[Figures], missing: Sequence[str], *, markdown: boo
     """The rows beside other libraries: the table, what each planner minimises, and who was left out."""
     lines = [table(rows, _PEERS, markdown=markdown), "", "minimised:"]
     lines += [aligned({f"{row['planner']} {row['version']}": row["objective"] for row in rows}, "  ")]
+    lines += [f"{row['planner']} at {row['size']}: {row['note']}" for row in rows if row["note"]]
     failed = [row for row in rows if row["failed"]]
     lines += [f"{row['planner']} at {row['size']}: no path for {row['failed']} queries" for row in failed]
     if missing:
