@@ -18,7 +18,7 @@ from nnpp_edge.runtime import Goal, Ground, Loop, Navigator, NavigatorSettings, 
 from nnpp_edge.terrain.dem import sample_dem
 from nnpp_edge.terrain.vehicle_files import load_vehicle
 
-START, GOAL, SIGHT, DRAWN, TRUTH = (60, 12), (60, 107), 18, (1, 46, 72), sample_dem("moon_rocks")
+START, GOAL, SIGHT, DRAWN, TRUTH = (60, 12), (60, 107), 18, (1, 14, 28), sample_dem("moon_rocks")
 FRAME = MapFrame(TRUTH.cell_size_m, x=90.0, y=90.0, rows_along_x=True, frame_id="odom")
 
 
@@ -37,9 +37,9 @@ class Rover:
 
     def follow(self, answer):
         if (axes := self.axes.get(answer.tick)) is not None:
-            relief(axes, replace(TRUTH, elevation=self.navigator.map.elevation()), f"tick {answer.tick}")
-            line(axes, np.array(self.driven), color="white")
-            line(axes, answer.path)
+            relief(axes, replace(TRUTH, elevation=self.navigator.map.elevation()), f"tick {answer.tick}", 20)
+            line(axes, np.array(self.driven), "driven", "white")
+            line(axes, answer.path, "path")
             ends(axes, self.driven[-1], GOAL)
         self.driven += [(int(row), int(col)) for row, col in answer.path[1:4]]
 

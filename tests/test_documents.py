@@ -213,7 +213,7 @@ def test_commands_run_and_print_what_stands_below_them(path, workshop, nnpp_edge
             ended = nnpp_edge(*words)
             assert ended.code == ("NO_PATH" in shown), (line, ended.err)
             if shown:
-                parts = map(re.escape, without_times(shown).split(" …"))
+                parts = map(re.escape, without_times(shown).split("…"))
                 assert re.fullmatch(".*".join(parts), without_times(ended.err + ended.out)), line
 
 
