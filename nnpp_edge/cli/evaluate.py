@@ -112,6 +112,7 @@ def command(
         raise click.UsageError("--vehicle is for the workloads body and body-rocksN")
     if directed:
         slope_cost_of(robot.step_cost, robot.mobility())  # refused now
+    limits = "".join(f" {each.word}" for each in limit)
     points = [name for name in workloads if name not in bodies]
     own = {
         name: TerrainOptions(limit=limit, workload=name if name in points else None).limits() for name in workloads
@@ -142,7 +143,8 @@ def command(
                 fresh_map=fresh_map,
                 progress=lambda done, before=at * queries: advance(before + done),  # type: ignore[misc]
             )
-            rows += [{"workload": name, "size": size, **row} for row in figures.values()]
+            rows += [{"workload": name + limits, "size": size, **row} for row in figures.values()]
+    bodies = [name + limits for name in bodies]
     standing = [row for row in rows if not str(row["method"]).endswith(EAGER)]
 
     def text() -> str:

@@ -173,7 +173,7 @@ class GroundOptions(VehicleOptions, TerrainOptions):
         (rows, cols), times = finer.shape, dem.cell_size_m / finer.cell_size_m
         warnings.warn(
             f"resampled to {rows} × {cols} cells of {finer.cell_size_m:g} m: cell (row, col) of the file is now "
-            f"({times:.4g} row, {times:.4g} col)",
+            f"({times:.4g} row, {times:.4g} col); xy:X,Y is the same place on both maps",
             stacklevel=2,
         )
         return finer

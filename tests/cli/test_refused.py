@@ -31,7 +31,6 @@ plan hills.tif --start 1,1                     | missing option '--goal'
 plan hills.tif --start 1 --goal 2,2            | wanted ROW,COL as two whole numbers, xy:X,Y, lonlat:LON,LAT, or a v
 plan hills.tif --start xy:nan,1 --goal 2,2     | xy:X,Y
 plan hills.tif --start 1.5,1 --goal 2,2        | two whole numbers
-plan hills.npz --start xy:1,1 --goal 2,2       | georeference
 plan hills.tif --start xy:1e308,1e308 --goal 2,2 | near the map
 plan hills.tif --start lonlat:-94.3,95 --goal 1,1 | latitude 95 of WGS 84 has no place in SVY21 / Singapore TM
 plan hills.tif --start lonlat:10,50 --goal 1,1 | lies outside the map of 80 × 90 cells
@@ -93,7 +92,6 @@ $SMALL --start 9,86                            | start (9, 86) is impassable: it
 $SMALL --memory much                           | a size such as 2GB
 plan nothing.tif --memory 1kB --workload limit20 --start 1,1 --goal 2,2 | all impassable
 plan bare.tif --memory 1kB --start 1,1 --goal 2,2 | no cell size in the file
-plan bare.tif --memory 1kB --start xy:1,1 --goal 2,2 --cell-size 2 | georeference
 plan grid.asc --memory 1kB --start 1,1 --goal 2,2 | stored as text | gdal_translate
 run --map cost.npz --ticks 1 --vehicle small-rover | holds costs: --vehicle needs elevations
 run --map hills.npz --set radius_m=2 --set turning_radius_m=6 | turning_radius_m needs --refine any-angle
