@@ -41,6 +41,7 @@ class Rover:
             line(axes, np.array(self.driven), "driven", "white")
             line(axes, answer.path, "path")
             ends(axes, self.driven[-1], GOAL)
+            axes.set_ylim(100, 20)
         self.driven += [(int(row), int(col)) for row, col in answer.path[1:4]]
 
 
