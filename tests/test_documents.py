@@ -130,7 +130,7 @@ def assumed(path):
         from nnpp_edge.runtime import Planner
 
         return names | {"planner": Planner(np.full((400, 360), 0.2, np.float32)), "start": (5, 5), "goal": (390, 90)}
-    if path.name == "run.md":
+    if path.name == "messages.md":
         from nnpp_edge.ros.maps import MapFrame
 
         return names | {

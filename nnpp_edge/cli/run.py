@@ -45,7 +45,7 @@ def command(
 ) -> None:
     """Plan at a fixed rate: patches, poses and goals in, paths out.
 
-    Inputs and answers are JSON; see docs/run.md. SIGTERM ends the run after its tick with exit code 0. Closing stdin
+    Inputs and answers are JSON; see docs/messages.md. SIGTERM ends the run after its tick with exit code 0. Closing stdin
     ends it once the last inputs were answered. At the end the counters are printed on stderr, or with --json on
     stdout.
 
