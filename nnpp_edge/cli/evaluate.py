@@ -76,10 +76,10 @@ def command(
     Every planner gets the same maps and queries, in turns. Speed-ups and gaps are against exact A* on the
     same query. Times count the whole job, widening and fallback included.
 
-    With --fresh-map each planner is also made from the elevations for every query, all of it on the clock, and so is
-    a corridor with the learned region's narrow bands (corridor-narrow): nnpp without a network.
+    With --fresh-map each planner is also made from the elevations for every query, all of it timed, and so is a
+    corridor with the learned region's narrow bands (corridor-narrow): nnpp without a network.
 
-    With --step-cost all planners go by the slope; the network has been trained for costs without a direction.
+    With --step-cost all planners use costs by the slope; the network was trained for costs without a direction.
 
     The workloads body and body-rocksN, rocks on N percent of the ground, need a vehicle: every query gets a new
     planner, which has checked no poses.

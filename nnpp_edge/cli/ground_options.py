@@ -127,8 +127,8 @@ class VehicleOptions:
             return found
         if abs(gravity / own - 1.0) > _MOST_UNEQUAL_GRAVITY:
             warnings.warn(
-                f"energy goes by {gravity:g} m/s², the gravity of the map's body, not by the vehicle's own {own:g}; "
-                "--set mobility.energy.gravity_m_s2=… gives another",
+                f"energy uses {gravity:g} m/s², the gravity of the map's body, not the vehicle's {own:g}; "
+                "--set mobility.energy.gravity_m_s2=… overrides it",
                 stacklevel=2,
             )
         return found.under(gravity)

@@ -162,8 +162,8 @@ def _blocked(status: Status, cell: Cell, near: Near) -> str:
         first = max(cell[0] - _LOOKED_AROUND, 0)
         codes = near.poses.standing(range(first, min(cell[0] + _LOOKED_AROUND + 1, near.place.shape[0])))
         stands = np.argwhere((codes < FAILS).any(0)) + np.array((first, 0))
-        where = f"the nearest cell where it stands is {_nearest(stands, cell)}" if len(stands) else ""
-        where = where or f"it stands on no cell within {_LOOKED_AROUND} rows"
+        where = f"the nearest cell where it can stand is {_nearest(stands, cell)}" if len(stands) else ""
+        where = where or f"it can stand on no cell within {_LOOKED_AROUND} rows"
         return f"{end}: {why_blocked(near.poses, cell)}; {where}"
     reason, passable = _why_blocked(at, near), np.argwhere(near.cost < 1.0)
     if not len(passable):

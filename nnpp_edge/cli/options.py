@@ -191,7 +191,7 @@ def joined(item: Callable[[str], object]) -> Callable[[str], object]:
 
 PATH = Named(path_type=Path)
 MAP = Named(path_type=Path)
-"""A file, or ``sample:NAME`` for a map that travels with the package."""
+"""A file, or ``sample:NAME`` for a map in the package."""
 NEW_FILE = Named(path_type=Path, dir_okay=False)
 FOLDER = Named(path_type=Path, file_okay=False)
 COUNT = click.IntRange(1, MOST)
@@ -214,11 +214,11 @@ Model = Annotated[str, MODEL, "Name of a shipped network, or an ONNX file."]
 Memory = Annotated[
     float | None,
     Parsed("SIZE", "a size such as 2GB or 500MiB", _bytes),
-    "Memory that a map may take; a larger raster is read by windows. By default what is free.",
+    "Memory for a map; a larger raster is read by windows. By default what is free.",
 ]
 CellSize = Annotated[float | None, POSITIVE, "Side of a cell in metres, where the file does not say."]
 Rescale = Annotated[
-    float | None, POSITIVE, "Make cells this many metres wide and scale heights alike, so that slopes stay."
+    float | None, POSITIVE, "Set the cell size in metres and scale heights equally, so that slopes stay."
 ]
 Resample = Annotated[
     float | None,
@@ -235,7 +235,7 @@ Hillshade = Annotated[bool, "Draw the relief instead of the cost."]
 StepCost = Annotated[
     str,
     click.Choice(STEP_COSTS),
-    "Price of a step: by the map's costs, or by the slope it leads up or down; time and energy by the table "
+    "Cost of a step: by the map's costs, or by the slope up or down; time and energy need the table "
     "[mobility] of --vehicle or --mobility.",
 ]
 
@@ -273,4 +273,4 @@ def given_options() -> list[str]:
 
 
 PRIORS = ("network", "slope", "eq1", "mean")
-PRIOR = "With --known, the price of unseen ground: by a network, the coarse slope, NNPP's Eq. 1, or one mean."
+PRIOR = "With --known, how unseen ground is estimated: by a network, the coarse slope, NNPP's Eq. 1, or one mean."

@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from nnpp_edge.runtime.map.ground import Ground
 
 _MODEL = "Shipped network's name, or an ONNX file, in place of the profile's (else edge)."
-_KNOWN = "Cells of the robot to the side of one of the map: what it has not seen counts by --prior."
+_KNOWN = "Fine cells along the side of a map cell; unseen ground costs what --prior estimates."
 _LOOP = (
     "Set a value of the profile's table [loop], such as cores=[2,3], priority=50, tolerance=0.05, approach=true or "
     "refine=any-angle. May be repeated."
@@ -32,7 +32,7 @@ def command(
     wiring: Wiring,
     robot: GroundOptions,
     profile: Annotated[
-        str | None, {"metavar": "NAME|FILE"}, "A shipped profile or a TOML file; its table [loop] counts."
+        str | None, {"metavar": "NAME|FILE"}, "A shipped profile or a TOML file; its table [loop] is used."
     ] = None,
     rate: Annotated[float | None, options.RATE, "Ticks a second, in place of the profile's (else 17)."] = None,
     known: Annotated[int | None, click.IntRange(2, 64), _KNOWN] = None,
@@ -45,8 +45,8 @@ def command(
 ) -> None:
     """Plan at a fixed rate: patches, poses and goals in, paths out.
 
-    Inputs and answers are JSON; see docs/messages.md. SIGTERM ends the run after its tick with exit code 0. Closing stdin
-    ends it once the last inputs were answered. At the end the counters are printed on stderr, or with --json on
+    Inputs and answers are JSON; see docs/messages.md. SIGTERM ends the run after its tick with exit code 0. Closing
+    stdin ends it once the last inputs were answered. At the end the counters are printed on stderr, or with --json on
     stdout.
 
     \b
@@ -61,7 +61,7 @@ def command(
     from nnpp_edge.runtime.network.model_file import model_path
 
     if as_json and STDOUT in wiring.output_kinds:
-        raise click.UsageError("--json prints on stdout, which answers go to: add --output none, or zenoh")
+        raise click.UsageError("--json prints on stdout, where the answers go: add --output none, or zenoh")
     changes = {name: value for each in loop for name, value in each.values.items()}
     given = {"rate_hz": rate, "method": method, "model": model}
     changes |= {name: value for name, value in given.items() if value is not None}

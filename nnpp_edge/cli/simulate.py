@@ -28,7 +28,7 @@ _METHODS = ("auto", "astar", "dstar", "corridor", "corridor-dstar", "nnpp", "nnp
 _SIZE = "Side of the part of the map that is driven on; the seed picks one, which holds --start and --goal."
 _GOAL = "As --start; by default the seed picks both."
 _CHANGES = "Obstacles that appear, move or vanish between two ticks."
-_KNOWN = "The first map has means of N × N cells only; unseen ground is priced by --prior."
+_KNOWN = "The first map has means of N × N cells only; unseen ground costs what --prior estimates."
 _NOISE = "Standard deviation of the steering angle, degrees, of a vehicle that drives arcs."
 
 
@@ -57,13 +57,13 @@ def command(
     picture: Annotated[Path | None, options.NEW_FILE, ".png of the way driven, or .gif of the drive."] = None,
     as_json: options.AsJson = False,
 ) -> None:
-    """Drive a simulated robot to its goal through the onboard loop.
+    """Drive a simulated robot to its goal with the onboard loop.
 
     The robot begins with a coarse survey of the terrain, sees the true cost of the cells around it, and walks
     along the newest path; obstacles of cost 1 appear, move and vanish. Every path is checked outside the loop, too.
     A vehicle sees heights instead, obstacles are higher than any step, and its body is checked wherever it goes.
     The survey shows no rocks.
-    Exit codes: 0 at the goal, 1 where it was not reached or a path crossed a forbidden cell, 2 for wrong use.
+    Exit codes: 0 at the goal, 1 if it was not reached or a path was invalid, 2 for wrong use.
 
     \b
     nnpp-edge simulate --workload limit20 --picture drive.gif --log drive.mcap
@@ -164,7 +164,7 @@ def text(drive: "Drive", result: dict[str, Any], name: str) -> str:
         "degraded": f"{degraded}; {ticks.overruns} late",
         "answer": ", ".join(f"{name} {drive.planning_ms[name]:.2f}" for name in ("p50", "p99", "max")) + " ms",
         "driven": f"{drive.cells} cells, cost {drive.driven_cost:.6g}; stood still {drive.waited} times",
-        "optimum": f"{drive.optimal_cost:.6g} with all known and no obstacle{excess}",
+        "optimum": f"{drive.optimal_cost:.6g} with all ground known and no obstacles{excess}",
         "forbidden": f"{drive.forbidden} of the paths published",
         "memory": ", ".join(f"{when} {size:.0f}" for when, size in drive.memory_mb.items()) + " MB",
         "errors": ", ".join(f"{count} in {place}" for place, count in sorted(ticks.errors.items())),

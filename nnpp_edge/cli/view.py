@@ -21,17 +21,17 @@ def command(
     dem: Annotated[Path, options.MAP],
     /,
     robot: GroundOptions,
-    start: Annotated[End | None, PLACE, "Where the path begins at first, as for plan."] = None,
+    start: Annotated[End | None, PLACE, "Initial start of the path, as for plan."] = None,
     goal: Annotated[End | None, PLACE, "As --start."] = None,
     omega: options.Omega = 0.011,
     port: Annotated[int, click.IntRange(0, 65535), "Of the page on 127.0.0.1; 0 for any."] = 8765,
     follow: Annotated[bool, "Show the robot of an `nnpp-edge run` whose answers come on stdin."] = False,
     no_browser: Annotated[bool, "Print the page's address and open no browser."] = False,
 ) -> None:
-    """Open a page to look at the elevation map DEM, and to try planning on it.
+    """Open a web page that shows the elevation map DEM and plans on it.
 
-    Click for a goal, set limits, step cost and vehicle, compare methods, paint obstacles, save the path, or copy what
-    you see as a command. The page is served to this machine only, loads nothing from others, and ends with Ctrl-C.
+    Click for a goal, set limits, step cost and vehicle, compare methods, paint obstacles, save the path, or copy
+    the plan as a command. The page is served to this machine only, loads nothing from others, and ends with Ctrl-C.
 
     \b
     nnpp-edge view dem.tif --workload limit20

@@ -152,7 +152,7 @@ def test_every_waypoint_has_its_heading_and_how_the_body_stands(run, hill):
 def test_without_a_path_a_body_is_told_by_which_limit_and_the_picture_has_its_colour(run, told, hill):
     words = "plan wall.npz --start 10,10 --goal 45,48 --vehicle small-rover -o out"
     reason = told(words, code=1)["reason"]
-    assert "; the way from the goal comes to (" in reason and " are by tilt, as from (" in reason
+    assert "; the search from the goal got to (" in reason and " fail by tilt, such as from (" in reason
     picture = cv2.imread("out/plan.png")
     for limit, seen in (("tilt", True), ("unknown", True), ("pitch", False)):
         colour, _ = REFUSED[REFUSALS.index(limit)]

@@ -46,8 +46,8 @@ $PLAN --model text.txt --method nnpp           | text.txt: wanted an ONNX model
 $PLAN --via 20,86                              | via 1, (20, 86), is impassable
 $PLAN --via 1,1 --via 80,3                     | via 2, (80, 3), lies outside the map
 $PLAN --via far.gpkg                           | via 2, (200, 300), lies outside the map
-$PLAN --best-order                             | --best-order is of way points
-$PLAN --via 1,1 --compare                      | --compare is of one leg
+$PLAN --best-order                             | --best-order orders the places of --via
+$PLAN --via 1,1 --compare                      | --compare compares one leg
 $PLAN --goal 1,1 --via 3,3                     | --goal, with --via, must be one place, got 2
 $PLAN --via none.gpkg                          | lonlat:LON,LAT, or a vector file, got 'none.gpkg'
 $PLAN --step-cost energy                       | with mass_kg and rolling_resistance, such as the shipped vehicles
@@ -76,7 +76,7 @@ run --map hill.npz --ticks 1 --log log.mcap --vehicle body.toml | wheels is unkn
 $EVAL --step-cost energy --mobility body.toml  | body.toml: wanted a table [mobility], got none
 $BODY --method nnpp --model none.onnx          | none.onnx
 $BODY --workload body                          | is a vehicle's
-$BODY --start 24,25                            | ; the nearest cell where it stands is (
+$BODY --start 24,25                            | ; the nearest cell where it can stand is (
 plan hill.npz --start 10,10 --goal 24,25 --vehicle small-rover | goal (24, 25) is impassable: in any heading
 $BODY --start 0,0                              | start (0, 0) is impassable: in any heading unknown ground
 $BODY --start 60,0                             | lies outside the map
