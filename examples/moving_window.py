@@ -1,7 +1,6 @@
 """grid_map messages without ROS: a rover's window of the map moves along with it, its goal lies beyond it.
 
-`GridMap` holds a message's layers, unrolled from their ring; a frame turns metres into cells. As long as no known
-ground leads to the goal, the path leads to where the rest of the way promises to be shortest.
+Until known ground leads to the goal, the path leads to where the rest of the way may be shortest.
 
 Run time: 5 s.
 Data: moon_rocks, LROC WAC GLD100 (public domain) with rocks made by nnpp_edge/terrain/rocks.py.
