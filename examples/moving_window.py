@@ -1,7 +1,6 @@
 """grid_map messages without ROS: a rover's window of the map moves along with it, its goal lies beyond it.
 
-`GridMap` holds a message's layers, unrolled from their ring; a frame turns metres into cells. As long as no known
-ground leads to the goal, the path leads to where the rest of the way promises to be shortest.
+Until known ground leads to the goal, the path leads to where the rest of the way may be shortest.
 
 Run time: 5 s.
 Data: moon_rocks, LROC WAC GLD100 (public domain) with rocks made by nnpp_edge/terrain/rocks.py.
@@ -17,7 +16,7 @@ from nnpp_edge.runtime import Goal, Ground, Loop, Navigator, NavigatorSettings, 
 from nnpp_edge.terrain.dem import sample_dem
 from nnpp_edge.terrain.vehicle_files import load_vehicle
 
-START, GOAL, SIGHT, DRAWN, TRUTH = (60, 12), (60, 107), 18, (1, 46, 72), sample_dem("moon_rocks")
+START, GOAL, SIGHT, DRAWN, TRUTH = (60, 12), (60, 107), 18, (1, 14, 28), sample_dem("moon_rocks")
 FRAME = MapFrame(TRUTH.cell_size_m, x=90.0, y=90.0, rows_along_x=True, frame_id="odom")
 
 
@@ -36,10 +35,11 @@ class Rover:
 
     def follow(self, answer):
         if (axes := self.axes.get(answer.tick)) is not None:
-            relief(axes, replace(TRUTH, elevation=self.navigator.map.elevation()), f"tick {answer.tick}")
-            line(axes, np.array(self.driven), color="white")
-            line(axes, answer.path)
+            relief(axes, replace(TRUTH, elevation=self.navigator.map.elevation()), f"tick {answer.tick}", 20)
+            line(axes, np.array(self.driven), "driven", "white")
+            line(axes, answer.path, "path")
             ends(axes, self.driven[-1], GOAL)
+            axes.set_ylim(100, 20)
         self.driven += [(int(row), int(col)) for row, col in answer.path[1:4]]
 
 

@@ -29,7 +29,6 @@ _FENCED = re.compile(r"(^ *```.*?^ *```$)", re.DOTALL | re.MULTILINE)
 
 def on_config(config: MkDocsConfig) -> MkDocsConfig:
     """Put the pages that are made into the navigation, each after the page that lists them."""
-    os.environ.setdefault("NO_MKDOCS_2_WARNING", "1")
     made = {"cli/index.md": [f"cli/{name}.md" for name in commands()]}
 
     def filled(item: Any) -> list[Any]:

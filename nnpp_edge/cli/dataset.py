@@ -32,7 +32,7 @@ def command(
     synthetic_share: Annotated[float, options.SHARE] = 0.25,
     obstacle_share: Annotated[float, options.SHARE, "Share of maps with rectangles of cost 1."] = 0.3,
     validation_share: Annotated[float, options.Real(0.0, 1.0, max_open=True), _LEAVE] = 0.0,
-    held_out: Annotated[bool, "Use nothing but that stripe, to validate on."] = False,
+    held_out: Annotated[bool, "Use only that stripe, for validation."] = False,
     own_cell_size: Annotated[bool, _OWN_CELLS] = False,
     papers_maps: Annotated[bool, _PAPERS_MAPS] = False,
     known: Annotated[tuple[int, ...], options.COUNTS, _KNOWN] = (),

@@ -76,10 +76,10 @@ def command(
     Every planner gets the same maps and queries, in turns. Speed-ups and gaps are against exact A* on the
     same query. Times count the whole job, widening and fallback included.
 
-    With --fresh-map each planner is also made from the elevations for every query, all of it on the clock, and so is
-    a corridor with the learned region's narrow bands (corridor-narrow): nnpp without a network.
+    With --fresh-map each planner is also made from the elevations for every query, all of it timed, and so is a
+    corridor with the learned region's narrow bands (corridor-narrow): nnpp without a network.
 
-    With --step-cost all planners go by the slope; the network has been trained for costs without a direction.
+    With --step-cost all planners use costs by the slope; the network was trained for costs without a direction.
 
     The workloads body and body-rocksN, rocks on N percent of the ground, need a vehicle: every query gets a new
     planner, which has checked no poses.
@@ -112,6 +112,7 @@ def command(
         raise click.UsageError("--vehicle is for the workloads body and body-rocksN")
     if directed:
         slope_cost_of(robot.step_cost, robot.mobility())  # refused now
+    limits = "".join(f" {each.word}" for each in limit)
     points = [name for name in workloads if name not in bodies]
     own = {
         name: TerrainOptions(limit=limit, workload=name if name in points else None).limits() for name in workloads
@@ -142,7 +143,8 @@ def command(
                 fresh_map=fresh_map,
                 progress=lambda done, before=at * queries: advance(before + done),  # type: ignore[misc]
             )
-            rows += [{"workload": name, "size": size, **row} for row in figures.values()]
+            rows += [{"workload": name + limits, "size": size, **row} for row in figures.values()]
+    bodies = [name + limits for name in bodies]
     standing = [row for row in rows if not str(row["method"]).endswith(EAGER)]
 
     def text() -> str:

@@ -127,8 +127,8 @@ class VehicleOptions:
             return found
         if abs(gravity / own - 1.0) > _MOST_UNEQUAL_GRAVITY:
             warnings.warn(
-                f"energy goes by {gravity:g} m/s², the gravity of the map's body, not by the vehicle's own {own:g}; "
-                "--set mobility.energy.gravity_m_s2=… gives another",
+                f"energy uses {gravity:g} m/s², the gravity of the map's body, not the vehicle's {own:g}; "
+                "--set mobility.energy.gravity_m_s2=… overrides it",
                 stacklevel=2,
             )
         return found.under(gravity)
@@ -163,12 +163,14 @@ class KnownOptions:
     """How much of the ground is known before it is seen."""
 
     known: Annotated[
-        int | None, click.IntRange(2, 64), "The map knows only means of N × N cells; the rest is priced by --prior."
+        int | None,
+        click.IntRange(2, 64),
+        "The map has means of N × N cells only; unseen ground costs what --prior estimates.",
     ] = None
     prior: Annotated[
         str,
         click.Choice(["network", "slope", "eq1", "mean"]),
-        "Prices of unseen ground: by a network, the coarse slope, NNPP's Eq. 1, or one mean.",
+        "With --known, how unseen ground is estimated: by a network, the coarse slope, NNPP's Eq. 1, or one mean.",
     ] = "network"
 
 
@@ -187,7 +189,7 @@ class GroundOptions(VehicleOptions, TerrainOptions):
         (rows, cols), times = finer.shape, dem.cell_size_m / finer.cell_size_m
         warnings.warn(
             f"resampled to {rows} × {cols} cells of {finer.cell_size_m:g} m: cell (row, col) of the file is now "
-            f"({times:.4g} row, {times:.4g} col)",
+            f"({times:.4g} row, {times:.4g} col); xy:X,Y is the same place on both maps",
             stacklevel=2,
         )
         return finer

@@ -26,7 +26,7 @@ from nnpp_edge.terrain.georeference import Place
 from nnpp_edge.viz.picture import hillshade
 from nnpp_edge.viz.sheet import Cells
 
-_MOST_UNEQUAL_SIDES = 0.02
+_MOST_UNEQUAL_SIDES = 0.05
 """Cells whose sides differ by more than this share are warned of."""
 _LOOKED_AROUND = 64
 """Rows above and below an end that are tried for a place where the vehicle stands."""
@@ -51,8 +51,8 @@ def warn_if_not_square(place: Place) -> None:
     size, width = place.cell_size_m, place.cell_width_m
     if abs(size - width) > _MOST_UNEQUAL_SIDES * size:
         warnings.warn(
-            f"cells are {size:.4g} m from north to south and {width:.4g} m from east to west. Slopes and the path's "
-            "length in metres allow for it; the search takes cells as square",
+            f"cells are {size:.4g} m from north to south and {width:.4g} m from east to west. Slopes and lengths in "
+            "metres take both sides into account; the search treats cells as square",
             stacklevel=2,
         )
 
@@ -141,8 +141,6 @@ def _outside(status: Status, cell: Cell, place: Place) -> str:
     """That a cell lies outside the map, with the coordinates that the map spans, as they are given."""
     rows, cols = place.shape
     words = f"{status.partition('_')[0].lower()} {cell} lies outside the map of {rows} × {cols} cells"
-    if place.georeference is None:
-        return words
     corners = [place.map_coordinates(row - 0.5, col - 0.5) for row in (0, rows) for col in (0, cols)]
     (left, low), (right, high) = np.min(corners, 0), np.max(corners, 0)
     words += f", which spans x {left:.10g} to {right:.10g} and y {low:.10g} to {high:.10g}"
@@ -164,8 +162,8 @@ def _blocked(status: Status, cell: Cell, near: Near) -> str:
         first = max(cell[0] - _LOOKED_AROUND, 0)
         codes = near.poses.standing(range(first, min(cell[0] + _LOOKED_AROUND + 1, near.place.shape[0])))
         stands = np.argwhere((codes < FAILS).any(0)) + np.array((first, 0))
-        where = f"the nearest cell where it stands is {_nearest(stands, cell)}" if len(stands) else ""
-        where = where or f"it stands on no cell within {_LOOKED_AROUND} rows"
+        where = f"the nearest cell where it can stand is {_nearest(stands, cell)}" if len(stands) else ""
+        where = where or f"it can stand on no cell within {_LOOKED_AROUND} rows"
         return f"{end}: {why_blocked(near.poses, cell)}; {where}"
     reason, passable = _why_blocked(at, near), np.argwhere(near.cost < 1.0)
     if not len(passable):

@@ -12,8 +12,8 @@ if TYPE_CHECKING:
 
 _PURPOSES = {
     "edge": "planning on board; the default of --method nnpp",
-    "edge-fp32": "edge before quantisation, from which quantize shows its work",
-    "unseen": "prices of ground of which a coarse map alone is known",
+    "edge-fp32": "edge before quantisation",
+    "unseen": "costs of ground that is known from a coarse map only",
     "paper": "the paper's network, to reproduce its experiments",
 }
 _LISTED: Columns = {

@@ -11,7 +11,7 @@ from nnpp_edge.cli.requests import PlanRequest
 from nnpp_edge.cli.text import tell
 
 _OUTPUT = "Folder for path.geojson, path.csv, plan.png and plan.json."
-_FORMATS = "Write the path there as GeoPackage or GPX too, path.gpkg or path.gpx."
+_FORMATS = "Also write the path as GeoPackage or GPX, path.gpkg or path.gpx."
 _BYTES_PER_CELL = 24
 """At the peak of planning on a whole map: 19 to 23 measured, the most by `nnpp` (docs/decisions/maps.md)."""
 
@@ -32,7 +32,7 @@ def command(
 
     Give start and goal as cells, in the map's coordinates, as longitude and latitude, or as a vector file's points
     (GeoPackage, GeoJSON, GPX, Shapefile, FlatGeobuf; FILE:LAYER of several layers). With several goals a path to each
-    is planned, and the cheapest is taken. The time shown includes loading compiled code and, as its stage
+    is planned, and the cheapest is used. The time shown includes loading compiled code and, as its stage
     `load`, waiting for the network, whose file is opened meanwhile; with --compare and --time-limit these are loaded
     first. Exit codes: 0 for a path, 1 for NO_PATH or TIMEOUT, 2 where start or goal lies outside the map or
     is impassable.

@@ -63,7 +63,7 @@ class Asked:
         {"metavar": "NAME|FILE"},
         "A shipped profile (learned, edge-2core, single-core, quick, rover) or a TOML file.",
     ] = None
-    peers: Annotated[bool, "Instead: beside other libraries' grid search."] = False
+    peers: Annotated[bool, "Instead: compare with other libraries' grid search."] = False
     terrain: Annotated[options.TerrainFiles, _TERRAIN] = ()
     cell_size: options.CellSize = None
     rescale: options.Rescale = None
@@ -90,7 +90,7 @@ def command(asked: Asked) -> None:
     same queries in turns. Then the profile's planner gets each map as if it had just arrived, and where a budget
     asks for it the onboard loop is run with a patch of elevations at each tick. Prints times by stage, speed-up,
     path costs, the size from which each planner pays, and the budgets. Exit code 0 when all are met, 1 when one is
-    missed, 3 when the run was too noisy to tell, or the processor was slowed and a budget missed for it.
+    missed, 3 when the run was too noisy to tell, or a budget was missed because the processor was slowed.
 
     \b
     nnpp-edge profile --profile quick

@@ -101,7 +101,7 @@ def _stage(name: str) -> Callable[[Row], str]:
 def _sentences(report: Facts) -> Iterator[str]:
     for line in report["break_even"]:
         where = "never in this run" if line["size_from"] is None else f"from {line['size_from']}² on"
-        yield f"{line['planner']} pays over {line['over']}: {where}"
+        yield f"{line['planner']} faster than {line['over']}: {where}"
     if int8 := [row for row in report["results"] if row["int8_speedup"] is not None]:
         gains = ", ".join(f"{row['int8_speedup']:.2f} ({row['workload']} {row['size']}²)" for row in int8)
         yield f"int8 over fp32, the whole network alone: {gains}"
@@ -135,7 +135,7 @@ def _readings(found: dict[str, dict[str, float | None]], what: str, unit: str, l
         + (f" ({limit} {shown(each[limit])})" if each[limit] is not None else "")
         for name, each in found.items()
     ]
-    return ", ".join(ranges) or f"{MISSING} (the kernel does not tell)"
+    return ", ".join(ranges) or f"{MISSING} (not reported by the kernel)"
 
 
 def _with_unit(line: Row, number: str) -> str:

@@ -41,7 +41,7 @@ def command(
     within_time: Annotated[float | None, _DURATION, _TIME] = None,
     within_energy: Annotated[float | None, _WORK, _ENERGY] = None,
     robot: GroundOptions,
-    levels: Annotated[int, click.IntRange(1, 24), "Number of areas that this is divided into."] = 4,
+    levels: Annotated[int, click.IntRange(1, 24), "Number of areas."] = 4,
     omega: options.Omega = 0.011,
     corner_cutting: options.CornerCutting = True,
     hillshade: options.Hillshade = False,
@@ -52,8 +52,8 @@ def command(
 ) -> None:
     """Show what can be reached on the elevation map DEM from a place, within a cost, a time or an energy.
 
-    The areas are nested: each holds the cells that can be reached within its share of what is allowed. reach.tif has
-    the cost of getting to each cell, reach.geojson the areas in the map's own coordinates, along the cells' sides.
+    The areas are nested: each holds the cells that can be reached within its share of the limit. reach.tif has
+    the cost of reaching each cell, reach.geojson the areas in the map's own coordinates, along the cells' sides.
 
     \b
     nnpp-edge reach dem.tif --start 20,30 --within-time 30min --workload limit20 -o reach

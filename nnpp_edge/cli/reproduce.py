@@ -23,7 +23,7 @@ def command(
     rescale: options.Rescale = None,
     models: Annotated[tuple[str, ...], "--model", options.MODEL, options.MANY, _MODEL] = (),
     queries: Annotated[int | None, options.COUNT, _QUERIES] = None,
-    quick: Annotated[bool, "A smoke run of less than a minute; its figures mean nothing."] = False,
+    quick: Annotated[bool, "A quick test of less than a minute; its figures are not meaningful."] = False,
     again: Annotated[bool, "Run experiments that are complete, too."] = False,
     output: Annotated[Path, "-o", options.FOLDER, "Folder for the results; what is complete in it is kept."] = Path(
         "reproduction"
@@ -31,7 +31,7 @@ def command(
     seed: options.Seed = 1,
     as_json: options.AsJson = False,
 ) -> None:
-    """Repeat the paper's experiments, each beside the paper's figures.
+    """Repeat the paper's experiments and compare the figures.
 
     The paper's method runs with the paper's own network, ours with `edge`; --model replaces both.
     Without --terrain the ground is the shipped sample, at cells of 20 m.
@@ -61,10 +61,10 @@ def command(
         told.append({"experiment": made.name, "ended": "done" if ran else "skipped", "findings": findings})
         verdicts = Counter(finding.verdict for finding in made.findings)
         counts = ", ".join(f"{count} {verdict}" for verdict, count in sorted(verdicts.items()))
-        kept = "" if ran else ", complete already (--again runs it anew)"
+        kept = "" if ran else ", complete already (--again repeats it)"
         if not as_json:
             click.echo(f"{made.name}: {counts}{kept}; {output / made.name}")
     if as_json:
         click.echo(json.dumps({"output": str(output), "experiments": told}, indent=1, ensure_ascii=False))
     else:
-        click.echo(f"ours beside the paper's: {output / 'README.md'}")
+        click.echo(f"comparison with the paper: {output / 'README.md'}")

@@ -81,8 +81,8 @@ class PlanRequest:
     """A plan's question."""
 
     start: Start
-    goals: Annotated[tuple[End, ...], "--goal", PLACE, MANY, "As --start; of several, the nearest is taken."]
-    via: Annotated[tuple[End, ...], PLACE, MANY, "Go by way of this place, or of a vector file's points."] = ()
+    goals: Annotated[tuple[End, ...], "--goal", PLACE, MANY, "As --start; of several, the nearest is used."]
+    via: Annotated[tuple[End, ...], PLACE, MANY, "Pass through this place, or a vector file's points."] = ()
     best_order: Annotated[bool, "Visit the places of --via, 12 at most, in the cheapest order."] = False
     method: Annotated[str, click.Choice(["auto", "astar", "corridor", "nnpp"])] = "auto"
     model: options.Model = "edge"
@@ -92,21 +92,21 @@ class PlanRequest:
         float | None, options.NOT_NEGATIVE, "Cost at most this share above the optimum; 0 is exact."
     ] = None
     time_limit: Annotated[float | None, options.POSITIVE, "Seconds for one planning."] = None
-    refine: Annotated[str | None, click.Choice(["any-angle"]), "Free the path from the grid: way points, too."] = None
+    refine: Annotated[str | None, click.Choice(["any-angle"]), "Take the path off the grid: adds way points."] = None
     start_heading: Annotated[
-        float | None, options.ANGLE, "Of a body at the start, degrees clockwise from up the map's rows."
+        float | None, options.ANGLE, "Heading of a body at the start, degrees clockwise from up the rows."
     ] = None
-    goal_heading: Annotated[float | None, options.ANGLE, "Of a body at the goal, the same way."] = None
-    goal_tolerance: Annotated[float, options.NOT_NEGATIVE, "How far off the heading at the goal may be."] = 0.0
+    goal_heading: Annotated[float | None, options.ANGLE, "Heading of a body at the goal, likewise."] = None
+    goal_tolerance: Annotated[float, options.NOT_NEGATIVE, "Greatest deviation from the heading at the goal."] = 0.0
     compare: Annotated[bool, "Plan with exact A* and the corridor planner too."] = False
     hillshade: options.Hillshade = False
 
     def __post_init__(self) -> None:
         """Refuse what does not go together."""
         if self.best_order and not self.via:
-            raise click.UsageError("--best-order is of way points: give --via too")
+            raise click.UsageError("--best-order orders the places of --via: give --via too")
         if self.via and self.compare:
-            raise click.UsageError("--compare is of one leg: leave out --via")
+            raise click.UsageError("--compare compares one leg: leave out --via")
 
     @property
     def files(self) -> list[Path]:

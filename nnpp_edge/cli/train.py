@@ -19,10 +19,10 @@ _PARTS = 1000
 """Of the training, for the progress bar."""
 _SIDE = click.IntRange(64, options.LARGEST_SIDE)
 _SIGMA = options.Real(0.0, 1.0, min_open=True)
-_TARGET = "Nearness to the optimum, or the best path."
-_STEPS = "Most steps, if its epochs do not end the training before; the number that a time limit came to repeats it."
+_TARGET = "Labels: nearness to the optimum, or the best path."
+_STEPS = "Most steps, if the epochs do not end first; the number that a time limit led to repeats that training."
 _TIME_LIMIT = "Minutes, about: the speed of the first 200 steps decides the number of steps."
-_SMALL = "Keep the mean weights alone, in 16 bits; a resumed run warms up a new optimiser."
+_SMALL = "Keep only the mean weights, in 16 bits; a resumed run warms up a new optimiser."
 _PRECISION = "Of the convolutions; auto: bfloat16 on a GPU. bfloat16 is twice as fast on a CPU with AMX."
 
 
@@ -55,14 +55,14 @@ def command(
     time_limit: Annotated[float | None, options.POSITIVE, _TIME_LIMIT] = None,
     validate_every: Annotated[float, options.NOT_NEGATIVE, "Minutes."] = 5.0,
     small_checkpoints: Annotated[bool, _SMALL] = False,
-    pause_after: Annotated[float | None, options.POSITIVE, "Minutes; the same command goes on."] = None,
+    pause_after: Annotated[float | None, options.POSITIVE, "Minutes; the same command continues."] = None,
     threads: Annotated[int | None, options.COUNT, "Of torch on the CPU; by default one a core."] = None,
     as_json: options.AsJson = False,
 ) -> None:
     """Train a network on DATASET, with AdamW as in the paper.
 
     Each validation searches real queries inside the predicted region. The run's folder gets checkpoint.pt,
-    history.json and curves.png; the same command goes on where it stopped. Under torchrun the batch is
+    history.json and curves.png; the same command continues where it stopped. Under torchrun the batch is
     divided evenly over the processes, and the first one writes and prints.
 
     \b

@@ -22,7 +22,7 @@ def command(
     /,
     robot: GroundOptions,
     blocks: KnownOptions,
-    start: Annotated[End | None, PLACE, "Where the path begins at first, as for plan."] = None,
+    start: Annotated[End | None, PLACE, "Initial start of the path, as for plan."] = None,
     goal: Annotated[End | None, PLACE, "As --start."] = None,
     omega: options.Omega = 0.011,
     port: Annotated[int, click.IntRange(0, 65535), "Of the page on 127.0.0.1; 0 for any."] = 8765,

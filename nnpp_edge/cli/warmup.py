@@ -9,8 +9,8 @@ from nnpp_edge.cli import options
 from nnpp_edge.cli.text import tell
 
 _JOBS = (
-    "Processes that compile at once, 0.6 to 0.9 GB each; by default one a processor, four at most, as far as memory "
-    "is left."
+    "Processes that compile at once, 0.6 to 0.9 GB each; by default one a processor, four at most, if there "
+    "is memory."
 )
 
 
@@ -23,8 +23,8 @@ def command(
     """Compile every kernel ahead of the first plan.
 
     The kernels stay in the cache folder: NUMBA_CACHE_DIR if it is set, else nnpp-edge under
-    $XDG_CACHE_HOME or ~/.cache. Run it after installing, as the user who will plan. What other versions
-    of this package left there is deleted, unless it was written within the last hour.
+    $XDG_CACHE_HOME or ~/.cache. Run it after installing, as the user who will plan. Kernels of other
+    versions of this package are deleted, unless they were written within the last hour.
 
     \b
     nnpp-edge warmup

@@ -33,7 +33,7 @@ _SAME_BODY = 0.007
 """Share by which radii of a body differ: Mars has 3,376.2 km at its poles."""
 _MEASURED_M = 100.0
 """Longest way by which a cell is measured: on larger cells geodesics leave the parallels."""
-_SCALE_TOLD, _RIM_TOLD = 0.01, 0.03
+_SCALE_TOLD, _RIM_TOLD = 0.05, 0.03
 """Shares by which a projection's metre at the map's middle, and any length on the map, is off when that is told."""
 
 

@@ -62,24 +62,23 @@ class Place:
     def check_place(self) -> None:
         """TerrainError for cells without a size, or that lie nowhere."""
         check_sides(self.source, self.cell_size_m, self.cell_width_m)
-        if self.georeference is None:
-            return
-        corners = [self.georeference.map_coordinates(*at) for at in ((0, 0), self.shape)]
+        corners = [self.map_coordinates(*at) for at in ((0, 0), self.shape)]
         if not all(math.isfinite(number) for corner in corners for number in corner):
             raise TerrainError(f"{self.source}: wanted corners with finite coordinates, got {corners}")
 
     def map_coordinates(self, row: float, col: float) -> tuple[float, float]:
-        """`Georeference.map_coordinates`; InvalidQueryError where the map has no georeference."""
-        return self._located().map_coordinates(row, col)
+        """As `Georeference.map_coordinates`."""
+        return self.located.map_coordinates(row, col)
 
     def cell_of(self, x: float, y: float) -> tuple[int, int]:
-        """`Georeference.cell_of`; InvalidQueryError where the map has no georeference."""
-        return self._located().cell_of(x, y)
+        """As `Georeference.cell_of`."""
+        return self.located.cell_of(x, y)
 
-    def _located(self) -> Georeference:
-        if self.georeference is None:
-            raise InvalidQueryError(f"{self.source}: map coordinates need a georeference, the file has none")
-        return self.georeference
+    @property
+    def located(self) -> Georeference:
+        """The file's georeference; without one, metres from the middle of cell (0, 0), y downwards."""
+        size, width = self.cell_size_m, self.cell_width_m
+        return self.georeference or Georeference(None, (width, 0.0, -0.5 * width, 0.0, size, -0.5 * size))
 
 
 def check_sides(source: Path, *sides: float) -> None:

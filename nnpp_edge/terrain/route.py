@@ -121,14 +121,8 @@ def _known(number: float) -> float | None:
 
 
 def places_of(dem: Place, points: Line) -> NDArray[np.float64]:
-    """(N, 2) x and y, in the map's own coordinates, of rows and columns of cells' middles (N, 2).
-
-    On a map without a georeference metres from the middle of cell (0, 0), y downwards.
-    """
-    if dem.georeference is None:
-        places: NDArray[np.float64] = (points * np.array([dem.cell_size_m, dem.cell_width_m]))[:, ::-1]
-        return places
-    return np.column_stack(dem.georeference.map_coordinates(*np.asarray(points, np.float64).T))
+    """(N, 2) x and y, in the coordinates of `Place.located`, of rows and columns of cells' middles (N, 2)."""
+    return np.column_stack(dem.located.map_coordinates(*np.asarray(points, np.float64).T))
 
 
 def named_crs(dem: Place) -> dict[str, object]:
@@ -176,9 +170,7 @@ class Reach:
         """The area within a level: along the cells' sides, with its holes; cells that touch at a corner are apart."""
         rasterio = optional_module("rasterio", "making polygons", "geo")
         features = optional_module("rasterio.features", "making polygons", "geo")
-        height, width = self.dem.cell_size_m, self.dem.cell_width_m
-        own = (width, 0.0, -0.5 * width, 0.0, height, -0.5 * height)
-        transform = rasterio.Affine(*(self.dem.georeference.transform if self.dem.georeference else own))
+        transform = rasterio.Affine(*self.dem.located.transform)
         inside = self.field <= level
         found = features.shapes(inside.astype(np.uint8), mask=inside, connectivity=4, transform=transform)
         return [shape["coordinates"] for shape, _ in found]

@@ -156,7 +156,7 @@ def _tell_once(folder: Path | None, error: OSError) -> None:
         f"in {folder} ({error.strerror or error})" if folder else "(set NUMBA_CACHE_DIR to a folder of this user's)"
     )
     warnings.warn(
-        f"compiled kernels cannot be kept {where}: other processes compile them anew", RuntimeWarning, stacklevel=2
+        f"compiled kernels cannot be kept {where}: other processes compile them again", RuntimeWarning, stacklevel=2
     )
 
 

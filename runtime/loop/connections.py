@@ -11,14 +11,14 @@ from nnpp_edge.runtime.loop.workers import Queue, WhenFull
 
 
 class InputSource(Protocol):
-    """Where inputs come from."""
+    """Source of inputs."""
 
     def poll(self) -> Iterable[Input]:
         """Inputs since the last call; never waits. An iterable that is not read to its end is read on in the next."""
 
 
 class Sink(Protocol):
-    """Where answers go. Each sink is served by a thread of its own and may take its time.
+    """Receiver of answers. Each sink has its own thread and may be slow.
 
     A sink may have an attribute ``lost``: the number of messages that it took and could not keep. It is reported in
     `Counters.lost`.

@@ -37,7 +37,7 @@ _FORGET = 0.9
 @checked(InvalidQueryError)
 @dataclass(frozen=True)
 class NavigatorSettings:
-    """How the onboard loop plans."""
+    """Settings of the onboard loop's planning."""
 
     method: str = DynamicMethod.AUTO
     omega: float = PAPER_OMEGA

@@ -16,11 +16,11 @@ from nnpp_edge.runtime.map.arcs import Arc
 
 
 class InvalidMessageError(NnppEdgeError, ValueError):
-    """A message whose values make no sense."""
+    """A message with invalid values."""
 
 
 class Origin(StrEnum):
-    """Which rung of the navigator's ladder a path comes from."""
+    """Rung of the navigator's ladder that gave a path."""
 
     FULL = "full"
     """Planned in this tick by the method that was asked for."""
@@ -209,7 +209,7 @@ CountBy = dict[str, int]
 
 @dataclass(frozen=True)
 class Counters:
-    """Counts of a loop since it started; each count says what it counts, and what by, for metrics too."""
+    """Counts of a loop since it started; the annotation of each says what it counts, for metrics too."""
 
     ticks: Annotated[int, "Ticks of the loop."] = 0
     planned: Annotated[int, "Ticks that planned a new path."] = 0
@@ -241,7 +241,7 @@ class Counters:
 
 @dataclass(frozen=True)
 class StatusMessage:
-    """How the loop is doing; sent every second or so."""
+    """State of the loop; sent about every second."""
 
     tick: int
     outcome: Status

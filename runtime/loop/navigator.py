@@ -45,7 +45,7 @@ class _Approached(NamedTuple):
 
 
 class Navigator:
-    """Answers the ticks of the onboard loop, by a planner, its map and the standing path.
+    """Answers the ticks of the onboard loop with a planner, its map and the standing path.
 
     `offer` may be called from any thread, `tick` from one at a time.
 

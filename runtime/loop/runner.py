@@ -27,7 +27,7 @@ _LONGEST_SLEEP_S = 0.05
 
 
 class Loop:
-    """Runs until it is stopped. Errors of source, sinks and planner are counted, and the loop goes on.
+    """Runs until it is stopped. Errors of source, sinks and planner are counted, and the loop continues.
 
     Parameters
     ----------

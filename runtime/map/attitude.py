@@ -37,7 +37,7 @@ class Limit(NamedTuple):
 
 @dataclass(frozen=True)
 class PoseCheck:
-    """How a vehicle stands on one cell, and the limit that refuses it."""
+    """Attitude of a vehicle on one cell, and the limit that refuses it."""
 
     cell: Cell
     heading_deg: float

@@ -86,9 +86,7 @@ class Ground:
         if self.vehicle is None:
             return
         if not self.vehicle.is_disc:
-            raise InvalidMapError(
-                "a body stands on elevations: wanted Planner.of_elevation, or a vehicle with radius_m"
-            )
+            raise InvalidMapError("a body needs elevations: wanted Planner.of_elevation, or a vehicle with radius_m")
         if self.cell_size_m is None:
             raise InvalidMapError("wanted cell_size_m, the side of a cell, with a vehicle")
 
@@ -132,7 +130,7 @@ class Ground:
 
     @property
     def by_slope(self) -> bool:
-        """Whether steps cost by the slope that they lead up or down."""
+        """Whether the cost of a step depends on the slope up or down."""
         return self.step_cost not in list(StepCost)
 
     @property

@@ -53,7 +53,7 @@ def why_ended(poses: Poses, reached: NDArray[np.bool_], end: Cell, *, by_legs: b
     away = ((np.arange(rows) - end[0]) ** 2)[:, None] + (np.arange(cols) - end[1]) ** 2
     closest = row, col = divmod(int(np.where(reached, away, np.inf).argmin()), cols)
     begun, other = ("goal", "start") if by_legs else ("start", "goal")
-    told = f"the way from the {begun} comes to {closest}, {apart((row, col, 1, 1), end)} cells from the {other}"
+    told = f"the search from the {begun} got to {closest}, {apart((row, col, 1, 1), end)} cells from the {other}"
     turns = poses.codes[(row + 1) * (cols + 2) + col + 1, AXES : 2 * AXES]
     for axis in (axis for axis in range(AXES) if not by_legs and turns[axis] >= FAILS):
         values = greatest(poses, closest, AXES + axis)
@@ -72,9 +72,9 @@ def why_ended(poses: Poses, reached: NDArray[np.bool_], end: Cell, *, by_legs: b
     i, j, axis = places[np.abs(places[:, :2] - closest).max(1).argmin()].tolist()
     leg = [(i, j), (i + motions.AXES[axis][0], j + motions.AXES[axis][1])]
     first, last = leg if reached[i, j] else leg[::-1]
-    told += f". Of {len(found)} steps refused near there {len(places)} are by {REFUSALS[limit]}"
+    told += f". Near there {len(places)} of {len(found)} refused steps fail by {REFUSALS[limit]}"
     value = greatest(poses, (i, j), axis)[limit]
-    return f"{told}, as from {first} to {last}: {_refused(poses, limit, value, 'up to {}')}"
+    return f"{told}, such as from {first} to {last}: {_refused(poses, limit, value, 'up to {}')}"
 
 
 def _refused(poses: Poses, limit: int, value: float, form: str) -> str:

@@ -10,7 +10,7 @@ Lookup = tuple[NDArray[np.int32], NDArray[np.int32]]
 
 
 class Region(NamedTuple):
-    """Where a search may go: a small bitmap over the map, read in place.
+    """Cells that a search may enter: a small bitmap over the map, read in place.
 
     A cell (row, col) is inside when ``bitmap[row_block[row], col_block[col]] == stamp``. Bitmaps are
     numbered rather than cleared.

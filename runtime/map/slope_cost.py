@@ -174,7 +174,7 @@ class ToblerCost(SlopeCost):
 @checked(InvalidQueryError)
 @dataclass(frozen=True)
 class LinearCost(SlopeCost):
-    """So much a metre on the map, a metre climbed and a metre descended.
+    """Cost for each metre on the map, metre climbed and metre descended.
 
     Notes
     -----
@@ -255,14 +255,14 @@ class TimeCost(SlopeCost):
 @checked(InvalidQueryError)
 @dataclass(frozen=True)
 class IrmischerCost(SlopeCost):
-    """Seconds of a person who finds the way on foot with a map, off paths or on them.
+    """Seconds of a person who navigates on foot with a map, off paths or on them.
 
     Notes
     -----
     I. J. Irmischer and K. C. Clarke, Measuring and modeling the speed of human navigation, Cartography and Geographic
     Information Science 45 (2), 2018, from the tracks of 200 people in wooded country: with the slope s in percent,
     0.11 + 0.67 exp(-(s + 2)² / (2·30²)) m/s off paths, 0.11 + exp(-(s + 5)² / (2·30²)) on them; women 0.95 of it.
-    Beyond 45° the speed on the ground is what it is there.
+    Beyond 45° the speed on the ground is that at 45°.
     """
 
     on_path: bool = False
@@ -285,7 +285,7 @@ class IrmischerCost(SlopeCost):
 @checked(InvalidQueryError)
 @dataclass(frozen=True)
 class EnergyCost(SlopeCost):
-    """Joules that a vehicle draws, less what it gets back.
+    """Joules that a vehicle uses, less the energy that it recovers.
 
     Against its weight and its rolling resistance a vehicle does F = m g (μ length + rise) on a way, as the resistance
     m g μ cos θ along length / cos θ of ground does not depend on the slope. It draws F / efficiency where F is above
@@ -355,7 +355,7 @@ def unit_of(step_cost: str) -> str:
 @checked(InvalidQueryError)
 @dataclass(frozen=True)
 class Mobility:
-    """How a vehicle gets up and down: the optional table ``[mobility]`` of its file, one table a model."""
+    """Costs of slopes for a vehicle: the optional table ``[mobility]`` of its file, one table a model."""
 
     tobler: ToblerCost = ToblerCost()
     linear: LinearCost = LinearCost()

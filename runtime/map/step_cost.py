@@ -51,7 +51,7 @@ class StepModel:
         if step_cost == StepCost.LENGTH:
             return cls(StepCost.LENGTH, 1.0, (0.0, 0.0), (0.5, 0.5 * SQRT2))
         if step_cost in SLOPE_COSTS:
-            raise InvalidQueryError(f"step_cost={step_cost!r} goes by heights: wanted a planner of elevations")
+            raise InvalidQueryError(f"step_cost={step_cost!r} needs heights: wanted a planner of elevations")
         if step_cost != StepCost.PAPER:
             raise InvalidQueryError(f"step_cost must be 'paper' or 'length', got {step_cost!r}")
         if not 0.0 <= omega <= MOST_WEIGHT / GREY_LEVELS:

@@ -18,7 +18,7 @@ from nnpp_edge.runtime.reading import refused_as
 
 
 class NetworkModel:
-    """A network ready to run, with inputs and outputs of its own. Serves one thread at a time.
+    """A network ready to run, with its own inputs and outputs. For one thread at a time.
 
     A file is opened once in a process, and again when it has changed: networks of the same file and threads share a
     session. In a forked child a session of several threads, which the child lacks, is opened again. A copy

@@ -83,7 +83,7 @@ class DynamicChooser:
 
 
 class DynamicPlanner(OnMap):
-    """Plans towards a goal, again and again, while the map changes and the start moves. Serves one thread at a time.
+    """Plans repeatedly to a goal while the map changes and the start moves. For one thread at a time.
 
     A call that was broken off leaves the map and the standing path.
 
@@ -237,7 +237,7 @@ class DynamicPlanner(OnMap):
 
     @one_at_a_time
     def standing(self) -> Standing:
-        """How the last path stands on the map as it is now, for the robot where it is now."""
+        """State of the last path on the current map, from the robot's current cell."""
         return self._path.check(self._where(), self._direction)
 
     @one_at_a_time
@@ -262,7 +262,7 @@ class DynamicPlanner(OnMap):
     def replan(
         self, *, method: str | None = None, time_limit_s: float = math.inf, keep_regions: bool = False
     ) -> Plan:
-        """A path from where the robot is to the goal, on the map as it is now.
+        """A path from the robot's cell to the goal, on the current map.
 
         The path of a plan that is OK leads over passable cells of the newest map. Regions that fail are widened, then
         the whole map is searched: NO_PATH means that there is none. `method` stands in for the planner's own, for

@@ -30,7 +30,7 @@ class _Named(StrEnum):
 
 
 class Method(_Named):
-    """How to plan; InvalidQueryError for another name, as of `DynamicMethod`."""
+    """Ways of planning; InvalidQueryError for another name, as of `DynamicMethod`."""
 
     AUTO = "auto"
     ASTAR = "astar"
@@ -39,7 +39,7 @@ class Method(_Named):
 
 
 class DynamicMethod(_Named):
-    """How to plan anew on a map that changes."""
+    """Ways of replanning on a map that changes."""
 
     AUTO = "auto"
     ASTAR = "astar"
@@ -90,7 +90,7 @@ class Source(StrEnum):
 class Plan:
     """The answer to one query. Without a path its numbers are inf, or 0 for counts.
 
-    A plan owns its arrays: whatever is planned or changed later, it stays what it is.
+    A plan owns its arrays: it does not change when the map or the planner does.
     """
 
     status: Status
@@ -237,12 +237,12 @@ class Plan:
 
     @property
     def time_s(self) -> float:
-        """By the vehicle's speeds; else of a walker by the step cost, or by Tobler's function."""
+        """From the vehicle's speeds; else a walker's, from the step cost or Tobler's function."""
         return self.numbers.time_s
 
     @property
     def energy_j(self) -> float:
-        """By the vehicle's model; NaN where it has none."""
+        """From the vehicle's model; NaN where it has none."""
         return self.numbers.energy_j
 
     @property

@@ -26,7 +26,7 @@ from nnpp_edge.runtime.tuning import NEAREST_STOPS
 
 
 class Planner(OnMap):
-    """Plans on one map, many times. Serves one thread at a time; several planners may run in parallel.
+    """Plans on one map, many times. For one thread at a time; several planners may run in parallel.
 
     Parameters
     ----------
@@ -93,7 +93,7 @@ class Planner(OnMap):
         prior: str = "network",
         **options: Unpack[PlannerOptions],
     ) -> "Planner":
-        """A planner of ground that is known coarsely, and finely where `update_elevation` has told it.
+        """A planner of ground that is known coarsely, and finely where `update_elevation` has updated it.
 
         Start, goal, path and patches are counted in the fine cells. An unseen cell counts by its block's
         expected price, and never as checked: `Plan.known` says how far a path leads over cells that were seen.

@@ -65,7 +65,7 @@ class Traversability:
 
 
 class SaturationWarning(UserWarning):
-    """Over half of the map lies at or above the limit of a term, which then tells the cells apart no more."""
+    """Over half of the cells are at or above the limit of a term, which then no longer distinguishes them."""
 
 
 @checked(InvalidMapError)
@@ -158,11 +158,12 @@ def warn_of_saturation(heights: Float2D, rule: NDArray[np.float64], stacklevel: 
     counts = np.zeros(4, np.int64)
     count_saturated(heights.reshape(-1), rows, cols, rule, steps, counts)
     known, *at_limit = counts.tolist()
-    for (name, limit), count in zip(TERMS.items(), at_limit, strict=True):
-        if 2 * count > known:
-            warnings.warn(
-                f"{100 * count / known:.0f} % of the cells reach the limit of the {name} term, which no longer tells "
-                f"them apart: raise {limit} (--limit {limit}=…), or rescale the map to smaller cells",
-                SaturationWarning,
-                stacklevel=stacklevel,
-            )
+    full = [(term, count / known) for term, count in zip(TERMS.items(), at_limit, strict=True) if 2 * count > known]
+    if full:
+        shares = ", ".join(f"{100 * share:.0f} % ({name})" for (name, _), share in full)
+        warnings.warn(
+            f"cells at the limit of a cost term, which no longer distinguishes them: {shares}: raise "
+            f"{' and '.join(limit for (_, limit), _ in full)} (--limit KEY=VALUE), or rescale to smaller cells",
+            SaturationWarning,
+            stacklevel=stacklevel,
+        )

@@ -23,7 +23,7 @@ is in another unit than metres.
 class Vehicle:
     """A body on wheels, or on tracks, each of which is a row of wheels with long contact patches; or a disc.
 
-    The wheels stand in pairs, symmetric about the body's middle, on `axles` axles that are evenly spaced over the
+    The wheels are in pairs, symmetric about the body's middle, on `axles` axles that are evenly spaced over the
     wheelbase. A disc has a radius and nothing else but a turning radius: it may not touch impassable cells, and needs
     no elevations.
     """
@@ -163,7 +163,7 @@ class Vehicle:
 
     @property
     def turn_m_per_rad(self) -> float:
-        """Metres of level ground as dear as a turn on the spot by a radian."""
+        """Cost of a turn on the spot by a radian, metres of level ground."""
         return 0.5 * math.hypot(*self.stance_m) if self.turn_cost_m_per_rad is None else self.turn_cost_m_per_rad
 
     @property

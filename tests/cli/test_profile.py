@@ -86,7 +86,7 @@ def test_a_report_in_every_form(run, profile):
     ended = run("profile --profile tiny.toml -o out")
     assert ended.code == 0, ended.err
     assert os.sched_getaffinity(0) == before
-    for words in ("speed-up", "inference", "corridor pays over astar", "all budgets met: 5 of 5 pass"):
+    for words in ("speed-up", "inference", "corridor faster than astar", "all budgets met: 5 of 5 pass"):
         assert words in ended.out
     told = json.loads(Path("out/report.json").read_text())
     assert set(told) == set(KEYS.split()) and told["schema"] == 1 and told["verdict"] == "met"

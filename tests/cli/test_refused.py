@@ -31,7 +31,6 @@ plan hills.tif --start 1,1                     | missing option '--goal'
 plan hills.tif --start 1 --goal 2,2            | wanted ROW,COL as two whole numbers, xy:X,Y, lonlat:LON,LAT, or a v
 plan hills.tif --start xy:nan,1 --goal 2,2     | xy:X,Y
 plan hills.tif --start 1.5,1 --goal 2,2        | two whole numbers
-plan hills.npz --start xy:1,1 --goal 2,2       | georeference
 plan hills.tif --start xy:1e308,1e308 --goal 2,2 | near the map
 plan hills.tif --start lonlat:-94.3,95 --goal 1,1 | latitude 95 of WGS 84 has no place in SVY21 / Singapore TM
 plan hills.tif --start lonlat:10,50 --goal 1,1 | lies outside the map of 80 × 90 cells
@@ -47,8 +46,8 @@ $PLAN --model text.txt --method nnpp           | text.txt: wanted an ONNX model
 $PLAN --via 20,86                              | via 1, (20, 86), is impassable
 $PLAN --via 1,1 --via 80,3                     | via 2, (80, 3), lies outside the map
 $PLAN --via far.gpkg                           | via 2, (200, 300), lies outside the map
-$PLAN --best-order                             | --best-order is of way points
-$PLAN --via 1,1 --compare                      | --compare is of one leg
+$PLAN --best-order                             | --best-order orders the places of --via
+$PLAN --via 1,1 --compare                      | --compare compares one leg
 $PLAN --goal 1,1 --via 3,3                     | --goal, with --via, must be one place, got 2
 $PLAN --via none.gpkg                          | lonlat:LON,LAT, or a vector file, got 'none.gpkg'
 $PLAN --step-cost energy                       | with mass_kg and rolling_resistance, such as the shipped vehicles
@@ -77,7 +76,7 @@ run --map hill.npz --ticks 1 --log log.mcap --vehicle body.toml | wheels is unkn
 $EVAL --step-cost energy --mobility body.toml  | body.toml: wanted a table [mobility], got none
 $BODY --method nnpp --model none.onnx          | none.onnx
 $BODY --workload body                          | is a vehicle's
-$BODY --start 24,25                            | ; the nearest cell where it stands is (
+$BODY --start 24,25                            | ; the nearest cell where it can stand is (
 plan hill.npz --start 10,10 --goal 24,25 --vehicle small-rover | goal (24, 25) is impassable: in any heading
 $BODY --start 0,0                              | start (0, 0) is impassable: in any heading unknown ground
 $BODY --start 60,0                             | lies outside the map
@@ -93,7 +92,6 @@ $SMALL --start 9,86                            | start (9, 86) is impassable: it
 $SMALL --memory much                           | a size such as 2GB
 plan nothing.tif --memory 1kB --workload limit20 --start 1,1 --goal 2,2 | all impassable
 plan bare.tif --memory 1kB --start 1,1 --goal 2,2 | no cell size in the file
-plan bare.tif --memory 1kB --start xy:1,1 --goal 2,2 --cell-size 2 | georeference
 plan grid.asc --memory 1kB --start 1,1 --goal 2,2 | stored as text | gdal_translate
 run --map cost.npz --ticks 1 --vehicle small-rover | holds costs: --vehicle needs elevations
 run --map hills.npz --set radius_m=2 --set turning_radius_m=6 | turning_radius_m needs --refine any-angle

@@ -91,7 +91,7 @@ def test_energy_goes_by_the_gravity_of_the_maps_body_and_says_so(run, hill):
             up_and_along = 0.2 * found["length_m"] + found["climb_m"] - found["descent_m"]  # all steps roll
             assert found["energy_j"] == pytest.approx(899.0 * gravity * up_and_along / 0.4 + idle_j, rel=1e-3)
             assert f"kJ at {gravity:.3g} m/s²" in run(words).out
-            warned = f"energy goes by {gravity:g} m/s², the gravity of the map's body, not by the vehicle's own 3.71"
+            warned = f"energy uses {gravity:g} m/s², the gravity of the map's body, not the vehicle's 3.71"
             assert (warned in ended.err) == (gravity not in (3.71, 2.5) and crs is not None)
 
 

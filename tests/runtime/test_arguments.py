@@ -195,7 +195,7 @@ REFUSED = (
     (lambda name: Planner(FLAT, step_cost=name), ("euclid",), "euclid"),
     (lambda name: Planner(FLAT, step_cost=name), ("tobler",), "'tobler'.*elevations"),
     (lambda name: DynamicPlanner(FLAT, (0, 0), step_cost=name), ("linear",), "'linear'.*elevations"),
-    (lambda vehicle: Planner(FLAT, vehicle=vehicle, cell_size_m=1.0), (BODY,), "a body stands on elevations"),
+    (lambda vehicle: Planner(FLAT, vehicle=vehicle, cell_size_m=1.0), (BODY,), "a body needs elevations"),
     (lambda vehicle: Planner(FLAT, vehicle=vehicle), (DISC,), "wanted cell_size_m"),
     (lambda method: DynamicPlanner(FLAT, (1, 1), method), ("dijkstra",), "method must be one of"),
     (lambda refine: DynamicPlanner(FLAT, (1, 1), refine=refine), ("smooth",), "refine must be"),

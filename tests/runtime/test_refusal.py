@@ -52,12 +52,12 @@ def test_without_a_path_the_limit_that_refuses_is_named(ground, changes, limit, 
     for plan in (Planner.of_elevation(ground, CELL_M, vehicle=vehicle).plan((20, 8), (20, 40)), dynamic.replan()):
         assert plan.status == "NO_PATH"
         told = re.fullmatch(
-            r"no path exists on the known map; the way from the goal comes to \(20, (\d+)\), (\d+) cells from the "
-            rf"start\. Of (\d+) steps refused near there (\d+) are by {limit}, as from \(\d+, \1\) to .*: .*{words}",
+            r"no path exists on the known map; the search from the goal got to \(20, (\d+)\), (\d+) cells from the "
+            rf"start\. Near there (\d+) of (\d+) refused steps fail by {limit}, such as from \(\d+, \1\) .*{words}",
             plan.reason,
         )
         assert told, plan.reason
-        assert int(told[1]) - int(told[2]) == 8 and 0 < int(told[4]) <= int(told[3])
+        assert int(told[1]) - int(told[2]) == 8 and 0 < int(told[3]) <= int(told[4])
 
 
 def test_where_the_body_cannot_turn_into_the_way_on_that_is_said():
@@ -66,7 +66,7 @@ def test_where_the_body_cannot_turn_into_the_way_on_that_is_said():
     planner = Planner.of_elevation(crossing, CELL_M, vehicle=replace(ROVER, length_m=3.0, width_m=0.6))
     assert planner.plan((30, 10), (30, 50)).ok and planner.plan((10, 30), (50, 30)).ok
     reason = planner.plan((30, 10), (50, 30)).reason
-    assert "; the way from the start comes to (30, 30), 20 cells from the goal. " in reason
+    assert "; the search from the start got to (30, 30), 20 cells from the goal. " in reason
     assert reason.endswith(f" It cannot turn on the spot there: {UNKNOWN}"), reason
 
 

@@ -372,10 +372,10 @@ def test_every_point_of_a_cell_belongs_to_it(row, col, angle, sides, inset):
     assert dem.cell_of(*dem.map_coordinates(row + inset, col - inset)) == (row, col)
 
 
-def test_map_coordinates_need_a_georeference_and_finite_numbers():
-    for ask in (dem_of().map_coordinates, dem_of().cell_of):
-        with pytest.raises(InvalidQueryError, match=r"made.tif: map coordinates need a georeference"):
-            ask(1, 1)
+def test_map_coordinates_are_finite_and_without_a_georeference_metres_from_the_first_cell():
+    dem = dem_of()
+    assert dem.map_coordinates(5, 4) == (16.0, 25.0) and dem.cell_of(17.9, 27.4) == (5, 4)
+    assert dem.resampled(0.5).cell_of(16.0, 25.0) == (50, 40)
     with pytest.raises(InvalidQueryError, match=r"must be finite"):
         dem_of(georeference=Georeference(None, (1, 0, 0, 0, -1, 0))).cell_of(math.nan, 0)
 

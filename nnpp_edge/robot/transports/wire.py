@@ -1,4 +1,4 @@
-"""Inputs and outputs of the onboard loop as JSON. See docs/run.md.
+"""Inputs and outputs of the onboard loop as JSON. See docs/messages.md.
 
 An input is taken whole or refused: unknown words, wrong types and values out of range are errors of one line.
 """
