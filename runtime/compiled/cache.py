@@ -166,9 +166,7 @@ def _digest(key: bytes) -> str:
 
 def _checksum(key: bytes, content: bytes) -> bytes:
     """Of the key as well, so that a file under a wrong name is not taken for sound."""
-    digest = hashlib.sha256(key)
-    digest.update(content)
-    return digest.digest()
+    return hashlib.sha256(key + content).digest()
 
 
 def _read(path: Path) -> bytes:

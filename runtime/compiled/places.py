@@ -128,13 +128,11 @@ def pass_over_wheel(problem: str) -> None:
     passed_over = True
 
 
-_level = None
 if not {"NUMBA_CPU_NAME", "NUMBA_CPU_FEATURES"} & os.environ.keys():  # else the user has chosen
     with suppress(OSError):
-        _level = level_of(platform.machine(), Path("/proc/cpuinfo").read_text())
-    if _level is not None:
-        os.environ.update(NUMBA_CPU_NAME=_level, NUMBA_CPU_FEATURES=FEATURES.get(_level, ""))
-        numba.config.reload_config()
+        if _level := level_of(platform.machine(), Path("/proc/cpuinfo").read_text()):
+            os.environ.update(NUMBA_CPU_NAME=_level, NUMBA_CPU_FEATURES=FEATURES.get(_level, ""))
+            numba.config.reload_config()
 _DIGEST = source_digest()
 WHEEL = in_wheel(os.environ.get("NUMBA_CPU_NAME", "this processor"), Path(_package).parents[1] / "nnpp_edge_kernels")
 OWN, _only_read = own_folders()
