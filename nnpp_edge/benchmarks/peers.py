@@ -236,10 +236,7 @@ def run(
     for at, size in enumerate(sorted(sizes)):
         # enough maps, and some for queries without a path
         cases = islice(terrain_cases(dems, SOFT, size, seed), 4 * -(-queries // QUERIES_PER_MAP))
-
-        def of_size(done: int, before: int = at * queries) -> None:
-            progress(before + done)
-
-        figures = compare(planners, cases, queries, progress=of_size)
+        report = partial(lambda before, done: progress(before + done), at * queries)
+        figures = compare(planners, cases, queries, progress=report)
         rows += [{"size": size, "terrain": source_of(dems, size), **row} for row in figures.values()]
     return rows, missing

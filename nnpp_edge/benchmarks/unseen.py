@@ -22,7 +22,7 @@ from nnpp_edge.reproduction.regions import shuffled
 from nnpp_edge.runtime import Ground, NetworkModel, Planner, Vehicle
 from nnpp_edge.runtime.arrays import Float2D
 from nnpp_edge.runtime.cells import Endpoints
-from nnpp_edge.runtime.network.model_file import UNSEEN
+from nnpp_edge.runtime.network.model_file import UNSEEN, model_path
 from nnpp_edge.runtime.network.priors import PRIORS, prices_by
 from nnpp_edge.runtime.network.unseen import encode_unseen, prices_of
 from nnpp_edge.runtime.terrain.traversability import Traversability
@@ -150,7 +150,7 @@ def rivals(model: str, dataset: Path | None) -> dict[str, Price]:
         "optimistic": lambda site: np.zeros_like(site.coarse),
         **{prior: partial(Site.prices, prior=prior, model=model) for prior in PRIORS},
         "network, answers turned": lambda site: np.rot90(site.prices("network", model)),
-        "network, weights shuffled": lambda site: site.prices("network", shuffled(NetworkModel(model))),
+        "network, weights shuffled": lambda site: site.prices("network", shuffled(model_path(model))),
         "truth": Site.truth,
     }
     return found if dataset is None else found | {"trees": trees(read_known(dataset))}

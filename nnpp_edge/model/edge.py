@@ -11,7 +11,6 @@ from torch.nn import functional
 
 from nnpp_edge.model.nnpp import ConvBNReLU, initialise
 from nnpp_edge.model.registry import OUTPUT_STRIDES
-from nnpp_edge.runtime.errors import ModelError
 from nnpp_edge.runtime.kernels.encoding import BETWEEN_CHANNELS, END_CHANNELS
 from nnpp_edge.runtime.kernels.place_head import ANSWERS
 from nnpp_edge.runtime.network.model_file import QUERY_SPACING
@@ -21,7 +20,6 @@ UNSHUFFLE = 4
 """The map's input has 4 × 4 cells to a pixel, as channels."""
 OUTPUT_SHUFFLE = QUERY_SPACING // OUTPUT_STRIDES["edge"]
 """The output has 2 × 2 blocks to a pixel, as channels."""
-SIZE_STEP = 64
 
 assert ANSWERS == OUTPUT_SHUFFLE**2
 
@@ -29,23 +27,20 @@ assert ANSWERS == OUTPUT_SHUFFLE**2
 class EdgeNet(nn.Module):
     """An encoder of the map and a head for each query.
 
-    `input_size` is the map's side S, a multiple of 64; `widths` are the encoder's channels at 1/8, 1/16, 1/32 and
-    1/64 resolution, `stem` those after its first convolution; `relation` and `hidden` are the `Head`'s. Unlike the
-    paper's network it is shown 4 × 4 cells as a pixel, so that the first convolution is one large node, and the share
-    of impassable cells, as averages hide walls and passes on large maps.
+    `widths` are the encoder's channels at 1/8, 1/16, 1/32 and 1/64 resolution, `stem` those after its first
+    convolution; `relation` and `hidden` are the `Head`'s. Unlike the paper's network it is shown 4 × 4 cells as a
+    pixel, so that the first convolution is one large node, and the share of impassable cells, as averages hide walls
+    and passes on large maps. The map's side S is a multiple of 64.
     """
 
     def __init__(
         self,
-        input_size: int = 64,
         widths: tuple[int, ...] = (32, 64, 64, 64),
         stem: int = 32,
         relation: int = 32,
         hidden: tuple[int, ...] = (32, 16),
     ) -> None:
         super().__init__()
-        if input_size < SIZE_STEP or input_size % SIZE_STEP:
-            raise ModelError(f"input_size must be a positive multiple of {SIZE_STEP}, got {input_size}")
         self.encoder = Encoder(widths, stem, relation)
         self.head = Head(relation, hidden)
         initialise(self, self.head.answer)

@@ -26,7 +26,8 @@ class Network(nn.Module):
     def __init__(self, spec: Spec) -> None:
         super().__init__()
         self.spec = spec
-        self.body = _BODIES[spec.architecture](spec.input_size, **spec.options)
+        size = (spec.input_size,) if spec.architecture == "nnpp" else ()
+        self.body = _BODIES[spec.architecture](*size, **spec.options)
 
     def forward(self, planes: Tensor, query: Tensor) -> Tensor:
         """Logits (N, B, B) on blocks × blocks.

@@ -16,7 +16,6 @@ from nnpp_edge.runtime.errors import ModelError
 
 INPUT_CHANNELS = 3
 SCALES = (1, 2, 4)
-SIZE_STEP = 32 * max(SCALES)
 PRIOR_LOGIT = -2.0
 """Of an untrained network: a path covers few cells, and the many empty ones should not rule the first steps."""
 
@@ -71,8 +70,6 @@ class NNPP(nn.Module):
 
     def __init__(self, input_size: int = 256, width: int = 64) -> None:
         super().__init__()
-        if input_size < SIZE_STEP or input_size % SIZE_STEP:
-            raise ModelError(f"input_size must be a positive multiple of {SIZE_STEP}, got {input_size}")
         if width < 2 or width % 2:
             raise ModelError(f"width must be a positive even number, got {width}")
         self.input_size = input_size

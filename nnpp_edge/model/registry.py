@@ -13,6 +13,8 @@ ENCODINGS = {"edge": "ends", "nnpp": "gaussian", "unseen": "unseen"}
 
 OUTPUT_STRIDES = {"edge": 4, "nnpp": 8, "unseen": 1}
 """Cells of the input to the side of a block of the output."""
+SIZE_STEPS = {"edge": 64, "nnpp": 128, "unseen": 4}
+"""Of the input's side in cells; the paper's network pools 1/32 of it to 4 × 4."""
 
 
 def architecture_name(stored: str) -> str:
@@ -37,6 +39,9 @@ class Spec:
         name = architecture_name(self.architecture)
         if name not in ENCODINGS:
             raise ModelError(f"architecture must be one of {', '.join(ENCODINGS)}, got {self.architecture!r}")
+        step = SIZE_STEPS[name]
+        if self.input_size < step or self.input_size % step:
+            raise ModelError(f"input_size must be a positive multiple of {step}, got {self.input_size}")
         options = {key: tuple(v) if isinstance(v, Sequence) else v for key, v in self.options.items()}
         for key, value in {"architecture": name, "options": options}.items():
             object.__setattr__(self, key, value)

@@ -4,20 +4,15 @@ from torch import Tensor, nn
 from torch.nn import functional
 
 from nnpp_edge.model.nnpp import ConvBNReLU, initialise
-from nnpp_edge.runtime.errors import ModelError
 from nnpp_edge.runtime.network.model_file import UNSEEN
 from nnpp_edge.runtime.network.unseen import ANSWERS
-
-SIZE_STEP = 4
 
 
 class UnseenNet(nn.Module):
     """Down to a quarter of the resolution and up again; `widths` are the channels at full, half and quarter."""
 
-    def __init__(self, input_size: int = 64, widths: tuple[int, int, int] = (32, 48, 48)) -> None:
+    def __init__(self, widths: tuple[int, int, int] = (32, 48, 48)) -> None:
         super().__init__()
-        if input_size < SIZE_STEP or input_size % SIZE_STEP:
-            raise ModelError(f"input_size must be a positive multiple of {SIZE_STEP}, got {input_size}")
         full, half, quarter = widths
         self.stem = nn.Sequential(ConvBNReLU(len(UNSEEN), full), ConvBNReLU(full, full))
         self.down = nn.Sequential(ConvBNReLU(full, half, stride=2), ConvBNReLU(half, half))

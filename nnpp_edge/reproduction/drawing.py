@@ -14,14 +14,11 @@ from nnpp_edge.runtime.arrays import Float2D
 from nnpp_edge.runtime.cells import Endpoints
 from nnpp_edge.runtime.network.inference import NetworkModel
 from nnpp_edge.viz.figures import new_figure
+from nnpp_edge.viz.sheet import Cells
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
-
-Cells = NDArray[np.int32]
-"""(N, 2) cells (row, col)."""
-
 
 PAPER = "#7f7f7f"
 COLOURS = {name: f"C{at}" for at, name in enumerate((*PLANNERS, "inference"))}
@@ -88,7 +85,7 @@ class View(NamedTuple):
     region: NDArray[np.bool_]
     """The network's, by the paper's rule; or another planner's."""
     path: Cells
-    """In the region; empty where it holds none."""
+    """(N, 2) cells in the region; empty where it holds none."""
     optimum: Cells
     """The optimal path, which the robot follows."""
     patches: tuple[Patch, ...] = ()

@@ -11,7 +11,7 @@ from nnpp_edge.profiling.contest import Harness
 from nnpp_edge.reproduction import drawing, paper
 from nnpp_edge.reproduction.episode import STRIDE, Episode, Step, make_episode
 from nnpp_edge.reproduction.experiment import MAPS_TRIED, Context, Result, experiment
-from nnpp_edge.reproduction.findings import Finding, Own, judge, judge_increase, judge_speedup
+from nnpp_edge.reproduction.findings import Finding, judge, judge_increase, judge_speedup
 from nnpp_edge.reproduction.paper import ASTAR, ASTAR_NN, DSTAR, DSTAR_NN, DYNAMIC, STATIC
 from nnpp_edge.reproduction.planners import PLAIN, PLAIN_CONTROLS, PLAIN_NN, OneMap, shown
 from nnpp_edge.reproduction.regions import CORRIDOR, Networks
@@ -125,13 +125,9 @@ def table3_findings(rows: Rows) -> list[Finding]:
     last = rows.of(plan=max(rows.all("plan")))
     nn_s, dstar_s = (last.of(name).mean("time_s") for name in ("nnpp-dstar", "dstar"))
     theirs_s = (seconds(paper.TABLE_3.of(name, plan=3).mean("time_s")) for name in (DSTAR_NN, DSTAR))
-    texts = (
-        " against ".join(theirs_s),
-        f"{seconds(nn_s)} against {seconds(dstar_s)}",
-        "`nnpp-dstar` takes longer",
-    )
+    ours, rule = f"{seconds(nn_s)} against {seconds(dstar_s)}", "`nnpp-dstar` takes longer"
     claim = "near the goal, in the last frame, D*NN takes longer than D*"
-    return [*found, judge(claim, *texts, True, better=nn_s <= dstar_s)]
+    return [*found, judge(claim, " against ".join(theirs_s), ours, rule, True, better=nn_s <= dstar_s)]
 
 
 def _short(theirs: str) -> str:
@@ -172,7 +168,7 @@ def table4_findings(rows: Rows) -> list[Finding]:
     theirs = paper.TABLE_4.of(scene=DYNAMIC).speedup(DSTAR, ASTAR_NN)
     texts = f"{theirs:.2f}×", f"{of.speedup(slow, fast):.2f}×"
     rule = f"{shown('planner', fast)} takes less time than {shown('planner', slow)}"
-    found.append(judge(claim, *texts, rule, partial(_faster, of, slow, fast), of, fast))
+    found.append(judge(claim, *texts, rule, lambda own: of.speedup(own(slow), own(fast)) > 1.0, of, fast))
     for what, method, name, scene in (
         ("A*NN, static, plain", ASTAR_NN, PLAIN_NN, STATIC),
         ("A*NN, dynamic, plain", ASTAR_NN, PLAIN_NN, DYNAMIC),
@@ -184,18 +180,12 @@ def table4_findings(rows: Rows) -> list[Finding]:
     return [*found, _mends(later, OURS_OF[ASTAR_NN], OURS_OF[DSTAR_NN])] if later else found
 
 
-def _faster(rows: Rows, slow: str, fast: str, own: Own) -> bool:
-    return rows.speedup(own(slow), own(fast)) > 1.0
-
-
 def _mends(later: Rows, afresh: str, name: str) -> Finding:
     """Whether D*NN repairs, and gains by it over A*NN, which searches afresh."""
     mended, gain = later.of(name).all("mended"), later.speedup(afresh, name)
     claim = f"D*NN repairs, and gains by it, dynamic ({shown('planner', name)})"
     ours = f"{sum(mended):.0f} of {len(mended)} plans after the first, {gain:.2f}× as fast as afresh"
-    rule = "on half of the plans or more, and faster than afresh"
-
-    def holds(own: Own) -> bool:
-        return sum(mended) >= 0.5 * len(mended) and _faster(later, afresh, name, own)
-
-    return judge(claim, "yes", ours, rule, holds, later, name)
+    rule, often = "on half of the plans or more, and faster than afresh", sum(mended) >= 0.5 * len(mended)
+    return judge(
+        claim, "yes", ours, rule, lambda own: often and later.speedup(own(afresh), own(name)) > 1.0, later, name
+    )

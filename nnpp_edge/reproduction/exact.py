@@ -30,10 +30,14 @@ _QUICK = {"sizes": (64, 128, 256), "maps": 1}
 @experiment("Table 1", "Building the graph against searching it", _QUICK, networks=())
 def table1(context: Context, *, sizes: Sequence[int] = (64, 128, 256, 512, 1024), maps: int = 5) -> Result:
     """Average maps of the greatest size down to the others, start and goal with them, and time plain A*."""
-    sizes, rows, done = context.fitting(sizes), Rows(), 0
+    sizes, rows, harness, done = context.fitting(sizes), Rows(), Harness(), 0
     for at, (case, query) in enumerate(context.maps(max(sizes), maps), 1):
         for size in sizes:
-            rows.append({"map": at, "size": size} | _timed(*_scaled(case.cost, query, size)))
+            cost, ends = _scaled(case.cost, query, size)
+            graph_s, graph = harness.timed(partial(build_graph, cost))
+            search_s, path = harness.timed(partial(search, graph, *ends))
+            assert path is not None  # a cell is impassable only if all that it covers is
+            rows.append({"map": at, "size": size} | paper.graph_row(PLAIN, graph_s, search_s, len(path)))
             done += size**2
             context.progress(done / (maps * sum(side**2 for side in sizes)))
     everything = Rows(row for row in (*paper.TABLE_1, *rows) if row["size"] in sizes)
@@ -55,14 +59,6 @@ def _scaled(cost: Float2D, query: Endpoints, size: int) -> tuple[Float2D, Endpoi
     small = np.where(count, total / np.maximum(count, 1), np.inf).astype(np.float32)
     (a, b), (c, d) = query
     return small, ((a // factor, b // factor), (c // factor, d // factor))
-
-
-def _timed(cost: Float2D, query: Endpoints) -> Row:
-    harness = Harness()
-    graph_s, graph = harness.timed(lambda: build_graph(cost))
-    search_s, path = harness.timed(lambda: search(graph, *query))
-    assert path is not None  # a cell is impassable only if all that it covers is
-    return paper.graph_row(PLAIN, graph_s, search_s, len(path))
 
 
 def table1_findings(rows: Rows) -> list[Finding]:
@@ -166,10 +162,8 @@ def fig7_findings(
         found.append(judge(claim, _OMEGA, spread(of, 4), rule, bool(near <= paper.OMEGA_DEVIATION)))
     claim, ours = "some ω between the ends makes LEN + CC least", f"ω = {omegas[middle]:.3f} on the mean"
     found.append(judge(claim, "yes", ours, "neither the first nor the last ω", 0 < middle < len(omegas) - 1))
-    claim, rule = (
-        "the greater ω, the longer the path and the smaller its CC",
-        "no step goes the other way by over 0.02",
-    )
+    claim = "the greater ω, the longer the path and the smaller its CC"
+    rule = "no step goes the other way by over 0.02"
     ours = f"LEN {length[0]:.2f} → {length[-1]:.2f}, CC {cc[0]:.2f} → {cc[-1]:.2f}"
     found.append(judge(claim, "yes", ours, rule, monotone))
     ours = f"{1e3 * first:.2f} ms at 0, {1e3 * knee:.2f} ms at {paper.OMEGA}, {1e3 * last:.2f} ms from 0.05 on"

@@ -106,10 +106,9 @@ def fig14_findings(rows: Rows) -> list[Finding]:
         claim, rule = f"a good path in the region for every {what}", "all in the region, within 3 % of the optimum"
         found.append(judge(claim, "yes (pictures)", ours, rule, good, of, NETWORK))
     last = rows.of(part="obstacles", scene=rows[-1]["scene"])
-
-    def same(own: Own) -> bool:
-        return last.of(own(NETWORK)).mean("common") >= 0.9
-
     claim = "the regions at T and T + 4Δt are the same, as the obstacles there are not in the way"
     ours, rule = f"{percent(last.of(NETWORK).mean('common'))} in common", "nine blocks in ten in common"
-    return [*found, judge(claim, "identical", ours, rule, same, last, NETWORK)]
+    found.append(
+        judge(claim, "identical", ours, rule, lambda own: last.of(own(NETWORK)).mean("common") >= 0.9, last, NETWORK)
+    )
+    return found

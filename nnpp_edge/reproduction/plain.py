@@ -29,9 +29,6 @@ class Graph:
     def node(self, cell: Cell) -> int:
         return cell[0] * self.stride + cell[1]
 
-    def cell(self, node: int) -> Cell:
-        return divmod(node, self.stride)
-
     def distance(self, a: int, b: int) -> float:
         """Euclidean distance of two nodes, in cells."""
         return math.dist(divmod(a, self.stride), divmod(b, self.stride))
@@ -69,7 +66,7 @@ def search(graph: Graph, start: Cell, goal: Cell) -> list[Cell] | None:
             nodes = [node]
             while nodes[-1] in parent:
                 nodes.append(parent[nodes[-1]])
-            return [graph.cell(node) for node in reversed(nodes)]
+            return [divmod(node, graph.stride) for node in reversed(nodes)]
         if node in closed:
             continue
         closed.add(node)

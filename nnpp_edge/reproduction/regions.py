@@ -70,7 +70,7 @@ class PaperRegions:
 
     def controls(self, like: Region) -> dict[str, Callable[[Endpoints], Region]]:
         """Makers of the regions of `CONTROLS`, as many blocks as `like` has where no network decides."""
-        shuffled_regions = PaperRegions(self.cost, shuffled(self.model))
+        shuffled_regions = PaperRegions(self.cost, shuffled(self.model.path))
         return {
             CORRIDOR: lambda query: _nearest_blocks(_coarse_path(self.grid, query, like), like),
             BAND: lambda query: _nearest_blocks(_blocks((like.row_block, like.col_block), query), like),
@@ -119,13 +119,9 @@ def _nearest_blocks(line: Sequence[Cell], like: Region) -> Region:
     return Region(bitmap, like.row_block, like.col_block)
 
 
-def shuffled(model: NetworkModel) -> NetworkModel:
-    """The network with the weights of each layer in a random order, always the same one."""
-    return _shuffled(model.path)
-
-
 @functools.cache
-def _shuffled(network_file: Path) -> NetworkModel:
+def shuffled(network_file: Path) -> NetworkModel:
+    """The network with the weights of each layer in a random order, always the same one."""
     import onnx
     from onnx import numpy_helper
 

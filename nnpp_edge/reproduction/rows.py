@@ -46,8 +46,9 @@ class Rows(list[Row]):
 
     def answered(self) -> "Rows":
         """The rows of those queries for which every planner found a path."""
-        failed = {_query(row) for row in self if not row.get("found", 1.0) and "cc" not in row}
-        return Rows(row for row in self if _query(row) not in failed)
+        queries = [tuple(row.get(name) for name in ("scene", "size", "map", "plan")) for row in self]
+        failed = {at for at, row in zip(queries, self, strict=True) if not row.get("found", 1.0) and "cc" not in row}
+        return Rows(row for at, row in zip(queries, self, strict=True) if at not in failed)
 
     def speedup(self, slower: str, faster: str) -> float:
         """Summed time of one planner over that of another, on the queries that both answered."""
@@ -70,10 +71,6 @@ class Rows(list[Row]):
         writer.writeheader()
         writer.writerows({k: v for k, v in row.items() if isinstance(v, str) or math.isfinite(v)} for row in self)
         return out.getvalue()
-
-
-def _query(row: Row) -> Key:
-    return tuple(row.get(name) for name in ("scene", "size", "map", "plan"))
 
 
 def seconds(value: float) -> str:

@@ -29,8 +29,7 @@ from nnpp_edge.runtime.network.model_file import read_model_file
 from nnpp_edge.viz.figures import encoded
 
 FORMAT = "nnpp-edge-reproduction-3"
-_RUN = (table1, fig7, table2, fig9, fig11, fig12, fig14, table3, table4)
-EXPERIMENTS = {each.run.__name__: each for each in _RUN}
+EXPERIMENTS = {each.run.__name__: each for each in (table1, fig7, table2, fig9, fig11, fig12, fig14, table3, table4)}
 """The experiments of the paper by name, in the order in which they run."""
 _COLUMNS = ("", "claim", "paper", "ours", "rule", "verdict")
 _HEADS = {Verdict.DIFFERS: "What does not agree", Verdict.BETTER: "What is better than in the paper"}

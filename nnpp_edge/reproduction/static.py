@@ -1,6 +1,6 @@
 """Table 2, Fig. 9, 11 and 12: the paper's method, its controls and our planners on random queries of random maps."""
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 
 import numpy as np
 
@@ -176,18 +176,14 @@ def _wins(fast: Rows, slow: Rows) -> float:
 def _slopes(rows: Rows, slow: str, fast: str) -> Iterator[Finding]:
     """Two planners, by the lines through their times."""
     (slope_s, _, correlation), pair = _fit(rows.of(slow)), f"({fast} against {slow})"
-    claim, ours = (
-        f"time grows with the path's length ({slow})",
-        f"{1e6 * slope_s:.3g} µs a cell, r = {correlation:.2f}",
-    )
+    claim = f"time grows with the path's length ({slow})"
+    ours = f"{1e6 * slope_s:.3g} µs a cell, r = {correlation:.2f}"
     yield judge(claim, "yes", ours, "correlation above 0.3", slope_s > 0.0 and correlation > 0.3)
     claim, ours = f"it grows more slowly with the network {pair}", f"{1e6 * _fit(rows.of(fast))[0]:.3g} µs a cell"
-    flatter: Callable[[Own], bool] = lambda own: _fit(rows.of(own(fast)))[0] < slope_s  # noqa: E731
-    yield judge(claim, "yes", ours, "a smaller slope", flatter, rows, fast)
-    ours = f"faster on {percent(_wins(rows.of(fast), rows.of(slow)), 0)} of the queries"
-    wins: Callable[[Own], bool] = lambda own: _wins(rows.of(own(fast)), rows.of(slow)) >= 0.9  # noqa: E731
-    claim = f"the network's way is much the faster {pair}"
-    yield judge(claim, "yes", ours, "on at least 90 %", wins, rows, fast)
+    yield judge(claim, "yes", ours, "a smaller slope", lambda own: _fit(rows.of(own(fast)))[0] < slope_s, rows, fast)
+    slower, claim = rows.of(slow), f"the network's way is much the faster {pair}"
+    ours, rule = f"faster on {percent(_wins(rows.of(fast), slower), 0)} of the queries", "on at least 90 %"
+    yield judge(claim, "yes", ours, rule, lambda own: _wins(rows.of(own(fast)), slower) >= 0.9, rows, fast)
 
 
 @experiment("Fig. 12 and Table 4, static", "Regions and paths on five maps", {"repeats": 2})

@@ -10,7 +10,7 @@ import pytest
 
 from nnpp_edge.benchmarks.unseen import Site
 from nnpp_edge.reproduction.regions import shuffled
-from nnpp_edge.runtime import NetworkModel
+from nnpp_edge.runtime.network.model_file import model_path
 from nnpp_edge.terrain.dem import sample_dem
 from nnpp_edge.terrain.workloads import workload
 
@@ -33,6 +33,6 @@ def test_prices_are_near_the_truth_and_no_fault_is_as_near(name, most):
         return np.sqrt(((prices - truth) ** 2).mean())
 
     faults = {name: error(fault(prices)) for name, fault in FAULTS.items()}
-    faults["shuffled"] = error(site.prices("network", shuffled(NetworkModel("unseen"))))
+    faults["shuffled"] = error(site.prices("network", shuffled(model_path("unseen"))))
     assert error(prices) < most < min(faults.values()), faults
     assert error(site.prices("slope")) > 1.5 * most

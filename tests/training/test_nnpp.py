@@ -7,8 +7,9 @@ import pytest
 import torch
 from torch import nn
 
-from nnpp_edge.model.network import count_macs, encode
+from nnpp_edge.model.network import Network, count_macs, encode
 from nnpp_edge.model.nnpp import NNPP, PRIOR_LOGIT, Conv2d
+from nnpp_edge.model.registry import Spec
 from nnpp_edge.runtime.errors import ModelError
 from nnpp_edge.runtime.network.inference import NetworkModel
 from nnpp_edge.training.checkpoint import load_checkpoint
@@ -47,9 +48,9 @@ def test_the_shipped_weights_give_the_shipped_models_answers():
 
 
 def test_what_cannot_be_built_or_shown_is_refused():
-    for arguments in ({"input_size": 0}, {"input_size": 192}, {"width": 0}, {"width": 15}):
-        with pytest.raises(ModelError, match="must be"):
-            on_meta(**arguments)
+    for size, width in ((0, 64), (192, 64), (256, 0), (256, 15)):
+        with pytest.raises(ModelError, match="must be"), torch.device("meta"):
+            Network(Spec("nnpp", size, options={"width": width}))
     for shape in ((1, 3, 256, 256), (1, 1, 128, 128), (3, 128, 128)):
         with pytest.raises(ModelError, match=r"input must be \(N, 3, 128, 128\)"):
             on_meta(128, 2)(torch.empty(shape, device="meta"))
