@@ -133,21 +133,13 @@ def quantize(
 ) -> QuantizeReport:
     """Make an int8 model (static, QDQ) of an fp32 file or a shipped model, and measure it against its source.
 
-    Parameters
-    ----------
-    output : Path
-        The int8 file; written last, whole or not at all, whatever the recommendation.
-    dataset, validation : Path
-        Data set to calibrate on, and one to judge on; without that, a quarter of `dataset`'s maps is held out.
-    samples, rounds : int
-        Queries to calibrate on, drawn at random; timed runs of each model.
-    exclude : names
-        Nodes to leave float, as those of the head are in any case.
+    The `output` is written last, whole or not at all, whatever the recommendation. It is calibrated on so many
+    `samples` of `dataset`, queries drawn at random, and judged on `validation`, without that on a quarter of
+    `dataset`'s maps, which is held out. Each model is timed `rounds` times.
 
-    Notes
-    -----
-    The head (the last convolution and what does not lead to it) stays float: it costs next to nothing, and its
-    error would be that of the probabilities. The rest are measured choices (docs/decisions/papers-network.md).
+    The nodes in `exclude` stay float, and the head (the last convolution and what does not lead to it): it costs next
+    to nothing, and its error would be that of the probabilities. The rest are measured choices
+    (docs/decisions/papers-network.md).
     """
     if not output.parent.is_dir():
         raise OutputError(f"{output}: its folder does not exist")

@@ -16,10 +16,10 @@ import click
 import numpy as np
 
 from nnpp_edge.profiling.contest import Harness
-from nnpp_edge.profiling.suites import Case, TerrainFiles, heights_of, terrain_cases
+from nnpp_edge.profiling.suites import TerrainFiles, heights_of, terrain_cases
 from nnpp_edge.runtime import DynamicPlanner, Plan, Planner, Vehicle
 from nnpp_edge.runtime.arrays import Float2D
-from nnpp_edge.runtime.cells import Cell, Endpoints
+from nnpp_edge.runtime.cells import Cell
 from nnpp_edge.runtime.map.ground import Ground
 from nnpp_edge.runtime.planners.query import PlanOptions
 
@@ -29,12 +29,6 @@ TICKS, STEP, NEAR_CELLS, ROCK_CELLS = 40, 2, 25, 8
 """Ticks of a drive on which the map changes; states driven in between; where it changes, from the robot; its size."""
 STRIDE = 24
 """States that are driven between two plans of a drive whose cost counts."""
-
-
-def queries(terrain: TerrainFiles, size: int, seed: int) -> Iterator[tuple[Case, Endpoints]]:
-    """Maps with rocks on a tenth of the ground, and two queries on each, without end."""
-    for case in terrain_cases(terrain.read(), "body-rocks10", size, seed, vehicle=BODY):
-        yield from ((case, query) for query in case.queries[:QUERIES_OF_A_MAP])
 
 
 def first_plan(make: Callable[[], Ground], start: Cell, goal: Cell, options: PlanOptions) -> Plan:
@@ -96,7 +90,9 @@ def measured(
     flat = Planner.of_elevation(np.zeros((80, 80), np.float32), cell_size_m, vehicle=vehicle, warn=False)
     for method in ("corridor", "astar"):
         flat.plan((20, 20), (60, 70), method=method)
-    for case, (start, goal) in islice(queries(TerrainFiles(terrain, cell_size_m), size, seed), 4 * count):
+    cases = terrain_cases(TerrainFiles(terrain, cell_size_m).read(), "body-rocks10", size, seed, vehicle=BODY)
+    drawn = ((case, query) for case in cases for query in case.queries[:QUERIES_OF_A_MAP])
+    for case, (start, goal) in islice(drawn, 4 * count):
         begin, end = rng.uniform(0.0, 360.0, 2)
         options: PlanOptions = {"start_heading_deg": begin, "goal_heading_deg": end if fixed else None}
         height_m, width_m = case.ground.sides_m

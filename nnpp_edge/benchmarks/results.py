@@ -150,26 +150,22 @@ def _readme(found: Results) -> Iterator[Sequence[str]]:
 
 
 _LAZY = "lazy / eager"
-TABLES: dict[str, tuple[Sequence[str], Callable[[Results], Iterator[Sequence[str]]]]] = {
-    "readme": (("", "n", "exact A\\*", "corridor, no learning", "network's region (`nnpp`)"), _readme),
+TABLES: dict[str, tuple[str, Callable[[Results], Iterator[Sequence[str]]]]] = {
+    "readme": (" | n | exact A\\* | corridor, no learning | network's region (`nnpp`)", _readme),
     READY: (
-        (
-            *("workload", "size", "n", "exact A\\*, ms", "corridor: ms", "times as fast", "gap"),
-            *("`nnpp`: ms", "times as fast", "gap", "first region"),
-        ),
+        "workload | size | n | exact A\\*, ms | corridor: ms | times as fast | gap | "
+        "`nnpp`: ms | times as fast | gap | first region",
         _ready,
     ),
     FRESH: (
-        (
-            *("", "n", f"exact A\\*: {_LAZY}", f"corridor: {_LAZY}", "gap", f"`nnpp`: {_LAZY}", "gap"),
-            *(f"control `corridor-narrow`: {_LAZY}", "gap"),
-        ),
+        f" | n | exact A\\*: {_LAZY} | corridor: {_LAZY} | gap | `nnpp`: {_LAZY} | gap | "
+        f"control `corridor-narrow`: {_LAZY} | gap",
         _fresh,
     ),
-    BODY: (("", "n", "exact A\\*, ms", "corridor, ms", "gap", "poses checked", "drawn without a path"), _body),
-    "arcs": (("", "solved", "exact, ms", "first plan, ms (p95, p99)", "gap", "driven", "tick, ms (p99, max)"), _arcs),
+    BODY: (" | n | exact A\\*, ms | corridor, ms | gap | poses checked | drawn without a path", _body),
+    "arcs": (" | solved | exact, ms | first plan, ms (p95, p99) | gap | driven | tick, ms (p99, max)", _arcs),
 }
-"""By the names that stand in the pages: heads of columns, and lines."""
+"""By the names that stand in the pages: heads of columns, joined, and lines."""
 
 
 def _stamp(found: Results) -> str:
@@ -185,9 +181,10 @@ def filled(page: str, found: Results) -> str:
     """A page with the tables of these results, each between its marks."""
 
     def table(mark: re.Match[str]) -> str:
-        name = mark[2]
-        text = _stamp(found) if name == "stamp" else markdown_table(TABLES[name][0], list(TABLES[name][1](found)))
-        return mark[1] + text + mark[3]
+        if mark[2] == "stamp":
+            return mark[1] + _stamp(found) + mark[3]
+        heads, lines = TABLES[mark[2]]
+        return mark[1] + markdown_table(heads.split(" | "), list(lines(found))) + mark[3]
 
     return _MARK.sub(table, page)
 

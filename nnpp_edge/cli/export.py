@@ -39,11 +39,9 @@ def command(
 
     recipe = read_recipe(dataset) if dataset else None
     saved = load_checkpoint(checkpoint)
-    samples = (
-        read_samples(dataset, most_maps=64, size=saved.spec.input_size)
-        if dataset and recipe and not recipe.known
-        else None
-    )
+    samples = None
+    if dataset and recipe and not recipe.known:
+        samples = read_samples(dataset, most_maps=64, size=saved.spec.input_size)
     network = saved.trained()
     made = export_network(
         network,

@@ -135,14 +135,11 @@ class VehicleOptions:
 
     def _values(self) -> dict[str, object]:
         """The file's values, with what was set in their place."""
-        from nnpp_edge.terrain.vehicle_files import VehicleError, read_vehicle
+        from nnpp_edge.terrain.vehicle_files import read_mobility, read_vehicle
 
         values = read_vehicle(self.vehicle) if self.vehicle else {}
         if self.mobility_file:
-            other = read_vehicle(self.mobility_file)
-            if "mobility" not in other:
-                raise VehicleError(f"{Path(self.mobility_file).name}: wanted a table [mobility], got none")
-            values["mobility"] = other["mobility"]
+            values["mobility"] = read_mobility(self.mobility_file)
         for setting in self.settings:
             _merge(values, setting.values)
         return values

@@ -13,6 +13,7 @@ import re
 import tomllib
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import MISSING, fields, is_dataclass
+from functools import partial
 from pathlib import Path
 from typing import Annotated, Any, NamedTuple, get_args
 
@@ -158,10 +159,10 @@ class SettingType(click.ParamType):  # type: ignore[type-arg]  # as above
         return Setting(str(value), {key: content})
 
 
-def _size(word: str) -> int:
-    if not 2 <= (side := int(word)) <= LARGEST_SIDE:
+def _whole(least: int, most: int, word: str) -> int:
+    if not least <= (number := int(word)) <= most:
         raise ValueError
-    return side
+    return number
 
 
 def _bytes(word: str) -> float:
@@ -169,12 +170,6 @@ def _bytes(word: str) -> float:
     if found is None or not (number := float(found[1])):
         raise ValueError
     return number * float((1024 if found[3] else 1000) ** " kMGT".index(found[2] or " "))
-
-
-def _count(word: str) -> int:
-    if not 1 <= (count := int(word)) <= MOST:
-        raise ValueError
-    return count
 
 
 def _model(word: str) -> str:
@@ -203,8 +198,10 @@ SHARE = Real(0.0, 1.0)
 RATE = Real(0.001, 1000.0)
 MODEL = Parsed("NAME|FILE", "", _model)
 NAMES = Parsed("NAME,…", "names joined by commas", joined(str.strip))
-COUNTS = Parsed("N,…", "whole numbers of at least 1, joined by commas", joined(_count))
-SIZES = Parsed("N,…", f"sides of 2 to {LARGEST_SIDE} cells, joined by commas", joined(_size))
+COUNTS = Parsed("N,…", "whole numbers of at least 1, joined by commas", joined(partial(_whole, 1, MOST)))
+SIZES = Parsed(
+    "N,…", f"sides of 2 to {LARGEST_SIDE} cells, joined by commas", joined(partial(_whole, 2, LARGEST_SIDE))
+)
 STEP_COSTS = ("paper", "tobler", "irmischer", "linear", "time", "energy")
 MANY = {"multiple": True}
 
@@ -263,10 +260,3 @@ def _paths(values: Iterable[object]) -> Iterator[Path]:
             yield from _paths(value)
         elif isinstance(value, str | Path):
             yield Path(str(value).removeprefix("replay:"))
-
-
-def given_options() -> list[str]:
-    """Names of the running command's options that the user has given."""
-    context = click.get_current_context()
-    default = click.core.ParameterSource.DEFAULT
-    return [name for name in context.params if context.get_parameter_source(name) is not default]

@@ -28,7 +28,7 @@ from nnpp_edge.runtime.network import loading
 from nnpp_edge.runtime.planners.query import PlanOptions, problem_with
 from nnpp_edge.runtime.planners.windowed import WindowedPlanner
 from nnpp_edge.runtime.tuning import LARGE_MAP
-from nnpp_edge.terrain.blocks import Blocks, on_the_ground
+from nnpp_edge.terrain.blocks import ground_of_blocks, on_the_ground
 from nnpp_edge.terrain.dem import Dem, DemWindows
 from nnpp_edge.terrain.georeference import Place
 from nnpp_edge.terrain.route import Route
@@ -76,7 +76,7 @@ def plan_in_memory(
     limits = robot.limits()
     ground = robot.of(dem)
     if blocks.known:
-        cost, of_costs, scale = Blocks.of(dem, limits, blocks.known, blocks.prior)
+        cost, of_costs, scale = ground_of_blocks(dem, limits, blocks.known, blocks.prior)
     else:
         cost, scale = cost_of(dem, limits), 1.0
         of_costs = priced(ground, cost)

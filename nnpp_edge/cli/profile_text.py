@@ -1,6 +1,7 @@
 """The findings of `nnpp-edge profile` for people: tables on a terminal, or in Markdown."""
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
+from functools import partial
 
 from nnpp_edge.cli.text import Columns, Row, aligned, columns, table
 from nnpp_edge.profiling.contest import Facts, Figures
@@ -56,19 +57,12 @@ _WHOLE_RUN = (
 def report_text(report: Facts, *, markdown: bool = False) -> str:
     """The whole report: on a terminal the budgets come last, where the eye rests, in Markdown first."""
     results = report["results"]
-    stages = {name: _stage(name) for name in stages_of(results)}
+    stages = {name: partial(_stage, name) for name in stages_of(results)}
+    arrived = [row for row in results if row["map_ms"] is not None]
     tables: list[tuple[str, Sequence[Row], Columns]] = [
         ("Times, speed-ups and path costs", results, _RESULTS),
-        (
-            "Mean ms by stage, and share of the whole",
-            results,
-            {**_PLACE, **stages},
-        ),
-        (
-            "Maps and patches of elevations that have just arrived",
-            [row for row in results if row["map_ms"] is not None],
-            _ARRIVALS,
-        ),
+        ("Mean ms by stage, and share of the whole", results, {**_PLACE, **stages}),
+        ("Maps and patches of elevations that have just arrived", arrived, _ARRIVALS),
         ("The onboard loop: from a patch's arrival to the checked path", report["loop"], _LOOP),
     ]
     head = "## " if markdown else ""
@@ -87,15 +81,11 @@ def report_text(report: Facts, *, markdown: bool = False) -> str:
     return "\n\n".join([*filter(None, parts), "\n".join([*reasons, report["summary"]])])
 
 
-def _stage(name: str) -> Callable[[Row], str]:
+def _stage(name: str, row: Row) -> str:
     """A stage's mean and share, of a row of results."""
-
-    def shown_of(row: Row) -> str:
-        if (spread := row["stages_ms"].get(name)) is None:
-            return MISSING
-        return f"{spread['mean']:.3f} {100 * spread['mean'] / row['time_ms']['mean']:3.0f} %"
-
-    return shown_of
+    if (spread := row["stages_ms"].get(name)) is None:
+        return MISSING
+    return f"{spread['mean']:.3f} {100 * spread['mean'] / row['time_ms']['mean']:3.0f} %"
 
 
 def _sentences(report: Facts) -> Iterator[str]:

@@ -112,7 +112,8 @@ def _ground(path: Path, robot: GroundOptions) -> "Ground":
 
     if (found := read_cost_map(path)) is None:
         return robot.of(robot.read(path))
-    of_heights = {field.name for field in fields(GroundOptions)} & set(options.given_options())
-    if wrong := [each.opts[0] for each in click.get_current_context().command.params if each.name in of_heights]:
+    context, default = click.get_current_context(), click.core.ParameterSource.DEFAULT
+    given = {field.name for field in fields(GroundOptions) if context.get_parameter_source(field.name) is not default}
+    if wrong := [each.opts[0] for each in context.command.params if each.name in given]:
         raise click.UsageError(f"{path.name} holds costs: {wrong[0]} needs elevations")
     return Ground(found[0], cell_size_m=found[1])

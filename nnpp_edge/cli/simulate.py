@@ -83,10 +83,8 @@ def command(
     from nnpp_edge.viz.picture import save_picture
 
     robot.limits()  # those that make no sense are refused before any work
-    body, settings = (
-        robot.body(),
-        SimulationSettings(method, model, rate, ticks, changes, sight, speed, seed, endless, steering_noise),
-    )
+    body = robot.body()
+    settings = SimulationSettings(method, model, rate, ticks, changes, sight, speed, seed, endless, steering_noise)
     if picture is not None:
         check_name(picture)
     written = [str(file) for file in (log, picture) if file is not None]
@@ -151,13 +149,11 @@ def text(drive: "Drive", result: dict[str, Any], name: str) -> str:
     """The result for people, on a part of the map of this name."""
     ticks = drive.counters
     degraded = ", ".join(f"{count} {kind}" for kind, count in sorted(ticks.degraded.items())) or "none"
+    ended = "goal reached" if drive.reached else "GOAL NOT REACHED"
+    ended = f"{drive.goals} goals reached" if drive.goals > 1 else ended
     excess = "" if drive.excess is None else f": driven {100.0 * drive.excess:+.1f} %"
     lines = {
-        f"{drive.goals} goals reached"
-        if drive.goals > 1
-        else "goal reached"
-        if drive.reached
-        else "GOAL NOT REACHED": (f"{drive.method}, {result['start']} to {result['goal']}"),
+        ended: f"{drive.method}, {result['start']} to {result['goal']}",
         "map": f"{result['rows']} × {result['cols']} cells of {name}, from cell {result['row'], result['col']} on",
         "ticks": f"{ticks.ticks}: {ticks.planned} planned, {ticks.kept} kept their path, {ticks.failed} without one",
         "degraded": f"{degraded}; {ticks.overruns} late",

@@ -25,8 +25,6 @@ Figures = dict[str, str | float | None]
 Columns = Mapping[str, list[float]]
 """The values of all rows by the names of their figures."""
 Summary = Mapping[str, Callable[[Columns], float | None]]
-FIRST_SOURCES = (Source.MAP, Source.REGION)
-"""Where a path comes from that was found before any region was widened."""
 
 
 @dataclass(frozen=True)
@@ -35,9 +33,7 @@ class Record(Generic[CaseT, ResultT]):
 
     case: CaseT
     elapsed_s: tuple[float, ...]
-    """Seconds of each call."""
     results: tuple[ResultT, ...]
-    """The result of each call."""
 
     @property
     def median_s(self) -> float:
@@ -117,7 +113,7 @@ def _no_garbage_collection() -> Iterator[None]:
 
 def answer(plan: Plan, time_ms: float, optimum: float, exact_ms: float | None) -> Row:
     """A plan's figures beside the optimum's cost; `exact_ms` is exact A*'s time, where it was measured."""
-    first = plan.source in FIRST_SOURCES
+    first = plan.source in (Source.MAP, Source.REGION)  # before any region was widened
     found: Row = {"time_ms": time_ms, "first": first, "solved": plan.ok, "expansions": plan.expansions}
     found |= {"costs_computed": plan.costs_computed}
     if exact_ms is not None:

@@ -117,12 +117,10 @@ class _OnMap:
     """The rivals on the map of one case, as functions of a query."""
 
     def __init__(self, case: Case, rivals: Sequence[RivalPlanner], fresh_map: bool) -> None:
-        body = case.ground.vehicle is not None
+        body = case.ground.vehicle
         self._ground, self._cells, self._rivals = case.ground, case.cost.size, rivals
-        self.poses = 0
-        if case.ground.vehicle is not None:
-            motions = all_motions(case.ground.vehicle, case.ground.sides_m)
-            self.poses = int(motions.poses_of[2 * AXES]) * case.cost.size
+        in_cell = 0 if body is None else int(all_motions(body, case.ground.sides_m).poses_of[2 * AXES])
+        self.poses = in_cell * case.cost.size
         """Of a vehicle's body on the map; 0 of a point."""
         how = (True, False) if fresh_map else (True,) if body else ()
         self._fresh = {

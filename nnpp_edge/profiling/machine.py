@@ -83,10 +83,9 @@ def _core_name(implementer: str, part: str) -> str:
 
 
 def _version(package: str) -> str | None:
-    try:
+    with suppress(PackageNotFoundError):
         return version(package)
-    except PackageNotFoundError:
-        return None
+    return None
 
 
 @contextmanager

@@ -92,25 +92,21 @@ class ProfileMaps:
     def __init__(self, load: Load) -> None:
         self.load = load
         self._vehicle = None if load.vehicle is None else load_vehicle(load.vehicle)
-        self._dems: list[Dem] = []
+        self.dems: list[Dem] = []
         for name in () if load.terrain == (SYNTHETIC,) else load.terrain:
             paths = () if name == SAMPLE else (Path(name),)
-            self._dems += TerrainFiles.or_sample(paths, load.rescale, load.cell_size).read()
-        largest = max(self._dems, key=lambda dem: min(dem.shape), default=None)
-        if largest is not None and not any(large_enough(self._dems, size) for size in load.sizes):
+            self.dems += TerrainFiles.or_sample(paths, load.rescale, load.cell_size).read()
+        largest = max(self.dems, key=lambda dem: min(dem.shape), default=None)
+        if largest is not None and not any(large_enough(self.dems, size) for size in load.sizes):
             (rows, cols), least = largest.shape, min(load.sizes)
             raise TerrainError(
                 f"{largest.source}: wanted at least {least} × {least} cells, the size to be measured, got {rows} × "
                 f"{cols}; --sizes {min(rows, cols)} measures on it"
             )
 
-    def source(self, size: int) -> str:
-        """Name of the terrain that maps of this size come from."""
-        return source_of(self._dems, size)
-
     def maps(self, name: str, size: int) -> Iterator[Case]:
         """Maps of one workload and size with their queries, without end."""
-        return terrain_cases(self._dems, name, size, self.load.seed, self.load.min_distance, self._vehicle)
+        return terrain_cases(self.dems, name, size, self.load.seed, self.load.min_distance, self._vehicle)
 
 
 def rivals_of(networks: Networks, device: Device) -> list[RivalPlanner]:
@@ -146,7 +142,7 @@ def run(
     load = profile.load
     maps, session = ProfileMaps(load), _Session(profile, rivals, sensors)
     runs = [
-        WorkloadRun(name, size, maps.source(size), {rival.name: Answers() for rival in rivals})
+        WorkloadRun(name, size, source_of(maps.dems, size), {rival.name: Answers() for rival in rivals})
         for name, size in product(load.workloads, load.sizes)
     ]
     disturbance = [Disturbance(cores) for _ in range(HALVES)]
@@ -200,10 +196,6 @@ class _Session:
         """Have all planners answer the queries on one map, and count the answers."""
         rivals = {rival.name: rival for rival in self._rivals}
         planners = {name: rival.planner(on_map.standing) for name, rival in rivals.items()}
-
-        def call(name: str) -> Callable[[Endpoints], Plan]:
-            return lambda query: rivals[name].plan(planners[name], query)
-
         energy, worked_s = self._meter.read(), 0.0
 
         def before(name: str) -> None:
@@ -220,7 +212,7 @@ class _Session:
             if plan.method is Method.NNPP:  # this thread may have waited for threads of its own
                 disturbance.leave_out(elapsed_s, worked)
 
-        calls = {name: call(name) for name in rivals}
+        calls = {name: partial(lambda name, query: rivals[name].plan(planners[name], query), name) for name in rivals}
         for answer in calls.values():
             answer(queries[0])  # the map's own work, and warm caches
         repeats = self._profile.load.repeats

@@ -9,7 +9,7 @@ from nnpp_edge.profiling.contest import Facts, Harness
 from nnpp_edge.profiling.figures import break_even, loop_rows, rows
 from nnpp_edge.profiling.judge import MOST_DISTURBED, Noise, WholeRun, judged, summary, verdict
 from nnpp_edge.profiling.machine import Disturbance, environment, pinned
-from nnpp_edge.profiling.measure import ProfileMaps, Run, rivals_of, run
+from nnpp_edge.profiling.measure import ProfileMaps, rivals_of, run
 from nnpp_edge.profiling.processes import peak_memory_mb, start_up
 from nnpp_edge.profiling.profile_file import LOOP, STARTS, SYNTHETIC, Profile
 from nnpp_edge.profiling.rivals import RivalPlanner
@@ -53,6 +53,10 @@ def profile_machine(
     lines = judged(profile, results, whole_run, noise, loop)
     of_points = [row for row in results if body_rocks(row["workload"]) is None]
     ending = verdict(lines, noise)
+    halves = [
+        {"waited_share": half.waited_share(), "others_share": half.others_share(), "measured_s": half.elapsed_s}
+        for half in measured.disturbance
+    ]
     return {
         "schema": SCHEMA,
         "version": __version__,
@@ -64,7 +68,7 @@ def profile_machine(
         "results": results,
         "loop": loop,
         "break_even": break_even(of_points or results),
-        "disturbance": {"words": noise.words, "halves": _halves(measured)},
+        "disturbance": {"words": noise.words, "halves": halves},
         "sensors": sensor_facts(sensors.readings, sensors.limits),
         "besides": whole_run,
         "cores": cores,
@@ -97,13 +101,6 @@ def _whole_run(
         for key, figure in start_up(method, loop=name == LOOP).items():
             found.setdefault(key, {})[name] = figure
     return found
-
-
-def _halves(measured: Run) -> list[Facts]:
-    return [
-        {"waited_share": half.waited_share(), "others_share": half.others_share(), "measured_s": half.elapsed_s}
-        for half in measured.disturbance
-    ]
 
 
 def _noise(halves: Sequence[Disturbance], slowed: Throttling) -> Noise:

@@ -51,11 +51,6 @@ class Stored(msgspec.Struct):
     notes: list[str]
     summary: str
 
-    @property
-    def link(self) -> str:
-        """To its section in the index."""
-        return f"[{self.where}](#{self.name})"
-
 
 def reproduce(
     names: Sequence[str],
@@ -70,19 +65,12 @@ def reproduce(
 ) -> Iterator[tuple[Stored, bool]]:
     """Run experiments, one at a time: what is kept of each, and whether it was run or complete already.
 
-    The folder's page is brought up to date after each. InvalidQueryError if the terrain is too small for one;
-    TerrainError, ModelError or OutputError where a file is at fault.
+    The `names` are of `EXPERIMENTS`, the `models` networks of the paper's method and of ours, `queries` the number of
+    timed ones in place of the settings' own; what is complete is run `again` only if that is asked for. The folder's
+    page is brought up to date after each.
 
-    Parameters
-    ----------
-    names : sequence of str
-        Of `EXPERIMENTS`.
-    models : (str, str)
-        Networks of the paper's method, and of ours.
-    queries : int, optional
-        Timed queries, where not the settings' own.
-    again : bool
-        Run what is complete, too.
+    InvalidQueryError if the terrain is too small for one; TerrainError, ModelError or OutputError where a file is at
+    fault.
     """
     dems, networks = terrain.read(), Networks(*map(NetworkModel, models))
     files = dict(zip(BOTH, map(read_model_file, models), strict=True))
@@ -149,7 +137,7 @@ def read_experiment(folder: Path) -> Stored | None:
 def _write_index(output: Path) -> None:
     """The folder's page: verdicts first, then each experiment with its table and picture."""
     stored = [found for name in EXPERIMENTS if (found := read_experiment(output / name)) is not None]
-    quick = ", ".join(of.where for of in stored if of.quick)
+    quick, link = ", ".join(of.where for of in stored if of.quick), "[{0.where}](#{0.name})".format
     parts = [
         "# The paper's experiments, repeated",
         "NNPP (Ji et al., arXiv 2308.04792v3), its experiments on our terrain with this toolkit, each beside the "
@@ -159,12 +147,12 @@ def _write_index(output: Path) -> None:
         *[f"**{quick}: smoke runs (`--quick`), far too small to conclude anything from.**"] * bool(quick),
     ]
     counts = [
-        (of.link, of.title, *(str(sum(f.verdict is verdict for f in of.findings) or "–") for verdict in Verdict))
+        (link(of), of.title, *(str(sum(f.verdict is verdict for f in of.findings) or "–") for verdict in Verdict))
         for of in stored
     ]
     parts.append(markdown_table(("", "experiment", "agrees", "better", "does not agree"), counts))
     for verdict, head in _HEADS.items():
-        lines = [(of.link, *finding_cells(f)) for of in stored for f in of.findings if f.verdict is verdict]
+        lines = [(link(of), *finding_cells(f)) for of in stored for f in of.findings if f.verdict is verdict]
         if lines:
             parts += [f"## {head}", markdown_table(_COLUMNS, lines)]
     for of in stored:

@@ -1,7 +1,6 @@
 """A coarse map to plan over block by block, each by what crossing it is expected to cost."""
 
 from dataclasses import replace
-from typing import NamedTuple
 
 import numpy as np
 
@@ -16,20 +15,14 @@ _DEAREST = np.float32(0.999)
 """Cost that is shown of a block that counts as more: none is impassable."""
 
 
-class Blocks(NamedTuple):
-    """A map whose cells are blocks of the robot's own cells."""
+def ground_of_blocks(dem: Dem, limits: Traversability, factor: int, prior: str) -> tuple[Float2D, Ground, float]:
+    """A map whose cells are blocks of `factor` × `factor` of the robot's own; errors as of `prices_by`.
 
-    cost: Float2D
-    """(H, W) their prices in units of T, below 1, to be shown."""
-    ground: Ground
-    """Their prices divided by `scale`, to be planned on with that much more weight."""
-    scale: float = PRICE_SCALE
-
-    @classmethod
-    def of(cls, dem: Dem, limits: Traversability, factor: int, prior: str) -> "Blocks":
-        """Of the means of `factor` × `factor` cells; errors as of `network.priors.prices_by`."""
-        prices = prices_by(prior, dem.elevation, limits, dem.cell_size_m, factor)
-        return cls(np.minimum(prices, _DEAREST), Ground(prices / np.float32(PRICE_SCALE)))
+    (H, W) prices in units of T, below 1, to be shown; a ground of prices divided by a scale, to be planned on with
+    that much more weight; the scale.
+    """
+    prices = prices_by(prior, dem.elevation, limits, dem.cell_size_m, factor)
+    return np.minimum(prices, _DEAREST), Ground(prices / np.float32(PRICE_SCALE)), PRICE_SCALE
 
 
 def on_the_ground(plan: Plan, ground: Ground, scale: float) -> Plan:

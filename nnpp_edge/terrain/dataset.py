@@ -173,7 +173,7 @@ def read_known(folder: Path) -> KnownMaps:
     shards = list(read_shards(folder, recipe))
     if not shards:
         raise DataSetError(f"{folder}: wanted at least one shard, got none")
-    return KnownMaps.of({field.name: np.concatenate([s[field.name] for s in shards]) for field in fields(KnownMaps)})
+    return KnownMaps(*(np.concatenate([shard[field.name] for shard in shards]) for field in fields(KnownMaps)))
 
 
 def read_recipe(folder: Path) -> Recipe:
@@ -207,8 +207,7 @@ def read_samples(folder: Path, most_maps: int | None = None, *, size: int | None
             break
     if not parts:
         raise DataSetError(f"{folder}: wanted at least one shard, got none")
-    names = [field.name for field in fields(Samples)]
-    return Samples.of({name: np.concatenate([getattr(part, name) for part in parts]) for name in names})
+    return Samples(*(np.concatenate([getattr(part, field.name) for part in parts]) for field in fields(Samples)))
 
 
 def _claim(recipe: Recipe, folder: Path) -> None:

@@ -1,7 +1,6 @@
 """Training maps of which blocks are known coarsely: their mean elevations, and what their cells turn out to be."""
 
 import math
-from collections.abc import Mapping
 from dataclasses import dataclass, fields
 
 import cv2
@@ -33,11 +32,6 @@ class KnownMaps:
     slope_limit_deg: Floats
     hard_slope_deg: Floats
     """(M,) limits of the slope; inf for none."""
-
-    @classmethod
-    def of(cls, arrays: Mapping[str, NDArray[np.generic]]) -> "KnownMaps":
-        """The arrays of these names; others are left out."""
-        return cls(*(np.asarray(arrays[field.name]) for field in fields(cls)))
 
     def __len__(self) -> int:
         """Number of maps."""

@@ -79,13 +79,9 @@ def with_rocks(
     """An elevation map (metres, NaN where unknown) with rocks on it: a new (H, W) float32 array.
 
     A rock is half a ball that lies on the ground. It raises every cell that it touches by its greatest height over
-    that cell, so that none is lost between cells' middles; where rocks overlap, the highest counts.
-
-    Parameters
-    ----------
-    cover : float
-        Share of the ground under rocks of any size, from 0 to 0.2: the law's k. Drawn are rocks of 0.2 m, or half a
-        cell if that is more, to 3 m. InvalidQueryError on cells of more than 6 m.
+    that cell, so that none is lost between cells' middles; where rocks overlap, the highest counts. The share `cover`
+    of the ground, from 0 to 0.2, lies under rocks of any size: the law's k. Drawn are rocks of 0.2 m, or half a cell
+    if that is more, to 3 m. InvalidQueryError on cells of more than 6 m.
     """
     heights, sides = as_map(dem, "dem"), sides_of(cell_size_m, cell_width_m)
     wanted = max(_LEAST_M, _LEAST_CELLS * max(sides)), _GREATEST_M

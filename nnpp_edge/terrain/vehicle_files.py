@@ -41,11 +41,15 @@ def load_mobility(name: str | Path, gravity_m_s2: float | None = None) -> Mobili
     A gravity takes the place of the file's, such as `coordinates.gravity_of` a map. Raises VehicleError as
     `load_vehicle`, and where there is no such table.
     """
-    values = read_vehicle(name)
-    if "mobility" not in values:
-        raise VehicleError(f"{Path(name).name}: wanted a table [mobility], got none")
-    found = mobility_of(values["mobility"], Path(name).name)
+    found = mobility_of(read_mobility(name), Path(name).name)
     return found if gravity_m_s2 is None else found.under(gravity_m_s2)
+
+
+def read_mobility(name: str | Path) -> object:
+    """The table ``[mobility]`` of a vehicle's file, not yet checked; VehicleError where there is none."""
+    if (found := read_vehicle(name).get("mobility")) is None:
+        raise VehicleError(f"{Path(name).name}: wanted a table [mobility], got none")
+    return found
 
 
 def mobility_of(values: object, source: str) -> Mobility:

@@ -43,25 +43,14 @@ def train(
 ) -> Path:
     """Train a network, going on from the folder's checkpoint if there is one; the path of its checkpoint.
 
-    Parameters
-    ----------
-    folder : Path
-        Gets ``checkpoint.pt`` (weights, running mean, optimiser, progress; loads with weights_only) and
-        ``history.json``.
-    omega : float
-        Weight of the traversability cost per grey level, for validation's searches.
-    begin_with : Path, optional
-        Checkpoint of another run whose averaged weights a new run begins with; its input may have another size.
-    small_checkpoints : bool
-        Save the running mean of the weights alone, convolutions in 16 bits. A resumed run goes on from the mean with
-        a new optimiser, whose learning rate is warmed up again.
-    pause_after_s : float
-        Save and return after so many seconds, wherever the training is; called again it goes on.
-    report : callable
-        Called after each step with the share of the training that is done.
+    The `folder` gets ``checkpoint.pt`` (weights, running mean, optimiser, progress; loads with weights_only) and
+    ``history.json``. `omega` is the weight of the traversability cost per grey level, for validation's searches. A
+    new run begins with the averaged weights of the checkpoint `begin_with`, whose input may have another size.
 
-    Notes
-    -----
+    With `small_checkpoints` the running mean of the weights alone is saved, convolutions in 16 bits: a resumed run
+    goes on from the mean with a new optimiser, whose learning rate is warmed up again. After `pause_after_s` seconds
+    the run is saved, wherever it is; called again it goes on. `report` is called after each step with the share done.
+
     Under ``torchrun`` each process takes its share of every batch and gradients are averaged; only the first
     validates, writes and reports. ModelError where the folder's checkpoint is of another spec or `begin_with` of
     another network, DataSetError where the training set does not fit or is smaller than a batch.

@@ -14,7 +14,7 @@ from nnpp_edge.runtime.errors import InvalidQueryError
 from nnpp_edge.runtime.map.refusal import refusals
 from nnpp_edge.runtime.planners.query import PlanOptions
 from nnpp_edge.runtime.terrain.traversability import traversability_cost
-from nnpp_edge.terrain.blocks import Blocks, on_the_ground
+from nnpp_edge.terrain.blocks import ground_of_blocks, on_the_ground
 from nnpp_edge.view.asked import Asked, Method, Obstacles, Site
 from nnpp_edge.viz.picture import MOST_SHOWN
 
@@ -45,7 +45,7 @@ class Landscape:
             )
             """(H, W) traversability costs, without what is painted; of blocks their prices, below 1."""
         if blocks:
-            self.cost, planned, self._scale = Blocks.of(dem, asked.limits, blocks, site.reading["prior"])
+            self.cost, planned, self._scale = ground_of_blocks(dem, asked.limits, blocks, site.reading["prior"])
         self.warnings = [str(warning.message) for warning in told]
         self.planner = Planner(
             planned, omega=self._scale * asked.omega, corner_cutting=asked.corner_cutting, model="edge"
