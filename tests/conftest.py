@@ -115,39 +115,15 @@ def make_tiny_model(tmp_path: Path) -> Callable[..., Path]:
     return lambda **changes: write_tiny_model(tmp_path / "changed.onnx", **changes)
 
 
-BAD_DEMS = {
-    "missing": "no such file",
-    "folder": "a folder",
-    "corrupt TIFF": "cannot be read",
-    "text": "cannot be read",
-    "three bands": "got 3 bands",
-    "all NaN": "no cell with a known height",
-    "no cell size": "--cell-size",
-}
+@pytest.fixture
+def write_toml(tmp_path: Path) -> Callable[[str], Path]:
+    """Write mine.toml."""
 
+    def write(text: str) -> Path:
+        (tmp_path / "mine.toml").write_text(text)
+        return tmp_path / "mine.toml"
 
-@pytest.fixture(params=BAD_DEMS)
-def bad_dem(request: pytest.FixtureRequest, tmp_path: Path) -> tuple[Path, str]:
-    """A path that no elevation map can be read from, and a word of the error that says so."""
-    import numpy as np
-    import rasterio
-
-    flat = np.zeros((20, 20), np.float32)
-    path = tmp_path / {"all NaN": "dem.npz", "no cell size": "dem.npy", "folder": "."}.get(request.param, "dem.tif")
-    if request.param == "corrupt TIFF":
-        path.write_bytes(b"II*\0\x08\0\0\0" + bytes(range(200)))
-    elif request.param == "text":
-        path.write_text("these are no heights\n")
-    elif request.param == "three bands":
-        place = rasterio.Affine(2, 0, 0, 0, -2, 0)
-        kind = {"driver": "GTiff", "count": 3, "height": 20, "width": 20, "dtype": "float32", "transform": place}
-        with rasterio.open(path, "w", **kind) as dataset:
-            dataset.write(np.stack([flat, flat, flat]))
-    elif request.param == "all NaN":
-        np.savez(path, elevation_m=flat * np.nan, cell_size_m=1.0)
-    elif request.param == "no cell size":
-        np.save(path, flat)
-    return path, BAD_DEMS[request.param]
+    return write
 
 
 @dataclass(frozen=True)

@@ -152,6 +152,12 @@ profile                                        | --profile
 profile --profile quick --json --markdown      | --json
 profile --queries 5 compare a.json b.json      | compare
 profile --profile slow                         | 'slow' | quick
+evaluate                                       | give either --terrain FILE or --synthetic
+evaluate text.txt --methods astar              | text.txt: wanted GeoTIFF
+$EVAL --json --markdown                        | give one of --json and --markdown
+$EVAL --methods best                           | --methods must be of auto, astar | got best
+$EVAL --methods astar --sizes 512              | at least 512 × 512 cells
+run --map text.txt --ticks 1                   | text.txt: wanted GeoTIFF
 $EVAL --workload body                          | --workload body needs a vehicle
 $EVAL --vehicle small-rover                    | for the workloads body and body-rocksN
 $EVAL --set radius_m=1 --workload body         | a disc has no poses

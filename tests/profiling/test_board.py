@@ -71,9 +71,6 @@ def test_a_report_as_a_row():
         "others took": "3.4 %",
         "throttled": "no",
     }
-
-
-def test_a_machine_that_tells_nothing():
     nothing = {"sensors": {"throttled": "", "clock_mhz": {}, "temperature_c": {}}}
     told = board(REPORT | nothing)
     assert (told["throttled"], told["clock"]) == ("not told", "2400 MHz, not told while it ran")

@@ -121,16 +121,6 @@ def test_limits_and_weight_of_ones_own_are_taken(nnpp_edge, terrain):
     nnpp_edge(*words, "--workload", "limit20", "--limit", "hard_slope_deg=15").refused("leave out --limit")
 
 
-def test_wrong_use_is_one_line(nnpp_edge, terrain, tiny_model, bad_dem):
-    assert nnpp_edge("evaluate").code == 2
-    nnpp_edge("evaluate", terrain, "--json", "--markdown").refused("--json", "--markdown")
-    assert nnpp_edge("evaluate", terrain, "--methods", "best").code == 2
-    nnpp_edge("evaluate", terrain, "--sizes", 512, "--model", tiny_model).refused("at least 512 × 512 cells")
-    nnpp_edge("evaluate", terrain, "--model", "nosuch").refused("nosuch")
-    path, word = bad_dem
-    nnpp_edge("evaluate", path, "--model", tiny_model).refused(word)
-
-
 def test_terrain_without_two_passable_cells_is_refused(tmp_path):
     np.savez(tmp_path / "dem.npz", elevation_m=np.indices((24, 24), np.float32)[0], cell_size_m=1.0)
     with pytest.raises(InvalidQueryError, match="no two passable cells"):

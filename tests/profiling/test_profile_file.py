@@ -17,15 +17,6 @@ workloads = ["soft"]
 """
 
 
-@pytest.fixture
-def write(tmp_path):
-    def write(text):
-        (tmp_path / "mine.toml").write_text(text)
-        return tmp_path / "mine.toml"
-
-    return write
-
-
 def test_what_is_shipped_can_be_read_and_has_budgets():
     names = [path.stem for path in SHIPPED.glob("*.toml")]
     assert len(names) == 5
@@ -34,8 +25,8 @@ def test_what_is_shipped_can_be_read_and_has_budgets():
         assert profile.name == name and profile.budgets and profile.title != name
 
 
-def test_a_profile_says_what_stands_in_it(write):
-    profile = read_profile(write(GOOD))
+def test_a_profile_says_what_stands_in_it(write_toml):
+    profile = read_profile(write_toml(GOOD))
     assert (profile.name, profile.planner) == ("mine", "corridor")
     assert (profile.device.cores, profile.device.threads) == ((0, 1), 1)
     assert (profile.load.sizes, profile.load.workloads, profile.load.terrain) == ((64, 128), ("soft",), ("sample",))
@@ -90,40 +81,40 @@ def test_a_profile_says_what_stands_in_it(write):
         ("[device]", "[loop]\nspeed = 1\n[device]", ["loop: Object contains unknown field speed"]),
     ],
 )
-def test_a_bad_profile_is_refused_with_the_key(write, old, new, words):
+def test_a_bad_profile_is_refused_with_the_key(write_toml, old, new, words):
     assert old in GOOD
     with pytest.raises(ProfileError) as refused:
-        read_profile(write(GOOD.replace(old, new, 1)))
+        read_profile(write_toml(GOOD.replace(old, new, 1)))
     told = str(refused.value)
     assert "\n" not in told and "mine.toml" in told
     for word in words:
         assert word in told
 
 
-def test_a_vehicle_has_workloads_beside_a_points(write):
+def test_a_vehicle_has_workloads_beside_a_points(write_toml):
     text = GOOD.replace('workloads = ["soft"]', 'workloads = ["body-rocks5", "soft", "body"]\nvehicle = "tracked"')
-    profile = read_profile(write(text))
+    profile = read_profile(write_toml(text))
     assert profile.load.workloads == ("body-rocks5", "soft", "body") and profile.load.vehicle == "tracked"
     other, _ = overridden(profile, vehicle="a/folder/own.toml")
     assert other.load.vehicle == "a/folder/own.toml" and other.facts()["load"]["vehicle"] == "own.toml"
     with pytest.raises(ProfileError, match="vehicle: wanted none without"):
-        overridden(read_profile(write(GOOD)), vehicle="tracked")
+        overridden(read_profile(write_toml(GOOD)), vehicle="tracked")
 
 
-def test_the_loop_is_run_where_a_budget_asks_for_its_reactions(write):
-    assert read_profile(write(GOOD)).reactions_at == frozenset()
-    assert read_profile(write(GOOD)).arriving == {"corridor"}
+def test_the_loop_is_run_where_a_budget_asks_for_its_reactions(write_toml):
+    assert read_profile(write_toml(GOOD)).reactions_at == frozenset()
+    assert read_profile(write_toml(GOOD)).arriving == {"corridor"}
     budgets = """budgets = [
   { name = "react", quantity = "reaction_ms", limit = 3, direction = "at most", unit = "ms", size = 64 },
   { name = "map", quantity = "map_ms_p99", limit = 3, direction = "at most", unit = "ms", planner = "nnpp" },
 """
-    profile = read_profile(write(GOOD.replace("budgets = [\n", budgets)))
+    profile = read_profile(write_toml(GOOD.replace("budgets = [\n", budgets)))
     assert profile.budgets[0].planner == "loop"
     assert profile.reactions_at == {("soft", 64)} and profile.arriving == {"corridor", "nnpp"}
 
 
-def test_another_load_leaves_out_budgets_of_sizes_that_are_gone(write):
-    profile, dropped = overridden(read_profile(write(GOOD)), sizes=(64,), queries=None, seed=4)
+def test_another_load_leaves_out_budgets_of_sizes_that_are_gone(write_toml):
+    profile, dropped = overridden(read_profile(write_toml(GOOD)), sizes=(64,), queries=None, seed=4)
     assert dropped == ["gap"] and [budget.name for budget in profile.budgets] == ["fast"]
     assert (profile.load.sizes, profile.load.seed, profile.load.queries) == ((64,), 4, 60)
     with pytest.raises(ProfileError, match="sizes"):

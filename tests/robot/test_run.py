@@ -254,11 +254,6 @@ def test_ticks_end_it_and_the_profile_and_its_model_count(replayed, dem, tmp_pat
     assert "ready: dstar at 80 Hz" in replayed(dem, *words, "--method", "dstar", "--rate", "80").err
 
 
-def test_a_map_that_cannot_be_read_is_told(nnpp_edge, bad_dem):
-    path, words = bad_dem
-    nnpp_edge("run", "--map", path, "--ticks", "1").refused(words)
-
-
 def test_answers_go_back_to_where_inputs_come_from():
     assert Wiring().output_kinds == ("stdout",)
     assert Wiring(input="replay:x").output_kinds == ("stdout",)

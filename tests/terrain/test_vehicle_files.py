@@ -23,15 +23,6 @@ TIME = "[mobility.time]\nslope_deg = [-10, 0, 10]\nspeed_m_s = [0.5, 1, 0.25]\n"
 WALKER = "[mobility.irmischer]\non_path = true\nfactor = 0.95\n"
 
 
-@pytest.fixture
-def write(tmp_path):
-    def write(text):
-        (tmp_path / "mine.toml").write_text(text)
-        return tmp_path / "mine.toml"
-
-    return write
-
-
 def test_what_is_shipped_can_be_read():
     assert shipped_vehicles() == ["large-rover", "small-rover", "tracked"]
     small, large, tracked = map(load_vehicle, ("small-rover", "large-rover", "tracked"))
@@ -44,25 +35,25 @@ def test_what_is_shipped_can_be_read():
         assert mobility.time is not None and mobility.energy is not None and mobility.energy.mass_kg > 1.0
 
 
-def test_a_vehicle_has_what_stands_in_its_file_and_defaults_else(write):
-    found = load_vehicle(write(BODY + "axles = 4\nunknown_passes = true\nmax_roll_deg = 15\n"))
+def test_a_vehicle_has_what_stands_in_its_file_and_defaults_else(write_toml):
+    found = load_vehicle(write_toml(BODY + "axles = 4\nunknown_passes = true\nmax_roll_deg = 15\n"))
     assert found == Vehicle(1.5, 1.0, 0.3, axles=4, unknown_passes=True, max_roll_deg=15.0)
-    assert load_vehicle(str(write(BODY))) == Vehicle(1.5, 1.0, 0.3)
+    assert load_vehicle(str(write_toml(BODY))) == Vehicle(1.5, 1.0, 0.3)
     lines = {"unknown_passes": "true", "turns_on_spot": "true", "axles": "3", "length_m": "9.0", "width_m": "9.0"}
     lines |= {f"max_{name}_deg": "12.5" for name in ("tilt", "pitch", "roll")}
     names = [field.name for field in fields(Vehicle) if field.name != "radius_m"]
-    found = load_vehicle(write("\n".join(f"{name} = {lines.get(name, '1.25')}" for name in names)))
+    found = load_vehicle(write_toml("\n".join(f"{name} = {lines.get(name, '1.25')}" for name in names)))
     assert {getattr(found, name) for name in names} == {True, 3, 9.0, 1.25, 12.5}
-    assert load_vehicle(write("radius_m = 0.5")) == Vehicle(radius_m=0.5)
+    assert load_vehicle(write_toml("radius_m = 0.5")) == Vehicle(radius_m=0.5)
 
 
-def test_a_mobility_has_what_stands_in_its_tables_and_defaults_else(write):
+def test_a_mobility_has_what_stands_in_its_tables_and_defaults_else(write_toml):
     energy, table = EnergyCost(50.0, 0.1, recovery=0.5), TimeCost((-10.0, 0.0, 10.0), (0.5, 1.0, 0.25))
     wanted = Mobility(ToblerCost(factor=0.6), LinearCost(), table, energy, IrmischerCost(on_path=True, factor=0.95))
     for body in ("", BODY):
-        file = write(body + ENERGY + "recovery = 0.5\n" + TIME + "[mobility.tobler]\nfactor = 0.6\n" + WALKER)
+        file = write_toml(body + ENERGY + "recovery = 0.5\n" + TIME + "[mobility.tobler]\nfactor = 0.6\n" + WALKER)
         assert load_mobility(file) == wanted
-        assert not body or load_vehicle(file) == load_vehicle(write(body))
+        assert not body or load_vehicle(file) == load_vehicle(write_toml(body))
 
 
 def refused(load, file, *words):
@@ -73,7 +64,7 @@ def refused(load, file, *words):
     assert "\n" not in message and isinstance(caught.value, NnppEdgeError | ValueError)
 
 
-def test_a_vehicle_that_is_wrong_is_refused_in_one_line(write):
+def test_a_vehicle_that_is_wrong_is_refused_in_one_line(write_toml):
     for text, *words in (
         (BODY + "colour = 1", "colour is unknown", "one of length_m, width_m", "unknown_passes"),
         (BODY + "[wheels]\nlength_m = 1", "wheels is unknown"),
@@ -89,14 +80,14 @@ def test_a_vehicle_that_is_wrong_is_refused_in_one_line(write):
         (BODY + "length_m = 2", "wanted a vehicle in TOML"),
         (BODY + ENERGY.replace("50", "-50"), "mobility: energy", "mass_kg"),
     ):
-        refused(load_vehicle, write(text), *words)
+        refused(load_vehicle, write_toml(text), *words)
     for name in ("nope", "", "/", "a\0b", "../quick"):
         with pytest.raises(VehicleError, match="large-rover, small-rover, tracked") as caught:
             load_vehicle(name)
         assert repr(name) in str(caught.value)
 
 
-def test_a_mobility_that_is_wrong_is_refused_in_one_line(write):
+def test_a_mobility_that_is_wrong_is_refused_in_one_line(write_toml):
     for text, *words in (
         (BODY, "wanted a table [mobility], got none"),
         (BODY + "mobility = 3", "mobility: Expected `object`, got `int`"),
@@ -109,4 +100,4 @@ def test_a_mobility_that_is_wrong_is_refused_in_one_line(write):
         (TIME.replace("[-10, 0, 10]", "[-0.5, 0.0, 0.35]"), "slope_deg must be in degrees"),
         (WALKER + "path = true", "mobility.irmischer: path is unknown: wanted one of on_path, factor"),
     ):
-        refused(load_mobility, write(text), *words)
+        refused(load_mobility, write_toml(text), *words)
