@@ -72,7 +72,6 @@ class Comparison:
 
     @property
     def speed_up(self) -> float:
-        """Ratio of the medians."""
         return self.fp32_latency.median_ms / self.int8_latency.median_ms
 
     def recommendation(self) -> str:
@@ -160,7 +159,7 @@ def quantize(
     else:
         pool = read_samples(dataset, most_maps=2 * samples, size=m.input_size)
         pool, other = (pool, read_samples(validation, size=m.input_size)) if validation else split(pool, seed)
-        calibration = spread(pool, samples, seed)
+        calibration = pool.pick(np.random.default_rng([seed, 1]).permutation(len(pool))[:samples])
         validator = Validator(other, Spec(m.architecture, m.input_size, m.sigma), m.omega, HELD_OUT)
         held_out = other.pick(validator.index)
         judge = partial(validator.judge_probabilities, factors=(m.region_factor,))
@@ -294,8 +293,3 @@ def split(samples: Samples, seed: int) -> tuple[Samples, Samples]:
         raise DataSetError(f"wanted queries on at least two maps, got {len(maps)}")
     held_out = np.isin(samples.map_index, maps[: -(-len(maps) // HELD_OUT_SHARE)])
     return samples.pick(~held_out), samples.pick(held_out)
-
-
-def spread(samples: Samples, count: int, seed: int) -> Samples:
-    """At most `count` queries at random."""
-    return samples.pick(np.random.default_rng([seed, 1]).permutation(len(samples))[:count])

@@ -35,7 +35,6 @@ class Spec:
     """Arguments of the network's constructor; lists become tuples."""
 
     def __post_init__(self) -> None:
-        """Fill in the defaults and check."""
         name = architecture_name(self.architecture)
         if name not in ENCODINGS:
             raise ModelError(f"architecture must be one of {', '.join(ENCODINGS)}, got {self.architecture!r}")

@@ -34,7 +34,6 @@ class KnownMaps:
     """(M,) limits of the slope; inf for none."""
 
     def __len__(self) -> int:
-        """Number of maps."""
         return len(self.heights)
 
     def limits(self, at: int) -> Traversability:

@@ -20,7 +20,6 @@ from nnpp_edge.calibrate.quantize import (
     quantised_graph,
     quantize,
     split,
-    spread,
 )
 from nnpp_edge.export.to_onnx import export_network
 from nnpp_edge.model.network import Network
@@ -112,7 +111,7 @@ def test_the_papers_network_is_quantised_too(samples, tmp_path):
     export_network(network, tmp_path / "nnpp.onnx", name="nnpp")
     fp32 = NetworkModel(tmp_path / "nnpp.onnx")
     larger = dataclasses.replace(samples, planes=samples.planes.repeat(2, axis=2).repeat(2, axis=3))
-    few = spread(larger, 8, 1)
+    few = larger.pick(range(8))
     graph, quantised = quantised_graph(fp32, few, tmp_path)
     assert "classifier.weight" in {t.name.removeprefix("body.") for t in graph.graph.initializer}
     onnx.save(graph, tmp_path / "int8.onnx")
