@@ -38,7 +38,8 @@ def command(
     nnpp-edge view dem.tif --workload limit20
     nnpp-edge run --map dem.tif | nnpp-edge view dem.tif --follow
     """
-    robot.refuse_but_points(blocks)
+    if blocks.known and (robot.body() is not None or robot.step_cost != "paper" or robot.resample is not None):
+        raise click.UsageError("--known plans for points: leave out --vehicle, --set, --step-cost and --resample")
     limits = robot.limits()
 
     from msgspec.structs import replace

@@ -132,20 +132,27 @@ class Asked(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
 
 
 def command_of(site: Site, asked: Asked) -> str:
-    """A line for a shell that plans the same path; without painted obstacles, which no option describes."""
-    words = ["nnpp-edge", "plan", str(site.path)]
+    """A line for a shell that plans the same path; without painted obstacles, which no option describes.
+
+    Of a coarse map a line that opens this view, with the same ends and limits.
+    """
+    coarse = "known" in site.reading
+    words = ["nnpp-edge", "view" if coarse else "plan", str(site.path)]
     for name, value in site.reading.items():
         option = f"--{name.removesuffix('_m').replace('_', '-')}"
         words += [option, value if isinstance(value, str) else _number(value)]
-    for name, (row, col) in (("--start", asked.start), *(("--via", at) for at in asked.via), ("--goal", asked.goal)):
+    via = () if coarse else asked.via
+    for name, (row, col) in (("--start", asked.start), *(("--via", at) for at in via), ("--goal", asked.goal)):
         words += [f"{name}={row},{col}"] if row < 0 or col < 0 else [name, f"{row},{col}"]
-    words += ["--method", asked.method]
+    words += [] if coarse else ["--method", asked.method]
     for name, value in asdict(asked.limits).items():
         words += ["--limit", f"{name}={_number(value)}"] if value != getattr(Traversability(), name) else []
     if asked.step_cost != "paper":
         words += ["--step-cost", asked.step_cost]
     elif asked.omega != PAPER_OMEGA:
         words += ["--omega", _number(asked.omega)]
+    if coarse:
+        return shlex.join(words)
     words += [*([] if asked.corner_cutting else ["--no-corner-cutting"]), *asked.chosen(site).options]
     for name, heading in asked.headings(site).items():
         option = f"--{name.removesuffix('_deg').replace('_', '-')}"
