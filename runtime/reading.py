@@ -64,7 +64,9 @@ def read_text(path: Path, most_bytes: int = MOST_BYTES) -> str:
     return content.decode("utf-8")
 
 
-def read_toml(name: str | Path, shipped: Path, what: str, kind: type[NnppEdgeError]) -> tuple[Path, dict[str, Any]]:
+def read_toml(
+    name: str | Path, shipped: Path, what: str, kind: type[NnppEdgeError]
+) -> tuple[Path, dict[str, object]]:
     """The TOML file NAME in the folder `shipped`, else the user's file of that name, and its content.
 
     NnppEdgeError of this `kind`, about a file of `what`, where there is none, or none in TOML.

@@ -56,13 +56,10 @@ def command(
         read = robot.read(path)
         robot.warn_if_coarse(read)
         given = _given_body(robot, read)
-        reading: dict[str, object] = {
-            "cell_size_m": robot.cell_size,
-            "rescale": robot.rescale,
-            "resample": robot.resample,
-        }
-        reading |= {"known": blocks.known, "prior": blocks.prior} if blocks.known else {}
-        site = Site.of(read, name or Path(path.name), {n: v for n, v in reading.items() if v is not None}, given)
+        reading = {"cell_size_m": robot.cell_size, "rescale": robot.rescale, "resample": robot.resample}
+        said = {name: value for name, value in reading.items() if value is not None}
+        coarse = (blocks.known, blocks.prior) if blocks.known else None
+        site = Site.of(read, name or Path(path.name), said, given, coarse)
         asked = Asked(
             start=begin.one_cell(read, "--start") if begin else (0, 0),
             goal=end.one_cell(read, "--goal") if end else (0, 0),

@@ -97,7 +97,7 @@ class Answerer:
             "name": dem.source.name,
             "shape": dem.shape,
             "sides_m": (dem.cell_size_m, dem.cell_width_m),
-            "known": self.site.reading.get("known", 1),
+            "known": self.site.blocks[0] if self.site.blocks else 1,
         }
         return msgspec.json.encode(shown | {"bodies": bodies, "asked": self.first})
 

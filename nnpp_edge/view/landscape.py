@@ -39,7 +39,7 @@ class Landscape:
     """
 
     def __init__(self, site: Site, asked: Asked) -> None:
-        self.ground, self._site, dem, blocks = asked.ground(site), site, site.dem, site.reading.get("known")
+        self.ground, self._site, dem, blocks = asked.ground(site), site, site.dem, site.blocks
         if blocks and self.ground.by_slope:
             raise InvalidQueryError("blocks of a coarse map have prices: wanted the paper's cost of a step")
         planned, self._scale = self.ground, 1.0
@@ -50,7 +50,7 @@ class Landscape:
             )
             """(H, W) traversability costs, without what is painted; of blocks their prices, below 1."""
         if blocks:
-            prices = prices_by(site.reading["prior"], dem.elevation, asked.limits, dem.cell_size_m, blocks)
+            prices = prices_by(blocks[1], dem.elevation, asked.limits, dem.cell_size_m, blocks[0])
             self.cost, self._scale = np.minimum(prices, _DEAREST), PRICE_SCALE
             planned = Ground(prices / np.float32(PRICE_SCALE))
         self.warnings = [str(warning.message) for warning in told]

@@ -104,7 +104,7 @@ def test_what_the_command_line_describes_is_copied_too(nnpp_edge, site):
 
 
 def test_blocks_of_a_coarse_map_count_by_their_prices(site):
-    blocks = Site.of(site.dem, site.path, {"known": 8, "prior": "slope"})
+    blocks = Site.of(site.dem, site.path, {}, blocks=(8, "slope"))
     plan, found = planned(blocks, PLAIN), Answerer(blocks, PLAIN).landscape(PLAIN)
     words = command_of(blocks, PLAIN).split()
     shown = ["--known", "8", "--prior", "slope", "--start", "8,8", "--goal", "86,110"]
