@@ -82,7 +82,10 @@ class Landscape:
 
     def plan(self, asked: Asked, method: Method, *, keep_regions: bool = False) -> Plan:
         """Plan between the ends that are asked for, by way of the places between."""
-        method = "corridor" if method == "auto" and self._scale != 1.0 else method  # the network knows maps of cells
+        if self._site.blocks:
+            if method == "nnpp":
+                raise InvalidQueryError("the learned region is for maps of cells, not of blocks")
+            method = "corridor" if method == "auto" else method
         options: PlanOptions = {"method": method, "refine": asked.freed, "keep_regions": keep_regions}
         options |= asked.headings(self._site)
         if asked.via:
