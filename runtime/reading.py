@@ -76,10 +76,8 @@ def read_toml(
     if (problem := problem_with_file(path)) is not None:
         wanted = f"wanted a {what}'s file or the name of a shipped one ({', '.join(names)})"
         raise kind(f"{wanted}, got {str(name)!r} ({problem})")
-    try:
+    with refused_as(kind, f"{path}: wanted a {what} in TOML"):
         return path, parse(read_text(path), tomllib.loads)
-    except (OSError, ValueError) as error:
-        raise kind(f"{path}: wanted a {what} in TOML ({reason(error)})") from error
 
 
 def parse(text: str, loads: Callable[[str], Any] = json.loads) -> Any:
