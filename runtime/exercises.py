@@ -10,6 +10,7 @@ import numpy as np
 
 from nnpp_edge.runtime.arrays import Float2D
 from nnpp_edge.runtime.kernels.threshold import lowered
+from nnpp_edge.runtime.map.ground import GroundOptions
 from nnpp_edge.runtime.map.poses import pose_costs
 from nnpp_edge.runtime.map.region import Region
 from nnpp_edge.runtime.network.inference import NetworkModel
@@ -59,25 +60,13 @@ def _exercise_elevations(
     """Plans of all methods on heights, of a map that stands and of one that changes."""
     start, goal, limits = (8, 5), (140, 18), Traversability(hard_slope_deg=25.0)
     refine = "any-angle" if step_cost == "paper" and vehicle is None else None
+    own: GroundOptions = {"vehicle": vehicle, "step_cost": step_cost}
     for lazy in (True, False):
-        planner = Planner.of_elevation(
-            *(dem, 1.0, limits),
-            vehicle=vehicle,
-            step_cost=step_cost,
-            model=network,
-            ask_from=0,
-            warn=False,
-            lazy=lazy,
-        )
+        planner = Planner.of_elevation(dem, 1.0, limits, **own, model=network, ask_from=0, warn=False, lazy=lazy)
         for method in ("astar", "corridor", "nnpp"):
             planner.plan(start, goal, method=method, refine=refine)
     planner.reach(start)
-    moving = DynamicPlanner.of_elevation(
-        *(dem, 1.0, goal, limits, "dstar"),
-        vehicle=vehicle,
-        step_cost=step_cost,
-        model=network,
-    )
+    moving = DynamicPlanner.of_elevation(dem, 1.0, goal, limits, "dstar", **own, model=network)
     moving.move(start)
     for method in ("dstar", "corridor-dstar"):
         moving.replan(method=method)

@@ -31,10 +31,7 @@ Number = TypeVar("Number", bound=np.generic)
 
 
 def touch(*owners: object) -> None:
-    """Write to every page of the arrays, but for read-only and strided ones, among these objects' attributes.
-
-    Their values stay.
-    """
+    """Write to every page of these objects' arrays, but for read-only and strided ones; their values stay."""
     for owner in owners:
         for value in vars(owner).values():
             if isinstance(value, np.ndarray) and value.flags.c_contiguous and value.flags.writeable:

@@ -64,7 +64,9 @@ def read_text(path: Path, most_bytes: int = MOST_BYTES) -> str:
     return content.decode("utf-8")
 
 
-def read_toml(name: str | Path, shipped: Path, what: str, kind: type[NnppEdgeError]) -> tuple[Path, dict[str, Any]]:
+def read_toml(
+    name: str | Path, shipped: Path, what: str, kind: type[NnppEdgeError]
+) -> tuple[Path, dict[str, object]]:
     """The TOML file NAME in the folder `shipped`, else the user's file of that name, and its content.
 
     NnppEdgeError of this `kind`, about a file of `what`, where there is none, or none in TOML.
@@ -74,10 +76,8 @@ def read_toml(name: str | Path, shipped: Path, what: str, kind: type[NnppEdgeErr
     if (problem := problem_with_file(path)) is not None:
         wanted = f"wanted a {what}'s file or the name of a shipped one ({', '.join(names)})"
         raise kind(f"{wanted}, got {str(name)!r} ({problem})")
-    try:
+    with refused_as(kind, f"{path}: wanted a {what} in TOML"):
         return path, parse(read_text(path), tomllib.loads)
-    except (OSError, ValueError) as error:
-        raise kind(f"{path}: wanted a {what} in TOML ({reason(error)})") from error
 
 
 def parse(text: str, loads: Callable[[str], Any] = json.loads) -> Any:

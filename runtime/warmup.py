@@ -48,8 +48,7 @@ class Warmth:
 
     def summary(self) -> dict[str, object]:
         """Ready for JSON."""
-        told = asdict(self)
-        return told | {
+        return asdict(self) | {
             "folder": str(self.folder),
             "seconds": round(self.seconds, 3),
             "removed": [str(folder) for folder in self.removed],

@@ -213,14 +213,6 @@ class GroundOptions(VehicleOptions, TerrainOptions):
         width, body, place = dem.cell_width_m, self.body(), (dem.elevation, dem.cell_size_m, factor, self.limits())
         return Ground.of_coarse(*place, prior=prior, cell_width_m=width, vehicle=body, step_cost=self.step_cost)
 
-    def refuse_but_points(self, known: KnownOptions) -> None:
-        """UsageError for a vehicle, a step cost or finer cells on a map whose cells are blocks of the robot's."""
-        if known.known and (self.body() is not None or self.step_cost != "paper" or self.resample is not None):
-            raise click.UsageError(
-                "--known plans over the map's own cells, by their prices: leave out --vehicle, --set, --step-cost "
-                "and --resample"
-            )
-
     def warn_if_coarse(self, dem: "Dem") -> None:
         """Warn of cells beside which the vehicle is so short that little is known of the ground below it."""
         body, side = self.body(), max(dem.cell_size_m, dem.cell_width_m)

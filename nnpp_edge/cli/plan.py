@@ -6,7 +6,7 @@ from typing import Annotated
 import click
 
 from nnpp_edge.cli import options
-from nnpp_edge.cli.ground_options import GroundOptions, KnownOptions
+from nnpp_edge.cli.ground_options import GroundOptions
 from nnpp_edge.cli.requests import PlanRequest
 from nnpp_edge.cli.text import tell
 
@@ -22,7 +22,6 @@ def command(
     /,
     request: PlanRequest,
     robot: GroundOptions,
-    blocks: KnownOptions,
     output: Annotated[Path | None, "-o", options.PATH, _OUTPUT] = None,
     formats: Annotated[tuple[str, ...], "--format", click.Choice(["gpkg", "gpx"]), options.MANY, _FORMATS] = (),
     memory: options.Memory = None,
@@ -43,9 +42,6 @@ def command(
     path.geojson is in the map's own coordinates, not in longitude and latitude; its properties say which.
     Without a georeference they are x = column and y = row, times the side of a cell, in metres.
 
-    With --known the map's cells are blocks of the robot's own cells: each counts by what crossing it is expected to
-    cost, and none is impassable.
-
     A raster too large for the memory that is free, or for --memory, is read by windows, and planned on by the
     corridor method alone.
 
@@ -57,7 +53,6 @@ def command(
     names = ("path.geojson", "path.csv", "plan.png", "plan.json", *(f"path.{name}" for name in formats))
     outputs = [("--output", output / name) for name in names] if output else []
     robot.check_turns(request.refine)
-    robot.refuse_but_points(blocks)
     robot.limits()  # those that make no sense are refused before any work
     options.check_outputs(*outputs, more_inputs=request.files, make_folders=True)
 
@@ -68,10 +63,10 @@ def command(
 
     directed, body = robot.step_cost != "paper", robot.body()
     per_cell = _BYTES_PER_CELL + (bytes_per_cell(body) if body else 0) + DIRECTED_BYTES_PER_CELL * directed
-    if reads_by_windows(dem, memory, per_cell, whole=directed or body is not None or bool(blocks.known)):
+    if reads_by_windows(dem, memory, per_cell, whole=directed or body is not None):
         answer = plan_by_windows(request, dem, robot)
     else:
-        answer = plan_in_memory(request, dem, robot, blocks, drawn=output is not None)
+        answer = plan_in_memory(request, dem, robot, drawn=output is not None)
     answer.warn_if_steep()
     files = answer.save([path for _, path in outputs])
     tell(as_json, answer.figures(files), lambda: answer.text(files))

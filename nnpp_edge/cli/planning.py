@@ -10,7 +10,7 @@ from statistics import median
 import numpy as np
 from numpy.typing import NDArray
 
-from nnpp_edge.cli.ground_options import GroundOptions, KnownOptions
+from nnpp_edge.cli.ground_options import GroundOptions
 from nnpp_edge.cli.maps import Near, cost_of, priced, refuse, refuse_map, refuse_outside, shade_of, warn_if_not_square
 from nnpp_edge.cli.plan_answer import Answer
 from nnpp_edge.cli.requests import PlanRequest
@@ -21,6 +21,7 @@ from nnpp_edge.runtime.arrays import Float2D, headings_along
 from nnpp_edge.runtime.cells import Cell
 from nnpp_edge.runtime.compiled.notice import told_if_slow
 from nnpp_edge.runtime.errors import InvalidQueryError
+from nnpp_edge.runtime.map.along import Along
 from nnpp_edge.runtime.map.attitude import attitudes
 from nnpp_edge.runtime.map.refusal import refusals
 from nnpp_edge.runtime.memory import peak_bytes
@@ -28,7 +29,6 @@ from nnpp_edge.runtime.network import loading
 from nnpp_edge.runtime.planners.query import PlanOptions, problem_with
 from nnpp_edge.runtime.planners.windowed import WindowedPlanner
 from nnpp_edge.runtime.tuning import LARGE_MAP
-from nnpp_edge.terrain.blocks import ground_of_blocks, on_the_ground
 from nnpp_edge.terrain.dem import Dem, DemWindows
 from nnpp_edge.terrain.georeference import Place
 from nnpp_edge.terrain.route import Route
@@ -58,32 +58,23 @@ def _ends(request: PlanRequest, place: Place) -> tuple[Cell, list[Cell], list[Ce
     return start, via, goals
 
 
-def plan_in_memory(
-    request: PlanRequest, path: Path, robot: GroundOptions, blocks: KnownOptions, *, drawn: bool
-) -> Answer:
+def plan_in_memory(request: PlanRequest, path: Path, robot: GroundOptions, *, drawn: bool) -> Answer:
     """Plan on a map that is read into memory: to the nearest goal, or by way of other places."""
     body = robot.body()
     by_poses = body is not None and not body.is_disc
     with told_if_slow(f"reading {path}"):
         dem = robot.read(path)
     start, via, goals = _ends(request, dem)
-    if blocks.known and request.method == "auto":  # the network knows maps of cells
-        request = replace(request, method="corridor")
     may_ask = request.method == "nnpp" or (request.method == "auto" and max(dem.shape) >= LARGE_MAP)
     if may_ask and not by_poses:
         loading.begin_loading(request.model)
     warn_if_not_square(dem)
     limits = robot.limits()
-    ground = robot.of(dem)
-    if blocks.known:
-        cost, of_costs, scale = ground_of_blocks(dem, limits, blocks.known, blocks.prior)
-    else:
-        cost, scale = cost_of(dem, limits), 1.0
-        of_costs = priced(ground, cost)
+    cost = cost_of(dem, limits)
     if not (cost < 1.0).any():
         refuse_map(dem)
-    planner_of = partial(Planner, omega=scale * request.omega, corner_cutting=request.corner_cutting)
-    planner = planner_of(of_costs, model=request.model)
+    ground, planner_of = robot.of(dem), partial(Planner, omega=request.omega, corner_cutting=request.corner_cutting)
+    planner = planner_of(priced(ground, cost), model=request.model)
     near = Near(dem, dem.elevation, cost, limits, body, planner.state.grid.poses)
     if len(goals) == 1 and (problem := problem_with(planner.state.grid, start, goals[0])):
         refuse(problem, start, goals[0], near)
@@ -99,7 +90,7 @@ def plan_in_memory(
     compared, exact = list[Row](), None
     if request.compare:
         plan, compared, exact = _compare(partial(planner.plan, start, goal, **within), plan)
-    plan = on_the_ground(plan, ground, scale)
+    plan = _on_the_ground(plan, ground)
     route = _route(plan, cost, dem, ground, planner)
 
     def picture() -> Picture:
@@ -142,7 +133,7 @@ def plan_in_memory(
         loading_included=not request.compare and request.time_limit is None,
         vehicle=body,
         step_cost=robot.step_cost,
-        tour=tour and tour.told(lambda leg: on_the_ground(leg, ground, scale)),
+        tour=tour and tour.told(lambda leg: _on_the_ground(leg, ground)),
         reached=int(np.isfinite(planner.reach(start)).sum()) if shut_in else None,
         hard_slope_deg=inf if by_poses else limits.hard_slope_deg,
     )
@@ -224,6 +215,12 @@ def _around(planner: WindowedPlanner, ground: DemWindows, limits: Traversability
     part = (row0, col0, max(row1 - row0, 1), max(col1 - col0, 1))
     _, elevation, cost = next(planner.costs.windows([part]))
     return Near(ground, elevation, cost, limits, origin=(row0, col0))
+
+
+def _on_the_ground(plan: Plan, ground: Ground) -> Plan:
+    """The plan with the numbers along its way."""
+    assert ground.elevation is not None and ground.mobility is not None
+    return replace(plan, along=Along.of(plan.line, ground.elevation, ground.sides_m, ground.mobility, plan.along))
 
 
 def _route(plan: Plan, cost: Float2D, dem: Dem, ground: Ground, planner: Planner) -> Route:

@@ -38,7 +38,8 @@ def command(
     nnpp-edge view dem.tif --workload limit20
     nnpp-edge run --map dem.tif | nnpp-edge view dem.tif --follow
     """
-    robot.refuse_but_points(blocks)
+    if blocks.known and (robot.body() is not None or robot.step_cost != "paper" or robot.resample is not None):
+        raise click.UsageError("--known plans for points: leave out --vehicle, --set, --step-cost and --resample")
     limits = robot.limits()
 
     from msgspec.structs import replace
@@ -55,13 +56,10 @@ def command(
         read = robot.read(path)
         robot.warn_if_coarse(read)
         given = _given_body(robot, read)
-        reading: dict[str, object] = {
-            "cell_size_m": robot.cell_size,
-            "rescale": robot.rescale,
-            "resample": robot.resample,
-        }
-        reading |= {"known": blocks.known, "prior": blocks.prior} if blocks.known else {}
-        site = Site.of(read, name or Path(path.name), {n: v for n, v in reading.items() if v is not None}, given)
+        reading = {"cell_size_m": robot.cell_size, "rescale": robot.rescale, "resample": robot.resample}
+        said = {name: value for name, value in reading.items() if value is not None}
+        coarse = (blocks.known, blocks.prior) if blocks.known else None
+        site = Site.of(read, name or Path(path.name), said, given, coarse)
         asked = Asked(
             start=begin.one_cell(read, "--start") if begin else (0, 0),
             goal=end.one_cell(read, "--goal") if end else (0, 0),

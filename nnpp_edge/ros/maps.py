@@ -285,8 +285,7 @@ def path_poses(
 def _array(values: ArrayLike) -> NDArray[np.float32]:
     """An array of any type; InvalidMapError for lists of different lengths."""
     try:
-        found: NDArray[np.float32] = np.asarray(values)
-        return found
+        return np.asarray(values)
     except ValueError:
         raise InvalidMapError(f"wanted numbers, got {shown(values)}") from None
 

@@ -118,8 +118,7 @@ def _bodies(robot: Robot, path: Line) -> list[NDArray[np.float64]]:
 
 
 def _pixels(cells: NDArray[np.generic], factor: float) -> NDArray[np.int32]:
-    pixels: NDArray[np.int32] = np.rint((cells[:, ::-1].astype(np.float64) + 0.5) * factor - 0.5).astype(np.int32)
-    return pixels
+    return np.rint((cells[:, ::-1].astype(np.float64) + 0.5) * factor - 0.5).astype(np.int32)
 
 
 def _palette(picture: Picture) -> "Image":

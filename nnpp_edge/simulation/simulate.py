@@ -1,6 +1,5 @@
 """A simulated robot drives to its goal through the onboard loop, over ground that the map knows only roughly."""
 
-from collections import Counter
 from collections.abc import Callable, Sequence
 from contextlib import closing
 from dataclasses import asdict, dataclass, field, replace
@@ -155,13 +154,13 @@ def simulate(
     sinks = list(make_sinks(navigator.map))
     recorders = [sink.record for sink in sinks if hasattr(sink, "record")]
     source = RecordedSource(scene, recorders, navigator.count_error, wait=True)
-    histogram, late, memory_mb = Histogram(), Counter[bool](), dict[str, float]()
-    goals = stuck = waited = 0
+    histogram, memory_mb = Histogram(), dict[str, float]()
+    goals = late = stuck = waited = 0
 
     def after_tick(message: PathMessage) -> None:
-        nonlocal best, goals, stuck, waited
+        nonlocal best, goals, late, stuck, waited
         histogram.add(1e-3 * message.planning_ms)
-        late[message.planning_ms > 1e3 * PERIOD_S] += 1
+        late += message.planning_ms > 1e3 * PERIOD_S
         if message.tick in (1, 1 + int(_WARM_UP * settings.ticks)):
             memory_mb["tenth" if memory_mb else "start"] = 1e-6 * rss_bytes()
         stuck = stuck + 1 if scene.waited > waited else 0
@@ -183,7 +182,7 @@ def simulate(
     with closing(source):
         counters = loop.run(settings.ticks)
     if not paced:
-        counters = replace(counters, overruns=late[True])
+        counters = replace(counters, overruns=late)
     driven, driven_cost = np.array(scene.driven), scene.driven_cost
     if not settings.steering_noise_deg:
         driven = driven.astype(np.int32)

@@ -24,6 +24,7 @@ from nnpp_edge.runtime.kernels.poses import REFUSALS
 from nnpp_edge.runtime.map.refusal import why_blocked
 from nnpp_edge.runtime.map.slope_cost import unit_of
 from nnpp_edge.runtime.planners.plan import Plan
+from nnpp_edge.runtime.reading import refused_as
 from nnpp_edge.runtime.terrain.traversability import terrain_terms
 from nnpp_edge.terrain.coordinates import lonlat_at
 from nnpp_edge.terrain.dem import Dem
@@ -58,6 +59,9 @@ class Question(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     at: Cell = (0, 0)
     format: Literal["geojson", "gpx", "gpkg"] = "geojson"
     """Of the file; `at` is the place that is asked about."""
+
+
+_DECODER = msgspec.json.Decoder(Question)
 
 
 class Answerer:
@@ -97,7 +101,7 @@ class Answerer:
             "name": dem.source.name,
             "shape": dem.shape,
             "sides_m": (dem.cell_size_m, dem.cell_width_m),
-            "known": self.site.reading.get("known", 1),
+            "known": self.site.blocks[0] if self.site.blocks else 1,
         }
         return msgspec.json.encode(shown | {"bodies": bodies, "asked": self.first})
 
@@ -108,8 +112,10 @@ class Answerer:
         """
         more: Layer | bytes | None = None
         try:
+            with refused_as(InvalidQueryError, "a question cannot be read"):
+                asked = _DECODER.decode(question)
             with self._lock:
-                answer, more = self._answer(_decode(question))
+                answer, more = self._answer(asked)
         except (NnppEdgeError, MemoryError) as error:
             answer = {"problem": str(error) if isinstance(error, NnppEdgeError) else "not enough memory"}
         Answerer.notice = ""
@@ -266,14 +272,3 @@ def smaller(values: NDArray[np.float32] | NDArray[np.bool_], pixels: int) -> Flo
         size = max(round(cols / factor), 1), max(round(rows / factor), 1)
         numbers = np.asarray(cv2.resize(numbers, size, interpolation=cv2.INTER_AREA), np.float32)
     return numbers
-
-
-_DECODER = msgspec.json.Decoder(Question)
-
-
-def _decode(text: bytes) -> Question:
-    try:
-        question: Question = _DECODER.decode(text)
-    except (msgspec.DecodeError, UnicodeError, RecursionError) as error:
-        raise InvalidQueryError(f"a question cannot be read: {error}") from None
-    return question

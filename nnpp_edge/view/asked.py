@@ -4,7 +4,7 @@ import shlex
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Annotated, Literal
 
 from msgspec import Meta, Struct
 
@@ -25,6 +25,8 @@ POINT, GIVEN = "none", "as given"
 Method = Literal["auto", "astar", "corridor", "nnpp"]
 Obstacles = Annotated[tuple[Rectangle, ...], Meta(max_length=200)]
 Positive = Annotated[float, Meta(ge=0.0)]
+Blocks = tuple[int, str] | None
+"""Fine cells along a cell of a coarse map, and by what these are priced, see `network.priors`."""
 Heading = Annotated[float, Meta(ge=0.0, le=360.0)]
 
 
@@ -53,23 +55,25 @@ class Site:
 
     dem: Dem
     path: Path
-    reading: Mapping[str, Any]
-    """Arguments of `read_dem`, ``rescale`` and ``resample``, that were given; ``known`` and ``prior`` of a map whose
-    cells are blocks, see `network.priors`."""
+    reading: Mapping[str, float]
+    """Arguments of `read_dem`, ``rescale`` and ``resample``, that were given."""
     bodies: Mapping[str, Body]
+    blocks: Blocks = None
 
     @classmethod
-    def of(cls, dem: Dem, path: Path, reading: Mapping[str, Any], given: Body | None = None) -> "Site":
+    def of(
+        cls, dem: Dem, path: Path, reading: Mapping[str, float], given: Body | None = None, blocks: Blocks = None
+    ) -> "Site":
         """With the package's vehicles, under the map's gravity where that is known, and that of the command line.
 
         A body without a vehicle, which has a mobility alone, takes the place of the point.
         """
         bodies, gravity = {POINT: Body(None, Mobility())}, gravity_of(dem)
-        for name in shipped_vehicles() if "known" not in reading else ():
+        for name in () if blocks else shipped_vehicles():
             bodies[name] = Body(load_vehicle(name), load_mobility(name, gravity), ("--vehicle", name))
         if given is not None:
             bodies[POINT if given.vehicle is None else GIVEN] = given
-        return cls(replace(dem, source=Path(path.name)), path, reading, bodies)
+        return cls(replace(dem, source=Path(path.name)), path, reading, bodies, blocks)
 
 
 class Asked(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
@@ -132,20 +136,26 @@ class Asked(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
 
 
 def command_of(site: Site, asked: Asked) -> str:
-    """A line for a shell that plans the same path; without painted obstacles, which no option describes."""
-    words = ["nnpp-edge", "plan", str(site.path)]
+    """A line for a shell that plans the same path; without painted obstacles, which no option describes.
+
+    Of a coarse map a line that opens this view, with the same ends and limits.
+    """
+    words = ["nnpp-edge", "view" if site.blocks else "plan", str(site.path)]
     for name, value in site.reading.items():
-        option = f"--{name.removesuffix('_m').replace('_', '-')}"
-        words += [option, value if isinstance(value, str) else _number(value)]
-    for name, (row, col) in (("--start", asked.start), *(("--via", at) for at in asked.via), ("--goal", asked.goal)):
+        words += [f"--{name.removesuffix('_m').replace('_', '-')}", _number(value)]
+    words += ["--known", str(site.blocks[0]), "--prior", site.blocks[1]] if site.blocks else []
+    via = () if site.blocks else asked.via
+    for name, (row, col) in (("--start", asked.start), *(("--via", at) for at in via), ("--goal", asked.goal)):
         words += [f"{name}={row},{col}"] if row < 0 or col < 0 else [name, f"{row},{col}"]
-    words += ["--method", asked.method]
+    words += [] if site.blocks else ["--method", asked.method]
     for name, value in asdict(asked.limits).items():
         words += ["--limit", f"{name}={_number(value)}"] if value != getattr(Traversability(), name) else []
     if asked.step_cost != "paper":
         words += ["--step-cost", asked.step_cost]
     elif asked.omega != PAPER_OMEGA:
         words += ["--omega", _number(asked.omega)]
+    if site.blocks:
+        return shlex.join(words)
     words += [*([] if asked.corner_cutting else ["--no-corner-cutting"]), *asked.chosen(site).options]
     for name, heading in asked.headings(site).items():
         option = f"--{name.removesuffix('_deg').replace('_', '-')}"

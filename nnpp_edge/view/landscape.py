@@ -2,19 +2,22 @@
 
 import warnings
 from collections.abc import Callable
+from dataclasses import replace
 from statistics import median
 
 import numpy as np
 from numpy.typing import NDArray
 
-from nnpp_edge.runtime import Plan, Planner
+from nnpp_edge.runtime import Ground, Plan, Planner
 from nnpp_edge.runtime.arrays import Float2D
 from nnpp_edge.runtime.cells import Cell
 from nnpp_edge.runtime.errors import InvalidQueryError
+from nnpp_edge.runtime.map.along import Along
 from nnpp_edge.runtime.map.refusal import refusals
+from nnpp_edge.runtime.network.priors import prices_by
 from nnpp_edge.runtime.planners.query import PlanOptions
 from nnpp_edge.runtime.terrain.traversability import traversability_cost
-from nnpp_edge.terrain.blocks import ground_of_blocks, on_the_ground
+from nnpp_edge.runtime.tuning import PRICE_SCALE
 from nnpp_edge.view.asked import Asked, Method, Obstacles, Site
 from nnpp_edge.viz.picture import MOST_SHOWN
 
@@ -22,6 +25,8 @@ _TRIED = 256
 """Cells along a side that are tried as first ends."""
 _LOOKED_AT = 1000
 """Of these for each end, where a vehicle's poses must be checked."""
+_DEAREST = np.float32(0.999)
+"""Cost that is shown of a block that counts as more: none is impassable."""
 _REPEATS, _LONG_MS = 3, 100.0
 """A plan is repeated so often for its median time, unless it takes longer than that."""
 
@@ -34,7 +39,7 @@ class Landscape:
     """
 
     def __init__(self, site: Site, asked: Asked) -> None:
-        self.ground, self._site, dem, blocks = asked.ground(site), site, site.dem, site.reading.get("known")
+        self.ground, self._site, dem, blocks = asked.ground(site), site, site.dem, site.blocks
         if blocks and self.ground.by_slope:
             raise InvalidQueryError("blocks of a coarse map have prices: wanted the paper's cost of a step")
         planned, self._scale = self.ground, 1.0
@@ -45,7 +50,9 @@ class Landscape:
             )
             """(H, W) traversability costs, without what is painted; of blocks their prices, below 1."""
         if blocks:
-            self.cost, planned, self._scale = ground_of_blocks(dem, asked.limits, blocks, site.reading["prior"])
+            prices = prices_by(blocks[1], dem.elevation, asked.limits, dem.cell_size_m, blocks[0])
+            self.cost, self._scale = np.minimum(prices, _DEAREST), PRICE_SCALE
+            planned = Ground(prices / np.float32(PRICE_SCALE))
         self.warnings = [str(warning.message) for warning in told]
         self.planner = Planner(
             planned, omega=self._scale * asked.omega, corner_cutting=asked.corner_cutting, model="edge"
@@ -75,14 +82,20 @@ class Landscape:
 
     def plan(self, asked: Asked, method: Method, *, keep_regions: bool = False) -> Plan:
         """Plan between the ends that are asked for, by way of the places between."""
-        method = "corridor" if method == "auto" and self._scale != 1.0 else method  # the network knows maps of cells
+        if self._site.blocks:
+            if method == "nnpp":
+                raise InvalidQueryError("the learned region is for maps of cells, not of blocks")
+            method = "corridor" if method == "auto" else method
         options: PlanOptions = {"method": method, "refine": asked.freed, "keep_regions": keep_regions}
         options |= asked.headings(self._site)
         if asked.via:
             plan = self.planner.plan_via(asked.start, asked.goal, asked.via, **options).plan
         else:
             plan = self.planner.plan(asked.start, asked.goal, **options)
-        return plan if self._scale == 1.0 else on_the_ground(plan, self.ground, self._scale)
+        if self._scale == 1.0:
+            return plan
+        along = Along.of(plan.line, self._site.dem.elevation, self.ground.sides_m)
+        return replace(plan, along=along, traverse_cost=self._scale * plan.traverse_cost)
 
     def compare(self, asked: Asked, method: Method) -> tuple[Plan, float]:
         """A method's plan with its region, and its median time, ms."""

@@ -64,5 +64,4 @@ def place_towards(
 
 def _grown(cells: NDArray[np.bool_], margin: int) -> NDArray[np.bool_]:
     around = np.ones((2 * margin + 1, 2 * margin + 1), np.uint8)
-    grown: NDArray[np.bool_] = cv2.dilate(cells.view(np.uint8), around).view(np.bool_)
-    return grown
+    return cv2.dilate(cells.view(np.uint8), around).view(np.bool_)

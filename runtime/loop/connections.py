@@ -59,14 +59,9 @@ class Mailbox:
         return self._patches.drops
 
     @property
-    def closed(self) -> bool:
-        """Whether nothing more will come."""
-        return self._patches.closed
-
-    @property
     def ended(self) -> bool:
         """Whether nothing waits, and nothing more will come."""
-        return self.closed and not self._patches and not self._newest
+        return self._patches.closed and not self._patches and not self._newest
 
 
 class InProcessSource:
@@ -85,10 +80,7 @@ class InProcessSource:
 
     @checked(InvalidMessageError)
     def put(self, message: Input) -> bool:
-        """Add an input; False if it is a patch and too many are waiting, so that the sender knows.
-
-        InvalidMessageError for anything else than an input.
-        """
+        """Add an input; False for a patch where too many wait. InvalidMessageError for what is no input."""
         return not self._mailbox.put(message, when_full="refuse")
 
 

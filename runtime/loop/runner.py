@@ -7,7 +7,6 @@ import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import AbstractContextManager, contextmanager
 from dataclasses import replace
-from types import FrameType
 
 from nnpp_edge.runtime.arguments import checked
 from nnpp_edge.runtime.errors import InvalidQueryError
@@ -192,10 +191,7 @@ class Loop:
 def handling_signals(loop: Loop) -> AbstractContextManager[None]:
     """SIGTERM and SIGINT stop the loop after its tick. For the main thread."""
 
-    def stop(number: int, frame: FrameType | None) -> None:
-        loop.stop()
-
-    return signal_handlers({signal.SIGTERM: stop, signal.SIGINT: stop})
+    return signal_handlers(dict.fromkeys((signal.SIGTERM, signal.SIGINT), lambda number, frame: loop.stop()))
 
 
 @contextmanager

@@ -56,23 +56,19 @@ class Ticker:
         """Reading of the clock at which this tick ends."""
         return self._origin + self._number * self.period_s
 
-    def remaining(self) -> float:
-        """Seconds to the deadline; below 0 once it has passed."""
-        return self.deadline - self._clock()
-
     def wait(self) -> None:
         """Sleep until the deadline.
 
         A deadline that has passed is not slept for: the next tick begins at once, and counts on to the first
         deadline that is still ahead.
         """
-        if (late_s := -self.remaining()) > 0.0:
+        if (late_s := self._clock() - self.deadline) > 0.0:
             missed = int(late_s // self.period_s)
             self.overruns += 1
             self.skipped += missed
             self._number += 1 + missed
             return
-        while (left := self.remaining()) > 0.0 and self._sleep(left) is not True:
+        while (left := self.deadline - self._clock()) > 0.0 and self._sleep(left) is not True:
             pass
         self._number += 1
 

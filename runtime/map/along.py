@@ -67,10 +67,7 @@ class Along:
         mobility: Mobility = _ON_FOOT,
         like: "Along | None" = None,
     ) -> "Along":
-        """A line over a map of heights (H, W), metres, NaN where unknown.
-
-        Places and walker are those of the same line over another map, where one is given.
-        """
+        """A line over heights (H, W), metres, NaN where unknown; places and walker as of the line `like`, if any."""
         places = crossings(line) if like is None else like.places
         return cls(places, heights_at(heights, places), sides_m, mobility, like.walker if like else None)
 
@@ -85,9 +82,7 @@ class Along:
 
     @cached_property
     def heights_m(self) -> NDArray[np.float64]:
-        """(N,) of the ground. Where one is not known, what lies between the known ones before and behind; NaN where
-        none is known.
-        """
+        """(N,) of the ground; where unknown, between the known ones before and behind; NaN where none is known."""
         heights = np.array(self.sampled_m, np.float64)
         known = np.isfinite(heights)
         if known.any() and not known.all():
@@ -191,8 +186,7 @@ def crossings(line: Line) -> Line:
 
 def joined(lines: Sequence[Line]) -> Line:
     """One line of several, each of which begins where the one before ends."""
-    found: Line = np.concatenate([lines[0], *(line[1:] for line in lines[1:])])
-    return found
+    return np.concatenate([lines[0], *(line[1:] for line in lines[1:])])
 
 
 def heights_at(heights: Heights, points: Line) -> NDArray[np.float64]:

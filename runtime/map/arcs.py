@@ -58,8 +58,7 @@ def direction_near(heading: float, sides_m: tuple[float, float]) -> int:
 def directions_within(heading: float, tolerance_deg: float, sides_m: tuple[float, float]) -> NDArray[np.bool_]:
     """(16,) those whose heading lies so near to one in degrees; the nearest always."""
     apart = _apart(heading, sides_m)
-    near: NDArray[np.bool_] = apart <= max(tolerance_deg, float(apart.min()))
-    return near
+    return apart <= max(tolerance_deg, float(apart.min()))
 
 
 def _apart(heading: float, sides_m: tuple[float, float]) -> NDArray[np.float64]:
@@ -75,12 +74,8 @@ def arcs_along(states: NDArray[np.int32], vehicle: Vehicle, sides_m: tuple[float
         pose = before[1] * dx, before[0] * dy, heading_deg(k, sides_m)
         for gear, curvature, length, turned in _pieces(before, after, k, to, vehicle, sides_m):
             last = found[-1] if found else None
-            if (
-                last
-                and last.gear == gear
-                and last.curvature_per_m == curvature
-                and (gear or last.turn_deg * turned > 0)
-            ):
+            alike = last and (last.gear, last.curvature_per_m) == (gear, curvature)
+            if last and alike and (gear or last.turn_deg * turned > 0):
                 whole = last.length_m + length, last.start_pose, last.turn_deg + turned
                 found[-1] = Arc(gear, curvature, *whole)
             else:

@@ -74,7 +74,9 @@ class Ground:
             if self.cell_size_m is None:
                 raise InvalidMapError("wanted cell_size_m, the side of a cell, with elevations")
             slope_cost_of(self.step_cost, self.mobility)
-            disc = self.vehicle is not None and self.vehicle.is_disc
+            body, disc = self.vehicle, self.vehicle is not None and self.vehicle.is_disc
+            if self.by_slope and not disc and body is not None and body.turning_radius_m:
+                raise InvalidMapError(f"arcs have the paper's cost: wanted step_cost='paper', got {self.step_cost!r}")
             if self.factor > 1 and (self.by_slope or disc):
                 raise InvalidMapError(
                     "a coarse map is for points and bodies: wanted step_cost='paper' and no radius_m"

@@ -126,16 +126,13 @@ class Poses:
 
     def _packed_for(self, tables: motions.Motions) -> PackedPoses:
         (rows, cols), width = self.shape, self.heights.shape[1]
-
-        def at(cells: NDArray[np.int64]) -> NDArray[np.int64]:
-            return np.ascontiguousarray(cells[:, 0] * width + cells[:, 1])
-
+        by_place = np.array((width, 1))
         packed = (
             tables.poses_of,
             tables.groups_of,
             tables.groups,
-            (*np.ascontiguousarray(tables.places.T), at(tables.cells), tables.shares),
-            (tables.slopes_of, at(tables.slope_cells), tables.slope_shares),
+            (*np.ascontiguousarray(tables.places.T), tables.cells @ by_place, tables.shares),
+            (tables.slopes_of, tables.slope_cells @ by_place, tables.slope_shares),
             (tables.raised_of, tables.raised),
             tables.swept,
             tables.gradients,

@@ -63,15 +63,11 @@ def turn_rad(direction: int, sides_m: tuple[float, float]) -> float:
     return (heading_rad(direction + 1, sides_m) - heading_rad(direction, sides_m)) % (2.0 * math.pi)
 
 
-def leg_m(direction: int, sides_m: tuple[float, float]) -> float:
-    """Length of a leg on the ground."""
-    return math.hypot(ROWS[direction % DIRECTIONS] * sides_m[0], COLS[direction % DIRECTIONS] * sides_m[1])
-
-
 def curve(direction: int, sides_m: tuple[float, float], radius_m: float) -> Curve:
     """The shortest from a direction to the next whose arc has at least this radius."""
     angle, after = turn_rad(direction, sides_m), (direction + 1) % DIRECTIONS
-    legs, touching = (leg_m(direction, sides_m), leg_m(after, sides_m)), math.tan(0.5 * angle)
+    legs = [math.hypot(ROWS[k] * sides_m[0], COLS[k] * sides_m[1]) for k in (direction, after)]
+    touching = math.tan(0.5 * angle)
     counts = [max(math.ceil(radius_m * touching / leg - 1e-9), 1) for leg in legs]
     tangents = [count * leg for count, leg in zip(counts, legs, strict=True)]
     down, right = (counts[0] * steps[direction] + counts[1] * steps[after] for steps in (ROWS, COLS))

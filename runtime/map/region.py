@@ -35,8 +35,7 @@ class Region(NamedTuple):
 
     def mask(self) -> NDArray[np.bool_]:
         """(H, W) bool, the region at the map's own size (for pictures and figures, not for planning)."""
-        mask: NDArray[np.bool_] = self.blocks()[np.ix_(self.row_block, self.col_block)]
-        return mask
+        return self.blocks()[np.ix_(self.row_block, self.col_block)]
 
     def area(self) -> int:
         """Number of the map's cells inside."""

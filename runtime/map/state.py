@@ -276,11 +276,6 @@ class MapState:
             return 0
         return math.ceil(self.vehicle.reach_m / min(self.sides_m))
 
-    @property
-    def turning_radius_m(self) -> float | None:
-        """The vehicle's; None where any turn will do."""
-        return None if self.vehicle is None else self.vehicle.turning_radius_m
-
     def along(self, line: Line, at: Line | None = None) -> Along | None:
         """Ground under a line (N, 2) inside the map; None on a map of costs, whose heights are not known.
 

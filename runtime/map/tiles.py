@@ -138,10 +138,7 @@ class Tiles:
         open_along(self.packed(), path)
 
     def complete(self, deadline: Deadline = NEVER) -> None:
-        """Compute all that is not there yet, on all cores where that pays.
-
-        At the deadline OutOfTimeError: the next call goes on from there.
-        """
+        """Compute the rest, on all cores where that pays; at the deadline OutOfTimeError: the next call goes on."""
         tiles, (rows, cols), high = self.packed(), self.shape, self._sides[0]
         for work, done in ((compute_rows, COSTED | POOLED), (link_rows, LINKED)):
             wanted = done if self._levels[0, 3] else done & COSTED
@@ -155,9 +152,7 @@ class Tiles:
         self._counts[CELLS_COSTED] = rows * cols
 
     def tell_from_now_on(self) -> Float2D:
-        """(H, W) float32, costs that were told, inf where a cell is shut, 0 where nothing was; to be asked for
-        before any are written.
-        """
+        """(H, W) float32, costs that were told, 0 where none was, inf where shut; to be had before any is written."""
         self._told, self._counts[ANY_TOLD] = virtual_zeros(self.heights.size, np.float32), 1
         return self._told.reshape(self.shape)
 

@@ -16,8 +16,7 @@ def turns_rad(points: Points) -> NDArray[np.float64]:
     legs = np.diff(points, axis=0)
     headings = np.arctan2(legs[:, 1], legs[:, 0])
     turns = np.abs((np.diff(headings) + np.pi) % (2.0 * np.pi) - np.pi)
-    found: NDArray[np.float64] = np.concatenate(([0.0], turns, [0.0]))[: len(points)]
-    return found
+    return np.concatenate(([0.0], turns, [0.0]))[: len(points)]
 
 
 def curvatures(points: Points) -> NDArray[np.float64]:
@@ -32,11 +31,6 @@ def curvatures(points: Points) -> NDArray[np.float64]:
     found = np.zeros(len(points))
     found[1:-1] = 2.0 * np.tan(0.5 * turns_rad(points)[1:-1]) / np.maximum(shorter, 1e-12)
     return found
-
-
-def sharpest(points: Points) -> float:
-    """The greatest curvature."""
-    return float(curvatures(points).max(initial=0.0))
 
 
 def with_arcs(points: Points, radius: float) -> Points | None:

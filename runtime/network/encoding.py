@@ -43,8 +43,7 @@ class Frame:
 
         def spread(cells: int, inner: int) -> NDArray[np.int32]:
             centres = (2 * np.arange(cells, dtype=np.int64) + 1) * inner  # in units of 1 / (2 · cells) network cells
-            found: NDArray[np.int32] = (centres * blocks // (2 * cells * self.size)).astype(np.int32)
-            return found
+            return (centres * blocks // (2 * cells * self.size)).astype(np.int32)
 
         return spread(self.rows, self.inner[0]), spread(self.cols, self.inner[1])
 

@@ -23,7 +23,7 @@ from nnpp_edge.runtime.kernels.place_head import ANSWERS
 from nnpp_edge.runtime.network.model_file import QUERY_SPACING, UNSEEN, ModelMetadata, model_path, read_metadata
 from nnpp_edge.runtime.network.place_head import PlaceHead, count_parameters
 from nnpp_edge.runtime.network.unseen import ANSWERS as ANSWERS_UNSEEN
-from nnpp_edge.runtime.reading import reason, refused_as
+from nnpp_edge.runtime.reading import refused_as
 from nnpp_edge.runtime.tuning import TWO_THREADS_FROM
 
 if TYPE_CHECKING:
@@ -116,10 +116,8 @@ def _key(path: Path, threads: int | None) -> Key:
 
 
 def _identity(path: Path) -> Identity:
-    try:
+    with refused_as(ModelError, f"{path}: wanted a file to read"):
         found = path.stat()
-    except OSError as error:
-        raise ModelError(f"{path}: wanted a file to read ({reason(error)})") from error
     # the last cannot be set back, as the one before it can
     return found.st_dev, found.st_ino, found.st_size, found.st_mtime_ns, found.st_ctime_ns
 

@@ -32,10 +32,7 @@ def count_parameters(sizes: tuple[int, ...]) -> int:
 
 
 class PlaceHead:
-    """The head of these sizes, for places in a square of `side`.
-
-    `parameters` are (N,) float32, all of `parameter_shapes` in a row.
-    """
+    """The head of these sizes, for places in a square of `side`; `parameters` (N,) float32 as `parameter_shapes`."""
 
     def __init__(self, parameters: Floats, sizes: tuple[int, ...], side: int) -> None:
         relation, *units = sizes

@@ -23,10 +23,7 @@ PRIORS = ("network", "slope", "eq1", "mean")
 
 
 def set_prices(unseen: Unseen) -> None:
-    """Price the blocks of a coarse map by its ground's prior, unless they are, before any of its cells are weighed.
-
-    Errors as of `prices_by`.
-    """
+    """Price a coarse map's blocks by its prior, unless they are, before any cell is weighed; see `prices_by`."""
     if not unseen.priced:
         ground, side_m = unseen.ground, unseen.factor * unseen.ground.sides_m[0]
         of_map = unseen.dem, ground.traversability, side_m, unseen.factor

@@ -81,8 +81,7 @@ def _mean(height: Float2D, known: Float2D, blocks: int) -> Float2D:
         cv2.boxFilter(plane, cv2.CV_32F, (blocks, blocks), normalize=False, borderType=cv2.BORDER_CONSTANT)
         for plane in (height, known)
     )
-    mean: Float2D = np.divide(total, np.maximum(count, np.float32(1e-6)), dtype=np.float32)
-    return mean
+    return np.divide(total, np.maximum(count, np.float32(1e-6)), dtype=np.float32)
 
 
 def _soft(x: NDArray[np.floating]) -> NDArray[np.floating]:

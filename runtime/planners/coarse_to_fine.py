@@ -125,7 +125,7 @@ class CoarseLevel:
 
 
 class CoarseToFine:
-    """Searches of a map's coarse levels; `finest` is memory of those at full resolution, which `descend` is given.
+    """Searches of a map's coarse levels; `finest` is memory of those at full resolution.
 
     Coarse levels can only guess where a vehicle's poses pass. A region without a path shows, at the price of many
     checks, where they do not: links from what its search reached to what it did not are closed, and the first coarse
@@ -138,8 +138,6 @@ class CoarseToFine:
         self.coarse_levels = [CoarseLevel(level) for level in self._levels[1:]]
         """The searched levels above the map itself, finest first."""
         self._corrects = state.grid.steps.by_poses
-        self._last: Region | None = None
-        """Where the last descent let the map itself be searched."""
 
     def workspace(self, number: int) -> Workspace:
         """Memory of the searches of the level of that number; 0 is the map itself."""
@@ -152,18 +150,16 @@ class CoarseToFine:
             number -= 1
         return number
 
-    def descend(
-        self, query: Query, work: Work, searcher: Searcher, top: int, region: Region | None, width: CorridorWidth
-    ) -> tuple[Search, Region] | None:
-        """From level `top` down to the map, each level inside a corridor around the path on the one above.
-
-        `searcher` looks on the map itself; `region` is where to look on level `top`, None for all of a coarse level.
-        The search at full resolution, and where it was allowed to go; None where a level or the region holds no way.
-        OutOfTimeError where time was up before that.
-        """
+    def _descend(
+        self, query: Query, work: Work, top: int, region: Region | None, width: CorridorWidth
+    ) -> Region | None:
+        """Where to look on the map: from level `top` down around the path on the one above; None without a way."""
         self._levels = self._state.pyramid_by(query.deadline).levels  # brought up to date
         for number in range(top, 0, -1):
-            coarse, (radius, band) = self.coarse_levels[number - 1], _margins(query, number, width)
+            coarse, radius = self.coarse_levels[number - 1], width.radius
+            band = width.band + FACTOR * width.nearby / max(query.apart, FACTOR)
+            if number > 1:
+                radius, band = radius + width.coarse_radius, band + width.coarse_band
             start, goal = _at_level(query.start, number), _at_level(query.goal, number)
             found = coarse.search(goal, start, region, beyond=band, deadline=query.deadline)
             work.expansions += found.expansions
@@ -176,10 +172,7 @@ class CoarseToFine:
             region = coarse.around(found, start, radius, band, finer, memory, query.deadline)
             coarse.invest()
             work.stage_ends("coarse")
-        assert region is not None
-        self._last = region
-        found = searcher.search(query, work, region)
-        return None if found.status is Status.NO_PATH else (found, region)
+        return region
 
     def find(
         self,
@@ -191,19 +184,22 @@ class CoarseToFine:
         width: CorridorWidth,
         source: Source,
     ) -> Found | None:
-        """As `descend`; what was found, or None where there is no way.
+        """A path, from level `top` down to the map, on which `searcher` looks for it; None where there is no way.
 
-        A vehicle's links are corrected meanwhile, as often as it pays.
+        `region` is where to look on level `top`, None for all of a coarse level. A vehicle's links are corrected
+        meanwhile, as often as it pays. OutOfTimeError where time was up before the search at full resolution.
         """
-        coarse, self._last = self.coarse_levels[0], None
+        coarse = self.coarse_levels[0]
         try:
             for left in reversed(range(MOST_CORRECTIONS if self._corrects else 1)):
-                descent = self.descend(query, work, searcher, top, region, width)
-                if descent is not None:
-                    return Found.of(self._state.grid, descent[0], source, descent[1], work)
-                if not left or self._last is None or not isinstance(searcher, AStarSearcher):
+                if (inside := self._descend(query, work, top, region, width)) is None:
                     break
-                if not coarse.close_dead_ends(self._last, self._finest.field or self._finest, self._state.shape):
+                found = searcher.search(query, work, inside)
+                if found.status is not Status.NO_PATH:
+                    return Found.of(self._state.grid, found, source, inside, work)
+                if not left or not isinstance(searcher, AStarSearcher):
+                    break
+                if not coarse.close_dead_ends(inside, self._finest.field or self._finest, self._state.shape):
                     break
                 work.stage_ends("coarse")
             return None
@@ -222,11 +218,3 @@ def _at_level(cell: Cell, number: int) -> Cell:
     """The coarse cell that holds a cell of the map."""
     factor = FACTOR**number
     return cell[0] // factor, cell[1] // factor
-
-
-def _margins(query: Query, number: int, width: CorridorWidth) -> tuple[int, float]:
-    """Radius and band of the corridor that a level of that number leaves to the next finer one."""
-    band = width.band + FACTOR * width.nearby / max(query.apart, FACTOR)
-    if number == 1:
-        return width.radius, band
-    return width.radius + width.coarse_radius, band + width.coarse_band

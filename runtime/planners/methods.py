@@ -45,24 +45,19 @@ from nnpp_edge.runtime.tuning import (
     CorridorWidth,
 )
 
-_MEASURED = "edge"
-"""The network that the figures are of."""
 _UNASKED = "no network is used for a vehicle's body: the corridor is as fast, closer to optimal"
 
 
 def pick_method(
     shape: tuple[int, int], model: str | Path | NetworkModel, has_body: bool, apart: int
 ) -> tuple[Method, str]:
-    """The method that ``auto`` picks on a map of this shape for a goal `apart` cells away, and why.
-
-    `model` is the network that ``nnpp`` would use.
-    """
+    """The method that ``auto`` picks on such a map for a goal `apart` cells away, by ``nnpp``'s `model`, and why."""
     if apart < NEAR:
         return Method.ASTAR, f"the goal is less than {NEAR} cells away"
     if has_body:
         return Method.CORRIDOR, "for a body as fast as exact search on small maps, faster on large ones"
     model = model.path if isinstance(model, NetworkModel) else model
-    if max(shape) >= LARGE_MAP and apart >= FAR and Path(model).stem == _MEASURED:
+    if max(shape) >= LARGE_MAP and apart >= FAR and Path(model).stem == "edge":  # of which the figures are
         return Method.NNPP, f"the fastest from {FAR} cells on, on a large map"
     return Method.CORRIDOR, "as fast as the learned region, closer to optimal"
 

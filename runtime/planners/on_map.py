@@ -216,10 +216,7 @@ class OnMap:
     @checked(InvalidQueryError)
     @one_at_a_time
     def use_model(self, model: str | Path | NetworkModel) -> None:
-        """Ask this network from now on. A name or a file is loaded and tried now.
-
-        ModelError where that fails: the old one stays.
-        """
+        """Ask this network from now on, loaded and tried now; ModelError where that fails: the old one stays."""
         self._model = self._methods.use_model(model)
 
     @one_at_a_time

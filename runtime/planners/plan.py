@@ -194,9 +194,7 @@ class Plan:
 
     @property
     def curvatures(self) -> NDArray[np.float64]:
-        """(N,) of the line at each way point, one over a radius in metres, or cells without elevations; see
-        `map.turns`.
-        """
+        """(N,) of the line at each way point, one over a radius in metres, or cells without heights: `map.turns`."""
         if self.waypoints is None:
             return np.empty(0)
         return curvatures(self.waypoints if self.along is None else self.waypoints * self.along.sides_m)

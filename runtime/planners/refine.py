@@ -27,7 +27,7 @@ from nnpp_edge.runtime.kernels.any_angle import corners, line_cost
 from nnpp_edge.runtime.kernels.stations import freed
 from nnpp_edge.runtime.map.grid import Grid
 from nnpp_edge.runtime.map.state import MapState
-from nnpp_edge.runtime.map.turns import Points, sharpest, with_arcs
+from nnpp_edge.runtime.map.turns import Points, curvatures, with_arcs
 from nnpp_edge.runtime.planners.plan import Plan
 from nnpp_edge.runtime.stopwatch import Stopwatch
 from nnpp_edge.runtime.tuning import ANY_ANGLE, WAY_POINT_SAVES
@@ -76,7 +76,8 @@ class Refiner:
         plan says NO_PATH and why. From the deadline on nothing better is looked for: the line may then be the grid's
         path. InvalidQueryError where the radius is not positive, or the map's cells have no known size.
         """
-        wanted = self._state.turning_radius_m if turning_radius_m is None else turning_radius_m
+        vehicle = self._state.vehicle
+        wanted = vehicle.turning_radius_m if vehicle and turning_radius_m is None else turning_radius_m
         radius = self._radius(wanted)
         if not plan.ok:
             return plan
@@ -113,7 +114,7 @@ class Refiner:
     def _turns(self, points: Points, radius: float) -> bool:
         """Whether no turn is sharper than a radius, in cells; on cells that are not square, in metres too."""
         (dy, dx), least = self._state.sides_m or (1.0, 1.0), min(self._state.sides_m or (1.0,))
-        return sharpest(points * (dy / least, dx / least)) * radius <= 1.0
+        return bool((curvatures(points * (dy / least, dx / least)) * radius <= 1.0).all())
 
     def _freed(self, path: NDArray[np.int32], saves: float, deadline: Deadline) -> Line:
         """The cheaper of what is found and the path itself."""

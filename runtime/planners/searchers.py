@@ -73,9 +73,7 @@ class AStarSearcher:
         self._since = self._log.reader()
 
     def kept_cost(self, query: Query) -> float:
-        """The least from the query's start to its goal by what guided an earlier search; inf where that is of another
-        goal, or much has changed since.
-        """
+        """Least cost from start to goal by what guided an earlier search; inf to another goal, or if outdated."""
         field, grid = self.workspace.field, self.grid
         if self._kept is None or field is None or (query.goal, field.stamp) != (self._kept[0], self._kept[2]):
             return math.inf
@@ -219,7 +217,9 @@ class RegionMender:
         known_to_pay = mended <= 1.0 + self._saving_missed
         if known_to_pay:
             mended += DSTAR_SLOWER * EXPANDED_TWICE * dstar.reach()
-        step = DSTAR_SLOWER * EXPANDED_TWICE * self._reach_by_distance(query)
+        # as `DStarLite.reach`, by distances as the king moves
+        nearest = min((apart(change.part, query.goal) for change in self._changes.peek()), default=query.apart)
+        step = DSTAR_SLOWER * EXPANDED_TWICE * max(1.0 - nearest / query.apart, 0.0)
         if step < 1.0:
             step += DSTAR_SLOWER * _new_share(region, self._latest)
         self._latest = region
@@ -237,11 +237,6 @@ class RegionMender:
         if self._dstar is None or self._dstar.goal != query.goal:
             return self.expect(query.goal)
         return self._dstar
-
-    def _reach_by_distance(self, query: Query) -> float:
-        """As `DStarLite.reach`, by distances as the king moves."""
-        nearest = min((apart(change.part, query.goal) for change in self._changes.peek()), default=query.apart)
-        return max(1.0 - nearest / query.apart, 0.0)
 
     def _joined(self, region: Region) -> Region:
         """The region together with the last one: to D* Lite, cells that leave are much work, and stay for nothing."""

@@ -162,7 +162,7 @@ class StandingPath:
             return Standing(Footing.OFF_PATH)
         index, goal = int(hits[0]), (int(path[-1, 0]), int(path[-1, 1]))
         walked = float(self._walked[index])
-        straight = octile.py_func(*at, *goal, *grid.prices) + grid.steps.worth_of_height(at, goal)
+        straight = grid.least_cost(at, goal)
         rest = float(self._walked[-1]) - walked, (1.0 - _ROUNDING) * self.plan.lower_bound - walked
         floor, lower = (max(bound, straight) for bound in self._bounds_now(rest, at, goal, direction))
         blocked = self._grid.walk(self.plan.walked, index, self._scratch)
@@ -186,8 +186,7 @@ class StandingPath:
         while (blocked := self._grid.walk(states, clear, self._scratch)) >= 0:
             clear = blocked
         goal = int(path[-1, 0]), int(path[-1, 1])
-        straight = octile.py_func(*at, *goal, *self._grid.prices) + self._grid.steps.worth_of_height(at, goal)
-        return Rest(states, clear, standing.valid, max(standing.lower_bound, straight))
+        return Rest(states, clear, standing.valid, max(standing.lower_bound, self._grid.least_cost(at, goal)))
 
     def _read_changes(self) -> None:
         """Note what changed nodes weighed when the path was set."""

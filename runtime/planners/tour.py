@@ -33,28 +33,19 @@ Nearest = Callable[[], tuple[Costs, NDArray[np.bool_]]]
 
 @dataclass(frozen=True)
 class Tour:
-    """A path from start to goal by way of other places.
-
-    Attributes
-    ----------
-    stops : tuple of (row, col)
-        Start, the places between in the order in which they are visited, and goal.
-    order : tuple of int
-        Numbers of the places between, counted from 0 as they were given.
-    legs : tuple of Plan
-        From each stop to the next; up to the first that has no path.
-    plan : Plan
-        The legs as one plan. Its lower bound is that of this order. Without a path from one stop to the next its
-        status is that leg's, and its reason names the leg.
-    given_cost : float
-        What the order given would have cost; NaN where no other was looked for.
-    """
+    """A path from start to goal by way of other places."""
 
     stops: tuple[Cell, ...]
+    """Start, the places between in the order in which they are visited, and goal."""
     order: tuple[int, ...]
+    """Numbers of the places between, counted from 0 as they were given."""
     legs: tuple[Plan, ...]
+    """From each stop to the next; up to the first that has no path."""
     plan: Plan
+    """The legs as one plan. Its lower bound is that of this order. Without a path from one stop to the next its
+    status is that leg's, and its reason names the leg."""
     given_cost: float = math.nan
+    """Cost of the order given; NaN where no other was looked for."""
 
     def told(self, on_the_ground: Callable[[Plan], Plan]) -> "Tour":
         """This tour with what the function adds to each of its plans."""

@@ -105,10 +105,7 @@ class RegionFinder:
 
 
 class LearnedRegions:
-    """Regions from a network's answers, for one map.
-
-    The network is loaded when first needed; ModelError where it cannot be.
-    """
+    """Regions of one map by a network, which is loaded when first needed: ModelError where it cannot be."""
 
     def __init__(self, state: MapState, model: str | Path | NetworkModel) -> None:
         self._state, self.unseen_change = state, 0.0

@@ -86,10 +86,7 @@ class MapView:
         return int(self.lookup[0][cell[0]]), int(self.lookup[1][cell[1]])
 
     def lookup_at(self, level: Grid, number: int) -> tuple[Lookup, bool]:
-        """The block that the middle of each row and column of a level lies in, and whether steps leave out none.
-
-        `level` is the pyramid's of that number.
-        """
+        """The block of each row's and column's middle on the level of that number; whether steps leave out none."""
         if number not in self._level_lookups:
             factor = FACTOR**number
             rows = np.minimum(np.arange(level.rows) * factor + factor // 2, self._grid.rows - 1)

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from nnpp_edge.runtime.arrays import Float2D
-from nnpp_edge.runtime.cells import Cell
+from nnpp_edge.runtime.cells import Cell, widened
 from nnpp_edge.runtime.deadline import NEVER, Deadline
 from nnpp_edge.runtime.errors import Status
 from nnpp_edge.runtime.kernels import expansion as kernels
@@ -200,19 +200,13 @@ def _around_goal(
     rule = (0.0, 0.0, 0.0), _bucket_width(grid), kernels.BELOW, frame, backwards, np.zeros_like(backwards)
     before, limits = (*states, _no_field(workspace), allowed), (AROUND_GOAL, until)
     code, _, spent, refused = _run(expand_states, before, (last, _CORNER), rule, workspace, limits)
-    if workspace.costs(slice(first, first + 1))[0] < math.inf:
-        return (kernels.FOUND, spent, refused), None
-    if code == kernels.EXHAUSTED:
-        return (code, spent, refused), None
+    near = workspace.costs(slice(first, first + 1))[0] < math.inf
+    if near or code == kernels.EXHAUSTED:
+        return (kernels.FOUND if near else code, spent, refused), None
     reach = int(workspace.least_open / grid.prices[0]) + 2 * int(np.abs(states[2][1][..., :2]).max())
-    row, col = grid.cell(last)
-    part = (
-        max(row + 1 - reach, 1),
-        min(row + 2 + reach, grid.rows + 1),
-        max(col + 1 - reach, 1),
-        min(col + 2 + reach, grid.cols + 1),
-    )
-    while len(field.entries) < 4 * (part[1] - part[0]) * (part[3] - part[2]):
+    row, col, rows, cols = widened((*grid.cell(last), 1, 1), (reach, reach), grid.shape)
+    part = row + 1, row + rows + 1, col + 1, col + cols + 1
+    while len(field.entries) < 4 * rows * cols:
         field.grow()
     costs = workspace.g, workspace.meta, workspace.stamp
 
@@ -282,14 +276,11 @@ def _by_field(
         code, end = kernels.FOUND, int(workspace.counts[kernels.SETTLED])
         length = trace(workspace.meta, end, out=workspace.path)
     found = _traced(trace, workspace, code, end, length, expansions, math.inf)
-    path = found.path if grid.steps.columns == 3 else _cells(found.path)
+    path = found.path
+    if grid.steps.columns == 2:  # cells alone, of those that it turns on one
+        moved = np.any(np.diff(path[:, :2], axis=0, prepend=-1), axis=1)
+        path = np.ascontiguousarray(path[moved, :2])
     return found._replace(path=path, promised=promised)
-
-
-def _cells(states: NDArray[np.int32]) -> NDArray[np.int32]:
-    """(N, 2) the cells of a path of states (M, 3), turned on once."""
-    moved = np.any(np.diff(states[:, :2], axis=0, prepend=-1), axis=1)
-    return np.ascontiguousarray(states[moved, :2])
 
 
 def _frame(grid: Grid, workspace: Workspace) -> tuple[int, int]:
@@ -362,10 +353,7 @@ def _settling(
     most: int = _WITHOUT_END,
     deadline: Deadline = NEVER,
 ) -> Iterator[float]:
-    """Search from a passable cell, so many expansions at a time: the least cost that may yet fall, inf in the end.
-
-    OutOfTimeError at the deadline.
-    """
+    """Search on, `most` expansions each time: the least cost that may yet fall, inf in the end; or OutOfTimeError."""
     width, anywhere = _bucket_width(grid), np.ones(workspace.states, np.bool_)
     kernel: Callable[..., Parts] = kernels.expand
     before: Parts = grid.packed, grid.steps.edges(), _ways(links), kernels.NO_REGION, kernels.NO_HINTS

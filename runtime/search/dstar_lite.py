@@ -74,8 +74,7 @@ class DStarLite:
         """To be read only."""
         self.open_nodes = 0
         """Number of nodes on the open list."""
-        self._everywhere = Region.everywhere(*self._grid.shape)
-        self._region = region or self._everywhere
+        self._region = region or Region.everywhere(*self._grid.shape)
         self._blocks = self._region.blocks()
         self._rows_left = np.full(self._grid.rows + 2, kernels.UNREAD, np.uint8)
         self._least = self._grid.least if math.isfinite(self._grid.least) else 0.0
@@ -108,17 +107,12 @@ class DStarLite:
         left, self._start = self._start, node
         ends = self._grid.cell(left), self._grid.cell(node)
         self._km += float(octile.py_func(*ends[0], *ends[1], *self._prices))
-        if self._region is not self._everywhere:  # start and goal count as inside it
-            for cell in ends:
-                self._read_rectangle((*cell, 1, 1))
+        for cell in ends:  # start and goal count as inside the region
+            self._read_rectangle((*cell, 1, 1))
 
-    def set_region(self, region: Region | None) -> None:
-        """Search only there from now on; None for the whole map.
-
-        Start and goal count as inside. The bitmap is copied now and may be changed afterwards.
-        """
+    def set_region(self, region: Region) -> None:
+        """Search only there from now on; start and goal count as inside. The bitmap may be changed afterwards."""
         self._read_changes()
-        region = region or self._everywhere
         blocks = region.blocks()
         differs = np.ones(len(blocks), np.bool_)
         if region.shares_blocks(self._region):
@@ -145,10 +139,7 @@ class DStarLite:
         return float(min(max(1.0 - nearest / whole, 0.0), 1.0)) if 0.0 < whole < math.inf else 1.0
 
     def read(self, deadline: Deadline = NEVER) -> None:
-        """Read what is not yet read of the map, or as another region; at the deadline OutOfTimeError.
-
-        The next call goes on from there.
-        """
+        """Read the rest of the map, or of another region; at the deadline OutOfTimeError: the next call goes on."""
         if not self._rows_left.any():
             return
         self._grid.complete(deadline)

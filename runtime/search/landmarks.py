@@ -22,10 +22,7 @@ _RIM = ((0.0, 0.0), (1.0, 1.0), (0.0, 1.0), (1.0, 0.0), (0.0, 0.5), (1.0, 0.5), 
 
 
 class Landmarks:
-    """Costs from at most `MOST_LANDMARKS` cells of a grid to all others.
-
-    `workspace` is scratch memory of the grid's size; `links` are as in `astar`.
-    """
+    """Costs from at most `MOST_LANDMARKS` cells of a grid to all others; `workspace` is memory of its size."""
 
     def __init__(self, grid: Grid, workspace: Workspace, links: Links = None) -> None:
         self._grid, self._workspace, self._links = grid, workspace, links

@@ -75,15 +75,13 @@ class Vehicle:
         self._check_metres(_LARGEST_M, "length_m", "width_m")
         self._check_metres(_THINNEST * min(self.length_m, self.width_m), "length_m", "width_m")
         longest = max(self.length_m, self.width_m)
+        widest = _WIDEST_TURN * longest
         self._check_metres(_TALLEST * longest, "clearance_m", "max_step_m")
-        self._check_metres(_WIDEST_TURN * longest, "turning_radius_m")
+        self._check_metres(widest, "turning_radius_m")
         if self.turning_radius_m is None and (self.turns_on_spot is False or self.reverse_cost or self.gear_change_m):
             raise InvalidMapError("a body that turns on the spot alone drives no arcs: wanted a turning_radius_m")
         if self.reverse_cost is not None and not 1.0 <= self.reverse_cost < math.inf:
             raise InvalidMapError(f"reverse_cost must be a number of at least 1, got {self.reverse_cost}")
-        if not 0.0 <= self.gear_change_m <= _WIDEST_TURN * longest:
-            words = f"a number of metres from 0 to {_WIDEST_TURN * longest:g}"
-            raise InvalidMapError(f"gear_change_m must be {words}, got {self.gear_change_m}")
         self._check_metres(math.inf, "wheelbase_m", "track_m", "wheel_length_m", "wheel_width_m")
         for name, value in self._given("max_tilt_deg", "max_pitch_deg", "max_roll_deg"):
             if not 0.0 < value < 90.0:
@@ -100,11 +98,9 @@ class Vehicle:
                     f"the wheels must lie under the body: {name} must be at most {most:g} m less a contact patch of "
                     f"{contact:g} m and more than 0, got {apart:g}"
                 )
-        if not 0.0 <= self.turn_m_per_rad <= _WIDEST_TURN * longest:
-            raise InvalidMapError(
-                f"turn_cost_m_per_rad must be a number of metres from 0 to {_WIDEST_TURN * longest:g}, "
-                f"got {self.turn_cost_m_per_rad}"
-            )
+        for name, value in (("gear_change_m", self.gear_change_m), ("turn_cost_m_per_rad", self.turn_m_per_rad)):
+            if not 0.0 <= value <= widest:
+                raise InvalidMapError(f"{name} must be a number of metres from 0 to {widest:g}, got {value}")
 
     def _given(self, *names: str) -> Iterator[tuple[str, float]]:
         return ((name, value) for name in names if (value := getattr(self, name)) is not None)

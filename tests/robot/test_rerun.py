@@ -133,7 +133,7 @@ def test_a_viewer_elsewhere_is_shown_the_same(tmp_path):
 def test_where_nothing_can_be_shown_it_is_one_line(tmp_path):
     with pytest.raises(InvalidQueryError, match=r"view must be here, rerun\+http.* got 'there'"):
         RerunSink("there", STATE)
-    with pytest.raises(OutputError, match="No such file"):
+    with pytest.raises(OutputError, match="no such file"):
         RerunSink(tmp_path / "missing" / "loop.rrd", STATE)
     with pytest.raises(OutputError, match="cannot write there"):
         RerunSink("rerun+http://no address", STATE)

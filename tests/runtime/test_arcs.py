@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 
 from nnpp_edge.runtime import DynamicPlanner, Planner, Vehicle
-from nnpp_edge.runtime.errors import InvalidQueryError
+from nnpp_edge.runtime.errors import InvalidMapError, InvalidQueryError
 from nnpp_edge.runtime.kernels.poses import AXES, FAILS, MOST_CODE
 from nnpp_edge.runtime.map.arcs import heading_deg
 from nnpp_edge.runtime.map.primitives import primitives
@@ -246,6 +246,8 @@ def test_headings_that_are_none_and_vehicles_without_them_are_refused():
             made.plan((10, 10), (30, 30), **options)
     with pytest.raises(InvalidQueryError, match="want a vehicle's body"):
         Planner(np.zeros((9, 9))).plan((1, 1), (5, 5), start_heading_deg=3.0)
+    with pytest.raises(InvalidMapError, match="arcs have the paper's cost"):
+        Planner.of_elevation(np.zeros((40, 40)), 0.25, vehicle=made.state.vehicle, step_cost="tobler")
 
 
 def test_the_way_between_the_same_cells_depends_on_the_headings():

@@ -35,7 +35,7 @@ class Changing:
 
     def set_region(self, region):
         self.region = region
-        self.search.set_region(region)
+        self.search.set_region(region or Region.everywhere(*self.grid.shape))
 
     def optimum(self, start, slowly):
         """By a fresh A*, or by scipy's Dijkstra, of the whole map."""

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, get_type_hints
 from nnpp_edge import __version__
 from nnpp_edge.runtime.errors import InvalidQueryError, optional_module
 from nnpp_edge.runtime.loop.messages import Counters
+from nnpp_edge.runtime.reading import refused_as
 
 if TYPE_CHECKING:
     from prometheus_client import CollectorRegistry, Metric
@@ -28,11 +29,8 @@ def serving_metrics(port: int, snapshot: Callable[[], Counters]) -> Iterator[str
     registry = metrics_registry(snapshot)
     from prometheus_client import start_http_server
 
-    try:
+    with refused_as(InvalidQueryError, f"metrics cannot be served at {HOST}:{port}"):
         server, thread = start_http_server(port, HOST, registry)
-    except (OSError, OverflowError) as error:
-        reason = getattr(error, "strerror", None) or error
-        raise InvalidQueryError(f"metrics cannot be served at {HOST}:{port} ({reason})") from error
     try:
         yield f"http://{HOST}:{server.server_port}/metrics"
     finally:

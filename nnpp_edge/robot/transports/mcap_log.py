@@ -28,6 +28,7 @@ from nnpp_edge.ros.messages import (
 from nnpp_edge.runtime.errors import OutputError, optional_module
 from nnpp_edge.runtime.loop.messages import Goal, Input, Output, PathMessage, Pose
 from nnpp_edge.runtime.map.state import MapState
+from nnpp_edge.runtime.reading import refused_as
 
 _LOG = logging.getLogger(__name__)
 
@@ -79,10 +80,8 @@ class McapLog:
         self._heights_came = False
         self.lost = 0
         """Messages that were not written because the log had stopped."""
-        try:
+        with refused_as(OutputError, f"{path}: could not be written"):
             self._stream: IO[bytes] | None = self._path.open("wb")
-        except OSError as error:
-            raise OutputError(f"{path}: could not be written ({error.strerror or error})") from error
         with self._stopping_on_error():
             self._begin(self._stream)
 

@@ -32,6 +32,7 @@ from nnpp_edge.runtime.loop.connections import InputSource
 from nnpp_edge.runtime.loop.ladder import one_line
 from nnpp_edge.runtime.loop.messages import Input, MapPatch
 from nnpp_edge.runtime.loop.workers import Guard, Queue, Worker
+from nnpp_edge.runtime.reading import refused_as
 
 _LOG = logging.getLogger(__name__)
 _MOST_WAITING = 4096
@@ -98,23 +99,20 @@ class ReplaySource:
 
 def read_recording(path: Path, shape: tuple[int, int] | None = None) -> Iterator[tuple[float, Input]]:
     """Times and inputs of a recording, one by one; ReplayError as for `ReplaySource`."""
-    latest = 0.0
-    try:
-        with Path(path).open("rb") as file:
-            lines = iter(partial(file.readline, _LONGEST_LINE + 1), b"")
-            for number, line in enumerate(lines, 1):
-                try:
-                    found = _read_line(line, shape, latest) if line.strip() else None
-                except WireError as error:
-                    if line.endswith(b"\n") or len(line) > _LONGEST_LINE:
-                        raise ReplayError(f"{path}: line {number}: {error}") from None
-                    _LOG.warning("%s: line %d was cut off, and is left out", path, number)
-                    return
-                if found is not None:
-                    latest = found[0]
-                    yield found
-    except OSError as error:
-        raise ReplayError(f"{path}: wanted a recording, got a file that cannot be read ({error.strerror})") from error
+    latest, wanted = 0.0, f"{path}: wanted a recording, got a file that cannot be read"
+    with refused_as(ReplayError, wanted), Path(path).open("rb") as file:
+        lines = iter(partial(file.readline, _LONGEST_LINE + 1), b"")
+        for number, line in enumerate(lines, 1):
+            try:
+                found = _read_line(line, shape, latest) if line.strip() else None
+            except WireError as error:
+                if line.endswith(b"\n") or len(line) > _LONGEST_LINE:
+                    raise ReplayError(f"{path}: line {number}: {error}") from None
+                _LOG.warning("%s: line %d was cut off, and is left out", path, number)
+                return
+            if found is not None:
+                latest = found[0]
+                yield found
 
 
 def _read_line(line: bytes, shape: tuple[int, int] | None, latest: float) -> tuple[float, Input] | None:

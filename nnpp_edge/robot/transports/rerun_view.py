@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from nnpp_edge.runtime.errors import InvalidQueryError, OutputError, optional_module
 from nnpp_edge.runtime.loop.messages import Goal, Input, MapPatch, Output, PathMessage, Pose
 from nnpp_edge.runtime.map.state import MapState
+from nnpp_edge.runtime.reading import refused_as
 
 Colour = tuple[int, int, int]
 _PATH = (255, 120, 20)
@@ -19,8 +20,6 @@ _ROBOT = (255, 215, 0)
 _GOAL = (225, 20, 30)
 _PATCH = (0, 200, 230)
 _MOST_ARROWS = 100
-_SECONDS = "time"
-_TICKS = "tick"
 
 
 class RerunSink:
@@ -51,7 +50,7 @@ class RerunSink:
         if not (place == "here" or is_address or place.endswith(".rrd")):
             wanted = "here, rerun+http://HOST:9876/proxy or a file FILE.rrd"
             raise InvalidQueryError(f"view must be {wanted}, got {place!r}")
-        try:
+        with refused_as(OutputError, f"{place}: rerun cannot write there"):
             if place == "here":
                 self._stream.spawn()
             elif is_address:
@@ -59,9 +58,6 @@ class RerunSink:
             else:
                 Path(where).open("wb").close()  # rerun reports a missing folder only in its log
                 self._stream.save(where)
-        except (OSError, RuntimeError, ValueError) as error:
-            reason = " ".join(str(getattr(error, "strerror", None) or error).split())
-            raise OutputError(f"{place}: rerun cannot write there ({reason})") from error
 
     def record(self, message: Input, at_s: float = 0.0) -> None:
         """Show an input, with the tick that follows: the robot, its goal, or the rectangle of a map patch."""
@@ -109,8 +105,8 @@ class RerunSink:
         self._stream.disconnect()
 
     def _set_time(self, tick: int) -> None:
-        self._stream.set_time(_SECONDS, duration=time.monotonic() - self._began)
-        self._stream.set_time(_TICKS, sequence=tick)
+        self._stream.set_time("time", duration=time.monotonic() - self._began)
+        self._stream.set_time("tick", sequence=tick)
 
     def _show_map(self) -> None:
         now, state = time.monotonic(), self._state
@@ -133,7 +129,6 @@ class RerunSink:
         outlines = body_outlines(message.path, vehicle, sides, headings if message.states else None)
         strips = [_points(outline) for outline in outlines]
         self._stream.log("map/body", self._rr.LineStrips2D(strips, colors=_BODY, radii=0.15, draw_order=15.0))
-
         if vehicle.turning_radius_m is not None:
             self._arrows("map/headings", _points(message.path)[some], headings[some], _PATH)
 

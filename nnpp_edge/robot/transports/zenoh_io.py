@@ -14,6 +14,7 @@ from nnpp_edge.robot.transports.wire import LIMIT_BYTES, encode
 from nnpp_edge.runtime.errors import InvalidQueryError, optional_module
 from nnpp_edge.runtime.loop.connections import Mailbox
 from nnpp_edge.runtime.loop.messages import Output, PathMessage
+from nnpp_edge.runtime.reading import refused_as
 
 if TYPE_CHECKING:
     import zenoh
@@ -50,14 +51,11 @@ class ZenohLink:
         self.zenoh, self.prefix = zenoh, prefix
         config = zenoh.Config()
         listen, other = ([], [connect]) if connect else ([endpoint], [])
-        try:
+        where = f"go to {connect!r}" if connect else f"listen at {endpoint!r}"
+        with refused_as(InvalidQueryError, f"Zenoh could not {where}"):
             for key, value in (_CONFIGURATION | {"listen/endpoints": listen, "connect/endpoints": other}).items():
                 config.insert_json5(key, json.dumps(value))
             self.session = zenoh.open(config)
-        except zenoh.ZError as error:
-            reason = " ".join(str(error).split())[:200]
-            where = f"go to {connect!r}" if connect else f"listen at {endpoint!r}"
-            raise InvalidQueryError(f"Zenoh could not {where} ({reason})") from error
 
     def close(self) -> None:
         """End the session, within a second."""
@@ -100,10 +98,7 @@ class ZenohSource(MailboxSource):
 
 
 class ZenohSink:
-    """Sends each answer to Zenoh's topics, and before it the refusals that wait for one.
-
-    Messages for listeners that do not keep up are dropped by Zenoh.
-    """
+    """Sends answers to Zenoh's topics, refusals that wait first; Zenoh drops what listeners are too slow for."""
 
     name = "zenoh"
 
