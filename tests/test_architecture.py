@@ -14,7 +14,7 @@ KERNELS = "runtime/kernels/"
 KERNEL_IMPORTS = re.compile(
     r"(numpy|numba|llvmlite|time|math|enum|operator|typing|nnpp_edge\.runtime\.(tuning|compiled|kernels|errors))(\.|$)"
 )
-MOST_SOURCE_LINES, MOST_TEST_LINES = 34_810, 21_470
+MOST_SOURCE_LINES, MOST_TEST_LINES = 34_450, 21_445
 """Examples and the site's scripts included (docs/decisions/code.md). Only ever to be lowered."""
 MOST_PARAMETERS = 10
 MORE_PARAMETERS: dict[str, float] = {}
