@@ -42,7 +42,7 @@ class Landscape:
         self.ground, self._site, dem, blocks = asked.ground(site), site, site.dem, site.blocks
         if blocks and self.ground.by_slope:
             raise InvalidQueryError("blocks of a coarse map have prices: wanted the paper's cost of a step")
-        planned, self._scale = self.ground, 1.0
+        planned, self._scale = self.ground, PRICE_SCALE if blocks else 1.0
         with warnings.catch_warnings(record=True) as told:
             warnings.simplefilter("always")
             self.cost = traversability_cost(
@@ -51,7 +51,7 @@ class Landscape:
             """(H, W) traversability costs, without what is painted; of blocks their prices, below 1."""
         if blocks:
             prices = prices_by(blocks[1], dem.elevation, asked.limits, dem.cell_size_m, blocks[0])
-            self.cost, self._scale = np.minimum(prices, _DEAREST), PRICE_SCALE
+            self.cost = np.minimum(prices, _DEAREST)
             planned = Ground(prices / np.float32(PRICE_SCALE))
         self.warnings = [str(warning.message) for warning in told]
         self.planner = Planner(
@@ -92,7 +92,7 @@ class Landscape:
             plan = self.planner.plan_via(asked.start, asked.goal, asked.via, **options).plan
         else:
             plan = self.planner.plan(asked.start, asked.goal, **options)
-        if self._scale == 1.0:
+        if not self._site.blocks:
             return plan
         along = Along.of(plan.line, self._site.dem.elevation, self.ground.sides_m)
         return replace(plan, along=along, traverse_cost=self._scale * plan.traverse_cost)

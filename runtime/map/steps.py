@@ -68,6 +68,8 @@ class PointSteps:
         """Cost, length in cells and CC of a path, summed in float64; inf for an empty one."""
         if not len(path):
             return math.inf, math.inf, math.inf
+        if grid.tiles is not None:  # a search may not have read all of it
+            grid.tiles.open_along(path)
         straight, diagonal, by_straight, by_diagonal, total = measure(grid.weights, grid.stride, path)
         length_s, length_d, weight_s, weight_d = grid.model.steps
         cost = length_s * straight + length_d * diagonal + weight_s * by_straight + weight_d * by_diagonal

@@ -241,8 +241,6 @@ class Methods:
             return None
         path = search.path if self.has_poses else np.concatenate((search.path[:-1], over(stops[first:])))
         bound = float(octile.py_func(*query.start, *query.goal, *grid.prices))
-        if grid.tiles is not None:
-            grid.tiles.open_along(path)  # no search has been beyond
         answer = Found.of(grid, Search(Status.OK, path, 0, bound), Source.REGION, None, work)
         return answer if answer.cost < math.inf else None
 
