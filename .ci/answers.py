@@ -31,7 +31,16 @@ def answer(folder: Path) -> None:
     import onnxruntime
 
     for name, words in PLANS.items():
-        command = [sys.executable, "-P", "-m", "nnpp_edge.cli.main", "plan", *words.split(), "-o", str(folder / name)]
+        command = [
+            sys.executable,
+            "-P",
+            "-m",
+            "nnpp_edge.cli.main",
+            "plan",
+            *words.split(),
+            "-o",
+            str(folder / name),
+        ]
         subprocess.run(command, check=True, stdout=subprocess.DEVNULL)
     said, rng = {}, np.random.default_rng(0)
     for path in sorted(Path(str(files("nnpp_edge.models"))).glob("*.onnx")):
@@ -51,7 +60,10 @@ def answer(folder: Path) -> None:
 def plan_of(folder: Path) -> list[object]:
     """What a plan wrote, but for times."""
     texts = [(folder / name).read_text() for name in FILES]
-    return [*texts[:-1], {key: value for key, value in json.loads(texts[-1]).items() if key not in TIMES}]
+    return [
+        *texts[:-1],
+        {key: value for key, value in json.loads(texts[-1]).items() if key not in TIMES},
+    ]
 
 
 def compare(one: Path, other: Path) -> bool:
@@ -62,7 +74,9 @@ def compare(one: Path, other: Path) -> bool:
         same &= equal
     said, others = np.load(one / "networks.npz"), np.load(other / "networks.npz")
     for name in said.files:
-        apart = float(np.max(np.abs(said[name].astype(float) - others[name].astype(float)), initial=0.0))
+        apart = float(
+            np.max(np.abs(said[name].astype(float) - others[name].astype(float)), initial=0.0)
+        )
         allowed = 1.0 if said[name].dtype == np.uint8 else ROUNDED
         print(f"network {name}: {'the same' if apart == 0.0 else f'at most {apart:.2g} apart'}")
         same &= apart <= allowed

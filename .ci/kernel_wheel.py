@@ -2,9 +2,9 @@
 
 python .ci/kernel_wheel.py FOLDER [KERNEL...]    in an environment with nnpp-edge; KERNEL: module:name, these alone
 
-One x86-64 machine compiles for all: kernels are run once to see with which types they are called, then a process for
-each level compiles them for these types with LLVM's target set, and runs none. A wheel is for one Python and one
-numba: a compiled version is kept under a name that holds both.
+One x86-64 machine compiles for all: kernels are run once to see with which types they are called,
+then a process for each level compiles them for these types with LLVM's target set, and runs none. A
+wheel is for one Python and one numba: a compiled version is kept under a name that holds both.
 """
 
 import base64
@@ -33,13 +33,18 @@ def note_types(listed: Path, *names: str) -> None:
     found = {}
     for info in pkgutil.iter_modules(kernels.__path__, f"{kernels.__name__}."):
         for name, value in vars(importlib.import_module(info.name)).items():
-            if isinstance(getattr(value, "_cache", None), KernelCache) and value.py_func.__module__ == info.name:
+            if (
+                isinstance(getattr(value, "_cache", None), KernelCache)
+                and value.py_func.__module__ == info.name
+            ):
                 found[f"{info.name}:{name}"] = value.signatures
     listed.write_bytes(pickle.dumps({name: found[name] for name in names or found if found[name]}))
 
 
 def compile_all(listed: Path, level: str) -> None:
-    """Compile what was written down for the level that the environment names, into the cache that it names."""
+    """Compile what was written down for the level that the environment names, into the cache that
+    it names.
+    """
     if level in MACHINES["aarch64"]:
         import llvmlite.binding as llvm
 
@@ -61,12 +66,17 @@ def compile_all(listed: Path, level: str) -> None:
 
 
 def pack(folder: Path, machine: str, compiled: dict[str, Path]) -> Path:
-    """Put a wheel into `folder`, with the files of each of these folders under the folder's name."""
+    """Put a wheel into `folder`, with the files of each of these folders under the
+    folder's name.
+    """
     import numba
 
     from nnpp_edge import __version__
 
-    python, info = f"cp{sys.version_info[0]}{sys.version_info[1]}", f"nnpp_edge_kernels-{__version__}.dist-info"
+    python, info = (
+        f"cp{sys.version_info[0]}{sys.version_info[1]}",
+        f"nnpp_edge_kernels-{__version__}.dist-info",
+    )
     tag = f"{python}-none-manylinux_2_17_{machine}.manylinux2014_{machine}"
     files = {
         f"nnpp_edge_kernels/{name}/{path.name}": path.read_bytes()
@@ -76,11 +86,14 @@ def pack(folder: Path, machine: str, compiled: dict[str, Path]) -> Path:
     files[f"{info}/METADATA"] = (
         f"Metadata-Version: 2.4\nName: nnpp-edge-kernels\nVersion: {__version__}\n"
         f"Summary: Compiled kernels of nnpp-edge {__version__} for {', '.join(MACHINES[machine])}\n"
-        f"License-Expression: Apache-2.0\nLicense-File: LICENSE\nRequires-Python: =={python[2]}.{python[3:]}.*\n"
+        "License-Expression: Apache-2.0\nLicense-File: LICENSE\nRequires-Python: "
+        f"=={python[2]}.{python[3:]}.*\n"
         f"Requires-Dist: nnpp-edge=={__version__}\nRequires-Dist: numba=={numba.__version__}\n"
     ).encode()
     tags = "".join(f"Tag: {python}-none-{each}\n" for each in tag.split("-")[2].split("."))
-    files[f"{info}/WHEEL"] = f"Wheel-Version: 1.0\nGenerator: kernel_wheel\nRoot-Is-Purelib: false\n{tags}".encode()
+    files[f"{info}/WHEEL"] = (
+        f"Wheel-Version: 1.0\nGenerator: kernel_wheel\nRoot-Is-Purelib: false\n{tags}".encode()
+    )
     files[f"{info}/licenses/LICENSE"] = (Path(__file__).parent.parent / "LICENSE").read_bytes()
     lines = []
     for name, content in files.items():
@@ -105,13 +118,19 @@ def main(folder: Path, *names: str) -> None:
         def step(what: str, *words: str, **chosen: str) -> list[str]:
             """Do a part in a process of its own; the words that it prints."""
             command = [sys.executable, __file__, what, f"{work}/types", *words]
-            ended = subprocess.run(command, env=os.environ | chosen, check=True, stdout=subprocess.PIPE, text=True)
+            ended = subprocess.run(
+                command, env=os.environ | chosen, check=True, stdout=subprocess.PIPE, text=True
+            )
             return ended.stdout.split()
 
         def compiled_for(level: str) -> tuple[str, Path]:
             """Name and place of the kernels for a level."""
             features, kept = FEATURES.get(level, ""), f"{work}/{level}"
-            chosen = {"NUMBA_CPU_NAME": level, "NUMBA_CPU_FEATURES": features, "NUMBA_CACHE_DIR": kept}
+            chosen = {
+                "NUMBA_CPU_NAME": level,
+                "NUMBA_CPU_FEATURES": features,
+                "NUMBA_CACHE_DIR": kept,
+            }
             name, folder = step("compile", level, **chosen)
             return name, Path(folder)
 

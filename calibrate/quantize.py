@@ -1,4 +1,6 @@
-"""An int8 model made from an fp32 model, and measured against it: speed, agreement, and what a search makes of it."""
+"""An int8 model made from an fp32 model, and measured against it: speed, agreement, and what a
+search makes of it.
+"""
 
 import time
 from collections.abc import Callable, Mapping, Sequence
@@ -41,7 +43,9 @@ GAP_LIMIT = 0.003
 SUCCESS_LIMIT = 0.01
 """The most that it may take from the share of queries with a path inside the region."""
 DIFFERENCE_LIMIT = 0.005
-"""Mean difference of the probabilities from which on it is another network: about one of the region's 256 levels."""
+"""Mean difference of the probabilities from which on it is another network: about one of the
+region's 256 levels.
+"""
 ERROR_LIMIT = 0.02
 """The most by which the errors of prices may grow, as a share of them."""
 HELD_OUT_SHARE = 4
@@ -65,7 +69,9 @@ class Comparison:
     """Of the probabilities."""
     max_difference: float
     fp32: Judgement | Fit
-    """Outcome of searches in its regions, at the model's factor on the threshold; or errors of prices."""
+    """Outcome of searches in its regions, at the model's factor on the threshold; or errors of
+    prices.
+    """
     int8: Judgement | Fit
     fp32_latency: Latency
     int8_latency: Latency
@@ -79,18 +85,33 @@ class Comparison:
         as_fast = f"{self.speed_up:.2f} times as fast"
         checks = [(self.speed_up >= WORTH_IT, f"and {WORTH_IT} is wanted")]
         if isinstance(self.fp32, Judgement) and isinstance(self.int8, Judgement):
-            more, fewer = self.int8.gap - self.fp32.gap, self.fp32.success - self.int8.success
-            grows = f"but the cost gap grows by {100 * more:.2f} points, and {100 * GAP_LIMIT:.1f} are allowed"
-            misses = f"but finds a path inside its region on {100 * fewer:.1f} % fewer of the queries"
-            differs = f"but its probabilities differ by {self.mean_difference:.4f}: leave nodes float (--exclude)"
+            more = self.int8.gap - self.fp32.gap
+            fewer = self.fp32.success - self.int8.success
+            grows = (
+                f"but the cost gap grows by {100 * more:.2f} points, and "
+                f"{100 * GAP_LIMIT:.1f} are allowed"
+            )
+            misses = (
+                f"but finds a path inside its region on {100 * fewer:.1f} % fewer of the queries"
+            )
+            differs = (
+                f"but its probabilities differ by {self.mean_difference:.4f}: leave nodes "
+                "float (--exclude)"
+            )
             checks.append((more <= GAP_LIMIT, grows))
-            checks.append((fewer <= SUCCESS_LIMIT, f"{misses}, and {100 * SUCCESS_LIMIT:.0f} % is allowed"))
+            checks.append(
+                (fewer <= SUCCESS_LIMIT, f"{misses}, and {100 * SUCCESS_LIMIT:.0f} % is allowed")
+            )
             checks.append((self.mean_difference <= DIFFERENCE_LIMIT, differs))
             change = f"the cost gap changes by {100 * more:+.2f} points"
         else:
             errors = zip(astuple(self.fp32), astuple(self.int8), strict=True)
-            change = f"its errors grow by {100 * (grown := max(b / a - 1.0 for a, b in errors)):.1f} %"
-            checks.append((grown <= ERROR_LIMIT, f"but {change}, and {100 * ERROR_LIMIT:.0f} % is allowed"))
+            change = (
+                f"its errors grow by {100 * (grown := max(b / a - 1.0 for a, b in errors)):.1f} %"
+            )
+            checks.append(
+                (grown <= ERROR_LIMIT, f"but {change}, and {100 * ERROR_LIMIT:.0f} % is allowed")
+            )
         for holds, why in checks:
             if not holds:
                 return f"keep fp32: on this machine int8 is {as_fast}, {why}."
@@ -130,15 +151,16 @@ def quantize(
     seed: int = 1,
     rounds: int = ROUNDS,
 ) -> QuantizeReport:
-    """Make an int8 model (static, QDQ) of an fp32 file or a shipped model, and measure it against its source.
+    """Make an int8 model (static, QDQ) of an fp32 file or a shipped model, and measure it against
+    its source.
 
-    The `output` is written last, whole or not at all, whatever the recommendation. It is calibrated on so many
-    `samples` of `dataset`, queries drawn at random, and judged on `validation`, without that on a quarter of
-    `dataset`'s maps, which is held out. Each model is timed `rounds` times.
+    The `output` is written last, whole or not at all, whatever the recommendation. It is calibrated
+    on so many `samples` of `dataset`, queries drawn at random, and judged on `validation`, without
+    that on a quarter of `dataset`'s maps, which is held out. Each model is timed `rounds` times.
 
-    The nodes in `exclude` stay float, and the head (the last convolution and what does not lead to it): it costs next
-    to nothing, and its error would be that of the probabilities. The rest are measured choices
-    (docs/decisions/papers-network.md).
+    The nodes in `exclude` stay float, and the head (the last convolution and what does not lead to
+    it): it costs next to nothing, and its error would be that of the probabilities. The rest are
+    measured choices (docs/decisions/papers-network.md).
     """
     if not output.parent.is_dir():
         raise OutputError(f"{output}: its folder does not exist")
@@ -153,44 +175,68 @@ def quantize(
     judge: Judge
     if m.encoding == "unseen":
         maps = read_known(dataset)
-        known = KnownValidator(read_known(validation) if validation else maps.pick(slice(1, None, 2)), HELD_OUT)
+        known = KnownValidator(
+            read_known(validation) if validation else maps.pick(slice(1, None, 2)), HELD_OUT
+        )
         calibration = KnownValidator(maps.pick(slice(0, None, 2)), samples).planes
-        held_out, judge = known.planes, known.judge_answers
+        held_out = known.planes
+        judge = known.judge_answers
     else:
         pool = read_samples(dataset, most_maps=2 * samples, size=m.input_size)
-        pool, other = (pool, read_samples(validation, size=m.input_size)) if validation else split(pool, seed)
+        pool, other = (
+            (pool, read_samples(validation, size=m.input_size)) if validation else split(pool, seed)
+        )
         calibration = pool.pick(np.random.default_rng([seed, 1]).permutation(len(pool))[:samples])
         validator = Validator(other, Spec(m.architecture, m.input_size, m.sigma), m.omega, HELD_OUT)
         held_out = other.pick(validator.index)
         judge = partial(validator.judge_probabilities, factors=(m.region_factor,))
     versions = {"nnpp_edge": __version__, "onnxruntime": ort.__version__, "onnx": onnx.__version__}
-    facts: dict[str, object] = {"samples": len(calibration), "seed": seed, "dataset_seed": read_recipe(dataset).seed}
-    facts |= {"method": "minmax", "reduce_range": True, "excluded": list(exclude), "versions": versions}
+    facts: dict[str, object] = {
+        "samples": len(calibration),
+        "seed": seed,
+        "dataset_seed": read_recipe(dataset).seed,
+    }
+    facts |= {
+        "method": "minmax",
+        "reduce_range": True,
+        "excluded": list(exclude),
+        "versions": versions,
+    }
     with TemporaryDirectory() as folder:
         made, quantised = quantised_graph(fp32, calibration, Path(folder), exclude)
         path = Path(folder) / "int8.onnx"
         path.write_bytes(_with_facts(made, fp32, facts))
         compared = compare(fp32, NetworkModel(path), held_out, judge, rounds)
-    figures = {name: getattr(compared, name) for name in ("queries", "mean_difference", "max_difference")}
+    figures = {
+        name: getattr(compared, name) for name in ("queries", "mean_difference", "max_difference")
+    }
     content = _with_facts(made, fp32, facts | {"agreement": figures})
     write_whole(output, content)
-    source, sizes = str(fp32.path), (fp32.path.stat().st_size, len(content))
+    source = str(fp32.path)
+    sizes = (fp32.path.stat().st_size, len(content))
     told = compared, compared.recommendation()
-    return QuantizeReport(source, str(output), len(calibration), tuple(exclude), quantised, *sizes, *told)
+    return QuantizeReport(
+        source, str(output), len(calibration), tuple(exclude), quantised, *sizes, *told
+    )
 
 
 def quantised_graph(
     fp32: NetworkModel, samples: Samples | Floats, folder: Path, exclude: Sequence[str] = ()
 ) -> tuple[onnx.ModelProto, int]:
-    """A model's int8 variant, calibrated on all of `samples`, and the number of convolutions in int8.
+    """A model's int8 variant, calibrated on all of `samples`, and the number of convolutions in
+    int8.
 
-    The `folder` is for the files in between. ModelError where `exclude` names a node that is not there.
+    The `folder` is for the files in between. ModelError where `exclude` names a node that is not
+    there.
     """
-    prepared, target = folder / "prepared.onnx", folder / "quantised.onnx"
+    prepared = folder / "prepared.onnx"
+    target = folder / "quantised.onnx"
     with quiet():
         try:
             quantization.quant_pre_process(fp32.path, prepared)
-        except Exception:  # it cannot follow ReduceMax over axes given as an input; plain inference can
+        except (
+            Exception
+        ):  # it cannot follow ReduceMax over axes given as an input; plain inference can
             quantization.quant_pre_process(fp32.path, prepared, skip_symbolic_shape=True)
         graph = onnx.load(prepared).graph
         convolutions = [node for node in graph.node if node.op_type == "Conv"]
@@ -199,7 +245,9 @@ def quantised_graph(
         before_head = nodes_leading_to(convolutions[-1].input, graph)
         chosen = [node.name for node in convolutions if node.name in before_head]
         if unknown := set(exclude) - {node.name for node in graph.node}:
-            raise ModelError(f"wanted nodes out of {', '.join(chosen)}, got {', '.join(sorted(unknown))}")
+            raise ModelError(
+                f"wanted nodes out of {', '.join(chosen)}, got {', '.join(sorted(unknown))}"
+            )
         quantization.quantize_static(
             prepared,
             target,
@@ -209,10 +257,15 @@ def quantised_graph(
             reduce_range=True,
             activation_type=QuantType.QUInt8,
             weight_type=QuantType.QInt8,
-            nodes_to_exclude=[*(node.name for node in graph.node if node.name not in before_head), *exclude],
+            nodes_to_exclude=[
+                *(node.name for node in graph.node if node.name not in before_head),
+                *exclude,
+            ],
         )
     made = onnx.load(target)
-    made.graph.node.sort(key=lambda node: node.op_type == "If")  # onnxruntime's sort overlooks what branches read
+    made.graph.node.sort(
+        key=lambda node: node.op_type == "If"
+    )  # onnxruntime's sort overlooks what branches read
     return made, len(set(chosen) - set(exclude))
 
 
@@ -220,7 +273,9 @@ class _Reader(quantization.CalibrationDataReader):  # type: ignore[misc]  # onnx
     """Inputs of a network for all queries of `samples`, one at a time, as `model` lays them out."""
 
     def __init__(self, model: NetworkModel, samples: Samples | Floats) -> None:
-        self.model, self.samples, self.queries = model, samples, iter(range(len(samples)))
+        self.model = model
+        self.samples = samples
+        self.queries = iter(range(len(samples)))
 
     def get_next(self) -> dict[str, NDArray[np.generic]] | None:
         """The next query's inputs by name; None at the end."""
@@ -231,12 +286,16 @@ class _Reader(quantization.CalibrationDataReader):  # type: ignore[misc]  # onnx
 
 
 def _with_facts(model: onnx.ModelProto, fp32: NetworkModel, facts: Mapping[str, object]) -> bytes:
-    """The file: our metadata with facts on the calibration, no operator sets but those in use, and checked."""
+    """The file: our metadata with facts on the calibration, no operator sets but those in use, and
+    checked.
+    """
     training = fp32.metadata.training | {"calibration": dict(facts)}
     metadata = replace(fp32.metadata, precision="int8", training=training)
     onnx.helper.set_model_props(model, {METADATA_KEY: metadata.to_json()})
     used = {node.domain for node in model.graph.node}
-    versions = [o for o in model.opset_import if o.domain in used or (o.domain == "ai.onnx" and "" in used)]
+    versions = [
+        o for o in model.opset_import if o.domain in used or (o.domain == "ai.onnx" and "" in used)
+    ]
     del model.opset_import[:]
     model.opset_import.extend(versions)
     onnx.checker.check_model(model, full_check=True)
@@ -247,14 +306,17 @@ def compare(
     fp32: NetworkModel, int8: NetworkModel, samples: Samples | Floats, judge: Judge, rounds: int
 ) -> Comparison:
     """Compare two models on the queries, or planes, and time each `rounds` times."""
-    p, q = answers(fp32, samples), answers(int8, samples)
+    p = answers(fp32, samples)
+    q = answers(int8, samples)
     difference, (one,), (other,) = np.abs(p - q), judge(p), judge(q)
     figures = float(difference.mean()), float(difference.max())
     return Comparison(len(samples), *figures, one, other, *latencies(fp32, int8, samples, rounds))
 
 
 def shown(model: NetworkModel, samples: Samples | Floats, query: int) -> Callable[[], Floats]:
-    """Show a network the map of a query, or planes; what runs it. Inputs and answers stay until the next."""
+    """Show a network the map of a query, or planes; what runs it. Inputs and answers stay until the
+    next.
+    """
     if isinstance(samples, np.ndarray):
         rows, cols = samples.shape[2:]
         model.inputs["input"][0, :, :rows, :cols] = samples[query]
@@ -272,7 +334,9 @@ def answers(model: NetworkModel, samples: Samples | Floats) -> Floats:
 def latencies(
     one: NetworkModel, other: NetworkModel, samples: Samples | Floats, rounds: int
 ) -> tuple[Latency, Latency]:
-    """Time two models in turns on the same queries, so that whatever else the machine does slows both."""
+    """Time two models in turns on the same queries, so that whatever else the machine does slows
+    both.
+    """
     times: tuple[list[float], list[float]] = ([], [])
     models = (one, other)
     for at in range(-max(3, rounds // 10), rounds):
@@ -287,7 +351,9 @@ def latencies(
 
 
 def split(samples: Samples, seed: int) -> tuple[Samples, Samples]:
-    """Queries to calibrate on and queries to judge on, of different maps; DataSetError where all are on one map."""
+    """Queries to calibrate on and queries to judge on, of different maps; DataSetError where all
+    are on one map.
+    """
     maps = np.random.default_rng([seed, 0]).permutation(np.unique(samples.map_index))
     if len(maps) < 2:
         raise DataSetError(f"wanted queries on at least two maps, got {len(maps)}")

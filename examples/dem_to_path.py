@@ -1,12 +1,11 @@
 """From an elevation map to a path, on the Moon, on Mars and on Earth.
 
-A planner is made of elevations, and its paths avoid slopes steeper than 20 degrees. The cost of a step, and where
-the ground is impassable, follow from the elevations (NNPP, Eq. 1).
+A planner is made of elevations, and its paths avoid slopes steeper than 20 degrees. The cost of a
+step, and where the ground is impassable, follow from the elevations (NNPP, Eq. 1).
 
-Run time: 5 s.
-Data: three samples that travel with the package. Moon: LROC WAC GLD100, public domain. Mars: HiRISE terrain model
-of Victoria crater, NASA/JPL/University of Arizona, public. Earth: airborne lidar, MIT licence. Details:
-nnpp_edge/terrain/samples/README.md.
+Run time: 5 s. Data: three samples that travel with the package. Moon: LROC WAC GLD100, public
+domain. Mars: HiRISE terrain model of Victoria crater, NASA/JPL/University of Arizona, public.
+Earth: airborne lidar, MIT licence. Details: nnpp_edge/terrain/samples/README.md.
 """
 
 from drawing import ends, line, panels, relief, save
@@ -28,8 +27,16 @@ for panel, (name, (start, goal, bar_m)) in zip(axes, QUERIES.items(), strict=Tru
     planner = Planner.of_elevation(dem.elevation, dem.cell_size_m, workload("limit20"), warn=False)
     plan = planner.plan(start, goal)
 
-    print(f"{name}: {plan.status}, {plan.ground_length_m:.0f} m, climbs {plan.climb_m:.0f} m, by {plan.planner}")
-    relief(panel, dem, f"{name.replace('_', ' ')}\n{metres(plan.ground_length_m)}, {plan.climb_m:.0f} m up", bar_m)
+    print(
+        f"{name}: {plan.status}, {plan.ground_length_m:.0f} m, climbs {plan.climb_m:.0f} m, by "
+        f"{plan.planner}"
+    )
+    relief(
+        panel,
+        dem,
+        f"{name.replace('_', ' ')}\n{metres(plan.ground_length_m)}, {plan.climb_m:.0f} m up",
+        bar_m,
+    )
     line(panel, plan.path, "path")
     ends(panel, start, goal)
 save(figure)

@@ -1,4 +1,5 @@
-"""grid_map messages without ROS: a rover's window of the map moves along with it, its goal lies beyond it.
+"""grid_map messages without ROS: a rover's window of the map moves along with it, its goal lies
+beyond it.
 
 Until known ground leads to the goal, the path leads to where the rest of the way may be shortest.
 
@@ -16,7 +17,11 @@ from nnpp_edge.runtime import Goal, Ground, Loop, Navigator, NavigatorSettings, 
 from nnpp_edge.terrain.dem import sample_dem
 from nnpp_edge.terrain.vehicle_files import load_vehicle
 
-START, GOAL, SIGHT, DRAWN, TRUTH = (60, 12), (60, 107), 18, (1, 14, 28), sample_dem("moon_rocks")
+START = (60, 12)
+GOAL = (60, 107)
+SIGHT = 18
+DRAWN = (1, 14, 28)
+TRUTH = sample_dem("moon_rocks")
 FRAME = MapFrame(TRUTH.cell_size_m, x=90.0, y=90.0, rows_along_x=True, frame_id="odom")
 
 
@@ -24,7 +29,9 @@ class Rover:
     """The loop's source, of what it sees; and the answers' reader, who goes where they lead."""
 
     def __init__(self, navigator, axes):
-        self.navigator, self.axes, self.driven = navigator, dict(zip(DRAWN, axes, strict=True)), [START]
+        self.navigator = navigator
+        self.axes = dict(zip(DRAWN, axes, strict=True))
+        self.driven = [START]
 
     def poll(self):
         (row, col), (top, left) = self.driven[-1], np.maximum(self.driven[-1], SIGHT) - SIGHT
@@ -35,7 +42,12 @@ class Rover:
 
     def follow(self, answer):
         if (axes := self.axes.get(answer.tick)) is not None:
-            relief(axes, replace(TRUTH, elevation=self.navigator.map.elevation()), f"tick {answer.tick}", 20)
+            relief(
+                axes,
+                replace(TRUTH, elevation=self.navigator.map.elevation()),
+                f"tick {answer.tick}",
+                20,
+            )
             line(axes, np.array(self.driven), "driven", "white")
             line(axes, answer.path, "path")
             ends(axes, self.driven[-1], GOAL)
@@ -48,5 +60,8 @@ ground = Ground.of_elevation(np.full(TRUTH.shape, np.nan), TRUTH.cell_size_m, ve
 rover = Rover(Navigator(ground, NavigatorSettings(approach=True)), axes)
 counters = Loop(rover.navigator, rover, paced=False, after_tick=rover.follow).run(DRAWN[-1])
 pose = path_poses(np.array(rover.driven), FRAME)[-1]  # x, y, heading, as nav_msgs/Path wants them
-print(f"driven to {np.round(pose, 2)}; a tick took {counters.tick_ms['p50']:.2f} ms, half of them less")
+print(
+    f"driven to {np.round(pose, 2)}; a tick took {counters.tick_ms['p50']:.2f} ms, half of them "
+    "less"
+)
 save(figure)

@@ -1,7 +1,9 @@
-"""A robot that knows the ground coarsely: three drives by three expectations of what it has not seen.
+"""A robot that knows the ground coarsely: three drives by three expectations of what it has not
+seen.
 
-The map has means of 8 × 8 cells. The robot sees 16 cells around itself, and plans anew after every eighth: over cells
-where it has seen them, over blocks beyond. What it expects of a block decides where it goes.
+The map has means of 8 × 8 cells. The robot sees 16 cells around itself, and plans anew after every
+eighth: over cells where it has seen them, over blocks beyond. What it expects of a block decides
+where it goes.
 
 Run time: 8 s.
 Data: moon_highlands, LROC WAC GLD100 (public domain).
@@ -15,16 +17,21 @@ from drawing import ends, line, panels, relief, save
 from nnpp_edge.runtime import DynamicPlanner, Planner, Traversability
 from nnpp_edge.terrain.dem import sample_dem
 
-FACTOR, SIGHT, STRIDE = 8, 16, 8
+FACTOR = 8
+SIGHT = 16
+STRIDE = 8
 NAMES = {"eq1": "cost of the means", "slope": "by the slope", "network": "by the network"}
-START, GOAL, LIMITS = (20, 30), (236, 214), Traversability(slope_limit_deg=20.0, hard_slope_deg=20.0)
+START = (20, 30)
+GOAL = (236, 214)
+LIMITS = Traversability(slope_limit_deg=20.0, hard_slope_deg=20.0)
 WHOLE = sample_dem("moon_highlands").rescaled(20.0)
 TRUTH = replace(WHOLE, elevation=WHOLE.elevation[:256, :256])
 
 
 def drive(prior: str) -> np.ndarray:
     """The cells that the robot walks over."""
-    heights, side = TRUTH.elevation, TRUTH.cell_size_m
+    heights = TRUTH.elevation
+    side = TRUTH.cell_size_m
     means = heights.reshape(32, FACTOR, 32, FACTOR).mean((1, 3))
     planner = DynamicPlanner.of_coarse(means, FACTOR * side, FACTOR, GOAL, LIMITS, prior=prior)
     driven = [START]
@@ -34,7 +41,9 @@ def drive(prior: str) -> np.ndarray:
         planner.update_elevation(row, col, seen)
         planner.move(driven[-1])
         plan = planner.replan()
-        driven += [(int(row), int(col)) for row, col in plan.path[1 : 1 + min(STRIDE, plan.known - 1)]]
+        driven += [
+            (int(row), int(col)) for row, col in plan.path[1 : 1 + min(STRIDE, plan.known - 1)]
+        ]
     return np.array(driven, np.int32)
 
 

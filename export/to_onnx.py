@@ -1,4 +1,6 @@
-"""A trained network as one ONNX file that the runtime can check and run, and whether it computes the same."""
+"""A trained network as one ONNX file that the runtime can check and run, and whether it computes
+the same.
+"""
 
 import ast
 import contextlib
@@ -33,16 +35,26 @@ from nnpp_edge.runtime.kernels.place_head import ANSWERS
 from nnpp_edge.runtime.map.step_cost import PAPER_OMEGA
 from nnpp_edge.runtime.network.inference import NetworkModel
 from nnpp_edge.runtime.network.loading import ASK, HEAD, OUTPUT, PLACES
-from nnpp_edge.runtime.network.model_file import CHANNELS, METADATA_KEY, QUERY_SPACING, UNSEEN, ModelMetadata
+from nnpp_edge.runtime.network.model_file import (
+    CHANNELS,
+    METADATA_KEY,
+    QUERY_SPACING,
+    UNSEEN,
+    ModelMetadata,
+)
 from nnpp_edge.runtime.reading import refused_as
 from nnpp_edge.runtime.terrain.traversability import Traversability
 from nnpp_edge.terrain.dataset import Query, Samples
 from nnpp_edge.terrain.shards import Recipe
 
 OPSET = 18
-"""The oldest that torch's exporter writes of itself, so that older onnxruntimes read the file too."""
+"""The oldest that torch's exporter writes of itself, so that older onnxruntimes read the
+file too.
+"""
 MOST_DIFFERENCE = 1e-4
-"""Largest difference of two probabilities that passes; torch and onnxruntime both compute in float32."""
+"""Largest difference of two probabilities that passes; torch and onnxruntime both compute in
+float32.
+"""
 
 
 @dataclass(frozen=True)
@@ -57,7 +69,9 @@ class ExportReport:
 
 @dataclass(frozen=True)
 class Parity:
-    """How two sides' probabilities differ over so many queries of `inputs`, ``dataset`` or ``random``."""
+    """How two sides' probabilities differ over so many queries of `inputs`, ``dataset`` or
+    ``random``.
+    """
 
     queries: int
     inputs: str
@@ -77,12 +91,14 @@ def export_network(
     limits: Traversability | None = None,
     training: Mapping[str, object] | None = None,
 ) -> ExportReport:
-    """Write a network as ONNX, whole or not at all. The other arguments are its metadata, or a ModelError.
+    """Write a network as ONNX, whole or not at all. The other arguments are its metadata, or a
+    ModelError.
 
-    `region_factor` is the factor on the adaptive threshold that the runtime is to use, in (0, 1]; `omega` and
-    `limits` (by default the paper's) are those of the cost maps that it was trained on.
+    `region_factor` is the factor on the adaptive threshold that the runtime is to use, in (0, 1];
+    `omega` and `limits` (by default the paper's) are those of the cost maps that it was trained on.
     """
-    spec, body = network.spec, network.body
+    spec = network.spec
+    body = network.body
     facts = ModelMetadata(
         name=name,
         architecture=spec.architecture,
@@ -92,7 +108,9 @@ def export_network(
         channels=CHANNELS[spec.encoding],
         sigma=spec.sigma,
         omega=omega,
-        cost_limits={k: v for k, v in asdict(limits or Traversability()).items() if math.isfinite(v)},
+        cost_limits={
+            k: v for k, v in asdict(limits or Traversability()).items() if math.isfinite(v)
+        },
         region_factor=region_factor,
         head=body.head.sizes if isinstance(body, EdgeNet) else (),
         training=dict(training or {}),
@@ -109,51 +127,74 @@ def export_network(
         except ModelError as error:  # what the runtime would refuse is not written
             raise ModelError(f"{output}: {str(error).removeprefix(f'{trial}: ')}") from error
     write_whole(output, content)
-    macs = count_macs(body, tuple(each for name, each in example_inputs(spec).items() if name != ASK))
+    macs = count_macs(
+        body, tuple(each for name, each in example_inputs(spec).items() if name != ASK)
+    )
     return ExportReport(str(output), len(content), len(model.graph.node), macs)
 
 
 @torch.no_grad()
-def parity(network: Network, onnx_path: Path, samples: Samples | None = None, n: int = 32) -> Parity:
+def parity(
+    network: Network, onnx_path: Path, samples: Samples | None = None, n: int = 32
+) -> Parity:
     """Compare a network in torch with its ONNX file as the runtime runs it, over `n` whole queries.
 
-    They are some of the `samples`, or random maps and ends without samples. How `NetworkModel` lays out the map,
-    encodes the query and reads the output is compared too.
+    They are some of the `samples`, or random maps and ends without samples. How `NetworkModel` lays
+    out the map, encodes the query and reads the output is compared too.
     """
     network.eval()
-    model, size, rng = NetworkModel(onnx_path), network.spec.input_size, np.random.default_rng(1)
+    model = NetworkModel(onnx_path)
+    size = network.spec.input_size
+    rng = np.random.default_rng(1)
     queries: list[Query | None] = [None] * n
     if samples is not None:
         if samples.planes.shape[-1] != size:
-            raise DataSetError(f"wanted maps of {size} × {size} cells, got {samples.planes.shape[-1]}")
-        queries = [samples.query(at) for at in rng.choice(len(samples), min(n, len(samples)), replace=False)]
+            raise DataSetError(
+                f"wanted maps of {size} × {size} cells, got {samples.planes.shape[-1]}"
+            )
+        queries = [
+            samples.query(at)
+            for at in rng.choice(len(samples), min(n, len(samples)), replace=False)
+        ]
     differences = []
     for asked in queries:
         if network.spec.encoding == "unseen":
-            shown, query = model.inputs["input"], np.empty(0, np.float32)
+            shown = model.inputs["input"]
+            query = np.empty(0, np.float32)
             shown[0] = rng.uniform(-1.0, 1.0, shown.shape[1:])
-            planes, answer = shown[0], model.answers
+            planes = shown[0]
+            answer = model.answers
         else:
             planes, *ends = asked or (
                 rng.random((2, size, size), np.float32),
                 *rng.uniform(0, size - 1, (2, 2)).tolist(),
             )
-            query, answer = encode(network.spec, *ends), partial(model.answer, *ends)
+            query = encode(network.spec, *ends)
+            answer = partial(model.answer, *ends)
             model.set_map(planes)
-        wanted = torch.sigmoid(network(torch.from_numpy(planes)[None], torch.from_numpy(query)[None]))[0].numpy()
+        wanted = torch.sigmoid(
+            network(torch.from_numpy(planes)[None], torch.from_numpy(query)[None])
+        )[0].numpy()
         differences.append(np.abs(answer() - wanted))
     source = "random" if samples is None else "dataset"
-    most, mean = float(np.max(differences)), float(np.mean(differences))
-    return Parity(len(differences), source, most, mean, MOST_DIFFERENCE, passed=most <= MOST_DIFFERENCE)
+    most = float(np.max(differences))
+    mean = float(np.mean(differences))
+    return Parity(
+        len(differences), source, most, mean, MOST_DIFFERENCE, passed=most <= MOST_DIFFERENCE
+    )
 
 
 def to_onnx(network: Network) -> onnx.ModelProto:
-    """The network's graph for one query: norms folded (by torch's exporter), fixed shapes, a sigmoid at the end."""
-    inputs, body = example_inputs(network.spec), copy.deepcopy(network.body).eval()
+    """The network's graph for one query: norms folded (by torch's exporter), fixed shapes, a
+    sigmoid at the end.
+    """
+    inputs = example_inputs(network.spec)
+    body = copy.deepcopy(network.body).eval()
     whole: nn.Module = nn.Sequential(OrderedDict(body=body, answer=nn.Sigmoid()))
     outputs = [OUTPUT]
     if isinstance(body, EdgeNet):
-        whole, outputs = _EncoderAndHead(body), [OUTPUT, PLACES, HEAD]
+        whole = _EncoderAndHead(body)
+        outputs = [OUTPUT, PLACES, HEAD]
     with quiet(), refused_as(OutputError, "torch could not export the network"):
         program = torch.onnx.export(
             whole,
@@ -192,7 +233,8 @@ def example_inputs(spec: Spec) -> dict[str, Tensor]:
         return {"input": torch.zeros(1, 3, size, size)}
     if spec.architecture == "unseen":
         return {"input": torch.zeros(1, len(UNSEEN), size, size)}
-    map_side, query_side = size // edge.UNSHUFFLE, size // QUERY_SPACING
+    map_side = size // edge.UNSHUFFLE
+    query_side = size // QUERY_SPACING
     return {
         "map": torch.zeros(1, edge.MAP_CHANNELS * edge.UNSHUFFLE**2, map_side, map_side),
         "query": torch.zeros(1, ENDS_CHANNELS, query_side, query_side),
@@ -202,14 +244,17 @@ def example_inputs(spec: Spec) -> dict[str, Tensor]:
 
 def dataset_facts(recipe: Recipe) -> dict[str, object]:
     """Facts that decided a data set, for a model's metadata; terrain by the files' names alone."""
-    return msgspec.structs.asdict(recipe) | {"terrain": [Path(name).name for name in recipe.terrain]}
+    return msgspec.structs.asdict(recipe) | {
+        "terrain": [Path(name).name for name in recipe.terrain]
+    }
 
 
 class _EncoderAndHead(nn.Module):
-    """The edge network with all outputs that the runtime needs: probabilities, places, the head's parameters.
+    """The edge network with all outputs that the runtime needs: probabilities, places, the head's
+    parameters.
 
-    Where the input `ASK` (1,) is false the probability is 0 and the encoder alone runs: onnxruntime takes longer to
-    run a part of a graph's outputs than to run all of it.
+    Where the input `ASK` (1,) is false the probability is 0 and the encoder alone runs: onnxruntime
+    takes longer to run a part of a graph's outputs than to run all of it.
     """
 
     def __init__(self, body: EdgeNet) -> None:
@@ -217,7 +262,8 @@ class _EncoderAndHead(nn.Module):
         self.body = body
 
     def forward(self, planes: Tensor, query: Tensor, ask: Tensor) -> tuple[Tensor, Tensor, Tensor]:
-        head, places = self.body.head, self.body.encoder(planes)
+        head = self.body.head
+        places = self.body.encoder(planes)
 
         def asked(places: Tensor, query: Tensor) -> Tensor:
             return torch.sigmoid(head(places, query)).contiguous()
@@ -225,11 +271,17 @@ class _EncoderAndHead(nn.Module):
         def not_asked(places: Tensor, query: Tensor) -> Tensor:
             return torch.zeros_like(query[:, :ANSWERS])
 
-        return torch.cond(ask, asked, not_asked, (places, query)), places, head.parameters_in_order()
+        return (
+            torch.cond(ask, asked, not_asked, (places, query)),
+            places,
+            head.parameters_in_order(),
+        )
 
 
 def _tidy(graph: onnx.GraphProto) -> None:
-    """Name each node by the module it comes from, and drop the exporter's traces, which hold local paths."""
+    """Name each node by the module it comes from, and drop the exporter's traces, which hold local
+    paths.
+    """
     taken: Counter[str] = Counter()
     for node in graph.node:
         facts = {p.key: p.value for p in node.metadata_props}
@@ -241,14 +293,22 @@ def _tidy(graph: onnx.GraphProto) -> None:
         for attribute in node.attribute:
             if attribute.HasField("g"):
                 _tidy(attribute.g)
-    for part in (*graph.node, *graph.value_info, *graph.input, *graph.output, *graph.initializer, graph):
+    for part in (
+        *graph.node,
+        *graph.value_info,
+        *graph.input,
+        *graph.output,
+        *graph.initializer,
+        graph,
+    ):
         del part.metadata_props[:]
         part.doc_string = ""
 
 
 def nodes_leading_to(names: Iterable[str], graph: onnx.GraphProto) -> set[str]:
     """Names of the nodes that these values are made from."""
-    found, wanted = set[str](), set(names)
+    found = set[str]()
+    wanted = set(names)
     for node in reversed(graph.node):
         if not wanted.isdisjoint(node.output):
             found.add(node.name)

@@ -23,10 +23,11 @@ def write_whole(path: Path, content: Content) -> None:
 
 
 def write_all(contents: Mapping[Path, Content]) -> None:
-    """Put each content at its path: all or none, by way of temporary files beside them and then renames.
+    """Put each content at its path: all or none, by way of temporary files beside them and then
+    renames.
 
-    A reader finds the old file or the whole new one. Links are followed. OutputError where one could not be written,
-    or is no plain file.
+    A reader finds the old file or the whole new one. Links are followed. OutputError where one
+    could not be written, or is no plain file.
     """
     staged: list[tuple[Path, Path]] = []
     path = Path()
@@ -49,9 +50,11 @@ def write_all(contents: Mapping[Path, Content]) -> None:
 
 @contextmanager
 def staged(path: Path) -> Iterator[Path]:
-    """A temporary file's name beside `path`, for what is written as a stream: renamed at the end, or removed.
+    """A temporary file's name beside `path`, for what is written as a stream: renamed at the end,
+    or removed.
 
-    For the main thread: SIGTERM is an error here, and ends the process. OutputError as of `write_all`.
+    For the main thread: SIGTERM is an error here, and ends the process. OutputError as of
+    `write_all`.
     """
 
     def end(number: int, frame: object) -> NoReturn:
@@ -74,12 +77,17 @@ def staged(path: Path) -> Iterator[Path]:
 
 
 def check_outputs(
-    outputs: Sequence[tuple[str, Path | None]], inputs: Iterable[Path], *, make_folders: bool = False
+    outputs: Sequence[tuple[str, Path | None]],
+    inputs: Iterable[Path],
+    *,
+    make_folders: bool = False,
 ) -> None:
-    """OutputError, before any work, for outputs that could not be written or would replace what is read.
+    """OutputError, before any work, for outputs that could not be written or would replace what is
+    read.
 
-    Outputs are the option that asks for each, and the file, None where none was asked for; inputs are files, and
-    folders of files, that need not be there. With `make_folders` the outputs' folders are made.
+    Outputs are the option that asks for each, and the file, None where none was asked for; inputs
+    are files, and folders of files, that need not be there. With `make_folders` the outputs'
+    folders are made.
     """
     wanted = [(name, path) for name, path in outputs if path is not None]
     read = [os.path.realpath(path) for path in inputs if "\0" not in str(path)]
@@ -90,7 +98,9 @@ def check_outputs(
         except (OSError, ValueError) as error:
             raise OutputError(f"{name} {path}: could not be written ({reason(error)})") from error
         place = os.path.realpath(path)
-        if any(_same(place, each) or (is_there and place.startswith(each + os.sep)) for each in read):
+        if any(
+            _same(place, each) or (is_there and place.startswith(each + os.sep)) for each in read
+        ):
             raise OutputError(f"{name} would replace {path}, which is read: give another name")
         if (other := places.setdefault(place, name)) != name:
             raise OutputError(f"{name} and {other} name the same file, {path}: give another name")
@@ -102,7 +112,9 @@ def check_outputs(
 
 
 def make_folder(path: Path) -> None:
-    """Make a folder for results, and its parents; OutputError if it cannot be made or written to."""
+    """Make a folder for results, and its parents; OutputError if it cannot be made or
+    written to.
+    """
     try:
         path.mkdir(parents=True, exist_ok=True)
         tempfile.TemporaryFile(dir=path).close()
@@ -117,13 +129,17 @@ def _beside(path: Path) -> tuple[Path, Path]:
 
 
 def _is_there(path: Path) -> bool:
-    """Whether a file is at a path; OSError for what is not to be replaced: folders, devices, pipes, sockets."""
+    """Whether a file is at a path; OSError for what is not to be replaced: folders, devices, pipes,
+    sockets.
+    """
     try:
         found = path.stat()
     except (FileNotFoundError, NotADirectoryError):
         return False
     if not stat.S_ISREG(found.st_mode):
-        raise OSError(errno.EINVAL, f"it is {'a folder' if stat.S_ISDIR(found.st_mode) else 'no plain file'}")
+        raise OSError(
+            errno.EINVAL, f"it is {'a folder' if stat.S_ISDIR(found.st_mode) else 'no plain file'}"
+        )
     return True
 
 

@@ -23,9 +23,20 @@ def bar(what: str, total: int, *, quiet: bool = False) -> Iterator[Callable[[int
         yield _lines(what, max(total, 1))
         return
     from rich.console import Console
-    from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
+    from rich.progress import (
+        BarColumn,
+        MofNCompleteColumn,
+        Progress,
+        TextColumn,
+        TimeRemainingColumn,
+    )
 
-    columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())
+    columns = (
+        TextColumn("{task.description}"),
+        BarColumn(),
+        MofNCompleteColumn(),
+        TimeRemainingColumn(),
+    )
     with Progress(*columns, console=Console(stderr=True), auto_refresh=not quiet) as progress:
         task = progress.add_task(what, total=total)
         yield lambda done: progress.update(task, completed=done, refresh=quiet)
@@ -33,19 +44,22 @@ def bar(what: str, total: int, *, quiet: bool = False) -> Iterator[Callable[[int
 
 def _lines(what: str, total: int) -> Callable[[int], None]:
     """Progress for a log: `train: 35 %, 12 min`."""
-    told, started = 0, time.monotonic()
+    told = 0
+    started = time.monotonic()
 
     def advance(done: int) -> None:
         nonlocal told
         if (part := done * _LINES // total) > told:
-            told, minutes = part, (time.monotonic() - started) / 60.0
+            told = part
+            minutes = (time.monotonic() - started) / 60.0
             click.echo(f"{what}: {100 * done // total} %, {minutes:.1f} min", err=True)
 
     return advance
 
 
 def shown(value: object, form: str = "") -> str:
-    """A value in the form of a format specification, or with ² behind it; three digits of a float without one.
+    """A value in the form of a format specification, or with ² behind it; three digits of a float
+    without one.
 
     A dash stands for None, NaN and inf.
     """
@@ -64,4 +78,6 @@ def shown(value: object, form: str = "") -> str:
 def markdown_table(header: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
     """Rows as a table in Markdown, for documents."""
     lines = [header, ["---"] * len(header), *rows]
-    return "\n".join("| " + " | ".join(" ".join(cell.split()) for cell in line) + " |" for line in lines)
+    return "\n".join(
+        "| " + " | ".join(" ".join(cell.split()) for cell in line) + " |" for line in lines
+    )

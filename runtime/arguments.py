@@ -1,7 +1,9 @@
-"""Whether arguments are of the kinds that a signature names: what is not is refused before anything looks at it.
+"""Whether arguments are of the kinds that a signature names: what is not is refused before anything
+looks at it.
 
-A public function, method or dataclass is `checked` against its own annotations, in a microsecond or two a call:
-numbers, text, truth values, paths, instances of classes, sequences of these. Arrays and cells have their own checks.
+A public function, method or dataclass is `checked` against its own annotations, in a microsecond or
+two a call: numbers, text, truth values, paths, instances of classes, sequences of these. Arrays and
+cells have their own checks.
 """
 
 import functools
@@ -20,11 +22,14 @@ from nnpp_edge.runtime.errors import NnppEdgeError, shown
 F = TypeVar("F", bound=Callable[..., object])
 _LARGEST = 1 << 63
 """Whole numbers from here on fit into no kernel."""
-_UNIONS, _SEQUENCES = (Union, types.UnionType), (Sequence, Iterable, tuple)
+_UNIONS = (Union, types.UnionType)
+_SEQUENCES = (Sequence, Iterable, tuple)
 
 
 def checked(error: type[NnppEdgeError]) -> Callable[[F], F]:
-    """Decorator: a call whose arguments are not of the annotated kinds raises this error, in one line."""
+    """Decorator: a call whose arguments are not of the annotated kinds raises this error, in one
+    line.
+    """
 
     def of(entry: F) -> F:
         if isinstance(entry, type) and not issubclass(entry, tuple):
@@ -36,17 +41,26 @@ def checked(error: type[NnppEdgeError]) -> Callable[[F], F]:
 
 
 def is_real(value: object) -> bool:
-    """Whether it is a number, of Python or NumPy; truth values and numbers beyond 64 bits are none."""
+    """Whether it is a number, of Python or NumPy; truth values and numbers beyond 64 bits
+    are none.
+    """
     return _is_whole(value) or (isinstance(value, Real) and not isinstance(value, Integral))
 
 
 def _guarded(entry: Callable[..., object], error: type[NnppEdgeError]) -> Callable[..., object]:
     @functools.cache
     def kinds() -> dict[str, tuple[object, set[object]]]:
-        """Annotations, and types that need no second look; read at the first call, when all they name is there."""
-        hints = {name: get_type_hints(entry).get(name) for name in inspect.signature(entry).parameters}
+        """Annotations, and types that need no second look; read at the first call, when all they
+        name is there.
+        """
+        hints = {
+            name: get_type_hints(entry).get(name) for name in inspect.signature(entry).parameters
+        }
         return {
-            name: (hint, {*get_args(hint)} - {int} if get_origin(hint) in _UNIONS else {hint} - {int})
+            name: (
+                hint,
+                {*get_args(hint)} - {int} if get_origin(hint) in _UNIONS else {hint} - {int},
+            )
             for name, hint in hints.items()
         }
 
@@ -63,10 +77,13 @@ def _guarded(entry: Callable[..., object], error: type[NnppEdgeError]) -> Callab
 
 
 def _fits(value: object, hint: object) -> bool:
-    """Whether a value is of the kind that an annotation names; True where that is for others to say."""
+    """Whether a value is of the kind that an annotation names; True where that is for others to
+    say.
+    """
     if hint in _KINDS:
         return _KINDS[hint][1](value)
-    origin, inner = get_origin(hint), get_args(hint)
+    origin = get_origin(hint)
+    inner = get_args(hint)
     if origin in _UNIONS:
         return any(_fits(value, each) for each in inner)
     if origin in _SEQUENCES:
@@ -79,7 +96,11 @@ def _fits(value: object, hint: object) -> bool:
     if not isinstance(kind, type) or issubclass(kind, np.ndarray):
         return True
     if getattr(kind, "_is_protocol", False):
-        return all(hasattr(value, name) for name in vars(kind) if name[0] != "_" and callable(getattr(kind, name)))
+        return all(
+            hasattr(value, name)
+            for name in vars(kind)
+            if name[0] != "_" and callable(getattr(kind, name))
+        )
     return isinstance(value, kind)
 
 
@@ -87,7 +108,8 @@ def _words(hint: object) -> str:
     """The kind, for people."""
     if hint in _KINDS:
         return _KINDS[hint][0]
-    origin, inner = get_origin(hint), get_args(hint)
+    origin = get_origin(hint)
+    inner = get_args(hint)
     if origin in _UNIONS:
         return " or ".join(map(_words, inner))
     if origin in _SEQUENCES:

@@ -1,4 +1,6 @@
-"""Maps and paths as arrays: their type, how what a user hands over becomes a map, and how a path heads."""
+"""Maps and paths as arrays: their type, how what a user hands over becomes a map, and how a path
+heads.
+"""
 
 from typing import TypeVar
 
@@ -16,8 +18,14 @@ def unmasked(array: ArrayLike) -> NDArray[np.generic]:
     try:
         values = np.asarray(array)
     except ValueError:
-        raise InvalidMapError("wanted a (H, W) map of numbers, got rows of different lengths") from None
-    if not isinstance(array, np.ma.MaskedArray) or not np.ma.is_masked(array) or values.dtype.kind not in "fiub":
+        raise InvalidMapError(
+            "wanted a (H, W) map of numbers, got rows of different lengths"
+        ) from None
+    if (
+        not isinstance(array, np.ma.MaskedArray)
+        or not np.ma.is_masked(array)
+        or values.dtype.kind not in "fiub"
+    ):
         return values
     return np.where(np.ma.getmaskarray(array), np.nan, values)
 
@@ -35,14 +43,18 @@ def as_map(array: ArrayLike, name: str, dtype: type[Float] = np.float32) -> NDAr
             return np.ascontiguousarray(values, dtype)
     except FloatingPointError:
         furthest = np.abs(values[np.isfinite(values)]).max()
-        raise InvalidMapError(f"{name} must hold 32-bit floats, got a value of size {furthest:.3g}") from None
+        raise InvalidMapError(
+            f"{name} must hold 32-bit floats, got a value of size {furthest:.3g}"
+        ) from None
 
 
 def numbers(array: ArrayLike, name: str) -> NDArray[np.generic]:
     """`array` as (H, W) numbers of whichever kind, or an InvalidMapError that says what came."""
     values = unmasked(array)
     if values.ndim != 2 or values.size == 0 or values.dtype.kind not in "fiub":
-        raise InvalidMapError(f"{name} must be a (H, W) map of numbers, got {values.shape} {values.dtype}")
+        raise InvalidMapError(
+            f"{name} must be a (H, W) map of numbers, got {values.shape} {values.dtype}"
+        )
     return values
 
 
@@ -54,7 +66,8 @@ def close_border(weights: NDArray[np.float32], rows: int, cols: int) -> None:
 
 
 def headings_along(path: NDArray[np.int32] | NDArray[np.float64]) -> NDArray[np.float64]:
-    """(N,) degrees in which each cell or way point of a path (N, 2) is left; the last as it is arrived at.
+    """(N,) degrees in which each cell or way point of a path (N, 2) is left; the last as it is
+    arrived at.
 
     Clockwise from up the rows, in [0, 360), as if cells were square; empty for less than two cells.
     """

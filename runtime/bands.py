@@ -8,15 +8,26 @@ from nnpp_edge.runtime.tuning import STRIPE_CELLS, THREADS_FROM
 
 
 def in_bands(
-    work: Callable[[int, int], None], first: int, last: int, cols: int, multiple: int = 1, threads_from: int = 0
+    work: Callable[[int, int], None],
+    first: int,
+    last: int,
+    cols: int,
+    multiple: int = 1,
+    threads_from: int = 0,
 ) -> None:
-    """Call `work` for rows from `first` on, as (first, one past the last), once or, on larger maps, on each core.
+    """Call `work` for rows from `first` on, as (first, one past the last), once or, on larger maps,
+    on each core.
 
-    Threads are started for the occasion: a pool that waits between two maps costs as much, and has to be minded when
-    the process forks. `work` releases the interpreter's lock and writes to rows of its own; bands but the last have
-    multiples of so many rows; `threads_from` is in cells, `THREADS_FROM` if 0.
+    Threads are started for the occasion: a pool that waits between two maps costs as much, and has
+    to be minded when the process forks. `work` releases the interpreter's lock and writes to rows
+    of its own; bands but the last have multiples of so many rows; `threads_from` is in cells,
+    `THREADS_FROM` if 0.
     """
-    cores = len(os.sched_getaffinity(0)) if (last - first) * cols >= (threads_from or THREADS_FROM) else 1
+    cores = (
+        len(os.sched_getaffinity(0))
+        if (last - first) * cols >= (threads_from or THREADS_FROM)
+        else 1
+    )
     height = -(-(last - first) // (cores * multiple)) * multiple
     bands = [(row, min(row + height, last)) for row in range(first, last, height)]
     failed: list[BaseException] = []
@@ -37,8 +48,11 @@ def in_bands(
         raise failed[0]
 
 
-def stripes(rows: int, cols: int, multiple: int = 1, *, whole: bool = False) -> Iterator[tuple[int, int]]:
-    """A map's rows, as (first, one past the last): a few at a time, so that the clock can be read, or the `whole`.
+def stripes(
+    rows: int, cols: int, multiple: int = 1, *, whole: bool = False
+) -> Iterator[tuple[int, int]]:
+    """A map's rows, as (first, one past the last): a few at a time, so that the clock can be read,
+    or the `whole`.
 
     Stripes begin at multiples of so many rows.
     """

@@ -24,10 +24,15 @@ def as_cell(cell: Cell, name: str) -> Cell:
 
 
 def patch_at(origin: Cell, patch: tuple[int, ...], shape: tuple[int, int]) -> Rectangle:
-    """Where a patch of (rows, cols) cells goes; InvalidMapError unless that lies inside a map of this shape."""
-    (row, col), (rows, cols) = as_cell(origin, "origin"), patch
+    """Where a patch of (rows, cols) cells goes; InvalidMapError unless that lies inside a map of
+    this shape.
+    """
+    row, col = as_cell(origin, "origin")
+    rows, cols = patch
     if row < 0 or col < 0 or row + rows > shape[0] or col + cols > shape[1]:
-        raise InvalidMapError(f"a patch must lie inside the map of {shape}, got {(row, col, rows, cols)}")
+        raise InvalidMapError(
+            f"a patch must lie inside the map of {shape}, got {(row, col, rows, cols)}"
+        )
     return row, col, rows, cols
 
 
@@ -37,27 +42,42 @@ def slices(part: Rectangle) -> tuple[slice, slice]:
 
 
 def widened(part: Rectangle, by: Cell, shape: tuple[int, ...]) -> Rectangle:
-    """A rectangle and so many rows and columns around it, as far as they lie on a map of this shape."""
-    (row, col, rows, cols), (up, left) = part, by
-    row0, col0 = max(row - up, 0), max(col - left, 0)
-    return row0, col0, min(row + rows + up, shape[0]) - row0, min(col + cols + left, shape[1]) - col0
+    """A rectangle and so many rows and columns around it, as far as they lie on a map of this
+    shape.
+    """
+    row, col, rows, cols = part
+    up, left = by
+    row0 = max(row - up, 0)
+    col0 = max(col - left, 0)
+    return (
+        row0,
+        col0,
+        min(row + rows + up, shape[0]) - row0,
+        min(col + cols + left, shape[1]) - col0,
+    )
 
 
 def enclosing(parts: Sequence[Rectangle]) -> Rectangle:
     """The least rectangle that holds all of these, of which there is at least one."""
-    row, col = min(part[0] for part in parts), min(part[1] for part in parts)
-    bottom, right = max(part[0] + part[2] for part in parts), max(part[1] + part[3] for part in parts)
+    row = min(part[0] for part in parts)
+    col = min(part[1] for part in parts)
+    bottom = max(part[0] + part[2] for part in parts)
+    right = max(part[1] + part[3] for part in parts)
     return row, col, bottom - row, right - col
 
 
 def common(one: Rectangle, other: Rectangle) -> Rectangle | None:
     """The common part of two rectangles; None where there is none."""
-    row, col = max(one[0], other[0]), max(one[1], other[1])
-    rows, cols = min(one[0] + one[2], other[0] + other[2]) - row, min(one[1] + one[3], other[1] + other[3]) - col
+    row = max(one[0], other[0])
+    col = max(one[1], other[1])
+    rows = min(one[0] + one[2], other[0] + other[2]) - row
+    cols = min(one[1] + one[3], other[1] + other[3]) - col
     return (row, col, rows, cols) if rows > 0 and cols > 0 else None
 
 
 def apart(part: Rectangle, cell: tuple[int, int]) -> int:
     """Cells between a rectangle and a cell, as the king moves; 0 inside."""
     row, col, rows, cols = part
-    return max(row - cell[0], cell[0] - (row + rows - 1), col - cell[1], cell[1] - (col + cols - 1), 0)
+    return max(
+        row - cell[0], cell[0] - (row + rows - 1), col - cell[1], cell[1] - (col + cols - 1), 0
+    )

@@ -1,4 +1,6 @@
-"""The time by which a query must be answered: one deadline, which everything that works for the answer is given."""
+"""The time by which a query must be answered: one deadline, which everything that works for the
+answer is given.
+"""
 
 import math
 import time

@@ -1,7 +1,8 @@
 """Errors of the toolkit, and the words that a planner answers with.
 
-Every error derives from `NnppEdgeError` and from the builtin that fits. Its message is one line that says
-what was wanted and what came. That no path exists is an outcome, not an error: see `Status`.
+Every error derives from `NnppEdgeError` and from the builtin that fits. Its message is one line
+that says what was wanted and what came. That no path exists is an outcome, not an error: see
+`Status`.
 """
 
 from enum import StrEnum
@@ -47,7 +48,9 @@ def optional_module(name: str, purpose: str, extra: str) -> ModuleType:
         return import_module(name)
     except ImportError as error:
         package = name.partition(".")[0]
-        raise MissingExtraError(f"{purpose} needs {package}: pip install 'nnpp-edge[{extra}]'") from error
+        raise MissingExtraError(
+            f"{purpose} needs {package}: pip install 'nnpp-edge[{extra}]'"
+        ) from error
 
 
 class OutputError(NnppEdgeError, OSError):
@@ -70,8 +73,8 @@ class Status(StrEnum):
     NO_GOAL = "NO_GOAL"
     """Of the loop alone: no goal has come yet."""
     UNKNOWN = "UNKNOWN"
-    """Of the loop: every way of planning raised an error. Of `WindowedPlanner`: no path was found, and it is not
-    known that there is none."""
+    """Of the loop: every way of planning raised an error. Of `WindowedPlanner`: no path was
+    found, and it is not known that there is none."""
 
 
 def shown(value: object) -> str:

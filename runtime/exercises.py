@@ -37,7 +37,8 @@ _BODY = Vehicle(2.2, 2.2, 3.0, max_tilt_deg=60.0, unknown_passes=True)
 def exercise() -> None:
     """Make tiny plans that call every kernel with every set of argument types, once in a process.
 
-    What is not yet loaded would else be waited for by some later query: up to a tenth of a second for each kernel.
+    What is not yet loaded would else be waited for by some later query: up to a tenth of a second
+    for each kernel.
     """
     for part in parts():
         part()
@@ -48,8 +49,11 @@ def parts() -> list[Callable[[], None]]:
     network = NetworkModel("edge")
     dem = np.cumsum(np.random.default_rng(0).normal(0.0, 0.1, (150, 24)), axis=1).astype(np.float32)
     dem[3, 4] = np.nan
-    point, body = partial(_exercise_elevations, dem, network), partial(_exercise_elevations, dem, network, _BODY)
-    by_slope = [partial(_exercise_elevations, dem, network, vehicle, "tobler") for vehicle in (None, _BODY)]
+    point = partial(_exercise_elevations, dem, network)
+    body = partial(_exercise_elevations, dem, network, _BODY)
+    by_slope = [
+        partial(_exercise_elevations, dem, network, vehicle, "tobler") for vehicle in (None, _BODY)
+    ]
     kernels = partial(_exercise_kernels, dem, network), partial(_exercise_body_kernels, dem)
     return [point, body, *by_slope, *kernels, partial(_exercise_costs, network)]
 
@@ -58,11 +62,15 @@ def _exercise_elevations(
     dem: Float2D, network: NetworkModel, vehicle: Vehicle | None = None, step_cost: str = "paper"
 ) -> None:
     """Plans of all methods on heights, of a map that stands and of one that changes."""
-    start, goal, limits = (8, 5), (140, 18), Traversability(hard_slope_deg=25.0)
+    start = (8, 5)
+    goal = (140, 18)
+    limits = Traversability(hard_slope_deg=25.0)
     refine = "any-angle" if step_cost == "paper" and vehicle is None else None
     own: GroundOptions = {"vehicle": vehicle, "step_cost": step_cost}
     for lazy in (True, False):
-        planner = Planner.of_elevation(dem, 1.0, limits, **own, model=network, ask_from=0, warn=False, lazy=lazy)
+        planner = Planner.of_elevation(
+            dem, 1.0, limits, **own, model=network, ask_from=0, warn=False, lazy=lazy
+        )
         for method in ("astar", "corridor", "nnpp"):
             planner.plan(start, goal, method=method, refine=refine)
     planner.reach(start)
@@ -81,7 +89,8 @@ def _exercise_elevations(
 def _exercise_costs(network: NetworkModel) -> None:
     """Plans on costs."""
     cost = np.random.default_rng(0).uniform(0.1, 0.6, (200, 128)).astype(np.float32)
-    start, goal = (1, 2), (198, 125)
+    start = (1, 2)
+    goal = (198, 125)
     planner = Planner(cost, model=network)
     planner.prepare(landmarks=1, goals=[goal])
     for method in ("astar", "corridor", "nnpp"):
@@ -98,7 +107,9 @@ def _exercise_costs(network: NetworkModel) -> None:
 
 
 def _read_only(array: Float2D) -> Float2D:
-    """A contiguous copy that may not be written, as a memory-mapped file is: to numba that is another type."""
+    """A contiguous copy that may not be written, as a memory-mapped file is: to numba that is
+    another type.
+    """
     out = array.copy()
     out.flags.writeable = False
     return out
@@ -124,6 +135,9 @@ def _exercise_body_kernels(dem: Float2D) -> None:
     flat = Planner.of_elevation(np.zeros_like(dem), 1.0, vehicle=car, warn=False)
     flat.plan((20, 12), (130, 12), start_heading_deg=90.0, goal_heading_deg=90.0)
     state = planner.state
-    coarse, (finest, *_) = CoarseLevel(state.pyramid.levels[1]), state.pyramid.levels
+    coarse = CoarseLevel(state.pyramid.levels[1])
+    finest, *_ = state.pyramid.levels
     nothing = np.zeros((2 * coarse.grid.rows, 2 * coarse.grid.cols), np.int32)
-    coarse.close_dead_ends(Region(nothing, *finest.quarters), Workspace(len(finest.grid.weights)), state.shape)
+    coarse.close_dead_ends(
+        Region(nothing, *finest.quarters), Workspace(len(finest.grid.weights)), state.shape
+    )

@@ -1,7 +1,9 @@
-"""Memory: how much is left, what planning takes, and how to have it before it is needed, or not before.
+"""Memory: how much is left, what planning takes, and how to have it before it is needed, or not
+before.
 
-The system backs an array's pages with memory when they are first written to. In a loop that is to keep its rate for
-days, the first search that comes to a part of the map would wait, and the process would seem to grow.
+The system backs an array's pages with memory when they are first written to. In a loop that is to
+keep its rate for days, the first search that comes to a part of the map would wait, and the process
+would seem to grow.
 """
 
 import ctypes
@@ -23,7 +25,9 @@ DIRECTED_BYTES_PER_CELL = 38
 PLANNER_BYTES_PER_CELL = 16
 """That a planner takes beside the cost map: weights 4, search memory 8, coarse levels 4."""
 _ALWAYS_FITS = 1 << 22
-"""Cells of a map that is planned on without asking for room first: that takes as long as a short plan."""
+"""Cells of a map that is planned on without asking for room first: that takes as long as a short
+plan.
+"""
 _MAP_NORESERVE = 0x4000
 """Of Linux; Python's `mmap` has it from 3.13 on."""
 _PR_SET_THP_DISABLE = 41
@@ -31,7 +35,9 @@ Number = TypeVar("Number", bound=np.generic)
 
 
 def touch(*owners: object) -> None:
-    """Write to every page of these objects' arrays, but for read-only and strided ones; their values stay."""
+    """Write to every page of these objects' arrays, but for read-only and strided ones; their
+    values stay.
+    """
     for owner in owners:
         for value in vars(owner).values():
             if isinstance(value, np.ndarray) and value.flags.c_contiguous and value.flags.writeable:
@@ -41,8 +47,8 @@ def touch(*owners: object) -> None:
 def virtual_zeros(count: int, dtype: type[Number]) -> NDArray[Number]:
     """Zeros that take memory where they are written to, a small page at a time, and nowhere else.
 
-    For arrays of a whole map's size of which a search touches a strip. MemoryError where the system promises no
-    memory that it does not have.
+    For arrays of a whole map's size of which a search touches a strip. MemoryError where the system
+    promises no memory that it does not have.
     """
     size = max(count, 1) * np.dtype(dtype).itemsize
     try:
@@ -56,8 +62,8 @@ def virtual_zeros(count: int, dtype: type[Number]) -> NDArray[Number]:
 
 @contextmanager
 def small_pages() -> Iterator[None]:
-    """Have the system back this process's arrays with small pages for a while: where a strip of one is touched, a
-    huge page of 2 MiB would bring the rows beside it along."""
+    """Have the system back this process's arrays with small pages for a while: where a strip of
+    one is touched, a huge page of 2 MiB would bring the rows beside it along."""
     prctl = getattr(ctypes.CDLL(None), "prctl", None)  # not on every system
     if prctl:
         prctl(_PR_SET_THP_DISABLE, 1, 0, 0, 0)
@@ -71,26 +77,32 @@ def small_pages() -> Iterator[None]:
 def check_planner_fits(shape: tuple[int, ...], more_per_cell: int = 0) -> None:
     """InvalidMapError where the memory that is left cannot hold a planner of a map of this shape.
 
-    `more_per_cell` are bytes beside those of a point's planner. All that is reserved counts: a search takes it where
-    it first comes, but by huge pages, so a corridor across a map takes nearly all of a body's.
+    `more_per_cell` are bytes beside those of a point's planner. All that is reserved counts: a
+    search takes it where it first comes, but by huge pages, so a corridor across a map takes nearly
+    all of a body's.
     """
     if len(shape) != 2 or shape[0] * shape[1] <= _ALWAYS_FITS:
         return
-    wanted, room = shape[0] * shape[1] * (PLANNER_BYTES_PER_CELL + more_per_cell), available_bytes()
+    wanted = shape[0] * shape[1] * (PLANNER_BYTES_PER_CELL + more_per_cell)
+    room = available_bytes()
     if wanted > room:
         raise InvalidMapError(
-            f"wanted {wanted / 1e9:.1f} GB of memory to plan on {shape[0]} × {shape[1]} cells, got {room / 1e9:.1f} "
+            f"wanted {wanted / 1e9:.1f} GB of memory to plan on {shape[0]} × {shape[1]} cells, "
+            f"got {room / 1e9:.1f} "
             "GB: plan on a smaller part, or with WindowedPlanner"
         )
 
 
 def peak_bytes(process: int | str = "self") -> int:
-    """The most memory that a process, by its number, has held at once; 0 where the system does not say."""
+    """The most memory that a process, by its number, has held at once; 0 where the system does not
+    say.
+    """
     return next((1024 * held for held in _numbers(Path(f"/proc/{process}/status"), "VmHWM:")), 0)
 
 
 def available_bytes(system: Path = Path("/")) -> int:
-    """Memory that this process may still take: the least of what machine, control groups and its own limit leave.
+    """Memory that this process may still take: the least of what machine, control groups and its
+    own limit leave.
 
     `system` is where the system's own files lie, ``/proc`` and ``/sys``.
     """
@@ -102,18 +114,26 @@ def available_bytes(system: Path = Path("/")) -> int:
 
 
 def _left_in_groups(system: Path) -> Iterator[int]:
-    """Memory that each control group around this process leaves; pages of files that can be dropped are free."""
+    """Memory that each control group around this process leaves; pages of files that can be dropped
+    are free.
+    """
     for _, kind, name in (line.split(":", 2) for line in _lines(system / "proc/self/cgroup")):
         if kind == "":
-            root, files = system / "sys/fs/cgroup", ("memory.max", "memory.current", "inactive_file ")
-        elif "memory" in kind.split(","):  # version 1; from within a container, the name may be that outside of it
-            root, names = system / "sys/fs/cgroup/memory", ("memory.limit_in_bytes", "memory.usage_in_bytes")
+            root = system / "sys/fs/cgroup"
+            files = ("memory.max", "memory.current", "inactive_file ")
+        elif "memory" in kind.split(
+            ","
+        ):  # version 1; from within a container, the name may be that outside of it
+            root = system / "sys/fs/cgroup/memory"
+            names = ("memory.limit_in_bytes", "memory.usage_in_bytes")
             files = (*names, "total_inactive_file ")
         else:
             continue
         group = root / name.lstrip("/")
         for folder in (each for each in (group, *group.parents) if each.is_relative_to(root)):
-            for limit, used in zip(_numbers(folder / files[0]), _numbers(folder / files[1]), strict=False):
+            for limit, used in zip(
+                _numbers(folder / files[0]), _numbers(folder / files[1]), strict=False
+            ):
                 yield limit - used + sum(_numbers(folder / "memory.stat", files[2]))
 
 

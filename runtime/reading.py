@@ -1,4 +1,6 @@
-"""Files that a user names, read with care: regular files alone, with a limit, every failure in a few words."""
+"""Files that a user names, read with care: regular files alone, with a limit, every failure in a
+few words.
+"""
 
 import errno
 import json
@@ -19,12 +21,16 @@ _MOST_CHARACTERS = 400
 
 
 def problem_with_file(path: Path | str | int) -> str | None:
-    """Why no file can be read there (a path, or an open descriptor), in a few words; None for a regular file."""
+    """Why no file can be read there (a path, or an open descriptor), in a few words; None for a
+    regular file.
+    """
     try:
         mode = os.stat(path).st_mode  # noqa: PTH116  # of a descriptor, too
     except (OSError, ValueError) as error:  # ValueError: a name with a zero byte
         return reason(error)
-    return None if stat.S_ISREG(mode) else "a folder" if stat.S_ISDIR(mode) else "not a regular file"
+    return (
+        None if stat.S_ISREG(mode) else "a folder" if stat.S_ISDIR(mode) else "not a regular file"
+    )
 
 
 def reason(error: BaseException) -> str:
@@ -40,7 +46,9 @@ def reason(error: BaseException) -> str:
 
 @contextmanager
 def refused_as(kind: type[NnppEdgeError], what: str) -> Iterator[None]:
-    """Turn whatever a broken file or a full disk raises into one `kind` that ends with the first cause."""
+    """Turn whatever a broken file or a full disk raises into one `kind` that ends with the first
+    cause.
+    """
     try:
         yield
     except NnppEdgeError:
@@ -53,7 +61,9 @@ def refused_as(kind: type[NnppEdgeError], what: str) -> Iterator[None]:
 
 
 def read_text(path: Path, most_bytes: int = MOST_BYTES) -> str:
-    """A regular file's UTF-8 text of at most so many bytes; OSError or ValueError for anything else."""
+    """A regular file's UTF-8 text of at most so many bytes; OSError or ValueError for anything
+    else.
+    """
     # O_NONBLOCK: a pipe without a writer would be waited for
     with open(path, "rb", opener=lambda name, flags: os.open(name, flags | os.O_NONBLOCK)) as file:
         if (problem := problem_with_file(file.fileno())) is not None:
@@ -67,7 +77,8 @@ def read_text(path: Path, most_bytes: int = MOST_BYTES) -> str:
 def read_toml(
     name: str | Path, shipped: Path, what: str, kind: type[NnppEdgeError]
 ) -> tuple[Path, dict[str, object]]:
-    """The TOML file NAME in the folder `shipped`, else the user's file of that name, and its content.
+    """The TOML file NAME in the folder `shipped`, else the user's file of that name, and its
+    content.
 
     NnppEdgeError of this `kind`, about a file of `what`, where there is none, or none in TOML.
     """
@@ -81,7 +92,9 @@ def read_toml(
 
 
 def parse(text: str, loads: Callable[[str], Any] = json.loads) -> Any:
-    """Content of JSON, or another format by its own function; ValueError where it is broken or nested too deep."""
+    """Content of JSON, or another format by its own function; ValueError where it is broken or
+    nested too deep.
+    """
     try:
         return loads(text)
     except RecursionError:

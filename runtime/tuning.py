@@ -1,4 +1,6 @@
-"""Every number that steers a search, a region or a choice: value, unit, why, and the figure that chose it."""
+"""Every number that steers a search, a region or a choice: value, unit, why, and the figure that
+chose it.
+"""
 
 from typing import NamedTuple
 
@@ -11,7 +13,9 @@ class CorridorWidth(NamedTuple):
     radius: int
     """Quarters of coarse cells around the path's own that are searched, as the king moves."""
     band: float
-    """Share of the path's cost: cells on coarse paths that cost at most so much more are searched, too."""
+    """Share of the path's cost: cells on coarse paths that cost at most so much more are searched,
+    too.
+    """
     nearby: float
     """Added to the band for short paths, divided by the coarse cells between start and goal."""
     coarse_radius: int
@@ -22,55 +26,76 @@ class CorridorWidth(NamedTuple):
 # Changes of a map
 
 MOST_LOGGED_CHANGES = 64
-"""Changes that wait for a reader unmerged. More would let a reader that is never asked hold memory; with fewer,
-merged rectangles cover much that did not change."""
+"""Changes that wait for a reader unmerged. More would let a reader that is never asked hold
+memory; with fewer, merged rectangles cover much that did not change."""
 
 # Cost map
 
 THREADS_FROM = 200_000
-"""Cells from which on a map is computed by a thread a core: to start one takes as long as some ten thousand cells."""
+"""Cells from which on a map is computed by a thread a core: to start one takes as long as some ten
+thousand cells.
+"""
 STRIPE_CELLS = 1 << 18
-"""Cells of a map that are made ready between two readings of the clock: about half a millisecond."""
-TILE_ROWS, TILE_COLS = 32, 64
-"""Cells of the pieces in which a map of heights is computed: powers of two. In smaller ones rows are too short for
-the compiler's loops; of larger ones a search looks at a small part."""
+"""Cells of a map that are made ready between two readings of the clock: about half a
+millisecond.
+"""
+TILE_ROWS = 32
+TILE_COLS = 64
+"""Cells of the pieces in which a map of heights is computed: powers of two. In smaller ones rows
+are too short for the compiler's loops; of larger ones a search looks at a small part."""
 MOST_SAMPLED = 16
-"""Cells to the side of the sample by which it is judged, roughly, whether most of a map lies at a term's limit."""
+"""Cells to the side of the sample by which it is judged, roughly, whether most of a map lies at a
+term's limit.
+"""
 
 # Maps read by windows
 
-BAND_CELLS, BANDS_AHEAD = 1 << 22, 3
-"""Cells of a band of rows that is read and computed as one, about: 16 MB of heights; bands that are read ahead, as
-blocks are decoded for several bands at once, which the others then wait for."""
-LEAST_WINDOW, LEG_CELLS = 256, 256
-"""Cells: windows under a corridor are at least so high and wide, where blocks are smaller; those of a path whose
-heights are read by one window."""
+BAND_CELLS = 1 << 22
+BANDS_AHEAD = 3
+"""Cells of a band of rows that is read and computed as one, about: 16 MB of heights; bands that
+are read ahead, as blocks are decoded for several bands at once, which the others then wait for."""
+LEAST_WINDOW = 256
+LEG_CELLS = 256
+"""Cells: windows under a corridor are at least so high and wide, where blocks are smaller; those
+of a path whose heights are read by one window."""
 
 # Exact search
 
-BUCKET_WIDTH, BUCKET_WIDTH_BY_LANDMARKS = 1.0 / 4.0, 1.0 / 256.0
-"""Cheapest steps to a bucket of the open list. By landmarks, nearly optimal cells have nearly the same f: a wide
-bucket, which is not in order within, would expand many of them again and again."""
+BUCKET_WIDTH = 1.0 / 4.0
+BUCKET_WIDTH_BY_LANDMARKS = 1.0 / 256.0
+"""Cheapest steps to a bucket of the open list. By landmarks, nearly optimal cells have nearly
+the same f: a wide bucket, which is not in order within, would expand many of them again and
+again."""
 DIRECTED_BUCKET_WIDTH = 1.0 / 1024.0
-"""That of steps that cost by their slope, as all gentle ones cost nearly alike: on lunar terrain, 256², a search by
-``energy`` expanded 4,200 cells (median) in place of 290,000, by ``tobler`` 5,300 in place of 19,000."""
+"""That of steps that cost by their slope, as all gentle ones cost nearly alike: on lunar
+terrain, 256², a search by ``energy`` expanded 4,200 cells (median) in place of 290,000, by
+``tobler`` 5,300 in place of 19,000."""
 NEAREST_STOPS = 5
-"""Stops nearest each stop of a tour that one search of steps reaches, for the best order of exact paths."""
-MOST_RATIO_FOR_LANDMARKS, MOST_RATIO_FOR_DSTAR = 1e6, 1e12
-"""Of the dearest step to the cheapest. float32 rounds off a few cheap steps of a cost: with 1e15 cells were expanded
-hundreds of times. D* Lite's sums of more are too coarse to tell apart paths that share a dear step."""
+"""Stops nearest each stop of a tour that one search of steps reaches, for the best order of exact
+paths.
+"""
+MOST_RATIO_FOR_LANDMARKS = 1e6
+MOST_RATIO_FOR_DSTAR = 1e12
+"""Of the dearest step to the cheapest. float32 rounds off a few cheap steps of a cost: with 1e15
+cells were expanded hundreds of times. D* Lite's sums of more are too coarse to tell apart paths
+that share a dear step."""
 
 # Coarse levels
 
 ANOTHER_LEVEL_FROM = 256
 """Cells of a coarse level's longer side from which on another level is put on top of it."""
-LEVEL_LANDMARKS, LANDMARK_PATIENCE = 4, 3
-"""Landmarks that a coarse level gets when it is searched often: one whenever searches have expanded so many times as
-many cells as setting it takes."""
+LEVEL_LANDMARKS = 4
+LANDMARK_PATIENCE = 3
+"""Landmarks that a coarse level gets when it is searched often: one whenever searches have
+expanded so many times as many cells as setting it takes."""
 MOST_CELLS_FOR_LANDMARKS = 1 << 15
-"""Cells of a level that may get landmarks: on one of so many, setting one takes two milliseconds."""
+"""Cells of a level that may get landmarks: on one of so many, setting one takes two
+milliseconds.
+"""
 CELLS_APART = 16
-"""The coarsest level that is searched is the last on which start and goal are so many cells apart."""
+"""The coarsest level that is searched is the last on which start and goal are so many
+cells apart.
+"""
 
 # Corridors and regions
 
@@ -81,42 +106,59 @@ WIDENED_CORRIDOR = CorridorWidth(8, 0.02, nearby=0.12, coarse_radius=2, coarse_b
 LEARNED_CORRIDOR = CorridorWidth(1, 0.0005, nearby=0.08, coarse_radius=2, coarse_band=0.02)
 """Inside a learned region, which is searched for speed: mean gap 0.28 to 0.31 %."""
 BODY_WEIGHT = 4.0
-"""For a vehicle, whose poses coarse levels can only guess, means count so many times there: where cells are dear on
-average, poses fail."""
+"""For a vehicle, whose poses coarse levels can only guess, means count so many times there:
+where cells are dear on average, poses fail."""
 BODY_CORRIDOR = CorridorWidth(2, 0.04, nearby=2.5, coarse_radius=0, coarse_band=0.0)
-"""For a vehicle: mean gap 0.0 to 0.2 % with up to a tenth of the ground under rocks (docs/decisions/bodies.md)."""
+"""For a vehicle: mean gap 0.0 to 0.2 % with up to a tenth of the ground under rocks
+(docs/decisions/bodies.md).
+"""
 WIDENED_BODY_CORRIDOR = CorridorWidth(4, 0.1, nearby=6.0, coarse_radius=0, coarse_band=0.0)
 """Where the first held no path for a vehicle, or not one good enough."""
 TURNS_IN_FIELD = 0.7
-"""Share of what turns cost that the field of a body's region counts: with 1 paths lie 2.1 % above the optimum (1.1 %
-among rocks) in place of 1.1 (0.3); with 0.5 0.4 (0.3) %, for four times the states of the last search among rocks."""
+"""Share of what turns cost that the field of a body's region counts: with 1 paths lie 2.1 %
+above the optimum (1.1 % among rocks) in place of 1.1 (0.3); with 0.5 0.4 (0.3) %, for four times
+the states of the last search among rocks."""
 AROUND_GOAL = 4096
-"""Expansions from a goal with a heading, by which the field of a body's costs to go begins: without them a first plan
-took 38 ms (256², radius 2 m), with 4,096 22, with half or four times as many as long as with these or longer."""
+"""Expansions from a goal with a heading, by which the field of a body's costs to go begins:
+without them a first plan took 38 ms (256², radius 2 m), with 4,096 22, with half or four times
+as many as long as with these or longer."""
 FIELD_KEPT = 0.02
-"""Share of the map's cells that may change before the field that guides a body's searches to a goal is made anew."""
-JOIN_AHEAD, JOIN_BEHIND, JOIN_WITHIN = 64, 16, 8
-"""States ahead of the robot, and behind what is blocked, at which a new way joins the standing path of arcs again;
-and cells from the path at which a robot may be."""
+"""Share of the map's cells that may change before the field that guides a body's searches to a goal
+is made anew.
+"""
+JOIN_AHEAD = 64
+JOIN_BEHIND = 16
+JOIN_WITHIN = 8
+"""States ahead of the robot, and behind what is blocked, at which a new way joins the standing
+path of arcs again; and cells from the path at which a robot may be."""
 JOIN_EXPANSIONS = 4096
 """Expansions after which the best way to that place is taken, else the path as it stood."""
 IN_VAIN = 16
-"""Plans to a goal to which no corridor had a path of arcs that are made on the whole map at once: the corridors took
-more of a loop's time than that search (90 to 540 ms for 24 to 155), tick after tick."""
+"""Plans to a goal to which no corridor had a path of arcs that are made on the whole map at
+once: the corridors took more of a loop's time than that search (90 to 540 ms for 24 to 155),
+tick after tick."""
 ARC_CORRIDOR = CorridorWidth(6, 0.04, nearby=2.5, coarse_radius=0, coarse_band=0.0)
-"""For a vehicle that drives arcs, which swing out. With a radius of 2 quarters paths of a radius of 2.7 bodies are
-0.2 % dearer and 20 of 60 corridors are widened, not 12."""
+"""For a vehicle that drives arcs, which swing out. With a radius of 2 quarters paths of a radius
+of 2.7 bodies are 0.2 % dearer and 20 of 60 corridors are widened, not 12."""
 MOST_ABOVE_FIELD = 1.45
-"""A path of arcs that costs more times what the legs of its region promised is looked for in a wider one, too."""
+"""A path of arcs that costs more times what the legs of its region promised is looked for in a
+wider one, too.
+"""
 MOST_CORRECTIONS = 3
-"""How many times a vehicle's region is searched, links corrected in between, before a wider one is."""
+"""How many times a vehicle's region is searched, links corrected in between, before a
+wider one is.
+"""
 REFINE_FROM = 192
 """Cells of a map's longer side from which on a learned region is searched coarsely first."""
-WIDENED_THRESHOLD, WIDENED_BLOCKS = 0.25, 1
-"""To widen a learned region, its threshold is multiplied by the first, and so many blocks are added all around."""
-WINDOW_ROUNDING, WINDOW_SHARE = 32, 0.6
-"""Corner and side of the window that the network is shown are multiples of so many cells; from so large a share of
-the map's longer side on, it is shown the whole map instead."""
+WIDENED_THRESHOLD = 0.25
+WIDENED_BLOCKS = 1
+"""To widen a learned region, its threshold is multiplied by the first, and so many blocks are added
+all around.
+"""
+WINDOW_ROUNDING = 32
+WINDOW_SHARE = 0.6
+"""Corner and side of the window that the network is shown are multiples of so many cells; from
+so large a share of the map's longer side on, it is shown the whole map instead."""
 
 # Any angle
 
@@ -129,11 +171,14 @@ ANY_ANGLE = np.array(
         (3.0, 0.2, 2, 2, 1.0, 1),
     )
 )
-"""Stages in which stations are moved across a path: cells between stations; cells between a station's places; places
-to each side; by how many neighbours may differ; samples per cell; whether way points are stations. The first reaches
-72 cells, as the paper's diagonal steps draw its paths so far aside (docs/decisions/any-angle.md)."""
+"""Stages in which stations are moved across a path: cells between stations; cells between a
+station's places; places to each side; by how many neighbours may differ; samples per cell;
+whether way points are stations. The first reaches 72 cells, as the paper's diagonal steps draw
+its paths so far aside (docs/decisions/any-angle.md)."""
 WAY_POINT_SAVES = 0.01
-"""Cells of mean ground whose cost each way point saves at least: with 0.1 there are half as many, for 0.1 % more."""
+"""Cells of mean ground whose cost each way point saves at least: with 0.1 there are half as many,
+for 0.1 % more.
+"""
 
 # Choice of a method
 
@@ -141,22 +186,29 @@ NEAR = 48
 """Cells: A* finds goals nearer than this before anything else has begun, unless the way is long."""
 BRIEF_EXPANSIONS = 1024
 """Expansions that A* may take for a near goal, and twice the square of the distance more."""
-LARGE_MAP, FAR = 1536, 512
+LARGE_MAP = 1536
+FAR = 512
 """Size of a map, and cells to the goal, from which on the learned region is clearly the fastest."""
 
 # Planning on a map that changes
 
 UNSEEN_CHANGE = 0.02
-"""Change of its view, as a share, that a network need not see: what is passable is read from the newest map anyway,
-and to run the network takes as long as a short search."""
+"""Change of its view, as a share, that a network need not see: what is passable is read from the
+newest map anyway, and to run the network takes as long as a short search."""
 MOST_JOINED = 3
-"""Regions of D* Lite are joined as long as they hold at most so many times the blocks of the newest."""
-DSTAR_SLOWER, EXPANDED_TWICE = 2.5, 2.0
-"""Time that D* Lite takes to expand a cell, over what A* takes; cells that became dearer, and all whose path led over
-them, are expanded twice: first to be given up."""
-MEND_FROM, MEND_WITHIN, MEND_SHARE = 192, 0.25, 1.0 / 1024.0
-"""`auto` repairs from so many cells to the goal on, as a shorter corridor is as quickly made anew; and only where all
-changes lie nearer to the start than this share of the way, and at most this share of the map's cells has changed."""
+"""Regions of D* Lite are joined as long as they hold at most so many times the blocks of the
+newest.
+"""
+DSTAR_SLOWER = 2.5
+EXPANDED_TWICE = 2.0
+"""Time that D* Lite takes to expand a cell, over what A* takes; cells that became dearer, and
+all whose path led over them, are expanded twice: first to be given up."""
+MEND_FROM = 192
+MEND_WITHIN = 0.25
+MEND_SHARE = 1.0 / 1024.0
+"""`auto` repairs from so many cells to the goal on, as a shorter corridor is as quickly made
+anew; and only where all changes lie nearer to the start than this share of the way, and at most
+this share of the map's cells has changed."""
 MOST_DRIFT = 1.02
 """Mended paths are taken until they may cost so many times what paths of a new corridor would."""
 
@@ -167,23 +219,29 @@ TWO_THREADS_FROM = 256
 
 # Unseen ground
 
-BLOCKED_PRICE, MOST_PRICE = 3.0, 6.0
-"""Price of a block whose cells are all impassable, beyond that of T = 1, by the coarse slope, and of any block, in T
-a cell. Lunar terrain at 20 m, factor 8, sight of 16 cells, limit20, 200 drives: the driven cost is 6.2 % above the
-optimum if impassable cells count as T = 1, 4.9 at 1, 4.2 at 2 to 4, 5.2 at 8."""
+BLOCKED_PRICE = 3.0
+MOST_PRICE = 6.0
+"""Price of a block whose cells are all impassable, beyond that of T = 1, by the coarse slope,
+and of any block, in T a cell. Lunar terrain at 20 m, factor 8, sight of 16 cells, limit20, 200
+drives: the driven cost is 6.2 % above the optimum if impassable cells count as T = 1, 4.9 at 1,
+4.2 at 2 to 4, 5.2 at 8."""
 PRICE_SCALE = 6.1
 """A price divided by it is a cost of a map of blocks: the highest is none that is impassable."""
 BLOCKED_PRICES = 2.0, 3.0
-"""By a network: that of the share of impassable cells, and that of the chance that a block cannot be crossed. The
-same drives: 2.9 % at 1 and 1, 1.9 at 2 and 3; by boosted trees 2.6 and 2.2."""
+"""By a network: that of the share of impassable cells, and that of the chance that a block
+cannot be crossed. The same drives: 2.9 % at 1 and 1, 1.9 at 2 and 3; by boosted trees 2.6 and
+2.2."""
 
-BLOCKS_AROUND, BLOCKS_BEYOND = 3, 3
-"""Blocks to each side of the way over blocks in which cells are searched; and blocks beyond what has been seen from
-which on the way leads over their middles."""
+BLOCKS_AROUND = 3
+BLOCKS_BEYOND = 3
+"""Blocks to each side of the way over blocks in which cells are searched; and blocks beyond what
+has been seen from which on the way leads over their middles."""
 
 
 class SlopePrice(NamedTuple):
-    """Price of a block by its slope, fitted on lunar terrain at 20 m, factors 4 to 16: it explains T to 0.08."""
+    """Price of a block by its slope, fitted on lunar terrain at 20 m, factors 4 to 16: it explains
+    T to 0.08.
+    """
 
     floor: float = 0.15
     """T of level ground."""

@@ -1,8 +1,9 @@
 """Compiling every kernel before the first plan: at install or at boot, rather than on the way.
 
-What `exercises` compiles stays in the cache folder that `compiled` chose; what a wheel of kernels or a read-only
-cache holds is not compiled. Several processes share the work: this one begins with the first exercise, the others
-with the last, and none compiles what another is at; so do two warm-ups at once.
+What `exercises` compiles stays in the cache folder that `compiled` chose; what a wheel of kernels
+or a read-only cache holds is not compiled. Several processes share the work: this one begins with
+the first exercise, the others with the last, and none compiles what another is at; so do two
+warm-ups at once.
 """
 
 import os
@@ -24,10 +25,14 @@ from nnpp_edge.runtime.memory import available_bytes
 
 _FOLDER_NAME = re.compile(r"kernels-.+-[0-9a-f]{8}")
 _STILL_IN_USE_S = 3600.0
-"""A folder written to within this time may belong to a process that is still running: it is left alone."""
-MOST_JOBS, JOB_BYTES = 4, 700_000_000
-"""Processes that compile at once unless told otherwise, and the memory that each is to find free: measured were 0.90
-GB by one, 0.63 and 0.60 by two, and 0.63 and at most 0.44 for each of the others by four."""
+"""A folder written to within this time may belong to a process that is still running: it is left
+alone.
+"""
+MOST_JOBS = 4
+JOB_BYTES = 700_000_000
+"""Processes that compile at once unless told otherwise, and the memory that each is to find
+free: measured were 0.90 GB by one, 0.63 and 0.60 by two, and 0.63 and at most 0.44 for each of
+the others by four."""
 
 
 @dataclass(frozen=True)
@@ -61,11 +66,11 @@ def warm_up(*, keep_old: bool = False, jobs: int | None = None) -> Warmth:
     Parameters
     ----------
     keep_old : bool
-        Leave the kernels of other versions where they are. Otherwise their folders are deleted, but for
-        those written to within the last hour.
+        Leave the kernels of other versions where they are. Otherwise their folders are deleted, but
+        for those written to within the last hour.
     jobs : int, optional
-        Processes that compile at once; by default one for each processor that this one may use, four at most, as
-        far as memory is left: one takes 0.9 GB, several about 0.6 each.
+        Processes that compile at once; by default one for each processor that this one may use,
+        four at most, as far as memory is left: one takes 0.9 GB, several about 0.6 each.
 
     Raises
     ------
@@ -77,10 +82,12 @@ def warm_up(*, keep_old: bool = False, jobs: int | None = None) -> Warmth:
     jobs = default_jobs() if jobs is None else jobs
     if jobs < 1:
         raise ValueError(f"jobs: wanted at least 1, got {jobs}")
-    own, folders = places.OWN, [*filter(None, [places.OWN]), *places.READ]
+    own = places.OWN
+    folders = [*filter(None, [places.OWN]), *places.READ]
     if not folders:
         raise OutputError(
-            "compiled kernels cannot be kept: wanted a folder that only this user can write to, found none "
+            "compiled kernels cannot be kept: wanted a folder that only this user can write to, "
+            "found none "
             "(set NUMBA_CACHE_DIR to such a folder)"
         )
     began = time.perf_counter()
@@ -95,7 +102,9 @@ def warm_up(*, keep_old: bool = False, jobs: int | None = None) -> Warmth:
             raise cache.save_error
         removed = () if keep_old or own is None else _remove_old(own)
     except OSError as error:
-        raise OutputError(f"{folders[0]}: kernels could not be kept ({error.strerror or error})") from error
+        raise OutputError(
+            f"{folders[0]}: kernels could not be kept ({error.strerror or error})"
+        ) from error
     kernels, signatures = cache.count_kept(*folders)
     return Warmth(folders[0], kernels, signatures, compiled, time.perf_counter() - began, removed)
 
@@ -114,7 +123,8 @@ def _kept(folder: Path) -> set[tuple[str, int]]:
 def _helpers(jobs: int) -> Iterator[None]:
     """Have all but one of `jobs` processes compile as well, until what is within has ended.
 
-    They only take work off this one: whatever becomes of them, it goes through every exercise itself.
+    They only take work off this one: whatever becomes of them, it goes through every exercise
+    itself.
     """
     code = "from nnpp_edge.runtime.warmup import help_out; help_out({}, {})"
     path = os.pathsep.join(filter(None, sys.path))
@@ -138,7 +148,9 @@ def _helpers(jobs: int) -> Iterator[None]:
 
 
 def help_out(number: int, jobs: int) -> None:
-    """Go through the exercises from the end, as process `number` of `jobs`, each of which begins elsewhere."""
+    """Go through the exercises from the end, as process `number` of `jobs`, each of which begins
+    elsewhere.
+    """
     assert places.OWN is not None
     with claims.shared(places.OWN):
         backwards = parts()[::-1]
@@ -151,9 +163,17 @@ def _remove_old(folder: Path) -> tuple[Path, ...]:
     """Delete what other versions left beside `folder`; what cannot be deleted stays."""
     removed = []
     for other in sorted(folder.parent.iterdir()):
-        if other == folder or other.is_symlink() or not other.is_dir() or not _FOLDER_NAME.fullmatch(other.name):
+        if (
+            other == folder
+            or other.is_symlink()
+            or not other.is_dir()
+            or not _FOLDER_NAME.fullmatch(other.name)
+        ):
             continue
-        if other.stat().st_uid != os.geteuid() or time.time() - other.stat().st_mtime < _STILL_IN_USE_S:
+        if (
+            other.stat().st_uid != os.geteuid()
+            or time.time() - other.stat().st_mtime < _STILL_IN_USE_S
+        ):
             continue
         shutil.rmtree(other, ignore_errors=True)
         if not other.exists():

@@ -23,9 +23,17 @@ LONGEST_FILES = (
     "test_main.py",
 )
 SLOW_FOLDERS = ("reproduction", "training")
-SLOW_FILES = ("test_dataset.py", "test_dataset_cluster.py", "test_kernel_cache.py", "test_run.py", "test_warmup.py")
+SLOW_FILES = (
+    "test_dataset.py",
+    "test_dataset_cluster.py",
+    "test_kernel_cache.py",
+    "test_run.py",
+    "test_warmup.py",
+)
 TINY_SIDE = 64
-settings.register_profile("tests", deadline=None, max_examples=50, suppress_health_check=list(HealthCheck))
+settings.register_profile(
+    "tests", deadline=None, max_examples=50, suppress_health_check=list(HealthCheck)
+)
 settings.load_profile("tests")
 
 
@@ -40,7 +48,9 @@ def pytest_ignore_collect(collection_path: Path, config: pytest.Config) -> bool 
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """Mark what is slow as a whole; files that take longest come first, so that two processes end together."""
+    """Mark what is slow as a whole; files that take longest come first, so that two processes end
+    together.
+    """
     order = {name: at for at, name in enumerate(LONGEST_FILES)}
     items.sort(key=lambda item: order.get(item.path.name, len(order)))
     for item in items:
@@ -74,10 +84,11 @@ tiny (float[1, 3, 64, 64] input) => (float[1, 1, 8, 8] probability)
 
 
 def write_tiny_model(path: Path, text: str = TINY_MODEL, **changes: Any) -> Path:
-    """An ONNX model of the paper's kind without a single weight to train; `changes` go to its metadata.
+    """An ONNX model of the paper's kind without a single weight to train; `changes` go to its
+    metadata.
 
-    Its probability is high on the straight line between start and goal and falls off to the sides, and it is
-    lower where the map is costly.
+    Its probability is high on the straight line between start and goal and falls off to the sides,
+    and it is lower where the map is costly.
     """
     from onnx import checker, helper, parser, save
 
@@ -98,7 +109,9 @@ def write_tiny_model(path: Path, text: str = TINY_MODEL, **changes: Any) -> Path
         "cost_limits": {},
         "version": "0",
     }
-    helper.set_model_props(model, {METADATA_KEY: ModelMetadata(**{**metadata, **changes}).to_json()})
+    helper.set_model_props(
+        model, {METADATA_KEY: ModelMetadata(**{**metadata, **changes}).to_json()}
+    )
     save(model, path)
     return path
 
@@ -135,16 +148,22 @@ class Ended:
     err: str
 
     def refused(self, *words: str) -> None:
-        """Exit code 2; on stderr warnings at most, then one line with the error and every one of `words`."""
+        """Exit code 2; on stderr warnings at most, then one line with the error and every one of
+        `words`.
+        """
         assert self.code == 2
         *warned, last = self.err.splitlines()
-        assert last.startswith("error: ") and all(line.startswith("warning: ") for line in warned), self.err
+        assert last.startswith("error: ") and all(
+            line.startswith("warning: ") for line in warned
+        ), self.err
         for word in words:
             assert word in self.err
 
 
 @pytest.fixture
-def nnpp_edge(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> Callable[..., Ended]:
+def nnpp_edge(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> Callable[..., Ended]:
     """Run `nnpp-edge` with the given words, as the shell would; exit code, stdout and stderr."""
     from nnpp_edge.cli.main import main
 

@@ -1,4 +1,6 @@
-"""Random maps of heights for directed steps, and scipy's Dijkstra on the directed graph as their oracle."""
+"""Random maps of heights for directed steps, and scipy's Dijkstra on the directed graph as their
+oracle.
+"""
 
 import math
 from dataclasses import dataclass
@@ -36,11 +38,15 @@ class Hills:
 
 
 def hills(rng: np.random.Generator, most_side: int = 24, least_side: int = 1) -> Hills:
-    """Slopes, ridges, steps and holes in maps of every shape; steep cells of some are impassable."""
+    """Slopes, ridges, steps and holes in maps of every shape; steep cells of some are
+    impassable.
+    """
     rows, cols = rng.integers(least_side, most_side + 1, 2)
     sides = 1.0, float(rng.choice([1.0, 1.0, 0.7, 2.5]))
     dem = rng.normal(0.0, rng.choice([0.0, 0.05, 0.2]), (rows, cols)).cumsum(int(rng.integers(2)))
-    dem += rng.uniform(-0.4, 0.4) * np.arange(rows)[:, None] + rng.uniform(-0.4, 0.4) * np.arange(cols)
+    dem += rng.uniform(-0.4, 0.4) * np.arange(rows)[:, None] + rng.uniform(-0.4, 0.4) * np.arange(
+        cols
+    )
     dem = (dem + rng.choice([0.0, 2000.0])).astype(np.float32)
     dem[rng.random((rows, cols)) < rng.choice([0.0, 0.0, 0.15, 0.35])] = np.nan
     if not np.isfinite(dem).any():
@@ -55,23 +61,32 @@ def hills(rng: np.random.Generator, most_side: int = 24, least_side: int = 1) ->
     return Hills(dem, sides, limits, passable, start, goal, bool(rng.integers(2)))
 
 
-def dijkstra(case: Hills, model: SlopeCost, start: tuple[int, int], dem: np.ndarray | None = None) -> np.ndarray:
-    """(H, W) cost of the cheapest path from `start` to each cell, by scipy; inf where there is none."""
+def dijkstra(
+    case: Hills, model: SlopeCost, start: tuple[int, int], dem: np.ndarray | None = None
+) -> np.ndarray:
+    """(H, W) cost of the cheapest path from `start` to each cell, by scipy; inf where there is
+    none.
+    """
     dem = case.dem if dem is None else dem
     heights = np.where(np.isfinite(dem), dem, 0.0).astype(np.float64)
 
     def price(step, one, other):
         rise = heights.flat[other] - heights.flat[one]
         return (
-            model.cost(math.hypot(step[0] * case.sides[0], step[1] * case.sides[1]), rise) - model.height_price * rise
+            model.cost(math.hypot(step[0] * case.sides[0], step[1] * case.sides[1]), rise)
+            - model.height_price * rise
         )
 
-    found = oracles.costs_from(oracles.steps(case.passable, price, case.corner_cutting), dem.shape, start)
+    found = oracles.costs_from(
+        oracles.steps(case.passable, price, case.corner_cutting), dem.shape, start
+    )
     return found + model.height_price * (heights - heights[start])
 
 
 def path_cost(path: np.ndarray, case: Hills, model: SlopeCost) -> float:
-    """Sum of what the steps of a path cost by the model itself; they go to neighbours, and may be made."""
+    """Sum of what the steps of a path cost by the model itself; they go to neighbours, and may be
+    made.
+    """
     total = 0.0
     for (r, c), (i, j) in zip(path[:-1].tolist(), path[1:].tolist(), strict=True):
         assert max(abs(i - r), abs(j - c)) == 1 and case.passable[r, c] and case.passable[i, j]
@@ -82,6 +97,10 @@ def path_cost(path: np.ndarray, case: Hills, model: SlopeCost) -> float:
 
 
 def tolerance(case: Hills, model: SlopeCost) -> float:
-    """By how much a cost may be off: what float32 loses of the sum of steps, whose height is priced apart."""
+    """By how much a cost may be off: what float32 loses of the sum of steps, whose height is priced
+    apart.
+    """
     heights = case.dem[case.passable].astype(np.float64)
-    return 1e-5 * (sum(case.dem.shape) * model.least_per_m + model.height_price * float(np.ptp(heights)))
+    return 1e-5 * (
+        sum(case.dem.shape) * model.least_per_m + model.height_price * float(np.ptp(heights))
+    )

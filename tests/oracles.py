@@ -14,18 +14,27 @@ def traversability(dem, dy, dx, t):
     rows, cols = dem.shape
     cost = np.full(dem.shape, np.inf)
     for r, c in np.argwhere(np.isfinite(dem)).tolist():
-        near = itertools.product(range(max(r - 1, 0), min(r + 2, rows)), range(max(c - 1, 0), min(c + 2, cols)))
+        near = itertools.product(
+            range(max(r - 1, 0), min(r + 2, rows)), range(max(c - 1, 0), min(c + 2, cols))
+        )
         known = [(i, j) for i, j in near if np.isfinite(dem[i, j])]
-        points = np.array([((j - c) * dx, (i - r) * dy, float(dem[i, j]) - float(dem[r, c])) for i, j in known])
+        points = np.array(
+            [((j - c) * dx, (i - r) * dy, float(dem[i, j]) - float(dem[r, c])) for i, j in known]
+        )
         centre = points.mean(axis=0)
         moved = points - centre
         (a, b), *_ = np.linalg.lstsq(moved[:, :2], moved[:, 2], rcond=1e-9)
         normal = np.array([-a, -b, 1.0]) / math.sqrt(a * a + b * b + 1.0)
-        slope, roughness = math.atan(math.hypot(a, b)), math.sqrt(np.mean((moved @ normal) ** 2))
+        slope = math.atan(math.hypot(a, b))
+        roughness = math.sqrt(np.mean((moved @ normal) ** 2))
         step = abs(float(-centre @ normal))
         limits = math.radians(t.slope_limit_deg), t.roughness_limit_m, t.step_limit_m
         terms = np.minimum(np.divide((slope, roughness, step), limits), 1.0)
-        beyond = slope > math.radians(t.hard_slope_deg) or roughness > t.hard_roughness_m or step > t.hard_step_m
+        beyond = (
+            slope > math.radians(t.hard_slope_deg)
+            or roughness > t.hard_roughness_m
+            or step > t.hard_step_m
+        )
         if not beyond and terms.min() < 1.0:
             cost[r, c] = terms @ (t.slope_weight, t.roughness_weight, t.step_weight)
     return cost
@@ -37,11 +46,12 @@ def traversability(dem, dy, dx, t):
 def steps(passable, price, corner_cutting=True):
     """Every step of a grid as arrays (from, to, cost), by the definition in words.
 
-    `passable` is (H, W); `price` takes (rows, cols) that the step leads down and right, and the nodes that it leads
-    from and to.
+    `passable` is (H, W); `price` takes (rows, cols) that the step leads down and right, and the
+    nodes that it leads from and to.
     """
     rows, cols = passable.shape
-    nodes, parts = np.arange(rows * cols).reshape(rows, cols), []
+    nodes = np.arange(rows * cols).reshape(rows, cols)
+    parts = []
     for dr, dc in itertools.product((-1, 0, 1), repeat=2):
         if not (dr or dc):
             continue
@@ -50,13 +60,16 @@ def steps(passable, price, corner_cutting=True):
         allowed = passable[here] & passable[there]
         if dr and dc and not corner_cutting:
             allowed &= passable[here[0], there[1]] & passable[there[0], here[1]]
-        one, other = nodes[here][allowed], nodes[there][allowed]
+        one = nodes[here][allowed]
+        other = nodes[there][allowed]
         parts.append((one, other, price((dr, dc), one, other)))
     return tuple(np.concatenate(each) for each in zip(*parts, strict=True))
 
 
 def costs_from(all_steps, shape, start):
-    """(H, W) cost of the cheapest path from `start` to each cell, by scipy; inf where there is none."""
+    """(H, W) cost of the cheapest path from `start` to each cell, by scipy; inf where there is
+    none.
+    """
     i, j, v = all_steps
     graph = coo_array((np.maximum(v, 1e-300), (i, j)), shape=(math.prod(shape),) * 2).tocsr()
     return scipy_dijkstra(graph, indices=start[0] * shape[1] + start[1]).reshape(shape)
@@ -67,10 +80,13 @@ def steps_on(cost, step_cost="paper", corner_cutting=True, omega=0.011):
     weights = cost.astype(np.float64).ravel()
 
     def price(step, one, other):
-        length, pair = math.hypot(*step), weights[one] + weights[other]
+        length = math.hypot(*step)
+        pair = weights[one] + weights[other]
         return length + 255 * omega * pair if step_cost == "paper" else length * pair / 2
 
-    return steps(np.isfinite(cost) & ((cost < 1.0) | (step_cost == "length")), price, corner_cutting)
+    return steps(
+        np.isfinite(cost) & ((cost < 1.0) | (step_cost == "length")), price, corner_cutting
+    )
 
 
 def dijkstra(cost, start, step_cost="paper", corner_cutting=True, omega=0.011):
@@ -79,27 +95,35 @@ def dijkstra(cost, start, step_cost="paper", corner_cutting=True, omega=0.011):
 
 
 def octile(shape, goal, straight, diagonal):
-    """(H, W) least cost from each cell to the goal, where a straight and a diagonal step cost at least so much."""
+    """(H, W) least cost from each cell to the goal, where a straight and a diagonal step cost at
+    least so much.
+    """
     rows, cols = (np.abs(np.arange(cells) - at) for cells, at in zip(shape, goal, strict=True))
-    near, far = np.minimum(rows[:, None], cols), np.maximum(rows[:, None], cols)
+    near = np.minimum(rows[:, None], cols)
+    far = np.maximum(rows[:, None], cols)
     return straight * (far - near) + diagonal * near
 
 
 def least_refused(all_steps, region, start, to_go):
-    """The least that a path from `start` can cost that leaves a region (H, W) bool: its first step out, and on.
+    """The least that a path from `start` can cost that leaves a region (H, W) bool: its first step
+    out, and on.
 
     `to_go` is the (H, W) least cost to the goal.
     """
     (i, j, v), inside = all_steps, region.ravel()
-    within, out = inside[i] & inside[j], inside[i] & ~inside[j]
+    within = inside[i] & inside[j]
+    out = inside[i] & ~inside[j]
     came = costs_from((i[within], j[within], v[within]), region.shape, start).ravel()
     return float((came[i[out]] + v[out] + to_go.ravel()[j[out]]).min(initial=math.inf))
 
 
 def bound_by_region(cost, region, start, goal, step_cost="paper", corner_cutting=True, omega=0.011):
     """`least_refused` on a map of costs, where no step costs less than among the cheapest cells."""
-    pair, lengths = 2.0 * float(cost[np.isfinite(cost) & (cost > 0.0)].min()), np.array((1.0, math.sqrt(2.0)))
-    straight, diagonal = lengths + 255 * omega * pair if step_cost == "paper" else 0.5 * lengths * pair
+    pair = 2.0 * float(cost[np.isfinite(cost) & (cost > 0.0)].min())
+    lengths = np.array((1.0, math.sqrt(2.0)))
+    straight, diagonal = (
+        lengths + 255 * omega * pair if step_cost == "paper" else 0.5 * lengths * pair
+    )
     to_go = octile(cost.shape, goal, straight, min(diagonal, 2.0 * straight))
     return least_refused(steps_on(cost, step_cost, corner_cutting, omega), region, start, to_go)
 
@@ -116,7 +140,9 @@ def path_cost(path, cost, step_cost="paper", omega=0.011):
 
 
 def threshold_by_loop(levels, start, goal):
-    """The largest level at which start and goal are connected, found by lowering it one at a time."""
+    """The largest level at which start and goal are connected, found by lowering it one
+    at a time.
+    """
     for td in range(255, -1, -1):
         labels, _ = label(levels >= td, structure=np.ones((3, 3)))
         if labels[start] and labels[start] == labels[goal]:
@@ -127,10 +153,15 @@ def threshold_by_loop(levels, start, goal):
 def cheapest(cost, start, goal, step_cost="paper", corner_cutting=True, omega=0.011):
     """Cost of the cheapest path between two cells, by Dijkstra in float64; inf where there is none.
 
-    Weights of any size: they are scaled by a power of two, so that none is lost beside scipy's idea of an edge.
+    Weights of any size: they are scaled by a power of two, so that none is lost beside scipy's idea
+    of an edge.
     """
     passable = cost[np.isfinite(cost) & (cost > 0.0)]
-    scale = 2.0 ** -math.floor(math.log2(passable.min())) if step_cost == "length" and passable.size else 1.0
+    scale = (
+        2.0 ** -math.floor(math.log2(passable.min()))
+        if step_cost == "length" and passable.size
+        else 1.0
+    )
     scaled = np.where(np.isfinite(cost), cost * scale, np.inf)
     return float(dijkstra(scaled, start, step_cost, corner_cutting, omega)[goal]) / scale
 
@@ -147,27 +178,42 @@ def path_problem(path, cost, start, goal, corner_cutting=True):
     for (r, c), (i, j) in itertools.pairwise(path):
         if max(abs(i - r), abs(j - c)) != 1:
             return "a path with a leap"
-        if not corner_cutting and r != i and c != j and not (np.isfinite(cost[r, j]) and np.isfinite(cost[i, c])):
+        if (
+            not corner_cutting
+            and r != i
+            and c != j
+            and not (np.isfinite(cost[r, j]) and np.isfinite(cost[i, c]))
+        ):
             return "a path that cuts a corner"
     return ""
 
 
 def line_cost(points, cost, step_cost="paper", per_cell=400):
-    """The integral along a line's points, by very many samples of a bilinear density written down plainly."""
+    """The integral along a line's points, by very many samples of a bilinear density written down
+    plainly.
+    """
     passable = np.isfinite(cost) & ((cost < 1.0) | (step_cost == "length"))
-    density = 1.0 + 2.0 * 255.0 * 0.011 * cost.astype(np.float64) if step_cost == "paper" else cost.astype(np.float64)
-    values, known = np.pad(np.where(passable, density, 0.0), 2), np.pad(passable.astype(float), 2)
+    density = (
+        1.0 + 2.0 * 255.0 * 0.011 * cost.astype(np.float64)
+        if step_cost == "paper"
+        else cost.astype(np.float64)
+    )
+    values = np.pad(np.where(passable, density, 0.0), 2)
+    known = np.pad(passable.astype(float), 2)
     total = 0.0
     for begin, end in itertools.pairwise(points):
         length = math.hypot(*(end - begin))
         count = max(int(per_cell * length), 1)
         at = begin + ((np.arange(count) + 0.5) / count)[:, None] * (end - begin)
         low = np.floor(at).astype(int)
-        (down, right), sums, shares = (at - low).T, 0.0, 0.0
+        down, right = (at - low).T
+        sums = 0.0
+        shares = 0.0
         for (i, share_i), (j, share_j) in itertools.product(
             ((0, 1.0 - down), (1, down)), ((0, 1.0 - right), (1, right))
         ):
             there = low[:, 0] + i + 2, low[:, 1] + j + 2
-            sums, shares = sums + share_i * share_j * values[there], shares + share_i * share_j * known[there]
+            sums = sums + share_i * share_j * values[there]
+            shares = shares + share_i * share_j * known[there]
         total += length * float(np.mean(sums / shares))
     return total

@@ -1,8 +1,9 @@
-"""Slow and obvious answers about a robot with a body: the cheapest path over its states, and the drive itself.
+"""Slow and obvious answers about a robot with a body: the cheapest path over its states, and the
+drive itself.
 
-Of the code that is judged only the dataclass `Vehicle` is used, and what the check says of legs and turns. Points
-are (row, col) in metres, from the middle of cell (0, 0); a body's own coordinates are metres ahead of its middle and
-to the right of it.
+Of the code that is judged only the dataclass `Vehicle` is used, and what the check says of legs and
+turns. Points are (row, col) in metres, from the middle of cell (0, 0); a body's own coordinates are
+metres ahead of its middle and to the right of it.
 """
 
 import heapq
@@ -37,23 +38,31 @@ class Motions(NamedTuple):
     legs: np.ndarray
     """(H, W, 16) of the leg that leaves a cell in each direction."""
     turns: np.ndarray
-    """(H, W, 8) of the turn on it from each direction to the next, and from the reverse to the next one's."""
+    """(H, W, 8) of the turn on it from each direction to the next, and from the reverse to the next
+    one's.
+    """
 
 
 def priced(weights, turns, vehicle, sides, scale):
-    """`Motions` where legs along the axes have T of (H, W, 8), and turns (H, W, 8) bool are possible.
+    """`Motions` where legs along the axes have T of (H, W, 8), and turns (H, W, 8) bool are
+    possible.
 
     A leg costs its length in cells · (1 + 2 · scale · T), a turn its angle by the vehicle's price.
     """
     legs = np.full((*weights.shape[:2], 16), np.inf)
     for k, (row, col) in enumerate(AXES):
         t = weights[..., k]
-        ahead = math.hypot(row, col) * np.where(np.isfinite(t), 1.0 + 2.0 * scale * np.minimum(t, 1.0), np.inf)
+        ahead = math.hypot(row, col) * np.where(
+            np.isfinite(t), 1.0 + 2.0 * scale * np.minimum(t, 1.0), np.inf
+        )
         here, there = between(ahead.shape, (row, col))
         legs[(*here, k)] = legs[(*there, k + 8)] = ahead[here]
     angles = np.array([math.atan2(col * sides[1], row * sides[0]) for row, col in (*AXES, (-1, 0))])
     return Motions(
-        legs, np.where(turns, vehicle.turn_m_per_rad / sides[0] * (np.diff(angles) % (2.0 * math.pi)), np.inf)
+        legs,
+        np.where(
+            turns, vehicle.turn_m_per_rad / sides[0] * (np.diff(angles) % (2.0 * math.pi)), np.inf
+        ),
     )
 
 
@@ -67,12 +76,15 @@ def between(shape, step):
 
 
 def costs_to_states(motions, starts):
-    """(H, W, 16) cost of the cheapest way from one of some states (row, col, direction) to every one, by Dijkstra."""
+    """(H, W, 16) cost of the cheapest way from one of some states (row, col, direction) to every
+    one, by Dijkstra.
+    """
     costs = np.full(motions.legs.shape, np.inf)
     queue = [(0.0, state) for state in starts]
     for _, state in queue:
         costs[state] = 0.0
-    legs, turns = motions.legs.tolist(), motions.turns.tolist()
+    legs = motions.legs.tolist()
+    turns = motions.turns.tolist()
     while queue:
         cost, (row, col, k) = heapq.heappop(queue)
         if cost > costs[row, col, k]:
@@ -90,13 +102,18 @@ def costs_to_states(motions, starts):
 
 
 def costs_to_cells(motions, start):
-    """(H, W) cost of the cheapest way from a cell to every other, whatever the directions at both."""
+    """(H, W) cost of the cheapest way from a cell to every other, whatever the directions
+    at both.
+    """
     return costs_to_states(motions, [(*start, k) for k in range(16)]).min(2)
 
 
 def path_cost(motions, path):
-    """Cost of a path of cells, turned at each the cheaper way that is possible; inf where it fails, or leaps."""
-    total, before = 0.0, None
+    """Cost of a path of cells, turned at each the cheaper way that is possible; inf where it fails,
+    or leaps.
+    """
+    total = 0.0
+    before = None
     for (row, col), there in itertools.pairwise(path):
         step = int(there[0] - row), int(there[1] - col)
         if step not in DIRECTIONS:
@@ -106,12 +123,15 @@ def path_cost(motions, path):
         if before is not None:
             first, last = sorted((before, k))
             total += min(turns[first:last].sum(), turns[last:].sum() + turns[:first].sum())
-        total, before = total + motions.legs[row, col, k], k
+        total = total + motions.legs[row, col, k]
+        before = k
     return total
 
 
 def headings_of(path):
-    """(N - 1,) degrees of the legs on square cells, clockwise from north, which is up the rows; 90 is east."""
+    """(N - 1,) degrees of the legs on square cells, clockwise from north, which is up the rows; 90
+    is east.
+    """
     legs = np.diff(np.asarray(path, np.int64), axis=0)
     return np.degrees(np.arctan2(legs[:, 1], -legs[:, 0])) % 360.0
 
@@ -133,19 +153,24 @@ LIMITS = ("unknown", "step", "pitch", "roll", "tilt", "belly")
 
 
 def drive_breaks(dem, cell_size_m, vehicle, path, *, positions=10, turn_deg=1.0, allowed_m=0.0):
-    """The first limit that the body breaks as it drives along a path of legs; None if there is none.
+    """The first limit that the body breaks as it drives along a path of legs; None if there is
+    none.
 
-    The body stands at `positions` + 1 places along each leg, in the leg's heading, on bilinear ground, and at each
-    cell in headings `turn_deg` apart from the one before to the next, turned the shorter way, unless that fails and
-    the longer one does not. Figures are those of `worst_figures`; `allowed_m` may be added to lengths.
+    The body stands at `positions` + 1 places along each leg, in the leg's heading, on bilinear
+    ground, and at each cell in headings `turn_deg` apart from the one before to the next, turned
+    the shorter way, unless that fails and the longer one does not. Figures are those of
+    `worst_figures`; `allowed_m` may be added to lengths.
     """
     legs = np.diff(np.asarray(path, np.int64), axis=0)
-    begins, headings = np.asarray(path, np.float64), np.arctan2(legs[:, 1], legs[:, 0])
+    begins = np.asarray(path, np.float64)
+    headings = np.arctan2(legs[:, 1], legs[:, 0])
     shares = np.linspace(0.0, 1.0, positions + 1)
     for n, (leg, heading) in enumerate(zip(legs, headings, strict=True)):
         places = begins[n] + shares[:, None] * leg
         if (
-            found := breaks_at(dem, cell_size_m, vehicle, places, np.full(len(places), heading), allowed_m)
+            found := breaks_at(
+                dem, cell_size_m, vehicle, places, np.full(len(places), heading), allowed_m
+            )
         ) is not None:
             return found
         if n + 1 < len(legs):
@@ -163,7 +188,9 @@ def drive_breaks(dem, cell_size_m, vehicle, path, *, positions=10, turn_deg=1.0,
 
 
 def breaks_at(dem, cell_size_m, vehicle, places, headings, allowed_m=0.0):
-    """The first of some poses, places (N, 2) in cells and headings (N,) from down the rows, that breaks a limit."""
+    """The first of some poses, places (N, 2) in cells and headings (N,) from down the rows, that
+    breaks a limit.
+    """
     tilts = np.radians(vehicle.tilts_deg)
     allowed = np.array((0.5, vehicle.step_m + allowed_m, *tilts, vehicle.clearance_m + allowed_m))
     found = worst_figures(dem, cell_size_m, vehicle, places, headings)
@@ -174,17 +201,20 @@ def breaks_at(dem, cell_size_m, vehicle, places, headings, allowed_m=0.0):
 
 
 def worst_figures(dem, cell_size_m, vehicle, places, headings):
-    """(N, 6) worst figures, in the order of `LIMITS`, of a body at places (N, 2) in cells; unknown is 0 or 1.
+    """(N, 6) worst figures, in the order of `LIMITS`, of a body at places (N, 2) in cells; unknown
+    is 0 or 1.
 
-    The body's plane is that of least squares through the ground under its wheels' middles. Each wheel touches
-    somewhere in its patch, and raises or lowers its corner of the plane by what the ground departs from it there: all
-    combinations of the least and the greatest departures are tried, each with its own plane; those between give a
-    plane between theirs. Heights are taken along the edges of each patch and of the body, eight to a cell, and at
-    every cell's middle inside them.
+    The body's plane is that of least squares through the ground under its wheels' middles. Each
+    wheel touches somewhere in its patch, and raises or lowers its corner of the plane by what the
+    ground departs from it there: all combinations of the least and the greatest departures are
+    tried, each with its own plane; those between give a plane between theirs. Heights are taken
+    along the edges of each patch and of the body, eight to a cell, and at every cell's middle
+    inside them.
     """
     sides = np.broadcast_to(cell_size_m, 2)
     ground = _Ground(dem, sides, vehicle.unknown_passes)
-    middles, (long, wide) = np.asarray(places) * sides, vehicle.contact_m
+    middles = np.asarray(places) * sides
+    long, wide = vehicle.contact_m
     ahead = np.stack((np.cos(headings), np.sin(headings)), 1)
     right = np.stack((ahead[:, 1], -ahead[:, 0]), 1)
     fit = np.linalg.pinv(np.column_stack((np.ones(len(vehicle.wheels_m)), vehicle.wheels_m)))
@@ -192,12 +222,18 @@ def worst_figures(dem, cell_size_m, vehicle, places, headings):
     plane = np.stack([ground.at(place) for place in stands], 1) @ fit.T  # (N, 3)
     if vehicle.unknown_passes:
         plane = np.where(np.isfinite(plane).all(1, keepdims=True), plane, 0.0)
-    out, ranges = np.zeros((len(middles), len(LIMITS))), []
+    out = np.zeros((len(middles), len(LIMITS)))
+    ranges = []
 
     def departures(points):
         apart = points - middles[:, None]
         own = np.stack(
-            (np.ones(apart.shape[:2]), (apart * ahead[:, None]).sum(2), (apart * right[:, None]).sum(2)), 2
+            (
+                np.ones(apart.shape[:2]),
+                (apart * ahead[:, None]).sum(2),
+                (apart * right[:, None]).sum(2),
+            ),
+            2,
         )
         return ground.at(points) - (own * plane[:, None]).sum(2), own
 
@@ -209,8 +245,12 @@ def worst_figures(dem, cell_size_m, vehicle, places, headings):
         ranges.append((np.fmin.reduce(found, 1), np.fmax.reduce(found, 1)))
     lows, highs = (np.stack(each, 1) for each in zip(*ranges, strict=True))
     corners = np.array(list(itertools.product((False, True), repeat=lows.shape[1])))
-    planes = np.where(corners, highs[:, None], lows[:, None]) @ fit.T  # (N, 2^W, 3) above the first plane
-    found, own = departures(ground.samples(middles, ahead, (0.5 * vehicle.length_m, 0.5 * vehicle.width_m)))
+    planes = (
+        np.where(corners, highs[:, None], lows[:, None]) @ fit.T
+    )  # (N, 2^W, 3) above the first plane
+    found, own = departures(
+        ground.samples(middles, ahead, (0.5 * vehicle.length_m, 0.5 * vehicle.width_m))
+    )
     if not vehicle.unknown_passes:
         out[:, 0] = np.maximum(out[:, 0], np.isnan(found).any(1))
     slopes = planes[..., 1:] + plane[:, None, 1:]
@@ -226,32 +266,46 @@ class _Ground:
 
     def __init__(self, dem, sides, unknown_passes):
         heights = np.asarray(dem, np.float64)
-        self.padded = np.pad(np.where(np.isfinite(heights), heights, np.nan), 2, constant_values=np.nan)
-        self.sides, self.unknown_passes = sides, unknown_passes
+        self.padded = np.pad(
+            np.where(np.isfinite(heights), heights, np.nan), 2, constant_values=np.nan
+        )
+        self.sides = sides
+        self.unknown_passes = unknown_passes
 
     def at(self, points):
-        """Heights of (..., 2) points; NaN where a cell with weight is unknown (where all are, if unknown passes)."""
+        """Heights of (..., 2) points; NaN where a cell with weight is unknown (where all are, if
+        unknown passes).
+        """
         most = np.array(self.padded.shape) - 2.0
-        place = np.clip(np.round(points / self.sides, 9) + 2.0, 0.0, most)  # beyond the map lie two unknown rings
+        place = np.clip(
+            np.round(points / self.sides, 9) + 2.0, 0.0, most
+        )  # beyond the map lie two unknown rings
         first = np.floor(place).astype(np.int64)
-        share, total, weight = place - first, 0.0, 0.0
+        share = place - first
+        total = 0.0
+        weight = 0.0
         for row, col in itertools.product((0, 1), repeat=2):
             part = np.abs(1 - row - share[..., 0]) * np.abs(1 - col - share[..., 1])
             height = self.padded[first[..., 0] + row, first[..., 1] + col]
             counts = (part > 0.0) & (np.isfinite(height) | (not self.unknown_passes))
-            total, weight = total + np.where(counts, part * height, 0.0), weight + np.where(counts, part, 0.0)
+            total = total + np.where(counts, part * height, 0.0)
+            weight = weight + np.where(counts, part, 0.0)
         with np.errstate(invalid="ignore"):
             return total / weight
 
     def samples(self, middles, ahead, half):
-        """(N, M, 2) points of rectangles around (N, 2) middles: their edges, and all cells' middles inside.
+        """(N, M, 2) points of rectangles around (N, 2) middles: their edges, and all cells' middles
+        inside.
 
-        Between the middles of four cells a bilinear height is linear along rows and along columns, and the least of
-        several planes is concave: the ground rises highest above them at these points, and the edges are sampled.
+        Between the middles of four cells a bilinear height is linear along rows and along columns,
+        and the least of several planes is concave: the ground rises highest above them at these
+        points, and the edges are sampled.
         """
         right = np.stack((ahead[:, 1], -ahead[:, 0]), 1)
         counts = [2 + int(2.0 * side * PER_CELL / self.sides.min()) for side in half]
-        along, across = (np.linspace(-side, side, count) for side, count in zip(half, counts, strict=True))
+        along, across = (
+            np.linspace(-side, side, count) for side, count in zip(half, counts, strict=True)
+        )
         edges = np.array(
             [(x, y) for x in along for y in (-half[1], half[1])]
             + [(x, y) for x in (-half[0], half[0]) for y in across]

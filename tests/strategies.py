@@ -11,7 +11,9 @@ KINDS = ("uniform", "equal", "levels", "steep")
 
 
 def random_costs(rng, shape, step_cost="paper", kind="uniform", blocked=0.0, wall=np.inf):
-    """Costs in a step-cost model, of one of `KINDS` or of ``any`` size; where they are equal, so are keys."""
+    """Costs in a step-cost model, of one of `KINDS` or of ``any`` size; where they are equal, so
+    are keys.
+    """
     cost = rng.random(shape)
     if kind == "equal":
         cost[:] = cost.flat[0]
@@ -33,10 +35,13 @@ def random_cell(rng, shape):
 
 
 def random_patch(rng, cost, step_cost="paper", kind="uniform", blocked=0.3):
-    """Where, and new costs: quite other ones, or the old ones raised, lowered, walled up or opened."""
+    """Where, and new costs: quite other ones, or the old ones raised, lowered, walled up
+    or opened.
+    """
     h, w = (int(rng.integers(1, min(n, 6) + 1)) for n in cost.shape)
     row, col = (int(rng.integers(n - k + 1)) for n, k in zip(cost.shape, (h, w), strict=True))
-    new, old = random_costs(rng, (h, w), step_cost, kind, blocked), cost[row : row + h, col : col + w]
+    new = random_costs(rng, (h, w), step_cost, kind, blocked)
+    old = cost[row : row + h, col : col + w]
     what = rng.integers(6)
     if what == 0:
         new = np.where(np.isfinite(old), np.maximum(old, new), old)
@@ -66,7 +71,10 @@ class Case:
 
     def __repr__(self) -> str:
         """Short enough for hypothesis to print."""
-        return f"Case({self.cost.tolist()}, {self.start}, {self.goal}, {self.step_cost}, {self.corner_cutting})"
+        return (
+            f"Case({self.cost.tolist()}, {self.start}, {self.goal}, {self.step_cost}, "
+            f"{self.corner_cutting})"
+        )
 
 
 @st.composite
@@ -75,7 +83,8 @@ def cases(draw, most_side: int = 24, any_size: bool = True):
     shape = draw(st.integers(1, most_side)), draw(st.integers(1, most_side))
     step_cost = draw(st.sampled_from(["paper", "length"]))
     kind = draw(st.sampled_from([*KINDS, *["any"] * any_size]))
-    blocked, wall = draw(st.sampled_from([0.0, 0.15, 0.4, 0.7])), draw(st.sampled_from([np.inf, np.nan]))
+    blocked = draw(st.sampled_from([0.0, 0.15, 0.4, 0.7]))
+    wall = draw(st.sampled_from([np.inf, np.nan]))
     rng = np.random.default_rng(draw(st.integers(0, 2**32)))
     cost = random_costs(rng, shape, step_cost, kind, blocked, wall)
     if not np.isfinite(cost).any():

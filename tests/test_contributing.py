@@ -26,11 +26,18 @@ def test_every_step_of_the_workflow_is_a_target_of_the_makefile(jobs):
     for job in jobs.values():
         for line in (step["run"] for step in job["steps"] if "run" in step):
             make = r'(?:sudo env "PATH=\$PATH" )?make'
-            target = re.fullmatch(make + r" (\S+|\$\{\{ matrix\.target \}\}) PYTHON=python( PYTHONS=python)?", line)
+            target = re.fullmatch(
+                make + r" (\S+|\$\{\{ matrix\.target \}\}) PYTHON=python( PYTHONS=python)?", line
+            )
             assert target, line
-            several = "$" in target[1] and {each["target"] for each in job["strategy"]["matrix"]["include"]}
+            several = "$" in target[1] and {
+                each["target"] for each in job["strategy"]["matrix"]["include"]
+            }
             named |= several or {target[1]}
-    assert named <= TARGETS and {"test", "coverage", "try-wheel", "try-oldest", "try-aarch64", "docs"} <= named
+    assert (
+        named <= TARGETS
+        and {"test", "coverage", "try-wheel", "try-oldest", "try-aarch64", "docs"} <= named
+    )
 
 
 def test_the_workflow_tries_every_python_that_the_package_names(jobs):
@@ -39,7 +46,9 @@ def test_the_workflow_tries_every_python_that_the_package_names(jobs):
     assert jobs["test"]["strategy"]["matrix"]["python"] == named
     assert PYPROJECT["project"]["requires-python"] == f">={named[0]}"
     runners = jobs["test"]["strategy"]["matrix"]["runner"]
-    assert any("arm" in runner for runner in runners) and any("arm" not in runner for runner in runners)
+    assert any("arm" in runner for runner in runners) and any(
+        "arm" not in runner for runner in runners
+    )
 
 
 def test_the_oldest_packages_that_are_tried_are_those_that_are_named():
@@ -47,15 +56,21 @@ def test_the_oldest_packages_that_are_tried_are_those_that_are_named():
     for requirement in PYPROJECT["project"]["dependencies"]:
         name, least = re.match(r"([\w-]+)>=([\d.]+)", requirement).groups()
         wanted[name] = least
-    tried = dict(line.split("==") for line in OLDEST.read_text().splitlines() if not line.startswith("#"))
+    tried = dict(
+        line.split("==") for line in OLDEST.read_text().splitlines() if not line.startswith("#")
+    )
     assert set(tried) == set(wanted)
     for name, version in tried.items():
         least, given = ([int(part) for part in text.split(".")] for text in (wanted[name], version))
-        assert given[: len(least)] == least and not any(given[len(least) : 2]), f"{version} for {name} {least}"
+        assert given[: len(least)] == least and not any(given[len(least) : 2]), (
+            f"{version} for {name} {least}"
+        )
 
 
 def test_paths_in_the_guide_are_there_and_its_targets_too():
-    text = "\n".join((ROOT / name).read_text() for name in ("CONTRIBUTING.md", "SECURITY.md", "docs/boards.md"))
+    text = "\n".join(
+        (ROOT / name).read_text() for name in ("CONTRIBUTING.md", "SECURITY.md", "docs/boards.md")
+    )
     for path in re.findall(r"`((?:runtime|nnpp_edge|tests|docs)/[\w/.]+)`", text):
         assert (ROOT / path.replace("NAME", "fig12")).exists(), path
     for target in re.findall(r"(?:^|`)(?:PYTHON=\S+ )?make ([a-z][\w-]*)", text, re.MULTILINE):
@@ -66,7 +81,9 @@ def test_paths_in_the_guide_are_there_and_its_targets_too():
 
 def test_names_in_the_guide_are_in_the_code():
     folders = [ROOT / name for name in ("runtime", "export", "calibrate", "nnpp_edge", "tests")]
-    code = MAKEFILE + "".join(path.read_text() for folder in folders for path in folder.rglob("*.py"))
+    code = MAKEFILE + "".join(
+        path.read_text() for folder in folders for path in folder.rglob("*.py")
+    )
     named = re.findall(r"`([A-Za-z_]\w+)`", (ROOT / "CONTRIBUTING.md").read_text())
     assert len(named) > 20 and {name for name in named if name not in code} <= {"period_ms"}
 
@@ -79,17 +96,27 @@ def test_every_place_that_lists_step_costs_has_each_of_them():
 
     fields = [field.name for field in dataclasses.fields(runtime.Mobility)]
     page = (ROOT / "nnpp_edge/view/page/index.html").read_text().partition('id="step_cost"')[2]
-    rows = (ROOT / "docs/step-costs.md").read_text().partition("| `--step-cost` |")[2].partition("\n\n")[0]
+    rows = (
+        (ROOT / "docs/step-costs.md")
+        .read_text()
+        .partition("| `--step-cost` |")[2]
+        .partition("\n\n")[0]
+    )
     has = {
         "runtime/map/slope_cost.py, Mobility": set(fields),
         "nnpp_edge/cli/options.py, STEP_COSTS": set(STEP_COSTS) - {"paper"},
         "nnpp_edge/view/asked.py": {*get_args(get_type_hints(Asked)["step_cost"])} - {"paper"},
-        "nnpp_edge/view/page/index.html": {*re.findall(r'value="(\w+)"', page.partition("</select>")[0])} - {"paper"},
+        "nnpp_edge/view/page/index.html": {
+            *re.findall(r'value="(\w+)"', page.partition("</select>")[0])
+        }
+        - {"paper"},
         "docs/step-costs.md": set(re.findall(r"^\| `(\w+)` \|", rows, re.MULTILINE)),
     }
     for place, names in has.items():
         assert names == set(SLOPE_COSTS), place
-    assert all(hasattr(runtime, kind.__name__) for kind in SLOPE_COSTS.values()), "runtime/__init__.pyi"
+    assert all(hasattr(runtime, kind.__name__) for kind in SLOPE_COSTS.values()), (
+        "runtime/__init__.pyi"
+    )
     assert all(kind.unit == "s" for kind in SLOPE_COSTS.values() if kind.function)
 
 
@@ -97,7 +124,11 @@ def test_the_citation_and_the_changelog_name_this_version():
     from nnpp_edge import __version__
 
     cited = yaml.safe_load((ROOT / "CITATION.cff").read_text())
-    assert (cited["cff-version"], cited["version"], cited["license"]) == ("1.2.0", __version__, "Apache-2.0")
+    assert (cited["cff-version"], cited["version"], cited["license"]) == (
+        "1.2.0",
+        __version__,
+        "Apache-2.0",
+    )
     heads = re.findall(r"^## (.+)$", (ROOT / "CHANGELOG.md").read_text(), re.MULTILINE)
     assert heads[0] == "[Unreleased]" and f"[{__version__}] - {cited['date-released']}" in heads
     kinds = set(re.findall(r"^### (.+)$", (ROOT / "CHANGELOG.md").read_text(), re.MULTILINE))

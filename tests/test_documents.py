@@ -1,4 +1,6 @@
-"""What the documents say is so: links lead somewhere, Python runs, commands are understood, nothing is left out."""
+"""What the documents say is so: links lead somewhere, Python runs, commands are understood, nothing
+is left out.
+"""
 
 import ast
 import doctest
@@ -24,11 +26,17 @@ from nnpp_edge.terrain.dem import SAMPLES, sample_dem, sample_path
 ROOT = Path(__file__).parent.parent
 DOCUMENTS = sorted(
     path
-    for folder, pattern in ((".", "*.md"), ("docs", "**/*.md"), ("examples", "*.md"), ("nnpp_edge", "**/*.md"))
+    for folder, pattern in (
+        (".", "*.md"),
+        ("docs", "**/*.md"),
+        ("examples", "*.md"),
+        ("nnpp_edge", "**/*.md"),
+    )
     for path in (ROOT / folder).glob(pattern)
 )
 FENCE = re.compile(
-    r"(?:<!-- (only shown|printed by): ([^>]+) -->\n)?^( *)```(\w*)\n(.*?)^ *```", re.DOTALL | re.MULTILINE
+    r"(?:<!-- (only shown|printed by): ([^>]+) -->\n)?^( *)```(\w*)\n(.*?)^ *```",
+    re.DOTALL | re.MULTILINE,
 )
 LINK = re.compile(r"\[[^\]]*\]\((?!https?:|mailto:)([^)#\s]*)(?:#([^)\s]*))?\)")
 NOT_RUN = {
@@ -54,7 +62,9 @@ def name_of(path):
 
 
 def blocks(path, *languages):
-    """The text of each block in one of these languages, whether it is only shown, and the command that prints it."""
+    """The text of each block in one of these languages, whether it is only shown, and the command
+    that prints it.
+    """
     for kind, words, indent, language, text in FENCE.findall(path.read_text()):
         if language in languages:
             text = re.sub(f"^{indent}", "", text, flags=re.MULTILINE)
@@ -77,7 +87,9 @@ def anchors(path):
 
 
 def test_links_lead_somewhere():
-    made = [ROOT / "docs" / name for name in ("gallery", "api", "cli")]  # pages are made when the site is built
+    made = [
+        ROOT / "docs" / name for name in ("gallery", "api", "cli")
+    ]  # pages are made when the site is built
     for path in DOCUMENTS:
         for target, anchor in LINK.findall(FENCE.sub("", path.read_text())):
             end = (path.parent / target).resolve() if target else path
@@ -93,14 +105,24 @@ def workshop(tmp_path_factory):
     """A folder with what the documents take for granted."""
     import rasterio
 
-    folder, dem = tmp_path_factory.mktemp("workshop"), sample_dem("earth_hummocks")
+    folder = tmp_path_factory.mktemp("workshop")
+    dem = sample_dem("earth_hummocks")
     place = {"transform": rasterio.Affine(1, 0, 429_324, 0, -1, 5_150_813), "crs": "EPSG:26915"}
-    kind = {"driver": "GTiff", "width": dem.shape[1], "height": dem.shape[0], "count": 1, "dtype": "float32"}
+    kind = {
+        "driver": "GTiff",
+        "width": dem.shape[1],
+        "height": dem.shape[0],
+        "count": 1,
+        "dtype": "float32",
+    }
     with rasterio.open(folder / "dem.tif", "w", **kind, **place, tiled=True) as dataset:
         dataset.write(dem.elevation, 1)
     np.save(folder / "heights.npy", dem.elevation[:80, :90])
     (folder / "coarse.tif").symlink_to("dem.tif")
-    inputs = [{"at": 0, "type": kind, "row": row, "col": row} for kind, row in (("pose", 20), ("goal", 90))]
+    inputs = [
+        {"at": 0, "type": kind, "row": row, "col": row}
+        for kind, row in (("pose", 20), ("goal", 90))
+    ]
     (folder / "drive.jsonl").write_text("".join(json.dumps(message) + "\n" for message in inputs))
     return folder
 
@@ -110,10 +132,15 @@ def grid_map_message(rows, cols):
     zero = Message(x=0.0, y=0.0, z=0.0, w=1.0)
     pose = Message(position=zero, orientation=zero)
     info = Message(resolution=0.1, length_x=0.1 * rows, length_y=0.1 * cols, pose=pose)
-    dims = [Message(label=label, size=size) for label, size in (("column_index", cols), ("row_index", rows))]
+    dims = [
+        Message(label=label, size=size)
+        for label, size in (("column_index", cols), ("row_index", rows))
+    ]
     heights = Message(layout=Message(dim=dims), data=[0.0] * (rows * cols))
     starts = {"outer_start_index": 0, "inner_start_index": 3}
-    return Message(header=Message(frame_id="odom"), info=info, layers=["elevation"], data=[heights], **starts)
+    return Message(
+        header=Message(frame_id="odom"), info=info, layers=["elevation"], data=[heights], **starts
+    )
 
 
 def assumed(path):
@@ -121,7 +148,10 @@ def assumed(path):
     dem = sample_dem("earth_hummocks").elevation
     names = {"np": np, "dem": dem, "start": (20, 20), "goal": (240, 150)}
     if path.name == "README.md":
-        return {"np": np, "dem": np.outer(np.sin(np.arange(512) / 40.0), np.cos(np.arange(512) / 50.0))}
+        return {
+            "np": np,
+            "dem": np.outer(np.sin(np.arange(512) / 40.0), np.cos(np.arange(512) / 50.0)),
+        }
     if path.name == "onboard.md":
         return names | {"cost": np.full((256, 256), 0.2, np.float32), "patch": np.ones((3, 4))}
     if path.name == "how-to-maps.md":
@@ -129,7 +159,11 @@ def assumed(path):
     if path.name == "routes.md":
         from nnpp_edge.runtime import Planner
 
-        return names | {"planner": Planner(np.full((400, 360), 0.2, np.float32)), "start": (5, 5), "goal": (390, 90)}
+        return names | {
+            "planner": Planner(np.full((400, 360), 0.2, np.float32)),
+            "start": (5, 5),
+            "goal": (390, 90),
+        }
     if path.name == "messages.md":
         from nnpp_edge.ros.maps import MapFrame
 
@@ -148,7 +182,11 @@ def test_python_runs(path, workshop, monkeypatch):
     names = assumed(path)
     for code, only_shown, _ in blocks(path, "python"):
         if only_shown:
-            imports = [node for node in ast.parse(code).body if isinstance(node, ast.Import | ast.ImportFrom)]
+            imports = [
+                node
+                for node in ast.parse(code).body
+                if isinstance(node, ast.Import | ast.ImportFrom)
+            ]
             code = ast.unparse(ast.Module(imports, []))
         exec(code, names)
 
@@ -158,7 +196,9 @@ def test_examples_in_docstrings_are_true():
     for folder in (ROOT / "nnpp_edge").iterdir():  # those at the top are links
         for path in folder.rglob("*.py") if folder.is_dir() else ():
             if ">>> " in path.read_text():
-                names.add(".".join(path.relative_to(ROOT).with_suffix("").parts).removesuffix(".__init__"))
+                names.add(
+                    ".".join(path.relative_to(ROOT).with_suffix("").parts).removesuffix(".__init__")
+                )
     assert {f"nnpp_edge.runtime.planners.{name}" for name in ("planner", "dynamic")} <= names
     for name in names:
         options = doctest.ELLIPSIS | doctest.NORMALIZE_WHITESPACE
@@ -167,27 +207,36 @@ def test_examples_in_docstrings_are_true():
 
 
 def commands(path):
-    """The commands of a document's blocks, as lists of words, and what stands below each as its output."""
+    """The commands of a document's blocks, as lists of words, and what stands below each as its
+    output.
+    """
     for text, _, printing in blocks(path, "", "sh"):
         lines = text.replace("\\\n", " ").splitlines()
         for at, line in enumerate([printing] if printing else lines):
             called = re.match(r"^\$? *(?:\S*/)?nnpp-edge (.*)", line)
             if called:
                 words = shlex.split(re.split(r" (?:[0-9]?[<>|]|&$)", called[1])[0], comments=True)
-                shown = text if printing else "\n".join(lines[at + 1 :]) if line.startswith("$") else ""
+                shown = (
+                    text if printing else "\n".join(lines[at + 1 :]) if line.startswith("$") else ""
+                )
                 yield [word for word in words if word not in ("...", "…")], shown
 
 
 def test_commands_are_understood():
-    context, understood = click.Context(cli), 0
+    context = click.Context(cli)
+    understood = 0
     for name, *words in (words for path in with_blocks("", "sh") for words, _ in commands(path)):
         command = cli.get_command(context, name)
         assert command is not None, name
         if isinstance(command, click.Group) and words and words[0] in command.commands:
-            command, words = command.commands[words[0]], words[1:]
-        given, *_ = command.make_parser(click.Context(command, info_name=name)).parse_args(list(words))
+            command = command.commands[words[0]]
+            words = words[1:]
+        given, *_ = command.make_parser(click.Context(command, info_name=name)).parse_args(
+            list(words)
+        )
         for parameter in command.params:
-            value, limited = given.get(parameter.name), click.Choice | click.IntRange | click.FloatRange
+            value = given.get(parameter.name)
+            limited = click.Choice | click.IntRange | click.FloatRange
             if isinstance(parameter.type, limited) and isinstance(value, str):
                 parameter.type.convert(value, parameter, context)  # BadParameter where it is none
         understood += 1
@@ -203,7 +252,9 @@ def without_times(text):
 
 @pytest.mark.slow
 @pytest.mark.parametrize("path", with_blocks("", "sh"), ids=name_of)
-def test_commands_run_and_print_what_stands_below_them(path, workshop, nnpp_edge, tmp_path, monkeypatch):
+def test_commands_run_and_print_what_stands_below_them(
+    path, workshop, nnpp_edge, tmp_path, monkeypatch
+):
     for file in workshop.iterdir():
         (tmp_path / file.name).symlink_to(file)
     monkeypatch.chdir(tmp_path)
@@ -238,7 +289,11 @@ def test_the_site_shows_every_command_and_option(hooks):
         assert f"({name}.md)" in pages["cli/index.md"]
         command = cli.get_command(click.Context(cli), name)
         for each in (command, *getattr(command, "commands", {}).values()):
-            shown = [opt.opts[-1] for opt in each.params if isinstance(opt, click.Option) and not opt.hidden]
+            shown = [
+                opt.opts[-1]
+                for opt in each.params
+                if isinstance(opt, click.Option) and not opt.hidden
+            ]
             assert shown and all(option in pages[f"cli/{name}.md"] for option in shown)
 
 
@@ -254,11 +309,16 @@ def test_the_site_shows_names_that_are_there_and_all_of_the_runtime():
 
 
 def test_a_page_that_asks_another_host_for_something_is_refused(hooks, tmp_path):
-    config, page = Message(site_dir=str(tmp_path)), tmp_path / "page.html"
-    page.write_text('<a href="https://example.org">a link</a><script src="../recording.js"></script>')
+    config = Message(site_dir=str(tmp_path))
+    page = tmp_path / "page.html"
+    page.write_text(
+        '<a href="https://example.org">a link</a><script src="../recording.js"></script>'
+    )
     hooks.on_post_build(config)
     page.write_text('<script src="https://example.org/script.js"></script>')
-    with pytest.raises(SystemExit, match=r"page.html: wanted nothing from other hosts, got <script"):
+    with pytest.raises(
+        SystemExit, match=r"page.html: wanted nothing from other hosts, got <script"
+    ):
         hooks.on_post_build(config)
 
 
@@ -269,8 +329,12 @@ def test_every_sample_is_shipped_with_its_source():
 
 
 def test_the_documents_index_of_decisions_is_whole():
-    linked = re.findall(r"^- \[.*\]\((.*)\)", (ROOT / "docs/decisions.md").read_text(), re.MULTILINE)
-    assert sorted(linked) == sorted(f"decisions/{path.name}" for path in (ROOT / "docs/decisions").iterdir())
+    linked = re.findall(
+        r"^- \[.*\]\((.*)\)", (ROOT / "docs/decisions.md").read_text(), re.MULTILINE
+    )
+    assert sorted(linked) == sorted(
+        f"decisions/{path.name}" for path in (ROOT / "docs/decisions").iterdir()
+    )
 
 
 def test_tables_of_results_are_those_of_the_run_that_is_kept():

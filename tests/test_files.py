@@ -17,7 +17,9 @@ def test_of_several_files_all_are_written_or_none(tmp_path):
     (tmp_path / "old").write_bytes(b"old")
     (tmp_path / "folder").mkdir()
     with pytest.raises(OutputError, match=r"folder: could not be written \(it is a folder\)"):
-        write_all({tmp_path / "old": b"new", tmp_path / "more": b"more", tmp_path / "folder": b"any"})
+        write_all(
+            {tmp_path / "old": b"new", tmp_path / "more": b"more", tmp_path / "folder": b"any"}
+        )
     assert (tmp_path / "old").read_bytes() == b"old"
     assert names(tmp_path) == ["folder", "old"]
     write_all({tmp_path / "old": b"new", tmp_path / "more": b"more"})

@@ -1,4 +1,6 @@
-"""Every example runs, is short, and says what it shows, how long it takes and whose data it uses."""
+"""Every example runs, is short, and says what it shows, how long it takes and whose data
+it uses.
+"""
 
 import ast
 import re
@@ -15,10 +17,13 @@ MOST_LINES = 60
 
 @pytest.mark.parametrize("path", EXAMPLES, ids=lambda path: path.stem)
 def test_an_example_is_short_and_says_what_it_is(path):
-    text, listed = path.read_text(), (ROOT / "examples/README.md").read_text()
+    text = path.read_text()
+    listed = (ROOT / "examples/README.md").read_text()
     words = ast.get_docstring(ast.parse(text))
     assert len(text.splitlines()) < MOST_LINES
-    assert re.search(r"^Run time: .*\d+ (s|min)", words, re.MULTILINE) and re.search(r"^Data: ", words, re.MULTILINE)
+    assert re.search(r"^Run time: .*\d+ (s|min)", words, re.MULTILINE) and re.search(
+        r"^Data: ", words, re.MULTILINE
+    )
     assert f"[{path.name}]({path.name})" in listed
     assert (ROOT / f"docs/gallery/{path.stem}.webp").stat().st_size < 500_000
 

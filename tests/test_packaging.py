@@ -19,7 +19,9 @@ TRAINING = {"torch", "onnx", "onnxscript", "rasterio", "matplotlib", "safetensor
 
 
 def packages():
-    """Name and folder of everything in nnpp_edge that holds Python files; the links count as folders."""
+    """Name and folder of everything in nnpp_edge that holds Python files; the links count as
+    folders.
+    """
     waiting = [ROOT / "nnpp_edge"]
     while waiting:
         folder = waiting.pop()
@@ -36,7 +38,9 @@ def test_every_folder_with_code_is_a_listed_package():
 
 
 def test_stages_are_folders_at_the_top_and_links_inside_the_package():
-    links = {path.name: path.readlink() for path in (ROOT / "nnpp_edge").iterdir() if path.is_symlink()}
+    links = {
+        path.name: path.readlink() for path in (ROOT / "nnpp_edge").iterdir() if path.is_symlink()
+    }
     assert links == {name: Path("..") / name for name in STAGES}
     assert all((ROOT / name).is_dir() and not (ROOT / name).is_symlink() for name in STAGES)
 
@@ -44,7 +48,8 @@ def test_stages_are_folders_at_the_top_and_links_inside_the_package():
 def test_every_other_file_of_a_package_is_listed_too():
     """Models, profiles, samples and templates would be missing from the wheel."""
     globs = PYPROJECT["tool"]["setuptools"]["package-data"]
-    listed, found = set(), set()
+    listed = set()
+    found = set()
     for name, folder in packages():
         listed |= {path for glob in globs.get(name, []) for path in folder.glob(glob)}
         found |= {path for path in folder.iterdir() if path.is_file() and path.suffix != ".py"}
@@ -55,8 +60,13 @@ def test_every_other_file_of_a_package_is_listed_too():
 
 def heavy_modules(code, names):
     """Which of these packages a fresh Python has imported after `code`."""
-    code += f"\nimport sys; print(*sorted({names!r} & {{name.partition('.')[0] for name in sys.modules}}))"
-    ended = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
+    code += (
+        f"\nimport sys; print(*sorted({names!r} & {{name.partition('.')[0] for name in "
+        "sys.modules}))"
+    )
+    ended = subprocess.run(
+        [sys.executable, "-c", code], capture_output=True, text=True, check=False
+    )
     assert ended.returncode == 0, ended.stderr
     return ended.stdout.split()
 
@@ -73,8 +83,12 @@ def test_the_runtime_imports_neither_torch_nor_onnx():
 
 
 def test_help_and_the_list_of_models_import_nothing_heavy():
-    helps, heavy = [["--help"], *([name, "--help"] for name in COMMANDS)], TRAINING | {"numba", "onnxruntime", "cv2"}
-    for calls, more in ((helps, {"numpy", "rich", "jinja2"}), ([["models", "--json"], ["models", "edge"]], set())):
+    helps = [["--help"], *([name, "--help"] for name in COMMANDS)]
+    heavy = TRAINING | {"numba", "onnxruntime", "cv2"}
+    for calls, more in (
+        (helps, {"numpy", "rich", "jinja2"}),
+        ([["models", "--json"], ["models", "edge"]], set()),
+    ):
         code = (
             "from click.testing import CliRunner\n"
             "from nnpp_edge.cli.main import cli\n"
@@ -85,7 +99,9 @@ def test_help_and_the_list_of_models_import_nothing_heavy():
 
 
 def test_the_onboard_install_asks_for_no_training_packages():
-    needed = {re.split(r"[^\w-]", requirement)[0] for requirement in PYPROJECT["project"]["dependencies"]}
+    needed = {
+        re.split(r"[^\w-]", requirement)[0] for requirement in PYPROJECT["project"]["dependencies"]
+    }
     assert not needed & TRAINING
 
 
@@ -129,7 +145,15 @@ def wrong(planner: Planner) -> str:
 @pytest.mark.slow
 def test_a_strict_package_outside_passes_and_its_mistakes_are_found(tmp_path):
     (tmp_path / "consumer.py").write_text(CONSUMER)
-    command = [sys.executable, "-m", "mypy", "--strict", "--cache-dir", ROOT / ".mypy_cache/consumer", "consumer.py"]
+    command = [
+        sys.executable,
+        "-m",
+        "mypy",
+        "--strict",
+        "--cache-dir",
+        ROOT / ".mypy_cache/consumer",
+        "consumer.py",
+    ]
     ended = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, check=False)
     problems = [line for line in ended.stdout.splitlines() if ": error: " in line]
     last = len(CONSUMER.splitlines())
@@ -139,17 +163,34 @@ def test_a_strict_package_outside_passes_and_its_mistakes_are_found(tmp_path):
 
 
 @pytest.mark.slow
-def test_a_wheel_of_kernels_is_made_for_other_processors_too_and_what_it_holds_is_not_compiled(tmp_path):
+def test_a_wheel_of_kernels_is_made_for_other_processors_too_and_what_it_holds_is_not_compiled(
+    tmp_path,
+):
     (tmp_path / "site").mkdir()
     (tmp_path / "site/nnpp_edge").symlink_to(ROOT / "nnpp_edge")
-    made = [sys.executable, ROOT / ".ci/kernel_wheel.py", tmp_path, "nnpp_edge.runtime.kernels.threshold:lowered"]
+    made = [
+        sys.executable,
+        ROOT / ".ci/kernel_wheel.py",
+        tmp_path,
+        "nnpp_edge.runtime.kernels.threshold:lowered",
+    ]
     subprocess.run(made, check=True, stdout=subprocess.DEVNULL)
     of_arm, of_x86 = sorted(tmp_path.glob("nnpp_edge_kernels-*.whl"))
     with ZipFile(of_arm) as wheel:
         (kept,) = (wheel.read(name) for name in wheel.namelist() if name.endswith(".nbc"))
     at = kept.index(b"\x7fELF")
     assert int.from_bytes(kept[at + 18 : at + 20], "little") == 183  # aarch64
-    install = [sys.executable, "-m", "pip", "install", "--quiet", "--no-deps", "--target", tmp_path / "site", of_x86]
+    install = [
+        sys.executable,
+        "-m",
+        "pip",
+        "install",
+        "--quiet",
+        "--no-deps",
+        "--target",
+        tmp_path / "site",
+        of_x86,
+    ]
     subprocess.run(install, check=True)
     code = (
         "from nnpp_edge.runtime.kernels.threshold import lowered\n"
@@ -157,9 +198,16 @@ def test_a_wheel_of_kernels_is_made_for_other_processors_too_and_what_it_holds_i
     )
     levels = {"NUMBA_CPU_NAME": "x86-64-v3", "NUMBA_CPU_FEATURES": ""}
     environment = (
-        os.environ | levels | {"PYTHONPATH": str(tmp_path / "site"), "NUMBA_CACHE_DIR": str(tmp_path / "own")}
+        os.environ
+        | levels
+        | {"PYTHONPATH": str(tmp_path / "site"), "NUMBA_CACHE_DIR": str(tmp_path / "own")}
     )
     ended = subprocess.run(
-        [sys.executable, "-c", code], cwd=tmp_path, capture_output=True, text=True, env=environment, check=True
+        [sys.executable, "-c", code],
+        cwd=tmp_path,
+        capture_output=True,
+        text=True,
+        env=environment,
+        check=True,
     )
     assert ended.stdout.endswith(" 0\n") and ended.stderr == ""

@@ -18,7 +18,9 @@ BODY = Vehicle(
     wheel_length_m=0.001,
     wheel_width_m=0.001,
 )
-"""On wheels that touch the ground at points: on a plane the body has its inclination, and no more."""
+"""On wheels that touch the ground at points: on a plane the body has its inclination, and
+no more.
+"""
 ALONG_ROW = [(8, 6), (8, 7), (8, 8), (8, 9)]
 DIAGONAL = [(6, 6), (7, 7), (8, 8)]
 
@@ -58,17 +60,29 @@ def test_a_drive_that_breaks_a_limit_is_seen_and_others_are_not():
         ("tilt", slope(14, 19), ALONG_ROW, BODY),
         ("unknown", np.full((17, 17), np.nan), ALONG_ROW, BODY),
         ("unknown", FLAT, [(8, col) for col in range(8, 17)], BODY),
-        (None, with_cell(0.29), ALONG_ROW, wide),  # a rock between the wheels, where the belly meets it or not
+        (
+            None,
+            with_cell(0.29),
+            ALONG_ROW,
+            wide,
+        ),  # a rock between the wheels, where the belly meets it or not
         ("belly", with_cell(0.31), ALONG_ROW, wide),
         ("step", kerb, ALONG_ROW, long),  # under one contact patch
         (None, low_kerb, ALONG_ROW, long),
         ("unknown", with_cell(np.nan), ALONG_ROW, BODY),
         (None, with_cell(np.nan), ALONG_ROW, dataclasses.replace(BODY, unknown_passes=True)),
-        ("pitch", with_cell(-0.5), [(8, 6), (8, 7)], small),  # a hole that only places in between see
+        (
+            "pitch",
+            with_cell(-0.5),
+            [(8, 6), (8, 7)],
+            small,
+        ),  # a hole that only places in between see
     ):
         assert broken(ground, path, body) == limit
     assert broken(with_cell(0.31), ALONG_ROW, wide, allowed_m=0.02) is None
-    assert 0.3 < pose_oracles.drive_breaks(with_cell(0.31), 1.0, wide, ALONG_ROW).value <= 0.31 + 1e-9
+    assert (
+        0.3 < pose_oracles.drive_breaks(with_cell(0.31), 1.0, wide, ALONG_ROW).value <= 0.31 + 1e-9
+    )
 
 
 def test_a_turn_that_breaks_a_limit_is_seen():

@@ -8,7 +8,16 @@ from pathlib import Path
 
 import numpy as np
 
-COMMAND = (sys.executable, "-W", "error", "-W", "ignore::UserWarning", "-m", "nnpp_edge.cli.main", "view")
+COMMAND = (
+    sys.executable,
+    "-W",
+    "error",
+    "-W",
+    "ignore::UserWarning",
+    "-m",
+    "nnpp_edge.cli.main",
+    "view",
+)
 """Warnings to users, such as of a network that was trained for another ω, are no errors."""
 
 

@@ -48,7 +48,9 @@ def on_files(files: Files, config: MkDocsConfig) -> Files:
 
     for page, content in pages().items():
         files.append(File.generated(config, page, content=content))
-    files.append(File.generated(config, "style.css", content=(ROOT / "docs/_site/style.css").read_text()))
+    files.append(
+        File.generated(config, "style.css", content=(ROOT / "docs/_site/style.css").read_text())
+    )
     return files
 
 
@@ -58,7 +60,8 @@ def pages() -> dict[str, str]:
 
 
 def on_page_markdown(markdown: str, page: Page, config: MkDocsConfig, files: Files) -> str:
-    """Turn links to files that have a page here into links to it, and `docs/…` in text into such links.
+    """Turn links to files that have a page here into links to it, and `docs/…` in text into such
+    links.
 
     Links to other files outside docs/ become their path.
     """
@@ -68,14 +71,20 @@ def on_page_markdown(markdown: str, page: Page, config: MkDocsConfig, files: Fil
     written_in = Path(OUTSIDE.get(here, f"docs/{here}")).parent
 
     def linked(match: re.Match[str]) -> str:
-        text, target, anchor = match[1], match[2], match[3] or ""
+        text = match[1]
+        target = match[2]
+        anchor = match[3] or ""
         path = os.path.normpath(written_in / target)
         if path in page_of or path.startswith("docs/"):
             return f"[{text}]({up}{page_of.get(path) or path.removeprefix('docs/')}{anchor})"
         return f"{text} (`{path}`)"
 
     def named(match: re.Match[str]) -> str:
-        return f"[{match[0].strip('`')}]({up}{match[1]})" if files.get_file_from_path(match[1]) else match[0]
+        return (
+            f"[{match[0].strip('`')}]({up}{match[1]})"
+            if files.get_file_from_path(match[1])
+            else match[0]
+        )
 
     parts = _FENCED.split(markdown)  # text, code, text, …
     for at in range(0, len(parts), 2):
@@ -88,7 +97,10 @@ def on_post_build(config: MkDocsConfig) -> None:
     """Fail where a page would ask another host for something."""
     for path in Path(config.site_dir).rglob("*.html"):
         for tag in _LOADED.findall(path.read_text()):
-            if re.search(r"""\b(src|href|srcset)=["']?(https?:)?//""", tag) and "canonical" not in tag:
+            if (
+                re.search(r"""\b(src|href|srcset)=["']?(https?:)?//""", tag)
+                and "canonical" not in tag
+            ):
                 raise SystemExit(f"{path}: wanted nothing from other hosts, got {tag}")
 
 
@@ -102,14 +114,21 @@ def commands() -> dict[str, click.Command]:
 
 
 def _cli() -> dict[str, str]:
-    rows, made = list[str](), {}
+    rows = list[str]()
+    made = {}
     for name, command in commands().items():
         rows.append(f"| [nnpp-edge {name}]({name}.md) | {command.get_short_help_str(200)} |")
-        text = f"---\ntitle: {name}\n---\n\n# nnpp-edge {name}\n\n{_help(f'nnpp-edge {name}', command)}"
+        text = (
+            f"---\ntitle: {name}\n---\n\n# nnpp-edge "
+            f"{name}\n\n{_help(f'nnpp-edge {name}', command)}"
+        )
         for inner, each in getattr(command, "commands", {}).items():
             text += f"\n## nnpp-edge {name} {inner}\n\n{_help(f'nnpp-edge {name} {inner}', each)}"
         made[f"cli/{name}.md"] = text
-    last = "\nExit codes: 0 done; 1 no path, or a budget missed; 2 wrong use or bad input; 3 too noisy to tell."
+    last = (
+        "\nExit codes: 0 done; 1 no path, or a budget missed; 2 wrong use or bad input; 3 too "
+        "noisy to tell."
+    )
     head = ["# Commands\n", "| command | what it does |", "| --- | --- |"]
     return made | {"cli/index.md": "\n".join([*head, *rows, last])}
 

@@ -1,8 +1,9 @@
-"""Our planners beside other libraries' grid search, on the same maps and queries, in one interleaved run.
+"""Our planners beside other libraries' grid search, on the same maps and queries, in one
+interleaved run.
 
-The problem is the one that most of them can solve: a step costs its length times the mean weight of the two
-cells, with weights 1 + 2·255·ω·T. What others minimise is said beside them, and the price of their paths is counted
-by the common rule.
+The problem is the one that most of them can solve: a step costs its length times the mean weight of
+the two cells, with weights 1 + 2·255·ω·T. What others minimise is said beside them, and the price
+of their paths is counted by the common rule.
 """
 
 import importlib
@@ -17,7 +18,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from nnpp_edge import __version__
-from nnpp_edge.profiling.contest import Figures, Harness, Row, Summary, gap, mean, quantile, summarised
+from nnpp_edge.profiling.contest import (
+    Figures,
+    Harness,
+    Row,
+    Summary,
+    gap,
+    mean,
+    quantile,
+    summarised,
+)
 from nnpp_edge.profiling.suites import QUERIES_PER_MAP, Case, TerrainFiles, source_of, terrain_cases
 from nnpp_edge.runtime import Planner
 from nnpp_edge.runtime.cells import Cell, Endpoints
@@ -66,7 +76,9 @@ def _ours(method: str, network: NetworkModel, how: str = "") -> PeerPlanner:
     """A method of ours."""
 
     def prepared(weights: Weights) -> Search:
-        planner = Planner(weights, step_cost="length", model=network.share() if method == "nnpp" else "edge")
+        planner = Planner(
+            weights, step_cost="length", model=network.share() if method == "nnpp" else "edge"
+        )
 
         def search(start: Cell, goal: Cell) -> CellPath | None:
             return plan.path if (plan := planner.plan(start, goal, method=method)).ok else None
@@ -99,7 +111,8 @@ def _scipy(weights: Weights) -> Search:
     from scipy.sparse.csgraph import dijkstra
 
     rows, cols = weights.shape
-    nodes, steps = np.arange(rows * cols, dtype=np.int32).reshape(rows, cols), []
+    nodes = np.arange(rows * cols, dtype=np.int32).reshape(rows, cols)
+    steps = []
     for i, j in ((0, 1), (1, 0), (1, 1), (1, -1)):
         here = np.s_[: rows - i, max(-j, 0) : cols - max(j, 0)]
         there = np.s_[i:, max(j, 0) : cols + min(j, 0)]
@@ -111,7 +124,8 @@ def _scipy(weights: Weights) -> Search:
     graph = one_way + one_way.T
 
     def search(start: Cell, goal: Cell) -> CellPath | None:
-        source, node = start[0] * cols + start[1], goal[0] * cols + goal[1]
+        source = start[0] * cols + start[1]
+        node = goal[0] * cols + goal[1]
         distance, before = dijkstra(graph, indices=source, return_predecessors=True)
         if not math.isfinite(distance[node]):
             return None
@@ -124,7 +138,9 @@ def _scipy(weights: Weights) -> Search:
 
 
 _OTHERS = {
-    "pyastar2d": PeerPlanner("pyastar2d", "pyastar2d", "weight of the cell entered, diagonals no longer", _pyastar2d),
+    "pyastar2d": PeerPlanner(
+        "pyastar2d", "pyastar2d", "weight of the cell entered, diagonals no longer", _pyastar2d
+    ),
     "skimage": PeerPlanner("skimage.graph", "scikit-image", _LENGTH, _scikit_image),
     "scipy": PeerPlanner("scipy dijkstra", "scipy", f"{_LENGTH}, to every cell", _scipy),
 }
@@ -133,7 +149,8 @@ _OTHERS = {
 
 def peer_planners() -> tuple[list[PeerPlanner], list[str]]:
     """Our planners, and the other libraries that are installed; the names of those that are not."""
-    network, missing = NetworkModel("edge", threads=1), []
+    network = NetworkModel("edge", threads=1)
+    missing = []
     methods = {"astar": "", "corridor": ", coarse to fine", "nnpp": ", in the network's region"}
     found = [_ours(method, network, how) for method, how in methods.items()]
     for module, planner in _OTHERS.items():
@@ -162,16 +179,22 @@ def compare(
     *,
     progress: Callable[[int], None] = lambda done: None,
 ) -> dict[str, Figures]:
-    """Have every planner answer the same queries on maps of one size, in turns: a row of figures for each.
+    """Have every planner answer the same queries on maps of one size, in turns: a row of figures
+    for each.
 
-    Our exact A*, `REFERENCE`, must be among them; queries that it finds no path for are passed over. A planner that
-    takes longer than `LIMIT_S` for the first is left out. `progress` is called with the number of queries that are
-    done. Before the clock starts, each planner prepares the map (counted apart) and answers the map's first query.
+    Our exact A*, `REFERENCE`, must be among them; queries that it finds no path for are passed
+    over. A planner that takes longer than `LIMIT_S` for the first is left out. `progress` is called
+    with the number of queries that are done. Before the clock starts, each planner prepares the map
+    (counted apart) and answers the map's first query.
     """
-    harness, rows, done = Harness(), list[tuple[str, Row]](), 0
+    harness = Harness()
+    rows = list[tuple[str, Row]]()
+    done = 0
     left_out = dict[str, str]()
     for case in cases:
-        weights = (1.0 + 2.0 * GREY_LEVELS * PAPER_OMEGA * case.cost).astype(np.float32)  # inf where impassable
+        weights = (1.0 + 2.0 * GREY_LEVELS * PAPER_OMEGA * case.cost).astype(
+            np.float32
+        )  # inf where impassable
         searches = dict[str, Callable[[Endpoints], CellPath | None]]()
         for planner in [each for each in planners if each.name not in left_out]:
             map_s, search = harness.timed(partial(planner.prepare, weights))
@@ -179,11 +202,14 @@ def compare(
             seconds, _ = harness.timed(partial(search, *case.queries[0]))
             rows.append((planner.name, {"map_ms": 1e3 * map_s}))
             if seconds > LIMIT_S and planner.name != REFERENCE and not done:
-                left_out[planner.name] = f"left out: {seconds:.1f} s a query, over the limit of {LIMIT_S:g} s"
+                left_out[planner.name] = (
+                    f"left out: {seconds:.1f} s a query, over the limit of {LIMIT_S:g} s"
+                )
             else:
                 searches[planner.name] = lambda query, search=search: search(*query)  # type: ignore[misc]
         for records in harness.measure(searches, case.queries):
-            exact, query = records[REFERENCE].results[0], records[REFERENCE].case
+            exact = records[REFERENCE].results[0]
+            query = records[REFERENCE].case
             if exact is None:
                 continue
             for name, record in records.items():
@@ -191,7 +217,10 @@ def compare(
                 found["times_astar"] = record.median_s / records[REFERENCE].median_s
                 path = record.results[0]
                 if path is not None and (tuple(path[0]), tuple(path[-1])) == query:
-                    found |= {"failed": False, "gap": gap(path_cost(weights, path), path_cost(weights, exact))}
+                    found |= {
+                        "failed": False,
+                        "gap": gap(path_cost(weights, path), path_cost(weights, exact)),
+                    }
                 rows.append((name, found))
             done += 1
             progress(done)
@@ -199,7 +228,9 @@ def compare(
                 break
         if done == queries:
             break
-    return {planner.name: _figures(planner, rows, left_out.get(planner.name)) for planner in planners}
+    return {
+        planner.name: _figures(planner, rows, left_out.get(planner.name)) for planner in planners
+    }
 
 
 def _figures(planner: PeerPlanner, rows: Sequence[tuple[str, Row]], note: str | None) -> Figures:
@@ -232,11 +263,14 @@ def run(
     """
     planners, missing = peer_planners()
     exercise()
-    dems, rows = terrain.read(), list[Figures]()
+    dems = terrain.read()
+    rows = list[Figures]()
     for at, size in enumerate(sorted(sizes)):
         # enough maps, and some for queries without a path
         cases = islice(terrain_cases(dems, SOFT, size, seed), 4 * -(-queries // QUERIES_PER_MAP))
         report = partial(lambda before, done: progress(before + done), at * queries)
         figures = compare(planners, cases, queries, progress=report)
-        rows += [{"size": size, "terrain": source_of(dems, size), **row} for row in figures.values()]
+        rows += [
+            {"size": size, "terrain": source_of(dems, size), **row} for row in figures.values()
+        ]
     return rows, missing

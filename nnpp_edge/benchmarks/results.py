@@ -1,4 +1,5 @@
-"""The tables of README and docs/results.md: measured in one run, kept as docs/results.json, written into the pages.
+"""The tables of README and docs/results.md: measured in one run, kept as docs/results.json, written
+into the pages.
 
 python -m nnpp_edge.benchmarks.results LUNAR_TERRAIN.tif
 """
@@ -23,16 +24,22 @@ Results = dict[str, Any]
 Rows = list[Results]
 PAGES = "README.md", "docs/results.md"
 STORED = Path("docs/results.json")
-READY, FRESH, BODY = "ready", "fresh", "body"
+READY = "ready"
+FRESH = "fresh"
+BODY = "body"
 SUITES = {
     READY: [
         f"--rescale 20 --workload soft,limit20,limit15 --sizes {sizes} --queries {n} --repeats 2"
         " --methods astar,corridor,nnpp"
         for sizes, n in (("256,512", 200), ("1024", 100), ("2048", 40))
     ],
-    FRESH: ["--rescale 20 --workload soft --sizes 256,512,1024,2048 --queries 40 --repeats 2 --fresh-map"],
+    FRESH: [
+        "--rescale 20 --workload soft --sizes 256,512,1024,2048 --queries 40 --repeats 2 "
+        "--fresh-map"
+    ],
     BODY: [
-        "--rescale 0.25 --vehicle small-rover --set length_m=1.5 --set width_m=1.2 --set clearance_m=0.3"
+        "--rescale 0.25 --vehicle small-rover --set length_m=1.5 --set width_m=1.2 --set "
+        "clearance_m=0.3"
         " --workload body,body-rocks10 --sizes 256,512 --queries 60 --methods astar,corridor"
     ],
 }
@@ -76,7 +83,8 @@ def _by_method(rows: Rows) -> Iterator[dict[str, Results]]:
 
 def _ready(found: Results) -> Iterator[Sequence[str]]:
     for each in _by_method(found[READY]):
-        row, exact = each["corridor"], each["astar"]
+        row = each["corridor"]
+        exact = each["astar"]
         cells = [row["workload"], f"{row['size']}²", str(row["n"]), _ms(exact, "time_ms_median")]
         for name in "corridor", "nnpp":
             row = each[name]
@@ -89,7 +97,8 @@ def _fresh(found: Results) -> Iterator[Sequence[str]]:
     for each in _by_method(found[FRESH]):
         cells = [f"{each['astar']['size']}²", str(each["astar"]["n"])]
         for name in "astar", "corridor", "nnpp", "corridor-narrow":
-            lazy, eager = each[name], each[name + "-eager"]
+            lazy = each[name]
+            eager = each[name + "-eager"]
             cells.append(f"{_ms(lazy, 'fresh_ms_median')} / {_ms(eager, 'fresh_ms_median')}")
             if name != "astar":
                 cells.append(_percent(lazy, "fresh_gap_mean"))
@@ -98,23 +107,41 @@ def _fresh(found: Results) -> Iterator[Sequence[str]]:
 
 def _body(found: Results) -> Iterator[Sequence[str]]:
     for each in _by_method(found[BODY]):
-        exact, row = each["astar"], each["corridor"]
-        times = [f"{_ms(one, 'time_ms_median')} ({_ms(one, 'time_ms_p95')})" for one in (exact, row)]
+        exact = each["astar"]
+        row = each["corridor"]
+        times = [
+            f"{_ms(one, 'time_ms_median')} ({_ms(one, 'time_ms_p95')})" for one in (exact, row)
+        ]
         checks = f"{exact['checks_mean']:,.0f} / {row['checks_mean']:,.0f}"
         name = f"{row['workload']} {row['size']}²"
-        yield name, str(row["n"]), *times, _percent(row, "gap_mean", "gap_p95"), checks, str(row["unsolvable"])
+        yield (
+            name,
+            str(row["n"]),
+            *times,
+            _percent(row, "gap_mean", "gap_p95"),
+            checks,
+            str(row["unsolvable"]),
+        )
 
 
 def _arcs(found: Results) -> Iterator[Sequence[str]]:
     for row in found["arcs"]:
         kind = ", forwards alone" * row["forwards"] + ", heading at the goal" * row["fixed"]
-        first = f"{_ms(row, 'first_ms_median')} ({_ms(row, 'first_ms_p95')}, {_ms(row, 'first_ms_p99')})"
-        cells = [f"{row['size']}², R = {row['radius_m']:g} m{kind}", f"{row['solved']} of {row['n']}"]
+        first = (
+            f"{_ms(row, 'first_ms_median')} ({_ms(row, 'first_ms_p95')}, "
+            f"{_ms(row, 'first_ms_p99')})"
+        )
+        cells = [
+            f"{row['size']}², R = {row['radius_m']:g} m{kind}",
+            f"{row['solved']} of {row['n']}",
+        ]
         cells += [_ms(row, "exact_ms_median"), first, _percent(row, "gap_mean", "gap_p95")]
         if not row["ticks"]:
             yield [*cells, "", ""]
             continue
-        ticks = f"{_ms(row, 'tick_ms_median')} ({_ms(row, 'tick_ms_p99')}, {_ms(row, 'tick_ms_max')})"
+        ticks = (
+            f"{_ms(row, 'tick_ms_median')} ({_ms(row, 'tick_ms_p99')}, {_ms(row, 'tick_ms_max')})"
+        )
         yield [*cells, _percent(row, "driven_mean", "driven_p95"), ticks]
 
 
@@ -128,25 +155,40 @@ def _readme(found: Results) -> Iterator[Sequence[str]]:
             return f"{_ms(best(method), kind + 'ms_median')}, {_percent(each[method], 'gap_mean')}"
 
         exact = best("astar")
-        return name, str(exact["n"]), _ms(exact, kind + "ms_median"), told("corridor"), last or told("nnpp")
+        return (
+            name,
+            str(exact["n"]),
+            _ms(exact, kind + "ms_median"),
+            told("corridor"),
+            last or told("nnpp"),
+        )
 
     for each in _by_method(found[READY]):
         if each["astar"]["workload"] == "soft" and each["astar"]["size"] in (256, 1024, 2048):
             yield planners(f"ready cost map, {each['astar']['size']}²", each, "time_", "")
     for each in _by_method(found[FRESH]):
         if each["astar"]["size"] in (1024, 2048):
-            narrow = f"{min(each[k]['fresh_ms_median'] for k in each if k.startswith('corridor-narrow')):.3g}"
+            narrow = [row for name, row in each.items() if name.startswith("corridor-narrow")]
+            least_ms = min(row["fresh_ms_median"] for row in narrow)
             gap = _percent(each["corridor-narrow"], "gap_mean")
             row = planners(f"elevations just arrived, {each['astar']['size']}²", each, "fresh_", "")
-            yield *row[:4], f"{row[4]}; the corridor with bands as narrow {narrow}, {gap}"
+            yield *row[:4], f"{row[4]}; the corridor with bands as narrow {least_ms:.3g}, {gap}"
     for each in _by_method(found[BODY]):
         if each["astar"]["workload"] == "body-rocks10":
             name = f"a body of 1.5 × 1.2 m among rocks, {each['astar']['size']}²"
             yield planners(name, each, "time_", "no network is used")
     for row in found["arcs"]:
         if row["size"] == 512 and row["radius_m"] == 2.0:
-            times = _ms(row, "exact_ms_median"), f"{_ms(row, 'first_ms_median')}, {_percent(row, 'gap_mean')}"
-            yield "the same, arcs of 2 m and more, 512²", str(row["n"]), *times, "no network is used"
+            times = (
+                _ms(row, "exact_ms_median"),
+                f"{_ms(row, 'first_ms_median')}, {_percent(row, 'gap_mean')}",
+            )
+            yield (
+                "the same, arcs of 2 m and more, 512²",
+                str(row["n"]),
+                *times,
+                "no network is used",
+            )
 
 
 _LAZY = "lazy / eager"
@@ -162,8 +204,14 @@ TABLES: dict[str, tuple[str, Callable[[Results], Iterator[Sequence[str]]]]] = {
         f"control `corridor-narrow`: {_LAZY} | gap",
         _fresh,
     ),
-    BODY: (" | n | exact A\\*, ms | corridor, ms | gap | poses checked | drawn without a path", _body),
-    "arcs": (" | solved | exact, ms | first plan, ms (p95, p99) | gap | driven | tick, ms (p99, max)", _arcs),
+    BODY: (
+        " | n | exact A\\*, ms | corridor, ms | gap | poses checked | drawn without a path",
+        _body,
+    ),
+    "arcs": (
+        " | solved | exact, ms | first plan, ms (p95, p99) | gap | driven | tick, ms (p99, max)",
+        _arcs,
+    ),
 }
 """By the names that stand in the pages: heads of columns, joined, and lines."""
 
@@ -172,7 +220,8 @@ def _stamp(found: Results) -> str:
     machine = found["machine"]
     flags = "AVX-512 and VNNI" if "avx512_vnni" in machine["flags"] else ", ".join(machine["flags"])
     return (
-        f"One run of `make results`, commit {found['commit']}, {found['cores']} cores of {machine['cpu']} ({flags}),"
+        f"One run of `make results`, commit {found['commit']}, {found['cores']} cores of "
+        f"{machine['cpu']} ({flags}),"
         f" Python {machine['python']}."
     )
 
@@ -192,9 +241,16 @@ def filled(page: str, found: Results) -> str:
 @click.command()
 @click.argument("terrain", type=click.Path(exists=True, dir_okay=False, path_type=Path))
 def main(terrain: Path) -> None:
-    """Measure all tables on this terrain and write them into the pages: a quarter of an hour, on a quiet machine."""
+    """Measure all tables on this terrain and write them into the pages: a quarter of an hour, on a
+    quiet machine.
+    """
     commit = subprocess.check_output(["git", "rev-parse", "--short", "HEAD"], text=True).strip()
-    found: Results = {"commit": commit, "terrain": terrain.name, "cores": 2, "machine": environment((0, 1))}
+    found: Results = {
+        "commit": commit,
+        "terrain": terrain.name,
+        "cores": 2,
+        "machine": environment((0, 1)),
+    }
     for name, runs in SUITES.items():
         found[name] = [row for arguments in runs for row in _evaluated(terrain, arguments)]
     for how in ARCS:

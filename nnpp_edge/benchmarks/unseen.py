@@ -1,8 +1,9 @@
 """Drives over unseen ground by rival prices: ``python -m nnpp_edge.benchmarks.unseen MAP``.
 
-A robot knows the means of blocks and sees `sight` cells to each side. It plans by exact A* after every drive half as
-far, over what it has seen, and by prices elsewhere. All rivals drive the same drives; judged is the cost driven above
-that of the path that is best for who knows all. Trees need scikit-learn.
+A robot knows the means of blocks and sees `sight` cells to each side. It plans by exact A* after
+every drive half as far, over what it has seen, and by prices elsewhere. All rivals drive the same
+drives; judged is the cost driven above that of the path that is best for who knows all. Trees need
+scikit-learn.
 """
 
 import argparse
@@ -37,8 +38,12 @@ from nnpp_edge.training.unseen import sample
 
 LEAST_APART = 0.6
 """Of the map's side, between start and goal."""
-MOST_ROCKS, LEAST_ROCKS, PATCH_M = 0.12, 1 / 12, 12.0
-"""Most of the ground under rocks, the least as a share of that, and the smoothing of the noise between, metres."""
+MOST_ROCKS = 0.12
+LEAST_ROCKS = 1 / 12
+PATCH_M = 12.0
+"""Most of the ground under rocks, the least as a share of that, and the smoothing of the noise
+between, metres.
+"""
 MOST_BLOCKED = 0.6
 """Windows with a greater share of impassable cells are left out."""
 
@@ -56,23 +61,34 @@ class Site:
     @cached_property
     def whole(self) -> Planner:
         """Of who knows all."""
-        return Planner.of_elevation(self.elevation, self.cell_size_m, self.limits, vehicle=self.vehicle, warn=False)
+        return Planner.of_elevation(
+            self.elevation, self.cell_size_m, self.limits, vehicle=self.vehicle, warn=False
+        )
 
     @cached_property
     def costs(self) -> Float2D:
         """(H, W) of each cell, for a body of its best pose there."""
-        return whole_cost(Ground.of_elevation(self.elevation, self.cell_size_m, self.limits, vehicle=self.vehicle))
+        return whole_cost(
+            Ground.of_elevation(self.elevation, self.cell_size_m, self.limits, vehicle=self.vehicle)
+        )
 
     @cached_property
     def coarse(self) -> Float2D:
         """The part that is known beforehand."""
-        side, k = len(self.elevation) // self.factor, self.factor
-        means: Float2D = self.elevation.reshape(side, k, side, k).mean((1, 3), dtype=np.float64).astype(np.float32)
+        side = len(self.elevation) // self.factor
+        k = self.factor
+        means: Float2D = (
+            self.elevation.reshape(side, k, side, k)
+            .mean((1, 3), dtype=np.float64)
+            .astype(np.float32)
+        )
         return means
 
     def prices(self, prior: str, model: str | NetworkModel = "unseen") -> Float2D:
         """By one of `PRIORS`."""
-        return prices_by(prior, self.coarse, self.limits, self.cell_size_m * self.factor, self.factor, model)
+        return prices_by(
+            prior, self.coarse, self.limits, self.cell_size_m * self.factor, self.factor, model
+        )
 
     def truth(self) -> Float2D:
         """The prices by what the blocks' cells turn out to be."""
@@ -85,10 +101,14 @@ class Site:
         planner = Planner.of_coarse(*place, prior="mean", vehicle=self.vehicle, warn=False)
         assert planner.state.unseen is not None
         planner.state.unseen.layers[0] = prices
-        way, far, heading = [ends[0]], sight + planner.state.reach_cells, None
+        way = [ends[0]]
+        far = sight + planner.state.reach_cells
+        heading = None
         while way[-1] != ends[1]:
             row, col = (max(place - far, 0) for place in way[-1])
-            planner.update_elevation(row, col, self.elevation[row : way[-1][0] + far + 1, col : way[-1][1] + far + 1])
+            planner.update_elevation(
+                row, col, self.elevation[row : way[-1][0] + far + 1, col : way[-1][1] + far + 1]
+            )
             if self.vehicle is None:
                 plan = planner.plan(way[-1], ends[1], method="astar")
             else:
@@ -136,28 +156,39 @@ def drives(
 
 
 def patchy_rocks(shape: tuple[int, int], side_m: float, rng: np.random.Generator) -> Float2D:
-    """(H, W) metres by which rocks raise the cells of a map: as `draw_rocks` has them, in some places fewer."""
+    """(H, W) metres by which rocks raise the cells of a map: as `draw_rocks` has them, in some
+    places fewer.
+    """
     noise = cv2.GaussianBlur(rng.normal(size=shape), (0, 0), PATCH_M / side_m)
-    kept = LEAST_ROCKS + (1.0 - LEAST_ROCKS) * noise.ravel().argsort().argsort().reshape(shape) / noise.size
+    kept = (
+        LEAST_ROCKS
+        + (1.0 - LEAST_ROCKS) * noise.ravel().argsort().argsort().reshape(shape) / noise.size
+    )
     rocks = draw_rocks(shape, (side_m, side_m), MOST_ROCKS, rng, (0.2, 3.0))
     there = rng.random(len(rocks.places)) < kept[tuple(np.rint(rocks.places).astype(int).T)]
     return rock_heights(shape, (side_m, side_m), Rocks(*(each[there] for each in rocks)))
 
 
 def rivals(model: str, dataset: Path | None) -> dict[str, Price]:
-    """All by name: the priors, the network's controls, the truth, trees if there is a data set for them."""
+    """All by name: the priors, the network's controls, the truth, trees if there is a data set for
+    them.
+    """
     found: dict[str, Price] = {
         "optimistic": lambda site: np.zeros_like(site.coarse),
         **{prior: partial(Site.prices, prior=prior, model=model) for prior in PRIORS},
         "network, answers turned": lambda site: np.rot90(site.prices("network", model)),
-        "network, weights shuffled": lambda site: site.prices("network", shuffled(model_path(model))),
+        "network, weights shuffled": lambda site: site.prices(
+            "network", shuffled(model_path(model))
+        ),
         "truth": Site.truth,
     }
     return found if dataset is None else found | {"trees": trees(read_known(dataset))}
 
 
 def features(planes: NDArray[np.float32]) -> NDArray[np.float32]:
-    """(H · W, F) features of blocks, from a network's planes: the block's own, and of its neighbourhood."""
+    """(H · W, F) features of blocks, from a network's planes: the block's own, and of its
+    neighbourhood.
+    """
     named = dict(zip(UNSEEN, planes, strict=True))
     names = ("slope", "step", "blocked_by_slope", "above_3", "above_7", "above_15")
     heights = [named[name] for name in names]
@@ -174,61 +205,88 @@ def trees(maps: KnownMaps, rows: int = 600_000, iterations: int = 250) -> Price:
     """Boosted trees on features made by hand, trained on the network's data and targets."""
     from sklearn.ensemble import HistGradientBoostingRegressor
 
-    rng, share = np.random.default_rng(1), min(1.0, rows / maps.answers[:, 0].size)
-    inputs, wanted = list[NDArray[np.float32]](), list[NDArray[np.float32]]()
+    rng = np.random.default_rng(1)
+    share = min(1.0, rows / maps.answers[:, 0].size)
+    inputs = list[NDArray[np.float32]]()
+    wanted = list[NDArray[np.float32]]()
     for at in range(len(maps)):
         planes, answers = sample(maps, at)
         chosen = rng.random(answers[0].size) < share
         inputs.append(features(planes)[chosen])
         wanted.append(answers.reshape(len(answers), -1)[:, chosen])
-    x, y = np.concatenate(inputs), np.concatenate(wanted, axis=1)
-    settings = {"max_iter": iterations, "max_leaf_nodes": 63, "min_samples_leaf": 60, "early_stopping": False}
+    x = np.concatenate(inputs)
+    y = np.concatenate(wanted, axis=1)
+    settings = {
+        "max_iter": iterations,
+        "max_leaf_nodes": 63,
+        "min_samples_leaf": 60,
+        "early_stopping": False,
+    }
     fitted = [HistGradientBoostingRegressor(**settings).fit(x, each) for each in y]
 
     def price(site: Site) -> Float2D:
         planes = np.empty((len(UNSEEN), *site.coarse.shape), np.float32)
         encode_unseen(site.coarse, site.limits, site.cell_size_m * site.factor, site.factor, planes)
-        answers = np.array([np.clip(each.predict(features(planes)), 0.0, 1.0) for each in fitted], np.float32)
+        answers = np.array(
+            [np.clip(each.predict(features(planes)), 0.0, 1.0) for each in fitted], np.float32
+        )
         return prices_of(answers.reshape(len(answers), *site.coarse.shape))
 
     return price
 
 
 def table(excess: Mapping[str, NDArray[np.float64]], reference: str = "slope") -> str:
-    """Mean excess and its standard error, 90th percentile, and the paired difference to the reference, in percent.
+    """Mean excess and its standard error, 90th percentile, and the paired difference to the
+    reference, in percent.
 
     Of the drives on which nobody was stuck; and how often each was.
     """
     lines = [
-        f"{'price':28} {'mean':>6} {'s.e.':>5} {'p90':>6}   {'to ' + reference:>9} {'s.e.':>5} {'ratio':>6}  stuck"
+        f"{'price':28} {'mean':>6} {'s.e.':>5} {'p90':>6}   {'to ' + reference:>9} {'s.e.':>5} "
+        f"{'ratio':>6}  stuck"
     ]
     free = np.isfinite(list(excess.values())).all(axis=0)
-    base, root = excess[reference][free], math.sqrt(free.sum())
+    base = excess[reference][free]
+    root = math.sqrt(free.sum())
     for name, found in ((name, each[free]) for name, each in excess.items()):
-        apart, stuck = found - base, np.isinf(excess[name]).sum()
+        apart = found - base
+        stuck = np.isinf(excess[name]).sum()
         figures = [100 * found.mean(), 100 * found.std() / root, 100 * np.quantile(found, 0.9)]
         paired = [100 * apart.mean(), 100 * apart.std() / root, found.mean() / base.mean()]
         lines.append(
-            "{:28} {:6.2f} {:5.2f} {:6.2f}   {:+9.2f} {:5.2f} {:6.2f} {:6}".format(name, *figures, *paired, stuck)
+            "{:28} {:6.2f} {:5.2f} {:6.2f}   {:+9.2f} {:5.2f} {:6.2f} {:6}".format(
+                name, *figures, *paired, stuck
+            )
         )
     return "\n".join(lines)
 
 
 def main() -> None:
     """Drive, and print the table."""
-    parser = argparse.ArgumentParser(prog="python -m nnpp_edge.benchmarks.unseen", description=__doc__)
+    parser = argparse.ArgumentParser(
+        prog="python -m nnpp_edge.benchmarks.unseen", description=__doc__
+    )
     parser.add_argument("tile", type=Path)
-    for name, default in (("factor", 8), ("sight", 16), ("drives", 200), ("side", 256), ("seed", 1)):
+    for name, default in (
+        ("factor", 8),
+        ("sight", 16),
+        ("drives", 200),
+        ("side", 256),
+        ("seed", 1),
+    ):
         parser.add_argument(f"--{name}", type=int, default=default)
     parser.add_argument("--workload", default="soft")
-    parser.add_argument("--rescale", type=float, help="as of nnpp-edge plan; a vehicle has a quarter of its length")
+    parser.add_argument(
+        "--rescale", type=float, help="as of nnpp-edge plan; a vehicle has a quarter of its length"
+    )
     parser.add_argument("--vehicle", help="whose body drives among rocks, as of nnpp-edge plan")
     parser.add_argument("--model", default="unseen")
     parser.add_argument("--dataset", type=Path, help="to train trees on")
     parser.add_argument("--only", help="names of rivals, joined by slashes, the slope among them")
     parser.add_argument("--json", action="store_true")
     given = parser.parse_args()
-    dem, vehicle = read_dem(given.tile), load_vehicle(given.vehicle) if given.vehicle else None
+    dem = read_dem(given.tile)
+    vehicle = load_vehicle(given.vehicle) if given.vehicle else None
     if size_m := given.rescale or (vehicle and vehicle.length_m / 4):
         dem = dem.rescaled(size_m)
     found = rivals(given.model, given.dataset)
@@ -238,7 +296,11 @@ def main() -> None:
     for site, ends, optimum in drives(*maps, side=given.side, seed=given.seed, vehicle=vehicle):
         for name in wanted:
             excess[name].append(site.driven(ends, found[name](site), given.sight) / optimum - 1.0)
-    print(json.dumps(excess) if given.json else table({name: np.array(each) for name, each in excess.items()}))
+    print(
+        json.dumps(excess)
+        if given.json
+        else table({name: np.array(each) for name, each in excess.items()})
+    )
 
 
 if __name__ == "__main__":

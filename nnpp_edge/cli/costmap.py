@@ -35,12 +35,12 @@ def command(
 ) -> None:
     """Write the traversability cost of an elevation map, and a PNG picture of it.
 
-    Costs lie in [0, 1). A GeoTIFF keeps the DEM's georeference; its impassable cells are NaN, declared as
-    nodata. In .npy and .npz (arrays cost, cell_size_m, cell_width_m) they are inf. In the picture, whiter is
-    costlier and impassable cells are brown.
+    Costs lie in [0, 1). A GeoTIFF keeps the DEM's georeference; its impassable cells are NaN,
+    declared as nodata. In .npy and .npz (arrays cost, cell_size_m, cell_width_m) they are inf. In
+    the picture, whiter is costlier and impassable cells are brown.
 
-    A raster too large for the memory that is free, or for --memory, is read by windows; its cost map is written as a
-    GeoTIFF, a band after another.
+    A raster too large for the memory that is free, or for --memory, is read by windows; its cost
+    map is written as a GeoTIFF, a band after another.
 
     \b
     nnpp-edge costmap dem.tif -o cost.tif --workload limit20
@@ -56,7 +56,9 @@ def command(
 
     by_windows = reads_by_windows(dem, memory, _BYTES_PER_CELL)
     if by_windows and output.suffix.lower() not in _RASTERS:
-        raise InvalidQueryError(f"--output must end in .tif for a map that is read by windows, got {output.name!r}")
+        raise InvalidQueryError(
+            f"--output must end in .tif for a map that is read by windows, got {output.name!r}"
+        )
     with terrain.open(dem) if by_windows else nullcontext(terrain.read(dem)) as ground:
         share = _write(ground, limits, output, picture)
     files = [str(output), str(picture)]
@@ -65,13 +67,18 @@ def command(
         "passable": f"{100 * share:.2f} % of cells",
         "written": ", ".join(files),
     }
-    tell(as_json, size_of(ground) | {"passable_share": share, "files": files}, lambda: aligned(lines))
+    tell(
+        as_json, size_of(ground) | {"passable_share": share, "files": files}, lambda: aligned(lines)
+    )
 
 
-def _write(ground: "Dem | DemWindows", limits: "Traversability", output: Path, picture: Path) -> float:
+def _write(
+    ground: "Dem | DemWindows", limits: "Traversability", output: Path, picture: Path
+) -> float:
     """Write cost map and picture; the share of cells that are passable.
 
-    Of a map in memory both or none are written; one read by windows becomes a GeoTIFF, a band after another.
+    Of a map in memory both or none are written; one read by windows becomes a GeoTIFF, a band after
+    another.
     """
     import numpy as np
 
@@ -87,18 +94,21 @@ def _write(ground: "Dem | DemWindows", limits: "Traversability", output: Path, p
 
     nodata = np.float32(np.nan)
     if isinstance(ground, Dem):
-        cost, content = cost_of(ground, limits), io.BytesIO()
+        cost = cost_of(ground, limits)
+        content = io.BytesIO()
         if output.suffix.lower() in _RASTERS:
             content.write(raster_bytes(output, np.where(np.isfinite(cost), cost, nodata), ground))
         elif output.suffix.lower() == ".npy":
             np.save(content, cost)
         else:
-            size, width = ground.cell_size_m, ground.cell_width_m
+            size = ground.cell_size_m
+            width = ground.cell_width_m
             np.savez_compressed(content, cost=cost, cell_size_m=size, cell_width_m=width)
         drawn = cost_map_picture(cost, cell_size_m=ground.cell_width_m)
         write_all({output: content.getvalue(), picture: png_bytes(drawn)})
         return float(np.isfinite(cost).mean())
-    passable, sampled = 0, []
+    passable = 0
+    sampled = []
     step = -(-max(ground.shape) // _MOST_PIXELS)
     with staged(output) as temporary:
         with (

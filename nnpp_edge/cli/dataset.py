@@ -12,17 +12,29 @@ from nnpp_edge.cli.ground_options import TerrainOptions
 from nnpp_edge.cli.text import tell
 
 _POINTS = "On a map; pairs far enough apart are queries."
-_SIZE = "Side of the network's input, or a multiple of it: 64 for edge, 256 for nnpp; with --known 32 blocks. [256]"
-_PAPERS_MAPS = "Maps as the paper's: its cost without hard limits, cells of 20 m, none averaged or with a margin."
-_OWN_CELLS = "Leave the terrain's cells and heights as they are; else it is rescaled to cells of 1 to 20 m."
-_LEAVE = "Leave out this share of each file, a stripe at the end of its longer side, for --held-out."
+_SIZE = (
+    "Side of the network's input, or a multiple of it: 64 for edge, 256 for nnpp; with "
+    "--known 32 blocks. [256]"
+)
+_PAPERS_MAPS = (
+    "Maps as the paper's: its cost without hard limits, cells of 20 m, none averaged "
+    "or with a margin."
+)
+_OWN_CELLS = (
+    "Leave the terrain's cells and heights as they are; else it is rescaled to cells of 1 to 20 m."
+)
+_LEAVE = (
+    "Leave out this share of each file, a stripe at the end of its longer side, for --held-out."
+)
 _KNOWN = "Maps are known by means of so many cells to a side, for --architecture unseen."
 _SCHEDULER = "Of a Dask scheduler (tcp://10.0.0.5:8786) to make the shards."
 
 
 @options.command("dataset")
 def command(
-    terrain_files: Annotated[tuple[Path, ...], options.MAP, {"nargs": -1, "metavar": "[TERRAIN]..."}] = (),
+    terrain_files: Annotated[
+        tuple[Path, ...], options.MAP, {"nargs": -1, "metavar": "[TERRAIN]..."}
+    ] = (),
     /,
     *,
     output: Annotated[Path, "-o", options.FOLDER, "Folder; resumed if it holds a part."],
@@ -30,7 +42,9 @@ def command(
     size: Annotated[int | None, options.COUNT, _SIZE] = None,
     points: Annotated[int, click.IntRange(2, 1000), _POINTS] = 4,
     synthetic_share: Annotated[float, options.SHARE] = 0.25,
-    obstacle_share: Annotated[float, options.SHARE, "Share of maps with rectangles of cost 1."] = 0.3,
+    obstacle_share: Annotated[
+        float, options.SHARE, "Share of maps with rectangles of cost 1."
+    ] = 0.3,
     validation_share: Annotated[float, options.Real(0.0, 1.0, max_open=True), _LEAVE] = 0.0,
     held_out: Annotated[bool, "Use only that stripe, for validation."] = False,
     own_cell_size: Annotated[bool, _OWN_CELLS] = False,
@@ -45,22 +59,25 @@ def command(
 ) -> None:
     """Make a training set from TERRAIN files (without any: from synthetic terrain alone).
 
-    Maps are random crops at several rescalings, under soft and hard limits, some with obstacles; labels are
-    computed by the exact search. With --limit or --workload all maps are made by those. The format
-    is described in docs/dataset.md.
+    Maps are random crops at several rescalings, under soft and hard limits, some with obstacles;
+    labels are computed by the exact search. With --limit or --workload all maps are made by those.
+    The format is described in docs/dataset.md.
 
     \b
     nnpp-edge dataset train/*.tif -o data/train --maps 9216
     nnpp-edge dataset train/*.tif -o data/unseen --maps 6000 --known 4,8,16
-    nnpp-edge dataset dem.tif -o data/train --validation-share 0.2 --own-cell-size --limit hard_slope_deg=20
-    nnpp-edge dataset dem.tif -o data/val --validation-share 0.2 --held-out --own-cell-size --limit hard_slope_deg=20
+    nnpp-edge dataset dem.tif -o data/train --validation-share 0.2 --own-cell-size
+    nnpp-edge dataset dem.tif -o data/val --validation-share 0.2 --own-cell-size --held-out
     """
     own_limits = bool(terrain.limit or terrain.workload)
     if workers and scheduler:
-        raise click.UsageError("--workers counts processes on this machine; leave it out with --scheduler")
+        raise click.UsageError(
+            "--workers counts processes on this machine; leave it out with --scheduler"
+        )
     if papers_maps and (own_cell_size or terrain.rescale or own_limits):
         raise click.UsageError(
-            "--papers-maps decides cells and limits: leave out --own-cell-size, --rescale and limits"
+            "--papers-maps decides cells and limits: leave out --own-cell-size, --rescale and "
+            "limits"
         )
     if own_cell_size and (terrain.rescale or not terrain_files):
         raise click.UsageError("--own-cell-size goes with TERRAIN files, and without --rescale")
@@ -76,12 +93,19 @@ def command(
     kind: dict[str, object] = {}
     if papers_maps:
         soft = (("soft", 1.0),)
-        kind = {"workloads": soft, "cell_sizes_m": (20.0,), "poolings": ((1, 1.0),), "margin_share": 0.0}
+        kind = {
+            "workloads": soft,
+            "cell_sizes_m": (20.0,),
+            "poolings": ((1, 1.0),),
+            "margin_share": 0.0,
+        }
     if own_cell_size or terrain.rescale:
         kind["cell_sizes_m"] = () if terrain.rescale is None else (terrain.rescale,)
     if own_limits:
         papers = asdict(Traversability())
-        own = {name: value for name, value in asdict(terrain.limits()).items() if value != papers[name]}
+        own = {
+            name: value for name, value in asdict(terrain.limits()).items() if value != papers[name]
+        }
         kind |= {"limits": own, "workloads": ((terrain.workload or "soft", 1.0),)}
     if known:
         kind |= {"known": True, "poolings": tuple((factor, 1.0) for factor in known)}
@@ -104,12 +128,14 @@ def command(
     with bar("shards", recipe.shards) as advance:
         counts = make_dataset(recipe, output, workers=workers, make=make, progress=advance)
     words = (
-        f"{output}: {counts['shards']} of {counts['of']} shards, {counts['maps']} maps, {counts['queries']} queries"
+        f"{output}: {counts['shards']} of {counts['of']} shards, {counts['maps']} maps, "
+        f"{counts['queries']} queries"
     )
     if known:
         slope = fitted_slope(read_known(output))
         counts |= slope._asdict()
         words += (
-            f"\nby the slope T is {slope.floor:g} + {slope.gain:g} × its share of the limit, spread {slope.spread:g}"
+            f"\nby the slope T is {slope.floor:g} + {slope.gain:g} × its share of the limit, "
+            f"spread {slope.spread:g}"
         )
     tell(as_json, counts | {"folder": str(output)}, lambda: words)

@@ -15,7 +15,9 @@ from nnpp_edge.cli.text import columns, table, tell
 if TYPE_CHECKING:
     from nnpp_edge.profiling.suites import Case
 
-_WORKLOADS = "soft, limit20, limit15 or any limitN; with a vehicle body, body-rocks10 or any body-rocksN."
+_WORKLOADS = (
+    "soft, limit20, limit15 or any limitN; with a vehicle body, body-rocks10 or any body-rocksN."
+)
 _MODEL = "Shipped model or file for nnpp of a point; several are compared."
 _FRESH_MAP = "Also from elevations to the path on a map that has just arrived, lazily and eagerly."
 _MIN_DISTANCE = "Between start and goal, as a share of the map's side."
@@ -29,18 +31,32 @@ _COLUMNS = {
     **_GAPS,
     **columns("ms/median: time_ms_median | ms/p99: time_ms_p99"),
     **columns("speed-up/median: speedup_median | speed-up/total: speedup_total"),
-    **columns("expan-/sions: expansions_median | region: region_share_mean .1% | MM: mm_mean | CC: cc_mean"),
+    **columns(
+        "expan-/sions: expansions_median | region: region_share_mean .1% | MM: mm_mean | CC: "
+        "cc_mean"
+    ),
 }
 _FRESH_COLUMNS = {
-    **columns("workload | size | method | n | elevation →/path, ms: fresh_ms_median | p99: fresh_ms_p99"),
-    **columns("times as fast as/astar-eager: fresh_speedup_median | costs/computed: costs_computed_mean .1%"),
-    **columns("gap/mean: fresh_gap_mean z.2% | gap/p99: fresh_gap_p99 z.2% | standing/map, ms: time_ms_median"),
+    **columns(
+        "workload | size | method | n | elevation →/path, ms: fresh_ms_median | p99: fresh_ms_p99"
+    ),
+    **columns(
+        "times as fast as/astar-eager: fresh_speedup_median | costs/computed: costs_computed_mean "
+        ".1%"
+    ),
+    **columns(
+        "gap/mean: fresh_gap_mean z.2% | gap/p99: fresh_gap_p99 z.2% | standing/map, ms: "
+        "time_ms_median"
+    ),
 }
 _BODY_COLUMNS = {
     **columns("workload | size | method | n | without/a path: unsolvable"),
     **_SUCCESS,
     **_GAPS,
-    **columns("poses/checked: checks_mean | of all: checks_share_mean .1% | expan-/sions: expansions_median"),
+    **columns(
+        "poses/checked: checks_mean | of all: checks_share_mean .1% | expan-/sions: "
+        "expansions_median"
+    ),
     **columns("ms/median: time_ms_median | ms/p95: time_ms_p95 | ms/p99: time_ms_p99"),
     **columns("elevation →/path, ms: fresh_ms_median | p99: fresh_ms_p99"),
     **columns("p99 without/fallback: fresh_ms_p99_first"),
@@ -49,7 +65,9 @@ _BODY_COLUMNS = {
 
 @options.command("evaluate")
 def command(
-    more_terrain: Annotated[tuple[Path, ...], options.MAP, {"nargs": -1, "metavar": "[FILE]..."}] = (),
+    more_terrain: Annotated[
+        tuple[Path, ...], options.MAP, {"nargs": -1, "metavar": "[FILE]..."}
+    ] = (),
     /,
     *,
     terrain: options.TerrainFiles = (),
@@ -65,7 +83,9 @@ def command(
     methods: Annotated[tuple[str, ...], options.NAMES] = ("astar", "corridor", "nnpp"),
     models: _MODELS = ("edge",),
     robot: VehicleOptions,
-    repeats: Annotated[int, options.COUNT, "Times each planner answers each query; its median time counts."] = 3,
+    repeats: Annotated[
+        int, options.COUNT, "Times each planner answers each query; its median time counts."
+    ] = 3,
     fresh_map: Annotated[bool, _FRESH_MAP] = False,
     seed: options.Seed = 1,
     as_json: options.AsJson = False,
@@ -73,20 +93,22 @@ def command(
 ) -> None:
     """Compare planners on many queries, in one interleaved run.
 
-    Every planner gets the same maps and queries, in turns. Speed-ups and gaps are against exact A* on the
-    same query. Times count the whole job, widening and fallback included.
+    Every planner gets the same maps and queries, in turns. Speed-ups and gaps are against exact A*
+    on the same query. Times count the whole job, widening and fallback included.
 
-    With --fresh-map each planner is also made from the elevations for every query, all of it timed, and so is a
-    corridor with the learned region's narrow bands (corridor-narrow): nnpp without a network.
+    With --fresh-map each planner is also made from the elevations for every query, all of it timed,
+    and so is a corridor with the learned region's narrow bands (corridor-narrow): nnpp without a
+    network.
 
-    With --step-cost all planners use costs by the slope; the network was trained for costs without a direction.
+    With --step-cost all planners use costs by the slope; the network was trained for costs without
+    a direction.
 
-    The workloads body and body-rocksN, rocks on N percent of the ground, need a vehicle: every query gets a new
-    planner, which has checked no poses.
+    The workloads body and body-rocksN, rocks on N percent of the ground, need a vehicle: every
+    query gets a new planner, which has checked no poses.
 
     \b
     nnpp-edge evaluate --terrain dem.tif --rescale 20 --workload soft,limit15 --sizes 256,512
-    nnpp-edge evaluate --terrain dem.tif --rescale 20 --sizes 256,512,1024,2048 --fresh-map --markdown
+    nnpp-edge evaluate --terrain dem.tif --rescale 20 --sizes 256,1024 --fresh-map --markdown
     nnpp-edge evaluate --terrain dem.tif --vehicle small-rover --workload body,body-rocks10
     """
     from nnpp_edge.profiling import suites
@@ -104,8 +126,11 @@ def command(
     if as_json and markdown:
         raise click.UsageError("give one of --json and --markdown")
     if unknown := set(methods) - set(Method):
-        raise click.UsageError(f"--methods must be of {', '.join(Method)}, got {', '.join(sorted(unknown))}")
-    body, directed = robot.body(), robot.step_cost != "paper"
+        raise click.UsageError(
+            f"--methods must be of {', '.join(Method)}, got {', '.join(sorted(unknown))}"
+        )
+    body = robot.body()
+    directed = robot.step_cost != "paper"
     if (bodies := of_bodies(workloads)) and body is None:
         raise click.UsageError(f"--workload {bodies[0]} needs a vehicle: give --vehicle")
     if body and not bodies:
@@ -115,7 +140,8 @@ def command(
     limits = "".join(f" {each.word}" for each in limit)
     points = [name for name in workloads if name not in bodies]
     own = {
-        name: TerrainOptions(limit=limit, workload=name if name in points else None).limits() for name in workloads
+        name: TerrainOptions(limit=limit, workload=name if name in points else None).limits()
+        for name in workloads
     }
     needed = models if points and {Method.NNPP, Method.AUTO} & set(methods) else ()
     networks = {Path(name).stem: NetworkModel(name) for name in needed}
@@ -129,7 +155,9 @@ def command(
 
     def cases(name: str, size: int) -> "Iterator[Case]":
         for case in suites.terrain_cases(dems, name, size, seed, min_distance, body, own[name]):
-            yield replace(case, ground=replace(case.ground, step_cost=robot.step_cost, mobility=mobility))
+            yield replace(
+                case, ground=replace(case.ground, step_cost=robot.step_cost, mobility=mobility)
+            )
 
     runs = list(product(workloads, sizes))
     rows: list[dict[str, str | float | None]] = []
@@ -152,6 +180,8 @@ def command(
         if fresh_map:
             tables.append(([row for row in rows if row["workload"] not in bodies], _FRESH_COLUMNS))
         tables.append(([row for row in rows if row["workload"] in bodies], _BODY_COLUMNS))
-        return "\n\n".join(table(each, shown_as, markdown=markdown) for each, shown_as in tables if each)
+        return "\n\n".join(
+            table(each, shown_as, markdown=markdown) for each, shown_as in tables if each
+        )
 
     tell(as_json, rows, text, indent=1)

@@ -18,7 +18,9 @@ def command(
     checkpoint: Annotated[Path, options.PATH],
     /,
     output: Annotated[Path, "-o", options.NEW_FILE, "The ONNX file."],
-    name: Annotated[str | None, "Of the model, in its metadata; by default the output's name."] = None,
+    name: Annotated[
+        str | None, "Of the model, in its metadata; by default the output's name."
+    ] = None,
     region_factor: Annotated[float, options.Real(0.0, 1.0, min_open=True), _FACTOR] = 0.5,
     dataset: Annotated[Path | None, options.FOLDER, _DATASET] = None,
     as_json: options.AsJson = False,
@@ -57,7 +59,8 @@ def command(
     words = (
         f"{made.path}: {made.size_bytes / 1e6:.2f} MB, {made.nodes} nodes, "
         f"{made.macs / 1e6:.0f} million multiply-accumulates\n"
-        f"  parity {'passed' if compared.passed else 'FAILED'}: largest difference {compared.max_difference:.1e} "
+        f"  parity {'passed' if compared.passed else 'FAILED'}: largest difference "
+        f"{compared.max_difference:.1e} "
         f"of {compared.limit:.0e} allowed, over {compared.queries} {queries}"
     )
     tell(as_json, asdict(made) | {"parity": asdict(compared)}, lambda: words)

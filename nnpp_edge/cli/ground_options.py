@@ -1,4 +1,6 @@
-"""The options that make a ground: how its map is read, its limits, who drives there and at what cost."""
+"""The options that make a ground: how its map is read, its limits, who drives there and at what
+cost.
+"""
 
 import warnings
 from contextlib import AbstractContextManager
@@ -18,8 +20,11 @@ if TYPE_CHECKING:
     from nnpp_edge.terrain.dem import Dem, DemWindows
     from nnpp_edge.terrain.georeference import Place
 
-_CELLS_A_BODY, _RESAMPLED = 4.0, 6.0
-"""Cells along a body below which a warning says so, and those along it after the resampling that it names."""
+_CELLS_A_BODY = 4.0
+_RESAMPLED = 6.0
+"""Cells along a body below which a warning says so, and those along it after the resampling that it
+names.
+"""
 _MOST_UNEQUAL_GRAVITY = 0.01
 """Share by which the map's gravity may differ from the file's before a warning says so."""
 
@@ -28,7 +33,8 @@ Limit = Annotated[
     tuple[Setting, ...],
     SettingType("nnpp_edge.runtime.terrain.traversability:Traversability", "hard_slope_deg=20"),
     MANY,
-    "Set a limit of the cost; by default slope_limit_deg=30, roughness_limit_m=0.6 and step_limit_m=0.2. "
+    "Set a limit of the cost; by default slope_limit_deg=30, roughness_limit_m=0.6 and "
+    "step_limit_m=0.2. "
     "Cells beyond hard_slope_deg, hard_roughness_m or hard_step_m are impassable. May be repeated.",
 ]
 
@@ -41,7 +47,8 @@ class TerrainOptions:
     rescale: Rescale = None
     limit: Limit = ()
     workload: Annotated[
-        str | None, "soft (the paper's cost), or limitN: φ_s = N degrees, and steeper cells are impassable."
+        str | None,
+        "soft (the paper's cost), or limitN: φ_s = N degrees, and steeper cells are impassable.",
     ] = None
 
     def read(self, path: Path) -> "Dem":
@@ -69,7 +76,9 @@ class TerrainOptions:
             return limits
         twice = [name for name in values if name in ("slope_limit_deg", "hard_slope_deg")]
         if twice and self.workload != SOFT:
-            raise click.UsageError(f"--workload {self.workload} sets the slope limits: leave out --limit {twice[0]}")
+            raise click.UsageError(
+                f"--workload {self.workload} sets the slope limits: leave out --limit {twice[0]}"
+            )
         return limits_of(self.workload, limits)
 
 
@@ -77,19 +86,23 @@ class TerrainOptions:
 class VehicleOptions:
     """A vehicle's name or file with values in place of its own, and what a step costs it."""
 
-    vehicle: Annotated[str | None, {"metavar": "NAME|FILE"}, "small-rover, large-rover, tracked, or a TOML file."] = (
-        None
-    )
+    vehicle: Annotated[
+        str | None, {"metavar": "NAME|FILE"}, "small-rover, large-rover, tracked, or a TOML file."
+    ] = None
     settings: Annotated[
         tuple[Setting, ...],
         "--set",
         SettingType("nnpp_edge.runtime.terrain.vehicle:Vehicle", "clearance_m=0.3", "mobility"),
         MANY,
-        "Set a value of the vehicle's file, such as clearance_m=0.3 or mobility.energy.gravity_m_s2=1.62. "
+        "Set a value of the vehicle's file, such as clearance_m=0.3 or "
+        "mobility.energy.gravity_m_s2=1.62. "
         "radius_m=0.5 alone is a disc. May be repeated.",
     ] = ()
     mobility_file: Annotated[
-        str | None, "--mobility", {"metavar": "NAME|FILE"}, "Take the table [mobility] from another file."
+        str | None,
+        "--mobility",
+        {"metavar": "NAME|FILE"},
+        "Take the table [mobility] from another file.",
     ] = None
     step_cost: StepCost = "paper"
 
@@ -104,30 +117,41 @@ class VehicleOptions:
 
     def check_turns(self, refine: str | None) -> None:
         """Refuse a turning radius that was set for a disc whose paths stay on the grid."""
-        wanted = not refine and any("turning_radius_m" in setting.values for setting in self.settings)
+        wanted = not refine and any(
+            "turning_radius_m" in setting.values for setting in self.settings
+        )
         if wanted and (body := self.body()) is not None and body.is_disc:
-            raise click.UsageError("turning_radius_m needs --refine any-angle: paths on the grid turn in a cell")
+            raise click.UsageError(
+                "turning_radius_m needs --refine any-angle: paths on the grid turn in a cell"
+            )
 
     def mobility(self, place: "Place | None" = None) -> "Mobility":
         """How the vehicle gets up and down; a hiker's way where nothing is said.
 
-        Energy goes by the gravity that was set, else by that of the map's body, else by the file's: a warning says
-        where the map's differs from the file's.
+        Energy goes by the gravity that was set, else by that of the map's body, else by the file's:
+        a warning says where the map's differs from the file's.
         """
         from nnpp_edge.runtime.map.slope_cost import Mobility
         from nnpp_edge.terrain.coordinates import gravity_of
         from nnpp_edge.terrain.vehicle_files import mobility_of
 
-        values, source = self._values(), Path(self.mobility_file or self.vehicle or "--set").name
+        values = self._values()
+        source = Path(self.mobility_file or self.vehicle or "--set").name
         found = mobility_of(values["mobility"], source) if "mobility" in values else Mobility()
-        if found.energy is None or place is None or any("gravity_m_s2" in each.word for each in self.settings):
+        if (
+            found.energy is None
+            or place is None
+            or any("gravity_m_s2" in each.word for each in self.settings)
+        ):
             return found
-        gravity, own = gravity_of(place), found.energy.gravity_m_s2
+        gravity = gravity_of(place)
+        own = found.energy.gravity_m_s2
         if gravity is None:
             return found
         if abs(gravity / own - 1.0) > _MOST_UNEQUAL_GRAVITY:
             warnings.warn(
-                f"energy uses {gravity:g} m/s², the gravity of the map's body, not the vehicle's {own:g}; "
+                f"energy uses {gravity:g} m/s², the gravity of the map's body, not the vehicle's "
+                f"{own:g}; "
                 "--set mobility.energy.gravity_m_s2=… overrides it",
                 stacklevel=2,
             )
@@ -167,7 +191,8 @@ class KnownOptions:
     prior: Annotated[
         str,
         click.Choice(["network", "slope", "eq1", "mean"]),
-        "With --known, how unseen ground is estimated: by a network, the coarse slope, NNPP's Eq. 1, or one mean.",
+        "With --known, how unseen ground is estimated: by a network, the coarse slope, NNPP's Eq. "
+        "1, or one mean.",
     ] = "network"
 
 
@@ -178,21 +203,27 @@ class GroundOptions(VehicleOptions, TerrainOptions):
     resample: Resample = None
 
     def read(self, path: Path) -> "Dem":
-        """As `TerrainOptions.read`; a warning says where cells of the file lie on a map that was made finer."""
+        """As `TerrainOptions.read`; a warning says where cells of the file lie on a map that was
+        made finer.
+        """
         dem = super().read(path)
         if self.resample is None:
             return dem
         finer = dem.resampled(self.resample)
-        (rows, cols), times = finer.shape, dem.cell_size_m / finer.cell_size_m
+        rows, cols = finer.shape
+        times = dem.cell_size_m / finer.cell_size_m
         warnings.warn(
-            f"resampled to {rows} × {cols} cells of {finer.cell_size_m:g} m: cell (row, col) of the file is now "
+            f"resampled to {rows} × {cols} cells of {finer.cell_size_m:g} m: cell (row, col) of "
+            "the file is now "
             f"({times:.4g} row, {times:.4g} col); xy:X,Y is the same place on both maps",
             stacklevel=2,
         )
         return finer
 
     def of(self, dem: "Dem") -> "Ground":
-        """The ground of an elevation map; a warning says where its cells are too coarse for the vehicle."""
+        """The ground of an elevation map; a warning says where its cells are too coarse for the
+        vehicle.
+        """
         from nnpp_edge.runtime.map.ground import Ground
 
         self.warn_if_coarse(dem)
@@ -210,16 +241,25 @@ class GroundOptions(VehicleOptions, TerrainOptions):
         """The ground of a map of which each cell is the mean of `factor` × `factor`."""
         from nnpp_edge.runtime.map.ground import Ground
 
-        width, body, place = dem.cell_width_m, self.body(), (dem.elevation, dem.cell_size_m, factor, self.limits())
-        return Ground.of_coarse(*place, prior=prior, cell_width_m=width, vehicle=body, step_cost=self.step_cost)
+        width = dem.cell_width_m
+        body = self.body()
+        place = (dem.elevation, dem.cell_size_m, factor, self.limits())
+        return Ground.of_coarse(
+            *place, prior=prior, cell_width_m=width, vehicle=body, step_cost=self.step_cost
+        )
 
     def warn_if_coarse(self, dem: "Dem") -> None:
-        """Warn of cells beside which the vehicle is so short that little is known of the ground below it."""
-        body, side = self.body(), max(dem.cell_size_m, dem.cell_width_m)
+        """Warn of cells beside which the vehicle is so short that little is known of the ground
+        below it.
+        """
+        body = self.body()
+        side = max(dem.cell_size_m, dem.cell_width_m)
         if body is None or body.is_disc or body.length_m >= _CELLS_A_BODY * side:
             return
         warnings.warn(
-            f"cells of {side:.4g} m are coarse for a body of {body.length_m:g} × {body.width_m:g} m: a rock narrower "
-            f"than a cell is not seen; --resample {body.length_m / _RESAMPLED:.2g} checks between the cells",
+            f"cells of {side:.4g} m are coarse for a body of {body.length_m:g} × {body.width_m:g} "
+            "m: a rock narrower "
+            f"than a cell is not seen; --resample {body.length_m / _RESAMPLED:.2g} checks between "
+            "the cells",
             stacklevel=2,
         )

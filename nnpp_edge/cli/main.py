@@ -68,19 +68,25 @@ class LazyGroup(click.Group):
 @click.version_option(__version__, prog_name="nnpp-edge")
 @click.pass_context
 def cli(context: click.Context) -> None:
-    """Learned path planning on a robot's own computer: elevation map in, safe and nearly optimal path out."""
+    """Learned path planning on a robot's own computer: elevation map in, safe and nearly optimal
+    path out.
+    """
     if context.invoked_subcommand is None:
         click.echo(context.get_help(), err=True)
         context.exit(2)
 
 
-def _show_warning(message: Warning | str, category: type[Warning], *_: object, **__: object) -> None:
+def _show_warning(
+    message: Warning | str, category: type[Warning], *_: object, **__: object
+) -> None:
     if not issubclass(category, DeprecationWarning):
         _tell(f"warning: {message}")
 
 
 def main() -> None:
-    """Run the command. Wrong use and bad input end in one line and exit code 2, as does a stdout that is full."""
+    """Run the command. Wrong use and bad input end in one line and exit code 2, as does a stdout
+    that is full.
+    """
     _prepare_streams()
     warnings.showwarning = _show_warning
     notice.tell = functools.partial(click.echo, err=True)
@@ -90,8 +96,13 @@ def main() -> None:
         click.echo("stopped", err=True)
         sys.exit(1)
     except click.UsageError as error:
-        message, command = error.format_message(), error.ctx.command_path if error.ctx else "nnpp-edge"
-        if "extra argument" in message and error.ctx and any("--map" in it.opts for it in error.ctx.command.params):
+        message = error.format_message()
+        command = error.ctx.command_path if error.ctx else "nnpp-edge"
+        if (
+            "extra argument" in message
+            and error.ctx
+            and any("--map" in it.opts for it in error.ctx.command.params)
+        ):
             message = f"{message.rstrip('.')}: a map is given by --map"
         _refuse(f"{message[0].lower()}{message[1:].rstrip('.')}; see {command} --help")
     except (NnppEdgeError, click.ClickException) as error:
@@ -102,10 +113,13 @@ def main() -> None:
         _refuse(f"not enough memory ({error})" if str(error) else "not enough memory")
     except ModuleNotFoundError as error:
         package = (error.name or "").partition(".")[0]
-        if (extra := next((extra for extra, names in _EXTRAS.items() if package in names), None)) is None:
+        if (
+            extra := next((extra for extra, names in _EXTRAS.items() if package in names), None)
+        ) is None:
             raise
         _refuse(f"this needs {package}: pip install 'nnpp-edge[{extra}]'")
-    finally:  # what the interpreter does at its end, a KeyboardInterrupt would break off with a traceback
+    finally:
+        # at the interpreter's end, a KeyboardInterrupt would print a traceback
         atexit.register(signal.signal, signal.SIGINT, signal.SIG_DFL)
 
 
@@ -115,31 +129,43 @@ def _refuse(message: str) -> NoReturn:
 
 
 def _tell(line: str) -> None:
-    """Print a line on stderr; what a file's name brought along can neither break it nor steer a terminal."""
+    """Print a line on stderr; what a file's name brought along can neither break it nor steer a
+    terminal.
+    """
     click.echo("".join(each if each.isprintable() else repr(each)[1:-1] for each in line), err=True)
 
 
 def _prepare_streams() -> None:
     """Open what is closed, and replace stdout and stderr by streams whose failures do no harm.
 
-    A closed one would give its number to the next file that is opened, and what a library prints would end in there.
-    Streams that a test or another program has put in their place stay.
+    A closed one would give its number to the next file that is opened, and what a library prints
+    would end in there. Streams that a test or another program has put in their place stay.
     """
-    for descriptor, mode in ((0, os.O_RDONLY), (1, os.O_RDONLY), (2, os.O_WRONLY)):  # writing to 1 then fails
+    for descriptor, mode in (
+        (0, os.O_RDONLY),
+        (1, os.O_RDONLY),
+        (2, os.O_WRONLY),
+    ):  # writing to 1 then fails
         try:
             os.fstat(descriptor)
         except OSError:
             os.open(os.devnull, mode)  # gets the lowest number that is free
     for name, descriptor in (("stdout", 1), ("stderr", 2)):
         own = getattr(sys, f"__{name}__")
-        if getattr(sys, name) is own:  # as Python makes its own; characters that the encoding lacks are escaped
+        if (
+            getattr(sys, name) is own
+        ):  # as Python makes its own; characters that the encoding lacks are escaped
             raw = io.BufferedWriter(_Stream(descriptor, "w", closefd=False))
             encoding = own.encoding if own else None
-            setattr(sys, name, io.TextIOWrapper(raw, encoding, "backslashreplace", line_buffering=True))
+            setattr(
+                sys, name, io.TextIOWrapper(raw, encoding, "backslashreplace", line_buffering=True)
+            )
 
 
 class _Stream(io.FileIO):
-    """Takes everything, also what cannot be written; but stdout fails once: what is left in a buffer not again."""
+    """Takes everything, also what cannot be written; but stdout fails once: what is left in a
+    buffer not again.
+    """
 
     _failed = False
 

@@ -1,4 +1,6 @@
-"""A map as commands meet it: its size in words, whether it fits into memory, why a path cannot begin on a cell."""
+"""A map as commands meet it: its size in words, whether it fits into memory, why a path cannot
+begin on a cell.
+"""
 
 import json
 import warnings
@@ -18,7 +20,11 @@ from nnpp_edge.runtime.map.poses import Poses
 from nnpp_edge.runtime.map.refusal import why_blocked
 from nnpp_edge.runtime.memory import available_bytes
 from nnpp_edge.runtime.planners.plan import Method, Plan
-from nnpp_edge.runtime.terrain.traversability import Traversability, terrain_terms, traversability_cost
+from nnpp_edge.runtime.terrain.traversability import (
+    Traversability,
+    terrain_terms,
+    traversability_cost,
+)
 from nnpp_edge.terrain import dem as dems
 from nnpp_edge.terrain.coordinates import lonlat_corners
 from nnpp_edge.terrain.dem import Dem
@@ -35,12 +41,19 @@ _LOOKED_AROUND = 64
 def size_of(place: Place) -> dict[str, object]:
     """Rows, columns and the sides of a cell, ready for JSON."""
     rows, cols = place.shape
-    return {"rows": rows, "cols": cols, "cell_size_m": place.cell_size_m, "cell_width_m": place.cell_width_m}
+    return {
+        "rows": rows,
+        "cols": cols,
+        "cell_size_m": place.cell_size_m,
+        "cell_width_m": place.cell_width_m,
+    }
 
 
 def size_in_words(place: Place) -> str:
     """Rows, columns and the sides of a cell."""
-    (rows, cols), size, width = place.shape, place.cell_size_m, place.cell_width_m
+    rows, cols = place.shape
+    size = place.cell_size_m
+    width = place.cell_width_m
     square = abs(size - width) <= 5e-4 * size
     cell = f"{size:.4g} m" if square else f"{size:.4g} m (north) × {width:.4g} m (east)"
     return f"{rows} × {cols} cells of {cell}"
@@ -48,10 +61,12 @@ def size_in_words(place: Place) -> str:
 
 def warn_if_not_square(place: Place) -> None:
     """Warn of cells whose sides differ."""
-    size, width = place.cell_size_m, place.cell_width_m
+    size = place.cell_size_m
+    width = place.cell_width_m
     if abs(size - width) > _MOST_UNEQUAL_SIDES * size:
         warnings.warn(
-            f"cells are {size:.4g} m from north to south and {width:.4g} m from east to west. Slopes and lengths in "
+            f"cells are {size:.4g} m from north to south and {width:.4g} m from east to west. "
+            "Slopes and lengths in "
             "metres take both sides into account; the search treats cells as square",
             stacklevel=2,
         )
@@ -59,7 +74,9 @@ def warn_if_not_square(place: Place) -> None:
 
 def cost_of(dem: Dem, limits: Traversability) -> Float2D:
     """The cost map of an elevation map."""
-    return traversability_cost(dem.elevation, dem.cell_size_m, limits, cell_width_m=dem.cell_width_m)
+    return traversability_cost(
+        dem.elevation, dem.cell_size_m, limits, cell_width_m=dem.cell_width_m
+    )
 
 
 def shade_of(dem: Dem) -> NDArray[np.uint8]:
@@ -72,21 +89,26 @@ def priced(ground: Ground, cost: Float2D) -> Ground:
     return ground if ground.vehicle or ground.step_cost != "paper" else Ground(cost)
 
 
-def reads_by_windows(dem: Path, memory: float | None, bytes_per_cell: int, *, whole: bool = False) -> bool:
+def reads_by_windows(
+    dem: Path, memory: float | None, bytes_per_cell: int, *, whole: bool = False
+) -> bool:
     """Whether a map needs more memory than is free, or than was given; then a warning says so.
 
-    InvalidQueryError if it does and the `whole` map is needed, as for a vehicle and for directed step costs.
+    InvalidQueryError if it does and the `whole` map is needed, as for a vehicle and for directed
+    step costs.
     """
     if (size := dems.size_of(dem)) is None:
         return False
-    wanted, room = size[0] * size[1] * bytes_per_cell, available_bytes() if memory is None else memory
+    wanted = size[0] * size[1] * bytes_per_cell
+    room = available_bytes() if memory is None else memory
     if wanted <= room:
         return False
     left = "are free" if memory is None else "are allowed"
     need = f"{size[0]} × {size[1]} cells need {_bytes(wanted)} in memory, {_bytes(room)} {left}"
     if whole:
         raise InvalidQueryError(
-            f"{need}: a vehicle or a directed step cost is planned for in memory alone, so cut out a part of the map"
+            f"{need}: a vehicle or a directed step cost is planned for in memory alone, so cut "
+            "out a part of the map"
         )
     warnings.warn(f"{need}: read by windows", stacklevel=2)
     return True
@@ -112,7 +134,9 @@ def refuse_map(place: Place) -> NoReturn:
     """InvalidMapError for a map without a passable cell; for programs, the status as well."""
     if click.get_current_context().params["as_json"]:
         click.echo(json.dumps({"status": "INVALID_MAP"}))
-    raise InvalidMapError(f"{place.source}: wanted a map to plan on, got {size_in_words(place)}, all impassable")
+    raise InvalidMapError(
+        f"{place.source}: wanted a map to plan on, got {size_in_words(place)}, all impassable"
+    )
 
 
 def refuse_outside(start: Cell, goals: list[Cell], place: Place) -> None:
@@ -124,9 +148,14 @@ def refuse_outside(start: Cell, goals: list[Cell], place: Place) -> None:
 
 
 def refuse(status: Status, start: Cell, goal: Cell, near: Near) -> NoReturn:
-    """InvalidQueryError for an end that is no place to be: the reason, and the nearest passable cell."""
+    """InvalidQueryError for an end that is no place to be: the reason, and the nearest passable
+    cell.
+    """
     cell = start if status.startswith("START") else goal
-    _refuse(status, _outside(status, cell, near.place) if "OUTSIDE" in status else _blocked(status, cell, near))
+    _refuse(
+        status,
+        _outside(status, cell, near.place) if "OUTSIDE" in status else _blocked(status, cell, near),
+    )
 
 
 def _refuse(status: Status, reason: str) -> NoReturn:
@@ -138,10 +167,16 @@ def _refuse(status: Status, reason: str) -> NoReturn:
 
 
 def _outside(status: Status, cell: Cell, place: Place) -> str:
-    """That a cell lies outside the map, with the coordinates that the map spans, as they are given."""
+    """That a cell lies outside the map, with the coordinates that the map spans, as they
+    are given.
+    """
     rows, cols = place.shape
-    words = f"{status.partition('_')[0].lower()} {cell} lies outside the map of {rows} × {cols} cells"
-    corners = [place.map_coordinates(row - 0.5, col - 0.5) for row in (0, rows) for col in (0, cols)]
+    words = (
+        f"{status.partition('_')[0].lower()} {cell} lies outside the map of {rows} × {cols} cells"
+    )
+    corners = [
+        place.map_coordinates(row - 0.5, col - 0.5) for row in (0, rows) for col in (0, cols)
+    ]
     (left, low), (right, high) = np.min(corners, 0), np.max(corners, 0)
     words += f", which spans x {left:.10g} to {right:.10g} and y {low:.10g} to {high:.10g}"
     try:
@@ -155,17 +190,25 @@ def _outside(status: Status, cell: Cell, place: Place) -> str:
 def _blocked(status: Status, cell: Cell, near: Near) -> str:
     """Why no path begins or ends on a cell, and the nearest one where it could."""
     end = f"{status.partition('_')[0].lower()} {cell} is impassable"
-    vehicle, at = near.vehicle, (cell[0] - near.origin[0], cell[1] - near.origin[1])
+    vehicle = near.vehicle
+    at = (cell[0] - near.origin[0], cell[1] - near.origin[1])
     if vehicle is not None and vehicle.is_disc and near.cost[at] < 1.0:
         return f"{end}: an obstacle or the map's edge lies within the vehicle's radius"
     if near.poses is not None:
         first = max(cell[0] - _LOOKED_AROUND, 0)
-        codes = near.poses.standing(range(first, min(cell[0] + _LOOKED_AROUND + 1, near.place.shape[0])))
+        codes = near.poses.standing(
+            range(first, min(cell[0] + _LOOKED_AROUND + 1, near.place.shape[0]))
+        )
         stands = np.argwhere((codes < FAILS).any(0)) + np.array((first, 0))
-        where = f"the nearest cell where it can stand is {_nearest(stands, cell)}" if len(stands) else ""
+        where = (
+            f"the nearest cell where it can stand is {_nearest(stands, cell)}"
+            if len(stands)
+            else ""
+        )
         where = where or f"it can stand on no cell within {_LOOKED_AROUND} rows"
         return f"{end}: {why_blocked(near.poses, cell)}; {where}"
-    reason, passable = _why_blocked(at, near), np.argwhere(near.cost < 1.0)
+    reason = _why_blocked(at, near)
+    passable = np.argwhere(near.cost < 1.0)
     if not len(passable):
         return f"{end}: {reason}; so is all around it"
     return f"{end}: {reason}; the nearest passable cell is {_nearest(passable + near.origin, cell)}"
@@ -176,8 +219,10 @@ def _nearest(cells: Cells, cell: Cell) -> tuple[int, ...]:
 
 
 def _why_blocked(cell: Cell, near: Near) -> str:
-    row0, col0 = max(cell[0] - 1, 0), max(cell[1] - 1, 0)
-    patch, limits = near.elevation[row0 : cell[0] + 2, col0 : cell[1] + 2], near.limits
+    row0 = max(cell[0] - 1, 0)
+    col0 = max(cell[1] - 1, 0)
+    patch = near.elevation[row0 : cell[0] + 2, col0 : cell[1] + 2]
+    limits = near.limits
     terms = terrain_terms(patch, near.place.cell_size_m, cell_width_m=near.place.cell_width_m)
     slope, roughness, step = terms[:, cell[0] - row0, cell[1] - col0].tolist()
     if np.isnan(slope):

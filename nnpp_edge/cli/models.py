@@ -25,12 +25,15 @@ _LISTED: Columns = {
 
 @options.command("models")
 def command(
-    model: Annotated[str | None, {"metavar": "[NAME|FILE]"}] = None, /, as_json: options.AsJson = False
+    model: Annotated[str | None, {"metavar": "[NAME|FILE]"}] = None,
+    /,
+    as_json: options.AsJson = False,
 ) -> None:
     """List the shipped models, or show one in full.
 
-    NAME is that of a shipped model, FILE any ONNX model that the toolkit wrote. It shows the file's metadata and
-    NAME.md beside it, the model's card with the measurements. The network is not loaded.
+    NAME is that of a shipped model, FILE any ONNX model that the toolkit wrote. It shows the file's
+    metadata and NAME.md beside it, the model's card with the measurements. The network is not
+    loaded.
 
     \b
     nnpp-edge models
@@ -57,7 +60,9 @@ def _text(found: "ModelFile") -> str:
         "size": f"{found.size_bytes / 1e6:.2f} MB",
         "sha256": found.sha256,
     }
-    metadata = asdict(found.metadata) | {"architecture": architecture_name(found.metadata.architecture)}
+    metadata = asdict(found.metadata) | {
+        "architecture": architecture_name(found.metadata.architecture)
+    }
     parts = [
         aligned(head),
         f"metadata\n{json.dumps(metadata, indent=1, ensure_ascii=False)}",

@@ -1,9 +1,9 @@
 """How commands are made of functions, and the options that several of them share.
 
-A parameter of the function is ``Annotated[…]`` with its type; names that begin with a hyphen, where its own does not
-serve; a click type, of an optional path by default a file to write; its help; and a dict of more words for click.
-Those before ``/`` are arguments, one without a default is required, and one whose type is a dataclass is made of the
-options that are its fields.
+A parameter of the function is ``Annotated[…]`` with its type; names that begin with a hyphen, where
+its own does not serve; a click type, of an optional path by default a file to write; its help; and
+a dict of more words for click. Those before ``/`` are arguments, one without a default is required,
+and one whose type is a dataclass is made of the options that are its fields.
 """
 
 import inspect
@@ -35,21 +35,32 @@ def command(
 
     def make(function: Callable[..., None]) -> click.Command:
         parameters = list(inspect.signature(function).parameters.values())
-        groups: dict[str, Any] = {p.name: p.annotation for p in parameters if is_dataclass(p.annotation)}
+        groups: dict[str, Any] = {
+            p.name: p.annotation for p in parameters if is_dataclass(p.annotation)
+        }
         arguments = [each.name for each in parameters if each.kind is each.POSITIONAL_ONLY]
 
         def call(**given: object) -> None:
             for name, group in groups.items():
-                given[name] = group(**{field.name: given.pop(field.name) for field in fields(group)})
+                given[name] = group(
+                    **{field.name: given.pop(field.name) for field in fields(group)}
+                )
             function(*[given.pop(name) for name in arguments], **given)
 
         params: list[click.Parameter] = []
         for each in parameters:
             if each.name in groups:
-                params += [_option(field.name, field.type, field.default) for field in fields(each.annotation)]
+                params += [
+                    _option(field.name, field.type, field.default)
+                    for field in fields(each.annotation)
+                ]
             elif each.name in arguments:
                 words = _words(each.annotation, each.default)
-                params.append(click.Argument([each.name], **{key: words[key] for key in words if key != "default"}))
+                params.append(
+                    click.Argument(
+                        [each.name], **{key: words[key] for key in words if key != "default"}
+                    )
+                )
             else:
                 params.append(_option(each.name, each.annotation, each.default))
         return kind(name, callback=call, params=params, help=inspect.getdoc(function), **more)
@@ -58,7 +69,9 @@ def command(
 
 
 def _option(name: str, annotation: object, default: object) -> click.Option:
-    names = [each for each in get_args(annotation)[1:] if isinstance(each, str) and each.startswith("-")]
+    names = [
+        each for each in get_args(annotation)[1:] if isinstance(each, str) and each.startswith("-")
+    ]
     if not any(each.startswith("--") for each in names):
         names.append(f"--{name.replace('_', '-')}")
     return click.Option([*names, name], **_words(annotation, default))
@@ -68,8 +81,16 @@ def _words(annotation: object, default: object) -> dict[str, Any]:
     """The words for click that an annotation says, but for names."""
     python_type, *said = get_args(annotation)
     required = default is MISSING or default is inspect.Parameter.empty
-    words: dict[str, object] = {"required": required} if required or default is None else {"default": default}
-    words |= {"is_flag": True} if python_type is bool else {"type": NEW_FILE} if python_type == Path | None else {}
+    words: dict[str, object] = (
+        {"required": required} if required or default is None else {"default": default}
+    )
+    words |= (
+        {"is_flag": True}
+        if python_type is bool
+        else {"type": NEW_FILE}
+        if python_type == Path | None
+        else {}
+    )
     for each in said:
         if isinstance(each, dict):
             words |= each
@@ -81,9 +102,13 @@ def _words(annotation: object, default: object) -> dict[str, Any]:
 
 
 class Named(click.Path):
-    """A path that is not empty, as pathlib takes an empty one for the folder we are in; a `MAP` may be a sample."""
+    """A path that is not empty, as pathlib takes an empty one for the folder we are in; a `MAP` may
+    be a sample.
+    """
 
-    def convert(self, value: object, param: click.Parameter | None, ctx: click.Context | None) -> object:  # type: ignore[override]
+    def convert(  # type: ignore[override]
+        self, value: object, param: click.Parameter | None, ctx: click.Context | None
+    ) -> object:
         word = str(value)
         if not word:
             self.fail("wanted a path, got nothing", param, ctx)
@@ -100,7 +125,9 @@ class Named(click.Path):
 class Real(click.FloatRange):
     """A finite number in a range; click's own takes NaN for one."""
 
-    def convert(self, value: object, param: click.Parameter | None, ctx: click.Context | None) -> float:
+    def convert(
+        self, value: object, param: click.Parameter | None, ctx: click.Context | None
+    ) -> float:
         number = float(super().convert(value, param, ctx))  # type: ignore[arg-type]  # click takes any
         if not math.isfinite(number):
             self.fail(f"wanted a finite number, got {number}", param, ctx)
@@ -110,20 +137,27 @@ class Real(click.FloatRange):
 class Parsed(click.ParamType):  # type: ignore[type-arg]  # click has made it generic, its older versions have not
     """A parameter that a function makes of a word.
 
-    Its ValueError becomes a line that says what was wanted and what came; without words for that, the error's own.
+    Its ValueError becomes a line that says what was wanted and what came; without words for that,
+    the error's own.
     """
 
     def __init__(self, name: str, wanted: str, parse: Callable[[str], object]) -> None:
-        self.name, self.wanted, self.parse = name, wanted, parse
+        self.name = name
+        self.wanted = wanted
+        self.parse = parse
 
-    def convert(self, value: object, param: click.Parameter | None, ctx: click.Context | None) -> object:
+    def convert(
+        self, value: object, param: click.Parameter | None, ctx: click.Context | None
+    ) -> object:
         """Parse a word; a value that is none, such as a default, stays."""
         if not isinstance(value, str):
             return value
         try:
             return self.parse(value)
         except ValueError as error:
-            self.fail(f"wanted {self.wanted}, got {value!r}" if self.wanted else str(error), param, ctx)
+            self.fail(
+                f"wanted {self.wanted}, got {value!r}" if self.wanted else str(error), param, ctx
+            )
 
 
 class Setting(NamedTuple):
@@ -141,19 +175,31 @@ class SettingType(click.ParamType):  # type: ignore[type-arg]  # as above
     name = "KEY=VALUE"
 
     def __init__(self, kind: str, example: str, *more: str, bare: bool = False) -> None:
-        self.kind, self.example, self.more, self.bare = kind, example, more, bare  # whether words need no quotes
+        # whether words need no quotes
+        self.kind = kind
+        self.example = example
+        self.more = more
+        self.bare = bare
 
     def keys(self) -> list[str]:
         """All but weights."""
         found = pkgutil.resolve_name(self.kind).__annotations__
         return [*(name for name in found if not name.endswith("_weight")), *self.more]
 
-    def convert(self, value: object, param: click.Parameter | None, ctx: click.Context | None) -> Setting:
-        text = re.sub(r"=(?!true$|false$)([A-Za-z][\w.-]*)$", r'="\1"', str(value)) if self.bare else str(value)
+    def convert(
+        self, value: object, param: click.Parameter | None, ctx: click.Context | None
+    ) -> Setting:
+        text = (
+            re.sub(r"=(?!true$|false$)([A-Za-z][\w.-]*)$", r'="\1"', str(value))
+            if self.bare
+            else str(value)
+        )
         try:
             ((key, content),) = tomllib.loads(text).items()
         except (ValueError, RecursionError):
-            self.fail(f"wanted KEY=VALUE in TOML, such as {self.example}, got {value!r}", param, ctx)
+            self.fail(
+                f"wanted KEY=VALUE in TOML, such as {self.example}, got {value!r}", param, ctx
+            )
         if key not in (keys := self.keys()):
             self.fail(f"{key} is unknown: wanted one of {', '.join(keys)}", param, ctx)
         return Setting(str(value), {key: content})
@@ -198,9 +244,13 @@ SHARE = Real(0.0, 1.0)
 RATE = Real(0.001, 1000.0)
 MODEL = Parsed("NAME|FILE", "", _model)
 NAMES = Parsed("NAME,…", "names joined by commas", joined(str.strip))
-COUNTS = Parsed("N,…", "whole numbers of at least 1, joined by commas", joined(partial(_whole, 1, MOST)))
+COUNTS = Parsed(
+    "N,…", "whole numbers of at least 1, joined by commas", joined(partial(_whole, 1, MOST))
+)
 SIZES = Parsed(
-    "N,…", f"sides of 2 to {LARGEST_SIDE} cells, joined by commas", joined(partial(_whole, 2, LARGEST_SIDE))
+    "N,…",
+    f"sides of 2 to {LARGEST_SIDE} cells, joined by commas",
+    joined(partial(_whole, 2, LARGEST_SIDE)),
 )
 STEP_COSTS = ("paper", "tobler", "irmischer", "linear", "time", "energy")
 MANY = {"multiple": True}
@@ -213,14 +263,19 @@ Memory = Annotated[
     Parsed("SIZE", "a size such as 2GB or 500MiB", _bytes),
     "Memory that a map may take; a larger raster is read by windows. By default what is free.",
 ]
-CellSize = Annotated[float | None, POSITIVE, "Side of a cell in metres, where the file does not say."]
+CellSize = Annotated[
+    float | None, POSITIVE, "Side of a cell in metres, where the file does not say."
+]
 Rescale = Annotated[
-    float | None, POSITIVE, "Make cells this many metres wide and scale heights alike, so that slopes stay."
+    float | None,
+    POSITIVE,
+    "Make cells this many metres wide and scale heights alike, so that slopes stay.",
 ]
 Resample = Annotated[
     float | None,
     POSITIVE,
-    "Make cells finer, this many metres wide, with heights interpolated between the map's. That adds no "
+    "Make cells finer, this many metres wide, with heights interpolated between the map's. That "
+    "adds no "
     "detail, but a vehicle may stand and step between the cells.",
 ]
 TerrainFiles = Annotated[tuple[Path, ...], MAP, MANY, "Elevation file. May be repeated."]
@@ -232,19 +287,29 @@ Hillshade = Annotated[bool, "Draw the relief instead of the cost."]
 StepCost = Annotated[
     str,
     click.Choice(STEP_COSTS),
-    "Price of a step: by the map's costs, or by the slope it leads up or down; time and energy by the table "
+    "Price of a step: by the map's costs, or by the slope it leads up or down; time and energy by "
+    "the table "
     "[mobility] of --vehicle or --mobility.",
 ]
 
 
 def check_outputs(
-    *outputs: tuple[str, Path | None], more_inputs: Iterable[str | Path] = (), make_folders: bool = False
+    *outputs: tuple[str, Path | None],
+    more_inputs: Iterable[str | Path] = (),
+    make_folders: bool = False,
 ) -> None:
-    """`nnpp_edge.files.check_outputs` against every file that the running command's other options name."""
+    """`nnpp_edge.files.check_outputs` against every file that the running command's other options
+    name.
+    """
     from nnpp_edge.files import check_outputs
 
-    context, names = click.get_current_context(), {name for name, _ in outputs}
-    read = [context.params[p.name] for p in context.command.params if p.name and not names.intersection(p.opts)]
+    context = click.get_current_context()
+    names = {name for name, _ in outputs}
+    read = [
+        context.params[p.name]
+        for p in context.command.params
+        if p.name and not names.intersection(p.opts)
+    ]
     check_outputs(outputs, _paths([*read, *more_inputs]), make_folders=make_folders)
 
 

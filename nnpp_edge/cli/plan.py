@@ -13,7 +13,9 @@ from nnpp_edge.cli.text import tell
 _OUTPUT = "Folder for path.geojson, path.csv, plan.png and plan.json."
 _FORMATS = "Also write the path as GeoPackage or GPX, path.gpkg or path.gpx."
 _BYTES_PER_CELL = 24
-"""At the peak of planning on a whole map: 19 to 23 measured, the most by `nnpp` (docs/decisions/maps.md)."""
+"""At the peak of planning on a whole map: 19 to 23 measured, the most by `nnpp`
+(docs/decisions/maps.md).
+"""
 
 
 @options.command("plan")
@@ -23,34 +25,44 @@ def command(
     request: PlanRequest,
     robot: GroundOptions,
     output: Annotated[Path | None, "-o", options.PATH, _OUTPUT] = None,
-    formats: Annotated[tuple[str, ...], "--format", click.Choice(["gpkg", "gpx"]), options.MANY, _FORMATS] = (),
+    formats: Annotated[
+        tuple[str, ...], "--format", click.Choice(["gpkg", "gpx"]), options.MANY, _FORMATS
+    ] = (),
     memory: options.Memory = None,
     as_json: options.AsJson = False,
 ) -> None:
-    """Plan a path over the elevation map DEM, a file or sample:NAME (such as moon_highlands or mars_victoria).
+    """Plan a path over the elevation map DEM, a file or sample:NAME (such as moon_highlands or
+    mars_victoria).
 
-    Give start and goal as cells, in the map's coordinates, as longitude and latitude, or as a vector file's points
-    (GeoPackage, GeoJSON, GPX, Shapefile, FlatGeobuf; FILE:LAYER of several layers). With several goals a path to each
-    is planned, and the cheapest is used. The time shown includes loading compiled code and, as its stage
-    `load`, waiting for the network, whose file is opened meanwhile; with --compare and --time-limit these are loaded
-    first. Exit codes: 0 for a path, 1 for NO_PATH or TIMEOUT, 2 where start or goal lies outside the map or
-    is impassable.
+    Give start and goal as cells, in the map's coordinates, as longitude and latitude, or as a
+    vector file's points (GeoPackage, GeoJSON, GPX, Shapefile, FlatGeobuf; FILE:LAYER of several
+    layers). With several goals a path to each is planned, and the cheapest is used. The time shown
+    includes loading compiled code and, as its stage `load`, waiting for the network, whose file is
+    opened meanwhile; with --compare and --time-limit these are loaded first. Exit codes: 0 for a
+    path, 1 for NO_PATH or TIMEOUT, 2 where start or goal lies outside the map or is impassable.
 
-    A limit of slope is on the plane through a cell and its eight neighbours, not on a single step from cell to cell:
-    a warning counts the steps of the path that are steeper.
+    A limit of slope is on the plane through a cell and its eight neighbours, not on a single step
+    from cell to cell: a warning counts the steps of the path that are steeper.
 
-    path.geojson is in the map's own coordinates, not in longitude and latitude; its properties say which.
-    Without a georeference they are x = column and y = row, times the side of a cell, in metres.
+    path.geojson is in the map's own coordinates, not in longitude and latitude; its properties say
+    which. Without a georeference they are x = column and y = row, times the side of a cell, in
+    metres.
 
-    A raster too large for the memory that is free, or for --memory, is read by windows, and planned on by the
-    corridor method alone.
+    A raster too large for the memory that is free, or for --memory, is read by windows, and planned
+    on by the corridor method alone.
 
     \b
     nnpp-edge plan dem.tif --start 20,30 --goal 380,360 --workload limit20 -o plan
     """
     if formats and output is None:
         raise click.UsageError("--format needs -o")
-    names = ("path.geojson", "path.csv", "plan.png", "plan.json", *(f"path.{name}" for name in formats))
+    names = (
+        "path.geojson",
+        "path.csv",
+        "plan.png",
+        "plan.json",
+        *(f"path.{name}" for name in formats),
+    )
     outputs = [("--output", output / name) for name in names] if output else []
     robot.check_turns(request.refine)
     robot.limits()  # those that make no sense are refused before any work
@@ -61,8 +73,11 @@ def command(
     from nnpp_edge.runtime.map.poses import bytes_per_cell
     from nnpp_edge.runtime.memory import DIRECTED_BYTES_PER_CELL
 
-    directed, body = robot.step_cost != "paper", robot.body()
-    per_cell = _BYTES_PER_CELL + (bytes_per_cell(body) if body else 0) + DIRECTED_BYTES_PER_CELL * directed
+    directed = robot.step_cost != "paper"
+    body = robot.body()
+    per_cell = (
+        _BYTES_PER_CELL + (bytes_per_cell(body) if body else 0) + DIRECTED_BYTES_PER_CELL * directed
+    )
     if reads_by_windows(dem, memory, per_cell, whole=directed or body is not None):
         answer = plan_by_windows(request, dem, robot)
     else:

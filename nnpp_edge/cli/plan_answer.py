@@ -24,7 +24,8 @@ _PROPERTIES = ("status", "method", "source", "cost")
 """Figures that path.geojson repeats, beside those along the way."""
 _OF_LEGS = (*_PROPERTIES, "length_m", "time_s", "energy_j", "climb_m", "descent_m")
 _COMPARED = columns(
-    "method | source | status | cost: cost .6g | gap: gap z.2% | ms: time_ms .2f | speed-up: speedup .2f | expansions"
+    "method | source | status | cost: cost .6g | gap: gap z.2% | ms: time_ms .2f | speed-up: "
+    "speedup .2f | expansions"
 )
 
 
@@ -44,7 +45,9 @@ class Answer:
     loading_included: bool = True
     """Whether the plan's times hold those of loading compiled code and the network."""
     windows: dict[str, float] | None = None
-    """Where the map was read by windows: GB and seconds, the share of cells read again, and peak memory."""
+    """Where the map was read by windows: GB and seconds, the share of cells read again, and peak
+    memory.
+    """
     vehicle: Vehicle | None = None
     step_cost: str = "paper"
     tour: Tour | None = None
@@ -52,7 +55,9 @@ class Answer:
     reached: int | None = None
     """Cells that can be reached from the start, where no path leads to the goal."""
     hard_slope_deg: float = math.inf
-    """Slope of a cell's fitted plane beyond which it is impassable; inf without a limit, or where poses decide."""
+    """Slope of a cell's fitted plane beyond which it is impassable; inf without a limit, or where
+    poses decide.
+    """
 
     @property
     def steep_steps(self) -> list[float]:
@@ -66,7 +71,8 @@ class Answer:
         """Warn of steps that are steeper than the limit on the ground around a cell."""
         if steps := self.steep_steps:
             warnings.warn(
-                f"steps of the path above {self.hard_slope_deg:g}°: {len(steps)}, the steepest {max(steps):.1f}°. "
+                f"steps of the path above {self.hard_slope_deg:g}°: {len(steps)}, the steepest "
+                f"{max(steps):.1f}°. "
                 "The limit is on the plane through a cell and its neighbours, not on a single step",
                 stacklevel=2,
             )
@@ -94,7 +100,11 @@ class Answer:
                 "legs": [{name: leg.summary()[name] for name in _OF_LEGS} for leg in tour.legs],
             }
         if self.vehicle is not None:
-            figures |= {"vehicle": asdict(self.vehicle), "checks": plan.checks, "waypoints": self.route.stands()}
+            figures |= {
+                "vehicle": asdict(self.vehicle),
+                "checks": plan.checks,
+                "waypoints": self.route.stands(),
+            }
         if plan.waypoints is not None:
             figures["line"] = {
                 "row_col": plan.waypoints.round(4).tolist(),
@@ -105,7 +115,10 @@ class Answer:
         more = {
             "step_cost": None if self.step_cost == "paper" else self.step_cost,
             "compare": self.compared,
-            "goals": [{"goal": goal, "status": told["status"], "cost": told["cost"]} for goal, told in plans],
+            "goals": [
+                {"goal": goal, "status": told["status"], "cost": told["cost"]}
+                for goal, told in plans
+            ],
             "windows": self.windows,
             "files": files,
         }
@@ -116,21 +129,30 @@ class Answer:
         """Figures that the path carries in files for maps."""
         figures = self.figures([])
         line = () if self.plan.waypoints is None else ("line_cost", "sharpest_curvature_per_m")
-        return {name: figures[name] for name in (*_PROPERTIES, *line, *self.plan.numbers._fields, *self.route.worst)}
+        return {
+            name: figures[name]
+            for name in (*_PROPERTIES, *line, *self.plan.numbers._fields, *self.route.worst)
+        }
 
     def text(self, files: list[str]) -> str:
         lines = aligned(dict(self._lines(files)))
         return f"{lines}\n{table(self.compared, _COMPARED)}" if self.compared else lines
 
     def _lines(self, files: list[str]) -> Iterator[tuple[str, str]]:
-        plan, length = self.plan, metres(self.route.length_m)
+        plan = self.plan
+        length = metres(self.route.length_m)
         why = plan.choice if plan.ok else plan.reason
         yield str(plan.status), f"{plan.method} ({plan.source})" + (f": {why}" if why else "")
         yield "map", size_in_words(self.route.dem)
         if self.tour:
             yield "via", self._order(self.tour)
         if self.goals:
-            yield "goals", ", ".join(f"{at} {f'{it.cost:.6g}' if it.ok else it.status}" for at, it in self.goals)
+            yield (
+                "goals",
+                ", ".join(
+                    f"{at} {f'{it.cost:.6g}' if it.ok else it.status}" for at, it in self.goals
+                ),
+            )
         if plan.ok:
             yield "path", f"{len(plan.path)} cells, {length}"
             yield from self.on_the_ground().items()
@@ -138,8 +160,13 @@ class Answer:
             yield "cost", f"{cost}, {self._optimality()}"
             if plan.waypoints is not None:
                 sharpest = plan.curvatures.max(initial=0.0)
-                turns = f", sharpest turn of {1.0 / sharpest:.3g} m radius" if sharpest > 0.0 else ""
-                yield "line", f"{len(plan.waypoints)} way points, line integral {plan.line_cost:.6g}{turns}"
+                turns = (
+                    f", sharpest turn of {1.0 / sharpest:.3g} m radius" if sharpest > 0.0 else ""
+                )
+                yield (
+                    "line",
+                    f"{len(plan.waypoints)} way points, line integral {plan.line_cost:.6g}{turns}",
+                )
             if plan.arcs:
                 back = sum(arc.length_m for arc in plan.arcs if arc.gear < 0)
                 sharpest = max(abs(arc.curvature_per_m) for arc in plan.arcs)
@@ -153,17 +180,27 @@ class Answer:
         if self.vehicle is not None and plan.ok and "tilt_deg" in self.route.standing:
             worst = self.route.worst
             names = (("pitched", "pitch"), ("rolled", "roll"), ("tilted", "tilt"))
-            angles = [f"{word} by at most {worst[f'steepest_{name}_deg'] or nan:.1f}°" for word, name in names]
+            angles = [
+                f"{word} by at most {worst[f'steepest_{name}_deg'] or nan:.1f}°"
+                for word, name in names
+            ]
             clearance = worst["least_clearance_m"]
-            clear = "no clearance known" if clearance is None else f"clear by at least {clearance:.2f} m"
+            clear = (
+                "no clearance known"
+                if clearance is None
+                else f"clear by at least {clearance:.2f} m"
+            )
             yield "vehicle", f"{', '.join(angles)}, {clear}, {plan.checks} poses checked"
         yield "expansions", str(plan.expansions)
-        stages = ", ".join(f"{name} {ms:.2f}" for name, ms in plan.timings_ms.items() if name != "total")
+        stages = ", ".join(
+            f"{name} {ms:.2f}" for name, ms in plan.timings_ms.items() if name != "total"
+        )
         loading = ", loading included" if self.loading_included else ""
         yield "time", f"{plan.timings_ms['total']:.2f} ms{loading} ({stages})"
         if self.windows:
             words = (
-                "{gigabytes:.2f} GB by windows, {again:.1f} % of the cells again, coarse levels in {map_s:.1f} s, "
+                "{gigabytes:.2f} GB by windows, {again:.1f} % of the cells again, coarse levels "
+                "in {map_s:.1f} s, "
                 "peak memory {peak_memory_gb:.2f} GB"
             )
             yield "read", words.format(**self.windows, again=100.0 * self.windows["read_again"])
@@ -172,7 +209,8 @@ class Answer:
 
     def on_the_ground(self) -> dict[str, str]:
         """Figures of the way where its heights are known."""
-        numbers, along = self.plan.numbers, self.plan.along
+        numbers = self.plan.numbers
+        along = self.plan.along
         if along is None or not isfinite(numbers.climb_m):
             return {}
         energy, model = "", along.mobility.energy
@@ -187,10 +225,16 @@ class Answer:
 
     def _order(self, tour: Tour) -> str:
         """In which order the places between are visited, and what that saves."""
-        cells = ", ".join(f"{number + 1} {cell}" for number, cell in zip(tour.order, tour.stops[1:-1], strict=True))
+        cells = ", ".join(
+            f"{number + 1} {cell}"
+            for number, cell in zip(tour.order, tour.stops[1:-1], strict=True)
+        )
         if not (self.plan.ok and tour.given_cost > 0.0):
             return cells
-        return f"{cells}: {100.0 * (1.0 - self.plan.cost / tour.given_cost):.1f} % less than in the order given"
+        return (
+            f"{cells}: {100.0 * (1.0 - self.plan.cost / tour.given_cost):.1f} % less than in "
+            "the order given"
+        )
 
     def _optimality(self) -> str:
         """How far from the optimum the path's cost is, or may be."""
@@ -211,8 +255,13 @@ class Answer:
 
     def _content(self, path: Path, files: list[str]) -> bytes:
         """The content of a file, by its name."""
-        route, stops = self.route, self.tour.stops[1:-1] if self.tour else ()
-        ends = {"start": self.start, **{f"via {at}": stop for at, stop in enumerate(stops, 1)}, "goal": self.goal}
+        route = self.route
+        stops = self.tour.stops[1:-1] if self.tour else ()
+        ends = {
+            "start": self.start,
+            **{f"via {at}": stop for at, stop in enumerate(stops, 1)},
+            "goal": self.goal,
+        }
         makers: dict[str, Callable[[], bytes]] = {
             "path.geojson": lambda: route.geojson(self.properties()),
             "path.csv": route.csv,

@@ -11,7 +11,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from nnpp_edge.cli.ground_options import GroundOptions
-from nnpp_edge.cli.maps import Near, cost_of, priced, refuse, refuse_map, refuse_outside, shade_of, warn_if_not_square
+from nnpp_edge.cli.maps import (
+    Near,
+    cost_of,
+    priced,
+    refuse,
+    refuse_map,
+    refuse_outside,
+    shade_of,
+    warn_if_not_square,
+)
 from nnpp_edge.cli.plan_answer import Answer
 from nnpp_edge.cli.requests import PlanRequest
 from nnpp_edge.cli.text import Row
@@ -58,7 +67,9 @@ def _ends(request: PlanRequest, place: Place) -> tuple[Cell, list[Cell], list[Ce
     return start, via, goals
 
 
-def plan_in_memory(request: PlanRequest, path: Path, robot: GroundOptions, *, drawn: bool) -> Answer:
+def plan_in_memory(
+    request: PlanRequest, path: Path, robot: GroundOptions, *, drawn: bool
+) -> Answer:
     """Plan on a map that is read into memory: to the nearest goal, or by way of other places."""
     body = robot.body()
     by_poses = body is not None and not body.is_disc
@@ -73,7 +84,8 @@ def plan_in_memory(request: PlanRequest, path: Path, robot: GroundOptions, *, dr
     cost = cost_of(dem, limits)
     if not (cost < 1.0).any():
         refuse_map(dem)
-    ground, planner_of = robot.of(dem), partial(Planner, omega=request.omega, corner_cutting=request.corner_cutting)
+    ground = robot.of(dem)
+    planner_of = partial(Planner, omega=request.omega, corner_cutting=request.corner_cutting)
     planner = planner_of(priced(ground, cost), model=request.model)
     near = Near(dem, dem.elevation, cost, limits, body, planner.state.grid.poses)
     if len(goals) == 1 and (problem := problem_with(planner.state.grid, start, goals[0])):
@@ -82,25 +94,39 @@ def plan_in_memory(request: PlanRequest, path: Path, robot: GroundOptions, *, dr
         exercises.exercise()
     within: PlanOptions = {"refine": request.refine, **request.headings, **request.within}  # type: ignore[typeddict-item]
     wanted: PlanOptions = {**within, "method": request.method, "keep_regions": drawn}
-    tour = planner.plan_via(start, goals[0], via, best_order=request.best_order, **wanted) if via else None
+    tour = (
+        planner.plan_via(start, goals[0], via, best_order=request.best_order, **wanted)
+        if via
+        else None
+    )
     ranked = [(0, tour.plan)] if tour else planner.nearest(start, goals, count=len(goals), **wanted)
-    goal, plan = goals[ranked[0][0]], ranked[0][1]
+    goal = goals[ranked[0][0]]
+    plan = ranked[0][1]
     if plan.source is None:  # no search was made
         refuse(plan.status, start, goal, near)
-    compared, exact = list[Row](), None
+    compared = list[Row]()
+    exact = None
     if request.compare:
         plan, compared, exact = _compare(partial(planner.plan, start, goal, **within), plan)
     plan = _on_the_ground(plan, ground)
     route = _route(plan, cost, dem, ground, planner)
 
     def picture() -> Picture:
-        refused, beside, poses = None, None, planner.state.grid.poses
+        refused = None
+        beside = None
+        poses = planner.state.grid.poses
         if poses is not None and cost.size <= MOST_SHOWN:
             refused = refusals(poses.standing())
         if body is not None and request.compare and robot.step_cost == "paper":
             other = planner_of(cost)
             if plan.states is not None:
-                spot = replace(body, turning_radius_m=None, reverse_cost=None, gear_change_m=0.0, turns_on_spot=None)
+                spot = replace(
+                    body,
+                    turning_radius_m=None,
+                    reverse_cost=None,
+                    gear_change_m=0.0,
+                    turns_on_spot=None,
+                )
                 other = planner_of(replace(ground, vehicle=spot))
             beside = other.plan(start, goal, method="astar").path
         headings = None if plan.drive is None else plan.drive.poses[:, 2]
@@ -140,7 +166,9 @@ def plan_in_memory(request: PlanRequest, path: Path, robot: GroundOptions, *, dr
 
 
 def plan_by_windows(request: PlanRequest, path: Path, robot: GroundOptions) -> Answer:
-    """Plan on a map of which only the coarse levels and what lies under a corridor are in memory."""
+    """Plan on a map of which only the coarse levels and what lies under a corridor are in
+    memory.
+    """
     unfit = {
         f"--method {request.method}": request.method in ("astar", "nnpp"),
         "--compare": request.compare,
@@ -151,10 +179,12 @@ def plan_by_windows(request: PlanRequest, path: Path, robot: GroundOptions) -> A
     }
     if wrong := [name for name, asked in unfit.items() if asked]:
         raise InvalidQueryError(
-            f"{', '.join(wrong)} needs the whole map in memory: leave it out for the corridor method, which reads by "
+            f"{', '.join(wrong)} needs the whole map in memory: leave it out for the corridor "
+            "method, which reads by "
             "windows, or cut out a part of the map"
         )
-    limits, within = robot.limits(), request.within
+    limits = robot.limits()
+    within = request.within
     with robot.open(path) as ground, bar("rows of the map", ground.shape[0]) as advance:
         warn_if_not_square(ground)
         start, via, goals = _ends(request, ground)
@@ -168,8 +198,16 @@ def plan_by_windows(request: PlanRequest, path: Path, robot: GroundOptions) -> A
         )
         if not planner.any_passable:
             refuse_map(ground)
-        tour = planner.plan_via(start, goals[0], via, best_order=request.best_order, **within) if via else None
-        plans = [(goals[0], tour.plan)] if tour else [(goal, planner.plan(start, goal, **within)) for goal in goals]
+        tour = (
+            planner.plan_via(start, goals[0], via, best_order=request.best_order, **within)
+            if via
+            else None
+        )
+        plans = (
+            [(goals[0], tour.plan)]
+            if tour
+            else [(goal, planner.plan(start, goal, **within)) for goal in goals]
+        )
         ranked = sorted(plans, key=lambda found: (not found[1].ok, found[1].cost))
         goal, plan = ranked[0]
         if plan.source is None:  # no search was made
@@ -179,7 +217,9 @@ def plan_by_windows(request: PlanRequest, path: Path, robot: GroundOptions) -> A
         route = Route(plan.path, plan.along, planner.costs.along(plan.path)[1], ground)
         factor, cost = planner.coarse_costs(_MOST_PIXELS)
         windows = {
-            "gigabytes": 1e-9 * planner.costs.cells_read * ground.raster.dtype.itemsize,  # as they are stored
+            "gigabytes": 1e-9
+            * planner.costs.cells_read
+            * ground.raster.dtype.itemsize,  # as they are stored
             "read_again": planner.read_again,
             "map_s": 1e-3 * planner.map_ms,
             "peak_memory_gb": 1e-9 * peak_bytes(),
@@ -187,10 +227,18 @@ def plan_by_windows(request: PlanRequest, path: Path, robot: GroundOptions) -> A
 
     def picture() -> Picture:
         places = (start, goal, *(tour.stops[1:-1] if tour else ()))
-        (first, last, *between), width = [(row // factor, col // factor) for row, col in places], ground.cell_width_m
-        small, length = replace(plan, path=plan.path // factor), route.length_m
+        first, last, *between = [(row // factor, col // factor) for row, col in places]
+        width = ground.cell_width_m
+        small = replace(plan, path=plan.path // factor)
+        length = route.length_m
         return plan_picture(
-            cost, small, start=first, goal=last, via=between, cell_size_m=width * factor, length_m=length
+            cost,
+            small,
+            start=first,
+            goal=last,
+            via=between,
+            cell_size_m=width * factor,
+            length_m=length,
         )
 
     return Answer(
@@ -206,7 +254,9 @@ def plan_by_windows(request: PlanRequest, path: Path, robot: GroundOptions) -> A
     )
 
 
-def _around(planner: WindowedPlanner, ground: DemWindows, limits: Traversability, cell: Cell) -> Near:
+def _around(
+    planner: WindowedPlanner, ground: DemWindows, limits: Traversability, cell: Cell
+) -> Near:
     """Heights and costs around a cell of the map, or at its border where the cell lies outside."""
     (row0, row1), (col0, col1) = (
         (min(max(at - _AROUND, 0), side - 1), max(min(at + _AROUND + 1, side), 1))
@@ -220,21 +270,32 @@ def _around(planner: WindowedPlanner, ground: DemWindows, limits: Traversability
 def _on_the_ground(plan: Plan, ground: Ground) -> Plan:
     """The plan with the numbers along its way."""
     assert ground.elevation is not None and ground.mobility is not None
-    return replace(plan, along=Along.of(plan.line, ground.elevation, ground.sides_m, ground.mobility, plan.along))
+    return replace(
+        plan,
+        along=Along.of(plan.line, ground.elevation, ground.sides_m, ground.mobility, plan.along),
+    )
 
 
 def _route(plan: Plan, cost: Float2D, dem: Dem, ground: Ground, planner: Planner) -> Route:
     """The route of a plan over known ground, with how a vehicle stands along it."""
     assert plan.along is not None
-    route, vehicle = Route.of(plan.line, plan.along, cost, dem), ground.vehicle
+    route = Route.of(plan.line, plan.along, cost, dem)
+    vehicle = ground.vehicle
     if vehicle is None or len(plan.path) < 2:
         return route
     standing: dict[str, NDArray[np.float64]] = {"heading_deg": headings_along(plan.along.points)}
     if (poses := planner.state.grid.poses) is not None:
         standing |= attitudes(poses, plan.walked)._asdict()
     if plan.drive is not None:
-        of_steps = {name: numbers[plan.drive.steps] for name, numbers in standing.items() if name != "heading_deg"}
-        standing = {"heading_deg": plan.drive.poses[:, 2], "gear": plan.drive.gears.astype(np.float64)} | of_steps
+        of_steps = {
+            name: numbers[plan.drive.steps]
+            for name, numbers in standing.items()
+            if name != "heading_deg"
+        }
+        standing = {
+            "heading_deg": plan.drive.poses[:, 2],
+            "gear": plan.drive.gears.astype(np.float64),
+        } | of_steps
         standing["curvature_per_m"] = plan.drive.curvatures_per_m
     return replace(route, standing=standing)
 
@@ -242,14 +303,22 @@ def _route(plan: Plan, cost: Float2D, dem: Dem, ground: Ground, planner: Planner
 def _compare(plan_by: Callable[..., Plan], plan: Plan) -> tuple[Plan, list[Row], Plan]:
     """Plan by the plan's method, exact A* and the corridor planner in turns.
 
-    Returns the plan with the times of a repeat, figures of each method with its median time, and the exact plan.
+    Returns the plan with the times of a repeat, figures of each method with its median time, and
+    the exact plan.
     """
     methods = list(dict.fromkeys((plan.method, Method.ASTAR, Method.CORRIDOR)))
     rounds = [{method: plan_by(method=method) for method in methods} for _ in range(1 + _REPEATS)]
-    times = {method: median(plans[method].timings_ms["total"] for plans in rounds[1:]) for method in methods}
-    last, exact, rows = rounds[-1], rounds[-1][Method.ASTAR], list[Row]()
+    times = {
+        method: median(plans[method].timings_ms["total"] for plans in rounds[1:])
+        for method in methods
+    }
+    last = rounds[-1]
+    exact = rounds[-1][Method.ASTAR]
+    rows = list[Row]()
     for method in methods:
-        summary, gap, speedup = last[method].summary(), None, None
+        summary = last[method].summary()
+        gap = None
+        speedup = None
         if last[method].ok and exact.ok:
             above = last[method].cost - exact.cost
             gap = above / abs(exact.cost) if exact.cost else 0.0  # below 0 where energy is got back

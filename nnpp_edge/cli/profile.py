@@ -1,4 +1,6 @@
-"""`nnpp-edge profile`: what the planners take on this machine, against budgets, or beside other libraries."""
+"""`nnpp-edge profile`: what the planners take on this machine, against budgets, or beside other
+libraries.
+"""
 
 import json
 import sys
@@ -15,18 +17,24 @@ if TYPE_CHECKING:
     from nnpp_edge.profiling.contest import Facts
 
 _FILES = ("report.json", "report.md", "board-row.md", "report.html")
-_PEERS_SIZES, _PEERS_QUERIES = (256, 512, 1024), 50
-_WANTED = "give either --profile (learned, edge-2core, single-core, quick, rover or a file) or --peers"
+_PEERS_SIZES = (256, 512, 1024)
+_PEERS_QUERIES = 50
+_WANTED = (
+    "give either --profile (learned, edge-2core, single-core, quick, rover or a file) or --peers"
+)
 _TERRAIN = "Elevation file, or several, in place of the profile's; else the sample."
 _VEHICLE = (
-    "Vehicle of the workloads body and body-rocksN, in place of the profile's: a shipped vehicle or a TOML file."
+    "Vehicle of the workloads body and body-rocksN, in place of the profile's: a shipped "
+    "vehicle or a TOML file."
 )
 _OUTPUT = (
-    "Folder for report.json, report.md, report.html and board-row.md (a row for docs/boards.md); with --peers for "
+    "Folder for report.json, report.md, report.html and board-row.md (a row for docs/boards.md); "
+    "with --peers for "
     "peers.json and peers.md."
 )
 _SIZES = (
-    "Sides of the maps, in place of the profile's; for --peers 256,512,1024. Synthetic terrain where no file is "
+    "Sides of the maps, in place of the profile's; for --peers 256,512,1024. Synthetic terrain "
+    "where no file is "
     "large enough."
 )
 
@@ -36,12 +44,15 @@ def compare_command(
     before: Annotated[Path, options.PATH],
     after: Annotated[Path, options.PATH],
     /,
-    tolerance: Annotated[float, options.NOT_NEGATIVE, "Share by which a figure may become worse."] = 0.1,
+    tolerance: Annotated[
+        float, options.NOT_NEGATIVE, "Share by which a figure may become worse."
+    ] = 0.1,
     as_json: options.AsJson = False,
 ) -> None:
     """Look for regressions between two reports, report.json of -o.
 
-    Exit code 1 when a figure is worse by more than the tolerance, 3 when only figures of a disturbed run are.
+    Exit code 1 when a figure is worse by more than the tolerance, 3 when only figures of a
+    disturbed run are.
 
     \b
     nnpp-edge profile compare before/report.json after/report.json --tolerance 0.1
@@ -70,27 +81,35 @@ class Asked:
     vehicle: Annotated[str | None, {"metavar": "NAME|FILE"}, _VEHICLE] = None
     sizes: Annotated[tuple[int, ...] | None, options.COUNTS, _SIZES] = None
     queries: Annotated[
-        int | None, options.COUNT, "For each workload and size, in place of the profile's; for --peers 50."
+        int | None,
+        options.COUNT,
+        "For each workload and size, in place of the profile's; for --peers 50.",
     ] = None
-    seed: Annotated[int | None, options.SEED, "Of every random choice; by default the profile's, else 1."] = None
+    seed: Annotated[
+        int | None, options.SEED, "Of every random choice; by default the profile's, else 1."
+    ] = None
     as_json: options.AsJson = False
     markdown: Annotated[bool, "Print the report, with --peers its table, as Markdown."] = False
     start_up: Annotated[
         bool,
-        "Also measure how long new processes take to a first plan, and to the loop's first answer; takes minutes.",
+        "Also measure how long new processes take to a first plan, and to the loop's first "
+        "answer; takes minutes.",
     ] = False
     output: Annotated[Path | None, "-o", options.FOLDER, _OUTPUT] = None
 
 
-@options.command("profile", click.Group, invoke_without_command=True, commands={"compare": compare_command})
+@options.command(
+    "profile", click.Group, invoke_without_command=True, commands={"compare": compare_command}
+)
 def command(asked: Asked) -> None:
     """Measure the planners on this machine against the budgets of a profile.
 
-    Pins to the profile's cores and lets exact A*, corridor, learned region (int8 and fp32) and auto answer the
-    same queries in turns. Then the profile's planner gets each map as if it had just arrived, and where a budget
-    asks for it the onboard loop is run with a patch of elevations at each tick. Prints times by stage, speed-up,
-    path costs, the size from which each planner pays, and the budgets. Exit code 0 when all are met, 1 when one is
-    missed, 3 when the run was too noisy to tell, or a budget was missed because the processor was slowed.
+    Pins to the profile's cores and lets exact A*, corridor, learned region (int8 and fp32) and auto
+    answer the same queries in turns. Then the profile's planner gets each map as if it had just
+    arrived, and where a budget asks for it the onboard loop is run with a patch of elevations at
+    each tick. Prints times by stage, speed-up, path costs, the size from which each planner pays,
+    and the budgets. Exit code 0 when all are met, 1 when one is missed, 3 when the run was too
+    noisy to tell, or a budget was missed because the processor was slowed.
 
     \b
     nnpp-edge profile --profile quick
@@ -98,10 +117,11 @@ def command(asked: Asked) -> None:
     nnpp-edge profile compare before/report.json after/report.json
     nnpp-edge profile --peers --sizes 256,512,1024 -o bench
 
-    With --peers a step costs its length times the mean weight of its two cells, the weight being 1 + 5.61 T; gaps
-    are path costs by that rule over exact A*'s, less 1. All planners then run on one thread; only cost maps, which
-    others get from us, are computed on all cores. Besides plans on a standing map, one-off use (from weights to
-    a path, nothing kept) and elevations to a path are timed.
+    With --peers a step costs its length times the mean weight of its two cells, the weight being 1
+    + 5.61 T; gaps are path costs by that rule over exact A*'s, less 1. All planners then run on one
+    thread; only cost maps, which others get from us, are computed on all cores. Besides plans on a
+    standing map, one-off use (from weights to a path, nothing kept) and elevations to a path are
+    timed.
     """
     if (inner := click.get_current_context().invoked_subcommand) is not None:
         if any(vars(asked).values()):
@@ -112,7 +132,9 @@ def command(asked: Asked) -> None:
     if asked.as_json and asked.markdown:
         raise click.UsageError("give one of --json and --markdown")
     if asked.peers and (asked.vehicle or asked.start_up):
-        raise click.UsageError(f"--{'vehicle' if asked.vehicle else 'start-up'} does not go with --peers")
+        raise click.UsageError(
+            f"--{'vehicle' if asked.vehicle else 'start-up'} does not go with --peers"
+        )
     if asked.profile is None:
         _peers(asked)
     else:
@@ -153,7 +175,8 @@ def _profile(name: str, asked: Asked) -> int:
             progress=advance,
             say=lambda line: click.echo(line, err=True),
         )
-    content, markdown = json.dumps(report, indent=1), report_text(report, markdown=True)
+    content = json.dumps(report, indent=1)
+    markdown = report_text(report, markdown=True)
     if written:
         texts = (text.encode() for text in (content, markdown, f"{board_table(report)}\n"))
         contents = (*texts, _page(report))
@@ -164,13 +187,17 @@ def _profile(name: str, asked: Asked) -> int:
 
 
 def _page(report: "Facts") -> bytes:
-    """The report as a page of HTML; empty, which is said, where the extra `viz` is not installed."""
+    """The report as a page of HTML; empty, which is said, where the extra `viz` is not
+    installed.
+    """
     try:
         from nnpp_edge.viz.figures import page
 
         return page(report).encode()
     except ImportError as error:
-        click.echo(f"note: {_FILES[-1]} is left out: {error} (pip install 'nnpp-edge[viz]')", err=True)
+        click.echo(
+            f"note: {_FILES[-1]} is left out: {error} (pip install 'nnpp-edge[viz]')", err=True
+        )
         return b""
 
 
@@ -182,12 +209,17 @@ def _peers(asked: Asked) -> None:
     from nnpp_edge.profiling.suites import TerrainFiles
     from nnpp_edge.progress import bar
 
-    sizes, queries = asked.sizes or _PEERS_SIZES, asked.queries or _PEERS_QUERIES
+    sizes = asked.sizes or _PEERS_SIZES
+    queries = asked.queries or _PEERS_QUERIES
     seed = 1 if asked.seed is None else asked.seed
     if not 16 <= min(sizes) <= max(sizes) <= options.LARGEST_SIDE or len(set(sizes)) < len(sizes):
         words = ",".join(map(str, sizes))
-        raise click.UsageError(f"--sizes must be different numbers from 16 to {options.LARGEST_SIDE}, got {words}")
-    written = [] if asked.output is None else [asked.output / f"peers.{end}" for end in ("json", "md")]
+        raise click.UsageError(
+            f"--sizes must be different numbers from 16 to {options.LARGEST_SIDE}, got {words}"
+        )
+    written = (
+        [] if asked.output is None else [asked.output / f"peers.{end}" for end in ("json", "md")]
+    )
     options.check_outputs(*(("--output", path) for path in written), make_folders=True)
     terrain = TerrainFiles.or_sample(asked.terrain, asked.rescale, asked.cell_size)
     with bar("profile", queries * len(sizes)) as advance:
@@ -195,5 +227,7 @@ def _peers(asked: Asked) -> None:
     facts = {"queries": queries, "seed": seed, "left_out": missing, "rows": rows}
     if written:
         page = f"{peers_text(rows, missing, markdown=True)}\n"
-        write_all(dict(zip(written, (json.dumps(facts, indent=1).encode(), page.encode()), strict=True)))
+        write_all(
+            dict(zip(written, (json.dumps(facts, indent=1).encode(), page.encode()), strict=True))
+        )
     tell(asked.as_json, facts, lambda: peers_text(rows, missing, markdown=asked.markdown), indent=1)

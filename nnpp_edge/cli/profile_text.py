@@ -16,7 +16,10 @@ def _verdict(line: Row) -> str:
 _PLACE: Columns = columns("workload | size: size ² | planner")
 _RESULTS = {
     **_PLACE,
-    **columns("n | ms/median: time_ms.median | ms/p90: time_ms.p90 | ms/p99: time_ms.p99 | ms/max: time_ms.max"),
+    **columns(
+        "n | ms/median: time_ms.median | ms/p90: time_ms.p90 | ms/p99: time_ms.p99 | ms/max: "
+        "time_ms.max"
+    ),
     **columns("FPS: fps .0f | network/FPS: inference_fps .0f"),
     **columns("speed-up/median: speedup_median .2f | speed-up/total: speedup_total .2f"),
     **columns("success: success_first .1% | after/fallback: success .1%"),
@@ -31,13 +34,21 @@ _ARRIVALS = {
 _LOOP: Columns = {
     **columns("workload | size: size ² | method | Hz: rate_hz g"),
     "patch": "{0[patch_side]} × {0[patch_side]}".format,
-    **columns("n | ms/median: reaction_ms.median | ms/p90: reaction_ms.p90 | ms/p99: reaction_ms.p99"),
+    **columns(
+        "n | ms/median: reaction_ms.median | ms/p90: reaction_ms.p90 | ms/p99: reaction_ms.p99"
+    ),
     **columns("ms/max: reaction_ms.max | new: planned | kept"),
 }
-_COMPARED = {**_PLACE, **columns("figure | before | after | worse by: change +.1%"), "verdict": _verdict}
+_COMPARED = {
+    **_PLACE,
+    **columns("figure | before | after | worse by: change +.1%"),
+    "verdict": _verdict,
+}
 _PEERS = {
     **columns("size | terrain | planner | n | ms/median: time_ms_median | ms/p95: time_ms_p95"),
-    **columns("× astar/median: times_astar_median | map/ms: map_ms_median | gap/mean: gap_mean z.2%"),
+    **columns(
+        "× astar/median: times_astar_median | map/ms: map_ms_median | gap/mean: gap_mean z.2%"
+    ),
     **columns("gap/max: gap_max z.2% | same/optimum: same_optimum"),
 }
 _WHOLE_RUN = (
@@ -55,7 +66,9 @@ _WHOLE_RUN = (
 
 
 def report_text(report: Facts, *, markdown: bool = False) -> str:
-    """The whole report: on a terminal the budgets come last, where the eye rests, in Markdown first."""
+    """The whole report: on a terminal the budgets come last, where the eye rests, in Markdown
+    first.
+    """
     results = report["results"]
     stages = {name: partial(_stage, name) for name in stages_of(results)}
     arrived = [row for row in results if row["map_ms"] is not None]
@@ -66,14 +79,28 @@ def report_text(report: Facts, *, markdown: bool = False) -> str:
         ("The onboard loop: from a patch's arrival to the checked path", report["loop"], _LOOP),
     ]
     head = "## " if markdown else ""
-    parts = [f"{head}{title}\n\n{table(rows, as_, markdown=markdown)}" for title, rows, as_ in tables if rows]
-    reasons = [f"why: {why}" for why in dict.fromkeys(line["why"] for line in report["budgets"] if line["why"])]
+    parts = [
+        f"{head}{title}\n\n{table(rows, as_, markdown=markdown)}"
+        for title, rows, as_ in tables
+        if rows
+    ]
+    reasons = [
+        f"why: {why}"
+        for why in dict.fromkeys(line["why"] for line in report["budgets"] if line["why"])
+    ]
     budgets = [table(report["budgets"], _BUDGETS, markdown=markdown)] if report["budgets"] else []
     machine = dict(_machine(report))
     if markdown:
         facts = [f"{name} {value}" for name, value in machine.items()]
         facts += [f"note {line}" for line in report["notes"]]
-        parts = [f"# {report['profile']['title']}", report["summary"], "## Budgets", *budgets, *reasons, *parts]
+        parts = [
+            f"# {report['profile']['title']}",
+            report["summary"],
+            "## Budgets",
+            *budgets,
+            *reasons,
+            *parts,
+        ]
         lists = ("\n".join(f"- {line}" for line in lines) for lines in (_sentences(report), facts))
         return "\n\n".join([*parts, next(lists), "## Machine", next(lists)]) + "\n"
     parts += ["\n".join(_sentences(report)), aligned(machine)]
@@ -90,28 +117,42 @@ def _stage(name: str, row: Row) -> str:
 
 def _sentences(report: Facts) -> Iterator[str]:
     for line in report["break_even"]:
-        where = "never in this run" if line["size_from"] is None else f"from {line['size_from']}² on"
+        where = (
+            "never in this run" if line["size_from"] is None else f"from {line['size_from']}² on"
+        )
         yield f"{line['planner']} faster than {line['over']}: {where}"
     if int8 := [row for row in report["results"] if row["int8_speedup"] is not None]:
-        gains = ", ".join(f"{row['int8_speedup']:.2f} ({row['workload']} {row['size']}²)" for row in int8)
+        gains = ", ".join(
+            f"{row['int8_speedup']:.2f} ({row['workload']} {row['size']}²)" for row in int8
+        )
         yield f"int8 over fp32, the whole network alone: {gains}"
     if lost := sum(row["without_path"] for row in report["loop"]):
         yield f"the onboard loop had no path after {lost} patches"
 
 
 def _machine(report: Facts) -> Iterator[tuple[str, str]]:
-    facts, sensors = report["environment"], report["sensors"]
+    facts = report["environment"]
+    sensors = report["sensors"]
     flags = ", ".join(facts["flags"]) or "none of note"
     yield "machine", f"{facts['cpu']} ({flags}), cores {', '.join(map(str, report['cores']))}"
     governor = ", ".join(facts["governor"] or ()) or MISSING
     yield "system", f"governor {governor}, load {' '.join(map(str, facts['load_average']))}"
-    yield "packages", ", ".join(f"{name} {version or MISSING}" for name, version in facts["packages"].items())
+    yield (
+        "packages",
+        ", ".join(f"{name} {version or MISSING}" for name, version in facts["packages"].items()),
+    )
     for key, name, unit in _WHOLE_RUN:
         if by_planner := report["besides"].get(key):
-            yield name, ", ".join(f"{who} {shown(value)} {unit}" for who, value in by_planner.items())
+            yield (
+                name,
+                ", ".join(f"{who} {shown(value)} {unit}" for who, value in by_planner.items()),
+            )
     halves = report["disturbance"]["halves"]
     shares = [max(half["waited_share"], half["others_share"] or 0.0) for half in halves]
-    yield "others took", f"{' and '.join(f'{100 * share:.1f} %' for share in shares)} of the halves of the run"
+    yield (
+        "others took",
+        f"{' and '.join(f'{100 * share:.1f} %' for share in shares)} of the halves of the run",
+    )
     yield "clocks", _readings(sensors["clock_mhz"], "core ", "MHz", "limit")
     yield "temperature", _readings(sensors["temperature_c"], "", "°C", "trip")
     if sensors["throttled"]:
@@ -134,9 +175,13 @@ def _with_unit(line: Row, number: str) -> str:
 
 _BUDGETS: Columns = {
     **columns("budget: name | planner"),
-    "where": lambda line: MISSING if line["size"] is None else f"{line['workload']} {line['size']}²",
+    "where": lambda line: (
+        MISSING if line["size"] is None else f"{line['workload']} {line['size']}²"
+    ),
     "measured": lambda line: _with_unit(line, shown(line["value"])),
-    "wanted": lambda line: _with_unit(line, f"{'≥' if line['direction'] == 'at least' else '≤'} {line['limit']:g}"),
+    "wanted": lambda line: _with_unit(
+        line, f"{'≥' if line['direction'] == 'at least' else '≤'} {line['limit']:g}"
+    ),
     "verdict": _verdict,
 }
 
@@ -144,21 +189,34 @@ _BUDGETS: Columns = {
 def comparison_text(comparison: Facts) -> str:
     """The figures that changed, and how the comparison ends."""
     changed = [line for line in comparison["lines"] if line["verdict"] != "same"]
-    parts = [f"note: {line}" for line in comparison["notes"]] + ([table(changed, _COMPARED)] if changed else [])
+    parts = [f"note: {line}" for line in comparison["notes"]] + (
+        [table(changed, _COMPARED)] if changed else []
+    )
     worse = sum(line["verdict"] in ("worse", "noisy") for line in changed)
     doubt = ", all of them in a disturbed run" if comparison["verdict"] == "noisy" else ""
     tolerance = 100 * comparison["tolerance"]
-    parts.append(f"{worse} of {len(comparison['lines'])} figures are worse by more than {tolerance:g} %{doubt}")
+    parts.append(
+        f"{worse} of {len(comparison['lines'])} figures are worse by more than {tolerance:g} "
+        f"%{doubt}"
+    )
     return "\n".join(parts)
 
 
 def peers_text(rows: Sequence[Figures], missing: Sequence[str], *, markdown: bool = False) -> str:
-    """The rows beside other libraries: the table, what each planner minimises, and who was left out."""
+    """The rows beside other libraries: the table, what each planner minimises, and who was left
+    out.
+    """
     lines = [table(rows, _PEERS, markdown=markdown), "", "minimised:"]
-    lines += [aligned({f"{row['planner']} {row['version']}": row["objective"] for row in rows}, "  ")]
+    lines += [
+        aligned({f"{row['planner']} {row['version']}": row["objective"] for row in rows}, "  ")
+    ]
     lines += [f"{row['planner']} at {row['size']}: {row['note']}" for row in rows if row["note"]]
     failed = [row for row in rows if row["failed"]]
-    lines += [f"{row['planner']} at {row['size']}: no path for {row['failed']} queries" for row in failed]
+    lines += [
+        f"{row['planner']} at {row['size']}: no path for {row['failed']} queries" for row in failed
+    ]
     if missing:
-        lines.append(f"left out, not installed: {', '.join(missing)} (pip install 'nnpp-edge[bench]')")
+        lines.append(
+            f"left out, not installed: {', '.join(missing)} (pip install 'nnpp-edge[bench]')"
+        )
     return "\n".join(lines)

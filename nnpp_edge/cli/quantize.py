@@ -16,7 +16,9 @@ def command(
     /,
     dataset: Annotated[Path, options.FOLDER, "Data set to calibrate on."],
     output: Annotated[Path, "-o", options.NEW_FILE, "The int8 ONNX file."],
-    validation: Annotated[Path | None, options.FOLDER, "Data set to judge on; by default held-out maps."] = None,
+    validation: Annotated[
+        Path | None, options.FOLDER, "Data set to judge on; by default held-out maps."
+    ] = None,
     samples: Annotated[int, options.COUNT, "Queries to calibrate on."] = 200,
     exclude: Annotated[tuple[str, ...], options.NAMES, "Nodes to leave float, by name."] = (),
     seed: options.Seed = 1,
@@ -34,18 +36,24 @@ def command(
     from nnpp_edge.calibrate.quantize import quantize
     from nnpp_edge.training.unseen import Fit
 
-    r = quantize(model, dataset, output, validation=validation, samples=samples, exclude=exclude, seed=seed)
+    r = quantize(
+        model, dataset, output, validation=validation, samples=samples, exclude=exclude, seed=seed
+    )
     if as_json:
         click.echo(r.to_json())
         return
     c = r.compared
     shown_as = {
         **columns("precision | MB: size_mb .2f | ms/median: median_ms .2f | ms/p99: p99_ms .2f"),
-        **columns("cost gap: gap z.3% | found in/region: success .1% | region, of/the map: region_share .2%"),
+        **columns(
+            "cost gap: gap z.3% | found in/region: success .1% | region, of/the map: region_share "
+            ".2%"
+        ),
     }
     if isinstance(c.fp32, Fit):
         shown_as = {name: shown_as[name] for name in list(shown_as)[:4]} | columns(
-            "error of/mean T: rmse_mean .4f | blocked/share: rmse_blocked .4f | closed/chance: rmse_closed .4f"
+            "error of/mean T: rmse_mean .4f | blocked/share: rmse_blocked .4f | closed/chance: "
+            "rmse_closed .4f"
         )
     rows = [
         {"precision": name, "size_mb": size / 1e6, **asdict(latency), **asdict(judged)}
@@ -59,5 +67,6 @@ def command(
         f"{table(rows, shown_as)}\n"
         f"answers differ by {c.mean_difference:.4f} on average, {c.max_difference:.3f} at most"
         f"{'' if isinstance(c.fp32, Fit) else f'; region at td × {c.fp32.factor:g}'}\n"
-        f"{r.quantised} convolutions in int8, left float: {', '.join(('the head', *r.excluded))}\n{r.recommendation}"
+        f"{r.quantised} convolutions in int8, left float: "
+        f"{', '.join(('the head', *r.excluded))}\n{r.recommendation}"
     )

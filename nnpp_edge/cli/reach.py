@@ -16,19 +16,32 @@ from nnpp_edge.cli.text import aligned, duration, tell
 _SECONDS = {"s": 1.0, "min": 60.0, "h": 3600.0}
 _JOULES = {"J": 1.0, "kJ": 1e3, "MJ": 1e6, "Wh": 3600.0, "kWh": 3.6e6}
 _COST = "The most that a path may cost, in the unit of --step-cost."
-_TIME = "The longest time of a path: by --step-cost, else at the vehicle's speeds, else by Tobler's function."
-_ENERGY = "The most energy that a --vehicle may draw, in joules unless a unit is given: 500kJ, 20MJ, 2kWh."
+_TIME = (
+    "The longest time of a path: by --step-cost, else at the vehicle's speeds, else by "
+    "Tobler's function."
+)
+_ENERGY = (
+    "The most energy that a --vehicle may draw, in joules unless a unit is given: 500kJ, "
+    "20MJ, 2kWh."
+)
 
 
 def _amount(units: dict[str, float], word: str) -> float:
     found = re.fullmatch(rf"(\d+(?:\.\d*)?(?:e\d+)?)\s*({'|'.join(units)})?", word)
-    if found is None or not 0.0 < (amount := float(found[1]) * units.get(found[2], 1.0)) <= options.LARGEST:
+    if (
+        found is None
+        or not 0.0 < (amount := float(found[1]) * units.get(found[2], 1.0)) <= options.LARGEST
+    ):
         raise ValueError
     return amount
 
 
-_DURATION = options.Parsed("TIME", "a time such as 90, 90s, 30min or 2h", partial(_amount, _SECONDS))
-_WORK = options.Parsed("ENERGY", "an energy such as 3e4, 500kJ, 20MJ or 2kWh", partial(_amount, _JOULES))
+_DURATION = options.Parsed(
+    "TIME", "a time such as 90, 90s, 30min or 2h", partial(_amount, _SECONDS)
+)
+_WORK = options.Parsed(
+    "ENERGY", "an energy such as 3e4, 500kJ, 20MJ or 2kWh", partial(_amount, _JOULES)
+)
 
 
 @options.command("reach")
@@ -46,14 +59,19 @@ def command(
     corner_cutting: options.CornerCutting = True,
     hillshade: options.Hillshade = False,
     output: Annotated[
-        Path | None, "-o", options.PATH, "Folder for reach.tif, reach.geojson, reach.png, reach.json."
+        Path | None,
+        "-o",
+        options.PATH,
+        "Folder for reach.tif, reach.geojson, reach.png, reach.json.",
     ] = None,
     as_json: options.AsJson = False,
 ) -> None:
-    """Show what can be reached on the elevation map DEM from a place, within a cost, a time or an energy.
+    """Show what can be reached on the elevation map DEM from a place, within a cost, a time or an
+    energy.
 
-    The areas are nested: each holds the cells that can be reached within its share of the limit. reach.tif has
-    the cost of reaching each cell, reach.geojson the areas in the map's own coordinates, along the cells' sides.
+    The areas are nested: each holds the cells that can be reached within its share of the limit.
+    reach.tif has the cost of reaching each cell, reach.geojson the areas in the map's own
+    coordinates, along the cells' sides.
 
     \b
     nnpp-edge reach dem.tif --start 20,30 --within-time 30min --workload limit20 -o reach
@@ -68,13 +86,16 @@ def command(
     in_seconds = unit_of(robot.step_cost) == "s"
     if measure != "cost" and robot.step_cost != "paper" and not (measure == "time" and in_seconds):
         raise click.UsageError(
-            f"--within-{measure} counts {measure} already: leave out --step-cost, or give --within-cost with it; "
+            f"--within-{measure} counts {measure} already: leave out --step-cost, or give "
+            "--within-cost with it; "
             "one in seconds goes with --within-time"
         )
     names = ("reach.tif", "reach.geojson", "reach.png", "reach.json")
     paths = [output / name for name in names] if output else []
     read = [] if start.file is None else [start.file]
-    options.check_outputs(*(("--output", path) for path in paths), more_inputs=read, make_folders=True)
+    options.check_outputs(
+        *(("--output", path) for path in paths), more_inputs=read, make_folders=True
+    )
 
     from dataclasses import replace
 
@@ -88,15 +109,19 @@ def command(
     from nnpp_edge.terrain.route import Reach
     from nnpp_edge.viz.picture import png_bytes, reach_picture
 
-    terrain, limits = robot.read(dem), robot.limits()
-    cost, cell = cost_of(terrain, limits), start.one_cell(terrain, "--start")
+    terrain = robot.read(dem)
+    limits = robot.limits()
+    cost = cost_of(terrain, limits)
+    cell = start.one_cell(terrain, "--start")
     step_cost = "energy" if measure == "energy" else robot.step_cost
     if measure == "time" and not in_seconds:
         step_cost = "time" if robot.mobility().time else "tobler"
     ground = replace(robot, step_cost=step_cost).of(terrain)
     planner = Planner(priced(ground, cost), omega=omega, corner_cutting=corner_cutting)
     if problem := problem_with(planner.state.grid, cell, cell):
-        near = Near(terrain, terrain.elevation, cost, limits, ground.vehicle, planner.state.grid.poses)
+        near = Near(
+            terrain, terrain.elevation, cost, limits, ground.vehicle, planner.state.grid.poses
+        )
         refuse(problem, cell, cell, near)
     shares = tuple((most * np.arange(1, levels + 1) / levels).tolist())
     found = Reach(planner.reach(cell, most), shares, measure, unit_of(step_cost), terrain)
@@ -108,15 +133,24 @@ def command(
         return f"within {duration(level) if measure == 'time' else work}"
 
     files = [str(path) for path in paths]
-    figures = {"start": cell, "measure": measure, "unit": found.unit, "areas": found.areas, **size_of(terrain)}
+    figures = {
+        "start": cell,
+        "measure": measure,
+        "unit": found.unit,
+        "areas": found.areas,
+        **size_of(terrain),
+    }
     figures |= {"files": files} if files else {}
     if paths:
         shade = shade_of(terrain) if hillshade else None
-        named, width = [(level, words(level)) for level in found.levels], terrain.cell_width_m
+        named = [(level, words(level)) for level in found.levels]
+        width = terrain.cell_width_m
         contents = (
             raster_bytes(paths[0], found.raster(), terrain),
             found.geojson(),
-            png_bytes(reach_picture(cost, found.field, named, cell, shade=shade, cell_size_m=width)),
+            png_bytes(
+                reach_picture(cost, found.field, named, cell, shade=shade, cell_size_m=width)
+            ),
             json.dumps(figures, indent=1).encode(),
         )
         write_all(dict(zip(paths, contents, strict=True)))

@@ -10,7 +10,9 @@ import click
 
 from nnpp_edge.cli import options
 
-_MODEL = "Network of the paper's method; given twice, the second is ours; by default paper and edge."
+_MODEL = (
+    "Network of the paper's method; given twice, the second is ours; by default paper and edge."
+)
 _QUERIES = "Timed queries at each size (table2, fig9, fig11), by default 200, 30 and 300."
 
 
@@ -23,11 +25,13 @@ def command(
     rescale: options.Rescale = None,
     models: Annotated[tuple[str, ...], "--model", options.MODEL, options.MANY, _MODEL] = (),
     queries: Annotated[int | None, options.COUNT, _QUERIES] = None,
-    quick: Annotated[bool, "A quick test of less than a minute; its figures are not meaningful."] = False,
+    quick: Annotated[
+        bool, "A quick test of less than a minute; its figures are not meaningful."
+    ] = False,
     again: Annotated[bool, "Run experiments that are complete, too."] = False,
-    output: Annotated[Path, "-o", options.FOLDER, "Folder for the results; what is complete in it is kept."] = Path(
-        "reproduction"
-    ),
+    output: Annotated[
+        Path, "-o", options.FOLDER, "Folder for the results; what is complete in it is kept."
+    ] = Path("reproduction"),
     seed: options.Seed = 1,
     as_json: options.AsJson = False,
 ) -> None:
@@ -36,9 +40,9 @@ def command(
     The paper's method runs with the paper's own network, ours with `edge`; --model replaces both.
     Without --terrain the ground is the shipped sample, at cells of 20 m.
 
-    EXPERIMENT is one of table1, fig7, table2, fig9, fig11, fig12, fig14, table3 and table4;
-    by default all. Each gets a folder with its figures (CSV) and a picture (PNG); README.md has the tables
-    and the verdicts. Complete experiments are not run again.
+    EXPERIMENT is one of table1, fig7, table2, fig9, fig11, fig12, fig14, table3 and table4; by
+    default all. Each gets a folder with its figures (CSV) and a picture (PNG); README.md has the
+    tables and the verdicts. Complete experiments are not run again.
 
     \b
     nnpp-edge reproduce --terrain dem.tif --rescale 20 -o reproduction
@@ -48,23 +52,37 @@ def command(
     from nnpp_edge.reproduction.runner import EXPERIMENTS, reproduce
 
     if unknown := [name for name in experiments if name not in EXPERIMENTS]:
-        raise click.UsageError(f"wanted EXPERIMENT of {', '.join(EXPERIMENTS)}, got {', '.join(unknown)}")
+        raise click.UsageError(
+            f"wanted EXPERIMENT of {', '.join(EXPERIMENTS)}, got {', '.join(unknown)}"
+        )
     if len(models) > 2:
-        raise click.UsageError(f"wanted at most two of --model, the paper's and ours, got {len(models)}")
+        raise click.UsageError(
+            f"wanted at most two of --model, the paper's and ours, got {len(models)}"
+        )
     both = (models[0], models[-1]) if models else ("paper", "edge")
     names = [name for name in EXPERIMENTS if not experiments or name in experiments]
     files = TerrainFiles.or_sample(terrain, rescale, cell_size)
     told = []
-    settings: dict[str, Any] = {"models": both, "seed": seed, "quick": quick, "queries": queries, "again": again}
+    settings: dict[str, Any] = {
+        "models": both,
+        "seed": seed,
+        "quick": quick,
+        "queries": queries,
+        "again": again,
+    }
     for made, ran in reproduce(names, files, output, **settings):
         findings = [asdict(finding) for finding in made.findings]
-        told.append({"experiment": made.name, "ended": "done" if ran else "skipped", "findings": findings})
+        told.append(
+            {"experiment": made.name, "ended": "done" if ran else "skipped", "findings": findings}
+        )
         verdicts = Counter(finding.verdict for finding in made.findings)
         counts = ", ".join(f"{count} {verdict}" for verdict, count in sorted(verdicts.items()))
         kept = "" if ran else ", complete already (--again repeats it)"
         if not as_json:
             click.echo(f"{made.name}: {counts}{kept}; {output / made.name}")
     if as_json:
-        click.echo(json.dumps({"output": str(output), "experiments": told}, indent=1, ensure_ascii=False))
+        click.echo(
+            json.dumps({"output": str(output), "experiments": told}, indent=1, ensure_ascii=False)
+        )
     else:
         click.echo(f"comparison with the paper: {output / 'README.md'}")

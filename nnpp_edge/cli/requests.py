@@ -1,4 +1,6 @@
-"""The question of `plan`: where a path begins, leads through and ends, and how it is to be found."""
+"""The question of `plan`: where a path begins, leads through and ends, and how it is to
+be found.
+"""
 
 import math
 import re
@@ -24,7 +26,9 @@ class End(NamedTuple):
     """A place, or several in the order of a layer's points, as the user named them."""
 
     cells: "Callable[[Place], list[Cell]]"
-    """The cells of a map below, perhaps outside it; InvalidQueryError for what has no place on the map's plane."""
+    """The cells of a map below, perhaps outside it; InvalidQueryError for what has no place on the
+    map's plane.
+    """
     file: Path | None = None
     """The vector file, if it is one."""
 
@@ -45,12 +49,16 @@ def _end(word: str) -> End:
             raise ValueError
         if system is None:
             return End(lambda place: [(int(row), int(col))])
-        return End(lambda place: [place.cell_of(*at)] if system == "xy" else _below_lonlat(place, at))
+        return End(
+            lambda place: [place.cell_of(*at)] if system == "xy" else _below_lonlat(place, at)
+        )
     from nnpp_edge.terrain.vectors import named_file
 
     if "," in word or not word:
         raise ValueError
-    return End(partial(_below_layer, word), named_file(word)[0])  # VectorFileError, a ValueError, where there is none
+    return End(
+        partial(_below_layer, word), named_file(word)[0]
+    )  # VectorFileError, a ValueError, where there is none
 
 
 def _below_lonlat(place: "Place", at: tuple[float, float]) -> "list[Cell]":
@@ -71,7 +79,9 @@ def _below_layer(word: str, place: "Place") -> "list[Cell]":
     return [place.cell_of(x, y) for x, y in points.tolist()]
 
 
-PLACE = Parsed("PLACE", "ROW,COL as two whole numbers, xy:X,Y, lonlat:LON,LAT, or a vector file", _end)
+PLACE = Parsed(
+    "PLACE", "ROW,COL as two whole numbers, xy:X,Y, lonlat:LON,LAT, or a vector file", _end
+)
 START = "ROW,COL from 0, xy:X,Y, lonlat:LON,LAT, or a vector file's point."
 Start = Annotated[End, PLACE, START]
 
@@ -81,9 +91,15 @@ class PlanRequest:
     """A plan's question."""
 
     start: Start
-    goals: Annotated[tuple[End, ...], "--goal", PLACE, MANY, "As --start; of several, the nearest is used."]
-    via: Annotated[tuple[End, ...], PLACE, MANY, "Pass through this place, or a vector file's points."] = ()
-    best_order: Annotated[bool, "Visit the places of --via, 12 at most, in the cheapest order."] = False
+    goals: Annotated[
+        tuple[End, ...], "--goal", PLACE, MANY, "As --start; of several, the nearest is used."
+    ]
+    via: Annotated[
+        tuple[End, ...], PLACE, MANY, "Pass through this place, or a vector file's points."
+    ] = ()
+    best_order: Annotated[bool, "Visit the places of --via, 12 at most, in the cheapest order."] = (
+        False
+    )
     method: Annotated[str, click.Choice(["auto", "astar", "corridor", "nnpp"])] = "auto"
     model: options.Model = "edge"
     omega: options.Omega = 0.011
@@ -92,12 +108,20 @@ class PlanRequest:
         float | None, options.NOT_NEGATIVE, "Cost at most this share above the optimum; 0 is exact."
     ] = None
     time_limit: Annotated[float | None, options.POSITIVE, "Seconds for one planning."] = None
-    refine: Annotated[str | None, click.Choice(["any-angle"]), "Take the path off the grid: adds way points."] = None
-    start_heading: Annotated[
-        float | None, options.ANGLE, "Heading of a body at the start, degrees clockwise from up the rows."
+    refine: Annotated[
+        str | None, click.Choice(["any-angle"]), "Take the path off the grid: adds way points."
     ] = None
-    goal_heading: Annotated[float | None, options.ANGLE, "Heading of a body at the goal, likewise."] = None
-    goal_tolerance: Annotated[float, options.NOT_NEGATIVE, "Greatest deviation from the heading at the goal."] = 0.0
+    start_heading: Annotated[
+        float | None,
+        options.ANGLE,
+        "Heading of a body at the start, degrees clockwise from up the rows.",
+    ] = None
+    goal_heading: Annotated[
+        float | None, options.ANGLE, "Heading of a body at the goal, likewise."
+    ] = None
+    goal_tolerance: Annotated[
+        float, options.NOT_NEGATIVE, "Greatest deviation from the heading at the goal."
+    ] = 0.0
     compare: Annotated[bool, "Plan with exact A* and the corridor planner too."] = False
     hillshade: options.Hillshade = False
 

@@ -19,10 +19,13 @@ if TYPE_CHECKING:
 
 _MODEL = "Shipped network's name, or an ONNX file, in place of the profile's (else edge)."
 _LOOP = (
-    "Set a value of the profile's table [loop], such as cores=[2,3], priority=50, tolerance=0.05, approach=true or "
+    "Set a value of the profile's table [loop], such as cores=[2,3], priority=50, tolerance=0.05, "
+    "approach=true or "
     "refine=any-angle. May be repeated."
 )
-_SETTING = options.SettingType("nnpp_edge.profiling.profile_file:OnboardLoop", "tolerance=0.05", bare=True)
+_SETTING = options.SettingType(
+    "nnpp_edge.profiling.profile_file:OnboardLoop", "tolerance=0.05", bare=True
+)
 
 
 @options.command("run")
@@ -32,9 +35,13 @@ def command(
     robot: GroundOptions,
     blocks: KnownOptions,
     profile: Annotated[
-        str | None, {"metavar": "NAME|FILE"}, "A shipped profile or a TOML file; its table [loop] counts."
+        str | None,
+        {"metavar": "NAME|FILE"},
+        "A shipped profile or a TOML file; its table [loop] counts.",
     ] = None,
-    rate: Annotated[float | None, options.RATE, "Ticks a second, in place of the profile's (else 17)."] = None,
+    rate: Annotated[
+        float | None, options.RATE, "Ticks a second, in place of the profile's (else 17)."
+    ] = None,
     method: Annotated[str | None, "Planner, in place of the profile's (else auto)."] = None,
     model: Annotated[str | None, options.MODEL, _MODEL] = None,
     loop: Annotated[tuple[options.Setting, ...], _SETTING, MANY, _LOOP] = (),
@@ -43,9 +50,9 @@ def command(
 ) -> None:
     """Plan at a fixed rate: patches, poses and goals in, paths out.
 
-    Inputs and answers are JSON; see docs/run.md. SIGTERM ends the run after its tick with exit code 0. Closing stdin
-    ends it once the last inputs were answered. At the end the counters are printed on stderr, or with --json on
-    stdout.
+    Inputs and answers are JSON; see docs/run.md. SIGTERM ends the run after its tick with exit code
+    0. Closing stdin ends it once the last inputs were answered. At the end the counters are printed
+    on stderr, or with --json on stdout.
 
     \b
     nnpp-edge run --map dem.tif --workload limit20
@@ -58,7 +65,9 @@ def command(
     from nnpp_edge.runtime.network.model_file import model_path
 
     if as_json and STDOUT in wiring.output_kinds:
-        raise click.UsageError("--json prints on stdout, which answers go to: add --output none, or zenoh")
+        raise click.UsageError(
+            "--json prints on stdout, which answers go to: add --output none, or zenoh"
+        )
     changes = {name: value for each in loop for name, value in each.values.items()}
     given = {"rate_hz": rate, "method": method, "model": model}
     changes |= {name: value for name, value in given.items() if value is not None}
@@ -75,7 +84,9 @@ def command(
         ground = robot.of_blocks(robot.read(map_file), blocks.known, blocks.prior)
     else:
         ground = _ground(map_file, robot)
-    counters = run(ground, navigator, wiring, settings, ticks=ticks, report=partial(click.echo, err=True))
+    counters = run(
+        ground, navigator, wiring, settings, ticks=ticks, report=partial(click.echo, err=True)
+    )
     if as_json:
         tell(as_json, asdict(counters), str)
     else:
@@ -90,11 +101,16 @@ def summary(counters: "Counters") -> str:
         return ", ".join(f"{what} {count}" for what, count in counts.items() if count)
 
     odd = {"clipped": c.patches_clipped, "rejected": c.patches_rejected, "merged": c.patches_merged}
-    patches = [f"{c.patches} ({c.cells_changed} cells changed)", *([counted(odd)] if any(odd.values()) else [])]
+    patches = [
+        f"{c.patches} ({c.cells_changed} cells changed)",
+        *([counted(odd)] if any(odd.values()) else []),
+    ]
     lines = {
         "ticks": f"{c.ticks}: {c.planned} planned, {c.kept} kept, {c.failed} without a path",
         "tick": ", ".join(f"{name} {ms:.2f} ms" for name, ms in (c.tick_ms or {}).items()),
-        "late": f"{c.overruns} overruns, {c.skipped} deadlines skipped" if c.overruns or c.skipped else "",
+        "late": f"{c.overruns} overruns, {c.skipped} deadlines skipped"
+        if c.overruns or c.skipped
+        else "",
         "degraded": counted(c.degraded),
         "errors": counted(c.errors),
         "dropped": counted(c.drops),
@@ -112,8 +128,13 @@ def _ground(path: Path, robot: GroundOptions) -> "Ground":
 
     if (found := read_cost_map(path)) is None:
         return robot.of(robot.read(path))
-    context, default = click.get_current_context(), click.core.ParameterSource.DEFAULT
-    given = {field.name for field in fields(GroundOptions) if context.get_parameter_source(field.name) is not default}
+    context = click.get_current_context()
+    default = click.core.ParameterSource.DEFAULT
+    given = {
+        field.name
+        for field in fields(GroundOptions)
+        if context.get_parameter_source(field.name) is not default
+    }
     if wrong := [each.opts[0] for each in context.command.params if each.name in given]:
         raise click.UsageError(f"{path.name} holds costs: {wrong[0]} needs elevations")
     return Ground(found[0], cell_size_m=found[1])

@@ -1,4 +1,6 @@
-"""`nnpp-edge simulate`: a robot that drives through the onboard loop, over ground that its map knows only roughly."""
+"""`nnpp-edge simulate`: a robot that drives through the onboard loop, over ground that its map
+knows only roughly.
+"""
 
 from contextlib import ExitStack, closing
 from dataclasses import replace
@@ -19,13 +21,17 @@ if TYPE_CHECKING:
     from nnpp_edge.runtime.map.state import MapState
     from nnpp_edge.simulation.simulate import Drive
 
-_SAMPLE, _SAMPLE_RESCALE = "moon_highlands", 20.0
+_SAMPLE = "moon_highlands"
+_SAMPLE_RESCALE = 20.0
 _CELLS_TO_A_BODY = 4.0
 """Cells of the sample along a vehicle."""
 _SURVEY = 8
 """Cells over which a point's first map is blurred without --known."""
 _METHODS = ("auto", "astar", "dstar", "corridor", "corridor-dstar", "nnpp", "nnpp-dstar")
-_SIZE = "Side of the part of the map that is driven on; the seed picks one, which holds --start and --goal."
+_SIZE = (
+    "Side of the part of the map that is driven on; the seed picks one, which holds --start "
+    "and --goal."
+)
 _GOAL = "As --start; by default the seed picks both."
 _CHANGES = "Obstacles that appear, move or vanish between two ticks."
 _NOISE = "Standard deviation of the steering angle, degrees, of a vehicle that drives arcs."
@@ -35,7 +41,9 @@ _NOISE = "Standard deviation of the steering angle, degrees, of a vehicle that d
 def command(
     robot: GroundOptions,
     blocks: KnownOptions,
-    dem: Annotated[Path | None, "--map", options.MAP, "Elevation map; by default the shipped lunar sample."] = None,
+    dem: Annotated[
+        Path | None, "--map", options.MAP, "Elevation map; by default the shipped lunar sample."
+    ] = None,
     size: Annotated[int, click.IntRange(16, options.MOST), _SIZE] = 256,
     start: Annotated[End | None, PLACE, START] = None,
     goal: Annotated[End | None, PLACE, _GOAL] = None,
@@ -50,18 +58,22 @@ def command(
     rocks: Annotated[float, options.Real(0.0, 0.2), "Share of the ground under rocks."] = 0.0,
     seed: options.Seed = 1,
     endless: Annotated[bool, "Drive from goal to goal for all --ticks."] = False,
-    log: Annotated[Path | None, options.NEW_FILE, "Write inputs and answers as MCAP with ROS 2 messages."] = None,
+    log: Annotated[
+        Path | None, options.NEW_FILE, "Write inputs and answers as MCAP with ROS 2 messages."
+    ] = None,
     view: View = None,
-    picture: Annotated[Path | None, options.NEW_FILE, ".png of the way driven, or .gif of the drive."] = None,
+    picture: Annotated[
+        Path | None, options.NEW_FILE, ".png of the way driven, or .gif of the drive."
+    ] = None,
     as_json: options.AsJson = False,
 ) -> None:
     """Drive a simulated robot to its goal through the onboard loop.
 
-    The robot begins with a coarse survey of the terrain, sees the true cost of the cells around it, and walks
-    along the newest path; obstacles of cost 1 appear, move and vanish. Every path is checked outside the loop, too.
-    A vehicle sees heights instead, obstacles are higher than any step, and its body is checked wherever it goes.
-    The survey shows no rocks.
-    Exit codes: 0 at the goal, 1 where it was not reached or a path crossed a forbidden cell, 2 for wrong use.
+    The robot begins with a coarse survey of the terrain, sees the true cost of the cells around it,
+    and walks along the newest path; obstacles of cost 1 appear, move and vanish. Every path is
+    checked outside the loop, too. A vehicle sees heights instead, obstacles are higher than any
+    step, and its body is checked wherever it goes. The survey shows no rocks. Exit codes: 0 at the
+    goal, 1 where it was not reached or a path crossed a forbidden cell, 2 for wrong use.
 
     \b
     nnpp-edge simulate --workload limit20 --picture drive.gif --log drive.mcap
@@ -84,40 +96,58 @@ def command(
 
     robot.limits()  # those that make no sense are refused before any work
     body = robot.body()
-    settings = SimulationSettings(method, model, rate, ticks, changes, sight, speed, seed, endless, steering_noise)
+    settings = SimulationSettings(
+        method, model, rate, ticks, changes, sight, speed, seed, endless, steering_noise
+    )
     if picture is not None:
         check_name(picture)
     written = [str(file) for file in (log, picture) if file is not None]
     options.check_outputs(
-        ("--log", log), ("--picture", picture), ("--view", options.view_file(view)), make_folders=True
+        ("--log", log),
+        ("--picture", picture),
+        ("--view", options.view_file(view)),
+        make_folders=True,
     )
     if dem is None:
-        cell_m = _SAMPLE_RESCALE if body is None or body.is_disc else body.length_m / _CELLS_TO_A_BODY
-        dem, robot = sample_path(_SAMPLE), replace(robot, rescale=robot.rescale or cell_m)
-    whole, rng = robot.read(dem), np.random.default_rng([seed, 3])
+        cell_m = (
+            _SAMPLE_RESCALE if body is None or body.is_disc else body.length_m / _CELLS_TO_A_BODY
+        )
+        dem = sample_path(_SAMPLE)
+        robot = replace(robot, rescale=robot.rescale or cell_m)
+    whole = robot.read(dem)
+    rng = np.random.default_rng([seed, 3])
     factor = blocks.known or 1
     rows, cols = (min(size, side) // factor * factor for side in whole.shape)
-    row, col = (int(rng.integers(side - kept + 1)) for side, kept in zip(whole.shape, (rows, cols), strict=True))
+    row, col = (
+        int(rng.integers(side - kept + 1))
+        for side, kept in zip(whole.shape, (rows, cols), strict=True)
+    )
     if start and goal:
         ends = np.array([start.one_cell(whole, "--start"), goal.one_cell(whole, "--goal")])
         least = np.maximum(ends.max(0) - (rows - 1, cols - 1), 0)
         most = np.minimum(ends.min(0), np.subtract(whole.shape, (rows, cols)))
         if (least > most).any():
             raise InvalidQueryError(
-                f"--start and --goal, cells {ends.tolist()}, must not lie outside the map of {whole.shape[0]} × "
+                f"--start and --goal, cells {ends.tolist()}, must not lie outside the map of "
+                f"{whole.shape[0]} × "
                 f"{whole.shape[1]} cells, nor further apart than --size {size}"
             )
         row, col = np.clip((row, col), least, most).tolist()
     heights = np.ascontiguousarray(whole.elevation[row : row + rows, col : col + cols])
     part = true = replace(whole, elevation=heights)
     if rocks:
-        rng, width = np.random.default_rng([seed, 4]), part.cell_width_m
-        true = replace(part, elevation=with_rocks(heights, part.cell_size_m, rocks, rng, cell_width_m=width))
+        rng = np.random.default_rng([seed, 4])
+        width = part.cell_width_m
+        true = replace(
+            part, elevation=with_rocks(heights, part.cell_size_m, rocks, rng, cell_width_m=width)
+        )
     if blocks.known is None:
         ground = SurveyedGround.of(robot.of(true), _SURVEY if body is None else 1, part.elevation)
     else:
         ground = SurveyedGround.of_known(robot.of(true), factor, blocks.prior)
-    begin, end = map(tuple, (ends - (row, col)).tolist()) if start and goal else random_drive(ground, seed)
+    begin, end = (
+        map(tuple, (ends - (row, col)).tolist()) if start and goal else random_drive(ground, seed)
+    )
     film = Film() if picture is not None and picture.suffix.lower() == ".gif" else None
 
     with ExitStack() as stack:
@@ -133,13 +163,26 @@ def command(
         try:
             drive = simulate(ground, begin, end, settings, make_sinks=make_sinks, watch=film)
         except InvalidQueryError as error:
-            raise InvalidQueryError(f"{error}, on the part of the map from cell ({row}, {col}) on") from None
+            raise InvalidQueryError(
+                f"{error}, on the part of the map from cell ({row}, {col}) on"
+            ) from None
     if picture is not None and film is not None:
         film.save(picture)
     elif picture is not None:
         save_picture(picture, drive_picture(ground, drive))
-    of_file = {name: (cell[0] + row, cell[1] + col) for name, cell in (("start", drive.start), ("goal", drive.goal))}
-    result = {**drive.summary(), **of_file, "row": row, "col": col, "rows": rows, "cols": cols, "files": written}
+    of_file = {
+        name: (cell[0] + row, cell[1] + col)
+        for name, cell in (("start", drive.start), ("goal", drive.goal))
+    }
+    result = {
+        **drive.summary(),
+        **of_file,
+        "row": row,
+        "col": col,
+        "rows": rows,
+        "cols": cols,
+        "files": written,
+    }
     tell(as_json, result, lambda: text(drive, result, whole.source.name))
     if drive.forbidden or not (drive.reached or endless):
         click.get_current_context().exit(1)
@@ -148,17 +191,25 @@ def command(
 def text(drive: "Drive", result: dict[str, Any], name: str) -> str:
     """The result for people, on a part of the map of this name."""
     ticks = drive.counters
-    degraded = ", ".join(f"{count} {kind}" for kind, count in sorted(ticks.degraded.items())) or "none"
+    degraded = (
+        ", ".join(f"{count} {kind}" for kind, count in sorted(ticks.degraded.items())) or "none"
+    )
     ended = "goal reached" if drive.reached else "GOAL NOT REACHED"
     ended = f"{drive.goals} goals reached" if drive.goals > 1 else ended
     excess = "" if drive.excess is None else f": driven {100.0 * drive.excess:+.1f} %"
     lines = {
         ended: f"{drive.method}, {result['start']} to {result['goal']}",
-        "map": f"{result['rows']} × {result['cols']} cells of {name}, from cell {result['row'], result['col']} on",
-        "ticks": f"{ticks.ticks}: {ticks.planned} planned, {ticks.kept} kept their path, {ticks.failed} without one",
+        "map": f"{result['rows']} × {result['cols']} cells of {name}, from cell "
+        f"{result['row'], result['col']} on",
+        "ticks": f"{ticks.ticks}: {ticks.planned} planned, {ticks.kept} kept their path, "
+        f"{ticks.failed} without one",
         "degraded": f"{degraded}; {ticks.overruns} late",
-        "answer": ", ".join(f"{name} {drive.planning_ms[name]:.2f}" for name in ("p50", "p99", "max")) + " ms",
-        "driven": f"{drive.cells} cells, cost {drive.driven_cost:.6g}; stood still {drive.waited} times",
+        "answer": ", ".join(
+            f"{name} {drive.planning_ms[name]:.2f}" for name in ("p50", "p99", "max")
+        )
+        + " ms",
+        "driven": f"{drive.cells} cells, cost {drive.driven_cost:.6g}; stood still {drive.waited} "
+        "times",
         "optimum": f"{drive.optimal_cost:.6g} with all known and no obstacle{excess}",
         "forbidden": f"{drive.forbidden} of the paths published",
         "memory": ", ".join(f"{when} {size:.0f}" for when, size in drive.memory_mb.items()) + " MB",

@@ -11,12 +11,16 @@ from nnpp_edge.progress import markdown_table, shown
 
 Row = Mapping[str, Any]
 Columns = Mapping[str, str | Callable[[Row], str]]
-"""By title a key, or keys of inner tables joined by dots, and after a space the form for `shown`; or a function."""
+"""By title a key, or keys of inner tables joined by dots, and after a space the form for `shown`;
+or a function.
+"""
 _PLACE = ("workload", "size")
 """A rule is drawn above a row where one of these changes."""
 
 
-def tell(as_json: bool, figures: object, text: Callable[[], str], *, indent: int | None = None) -> None:
+def tell(
+    as_json: bool, figures: object, text: Callable[[], str], *, indent: int | None = None
+) -> None:
     """Print an answer."""
     click.echo(json.dumps(figures, indent=indent) if as_json else text())
 
@@ -29,7 +33,9 @@ def aligned(lines: Mapping[str, object], indent: str = "") -> str:
 
 
 def columns(words: str) -> dict[str, str]:
-    """Columns as ``TITLE: KEY FORM | …``; a slash breaks the title's line, and a key alone is its own title."""
+    """Columns as ``TITLE: KEY FORM | …``; a slash breaks the title's line, and a key alone is its
+    own title.
+    """
     found = (each.partition(": ") for each in words.split(" | "))
     return {title.replace("/", "\n"): key or title for title, _, key in found}
 
@@ -43,11 +49,13 @@ def table(rows: Sequence[Row], shown_as: Columns, *, markdown: bool = False) -> 
     from rich.console import Console
     from rich.table import Table
 
-    grid, place = Table(box=box.SIMPLE_HEAD, pad_edge=False), list[object]()
+    grid = Table(box=box.SIMPLE_HEAD, pad_edge=False)
+    place = list[object]()
     for at, title in enumerate(shown_as):
         grid.add_column(title, justify="left" if at < 3 else "right", no_wrap=True)
     for row, cells in zip(rows, body, strict=True):
-        before, place = place, [row.get(key) for key in _PLACE]
+        before = place
+        place = [row.get(key) for key in _PLACE]
         if before not in ([], place):
             grid.add_section()
         grid.add_row(*cells)

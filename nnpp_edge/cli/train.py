@@ -20,10 +20,15 @@ _PARTS = 1000
 _SIDE = click.IntRange(64, options.LARGEST_SIDE)
 _SIGMA = options.Real(0.0, 1.0, min_open=True)
 _TARGET = "Labels: nearness to the optimum, or the best path."
-_STEPS = "Most steps, if the epochs do not end first; the number that a time limit led to repeats that training."
+_STEPS = (
+    "Most steps, if the epochs do not end first; the number that a time limit led to repeats "
+    "that training."
+)
 _TIME_LIMIT = "Minutes, about: the speed of the first 200 steps decides the number of steps."
 _SMALL = "Keep only the mean weights, in 16 bits; a resumed run warms up a new optimiser."
-_PRECISION = "Of the convolutions; auto: bfloat16 on a GPU. bfloat16 is twice as fast on a CPU with AMX."
+_PRECISION = (
+    "Of the convolutions; auto: bfloat16 on a GPU. bfloat16 is twice as fast on a CPU with AMX."
+)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -49,21 +54,29 @@ def command(
     output: Annotated[Path, "-o", options.FOLDER, "Folder of the run; resumed if begun."],
     settings: Settings,
     architecture: Annotated[str, click.Choice(list(PRESETS)), "nnpp is the paper's."] = "edge",
-    input_size: Annotated[int | None, _SIDE, "Side of the network's map, if not the preset's."] = None,
+    input_size: Annotated[
+        int | None, _SIDE, "Side of the network's map, if not the preset's."
+    ] = None,
     sigma: Annotated[float, _SIGMA, "Of the Gaussians, as a share of the map's side."] = 0.25,
-    begin_with: Annotated[Path | None, options.PATH, "Checkpoint of another run whose weights to begin with."] = None,
+    begin_with: Annotated[
+        Path | None, options.PATH, "Checkpoint of another run whose weights to begin with."
+    ] = None,
     time_limit: Annotated[float | None, options.POSITIVE, _TIME_LIMIT] = None,
     validate_every: Annotated[float, options.NOT_NEGATIVE, "Minutes."] = 5.0,
     small_checkpoints: Annotated[bool, _SMALL] = False,
-    pause_after: Annotated[float | None, options.POSITIVE, "Minutes; the same command continues."] = None,
-    threads: Annotated[int | None, options.COUNT, "Of torch on the CPU; by default one a core."] = None,
+    pause_after: Annotated[
+        float | None, options.POSITIVE, "Minutes; the same command continues."
+    ] = None,
+    threads: Annotated[
+        int | None, options.COUNT, "Of torch on the CPU; by default one a core."
+    ] = None,
     as_json: options.AsJson = False,
 ) -> None:
     """Train a network on DATASET, with AdamW as in the paper.
 
-    Each validation searches real queries inside the predicted region. The run's folder gets checkpoint.pt,
-    history.json and curves.png; the same command continues where it stopped. Under torchrun the batch is
-    divided evenly over the processes, and the first one writes and prints.
+    Each validation searches real queries inside the predicted region. The run's folder gets
+    checkpoint.pt, history.json and curves.png; the same command continues where it stopped. Under
+    torchrun the batch is divided evenly over the processes, and the first one writes and prints.
 
     \b
     nnpp-edge train data/train --validation data/val -o runs/edge --time-limit 60
@@ -112,12 +125,18 @@ def command(
     def text() -> str:
         last = history[-1]
         minutes = last["spent_s"] / 60
-        lines = [f"{checkpoint}: {last['step']:.0f} steps in {minutes:.0f} min, loss {last['loss']:.4f}"]
+        lines = [
+            f"{checkpoint}: {last['step']:.0f} steps in {minutes:.0f} min, loss {last['loss']:.4f}"
+        ]
         if unseen:
-            errors = ", ".join(f"{name.removeprefix('rmse_')} {last[name]:.4f}" for name in last if "rmse" in name)
+            errors = ", ".join(
+                f"{name.removeprefix('rmse_')} {last[name]:.4f}" for name in last if "rmse" in name
+            )
             lines.append(f"  root mean square errors: {errors}")
         for factor in sorted(key.partition("@")[2] for key in last if key.startswith("gap@")):
-            gap, success, share, mm = (last[f"{name}@{factor}"] for name in ("gap", "success", "region_share", "mm"))
+            gap, success, share, mm = (
+                last[f"{name}@{factor}"] for name in ("gap", "success", "region_share", "mm")
+            )
             lines.append(
                 f"  region at td × {factor}: gap {100 * gap:.2f} %, found {100 * success:.1f} %, "
                 f"{100 * share:.1f} % of the map, MM {mm:.3f}"

@@ -26,20 +26,27 @@ def command(
     goal: Annotated[End | None, PLACE, "As --start."] = None,
     omega: options.Omega = 0.011,
     port: Annotated[int, click.IntRange(0, 65535), "Of the page on 127.0.0.1; 0 for any."] = 8765,
-    follow: Annotated[bool, "Show the robot of an `nnpp-edge run` whose answers come on stdin."] = False,
+    follow: Annotated[
+        bool, "Show the robot of an `nnpp-edge run` whose answers come on stdin."
+    ] = False,
     no_browser: Annotated[bool, "Print the page's address and open no browser."] = False,
 ) -> None:
     """Open a page to look at the elevation map DEM, and to try planning on it.
 
-    Click for a goal, set limits, step cost and vehicle, compare methods, paint obstacles, save the path, or copy what
-    you see as a command. The page is served to this machine only, loads nothing from others, and ends with Ctrl-C.
+    Click for a goal, set limits, step cost and vehicle, compare methods, paint obstacles, save the
+    path, or copy what you see as a command. The page is served to this machine only, loads nothing
+    from others, and ends with Ctrl-C.
 
     \b
     nnpp-edge view dem.tif --workload limit20
     nnpp-edge run --map dem.tif | nnpp-edge view dem.tif --follow
     """
-    if blocks.known and (robot.body() is not None or robot.step_cost != "paper" or robot.resample is not None):
-        raise click.UsageError("--known plans for points: leave out --vehicle, --set, --step-cost and --resample")
+    if blocks.known and (
+        robot.body() is not None or robot.step_cost != "paper" or robot.resample is not None
+    ):
+        raise click.UsageError(
+            "--known plans for points: leave out --vehicle, --set, --step-cost and --resample"
+        )
     limits = robot.limits()
 
     from msgspec.structs import replace
@@ -52,11 +59,17 @@ def command(
     from nnpp_edge.view.landscape import likely_ends
     from nnpp_edge.view.server import PageServer
 
-    def opened(path: Path, begin: End | None = None, end: End | None = None, name: Path | None = None) -> Answerer:
+    def opened(
+        path: Path, begin: End | None = None, end: End | None = None, name: Path | None = None
+    ) -> Answerer:
         read = robot.read(path)
         robot.warn_if_coarse(read)
         given = _given_body(robot, read)
-        reading = {"cell_size_m": robot.cell_size, "rescale": robot.rescale, "resample": robot.resample}
+        reading = {
+            "cell_size_m": robot.cell_size,
+            "rescale": robot.rescale,
+            "resample": robot.resample,
+        }
         said = {name: value for name, value in reading.items() if value is not None}
         coarse = (blocks.known, blocks.prior) if blocks.known else None
         site = Site.of(read, name or Path(path.name), said, given, coarse)
@@ -71,7 +84,9 @@ def command(
         answerer = Answerer(site, asked)
         landscape = answerer.landscape(asked)  # what cannot be planned on is refused here
         if (likely := likely_ends(landscape.cost, landscape.planner.is_passable)) is None:
-            raise InvalidMapError(f"{path}: wanted a map to plan on, got {size_in_words(read)}, all impassable")
+            raise InvalidMapError(
+                f"{path}: wanted a map to plan on, got {size_in_words(read)}, all impassable"
+            )
         answerer.first = replace(
             asked, start=asked.start if begin else likely[0], goal=asked.goal if end else likely[1]
         )
@@ -82,19 +97,24 @@ def command(
         click.echo(line, err=True)
 
     with PageServer(port) as server:
-        server.open_map, notice.tell = opened, told
+        server.open_map = opened
+        notice.tell = told
         server.maps.append(opened(dem, start, goal, dem.resolve()))
         if follow:
             threading.Thread(target=server.follow, daemon=True).start()
         click.echo(server.address)
         if not no_browser:
             click.launch(server.address)
-        signal.signal(signal.SIGINT, signal.default_int_handler)  # a shell has it ignored by what it starts with &
+        signal.signal(
+            signal.SIGINT, signal.default_int_handler
+        )  # a shell has it ignored by what it starts with &
         server.serve()
 
 
 def _given_body(robot: GroundOptions, place: "Dem") -> "Body | None":
-    """The vehicle that the options describe, with the words that do so; None for none, or a shipped one."""
+    """The vehicle that the options describe, with the words that do so; None for none, or a shipped
+    one.
+    """
     from nnpp_edge.terrain.vehicle_files import shipped_vehicles
     from nnpp_edge.view.asked import Body
 

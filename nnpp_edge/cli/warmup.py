@@ -9,7 +9,8 @@ from nnpp_edge.cli import options
 from nnpp_edge.cli.text import tell
 
 _JOBS = (
-    "Processes that compile at once, 0.6 to 0.9 GB each; by default one a processor, four at most, if there "
+    "Processes that compile at once, 0.6 to 0.9 GB each; by default one a processor, four at "
+    "most, if there "
     "is memory."
 )
 
@@ -23,17 +24,21 @@ def command(
     """Compile every kernel ahead of the first plan.
 
     The kernels stay in the cache folder: NUMBA_CACHE_DIR if it is set, else nnpp-edge under
-    $XDG_CACHE_HOME or ~/.cache. Run it after installing, as the user who will plan. Kernels of other
-    versions of this package are deleted, unless they were written within the last hour.
+    $XDG_CACHE_HOME or ~/.cache. Run it after installing, as the user who will plan. Kernels of
+    other versions of this package are deleted, unless they were written within the last hour.
 
     \b
     nnpp-edge warmup
     """
     with warnings.catch_warnings():
-        warnings.filterwarnings("ignore", "no folder that only this user")  # here it is the error below
+        warnings.filterwarnings(
+            "ignore", "no folder that only this user"
+        )  # here it is the error below
         from nnpp_edge.runtime.warmup import warm_up
     warmth = warm_up(keep_old=keep_old, jobs=jobs)
-    counts = f"{warmth.kernels} kernels ({warmth.signatures} versions, {warmth.compiled} of them new)"
+    counts = (
+        f"{warmth.kernels} kernels ({warmth.signatures} versions, {warmth.compiled} of them new)"
+    )
     kept = f"{counts}, {warmth.seconds:.1f} s; what is compiled is kept in {warmth.folder}"
     lines = [kept, *(f"deleted {each}" for each in warmth.removed)]
     tell(as_json, warmth.summary(), lambda: "\n".join(lines), indent=1)

@@ -1,8 +1,8 @@
 """The edge network: an encoder that is shown the map alone, and a small head for each query.
 
-The encoder, nearly all of the work, runs when the map changes. The head is a few thousand multiply-accumulates a
-block: what it costs to get from a block to either end is a matter of the two places, which the encoder has described,
-and of how they lie to each other.
+The encoder, nearly all of the work, runs when the map changes. The head is a few thousand
+multiply-accumulates a block: what it costs to get from a block to either end is a matter of the two
+places, which the encoder has described, and of how they lie to each other.
 """
 
 import torch
@@ -27,10 +27,11 @@ assert ANSWERS == OUTPUT_SHUFFLE**2
 class EdgeNet(nn.Module):
     """An encoder of the map and a head for each query.
 
-    `widths` are the encoder's channels at 1/8, 1/16, 1/32 and 1/64 resolution, `stem` those after its first
-    convolution; `relation` and `hidden` are the `Head`'s. Unlike the paper's network it is shown 4 × 4 cells as a
-    pixel, so that the first convolution is one large node, and the share of impassable cells, as averages hide walls
-    and passes on large maps. The map's side S is a multiple of 64.
+    `widths` are the encoder's channels at 1/8, 1/16, 1/32 and 1/64 resolution, `stem` those after
+    its first convolution; `relation` and `hidden` are the `Head`'s. Unlike the paper's network it
+    is shown 4 × 4 cells as a pixel, so that the first convolution is one large node, and the share
+    of impassable cells, as averages hide walls and passes on large maps. The map's side S is a
+    multiple of 64.
     """
 
     def __init__(
@@ -48,8 +49,9 @@ class EdgeNet(nn.Module):
     def forward(self, planes: Tensor, query: Tensor) -> Tensor:
         """Logits (N, 4, S/8, S/8) of the probability that a nearly optimal path passes.
 
-        For planes (N, 32, S/4, S/4) in [0, 1], 4 × 4 cells to a pixel (`torch.pixel_unshuffle`), and start and goal
-        (N, 15, S/8, S/8, `encode_ends` of the runtime). Four blocks to a pixel (`torch.pixel_shuffle`).
+        For planes (N, 32, S/4, S/4) in [0, 1], 4 × 4 cells to a pixel (`torch.pixel_unshuffle`),
+        and start and goal (N, 15, S/8, S/8, `encode_ends` of the runtime). Four blocks to a pixel
+        (`torch.pixel_shuffle`).
         """
         logits: Tensor = self.head(self.encoder(planes), query)
         return logits
@@ -91,9 +93,13 @@ class Head(nn.Module):
         self.answer = nn.Linear(second, ANSWERS)
 
     def parameters_in_order(self) -> Tensor:
-        """All of them in a row, in the order and layout that the runtime's head reads (`parameter_shapes`)."""
+        """All of them in a row, in the order and layout that the runtime's head reads
+        (`parameter_shapes`).
+        """
         layers = self.way, self.both, self.across, self.between, self.mix, self.answer
-        parts = [part for layer in layers for part in (layer.weight.T, layer.bias) if part is not None]
+        parts = [
+            part for layer in layers for part in (layer.weight.T, layer.bias) if part is not None
+        ]
         return torch.cat([part.flatten() for part in parts])
 
     def forward(self, described: Tensor, query: Tensor) -> Tensor:
@@ -101,7 +107,8 @@ class Head(nn.Module):
         place, end = described.flatten(2).transpose(1, 2).chunk(2, -1)
         flat = query.flatten(2)
         ends = torch.unflatten(flat[:, : 2 * END_CHANNELS], 1, (2, END_CHANNELS))
-        share, way = ends[:, :, 0], ends[:, :, 1:].transpose(2, 3)
+        share = ends[:, :, 0]
+        way = ends[:, :, 1:].transpose(2, 3)
         at_ends = share @ end
         related = functional.relu(place[:, None] + at_ends[:, :, None] + self.way(way))
         across = share.flip(1)[:, :, None] @ related  # how each end is related to the other
@@ -119,7 +126,9 @@ class FeaturePyramid(nn.Module):
         self.down16 = nn.Sequential(ConvBNReLU(at8, at16, stride=2))
         self.down32 = nn.Sequential(ConvBNReLU(at16, at32, stride=2), Residual(at32))
         self.down64 = nn.Sequential(ConvBNReLU(at32, at64, stride=2))
-        self.up32, self.up16, self.up8 = Up(at64, at32), Up(at32, at16), Up(at16, at8)
+        self.up32 = Up(at64, at32)
+        self.up16 = Up(at32, at16)
+        self.up8 = Up(at16, at8)
 
     def forward(self, at8: Tensor) -> Tensor:
         at16 = self.down16(at8)

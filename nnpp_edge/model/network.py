@@ -1,4 +1,6 @@
-"""A network of any architecture behind one interface, the query as it is shown it, and what it costs."""
+"""A network of any architecture behind one interface, the query as it is shown it, and what it
+costs.
+"""
 
 import copy
 from collections.abc import Callable, Sequence
@@ -17,7 +19,11 @@ from nnpp_edge.runtime.kernels.encoding import ENDS_CHANNELS, GAUSSIAN_CHANNELS
 from nnpp_edge.runtime.network.encoding import encode_ends, encode_gaussian
 from nnpp_edge.runtime.network.model_file import QUERY_SPACING
 
-_BODIES: dict[str, Callable[..., nn.Module]] = {"edge": edge.EdgeNet, "nnpp": NNPP, "unseen": UnseenNet}
+_BODIES: dict[str, Callable[..., nn.Module]] = {
+    "edge": edge.EdgeNet,
+    "nnpp": NNPP,
+    "unseen": UnseenNet,
+}
 
 
 class Network(nn.Module):
@@ -32,9 +38,10 @@ class Network(nn.Module):
     def forward(self, planes: Tensor, query: Tensor) -> Tensor:
         """Logits (N, B, B) on blocks × blocks.
 
-        For planes (N, 2, S, S), mean cost and share of impassable cells in [0, 1] (the paper's network is shown the
-        first alone), and start and goal (N, C, E, E), from `encode`. A network that prices unseen ground is shown
-        planes of its own (`encode_unseen`) and no query, and has three logits: (N, 3, B, B).
+        For planes (N, 2, S, S), mean cost and share of impassable cells in [0, 1] (the paper's
+        network is shown the first alone), and start and goal (N, C, E, E), from `encode`. A network
+        that prices unseen ground is shown planes of its own (`encode_unseen`) and no query, and has
+        three logits: (N, 3, B, B).
         """
         if self.spec.architecture == "unseen":
             answers: Tensor = self.body(planes)
@@ -48,8 +55,11 @@ class Network(nn.Module):
 
 
 def encode(spec: Spec, start: Sequence[float], goal: Sequence[float]) -> NDArray[np.float32]:
-    """Start and goal, (row, col) in network cells, as this network is shown them: (C, E, E) float32."""
-    size, sigma = spec.input_size, spec.sigma * spec.input_size
+    """Start and goal, (row, col) in network cells, as this network is shown them: (C, E, E)
+    float32.
+    """
+    size = spec.input_size
+    sigma = spec.sigma * spec.input_size
     ends = (float(start[0]), float(start[1])), (float(goal[0]), float(goal[1]))
     if spec.encoding == "ends":
         side = size // QUERY_SPACING
@@ -62,7 +72,9 @@ def encode(spec: Spec, start: Sequence[float], goal: Sequence[float]) -> NDArray
 
 
 def count_macs(model: nn.Module, inputs: tuple[Tensor, ...]) -> int:
-    """Multiply-accumulates of convolutions and matrix products in one forward pass over the whole batch."""
+    """Multiply-accumulates of convolutions and matrix products in one forward pass over the whole
+    batch.
+    """
     with torch.no_grad(), FlopCounterMode(display=False) as counter:
         copy.deepcopy(model).eval()(*inputs)
     return int(counter.get_total_flops()) // 2

@@ -1,8 +1,8 @@
 """The paper's network: a cost map, a start and a goal in; where the optimal path may pass, out.
 
-NNPP (arXiv 2308.04792v3, section Network Structure), built from STDC (arXiv 2104.13188, "Rethinking BiSeNet for
-real-time semantic segmentation") and PP-LiteSeg (arXiv 2204.02681). The paper gives no channel counts; the decoder's
-are PP-LiteSeg-T's at full width.
+NNPP (arXiv 2308.04792v3, section Network Structure), built from STDC (arXiv 2104.13188, "Rethinking
+BiSeNet for real-time semantic segmentation") and PP-LiteSeg (arXiv 2204.02681). The paper gives no
+channel counts; the decoder's are PP-LiteSeg-T's at full width.
 """
 
 from functools import reduce
@@ -17,13 +17,16 @@ from nnpp_edge.runtime.errors import ModelError
 INPUT_CHANNELS = 3
 SCALES = (1, 2, 4)
 PRIOR_LOGIT = -2.0
-"""Of an untrained network: a path covers few cells, and the many empty ones should not rule the first steps."""
+"""Of an untrained network: a path covers few cells, and the many empty ones should not rule the
+first steps.
+"""
 
 
 class Conv2d(nn.Conv2d):
     """torch's, which computes one that is strided and depthwise in float32 on a CPU.
 
-    oneDNN has no fast gradient of it in bfloat16: three took half of a training step of the paper's network.
+    oneDNN has no fast gradient of it in bfloat16: three took half of a training step of the paper's
+    network.
     """
 
     def forward(self, input: Tensor) -> Tensor:
@@ -34,7 +37,9 @@ class Conv2d(nn.Conv2d):
 
 
 class Average(nn.AvgPool2d):
-    """Means over 3 × 3 places, two apart, 0 beyond the edge; exported as a convolution, which is faster in int8."""
+    """Means over 3 × 3 places, two apart, 0 beyond the edge; exported as a convolution, which is
+    faster in int8.
+    """
 
     def __init__(self) -> None:
         super().__init__(3, stride=2, padding=1)
@@ -48,24 +53,39 @@ class Average(nn.AvgPool2d):
 
 
 class ConvBNReLU(nn.Sequential):
-    """Convolution without bias, batch normalisation, ReLU (or not); padded so that stride 1 keeps the size.
+    """Convolution without bias, batch normalisation, ReLU (or not); padded so that stride 1 keeps
+    the size.
 
-    The normalisation carries the bias and folds into the convolution on export: one node of an int8 graph.
+    The normalisation carries the bias and folds into the convolution on export: one node of an int8
+    graph.
     """
 
     def __init__(
-        self, inputs: int, outputs: int, kernel: int = 3, stride: int = 1, *, groups: int = 1, relu: bool = True
+        self,
+        inputs: int,
+        outputs: int,
+        kernel: int = 3,
+        stride: int = 1,
+        *,
+        groups: int = 1,
+        relu: bool = True,
     ) -> None:
-        convolution = Conv2d(inputs, outputs, kernel, stride, kernel // 2, groups=groups, bias=False)
-        super().__init__(convolution, nn.BatchNorm2d(outputs), *([nn.ReLU(inplace=True)] if relu else []))
+        convolution = Conv2d(
+            inputs, outputs, kernel, stride, kernel // 2, groups=groups, bias=False
+        )
+        super().__init__(
+            convolution, nn.BatchNorm2d(outputs), *([nn.ReLU(inplace=True)] if relu else [])
+        )
 
 
 class NNPP(nn.Module):
-    """STDC1 encoder, simple pyramid pooling, a decoder of two attention fusions, a classifier of one channel.
+    """STDC1 encoder, simple pyramid pooling, a decoder of two attention fusions, a classifier of
+    one channel.
 
-    `input_size`, S, is a multiple of 128 (1/32 of it is pooled to 4×4); `width`, even, are the channels after the
-    encoder's second stage, 64 in the paper. The output is at 1/8, where the decoder ends, and nothing enlarges it.
-    Averages and features are repeated (nearest) where PP-LiteSeg interpolates, so that int8 values stay as they are.
+    `input_size`, S, is a multiple of 128 (1/32 of it is pooled to 4×4); `width`, even, are the
+    channels after the encoder's second stage, 64 in the paper. The output is at 1/8, where the
+    decoder ends, and nothing enlarges it. Averages and features are repeated (nearest) where
+    PP-LiteSeg interpolates, so that int8 values stay as they are.
     """
 
     def __init__(self, input_size: int = 256, width: int = 64) -> None:
@@ -81,17 +101,23 @@ class NNPP(nn.Module):
         initialise(self, self.classifier)
 
     def forward(self, x: Tensor) -> Tensor:
-        """Logits (N, 1, S/8, S/8) for (N, 3, S, S): cost, start_map and goal_map, each in [0, 1]."""
+        """Logits (N, 1, S/8, S/8) for (N, 3, S, S): cost, start_map and goal_map, each in
+        [0, 1].
+        """
         if x.shape[1:] != (INPUT_CHANNELS, self.input_size, self.input_size):
             wanted = f"(N, {INPUT_CHANNELS}, {self.input_size}, {self.input_size})"
             raise ModelError(f"input must be {wanted}, got {tuple(x.shape)}")
         stage3, stage4, stage5 = self.backbone(x)
-        logits: Tensor = self.classifier(self.fuse3(self.fuse4(self.context(stage5), stage4), stage3))
+        logits: Tensor = self.classifier(
+            self.fuse3(self.fuse4(self.context(stage5), stage4), stage3)
+        )
         return logits
 
 
 def initialise(network: nn.Module, answer: nn.Conv2d | nn.Linear) -> None:
-    """First weights by Kaiming, and of the layer that answers such that it begins with `PRIOR_LOGIT`."""
+    """First weights by Kaiming, and of the layer that answers such that it begins with
+    `PRIOR_LOGIT`.
+    """
     for module in network.modules():
         if isinstance(module, nn.Conv2d | nn.Linear):
             nn.init.kaiming_normal_(module.weight, nonlinearity="relu")
@@ -101,7 +127,8 @@ def initialise(network: nn.Module, answer: nn.Conv2d | nn.Linear) -> None:
 
 
 class STDC(nn.Module):
-    """Five stages, each at half the resolution (STDC, Table 2), of width × (1/2, 1, 4, 8, 16) channels.
+    """Five stages, each at half the resolution (STDC, Table 2), of width × (1/2, 1, 4, 8, 16)
+    channels.
 
     (N, 3, H, W) to the features of stages 3, 4 and 5, at 1/8, 1/16 and 1/32 of H and W.
     """
@@ -111,7 +138,10 @@ class STDC(nn.Module):
         self.stage1 = ConvBNReLU(INPUT_CHANNELS, width // 2, 3, stride=2)
         self.stage2 = ConvBNReLU(width // 2, width, 3, stride=2)
         self.stage3, self.stage4, self.stage5 = (
-            nn.Sequential(STDCModule(inputs * width, outputs * width, stride=2), STDCModule(*[outputs * width] * 2))
+            nn.Sequential(
+                STDCModule(inputs * width, outputs * width, stride=2),
+                STDCModule(*[outputs * width] * 2),
+            )
             for inputs, outputs in ((1, 4), (4, 8), (8, 16))
         )
 
@@ -122,7 +152,9 @@ class STDC(nn.Module):
 
 
 class STDCModule(nn.Module):
-    """Four convolutions in a row, 1/2, 1/4, 1/8 and 1/8 of `outputs` wide, concatenated (STDC, Fig. 3 b and c)."""
+    """Four convolutions in a row, 1/2, 1/4, 1/8 and 1/8 of `outputs` wide, concatenated (STDC, Fig.
+    3 b and c).
+    """
 
     def __init__(self, inputs: int, outputs: int, stride: int = 1) -> None:
         super().__init__()
@@ -133,11 +165,14 @@ class STDCModule(nn.Module):
         if stride == 2:
             self.shortcut = Average()
             self.down = ConvBNReLU(widths[0], widths[0], 3, stride=2, groups=widths[0], relu=False)
-        self.rest = nn.ModuleList(ConvBNReLU(wider, narrower, 3) for wider, narrower in pairwise(widths))
+        self.rest = nn.ModuleList(
+            ConvBNReLU(wider, narrower, 3) for wider, narrower in pairwise(widths)
+        )
 
     def forward(self, x: Tensor) -> Tensor:
         first = self.first(x)
-        outputs, x = [self.shortcut(first)], self.down(first)
+        outputs = [self.shortcut(first)]
+        x = self.down(first)
         for convolution in self.rest:
             x = convolution(x)
             outputs.append(x)
@@ -145,10 +180,12 @@ class STDCModule(nn.Module):
 
 
 class SPPM(nn.Module):
-    """Simple pyramid pooling: averages over 1×1, 2×2 and 4×4 parts of the map, projected, repeated and summed.
+    """Simple pyramid pooling: averages over 1×1, 2×2 and 4×4 parts of the map, projected, repeated
+    and summed.
 
-    (N, inputs, size, size) to (N, outputs, size, size), as in PP-LiteSeg (section 3.3), but with fixed kernels,
-    which export to ONNX. While training, the 1×1 branch needs a batch of two or more to normalise over.
+    (N, inputs, size, size) to (N, outputs, size, size), as in PP-LiteSeg (section 3.3), but with
+    fixed kernels, which export to ONNX. While training, the 1×1 branch needs a batch of two or more
+    to normalise over.
     """
 
     def __init__(self, inputs: int, outputs: int, size: int) -> None:
@@ -159,7 +196,9 @@ class SPPM(nn.Module):
 
     def forward(self, x: Tensor) -> Tensor:
         parts = (
-            functional.interpolate(branch(pool(x)), scale_factor=float(x.shape[-1] // scale), mode="nearest")
+            functional.interpolate(
+                branch(pool(x)), scale_factor=float(x.shape[-1] // scale), mode="nearest"
+            )
             for pool, branch, scale in zip(self.pools, self.branches, SCALES, strict=True)
         )
         pooled: Tensor = self.out(reduce(torch.add, parts))
@@ -167,7 +206,8 @@ class SPPM(nn.Module):
 
 
 class UAFM(nn.Module):
-    """Unified attention fusion (PP-LiteSeg, section 3.2): coarse features come up by two, fused with the encoder's.
+    """Unified attention fusion (PP-LiteSeg, section 3.2): coarse features come up by two, fused
+    with the encoder's.
 
     high (N, high, H, W) and low (N, low, 2H, 2W) to (N, outputs, 2H, 2W).
     """
@@ -181,12 +221,16 @@ class UAFM(nn.Module):
     def forward(self, high: Tensor, low: Tensor) -> Tensor:
         up = functional.interpolate(high, scale_factor=2.0, mode="nearest")
         low = self.reduce(low)
-        fused: Tensor = self.out(low + self.attention(up, low) * (up - low))  # alpha · up + (1 - alpha) · low
+        fused: Tensor = self.out(
+            low + self.attention(up, low) * (up - low)
+        )  # alpha · up + (1 - alpha) · low
         return fused
 
 
 class SpatialAttention(nn.Module):
-    """Weight (N, 1, H, W) in [0, 1] of the coarse features, from the mean and maximum over channels of both."""
+    """Weight (N, 1, H, W) in [0, 1] of the coarse features, from the mean and maximum over channels
+    of both.
+    """
 
     def __init__(self) -> None:
         super().__init__()
@@ -194,5 +238,7 @@ class SpatialAttention(nn.Module):
         self.weight = ConvBNReLU(2, 1, 3, relu=False)
 
     def forward(self, up: Tensor, low: Tensor) -> Tensor:
-        statistics = [y for x in (up, low) for y in (x.mean(dim=1, keepdim=True), x.amax(dim=1, keepdim=True))]
+        statistics = [
+            y for x in (up, low) for y in (x.mean(dim=1, keepdim=True), x.amax(dim=1, keepdim=True))
+        ]
         return torch.sigmoid(self.weight(self.hidden(torch.cat(statistics, dim=1))))

@@ -1,4 +1,6 @@
-"""The network that prices unseen ground: fully convolutional, from blocks of a coarse map to the same blocks."""
+"""The network that prices unseen ground: fully convolutional, from blocks of a coarse map to the
+same blocks.
+"""
 
 from torch import Tensor, nn
 from torch.nn import functional
@@ -9,7 +11,9 @@ from nnpp_edge.runtime.network.unseen import ANSWERS
 
 
 class UnseenNet(nn.Module):
-    """Down to a quarter of the resolution and up again; `widths` are the channels at full, half and quarter."""
+    """Down to a quarter of the resolution and up again; `widths` are the channels at full, half and
+    quarter.
+    """
 
     def __init__(self, widths: tuple[int, int, int] = (32, 48, 48)) -> None:
         super().__init__()
@@ -17,8 +21,10 @@ class UnseenNet(nn.Module):
         self.stem = nn.Sequential(ConvBNReLU(len(UNSEEN), full), ConvBNReLU(full, full))
         self.down = nn.Sequential(ConvBNReLU(full, half, stride=2), ConvBNReLU(half, half))
         self.deep = nn.Sequential(ConvBNReLU(half, quarter, stride=2), ConvBNReLU(quarter, quarter))
-        self.match_half, self.merge_half = ConvBNReLU(quarter, half, 1), ConvBNReLU(half, half)
-        self.match_full, self.merge_full = ConvBNReLU(half, full, 1), ConvBNReLU(full, full)
+        self.match_half = ConvBNReLU(quarter, half, 1)
+        self.merge_half = ConvBNReLU(half, half)
+        self.match_full = ConvBNReLU(half, full, 1)
+        self.merge_full = ConvBNReLU(full, full)
         self.answer = nn.Conv2d(full, ANSWERS, 1)
         initialise(self, self.answer)
 

@@ -1,4 +1,6 @@
-"""Times of maps and patches of elevations that have just arrived: to the first path, and to a checked one."""
+"""Times of maps and patches of elevations that have just arrived: to the first path, and to a
+checked one.
+"""
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field
@@ -36,12 +38,17 @@ _PLACES = (0.35, 0.5, 0.65)
 
 
 def patch_side(shape: tuple[int, ...]) -> int:
-    """Cells to a side of the patches that a map of this shape gets: 64, on small maps a quarter of its side."""
+    """Cells to a side of the patches that a map of this shape gets: 64, on small maps a quarter of
+    its side.
+    """
     return min(_PATCH_SIDE, max(min(shape) // 4, 1))
 
 
-def arrival_ms(rival: RivalPlanner, ground: Ground, query: Endpoints, harness: Harness) -> tuple[float, float]:
-    """Milliseconds from elevations to the path, and of a patch on that path into all that the next plan reads.
+def arrival_ms(
+    rival: RivalPlanner, ground: Ground, query: Endpoints, harness: Harness
+) -> tuple[float, float]:
+    """Milliseconds from elevations to the path, and of a patch on that path into all that the next
+    plan reads.
 
     The rival must be `apart`: its network is shown the map anew.
     """
@@ -63,9 +70,15 @@ def arrival_ms(rival: RivalPlanner, ground: Ground, query: Endpoints, harness: H
 
 
 def prior_ms(harness: Harness) -> float:
-    """Median milliseconds in which the network prices a window of 64² blocks of unseen ground, its input included."""
-    network, heights, limits = NetworkModel("unseen", threads=1), np.zeros((64, 64), np.float32), Traversability()
-    price = partial(prices_by, "network", heights, limits, cell_size_m=160.0, factor=8, model=network)
+    """Median milliseconds in which the network prices a window of 64² blocks of unseen ground, its
+    input included.
+    """
+    network = NetworkModel("unseen", threads=1)
+    heights = np.zeros((64, 64), np.float32)
+    limits = Traversability()
+    price = partial(
+        prices_by, "network", heights, limits, cell_size_m=160.0, factor=8, model=network
+    )
     return 1e3 * float(np.median([harness.timed(price)[0] for _ in range(_PRICED)]))
 
 
@@ -82,13 +95,18 @@ class Reactions:
     without_path: int = 0
 
 
-def reactions(ground: Ground, queries: Sequence[Endpoints], loop: OnboardLoop, patches: int = REACTIONS) -> Reactions:
+def reactions(
+    ground: Ground, queries: Sequence[Endpoints], loop: OnboardLoop, patches: int = REACTIONS
+) -> Reactions:
     """Run the onboard loop at its rate on this map, with a patch of elevations at each tick.
 
-    With every other patch a hill appears on the newest path; with the next it is gone. The first of the queries share
-    the patches.
+    With every other patch a hill appears on the newest path; with the next it is gone. The first of
+    the queries share the patches.
     """
-    source, found, path, counts = InProcessSource(), Reactions(), np.array(queries[0]), False
+    source = InProcessSource()
+    found = Reactions()
+    path = np.array(queries[0])
+    counts = False
     queries = queries[:_QUERIES]
     hills = max(patches // (2 * len(queries)), 1)
     inputs = _inputs(ground, queries, hills, lambda: path)
@@ -125,23 +143,31 @@ def reactions(ground: Ground, queries: Sequence[Endpoints], loop: OnboardLoop, p
 def _inputs(
     ground: Ground, queries: Sequence[Endpoints], hills: int, newest: Callable[[], np.ndarray]
 ) -> Iterator[tuple[list[Input], bool]]:
-    """Inputs of each tick, and whether its answer counts: each query, and hills that come and go on its paths."""
+    """Inputs of each tick, and whether its answer counts: each query, and hills that come and go on
+    its paths.
+    """
     for at, (start, goal) in enumerate(queries):
         yield [Pose(*start), Goal(*goal)], False
         for number in range(0 if at else -_WARM_UP, hills):
             row, col, heights = _patch(ground, newest(), _PLACES[number % len(_PLACES)])
             yield [MapPatch(row, col, elevation=heights)], number >= 0
-            rows, cols = (slice(first, first + n) for first, n in zip((row, col), heights.shape, strict=True))
+            rows, cols = (
+                slice(first, first + n) for first, n in zip((row, col), heights.shape, strict=True)
+            )
             yield [MapPatch(row, col, elevation=heights_of(ground)[rows, cols])], number >= 0
 
 
 def _patch(ground: Ground, path: np.ndarray, share: float) -> tuple[int, int, np.ndarray]:
-    """First row and column, and heights in metres, of a square with a hill too steep for most rovers: 42°.
+    """First row and column, and heights in metres, of a square with a hill too steep for most
+    rovers: 42°.
 
     It lies around the cell at this share of a path.
     """
-    side, cell = patch_side(ground.shape), path[int(share * len(path))].tolist()
-    row, col = (min(max(at - side // 2, 0), n - side) for at, n in zip(cell, ground.shape, strict=True))
+    side = patch_side(ground.shape)
+    cell = path[int(share * len(path))].tolist()
+    row, col = (
+        min(max(at - side // 2, 0), n - side) for at, n in zip(cell, ground.shape, strict=True)
+    )
     along = (np.arange(side) - 0.5 * (side - 1)) / (side / 6.0)
     bump = np.exp(-0.5 * (along[:, None] ** 2 + along**2))
     height_m = 1.5 * side / 6.0 * ground.sides_m[0]

@@ -1,4 +1,6 @@
-"""Reports of `nnpp-edge profile` beside others: what has become worse, and a row for a table of boards."""
+"""Reports of `nnpp-edge profile` beside others: what has become worse, and a row for a table of
+boards.
+"""
 
 import json
 from collections.abc import Iterator
@@ -12,7 +14,10 @@ from nnpp_edge.progress import MISSING, markdown_table
 from nnpp_edge.runtime.errors import InvalidQueryError
 from nnpp_edge.runtime.reading import parse, read_text, reason
 
-SAME, BETTER, WORSE, NOISY = "same", "better", "worse", "noisy"
+SAME = "same"
+BETTER = "better"
+WORSE = "worse"
+NOISY = "noisy"
 
 
 class _Compared(NamedTuple):
@@ -20,7 +25,9 @@ class _Compared(NamedTuple):
 
     name: str
     path: tuple[str, ...]
-    """Its keys in a row of results; planners it was not measured of, and older reports, may lack it."""
+    """Its keys in a row of results; planners it was not measured of, and older reports, may lack
+    it.
+    """
     more_is_better: bool = False
     clocked: bool = True
     """Whether a disturbed run may have changed it."""
@@ -38,10 +45,19 @@ _FIGURES = (
     _Compared("patch_ms median", ("patch_ms", "median"), least=0.005),
     _Compared("speedup total", ("speedup_total",), more_is_better=True),
     _Compared("gap mean", ("gap_mean",), clocked=False, least=0.0005),
-    _Compared("success first", ("success_first",), more_is_better=True, clocked=False, least=0.01, of_rest=True),
+    _Compared(
+        "success first",
+        ("success_first",),
+        more_is_better=True,
+        clocked=False,
+        least=0.01,
+        of_rest=True,
+    ),
     _Compared("success", ("success",), more_is_better=True, clocked=False, of_rest=True),
 )
-"""Medians, means and shares. Tails such as p99 differ from run to run by more than any tolerance of use."""
+"""Medians, means and shares. Tails such as p99 differ from run to run by more than any tolerance of
+use.
+"""
 
 
 def read_report(path: Path) -> Facts:
@@ -49,19 +65,23 @@ def read_report(path: Path) -> Facts:
     try:
         report = parse(read_text(path))
     except (OSError, ValueError) as error:
-        raise InvalidQueryError(f"{path}: wanted a report of nnpp-edge profile ({reason(error)})") from error
+        raise InvalidQueryError(
+            f"{path}: wanted a report of nnpp-edge profile ({reason(error)})"
+        ) from error
     schema = report.get("schema") if isinstance(report, dict) else None
     if schema != SCHEMA or not isinstance(report.get("results"), list):
-        raise InvalidQueryError(f"{path}: wanted a report of nnpp-edge profile of schema {SCHEMA}, got {schema!r}")
+        raise InvalidQueryError(
+            f"{path}: wanted a report of nnpp-edge profile of schema {SCHEMA}, got {schema!r}"
+        )
     return cast(Facts, report)
 
 
 def compare(before: Facts, after: Facts, tolerance: float) -> Facts:
     """Every figure that both reports have: ``verdict``, ``tolerance``, ``notes`` and ``lines``.
 
-    `tolerance` is the share by which a figure may become worse. A success share may lose so much of what is missing
-    to 1. A line's change is above 0 where the figure became worse. InvalidQueryError if the reports have no workload,
-    size and planner in common.
+    `tolerance` is the share by which a figure may become worse. A success share may lose so much of
+    what is missing to 1. A line's change is above 0 where the figure became worse.
+    InvalidQueryError if the reports have no workload, size and planner in common.
     """
     try:
         notes = list(_differences(before, after))
@@ -69,20 +89,28 @@ def compare(before: Facts, after: Facts, tolerance: float) -> Facts:
         lines = [
             _line(row, figure, was, now, tolerance, doubtful)
             for row in after["results"]
-            if (old := find(before["results"], row["workload"], row["size"], row["planner"])) is not None
+            if (old := find(before["results"], row["workload"], row["size"], row["planner"]))
+            is not None
             for figure in _FIGURES
-            if (now := _inside(row, figure.path)) is not None and (was := _inside(old, figure.path)) is not None
+            if (now := _inside(row, figure.path)) is not None
+            and (was := _inside(old, figure.path)) is not None
         ]
     except (KeyError, TypeError, AttributeError, ArithmeticError) as error:
-        raise InvalidQueryError(f"wanted two reports of nnpp-edge profile, got a damaged one: {error}") from error
+        raise InvalidQueryError(
+            f"wanted two reports of nnpp-edge profile, got a damaged one: {error}"
+        ) from error
     if not lines:
-        raise InvalidQueryError("wanted reports with a workload, size and planner in common, got two without")
+        raise InvalidQueryError(
+            "wanted reports with a workload, size and planner in common, got two without"
+        )
     states = {line["verdict"] for line in lines}
     verdict = WORSE if WORSE in states else NOISY if NOISY in states else SAME
     return {"verdict": verdict, "tolerance": tolerance, "notes": notes, "lines": lines}
 
 
-def _line(row: Facts, figure: _Compared, was: float, now: float, tolerance: float, doubtful: bool) -> Facts:
+def _line(
+    row: Facts, figure: _Compared, was: float, now: float, tolerance: float, doubtful: bool
+) -> Facts:
     worse_by = was - now if figure.more_is_better else now - was
     # of a speed-up the new one, so that twice as slow is the same change for it and for a time
     base = 1.0 - was if figure.of_rest else abs(now if figure.more_is_better else was)
@@ -124,7 +152,9 @@ def _differences(before: Facts, after: Facts) -> Iterator[str]:
 
 
 def _doubt(report: Facts) -> str:
-    """Reasons to doubt a report's times; empty where nothing does. Older reports tell nothing of sensors."""
+    """Reasons to doubt a report's times; empty where nothing does. Older reports tell nothing of
+    sensors.
+    """
     if report["disturbance"]["words"]:
         return f"disturbed: {report['disturbance']['words']}"
     slowed = _inside(report, ("sensors", "throttled"))
@@ -146,20 +176,36 @@ def board_table(report: Facts) -> str:
 
 def board(report: Facts) -> dict[str, str]:
     """The report's words for each column of the table in docs/boards.md."""
-    facts, sensors, results = report["environment"], report["sensors"], report["results"]
-    workload, clocks = results[0]["workload"], sensors["clock_mhz"].values()
+    facts = report["environment"]
+    sensors = report["sensors"]
+    results = report["results"]
+    workload = results[0]["workload"]
+    clocks = sensors["clock_mhz"].values()
 
     def medians(planner: str, key: str = "time_ms") -> str:
         """Milliseconds by size, at the profile's first workload."""
-        rows = [row for row in results if (row["workload"], row["planner"]) == (workload, planner) and row[key]]
+        rows = [
+            row
+            for row in results
+            if (row["workload"], row["planner"]) == (workload, planner) and row[key]
+        ]
         return " · ".join(f"{row['size']}² {row[key]['median']:.3g}" for row in rows) or MISSING
 
     greatest = MISSING if facts["clock_mhz"] is None else f"{facts['clock_mhz']:.0f} MHz"
     ran = "not told while it ran"
     if clocks:
-        ran = f"ran at {min(each['min'] for each in clocks):.0f} to {max(each['max'] for each in clocks):.0f}"
-    versions = (f"{name} {facts['packages'][name]}" for name in ("nnpp-edge", "numpy", "numba", "onnxruntime"))
-    others = max(max(half["waited_share"], half["others_share"] or 0.0) for half in report["disturbance"]["halves"])
+        ran = (
+            f"ran at {min(each['min'] for each in clocks):.0f} to "
+            f"{max(each['max'] for each in clocks):.0f}"
+        )
+    versions = (
+        f"{name} {facts['packages'][name]}"
+        for name in ("nnpp-edge", "numpy", "numba", "onnxruntime")
+    )
+    others = max(
+        max(half["waited_share"], half["others_share"] or 0.0)
+        for half in report["disturbance"]["halves"]
+    )
     return {
         "date": report["made"][:10],
         "processor": facts["cpu"],
@@ -167,7 +213,8 @@ def board(report: Facts) -> dict[str, str]:
         "flags": ", ".join(facts["flags"]) or MISSING,
         "clock": f"{greatest}, {ran}",
         "memory": f"{facts['memory_mb'] / 1024:.1f} GiB",
-        "system": f"{facts['system'] or 'Linux'}, kernel {facts['kernel']}, {facts['architecture']}",
+        "system": f"{facts['system'] or 'Linux'}, kernel {facts['kernel']}, "
+        f"{facts['architecture']}",
         "versions": f"python {facts['python']}, {', '.join(versions)}",
         "profile": f"{report['profile']['name']}: {workload}",
         "A*, ms": medians("astar"),
@@ -178,5 +225,6 @@ def board(report: Facts) -> dict[str, str]:
         "first path of a map, ms": medians(report["profile"]["planner"], "map_ms"),
         "verdict": report["verdict"],
         "others took": f"{100 * others:.1f} %",
-        "throttled": sensors["throttled"] or ("no" if clocks or sensors["temperature_c"] else "not told"),
+        "throttled": sensors["throttled"]
+        or ("no" if clocks or sensors["temperature_c"] else "not told"),
     }

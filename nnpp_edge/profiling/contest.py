@@ -1,4 +1,6 @@
-"""Rivals × queries: timed side by side in turns, judged by exact A*, a tidy row an answer, figures of the rows."""
+"""Rivals × queries: timed side by side in turns, judged by exact A*, a tidy row an answer, figures
+of the rows.
+"""
 
 import gc
 import math
@@ -19,7 +21,9 @@ ResultT = TypeVar("ResultT")
 Facts = dict[str, Any]
 """Content of JSON, by key; docs/profile.md says what the keys of a profile's report mean."""
 Row = dict[str, float]
-"""Figures of an answer, without those that were not measured or that no path has. Shares are means of 0 and 1."""
+"""Figures of an answer, without those that were not measured or that no path has. Shares are means
+of 0 and 1.
+"""
 Figures = dict[str, str | float | None]
 """Figures by key; None where there was nothing to count."""
 Columns = Mapping[str, list[float]]
@@ -47,10 +51,13 @@ class Record(Generic[CaseT, ResultT]):
 
 
 class Harness:
-    """Times calls by a clock in seconds. Garbage is not collected meanwhile. `seed` draws the order of the turns."""
+    """Times calls by a clock in seconds. Garbage is not collected meanwhile. `seed` draws the order
+    of the turns.
+    """
 
     def __init__(self, seed: int = 0, clock: Callable[[], float] = time.perf_counter) -> None:
-        self._rng, self.clock = np.random.default_rng(seed), clock
+        self._rng = np.random.default_rng(seed)
+        self.clock = clock
 
     def timed(self, call: Callable[[], ResultT]) -> tuple[float, ResultT]:
         """Seconds that one call takes, and what it returns."""
@@ -70,14 +77,17 @@ class Harness:
         before: Callable[[str], None] = lambda rival: None,
         after: Callable[[str, float, ResultT], None] = lambda rival, elapsed_s, result: None,
     ) -> Iterator[dict[str, Record[CaseT, ResultT]]]:
-        """Let every rival, a function of a case, answer every case: for each case a record of each rival, in order.
+        """Let every rival, a function of a case, answer every case: for each case a record of each
+        rival, in order.
 
-        Cases are taken one by one, when the records of the one before have been used. In each of `repeats` turns
-        every rival is called once, in an order that is drawn anew; those in `once` take part in the first turn only.
-        The cases of `warm_up` are answered before the clock starts. `before` and `after` are called around each timed
-        call, outside the time that counts.
+        Cases are taken one by one, when the records of the one before have been used. In each of
+        `repeats` turns every rival is called once, in an order that is drawn anew; those in `once`
+        take part in the first turn only. The cases of `warm_up` are answered before the clock
+        starts. `before` and `after` are called around each timed call, outside the time that
+        counts.
 
-        What a rival raises ends the measurement: figures of the others would no longer be of the same cases.
+        What a rival raises ends the measurement: figures of the others would no longer be of the
+        same cases.
         """
         for case in warm_up:
             for call in rivals.values():
@@ -89,7 +99,8 @@ class Harness:
                 for turn in range(repeats):
                     names = [name for name in rivals if turn == 0 or name not in once]
                     for at in self._rng.permutation(len(names)):
-                        name, call = names[at], rivals[names[at]]
+                        name = names[at]
+                        call = rivals[names[at]]
                         before(name)
                         began = self.clock()
                         result = call(case)
@@ -97,7 +108,9 @@ class Harness:
                         after(name, seconds, result)
                         elapsed[name].append(seconds)
                         results[name].append(result)
-            yield {name: Record(case, tuple(elapsed[name]), tuple(results[name])) for name in rivals}
+            yield {
+                name: Record(case, tuple(elapsed[name]), tuple(results[name])) for name in rivals
+            }
 
 
 @contextmanager
@@ -112,9 +125,16 @@ def _no_garbage_collection() -> Iterator[None]:
 
 
 def answer(plan: Plan, time_ms: float, optimum: float, exact_ms: float | None) -> Row:
-    """A plan's figures beside the optimum's cost; `exact_ms` is exact A*'s time, where it was measured."""
+    """A plan's figures beside the optimum's cost; `exact_ms` is exact A*'s time, where it was
+    measured.
+    """
     first = plan.source in (Source.MAP, Source.REGION)  # before any region was widened
-    found: Row = {"time_ms": time_ms, "first": first, "solved": plan.ok, "expansions": plan.expansions}
+    found: Row = {
+        "time_ms": time_ms,
+        "first": first,
+        "solved": plan.ok,
+        "expansions": plan.expansions,
+    }
     found |= {"costs_computed": plan.costs_computed}
     if exact_ms is not None:
         found |= {"exact_ms": exact_ms, "speedup": exact_ms / time_ms}
@@ -123,7 +143,9 @@ def answer(plan: Plan, time_ms: float, optimum: float, exact_ms: float | None) -
 
 
 def gap(cost: float, optimum: float) -> float:
-    """By how much a cost is above the optimum, as a share of it; of its size where energy is got back."""
+    """By how much a cost is above the optimum, as a share of it; of its size where energy is got
+    back.
+    """
     return (cost / optimum - 1.0) * math.copysign(1.0, optimum) if optimum else 0.0
 
 
@@ -136,7 +158,9 @@ def summarised(rows: Iterable[Row], summary: Summary) -> Figures:
     return {key: figure(columns) for key, figure in summary.items()}
 
 
-def of(name: str, reduce: Callable[[list[float]], np.floating]) -> Callable[[Columns], float | None]:
+def of(
+    name: str, reduce: Callable[[list[float]], np.floating]
+) -> Callable[[Columns], float | None]:
     """A figure of one column; None where it is empty."""
     return lambda columns: float(reduce(columns[name])) if columns[name] else None
 
@@ -152,4 +176,6 @@ def quantile(name: str, share: float) -> Callable[[Columns], float | None]:
 
 def ratio(name: str, other: str) -> Callable[[Columns], float | None]:
     """The sum of a column over that of another; None where that is none."""
-    return lambda columns: sum(columns[name]) / sum(columns[other]) if sum(columns[other]) > 0.0 else None
+    return lambda columns: (
+        sum(columns[name]) / sum(columns[other]) if sum(columns[other]) > 0.0 else None
+    )

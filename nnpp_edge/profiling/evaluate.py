@@ -7,7 +7,17 @@ from itertools import product
 
 import numpy as np
 
-from nnpp_edge.profiling.contest import Figures, Harness, Record, Row, answer, mean, quantile, ratio, summarised
+from nnpp_edge.profiling.contest import (
+    Figures,
+    Harness,
+    Record,
+    Row,
+    answer,
+    mean,
+    quantile,
+    ratio,
+    summarised,
+)
 from nnpp_edge.profiling.rivals import EXACT, FindsPlans, RivalPlanner
 from nnpp_edge.profiling.suites import Case
 from nnpp_edge.runtime.cells import Endpoints
@@ -72,25 +82,30 @@ def evaluate(
     fresh_map: bool = False,
     progress: Callable[[int], None] = lambda done: None,
 ) -> dict[str, Figures]:
-    """Have every planner, exact A* among them, answer the same queries: a row of figures for each planner's key, in
-    order.
+    """Have every planner, exact A* among them, answer the same queries: a row of figures for each
+    planner's key, in order.
 
-    What counts, and the figures, are in docs/evaluate.md. `queries` are judged by, fewer if the cases run out, each
-    answered `repeats` times in turns. `progress` is called with the number that are done. All cases are a vehicle's,
-    or none. With `fresh_map` a planner is also made of the elevations for each call, lazily and eagerly.
+    What counts, and the figures, are in docs/evaluate.md. `queries` are judged by, fewer if the
+    cases run out, each answered `repeats` times in turns. `progress` is called with the number that
+    are done. All cases are a vehicle's, or none. With `fresh_map` a planner is also made of the
+    elevations for each call, lazily and eagerly.
 
     InvalidQueryError for 50 maps in a row without a path.
     """
     exercise()
-    harness, rows = Harness(), defaultdict[str, list[Row]](list)
+    harness = Harness()
+    rows = defaultdict[str, list[Row]](list)
     done = in_vain = unsolvable = poses = 0
     for case in cases:
         on_map = _OnMap(case, rivals, fresh_map)
-        poses, solvable = on_map.poses, [query for query, plan in on_map.exact.items() if plan.ok]
+        poses = on_map.poses
+        solvable = [query for query, plan in on_map.exact.items() if plan.ok]
         unsolvable += len(on_map.exact) - len(solvable)
         in_vain = 0 if solvable else in_vain + 1
         if in_vain == _MAPS_WITHOUT_PATH:
-            raise InvalidQueryError(f"no query has a path on {in_vain} maps in a row of the workload {case.workload}")
+            raise InvalidQueryError(
+                f"no query has a path on {in_vain} maps in a row of the workload {case.workload}"
+            )
         for name, call in on_map.calls.items():
             on_map.forget(name, 0.0, call(case.queries[0]))
         for records in harness.measure(
@@ -104,11 +119,14 @@ def evaluate(
     found: dict[str, Figures] = {}
     for rival, lazy in product(rivals, (True, False)):
         key = _key(rival, lazy)
-        answers, on_fresh = rows[rival.name], rows[_FRESH + key]
+        answers = rows[rival.name]
+        on_fresh = rows[_FRESH + key]
         if answers and (lazy or on_fresh):
             found[key] = {"method": key, **summarised(answers, _ANSWERS), "unsolvable": unsolvable}
             found[key] |= summarised(answers, _OF_BODY) if poses else {}
-            found[key] |= {"checks_mean": poses, "checks_share_mean": 1.0} if poses and not lazy else {}
+            found[key] |= (
+                {"checks_mean": poses, "checks_share_mean": 1.0} if poses and not lazy else {}
+            )
             found[key] |= summarised(on_fresh, _ON_FRESH_MAP) if on_fresh else {}
     return found
 
@@ -118,8 +136,12 @@ class _OnMap:
 
     def __init__(self, case: Case, rivals: Sequence[RivalPlanner], fresh_map: bool) -> None:
         body = case.ground.vehicle
-        self._ground, self._cells, self._rivals = case.ground, case.cost.size, rivals
-        in_cell = 0 if body is None else int(all_motions(body, case.ground.sides_m).poses_of[2 * AXES])
+        self._ground = case.ground
+        self._cells = case.cost.size
+        self._rivals = rivals
+        in_cell = (
+            0 if body is None else int(all_motions(body, case.ground.sides_m).poses_of[2 * AXES])
+        )
         self.poses = in_cell * case.cost.size
         """Of a vehicle's body on the map; 0 of a point."""
         how = (True, False) if fresh_map else (True,) if body else ()
@@ -128,9 +150,15 @@ class _OnMap:
             for rival, lazy in product(rivals, how)
         }
         self._kept: FindsPlans | None = None
-        self._standing = {} if body else {each.name: each.planner(case.standing, lazy=False) for each in rivals}
+        self._standing = (
+            {} if body else {each.name: each.planner(case.standing, lazy=False) for each in rivals}
+        )
         self.calls: dict[str, Callable[[Endpoints], Plan]] = {
-            **{each.name: partial(each.plan, self._standing[each.name]) for each in rivals if self._standing},
+            **{
+                each.name: partial(each.plan, self._standing[each.name])
+                for each in rivals
+                if self._standing
+            },
             **self._fresh,
         }
         exact = next(each for each in rivals if each.name == EXACT)
@@ -149,23 +177,37 @@ class _OnMap:
 
     def judged(self, records: Records) -> Iterator[tuple[str, Row]]:
         """Rows of what was measured on a query, by planner."""
-        exact_ms, eager = self._own_ms(EXACT, records), records.get(_FRESH + EXACT + EAGER)
+        exact_ms = self._own_ms(EXACT, records)
+        eager = records.get(_FRESH + EXACT + EAGER)
         eager_ms = None if eager is None else 1e3 * eager.median_s
         for rival in self._rivals:
-            time_ms, query = self._own_ms(rival.name, records), next(iter(records.values())).case
+            time_ms = self._own_ms(rival.name, records)
+            query = next(iter(records.values())).case
             # of a planner that has checked no pose before
-            plan, optimum = rival.plan(self._planner(rival), query, keep_regions=True), self.exact[query]
-            found = answer(plan, time_ms, optimum.cost, exact_ms) | _searched(plan, optimum, self._cells, self.poses)
+            plan = rival.plan(self._planner(rival), query, keep_regions=True)
+            optimum = self.exact[query]
+            found = answer(plan, time_ms, optimum.cost, exact_ms) | _searched(
+                plan, optimum, self._cells, self.poses
+            )
             yield rival.name, found
         for name in self._fresh:
             record = records[name]
-            yield name, answer(record.results[0], 1e3 * record.median_s, self.exact[record.case].cost, eager_ms)
+            yield (
+                name,
+                answer(
+                    record.results[0], 1e3 * record.median_s, self.exact[record.case].cost, eager_ms
+                ),
+            )
 
     def _own_ms(self, name: str, records: Records) -> float:
         """An answer's time: with a vehicle without the making of the planner."""
         if self._standing:
             return 1e3 * records[name].median_s
-        return float(np.median([plan.timings_ms.get("total", 0.0) for plan in records[_FRESH + name].results]))
+        return float(
+            np.median(
+                [plan.timings_ms.get("total", 0.0) for plan in records[_FRESH + name].results]
+            )
+        )
 
     def _planner(self, rival: RivalPlanner) -> FindsPlans:
         return self._standing[rival.name] if self._standing else rival.planner(self._ground)
@@ -178,13 +220,17 @@ def _key(rival: RivalPlanner, lazy: bool) -> str:
 def _searched(plan: Plan, optimum: Plan, cells: int, poses: int) -> Row:
     """Cells and poses that a plan's search went over, on a map of so many, its regions kept.
 
-    MM is the number of cells of the optimal path over those of a region: of the one that was searched, where one was,
-    and of the network's at the threshold itself.
+    MM is the number of cells of the optimal path over those of a region: of the one that was
+    searched, where one was, and of the network's at the threshold itself.
     """
     area = plan.region.area() if plan.region is not None else None
     found: Row = {"checks": plan.checks, "checks_share": plan.checks / max(poses, 1)}
     found |= {"widened": plan.source is Source.WIDENED, "whole_map": plan.source is Source.FALLBACK}
-    found |= {"region_share": 1.0} if area is None else {"region_share": area / cells, "mm": len(optimum.path) / area}
+    found |= (
+        {"region_share": 1.0}
+        if area is None
+        else {"region_share": area / cells, "mm": len(optimum.path) / area}
+    )
     if plan.network_region is not None:
         found["mm_network"] = len(optimum.path) / plan.network_region.area()
     return found

@@ -1,4 +1,6 @@
-"""A run's figures: what each planner did at each workload and size, as rows of a report, and who pays over whom."""
+"""A run's figures: what each planner did at each workload and size, as rows of a report, and who
+pays over whom.
+"""
 
 from collections import defaultdict
 from collections.abc import Sequence
@@ -25,7 +27,9 @@ _ANSWERS: Summary = {
     "gap_mean": mean("gap"),
     "gap_p99": quantile("gap", 0.99),
     "gap_max": quantile("gap", 1.0),
-    "cc_excess": lambda columns: None if (share := ratio("cc", "exact_cc")(columns)) is None else share - 1.0,
+    "cc_excess": lambda columns: (
+        None if (share := ratio("cc", "exact_cc")(columns)) is None else share - 1.0
+    ),
     "success_first": mean("first"),
     "success": mean("solved"),
     "expansions_median": quantile("expansions", 0.5),
@@ -45,7 +49,9 @@ def stages_of(results: Sequence[Facts]) -> list[str]:
 
 def find(results: Sequence[Facts], workload: str, size: int, planner: str) -> Facts | None:
     place = (workload, size, planner)
-    return next((row for row in results if (row["workload"], row["size"], row["planner"]) == place), None)
+    return next(
+        (row for row in results if (row["workload"], row["size"], row["planner"]) == place), None
+    )
 
 
 def loop_rows(run: Run, loop: OnboardLoop) -> list[Facts]:
@@ -54,16 +60,25 @@ def loop_rows(run: Run, loop: OnboardLoop) -> list[Facts]:
     for of in run.workloads:
         if halves := [each.ms for each in of.reactions]:
             counts = ("planned", "kept", "without_path")
-            row: Facts = {"workload": of.workload, "size": of.size, "method": loop.method, "rate_hz": loop.rate_hz}
+            row: Facts = {
+                "workload": of.workload,
+                "size": of.size,
+                "method": loop.method,
+                "rate_hz": loop.rate_hz,
+            }
             row |= {"patch_side": patch_side((of.size, of.size)), "n": sum(map(len, halves))}
             row |= {"reaction_ms": _spread(np.concatenate(halves))}
             row |= {name: sum(getattr(each, name) for each in of.reactions) for name in counts}
-            found.append(row | {"halves": {"reaction": [float(np.median(half)) for half in halves]}})
+            found.append(
+                row | {"halves": {"reaction": [float(np.median(half)) for half in halves]}}
+            )
     return found
 
 
 def break_even(results: Sequence[Facts]) -> list[Facts]:
-    """The size from which on one planner pays over another, of each pair; None where it does not at the largest."""
+    """The size from which on one planner pays over another, of each pair; None where it does not at
+    the largest.
+    """
     totals: dict[str, dict[int, float]] = defaultdict(lambda: defaultdict(float))
     for row in results:
         totals[row["planner"]][row["size"]] += row["n"] * row["time_ms"]["mean"]
@@ -80,12 +95,18 @@ def break_even(results: Sequence[Facts]) -> list[Facts]:
 
 def _row(of: WorkloadRun, name: str) -> Facts:
     answers, exact = of.answers[name], of.answers[EXACT]
-    times, exact_times = answers.column("time_ms"), exact.column("time_ms")
+    times = answers.column("time_ms")
+    exact_times = exact.column("time_ms")
     found = []
-    for plan, ms, optimum, exact_ms in zip(answers.plans, times, exact.plans, exact_times, strict=True):
-        found.append(answer(plan, ms, optimum.cost, exact_ms) | {"exact_cc": plan.ok * optimum.traverse_cost})
+    for plan, ms, optimum, exact_ms in zip(
+        answers.plans, times, exact.plans, exact_times, strict=True
+    ):
+        found.append(
+            answer(plan, ms, optimum.cost, exact_ms) | {"exact_cc": plan.ok * optimum.traverse_cost}
+        )
     energy_mj = float(np.mean(answers.energy_mj))
-    whole, network = _spread(times), answers.column("network_ms")
+    whole = _spread(times)
+    network = answers.column("network_ms")
     network_ms = float(np.median(network)) if len(network) else None
     fp32 = of.answers.get("nnpp-fp32") if name == "nnpp" and network_ms else None
     return {
@@ -100,8 +121,12 @@ def _row(of: WorkloadRun, name: str) -> Facts:
         "energy_mj": None if np.isnan(energy_mj) else energy_mj,
         "inference_ms_median": network_ms,
         "inference_fps": network_ms and 1e3 / network_ms,
-        "int8_speedup": fp32 and float(np.median(fp32.column("network_ms"))) / float(np.median(network)),
-        **{key: _spread(column) if len(column := answers.column(key)) else None for key in ("map_ms", "patch_ms")},
+        "int8_speedup": fp32
+        and float(np.median(fp32.column("network_ms"))) / float(np.median(network)),
+        **{
+            key: _spread(column) if len(column := answers.column(key)) else None
+            for key in ("map_ms", "patch_ms")
+        },
         "halves": _halves(of, name),
     }
 
@@ -114,8 +139,14 @@ def _halves(of: WorkloadRun, name: str) -> dict[str, list[float]]:
 
     bases = {"time": "time_ms", "map": "map_ms", "patch": "patch_ms", "inference": "network_ms"}
     columns = {basis: halves(name, figure) for basis, figure in bases.items()}
-    columns["ratio"] = [e / own for e, own in zip(halves(EXACT, "time_ms"), columns["time"], strict=True)]
-    found = {basis: [float(np.median(half)) for half in both] for basis, both in columns.items() if len(both[0])}
+    columns["ratio"] = [
+        e / own for e, own in zip(halves(EXACT, "time_ms"), columns["time"], strict=True)
+    ]
+    found = {
+        basis: [float(np.median(half)) for half in both]
+        for basis, both in columns.items()
+        if len(both[0])
+    }
     if name == "nnpp" and "inference" in found and "nnpp-fp32" in of.answers:
         both = zip(halves("nnpp-fp32", "network_ms"), found["inference"], strict=True)
         found["int8_ratio"] = [float(np.median(fp32)) / own for fp32, own in both]
@@ -129,6 +160,11 @@ def _spread(times: NDArray[np.float64]) -> dict[str, float]:
 
 
 def _stages(answers: Answers) -> dict[str, dict[str, float]]:
-    """Each stage's times over the queries of both halves; one that a plan did without took it 0 ms."""
+    """Each stage's times over the queries of both halves; one that a plan did without
+    took it 0 ms.
+    """
     ordered = stages_of([{"stages_ms": stages} for stages in answers.stages_ms])
-    return {stage: _spread(np.array([plan.get(stage, 0.0) for plan in answers.stages_ms])) for stage in ordered}
+    return {
+        stage: _spread(np.array([plan.get(stage, 0.0) for plan in answers.stages_ms]))
+        for stage in ordered
+    }

@@ -1,4 +1,6 @@
-"""The machine of a run: what it is, cores to pin to, and who else keeps them busy. What Linux hides is None."""
+"""The machine of a run: what it is, cores to pin to, and who else keeps them busy. What Linux hides
+is None.
+"""
 
 import math
 import os
@@ -19,10 +21,22 @@ from nnpp_edge.profiling.sensors import Sensors, text_of
 
 ResultT = TypeVar("ResultT")
 _FLAGS = (
-    *("avx2", "fma", "f16c", "avx512f", "avx512bw", "avx512_vnni", "avx_vnni", "amx_tile", "amx_int8"),
+    *(
+        "avx2",
+        "fma",
+        "f16c",
+        "avx512f",
+        "avx512bw",
+        "avx512_vnni",
+        "avx_vnni",
+        "amx_tile",
+        "amx_int8",
+    ),
     *("asimd", "asimddp", "i8mm", "sve", "sve2", "bf16"),
 )
-"""Flags that decide how fast int8 and float kernels are, of x86 and ARM; asimddp is the dot product."""
+"""Flags that decide how fast int8 and float kernels are, of x86 and ARM; asimddp is the dot
+product.
+"""
 _PART = re.compile(r"^CPU implementer\s*:\s*(\w+)\n(?:.+\n)*?CPU part\s*:\s*(\w+)", re.MULTILINE)
 _CORTEX = {
     "d03": "A53",
@@ -36,7 +50,8 @@ _CORTEX = {
 }
 """Cores of boards by their part, of implementer 0x41."""
 _PACKAGES = ("numpy", "numba", "onnxruntime", "opencv-python-headless")
-_PROC, _SYS = Path("/proc"), Path("/sys")
+_PROC = Path("/proc")
+_SYS = Path("/sys")
 _NO_PROCESSORS = ("i915", "xe", "amd_energy")
 """Drivers whose energies in hwmon are those of graphics cards, or count cores twice."""
 _IDLE = slice(3, 5)
@@ -54,15 +69,25 @@ def environment(cores: Sequence[int]) -> Facts:
         if value.strip():
             info.setdefault(key.strip(), value.strip())
     flags = set(info.get("flags", info.get("Features", "")).split())
-    board = info.get("Model") or text_of(_PROC / "device-tree" / "model").rstrip("\0") or info.get("Hardware")
+    board = (
+        info.get("Model")
+        or text_of(_PROC / "device-tree" / "model").rstrip("\0")
+        or info.get("Hardware")
+    )
     parts = " + ".join(dict.fromkeys(_core_name(*each) for each in _PART.findall(text)))
-    clocks = Sensors(cores, _SYS).limits.clock_mhz or ({"": float(info["cpu MHz"])} if "cpu MHz" in info else {})
-    governors = {text_of(_SYS / f"devices/system/cpu/cpu{core}/cpufreq/scaling_governor") for core in cores} - {""}
+    clocks = Sensors(cores, _SYS).limits.clock_mhz or (
+        {"": float(info["cpu MHz"])} if "cpu MHz" in info else {}
+    )
+    governors = {
+        text_of(_SYS / f"devices/system/cpu/cpu{core}/cpufreq/scaling_governor") for core in cores
+    } - {""}
     system = None
     with suppress(OSError):
         system = platform.freedesktop_os_release().get("PRETTY_NAME")
     return {
-        "cpu": ", ".join(filter(None, (board, parts))) or info.get("model name") or platform.machine(),
+        "cpu": ", ".join(filter(None, (board, parts)))
+        or info.get("model name")
+        or platform.machine(),
         "architecture": platform.machine(),
         "flags": [flag for flag in _FLAGS if flag in flags],
         "cores_online": os.cpu_count(),
@@ -90,15 +115,23 @@ def _version(package: str) -> str | None:
 
 @contextmanager
 def pinned(cores: Sequence[int]) -> Iterator[tuple[list[int], list[str]]]:
-    """Keep every thread of this process on these cores; gives those that it got, and what must be said about it."""
+    """Keep every thread of this process on these cores; gives those that it got, and what must be
+    said about it.
+    """
     before = os.sched_getaffinity(0)
-    missing, spare = sorted(set(cores) - before), sorted(before - set(cores))
+    missing = sorted(set(cores) - before)
+    spare = sorted(before - set(cores))
     got = sorted({*(set(cores) & before), *spare[: len(missing)]})
     said = []
     if missing:
-        wanted, lacking, instead = (", ".join(map(str, sorted(each))) for each in (cores, missing, got))
+        wanted, lacking, instead = (
+            ", ".join(map(str, sorted(each))) for each in (cores, missing, got)
+        )
         fewer = f", {len(cores) - len(got)} fewer" if len(got) < len(cores) else ""
-        said.append(f"wanted cores {wanted}, of which {lacking} may not be used here: runs on {instead}{fewer}")
+        said.append(
+            f"wanted cores {wanted}, of which {lacking} may not be used here: runs on "
+            f"{instead}{fewer}"
+        )
     _pin(got)
     try:
         yield got, said
@@ -117,7 +150,9 @@ class Disturbance:
 
     def __init__(self, cores: Sequence[int]) -> None:
         self._cores = cores
-        self._sums, self._left_out, self._began = np.zeros(4), np.zeros(2), np.zeros(4)
+        self._sums = np.zeros(4)
+        self._left_out = np.zeros(2)
+        self._began = np.zeros(4)
 
     def start(self) -> None:
         self._began = self._clocks()
@@ -132,7 +167,8 @@ class Disturbance:
 
     def left_out(self, call: Callable[[], ResultT]) -> ResultT:
         """The result of a call that counts neither as work nor as waiting."""
-        began, worked = time.perf_counter(), time.thread_time()
+        began = time.perf_counter()
+        worked = time.thread_time()
         result = call()
         self.leave_out(time.perf_counter() - began, time.thread_time() - worked)
         return result
@@ -142,12 +178,16 @@ class Disturbance:
         return float(self._sums[0])
 
     def waited_share(self) -> float:
-        """Share of its time that this thread stood still though it had work to do: beyond its processor time."""
+        """Share of its time that this thread stood still though it had work to do: beyond its
+        processor time.
+        """
         wall_s, worked_s = self._sums[:2] - self._left_out
         return max(1.0 - float(worked_s / wall_s), 0.0) if wall_s > 0.0 else 0.0
 
     def others_share(self) -> float | None:
-        """Share of the cores' time that went to other processes, interrupts or a virtual machine's other guests."""
+        """Share of the cores' time that went to other processes, interrupts or a virtual machine's
+        other guests.
+        """
         elapsed, _, own, busy = self._sums.tolist()
         if math.isnan(busy) or not elapsed:
             return None
@@ -165,8 +205,12 @@ class Disturbance:
 
 
 def core_seconds(cores: Sequence[int]) -> float | None:
-    """Seconds that the cores have worked since the machine started; None where the kernel does not count them."""
-    lines = [line.split() for line in text_of(_PROC / "stat").splitlines() if line.startswith("cpu")]
+    """Seconds that the cores have worked since the machine started; None where the kernel does not
+    count them.
+    """
+    lines = [
+        line.split() for line in text_of(_PROC / "stat").splitlines() if line.startswith("cpu")
+    ]
     wanted = {f"cpu{core}" for core in cores}
     ticks = [[int(each) for each in fields] for name, *fields in lines if name in wanted]
     if len(ticks) < len(wanted) or not all(map(sum, ticks)):
@@ -180,7 +224,9 @@ class EnergyMeter:
     def __init__(self, folder: Path = _SYS / "class") -> None:
         # of RAPL's other zones, core and dram are parts of packages, and psys holds them
         zones = [
-            zone for zone in folder.glob("powercap/intel-rapl:*") if text_of(zone / "name").startswith("package")
+            zone
+            for zone in folder.glob("powercap/intel-rapl:*")
+            if text_of(zone / "name").startswith("package")
         ]
         chips = [
             path
@@ -188,7 +234,9 @@ class EnergyMeter:
             if text_of(path.with_name("name")) not in _NO_PROCESSORS
         ]
         self._counters = [zone / "energy_uj" for zone in zones] or chips
-        ranges = [text_of(path.with_name("max_energy_range_uj")) or math.inf for path in self._counters]
+        ranges = [
+            text_of(path.with_name("max_energy_range_uj")) or math.inf for path in self._counters
+        ]
         self._ranges = np.array(ranges, float) + 1.0
 
     def read(self) -> np.ndarray:
@@ -196,5 +244,11 @@ class EnergyMeter:
         return np.array([text_of(path) or math.nan for path in self._counters], float)
 
     def since_mj(self, before: np.ndarray) -> float:
-        """Millijoules since that reading; a counter that has wrapped around is one range further."""
-        return 1e-3 * float(np.sum((self.read() - before) % self._ranges)) if self._counters else math.nan
+        """Millijoules since that reading; a counter that has wrapped around is one range
+        further.
+        """
+        return (
+            1e-3 * float(np.sum((self.read() - before) % self._ranges))
+            if self._counters
+            else math.nan
+        )

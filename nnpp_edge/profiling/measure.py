@@ -16,7 +16,14 @@ from nnpp_edge.profiling.machine import Disturbance, EnergyMeter
 from nnpp_edge.profiling.profile_file import SAMPLE, Device, Load, Networks, Profile
 from nnpp_edge.profiling.rivals import EXACT, RivalPlanner
 from nnpp_edge.profiling.sensors import Sensors
-from nnpp_edge.profiling.suites import SYNTHETIC, Case, TerrainFiles, large_enough, source_of, terrain_cases
+from nnpp_edge.profiling.suites import (
+    SYNTHETIC,
+    Case,
+    TerrainFiles,
+    large_enough,
+    source_of,
+    terrain_cases,
+)
 from nnpp_edge.runtime.cells import Endpoints
 from nnpp_edge.runtime.errors import InvalidQueryError, TerrainError
 from nnpp_edge.runtime.network.inference import NetworkModel
@@ -31,12 +38,16 @@ _MAPS_TRIED = 20
 
 @dataclass
 class Answers:
-    """Answers of one planner to the queries of one workload and size. Lists run over the queries, in order."""
+    """Answers of one planner to the queries of one workload and size. Lists run over the queries,
+    in order.
+    """
 
-    figures: list[list[dict[str, float]]] = field(default_factory=lambda: [[] for _ in range(HALVES)])
-    """For each half, for each query, milliseconds where they are measured: ``time_ms`` of the middle call (of two the
-    faster one), ``network_ms`` of the whole network on map and query, ``map_ms`` from elevations to the path,
-    ``patch_ms`` of a patch on that path."""
+    figures: list[list[dict[str, float]]] = field(
+        default_factory=lambda: [[] for _ in range(HALVES)]
+    )
+    """For each half, for each query, milliseconds where they are measured: ``time_ms`` of the
+    middle call (of two the faster one), ``network_ms`` of the whole network on map and query,
+    ``map_ms`` from elevations to the path, ``patch_ms`` of a patch on that path."""
     stages_ms: list[dict[str, float]] = field(default_factory=list)
     """The stages of the same calls of both halves, and ``other``: what no stage counts."""
     plans: list[Plan] = field(default_factory=list)
@@ -49,7 +60,9 @@ class Answers:
         return np.mean(halves, axis=0) if half is None else np.array(halves[half])
 
     def add(self, record: Record[Endpoints, Plan], half: int) -> None:
-        """Count a query's calls in one half. Plans are the same in both, so the first half's count."""
+        """Count a query's calls in one half. Plans are the same in both, so the first
+        half's count.
+        """
         seconds, plan = record.middle()
         stages = {stage: ms for stage, ms in plan.timings_ms.items() if stage != "total"}
         self.stages_ms.append(stages | {"other": 1e3 * seconds - sum(stages.values())})
@@ -85,8 +98,8 @@ class Run:
 class ProfileMaps:
     """Where a profile's maps come from. The same load gives the same maps on any machine.
 
-    TerrainError or InvalidQueryError if a terrain file or the vehicle's cannot be read, or no file is large enough
-    for any of the sizes.
+    TerrainError or InvalidQueryError if a terrain file or the vehicle's cannot be read, or no file
+    is large enough for any of the sizes.
     """
 
     def __init__(self, load: Load) -> None:
@@ -100,13 +113,16 @@ class ProfileMaps:
         if largest is not None and not any(large_enough(self.dems, size) for size in load.sizes):
             (rows, cols), least = largest.shape, min(load.sizes)
             raise TerrainError(
-                f"{largest.source}: wanted at least {least} × {least} cells, the size to be measured, got {rows} × "
+                f"{largest.source}: wanted at least {least} × {least} cells, the size to be "
+                f"measured, got {rows} × "
                 f"{cols}; --sizes {min(rows, cols)} measures on it"
             )
 
     def maps(self, name: str, size: int) -> Iterator[Case]:
         """Maps of one workload and size with their queries, without end."""
-        return terrain_cases(self.dems, name, size, self.load.seed, self.load.min_distance, self._vehicle)
+        return terrain_cases(
+            self.dems, name, size, self.load.seed, self.load.min_distance, self._vehicle
+        )
 
 
 def rivals_of(networks: Networks, device: Device) -> list[RivalPlanner]:
@@ -119,7 +135,8 @@ def rivals_of(networks: Networks, device: Device) -> list[RivalPlanner]:
     found.append(RivalPlanner("nnpp", Method.NNPP, network(networks.int8)))
     if networks.fp32 is not None:
         found.append(RivalPlanner("nnpp-fp32", Method.NNPP, network(networks.fp32)))
-    # a network of its own: one that planners share takes the map over whenever the other has used it
+    # a network of its own: one that planners share takes the map over whenever the other has used
+    # it
     return [*found, RivalPlanner("auto", Method.AUTO, network(networks.int8))]
 
 
@@ -133,16 +150,21 @@ def run(
 ) -> Run:
     """Have every planner, exact A* first, answer every query, in both halves of the run.
 
-    `cores` are those that this process is pinned to: the time that others use on them is counted. `sensors` are read
-    between the calls. `progress` is called with the number of queries that are done, of `queries_in`.
+    `cores` are those that this process is pinned to: the time that others use on them is counted.
+    `sensors` are read between the calls. `progress` is called with the number of queries that are
+    done, of `queries_in`.
 
-    On a vehicle's map each call is that of a planner which has checked no pose before. Maps and patches that have
-    just arrived are measured afterwards, map by map: they drive the standing map out of the caches.
+    On a vehicle's map each call is that of a planner which has checked no pose before. Maps and
+    patches that have just arrived are measured afterwards, map by map: they drive the standing map
+    out of the caches.
     """
     load = profile.load
-    maps, session = ProfileMaps(load), _Session(profile, rivals, sensors)
+    maps = ProfileMaps(load)
+    session = _Session(profile, rivals, sensors)
     runs = [
-        WorkloadRun(name, size, source_of(maps.dems, size), {rival.name: Answers() for rival in rivals})
+        WorkloadRun(
+            name, size, source_of(maps.dems, size), {rival.name: Answers() for rival in rivals}
+        )
         for name, size in product(load.workloads, load.sizes)
     ]
     disturbance = [Disturbance(cores) for _ in range(HALVES)]
@@ -166,8 +188,12 @@ def first_half_again(maps: ProfileMaps, of: WorkloadRun) -> Iterator[tuple[Case,
     return ((on_map, queries) for queries, on_map in found if queries)
 
 
-def _solvable(maps: ProfileMaps, of: WorkloadRun, load: Load) -> Iterator[tuple[Case, list[Endpoints]]]:
-    """Maps with those of their queries that have a path, until there are enough; they are kept in `of`."""
+def _solvable(
+    maps: ProfileMaps, of: WorkloadRun, load: Load
+) -> Iterator[tuple[Case, list[Endpoints]]]:
+    """Maps with those of their queries that have a path, until there are enough; they are kept in
+    `of`.
+    """
     missing = load.queries
     for on_map in islice(maps.maps(of.workload, of.size), _MAPS_TRIED * load.queries):
         chosen = list(islice(filter(on_map.connections(), on_map.queries), missing))
@@ -178,7 +204,8 @@ def _solvable(maps: ProfileMaps, of: WorkloadRun, load: Load) -> Iterator[tuple[
         if not missing:
             return
     raise InvalidQueryError(
-        f"wanted {load.queries} queries with a path on maps of {of.size} × {of.size} ({of.workload}), "
+        f"wanted {load.queries} queries with a path on maps of {of.size} × {of.size} "
+        f"({of.workload}), "
         f"found {load.queries - missing} on {len(of.queries_by_map)} maps"
     )
 
@@ -186,17 +213,28 @@ def _solvable(maps: ProfileMaps, of: WorkloadRun, load: Load) -> Iterator[tuple[
 class _Session:
     """Means by which all maps of a run are measured."""
 
-    def __init__(self, profile: Profile, rivals: Sequence[RivalPlanner], sensors: Sensors | None) -> None:
-        self._profile, self._rivals, self._sensors = profile, rivals, sensors
-        self._harness, self._meter = Harness(), EnergyMeter()
+    def __init__(
+        self, profile: Profile, rivals: Sequence[RivalPlanner], sensors: Sensors | None
+    ) -> None:
+        self._profile = profile
+        self._rivals = rivals
+        self._sensors = sensors
+        self._harness = Harness()
+        self._meter = EnergyMeter()
 
     def measure(
-        self, on_map: Case, queries: list[Endpoints], of: WorkloadRun, half: int, disturbance: Disturbance
+        self,
+        on_map: Case,
+        queries: list[Endpoints],
+        of: WorkloadRun,
+        half: int,
+        disturbance: Disturbance,
     ) -> None:
         """Have all planners answer the queries on one map, and count the answers."""
         rivals = {rival.name: rival for rival in self._rivals}
         planners = {name: rival.planner(on_map.standing) for name, rival in rivals.items()}
-        energy, worked_s = self._meter.read(), 0.0
+        energy = self._meter.read()
+        worked_s = 0.0
 
         def before(name: str) -> None:
             nonlocal energy, worked_s
@@ -204,7 +242,8 @@ class _Session:
                 planners[name] = rivals[name].planner(on_map.standing)
             if self._sensors is not None and self._sensors.due():
                 disturbance.left_out(self._sensors.read)
-            energy, worked_s = self._meter.read(), time.thread_time()
+            energy = self._meter.read()
+            worked_s = time.thread_time()
 
         def after(name: str, elapsed_s: float, plan: Plan) -> None:
             worked = time.thread_time() - worked_s
@@ -212,29 +251,53 @@ class _Session:
             if plan.method is Method.NNPP:  # this thread may have waited for threads of its own
                 disturbance.leave_out(elapsed_s, worked)
 
-        calls = {name: partial(lambda name, query: rivals[name].plan(planners[name], query), name) for name in rivals}
+        calls = {
+            name: partial(lambda name, query: rivals[name].plan(planners[name], query), name)
+            for name in rivals
+        }
         for answer in calls.values():
             answer(queries[0])  # the map's own work, and warm caches
         repeats = self._profile.load.repeats
         disturbance.start()
-        for records in self._harness.measure(calls, queries, repeats=repeats, before=before, after=after):
+        for records in self._harness.measure(
+            calls, queries, repeats=repeats, before=before, after=after
+        ):
             for name in rivals:
                 of.answers[name].add(records[name], half)
-            for name, rival in rivals.items():  # last, so that no planner follows what others do not
-                if rival.method is Method.NNPP and rival.model is not None and on_map.ground.vehicle is None:
+            for (
+                name,
+                rival,
+            ) in rivals.items():  # last, so that no planner follows what others do not
+                if (
+                    rival.method is Method.NNPP
+                    and rival.model is not None
+                    and on_map.ground.vehicle is None
+                ):
                     # on the map that it was shown last, encoded anew, and a query
-                    seconds, _ = disturbance.left_out(partial(self._harness.timed, rival.model.try_out))
+                    seconds, _ = disturbance.left_out(
+                        partial(self._harness.timed, rival.model.try_out)
+                    )
                     of.answers[name].figures[half][-1]["network_ms"] = 1e3 * seconds
         disturbance.stop()
 
-    def measure_arriving(self, on_map: Case, queries: list[Endpoints], of: WorkloadRun, half: int) -> None:
-        """Have some planners answer the queries on one map as if it had just arrived; run the loop on it."""
-        profile, ground = self._profile, on_map.ground
+    def measure_arriving(
+        self, on_map: Case, queries: list[Endpoints], of: WorkloadRun, half: int
+    ) -> None:
+        """Have some planners answer the queries on one map as if it had just arrived; run the loop
+        on it.
+        """
+        profile = self._profile
+        ground = on_map.ground
         for rival in (each for each in self._rivals if each.name in profile.arriving):
             own = rival.apart()
             arrival_ms(own, ground, queries[0], self._harness)  # kernels loaded
-            for query, figures in zip(queries, of.answers[rival.name].figures[half][-len(queries) :], strict=True):
-                times = [arrival_ms(own, ground, query, self._harness) for _ in range(profile.load.repeats)]
+            for query, figures in zip(
+                queries, of.answers[rival.name].figures[half][-len(queries) :], strict=True
+            ):
+                times = [
+                    arrival_ms(own, ground, query, self._harness)
+                    for _ in range(profile.load.repeats)
+                ]
                 figures["map_ms"], figures["patch_ms"] = np.median(times, axis=0).tolist()
         if (of.workload, of.size) in profile.reactions_at and len(of.reactions) == half:
             of.reactions.append(reactions(ground, queries, profile.loop))

@@ -1,4 +1,6 @@
-"""Figures of processes of their own: the peak memory of one that plans once, and the start up to an answer."""
+"""Figures of processes of their own: the peak memory of one that plans once, and the start up to an
+answer.
+"""
 
 import os
 import pickle
@@ -33,25 +35,37 @@ _DRIVE = b'{"type":"pose","row":90,"col":60}\n{"type":"goal","row":450,"col":470
 
 
 def peak_memory_mb(on_map: Case, query: Endpoints, method: str, model: str) -> float | None:
-    """Peak resident memory of import, load, map and one plan, in MB (10⁶ bytes); None where the kernel does not say.
+    """Peak resident memory of import, load, map and one plan, in MB (10⁶ bytes); None where the
+    kernel does not say.
 
-    The map is read as costs, and with a vehicle as elevations. NnppEdgeError if the process fails; the message ends
-    with the last line that it wrote.
+    The map is read as costs, and with a vehicle as elevations. NnppEdgeError if the process fails;
+    the message ends with the last line that it wrote.
     """
-    return _first_answer(_PLAN_ONCE, method, pickle.dumps((on_map.standing, query, method, model), 5))[1] or None
+    return (
+        _first_answer(_PLAN_ONCE, method, pickle.dumps((on_map.standing, query, method, model), 5))[
+            1
+        ]
+        or None
+    )
 
 
 def start_up(method: str, *, loop: bool = False, repeats: int = 3) -> dict[str, float]:
-    """From a process's start to its first plan on a map of 256², or to the loop's first answer on one of 512².
+    """From a process's start to its first plan on a map of 256², or to the loop's first answer on
+    one of 512².
 
-    Seconds and the peak memory until then, from an empty cache of kernels (``cold``) and from a full one. The empty
-    cache is met once, the full one `repeats` times, of which the medians count. A wheel of kernels serves both.
+    Seconds and the peak memory until then, from an empty cache of kernels (``cold``) and from a
+    full one. The empty cache is met once, the full one `repeats` times, of which the medians count.
+    A wheel of kernels serves both.
     """
     cost = np.random.default_rng(0).uniform(0.0, 0.5, (256, 256)).astype(np.float32)
     plan = pickle.dumps((Ground(cost), ((5, 5), (250, 240)), method, "edge"), 5)
-    name, code, given = ("first_tick", _FIRST_TICK, _DRIVE) if loop else ("start_up", _PLAN_ONCE, plan)
+    name, code, given = (
+        ("first_tick", _FIRST_TICK, _DRIVE) if loop else ("start_up", _PLAN_ONCE, plan)
+    )
     with TemporaryDirectory() as folder:
-        cold, *warm = [_first_answer(code, method, given, NUMBA_CACHE_DIR=folder) for _ in range(1 + repeats)]
+        cold, *warm = [
+            _first_answer(code, method, given, NUMBA_CACHE_DIR=folder) for _ in range(1 + repeats)
+        ]
     figures = {"cold": cold, "warm": tuple(np.median(warm, axis=0))}
     return {
         f"{name}_{state}_{unit}": round(float(value), 3)
@@ -62,16 +76,23 @@ def start_up(method: str, *, loop: bool = False, repeats: int = 3) -> dict[str, 
 
 def _first_answer(code: str, method: str, given: bytes, **environment: str) -> tuple[float, float]:
     """Seconds until a new process prints a line, and its peak memory by then in MB."""
-    command, pipe, began = [sys.executable, "-c", code, method], subprocess.PIPE, time.perf_counter()
-    with subprocess.Popen(command, env=os.environ | environment, stdin=pipe, stdout=pipe, stderr=pipe) as process:
+    command = [sys.executable, "-c", code, method]
+    pipe = subprocess.PIPE
+    began = time.perf_counter()
+    with subprocess.Popen(
+        command, env=os.environ | environment, stdin=pipe, stdout=pipe, stderr=pipe
+    ) as process:
         assert process.stdin is not None and process.stdout is not None
         with suppress(BrokenPipeError):
             process.stdin.write(given)
             process.stdin.flush()
-        answer, took = process.stdout.readline(), time.perf_counter() - began
+        answer = process.stdout.readline()
+        took = time.perf_counter() - began
         peak = peak_bytes(process.pid)
         process.kill()
         said = process.communicate()[1].decode().strip().splitlines() or ["no word of why"]
     if b"OK" not in answer:
-        raise NnppEdgeError(f"a process that was to plan once by {method} ended without a path: {said[-1]}")
+        raise NnppEdgeError(
+            f"a process that was to plan once by {method} ended without a path: {said[-1]}"
+        )
     return took, 1e-6 * peak

@@ -19,7 +19,8 @@ from nnpp_edge.runtime.reading import read_toml
 from nnpp_edge.terrain.workloads import of_bodies
 
 PLANNERS = ("astar", "corridor", "nnpp", "nnpp-fp32", "auto")
-SAMPLE, SYNTHETIC = "sample", "synthetic"
+SAMPLE = "sample"
+SYNTHETIC = "synthetic"
 LOOP = "loop"
 """Whom figures of the onboard loop belong to, in place of a planner."""
 SHIPPED = Path(str(files("nnpp_edge.profiles")))
@@ -36,14 +37,19 @@ _Names = Annotated[tuple[str, ...], Meta(min_length=1)]
 
 
 class Quantity(NamedTuple):
-    """A figure that budgets are set on, of a planner at one workload and size; docs/profile.md says what each is."""
+    """A figure that budgets are set on, of a planner at one workload and size; docs/profile.md says
+    what each is.
+    """
 
     unit: str
     basis: str = ""
-    """Of which medians the two halves of a run must agree: ``time``, ``inference``, ``map``, ``patch``, ``reaction``,
-    ``ratio`` (exact A*'s time over the planner's) or ``int8_ratio``. Empty where noise changes nothing."""
+    """Of which medians the two halves of a run must agree: ``time``, ``inference``, ``map``,
+    ``patch``, ``reaction``, ``ratio`` (exact A*'s time over the planner's) or ``int8_ratio``.
+    Empty where noise changes nothing."""
     scale: float = 1.0
-    """From the figure in a report to the unit of budgets: shares are kept as such, budgets are set in percent."""
+    """From the figure in a report to the unit of budgets: shares are kept as such, budgets are set
+    in percent.
+    """
     whole_run: bool = False
     """There is one figure for the run, not one for each workload and size."""
     of_loop: bool = False
@@ -53,7 +59,9 @@ class Quantity(NamedTuple):
 _STATES = ("warm", "cold")
 QUANTITIES = {
     "fps": Quantity("1/s", "time"),
-    **dict.fromkeys(("time_ms_median", "time_ms_p90", "time_ms_p99", "time_ms_max"), Quantity("ms", "time")),
+    **dict.fromkeys(
+        ("time_ms_median", "time_ms_p90", "time_ms_p99", "time_ms_max"), Quantity("ms", "time")
+    ),
     "inference_fps": Quantity("1/s", "inference"),
     "inference_ms_median": Quantity("ms", "inference"),
     **dict.fromkeys(("map_ms", "map_ms_p99"), Quantity("ms", "map")),
@@ -62,14 +70,18 @@ QUANTITIES = {
     **dict.fromkeys(("speedup_median", "speedup_total"), Quantity("x", "ratio")),
     "int8_speedup": Quantity("x", "int8_ratio"),
     **dict.fromkeys(
-        ("gap_mean", "gap_p99", "gap_max", "cc_excess", "success_first", "success"), Quantity("%", scale=100.0)
+        ("gap_mean", "gap_p99", "gap_max", "cc_excess", "success_first", "success"),
+        Quantity("%", scale=100.0),
     ),
     "expansions_median": Quantity("1"),
     "energy_mj": Quantity("mJ", "time"),
     "peak_memory_mb": Quantity("MB", whole_run=True),
     **{f"start_up_{state}_s": Quantity("s", "time", whole_run=True) for state in _STATES},
     **{f"start_up_{state}_mb": Quantity("MB", whole_run=True) for state in _STATES},
-    **{f"first_tick_{state}_s": Quantity("s", "time", whole_run=True, of_loop=True) for state in _STATES},
+    **{
+        f"first_tick_{state}_s": Quantity("s", "time", whole_run=True, of_loop=True)
+        for state in _STATES
+    },
     **{f"first_tick_{state}_mb": Quantity("MB", whole_run=True, of_loop=True) for state in _STATES},
     "prior_ms": Quantity("ms", "time", whole_run=True, of_loop=True),
     "model_mb": Quantity("MB", whole_run=True),
@@ -82,7 +94,9 @@ class ProfileError(InvalidQueryError):
 
 
 class Table(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """A table of a profile. Types are checked where it is read; what no type says, where it is made."""
+    """A table of a profile. Types are checked where it is read; what no type says, where it is
+    made.
+    """
 
     def refuse_unless(self, fits: bool, key: str, wanted: str) -> None:
         """ValueError about a key's value."""
@@ -123,8 +137,12 @@ class Load(Table, frozen=True):
     """Side of a cell in metres, where the files do not say."""
     workloads: _Names = ("soft",)
     vehicle: str | None = None
-    """Name of a shipped one or a TOML file: whose the workloads ``body`` and ``body-rocksN`` are."""
-    sizes: Annotated[tuple[Annotated[int, Meta(ge=16, le=1 << 15)], ...], Meta(min_length=1)] = (256,)
+    """Name of a shipped one or a TOML file: whose the workloads ``body`` and
+    ``body-rocksN`` are.
+    """
+    sizes: Annotated[tuple[Annotated[int, Meta(ge=16, le=1 << 15)], ...], Meta(min_length=1)] = (
+        256,
+    )
     queries: _Count = 60
     """For each workload and size."""
     repeats: _Count = 2
@@ -142,7 +160,9 @@ class Load(Table, frozen=True):
         except InvalidQueryError as error:
             raise ValueError(f"workloads: {error}") from None
         needs = (
-            f"a vehicle for the workload {bodies[0]}" if bodies else "none without the workload body or body-rocksN"
+            f"a vehicle for the workload {bodies[0]}"
+            if bodies
+            else "none without the workload body or body-rocksN"
         )
         self.refuse_unless(bool(bodies) == (self.vehicle is not None), "vehicle", needs)
 
@@ -166,7 +186,9 @@ class OnboardLoop(Table, frozen=True):
     priority: Annotated[int, Meta(ge=0, le=99)] = 0
     """Under SCHED_FIFO; 0 for the usual scheduler."""
     tolerance: Annotated[float, Meta(ge=0.0, le=_LARGEST)] = 0.02
-    """A standing path is kept while it cannot cost more than this share above what a new plan might."""
+    """A standing path is kept while it cannot cost more than this share above what a new plan
+    might.
+    """
     corner_cutting: bool = True
     refine: str = ""
     """As `DynamicPlanner` takes it; empty for paths of cells alone."""
@@ -181,7 +203,9 @@ class OnboardLoop(Table, frozen=True):
     def navigator(self) -> NavigatorSettings:
         """The part of it that is the navigator's."""
         names = ("method", "model", "tolerance", "corner_cutting", "approach")
-        return NavigatorSettings(**{name: getattr(self, name) for name in names}, refine=self.refine or None)
+        return NavigatorSettings(
+            **{name: getattr(self, name) for name in names}, refine=self.refine or None
+        )
 
 
 class Budget(Table, frozen=True):
@@ -206,15 +230,21 @@ class Budget(Table, frozen=True):
 
     def check(self, profile: "Profile") -> None:
         """Refuse what this profile does not measure."""
-        self.check_choice("planner", (LOOP,) if QUANTITIES[self.quantity].of_loop else profile.measured)
+        self.check_choice(
+            "planner", (LOOP,) if QUANTITIES[self.quantity].of_loop else profile.measured
+        )
         if self.workload is not None:
             self.check_choice("workload", profile.load.workloads)
         sizes = profile.load.sizes
-        self.refuse_unless(self.size in (None, *sizes), "size", f"one of {', '.join(map(str, sizes))}")
+        self.refuse_unless(
+            self.size in (None, *sizes), "size", f"one of {', '.join(map(str, sizes))}"
+        )
 
 
 class Profile(Table, frozen=True):
-    """All that a run of `nnpp-edge profile` needs to know; the keys are those of the file but for `name`."""
+    """All that a run of `nnpp-edge profile` needs to know; the keys are those of the file but for
+    `name`.
+    """
 
     name: str
     title: str
@@ -231,17 +261,25 @@ class Profile(Table, frozen=True):
 
     @property
     def measured(self) -> tuple[str, ...]:
-        return tuple(name for name in PLANNERS if self.networks.fp32 is not None or name != "nnpp-fp32")
+        return tuple(
+            name for name in PLANNERS if self.networks.fp32 is not None or name != "nnpp-fp32"
+        )
 
     @property
     def arriving(self) -> frozenset[str]:
         """The planners that are also measured on maps and patches that have just arrived."""
-        asked = {each.planner for each in self.budgets if QUANTITIES[each.quantity].basis in ("map", "patch")}
+        asked = {
+            each.planner
+            for each in self.budgets
+            if QUANTITIES[each.quantity].basis in ("map", "patch")
+        }
         return frozenset(asked | {self.planner})
 
     @property
     def reactions_at(self) -> frozenset[tuple[str, int]]:
-        """Workloads and sizes at which the loop's reactions are measured: where a budget asks for them."""
+        """Workloads and sizes at which the loop's reactions are measured: where a budget asks for
+        them.
+        """
         asked = [each for each in self.budgets if QUANTITIES[each.quantity].basis == "reaction"]
         return frozenset(place for each in asked for place in self.places(each))
 
@@ -253,7 +291,9 @@ class Profile(Table, frozen=True):
     def facts(self) -> Facts:
         """For JSON: terrain and vehicle by name only; without the loop, which is not measured."""
         vehicle = self.load.vehicle and Path(self.load.vehicle).name
-        load = replace(self.load, terrain=tuple(Path(each).name for each in self.load.terrain), vehicle=vehicle)
+        load = replace(
+            self.load, terrain=tuple(Path(each).name for each in self.load.terrain), vehicle=vehicle
+        )
         facts = asdict(self) | {"load": load}
         del facts["loop"]
         return cast(Facts, msgspec.to_builtins(facts))
@@ -262,7 +302,8 @@ class Profile(Table, frozen=True):
 def read_profile(name: str | Path) -> Profile:
     """A shipped profile by its name, or one from a TOML file.
 
-    ProfileError if there is no such profile, or a key is missing, unknown, of the wrong type or out of range.
+    ProfileError if there is no such profile, or a key is missing, unknown, of the wrong type or out
+    of range.
     """
     path, content = read_toml(name, SHIPPED, "profile", ProfileError)
     try:
@@ -277,7 +318,9 @@ def overridden(profile: Profile, **changes: object) -> tuple[Profile, list[str]]
     Also the names of the budgets that were left out because their size is no longer measured.
     """
     load = changed(profile.load, **changes)
-    kept = tuple(budget for budget in profile.budgets if budget.size is None or budget.size in load.sizes)
+    kept = tuple(
+        budget for budget in profile.budgets if budget.size is None or budget.size in load.sizes
+    )
     dropped = [budget.name for budget in profile.budgets if budget not in kept]
     return replace(profile, load=load, budgets=kept), dropped
 
@@ -286,7 +329,9 @@ TableT = TypeVar("TableT", bound=Table)
 
 
 def changed(table: TableT, **changes: object) -> TableT:
-    """A table as options on the command line ask for; None changes nothing. ProfileError if out of range."""
+    """A table as options on the command line ask for; None changes nothing. ProfileError if out of
+    range.
+    """
     given = {key: value for key, value in changes.items() if value is not None}
     return _converted(asdict(table) | given, type(table))
 
@@ -296,12 +341,19 @@ def _profile(content: Facts, name: str) -> Profile:
         raise ProfileError("name: a profile is called by its file, got a key")
     read = _converted({"title": name, **content, "name": name}, Profile)
     inherited = {"cores": read.device.cores, "model": read.networks.int8}
-    loop = replace(read.loop, **{key: inherited[key] for key in inherited.keys() - content.get("loop", {}).keys()})
-    whose = {each: LOOP if QUANTITIES[each.quantity].of_loop else read.planner for each in read.budgets}
+    loop = replace(
+        read.loop,
+        **{key: inherited[key] for key in inherited.keys() - content.get("loop", {}).keys()},
+    )
+    whose = {
+        each: LOOP if QUANTITIES[each.quantity].of_loop else read.planner for each in read.budgets
+    }
     budgets = tuple(replace(each, planner=each.planner or whose[each]) for each in read.budgets)
     profile = replace(read, loop=loop, budgets=budgets)
     if profile.planner not in profile.measured:
-        raise ProfileError(f"planner: wanted one that is measured (model.fp32 is not set), got {profile.planner!r}")
+        raise ProfileError(
+            f"planner: wanted one that is measured (model.fp32 is not set), got {profile.planner!r}"
+        )
     for at, budget in enumerate(budgets):
         try:
             budget.check(profile)
@@ -323,12 +375,18 @@ def _converted(content: Facts, kind: type[TableT]) -> TableT:
             problem = f"{problem.partition(', got')[0]}, got {value!r}"
         elif problem.startswith("Object contains unknown"):
             problem += f": wanted one of {', '.join(_keys(kind, place))}"
-        between = ": " if problem.startswith(("Expected", "Object")) else "."  # ours begin with the key
+        between = (
+            ": " if problem.startswith(("Expected", "Object")) else "."
+        )  # ours begin with the key
         raise ProfileError(f"{place[1:]}{between}{problem}" if place else problem) from None
 
 
 def _keys(kind: type[Table], place: str) -> list[str]:
-    """The keys of the table at that place, ``.device`` or ``.budgets[0]``, of a table; a profile's name is none."""
-    inner = {each.encode_name: each.type for each in fields(kind)}.get(place.strip(".[]0123456789"), kind)
+    """The keys of the table at that place, ``.device`` or ``.budgets[0]``, of a table; a profile's
+    name is none.
+    """
+    inner = {each.encode_name: each.type for each in fields(kind)}.get(
+        place.strip(".[]0123456789"), kind
+    )
     table = next(iter(get_args(inner)), inner)
     return [each.encode_name for each in fields(table) if (table, each.name) != (Profile, "name")]

@@ -1,4 +1,6 @@
-"""A profile's report: the run, its costs other than time, budgets and verdict. Keys as in docs/profile.md."""
+"""A profile's report: the run, its costs other than time, budgets and verdict. Keys as in
+docs/profile.md.
+"""
 
 from collections.abc import Callable, Sequence
 from datetime import UTC, datetime
@@ -31,30 +33,41 @@ def profile_machine(
 ) -> Facts:
     """Pin, warm up, measure, judge: the report that docs/profile.md describes, ready for JSON.
 
-    `starts` also measures new processes up to their first plan, and the loop up to its first answer, which takes two
-    minutes; without it that is done only where a budget asks for it. `notes` are put before the report's own.
-    `progress` is called with the number of queries that are done, `say` with a line for people, at once.
-    NnppEdgeError if a terrain or model file cannot be used, or the terrain has too few queries with a path.
+    `starts` also measures new processes up to their first plan, and the loop up to its first
+    answer, which takes two minutes; without it that is done only where a budget asks for it.
+    `notes` are put before the report's own. `progress` is called with the number of queries that
+    are done, `say` with a line for people, at once. NnppEdgeError if a terrain or model file cannot
+    be used, or the terrain has too few queries with a path.
     """
-    said, load = list(notes), profile.load
+    said = list(notes)
+    load = profile.load
     with pinned(profile.device.cores) as (cores, problems):
         for line in problems:
             said.append(line)
             say(line)
-        rivals, sensors = rivals_of(profile.networks, profile.device), Sensors(cores)
+        rivals = rivals_of(profile.networks, profile.device)
+        sensors = Sensors(cores)
         measured = run(profile, rivals, cores, sensors=sensors, progress=progress)
         whole_run = _whole_run(profile, rivals, starts, say)
-    results, loop = rows(measured), loop_rows(measured, profile.loop)
+    results = rows(measured)
+    loop = loop_rows(measured, profile.loop)
     if load.terrain != (SYNTHETIC,):
         made = {row["size"] for row in results if row["terrain"] == SYNTHETIC}
-        said += [f"no terrain has {size} × {size} cells: synthetic ground in its place" for size in sorted(made)]
+        said += [
+            f"no terrain has {size} × {size} cells: synthetic ground in its place"
+            for size in sorted(made)
+        ]
     slowed = throttling(sensors.readings, sensors.limits)
     noise = _noise(measured.disturbance, slowed)
     lines = judged(profile, results, whole_run, noise, loop)
     of_points = [row for row in results if body_rocks(row["workload"]) is None]
     ending = verdict(lines, noise)
     halves = [
-        {"waited_share": half.waited_share(), "others_share": half.others_share(), "measured_s": half.elapsed_s}
+        {
+            "waited_share": half.waited_share(),
+            "others_share": half.others_share(),
+            "measured_s": half.elapsed_s,
+        }
         for half in measured.disturbance
     ]
     return {
@@ -81,9 +94,15 @@ def _whole_run(
     profile: Profile, rivals: Sequence[RivalPlanner], starts: bool, say: Callable[[str], None]
 ) -> WholeRun:
     """Figures of the whole run, by quantity and planner."""
-    load, int8, fp32 = profile.load, profile.networks.int8, profile.networks.fp32
+    load = profile.load
+    int8 = profile.networks.int8
+    fp32 = profile.networks.fp32
     models = {"nnpp": int8, "nnpp-fp32": fp32, "auto": int8}
-    sizes_mb = {name: 1e-6 * model_path(each).stat().st_size for name, each in models.items() if each is not None}
+    sizes_mb = {
+        name: 1e-6 * model_path(each).stat().st_size
+        for name, each in models.items()
+        if each is not None
+    }
     say("peak memory, in processes of their own")
     for on_map in ProfileMaps(load).maps(load.workloads[0], max(load.sizes)):
         if on_map.connections()(on_map.queries[0]):
@@ -91,7 +110,9 @@ def _whole_run(
     peaks = {}
     for rival in rivals:
         model = rival.model.path if rival.model is not None else model_path(int8)
-        if (peak := peak_memory_mb(on_map, on_map.queries[0], rival.method, str(model))) is not None:
+        if (
+            peak := peak_memory_mb(on_map, on_map.queries[0], rival.method, str(model))
+        ) is not None:
             peaks[rival.name] = peak
     found = {"model_mb": sizes_mb, "peak_memory_mb": peaks, "prior_ms": {LOOP: prior_ms(Harness())}}
     asked = [budget.planner for budget in profile.budgets if budget.quantity in STARTS]
@@ -104,12 +125,16 @@ def _whole_run(
 
 
 def _noise(halves: Sequence[Disturbance], slowed: Throttling) -> Noise:
-    """Time of others in the half in which they took most, in words; no words where that is allowed."""
+    """Time of others in the half in which they took most, in words; no words where that
+    is allowed.
+    """
     at, worst = max(enumerate(halves), key=lambda half: half[1].share())
     signs = []
     if (others := worst.others_share() or 0.0) > MOST_DISTURBED:
         signs.append(f"others took {100 * others:.0f} % of the cores' time")
     if (waited := worst.waited_share()) > MOST_DISTURBED:
         signs.append(f"the planners stood still for {100 * waited:.0f} % of theirs")
-    words = f"{' and '.join(signs)} in the {('first', 'second')[at]} half of the run" if signs else ""
+    words = (
+        f"{' and '.join(signs)} in the {('first', 'second')[at]} half of the run" if signs else ""
+    )
     return Noise(words, worst.share(), slowed)

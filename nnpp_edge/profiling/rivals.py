@@ -21,15 +21,18 @@ EXACT = "astar"
 class CorridorAlone:
     """The corridor planner on a map of its own, whose first corridor has another width.
 
-    Of the learned region's width it shows what is owed to the network, and what to narrow corridors alone.
+    Of the learned region's width it shows what is owed to the network, and what to narrow corridors
+    alone.
     """
 
     def __init__(self, state: MapState, first: CorridorWidth) -> None:
-        self._methods, self._widths = Methods(state), (first, WIDENED_CORRIDOR)
+        self._methods = Methods(state)
+        self._widths = (first, WIDENED_CORRIDOR)
 
     def plan(self, start: Cell, goal: Cell, *, method: str, keep_regions: bool = False) -> Plan:
         """As `Planner.plan`; there is but one method. The first plan makes what it needs."""
-        work, state = Work(), self._methods.state
+        work = Work()
+        state = self._methods.state
         checked = state.checked
         found = self._methods.corridor(Query(start, goal), work, widths=self._widths)
         plan = found.plan(DynamicMethod.CORRIDOR, work, state, checked, keep_regions=keep_regions)
@@ -62,7 +65,9 @@ class RivalPlanner:
         return Planner(ground, model=self.model or "edge", omega=self.omega, lazy=lazy)
 
     def apart(self) -> "RivalPlanner":
-        """With a network that no other planner uses: what that has been shown of a map is not kept."""
+        """With a network that no other planner uses: what that has been shown of a map is
+        not kept.
+        """
         return replace(self, model=self.model and self.model.share())
 
 

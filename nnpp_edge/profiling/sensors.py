@@ -1,4 +1,6 @@
-"""Clocks and temperatures while a machine is measured, as far as the kernel tells, and whether it was throttled."""
+"""Clocks and temperatures while a machine is measured, as far as the kernel tells, and whether it
+was throttled.
+"""
 
 import time
 from collections.abc import Iterator, Sequence
@@ -15,7 +17,9 @@ EVERY_S = 0.25
 FALL = 0.10
 """Share by which a core's clock may fall in a run."""
 _SLOWING = ("passive", "hot", "critical")
-"""Kinds of trip point at which the processor is slowed or switched off; at an ``active`` one a fan starts."""
+"""Kinds of trip point at which the processor is slowed or switched off; at an ``active`` one a fan
+starts.
+"""
 
 
 @dataclass(frozen=True)
@@ -33,7 +37,8 @@ class Reading:
 
 
 class Sensors:
-    """The sensors below `root`: cpufreq and the thermal counter of these cores, and all thermal zones.
+    """The sensors below `root`: cpufreq and the thermal counter of these cores, and all thermal
+    zones.
 
     Readings are kept, and none is `due` sooner than `EVERY_S` seconds after the one before.
     """
@@ -43,11 +48,15 @@ class Sensors:
         self._cores = {str(core): root / f"devices/system/cpu/cpu{core}" for core in cores}
         zones = sorted((root / "class/thermal").glob("thermal_zone*"))
         kinds = {zone: text_of(zone / "type") or "zone" for zone in zones}
-        self._zones = {f"{kind} {zone.name.removeprefix('thermal_zone')}": zone for zone, kind in kinds.items()}
+        self._zones = {
+            f"{kind} {zone.name.removeprefix('thermal_zone')}": zone for zone, kind in kinds.items()
+        }
         trips = {name: min(_trips(folder), default=None) for name, folder in self._zones.items()}
         known = {name: trip for name, trip in trips.items() if trip is not None}
         self.limits = Reading(0.0, self._clocks("cpuinfo_max_freq"), known)
-        """The greatest clock of each core, and the temperature of each zone at which the kernel slows it."""
+        """The greatest clock of each core, and the temperature of each zone at which the kernel
+        slows it.
+        """
 
     def due(self) -> bool:
         """Whether it is time for the next reading."""
@@ -56,7 +65,10 @@ class Sensors:
     def read(self) -> Reading:
         """A reading of now; a file that cannot be read is left out."""
         temperatures = {name: _number(folder / "temp") for name, folder in self._zones.items()}
-        counts = [_number(folder / "thermal_throttle/core_throttle_count") for folder in self._cores.values()]
+        counts = [
+            _number(folder / "thermal_throttle/core_throttle_count")
+            for folder in self._cores.values()
+        ]
         known = [count for count in counts if count is not None]
         reading = Reading(
             time.perf_counter(),
@@ -83,9 +95,11 @@ class Throttling:
 
 
 def throttling(readings: Sequence[Reading], limits: Reading) -> Throttling:
-    """Signs in the readings of a run: a clock that fell, a trip point that was met, a counter that rose.
+    """Signs in the readings of a run: a clock that fell, a trip point that was met, a counter that
+    rose.
 
-    A clock fell where its median over the last quarter of the readings is below that over the first by `FALL`.
+    A clock fell where its median over the last quarter of the readings is below that over the first
+    by `FALL`.
     """
     words = []
     clocks = _series(readings, "clock_mhz") if len(readings) > 1 else {}
@@ -97,14 +111,19 @@ def throttling(readings: Sequence[Reading], limits: Reading) -> Throttling:
     for zone, values in _series(readings, "temperature_c").items() if len(readings) > 1 else ():
         trip = limits.temperature_c.get(zone, float("inf"))
         if met := sum(each >= trip for each in values):
-            words.append(f"{zone} stood at its trip point of {trip:g} °C in {met} of {len(values)} readings")
+            words.append(
+                f"{zone} stood at its trip point of {trip:g} °C in {met} of {len(values)} readings"
+            )
     counts = [reading.throttles for reading in readings if reading.throttles is not None]
     if counts and counts[-1] > counts[0]:
         words.append(f"the processor slowed its cores {counts[-1] - counts[0]} times")
     if not words:
         return Throttling()
     # of the core that lacked most of its clock
-    missing = [1.0 - np.median(each) / max(limits.clock_mhz.get(core, 0.0), *each) for core, each in clocks.items()]
+    missing = [
+        1.0 - np.median(each) / max(limits.clock_mhz.get(core, 0.0), *each)
+        for core, each in clocks.items()
+    ]
     return Throttling("; ".join(words), float(max(missing, default=1.0)))
 
 

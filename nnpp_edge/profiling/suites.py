@@ -41,14 +41,22 @@ class Case:
     cost: Float2D
     """(H, W) traversability cost."""
     queries: tuple[Endpoints, ...]
-    """Start and goal both passable, a vehicle's in some heading; whether they are connected is not known yet."""
+    """Start and goal both passable, a vehicle's in some heading; whether they are connected is not
+    known yet.
+    """
     ground: Ground
     """Source of the costs: elevations, as a rule."""
 
     @property
     def standing(self) -> Ground:
-        """For planners on a standing map: the costs, but elevations where a vehicle's poses or the slope decide."""
-        return self.ground if self.ground.vehicle is not None or self.ground.by_slope else Ground(self.cost)
+        """For planners on a standing map: the costs, but elevations where a vehicle's poses or the
+        slope decide.
+        """
+        return (
+            self.ground
+            if self.ground.vehicle is not None or self.ground.by_slope
+            else Ground(self.cost)
+        )
 
     def connections(self) -> Callable[[Endpoints], bool]:
         """Whether there is a path, as a function of the query."""
@@ -70,7 +78,9 @@ class TerrainFiles:
     def or_sample(
         cls, paths: Sequence[Path], rescale: float | None = None, cell_size: float | None = None
     ) -> "TerrainFiles":
-        """These files; without any, the sample that travels with the package, at cells of 20 m by default."""
+        """These files; without any, the sample that travels with the package, at cells of 20 m by
+        default.
+        """
         if paths:
             return cls(tuple(paths), rescale, cell_size)
         return cls((sample_path("moon_highlands"),), rescale or SYNTHETIC_CELL_M, None)
@@ -97,11 +107,16 @@ def heights_of(ground: Ground) -> Float2D:
 
 
 def whole_cost(ground: Ground) -> Float2D:
-    """The whole cost map, (H, W) float32; with a vehicle that of each cell's best pose, inf where all fail."""
+    """The whole cost map, (H, W) float32; with a vehicle that of each cell's best pose, inf where
+    all fail.
+    """
     if ground.vehicle is None:
         return ground.costs()
-    (size, width), limits = ground.sides_m, ground.traversability
-    poses = pose_costs(heights_of(ground), size, ground.vehicle, cell_width_m=width, traversability=limits)
+    size, width = ground.sides_m
+    limits = ground.traversability
+    poses = pose_costs(
+        heights_of(ground), size, ground.vehicle, cell_width_m=width, traversability=limits
+    )
     best: Float2D = poses.min(0)
     return best
 
@@ -113,7 +128,9 @@ def large_enough(dems: Sequence[Dem], size: int) -> list[Dem]:
 
 def source_of(dems: Sequence[Dem], size: int) -> str:
     """Name of the terrain that `terrain_cases` takes maps of this size from."""
-    return ", ".join(dict.fromkeys(dem.source.stem for dem in large_enough(dems, size))) or SYNTHETIC
+    return (
+        ", ".join(dict.fromkeys(dem.source.stem for dem in large_enough(dems, size))) or SYNTHETIC
+    )
 
 
 def terrain_cases(
@@ -127,38 +144,53 @@ def terrain_cases(
 ) -> Iterator[Case]:
     """Cases of one workload and size, without end, the same for the same seed on any machine.
 
-    Maps are random crops of the terrain that is large enough. Where none is, they are fractal and cratered ground
-    (`synthetic_terrain`), with cells of 20 m, for a vehicle's workloads of a quarter of its length. `least_distance`
-    is that between start and goal, as a share of the map's side; `vehicle` is for its workloads; `limits` are those
-    of the cost in place of the workload's own.
+    Maps are random crops of the terrain that is large enough. Where none is, they are fractal and
+    cratered ground (`synthetic_terrain`), with cells of 20 m, for a vehicle's workloads of a
+    quarter of its length. `least_distance` is that between start and goal, as a share of the map's
+    side; `vehicle` is for its workloads; `limits` are those of the cost in place of the workload's
+    own.
 
-    InvalidQueryError if many maps in a row have no fitting query, there is no such workload, or it takes a vehicle.
+    InvalidQueryError if many maps in a row have no fitting query, there is no such workload, or it
+    takes a vehicle.
     """
-    fitting, rocks = large_enough(dems, size), body_rocks(name)
+    fitting = large_enough(dems, size)
+    rocks = body_rocks(name)
     limits = limits or (workload(name) if rocks is None else Traversability())
     if rocks is not None and vehicle is None:
         raise InvalidQueryError(f"the workload {name} is a vehicle's: wanted a vehicle, got none")
     body = None if rocks is None else vehicle
     cell_m = SYNTHETIC_CELL_M if body is None else body.length_m / _CELLS_TO_A_BODY
     rng = np.random.default_rng([seed, size])
-    least, in_vain = least_distance * size, 0
+    least = least_distance * size
+    in_vain = 0
     while in_vain < _TRIES:
         if fitting:
             dem = fitting[int(rng.integers(len(fitting)))]
             row, col = (int(rng.integers(0, side - size + 1)) for side in dem.shape)
-            heights, sides_m = dem.elevation[row : row + size, col : col + size], (dem.cell_size_m, dem.cell_width_m)
+            heights = dem.elevation[row : row + size, col : col + size]
+            sides_m = (dem.cell_size_m, dem.cell_width_m)
         else:
-            heights, sides_m = synthetic_terrain(rng, size, cell_m), (cell_m, cell_m)
+            heights = synthetic_terrain(rng, size, cell_m)
+            sides_m = (cell_m, cell_m)
         if rocks:  # by a generator of their own: the maps are those without rocks
-            heights = with_rocks(heights, sides_m[0], rocks, rng.spawn(1)[0], cell_width_m=sides_m[1])
+            heights = with_rocks(
+                heights, sides_m[0], rocks, rng.spawn(1)[0], cell_width_m=sides_m[1]
+            )
         heights = np.ascontiguousarray(heights)
-        ground = Ground.of_elevation(heights, sides_m[0], limits, cell_width_m=sides_m[1], vehicle=body)
+        ground = Ground.of_elevation(
+            heights, sides_m[0], limits, cell_width_m=sides_m[1], vehicle=body
+        )
         cost = whole_cost(ground)
-        queries = [query for _ in range(QUERIES_PER_MAP) if (query := random_query(rng, cost, least)) is not None]
+        queries = [
+            query
+            for _ in range(QUERIES_PER_MAP)
+            if (query := random_query(rng, cost, least)) is not None
+        ]
         in_vain = 0 if queries else in_vain + 1
         if queries:
             yield Case(name, size, cost, tuple(queries), ground)
     raise InvalidQueryError(
-        f"no two passable cells {least:.0f} apart were found in {_TRIES} maps of {size} × {size} for the workload "
+        f"no two passable cells {least:.0f} apart were found in {_TRIES} maps of {size} × {size} "
+        "for the workload "
         f"{name}"
     )

@@ -29,7 +29,9 @@ _PATHS = {
     "path before": ("#b8b8b8", 1.2, ":"),
 }
 """Colour, width and style of a path by its label."""
-_CHANGED, _CYAN, _TINT = "#ff3b1f", np.array([0.0, 0.9, 1.0]), 0.45
+_CHANGED = "#ff3b1f"
+_CYAN = np.array([0.0, 0.9, 1.0])
+_TINT = 0.45
 
 
 def tidy(axes: "Axes", title: str, x: str = "", y: str = "") -> None:
@@ -41,9 +43,13 @@ def tidy(axes: "Axes", title: str, x: str = "", y: str = "") -> None:
 
 
 def by_size(panels: Sequence[tuple[Rows, str, Mapping[str, str], str, str]]) -> "Figure":
-    """Panels of rows, the name of a figure, styles by planner, title and unit: means against the map's side."""
+    """Panels of rows, the name of a figure, styles by planner, title and unit: means against the
+    map's side.
+    """
     figure = new_figure(5.8 * len(panels), 5.2)
-    for axes, (rows, figures, styles, title, unit) in zip(figure.subplots(1, len(panels)), panels, strict=True):
+    for axes, (rows, figures, styles, title, unit) in zip(
+        figure.subplots(1, len(panels)), panels, strict=True
+    ):
         for name, style in styles.items():
             groups = rows.of(name).by("size").items()
             points = sorted((at, of.mean(figures)) for (at,), of in groups if of.all(figures))
@@ -54,14 +60,24 @@ def by_size(panels: Sequence[tuple[Rows, str, Mapping[str, str], str, str]]) -> 
         axes.minorticks_off()
         axes.set_yscale("log")
         tidy(axes, title, "map", unit)
-        axes.legend(fontsize="small", loc="upper center", bbox_to_anchor=(0.5, -0.12), ncols=3, frameon=False)
+        axes.legend(
+            fontsize="small",
+            loc="upper center",
+            bbox_to_anchor=(0.5, -0.12),
+            ncols=3,
+            frameon=False,
+        )
     return figure
 
 
 def bars(groups: Mapping[str, Rows]) -> "Figure":
-    """For each group its planners' times and their CC above that of exact A*, in all, a bar a planner."""
+    """For each group its planners' times and their CC above that of exact A*, in all, a bar a
+    planner.
+    """
     figure = new_figure(11, 4.4 * len(groups))
-    for (label, rows), panels in zip(groups.items(), figure.subplots(len(groups), 2, squeeze=False), strict=True):
+    for (label, rows), panels in zip(
+        groups.items(), figure.subplots(len(groups), 2, squeeze=False), strict=True
+    ):
         planners = {str(name): of for (name,), of in rows.by("planner").items() if of.all("time_s")}
         times_s = [of.mean("time_s") for of in planners.values()]
         increases = [100.0 * of.increase() for of in planners.values()]
@@ -69,7 +85,9 @@ def bars(groups: Mapping[str, Rows]) -> "Figure":
             (panels[0], times_s, "%.3g", "mean time", "seconds"),
             (panels[1], increases, "%.2f", "CC above that of exact A*", "%"),
         ):
-            drawn = axes.barh(list(planners), values, color=[COLOURS.get(name, PAPER) for name in planners])
+            drawn = axes.barh(
+                list(planners), values, color=[COLOURS.get(name, PAPER) for name in planners]
+            )
             axes.bar_label(drawn, fmt=form, padding=3, fontsize="small")
             axes.margins(x=0.2)
             axes.invert_yaxis()
@@ -92,11 +110,19 @@ class View(NamedTuple):
     """Changes since the plan before."""
 
 
-def view_plan(cost: Float2D, query: Endpoints, model: NetworkModel, patches: tuple[Patch, ...] = ()) -> View:
+def view_plan(
+    cost: Float2D, query: Endpoints, model: NetworkModel, patches: tuple[Patch, ...] = ()
+) -> View:
     """A query by the paper's method with this network."""
     maker = PaperRegions(cost, model)
     region = maker.find(query)
-    return View(cost, region.mask(), best_path(maker.grid, query, region), best_path(maker.grid, query), patches)
+    return View(
+        cost,
+        region.mask(),
+        best_path(maker.grid, query, region),
+        best_path(maker.grid, query),
+        patches,
+    )
 
 
 def frame(at: int) -> str:
@@ -105,14 +131,18 @@ def frame(at: int) -> str:
 
 
 def draw_view(axes: "Axes", view: View, title: str, *, before: View | None = None) -> None:
-    """A plan on its cost in grey, the whiter the dearer, brown where impassable, and cyan inside the region.
+    """A plan on its cost in grey, the whiter the dearer, brown where impassable, and cyan inside
+    the region.
 
-    Start and goal lie above all paths. `before` is the plan before: its path is drawn, and what has changed since.
+    Start and goal lie above all paths. `before` is the plan before: its path is drawn, and what has
+    changed since.
     """
     from matplotlib.patches import Rectangle
 
     passable = (view.cost < 1.0)[..., None]
-    picture = np.where(passable, np.where(passable[..., 0], view.cost, 0.0)[..., None], [0.38, 0.17, 0.13])
+    picture = np.where(
+        passable, np.where(passable[..., 0], view.cost, 0.0)[..., None], [0.38, 0.17, 0.13]
+    )
     tint = _TINT * passable * view.region[..., None]
     axes.imshow(np.clip(picture * (1.0 - tint) + _CYAN * tint, 0.0, 1.0), interpolation="nearest")
     axes.set_title(title, fontsize="small")
@@ -121,15 +151,22 @@ def draw_view(axes: "Axes", view: View, title: str, *, before: View | None = Non
     if before is not None:
         paths = {"path before": before.optimum} | paths
         for at, (row, col, patch) in enumerate(view.patches):
-            label, sides = "_" * bool(at) + "changed", patch.shape[::-1]
+            label = "_" * bool(at) + "changed"
+            sides = patch.shape[::-1]
             where = (col - 0.5, row - 0.5)
-            axes.add_patch(Rectangle(where, *sides, fill=False, ec=_CHANGED, lw=1.3, zorder=4, label=label))
+            axes.add_patch(
+                Rectangle(where, *sides, fill=False, ec=_CHANGED, lw=1.3, zorder=4, label=label)
+            )
     for label, path in paths.items():
         colour, width, style = _PATHS[label]
         axes.plot(path[:, 1], path[:, 0], style, color=colour, linewidth=width, label=label)
     start, goal = view.optimum[[0, -1]]
-    axes.plot(start[1], start[0], "s", color="gold", mec="black", markersize=6, label="start", zorder=5)
-    axes.plot(goal[1], goal[0], "*", color="red", mec="black", markersize=11, label="goal", zorder=5)
+    axes.plot(
+        start[1], start[0], "s", color="gold", mec="black", markersize=6, label="start", zorder=5
+    )
+    axes.plot(
+        goal[1], goal[0], "*", color="red", mec="black", markersize=11, label="goal", zorder=5
+    )
 
 
 def map_legend(figure: "Figure", axes: "Axes") -> None:
@@ -138,4 +175,11 @@ def map_legend(figure: "Figure", axes: "Axes") -> None:
 
     handles, labels = axes.get_legend_handles_labels()
     handles.append(Filled(facecolor=tuple(np.full(3, 0.35) * (1.0 - _TINT) + _TINT * _CYAN)))
-    figure.legend(handles, [*labels, "region"], loc="outside lower center", ncols=4, fontsize="small", frameon=False)
+    figure.legend(
+        handles,
+        [*labels, "region"],
+        loc="outside lower center",
+        ncols=4,
+        fontsize="small",
+        frameon=False,
+    )

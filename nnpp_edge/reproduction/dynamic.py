@@ -1,4 +1,6 @@
-"""Tables 3 and 4, Fig. 16: episodes on a map that changes, for plain A* and A*NN, and our dynamic planners."""
+"""Tables 3 and 4, Fig. 16: episodes on a map that changes, for plain A* and A*NN, and our dynamic
+planners.
+"""
 
 from collections.abc import Iterator
 from contextlib import suppress
@@ -36,7 +38,9 @@ _COMPARED += [(DSTAR, DSTAR_NN, DYNAMIC), (ASTAR_NN, DSTAR_NN, DYNAMIC)]
 
 
 def stride_on(size: int) -> int:
-    """Cells that the robot walks between two plans: the paper's 45 at 256² and more, fewer on smaller maps."""
+    """Cells that the robot walks between two plans: the paper's 45 at 256² and more, fewer on
+    smaller maps.
+    """
     return min(STRIDE, max(STRIDE * size // 256, 1))
 
 
@@ -45,40 +49,58 @@ def find_episodes(context: Context, size: int, count: int) -> list[Episode]:
     found = list[Episode]()
     for at, case in enumerate(islice(context.cases(size, LEAST_DISTANCE), MAPS_TRIED * count)):
         with suppress(InvalidQueryError):
-            found.append(make_episode(case.cost, *case.queries[0], context.seed + at, stride_on(size)))
+            found.append(
+                make_episode(case.cost, *case.queries[0], context.seed + at, stride_on(size))
+            )
         if len(found) == count:
             return found
-    raise InvalidQueryError(f"wanted {count} maps of {size} × {size} cells with a path, got {len(found)}")
+    raise InvalidQueryError(
+        f"wanted {count} maps of {size} × {size} cells with a path, got {len(found)}"
+    )
 
 
 def drive(episode: Episode, networks: Networks, repeats: int) -> Rows:
-    """Have all of `PLANNERS` make every plan of an episode; of ours the median of `repeats` lives counts."""
-    harness, rows = Harness(), Rows()
-    for at, (step, compiled) in enumerate(zip(episode.steps, _ours(episode, networks.ours, repeats), strict=True)):
+    """Have all of `PLANNERS` make every plan of an episode; of ours the median of `repeats` lives
+    counts.
+    """
+    harness = Harness()
+    rows = Rows()
+    for at, (step, compiled) in enumerate(
+        zip(episode.steps, _ours(episode, networks.ours, repeats), strict=True)
+    ):
         here = OneMap(episode.map_at(at), (step.start, episode.goal), networks)
         rows += [{"plan": at, **row} for row in (*here.timed(PLAIN_ASTARS, 1, harness), *compiled)]
     return rows
 
 
 def _ours(episode: Episode, model: NetworkModel, repeats: int) -> Iterator[list[Row]]:
-    """Rows of `COMPILED` for each plan. New planners go through the episode `repeats` times, after once untimed.
+    """Rows of `COMPILED` for each plan. New planners go through the episode `repeats` times, after
+    once untimed.
 
-    A plan's time is the map's update, the network's view of it, and the plan with every widening and fallback. What
-    depends on the first map alone is made before the clock starts.
+    A plan's time is the map's update, the network's view of it, and the plan with every widening
+    and fallback. What depends on the first map alone is made before the clock starts.
     """
     lives = []
     for turn in range(repeats + 1):
-        planners = {name: DynamicPlanner(episode.cost, episode.goal, name, model=model) for name in COMPILED}
+        planners = {
+            name: DynamicPlanner(episode.cost, episode.goal, name, model=model) for name in COMPILED
+        }
         for planner in planners.values():
             planner.prepare()
         calls = {name: partial(_replan, planner) for name, planner in planners.items()}
         lives.append(list(Harness(turn).measure(calls, episode.steps)))
     for at, answers in enumerate(zip(*lives, strict=True)):
-        exact_cc, rows = answers[-1]["astar"].results[0].traverse_cost, list[Row]()
+        exact_cc = answers[-1]["astar"].results[0].traverse_cost
+        rows = list[Row]()
         for name in COMPILED:
-            plan, time_s = answers[-1][name].results[0], np.median([life[name].median_s for life in answers[1:]])
+            plan = answers[-1][name].results[0]
+            time_s = np.median([life[name].median_s for life in answers[1:]])
             mended = plan.choice.startswith("mended") or (name == "dstar" and at > 0)
-            row = {"planner": name, "found": float(plan.source in (Source.MAP, Source.REGION)), "time_s": time_s}
+            row = {
+                "planner": name,
+                "found": float(plan.source in (Source.MAP, Source.REGION)),
+                "time_s": time_s,
+            }
             of_path = {"cc": plan.traverse_cost, "exact_cc": exact_cc} if plan.ok else {}
             rows.append(row | of_path | {"mended": float(mended)})
         yield rows
@@ -94,16 +116,27 @@ def _replan(planner: DynamicPlanner, step: Step) -> Plan:
 _QUICK = {"size": 128, "repeats": 1}
 
 
-@experiment("Table 3 and Fig. 16", "Planning anew as the map changes, plan by plan", {**_QUICK, "episodes": 3})
+@experiment(
+    "Table 3 and Fig. 16",
+    "Planning anew as the map changes, plan by plan",
+    {**_QUICK, "episodes": 3},
+)
 def table3(context: Context, *, size: int = 256, episodes: int = 12, repeats: int = 5) -> Result:
-    """One episode, every plan of it by all planners: of so many the one with as many plans as the paper's."""
-    size, frames = context.one_size(size), len(paper.TABLE_3.of(ASTAR))
-    episode = min(find_episodes(context, size, episodes), key=lambda each: abs(len(each.steps) - frames))
+    """One episode, every plan of it by all planners: of so many the one with as many plans as the
+    paper's.
+    """
+    size = context.one_size(size)
+    frames = len(paper.TABLE_3.of(ASTAR))
+    episode = min(
+        find_episodes(context, size, episodes), key=lambda each: abs(len(each.steps) - frames)
+    )
     context.progress(0.2)
     rows = drive(episode, context.networks, repeats)
     context.progress(0.6)
     views = [
-        drawing.view_plan(episode.map_at(at), (step.start, episode.goal), context.networks.paper, step.patches)
+        drawing.view_plan(
+            episode.map_at(at), (step.start, episode.goal), context.networks.paper, step.patches
+        )
         for at, step in enumerate(episode.steps)
     ]
     figure = new_figure(2.7 * len(views), 3.4)
@@ -124,17 +157,25 @@ def table3_findings(rows: Rows) -> list[Finding]:
         found.append(judge_increase(claim, paper.TABLE_3.increase(theirs), rows, name))
     last = rows.of(plan=max(rows.all("plan")))
     nn_s, dstar_s = (last.of(name).mean("time_s") for name in ("nnpp-dstar", "dstar"))
-    theirs_s = (seconds(paper.TABLE_3.of(name, plan=3).mean("time_s")) for name in (DSTAR_NN, DSTAR))
-    ours, rule = f"{seconds(nn_s)} against {seconds(dstar_s)}", "`nnpp-dstar` takes longer"
+    theirs_s = (
+        seconds(paper.TABLE_3.of(name, plan=3).mean("time_s")) for name in (DSTAR_NN, DSTAR)
+    )
+    ours = f"{seconds(nn_s)} against {seconds(dstar_s)}"
+    rule = "`nnpp-dstar` takes longer"
     claim = "near the goal, in the last frame, D*NN takes longer than D*"
-    return [*found, judge(claim, " against ".join(theirs_s), ours, rule, True, better=nn_s <= dstar_s)]
+    return [
+        *found,
+        judge(claim, " against ".join(theirs_s), ours, rule, True, better=nn_s <= dstar_s),
+    ]
 
 
 def _short(theirs: str) -> str:
     return theirs.removeprefix("paper's ")
 
 
-def _speedups(slow: str, fast: str, theirs: float, rows: Rows, where: str = "") -> Iterator[Finding]:
+def _speedups(
+    slow: str, fast: str, theirs: float, rows: Rows, where: str = ""
+) -> Iterator[Finding]:
     """One of the paper's methods over another, plain where we have both so, and compiled."""
     for label, of in {"plain": PLAIN_OF, "ours": OURS_OF}.items():
         if slow in of and fast in of:
@@ -144,16 +185,25 @@ def _speedups(slow: str, fast: str, theirs: float, rows: Rows, where: str = "") 
 
 @experiment("Table 4", "Five maps, standing still and changing", {**_QUICK, "maps": 2})
 def table4(context: Context, *, size: int = 256, maps: int = 5, repeats: int = 5) -> Result:
-    """An episode on each of some maps, by all planners; its first plan is that of the map standing still."""
+    """An episode on each of some maps, by all planners; its first plan is that of the map standing
+    still.
+    """
     rows = Rows()
     for at, episode in enumerate(find_episodes(context, context.one_size(size), maps), 1):
-        rows += [{"scene": DYNAMIC, "map": at, **row} for row in drive(episode, context.networks, repeats)]
+        rows += [
+            {"scene": DYNAMIC, "map": at, **row}
+            for row in drive(episode, context.networks, repeats)
+        ]
         context.progress(at / maps)
     rows = Rows([{**row, "scene": STATIC} for row in rows.of(plan=0)] + rows)
     everything = Rows([*paper.TABLE_4, *rows])
-    context.notes.append("Times and CC are summed over the plans for which every method found a path.")
+    context.notes.append(
+        "Times and CC are summed over the plans for which every method found a path."
+    )
     picture = drawing.bars({str(scene): of for (scene,), of in everything.by("scene").items()})
-    return Result(rows, ("scene", "planner"), table4_findings(rows), picture, everything, totals=True)
+    return Result(
+        rows, ("scene", "planner"), table4_findings(rows), picture, everything, totals=True
+    )
 
 
 def table4_findings(rows: Rows) -> list[Finding]:
@@ -163,12 +213,15 @@ def table4_findings(rows: Rows) -> list[Finding]:
         theirs = paper.TABLE_4.of(scene=scene).speedup(slow, fast)
         found += _speedups(slow, fast, theirs, rows.of(scene=scene), f", {scene}")
     of = rows.of(scene=DYNAMIC)
-    slow, fast = OURS_OF[DSTAR], OURS_OF[ASTAR_NN]
+    slow = OURS_OF[DSTAR]
+    fast = OURS_OF[ASTAR_NN]
     claim = "the network gains A* more than D* does: A*NN is faster than D*, dynamic, both ours"
     theirs = paper.TABLE_4.of(scene=DYNAMIC).speedup(DSTAR, ASTAR_NN)
     texts = f"{theirs:.2f}×", f"{of.speedup(slow, fast):.2f}×"
     rule = f"{shown('planner', fast)} takes less time than {shown('planner', slow)}"
-    found.append(judge(claim, *texts, rule, lambda own: of.speedup(own(slow), own(fast)) > 1.0, of, fast))
+    found.append(
+        judge(claim, *texts, rule, lambda own: of.speedup(own(slow), own(fast)) > 1.0, of, fast)
+    )
     for what, method, name, scene in (
         ("A*NN, static, plain", ASTAR_NN, PLAIN_NN, STATIC),
         ("A*NN, dynamic, plain", ASTAR_NN, PLAIN_NN, DYNAMIC),
@@ -182,10 +235,20 @@ def table4_findings(rows: Rows) -> list[Finding]:
 
 def _mends(later: Rows, afresh: str, name: str) -> Finding:
     """Whether D*NN repairs, and gains by it over A*NN, which searches afresh."""
-    mended, gain = later.of(name).all("mended"), later.speedup(afresh, name)
+    mended = later.of(name).all("mended")
+    gain = later.speedup(afresh, name)
     claim = f"D*NN repairs, and gains by it, dynamic ({shown('planner', name)})"
-    ours = f"{sum(mended):.0f} of {len(mended)} plans after the first, {gain:.2f}× as fast as afresh"
-    rule, often = "on half of the plans or more, and faster than afresh", sum(mended) >= 0.5 * len(mended)
+    ours = (
+        f"{sum(mended):.0f} of {len(mended)} plans after the first, {gain:.2f}× as fast as afresh"
+    )
+    rule = "on half of the plans or more, and faster than afresh"
+    often = sum(mended) >= 0.5 * len(mended)
     return judge(
-        claim, "yes", ours, rule, lambda own: often and later.speedup(own(afresh), own(name)) > 1.0, later, name
+        claim,
+        "yes",
+        ours,
+        rule,
+        lambda own: often and later.speedup(own(afresh), own(name)) > 1.0,
+        later,
+        name,
     )

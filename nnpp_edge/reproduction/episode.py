@@ -1,7 +1,8 @@
 """The paper's dynamic scene (NNPP, section 5.5): a robot's way to its goal over a map that changes.
 
-A path is planned; the robot follows it for 45 cells; rectangles of cost 1 appear across what is left of it, move on
-or vanish; the rest is planned anew, until the goal is near. The robot follows exact A*'s path.
+A path is planned; the robot follows it for 45 cells; rectangles of cost 1 appear across what is
+left of it, move on or vanish; the rest is planned anew, until the goal is near. The robot follows
+exact A*'s path.
 """
 
 from dataclasses import dataclass
@@ -43,7 +44,9 @@ class Episode:
     """The first without patches."""
 
     def map_at(self, step: int) -> Float2D:
-        """(H, W) traversability cost at a plan: the first map with all patches up to then. A copy."""
+        """(H, W) traversability cost at a plan: the first map with all patches up to
+        then. A copy.
+        """
         cost = self.cost.copy()
         for earlier in self.steps[: step + 1]:
             for row, col, patch in earlier.patches:
@@ -51,20 +54,27 @@ class Episode:
         return cost
 
 
-def make_episode(cost: Float2D, start: Cell, goal: Cell, seed: int, stride: int = STRIDE) -> Episode:
-    """An episode on a cost map (H, W), the same for the same seed; start and goal are passable and connected.
+def make_episode(
+    cost: Float2D, start: Cell, goal: Cell, seed: int, stride: int = STRIDE
+) -> Episode:
+    """An episode on a cost map (H, W), the same for the same seed; start and goal are passable and
+    connected.
 
-    `stride` is the number of cells, 1 or more, that the robot walks between two plans. InvalidQueryError if the goal
-    cannot be reached.
+    `stride` is the number of cells, 1 or more, that the robot walks between two plans.
+    InvalidQueryError if the goal cannot be reached.
     """
     base = np.ascontiguousarray(cost, np.float32)
     obstacles = Obstacles((base.shape[0], base.shape[1]), np.random.default_rng(seed))
-    path, steps = _exact(base, start, goal), [Step(start, ())]
+    path = _exact(base, start, goal)
+    steps = [Step(start, ())]
     if path is None:
-        raise InvalidQueryError(f"an episode needs a goal that can be reached, got {start} to {goal}")
+        raise InvalidQueryError(
+            f"an episode needs a goal that can be reached, got {start} to {goal}"
+        )
     while len(path) > stride + 1:
         rest = path[stride:]
-        here, before = (int(rest[0, 0]), int(rest[0, 1])), obstacles.blocks
+        here = (int(rest[0, 0]), int(rest[0, 1]))
+        before = obstacles.blocks
         path = rest  # what is left of it, where no other scene leaves a way
         for _ in range(_TRIES):
             obstacles.next_scene(here, goal, rest)
@@ -74,7 +84,9 @@ def make_episode(cost: Float2D, start: Cell, goal: Cell, seed: int, stride: int 
                 break
             obstacles.blocks = before
         changed = changed_parts(before, obstacles.blocks)
-        steps.append(Step(here, tuple((*part[:2], obstacles.cover(base, part)) for part in changed)))
+        steps.append(
+            Step(here, tuple((*part[:2], obstacles.cover(base, part)) for part in changed))
+        )
     return Episode(base, goal, tuple(steps))
 
 

@@ -21,13 +21,18 @@ if TYPE_CHECKING:
 
 MAPS_TRIED = 20
 """For each that is wanted, before giving up on finding one with a path."""
-BOTH, PAPERS = ("the paper's method", "ours"), ("the paper's method",)
+BOTH = ("the paper's method", "ours")
+PAPERS = ("the paper's method",)
 """Networks that take part in an experiment."""
 CONTROLS_NOTE = (
-    "*corridor*, the blocks nearest to the path that a search over the map averaged to blocks finds, as many as the "
-    "network's region has, so that MM is the same (of ours `corridor` and `corridor-dstar`); *straight band*, as "
-    "many blocks nearest to the line from start to goal; *shuffled weights*, the same network with the weights of "
-    "each layer in a random order. Where a control meets a rule as well, the figure says nothing about the network"
+    "*corridor*, the blocks nearest to the path that a search over the map averaged to blocks "
+    "finds, as many as the "
+    "network's region has, so that MM is the same (of ours `corridor` and `corridor-dstar`); "
+    "*straight band*, as "
+    "many blocks nearest to the line from start to goal; *shuffled weights*, the same network "
+    "with the weights of "
+    "each layer in a random order. Where a control meets a rule as well, the figure says nothing "
+    "about the network"
 )
 
 
@@ -47,12 +52,18 @@ class Context:
         self.advance(int(1000 * share))
 
     def fitting(self, sizes: Sequence[int]) -> list[int]:
-        """The sizes that the terrain is large enough for, with a note on the others; InvalidQueryError if none is."""
+        """The sizes that the terrain is large enough for, with a note on the others;
+        InvalidQueryError if none is.
+        """
         largest = max(min(dem.elevation.shape) for dem in self.terrain)
         if largest < min(sizes):
-            raise InvalidQueryError(f"wanted terrain of at least {min(sizes)} cells a side, got {largest}")
+            raise InvalidQueryError(
+                f"wanted terrain of at least {min(sizes)} cells a side, got {largest}"
+            )
         if left_out := ", ".join(f"{size}²" for size in sizes if size > largest):
-            self.notes.append(f"Left out, as the terrain is no more than {largest} cells a side: {left_out}.")
+            self.notes.append(
+                f"Left out, as the terrain is no more than {largest} cells a side: {left_out}."
+            )
         return [size for size in sizes if size <= largest]
 
     def one_size(self, wanted: int) -> int:
@@ -62,21 +73,33 @@ class Context:
         return max(self.fitting((wanted, *(size for size in (128, 64) if size < wanted))))
 
     def cases(self, size: int, least_distance: float = LEAST_DISTANCE) -> Iterator[Case]:
-        """Random crops of the terrain with queries, the paper's cost without hard limits; without end."""
-        return terrain_cases(large_enough(self.terrain, size), SOFT, size, self.seed, least_distance)
+        """Random crops of the terrain with queries, the paper's cost without hard limits; without
+        end.
+        """
+        return terrain_cases(
+            large_enough(self.terrain, size), SOFT, size, self.seed, least_distance
+        )
 
-    def maps(self, size: int, count: int, least: float = LEAST_DISTANCE) -> Iterator[tuple[Case, Endpoints]]:
-        """`count` random crops, each with one query that has a path; InvalidQueryError if too few have."""
+    def maps(
+        self, size: int, count: int, least: float = LEAST_DISTANCE
+    ) -> Iterator[tuple[Case, Endpoints]]:
+        """`count` random crops, each with one query that has a path; InvalidQueryError if too few
+        have.
+        """
         found = 0
         for case in islice(self.cases(size, least), MAPS_TRIED * count):
             planner = Planner(case.cost)
-            query = next((query for query in case.queries if planner.plan(*query, method="astar").ok), None)
+            query = next(
+                (query for query in case.queries if planner.plan(*query, method="astar").ok), None
+            )
             if query is not None:
                 yield case, query
                 found += 1
             if found == count:
                 return
-        raise InvalidQueryError(f"wanted {count} maps of {size} × {size} cells with a path, got {found}")
+        raise InvalidQueryError(
+            f"wanted {count} maps of {size} × {size} cells with a path, got {found}"
+        )
 
 
 class Result(NamedTuple):
@@ -102,7 +125,9 @@ class Experiment:
     """Where it stands in the paper."""
     title: str
     run: Callable[..., Result]
-    """Of a `Context` and the settings, which are its keyword arguments; their defaults are those of a full run."""
+    """Of a `Context` and the settings, which are its keyword arguments; their defaults are those of
+    a full run.
+    """
     quick: Mapping[str, object]
     """Settings of a smoke run, where not the full one's."""
     networks: tuple[str, ...] = BOTH

@@ -47,33 +47,60 @@ def judge(
     *,
     better: bool = False,
 ) -> Finding:
-    """A finding: whether the rule holds, and for which controls of a planner in `rows` it does as well."""
+    """A finding: whether the rule holds, and for which controls of a planner in `rows` it does as
+    well.
+    """
     meets: Rule = holds if callable(holds) else lambda own: holds
     if not meets(lambda name: name):
         return Finding(claim, paper, ours, rule, Verdict.DIFFERS)
     kinds = [kind for kind, name in CONTROLS_OF.get(planner, {}).items() if rows and rows.of(name)]
-    earned = [kind for kind in kinds if meets(lambda name, kind=kind: CONTROLS_OF.get(name, {}).get(kind, name))]  # type: ignore[misc,arg-type]
-    return Finding(claim, paper, ours, rule, Verdict.BETTER if better else Verdict.AGREES, tuple(earned))
+
+    def earned_by(kind: str) -> bool:
+        return bool(meets(lambda name: CONTROLS_OF.get(name, {}).get(kind, name)))
+
+    earned = [kind for kind in kinds if earned_by(kind)]
+    return Finding(
+        claim, paper, ours, rule, Verdict.BETTER if better else Verdict.AGREES, tuple(earned)
+    )
 
 
-def judge_speedup(claim: str, theirs: float, rows: Rows, pair: tuple[str, str], *, near: bool = False) -> Finding:
-    """A finding on the speed-up of the second planner over the first, which should be theirs within 25 %, or more.
+def judge_speedup(
+    claim: str, theirs: float, rows: Rows, pair: tuple[str, str], *, near: bool = False
+) -> Finding:
+    """A finding on the speed-up of the second planner over the first, which should be theirs within
+    25 %, or more.
 
     With `near` a control counts where its CC increase is no more than a point above the network's.
     """
     slow, fast = pair
-    ours, most = rows.speedup(slow, fast), rows.increase(fast) + 0.01
+    ours = rows.speedup(slow, fast)
+    most = rows.increase(fast) + 0.01
 
     def holds(own: Own) -> bool:
-        return rows.speedup(own(slow), own(fast)) >= 0.75 * theirs and not (near and rows.increase(own(fast)) > most)
+        return rows.speedup(own(slow), own(fast)) >= 0.75 * theirs and not (
+            near and rows.increase(own(fast)) > most
+        )
 
-    texts, rule = (f"{theirs:.1f}×", f"{ours:.3g}×"), "within 25 % of the paper's"
+    texts = (f"{theirs:.1f}×", f"{ours:.3g}×")
+    rule = "within 25 % of the paper's"
     return judge(claim, *texts, rule, holds, rows, fast, better=ours > 1.25 * theirs)
 
 
 def judge_increase(claim: str, theirs: float, rows: Rows, planner: str) -> Finding:
-    """A finding on the share by which a planner's CC lies above the optimum: theirs within one point, or less."""
-    ours, within = rows.increase(planner), theirs + 0.01
-    texts, rule = (percent(theirs), percent(ours, 2)), "within one point"
+    """A finding on the share by which a planner's CC lies above the optimum: theirs within one
+    point, or less.
+    """
+    ours = rows.increase(planner)
+    within = theirs + 0.01
+    texts = (percent(theirs), percent(ours, 2))
+    rule = "within one point"
     better = ours < theirs - 0.01
-    return judge(claim, *texts, rule, lambda own: rows.increase(own(planner)) <= within, rows, planner, better=better)
+    return judge(
+        claim,
+        *texts,
+        rule,
+        lambda own: rows.increase(own(planner)) <= within,
+        rows,
+        planner,
+        better=better,
+    )

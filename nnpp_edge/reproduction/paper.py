@@ -1,15 +1,22 @@
-"""The paper's figures as tidy rows (`rows`): NNPP (arXiv 2308.04792v3), section 5 unless said otherwise.
+"""The paper's figures as tidy rows (`rows`): NNPP (arXiv 2308.04792v3), section 5 unless said
+otherwise.
 
-Times are seconds on the authors' machine, with an A* that builds an explicit graph of the whole map first.
+Times are seconds on the authors' machine, with an A* that builds an explicit graph of the whole map
+first.
 """
 
 from nnpp_edge.reproduction.rows import Row, Rows
 
-ASTAR, ASTAR_NN, DSTAR, DSTAR_NN = "paper's A*", "paper's A*NN", "paper's D*", "paper's D*NN"
+ASTAR = "paper's A*"
+ASTAR_NN = "paper's A*NN"
+DSTAR = "paper's D*"
+DSTAR_NN = "paper's D*NN"
 
 
 def graph_row(planner: str, graph_s: float, search_s: float, path_cells: int) -> Row:
-    """An answer of an A* that builds a graph first: the time of both, and the share of the graph."""
+    """An answer of an A* that builds a graph first: the time of both, and the share of
+    the graph.
+    """
     time_s = graph_s + search_s
     row = {"planner": planner, "time_s": time_s, "graph_s": graph_s, "search_s": search_s}
     return row | {"graph_share": graph_s / time_s, "path_cells": path_cells}
@@ -30,7 +37,14 @@ GRAPH_SHARE = 0.85
 """Text to Table 1: the graph takes approximately 85 % of the time."""
 
 TABLE_2 = Rows(
-    {"planner": planner, "size": size, "time_s": time_s, "cc": cc, "exact_cc": exact_cc, "found": found}
+    {
+        "planner": planner,
+        "size": size,
+        "time_s": time_s,
+        "cc": cc,
+        "exact_cc": exact_cc,
+        "found": found,
+    }
     for size, planner, time_s, cc, exact_cc, found in (
         (256, ASTAR, 2.7234, 43.5157, 43.5157, 1.0),
         (256, ASTAR_NN, 0.8511, 44.8051, 43.5157, 0.99),
@@ -45,13 +59,21 @@ VALIDATION_MAPS = 1000
 INFERENCE_S = 0.058
 """Caption of Fig. 9: nearly constant over the maps' resolutions, 17 frames a second."""
 
-OMEGA, OMEGA_DEVIATION = 0.011, 0.003
+OMEGA = 0.011
+OMEGA_DEVIATION = 0.003
 """Section 4.2, text to Fig. 7: the best ω of 100 maps, per grey level of the cost map."""
-OMEGA_MOST, OMEGA_MAPS = 0.2, 100
+OMEGA_MOST = 0.2
+OMEGA_MAPS = 100
 """Section 4.2: ω was varied from 0 to this, on so many maps."""
 
 TABLE_3 = Rows(
-    {"planner": name, "plan": at, "time_s": time_s, "cc": cc, "exact_cc": (20.61, 15.81, 10.62, 6.82)[at]}
+    {
+        "planner": name,
+        "plan": at,
+        "time_s": time_s,
+        "cc": cc,
+        "exact_cc": (20.61, 15.81, 10.62, 6.82)[at],
+    }
     for name, plans in {
         ASTAR: ((1.77, 20.61), (0.77, 15.81), (0.33, 10.62), (0.17, 6.82)),
         ASTAR_NN: ((0.42, 20.61), (0.25, 17.18), (0.17, 11.62), (0.10, 6.82)),
@@ -62,7 +84,8 @@ TABLE_3 = Rows(
 )
 """Table 3, at T, T + Δt, T + 2Δt and T + 3Δt."""
 
-STATIC, DYNAMIC = "static", "dynamic"
+STATIC = "static"
+DYNAMIC = "dynamic"
 """Scenes: an episode's first plan (-s in Table 4), and all its plans (-d)."""
 _TABLE_4 = {
     STATIC: {

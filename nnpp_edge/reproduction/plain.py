@@ -1,6 +1,7 @@
 """A* as the paper had it, in plain Python: an explicit graph of the map, and a search with `heapq`.
 
-Slow on purpose: it is the yardstick of the paper's speed-ups. The planners of this toolkit build no graph.
+Slow on purpose: it is the yardstick of the paper's speed-ups. The planners of this toolkit build no
+graph.
 """
 
 import heapq
@@ -19,8 +20,8 @@ from nnpp_edge.runtime.map.step_cost import GREY_LEVELS, PAPER_OMEGA, SQRT2
 class Graph:
     """For each node its neighbours, with the costs of the steps to them.
 
-    Cell (row, col) is node row · stride + col; stride is longer than a row by one, so that no node has a neighbour
-    across the map's edge.
+    Cell (row, col) is node row · stride + col; stride is longer than a row by one, so that no node
+    has a neighbour across the map's edge.
     """
 
     stride: int
@@ -37,28 +38,37 @@ class Graph:
 def build_graph(cost: Float2D, inside: NDArray[np.bool_] | None = None) -> Graph:
     """The graph of a cost map, of a region's cells alone if one is given (Fig. 10).
 
-    It has a node for each passable cell, T < 1, and an edge to each passable neighbour: a step costs
-    L + 255·ω·(T_i + T_j) (Eq. 2 and 4).
+    It has a node for each passable cell, T < 1, and an edge to each passable neighbour: a step
+    costs L + 255·ω·(T_i + T_j) (Eq. 2 and 4).
     """
     rows, cols = np.nonzero(cost < 1.0 if inside is None else (cost < 1.0) & inside)
-    stride, of_cells = cost.shape[1] + 1, cost[rows, cols].astype(np.float64) * (GREY_LEVELS * PAPER_OMEGA)
+    stride = cost.shape[1] + 1
+    of_cells = cost[rows, cols].astype(np.float64) * (GREY_LEVELS * PAPER_OMEGA)
     weights = dict(zip((rows * stride + cols).tolist(), of_cells.tolist(), strict=True))
     ways = [(down, across) for down in (-1, 0, 1) for across in (-1, 0, 1) if down or across]
     moves = [(down * stride + across, SQRT2 if down and across else 1.0) for down, across in ways]
     edges = {
-        node: [(node + move, length + own + weights[node + move]) for move, length in moves if node + move in weights]
+        node: [
+            (node + move, length + own + weights[node + move])
+            for move, length in moves
+            if node + move in weights
+        ]
         for node, own in weights.items()
     }
     return Graph(stride, edges)
 
 
 def search(graph: Graph, start: Cell, goal: Cell) -> list[Cell] | None:
-    """A*: the cheapest path in the graph from start to goal, both among its cells; None if there is none.
+    """A*: the cheapest path in the graph from start to goal, both among its cells; None if there is
+    none.
 
     The heuristic is the Euclidean distance, as in the paper.
     """
-    first, last = graph.node(start), graph.node(goal)
-    reached, parent, closed = {first: 0.0}, dict[int, int](), set[int]()
+    first = graph.node(start)
+    last = graph.node(goal)
+    reached = {first: 0.0}
+    parent = dict[int, int]()
+    closed = set[int]()
     open_list = [(graph.distance(first, last), first)]
     while open_list:
         _, node = heapq.heappop(open_list)
@@ -73,6 +83,7 @@ def search(graph: Graph, start: Cell, goal: Cell) -> list[Cell] | None:
         for neighbour, step in graph.edges[node]:
             g = reached[node] + step
             if g < reached.get(neighbour, math.inf):
-                reached[neighbour], parent[neighbour] = g, node
+                reached[neighbour] = g
+                parent[neighbour] = node
                 heapq.heappush(open_list, (g + graph.distance(neighbour, last), neighbour))
     return None

@@ -1,4 +1,6 @@
-"""The planners of the paper, in plain Python, their controls, and ours: a row (`rows`) for each answer to a query."""
+"""The planners of the paper, in plain Python, their controls, and ours: a row (`rows`) for each
+answer to a query.
+"""
 
 import math
 from collections.abc import Callable, Sequence
@@ -32,11 +34,14 @@ from nnpp_edge.runtime.map.step_cost import StepModel
 from nnpp_edge.runtime.planners.plan import Plan, Source
 from nnpp_edge.runtime.planners.planner import Planner
 
-PLAIN, PLAIN_NN = "plain A*", "plain A*NN"
-"""The paper's two methods: A* over a graph of the whole map; A* over a graph of the network's region, in
-which the time of the network counts."""
+PLAIN = "plain A*"
+PLAIN_NN = "plain A*NN"
+"""The paper's two methods: A* over a graph of the whole map; A* over a graph of the network's
+region, in which the time of the network counts."""
 PLAIN_CONTROLS = {kind: f"{PLAIN}, {kind}" for kind in CONTROLS}
-"""A* over a graph of a region that no network made, or one with shuffled weights; the region's making counts."""
+"""A* over a graph of a region that no network made, or one with shuffled weights; the region's
+making counts.
+"""
 PLAIN_KINDS = {NETWORK: PLAIN_NN, **PLAIN_CONTROLS}
 """The plain planners that search a region, by its kind."""
 PLAIN_PLANNERS = (PLAIN, *PLAIN_KINDS.values())
@@ -55,18 +60,31 @@ class OneMap:
     """A map with one query: its optimum, its regions, and rows for answers to the query."""
 
     def __init__(self, cost: Float2D, query: Endpoints, networks: Networks) -> None:
-        self.cost, self.query, self.networks = cost, query, networks
-        self.maker, self.grid = PaperRegions(cost, networks.paper), Grid.of(cost, StepModel.of("paper"))
+        self.cost = cost
+        self.query = query
+        self.networks = networks
+        self.maker = PaperRegions(cost, networks.paper)
+        self.grid = Grid.of(cost, StepModel.of("paper"))
         self.regions = all_regions(self.maker, query)
         self.optimum = best_path(self.grid, query)
         self._least_cost, _, self._exact_cc = self.grid.costs_of(self.optimum)
 
-    def row(self, planner: str, path: NDArray[np.int32] | list[Cell] | None, region: Region | None = None) -> Row:
+    def row(
+        self,
+        planner: str,
+        path: NDArray[np.int32] | list[Cell] | None,
+        region: Region | None = None,
+    ) -> Row:
         """Figures of a path found in this region or on the whole map."""
         cells = np.array([] if path is None else path, np.int32).reshape(-1, 2)
         cost, _, cc = self.grid.costs_of(cells)
         start, goal = (f"{row},{col}" for row, col in self.query)
-        row: Row = {"planner": planner, "start": start, "goal": goal, "path_cells": len(self.optimum)}
+        row: Row = {
+            "planner": planner,
+            "start": start,
+            "goal": goal,
+            "path_cells": len(self.optimum),
+        }
         row["found"] = float(len(cells) > 0)
         if len(cells):
             row |= {"cc": cc, "exact_cc": self._exact_cc, "excess": gap(cost, self._least_cost)}
@@ -78,20 +96,30 @@ class OneMap:
     def searched(self, names: dict[str, str]) -> Rows:
         """Figures of compiled searches in regions, under these names by the regions' kinds."""
         found = ((name, self.regions[kind]) for kind, name in names.items())
-        return Rows(self.row(name, best_path(self.grid, self.query, region), region) for name, region in found)
+        return Rows(
+            self.row(name, best_path(self.grid, self.query, region), region)
+            for name, region in found
+        )
 
     def timed(self, planners: Sequence[str], repeats: int, harness: Harness) -> list[Row]:
-        """Planners of `PLANNERS` in turns: ours `repeats` times, whose median time counts, plain Python once."""
+        """Planners of `PLANNERS` in turns: ours `repeats` times, whose median time counts, plain
+        Python once.
+        """
         makers = {NETWORK: self.maker.find} | self.maker.controls(self.regions[NETWORK])
         ours = Planner(self.cost, model=self.networks.ours, ask_from=0)
         calls: dict[str, Callable[[Endpoints], Plan | list[Cell] | None]] = {PLAIN: self._plain}
-        calls |= {name: partial(self._plain, make=makers[kind]) for kind, name in PLAIN_KINDS.items()}
+        calls |= {
+            name: partial(self._plain, make=makers[kind]) for kind, name in PLAIN_KINDS.items()
+        }
         calls |= {name: lambda query, name=name: ours.plan(*query, method=name) for name in OURS}  # type: ignore[misc]
         for name in set(OURS).intersection(planners):
             calls[name](self.query)  # the map's own work, and warm caches
         taking_part = {name: calls[name] for name in planners}
-        (records,) = harness.measure(taking_part, [self.query], repeats=repeats, once=PLAIN_PLANNERS)
-        regions, rows = {name: self.regions[kind] for kind, name in PLAIN_KINDS.items()}, []
+        (records,) = harness.measure(
+            taking_part, [self.query], repeats=repeats, once=PLAIN_PLANNERS
+        )
+        regions = {name: self.regions[kind] for kind, name in PLAIN_KINDS.items()}
+        rows = []
         for name, record in records.items():
             found = record.results[-1]
             if isinstance(found, Plan):
@@ -105,12 +133,18 @@ class OneMap:
                 rows[-1]["inference_s"] = self.maker.inference_s
         return rows
 
-    def _plain(self, query: Endpoints, make: Callable[[Endpoints], Region] | None = None) -> list[Cell] | None:
+    def _plain(
+        self, query: Endpoints, make: Callable[[Endpoints], Region] | None = None
+    ) -> list[Cell] | None:
         return search(build_graph(self.cost, make(query).mask() if make else None), *query)
 
 
-def answers(cost: Float2D, query: Endpoints, networks: Networks, repeats: int, harness: Harness) -> list[Row]:
-    """All of `PLANNERS` timed; without `repeats` the paper's method and its controls alone, without times."""
+def answers(
+    cost: Float2D, query: Endpoints, networks: Networks, repeats: int, harness: Harness
+) -> list[Row]:
+    """All of `PLANNERS` timed; without `repeats` the paper's method and its controls alone, without
+    times.
+    """
     here = OneMap(cost, query, networks)
     if not repeats:
         return [here.row(PLAIN, here.optimum), *here.searched(PLAIN_KINDS)]
@@ -123,23 +157,36 @@ def network_of(planner: str, networks: Networks) -> str:
         return "the paper's" if planner.endswith("NN") else "–"
     asked = dict.fromkeys((PLAIN_NN, PLAIN_CONTROLS[SHUFFLED], NETWORK, SHUFFLED), networks.paper)
     asked |= dict.fromkeys(("nnpp", "nnpp-dstar"), networks.ours)
-    return f"`{asked[planner].metadata.name}`" + ", shuffled" * (SHUFFLED in planner) if planner in asked else "–"
+    return (
+        f"`{asked[planner].metadata.name}`" + ", shuffled" * (SHUFFLED in planner)
+        if planner in asked
+        else "–"
+    )
 
 
 def shown(name: str, value: Any) -> str:
     """A value in the first columns of a table."""
     if name == "planner":
-        return str(value) if " " in value or value in CONTROLS_OF[NETWORK] or value == NETWORK else f"`{value}`"
+        return (
+            str(value)
+            if " " in value or value in CONTROLS_OF[NETWORK] or value == NETWORK
+            else f"`{value}`"
+        )
     return {"size": "{}²", "map": "map {}", "plan": "T + {}Δt"}.get(name, "{}").format(value)
 
 
-def summary(rows: Sequence[Row], by: Sequence[str], networks: Networks, *, totals: bool = False) -> str:
-    r"""A table for people: a line for each group by these names, a column for each figure that the rows have.
+def summary(
+    rows: Sequence[Row], by: Sequence[str], networks: Networks, *, totals: bool = False
+) -> str:
+    r"""A table for people: a line for each group by these names, a column for each figure that the
+    rows have.
 
-    Means, or for `totals` sums over the queries that all planners answered, beside how many each failed.
-    *over A\** is over the A* of the same origin: the paper's, plain, or ours.
+    Means, or for `totals` sums over the queries that all planners answered, beside how many each
+    failed. *over A\** is over the A* of the same origin: the paper's, plain, or ours.
     """
-    everything = Rows(rows if isinstance(rows[0][by[0]], str) else sorted(rows, key=lambda row: row[by[0]]))
+    everything = Rows(
+        rows if isinstance(rows[0][by[0]], str) else sorted(rows, key=lambda row: row[by[0]])
+    )
     rows = everything.answered() if totals else everything
     place = [name for name in by if name != "planner"]
 
@@ -151,15 +198,27 @@ def summary(rows: Sequence[Row], by: Sequence[str], networks: Networks, *, total
 
     def over_astar(of: Rows) -> float:
         name = str(of[0]["planner"])
-        slow = paper.ASTAR if name.startswith("paper's") else PLAIN if name.startswith("plain") else "astar"
-        return rows.of(slow, **{name: of[0][name] for name in place}).mean("time_s") / of.mean("time_s")
+        slow = (
+            paper.ASTAR
+            if name.startswith("paper's")
+            else PLAIN
+            if name.startswith("plain")
+            else "astar"
+        )
+        return rows.of(slow, **{name: of[0][name] for name in place}).mean("time_s") / of.mean(
+            "time_s"
+        )
 
     def mended(of: Rows) -> str:
         later = [row["mended"] for row in every(of) if row.get("plan") and "mended" in row]
         return f"{sum(later):.0f} of {len(later)}" if later else "–"
 
     def failed(of: Rows) -> str:
-        return f"{sum('cc' not in row for row in every(of))} of {len(every(of))}" if of.all("found") else "–"
+        return (
+            f"{sum('cc' not in row for row in every(of))} of {len(every(of))}"
+            if of.all("found")
+            else "–"
+        )
 
     columns: dict[str, tuple[str, Callable[[Rows], str]]] = {
         "network": ("planner", lambda of: network_of(str(of[0]["planner"]), networks)),
@@ -174,7 +233,10 @@ def summary(rows: Sequence[Row], by: Sequence[str], networks: Networks, *, total
         "CC": ("cc", lambda of: figure(of_all(of, "cc"), ".2f")),
         "CC increase": ("exact_cc", lambda of: percent(of.increase(), 2)),
         "cost above the optimum": ("excess", lambda of: percent(of.mean("excess"), 2)),
-        "failed" if totals else "success": ("found", failed if totals else lambda of: percent(of.mean("found"))),
+        "failed" if totals else "success": (
+            "found",
+            failed if totals else lambda of: percent(of.mean("found")),
+        ),
         "MM": ("mm", lambda of: spread(of.all("mm"), 3)),
         "region, of the map": ("share", lambda of: percent(of.mean("share"))),
         "in common with the first": ("common", lambda of: percent(of.mean("common"))),
@@ -185,5 +247,8 @@ def summary(rows: Sequence[Row], by: Sequence[str], networks: Networks, *, total
     used = {label: text for label, (name, text) in columns.items() if name in names}
     if "planner" not in by:
         used = {label: text for label, text in used.items() if label not in ("network", "over A*")}
-    lines = [[*map(shown, by, key), *(text(of) for text in used.values())] for key, of in rows.by(*by).items()]
+    lines = [
+        [*map(shown, by, key), *(text(of) for text in used.values())]
+        for key, of in rows.by(*by).items()
+    ]
     return markdown_table([*by, *used], lines)

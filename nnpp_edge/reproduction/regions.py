@@ -1,4 +1,5 @@
-"""The paper's region, to the letter, and its controls: regions of the same area that no network made.
+"""The paper's region, to the letter, and its controls: regions of the same area that no network
+made.
 
 A region is a set of blocks of the map, as many to a side as the network answers with.
 """
@@ -28,7 +29,10 @@ from nnpp_edge.runtime.search.astar import astar
 from nnpp_edge.runtime.search.workspace import Workspace
 from nnpp_edge.terrain.shards import planes_of
 
-NETWORK, CORRIDOR, BAND, SHUFFLED = "network", "corridor", "straight band", "shuffled weights"
+NETWORK = "network"
+CORRIDOR = "corridor"
+BAND = "straight band"
+SHUFFLED = "shuffled weights"
 CONTROLS = (CORRIDOR, BAND, SHUFFLED)
 
 
@@ -42,13 +46,16 @@ class Networks(NamedTuple):
 class PaperRegions:
     """Regions of one network on one map, by the paper's rule (NNPP, section 4.3 and Fig. 10).
 
-    The map is averaged to the network's size, once for each query. td is the greatest threshold at which start and
-    goal lie in one piece of {p >= td}, blocks that touch being one piece; the region is all of {p >= factor · td}, by
-    the factor in the model's metadata. The network is run once for a query, and nothing is widened or narrowed.
+    The map is averaged to the network's size, once for each query. td is the greatest threshold at
+    which start and goal lie in one piece of {p >= td}, blocks that touch being one piece; the
+    region is all of {p >= factor · td}, by the factor in the model's metadata. The network is run
+    once for a query, and nothing is widened or narrowed.
     """
 
     def __init__(self, cost: Float2D, model: NetworkModel) -> None:
-        self.cost, self.model, metadata = cost, model.share(), model.metadata
+        self.cost = cost
+        self.model = model.share()
+        metadata = model.metadata
         self.grid = Grid.of(cost, StepModel.of("paper"))
         self.frame = Frame(self.grid.rows, self.grid.cols, metadata.input_size)
         self.lookup = self.frame.lookup(metadata.blocks)
@@ -69,27 +76,37 @@ class PaperRegions:
         return Region(np.pad(blocks, ((0, 1), (0, 1))).astype(np.int32), *self.lookup)
 
     def controls(self, like: Region) -> dict[str, Callable[[Endpoints], Region]]:
-        """Makers of the regions of `CONTROLS`, as many blocks as `like` has where no network decides."""
+        """Makers of the regions of `CONTROLS`, as many blocks as `like` has where no network
+        decides.
+        """
         shuffled_regions = PaperRegions(self.cost, shuffled(self.model.path))
         return {
             CORRIDOR: lambda query: _nearest_blocks(_coarse_path(self.grid, query, like), like),
-            BAND: lambda query: _nearest_blocks(_blocks((like.row_block, like.col_block), query), like),
+            BAND: lambda query: _nearest_blocks(
+                _blocks((like.row_block, like.col_block), query), like
+            ),
             SHUFFLED: shuffled_regions.find,
         }
 
 
 def all_regions(maker: PaperRegions, query: Endpoints) -> dict[str, Region]:
-    """The network's region by the paper's rule, and those of the controls, by the names in `CONTROLS`."""
+    """The network's region by the paper's rule, and those of the controls, by the names in
+    `CONTROLS`.
+    """
     region = maker.find(query)
     return {NETWORK: region} | {kind: make(query) for kind, make in maker.controls(region).items()}
 
 
 def best_path(grid: Grid, query: Endpoints, region: Region | None = None) -> NDArray[np.int32]:
-    """(N, 2) cells of the cheapest path in a region, or on the whole map; none if there is no path."""
+    """(N, 2) cells of the cheapest path in a region, or on the whole map; none if there
+    is no path.
+    """
     return astar(grid, *query, Workspace(len(grid.weights)), region=region).path
 
 
-def _blocks(lookup: tuple[NDArray[np.int32], NDArray[np.int32]], cells: Sequence[Cell]) -> list[Cell]:
+def _blocks(
+    lookup: tuple[NDArray[np.int32], NDArray[np.int32]], cells: Sequence[Cell]
+) -> list[Cell]:
     """The blocks that cells lie in."""
     return [(int(lookup[0][row]), int(lookup[1][col])) for row, col in cells]
 
@@ -108,14 +125,24 @@ def _nearest_blocks(line: Sequence[Cell], like: Region) -> Region:
     rows, cols = np.mgrid[:side, :side]
     distance = np.full((side, side), np.inf)
     for (row, col), (to_row, to_col) in zip(line, [*line[1:], line[-1]], strict=True):
-        down, across = to_row - row, to_col - col
-        share = ((rows - row) * down + (cols - col) * across) / max(down * down + across * across, 1)
+        down = to_row - row
+        across = to_col - col
+        share = ((rows - row) * down + (cols - col) * across) / max(
+            down * down + across * across, 1
+        )
         share = np.clip(share, 0.0, 1.0)
-        distance = np.minimum(distance, np.hypot(rows - row - share * down, cols - col - share * across))
+        distance = np.minimum(
+            distance, np.hypot(rows - row - share * down, cols - col - share * across)
+        )
     distance[tuple(np.transpose(line))] = -1.0
-    distance[rows > like.row_block[-1]] = distance[cols > like.col_block[-1]] = np.inf  # outside the map
-    bitmap, wanted = np.zeros_like(like.bitmap), max(int(like.blocks().sum()), len(set(line)))
-    bitmap[np.unravel_index(np.argsort(distance, axis=None, kind="stable")[:wanted], distance.shape)] = 1
+    distance[rows > like.row_block[-1]] = distance[cols > like.col_block[-1]] = (
+        np.inf
+    )  # outside the map
+    bitmap = np.zeros_like(like.bitmap)
+    wanted = max(int(like.blocks().sum()), len(set(line)))
+    bitmap[
+        np.unravel_index(np.argsort(distance, axis=None, kind="stable")[:wanted], distance.shape)
+    ] = 1
     return Region(bitmap, like.row_block, like.col_block)
 
 

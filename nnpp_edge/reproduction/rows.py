@@ -1,9 +1,10 @@
 """Tidy rows, the paper's and ours alike: a dict for each answer, and figures of many of them.
 
-``planner`` names who answered, other text and numbers say to what (``size``, ``map``), and the rest is measured:
-``time_s``; ``found`` (in the first region that was searched, 1 or 0); ``cc`` of the path beside ``exact_cc``, that of
-the optimal one; ``mm``, cells of the optimal path over those of the region searched (Eq. 6); ``share`` of the map's
-cells that belong to that. What was not measured, or is none without a path, is left out.
+``planner`` names who answered, other text and numbers say to what (``size``, ``map``), and the rest
+is measured: ``time_s``; ``found`` (in the first region that was searched, 1 or 0); ``cc`` of the
+path beside ``exact_cc``, that of the optimal one; ``mm``, cells of the optimal path over those of
+the region searched (Eq. 6); ``share`` of the map's cells that belong to that. What was not
+measured, or is none without a path, is left out.
 """
 
 import csv
@@ -46,8 +47,14 @@ class Rows(list[Row]):
 
     def answered(self) -> "Rows":
         """The rows of those queries for which every planner found a path."""
-        queries = [tuple(row.get(name) for name in ("scene", "size", "map", "plan")) for row in self]
-        failed = {at for at, row in zip(queries, self, strict=True) if not row.get("found", 1.0) and "cc" not in row}
+        queries = [
+            tuple(row.get(name) for name in ("scene", "size", "map", "plan")) for row in self
+        ]
+        failed = {
+            at
+            for at, row in zip(queries, self, strict=True)
+            if not row.get("found", 1.0) and "cc" not in row
+        }
         return Rows(row for at, row in zip(queries, self, strict=True) if at not in failed)
 
     def speedup(self, slower: str, faster: str) -> float:
@@ -57,19 +64,27 @@ class Rows(list[Row]):
         return sum(both.of(slower).all("time_s")) / fast if fast else math.nan
 
     def increase(self, *planners: str) -> float:
-        """By what share the summed CC of these planners' paths lies above the optimal ones'; NaN without a path."""
+        """By what share the summed CC of these planners' paths lies above the optimal ones'; NaN
+        without a path.
+        """
         solved = Rows(row for row in self.of(*planners) if "cc" in row)
-        cc, exact = sum(solved.all("cc")), sum(solved.all("exact_cc"))
+        cc = sum(solved.all("cc"))
+        exact = sum(solved.all("exact_cc"))
         if not solved:
             return math.nan
         return cc / exact - 1.0 if exact else (0.0 if cc == 0.0 else math.inf)
 
     def csv(self) -> str:
-        """Comma-separated values for programs, floats in full; what a row lacks, inf and NaN are left empty."""
-        out, names = io.StringIO(), list(dict.fromkeys(name for row in self for name in row))
+        """Comma-separated values for programs, floats in full; what a row lacks, inf and NaN are
+        left empty.
+        """
+        out = io.StringIO()
+        names = list(dict.fromkeys(name for row in self for name in row))
         writer = csv.DictWriter(out, names, lineterminator="\n")
         writer.writeheader()
-        writer.writerows({k: v for k, v in row.items() if isinstance(v, str) or math.isfinite(v)} for row in self)
+        writer.writerows(
+            {k: v for k, v in row.items() if isinstance(v, str) or math.isfinite(v)} for row in self
+        )
         return out.getvalue()
 
 

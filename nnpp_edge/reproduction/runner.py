@@ -1,4 +1,5 @@
-"""Running experiments into a folder: each is written whole or not at all, and not run again without need.
+"""Running experiments into a folder: each is written whole or not at all, and not run again without
+need.
 
 The folder's page says what agrees with the paper.
 """
@@ -29,10 +30,16 @@ from nnpp_edge.runtime.network.model_file import read_model_file
 from nnpp_edge.viz.figures import encoded
 
 FORMAT = "nnpp-edge-reproduction-3"
-EXPERIMENTS = {each.run.__name__: each for each in (table1, fig7, table2, fig9, fig11, fig12, fig14, table3, table4)}
+EXPERIMENTS = {
+    each.run.__name__: each
+    for each in (table1, fig7, table2, fig9, fig11, fig12, fig14, table3, table4)
+}
 """The experiments of the paper by name, in the order in which they run."""
 _COLUMNS = ("", "claim", "paper", "ours", "rule", "verdict")
-_HEADS = {Verdict.DIFFERS: "What does not agree", Verdict.BETTER: "What is better than in the paper"}
+_HEADS = {
+    Verdict.DIFFERS: "What does not agree",
+    Verdict.BETTER: "What is better than in the paper",
+}
 _HEADS |= {Verdict.AGREES: "What agrees"}
 
 
@@ -63,19 +70,22 @@ def reproduce(
     queries: int | None = None,
     again: bool = False,
 ) -> Iterator[tuple[Stored, bool]]:
-    """Run experiments, one at a time: what is kept of each, and whether it was run or complete already.
+    """Run experiments, one at a time: what is kept of each, and whether it was run or complete
+    already.
 
-    The `names` are of `EXPERIMENTS`, the `models` networks of the paper's method and of ours, `queries` the number of
-    timed ones in place of the settings' own; what is complete is run `again` only if that is asked for. The folder's
-    page is brought up to date after each.
+    The `names` are of `EXPERIMENTS`, the `models` networks of the paper's method and of ours,
+    `queries` the number of timed ones in place of the settings' own; what is complete is run
+    `again` only if that is asked for. The folder's page is brought up to date after each.
 
-    InvalidQueryError if the terrain is too small for one; TerrainError, ModelError or OutputError where a file is at
-    fault.
+    InvalidQueryError if the terrain is too small for one; TerrainError, ModelError or OutputError
+    where a file is at fault.
     """
-    dems, networks = terrain.read(), Networks(*map(NetworkModel, models))
+    dems = terrain.read()
+    networks = Networks(*map(NetworkModel, models))
     files = dict(zip(BOTH, map(read_model_file, models), strict=True))
     grounds = [
-        f"`{path.name}` (cells of {dem.cell_size_m:g} m, SHA-256 {sha256(path.read_bytes()).hexdigest()[:12]}…)"
+        f"`{path.name}` (cells of {dem.cell_size_m:g} m, SHA-256 "
+        f"{sha256(path.read_bytes()).hexdigest()[:12]}…)"
         for path, dem in zip(terrain.paths, dems, strict=True)
     ]
     make_folder(output)
@@ -83,7 +93,8 @@ def reproduce(
         experiment = EXPERIMENTS[name]
         settings = experiment.settings(quick=quick, queries=queries)
         of_networks = [
-            f"{of}: `{file.name}` (SHA-256 {file.sha256[:12]}…, region {{p ≥ {file.metadata.region_factor:g} · td}})"
+            f"{of}: `{file.name}` (SHA-256 {file.sha256[:12]}…, region {{p ≥ "
+            f"{file.metadata.region_factor:g} · td}})"
             for of, file in files.items()
             if of in experiment.networks
         ]
@@ -104,7 +115,10 @@ def reproduce(
         with bar(name, 1000, quiet=True) as advance:
             context = Context(dems, seed, networks, advance)
             result = experiment.run(context, **settings)
-        on = f"{machine['cpu']}, {len(cores)} core(s), load before of {machine['load_average'][0]:.1f}"
+        on = (
+            f"{machine['cpu']}, {len(cores)} core(s), load before of "
+            f"{machine['load_average'][0]:.1f}"
+        )
         table = summary(result.table or result.rows, result.by, networks, totals=result.totals)
         facts = Stored(
             *(FORMAT, name, experiment.where, experiment.title, quick, on, made_with),
@@ -116,7 +130,9 @@ def reproduce(
             {
                 place.with_suffix(".csv"): result.rows.csv().encode(),
                 place.with_suffix(".png"): encoded(result.picture, dpi=130),
-                place.with_suffix(".json"): msgspec.json.format(msgspec.json.encode(facts), indent=1),
+                place.with_suffix(".json"): msgspec.json.format(
+                    msgspec.json.encode(facts), indent=1
+                ),
             }
         )
         _write_index(output)
@@ -125,7 +141,9 @@ def reproduce(
 
 
 def read_experiment(folder: Path) -> Stored | None:
-    """Content of NAME.json in a finished experiment's folder; None where it is missing or not whole."""
+    """Content of NAME.json in a finished experiment's folder; None where it is missing or not
+    whole.
+    """
     try:
         stored = msgspec.json.decode((folder / f"{folder.name}.json").read_bytes(), type=Stored)
     except (OSError, msgspec.DecodeError):
@@ -136,27 +154,43 @@ def read_experiment(folder: Path) -> Stored | None:
 
 def _write_index(output: Path) -> None:
     """The folder's page: verdicts first, then each experiment with its table and picture."""
-    stored = [found for name in EXPERIMENTS if (found := read_experiment(output / name)) is not None]
-    quick, link = ", ".join(of.where for of in stored if of.quick), "[{0.where}](#{0.name})".format
+    stored = [
+        found for name in EXPERIMENTS if (found := read_experiment(output / name)) is not None
+    ]
+    quick = ", ".join(of.where for of in stored if of.quick)
+    link = "[{0.where}](#{0.name})".format
     parts = [
         "# The paper's experiments, repeated",
-        "NNPP (Ji et al., arXiv 2308.04792v3), its experiments on our terrain with this toolkit, each beside the "
-        "paper's figures. This page and all that it links to are written by `nnpp-edge reproduce`; the verdicts "
+        "NNPP (Ji et al., arXiv 2308.04792v3), its experiments on our terrain with this toolkit, "
+        "each beside the "
+        "paper's figures. This page and all that it links to are written by `nnpp-edge "
+        "reproduce`; the verdicts "
         "follow from the measured figures by the rules named beside them. How the paper "
         "was read, and what is counted: `docs/reproduce.md`.",
-        *[f"**{quick}: smoke runs (`--quick`), far too small to conclude anything from.**"] * bool(quick),
+        *[f"**{quick}: smoke runs (`--quick`), far too small to conclude anything from.**"]
+        * bool(quick),
     ]
     counts = [
-        (link(of), of.title, *(str(sum(f.verdict is verdict for f in of.findings) or "–") for verdict in Verdict))
+        (
+            link(of),
+            of.title,
+            *(str(sum(f.verdict is verdict for f in of.findings) or "–") for verdict in Verdict),
+        )
         for of in stored
     ]
     parts.append(markdown_table(("", "experiment", "agrees", "better", "does not agree"), counts))
     for verdict, head in _HEADS.items():
-        lines = [(link(of), *finding_cells(f)) for of in stored for f in of.findings if f.verdict is verdict]
+        lines = [
+            (link(of), *finding_cells(f))
+            for of in stored
+            for f in of.findings
+            if f.verdict is verdict
+        ]
         if lines:
             parts += [f"## {head}", markdown_table(_COLUMNS, lines)]
     for of in stored:
-        place, facts = f"{of.name}/{of.name}", of.made_with | {"machine": of.machine}
+        place = f"{of.name}/{of.name}"
+        facts = of.made_with | {"machine": of.machine}
         parts += [f'<a id="{of.name}"></a>', f"## {of.where}: {of.title}"]
         parts += ["\n".join(f"- {fact}: {text}" for fact, text in facts.items())]
         parts += [f"![{of.title}]({place}.png)", of.summary, *of.notes, f"[Figures]({place}.csv)"]
@@ -165,6 +199,8 @@ def _write_index(output: Path) -> None:
 
 def finding_cells(finding: Finding) -> tuple[str, ...]:
     """A finding's line in a table."""
-    said = "; says nothing about the network, a control does as well: " + ", ".join(finding.controls)
+    said = "; says nothing about the network, a control does as well: " + ", ".join(
+        finding.controls
+    )
     verdict = f"**{finding.verdict}**" + said * bool(finding.controls)
     return finding.claim, finding.paper, finding.ours, finding.rule, verdict

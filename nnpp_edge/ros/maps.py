@@ -1,8 +1,9 @@
 """Maps and paths as ROS messages lay them out, in NumPy alone; no ROS is needed.
 
-Two layouts occur. An occupancy grid (nav_msgs/OccupancyGrid) holds whole numbers row by row from the corner at its
-origin: rows run with y, columns with x. A grid map (grid_map_msgs/GridMap) holds layers of floats column by column
-from the corner farthest along x and y: rows run against x, columns against y, and both begin somewhere in a ring.
+Two layouts occur. An occupancy grid (nav_msgs/OccupancyGrid) holds whole numbers row by row from
+the corner at its origin: rows run with y, columns with x. A grid map (grid_map_msgs/GridMap) holds
+layers of floats column by column from the corner farthest along x and y: rows run against x,
+columns against y, and both begin somewhere in a ring.
 
 ==========================  ==========  ====================
 cost                        occupancy   read back as
@@ -12,8 +13,8 @@ passable, at least 0, < 1   0 to 98     occupancy / 100
 impassable: 1 or more, inf  100         inf
 ==========================  ==========  ====================
 
-A passable cost is rounded to a hundredth, and to 0.98 at most: 99 is what costmaps write for cells that the robot's
-body would touch, and is read as impassable.
+A passable cost is rounded to a hundredth, and to 0.98 at most: 99 is what costmaps write for cells
+that the robot's body would touch, and is read as impassable.
 """
 
 import io
@@ -33,7 +34,10 @@ from nnpp_edge.runtime.cells import Cell
 from nnpp_edge.runtime.errors import InvalidMapError, InvalidQueryError, shown
 from nnpp_edge.runtime.loop.messages import MapPatch
 
-UNKNOWN, MOST_PASSABLE, BODY_TOUCHES, IMPASSABLE = -1, 98, 99, 100
+UNKNOWN = -1
+MOST_PASSABLE = 98
+BODY_TOUCHES = 99
+IMPASSABLE = 100
 """Occupancies."""
 _SAME = 1e-3
 """Share of a cell's side by which two maps' cells may differ."""
@@ -51,7 +55,8 @@ def as_occupancy(cost: NDArray[np.floating]) -> NDArray[np.int8]:
 @checked(InvalidMapError)
 @dataclass(frozen=True)
 class MapFrame:
-    """Where the cells of a map lie in metres. Rows run along one axis, columns along the other, forth or back.
+    """Where the cells of a map lie in metres. Rows run along one axis, columns along the other,
+    forth or back.
 
     InvalidMapError where the resolution is not above 0, or a number is not finite.
     """
@@ -62,7 +67,9 @@ class MapFrame:
     """Of the corner of cell (0, 0) where the map begins, metres."""
     y: float = 0.0
     rows_along_x: bool = False
-    """Rows run against x and columns against y, as in a grid map; else rows with y and columns with x."""
+    """Rows run against x and columns against y, as in a grid map; else rows with y and columns with
+    x.
+    """
     frame_id: str = ""
     """Name of the frame that x and y count in; empty where it is not told."""
 
@@ -75,15 +82,19 @@ class MapFrame:
     def metres(self, cells: ArrayLike) -> NDArray[np.float64]:
         """Points (x, y) in metres, (N, 2), of cells or places (row, col).
 
-        Whole numbers are cells and give their middle; floats are places, as in a `Pose`, and 0.0 is the edge.
+        Whole numbers are cells and give their middle; floats are places, as in a `Pose`, and 0.0 is
+        the edge.
         """
         places = _pairs(cells)
         places = places + 0.5 if places.dtype.kind in "iu" else places
-        span, corner = self.resolution * places, np.array((self.x, self.y))
+        span = self.resolution * places
+        corner = np.array((self.x, self.y))
         return np.asarray(corner - span if self.rows_along_x else corner + span[:, ::-1])
 
     def places(self, points: ArrayLike) -> NDArray[np.float64]:
-        """Places (row, col) of points (x, y) in metres, (N, 2); their floor is the cell, as in a `Pose`."""
+        """Places (row, col) of points (x, y) in metres, (N, 2); their floor is the cell, as in a
+        `Pose`.
+        """
         xy = _pairs(points).astype(np.float64)
         if not np.isfinite(xy).all():
             raise InvalidQueryError("points must be finite metres (x, y)")
@@ -101,7 +112,8 @@ class MapFrame:
 class OccupancyGrid:
     """Content of a nav_msgs/OccupancyGrid, without its stamp.
 
-    InvalidMapError unless the data are whole numbers from -1 to 100, and the frame's rows run with y.
+    InvalidMapError unless the data are whole numbers from -1 to 100, and the frame's rows run with
+    y.
     """
 
     data: NDArray[np.int8] = field(repr=False)
@@ -117,26 +129,39 @@ class OccupancyGrid:
         width, height = (_whole(message, f"info.{name}") for name in ("width", "height"))
         values = _array(_field(message, "data"))
         if width < 1 or height < 1 or values.size != width * height:
-            raise InvalidMapError(f"wanted {height} × {width} whole numbers as data, got {values.shape}")
+            raise InvalidMapError(
+                f"wanted {height} × {width} whole numbers as data, got {values.shape}"
+            )
         x, y = _corner(message, "info.origin")
-        frame = MapFrame(_field(message, "info.resolution"), x, y, frame_id=_field(message, "header.frame_id"))
+        frame = MapFrame(
+            _field(message, "info.resolution"), x, y, frame_id=_field(message, "header.frame_id")
+        )
         return cls(values.reshape(height, width), frame)  # type: ignore[arg-type]  # checked there
 
     def __post_init__(self) -> None:
         values = _array(self.data)
         if values.ndim != 2 or not values.size or values.dtype.kind not in "iu":
             wanted = "a map (height, width) of whole numbers"
-            raise InvalidMapError(f"an occupancy grid's data must be {wanted}, got {values.shape} {values.dtype}")
-        least, most = int(values.min()), int(values.max())
+            raise InvalidMapError(
+                f"an occupancy grid's data must be {wanted}, got {values.shape} {values.dtype}"
+            )
+        least = int(values.min())
+        most = int(values.max())
         if least < UNKNOWN or most > IMPASSABLE:
-            raise InvalidMapError(f"an occupancy grid's data must lie in [-1, 100], got [{least}, {most}]")
+            raise InvalidMapError(
+                f"an occupancy grid's data must lie in [-1, 100], got [{least}, {most}]"
+            )
         if self.frame.rows_along_x:
-            raise InvalidMapError("an occupancy grid's rows must run with y, got a frame whose rows run against x")
+            raise InvalidMapError(
+                "an occupancy grid's rows must run with y, got a frame whose rows run against x"
+            )
         object.__setattr__(self, "data", values.astype(np.int8))
 
     @checked(InvalidMapError)
     def cost(self, occupied: int = BODY_TOUCHES) -> NDArray[np.float32]:
-        """Its cells as costs, (height, width), by the rule of this module; inf from `occupied` on."""
+        """Its cells as costs, (height, width), by the rule of this module; inf from
+        `occupied` on.
+        """
         values = self.data.astype(np.float32)
         known = np.where(values >= occupied, np.float32(np.inf), values / np.float32(100.0))
         return np.where(values < 0, np.float32(np.nan), known)
@@ -147,7 +172,8 @@ class OccupancyGrid:
 class GridMap:
     """Content of a grid_map_msgs/GridMap, without its stamp, unrolled.
 
-    InvalidMapError unless there is a layer, all are maps of one shape, and the frame's rows run against x.
+    InvalidMapError unless there is a layer, all are maps of one shape, and the frame's rows run
+    against x.
     """
 
     layers: dict[str, NDArray[np.float32]] = field(repr=False)
@@ -158,34 +184,55 @@ class GridMap:
     def of_message(cls, message: object) -> "GridMap":
         """From a message as rclpy, rosbags or mcap-ros2-support hand it out, or as nested dicts.
 
-        Raises InvalidMapError for another message, a turned map, lengths that are no multiples of the resolution, or
-        a layer of another layout.
+        Raises InvalidMapError for another message, a turned map, lengths that are no multiples of
+        the resolution, or a layer of another layout.
         """
-        names, arrays = _items(message, "layers"), _items(message, "data")
+        names = _items(message, "layers")
+        arrays = _items(message, "data")
         if not len({name for name in names if isinstance(name, str)}) == len(names) == len(arrays):
-            raise InvalidMapError(f"wanted a name for each of {len(arrays)} layers, got {shown(names)}")
-        side, *lengths = (_real(message, f"info.{name}") for name in ("resolution", "length_x", "length_y"))
-        x, y = (at + 0.5 * length for at, length in zip(_corner(message, "info.pose"), lengths, strict=True))
+            raise InvalidMapError(
+                f"wanted a name for each of {len(arrays)} layers, got {shown(names)}"
+            )
+        side, *lengths = (
+            _real(message, f"info.{name}") for name in ("resolution", "length_x", "length_y")
+        )
+        x, y = (
+            at + 0.5 * length
+            for at, length in zip(_corner(message, "info.pose"), lengths, strict=True)
+        )
         frame = MapFrame(side, x, y, True, _field(message, "header.frame_id"))
         sides = [length / side for length in lengths]
-        if not all(0.5 < cells < math.inf and abs(cells - round(cells)) <= _SAME * cells for cells in sides):
-            raise InvalidMapError(f"a grid map's lengths must be multiples of {side} m above 0, got {lengths}")
+        if not all(
+            0.5 < cells < math.inf and abs(cells - round(cells)) <= _SAME * cells for cells in sides
+        ):
+            raise InvalidMapError(
+                f"a grid map's lengths must be multiples of {side} m above 0, got {lengths}"
+            )
         rows, cols = (round(cells) for cells in sides)
         outer, inner = (_whole(message, f"{name}_start_index") for name in ("outer", "inner"))
         if not (0 <= outer < rows and 0 <= inner < cols):
-            raise InvalidMapError(f"a grid map's start must lie within {rows} × {cols} cells, got {outer}, {inner}")
+            raise InvalidMapError(
+                f"a grid map's start must lie within {rows} × {cols} cells, got {outer}, {inner}"
+            )
         by_column = [f"column_index {cols}", f"row_index {rows}"]
         layers: dict[str, NDArray[np.float32]] = {}
         for name, array in zip(names, arrays, strict=True):
             values = _array(_field(array, "data"))
-            layout = [f"{_field(dim, 'label')} {_field(dim, 'size')}" for dim in _items(array, "layout.dim")]
+            layout = [
+                f"{_field(dim, 'label')} {_field(dim, 'size')}"
+                for dim in _items(array, "layout.dim")
+            ]
             if layout not in (by_column, by_column[::-1]):
                 wanted = " and ".join(by_column)
-                raise InvalidMapError(f"layer {name!r} must be laid out by {wanted}, got {shown(layout)}")
+                raise InvalidMapError(
+                    f"layer {name!r} must be laid out by {wanted}, got {shown(layout)}"
+                )
             if values.shape != (rows * cols,) or values.dtype.kind not in "iuf":
                 got = f"{values.shape} {values.dtype}"
                 raise InvalidMapError(f"layer {name!r} must be {rows} × {cols} numbers, got {got}")
-            with np.errstate(over="ignore"):  # heights beyond 32-bit floats are unknown, as infinite ones
+            with np.errstate(
+                over="ignore"
+            ):  # heights beyond 32-bit floats are unknown, as infinite ones
                 flat = values.astype(np.float32)
             ring = flat.reshape(cols, rows).T if layout == by_column else flat.reshape(rows, cols)
             layers[str(name)] = np.roll(ring, (-outer, -inner), axis=(0, 1))
@@ -194,32 +241,47 @@ class GridMap:
     def __post_init__(self) -> None:
         layers = {name: as_map(values, f"layer {name!r}") for name, values in self.layers.items()}
         if len(shapes := {values.shape for values in layers.values()}) != 1:
-            raise InvalidMapError(f"a grid map's layers must have one shape, got {sorted(shapes) or 'none'}")
+            raise InvalidMapError(
+                f"a grid map's layers must have one shape, got {sorted(shapes) or 'none'}"
+            )
         if not self.frame.rows_along_x:
-            raise InvalidMapError("a grid map's rows must run against x, got a frame whose rows run with y")
+            raise InvalidMapError(
+                "a grid map's rows must run against x, got a frame whose rows run with y"
+            )
         object.__setattr__(self, "layers", layers)
 
     def layer(self, name: str = "elevation") -> NDArray[np.float32]:
         """A layer (rows, columns); InvalidMapError where there is none of that name."""
         if name not in self.layers:
-            raise InvalidMapError(f"wanted layer {name!r}, the grid map has {', '.join(self.layers)}")
+            raise InvalidMapError(
+                f"wanted layer {name!r}, the grid map has {', '.join(self.layers)}"
+            )
         return self.layers[name]
 
     def save(self, path: Path | str, name: str = "elevation") -> None:
-        """Write a layer of heights as an `.npz` that every command reads, with places in this map's metres.
+        """Write a layer of heights as an `.npz` that every command reads, with places in this map's
+        metres.
 
         OutputError where it cannot be written, InvalidMapError without that layer.
         """
-        side, frame = self.frame.resolution, self.frame
+        side = self.frame.resolution
+        frame = self.frame
         transform = 0.0, -side, frame.x, -side, 0.0, frame.y
         content = io.BytesIO()
-        np.savez_compressed(content, elevation_m=self.layer(name), cell_size_m=side, transform=transform)
+        np.savez_compressed(
+            content, elevation_m=self.layer(name), cell_size_m=side, transform=transform
+        )
         write_whole(Path(path), content.getvalue())
 
 
 @checked(InvalidMapError)
 def occupancy_patch(
-    grid: OccupancyGrid, frame: MapFrame, *, occupied: int = BODY_TOUCHES, keep_known: bool = True, stamp: float = 0.0
+    grid: OccupancyGrid,
+    frame: MapFrame,
+    *,
+    occupied: int = BODY_TOUCHES,
+    keep_known: bool = True,
+    stamp: float = 0.0,
 ) -> MapPatch:
     """An occupancy grid as new costs for the map that lies in `frame`; see `placed`."""
     values, row, col = placed(grid.cost(occupied), grid.frame, frame)
@@ -236,23 +298,31 @@ def grid_map_patch(
     keep_known: bool = True,
     stamp: float = 0.0,
 ) -> MapPatch:
-    """A grid map's layer as new heights, or new costs, for the map that lies in `frame`; see `placed`."""
+    """A grid map's layer as new heights, or new costs, for the map that lies in `frame`; see
+    `placed`.
+    """
     values, row, col = placed(grid.layer(layer), grid.frame, frame)
     elevation, costs = (None, values) if cost else (values, None)
     return MapPatch(row, col, elevation, costs, keep_known, stamp)
 
 
-def placed(values: NDArray[np.float32], source: MapFrame, target: MapFrame) -> tuple[NDArray[np.float32], int, int]:
-    """Cells (h, w) of one map, laid out as another wants them; also row and column of the first, to the nearest cell.
+def placed(
+    values: NDArray[np.float32], source: MapFrame, target: MapFrame
+) -> tuple[NDArray[np.float32], int, int]:
+    """Cells (h, w) of one map, laid out as another wants them; also row and column of the first, to
+    the nearest cell.
 
-    InvalidMapError where the resolutions differ by over a thousandth, as values would have to be mixed, which is for
-    the sender to do; or where the maps lie in frames of two names.
+    InvalidMapError where the resolutions differ by over a thousandth, as values would have to be
+    mixed, which is for the sender to do; or where the maps lie in frames of two names.
     """
     if source.frame_id and target.frame_id and source.frame_id != target.frame_id:
-        raise InvalidMapError(f"wanted a map in the frame {target.frame_id!r}, got one in {source.frame_id!r}")
+        raise InvalidMapError(
+            f"wanted a map in the frame {target.frame_id!r}, got one in {source.frame_id!r}"
+        )
     if abs(source.resolution - target.resolution) > _SAME * target.resolution:
         raise InvalidMapError(f"wanted cells of {target.resolution} m, got {source.resolution} m")
-    cells, first = as_map(values, "a map"), (0.0, 0.0)
+    cells = as_map(values, "a map")
+    first = (0.0, 0.0)
     if source.rows_along_x != target.rows_along_x:
         first = float(cells.shape[0]), float(cells.shape[1])
         cells = cells[::-1, ::-1].T
@@ -261,19 +331,24 @@ def placed(values: NDArray[np.float32], source: MapFrame, target: MapFrame) -> t
 
 
 def path_poses(
-    path: NDArray[np.int32], frame: MapFrame, headings_deg: Sequence[float] | NDArray[np.float64] = ()
+    path: NDArray[np.int32],
+    frame: MapFrame,
+    headings_deg: Sequence[float] | NDArray[np.float64] = (),
 ) -> NDArray[np.float64]:
     """The poses (N, 3) of a path's cells (N, 2), as nav_msgs/Path wants them: x, y and heading.
 
-    x and y are those of the cells' middles in metres; the heading is in radians, counted from x towards y: to the
-    next cell, and at the end as it was before; of a body that drives arcs its own, by `headings_deg` (N,), clockwise
-    from up the rows. Its quaternion has z = sin(heading / 2) and w = cos(heading / 2).
+    x and y are those of the cells' middles in metres; the heading is in radians, counted from x
+    towards y: to the next cell, and at the end as it was before; of a body that drives arcs its
+    own, by `headings_deg` (N,), clockwise from up the rows. Its quaternion has z = sin(heading / 2)
+    and w = cos(heading / 2).
     """
     points = frame.metres(np.asarray(path, np.int64).reshape(-1, 2))
     heading = np.zeros(len(points))
     if len(headings_deg):
         angles = np.radians(np.asarray(headings_deg, np.float64))
-        ahead = frame.metres(np.column_stack((-np.cos(angles), np.sin(angles)))) - frame.metres((0.0, 0.0))
+        ahead = frame.metres(np.column_stack((-np.cos(angles), np.sin(angles)))) - frame.metres(
+            (0.0, 0.0)
+        )
         heading = np.arctan2(ahead[:, 1], ahead[:, 0])
     elif len(points) > 1:
         steps = np.diff(points, axis=0)
@@ -306,7 +381,9 @@ def _field(message: object, path: str) -> Any:
             found = found[name] if isinstance(found, Mapping) else getattr(found, name)
         except (KeyError, AttributeError):
             kind = type(message).__name__
-            raise InvalidMapError(f"wanted a message with {path}, got a {kind} without {name}") from None
+            raise InvalidMapError(
+                f"wanted a message with {path}, got a {kind} without {name}"
+            ) from None
     return found
 
 
@@ -333,6 +410,10 @@ def _items(message: object, path: str) -> list[object]:
 def _corner(message: object, path: str) -> tuple[float, float]:
     """x and y of a map's pose; InvalidMapError where the map is turned."""
     turned = [_field(message, f"{path}.orientation.{axis}") for axis in "xyzw"]
-    if not all(is_real(part) and abs(part) <= most for part, most in zip(turned, _LEVEL, strict=True)):
-        raise InvalidMapError(f"wanted a map that is not turned, got one with the orientation x, y, z, w {turned}")
+    if not all(
+        is_real(part) and abs(part) <= most for part, most in zip(turned, _LEVEL, strict=True)
+    ):
+        raise InvalidMapError(
+            f"wanted a map that is not turned, got one with the orientation x, y, z, w {turned}"
+        )
     return _real(message, f"{path}.position.x"), _real(message, f"{path}.position.y")

@@ -1,8 +1,9 @@
 """A few ROS 2 messages as their definitions and as CDR bytes, without ROS.
 
-Cells become metres as x = (column + ½) · cell size and y = (row + ½) · cell size in the frame ``map``, z = 0.
-Arrays are written by NumPy, so that encoding a map or a long path does not hold up the planning thread: a path of 400
-poses takes 0.07 ms, and 6 to 7 ms with rosbags or mcap-ros2-support, which write each pose by itself.
+Cells become metres as x = (column + ½) · cell size and y = (row + ½) · cell size in the frame
+``map``, z = 0. Arrays are written by NumPy, so that encoding a map or a long path does not hold up
+the planning thread: a path of 400 poses takes 0.07 ms, and 6 to 7 ms with rosbags or
+mcap-ros2-support, which write each pose by itself.
 """
 
 import math
@@ -35,16 +36,20 @@ _PARTS = {
     "std_msgs/MultiArrayDimension": "string label\nuint32 size\nuint32 stride",
     "std_msgs/MultiArrayLayout": "std_msgs/MultiArrayDimension[] dim\nuint32 data_offset",
     "std_msgs/Float32MultiArray": "std_msgs/MultiArrayLayout layout\nfloat32[] data",
-    "grid_map_msgs/GridMapInfo": "float64 resolution\nfloat64 length_x\nfloat64 length_y\ngeometry_msgs/Pose pose",
+    "grid_map_msgs/GridMapInfo": "float64 resolution\nfloat64 length_x\nfloat64 "
+    "length_y\ngeometry_msgs/Pose pose",
     "grid_map_msgs/GridMap": (
-        "std_msgs/Header header\ngrid_map_msgs/GridMapInfo info\nstring[] layers\nstring[] basic_layers\n"
+        "std_msgs/Header header\ngrid_map_msgs/GridMapInfo info\nstring[] layers\nstring[] "
+        "basic_layers\n"
         "std_msgs/Float32MultiArray[] data\nuint16 outer_start_index\nuint16 inner_start_index"
     ),
 }
 
 
 def definition(name: str) -> str:
-    """A message's definition and those of all it holds, as ROS 2 bags keep them. `name` as in ``nav_msgs/Path``."""
+    """A message's definition and those of all it holds, as ROS 2 bags keep them. `name` as in
+    ``nav_msgs/Path``.
+    """
     found = [name]
     for part in found:  # grows while it is walked
         types = (line.split()[0].removesuffix("[]") for line in _PARTS[part].splitlines())
@@ -56,7 +61,9 @@ def definition(name: str) -> str:
 def path_message(
     cells: NDArray[np.int32], cell_size_m: float, stamp_ns: int, headings_deg: Sequence[float] = ()
 ) -> bytes:
-    """nav_msgs/Path of (N, 2) cells; poses head for the next, the last as it is arrived at, or as `path_poses`."""
+    """nav_msgs/Path of (N, 2) cells; poses head for the next, the last as it is arrived at, or as
+    `path_poses`.
+    """
     cdr = _Cdr(stamp_ns).numbers("I", len(cells))
     if len(cells):
         x, y, heading = path_poses(cells, MapFrame(cell_size_m), headings_deg).T
@@ -78,9 +85,18 @@ def pose_message(row: float, col: float, cell_size_m: float, stamp_ns: int) -> b
     return bytes(_Cdr(stamp_ns).pose(col * cell_size_m, row * cell_size_m).data)
 
 
-def grid_message(cost: NDArray[np.float32], corner: tuple[int, int], cell_size_m: float, stamp_ns: int) -> bytes:
-    """nav_msgs/OccupancyGrid of the part of the map (h, w) whose first cell is `corner`, (row, col)."""
-    cdr = _Cdr(stamp_ns).time(stamp_ns).numbers("f", cell_size_m).numbers("I", cost.shape[1], cost.shape[0])
+def grid_message(
+    cost: NDArray[np.float32], corner: tuple[int, int], cell_size_m: float, stamp_ns: int
+) -> bytes:
+    """nav_msgs/OccupancyGrid of the part of the map (h, w) whose first cell is `corner`, (row,
+    col).
+    """
+    cdr = (
+        _Cdr(stamp_ns)
+        .time(stamp_ns)
+        .numbers("f", cell_size_m)
+        .numbers("I", cost.shape[1], cost.shape[0])
+    )
     cdr.pose(corner[1] * cell_size_m, corner[0] * cell_size_m).numbers("I", cost.size)
     return bytes(cdr.data + as_occupancy(cost).tobytes())
 
@@ -90,7 +106,8 @@ def heights_message(
 ) -> bytes:
     """grid_map_msgs/GridMap with the layer ``elevation``, in metres, NaN where unknown.
 
-    grid_map counts its cells from the corner of largest x and y, x first, and stores columns one after another.
+    grid_map counts its cells from the corner of largest x and y, x first, and stores columns one
+    after another.
     """
     rows, cols = heights.shape
     cdr = _Cdr(stamp_ns).numbers("d", cell_size_m, cols * cell_size_m, rows * cell_size_m)
@@ -110,7 +127,9 @@ def string_message(text: str) -> bytes:
 
 
 class _Cdr:
-    """Little-endian CDR: numbers stand at multiples of their own size, counted after the four bytes of the head."""
+    """Little-endian CDR: numbers stand at multiples of their own size, counted after the four bytes
+    of the head.
+    """
 
     def __init__(self, stamp_ns: int | None = None) -> None:
         self.data = bytearray(b"\x00\x01\x00\x00")
@@ -131,4 +150,6 @@ class _Cdr:
         return self.numbers("I", *divmod(stamp_ns, 1_000_000_000))
 
     def pose(self, x: float, y: float, heading: float = 0.0) -> Self:
-        return self.numbers("d", x, y, 0.0, 0.0, 0.0, math.sin(0.5 * heading), math.cos(0.5 * heading))
+        return self.numbers(
+            "d", x, y, 0.0, 0.0, 0.0, math.sin(0.5 * heading), math.cos(0.5 * heading)
+        )

@@ -31,7 +31,9 @@ _FRAME_MS = 100
 
 
 def check_name(path: Path) -> None:
-    """InvalidQueryError unless the name ends in .png or .gif; ModuleNotFoundError where Pillow is missing."""
+    """InvalidQueryError unless the name ends in .png or .gif; ModuleNotFoundError where Pillow is
+    missing.
+    """
     if path.suffix.lower() not in (".png", ".gif"):
         raise InvalidQueryError(f"a picture must be a .png or .gif file, got {path.name}")
     if path.suffix.lower() == ".gif":
@@ -41,7 +43,8 @@ def check_name(path: Path) -> None:
 def drive_picture(ground: SurveyedGround, drive: Drive) -> Picture:
     """The true cost, the way driven, and the optimum for a robot that knew everything.
 
-    Of a body the outline is drawn along the way; the cost of a cell is that of its best heading there.
+    Of a body the outline is drawn along the way; the cost of a cell is that of its best heading
+    there.
     """
     sheet = MapDrawing(cost_picture(ground.costs()))
     sheet.line(drive.driven, DRIVEN, 4.0)
@@ -60,18 +63,23 @@ def drive_picture(ground: SurveyedGround, drive: Drive) -> Picture:
         costs += f" (+{100 * drive.excess:.1f} %)"
     facts = [drive.method, f"{drive.counters.ticks} ticks, {drive.counters.planned} plans", costs]
     scale = sheet.scale(ground.robot.sides_m[0])
-    return sheet.finish([[*ends, *lines], [*map(sheet.text_item, facts), *scale], [sheet.grey_bar()]])
+    return sheet.finish(
+        [[*ends, *lines], [*map(sheet.text_item, facts), *scale], [sheet.grey_bar()]]
+    )
 
 
 class Film:
-    """Frames of a drive: the map as the loop has it, the way driven, the robot, its path, and its body along that.
+    """Frames of a drive: the map as the loop has it, the way driven, the robot, its path, and its
+    body along that.
 
-    At most 80 frames are kept. When there are more, every second one is dropped, and half as many are made from then.
+    At most 80 frames are kept. When there are more, every second one is dropped, and half as many
+    are made from then.
     """
 
     def __init__(self) -> None:
         self._frames: list[Image] = []
-        self._every, self._ticks = 1, 0
+        self._every = 1
+        self._ticks = 0
 
     def __call__(self, scene: Scene, message: PathMessage) -> None:
         """Add the frame of a tick."""
@@ -87,7 +95,15 @@ class Film:
         content = BytesIO()
         first, *rest = self._frames
         durations = [_FRAME_MS] * len(rest) + [2000]
-        first.save(content, "GIF", save_all=True, append_images=rest, duration=durations, loop=0, optimize=False)
+        first.save(
+            content,
+            "GIF",
+            save_all=True,
+            append_images=rest,
+            duration=durations,
+            loop=0,
+            optimize=False,
+        )
         write_whole(path, content.getvalue())
 
 
@@ -97,7 +113,10 @@ def _frame(scene: Scene, message: PathMessage) -> Picture:
     size = (round(ground.shape[1] * factor), round(ground.shape[0] * factor))
     picture: Picture = cv2.resize(ground, size, interpolation=cv2.INTER_NEAREST)  # type: ignore[assignment]
     driven = np.array(scene.driven)[:, :2]
-    lines: list[tuple[NDArray[np.generic], Colour, int]] = [(message.path, PATH, 2), (driven, DRIVEN, 2)]
+    lines: list[tuple[NDArray[np.generic], Colour, int]] = [
+        (message.path, PATH, 2),
+        (driven, DRIVEN, 2),
+    ]
     lines += [(outline, BODY, 1) for outline in _bodies(scene.ground.robot, message.path)]
     lines += [(outline, START, 2) for outline in _bodies(scene.ground.robot, driven)[-1:]]
     for cells, colour, width in lines:
@@ -108,7 +127,14 @@ def _frame(scene: Scene, message: PathMessage) -> Picture:
     cv2.rectangle(picture, corners[0].tolist(), corners[1].tolist(), SEEN, 1)
     radius = max(3, math.ceil(factor))
     for cell, colour in ((scene.goal, GOAL), (scene.robot, START)):
-        cv2.circle(picture, _pixels(np.array([cell]), factor)[0].tolist(), radius + 1, colour, -1, cv2.LINE_AA)
+        cv2.circle(
+            picture,
+            _pixels(np.array([cell]), factor)[0].tolist(),
+            radius + 1,
+            colour,
+            -1,
+            cv2.LINE_AA,
+        )
     return picture
 
 

@@ -1,4 +1,6 @@
-"""A robot in the simulation: what stands where, by costs or by heights. Its ground is the runtime's `Ground`."""
+"""A robot in the simulation: what stands where, by costs or by heights. Its ground is the runtime's
+`Ground`.
+"""
 
 import math
 from dataclasses import replace
@@ -18,7 +20,9 @@ from nnpp_edge.runtime.map.state import map_state
 from nnpp_edge.terrain.obstacles import OBSTACLE
 
 _ROUNDING = 1e-4
-"""Share of a limit by which a pose may exceed it: its heights are rounded otherwise than in the loop."""
+"""Share of a limit by which a pose may exceed it: its heights are rounded otherwise than in the
+loop.
+"""
 _SPIKE = 100.0
 """Height of an obstacle over all ground, in sides of a cell, on ground that is known coarsely."""
 _LIMITS = ("clearance_m", "max_tilt_deg", "max_pitch_deg", "max_roll_deg", "max_step_m")
@@ -27,21 +31,30 @@ _LIMITS = ("clearance_m", "max_tilt_deg", "max_pitch_deg", "max_roll_deg", "max_
 class Robot:
     """A robot on costs, or on heights where it has a body or its steps cost by the slope.
 
-    `values` is always a map (H, W) float32 of the kind that its ground holds. The scene moves values about and puts
-    obstacles on them; what they mean, its robot says, of the map as it is given, apart from what a loop keeps of it:
-    for a robot as large as a cell by each cell's cost, else by a grid that is made anew. `known` is the
-    ground as it is known coarsely, in place of a survey.
+    `values` is always a map (H, W) float32 of the kind that its ground holds. The scene moves
+    values about and puts obstacles on them; what they mean, its robot says, of the map as it is
+    given, apart from what a loop keeps of it: for a robot as large as a cell by each cell's cost,
+    else by a grid that is made anew. `known` is the ground as it is known coarsely, in place of a
+    survey.
     """
 
     def __init__(self, ground: Ground, known: Ground | None = None) -> None:
         self._known = known
-        self._ground, self.vehicle, self.sides_m = ground, ground.vehicle, ground.sides_m
-        self._by_costs, self._eased, self.reach = ground.elevation is None, ground, 0
+        self._ground = ground
+        self.vehicle = ground.vehicle
+        self.sides_m = ground.sides_m
+        self._by_costs = ground.elevation is None
+        self._eased = ground
+        self.reach = 0
         """Cells from its own to the farthest that lies under it."""
         if (vehicle := ground.vehicle) is not None:
             self.reach = math.ceil((vehicle.radius_m or vehicle.reach_m) / min(self.sides_m)) + 1
             limits = {name: getattr(vehicle, name) for name in _LIMITS if not vehicle.is_disc}
-            eased = {name: limit * (1.0 + _ROUNDING) for name, limit in limits.items() if limit is not None}
+            eased = {
+                name: limit * (1.0 + _ROUNDING)
+                for name, limit in limits.items()
+                if limit is not None
+            }
             self._eased = replace(ground, vehicle=replace(vehicle, **eased))
 
     @property
@@ -52,7 +65,8 @@ class Robot:
     def obstacle(self, values: Float2D) -> float:
         """The value of an obstacle's cells: the paper's cost, or unknown ground.
 
-        To a body it is higher above every cell than the body is long: no pose reaches from the ground onto it.
+        To a body it is higher above every cell than the body is long: no pose reaches from the
+        ground onto it.
         """
         if self._by_costs or (body := self.vehicle) is None:
             spike = float(np.nanmax(values)) + _SPIKE * max(self.sides_m)
@@ -73,13 +87,17 @@ class Robot:
         return len(path) - 1 if blocked < 0 else max(blocked - 1, 0)
 
     def weights_at(self, values: Float2D, places: NDArray[np.float64]) -> NDArray[np.float64]:
-        """(N,) what a cell's length costs a body at places as in `attitude.costs_at`; inf where it may not stand."""
+        """(N,) what a cell's length costs a body at places as in `attitude.costs_at`; inf where it
+        may not stand.
+        """
         poses = self._grid(values).poses
         assert poses is not None
         return 1.0 + MOST_CODE * float(poses.prices[0]) * costs_at(poses, places)
 
     def costs(self, values: Float2D) -> Float2D:
-        """(H, W) traversability cost of each cell, to a body in its best heading; impassable from 1 up."""
+        """(H, W) traversability cost of each cell, to a body in its best heading; impassable from 1
+        up.
+        """
         if self._by_costs:
             return values
         if self.vehicle is None:
@@ -96,7 +114,11 @@ class Robot:
 
     def patch(self, row: int, col: int, values: Float2D) -> MapPatch:
         """The message that tells the loop of values."""
-        return MapPatch(row, col, cost=values) if self._by_costs else MapPatch(row, col, elevation=values)
+        return (
+            MapPatch(row, col, cost=values)
+            if self._by_costs
+            else MapPatch(row, col, elevation=values)
+        )
 
     def _grid(self, values: Float2D) -> Grid:
         if self._known is None:
@@ -108,4 +130,8 @@ class Robot:
 
 def _with(ground: Ground, values: Float2D) -> Ground:
     """The ground with other values of the kind that it holds."""
-    return replace(ground, cost=values) if ground.elevation is None else replace(ground, elevation=values)
+    return (
+        replace(ground, cost=values)
+        if ground.elevation is None
+        else replace(ground, elevation=values)
+    )

@@ -1,4 +1,6 @@
-"""A small simulated world for the onboard loop: ground that is not what the map says, a robot, and obstacles."""
+"""A small simulated world for the onboard loop: ground that is not what the map says, a robot, and
+obstacles.
+"""
 
 import math
 from collections.abc import Iterable, Iterator
@@ -38,19 +40,23 @@ class SurveyedGround:
 
     @classmethod
     def of(cls, ground: Ground, block: int, bare: Float2D | None = None) -> "SurveyedGround":
-        """Of a ground; the survey has its heights blurred by a Gaussian of half a `block` of cells (1 knows all).
+        """Of a ground; the survey has its heights blurred by a Gaussian of half a `block` of cells
+        (1 knows all).
 
-        Of ground with rocks the survey has the `bare` heights. To a body, the edge of what it has seen of ground that
-        was much blurred is a step, and may shut it in. Points and discs whose steps do not cost by the slope drive by
-        costs. InvalidQueryError where no cell's height is known; InvalidMapError for a disc whose steps cost by the
-        slope.
+        Of ground with rocks the survey has the `bare` heights. To a body, the edge of what it has
+        seen of ground that was much blurred is a step, and may shut it in. Points and discs whose
+        steps do not cost by the slope drive by costs. InvalidQueryError where no cell's height is
+        known; InvalidMapError for a disc whose steps cost by the slope.
         """
         assert ground.elevation is not None
         bare = ground.elevation if bare is None else bare
         surveyed = bare.copy() if block <= 1 else _blurred(bare, block / 2.0)
-        vehicle, by_slope = ground.vehicle, ground.step_cost != StepCost.PAPER
+        vehicle = ground.vehicle
+        by_slope = ground.step_cost != StepCost.PAPER
         if vehicle is not None and vehicle.is_disc and by_slope:
-            raise InvalidMapError("a disc drives by costs here: wanted step_cost='paper', or no vehicle")
+            raise InvalidMapError(
+                "a disc drives by costs here: wanted step_cost='paper', or no vehicle"
+            )
         if by_slope or (vehicle is not None and not vehicle.is_disc):
             return cls(ground, surveyed)
         costs = replace(ground, elevation=surveyed).costs()
@@ -58,9 +64,12 @@ class SurveyedGround:
 
     @classmethod
     def of_known(cls, ground: Ground, factor: int, prior: str) -> "SurveyedGround":
-        """Of heights whose sides the factor divides, of which the robot knows the means of blocks."""
+        """Of heights whose sides the factor divides, of which the robot knows the means
+        of blocks.
+        """
         assert ground.elevation is not None
-        (rows, cols), (height_m, width_m) = ground.shape, ground.sides_m
+        rows, cols = ground.shape
+        height_m, width_m = ground.sides_m
         blocks = ground.elevation.reshape(rows // factor, factor, cols // factor, factor)
         coarse = Ground.of_coarse(
             blocks.mean((1, 3), dtype=np.float64).astype(np.float32),
@@ -92,15 +101,18 @@ class SurveyedGround:
 
 
 class Scene:
-    """The ground, what the robot has been told of it, and the robot; an `InputSource` that advances at each poll.
+    """The ground, what the robot has been told of it, and the robot; an `InputSource` that advances
+    at each poll.
 
-    At a poll the robot walks on, `speed` cells along the newest path, as far as that is free, obstacles change
-    (`changes` events), and the robot sees the true cost of the cells around it, `sight` to each side beyond those
-    under its body, at least 1. Obstacles are told at once, wherever they are. InvalidQueryError where start or goal,
-    around which the true costs are known from the beginning, is outside the map or truly impassable.
+    At a poll the robot walks on, `speed` cells along the newest path, as far as that is free,
+    obstacles change (`changes` events), and the robot sees the true cost of the cells around it,
+    `sight` to each side beyond those under its body, at least 1. Obstacles are told at once,
+    wherever they are. InvalidQueryError where start or goal, around which the true costs are known
+    from the beginning, is outside the map or truly impassable.
 
-    With `steering_noise_deg` a body that drives arcs follows them as a kinematic vehicle and comes off them; the loop
-    is told its true pose. It drives on as far as it may truly stand. InvalidQueryError for any other robot.
+    With `steering_noise_deg` a body that drives arcs follows them as a kinematic vehicle and comes
+    off them; the loop is told its true pose. It drives on as far as it may truly stand.
+    InvalidQueryError for any other robot.
     """
 
     def __init__(
@@ -118,16 +130,26 @@ class Scene:
         rows, cols = ground.true.shape
         for name, cell in (("start", start), ("goal", goal)):
             if not (0 <= cell[0] < rows and 0 <= cell[1] < cols):
-                raise InvalidQueryError(f"{name} {cell} lies outside the map of {rows} × {cols} cells")
+                raise InvalidQueryError(
+                    f"{name} {cell} lies outside the map of {rows} × {cols} cells"
+                )
             if not ground.robot.stands(ground.true, cell):
                 raise InvalidQueryError(f"{name} {cell} is impassable")
-        if steering_noise_deg and (ground.robot.vehicle is None or ground.robot.vehicle.turning_radius_m is None):
+        if steering_noise_deg and (
+            ground.robot.vehicle is None or ground.robot.vehicle.turning_radius_m is None
+        ):
             raise InvalidQueryError("noise in steering wants a vehicle with a turning_radius_m")
-        self.ground, self.robot, self.goal = ground, start, goal
-        self._noise_deg, self._rng = steering_noise_deg, rng
-        under, obstacle = ground.robot.reach, ground.robot.obstacle(ground.true)
+        self.ground = ground
+        self.robot = start
+        self.goal = goal
+        self._noise_deg = steering_noise_deg
+        self._rng = rng
+        under = ground.robot.reach
+        obstacle = ground.robot.obstacle(ground.true)
         self.obstacles = Obstacles((rows, cols), rng, value=obstacle, clear=max(CLEAR, under))
-        self._sight, self._speed, self._changes = sight + under, speed, changes
+        self._sight = sight + under
+        self._speed = speed
+        self._changes = changes
         self.known = ground.surveyed.copy()
         """(H, W) what has been seen or surveyed, without obstacles."""
         if ground.known is None:
@@ -139,15 +161,17 @@ class Scene:
         self.told = self.known.copy()
         """(H, W) the map as the loop has been given it."""
         self.driven: list[tuple[float, ...]] = [start]
-        """Cells that the robot walked over, each next to the one before; with its states where it drives arcs. With
-        noise in steering places (row, col)."""
+        """Cells that the robot walked over, each next to the one before; with its states where
+        it drives arcs. With noise in steering places (row, col)."""
         self.driven_cost = 0.0
         """Of the way driven with noise in steering, each piece by the pose at its end."""
         self._pose: PoseOf | None = None
         """There, once the body has begun to drive."""
         self._gear = 1
         self.polls = self.waited = self.forbidden = 0
-        """`forbidden`: published paths that crossed a cell which the map that was told forbids, or were broken."""
+        """`forbidden`: published paths that crossed a cell which the map that was told forbids, or
+        were broken.
+        """
         self.path = np.empty((0, 2), np.int32)
         """The newest that was published; of a body that drives arcs (N, 3), with its states."""
         self.heading_deg: float | None = None
@@ -165,17 +189,26 @@ class Scene:
         if self.polls:
             self._steer() if self._noise_deg else self._walk()
         self.polls += 1
-        orders, self._orders = self._orders, []
+        orders = self._orders
+        self._orders = []
         yield from orders
-        events = [self.obstacles.one_event(self.robot, self.goal, self.path[:, :2]) for _ in range(self._changes)]
+        events = [
+            self.obstacles.one_event(self.robot, self.goal, self.path[:, :2])
+            for _ in range(self._changes)
+        ]
         self.seen = self._see(self.robot)
         yield from self._patches([*chain(*events), self.seen])
         row, col = self.driven[-1][:2]
         yield Pose(row + 0.5, col + 0.5, heading_deg=self.heading_deg)
 
     def send_to(self, goal: Cell) -> None:
-        """Give the robot another goal, at the next poll; obstacles too near to it vanish, and the way so far."""
-        self.goal, self.path, self.driven, self.driven_cost = goal, self.path[:0], self.driven[-1:], 0.0
+        """Give the robot another goal, at the next poll; obstacles too near to it vanish, and the
+        way so far.
+        """
+        self.goal = goal
+        self.path = self.path[:0]
+        self.driven = self.driven[-1:]
+        self.driven_cost = 0.0
         self._orders = [Goal(*goal), *self._patches(self.obstacles.clear_of(goal))]
 
     def _patches(self, parts: Iterable[Rectangle]) -> Iterator[MapPatch]:
@@ -186,8 +219,11 @@ class Scene:
             yield self.ground.robot.patch(part[0], part[1], told)
 
     def heard(self, message: PathMessage) -> None:
-        """Take the loop's answer, which is checked by the definition of a path that can be walked."""
-        self.path, self._headings = message.walked, message.headings_deg
+        """Take the loop's answer, which is checked by the definition of a path that can
+        be walked.
+        """
+        self.path = message.walked
+        self._headings = message.headings_deg
         if message.ok and not walkable(self.ground.robot, self.path, self.told, message.goal):
             self.forbidden += 1
 
@@ -209,22 +245,34 @@ class Scene:
 
     def _steer(self) -> None:
         """Along the path by `speed` of its steps, while it may truly stand."""
-        robot, body, (dy, dx) = self.ground.robot, self.ground.robot.vehicle, self.ground.robot.sides_m
+        robot, body, (dy, dx) = (
+            self.ground.robot,
+            self.ground.robot.vehicle,
+            self.ground.robot.sides_m,
+        )
         before = self._pose
         if body is not None and len(self.path) > 1:
             drive = drive_along(self.path[: 1 + self._speed], body, (dy, dx))
             first: PoseOf = self._pose or tuple(drive.poses[0].tolist())
             arcs = list(followed(first, drive, body, self._noise_deg, self._rng))
-            places = np.array([arc.at(1.0) for arc in arcs]).reshape(-1, 3)[:, [1, 0, 2]] / (dy, dx, 1.0)
+            places = np.array([arc.at(1.0) for arc in arcs]).reshape(-1, 3)[:, [1, 0, 2]] / (
+                dy,
+                dx,
+                1.0,
+            )
             weights = robot.weights_at(self.now, places).tolist()
-            for arc, (row, col, heading), weight in zip(arcs, places.tolist(), weights, strict=True):
+            for arc, (row, col, heading), weight in zip(
+                arcs, places.tolist(), weights, strict=True
+            ):
                 if not math.isfinite(weight):
                     break
                 changed = body.gear_change_m if arc.gear * self._gear < 0 else 0.0
                 turned = 0.0 if arc.gear else body.turn_m_per_rad * math.radians(abs(arc.turn_deg))
                 metres = arc.length_m * ((body.reverse_cost or 1.0) if arc.gear < 0 else 1.0)
                 self.driven_cost += (metres * weight + changed + turned) / dy
-                self._pose, self.heading_deg, self._gear = arc.at(1.0), heading, arc.gear or self._gear
+                self._pose = arc.at(1.0)
+                self.heading_deg = heading
+                self._gear = arc.gear or self._gear
                 self.driven.append((row, col))
                 self.robot = math.floor(row + 0.5), math.floor(col + 0.5)
         self.waited += self._pose is before
@@ -239,14 +287,20 @@ class Scene:
 def followed(
     pose: PoseOf, drive: Drive, vehicle: Vehicle, noise_deg: float, rng: np.random.Generator
 ) -> Iterator[Arc]:
-    """The arcs by which a vehicle follows a drive from where it stands, one for each of its poses ahead.
+    """The arcs by which a vehicle follows a drive from where it stands, one for each of its poses
+    ahead.
 
-    It steers by the arc's curvature, and back to the path from where it is beside it, never sharper than its turning
-    radius. The angle is off by one normal error of so many degrees all along; a turn on the spot ends as far off.
+    It steers by the arc's curvature, and back to the path from where it is beside it, never sharper
+    than its turning radius. The angle is off by one normal error of so many degrees all along; a
+    turn on the spot ends as far off.
     """
-    least, wheelbase = vehicle.turning_radius_m or math.inf, vehicle.stance_m[0]
-    within, error_deg = _CORRECTS_WITHIN * least, rng.normal(0.0, noise_deg)
-    for n, (gear, curvature) in enumerate(zip(drive.gears[1:].tolist(), drive.curvatures_per_m[1:], strict=True)):
+    least = vehicle.turning_radius_m or math.inf
+    wheelbase = vehicle.stance_m[0]
+    within = _CORRECTS_WITHIN * least
+    error_deg = rng.normal(0.0, noise_deg)
+    for n, (gear, curvature) in enumerate(
+        zip(drive.gears[1:].tolist(), drive.curvatures_per_m[1:], strict=True)
+    ):
         if gear:
             _, aside, turned = _beside(pose, drive.poses[n])
             wanted = curvature - aside / within**2 - 2.0 * gear * turned / within
@@ -265,23 +319,36 @@ def followed(
 
 
 def _beside(pose: PoseOf, place: NDArray[np.float64]) -> tuple[float, float, float]:
-    """How far a pose lies ahead of another and to its left, in metres, and is turned to its left, in rad."""
-    x, y, heading = pose[0] - place[0], pose[1] - place[1], math.radians(place[2])
+    """How far a pose lies ahead of another and to its left, in metres, and is turned to its left,
+    in rad.
+    """
+    x = pose[0] - place[0]
+    y = pose[1] - place[1]
+    heading = math.radians(place[2])
     turned = math.radians((place[2] - pose[2] + 180.0) % 360.0 - 180.0)
-    ahead, left = x * math.sin(heading) - y * math.cos(heading), -x * math.cos(heading) - y * math.sin(heading)
+    ahead = x * math.sin(heading) - y * math.cos(heading)
+    left = -x * math.cos(heading) - y * math.sin(heading)
     return ahead, left, turned
 
 
 def walkable(robot: Robot, path: NDArray[np.int32], values: Float2D, goal: Cell | None) -> bool:
-    """Whether a path leads to the goal over a map, by steps or a body's legs, and the robot can take it."""
+    """Whether a path leads to the goal over a map, by steps or a body's legs, and the robot can
+    take it.
+    """
     if not len(path) or tuple(path[-1, :2].tolist()) != goal:
         return False
     longest = 2 if robot.has_legs else 1
-    cells, legs = path[:, :2], path.shape[1] == 2
+    cells = path[:, :2]
+    legs = path.shape[1] == 2
     apart = np.abs(np.diff(cells, axis=0)).max(axis=1)
-    if not ((cells >= 0) & (cells < values.shape)).all() or (legs and ((apart < 1) | (apart > longest)).any()):
+    if not ((cells >= 0) & (cells < values.shape)).all() or (
+        legs and ((apart < 1) | (apart > longest)).any()
+    ):
         return False
-    return robot.stands(values, tuple(cells[0].tolist())) and robot.steps(values, path) == len(path) - 1
+    return (
+        robot.stands(values, tuple(cells[0].tolist()))
+        and robot.steps(values, path) == len(path) - 1
+    )
 
 
 def _blurred(elevation: Float2D, sigma: float) -> Float2D:

@@ -1,4 +1,6 @@
-"""A simulated robot drives to its goal through the onboard loop, over ground that the map knows only roughly."""
+"""A simulated robot drives to its goal through the onboard loop, over ground that the map knows
+only roughly.
+"""
 
 from collections.abc import Callable, Sequence
 from contextlib import closing
@@ -8,7 +10,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from nnpp_edge.robot.transports.recording import RecordedSource
-from nnpp_edge.runtime import Counters, Goal, Loop, Navigator, NavigatorSettings, PathMessage, Planner, Pose, Sink
+from nnpp_edge.runtime import (
+    Counters,
+    Goal,
+    Loop,
+    Navigator,
+    NavigatorSettings,
+    PathMessage,
+    Planner,
+    Pose,
+    Sink,
+)
 from nnpp_edge.runtime.arrays import Float2D
 from nnpp_edge.runtime.cells import Cell, Endpoints
 from nnpp_edge.runtime.errors import InvalidQueryError
@@ -36,7 +48,9 @@ class SimulationSettings:
     method: str = "auto"
     model: str = "edge"
     rate_hz: float | None = None
-    """Ticks a second; None for as fast as possible, each with a tenth of a second for its answer."""
+    """Ticks a second; None for as fast as possible, each with a tenth of a second for its
+    answer.
+    """
     ticks: int = 5000
     """The drive ends after so many, at the goal or not."""
     changes: int = 1
@@ -48,14 +62,18 @@ class SimulationSettings:
     seed: int = 1
     """Of the obstacles."""
     endless: bool = False
-    """Whether the robot drives on to another goal where it has reached one, or cannot, until the ticks are over."""
+    """Whether the robot drives on to another goal where it has reached one, or cannot, until the
+    ticks are over.
+    """
     steering_noise_deg: float = 0.0
     """Standard deviation of the steering angle of a body that drives arcs."""
 
 
 @dataclass(frozen=True, eq=False)
 class Drive:
-    """Outcome of a drive; of an endless one ways, costs and `reached` are those to the last goal."""
+    """Outcome of a drive; of an endless one ways, costs and `reached` are those to the
+    last goal.
+    """
 
     method: str
     start: Cell
@@ -65,17 +83,21 @@ class Drive:
     waited: int
     """Times that the robot stood still."""
     forbidden: int
-    """Published paths that crossed a cell, or a pose of the vehicle, that the map forbade by then; checked apart from
-    the loop. 0, or the loop is at fault."""
+    """Published paths that crossed a cell, or a pose of the vehicle, that the map forbade by
+    then; checked apart from the loop. 0, or the loop is at fault."""
     driven_cost: float
-    """Of the cells that the robot walked over, by the true costs without obstacles; with noise in steering of the
-    way that it drove, piece by piece at the price of the pose at its end."""
+    """Of the cells that the robot walked over, by the true costs without obstacles; with noise
+    in steering of the way that it drove, piece by piece at the price of the pose at its end."""
     optimal_cost: float
-    """Of the best path that anyone could have walked, knowing all of the ground and meeting no obstacle."""
+    """Of the best path that anyone could have walked, knowing all of the ground and meeting no
+    obstacle.
+    """
     goals: int
     """That were reached."""
     memory_mb: dict[str, float]
-    """Of the process: at the first tick (``start``), after a tenth of those allowed (``tenth``), at the ``end``."""
+    """Of the process: at the first tick (``start``), after a tenth of those allowed (``tenth``), at
+    the ``end``.
+    """
     planning_ms: dict[str, float]
     """``p50``, ``p90``, ``p99``, ``max``, ``mean`` of a tick's answer."""
     driven: NDArray[np.int32] | NDArray[np.float64] = field(repr=False)
@@ -84,7 +106,9 @@ class Drive:
 
     @property
     def excess(self) -> float | None:
-        """By which share the drive cost more than the optimum; None where the goal was not reached."""
+        """By which share the drive cost more than the optimum; None where the goal was
+        not reached.
+        """
         if not self.reached:
             return None
         return self.driven_cost / self.optimal_cost - 1.0 if self.optimal_cost else 0.0
@@ -104,11 +128,15 @@ class Drive:
 
 
 def random_drive(ground: SurveyedGround, seed: int) -> tuple[Cell, Cell]:
-    """A start and a goal that are far apart and truly connected; InvalidQueryError if there are none to be found."""
+    """A start and a goal that are far apart and truly connected; InvalidQueryError if there are
+    none to be found.
+    """
     return _connected(Planner(ground.ground), ground.costs(), np.random.default_rng([seed, 1]))
 
 
-def _connected(planner: Planner, costs: Float2D, rng: np.random.Generator, start: Cell | None = None) -> Endpoints:
+def _connected(
+    planner: Planner, costs: Float2D, rng: np.random.Generator, start: Cell | None = None
+) -> Endpoints:
     """A start, if none is given, and a goal."""
     least = _LEAST_DISTANCE * max(costs.shape)
     for _ in range(_TRIES):
@@ -117,7 +145,9 @@ def _connected(planner: Planner, costs: Float2D, rng: np.random.Generator, start
         ends = query if start is None else (start, query[1])
         if ends[0] != ends[1] and planner.plan(*ends, method="corridor").ok:
             return ends
-    raise InvalidQueryError(f"no two connected cells {least:.0f} apart were found on the map; give start and goal")
+    raise InvalidQueryError(
+        f"no two connected cells {least:.0f} apart were found on the map; give start and goal"
+    )
 
 
 def simulate(
@@ -129,18 +159,22 @@ def simulate(
     make_sinks: Callable[[MapState], Sequence[Sink]] = lambda state: (),
     watch: Callable[[Scene, PathMessage], None] | None = None,
 ) -> Drive:
-    """Drive from start to goal over ground whose truth decides, and whose survey is the robot's first map.
+    """Drive from start to goal over ground whose truth decides, and whose survey is the robot's
+    first map.
 
-    `make_sinks` makes the sinks of the answers, given the loop's map; those with a method `record` get the inputs
-    too, each with its seconds since the begin. `watch` is called after every tick, with the scene and the answer, in
-    the loop's thread. InvalidQueryError where start or goal is impassable or outside, or no path connects them even
-    without obstacles.
+    `make_sinks` makes the sinks of the answers, given the loop's map; those with a method `record`
+    get the inputs too, each with its seconds since the begin. `watch` is called after every tick,
+    with the scene and the answer, in the loop's thread. InvalidQueryError where start or goal is
+    impassable or outside, or no path connects them even without obstacles.
     """
     settings = settings or SimulationSettings()
     rng = np.random.default_rng([settings.seed, 2])
     options = {"sight": settings.sight, "speed": settings.speed, "changes": settings.changes}
-    scene = Scene(ground, start, goal, rng, **options, steering_noise_deg=settings.steering_noise_deg)
-    planner, costs = Planner(ground.ground), ground.costs()
+    scene = Scene(
+        ground, start, goal, rng, **options, steering_noise_deg=settings.steering_noise_deg
+    )
+    planner = Planner(ground.ground)
+    costs = ground.costs()
     planner.touch()  # what the scene needs is not to look like growth of the loop
     best = planner.plan(start, goal, method="astar")
     if not best.ok:
@@ -154,7 +188,8 @@ def simulate(
     sinks = list(make_sinks(navigator.map))
     recorders = [sink.record for sink in sinks if hasattr(sink, "record")]
     source = RecordedSource(scene, recorders, navigator.count_error, wait=True)
-    histogram, memory_mb = Histogram(), dict[str, float]()
+    histogram = Histogram()
+    memory_mb = dict[str, float]()
     goals = late = stuck = waited = 0
 
     def after_tick(message: PathMessage) -> None:
@@ -183,7 +218,8 @@ def simulate(
         counters = loop.run(settings.ticks)
     if not paced:
         counters = replace(counters, overruns=late)
-    driven, driven_cost = np.array(scene.driven), scene.driven_cost
+    driven = np.array(scene.driven)
+    driven_cost = scene.driven_cost
     if not settings.steering_noise_deg:
         driven = driven.astype(np.int32)
         driven_cost = planner.state.grid.costs_of(driven)[0]

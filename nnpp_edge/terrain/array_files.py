@@ -1,4 +1,6 @@
-"""Elevations as every reader of a map makes them, and maps in NumPy files, which need no rasterio."""
+"""Elevations as every reader of a map makes them, and maps in NumPy files, which need no
+rasterio.
+"""
 
 import math
 import warnings
@@ -27,9 +29,11 @@ _HEADERS = {(1, 0): npy.read_array_header_1_0, (2, 0): npy.read_array_header_2_0
 
 
 def read_arrays(path: Path) -> Reading:
-    """Elevation and cell (size, width) of a NumPy file; its first bytes show whether it is an archive.
+    """Elevation and cell (size, width) of a NumPy file; its first bytes show whether it is an
+    archive.
 
-    Raises TerrainError and InvalidQueryError as `read_dem` does, and whatever else NumPy raises for a broken file.
+    Raises TerrainError and InvalidQueryError as `read_dem` does, and whatever else NumPy raises for
+    a broken file.
     """
     with path.open("rb") as file, ExitStack() as stack:
         zipped = file.read(4) in (b"PK\x03\x04", b"PK\x05\x06")
@@ -45,25 +49,36 @@ def read_arrays(path: Path) -> Reading:
 
 
 def read_cost_map(path: Path) -> tuple[Float2D, float] | None:
-    """Costs and cell size of an archive that `nnpp-edge costmap` has written; None for a file of another kind.
+    """Costs and cell size of an archive that `nnpp-edge costmap` has written; None for a file of
+    another kind.
 
-    The (H, W) costs are float32, the cell size is in metres, 1 where the archive has none. TerrainError where the
-    archive is damaged, holds no map of costs, or one that is larger than the memory that is free.
+    The (H, W) costs are float32, the cell size is in metres, 1 where the archive has none.
+    TerrainError where the archive is damaged, holds no map of costs, or one that is larger than the
+    memory that is free.
     """
     if path.suffix.lower() != ".npz" or problem_with_file(path) is not None:
         return None
-    with refused_as(TerrainError, f"{path}: wanted a map, got a file that cannot be read"), _Archive(path) as archive:
+    with (
+        refused_as(TerrainError, f"{path}: wanted a map, got a file that cannot be read"),
+        _Archive(path) as archive,
+    ):
         if "cost" not in archive.names:
             return None
-        promised, cell = archive.promised("cost"), archive.cell()
+        promised = archive.promised("cost")
+        cell = archive.cell()
         if promised.ndim != 2 or promised.size == 0 or promised.dtype.kind not in "biuf":
-            raise TerrainError(f"{path}: wanted an (H, W) array of costs, got {promised.shape} {promised.dtype}")
+            raise TerrainError(
+                f"{path}: wanted an (H, W) array of costs, got {promised.shape} {promised.dtype}"
+            )
         check_room(path, promised.shape, promised.dtype)
         return metres(archive.array("cost"), 1.0), cell[0] if cell else 1.0
 
 
-def check_room(path: Path, shape: tuple[int, ...], dtype: np.dtype[np.generic], more_bytes: int = 0) -> None:
-    """TerrainError where an array of this shape cannot become a map in the memory that is left, before it is read.
+def check_room(
+    path: Path, shape: tuple[int, ...], dtype: np.dtype[np.generic], more_bytes: int = 0
+) -> None:
+    """TerrainError where an array of this shape cannot become a map in the memory that is left,
+    before it is read.
 
     `more_bytes` is what reading it takes as well.
     """
@@ -72,7 +87,8 @@ def check_room(path: Path, shape: tuple[int, ...], dtype: np.dtype[np.generic], 
     if wanted > room:
         size = " × ".join(map(str, shape))
         raise TerrainError(
-            f"{path}: wanted {wanted / 1e9:.1f} GB of memory for {size} {dtype.name} heights, got {room / 1e9:.1f} GB"
+            f"{path}: wanted {wanted / 1e9:.1f} GB of memory for {size} {dtype.name} heights, got "
+            f"{room / 1e9:.1f} GB"
         )
 
 
@@ -96,7 +112,9 @@ def known_heights(elevation: Float2D) -> Float2D:
 def check_grid(path: Path, array: npt.NDArray[np.generic]) -> None:
     """TerrainError for what is not a 2-D array of at least one real number."""
     if array.ndim != 2 or array.size == 0 or array.dtype.kind not in "iuf":
-        raise TerrainError(f"{path}: wanted an (H, W) array of heights, got {array.shape} {array.dtype}")
+        raise TerrainError(
+            f"{path}: wanted an (H, W) array of heights, got {array.shape} {array.dtype}"
+        )
 
 
 class _Archive(zipfile.ZipFile):
@@ -116,24 +134,31 @@ class _Archive(zipfile.ZipFile):
         return found
 
     def elevation_name(self) -> str:
-        """That of the array of heights: one of ours, or the only one of two dimensions; TerrainError for others."""
+        """That of the array of heights: one of ours, or the only one of two dimensions;
+        TerrainError for others.
+        """
         if name := next((name for name in _ARRAY_NAMES if name in self.names), None):
             return name
         if "cost" in self.names:
             raise TerrainError(
-                f"{self.path}: wanted heights, got costs: `nnpp-edge run` takes them, no other command"
+                f"{self.path}: wanted heights, got costs: `nnpp-edge run` takes them, no other "
+                "command"
             )
         grids = [name for name in self.names if self.promised(name).ndim == 2]
         if len(grids) != 1:
-            wanted, got = ", ".join(_ARRAY_NAMES), ", ".join(self.names) or "nothing"
+            wanted = ", ".join(_ARRAY_NAMES)
+            got = ", ".join(self.names) or "nothing"
             raise TerrainError(f"{self.path}: wanted {wanted} or a single 2-D array, got {got}")
         return grids[0]
 
     def cell(self) -> tuple[float, float] | None:
         """Size and width of a cell; None where the archive does not say."""
-        size, width = self._number("cell_size_m", "cell_m"), self._number("cell_width_m")
+        size = self._number("cell_size_m", "cell_m")
+        width = self._number("cell_width_m")
         if size is None and width is not None:
-            raise TerrainError(f"{self.path}: wanted cell_size_m beside cell_width_m, got cell_width_m alone")
+            raise TerrainError(
+                f"{self.path}: wanted cell_size_m beside cell_width_m, got cell_width_m alone"
+            )
         return None if size is None else (size, width or size)
 
     def place(self) -> Georeference | None:
@@ -141,15 +166,22 @@ class _Archive(zipfile.ZipFile):
         if "transform" not in self.names:
             return None
         promised = self.promised("transform")
-        values = self.array("transform").tolist() if promised.shape == (6,) and promised.dtype.kind in "iuf" else []
+        values = (
+            self.array("transform").tolist()
+            if promised.shape == (6,) and promised.dtype.kind in "iuf"
+            else []
+        )
         a, b, c, d, e, f = values or [math.nan] * 6
         if not all(map(math.isfinite, (a, b, c, d, e, f))) or a * e == b * d:
-            wanted, got = "6 numbers (a, b, c, d, e, f) that place cells", values or promised.shape
+            wanted = "6 numbers (a, b, c, d, e, f) that place cells"
+            got = values or promised.shape
             raise TerrainError(f"{self.path}: transform must be {wanted}, got {got}")
         return Georeference(None, (a, b, c, d, e, f))
 
     def _number(self, *names: str) -> float | None:
-        """The scalar under the first of `names` that is there, above 0 and finite; None without one."""
+        """The scalar under the first of `names` that is there, above 0 and finite; None without
+        one.
+        """
         for name in names:
             if name in self.names:
                 promised = self.promised(name)
@@ -167,6 +199,8 @@ def _promised(file: IO[bytes]) -> npt.NDArray[np.generic]:
     if (version := npy.read_magic(file)) not in _HEADERS:
         raise ValueError(f"wanted version 1 or 2 of NumPy's format, got {version}")
     with warnings.catch_warnings():
-        warnings.simplefilter("ignore")  # a damaged header is parsed as Python, which warns of odd spellings
+        warnings.simplefilter(
+            "ignore"
+        )  # a damaged header is parsed as Python, which warns of odd spellings
         shape, _, dtype = _HEADERS[version](file)
     return np.broadcast_to(np.empty((), dtype), shape)

@@ -36,7 +36,9 @@ _OF_QUERIES = ("map_index", "start", "goal", "excess", "on_path")
 
 @dataclass(frozen=True)
 class Samples:
-    """Labelled queries in memory: Q queries on M maps of S × S cells, with labels on B × B blocks."""
+    """Labelled queries in memory: Q queries on M maps of S × S cells, with labels on B ×
+    B blocks.
+    """
 
     planes: NDArray[np.uint8]
     """(M, 2, S, S) mean cost (impassable as 1) and share of impassable cells, in 255ths."""
@@ -60,19 +62,27 @@ class Samples:
 
     def query(self, at: int) -> Query:
         """One query as a network is fed with it."""
-        start, goal = self.start[at].tolist(), self.goal[at].tolist()
+        start = self.start[at].tolist()
+        goal = self.goal[at].tolist()
         return self.planes[self.map_index[at]].astype(np.float32) / 255.0, tuple(start), tuple(goal)
 
     def averaged(self, size: int) -> "Samples":
-        """These samples on maps averaged to `size` cells a side, a whole part of theirs, or DataSetError."""
+        """These samples on maps averaged to `size` cells a side, a whole part of theirs, or
+        DataSetError.
+        """
         count, planes, side, _ = self.planes.shape
         if side % size:
-            raise DataSetError(f"wanted maps of {size} cells a side or a multiple of that, got {side}")
-        factor, half = side // size, np.float32(0.5)
+            raise DataSetError(
+                f"wanted maps of {size} cells a side or a multiple of that, got {side}"
+            )
+        factor = side // size
+        half = np.float32(0.5)
         if factor == 1:
             return self
         small = np.empty((count, planes, size, size), np.uint8)
-        for at, cells in enumerate(self.planes):  # one by one: as numbers of four bytes they would fill the memory
+        for at, cells in enumerate(
+            self.planes
+        ):  # one by one: as numbers of four bytes they would fill the memory
             parts = cells.astype(np.float32).reshape(planes, size, factor, size, factor)
             small[at] = np.rint(parts.mean(axis=(2, 4)))
         start, goal = ((place + half) / factor - half for place in (self.start, self.goal))
@@ -91,20 +101,25 @@ def make_dataset(
     make: Callable[[Recipe, Sequence[Dem], Sequence[int]], Shards] | None = None,
     progress: Callable[[int], object] = lambda done: None,
 ) -> dict[str, int]:
-    """Write what is missing of a data set; numbers of ``shards``, ``maps``, ``queries``, and of all shards (``of``).
+    """Write what is missing of a data set; numbers of ``shards``, ``maps``, ``queries``, and of all
+    shards (``of``).
 
-    The folder is made if need be; shards that are there are kept. To `make` shards elsewhere (`terrain.cluster`) is
-    to yield number and content of each missing one as it is done, from the recipe, the terrain and the numbers; else
-    `workers` processes do, one a core. `progress` is called with how many are done.
+    The folder is made if need be; shards that are there are kept. To `make` shards elsewhere
+    (`terrain.cluster`) is to yield number and content of each missing one as it is done, from the
+    recipe, the terrain and the numbers; else `workers` processes do, one a core. `progress` is
+    called with how many are done.
 
-    Raises DataSetError, TerrainError or OutputError where the folder holds another set, damaged shards, or cannot be
-    written to; terrain cannot be read, is too small or has no two cells to plan between; a process died.
+    Raises DataSetError, TerrainError or OutputError where the folder holds another set, damaged
+    shards, or cannot be written to; terrain cannot be read, is too small or has no two cells to
+    plan between; a process died.
     """
     missing = [i for i in range(recipe.shards) if not _shard_path(folder, i).exists()]
     tiles = read_terrain(recipe) if missing else []
     if sides := left_out(recipe, tiles):
         names = " and ".join(f"{side}²" for side in sides)
-        warnings.warn(f"the terrain has no room for maps of {names} cells: they are left out", stacklevel=2)
+        warnings.warn(
+            f"the terrain has no room for maps of {names} cells: they are left out", stacklevel=2
+        )
     make_folder(folder)
     _claim(recipe, folder)
     done = recipe.shards - len(missing)
@@ -116,16 +131,22 @@ def make_dataset(
             done += 1
             progress(done)
     maps_in, queries_in = ("heights", "factor") if recipe.known else ("planes", "map_index")
-    counts = [(len(shard[maps_in]), len(shard[queries_in])) for shard in read_shards(folder, recipe)]
+    counts = [
+        (len(shard[maps_in]), len(shard[queries_in])) for shard in read_shards(folder, recipe)
+    ]
     maps, queries = (sum(each) for each in zip(*counts, strict=True)) if counts else (0, 0)
     return {"shards": len(counts), "of": recipe.shards, "maps": maps, "queries": queries}
 
 
 def read_shards(folder: Path, recipe: Recipe) -> Iterator[Arrays]:
-    """The arrays of each shard in the folder, by name; DataSetError for one that is damaged or of another recipe."""
+    """The arrays of each shard in the folder, by name; DataSetError for one that is damaged or of
+    another recipe.
+    """
     for path in sorted(folder.glob("shard-*.npz")):
         with (
-            refused_as(DataSetError, f"{path}: wanted a shard of this data set, got a file that is none"),
+            refused_as(
+                DataSetError, f"{path}: wanted a shard of this data set, got a file that is none"
+            ),
             path.open("rb") as file,
             np.load(file, allow_pickle=False) as content,
         ):
@@ -136,7 +157,9 @@ def read_shards(folder: Path, recipe: Recipe) -> Iterator[Arrays]:
 
 def _check_shard(shard: Arrays, recipe: Recipe) -> None:
     """KeyError or ValueError where a shard's arrays are not those that the recipe makes."""
-    side, blocks, maps = recipe.size, recipe.blocks, len(shard["heights" if recipe.known else "planes"])
+    side = recipe.size
+    blocks = recipe.blocks
+    maps = len(shard["heights" if recipe.known else "planes"])
     queries = 0 if recipe.known else len(shard["map_index"])
     wanted: dict[str, tuple[str, tuple[int, ...]]] = {
         "planes": ("u1", (maps, 2, side, side)),
@@ -149,8 +172,13 @@ def _check_shard(shard: Arrays, recipe: Recipe) -> None:
         "on_path": ("u1", (queries, blocks, blocks // 8)),
     }
     if recipe.known:
-        wanted = dict.fromkeys(("cell_size_m", "slope_limit_deg", "hard_slope_deg"), ("f4", (maps,)))
-        wanted |= {"heights": ("f4", (maps, side, side)), "answers": ("u1", (maps, ANSWERS, side, side))}
+        wanted = dict.fromkeys(
+            ("cell_size_m", "slope_limit_deg", "hard_slope_deg"), ("f4", (maps,))
+        )
+        wanted |= {
+            "heights": ("f4", (maps, side, side)),
+            "answers": ("u1", (maps, ANSWERS, side, side)),
+        }
         wanted["factor"] = "i4", (maps,)
     for name, (dtype, shape) in wanted.items():
         got = shard[name]
@@ -161,19 +189,29 @@ def _check_shard(shard: Arrays, recipe: Recipe) -> None:
         return
     ends = np.stack([shard["start"], shard["goal"]]).astype(np.float32)
     numbers = shard["map_index"].astype(np.int32)
-    if not (queries and set(numbers.tolist()) <= set(range(maps)) and ((ends > -1) & (ends < side)).all()):
+    if not (
+        queries
+        and set(numbers.tolist()) <= set(range(maps))
+        and ((ends > -1) & (ends < side)).all()
+    ):
         raise ValueError("its queries do not lie on its maps")
 
 
 def read_known(folder: Path) -> KnownMaps:
-    """All maps of a data set that are known by their blocks; DataSetError where it cannot be read, or has none."""
+    """All maps of a data set that are known by their blocks; DataSetError where it cannot be read,
+    or has none.
+    """
     recipe = read_recipe(folder)
     if not recipe.known:
-        raise DataSetError(f"{folder}: wanted maps that are known by their blocks (dataset --known), got others")
+        raise DataSetError(
+            f"{folder}: wanted maps that are known by their blocks (dataset --known), got others"
+        )
     shards = list(read_shards(folder, recipe))
     if not shards:
         raise DataSetError(f"{folder}: wanted at least one shard, got none")
-    return KnownMaps(*(np.concatenate([shard[field.name] for shard in shards]) for field in fields(KnownMaps)))
+    return KnownMaps(
+        *(np.concatenate([shard[field.name] for shard in shards]) for field in fields(KnownMaps))
+    )
 
 
 def read_recipe(folder: Path) -> Recipe:
@@ -185,18 +223,23 @@ def read_recipe(folder: Path) -> Recipe:
         if (of := stored.pop("format", None)) == FORMAT:
             return msgspec.convert(stored, Recipe)
     except (OSError, RecursionError, ValueError, msgspec.MsgspecError) as error:
-        raise DataSetError(f"{folder}: wanted a data set's folder with {RECIPE_FILE}, got {error}") from error
+        raise DataSetError(
+            f"{folder}: wanted a data set's folder with {RECIPE_FILE}, got {error}"
+        ) from error
     raise DataSetError(f"{folder}: wanted a data set of format {FORMAT}, got {of!r}")
 
 
 def read_samples(folder: Path, most_maps: int | None = None, *, size: int | None = None) -> Samples:
-    """All samples of a data set (or of its first shards, up to `most_maps`), averaged down to maps of `size`.
+    """All samples of a data set (or of its first shards, up to `most_maps`), averaged down to maps
+    of `size`.
 
     DataSetError where the set cannot be read, or has no maps of that size.
     """
     recipe = read_recipe(folder)
     if recipe.known:
-        raise DataSetError(f"{folder}: wanted maps with queries, got maps that are known by their blocks")
+        raise DataSetError(
+            f"{folder}: wanted maps with queries, got maps that are known by their blocks"
+        )
     parts: list[Samples] = []
     maps = 0
     for shard in read_shards(folder, recipe):
@@ -207,17 +250,26 @@ def read_samples(folder: Path, most_maps: int | None = None, *, size: int | None
             break
     if not parts:
         raise DataSetError(f"{folder}: wanted at least one shard, got none")
-    return Samples(*(np.concatenate([getattr(part, field.name) for part in parts]) for field in fields(Samples)))
+    return Samples(
+        *(
+            np.concatenate([getattr(part, field.name) for part in parts])
+            for field in fields(Samples)
+        )
+    )
 
 
 def _claim(recipe: Recipe, folder: Path) -> None:
-    """Write the recipe into the folder, or check that the one there is the same: one without shards is replaced."""
+    """Write the recipe into the folder, or check that the one there is the same: one without shards
+    is replaced.
+    """
     path = folder / RECIPE_FILE
     if not path.exists() or not any(folder.glob("shard-*.npz")):
         stored = {"format": FORMAT, **msgspec.structs.asdict(recipe)}
         write_whole(path, msgspec.json.format(msgspec.json.encode(stored), indent=1))
     elif read_recipe(folder) != recipe:
-        raise DataSetError(f"{folder}: holds a data set made by another recipe; give another folder")
+        raise DataSetError(
+            f"{folder}: holds a data set made by another recipe; give another folder"
+        )
 
 
 def _shard_path(folder: Path, index: int) -> Path:
@@ -228,7 +280,9 @@ _recipe: Recipe
 _tiles: Sequence[Dem]
 
 
-def _shards_here(recipe: Recipe, tiles: Sequence[Dem], indices: Sequence[int], workers: int | None) -> Shards:
+def _shards_here(
+    recipe: Recipe, tiles: Sequence[Dem], indices: Sequence[int], workers: int | None
+) -> Shards:
     context = multiprocessing.get_context("spawn")
     workers = workers or len(os.sched_getaffinity(0))
     with ProcessPoolExecutor(workers, context, _start_worker, (recipe, tiles)) as pool:
@@ -237,7 +291,8 @@ def _shards_here(recipe: Recipe, tiles: Sequence[Dem], indices: Sequence[int], w
                 yield job.result()
         except (BrokenProcessPool, MemoryError) as error:
             raise DataSetError(
-                f"wanted {workers} processes that make shards, got one that died; fewer --workers take less memory"
+                f"wanted {workers} processes that make shards, got one that died; fewer --workers "
+                "take less memory"
             ) from error
         finally:
             pool.shutdown(cancel_futures=True)
@@ -245,7 +300,8 @@ def _shards_here(recipe: Recipe, tiles: Sequence[Dem], indices: Sequence[int], w
 
 def _start_worker(recipe: Recipe, tiles: Sequence[Dem]) -> None:
     global _recipe, _tiles
-    _recipe, _tiles = recipe, tiles
+    _recipe = recipe
+    _tiles = tiles
 
 
 def _make_here(index: int) -> tuple[int, bytes]:

@@ -27,7 +27,8 @@ ARRAY_ENDINGS = (".npy", ".npz")
 
 @dataclass(frozen=True, eq=False)
 class Dem(Place):
-    """An elevation map: (H, W) float32 metres, NaN where unknown, and the size of its cells (`Place`).
+    """An elevation map: (H, W) float32 metres, NaN where unknown, and the size of its cells
+    (`Place`).
 
     Masked cells become unknown. TerrainError where no cell is known, or a number makes no sense.
     """
@@ -42,9 +43,13 @@ class Dem(Place):
         object.__setattr__(self, "elevation", unmasked(self.elevation))
         check_grid(self.source, self.elevation)
         if self.elevation.dtype != np.float32:
-            raise TerrainError(f"{self.source}: elevation must be float32, got {self.elevation.dtype}")
+            raise TerrainError(
+                f"{self.source}: elevation must be float32, got {self.elevation.dtype}"
+            )
         if not np.isfinite(self.elevation).any():
-            raise TerrainError(f"{self.source}: wanted an elevation map, got no cell with a known height")
+            raise TerrainError(
+                f"{self.source}: wanted an elevation map, got no cell with a known height"
+            )
         self.check_place()
 
     @property
@@ -60,14 +65,18 @@ class Dem(Place):
         factor = cell_size_m / self.cell_size_m
         width = self.cell_width_m * factor
         return replace(
-            self, elevation=metres(self.elevation, factor), cell_size_m=float(cell_size_m), cell_width_m=width
+            self,
+            elevation=metres(self.elevation, factor),
+            cell_size_m=float(cell_size_m),
+            cell_width_m=width,
         )
 
     def resampled(self, cell_size_m: float) -> "Dem":
         """This terrain in finer cells, of heights that are bilinear between the middles of its own.
 
-        The first cell keeps its middle; the last one's is no farther than this map's last. Unknown where one of these
-        heights is. InvalidQueryError where the cells would not be smaller, or more than `MOST_RESAMPLED`.
+        The first cell keeps its middle; the last one's is no farther than this map's last. Unknown
+        where one of these heights is. InvalidQueryError where the cells would not be smaller, or
+        more than `MOST_RESAMPLED`.
         """
         share = cell_size_m / self.cell_size_m
         rows, cols = self.shape
@@ -75,20 +84,31 @@ class Dem(Place):
             rows, cols = (int(min((cells - 1) / share, 1e9) + 1e-6) + 1 for cells in self.shape)
         if not finer or rows * cols > MOST_RESAMPLED:
             raise InvalidQueryError(
-                f"{self.source}: wanted finer cells, below {self.cell_size_m:g} m and at most {MOST_RESAMPLED} of "
+                f"{self.source}: wanted finer cells, below {self.cell_size_m:g} m and at most "
+                f"{MOST_RESAMPLED} of "
                 f"them, got {rows} × {cols} cells of {cell_size_m:g} m"
             )
-        heights, columns = np.empty((rows, cols), np.float32), share * np.arange(cols)
+        heights = np.empty((rows, cols), np.float32)
+        columns = share * np.arange(cols)
         for row in range(rows):
-            heights[row] = heights_at(self.elevation, np.column_stack((np.full(cols, share * row), columns)))
+            heights[row] = heights_at(
+                self.elevation, np.column_stack((np.full(cols, share * row), columns))
+            )
         place = self.georeference
         if place is not None:
-            (a, b, c, d, e, f), corner = place.transform, 0.5 * (1.0 - share)
+            a, b, c, d, e, f = place.transform
+            corner = 0.5 * (1.0 - share)
             moved = c + (a + b) * corner, f + (d + e) * corner
-            place = replace(place, transform=(a * share, b * share, moved[0], d * share, e * share, moved[1]))
+            place = replace(
+                place, transform=(a * share, b * share, moved[0], d * share, e * share, moved[1])
+            )
         width = self.cell_width_m * share
         return replace(
-            self, elevation=heights, cell_size_m=float(cell_size_m), cell_width_m=width, georeference=place
+            self,
+            elevation=heights,
+            cell_size_m=float(cell_size_m),
+            cell_width_m=width,
+            georeference=place,
         )
 
 
@@ -102,27 +122,30 @@ def read_dem(path: Path | str, cell_size_m: float | None = None) -> Dem:
     Parameters
     ----------
     path : Path or str
-        A raster of one band in one of `gdal_files.FORMATS`, whatever its name (for a PDS3 `.img` with a `.lbl` beside
-        it, the label is opened); a 2-D `.npy`; an `.npz` with `elevation_m`, `elevation`, `dem` or a single 2-D
-        array, and perhaps `cell_size_m` (or `cell_m`), `cell_width_m` and `transform`, as of `Georeference`.
+        A raster of one band in one of `gdal_files.FORMATS`, whatever its name (for a PDS3 `.img`
+        with a `.lbl` beside it, the label is opened); a 2-D `.npy`; an `.npz` with `elevation_m`,
+        `elevation`, `dem` or a single 2-D array, and perhaps `cell_size_m` (or `cell_m`),
+        `cell_width_m` and `transform`, as of `Georeference`.
     cell_size_m : float, optional
         Side of a cell, north-south. Wins over the file's; the ratio of width to height is kept.
 
     Returns
     -------
     Dem
-        NaN where the file has no data, an infinity, or a height beyond 1e9 m (a fill value left undeclared).
+        NaN where the file has no data, an infinity, or a height beyond 1e9 m (a fill value left
+        undeclared).
 
     Raises
     ------
     TerrainError, InvalidQueryError, MissingExtraError
-        The file is missing, broken, no elevation map, too large for the memory that is left, or lacks a cell size;
-        the size given makes no sense; the format needs rasterio, which is not installed.
+        The file is missing, broken, no elevation map, too large for the memory that is left, or
+        lacks a cell size; the size given makes no sense; the format needs rasterio, which is not
+        installed.
 
     Notes
-    -----
-    Cells are as long as the ground under them (`coordinates.cell_on_ground`). An offset over 100 km is a body's
-    radius (PDS3 labels of the Moon): it is left out, so heights count from that sphere and keep float32's precision.
+    ----- Cells are as long as the ground under them (`coordinates.cell_on_ground`). An offset over
+    100 km is a body's radius (PDS3 labels of the Moon): it is left out, so heights count from that
+    sphere and keep float32's precision.
     """
     path = Path(path)
     read = read_arrays if path.suffix.lower() in ARRAY_ENDINGS else read_raster
@@ -137,7 +160,9 @@ def checked_file(path: Path) -> Iterator[None]:
     """Refuse what is no file; whatever is raised meanwhile becomes a TerrainError."""
     if (problem := problem_with_file(path)) is not None:
         raise TerrainError(f"{path}: wanted a file with an elevation map ({problem})")
-    with refused_as(TerrainError, f"{path}: wanted an elevation map, got a file that cannot be read"):
+    with refused_as(
+        TerrainError, f"{path}: wanted an elevation map, got a file that cannot be read"
+    ):
         yield
 
 
@@ -148,7 +173,9 @@ def cell_sides(
     place: Georeference | None,
     wanted: float | None,
 ) -> tuple[float, float]:
-    """A cell's (size, width): the file's or its ground's, or of the size that was asked for; TerrainError without."""
+    """A cell's (size, width): the file's or its ground's, or of the size that was asked for;
+    TerrainError without.
+    """
     if cell is None and place is not None:
         cell = cell_on_ground(path, place, shape, warn=wanted is None)
     if cell is not None:
@@ -188,7 +215,9 @@ _MOST_BLOCK_BYTES = 1 << 28
 
 @dataclass(frozen=True, eq=False)
 class DemWindows(Place):
-    """An elevation map in an open file: what `Dem` holds, but its heights are read a rectangle at a time."""
+    """An elevation map in an open file: what `Dem` holds, but its heights are read a rectangle at a
+    time.
+    """
 
     cell_size_m: float
     cell_width_m: float
@@ -211,14 +240,18 @@ class DemWindows(Place):
         return self.raster.block
 
     def read(self, part: Rectangle) -> Float2D:
-        """(rows, cols) float32 heights of a rectangle, as `read_dem` gives them; TerrainError for a broken file."""
+        """(rows, cols) float32 heights of a rectangle, as `read_dem` gives them; TerrainError for a
+        broken file.
+        """
         with refused_as(TerrainError, f"{self.source}: cells {part} could not be read"):
             heights = known_heights(self.raster.heights(part))
         return heights if self.scale == 1.0 else metres(heights, self.scale)
 
 
 def size_of(path: Path) -> tuple[int, int] | None:
-    """Rows and columns of a raster, by its header; None for a file that only `read_dem` reads, or none at all."""
+    """Rows and columns of a raster, by its header; None for a file that only `read_dem` reads, or
+    none at all.
+    """
     if path.suffix.lower() in ARRAY_ENDINGS or problem_with_file(path) is not None:
         return None
     with checked_file(path), opened_raster(path) as raster:
@@ -232,7 +265,8 @@ def open_dem(
     *,
     rescale_m: float | None = None,
 ) -> Iterator[DemWindows]:
-    """An elevation map in a raster, to be read by windows; arguments and errors as of `read_dem` and `Dem.rescaled`.
+    """An elevation map in a raster, to be read by windows; arguments and errors as of `read_dem`
+    and `Dem.rescaled`.
 
     TerrainError, too, for one stored in blocks too large to be read one at a time.
     """
@@ -240,11 +274,14 @@ def open_dem(
     with ExitStack() as stack:
         with checked_file(path):
             raster = stack.enter_context(opened_raster(path, by_windows=True))
-            row_of_blocks = raster.block[0] * max(raster.shape[1], raster.block[1]) * raster.dtype.itemsize
+            row_of_blocks = (
+                raster.block[0] * max(raster.shape[1], raster.block[1]) * raster.dtype.itemsize
+            )
             if (text := raster.driver == "AAIGrid") or row_of_blocks > _MOST_BLOCK_BYTES:
                 stored = "as text" if text else "in blocks of {} × {} cells".format(*raster.block)
                 raise TerrainError(
-                    f"{path}: wanted a raster that can be read by windows, got one stored {stored}: "
+                    f"{path}: wanted a raster that can be read by windows, got one stored "
+                    f"{stored}: "
                     "make it tiled with gdal_translate -of COG"
                 )
             georeference = raster.place()

@@ -1,7 +1,8 @@
 """Which files GDAL may open: rasters of known formats that hold their heights themselves.
 
-GDAL opens far more than elevation maps, and reads files and addresses that some formats name, or that lie beside a
-raster. So the driver is one of `DRIVERS`, and what it would open besides is checked here before GDAL sees it.
+GDAL opens far more than elevation maps, and reads files and addresses that some formats name, or
+that lie beside a raster. So the driver is one of `DRIVERS`, and what it would open besides is
+checked here before GDAL sees it.
 """
 
 import re
@@ -21,7 +22,9 @@ _HEAD_BYTES = 1 << 20
 _TIFF_STARTS = (b"II*\0", b"MM\0*", b"II+\0", b"MM\0+")
 _PLAIN_STARTS = (*_TIFF_STARTS, b"EHFA_HEADER_TAG")
 """Of TIFF, BigTIFF and Erdas files."""
-_XML_FORMATS = re.compile(rb"<(VRTDataset|GDAL\w*Dataset|GDAL_W\w+|WCS_GDAL|MRF_META)", re.IGNORECASE)
+_XML_FORMATS = re.compile(
+    rb"<(VRTDataset|GDAL\w*Dataset|GDAL_W\w+|WCS_GDAL|MRF_META)", re.IGNORECASE
+)
 """GDAL looks for some of these anywhere in a file's head, whatever the file begins with."""
 _SIDECARS = (".msk", ".ovr", ".aux", ".rrd")
 """Masks, overviews and statistics: GDAL opens those beside a raster with any driver there is."""
@@ -29,41 +32,58 @@ _LABEL_END = re.compile(rb"^\s*END\s*$", re.MULTILINE)
 
 
 def openable(path: Path) -> Path:
-    """The name for GDAL to open for an elevation map: of a PDS3 image with a detached label, that of the label.
+    """The name for GDAL to open for an elevation map: of a PDS3 image with a detached label, that
+    of the label.
 
-    TerrainError where GDAL would open what is no plain raster: XML, or a label or a sidecar that leads elsewhere.
+    TerrainError where GDAL would open what is no plain raster: XML, or a label or a sidecar that
+    leads elsewhere.
     """
     if path.suffix.lower() in _RECORDINGS:
         hint = "`GridMap` of nnpp_edge.ros.maps makes an .npz of one (docs/how-to-maps.md)"
         raise TerrainError(f"{path}: wanted an elevation map, got a recording of messages; {hint}")
     endings = (".lbl", ".LBL") if path.suffix.lower() == ".img" else ()
-    # GDAL takes names in a file as they stand where the file's own has no folder: `/vsicurl/…`, say.
-    opened = next((label for end in endings if (label := path.with_suffix(end)).is_file()), path).absolute()
+    # GDAL takes names in a file as they stand where the file's own has no folder: `/vsicurl/…`,
+    # say.
+    opened = next(
+        (label for end in endings if (label := path.with_suffix(end)).is_file()), path
+    ).absolute()
     head = _head(opened)
     if head.lstrip(b"\xef\xbb\xbf \t\r\n").startswith(b"<"):
         hint = "; gdal_translate -of COG makes a GeoTIFF of a VRT" if b"<VRTDataset" in head else ""
         raise TerrainError(f"{path}: wanted {FORMATS}, got XML that names other files{hint}")
     if b"PDS_VERSION_ID" in head:
         end = _LABEL_END.search(head)
-        if end is None or b"COMPRESSED_FILE" in head[: end.start()].upper():  # GDAL opens that with any driver
-            raise TerrainError(f"{path}: wanted a PDS3 label of at most 1 MiB of an image that is not compressed")
-    if head.startswith(_TIFF_STARTS):  # libtiff would print on stderr where the first directory lies beyond the end
-        big, order = b"+" in head[2:4], "little" if head.startswith(b"II") else "big"
+        if (
+            end is None or b"COMPRESSED_FILE" in head[: end.start()].upper()
+        ):  # GDAL opens that with any driver
+            raise TerrainError(
+                f"{path}: wanted a PDS3 label of at most 1 MiB of an image that is not compressed"
+            )
+    if head.startswith(
+        _TIFF_STARTS
+    ):  # libtiff would print on stderr where the first directory lies beyond the end
+        big = b"+" in head[2:4]
+        order = "little" if head.startswith(b"II") else "big"
         if int.from_bytes(head[8:16] if big else head[4:8], order) >= opened.stat().st_size:  # type: ignore[arg-type]
-            raise TerrainError(f"{path}: wanted a whole TIFF, got one whose first directory lies beyond its end")
+            raise TerrainError(
+                f"{path}: wanted a whole TIFF, got one whose first directory lies beyond its end"
+            )
     _check_sidecars(path, opened)
     return opened
 
 
 def _check_sidecars(path: Path, opened: Path) -> None:
-    """TerrainError for a file beside a raster that GDAL would open with it, and that is no plain raster."""
+    """TerrainError for a file beside a raster that GDAL would open with it, and that is no plain
+    raster.
+    """
     start = f"{opened.stem.lower()}."
     for other in opened.parent.iterdir():
         if other.suffix.lower() in _SIDECARS and other.name.lower().startswith(start):
             head = _head(other)
             if not head.startswith(_PLAIN_STARTS) or _XML_FORMATS.search(head):
                 raise TerrainError(
-                    f"{path}: wanted a plain raster in {other.name} beside it, got another kind of file"
+                    f"{path}: wanted a plain raster in {other.name} beside it, got another kind "
+                    "of file"
                 )
 
 

@@ -8,7 +8,8 @@ from nnpp_edge.runtime.errors import InvalidQueryError, TerrainError
 
 _FARTHEST = 2.0**53
 """Cells from the map's corner: whole numbers up to here are floats."""
-LEAST_SIDE_M, MOST_SIDE_M = 1e-6, 1e9
+LEAST_SIDE_M = 1e-6
+MOST_SIDE_M = 1e9
 """Of a cell: beyond, slopes leave float32."""
 
 
@@ -17,7 +18,8 @@ class Georeference:
     """Where the cells lie on the map.
 
     `crs` is the coordinate system as WKT, None where the file names none. `transform` is rasterio's
-    (a, b, c, d, e, f): the corner of cell (row, col) lies at x = a col + b row + c, y = d col + e row + f.
+    (a, b, c, d, e, f): the corner of cell (row, col) lies at x = a col + b row + c, y = d col + e
+    row + f.
     """
 
     crs: str | None
@@ -26,28 +28,36 @@ class Georeference:
     def map_coordinates(self, row: float, col: float) -> tuple[float, float]:
         """Map coordinates (x, y) of the centre of cell (row, col), in the units of `crs`."""
         a, b, c, d, e, f = self.transform
-        row, col = row + 0.5, col + 0.5
+        row = row + 0.5
+        col = col + 0.5
         return a * col + b * row + c, d * col + e * row + f
 
     def cell_of(self, x: float, y: float) -> tuple[int, int]:
         """Cell (row, col) that holds the map point (x, y); it may lie outside the map.
 
-        Raises InvalidQueryError where x or y is not finite, or so far away that its cell has no number.
+        Raises InvalidQueryError where x or y is not finite, or so far away that its cell has no
+        number.
         """
         a, b, c, d, e, f = self.transform
         determinant = a * e - b * d
         col = (e * (x - c) - b * (y - f)) / determinant
         row = (a * (y - f) - d * (x - c)) / determinant
         if not max(abs(row), abs(col)) < _FARTHEST:
-            raise InvalidQueryError(f"map coordinates must be finite and near the map, got ({x:g}, {y:g})")
+            raise InvalidQueryError(
+                f"map coordinates must be finite and near the map, got ({x:g}, {y:g})"
+            )
         return math.floor(row), math.floor(col)
 
 
 class Place:
-    """Where a map lies, and how large its cells are: what maps in memory and maps read by windows share."""
+    """Where a map lies, and how large its cells are: what maps in memory and maps read by windows
+    share.
+    """
 
     cell_size_m: float
-    """Side of a cell along a column of the map (north-south); `cell_width_m` along a row (east-west)."""
+    """Side of a cell along a column of the map (north-south); `cell_width_m` along a row
+    (east-west).
+    """
     cell_width_m: float
     georeference: Georeference | None
     """Where the cells lie, in the coordinates of the file."""
@@ -64,7 +74,9 @@ class Place:
         check_sides(self.source, self.cell_size_m, self.cell_width_m)
         corners = [self.map_coordinates(*at) for at in ((0, 0), self.shape)]
         if not all(math.isfinite(number) for corner in corners for number in corner):
-            raise TerrainError(f"{self.source}: wanted corners with finite coordinates, got {corners}")
+            raise TerrainError(
+                f"{self.source}: wanted corners with finite coordinates, got {corners}"
+            )
 
     def map_coordinates(self, row: float, col: float) -> tuple[float, float]:
         """As `Georeference.map_coordinates`."""
@@ -76,9 +88,14 @@ class Place:
 
     @property
     def located(self) -> Georeference:
-        """The file's georeference; without one, metres from the middle of cell (0, 0), y downwards."""
-        size, width = self.cell_size_m, self.cell_width_m
-        return self.georeference or Georeference(None, (width, 0.0, -0.5 * width, 0.0, size, -0.5 * size))
+        """The file's georeference; without one, metres from the middle of cell (0, 0), y
+        downwards.
+        """
+        size = self.cell_size_m
+        width = self.cell_width_m
+        return self.georeference or Georeference(
+            None, (width, 0.0, -0.5 * width, 0.0, size, -0.5 * size)
+        )
 
 
 def check_sides(source: Path, *sides: float) -> None:

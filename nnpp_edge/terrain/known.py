@@ -1,4 +1,6 @@
-"""Training maps of which blocks are known coarsely: their mean elevations, and what their cells turn out to be."""
+"""Training maps of which blocks are known coarsely: their mean elevations, and what their cells
+turn out to be.
+"""
 
 import math
 from dataclasses import dataclass, fields
@@ -24,8 +26,9 @@ class KnownMaps:
     heights: Floats
     """(M, B, B) mean elevation, metres relative to the map's mean."""
     answers: NDArray[np.uint8]
-    """(M, 3, B, B) of each block, 1 as `CERTAIN`: mean T of its cells, impassable ones as 1; share of impassable
-    cells; of the ways across it, down and to the side, the share that these close."""
+    """(M, 3, B, B) of each block, 1 as `CERTAIN`: mean T of its cells, impassable ones as 1;
+    share of impassable cells; of the ways across it, down and to the side, the share that these
+    close."""
     factor: NDArray[np.int32]
     cell_size_m: Floats
     """(M,) side of a cell."""
@@ -38,7 +41,9 @@ class KnownMaps:
 
     def limits(self, at: int) -> Traversability:
         """Those of the slope of one map."""
-        return Traversability(float(self.slope_limit_deg[at]), hard_slope_deg=float(self.hard_slope_deg[at]))
+        return Traversability(
+            float(self.slope_limit_deg[at]), hard_slope_deg=float(self.hard_slope_deg[at])
+        )
 
     def pick(self, maps: slice) -> "KnownMaps":
         """Some of the maps."""
@@ -59,9 +64,16 @@ def known_map(
     of_blocks = (side, factor, side, factor)
     heights = elevation.reshape(of_blocks).mean(axis=(1, 3))
     shares = (np.where(blocked, np.float32(1.0), cost), blocked.astype(np.float32))
-    answers = np.stack([*(each.reshape(of_blocks).mean(axis=(1, 3)) for each in shares), _closed(blocked, factor)])
+    answers = np.stack(
+        [*(each.reshape(of_blocks).mean(axis=(1, 3)) for each in shares), _closed(blocked, factor)]
+    )
     known = np.rint(CERTAIN * answers).astype(np.uint8), np.int32(factor), np.float32(cell_size_m)
-    return heights - heights.mean(), *known, np.float32(limits.slope_limit_deg), np.float32(limits.hard_slope_deg)
+    return (
+        heights - heights.mean(),
+        *known,
+        np.float32(limits.slope_limit_deg),
+        np.float32(limits.hard_slope_deg),
+    )
 
 
 def _closed(blocked: NDArray[np.bool_], factor: int) -> Floats:
@@ -78,16 +90,24 @@ def _closed(blocked: NDArray[np.bool_], factor: int) -> Floats:
 
 def fitted_slope(maps: KnownMaps) -> SlopePrice:
     """The numbers of `expected_by_slope` that fit these maps best, by least squares."""
-    shares, means, over = list[Floats](), list[Floats](), list[Floats]()
+    shares = list[Floats]()
+    means = list[Floats]()
+    over = list[Floats]()
     for at in range(len(maps)):
-        limits, factor = maps.limits(at), int(maps.factor[at])
+        limits = maps.limits(at)
+        factor = int(maps.factor[at])
         slope = terrain_terms(maps.heights[at], float(maps.cell_size_m[at]) * factor)[0]
         answers = maps.wanted(at)
         shares.append(np.minimum(slope / math.radians(limits.slope_limit_deg), 1.0).ravel())
         means.append(answers[0].ravel())
         if limits.hard_slope_deg < math.inf:
-            errors = [expected_by_slope(slope, limits, factor, SlopePrice(0.0, 0.0, s))[1] for s in _SPREADS]
-            over.append(np.array([((each - answers[1]) ** 2).mean() for each in errors], np.float32))
+            errors = [
+                expected_by_slope(slope, limits, factor, SlopePrice(0.0, 0.0, s))[1]
+                for s in _SPREADS
+            ]
+            over.append(
+                np.array([((each - answers[1]) ** 2).mean() for each in errors], np.float32)
+            )
     gain, floor = np.polyfit(np.concatenate(shares), np.concatenate(means), 1)
     spread = float(_SPREADS[np.mean(over, axis=0).argmin()]) if over else SlopePrice().spread
     return SlopePrice(round(float(floor), 3), round(float(gain), 3), round(spread, 3))

@@ -1,4 +1,6 @@
-"""Labels by our own exact search: the optimal path, and how far from optimal each part of the map is."""
+"""Labels by our own exact search: the optimal path, and how far from optimal each part of the map
+is.
+"""
 
 import math
 from itertools import combinations
@@ -15,21 +17,29 @@ from nnpp_edge.runtime.search.astar import astar, cost_field
 from nnpp_edge.runtime.search.workspace import Workspace
 
 EXCESS_STEP = 0.001
-"""The excess is kept in steps of 0.1 %; level 255 stands for 25.5 % and more, and for out of reach."""
+"""The excess is kept in steps of 0.1 %; level 255 stands for 25.5 % and more, and for out
+of reach.
+"""
 
 
 class Label(NamedTuple):
-    """Labels of one query by the exact search: its optimal path, and how much worse each block's best path is."""
+    """Labels of one query by the exact search: its optimal path, and how much worse each block's
+    best path is.
+    """
 
     start: Cell
     goal: Cell
     path: NDArray[np.int32]
     """(N, 2) the optimal path."""
     excess: NDArray[np.uint8]
-    """(blocks, blocks) of the best path through any cell of a block over the optimum, in steps of `EXCESS_STEP`."""
+    """(blocks, blocks) of the best path through any cell of a block over the optimum, in steps of
+    `EXCESS_STEP`.
+    """
 
 
-def random_points(rng: np.random.Generator, cost: NDArray[np.float32], count: int) -> NDArray[np.int32]:
+def random_points(
+    rng: np.random.Generator, cost: NDArray[np.float32], count: int
+) -> NDArray[np.int32]:
     """Passable cells, each drawn at random: (count, 2) int32; none where no cell is passable."""
     passable = np.argwhere(cost < 1.0).astype(np.int32)
     return passable[rng.integers(0, len(passable), count)] if len(passable) else passable
@@ -47,9 +57,15 @@ def random_query(
 
 
 def label_queries(
-    cost: NDArray[np.float32], points: NDArray[np.int32], least_distance: float, blocks: int, omega: float
+    cost: NDArray[np.float32],
+    points: NDArray[np.int32],
+    least_distance: float,
+    blocks: int,
+    omega: float,
 ) -> list[Label]:
-    """The labels of every pair of points (N, 2) on (H, W) costs that is so many cells apart, and connected."""
+    """The labels of every pair of points (N, 2) on (H, W) costs that is so many cells apart, and
+    connected.
+    """
     grid = Grid.of(cost, StepModel.of("paper", omega))
     workspace = Workspace(len(grid.weights))
     cells = [_cell(point) for point in points]
@@ -57,7 +73,8 @@ def label_queries(
     side = cost.shape[0] // blocks
     out = []
     for a, b in combinations(range(len(points)), 2):
-        start, goal = cells[a], cells[b]
+        start = cells[a]
+        goal = cells[b]
         optimum = float(fields[a][goal])
         if math.dist(start, goal) < least_distance or not math.isfinite(optimum):
             continue
@@ -65,7 +82,9 @@ def label_queries(
         assert found.status is Status.OK
         through = (fields[a] + fields[b]).reshape(blocks, side, blocks, side).min(axis=(1, 3))
         excess = np.minimum((through / optimum - 1.0) / EXCESS_STEP, 255.0)
-        out.append(Label(start, goal, found.path, np.maximum(np.rint(excess), 0.0).astype(np.uint8)))
+        out.append(
+            Label(start, goal, found.path, np.maximum(np.rint(excess), 0.0).astype(np.uint8))
+        )
     return out
 
 

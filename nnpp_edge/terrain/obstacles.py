@@ -12,19 +12,28 @@ OBSTACLE = 1.0
 """Traversability cost of an obstacle: impassable (the paper's)."""
 CLEAR = 3
 """Cells around robot and goal that no obstacle covers."""
-# of single events: obstacles at a time; chances of a new one, else of one that vanishes rather than moves, and of a
-# new one on the path ahead; cells that one moves at most, to each side
-_MOST, _APPEARS, _DISAPPEARS, _ACROSS_THE_PATH, _REACH = 12, 0.4, 0.4, 0.5, 2
+# of single events: obstacles at a time; chances of a new one, else of one that vanishes rather than
+# moves, and of a new one on the path ahead; cells that one moves at most, to each side
+_MOST = 12
+_APPEARS = 0.4
+_DISAPPEARS = 0.4
+_ACROSS_THE_PATH = 0.5
+_REACH = 2
 _SIDES = (1 / 20, 1 / 8)
 """Sides of an obstacle of the paper's scene, as shares of the map's."""
-_ON_PATH, _VANISHES, _MOVES = (0.15, 0.85), 0.25, 0.35
-"""Where on what is left of the path one appears in the paper's scene, and the chances of each there."""
+_ON_PATH = (0.15, 0.85)
+_VANISHES = 0.25
+_MOVES = 0.35
+"""Where on what is left of the path one appears in the paper's scene, and the chances of each
+there.
+"""
 
 
 class Obstacles:
     """Obstacles on a map of this shape, (H, W); the same for the same generator.
 
-    Their cells have at least this `value`, and stay out of so many `clear` cells around robot and goal.
+    Their cells have at least this `value`, and stay out of so many `clear` cells around robot and
+    goal.
     """
 
     def __init__(
@@ -35,12 +44,18 @@ class Obstacles:
         value: float = OBSTACLE,
         clear: int = CLEAR,
     ) -> None:
-        self.shape, self._rng, self._value, self._clear = shape, rng, value, clear
+        self.shape = shape
+        self._rng = rng
+        self._value = value
+        self._clear = clear
         self.blocks: list[Rectangle] = []
 
     def one_event(self, robot: Cell, goal: Cell, path: NDArray[np.int32]) -> list[Rectangle]:
-        """One obstacle appears, moves or vanishes; the parts of the map that change, none where no place was free."""
-        rng, blocks = self._rng, self.blocks
+        """One obstacle appears, moves or vanishes; the parts of the map that change, none where no
+        place was free.
+        """
+        rng = self._rng
+        blocks = self.blocks
         if not blocks or (len(blocks) < _MOST and rng.random() < _APPEARS):
             block = self._new(path)
             if self._near(block, robot, goal):
@@ -50,19 +65,25 @@ class Obstacles:
         at = int(rng.integers(len(blocks)))
         if rng.random() < _DISAPPEARS:
             return [blocks.pop(at)]
-        old, new = blocks[at], self._moved(blocks[at], _REACH, _REACH)
+        old = blocks[at]
+        new = self._moved(blocks[at], _REACH, _REACH)
         if new == old or self._near(new, robot, goal):
             return []
         blocks[at] = new
         return [old, new]
 
     def next_scene(self, robot: Cell, goal: Cell, path: NDArray[np.int32]) -> None:
-        """The paper's scene between two plans: some vanish, some move on, and one more appears across the path."""
-        rng, kept = self._rng, []
+        """The paper's scene between two plans: some vanish, some move on, and one more appears
+        across the path.
+        """
+        rng = self._rng
+        kept = []
         for block in self.blocks:
             fate = rng.random()
             if fate >= _VANISHES:
-                kept.append(self._moved(block, block[2], block[3]) if fate < _VANISHES + _MOVES else block)
+                kept.append(
+                    self._moved(block, block[2], block[3]) if fate < _VANISHES + _MOVES else block
+                )
         side = max(self.shape)
         rows, cols = (min(max(int(rng.uniform(*_SIDES) * side), 2), n) for n in self.shape)
         kept.append(self._around(path[int(rng.uniform(*_ON_PATH) * (len(path) - 1))], rows, cols))
@@ -80,7 +101,8 @@ class Obstacles:
 
     def _new(self, path: NDArray[np.int32]) -> Rectangle:
         rng = self._rng
-        least, most = min(2, *self.shape), max(max(self.shape) // 12, 2)
+        least = min(2, *self.shape)
+        most = max(max(self.shape) // 12, 2)
         rows, cols = (min(int(rng.integers(least, most + 1)), n) for n in self.shape)
         if len(path) > 2 and rng.random() < _ACROSS_THE_PATH:
             return self._around(path[int(rng.integers(1, len(path) - 1))], rows, cols)
@@ -103,8 +125,12 @@ class Obstacles:
         return any(apart(block, cell) <= self._clear for cell in cells)
 
 
-def covered(ground: Float2D, part: Rectangle, blocks: Collection[Rectangle], value: float = OBSTACLE) -> Float2D:
-    """A copy of a part of the ground with obstacles of this value on it; they may reach beyond the map."""
+def covered(
+    ground: Float2D, part: Rectangle, blocks: Collection[Rectangle], value: float = OBSTACLE
+) -> Float2D:
+    """A copy of a part of the ground with obstacles of this value on it; they may reach beyond the
+    map.
+    """
     row, col, rows, cols = part
     out = ground[row : row + rows, col : col + cols].copy()
     for top, left, height, width in blocks:
@@ -115,5 +141,9 @@ def covered(ground: Float2D, part: Rectangle, blocks: Collection[Rectangle], val
 
 
 def changed_parts(before: Sequence[Rectangle], after: Sequence[Rectangle]) -> list[Rectangle]:
-    """Where the map changes when obstacles become others: those that leave, then those that come."""
-    return [block for block in before if block not in after] + [block for block in after if block not in before]
+    """Where the map changes when obstacles become others: those that leave, then those
+    that come.
+    """
+    return [block for block in before if block not in after] + [
+        block for block in after if block not in before
+    ]

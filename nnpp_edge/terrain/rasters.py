@@ -1,4 +1,6 @@
-"""Elevation maps in rasters (GeoTIFF, PDS3, ESRI ASCII grid and others), read and written by rasterio."""
+"""Elevation maps in rasters (GeoTIFF, PDS3, ESRI ASCII grid and others), read and written by
+rasterio.
+"""
 
 import json
 import math
@@ -35,40 +37,51 @@ _METRES_PER_UNIT = {
     **dict.fromkeys(("us survey foot", "us_survey_foot", "us-ft", "ftus"), 1200 / 3937),
     **dict.fromkeys(("km", "kilometer", "kilometre", "kilometers", "kilometres"), 1000.0),
 }
-_ASCII_HEADER = re.compile(r"\A(?:\s*(?!nan|inf)[a-z]\w+[ \t]+\S+[ \t]*$)+", re.IGNORECASE | re.MULTILINE)
+_ASCII_HEADER = re.compile(
+    r"\A(?:\s*(?!nan|inf)[a-z]\w+[ \t]+\S+[ \t]*$)+", re.IGNORECASE | re.MULTILINE
+)
 _HIGHEST_OFFSET_M = 1e5
 _TILE = 512
 """Cells to the side of a tile of a raster that is written as a stream."""
 _LEAST_CACHE_BYTES = 1 << 26
-"""Of blocks that GDAL keeps for a raster read by windows; by itself it would keep a twentieth of the memory."""
+"""Of blocks that GDAL keeps for a raster read by windows; by itself it would keep a twentieth of
+the memory.
+"""
 
 
 class Raster:
     """The heights in an open file of one of `FORMATS`; `opened_raster` makes one."""
 
     def __init__(self, path: Path, dataset: "DatasetReader") -> None:
-        self.path, self.dataset = path, dataset
+        self.path = path
+        self.dataset = dataset
         self.shape: tuple[int, int] = dataset.shape
         """Rows and columns."""
         self.block: tuple[int, int] = dataset.block_shapes[0]
         """Rows and columns of a block, which is read as one."""
-        self.dtype, self.driver = np.dtype(dataset.dtypes[0]), dataset.driver
+        self.dtype = np.dtype(dataset.dtypes[0])
+        self.driver = dataset.driver
         if dataset.count != 1:
             raise TerrainError(f"{path}: wanted one band of elevation, got {dataset.count} bands")
         if dataset.dtypes[0].startswith("complex"):
             raise TerrainError(f"{path}: wanted a band of real numbers, got {dataset.dtypes[0]}")
         image = _pds_image(dataset)
-        name = dataset.units[0] or image.get("UNIT", "")  # GDAL passes over the unit in a PDS3 label
+        name = dataset.units[0] or image.get(
+            "UNIT", ""
+        )  # GDAL passes over the unit in a PDS3 label
         unit = _METRES_PER_UNIT.get(str(name).lower(), 1.0)
         offset = dataset.offsets[0] * unit
-        self._scale, self._offset = dataset.scales[0] * unit, 0.0 if abs(offset) > _HIGHEST_OFFSET_M else offset
+        self._scale = dataset.scales[0] * unit
+        self._offset = 0.0 if abs(offset) > _HIGHEST_OFFSET_M else offset
         structure = dataset.tags(ns="IMAGE_STRUCTURE")
         self._deflated = self.driver == "GTiff" and structure.get("COMPRESSION") == "DEFLATE"
         self._right: set[tuple[int, int]] = set()
         """Blocks whose checksums are right."""
 
     def heights(self, part: Rectangle) -> Float2D:
-        """Metres in a window (row0, col0, rows, cols), NaN where unknown; TerrainError where a block is damaged."""
+        """Metres in a window (row0, col0, rows, cols), NaN where unknown; TerrainError where a
+        block is damaged.
+        """
         row0, col0, rows, cols = part
         window = ((row0, row0 + rows), (col0, col0 + cols))
         if self._deflated:
@@ -92,25 +105,36 @@ class Raster:
             text = _ASCII_HEADER.sub("", self.path.read_text("latin-1"))
             got = np.fromstring(text, dtype=np.float32, sep=" ").size
             if got < cells:
-                raise TerrainError(f"{self.path}: wanted {cells} heights, got {got} before the end or a word")
+                raise TerrainError(
+                    f"{self.path}: wanted {cells} heights, got {got} before the end or a word"
+                )
         elif self.driver in ("EHdr", "PDS"):
             files = self.dataset.files if self.driver == "PDS" else [self.path]
-            wanted, bytes_ = cells * self.dtype.itemsize, sum(Path(name).stat().st_size for name in files)
+            wanted = cells * self.dtype.itemsize
+            bytes_ = sum(Path(name).stat().st_size for name in files)
             if bytes_ < wanted:
-                raise TerrainError(f"{self.path}: wanted {wanted} bytes of heights, got {bytes_} with the label")
+                raise TerrainError(
+                    f"{self.path}: wanted {wanted} bytes of heights, got {bytes_} with the label"
+                )
 
     def _check_blocks(self, part: Rectangle) -> None:
-        """TerrainError where a deflated block under a window is damaged; each block is checked once.
+        """TerrainError where a deflated block under a window is damaged; each block is checked
+        once.
 
-        libtiff gives up on a stream when the block is full, before the checksum at the stream's end: it takes many a
-        damaged one for whole ground. To decompress the streams here takes as long as reading them (24 ns a cell).
+        libtiff gives up on a stream when the block is full, before the checksum at the stream's
+        end: it takes many a damaged one for whole ground. To decompress the streams here takes as
+        long as reading them (24 ns a cell).
         """
         row, col, rows, cols = part
         high, wide = self.block
         across = range(col // wide, -(-(col + cols) // wide))
-        blocks = {(i, j) for i in range(row // high, -(-(row + rows) // high)) for j in across} - self._right
+        blocks = {
+            (i, j) for i in range(row // high, -(-(row + rows) // high)) for j in across
+        } - self._right
         tag = partial(self.dataset.get_tag_item, dm="TIFF", bidx=1)
-        found = [(tag(f"BLOCK_OFFSET_{j}_{i}"), tag(f"BLOCK_SIZE_{j}_{i}")) for i, j in sorted(blocks)]
+        found = [
+            (tag(f"BLOCK_OFFSET_{j}_{i}"), tag(f"BLOCK_SIZE_{j}_{i}")) for i, j in sorted(blocks)
+        ]
         places = [(int(at), int(size)) for at, size in found if at and size]  # others were left out
 
         def check(first: int, last: int) -> None:
@@ -129,9 +153,11 @@ class Raster:
 
 @contextmanager
 def opened_raster(path: Path, *, by_windows: bool = False) -> Iterator[Raster]:
-    """An open raster of one band of heights, all in files of its own folder; raises as `read_raster`.
+    """An open raster of one band of heights, all in files of its own folder; raises as
+    `read_raster`.
 
-    One to be read by windows keeps a row of blocks, decoded by several threads, and forgets what it has read before.
+    One to be read by windows keeps a row of blocks, decoded by several threads, and forgets what it
+    has read before.
     """
     rasterio = optional_module("rasterio", f"reading {path.name}", "geo")
     # An ASCII grid without a decimal point would be read as whole numbers, and its nan as 0.
@@ -141,21 +167,29 @@ def opened_raster(path: Path, *, by_windows: bool = False) -> Iterator[Raster]:
         options["NUM_THREADS"] = "ALL_CPUS"
     with _quiet(rasterio), _opened(rasterio, path, opened, **options) as dataset:
         if any(Path(name).parent != opened.parent for name in dataset.files):
-            raise TerrainError(f"{path}: wanted a raster whose files lie in its own folder, got {dataset.files}")
+            raise TerrainError(
+                f"{path}: wanted a raster whose files lie in its own folder, got {dataset.files}"
+            )
         raster = Raster(path, dataset)
         if not by_windows:
             yield raster
             return
         raster.check_whole()
-        row_of_blocks = raster.block[0] * (raster.shape[1] + raster.block[1]) * raster.dtype.itemsize
+        row_of_blocks = (
+            raster.block[0] * (raster.shape[1] + raster.block[1]) * raster.dtype.itemsize
+        )
         with rasterio.Env(GDAL_CACHEMAX=max(_LEAST_CACHE_BYTES, 5 * row_of_blocks // 2)):
             yield raster
 
 
 def read_raster(path: Path) -> Reading:
-    """Elevation and georeference of a raster of `FORMATS`; errors of `read_dem`, and whatever rasterio raises."""
+    """Elevation and georeference of a raster of `FORMATS`; errors of `read_dem`, and whatever
+    rasterio raises.
+    """
     with opened_raster(path) as raster:
-        check_room(path, raster.shape, raster.dtype, raster.dtype.itemsize * math.prod(raster.block))
+        check_room(
+            path, raster.shape, raster.dtype, raster.dtype.itemsize * math.prod(raster.block)
+        )
         raster.check_whole()
         return raster.heights((0, 0, *raster.shape)), None, raster.place()
 
@@ -163,14 +197,20 @@ def read_raster(path: Path) -> Reading:
 def raster_bytes(path: Path, array: npt.ArrayLike, place: Place) -> bytes:
     """A map of a place's cells, numbers or bools, as a float32 GeoTIFF whose masked cells are NaN.
 
-    It is made in memory, as GDAL may meet a full disk in silence. OutputError, which names the file to be written,
-    where the shape or type does not fit, or GDAL cannot write it.
+    It is made in memory, as GDAL may meet a full disk in silence. OutputError, which names the file
+    to be written, where the shape or type does not fit, or GDAL cannot write it.
     """
     values = unmasked(array)
     if values.shape != place.shape or values.dtype.kind not in "biuf":
-        raise OutputError(f"{path}: wanted a {place.shape} array of numbers, got {values.shape} {values.dtype}")
+        raise OutputError(
+            f"{path}: wanted a {place.shape} array of numbers, got {values.shape} {values.dtype}"
+        )
     rasterio = optional_module("rasterio", f"writing {path.name}", "geo")
-    with refused_as(OutputError, f"{path}: could not be written"), _quiet(rasterio), rasterio.MemoryFile() as memory:
+    with (
+        refused_as(OutputError, f"{path}: could not be written"),
+        _quiet(rasterio),
+        rasterio.MemoryFile() as memory,
+    ):
         with memory.open(**_geotiff(rasterio, values.shape, place.georeference)) as dataset:
             dataset.write(values.astype(np.float32), 1)
         return bytes(memory.read())
@@ -180,9 +220,11 @@ def raster_bytes(path: Path, array: npt.ArrayLike, place: Place) -> bytes:
 def geotiff_stream(
     path: Path, shape: tuple[int, int], place: Georeference | None
 ) -> Iterator[Callable[[int, Float2D], None]]:
-    """A tiled GeoTIFF to be written by bands of rows: a function that takes a band's first row and its values.
+    """A tiled GeoTIFF to be written by bands of rows: a function that takes a band's first row and
+    its values.
 
-    At the end it is read again, as GDAL may meet a full disk in silence: OutputError where it is something else.
+    At the end it is read again, as GDAL may meet a full disk in silence: OutputError where it is
+    something else.
     """
     rasterio = optional_module("rasterio", f"writing {path.name}", "geo")
     tiles = {"tiled": True, "blockxsize": _TILE, "blockysize": _TILE}
@@ -194,25 +236,44 @@ def geotiff_stream(
         written.append((row, len(values), zlib.crc32(values.tobytes())))
 
     with _quiet(rasterio):
-        with rasterio.open(path, "w", **_geotiff(rasterio, shape, place), **tiles, **options) as dataset:
+        with rasterio.open(
+            path, "w", **_geotiff(rasterio, shape, place), **tiles, **options
+        ) as dataset:
             yield write
         with rasterio.open(path) as back:
             for row, rows, checksum in written:
-                if zlib.crc32(back.read(1, window=((row, row + rows), (0, shape[1]))).tobytes()) != checksum:
-                    raise OutputError(f"{path}: could not be written (rows from {row} on are not what was written)")
+                if (
+                    zlib.crc32(back.read(1, window=((row, row + rows), (0, shape[1]))).tobytes())
+                    != checksum
+                ):
+                    raise OutputError(
+                        f"{path}: could not be written (rows from {row} on are not what was "
+                        "written)"
+                    )
 
 
-def _geotiff(rasterio: ModuleType, shape: tuple[int, ...], place: Georeference | None) -> dict[str, object]:
+def _geotiff(
+    rasterio: ModuleType, shape: tuple[int, ...], place: Georeference | None
+) -> dict[str, object]:
     """rasterio's options for a compressed float32 GeoTIFF whose unknown cells are NaN."""
     where = {"crs": place.crs, "transform": rasterio.Affine(*place.transform)} if place else {}
     size = {"height": shape[0], "width": shape[1], "count": 1, "dtype": "float32"}
-    return {"driver": "GTiff", "compress": "deflate", "predictor": 3, "nodata": math.nan, **size, **where}
+    return {
+        "driver": "GTiff",
+        "compress": "deflate",
+        "predictor": 3,
+        "nodata": math.nan,
+        **size,
+        **where,
+    }
 
 
 def _pds_image(dataset: "DatasetReader") -> dict[str, object]:
     """The image object of a PDS3 label; empty for other files."""
     tags = dataset.tags(ns="json:PDS")
-    label = json.loads(":".join(*tags.items())) if tags else {}  # rasterio cuts the JSON at its first colon
+    label = (
+        json.loads(":".join(*tags.items())) if tags else {}
+    )  # rasterio cuts the JSON at its first colon
     found: dict[str, object] = label.get("IMAGE", {})
     return found
 
@@ -220,22 +281,31 @@ def _pds_image(dataset: "DatasetReader") -> dict[str, object]:
 def _opened(rasterio: ModuleType, path: Path, opened: Path, **options: object) -> "DatasetReader":
     """The raster, opened by one of `DRIVERS`: `rasterio.open` would take one driver."""
     try:
-        return cast("DatasetReader", rasterio.io.DatasetReader(str(opened), driver=list(DRIVERS), **options))
+        return cast(
+            "DatasetReader", rasterio.io.DatasetReader(str(opened), driver=list(DRIVERS), **options)
+        )
     except rasterio.errors.RasterioIOError as error:
         if "not recognized" in str(error):
-            raise TerrainError(f"{path}: wanted {FORMATS}, got a file that cannot be read as one of them") from error
+            raise TerrainError(
+                f"{path}: wanted {FORMATS}, got a file that cannot be read as one of them"
+            ) from error
         raise
 
 
 @contextmanager
 def _quiet(rasterio: ModuleType) -> Iterator[None]:
-    """Keep GDAL from talking, to the user as to the network: its errors become exceptions, its warnings nothing."""
+    """Keep GDAL from talking, to the user as to the network: its errors become exceptions, its
+    warnings nothing.
+    """
     hooks = sys.excepthook, sys.unraisablehook
     try:
         # both are told of GDAL's messages that are no UTF-8
-        sys.excepthook, sys.unraisablehook = lambda *_: None, lambda _: None
+        sys.excepthook = lambda *_: None
+        sys.unraisablehook = lambda _: None
         with warnings.catch_warnings(), rasterio.Env(**NO_NETWORK):
-            for kind in vars(rasterio.errors).values():  # its own alone: a raster read by windows is open for long
+            for kind in vars(
+                rasterio.errors
+            ).values():  # its own alone: a raster read by windows is open for long
                 if isinstance(kind, type) and issubclass(kind, Warning):
                     warnings.simplefilter("ignore", kind)
             yield

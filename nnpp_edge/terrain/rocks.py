@@ -13,8 +13,11 @@ from nnpp_edge.runtime.terrain.traversability import sides_of
 MOST_COVER = 0.2
 """Largest share of the ground that rocks cover; the law was fitted below it."""
 HEIGHT = 0.5
-"""Of a rock, as a share of its diameter: half a ball, as Golombek et al. take it for landing sites."""
-_LEAST_M, _LEAST_CELLS = 0.2, 0.5
+"""Of a rock, as a share of its diameter: half a ball, as Golombek et al. take it for
+landing sites.
+"""
+_LEAST_M = 0.2
+_LEAST_CELLS = 0.5
 """Smaller rocks are left out by default: no obstacle, or less than a fifth of a cell."""
 _GREATEST_M = 3.0
 """Larger rocks cover less than 0.01 % of the ground even at the largest share."""
@@ -33,13 +36,17 @@ class Rocks(NamedTuple):
 
 
 def covered_share(cover: float, diameter_m: ArrayLike) -> NDArray[np.float64]:
-    """Share of the ground that rocks of this diameter and more cover, where all rocks cover the share `cover`.
+    """Share of the ground that rocks of this diameter and more cover, where all rocks cover the
+    share `cover`.
 
-    Golombek & Rapp, Size-frequency distributions of rocks on Mars and Earth analog sites, J. Geophys. Res. 102 (E2),
-    1997: F_k(D) = k exp(-q(k) D), q(k) = 1.79 + 0.152 / k, with D in metres.
+    Golombek & Rapp, Size-frequency distributions of rocks on Mars and Earth analog sites, J.
+    Geophys. Res. 102 (E2), 1997: F_k(D) = k exp(-q(k) D), q(k) = 1.79 + 0.152 / k, with D in
+    metres.
     """
     if not 0.0 <= cover <= MOST_COVER:
-        raise InvalidQueryError(f"rocks must cover a share of the ground from 0 to {MOST_COVER}, got {cover}")
+        raise InvalidQueryError(
+            f"rocks must cover a share of the ground from 0 to {MOST_COVER}, got {cover}"
+        )
     diameters = np.asarray(diameter_m, np.float64)
     if cover == 0.0:
         return np.zeros_like(diameters)
@@ -54,7 +61,9 @@ def draw_rocks(
     rng: np.random.Generator | int,
     diameters_m: tuple[float, float],
 ) -> Rocks:
-    """Rocks at random places of a map of (H, W) cells of these (height, width), as many as the law has on average."""
+    """Rocks at random places of a map of (H, W) cells of these (height, width), as many as the law
+    has on average.
+    """
     rng = np.random.default_rng(rng)
     if not 0.0 < diameters_m[0] < diameters_m[1] < math.inf:
         wanted = "rocks' diameters must be positive and in order, metres"
@@ -62,7 +71,9 @@ def draw_rocks(
     table = np.geomspace(*diameters_m, _TABLE)
     shares = covered_share(cover, table)
     between = np.maximum(shares[:-1] - shares[1:], 0.0) / (0.25 * math.pi * table[:-1] * table[1:])
-    numbers = np.concatenate(((0.0,), np.cumsum(between)))  # on a square metre, from the least diameter up to each
+    numbers = np.concatenate(
+        ((0.0,), np.cumsum(between))
+    )  # on a square metre, from the least diameter up to each
     count = int(rng.poisson(numbers[-1] * math.prod(shape) * math.prod(sides_m)))
     places = rng.random((count, 2)) * shape - 0.5
     return Rocks(places, np.interp(rng.random(count) * numbers[-1], numbers, table))
@@ -78,20 +89,25 @@ def with_rocks(
 ) -> Float2D:
     """An elevation map (metres, NaN where unknown) with rocks on it: a new (H, W) float32 array.
 
-    A rock is half a ball that lies on the ground. It raises every cell that it touches by its greatest height over
-    that cell, so that none is lost between cells' middles; where rocks overlap, the highest counts. The share `cover`
-    of the ground, from 0 to 0.2, lies under rocks of any size: the law's k. Drawn are rocks of 0.2 m, or half a cell
-    if that is more, to 3 m. InvalidQueryError on cells of more than 6 m.
+    A rock is half a ball that lies on the ground. It raises every cell that it touches by its
+    greatest height over that cell, so that none is lost between cells' middles; where rocks
+    overlap, the highest counts. The share `cover` of the ground, from 0 to 0.2, lies under rocks of
+    any size: the law's k. Drawn are rocks of 0.2 m, or half a cell if that is more, to 3 m.
+    InvalidQueryError on cells of more than 6 m.
     """
-    heights, sides = as_map(dem, "dem"), sides_of(cell_size_m, cell_width_m)
+    heights = as_map(dem, "dem")
+    sides = sides_of(cell_size_m, cell_width_m)
     wanted = max(_LEAST_M, _LEAST_CELLS * max(sides)), _GREATEST_M
-    return heights + rock_heights(heights.shape, sides, draw_rocks(heights.shape, sides, cover, rng, wanted))
+    return heights + rock_heights(
+        heights.shape, sides, draw_rocks(heights.shape, sides, cover, rng, wanted)
+    )
 
 
 def rock_heights(shape: tuple[int, int], sides_m: tuple[float, float], rocks: Rocks) -> Float2D:
     """(H, W) metres by which rocks raise the cells of a map."""
     out = np.zeros(shape, np.float32)
-    (height, width), radii = shape, 0.5 * rocks.diameters_m
+    height, width = shape
+    radii = 0.5 * rocks.diameters_m
     reach = 0.5 + radii[:, None] / sides_m
     first = np.ceil(rocks.places - reach).astype(np.int64)
     sizes = np.floor(rocks.places + reach).astype(np.int64) - first + 1

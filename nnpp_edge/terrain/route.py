@@ -27,14 +27,18 @@ class Route:
     """A path over a DEM."""
 
     line: Line
-    """(M, 2) row and column of what is driven, from start to goal: cells, or way points; M may be 0."""
+    """(M, 2) row and column of what is driven, from start to goal: cells, or way points; M may be
+    0.
+    """
     along: Along
     """This route with every place between way points at which something is known."""
     cost: NDArray[np.float32]
     """(N,) of the cell at each of these."""
     dem: Place
     standing: Mapping[str, NDArray[np.float64]] = field(default_factory=dict)
-    """How a vehicle stands on each cell, (N,): headings, angles and clearances by name; empty for a point."""
+    """How a vehicle stands on each cell, (N,): headings, angles and clearances by name; empty for a
+    point.
+    """
 
     @classmethod
     def of(cls, line: Line, along: Along, cost: Float2D, dem: Place) -> "Route":
@@ -49,59 +53,111 @@ class Route:
 
     @property
     def worst(self) -> dict[str, float | None]:
-        """The steepest that a body stands along the path, and its least clearance; empty for a point."""
+        """The steepest that a body stands along the path, and its least clearance; empty for a
+        point.
+        """
         angles = [name for name in ("pitch_deg", "roll_deg", "tilt_deg") if name in self.standing]
-        found = {f"steepest_{name}": _known(float(np.abs(self.standing[name]).max())) for name in angles}
+        found = {
+            f"steepest_{name}": _known(float(np.abs(self.standing[name]).max())) for name in angles
+        }
         if "clearance_m" in self.standing:
             found["least_clearance_m"] = _known(float(self.standing["clearance_m"].min()))
         return found
 
     def stands(self) -> dict[str, list[float | None]]:
         """`standing`, ready for JSON: None for what is not finite."""
-        return {name: list(map(_known, numbers.tolist())) for name, numbers in self.standing.items()}
+        return {
+            name: list(map(_known, numbers.tolist())) for name, numbers in self.standing.items()
+        }
 
     def csv(self) -> bytes:
-        """A line a cell, or a point along way points, under a header; with a vehicle, how it stands there too."""
+        """A line a cell, or a point along way points, under a header; with a vehicle, how it stands
+        there too.
+        """
         along = self.along
         sums = {"distance_m": along.distance_m, "ground_m": along.ground_m, "time_s": along.time_s}
         if along.mobility.energy is not None:
             sums["energy_j"] = along.energy_j
         lines = [",".join(("row,col,x,y,elevation_m,cost", *sums, *self.standing))]
-        columns = (*along.points.T, *places_of(self.dem, along.points).T, along.heights_m, self.cost)
-        formats = [".10g", ".10g", "", "", ".7g", ".6g", *(".10g" for _ in sums), *(".6g" for _ in self.standing)]
-        for row in zip(*(each.tolist() for each in (*columns, *sums.values(), *self.standing.values())), strict=True):
-            lines.append(",".join(f"{number:{form}}" for number, form in zip(row, formats, strict=True)))
+        columns = (
+            *along.points.T,
+            *places_of(self.dem, along.points).T,
+            along.heights_m,
+            self.cost,
+        )
+        formats = [
+            ".10g",
+            ".10g",
+            "",
+            "",
+            ".7g",
+            ".6g",
+            *(".10g" for _ in sums),
+            *(".6g" for _ in self.standing),
+        ]
+        for row in zip(
+            *(each.tolist() for each in (*columns, *sums.values(), *self.standing.values())),
+            strict=True,
+        ):
+            lines.append(
+                ",".join(f"{number:{form}}" for number, form in zip(row, formats, strict=True))
+            )
         return "\n".join([*lines, ""]).encode()
 
     def geojson(self, properties: dict[str, object]) -> bytes:
-        """A feature with the path as a line: a point where it is one cell, no geometry where there is none.
+        """A feature with the path as a line: a point where it is one cell, no geometry where there
+        is none.
 
-        Coordinates are the map's own, although RFC 7946 knows longitude and latitude on the Earth only: paths on
-        other bodies have neither. `crs` in the properties is the coordinate system as WKT, or null; `named_crs`
-        names it to GDAL and QGIS.
+        Coordinates are the map's own, although RFC 7946 knows longitude and latitude on the Earth
+        only: paths on other bodies have neither. `crs` in the properties is the coordinate system
+        as WKT, or null; `named_crs` names it to GDAL and QGIS.
         """
         place = self.dem.georeference
-        meaning = "metres from the centre of cell (0, 0), y downwards" if place is None else "the map's own"
-        properties = {**properties, **self.stands(), "coordinates": meaning, "crs": place and place.crs}
-        return json.dumps(self._feature(places_of(self.dem, self.line), properties), allow_nan=False).encode()
+        meaning = (
+            "metres from the centre of cell (0, 0), y downwards"
+            if place is None
+            else "the map's own"
+        )
+        properties = {
+            **properties,
+            **self.stands(),
+            "coordinates": meaning,
+            "crs": place and place.crs,
+        }
+        return json.dumps(
+            self._feature(places_of(self.dem, self.line), properties), allow_nan=False
+        ).encode()
 
     def geopackage(self, properties: dict[str, object]) -> bytes:
-        """Likewise with heights, as a GeoPackage whose layer is `path`; MissingExtraError without pyogrio."""
+        """Likewise with heights, as a GeoPackage whose layer is `path`; MissingExtraError without
+        pyogrio.
+        """
         places = np.column_stack((places_of(self.dem, self.along.points), self.along.heights_m))
         return geopackage_bytes("path", json.dumps(self._feature(places, properties)).encode())
 
-    def _feature(self, places: NDArray[np.float64], properties: dict[str, object]) -> dict[str, object]:
+    def _feature(
+        self, places: NDArray[np.float64], properties: dict[str, object]
+    ) -> dict[str, object]:
         line: list[object] = places.tolist()
         geometry: dict[str, object] | None = None
         if line:
             one = len(line) == 1
-            geometry = {"type": "Point" if one else "LineString", "coordinates": line[0] if one else line}
-        return {"type": "Feature", "geometry": geometry, "properties": properties} | named_crs(self.dem)
+            geometry = {
+                "type": "Point" if one else "LineString",
+                "coordinates": line[0] if one else line,
+            }
+        return {"type": "Feature", "geometry": geometry, "properties": properties} | named_crs(
+            self.dem
+        )
 
     def gpx(self, name: str, stops: Mapping[str, tuple[int, int]]) -> bytes:
-        """A GPX 1.1 track, and stops (row, col) by name as way points; InvalidQueryError for a map off the Earth."""
+        """A GPX 1.1 track, and stops (row, col) by name as way points; InvalidQueryError for a map
+        off the Earth.
+        """
         cells = np.array(list(stops.values()), np.float64).reshape(-1, 2)
-        lonlat = lonlat_of(self.dem, places_of(self.dem, np.concatenate((cells, self.along.points)))).tolist()
+        lonlat = lonlat_of(
+            self.dem, places_of(self.dem, np.concatenate((cells, self.along.points)))
+        ).tolist()
         out = [
             '<?xml version="1.0" encoding="UTF-8"?>',
             '<gpx version="1.1" creator="nnpp-edge" xmlns="http://www.topografix.com/GPX/1/1">',
@@ -121,15 +177,19 @@ def _known(number: float) -> float | None:
 
 
 def places_of(dem: Place, points: Line) -> NDArray[np.float64]:
-    """(N, 2) x and y, in the coordinates of `Place.located`, of rows and columns of cells' middles (N, 2)."""
+    """(N, 2) x and y, in the coordinates of `Place.located`, of rows and columns of cells' middles
+    (N, 2).
+    """
     return np.column_stack(dem.located.map_coordinates(*np.asarray(points, np.float64).T))
 
 
 def named_crs(dem: Place) -> dict[str, object]:
-    """The member by which GeoJSON of 2008 names a coordinate system: as GDAL and QGIS read it, by any of its names.
+    """The member by which GeoJSON of 2008 names a coordinate system: as GDAL and QGIS read it, by
+    any of its names.
 
-    It is the system's EPSG number, else its WKT; a map without a system lies in one of its own, in metres. Without
-    the member, readers would take the coordinates for longitude and latitude on the Earth.
+    It is the system's EPSG number, else its WKT; a map without a system lies in one of its own, in
+    metres. Without the member, readers would take the coordinates for longitude and latitude on the
+    Earth.
     """
     crs = (dem.georeference.crs if dem.georeference else None) or _LOCAL
     number = _EPSG.search(crs)
@@ -146,7 +206,9 @@ class Reach:
     """The areas that can be reached within each of several costs."""
 
     field: Float2D
-    """(H, W) cost of getting to each cell; inf where that is not possible, or costs more than the last level."""
+    """(H, W) cost of getting to each cell; inf where that is not possible, or costs more than the
+    last level.
+    """
     levels: tuple[float, ...]
     """Costs, ascending."""
     measure: str
@@ -156,30 +218,42 @@ class Reach:
 
     @property
     def areas(self) -> list[dict[str, float]]:
-        """Of each level: ``within``, the ``cells`` that can be reached within it, and their ``area_m2``."""
+        """Of each level: ``within``, the ``cells`` that can be reached within it, and their
+        ``area_m2``.
+        """
         cells = [int((self.field <= level).sum()) for level in self.levels]
         cell_m2 = self.dem.cell_size_m * self.dem.cell_width_m
         found = zip(self.levels, cells, strict=True)
-        return [{"within": level, "cells": n, "area_m2": round(n * cell_m2, 3)} for level, n in found]
+        return [
+            {"within": level, "cells": n, "area_m2": round(n * cell_m2, 3)} for level, n in found
+        ]
 
     def raster(self) -> NDArray[np.float32]:
         """`field`, with NaN where nothing is reached."""
         return np.where(np.isfinite(self.field), self.field, np.float32(np.nan))
 
     def polygons(self, level: float) -> list[Polygon]:
-        """The area within a level: along the cells' sides, with its holes; cells that touch at a corner are apart."""
+        """The area within a level: along the cells' sides, with its holes; cells that touch at a
+        corner are apart.
+        """
         rasterio = optional_module("rasterio", "making polygons", "geo")
         features = optional_module("rasterio.features", "making polygons", "geo")
         transform = rasterio.Affine(*self.dem.located.transform)
         inside = self.field <= level
-        found = features.shapes(inside.astype(np.uint8), mask=inside, connectivity=4, transform=transform)
+        found = features.shapes(
+            inside.astype(np.uint8), mask=inside, connectivity=4, transform=transform
+        )
         return [shape["coordinates"] for shape, _ in found]
 
     def geojson(self) -> bytes:
-        """A feature for each level, the widest first, so that others are drawn on it; coordinates as a path's."""
+        """A feature for each level, the widest first, so that others are drawn on it; coordinates
+        as a path's.
+        """
         found = []
         for area in self.areas[::-1]:
             properties = {"measure": self.measure, "unit": self.unit, **area}
             geometry = {"type": "MultiPolygon", "coordinates": self.polygons(area["within"])}
             found.append({"type": "Feature", "geometry": geometry, "properties": properties})
-        return json.dumps({"type": "FeatureCollection", "features": found} | named_crs(self.dem)).encode()
+        return json.dumps(
+            {"type": "FeatureCollection", "features": found} | named_crs(self.dem)
+        ).encode()

@@ -1,4 +1,6 @@
-"""A data set's recipe, and the making of one shard by it: random maps of some terrain, and their labels."""
+"""A data set's recipe, and the making of one shard by it: random maps of some terrain, and their
+labels.
+"""
 
 import io
 import math
@@ -23,7 +25,13 @@ from nnpp_edge.terrain.labels import label_queries, random_points
 from nnpp_edge.terrain.synthetic import synthetic_terrain
 from nnpp_edge.terrain.workloads import SOFT, workload
 
-WORKLOADS = (("soft", 0.45), ("limit25", 0.05), ("limit20", 0.2), ("limit15", 0.2), ("limit12", 0.1))
+WORKLOADS = (
+    ("soft", 0.45),
+    ("limit25", 0.05),
+    ("limit20", 0.2),
+    ("limit15", 0.2),
+    ("limit12", 0.1),
+)
 BARREN_MAPS = 100
 """Maps of the terrain without a query, one after another, after which a shard is given up."""
 _SIZE_STEP = 32
@@ -58,25 +66,38 @@ class Recipe(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     workloads: tuple[tuple[str, float], ...] = WORKLOADS
     """Name and share of each; ``soft`` are the limits as they are."""
     cell_sizes_m: tuple[float, ...] = (20.0, 10.0, 5.0, 2.0, 1.0)
-    """The terrain is taken as self-similar and rescaled to one of these; without any, it stays as it is."""
+    """The terrain is taken as self-similar and rescaled to one of these; without any, it stays as
+    it is.
+    """
     poolings: tuple[tuple[int, float], ...] = ((1, 0.6), (2, 0.32), (4, 0.08))
-    """How many map cells to an input cell's side, and the share of maps: large maps are seen averaged."""
+    """How many map cells to an input cell's side, and the share of maps: large maps are seen
+    averaged.
+    """
     least_distance: float = 0.125
     """Between start and goal, as a share of the map's side."""
     omega: float = PAPER_OMEGA
     limits: dict[str, float] = {}
     """Fields of `Traversability` that are not its defaults: the user's own limits."""
     stripe: tuple[float, float] = (0.0, 1.0)
-    """The part of each file that is used: from where to where on its longer side, as shares of it."""
+    """The part of each file that is used: from where to where on its longer side, as
+    shares of it.
+    """
     cell_size_m: float | None = None
     """See `read_dem`."""
     known: bool = False
-    """Whether maps are known by the means of their blocks, and what lies unseen is learned: `size` blocks of
-    `poolings` cells to a side (`terrain.known`)."""
+    """Whether maps are known by the means of their blocks, and what lies unseen is learned:
+    `size` blocks of `poolings` cells to a side (`terrain.known`)."""
 
     def __post_init__(self) -> None:
-        size, blocks, (start, end) = self.size, self.blocks, self.stripe
-        counts = (self.maps, self.maps_per_shard, self.points_per_map - 1, *(pooling for pooling, _ in self.poolings))
+        size = self.size
+        blocks = self.blocks
+        start, end = self.stripe
+        counts = (
+            self.maps,
+            self.maps_per_shard,
+            self.points_per_map - 1,
+            *(pooling for pooling, _ in self.poolings),
+        )
         shares = (self.synthetic_share, self.obstacle_share, self.margin_share, self.least_distance)
         drawn = [[share for _, share in chances] for chances in (self.poolings, self.workloads)]
         span = f"{LEAST_SIDE_M:g} to {MOST_SIDE_M:g} m, got {self.cell_sizes_m}"
@@ -87,10 +108,19 @@ class Recipe(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
                 f"blocks must be a multiple of 8 that divides {size}, got {blocks}",
             ),
             (min(counts) > 0 <= self.seed, "numbers of maps and points must be above 0"),
-            (all(0.0 <= share <= 1.0 for share in shares), f"shares must lie in [0, 1], got {shares}"),
-            (all(min(s, default=-1) >= 0 < sum(s) < math.inf for s in drawn), f"shares must be above 0, got {drawn}"),
+            (
+                all(0.0 <= share <= 1.0 for share in shares),
+                f"shares must lie in [0, 1], got {shares}",
+            ),
+            (
+                all(min(s, default=-1) >= 0 < sum(s) < math.inf for s in drawn),
+                f"shares must be above 0, got {drawn}",
+            ),
             (0.0 < self.omega < math.inf, f"ω must be above 0, got {self.omega}"),
-            (all(LEAST_SIDE_M <= m <= MOST_SIDE_M for m in self.cell_sizes_m), f"cell sizes must be {span}"),
+            (
+                all(LEAST_SIDE_M <= m <= MOST_SIDE_M for m in self.cell_sizes_m),
+                f"cell sizes must be {span}",
+            ),
             (0.0 <= start < end <= 1.0, f"a stripe must lie in [0, 1], got {self.stripe}"),
             (bool(self.cell_sizes_m or self.terrain), "synthetic terrain needs a cell size"),
         ):
@@ -104,11 +134,15 @@ class Recipe(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
         try:
             return workload(name, Traversability(**self.limits))
         except (TypeError, ValueError) as error:
-            raise DataSetError(f"wanted limits of slope, roughness and step, got {self.limits} {name!r}") from error
+            raise DataSetError(
+                f"wanted limits of slope, roughness and step, got {self.limits} {name!r}"
+            ) from error
 
     @property
     def common_limits(self) -> Traversability:
-        """The limits that all maps have: those of the only workload, or the user's own, which several add to."""
+        """The limits that all maps have: those of the only workload, or the user's own, which
+        several add to.
+        """
         return self.limits_of(self.workloads[0][0] if len(self.workloads) == 1 else SOFT)
 
     @property
@@ -120,7 +154,8 @@ class Recipe(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 def read_terrain(recipe: Recipe) -> list[Dem]:
     """The parts of the recipe's elevation files that it uses.
 
-    Raises TerrainError for one that cannot be read, DataSetError for one that is too small for the recipe's size.
+    Raises TerrainError for one that cannot be read, DataSetError for one that is too small for the
+    recipe's size.
     """
     tiles = []
     for name in recipe.terrain:
@@ -130,8 +165,15 @@ def read_terrain(recipe: Recipe) -> list[Dem]:
         if min(rows, cols) < recipe.size:
             fits = min(rows, cols) // _SIZE_STEP * _SIZE_STEP
             hint = f": --size {fits} is the largest that fits" if fits else ""
-            what = "" if recipe.stripe == (0.0, 1.0) else " in the stripe that --validation-share leaves"
-            wanted = f"wanted at least {recipe.size} cells on the shorter side{what} for maps of --size {recipe.size}"
+            what = (
+                ""
+                if recipe.stripe == (0.0, 1.0)
+                else " in the stripe that --validation-share leaves"
+            )
+            wanted = (
+                f"wanted at least {recipe.size} cells on the shorter side{what} for maps of "
+                f"--size {recipe.size}"
+            )
             raise DataSetError(f"{dem.source}: {wanted}, got {rows} × {cols}{hint}")
     return tiles
 
@@ -156,7 +198,9 @@ def shard_content(recipe: Recipe, tiles: Sequence[Dem], index: int) -> bytes:
     """The file of shard number `index` (.npz), which recipe, terrain and number alone determine."""
     maps = min(recipe.maps_per_shard, recipe.maps - index * recipe.maps_per_shard)
     content = io.BytesIO()
-    key = [recipe.seed, index] if recipe.stripe[0] == 0.0 else [recipe.seed, index, 1]  # else synthetic maps repeat
+    key = (
+        [recipe.seed, index] if recipe.stripe[0] == 0.0 else [recipe.seed, index, 1]
+    )  # else synthetic maps repeat
     rng = np.random.default_rng(key)
     made = (make_known_shard if recipe.known else make_shard)(recipe, tiles, rng, maps)
     np.savez(content, **made)  # type: ignore[arg-type]  # numpy's stub takes `allow_pickle` for one of them
@@ -170,13 +214,19 @@ def make_shard(
 
     DataSetError where `BARREN_MAPS` in a row have no query.
     """
-    poolings = [(p, share) for p, share in recipe.poolings if recipe.size * p not in left_out(recipe, tiles)]
-    barren, blocks = 0, recipe.blocks
-    made, queries = list[tuple[object, ...]](), list[tuple[object, ...]]()
+    poolings = [
+        (p, share) for p, share in recipe.poolings if recipe.size * p not in left_out(recipe, tiles)
+    ]
+    barren = 0
+    blocks = recipe.blocks
+    made = list[tuple[object, ...]]()
+    queries = list[tuple[object, ...]]()
     while len(made) < maps:
-        name, pooling = _pick(rng, recipe.workloads), _pick(rng, poolings)
+        name = _pick(rng, recipe.workloads)
+        pooling = _pick(rng, poolings)
         cost, measured = _random_cost(recipe, tiles, rng, name, recipe.size * pooling)
-        side, points = len(cost), random_points(rng, cost, recipe.points_per_map)
+        side = len(cost)
+        points = random_points(rng, cost, recipe.points_per_map)
         least = recipe.least_distance * side
         labelled = label_queries(cost, points, least, blocks, recipe.omega)
         if not labelled:
@@ -193,7 +243,9 @@ def make_shard(
             crossed = np.zeros((blocks, blocks), bool)
             crossed[tuple((label.path * blocks // side).T)] = True
             ends = (np.array(frame.place(end), np.float32) for end in (label.start, label.goal))
-            queries.append((np.int32(len(made)), *ends, label.excess, np.packbits(crossed, axis=-1)))
+            queries.append(
+                (np.int32(len(made)), *ends, label.excess, np.packbits(crossed, axis=-1))
+            )
         planes = planes_of(Grid.of(cost, StepModel.of("paper", recipe.omega)), frame)
         made.append((np.rint(planes * 255.0).astype(np.uint8), name, np.int32(pooling)))
     columns = (*zip(*made, strict=True), *zip(*queries, strict=True))
@@ -204,11 +256,16 @@ def make_known_shard(
     recipe: Recipe, tiles: Sequence[Dem], rng: np.random.Generator, maps: int
 ) -> dict[str, NDArray[np.generic]]:
     """The arrays of one shard of maps that are known by their blocks."""
-    poolings = [(p, share) for p, share in recipe.poolings if recipe.size * p not in left_out(recipe, tiles)]
+    poolings = [
+        (p, share) for p, share in recipe.poolings if recipe.size * p not in left_out(recipe, tiles)
+    ]
     made = []
     for _ in range(maps):
-        limits, factor = recipe.limits_of(_pick(rng, recipe.workloads)), _pick(rng, poolings)
-        elevation, cell_size_m, width_m, _ = _random_ground(recipe, tiles, rng, recipe.size * factor)
+        limits = recipe.limits_of(_pick(rng, recipe.workloads))
+        factor = _pick(rng, poolings)
+        elevation, cell_size_m, width_m, _ = _random_ground(
+            recipe, tiles, rng, recipe.size * factor
+        )
         cost = traversability_cost(elevation, cell_size_m, limits, cell_width_m=width_m, warn=False)
         made.append(known_map(elevation, cost, cell_size_m, limits, factor))
     names = [field.name for field in fields(KnownMaps)]
@@ -242,14 +299,19 @@ def _pick(rng: np.random.Generator, shares: Sequence[tuple[T, float]]) -> T:
 def _random_cost(
     recipe: Recipe, tiles: Sequence[Dem], rng: np.random.Generator, name: str, side: int
 ) -> tuple[NDArray[np.float32], bool]:
-    """A square cost map, with obstacles and a margin on a share of the maps; whether its terrain is from a file."""
+    """A square cost map, with obstacles and a margin on a share of the maps; whether its terrain is
+    from a file.
+    """
     elevation, cell_size_m, width_m, measured = _random_ground(recipe, tiles, rng, side)
     limits = recipe.limits_of(name)
     cost = traversability_cost(elevation, cell_size_m, limits, cell_width_m=width_m, warn=False)
     if rng.random() < recipe.obstacle_share:
         for _ in range(rng.integers(1, 9)):
-            rows, cols = np.exp(rng.uniform(np.log(max(side / 64, 1.0)), np.log(side / 3), 2)).astype(int)
-            row, col = rng.integers(-rows // 2, side - rows // 2), rng.integers(-cols // 2, side - cols // 2)
+            rows, cols = np.exp(
+                rng.uniform(np.log(max(side / 64, 1.0)), np.log(side / 3), 2)
+            ).astype(int)
+            row = rng.integers(-rows // 2, side - rows // 2)
+            col = rng.integers(-cols // 2, side - cols // 2)
             cost[max(row, 0) : row + rows, max(col, 0) : col + cols] = np.inf
     if rng.random() < recipe.margin_share:
         kept = int(side * rng.uniform(0.25, 0.95))
@@ -258,11 +320,17 @@ def _random_cost(
 
 
 def _random_crop(
-    tiles: Sequence[Dem], rng: np.random.Generator, side: int, cell_size_m: float | None, *, finely: bool = False
+    tiles: Sequence[Dem],
+    rng: np.random.Generator,
+    side: int,
+    cell_size_m: float | None,
+    *,
+    finely: bool = False,
 ) -> tuple[NDArray[np.float32], float, float]:
     """Part of a random tile: elevation, and a cell's size and width.
 
-    With a cell size it is averaged where the tile allows it (`finely`: seldom), and rescaled with its slopes kept.
+    With a cell size it is averaged where the tile allows it (`finely`: seldom), and rescaled with
+    its slopes kept.
     """
     tiles = [dem for dem in tiles if min(dem.elevation.shape) >= side]
     areas = np.array([dem.elevation.size for dem in tiles], np.float64)
@@ -276,4 +344,8 @@ def _random_crop(
     if cell_size_m is None:
         return averaged, dem.cell_size_m, dem.cell_width_m
     scale = cell_size_m / (dem.cell_size_m * factor)
-    return averaged * np.float32(scale), cell_size_m, cell_size_m * (dem.cell_width_m / dem.cell_size_m)
+    return (
+        averaged * np.float32(scale),
+        cell_size_m,
+        cell_size_m * (dem.cell_width_m / dem.cell_size_m),
+    )

@@ -4,33 +4,44 @@ import numpy as np
 from numpy.typing import NDArray
 
 
-def fractal(rng: np.random.Generator, size: int, cell_size_m: float, median_slope_deg: float) -> NDArray[np.float32]:
+def fractal(
+    rng: np.random.Generator, size: int, cell_size_m: float, median_slope_deg: float
+) -> NDArray[np.float32]:
     """Rough ground whose heights have a power-law spectrum: (size, size) float32, metres.
 
     The exponent is drawn from 2.6 to 3.8; heights are scaled to the median slope asked for.
     """
     exponent = rng.uniform(2.6, 3.8)
-    fy, fx = np.fft.fftfreq(2 * size)[:, None], np.fft.rfftfreq(2 * size)[None]
+    fy = np.fft.fftfreq(2 * size)[:, None]
+    fx = np.fft.rfftfreq(2 * size)[None]
     frequency = np.hypot(fy, fx)
     frequency[0, 0] = np.inf
     noise = rng.normal(size=(2, *frequency.shape))
     spectrum = (noise[0] + 1j * noise[1]) * frequency ** (-exponent / 2.0)
-    heights = np.fft.irfft2(spectrum)[:size, :size]  # twice the size, as the whole would wrap around
+    heights = np.fft.irfft2(spectrum)[
+        :size, :size
+    ]  # twice the size, as the whole would wrap around
     median = np.median(np.hypot(*np.gradient(heights, cell_size_m)))
-    return np.asarray(heights * (np.tan(np.radians(median_slope_deg)) / max(median, 1e-12)), np.float32)
+    return np.asarray(
+        heights * (np.tan(np.radians(median_slope_deg)) / max(median, 1e-12)), np.float32
+    )
 
 
 def add_craters(
     rng: np.random.Generator, heights: NDArray[np.float32], cell_size_m: float, count: int
 ) -> NDArray[np.float32]:
-    """`heights` with craters: parabolic bowls with raised rims and ejecta that thin out with distance."""
+    """`heights` with craters: parabolic bowls with raised rims and ejecta that thin out with
+    distance.
+    """
     size = heights.shape[0]
     out = heights.copy()
     y, x = np.mgrid[:size, :size].astype(np.float32)
     for _ in range(count):
         radius = float(np.exp(rng.uniform(np.log(3.0), np.log(max(size / 5, 3.0)))))
         cy, cx = rng.uniform(0, size, 2)
-        depth = rng.uniform(0.08, 0.22) * 2.0 * radius * cell_size_m  # fresh craters are a fifth as deep as wide
+        depth = (
+            rng.uniform(0.08, 0.22) * 2.0 * radius * cell_size_m
+        )  # fresh craters are a fifth as deep as wide
         rim = 0.2 * depth
         d = np.hypot(y - cy, x - cx) / radius
         bowl = (depth + rim) * d**2 - depth
@@ -39,7 +50,9 @@ def add_craters(
     return out
 
 
-def synthetic_terrain(rng: np.random.Generator, size: int, cell_size_m: float) -> NDArray[np.float32]:
+def synthetic_terrain(
+    rng: np.random.Generator, size: int, cell_size_m: float
+) -> NDArray[np.float32]:
     """A square of fractal ground with craters on most: (size, size) float32, metres."""
     ground = fractal(rng, size, cell_size_m, rng.uniform(3.0, 12.0))
     if rng.random() < 0.7:

@@ -18,7 +18,8 @@ from nnpp_edge.terrain.georeference import Place
 
 FORMATS = "GeoPackage, GeoJSON, GPX, Shapefile, FlatGeobuf"
 _PLAIN = re.compile(
-    rb"SQLite format 3\0|\0\0\x27\x0a|fgb\x03|(<\?xml[^>]*\?>)?\s*(<!--.*?-->\s*)*<gpx[\s>]", re.DOTALL
+    rb"SQLite format 3\0|\0\0\x27\x0a|fgb\x03|(<\?xml[^>]*\?>)?\s*(<!--.*?-->\s*)*<gpx[\s>]",
+    re.DOTALL,
 )
 """How a GeoPackage, a Shapefile, a FlatGeobuf and GPX begin."""
 _GEOJSON_TYPES = ("FeatureCollection", "Feature", "Point", "MultiPoint", "GeometryCollection")
@@ -31,12 +32,13 @@ class VectorFileError(InvalidQueryError):
 
 
 def points_of(name: str, place: Place) -> tuple[Points, str]:
-    """Map coordinates (N, 2) of a layer's points, in their order, and a word where they had to be reprojected.
+    """Map coordinates (N, 2) of a layer's points, in their order, and a word where they had to be
+    reprojected.
 
-    The name is that of a file of one of `FORMATS`, or FILE:LAYER where it has several, of which GPX's is that of the
-    way points. Points of a layer that names no coordinate system are in the map's own. VectorFileError where there is
-    no such file or layer, or it holds other things than points, or none; InvalidQueryError where its system does not
-    lead to the map's.
+    The name is that of a file of one of `FORMATS`, or FILE:LAYER where it has several, of which
+    GPX's is that of the way points. Points of a layer that names no coordinate system are in the
+    map's own. VectorFileError where there is no such file or layer, or it holds other things than
+    points, or none; InvalidQueryError where its system does not lead to the map's.
     """
     path, layer = named_file(name)
     refused = refused_as(VectorFileError, f"{path}: wanted {FORMATS} with points")
@@ -44,12 +46,21 @@ def points_of(name: str, place: Place) -> tuple[Points, str]:
         _check_plain(path)
         layers = pyogrio.list_layers(path)[:, 0].tolist()
         if layer is None and len(layers) > 1 and layers[0] != "waypoints":
-            raise VectorFileError(f"{path}: wanted one layer: name it as {path.name}:LAYER ({', '.join(layers)})")
-        meta, _, read, _ = pyogrio.raw.read(path, layer=layer or layers[0], columns=[], force_2d=True)
+            raise VectorFileError(
+                f"{path}: wanted one layer: name it as {path.name}:LAYER ({', '.join(layers)})"
+            )
+        meta, _, read, _ = pyogrio.raw.read(
+            path, layer=layer or layers[0], columns=[], force_2d=True
+        )
         shapes = [shape for shape in read if shape is not None]
         if any(shape[1] not in (1, 4) for shape in shapes):
-            raise VectorFileError(f"{path}: wanted points, got other shapes ({meta['geometry_type']})")
-        points = [np.frombuffer(shape, _POINTS, offset=9 if shape[1] == 4 else 0)["xy"] for shape in shapes]
+            raise VectorFileError(
+                f"{path}: wanted points, got other shapes ({meta['geometry_type']})"
+            )
+        points = [
+            np.frombuffer(shape, _POINTS, offset=9 if shape[1] == 4 else 0)["xy"]
+            for shape in shapes
+        ]
     found = np.concatenate([np.empty((0, 2)), *points])
     found = found[np.isfinite(found).all(axis=1)]  # an empty point has no numbers
     if not len(found):
@@ -58,7 +69,9 @@ def points_of(name: str, place: Place) -> tuple[Points, str]:
 
 
 def named_file(name: str) -> tuple[Path, str | None]:
-    """The file and the layer that FILE or FILE:LAYER names; VectorFileError where there is no such file."""
+    """The file and the layer that FILE or FILE:LAYER names; VectorFileError where there is no such
+    file.
+    """
     problem = problem_with_file(name)
     if problem is None:
         return Path(name), None
@@ -80,7 +93,9 @@ def geopackage_bytes(layer: str, geojson: bytes) -> bytes:
 
 @contextmanager
 def _pyogrio(purpose: str) -> Iterator[ModuleType]:
-    """pyogrio without the network, and without GDAL's warnings: of a damaged file, which is refused, for instance."""
+    """pyogrio without the network, and without GDAL's warnings: of a damaged file, which is
+    refused, for instance.
+    """
     pyogrio = optional_module("pyogrio", purpose, "vector")
     pyogrio.set_gdal_config_options(NO_NETWORK)
     with warnings.catch_warnings():
@@ -89,9 +104,13 @@ def _pyogrio(purpose: str) -> Iterator[ModuleType]:
 
 
 def _check_plain(path: Path) -> None:
-    """VectorFileError for what GDAL would take for a list of other files and addresses, or read otherwise."""
+    """VectorFileError for what GDAL would take for a list of other files and addresses, or read
+    otherwise.
+    """
     with path.open("rb") as file:
         head = file.read(1 << 12).lstrip(b"\xef\xbb\xbf \t\r\n")
-    if (head.startswith(b"{") and parse(read_text(path)).get("type") in _GEOJSON_TYPES) or _PLAIN.match(head):
+    if (
+        head.startswith(b"{") and parse(read_text(path)).get("type") in _GEOJSON_TYPES
+    ) or _PLAIN.match(head):
         return
     raise VectorFileError(f"{path}: wanted {FORMATS}, got another kind of file")

@@ -1,4 +1,6 @@
-"""Vehicles from TOML, and how they get up and down: those that travel with the package, and a user's own."""
+"""Vehicles from TOML, and how they get up and down: those that travel with the package, and a
+user's own.
+"""
 
 from collections.abc import Iterable, Mapping
 from dataclasses import fields
@@ -30,30 +32,36 @@ def shipped_vehicles() -> list[str]:
 def load_vehicle(name: str | Path) -> Vehicle:
     """A shipped vehicle by its name, or one from a TOML file of `Vehicle`'s values.
 
-    Raises VehicleError where there is none, or a value is missing, unknown, of the wrong type or out of range.
+    Raises VehicleError where there is none, or a value is missing, unknown, of the wrong type or
+    out of range.
     """
     return vehicle_of(read_vehicle(name), Path(name).name)
 
 
 def load_mobility(name: str | Path, gravity_m_s2: float | None = None) -> Mobility:
-    """How a vehicle gets up and down: the table ``[mobility]`` of its file, which may hold nothing else.
+    """How a vehicle gets up and down: the table ``[mobility]`` of its file, which may hold nothing
+    else.
 
-    A gravity takes the place of the file's, such as `coordinates.gravity_of` a map. Raises VehicleError as
-    `load_vehicle`, and where there is no such table.
+    A gravity takes the place of the file's, such as `coordinates.gravity_of` a map. Raises
+    VehicleError as `load_vehicle`, and where there is no such table.
     """
     found = mobility_of(read_mobility(name), Path(name).name)
     return found if gravity_m_s2 is None else found.under(gravity_m_s2)
 
 
 def read_mobility(name: str | Path) -> object:
-    """The table ``[mobility]`` of a vehicle's file, not yet checked; VehicleError where there is none."""
+    """The table ``[mobility]`` of a vehicle's file, not yet checked; VehicleError where there is
+    none.
+    """
     if (found := read_vehicle(name).get("mobility")) is None:
         raise VehicleError(f"{Path(name).name}: wanted a table [mobility], got none")
     return found
 
 
 def mobility_of(values: object, source: str) -> Mobility:
-    """A mobility of the values of its table; VehicleError, which begins with `source`, says what was wrong."""
+    """A mobility of the values of its table; VehicleError, which begins with `source`, says what
+    was wrong.
+    """
     source = f"{source}: mobility"
     tables = values if isinstance(values, dict) else {}
     _refuse_unknown(tables, SLOPE_COSTS, source)
@@ -64,12 +72,16 @@ def mobility_of(values: object, source: str) -> Mobility:
 
 
 def read_vehicle(name: str | Path) -> dict[str, object]:
-    """A vehicle's values as its file has them, not yet checked; VehicleError if there is no file in TOML."""
+    """A vehicle's values as its file has them, not yet checked; VehicleError if there is no file in
+    TOML.
+    """
     return read_toml(name, _SHIPPED, "vehicle", VehicleError)[1]
 
 
 def vehicle_of(values: Mapping[str, object], source: str) -> Vehicle:
-    """The vehicle with these values; VehicleError, which begins with `source`, says what was wanted and what came."""
+    """The vehicle with these values; VehicleError, which begins with `source`, says what was wanted
+    and what came.
+    """
     if "mobility" in values:
         mobility_of(values["mobility"], source)
     values = {name: value for name, value in values.items() if name != "mobility"}
@@ -92,4 +104,6 @@ def _converted(values: object, kind: type[T], source: str) -> T:
     except msgspec.ValidationError as error:
         problem, _, place = str(error).partition(" - at `$")
         name = place.strip(".`")
-        raise VehicleError(f"{source}: {name}: {problem}" if place else f"{source}: {problem}") from None
+        raise VehicleError(
+            f"{source}: {name}: {problem}" if place else f"{source}: {problem}"
+        ) from None

@@ -15,35 +15,42 @@ _ROCKS = "body-rocks"
 def workload(name: str, base: Traversability | None = None) -> Traversability:
     """The limits of a workload.
 
-    ``soft`` is the paper's cost, without hard limits. ``limitN`` is φ_s = N°, and cells are impassable on which the
-    plane fitted to their 3×3 patch is steeper. A single step between two cells' middles may be steeper than that.
+    ``soft`` is the paper's cost, without hard limits. ``limitN`` is φ_s = N°, and cells are
+    impassable on which the plane fitted to their 3×3 patch is steeper. A single step between two
+    cells' middles may be steeper than that.
     """
     base = base or Traversability()
     if name == SOFT:
         return base
     if body_rocks(name) is not None:
         raise InvalidQueryError(
-            f"workload {name!r} is a vehicle's: `nnpp-edge evaluate` and `profile` judge by it, no other command"
+            f"workload {name!r} is a vehicle's: `nnpp-edge evaluate` and `profile` judge by it, "
+            "no other command"
         )
     limit = _number(name, "limit")
     if not 0.0 < limit < 90.0:
-        raise InvalidQueryError(f"workload must be 'soft' or 'limitN' with N in (0, 90) degrees, got {name!r}")
+        raise InvalidQueryError(
+            f"workload must be 'soft' or 'limitN' with N in (0, 90) degrees, got {name!r}"
+        )
     return replace(base, slope_limit_deg=limit, hard_slope_deg=limit)
 
 
 def body_rocks(name: str) -> float | None:
     """Share of the ground under rocks in the workloads of a vehicle; None for those of a point.
 
-    ``body`` is the ground as it is, ``body-rocksN`` has rocks on N percent of it. InvalidQueryError for other N than
-    0 to 20.
+    ``body`` is the ground as it is, ``body-rocksN`` has rocks on N percent of it. InvalidQueryError
+    for other N than 0 to 20.
     """
     if name == BODY:
         return 0.0
     if not name.startswith(_ROCKS):
         return None
-    share, most = _number(name, _ROCKS) / 100.0, 100 * MOST_COVER
+    share = _number(name, _ROCKS) / 100.0
+    most = 100 * MOST_COVER
     if not 0.0 <= share <= MOST_COVER:
-        raise InvalidQueryError(f"workload must be 'body-rocksN' with N from 0 to {most:g} percent, got {name!r}")
+        raise InvalidQueryError(
+            f"workload must be 'body-rocksN' with N from 0 to {most:g} percent, got {name!r}"
+        )
     return share
 
 

@@ -25,20 +25,34 @@ Batch = tuple[NDArray[np.generic], NDArray[np.float32], NDArray[np.float32]]
 class Batches:
     """Planes, encoded queries and targets, in a new random order each epoch.
 
-    The settings' ``target`` is ``near``: exp(-excess / softness), the nearness to the optimum of the best path
-    through a block; or ``path``: 1 on the optimal path's blocks, 0 elsewhere, as in the paper; of maps known by their
-    blocks it is what these turn out to be. Every process, `rank` of `world`, takes every `world`-th query of each
-    batch: together they see the samples of one process.
+    The settings' ``target`` is ``near``: exp(-excess / softness), the nearness to the optimum of
+    the best path through a block; or ``path``: 1 on the optimal path's blocks, 0 elsewhere, as in
+    the paper; of maps known by their blocks it is what these turn out to be. Every process, `rank`
+    of `world`, takes every `world`-th query of each batch: together they see the samples of one
+    process.
     """
 
     def __init__(
-        self, samples: Samples | KnownMaps, spec: Spec, settings: TrainSettings, *, rank: int = 0, world: int = 1
+        self,
+        samples: Samples | KnownMaps,
+        spec: Spec,
+        settings: TrainSettings,
+        *,
+        rank: int = 0,
+        world: int = 1,
     ) -> None:
         if len(samples) < settings.batch:
-            raise DataSetError(f"wanted at least {settings.batch} samples for one batch, got {len(samples)}")
-        self.samples, self.settings, self.rank, self.world = samples, settings, rank, world
+            raise DataSetError(
+                f"wanted at least {settings.batch} samples for one batch, got {len(samples)}"
+            )
+        self.samples = samples
+        self.settings = settings
+        self.rank = rank
+        self.world = world
         self._make = (
-            partial(known_batch, samples) if isinstance(samples, KnownMaps) else _Labelled(samples, spec, settings)
+            partial(known_batch, samples)
+            if isinstance(samples, KnownMaps)
+            else _Labelled(samples, spec, settings)
         )
 
     def __len__(self) -> int:
@@ -72,22 +86,34 @@ class _Labelled:
     """Makes batches of labelled queries."""
 
     def __init__(self, samples: Samples, spec: Spec, settings: TrainSettings) -> None:
-        label_blocks, side = samples.excess.shape[-1], samples.planes.shape[-1]
+        label_blocks = samples.excess.shape[-1]
+        side = samples.planes.shape[-1]
         if label_blocks % spec.blocks or side != spec.input_size:
             raise DataSetError(
-                f"the network wants maps of {spec.input_size} and labels of a multiple of {spec.blocks} "
+                f"the network wants maps of {spec.input_size} and labels of a multiple of "
+                f"{spec.blocks} "
                 f"blocks, got {side} and {label_blocks}"
             )
-        self.samples, self.spec, self.settings = samples, spec, settings
+        self.samples = samples
+        self.spec = spec
+        self.settings = settings
         self.nearness = np.exp(-np.arange(256) * EXCESS_STEP / settings.softness).astype(np.float32)
         self.nearness[255] = 0.0
 
-    def __call__(self, queries: NDArray[np.int64], swapped: list[bool], turns: list[tuple[int, bool]]) -> Batch:
-        """The batch of `queries`; those `swapped` go from goal to start, and each is turned and mirrored."""
-        s, encoded = self.samples, []
-        planes, targets = s.planes[s.map_index[queries]], self._targets(queries)
+    def __call__(
+        self, queries: NDArray[np.int64], swapped: list[bool], turns: list[tuple[int, bool]]
+    ) -> Batch:
+        """The batch of `queries`; those `swapped` go from goal to start, and each is turned and
+        mirrored.
+        """
+        s = self.samples
+        encoded = []
+        planes = s.planes[s.map_index[queries]]
+        targets = self._targets(queries)
         last = planes.shape[-1] - 1
-        for at, (query, swap, (quarters, mirrored)) in enumerate(zip(queries, swapped, turns, strict=True)):
+        for at, (query, swap, (quarters, mirrored)) in enumerate(
+            zip(queries, swapped, turns, strict=True)
+        ):
             ends = []
             for row, col in (s.start[query].tolist(), s.goal[query].tolist()):
                 for _ in range(quarters):
@@ -100,7 +126,8 @@ class _Labelled:
         return planes, np.stack(encoded), targets
 
     def _targets(self, queries: NDArray[np.int64]) -> NDArray[np.float32]:
-        s, blocks = self.samples, self.spec.blocks
+        s = self.samples
+        blocks = self.spec.blocks
         side = s.excess.shape[-1] // blocks
         shape = (len(queries), blocks, side, blocks, side)
         if self.settings.target == "path":

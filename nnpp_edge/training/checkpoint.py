@@ -1,4 +1,6 @@
-"""Checkpoints of a training run: settings, progress, weights; enough to go on and enough to export."""
+"""Checkpoints of a training run: settings, progress, weights; enough to go on and enough
+to export.
+"""
 
 import io
 import json
@@ -24,7 +26,9 @@ State = dict[str, Tensor]
 
 @dataclass(frozen=True)
 class TrainSettings:
-    """How to train; the optimiser's defaults are the paper's. `target` and `softness` are those of `Batches`."""
+    """How to train; the optimiser's defaults are the paper's. `target` and `softness` are those of
+    `Batches`.
+    """
 
     epochs: int = 150
     batch: int = 32
@@ -38,12 +42,16 @@ class TrainSettings:
     softness: float = 0.02
     seed: int = 1
     time_limit_s: float = math.inf
-    """About how long the training takes, over all resumed runs: after the warm-up its speed decides the steps."""
+    """About how long the training takes, over all resumed runs: after the warm-up its speed decides
+    the steps.
+    """
     validate_every_s: float = 300.0
     average_decay: float = 0.998
     """Of the running mean of the weights, which is what is validated and exported."""
     precision: str = "auto"
-    """Of the convolutions: ``float32``, ``bfloat16``, or bfloat16 on a GPU and float32 on a CPU (``auto``)."""
+    """Of the convolutions: ``float32``, ``bfloat16``, or bfloat16 on a GPU and float32 on a CPU
+    (``auto``).
+    """
 
 
 @dataclass
@@ -55,7 +63,9 @@ class Progress:
     step_in_epoch: int = 0
     spent_s: float = 0.0
     steps: int | None = None
-    """The step at which the training ends, once that is known; `TrainSettings.steps` of so many repeats it."""
+    """The step at which the training ends, once that is known; `TrainSettings.steps` of so many
+    repeats it.
+    """
     history: list[dict[str, float]] = field(default_factory=list)
 
 
@@ -70,14 +80,22 @@ class Checkpoint:
     average: State
     optimiser: dict[str, object]
     origin: dict[str, object] = field(default_factory=dict)
-    """Where else the weights come from: ``torch`` (its version), ``threads``, ``begun_with`` (`facts` of
-    the run whose weights this one began with), ``resumed_with_other_settings``, ``resumed_without_optimiser``."""
+    """Where else the weights come from: ``torch`` (its version), ``threads``, ``begun_with``
+    (`facts` of the run whose weights this one began with), ``resumed_with_other_settings``,
+    ``resumed_without_optimiser``."""
 
     def facts(self) -> dict[str, object]:
         """Facts that decided the weights, for a model's metadata."""
         progress = self.progress
-        done = {"steps": progress.step, "epochs": progress.epoch, "seconds": round(progress.spent_s, 1)}
-        asked = {name: getattr(self.settings, name) for name in (*_DECIDING, "average_decay", "precision")}
+        done = {
+            "steps": progress.step,
+            "epochs": progress.epoch,
+            "seconds": round(progress.spent_s, 1),
+        }
+        asked = {
+            name: getattr(self.settings, name)
+            for name in (*_DECIDING, "average_decay", "precision")
+        }
         return done | asked | {"input_size": self.spec.input_size} | self.origin
 
     def trained(self) -> Network:
@@ -108,6 +126,8 @@ def load_checkpoint(path: Path) -> Checkpoint:
             raise ValueError("its weights are not finite")
     except msgspec.ValidationError as error:
         raise ModelError(f"{wanted}, got {error}") from error
-    except Exception as error:  # torch meets bad bytes with nearly every kind there is, and with many words
+    except (
+        Exception
+    ) as error:  # torch meets bad bytes with nearly every kind there is, and with many words
         raise ModelError(f"{wanted}, got another file, or a damaged one") from error
     return found

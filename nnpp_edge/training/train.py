@@ -1,4 +1,6 @@
-"""Training: AdamW as in the paper, resumable, limited by epochs, steps or time, on one device or several."""
+"""Training: AdamW as in the paper, resumable, limited by epochs, steps or time, on one device or
+several.
+"""
 
 import math
 import os
@@ -41,23 +43,29 @@ def train(
     pause_after_s: float = math.inf,
     report: Callable[[float], None] = lambda share: None,
 ) -> Path:
-    """Train a network, going on from the folder's checkpoint if there is one; the path of its checkpoint.
+    """Train a network, going on from the folder's checkpoint if there is one; the path of its
+    checkpoint.
 
-    The `folder` gets ``checkpoint.pt`` (weights, running mean, optimiser, progress; loads with weights_only) and
-    ``history.json``. `omega` is the weight of the traversability cost per grey level, for validation's searches. A
-    new run begins with the averaged weights of the checkpoint `begin_with`, whose input may have another size.
+    The `folder` gets ``checkpoint.pt`` (weights, running mean, optimiser, progress; loads with
+    weights_only) and ``history.json``. `omega` is the weight of the traversability cost per grey
+    level, for validation's searches. A new run begins with the averaged weights of the checkpoint
+    `begin_with`, whose input may have another size.
 
-    With `small_checkpoints` the running mean of the weights alone is saved, convolutions in 16 bits: a resumed run
-    goes on from the mean with a new optimiser, whose learning rate is warmed up again. After `pause_after_s` seconds
-    the run is saved, wherever it is; called again it goes on. `report` is called after each step with the share done.
+    With `small_checkpoints` the running mean of the weights alone is saved, convolutions in 16
+    bits: a resumed run goes on from the mean with a new optimiser, whose learning rate is warmed up
+    again. After `pause_after_s` seconds the run is saved, wherever it is; called again it goes on.
+    `report` is called after each step with the share done.
 
-    Under ``torchrun`` each process takes its share of every batch and gradients are averaged; only the first
-    validates, writes and reports. ModelError where the folder's checkpoint is of another spec or `begin_with` of
-    another network, DataSetError where the training set does not fit or is smaller than a batch.
+    Under ``torchrun`` each process takes its share of every batch and gradients are averaged; only
+    the first validates, writes and reports. ModelError where the folder's checkpoint is of another
+    spec or `begin_with` of another network, DataSetError where the training set does not fit or is
+    smaller than a batch.
     """
     processes = Processes.join()
     if settings.batch % processes.world:
-        raise InvalidQueryError(f"batch must be a multiple of the {processes.world} processes, got {settings.batch}")
+        raise InvalidQueryError(
+            f"batch must be a multiple of the {processes.world} processes, got {settings.batch}"
+        )
     make_folder(folder)
     path = folder / CHECKPOINT
     validator: Validator | KnownValidator | None = None
@@ -70,7 +78,8 @@ def train(
         validator = Validator(validation, spec, omega)
     run = _Run(spec, settings, processes, len(batches))
     run.begin(path, begin_with)
-    progress, began = run.progress, time.monotonic()
+    progress = run.progress
+    began = time.monotonic()
     validated = began
 
     def validate_and_save() -> None:
@@ -112,9 +121,16 @@ class Processes:
 
     @classmethod
     def join(cls) -> "Processes":
-        """This process alone, or as torchrun's environment variables say: NCCL between GPUs, Gloo between CPUs."""
-        world, cuda = int(os.environ.get("WORLD_SIZE", "1")), torch.cuda.is_available()
-        device = torch.device("cuda", int(os.environ.get("LOCAL_RANK", "0"))) if cuda else torch.device("cpu")
+        """This process alone, or as torchrun's environment variables say: NCCL between GPUs, Gloo
+        between CPUs.
+        """
+        world = int(os.environ.get("WORLD_SIZE", "1"))
+        cuda = torch.cuda.is_available()
+        device = (
+            torch.device("cuda", int(os.environ.get("LOCAL_RANK", "0")))
+            if cuda
+            else torch.device("cpu")
+        )
         if world == 1:
             return cls(0, 1, device)
         distributed.init_process_group("nccl" if cuda else "gloo")
@@ -154,10 +170,16 @@ class Processes:
 
 
 class _Run:
-    """One process's part of a training run: the network, its running mean, the optimiser and the progress."""
+    """One process's part of a training run: the network, its running mean, the optimiser and the
+    progress.
+    """
 
-    def __init__(self, spec: Spec, settings: TrainSettings, processes: Processes, batches_an_epoch: int) -> None:
-        self.spec, self.settings, self.processes = spec, settings, processes
+    def __init__(
+        self, spec: Spec, settings: TrainSettings, processes: Processes, batches_an_epoch: int
+    ) -> None:
+        self.spec = spec
+        self.settings = settings
+        self.processes = processes
         self.device = device = processes.device
         torch.manual_seed(settings.seed)
         self.network = Network(spec).to(device, memory_format=torch.channels_last)  # type: ignore[call-overload]
@@ -172,10 +194,15 @@ class _Run:
         self.losses: list[float] = []
         """Of the steps since the last validation."""
         self.progress = Progress()
-        self.origin: dict[str, object] = {"torch": str(torch.__version__), "threads": torch.get_num_threads()}
+        self.origin: dict[str, object] = {
+            "torch": str(torch.__version__),
+            "threads": torch.get_num_threads(),
+        }
 
     def begin(self, path: Path, other: Path | None) -> None:
-        """Go on from a checkpoint, if it is there, else begin with another run's weights; start the clock."""
+        """Go on from a checkpoint, if it is there, else begin with another run's weights; start the
+        clock.
+        """
         saved = load_checkpoint(path) if path.exists() else None
         if saved is not None:
             self._resume(saved, path)
@@ -184,7 +211,9 @@ class _Run:
             try:
                 self.network.load_state_dict(theirs.average)
             except RuntimeError as error:
-                raise ModelError(f"{other}: wanted weights for {self.spec}, got those of {theirs.spec}") from error
+                raise ModelError(
+                    f"{other}: wanted weights for {self.spec}, got those of {theirs.spec}"
+                ) from error
             self.origin["begun_with"] = theirs.facts()
         self.average.load_state_dict(saved.average if saved else self.network.state_dict())
         self.wrapped = self.processes.averaging_gradients(self.network)
@@ -196,11 +225,13 @@ class _Run:
         if saved.spec != self.spec:
             raise ModelError(f"{path}: wanted a checkpoint of {self.spec}, got one of {saved.spec}")
         self.network.load_state_dict(saved.network)
-        self.progress, self.origin = saved.progress, saved.origin | self.origin
+        self.progress = saved.progress
+        self.origin = saved.origin | self.origin
         if saved.optimiser:
             self.optimiser.load_state_dict(saved.optimiser)
         else:
-            self.optimiser_since, self.origin["resumed_without_optimiser"] = saved.progress.step, True
+            self.optimiser_since = saved.progress.step
+            self.origin["resumed_without_optimiser"] = True
         if saved.settings != self.settings:
             self.origin["resumed_with_other_settings"] = True
             self.progress.steps = None
@@ -212,16 +243,23 @@ class _Run:
 
     @property
     def share_done(self) -> float:
-        """Share of the training that is done, in steps, or in time while their number is not known."""
+        """Share of the training that is done, in steps, or in time while their number is
+        not known.
+        """
         p = self.progress
-        return min(p.spent_s / self.settings.time_limit_s if p.steps is None else p.step / p.steps, 1.0)
+        return min(
+            p.spent_s / self.settings.time_limit_s if p.steps is None else p.step / p.steps, 1.0
+        )
 
     def step(self, batch: Batch) -> None:
         """Learn from one batch."""
-        progress, limit_s = self.progress, self.settings.time_limit_s
+        progress = self.progress
+        limit_s = self.settings.time_limit_s
         for group in self.optimiser.param_groups:
             group["lr"] = self._learning_rate()
-        planes, query, target = (torch.from_numpy(array).to(self.device, non_blocking=True) for array in batch)
+        planes, query, target = (
+            torch.from_numpy(array).to(self.device, non_blocking=True) for array in batch
+        )
         self.network.train()
         with torch.autocast(self.device.type, torch.bfloat16, enabled=self.in_bfloat16):
             shown = planes if planes.is_floating_point() else planes.float() / 255.0
@@ -234,27 +272,46 @@ class _Run:
         self.losses.append(float(loss.detach()))
         decay = min(self.settings.average_decay, (1 + progress.step) / (10 + progress.step))
         with torch.no_grad():
-            torch._foreach_lerp_(list(self.average.parameters()), list(self.network.parameters()), 1.0 - decay)
+            torch._foreach_lerp_(
+                list(self.average.parameters()), list(self.network.parameters()), 1.0 - decay
+            )
         progress.step += 1
         progress.step_in_epoch += 1
         progress.spent_s = self.processes.of_the_first(time.monotonic() - self.started)
-        if progress.steps is None and (progress.step >= self.settings.warmup_steps or progress.spent_s >= limit_s):
-            progress.steps = min(self.most, max(progress.step, int(progress.step * limit_s / progress.spent_s)))
+        if progress.steps is None and (
+            progress.step >= self.settings.warmup_steps or progress.spent_s >= limit_s
+        ):
+            progress.steps = min(
+                self.most, max(progress.step, int(progress.step * limit_s / progress.spent_s))
+            )
 
     def _learning_rate(self) -> float:
-        """Linear warm-up, then half a cosine down to a hundredth; the warm-up is the same however long the run."""
-        step, warm, steps = self.progress.step, self.settings.warmup_steps, self.progress.steps
-        warmed = self.settings.learning_rate * min(1.0, (step - self.optimiser_since + 1) / max(warm, 1))
+        """Linear warm-up, then half a cosine down to a hundredth; the warm-up is the same however
+        long the run.
+        """
+        step = self.progress.step
+        warm = self.settings.warmup_steps
+        steps = self.progress.steps
+        warmed = self.settings.learning_rate * min(
+            1.0, (step - self.optimiser_since + 1) / max(warm, 1)
+        )
         if step < warm or steps is None:
             return warmed
-        return warmed * (0.01 + 0.99 * 0.5 * (1.0 + math.cos(math.pi * (step - warm) / (steps - warm))))
+        return warmed * (
+            0.01 + 0.99 * 0.5 * (1.0 + math.cos(math.pi * (step - warm) / (steps - warm)))
+        )
 
     def validated(self, validator: Validator | KnownValidator, loss: float) -> dict[str, float]:
         """The history's row for the running mean, with this mean loss since the last one."""
         for theirs, ours in zip(self.network.buffers(), self.average.buffers(), strict=True):
             ours.copy_(theirs)  # the batch norms' statistics
         p = self.progress
-        row: dict[str, float] = {"step": p.step, "epoch": p.epoch, "spent_s": round(p.spent_s, 1), "loss": loss}
+        row: dict[str, float] = {
+            "step": p.step,
+            "epoch": p.epoch,
+            "spent_s": round(p.spent_s, 1),
+            "loss": loss,
+        }
         for judged in validator.judge(self.average):
             figures = asdict(judged)
             at = f"@{figures.pop('factor'):g}" if "factor" in figures else ""
@@ -266,6 +323,8 @@ class _Run:
         mean = self.average.state_dict()
         states = self.network.state_dict(), mean, self.optimiser.state_dict()
         if small:  # the few numbers beside convolutions' weights stay as they are
-            mean = {name: values.half() if values.ndim > 1 else values for name, values in mean.items()}
+            mean = {
+                name: values.half() if values.ndim > 1 else values for name, values in mean.items()
+            }
             states = mean, mean, {}
         return Checkpoint(self.spec, self.settings, self.progress, *states, self.origin)

@@ -17,20 +17,25 @@ Floats = NDArray[np.float32]
 def known_batch(
     maps: KnownMaps, numbers: NDArray[np.int64], swapped: list[bool], turns: list[tuple[int, bool]]
 ) -> tuple[Floats, Floats, Floats]:
-    """Planes of maps, each turned and mirrored, and the answers wanted; the query of these networks is empty."""
+    """Planes of maps, each turned and mirrored, and the answers wanted; the query of these networks
+    is empty.
+    """
     shown = [sample(maps, int(at), *turn) for at, turn in zip(numbers, turns, strict=True)]
     planes, answers = (np.stack(each) for each in zip(*shown, strict=True))
     return planes, np.empty((len(shown), 0), np.float32), answers
 
 
-def sample(maps: KnownMaps, at: int, quarters: int = 0, mirrored: bool = False) -> tuple[Floats, Floats]:
+def sample(
+    maps: KnownMaps, at: int, quarters: int = 0, mirrored: bool = False
+) -> tuple[Floats, Floats]:
     """A map as a network is shown it, and the answers wanted, in one of eight positions."""
 
     def turned(array: Floats) -> Floats:
         array = np.rot90(array, quarters, axes=(-2, -1))
         return np.ascontiguousarray(array[..., ::-1] if mirrored else array)
 
-    heights, factor = turned(maps.heights[at]), int(maps.factor[at])
+    heights = turned(maps.heights[at])
+    factor = int(maps.factor[at])
     planes = np.empty((len(UNSEEN), *heights.shape), np.float32)
     encode_unseen(heights, maps.limits(at), float(maps.cell_size_m[at]) * factor, factor, planes)
     return planes, turned(maps.wanted(at))
@@ -50,14 +55,19 @@ class KnownValidator:
 
     def __init__(self, maps: KnownMaps, most: int = 256) -> None:
         chosen = np.linspace(0, len(maps) - 1, min(most, len(maps))).astype(int)
-        self.planes, self.wanted = (np.stack(each) for each in zip(*(sample(maps, at) for at in chosen), strict=True))
+        self.planes, self.wanted = (
+            np.stack(each) for each in zip(*(sample(maps, at) for at in chosen), strict=True)
+        )
 
     @torch.no_grad()
     def judge(self, network: Network, batch: int = 32) -> list[Fit]:
         """How well a network's answers fit."""
         network.eval()
         device = next(network.parameters()).device
-        parts = (torch.from_numpy(self.planes[at : at + batch]) for at in range(0, len(self.planes), batch))
+        parts = (
+            torch.from_numpy(self.planes[at : at + batch])
+            for at in range(0, len(self.planes), batch)
+        )
         logits = [network(part.to(device), part[:0]).float().cpu() for part in parts]
         return self.judge_answers(torch.sigmoid(torch.cat(logits)).numpy())
 

@@ -40,17 +40,22 @@ class Judgement:
 
 
 class Validator:
-    """Searches a fixed set of labelled queries in the network's regions, on the maps as the data set holds them.
+    """Searches a fixed set of labelled queries in the network's regions, on the maps as the data
+    set holds them.
 
-    The maps' side is the network's or a multiple of it; the network is shown them averaged. Cells of which a part is
-    impassable, on maps that the data set holds averaged, are passable at their mean cost: all queries are searched.
+    The maps' side is the network's or a multiple of it; the network is shown them averaged. Cells
+    of which a part is impassable, on maps that the data set holds averaged, are passable at their
+    mean cost: all queries are searched.
     """
 
     def __init__(self, samples: Samples, spec: Spec, omega: float, most: int = 256) -> None:
         self.index = np.linspace(0, len(samples) - 1, min(most, len(samples))).astype(int)
-        self.samples, self.spec = samples, spec
+        self.samples = samples
+        self.spec = spec
         self._shown = samples.averaged(spec.input_size)
-        self.queries = np.stack([encode(spec, self._shown.start[q], self._shown.goal[q]) for q in self.index])
+        self.queries = np.stack(
+            [encode(spec, self._shown.start[q], self._shown.goal[q]) for q in self.index]
+        )
         self.model = StepModel.of("paper", omega)
         size = samples.planes.shape[-1]
         self.workspace = Workspace((size + 2) ** 2)
@@ -89,13 +94,21 @@ class Validator:
         """Search every validation query inside the region, for each of `FACTORS`."""
         return self.judge_probabilities(self.probabilities(network), FACTORS)
 
-    def judge_probabilities(self, probabilities: NDArray[np.float32], factors: Sequence[float]) -> list[Judgement]:
-        """As `judge`, for probabilities (Q, B, B) that were computed elsewhere, in the order of `index`."""
+    def judge_probabilities(
+        self, probabilities: NDArray[np.float32], factors: Sequence[float]
+    ) -> list[Judgement]:
+        """As `judge`, for probabilities (Q, B, B) that were computed elsewhere, in the order of
+        `index`.
+        """
         rows, cols = self.lookup
         out = []
         for factor in factors:
-            gaps, shares, mms = [], [], []
-            for query, probability, (optimum, cells) in zip(self.index, probabilities, self.optima, strict=True):
+            gaps = []
+            shares = []
+            mms = []
+            for query, probability, (optimum, cells) in zip(
+                self.index, probabilities, self.optima, strict=True
+            ):
                 a, b = ((int(rows[row]), int(cols[col])) for row, col in self._endpoints(query))
                 self.finder.read(probability)
                 self.finder.mark(lowered(self.finder.threshold(a, b), factor), a, b)

@@ -1,7 +1,7 @@
 """Answers to the page: the path with its figures and profile, a method beside others, layers.
 
-A layer is a byte a pixel, with no more pixels than a screen has, whatever the map. The page colours it
-(`page/layers.js`); nothing is compressed on the way to this machine's own browser.
+A layer is a byte a pixel, with no more pixels than a screen has, whatever the map. The page colours
+it (`page/layers.js`); nothing is compressed on the way to this machine's own browser.
 """
 
 import math
@@ -33,7 +33,8 @@ from nnpp_edge.view.asked import Asked, Method, Site, command_of
 from nnpp_edge.view.landscape import Landscape, painted
 from nnpp_edge.viz.picture import REFUSED, hillshade
 
-IMPASSABLE, UNKNOWN = 255, 0
+IMPASSABLE = 255
+UNKNOWN = 0
 """Of a pixel of costs, and of one of the relief."""
 FIRST_REFUSED = 249
 """Of a pixel of costs where the first of `REFUSALS` refuses the vehicle; the others follow."""
@@ -68,16 +69,26 @@ class Answerer:
     """Answers the page, one question at a time, whichever threads ask."""
 
     notice = ""
-    """A line on whatever is being waited for, such as kernels that are compiled: of the process, as they are."""
+    """A line on whatever is being waited for, such as kernels that are compiled: of the process, as
+    they are.
+    """
 
     def __init__(self, site: Site, first: Asked) -> None:
-        self.site, self.first = site, first
+        self.site = site
+        self.first = first
         self._lock = threading.Lock()
         self._landscapes = lru_cache(_MOST_LANDSCAPES)(lambda asked: Landscape(site, asked))
 
     def landscape(self, asked: Asked) -> Landscape:
         """The map that is asked of, with its obstacles."""
-        rest = {"start": (0, 0), "goal": (0, 0), "via": (), "method": "auto", "refine": False, "obstacles": ()}
+        rest = {
+            "start": (0, 0),
+            "goal": (0, 0),
+            "via": (),
+            "method": "auto",
+            "refine": False,
+            "obstacles": (),
+        }
         rest |= {"start_heading_deg": None, "goal_heading_deg": None}
         found = self._landscapes(msgspec.structs.replace(asked, **rest))
         found.lay(asked.obstacles)
@@ -85,7 +96,8 @@ class Answerer:
 
     def opening(self) -> bytes:
         """JSON of the site as the page shows it, and of the first question."""
-        dem, bodies = self.site.dem, {}
+        dem = self.site.dem
+        bodies = {}
         for name, body in self.site.bodies.items():
             vehicle = body.vehicle if body.has_poses else None
             bodies[name] = {
@@ -106,7 +118,8 @@ class Answerer:
         return msgspec.json.encode(shown | {"bodies": bodies, "asked": self.first})
 
     def answer(self, question: bytes) -> bytes:
-        """A line of JSON, then the bytes of the ``layer`` whose shape it holds, or of the ``file``, if it does.
+        """A line of JSON, then the bytes of the ``layer`` whose shape it holds, or of the ``file``,
+        if it does.
 
         What cannot be done is an answer too, a ``problem`` in one line.
         """
@@ -117,7 +130,9 @@ class Answerer:
             with self._lock:
                 answer, more = self._answer(asked)
         except (NnppEdgeError, MemoryError) as error:
-            answer = {"problem": str(error) if isinstance(error, NnppEdgeError) else "not enough memory"}
+            answer = {
+                "problem": str(error) if isinstance(error, NnppEdgeError) else "not enough memory"
+            }
         Answerer.notice = ""
         notice.say_once.cache_clear()  # more may have to be compiled for the next
         if isinstance(more, np.ndarray):
@@ -125,7 +140,9 @@ class Answerer:
         return msgspec.json.encode(answer) + b"\n" + (b"" if more is None else bytes(more))
 
     def _answer(self, question: Question) -> tuple[Answer, Layer | bytes | None]:
-        asked, dem, pixels = question.asked, self.site.dem, question.pixels
+        asked = question.asked
+        dem = self.site.dem
+        pixels = question.pixels
         sides = dem.cell_size_m, dem.cell_width_m
         if question.want == "relief":
             return {}, relief(dem.elevation, sides, pixels)
@@ -133,28 +150,41 @@ class Answerer:
             return {}, slope(dem.elevation, sides, pixels)
         landscape = self.landscape(asked)
         if question.want == "place":
-            words, poses = place_in_words(dem, question.at), landscape.planner.state.grid.poses
+            words = place_in_words(dem, question.at)
+            poses = landscape.planner.state.grid.poses
             if not landscape.planner.is_passable(question.at):
-                words.append("impassable" if poses is None else f"it cannot stand: {why_blocked(poses, question.at)}")
+                words.append(
+                    "impassable"
+                    if poses is None
+                    else f"it cannot stand: {why_blocked(poses, question.at)}"
+                )
             return {"words": words}, None
         if question.want == "cost":
             cost = np.where(painted(dem.shape, asked.obstacles), np.float32(np.inf), landscape.cost)
             refused = landscape.refused()
             layer = costs(cost, pixels, refused)
-            return {"refused": [] if refused is None else np.unique(refused[refused > 0]).tolist()}, layer
+            return {
+                "refused": [] if refused is None else np.unique(refused[refused > 0]).tolist()
+            }, layer
         if question.want == "reach":
             return reach(landscape.planner.reach(asked.start), pixels)
         if question.want == "compare":
             plan, time_ms = landscape.compare(asked, question.method)
             region = None if plan.region is None else plan.region.mask()
-            answer = {name: plan.summary()[name] for name in ("status", "method", "cost", "expansions")}
+            answer = {
+                name: plan.summary()[name] for name in ("status", "method", "cost", "expansions")
+            }
             answer |= {"time_ms": round(time_ms, 3), "line": plan.line.tolist()}
             answer["share"] = None if region is None else float(region.mean())
-            return answer, None if region is None else (smaller(region, pixels) * 255.0).astype(np.uint8)
+            return answer, None if region is None else (smaller(region, pixels) * 255.0).astype(
+                np.uint8
+            )
         plan = landscape.plan(asked, asked.method)
         if question.want == "file":
             name = f"{self.site.path.stem}-path.{question.format}"
-            return {"file": name}, file_of(self.site.dem, asked, plan, landscape.cost, question.format)
+            return {"file": name}, file_of(
+                self.site.dem, asked, plan, landscape.cost, question.format
+            )
         return path_answer(self.site, asked, landscape, plan), None
 
 
@@ -172,14 +202,19 @@ def path_answer(site: Site, asked: Asked, landscape: Landscape, plan: Plan) -> A
     }
     if plan.status.endswith("BLOCKED") and landscape.planner.state.grid.poses is None:
         end = asked.start if plan.status.startswith("START") else asked.goal
-        answer["figures"] = plan.summary() | {"reason": f"{plan.reason}: {ground_in_words(site.dem, end)}"}
+        answer["figures"] = plan.summary() | {
+            "reason": f"{plan.reason}: {ground_in_words(site.dem, end)}"
+        }
     if plan.along is None or not len(plan.path):
         return answer
     rows, cols = plan.along.points.T
     cost = landscape.cost[np.rint(rows).astype(int), np.rint(cols).astype(int)]
     columns = {"rows": (rows, 2), "cols": (cols, 2), "distance_m": (plan.along.distance_m, 1)}
     columns |= {"height_m": (plan.along.heights_m, 2), "cost": (np.minimum(cost, 1.0), 3)}
-    answer |= {name: np.round(values.astype(float), digits).tolist() for name, (values, digits) in columns.items()}
+    answer |= {
+        name: np.round(values.astype(float), digits).tolist()
+        for name, (values, digits) in columns.items()
+    }
     if plan.drive is not None:
         answer["gears"] = plan.drive.gears.tolist()
     if plan.waypoints is not None:
@@ -191,9 +226,16 @@ def file_of(dem: Dem, asked: Asked, plan: Plan, cost: Float2D, form: str) -> byt
     """A file with a path; InvalidQueryError without one, and for GPX off the Earth."""
     if not plan.ok or plan.along is None:
         raise InvalidQueryError("there is no path to save")
-    route, told = Route.of(plan.line, plan.along, cost, dem), plan.summary()
-    figures = {name: told[name] for name in ("status", "method", "source", "cost", *plan.numbers._fields)}
-    stops = {"start": asked.start, **{f"via {n}": at for n, at in enumerate(asked.via, 1)}, "goal": asked.goal}
+    route = Route.of(plan.line, plan.along, cost, dem)
+    told = plan.summary()
+    figures = {
+        name: told[name] for name in ("status", "method", "source", "cost", *plan.numbers._fields)
+    }
+    stops = {
+        "start": asked.start,
+        **{f"via {n}": at for n, at in enumerate(asked.via, 1)},
+        "goal": asked.goal,
+    }
     if form == "gpx":
         return route.gpx("nnpp-edge view", stops)
     return route.geopackage(figures) if form == "gpkg" else route.geojson(figures)
@@ -218,25 +260,38 @@ def ground_in_words(dem: Dem, cell: Cell) -> str:
     slope, roughness, step = terms[:, min(cell[0], 1), min(cell[1], 1)].tolist()
     if math.isnan(slope):
         return "its height is unknown"
-    height, degrees = dem.elevation[cell], math.degrees(slope)
-    return f"height {height:.2f} m, slope {degrees:.1f}°, roughness {roughness:.2g} m, step {step:.2g} m"
+    height = dem.elevation[cell]
+    degrees = math.degrees(slope)
+    return (
+        f"height {height:.2f} m, slope {degrees:.1f}°, roughness {roughness:.2g} m, step "
+        f"{step:.2g} m"
+    )
 
 
 def reach(field: Float2D, pixels: int) -> tuple[Answer, Layer]:
-    """Cells that can be reached, width and number of bands of cost, and each pixel's: 1 the nearest, 0 nowhere."""
+    """Cells that can be reached, width and number of bands of cost, and each pixel's: 1 the
+    nearest, 0 nowhere.
+    """
     known = np.isfinite(field)
-    share, total = smaller(known, pixels), smaller(np.where(known, field, np.float32(0.0)), pixels)
+    share = smaller(known, pixels)
+    total = smaller(np.where(known, field, np.float32(0.0)), pixels)
     most = float(field[known].max(initial=0.0)) or 1.0
     power = 10.0 ** math.floor(math.log10(most / 8))  # eight bands at most, of a round width
     step = next(times * power for times in (1, 2, 5, 10, 20) if most <= 8 * times * power)
-    bands = np.where(share > 0.5, 1.0 + np.maximum(total, 0.0) / np.maximum(share, np.float32(0.5)) / step, 0.0)
-    return {"cells": int(known.sum()), "step": step, "bands": math.ceil(most / step)}, bands.astype(np.uint8)
+    bands = np.where(
+        share > 0.5, 1.0 + np.maximum(total, 0.0) / np.maximum(share, np.float32(0.5)) / step, 0.0
+    )
+    return {"cells": int(known.sum()), "step": step, "bands": math.ceil(most / step)}, bands.astype(
+        np.uint8
+    )
 
 
 def relief(elevation: Float2D, sides_m: tuple[float, float], pixels: int) -> Layer:
     """Hillshade, 40 to 245; `UNKNOWN` where fewer than half of a pixel's heights are known."""
-    factor, known = max(max(elevation.shape) / pixels, 1.0), np.isfinite(elevation)
-    share, total = smaller(known, pixels), smaller(np.where(known, elevation, np.float32(0.0)), pixels)
+    factor = max(max(elevation.shape) / pixels, 1.0)
+    known = np.isfinite(elevation)
+    share = smaller(known, pixels)
+    total = smaller(np.where(known, elevation, np.float32(0.0)), pixels)
     mean = np.where(share > 0.5, total / np.maximum(share, np.float32(0.5)), np.float32(np.nan))
     grey = hillshade(mean, *(factor * side for side in sides_m))
     grey[np.isnan(mean)] = UNKNOWN
@@ -246,14 +301,17 @@ def relief(elevation: Float2D, sides_m: tuple[float, float], pixels: int) -> Lay
 def slope(elevation: Float2D, sides_m: tuple[float, float], pixels: int) -> Layer:
     """Inclination of the cells, from 0 to 255 at `_STEEPEST_DEG`; 0 where unknown."""
     slopes = np.nan_to_num(terrain_terms(elevation, sides_m[0], cell_width_m=sides_m[1])[0])
-    return np.asarray(np.minimum(smaller(slopes, pixels) * 255.0 / math.radians(_STEEPEST_DEG), 255.0), np.uint8)
+    return np.asarray(
+        np.minimum(smaller(slopes, pixels) * 255.0 / math.radians(_STEEPEST_DEG), 255.0), np.uint8
+    )
 
 
 def costs(cost: Float2D, pixels: int, refused: Layer | None = None) -> Layer:
-    """Traversability costs, from 0 to 248; `IMPASSABLE` where a pixel's cells are, by a quarter of them.
+    """Traversability costs, from 0 to 248; `IMPASSABLE` where a pixel's cells are, by a quarter of
+    them.
 
-    Where a vehicle stands in no heading on a quarter of them, `refused` from `map.refusal.refusals`, the limit that
-    refuses it on most, from `FIRST_REFUSED` on.
+    Where a vehicle stands in no heading on a quarter of them, `refused` from
+    `map.refusal.refusals`, the limit that refuses it on most, from `FIRST_REFUSED` on.
     """
     passable = cost < 1.0
     strength = smaller(np.where(passable, cost, np.float32(0.0)), pixels) * (FIRST_REFUSED - 1)

@@ -1,4 +1,6 @@
-"""A complete question: ends, method, limits, step cost, vehicle, obstacles; and the map that it is asked of."""
+"""A complete question: ends, method, limits, step cost, vehicle, obstacles; and the map that it is
+asked of.
+"""
 
 import shlex
 from collections.abc import Mapping
@@ -20,7 +22,8 @@ from nnpp_edge.terrain.coordinates import gravity_of
 from nnpp_edge.terrain.dem import Dem
 from nnpp_edge.terrain.vehicle_files import load_mobility, load_vehicle, shipped_vehicles
 
-POINT, GIVEN = "none", "as given"
+POINT = "none"
+GIVEN = "as given"
 """Names of the vehicle that is none, and of the one that the command line describes."""
 Method = Literal["auto", "astar", "corridor", "nnpp"]
 Obstacles = Annotated[tuple[Rectangle, ...], Meta(max_length=200)]
@@ -46,7 +49,11 @@ class Body:
     @property
     def has_arcs(self) -> bool:
         """Whether it drives arcs."""
-        return self.has_poses and self.vehicle is not None and self.vehicle.turning_radius_m is not None
+        return (
+            self.has_poses
+            and self.vehicle is not None
+            and self.vehicle.turning_radius_m is not None
+        )
 
 
 @dataclass(frozen=True, eq=False)
@@ -62,15 +69,24 @@ class Site:
 
     @classmethod
     def of(
-        cls, dem: Dem, path: Path, reading: Mapping[str, float], given: Body | None = None, blocks: Blocks = None
+        cls,
+        dem: Dem,
+        path: Path,
+        reading: Mapping[str, float],
+        given: Body | None = None,
+        blocks: Blocks = None,
     ) -> "Site":
-        """With the package's vehicles, under the map's gravity where that is known, and that of the command line.
+        """With the package's vehicles, under the map's gravity where that is known, and that of the
+        command line.
 
         A body without a vehicle, which has a mobility alone, takes the place of the point.
         """
-        bodies, gravity = {POINT: Body(None, Mobility())}, gravity_of(dem)
+        bodies = {POINT: Body(None, Mobility())}
+        gravity = gravity_of(dem)
         for name in () if blocks else shipped_vehicles():
-            bodies[name] = Body(load_vehicle(name), load_mobility(name, gravity), ("--vehicle", name))
+            bodies[name] = Body(
+                load_vehicle(name), load_mobility(name, gravity), ("--vehicle", name)
+            )
         if given is not None:
             bodies[POINT if given.vehicle is None else GIVEN] = given
         return cls(replace(dem, source=Path(path.name)), path, reading, bodies, blocks)
@@ -96,7 +112,9 @@ class Asked(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     max_tilt_deg: Positive | None = None
     obstacles: Obstacles = ()
     start_heading_deg: Heading | None = None
-    """Clockwise from up the rows, of a body that drives arcs; None for any, as is `goal_heading_deg`."""
+    """Clockwise from up the rows, of a body that drives arcs; None for any, as is
+    `goal_heading_deg`.
+    """
     goal_heading_deg: Heading | None = None
 
     @property
@@ -107,23 +125,34 @@ class Asked(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     def chosen(self, site: Site) -> Body:
         """The body; InvalidQueryError if there is none of that name."""
         if self.body not in site.bodies:
-            raise InvalidQueryError(f"vehicle must be one of {', '.join(site.bodies)}, got {self.body!r}")
+            raise InvalidQueryError(
+                f"vehicle must be one of {', '.join(site.bodies)}, got {self.body!r}"
+            )
         return site.bodies[self.body]
 
     def changes(self, site: Site) -> dict[str, float]:
         """Values that were set in place of the vehicle's own."""
         named = {"clearance_m": self.clearance_m, "max_tilt_deg": self.max_tilt_deg}
-        return {name: value for name, value in named.items() if value is not None and self.chosen(site).has_poses}
+        return {
+            name: value
+            for name, value in named.items()
+            if value is not None and self.chosen(site).has_poses
+        }
 
     def headings(self, site: Site) -> PlanOptions:
         """Of the ends, where the body drives arcs."""
         if not self.chosen(site).has_arcs:
             return {}
-        return {"start_heading_deg": self.start_heading_deg, "goal_heading_deg": self.goal_heading_deg}
+        return {
+            "start_heading_deg": self.start_heading_deg,
+            "goal_heading_deg": self.goal_heading_deg,
+        }
 
     def ground(self, site: Site) -> Ground:
         """Choices that decide the map, but for obstacles; NnppEdgeError for what makes none."""
-        body, changes, dem = self.chosen(site), self.changes(site), site.dem
+        body = self.chosen(site)
+        changes = self.changes(site)
+        dem = site.dem
         return Ground.of_elevation(
             dem.elevation,
             dem.cell_size_m,
@@ -136,7 +165,8 @@ class Asked(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
 
 
 def command_of(site: Site, asked: Asked) -> str:
-    """A line for a shell that plans the same path; without painted obstacles, which no option describes.
+    """A line for a shell that plans the same path; without painted obstacles, which no option
+    describes.
 
     Of a coarse map a line that opens this view, with the same ends and limits.
     """
@@ -145,18 +175,29 @@ def command_of(site: Site, asked: Asked) -> str:
         words += [f"--{name.removesuffix('_m').replace('_', '-')}", _number(value)]
     words += ["--known", str(site.blocks[0]), "--prior", site.blocks[1]] if site.blocks else []
     via = () if site.blocks else asked.via
-    for name, (row, col) in (("--start", asked.start), *(("--via", at) for at in via), ("--goal", asked.goal)):
+    for name, (row, col) in (
+        ("--start", asked.start),
+        *(("--via", at) for at in via),
+        ("--goal", asked.goal),
+    ):
         words += [f"{name}={row},{col}"] if row < 0 or col < 0 else [name, f"{row},{col}"]
     words += [] if site.blocks else ["--method", asked.method]
     for name, value in asdict(asked.limits).items():
-        words += ["--limit", f"{name}={_number(value)}"] if value != getattr(Traversability(), name) else []
+        words += (
+            ["--limit", f"{name}={_number(value)}"]
+            if value != getattr(Traversability(), name)
+            else []
+        )
     if asked.step_cost != "paper":
         words += ["--step-cost", asked.step_cost]
     elif asked.omega != PAPER_OMEGA:
         words += ["--omega", _number(asked.omega)]
     if site.blocks:
         return shlex.join(words)
-    words += [*([] if asked.corner_cutting else ["--no-corner-cutting"]), *asked.chosen(site).options]
+    words += [
+        *([] if asked.corner_cutting else ["--no-corner-cutting"]),
+        *asked.chosen(site).options,
+    ]
     for name, heading in asked.headings(site).items():
         option = f"--{name.removesuffix('_deg').replace('_', '-')}"
         words += [] if heading is None else [option, _number(heading)]  # type: ignore[arg-type]  # of two numbers

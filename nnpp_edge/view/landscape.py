@@ -27,35 +27,48 @@ _LOOKED_AT = 1000
 """Of these for each end, where a vehicle's poses must be checked."""
 _DEAREST = np.float32(0.999)
 """Cost that is shown of a block that counts as more: none is impassable."""
-_REPEATS, _LONG_MS = 3, 100.0
+_REPEATS = 3
+_LONG_MS = 100.0
 """A plan is repeated so often for its median time, unless it takes longer than that."""
 
 
 class Landscape:
-    """The ground by the limits, vehicle and step cost that are asked for. Serves one thread at a time.
+    """The ground by the limits, vehicle and step cost that are asked for. Serves one thread at a
+    time.
 
-    Obstacles are costs told to a map of heights. NnppEdgeError if the map is too large for the memory that is left,
-    or what is asked makes no sense.
+    Obstacles are costs told to a map of heights. NnppEdgeError if the map is too large for the
+    memory that is left, or what is asked makes no sense.
     """
 
     def __init__(self, site: Site, asked: Asked) -> None:
-        self.ground, self._site, dem, blocks = asked.ground(site), site, site.dem, site.blocks
+        self.ground = asked.ground(site)
+        self._site = site
+        dem = site.dem
+        blocks = site.blocks
         if blocks and self.ground.by_slope:
-            raise InvalidQueryError("blocks of a coarse map have prices: wanted the paper's cost of a step")
-        planned, self._scale = self.ground, PRICE_SCALE if blocks else 1.0
+            raise InvalidQueryError(
+                "blocks of a coarse map have prices: wanted the paper's cost of a step"
+            )
+        planned = self.ground
+        self._scale = PRICE_SCALE if blocks else 1.0
         with warnings.catch_warnings(record=True) as told:
             warnings.simplefilter("always")
             self.cost = traversability_cost(
                 dem.elevation, dem.cell_size_m, asked.limits, cell_width_m=dem.cell_width_m
             )
-            """(H, W) traversability costs, without what is painted; of blocks their prices, below 1."""
+            """(H, W) traversability costs, without what is painted; of blocks their prices, below
+            1.
+            """
         if blocks:
             prices = prices_by(blocks[1], dem.elevation, asked.limits, dem.cell_size_m, blocks[0])
             self.cost = np.minimum(prices, _DEAREST)
             planned = Ground(prices / np.float32(PRICE_SCALE))
         self.warnings = [str(warning.message) for warning in told]
         self.planner = Planner(
-            planned, omega=self._scale * asked.omega, corner_cutting=asked.corner_cutting, model="edge"
+            planned,
+            omega=self._scale * asked.omega,
+            corner_cutting=asked.corner_cutting,
+            model="edge",
         )
         self._laid: Obstacles = ()
 
@@ -65,15 +78,20 @@ class Landscape:
         for row, col, rows, cols in obstacles:
             if min(row, col, rows - 1, cols - 1) < 0 or row + rows > height or col + cols > width:
                 part = row, col, rows, cols
-                raise InvalidQueryError(f"an obstacle must lie on the map of {(height, width)} cells, got {part}")
+                raise InvalidQueryError(
+                    f"an obstacle must lie on the map of {(height, width)} cells, got {part}"
+                )
         if changed := set(self._laid) ^ set(obstacles):
             told = painted(self.cost.shape, obstacles)
             for row, col, rows, cols in changed:
-                self.planner.update(row, col, told[row : row + rows, col : col + cols].astype(np.float32))
+                self.planner.update(
+                    row, col, told[row : row + rows, col : col + cols].astype(np.float32)
+                )
         self._laid = obstacles
 
     def refused(self) -> NDArray[np.uint8] | None:
-        """(H, W) limits that refuse the vehicle where it stands in no heading, see `map.refusal.refusals`.
+        """(H, W) limits that refuse the vehicle where it stands in no heading, see
+        `map.refusal.refusals`.
 
         None without a body, and on maps of more than `MOST_SHOWN` cells.
         """
@@ -86,7 +104,11 @@ class Landscape:
             if method == "nnpp":
                 raise InvalidQueryError("the learned region is for maps of cells, not of blocks")
             method = "corridor" if method == "auto" else method
-        options: PlanOptions = {"method": method, "refine": asked.freed, "keep_regions": keep_regions}
+        options: PlanOptions = {
+            "method": method,
+            "refine": asked.freed,
+            "keep_regions": keep_regions,
+        }
         options |= asked.headings(self._site)
         if asked.via:
             plan = self.planner.plan_via(asked.start, asked.goal, asked.via, **options).plan
@@ -113,11 +135,14 @@ def painted(shape: tuple[int, ...], obstacles: Obstacles) -> NDArray[np.bool_]:
     return found
 
 
-def likely_ends(cost: Float2D, stands: Callable[[Cell], bool] = lambda cell: True) -> tuple[Cell, Cell] | None:
-    """A start and a goal to begin with: the passable cells nearest to a tenth and to nine tenths of both sides.
+def likely_ends(
+    cost: Float2D, stands: Callable[[Cell], bool] = lambda cell: True
+) -> tuple[Cell, Cell] | None:
+    """A start and a goal to begin with: the passable cells nearest to a tenth and to nine tenths of
+    both sides.
 
-    Of the nearest thousand the first on which the robot `stands`, else the very nearest. None where no cell is
-    passable, of those that are tried.
+    Of the nearest thousand the first on which the robot `stands`, else the very nearest. None where
+    no cell is passable, of those that are tried.
     """
     apart = np.maximum(np.array(cost.shape) // _TRIED, 1)
     passable = np.argwhere(cost[:: apart[0], :: apart[1]] < 1.0) * apart
@@ -126,6 +151,8 @@ def likely_ends(cost: Float2D, stands: Callable[[Cell], bool] = lambda cell: Tru
     ends = []
     for share in (0.1, 0.9):
         far = np.abs(passable - share * (np.array(cost.shape) - 1)).max(1)
-        nearest = [(row, col) for row, col in passable[far.argsort(kind="stable")[:_LOOKED_AT]].tolist()]
+        nearest = [
+            (row, col) for row, col in passable[far.argsort(kind="stable")[:_LOOKED_AT]].tolist()
+        ]
         ends.append(next(filter(stands, nearest), nearest[0]))
     return ends[0], ends[1]

@@ -1,4 +1,6 @@
-"""The page on 127.0.0.1: its files, and answers to its questions, for this machine's own browser alone."""
+"""The page on 127.0.0.1: its files, and answers to its questions, for this machine's own browser
+alone.
+"""
 
 import mimetypes
 import re
@@ -26,7 +28,8 @@ HOST = "127.0.0.1"
 _PAGE = Path(str(files("nnpp_edge.view"))) / "page"
 _FILES = {f"/page/{path.name}": path for path in _PAGE.iterdir()} | {"/": _PAGE / "index.html"}
 _POLICY = (
-    "default-src 'none'; script-src 'self'; style-src 'self'; img-src 'self' blob:; connect-src 'self'; "
+    "default-src 'none'; script-src 'self'; style-src 'self'; img-src 'self' blob:; connect-src "
+    "'self'; "
     "base-uri 'none'; form-action 'none'; frame-ancestors 'none'"
 )
 _HEADERS = {
@@ -36,12 +39,15 @@ _HEADERS = {
     "Cache-Control": "no-cache",
 }
 _LONGEST_QUESTION = 1 << 16
-_LARGEST_FILE, _MOST_DROPPED = 1 << 28, 2
+_LARGEST_FILE = 1 << 28
+_MOST_DROPPED = 2
 """Bytes of a map that is dropped onto the page, and how many of these are kept, the newest."""
 
 
 class PageServer(ThreadingTCPServer):
-    """Listens on a port, 0 for any that is free, from when it is made; OutputError where the port is taken."""
+    """Listens on a port, 0 for any that is free, from when it is made; OutputError where the port
+    is taken.
+    """
 
     allow_reuse_address = True
     daemon_threads = True
@@ -53,11 +59,15 @@ class PageServer(ThreadingTCPServer):
 
     def __init__(self, port: int) -> None:
         self.maps: list[Answerer | None] = []
-        """By the number in the page's address: that of the command line, then those that were dropped."""
+        """By the number in the page's address: that of the command line, then those that were
+        dropped.
+        """
         try:
             super().__init__((HOST, port), _Handler)
         except OSError as error:
-            why = f"port {port} on {HOST} cannot be used ({reason(error)}): give another with --port"
+            why = (
+                f"port {port} on {HOST} cannot be used ({reason(error)}): give another with --port"
+            )
             raise OutputError(why) from error
 
     @property
@@ -71,7 +81,9 @@ class PageServer(ThreadingTCPServer):
             self.serve_forever()
 
     def follow(self) -> None:
-        """Show what a run says on stdin of its robot, as it comes; what is no message of a run is passed over."""
+        """Show what a run says on stdin of its robot, as it comes; what is no message of a run is
+        passed over.
+        """
         self.live = b"{}"
         for line in messages(BufferedReader(FileIO(0, closefd=False))):
             with suppress(WireError):
@@ -99,7 +111,10 @@ class _Handler(BaseHTTPRequestHandler):
         elif path == "/opening" and answerer:
             self._send(answerer.opening(), "application/json")
         elif path == "/news" and answerer:
-            news = {"notice": answerer.notice, "live": msgspec.Raw(b"null" if number else self.server.live)}
+            news = {
+                "notice": answerer.notice,
+                "live": msgspec.Raw(b"null" if number else self.server.live),
+            }
             self._send(msgspec.json.encode(news), "application/json")
         elif file := _FILES.get(path):
             self._send(file.read_bytes(), mimetypes.guess_type(file)[0] or "text/plain")
@@ -108,9 +123,16 @@ class _Handler(BaseHTTPRequestHandler):
 
     def do_POST(self) -> None:
         """A question of our own page, or a map that was dropped onto it."""
-        (path, _, number), length = self.path.partition("?map="), self.headers.get("Content-Length", "")
-        answerer, most = self._answerer(number), _LARGEST_FILE if path == "/drop" else _LONGEST_QUESTION
-        if not self._is_asked_of_us() or self.headers.get("Origin") != f"http://{self.headers['Host']}":
+        (path, _, number), length = (
+            self.path.partition("?map="),
+            self.headers.get("Content-Length", ""),
+        )
+        answerer = self._answerer(number)
+        most = _LARGEST_FILE if path == "/drop" else _LONGEST_QUESTION
+        if (
+            not self._is_asked_of_us()
+            or self.headers.get("Origin") != f"http://{self.headers['Host']}"
+        ):
             self.send_error(403, "questions of other pages are not answered")
         elif path not in ("/ask", "/drop") or answerer is None:
             self.send_error(404)
@@ -126,20 +148,31 @@ class _Handler(BaseHTTPRequestHandler):
         return dict(enumerate(self.server.maps)).get(int(number) if number.isdecimal() else 0)
 
     def _dropped(self, length: int) -> bytes:
-        """JSON of the number of a map that is dropped onto the page, or a ``problem`` in one line."""
-        maps, name = self.server.maps, re.sub(r"[^\w.+-]", "_", unquote(self.headers.get("X-Name", "")))[-100:]
+        """JSON of the number of a map that is dropped onto the page, or a ``problem`` in
+        one line.
+        """
+        maps = self.server.maps
+        name = re.sub(r"[^\w.+-]", "_", unquote(self.headers.get("X-Name", "")))[-100:]
         with TemporaryDirectory() as folder:
             try:
-                (file := Path(folder) / f"{name.lstrip('.') or 'map'}").write_bytes(self.rfile.read(length))
+                (file := Path(folder) / f"{name.lstrip('.') or 'map'}").write_bytes(
+                    self.rfile.read(length)
+                )
                 maps.append(self.server.open_map(file))
             except (NnppEdgeError, OSError, MemoryError) as error:
-                why = str(error) if isinstance(error, NnppEdgeError) else f"{name}: not enough room ({error})"
+                why = (
+                    str(error)
+                    if isinstance(error, NnppEdgeError)
+                    else f"{name}: not enough room ({error})"
+                )
                 return msgspec.json.encode({"problem": why.replace(f"{folder}/", "")})
         maps[1:-_MOST_DROPPED] = [None] * len(maps[1:-_MOST_DROPPED])
         return msgspec.json.encode({"map": len(maps) - 1})
 
     def _is_asked_of_us(self) -> bool:
-        """Whether it is our name that the browser knows: another's page may have been given our address."""
+        """Whether it is our name that the browser knows: another's page may have been given our
+        address.
+        """
         return self.headers.get("Host", "").partition(":")[0] in (HOST, "localhost")
 
     def _send(self, content: bytes, kind: str) -> None:

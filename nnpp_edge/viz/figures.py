@@ -1,4 +1,6 @@
-"""Pictures with matplotlib: training curves, the plots of a profile's page, and what all figures share."""
+"""Pictures with matplotlib: training curves, the plots of a profile's page, and what all figures
+share.
+"""
 
 import io
 from base64 import b64encode
@@ -41,11 +43,15 @@ def training_curves(history: Sequence[dict[str, float]], path: Path) -> None:
     panels = _FITS if "rmse_mean" in history[0] else _PANELS
     figure = new_figure(11.0, 6.5)
     steps = [row["step"] for row in history]
-    factors = sorted({key.partition("@")[2] for key in history[0] if "@" in key}, key=float, reverse=True)
+    factors = sorted(
+        {key.partition("@")[2] for key in history[0] if "@" in key}, key=float, reverse=True
+    )
     for axes, (name, title, scale) in zip(figure.subplots(2, 2).flat, panels, strict=True):
         for key in [name] if name in history[0] else [f"{name}@{factor}" for factor in factors]:
             label = f"td × {key.partition('@')[2]}" if "@" in key else None
-            axes.plot(steps, [scale * row[key] for row in history], marker="o", markersize=3, label=label)
+            axes.plot(
+                steps, [scale * row[key] for row in history], marker="o", markersize=3, label=label
+            )
         if axes.get_legend_handles_labels()[1]:
             axes.legend(fontsize="small")
         axes.set(title=title, xlabel="step", yscale="log" if name in ("loss", "gap") else "linear")
@@ -68,11 +74,18 @@ def encoded(figure: "Figure", dpi: int = 110) -> bytes:
 
 
 def page(report: Facts) -> str:
-    """A profile's report as one page of HTML that needs nothing else: style and plots stand in it."""
+    """A profile's report as one page of HTML that needs nothing else: style and plots
+    stand in it.
+    """
     from jinja2 import Environment, StrictUndefined
 
-    template = Environment(autoescape=True, undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True)
-    template.filters |= {"number": _number, "percent": lambda share, digits=1: shown(share, f"z.{digits}%")}
+    template = Environment(
+        autoescape=True, undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True
+    )
+    template.filters |= {
+        "number": _number,
+        "percent": lambda share, digits=1: shown(share, f"z.{digits}%"),
+    }
     text = (files("nnpp_edge.viz") / _TEMPLATE).read_text(encoding="utf-8")
     return template.from_string(text).render(report=report, plots=list(_plots(report)))
 
@@ -82,19 +95,27 @@ def _number(value: float | None, unit: str = "") -> str:
 
 
 def _plots(report: Facts) -> Iterator[tuple[str, str, str]]:
-    """Title, a sentence on how to read it, and the PNG in base64, of each plot, of the first workload."""
+    """Title, a sentence on how to read it, and the PNG in base64, of each plot, of the first
+    workload.
+    """
     first = report["results"][0]["workload"]
     rows = [row for row in report["results"] if row["workload"] == first]
     drawn = (
         ("Time by stage", f"Mean of a plan on {first}, whole job.", _stages),
-        ("Time against map size", f"On {first}: medians as lines, thin up to the slowest hundredth.", _by_size),
+        (
+            "Time against map size",
+            f"On {first}: medians as lines, thin up to the slowest hundredth.",
+            _by_size,
+        ),
     )
     for title, words, draw in drawn:
         figure = new_figure(_WIDE, 3.7)
         draw(figure, rows)
         handles, names = figure.axes[-1].get_legend_handles_labels()
         narrow = {"columnspacing": 1.0, "handlelength": 1.4, "fontsize": 8.5, "frameon": False}
-        figure.legend(handles, names, loc="outside upper center", ncols=min(len(names), 5), **narrow)
+        figure.legend(
+            handles, names, loc="outside upper center", ncols=min(len(names), 5), **narrow
+        )
         yield title, words, b64encode(encoded(figure, dpi=200)).decode()
 
 
@@ -105,7 +126,9 @@ def _stages(figure: "Figure", rows: Sequence[Facts]) -> None:
         of_size = [row for row in rows if row["size"] == size]
         left = np.zeros(len(of_size))
         for stage in stages_of(rows):
-            widths = np.array([row["stages_ms"].get(stage, {"mean": 0.0})["mean"] for row in of_size])
+            widths = np.array(
+                [row["stages_ms"].get(stage, {"mean": 0.0})["mean"] for row in of_size]
+            )
             axes.barh([row["planner"] for row in of_size], widths, left=left, label=stage)
             left += widths
         axes.set_title(f"{size}²", fontsize=10)
@@ -115,15 +138,23 @@ def _stages(figure: "Figure", rows: Sequence[Facts]) -> None:
 
 
 def _by_size(figure: "Figure", rows: Sequence[Facts]) -> None:
-    axes, medians = figure.add_subplot(), defaultdict[str, dict[int, float]](dict)
+    axes = figure.add_subplot()
+    medians = defaultdict[str, dict[int, float]](dict)
     for row in rows:
         medians[row["planner"]][row["size"]] = row["time_ms"]["median"]
         color = f"C{[*medians].index(row['planner'])}"
-        axes.vlines(row["size"], row["time_ms"]["median"], row["time_ms"]["p99"], color=color, linewidth=0.8)
+        axes.vlines(
+            row["size"], row["time_ms"]["median"], row["time_ms"]["p99"], color=color, linewidth=0.8
+        )
     for name, by_size in medians.items():
         axes.plot([*by_size], [*by_size.values()], "o-", linewidth=2.0, markersize=4, label=name)
     sides = sorted({row["size"] for row in rows})
-    axes.set(xscale="log", yscale="log", xlabel="side of the map, cells", ylabel="median time of a query, ms")
+    axes.set(
+        xscale="log",
+        yscale="log",
+        xlabel="side of the map, cells",
+        ylabel="median time of a query, ms",
+    )
     axes.set_xticks(sides, [str(side) for side in sides])
     axes.set_xticks([], minor=True)
     axes.grid(alpha=0.3)

@@ -1,7 +1,8 @@
-"""Pictures of cost maps, plans and what can be reached, with OpenCV alone, so that the onboard install can draw them.
+"""Pictures of cost maps, plans and what can be reached, with OpenCV alone, so that the onboard
+install can draw them.
 
-Grey is traversability cost, the whiter the costlier, as in the paper; impassable cells are dark brown.
-A picture is (H, W, 3) uint8 in OpenCV's order blue, green, red.
+Grey is traversability cost, the whiter the costlier, as in the paper; impassable cells are dark
+brown. A picture is (H, W, 3) uint8 in OpenCV's order blue, green, red.
 """
 
 import math
@@ -18,7 +19,18 @@ from nnpp_edge.runtime.errors import OutputError
 from nnpp_edge.runtime.map.along import Line
 from nnpp_edge.runtime.planners.plan import Plan
 from nnpp_edge.runtime.terrain.vehicle import Vehicle
-from nnpp_edge.viz.sheet import GOAL, INK, PAPER, START, Cells, Colour, Item, MapDrawing, Picture, metres
+from nnpp_edge.viz.sheet import (
+    GOAL,
+    INK,
+    PAPER,
+    START,
+    Cells,
+    Colour,
+    Item,
+    MapDrawing,
+    Picture,
+    metres,
+)
 
 Mask = NDArray[np.bool_]
 
@@ -37,11 +49,16 @@ REFUSED: tuple[tuple[Colour, str], ...] = (
     ((20, 170, 240), "rock under a wheel"),
     ((60, 150, 60), "ground touches the belly"),
 )
-"""Colour, and words of the legend, of ground where a limit refuses a vehicle, by its place in `REFUSALS`."""
+"""Colour, and words of the legend, of ground where a limit refuses a vehicle, by its place in
+`REFUSALS`.
+"""
 MOST_SHOWN = 1 << 20
 """Cells of a map whose poses are all checked for a picture, a tenth of a second."""
-_NO_STAND, _BAND = 0.45, 0.5
-"""How strongly cells are coloured where a vehicle stands in no heading, and bands of what can be reached."""
+_NO_STAND = 0.45
+_BAND = 0.5
+"""How strongly cells are coloured where a vehicle stands in no heading, and bands of what can be
+reached.
+"""
 _LIGHT = (315.0, 45.0)
 """Azimuth and height of the light of a hillshade, degrees."""
 _SHARP = 800
@@ -49,7 +66,8 @@ _SHARP = 800
 
 
 def cost_picture(cost: Float2D, shade: NDArray[np.uint8] | None = None) -> Picture:
-    """A cell a pixel: grey from 0 (black) to 1 (white), or `shade`, (H, W) uint8 from `hillshade`, in its place.
+    """A cell a pixel: grey from 0 (black) to 1 (white), or `shade`, (H, W) uint8 from `hillshade`,
+    in its place.
 
     Impassable cells, NaN or from 1 up, are dark brown.
     """
@@ -61,13 +79,17 @@ def cost_picture(cost: Float2D, shade: NDArray[np.uint8] | None = None) -> Pictu
     return picture
 
 
-def hillshade(elevation: Float2D, cell_size_m: float, cell_width_m: float | None = None) -> NDArray[np.uint8]:
+def hillshade(
+    elevation: Float2D, cell_size_m: float, cell_width_m: float | None = None
+) -> NDArray[np.uint8]:
     """Relief lit from the north-west: (H, W) uint8; unknown ground as if it were flat.
 
     Heights are exaggerated so that the steepest tenth of the map stands out, but never flattened.
     """
     rows, cols = elevation.shape
-    padded = np.pad(elevation, [(0, max(2 - n, 0)) for n in (rows, cols)], mode="edge")  # np.gradient wants two
+    padded = np.pad(
+        elevation, [(0, max(2 - n, 0)) for n in (rows, cols)], mode="edge"
+    )  # np.gradient wants two
     slopes = np.gradient(padded, cell_size_m, cell_width_m or cell_size_m)
     south, east = (np.asarray(each)[:rows, :cols] for each in slopes)
     tilt = np.hypot(south, east)
@@ -83,7 +105,9 @@ def hillshade(elevation: Float2D, cell_size_m: float, cell_width_m: float | None
 def cost_map_picture(cost: Float2D, *, cell_size_m: float | None = None) -> Picture:
     """A cost map (H, W) above a colour bar, a scale and the key to impassable cells."""
     drawing = MapDrawing(cost_picture(cost))
-    return drawing.finish([[drawing.grey_bar(), *_impassable(drawing, cost), *drawing.scale(cell_size_m)]])
+    return drawing.finish(
+        [[drawing.grey_bar(), *_impassable(drawing, cost), *drawing.scale(cell_size_m)]]
+    )
 
 
 def plan_picture(
@@ -101,14 +125,16 @@ def plan_picture(
     refused: NDArray[np.uint8] | None = None,
     point_path: Cells | None = None,
 ) -> Picture:
-    """A plan on its map: regions in translucent cyan, path, start (yellow square) and goal (red star).
+    """A plan on its map: regions in translucent cyan, path, start (yellow square) and goal (red
+    star).
 
     Parameters
     ----------
     cost : (H, W) float32
         Traversability cost; `shade`, (H, W) uint8 from `hillshade`, is drawn in its place.
     plan : Plan
-        Made with its regions, if they are to be drawn. Start and goal are by default the ends of its path.
+        Made with its regions, if they are to be drawn. Start and goal are by default the ends of
+        its path.
     via : sequence of (row, col)
         Places between, in the order in which they are visited.
     reference_path : (N, 2) int
@@ -122,23 +148,41 @@ def plan_picture(
     cell_size_m, length_m : float
         For the scale and the legend; without a length it gives that in cells.
     """
-    ground, passable = cost_picture(cost, shade), cost < 1.0
-    regions = ((plan.network_region, 0.2, "network's region"), (plan.region, 0.42, "region searched"))
-    tints = [(region.mask(), strength, REGION, words) for region, strength, words in regions if region is not None]
+    ground = cost_picture(cost, shade)
+    passable = cost < 1.0
+    regions = (
+        (plan.network_region, 0.2, "network's region"),
+        (plan.region, 0.42, "region searched"),
+    )
+    tints = [
+        (region.mask(), strength, REGION, words)
+        for region, strength, words in regions
+        if region is not None
+    ]
     for limit in np.unique(() if refused is None else refused[refused > 0]).astype(int).tolist():
         tints.append((refused == limit, _NO_STAND, *REFUSED[limit - 1]))
     for mask, strength, colour, _ in tints:
         mask &= passable
         ground[mask] = _mixed(ground[mask], strength, colour)
     drawing = MapDrawing(ground)
-    freed, arcs = plan.line is not plan.path, plan.states is not None
+    freed = plan.line is not plan.path
+    arcs = plan.states is not None
     lines: list[tuple[Line | None, Colour, float, str]] = [
-        (plan.line, PATH, 5.0, "path of arcs" if arcs else "path freed from the grid" if freed else "path"),
+        (
+            plan.line,
+            PATH,
+            5.0,
+            "path of arcs" if arcs else "path freed from the grid" if freed else "path",
+        ),
         (plan.path if freed and not arcs else None, GRID, 1.5, "path of the grid"),
         (reference_path, OPTIMUM, 2.0, "exact optimum"),
         (point_path, POINT, 2.0, "path with turns on the spot" if arcs else "path of a point"),
     ]
-    drawn = [(line, colour, width, words) for line, colour, width, words in lines if line is not None and len(line)]
+    drawn = [
+        (line, colour, width, words)
+        for line, colour, width, words in lines
+        if line is not None and len(line)
+    ]
     # the optimum lies on the path, thinner, and its rim below: both are seen where they agree
     for line, colour, width, _ in reversed(drawn):
         drawing.line(line, INK, width + 2.0)
@@ -147,11 +191,18 @@ def plan_picture(
     for outline in outlines:
         drawing.line(outline, INK, 2.5)
         drawing.line(outline, BODY, 1.2)
-    ends = [(int(row), int(col)) for row, col in plan.path[[0, -1]]] if len(plan.path) else [None, None]
+    ends = (
+        [(int(row), int(col)) for row, col in plan.path[[0, -1]]]
+        if len(plan.path)
+        else [None, None]
+    )
     keys: list[Item] = []
     for number, stop in enumerate(via, 1):
         drawing.numbered(drawing.at(stop), str(number))
-    symbols = ((goal or ends[1], drawing.star, GOAL, "goal"), (start or ends[0], drawing.square, START, "start"))
+    symbols = (
+        (goal or ends[1], drawing.star, GOAL, "goal"),
+        (start or ends[0], drawing.square, START, "start"),
+    )
     for cell, symbol, colour, name in symbols:
         if cell is not None:
             symbol(drawing.at(cell))
@@ -159,7 +210,9 @@ def plan_picture(
     keys += [drawing.swatch(PAPER, "by way of")] if via else []
     keys += [drawing.swatch(colour, words) for _, colour, _, words in drawn]
     keys += [drawing.swatch(BODY, "vehicle")] if len(outlines) else []
-    keys += [_tint_key(drawing, shade, strength, colour, words) for _, strength, colour, words in tints]
+    keys += [
+        _tint_key(drawing, shade, strength, colour, words) for _, strength, colour, words in tints
+    ]
     keys += [*_impassable(drawing, cost), *([drawing.grey_bar()] if shade is None else [])]
     facts = [drawing.text_item(text) for text in _facts(plan, length_m)]
     return drawing.finish([keys, facts + drawing.scale(cell_size_m)])
@@ -176,17 +229,25 @@ def reach_picture(
 ) -> Picture:
     """Bands of what can be reached at what cost, the nearest first, on the cost or the relief.
 
-    `field` is (H, W) float32, the cost of getting to each cell, inf where that is not possible; `levels` say where
-    each band ends, ascending, and what the legend says of it (ASCII); `shade` is as of `plan_picture`.
+    `field` is (H, W) float32, the cost of getting to each cell, inf where that is not possible;
+    `levels` say where each band ends, ascending, and what the legend says of it (ASCII); `shade` is
+    as of `plan_picture`.
     """
     ground = cost_picture(cost, shade)
     band = np.searchsorted([level for level, _ in levels], field)
-    places = np.array([[round(255 * (at + 0.5) / len(levels)) for at in range(len(levels))]], np.uint8)
-    colours = cv2.applyColorMap(places, cv2.COLORMAP_PLASMA)[0].tolist()  # along a scale from dark to light
+    places = np.array(
+        [[round(255 * (at + 0.5) / len(levels)) for at in range(len(levels))]], np.uint8
+    )
+    colours = cv2.applyColorMap(places, cv2.COLORMAP_PLASMA)[
+        0
+    ].tolist()  # along a scale from dark to light
     for at, colour in enumerate(colours):
         ground[band == at] = _mixed(ground[band == at], _BAND, colour)
-    fine = math.ceil(_SHARP / max(cost.shape))  # pixels to a cell, so that lines between bands are thinner than cells
-    ground, band = ground.repeat(fine, 0).repeat(fine, 1), band.repeat(fine, 0).repeat(fine, 1)
+    fine = math.ceil(
+        _SHARP / max(cost.shape)
+    )  # pixels to a cell, so that lines between bands are thinner than cells
+    ground = ground.repeat(fine, 0).repeat(fine, 1)
+    band = band.repeat(fine, 0).repeat(fine, 1)
     edges = np.zeros(band.shape, bool)
     edges[:-1] |= band[:-1] != band[1:]
     edges[:, :-1] |= band[:, :-1] != band[:, 1:]
@@ -194,24 +255,34 @@ def reach_picture(
     drawing = MapDrawing(ground)
     drawing.square(drawing.at((start[0] * fine + fine // 2, start[1] * fine + fine // 2)))
     keys = [drawing.swatch(START, "start")]
-    keys += [_tint_key(drawing, shade, _BAND, c, words) for c, (_, words) in zip(colours, levels, strict=True)]
+    keys += [
+        _tint_key(drawing, shade, _BAND, c, words)
+        for c, (_, words) in zip(colours, levels, strict=True)
+    ]
     keys += _impassable(drawing, cost)
-    return drawing.finish([keys, drawing.scale(None if cell_size_m is None else cell_size_m / fine)])
+    return drawing.finish(
+        [keys, drawing.scale(None if cell_size_m is None else cell_size_m / fine)]
+    )
 
 
 def body_outlines(
-    path: Line, vehicle: Vehicle, sides_m: tuple[float, float], headings_deg: NDArray[np.float64] | None = None
+    path: Line,
+    vehicle: Vehicle,
+    sides_m: tuple[float, float],
+    headings_deg: NDArray[np.float64] | None = None,
 ) -> list[NDArray[np.float64]]:
-    """(N, 2) the body's outline, rows and columns, and a line from its front to its middle, all along a path.
+    """(N, 2) the body's outline, rows and columns, and a line from its front to its middle, all
+    along a path.
 
-    One at every second body length, at most a hundred; none for a path of less than two cells. Its headings (N,), in
-    degrees clockwise from up the rows, are by default those to the next place.
+    One at every second body length, at most a hundred; none for a path of less than two cells. Its
+    headings (N,), in degrees clockwise from up the rows, are by default those to the next place.
     """
     if len(path) < 2:
         return []
     steps = np.diff(path, axis=0) * sides_m
     along = np.concatenate(([0.0], np.cumsum(np.hypot(*steps.T))))
-    # metres ahead of the body's middle and to its left: from the front's middle around, and to the middle
+    # metres ahead of the body's middle and to its left: from the front's middle around, and to the
+    # middle
     if vehicle.radius_m is not None:
         turns = np.linspace(0.0, 2.0 * math.pi, 33)
         around = vehicle.radius_m * np.column_stack((np.cos(turns), np.sin(turns)))
@@ -237,7 +308,9 @@ def png_bytes(picture: Picture) -> bytes:
     """A picture as a PNG; OutputError if it is none."""
     done, content = cv2.imencode(".png", picture)
     if not done:
-        raise OutputError(f"a picture could not be encoded as PNG ({picture.shape} {picture.dtype})")
+        raise OutputError(
+            f"a picture could not be encoded as PNG ({picture.shape} {picture.dtype})"
+        )
     return content.tobytes()
 
 
@@ -270,7 +343,11 @@ def _impassable(drawing: MapDrawing, cost: Float2D) -> list[Item]:
 
 
 def _tint_key(
-    drawing: MapDrawing, shade: NDArray[np.uint8] | None, strength: float, colour: Colour, words: str
+    drawing: MapDrawing,
+    shade: NDArray[np.uint8] | None,
+    strength: float,
+    colour: Colour,
+    words: str,
 ) -> Item:
     """A key: a colour laid over ground of middling lightness."""
     ground = np.full(3, 90 if shade is None else 190, np.uint8)

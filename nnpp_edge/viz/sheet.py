@@ -1,7 +1,7 @@
 """A map brought to a handy size, what is drawn on it, and a legend below. OpenCV alone.
 
-Lengths in points: a pixel on maps of up to 1000 pixels, more on larger ones. Text is ASCII: OpenCV 4 has no
-other.
+Lengths in points: a pixel on maps of up to 1000 pixels, more on larger ones. Text is ASCII: OpenCV
+4 has no other.
 """
 
 import math
@@ -22,9 +22,11 @@ START: Colour = (0, 215, 255)
 GOAL: Colour = (30, 20, 225)
 INK: Colour = (30, 30, 30)
 PAPER: Colour = (250, 250, 250)
-_SMALL, _LARGE = 800, 2000
+_SMALL = 800
+_LARGE = 2000
 """Longer sides, in pixels, below which a map is enlarged and above which it is reduced."""
-_SHORTEST_M, _LONGEST_M = 1e-12, 1e12
+_SHORTEST_M = 1e-12
+_LONGEST_M = 1e12
 """Sides of cells between which a bar of a round length can be drawn."""
 _SHIFT = 4
 """Points are drawn to 1/16 pixel."""
@@ -46,10 +48,13 @@ class MapDrawing:
     def __init__(self, ground: Picture) -> None:
         rows, cols = ground.shape[:2]
         longest = max(rows, cols)
-        factor, how = float(math.ceil(_SMALL / longest)), cv2.INTER_NEAREST
+        factor = float(math.ceil(_SMALL / longest))
+        how = cv2.INTER_NEAREST
         if longest >= _SMALL:
-            factor, how = min(1.0, _LARGE / longest), cv2.INTER_AREA
-        height, width = max(1, round(rows * factor)), max(1, round(cols * factor))
+            factor = min(1.0, _LARGE / longest)
+            how = cv2.INTER_AREA
+        height = max(1, round(rows * factor))
+        width = max(1, round(cols * factor))
         if factor != 1.0:
             ground = cv2.resize(ground, (width, height), interpolation=how)  # type: ignore[assignment]
         self.unit = max(1.0, max(height, width) / 1000.0)
@@ -58,7 +63,9 @@ class MapDrawing:
         self.sides = (height / rows, width / cols)
         across = max(width, _SMALL)
         self.left = self.margin + (across - width) // 2
-        self.picture: Picture = np.full((height + 2 * self.margin, across + 2 * self.margin, 3), PAPER, np.uint8)
+        self.picture: Picture = np.full(
+            (height + 2 * self.margin, across + 2 * self.margin, 3), PAPER, np.uint8
+        )
         self.picture[self.margin : self.margin + height, self.left : self.left + width] = ground
         self._cells_across = cols * across / width
 
@@ -69,7 +76,9 @@ class MapDrawing:
 
     def _points(self, cells: NDArray[np.generic]) -> NDArray[np.float64]:
         rows, cols = (cells.astype(np.float64) + 0.5).T
-        return np.column_stack([cols * self.sides[1] - 0.5 + self.left, rows * self.sides[0] - 0.5 + self.margin])
+        return np.column_stack(
+            [cols * self.sides[1] - 0.5 + self.left, rows * self.sides[0] - 0.5 + self.margin]
+        )
 
     def line(self, cells: NDArray[np.generic], colour: Colour, width: float) -> None:
         """A path, `width` points wide."""
@@ -83,7 +92,9 @@ class MapDrawing:
         """The goal's symbol."""
         turns = np.arange(10) * math.pi / 5
         radii = np.where(np.arange(10) % 2, 4.4, 11.0)
-        self._polygon(np.column_stack([np.sin(turns), -np.cos(turns)]) * radii[:, None], middle, GOAL)
+        self._polygon(
+            np.column_stack([np.sin(turns), -np.cos(turns)]) * radii[:, None], middle, GOAL
+        )
 
     def numbered(self, middle: Point, number: str = "1") -> None:
         """A place between start and goal, by its number."""
@@ -99,9 +110,13 @@ class MapDrawing:
         """A key: the greys from 0 to 1."""
 
         def draw(x: float, y: float) -> None:
-            width, half = round(150 * self.unit), round(7 * self.unit)
-            left, top = round(x), round(y) - half
-            self.picture[top : top + 2 * half, left : left + width] = np.linspace(0, 255, width)[:, None]
+            width = round(150 * self.unit)
+            half = round(7 * self.unit)
+            left = round(x)
+            top = round(y) - half
+            self.picture[top : top + 2 * half, left : left + width] = np.linspace(0, 255, width)[
+                :, None
+            ]
             cv2.rectangle(self.picture, (left, top), (left + width, top + 2 * half), INK, 1)
 
         return self._key(150.0, draw, "traversability cost, 0 to 1")
@@ -127,19 +142,25 @@ class MapDrawing:
 
     def finish(self, lines: Sequence[Sequence[Item]]) -> Picture:
         """The picture with lines of keys below the map, broken where they are too long for it."""
-        gap, height = 26 * self.unit, round(28 * self.unit)
-        right, top, half = self.picture.shape[1] - self.margin, self.picture.shape[0], self.margin / 2
+        gap = 26 * self.unit
+        height = round(28 * self.unit)
+        right = self.picture.shape[1] - self.margin
+        top = self.picture.shape[0]
+        half = self.margin / 2
         placed: list[tuple[float, float, Item]] = []
         row = 0
         for items in lines:
             x: float = self.margin
             for item in items:
                 if x > self.margin and x + item.width > right:
-                    row, x = row + 1, self.margin
+                    row = row + 1
+                    x = self.margin
                 placed.append((x, top + height * (row + 0.5) - half, item))
                 x += item.width + gap
             row += bool(items)
-        strip = np.full((height * row + self.margin // 2, self.picture.shape[1], 3), PAPER, np.uint8)
+        strip = np.full(
+            (height * row + self.margin // 2, self.picture.shape[1], 3), PAPER, np.uint8
+        )
         self.picture = np.concatenate([self.picture, strip])
         for x, y, item in placed:
             item.draw(x, y)
@@ -159,7 +180,8 @@ class MapDrawing:
         return float(cv2.getTextSize(words, _FONT, 0.5 * self.unit, 1)[0][0])
 
     def _text(self, words: str, x: float, y: float) -> None:
-        place, weight = (round(x), round(y + 5 * self.unit)), max(1, round(0.7 * self.unit))
+        place = (round(x), round(y + 5 * self.unit))
+        weight = max(1, round(0.7 * self.unit))
         cv2.putText(self.picture, words, place, _FONT, 0.5 * self.unit, INK, weight, cv2.LINE_AA)
 
     def _polygon(self, corners: NDArray[np.generic], middle: Point, colour: Colour) -> None:

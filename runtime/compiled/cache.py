@@ -1,15 +1,17 @@
-"""Compiled kernels on disk: a file for each version of a kernel, so that no process can spoil another's.
+"""Compiled kernels on disk: a file for each version of a kernel, so that no process can spoil
+another's.
 
-numba's own cache has an index for each kernel that is read, changed and written. Two processes at once can
-lose an entry, or leave one that leads to machine code for other types or for another processor; a process
-killed between index and code can do the same. A damaged file raises in the middle of a plan.
+numba's own cache has an index for each kernel that is read, changed and written. Two processes at
+once can lose an entry, or leave one that leads to machine code for other types or for another
+processor; a process killed between index and code can do the same. A damaged file raises in the
+middle of a plan.
 
-Here a version (the types of the arguments, the processor, Python's and numba's versions) has a file of its
-own, named after all these and put in its place whole, by renaming. Nothing is shared and nothing is locked, but
-by processes that fill a folder together (`claims`): they may be forked or killed at any moment. A checksum comes
-first, since a robot that loses its power may be left with a file of zeros. What cannot be read back is compiled
-anew and written again; what cannot be written is warned of once, and the kernel runs all the same. `places` says
-where files are.
+Here a version (the types of the arguments, the processor, Python's and numba's versions) has a file
+of its own, named after all these and put in its place whole, by renaming. Nothing is shared and
+nothing is locked, but by processes that fill a folder together (`claims`): they may be forked or
+killed at any moment. A checksum comes first, since a robot that loses its power may be left with a
+file of zeros. What cannot be read back is compiled anew and written again; what cannot be written
+is warned of once, and the kernel runs all the same. `places` says where files are.
 """
 
 import errno
@@ -38,7 +40,8 @@ from nnpp_edge.runtime.compiled.notice import begins
 NumbaObject = Any
 """Something of numba's own, which has no types."""
 _COMPILING = (
-    "compiling for this processor: up to a minute, minutes on a small board, once (nnpp-edge warmup does it ahead of "
+    "compiling for this processor: up to a minute, minutes on a small board, once (nnpp-edge "
+    "warmup does it ahead of "
     "time; the package nnpp-edge-kernels brings what it compiles)"
 )
 _compiling: list[Timer] = []
@@ -56,8 +59,9 @@ class KernelCache(NullCache):
     function : function of a module
         The plain Python of the kernel.
     folder : Path or None
-        Where files are written. It belongs to one state of the sources: whoever changes a kernel, or one that it
-        calls, changes the folder. It and the folder it lies in are made again if they vanish.
+        Where files are written. It belongs to one state of the sources: whoever changes a kernel,
+        or one that it calls, changes the folder. It and the folder it lies in are made again if
+        they vanish.
     read : paths
         Folders that are only read, and before `folder`.
 
@@ -67,15 +71,25 @@ class KernelCache(NullCache):
         `function` closes over variables, which the name of a file would have to tell apart.
     """
 
-    def __init__(self, function: FunctionType, folder: Path | None, read: Sequence[Path] = ()) -> None:
+    def __init__(
+        self, function: FunctionType, folder: Path | None, read: Sequence[Path] = ()
+    ) -> None:
         code = function.__code__
         if code.co_freevars:
             raise ValueError(
-                f"wanted a kernel without outer variables, got {function.__qualname__} with {code.co_freevars}"
+                f"wanted a kernel without outer variables, got {function.__qualname__} with "
+                f"{code.co_freevars}"
             )
-        self._folder, self._read = folder, [*read, *([folder] if folder else [])]
+        self._folder = folder
+        self._read = [*read, *([folder] if folder else [])]
         self._stem = f"{function.__module__}.{function.__qualname__}-{code.co_firstlineno}"
-        self._made_by = (code.co_code, code.co_consts, numba.__version__, *sys.version_info[:2], sys.abiflags)
+        self._made_by = (
+            code.co_code,
+            code.co_consts,
+            numba.__version__,
+            *sys.version_info[:2],
+            sys.abiflags,
+        )
 
     def load_overload(self, sig: NumbaObject, target_context: NumbaObject) -> NumbaObject:
         """The compiled version for `sig`, or None where no sound one is kept."""
@@ -96,21 +110,26 @@ class KernelCache(NullCache):
             if (kept := self._load(path, key, sig, target_context)) is not None:
                 return kept
             if folder in places.WHEEL:
-                places.pass_over_wheel(
-                    f"{path} is {'damaged, or not its owner alone can write it' if path.exists() else 'missing'}"
-                )
+                damaged = "damaged, or not its owner alone can write it"
+                places.pass_over_wheel(f"{path} is {damaged if path.exists() else 'missing'}")
         return None
 
-    def _load(self, path: Path, key: bytes, sig: NumbaObject, target_context: NumbaObject) -> NumbaObject:
+    def _load(
+        self, path: Path, key: bytes, sig: NumbaObject, target_context: NumbaObject
+    ) -> NumbaObject:
         content = _read(path)
         kept = content[_CHECKSUM_BYTES:]
         if content != _checksum(key, kept) + kept:
             return None
         try:
             result = CompileResult._rebuild(target_context, *pickle.loads(kept))
-        except Exception:  # it was made by something that differs from us in a way which the key does not tell
+        except (
+            Exception
+        ):  # it was made by something that differs from us in a way which the key does not tell
             return None
-        return result if tuple(result.signature.args) == tuple(normalize_signature(sig)[0]) else None
+        return (
+            result if tuple(result.signature.args) == tuple(normalize_signature(sig)[0]) else None
+        )
 
     def save_overload(self, sig: NumbaObject, data: NumbaObject) -> None:
         """Keep the compiled version `data` for `sig`, unless it holds addresses of this process."""
@@ -153,10 +172,14 @@ def _tell_once(folder: Path | None, error: OSError) -> None:
         return
     save_error = error.with_traceback(None)
     where = (
-        f"in {folder} ({error.strerror or error})" if folder else "(set NUMBA_CACHE_DIR to a folder of this user's)"
+        f"in {folder} ({error.strerror or error})"
+        if folder
+        else "(set NUMBA_CACHE_DIR to a folder of this user's)"
     )
     warnings.warn(
-        f"compiled kernels cannot be kept {where}: other processes compile them again", RuntimeWarning, stacklevel=2
+        f"compiled kernels cannot be kept {where}: other processes compile them again",
+        RuntimeWarning,
+        stacklevel=2,
     )
 
 

@@ -1,8 +1,9 @@
 """Who compiles which version of a kernel, while several processes fill one folder.
 
-Each version has a byte of the folder's file of claims, locked by the process that compiles it: another that needs the
-same version waits for that byte, and then finds the version kept. The system unlocks what a process held when it
-ends, however it ends. On a file system without locks a version may be compiled twice, which does no harm.
+Each version has a byte of the folder's file of claims, locked by the process that compiles it:
+another that needs the same version waits for that byte, and then finds the version kept. The system
+unlocks what a process held when it ends, however it ends. On a file system without locks a version
+may be compiled twice, which does no harm.
 """
 
 import fcntl
@@ -18,7 +19,9 @@ _file: int | None = None
 def shared(folder: Path) -> Iterator[None]:
     """Within, this process compiles nothing for `folder` that another is compiling."""
     global _file
-    _file = os.open(folder / ".claims", os.O_RDWR | os.O_CREAT | os.O_CLOEXEC | os.O_NOFOLLOW, 0o600)
+    _file = os.open(
+        folder / ".claims", os.O_RDWR | os.O_CREAT | os.O_CLOEXEC | os.O_NOFOLLOW, 0o600
+    )
     try:
         yield
     finally:
@@ -27,7 +30,9 @@ def shared(folder: Path) -> Iterator[None]:
 
 
 def take(digest: str) -> bool:
-    """Wait until no other process compiles the version with this hexadecimal digest; False if nothing is shared."""
+    """Wait until no other process compiles the version with this hexadecimal digest; False if
+    nothing is shared.
+    """
     return _lock(fcntl.LOCK_EX, digest)
 
 

@@ -1,4 +1,6 @@
-"""A line for the user, from code that must not print by itself: once something has taken a second."""
+"""A line for the user, from code that must not print by itself: once something has taken
+a second.
+"""
 
 import functools
 import threading

@@ -1,16 +1,18 @@
-"""Costs of lines that lead anywhere on the map: the line integral, the check of a leg, way points left out.
+"""Costs of lines that lead anywhere on the map: the line integral, the check of a leg, way points
+left out.
 
 See `planners.refine`, and `kernels.stations` for how lines are found.
 
-Places are (row, col) in cells, with the middle of the first cell at (0, 0), so that a cell's sides lie at halves. The
-weight at a place is bilinear in those of the four cells whose middles surround it; the impassable ones among them are
-left out, and the others' shares are raised to sum to 1. A cell's length costs `steps[0]` + 2 · `steps[2]` · weight:
-what a straight step on even ground does.
+Places are (row, col) in cells, with the middle of the first cell at (0, 0), so that a cell's sides
+lie at halves. The weight at a place is bilinear in those of the four cells whose middles surround
+it; the impassable ones among them are left out, and the others' shares are raised to sum to 1. A
+cell's length costs `steps[0]` + 2 · `steps[2]` · weight: what a straight step on even ground does.
 
-A *leg* is the straight way between two way points. It is clear where every cell that it touches is passable and, for
-a disc, where it keeps the disc's radius away from every obstacle. For that the kernels are given `room`, a tuple
+A *leg* is the straight way between two way points. It is clear where every cell that it touches is
+passable and, for a disc, where it keeps the disc's radius away from every obstacle. For that the
+kernels are given `room`, a tuple
 
-    weights    (nodes,) float32, a point's, inf where a cell is an obstacle, as is what lies off the map
+    weights    (nodes,) float32, a point's, inf where a cell is an obstacle or off the map
     rows, cols of the map
     radius     metres
     sides      height and width of a cell, metres: two numbers
@@ -42,7 +44,9 @@ _ROUNDING = 1.0 - 1e-7
 
 @helper
 def ground_of(grid, room):
-    """Constants of the kernels below: (weights, stride, a cell's length, what a weight adds, cutting, room)."""
+    """Constants of the kernels below: (weights, stride, a cell's length, what a weight adds,
+    cutting, room).
+    """
     weights, stride, steps, corner_cutting, _ = grid
     around = borrowed(room[0]), *room[1:]
     return borrowed(weights), stride, steps[0], 2.0 * steps[2], corner_cutting, around
@@ -50,11 +54,15 @@ def ground_of(grid, room):
 
 @helper
 def open_between(grid, low, high):
-    """See to it that the weights are there of all cells of a rectangle between two places, and of those around it."""
+    """See to it that the weights are there of all cells of a rectangle between two places, and of
+    those around it.
+    """
     tiles = grid[4]
     state, wanted, row_shift, col_shift, _, _ = tiles
     for i in range(np.int64(low[0] + 0.5) >> row_shift, (np.int64(high[0] + 0.5) >> row_shift) + 1):
-        for j in range(np.int64(low[1] + 0.5) >> col_shift, (np.int64(high[1] + 0.5) >> col_shift) + 1):
+        for j in range(
+            np.int64(low[1] + 0.5) >> col_shift, (np.int64(high[1] + 0.5) >> col_shift) + 1
+        ):
             if not state[i, j] & wanted:
                 open_there(tiles, i, j)
 
@@ -62,7 +70,8 @@ def open_between(grid, low, high):
 @helper
 def is_passable(ground, row, col):
     """Whether a cell can be stood on; those outside the map cannot."""
-    weights, stride = ground[0], ground[1]
+    weights = ground[0]
+    stride = ground[1]
     node = np.uint64((row + 1) * stride + col + 1)
     return weights[node] < np.inf
 
@@ -70,24 +79,35 @@ def is_passable(ground, row, col):
 @helper
 def mean_of_four(weights, stride, row, col):
     """Weight at a place by the four cells around it; inf or NaN where one of them is impassable."""
-    i, j = np.int64(row + 1.0), np.int64(col + 1.0)
-    down, right = row + 1.0 - i, col + 1.0 - j
-    n, below = np.uint64(i * stride + j), np.uint64(i * stride + j + stride)
-    one, two = np.float64(weights[n]), np.float64(weights[n + np.uint64(1)])
-    three, four = np.float64(weights[below]), np.float64(weights[below + np.uint64(1)])
-    return (1.0 - down) * ((1.0 - right) * one + right * two) + down * ((1.0 - right) * three + right * four)
+    i = np.int64(row + 1.0)
+    j = np.int64(col + 1.0)
+    down = row + 1.0 - i
+    right = col + 1.0 - j
+    n = np.uint64(i * stride + j)
+    below = np.uint64(i * stride + j + stride)
+    one = np.float64(weights[n])
+    two = np.float64(weights[n + np.uint64(1)])
+    three = np.float64(weights[below])
+    four = np.float64(weights[below + np.uint64(1)])
+    return (1.0 - down) * ((1.0 - right) * one + right * two) + down * (
+        (1.0 - right) * three + right * four
+    )
 
 
 @helper
 def weight_at(ground, row, col):
     """Weight at a place in a passable cell."""
-    weights, stride = ground[0], ground[1]
+    weights = ground[0]
+    stride = ground[1]
     mean = mean_of_four(weights, stride, row, col)
     if mean < np.inf:
         return mean
-    i, j = np.int64(row + 1.0), np.int64(col + 1.0)
-    down, right = row + 1.0 - i, col + 1.0 - j
-    total, shares = 0.0, 0.0
+    i = np.int64(row + 1.0)
+    j = np.int64(col + 1.0)
+    down = row + 1.0 - i
+    right = col + 1.0 - j
+    total = 0.0
+    shares = 0.0
     for k in range(4):
         there = np.float64(weights[np.uint64((i + (k >> 1)) * stride + j + (k & 1))])
         share = (down if k >> 1 else 1.0 - down) * (right if k & 1 else 1.0 - right)
@@ -100,14 +120,18 @@ def weight_at(ground, row, col):
 @helper
 def _touches(ground, row, col):
     """Whether a place lies in an impassable cell, or touches one."""
-    up, down = np.int64(math.floor(row + 0.5 - TOUCH)), np.int64(math.floor(row + 0.5 + TOUCH))
-    left, right = np.int64(math.floor(col + 0.5 - TOUCH)), np.int64(math.floor(col + 0.5 + TOUCH))
+    up = np.int64(math.floor(row + 0.5 - TOUCH))
+    down = np.int64(math.floor(row + 0.5 + TOUCH))
+    left = np.int64(math.floor(col + 0.5 - TOUCH))
+    right = np.int64(math.floor(col + 0.5 + TOUCH))
     if not is_passable(ground, up, left):
         return True
     if up == down and left == right:
         return False
     return not (
-        is_passable(ground, up, right) and is_passable(ground, down, left) and is_passable(ground, down, right)
+        is_passable(ground, up, right)
+        and is_passable(ground, down, left)
+        and is_passable(ground, down, right)
     )
 
 
@@ -115,7 +139,7 @@ def _touches(ground, row, col):
 def _along_sides(ground, row, col, rows, cols):
     """Whether a leg along cells' sides touches an impassable one."""
     steps = np.int64(2.0 * max(abs(rows), abs(cols))) + 1
-    for k in range(steps + 1):  # noqa: SIM110
+    for k in range(steps + 1):
         if _touches(ground, row + rows * k / steps, col + cols * k / steps):
             return True
     return False
@@ -123,12 +147,16 @@ def _along_sides(ground, row, col, rows, cols):
 
 @helper
 def _beside(row, col, to_row, to_col, height, width):
-    """Square of the metres from a leg to a cell's square; the leg's ends are in metres, from the square's middle."""
+    """Square of the metres from a leg to a cell's square; the leg's ends are in metres, from the
+    square's middle.
+    """
     near = np.inf
     for r, c in ((row, col), (to_row, to_col)):
-        down, right = max(abs(r) - height, 0.0), max(abs(c) - width, 0.0)
+        down = max(abs(r) - height, 0.0)
+        right = max(abs(c) - width, 0.0)
         near = min(near, down * down + right * right)
-    rows, cols = to_row - row, to_col - col
+    rows = to_row - row
+    cols = to_col - col
     length = rows * rows + cols * cols
     sides = 0
     for r, c in ((-height, -width), (-height, width), (height, width), (height, -width)):
@@ -144,56 +172,93 @@ def _beside(row, col, to_row, to_col, height, width):
 
 @helper
 def _keeps_away(room, row, col, to_row, to_col):
-    """Whether a disc that follows a leg touches no obstacle: by the distance of the leg from each cell's square."""
+    """Whether a disc that follows a leg touches no obstacle: by the distance of the leg from each
+    cell's square.
+    """
     weights, rows, cols, radius, height, width = room
     if radius == 0.0:
         return True
-    up, left, least = radius / height + 0.5, radius / width + 0.5, (radius * _ROUNDING) ** 2
-    down, right = to_row - row, to_col - col
+    up = radius / height + 0.5
+    left = radius / width + 0.5
+    least = (radius * _ROUNDING) ** 2
+    down = to_row - row
+    right = to_col - col
     if down == 0.0 and right == 0.0:
         down = TOUCH
     for i in range(math.ceil(min(row, to_row) - up), math.floor(max(row, to_row) + up) + 1):
-        first, last = 0.0, 1.0  # the part of the leg that may be so near to this row
+        # the part of the leg that may be so near to this row
+        first = 0.0
+        last = 1.0
         if down != 0.0:
-            one, two = (i - up - row) / down, (i + up - row) / down
-            first, last = max(min(one, two), 0.0), min(max(one, two), 1.0)
-        low, high = col + first * right, col + last * right
+            one = (i - up - row) / down
+            two = (i + up - row) / down
+            first = max(min(one, two), 0.0)
+            last = min(max(one, two), 1.0)
+        low = col + first * right
+        high = col + last * right
         for j in range(math.ceil(min(low, high) - left), math.floor(max(low, high) + left) + 1):
-            if 0 <= i < rows and 0 <= j < cols and weights[np.uint64((i + 1) * (cols + 2) + j + 1)] < np.inf:
+            if (
+                0 <= i < rows
+                and 0 <= j < cols
+                and weights[np.uint64((i + 1) * (cols + 2) + j + 1)] < np.inf
+            ):
                 continue
             begin = (row - i) * height, (col - j) * width
-            if _beside(*begin, begin[0] + down * height, begin[1] + right * width, 0.5 * height, 0.5 * width) < least:
+            if (
+                _beside(
+                    *begin,
+                    begin[0] + down * height,
+                    begin[1] + right * width,
+                    0.5 * height,
+                    0.5 * width,
+                )
+                < least
+            ):
                 return False
     return True
 
 
 @helper
 def is_clear(ground, row, col, to_row, to_col):
-    """Whether every cell that a leg touches is passable, and a disc that follows it touches no obstacle."""
-    return _is_passable_along(ground, row, col, to_row, to_col) and _keeps_away(ground[5], row, col, to_row, to_col)
+    """Whether every cell that a leg touches is passable, and a disc that follows it touches no
+    obstacle.
+    """
+    return _is_passable_along(ground, row, col, to_row, to_col) and _keeps_away(
+        ground[5], row, col, to_row, to_col
+    )
 
 
 @helper
 def _is_passable_along(ground, row, col, to_row, to_col):
     """Whether every cell that a leg touches is passable.
 
-    Where corners may be cut, diagonal legs from the middle of a cell may lead through them, as the grid's steps do.
-    Of other legs rounding hides whether they pass a corner or cut a sliver off the cell beside it.
+    Where corners may be cut, diagonal legs from the middle of a cell may lead through them, as the
+    grid's steps do. Of other legs rounding hides whether they pass a corner or cut a sliver off the
+    cell beside it.
     """
-    rows, cols = to_row - row, to_col - col
+    rows = to_row - row
+    cols = to_col - col
     if _touches(ground, row, col) or _touches(ground, to_row, to_col):
         return False
     for along, across, at in ((cols, rows, row), (rows, cols, col)):
-        if abs(across) <= TOUCH and abs(at + 0.5 - round(at + 0.5)) <= 2.0 * TOUCH and abs(along) > 0.0:
+        if (
+            abs(across) <= TOUCH
+            and abs(at + 0.5 - round(at + 0.5)) <= 2.0 * TOUCH
+            and abs(along) > 0.0
+        ):
             return not _along_sides(ground, row, col, rows, cols)
-    i, j = np.int64(math.floor(row + 0.5)), np.int64(math.floor(col + 0.5))
-    up, left = (1 if rows > 0.0 else -1), (1 if cols > 0.0 else -1)
+    i = np.int64(math.floor(row + 0.5))
+    j = np.int64(math.floor(col + 0.5))
+    up = 1 if rows > 0.0 else -1
+    left = 1 if cols > 0.0 else -1
     per_row = 1.0 / abs(rows) if rows != 0.0 else np.inf
     per_col = 1.0 / abs(cols) if cols != 0.0 else np.inf
     next_row = (i + 0.5 - row if rows > 0.0 else row + 0.5 - i) * per_row if rows != 0.0 else np.inf
     next_col = (j + 0.5 - col if cols > 0.0 else col + 0.5 - j) * per_col if cols != 0.0 else np.inf
     near = TOUCH * min(per_row, per_col)
-    diagonal = ground[4] and abs(rows) == abs(cols) and row == math.floor(row) and col == math.floor(col)
+    diagonal = (
+        ground[4] and abs(rows) == abs(cols) and row == math.floor(row) and col == math.floor(col)
+    )
     while True:
         if not is_passable(ground, i, j):
             return False
@@ -204,18 +269,25 @@ def _is_passable_along(ground, row, col, to_row, to_col):
                 is_passable(ground, i + up, j) and is_passable(ground, i, j + left)
             ):
                 return False
-            i, j = i + up, j + left
-            next_row, next_col = next_row + per_row, next_col + per_col
+            i = i + up
+            j = j + left
+            next_row = next_row + per_row
+            next_col = next_col + per_col
         elif next_row < next_col:
-            i, next_row = i + up, next_row + per_row
+            i = i + up
+            next_row = next_row + per_row
         else:
-            j, next_col = j + left, next_col + per_col
+            j = j + left
+            next_col = next_col + per_col
 
 
 @helper
 def _beside_obstacles(ground, row, col, rows, cols, at, end):
-    """The integral of the weight over a leg's share from `at` to `end`, where cells are left out of its means."""
-    total, half = 0.0, 0.25 * (end - at)
+    """The integral of the weight over a leg's share from `at` to `end`, where cells are left out of
+    its means.
+    """
+    total = 0.0
+    half = 0.25 * (end - at)
     for k in range(2):
         middle = at + half * (2 * k + 1)
         for place, factor in _GAUSS:
@@ -228,22 +300,32 @@ def _beside_obstacles(ground, row, col, rows, cols, at, end):
 def leg_cost(ground, row, col, to_row, to_col):
     """The line integral along a clear leg, between the lines through the cells' middles.
 
-    By Simpson's rule, which is exact; beside impassable cells by Gauss's with five points on each of two halves.
+    By Simpson's rule, which is exact; beside impassable cells by Gauss's with five points on each
+    of two halves.
     """
-    rows, cols = to_row - row, to_col - col
+    rows = to_row - row
+    cols = to_col - col
     length = math.sqrt(rows * rows + cols * cols)
     per_row = 1.0 / abs(rows) if rows != 0.0 else np.inf
     per_col = 1.0 / abs(cols) if cols != 0.0 else np.inf
-    next_row, next_col = np.inf, np.inf
+    next_row = np.inf
+    next_col = np.inf
     if rows != 0.0:
-        next_row = (math.floor(row) + 1.0 - row if rows > 0.0 else row + 1.0 - math.ceil(row)) * per_row
+        next_row = (
+            math.floor(row) + 1.0 - row if rows > 0.0 else row + 1.0 - math.ceil(row)
+        ) * per_row
     if cols != 0.0:
-        next_col = (math.floor(col) + 1.0 - col if cols > 0.0 else col + 1.0 - math.ceil(col)) * per_col
-    at, total, first = 0.0, 0.0, weight_at(ground, row, col)
+        next_col = (
+            math.floor(col) + 1.0 - col if cols > 0.0 else col + 1.0 - math.ceil(col)
+        ) * per_col
+    at = 0.0
+    total = 0.0
+    first = weight_at(ground, row, col)
     while at < 1.0:
         end = min(next_row, next_col, 1.0)
         if end > at:
-            middle, last = 0.5 * (at + end), weight_at(ground, row + end * rows, col + end * cols)
+            middle = 0.5 * (at + end)
+            last = weight_at(ground, row + end * rows, col + end * cols)
             between = mean_of_four(ground[0], ground[1], row + middle * rows, col + middle * cols)
             if between < np.inf:
                 total += (end - at) * (first + 4.0 * between + last) / 6.0
@@ -261,7 +343,8 @@ def leg_cost(ground, row, col, to_row, to_col):
 @kernel
 def line_cost(grid, room, points):
     """The line integral along way points, (N, 2) float64; inf if a leg is not clear."""
-    ground, total = ground_of(grid, room), 0.0
+    ground = ground_of(grid, room)
+    total = 0.0
     for k in range(len(points) - 1):
         if not is_clear(ground, points[k, 0], points[k, 1], points[k + 1, 0], points[k + 1, 1]):
             return np.inf
@@ -274,7 +357,8 @@ def _sampled_cost(ground, row, col, to_row, to_col):
     """About `leg_cost`, by a sample a cell; inf where the leg is not clear."""
     if not is_clear(ground, row, col, to_row, to_col):
         return np.inf
-    rows, cols = to_row - row, to_col - col
+    rows = to_row - row
+    cols = to_col - col
     length = math.sqrt(rows * rows + cols * cols)
     samples = max(np.int64(length + 0.5), 1)
     total = 0.0
@@ -286,20 +370,26 @@ def _sampled_cost(ground, row, col, to_row, to_col):
 
 @helper
 def shortened(grid, room, points, every, most, penalty):
-    """Way points without those that may be left out: the cheapest choice, each way point costing `penalty` more.
+    """Way points without those that may be left out: the cheapest choice, each way point costing
+    `penalty` more.
 
-    Legs may skip `every`, twice, four times that many points and so on, up to `most`, between points whose numbers
-    `every` divides, and lead from each point to the next.
+    Legs may skip `every`, twice, four times that many points and so on, up to `most`, between
+    points whose numbers `every` divides, and lead from each point to the next.
     """
-    n, ground = len(points), ground_of(grid, room)
-    costs, before = np.empty(n), np.empty(n, np.int64)
-    costs[0], before[0] = 0.0, -1
+    n = len(points)
+    ground = ground_of(grid, room)
+    costs = np.empty(n)
+    before = np.empty(n, np.int64)
+    costs[0] = 0.0
+    before[0] = -1
     for k in range(1, n):
-        costs[k], before[k] = np.inf, k - 1
+        costs[k] = np.inf
+        before[k] = k - 1
         skipped = 1
         while skipped <= min(most, k):
             i = k - skipped
-            rows, cols = points[k, 0] - points[i, 0], points[k, 1] - points[i, 1]
+            rows = points[k, 0] - points[i, 0]
+            cols = points[k, 1] - points[i, 1]
             least = costs[i] + penalty + ground[2] * math.sqrt(rows * rows + cols * cols)
             if least < costs[k]:
                 low = min(points[i, 0], points[k, 0]), min(points[i, 1], points[k, 1])
@@ -307,27 +397,36 @@ def shortened(grid, room, points, every, most, penalty):
                 open_between(grid, low, high)
                 cost = _sampled_cost(ground, points[i, 0], points[i, 1], points[k, 0], points[k, 1])
                 if costs[i] + penalty + cost < costs[k]:
-                    costs[k], before[k] = costs[i] + penalty + cost, i
+                    costs[k] = costs[i] + penalty + cost
+                    before[k] = i
             if k % every:
                 break
             skipped = 2 * skipped if skipped >= every else every
-    count, k = 0, n - 1
+    count = 0
+    k = n - 1
     while k >= 0:
-        count, k = count + 1, before[k]
-    out, k = np.empty((count, 2)), n - 1
+        count = count + 1
+        k = before[k]
+    out = np.empty((count, 2))
+    k = n - 1
     for m in range(count - 1, -1, -1):
-        out[m, 0], out[m, 1], k = points[k, 0], points[k, 1], before[k]
+        out[m, 0] = points[k, 0]
+        out[m, 1] = points[k, 1]
+        k = before[k]
     return out
 
 
 @kernel
 def corners(path):
     """(M, 2) float64 cells of a path (N, 2) int32 at which its direction changes, and its ends."""
-    out, count, n = np.empty((len(path), 2)), 0, len(path)
+    out = np.empty((len(path), 2))
+    count = 0
+    n = len(path)
     for k in range(n):
         inside = 0 < k < n - 1
         down = inside and path[k + 1, 0] - path[k, 0] == path[k, 0] - path[k - 1, 0]
         if not (down and path[k + 1, 1] - path[k, 1] == path[k, 1] - path[k - 1, 1]):
-            out[count, 0], out[count, 1] = path[k, 0], path[k, 1]
+            out[count, 0] = path[k, 0]
+            out[count, 1] = path[k, 1]
             count += 1
     return out[:count].copy()

@@ -1,4 +1,6 @@
-"""Calls of a compiled kernel by its address: numba would else compile it anew into each kernel that calls it."""
+"""Calls of a compiled kernel by its address: numba would else compile it anew into each kernel that
+calls it.
+"""
 
 from numba import typeof, types
 from numba.core import cgutils
@@ -7,13 +9,18 @@ from numba.extending import intrinsic, overload
 
 @intrinsic
 def call_at(typing_context, address, arguments):
-    """Call the kernel at an address, compiled for just these arguments, a tuple; what it returns is dropped."""
+    """Call the kernel at an address, compiled for just these arguments, a tuple; what it returns is
+    dropped.
+    """
 
     def generate(context, builder, signature, values):
-        convention, kinds = context.call_conv, signature.args[1].types
+        convention = context.call_conv
+        kinds = signature.args[1].types
         function = convention.get_function_type(types.none, kinds)
         pointer = builder.inttoptr(values[0], function.as_pointer())
-        convention.call_function(builder, pointer, types.none, kinds, cgutils.unpack_tuple(builder, values[1]))
+        convention.call_function(
+            builder, pointer, types.none, kinds, cgutils.unpack_tuple(builder, values[1])
+        )
         return context.get_dummy_value()
 
     return types.none(address, arguments), generate
@@ -25,14 +32,18 @@ def _without_owner(typing_context, array):
 
     def generate(context, builder, signature, values):
         parts = cgutils.create_struct_proxy(signature.args[0])(context, builder, value=values[0])
-        parts.meminfo, parts.parent = (cgutils.get_null_value(part.type) for part in (parts.meminfo, parts.parent))
+        parts.meminfo, parts.parent = (
+            cgutils.get_null_value(part.type) for part in (parts.meminfo, parts.parent)
+        )
         return parts._getvalue()
 
     return array(array), generate
 
 
 def borrowed(array):
-    """An array, for a kernel that neither keeps nor returns it: references to it and its views are not counted."""
+    """An array, for a kernel that neither keeps nor returns it: references to it and its views are
+    not counted.
+    """
     return array
 
 
@@ -42,7 +53,9 @@ def _compiled_borrowed(array):
 
 
 def address_of(kernel, *arguments):
-    """Where a kernel, compiled for such arguments as these, lies in memory; 0 where kernels are not compiled."""
+    """Where a kernel, compiled for such arguments as these, lies in memory; 0 where kernels are not
+    compiled.
+    """
     if not hasattr(kernel, "overloads"):
         return 0
     if not kernel.overloads:

@@ -19,7 +19,8 @@ def _seconds(typing_context):
         read = cgutils.get_or_insert_function(builder.module, kind, "clock_gettime")
         builder.call(read, (ir.Constant(ir.IntType(32), time.CLOCK_MONOTONIC), there))
         s, ns = (
-            builder.sitofp(builder.extract_value(builder.load(there), part), ir.DoubleType()) for part in range(2)
+            builder.sitofp(builder.extract_value(builder.load(there), part), ir.DoubleType())
+            for part in range(2)
         )
         return builder.fadd(s, builder.fmul(ns, ir.Constant(ir.DoubleType(), 1e-9)))
 

@@ -14,7 +14,9 @@ _LOOK_EVERY = 256
 
 @helper
 def _mark(path, radius, stamp, bitmap):
-    """Mark the quarters of a path's cells, and those within `radius` (as the king moves) of them."""
+    """Mark the quarters of a path's cells, and those within `radius` (as the king moves)
+    of them.
+    """
     rows, cols = bitmap.shape
     for n in range(len(path)):
         for i in range(max(2 * path[n, 0] - radius, 0), min(2 * path[n, 0] + 2 + radius, rows)):
@@ -32,12 +34,13 @@ def _mark_cell(row, col, stamp, bitmap):
 
 @helper
 def _flood(grid, edges, links, start, found, limit, scratch, marks, until):
-    """Mark the cells on paths from `start` that cost at most `limit`, and find what it costs to reach them.
+    """Mark the cells on paths from `start` that cost at most `limit`, and find what it costs to
+    reach them.
 
     Once it is late nothing more is marked.
 
-    What is left from a cell is g of an earlier search, which began at the other end. With that as a bound, few
-    cells are expanded twice, so a plain queue serves.
+    What is left from a cell is g of an earlier search, which began at the other end. With that as a
+    bound, few cells are expanded twice, so a plain queue serves.
     """
     weights, stride, steps, _, tiles = grid
     state, wanted, row_shift, col_shift, _, _ = tiles
@@ -46,7 +49,9 @@ def _flood(grid, edges, links, start, found, limit, scratch, marks, until):
     bitmap, stamp = marks
     length_s, length_d, weight_s, weight_d = steps
     mask = len(queue) - 1
-    head, tail, ended = 0, 1, False
+    head = 0
+    tail = 1
+    ended = False
     queue[0] = start
     reached[start] = 0.0
     _mark_cell(start // stride - 1, start % stride - 1, stamp, bitmap)
@@ -54,10 +59,13 @@ def _flood(grid, edges, links, start, found, limit, scratch, marks, until):
         node = np.int64(queue[head & mask])
         head += 1
         queued[node] = 0
-        if ended or (head % _LOOK_EVERY == 0 and late(until)):  # the queue is emptied for the next flood
+        if ended or (
+            head % _LOOK_EVERY == 0 and late(until)
+        ):  # the queue is emptied for the next flood
             ended = True
             continue
-        i, j = (node // stride - 1) >> row_shift, (node % stride - 1) >> col_shift
+        i = (node // stride - 1) >> row_shift
+        j = (node % stride - 1) >> col_shift
         if not state[i, j] & wanted:  # the search that came here did not leave from here
             open_there(tiles, i, j)
         for k in range(8):
@@ -69,12 +77,15 @@ def _flood(grid, edges, links, start, found, limit, scratch, marks, until):
                 continue
             if edges is None:
                 length, weight = (length_s, weight_s) if k < 4 else (length_d, weight_d)
-                cost = reached[node] + np.float32(length + weight * (weights[node] + weights[there]))
+                cost = reached[node] + np.float32(
+                    length + weight * (weights[node] + weights[there])
+                )
             else:
                 cost = reached[node] + edges[node, k]
             if cost + g[2 * there] > limit:
                 continue
-            row, col = there // stride - 1, there % stride - 1
+            row = there // stride - 1
+            col = there % stride - 1
             if bitmap[2 * row, 2 * col] == stamp and cost >= reached[there]:
                 continue
             _mark_cell(row, col, stamp, bitmap)
@@ -87,7 +98,8 @@ def _flood(grid, edges, links, start, found, limit, scratch, marks, until):
 
 @helper
 def _read_ahead(path, finer):
-    """Read what the next finer search will, along a path of cells: in any order, memory answers many times as fast.
+    """Read what the next finer search will, along a path of cells: in any order, memory answers
+    many times as fast.
 
     Returns a number that means nothing, so that the compiler leaves the reading in.
     """
@@ -105,12 +117,14 @@ def _read_ahead(path, finer):
 
 @kernel
 def surround(grid, edges, links, start, found, scratch, path, width, marks, finer):
-    """Mark what the next finer level is to search: what lies around a path, and on paths of nearly the same cost.
+    """Mark what the next finer level is to search: what lies around a path, and on paths of nearly
+    the same cost.
 
     Parameters
     ----------
     grid, edges, links
-        The level that was searched, from the goal to `start`; `edges` of the steps that leave a node, see `expand`.
+        The level that was searched, from the goal to `start`; `edges` of the steps that leave a
+        node, see `expand`.
     start : int
         Node that the path starts from.
     found : (g, meta, stamp)
@@ -120,15 +134,16 @@ def surround(grid, edges, links, start, found, scratch, path, width, marks, fine
     path : (N, 2) int32
         Cells of the level.
     width : (radius, band, until)
-        The quarters of cells within so many quarters of the path's are marked, as the king moves; and paths that cost
-        at most 1 + `band` times as much are marked, too, as far as these are found by that reading of the clock, see
-        `clock.late`.
+        The quarters of cells within so many quarters of the path's are marked, as the king moves;
+        and paths that cost at most 1 + `band` times as much are marked, too, as far as these are
+        found by that reading of the clock, see `clock.late`.
     marks : (bitmap, stamp)
         (2 rows, 2 cols) int32 over the quarters of the level's cells, and the number to write.
     finer : (weights, stride, rows, cols, meta)
         The next finer level and its search memory, read ahead along the path.
     """
-    g, (radius, band, until) = found[0], width
+    g = found[0]
+    radius, band, until = width
     bitmap, stamp = marks
     if band > 0.0 and len(path) > 1:
         _flood(grid, edges, links, start, found, (1.0 + band) * g[2 * start], scratch, marks, until)
@@ -149,7 +164,8 @@ def _was_reached(meta, stamp, shape, row, col):
 
 @kernel
 def close_dead_ends(links, marks, reached, came, closed):
-    """Close the links between cells of a region that a search of the map came to and those that it did not: how many.
+    """Close the links between cells of a region that a search of the map came to and those that it
+    did not: how many.
 
     Parameters
     ----------
@@ -166,12 +182,18 @@ def close_dead_ends(links, marks, reached, came, closed):
     """
     bitmap, mark = marks
     meta, stamp, shape = reached
-    rows, cols = bitmap.shape[0] // 2, bitmap.shape[1] // 2
-    stride, count = cols + 2, 0
+    rows = bitmap.shape[0] // 2
+    cols = bitmap.shape[1] // 2
+    stride = cols + 2
+    count = 0
     for i in range(rows):
         for j in range(cols):
-            quarters = np.int64(bitmap[2 * i, 2 * j] == mark) + np.int64(bitmap[2 * i, 2 * j + 1] == mark)
-            quarters += np.int64(bitmap[2 * i + 1, 2 * j] == mark) + np.int64(bitmap[2 * i + 1, 2 * j + 1] == mark)
+            quarters = np.int64(bitmap[2 * i, 2 * j] == mark) + np.int64(
+                bitmap[2 * i, 2 * j + 1] == mark
+            )
+            quarters += np.int64(bitmap[2 * i + 1, 2 * j] == mark) + np.int64(
+                bitmap[2 * i + 1, 2 * j + 1] == mark
+            )
             if quarters and _was_reached(meta, stamp, shape, i, j):
                 came[(i + 1) * stride + j + 1] = 2
             elif quarters == 4:  # into the rest of another there may be a way
@@ -183,7 +205,10 @@ def close_dead_ends(links, marks, reached, came, closed):
                     there = node + ROW_STEP[k] * stride + COL_STEP[k]
                     if came[there] == 1 and (links[node] >> k) & 1:
                         count += 1
-                        for at, bit in ((node, np.uint8(1 << k)), (there, np.uint8(1 << OPPOSITE[k]))):
+                        for at, bit in (
+                            (node, np.uint8(1 << k)),
+                            (there, np.uint8(1 << OPPOSITE[k])),
+                        ):
                             closed[at] |= links[at] & bit
                             links[at] &= ~bit
     came[:] = 0

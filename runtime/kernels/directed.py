@@ -1,7 +1,8 @@
-"""The kernels of steps that cost by the slope: what each step of a map costs, and their means on coarse levels.
+"""The kernels of steps that cost by the slope: what each step of a map costs, and their means on
+coarse levels.
 
-Steps of a map (H, W) stand as (H + 2, W + 2, 8) float32, by cell, with a border, and direction; inf where there is
-none.
+Steps of a map (H, W) stand as (H + 2, W + 2, 8) float32, by cell, with a border, and direction; inf
+where there is none.
 """
 
 import numpy as np
@@ -10,16 +11,22 @@ from nnpp_edge.runtime.compiled.kernel import helper, kernel
 from nnpp_edge.runtime.kernels.nodes import COL_STEP, OPPOSITE, ROW_STEP
 from nnpp_edge.runtime.kernels.pooling import FACTOR
 
-STEEPEST, PER_SLOPE = 3.0, 1024
-"""Slopes, rise a metre, up to which a table has knots, and how many to a slope of 1. See `map.slope_cost`."""
+STEEPEST = 3.0
+PER_SLOPE = 1024
+"""Slopes, rise a metre, up to which a table has knots, and how many to a slope of 1. See
+`map.slope_cost`.
+"""
 _INF_BITS = np.float32(np.inf).view(np.int32)
 
 
 @helper
 def _price_ways(table, length, rises, at, costs):
-    """Costs of ways of one length with these rises, by a table as for `price_steps`, into `costs`."""
+    """Costs of ways of one length with these rises, by a table as for `price_steps`, into
+    `costs`.
+    """
     kinks, level, gradient = table
-    last, over = np.float64(len(level) - len(kinks) - 1), PER_SLOPE / length
+    last = np.float64(len(level) - len(kinks) - 1)
+    over = PER_SLOPE / length
     for n in range(len(rises)):
         step = rises[n] * over + STEEPEST * PER_SLOPE
         step = step if step > 0.0 else 0.0  # also of what is not a number
@@ -44,12 +51,14 @@ def price_steps(heights, weights, rule, priced, ways, area, steps):
     weights : (nodes,) float32
         Of the grid; inf where it is impassable.
     rule : (by_weights, corner_cutting)
-        Whether impassable cells may not be entered, and whether a diagonal step may pass beside one.
+        Whether impassable cells may not be entered, and whether a diagonal step may pass beside
+        one.
     priced : (kinks, level, gradient), least_per_m
-        What a metre costs, as `map.slope_cost.Table`, less what its rise is worth, and the cheapest metre.
+        What a metre costs, as `map.slope_cost.Table`, less what its rise is worth, and the cheapest
+        metre.
     ways : (steps, lengths)
-        (K, 2) int64 rows and columns that the step in each direction leads to, and (K,) float64 its length in metres:
-        the eight neighbours', or a body's sixteen legs, which poses decide on.
+        (K, 2) int64 rows and columns that the step in each direction leads to, and (K,) float64 its
+        length in metres: the eight neighbours', or a body's sixteen legs, which poses decide on.
     area : (row0, row1, col0, col1)
     steps : (H + 2, W + 2, K) float32
         Written inside the rectangle.
@@ -60,24 +69,38 @@ def price_steps(heights, weights, rule, priced, ways, area, steps):
         The dearest step.
     """
     by_weights, corner_cutting = rule
-    (table, least_per_m), (rows, cols), (row0, row1, col0, col1) = priced, heights.shape, area
+    table, least_per_m = priced
+    rows, cols = heights.shape
+    row0, row1, col0, col1 = area
     leads, lengths = ways
-    stride, greatest, inf = cols + 2, np.int32(0), np.float32(np.inf)
-    rises, costs = np.empty(col1 - col0), np.empty(col1 - col0)
-    segments, line = np.empty(col1 - col0, np.int32), np.empty((len(lengths), col1 - col0), np.float32)
+    stride = cols + 2
+    greatest = np.int32(0)
+    inf = np.float32(np.inf)
+    rises = np.empty(col1 - col0)
+    costs = np.empty(col1 - col0)
+    segments = np.empty(col1 - col0, np.int32)
+    line = np.empty((len(lengths), col1 - col0), np.float32)
     for row in range(row0, row1):
         line[:] = inf  # where they lead off the map
         for k in range(len(lengths)):
-            up, left, length = leads[k, 0], leads[k, 1], lengths[k]
-            first, last, there = max(col0, -left), min(col1, cols - left), row + up
+            up = leads[k, 0]
+            left = leads[k, 1]
+            length = lengths[k]
+            first = max(col0, -left)
+            last = min(col1, cols - left)
+            there = row + up
             if not 0 <= there < rows or last <= first:
                 continue
             for col in range(first, last):
-                rises[col - first] = np.float64(heights[there, col + left]) - np.float64(heights[row, col])
-            count, least = last - first, least_per_m * length
+                rises[col - first] = np.float64(heights[there, col + left]) - np.float64(
+                    heights[row, col]
+                )
+            count = last - first
+            least = least_per_m * length
             _price_ways(table, length, rises[:count], segments, costs[:count])
             corners = by_weights and not corner_cutting and k >= 4
-            node, out = (row + 1) * stride + first + 1, line[k, first - col0 :]
+            node = (row + 1) * stride + first + 1
+            out = line[k, first - col0 :]
             for at in range(count):
                 free = abs(rises[at]) < inf
                 if by_weights:
@@ -86,7 +109,9 @@ def price_steps(heights, weights, rule, priced, ways, area, steps):
                     free &= max(weights[node + at + up * stride], weights[node + at + left]) < inf
                 cost = np.float32(max(costs[at], least))
                 out[at] = cost if free else inf
-        for bits in line.view(np.int32).reshape(-1):  # ordered as the numbers, none of which is below 0
+        for bits in line.view(np.int32).reshape(
+            -1
+        ):  # ordered as the numbers, none of which is below 0
             greatest = max(greatest, bits if bits < _INF_BITS else np.int32(0))
         for at in range(col1 - col0):
             for k in range(len(lengths)):
@@ -96,15 +121,17 @@ def price_steps(heights, weights, rule, priced, ways, area, steps):
 
 @kernel
 def pool_steps(finer, pieces, obstacle, area, means):
-    """Average the steps of a finer level, or of the map, over the cells of a rectangle of a coarse one.
+    """Average the steps of a finer level, or of the map, over the cells of a rectangle of a coarse
+    one.
 
     Parameters
     ----------
     finer : (steps, neighbours)
-        (H + 2, W + 2, K) float32 of the map, or means of the finer level, and (8,) int64, which of the K lead to the
-        neighbours. Those that lead off the map do not count.
+        (H + 2, W + 2, K) float32 of the map, or means of the finer level, and (8,) int64, which of
+        the K lead to the neighbours. Those that lead off the map do not count.
     pieces : (nodes,) uint16
-        The cells below each cell that it stands for, as bits; what is in none of them counts as an obstacle.
+        The cells below each cell that it stands for, as bits; what is in none of them counts as an
+        obstacle.
     obstacle : (8,) float32
         What an impassable cell counts for, by direction.
     area : (row0, row1, col0, col1)
@@ -112,7 +139,8 @@ def pool_steps(finer, pieces, obstacle, area, means):
         Written inside the rectangle.
     """
     steps, neighbours = finer
-    rows, cols = steps.shape[0] - 2, steps.shape[1] - 2
+    rows = steps.shape[0] - 2
+    cols = steps.shape[1] - 2
     row0, row1, col0, col1 = area
     stride = means.shape[1]
     for row in range(row0, row1):
@@ -122,10 +150,14 @@ def pool_steps(finer, pieces, obstacle, area, means):
                 if own == 0:
                     means[row + 1, col + 1, k] = np.inf
                     continue
-                total, count, way = np.float32(0.0), 0, neighbours[k]
+                total = np.float32(0.0)
+                count = 0
+                way = neighbours[k]
                 for bit in range(FACTOR * FACTOR):
-                    r, c = row * FACTOR + bit // FACTOR, col * FACTOR + bit % FACTOR
-                    i, j = r + ROW_STEP[k], c + COL_STEP[k]
+                    r = row * FACTOR + bit // FACTOR
+                    c = col * FACTOR + bit % FACTOR
+                    i = r + ROW_STEP[k]
+                    j = c + COL_STEP[k]
                     if r >= rows or c >= cols or not (0 <= i < rows and 0 <= j < cols):
                         continue
                     step = steps[r + 1, c + 1, way]
@@ -136,7 +168,8 @@ def pool_steps(finer, pieces, obstacle, area, means):
 
 @kernel
 def join_steps(means, area, edges, backwards):
-    """Steps of a rectangle of coarse cells: half by the cell that is left, half by the one that is come to.
+    """Steps of a rectangle of coarse cells: half by the cell that is left, half by the one that is
+    come to.
 
     Parameters
     ----------
@@ -144,13 +177,16 @@ def join_steps(means, area, edges, backwards):
         As `pool_steps` writes them.
     area : (row0, row1, col0, col1)
     edges, backwards : (h + 2, w + 2, 8) float32
-        Written: of the step that leaves a cell in each direction, and of that by which it is come to from there.
+        Written: of the step that leaves a cell in each direction, and of that by which it is come
+        to from there.
     """
     row0, row1, col0, col1 = area
     half = np.float32(0.5)
     for row in range(row0 + 1, row1 + 1):
         for col in range(col0 + 1, col1 + 1):
             for k in range(8):
-                i, j, back = row + ROW_STEP[k], col + COL_STEP[k], OPPOSITE[k]
+                i = row + ROW_STEP[k]
+                j = col + COL_STEP[k]
+                back = OPPOSITE[k]
                 edges[row, col, k] = half * (means[row, col, k] + means[i, j, k])
                 backwards[row, col, k] = half * (means[row, col, back] + means[i, j, back])

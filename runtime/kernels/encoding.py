@@ -1,4 +1,6 @@
-"""Inputs of the network: area averages of the map, and where start and goal lie. See `network.encoding`."""
+"""Inputs of the network: area averages of the map, and where start and goal lie. See
+`network.encoding`.
+"""
 
 import math
 
@@ -23,13 +25,16 @@ def cells_under(n, inner, cells):
 def pool_planes(weights, stride, rows, cols, scale, offset, inner_rows, inner_cols, parts, planes):
     """Average what lies under these rectangles of the map, (N, 4) of row, col, rows and cols."""
     for n in range(len(parts)):
-        row0, row1 = parts[n, 0] * inner_rows // rows, -(-(parts[n, 0] + parts[n, 2]) * inner_rows // rows)
-        col0, col1 = parts[n, 1] * inner_cols // cols, -(-(parts[n, 1] + parts[n, 3]) * inner_cols // cols)
+        row0 = parts[n, 0] * inner_rows // rows
+        row1 = -(-(parts[n, 0] + parts[n, 2]) * inner_rows // rows)
+        col0 = parts[n, 1] * inner_cols // cols
+        col1 = -(-(parts[n, 1] + parts[n, 3]) * inner_cols // cols)
         for row in range(row0, min(row1, inner_rows)):
             top, bottom = cells_under(row, inner_rows, rows)
             for col in range(col0, min(col1, inner_cols)):
                 left, right = cells_under(col, inner_cols, cols)
-                total, blocked = 0.0, 0
+                total = 0.0
+                blocked = 0
                 for i in range(top, bottom):
                     for j in range(left, right):
                         w = weights[(i + 1) * stride + j + 1]
@@ -46,10 +51,15 @@ def pool_planes(weights, stride, rows, cols, scale, offset, inner_rows, inner_co
 def _end(out, row, col, spacing, sigma):
     """Where one end lies: the share that each point has in it, and the way to it from each."""
     size = out.shape[1]
-    offset, side = (spacing - 1.0) / 2.0, size * spacing
-    y, x = (row - offset) / spacing, (col - offset) / spacing  # in points
-    y, x = min(max(y, 0.0), size - 1.0), min(max(x, 0.0), size - 1.0)
-    wide, sharp = -0.5 / sigma**2, -8.0 / sigma**2
+    offset = (spacing - 1.0) / 2.0
+    side = size * spacing
+    # in points
+    y = (row - offset) / spacing
+    x = (col - offset) / spacing
+    y = min(max(y, 0.0), size - 1.0)
+    x = min(max(x, 0.0), size - 1.0)
+    wide = -0.5 / sigma**2
+    sharp = -8.0 / sigma**2
     for i in range(size):
         over_rows = max(1.0 - abs(i - y), 0.0)
         down = row - (i * spacing + offset)
@@ -68,12 +78,16 @@ def _end(out, row, col, spacing, sigma):
 def _between(out, row_a, col_a, row_b, col_b, spacing):
     """How much of a detour each point is from the straight way between the two ends."""
     size = out.shape[1]
-    offset, side = (spacing - 1.0) / 2.0, size * spacing
+    offset = (spacing - 1.0) / 2.0
+    side = size * spacing
     apart = max(math.hypot(row_a - row_b, col_a - col_b), spacing)
     for i in range(size):
         for j in range(size):
-            row, col = i * spacing + offset, j * spacing + offset
-            detour = math.hypot(row - row_a, col - col_a) + math.hypot(row - row_b, col - col_b) - apart
+            row = i * spacing + offset
+            col = j * spacing + offset
+            detour = (
+                math.hypot(row - row_a, col - col_a) + math.hypot(row - row_b, col - col_b) - apart
+            )
             detour = max(detour, 0.0)
             out[0, i, j] = math.exp(-detour / (0.25 * apart))
             out[1, i, j] = detour / side

@@ -1,11 +1,11 @@
 """The kernels of the search: expanding nodes in the order of f, and tracing a path back.
 
-f = g + h, and h is the greatest of several lower bounds on the cost that is left: the octile distance at the
-price of the map's cheapest cell and, where there are landmarks, |d(landmark, node) - d(landmark, goal)| for
-each of them, by the triangle inequality.
+f = g + h, and h is the greatest of several lower bounds on the cost that is left: the octile
+distance at the price of the map's cheapest cell and, where there are landmarks, |d(landmark, node)
+- d(landmark, goal)| for each of them, by the triangle inequality.
 
-Indices are cast to unsigned where they are used: numba would otherwise look at each whether it is negative,
-as Python's indices may be, which took a tenth of a search's time.
+Indices are cast to unsigned where they are used: numba would otherwise look at each whether it is
+negative, as Python's indices may be, which took a tenth of a search's time.
 """
 
 import numpy as np
@@ -42,7 +42,10 @@ from nnpp_edge.runtime.kernels.open_list import (
 from nnpp_edge.runtime.kernels.pooling import NO_LINKS as NO_LINKS
 from nnpp_edge.runtime.kernels.tiles import open_there
 
-FOUND, EXHAUSTED, PAUSED, FULL = 0, 1, 2, 3
+FOUND = 0
+EXHAUSTED = 1
+PAUSED = 2
+FULL = 3
 # slots of the float64 array of results
 BASE, INVERSE_WIDTH, REFUSED, BEST_H, BOUND = range(5)
 # slots of the int64 array of results
@@ -60,21 +63,24 @@ BELOW = 1.0 - 1e-6
 
 
 def _successors(square: int) -> NDArray[np.int64]:
-    """For each direction of arrival (and none, the start's) the directions worth leaving in, as bits: those to cells
-    from which the square of the distance to the parent, which would reach them at no higher cost, is greater.
+    """For each direction of arrival (and none, the start's) the directions worth leaving in, as
+    bits: those to cells from which the square of the distance to the parent, which would reach them
+    at no higher cost, is greater.
     """
     masks = np.full(ORIGIN + 1, 255, np.int64)
     for arrival in range(ORIGIN):
         for k in range(8):
-            if (ROW_STEP[arrival] + ROW_STEP[k]) ** 2 + (COL_STEP[arrival] + COL_STEP[k]) ** 2 <= square:
+            if (ROW_STEP[arrival] + ROW_STEP[k]) ** 2 + (
+                COL_STEP[arrival] + COL_STEP[k]
+            ) ** 2 <= square:
                 masks[arrival] &= ~(1 << k)
     return masks
 
 
 SUCCESSORS = tuple(map(_successors, range(3)))
-"""0: all but the parent, where links decide which neighbours a cell has. 1: none a straight step from the parent, for
-every step-cost model. 2: none a diagonal away either, where it is never dearer than the two straight steps around its
-corner, and never forbidden where they are allowed."""
+"""0: all but the parent, where links decide which neighbours a cell has. 1: none a straight step
+from the parent, for every step-cost model. 2: none a diagonal away either, where it is never
+dearer than the two straight steps around its corner, and never forbidden where they are allowed."""
 
 
 @helper
@@ -82,7 +88,8 @@ def _apart(fields, at_goal, node):
     """The greatest difference to the goal's costs from the landmarks."""
     furthest = np.float32(0.0)
     for lane in range(LANES):
-        # inf where only one of the two is connected to the landmark; NaN, which is passed over, where neither is
+        # inf where only one of the two is connected to the landmark; NaN, which is passed over,
+        # where neither is
         apart = abs(fields[np.uint64(node), np.uint64(lane)] - at_goal[np.uint64(lane)])
         furthest = apart if apart > furthest else furthest
     return furthest
@@ -101,11 +108,14 @@ _refill = refill_by(_left)
 
 @kernel
 def trace(meta, node, stride, out):
-    """Write the cells from `node` back to the start into `out`, as far as it reaches; their number."""
+    """Write the cells from `node` back to the start into `out`, as far as it reaches;
+    their number.
+    """
     n = 0
     while True:
         if n < len(out):
-            out[n, 0], out[n, 1] = node // stride - 1, node % stride - 1
+            out[n, 0] = node // stride - 1
+            out[n, 1] = node % stride - 1
         n += 1
         k = meta[2 * node + 1] & DIRECTION_BITS
         if k == ORIGIN:
@@ -115,29 +125,32 @@ def trace(meta, node, stride, out):
 
 @kernel
 def expand(grid, edges, links, region, hints, ends, rule, memory, limits):
-    """Search until the goal is settled, nothing is left, `most` expansions are done, it is late or the list is full.
+    """Search until the goal is settled, nothing is left, `most` expansions are done, it is late or
+    the list is full.
 
-    Begins at `start`, or goes on where the last call stopped if that is negative. Once the goal has been
-    reached, `beyond` times its g bounds what is looked at: nodes whose f is not lower are left out, and the
-    search ends when the buckets up to the bound's own are empty. `BELOW` gives the optimum; with more than 1,
-    every node on a path that costs less than `beyond` times the optimum is settled.
+    Begins at `start`, or goes on where the last call stopped if that is negative. Once the goal has
+    been reached, `beyond` times its g bounds what is looked at: nodes whose f is not lower are left
+    out, and the search ends when the buckets up to the bound's own are empty. `BELOW` gives the
+    optimum; with more than 1, every node on a path that costs less than `beyond` times the optimum
+    is settled.
 
     Parameters
     ----------
     grid, region
         As everywhere; `NO_REGION` for the whole map.
     edges : (nodes, 8) float32 or None
-        What the step that leaves a node in each direction costs, inf where there is none. None where steps cost by
-        the weights of their ends.
+        What the step that leaves a node in each direction costs, inf where there is none. None
+        where steps cost by the weights of their ends.
     links : (nodes,) uint8
-        The directions in which each cell may be left, as bits; `NO_LINKS` where passability decides.
+        The directions in which each cell may be left, as bits; `NO_LINKS` where passability
+        decides.
     hints : (fields, at_goal, slack)
         Of the landmarks; `NO_HINTS` without any.
     ends : (start, goal)
         Nodes.
     rule : (h_straight, h_diagonal, width, successors, beyond)
-        Prices of the octile distance, the width of a bucket at first, the grid's of the `SUCCESSORS`; and, as
-        said above, how far beyond the goal to look.
+        Prices of the octile distance, the width of a bucket at first, the grid's of the
+        `SUCCESSORS`; and, as said above, how far beyond the goal to look.
     memory : (g, meta, stamp, heads, entries, control, reals, counts, path)
         Of a `Workspace`, and the number of this search.
     limits : (most, until)
@@ -146,9 +159,10 @@ def expand(grid, edges, links, region, hints, ends, rule, memory, limits):
     Returns
     -------
     tuple
-        What it came to; the number of cells, start and goal included, of the path to the goal or, when it is not
-        found, to the expanded node nearest it, of which as many as there is room for are in `path`, goal first; the
-        expansions so far; and the least f of a node that the region refused.
+        What it came to; the number of cells, start and goal included, of the path to the goal or,
+        when it is not found, to the expanded node nearest it, of which as many as there is room for
+        are in `path`, goal first; the expansions so far; and the least f of a node that the region
+        refused.
     """
     weights, stride, steps, corner_cutting, tiles = grid
     start, goal = ends
@@ -158,10 +172,15 @@ def expand(grid, edges, links, region, hints, ends, rule, memory, limits):
     g, meta, stamp, heads, entries, control, reals, counts, path = memory
     bitmap, row_block, col_block, region_stamp = region
     fields, at_goal, slack = hints
-    linked, regional, hinted = len(links) > 0, len(bitmap) > 0, len(fields) > 0
-    length_s, length_d = np.float32(steps[0]), np.float32(steps[1])
-    weight_s, weight_d = np.float32(steps[2]), np.float32(steps[3])
-    goal_row, goal_col = goal // stride, goal % stride
+    linked = len(links) > 0
+    regional = len(bitmap) > 0
+    hinted = len(fields) > 0
+    length_s = np.float32(steps[0])
+    length_d = np.float32(steps[1])
+    weight_s = np.float32(steps[2])
+    weight_d = np.float32(steps[3])
+    goal_row = goal // stride
+    goal_col = goal % stride
     judge = (stride, goal_row, goal_col, h_straight, h_diagonal), hints
     inverse_stride = 1.0 / stride
     row_steps = (-stride, stride, 0, 0, -stride, -stride, stride, stride)
@@ -172,20 +191,31 @@ def expand(grid, edges, links, region, hints, ends, rule, memory, limits):
         control[LENGTH] = 1
         g[2 * start] = 0.0
         meta[2 * start + 1] = (stamp << STAMP_SHIFT) | OPEN_BIT | ORIGIN
-        reals[BASE], reals[INVERSE_WIDTH], reals[REFUSED], reals[BEST_H] = h, 1.0 / width, np.inf, np.inf
-        counts[EXPANSIONS], counts[BEST_NODE] = 0, start
+        reals[BASE] = h
+        reals[INVERSE_WIDTH] = 1.0 / width
+        reals[REFUSED] = np.inf
+        reals[BEST_H] = np.inf
+        counts[EXPANSIONS] = 0
+        counts[BEST_NODE] = start
         if h == np.inf:  # a landmark is connected to only one of the two
             return EXHAUSTED, 0, 0, np.inf
-    order, refused, best_h = (reals[BASE], reals[INVERSE_WIDTH]), reals[REFUSED], reals[BEST_H]
-    free, used, fine_at = control[FREE], control[USED], control[FINE_AT]
-    block, waiting = control[BLOCK], control[LENGTH]
+    order = (reals[BASE], reals[INVERSE_WIDTH])
+    refused = reals[REFUSED]
+    best_h = reals[BEST_H]
+    free = control[FREE]
+    used = control[USED]
+    fine_at = control[FINE_AT]
+    block = control[BLOCK]
+    waiting = control[LENGTH]
     room = np.int64(len(entries)) // 2 - 8
-    bound, last_bucket = np.inf, np.int64(SPAN)
+    bound = np.inf
+    last_bucket = np.int64(SPAN)
     if meta[2 * goal + 1] >> STAMP_SHIFT == stamp:
         bound = np.float64(g[2 * goal]) * beyond
         last_bucket = last_bucket_below(bound, *order)
     expansions = counts[EXPANSIONS]
-    last, look_at = expansions + most, expansions + LOOK_EVERY
+    last = expansions + most
+    look_at = expansions + LOOK_EVERY
     code = PAUSED
     while expansions < last:
         if expansions >= look_at:
@@ -217,7 +247,8 @@ def expand(grid, edges, links, region, hints, ends, rule, memory, limits):
         g_node = g[np.uint64(2 * node)]
         if g_node + h >= bound:
             continue
-        i, j = np.uint64((row - 1) >> row_shift), np.uint64((col - 1) >> col_shift)
+        i = np.uint64((row - 1) >> row_shift)
+        j = np.uint64((col - 1) >> col_shift)
         if not tile_state[i, j] & wanted:
             open_there(tiles, np.int64(i), np.int64(j))
             look_at = expansions
@@ -226,13 +257,16 @@ def expand(grid, edges, links, region, hints, ends, rule, memory, limits):
         if h < best_h:
             best_h = h
             counts[BEST_NODE] = node
-        # First, without a branch, which neighbours are reached at a lower g than before; then only those.
+        # First, without a branch, which neighbours are reached at a lower g than before; then only
+        # those.
         better = np.int64(0)
         for k in range(8):  # unrolled by the compiler
             there = np.uint64(node + row_steps[k] + COL_STEP[k])
             length, weight = (length_s, weight_s) if k < 4 else (length_d, weight_d)
             if edges is None:
-                reached = g_node + (length + weight * (own + weights[there]))  # inf where impassable
+                reached = g_node + (
+                    length + weight * (own + weights[there])
+                )  # inf where impassable
             else:
                 reached = g_node + edges[np.uint64(node), np.uint64(k)]
             visited = meta[there * np.uint64(2) + np.uint64(1)] >> STAMP_SHIFT == stamp
@@ -244,7 +278,8 @@ def expand(grid, edges, links, region, hints, ends, rule, memory, limits):
         while better:
             k = lowest_bit(better)
             better &= better - 1
-            up, left = np.int64(ROW_STEP[k]), np.int64(COL_STEP[k])
+            up = np.int64(ROW_STEP[k])
+            left = np.int64(COL_STEP[k])
             across = np.int64(node + up * stride + left)
             there = np.uint64(across)
             if edges is not None:
@@ -253,11 +288,13 @@ def expand(grid, edges, links, region, hints, ends, rule, memory, limits):
                 reached = g_node + (length_s + weight_s * (own + weights[there]))
             else:
                 if not corner_cutting and (
-                    weights[np.uint64(node + up * stride)] == np.inf or weights[np.uint64(node + left)] == np.inf
+                    weights[np.uint64(node + up * stride)] == np.inf
+                    or weights[np.uint64(node + left)] == np.inf
                 ):
                     continue
                 reached = g_node + (length_d + weight_d * (own + weights[there]))
-            i, j = row + up, col + left
+            i = row + up
+            j = col + left
             h = octile(i, j, goal_row, goal_col, h_straight, h_diagonal)
             if hinted:
                 h = max(h, _apart(fields, at_goal, across) - slack)
@@ -266,7 +303,10 @@ def expand(grid, edges, links, region, hints, ends, rule, memory, limits):
                 continue
             if regional:  # noqa: SIM102
                 if (
-                    bitmap[np.uint64(row_block[np.uint64(i - 1)]), np.uint64(col_block[np.uint64(j - 1)])]
+                    bitmap[
+                        np.uint64(row_block[np.uint64(i - 1)]),
+                        np.uint64(col_block[np.uint64(j - 1)]),
+                    ]
                     != region_stamp
                     and across != goal
                 ):
@@ -283,9 +323,14 @@ def expand(grid, edges, links, region, hints, ends, rule, memory, limits):
                 free, used = push(heads, entries, bucket, across, block, fine_at, free, used)
                 waiting += 1
             meta[there * np.uint64(2) + np.uint64(1)] = word
-    control[FREE], control[USED], control[FINE_AT] = free, used, fine_at
-    control[BLOCK], control[LENGTH] = block, waiting
-    reals[BASE], reals[INVERSE_WIDTH], reals[REFUSED] = order[0], order[1], refused
+    control[FREE] = free
+    control[USED] = used
+    control[FINE_AT] = fine_at
+    control[BLOCK] = block
+    control[LENGTH] = waiting
+    reals[BASE] = order[0]
+    reals[INVERSE_WIDTH] = order[1]
+    reals[REFUSED] = refused
     reals[BEST_H] = best_h
     counts[EXPANSIONS] = expansions
     cells = 0

@@ -1,8 +1,9 @@
 """Runs of `LANES` float32 numbers as one value, for kernels that do the same to neighbouring cells.
 
-numba leaves it to the compiler to find out that a loop over cells may do several at once. It gives up where arrays
-are many, and elsewhere asks at each start of a loop whether they overlap, which takes longer than a short loop does.
-A run is a vector of LLVM: each operation on it is as many of the processor's as its registers are narrower.
+numba leaves it to the compiler to find out that a loop over cells may do several at once. It gives
+up where arrays are many, and elsewhere asks at each start of a loop whether they overlap, which
+takes longer than a short loop does. A run is a vector of LLVM: each operation on it is as many of
+the processor's as its registers are narrower.
 
 In kernels that are not compiled, runs are arrays of NumPy.
 """
@@ -31,7 +32,8 @@ class Mask(types.Type):
     vector = ir.VectorType(ir.IntType(1), LANES)
 
 
-RUN, MASK = Run("Run"), Mask("Mask")
+RUN = Run("Run")
+MASK = Mask("Mask")
 
 
 @register_model(Run)
@@ -104,15 +106,25 @@ def _chosen(mask, one, other):
 def _spread(builder, number):
     nothing = ir.Constant(Run.vector, ir.Undefined)
     first = ir.Constant(ir.VectorType(ir.IntType(32), LANES), [0] * LANES)
-    return builder.shuffle_vector(builder.insert_element(nothing, number, ir.IntType(32)(0)), nothing, first)
+    return builder.shuffle_vector(
+        builder.insert_element(nothing, number, ir.IntType(32)(0)), nothing, first
+    )
 
 
 def _define(function, kinds, make, result=RUN):
-    """Have kernels know a function of runs and masks; a float32 in a run's place is that number in all lanes."""
+    """Have kernels know a function of runs and masks; a float32 in a run's place is that number in
+    all lanes.
+    """
     taken = [()]
     for kind in kinds:
-        taken = [(*given, each) for given in taken for each in ((RUN, types.float32) if kind is RUN else (kind,))]
-    taken = [given for given in taken if RUN in given or RUN not in kinds or MASK in given]  # not numbers alone
+        taken = [
+            (*given, each)
+            for given in taken
+            for each in ((RUN, types.float32) if kind is RUN else (kind,))
+        ]
+    taken = [
+        given for given in taken if RUN in given or RUN not in kinds or MASK in given
+    ]  # not numbers alone
 
     @infer_global(function)
     class _Known(AbstractTemplate):
@@ -121,7 +133,10 @@ def _define(function, kinds, make, result=RUN):
 
     def compute(context, builder, signature, values):
         pairs = zip(signature.args, values, strict=True)
-        return make(builder, *(_spread(builder, each) if kind is types.float32 else each for kind, each in pairs))
+        return make(
+            builder,
+            *(_spread(builder, each) if kind is types.float32 else each for kind, each in pairs),
+        )
 
     for given in taken:
         lower_builtin(function, *given)(compute)
@@ -130,7 +145,9 @@ def _define(function, kinds, make, result=RUN):
 def _of_llvm(name):
     def make(builder, *runs):
         kind = ir.FunctionType(Run.vector, [Run.vector] * len(runs))
-        return builder.call(cgutils.get_or_insert_function(builder.module, kind, f"llvm.{name}.v{LANES}f32"), runs)
+        return builder.call(
+            cgutils.get_or_insert_function(builder.module, kind, f"llvm.{name}.v{LANES}f32"), runs
+        )
 
     return make
 
@@ -144,8 +161,18 @@ for function, name in (
 ):
     _define(function, (RUN, RUN), getattr(ir.IRBuilder, name))
 for function, sign in ((operator.lt, "<"), (operator.gt, ">"), (operator.le, "<=")):
-    _define(function, (RUN, RUN), lambda builder, *pair, sign=sign: builder.fcmp_ordered(sign, *pair), MASK)
-for function, name, count in ((fused, "fma", 3), (root, "sqrt", 1), (rounded_up, "ceil", 1), (abs, "fabs", 1)):
+    _define(
+        function,
+        (RUN, RUN),
+        lambda builder, *pair, sign=sign: builder.fcmp_ordered(sign, *pair),
+        MASK,
+    )
+for function, name, count in (
+    (fused, "fma", 3),
+    (root, "sqrt", 1),
+    (rounded_up, "ceil", 1),
+    (abs, "fabs", 1),
+):
     _define(function, (RUN,) * count, _of_llvm(name))
 _define(chosen, (MASK, RUN, RUN), ir.IRBuilder.select)
 _define(in_all, (types.float32,), lambda builder, number: number)

@@ -1,9 +1,11 @@
-"""The search over a body's states: a cell, one of sixteen directions in which the body stands there, and its gear.
+"""The search over a body's states: a cell, one of sixteen directions in which the body stands
+there, and its gear.
 
-A state is left by motion primitives: legs, turns on the spot and arcs (`map.primitives`). One that nobody has checked
-counts as possible and cheap until the state that it leads to would be expanded: only then `kernels.poses` checks it.
-If it fails, or is dearer, the state waits for the next best way to it. What is left from a state is judged by a
-field, costs from cells to the goal that are found before.
+A state is left by motion primitives: legs, turns on the spot and arcs (`map.primitives`). One that
+nobody has checked counts as possible and cheap until the state that it leads to would be expanded:
+only then `kernels.poses` checks it. If it fails, or is dearer, the state waits for the next best
+way to it. What is left from a state is judged by a field, costs from cells to the goal that are
+found before.
 """
 
 import math
@@ -52,13 +54,18 @@ COLS = (0, 1, 1, 2, 1, 2, 1, 1, 0, -1, -1, -2, -1, -2, -1, -1)
 KNIGHT = math.sqrt(5.0) / (1.0 + math.sqrt(2.0))
 """A knight's leg over a straight and a diagonal one."""
 DOWN, RIGHT, TO, MOTION, THERE, EDGE = range(6)
-"""Of a primitive: rows and columns to the cell that it leads to, the state there among those of a cell (-1 where no
-such primitive is); the motion that is checked, and whether that begins there; the direction of a leg, else -1."""
-BY_LENGTH, FIXED = 0, 1
-"""Of what a primitive costs: cells on the best ground, which its code makes dearer, and what comes to it always."""
+"""Of a primitive: rows and columns to the cell that it leads to, the state there among those of
+a cell (-1 where no such primitive is); the motion that is checked, and whether that begins
+there; the direction of a leg, else -1."""
+BY_LENGTH = 0
+FIXED = 1
+"""Of what a primitive costs: cells on the best ground, which its code makes dearer, and what comes
+to it always.
+"""
 ORIGIN = DIRECTION_BITS
 """In place of the primitive that led to a state: where the search began."""
-LEG, LEFT_TURN = 0, 1
+LEG = 0
+LEFT_TURN = 1
 """Primitives of a body that turns on the spot; `LEFT_TURN` + 1 is the one to the right."""
 _MASK = DIRECTIONS - 1
 LOOK_EVERY = 8
@@ -67,8 +74,11 @@ LOOK_EVERY = 8
 
 @helper
 def left_over(rows, cols, prices):
-    """Least cost of a way so many rows and columns on; `prices`, of straight, diagonal and knight's legs."""
-    near, far = min(rows, cols), max(rows, cols)
+    """Least cost of a way so many rows and columns on; `prices`, of straight, diagonal and knight's
+    legs.
+    """
+    near = min(rows, cols)
+    far = max(rows, cols)
     straight, diagonal, knight = prices
     if 2 * near <= far:
         return straight * (far - 2 * near) + knight * near
@@ -93,15 +103,25 @@ def _state(row, col, local, frame):
 
 @helper
 def _left_at(row, col, local, judge):
-    """A lower bound on what a way from a state costs: the field's where that is settled, else by distances."""
-    (_, stride), (goal_row, goal_col, best), (g, meta, stamp, start_row, start_col, floor, between) = judge
+    """A lower bound on what a way from a state costs: the field's where that is settled, else by
+    distances.
+    """
+    (
+        (_, stride),
+        (goal_row, goal_col, best),
+        (g, meta, stamp, start_row, start_col, floor, between),
+    ) = judge
     left = left_over(abs(row - goal_row), abs(col - goal_col), best)
     if len(g):
         node = row * stride + col
         word = meta[np.uint64(2 * node + 1)]
         if word & ~DIRECTION_BITS == stamp << STAMP_SHIFT:
             left = np.float64(g[np.uint64(2 * node)])
-            return left + between[local & _MASK, word & DIRECTION_BITS] if len(between) and left > 0.0 else left
+            return (
+                left + between[local & _MASK, word & DIRECTION_BITS]
+                if len(between) and left > 0.0
+                else left
+            )
         left = max(left, floor - left_over(abs(row - start_row), abs(col - start_col), best))
     return left
 
@@ -121,57 +141,77 @@ def _left_of_cell(node, judge):
     return left_over(abs(row - goal_row), abs(node - row * stride - goal_col), best)
 
 
-_refill, _refill_cells = refill_by(_left), refill_by(_left_of_cell)
+_refill = refill_by(_left)
+_refill_cells = refill_by(_left_of_cell)
 
 
 @helper
 def _outside(allowed, row, col):
     """Whether a region, as everywhere, lacks a cell, numbered within the border."""
     bitmap, row_block, col_block, stamp = allowed
-    return bitmap[np.uint64(row_block[np.uint64(row - 1)]), np.uint64(col_block[np.uint64(col - 1)])] != stamp
+    return (
+        bitmap[np.uint64(row_block[np.uint64(row - 1)]), np.uint64(col_block[np.uint64(col - 1)])]
+        != stamp
+    )
 
 
 @kernel
 def trace_states(meta, state, prices, frame, out):
-    """Write the states from one back to the start, (row, col, number), into `out`, as far as it reaches; how many."""
+    """Write the states from one back to the start, (row, col, number), into `out`, as far as it
+    reaches; how many.
+    """
     _, moves, _, origins, _, _, _ = prices
     n = 0
     while True:
         row, col, local = _place(state, frame)
         if n < len(out):
-            out[n, 0], out[n, 1], out[n, 2] = row - 1, col - 1, local
+            out[n, 0] = row - 1
+            out[n, 1] = col - 1
+            out[n, 2] = local
         n += 1
         way = meta[2 * state + 1] & DIRECTION_BITS
         if way == ORIGIN:
             return n
         before = origins[local, way]
-        state = _state(row - moves[before, way, DOWN], col - moves[before, way, RIGHT], before, frame)
+        state = _state(
+            row - moves[before, way, DOWN], col - moves[before, way, RIGHT], before, frame
+        )
 
 
 @kernel
 def fill_field(poses, edges, prices, region, ends, rule, memory, limits):
     """Costs to the goal of the cells from which a way to it may be part of the best one.
 
-    Arguments as for `expand_states`, but for memory, which is that of nodes, `ends`, (goal, start), the first -1 to
-    go on with what is on the open list, and `rule`, (towards, width, between). Searches from the goal until the start
-    is settled, by the rays of `prices`. Without `between` turns are free, and no way costs less. With the costs of
-    turns `between` directions, (16, 16) float32, each cell's cost is that of a way with its turns: as the cell's best
-    way on is what counts for all that come to it, nearly the least. Returns the code, the expansions, and the least f
-    of a node that the region refused.
+    Arguments as for `expand_states`, but for memory, which is that of nodes, `ends`, (goal, start),
+    the first -1 to go on with what is on the open list, and `rule`, (towards, width, between).
+    Searches from the goal until the start is settled, by the rays of `prices`. Without `between`
+    turns are free, and no way costs less. With the costs of turns `between` directions, (16, 16)
+    float32, each cell's cost is that of a way with its turns: as the cell's best way on is what
+    counts for all that come to it, nearly the least. Returns the code, the expansions, and the
+    least f of a node that the region refused.
     """
     goal, start = ends
-    unit, rays, lengths = prices[0], borrowed(prices[4]), borrowed(prices[5])
+    unit = prices[0]
+    rays = borrowed(prices[4])
+    lengths = borrowed(prices[5])
     best, width, between = rule
     between = borrowed(between)
     most, until = limits
-    codes, rows, cols = borrowed(poses[0]), poses[1][5][0], poses[1][5][1]
+    codes = borrowed(poses[0])
+    rows = poses[1][5][0]
+    cols = poses[1][5][1]
     stride = cols + 2
     g, meta, stamp, heads, entries, control, reals, counts, _ = memory
-    g, meta, heads, entries = borrowed(g), borrowed(meta), borrowed(heads), borrowed(entries)
+    g = borrowed(g)
+    meta = borrowed(meta)
+    heads = borrowed(heads)
+    entries = borrowed(entries)
     allowed = borrowed(region[0]), borrowed(region[1]), borrowed(region[2]), region[3]
     edges = borrowed(edges)
-    regional, by_edges = len(region[0]) > 0, len(edges) > 0
-    start_row, start_col = start // stride, start % stride
+    regional = len(region[0]) > 0
+    by_edges = len(edges) > 0
+    start_row = start // stride
+    start_col = start % stride
     judge = stride, start_row, start_col, best
     if goal >= 0:
         clear(heads, control)
@@ -179,14 +219,20 @@ def fill_field(poses, edges, prices, region, ends, rule, memory, limits):
         control[LENGTH] = 1
         g[2 * goal] = 0.0
         meta[2 * goal + 1] = (stamp << STAMP_SHIFT) | OPEN_BIT
-        reals[BASE], reals[INVERSE_WIDTH] = _left_of_cell(goal, judge), 1.0 / width
+        reals[BASE] = _left_of_cell(goal, judge)
+        reals[INVERSE_WIDTH] = 1.0 / width
         reals[REFUSED] = np.inf
         counts[EXPANSIONS] = 0
-    order, refused = (reals[BASE], reals[INVERSE_WIDTH]), reals[REFUSED]
-    free, used, fine_at = control[FREE], control[USED], control[FINE_AT]
-    block, waiting = control[BLOCK], control[LENGTH]
+    order = (reals[BASE], reals[INVERSE_WIDTH])
+    refused = reals[REFUSED]
+    free = control[FREE]
+    used = control[USED]
+    fine_at = control[FINE_AT]
+    block = control[BLOCK]
+    waiting = control[LENGTH]
     room = np.int64(len(entries)) // 2 - len(rays) - 1
-    bound, last_bucket = np.inf, np.int64(SPAN)
+    bound = np.inf
+    last_bucket = np.int64(SPAN)
     if meta[2 * start + 1] >> STAMP_SHIFT == stamp:
         bound = np.float64(g[2 * start])
         last_bucket = last_bucket_below(bound, *order)
@@ -226,10 +272,12 @@ def fill_field(poses, edges, prices, region, ends, rule, memory, limits):
         onwards = word & DIRECTION_BITS
         expansions += 1
         for k in range(len(rays)):
-            i, j = row - rays[k, DOWN], col - rays[k, RIGHT]
+            i = row - rays[k, DOWN]
+            j = col - rays[k, RIGHT]
             if not (1 <= i <= rows and 1 <= j <= cols):
                 continue
-            there, motion = i * stride + j, np.int64(rays[k, MOTION])
+            there = i * stride + j
+            motion = np.int64(rays[k, MOTION])
             at = node if rays[k, THERE] else there
             found = np.int64(codes[np.uint64(at), np.uint64(motion)])
             if found >= FAILS:
@@ -272,16 +320,22 @@ def fill_field(poses, edges, prices, region, ends, rule, memory, limits):
                 bucket = bucket_of(reached + left, *order)
                 free, used = push(heads, entries, bucket, there, block, fine_at, free, used)
                 waiting += 1
-    control[FREE], control[USED], control[FINE_AT] = free, used, fine_at
-    control[BLOCK], control[LENGTH] = block, waiting
-    reals[BASE], reals[INVERSE_WIDTH], reals[REFUSED] = order[0], order[1], refused
+    control[FREE] = free
+    control[USED] = used
+    control[FINE_AT] = fine_at
+    control[BLOCK] = block
+    control[LENGTH] = waiting
+    reals[BASE] = order[0]
+    reals[INVERSE_WIDTH] = order[1]
+    reals[REFUSED] = refused
     counts[EXPANSIONS] = expansions
     return code, expansions, refused
 
 
 @kernel
 def field_around(states, memory, frame, ends, rule, part, inside):
-    """Put cells near the goal into a field by what their states cost, as a search of states from the goal has them.
+    """Put cells near the goal into a field by what their states cost, as a search of states from
+    the goal has them.
 
     Parameters
     ----------
@@ -296,33 +350,48 @@ def field_around(states, memory, frame, ends, rule, part, inside):
     part : (row, rows, col, cols)
         The cells that are looked at, numbered within the border: from, to.
     inside : bool
-        False: begin the field by the cells of states that are still open, from which all ways lead on to the goal;
-        they are put on the open list, which has room for all. True, once it is filled: give cells of settled states
-        what these cost, where that is less.
+        False: begin the field by the cells of states that are still open, from which all ways lead
+        on to the goal; they are put on the open list, which has room for all. True, once it is
+        filled: give cells of settled states what these cost, where that is less.
     """
-    (costs, known, search), (g, meta, stamp, heads, entries, control, reals, counts, _) = states, memory
-    (bits, stride), (best, width) = frame, rule
+    costs, known, search = states
+    g, meta, stamp, heads, entries, control, reals, counts, _ = memory
+    bits, stride = frame
+    best, width = rule
     judge = stride, ends[1] // stride, ends[1] % stride, best
     order = _left_of_cell(ends[0], judge), 1.0 / width
     if not inside:
         clear(heads, control)
-        reals[BASE], reals[INVERSE_WIDTH], reals[REFUSED] = order[0], order[1], np.inf
+        reals[BASE] = order[0]
+        reals[INVERSE_WIDTH] = order[1]
+        reals[REFUSED] = np.inf
         counts[EXPANSIONS] = 0
     for row in range(part[0], part[1]):
         for col in range(part[2], part[3]):
-            node, least, onwards = row * stride + col, np.float32(np.inf), 0
+            node = row * stride + col
+            least = np.float32(np.inf)
+            onwards = 0
             for local in range(1 << bits):
                 state = (node << bits) + local
                 word = known[2 * state + 1]
-                if word >> STAMP_SHIFT == search and (word & OPEN_BIT > 0) != inside and costs[2 * state] < least:
-                    least, onwards = costs[2 * state], (local + (AXES if local < DIRECTIONS else 0)) & _MASK
-            if least == np.inf or (inside and meta[2 * node + 1] >> STAMP_SHIFT == stamp and g[2 * node] <= least):
+                if (
+                    word >> STAMP_SHIFT == search
+                    and (word & OPEN_BIT > 0) != inside
+                    and costs[2 * state] < least
+                ):
+                    least = costs[2 * state]
+                    onwards = (local + (AXES if local < DIRECTIONS else 0)) & _MASK
+            if least == np.inf or (
+                inside and meta[2 * node + 1] >> STAMP_SHIFT == stamp and g[2 * node] <= least
+            ):
                 continue
             g[2 * node] = least
             meta[2 * node + 1] = (stamp << STAMP_SHIFT) | (0 if inside else OPEN_BIT) | onwards
             if not inside:
                 bucket = bucket_of(least + _left_of_cell(node, judge), *order)
-                control[FREE], control[USED] = push(heads, entries, bucket, node, 0, 0, control[FREE], control[USED])
+                control[FREE], control[USED] = push(
+                    heads, entries, bucket, node, 0, 0, control[FREE], control[USED]
+                )
                 control[LENGTH] += 1
 
 
@@ -345,21 +414,22 @@ def expand_states(poses, edges, prices, field, region, ends, rule, memory, limit
     poses : tuple
         Of the body, see `kernels.poses`. What a motion needs of them is checked.
     edges : (nodes, 16) float32
-        What the leg that leaves a node in each direction costs, inf where there is none; without any, legs cost by
-        what they are checked to be.
+        What the leg that leaves a node in each direction costs, inf where there is none; without
+        any, legs cost by what they are checked to be.
     prices : tuple
         Of primitives and rays, see `map.primitives`.
     field : (g, meta, stamp, row, col, floor, between)
-        What `fill_field` left, the number of that search, the start, and what it costs from there; no g without one.
-        With costs of turns `between` directions, (16, 16) float32, if it was filled by these.
+        What `fill_field` left, the number of that search, the start, and what it costs from there;
+        no g without one. With costs of turns `between` directions, (16, 16) float32, if it was
+        filled by these.
     region, limits
         As there.
     ends : (start, goal)
         Nodes.
     rule : (towards, width, beyond, frame, starting, wanted)
-        Costs of straight, diagonal and knight's legs by which what is left is judged; else as there. Binary digits of
-        a cell's states, and cells of a row with its border. (S,) bool, states in which it may start, one at least,
-        and that will do at the goal.
+        Costs of straight, diagonal and knight's legs by which what is left is judged; else as
+        there. Binary digits of a cell's states, and cells of a row with its border. (S,) bool,
+        states in which it may start, one at least, and that will do at the goal.
     memory
         As there, of the states.
 
@@ -370,24 +440,44 @@ def expand_states(poses, edges, prices, field, region, ends, rule, memory, limit
     """
     start, goal = ends
     unit, moves, fares, origins, _, _, _ = prices
-    moves, fares, origins = borrowed(moves), borrowed(fares), borrowed(origins)
+    moves = borrowed(moves)
+    fares = borrowed(fares)
+    origins = borrowed(origins)
     best, width, beyond, frame, starting, wanted = rule
-    starting, wanted = borrowed(starting), borrowed(wanted)
+    starting = borrowed(starting)
+    wanted = borrowed(wanted)
     most, until = limits
-    codes, rows, cols = borrowed(poses[0]), poses[1][5][0], poses[1][5][1]
-    stride, ways = cols + 2, moves.shape[1]
+    codes = borrowed(poses[0])
+    rows = poses[1][5][0]
+    cols = poses[1][5][1]
+    stride = cols + 2
+    ways = moves.shape[1]
     g, meta, stamp, heads, entries, control, reals, counts, path = memory
-    g, meta, heads, entries = borrowed(g), borrowed(meta), borrowed(heads), borrowed(entries)
+    g = borrowed(g)
+    meta = borrowed(meta)
+    heads = borrowed(heads)
+    entries = borrowed(entries)
     allowed = borrowed(region[0]), borrowed(region[1]), borrowed(region[2]), region[3]
     edges = borrowed(edges)
     regional = len(region[0]) > 0
-    goal_row, goal_col = goal // stride, goal % stride
-    field = borrowed(field[0]), borrowed(field[1]), field[2], field[3], field[4], field[5], borrowed(field[6])
+    goal_row = goal // stride
+    goal_col = goal % stride
+    field = (
+        borrowed(field[0]),
+        borrowed(field[1]),
+        field[2],
+        field[3],
+        field[4],
+        field[5],
+        borrowed(field[6]),
+    )
     judge = frame, (goal_row, goal_col, best), field
     if start >= 0:
         h = np.inf
         clear(heads, control)
-        free, used, waiting = np.int64(NOTHING), np.int64(0), 0
+        free = np.int64(NOTHING)
+        used = np.int64(0)
+        waiting = 0
         for local in range(len(moves)):
             if starting[local]:
                 state = _state(start // stride, start % stride, local, frame)
@@ -396,17 +486,28 @@ def expand_states(poses, edges, prices, field, region, ends, rule, memory, limit
                 g[2 * state] = 0.0
                 meta[2 * state + 1] = (stamp << STAMP_SHIFT) | OPEN_BIT | ORIGIN
                 waiting += 1
-        control[FREE], control[USED], control[LENGTH] = free, used, waiting
-        reals[BASE], reals[INVERSE_WIDTH], reals[REFUSED], reals[BEST_H] = h, 1.0 / width, np.inf, np.inf
+        control[FREE] = free
+        control[USED] = used
+        control[LENGTH] = waiting
+        reals[BASE] = h
+        reals[INVERSE_WIDTH] = 1.0 / width
+        reals[REFUSED] = np.inf
+        reals[BEST_H] = np.inf
         reals[BOUND] = np.inf
         counts[EXPANSIONS] = 0
         counts[BEST_NODE] = state
         counts[SETTLED] = NOTHING
-    order, refused, best_h = (reals[BASE], reals[INVERSE_WIDTH]), reals[REFUSED], reals[BEST_H]
-    free, used, fine_at = control[FREE], control[USED], control[FINE_AT]
-    block, waiting = control[BLOCK], control[LENGTH]
+    order = (reals[BASE], reals[INVERSE_WIDTH])
+    refused = reals[REFUSED]
+    best_h = reals[BEST_H]
+    free = control[FREE]
+    used = control[USED]
+    fine_at = control[FINE_AT]
+    block = control[BLOCK]
+    waiting = control[LENGTH]
     room = np.int64(len(entries)) // 2 - ways - DIRECTIONS - 3
-    bound, settled = reals[BOUND], counts[SETTLED]
+    bound = reals[BOUND]
+    settled = counts[SETTLED]
     last_bucket = last_bucket_below(bound, *order)
     expansions = counts[EXPANSIONS]
     last = expansions + most
@@ -444,8 +545,10 @@ def expand_states(poses, edges, prices, field, region, ends, rule, memory, limit
         if word & UNSURE_BIT:  # what leads here is checked now
             way = word & DIRECTION_BITS
             before = origins[local, way]
-            i, j = row - moves[before, way, DOWN], col - moves[before, way, RIGHT]
-            motion, at = np.int64(moves[before, way, MOTION]), i * stride + j
+            i = row - moves[before, way, DOWN]
+            j = col - moves[before, way, RIGHT]
+            motion = np.int64(moves[before, way, MOTION])
+            at = i * stride + j
             on = row * stride + col if moves[before, way, THERE] else at
             if codes[np.uint64(on), np.uint64(motion)] == UNCHECKED:
                 check_there(poses, on // stride - 1, on % stride - 1, motion)
@@ -453,30 +556,47 @@ def expand_states(poses, edges, prices, field, region, ends, rule, memory, limit
             reached = g[np.uint64(2 * _state(i, j, before, frame))]
             reached += _step(found, edges, at, moves[before, way], fares[before, way], unit)
             if reached > g_state:
-                least, word = np.float32(np.inf), np.int64(0)
+                least = np.float32(np.inf)
+                word = np.int64(0)
                 for way in range(ways):  # the best of all from states that are sure
                     before = origins[local, way]
                     if before < 0:
                         continue
-                    i, j = row - moves[before, way, DOWN], col - moves[before, way, RIGHT]
+                    i = row - moves[before, way, DOWN]
+                    j = col - moves[before, way, RIGHT]
                     if not (1 <= i <= rows and 1 <= j <= cols):
                         continue
                     other = _state(i, j, before, frame)
                     known = np.int64(meta[np.uint64(2 * other + 1)])
                     if known >> STAMP_SHIFT != stamp or known & UNSURE_BIT:
                         continue
-                    motion, at = np.int64(moves[before, way, MOTION]), i * stride + j
+                    motion = np.int64(moves[before, way, MOTION])
+                    at = i * stride + j
                     on = row * stride + col if moves[before, way, THERE] else at
                     found = np.int64(codes[np.uint64(on), np.uint64(motion)])
                     reached = g[np.uint64(2 * other)]
                     reached += _step(found, edges, at, moves[before, way], fares[before, way], unit)
                     if reached < least:
                         least = reached
-                        word = (stamp << STAMP_SHIFT) | OPEN_BIT | (UNSURE_BIT if found == UNCHECKED else 0) | way
+                        word = (
+                            (stamp << STAMP_SHIFT)
+                            | OPEN_BIT
+                            | (UNSURE_BIT if found == UNCHECKED else 0)
+                            | way
+                        )
                 meta[np.uint64(2 * state + 1)] = word
                 if word:
                     g[np.uint64(2 * state)] = least
-                    free, used = push(heads, entries, bucket_of(least + h, *order), state, block, fine_at, free, used)
+                    free, used = push(
+                        heads,
+                        entries,
+                        bucket_of(least + h, *order),
+                        state,
+                        block,
+                        fine_at,
+                        free,
+                        used,
+                    )
                     waiting += 1
                 continue
         meta[np.uint64(2 * state + 1)] = word & ~(OPEN_BIT | UNSURE_BIT)
@@ -487,18 +607,23 @@ def expand_states(poses, edges, prices, field, region, ends, rule, memory, limit
         node = row * stride + col
         for way in range(ways):
             to = np.int64(moves[local, way, TO])
-            i, j = row + moves[local, way, DOWN], col + moves[local, way, RIGHT]
+            i = row + moves[local, way, DOWN]
+            j = col + moves[local, way, RIGHT]
             if to < 0 or not (1 <= i <= rows and 1 <= j <= cols):
                 continue
-            across, motion = i * stride + j, np.int64(moves[local, way, MOTION])
+            across = i * stride + j
+            motion = np.int64(moves[local, way, MOTION])
             on = across if moves[local, way, THERE] else node
             found = np.int64(codes[np.uint64(on), np.uint64(motion)])
             if found >= FAILS:
                 continue
             there = _state(i, j, to, frame)
-            known, sure, before = np.float32(np.inf), False, np.int64(meta[np.uint64(2 * there + 1)])
+            known = np.float32(np.inf)
+            sure = False
+            before = np.int64(meta[np.uint64(2 * there + 1)])
             if before >> STAMP_SHIFT == stamp:
-                known, sure = g[np.uint64(2 * there)], not before & UNSURE_BIT
+                known = g[np.uint64(2 * there)]
+                sure = not before & UNSURE_BIT
             step = _step(found, edges, node, moves[local, way], fares[local, way], unit)
             left = _left_at(i, j, to, judge)
             reached = np.float32(g_state + step)
@@ -518,7 +643,8 @@ def expand_states(poses, edges, prices, field, region, ends, rule, memory, limit
             g[np.uint64(2 * there)] = reached
             come = np.int64((stamp << STAMP_SHIFT) | way)
             if ends_here:  # never expanded, so never put on the open list
-                bound, settled = (reached + left) * beyond, there
+                bound = (reached + left) * beyond
+                settled = there
                 last_bucket = last_bucket_below(bound, *order)
             else:
                 come |= OPEN_BIT | (UNSURE_BIT if found == UNCHECKED else 0)
@@ -526,10 +652,17 @@ def expand_states(poses, edges, prices, field, region, ends, rule, memory, limit
                 free, used = push(heads, entries, bucket, there, block, fine_at, free, used)
                 waiting += 1
             meta[np.uint64(2 * there + 1)] = come
-    control[FREE], control[USED], control[FINE_AT] = free, used, fine_at
-    control[BLOCK], control[LENGTH] = block, waiting
-    reals[BASE], reals[INVERSE_WIDTH], reals[REFUSED], reals[BEST_H] = order[0], order[1], refused, best_h
-    reals[BOUND], counts[SETTLED] = bound, settled
+    control[FREE] = free
+    control[USED] = used
+    control[FINE_AT] = fine_at
+    control[BLOCK] = block
+    control[LENGTH] = waiting
+    reals[BASE] = order[0]
+    reals[INVERSE_WIDTH] = order[1]
+    reals[REFUSED] = refused
+    reals[BEST_H] = best_h
+    reals[BOUND] = bound
+    counts[SETTLED] = settled
     counts[EXPANSIONS] = expansions
     if code == FOUND:
         counts[BEST_NODE] = settled
@@ -541,21 +674,24 @@ def expand_states(poses, edges, prices, field, region, ends, rule, memory, limit
 
 @kernel
 def walk_states(poses, edges, prices, stride, path, first, costs):
-    """Write what a body's path (N, 2) costs from its cell `first` to each later one into `costs` (N,).
+    """Write what a body's path (N, 2) costs from its cell `first` to each later one into `costs`
+    (N,).
 
-    Returns the number of the first cell that a failing leg or turn leads to, from `first` on; -1 if all pass. The
-    turn at `first` must pass, too, but is not counted.
+    Returns the number of the first cell that a failing leg or turn leads to, from `first` on; -1 if
+    all pass. The turn at `first` must pass, too, but is not counted.
     """
     unit, _, fares, _, _, _, _ = prices
     codes = poses[0]
-    total, before = 0.0, -1
+    total = 0.0
+    before = -1
     if first == 0:
         costs[:1] = 0.0
     for n in range(max(first, 1), len(path)):
         k = direction_of(path[n, 0] - path[n - 1, 0], path[n, 1] - path[n - 1, 1])
         node = (path[n - 1, 0] + 1) * stride + path[n - 1, 1] + 1
         if n == first:  # the leg before: only its direction counts
-            before, costs[n] = k, 0.0
+            before = k
+            costs[n] = 0.0
             continue
         if before >= 0 and before != k:
             price = turn_price(poses, fares, stride, node, before, k)
@@ -572,30 +708,42 @@ def walk_states(poses, edges, prices, stride, path, first, costs):
             total += edges[node, k]
         else:
             total += fares[k, LEG, BY_LENGTH] * (1.0 + motion_weight(codes[at, axis], unit))
-        costs[n], before = total, k
+        costs[n] = total
+        before = k
     return -1
 
 
 @kernel
 def walk_primitives(poses, edges, prices, path, first, costs):
-    """Write what a path of states (N, 3) costs from its state `first` to each later one into `costs` (N,).
+    """Write what a path of states (N, 3) costs from its state `first` to each later one into
+    `costs` (N,).
 
-    Returns the number of the first state that a failing primitive, or none at all, leads to; -1 if all pass.
+    Returns the number of the first state that a failing primitive, or none at all, leads to; -1 if
+    all pass.
     """
     unit, moves, fares, _, _, _, _ = prices
-    stride, total = poses[1][5][1] + 2, 0.0
+    stride = poses[1][5][1] + 2
+    total = 0.0
     costs[first : first + 1] = 0.0
     for n in range(first + 1, len(path)):
-        row, col, local = path[n - 1, 0] + 1, path[n - 1, 1] + 1, path[n - 1, 2]
-        down, right, step = path[n, 0] + 1 - row, path[n, 1] + 1 - col, np.inf
+        row = path[n - 1, 0] + 1
+        col = path[n - 1, 1] + 1
+        local = path[n - 1, 2]
+        down = path[n, 0] + 1 - row
+        right = path[n, 1] + 1 - col
+        step = np.inf
         for way in range(moves.shape[1]):
             move = moves[local, way]
             if move[TO] == path[n, 2] and move[DOWN] == down and move[RIGHT] == right:
-                i, j, motion = row + down * move[THERE], col + right * move[THERE], np.int64(move[MOTION])
+                i = row + down * move[THERE]
+                j = col + right * move[THERE]
+                motion = np.int64(move[MOTION])
                 if poses[0][i * stride + j, motion] == UNCHECKED:
                     check_there(poses, i - 1, j - 1, motion)
                 code = np.int64(poses[0][i * stride + j, motion])
-                step = np.float64(_step(code, edges, row * stride + col, move, fares[local, way], unit))
+                step = np.float64(
+                    _step(code, edges, row * stride + col, move, fares[local, way], unit)
+                )
         if step == np.inf:
             return n
         total += step
@@ -614,13 +762,18 @@ def direction_of(rows, cols):
 
 @helper
 def turn_price(poses, fares, stride, node, before, after):
-    """Cost of turning on a node to another direction, the shorter way; inf where impossible (both ways are)."""
+    """Cost of turning on a node to another direction, the shorter way; inf where impossible (both
+    ways are).
+    """
     left = (after - before) & _MASK <= DIRECTIONS // 2
-    total, k = 0.0, before
+    total = 0.0
+    k = before
     while k != after and total < np.inf:
         axis = k & 7 if left else (k - 1) & 7
         if poses[0][node, AXES + axis] == UNCHECKED:
             check_there(poses, node // stride - 1, node % stride - 1, AXES + axis)
-        total = total + fares[axis, LEFT_TURN, FIXED] if poses[0][node, AXES + axis] < FAILS else np.inf
+        total = (
+            total + fares[axis, LEFT_TURN, FIXED] if poses[0][node, AXES + axis] < FAILS else np.inf
+        )
         k = (k + 1 if left else k - 1) & _MASK
     return total

@@ -7,7 +7,8 @@ from numba.extending import intrinsic, overload
 from nnpp_edge.runtime.compiled.kernel import kernel
 
 STAMP_SHIFT = 6
-OPEN_BIT, UNSURE_BIT = 16, 32
+OPEN_BIT = 16
+UNSURE_BIT = 32
 """To be expanded; and come to by a motion that has not been checked (`kernels.lattice`)."""
 ORIGIN = 8
 """Direction 0-7 leads from the parent to the node; this one marks the start."""
@@ -23,8 +24,10 @@ DIRECTION = (4, 0, 5, 2, -1, 3, 6, 1, 7)
 @kernel
 def octile(row, col, goal_row, goal_col, h_straight, h_diagonal):
     """Cost of the way on an empty map whose straight and diagonal steps cost so much."""
-    dr, dc = abs(row - goal_row), abs(col - goal_col)
-    near, far = min(dr, dc), max(dr, dc)
+    dr = abs(row - goal_row)
+    dc = abs(col - goal_col)
+    near = min(dr, dc)
+    far = max(dr, dc)
     return h_diagonal * near + h_straight * (far - near)
 
 

@@ -50,7 +50,9 @@ def answer_ends(ends, spacing, sigma, places, query, parameters, units, scratch,
         Written.
     """
     fill_ends(query, ends[0], ends[1], ends[2], ends[3], spacing, sigma)
-    side, flat, width = query.shape[1], query.reshape(len(query), -1), places.shape[1] // 2
+    side = query.shape[1]
+    flat = query.reshape(len(query), -1)
+    width = places.shape[1] // 2
     way, at = _matrix(parameters, 0, END_CHANNELS - 1, width)
     way_bias, at = _matrix(parameters, at, 1, width)
     both, at = _matrix(parameters, at, width, units[0])
@@ -69,7 +71,10 @@ def answer_ends(ends, spacing, sigma, places, query, parameters, units, scratch,
     second, at = _matrix(scratch, at, side * side, units[1])
     last, at = _matrix(scratch, at, side * side, ANSWERS)
     crossed[:] = 0.0
-    for related, n in ((to_start, 0), (to_goal, END_CHANNELS)):  # each place to an end, and one end to the other
+    for related, n in (
+        (to_start, 0),
+        (to_goal, END_CHANNELS),
+    ):  # each place to an end, and one end to the other
         at_end[:] = way_bias
         _add(flat[n : n + 1], places[:, width:], at_end, 0.0)
         related[:] = places[:, :width] + at_end

@@ -1,12 +1,14 @@
-"""The check of a body's motions: whether it can follow a leg or turn on a cell, what that costs, and why it cannot.
+"""The check of a body's motions: whether it can follow a leg or turn on a cell, what that costs,
+and why it cannot.
 
-Motions are checked a run at a time, `RUN` cells of a row, where a search first asks: a run takes about as long as two
-or three motions would take one by one. docs/vehicle-check.md has the definitions and proof, `map.motions` the tables.
+Motions are checked a run at a time, `RUN` cells of a row, where a search first asks: a run takes
+about as long as two or three motions would take one by one. docs/vehicle-check.md has the
+definitions and proof, `map.motions` the tables.
 
 The kernels are given `poses`, a tuple (codes, source, address):
 
-    codes      (nodes, M) uint16, of each motion that begins on a node: `UNCHECKED`, 1 + T · `MOST_CODE`, rounded up,
-               or `MOST_CODE` + 1 + the limit that refuses it
+    codes      (nodes, M) uint16, of each motion that begins on a node: `UNCHECKED`,
+               1 + T · `MOST_CODE`, rounded up, or `MOST_CODE` + 1 + the limit that refuses it
     source     (heights, motions, limits, scratch, counts, shape, unseen), see `map.poses`
     address    of `check_run`
 """
@@ -16,38 +18,66 @@ from numba.extending import overload
 
 from nnpp_edge.runtime.compiled.kernel import helper, kernel
 from nnpp_edge.runtime.kernels.by_address import borrowed, call_at
-from nnpp_edge.runtime.kernels.lanes import LANES, chosen, fused, in_all, put_run, root, rounded_up, run_at
+from nnpp_edge.runtime.kernels.lanes import (
+    LANES,
+    chosen,
+    fused,
+    in_all,
+    put_run,
+    root,
+    rounded_up,
+    run_at,
+)
 from nnpp_edge.runtime.kernels.traversability import arc_tangent
 
 RUN = LANES
 """Motions that are checked at once."""
 AXES = 8
-UNCHECKED, MOST_CODE, FAILS = 0, 65520, 65521
+UNCHECKED = 0
+MOST_CODE = 65520
+FAILS = 65521
 """Codes from `FAILS` on are of motions that fail, by `REFUSALS`."""
 REFUSALS = ("unknown", "tilt", "pitch", "roll", "step", "belly")
 UNKNOWN, TILT, PITCH, ROLL, STEP, BELLY = range(6)
-TILT_WEIGHT, RISE_WEIGHT, STEP_WEIGHT = 6, 7, 8
-"""Of the limits: tilt in radians, the greatest slopes ahead and to the left, step and clearance in metres; the
-weights of the terms of T."""
-_1, _2, _3, _4 = np.uint64(1), np.uint64(2), np.uint64(3), np.uint64(4)
-WALL_M, _STEEP = 1e6, np.float32(1e4)
-"""Height of what no body passes, where unknown ground counts by its price, and figures that only such ground has."""
-_ONE, _TWO, _HALF = np.float32(1.0), np.float32(2.0), np.float32(0.5)
-_ZERO, _INF, _MOST = np.float32(0.0), np.float32(np.inf), np.float32(MOST_CODE)
+TILT_WEIGHT = 6
+RISE_WEIGHT = 7
+STEP_WEIGHT = 8
+"""Of the limits: tilt in radians, the greatest slopes ahead and to the left, step and clearance
+in metres; the weights of the terms of T."""
+_1 = np.uint64(1)
+_2 = np.uint64(2)
+_3 = np.uint64(3)
+_4 = np.uint64(4)
+WALL_M = 1e6
+_STEEP = np.float32(1e4)
+"""Height of what no body passes, where unknown ground counts by its price, and figures that only
+such ground has.
+"""
+_ONE = np.float32(1.0)
+_TWO = np.float32(2.0)
+_HALF = np.float32(0.5)
+_ZERO = np.float32(0.0)
+_INF = np.float32(np.inf)
+_MOST = np.float32(MOST_CODE)
 
 
 @helper
 def motion_weight(code, unit):
-    """Weight of a motion by its code: inf where it fails; 0, which none weighs less than, where unchecked."""
+    """Weight of a motion by its code: inf where it fails; 0, which none weighs less than, where
+    unchecked.
+    """
     weight = np.float32(max(np.int32(code), np.int32(1)) - np.int32(1)) * unit
     return _INF if code >= FAILS else weight
 
 
 @kernel
 def put_heights(heights, base, unknown, out, row, col):
-    """Write heights, less `base`, into `out` from a place on; `unknown` where they are not finite."""
+    """Write heights, less `base`, into `out` from a place on; `unknown` where they are
+    not finite.
+    """
     for i in range(heights.shape[0]):
-        line, there = heights[i], out[row + i, col : col + heights.shape[1]]
+        line = heights[i]
+        there = out[row + i, col : col + heights.shape[1]]
         for c in range(len(there)):
             h = line[c]
             there[c] = h - base if abs(h) < _INF else unknown
@@ -55,20 +85,25 @@ def put_heights(heights, base, unknown, out, row, col):
 
 @helper
 def _range(heights, first, group, samples, slopes):
-    """Least and greatest height above a plane among a group of samples, see `map.motions.Motions.groups`.
+    """Least and greatest height above a plane among a group of samples, see
+    `map.motions.Motions.groups`.
 
-    The plane falls by these slopes from the body's middle. Unsigned indices need no look for negative ones.
+    The plane falls by these slopes from the body's middle. Unsigned indices need no look for
+    negative ones.
     """
-    low, high = in_all(_INF), in_all(-_INF)
+    low = in_all(_INF)
+    high = in_all(-_INF)
     ahead, left, offsets, shares = samples
-    sample, n = np.uint64(group[0]), np.uint64(group[4])
+    sample = np.uint64(group[0])
+    n = np.uint64(group[4])
     for k, many in ((1, _4), (2, _2), (3, _1)):
         while sample < np.uint64(group[k]):
             height = shares[n] * run_at(heights, first + offsets[n])
             for cell in range(n + _1, n + many):
                 height = fused(shares[cell], run_at(heights, first + offsets[cell]), height)
             there = fused(ahead[sample], slopes[0], fused(left[sample], slopes[1], height))
-            low, high = chosen(there < low, there, low), chosen(there > high, there, high)
+            low = chosen(there < low, there, low)
+            high = chosen(there > high, there, high)
             n += many
             sample += _1
     return low, high
@@ -76,11 +111,12 @@ def _range(heights, first, group, samples, slopes):
 
 @helper
 def _slopes(heights, first, pose, fitted):
-    """Slopes ahead and to the left of the plane through the heights under the wheels' middles, and whether that is
-    known: 0 where it is not.
+    """Slopes ahead and to the left of the plane through the heights under the wheels' middles, and
+    whether that is known: 0 where it is not.
     """
     slopes_of, offsets, shares = fitted
-    along, across = in_all(_ZERO), in_all(_ZERO)
+    along = in_all(_ZERO)
+    across = in_all(_ZERO)
     for n in range(slopes_of[pose], slopes_of[pose + 1]):
         there = run_at(heights, first + offsets[n])
         along = fused(shares[n, 0], there, along)
@@ -93,8 +129,8 @@ def _slopes(heights, first, pose, fitted):
 def _lift(heights, first, pose, tables, slopes, plane, halves):
     """How far the ground under the body comes above the lowest that the wheels' plane can be there.
 
-    `plane` goes through the wheels' least heights: the lowest, wherever each wheel's height raises it. In a part of
-    the belly where some wheels' heights lower it, their greatest heights count.
+    `plane` goes through the wheels' least heights: the lowest, wherever each wheel's height raises
+    it. In a part of the belly where some wheels' heights lower it, their greatest heights count.
     """
     groups_of, groups, samples, _, (raised_of, raised), _, gradients, _ = tables
     rise = in_all(-_INF)
@@ -114,7 +150,9 @@ def _lift(heights, first, pose, tables, slopes, plane, halves):
 
 @helper
 def _codes(figures, limits):
-    """Codes of a run's poses by their steepest tilt, pitch and roll (as slopes), step, and rise under the belly."""
+    """Codes of a run's poses by their steepest tilt, pitch and roll (as slopes), step, and rise
+    under the belly.
+    """
     slope, pitch, roll, step, up = figures
     tilt = arc_tangent(slope)
     t = limits[TILT_WEIGHT] / limits[TILT] * tilt + limits[RISE_WEIGHT] / limits[BELLY] * up
@@ -131,18 +169,25 @@ def _codes(figures, limits):
 
 @helper
 def _figures(heights, first, pose, tables, halves):
-    """Of a run's poses, of one place and heading: bounds of slope, pitch, roll (as slopes), step, and rise under the
-    belly; their slopes ahead and to the left with the wheels in the middle of their ranges; and whether the heights
-    under the wheels' middles are known.
+    """Of a run's poses, of one place and heading: bounds of slope, pitch, roll (as slopes), step,
+    and rise under the belly; their slopes ahead and to the left with the wheels in the middle of
+    their ranges; and whether the heights under the wheels' middles are known.
     """
     groups_of, groups, samples, fitted, _, swept, gradients, carried = tables
     slopes = _slopes(heights, first, pose, fitted)
-    level, along, across, step = in_all(_ZERO), in_all(_ZERO), in_all(_ZERO), in_all(_ZERO)
-    mid_along, mid_across = in_all(_ZERO), in_all(_ZERO)
-    more_along, more_across = in_all(_ZERO), in_all(_ZERO)
+    level = in_all(_ZERO)
+    along = in_all(_ZERO)
+    across = in_all(_ZERO)
+    step = in_all(_ZERO)
+    mid_along = in_all(_ZERO)
+    mid_across = in_all(_ZERO)
+    more_along = in_all(_ZERO)
+    more_across = in_all(_ZERO)
     for w in range(gradients.shape[1]):
         k = groups_of[pose] + w
-        low, high = _range(heights, first, groups[k], samples, (_ZERO - slopes[0], _ZERO - slopes[1]))
+        low, high = _range(
+            heights, first, groups[k], samples, (_ZERO - slopes[0], _ZERO - slopes[1])
+        )
         half = _HALF * (high - low)
         put_run(halves, w * RUN, half)
         level += gradients[0, w] * low
@@ -154,8 +199,10 @@ def _figures(heights, first, pose, tables, halves):
         more_across += gradients[4, w] * half
         step = chosen(half > step, half, step)
     rise = _lift(heights, first, pose, tables, slopes, (level, along, across), halves)
-    # the steepest that the contacts depart from the plane: as they are, and with each carried along its patch
-    steep_along, steep_across = abs(mid_along) + more_along, abs(mid_across) + more_across
+    # the steepest that the contacts depart from the plane: as they are, and with each carried along
+    # its patch
+    steep_along = abs(mid_along) + more_along
+    steep_across = abs(mid_across) + more_across
     by_along = carried[0] * steep_along + carried[1] * steep_across
     by_across = carried[2] * steep_along + carried[3] * steep_across
     sunk = carried[4] * steep_along + carried[5] * steep_across
@@ -163,25 +210,40 @@ def _figures(heights, first, pose, tables, halves):
     more_across += by_across
     steep_along += by_along
     steep_across += by_across
-    ahead, aside, turn = swept[pose, 0], swept[pose, 1], swept[pose, 2]
+    ahead = swept[pose, 0]
+    aside = swept[pose, 1]
+    turn = swept[pose, 2]
     sunk += ahead * steep_along + aside * steep_across
     up = rise + sunk
     up = chosen(up > _ZERO, up, _ZERO)
     step = _TWO * step + (carried[6] * steep_along + carried[7] * steep_across)
-    along, across = abs(slopes[0] + mid_along) + more_along, abs(slopes[1] + mid_across) + more_across
-    most_along, most_across = along + turn * steep_across, across + turn * steep_along
+    along = abs(slopes[0] + mid_along) + more_along
+    across = abs(slopes[1] + mid_across) + more_across
+    most_along = along + turn * steep_across
+    most_across = across + turn * steep_along
     slope = root(most_along * most_along + most_across * most_across)
-    pitch, roll = along + turn * (abs(slopes[1]) + steep_across), across + turn * (abs(slopes[0]) + steep_along)
-    pitch, roll = chosen(pitch < slope, pitch, slope), chosen(roll < slope, roll, slope)
-    return (slope, pitch, roll, step, up), (slopes[0] + mid_along, slopes[1] + mid_across), slopes[2]
+    pitch = along + turn * (abs(slopes[1]) + steep_across)
+    roll = across + turn * (abs(slopes[0]) + steep_along)
+    pitch = chosen(pitch < slope, pitch, slope)
+    roll = chosen(roll < slope, roll, slope)
+    return (
+        (slope, pitch, roll, step, up),
+        (slopes[0] + mid_along, slopes[1] + mid_across),
+        slopes[2],
+    )
 
 
 @helper
 def _given(poses):
-    """All that the check reads, references to which are not counted: (heights, width, margin), tables, scratch."""
+    """All that the check reads, references to which are not counted: (heights, width, margin),
+    tables, scratch.
+    """
     source = poses[1]
-    given, shape = source[1], source[5]
-    samples, fitted, belly = given[3], given[4], given[5]
+    given = source[1]
+    shape = source[5]
+    samples = given[3]
+    fitted = given[4]
+    belly = given[5]
     tables = (
         borrowed(given[1]),
         borrowed(given[2]),
@@ -192,7 +254,12 @@ def _given(poses):
         borrowed(given[7]),
         borrowed(given[8]),
     )
-    return (borrowed(source[0]), shape[2], shape[3]), borrowed(given[0]), tables, borrowed(source[3])
+    return (
+        (borrowed(source[0]), shape[2], shape[3]),
+        borrowed(given[0]),
+        tables,
+        borrowed(source[3]),
+    )
 
 
 @kernel
@@ -212,26 +279,35 @@ def figures_of(poses, row, col, motion, out):
 def check_run(poses, row, col, motion):
     """Check a motion from all cells of the run that a cell lies in, and write what is found of it.
 
-    What a motion comes to, one from M on of the body standing in a direction, is left in the scratch memory, too.
+    What a motion comes to, one from M on of the body standing in a direction, is left in the
+    scratch memory, too.
     """
-    codes, source = borrowed(poses[0]), poses[1]
-    limits, counts, cols = borrowed(source[2]), borrowed(source[4]), source[5][1]
-    side, unseen = source[5][4], borrowed(source[6])
+    codes = borrowed(poses[0])
+    source = poses[1]
+    limits = borrowed(source[2])
+    counts = borrowed(source[4])
+    cols = source[5][1]
+    side = source[5][4]
+    unseen = borrowed(source[6])
     (heights, width, margin), poses_of, tables, scratch = _given(poses)
     col -= col % RUN
     first = (row + margin) * width + col + margin
-    total, worst = in_all(_ZERO), in_all(_ZERO)
+    total = in_all(_ZERO)
+    worst = in_all(_ZERO)
     for pose in range(poses_of[motion], poses_of[motion + 1]):
         bounds, _, known = _figures(heights, first, pose, tables, scratch)
         code = _codes(bounds, limits)
-        if side > 0:  # what is known below refuses too much without the wheels' plane, but for what was shut
+        if (
+            side > 0
+        ):  # what is known below refuses too much without the wheels' plane, but for what was shut
             shut = bounds[0] + bounds[3] + bounds[4] > _STEEP
             code = chosen(known, code, chosen(shut, code, in_all(np.float32(FAILS + UNKNOWN))))
         total += code
         worst = chosen(code > worst, code, worst)
     mean = rounded_up(total * (_ONE / np.float32(poses_of[motion + 1] - poses_of[motion])))
     put_run(scratch, 0, chosen(worst < np.float32(FAILS), mean, worst))
-    n, node = min(RUN, cols - col), (row + 1) * (cols + 2) + col + 1
+    n = min(RUN, cols - col)
+    node = (row + 1) * (cols + 2) + col + 1
     if side > 0:
         for c in range(n):
             if scratch[c] == np.float32(FAILS + UNKNOWN):
@@ -257,7 +333,8 @@ def _compiled_check_there(poses, row, col, motion):
 @kernel
 def standing_codes(poses, row, out):
     """Codes of the body standing on the cells of a row, in each direction, into `out` (8, W)."""
-    scratch, first = poses[1][3], poses[0].shape[1]
+    scratch = poses[1][3]
+    first = poses[0].shape[1]
     for k in range(AXES):
         for col in range(0, out.shape[1], RUN):
             check_run(poses, row, col, first + k)
@@ -268,7 +345,9 @@ def standing_codes(poses, row, out):
 @kernel
 def check_all(poses):
     """Check all motions that are not checked yet."""
-    codes, rows, cols = poses[0], poses[1][5][0], poses[1][5][1]
+    codes = poses[0]
+    rows = poses[1][5][0]
+    cols = poses[1][5][1]
     for row in range(rows):
         first = (row + 1) * (cols + 2) + 1
         for col in range(0, cols, RUN):
@@ -280,9 +359,13 @@ def check_all(poses):
 @kernel
 def forget_poses(poses, area, reach):
     """Take motions within `reach`, (rows, columns), of an `area` of cells as unchecked."""
-    codes, rows, cols = poses[0], poses[1][5][0], poses[1][5][1]
-    row0, row1 = max(area[0] - reach[0], 0), min(area[1] + reach[0], rows)
-    col0, col1 = max(area[2] - reach[1], 0), min(area[3] + reach[1], cols)
+    codes = poses[0]
+    rows = poses[1][5][0]
+    cols = poses[1][5][1]
+    row0 = max(area[0] - reach[0], 0)
+    row1 = min(area[1] + reach[0], rows)
+    col0 = max(area[2] - reach[1], 0)
+    col1 = min(area[3] + reach[1], cols)
     col0 -= col0 % RUN
     col1 = min(col1 + (RUN - col1 % RUN) % RUN, cols)
     for row in range(row0, row1):

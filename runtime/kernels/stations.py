@@ -1,11 +1,13 @@
-"""Paths freed from the grid: stations moved across the path, all together, to where the line integral is least.
+"""Paths freed from the grid: stations moved across the path, all together, to where the line
+integral is least.
 
 See `planners.refine`, and `kernels.any_angle` for what lines cost.
 
-A *station* is a way point that may be moved across the path, to one of its *places*. A leg from one station's place
-to the next one's is priced by the weights on the two halves of the way, between the places that it passes there. Few
-legs lie near anything impassable: only these are checked as they are chosen, the line as a whole in the end. Where it
-turns out not to be clear, all of it is done again with every leg checked.
+A *station* is a way point that may be moved across the path, to one of its *places*. A leg from one
+station's place to the next one's is priced by the weights on the two halves of the way, between the
+places that it passes there. Few legs lie near anything impassable: only these are checked as they
+are chosen, the line as a whole in the end. Where it turns out not to be clear, all of it is done
+again with every leg checked.
 """
 
 import math
@@ -26,17 +28,26 @@ from nnpp_edge.runtime.kernels.any_angle import (
 from nnpp_edge.runtime.kernels.clock import late
 
 BLOCKED = 1e200
-"""Weight of impassable places where sums of weights may have factors of 0: more than any sum of others."""
+"""Weight of impassable places where sums of weights may have factors of 0: more than any sum of
+others.
+"""
 LAST_STEP = 0.1
 """Cells by which the way points that are left may move in the end."""
-SPACING, STEP, HALF, SLOPE, SAMPLES, KEEPS = 0, 1, 2, 3, 4, 5
-"""Of a stage: cells between stations; cells between a station's places, and their number to each side; by how many of
-them neighbours may differ; samples per cell; whether the way points are among the stations."""
+SPACING = 0
+STEP = 1
+HALF = 2
+SLOPE = 3
+SAMPLES = 4
+KEEPS = 5
+"""Of a stage: cells between stations; cells between a station's places, and their number to each
+side; by how many of them neighbours may differ; samples per cell; whether the way points are
+among the stations."""
 
 
 @kernel
 def freed(grid, room, path, stages, tolerance, until):
-    """Way points near a path of cells that cost less, by the line integral, than the path itself as a rule.
+    """Way points near a path of cells that cost less, by the line integral, than the path itself as
+    a rule.
 
     Parameters
     ----------
@@ -50,8 +61,8 @@ def freed(grid, room, path, stages, tolerance, until):
         From then on stations stay where they are.
 
     Returns
-    -------
-    (M, 2) float64 way points, and their line integral; inf where no line was found all of whose legs are clear.
+    ------- (M, 2) float64 way points, and their line integral; inf where no line was found all of
+    whose legs are clear.
     """
     points = _freed(grid, room, path, stages, tolerance, False, until)
     cost = line_cost(grid, room, points)
@@ -63,17 +74,25 @@ def freed(grid, room, path, stages, tolerance, until):
 
 @helper
 def _freed(grid, room, path, stages, tolerance, wary, until):
-    """As `freed`; every leg is checked as it is chosen where `wary`, else those near something impassable."""
-    points, on_path = path.astype(np.float64), True
+    """As `freed`; every leg is checked as it is chosen where `wary`, else those near something
+    impassable.
+    """
+    points = path.astype(np.float64)
+    on_path = True
     for s in range(len(stages)):
-        spacing, keeps = stages[s, SPACING], stages[s, KEEPS] > 0.0
+        spacing = stages[s, SPACING]
+        keeps = stages[s, KEEPS] > 0.0
         if keeps and on_path:
-            points, on_path = shortened(grid, room, points, 8, 32, 0.0), False
+            points = shortened(grid, room, points, 8, 32, 0.0)
+            on_path = False
         stations = _with_stations(points, spacing) if keeps else _evenly(points, spacing)
-        step, half, slope = stages[s, STEP], np.int64(stages[s, HALF]), np.int64(stages[s, SLOPE])
+        step = stages[s, STEP]
+        half = np.int64(stages[s, HALF])
+        slope = np.int64(stages[s, SLOPE])
         found = moved(grid, room, stations, step, half, slope, stages[s, SAMPLES], wary, until)
         if keeps or found is not stations:
-            points, on_path = found, False
+            points = found
+            on_path = False
     mean = line_cost(grid, room, points) / max(_length(points), 1e-12)
     before = 2 * len(points)
     while len(points) < 0.8 * before:
@@ -84,22 +103,30 @@ def _freed(grid, room, path, stages, tolerance, wary, until):
 
 @helper
 def moved(grid, room, stations, step, half, slope, per_cell, wary, until):
-    """Stations moved across the path by multiples of `step`, `half` to each side at most: the cheapest choice.
+    """Stations moved across the path by multiples of `step`, `half` to each side at most: the
+    cheapest choice.
 
-    Neighbours are moved by amounts that differ by `slope` multiples at most. Legs are priced by about `per_cell`
-    samples a cell. They are clear where a sample comes near something impassable, and all of them where `wary`. The
-    stations themselves where there is no such choice, or none by `until`.
+    Neighbours are moved by amounts that differ by `slope` multiples at most. Legs are priced by
+    about `per_cell` samples a cell. They are clear where a sample comes near something impassable,
+    and all of them where `wary`. The stations themselves where there is no such choice, or none by
+    `until`.
     """
-    n, count, ground = len(stations), 2 * half + 1, ground_of(grid, room)
-    rows, cols, sums = np.empty((n, count)), np.empty((n, count)), np.empty((3, count))
-    costs, legs = np.full((n, count), np.inf), np.empty((2 * slope + 1, count))
+    n = len(stations)
+    count = 2 * half + 1
+    ground = ground_of(grid, room)
+    rows = np.empty((n, count))
+    cols = np.empty((n, count))
+    sums = np.empty((3, count))
+    costs = np.full((n, count), np.inf)
+    legs = np.empty((2 * slope + 1, count))
     before = np.zeros((n, count), np.int64)
     _places(grid, stations, step, half, rows, cols)
     costs[0] = 0.0
     for k in range(1, n):
         if late(until):
             return stations
-        down, right = stations[k, 0] - stations[k - 1, 0], stations[k, 1] - stations[k - 1, 1]
+        down = stations[k, 0] - stations[k - 1, 0]
+        right = stations[k, 1] - stations[k - 1, 1]
         samples = max(np.int64(0.5 * per_cell * math.sqrt(down * down + right * right) + 0.5), 1)
         _sum_between(grid, ground, rows, cols, k, samples, sums)
         _leg_costs(ground, rows, cols, k, sums, samples, costs, legs)
@@ -109,7 +136,8 @@ def moved(grid, room, stations, step, half, slope, per_cell, wary, until):
         return stations
     out = np.empty((n, 2))
     for k in range(n - 1, -1, -1):
-        out[k, 0], out[k, 1] = rows[k, j], cols[k, j]
+        out[k, 0] = rows[k, j]
+        out[k, 1] = cols[k, j]
         j = before[k, j]
     return out
 
@@ -120,10 +148,12 @@ def _with_stations(points, spacing):
     lengths = np.empty(len(points), np.int64)
     count = 1
     for k in range(len(points) - 1):
-        rows, cols = points[k + 1, 0] - points[k, 0], points[k + 1, 1] - points[k, 1]
+        rows = points[k + 1, 0] - points[k, 0]
+        cols = points[k + 1, 1] - points[k, 1]
         lengths[k] = max(np.int64(math.sqrt(rows * rows + cols * cols) / spacing + 0.5), 1)
         count += lengths[k]
-    out, m = np.empty((count, 2)), 0
+    out = np.empty((count, 2))
+    m = 0
     for k in range(len(points) - 1):
         for part in range(lengths[k]):
             share = part / lengths[k]
@@ -136,22 +166,30 @@ def _with_stations(points, spacing):
 
 @helper
 def _evenly(points, spacing):
-    """Stations about `spacing` cells apart along way points, each the mean of three, but for the ends."""
+    """Stations about `spacing` cells apart along way points, each the mean of three, but for the
+    ends.
+    """
     n = len(points)
     run = np.zeros(n)
     for k in range(1, n):
-        rows, cols = points[k, 0] - points[k - 1, 0], points[k, 1] - points[k - 1, 1]
+        rows = points[k, 0] - points[k - 1, 0]
+        cols = points[k, 1] - points[k - 1, 1]
         run[k] = run[k - 1] + math.sqrt(rows * rows + cols * cols)
     count = max(np.int64(run[n - 1] / spacing + 0.5), 1) + 1
-    even, k = np.empty((count, 2)), 0
+    even = np.empty((count, 2))
+    k = 0
     for m in range(count):
         at = run[n - 1] * m / (count - 1)
         while k < n - 2 and run[k + 1] < at:
             k += 1
         share = (at - run[k]) / max(run[k + 1] - run[k], 1e-12)
         for side in range(2):
-            even[m, side] = points[k, side] + min(share, 1.0) * (points[k + 1, side] - points[k, side])
-    even[0], even[count - 1] = points[0], points[n - 1]  # free of rounding
+            even[m, side] = points[k, side] + min(share, 1.0) * (
+                points[k + 1, side] - points[k, side]
+            )
+    # free of rounding
+    even[0] = points[0]
+    even[count - 1] = points[n - 1]
     out = even.copy()
     for m in range(1, count - 1):
         for side in range(2):
@@ -161,13 +199,21 @@ def _evenly(points, spacing):
 
 @helper
 def _places(grid, stations, step, half, rows, cols):
-    """Write the places of each station across the path, those outside the map moved onto its rim. Ends stay."""
+    """Write the places of each station across the path, those outside the map moved onto its rim.
+    Ends stay.
+    """
     stride = grid[1]
-    n, last_row, last_col = len(stations), float(len(grid[0]) // stride - 3), float(stride - 3)
+    n = len(stations)
+    last_row = float(len(grid[0]) // stride - 3)
+    last_col = float(stride - 3)
     for k in range(n):
-        a, b = max(k - 1, 0), min(k + 1, n - 1)
-        down, right = stations[b, 0] - stations[a, 0], stations[b, 1] - stations[a, 1]
-        per_length = step / max(math.sqrt(down * down + right * right), 1e-12) if 0 < k < n - 1 else 0.0
+        a = max(k - 1, 0)
+        b = min(k + 1, n - 1)
+        down = stations[b, 0] - stations[a, 0]
+        right = stations[b, 1] - stations[a, 1]
+        per_length = (
+            step / max(math.sqrt(down * down + right * right), 1e-12) if 0 < k < n - 1 else 0.0
+        )
         for j in range(2 * half + 1):
             aside = (j - half) * per_length
             rows[k, j] = min(max(stations[k, 0] - aside * right, 0.0), last_row)
@@ -176,10 +222,11 @@ def _places(grid, stations, step, half, rows, cols):
 
 @helper
 def _sum_between(grid, ground, rows, cols, k, samples, sums):
-    """Write sums of weights along both halves of the way from each place of a station to the next one's.
+    """Write sums of weights along both halves of the way from each place of a station to the next
+    one's.
 
-    `samples` are taken of each half; what is impassable weighs `BLOCKED`. `sums[2]` says how many of them come near
-    something impassable.
+    `samples` are taken of each half; what is impassable weighs `BLOCKED`. `sums[2]` says how many
+    of them come near something impassable.
     """
     last = rows.shape[1] - 1
     low = min(rows[k - 1, 0], rows[k - 1, last], rows[k, 0], rows[k, last])
@@ -190,9 +237,12 @@ def _sum_between(grid, ground, rows, cols, k, samples, sums):
     share = 0.5 / samples
     sums[2] = 0.0
     for j in range(last + 1):
-        row, col = rows[k - 1, j], cols[k - 1, j]
-        per_row, per_col = share * (rows[k, j] - row), share * (cols[k, j] - col)
-        row, col = row + 0.5 * per_row, col + 0.5 * per_col
+        row = rows[k - 1, j]
+        col = cols[k - 1, j]
+        per_row = share * (rows[k, j] - row)
+        per_col = share * (cols[k, j] - col)
+        row = row + 0.5 * per_row
+        col = col + 0.5 * per_col
         for part in range(2):
             total = 0.0
             for _ in range(samples):
@@ -202,37 +252,61 @@ def _sum_between(grid, ground, rows, cols, k, samples, sums):
                     passable = is_passable(ground, np.int64(row + 0.5), np.int64(col + 0.5))
                     weight = weight_at(ground, row, col) if passable else BLOCKED
                 total += weight
-                row, col = row + per_row, col + per_col
+                row = row + per_row
+                col = col + per_col
             sums[part, j] = total
 
 
 @helper
 def _leg_costs(ground, rows, cols, k, sums, samples, costs, legs):
-    """Costs of the ways to a station's places: `legs[d, j]` by the leg to place j from that d - slope before it."""
-    count, slope, base, factor = rows.shape[1], legs.shape[0] // 2, ground[2], 0.5 * ground[3] / samples
-    one, two, first_half, second_half = np.uint64(k - 1), np.uint64(k), np.uint64(0), np.uint64(1)
+    """Costs of the ways to a station's places: `legs[d, j]` by the leg to place j from that d -
+    slope before it.
+    """
+    count = rows.shape[1]
+    slope = legs.shape[0] // 2
+    base = ground[2]
+    factor = 0.5 * ground[3] / samples
+    one = np.uint64(k - 1)
+    two = np.uint64(k)
+    first_half = np.uint64(0)
+    second_half = np.uint64(1)
     for d in range(2 * slope + 1):
-        aside, line = d - slope, np.uint64(d)
-        first, last = max(aside, 0), min(count + aside, count)
-        legs[d, :first], legs[d, last:] = np.inf, np.inf
-        low, high = np.int64(math.floor(0.25 * aside)), np.int64(math.floor(0.75 * aside))
-        early, late, more = 0.25 * aside - low, 0.75 * aside - high, np.uint64(aside != 0)
+        aside = d - slope
+        line = np.uint64(d)
+        first = max(aside, 0)
+        last = min(count + aside, count)
+        legs[d, :first] = np.inf
+        legs[d, last:] = np.inf
+        low = np.int64(math.floor(0.25 * aside))
+        high = np.int64(math.floor(0.75 * aside))
+        early = 0.25 * aside - low
+        late = 0.75 * aside - high
+        more = np.uint64(aside != 0)
         for j in range(first, last):
-            i, to = np.uint64(j - aside), np.uint64(j)
-            down, right = rows[two, to] - rows[one, i], cols[two, to] - cols[one, i]
-            n, m = np.uint64(j - aside + low), np.uint64(j - aside + high)
+            i = np.uint64(j - aside)
+            to = np.uint64(j)
+            down = rows[two, to] - rows[one, i]
+            right = cols[two, to] - cols[one, i]
+            n = np.uint64(j - aside + low)
+            m = np.uint64(j - aside + high)
             total = (1.0 - early) * sums[first_half, n] + early * sums[first_half, n + more]
             total += (1.0 - late) * sums[second_half, m] + late * sums[second_half, m + more]
-            legs[line, to] = math.sqrt(down * down + right * right) * (base + factor * total) + costs[one, i]
+            legs[line, to] = (
+                math.sqrt(down * down + right * right) * (base + factor * total) + costs[one, i]
+            )
 
 
 @helper
 def _choose(ground, rows, cols, k, legs, wary, near, costs, before):
-    """Write the cheapest way to each of a station's places, its last leg clear where `wary`, or `near` anything."""
-    count, slope = legs.shape[1], legs.shape[0] // 2
+    """Write the cheapest way to each of a station's places, its last leg clear where `wary`, or
+    `near` anything.
+    """
+    count = legs.shape[1]
+    slope = legs.shape[0] // 2
     for j in range(count):
         while True:
-            best, least = 0, np.inf
+            best = 0
+            least = np.inf
             for d in range(2 * slope + 1):
                 cost = legs[np.uint64(d), np.uint64(j)]
                 best, least = (d, cost) if cost < least else (best, least)
@@ -243,8 +317,11 @@ def _choose(ground, rows, cols, k, legs, wary, near, costs, before):
             checked = wary
             for passed in range(min(i, j), max(i, j) + 1):
                 checked = checked or near[passed] > 0.0
-            if not checked or is_clear(ground, rows[k - 1, i], cols[k - 1, i], rows[k, j], cols[k, j]):
-                costs[k, j], before[k, j] = least, i
+            if not checked or is_clear(
+                ground, rows[k - 1, i], cols[k - 1, i], rows[k, j], cols[k, j]
+            ):
+                costs[k, j] = least
+                before[k, j] = i
                 break
             legs[best, j] = np.inf
 
@@ -253,6 +330,7 @@ def _choose(ground, rows, cols, k, legs, wary, near, costs, before):
 def _length(points):
     total = 0.0
     for k in range(len(points) - 1):
-        rows, cols = points[k + 1, 0] - points[k, 0], points[k + 1, 1] - points[k, 1]
+        rows = points[k + 1, 0] - points[k, 0]
+        cols = points[k + 1, 1] - points[k, 1]
         total += math.sqrt(rows * rows + cols * cols)
     return total

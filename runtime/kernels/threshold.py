@@ -10,13 +10,16 @@ from nnpp_edge.runtime.kernels.nodes import COL_STEP, ROW_STEP, STAMP_SHIFT
 from nnpp_edge.runtime.kernels.tiles import open_there
 
 LEVELS = 256
-"""Level n stands for the probability (n / 256)⁴. So what is unlikely has levels too: where slope limits leave only a
-long way round, td is often below 1/1000."""
+"""Level n stands for the probability (n / 256)⁴. So what is unlikely has levels too: where slope
+limits leave only a long way round, td is often below 1/1000."""
 TOO_LATE = -2
 _LOOK_EVERY = 1024
 """Cells between two readings of the clock."""
 TOWARDS = np.array(
-    [sorted(range(8), key=lambda k: ROW_STEP[k] * (n // 3 - 1) + COL_STEP[k] * (n % 3 - 1)) for n in range(9)],
+    [
+        sorted(range(8), key=lambda k: ROW_STEP[k] * (n // 3 - 1) + COL_STEP[k] * (n % 3 - 1))
+        for n in range(9)
+    ],
     np.int8,
 )
 """The eight directions, those that lead most towards row n // 3 - 1 and column n % 3 - 1 last."""
@@ -39,10 +42,11 @@ def lowered(level, factor):
 
 @kernel
 def adaptive_threshold(levels, start_row, start_col, goal_row, goal_col, heads, following, done):
-    """The largest level, in 0…255, at which two blocks are joined in {levels >= level}, eight-connected.
+    """The largest level, in 0…255, at which two blocks are joined in {levels >= level},
+    eight-connected.
 
-    `levels` are (B, C) uint8, 0 in the last row and column; scratch are `heads`, (256,) int32, `following`, (B·C,)
-    int32, and `done`, (B·C,) uint8.
+    `levels` are (B, C) uint8, 0 in the last row and column; scratch are `heads`, (256,) int32,
+    `following`, (B·C,) int32, and `done`, (B·C,) uint8.
     """
     rows, cols = levels.shape
     heads[:] = -1
@@ -60,7 +64,8 @@ def adaptive_threshold(levels, start_row, start_col, goal_row, goal_col, heads, 
         heads[width] = following[block]
         if block == goal:
             return width
-        row, col = block // cols, block % cols
+        row = block // cols
+        col = block % cols
         for i in range(max(row - 1, 0), min(row + 2, rows)):
             for j in range(max(col - 1, 0), min(col + 2, cols)):
                 there = i * cols + j
@@ -86,10 +91,11 @@ def linked(weights, links, node, k, stride, corner_cutting):
 
 @helper
 def walkable_threshold(levels, lookup, grid, links, start, goal, most, heads, search, until):
-    """The largest level at which two nodes of a grid are joined by steps through cells whose blocks reach it.
+    """The largest level at which two nodes of a grid are joined by steps through cells whose blocks
+    reach it.
 
-    Among cells that serve alike, those towards the goal come first: where the way is free, few others are looked at.
-    In 0…255; -1 where no steps lead from one to the other; `TOO_LATE`.
+    Among cells that serve alike, those towards the goal come first: where the way is free, few
+    others are looked at. In 0…255; -1 where no steps lead from one to the other; `TOO_LATE`.
 
     Parameters
     ----------
@@ -100,19 +106,23 @@ def walkable_threshold(levels, lookup, grid, links, start, goal, most, heads, se
     heads : (256,) int32
         Scratch.
     search : (state, stamp)
-        A workspace's memory, (2 · nodes,) int32, which the search that follows will touch too, and the number of a
-        new search in it.
+        A workspace's memory, (2 · nodes,) int32, which the search that follows will touch too, and
+        the number of a new search in it.
     """
     row_blocks, col_blocks = lookup
     weights, stride, _, corner_cutting, tiles = grid
     tile_state, wanted, row_shift, col_shift, _, _ = tiles
     state, stamp = search
     heads[:] = -1
-    goal_row, goal_col = goal // stride, goal % stride
-    width = min(most, np.int64(levels[row_blocks[start // stride - 1], col_blocks[start % stride - 1]]))
+    goal_row = goal // stride
+    goal_col = goal % stride
+    width = min(
+        most, np.int64(levels[row_blocks[start // stride - 1], col_blocks[start % stride - 1]])
+    )
     width = min(width, np.int64(levels[row_blocks[goal_row - 1], col_blocks[goal_col - 1]]))
     seen = stamp << STAMP_SHIFT
-    state[2 * start], state[2 * start + 1] = -1, seen
+    state[2 * start] = -1
+    state[2 * start + 1] = seen
     looked = 0
     heads[width] = start
     while True:
@@ -124,8 +134,10 @@ def walkable_threshold(levels, lookup, grid, links, start, goal, most, heads, se
         heads[width] = state[2 * node]
         if node == goal:
             return width
-        row, col = node // stride, node % stride
-        i, j = (row - 1) >> row_shift, (col - 1) >> col_shift
+        row = node // stride
+        col = node % stride
+        i = (row - 1) >> row_shift
+        j = (col - 1) >> col_shift
         if not tile_state[i, j] & wanted:
             open_there(tiles, i, j)
             looked = 0
@@ -136,20 +148,27 @@ def walkable_threshold(levels, lookup, grid, links, start, goal, most, heads, se
         for nth in range(8):
             k = TOWARDS[ahead, nth]
             there = node + ROW_STEP[k] * stride + COL_STEP[k]
-            if state[2 * there + 1] != seen and linked(weights, links, node, k, stride, corner_cutting):
-                level = np.int64(levels[row_blocks[there // stride - 1], col_blocks[there % stride - 1]])
+            if state[2 * there + 1] != seen and linked(
+                weights, links, node, k, stride, corner_cutting
+            ):
+                level = np.int64(
+                    levels[row_blocks[there // stride - 1], col_blocks[there % stride - 1]]
+                )
                 bucket = min(width, level)
-                state[2 * there], state[2 * there + 1] = heads[bucket], seen
+                state[2 * there] = heads[bucket]
+                state[2 * there + 1] = seen
                 heads[bucket] = there
 
 
 @kernel
 def fill_region(levels, threshold, start_row, start_col, goal_row, goal_col, stamp, radius, bitmap):
-    """Number the blocks of {levels >= threshold}, and those within `radius` of them; start and goal always.
+    """Number the blocks of {levels >= threshold}, and those within `radius` of them; start and goal
+    always.
 
     The last row and column of `levels` are left out.
     """
-    rows, cols = levels.shape[0] - 1, levels.shape[1] - 1
+    rows = levels.shape[0] - 1
+    cols = levels.shape[1] - 1
     for row in range(rows):
         for col in range(cols):
             ends = (row == start_row and col == start_col) or (row == goal_row and col == goal_col)
@@ -161,7 +180,8 @@ def fill_region(levels, threshold, start_row, start_col, goal_row, goal_col, sta
 
 @kernel
 def first_regions(probability, lookup, grid, links, ends, rule, scratch, search, marks, until):
-    """All that a plan needs of a network's answer, in one call: td, and the blocks at it and at a share of it.
+    """All that a plan needs of a network's answer, in one call: td, and the blocks at it and at a
+    share of it.
 
     td is a level; -1 where no steps lead from start to goal; `TOO_LATE`.
 
@@ -172,8 +192,9 @@ def first_regions(probability, lookup, grid, links, ends, rule, scratch, search,
     ends : (start, goal, start_row, start_col, goal_row, goal_col)
         Nodes, and the blocks that belong to any region.
     rule : (touching, factor)
-        Whether each step of the grid leads to the same block or one that touches it: then blocks joined bound what
-        cells are. And the share of td, in (0, 1], down to which the second region goes.
+        Whether each step of the grid leads to the same block or one that touches it: then blocks
+        joined bound what cells are. And the share of td, in (0, 1], down to which the second region
+        goes.
     scratch : (levels, heads, following, done)
         Of a `RegionFinder`.
     marks : (stamp, at_td, bitmap)
@@ -188,11 +209,17 @@ def first_regions(probability, lookup, grid, links, ends, rule, scratch, search,
     quantise(probability, levels)
     most = LEVELS - 1
     if touching:  # by the cells' own blocks: those of `ends` may be their neighbours
-        from_row, from_col = row_blocks[start // stride - 1], col_blocks[start % stride - 1]
-        to_row, to_col = row_blocks[goal // stride - 1], col_blocks[goal % stride - 1]
-        most = adaptive_threshold(levels, from_row, from_col, to_row, to_col, heads, following, done)
+        from_row = row_blocks[start // stride - 1]
+        from_col = col_blocks[start % stride - 1]
+        to_row = row_blocks[goal // stride - 1]
+        to_col = col_blocks[goal % stride - 1]
+        most = adaptive_threshold(
+            levels, from_row, from_col, to_row, to_col, heads, following, done
+        )
     td = walkable_threshold(levels, lookup, grid, links, start, goal, most, heads, search, until)
     fill_region(levels, max(td, 0), start_row, start_col, goal_row, goal_col, stamp, 0, at_td)
     if td > 0:
-        fill_region(levels, lowered(td, factor), start_row, start_col, goal_row, goal_col, stamp, 0, bitmap)
+        fill_region(
+            levels, lowered(td, factor), start_row, start_col, goal_row, goal_col, stamp, 0, bitmap
+        )
     return td

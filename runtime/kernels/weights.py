@@ -5,39 +5,48 @@ import numpy as np
 from nnpp_edge.runtime.compiled.kernel import kernel
 
 _INF = np.float32(np.inf)
-_NOTHING_LOW, _NOTHING_HIGH = np.int32(_INF.view(np.int32)), np.int32(-1)
+_NOTHING_LOW = np.int32(_INF.view(np.int32))
+_NOTHING_HIGH = np.int32(-1)
 
 
 @kernel
 def fill_costs(cost, limits, row0, row1, weights, stride, found):
     """Put the weights of some rows of a new map into their places.
 
-    Numbers from 0 up are in the order of their bits, read as integers; of integers the compiler finds the least of
-    eight at once.
+    Numbers from 0 up are in the order of their bits, read as integers; of integers the compiler
+    finds the least of eight at once.
 
-    Arguments as for `write_costs`, of the whole map. Written to `found`, (3,) int32, are the bits of the least
-    passable cost above 0 or 0 itself, those of the greatest (-1 without any), and whether one lies below 0.
+    Arguments as for `write_costs`, of the whole map. Written to `found`, (3,) int32, are the bits
+    of the least passable cost above 0 or 0 itself, those of the greatest (-1 without any), and
+    whether one lies below 0.
     """
     _, _, scale, ceiling = limits
     cols = cost.shape[1]
-    lowest, highest, below = _NOTHING_LOW, _NOTHING_HIGH, False
+    lowest = _NOTHING_LOW
+    highest = _NOTHING_HIGH
+    below = False
     for row in range(row0, row1):
         first = (row + 1) * stride + 1
-        line, out = cost[row], weights[first : first + cols]
+        line = cost[row]
+        out = weights[first : first + cols]
         bits = line.view(np.int32)
         for col in range(cols):
-            t, b = line[col], bits[col]
+            t = line[col]
+            b = bits[col]
             passable = t < ceiling  # NaN is not
             out[col] = t * scale if passable else _INF
             below |= t < np.float32(0.0)
             lowest = min(lowest, max(b, np.int32(0)) if passable else _NOTHING_LOW)
             highest = max(highest, b if passable else _NOTHING_HIGH)
-    found[0], found[1], found[2] = lowest, highest, below
+    found[0] = lowest
+    found[1] = highest
+    found[2] = below
 
 
 @kernel
 def write_costs(cost, seen, limits, first, stride, weights, bounds, changed_nodes, old_weights):
-    """Put the weights of a rectangle of costs into the map, from node `first` on, unless one is out of range.
+    """Put the weights of a rectangle of costs into the map, from node `first` on, unless one is out
+    of range.
 
     Parameters
     ----------
@@ -59,33 +68,46 @@ def write_costs(cost, seen, limits, first, stride, weights, bounds, changed_node
     Returns
     -------
     tuple
-        A cost that is out of range, inf if none is; the number of changed cells; whether one became cheaper; (first
-        row, first column, one past the last row, one past the last column) of them within the rectangle; the bounds,
-        widened; whether a cell that lay at a bound has changed.
+        A cost that is out of range, inf if none is; the number of changed cells; whether one became
+        cheaper; (first row, first column, one past the last row, one past the last column) of them
+        within the rectangle; the bounds, widened; whether a cell that lay at a bound has changed.
     """
     floor, most, scale, ceiling = limits
-    changed, cheaper, at_bound = 0, False, False
-    lowest, highest = np.float32(np.inf), np.float32(-np.inf)
-    top, left, bottom, right = cost.shape[0], cost.shape[1], 0, 0
+    changed = 0
+    cheaper = False
+    at_bound = False
+    lowest = np.float32(np.inf)
+    highest = np.float32(-np.inf)
+    top = cost.shape[0]
+    left = cost.shape[1]
+    bottom = 0
+    right = 0
     everywhere = seen.size == 0
     for row in range(cost.shape[0]):
         for col in range(cost.shape[1]):
             if not everywhere and not seen[row, col]:
                 continue
-            t, w = cost[row, col], np.float32(np.inf)
+            t = cost[row, col]
+            w = np.float32(np.inf)
             if t < ceiling:  # no NaN comes here
                 w = np.float32(t * scale)
-                lowest, highest = min(lowest, t), max(highest, t)
+                lowest = min(lowest, t)
+                highest = max(highest, t)
             before = weights[first + row * stride + col]
             if w != before:
                 changed += 1
                 cheaper = cheaper or w < before
                 at_bound = at_bound or before == bounds[0] or before == bounds[1]
-                top, bottom = min(top, row), row + 1
-                left, right = min(left, col), max(right, col + 1)
+                top = min(top, row)
+                bottom = row + 1
+                left = min(left, col)
+                right = max(right, col + 1)
     widened = bounds[0], bounds[1]
     if lowest < np.inf:
-        widened = min(bounds[0], np.float64(lowest * scale)), max(bounds[1], np.float64(highest * scale))
+        widened = (
+            min(bounds[0], np.float64(lowest * scale)),
+            max(bounds[1], np.float64(highest * scale)),
+        )
     refused = lowest if lowest < floor else (highest if highest > most else np.float32(np.inf))
     if changed == 0 or refused < np.inf:
         return refused, 0, False, (0, 0, 0, 0), widened, False
@@ -94,10 +116,12 @@ def write_costs(cost, seen, limits, first, stride, weights, bounds, changed_node
         for col in range(left, right):
             if not everywhere and not seen[row, col]:
                 continue
-            node, t = first + row * stride + col, cost[row, col]
+            node = first + row * stride + col
+            t = cost[row, col]
             w = np.float32(t * scale) if t < ceiling else np.float32(np.inf)
             if len(changed_nodes) and w != weights[node]:
-                changed_nodes[noted], old_weights[noted] = node, weights[node]
+                changed_nodes[noted] = node
+                old_weights[noted] = weights[node]
                 noted += 1
             weights[node] = w
     return refused, changed, cheaper, (top, left, bottom, right), widened, at_bound

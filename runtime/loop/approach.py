@@ -8,7 +8,9 @@ from nnpp_edge.runtime.arrays import Float2D
 from nnpp_edge.runtime.cells import Cell
 
 _BETTER = 5.0
-"""Cells by which another place must be better than the present one: not each patch brings another."""
+"""Cells by which another place must be better than the present one: not each patch brings
+another.
+"""
 
 
 def place_towards(
@@ -20,10 +22,12 @@ def place_towards(
     margin: int,
     present: Cell | None = None,
 ) -> Cell:
-    """A cell that can be reached, on the way to a goal that perhaps cannot; the goal itself, if it can.
+    """A cell that can be reached, on the way to a goal that perhaps cannot; the goal itself, if it
+    can.
 
-    It lies at the edge of the unknown ground that may lead to the goal: where the way is shortest, if that ground
-    could be crossed in a straight line. Where no such cell can be reached, it is the cell nearest to the goal.
+    It lies at the edge of the unknown ground that may lead to the goal: where the way is shortest,
+    if that ground could be crossed in a straight line. Where no such cell can be reached, it is the
+    cell nearest to the goal.
 
     Parameters
     ----------
@@ -36,13 +40,16 @@ def place_towards(
     margin : int
         Cells to unknown ground from which it counts as near: as near as a body can come to it.
     present : (row, col)
-        An earlier answer. It is given again where it still serves and no other is better by 5 cells.
+        An earlier answer. It is given again where it still serves and no other is better by 5
+        cells.
     """
     reached = np.isfinite(costs)
     if reached[goal]:
         return goal
     count, pieces = cv2.connectedComponents(unknown.view(np.uint8))
-    leads = np.zeros(count, np.bool_)  # by piece of unknown ground, if it comes near to what lies beyond; 0 is known
+    leads = np.zeros(
+        count, np.bool_
+    )  # by piece of unknown ground, if it comes near to what lies beyond; 0 is known
     leads[pieces[unknown & _grown(beyond, margin)]] = True
     edge = reached & _grown(leads[pieces], margin)
     served = edge if edge.any() else reached

@@ -6,7 +6,15 @@ from collections.abc import Iterable, Iterator
 from typing import Protocol
 
 from nnpp_edge.runtime.arguments import checked
-from nnpp_edge.runtime.loop.messages import Goal, Input, InvalidMessageError, MapPatch, Output, PathMessage, Pose
+from nnpp_edge.runtime.loop.messages import (
+    Goal,
+    Input,
+    InvalidMessageError,
+    MapPatch,
+    Output,
+    PathMessage,
+    Pose,
+)
 from nnpp_edge.runtime.loop.workers import Queue, WhenFull
 
 
@@ -14,14 +22,16 @@ class InputSource(Protocol):
     """Source of inputs."""
 
     def poll(self) -> Iterable[Input]:
-        """Inputs since the last call; never waits. An iterable that is not read to its end is read on in the next."""
+        """Inputs since the last call; never waits. An iterable that is not read to its end is read
+        on in the next.
+        """
 
 
 class Sink(Protocol):
     """Receiver of answers. Each sink has its own thread and may be slow.
 
-    A sink may have an attribute ``lost``: the number of messages that it took and could not keep. It is reported in
-    `Counters.lost`.
+    A sink may have an attribute ``lost``: the number of messages that it took and could not keep.
+    It is reported in `Counters.lost`.
     """
 
     name: str
@@ -31,26 +41,37 @@ class Sink(Protocol):
 
 
 class Mailbox:
-    """Inputs that wait for the loop. Of poses and goals the newest is kept; patches keep their order. For any thread.
+    """Inputs that wait for the loop. Of poses and goals the newest is kept; patches keep their
+    order. For any thread.
 
     At most so many patches wait; one counts once more for each `cells_as_one` cells.
     """
 
     def __init__(self, most: int = 256, cells_as_one: int = 1 << 16) -> None:
         self._newest: dict[type, Pose | Goal] = {}
-        self._patches = Queue[MapPatch](most, lambda patch: 1 + patch.shape[0] * patch.shape[1] // cells_as_one)
+        self._patches = Queue[MapPatch](
+            most, lambda patch: 1 + patch.shape[0] * patch.shape[1] // cells_as_one
+        )
         self.close = self._patches.close
 
     def put(self, message: Input, *, when_full: WhenFull) -> int:
-        """Add a message. The number of patches dropped for it; 1 also where it was refused itself."""
+        """Add a message. The number of patches dropped for it; 1 also where it was
+        refused itself.
+        """
         if isinstance(message, MapPatch):
             return self._patches.put(message, when_full)
         self._newest[type(message)] = message
         return 0
 
     def read(self) -> Iterator[Input]:
-        """The waiting inputs, one by one; pose and goal first, so that patches cannot hold them up."""
-        while message := self._newest.pop(Pose, None) or self._newest.pop(Goal, None) or self._patches.take():
+        """The waiting inputs, one by one; pose and goal first, so that patches cannot
+        hold them up.
+        """
+        while (
+            message := self._newest.pop(Pose, None)
+            or self._newest.pop(Goal, None)
+            or self._patches.take()
+        ):
             yield message
 
     @property
@@ -80,7 +101,9 @@ class InProcessSource:
 
     @checked(InvalidMessageError)
     def put(self, message: Input) -> bool:
-        """Add an input; False for a patch where too many wait. InvalidMessageError for what is no input."""
+        """Add an input; False for a patch where too many wait. InvalidMessageError for what is no
+        input.
+        """
         return not self._mailbox.put(message, when_full="refuse")
 
 

@@ -1,12 +1,13 @@
-"""How a tick of the onboard loop comes to its path: a ladder of ways, of which the first that gives an answer counts.
+"""How a tick of the onboard loop comes to its path: a ladder of ways, of which the first that gives
+an answer counts.
 
-1. The standing path, if it is valid and cannot have become worse than `NavigatorSettings.tolerance`.
-2. The method asked for, unless by its last times it would be late.
-3. The corridor planner.
-4. The standing path, if it is valid at all.
-5. An outcome that says what failed.
+1. The standing path, if it is valid and cannot have become worse than
+`NavigatorSettings.tolerance`. 2. The method asked for, unless by its last times it would be late.
+3. The corridor planner. 4. The standing path, if it is valid at all. 5. An outcome that says what
+failed.
 
-Every path is checked cell by cell before it is published, on a map that has all patches that came before the check.
+Every path is checked cell by cell before it is published, on a map that has all patches that came
+before the check.
 """
 
 import logging
@@ -26,12 +27,16 @@ from nnpp_edge.runtime.planners.standing_path import Standing
 
 _LOG = logging.getLogger(__name__)
 _LEAST_PLANNING_S = 0.002
-"""A search gets this much time even where none is left: else a loop that is always late would never plan."""
+"""A search gets this much time even where none is left: else a loop that is always late would never
+plan.
+"""
 _MOST_IN_VAIN = 5
-"""A robot without a path stands, and each tick that ends for want of time gives the next one twice as long, so many
-times: else a search that takes longer than a tick would never end."""
+"""A robot without a path stands, and each tick that ends for want of time gives the next one
+twice as long, so many times: else a search that takes longer than a tick would never end."""
 _FORGET = 0.9
-"""Factor of a method's expected time each time that the method is skipped as too slow: so it is tried again."""
+"""Factor of a method's expected time each time that the method is skipped as too slow: so it is
+tried again.
+"""
 
 
 @checked(InvalidQueryError)
@@ -48,10 +53,12 @@ class NavigatorSettings:
     refine: str | None = None
     """Whether answers come with way points too."""
     snap_radius: int = 3
-    """Cells; if the robot stands in an impassable cell, its path may start at most this far away."""
+    """Cells; if the robot stands in an impassable cell, its path may start at most this
+    far away.
+    """
     approach: bool = False
-    """Whether paths lead as near to the goal as there is a way, where none leads to it: it may be unknown yet. It
-    takes a search over all that can be reached, after each change of the map."""
+    """Whether paths lead as near to the goal as there is a way, where none leads to it: it may
+    be unknown yet. It takes a search over all that can be reached, after each change of the map."""
 
     @property
     def asks_network(self) -> bool:
@@ -102,14 +109,18 @@ class Tick:
     def no_path(self, outcome: Status, reason: str, *, degraded: bool = False) -> PathMessage:
         """The answer without a path."""
         ms = 1e3 * (self.clock() - self._started)
-        return replace(self.known, outcome=outcome, reason=reason, degraded=degraded, planning_ms=ms)
+        return replace(
+            self.known, outcome=outcome, reason=reason, degraded=degraded, planning_ms=ms
+        )
 
 
 class Ladder:
-    """Comes to the answer of a tick whose start and goal are known and passable. Serves one thread at a time.
+    """Comes to the answer of a tick whose start and goal are known and passable. Serves one thread
+    at a time.
 
-    Every path is checked after `update_map` has put all patches that wait into the planner's map, and said how many
-    the map has; `count_error` is called with ``full`` or ``corridor`` when planning raised.
+    Every path is checked after `update_map` has put all patches that wait into the planner's map,
+    and said how many the map has; `count_error` is called with ``full`` or ``corridor`` when
+    planning raised.
     """
 
     def __init__(
@@ -119,15 +130,19 @@ class Ladder:
         settings: NavigatorSettings,
         count_error: Callable[[str], None],
     ) -> None:
-        self._planner, self._update_map = planner, update_map
-        self._settings, self._count_error = settings, count_error
+        self._planner = planner
+        self._update_map = update_map
+        self._settings = settings
+        self._count_error = count_error
         self._expected_s = 0.0
         """Time that the method asked for is expected to take."""
         self._in_vain = 0
         """Ticks in a row that ran out of time, at most `_MOST_IN_VAIN`."""
 
     def answer(self, tick: Tick) -> PathMessage:
-        """The answer of the first rung that gives one; `tick` holds afterwards what failed on the way."""
+        """The answer of the first rung that gives one; `tick` holds afterwards what failed on the
+        way.
+        """
         standing = self._planner.standing()
         tick.standing = standing if standing.valid else None
         if tick.standing is None and self._in_vain:
@@ -139,7 +154,9 @@ class Ladder:
             or self._standing_path(tick, tick.failures[0].reason)
             or self._all_failed(tick)
         )
-        self._in_vain = min(self._in_vain + 1, _MOST_IN_VAIN) if answer.outcome is Status.TIMEOUT else 0
+        self._in_vain = (
+            min(self._in_vain + 1, _MOST_IN_VAIN) if answer.outcome is Status.TIMEOUT else 0
+        )
         return answer
 
     # --- the rungs: an answer, or None, with what failed noted in the tick
@@ -170,7 +187,9 @@ class Ladder:
             return None
         plan = self._planner.standing_plan
         assert plan is not None
-        left = replace(plan.rest(standing.index), cost=standing.cost, lower_bound=standing.lower_bound)
+        left = replace(
+            plan.rest(standing.index), cost=standing.cost, lower_bound=standing.lower_bound
+        )
         freed = self._planner.refined(left)
         return self._path(tick, freed, Origin.STANDING, reason) if freed.ok else None
 
@@ -181,11 +200,15 @@ class Ladder:
 
     # --- their parts
 
-    def _planned(self, tick: Tick, origin: Origin, method: DynamicMethod | None = None) -> PathMessage | None:
+    def _planned(
+        self, tick: Tick, origin: Origin, method: DynamicMethod | None = None
+    ) -> PathMessage | None:
         """The answer by a new plan, by default by the method asked for."""
         began = tick.clock()
         try:
-            plan = self._planner.replan(method=method, time_limit_s=max(tick.left_s, _LEAST_PLANNING_S))
+            plan = self._planner.replan(
+                method=method, time_limit_s=max(tick.left_s, _LEAST_PLANNING_S)
+            )
         except Exception as error:
             _LOG.warning("planning by %s raised", method or self._settings.method, exc_info=True)
             self._count_error(str(origin))
@@ -200,24 +223,39 @@ class Ladder:
             return None
         if not plan.ok:
             return tick.no_path(plan.status, plan.reason)
-        message = self._path(tick, plan, origin, tick.failures[-1].reason if tick.failures else plan.reason)
+        message = self._path(
+            tick, plan, origin, tick.failures[-1].reason if tick.failures else plan.reason
+        )
         if message is None:
             tick.failures.append(Failure("map_changed", "the map changed while planning"))
         return message
 
     def _path(self, tick: Tick, plan: Plan, origin: Origin, reason: str) -> PathMessage | None:
         """The plan's path as a message; None if it does not hold on the newest map."""
-        path, version = plan.path, self._update_map()
+        path = plan.path
+        version = self._update_map()
         if (tuple(path[0]), tuple(path[-1])) != (tick.known.start, tick.known.goal):
             _LOG.info("a path from %s is not published: it has other ends", origin)
             return None
         if (blocked := self._planner.first_blocked(plan.walked)) >= 0:
-            _LOG.info("a path from %s is not published: it cannot be walked at %s", origin, path[blocked].tolist())
+            _LOG.info(
+                "a path from %s is not published: it cannot be walked at %s",
+                origin,
+                path[blocked].tolist(),
+            )
             return None
         base = tick.no_path(Status.NO_PATH, reason, degraded=bool(tick.failures))
-        found = replace(base, outcome=Status.OK, origin=origin, path=path, method=plan.planner, choice=plan.choice)
+        found = replace(
+            base,
+            outcome=Status.OK,
+            origin=origin,
+            path=path,
+            method=plan.planner,
+            choice=plan.choice,
+        )
         if plan.states is not None:
-            states, headings = tuple(plan.states.tolist()), tuple(plan.headings_deg.tolist())
+            states = tuple(plan.states.tolist())
+            headings = tuple(plan.headings_deg.tolist())
             found = replace(found, states=states, arcs=plan.arcs, headings=headings)
         if (state := self._planner.state).unseen is not None:
             found = replace(found, known=state.known_along(path))

@@ -25,7 +25,9 @@ class Origin(StrEnum):
     FULL = "full"
     """Planned in this tick by the method that was asked for."""
     CORRIDOR = "corridor"
-    """Planned in this tick by the corridor planner, as the full method failed or would have been late."""
+    """Planned in this tick by the corridor planner, as the full method failed or would have been
+    late.
+    """
     STANDING = "standing"
     """The path of an earlier tick, checked against the newest map."""
     NONE = "none"
@@ -36,8 +38,8 @@ class Origin(StrEnum):
 class MapPatch:
     """New heights, or new costs, of a rectangle of the map. The array is copied.
 
-    InvalidMessageError unless exactly one of the two arrays is given, (h, w) numbers, no cost below 0, and origin and
-    stamp are numbers.
+    InvalidMessageError unless exactly one of the two arrays is given, (h, w) numbers, no cost below
+    0, and origin and stamp are numbers.
     """
 
     row: int
@@ -46,7 +48,9 @@ class MapPatch:
     elevation: NDArray[np.float32] | None = None
     """(h, w) metres; NaN or infinite where the cell was not seen."""
     cost: NDArray[np.float32] | None = None
-    """(h, w) traversability cost or weight, as the planner takes it; NaN where the cell was not seen."""
+    """(h, w) traversability cost or weight, as the planner takes it; NaN where the cell was not
+    seen.
+    """
     keep_known: bool = False
     """Whether cells that were not seen stay as the map has them; else they become impassable."""
     stamp: float = 0.0
@@ -54,18 +58,24 @@ class MapPatch:
 
     def __post_init__(self) -> None:
         if (self.elevation is None) == (self.cost is None):
-            raise InvalidMessageError("a patch must hold either elevation or cost, got both or neither")
+            raise InvalidMessageError(
+                "a patch must hold either elevation or cost, got both or neither"
+            )
         name = "cost" if self.elevation is None else "elevation"
         try:
             values = np.array(as_map(getattr(self, name), f"a patch's {name}"))
         except InvalidMapError as error:
             raise InvalidMessageError(str(error)) from None
         if name == "cost" and (values < 0.0).any():
-            raise InvalidMessageError(f"a patch's cost must be at least 0, got one of {np.nanmin(values):g}")
+            raise InvalidMessageError(
+                f"a patch's cost must be at least 0, got one of {np.nanmin(values):g}"
+            )
         object.__setattr__(self, name, values)
         _check_numbers(self, ["row", "col"], ["stamp"])
         if not isinstance(self.keep_known, bool | np.bool_):
-            raise InvalidMessageError(f"a patch's keep_known must be True or False, got {shown(self.keep_known)}")
+            raise InvalidMessageError(
+                f"a patch's keep_known must be True or False, got {shown(self.keep_known)}"
+            )
 
     @property
     def values(self) -> Float2D:
@@ -82,7 +92,9 @@ class MapPatch:
 
 @dataclass(frozen=True)
 class Pose:
-    """Where the robot is, in cells; fractions lie within a cell. InvalidMessageError unless all is finite."""
+    """Where the robot is, in cells; fractions lie within a cell. InvalidMessageError unless all is
+    finite.
+    """
 
     row: float
     col: float
@@ -91,7 +103,11 @@ class Pose:
     """In which a body stands, clockwise from up the rows; None: a path begins in any direction."""
 
     def __post_init__(self) -> None:
-        _check_numbers(self, [], ["row", "col", "stamp", *(["heading_deg"] if self.heading_deg is not None else [])])
+        _check_numbers(
+            self,
+            [],
+            ["row", "col", "stamp", *(["heading_deg"] if self.heading_deg is not None else [])],
+        )
 
     @property
     def cell(self) -> Cell:
@@ -121,13 +137,17 @@ Input = MapPatch | Pose | Goal
 
 @dataclass(frozen=True, eq=False)
 class PathMessage:
-    """The answer of a tick. The path is empty exactly where the outcome is not OK, or else InvalidMessageError."""
+    """The answer of a tick. The path is empty exactly where the outcome is not OK, or else
+    InvalidMessageError.
+    """
 
     tick: int
     outcome: Status
     origin: Origin
     path: NDArray[np.int32] = field(default_factory=lambda: np.empty((0, 2), np.int32))
-    """(N, 2) cells (row, col) from the robot to the goal, passable on the newest map that the loop had."""
+    """(N, 2) cells (row, col) from the robot to the goal, passable on the newest map that the loop
+    had.
+    """
     start: Cell | None = None
     """Where the path starts."""
     goal: Cell | None = None
@@ -147,11 +167,15 @@ class PathMessage:
     planning_ms: float = 0.0
     """From the beginning of the tick to this answer."""
     waypoints: NDArray[np.float64] | None = None
-    """(N, 2) places (row, col) in cells, as in `Plan`; None unless asked for, or where the map changed meanwhile."""
+    """(N, 2) places (row, col) in cells, as in `Plan`; None unless asked for, or where the map
+    changed meanwhile.
+    """
     line_cost: float = math.inf
     """As in `Plan`."""
     goal_moved: bool = False
-    """No path leads to the goal that was asked for; this one leads as near to it as there is a way, to `goal`."""
+    """No path leads to the goal that was asked for; this one leads as near to it as there is a way,
+    to `goal`.
+    """
     choice: str = ""
     """Why that method was picked, where there was a choice; for people."""
     states: tuple[int, ...] = ()
@@ -175,17 +199,25 @@ class PathMessage:
 
     @property
     def headings_deg(self) -> NDArray[np.float64]:
-        """(N,) degrees clockwise from up the rows, of each cell of the path as in `Plan`; none for a path of one."""
+        """(N,) degrees clockwise from up the rows, of each cell of the path as in `Plan`; none for
+        a path of one.
+        """
         return np.array(self.headings) if self.headings else headings_along(self.path)
 
     @property
     def walked(self) -> NDArray[np.int32]:
         """As in `Plan`."""
-        return np.column_stack((self.path, self.states)).astype(np.int32) if self.states else self.path
+        return (
+            np.column_stack((self.path, self.states)).astype(np.int32) if self.states else self.path
+        )
 
     def summary(self) -> dict[str, object]:
-        """Ready for JSON: an infinite cost is None, and way points are left out where there are none."""
-        fields: dict[str, object] = {name: getattr(self, name) for name in self.__dataclass_fields__}
+        """Ready for JSON: an infinite cost is None, and way points are left out where there are
+        none.
+        """
+        fields: dict[str, object] = {
+            name: getattr(self, name) for name in self.__dataclass_fields__
+        }
         fields |= {
             "outcome": str(self.outcome),
             "origin": str(self.origin),
@@ -209,7 +241,9 @@ CountBy = dict[str, int]
 
 @dataclass(frozen=True)
 class Counters:
-    """Counts of a loop since it started; the annotation of each says what it counts, for metrics too."""
+    """Counts of a loop since it started; the annotation of each says what it counts, for metrics
+    too.
+    """
 
     ticks: Annotated[int, "Ticks of the loop."] = 0
     planned: Annotated[int, "Ticks that planned a new path."] = 0
@@ -225,14 +259,22 @@ class Counters:
     patches_rejected: Annotated[int, "Map patches that were refused."] = 0
     patches_merged: Annotated[int, "Changes of the map that were merged with the next."] = 0
     """Too many were waiting. No changed cell is lost."""
-    starts_moved: Annotated[int, "Ticks whose path starts beside the robot, which stood in an impassable cell."] = 0
-    drops: Annotated[CountBy, "Messages that a sink was too slow for.", "sink"] = field(default_factory=dict)
-    lost: Annotated[CountBy, "Messages that a sink took and could not keep.", "sink"] = field(default_factory=dict)
+    starts_moved: Annotated[
+        int, "Ticks whose path starts beside the robot, which stood in an impassable cell."
+    ] = 0
+    drops: Annotated[CountBy, "Messages that a sink was too slow for.", "sink"] = field(
+        default_factory=dict
+    )
+    lost: Annotated[CountBy, "Messages that a sink took and could not keep.", "sink"] = field(
+        default_factory=dict
+    )
     """Only of sinks that count them."""
     tick_ms: dict[str, float] = field(default_factory=dict)
     """Work of a tick: ``p50``, ``p90``, ``p99``, ``max``, ``mean``."""
     tick_histogram: dict[str, int] = field(default_factory=dict)
-    """Number of ticks whose work took less than so many milliseconds; ``inf``: number of measured ticks."""
+    """Number of ticks whose work took less than so many milliseconds; ``inf``: number of measured
+    ticks.
+    """
     tick_sum_s: float = 0.0
     """Work of all measured ticks, seconds."""
     rss_bytes: int = 0
@@ -251,14 +293,21 @@ class StatusMessage:
 
     def summary(self) -> dict[str, object]:
         """Ready for JSON."""
-        return {"tick": self.tick, "outcome": str(self.outcome), "text": self.text, "counters": asdict(self.counters)}
+        return {
+            "tick": self.tick,
+            "outcome": str(self.outcome),
+            "text": self.text,
+            "counters": asdict(self.counters),
+        }
 
 
 Output = PathMessage | StatusMessage
 
 
 def _check_numbers(message: Input, whole: Sequence[str], finite: Sequence[str]) -> None:
-    """InvalidMessageError unless these attributes are whole, or finite, numbers; whole ones become ints."""
+    """InvalidMessageError unless these attributes are whole, or finite, numbers; whole ones become
+    ints.
+    """
     for names, kind, wanted in ((whole, int, "a whole"), (finite, float, "a finite")):
         for name in names:
             value = getattr(message, name)
@@ -268,6 +317,8 @@ def _check_numbers(message: Input, whole: Sequence[str], finite: Sequence[str]) 
                 fits = False
             if not fits:
                 owner = "patch" if isinstance(message, MapPatch) else type(message).__name__.lower()
-                raise InvalidMessageError(f"a {owner}'s {name} must be {wanted} number, got {shown(value)}")
+                raise InvalidMessageError(
+                    f"a {owner}'s {name} must be {wanted} number, got {shown(value)}"
+                )
             if kind is int:
                 object.__setattr__(message, name, int(value))

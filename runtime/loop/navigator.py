@@ -1,4 +1,6 @@
-"""One tick of the onboard loop: take the newest inputs, update the planner's map, answer by the `Ladder`."""
+"""One tick of the onboard loop: take the newest inputs, update the planner's map, answer by the
+`Ladder`.
+"""
 
 import logging
 import math
@@ -56,7 +58,8 @@ class Navigator:
     clock : callable
         Monotonic seconds; deadlines given to `tick` are readings of it.
 
-    ModelError where the method needs a network that cannot be loaded; else errors as of `DynamicPlanner`.
+    ModelError where the method needs a network that cannot be loaded; else errors as of
+    `DynamicPlanner`.
     """
 
     @checked(InvalidQueryError)
@@ -78,7 +81,12 @@ class Navigator:
         self._errors: Counter[str] = Counter()
         self._approached: _Approached | None = None
         sides = range(-settings.snap_radius, settings.snap_radius + 1)
-        offsets = [(row, col) for row in sides for col in sides if math.hypot(row, col) <= settings.snap_radius]
+        offsets = [
+            (row, col)
+            for row in sides
+            for col in sides
+            if math.hypot(row, col) <= settings.snap_radius
+        ]
         self._nearest_first = sorted(offsets, key=lambda offset: math.hypot(*offset))
         if settings.asks_network:
             begin_loading(settings.model)
@@ -98,12 +106,16 @@ class Navigator:
 
     @property
     def map(self) -> MapState:
-        """The map as the last tick left it; its `cost`, `elevation`, `shape` and sides may be read by any thread."""
+        """The map as the last tick left it; its `cost`, `elevation`, `shape` and sides may be read
+        by any thread.
+        """
         return self.planner.state
 
     @checked(InvalidMessageError)
     def offer(self, message: Input) -> None:
-        """Take an input: all patches get into the map, in their order; of poses and goals the newest counts."""
+        """Take an input: all patches get into the map, in their order; of poses and goals the
+        newest counts.
+        """
         if isinstance(message, MapPatch):
             self._patches.offer(message)
         elif isinstance(message, Pose):
@@ -124,9 +136,13 @@ class Navigator:
         return Counters(**counts, **by_kind_and_place)  # type: ignore[arg-type]  # whole numbers to whole numbers
 
     def tick(self, deadline: float = math.inf) -> PathMessage:
-        """Read the inputs and answer by `deadline`, a reading of the clock. Never raises an `Exception`."""
+        """Read the inputs and answer by `deadline`, a reading of the clock. Never raises an
+        `Exception`.
+        """
         self._counts["ticks"] += 1
-        tick = Tick(self._clock, deadline, PathMessage(self._counts["ticks"], Status.UNKNOWN, Origin.NONE))
+        tick = Tick(
+            self._clock, deadline, PathMessage(self._counts["ticks"], Status.UNKNOWN, Origin.NONE)
+        )
         try:
             message = self._answer(tick)
         except Exception as error:
@@ -144,11 +160,17 @@ class Navigator:
     def _answer(self, tick: Tick) -> PathMessage:
         """The ladder's answer to the newest inputs, or what is wrong with them."""
         with self._inbox:
-            pose, goal = self._pose, self._goal
+            pose = self._pose
+            goal = self._goal
         tick.known = replace(tick.known, map_version=self._update_map())
         if pose is None or goal is None:
-            return tick.no_path(Status.NO_POSE if pose is None else Status.NO_GOAL, "nothing to plan yet")
-        for cell, status in ((goal.cell, Status.GOAL_OUTSIDE_MAP), (pose.cell, Status.START_OUTSIDE_MAP)):
+            return tick.no_path(
+                Status.NO_POSE if pose is None else Status.NO_GOAL, "nothing to plan yet"
+            )
+        for cell, status in (
+            (goal.cell, Status.GOAL_OUTSIDE_MAP),
+            (pose.cell, Status.START_OUTSIDE_MAP),
+        ):
             if not self.map.grid.holds(cell):
                 return tick.no_path(status, f"the map has {self.planner.shape} cells")
         around = ((pose.cell[0] + row, pose.cell[1] + col) for row, col in self._nearest_first)
@@ -156,12 +178,17 @@ class Navigator:
         start = next(filter(self.planner.is_passable, on_map), None)
         if start is None:
             radius = self.settings.snap_radius
-            reason = f"no passable cell within {radius} of the robot{self._unknown_around(pose.cell, radius)}"
+            reason = (
+                f"no passable cell within {radius} of the "
+                f"robot{self._unknown_around(pose.cell, radius)}"
+            )
             return tick.no_path(Status.START_BLOCKED, reason)
         self.planner.move(start, pose.heading_deg)
         target = goal.cell
         if not self.planner.is_passable(target) and not self.settings.approach:
-            return tick.no_path(Status.GOAL_BLOCKED, f"the goal is impassable{self._unknown_around(target)}")
+            return tick.no_path(
+                Status.GOAL_BLOCKED, f"the goal is impassable{self._unknown_around(target)}"
+            )
         tick.known = replace(tick.known, start=start, start_moved=start != pose.cell)
         self._counts["starts_moved"] += tick.known.start_moved
         approached = self._approached is not None and self._approached.goal == target
@@ -182,20 +209,32 @@ class Navigator:
 
     def _as_near_as(self, goal: Cell, start: Cell) -> Cell:
         """Where to go while no path leads to the goal; the goal, once one does."""
-        before = self._approached if self._approached is not None and self._approached.goal == goal else None
+        before = (
+            self._approached
+            if self._approached is not None and self._approached.goal == goal
+            else None
+        )
         if before is None or before.map_version != self._patches.taken:
-            planner, state = self.planner, self.map
+            planner = self.planner
+            state = self.map
             beyond = np.zeros(planner.shape, np.bool_)
             if planner.is_passable(goal):
                 beyond = np.isfinite(planner.reach(goal))
             beyond[goal] = True
-            costs, margin = planner.reach(), state.reach_cells + 2
-            place = place_towards(goal, start, costs, beyond, state.unknown(), margin, before and before.place)
-            before = self._approached = None if place == goal else _Approached(goal, place, self._patches.taken)
+            costs = planner.reach()
+            margin = state.reach_cells + 2
+            place = place_towards(
+                goal, start, costs, beyond, state.unknown(), margin, before and before.place
+            )
+            before = self._approached = (
+                None if place == goal else _Approached(goal, place, self._patches.taken)
+            )
         return goal if before is None else before.place
 
     def _update_map(self) -> int:
-        """Put all patches that wait into the map; how many it has. What raises twice waits on, and raises here."""
+        """Put all patches that wait into the map; how many it has. What raises twice waits on, and
+        raises here.
+        """
         with self._patches.taking() as waiting:
             for one in waiting:
                 try:
@@ -211,7 +250,13 @@ class Navigator:
         self._counts["cells_changed"] += put(*patch.part[:2], patch.values, seen=patch.seen)
 
     def _unknown_around(self, cell: Cell, radius: int = 0) -> str:
-        """How many of the cells around one are unknown, with the vehicle's reach, for people; empty for none."""
+        """How many of the cells around one are unknown, with the vehicle's reach, for people; empty
+        for none.
+        """
         radius += self.map.reach_cells
         unknown = self.map.unknown(*(slice(max(at - radius, 0), at + radius + 1) for at in cell))
-        return f"; {unknown.sum()} of {unknown.size} cells around it are unknown" if unknown.any() else ""
+        return (
+            f"; {unknown.sum()} of {unknown.size} cells around it are unknown"
+            if unknown.any()
+            else ""
+        )

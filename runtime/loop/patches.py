@@ -1,4 +1,6 @@
-"""Patches of the map that wait for the loop: any thread brings them, and the loop takes them between its searches."""
+"""Patches of the map that wait for the loop: any thread brings them, and the loop takes them
+between its searches.
+"""
 
 import math
 import threading
@@ -34,14 +36,16 @@ class Waiting(NamedTuple):
 
 
 class Patches:
-    """Patches for a map, in each layer in the order in which they came. Any thread may call any method.
+    """Patches for a map, in each layer in the order in which they came. Any thread may call any
+    method.
 
-    Where so many wait that they have more cells than the map, those of a layer are made one: so they hold no more
-    memory than a map or two.
+    Where so many wait that they have more cells than the map, those of a layer are made one: so
+    they hold no more memory than a map or two.
     """
 
     def __init__(self, state: MapState) -> None:
-        self._shape, self._model = state.shape, state.grid.model
+        self._shape = state.shape
+        self._model = state.grid.model
         self._takes_heights = state.has_heights
         self._lock = threading.Lock()
         self._layers: dict[bool, list[Waiting]] = {True: [], False: []}
@@ -55,12 +59,16 @@ class Patches:
     def offer(self, patch: MapPatch) -> None:
         """Let a patch wait, as far as it lies on the map.
 
-        A patch is rejected if it misses the map, if it holds heights and the map was made from costs, or if it holds
-        a cost out of range.
+        A patch is rejected if it misses the map, if it holds heights and the map was made from
+        costs, or if it holds a cost out of range.
         """
-        values, of_heights, (rows, cols) = patch.values, patch.cost is None, patch.shape
-        top, left = max(patch.row, 0), max(patch.col, 0)
-        bottom, right = min(patch.row + rows, self._shape[0]), min(patch.col + cols, self._shape[1])
+        values = patch.values
+        of_heights = patch.cost is None
+        rows, cols = patch.shape
+        top = max(patch.row, 0)
+        left = max(patch.col, 0)
+        bottom = min(patch.row + rows, self._shape[0])
+        right = min(patch.col + cols, self._shape[1])
         refused = not self._takes_heights if of_heights else self._model.refuses(values)
         if top >= bottom or left >= right or refused:
             with self._lock:
@@ -69,11 +77,15 @@ class Patches:
         values = values[top - patch.row : bottom - patch.row, left - patch.col : right - patch.col]
         if of_heights:
             values = np.where(np.isfinite(values), values, np.float32(np.nan))
-        tells_nothing = patch.keep_known or (self._takes_heights and not of_heights)  # where it is NaN
+        tells_nothing = patch.keep_known or (
+            self._takes_heights and not of_heights
+        )  # where it is NaN
         seen = ~np.isnan(values) if tells_nothing else None
         one = Waiting(of_heights, (top, left, bottom - top, right - left), values, seen)
         with self._lock:
-            self.counts.update(("patches", "patches_clipped") if values.shape != (rows, cols) else ("patches",))
+            self.counts.update(
+                ("patches", "patches_clipped") if values.shape != (rows, cols) else ("patches",)
+            )
             self._layers[of_heights].append(one)
             self._cells += values.size + _OVERHEAD_CELLS
             if self._cells > self._shape[0] * self._shape[1]:
@@ -87,7 +99,9 @@ class Patches:
         Those of a layer are one where they have more cells than the rectangle that holds them all.
         """
         with self._lock:
-            layers, self._layers, self._cells = self._layers, {True: [], False: []}, 0
+            layers = self._layers
+            self._layers = {True: [], False: []}
+            self._cells = 0
             for which, layer in layers.items():
                 cells = sum(one.values.size for one in layer)
                 if layer and cells > math.prod(enclosing([one.part for one in layer])[2:]):
@@ -108,7 +122,8 @@ class Patches:
             return layer
         self.counts["patches_merged"] += len(layer) - 1
         row, col, rows, cols = whole = enclosing([one.part for one in layer])
-        values, seen = np.full((rows, cols), np.nan, np.float32), np.zeros((rows, cols), np.bool_)
+        values = np.full((rows, cols), np.nan, np.float32)
+        seen = np.zeros((rows, cols), np.bool_)
         for one in layer:
             here = slices((one.part[0] - row, one.part[1] - col, *one.part[2:]))
             new = True if one.seen is None else one.seen

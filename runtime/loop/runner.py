@@ -1,4 +1,6 @@
-"""The onboard loop at a fixed rate: read the inputs, let the navigator answer, hand the answer to the sinks."""
+"""The onboard loop at a fixed rate: read the inputs, let the navigator answer, hand the answer to
+the sinks.
+"""
 
 import gc
 import math
@@ -26,14 +28,16 @@ _LONGEST_SLEEP_S = 0.05
 
 
 class Loop:
-    """Runs until it is stopped. Errors of source, sinks and planner are counted, and the loop continues.
+    """Runs until it is stopped. Errors of source, sinks and planner are counted, and the loop
+    continues.
 
     Parameters
     ----------
     source : InputSource
         Polled at the beginning of each tick, in the loop's thread.
     sinks : sequence of Sink
-        Each gets every answer, in order. If one is too slow, the oldest messages in its queue are dropped.
+        Each gets every answer, in order. If one is too slow, the oldest messages in its queue are
+        dropped.
     rate_hz : float
         Ticks a second.
     status_every_s : float
@@ -43,15 +47,16 @@ class Loop:
     cores : sequence of int
         Pin the loop's thread to these; empty for all.
     priority : int
-        Run the loop's thread under SCHED_FIFO with this priority, 1 to 99; 0 for the usual scheduler. If the system
-        does not allow it, a warning is logged.
+        Run the loop's thread under SCHED_FIFO with this priority, 1 to 99; 0 for the usual
+        scheduler. If the system does not allow it, a warning is logged.
     paced : bool
-        Whether a tick waits for the deadline of the one before. Else it begins at once, reads all that the source
-        has, then has a whole period to itself, and waits for sinks that are too slow, so that no answer is lost: for
-        replays at full speed.
+        Whether a tick waits for the deadline of the one before. Else it begins at once, reads all
+        that the source has, then has a whole period to itself, and waits for sinks that are too
+        slow, so that no answer is lost: for replays at full speed.
     after_tick : callable
-        Called with each answer, in the loop's thread, once the tick's work is done: for what must stop when the
-        planning stops, such as a watchdog. It must not wait. If it raises, that is counted.
+        Called with each answer, in the loop's thread, once the tick's work is done: for what must
+        stop when the planning stops, such as a watchdog. It must not wait. If it raises, that is
+        counted.
     """
 
     @checked(InvalidQueryError)
@@ -70,8 +75,11 @@ class Loop:
         after_tick: Callable[[PathMessage], None] | None = None,
     ) -> None:
         if not rate_hz > 0.0:
-            raise InvalidQueryError(f"the rate must be a positive number of ticks a second, got {rate_hz}")
-        self.navigator, self._source = navigator, source
+            raise InvalidQueryError(
+                f"the rate must be a positive number of ticks a second, got {rate_hz}"
+            )
+        self.navigator = navigator
+        self._source = source
         self.tick_s = 0.0
         """That the last tick took, for `after_tick`."""
         self._stopping = self._hurried = False
@@ -83,8 +91,10 @@ class Loop:
             waiting = Queue[Output](queue, patient=self._is_patient)
             guard = Guard(f"the sink {sink.name}", f"sink {sink.name}", count_error)
             self._sinks.append((sink, Worker(sink.publish, waiting, guard)))
-        self._status_every_s, self._paced = status_every_s, paced
-        self._cores, self._priority = tuple(cores), priority
+        self._status_every_s = status_every_s
+        self._paced = paced
+        self._cores = tuple(cores)
+        self._priority = priority
         self._after_tick = after_tick or (lambda message: None)
         self._source_guard = Guard("the source", "source", count_error)
         self._after_guard = Guard("after_tick", "after_tick", count_error)
@@ -92,19 +102,24 @@ class Loop:
         self._unread: Iterator[Input] = iter(())
 
     def stop(self) -> None:
-        """Finish the tick and leave `run`, soon. May be called from a signal handler or any thread."""
+        """Finish the tick and leave `run`, soon. May be called from a signal handler or
+        any thread.
+        """
         self._hurried = True
         self.finish()
 
     def finish(self) -> None:
-        """As `stop`, but without `paced` the sinks are waited for until they have taken all answers."""
+        """As `stop`, but without `paced` the sinks are waited for until they have taken all
+        answers.
+        """
         self._stopping = True
 
     @checked(InvalidQueryError)
     def run(self, ticks: int | None = None) -> Counters:
         """Run until `stop`, or for so many ticks; the counters at the end. A loop runs once."""
         for _, worker in self._sinks:
-            worker.start()  # before the loop's thread gets its core and priority, which threads inherit
+            # before the loop's thread gets its core and priority, which threads inherit
+            worker.start()
         try:
             with realtime(self._cores, self._priority), _little_garbage():
                 self._run_ticks(ticks)
@@ -139,7 +154,8 @@ class Loop:
         return self._stopping
 
     def _run_ticks(self, ticks: int | None) -> None:
-        done, reported = 0, time.monotonic()
+        done = 0
+        reported = time.monotonic()
         self._ticker.start()
         while not self._stopping and (ticks is None or done < ticks):
             if done and self._paced:
@@ -151,7 +167,11 @@ class Loop:
             if time.monotonic() - reported >= self._status_every_s:
                 reported = time.monotonic()
                 how = f" by {message.origin}" if message.ok else f": {message.reason}"
-                self._publish(StatusMessage(message.tick, message.outcome, message.outcome + how, self.counters()))
+                self._publish(
+                    StatusMessage(
+                        message.tick, message.outcome, message.outcome + how, self.counters()
+                    )
+                )
             with self._after_guard:
                 self._after_tick(message)
 
@@ -167,15 +187,20 @@ class Loop:
         return message
 
     def _read_inputs(self, began: float) -> None:
-        """As many as half a period allows; the rest stays in its iterator and is read first next time."""
+        """As many as half a period allows; the rest stays in its iterator and is read first next
+        time.
+        """
         until = began + _SHARE_FOR_INPUTS * self._ticker.period_s if self._paced else math.inf
-        unread, self._unread = self._unread, iter(())
+        unread = self._unread
+        self._unread = iter(())
         with self._source_guard:
             if self._offer(unread, until):
                 self._offer(iter(self._source.poll()), until)
 
     def _offer(self, unread: Iterator[Input], until: float) -> bool:
-        """Hand inputs to the navigator; False, and the rest stays unread, if the time is over before their end."""
+        """Hand inputs to the navigator; False, and the rest stays unread, if the time is over
+        before their end.
+        """
         for message in unread:
             self.navigator.offer(message)
             if time.monotonic() > until:
@@ -191,12 +216,16 @@ class Loop:
 def handling_signals(loop: Loop) -> AbstractContextManager[None]:
     """SIGTERM and SIGINT stop the loop after its tick. For the main thread."""
 
-    return signal_handlers(dict.fromkeys((signal.SIGTERM, signal.SIGINT), lambda number, frame: loop.stop()))
+    return signal_handlers(
+        dict.fromkeys((signal.SIGTERM, signal.SIGINT), lambda number, frame: loop.stop())
+    )
 
 
 @contextmanager
 def _little_garbage() -> Iterator[None]:
-    """Collect once, then look no more at what is there: each collection within takes well below a millisecond."""
+    """Collect once, then look no more at what is there: each collection within takes well below a
+    millisecond.
+    """
     gc.collect()
     gc.freeze()
     try:

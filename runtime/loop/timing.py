@@ -1,4 +1,6 @@
-"""Time: a fixed rate kept by absolute deadlines, latencies in fixed memory, and what the system does for a loop."""
+"""Time: a fixed rate kept by absolute deadlines, latencies in fixed memory, and what the system
+does for a loop.
+"""
 
 import logging
 import math
@@ -19,17 +21,21 @@ Handler = Callable[[int, FrameType | None], None] | signal.Handlers
 
 _LOG = logging.getLogger(__name__)
 _TURN_S = 0.0005
-"""Longest that a tick waits each time for another thread of Python; by default ten times as long. Beside 80,000
-refused inputs a second the 99th percentile of a tick fell from 16 to 6–10 ms."""
-_PER_OCTAVE, _OCTAVES, _LEAST_S = 16, 27, 1e-6
+"""Longest that a tick waits each time for another thread of Python; by default ten times as
+long. Beside 80,000 refused inputs a second the 99th percentile of a tick fell from 16 to 6–10
+ms."""
+_PER_OCTAVE = 16
+_OCTAVES = 27
+_LEAST_S = 1e-6
 """Of a histogram: from 1 µs to 134 s."""
 
 
 class Ticker:
-    """Deadlines at start + k · period on a monotonic clock: lateness of one tick does not move the next.
+    """Deadlines at start + k · period on a monotonic clock: lateness of one tick does not move the
+    next.
 
-    The clock reads monotonic seconds; `sleep` sleeps for at most so many, greater than 0. It may wake early, and True
-    means: stop waiting.
+    The clock reads monotonic seconds; `sleep` sleeps for at most so many, greater than 0. It may
+    wake early, and True means: stop waiting.
     """
 
     def __init__(
@@ -40,16 +46,22 @@ class Ticker:
         sleep: Callable[[float], object] = time.sleep,
     ) -> None:
         if not 0.0 < period_s < math.inf:
-            raise InvalidQueryError(f"the period must be a positive number of seconds, got {period_s}")
+            raise InvalidQueryError(
+                f"the period must be a positive number of seconds, got {period_s}"
+            )
         self.period_s = period_s
-        self._clock, self._sleep = clock, sleep
+        self._clock = clock
+        self._sleep = sleep
         self.overruns = self.skipped = 0
-        """Ticks whose work lasted beyond their deadline; deadlines that passed altogether meanwhile."""
+        """Ticks whose work lasted beyond their deadline; deadlines that passed altogether
+        meanwhile.
+        """
         self.start()
 
     def start(self) -> None:
         """Begin to count now: the first deadline is one period away."""
-        self._origin, self._number = self._clock(), 1
+        self._origin = self._clock()
+        self._number = 1
 
     @property
     def deadline(self) -> float:
@@ -59,8 +71,8 @@ class Ticker:
     def wait(self) -> None:
         """Sleep until the deadline.
 
-        A deadline that has passed is not slept for: the next tick begins at once, and counts on to the first
-        deadline that is still ahead.
+        A deadline that has passed is not slept for: the next tick begins at once, and counts on to
+        the first deadline that is still ahead.
         """
         if (late_s := self._clock() - self.deadline) > 0.0:
             missed = int(late_s // self.period_s)
@@ -74,7 +86,9 @@ class Ticker:
 
 
 class Histogram:
-    """Counts of durations in buckets that widen by 4.4 %: quantiles are that accurate, and memory stays 3.5 kB."""
+    """Counts of durations in buckets that widen by 4.4 %: quantiles are that accurate, and memory
+    stays 3.5 kB.
+    """
 
     def __init__(self) -> None:
         self._counts = np.zeros(_PER_OCTAVE * _OCTAVES, np.int64)
@@ -90,7 +104,9 @@ class Histogram:
         self.max_s = max(self.max_s, seconds)
 
     def quantile(self, share: float) -> float:
-        """Seconds that this share (0 to 1) of the durations does not exceed, to 4.4 %; 0 if there are none."""
+        """Seconds that this share (0 to 1) of the durations does not exceed, to 4.4 %; 0 if there
+        are none.
+        """
         if not self.count:
             return 0.0
         at = int(np.searchsorted(np.cumsum(self._counts), max(math.ceil(share * self.count), 1)))
@@ -98,7 +114,9 @@ class Histogram:
         return min(bound, self.max_s)
 
     def shorter(self, octaves: Iterable[int]) -> list[int]:
-        """Exact number of durations below 1 µs × 2^n, for each of these n; last, the number of all."""
+        """Exact number of durations below 1 µs × 2^n, for each of these n; last, the
+        number of all.
+        """
         counts = self._counts.copy()  # of one moment, also when another thread adds
         return [*(int(counts[: _PER_OCTAVE * n].sum()) for n in octaves), int(counts.sum())]
 
@@ -111,9 +129,13 @@ class Histogram:
 
 @contextmanager
 def realtime(cores: Sequence[int], priority: int) -> Iterator[None]:
-    """Let threads take turns more often, pin this one and raise its priority, as far as is allowed, for a while."""
-    turn_s, core_set = sys.getswitchinterval(), os.sched_getaffinity(0)
-    policy, parameters = os.sched_getscheduler(0), os.sched_getparam(0)
+    """Let threads take turns more often, pin this one and raise its priority, as far as is allowed,
+    for a while.
+    """
+    turn_s = sys.getswitchinterval()
+    core_set = os.sched_getaffinity(0)
+    policy = os.sched_getscheduler(0)
+    parameters = os.sched_getparam(0)
     sys.setswitchinterval(_TURN_S)
     try:
         if cores:

@@ -1,4 +1,6 @@
-"""Work beside the loop: queues of bounded size, threads that empty them, and errors that end nothing."""
+"""Work beside the loop: queues of bounded size, threads that empty them, and errors that end
+nothing.
+"""
 
 import logging
 import threading
@@ -19,28 +21,42 @@ _LOOK_EVERY_S = 0.1
 
 
 class Guard:
-    """A ``with`` block for what may fail: an `Exception` is counted, as by `count_error(place)`, and goes no further.
+    """A ``with`` block for what may fail: an `Exception` is counted, as by `count_error(place)`,
+    and goes no further.
 
-    The first of a row is logged, with its traceback unless the system or a message of the package says all there is
-    to say; and when it has worked again for a while.
+    The first of a row is logged, with its traceback unless the system or a message of the package
+    says all there is to say; and when it has worked again for a while.
     """
 
-    def __init__(self, who: str, place: str, count_error: Callable[[str], None] = lambda place: None) -> None:
-        self._who, self.place, self._count_error = who, place, count_error
-        self._times, self._last = 0, 0.0
+    def __init__(
+        self, who: str, place: str, count_error: Callable[[str], None] = lambda place: None
+    ) -> None:
+        self._who = who
+        self.place = place
+        self._count_error = count_error
+        self._times = 0
+        self._last = 0.0
 
     def __enter__(self) -> None:
         """Begin what may fail."""
 
-    def __exit__(self, kind: object, error: BaseException | None, trace: TracebackType | None) -> bool:
+    def __exit__(
+        self, kind: object, error: BaseException | None, trace: TracebackType | None
+    ) -> bool:
         """Whether it failed by an `Exception`."""
         now = time.monotonic()
         if isinstance(error, Exception):
             if not self._times:
                 known = isinstance(error, OSError | NnppEdgeError)
                 words = "%s failed (%s); more of the same is counted, not logged"
-                _LOG.warning(words, self._who, " ".join(str(error).split()), exc_info=None if known else error)
-            self._times, self._last = self._times + 1, now
+                _LOG.warning(
+                    words,
+                    self._who,
+                    " ".join(str(error).split()),
+                    exc_info=None if known else error,
+                )
+            self._times = self._times + 1
+            self._last = now
             self._count_error(self.place)
             return True
         if error is None and self._times and now - self._last >= _CALM_S:
@@ -56,9 +72,14 @@ class Queue(Generic[T]):
     """
 
     def __init__(
-        self, most: int, size: Callable[[T], int] = lambda item: 1, patient: Callable[[], bool] = lambda: True
+        self,
+        most: int,
+        size: Callable[[T], int] = lambda item: 1,
+        patient: Callable[[], bool] = lambda: True,
     ) -> None:
-        self._most, self._size, self._patient = most, size, patient
+        self._most = most
+        self._size = size
+        self._patient = patient
         self._items: deque[T] = deque()
         self._used = 0
         self._changed = threading.Condition()
@@ -73,7 +94,8 @@ class Queue(Generic[T]):
 
     def put(self, item: T, when_full: WhenFull) -> int:
         """Add an item. The number of items dropped for it; 1 also where it was refused itself."""
-        size, dropped = self._size(item), 0
+        size = self._size(item)
+        dropped = 0
         with self._changed:
             while self._items and self._used + size > self._most:
                 if when_full == "wait" and self._patient():
@@ -115,12 +137,18 @@ class Worker(Generic[T]):
     """A thread that hands each item of a queue to `use`, in order, within a guard."""
 
     def __init__(self, use: Callable[[T], object], queue: Queue[T], guard: Guard) -> None:
-        self._use, self.queue, self._guard = use, queue, guard
-        self._thread = threading.Thread(target=self._work, name=f"nnpp-edge {guard.place}", daemon=True)
+        self._use = use
+        self.queue = queue
+        self._guard = guard
+        self._thread = threading.Thread(
+            target=self._work, name=f"nnpp-edge {guard.place}", daemon=True
+        )
         self.start = self._thread.start
 
     def close(self, patience_s: float = 1.0, patient: Callable[[], bool] = lambda: False) -> None:
-        """Let the queued items be used, for so long at most, and while `patient`; what hangs is left behind."""
+        """Let the queued items be used, for so long at most, and while `patient`; what hangs is
+        left behind.
+        """
         self.queue.close()
         while self._thread.is_alive() and patient():
             self._thread.join(_LOOK_EVERY_S)

@@ -1,4 +1,6 @@
-"""Numbers along the way: a path's length on the ground, its climb and slopes, and the time and energy it takes."""
+"""Numbers along the way: a path's length on the ground, its climb and slopes, and the time and
+energy it takes.
+"""
 
 import math
 from collections.abc import Sequence
@@ -47,9 +49,9 @@ class Numbers(NamedTuple):
 class Along:
     """A line over the ground, point by point from start to goal.
 
-    Heights are read when it is made, all else is computed when it is asked for. Places are a path's cells; of way
-    points, these and each place between two of them where the line crosses a row or a column of cells' middles:
-    between two places the ground is then as good as even.
+    Heights are read when it is made, all else is computed when it is asked for. Places are a path's
+    cells; of way points, these and each place between two of them where the line crosses a row or a
+    column of cells' middles: between two places the ground is then as good as even.
     """
 
     places: Line
@@ -67,9 +69,13 @@ class Along:
         mobility: Mobility = _ON_FOOT,
         like: "Along | None" = None,
     ) -> "Along":
-        """A line over heights (H, W), metres, NaN where unknown; places and walker as of the line `like`, if any."""
+        """A line over heights (H, W), metres, NaN where unknown; places and walker as of the line
+        `like`, if any.
+        """
         places = crossings(line) if like is None else like.places
-        return cls(places, heights_at(heights, places), sides_m, mobility, like.walker if like else None)
+        return cls(
+            places, heights_at(heights, places), sides_m, mobility, like.walker if like else None
+        )
 
     def back(self) -> "Along":
         """This line from goal to start."""
@@ -82,7 +88,9 @@ class Along:
 
     @cached_property
     def heights_m(self) -> NDArray[np.float64]:
-        """(N,) of the ground; where unknown, between the known ones before and behind; NaN where none is known."""
+        """(N,) of the ground; where unknown, between the known ones before and behind; NaN where
+        none is known.
+        """
         heights = np.array(self.sampled_m, np.float64)
         known = np.isfinite(heights)
         if known.any() and not known.all():
@@ -122,7 +130,9 @@ class Along:
     def time_by(self) -> str:
         """Whose time that is, in words."""
         function = (self.walker or self.mobility.tobler).function
-        return f"on foot, by {function}" if self.mobility.time is None else "at the vehicle's speeds"
+        return (
+            f"on foot, by {function}" if self.mobility.time is None else "at the vehicle's speeds"
+        )
 
     @cached_property
     def energy_j(self) -> NDArray[np.float64]:
@@ -133,13 +143,16 @@ class Along:
 
     def _by(self, model: SlopeCost) -> NDArray[np.float64]:
         """A model's sum on the way to each point; points may coincide."""
-        costs, moves = np.zeros(len(self.points)), self.steps_m > 0.0
+        costs = np.zeros(len(self.points))
+        moves = self.steps_m > 0.0
         costs[moves] = model.cost(self.steps_m[moves], self.rises_m[moves])
         return costs.cumsum()
 
     @cached_property
     def slopes_deg(self) -> NDArray[np.float64]:
-        """(N,) inclination of the way from the point before, below 0 downhill; NaN where no height is known."""
+        """(N,) inclination of the way from the point before, below 0 downhill; NaN where no height
+        is known.
+        """
         return np.degrees(np.arctan2(self.rises_m, self.steps_m))
 
     @cached_property
@@ -147,7 +160,8 @@ class Along:
         """Of the whole line; of one without a point all are NaN."""
         if not len(self.points):
             return Numbers.unknown()
-        rises, slopes = self.rises_m, self.slopes_deg
+        rises = self.rises_m
+        slopes = self.slopes_deg
         return Numbers(
             float(self.distance_m[-1]),
             float(self.ground_m[-1]),
@@ -161,25 +175,32 @@ class Along:
 
 
 def crossings(line: Line) -> Line:
-    """(M, 2) the points of a line (N, 2), and where it crosses a row or a column of cells' middles between them.
+    """(M, 2) the points of a line (N, 2), and where it crosses a row or a column of cells' middles
+    between them.
 
     A path's cells stay what they are: their steps cross none.
     """
     if len(line) < 2 or np.issubdtype(line.dtype, np.integer):
         return line.reshape(-1, 2)
     points = np.asarray(line, np.float64)
-    begins, ways = points[:-1], np.diff(points, axis=0)
-    legs, shares = [np.arange(len(ways))], [np.ones(len(ways))]
+    begins = points[:-1]
+    ways = np.diff(points, axis=0)
+    legs = [np.arange(len(ways))]
+    shares = [np.ones(len(ways))]
     for begin, way in zip(begins.T, ways.T, strict=True):
         first = np.ceil(np.minimum(begin, begin + way))
-        counts = np.where(way != 0.0, np.floor(np.maximum(begin, begin + way)) - first + 1.0, 0.0).astype(np.int64)
+        counts = np.where(
+            way != 0.0, np.floor(np.maximum(begin, begin + way)) - first + 1.0, 0.0
+        ).astype(np.int64)
         leg = np.repeat(np.arange(len(ways)), counts)
         whole = first[leg] + np.arange(len(leg)) - (counts.cumsum() - counts)[leg]
         legs.append(leg)
         shares.append(((whole - begin[leg]) / way[leg]).clip(0.0, 1.0))
-    leg, share = np.concatenate(legs), np.concatenate(shares)
+    leg = np.concatenate(legs)
+    share = np.concatenate(shares)
     order = np.lexsort((share, leg))
-    leg, share = leg[order], share[order]
+    leg = leg[order]
+    share = share[order]
     kept = (share > 0.0) & np.append((leg[1:] != leg[:-1]) | (share[1:] != share[:-1]), True)
     return np.concatenate((points[:1], begins[leg[kept]] + share[kept, None] * ways[leg[kept]]))
 
@@ -190,7 +211,8 @@ def joined(lines: Sequence[Line]) -> Line:
 
 
 def heights_at(heights: Heights, points: Line) -> NDArray[np.float64]:
-    """(N,) heights of a map (H, W) at places (N, 2), bilinear between the cells' middles, or of its cells (int).
+    """(N,) heights of a map (H, W) at places (N, 2), bilinear between the cells' middles, or of its
+    cells (int).
 
     NaN where a height that counts is unknown; beyond the middles at the rim, the rim's.
     """

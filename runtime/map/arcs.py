@@ -1,4 +1,6 @@
-"""A body's path of motion primitives as what is driven: straight pieces, arcs and turns, and poses along them."""
+"""A body's path of motion primitives as what is driven: straight pieces, arcs and turns, and poses
+along them.
+"""
 
 import math
 from collections.abc import Iterator, Sequence
@@ -13,33 +15,43 @@ from nnpp_edge.runtime.map.primitives import AXES, curve, heading_rad, turn_rad
 from nnpp_edge.runtime.terrain.vehicle import Vehicle
 
 PoseOf = tuple[float, float, float]
-POSES_EVERY_M, _MOST_TURN_DEG = 0.25, 15.0
+POSES_EVERY_M = 0.25
+_MOST_TURN_DEG = 15.0
 _LEAST_M = 1e-9
 
 
 @dataclass(frozen=True)
 class Arc:
-    """A piece of a path on which gear and curvature stay the same; it begins as the one before ends."""
+    """A piece of a path on which gear and curvature stay the same; it begins as the one before
+    ends.
+    """
 
     gear: int
     """1 forwards, -1 backwards, 0 for a turn on the spot."""
     curvature_per_m: float
-    """To the left of the body positive, whichever way it drives; 0 straight on, and of a turn on the spot."""
+    """To the left of the body positive, whichever way it drives; 0 straight on, and of a turn on
+    the spot.
+    """
     length_m: float
     """That the body's middle covers; 0 of a turn on the spot."""
     start_pose: PoseOf
-    """Metres along columns and along rows from the middle of cell (0, 0), and degrees clockwise from up the rows."""
+    """Metres along columns and along rows from the middle of cell (0, 0), and degrees clockwise
+    from up the rows.
+    """
     turn_deg: float = 0.0
     """By how much it turns, counterclockwise."""
 
     def at(self, share: float) -> PoseOf:
         """The pose so far along it, of 1."""
         x, y, heading = self.start_pose
-        turned, first = math.radians(self.turn_deg) * share, math.radians(heading)
-        ahead, left = self.gear * self.length_m * share, 0.0
+        turned = math.radians(self.turn_deg) * share
+        first = math.radians(heading)
+        ahead = self.gear * self.length_m * share
+        left = 0.0
         if self.gear and abs(turned) > _LEAST_M:
             radius = 1.0 / self.curvature_per_m
-            ahead, left = radius * math.sin(turned), radius * (1.0 - math.cos(turned))
+            ahead = radius * math.sin(turned)
+            left = radius * (1.0 - math.cos(turned))
         x += ahead * math.sin(first) - left * math.cos(first)
         y -= ahead * math.cos(first) + left * math.sin(first)
         return x, y, (heading - math.degrees(turned)) % 360.0
@@ -55,7 +67,9 @@ def direction_near(heading: float, sides_m: tuple[float, float]) -> int:
     return int(np.argmin(_apart(heading, sides_m)))
 
 
-def directions_within(heading: float, tolerance_deg: float, sides_m: tuple[float, float]) -> NDArray[np.bool_]:
+def directions_within(
+    heading: float, tolerance_deg: float, sides_m: tuple[float, float]
+) -> NDArray[np.bool_]:
     """(16,) those whose heading lies so near to one in degrees; the nearest always."""
     apart = _apart(heading, sides_m)
     return apart <= max(tolerance_deg, float(apart.min()))
@@ -66,11 +80,16 @@ def _apart(heading: float, sides_m: tuple[float, float]) -> NDArray[np.float64]:
     return np.abs((headings - heading + 180.0) % 360.0 - 180.0)
 
 
-def arcs_along(states: NDArray[np.int32], vehicle: Vehicle, sides_m: tuple[float, float]) -> tuple[Arc, ...]:
-    """The pieces that a body drives along states (N, 3) of a path, those of the same kind joined."""
+def arcs_along(
+    states: NDArray[np.int32], vehicle: Vehicle, sides_m: tuple[float, float]
+) -> tuple[Arc, ...]:
+    """The pieces that a body drives along states (N, 3) of a path, those of the same kind
+    joined.
+    """
     (dy, dx), found = sides_m, list[Arc]()
     for before, after in zip(states[:-1].tolist(), states[1:].tolist(), strict=True):
-        k, to = before[2] % DIRECTIONS, after[2] % DIRECTIONS
+        k = before[2] % DIRECTIONS
+        to = after[2] % DIRECTIONS
         pose = before[1] * dx, before[0] * dy, heading_deg(k, sides_m)
         for gear, curvature, length, turned in _pieces(before, after, k, to, vehicle, sides_m):
             last = found[-1] if found else None
@@ -85,10 +104,16 @@ def arcs_along(states: NDArray[np.int32], vehicle: Vehicle, sides_m: tuple[float
 
 
 def _pieces(
-    before: Sequence[int], after: Sequence[int], k: int, to: int, vehicle: Vehicle, sides_m: tuple[float, float]
+    before: Sequence[int],
+    after: Sequence[int],
+    k: int,
+    to: int,
+    vehicle: Vehicle,
+    sides_m: tuple[float, float],
 ) -> Iterator[tuple[int, float, float, float]]:
     """(gear, curvature, metres, degrees) of a primitive between two states."""
-    down, right = after[0] - before[0], after[1] - before[1]
+    down = after[0] - before[0]
+    right = after[1] - before[1]
     side = (to - k + AXES) % DIRECTIONS - AXES
     if not (down or right):
         step = 1 if side > 0 else -1
@@ -100,7 +125,11 @@ def _pieces(
         yield gear, 0.0, math.hypot(down * sides_m[0], right * sides_m[1]), 0.0
         return
     ahead = k if gear > 0 else (k + AXES) % DIRECTIONS
-    bend = curve(ahead if side > 0 else (ahead - 1 + AXES) % DIRECTIONS, sides_m, vehicle.turning_radius_m or 0.0)
+    bend = curve(
+        ahead if side > 0 else (ahead - 1 + AXES) % DIRECTIONS,
+        sides_m,
+        vehicle.turning_radius_m or 0.0,
+    )
     first, last = (bend.before_m, bend.after_m)[:: 1 if side > 0 else -1]
     turned = side * math.degrees(bend.angle_rad)
     for length, curvature, degrees in (
@@ -113,7 +142,9 @@ def _pieces(
 
 
 class Drive(NamedTuple):
-    """Poses along a path of states, no farther apart than `POSES_EVERY_M`; turned on the spot by at most 15°."""
+    """Poses along a path of states, no farther apart than `POSES_EVERY_M`; turned on the spot by at
+    most 15°.
+    """
 
     poses: NDArray[np.float64]
     """(N, 3) metres along columns, metres along rows, degrees clockwise from up the rows."""
@@ -126,12 +157,22 @@ class Drive(NamedTuple):
 
 def drive_along(states: NDArray[np.int32], vehicle: Vehicle, sides_m: tuple[float, float]) -> Drive:
     """The drive of a body along states (N, 3) of a path, pose by pose."""
-    first = states[0, 1] * sides_m[1], states[0, 0] * sides_m[0], heading_deg(int(states[0, 2]), sides_m)
+    first = (
+        states[0, 1] * sides_m[1],
+        states[0, 0] * sides_m[0],
+        heading_deg(int(states[0, 2]), sides_m),
+    )
     found: list[tuple[PoseOf, int, float, int]] = []
     for n in range(len(states) - 1):
         for arc in arcs_along(states[n : n + 2], vehicle, sides_m):
-            count = max(math.ceil(arc.length_m / POSES_EVERY_M), math.ceil(abs(arc.turn_deg) / _MOST_TURN_DEG), 1)
-            found += [(arc.at((k + 1) / count), arc.gear, arc.curvature_per_m, n) for k in range(count)]
+            count = max(
+                math.ceil(arc.length_m / POSES_EVERY_M),
+                math.ceil(abs(arc.turn_deg) / _MOST_TURN_DEG),
+                1,
+            )
+            found += [
+                (arc.at((k + 1) / count), arc.gear, arc.curvature_per_m, n) for k in range(count)
+            ]
     found.insert(0, (first, *found[0][1:]) if found else (first, 0, 0.0, 0))
     poses, gears, curvatures, steps = zip(*found, strict=True)
     return Drive(np.array(poses), np.array(gears), np.array(curvatures), np.array(steps))

@@ -1,4 +1,6 @@
-"""How a vehicle stands on the poses that its motions are checked by, in numbers: along a path, and on one cell."""
+"""How a vehicle stands on the poses that its motions are checked by, in numbers: along a path, and
+on one cell.
+"""
 
 import math
 from dataclasses import dataclass
@@ -18,11 +20,15 @@ Floats = NDArray[np.float64]
 
 
 class Attitudes(NamedTuple):
-    """Of each cell of a path, on the leg by which it is left, the last as it is arrived at; (N,) float64 each."""
+    """Of each cell of a path, on the leg by which it is left, the last as it is arrived at; (N,)
+    float64 each.
+    """
 
     pitch_deg: Floats
     roll_deg: Floats
-    """With the wheels in the middle of their ranges, where the leg begins; nose up and left side up are positive."""
+    """With the wheels in the middle of their ranges, where the leg begins; nose up and left side up
+    are positive.
+    """
     tilt_deg: Floats
     clearance_m: Floats
     """The most that the body can be inclined on the leg, and the least that is left below it."""
@@ -44,7 +50,9 @@ class PoseCheck:
     """Clockwise from up the rows, in [0, 360)."""
     ok: bool
     refused_by: str | None
-    """The first that is passed of ``unknown``, ``tilt``, ``pitch``, ``roll``, ``step`` and ``belly``; None if ok."""
+    """The first that is passed of ``unknown``, ``tilt``, ``pitch``, ``roll``, ``step`` and
+    ``belly``; None if ok.
+    """
     tilt_deg: Limit
     pitch_deg: Limit
     roll_deg: Limit
@@ -62,18 +70,23 @@ class PoseCheck:
             unit, digits = ("°", 1) if name.endswith("deg") else (" m", 2)
             known = f"{value:.{digits}f}{unit}" if math.isfinite(value) else "unknown"
             beyond = "   too much" if value > most else ""
-            lines.append(f"  {name.rpartition('_')[0]:<6}{known:>9}, at most {most:.{digits}f}{unit}{beyond}")
+            lines.append(
+                f"  {name.rpartition('_')[0]:<6}{known:>9}, at most {most:.{digits}f}{unit}{beyond}"
+            )
         return "\n".join(lines)
 
 
 def attitudes(poses: Poses, path: NDArray[np.int32]) -> Attitudes:
     """How the vehicle stands along a path of legs (N, 2), or of states (N, 3).
 
-    A single cell counts as left along the first direction. inf or NaN where unknown cells lie below, unless these
-    pass.
+    A single cell counts as left along the first direction. inf or NaN where unknown cells lie
+    below, unless these pass.
     """
-    steps, found = poses.steps(path), np.full((4, len(path)), np.nan)
-    last = int(path[-1, 2]) if path.shape[1] == 3 else int(steps.headings[-1]) if len(path) > 1 else 0
+    steps = poses.steps(path)
+    found = np.full((4, len(path)), np.nan)
+    last = (
+        int(path[-1, 2]) if path.shape[1] == 3 else int(steps.headings[-1]) if len(path) > 1 else 0
+    )
     standing = (path[-1, :2], poses.codes.shape[1] + last % AXES, False, last % (2 * AXES) >= AXES)
     taken = zip(steps.cells, steps.motions, steps.reversed, steps.turned, strict=True)
     for n, (cell, motion, back, turned) in enumerate((*taken, standing)):
@@ -86,7 +99,8 @@ def attitudes(poses: Poses, path: NDArray[np.int32]) -> Attitudes:
 
 
 def explain(poses: Poses, cell: Cell, heading_deg: float) -> PoseCheck:
-    """How the vehicle stands on a cell with a heading, clockwise from up the rows, and what refuses it.
+    """How the vehicle stands on a cell with a heading, clockwise from up the rows, and what refuses
+    it.
 
     InvalidQueryError where the cell lies outside the map, or the heading is no number.
     """
@@ -96,8 +110,12 @@ def explain(poses: Poses, cell: Cell, heading_deg: float) -> PoseCheck:
     if not math.isfinite(heading_deg):
         raise InvalidQueryError(f"heading_deg must be a number of degrees, got {heading_deg}")
     slope, pitch, roll, step, up = _standing(poses, np.array([(*cell, heading_deg)]))[0].tolist()
-    values, most = (math.atan(slope), pitch, roll, step, up), limits_of(poses.vehicle, poses.weights)[1:6].tolist()
-    fails = not math.isfinite(slope + step + up), *(not a <= b for a, b in zip(values, most, strict=True))
+    values = (math.atan(slope), pitch, roll, step, up)
+    most = limits_of(poses.vehicle, poses.weights)[1:6].tolist()
+    fails = (
+        not math.isfinite(slope + step + up),
+        *(not a <= b for a, b in zip(values, most, strict=True)),
+    )
     refused = next((name for name, failing in zip(REFUSALS, fails, strict=True) if failing), None)
     figures = *(math.degrees(math.atan(each)) for each in (slope, pitch, roll)), step, up
     limits = map(Limit, figures, allowances(poses.vehicle))
@@ -111,11 +129,12 @@ def allowances(vehicle: Vehicle) -> tuple[float, float, float, float, float]:
 
 
 def costs_at(poses: Poses, places: Floats) -> Floats:
-    """(N,) T of the vehicle at places (N, 3) on the map: row and column from the middle of cell (0, 0), and degrees
-    clockwise from up the rows; inf where it may not stand.
+    """(N,) T of the vehicle at places (N, 3) on the map: row and column from the middle of cell (0,
+    0), and degrees clockwise from up the rows; inf where it may not stand.
     """
     inside = ((places[:, :2] > -0.5) & (places[:, :2] < np.array(poses.shape) - 0.5)).all(1)
-    found, limits = np.full(len(places), np.inf), limits_of(poses.vehicle, poses.weights).astype(np.float64)
+    found = np.full(len(places), np.inf)
+    limits = limits_of(poses.vehicle, poses.weights).astype(np.float64)
     values = _standing(poses, places[inside])
     values[:, 0] = np.arctan(values[:, 0])
     shares = values / limits[1:6]
@@ -124,22 +143,30 @@ def costs_at(poses: Poses, places: Floats) -> Floats:
 
 
 def _standing(poses: Poses, places: Floats) -> Floats:
-    """(N, 5) bounds of slope, pitch, roll, step and rise at places as in `costs_at`, inside the map."""
-    cells, angles = np.rint(places[:, :2]), np.radians(places[:, 2])
-    offsets, ahead = (places[:, :2] - cells).tolist(), np.column_stack((-np.cos(angles), np.sin(angles))).tolist()
+    """(N, 5) bounds of slope, pitch, roll, step and rise at places as in `costs_at`, inside the
+    map.
+    """
+    cells = np.rint(places[:, :2])
+    angles = np.radians(places[:, 2])
+    offsets = (places[:, :2] - cells).tolist()
+    ahead = np.column_stack((-np.cos(angles), np.sin(angles))).tolist()
     alone = [
-        [motions.Pose(row, col, (down, right))] for (row, col), (down, right) in zip(offsets, ahead, strict=True)
+        [motions.Pose(row, col, (down, right))]
+        for (row, col), (down, right) in zip(offsets, ahead, strict=True)
     ]
     tables = motions.motions_of(poses.vehicle, poses.sides_m, alone)
-    each = [poses.figures((row, col), n, tables)[0, :5] for n, (row, col) in enumerate(cells.astype(int).tolist())]
+    each = [
+        poses.figures((row, col), n, tables)[0, :5]
+        for n, (row, col) in enumerate(cells.astype(int).tolist())
+    ]
     return np.array(each)
 
 
 def greatest(poses: Poses, cell: Cell, motion: int) -> Floats:
     """(6,) what a motion from a cell comes to at most by each limit, in their order in `REFUSALS`.
 
-    Degrees and metres; inf of ``unknown`` where unknown cells lie below a pose: the others are then of those poses
-    that stand on known ground, NaN without any.
+    Degrees and metres; inf of ``unknown`` where unknown cells lie below a pose: the others are then
+    of those poses that stand on known ground, NaN without any.
     """
     figures = poses.figures(cell, motion)[:, :5]
     known = np.isfinite(figures).all(1)

@@ -1,7 +1,8 @@
 """The log of a map's changes, which every reader reads when it has time.
 
-Where many changes wait for a slow reader, neighbouring ones are merged: a merged change covers what it is made of, so
-that the reader looks at more than it need, never at less. A reader that is gone costs nothing more.
+Where many changes wait for a slow reader, neighbouring ones are merged: a merged change covers what
+it is made of, so that the reader looks at more than it need, never at less. A reader that is gone
+costs nothing more.
 """
 
 from collections.abc import Sequence
@@ -17,7 +18,8 @@ from nnpp_edge.runtime.tuning import MOST_LOGGED_CHANGES
 
 MANY_NODES = 1 << 16
 """From here on the nodes of merged changes are kept once each."""
-NO_NODES, NO_WEIGHTS = np.empty(0, np.int32), np.empty(0, np.float32)
+NO_NODES = np.empty(0, np.int32)
+NO_WEIGHTS = np.empty(0, np.float32)
 
 
 class Change(NamedTuple):
@@ -30,7 +32,9 @@ class Change(NamedTuple):
     cheaper: bool = False
     """Whether a cell weighs less than before."""
     rescaled: bool = False
-    """Whether all that is relative to the map's least and greatest weight is out of date (``length`` model)."""
+    """Whether all that is relative to the map's least and greatest weight is out of date
+    (``length`` model).
+    """
     nodes: NDArray[np.int32] = NO_NODES
     """(N,) the changed cells, for a reader that keeps old weights; else empty."""
     old_weights: NDArray[np.float32] = NO_WEIGHTS
@@ -38,21 +42,27 @@ class Change(NamedTuple):
 
     def then(self, newer: "Change") -> "Change":
         """This change and the next one as one."""
-        nodes, old_weights = newer.nodes, newer.old_weights
+        nodes = newer.nodes
+        old_weights = newer.old_weights
         if len(self.nodes):
-            nodes, old_weights = np.append(self.nodes, nodes), np.append(self.old_weights, old_weights)
+            nodes = np.append(self.nodes, nodes)
+            old_weights = np.append(self.old_weights, old_weights)
         if len(nodes) > MANY_NODES:
             nodes, first = np.unique(nodes, return_index=True)
             old_weights = old_weights[first]
-        cells, flags = self.cells + newer.cells, (self.cheaper or newer.cheaper, self.rescaled or newer.rescaled)
+        cells = self.cells + newer.cells
+        flags = (self.cheaper or newer.cheaper, self.rescaled or newer.rescaled)
         return Change(enclosing((self.part, newer.part)), cells, *flags, nodes, old_weights)
 
 
 class ChangeReader:
-    """Changes that a reader has not read yet, the oldest first; of more than `most`, neighbours are merged."""
+    """Changes that a reader has not read yet, the oldest first; of more than `most`, neighbours are
+    merged.
+    """
 
     def __init__(self, keeps_old_weights: bool, most: int) -> None:
-        self.keeps_old_weights, self._most = keeps_old_weights, most
+        self.keeps_old_weights = keeps_old_weights
+        self._most = most
         self._unread: list[Change] = []
 
     def skip(self) -> None:
@@ -61,7 +71,8 @@ class ChangeReader:
 
     def read(self) -> Sequence[Change]:
         """The changes since the last call."""
-        changes, self._unread = self._unread, []
+        changes = self._unread
+        self._unread = []
         return changes
 
     def peek(self) -> Sequence[Change]:
@@ -72,17 +83,21 @@ class ChangeReader:
         """A change to be read; for `ChangeLog`."""
         self._unread.append(change)
         if (count := len(self._unread)) > self._most:
-            pairs, last = list(pairwise(self._unread))[::2], self._unread[count - count % 2 :]
+            pairs = list(pairwise(self._unread))[::2]
+            last = self._unread[count - count % 2 :]
             self._unread = [older.then(newer) for older, newer in pairs] + last
 
 
 class ChangeLog:
-    """Tells readers of a map's changes, of which at most `most` wait for each. Serves one thread at a time."""
+    """Tells readers of a map's changes, of which at most `most` wait for each. Serves one thread at
+    a time.
+    """
 
     def __init__(self, most: int = MOST_LOGGED_CHANGES) -> None:
         self.version = 0
         """Number of changes so far."""
-        self._most, self._readers = most, WeakSet[ChangeReader]()
+        self._most = most
+        self._readers = WeakSet[ChangeReader]()
 
     @property
     def keeps_old_weights(self) -> bool:
@@ -92,7 +107,9 @@ class ChangeLog:
     def append(self, change: Change) -> None:
         """Write a change down."""
         self.version += 1
-        bare = change._replace(nodes=NO_NODES, old_weights=NO_WEIGHTS) if len(change.nodes) else change
+        bare = (
+            change._replace(nodes=NO_NODES, old_weights=NO_WEIGHTS) if len(change.nodes) else change
+        )
         for reader in self._readers:
             reader.add(change if reader.keeps_old_weights else bare)
 

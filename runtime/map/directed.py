@@ -1,7 +1,8 @@
 """Steps that cost by the slope they lead up or down, on a map of heights and on its coarse levels.
 
-A step's cost here is that of the model less what its rise is worth (`SlopeCost.height_price`): so it is above 0, and
-paths between two cells differ by as much as with the costs themselves. What is reported is those.
+A step's cost here is that of the model less what its rise is worth (`SlopeCost.height_price`): so
+it is above 0, and paths between two cells differ by as much as with the costs themselves. What is
+reported is those.
 """
 
 import math
@@ -27,40 +28,60 @@ if TYPE_CHECKING:
 _ROUNDED_DOWN = 1.0 - 1e-6
 """Of the cheapest step: edges are rounded to float32, the prices of the heuristic are not."""
 _OBSTACLE = 1.5
-"""Cost of an impassable cell in a coarse cell's mean, in times of a level step (docs/decisions/slope-costs.md)."""
+"""Cost of an impassable cell in a coarse cell's mean, in times of a level step
+(docs/decisions/slope-costs.md).
+"""
 _THREADS_FROM = 20_000
 """Cells from which on steps are computed by a thread a core."""
 
 Finer = tuple[Edges, NDArray[np.int64]]
-"""(H + 2, W + 2, K) float32 steps by cell and direction, and (8,) int64, which of the K lead to the neighbours."""
+"""(H + 2, W + 2, K) float32 steps by cell and direction, and (8,) int64, which of the K lead to the
+neighbours.
+"""
 
 
 class CoarseSteps(PointSteps):
-    """Costs of the steps of a coarse level, both ways; `prices` are those of the map's own steps."""
+    """Costs of the steps of a coarse level, both ways; `prices` are those of the map's
+    own steps.
+    """
 
     by_slope = True
 
     def __init__(self, shape: Cell, prices: tuple[float, float]) -> None:
         rows, cols = shape
-        self.shape, self.prices = shape, prices
+        self.shape = shape
+        self.prices = prices
         self.means: Edges = np.full((rows + 2, cols + 2, 8), np.inf, np.float32)
-        """By cell (with a border) and direction, what a step within it costs, over the cells of the finest level."""
+        """By cell (with a border) and direction, what a step within it costs, over the cells of the
+        finest level.
+        """
         self.finer: Finer = self.means, np.arange(8)
         nodes = (rows + 2) * (cols + 2)
         self.forwards: Edges = np.full((nodes, 8), np.inf, np.float32)
         """(nodes, 8) of the step that leaves a node in each direction."""
         self.backwards: Edges = np.full((nodes, 8), np.inf, np.float32)
-        """(nodes, 8) of the step by which a node is come to from its neighbour in each direction."""
+        """(nodes, 8) of the step by which a node is come to from its neighbour in each
+        direction.
+        """
 
     def edges(self, backwards: bool = False) -> Edges:
         return self.backwards if backwards else self.forwards
 
-    def pool(self, finer: Finer, pieces: NDArray[np.uint16], area: Rectangle, obstacle: NDArray[np.float32]) -> None:
+    def pool(
+        self,
+        finer: Finer,
+        pieces: NDArray[np.uint16],
+        area: Rectangle,
+        obstacle: NDArray[np.float32],
+    ) -> None:
         """Bring a rectangle of this level's cells up to date, and their steps.
 
-        `finer` is of the map or the finer level; `pieces` and `obstacle` as for `kernels.directed.pool_steps`.
+        `finer` is of the map or the finer level; `pieces` and `obstacle` as for
+        `kernels.directed.pool_steps`.
         """
-        edges, backwards = (each.reshape(self.means.shape) for each in (self.forwards, self.backwards))
+        edges, backwards = (
+            each.reshape(self.means.shape) for each in (self.forwards, self.backwards)
+        )
         (row, col, rows, cols), (top, left, tall, wide) = area, widened(area, (1, 1), self.shape)
 
         def pool(row0: int, row1: int) -> None:
@@ -73,20 +94,32 @@ class CoarseSteps(PointSteps):
 class DirectedSteps(PointSteps):
     """Costs of the steps of a map of heights.
 
-    `heights` (H, W) float32 in metres, C-contiguous and not finite where unknown, are kept: whoever changes them says
-    so (`follow`). The grid's own steps, a point's or poses', say where these may lead.
+    `heights` (H, W) float32 in metres, C-contiguous and not finite where unknown, are kept: whoever
+    changes them says so (`follow`). The grid's own steps, a point's or poses', say where these may
+    lead.
     """
 
     by_slope = True
 
     def __init__(
-        self, heights: NDArray[np.float32], sides_m: tuple[float, float], model: SlopeCost, grid: "Grid"
+        self,
+        heights: NDArray[np.float32],
+        sides_m: tuple[float, float],
+        model: SlopeCost,
+        grid: "Grid",
     ) -> None:
-        self._model, self._heights, self._sides, self._under = model, heights, sides_m, grid.steps
-        self.shape, (rows, cols), (dy, dx) = grid.shape, grid.shape, sides_m
+        self._model = model
+        self._heights = heights
+        self._sides = sides_m
+        self._under = grid.steps
+        self.shape = grid.shape
+        rows, cols = grid.shape
+        dy, dx = sides_m
         self.by_poses = by_poses = grid.steps.by_poses
-        self.states_a_node, self.shortest = grid.steps.states_a_node, grid.steps.shortest
-        self.readiness, self.columns = grid.steps.readiness * dy * float(model.cost(1.0, 0.0)), grid.steps.columns
+        self.states_a_node = grid.steps.states_a_node
+        self.shortest = grid.steps.shortest
+        self.readiness = grid.steps.readiness * dy * float(model.cost(1.0, 0.0))
+        self.columns = grid.steps.columns
         self._ways = np.array(DIRECTIONS if by_poses else _NEIGHBOURS, np.int64)
         self._weights = np.empty(0, np.float32) if by_poses else grid.weights
         self._rule = not by_poses, grid.corner_cutting
@@ -96,7 +129,9 @@ class DirectedSteps(PointSteps):
         least = _ROUNDED_DOWN * model.least_per_m
         straight = least * min(dy, dx)
         self.prices = straight, min(least * math.hypot(dy, dx), 2.0 * straight)
-        """Cost of getting a straight and a diagonal step closer where all ways are as cheap as the cheapest."""
+        """Cost of getting a straight and a diagonal step closer where all ways are as cheap as the
+        cheapest.
+        """
         self._edges: Edges = np.empty(((rows + 2) * (cols + 2), len(self._ways)), np.float32)
         near = np.array([self._ways.tolist().index([*step]) for step in _NEIGHBOURS])
         self.finer: Finer = self.padded, near
@@ -108,11 +143,14 @@ class DirectedSteps(PointSteps):
 
     @property
     def padded(self) -> Edges:
-        """(H + 2, W + 2, 8 or 16) the steps, or a body's legs, by cell and direction, within a border."""
+        """(H + 2, W + 2, 8 or 16) the steps, or a body's legs, by cell and direction, within a
+        border.
+        """
         return self._edges.reshape(self.shape[0] + 2, self.shape[1] + 2, -1)
 
     def follow(self, change: Change, heights: Rectangle) -> Change:
-        """Bring the steps up to date after a change of the weights, and of the heights in a rectangle.
+        """Bring the steps up to date after a change of the weights, and of the heights in a
+        rectangle.
 
         Returns the change with the cells whose steps cost something else now.
         """
@@ -140,7 +178,8 @@ class DirectedSteps(PointSteps):
         if not isinstance(self._under, PoseSteps):
             return None
         packed, _, (unit, moves, fares, origins, rays, lengths, _) = self._under.states()
-        metre, turns = float(self._model.cost(1.0, 0.0)), fares.copy()
+        metre = float(self._model.cost(1.0, 0.0))
+        turns = fares.copy()
         turns[..., FIXED] *= self._sides[0] * metre
         by_angle = between(self._under.poses.turns_m * metre)
         return packed, self._edges, (unit, moves, turns, origins, rays, lengths, by_angle)
@@ -148,7 +187,9 @@ class DirectedSteps(PointSteps):
     def stands_at(self, grid: "Grid", cell: Cell) -> bool:
         return self._under.stands_at(grid, cell)
 
-    def walk(self, grid: "Grid", path: NDArray[np.int32], first: int, costs: NDArray[np.float64]) -> int:
+    def walk(
+        self, grid: "Grid", path: NDArray[np.int32], first: int, costs: NDArray[np.float64]
+    ) -> int:
         blocked = self._under.walk(grid, path, first, costs)
         cells = path[first:]
         lengths = np.hypot(*(np.diff(cells, axis=0) * self._sides).T)
@@ -161,7 +202,8 @@ class DirectedSteps(PointSteps):
             by_turns = np.float32(0.0), moves, turns, origins, rays, lengths, by_angle
             blocked = self._under.poses.walk(path, first, costs, prices=by_turns)
             legs = legs + costs[first + 1 :]
-        costs[first], costs[first + 1 :] = 0.0, legs
+        costs[first] = 0.0
+        costs[first + 1 :] = legs
         return blocked
 
     def costs_of(self, grid: "Grid", path: NDArray[np.int32]) -> tuple[float, float, float]:
@@ -178,14 +220,17 @@ class DirectedSteps(PointSteps):
 
     def with_heights(self, field: NDArray[np.float32], start: Cell) -> NDArray[np.float32]:
         rise = self._heights - np.float64(self._heights[start])
-        return field + np.where(np.isfinite(rise), self._model.height_price * rise, 0.0).astype(np.float32)
+        return field + np.where(np.isfinite(rise), self._model.height_price * rise, 0.0).astype(
+            np.float32
+        )
 
     def greatest(self, grid: "Grid") -> float:
         return self._greatest
 
     def _compute(self, part: Rectangle) -> None:
         """Compute the steps that leave a rectangle's cells, on all cores where that pays."""
-        (row, col, rows, cols), dearest = part, [self._greatest]
+        row, col, rows, cols = part
+        dearest = [self._greatest]
         of_map = self._heights, self._weights, self._rule, self._priced, (self._ways, self._lengths)
 
         def price(row0: int, row1: int) -> None:

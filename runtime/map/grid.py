@@ -14,13 +14,21 @@ from nnpp_edge.runtime.kernels.weights import fill_costs, write_costs
 from nnpp_edge.runtime.map.changes import NO_NODES, NO_WEIGHTS, Change
 from nnpp_edge.runtime.map.directed import CoarseSteps, DirectedSteps
 from nnpp_edge.runtime.map.poses import Poses
-from nnpp_edge.runtime.map.step_cost import GREY_LEVELS, LEAST_WEIGHT, PAPER_OMEGA, StepCost, StepModel
+from nnpp_edge.runtime.map.step_cost import (
+    GREY_LEVELS,
+    LEAST_WEIGHT,
+    PAPER_OMEGA,
+    StepCost,
+    StepModel,
+)
 from nnpp_edge.runtime.map.steps import PackedGrid, PointSteps, PoseSteps
 from nnpp_edge.runtime.map.tiles import COMPLETE, Tiles
 from nnpp_edge.runtime.memory import virtual_zeros
 
 _FAR = 0.25
-"""A bound is measured anew when it lies beyond this share, or one over it, of what was measured last."""
+"""A bound is measured anew when it lies beyond this share, or one over it, of what was measured
+last.
+"""
 _OF_WEIGHTS = np.float32(0.0), np.float32(np.inf), np.float32(1.0), np.float32(np.inf)
 """Limits of costs that are weights already."""
 ALL = np.empty((0, 0), np.bool_)
@@ -30,8 +38,8 @@ ALL = np.empty((0, 0), np.bool_)
 class Grid:
     """Weights of a map's cells, and what a step between two of them costs.
 
-    Cell (row, col) stands at the flat index, the `node`, (row + 1) · stride + col + 1, within a border. By default
-    all cells are impassable at first.
+    Cell (row, col) stands at the flat index, the `node`, (row + 1) · stride + col + 1, within a
+    border. By default all cells are impassable at first.
     """
 
     def __init__(
@@ -42,8 +50,12 @@ class Grid:
         corner_cutting: bool = True,
         weights: NDArray[np.float32] | None = None,
     ) -> None:
-        self.rows, self.cols, self.model, self.corner_cutting = rows, cols, model, corner_cutting
-        self.cells, self.stride = rows * cols, cols + 2
+        self.rows = rows
+        self.cols = cols
+        self.model = model
+        self.corner_cutting = corner_cutting
+        self.cells = rows * cols
+        self.stride = cols + 2
         """Number of cells of the map, and nodes from one row to the next."""
         if weights is None:
             weights = np.full((rows + 2) * (cols + 2), np.inf, np.float32)
@@ -67,7 +79,13 @@ class Grid:
     def pack(self) -> None:
         """Lay out what the kernels take: after the arrays of the tiles have become others."""
         tiles = COMPLETE if self.tiles is None else self.tiles.packed(self._level)
-        self.packed: PackedGrid = (self.weights, self.stride, self.model.steps, self.corner_cutting, tiles)
+        self.packed: PackedGrid = (
+            self.weights,
+            self.stride,
+            self.model.steps,
+            self.corner_cutting,
+            tiles,
+        )
 
     @classmethod
     def of(cls, cost: Float2D, model: StepModel, corner_cutting: bool = True) -> "Grid":
@@ -76,8 +94,9 @@ class Grid:
         Parameters
         ----------
         cost : (H, W) float
-            For ``paper`` T from 0, impassable from 1 up; for ``length`` a weight from `LEAST_WEIGHT` to
-            `MOST_WEIGHT`, impassable where infinite. NaN and masked cells are impassable in both.
+            For ``paper`` T from 0, impassable from 1 up; for ``length`` a weight from
+            `LEAST_WEIGHT` to `MOST_WEIGHT`, impassable where infinite. NaN and masked cells are
+            impassable in both.
         """
         cost = as_map(cost, "cost")
         rows, cols = cost.shape
@@ -91,7 +110,9 @@ class Grid:
 
         in_bands(fill, 0, rows, cols)
         found = np.array(bands)
-        lowest, highest = np.array((found[:, 0].min(), found[:, 1].max()), np.int32).view(np.float32)
+        lowest, highest = np.array((found[:, 0].min(), found[:, 1].max()), np.int32).view(
+            np.float32
+        )
         floor, most, scale, ceiling = grid._limits
         if (low := bool(found[:, 2].any() or lowest < floor)) or highest > most:
             passable = cost[cost < ceiling]
@@ -102,14 +123,20 @@ class Grid:
         return grid
 
     def compute_by(self, tiles: Tiles, number: int = 0) -> None:
-        """From now on weights are computed by these, as the level of that number; the bounds are T's own."""
-        self.tiles, self._level = tiles, number
+        """From now on weights are computed by these, as the level of that number; the bounds are
+        T's own.
+        """
+        self.tiles = tiles
+        self._level = number
         self.pack()
         self.set_bounds(0.0, self.model.scale)
 
     def stand_by(self, poses: Poses) -> None:
-        """From now on steps cost by these poses; the weights remain what the coarse levels are made of."""
-        self.poses, self.steps = poses, PoseSteps(poses)
+        """From now on steps cost by these poses; the weights remain what the coarse levels are made
+        of.
+        """
+        self.poses = poses
+        self.steps = PoseSteps(poses)
         self.set_bounds(self.least, self.greatest)
 
     def go_by(self, directed: DirectedSteps | CoarseSteps) -> None:
@@ -118,7 +145,9 @@ class Grid:
         self.prices = self._shortened(*directed.prices)
 
     def _shortened(self, straight: float, diagonal: float) -> tuple[float, float]:
-        """Prices by which the octile distance is no more than a path's cost, though legs may lead by shorter ways."""
+        """Prices by which the octile distance is no more than a path's cost, though legs may lead
+        by shorter ways.
+        """
         return straight * self.steps.shortest, diagonal * self.steps.shortest
 
     def least_cost(self, start: Cell, goal: Cell) -> float:
@@ -128,7 +157,9 @@ class Grid:
         return straight + self.steps.worth_of_height(start, goal) if both else straight
 
     def complete(self, deadline: Deadline = NEVER) -> None:
-        """See to it that all weights are there, and all poses checked; OutOfTimeError at the deadline."""
+        """See to it that all weights are there, and all poses checked; OutOfTimeError at the
+        deadline.
+        """
         if self.tiles is not None:
             self.tiles.complete(deadline)
         if self.poses is not None:
@@ -140,15 +171,22 @@ class Grid:
         return self.rows, self.cols
 
     def set_bounds(self, least: float, greatest: float) -> None:
-        """No passable cell weighs less than `least`, inf as long as there is none, and none more than `greatest`."""
-        self.least, self.greatest = least, greatest
+        """No passable cell weighs less than `least`, inf as long as there is none, and none more
+        than `greatest`.
+        """
+        self.least = least
+        self.greatest = greatest
         if self.directed is not None:
             return
         straight = self.model.step(0, 2.0 * least)
-        self.prices = self._shortened(straight, min(self.model.step(1, 2.0 * least), 2.0 * straight))
-        """Cost of getting a straight and a diagonal step closer where all cells are as cheap as the cheapest.
+        self.prices = self._shortened(
+            straight, min(self.model.step(1, 2.0 * least), 2.0 * straight)
+        )
+        """Cost of getting a straight and a diagonal step closer where all cells are as cheap as the
+        cheapest.
 
-        With directed steps: of the cheapest metre over all slopes, which no change of the map alters.
+        With directed steps: of the cheapest metre over all slopes, which no change of the map
+        alters.
         """
 
     @property
@@ -171,51 +209,64 @@ class Grid:
         seen: NDArray[np.bool_] | None = None,
         weights: bool = False,
     ) -> Change:
-        """Put new costs (h, w), as for `of`, or `weights`, into a rectangle of the map, whose first cell is `origin`.
+        """Put new costs (h, w), as for `of`, or `weights`, into a rectangle of the map, whose first
+        cell is `origin`.
 
-        The bounds on the weights widen; they are measured anew where they have become much wider, and a cell at one
-        of them has changed. `seen` are the cells that get new costs, by default all; with `keep_old_weights` the
-        change says what the changed cells weighed before. InvalidMapError where the rectangle does not lie inside the
-        map or a cost is out of range: the map is as it was.
+        The bounds on the weights widen; they are measured anew where they have become much wider,
+        and a cell at one of them has changed. `seen` are the cells that get new costs, by default
+        all; with `keep_old_weights` the change says what the changed cells weighed before.
+        InvalidMapError where the rectangle does not lie inside the map or a cost is out of range:
+        the map is as it was.
         """
         cost = as_map(cost, "patch")
         row, col, rows, cols = patch_at(origin, cost.shape, self.shape)
         whole = cost.shape == self.shape and seen is None
         bounds = (math.inf, -math.inf) if whole else (self.least, self.greatest)
-        nodes, old = NO_NODES, NO_WEIGHTS
+        nodes = NO_NODES
+        old = NO_WEIGHTS
         if keep_old_weights:
-            nodes, old = np.empty(rows * cols, np.int32), np.empty(rows * cols, np.float32)
-        refused, cells, cheaper, (top, left, bottom, right), (least, greatest), at_bound = write_costs(
-            cost,
-            ALL if seen is None else seen,
-            _OF_WEIGHTS if weights else self._limits,
-            self.node(row, col),
-            self.stride,
-            self.weights,
-            bounds,
-            nodes,
-            old,
+            nodes = np.empty(rows * cols, np.int32)
+            old = np.empty(rows * cols, np.float32)
+        refused, cells, cheaper, (top, left, bottom, right), (least, greatest), at_bound = (
+            write_costs(
+                cost,
+                ALL if seen is None else seen,
+                _OF_WEIGHTS if weights else self._limits,
+                self.node(row, col),
+                self.stride,
+                self.weights,
+                bounds,
+                nodes,
+                old,
+            )
         )
         if refused < math.inf:
             self.model.refuse(refused)
-        before, lengths = (self.least, self.greatest), self.model.kind is StepCost.LENGTH
+        before = (self.least, self.greatest)
+        lengths = self.model.kind is StepCost.LENGTH
         if math.isfinite(least):
             self.set_bounds(least, greatest)
         if whole:
             self._measured = self.least, self.greatest
-        elif lengths and at_bound and (least < _FAR * self._measured[0] or _FAR * greatest > self._measured[1]):
+        elif (
+            lengths
+            and at_bound
+            and (least < _FAR * self._measured[0] or _FAR * greatest > self._measured[1])
+        ):
             self.measure_bounds()
         rescaled = lengths and before != (self.least, self.greatest)
         part = (row + top, col + left, bottom - top, right - left)
         if keep_old_weights:
-            nodes, old = nodes[:cells].copy(), old[:cells].copy()
+            nodes = nodes[:cells].copy()
+            old = old[:cells].copy()
         return Change(part, cells, cheaper, rescaled, nodes, old)
 
     def as_traversability(self) -> tuple[float, float]:
         """Scale and offset from a weight to a traversability cost T in [0, 1].
 
-        In the ``length`` model a cell of the cheapest weight counts as T = 0, and one of 1 + 2·255·ω times
-        that weight as T = 1: so straight steps cost alike, up to a factor, in both models.
+        In the ``length`` model a cell of the cheapest weight counts as T = 0, and one of 1 +
+        2·255·ω times that weight as T = 1: so straight steps cost alike, up to a factor, in both
+        models.
         """
         if self.model.kind is StepCost.PAPER:
             return (1.0 / self.model.scale if self.model.scale else 0.0), 0.0
@@ -240,9 +291,11 @@ class Grid:
         return 0 <= cell[0] < self.rows and 0 <= cell[1] < self.cols
 
     def walk(self, path: NDArray[np.int32], first: int, costs: NDArray[np.float64]) -> int:
-        """Write what a path (N, 2) inside the map costs from its cell `first` to each later one into `costs` (N,).
+        """Write what a path (N, 2) inside the map costs from its cell `first` to each later one
+        into `costs` (N,).
 
-        Returns the number of the first cell, from `first` on, that cannot be stepped on; -1 if all can.
+        Returns the number of the first cell, from `first` on, that cannot be stepped on; -1 if all
+        can.
         """
         return self.steps.walk(self, path, first, costs)
 
@@ -256,7 +309,8 @@ class Grid:
 
 
 def bordered(rows: int, cols: int, *, small: bool = False) -> NDArray[np.float32]:
-    """Room for a map's weights within an impassable border. Pages of it that nobody touches take no time.
+    """Room for a map's weights within an impassable border. Pages of it that nobody touches take no
+    time.
 
     With `small` pages no memory either, but under the border.
     """

@@ -1,4 +1,6 @@
-"""One ground that one robot plans on: heights or costs, the sides of a cell, limits, vehicle, and what steps cost."""
+"""One ground that one robot plans on: heights or costs, the sides of a cell, limits, vehicle, and
+what steps cost.
+"""
 
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -25,13 +27,14 @@ class GroundOptions(TypedDict, total=False):
 @checked(InvalidMapError)
 @dataclass(frozen=True, eq=False)
 class Ground:
-    """A map, and the robot that plans on it. The arrays are those given; planners and loops copy them.
+    """A map, and the robot that plans on it. The arrays are those given; planners and loops copy
+    them.
 
     Raises
     ------
     InvalidMapError
-        Not exactly one of `cost` and `elevation` is given, it is not two-dimensional or is empty; heights without a
-        cell size; a body without heights.
+        Not exactly one of `cost` and `elevation` is given, it is not two-dimensional or is empty;
+        heights without a cell size; a body without heights.
     InvalidQueryError
         There is no such step cost, or its model needs a mobility.
     """
@@ -47,21 +50,23 @@ class Ground:
     traversability: Traversability = field(default_factory=Traversability)
     """How heights become costs, and where they are too steep."""
     vehicle: Vehicle | None = None
-    """A body, on heights: its poses, checked as searched, decide where the path may go and what it costs.
-    A disc (`radius_m`): it may not touch impassable cells, nor leave the map. None for a point."""
+    """A body, on heights: its poses, checked as searched, decide where the path may go and what
+    it costs. A disc (`radius_m`): it may not touch impassable cells, nor leave the map. None for
+    a point."""
     step_cost: str = StepCost.PAPER
-    """``paper``: a step costs L + 255·omega·(T_i + T_j) (NNPP, Eq. 2-4). ``length``, of costs alone: L × the mean
-    weight. With heights also by the slope that the step leads up or down: ``time``, ``energy``, ``tobler`` or
-    ``linear``, see `map.slope_cost`; limits or poses decide all the same where paths may go."""
+    """``paper``: a step costs L + 255·omega·(T_i + T_j) (NNPP, Eq. 2-4). ``length``, of costs
+    alone: L × the mean weight. With heights also by the slope that the step leads up or down:
+    ``time``, ``energy``, ``tobler`` or ``linear``, see `map.slope_cost`; limits or poses decide
+    all the same where paths may go."""
     mobility: Mobility | None = None
     """Parameters of the step costs by the slope; ``time`` and ``energy`` have none by default."""
     factor: int = 1
-    """Cells to the side of a block of which `elevation` (H, W) has the means: the map has H · factor rows. Nothing of
-    a cell's own elevation is known until a patch tells it."""
+    """Cells to the side of a block of which `elevation` (H, W) has the means: the map has H ·
+    factor rows. Nothing of a cell's own elevation is known until a patch tells it."""
     prior: str = "network"
-    """By what a cell is priced until then, see `network.priors`: ``network``, shown the coarse map; ``slope``, the
-    coarse map's, calibrated on maps that are known finely; ``eq1``, NNPP's costs of the coarse map; ``mean``, one
-    price for all."""
+    """By what a cell is priced until then, see `network.priors`: ``network``, shown the coarse
+    map; ``slope``, the coarse map's, calibrated on maps that are known finely; ``eq1``, NNPP's
+    costs of the coarse map; ``mean``, one price for all."""
     prior_model: str | Path = "unseen"
     """That network: a shipped model's name, or a file."""
 
@@ -74,12 +79,16 @@ class Ground:
             if self.cell_size_m is None:
                 raise InvalidMapError("wanted cell_size_m, the side of a cell, with elevations")
             slope_cost_of(self.step_cost, self.mobility)
-            body, disc = self.vehicle, self.vehicle is not None and self.vehicle.is_disc
+            body = self.vehicle
+            disc = self.vehicle is not None and self.vehicle.is_disc
             if self.by_slope and not disc and body is not None and body.turning_radius_m:
-                raise InvalidMapError(f"arcs have the paper's cost: wanted step_cost='paper', got {self.step_cost!r}")
+                raise InvalidMapError(
+                    f"arcs have the paper's cost: wanted step_cost='paper', got {self.step_cost!r}"
+                )
             if self.factor > 1 and (self.by_slope or disc):
                 raise InvalidMapError(
-                    "a coarse map is for points and bodies: wanted step_cost='paper' and no radius_m"
+                    "a coarse map is for points and bodies: wanted step_cost='paper' and no "
+                    "radius_m"
                 )
             return
         if self.factor > 1:
@@ -88,7 +97,9 @@ class Ground:
         if self.vehicle is None:
             return
         if not self.vehicle.is_disc:
-            raise InvalidMapError("a body needs elevations: wanted Planner.of_elevation, or a vehicle with radius_m")
+            raise InvalidMapError(
+                "a body needs elevations: wanted Planner.of_elevation, or a vehicle with radius_m"
+            )
         if self.cell_size_m is None:
             raise InvalidMapError("wanted cell_size_m, the side of a cell, with a vehicle")
 
@@ -101,7 +112,13 @@ class Ground:
         **options: Unpack[GroundOptions],
     ) -> "Ground":
         """Of heights; arguments as the attributes."""
-        return cls(None, elevation, cell_size_m, traversability=traversability or Traversability(), **options)
+        return cls(
+            None,
+            elevation,
+            cell_size_m,
+            traversability=traversability or Traversability(),
+            **options,
+        )
 
     @classmethod
     def of_coarse(
@@ -115,8 +132,8 @@ class Ground:
         model: str | Path | None = None,
         **options: Unpack[GroundOptions],
     ) -> "Ground":
-        """Of a coarse map: `dem` (H, W) has the means of `factor` × `factor` cells, blocks of `cell_size_m`
-        by `cell_width_m`; else as the attributes.
+        """Of a coarse map: `dem` (H, W) has the means of `factor` × `factor` cells, blocks of
+        `cell_size_m` by `cell_width_m`; else as the attributes.
         """
         if factor < 1:
             raise InvalidQueryError(f"factor must be at least 1, got {factor}")
@@ -127,7 +144,9 @@ class Ground:
 
     @property
     def sides_m(self) -> tuple[float, float]:
-        """Height and width of a cell, metres; 1 where none is known. InvalidMapError if one is no positive number."""
+        """Height and width of a cell, metres; 1 where none is known. InvalidMapError if one is no
+        positive number.
+        """
         return sides_of(1.0 if self.cell_size_m is None else self.cell_size_m, self.cell_width_m)
 
     @property
@@ -148,4 +167,6 @@ class Ground:
             assert self.cost is not None
             return as_map(self.cost, "cost")
         size, width = self.sides_m
-        return traversability_cost(self.elevation, size, self.traversability, cell_width_m=width, warn=False)
+        return traversability_cost(
+            self.elevation, size, self.traversability, cell_width_m=width, warn=False
+        )

@@ -1,8 +1,9 @@
-"""The motions of a vehicle's body on a map of heights: checked where a search first asks, kept, forgotten on change.
+"""The motions of a vehicle's body on a map of heights: checked where a search first asks, kept,
+forgotten on change.
 
-A search stands on cells in one of sixteen directions, leaves them by legs and turns on them. A motion that has not
-been checked counts as free until it would be worth taking; only then it is checked. So what a search finds is the
-optimum over all motions, though it has checked a part.
+A search stands on cells in one of sixteen directions, leaves them by legs and turns on them. A
+motion that has not been checked counts as free until it would be worth taking; only then it is
+checked. So what a search finds is the optimum over all motions, though it has checked a part.
 """
 
 import math
@@ -40,8 +41,8 @@ PackedPoses = tuple[NDArray[np.uint16], tuple[object, ...], int]
 """Motions as the kernels take them, see `kernels.poses`."""
 Ints = NDArray[np.int32]
 Prices = tuple[np.float32, Ints, Floats, Ints, Ints, Floats, Floats]
-"""By how much each step of a code makes a motion dearer, as a share; primitives and rays (`map.primitives`); and
-what turns between directions cost (16, 16)."""
+"""By how much each step of a code makes a motion dearer, as a share; primitives and rays
+(`map.primitives`); and what turns between directions cost (16, 16)."""
 NO_EDGES = np.empty((0, 2 * AXES), np.float32)
 """Of legs that cost by what they are checked to be."""
 _SAFE = 1.0 - 1e-5
@@ -49,7 +50,8 @@ _SAFE = 1.0 - 1e-5
 
 
 class Poses:
-    """Which motions of a map have been checked, with what result, and what it takes to check the others.
+    """Which motions of a map have been checked, with what result, and what it takes to check the
+    others.
 
     Parameters
     ----------
@@ -66,7 +68,8 @@ class Poses:
     shut : (H, W) bool
         Cells that no part of the body may be above, whatever their heights; by default none.
     unseen : (2, I, J) float32
-        Prices of blocks, see `map.tiles.Tiles`: motions that would be over unknown cells cost by these.
+        Prices of blocks, see `map.tiles.Tiles`: motions that would be over unknown cells cost by
+        these.
     """
 
     def __init__(
@@ -79,12 +82,19 @@ class Poses:
         shut: NDArray[np.bool_] | None = None,
         unseen: Floats | None = None,
     ) -> None:
-        self.weights, self._unseen = weights, unseen
-        self.vehicle, self.shape, self.sides_m = vehicle, (heights.shape[0], heights.shape[1]), sides_m
-        (rows, cols), (dy, dx) = self.shape, sides_m
-        if vehicle.length_m > max(rows * dy, cols * dx) or vehicle.width_m > min(rows * dy, cols * dx):
+        self.weights = weights
+        self._unseen = unseen
+        self.vehicle = vehicle
+        self.shape = (heights.shape[0], heights.shape[1])
+        self.sides_m = sides_m
+        rows, cols = self.shape
+        dy, dx = sides_m
+        if vehicle.length_m > max(rows * dy, cols * dx) or vehicle.width_m > min(
+            rows * dy, cols * dx
+        ):
             raise InvalidMapError(
-                f"wanted a map that the vehicle fits on, {vehicle.length_m:g} × {vehicle.width_m:g} m, "
+                f"wanted a map that the vehicle fits on, {vehicle.length_m:g} × "
+                f"{vehicle.width_m:g} m, "
                 f"got one of {rows * dy:g} × {cols * dx:g} m"
             )
         self.motions = tables = motions.all_motions(vehicle, sides_m)
@@ -93,11 +103,17 @@ class Poses:
         """Rows and columns from a cell to those that it takes to check its motions."""
         self._margin = max(self.reach) + 1
         width = cols + 2 * self._margin + RUN
-        self._base = np.float32(next((height for line in heights for height in line[np.isfinite(line)][:1]), 0.0))
-        self._unknown = np.float32(np.nan if vehicle.unknown_passes or unseen is not None else np.inf)
+        self._base = np.float32(
+            next((height for line in heights for height in line[np.isfinite(line)][:1]), 0.0)
+        )
+        self._unknown = np.float32(
+            np.nan if vehicle.unknown_passes or unseen is not None else np.inf
+        )
         self._shut = np.float32(np.inf if unseen is None else WALL_M)
         self.heights = np.empty((rows + 2 * self._margin, width), np.float32)
-        """Within a margin of `margin` unknown cells, and more to the right; relative to one of them."""
+        """Within a margin of `margin` unknown cells, and more to the right; relative to one of
+        them.
+        """
         for edge in (
             np.s_[: self._margin],
             np.s_[-self._margin :],
@@ -106,8 +122,12 @@ class Poses:
         ):
             self.heights[edge] = self._unknown if unseen is None else self._shut
         nodes = (rows + 2) * (cols + 2)
-        self.codes: NDArray[np.uint16] = np.zeros((nodes, len(tables.poses_of) - 1 - AXES), np.uint16)
-        """(nodes, M) what is known of each motion that begins on a node: legs, turns, and arcs if there are any."""
+        self.codes: NDArray[np.uint16] = np.zeros(
+            (nodes, len(tables.poses_of) - 1 - AXES), np.uint16
+        )
+        """(nodes, M) what is known of each motion that begins on a node: legs, turns, and arcs if
+        there are any.
+        """
         self._counts = np.zeros(1, np.int64)
 
         self._limits = limits_of(vehicle, weights)
@@ -125,7 +145,8 @@ class Poses:
         self._put(0, 0, heights, shut)
 
     def _packed_for(self, tables: motions.Motions) -> PackedPoses:
-        (rows, cols), width = self.shape, self.heights.shape[1]
+        rows, cols = self.shape
+        width = self.heights.shape[1]
         by_place = np.array((width, 1))
         packed = (
             tables.poses_of,
@@ -141,14 +162,25 @@ class Poses:
         unseen = np.empty(0, np.float32) if self._unseen is None else self._unseen.reshape(-1)
         side = 0 if self._unseen is None else cols // self._unseen.shape[2]
         shape = np.array((rows, cols, width, self._margin, side), np.int64)
-        source = self.heights.reshape(-1), packed, self._limits, self._scratch, self._counts, shape, unseen
+        source = (
+            self.heights.reshape(-1),
+            packed,
+            self._limits,
+            self._scratch,
+            self._counts,
+            shape,
+            unseen,
+        )
         unaddressed = self.codes, source, 0
         address: int = address_of(check_run, unaddressed, 0, 0, 0)  # type: ignore[no-untyped-call]  # as all of `kernels`
         return self.codes, source, address
 
-    def figures(self, cell: Cell, motion: int, other: motions.Motions | None = None) -> NDArray[np.float64]:
-        """(P, 7) of the poses of a motion from a cell, or of one of other motions: bounds of slope, pitch, roll, step
-        and rise, and slopes ahead and to the left with the wheels in the middle of their ranges; see `kernels.poses`.
+    def figures(
+        self, cell: Cell, motion: int, other: motions.Motions | None = None
+    ) -> NDArray[np.float64]:
+        """(P, 7) of the poses of a motion from a cell, or of one of other motions: bounds of slope,
+        pitch, roll, step and rise, and slopes ahead and to the left with the wheels in the middle
+        of their ranges; see `kernels.poses`.
         """
         poses_of = (other or self.motions).poses_of
         found = np.empty((int(poses_of[motion + 1] - poses_of[motion]), 7))
@@ -166,10 +198,14 @@ class Poses:
         if shut is not None:
             self.heights[slices((*place, *heights.shape))][shut] = self._shut
 
-    def write(self, row: int, col: int, heights: Float2D, shut: NDArray[np.bool_] | None = None) -> Rectangle:
-        """Put heights into the map, (h, w) float32 that lie inside it, and forget the motions that they touch.
+    def write(
+        self, row: int, col: int, heights: Float2D, shut: NDArray[np.bool_] | None = None
+    ) -> Rectangle:
+        """Put heights into the map, (h, w) float32 that lie inside it, and forget the motions that
+        they touch.
 
-        `shut` as for the class, of these cells. Returns the rectangle of cells whose motions may be other ones now.
+        `shut` as for the class, of these cells. Returns the rectangle of cells whose motions may be
+        other ones now.
         """
         self._put(row, col, heights, shut)
         rows, cols = heights.shape
@@ -181,8 +217,12 @@ class Poses:
         check_all(self.packed)
 
     def standing(self, rows: range | None = None) -> NDArray[np.uint16]:
-        """(8, H, W) codes of the body standing on each cell in each direction, or of those of some rows."""
-        found = np.empty((AXES, self.shape[0] if rows is None else len(rows), self.shape[1]), np.uint16)
+        """(8, H, W) codes of the body standing on each cell in each direction, or of those of some
+        rows.
+        """
+        found = np.empty(
+            (AXES, self.shape[0] if rows is None else len(rows), self.shape[1]), np.uint16
+        )
         for n, row in enumerate(range(self.shape[0]) if rows is None else rows):
             standing_codes(self.packed, row, found[:, n])
         return found
@@ -199,35 +239,64 @@ class Poses:
         edges: Floats = NO_EDGES,
         prices: Prices | None = None,
     ) -> int:
-        """As `Grid.walk`, by these prices, and by what legs cost in each direction, (nodes, 16), if given."""
+        """As `Grid.walk`, by these prices, and by what legs cost in each direction, (nodes, 16), if
+        given.
+        """
         if path.shape[1] == 3:
-            return int(walk_primitives(self.packed, edges, prices or self.prices, path, first, costs))
-        return int(walk_states(self.packed, edges, prices or self.prices, self.shape[1] + 2, path, first, costs))
+            return int(
+                walk_primitives(self.packed, edges, prices or self.prices, path, first, costs)
+            )
+        return int(
+            walk_states(
+                self.packed, edges, prices or self.prices, self.shape[1] + 2, path, first, costs
+            )
+        )
 
     def steps(self, path: NDArray[np.int32]) -> "Steps":
-        """The motions along a path: legs between its cells (N, 2), or primitives between its states (N, 3)."""
+        """The motions along a path: legs between its cells (N, 2), or primitives between its states
+        (N, 3).
+        """
         if path.shape[1] == 3:
             moves, fares = self.prices[1:3]
-            local, ahead = path[:-1, 2], np.column_stack((np.diff(path[:, :2], axis=0), path[1:, 2]))
+            local = path[:-1, 2]
+            ahead = np.column_stack((np.diff(path[:, :2], axis=0), path[1:, 2]))
             ways = (moves[local][..., :3] == ahead[:, None]).all(2).argmax(1)
-            taken, lengths = moves[local, ways], fares[local, ways, 0].astype(np.float64)
-            motion, there, heading = taken[:, 3].astype(np.int64), taken[:, 4] > 0, local.astype(np.int64) % 16
+            taken = moves[local, ways]
+            lengths = fares[local, ways, 0].astype(np.float64)
+            motion = taken[:, 3].astype(np.int64)
+            there = taken[:, 4] > 0
+            heading = local.astype(np.int64) % 16
             at_path = np.where(motion < 2 * AXES, motion % AXES, (motion - 2 * AXES + there) % 16)
         else:
             legs = np.diff(path, axis=0)
-            heading = np.array([motions.DIRECTIONS.index((row, col)) for row, col in legs.tolist()], np.int64)
-            motion, there, lengths = heading % AXES, heading >= AXES, np.hypot(*legs.T)
+            heading = np.array(
+                [motions.DIRECTIONS.index((row, col)) for row, col in legs.tolist()], np.int64
+            )
+            motion = heading % AXES
+            there = heading >= AXES
+            lengths = np.hypot(*legs.T)
             at_path = motion
         return Steps(
-            np.where(there[:, None], path[1:, :2], path[:-1, :2]), motion, there, heading, heading != at_path, lengths
+            np.where(there[:, None], path[1:, :2], path[:-1, :2]),
+            motion,
+            there,
+            heading,
+            heading != at_path,
+            lengths,
         )
 
-    def cost_along(self, path: NDArray[np.int32]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """(N - 1,) lengths of the motions along a path, in cells, and their T; all of them have been checked."""
+    def cost_along(
+        self, path: NDArray[np.int32]
+    ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """(N - 1,) lengths of the motions along a path, in cells, and their T; all of them have
+        been checked.
+        """
         steps = self.steps(path)
         base = steps.cells + 1
         codes = self.codes[base[:, 0] * (self.shape[1] + 2) + base[:, 1], steps.motions]
-        return steps.lengths, np.where(codes < FAILS, (np.maximum(codes, 1) - 1.0) / MOST_CODE, np.inf)
+        return steps.lengths, np.where(
+            codes < FAILS, (np.maximum(codes, 1) - 1.0) / MOST_CODE, np.inf
+        )
 
 
 class Steps(NamedTuple):
@@ -254,7 +323,8 @@ def pose_costs(
     cell_width_m: float | None = None,
     traversability: Traversability | None = None,
 ) -> Floats:
-    """Cost of a vehicle's poses on each cell: every one is checked, which planners do only where they look.
+    """Cost of a vehicle's poses on each cell: every one is checked, which planners do only where
+    they look.
 
     Parameters
     ----------
@@ -267,14 +337,15 @@ def pose_costs(
     cell_width_m : float
         Side of a cell from column to column, where cells are not square.
     traversability : Traversability
-        Its three weights are those of tilt, rise of the ground under the belly, and step; the paper's if not given.
+        Its three weights are those of tilt, rise of the ground under the belly, and step; the
+        paper's if not given.
 
     Returns
     -------
     (8, H, W) float32
-        T in [0, 1), rounded up to a part in 65520, of the body standing there; inf where it cannot. The axes of the
-        sixteen directions by rising angle: (1, 0), (2, 1), (1, 1), (1, 2), (0, 1), (-1, 2), (-1, 1) and (-2, 1) in
-        (row, col), and their reverses.
+        T in [0, 1), rounded up to a part in 65520, of the body standing there; inf where it cannot.
+        The axes of the sixteen directions by rising angle: (1, 0), (2, 1), (1, 1), (1, 2), (0, 1),
+        (-1, 2), (-1, 1) and (-2, 1) in (row, col), and their reverses.
 
     Raises
     ------
@@ -282,13 +353,15 @@ def pose_costs(
         `dem` is no map, a cell size is not positive, or the body is larger than the map.
 
     Notes
-    -----
-    docs/vehicle-check.md. NNPP (arXiv 2308.04792v3), Eq. 1, of the body in place of the 3 × 3 patch; bounds as in ACE
-    (arXiv 1808.00031), of what departs from the plane on which the body stands.
+    ----- docs/vehicle-check.md. NNPP (arXiv 2308.04792v3), Eq. 1, of the body in place of the 3 × 3
+    patch; bounds as in ACE (arXiv 1808.00031), of what departs from the plane on which the body
+    stands.
     """
     sides = sides_of(cell_size_m, cell_width_m)
     if vehicle.is_disc:
-        raise InvalidMapError("a disc has no poses: wanted a vehicle with length, width and clearance")
+        raise InvalidMapError(
+            "a disc has no poses: wanted a vehicle with length, width and clearance"
+        )
     heights, _ = relative_heights(dem)
     codes = Poses(heights, sides, vehicle, term_weights(traversability), 1.0).standing()
     costs = (np.maximum(codes, 1) - np.float32(1)) / np.float32(MOST_CODE)
@@ -296,7 +369,9 @@ def pose_costs(
 
 
 def between(turns: NDArray[np.floating]) -> Floats:
-    """(16, 16) what the shorter turn from each direction to each other costs, given (8,) of those to the next."""
+    """(16, 16) what the shorter turn from each direction to each other costs, given (8,) of those
+    to the next.
+    """
     at = np.cumsum(np.concatenate(([0.0], turns, turns)))
     apart = np.abs(at[:-1, None] - at[:-1])
     found: Floats = np.minimum(apart, at[-1] - apart).astype(np.float32)
@@ -312,8 +387,8 @@ def term_weights(traversability: Traversability | None) -> tuple[float, float, f
 def bytes_per_cell(vehicle: Vehicle) -> int:
     """Memory that planning takes for a vehicle, beside a point's.
 
-    For a body a height, a code for each motion, and g and parent of each state: a direction, and a gear where a
-    change costs. A disc has a point's map beside its own.
+    For a body a height, a code for each motion, and g and parent of each state: a direction, and a
+    gear where a change costs. A disc has a point's map beside its own.
     """
     motions_of_cell = 2 * AXES if vehicle.turning_radius_m is None else 4 * AXES
     gears = 2 if vehicle.reverse_cost is not None and vehicle.gear_change_m else 1
@@ -323,5 +398,8 @@ def bytes_per_cell(vehicle: Vehicle) -> int:
 def limits_of(vehicle: Vehicle, weights: tuple[float, float, float]) -> Floats:
     """Of a vehicle, as the check takes them."""
     pitch, roll, tilt = (math.radians(angle) for angle in vehicle.tilts_deg)
-    limits = np.array((0.0, tilt, math.tan(pitch), math.tan(roll), vehicle.step_m, vehicle.clearance_m)) * _SAFE
+    limits = (
+        np.array((0.0, tilt, math.tan(pitch), math.tan(roll), vehicle.step_m, vehicle.clearance_m))
+        * _SAFE
+    )
     return np.array((*limits, *weights), np.float32)

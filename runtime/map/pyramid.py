@@ -1,13 +1,14 @@
 """The map at falling resolution, for the coarse-to-fine search.
 
-Each level has cells of 4 × 4 cells of the one below. A coarse cell stands for the largest connected piece of
-the passable cells that it covers, and two neighbours are linked where their pieces touch. So whatever path a
-coarse search finds can be walked on the level below, inside the cells it crosses: thin walls do not vanish,
-and narrow passes stay open unless two of them share a coarse cell.
+Each level has cells of 4 × 4 cells of the one below. A coarse cell stands for the largest connected
+piece of the passable cells that it covers, and two neighbours are linked where their pieces touch.
+So whatever path a coarse search finds can be walked on the level below, inside the cells it
+crosses: thin walls do not vanish, and narrow passes stay open unless two of them share a coarse
+cell.
 
 A coarse cell's weight is the mean over the cells it covers, those outside its piece counting as
-`obstacle_weight`. Means keep the balance of length and weight: both halves of a step's cost shrink alike. Directed
-steps are averaged by direction, see `map.directed`.
+`obstacle_weight`. Means keep the balance of length and weight: both halves of a step's cost shrink
+alike. Directed steps are averaged by direction, see `map.directed`.
 """
 
 import functools
@@ -34,33 +35,49 @@ class Level:
     """The map at one resolution. The finest has no pieces or links: there passability decides."""
 
     def __init__(
-        self, grid: Grid, pieces: NDArray[np.uint16] | None = None, links: NDArray[np.uint8] | None = None
+        self,
+        grid: Grid,
+        pieces: NDArray[np.uint16] | None = None,
+        links: NDArray[np.uint8] | None = None,
     ) -> None:
         self.grid = grid
         self.links = links
-        """Directions in which each cell is linked to its neighbour, as bits; None on the finest level."""
+        """Directions in which each cell is linked to its neighbour, as bits; None on the finest
+        level.
+        """
         self.pieces = NO_PIECES if pieces is None else pieces
         """The piece that each cell stands for, as bits for the cells that it covers, row by row."""
         self.version = 0
         """Number of times that it has changed."""
         self.quarters: Lookup = quarters(grid.rows), quarters(grid.cols)
-        """Row and column, among the quarters of the cells of the level above, of each row and column."""
+        """Row and column, among the quarters of the cells of the level above, of each row and
+        column.
+        """
 
     @property
     def packed(self) -> tuple[object, ...]:
         """As the kernels take it, see `kernels.pooling.pool_and_link`."""
         links = NO_LINKS if self.links is None else self.links
-        return self.grid.weights, self.pieces, links, self.grid.stride, self.grid.rows, self.grid.cols
+        return (
+            self.grid.weights,
+            self.pieces,
+            links,
+            self.grid.stride,
+            self.grid.rows,
+            self.grid.cols,
+        )
 
 
 class Pyramid:
-    """Levels of a map, finest first. Those of a map of heights are computed with it, where a search reads them.
+    """Levels of a map, finest first. Those of a map of heights are computed with it, where a search
+    reads them.
 
     They are right once `finish` has been called, and again after each `update`.
     """
 
     def __init__(self, grid: Grid) -> None:
-        self.levels, shapes = [Level(grid)], coarse_shapes(grid.rows, grid.cols)
+        self.levels = [Level(grid)]
+        shapes = coarse_shapes(grid.rows, grid.cols)
         model, (straight, diagonal) = grid.model, grid.model.weight_term
         if grid.poses is not None:
             model = replace(model, weight_term=(BODY_WEIGHT * straight, BODY_WEIGHT * diagonal))
@@ -70,7 +87,9 @@ class Pyramid:
         for number, (rows, cols) in enumerate(shapes, 1):
             if grid.tiles is None:
                 nodes = (rows + 2) * (cols + 2)
-                parts.append((bordered(rows, cols), np.zeros(nodes, np.uint16), np.zeros(nodes, np.uint8)))
+                parts.append(
+                    (bordered(rows, cols), np.zeros(nodes, np.uint16), np.zeros(nodes, np.uint8))
+                )
             weights, pieces, links = parts[number - 1]
             coarse = Grid(rows, cols, model, weights=weights)
             if grid.tiles is not None:
@@ -85,7 +104,9 @@ class Pyramid:
         self._left = itertools.chain(self._left, self._pool(changed))
 
     def finish(self, deadline: Deadline = NEVER) -> "Pyramid":
-        """Pool what is left, and return this. At the deadline OutOfTimeError: the next call goes on from there."""
+        """Pool what is left, and return this. At the deadline OutOfTimeError: the next call goes on
+        from there.
+        """
         finest = self.levels[0].grid
         if finest.tiles is not None and finest.directed is not None:  # whose means need all weights
             finest.tiles.complete(deadline)
@@ -102,24 +123,35 @@ class Pyramid:
             yield from self._pool_directed(changed)
             return
         row0, col0, rows, cols = changed
-        row1, col1, obstacle = row0 + rows, col0 + cols, self.obstacle_weight
+        row1 = row0 + rows
+        col1 = col0 + cols
+        obstacle = self.obstacle_weight
         greatest = max(finest.greatest, obstacle)
         for fine, coarse in itertools.pairwise(self.levels):
-            row0, row1 = row0 // FACTOR, -(-row1 // FACTOR)
-            col0, col1 = col0 // FACTOR, -(-col1 // FACTOR)
-            grid, least = coarse.grid, math.inf
-            finer, packed = fine.packed, coarse.packed
+            row0 = row0 // FACTOR
+            row1 = -(-row1 // FACTOR)
+            col0 = col0 // FACTOR
+            col1 = -(-col1 // FACTOR)
+            grid = coarse.grid
+            least = math.inf
+            finer = fine.packed
+            packed = coarse.packed
             for first, last in stripes(row1 - row0, FACTOR**2 * (col1 - col0)):
                 area = row0 + first, row0 + last, col0, col1
-                least = min(least, pool_and_link(finer, finest.corner_cutting, obstacle, area, packed))
+                least = min(
+                    least, pool_and_link(finer, finest.corner_cutting, obstacle, area, packed)
+                )
                 yield
-            # means lie above the least of what they average, which makes a coarse search's heuristic the better
+            # means lie above the least of what they average, which makes a coarse search's
+            # heuristic the better
             whole = (row1 - row0, col1 - col0) == grid.shape
             grid.set_bounds(least if whole else min(least, grid.least), greatest)
             coarse.version += 1
             # what is connected under the level above changes with the links on the rim
-            row0, row1 = max(row0 - 1, 0), min(row1 + 1, grid.rows)
-            col0, col1 = max(col0 - 1, 0), min(col1 + 1, grid.cols)
+            row0 = max(row0 - 1, 0)
+            row1 = min(row1 + 1, grid.rows)
+            col0 = max(col0 - 1, 0)
+            col1 = min(col1 + 1, grid.cols)
         yield from self._pool_directed(changed)
 
     def _pool_directed(self, changed: Rectangle) -> Iterator[None]:
@@ -127,15 +159,24 @@ class Pyramid:
         finest = self.levels[0].grid.directed
         if not isinstance(finest, DirectedSteps):
             return
-        (row0, col0, rows, cols), finer = changed, finest.finer
-        row1, col1 = row0 + rows, col0 + cols
+        row0, col0, rows, cols = changed
+        finer = finest.finer
+        row1 = row0 + rows
+        col1 = col0 + cols
         for level in self.levels[1:]:
-            row0, row1 = max(row0 // FACTOR - 1, 0), min(-(-row1 // FACTOR) + 1, level.grid.rows)
-            col0, col1 = max(col0 // FACTOR - 1, 0), min(-(-col1 // FACTOR) + 1, level.grid.cols)
+            row0 = max(row0 // FACTOR - 1, 0)
+            row1 = min(-(-row1 // FACTOR) + 1, level.grid.rows)
+            col0 = max(col0 // FACTOR - 1, 0)
+            col1 = min(-(-col1 // FACTOR) + 1, level.grid.cols)
             steps = level.grid.directed
             assert isinstance(steps, CoarseSteps)
             for first, last in stripes(row1 - row0, 8 * FACTOR**2 * (col1 - col0)):
-                steps.pool(finer, level.pieces, (row0 + first, col0, last - first, col1 - col0), finest.obstacle)
+                steps.pool(
+                    finer,
+                    level.pieces,
+                    (row0 + first, col0, last - first, col1 - col0),
+                    finest.obstacle,
+                )
                 yield
             finer = steps.finer
 
@@ -150,12 +191,15 @@ def coarse_shapes(rows: int, cols: int) -> list[tuple[int, int]]:
     """Rows and columns of the coarse levels of a map, finest first; there is at least one."""
     shapes: list[tuple[int, int]] = []
     while not shapes or max(rows, cols) >= ANOTHER_LEVEL_FROM:
-        rows, cols = math.ceil(rows / FACTOR), math.ceil(cols / FACTOR)
+        rows = math.ceil(rows / FACTOR)
+        cols = math.ceil(cols / FACTOR)
         shapes.append((rows, cols))
     return shapes
 
 
 @functools.lru_cache(maxsize=64)
 def quarters(cells: int) -> NDArray[np.int32]:
-    """(cells,) int32, the quarter of a coarse cell, along one side of the map, that each row or column lies in."""
+    """(cells,) int32, the quarter of a coarse cell, along one side of the map, that each row or
+    column lies in.
+    """
     return np.arange(cells, dtype=np.int32) // np.int32(FACTOR // 2)

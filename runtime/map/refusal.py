@@ -1,4 +1,6 @@
-"""Why a vehicle's body cannot stand on a cell, or get from where it can to the rest of a map: by which limit."""
+"""Why a vehicle's body cannot stand on a cell, or get from where it can to the rest of a map: by
+which limit.
+"""
 
 import numpy as np
 from numpy.typing import NDArray
@@ -10,7 +12,9 @@ from nnpp_edge.runtime.map.attitude import allowances, greatest
 from nnpp_edge.runtime.map.poses import Poses
 
 _AROUND = 32
-"""Cells around the place where a search came closest, of whose steps is counted by which limit they are refused."""
+"""Cells around the place where a search came closest, of whose steps is counted by which limit they
+are refused.
+"""
 _WORDS = (
     "unknown ground, an obstacle or the map's edge lies below it",
     "it tilts by {}",
@@ -28,7 +32,9 @@ def refusals(codes: NDArray[np.uint16]) -> NDArray[np.uint8]:
 
     Else 1 + the limit, by its place in `REFUSALS`, that refuses it in most.
     """
-    counts = np.stack([(codes == FAILS + limit).sum(0, dtype=np.uint8) for limit in range(len(REFUSALS))])
+    counts = np.stack(
+        [(codes == FAILS + limit).sum(0, dtype=np.uint8) for limit in range(len(REFUSALS))]
+    )
     return np.where((codes < FAILS).any(0), 0, 1 + counts.argmax(0)).astype(np.uint8)
 
 
@@ -45,25 +51,37 @@ def why_blocked(poses: Poses, cell: Cell) -> str:
 def why_ended(poses: Poses, reached: NDArray[np.bool_], end: Cell, *, by_legs: bool) -> str:
     """Where the cells (H, W) that a search reached come closest to an end, and why no closer.
 
-    `by_legs` it was one from the goal by legs alone: told is the limit that refuses most of the legs near there, from
-    cells that were reached to others that are no farther from the end, and the nearest of these legs. Else it was
-    one from the start, which lacked a turn there.
+    `by_legs` it was one from the goal by legs alone: told is the limit that refuses most of the
+    legs near there, from cells that were reached to others that are no farther from the end, and
+    the nearest of these legs. Else it was one from the start, which lacked a turn there.
     """
     rows, cols = poses.shape
     away = ((np.arange(rows) - end[0]) ** 2)[:, None] + (np.arange(cols) - end[1]) ** 2
     closest = row, col = divmod(int(np.where(reached, away, np.inf).argmin()), cols)
     begun, other = ("goal", "start") if by_legs else ("start", "goal")
-    told = f"the search from the {begun} got to {closest}, {apart((row, col, 1, 1), end)} cells from the {other}"
+    told = (
+        f"the search from the {begun} got to {closest}, {apart((row, col, 1, 1), end)} cells "
+        f"from the {other}"
+    )
     turns = poses.codes[(row + 1) * (cols + 2) + col + 1, AXES : 2 * AXES]
     for axis in (axis for axis in range(AXES) if not by_legs and turns[axis] >= FAILS):
         values = greatest(poses, closest, AXES + axis)
         limit = int((values / (1.0, *allowances(poses.vehicle))).argmax())
-        return f"{told}. It cannot turn on the spot there: {_refused(poses, limit, values[limit], 'up to {}')}"
+        return (
+            f"{told}. It cannot turn on the spot there: "
+            f"{_refused(poses, limit, values[limit], 'up to {}')}"
+        )
     top, left, height, width = widened((row, col, 1, 1), (_AROUND, _AROUND), poses.shape)
-    legs = poses.codes.reshape(rows + 2, cols + 2, -1)[slices((top + 1, left + 1, height, width))][..., :AXES]
-    refused, sides = legs.astype(np.int64) - FAILS, np.pad(reached + 2 * (~reached & (away <= away[closest])), 2)
+    legs = poses.codes.reshape(rows + 2, cols + 2, -1)[slices((top + 1, left + 1, height, width))][
+        ..., :AXES
+    ]
+    refused = legs.astype(np.int64) - FAILS
+    sides = np.pad(reached + 2 * (~reached & (away <= away[closest])), 2)
     for axis, (down, right) in enumerate(motions.AXES):
-        one, two = (sides[slices((top + 2 + i, left + 2 + j, height, width))] for i, j in ((0, 0), (down, right)))
+        one, two = (
+            sides[slices((top + 2 + i, left + 2 + j, height, width))]
+            for i, j in ((0, 0), (down, right))
+        )
         refused[one * two != 2, axis] = -1
     if not len(found := refused[refused >= 0]):
         return told
@@ -78,10 +96,13 @@ def why_ended(poses: Poses, reached: NDArray[np.bool_], end: Cell, *, by_legs: b
 
 
 def _refused(poses: Poses, limit: int, value: float, form: str) -> str:
-    """The fault that a limit refuses, its value put into `form`, and the vehicle's key that allows less."""
+    """The fault that a limit refuses, its value put into `form`, and the vehicle's key that allows
+    less.
+    """
     if limit == UNKNOWN:
         return _WORDS[limit]
-    key, unit = _KEYS[limit], "°" if _KEYS[limit].endswith("deg") else " m"
+    key = _KEYS[limit]
+    unit = "°" if _KEYS[limit].endswith("deg") else " m"
     if getattr(poses.vehicle, key) is None:
         key = "max_tilt_deg" if unit == "°" else "clearance_m"
     told = _WORDS[limit].format(form.format(f"{value:.4g}{unit}"))

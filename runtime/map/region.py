@@ -12,8 +12,8 @@ Lookup = tuple[NDArray[np.int32], NDArray[np.int32]]
 class Region(NamedTuple):
     """Cells that a search may enter: a small bitmap over the map, read in place.
 
-    A cell (row, col) is inside when ``bitmap[row_block[row], col_block[col]] == stamp``. Bitmaps are
-    numbered rather than cleared.
+    A cell (row, col) is inside when ``bitmap[row_block[row], col_block[col]] == stamp``. Bitmaps
+    are numbered rather than cleared.
     """
 
     bitmap: NDArray[np.int32]
@@ -34,7 +34,9 @@ class Region(NamedTuple):
         return inside
 
     def mask(self) -> NDArray[np.bool_]:
-        """(H, W) bool, the region at the map's own size (for pictures and figures, not for planning)."""
+        """(H, W) bool, the region at the map's own size (for pictures and figures, not for
+        planning).
+        """
         return self.blocks()[np.ix_(self.row_block, self.col_block)]
 
     def area(self) -> int:

@@ -1,14 +1,18 @@
 """Costs of a way up or down: time or energy of a length on the map and a signed rise.
 
-Every model is a function of the slope, of which a table is made: what a metre on the map costs, linear between knots
-at every 1024th and where the function has kinks. Searches, plans and figures go by it: one formula prices steps.
-Models price the slope alone: whether a cell can be stood on is decided by the traversability (or a body's poses).
+Every model is a function of the slope, of which a table is made: what a metre on the map costs,
+linear between knots at every 1024th and where the function has kinks. Searches, plans and figures
+go by it: one formula prices steps. Models price the slope alone: whether a cell can be stood on is
+decided by the traversability (or a body's poses).
 
 - ``tobler``: seconds of a hiker (`ToblerCost`).
-- ``irmischer``: seconds of a person who finds the way on foot, off paths or on them (`IrmischerCost`).
-- ``linear``: so much a metre of the way, a metre climbed and a metre descended, as r.walk (`LinearCost`).
+- ``irmischer``: seconds of a person who finds the way on foot, off paths or on them
+  (`IrmischerCost`).
+- ``linear``: so much a metre of the way, a metre climbed and a metre descended, as r.walk
+  (`LinearCost`).
 - ``time``: seconds of a vehicle whose speed depends on the slope (`TimeCost`).
-- ``energy``: joules of a vehicle with a mass, a rolling resistance, an efficiency and a recovery (`EnergyCost`).
+- ``energy``: joules of a vehicle with a mass, a rolling resistance, an efficiency and a recovery
+  (`EnergyCost`).
 """
 
 import math
@@ -31,8 +35,9 @@ _LARGEST_EXPONENT = 60.0
 _FAR_OFF = 1e6
 """Rise a metre up to which no metre is cheaper than the cheapest."""
 Table = tuple[Float64s, Float64s, Float64s]
-"""Cost of a metre on the map by segments of slopes: (K,) kinks among the knots, (N,) level of each segment, and (N,)
-gradient, which counts times the slope. The segments at the ends hold beyond them too."""
+"""Cost of a metre on the map by segments of slopes: (K,) kinks among the knots, (N,) level of
+each segment, and (N,) gradient, which counts times the slope. The segments at the ends hold
+beyond them too."""
 
 
 class SlopeCost(ABC):
@@ -50,14 +55,17 @@ class SlopeCost(ABC):
 
     @abstractmethod
     def per_m(self, slope: Float64s) -> Float64s:
-        """Cost of a metre on the map, by the rise a metre; at a jump that of the slopes above it."""
+        """Cost of a metre on the map, by the rise a metre; at a jump that of the slopes
+        above it.
+        """
 
     @cached_property
     def table(self) -> Table:
         """By which all is priced."""
         kinks = np.array([kink for kink in self.kinks if abs(kink) < STEEPEST])
         knots = _knots(kinks)
-        first, last = self.per_m(knots[:-1]), self.per_m(np.nextafter(knots[1:], -math.inf))
+        first = self.per_m(knots[:-1])
+        last = self.per_m(np.nextafter(knots[1:], -math.inf))
         wide = np.diff(knots)  # 0 where a kink lies on another knot: of no slope
         gradient = (last - first) / np.where(wide > 0.0, wide, math.inf)
         return kinks, first - gradient * knots[:-1], gradient
@@ -68,10 +76,12 @@ class SlopeCost(ABC):
         Parameters
         ----------
         length_m, rise_m : float or (…) float
-            Length on the map, above 0, and signed rise. They are broadcast; of two numbers comes one.
+            Length on the map, above 0, and signed rise. They are broadcast; of two numbers comes
+            one.
         """
         (kinks, level, gradient), length, rise = self.table, *map(np.asarray, (length_m, rise_m))
-        last, steps = len(level) - len(kinks) - 1, rise / length * PER_SLOPE + STEEPEST * PER_SLOPE
+        last = len(level) - len(kinks) - 1
+        steps = rise / length * PER_SLOPE + STEEPEST * PER_SLOPE
         at = np.nan_to_num(steps).clip(0, last).astype(np.int64)
         at = at + (rise[..., None] >= kinks * length[..., None]).sum(-1)
         cost: Float64s = level[at] * length + gradient[at] * rise
@@ -81,30 +91,37 @@ class SlopeCost(ABC):
     def _worth(self) -> tuple[float, float]:
         """`height_price` and `least_per_m`.
 
-        Of the lines that lie above no knot, gradient and height on level ground of that which is highest there. It
-        touches a knot downhill and one uphill, which are sought from far off, or that of level ground.
+        Of the lines that lie above no knot, gradient and height on level ground of that which is
+        highest there. It touches a knot downhill and one uphill, which are sought from far off, or
+        that of level ground.
         """
         kinks, level, gradient = self.table
-        knots, at = _knots(kinks), np.arange(len(level))
+        knots = _knots(kinks)
+        at = np.arange(len(level))
         slopes = np.concatenate(((-_FAR_OFF,), knots[:-1], knots[1:], (_FAR_OFF,)))
         at = np.concatenate((at[:1], at, at, at[-1:]))
         costs = level[at] + gradient[at] * slopes
-        down, up, lowest = 0, len(slopes) - 1, -1
+        down = 0
+        up = len(slopes) - 1
+        lowest = -1
         while True:
             price = (costs[up] - costs[down]) / (slopes[up] - slopes[down])
             left = costs - price * slopes
-            before, lowest = lowest, int(left.argmin())
+            before = lowest
+            lowest = int(left.argmin())
             if slopes[lowest] == 0.0 or lowest in (before, down, up):
                 return float(price), float(left[lowest])
             down, up = (lowest, up) if slopes[lowest] < 0.0 else (down, lowest)
 
     @property
     def height_price(self) -> float:
-        """Worth of a metre of height to searches, which go by cost(length, rise) - height_price · rise.
+        """Worth of a metre of height to searches, which go by cost(length, rise) - height_price ·
+        rise.
 
-        A path's cost is the sum of these and the price of the height between its ends, whichever way it goes: which
-        path is the cheapest does not depend on it. This is the price by which the cheapest metre costs the most: a
-        search knows well what is left then, also where a way may cost less than nothing.
+        A path's cost is the sum of these and the price of the height between its ends, whichever
+        way it goes: which path is the cheapest does not depend on it. This is the price by which
+        the cheapest metre costs the most: a search knows well what is left then, also where a way
+        may cost less than nothing.
         """
         return self._worth[0]
 
@@ -116,7 +133,9 @@ class SlopeCost(ABC):
 
 def _knots(kinks: Float64s) -> Float64s:
     """(N + 1,) slopes between which the segments of a table lie."""
-    return np.sort(np.append(np.linspace(-STEEPEST, STEEPEST, round(2 * STEEPEST * PER_SLOPE) + 1), kinks))
+    return np.sort(
+        np.append(np.linspace(-STEEPEST, STEEPEST, round(2 * STEEPEST * PER_SLOPE) + 1), kinks)
+    )
 
 
 def _check(
@@ -127,7 +146,10 @@ def _check(
     between: dict[str, tuple[int, int]] | None = None,
 ) -> None:
     """InvalidQueryError for the first value of a model that is out of range."""
-    for names, least, wanted in ((above_0, math.ulp(0.0), "above 0"), (not_below_0, 0.0, "at least 0")):
+    for names, least, wanted in (
+        (above_0, math.ulp(0.0), "above 0"),
+        (not_below_0, 0.0, "at least 0"),
+    ):
         for name in names:
             if not least <= (value := getattr(model, name)) < math.inf:
                 raise InvalidQueryError(f"{name} must be a number {wanted}, got {value}")
@@ -139,12 +161,12 @@ def _check(
 @checked(InvalidQueryError)
 @dataclass(frozen=True)
 class ToblerCost(SlopeCost):
-    """Seconds of a hiker: W = speed · exp(-steepness · |rise / length - best_slope|) of the length on the map.
+    """Seconds of a hiker: W = speed · exp(-steepness · |rise / length - best_slope|) of the length
+    on the map.
 
     Notes
-    -----
-    W. Tobler, Three presentations on geographical analysis and modeling, NCGIA technical report 93-1, 1993:
-    W = 6 exp(-3.5 |S + 0.05|) km/h; off paths 3/5 of it, on horseback 5/4.
+    ----- W. Tobler, Three presentations on geographical analysis and modeling, NCGIA technical
+    report 93-1, 1993: W = 6 exp(-3.5 |S + 0.05|) km/h; off paths 3/5 of it, on horseback 5/4.
     """
 
     top_speed_km_h: float = 6.0
@@ -159,7 +181,10 @@ class ToblerCost(SlopeCost):
     def __post_init__(self) -> None:
         """Refuse what is no speed: InvalidQueryError."""
         _check(
-            self, above_0=("top_speed_km_h", "factor"), not_below_0=("steepness",), between={"best_slope": (-1, 1)}
+            self,
+            above_0=("top_speed_km_h", "factor"),
+            not_below_0=("steepness",),
+            between={"best_slope": (-1, 1)},
         )
 
     @property
@@ -177,11 +202,10 @@ class LinearCost(SlopeCost):
     """Cost for each metre on the map, metre climbed and metre descended.
 
     Notes
-    -----
-    GRASS GIS, r.walk (Aitken 1977, Langmuir 1984, after Naismith's rule): T = a ΔS + b ΔH uphill + c ΔH moderate
-    downhill + d ΔH steep downhill, seconds, with walk_coeff 0.72, 6.0, 1.9998, -1.9998 and slope_factor -0.2125 (the
-    tangent of 12°). Its ΔH of a descent is below 0, so `down_per_m` is -c and `steep_down_per_m` is -d: a gentle
-    descent saves time.
+    ----- GRASS GIS, r.walk (Aitken 1977, Langmuir 1984, after Naismith's rule): T = a ΔS + b ΔH
+    uphill + c ΔH moderate downhill + d ΔH steep downhill, seconds, with walk_coeff 0.72, 6.0,
+    1.9998, -1.9998 and slope_factor -0.2125 (the tangent of 12°). Its ΔH of a descent is below 0,
+    so `down_per_m` is -c and `steep_down_per_m` is -d: a gentle descent saves time.
     """
 
     level_per_m: float = 0.72
@@ -199,11 +223,14 @@ class LinearCost(SlopeCost):
         """Refuse what would make some way cost nothing, or less: InvalidQueryError."""
         _check(self, above_0=("level_per_m",), not_below_0=("up_per_m", "steep_down_per_m"))
         if not -math.inf < self.steep_slope <= 0.0:
-            raise InvalidQueryError(f"steep_slope must be a finite number, at most 0, got {self.steep_slope}")
+            raise InvalidQueryError(
+                f"steep_slope must be a finite number, at most 0, got {self.steep_slope}"
+            )
         gentle = self.level_per_m - self.down_per_m * self.steep_slope
         if not (gentle > 0.0 and self.down_per_m < math.inf):
             raise InvalidQueryError(
-                "every way must cost more than 0: wanted level_per_m - down_per_m * steep_slope above 0, got "
+                "every way must cost more than 0: wanted level_per_m - down_per_m * steep_slope "
+                "above 0, got "
                 f"{self.level_per_m:g} - {self.down_per_m:g} * {self.steep_slope:g}"
             )
 
@@ -221,8 +248,8 @@ class LinearCost(SlopeCost):
 class TimeCost(SlopeCost):
     """Seconds of a vehicle whose speed on the ground depends on the slope that it goes up or down.
 
-    The speed is linear between the slopes that were measured, and beyond them that of the nearest. Slip on loose
-    ground is part of it: what counts is the way made good.
+    The speed is linear between the slopes that were measured, and beyond them that of the nearest.
+    Slip on loose ground is part of it: what counts is the way made good.
     """
 
     slope_deg: tuple[float, ...]
@@ -232,15 +259,21 @@ class TimeCost(SlopeCost):
 
     def __post_init__(self) -> None:
         """Refuse what is no table of speeds: InvalidQueryError."""
-        slopes, speeds = self.slope_deg, self.speed_m_s
+        slopes = self.slope_deg
+        speeds = self.speed_m_s
         if not 1 <= len(slopes) == len(speeds):
             raise InvalidQueryError(
-                f"speed_m_s must have a speed for each slope_deg, got {len(speeds)} of {len(slopes)}"
+                f"speed_m_s must have a speed for each slope_deg, got {len(speeds)} of "
+                f"{len(slopes)}"
             )
         if not all(-90.0 < slope < 90.0 for slope in slopes) or any(np.diff(slopes) <= 0.0):
-            raise InvalidQueryError(f"slope_deg must ascend within (-90, 90) degrees, got {list(slopes)}")
+            raise InvalidQueryError(
+                f"slope_deg must ascend within (-90, 90) degrees, got {list(slopes)}"
+            )
         if 0.0 < max(map(abs, slopes)) <= 0.5 * math.pi:
-            raise InvalidQueryError(f"slope_deg must be in degrees, some beyond ±1.57, got {list(slopes)}: radians?")
+            raise InvalidQueryError(
+                f"slope_deg must be in degrees, some beyond ±1.57, got {list(slopes)}: radians?"
+            )
         if not all(0.0 < speed < math.inf for speed in speeds):
             raise InvalidQueryError(f"speed_m_s must be positive numbers, got {list(speeds)}")
 
@@ -249,7 +282,9 @@ class TimeCost(SlopeCost):
         return tuple(np.tan(np.radians(self.slope_deg)).tolist())
 
     def per_m(self, slope: Float64s) -> Float64s:
-        return np.hypot(1.0, slope) / np.interp(np.arctan(slope), np.radians(self.slope_deg), self.speed_m_s)
+        return np.hypot(1.0, slope) / np.interp(
+            np.arctan(slope), np.radians(self.slope_deg), self.speed_m_s
+        )
 
 
 @checked(InvalidQueryError)
@@ -258,11 +293,11 @@ class IrmischerCost(SlopeCost):
     """Seconds of a person who navigates on foot with a map, off paths or on them.
 
     Notes
-    -----
-    I. J. Irmischer and K. C. Clarke, Measuring and modeling the speed of human navigation, Cartography and Geographic
-    Information Science 45 (2), 2018, from the tracks of 200 people in wooded country: with the slope s in percent,
-    0.11 + 0.67 exp(-(s + 2)² / (2·30²)) m/s off paths, 0.11 + exp(-(s + 5)² / (2·30²)) on them; women 0.95 of it.
-    Beyond 45° the speed on the ground is that at 45°.
+    ----- I. J. Irmischer and K. C. Clarke, Measuring and modeling the speed of human navigation,
+    Cartography and Geographic Information Science 45 (2), 2018, from the tracks of 200 people in
+    wooded country: with the slope s in percent, 0.11 + 0.67 exp(-(s + 2)² / (2·30²)) m/s off paths,
+    0.11 + exp(-(s + 5)² / (2·30²)) on them; women 0.95 of it. Beyond 45° the speed on the ground is
+    that at 45°.
     """
 
     on_path: bool = False
@@ -277,7 +312,9 @@ class IrmischerCost(SlopeCost):
     def per_m(self, slope: Float64s) -> Float64s:
         gain, best = (1.0, -5.0) if self.on_path else (0.67, -2.0)
         gentle = slope.clip(-1.0, 1.0)
-        speed = self.factor * (0.11 + gain * np.exp(-((100.0 * gentle - best) ** 2) / (2.0 * 30.0**2)))
+        speed = self.factor * (
+            0.11 + gain * np.exp(-((100.0 * gentle - best) ** 2) / (2.0 * 30.0**2))
+        )
         cost: Float64s = np.hypot(1.0, slope) / np.hypot(1.0, gentle) / speed
         return cost
 
@@ -287,15 +324,16 @@ class IrmischerCost(SlopeCost):
 class EnergyCost(SlopeCost):
     """Joules that a vehicle uses, less the energy that it recovers.
 
-    Against its weight and its rolling resistance a vehicle does F = m g (μ length + rise) on a way, as the resistance
-    m g μ cos θ along length / cos θ of ground does not depend on the slope. It draws F / efficiency where F is above
-    0. Below, it brakes, and gets `recovery` · |F| back. `idle_w` it draws besides, for as long as it goes.
+    Against its weight and its rolling resistance a vehicle does F = m g (μ length + rise) on a way,
+    as the resistance m g μ cos θ along length / cos θ of ground does not depend on the slope. It
+    draws F / efficiency where F is above 0. Below, it brakes, and gets `recovery` · |F| back.
+    `idle_w` it draws besides, for as long as it goes.
 
     Notes
-    -----
-    N. C. Rowe and R. S. Ross, Optimal grid-free path planning across arbitrarily contoured terrain with anisotropic
-    friction and gravity effects, IEEE Transactions on Robotics and Automation 6 (5), 1990: on slopes below -atan μ a
-    vehicle brakes. Here its drive has an efficiency and a recovery; with that a descent can cost less than nothing.
+    ----- N. C. Rowe and R. S. Ross, Optimal grid-free path planning across arbitrarily contoured
+    terrain with anisotropic friction and gravity effects, IEEE Transactions on Robotics and
+    Automation 6 (5), 1990: on slopes below -atan μ a vehicle brakes. Here its drive has an
+    efficiency and a recovery; with that a descent can cost less than nothing.
     """
 
     mass_kg: float
@@ -334,7 +372,9 @@ class EnergyCost(SlopeCost):
     def per_m(self, slope: Float64s) -> Float64s:
         work = self.mass_kg * self.gravity_m_s2 * (self.rolling_resistance + slope)
         idle_per_m = 0.0 if self.speed_m_s is None else self.idle_w / self.speed_m_s
-        return np.maximum(work / self.efficiency, self.recovery * work) + idle_per_m * np.hypot(1.0, slope)
+        return np.maximum(work / self.efficiency, self.recovery * work) + idle_per_m * np.hypot(
+            1.0, slope
+        )
 
 
 SLOPE_COSTS: dict[str, type[SlopeCost]] = {
@@ -355,7 +395,9 @@ def unit_of(step_cost: str) -> str:
 @checked(InvalidQueryError)
 @dataclass(frozen=True)
 class Mobility:
-    """Costs of slopes for a vehicle: the optional table ``[mobility]`` of its file, one table a model."""
+    """Costs of slopes for a vehicle: the optional table ``[mobility]`` of its file, one table a
+    model.
+    """
 
     tobler: ToblerCost = ToblerCost()
     linear: LinearCost = LinearCost()
@@ -365,24 +407,38 @@ class Mobility:
 
     def under(self, gravity_m_s2: float) -> "Mobility":
         """This model under another gravity, on which energy depends."""
-        return self if self.energy is None else replace(self, energy=replace(self.energy, gravity_m_s2=gravity_m_s2))
+        return (
+            self
+            if self.energy is None
+            else replace(self, energy=replace(self.energy, gravity_m_s2=gravity_m_s2))
+        )
 
     def model(self, step_cost: str) -> SlopeCost:
-        """The model of that ``step_cost``; InvalidQueryError where there is none, or its table is missing."""
+        """The model of that ``step_cost``; InvalidQueryError where there is none, or its table is
+        missing.
+        """
         if step_cost not in SLOPE_COSTS:
-            raise InvalidQueryError(f"step_cost must be one of paper, {', '.join(SLOPE_COSTS)}, got {step_cost!r}")
+            raise InvalidQueryError(
+                f"step_cost must be one of paper, {', '.join(SLOPE_COSTS)}, got {step_cost!r}"
+            )
         found: SlopeCost | None = getattr(self, step_cost)
         if found is None:
-            wanted = "slope_deg and speed_m_s" if step_cost == "time" else "mass_kg and rolling_resistance"
+            wanted = (
+                "slope_deg and speed_m_s"
+                if step_cost == "time"
+                else "mass_kg and rolling_resistance"
+            )
             raise InvalidQueryError(
-                f"step_cost={step_cost!r} needs a table [mobility.{step_cost}] with {wanted}, such as the shipped "
+                f"step_cost={step_cost!r} needs a table [mobility.{step_cost}] with {wanted}, "
+                "such as the shipped "
                 "vehicles have (--mobility small-rover, or load_mobility)"
             )
         return found
 
 
 def slope_cost_of(step_cost: str, mobility: Mobility | None = None) -> SlopeCost | None:
-    """The model that a map of elevations is planned on by; None for ``paper``, whose steps cost alike both ways.
+    """The model that a map of elevations is planned on by; None for ``paper``, whose steps cost
+    alike both ways.
 
     InvalidQueryError for a step cost that there is none of, or whose model needs a mobility.
     """

@@ -25,7 +25,11 @@ from nnpp_edge.runtime.map.step_cost import PAPER_OMEGA, StepCost, StepModel
 from nnpp_edge.runtime.map.tiles import Tiles
 from nnpp_edge.runtime.map.unseen import Unseen
 from nnpp_edge.runtime.memory import DIRECTED_BYTES_PER_CELL, check_planner_fits, virtual_zeros
-from nnpp_edge.runtime.terrain.traversability import relative_heights, traversability_cost, warn_of_saturation
+from nnpp_edge.runtime.terrain.traversability import (
+    relative_heights,
+    traversability_cost,
+    warn_of_saturation,
+)
 from nnpp_edge.runtime.tuning import MOST_PRICE
 
 Room = tuple[NDArray[np.float32], int, int, float, float, float]
@@ -33,14 +37,16 @@ _PAPER = StepModel.of(StepCost.PAPER)
 
 
 class MapState:
-    """The newest map, in layers: heights, and costs that were told; a map without heights has the costs alone.
+    """The newest map, in layers: heights, and costs that were told; a map without heights has the
+    costs alone.
 
-    Each patch changes its own layer. A cell of a map of heights costs the greater of what its heights make of it and
-    of what was told, and is shut where either says so. To a body, and where steps cost by the slope (`shut_alone`), a
-    cost below 1 says nothing but that the cell is not shut.
+    Each patch changes its own layer. A cell of a map of heights costs the greater of what its
+    heights make of it and of what was told, and is shut where either says so. To a body, and where
+    steps cost by the slope (`shut_alone`), a cost below 1 says nothing but that the cell is not
+    shut.
 
-    Whoever keeps something that depends on it reads the log of changes when asked. Serves one thread at a time. Made
-    by `map_state`.
+    Whoever keeps something that depends on it reads the log of changes when asked. Serves one
+    thread at a time. Made by `map_state`.
     """
 
     def __init__(
@@ -60,30 +66,46 @@ class MapState:
         """Height and width of a cell; None where it is not known."""
         self.mobility = ground.mobility or Mobility()
         """By what time and energy along a path are computed."""
-        self._limits, self._lazy, self._corner_cutting = ground.traversability, lazy, corner_cutting
+        self._limits = ground.traversability
+        self._lazy = lazy
+        self._corner_cutting = corner_cutting
         self._slope_cost = slope_cost_of(ground.step_cost, ground.mobility) if by_slope else None
-        self._model = StepModel.of(StepCost.PAPER if ground.cost is None else ground.step_cost, omega)
+        self._model = StepModel.of(
+            StepCost.PAPER if ground.cost is None else ground.step_cost, omega
+        )
         self.unseen = Unseen(ground) if ground.factor > 1 else None
         """Blocks that are known by their means; None where cells are known, or nothing."""
         self.omega = omega
         self._heights, self._base = self._heights_of(ground)
         self._told: Float2D | None = None
-        self._shut_alone = shut_alone or by_slope or (ground.elevation is not None and ground.vehicle is not None)
-        self._unknown = np.isnan(as_map(ground.cost, "cost")) if tell_unknown and ground.cost is not None else None
+        self._shut_alone = (
+            shut_alone or by_slope or (ground.elevation is not None and ground.vehicle is not None)
+        )
+        self._unknown = (
+            np.isnan(as_map(ground.cost, "cost"))
+            if tell_unknown and ground.cost is not None
+            else None
+        )
         self._lay_out(ground.cost)
 
     def _heights_of(self, ground: Ground) -> tuple[Float2D | None, float]:
-        """The map's own heights, and the height in metres that they are relative to; None for a map of costs."""
+        """The map's own heights, and the height in metres that they are relative to; None for a map
+        of costs.
+        """
         if (dem := ground.elevation) is None:
             return None, 0.0
         if self.unseen is not None:
             rows, cols = ground.shape
-            return virtual_zeros(rows * cols, np.float32).reshape(rows, cols), relative_heights(dem)[1]
+            return virtual_zeros(rows * cols, np.float32).reshape(rows, cols), relative_heights(
+                dem
+            )[1]
         heights, base = relative_heights(dem)
         return heights.copy() if np.shares_memory(heights, np.asarray(dem)) else heights, base
 
     def _lay_out(self, cost: Float2D | None = None) -> None:
-        """Begin anew with the layers, of which nothing has been computed; those of a map of costs are its grid."""
+        """Begin anew with the layers, of which nothing has been computed; those of a map of costs
+        are its grid.
+        """
         self._make_grid(cost)
         if self._slope_cost is not None and self._heights is not None and self.sides_m is not None:
             self.grid.go_by(DirectedSteps(self._heights, self.sides_m, self._slope_cost, self.grid))
@@ -94,24 +116,33 @@ class MapState:
             self.grid.complete()
 
     def _make_grid(self, cost: Float2D | None) -> None:
-        heights, sides, model = self._heights, self.sides_m, self._model
+        heights = self._heights
+        sides = self.sides_m
+        model = self._model
         if cost is not None:
             self.grid = Grid.of(cost, model, self._corner_cutting)
         elif heights is None or sides is None:
             self.grid.measure_bounds()
         else:
-            (rows, cols), corner_cutting = heights.shape, self._corner_cutting
-            rule, coarsest = self._limits.rule(*sides, scale=model.scale), FACTOR ** len(coarse_shapes(rows, cols))
+            rows, cols = heights.shape
+            corner_cutting = self._corner_cutting
+            rule = self._limits.rule(*sides, scale=model.scale)
+            coarsest = FACTOR ** len(coarse_shapes(rows, cols))
             unseen = None if self.unseen is None else self.unseen.layers
             weights = bordered(rows, cols, small=unseen is not None)
             self.grid = Grid(rows, cols, model, corner_cutting, weights)
-            self.grid.compute_by(Tiles(heights, rule, weights, corner_cutting, coarsest, self._told, unseen))
+            self.grid.compute_by(
+                Tiles(heights, rule, weights, corner_cutting, coarsest, self._told, unseen)
+            )
             if unseen is not None:  # prices may be greater than any cost
                 self.grid.set_bounds(self.grid.least, MOST_PRICE * model.scale)
             if self.vehicle is not None:
-                terms, shut = term_weights(self._limits), None if self._told is None else self._told >= 1.0
+                terms = term_weights(self._limits)
+                shut = None if self._told is None else self._told >= 1.0
                 known = self._known_heights((0, 0, rows, cols))
-                self.grid.stand_by(Poses(known, sides, self.vehicle, terms, model.scale, shut, unseen))
+                self.grid.stand_by(
+                    Poses(known, sides, self.vehicle, terms, model.scale, shut, unseen)
+                )
             elif self._slope_cost is not None:
                 self.grid.complete()
 
@@ -140,13 +171,16 @@ class MapState:
 
     @property
     def pyramid(self) -> Pyramid:
-        """The coarse levels, as the map is now. Made when first read, and brought up to date when read again."""
+        """The coarse levels, as the map is now. Made when first read, and brought up to date when
+        read again.
+        """
         return self.pyramid_by(NEVER)
 
     def pyramid_by(self, deadline: Deadline) -> Pyramid:
         """As `pyramid`; at the deadline OutOfTimeError, and the next call goes on from there."""
         if self._pyramid is None or self._unpooled is None:
-            self._pyramid, self._unpooled = Pyramid(self.grid), self.log.reader()
+            self._pyramid = Pyramid(self.grid)
+            self._unpooled = self.log.reader()
             if not self._lazy:
                 self.grid.complete(deadline)
         elif changes := self._unpooled.read():
@@ -155,33 +189,48 @@ class MapState:
                 self._pyramid.update(part)
         return self._pyramid.finish(deadline)
 
-    def update(self, row: int, col: int, patch: Float2D, seen: NDArray[np.bool_] | None = None) -> Change:
+    def update(
+        self, row: int, col: int, patch: Float2D, seen: NDArray[np.bool_] | None = None
+    ) -> Change:
         """Put new costs (h, w) into the map at (row, col), and what that changed into the log.
 
-        Where nothing is known (NaN) a map of costs becomes impassable, and on a map of heights nothing is told.
-        `seen` are the cells that get new costs, by default all. InvalidMapError as for `Grid.update`; the map is as
-        it was.
+        Where nothing is known (NaN) a map of costs becomes impassable, and on a map of heights
+        nothing is told. `seen` are the cells that get new costs, by default all. InvalidMapError as
+        for `Grid.update`; the map is as it was.
         """
         costs = as_map(patch, "patch")
-        part, keeps = patch_at((row, col), costs.shape, self.shape), self.log.keeps_old_weights
+        part = patch_at((row, col), costs.shape, self.shape)
+        keeps = self.log.keeps_old_weights
         if self._heights is None:
             change = self.grid.update(costs, part[:2], keep_old_weights=keeps, seen=seen)
             if self._unknown is not None:
-                np.copyto(self._unknown[slices(part)], np.isnan(costs), where=True if seen is None else seen)
+                np.copyto(
+                    self._unknown[slices(part)],
+                    np.isnan(costs),
+                    where=True if seen is None else seen,
+                )
             return self._noted(change, change.part)
         if _PAPER.refuses(costs):
             _PAPER.refuse(float(np.nanmin(costs)))
         if self._told is None:
             self._told = self._tiles.tell_from_now_on()
-            for grid in (self.grid, *(level.grid for level in (self._pyramid.levels[1:] if self._pyramid else ()))):
+            for grid in (
+                self.grid,
+                *(level.grid for level in (self._pyramid.levels[1:] if self._pyramid else ())),
+            ):
                 grid.pack()
         known = ~np.isnan(costs) if seen is None else ~np.isnan(costs) & seen
-        told = np.where(costs < 1.0, np.float32(0.0) if self._shut_alone else costs, np.float32(np.inf))
+        told = np.where(
+            costs < 1.0, np.float32(0.0) if self._shut_alone else costs, np.float32(np.inf)
+        )
         change, new = self._tiles.write(part, told, known, told=True, keeps=keeps)
         return self._noted(self._stand_anew(change, new), (*new[:2], 0, 0))
 
-    def update_elevation(self, row: int, col: int, patch: Float2D, seen: NDArray[np.bool_] | None = None) -> Change:
-        """Put new elevations into a map that was made from such, and what that changed into the log; as `update`.
+    def update_elevation(
+        self, row: int, col: int, patch: Float2D, seen: NDArray[np.bool_] | None = None
+    ) -> Change:
+        """Put new elevations into a map that was made from such, and what that changed into the
+        log; as `update`.
 
         Metres, NaN where unknown; heights that the map has already change nothing.
         """
@@ -200,10 +249,16 @@ class MapState:
         """Heights of a part of the map, NaN where they mean nothing."""
         assert self._heights is not None
         heights: Float2D = self._heights[slices(part)]
-        return heights if self.unseen is None else np.where(self.unknown(*slices(part)), np.float32(np.nan), heights)
+        return (
+            heights
+            if self.unseen is None
+            else np.where(self.unknown(*slices(part)), np.float32(np.nan), heights)
+        )
 
     def _stand_anew(self, change: Change, part: Rectangle) -> Change:
-        """Have a body's poses checked anew that touch a part; no more is known of them than where they are."""
+        """Have a body's poses checked anew that touch a part; no more is known of them than where
+        they are.
+        """
         if self.grid.poses is None or self._heights is None or not part[2]:
             return change
         shut = None if self._told is None else self._told[slices(part)] >= 1.0
@@ -211,7 +266,9 @@ class MapState:
         return Change(touched, touched[2] * touched[3], cheaper=True)
 
     def _noted(self, change: Change, heights: Rectangle) -> Change:
-        """Put a change into the log, once directed steps follow it and that of the heights in a rectangle."""
+        """Put a change into the log, once directed steps follow it and that of the heights in a
+        rectangle.
+        """
         if isinstance(self.grid.directed, DirectedSteps):
             change = self.grid.directed.follow(change, heights)
         if change.cells:
@@ -219,10 +276,11 @@ class MapState:
         return change
 
     def cost(self) -> Float2D:
-        """(H, W) float32, a copy of what each cell costs: inf where impassable, NaN where a map of costs is unknown.
+        """(H, W) float32, a copy of what each cell costs: inf where impassable, NaN where a map of
+        costs is unknown.
 
-        By Eq. 1 on a map of heights, whatever vehicle stands on it. Any thread may ask, while another changes the map
-        or plans on it: then it is some of the old map and some of the new.
+        By Eq. 1 on a map of heights, whatever vehicle stands on it. Any thread may ask, while
+        another changes the map or plans on it: then it is some of the old map and some of the new.
         """
         if self._heights is not None and self.sides_m is not None:
             (dy, dx), heights = self.sides_m, self._known_heights((0, 0, *self.shape)).copy()
@@ -230,18 +288,27 @@ class MapState:
             if self.unseen is not None:
                 cost = np.where(np.isfinite(heights), cost, self.unseen.at())
             return cost if self._told is None else np.maximum(cost, self._told)
-        weights, scale = self.grid.map().copy(), self._model.scale
-        cost = weights / np.float32(scale) if scale else np.where(weights < np.inf, np.float32(0.0), weights)
+        weights = self.grid.map().copy()
+        scale = self._model.scale
+        cost = (
+            weights / np.float32(scale)
+            if scale
+            else np.where(weights < np.inf, np.float32(0.0), weights)
+        )
         return cost if self._unknown is None else np.where(self._unknown, np.float32(np.nan), cost)
 
     def elevation(self) -> Float2D | None:
-        """(H, W) metres, NaN where unknown, a copy; None for a map of costs. Any thread may ask, as for `cost`."""
+        """(H, W) metres, NaN where unknown, a copy; None for a map of costs. Any thread may ask, as
+        for `cost`.
+        """
         if (heights := self._heights) is None:
             return None
         return np.where(self.unknown(), np.nan, heights + np.asarray(self._base, heights.dtype))
 
     def unknown(self, rows: slice = slice(None), cols: slice = slice(None)) -> NDArray[np.bool_]:
-        """Cells of which nothing is known, of the map or a part; a map of costs tells only if it was to keep them."""
+        """Cells of which nothing is known, of the map or a part; a map of costs tells only if it
+        was to keep them.
+        """
         if self._heights is not None:
             unknown = ~np.isfinite(self._heights[rows, cols])
             return unknown if self.unseen is None else unknown | self.unseen.unknown(rows, cols)
@@ -249,14 +316,19 @@ class MapState:
         return unknown[rows, cols].copy()
 
     def known_along(self, path: NDArray[np.int32]) -> int:
-        """Number of the cells of a path (N, 2), from its first on, that are known, with all under a body."""
+        """Number of the cells of a path (N, 2), from its first on, that are known, with all under a
+        body.
+        """
         if self.unseen is None or self._heights is None:
             return len(path)
         unknown = ~np.isfinite(self._heights[path[:, 0], path[:, 1]]) | self.unseen.unknown_at(path)
         known = int(unknown.argmax()) if unknown.any() else len(path)
         if (poses := self.grid.poses) is None:
             return known
-        under = (slices(widened((*cell, 1, 1), poses.reach, self.shape)) for cell in path[:known].tolist())
+        under = (
+            slices(widened((*cell, 1, 1), poses.reach, self.shape))
+            for cell in path[:known].tolist()
+        )
         return next((n for n, cells in enumerate(under) if self.unknown(*cells).any()), known)
 
     @property
@@ -277,14 +349,18 @@ class MapState:
         return math.ceil(self.vehicle.reach_m / min(self.sides_m))
 
     def along(self, line: Line, at: Line | None = None) -> Along | None:
-        """Ground under a line (N, 2) inside the map; None on a map of costs, whose heights are not known.
+        """Ground under a line (N, 2) inside the map; None on a map of costs, whose heights are not
+        known.
 
-        It is told at places `at` (M, 2), by default where the line crosses rows and columns of cells' middles.
+        It is told at places `at` (M, 2), by default where the line crosses rows and columns of
+        cells' middles.
         """
         if self._heights is None or self.sides_m is None:
             return None
         places = crossings(line) if at is None else at
-        walker = self._slope_cost if self._slope_cost is not None and self._slope_cost.function else None
+        walker = (
+            self._slope_cost if self._slope_cost is not None and self._slope_cost.function else None
+        )
         heights = heights_at(self._heights, places)
         if self.unseen is not None:
             heights = self.unseen.heights_at(places, heights)
@@ -303,19 +379,30 @@ class MapState:
 
 
 class DiscState(MapState):
-    """The map of a disc: a point's, on which cells are shut too where the disc would touch an obstacle.
+    """The map of a disc: a point's, on which cells are shut too where the disc would touch an
+    obstacle.
 
-    So are those from which it would on its way to the cells beside them. What lies off the map is an obstacle. All
-    costs are computed at once.
+    So are those from which it would on its way to the cells beside them. What lies off the map is
+    an obstacle. All costs are computed at once.
     """
 
-    def __init__(self, ground: Ground, omega: float, corner_cutting: bool, *, lazy: bool, tell_unknown: bool) -> None:
+    def __init__(
+        self, ground: Ground, omega: float, corner_cutting: bool, *, lazy: bool, tell_unknown: bool
+    ) -> None:
         assert ground.vehicle is not None and ground.vehicle.radius_m is not None
-        point = replace(ground, vehicle=None, step_cost=StepCost.PAPER if ground.cost is None else ground.step_cost)
+        point = replace(
+            ground,
+            vehicle=None,
+            step_cost=StepCost.PAPER if ground.cost is None else ground.step_cost,
+        )
         by_slope = ground.cost is None and ground.by_slope
-        self._point = MapState(point, omega, corner_cutting, lazy=False, tell_unknown=True, shut_alone=by_slope)
-        self._radius_m, (dy, dx) = ground.vehicle.radius_m, ground.sides_m
-        # a disc half a step away is within this of the cell, as far as it is not within it of the next
+        self._point = MapState(
+            point, omega, corner_cutting, lazy=False, tell_unknown=True, shut_alone=by_slope
+        )
+        self._radius_m = ground.vehicle.radius_m
+        dy, dx = ground.sides_m
+        # a disc half a step away is within this of the cell, as far as it is not within it of the
+        # next
         reach = math.hypot(self._radius_m, 0.5 * math.hypot(dy, dx))
         self._reach = rows, cols = math.ceil(reach / dy + 0.5), math.ceil(reach / dx + 0.5)
         down = np.maximum(np.abs(np.arange(-rows, rows + 1)) - 0.5, 0.0) * dy
@@ -340,31 +427,50 @@ class DiscState(MapState):
         """(h, w) weights of a part of the map, inf where the disc would touch an obstacle."""
         import cv2  # takes a tenth of a second to load
 
-        weights, (row, col, rows, cols), (down, along) = self._point.grid.map(), part, self._reach
+        weights = self._point.grid.map()
+        row, col, rows, cols = part
+        down, along = self._reach
         top, left, high, wide = seen = widened(part, self._reach, self.shape)
         obstacles = np.ones((rows + 2 * down, cols + 2 * along), np.uint8)
-        obstacles[slices((top - row + down, left - col + along, high, wide))] = ~(weights[slices(seen)] < np.inf)
-        touched = cv2.dilate(obstacles, self._touched, borderType=cv2.BORDER_CONSTANT, borderValue=1)
-        return np.where(touched[down : down + rows, along : along + cols], np.float32(np.inf), weights[slices(part)])
+        obstacles[slices((top - row + down, left - col + along, high, wide))] = ~(
+            weights[slices(seen)] < np.inf
+        )
+        touched = cv2.dilate(
+            obstacles, self._touched, borderType=cv2.BORDER_CONSTANT, borderValue=1
+        )
+        return np.where(
+            touched[down : down + rows, along : along + cols],
+            np.float32(np.inf),
+            weights[slices(part)],
+        )
 
     @property
     def room(self) -> Room:
         """The disc's own."""
         return self._point.grid.weights, *self.shape, self._radius_m, *(self.sides_m or (1.0, 1.0))
 
-    def update(self, row: int, col: int, patch: Float2D, seen: NDArray[np.bool_] | None = None) -> Change:
+    def update(
+        self, row: int, col: int, patch: Float2D, seen: NDArray[np.bool_] | None = None
+    ) -> Change:
         """As `MapState.update`, of a point's costs."""
         return self._followed(self._point.update(row, col, patch, seen), (row, col, 0, 0))
 
-    def update_elevation(self, row: int, col: int, patch: Float2D, seen: NDArray[np.bool_] | None = None) -> Change:
+    def update_elevation(
+        self, row: int, col: int, patch: Float2D, seen: NDArray[np.bool_] | None = None
+    ) -> Change:
         """As `MapState.update_elevation`."""
-        return self._followed(self._point.update_elevation(row, col, patch, seen), (row, col, *np.shape(patch)))
+        return self._followed(
+            self._point.update_elevation(row, col, patch, seen), (row, col, *np.shape(patch))
+        )
 
     def _followed(self, change: Change, heights: Rectangle) -> Change:
         """Bring up to date what the disc can stand on around a change of the point's map."""
         if change.cells:
-            around, keeps = widened(change.part, self._reach, self.shape), self.log.keeps_old_weights
-            change = self.grid.update(self._shut(around), around[:2], keep_old_weights=keeps, weights=True)
+            around = widened(change.part, self._reach, self.shape)
+            keeps = self.log.keeps_old_weights
+            change = self.grid.update(
+                self._shut(around), around[:2], keep_old_weights=keeps, weights=True
+            )
         return self._noted(change, heights)
 
     def cost(self) -> Float2D:
@@ -388,16 +494,19 @@ def map_state(
 ) -> MapState:
     """The map of a ground to plan on, whose arrays are its own.
 
-    `omega`, `corner_cutting`, `lazy` and `warn` as in `PlannerOptions`; with `tell_unknown` it is kept which cells of
-    a map of costs are unknown, apart from those that are impassable. InvalidMapError, InvalidQueryError as for
-    `Planner`.
+    `omega`, `corner_cutting`, `lazy` and `warn` as in `PlannerOptions`; with `tell_unknown` it is
+    kept which cells of a map of costs are unknown, apart from those that are impassable.
+    InvalidMapError, InvalidQueryError as for `Planner`.
     """
     by_slope = ground.elevation is not None and ground.by_slope
-    body_bytes = 0 if ground.elevation is None or ground.vehicle is None else bytes_per_cell(ground.vehicle)
+    body_bytes = (
+        0 if ground.elevation is None or ground.vehicle is None else bytes_per_cell(ground.vehicle)
+    )
     if ground.factor == 1 or body_bytes:  # else memory goes by what is seen
         check_planner_fits(ground.shape, DIRECTED_BYTES_PER_CELL * by_slope + body_bytes)
     if warn and ground.elevation is not None and ground.factor == 1:
-        heights, rule = relative_heights(ground.elevation)[0], ground.traversability.rule(*ground.sides_m)
+        heights = relative_heights(ground.elevation)[0]
+        rule = ground.traversability.rule(*ground.sides_m)
         warn_of_saturation(heights, rule, stacklevel=7)  # who called the planner
     kind = DiscState if ground.vehicle is not None and ground.vehicle.is_disc else MapState
     return kind(ground, omega, corner_cutting, lazy=lazy, tell_unknown=tell_unknown)

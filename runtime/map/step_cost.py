@@ -4,7 +4,8 @@ Both models have one form, so that the searches need not know which is in use:
 
     step(i, j) = length_term[kind] + weight_term[kind] · (w_i + w_j),   kind 0 straight, 1 diagonal
 
-- ``paper`` (NNPP, Eq. 2-4): L + 255·ω·(T_i + T_j) with w = 255·ω·T. The paper's ω is for T in grey levels.
+- ``paper`` (NNPP, Eq. 2-4): L + 255·ω·(T_i + T_j) with w = 255·ω·T. The paper's ω is for T in grey
+  levels.
 - ``length``: L × the mean of the two weights.
 
 Steps that cost by the slope, and so not alike both ways, are those of `slope_cost` and `directed`.
@@ -25,8 +26,11 @@ SQRT2 = math.sqrt(2.0)
 PAPER_OMEGA = 0.011
 """Weight of the traversability cost per grey level (NNPP, section 4.2)."""
 GREY_LEVELS = 255.0
-LEAST_WEIGHT, MOST_WEIGHT = float(np.finfo(np.float32).tiny), 1e30
-"""Between these, sums of weights are neither too small for the full precision of a float32 nor too great for one."""
+LEAST_WEIGHT = float(np.finfo(np.float32).tiny)
+MOST_WEIGHT = 1e30
+"""Between these, sums of weights are neither too small for the full precision of a float32 nor too
+great for one.
+"""
 
 
 class StepCost(StrEnum):
@@ -51,17 +55,27 @@ class StepModel:
         if step_cost == StepCost.LENGTH:
             return cls(StepCost.LENGTH, 1.0, (0.0, 0.0), (0.5, 0.5 * SQRT2))
         if step_cost in SLOPE_COSTS:
-            raise InvalidQueryError(f"step_cost={step_cost!r} needs heights: wanted a planner of elevations")
+            raise InvalidQueryError(
+                f"step_cost={step_cost!r} needs heights: wanted a planner of elevations"
+            )
         if step_cost != StepCost.PAPER:
             raise InvalidQueryError(f"step_cost must be 'paper' or 'length', got {step_cost!r}")
         if not 0.0 <= omega <= MOST_WEIGHT / GREY_LEVELS:
-            raise InvalidQueryError(f"omega must be from 0 to {MOST_WEIGHT / GREY_LEVELS:.0e}, got {omega}")
+            raise InvalidQueryError(
+                f"omega must be from 0 to {MOST_WEIGHT / GREY_LEVELS:.0e}, got {omega}"
+            )
         return cls(StepCost.PAPER, GREY_LEVELS * omega, (1.0, SQRT2), (1.0, 1.0))
 
     @property
     def costs(self) -> tuple[float, float, float]:
-        """Range of a cell's cost: least and most of a passable one, and from where on it is impassable."""
-        return (0.0, 1.0, 1.0) if self.kind is StepCost.PAPER else (LEAST_WEIGHT, MOST_WEIGHT, math.inf)
+        """Range of a cell's cost: least and most of a passable one, and from where on it is
+        impassable.
+        """
+        return (
+            (0.0, 1.0, 1.0)
+            if self.kind is StepCost.PAPER
+            else (LEAST_WEIGHT, MOST_WEIGHT, math.inf)
+        )
 
     def refuses(self, cost: NDArray[np.float32]) -> bool:
         """Whether a passable one of these costs is out of range."""
@@ -80,5 +94,7 @@ class StepModel:
         return (*self.length_term, *self.weight_term)
 
     def step(self, kind: int, weights: float) -> float:
-        """Cost of a straight (0) or diagonal (1) step between cells whose weights sum to `weights`."""
+        """Cost of a straight (0) or diagonal (1) step between cells whose weights sum to
+        `weights`.
+        """
         return self.length_term[kind] + self.weight_term[kind] * weights

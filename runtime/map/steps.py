@@ -1,8 +1,9 @@
-"""Costs of a step between two cells, and where one may lead: for a point, and for a vehicle's poses.
+"""Costs of a step between two cells, and where one may lead: for a point, and for a vehicle's
+poses.
 
-Those by the slope are in `directed`. All are asked by way of a `Grid`, which they do not keep. Searches, standing
-paths and whoever prices a path ask alike, and never which they are. Another kind of step is a class like these, and
-the kernels that take what it packs.
+Those by the slope are in `directed`. All are asked by way of a `Grid`, which they do not keep.
+Searches, standing paths and whoever prices a path ask alike, and never which they are. Another kind
+of step is a class like these, and the kernels that take what it packs.
 """
 
 import math
@@ -33,16 +34,22 @@ class PointSteps:
     """Steps that cost by the weights of their ends, see `step_cost`."""
 
     by_poses = by_slope = False
-    """Whether a vehicle's poses are checked; whether steps cost otherwise one way than the other."""
-    states_a_node, columns = 1, 2
+    """Whether a vehicle's poses are checked; whether steps cost otherwise one way than
+    the other.
+    """
+    states_a_node = 1
+    columns = 2
     """Places of a search on a node; numbers of a place on a path, three where its state counts."""
-    shortest, readiness = 1.0, 0.0
-    """Length of the shortest way over that by straight and diagonal steps; by how much a body on its way may have it
-    cheaper than one that sets out from the same cell: as it need not turn round, or has the right gear in.
+    shortest = 1.0
+    readiness = 0.0
+    """Length of the shortest way over that by straight and diagonal steps; by how much a body on
+    its way may have it cheaper than one that sets out from the same cell: as it need not turn
+    round, or has the right gear in.
     """
 
     def edges(self, backwards: bool = False) -> Edges | None:
-        """Costs of the steps, as searches take them; `backwards` of those that come to a cell, on a coarse level.
+        """Costs of the steps, as searches take them; `backwards` of those that come to a cell, on a
+        coarse level.
 
         None where steps cost by the weights of their ends.
         """
@@ -58,7 +65,9 @@ class PointSteps:
             grid.tiles.open_at(*cell)
         return math.isfinite(grid.weights[grid.node(*cell)])
 
-    def walk(self, grid: "Grid", path: NDArray[np.int32], first: int, costs: NDArray[np.float64]) -> int:
+    def walk(
+        self, grid: "Grid", path: NDArray[np.int32], first: int, costs: NDArray[np.float64]
+    ) -> int:
         """As `Grid.walk`."""
         if grid.tiles is not None:
             grid.tiles.open_along(path[first:])
@@ -70,9 +79,16 @@ class PointSteps:
             return math.inf, math.inf, math.inf
         if grid.tiles is not None:  # a search may not have read all of it
             grid.tiles.open_along(path)
-        straight, diagonal, by_straight, by_diagonal, total = measure(grid.weights, grid.stride, path)
+        straight, diagonal, by_straight, by_diagonal, total = measure(
+            grid.weights, grid.stride, path
+        )
         length_s, length_d, weight_s, weight_d = grid.model.steps
-        cost = length_s * straight + length_d * diagonal + weight_s * by_straight + weight_d * by_diagonal
+        cost = (
+            length_s * straight
+            + length_d * diagonal
+            + weight_s * by_straight
+            + weight_d * by_diagonal
+        )
         scale = grid.model.scale
         return cost, straight + SQRT2 * diagonal, total / scale if scale else 0.0
 
@@ -90,15 +106,20 @@ class PointSteps:
 
 
 class PoseSteps(PointSteps):
-    """A body's legs and turns. A leg costs its length by what it is checked to be, a turn by its angle."""
+    """A body's legs and turns. A leg costs its length by what it is checked to be, a turn by its
+    angle.
+    """
 
     by_poses = True
 
     def __init__(self, poses: Poses) -> None:
-        self.poses, vehicle = poses, poses.vehicle
-        by_turning, by_gear = float(poses.prices[-1].max()), vehicle.gear_change_m / poses.sides_m[0]
+        self.poses = poses
+        vehicle = poses.vehicle
+        by_turning = float(poses.prices[-1].max())
+        by_gear = vehicle.gear_change_m / poses.sides_m[0]
         self.readiness = by_turning if vehicle.turning_radius_m is None else by_gear
-        self.states_a_node, self.shortest = len(poses.prices[1]), KNIGHT * poses.primitives.shortest
+        self.states_a_node = len(poses.prices[1])
+        self.shortest = KNIGHT * poses.primitives.shortest
         self.columns = 2 if vehicle.turning_radius_m is None else 3
 
     def states(self) -> States:
@@ -107,9 +128,15 @@ class PoseSteps(PointSteps):
     def stands_at(self, grid: "Grid", cell: Cell) -> bool:
         return self.poses.stands_at(cell)
 
-    def walk(self, grid: "Grid", path: NDArray[np.int32], first: int, costs: NDArray[np.float64]) -> int:
+    def walk(
+        self, grid: "Grid", path: NDArray[np.int32], first: int, costs: NDArray[np.float64]
+    ) -> int:
         blocked = self.poses.walk(path, first, costs)
-        if blocked < 0 and first == len(path) - 1 and not self.poses.stands_at((int(path[-1, 0]), int(path[-1, 1]))):
+        if (
+            blocked < 0
+            and first == len(path) - 1
+            and not self.poses.stands_at((int(path[-1, 0]), int(path[-1, 1])))
+        ):
             return first
         return blocked
 

@@ -1,6 +1,8 @@
-"""A map larger than memory: its coarse levels, made from bands of rows, and its cells where they have been put.
+"""A map larger than memory: its coarse levels, made from bands of rows, and its cells where they
+have been put.
 
-The arrays of the finest level have the whole map's size, but take memory only where something was written.
+The arrays of the finest level have the whole map's size, but take memory only where something was
+written.
 """
 
 import itertools
@@ -21,30 +23,45 @@ from nnpp_edge.runtime.memory import virtual_zeros
 MOST_NODES = int(np.iinfo(np.int32).max)
 """Of the finest level: nodes are int32."""
 _KEPT = FACTOR + 1
-"""Rows of a band that the next one needs: those under the last coarse row, whose links it completes, and one more."""
+"""Rows of a band that the next one needs: those under the last coarse row, whose links it
+completes, and one more.
+"""
 
 
 class StreamedMap:
-    """Coarse levels as `Pyramid` makes them, and a finest one that is filled (`put`) where a search goes.
+    """Coarse levels as `Pyramid` makes them, and a finest one that is filled (`put`) where a search
+    goes.
 
-    Elsewhere its weights take no memory, are 0, and mean nothing. Costs are taken band by band from top to bottom,
-    with `take`, and `finish` ends that. Steps cost as in ``paper`` only, as ``length`` weighs obstacles by the
-    dearest cell of the whole map. Serves one thread at a time.
+    Elsewhere its weights take no memory, are 0, and mean nothing. Costs are taken band by band from
+    top to bottom, with `take`, and `finish` ends that. Steps cost as in ``paper`` only, as
+    ``length`` weighs obstacles by the dearest cell of the whole map. Serves one thread at a time.
     InvalidMapError where the map is empty, or has more cells than nodes have numbers.
     """
 
-    def __init__(self, shape: tuple[int, int], model: StepModel, *, corner_cutting: bool = True) -> None:
+    def __init__(
+        self, shape: tuple[int, int], model: StepModel, *, corner_cutting: bool = True
+    ) -> None:
         rows, cols = shape
-        if rows < 1 or cols < 1 or (rows + 2) * (cols + 2) > MOST_NODES or model.kind is not StepCost.PAPER:
-            raise InvalidMapError(f"wanted a map of 1 to {MOST_NODES} cells with the paper's costs, got {shape}")
-        self.grid = Grid(rows, cols, model, corner_cutting, virtual_zeros((rows + 2) * (cols + 2), np.float32))
+        if (
+            rows < 1
+            or cols < 1
+            or (rows + 2) * (cols + 2) > MOST_NODES
+            or model.kind is not StepCost.PAPER
+        ):
+            raise InvalidMapError(
+                f"wanted a map of 1 to {MOST_NODES} cells with the paper's costs, got {shape}"
+            )
+        self.grid = Grid(
+            rows, cols, model, corner_cutting, virtual_zeros((rows + 2) * (cols + 2), np.float32)
+        )
         self.levels = [Level(self.grid)]
         for coarse in coarse_shapes(rows, cols):
             grid = Grid(*coarse, model)
             nodes = len(grid.weights)
             self.levels.append(Level(grid, np.zeros(nodes, np.uint16), np.zeros(nodes, np.uint8)))
         self._band: Grid | None = None
-        self._taken, self._least = 0, math.inf
+        self._taken = 0
+        self._least = math.inf
         self._obstacle = model.scale
         """Weight of an impassable cell in the mean: T = 1."""
 
@@ -58,12 +75,19 @@ class StreamedMap:
         return self
 
     def put(self, cost: Float2D, origin: Cell) -> None:
-        """Fill a rectangle of the finest level, and the border beside it; the bounds stay as they are."""
-        grid, (row, col), (rows, cols) = self.grid, origin, cost.shape
-        least, greatest = grid.least, grid.greatest
+        """Fill a rectangle of the finest level, and the border beside it; the bounds stay as they
+        are.
+        """
+        grid = self.grid
+        row, col = origin
+        rows, cols = cost.shape
+        least = grid.least
+        greatest = grid.greatest
         grid.update(cost, origin)
         grid.set_bounds(least, greatest)
-        beside = grid.weights.reshape(grid.rows + 2, grid.stride)[row : row + rows + 2, col : col + cols + 2]
+        beside = grid.weights.reshape(grid.rows + 2, grid.stride)[
+            row : row + rows + 2, col : col + cols + 2
+        ]
         for at_border, border in (
             (row == 0, beside[0]),
             (col == 0, beside[:, 0]),
@@ -75,11 +99,16 @@ class StreamedMap:
 
     def take(self, cost: Float2D) -> None:
         """Pool the next rows' costs (h, cols); h is a multiple of four, but for the last band."""
-        row0, rows = self._taken, len(cost)
-        band, above = self._next_band(rows), 1 if row0 else 0
+        row0 = self._taken
+        rows = len(cost)
+        band = self._next_band(rows)
+        above = 1 if row0 else 0
         band.update(cost, (FACTOR * above, 0))
-        first, count, level = row0 // FACTOR - above, math.ceil(rows / FACTOR), self.levels[1]
-        stride, cols = level.grid.stride, level.grid.cols
+        first = row0 // FACTOR - above
+        count = math.ceil(rows / FACTOR)
+        level = self.levels[1]
+        stride = level.grid.stride
+        cols = level.grid.cols
         part = slice(first * stride, (first + above + count + 2) * stride)
         assert level.links is not None
         arrays = level.grid.weights[part], level.pieces[part], level.links[part]
@@ -91,22 +120,33 @@ class StreamedMap:
             (above, above + count, 0, cols),
             (*arrays, stride, above + count, cols),
         )
-        self._band, self._taken, self._least = band, row0 + rows, min(self._least, least)
-        self.grid.set_bounds(min(self.grid.least, band.least), max(self.grid.greatest, band.greatest))
+        self._band = band
+        self._taken = row0 + rows
+        self._least = min(self._least, least)
+        self.grid.set_bounds(
+            min(self.grid.least, band.least), max(self.grid.greatest, band.greatest)
+        )
 
     def finish(self) -> None:
         """Make the coarser levels, once all bands have been taken."""
-        self._band, least, greatest = None, self._least, max(self.grid.greatest, self._obstacle)
+        self._band = None
+        least = self._least
+        greatest = max(self.grid.greatest, self._obstacle)
         self.levels[1].grid.set_bounds(least, greatest)
         for fine, coarse in itertools.pairwise(self.levels[1:]):
             grid = coarse.grid
-            area, cutting = (0, grid.rows, 0, grid.cols), self.grid.corner_cutting
+            area = (0, grid.rows, 0, grid.cols)
+            cutting = self.grid.corner_cutting
             least = pool_and_link(fine.packed, cutting, self._obstacle, area, coarse.packed)
             grid.set_bounds(least, greatest)
 
     def _next_band(self, rows: int) -> Grid:
-        """A grid for the next rows below four of the last ones; the row above those stands in its border."""
-        above, last, stride = FACTOR if self._taken else 0, self._band, self.grid.stride
+        """A grid for the next rows below four of the last ones; the row above those stands in its
+        border.
+        """
+        above = FACTOR if self._taken else 0
+        last = self._band
+        stride = self.grid.stride
         kept = None if last is None else last.weights.reshape(-1, stride)[-1 - _KEPT : -1].copy()
         band = last
         if band is None or band.rows != rows + above:

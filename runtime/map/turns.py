@@ -20,7 +20,8 @@ def turns_rad(points: Points) -> NDArray[np.float64]:
 
 
 def curvatures(points: Points) -> NDArray[np.float64]:
-    """(N,) one over the radius, in cells, of the widest arc that fits into each turn; 0 at the ends.
+    """(N,) one over the radius, in cells, of the widest arc that fits into each turn; 0 at the
+    ends.
 
     The arc touches both legs, each within the half of it that lies next to the way point.
     """
@@ -34,8 +35,11 @@ def curvatures(points: Points) -> NDArray[np.float64]:
 
 
 def with_arcs(points: Points, radius: float) -> Points | None:
-    """The line with an arc of this radius in place of each turn; None where a leg is too short for its arcs."""
-    turns, lengths = turns_rad(points), np.hypot(*np.diff(points, axis=0).T)
+    """The line with an arc of this radius in place of each turn; None where a leg is too short for
+    its arcs.
+    """
+    turns = turns_rad(points)
+    lengths = np.hypot(*np.diff(points, axis=0).T)
     reach = radius * np.tan(0.5 * turns)
     if (turns > 0.9 * np.pi).any() or (reach[:-1] + reach[1:] > lengths).any():
         return None
@@ -48,7 +52,8 @@ def with_arcs(points: Points, radius: float) -> Points | None:
             continue
         inwards = back + ahead
         middle = points[k] + inwards / np.linalg.norm(inwards) * radius / math.cos(0.5 * turns[k])
-        first, last = points[k] + reach[k] * back - middle, points[k] + reach[k] * ahead - middle
+        first = points[k] + reach[k] * back - middle
+        last = points[k] + reach[k] * ahead - middle
         shares = np.arange(count + 1)[:, None] / count * turns[k]
         arc = (np.sin(turns[k] - shares) * first + np.sin(shares) * last) / math.sin(turns[k])
         parts.append(middle + arc)

@@ -14,18 +14,24 @@ from nnpp_edge.runtime.tuning import BLOCKED_PRICE, MOST_PRICE
 
 
 class Unseen:
-    """The blocks of a coarse map: what has been seen of each, and the price by which its other cells count."""
+    """The blocks of a coarse map: what has been seen of each, and the price by which its other
+    cells count.
+    """
 
     def __init__(self, ground: Ground) -> None:
         assert ground.elevation is not None
-        self.ground, self.factor, self.dem = ground, ground.factor, relative_heights(ground.elevation)[0]
+        self.ground = ground
+        self.factor = ground.factor
+        self.dem = relative_heights(ground.elevation)[0]
         self.layers = np.zeros((2, *self.dem.shape), np.float32)
         """(2, H, W) prices, and what is known of the heights, as `map.tiles.Tiles` takes it."""
         self.priced = False
         """Whether the prices are there."""
-        self.mean, self.blocked, self.share = (np.zeros(self.dem.shape, np.float32) for _ in range(3))
-        """(H, W) of the cells seen of each block: mean T, impassable ones as 1; share that is impassable; and what
-        share they are of the block's."""
+        self.mean, self.blocked, self.share = (
+            np.zeros(self.dem.shape, np.float32) for _ in range(3)
+        )
+        """(H, W) of the cells seen of each block: mean T, impassable ones as 1; share that is
+        impassable; and what share they are of the block's."""
         self.left = self.dem.size
         """Blocks not all of whose cells have been seen, as far as `read` knows."""
         self._new: list[Rectangle] = []
@@ -33,17 +39,23 @@ class Unseen:
     def note(self, part: Rectangle) -> None:
         """Heights of cells in a part of the map have changed."""
         if part[2] and part[3]:
-            (row, col, rows, cols), side = part, self.factor
-            last_row, last_col = (row + rows - 1) // side, (col + cols - 1) // side
-            row, col = row // side, col // side
+            row, col, rows, cols = part
+            side = self.factor
+            last_row = (row + rows - 1) // side
+            last_col = (col + cols - 1) // side
+            row = row // side
+            col = col // side
             self._new.append((row, col, last_row - row + 1, last_col - col + 1))
 
     def read(self, grid: Grid) -> Rectangle | None:
-        """Sum up what has been seen since this was last asked; the blocks that it is of, None for none."""
+        """Sum up what has been seen since this was last asked; the blocks that it is of, None for
+        none.
+        """
         if not self._new:
             return None
         assert grid.tiles is not None
-        part, side = enclosing(self._new), self.factor
+        part = enclosing(self._new)
+        side = self.factor
         self._new = []
         row, col, rows, cols = part
         for i in range(row * side, (row + rows) * side, side):
@@ -59,15 +71,22 @@ class Unseen:
         share = self._sums(known) / np.float32(side**2)
         self.left += int((self.share[blocks] == 1.0).sum()) - int((share == 1.0).sum())
         self.share[blocks] = share
-        self.mean[blocks] = self._sums(np.where(shut, np.float32(1.0), np.where(known, costs, 0.0))) / count
+        self.mean[blocks] = (
+            self._sums(np.where(shut, np.float32(1.0), np.where(known, costs, 0.0))) / count
+        )
         self.blocked[blocks] = self._sums(shut) / count
         return part
 
     def costs(self, part: Rectangle) -> Float2D:
-        """Expected price of a cell of each block of a part, what was seen of it counted; inf where all is shut."""
+        """Expected price of a cell of each block of a part, what was seen of it counted; inf where
+        all is shut.
+        """
         blocks = slices(part)
-        share, blocked = self.share[blocks], self.blocked[blocks]
-        here = np.minimum(self.mean[blocks] + np.float32(BLOCKED_PRICE) * blocked, np.float32(MOST_PRICE))
+        share = self.share[blocks]
+        blocked = self.blocked[blocks]
+        here = np.minimum(
+            self.mean[blocks] + np.float32(BLOCKED_PRICE) * blocked, np.float32(MOST_PRICE)
+        )
         price: Float2D = share * here + (1.0 - share) * self.layers[0][blocks]
         return np.where((share == 1.0) & (blocked == 1.0), np.float32(np.inf), price)
 
@@ -82,7 +101,9 @@ class Unseen:
         return unknown
 
     def heights_at(self, places: Line, known: NDArray[np.float64]) -> NDArray[np.float64]:
-        """(N,) heights at places (N, 2) of the map: `known` where the cell was seen, else by the means of blocks."""
+        """(N,) heights at places (N, 2) of the map: `known` where the cell was seen, else by the
+        means of blocks.
+        """
         unknown = self.unknown_at(np.rint(places).astype(np.int32))
         return np.where(unknown, heights_at(self.dem, (places + 0.5) / self.factor - 0.5), known)
 

@@ -24,8 +24,8 @@ Point = tuple[float, float]
 class Frame:
     """How a map of rows × cols lies in the network's square of `size` cells to a side.
 
-    The longer side fills it; what is left over, below or to the right, is shown as impassable. A step's two cost
-    terms shrink alike, so the problem stays the same.
+    The longer side fills it; what is left over, below or to the right, is shown as impassable. A
+    step's two cost terms shrink alike, so the problem stays the same.
     """
 
     rows: int
@@ -36,20 +36,27 @@ class Frame:
     def inner(self) -> tuple[int, int]:
         """Rows and columns of the square that the map fills; at least 1."""
         scale = self.size / max(self.rows, self.cols)
-        return max(1, min(self.size, round(self.rows * scale))), max(1, min(self.size, round(self.cols * scale)))
+        return max(1, min(self.size, round(self.rows * scale))), max(
+            1, min(self.size, round(self.cols * scale))
+        )
 
     def lookup(self, blocks: int) -> Lookup:
-        """Row and column, on a grid of blocks × blocks over the square, of each row and column of the map."""
+        """Row and column, on a grid of blocks × blocks over the square, of each row and column of
+        the map.
+        """
 
         def spread(cells: int, inner: int) -> NDArray[np.int32]:
-            centres = (2 * np.arange(cells, dtype=np.int64) + 1) * inner  # in units of 1 / (2 · cells) network cells
+            centres = (
+                2 * np.arange(cells, dtype=np.int64) + 1
+            ) * inner  # in units of 1 / (2 · cells) network cells
             return (centres * blocks // (2 * cells * self.size)).astype(np.int32)
 
         return spread(self.rows, self.inner[0]), spread(self.cols, self.inner[1])
 
     def place(self, cell: Cell) -> Point:
         """Where a map cell's centre lies in the square."""
-        (row, col), (down, across) = cell, self.inner
+        row, col = cell
+        down, across = self.inner
         return (row + 0.5) * down / self.rows - 0.5, (col + 0.5) * across / self.cols - 0.5
 
 
@@ -62,23 +69,33 @@ def map_planes(
 ) -> None:
     """Bring a map, or a window of it, to the network's size by area averages.
 
-    To `out`, (2, S, S) float32, are written the mean traversability cost with impassable cells counted as 1, and the
-    share of impassable cells, both in [0, 1], both 1 outside the map; only under these `parts` of the window, by
-    default all of it.
+    To `out`, (2, S, S) float32, are written the mean traversability cost with impassable cells
+    counted as 1, and the share of impassable cells, both in [0, 1], both 1 outside the map; only
+    under these `parts` of the window, by default all of it.
     """
     if parts is None:
         out[:] = 1.0
         parts = [(0, 0, frame.rows, frame.cols)]
-    weights, stride = grid.weights[corner[0] * grid.stride + corner[1] :], grid.stride
+    weights = grid.weights[corner[0] * grid.stride + corner[1] :]
+    stride = grid.stride
     pool_planes(
-        weights, stride, frame.rows, frame.cols, *grid.as_traversability(), *frame.inner, np.array(parts), out
+        weights,
+        stride,
+        frame.rows,
+        frame.cols,
+        *grid.as_traversability(),
+        *frame.inner,
+        np.array(parts),
+        out,
     )
 
 
 def encode_gaussian(start: Point, goal: Point, sigma: float, out: NDArray[np.float32]) -> None:
-    """The paper's encoding (Eq. 5): a Gaussian of `sigma` network cells around start and one around goal.
+    """The paper's encoding (Eq. 5): a Gaussian of `sigma` network cells around start and one around
+    goal.
 
-    Written to `out`, (2, S, S) float32. Eq. 5's factor 1/(2πσ²) only scales the input and is left out.
+    Written to `out`, (2, S, S) float32. Eq. 5's factor 1/(2πσ²) only scales the input and is left
+    out.
     """
     cells = np.arange(out.shape[-1])
     for plane, end in zip(out, (start, goal), strict=True):
@@ -87,12 +104,14 @@ def encode_gaussian(start: Point, goal: Point, sigma: float, out: NDArray[np.flo
 
 
 def encode_ends(start: Point, goal: Point, sigma: float, out: NDArray[np.float32]) -> None:
-    """Start and goal, each by the way to it, for a network that looks at the map before it knows the two.
+    """Start and goal, each by the way to it, for a network that looks at the map before it knows
+    the two.
 
-    Written to `out`, (15, S/8, S/8) float32, for points `QUERY_SPACING` cells apart. Six planes for the start, then
-    six for the goal: the weights of the bilinear interpolation that reads a value there off the points, rows and
-    columns from a point to it and the distance, as shares of S, and two Gaussians around it, of `sigma` network cells
-    and of a quarter of it. Then three for both: exp(-(a + b - d) / (0.25 d)) for distances a and b to the two, which
-    lie d apart, and a + b - d and d as shares of S.
+    Written to `out`, (15, S/8, S/8) float32, for points `QUERY_SPACING` cells apart. Six planes for
+    the start, then six for the goal: the weights of the bilinear interpolation that reads a value
+    there off the points, rows and columns from a point to it and the distance, as shares of S, and
+    two Gaussians around it, of `sigma` network cells and of a quarter of it. Then three for both:
+    exp(-(a + b - d) / (0.25 d)) for distances a and b to the two, which lie d apart, and a + b - d
+    and d as shares of S.
     """
     fill_ends(out, *start, *goal, float(QUERY_SPACING), sigma)

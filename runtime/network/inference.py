@@ -20,23 +20,23 @@ from nnpp_edge.runtime.reading import refused_as
 class NetworkModel:
     """A network ready to run, with its own inputs and outputs. For one thread at a time.
 
-    A file is opened once in a process, and again when it has changed: networks of the same file and threads share a
-    session. In a forked child a session of several threads, which the child lacks, is opened again. A copy
-    opens the file again, and has been shown nothing.
+    A file is opened once in a process, and again when it has changed: networks of the same file and
+    threads share a session. In a forked child a session of several threads, which the child lacks,
+    is opened again. A copy opens the file again, and has been shown nothing.
 
     Parameters
     ----------
     model : str or Path
         Name of a shipped model, or an ONNX file with our metadata.
     threads : int
-        Of onnxruntime; by default two for inputs of 256 and more (one where the process may use one core only),
-        and one for smaller ones, which two threads do not make faster.
+        Of onnxruntime; by default two for inputs of 256 and more (one where the process may use one
+        core only), and one for smaller ones, which two threads do not make faster.
 
     Raises
     ------
     ModelError
-        The file is missing, truncated, without our metadata, or its inputs do not fit the metadata. While it answers:
-        its graph fails.
+        The file is missing, truncated, without our metadata, or its inputs do not fit the metadata.
+        While it answers: its graph fails.
     """
 
     @checked(ModelError)
@@ -53,15 +53,21 @@ class NetworkModel:
     def share(self) -> "NetworkModel":
         """Another network on the same session: it has a map, a query and an answer of its own."""
         other = NetworkModel.__new__(type(self))
-        other.path, other.waited = self.path, False
+        other.path = self.path
+        other.waited = False
         other._bind(self._loaded)
         return other
 
     def set_map(self, planes: NDArray[np.float32]) -> None:
-        """Show the network a map: (2, S, S) float32, mean cost and share of impassable cells, both in [0, 1]."""
+        """Show the network a map: (2, S, S) float32, mean cost and share of impassable cells, both
+        in [0, 1].
+        """
         self._encoded = False
         if self.metadata.encoding == "unseen":
-            raise ModelError(f"{self.path}: wanted a network that answers queries, got one that prices unseen ground")
+            raise ModelError(
+                f"{self.path}: wanted a network that answers queries, got one that prices unseen "
+                "ground"
+            )
         if self._head is None:
             self.inputs["input"][0, 0] = planes[0]
             return
@@ -71,9 +77,11 @@ class NetworkModel:
         self.inputs["map"][0] = parts.reshape(channels, side, side)
 
     def answer(self, start: Point, goal: Point, *, anew: bool = False) -> Float2D:
-        """The probability that a nearly optimal path passes: (B, B) float32 in [0, 1]. The next call overwrites it.
+        """The probability that a nearly optimal path passes: (B, B) float32 in [0, 1]. The next
+        call overwrites it.
 
-        For timing, `anew` runs the encoder of a network in two parts, too, which is else run once after `set_map`.
+        For timing, `anew` runs the encoder of a network in two parts, too, which is else run once
+        after `set_map`.
         """
         sigma = self.metadata.sigma * self.metadata.input_size
         if self._head is None:
@@ -88,7 +96,9 @@ class NetworkModel:
         return self._answer
 
     def answers(self) -> NDArray[np.float32]:
-        """Of a network that prices unseen ground, for its input: (3, S, S) float32, until the next call."""
+        """Of a network that prices unseen ground, for its input: (3, S, S) float32, until the next
+        call.
+        """
         self._infer()
         answers: NDArray[np.float32] = self._outputs[OUTPUT][0]
         return answers
@@ -106,12 +116,17 @@ class NetworkModel:
         return self._head is not None
 
     def _bind(self, loaded: LoadedModel) -> None:
-        """Allocate inputs and outputs once, of the shapes that the metadata implies, and bind them."""
+        """Allocate inputs and outputs once, of the shapes that the metadata implies, and
+        bind them.
+        """
         self.metadata = m = loaded.metadata
         self.inputs: dict[str, NDArray[np.float32]] = {
-            name: np.zeros(shape, np.bool_ if name == ASK else np.float32) for name, shape in loaded.inputs.items()
+            name: np.zeros(shape, np.bool_ if name == ASK else np.float32)
+            for name, shape in loaded.inputs.items()
         }
-        self._outputs = {name: np.zeros(shape, np.float32) for name, shape in loaded.outputs.items()}
+        self._outputs = {
+            name: np.zeros(shape, np.float32) for name, shape in loaded.outputs.items()
+        }
         self._use_session(loaded)
         self._head: PlaceHead | None = None
         self._answer: Float2D = self._outputs[OUTPUT][0, 0]
@@ -121,8 +136,11 @@ class NetworkModel:
             self._answer = np.empty((m.blocks, m.blocks), np.float32)
 
     def _use_session(self, loaded: LoadedModel) -> None:
-        """Bind inputs and outputs to this session; of a network in two parts it runs the encoder alone."""
-        self._loaded, self.session = loaded, loaded.session
+        """Bind inputs and outputs to this session; of a network in two parts it runs the encoder
+        alone.
+        """
+        self._loaded = loaded
+        self.session = loaded.session
         self._binding = self.session.io_binding()
         for name, array in self.inputs.items():
             self._binding.bind_input(name, "cpu", 0, array.dtype, array.shape, array.ctypes.data)
@@ -130,11 +148,17 @@ class NetworkModel:
             self._binding.bind_output(name, "cpu", 0, np.float32, output.shape, output.ctypes.data)
 
     def _infer(self) -> None:
-        """Run the session; ModelError where its graph fails, or in a fork whose file is another by now."""
+        """Run the session; ModelError where its graph fails, or in a fork whose file is another by
+        now.
+        """
         if self._loaded.lacks_threads():
             loaded, _ = opened(self.path, self._loaded.threads)
             if loaded.identity != self._loaded.identity:
-                raise ModelError(f"{self.path}: wanted the file that was opened before a fork, got another")
+                raise ModelError(
+                    f"{self.path}: wanted the file that was opened before a fork, got another"
+                )
             self._use_session(loaded)
-        with refused_as(ModelError, f"{self.path}: wanted an ONNX model, got one whose graph fails"):
+        with refused_as(
+            ModelError, f"{self.path}: wanted an ONNX model, got one whose graph fails"
+        ):
             self.session.run_with_iobinding(self._binding)

@@ -1,7 +1,9 @@
-"""Model files that this process has opened: each is loaded and checked once, for all networks that share it.
+"""Model files that this process has opened: each is loaded and checked once, for all networks that
+share it.
 
-A session that no network uses any more is kept while it is one of the `KEPT` that were asked for last: calls of
-`plan_path`, one after another, then load a file once, and a process that opens many files does not grow.
+A session that no network uses any more is kept while it is one of the `KEPT` that were asked for
+last: calls of `plan_path`, one after another, then load a file once, and a process that opens many
+files does not grow.
 """
 
 import ctypes
@@ -20,7 +22,13 @@ from numpy.typing import NDArray
 from nnpp_edge.runtime.errors import ModelError, NnppEdgeError
 from nnpp_edge.runtime.kernels.encoding import ENDS_CHANNELS
 from nnpp_edge.runtime.kernels.place_head import ANSWERS
-from nnpp_edge.runtime.network.model_file import QUERY_SPACING, UNSEEN, ModelMetadata, model_path, read_metadata
+from nnpp_edge.runtime.network.model_file import (
+    QUERY_SPACING,
+    UNSEEN,
+    ModelMetadata,
+    model_path,
+    read_metadata,
+)
 from nnpp_edge.runtime.network.place_head import PlaceHead, count_parameters
 from nnpp_edge.runtime.network.unseen import ANSWERS as ANSWERS_UNSEEN
 from nnpp_edge.runtime.reading import refused_as
@@ -29,8 +37,13 @@ from nnpp_edge.runtime.tuning import TWO_THREADS_FROM
 if TYPE_CHECKING:
     from onnxruntime import InferenceSession
 
-OUTPUT, PLACES, HEAD, ASK = "probability", "places", "head", "ask"
-"""Names of the output, in networks in two parts (`place_head`) of two more, and of the input that asks the head."""
+OUTPUT = "probability"
+PLACES = "places"
+HEAD = "head"
+ASK = "ask"
+"""Names of the output, in networks in two parts (`place_head`) of two more, and of the input that
+asks the head.
+"""
 _UNSHUFFLE = 4
 """Their map has so many cells, squared, to a pixel, as channels."""
 DEFAULT_THREADS = 2
@@ -40,7 +53,9 @@ _ROUNDING = 1e-4
 """How far the head's answer may lie from its graph's, which adds in another order."""
 Shapes = dict[str, tuple[int, ...]]
 Identity = tuple[int, ...]
-"""Device, inode, size and times of a file: what tells it from any other, and from what it was before a change."""
+"""Device, inode, size and times of a file: what tells it from any other, and from what it was
+before a change.
+"""
 Key = tuple[Identity, int | None, int]
 """File and threads as asked for, and without a number of threads the cores that it depends on."""
 
@@ -64,20 +79,26 @@ class LoadedModel:
     """That opened it."""
 
     def lacks_threads(self) -> bool:
-        """Whether its session waits for threads that another process has, from which this one was forked."""
+        """Whether its session waits for threads that another process has, from which this one was
+        forked.
+        """
         return self.parallel and self.process != os.getpid()
 
 
 _loading = threading.RLock()
-"""Held by the thread that loads a file, and by one that forks: no child begins with a file half loaded."""
+"""Held by the thread that loads a file, and by one that forks: no child begins with a file half
+loaded.
+"""
 _open: WeakValueDictionary[Key, LoadedModel] = WeakValueDictionary()
 _kept: deque[LoadedModel] = deque(maxlen=KEPT)
 
 
 def opened(path: Path, threads: int | None = None) -> tuple[LoadedModel, bool]:
-    """A model file's session, opened if this process has not yet, and whether it had to be waited for.
+    """A model file's session, opened if this process has not yet, and whether it had to be waited
+    for.
 
-    Arguments and errors are those of `NetworkModel`: whoever asks for a file that cannot be loaded tries again.
+    Arguments and errors are those of `NetworkModel`: whoever asks for a file that cannot be loaded
+    tries again.
     """
     key = _key(path, threads)
     loaded = _open.get(key)
@@ -92,7 +113,8 @@ def opened(path: Path, threads: int | None = None) -> tuple[LoadedModel, bool]:
 
 
 def begin_loading(model: object, threads: int | None = None) -> None:
-    """Open the file of a model, by its name or path, in the background. Whoever asks for it meanwhile waits for it.
+    """Open the file of a model, by its name or path, in the background. Whoever asks for it
+    meanwhile waits for it.
 
     Nothing is done for a model that is loaded already. Errors are left to those who ask.
     """
@@ -124,15 +146,28 @@ def _identity(path: Path) -> Identity:
 
 def _load(path: Path, key: Key) -> LoadedModel:
     """Read, check and open a file."""
-    (identity, threads, cores), metadata = key, read_metadata(path)  # which refuses what would never be opened
-    count = threads if threads is not None else 1 if metadata.input_size < TWO_THREADS_FROM else cores
-    session, (inputs, outputs) = open_session(path, count), _shapes(metadata)
-    with refused_as(ModelError, f"{path}: wanted an ONNX model, got one that does not fit its metadata"):
-        found = ("inputs", inputs, session.get_inputs()), ("outputs", outputs, session.get_outputs())
+    (identity, threads, cores), metadata = (
+        key,
+        read_metadata(path),
+    )  # which refuses what would never be opened
+    count = (
+        threads if threads is not None else 1 if metadata.input_size < TWO_THREADS_FROM else cores
+    )
+    session = open_session(path, count)
+    inputs, outputs = _shapes(metadata)
+    with refused_as(
+        ModelError, f"{path}: wanted an ONNX model, got one that does not fit its metadata"
+    ):
+        found = (
+            ("inputs", inputs, session.get_inputs()),
+            ("outputs", outputs, session.get_outputs()),
+        )
         for kind, wanted, values in found:
             if (got := {value.name: tuple(value.shape) for value in values}) != wanted:
                 raise ModelError(f"{path}: wanted {kind} {wanted} by its metadata, got {got}")
-        head = _checked_head(path, session, metadata, inputs) if metadata.encoding == "ends" else None
+        head = (
+            _checked_head(path, session, metadata, inputs) if metadata.encoding == "ends" else None
+        )
     if _identity(path) != identity:
         raise ModelError(f"{path}: wanted an ONNX model, got one that changed while it was loaded")
     asked = identity, threads, count != 1
@@ -144,8 +179,11 @@ def open_session(path: Path, threads: int) -> "InferenceSession":
     import onnxruntime as ort
 
     options = ort.SessionOptions()
-    options.intra_op_num_threads, options.inter_op_num_threads = threads, 1
-    options.add_session_config_entry("session.intra_op.allow_spinning", "0")  # or they take the cores from the search
+    options.intra_op_num_threads = threads
+    options.inter_op_num_threads = 1
+    options.add_session_config_entry(
+        "session.intra_op.allow_spinning", "0"
+    )  # or they take the cores from the search
     options.log_severity_level = 4
     with refused_as(ModelError, f"{path}: wanted an ONNX model, got a file that does not load"):
         return ort.InferenceSession(str(path), options, ["CPUExecutionProvider"], enable_fallback=0)
@@ -158,23 +196,36 @@ def _shapes(m: ModelMetadata) -> tuple[Shapes, Shapes]:
         return {"input": (1, len(UNSEEN), size, size)}, {OUTPUT: (1, ANSWERS_UNSEEN, size, size)}
     if m.encoding == "gaussian":
         return {"input": (1, 3, size, size)}, {OUTPUT: (1, 1, m.blocks, m.blocks)}
-    side, places = size // _UNSHUFFLE, size // QUERY_SPACING
-    inputs = {"map": (1, 2 * _UNSHUFFLE**2, side, side), "query": (1, ENDS_CHANNELS, places, places), ASK: (1,)}
+    side = size // _UNSHUFFLE
+    places = size // QUERY_SPACING
+    inputs = {
+        "map": (1, 2 * _UNSHUFFLE**2, side, side),
+        "query": (1, ENDS_CHANNELS, places, places),
+        ASK: (1,),
+    }
     in_parts = {PLACES: (1, 2 * m.head[0], places, places), HEAD: (count_parameters(m.head),)}
     return inputs, {OUTPUT: (1, ANSWERS, places, places), **in_parts}
 
 
-def _checked_head(path: Path, session: "InferenceSession", m: ModelMetadata, inputs: Shapes) -> NDArray[np.float32]:
+def _checked_head(
+    path: Path, session: "InferenceSession", m: ModelMetadata, inputs: Shapes
+) -> NDArray[np.float32]:
     """The parameters of the head; ModelError where they do not answer what the graph does."""
     seen = np.random.default_rng(0).random(inputs["map"], np.float32)
-    side, far = m.input_size // QUERY_SPACING, float(m.input_size - 1)
+    side = m.input_size // QUERY_SPACING
+    far = float(m.input_size - 1)
     asked = (0.3 * far, 0.0), (far, 0.6 * far), m.sigma * m.input_size
     query = np.zeros(inputs["query"], np.float32)
     answer = np.empty((m.blocks, m.blocks), np.float32)
-    # a head without parameters encodes the query: compiled code that plans need is read, and no other
-    PlaceHead(np.zeros(count_parameters(m.head), np.float32), m.head, side).answer(*asked, query[0], answer)
+    # a head without parameters encodes the query: compiled code that plans need is read, and no
+    # other
+    PlaceHead(np.zeros(count_parameters(m.head), np.float32), m.head, side).answer(
+        *asked, query[0], answer
+    )
     with refused_as(ModelError, f"{path}: wanted an ONNX model, got one whose graph fails"):
-        found = session.run([OUTPUT, PLACES, HEAD], {"map": seen, "query": query, ASK: np.ones(1, np.bool_)})
+        found = session.run(
+            [OUTPUT, PLACES, HEAD], {"map": seen, "query": query, ASK: np.ones(1, np.bool_)}
+        )
     wanted, places, parameters = found
     head = PlaceHead(parameters := np.array(parameters, np.float32), m.head, side)
     head.describe(places)
@@ -186,7 +237,9 @@ def _checked_head(path: Path, session: "InferenceSession", m: ModelMetadata, inp
 
 
 def _after_fork() -> None:
-    """In the child: open every file anew. Sessions of the parent live on, for to end their threads would hang."""
+    """In the child: open every file anew. Sessions of the parent live on, for to end their threads
+    would hang.
+    """
     for loaded in set(_open.values()):
         ctypes.pythonapi.Py_IncRef(ctypes.py_object(loaded))
     _open.clear()
@@ -194,4 +247,6 @@ def _after_fork() -> None:
     _loading.release()
 
 
-os.register_at_fork(before=_loading.acquire, after_in_parent=_loading.release, after_in_child=_after_fork)
+os.register_at_fork(
+    before=_loading.acquire, after_in_parent=_loading.release, after_in_child=_after_fork
+)

@@ -16,11 +16,27 @@ from nnpp_edge.runtime.reading import problem_with_file, refused_as
 METADATA_KEY = "nnpp_edge"
 FORMAT: Final = "nnpp-edge-model-1"
 UNSEEN = (
-    *("slope_across", "slope_down", "above_3", "above_7", "above_15", "slope", "step", "blocked_by_slope", "known"),
+    *(
+        "slope_across",
+        "slope_down",
+        "above_3",
+        "above_7",
+        "above_15",
+        "slope",
+        "step",
+        "blocked_by_slope",
+        "known",
+    ),
     *("limited", "factor", "cell"),
 )
-"""Planes of a coarse map, in order; `above_n` are differences between means over n × n blocks (`network.unseen`)."""
-CHANNELS = {"gaussian": ("cost", "start_map", "goal_map"), "ends": ("cost", "blocked", "ends"), "unseen": UNSEEN}
+"""Planes of a coarse map, in order; `above_n` are differences between means over n × n blocks
+(`network.unseen`).
+"""
+CHANNELS = {
+    "gaussian": ("cost", "start_map", "goal_map"),
+    "ends": ("cost", "blocked", "ends"),
+    "unseen": UNSEEN,
+}
 """Names of what a network is shown, in order, by its encoding."""
 QUERY_SPACING = 8
 """Network cells between the points of a query that is encoded as ``ends``."""
@@ -34,7 +50,9 @@ Positive = Annotated[float, msgspec.Meta(gt=0.0)]
 
 @dataclass(frozen=True)
 class ModelMetadata:
-    """The terms of network and runtime; they travel in the ONNX file as JSON and are checked at load."""
+    """The terms of network and runtime; they travel in the ONNX file as JSON and are checked at
+    load.
+    """
 
     name: str
     architecture: str
@@ -43,8 +61,8 @@ class ModelMetadata:
     blocks: Count
     """The answer comes on blocks × blocks."""
     encoding: str
-    """``gaussian`` (the paper's): cost, start and goal map in one input. ``ends``: an encoder sees the map alone.
-    ``unseen``: no query, see `network.unseen`."""
+    """``gaussian`` (the paper's): cost, start and goal map in one input. ``ends``: an encoder
+    sees the map alone. ``unseen``: no query, see `network.unseen`."""
     channels: tuple[str, ...]
     """Their order in the input."""
     sigma: Positive
@@ -56,7 +74,9 @@ class ModelMetadata:
     region_factor: Annotated[float, msgspec.Meta(gt=0.0, le=1.0)] = 0.5
     """Factor on the adaptive threshold, chosen on validation terrain."""
     head: tuple[Count, ...] = ()
-    """With ``ends``: the numbers that relate a place to an end, and the units of the head's two hidden layers."""
+    """With ``ends``: the numbers that relate a place to an end, and the units of the head's two
+    hidden layers.
+    """
     precision: str = "fp32"
     training: dict[str, object] = field(default_factory=dict)
     version: str = ""
@@ -70,17 +90,25 @@ class ModelMetadata:
     def from_json(cls, text: str | bytes | None, source: str) -> "ModelMetadata":
         """Read and check; ModelError names `source`, what was wanted and what came."""
         if not text:
-            raise ModelError(f"{source}: wanted an ONNX model with '{METADATA_KEY}' metadata, got one without")
+            raise ModelError(
+                f"{source}: wanted an ONNX model with '{METADATA_KEY}' metadata, got one without"
+            )
         with refused_as(ModelError, f"{source}: wanted metadata of format {FORMAT}"):
             found = msgspec.json.decode(text, type=cls)
             too_deep = _depth(found.training) > _DEEPEST
         if CHANNELS.get(found.encoding) != found.channels:
             got = f"{found.encoding!r} {found.channels}"
-            raise ModelError(f"{source}: wanted encoding and channels to be one of {CHANNELS}, got {got}")
-        in_parts, blocks, size = found.encoding == "ends", found.blocks, found.input_size
+            raise ModelError(
+                f"{source}: wanted encoding and channels to be one of {CHANNELS}, got {got}"
+            )
+        in_parts = found.encoding == "ends"
+        blocks = found.blocks
+        size = found.input_size
         fits = size % blocks == 0 and (blocks == 2 * (size // QUERY_SPACING) or not in_parts)
         if too_deep or not fits or len(found.head) != 3 * in_parts:
-            raise ModelError(f"{source}: its metadata holds numbers that do not go together: {found}")
+            raise ModelError(
+                f"{source}: its metadata holds numbers that do not go together: {found}"
+            )
         return found
 
 
@@ -111,34 +139,44 @@ class ModelFile:
 
 
 def model_path(name: str | Path) -> Path:
-    """Path of a shipped model by its name (``edge``), or of a model file; ModelError where there is neither."""
+    """Path of a shipped model by its name (``edge``), or of a model file; ModelError where there is
+    neither.
+    """
     shipped = _MODELS / f"{name}.onnx"
     for path in (shipped, Path(name)):
         if (problem := problem_with_file(path)) is None:
             return path
     names = ", ".join(sorted(p.stem for p in _MODELS.glob("*.onnx"))) or "none"
-    raise ModelError(f"wanted a model file or the name of a shipped model ({names}), got {str(name)!r} ({problem})")
+    raise ModelError(
+        f"wanted a model file or the name of a shipped model ({names}), got {str(name)!r} "
+        f"({problem})"
+    )
 
 
 def read_metadata(path: Path, content: bytes | None = None) -> ModelMetadata:
-    """A model's metadata; ModelError where they cannot be read, or `checked_metadata` refuses the file."""
+    """A model's metadata; ModelError where they cannot be read, or `checked_metadata` refuses the
+    file.
+    """
     found = checked_metadata(_bytes(path) if content is None else content, str(path))
     return ModelMetadata.from_json(found.get(METADATA_KEY.encode()), str(path))
 
 
 def list_models() -> list[ModelFile]:
     """The shipped models, by name."""
-    return [read_model_file(path) for path in sorted(_MODELS.glob("*.onnx"), key=lambda path: path.stem)]
+    return [
+        read_model_file(path) for path in sorted(_MODELS.glob("*.onnx"), key=lambda path: path.stem)
+    ]
 
 
 def read_model_file(model: str | Path = "edge") -> ModelFile:
     """All about a shipped model, by its name, or an ONNX file with our metadata.
 
-    Beside MODEL.onnx may lie MODEL.md, the card. ModelError where the file is missing, truncated or without our
-    metadata.
+    Beside MODEL.onnx may lie MODEL.md, the card. ModelError where the file is missing, truncated or
+    without our metadata.
     """
     path = model_path(model)
-    content, card = _bytes(path), path.with_suffix(".md")
+    content = _bytes(path)
+    card = path.with_suffix(".md")
     return ModelFile(
         name=path.stem,
         path=path,

@@ -1,7 +1,9 @@
-"""The head of a network in two parts: the answer to a query from the encoder's description of each place.
+"""The head of a network in two parts: the answer to a query from the encoder's description of each
+place.
 
-onnxruntime runs the encoder when the map changes. A query takes a quarter of a million multiplications, less than a
-call of onnxruntime costs, so they are done here. The ONNX file holds the head too; both are compared at load.
+onnxruntime runs the encoder when the map changes. A query takes a quarter of a million
+multiplications, less than a call of onnxruntime costs, so they are done here. The ONNX file holds
+the head too; both are compared at load.
 """
 
 import numpy as np
@@ -21,7 +23,8 @@ def parameter_shapes(sizes: tuple[int, ...]) -> tuple[tuple[int, int], ...]:
     `sizes` are the numbers that relate a place to an end, and the units of the two hidden layers.
     """
     relation, first, second = sizes
-    way, relations = ((END_CHANNELS - 1, relation), (1, relation)), ((relation, first), (1, first), (relation, first))
+    way = ((END_CHANNELS - 1, relation), (1, relation))
+    relations = ((relation, first), (1, first), (relation, first))
     layers = (first, second), (1, second), (second, ANSWERS), (1, ANSWERS)
     return *way, *relations, (BETWEEN_CHANNELS, first), *layers
 
@@ -32,19 +35,26 @@ def count_parameters(sizes: tuple[int, ...]) -> int:
 
 
 class PlaceHead:
-    """The head of these sizes, for places in a square of `side`; `parameters` (N,) float32 as `parameter_shapes`."""
+    """The head of these sizes, for places in a square of `side`; `parameters` (N,) float32 as
+    `parameter_shapes`.
+    """
 
     def __init__(self, parameters: Floats, sizes: tuple[int, ...], side: int) -> None:
         relation, *units = sizes
-        self._parameters, self._units = parameters, tuple(units)
+        self._parameters = parameters
+        self._units = tuple(units)
         self._places: Floats = np.zeros((side * side, 2 * relation), np.float32)
-        self._scratch = np.empty((side * side + 1) * (3 * relation + sum(units) + ANSWERS), np.float32)
+        self._scratch = np.empty(
+            (side * side + 1) * (3 * relation + sum(units) + ANSWERS), np.float32
+        )
 
     def describe(self, places: Floats) -> None:
         """Take over the encoder's two descriptions of each place: (1, 2R, P, P) float32."""
         self._places[:] = places.reshape(places.shape[1], -1).T
 
     def answer(self, start: Point, goal: Point, sigma: float, query: Floats, out: Floats) -> None:
-        """Probabilities, (2P, 2P) float32, into `out`, and into `query` what `encode_ends` writes."""
+        """Probabilities, (2P, 2P) float32, into `out`, and into `query` what
+        `encode_ends` writes.
+        """
         state = self._places, query, self._parameters, self._units, self._scratch
         answer_ends((*start, *goal), float(QUERY_SPACING), sigma, *state, out)

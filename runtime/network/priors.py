@@ -1,8 +1,9 @@
 """Prices of unseen ground: the expected cost of crossing a block of a coarse map.
 
-A block's price is in units of T a fine cell: a straight step through it costs L + 2 · 255 · ω · price. It is finite.
-Where a block is likely to hold impassable cells it is above 1, up to `MOST_PRICE`: a way through it may turn out to
-be a dead end, which costs more than any ground. Blocks of unknown elevation have that price.
+A block's price is in units of T a fine cell: a straight step through it costs L + 2 · 255 · ω ·
+price. It is finite. Where a block is likely to hold impassable cells it is above 1, up to
+`MOST_PRICE`: a way through it may turn out to be a dead end, which costs more than any ground.
+Blocks of unknown elevation have that price.
 """
 
 from collections.abc import Iterator
@@ -16,14 +17,20 @@ from nnpp_edge.runtime.errors import InvalidQueryError, ModelError
 from nnpp_edge.runtime.map.unseen import Unseen
 from nnpp_edge.runtime.network.inference import NetworkModel
 from nnpp_edge.runtime.network.unseen import MARGIN, encode_unseen, expected_by_slope, prices_of
-from nnpp_edge.runtime.terrain.traversability import Traversability, terrain_terms, traversability_cost
+from nnpp_edge.runtime.terrain.traversability import (
+    Traversability,
+    terrain_terms,
+    traversability_cost,
+)
 from nnpp_edge.runtime.tuning import BLOCKED_PRICE, MOST_PRICE
 
 PRIORS = ("network", "slope", "eq1", "mean")
 
 
 def set_prices(unseen: Unseen) -> None:
-    """Price a coarse map's blocks by its prior, unless they are, before any cell is weighed; see `prices_by`."""
+    """Price a coarse map's blocks by its prior, unless they are, before any cell is weighed; see
+    `prices_by`.
+    """
     if not unseen.priced:
         ground, side_m = unseen.ground, unseen.factor * unseen.ground.sides_m[0]
         of_map = unseen.dem, ground.traversability, side_m, unseen.factor
@@ -41,9 +48,9 @@ def prices_by(
 ) -> Float2D:
     """Price of each block of a coarse map, (H, W) float32 in [0, `MOST_PRICE`].
 
-    `dem` are the means of `factor` × `factor` cells, metres, NaN where unknown; blocks have sides of `cell_size_m`.
-    Only what is relative in the elevations counts. InvalidQueryError where there is no such prior; ModelError where
-    the network's `model` cannot be loaded or is another kind.
+    `dem` are the means of `factor` × `factor` cells, metres, NaN where unknown; blocks have sides
+    of `cell_size_m`. Only what is relative in the elevations counts. InvalidQueryError where there
+    is no such prior; ModelError where the network's `model` cannot be loaded or is another kind.
     """
     known = np.isfinite(dem)
     if prior == "network":
@@ -68,20 +75,27 @@ def _by_network(
     """Prices by a network; maps larger than its input are shown to it window by window."""
     if network.metadata.encoding != "unseen":
         raise ModelError(f"{network.path}: wanted a network that prices unseen ground, got another")
-    out, side = np.empty(dem.shape, np.float32), network.metadata.input_size
+    out = np.empty(dem.shape, np.float32)
+    side = network.metadata.input_size
     for top, row, rows in windows(dem.shape[0], side):
         for left, col, cols in windows(dem.shape[1], side):
-            part, window = dem[top : top + side, left : left + side], np.full((side, side), np.nan, np.float32)
+            part = dem[top : top + side, left : left + side]
+            window = np.full((side, side), np.nan, np.float32)
             window[: part.shape[0], : part.shape[1]] = part
             encode_unseen(window, limits, cell_size_m, factor, network.inputs["input"][0])
-            inner = network.answers()[:, row - top : row - top + rows, col - left : col - left + cols]
+            inner = network.answers()[
+                :, row - top : row - top + rows, col - left : col - left + cols
+            ]
             out[row : row + rows, col : col + cols] = prices_of(inner)
     return out
 
 
 def windows(cells: int, side: int) -> Iterator[tuple[int, int, int]]:
-    """Windows of `side` that cover a length: where each begins, and from where how many of its cells are taken."""
-    done, step = 0, side - 2 * MARGIN
+    """Windows of `side` that cover a length: where each begins, and from where how many of its
+    cells are taken.
+    """
+    done = 0
+    step = side - 2 * MARGIN
     while done < cells:
         begin = max(0, min(done - MARGIN, cells - side)) if done else 0
         end = cells if begin + side >= cells else (begin + MARGIN + step)

@@ -1,7 +1,7 @@
 """Ground that is unseen, as input of a network, and a block's price by its output.
 
-Training takes these from here too, so that what runs is what was trained. Only what is relative in the elevations is
-shown: in units of the rise over a block at the limit of the slope.
+Training takes these from here too, so that what runs is what was trained. Only what is relative in
+the elevations is shown: in units of the rise over a block at the limit of the slope.
 """
 
 import math
@@ -15,33 +15,44 @@ from nnpp_edge.runtime.terrain.traversability import Traversability
 from nnpp_edge.runtime.tuning import BLOCKED_PRICES, SlopePrice
 
 ANSWERS = 3
-"""Of a block: mean T, impassable cells as 1; share of impassable cells; chance that it cannot be crossed."""
+"""Of a block: mean T, impassable cells as 1; share of impassable cells; chance that it cannot be
+crossed.
+"""
 MARGIN = 8
-"""Blocks at the edge of a window whose answers are taken from another window, where there is one."""
+"""Blocks at the edge of a window whose answers are taken from another window, where there
+is one.
+"""
 _NUMBERS = SlopePrice()
 
 
 def expected_by_slope(
     slope: NDArray[np.floating], limits: Traversability, factor: int, numbers: SlopePrice = _NUMBERS
 ) -> tuple[NDArray[np.floating], NDArray[np.floating]]:
-    """Mean T, impassable cells apart, and share of impassable cells of blocks by their coarse slope (rad).
+    """Mean T, impassable cells apart, and share of impassable cells of blocks by their coarse slope
+    (rad).
 
-    T rises with the slope up to the limit φ_s. Where slopes are limited the share is a logistic function of the
-    slope, the broader the more cells a block has.
+    T rises with the slope up to the limit φ_s. Where slopes are limited the share is a logistic
+    function of the slope, the broader the more cells a block has.
     """
-    mean = numbers.floor + numbers.gain * np.minimum(slope / math.radians(limits.slope_limit_deg), 1.0)
+    mean = numbers.floor + numbers.gain * np.minimum(
+        slope / math.radians(limits.slope_limit_deg), 1.0
+    )
     if not limits.hard_slope_deg < math.inf:
         return mean, np.zeros_like(mean)
-    over = (slope / math.radians(limits.hard_slope_deg) - 1.0) / (numbers.spread * math.sqrt(factor / 8.0)) + 0.9
+    over = (slope / math.radians(limits.hard_slope_deg) - 1.0) / (
+        numbers.spread * math.sqrt(factor / 8.0)
+    ) + 0.9
     return mean, 1.0 / (1.0 + np.exp(-np.clip(over, -30.0, 30.0)))
 
 
 def encode_unseen(
     dem: Float2D, limits: Traversability, cell_size_m: float, factor: int, out: NDArray[np.float32]
 ) -> None:
-    """Show a window of a coarse map: the channels of each block into `out`, (12, H, W) float32; 0 where unknown.
+    """Show a window of a coarse map: the channels of each block into `out`, (12, H, W) float32; 0
+    where unknown.
 
-    `dem` (H, W) are means over factor × factor cells, metres, NaN where unknown; `cell_size_m` is a block's side.
+    `dem` (H, W) are means over factor × factor cells, metres, NaN where unknown; `cell_size_m` is a
+    block's side.
     """
     known = np.isfinite(dem).astype(np.float32)
     tangent = math.tan(math.radians(limits.slope_limit_deg))
@@ -49,36 +60,62 @@ def encode_unseen(
     height = (height - np.float32((height * known).sum() / max(known.sum(), 1.0))) * known
     near, wide, far = (_mean(height, known, blocks) for blocks in (3, 7, 15))
     filled = np.where(known > 0.0, height, near)
-    edged, there = np.pad(filled, 1, mode="edge"), np.pad(known, 1)
+    edged = np.pad(filled, 1, mode="edge")
+    there = np.pad(known, 1)
     middle = slice(1, -1)
-    sides = [(slice(2, None), middle), (slice(None, -2), middle), (middle, slice(2, None)), (middle, slice(None, -2))]
+    sides = [
+        (slice(2, None), middle),
+        (slice(None, -2), middle),
+        (middle, slice(2, None)),
+        (middle, slice(None, -2)),
+    ]
     rises = [(edged[side] - filled) * there[side] for side in sides]
     down, across = (
-        (rises[a] - rises[a + 1]) / np.maximum(there[sides[a]] + there[sides[a + 1]], 1.0) for a in (0, 2)
+        (rises[a] - rises[a + 1]) / np.maximum(there[sides[a]] + there[sides[a + 1]], 1.0)
+        for a in (0, 2)
     )
     slope = np.arctan(np.sqrt(down * down + across * across) * np.float32(tangent))
     blocked = expected_by_slope(slope, limits, factor)[1]
     step = np.max([np.abs(edged[side] - filled) for side in sides], axis=0)
-    planes = [_soft(across), _soft(down), _soft(4.0 * (height - near)), _soft(2.0 * (near - wide)), _soft(wide - far)]
-    planes += [np.minimum(slope / math.radians(limits.slope_limit_deg), 2.0) / 2.0, _soft(step), blocked, known]
+    planes = [
+        _soft(across),
+        _soft(down),
+        _soft(4.0 * (height - near)),
+        _soft(2.0 * (near - wide)),
+        _soft(wide - far),
+    ]
+    planes += [
+        np.minimum(slope / math.radians(limits.slope_limit_deg), 2.0) / 2.0,
+        _soft(step),
+        blocked,
+        known,
+    ]
     for plane, values in zip(out, planes, strict=False):
         np.multiply(values, known, out=plane, casting="same_kind")
     cell = cell_size_m / factor * tangent / 2.0
-    constants = float(limits.hard_slope_deg < math.inf), math.log2(factor) / 4.0, cell / (1.0 + cell)
+    constants = (
+        float(limits.hard_slope_deg < math.inf),
+        math.log2(factor) / 4.0,
+        cell / (1.0 + cell),
+    )
     out[len(planes) :] = np.multiply.outer(np.array(constants, np.float32), known)
 
 
 def prices_of(answers: NDArray[np.float32]) -> Float2D:
     """Prices, (H, W) float32, by a network's answers (3, H, W)."""
     by_share, by_chance = BLOCKED_PRICES
-    price: Float2D = answers[0] + np.float32(by_share) * answers[1] + np.float32(by_chance) * answers[2]
+    price: Float2D = (
+        answers[0] + np.float32(by_share) * answers[1] + np.float32(by_chance) * answers[2]
+    )
     return price
 
 
 def _mean(height: Float2D, known: Float2D, blocks: int) -> Float2D:
     """Mean of the known heights over blocks × blocks."""
     total, count = (
-        cv2.boxFilter(plane, cv2.CV_32F, (blocks, blocks), normalize=False, borderType=cv2.BORDER_CONSTANT)
+        cv2.boxFilter(
+            plane, cv2.CV_32F, (blocks, blocks), normalize=False, borderType=cv2.BORDER_CONSTANT
+        )
         for plane in (height, known)
     )
     return np.divide(total, np.maximum(count, np.float32(1e-6)), dtype=np.float32)

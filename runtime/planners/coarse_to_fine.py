@@ -1,4 +1,6 @@
-"""Coarse to fine: each level of the pyramid is searched inside a corridor around the path on the one above."""
+"""Coarse to fine: each level of the pyramid is searched inside a corridor around the path on the
+one above.
+"""
 
 import math
 
@@ -38,12 +40,17 @@ class CoarseLevel:
     """
 
     def __init__(self, level: Level) -> None:
-        nodes, grid = len(level.grid.weights), level.grid
-        self.level, self.grid, self.workspace = level, grid, Workspace(nodes)
+        nodes = len(level.grid.weights)
+        grid = level.grid
+        self.level = level
+        self.grid = grid
+        self.workspace = Workspace(nodes)
         self.landmarks: Landmarks | None = None
         """Of the level as it was at `_version`."""
-        self._version, self._spent = level.version, 0.0
-        self._reached, self._queued = np.empty(nodes, np.float32), np.zeros(nodes, np.uint8)
+        self._version = level.version
+        self._spent = 0.0
+        self._reached = np.empty(nodes, np.float32)
+        self._queued = np.zeros(nodes, np.uint8)
         self._queue = np.empty(1 << (nodes - 1).bit_length(), np.int32)
         self._bitmaps = np.zeros((2, 2 * grid.rows, 2 * grid.cols), np.int32)
         self._stamp = 0
@@ -51,43 +58,76 @@ class CoarseLevel:
         """Links that `close_dead_ends` has closed, as bits."""
 
     def search(
-        self, start: Cell, goal: Cell, region: Region | None, *, beyond: float, deadline: Deadline = NEVER
+        self,
+        start: Cell,
+        goal: Cell,
+        region: Region | None,
+        *,
+        beyond: float,
+        deadline: Deadline = NEVER,
     ) -> Search:
-        """`astar` on this level from a query's goal to its start, by landmarks where all of it is searched.
+        """`astar` on this level from a query's goal to its start, by landmarks where all of it is
+        searched.
 
-        Directed steps are taken backwards, and have no landmarks. Else searches of a whole level get them, one at a
-        time, once they have expanded several times the cells that this takes: so a map that is searched often is
-        answered faster, and one that changes loses little.
+        Directed steps are taken backwards, and have no landmarks. Else searches of a whole level
+        get them, one at a time, once they have expanded several times the cells that this takes: so
+        a map that is searched often is answered faster, and one that changes loses little.
         """
         if self._version != self.level.version:
-            self.landmarks, self._version, self._spent = None, self.level.version, 0.0
-        grid, ws, links, back = self.grid, self.workspace, self.level.links, self.grid.steps.by_slope
-        hints = None if region is not None or self.landmarks is None else self.landmarks.towards(goal)
+            self.landmarks = None
+            self._version = self.level.version
+            self._spent = 0.0
+        grid, ws, links, back = (
+            self.grid,
+            self.workspace,
+            self.level.links,
+            self.grid.steps.by_slope,
+        )
+        hints = (
+            None if region is not None or self.landmarks is None else self.landmarks.towards(goal)
+        )
         found = astar(
-            grid, start, goal, ws, region, links=links, hints=hints, backwards=back, beyond=beyond, deadline=deadline
+            grid,
+            start,
+            goal,
+            ws,
+            region,
+            links=links,
+            hints=hints,
+            backwards=back,
+            beyond=beyond,
+            deadline=deadline,
         )
         if region is None and not back and grid.cells <= MOST_CELLS_FOR_LANDMARKS:
             self._spent += found.expansions
         return found
 
     def invest(self) -> None:
-        """Set another landmark if enough work has been spent without; what the last search found is overwritten."""
+        """Set another landmark if enough work has been spent without; what the last search found is
+        overwritten.
+        """
         if self._closed is not None or self._spent < LANDMARK_PATIENCE * self.grid.cells:
             return
         self.landmarks = self.landmarks or Landmarks(self.grid, self.workspace, self.level.links)
         count = len(self.landmarks.cells)
         self.landmarks.spread(count + 1)
-        enough = len(self.landmarks.cells) in (count, LEVEL_LANDMARKS)  # there is no place for more, or no need
+        enough = len(self.landmarks.cells) in (
+            count,
+            LEVEL_LANDMARKS,
+        )  # there is no place for more, or no need
         self._spent = -math.inf if enough else 0.0
 
     def close_dead_ends(self, region: Region, searched: Workspace, shape: Cell) -> bool:
-        """Close the links that a search of a region of the map, of this shape, did not get across; whether any were.
+        """Close the links that a search of a region of the map, of this shape, did not get across;
+        whether any were.
 
-        `searched` is that search's memory. `open_dead_ends` opens them again: no more has changed until then.
+        `searched` is that search's memory. `open_dead_ends` opens them again: no more has changed
+        until then.
         """
         if self._closed is None:
             self._closed = np.zeros(len(self._queued), np.uint8)
-        marks, reached = (region.bitmap, region.stamp), (searched.meta, searched.stamp, shape)
+        marks = (region.bitmap, region.stamp)
+        reached = (searched.meta, searched.stamp, shape)
         return bool(close_dead_ends(self.level.links, marks, reached, self._queued, self._closed))
 
     def open_dead_ends(self) -> None:
@@ -106,20 +146,28 @@ class CoarseLevel:
         finer_workspace: Workspace,
         deadline: Deadline = NEVER,
     ) -> Region:
-        """Where to search the next finer level, around what the last search here found, from the goal to `start`.
+        """Where to search the next finer level, around what the last search here found, from the
+        goal to `start`.
 
-        In it are cells within `radius` quarters of the path's, and those on paths that cost at most 1 + `band` times
-        as much, which the search settled. Its bitmap is overwritten by the call after the next. OutOfTimeError at the
-        deadline.
+        In it are cells within `radius` quarters of the path's, and those on paths that cost at most
+        1 + `band` times as much, which the search settled. Its bitmap is overwritten by the call
+        after the next. OutOfTimeError at the deadline.
         """
         self._stamp += 1
         marks = self._bitmaps[self._stamp % 2], self._stamp
-        ws, below, grid = self.workspace, finer.grid, self.grid
-        searched, scratch = (ws.g, ws.meta, ws.stamp), (self._reached, self._queued, self._queue)
+        ws = self.workspace
+        below = finer.grid
+        grid = self.grid
+        searched = (ws.g, ws.meta, ws.stamp)
+        scratch = (self._reached, self._queued, self._queue)
         ahead = below.weights, below.stride, below.rows, below.cols, finer_workspace.meta
-        edges, width = grid.steps.edges(), (radius, band, deadline.at)
-        node, path = grid.node(*start), found.path
-        surround(grid.packed, edges, self.level.links, node, searched, scratch, path, width, marks, ahead)
+        edges = grid.steps.edges()
+        width = (radius, band, deadline.at)
+        node = grid.node(*start)
+        path = found.path
+        surround(
+            grid.packed, edges, self.level.links, node, searched, scratch, path, width, marks, ahead
+        )
         deadline.check()
         return Region(marks[0], *finer.quarters, self._stamp)
 
@@ -127,13 +175,15 @@ class CoarseLevel:
 class CoarseToFine:
     """Searches of a map's coarse levels; `finest` is memory of those at full resolution.
 
-    Coarse levels can only guess where a vehicle's poses pass. A region without a path shows, at the price of many
-    checks, where they do not: links from what its search reached to what it did not are closed, and the first coarse
-    level is searched again. Poses that have been checked cost nothing the second time.
+    Coarse levels can only guess where a vehicle's poses pass. A region without a path shows, at the
+    price of many checks, where they do not: links from what its search reached to what it did not
+    are closed, and the first coarse level is searched again. Poses that have been checked cost
+    nothing the second time.
     """
 
     def __init__(self, state: MapState | StreamedMap, finest: Workspace) -> None:
-        self._state, self._finest = state, finest
+        self._state = state
+        self._finest = finest
         self._levels = state.pyramid_by(NEVER).levels
         self.coarse_levels = [CoarseLevel(level) for level in self._levels[1:]]
         """The searched levels above the map itself, finest first."""
@@ -153,14 +203,19 @@ class CoarseToFine:
     def _descend(
         self, query: Query, work: Work, top: int, region: Region | None, width: CorridorWidth
     ) -> Region | None:
-        """Where to look on the map: from level `top` down around the path on the one above; None without a way."""
+        """Where to look on the map: from level `top` down around the path on the one above; None
+        without a way.
+        """
         self._levels = self._state.pyramid_by(query.deadline).levels  # brought up to date
         for number in range(top, 0, -1):
-            coarse, radius = self.coarse_levels[number - 1], width.radius
+            coarse = self.coarse_levels[number - 1]
+            radius = width.radius
             band = width.band + FACTOR * width.nearby / max(query.apart, FACTOR)
             if number > 1:
-                radius, band = radius + width.coarse_radius, band + width.coarse_band
-            start, goal = _at_level(query.start, number), _at_level(query.goal, number)
+                radius = radius + width.coarse_radius
+                band = band + width.coarse_band
+            start = _at_level(query.start, number)
+            goal = _at_level(query.goal, number)
             found = coarse.search(goal, start, region, beyond=band, deadline=query.deadline)
             work.expansions += found.expansions
             work.stage_ends("coarse")
@@ -168,7 +223,8 @@ class CoarseToFine:
                 return None
             if found.status is Status.TIMEOUT:  # a coarse path leads nowhere on the map
                 raise OutOfTimeError
-            finer, memory = self._levels[number - 1], self.workspace(number - 1)
+            finer = self._levels[number - 1]
+            memory = self.workspace(number - 1)
             region = coarse.around(found, start, radius, band, finer, memory, query.deadline)
             coarse.invest()
             work.stage_ends("coarse")
@@ -184,10 +240,12 @@ class CoarseToFine:
         width: CorridorWidth,
         source: Source,
     ) -> Found | None:
-        """A path, from level `top` down to the map, on which `searcher` looks for it; None where there is no way.
+        """A path, from level `top` down to the map, on which `searcher` looks for it; None where
+        there is no way.
 
-        `region` is where to look on level `top`, None for all of a coarse level. A vehicle's links are corrected
-        meanwhile, as often as it pays. OutOfTimeError where time was up before the search at full resolution.
+        `region` is where to look on level `top`, None for all of a coarse level. A vehicle's links
+        are corrected meanwhile, as often as it pays. OutOfTimeError where time was up before the
+        search at full resolution.
         """
         coarse = self.coarse_levels[0]
         try:
@@ -199,7 +257,9 @@ class CoarseToFine:
                     return Found.of(self._state.grid, found, source, inside, work)
                 if not left or not isinstance(searcher, AStarSearcher):
                     break
-                if not coarse.close_dead_ends(inside, self._finest.field or self._finest, self._state.shape):
+                if not coarse.close_dead_ends(
+                    inside, self._finest.field or self._finest, self._state.shape
+                ):
                     break
                 work.stage_ends("coarse")
             return None

@@ -1,7 +1,8 @@
 """Planning towards one goal on a map that changes, from a start that moves.
 
-NNPP, section 5.5, Tables 3 and 4: a path is planned, the robot follows it, the map changes, and the rest is planned
-anew. Every method answers on the newest map; they differ in what they keep from one answer to the next.
+NNPP, section 5.5, Tables 3 and 4: a path is planned, the robot follows it, the map changes, and the
+rest is planned anew. Every method answers on the newest map; they differ in what they keep from one
+answer to the next.
 """
 
 import math
@@ -21,20 +22,36 @@ from nnpp_edge.runtime.map.arcs import direction_near
 from nnpp_edge.runtime.map.ground import Ground
 from nnpp_edge.runtime.memory import touch
 from nnpp_edge.runtime.planners.methods import Methods
-from nnpp_edge.runtime.planners.on_map import OnMap, PlannerOptions, model_file, one_at_a_time, split
+from nnpp_edge.runtime.planners.on_map import (
+    OnMap,
+    PlannerOptions,
+    model_file,
+    one_at_a_time,
+    split,
+)
 from nnpp_edge.runtime.planners.plan import DynamicMethod, Method, Plan, Source
 from nnpp_edge.runtime.planners.query import Found, Query, Work
 from nnpp_edge.runtime.planners.refine import refines
 from nnpp_edge.runtime.planners.standing_path import Standing, StandingPath
 from nnpp_edge.runtime.terrain.traversability import Traversability
-from nnpp_edge.runtime.tuning import MEND_FROM, MEND_SHARE, MEND_WITHIN, MOST_DRIFT, NEAR, UNSEEN_CHANGE
+from nnpp_edge.runtime.tuning import (
+    MEND_FROM,
+    MEND_SHARE,
+    MEND_WITHIN,
+    MOST_DRIFT,
+    NEAR,
+    UNSEEN_CHANGE,
+)
 
 
 class DynamicChooser:
-    """Picks one of the methods for each query, by what has changed since the path that stands was found."""
+    """Picks one of the methods for each query, by what has changed since the path that stands was
+    found.
+    """
 
     def __init__(self, methods: Methods, path: StandingPath) -> None:
-        self._methods, self._path = methods, path
+        self._methods = methods
+        self._path = path
         self._changes = methods.state.log.reader()
         """Since the last answer with a path."""
         self._drift = 1.0
@@ -45,9 +62,15 @@ class DynamicChooser:
         self._changes.skip()
 
     def find(self, query: Query, work: Work) -> tuple[Found, DynamicMethod, str]:
-        """A path, the method that it was found by, and why that one. OutOfTimeError at the deadline."""
+        """A path, the method that it was found by, and why that one. OutOfTimeError at the
+        deadline.
+        """
         methods = self._methods
-        if query.apart < NEAR and not methods.has_arcs and (near := methods.search_briefly(query, work)) is not None:
+        if (
+            query.apart < NEAR
+            and not methods.has_arcs
+            and (near := methods.search_briefly(query, work)) is not None
+        ):
             return near, DynamicMethod.ASTAR, f"the goal is less than {NEAR} cells away"
         if why_afresh := self._against_mending(query):
             self._drift = 1.0
@@ -64,26 +87,36 @@ class DynamicChooser:
                     return found, DynamicMethod.CORRIDOR_DSTAR, reason
             reason = "the path in the standing corridor costs too much by now"
         self._drift = 1.0
-        return methods.corridor(query, work, methods.mending(always=True)), DynamicMethod.CORRIDOR_DSTAR, reason
+        return (
+            methods.corridor(query, work, methods.mending(always=True)),
+            DynamicMethod.CORRIDOR_DSTAR,
+            reason,
+        )
 
     def _against_mending(self, query: Query) -> str:
-        """Why a search afresh is expected to be faster than repairing the last one; empty where it is not."""
+        """Why a search afresh is expected to be faster than repairing the last one; empty where it
+        is not.
+        """
         if self._methods.state.unseen is not None:
             return "the ground is known coarsely"
-        changes, reach = self._changes.peek(), MEND_WITHIN * query.apart
+        changes = self._changes.peek()
+        reach = MEND_WITHIN * query.apart
         if self._path.plan is None:
             return "there is no earlier search to repair"
         if query.apart < MEND_FROM:
             return f"the goal is less than {MEND_FROM} cells away"
         if sum(change.cells for change in changes) > MEND_SHARE * self._methods.state.grid.cells:
             return "too much of the map has changed to repair the search"
-        if any(apart(change.part, query.start) + max(change.part[2:]) > reach for change in changes):
+        if any(
+            apart(change.part, query.start) + max(change.part[2:]) > reach for change in changes
+        ):
             return "the map has changed too far from the start to repair the search"
         return ""
 
 
 class DynamicPlanner(OnMap):
-    """Plans repeatedly to a goal while the map changes and the start moves. For one thread at a time.
+    """Plans repeatedly to a goal while the map changes and the start moves. For one thread at a
+    time.
 
     A call that was broken off leaves the map and the standing path.
 
@@ -92,9 +125,9 @@ class DynamicPlanner(OnMap):
     goal : (row, col)
         A cell of the map.
     method : str
-        One of `DynamicMethod`. ``auto`` picks at each step what is the fastest there, and says why: exact A* for a
-        goal nearby, unless the way there is long; D* Lite in the corridor that stands, if little has changed and that
-        lies near the start; else a new corridor.
+        One of `DynamicMethod`. ``auto`` picks at each step what is the fastest there, and says why:
+        exact A* for a goal nearby, unless the way there is long; D* Lite in the corridor that
+        stands, if little has changed and that lies near the start; else a new corridor.
     refine : str
         As in `PlanOptions`, of every plan.
     cost, cell_size_m, **options
@@ -166,7 +199,9 @@ class DynamicPlanner(OnMap):
         """A planner of ground that is known coarsely, as `Planner.of_coarse`."""
         own, rest = split(options)
         model = model_file(rest.pop("model", None))
-        ground = Ground.of_coarse(dem, cell_size_m, factor, traversability, prior=prior, model=model, **own)
+        ground = Ground.of_coarse(
+            dem, cell_size_m, factor, traversability, prior=prior, model=model, **own
+        )
         return cls(ground, goal, **rest)
 
     def _make(self) -> None:
@@ -190,7 +225,10 @@ class DynamicPlanner(OnMap):
 
     def __getstate__(self) -> dict[str, object]:
         """The map, the model, the ends, and the standing path: a copy begins anew with these."""
-        own = {name: getattr(self, name) for name in ("_refines", "_start", "_heading_deg", "_goal", "method")}
+        own = {
+            name: getattr(self, name)
+            for name in ("_refines", "_start", "_heading_deg", "_goal", "method")
+        }
         return super().__getstate__() | own | {"_standing": self._path.plan}
 
     @property
@@ -205,7 +243,9 @@ class DynamicPlanner(OnMap):
 
     @one_at_a_time
     def set_goal(self, goal: Cell) -> None:
-        """Another goal; the standing path is forgotten. InvalidQueryError if it is outside the map."""
+        """Another goal; the standing path is forgotten. InvalidQueryError if it is
+        outside the map.
+        """
         cell = as_cell(goal, "goal")
         if not self._state.grid.holds(cell):
             raise InvalidQueryError(f"goal must lie inside the map of {self.shape}, got {cell}")
@@ -217,7 +257,9 @@ class DynamicPlanner(OnMap):
 
     @one_at_a_time
     def first_blocked(self, path: NDArray[np.int32]) -> int:
-        """Number of the first cell of a path on the map, as `Plan.walked`, that cannot be stepped on now; or -1."""
+        """Number of the first cell of a path on the map, as `Plan.walked`, that cannot be stepped
+        on now; or -1.
+        """
         return self._state.grid.walk(path, 0, np.empty(len(path)))
 
     @one_at_a_time
@@ -227,13 +269,16 @@ class DynamicPlanner(OnMap):
 
     @checked(InvalidQueryError)
     def move(self, start: Cell, heading_deg: float | None = None) -> None:
-        """The robot is in this cell now; InvalidQueryError if it is not a cell, or the heading no number.
+        """The robot is in this cell now; InvalidQueryError if it is not a cell, or the heading no
+        number.
 
-        A body heads so many degrees clockwise from up the rows, and by default for where the plan would have it.
+        A body heads so many degrees clockwise from up the rows, and by default for where the plan
+        would have it.
         """
         if heading_deg is not None and not math.isfinite(heading_deg):
             raise InvalidQueryError(f"heading_deg must be a number of degrees, got {heading_deg}")
-        self._start, self._heading_deg = as_cell(start, "start"), heading_deg
+        self._start = as_cell(start, "start")
+        self._heading_deg = heading_deg
 
     @one_at_a_time
     def standing(self) -> Standing:
@@ -242,9 +287,11 @@ class DynamicPlanner(OnMap):
 
     @one_at_a_time
     def prepare(self) -> None:
-        """Do now what the first answer would else do: pool the map, set D* Lite up, show the network the map.
+        """Do now what the first answer would else do: pool the map, set D* Lite up, show the
+        network the map.
 
-        The system is made to back all of the planner's arrays with memory, so that no later answer waits for that.
+        The system is made to back all of the planner's arrays with memory, so that no later answer
+        waits for that.
         """
         if self._state.unseen is not None:  # memory goes by what is seen
             return
@@ -260,13 +307,18 @@ class DynamicPlanner(OnMap):
     @checked(InvalidQueryError)
     @one_at_a_time
     def replan(
-        self, *, method: str | None = None, time_limit_s: float = math.inf, keep_regions: bool = False
+        self,
+        *,
+        method: str | None = None,
+        time_limit_s: float = math.inf,
+        keep_regions: bool = False,
     ) -> Plan:
         """A path from the robot's cell to the goal, on the current map.
 
-        The path of a plan that is OK leads over passable cells of the newest map. Regions that fail are widened, then
-        the whole map is searched: NO_PATH means that there is none. `method` stands in for the planner's own, for
-        which alone `prepare` does all there is to do; time and regions as in `PlanOptions`.
+        The path of a plan that is OK leads over passable cells of the newest map. Regions that fail
+        are widened, then the whole map is searched: NO_PATH means that there is none. `method`
+        stands in for the planner's own, for which alone `prepare` does all there is to do; time and
+        regions as in `PlanOptions`.
 
         Raises
         ------
@@ -275,14 +327,24 @@ class DynamicPlanner(OnMap):
         ModelError
             The network is needed and cannot be loaded.
         """
-        work, wanted = Work(), self.method if method is None else DynamicMethod(method)
-        query = Query.of(self._where(), self._goal, Deadline.within(time_limit_s), direction=self._direction)
+        work = Work()
+        wanted = self.method if method is None else DynamicMethod(method)
+        query = Query.of(
+            self._where(), self._goal, Deadline.within(time_limit_s), direction=self._direction
+        )
 
         def find() -> tuple[Found, DynamicMethod, str]:
             if self._methods.has_arcs and not wanted.whole_map:
                 rest = self._path.rest(query.start, query.direction)
-                if rest is not None and (joined := self._methods.rejoin(query, work, rest)) is not None:
-                    return joined, DynamicMethod.CORRIDOR, "a way to the standing path, and on along that"
+                if (
+                    rest is not None
+                    and (joined := self._methods.rejoin(query, work, rest)) is not None
+                ):
+                    return (
+                        joined,
+                        DynamicMethod.CORRIDOR,
+                        "a way to the standing path, and on along that",
+                    )
             if wanted is DynamicMethod.AUTO:
                 return self._chooser.find(query, work)
             return self._methods.find(wanted, query, work), wanted, ""
@@ -296,15 +358,17 @@ class DynamicPlanner(OnMap):
     @checked(InvalidQueryError)
     @one_at_a_time
     def refined(self, plan: Plan) -> Plan:
-        """A plan whose path can be walked on the map as it is now, such as what is left of the standing one, with its
-        way points where the planner was made with `refine`, and with the numbers along it.
+        """A plan whose path can be walked on the map as it is now, such as what is left of the
+        standing one, with its way points where the planner was made with `refine`, and with the
+        numbers along it.
         """
         return self._refiner.refined(plan) if self._refines else plan.over(self._state)
 
     @property
     def _direction(self) -> int:
         """In which a body heads; -1 of others, and where it is not given."""
-        heading, poses = self._heading_deg, self._state.grid.poses
+        heading = self._heading_deg
+        poses = self._state.grid.poses
         if heading is None or poses is None:
             return -1
         return direction_near(heading, poses.sides_m)

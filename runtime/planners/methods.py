@@ -19,7 +19,12 @@ from nnpp_edge.runtime.planners.by_blocks import BlockWay, over
 from nnpp_edge.runtime.planners.coarse_to_fine import CoarseToFine
 from nnpp_edge.runtime.planners.plan import DynamicMethod, Method, Source
 from nnpp_edge.runtime.planners.query import Found, Query, Work, problem_with
-from nnpp_edge.runtime.planners.searchers import AStarSearcher, MendingSearcher, RegionMender, Searcher
+from nnpp_edge.runtime.planners.searchers import (
+    AStarSearcher,
+    MendingSearcher,
+    RegionMender,
+    Searcher,
+)
 from nnpp_edge.runtime.planners.standing_path import Rest
 from nnpp_edge.runtime.region.learned import LearnedRegions
 from nnpp_edge.runtime.search.astar import Search
@@ -51,13 +56,20 @@ _UNASKED = "no network is used for a vehicle's body: the corridor is as fast, cl
 def pick_method(
     shape: tuple[int, int], model: str | Path | NetworkModel, has_body: bool, apart: int
 ) -> tuple[Method, str]:
-    """The method that ``auto`` picks on such a map for a goal `apart` cells away, by ``nnpp``'s `model`, and why."""
+    """The method that ``auto`` picks on such a map for a goal `apart` cells away, by ``nnpp``'s
+    `model`, and why.
+    """
     if apart < NEAR:
         return Method.ASTAR, f"the goal is less than {NEAR} cells away"
     if has_body:
-        return Method.CORRIDOR, "for a body as fast as exact search on small maps, faster on large ones"
+        return (
+            Method.CORRIDOR,
+            "for a body as fast as exact search on small maps, faster on large ones",
+        )
     model = model.path if isinstance(model, NetworkModel) else model
-    if max(shape) >= LARGE_MAP and apart >= FAR and Path(model).stem == "edge":  # of which the figures are
+    if (
+        max(shape) >= LARGE_MAP and apart >= FAR and Path(model).stem == "edge"
+    ):  # of which the figures are
         return Method.NNPP, f"the fastest from {FAR} cells on, on a large map"
     return Method.CORRIDOR, "as fast as the learned region, closer to optimal"
 
@@ -65,8 +77,9 @@ def pick_method(
 class Methods:
     """Finds paths on one map. Serves one thread at a time.
 
-    Every method returns a path that is good enough for the query, and adds what that takes to `work`. OutOfTimeError
-    where time was up before a search of the map could begin. `model` and `ask_from` as in `PlannerOptions`.
+    Every method returns a path that is good enough for the query, and adds what that takes to
+    `work`. OutOfTimeError where time was up before a search of the map could begin. `model` and
+    `ask_from` as in `PlannerOptions`.
     """
 
     @checked(InvalidQueryError)
@@ -76,11 +89,15 @@ class Methods:
         model: str | Path | NetworkModel = "edge",
         ask_from: int = NEAR,
     ) -> None:
-        self.state, self._ask_from = state, ask_from
-        self.has_poses, self.has_arcs = state.grid.steps.by_poses, state.grid.steps.columns == 3
+        self.state = state
+        self._ask_from = ask_from
+        self.has_poses = state.grid.steps.by_poses
+        self.has_arcs = state.grid.steps.columns == 3
         """Whether a vehicle's poses are searched, and whether it drives arcs."""
         self.keeps_field = False
-        """Whether what guides a body's search serves the next one to the same goal, for an answer about as good."""
+        """Whether what guides a body's search serves the next one to the same goal, for an answer
+        about as good.
+        """
         self._in_vain: tuple[Cell, int] = (-1, -1), 0
         """Goal to which no corridor led lately, and for how many queries none is tried."""
         self.astar = AStarSearcher(state)
@@ -109,7 +126,9 @@ class Methods:
         return MendingSearcher(self.mender, self.astar, always=always)
 
     def use_model(self, model: str | Path | NetworkModel) -> NetworkModel:
-        """Ask this network from now on, once it has been loaded and tried; ModelError, and the old one stays."""
+        """Ask this network from now on, once it has been loaded and tried; ModelError, and the old
+        one stays.
+        """
         if not isinstance(model, NetworkModel):
             model = NetworkModel(model)
             model.try_out()
@@ -117,12 +136,18 @@ class Methods:
         return model
 
     def load_network(self) -> None:
-        """Load the network now, and show it the map; ModelError if it cannot be loaded. With poses none is used."""
+        """Load the network now, and show it the map; ModelError if it cannot be loaded. With poses
+        none is used.
+        """
         if not self.has_poses:
-            self.regions.prepare(self.state.pyramid.levels[self._network_level], self._network_level)
+            self.regions.prepare(
+                self.state.pyramid.levels[self._network_level], self._network_level
+            )
 
     def choose(self, method: str, query: Query) -> tuple[Method, str]:
-        """The method of that name, for ``auto`` the one to pick and why; InvalidQueryError for another name."""
+        """The method of that name, for ``auto`` the one to pick and why; InvalidQueryError for
+        another name.
+        """
         if (wanted := Method(method)) is Method.AUTO:
             if self.has_arcs:
                 return Method.CORRIDOR, "arcs are checked where the corridor leads"
@@ -157,7 +182,9 @@ class Methods:
         return None if timeout else Found.of(self.state.grid, found, Source.MAP, None, work)
 
     def mend_map(self, query: Query, work: Work) -> Found:
-        """The optimal path, by D* Lite over the whole map; by A* where steps cost too differently for that."""
+        """The optimal path, by D* Lite over the whole map; by A* where steps cost too differently
+        for that.
+        """
         if not serves(self.state.grid):
             return self.search_map(query, work)
         found = self._dstar_to(query.goal).plan(query.start, deadline=query.deadline)
@@ -178,11 +205,17 @@ class Methods:
         searcher: Searcher | None = None,
         widths: tuple[CorridorWidth, CorridorWidth] | None = None,
     ) -> Found:
-        """A path in a corridor around the coarse path, else in a wider one, else on the whole map."""
+        """A path in a corridor around the coarse path, else in a wider one, else on the
+        whole map.
+        """
         if self.state.unseen is not None and (found := self._by_blocks(query, work)) is not None:
             return found
         self.state.pyramid_by(query.deadline)
-        by_robot = (BODY_CORRIDOR, WIDENED_BODY_CORRIDOR) if self.has_poses else (CORRIDOR, WIDENED_CORRIDOR)
+        by_robot = (
+            (BODY_CORRIDOR, WIDENED_BODY_CORRIDOR)
+            if self.has_poses
+            else (CORRIDOR, WIDENED_CORRIDOR)
+        )
         if self.has_arcs:
             by_robot = ARC_CORRIDOR, WIDENED_BODY_CORRIDOR
         known = self.keeps_field and self.has_arcs and self.astar.kept_cost(query) < math.inf
@@ -190,7 +223,8 @@ class Methods:
             found = Found.of(self.state.grid, again, Source.REGION, None, work)
             if found.suffices(query) and found.cost <= MOST_ABOVE_FIELD * again.promised:
                 return found
-        searcher, top = searcher or self.astar, self.descent.top_for(query)
+        searcher = searcher or self.astar
+        top = self.descent.top_for(query)
         goal, times = self._in_vain
         if self.keeps_field and query.goal == goal and times:
             self._in_vain = goal, times - 1
@@ -202,7 +236,11 @@ class Methods:
                 continue
             if here.search.status is not Status.OK:
                 return doubtful or here
-            if doubtful is None and self.has_arcs and here.cost > MOST_ABOVE_FIELD * here.search.promised:
+            if (
+                doubtful is None
+                and self.has_arcs
+                and here.cost > MOST_ABOVE_FIELD * here.search.promised
+            ):
                 doubtful = here  # an arc too many: perhaps there is a smoother way
                 continue
             if self.keeps_field and self.has_arcs and here.region is not None:
@@ -222,7 +260,9 @@ class Methods:
         return found
 
     def _by_blocks(self, query: Query, work: Work) -> Found | None:
-        """A path over cells as far as these were seen, and over blocks' middles beyond; None if none leads on."""
+        """A path over cells as far as these were seen, and over blocks' middles beyond; None if
+        none leads on.
+        """
         state, grid = self.state, self.state.grid
         assert state.unseen is not None
         way = self.blocks  # before what is new is read: it begins with all
@@ -233,21 +273,31 @@ class Methods:
         if (found := way.find(query, work, whole=self.has_poses)) is None:
             return None
         stops, first, region = found
-        near = query if self.has_poses else query._replace(goal=(int(stops[first, 0]), int(stops[first, 1])))
+        near = (
+            query
+            if self.has_poses
+            else query._replace(goal=(int(stops[first, 0]), int(stops[first, 1])))
+        )
         if problem_with(grid, near.start, near.goal) is not None:
             return None
         search = self.astar.search(near, work, region)
         if search.status is not Status.OK:
             return None
-        path = search.path if self.has_poses else np.concatenate((search.path[:-1], over(stops[first:])))
+        path = (
+            search.path
+            if self.has_poses
+            else np.concatenate((search.path[:-1], over(stops[first:])))
+        )
         bound = float(octile.py_func(*query.start, *query.goal, *grid.prices))
         answer = Found.of(grid, Search(Status.OK, path, 0, bound), Source.REGION, None, work)
         return answer if answer.cost < math.inf else None
 
     def rejoin(self, query: Query, work: Work, rest: Rest) -> Found | None:
-        """A way to a place ahead on the path of arcs that stood, and on along that; None where a search is due.
+        """A way to a place ahead on the path of arcs that stood, and on along that; None where a
+        search is due.
 
-        Without a way as short to search, the robot goes on along the path, if it is on it and all of it is clear.
+        Without a way as short to search, the robot goes on along the path, if it is on it and all
+        of it is clear.
         """
         promised = self.astar.kept_cost(query)
         if promised == math.inf:
@@ -256,25 +306,39 @@ class Methods:
         search = self.astar.search_again(query, work, rest.states[ahead], JOIN_EXPANSIONS)
         if search is None and not rest.valid:
             return None
-        way = rest.states if search is None else np.concatenate((search.path, rest.states[ahead + 1 :]))
-        found = Found.of(self.state.grid, Search(Status.OK, way, 0, rest.bound), Source.STANDING, None, work)
+        way = (
+            rest.states
+            if search is None
+            else np.concatenate((search.path, rest.states[ahead + 1 :]))
+        )
+        found = Found.of(
+            self.state.grid, Search(Status.OK, way, 0, rest.bound), Source.STANDING, None, work
+        )
         most = MOST_DRIFT * max(MOST_ABOVE_FIELD, self.astar.kept_above)
         return found if found.cost <= most * promised else None
 
     def network_region(self, query: Query, work: Work, searcher: Searcher | None = None) -> Found:
-        """A path in the network's region, else in a wider one, else on the whole map; a near goal by A*.
+        """A path in the network's region, else in a wider one, else on the whole map; a near goal
+        by A*.
 
         NNPP, sections 4.2 and 4.3. Raises ModelError where the network cannot be loaded.
         """
         if query.apart < self._ask_from and (near := self.search_briefly(query, work)) is not None:
             return near
-        top, deadline = self._network_level, query.deadline
-        level = self.state.pyramid_by(deadline).levels[top]  # before `descent`, which waits for all of them
+        top = self._network_level
+        deadline = query.deadline
+        level = self.state.pyramid_by(deadline).levels[
+            top
+        ]  # before `descent`, which waits for all of them
         memory = self.descent.workspace(top)
-        td, at_td, regions = self.regions.regions(query.start, query.goal, level, top, memory, work, deadline)
+        td, at_td, regions = self.regions.regions(
+            query.start, query.goal, level, top, memory, work, deadline
+        )
         for number, region in enumerate(regions):
             source = Source.WIDENED if number else Source.REGION
-            found = self.descent.find(query, work, searcher or self.astar, top, region, LEARNED_CORRIDOR, source)
+            found = self.descent.find(
+                query, work, searcher or self.astar, top, region, LEARNED_CORRIDOR, source
+            )
             if found is not None and found.suffices(query):
                 break
         else:

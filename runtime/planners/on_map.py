@@ -1,4 +1,6 @@
-"""The common part of planners of a standing and of a changing map: the map, its patches, and one thread's turn."""
+"""The common part of planners of a standing and of a changing map: the map, its patches, and one
+thread's turn.
+"""
 
 import functools
 import math
@@ -47,16 +49,17 @@ S = TypeVar("S", bound="OnMap")
 def one_at_a_time(method: Callable[Concatenate[S, P], R]) -> Callable[Concatenate[S, P], R]:
     """A planner's method that is refused while a call of another thread is at work.
 
-    A call that ends with an error of ours has changed nothing or finished what it changed. Any other exception, such
-    as a KeyboardInterrupt, may have come between two steps that belong together: the next call begins anew first.
-    Such methods must not call one another.
+    A call that ends with an error of ours has changed nothing or finished what it changed. Any
+    other exception, such as a KeyboardInterrupt, may have come between two steps that belong
+    together: the next call begins anew first. Such methods must not call one another.
     """
 
     @functools.wraps(method)
     def guarded(self: S, /, *args: P.args, **kwargs: P.kwargs) -> R:
         if not self._turn.acquire(blocking=False):
             raise ConcurrentUseError(
-                "wanted one call at a time, got one while another thread's is at work: give each thread a planner of "
+                "wanted one call at a time, got one while another thread's is at work: give each "
+                "thread a planner of "
                 "its own (and make a planner anew whose call was broken off in another thread)"
             )
         try:
@@ -77,31 +80,37 @@ def one_at_a_time(method: Callable[Concatenate[S, P], R]) -> Callable[Concatenat
 
 
 class PlannerOptions(GroundOptions, total=False):
-    """Options of `Planner` and `DynamicPlanner`, and of their `of_elevation`; those of `Ground` are the ground's."""
+    """Options of `Planner` and `DynamicPlanner`, and of their `of_elevation`; those of `Ground` are
+    the ground's.
+    """
 
     omega: float
-    """Weight of T per grey level (NNPP, section 4.2), by default the paper's 0.011; of no effect with ``length`` and
-    where steps cost by the slope."""
+    """Weight of T per grey level (NNPP, section 4.2), by default the paper's 0.011; of no effect
+    with ``length`` and where steps cost by the slope."""
     corner_cutting: bool
     """Whether a diagonal step may pass beside an impassable cell; by default it may."""
     lazy: bool
-    """Whether costs of heights are computed, and poses checked, only where searched, as by default. Else all
-    are now; plans are the same. Costs of steps by the slope always are."""
+    """Whether costs of heights are computed, and poses checked, only where searched, as by
+    default. Else all are now; plans are the same. Costs of steps by the slope always are."""
     warn: bool
-    """Whether to warn of heights whose slopes all lie beyond the limits; by default `of_elevation` does."""
+    """Whether to warn of heights whose slopes all lie beyond the limits; by default `of_elevation`
+    does.
+    """
     model: str | Path | NetworkModel
-    """The network for ``nnpp``: a shipped model's name (by default ``edge``), a file, or one already loaded, which
-    planners may share. It is loaded when first needed."""
+    """The network for ``nnpp``: a shipped model's name (by default ``edge``), a file, or one
+    already loaded, which planners may share. It is loaded when first needed."""
     ask_from: int
-    """Cells between start and goal from which on ``nnpp`` runs the network. Nearer goals A* has mostly found before
-    it has answered, and is tried first."""
+    """Cells between start and goal from which on ``nnpp`` runs the network. Nearer goals A* has
+    mostly found before it has answered, and is tried first."""
 
 
 class OnMap:
-    """A planner's map. Serves one thread at a time: another thread's call meanwhile is a ConcurrentUseError.
+    """A planner's map. Serves one thread at a time: another thread's call meanwhile is a
+    ConcurrentUseError.
 
-    After a call that was broken off, by a KeyboardInterrupt for one, the planner makes anew all but the map itself
-    (landmarks are gone); an update that was broken off is in the map whole or not at all.
+    After a call that was broken off, by a KeyboardInterrupt for one, the planner makes anew all but
+    the map itself (landmarks are gone); an update that was broken off is in the map whole or not at
+    all.
     """
 
     def __init__(
@@ -114,10 +123,14 @@ class OnMap:
     ) -> None:
         own, rest = split(options)
         if isinstance(cost, Ground) and (own or cell_size_m is not None):
-            raise InvalidQueryError(f"with a Ground wanted its own {', '.join(own) or 'cell_size_m'}, got another")
+            raise InvalidQueryError(
+                f"with a Ground wanted its own {', '.join(own) or 'cell_size_m'}, got another"
+            )
         ground = cost if isinstance(cost, Ground) else Ground(cost, cell_size_m=cell_size_m, **own)
-        self._turn, self._half_done = RLock(), False
-        self._model, self._ask_from = rest.pop("model", "edge"), rest.pop("ask_from", NEAR)
+        self._turn = RLock()
+        self._half_done = False
+        self._model = rest.pop("model", "edge")
+        self._ask_from = rest.pop("ask_from", NEAR)
         self._state: MapState = map_state(ground, tell_unknown=tell_unknown, **rest)  # type: ignore[misc]  # what is left
         self._make()
 
@@ -140,7 +153,9 @@ class OnMap:
 
     @property
     def state(self) -> MapState:
-        """The map, its coarse levels and the log of its changes; to be changed by `update` alone."""
+        """The map, its coarse levels and the log of its changes; to be changed by
+        `update` alone.
+        """
         return self._state
 
     @property
@@ -155,11 +170,13 @@ class OnMap:
     @checked(InvalidQueryError)
     @one_at_a_time
     def explain(self, cell: Cell, heading_deg: float) -> PoseCheck:
-        """How the vehicle stands on a cell, heading so many degrees clockwise from up the rows, by each limit.
+        """How the vehicle stands on a cell, heading so many degrees clockwise from up the rows, by
+        each limit.
 
-        Checked is the body on the very cell, heading just so. The steps of a path are checked with all places and
-        headings between, so one may be refused where this is not. InvalidQueryError without a body on a map of
-        elevations, for what is no cell of the map, or a heading that is no number.
+        Checked is the body on the very cell, heading just so. The steps of a path are checked with
+        all places and headings between, so one may be refused where this is not. InvalidQueryError
+        without a body on a map of elevations, for what is no cell of the map, or a heading that is
+        no number.
         """
         if (poses := self._state.grid.poses) is None:
             raise InvalidQueryError(
@@ -169,12 +186,15 @@ class OnMap:
 
     @checked(InvalidQueryError)
     @one_at_a_time
-    def update(self, row: int, col: int, patch: Float2D, *, seen: NDArray[np.bool_] | None = None) -> int:
+    def update(
+        self, row: int, col: int, patch: Float2D, *, seen: NDArray[np.bool_] | None = None
+    ) -> int:
         """Put new costs into the map.
 
-        On a map of elevations what costs tell is a layer of its own: a cell costs the greater of that and of what its
-        heights make of it, and is impassable where either says so. A body, and steps that cost
-        by the slope, take no more from a cost below 1 than that the cell is not impassable by what was told.
+        On a map of elevations what costs tell is a layer of its own: a cell costs the greater of
+        that and of what its heights make of it, and is impassable where either says so. A body, and
+        steps that cost by the slope, take no more from a cost below 1 than that the cell is not
+        impassable by what was told.
 
         Parameters
         ----------
@@ -193,7 +213,8 @@ class OnMap:
         Raises
         ------
         InvalidMapError, InvalidQueryError
-            The patch does not lie inside the map, or holds a cost out of range; then the map is as it was.
+            The patch does not lie inside the map, or holds a cost out of range; then the map is as
+            it was.
         """
         change = self._state.update(row, col, patch, _mask(seen, patch))
         self._changed()
@@ -201,10 +222,14 @@ class OnMap:
 
     @checked(InvalidQueryError)
     @one_at_a_time
-    def update_elevation(self, row: int, col: int, patch: Float2D, *, seen: NDArray[np.bool_] | None = None) -> int:
-        """Put new elevations, metres and NaN where unknown, into a map of such; otherwise as `update`.
+    def update_elevation(
+        self, row: int, col: int, patch: Float2D, *, seen: NDArray[np.bool_] | None = None
+    ) -> int:
+        """Put new elevations, metres and NaN where unknown, into a map of such; otherwise as
+        `update`.
 
-        Cells whose cost has not been computed yet count as changed. InvalidMapError for a map of costs.
+        Cells whose cost has not been computed yet count as changed. InvalidMapError for a map of
+        costs.
         """
         change = self._state.update_elevation(row, col, patch, _mask(seen, patch))
         self._changed()
@@ -216,12 +241,16 @@ class OnMap:
     @checked(InvalidQueryError)
     @one_at_a_time
     def use_model(self, model: str | Path | NetworkModel) -> None:
-        """Ask this network from now on, loaded and tried now; ModelError where that fails: the old one stays."""
+        """Ask this network from now on, loaded and tried now; ModelError where that fails: the old
+        one stays.
+        """
         self._model = self._methods.use_model(model)
 
     @one_at_a_time
     def touch(self) -> None:
-        """Have the system back the planner's arrays with memory now, rather than when they are first written to."""
+        """Have the system back the planner's arrays with memory now, rather than when they are
+        first written to.
+        """
         if self._state.unseen is None:
             touch(self._methods.astar.workspace)
             self._methods.descent.touch()
@@ -234,10 +263,12 @@ class OnMap:
         find: Callable[[], tuple[Found, DynamicMethod, str]],
         keep_regions: bool,
     ) -> Plan:
-        """The plan of what `find` gives: what was found, by which method, and why that; of ends that cannot be stood
-        on, or at the deadline, of the method `wanted`.
+        """The plan of what `find` gives: what was found, by which method, and why that; of ends
+        that cannot be stood on, or at the deadline, of the method `wanted`.
         """
-        state, by, choice = self._state, wanted, ""
+        state = self._state
+        by = wanted
+        choice = ""
         if problem := problem_with(state.grid, query.start, query.goal):
             return Plan(problem, by.base, planner=by, reason=told(problem, query, state.grid.poses))
         checked_before = state.checked
@@ -247,16 +278,27 @@ class OnMap:
         except OutOfTimeError:
             found = Found.too_late(Source.MAP if wanted.whole_map else Source.REGION)
         plan = found.plan(by, work, state, checked_before, choice=choice, keep_regions=keep_regions)
-        return replace(plan, reason=plan.reason + self._why_ended(query)) if plan.status is Status.NO_PATH else plan
+        return (
+            replace(plan, reason=plan.reason + self._why_ended(query))
+            if plan.status is Status.NO_PATH
+            else plan
+        )
 
     def _why_ended(self, query: Query) -> str:
-        """By which limit a body gets no farther, by the search of the whole map that has just found no path."""
-        grid, memory, end = self._state.grid, self._methods.astar.workspace, query.goal
+        """By which limit a body gets no farther, by the search of the whole map that has just found
+        no path.
+        """
+        grid = self._state.grid
+        memory = self._methods.astar.workspace
+        end = query.goal
         if grid.poses is None or (field := memory.field) is None:
             return ""
         start = grid.node(*query.start)
-        if by_legs := bool(field.costs(slice(start, start + 1))[0] == math.inf):  # else it was the turns
-            memory, end = field, query.start
+        if by_legs := bool(
+            field.costs(slice(start, start + 1))[0] == math.inf
+        ):  # else it was the turns
+            memory = field
+            end = query.start
         reached = memory.costs().reshape(-1, grid.stride)[1 : grid.rows + 1, 1:-1] < math.inf
         return f"; {why_ended(grid.poses, reached, end, by_legs=by_legs)}"
 
@@ -264,7 +306,8 @@ class OnMap:
         """As `Planner.reach`."""
         if not within >= 0.0:
             raise InvalidQueryError(f"within must be a number of at least 0, got {within}")
-        cell, grid = as_cell(start, "start"), self._state.grid
+        cell = as_cell(start, "start")
+        grid = self._state.grid
         if problem := problem_with(grid, cell, cell):
             raise InvalidQueryError(f"start {cell} {in_words(problem)}")
         field = cost_field(grid, cell, self._methods.astar.workspace)

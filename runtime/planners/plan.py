@@ -49,11 +49,15 @@ class DynamicMethod(_Named):
     CORRIDOR = "corridor"
     """Coarse to fine, afresh each time."""
     CORRIDOR_DSTAR = "corridor-dstar"
-    """The corridor of the present start, and inside it D* Lite, or A* where that is expected to be less work."""
+    """The corridor of the present start, and inside it D* Lite, or A* where that is expected to be
+    less work.
+    """
     NNPP = "nnpp"
     """The network's region of the present start, and A* in it; with a body the corridor."""
     NNPP_DSTAR = "nnpp-dstar"
-    """The network's region of the present start, and inside it the same; with a body as ``nnpp``."""
+    """The network's region of the present start, and inside it the same; with a body as
+    ``nnpp``.
+    """
 
     @property
     def whole_map(self) -> bool:
@@ -99,7 +103,9 @@ class Plan:
     source: Source | None = None
     """Where the path was found; None where no search was made."""
     path: NDArray[np.int32] = field(default_factory=lambda: np.empty((0, 2), np.int32), repr=False)
-    """(N, 2) cells (row, col) from start to goal; on TIMEOUT as far as the search had come, or empty."""
+    """(N, 2) cells (row, col) from start to goal; on TIMEOUT as far as the search had come, or
+    empty.
+    """
     cost: float = math.inf
     """Sum of the path's step costs; with ``energy`` below 0 where more is got back than drawn."""
     length: float = math.inf
@@ -111,9 +117,13 @@ class Plan:
     expansions: int = 0
     """Cells expanded, at all levels and in all regions that were tried."""
     region: Region | None = field(default=None, repr=False)
-    """Where the last search at full resolution was allowed to go, if regions are kept; None for the whole map."""
+    """Where the last search at full resolution was allowed to go, if regions are kept; None for the
+    whole map.
+    """
     network_region: Region | None = field(default=None, repr=False)
-    """The network's region at the adaptive threshold itself (NNPP, section 4.3), if regions are kept."""
+    """The network's region at the adaptive threshold itself (NNPP, section 4.3), if regions are
+    kept.
+    """
     threshold: float = math.nan
     """The adaptive threshold td, of a learned region."""
     planner: str = ""
@@ -123,22 +133,31 @@ class Plan:
     reason: str = ""
     """Why there is no path, as far as the status does not say it; empty where there is one."""
     costs_computed: float = 1.0
-    """Share of the map's cells whose cost was there when the plan was, in [0, 1]: below 1 on a map of elevations."""
+    """Share of the map's cells whose cost was there when the plan was, in [0, 1]: below 1 on a map
+    of elevations.
+    """
     checks: int = 0
     """Poses of a vehicle that were checked for this plan."""
     waypoints: NDArray[np.float64] | None = field(default=None, repr=False)
-    """(N, 2) places (row, col), in cells, of the path freed from the grid, with both ends; None unless asked for."""
+    """(N, 2) places (row, col), in cells, of the path freed from the grid, with both ends; None
+    unless asked for.
+    """
     line_cost: float = math.inf
-    """The line integral of the cost along the way points, in units of `cost`; see `planners.refine`."""
+    """The line integral of the cost along the way points, in units of `cost`; see
+    `planners.refine`.
+    """
     along: Along | None = field(default=None, repr=False)
     """The path over the ground, point by point; None where no elevations are known."""
     states: NDArray[np.int32] | None = field(default=None, repr=False)
-    """(N,) the direction in which a body that drives arcs stands on each cell, see `map.motions.DIRECTIONS`, and 16
-    more where it came backwards and a change of gear costs; None of others, as cells tell it."""
+    """(N,) the direction in which a body that drives arcs stands on each cell, see
+    `map.motions.DIRECTIONS`, and 16 more where it came backwards and a change of gear costs;
+    None of others, as cells tell it."""
     vehicle: Vehicle | None = field(default=None, repr=False)
     """That body."""
     known: int = 0
-    """Cells from the path's first on that are known and checked: all, but on ground that is known coarsely."""
+    """Cells from the path's first on that are known and checked: all, but on ground that is known
+    coarsely.
+    """
     timings_ms: dict[str, float] = field(default_factory=dict)
     """Milliseconds by stage, and ``total``."""
 
@@ -149,8 +168,8 @@ class Plan:
 
     @property
     def headings_deg(self) -> NDArray[np.float64]:
-        """(N,) degrees clockwise from up the rows in which each cell is left, see `arrays.headings_along`; of a body
-        that drives arcs, in which it stands there.
+        """(N,) degrees clockwise from up the rows in which each cell is left, see
+        `arrays.headings_along`; of a body that drives arcs, in which it stands there.
         """
         if self.states is None or self.along is None:
             return headings_along(self.path)
@@ -172,20 +191,28 @@ class Plan:
 
     @property
     def poses(self) -> NDArray[np.float64]:
-        """(N, 3) along `arcs`, every 0.25 m or nearer: metres along columns and along rows from the middle of cell
-        (0, 0), degrees clockwise from up the rows; empty without arcs.
+        """(N, 3) along `arcs`, every 0.25 m or nearer: metres along columns and along rows from the
+        middle of cell (0, 0), degrees clockwise from up the rows; empty without arcs.
         """
         return np.empty((0, 3)) if self.drive is None else self.drive.poses
 
     @property
     def walked(self) -> NDArray[np.int32]:
-        """The path for `Grid.walk`: (N, 2) cells, of a body that drives arcs (N, 3) with its states."""
-        return self.path if self.states is None else np.column_stack((self.path, self.states)).astype(np.int32)
+        """The path for `Grid.walk`: (N, 2) cells, of a body that drives arcs (N, 3) with its
+        states.
+        """
+        return (
+            self.path
+            if self.states is None
+            else np.column_stack((self.path, self.states)).astype(np.int32)
+        )
 
     def rest(self, first: int) -> "Plan":
         """The plan with the rest of its path, from one of its cells on."""
         states = None if self.states is None else self.states[first:]
-        return replace(self, path=self.path[first:], states=states, known=max(self.known - first, 0))
+        return replace(
+            self, path=self.path[first:], states=states, known=max(self.known - first, 0)
+        )
 
     @property
     def waypoint_headings_deg(self) -> NDArray[np.float64]:
@@ -194,28 +221,36 @@ class Plan:
 
     @property
     def curvatures(self) -> NDArray[np.float64]:
-        """(N,) of the line at each way point, one over a radius in metres, or cells without heights: `map.turns`."""
+        """(N,) of the line at each way point, one over a radius in metres, or cells without
+        heights: `map.turns`.
+        """
         if self.waypoints is None:
             return np.empty(0)
-        return curvatures(self.waypoints if self.along is None else self.waypoints * self.along.sides_m)
+        return curvatures(
+            self.waypoints if self.along is None else self.waypoints * self.along.sides_m
+        )
 
     @property
     def line(self) -> Line:
-        """(N, 2) what is driven: way points (row, col) where the path was freed from the grid, the middles of a body
-        along its arcs, else the path's cells.
+        """(N, 2) what is driven: way points (row, col) where the path was freed from the grid, the
+        middles of a body along its arcs, else the path's cells.
         """
         if self.drive is not None and self.along is not None:
             return self.drive.poses[:, 1::-1] / self.along.sides_m
         return self.path if self.waypoints is None else self.waypoints
 
     def over(self, state: MapState) -> "Plan":
-        """This plan with what lies below its line on this map, of a body that drives arcs at its poses."""
+        """This plan with what lies below its line on this map, of a body that drives arcs at its
+        poses.
+        """
         along = state.along(self.line, None if self.states is None else self.line)
         return self if along is None else replace(self, along=along)
 
     @property
     def numbers(self) -> Numbers:
-        """Along the way, of the whole path; all NaN without a path, or where no elevations are known."""
+        """Along the way, of the whole path; all NaN without a path, or where no elevations are
+        known.
+        """
         return Numbers.unknown() if self.along is None else self.along.numbers
 
     @property
@@ -245,21 +280,31 @@ class Plan:
 
     @property
     def bound(self) -> float:
-        """The path costs at most this many times the optimum; inf where that is unknown, or costs may be below 0."""
+        """The path costs at most this many times the optimum; inf where that is unknown, or costs
+        may be below 0.
+        """
         exact = self.cost <= self.lower_bound
-        return self.cost / self.lower_bound if self.lower_bound > 0.0 else (1.0 if exact else math.inf)
+        return (
+            self.cost / self.lower_bound if self.lower_bound > 0.0 else (1.0 if exact else math.inf)
+        )
 
     def summary(self) -> dict[str, object]:
         """The plan without its arrays, ready for JSON (inf and NaN as None)."""
         line: dict[str, object] = {}
         if self.waypoints is not None:
             sharpest = f"sharpest_curvature_per_{'cell' if self.along is None else 'm'}"
-            line = {"line_cost": _finite(self.line_cost), sharpest: _finite(self.curvatures.max(initial=0.0))}
+            line = {
+                "line_cost": _finite(self.line_cost),
+                sharpest: _finite(self.curvatures.max(initial=0.0)),
+            }
         return {
             "status": str(self.status),
             "method": str(self.planner or self.method),
             "source": None if self.source is None else str(self.source),
-            **{name: _finite(getattr(self, name)) for name in ("cost", "length", "traverse_cost", "lower_bound")},
+            **{
+                name: _finite(getattr(self, name))
+                for name in ("cost", "length", "traverse_cost", "lower_bound")
+            },
             "bound": _finite(self.bound) if self.ok else None,
             "cells": len(self.path),
             **{name: _finite(number) for name, number in self.numbers._asdict().items()},
@@ -273,7 +318,9 @@ class Plan:
         }
 
     def plot(self, ax: "Axes | None" = None) -> "Axes":
-        """Draw the path, and the region where it was kept, with matplotlib, a cell a unit; by default on new axes."""
+        """Draw the path, and the region where it was kept, with matplotlib, a cell a unit; by
+        default on new axes.
+        """
         return draw(self.line, self.region, f"{self.status}: {self.planner or self.method}", ax)
 
     def __str__(self) -> str:
@@ -286,9 +333,13 @@ class Plan:
 
     def _rows(self) -> dict[str, object]:
         rows: dict[str, object] = {"status": self.status, "method": self.planner or self.method}
-        rows |= {name: value for name in ("source", "choice", "reason") if (value := getattr(self, name))}
+        rows |= {
+            name: value for name in ("source", "choice", "reason") if (value := getattr(self, name))
+        }
         if self.ok:
-            bound = f", at most {self.bound:.3f} times the optimum" if math.isfinite(self.bound) else ""
+            bound = (
+                f", at most {self.bound:.3f} times the optimum" if math.isfinite(self.bound) else ""
+            )
             told = ", the optimum" if self.bound <= 1.0 + 1e-6 else bound
             rows |= {"cost": f"{self.cost:.6g}{told}", "length": f"{self.length:.6g} cells"}
         if self.waypoints is not None:

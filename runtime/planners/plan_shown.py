@@ -16,12 +16,20 @@ if TYPE_CHECKING:
 
 _SIDE = 2.4
 """Inches of the small picture."""
-_PATH, _START, _GOAL, _RIM = "#ff7814", "#ffd23f", "#e5322d", "#1d1d1d"
-_ROW = "<tr><th style='text-align:left;font-weight:normal'>{}</th><td style='text-align:right'>{}</td></tr>"
+_PATH = "#ff7814"
+_START = "#ffd23f"
+_GOAL = "#e5322d"
+_RIM = "#1d1d1d"
+_ROW = (
+    "<tr><th style='text-align:left;font-weight:normal'>{}</th><td "
+    "style='text-align:right'>{}</td></tr>"
+)
 
 
 def html_of(rows: Mapping[str, object], line: Line, region: Region | None) -> str:
-    """A table and, where there is matplotlib, a picture of a line (N, 2) over the region where it was found."""
+    """A table and, where there is matplotlib, a picture of a line (N, 2) over the region where it
+    was found.
+    """
     table = "".join(_ROW.format(escape(name), escape(str(value))) for name, value in rows.items())
     picture = StringIO()
     try:
@@ -43,15 +51,27 @@ def html_of(rows: Mapping[str, object], line: Line, region: Region | None) -> st
 def draw(line: Line, region: Region | None, title: str, axes: "Axes | None" = None) -> "Axes":
     """Draw a line, (N, 2), with its ends; see `Plan.plot`."""
     if axes is None:
-        axes = optional_module("matplotlib.pyplot", "plan.plot()", "viz").subplots(layout="constrained")[1]
+        axes = optional_module("matplotlib.pyplot", "plan.plot()", "viz").subplots(
+            layout="constrained"
+        )[1]
     drawn: Axes = axes
     if region is not None:
-        drawn.imshow(np.where(region.mask(), 1.0, np.nan), cmap="cool", vmin=1.0, vmax=2.0, alpha=0.35)
+        drawn.imshow(
+            np.where(region.mask(), 1.0, np.nan), cmap="cool", vmin=1.0, vmax=2.0, alpha=0.35
+        )
     if len(line):
         drawn.plot(line[:, 1], line[:, 0], color=_RIM, linewidth=3.5)
         drawn.plot(line[:, 1], line[:, 0], color=_PATH, linewidth=2.0, label="path")
         drawn.plot(line[0, 1], line[0, 0], "s", color=_START, markeredgecolor=_RIM, label="start")
-        drawn.plot(line[-1, 1], line[-1, 0], "*", color=_GOAL, markeredgecolor=_RIM, markersize=12, label="end")
+        drawn.plot(
+            line[-1, 1],
+            line[-1, 0],
+            "*",
+            color=_GOAL,
+            markeredgecolor=_RIM,
+            markersize=12,
+            label="end",
+        )
     drawn.set(xlabel="column", ylabel="row", title=title, aspect="equal")
     if not drawn.yaxis_inverted():
         drawn.invert_yaxis()  # rows go down

@@ -15,7 +15,13 @@ from nnpp_edge.runtime.errors import InvalidQueryError
 from nnpp_edge.runtime.map.ground import Ground
 from nnpp_edge.runtime.map.step_cost import PAPER_OMEGA
 from nnpp_edge.runtime.network.inference import NetworkModel
-from nnpp_edge.runtime.planners.on_map import OnMap, PlannerOptions, model_file, one_at_a_time, split
+from nnpp_edge.runtime.planners.on_map import (
+    OnMap,
+    PlannerOptions,
+    model_file,
+    one_at_a_time,
+    split,
+)
 from nnpp_edge.runtime.planners.plan import DynamicMethod, Method, Plan
 from nnpp_edge.runtime.planners.query import Found, PlanOptions, Query, Wishes, Work, options_of
 from nnpp_edge.runtime.planners.refine import refines
@@ -31,8 +37,9 @@ class Planner(OnMap):
     Parameters
     ----------
     cost : (H, W) float, or Ground
-        With ``step_cost="paper"`` the traversability cost T in [0, 1], impassable where T >= 1 or NaN. With
-        ``"length"`` a weight greater than 0, impassable where inf or NaN. Or a `Ground`, whose arrays are copied.
+        With ``step_cost="paper"`` the traversability cost T in [0, 1], impassable where T >= 1 or
+        NaN. With ``"length"`` a weight greater than 0, impassable where inf or NaN. Or a `Ground`,
+        whose arrays are copied.
     cell_size_m : float
         Side of a cell, wanted with costs and a disc.
     **options : PlannerOptions
@@ -41,8 +48,8 @@ class Planner(OnMap):
     Raises
     ------
     InvalidMapError
-        The map is not two-dimensional, is empty, holds a cost out of range, or is too large for the memory that is
-        left.
+        The map is not two-dimensional, is empty, holds a cost out of range, or is too large for the
+        memory that is left.
     InvalidQueryError
         An option is of another kind, or out of range.
 
@@ -60,7 +67,11 @@ class Planner(OnMap):
     """
 
     def __init__(
-        self, cost: Float2D | Ground, *, cell_size_m: float | None = None, **options: Unpack[PlannerOptions]
+        self,
+        cost: Float2D | Ground,
+        *,
+        cell_size_m: float | None = None,
+        **options: Unpack[PlannerOptions],
     ) -> None:
         super().__init__(cost, cell_size_m, options)
 
@@ -72,11 +83,13 @@ class Planner(OnMap):
         traversability: Traversability | None = None,
         **options: Unpack[PlannerOptions],
     ) -> "Planner":
-        """A planner of a map that has just arrived: costs and coarse levels are computed where a search reads them.
+        """A planner of a map that has just arrived: costs and coarse levels are computed where a
+        search reads them.
 
-        Plans are those of ``Planner(traversability_cost(dem, …))``, but for ties, and that the network is shown means
-        of a sample of the cells. Arguments are those of `Ground.of_elevation` and `PlannerOptions`; the elevations
-        are copied, and changed by `update_elevation`. Errors as of the class.
+        Plans are those of ``Planner(traversability_cost(dem, …))``, but for ties, and that the
+        network is shown means of a sample of the cells. Arguments are those of
+        `Ground.of_elevation` and `PlannerOptions`; the elevations are copied, and changed by
+        `update_elevation`. Errors as of the class.
         """
         own, rest = split(options)
         rest.setdefault("warn", True)
@@ -93,10 +106,12 @@ class Planner(OnMap):
         prior: str = "network",
         **options: Unpack[PlannerOptions],
     ) -> "Planner":
-        """A planner of ground that is known coarsely, and finely where `update_elevation` has updated it.
+        """A planner of ground that is known coarsely, and finely where `update_elevation` has
+        updated it.
 
-        Start, goal, path and patches are counted in the fine cells. An unseen cell counts by its block's
-        expected price, and never as checked: `Plan.known` says how far a path leads over cells that were seen.
+        Start, goal, path and patches are counted in the fine cells. An unseen cell counts by its
+        block's expected price, and never as checked: `Plan.known` says how far a path leads over
+        cells that were seen.
 
         Parameters
         ----------
@@ -111,19 +126,23 @@ class Planner(OnMap):
         """
         own, rest = split(options)
         model = model_file(rest.pop("model", None))
-        ground = Ground.of_coarse(dem, cell_size_m, factor, traversability, prior=prior, model=model, **own)
+        ground = Ground.of_coarse(
+            dem, cell_size_m, factor, traversability, prior=prior, model=model, **own
+        )
         return cls(ground, **rest)
 
     @checked(InvalidQueryError)
     @one_at_a_time
     def prepare(self, *, landmarks: int = 0, goals: Sequence[Cell] = ()) -> None:
-        """Compute costs once for this map, so that ``astar`` expands a fraction of the cells, for the same optimum.
+        """Compute costs once for this map, so that ``astar`` expands a fraction of the cells, for
+        the same optimum.
 
-        `landmarks` are cells spread over the map, for queries between any two places; 8 serve well. `goals` are
-        passable cells, for queries to (or from) them: the search then goes straight along the path. Worth it for many
-        queries on a map that stays, or whose cells only become dearer: a patch that makes a cell cheaper undoes it.
-        Each takes one search of the whole map, several times an A*'s work, and 4 bytes a cell. InvalidQueryError for
-        more than 8 in all, steps that cost by their slope, or a goal that is outside the map or impassable.
+        `landmarks` are cells spread over the map, for queries between any two places; 8 serve well.
+        `goals` are passable cells, for queries to (or from) them: the search then goes straight
+        along the path. Worth it for many queries on a map that stays, or whose cells only become
+        dearer: a patch that makes a cell cheaper undoes it. Each takes one search of the whole map,
+        several times an A*'s work, and 4 bytes a cell. InvalidQueryError for more than 8 in all,
+        steps that cost by their slope, or a goal that is outside the map or impassable.
         """
         self._methods.astar.prepare(landmarks, [as_cell(goal, "goal") for goal in goals])
 
@@ -131,7 +150,8 @@ class Planner(OnMap):
     def plan(self, start: Cell, goal: Cell, **options: Unpack[PlanOptions]) -> Plan:
         """A path from start to goal, (row, col); the options are `PlanOptions`.
 
-        Where a region fails it is widened, then the whole map is searched: NO_PATH means that there is none.
+        Where a region fails it is widened, then the whole map is searched: NO_PATH means that there
+        is none.
 
         Raises
         ------
@@ -148,17 +168,20 @@ class Planner(OnMap):
     def nearest(
         self, start: Cell, goals: Sequence[Cell], *, count: int = 1, **options: Unpack[PlanOptions]
     ) -> list[tuple[int, Plan]]:
-        """Paths to the `count` goals, (row, col), that cost least to reach, cheapest first; errors as of `plan`.
+        """Paths to the `count` goals, (row, col), that cost least to reach, cheapest first; errors
+        as of `plan`.
 
-        Numbers of the goals and the plans that lead there; last those that cannot be reached, if fewer than `count`
-        can. Goals that cannot be among the nearest, by the octile distance, are not planned to. The time of the
-        options is each goal's own. Only exact methods are certain to know the order of goals that are nearly as near.
+        Numbers of the goals and the plans that lead there; last those that cannot be reached, if
+        fewer than `count` can. Goals that cannot be among the nearest, by the octile distance, are
+        not planned to. The time of the options is each goal's own. Only exact methods are certain
+        to know the order of goals that are nearly as near.
         """
         if not len(goals):
             raise InvalidQueryError("wanted at least one goal, got none")
         if not count >= 1:
             raise InvalidQueryError(f"count must be at least 1, got {count}")
-        cells, begin = [as_cell(goal, "goal") for goal in goals], as_cell(start, "start")
+        cells = [as_cell(goal, "goal") for goal in goals]
+        begin = as_cell(start, "start")
         wishes = options_of(**options)
         bounds = [self._state.grid.least_cost(begin, cell) for cell in cells]
         plans: dict[int, Plan] = {}
@@ -180,26 +203,33 @@ class Planner(OnMap):
         best_order: bool = False,
         **options: Unpack[PlanOptions],
     ) -> Tour:
-        """A path from start to goal by way of other cells, all (row, col), in the order in which they are given.
+        """A path from start to goal by way of other cells, all (row, col), in the order in which
+        they are given.
 
-        With `best_order` they, at most 12, are visited in the order that costs least, by the plans between each two;
-        with ``astar`` these are the cheapest paths. The options are each leg's; the time is that of the whole tour:
-        where it is up before the best order is known, the order given stays. The tour's plan has no path where one of
-        the legs has none; its reason names it.
+        With `best_order` they, at most 12, are visited in the order that costs least, by the plans
+        between each two; with ``astar`` these are the cheapest paths. The options are each leg's;
+        the time is that of the whole tour: where it is up before the best order is known, the order
+        given stays. The tour's plan has no path where one of the legs has none; its reason names
+        it.
 
         Raises
         ------
         InvalidQueryError
-            A place between lies outside the map or is impassable, too many are to be ordered, or as `plan`.
+            A place between lies outside the map or is impassable, too many are to be ordered, or as
+            `plan`.
         """
-        wishes, grid = options_of(**options), self._state.grid
-        refining, deadline = refines(wishes.refine, grid), Deadline.within(wishes.time_limit_s)
+        wishes = options_of(**options)
+        grid = self._state.grid
+        refining = refines(wishes.refine, grid)
+        deadline = Deadline.within(wishes.time_limit_s)
         between = [as_cell(cell, f"via {at}") for at, cell in enumerate(via, 1)]
         stops = [as_cell(start, "start"), *between, as_cell(goal, "goal")]
         memory = self._methods.astar.workspace
         nearest = partial(costs_to_nearest, grid, stops, NEAREST_STOPS, memory, deadline)
         found = tour(
-            lambda begin, end, direction=-1: self._on_grid(begin, end, wishes, Work(), deadline, direction),
+            lambda begin, end, direction=-1: self._on_grid(
+                begin, end, wishes, Work(), deadline, direction
+            ),
             stops,
             grid,
             best_order=best_order,
@@ -214,29 +244,44 @@ class Planner(OnMap):
     def reach(self, start: Cell, within: float = math.inf) -> Float2D:
         """Costs of reaching every cell from one: (H, W) float32, of the cheapest path to each.
 
-        inf where there is none, or none that costs at most `within`, in units of ``step_cost``: seconds, say.
-        InvalidQueryError where the start is no cell, outside the map or impassable, or `within` is below 0.
+        inf where there is none, or none that costs at most `within`, in units of ``step_cost``:
+        seconds, say. InvalidQueryError where the start is no cell, outside the map or impassable,
+        or `within` is below 0.
         """
         return self._reach(start, within)
 
     def _planned(self, start: Cell, goal: Cell, wishes: Wishes, work: Work) -> Plan:
-        refining, deadline = refines(wishes.refine, self._state.grid), Deadline.within(wishes.time_limit_s)
-        return self._refined(self._on_grid(start, goal, wishes, work, deadline), refining, wishes, deadline)
+        refining = refines(wishes.refine, self._state.grid)
+        deadline = Deadline.within(wishes.time_limit_s)
+        return self._refined(
+            self._on_grid(start, goal, wishes, work, deadline), refining, wishes, deadline
+        )
 
     def _on_grid(
-        self, start: Cell, goal: Cell, wishes: Wishes, work: Work, deadline: Deadline, direction: int = -1
+        self,
+        start: Cell,
+        goal: Cell,
+        wishes: Wishes,
+        work: Work,
+        deadline: Deadline,
+        direction: int = -1,
     ) -> Plan:
         """The plan by the search alone."""
-        methods, (begin, wanted) = self._methods, wishes.directions(self._state.grid)
-        query = Query.of(start, goal, deadline, wishes.epsilon, direction if direction >= 0 else begin, wanted)
+        methods = self._methods
+        begin, wanted = wishes.directions(self._state.grid)
+        query = Query.of(
+            start, goal, deadline, wishes.epsilon, direction if direction >= 0 else begin, wanted
+        )
         chosen, why = methods.choose(wishes.method, query)
 
         def find() -> tuple[Found, DynamicMethod, str]:
-            by, choice = chosen, why
+            by = chosen
+            choice = why
             if wishes.method == Method.AUTO and by is Method.ASTAR:
                 if (near := methods.search_briefly(query, work)) is not None:
                     return near, DynamicMethod.ASTAR, choice
-                by, choice = Method.CORRIDOR, f"{choice}, but the way is long"
+                by = Method.CORRIDOR
+                choice = f"{choice}, but the way is long"
             return methods.find(by, query, work), DynamicMethod(by), choice
 
         return self._answer(query, work, DynamicMethod(chosen), find, wishes.keep_regions)
@@ -263,6 +308,12 @@ def plan_path(
     time_limit_s: float = math.inf,
     refine: str | None = None,
 ) -> Plan:
-    """Plan once, without keeping a planner; the arguments are those of `Planner` and `Planner.plan`."""
-    planner = Planner(cost, step_cost=step_cost, omega=omega, corner_cutting=corner_cutting, model=model)
-    return planner.plan(start, goal, method=method, epsilon=epsilon, time_limit_s=time_limit_s, refine=refine)
+    """Plan once, without keeping a planner; the arguments are those of `Planner` and
+    `Planner.plan`.
+    """
+    planner = Planner(
+        cost, step_cost=step_cost, omega=omega, corner_cutting=corner_cutting, model=model
+    )
+    return planner.plan(
+        start, goal, method=method, epsilon=epsilon, time_limit_s=time_limit_s, refine=refine
+    )

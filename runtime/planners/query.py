@@ -50,7 +50,9 @@ class Query(NamedTuple):
         """From what a user gave; InvalidQueryError for what is no cell, or a number below 0."""
         if not epsilon >= 0.0:
             raise InvalidQueryError(f"epsilon must be a number of at least 0, got {epsilon}")
-        return cls(as_cell(start, "start"), as_cell(goal, "goal"), epsilon, deadline, direction, wanted)
+        return cls(
+            as_cell(start, "start"), as_cell(goal, "goal"), epsilon, deadline, direction, wanted
+        )
 
     @property
     def apart(self) -> int:
@@ -68,30 +70,34 @@ class PlanOptions(TypedDict, total=False):
     """How a query is to be answered: the options of `Planner.plan`, `plan_via` and `nearest`."""
 
     method: str
-    """``astar``: exact, over the whole map. ``corridor``: coarse to fine. ``nnpp``: inside the network's region;
-    goals nearer than `ask_from` by A*, where the way is not long; with a vehicle's body the corridor. ``auto``, the
-    default: one of them, by the figures in docs/decisions/methods.md; the plan says which and why."""
+    """``astar``: exact, over the whole map. ``corridor``: coarse to fine. ``nnpp``: inside the
+    network's region; goals nearer than `ask_from` by A*, where the way is not long; with a
+    vehicle's body the corridor. ``auto``, the default: one of them, by the figures in
+    docs/decisions/methods.md; the plan says which and why."""
     epsilon: float
-    """Keep widening until the path is certain to cost at most (1 + epsilon) times the optimum; 0 gives the optimum
-    itself. By default the first path found is taken."""
+    """Keep widening until the path is certain to cost at most (1 + epsilon) times the optimum; 0
+    gives the optimum itself. By default the first path found is taken."""
     time_limit_s: float
-    """After this the status is TIMEOUT, with the path as far as a search of the map had come; inf by default. What
-    has been made ready of the map by then is kept, so that the next query comes further. Neither loading a network
-    nor running it can be stopped."""
+    """After this the status is TIMEOUT, with the path as far as a search of the map had come;
+    inf by default. What has been made ready of the map by then is kept, so that the next query
+    comes further. Neither loading a network nor running it can be stopped."""
     keep_regions: bool
     """Whether the plan says in what region it was found; copied after the clock has stopped."""
     refine: str | None
-    """``any-angle``: free the path from the grid, see `planners.refine`. The plan gains `waypoints` and `line_cost`;
-    its path and cost stay the grid's."""
+    """``any-angle``: free the path from the grid, see `planners.refine`. The plan gains
+    `waypoints` and `line_cost`; its path and cost stay the grid's."""
     start_heading_deg: float | None
-    """In which a body stands at the start, degrees clockwise from up the rows: the nearest of the sixteen directions
-    counts, at most 14° off on square cells; by default it may begin in any."""
+    """In which a body stands at the start, degrees clockwise from up the rows: the nearest of
+    the sixteen directions counts, at most 14° off on square cells; by default it may begin in
+    any."""
     goal_heading_deg: float | None
     goal_tolerance_deg: float
-    """In which it is to arrive: in a direction so near to that, 0 by default, or the nearest; by default in any."""
+    """In which it is to arrive: in a direction so near to that, 0 by default, or the nearest; by
+    default in any.
+    """
     turning_radius_m: float | None
-    """With `refine`: no turn at a way point is to be sharper; by default the vehicle's. Where no such line is found,
-    the answer is NO_PATH, and the reason says so."""
+    """With `refine`: no turn at a way point is to be sharper; by default the vehicle's. Where no
+    such line is found, the answer is NO_PATH, and the reason says so."""
 
 
 class Wishes(NamedTuple):
@@ -108,17 +114,28 @@ class Wishes(NamedTuple):
     goal_tolerance_deg: float = 0.0
 
     def directions(self, grid: Grid) -> tuple[int, NDArray[np.bool_] | None]:
-        """Those of a body at the start, and at the goal, as in `Query`; InvalidQueryError where it has none."""
+        """Those of a body at the start, and at the goal, as in `Query`; InvalidQueryError where it
+        has none.
+        """
         headings = self.start_heading_deg, self.goal_heading_deg
         if headings == (None, None):
             return -1, None
         if (poses := grid.poses) is None:
-            raise InvalidQueryError("start_heading_deg and goal_heading_deg want a vehicle's body on elevations")
-        if not all(each is None or math.isfinite(each) for each in headings) or not self.goal_tolerance_deg >= 0.0:
-            raise InvalidQueryError(f"headings must be numbers of degrees, got {headings}, {self.goal_tolerance_deg}")
+            raise InvalidQueryError(
+                "start_heading_deg and goal_heading_deg want a vehicle's body on elevations"
+            )
+        if (
+            not all(each is None or math.isfinite(each) for each in headings)
+            or not self.goal_tolerance_deg >= 0.0
+        ):
+            raise InvalidQueryError(
+                f"headings must be numbers of degrees, got {headings}, {self.goal_tolerance_deg}"
+            )
         start, goal = headings
         begin = -1 if start is None else direction_near(start, poses.sides_m)
-        return begin, None if goal is None else directions_within(goal, self.goal_tolerance_deg, poses.sides_m)
+        return begin, None if goal is None else directions_within(
+            goal, self.goal_tolerance_deg, poses.sides_m
+        )
 
 
 options_of: Callable[..., Wishes] = checked(InvalidQueryError)(Wishes)
@@ -146,30 +163,43 @@ class Found(NamedTuple):
     traverse_cost: float
     lower_bound: float
     region: Region | None
-    """Where it was allowed to go; None for the whole map. Its bitmap is overwritten by later queries."""
+    """Where it was allowed to go; None for the whole map. Its bitmap is overwritten by later
+    queries.
+    """
     network_region: Region | None = None
     threshold: float = math.nan
 
     @classmethod
-    def of(cls, grid: Grid, search: Search, source: Source, region: Region | None, work: Work) -> "Found":
+    def of(
+        cls, grid: Grid, search: Search, source: Source, region: Region | None, work: Work
+    ) -> "Found":
         """Of a search of the map, or of a region of it."""
-        costs, bound = grid.costs_of(search.path), 0.0
+        costs = grid.costs_of(search.path)
+        bound = 0.0
         if search.status is Status.OK:
             # g is kept in float32: a refused cell's f may be too high by its rounding
             start, goal = search.path[[0, -1], :2].tolist()
-            bound = min(costs[0], search.refused_f * (1.0 - 1e-6) + grid.steps.worth_of_height(start, goal))
+            bound = min(
+                costs[0], search.refused_f * (1.0 - 1e-6) + grid.steps.worth_of_height(start, goal)
+            )
         work.stage_ends("path")
         return cls(search, source, *costs, bound, region)
 
     def suffices(self, query: Query) -> bool:
-        """Whether the path need not be improved: time is up, or it is close enough to the bound asked for."""
-        above = query.epsilon if self.lower_bound >= 0.0 else -query.epsilon  # energy may be got back
+        """Whether the path need not be improved: time is up, or it is close enough to the bound
+        asked for.
+        """
+        above = (
+            query.epsilon if self.lower_bound >= 0.0 else -query.epsilon
+        )  # energy may be got back
         return self.search.status is not Status.OK or self.cost <= (1.0 + above) * self.lower_bound
 
     @classmethod
     def too_late(cls, source: Source) -> "Found":
         """Nothing: time was up before a search of the map could begin."""
-        return cls(Search.without_path(Status.TIMEOUT), source, math.inf, math.inf, math.inf, 0.0, None)
+        return cls(
+            Search.without_path(Status.TIMEOUT), source, math.inf, math.inf, math.inf, 0.0, None
+        )
 
     def plan(
         self,
@@ -182,7 +212,9 @@ class Found(NamedTuple):
         reason: str = "",
         keep_regions: bool = False,
     ) -> Plan:
-        """The finished plan, which owns its data; of a map of which poses had been checked before, if given."""
+        """The finished plan, which owns its data; of a map of which poses had been checked before,
+        if given.
+        """
         search = self.search
         path, states = search.path[:, :2], search.path[:, 2] if search.path.shape[1] == 3 else None
         plan = Plan(
@@ -211,12 +243,16 @@ class Found(NamedTuple):
         work.timings_ms["total"] = work.total_ms()
         if not keep_regions:
             return plan
-        region, learned = (None if found is None else found.copy() for found in (self.region, self.network_region))
+        region, learned = (
+            None if found is None else found.copy() for found in (self.region, self.network_region)
+        )
         return replace(plan, region=region, network_region=learned)
 
 
 def problem_with(grid: Grid, start: Cell, goal: Cell) -> Status | None:
-    """The reason not to plan between two cells, if there is one: one lies outside the map, or is impassable."""
+    """The reason not to plan between two cells, if there is one: one lies outside the map, or is
+    impassable.
+    """
     for cell, outside, blocked in (
         (start, Status.START_OUTSIDE_MAP, Status.START_BLOCKED),
         (goal, Status.GOAL_OUTSIDE_MAP, Status.GOAL_BLOCKED),
@@ -232,7 +268,9 @@ def told(problem: Status, query: Query, poses: Poses | None = None) -> str:
     """Which cell of a query is at fault and why, for people."""
     at_start = problem in (Status.START_OUTSIDE_MAP, Status.START_BLOCKED)
     cell = query.start if at_start else query.goal
-    why = f": {why_blocked(poses, cell)}" if poses is not None and problem.endswith("BLOCKED") else ""
+    why = (
+        f": {why_blocked(poses, cell)}" if poses is not None and problem.endswith("BLOCKED") else ""
+    )
     return f"{'start' if at_start else 'goal'} {cell} {in_words(problem)}{why}"
 
 

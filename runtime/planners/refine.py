@@ -1,15 +1,17 @@
 """Paths freed from the grid: way points anywhere, priced by the line integral of the cost.
 
-What the grid says of cells is read as a cost for each cell's length along a line. In a cell's middle that is what a
-straight step on such ground costs: 1 + 2·w in the ``paper`` model, with its weight w = 255·ω·T, and the weight itself
-in ``length``. Between the middles it is bilinear, and impassable cells are left out of the mean. So a straight step
-costs by the integral what it costs by the grid. A diagonal step of ``paper`` costs more, √2 + √2·(w_i + w_j) on even
-ground: the paper charges √2 for its length, but 1 for its weights. Where they weigh much, the grid's best path is
+What the grid says of cells is read as a cost for each cell's length along a line. In a cell's
+middle that is what a straight step on such ground costs: 1 + 2·w in the ``paper`` model, with its
+weight w = 255·ω·T, and the weight itself in ``length``. Between the middles it is bilinear, and
+impassable cells are left out of the mean. So a straight step costs by the integral what it costs by
+the grid. A diagonal step of ``paper`` costs more, √2 + √2·(w_i + w_j) on even ground: the paper
+charges √2 for its length, but 1 for its weights. Where they weigh much, the grid's best path is
 therefore another than the best line, and more has to be done than to smooth it.
 
-Stations on the grid's path are moved across it, all of them together, to the cheapest choice (dynamic programming),
-first far and coarsely, then near and finely; `tuning.ANY_ANGLE` lists the stages. Then way points that save next to
-nothing are left out. The line never costs more than the grid's path by the same integral: else it is that path.
+Stations on the grid's path are moved across it, all of them together, to the cheapest choice
+(dynamic programming), first far and coarsely, then near and finely; `tuning.ANY_ANGLE` lists the
+stages. Then way points that save next to nothing are left out. The line never costs more than the
+grid's path by the same integral: else it is that path.
 
 A body's path is not freed: its legs lead in sixteen directions, each checked at its own heading.
 """
@@ -33,24 +35,33 @@ from nnpp_edge.runtime.stopwatch import Stopwatch
 from nnpp_edge.runtime.tuning import ANY_ANGLE, WAY_POINT_SAVES
 
 _ROUNDER = (1.02, 1.1, 1.3)
-"""Radii of the arcs that are laid, over that asked for: way points on an arc turn a little sharper than it does."""
+"""Radii of the arcs that are laid, over that asked for: way points on an arc turn a little sharper
+than it does.
+"""
 _COARSER = (1.0, 8.0, 64.0)
 """Multiples of what a way point must save, tried one after another where turns are too sharp."""
 _FAR_STAGES = 2
-"""Stages that are left out, one after another, while no line is found that costs less than the path."""
+"""Stages that are left out, one after another, while no line is found that costs less than the
+path.
+"""
 
 
 def refines(name: str | None, grid: Grid) -> bool:
-    """Whether paths are freed; InvalidQueryError for another name than ``any-angle``, or for this map's steps."""
+    """Whether paths are freed; InvalidQueryError for another name than ``any-angle``, or for this
+    map's steps.
+    """
     if name is None:
         return False
     if name != "any-angle":
         raise InvalidQueryError(f"refine must be one of any-angle, got {name!r}")
     if grid.steps.by_poses:
-        raise InvalidQueryError(f"refine={name!r} is for points and discs: a body's legs lead in 16 directions")
+        raise InvalidQueryError(
+            f"refine={name!r} is for points and discs: a body's legs lead in 16 directions"
+        )
     if grid.steps.by_slope:
         raise InvalidQueryError(
-            f"refine={name!r} prices lines by the map's cost: wanted step_cost='paper' or 'length', got steps that "
+            f"refine={name!r} prices lines by the map's cost: wanted step_cost='paper' or "
+            "'length', got steps that "
             "cost by their slope"
         )
     return True
@@ -67,17 +78,24 @@ class Refiner:
     """Frees paths of one map from the grid. Serves one thread at a time."""
 
     def __init__(self, state: MapState) -> None:
-        self._state, self._grid = state, state.grid
+        self._state = state
+        self._grid = state.grid
 
-    def refined(self, plan: Plan, turning_radius_m: float | None = None, deadline: Deadline = NEVER) -> Plan:
-        """The plan with way points, where it has a path; the time that this takes is its stage ``refine``.
+    def refined(
+        self, plan: Plan, turning_radius_m: float | None = None, deadline: Deadline = NEVER
+    ) -> Plan:
+        """The plan with way points, where it has a path; the time that this takes is its stage
+        ``refine``.
 
-        No turn is sharper than the radius, by default the vehicle's: where no such line is found near the path, the
-        plan says NO_PATH and why. From the deadline on nothing better is looked for: the line may then be the grid's
-        path. InvalidQueryError where the radius is not positive, or the map's cells have no known size.
+        No turn is sharper than the radius, by default the vehicle's: where no such line is found
+        near the path, the plan says NO_PATH and why. From the deadline on nothing better is looked
+        for: the line may then be the grid's path. InvalidQueryError where the radius is not
+        positive, or the map's cells have no known size.
         """
         vehicle = self._state.vehicle
-        wanted = vehicle.turning_radius_m if vehicle and turning_radius_m is None else turning_radius_m
+        wanted = (
+            vehicle.turning_radius_m if vehicle and turning_radius_m is None else turning_radius_m
+        )
         radius = self._radius(wanted)
         if not plan.ok:
             return plan
@@ -86,15 +104,30 @@ class Refiner:
         along = None if line is None else self._state.along(line.points)
         watch.stage_ends("refine")
         took = watch.timings_ms["refine"]
-        timings = {**plan.timings_ms, "refine": took, "total": plan.timings_ms.get("total", 0.0) + took}
+        timings = {
+            **plan.timings_ms,
+            "refine": took,
+            "total": plan.timings_ms.get("total", 0.0) + took,
+        }
         if line is None:
-            reason = f"no line that turns with a radius of {wanted:g} m was found near the grid's path"
-            status, source = Status.NO_PATH, plan.source
-            return Plan(status, plan.method, source, planner=plan.planner, reason=reason, timings_ms=timings)
-        return replace(plan, waypoints=line.points, line_cost=line.cost, along=along, timings_ms=timings)
+            reason = (
+                f"no line that turns with a radius of {wanted:g} m was found near the grid's path"
+            )
+            status = Status.NO_PATH
+            source = plan.source
+            return Plan(
+                status, plan.method, source, planner=plan.planner, reason=reason, timings_ms=timings
+            )
+        return replace(
+            plan, waypoints=line.points, line_cost=line.cost, along=along, timings_ms=timings
+        )
 
-    def line_along(self, path: NDArray[np.int32], radius: float = 0.0, deadline: Deadline = NEVER) -> Line | None:
-        """A line near a path of cells that costs no more, with no turn sharper than `radius` cells; None without."""
+    def line_along(
+        self, path: NDArray[np.int32], radius: float = 0.0, deadline: Deadline = NEVER
+    ) -> Line | None:
+        """A line near a path of cells that costs no more, with no turn sharper than `radius` cells;
+        None without.
+        """
         if len(path) < 2:
             return Line(path.astype(np.float64), 0.0)
         for coarser in _COARSER if radius else (1.0,):
@@ -103,7 +136,11 @@ class Refiner:
                 return line
             for rounder in _ROUNDER:
                 rounded = with_arcs(line.points, rounder * radius)
-                if rounded is not None and self._turns(rounded, radius) and math.isfinite(cost := self.cost(rounded)):
+                if (
+                    rounded is not None
+                    and self._turns(rounded, radius)
+                    and math.isfinite(cost := self.cost(rounded))
+                ):
                     return Line(rounded, cost)
         return None
 
@@ -112,7 +149,9 @@ class Refiner:
         return float(line_cost(self._grid.packed, self._state.room, points))
 
     def _turns(self, points: Points, radius: float) -> bool:
-        """Whether no turn is sharper than a radius, in cells; on cells that are not square, in metres too."""
+        """Whether no turn is sharper than a radius, in cells; on cells that are not square, in
+        metres too.
+        """
         (dy, dx), least = self._state.sides_m or (1.0, 1.0), min(self._state.sides_m or (1.0,))
         return bool((curvatures(points * (dy / least, dx / least)) * radius <= 1.0).all())
 
@@ -121,7 +160,11 @@ class Refiner:
         own = corners(path)
         on_grid = Line(own, self.cost(own))
         for first in range(_FAR_STAGES + 1):  # where far moves lead astray, nearer ones may not
-            line = Line(*freed(self._grid.packed, self._state.room, path, ANY_ANGLE[first:], saves, deadline.at))
+            line = Line(
+                *freed(
+                    self._grid.packed, self._state.room, path, ANY_ANGLE[first:], saves, deadline.at
+                )
+            )
             if line.cost < on_grid.cost:
                 return line
             if deadline.passed:
@@ -133,7 +176,11 @@ class Refiner:
         if turning_radius_m is None:
             return 0.0
         if not 0.0 < turning_radius_m < math.inf:
-            raise InvalidQueryError(f"turning_radius_m must be a positive number of metres, got {turning_radius_m}")
+            raise InvalidQueryError(
+                f"turning_radius_m must be a positive number of metres, got {turning_radius_m}"
+            )
         if self._state.sides_m is None:
-            raise InvalidQueryError("turning_radius_m wants a map whose cells have a size: Planner.of_elevation")
+            raise InvalidQueryError(
+                "turning_radius_m wants a map whose cells have a size: Planner.of_elevation"
+            )
         return turning_radius_m / min(self._state.sides_m)

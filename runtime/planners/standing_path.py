@@ -1,17 +1,21 @@
-"""Whether the path that stands still holds on a map that has changed, and how much worse it can have become.
+"""Whether the path that stands still holds on a map that has changed, and how much worse it can
+have become.
 
-A robot on its way need not plan anew at every change of the map. What it must know is whether the rest of its
-path can still be walked, what that costs now, and how much cheaper another path can have become.
+A robot on its way need not plan anew at every change of the map. What it must know is whether the
+rest of its path can still be walked, what that costs now, and how much cheaper another path can
+have become.
 
-The bound. On the map as it was, no path from the robot's cell costs less than the bound that came with the plan,
-less what the robot has walked since. A path on the map as it is now
+The bound. On the map as it was, no path from the robot's cell costs less than the bound that came
+with the plan, less what the robot has walked since. A path on the map as it is now
 - meets no cell that has become cheaper: then it costs what it did or more;
-- meets such cells, but none that was impassable: then it cost at most the sum of their savings more, as each cell
+- meets such cells, but none that was impassable: then it cost at most the sum of their savings
+  more, as each cell
   takes part in two steps;
-- meets a cell that was impassable: then it costs at least the octile distance by way of it.
-With a vehicle, or with directed steps, old costs are not kept: a path that meets a rectangle in which heights have
-changed costs at least the octile distance by way of it; directed, that and what the height between its ends is worth.
-The least of the three bounds every path. Cells that became dearer change nothing.
+- meets a cell that was impassable: then it costs at least the octile distance by way of it. With a
+  vehicle, or with directed steps, old costs are not kept: a path that meets a rectangle in which
+  heights have changed costs at least the octile distance by way of it; directed, that and what the
+  height between its ends is worth. The least of the three bounds every path. Cells that became
+  dearer change nothing.
 """
 
 import math
@@ -64,7 +68,9 @@ class Standing:
     lower_bound: float = 0.0
     """No path from the robot's cell to the goal costs less now."""
     floor: float = 0.0
-    """No path would cost less now, had the plan been optimal when it was made; 0 where the robot is off the path."""
+    """No path would cost less now, had the plan been optimal when it was made; 0 where the robot is
+    off the path.
+    """
 
     @property
     def valid(self) -> bool:
@@ -73,7 +79,9 @@ class Standing:
 
     @property
     def added(self) -> float:
-        """The rest of the path exceeds the optimum by at most so much more than the plan did when it was made."""
+        """The rest of the path exceeds the optimum by at most so much more than the plan did when
+        it was made.
+        """
         return max(self.cost - self.floor, 0.0)
 
     @property
@@ -100,37 +108,47 @@ class Rest(NamedTuple):
 class StandingPath:
     """The path that a robot follows, on a map that changes under it. Serves one thread at a time.
 
-    What has changed it reads from the map's log when it is checked: that takes time by the cells of the path and
-    those that changed, not by the map.
+    What has changed it reads from the map's log when it is checked: that takes time by the cells of
+    the path and those that changed, not by the map.
     """
 
     def __init__(self, state: MapState) -> None:
-        self._grid, self._by_parts = state.grid, state.grid.steps.by_poses or state.grid.steps.by_slope
+        self._grid = state.grid
+        self._by_parts = state.grid.steps.by_poses or state.grid.steps.by_slope
         nodes = 0 if self._by_parts else len(state.grid.weights)
         self._changes = state.log.reader(keeps_old_weights=not self._by_parts)
         self._parts: list[Rectangle] = []
-        """Where poses or directed steps have changed since the path was set: of these no old costs are kept."""
+        """Where poses or directed steps have changed since the path was set: of these no old costs
+        are kept.
+        """
         self._before = np.empty(nodes, np.float32)
         """Weights of changed nodes when the path was set."""
         self._noted = np.zeros(nodes, np.int32)
         """The stamp, for nodes that stand in `_before`."""
         self._touched = np.empty(nodes, np.int32)
-        self._stamp, self._count = 1, 0
+        self._stamp = 1
+        self._count = 0
         self.plan: Plan | None = None
         """The plan whose path stands; to be changed by `set` and `forget` alone."""
         self._walked = self._scratch = np.empty(0)
 
     def set(self, plan: Plan) -> None:
-        """Follow this plan's path from now on; the plan must have been made on the map as it is now.
+        """Follow this plan's path from now on; the plan must have been made on the map as it is
+        now.
 
         InvalidQueryError where it has no path to the goal, or the path cannot be walked.
         """
         if not plan.ok or not len(plan.path):
-            raise InvalidQueryError(f"a standing path must lead to the goal, got a plan of status {plan.status}")
-        self._walked, self._scratch = np.empty(len(plan.path)), np.empty(len(plan.path))
+            raise InvalidQueryError(
+                f"a standing path must lead to the goal, got a plan of status {plan.status}"
+            )
+        self._walked = np.empty(len(plan.path))
+        self._scratch = np.empty(len(plan.path))
         if self._grid.walk(plan.walked, 0, self._walked) >= 0:
             raise InvalidQueryError("a standing path must be walkable on the map it was planned on")
-        self.plan, self._count, self._parts = plan, 0, []
+        self.plan = plan
+        self._count = 0
+        self._parts = []
         self._changes.skip()
         if self._stamp == _LAST_STAMP:
             self._noted[:] = 0
@@ -139,32 +157,43 @@ class StandingPath:
 
     def forget(self) -> None:
         """There is no path to follow."""
-        self.plan, self._count, self._parts = None, 0, []
+        self.plan = None
+        self._count = 0
+        self._parts = []
         self._changes.skip()
 
     def catch_up(self) -> None:
         """Read what has changed now if so much waits to be read that it would hold memory."""
         unread = self._changes.peek()
-        if len(unread) > MOST_LOGGED_CHANGES // 2 or sum(len(change.nodes) for change in unread) > _MANY:
+        if (
+            len(unread) > MOST_LOGGED_CHANGES // 2
+            or sum(len(change.nodes) for change in unread) > _MANY
+        ):
             self._read_changes()
 
     def check(self, at: Cell, direction: int = -1) -> Standing:
-        """How the path stands for a robot in the cell `at`, heading in a direction; -1 where it is not given."""
+        """How the path stands for a robot in the cell `at`, heading in a direction; -1 where it is
+        not given.
+        """
         self._read_changes()
         if self.plan is None:
             return Standing(Footing.NONE)
-        path, grid = self.plan.path, self._grid
+        path = self.plan.path
+        grid = self._grid
         here = (path[:, 0] == at[0]) & (path[:, 1] == at[1])
         if direction >= 0 and self.plan.states is not None:  # such a path may cross itself
             here &= self.plan.states % DIRECTIONS == direction
         hits = np.flatnonzero(here)
         if not len(hits):
             return Standing(Footing.OFF_PATH)
-        index, goal = int(hits[0]), (int(path[-1, 0]), int(path[-1, 1]))
+        index = int(hits[0])
+        goal = (int(path[-1, 0]), int(path[-1, 1]))
         walked = float(self._walked[index])
         straight = grid.least_cost(at, goal)
         rest = float(self._walked[-1]) - walked, (1.0 - _ROUNDING) * self.plan.lower_bound - walked
-        floor, lower = (max(bound, straight) for bound in self._bounds_now(rest, at, goal, direction))
+        floor, lower = (
+            max(bound, straight) for bound in self._bounds_now(rest, at, goal, direction)
+        )
         blocked = self._grid.walk(self.plan.walked, index, self._scratch)
         if blocked >= 0:
             cell = int(path[blocked, 0]), int(path[blocked, 1])
@@ -173,20 +202,29 @@ class StandingPath:
         return Standing(Footing.VALID, index, None, cost, min(lower, cost), min(floor, cost))
 
     def rest(self, at: Cell, direction: int = -1) -> Rest | None:
-        """The path ahead of a robot in the cell `at`, heading in a direction; None far from it, or without one."""
+        """The path ahead of a robot in the cell `at`, heading in a direction; None far from it, or
+        without one.
+        """
         standing = self.check(at, direction)
         if self.plan is None:
             return None
-        path, index = self.plan.path, standing.index
+        path = self.plan.path
+        index = standing.index
         if index < 0:
             away = np.abs(path - np.array(at, np.int32)).max(1)
             if away[index := int(away.argmin())] > JOIN_WITHIN:
                 return None
-        states, clear = self.plan.walked[index:], 0
+        states = self.plan.walked[index:]
+        clear = 0
         while (blocked := self._grid.walk(states, clear, self._scratch)) >= 0:
             clear = blocked
         goal = int(path[-1, 0]), int(path[-1, 1])
-        return Rest(states, clear, standing.valid, max(standing.lower_bound, self._grid.least_cost(at, goal)))
+        return Rest(
+            states,
+            clear,
+            standing.valid,
+            max(standing.lower_bound, self._grid.least_cost(at, goal)),
+        )
 
     def _read_changes(self) -> None:
         """Note what changed nodes weighed when the path was set."""
@@ -197,22 +235,41 @@ class StandingPath:
                 self._parts.append(change.part)
                 continue
             self._count = remember(
-                change.nodes, change.old_weights, self._before, self._noted, self._stamp, self._touched, self._count
+                change.nodes,
+                change.old_weights,
+                self._before,
+                self._noted,
+                self._stamp,
+                self._touched,
+                self._count,
             )
 
-    def _bounds_now(self, bounds: tuple[float, ...], at: Cell, goal: Cell, direction: int) -> list[float]:
+    def _bounds_now(
+        self, bounds: tuple[float, ...], at: Cell, goal: Cell, direction: int
+    ) -> list[float]:
         """Bounds of the paths of now, given bounds of those on the map as it was."""
         grid = self._grid
         if self._by_parts:
-            by_way = min((self._by_way_of(part, at, goal) for part in self._parts), default=math.inf)
+            by_way = min(
+                (self._by_way_of(part, at, goal) for part in self._parts), default=math.inf
+            )
             if self.plan is not None and self.plan.states is not None and direction < 0:
                 return [-math.inf for _ in bounds]  # another path may begin in any direction
             return [min(bound - grid.steps.readiness, by_way) for bound in bounds]
         saved, by_cheaper, by_opened = savings(
-            grid.weights, self._before, self._touched, self._count, grid.stride, at, goal, grid.prices
+            grid.weights,
+            self._before,
+            self._touched,
+            self._count,
+            grid.stride,
+            at,
+            goal,
+            grid.prices,
         )
         saved *= 2.0 * max(grid.model.weight_term)
-        if not grid.corner_cutting:  # beside a cell that was opened, a diagonal step may have become allowed
+        if (
+            not grid.corner_cutting
+        ):  # beside a cell that was opened, a diagonal step may have become allowed
             by_opened -= 2.0 * grid.prices[0]
         return [min(bound, max(bound - saved, by_cheaper), by_opened) for bound in bounds]
 

@@ -22,7 +22,9 @@ from nnpp_edge.runtime.stopwatch import Stopwatch
 MOST_ORDERED = 12
 """Places between start and goal whose best order is looked for: 12! orders, 12² · 2^12 sums."""
 _TIE = 1e-5
-"""Share by which another order must cost less than the one given: sums of rounded costs differ by less."""
+"""Share by which another order must cost less than the one given: sums of rounded costs differ by
+less.
+"""
 
 PlanLeg = Callable[..., Plan]
 Order = tuple[int, ...]
@@ -42,14 +44,16 @@ class Tour:
     legs: tuple[Plan, ...]
     """From each stop to the next; up to the first that has no path."""
     plan: Plan
-    """The legs as one plan. Its lower bound is that of this order. Without a path from one stop to the next its
-    status is that leg's, and its reason names the leg."""
+    """The legs as one plan. Its lower bound is that of this order. Without a path from one stop
+    to the next its status is that leg's, and its reason names the leg."""
     given_cost: float = math.nan
     """Cost of the order given; NaN where no other was looked for."""
 
     def told(self, on_the_ground: Callable[[Plan], Plan]) -> "Tour":
         """This tour with what the function adds to each of its plans."""
-        return replace(self, legs=tuple(map(on_the_ground, self.legs)), plan=on_the_ground(self.plan))
+        return replace(
+            self, legs=tuple(map(on_the_ground, self.legs)), plan=on_the_ground(self.plan)
+        )
 
 
 def tour(
@@ -62,7 +66,8 @@ def tour(
     finish: Callable[[Plan], Plan] = lambda leg: leg,
     deadline: Deadline = NEVER,
 ) -> Tour:
-    """A path along stops, which are start, the places between, and goal, each leg planned by itself.
+    """A path along stops, which are start, the places between, and goal, each leg planned by
+    itself.
 
     Parameters
     ----------
@@ -71,25 +76,30 @@ def tour(
     best_order : bool
         Visit the places between in the order that costs least, by what lies between each two stops.
     nearest : callable
-        Gives what the cheapest paths between the stops cost, (N, N), and of which that is known; others cost at least
-        as much. To be given where plans are the cheapest paths.
+        Gives what the cheapest paths between the stops cost, (N, N), and of which that is known;
+        others cost at least as much. To be given where plans are the cheapest paths.
     finish : callable
-        Applied to the plans of the legs in the end, and not to those that were made for the order alone.
+        Applied to the plans of the legs in the end, and not to those that were made for the order
+        alone.
     deadline : Deadline
         When to stop looking for a better order: then it is the one given.
 
     Raises
     ------
     InvalidQueryError
-        A place between start and goal lies outside the map or is impassable, or more than `MOST_ORDERED` are to be
-        ordered.
+        A place between start and goal lies outside the map or is impassable, or more than
+        `MOST_ORDERED` are to be ordered.
     """
-    watch, legs = Stopwatch(), _Legs(plan, stops, grid)
-    count, given_cost = len(stops) - 2, math.nan
+    watch = Stopwatch()
+    legs = _Legs(plan, stops, grid)
+    count = len(stops) - 2
+    given_cost = math.nan
     order = tuple(range(count))
     if best_order and count:
         if count > MOST_ORDERED:
-            raise InvalidQueryError(f"the best order is found of at most {MOST_ORDERED} places, got {count}")
+            raise InvalidQueryError(
+                f"the best order is found of at most {MOST_ORDERED} places, got {count}"
+            )
         with suppress(OutOfTimeError):
             order, given_cost = legs.best_order(nearest, deadline)
     found: list[Plan] = []
@@ -103,13 +113,19 @@ def tour(
     ordered = stops[0], *(stops[each + 1] for each in order), stops[-1]
     whole = _as_one(found, ordered, grid)
     total = watch.total_ms()
-    apart = {"order": total - sum(leg.timings_ms.get("total", 0.0) for leg in found)} if best_order else {}
+    apart = (
+        {"order": total - sum(leg.timings_ms.get("total", 0.0) for leg in found)}
+        if best_order
+        else {}
+    )
     whole = replace(whole, timings_ms={**whole.timings_ms, **apart, "total": total})
     return Tour(ordered, order, tuple(found), whole, given_cost)
 
 
 def arrival(path: NDArray[np.int32]) -> int:
-    """Direction in which a body comes to the end of a path, as `Plan.walked`; -1 for a single cell."""
+    """Direction in which a body comes to the end of a path, as `Plan.walked`; -1 for a
+    single cell.
+    """
     if path.shape[1] == 3:
         return int(path[-1, 2]) % len(DIRECTIONS)
     return DIRECTIONS.index(tuple((path[-1] - path[-2]).tolist())) if len(path) > 1 else -1
@@ -119,13 +135,19 @@ class _Legs:
     """Plans between stops, each made once."""
 
     def __init__(self, plan: PlanLeg, stops: Sequence[Cell], grid: Grid) -> None:
-        self._plan, self._stops, self._grid = plan, stops, grid
+        self._plan = plan
+        self._stops = stops
+        self._grid = grid
         self._symmetric = not grid.steps.by_slope and grid.steps.columns == 2
-        """Whether a path costs the same both ways, and is driven so: then one plan serves a leg and its reverse."""
+        """Whether a path costs the same both ways, and is driven so: then one plan serves a leg and
+        its reverse.
+        """
         self._made: dict[tuple[int, int], Plan] = {}
 
     def plan(self, begin: int, end: int) -> Plan:
-        """From one stop, by its number, to another; InvalidQueryError for a place between that is none."""
+        """From one stop, by its number, to another; InvalidQueryError for a place between that is
+        none.
+        """
         back = self._made.get((end, begin)) if self._symmetric else None
         if (begin, end) not in self._made and back is not None and back.ok:
             along = None if back.along is None else back.along.back()
@@ -133,50 +155,67 @@ class _Legs:
         elif (begin, end) not in self._made:
             plan = self._plan(self._stops[begin], self._stops[end])
             at = begin if plan.status.startswith("START") else end
-            if plan.source is None and 0 < at < len(self._stops) - 1:  # of start and goal the status tells
+            if (
+                plan.source is None and 0 < at < len(self._stops) - 1
+            ):  # of start and goal the status tells
                 raise InvalidQueryError(f"via {at}, {self._stops[at]}, {in_words(plan.status)}")
             self._made[begin, end] = plan
         return self._made[begin, end]
 
     def best_order(self, nearest: Nearest | None, deadline: Deadline) -> tuple[Order, float]:
-        """The cheapest order of the stops between the first and the last, and what the order given costs.
+        """The cheapest order of the stops between the first and the last, and what the order given
+        costs.
 
-        The order given, and NaN, where a leg that was planned has no path. The legs of the cheapest order by what is
-        known, others being as cheap as they can be, are planned until none is left to plan: no other order can then
-        be cheaper, though most legs were never planned. OutOfTimeError at the deadline.
+        The order given, and NaN, where a leg that was planned has no path. The legs of the cheapest
+        order by what is known, others being as cheap as they can be, are planned until none is left
+        to plan: no other order can then be cheaper, though most legs were never planned.
+        OutOfTimeError at the deadline.
         """
-        stops, given = self._stops, tuple(range(len(self._stops) - 2))
-        known, legs = np.eye(len(stops), dtype=np.bool_), self.along(given)
+        stops = self._stops
+        given = tuple(range(len(self._stops) - 2))
+        known = np.eye(len(stops), dtype=np.bool_)
+        legs = self.along(given)
         costs = np.array([[self._grid.least_cost(begin, end) for end in stops] for begin in stops])
         while legs:
             for leg in legs:
                 if not (plan := self.plan(*leg)).ok:
                     return given, math.nan
                 for pair in (leg, leg[::-1])[: 1 + self._symmetric]:
-                    costs[pair], known[pair] = plan.cost, True
+                    costs[pair] = plan.cost
+                    known[pair] = True
             if nearest is not None:
                 found, here = nearest()
-                costs, known, nearest = np.where(known, costs, np.maximum(costs, found)), known | here, None
+                costs = np.where(known, costs, np.maximum(costs, found))
+                known = known | here
+                nearest = None
                 if self._symmetric:
-                    costs, known = np.maximum(costs, costs.T), known | known.T
+                    costs = np.maximum(costs, costs.T)
+                    known = known | known.T
             order, given_cost = _cheapest_order(costs, deadline)
             legs = [leg for leg in self.along(order) if not known[leg]]
         return order, given_cost
 
     def along(self, order: Order) -> list[tuple[int, int]]:
-        """Numbers of the stops at both ends of each leg; of the stops between the order counts from 0."""
+        """Numbers of the stops at both ends of each leg; of the stops between the order counts from
+        0.
+        """
         visited = [0, *(each + 1 for each in order), len(self._stops) - 1]
         return list(itertools.pairwise(visited))
 
 
 def _cheapest_order(costs: Costs, deadline: Deadline = NEVER) -> tuple[Order, float]:
-    """The cheapest order of the stops between the first and the last, and what the order given costs.
+    """The cheapest order of the stops between the first and the last, and what the order given
+    costs.
 
-    Held and Karp (1962): the cheapest way through each set of stops that ends at each of its members.
+    Held and Karp (1962): the cheapest way through each set of stops that ends at each of its
+    members.
     """
     count = len(costs) - 2
-    begin, inner, end = costs[0, 1:-1], costs[1:-1, 1:-1], costs[1:-1, -1]
-    members, sets = 1 << np.arange(count), np.arange(1 << count)
+    begin = costs[0, 1:-1]
+    inner = costs[1:-1, 1:-1]
+    end = costs[1:-1, -1]
+    members = 1 << np.arange(count)
+    sets = np.arange(1 << count)
     sizes = np.bitwise_count(sets)
     cheapest = np.full((1 << count, count), math.inf)
     before = np.zeros((1 << count, count), np.int8)
@@ -192,7 +231,8 @@ def _cheapest_order(costs: Costs, deadline: Deadline = NEVER) -> tuple[Order, fl
     given = float(begin[0] + inner[np.arange(count - 1), np.arange(1, count)].sum() + end[-1])
     if (total := cheapest[-1] + end).min() >= given * (1.0 - _TIE):
         return tuple(range(count)), given
-    order, left = [int(total.argmin())], (1 << count) - 1
+    order = [int(total.argmin())]
+    left = (1 << count) - 1
     while len(order) < count:
         left, last_one = left & ~int(members[order[-1]]), int(before[left, order[-1]])
         order.append(last_one)
@@ -200,8 +240,12 @@ def _cheapest_order(costs: Costs, deadline: Deadline = NEVER) -> tuple[Order, fl
 
 
 def _as_one(legs: Sequence[Plan], stops: Sequence[Cell], grid: Grid) -> Plan:
-    """Legs along stops, each of which begins where the one before ends, as one plan; the last may have no path."""
-    first, last, wanted = legs[0], legs[-1], len(stops) - 1
+    """Legs along stops, each of which begins where the one before ends, as one plan; the last may
+    have no path.
+    """
+    first = legs[0]
+    last = legs[-1]
+    wanted = len(stops) - 1
     if wanted == 1:
         return first
     methods = {leg.method for leg in legs}
@@ -212,7 +256,9 @@ def _as_one(legs: Sequence[Plan], stops: Sequence[Cell], grid: Grid) -> Plan:
     whole = Plan(
         last.status,
         first.method if len(methods) == 1 else Method.AUTO,
-        None if last.source is None else max((leg.source for leg in legs if leg.source), key=list(Source).index),
+        None
+        if last.source is None
+        else max((leg.source for leg in legs if leg.source), key=list(Source).index),
         expansions=sum(leg.expansions for leg in legs),
         planner=first.planner if len(methods) == 1 else Method.AUTO,
         choice=f"{wanted} legs",
@@ -231,7 +277,9 @@ def _as_one(legs: Sequence[Plan], stops: Sequence[Cell], grid: Grid) -> Plan:
         path=np.ascontiguousarray(walked[:, :2]),
         states=None if first.states is None else walked[:, 2].copy(),
         vehicle=first.vehicle,
-        along=None if first.states is None else first.along,  # by it alone the arcs are known, `Plan.over` needs them
+        along=None
+        if first.states is None
+        else first.along,  # by it alone the arcs are known, `Plan.over` needs them
         waypoints=joined(lines).astype(np.float64) if len(lines) == len(legs) else None,
         line_cost=sum(leg.line_cost for leg in legs),
         cost=costs[0] if grid.steps.by_poses else sum(leg.cost for leg in legs),

@@ -1,7 +1,7 @@
 """Planning on a map larger than memory, whose heights are read by windows.
 
-Each height is read once, to make the coarse levels. These are searched in memory, from the coarsest down, and only
-what lies under the last corridor is read again, and searched at full resolution.
+Each height is read once, to make the coarse levels. These are searched in memory, from the coarsest
+down, and only what lies under the last corridor is read again, and searched at full resolution.
 """
 
 import math
@@ -36,7 +36,10 @@ from nnpp_edge.runtime.terrain.windows import CostWindows, HeightWindows
 from nnpp_edge.runtime.tuning import CORRIDOR, LEAST_WINDOW, WIDENED_CORRIDOR
 
 _PAGE = 4096
-_NO_CORRIDOR = "there is a path, but neither corridor holds one: to find it would take a search of the whole map"
+_NO_CORRIDOR = (
+    "there is a path, but neither corridor holds one: to find it would take a search "
+    "of the whole map"
+)
 _NO_TIME = "neither corridor holds a path, and no time was left to find out whether there is one"
 
 
@@ -46,15 +49,18 @@ class VirtualWorkspace(Workspace):
     def __init__(self, nodes: int) -> None:
         super().__init__(1)
         state = virtual_zeros(2 * nodes, np.int32)
-        self.g, self.meta, self._searches = state.view(np.float32), state, [0]
+        self.g = state.view(np.float32)
+        self.meta = state
+        self._searches = [0]
 
 
 class WindowedPlanner:
     """Plans by the corridor method on a map that is read by windows. Serves one thread at a time.
 
-    Paths, costs and bounds are those of `Planner` with ``method="corridor"`` on the same map, as long as one of its
-    two corridors holds a path. Where neither does, the map is read once more to tell whether start and goal are
-    connected: the answer is NO_PATH or, as the whole map is not searched, UNKNOWN.
+    Paths, costs and bounds are those of `Planner` with ``method="corridor"`` on the same map, as
+    long as one of its two corridors holds a path. Where neither does, the map is read once more to
+    tell whether start and goal are connected: the answer is NO_PATH or, as the whole map is not
+    searched, UNKNOWN.
 
     Parameters
     ----------
@@ -79,10 +85,14 @@ class WindowedPlanner:
         mobility: Mobility | None = None,
         progress: Callable[[str, int], None] = lambda what, rows: None,
     ) -> None:
-        watch, self._progress, self._mobility = Stopwatch(), progress, mobility or Mobility()
+        watch = Stopwatch()
+        self._progress = progress
+        self._mobility = mobility or Mobility()
         self.costs = CostWindows(heights, traversability)
         with small_pages():
-            self._map = StreamedMap(heights.shape, StepModel.of("paper", omega), corner_cutting=corner_cutting)
+            self._map = StreamedMap(
+                heights.shape, StepModel.of("paper", omega), corner_cutting=corner_cutting
+            )
             for row, _, cost in self.costs.bands():
                 self._map.take(cost)
                 progress("coarse levels", row + len(cost))
@@ -99,12 +109,18 @@ class WindowedPlanner:
         return self._map.shape
 
     def coarse_costs(self, most_cells: int) -> tuple[int, Float2D]:
-        """Mean costs of the finest coarse level with at most so many cells a side, or of the coarsest.
+        """Mean costs of the finest coarse level with at most so many cells a side, or of the
+        coarsest.
 
-        Cells of the map to the side of one of the level's; float32, inf where none of them is passable.
+        Cells of the map to the side of one of the level's; float32, inf where none of them is
+        passable.
         """
-        levels, scale = self._map.levels, np.float32(self._map.grid.model.scale or 1.0)
-        number = next((n for n in range(1, len(levels)) if max(levels[n].grid.shape) <= most_cells), len(levels) - 1)
+        levels = self._map.levels
+        scale = np.float32(self._map.grid.model.scale or 1.0)
+        number = next(
+            (n for n in range(1, len(levels)) if max(levels[n].grid.shape) <= most_cells),
+            len(levels) - 1,
+        )
         return FACTOR**number, np.asarray(levels[number].grid.map() / scale)
 
     @property
@@ -118,28 +134,40 @@ class WindowedPlanner:
         rows, cols = self.shape
         return self.costs.cells_read / (rows * cols) - 1.0
 
-    def plan(self, start: Cell, goal: Cell, *, epsilon: float = math.inf, time_limit_s: float = math.inf) -> Plan:
+    def plan(
+        self, start: Cell, goal: Cell, *, epsilon: float = math.inf, time_limit_s: float = math.inf
+    ) -> Plan:
         """A path from start to goal.
 
-        As `Planner.plan`, but that the wide corridor is the last: what it holds is taken, whatever `epsilon`, and
-        `Plan.bound` says how good it is. UNKNOWN where there is a path, but not in a corridor, or no time to find
-        out. InvalidMapError where the cells under the corridor need more memory than there is.
+        As `Planner.plan`, but that the wide corridor is the last: what it holds is taken, whatever
+        `epsilon`, and `Plan.bound` says how good it is. UNKNOWN where there is a path, but not in a
+        corridor, or no time to find out. InvalidMapError where the cells under the corridor need
+        more memory than there is.
         """
         return self._over(self._plan(start, goal, epsilon, Deadline.within(time_limit_s)))
 
     def _plan(self, start: Cell, goal: Cell, epsilon: float, deadline: Deadline) -> Plan:
-        work, query = Work(), Query.of(start, goal, deadline, epsilon)
-        grid, found = self._map.grid, None
+        work = Work()
+        query = Query.of(start, goal, deadline, epsilon)
+        grid = self._map.grid
+        found = None
         with small_pages():
             for cell in (query.start, query.goal):
                 if grid.holds(cell):
                     self._corridor.put([(*cell, 1, 1)])
             if problem := problem_with(grid, query.start, query.goal):
-                return Plan(problem, Method.CORRIDOR, planner=Method.CORRIDOR, reason=told(problem, query))
+                return Plan(
+                    problem, Method.CORRIDOR, planner=Method.CORRIDOR, reason=told(problem, query)
+                )
             try:
-                for width, source in ((CORRIDOR, Source.REGION), (WIDENED_CORRIDOR, Source.WIDENED)):
+                for width, source in (
+                    (CORRIDOR, Source.REGION),
+                    (WIDENED_CORRIDOR, Source.WIDENED),
+                ):
                     top = self._descent.top_for(query)
-                    tried = self._descent.find(query, work, self._corridor, top, None, width, source)
+                    tried = self._descent.find(
+                        query, work, self._corridor, top, None, width, source
+                    )
                     found = tried or found
                     if found is not None and found.suffices(query):
                         break
@@ -194,7 +222,8 @@ class WindowedPlanner:
                 yield cost
                 self._progress("connection", row + len(cost))
 
-        ends, cutting = (query.start, query.goal), self._map.grid.corner_cutting
+        ends = (query.start, query.goal)
+        cutting = self._map.grid.corner_cutting
         with closing(bands()) as costs:
             there_is_one = connected(costs, ends, corner_cutting=cutting)
         if late:
@@ -206,9 +235,14 @@ class CorridorCells:
     """A `Searcher` that reads what lies under a corridor before it searches there."""
 
     def __init__(self, state: StreamedMap, costs: CostWindows, workspace: Workspace) -> None:
-        self._map, self._costs, self._workspace = state, costs, workspace
+        self._map = state
+        self._costs = costs
+        self._workspace = workspace
         block_rows, block_cols = costs.heights.block
-        self._unit = max(block_rows, LEAST_WINDOW), max(min(block_cols, 4 * LEAST_WINDOW), LEAST_WINDOW)
+        self._unit = (
+            max(block_rows, LEAST_WINDOW),
+            max(min(block_cols, 4 * LEAST_WINDOW), LEAST_WINDOW),
+        )
         self._known: dict[Cell, Rectangle] = {}
         """Rectangles that have been read, by the row and column of the unit that it lies in."""
 
@@ -219,20 +253,28 @@ class CorridorCells:
         if wanted > (room := available_bytes()):
             cells = sum(rows * cols for _, _, rows, cols in parts)
             raise InvalidMapError(
-                f"wanted {wanted / 1e9:.2f} GB of memory for the {cells} cells under the corridor, got "
+                f"wanted {wanted / 1e9:.2f} GB of memory for the {cells} cells under the "
+                "corridor, got "
                 f"{room / 1e9:.2f} GB: plan in several legs"
             )
         self.put(parts, query.deadline)
         work.stage_ends("read")
         found = astar(
-            self._map.grid, query.start, query.goal, self._workspace, region=region, deadline=query.deadline
+            self._map.grid,
+            query.start,
+            query.goal,
+            self._workspace,
+            region=region,
+            deadline=query.deadline,
         )
         work.expansions += found.expansions
         work.stage_ends("search")
         return found
 
     def put(self, parts: Iterable[Rectangle], deadline: Deadline = NEVER) -> None:
-        """Read rectangles, each inside one unit, as far as they are not known; OutOfTimeError at the deadline."""
+        """Read rectangles, each inside one unit, as far as they are not known; OutOfTimeError at
+        the deadline.
+        """
         unread = []
         for part in parts:
             unit = part[0] // self._unit[0], part[1] // self._unit[1]
@@ -246,7 +288,9 @@ class CorridorCells:
             deadline.check()
 
     def _under(self, region: Region) -> list[Rectangle]:
-        """For each unit of the map the least rectangle that holds its cells in the region and beside it."""
+        """For each unit of the map the least rectangle that holds its cells in the region and
+        beside it.
+        """
         rows, cols = self._map.shape
         found = []
         for row in range(0, rows, self._unit[0]):
@@ -281,12 +325,16 @@ def _extent(flags: NDArray[np.bool_]) -> tuple[int, int]:
 def connected(bands: Iterable[Float2D], ends: Endpoints, *, corner_cutting: bool = True) -> bool:
     """Whether there is a path between two cells whose costs are below 1.
 
-    `bands` are (h, w) float32 costs of the map's rows, from top to bottom, read no further than is needed. Without
-    `corner_cutting` a diagonal step connects nothing that straight steps do not.
+    `bands` are (h, w) float32 costs of the map's rows, from top to bottom, read no further than is
+    needed. Without `corner_cutting` a diagonal step connects nothing that straight steps do not.
     """
     import cv2  # takes a tenth of a second to load
 
-    above, found, row, used, parents = np.empty(0, np.int64), [0, 0], 0, 0, dict[int, int]()
+    above = np.empty(0, np.int64)
+    found = [0, 0]
+    row = 0
+    used = 0
+    parents = dict[int, int]()
 
     def root(label: int) -> int:
         while (parent := parents.get(label, label)) != label:
@@ -294,7 +342,9 @@ def connected(bands: Iterable[Float2D], ends: Endpoints, *, corner_cutting: bool
         return label
 
     for cost in bands:
-        count, labels = cv2.connectedComponents((cost < 1.0).view(np.uint8), connectivity=8 if corner_cutting else 4)
+        count, labels = cv2.connectedComponents(
+            (cost < 1.0).view(np.uint8), connectivity=8 if corner_cutting else 4
+        )
         first, last = (np.where(line, line + np.int64(used), 0) for line in (labels[0], labels[-1]))
         for n, (end_row, end_col) in enumerate(ends):
             if row <= end_row < row + len(cost) and (label := int(labels[end_row - row, end_col])):
@@ -307,11 +357,15 @@ def connected(bands: Iterable[Float2D], ends: Endpoints, *, corner_cutting: bool
             for upper, lower in np.unique(np.stack((one[both], other[both]), 1), axis=0).tolist():
                 parents[root(lower)] = root(upper)
         known, at = np.unique(last, return_inverse=True)
-        above, found = np.array([root(label) for label in known.tolist()])[at], [root(label) for label in found]
+        above = np.array([root(label) for label in known.tolist()])[at]
+        found = [root(label) for label in found]
         parents.clear()  # what is kept are roots
-        row, used = row + len(cost), used + count
+        row = row + len(cost)
+        used = used + count
         if all(found) and found[0] == found[1]:
             return True
-        if any(label and label not in above for label in found):  # it ends above, and the other is not in it
+        if any(
+            label and label not in above for label in found
+        ):  # it ends above, and the other is not in it
             return False
     return False

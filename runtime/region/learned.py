@@ -23,12 +23,16 @@ from nnpp_edge.runtime.tuning import WIDENED_BLOCKS, WIDENED_THRESHOLD
 
 
 def probability_of(level: int) -> float:
-    """The probability that a level of the threshold stands for; 0 below 0, which stands for no way."""
+    """The probability that a level of the threshold stands for; 0 below 0, which stands
+    for no way.
+    """
     return (max(level, 0) / kernels.LEVELS) ** 4
 
 
 class RegionFinder:
-    """Turns probabilities on blocks × blocks into regions; holds the scratch memory for one size."""
+    """Turns probabilities on blocks × blocks into regions; holds the scratch memory for
+    one size.
+    """
 
     def __init__(self, blocks: int) -> None:
         padded = (blocks + 1, blocks + 1)
@@ -43,7 +47,8 @@ class RegionFinder:
 
     @property
     def bitmap(self) -> NDArray[np.int32]:
-        """(B + 1, B + 1), where the blocks of `stamp` were marked; it holds until the marking after the next.
+        """(B + 1, B + 1), where the blocks of `stamp` were marked; it holds until the marking after
+        the next.
 
         The last row and column belong to no region: cells that the network is not shown lie there.
         """
@@ -60,7 +65,11 @@ class RegionFinder:
 
     def threshold(self, start: Cell, goal: Cell) -> int:
         """The adaptive threshold td between two blocks, as a level."""
-        return int(kernels.adaptive_threshold(self._levels, *start, *goal, self._heads, self._following, self._done))
+        return int(
+            kernels.adaptive_threshold(
+                self._levels, *start, *goal, self._heads, self._following, self._done
+            )
+        )
 
     def first(
         self,
@@ -75,20 +84,23 @@ class RegionFinder:
         touching: bool = False,
         deadline: Deadline = NEVER,
     ) -> int:
-        """Take over an answer and find td as a level, along steps that the grid allows; -1 where there is no way.
+        """Take over an answer and find td as a level, along steps that the grid allows; -1 where
+        there is no way.
 
-        The blocks at td are numbered `stamp` in `at_td`, those at `factor` of it in `bitmap`. Where td is not above
-        0, `at_td` is every block and `bitmap` is left alone. The level is walked on; `workspace` is memory of its
-        grid, `lookup` the block that each of its rows and columns lies in, and `blocks` are in every region. To say
-        that each step on the grid leads to the same block or a `touching` one saves time. OutOfTimeError at the
-        deadline.
+        The blocks at td are numbered `stamp` in `at_td`, those at `factor` of it in `bitmap`. Where
+        td is not above 0, `at_td` is every block and `bitmap` is left alone. The level is walked
+        on; `workspace` is memory of its grid, `lookup` the block that each of its rows and columns
+        lies in, and `blocks` are in every region. To say that each step on the grid leads to the
+        same block or a `touching` one saves time. OutOfTimeError at the deadline.
         """
         self.stamp += 1
-        grid, (start, goal) = level.grid, ends
+        grid = level.grid
+        start, goal = ends
         walked = probability, lookup, grid.packed, level.links
         asked = (grid.node(*start), grid.node(*goal), *blocks[0], *blocks[1]), (touching, factor)
         scratch = self._levels, self._heads, self._following, self._done
-        search, marks = (workspace.meta, workspace.next_stamp()), (self.stamp, self.at_td, self.bitmap)
+        search = (workspace.meta, workspace.next_stamp())
+        marks = (self.stamp, self.at_td, self.bitmap)
         td = kernels.first_regions(*walked, *asked, scratch, search, marks, deadline.at)
         if td == kernels.TOO_LATE:
             raise OutOfTimeError
@@ -100,15 +112,20 @@ class RegionFinder:
         kernels.fill_region(self._levels, threshold, *start, *goal, self.stamp, radius, self.bitmap)
 
     def region(self, lookup: Lookup) -> Region:
-        """The blocks marked last, as a region of the grid whose rows and columns lie in the blocks of `lookup`."""
+        """The blocks marked last, as a region of the grid whose rows and columns lie in the blocks
+        of `lookup`.
+        """
         return Region(self.bitmap, *lookup, self.stamp)
 
 
 class LearnedRegions:
-    """Regions of one map by a network, which is loaded when first needed: ModelError where it cannot be."""
+    """Regions of one map by a network, which is loaded when first needed: ModelError where it
+    cannot be.
+    """
 
     def __init__(self, state: MapState, model: str | Path | NetworkModel) -> None:
-        self._state, self.unseen_change = state, 0.0
+        self._state = state
+        self.unseen_change = 0.0
         """The last as for `MapView`."""
         self.use_model(model)
 
@@ -119,7 +136,9 @@ class LearnedRegions:
         self._finder = RegionFinder(1)
 
     def prepare(self, level: Level, number: int) -> None:
-        """Do now what the first query on this level, the pyramid's of that number, would do before it is answered."""
+        """Do now what the first query on this level, the pyramid's of that number, would do before
+        it is answered.
+        """
         view = self._loaded_view(Stopwatch())
         view.lookup_at(level.grid, number)
         view.refresh()
@@ -136,14 +155,16 @@ class LearnedRegions:
         stopwatch: Stopwatch,
         deadline: Deadline = NEVER,
     ) -> tuple[float, Region, Iterator[Region | None]]:
-        """The adaptive threshold td, a probability, the region at td itself (NNPP, section 4.3) over the map's own
-        cells, and regions of a level to search one after another until one suffices.
+        """The adaptive threshold td, a probability, the region at td itself (NNPP, section 4.3)
+        over the map's own cells, and regions of a level to search one after another until one
+        suffices.
 
-        td is found along steps that the level, the pyramid's of that number, allows. The regions are that at a share
-        of td, a wider one, and None, which stands for all of a coarse level; to search all of the map itself is left
-        to the caller. Timed are the stages ``encode``, ``inference`` and ``threshold``, and ``load`` where the file
-        had to be opened, or was just being opened by another thread. OutOfTimeError at the deadline, but that
-        neither loading nor running a network can be stopped.
+        td is found along steps that the level, the pyramid's of that number, allows. The regions
+        are that at a share of td, a wider one, and None, which stands for all of a coarse level; to
+        search all of the map itself is left to the caller. Timed are the stages ``encode``,
+        ``inference`` and ``threshold``, and ``load`` where the file had to be opened, or was just
+        being opened by another thread. OutOfTimeError at the deadline, but that neither loading nor
+        running a network can be stopped.
         """
         view = self._loaded_view(stopwatch)
         places = view.show(start, goal, deadline)
@@ -152,7 +173,9 @@ class LearnedRegions:
         probability = view.network.answer(*places)
         stopwatch.stage_ends("inference")
         deadline.check()
-        factor, finder, share = FACTOR**number, self._finder, view.network.metadata.region_factor
+        factor = FACTOR**number
+        finder = self._finder
+        share = view.network.metadata.region_factor
         lookup, touching = view.lookup_at(level.grid, number)
         ends = (start[0] // factor, start[1] // factor), (goal[0] // factor, goal[1] // factor)
         blocks = view.block(start), view.block(goal)

@@ -1,4 +1,6 @@
-"""The network's view of a map: a window, averaged to the network's size, brought up to date when needed."""
+"""The network's view of a map: a window, averaged to the network's size, brought up to date when
+needed.
+"""
 
 import math
 import warnings
@@ -27,38 +29,52 @@ class MapView:
     model : str, Path or NetworkModel
         As in `PlannerOptions`; ModelError where it cannot be loaded.
     unseen_change : float
-        With 0, what the network is shown depends on the map and the query alone. Else a network in two parts is
-        shown a changed map only once more than this share of the cells it saw is different, and so is its view of
-        them (by the mean difference of a cell's cost, and of its share of impassable cells, in [0, 1]); and it is
-        shown another window only where the standing one does not hold start and goal, or is over four times as wide
-        as need be.
+        With 0, what the network is shown depends on the map and the query alone. Else a network in
+        two parts is shown a changed map only once more than this share of the cells it saw is
+        different, and so is its view of them (by the mean difference of a cell's cost, and of its
+        share of impassable cells, in [0, 1]); and it is shown another window only where the
+        standing one does not hold start and goal, or is over four times as wide as need be.
     """
 
-    def __init__(self, state: MapState, model: str | Path | NetworkModel, unseen_change: float = 0.0) -> None:
+    def __init__(
+        self, state: MapState, model: str | Path | NetworkModel, unseen_change: float = 0.0
+    ) -> None:
         self.network = model.share() if isinstance(model, NetworkModel) else NetworkModel(model)
-        metadata, steps = self.network.metadata, state.grid.model
-        self.size, self.blocks = metadata.input_size, metadata.blocks
+        metadata = self.network.metadata
+        steps = state.grid.model
+        self.size = metadata.input_size
+        self.blocks = metadata.blocks
         self._grid = state.grid
         self._unseen_change = unseen_change if self.network.in_parts else 0.0
         self.planes: NDArray[np.float32] = np.empty((2, self.size, self.size), np.float32)
-        """The window at the network's size, as it was when the network was last shown it, or later."""
+        """The window at the network's size, as it was when the network was last shown it,
+        or later.
+        """
         self._shown = np.full_like(self.planes, np.inf)
         """The planes that the network saw last."""
-        self._counted, self._averaged = state.log.reader(), state.log.reader()
-        """Up to where changes are counted in the drift, and up to where they are averaged in the planes."""
+        self._counted = state.log.reader()
+        self._averaged = state.log.reader()
+        """Up to where changes are counted in the drift, and up to where they are averaged in the
+        planes.
+        """
         self._drift = math.inf
-        """Share of the window that has changed since the network saw it: by its cells or, where measured, planes."""
+        """Share of the window that has changed since the network saw it: by its cells or, where
+        measured, planes.
+        """
         self._show_window((0, 0, *self._grid.shape))
         trained = GREY_LEVELS * metadata.omega
         if steps.kind is StepCost.PAPER and not 0.5 * trained <= steps.scale <= 2.0 * trained:
             warnings.warn(
-                f"the network {metadata.name} was trained for omega = {metadata.omega:g}, the planner uses "
-                f"{steps.scale / GREY_LEVELS:g}: its regions may miss the optimum by more than stated",
+                f"the network {metadata.name} was trained for omega = {metadata.omega:g}, the "
+                "planner uses "
+                f"{steps.scale / GREY_LEVELS:g}: its regions may miss the optimum by more than "
+                "stated",
                 stacklevel=11,
             )
 
     def show(self, start: Cell, goal: Cell, deadline: Deadline = NEVER) -> tuple[Point, Point]:
-        """Show the network what a query between two cells needs of the map; where they lie, in network cells.
+        """Show the network what a query between two cells needs of the map; where they lie, in
+        network cells.
 
         At the deadline OutOfTimeError: the next call goes on from there.
         """
@@ -86,7 +102,9 @@ class MapView:
         return int(self.lookup[0][cell[0]]), int(self.lookup[1][cell[1]])
 
     def lookup_at(self, level: Grid, number: int) -> tuple[Lookup, bool]:
-        """The block of each row's and column's middle on the level of that number; whether steps leave out none."""
+        """The block of each row's and column's middle on the level of that number; whether steps
+        leave out none.
+        """
         if number not in self._level_lookups:
             factor = FACTOR**number
             rows = np.minimum(np.arange(level.rows) * factor + factor // 2, self._grid.rows - 1)
@@ -103,7 +121,9 @@ class MapView:
         self.frame = Frame(rows, cols, self.size)
         # cells outside the window lie in the bitmap's last row or column
         lookup = [np.full(cells, self.blocks, np.int32) for cells in self._grid.shape]
-        for whole, first, seen in zip(lookup, (row0, col0), self.frame.lookup(self.blocks), strict=True):
+        for whole, first, seen in zip(
+            lookup, (row0, col0), self.frame.lookup(self.blocks), strict=True
+        ):
             whole[first : first + len(seen)] = seen
         self.lookup: Lookup = (lookup[0], lookup[1])
         """The block that each row and column of the map lies in."""
@@ -120,7 +140,9 @@ class MapView:
         if 0.0 < self._unseen_change < self._drift < math.inf:  # some may have changed back
             self._average_changes(deadline)
             rows, cols = self.frame.inner
-            self._drift = float(np.abs(self.planes - self._shown).mean()) * self.size**2 / (rows * cols)
+            self._drift = (
+                float(np.abs(self.planes - self._shown).mean()) * self.size**2 / (rows * cols)
+            )
         return self._drift > self._unseen_change
 
     def _average_changes(self, deadline: Deadline) -> None:
@@ -145,10 +167,11 @@ class MapView:
     def _window_for(self, start: Cell, goal: Cell) -> Rectangle:
         """A square around start and goal where it shows them finer than the whole map, else that.
 
-        Its side is twice the distance, so that there is room for detours, and its corners are rounded: a robot
-        on its way sees the same window for a while.
+        Its side is twice the distance, so that there is room for detours, and its corners are
+        rounded: a robot on its way sees the same window for a while.
         """
-        shape, unit = self._grid.shape, WINDOW_ROUNDING
+        shape = self._grid.shape
+        unit = WINDOW_ROUNDING
         apart = max(abs(start[0] - goal[0]), abs(start[1] - goal[1]))
         side = max((2 * apart // unit + 2) * unit, self.size)
         if self._unseen_change and max(self.window[2:]) <= 4 * side and self._holds(start, goal):
@@ -162,10 +185,14 @@ class MapView:
         return row, col, min(side, shape[0]), min(side, shape[1])
 
     def _holds(self, *cells: Cell) -> bool:
-        """Whether the window holds these cells, and an eighth of its side around them where the map goes on."""
+        """Whether the window holds these cells, and an eighth of its side around them where the map
+        goes on.
+        """
         for axis, whole in enumerate(self._grid.shape):
-            first, side = self.window[axis], self.window[axis + 2]
-            low, high = first + side // 8 * (first > 0), first + side - side // 8 * (first + side < whole)
+            first = self.window[axis]
+            side = self.window[axis + 2]
+            low = first + side // 8 * (first > 0)
+            high = first + side - side // 8 * (first + side < whole)
             if not all(low <= cell[axis] < high for cell in cells):
                 return False
         return True

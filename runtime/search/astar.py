@@ -1,7 +1,8 @@
 """Exact A* on an eight-connected grid, over the whole map or inside a region.
 
-The heuristic is the octile distance at the price of the map's cheapest cell, or with directed steps of the cheapest
-metre over all slopes: no steps undercut it, and it is consistent. `landmarks` sharpen it.
+The heuristic is the octile distance at the price of the map's cheapest cell, or with directed steps
+of the cheapest metre over all slopes: no steps undercut it, and it is consistent. `landmarks`
+sharpen it.
 """
 
 import math
@@ -59,8 +60,8 @@ class Search(NamedTuple):
     status: Status
     """OK, NO_PATH or TIMEOUT."""
     path: NDArray[np.int32]
-    """(N, 2) cells (row, col) from start to goal; on TIMEOUT to the expanded cell nearest the goal. Of a body that
-    drives arcs (N, 3), with the state on each cell."""
+    """(N, 2) cells (row, col) from start to goal; on TIMEOUT to the expanded cell nearest the
+    goal. Of a body that drives arcs (N, 3), with the state on each cell."""
     expansions: int
     refused_f: float = math.inf
     """Least f of a cell that was refused for lying outside the region; inf if none was."""
@@ -102,7 +103,8 @@ def astar(
     hints
         Of landmarks on this grid and these links: fewer cells are expanded, for the same cost.
     backwards : bool
-        On a coarse level with directed steps: the path found is the cheapest from `goal` to `start`, reversed.
+        On a coarse level with directed steps: the path found is the cheapest from `goal` to
+        `start`, reversed.
     beyond : float
         Settle also every cell on a path that costs less than 1 + `beyond` times the optimum.
     limit, deadline
@@ -113,22 +115,27 @@ def astar(
         Directions in which it may arrive; by default all.
 
     Notes
-    -----
-    NNPP (arXiv 2308.04792v3), Eq. 2-4; the octile distance stands in for the paper's Euclidean one, which
-    it exceeds without ever overestimating. g is kept in float32.
+    ----- NNPP (arXiv 2308.04792v3), Eq. 2-4; the octile distance stands in for the paper's
+    Euclidean one, which it exceeds without ever overestimating. g is kept in float32.
     """
-    first, last = grid.node(*start), grid.node(*goal)
+    first = grid.node(*start)
+    last = grid.node(*goal)
     if first == last and (direction < 0 or wanted is None or wanted[direction]):
-        there = int(np.argmax(wanted)) if direction < 0 and wanted is not None else max(direction, 0)
+        there = (
+            int(np.argmax(wanted)) if direction < 0 and wanted is not None else max(direction, 0)
+        )
         return Search(Status.OK, np.array([(*start, there)[: grid.steps.columns]], np.int32), 0)
     if grid.steps.by_poses:
-        ends, limits = (first, last, direction), (limit or _WITHOUT_END, deadline.at)
+        ends = (first, last, direction)
+        limits = (limit or _WITHOUT_END, deadline.at)
         return _over_states(grid, ends, wanted, workspace, region, beyond, limits)
     rule = *grid.prices, _bucket_width(grid, hints), _successors(grid, links), _beyond(beyond)
     landmarks = kernels.NO_HINTS if hints is None else hints
     before = grid.packed, grid.steps.edges(backwards), _ways(links), _allowed(region), landmarks
     limits = limit or _WITHOUT_END, deadline.at
-    code, length, expansions, refused = _run(kernels.expand, before, (first, last), rule, workspace, limits)
+    code, length, expansions, refused = _run(
+        kernels.expand, before, (first, last), rule, workspace, limits
+    )
     end = last if code == kernels.FOUND else int(workspace.counts[kernels.BEST_NODE])
     trace = partial(kernels.trace, stride=grid.stride)
     return _traced(trace, workspace, code, end, length, expansions, refused)
@@ -143,30 +150,43 @@ def _over_states(
     beyond: float,
     limits: tuple[int, float],
 ) -> Search:
-    """As `astar`, over a body's states, `ends` as for `expand_states`: guided by the costs to go of cells.
+    """As `astar`, over a body's states, `ends` as for `expand_states`: guided by the costs to go of
+    cells.
 
-    These are found from the goal on, and tell soon where there is no path. On the whole map turns are free in them,
-    arcs are ways between cells like legs, whatever the direction, and the answer is the best. In a region legs and
-    their turns alone count, which leaves few states to look at, for an answer about as good; no path at all then
-    costs less than the octile distance.
+    These are found from the goal on, and tell soon where there is no path. On the whole map turns
+    are free in them, arcs are ways between cells like legs, whatever the direction, and the answer
+    is the best. In a region legs and their turns alone count, which leaves few states to look at,
+    for an answer about as good; no path at all then costs less than the octile distance.
     """
-    states, allowed, field, (first, last, _) = grid.steps.states(), _allowed(region), workspace.field, ends
+    states = grid.steps.states()
+    allowed = _allowed(region)
+    field = workspace.field
+    first, last, _ = ends
     assert states is not None and field is not None
     poses, edges, prices = states
     *_, rays, lengths, turns = prices
-    between, fill = turns[:0], prices
+    between = turns[:0]
+    fill = prices
     if region is not None:
         between = np.float32(TURNS_IN_FIELD) * turns
         fill = *prices[:4], rays[:DIRECTIONS], lengths[:DIRECTIONS], turns
-    rule, begin, around = (_best(grid), _bucket_width(grid), between), last, None
-    code, spent, refused = kernels.FOUND, 0, math.inf
+    rule = (_best(grid), _bucket_width(grid), between)
+    begin = last
+    around = None
+    code = kernels.FOUND
+    spent = 0
+    refused = math.inf
     if wanted is not None and not len(edges):
-        (code, spent, refused), around = _around_goal(grid, ends, wanted, workspace, allowed, limits[1])
+        (code, spent, refused), around = _around_goal(
+            grid, ends, wanted, workspace, allowed, limits[1]
+        )
     if code != kernels.EXHAUSTED:
         if around is not None:
             begin = _ON
             around(False)
-        code, more, refused = _run(fill_field, (poses, edges, fill, allowed), (begin, first), rule, field, limits)
+        code, more, refused = _run(
+            fill_field, (poses, edges, fill, allowed), (begin, first), rule, field, limits
+        )
         spent += more
     if code != kernels.FOUND:
         status = Status.NO_PATH if code == kernels.EXHAUSTED else Status.TIMEOUT
@@ -176,7 +196,9 @@ def _over_states(
     guide = first, float(field.g[2 * first]), between
     found = _by_field(grid, ends, wanted, workspace, allowed, guide, beyond, limits)
     apart = float(octile.py_func(*grid.cell(first), *grid.cell(last), *grid.prices))
-    return found._replace(expansions=found.expansions + spent, refused_f=math.inf if region is None else apart)
+    return found._replace(
+        expansions=found.expansions + spent, refused_f=math.inf if region is None else apart
+    )
 
 
 def _around_goal(
@@ -189,21 +211,32 @@ def _around_goal(
 ) -> tuple[Parts, Callable[[bool], None] | None]:
     """Costs of the last metres to a goal with a heading, by a search from there of a few states.
 
-    A way back, by a body that stands the other way round, costs what the way there does. Returns code, expansions and
-    least refused f as `fill_field`, EXHAUSTED where no way leads to the goal; and a function that puts the costs into
-    the field, called before the field is filled and after, None where the start is as near.
+    A way back, by a body that stands the other way round, costs what the way there does. Returns
+    code, expansions and least refused f as `fill_field`, EXHAUSTED where no way leads to the goal;
+    and a function that puts the costs into the field, called before the field is filled and after,
+    None where the start is as near.
     """
     states, (first, last, _), frame = grid.steps.states(), ends, _frame(grid, workspace)
     field = workspace.field
     assert states is not None and field is not None
     backwards = np.resize(np.roll(wanted, DIRECTIONS // 2), workspace.states)
-    rule = (0.0, 0.0, 0.0), _bucket_width(grid), kernels.BELOW, frame, backwards, np.zeros_like(backwards)
-    before, limits = (*states, _no_field(workspace), allowed), (AROUND_GOAL, until)
+    rule = (
+        (0.0, 0.0, 0.0),
+        _bucket_width(grid),
+        kernels.BELOW,
+        frame,
+        backwards,
+        np.zeros_like(backwards),
+    )
+    before = (*states, _no_field(workspace), allowed)
+    limits = (AROUND_GOAL, until)
     code, _, spent, refused = _run(expand_states, before, (last, _CORNER), rule, workspace, limits)
     near = workspace.costs(slice(first, first + 1))[0] < math.inf
     if near or code == kernels.EXHAUSTED:
         return (kernels.FOUND if near else code, spent, refused), None
-    reach = int(workspace.least_open / grid.prices[0]) + 2 * int(np.abs(states[2][1][..., :2]).max())
+    reach = int(workspace.least_open / grid.prices[0]) + 2 * int(
+        np.abs(states[2][1][..., :2]).max()
+    )
     row, col, rows, cols = widened((*grid.cell(last), 1, 1), (reach, reach), grid.shape)
     part = row + 1, row + rows + 1, col + 1, col + cols + 1
     while len(field.entries) < 4 * rows * cols:
@@ -213,7 +246,15 @@ def _around_goal(
     def put(inside: bool) -> None:
         if not inside:
             field.next_stamp()
-        field_around(costs, field.packed, frame, (last, first), (_best(grid), _bucket_width(grid)), part, inside)
+        field_around(
+            costs,
+            field.packed,
+            frame,
+            (last, first),
+            (_best(grid), _bucket_width(grid)),
+            part,
+            inside,
+        )
 
     return (code, spent, refused), put
 
@@ -232,16 +273,20 @@ def by_kept_field(
     direction: int = -1,
     wanted: NDArray[np.bool_] | None = None,
 ) -> Search:
-    """As `astar` of a body, guided by the costs to go that the last search of the region, or the map, was guided by.
+    """As `astar` of a body, guided by the costs to go that the last search of the region, or the
+    map, was guided by.
 
-    That began at the cell `begun`, to be `promised` its cost to go. `goal` may be a cell on the way to its goal, and
-    `wanted` (S,) the states that will do there. The map may have changed: what is driven is checked on it. At the
-    `limit` the best path so far counts.
+    That began at the cell `begun`, to be `promised` its cost to go. `goal` may be a cell on the way
+    to its goal, and `wanted` (S,) the states that will do there. The map may have changed: what is
+    driven is checked on it. At the `limit` the best path so far counts.
     """
-    first, last, (*_, turns) = grid.node(*start), grid.node(*goal), grid.steps.states()[2]  # type: ignore[index]
+    first = grid.node(*start)
+    last = grid.node(*goal)
+    *_, turns = grid.steps.states()[2]  # type: ignore[index]
     between = turns[:0] if region is None else np.float32(TURNS_IN_FIELD) * turns
     limits = limit or _WITHOUT_END, deadline.at
-    guide, ends = (grid.node(*begun), promised, between), (first, last, direction)
+    guide = (grid.node(*begun), promised, between)
+    ends = (first, last, direction)
     found = _by_field(grid, ends, wanted, workspace, _allowed(region), guide, 0.0, limits)
     return found._replace(refused_f=float(octile.py_func(*start, *goal, *grid.prices)))
 
@@ -256,8 +301,12 @@ def _by_field(
     beyond: float,
     limits: tuple[int, float],
 ) -> Search:
-    """The search over states, once the field is there; of that the start, the cost from there, and those of turns."""
-    states, field, (begun, promised, between) = grid.steps.states(), workspace.field, guide
+    """The search over states, once the field is there; of that the start, the cost from there, and
+    those of turns.
+    """
+    states = grid.steps.states()
+    field = workspace.field
+    begun, promised, between = guide
     assert states is not None and field is not None
     judged = field.g, field.meta, field.stamp, *divmod(begun, grid.stride), promised, between
     first, last, direction = ends
@@ -266,14 +315,26 @@ def _by_field(
         starting[:] = np.arange(workspace.states) == direction
     if wanted is not None:
         at_goal[:] = np.resize(wanted, workspace.states)
-    rule = _best(grid), grid.prices[0] * BUCKET_WIDTH_BY_LANDMARKS, _beyond(beyond), frame, starting, at_goal
+    rule = (
+        _best(grid),
+        grid.prices[0] * BUCKET_WIDTH_BY_LANDMARKS,
+        _beyond(beyond),
+        frame,
+        starting,
+        at_goal,
+    )
     code, length, expansions, _ = _run(
         expand_states, (*states, judged, allowed), (first, last), rule, workspace, limits
     )
     end = int(workspace.counts[kernels.BEST_NODE])
     trace = partial(trace_states, prices=states[2], frame=frame)
-    if code == kernels.PAUSED and limits[0] < _WITHOUT_END and workspace.counts[kernels.SETTLED] >= 0:
-        code, end = kernels.FOUND, int(workspace.counts[kernels.SETTLED])
+    if (
+        code == kernels.PAUSED
+        and limits[0] < _WITHOUT_END
+        and workspace.counts[kernels.SETTLED] >= 0
+    ):
+        code = kernels.FOUND
+        end = int(workspace.counts[kernels.SETTLED])
         length = trace(workspace.meta, end, out=workspace.path)
     found = _traced(trace, workspace, code, end, length, expansions, math.inf)
     path = found.path
@@ -308,7 +369,13 @@ def _run(
 
 
 def _traced(
-    trace: Callable[..., int], ws: Workspace, code: int, end: int, length: int, spent: int, refused: float
+    trace: Callable[..., int],
+    ws: Workspace,
+    code: int,
+    end: int,
+    length: int,
+    spent: int,
+    refused: float,
 ) -> Search:
     """The outcome of a search that came to `end`, with its path."""
     if code == kernels.EXHAUSTED:
@@ -340,7 +407,9 @@ def _beyond(share: float) -> float:
 
 
 def settle_all(grid: Grid, source: Cell, workspace: Workspace, links: Links = None) -> None:
-    """Search from a passable cell until nothing is left: the workspace then holds every cell's cost from there."""
+    """Search from a passable cell until nothing is left: the workspace then holds every cell's cost
+    from there.
+    """
     for _ in _settling(grid, source, workspace, links):
         pass
 
@@ -353,15 +422,26 @@ def _settling(
     most: int = _WITHOUT_END,
     deadline: Deadline = NEVER,
 ) -> Iterator[float]:
-    """Search on, `most` expansions each time: the least cost that may yet fall, inf in the end; or OutOfTimeError."""
-    width, anywhere = _bucket_width(grid), np.ones(workspace.states, np.bool_)
+    """Search on, `most` expansions each time: the least cost that may yet fall, inf in the end; or
+    OutOfTimeError.
+    """
+    width = _bucket_width(grid)
+    anywhere = np.ones(workspace.states, np.bool_)
     kernel: Callable[..., Parts] = kernels.expand
-    before: Parts = grid.packed, grid.steps.edges(), _ways(links), kernels.NO_REGION, kernels.NO_HINTS
+    before: Parts = (
+        grid.packed,
+        grid.steps.edges(),
+        _ways(links),
+        kernels.NO_REGION,
+        kernels.NO_HINTS,
+    )
     rule: Parts = 0.0, 0.0, width, _successors(grid, links), kernels.BELOW
     if (states := grid.steps.states()) is not None:
-        kernel, before = expand_states, (*states, _no_field(workspace), kernels.NO_REGION)
+        kernel = expand_states
+        before = (*states, _no_field(workspace), kernels.NO_REGION)
         rule = (0.0, 0.0, 0.0), width, kernels.BELOW, _frame(grid, workspace), anywhere, ~anywhere
-    begin, code = grid.node(*source), kernels.PAUSED
+    begin = grid.node(*source)
+    code = kernels.PAUSED
     while code == kernels.PAUSED:
         code, *_ = _run(kernel, before, (begin, _CORNER), rule, workspace, (most, deadline.at))
         begin = _ON
@@ -371,7 +451,9 @@ def _settling(
 
 
 def cost_field(grid: Grid, source: Cell, workspace: Workspace) -> Float2D:
-    """Cost of the cheapest path from a passable cell to every other: (H, W) float32, inf where there is none."""
+    """Cost of the cheapest path from a passable cell to every other: (H, W) float32, inf where
+    there is none.
+    """
     settle_all(grid, source, workspace)
     field = workspace.costs().reshape(-1, grid.stride)[1 : grid.rows + 1, 1 : grid.cols + 1]
     return grid.steps.with_heights(field, source)
@@ -380,13 +462,15 @@ def cost_field(grid: Grid, source: Cell, workspace: Workspace) -> Float2D:
 def costs_to_nearest(
     grid: Grid, stops: Sequence[Cell], count: int, workspace: Workspace, deadline: Deadline = NEVER
 ) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
-    """Costs of the cheapest paths from each of N passable cells, but the last, to so many of the others.
+    """Costs of the cheapest paths from each of N passable cells, but the last, to so many of the
+    others.
 
-    Returns (N, N) float64, what a path from one to another costs, and (N, N) bool, whether that is known; else it
-    costs at least that. OutOfTimeError at the deadline.
+    Returns (N, N) float64, what a path from one to another costs, and (N, N) bool, whether that is
+    known; else it costs at least that. OutOfTimeError at the deadline.
     """
     nodes = np.array([grid.node(*stop) for stop in stops])
-    costs, known = np.zeros((len(stops), len(stops))), np.eye(len(stops), dtype=np.bool_)
+    costs = np.zeros((len(stops), len(stops)))
+    known = np.eye(len(stops), dtype=np.bool_)
     for at, stop in enumerate(stops[:-1]):
         for within in _settling(grid, stop, workspace, most=_BETWEEN_LOOKS, deadline=deadline):
             found = workspace.costs(nodes)

@@ -1,8 +1,8 @@
 """D* Lite: exact planning on a map that changes, towards one goal, from a start that moves.
 
-Koenig and Likhachev, "D* Lite" (AAAI 2002), in its optimised form. Costs are counted in whole units, of which the
-map's cheapest step has about a million. Sums of them are exact in float64, so the equalities and the order of keys
-that the algorithm's proof rests on hold to the letter.
+Koenig and Likhachev, "D* Lite" (AAAI 2002), in its optimised form. Costs are counted in whole
+units, of which the map's cheapest step has about a million. Sums of them are exact in float64, so
+the equalities and the order of keys that the algorithm's proof rests on hold to the letter.
 """
 
 import math
@@ -27,7 +27,9 @@ UNITS = float(1 << 20)
 
 
 def serves(grid: Grid) -> bool:
-    """Whether D* Lite plans on this map: a point's or a disc's, with steps near enough to one another in cost."""
+    """Whether D* Lite plans on this map: a point's or a disc's, with steps near enough to one
+    another in cost.
+    """
     return not grid.steps.by_poses and grid.step_ratio <= MOST_RATIO_FOR_DSTAR
 
 
@@ -36,17 +38,27 @@ class DStarMemory:
 
     def __init__(self, nodes: int) -> None:
         self.costs = np.empty(nodes, np.float32)
-        """Weight of each node in units, whole numbers; inf where impassable or outside the region."""
-        self.walls, self.inside = np.empty(nodes, np.uint8), np.empty(nodes, np.uint8)
-        """Whether the map itself is impassable there, which corners are judged by; whether it is in the region."""
+        """Weight of each node in units, whole numbers; inf where impassable or outside
+        the region.
+        """
+        self.walls = np.empty(nodes, np.uint8)
+        self.inside = np.empty(nodes, np.uint8)
+        """Whether the map itself is impassable there, which corners are judged by; whether it is in
+        the region.
+        """
         self.state = np.empty(2 * nodes, np.float64)
         """g of node n at 2n, rhs at 2n + 1."""
-        self.position, self.heap_nodes = np.empty(nodes, np.int32), np.empty(nodes, np.int32)
+        self.position = np.empty(nodes, np.int32)
+        self.heap_nodes = np.empty(nodes, np.int32)
         """Where a node stands on the open list, and the node at each place of it."""
-        self.firsts, self.seconds = np.empty(nodes + kernels.SPARE_SLOTS), np.zeros(nodes + kernels.SPARE_SLOTS)
+        self.firsts = np.empty(nodes + kernels.SPARE_SLOTS)
+        self.seconds = np.zeros(nodes + kernels.SPARE_SLOTS)
         """The two parts of the key at each place of the heap, the first inf where there is none."""
-        self.changed, self.is_changed = np.empty(nodes + 1, np.int32), np.zeros(nodes, np.uint8)
-        """Nodes one of whose steps has changed since the last plan, each once, and a spare place."""
+        self.changed = np.empty(nodes + 1, np.int32)
+        self.is_changed = np.zeros(nodes, np.uint8)
+        """Nodes one of whose steps has changed since the last plan, each once, and a
+        spare place.
+        """
         self.terrain = self.costs, self.walls
         self.known = self.costs, self.walls, self.inside
         self.heap = self.position, self.firsts, self.seconds, self.heap_nodes
@@ -54,15 +66,16 @@ class DStarMemory:
 
 
 class DStarLite:
-    """Plans on one map towards one goal, again and again, in a region if given. Serves one thread at a time.
+    """Plans on one map towards one goal, again and again, in a region if given. Serves one thread
+    at a time.
 
     It reads from the map's log what changed, and repairs its search when a path is asked for.
 
     Notes
-    -----
-    The heuristic is the octile distance at the price of the map's cheapest cell. When a cheaper one turns up
-    it would overestimate, so the search starts afresh with half that price: this happens a few times at most. With
-    directed steps the price is that of the cheapest metre over all slopes, and never changes.
+    ----- The heuristic is the octile distance at the price of the map's cheapest cell. When a
+    cheaper one turns up it would overestimate, so the search starts afresh with half that price:
+    this happens a few times at most. With directed steps the price is that of the cheapest metre
+    over all slopes, and never changes.
     """
 
     def __init__(self, state: MapState, goal: Cell, region: Region | None = None) -> None:
@@ -78,13 +91,17 @@ class DStarLite:
         self._blocks = self._region.blocks()
         self._rows_left = np.full(self._grid.rows + 2, kernels.UNREAD, np.uint8)
         self._least = self._grid.least if math.isfinite(self._grid.least) else 0.0
-        self._pending, self._km = 0, 0.0
-        self._restarts, self._begun = 0, False
+        self._pending = 0
+        self._km = 0.0
+        self._restarts = 0
+        self._begun = False
         self.set_goal(goal)
 
     @property
     def restarts(self) -> int:
-        """How often all that was found has been forgotten by now: with a new goal, or as cells became too cheap."""
+        """How often all that was found has been forgotten by now: with a new goal, or as cells
+        became too cheap.
+        """
         self._read_changes()
         return self._restarts
 
@@ -96,7 +113,8 @@ class DStarLite:
     def set_goal(self, goal: Cell) -> None:
         """Another goal: the search starts afresh."""
         self._goal = self._start = self._node(goal, "goal")
-        self._read_changes()  # a cell may have become too cheap for the prices, which a restart keeps
+        # a cell may have become too cheap for the prices, which a restart keeps
+        self._read_changes()
         self._restart()
 
     def move_start(self, start: Cell) -> None:
@@ -104,28 +122,35 @@ class DStarLite:
         node = self._node(start, "start")
         if node == self._start:
             return
-        left, self._start = self._start, node
+        left = self._start
+        self._start = node
         ends = self._grid.cell(left), self._grid.cell(node)
         self._km += float(octile.py_func(*ends[0], *ends[1], *self._prices))
         for cell in ends:  # start and goal count as inside the region
             self._read_rectangle((*cell, 1, 1))
 
     def set_region(self, region: Region) -> None:
-        """Search only there from now on; start and goal count as inside. The bitmap may be changed afterwards."""
+        """Search only there from now on; start and goal count as inside. The bitmap may be changed
+        afterwards.
+        """
         self._read_changes()
         blocks = region.blocks()
         differs = np.ones(len(blocks), np.bool_)
         if region.shares_blocks(self._region):
             differs = (blocks != self._blocks).any(axis=1)
-        self._region, self._blocks = region, blocks
+        self._region = region
+        self._blocks = blocks
         rows = self._rows_left[1:-1]
-        np.maximum(rows, np.where(differs[region.row_block], kernels.STALE, 0), out=rows, casting="unsafe")
+        np.maximum(
+            rows, np.where(differs[region.row_block], kernels.STALE, 0), out=rows, casting="unsafe"
+        )
 
     def reach(self) -> float:
-        """Share of the way, by cost, that lies between the start and the farthest change: it may have to be repaired.
+        """Share of the way, by cost, that lies between the start and the farthest change: it may
+        have to be repaired.
 
-        From 0 (none matters: all lie behind the start, or where no search has come) to 1 (at the goal, or the start
-        lies where no search has come, and a change does not).
+        From 0 (none matters: all lie behind the start, or where no search has come) to 1 (at the
+        goal, or the start lies where no search has come, and a change does not).
         """
         self._read_changes()
         if (self._rows_left == kernels.UNREAD).any():
@@ -139,27 +164,35 @@ class DStarLite:
         return float(min(max(1.0 - nearest / whole, 0.0), 1.0)) if 0.0 < whole < math.inf else 1.0
 
     def read(self, deadline: Deadline = NEVER) -> None:
-        """Read the rest of the map, or of another region; at the deadline OutOfTimeError: the next call goes on."""
+        """Read the rest of the map, or of another region; at the deadline OutOfTimeError: the next
+        call goes on.
+        """
         if not self._rows_left.any():
             return
         self._grid.complete(deadline)
-        memory, region = self.memory, (self._blocks, self._region.row_block, self._region.col_block)
-        ground, found = (region, self._source), (memory.known, memory.state, memory.heap, memory.noted)
-        self._pending = kernels.read_rows(self._rows_left, *ground, *found, self._pending, deadline.at)
+        memory = self.memory
+        region = (self._blocks, self._region.row_block, self._region.col_block)
+        ground = (region, self._source)
+        found = (memory.known, memory.state, memory.heap, memory.noted)
+        self._pending = kernels.read_rows(
+            self._rows_left, *ground, *found, self._pending, deadline.at
+        )
         if self._rows_left.any():
             raise OutOfTimeError
         if not self._begun:
-            self.open_nodes, self._begun = kernels.begin(self._goal, memory.state, memory.heap), True
+            self.open_nodes = kernels.begin(self._goal, memory.state, memory.heap)
+            self._begun = True
 
     def plan(self, start: Cell, *, deadline: Deadline = NEVER) -> Search:
         """Cheapest path from `start` to the goal on the map as it is now.
 
-        Where several cost the same it may be another than a fresh search's. NO_PATH also where start or goal is
-        impassable; TIMEOUT at the deadline, from where the next call goes on.
+        Where several cost the same it may be another than a fresh search's. NO_PATH also where
+        start or goal is impassable; TIMEOUT at the deadline, from where the next call goes on.
         """
         self.move_start(start)
         self._read_changes()
-        expansions, memory = 0, self.memory
+        expansions = 0
+        memory = self.memory
         try:
             self.read(deadline)
             if not np.isfinite(memory.costs[[self._start, self._goal]]).all():
@@ -176,14 +209,18 @@ class DStarLite:
                 if len(path := self._trace()):
                     return Search(Status.OK, path, expansions)
             else:
-                raise InvalidMapError(f"no step may cost more than {MOST_RATIO_FOR_DSTAR:g} times the cheapest")
+                raise InvalidMapError(
+                    f"no step may cost more than {MOST_RATIO_FOR_DSTAR:g} times the cheapest"
+                )
         except OutOfTimeError:
             pass
         return Search.without_path(Status.TIMEOUT, expansions)
 
     def _node(self, cell: Cell, name: str) -> int:
         if not self._grid.holds(cell):
-            raise InvalidQueryError(f"{name} must lie inside the map of {self._grid.shape}, got {tuple(cell)}")
+            raise InvalidQueryError(
+                f"{name} must lie inside the map of {self._grid.shape}, got {tuple(cell)}"
+            )
         return self._grid.node(int(cell[0]), int(cell[1]))
 
     @property
@@ -192,7 +229,9 @@ class DStarLite:
         return self._grid.weights, self._factor, self._grid.stride, self._start, self._goal
 
     @property
-    def _packed_search(self) -> tuple[int, int, int, bool, tuple[float, float, float], tuple[float, float], float]:
+    def _packed_search(
+        self,
+    ) -> tuple[int, int, int, bool, tuple[float, float, float], tuple[float, float], float]:
         """The ``search`` of the kernels."""
         grid = self._grid
         ends = grid.stride, self._start, self._goal, grid.corner_cutting
@@ -206,15 +245,21 @@ class DStarLite:
         memory.is_changed[memory.changed[: self._pending]] = 0
         memory.firsts[-kernels.SPARE_SLOTS :] = np.inf
         self._changes.skip()
-        self._pending, self._km, self.open_nodes, self._begun = 0, 0.0, 0, False
+        self._pending = 0
+        self._km = 0.0
+        self.open_nodes = 0
+        self._begun = False
         self._rows_left[:] = kernels.UNREAD
 
     def _set_prices(self) -> None:
         """Units, and the heuristic's prices in them, by the least weight that is reckoned with."""
         model = self._grid.model
         if self._edges is not None:
-            self._factor, self._steps = 0.0, (0.0, 0.0, 1.0)
-            straight, diagonal = (float(np.rint(self._edges[1] * price)) for price in self._grid.prices)
+            self._factor = 0.0
+            self._steps = (0.0, 0.0, 1.0)
+            straight, diagonal = (
+                float(np.rint(self._edges[1] * price)) for price in self._grid.prices
+            )
         else:
             straight = model.step(0, 2.0 * self._least)
             scale = UNITS / straight if straight > 0.0 else UNITS
@@ -223,17 +268,24 @@ class DStarLite:
             straight, diagonal = (float(round(scale * length)) for length in model.length_term)
             self._steps = straight, diagonal, diagonal_per_straight
             cheapest = 2.0 * float(np.float32(np.rint(self._factor * self._least)))
-            straight, diagonal = straight + cheapest, diagonal + math.floor(diagonal_per_straight * cheapest)
+            straight = straight + cheapest
+            diagonal = diagonal + math.floor(diagonal_per_straight * cheapest)
         self._prices = (straight, min(diagonal, 2.0 * straight))
 
     def _read_changes(self) -> None:
-        """Read what has changed on the map since the last time; start afresh where a cell became too cheap."""
-        changes, least = self._changes.read(), self._grid.least
+        """Read what has changed on the map since the last time; start afresh where a cell became
+        too cheap.
+        """
+        changes = self._changes.read()
+        least = self._grid.least
         if not changes:
             return
-        step, by_weight = self._grid.model.step, self._edges is None
+        step = self._grid.model.step
+        by_weight = self._edges is None
         # whether units of the present prices cannot tell apart what the dearest steps cost
-        too_coarse = step(0, 2.0 * self._grid.greatest) > MOST_RATIO_FOR_DSTAR * step(0, 2.0 * self._least)
+        too_coarse = step(0, 2.0 * self._grid.greatest) > MOST_RATIO_FOR_DSTAR * step(
+            0, 2.0 * self._least
+        )
         if by_weight and least < self._least:
             self._least = 0.5 * least
             if self._grid.model.kind is StepCost.PAPER and self._least < 1e-2:
@@ -247,17 +299,24 @@ class DStarLite:
                 self._read_rectangle(change.part)
 
     def _read_rectangle(self, part: tuple[int, int, int, int]) -> None:
-        memory, ground = self.memory, (self._rows_left, self._source, self._edges is not None)
-        self._pending = kernels.read_rectangle(part, *ground, memory.known, memory.noted, self._pending)
+        memory = self.memory
+        ground = (self._rows_left, self._source, self._edges is not None)
+        self._pending = kernels.read_rectangle(
+            part, *ground, memory.known, memory.noted, self._pending
+        )
 
     def _search(self, deadline: Deadline) -> tuple[bool, int]:
-        """Mend the search until the start is settled: whether it is, and the number of expansions."""
+        """Mend the search until the start is settled: whether it is, and the number of
+        expansions.
+        """
         memory = self.memory
         if self._km > 0.5 * kernels.EXACT:
             self._restart()
         self.read(deadline)
-        search, known = self._packed_search, (memory.terrain, self._edges, memory.state, memory.heap)
-        at, size = deadline.at, self.open_nodes
+        search = self._packed_search
+        known = (memory.terrain, self._edges, memory.state, memory.heap)
+        at = deadline.at
+        size = self.open_nodes
         self._pending, size = kernels.mend(self._pending, search, *known, size, memory.noted, at)
         self.open_nodes = size
         if self._pending:
@@ -266,8 +325,11 @@ class DStarLite:
         return code == kernels.SETTLED, expansions
 
     def _trace(self) -> NDArray[np.int32]:
-        """The path; empty if following g does not lead to the goal, which only rounding can bring about."""
-        search, path = self._packed_search, np.empty((256, 2), np.int32)
+        """The path; empty if following g does not lead to the goal, which only rounding can bring
+        about.
+        """
+        search = self._packed_search
+        path = np.empty((256, 2), np.int32)
         known = search, self.memory.terrain, self._edges, self.memory.state
         while (length := kernels.descend(*known, self._grid.cells, path)) > len(path):
             path = np.empty((length, 2), np.int32)

@@ -1,8 +1,10 @@
-"""Landmarks: the costs from a few cells to all others, computed once, sharpen the heuristic of every search.
+"""Landmarks: the costs from a few cells to all others, computed once, sharpen the heuristic of
+every search.
 
-For a landmark l the triangle inequality gives cost(n, goal) >= |d(l, n) - d(l, goal)|: the greatest over the
-landmarks is a lower bound, and a consistent one (ALT, Goldberg and Harrelson 2005); at the goal itself it is exact.
-The bounds outlive changes of the map by which no cell becomes cheaper: costs then only rise above them.
+For a landmark l the triangle inequality gives cost(n, goal) >= |d(l, n) - d(l, goal)|: the greatest
+over the landmarks is a lower bound, and a consistent one (ALT, Goldberg and Harrelson 2005); at the
+goal itself it is exact. The bounds outlive changes of the map by which no cell becomes cheaper:
+costs then only rise above them.
 """
 
 import numpy as np
@@ -17,19 +19,34 @@ from nnpp_edge.runtime.search.workspace import Workspace
 MOST_LANDMARKS = LANES
 _ROUNDING = 4e-6
 """Share of the greatest cost by which a sum of rounded steps may be off."""
-_RIM = ((0.0, 0.0), (1.0, 1.0), (0.0, 1.0), (1.0, 0.0), (0.0, 0.5), (1.0, 0.5), (0.5, 0.0), (0.5, 1.0))
+_RIM = (
+    (0.0, 0.0),
+    (1.0, 1.0),
+    (0.0, 1.0),
+    (1.0, 0.0),
+    (0.0, 0.5),
+    (1.0, 0.5),
+    (0.5, 0.0),
+    (0.5, 1.0),
+)
 """Where landmarks are set, as shares of the map's height and width."""
 
 
 class Landmarks:
-    """Costs from at most `MOST_LANDMARKS` cells of a grid to all others; `workspace` is memory of its size."""
+    """Costs from at most `MOST_LANDMARKS` cells of a grid to all others; `workspace` is memory of
+    its size.
+    """
 
     def __init__(self, grid: Grid, workspace: Workspace, links: Links = None) -> None:
-        self._grid, self._workspace, self._links = grid, workspace, links
+        self._grid = grid
+        self._workspace = workspace
+        self._links = links
         self.cells: list[Cell] = []
         """Where the landmarks stand."""
         self.fields = np.zeros((len(grid.weights), LANES), np.float32)
-        """(nodes, 8) cost from each landmark; 0 in the lanes that are free, inf where there is no path."""
+        """(nodes, 8) cost from each landmark; 0 in the lanes that are free, inf where there is no
+        path.
+        """
         self._slack = 0.0
 
     def add(self, cell: Cell) -> None:
@@ -37,14 +54,16 @@ class Landmarks:
         settle_all(self._grid, cell, self._workspace, self._links)
         self.fields[:, len(self.cells)] = costs = self._workspace.costs()
         self.cells.append(cell)
-        self._slack = max(self._slack, _ROUNDING * float(costs.max(where=np.isfinite(costs), initial=0.0)))
+        self._slack = max(
+            self._slack, _ROUNDING * float(costs.max(where=np.isfinite(costs), initial=0.0))
+        )
 
     def spread(self, count: int) -> None:
         """Set landmarks at the map's corners and the middles of its sides until there are `count`.
 
-        Behind the goal, as seen from the start, a landmark's bound is nearly exact, and from the rim one is
-        behind almost any goal. Each stands on the nearest cell that is connected to the first landmark or,
-        when there is none yet, to the cell nearest the middle.
+        Behind the goal, as seen from the start, a landmark's bound is nearly exact, and from the
+        rim one is behind almost any goal. Each stands on the nearest cell that is connected to the
+        first landmark or, when there is none yet, to the cell nearest the middle.
         """
         if len(self.cells) >= (count := min(count, LANES)):
             return
@@ -64,15 +83,21 @@ class Landmarks:
                 self.add(cell)
 
     def towards(self, goal: Cell) -> Hints:
-        """Hints of a search to a goal: the fields, theirs at the goal, and what they may be off by."""
+        """Hints of a search to a goal: the fields, theirs at the goal, and what they may
+        be off by.
+        """
         return self.fields, self.fields[self._grid.node(*goal)].copy(), self._slack
 
 
 def _nearest(chosen: NDArray[np.bool_], grid: Grid, up: float, left: float) -> Cell | None:
-    """Of the nodes chosen, the cell nearest a place given in shares of the map's height and width."""
+    """Of the nodes chosen, the cell nearest a place given in shares of the map's height
+    and width.
+    """
     nodes = np.flatnonzero(chosen)
     if len(nodes) == 0:
         return None
     rows, cols = np.divmod(nodes, grid.stride)
-    at = int(np.argmin((rows - 1 - up * (grid.rows - 1)) ** 2 + (cols - 1 - left * (grid.cols - 1)) ** 2))
+    at = int(
+        np.argmin((rows - 1 - up * (grid.rows - 1)) ** 2 + (cols - 1 - left * (grid.cols - 1)) ** 2)
+    )
     return int(rows[at]) - 1, int(cols[at]) - 1

@@ -1,7 +1,8 @@
 """Scratch memory of the searches, allocated once for a map's size and never cleared.
 
-A node's g and its `meta` word stand side by side, in one cache line. The meta word holds the number of the search
-that wrote it: what an earlier search left reads as unvisited, and to start one costs nothing that grows with the map.
+A node's g and its `meta` word stand side by side, in one cache line. The meta word holds the number
+of the search that wrote it: what an earlier search left reads as unvisited, and to start one costs
+nothing that grows with the map.
 """
 
 import sys
@@ -19,16 +20,20 @@ MOST_KEPT = 1 << 23
 """Numbers in the memory that a workspace leaves to the next one; more (32 MiB) is not kept."""
 Int32s = NDArray[np.int32]
 _KEPT: dict[int, tuple[Int32s, list[int]]] = {}
-"""The memory of the newest workspace of each size, and the number of the last search in it: of four sizes at most."""
+"""The memory of the newest workspace of each size, and the number of the last search in it: of four
+sizes at most.
+"""
 _IN_USE = 3
-"""References to memory from which on a workspace holds it: the tuple in `_KEPT` and the counting itself make two."""
+"""References to memory from which on a workspace holds it: the tuple in `_KEPT` and the counting
+itself make two.
+"""
 
 
 def _memory(size: int) -> tuple[Int32s, list[int]]:
     """Memory of this size for a workspace, and the number of the last search in it.
 
-    Memory that was used is as good as new. New memory takes longer: it is cleared first, or given by the system page
-    by page.
+    Memory that was used is as good as new. New memory takes longer: it is cleared first, or given
+    by the system page by page.
     """
     kept = _KEPT.pop(size, None)  # from now on no other thread finds it
     if kept is None or sys.getrefcount(kept[0]) >= _IN_USE:
@@ -41,22 +46,27 @@ def _memory(size: int) -> tuple[Int32s, list[int]]:
 
 
 class Workspace:
-    """g, parents and open list of one grid, of each node or of so many states of it. Serves one search at a time."""
+    """g, parents and open list of one grid, of each node or of so many states of it. Serves one
+    search at a time.
+    """
 
     states = 1
 
     def __init__(self, nodes: int, states: int = 1) -> None:
         self.field = Workspace(nodes) if states > 1 else None
         """Memory of a search of the nodes that goes before one of their states."""
-        self.states, nodes = states, nodes * states
+        self.states = states
+        nodes = nodes * states
         state, self._searches = _memory(2 * nodes)
         self.g: NDArray[np.float32] = state.view(np.float32)
         """g of node n at 2n."""
         self.meta: Int32s = state
         """stamp, open bit and direction of node n at 2n + 1."""
-        self.heads, self.control = np.empty(BUCKETS, np.int32), np.zeros(CONTROL_SLOTS, np.int64)
+        self.heads = np.empty(BUCKETS, np.int32)
+        self.control = np.zeros(CONTROL_SLOTS, np.int64)
         self.entries = np.empty(2 * min(max(nodes // 2, 1024), 1 << 16), np.int32)
-        self.reals, self.counts = np.zeros(5), np.zeros(3, np.int64)
+        self.reals = np.zeros(5)
+        self.counts = np.zeros(3, np.int64)
         self.path = np.empty((min(nodes, 4096), 2 if states == 1 else 3), np.int32)
 
     @property
@@ -75,9 +85,14 @@ class Workspace:
         return *state, self.heads, self.entries, self.control, self.reals, self.counts, self.path
 
     def costs(self, nodes: NDArray[np.int64] | slice = slice(None)) -> NDArray[np.float32]:
-        """(N,) least g of nodes, by default of all, in the newest search; inf where it did not come."""
-        meta, g = self.meta.reshape(-1, self.states, 2)[nodes], self.g.reshape(-1, self.states, 2)[nodes]
-        found: NDArray[np.float32] = np.where(meta[..., 1] >> STAMP_SHIFT == self.stamp, g[..., 0], np.inf).min(1)
+        """(N,) least g of nodes, by default of all, in the newest search; inf where it did not
+        come.
+        """
+        meta = self.meta.reshape(-1, self.states, 2)[nodes]
+        g = self.g.reshape(-1, self.states, 2)[nodes]
+        found: NDArray[np.float32] = np.where(
+            meta[..., 1] >> STAMP_SHIFT == self.stamp, g[..., 0], np.inf
+        ).min(1)
         return found
 
     def next_stamp(self) -> int:
@@ -90,7 +105,9 @@ class Workspace:
 
     @property
     def least_open(self) -> float:
-        """No f on the open list is less, nor will be: the bucket that is being emptied begins there."""
+        """No f on the open list is less, nor will be: the bucket that is being emptied begins
+        there.
+        """
         bucket = int(self.control[BLOCK]) * FINE + int(self.control[FINE_AT])
         return max(float(self.reals[BASE] + bucket / self.reals[INVERSE_WIDTH]), 0.0)
 

@@ -1,8 +1,9 @@
 """Traversability cost of an elevation map (NNPP, arXiv 2308.04792v3, Eq. 1).
 
-A plane is fitted by least squares to each cell's 3×3 patch. Its tilt is the slope, the root mean square of the
-patch's distances from it the roughness, the cell's own distance the elevation difference, all at right angles to the
-plane. Which point's distance counts, and how residuals are summed up, the paper leaves open; it is decided here.
+A plane is fitted by least squares to each cell's 3×3 patch. Its tilt is the slope, the root mean
+square of the patch's distances from it the roughness, the cell's own distance the elevation
+difference, all at right angles to the plane. Which point's distance counts, and how residuals are
+summed up, the paper leaves open; it is decided here.
 """
 
 import math
@@ -19,7 +20,11 @@ from nnpp_edge.runtime.errors import InvalidMapError
 from nnpp_edge.runtime.kernels.traversability import count_saturated, fill_terms, fill_weights
 from nnpp_edge.runtime.tuning import MOST_SAMPLED
 
-TERMS = {"slope": "slope_limit_deg", "roughness": "roughness_limit_m", "elevation difference": "step_limit_m"}
+TERMS = {
+    "slope": "slope_limit_deg",
+    "roughness": "roughness_limit_m",
+    "elevation difference": "step_limit_m",
+}
 """The terms of Eq. 1, and the limit of each."""
 
 
@@ -28,8 +33,8 @@ TERMS = {"slope": "slope_limit_deg", "roughness": "roughness_limit_m", "elevatio
 class Traversability:
     """Limits of the rover and weights of Eq. 1, and the hard limits.
 
-    The defaults are the paper's, made for a rover with wheels of decimetres on cells of a metre or less;
-    on coarser cells the two lengths saturate (see `SaturationWarning`).
+    The defaults are the paper's, made for a rover with wheels of decimetres on cells of a metre or
+    less; on coarser cells the two lengths saturate (see `SaturationWarning`).
     """
 
     slope_limit_deg: float = 30.0
@@ -42,22 +47,36 @@ class Traversability:
     roughness_weight: float = 0.2
     step_weight: float = 0.2
     hard_slope_deg: float = math.inf
-    """Cells are impassable whose fitted plane is steeper, whatever single steps are; inf for no such limit."""
+    """Cells are impassable whose fitted plane is steeper, whatever single steps are; inf for no
+    such limit.
+    """
     hard_roughness_m: float = math.inf
     hard_step_m: float = math.inf
 
     def __post_init__(self) -> None:
         if not 0.0 < self.slope_limit_deg < 90.0:
-            raise InvalidMapError(f"slope limit must lie in (0, 90) degrees, got {self.slope_limit_deg}")
-        for name in ("roughness_limit_m", "step_limit_m", "hard_slope_deg", "hard_roughness_m", "hard_step_m"):
+            raise InvalidMapError(
+                f"slope limit must lie in (0, 90) degrees, got {self.slope_limit_deg}"
+            )
+        for name in (
+            "roughness_limit_m",
+            "step_limit_m",
+            "hard_slope_deg",
+            "hard_roughness_m",
+            "hard_step_m",
+        ):
             if not getattr(self, name) > 0.0:
                 raise InvalidMapError(f"{name} must be greater than 0, got {getattr(self, name)}")
         weights = (self.slope_weight, self.roughness_weight, self.step_weight)
         if not (min(weights) >= 0.0 and math.isclose(sum(weights), 1.0, abs_tol=1e-6)):
-            raise InvalidMapError(f"the three weights must be at least 0 and sum to 1, got {weights}")
+            raise InvalidMapError(
+                f"the three weights must be at least 0 and sum to 1, got {weights}"
+            )
 
     def rule(self, dy: float, dx: float, scale: float = 1.0) -> NDArray[np.float64]:
-        """As `fill_weights` takes it: (RULE_SLOTS,) sides of a cell in metres, limits, weights, and the scale."""
+        """As `fill_weights` takes it: (RULE_SLOTS,) sides of a cell in metres, limits, weights, and
+        the scale.
+        """
         limits = math.radians(self.slope_limit_deg), self.roughness_limit_m, self.step_limit_m
         weights = self.slope_weight, self.roughness_weight, self.step_weight
         hard = math.radians(self.hard_slope_deg), self.hard_roughness_m, self.hard_step_m
@@ -65,7 +84,9 @@ class Traversability:
 
 
 class SaturationWarning(UserWarning):
-    """Over half of the cells are at or above the limit of a term, which then no longer distinguishes them."""
+    """Over half of the cells are at or above the limit of a term, which then no longer
+    distinguishes them.
+    """
 
 
 @checked(InvalidMapError)
@@ -93,8 +114,8 @@ def traversability_cost(
     Returns
     -------
     (H, W) float32
-        Cost in [0, 1); inf where the elevation is unknown, where a hard limit is passed, or where all three terms
-        are full (the paper's obstacles, T = 1).
+        Cost in [0, 1); inf where the elevation is unknown, where a hard limit is passed, or where
+        all three terms are full (the paper's obstacles, T = 1).
 
     Raises
     ------
@@ -102,23 +123,34 @@ def traversability_cost(
         `dem` is not two-dimensional, is empty, or a cell size is not positive.
 
     Notes
-    -----
-    NNPP (arXiv 2308.04792v3), Eq. 1, each ratio clipped to 1. At the border and beside unknown cells the
-    plane is fitted to the cells that are known; where these lie on one line, to the gradient along it.
+    ----- NNPP (arXiv 2308.04792v3), Eq. 1, each ratio clipped to 1. At the border and beside
+    unknown cells the plane is fitted to the cells that are known; where these lie on one line, to
+    the gradient along it.
     """
     heights, _ = relative_heights(dem)
     rule = (traversability or Traversability()).rule(*sides_of(cell_size_m, cell_width_m))
-    (rows, cols), known, cost = heights.shape, heights.reshape(-1), np.empty(heights.size, np.float32)
+    (rows, cols), known, cost = (
+        heights.shape,
+        heights.reshape(-1),
+        np.empty(heights.size, np.float32),
+    )
     in_bands(
-        lambda top, end: fill_weights(known, rows, cols, rule, (top, end, 0, cols), cost, 0, cols), 0, rows, cols
+        lambda top, end: fill_weights(known, rows, cols, rule, (top, end, 0, cols), cost, 0, cols),
+        0,
+        rows,
+        cols,
     )
     if warn:
         warn_of_saturation(heights, rule)
     return cost.reshape(heights.shape)
 
 
-def terrain_terms(dem: Float2D, cell_size_m: float, *, cell_width_m: float | None = None) -> Float2D:
-    """Slope (rad), roughness (m) and elevation difference (m) of each cell: (3, H, W) float32, NaN if unknown."""
+def terrain_terms(
+    dem: Float2D, cell_size_m: float, *, cell_width_m: float | None = None
+) -> Float2D:
+    """Slope (rad), roughness (m) and elevation difference (m) of each cell: (3, H, W) float32, NaN
+    if unknown.
+    """
     heights, _ = relative_heights(dem)
     out = np.empty((3, *heights.shape), np.float32)
     fill_terms(heights.reshape(-1), *heights.shape, *sides_of(cell_size_m, cell_width_m), out)
@@ -127,20 +159,25 @@ def terrain_terms(dem: Float2D, cell_size_m: float, *, cell_width_m: float | Non
 
 def sides_of(cell_size_m: float, cell_width_m: float | None) -> tuple[float, float]:
     """Height and width of a cell; InvalidMapError where one is not a positive number."""
-    dy, dx = float(cell_size_m), float(cell_size_m if cell_width_m is None else cell_width_m)
+    dy = float(cell_size_m)
+    dx = float(cell_size_m if cell_width_m is None else cell_width_m)
     if not (0.0 < dy < math.inf and 0.0 < dx < math.inf):
         raise InvalidMapError(f"cell size must be a positive number of metres, got {dy} × {dx}")
     return dy, dx
 
 
 def relative_heights(dem: ArrayLike, base: float | None = None) -> tuple[Float2D, float]:
-    """Heights as a C-contiguous (H, W) float32 map, and the height that they are relative to, which is kept exactly.
+    """Heights as a C-contiguous (H, W) float32 map, and the height that they are relative to, which
+    is kept exactly.
 
-    32-bit floats are taken as they are, relative to 0. Other numbers are taken relative to the first known one, or to
-    `base`, before they are rounded: so a map in float64 far above zero keeps its millimetres.
+    32-bit floats are taken as they are, relative to 0. Other numbers are taken relative to the
+    first known one, or to `base`, before they are rounded: so a map in float64 far above zero keeps
+    its millimetres.
     """
     values = unmasked(dem)
-    if not values.flags.writeable:  # to numba another type, for which all would be compiled once more
+    if (
+        not values.flags.writeable
+    ):  # to numba another type, for which all would be compiled once more
         values = values.copy()
     if values.dtype in (np.float16, np.float32) and not base:
         return as_map(values, "dem"), 0.0
@@ -158,12 +195,18 @@ def warn_of_saturation(heights: Float2D, rule: NDArray[np.float64], stacklevel: 
     counts = np.zeros(4, np.int64)
     count_saturated(heights.reshape(-1), rows, cols, rule, steps, counts)
     known, *at_limit = counts.tolist()
-    full = [(term, count / known) for term, count in zip(TERMS.items(), at_limit, strict=True) if 2 * count > known]
+    full = [
+        (term, count / known)
+        for term, count in zip(TERMS.items(), at_limit, strict=True)
+        if 2 * count > known
+    ]
     if full:
         shares = ", ".join(f"{100 * share:.0f} % ({name})" for (name, _), share in full)
         warnings.warn(
-            f"cells at the limit of a cost term, which no longer distinguishes them: {shares}: raise "
-            f"{' and '.join(limit for (_, limit), _ in full)} (--limit KEY=VALUE), or rescale to smaller cells",
+            f"cells at the limit of a cost term, which no longer distinguishes them: {shares}: "
+            "raise "
+            f"{' and '.join(limit for (_, limit), _ in full)} (--limit KEY=VALUE), or rescale to "
+            "smaller cells",
             SaturationWarning,
             stacklevel=stacklevel,
         )

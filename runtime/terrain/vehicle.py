@@ -12,20 +12,24 @@ from nnpp_edge.runtime.errors import InvalidMapError
 
 _INSIDE = 1e-9
 """Share by which the wheels may lie outside the body."""
-_LARGEST_M, _THINNEST, _TALLEST, _WIDEST_TURN = 250.0, 50.0, 3.0, 100.0
-"""Longest side of a body, and by the shorter one; highest clearance and widest turn by the longer one. What is beyond
-is in another unit than metres.
+_LARGEST_M = 250.0
+_THINNEST = 50.0
+_TALLEST = 3.0
+_WIDEST_TURN = 100.0
+"""Longest side of a body, and by the shorter one; highest clearance and widest turn by the longer
+one. What is beyond is in another unit than metres.
 """
 
 
 @checked(InvalidMapError)
 @dataclass(frozen=True)
 class Vehicle:
-    """A body on wheels, or on tracks, each of which is a row of wheels with long contact patches; or a disc.
+    """A body on wheels, or on tracks, each of which is a row of wheels with long contact patches;
+    or a disc.
 
-    The wheels are in pairs, symmetric about the body's middle, on `axles` axles that are evenly spaced over the
-    wheelbase. A disc has a radius and nothing else but a turning radius: it may not touch impassable cells, and needs
-    no elevations.
+    The wheels are in pairs, symmetric about the body's middle, on `axles` axles that are evenly
+    spaced over the wheelbase. A disc has a radius and nothing else but a turning radius: it may not
+    touch impassable cells, and needs no elevations.
     """
 
     length_m: float = 0.0
@@ -43,24 +47,31 @@ class Vehicle:
     axles: int = 2
     wheelbase_m: float | None = None
     track_m: float | None = None
-    """From first axle to last, and from left wheels' middles to right ones'; None for the body less a wheel."""
+    """From first axle to last, and from left wheels' middles to right ones'; None for the body less
+    a wheel.
+    """
     wheel_length_m: float | None = None
     wheel_width_m: float | None = None
     """Of a contact patch, along the heading and across it; None for an eighth of the body's."""
     unknown_passes: bool = False
-    """Whether unknown cells count as no higher and no lower than those that are known; else none may lie below."""
+    """Whether unknown cells count as no higher and no lower than those that are known; else none
+    may lie below.
+    """
     radius_m: float | None = None
     """Of a disc."""
     turning_radius_m: float | None = None
-    """Of the sharpest arc that a body drives; None for one that drives straight and turns on the spot. Of a disc,
-    that of the sharpest turn on a path freed from the grid; None where any turn will do."""
+    """Of the sharpest arc that a body drives; None for one that drives straight and turns on the
+    spot. Of a disc, that of the sharpest turn on a path freed from the grid; None where any turn
+    will do."""
     turn_cost_m_per_rad: float | None = None
-    """Metres of level ground as dear as a turn on the spot by a radian; None for the way that each wheel rolls in it:
-    half the diagonal from wheel to wheel."""
+    """Metres of level ground as dear as a turn on the spot by a radian; None for the way that
+    each wheel rolls in it: half the diagonal from wheel to wheel."""
     turns_on_spot: bool | None = None
     """Whether a body can turn without rolling on; None for one that drives no arcs."""
     reverse_cost: float | None = None
-    """How many times as dear arcs and straight ways are backwards, at least 1; None where it never drives so."""
+    """How many times as dear arcs and straight ways are backwards, at least 1; None where it never
+    drives so.
+    """
     gear_change_m: float = 0.0
     """Metres of level ground as dear as each change from forwards to backwards, or back."""
 
@@ -69,8 +80,14 @@ class Vehicle:
             self._check_metres(_LARGEST_M, "radius_m")
             self._check_metres(_WIDEST_TURN * self.radius_m, "turning_radius_m")
             of_a_disc = "radius_m", "turning_radius_m"
-            if any(getattr(self, each.name) != each.default for each in fields(self) if each.name not in of_a_disc):
-                raise InvalidMapError("a vehicle with a radius is a disc: wanted no other values beside radius_m")
+            if any(
+                getattr(self, each.name) != each.default
+                for each in fields(self)
+                if each.name not in of_a_disc
+            ):
+                raise InvalidMapError(
+                    "a vehicle with a radius is a disc: wanted no other values beside radius_m"
+                )
             return
         self._check_metres(_LARGEST_M, "length_m", "width_m")
         self._check_metres(_THINNEST * min(self.length_m, self.width_m), "length_m", "width_m")
@@ -78,35 +95,54 @@ class Vehicle:
         widest = _WIDEST_TURN * longest
         self._check_metres(_TALLEST * longest, "clearance_m", "max_step_m")
         self._check_metres(widest, "turning_radius_m")
-        if self.turning_radius_m is None and (self.turns_on_spot is False or self.reverse_cost or self.gear_change_m):
-            raise InvalidMapError("a body that turns on the spot alone drives no arcs: wanted a turning_radius_m")
+        if self.turning_radius_m is None and (
+            self.turns_on_spot is False or self.reverse_cost or self.gear_change_m
+        ):
+            raise InvalidMapError(
+                "a body that turns on the spot alone drives no arcs: wanted a turning_radius_m"
+            )
         if self.reverse_cost is not None and not 1.0 <= self.reverse_cost < math.inf:
-            raise InvalidMapError(f"reverse_cost must be a number of at least 1, got {self.reverse_cost}")
+            raise InvalidMapError(
+                f"reverse_cost must be a number of at least 1, got {self.reverse_cost}"
+            )
         self._check_metres(math.inf, "wheelbase_m", "track_m", "wheel_length_m", "wheel_width_m")
         for name, value in self._given("max_tilt_deg", "max_pitch_deg", "max_roll_deg"):
             if not 0.0 < value < 90.0:
                 raise InvalidMapError(f"{name} must lie in (0, 90) degrees, got {value}")
             if value <= 0.5 * math.pi:
                 meant = f"{math.degrees(value):.3g}° if that is in radians"
-                raise InvalidMapError(f"{name} must be in degrees, above {0.5 * math.pi:.2f}, got {value} ({meant})")
+                raise InvalidMapError(
+                    f"{name} must be in degrees, above {0.5 * math.pi:.2f}, got {value} ({meant})"
+                )
         if type(self.axles) is not int or self.axles not in range(2, 9):
             raise InvalidMapError(f"axles must be a whole number from 2 to 8, got {self.axles}")
-        names, sides = ("wheelbase_m", "track_m"), (self.length_m, self.width_m)
-        for name, apart, contact, most in zip(names, self.stance_m, self.contact_m, sides, strict=True):
+        names = ("wheelbase_m", "track_m")
+        sides = (self.length_m, self.width_m)
+        for name, apart, contact, most in zip(
+            names, self.stance_m, self.contact_m, sides, strict=True
+        ):
             if not 0.0 < apart <= (most - contact) * (1.0 + _INSIDE):
                 raise InvalidMapError(
-                    f"the wheels must lie under the body: {name} must be at most {most:g} m less a contact patch of "
+                    f"the wheels must lie under the body: {name} must be at most {most:g} m less "
+                    "a contact patch of "
                     f"{contact:g} m and more than 0, got {apart:g}"
                 )
-        for name, value in (("gear_change_m", self.gear_change_m), ("turn_cost_m_per_rad", self.turn_m_per_rad)):
+        for name, value in (
+            ("gear_change_m", self.gear_change_m),
+            ("turn_cost_m_per_rad", self.turn_m_per_rad),
+        ):
             if not 0.0 <= value <= widest:
-                raise InvalidMapError(f"{name} must be a number of metres from 0 to {widest:g}, got {value}")
+                raise InvalidMapError(
+                    f"{name} must be a number of metres from 0 to {widest:g}, got {value}"
+                )
 
     def _given(self, *names: str) -> Iterator[tuple[str, float]]:
         return ((name, value) for name in names if (value := getattr(self, name)) is not None)
 
     def _check_metres(self, most: float, *names: str) -> None:
-        """Refuse what is no length, and what is so long for the body that it must be in another unit."""
+        """Refuse what is no length, and what is so long for the body that it must be in another
+        unit.
+        """
         for name, value in self._given(*names):
             if not 0.0 < value < math.inf:
                 raise InvalidMapError(f"{name} must be a positive number of metres, got {value}")
@@ -136,12 +172,18 @@ class Vehicle:
     def stance_m(self) -> tuple[float, float]:
         """Wheelbase and track."""
         long, wide = self.contact_m
-        base, track = self.wheelbase_m, self.track_m
-        return self.length_m - long if base is None else base, self.width_m - wide if track is None else track
+        base = self.wheelbase_m
+        track = self.track_m
+        return (
+            self.length_m - long if base is None else base,
+            self.width_m - wide if track is None else track,
+        )
 
     @property
     def wheels_m(self) -> NDArray[np.float64]:
-        """(W, 2) middles of the contact patches, ahead of the body's middle and to the left of it."""
+        """(W, 2) middles of the contact patches, ahead of the body's middle and to the
+        left of it.
+        """
         base, track = self.stance_m
         ahead = np.linspace(-0.5, 0.5, self.axles) * base
         return np.array([(along, side * track) for along in ahead for side in (-0.5, 0.5)])
@@ -155,12 +197,20 @@ class Vehicle:
     def tilts_deg(self) -> tuple[float, float, float]:
         """Steepest pitch, roll and tilt."""
         pitch = self.max_tilt_deg if self.max_pitch_deg is None else self.max_pitch_deg
-        return pitch, self.max_tilt_deg if self.max_roll_deg is None else self.max_roll_deg, self.max_tilt_deg
+        return (
+            pitch,
+            self.max_tilt_deg if self.max_roll_deg is None else self.max_roll_deg,
+            self.max_tilt_deg,
+        )
 
     @property
     def turn_m_per_rad(self) -> float:
         """Cost of a turn on the spot by a radian, metres of level ground."""
-        return 0.5 * math.hypot(*self.stance_m) if self.turn_cost_m_per_rad is None else self.turn_cost_m_per_rad
+        return (
+            0.5 * math.hypot(*self.stance_m)
+            if self.turn_cost_m_per_rad is None
+            else self.turn_cost_m_per_rad
+        )
 
     @property
     def reach_m(self) -> float:

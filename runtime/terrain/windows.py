@@ -1,4 +1,6 @@
-"""Costs of a map whose heights are read by windows: a band after another, or only where they are wanted."""
+"""Costs of a map whose heights are read by windows: a band after another, or only where they are
+wanted.
+"""
 
 import itertools
 from _thread import start_new_thread
@@ -38,28 +40,36 @@ class HeightWindows(Protocol):
         """Rows and columns of the blocks that are stored, and so read, as one."""
 
     def read(self, part: Rectangle) -> Float2D:
-        """Heights of a rectangle inside the map: float32, metres, NaN where unknown. Not called twice at a time, but
-        from other threads than the one that made it."""
+        """Heights of a rectangle inside the map: float32, metres, NaN where unknown. Not called
+        twice at a time, but from other threads than the one that made it."""
 
 
 class CostWindows:
-    """Traversability costs of a map by windows, as in the cost map of the whole; by default by the paper's limits."""
+    """Traversability costs of a map by windows, as in the cost map of the whole; by default by the
+    paper's limits.
+    """
 
-    def __init__(self, heights: HeightWindows, traversability: Traversability | None = None) -> None:
-        self.heights, self._limits = heights, traversability or Traversability()
+    def __init__(
+        self, heights: HeightWindows, traversability: Traversability | None = None
+    ) -> None:
+        self.heights = heights
+        self._limits = traversability or Traversability()
         self.cells_read = 0
         """Heights read so far; those that were read again are counted again."""
 
     def bands(self) -> Iterator[tuple[int, Float2D, Float2D]]:
-        """First row, heights and costs of bands of rows, from top to bottom; each height is read once.
+        """First row, heights and costs of bands of rows, from top to bottom; each height is read
+        once.
 
-        All bands but the last have a multiple of four rows, and nearly all a multiple or a part of a block's.
+        All bands but the last have a multiple of four rows, and nearly all a multiple or a part of
+        a block's.
         """
         rows, cols = self.heights.shape
         step = _rows_per_band(self.heights.block[0], cols)
         parts = [(row, 0, min(step, rows - row), cols) for row in range(0, rows, step)]
         none = np.empty((0, cols), np.float32)
-        above, read = none, itertools.chain(_ahead(self._read, parts), [((rows, 0, 0, 0), none)])
+        above = none
+        read = itertools.chain(_ahead(self._read, parts), [((rows, 0, 0, 0), none)])
         for (part, heights), (_, below) in itertools.pairwise(read):
             cost = self._cost(np.concatenate([above, heights, below[:1]]))
             yield part[0], heights, cost[len(above) : len(above) + len(heights)]
@@ -73,7 +83,8 @@ class CostWindows:
             return self._read(whole), whole
 
         for part, (heights, whole) in _ahead(read, parts):
-            top, left = part[0] - whole[0], part[1] - whole[1]
+            top = part[0] - whole[0]
+            left = part[1] - whole[1]
             inside = slice(top, top + part[2]), slice(left, left + part[3])
             yield part, heights[inside], self._cost(heights)[inside]
 
@@ -81,7 +92,10 @@ class CostWindows:
         """(N,) heights and costs of the cells of a path (N, 2)."""
         legs = [path[at : at + LEG_CELLS] for at in range(0, len(path), LEG_CELLS)]
         corners = [(leg.min(axis=0), leg.max(axis=0) + 1) for leg in legs]
-        parts = [(int(low[0]), int(low[1]), int(high[0] - low[0]), int(high[1] - low[1])) for low, high in corners]
+        parts = [
+            (int(low[0]), int(low[1]), int(high[0] - low[0]), int(high[1] - low[1]))
+            for low, high in corners
+        ]
         found = [np.empty((2, 0), np.float32)]
         for leg, (part, heights, cost) in zip(legs, self.windows(parts), strict=True):
             at = tuple((leg - part[:2]).T)
@@ -94,12 +108,15 @@ class CostWindows:
         return self.heights.read(part)
 
     def _cost(self, heights: Float2D) -> Float2D:
-        size, width = self.heights.cell_size_m, self.heights.cell_width_m
+        size = self.heights.cell_size_m
+        width = self.heights.cell_width_m
         return traversability_cost(heights, size, self._limits, cell_width_m=width, warn=False)
 
 
 def _rows_per_band(block_rows: int, cols: int) -> int:
-    """Rows of a block, halved or doubled until a band has about `BAND_CELLS`; a multiple of four."""
+    """Rows of a block, halved or doubled until a band has about `BAND_CELLS`; a multiple
+    of four.
+    """
     rows = block_rows
     while rows % 8 == 0 and rows * cols > BAND_CELLS:
         rows //= 2
@@ -108,11 +125,14 @@ def _rows_per_band(block_rows: int, cols: int) -> int:
     return rows
 
 
-def _ahead(read: Callable[[Rectangle], T], parts: Iterable[Rectangle]) -> Iterator[tuple[Rectangle, T]]:
+def _ahead(
+    read: Callable[[Rectangle], T], parts: Iterable[Rectangle]
+) -> Iterator[tuple[Rectangle, T]]:
     """Each part with what is read for it, in order, by a thread that is a few parts ahead.
 
-    They hand one another what they have by queues that are one step of the interpreter: a signal's exception in the
-    middle of locks written in Python, as those of an executor, would leave the other thread to wait for ever.
+    They hand one another what they have by queues that are one step of the interpreter: a signal's
+    exception in the middle of locks written in Python, as those of an executor, would leave the
+    other thread to wait for ever.
     """
     wanted: SimpleQueue[Rectangle | None] = SimpleQueue()
     found: SimpleQueue[tuple[Rectangle, T | BaseException] | None] = SimpleQueue()
@@ -149,5 +169,7 @@ def _ahead(read: Callable[[Rectangle], T], parts: Iterable[Rectangle]) -> Iterat
             while True:
                 wanted.get_nowait()
         wanted.put(None)
-        while found.get() is not None:  # what it is at is read to the end: the file may be closed next
+        while (
+            found.get() is not None
+        ):  # what it is at is read to the end: the file may be closed next
             pass

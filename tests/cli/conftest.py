@@ -1,4 +1,6 @@
-"""A folder with grounds that several tests of commands share, and commands as they are typed there."""
+"""A folder with grounds that several tests of commands share, and commands as they are
+typed there.
+"""
 
 import json
 import shlex
@@ -32,9 +34,13 @@ def told(run):
 
 @pytest.fixture
 def hills(run, tmp_path):
-    """Heights of rolling ground with an unknown column, in hills.tif and hills.npz; cells of 2 m."""
+    """Heights of rolling ground with an unknown column, in hills.tif and hills.npz; cells
+    of 2 m.
+    """
     heights = rolling()
     heights[:, 86] = np.nan
-    (tmp_path / "hills.tif").write_bytes(raster_bytes(tmp_path, heights, Dem(heights, 2.0, 2.0, PLACE, tmp_path)))
+    (tmp_path / "hills.tif").write_bytes(
+        raster_bytes(tmp_path, heights, Dem(heights, 2.0, 2.0, PLACE, tmp_path))
+    )
     np.savez(tmp_path / "hills.npz", elevation_m=heights, cell_size_m=2.0)
     return heights

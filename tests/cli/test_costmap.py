@@ -21,9 +21,16 @@ def test_a_geotiff_keeps_the_place_and_marks_what_is_impassable(run, hills):
     np.testing.assert_array_equal(back.elevation, np.where(np.isinf(cost), np.nan, cost))
     assert back.georeference.transform == PLACE.transform and "SVY21" in back.georeference.crs
     assert np.isinf(cost).sum() > 40
-    assert all(word in ended.out for word in ("80 × 90 cells of 2 m", "passable", "cost.tif", "cost.png"))
+    assert all(
+        word in ended.out for word in ("80 × 90 cells of 2 m", "passable", "cost.tif", "cost.png")
+    )
     assert cv2.imread("cost.png") is not None
-    assert sorted(path.name for path in Path().iterdir()) == ["cost.png", "cost.tif", "hills.npz", "hills.tif"]
+    assert sorted(path.name for path in Path().iterdir()) == [
+        "cost.png",
+        "cost.tif",
+        "hills.npz",
+        "hills.tif",
+    ]
 
 
 def test_arrays_need_no_rasterio(run, hills, monkeypatch):
@@ -61,4 +68,6 @@ def test_cells_of_any_size_are_drawn(run, hills):
             ended = run(f"costmap hills.npz -o cost.npy {option} {side}")
             assert ended.code == 0 and "cost.png" in ended.out, ended.err
             assert Path("cost.png").stat().st_size > 1000
-        run(f"costmap hills.npz -o cost.npy {option} 1e-9").refused("wanted cells with sides of 1e-06 to")
+        run(f"costmap hills.npz -o cost.npy {option} 1e-9").refused(
+            "wanted cells with sides of 1e-06 to"
+        )

@@ -16,7 +16,9 @@ FEW = "--maps 4 --workers 1 --synthetic-share 0"
 
 @pytest.fixture
 def dem(run, monkeypatch):
-    """dem.npz, a map of 100 × 160 cells; shards are made without the processes that the command starts."""
+    """dem.npz, a map of 100 × 160 cells; shards are made without the processes that the command
+    starts.
+    """
     elevation = synthetic_terrain(np.random.default_rng(5), 160, 5.0)[:100]
     np.savez("dem.npz", elevation_m=elevation, cell_size_m=5.0)
 
@@ -30,7 +32,11 @@ def dem(run, monkeypatch):
 
 def test_terrain_that_is_too_small_names_the_size_that_fits_and_leaves_nothing(run, dem):
     ended = run(f"dataset dem.npz -o set {FEW}")
-    told = "wanted at least 256 cells on the shorter side", "got 100 × 160", "--size 96 is the largest that fits"
+    told = (
+        "wanted at least 256 cells on the shorter side",
+        "got 100 × 160",
+        "--size 96 is the largest that fits",
+    )
     ended.refused(*told)
     assert not Path("set").exists()
     ended = run(f"dataset dem.npz -o set {FEW} --size 64")
@@ -74,18 +80,29 @@ def test_ones_own_limits_weight_and_cells_are_in_the_recipe(run, dem):
     names = ("train", "val", "steep", "papers", "default")
     training, validation, steep, papers, default = (read_recipe(Path(name)) for name in names)
     assert training.limits == {"hard_slope_deg": 20.0, "roughness_limit_m": 0.3}
-    assert (training.omega, training.cell_sizes_m, training.workloads) == (0.03, (), (("soft", 1.0),))
+    assert (training.omega, training.cell_sizes_m, training.workloads) == (
+        0.03,
+        (),
+        (("soft", 1.0),),
+    )
     assert training.stripe == (0.0, validation.stripe[0]) == (0.0, 0.6)
     assert dataset_facts(training)["limits"] == training.limits
     assert (steep.workloads, steep.cell_sizes_m) == ((("limit25", 1.0),), (2.0,))
     assert steep.common_limits.hard_slope_deg == 25
-    assert (papers.workloads, papers.poolings, papers.margin_share) == ((("soft", 1.0),), ((1, 1.0),), 0.0)
+    assert (papers.workloads, papers.poolings, papers.margin_share) == (
+        (("soft", 1.0),),
+        ((1, 1.0),),
+        0.0,
+    )
     assert (default.limits, default.workloads, len(default.cell_sizes_m)) == ({}, WORKLOADS, 5)
 
 
 def test_from_ones_own_terrain_to_a_plan(run, told, dem):
     """The commands of docs/models.md, with tiny settings; the model says what it was made for."""
-    split = "--validation-share 0.4 --own-cell-size --limit hard_slope_deg=25 --omega 0.02 --synthetic-share 0"
+    split = (
+        "--validation-share 0.4 --own-cell-size --limit hard_slope_deg=25 --omega 0.02 "
+        "--synthetic-share 0"
+    )
     for words in (
         f"dataset dem.npz -o train --size 64 {split} --maps 12",
         f"dataset dem.npz -o val --held-out --size 64 {split} --maps 12",
@@ -101,5 +118,7 @@ def test_from_ones_own_terrain_to_a_plan(run, told, dem):
     limit = found.cost_limits["hard_slope_deg"]
     assert (found.name, found.precision, found.omega, limit) == ("own", "int8", 0.02, 25.0)
     assert found.training["dataset"]["cell_sizes_m"] == []
-    ended = run("plan dem.npz --start 5,5 --goal 90,150 --method nnpp --model int8.onnx --omega 0.02")
+    ended = run(
+        "plan dem.npz --start 5,5 --goal 90,150 --method nnpp --model int8.onnx --omega 0.02"
+    )
     assert ended.code in (0, 1) and ended.out

@@ -39,7 +39,9 @@ def test_help_and_version_succeed_and_without_a_command_the_commands_are_listed(
 
 
 def test_ctrl_c_as_the_interpreter_ends_prints_nothing():
-    ended = subprocess.run([sys.executable, "-c", INTERRUPTED], capture_output=True, text=True, check=False)
+    ended = subprocess.run(
+        [sys.executable, "-c", INTERRUPTED], capture_output=True, text=True, check=False
+    )
     assert ended.stdout.startswith("nnpp-edge") and ended.stderr == ""
 
 

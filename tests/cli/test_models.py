@@ -14,7 +14,9 @@ SHIPPED = sorted(path.stem for path in MODELS.glob("*.onnx"))
 @pytest.fixture
 def model(make_tiny_model):
     """A model of one's own, with room for a card beside it."""
-    return make_tiny_model(training={"dataset": {"maps": 7}, "workloads": [["soft", 0.5]], "excluded": []})
+    return make_tiny_model(
+        training={"dataset": {"maps": 7}, "workloads": [["soft", 0.5]], "excluded": []}
+    )
 
 
 def test_the_list_says_what_each_shipped_model_is_for(nnpp_edge):
@@ -25,9 +27,17 @@ def test_the_list_says_what_each_shipped_model_is_for(nnpp_edge):
     assert [told["name"] for told in listed] == SHIPPED
     for told in listed:
         content = (MODELS / f"{told['name']}.onnx").read_bytes()
-        assert (told["size_bytes"], told["sha256"]) == (len(content), hashlib.sha256(content).hexdigest())
+        assert (told["size_bytes"], told["sha256"]) == (
+            len(content),
+            hashlib.sha256(content).hexdigest(),
+        )
         assert "card" not in told and told["purpose"]
-        for word in (told["purpose"], told["metadata"]["precision"], f"{len(content) / 1e6:.2f}", told["sha256"][:8]):
+        for word in (
+            told["purpose"],
+            told["metadata"]["precision"],
+            f"{len(content) / 1e6:.2f}",
+            told["sha256"][:8],
+        ):
             assert word in rows[told["name"]]
     edge = next(told for told in listed if told["name"] == "edge")
     assert edge["metadata"]["precision"] == "int8"
@@ -40,8 +50,15 @@ def stages(training):
 
 
 def commands_that_make(name):
-    """The options in docs/models.md of the commands that made a model, by command, and of all data sets by folder."""
-    text = (MODELS.parents[1] / "docs" / "models.md").read_text().split("\n## ")[0].replace("\\\n", " ")
+    """The options in docs/models.md of the commands that made a model, by command, and of all data
+    sets by folder.
+    """
+    text = (
+        (MODELS.parents[1] / "docs" / "models.md")
+        .read_text()
+        .split("\n## ")[0]
+        .replace("\\\n", " ")
+    )
     found = {"dataset": {}, "train": [], "export": [], "quantize": []}
     for line in text.splitlines():
         if line.startswith("nnpp-edge "):
@@ -56,24 +73,40 @@ def commands_that_make(name):
 
 @pytest.mark.parametrize("name", [name for name in SHIPPED if not name.endswith("-fp32")])
 def test_a_card_and_the_commands_that_are_told_agree_with_the_files_metadata(name):
-    m, commands = read_model_file(name).metadata, commands_that_make(name)
+    m = read_model_file(name).metadata
+    commands = commands_that_make(name)
     training, samples = m.training, m.training["calibration"]["samples"]
-    (export,), (quantize,) = commands["export"], commands["quantize"]
+    (export,) = commands["export"]
+    (quantize,) = commands["quantize"]
     folder = commands["train"][-1]["dataset"]
-    dataset, recipe = commands["dataset"][folder], training["dataset"]
+    dataset = commands["dataset"][folder]
+    recipe = training["dataset"]
     assert (int(dataset["--maps"]), int(dataset["--seed"])) == (recipe["maps"], recipe["seed"])
     assert (export["--dataset"], quantize["--dataset"]) == (folder, folder)
-    assert (float(export.get("--region-factor", 0.5)), export["--name"]) == (m.region_factor, m.name)
+    assert (float(export.get("--region-factor", 0.5)), export["--name"]) == (
+        m.region_factor,
+        m.name,
+    )
     assert int(quantize.get("--samples", 200)) == samples
-    card = dict(re.findall(r"^\| (\w[\w ]*) \| (.+) \|$", (MODELS / f"{name}.md").read_text().split("##")[0], re.M))
+    card = dict(
+        re.findall(
+            r"^\| (\w[\w ]*) \| (.+) \|$", (MODELS / f"{name}.md").read_text().split("##")[0], re.M
+        )
+    )
     megabytes = (MODELS / f"{name}.onnx").stat().st_size / 1e6
     answers = "× 3" if m.encoding == "unseen" else "probabilities"
     assert f"{m.blocks} × {m.blocks} {answers}" in card["answers"]
     assert m.encoding == "unseen" or f"{{p ≥ {m.region_factor:g} · td}}" in card["region rule"]
-    assert re.search(rf"`{name}\.onnx` \({m.precision}, ({megabytes:.1f}|{megabytes:.2f}) MB", card["files"])
-    near = "mean T" if m.encoding == "unseen" else f"exp(-excess / {100 * training['softness']:g} %)"
+    assert re.search(
+        rf"`{name}\.onnx` \({m.precision}, ({megabytes:.1f}|{megabytes:.2f}) MB", card["files"]
+    )
+    near = (
+        "mean T" if m.encoding == "unseen" else f"exp(-excess / {100 * training['softness']:g} %)"
+    )
     assert (near if training["target"] == "near" else "the single optimal path") in card["target"]
-    assert f"sha256 {read_model_file(name).sha256[:8]}" in card["files"], "measured with another file"
+    assert f"sha256 {read_model_file(name).sha256[:8]}" in card["files"], (
+        "measured with another file"
+    )
     assert f"QDQ {m.precision} on {samples} queries" in card["calibration"]
     for options, stage in zip(commands["train"], stages(training), strict=True):
         assert "--time-limit" not in options and int(options["--steps"]) == stage["steps"]
@@ -87,14 +120,18 @@ def test_a_card_and_the_commands_that_are_told_agree_with_the_files_metadata(nam
             assert type(default)(options.get(option, default)) == stage.get(key, default), option
         rate = f"{stage['learning_rate']:.0e}".replace("e-0", "e-")
         minutes = [f"in {stage['seconds'] / 60:.0f} minutes"] if "seconds" in stage else []
-        assert all(words in card["training"] for words in (f"{stage['steps']:,} steps", str(stage["batch"]), rate))
+        assert all(
+            words in card["training"]
+            for words in (f"{stage['steps']:,} steps", str(stage["batch"]), rate)
+        )
         assert all(words in card["training"] for words in minutes)
 
 
 def test_a_shipped_model_is_shown_with_its_metadata_and_card(nnpp_edge):
     ended = nnpp_edge("models", "edge")
     assert (ended.code, ended.err) == (0, "")
-    found, card = read_model_file("edge"), (MODELS / "edge.md").read_text()
+    found = read_model_file("edge")
+    card = (MODELS / "edge.md").read_text()
     for word in (found.sha256, found.metadata.precision, '"maps": 9216', card.strip()):
         assert word in ended.out
     assert json.loads(nnpp_edge("models", "edge", "--json").out)["card"] == card

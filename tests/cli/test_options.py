@@ -16,14 +16,19 @@ def commands():
 
 
 def test_no_command_takes_many_parameters():
-    assert max((len(command.params), name) for name, command in commands().items()) < (MOST_PARAMETERS + 1, "")
+    assert max((len(command.params), name) for name, command in commands().items()) < (
+        MOST_PARAMETERS + 1,
+        "",
+    )
 
 
 def test_no_number_that_could_overflow_is_taken():
     kinds = {}
     for name, command in commands().items():
         for parameter in command.params:
-            assert parameter.type not in (click.INT, click.FLOAT), f"{name} {parameter.name} has no range"
+            assert parameter.type not in (click.INT, click.FLOAT), (
+                f"{name} {parameter.name} has no range"
+            )
             if isinstance(parameter.type, click.IntRange | click.FloatRange):
                 kinds[repr(parameter.type)] = command, parameter
     for command, option in kinds.values():

@@ -1,4 +1,6 @@
-"""`nnpp-edge plan`: what it finds, writes and says, and how it ends when there is nothing to find."""
+"""`nnpp-edge plan`: what it finds, writes and says, and how it ends when there is nothing
+to find.
+"""
 
 import csv
 import json
@@ -48,7 +50,12 @@ def test_a_path_is_what_the_planner_finds_told_in_a_few_lines_and_in_json(run, t
     for name in ("cost", "length", "traverse_cost", "expansions"):
         assert found[name] == pytest.approx(getattr(plan, name))
     assert found["length_m"] == pytest.approx(2.0 * plan.length)
-    assert (found["start"], found["goal"], found["rows"], found["cols"]) == ([5, 5], [70, 80], 80, 90)
+    assert (found["start"], found["goal"], found["rows"], found["cols"]) == (
+        [5, 5],
+        [70, 80],
+        80,
+        90,
+    )
     found = told(f"{EXACT} --workload limit12 --omega 0.02 --no-corner-cutting")
     cost = traversability_cost(hills, 2.0, Traversability(slope_limit_deg=12, hard_slope_deg=12))
     plan = plan_path(cost, (5, 5), (70, 80), method="astar", corner_cutting=False, omega=0.02)
@@ -59,7 +66,11 @@ def test_it_plans_once_unless_asked_to_compare(run, hills, monkeypatch):
     made = []
     monkeypatch.setattr(exercises, "exercise", lambda: None)
     monkeypatch.setattr(planner, "Work", lambda: made.append("a plan") or Work())
-    for words, plans, included in (("", 1, True), ("--time-limit 9", 1, False), ("--compare", 1 + 4 * 2, False)):
+    for words, plans, included in (
+        ("", 1, True),
+        ("--time-limit 9", 1, False),
+        ("--compare", 1 + 4 * 2, False),
+    ):
         made.clear()
         ended = run(f"{EXACT} -o out {words}")
         assert ended.code == 0 and len(made) == plans
@@ -68,22 +79,39 @@ def test_it_plans_once_unless_asked_to_compare(run, hills, monkeypatch):
 
 
 def test_the_files_hold_the_path_in_map_coordinates(told, tmp_path):
-    heights, folder = rolling(), tmp_path / "new" / "plan"
-    Path("dem.tif").write_bytes(raster_bytes(tmp_path, heights, Dem(heights, 2.0, 2.0, PLACE, tmp_path)))
+    heights = rolling()
+    folder = tmp_path / "new" / "plan"
+    Path("dem.tif").write_bytes(
+        raster_bytes(tmp_path, heights, Dem(heights, 2.0, 2.0, PLACE, tmp_path))
+    )
     found = told(f"plan dem.tif {ENDS} --method astar --hillshade -o", folder)
     assert found == json.loads((folder / "plan.json").read_text())
     assert sorted(found["files"]) == sorted(map(str, folder.iterdir()))
     path = plan_path(traversability_cost(heights, 2.0), (5, 5), (70, 80), method="astar").path
     feature = json.loads((folder / "path.geojson").read_text())
-    wanted = [[400_000 + 2 * (col + 0.5), 5_000_000 - 2 * (row + 0.5)] for row, col in path.tolist()]
+    wanted = [
+        [400_000 + 2 * (col + 0.5), 5_000_000 - 2 * (row + 0.5)] for row, col in path.tolist()
+    ]
     assert feature["geometry"] == {"type": "LineString", "coordinates": wanted}
     assert "UTM" in feature["properties"]["crs"]
     assert feature["crs"]["properties"]["name"] == "urn:ogc:def:crs:EPSG::32615"
     rows = list(csv.DictReader((folder / "path.csv").read_text().splitlines()))
-    assert list(rows[0]) == ["row", "col", "x", "y", "elevation_m", "cost", "distance_m", "ground_m", "time_s"]
+    assert list(rows[0]) == [
+        "row",
+        "col",
+        "x",
+        "y",
+        "elevation_m",
+        "cost",
+        "distance_m",
+        "ground_m",
+        "time_s",
+    ]
     assert [[int(row["row"]), int(row["col"])] for row in rows] == path.tolist()
     assert [[float(row["x"]), float(row["y"])] for row in rows] == wanted
-    assert [float(row["elevation_m"]) for row in rows] == pytest.approx(heights[tuple(path.T)].tolist(), rel=1e-5)
+    assert [float(row["elevation_m"]) for row in rows] == pytest.approx(
+        heights[tuple(path.T)].tolist(), rel=1e-5
+    )
     assert float(rows[0]["distance_m"]) == 0.0
     assert float(rows[-1]["distance_m"]) == pytest.approx(found["length_m"])
     assert cv2.imread(str(folder / "plan.png")).shape[0] > 800
@@ -97,7 +125,10 @@ def test_steps_that_are_steeper_than_the_limit_of_slope_are_told(run, told):
         steep = step_m > 0.4
         steepest = round(math.degrees(math.atan(step_m)), 4) if steep else None
         limited = f"{words} --workload limit20"
-        assert told(limited)["steps_above_hard_slope"] == {"count": int(steep), "steepest_deg": steepest}
+        assert told(limited)["steps_above_hard_slope"] == {
+            "count": int(steep),
+            "steepest_deg": steepest,
+        }
         warned = "steps of the path above 20°: 1, the steepest 24.2°. The limit is on the plane"
         err = run(limited).err
         assert (warned in err) == steep and "inf" not in err
@@ -166,7 +197,10 @@ def test_a_timeout_ends_with_1_and_gives_the_path_so_far(run, monkeypatch):
     ended = run("plan large.npz --start 5,5 --goal 590,590 --method astar --time-limit 1e-9 -o out")
     assert ended.code == 1 and ended.out.startswith("TIMEOUT") and "so far" in ended.out
     feature = json.loads(Path("out/path.geojson").read_text())
-    assert feature["properties"]["status"] == "TIMEOUT" and len(feature["geometry"]["coordinates"]) > 10
+    assert (
+        feature["properties"]["status"] == "TIMEOUT"
+        and len(feature["geometry"]["coordinates"]) > 10
+    )
 
 
 def test_comparing_sets_the_methods_beside_the_optimum(run, told, hills, tiny_model):
@@ -199,7 +233,9 @@ def test_of_several_goals_the_nearest_is_gone_to(run, told, split):
     assert "goals       (20, 20) " in ended.out and "(70, 80) NO_PATH" in ended.out
 
 
-def test_the_network_is_loaded_where_it_will_be_asked_once_the_ends_are_on_the_map(run, hills, monkeypatch):
+def test_the_network_is_loaded_where_it_will_be_asked_once_the_ends_are_on_the_map(
+    run, hills, monkeypatch
+):
     done = []
 
     def noted(name, function):
@@ -211,7 +247,9 @@ def test_the_network_is_loaded_where_it_will_be_asked_once_the_ends_are_on_the_m
         done.clear()
         assert run(f"plan hills.npz {ENDS} --method {method}").code == 0
         assert done == ["the map is read"] + (["loading begins"] if method == "nnpp" else [])
-        run(f"plan hills.npz --start 5,5 --goal 5,900 --method {method}").refused("lies outside the map")
+        run(f"plan hills.npz --start 5,5 --goal 5,900 --method {method}").refused(
+            "lies outside the map"
+        )
         assert done[-1] == "the map is read"
 
 
@@ -224,6 +262,9 @@ def test_who_gave_a_wrong_place_does_not_wait(run, hills, monkeypatch):
     ended.refused("start (40, 86) is impassable")
     monkeypatch.setattr(planning, "cost_of", never)
     for limit in ("", "--time-limit 1"):
-        for start, goal, words in (("5,5", "5,900", "goal (5, 900)"), ("-1,5", "70,80", "start (-1, 5)")):
+        for start, goal, words in (
+            ("5,5", "5,900", "goal (5, 900)"),
+            ("-1,5", "70,80", "start (-1, 5)"),
+        ):
             ended = run(f"plan hills.npz --start {start} --goal {goal} {limit}")
             ended.refused(f"{words} lies outside the map of 80 × 90 cells")

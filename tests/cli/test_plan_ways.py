@@ -1,4 +1,6 @@
-"""`nnpp-edge plan`: numbers along the way, places between, ends of all kinds, formats, vehicles, lines."""
+"""`nnpp-edge plan`: numbers along the way, places between, ends of all kinds, formats, vehicles,
+lines.
+"""
 
 import csv
 import json
@@ -49,35 +51,64 @@ def test_all_outputs_say_the_same_numbers(run, told, hills, body):
     made = {"vehicle": None, "mobility": None}
     if body:
         own = vars(load_vehicle("large-rover")) | {"max_tilt_deg": 40.0, "clearance_m": 1.5}
-        made = {"vehicle": Vehicle(**own), "mobility": load_mobility("large-rover", gravity_m_s2=9.80665)}
+        made = {
+            "vehicle": Vehicle(**own),
+            "mobility": load_mobility("large-rover", gravity_m_s2=9.80665),
+        }
     plan = Planner.of_elevation(hills, 2.0, warn=False, **made).plan((5, 5), (70, 80))
     numbers = {name: found[name] for name in Numbers._fields}
     assert {name: value for name, value in numbers.items() if value is not None} == pytest.approx(
-        {name: value for name, value in plan.numbers._asdict().items() if math.isfinite(value)}, rel=1e-4, abs=1e-4
+        {name: value for name, value in plan.numbers._asdict().items() if math.isfinite(value)},
+        rel=1e-4,
+        abs=1e-4,
     )
     assert (numbers["energy_j"] is not None) == bool(body)
     assert json.loads(Path("out/plan.json").read_text()) == found
     properties = json.loads(Path("out/path.geojson").read_text())["properties"]
-    worst = [name for name in found if name.startswith(("steepest_", "least_")) and name not in Numbers._fields]
+    worst = [
+        name
+        for name in found
+        if name.startswith(("steepest_", "least_")) and name not in Numbers._fields
+    ]
     assert len(worst) == (4 if body else 0)
     assert all(properties[name] == found[name] for name in (*Numbers._fields, *worst, "cost"))
     meta, _, _, values = pyogrio.raw.read("out/path.gpkg")
     fields = dict(zip(meta["fields"].tolist(), values, strict=True))
-    assert all(fields[name][0] == found[name] for name in numbers) and meta["geometry_type"] == "LineString Z"
+    assert (
+        all(fields[name][0] == found[name] for name in numbers)
+        and meta["geometry_type"] == "LineString Z"
+    )
     rows = rows_of("out/path.csv")
-    for name, whole in (("distance_m", "length_m"), ("ground_m", "ground_length_m"), ("time_s", "time_s")):
+    for name, whole in (
+        ("distance_m", "length_m"),
+        ("ground_m", "ground_length_m"),
+        ("time_s", "time_s"),
+    ):
         assert float(rows[-1][name]) == pytest.approx(found[whole], abs=1e-5)
     assert ("energy_j" in rows[0]) == bool(body)
     lines = dict(line.split(maxsplit=1) for line in run(words).out.splitlines())
     assert f"at most {found['steepest_up_deg']:.1f}° up" in lines["ground"]
-    assert ("kJ" in lines["way"], "at the vehicle's speeds" in lines["way"]) == (bool(body), bool(body))
+    assert ("kJ" in lines["way"], "at the vehicle's speeds" in lines["way"]) == (
+        bool(body),
+        bool(body),
+    )
     if body:
         assert f"pitched by at most {found['steepest_pitch_deg']:.1f}°" in lines["vehicle"]
         stands = found["waypoints"]
         for name in ("pitch", "roll", "tilt"):
-            assert (steepest := max(map(abs, stands[f"{name}_deg"]))) == found[f"steepest_{name}_deg"]
-            assert max(abs(float(row[f"{name}_deg"])) for row in rows) == pytest.approx(steepest, rel=1e-3)
-        assert min(stands["clearance_m"]) == found["least_clearance_m"] >= 0.0 < found["steepest_tilt_deg"] <= 40.0
+            assert (steepest := max(map(abs, stands[f"{name}_deg"]))) == found[
+                f"steepest_{name}_deg"
+            ]
+            assert max(abs(float(row[f"{name}_deg"])) for row in rows) == pytest.approx(
+                steepest, rel=1e-3
+            )
+        assert (
+            min(stands["clearance_m"])
+            == found["least_clearance_m"]
+            >= 0.0
+            < found["steepest_tilt_deg"]
+            <= 40.0
+        )
         assert "a body's legs lead in 16 directions" in run(f"{words} --refine any-angle").err
 
 
@@ -92,7 +123,9 @@ def test_a_path_leads_by_way_of_places_in_the_order_given_or_in_the_best(run, to
     assert best["cost"] < given["cost"] == pytest.approx(best["via"]["given_cost"], rel=1e-6)
     for found in (given, best):
         for name in ("cost", "length_m", "climb_m", "time_s"):
-            assert sum(leg[name] for leg in found["via"]["legs"]) == pytest.approx(found[name], abs=1e-4)
+            assert sum(leg[name] for leg in found["via"]["legs"]) == pytest.approx(
+                found[name], abs=1e-4
+            )
     cells = [(int(row["row"]), int(row["col"])) for row in rows_of("out/path.csv")]
     places = [cells.index(tuple(stop)) for stop in best["via"]["stops"]]
     assert places == sorted(places)
@@ -120,7 +153,11 @@ def test_ends_are_places_on_the_map_or_on_the_globe_or_points_of_a_layer(run, to
     layers = [f"{layer(Path(f'{at}.gpkg'), [cell])}:stops" for at, cell in enumerate(cells)]
     for start, via, goal in (xy, lonlat, layers):
         found = told(f"plan hills.tif --start {start} --via {via} --goal {goal}")
-        assert (found["start"], found["via"]["stops"][1], found["goal"]) == ([5, 5], [40, 30], [70, 80])
+        assert (found["start"], found["via"]["stops"][1], found["goal"]) == (
+            [5, 5],
+            [40, 30],
+            [70, 80],
+        )
         assert found["cost"] == wanted["cost"]
     layer(Path("stops.gpkg"), [(60, 70), (12, 30)], crs="EPSG:4326")
     ended = run(f"{PLAN} --via stops.gpkg --json")
@@ -132,7 +169,8 @@ def test_ends_are_places_on_the_map_or_on_the_globe_or_points_of_a_layer(run, to
 
 def test_a_map_read_by_windows_has_the_same_numbers_and_tours(told, hills):
     words = f"{PLAN} --method corridor --via 60,20 --via 20,60 --best-order"
-    whole, windows = told(words), told(f"{words} --memory 1kB")
+    whole = told(words)
+    windows = told(f"{words} --memory 1kB")
     assert windows["windows"] and whole["via"] == windows["via"]
     assert all(whole[name] == windows[name] for name in (*Numbers._fields, "cost"))
 
@@ -147,15 +185,24 @@ def test_every_waypoint_has_its_heading_and_how_the_body_stands(run, hill):
     assert found["waypoints"]["heading_deg"] == pytest.approx(plan.headings_deg, abs=1e-4)
     rows = rows_of("out/path.csv")
     assert [float(row["heading_deg"]) for row in rows] == pytest.approx(plan.headings_deg, abs=1e-4)
-    assert all(float(row["tilt_deg"]) <= 25.0 and 0.0 < float(row["clearance_m"]) <= 0.3 for row in rows)
+    assert all(
+        float(row["tilt_deg"]) <= 25.0 and 0.0 < float(row["clearance_m"]) <= 0.3 for row in rows
+    )
     assert np.isfinite(pose_costs(hill, 0.25, own)[:, *plan.path.T]).any(0).all()
-    assert set(found["waypoints"]) <= set(json.loads(Path("out/path.geojson").read_text())["properties"])
+    assert set(found["waypoints"]) <= set(
+        json.loads(Path("out/path.geojson").read_text())["properties"]
+    )
 
 
-def test_without_a_path_a_body_is_told_by_which_limit_and_the_picture_has_its_colour(run, told, hill):
+def test_without_a_path_a_body_is_told_by_which_limit_and_the_picture_has_its_colour(
+    run, told, hill
+):
     words = "plan wall.npz --start 10,10 --goal 45,48 --vehicle small-rover -o out"
     reason = told(words, code=1)["reason"]
-    assert "; the search from the goal got to (" in reason and " fail by tilt, such as from (" in reason
+    assert (
+        "; the search from the goal got to (" in reason
+        and " fail by tilt, such as from (" in reason
+    )
     picture = cv2.imread("out/plan.png")
     for limit, seen in (("tilt", True), ("unknown", True), ("pitch", False)):
         colour, _ = REFUSED[REFUSALS.index(limit)]
@@ -166,7 +213,9 @@ def test_without_a_path_a_body_is_told_by_which_limit_and_the_picture_has_its_co
 def test_the_picture_has_the_body_and_with_a_comparison_a_points_path(run, hill):
     pictures = []
     for more in ("", "--vehicle small-rover", "--vehicle small-rover --compare"):
-        assert run(f"plan hill.npz --start 10,10 --goal 45,48 {more} --method astar -o out").code == 0
+        assert (
+            run(f"plan hill.npz --start 10,10 --goal 45,48 {more} --method astar -o out").code == 0
+        )
         picture = cv2.imread("out/plan.png")
         pictures.append([int((picture == colour).all(2).sum()) for colour in (OUTLINE, POINT)])
     (no_body, few), (body, as_few), (as_much, point) = pictures
@@ -176,7 +225,9 @@ def test_the_picture_has_the_body_and_with_a_comparison_a_points_path(run, hill)
 
 def test_a_body_asks_no_network(told, hill):
     found = told("plan hill.npz --start 10,10 --goal 45,48 --vehicle small-rover --method nnpp")
-    assert found["method"] == "nnpp" and "no network is used for a vehicle's body" in found["choice"]
+    assert (
+        found["method"] == "nnpp" and "no network is used for a vehicle's body" in found["choice"]
+    )
 
 
 def test_way_points_are_told_with_their_headings_and_curvatures(run, told, hills):
@@ -187,7 +238,9 @@ def test_way_points_are_told_with_their_headings_and_curvatures(run, told, hills
     assert points[0].tolist() == [5, 5] and points[-1].tolist() == [70, 80]
     assert len(line["heading_deg"]) == len(line["curvature_per_m"]) == len(points)
     assert line["curvature_per_m"] == pytest.approx(curvatures(2.0 * points), rel=0.05, abs=1e-4)
-    assert found["sharpest_curvature_per_m"] == pytest.approx(max(line["curvature_per_m"]), abs=1e-5)
+    assert found["sharpest_curvature_per_m"] == pytest.approx(
+        max(line["curvature_per_m"]), abs=1e-5
+    )
     feature = json.loads(Path("out/path.geojson").read_text())
     wanted = [PLACE.map_coordinates(*point) for point in points]
     assert np.array(feature["geometry"]["coordinates"]) == pytest.approx(np.array(wanted), rel=1e-7)
@@ -195,7 +248,9 @@ def test_way_points_are_told_with_their_headings_and_curvatures(run, told, hills
     assert len(rows) > len(points) and rows[-1]["row"] == "70"
     assert float(rows[-1]["distance_m"]) == pytest.approx(found["length_m"])
     assert feature["properties"]["sharpest_curvature_per_m"] == found["sharpest_curvature_per_m"]
-    assert found["length_m"] == pytest.approx(np.hypot(*np.diff(2.0 * points, axis=0).T).sum(), rel=1e-4)
+    assert found["length_m"] == pytest.approx(
+        np.hypot(*np.diff(2.0 * points, axis=0).T).sum(), rel=1e-4
+    )
     assert f"{len(points)} way points, line integral" in run(words).out
     assert not {"line", "sharpest_curvature_per_m"} & set(told(PLAN))
 
@@ -210,9 +265,23 @@ def test_turns_are_no_sharper_than_the_vehicle_s(told, hills):
 
 def test_the_loop_tells_way_points_where_it_is_asked_for_them(run):
     np.savez("ground.npz", elevation=rolling(48, 60), cell_size_m=2.0)
-    inputs = [{"v": 1, "type": "goal", "row": 40, "col": 52}, {"v": 1, "type": "pose", "row": 3, "col": 4}]
-    Path("drive.jsonl").write_text("".join(json.dumps({"at": 0.0, **each}) + "\n" for each in inputs))
-    words = ["run", "--map", "ground.npz", "--input", "replay:drive.jsonl", "--fast", "--method", "astar"]
+    inputs = [
+        {"v": 1, "type": "goal", "row": 40, "col": 52},
+        {"v": 1, "type": "pose", "row": 3, "col": 4},
+    ]
+    Path("drive.jsonl").write_text(
+        "".join(json.dumps({"at": 0.0, **each}) + "\n" for each in inputs)
+    )
+    words = [
+        "run",
+        "--map",
+        "ground.npz",
+        "--input",
+        "replay:drive.jsonl",
+        "--fast",
+        "--method",
+        "astar",
+    ]
     turning = ["--set", "radius_m=2", "--set", "turning_radius_m=6", "--loop", "refine=any-angle"]
     for more, there in ((turning, True), ([], False)):
         command = [sys.executable, "-m", "nnpp_edge.cli.main", *words, *more]

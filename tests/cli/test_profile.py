@@ -59,12 +59,18 @@ LONGER = {"sizes = [64]": "sizes = [192]", "repeats = 1": "repeats = 4", **ALONE
 
 @pytest.fixture
 def profile(run, tiny_model, monkeypatch):
-    """Write tiny.toml, which stands any noise unless told otherwise; peak memory has a test of its own."""
+    """Write tiny.toml, which stands any noise unless told otherwise; peak memory has a test of its
+    own.
+    """
     monkeypatch.setattr(report_module, "peak_memory_mb", lambda *words: 100.0)
     monkeypatch.setattr(judge, "MOST_APART", 1000.0)
 
     def write(limit=1.0, disturbance=1.0, changes=()):
-        text = PROFILE.replace("LIMIT", str(limit)).replace("CORE", str(CORE)).replace("MODEL", str(tiny_model))
+        text = (
+            PROFILE.replace("LIMIT", str(limit))
+            .replace("CORE", str(CORE))
+            .replace("MODEL", str(tiny_model))
+        )
         monkeypatch.setattr(report_module, "MOST_DISTURBED", disturbance)
         for old, new in dict(changes).items():
             assert old in text
@@ -86,11 +92,18 @@ def test_a_report_in_every_form(run, profile):
     ended = run("profile --profile tiny.toml -o out")
     assert ended.code == 0, ended.err
     assert os.sched_getaffinity(0) == before
-    for words in ("speed-up", "inference", "corridor faster than astar", "all budgets met: 5 of 5 pass"):
+    for words in (
+        "speed-up",
+        "inference",
+        "corridor faster than astar",
+        "all budgets met: 5 of 5 pass",
+    ):
         assert words in ended.out
     told = json.loads(Path("out/report.json").read_text())
     assert set(told) == set(KEYS.split()) and told["schema"] == 1 and told["verdict"] == "met"
-    described(KEYS.split(), told["budgets"][0], told["results"][0], told["disturbance"]["halves"][0])
+    described(
+        KEYS.split(), told["budgets"][0], told["results"][0], told["disturbance"]["halves"][0]
+    )
     described(told["sensors"])
     assert Path("out/board-row.md").read_text() == board_table(told) + "\n"
     page = Path("out/report.html").read_text()
@@ -106,7 +119,10 @@ def test_the_clock_starts_at_the_elevations(run, profile):
     assert ended.code == 1, ended.err
     told = json.loads(Path("report.json").read_text())
     assert Path("report.md").read_text() == ended.out
-    lines = [(line["name"], line["planner"], line["workload"], line["verdict"]) for line in told["budgets"][-5:]]
+    lines = [
+        (line["name"], line["planner"], line["workload"], line["verdict"])
+        for line in told["budgets"][-5:]
+    ]
     assert lines == [
         ("first path", "nnpp", "soft", "pass"),
         ("first path", "nnpp", "limit20", "pass"),
@@ -114,14 +130,27 @@ def test_the_clock_starts_at_the_elevations(run, profile):
         ("late", "astar", "limit20", "fail"),
         ("reaction", "loop", "soft", "pass"),
     ]
-    assert all((row["map_ms"] is not None) == (row["planner"] in ("nnpp", "astar")) for row in told["results"])
+    assert all(
+        (row["map_ms"] is not None) == (row["planner"] in ("nnpp", "astar"))
+        for row in told["results"]
+    )
     (row,) = told["loop"]
-    assert (row["workload"], row["size"], row["rate_hz"], row["patch_side"]) == ("soft", 64, 200.0, 16)
+    assert (row["workload"], row["size"], row["rate_hz"], row["patch_side"]) == (
+        "soft",
+        64,
+        200.0,
+        16,
+    )
     assert row["n"] == row["planned"] + row["kept"] + row["without_path"] == 240
     described(row)
     assert ended.out.startswith("# Tiny & <quick>\n\nbudgets missed: ")
-    assert "## The onboard loop: from a patch's arrival to the checked path\n\n| workload |" in ended.out
-    older = told | {"results": [{k: v for k, v in r.items() if k != "map_ms"} for r in told["results"]]}
+    assert (
+        "## The onboard loop: from a patch's arrival to the checked path\n\n| workload |"
+        in ended.out
+    )
+    older = told | {
+        "results": [{k: v for k, v in r.items() if k != "map_ms"} for r in told["results"]]
+    }
     Path("older.json").write_text(json.dumps(older))
     assert run("profile compare older.json report.json").code == 0
 
@@ -131,13 +160,21 @@ def test_json_may_be_printed_and_an_impossible_budget_is_missed_and_named(run, p
     ended = run("profile --profile tiny.toml --queries 4 --seed 5 --json")
     told = json.loads(ended.out)
     load = told["profile"]["load"]
-    assert (ended.code, load["queries"], load["seed"]) == (1, 4, 5) and "profile: 100 %" in ended.err
+    assert (ended.code, load["queries"], load["seed"]) == (
+        1,
+        4,
+        5,
+    ) and "profile: 100 %" in ended.err
     assert {row["n"] for row in told["results"]} == {4}
-    assert told["summary"].startswith("budgets missed: 3 of 5 pass; not plans a second (nnpp, soft 64², limit20 64²)")
+    assert told["summary"].startswith(
+        "budgets missed: 3 of 5 pass; not plans a second (nnpp, soft 64², limit20 64²)"
+    )
 
 
 def test_a_disturbed_run_is_noisy(run, profile, monkeypatch):
-    """Another process on the one core, all the time: the halves agree, and yet nothing may pass by a small margin."""
+    """Another process on the one core, all the time: the halves agree, and yet nothing may pass by
+    a small margin.
+    """
     monkeypatch.setattr(judge, "_TEN_TIMES", math.inf)
     profile(disturbance=0.1, changes=LONGER)
     with busy_core(CORE):
@@ -170,7 +207,9 @@ def test_a_run_disturbed_in_one_half_is_noisy(told, profile, monkeypatch):
 def test_what_is_no_report_is_refused(run):
     for content in ("", "[]", "{}", "[" * 100_000, '{"schema": 2, "results": []}', '{"schema": 1}'):
         Path("other.json").write_text(content)
-        run("profile compare other.json other.json").refused("other.json", "wanted a report of nnpp-edge profile")
+        run("profile compare other.json other.json").refused(
+            "other.json", "wanted a report of nnpp-edge profile"
+        )
 
 
 def test_regressions_between_two_reports(run, told, profile):
@@ -183,14 +222,20 @@ def test_regressions_between_two_reports(run, told, profile):
         for row in report["results"]:
             for key, factor in changes.items() if row["planner"] == "nnpp" else ():
                 old = row[key]
-                row[key] = {name: factor * each for name, each in old.items()} if key == "time_ms" else factor * old
+                row[key] = (
+                    {name: factor * each for name, each in old.items()}
+                    if key == "time_ms"
+                    else factor * old
+                )
         Path(name).write_text(json.dumps(report))
 
     same = run("profile compare report.json report.json")
     assert same.code == 0 and same.out.startswith("0 of ")
     write("slower.json", time_ms=1.3, speedup_total=1 / 1.3)
     ended = run("profile compare report.json slower.json")
-    assert ended.code == 1 and all(words in ended.out for words in ("time_ms median", "+30.0 %", "WORSE"))
+    assert ended.code == 1 and all(
+        words in ended.out for words in ("time_ms median", "+30.0 %", "WORSE")
+    )
     assert run("profile compare report.json slower.json --tolerance 0.4").code == 0
     assert run("profile compare slower.json report.json").code == 0
     found = told("profile compare report.json slower.json", code=1)
@@ -220,10 +265,14 @@ def test_peak_memory_is_that_of_another_process(tiny_model):
         return peak_memory_mb(on_map, query, "astar", str(tiny_model))
 
     mine = np.ones(200_000_000, np.uint8)  # must not count
-    small, large, with_body = peak(96), peak(2400), peak(2400, Vehicle(1.0, 0.8, 0.3))
+    small = peak(96)
+    large = peak(2400)
+    with_body = peak(2400, Vehicle(1.0, 0.8, 0.3))
     assert mine.nbytes == 200_000_000
     assert 30.0 < small < 0.9 * large
-    assert large - small > 1e-6 * 2400 * 2400 * 7  # costs and weights, less what either finds freed before
+    assert (
+        large - small > 1e-6 * 2400 * 2400 * 7
+    )  # costs and weights, less what either finds freed before
     assert with_body - small > 1e-6 * 2400 * 2400 * 8  # heights, and codes where it looked
 
 
@@ -235,14 +284,20 @@ def test_start_up_is_measured_where_a_budget_asks_for_it(run, told, profile, mon
         return {f"{'first_tick' if loop else 'start_up'}_warm_s": 0.5}
 
     monkeypatch.setattr(report_module, "start_up", start_up)
-    budget = '{ name = "first plan", quantity = "start_up_warm_s", limit = 1, direction = "at most", unit = "s" },'
+    budget = (
+        '{ name = "first plan", quantity = "start_up_warm_s", limit = 1, direction = "at '
+        'most", unit = "s" },'
+    )
     profile(changes={"]\n[device]": f"{budget}\n]\n[device]"})
     found = told("profile --profile tiny.toml")
     assert asked == [("nnpp", False)] and found["besides"]["start_up_warm_s"] == {"nnpp": 0.5}
     assert found["budgets"][-1]["verdict"] == "pass"
     profile()
     assert run("profile --profile tiny.toml --start-up").code == 0
-    assert asked[1:] == [*((name, False) for name in ("astar", "corridor", "nnpp", "auto")), ("auto", True)]
+    assert asked[1:] == [
+        *((name, False) for name in ("astar", "corridor", "nnpp", "auto")),
+        ("auto", True),
+    ]
     profile(changes={"]\n[device]": f"{budget.replace('start_up', 'first_tick')}\n]\n[device]"})
     found = told("profile --profile tiny.toml")
     assert asked[6:] == [("auto", True)] and found["besides"]["first_tick_warm_s"] == {"loop": 0.5}
@@ -254,8 +309,12 @@ def test_terrain_smaller_than_what_is_measured_is_told(run, told, profile):
     np.savez("small.npz", elevation_m=np.zeros((70, 80), np.float32), cell_size_m=0.1)
     words = "profile --profile tiny.toml --terrain small.npz --sizes"
     run(f"{words} 128,96").refused(
-        "small.npz: wanted at least 96 × 96 cells, the size to be measured, got 70 × 80; --sizes 70 measures on it"
+        "small.npz: wanted at least 96 × 96 cells, the size to be measured, got 70 × 80; --sizes "
+        "70 measures on it"
     )
     found = told(f"{words} 64,96")
-    assert {row["size"]: row["terrain"] for row in found["results"]} == {64: "small", 96: "synthetic"}
+    assert {row["size"]: row["terrain"] for row in found["results"]} == {
+        64: "small",
+        96: "synthetic",
+    }
     assert "no terrain has 96 × 96 cells: synthetic ground in its place" in found["notes"]

@@ -19,12 +19,16 @@ REACH = "reach hills.tif --start 40,30"
 @pytest.fixture
 def reached(hills):
     """The field of a planner of heights, made with its own options."""
-    return lambda most=np.inf, **made: Planner.of_elevation(hills, 2.0, warn=False, **made).reach((40, 30), most)
+    return lambda most=np.inf, **made: Planner.of_elevation(hills, 2.0, warn=False, **made).reach(
+        (40, 30), most
+    )
 
 
 def test_areas_are_what_the_planner_reaches(run, told, reached):
     words = f"{REACH} --within-cost 60 --levels 3 -o out"
-    found, wanted, out = told(words), reached(60.0), Path("out")
+    found = told(words)
+    wanted = reached(60.0)
+    out = Path("out")
     assert [area["within"] for area in found["areas"]] == [20.0, 40.0, 60.0]
     counts = [int((wanted <= each).sum()) for each in (20, 40, 60)]
     assert [area["cells"] for area in found["areas"]] == counts
@@ -45,7 +49,8 @@ def test_areas_are_what_the_planner_reaches(run, told, reached):
 def test_limits_and_vehicles_bound_what_is_reached(told, reached):
     words = f"{REACH} --within-cost 60 --levels 1"
     every, limited, body, disc = (
-        told(f"{words} {more}")["areas"][0]["cells"] for more in ("", "--workload limit12", BODY, "--set radius_m=3")
+        told(f"{words} {more}")["areas"][0]["cells"]
+        for more in ("", "--workload limit12", BODY, "--set radius_m=3")
     )
     rover = replace(load_vehicle("large-rover"), max_tilt_deg=40.0, clearance_m=1.5)
     for cells, vehicle in ((disc, Vehicle(radius_m=3.0)), (body, rover)):
@@ -61,11 +66,16 @@ def test_within_a_time_on_foot_or_of_a_vehicle_and_within_its_energy(run, told, 
     for words, most, made in (
         ("--within-time 1min", 60.0, {"step_cost": "tobler"}),
         ("--within-time 1min --step-cost irmischer", 60.0, {"step_cost": "irmischer"}),
-        (f"--within-time 1min --step-cost tobler {BODY}", 60.0, {"step_cost": "tobler", "vehicle": own["vehicle"]}),
+        (
+            f"--within-time 1min --step-cost tobler {BODY}",
+            60.0,
+            {"step_cost": "tobler", "vehicle": own["vehicle"]},
+        ),
         (f"--within-time 1h {BODY}", 3600.0, {"step_cost": "time", **own}),
         (f"--within-energy 30kJ {BODY}", 3e4, {"step_cost": "energy", **own}),
     ):
-        found, wanted = told(f"{REACH} {words} --levels 2"), reached(most, **made)
+        found = told(f"{REACH} {words} --levels 2")
+        wanted = reached(most, **made)
         cells = [int((wanted <= level).sum()) for level in (most / 2, most)]
         assert [area["cells"] for area in found["areas"]] == cells
         assert 1 < cells[0] < cells[1] and found["areas"][1]["within"] == most
@@ -78,7 +88,13 @@ def test_within_a_cost_of_any_step_cost_in_its_own_unit(run, told, reached):
     for step_cost, unit in units.items():
         field = reached(step_cost=step_cost, mobility=mobility)
         most = round(float(np.median(field[np.isfinite(field)])), 3)
-        words = f"{REACH} --within-cost {most} --step-cost {step_cost} --mobility large-rover --levels 1"
+        words = (
+            f"{REACH} --within-cost {most} --step-cost {step_cost} --mobility large-rover "
+            "--levels 1"
+        )
         found = told(words)
-        assert found["areas"][0]["cells"] == int((field <= most).sum()) and found["unit"] == unit.strip()
+        assert (
+            found["areas"][0]["cells"] == int((field <= most).sum())
+            and found["unit"] == unit.strip()
+        )
         assert f"within a cost of {most:.6g}{unit}  " in run(words).out

@@ -1,4 +1,6 @@
-"""What makes no sense ends with exit code 2 and one line that says why, before anything is written."""
+"""What makes no sense ends with exit code 2 and one line that says why, before anything
+is written.
+"""
 
 import json
 import os
@@ -211,10 +213,13 @@ def place(run, hills, tmp_path):
     """A folder of inputs of all kinds, in which commands run."""
     cliff = 50.0 * np.arange(90.0)
     for name, more, where in (("nothing", cliff, PLACE), ("bare", 0.0, None)):
-        heights, ground = (hills + more).astype(np.float32), Dem(hills, 2.0, 2.0, where, tmp_path)
+        heights = (hills + more).astype(np.float32)
+        ground = Dem(hills, 2.0, 2.0, where, tmp_path)
         Path(f"{name}.tif").write_bytes(raster_bytes(tmp_path, heights, ground))
     rows = "\n".join(" ".join(["0.0"] * 90) for _ in range(80))
-    Path("grid.asc").write_text(f"ncols 90\nnrows 80\nxllcorner 0\nyllcorner 0\ncellsize 2\n{rows}\n")
+    Path("grid.asc").write_text(
+        f"ncols 90\nnrows 80\nxllcorner 0\nyllcorner 0\ncellsize 2\n{rows}\n"
+    )
     small = (0.02 * np.random.default_rng(0).random((60, 60))).astype(np.float32)
     small[18:30, 20:30] += np.arange(12, dtype=np.float32)[:, None] * np.float32(0.4)
     np.savez("hill.npz", elevation_m=small, cell_size_m=0.25)
@@ -228,7 +233,8 @@ def place(run, hills, tmp_path):
         "mine.toml": ENERGY,
         "heavy.toml": ENERGY.replace("50", "-50"),
         "body.toml": "length_m = 1.0\nwidth_m = 0.8\nclearance_m = 0.3\nwheels = 6\n",
-        "own.toml": "[loop]\nmodel = 'nope'\nmethod = 'astar'\n[workload]\nterrain = ['hills.npz']\n",
+        "own.toml": "[loop]\nmodel = 'nope'\nmethod = 'astar'\n[workload]\nterrain = "
+        "['hills.npz']\n",
         "set/report.json": "[workload]\nterrain = ['hills.npz']\n",
         **dict.fromkeys(("text.txt", "grey.png", "set/peers.json", "set/dataset.json"), "input"),
     }.items():
@@ -253,16 +259,32 @@ def test_what_makes_no_sense_ends_in_one_line_and_writes_nothing(run, place):
             words = words.replace(short, whole)
         ended = run(words)
         *_, last = ended.err.splitlines()
-        assert (ended.code, ended.out) == (2, "") and ended.err.count("error") == 1, (line, ended.err)
-        assert last.startswith("error: ") and all(told.strip() in last for told in complaints), (line, ended.err)
+        assert (ended.code, ended.out) == (2, "") and ended.err.count("error") == 1, (
+            line,
+            ended.err,
+        )
+        assert last.startswith("error: ") and all(told.strip() in last for told in complaints), (
+            line,
+            ended.err,
+        )
         assert files(place) == before, line
 
 
 def test_ends_where_none_can_be_have_a_status_for_programs(run, place):
     for start, goal, status, told in (
-        ("-1,5", "70,80", "START_OUTSIDE_MAP", "start (-1, 5) lies outside the map of 80 × 90 cells"),
+        (
+            "-1,5",
+            "70,80",
+            "START_OUTSIDE_MAP",
+            "start (-1, 5) lies outside the map of 80 × 90 cells",
+        ),
         ("5,5", "5,900", "GOAL_OUTSIDE_MAP", "goal (5, 900) lies outside the map of 80 × 90 cells"),
-        ("40,86", "70,80", "START_BLOCKED", "start (40, 86) is impassable: its elevation is unknown"),
+        (
+            "40,86",
+            "70,80",
+            "START_BLOCKED",
+            "start (40, 86) is impassable: its elevation is unknown",
+        ),
         ("5,5", "40,86", "GOAL_BLOCKED", "the nearest passable cell is (40, 85)"),
     ):
         for more in ("--method astar", "--memory 1kB"):
@@ -274,7 +296,11 @@ def test_ends_where_none_can_be_have_a_status_for_programs(run, place):
 
 
 def test_outputs_are_checked_before_any_work(run, place, monkeypatch):
-    for work in ("profiling.suites.read_dem", "terrain.dem.read_dem", "profiling.report.profile_machine"):
+    for work in (
+        "profiling.suites.read_dem",
+        "terrain.dem.read_dem",
+        "profiling.report.profile_machine",
+    ):
         monkeypatch.setattr(f"nnpp_edge.{work}", None)
     for words in (
         "plan hills.npz --start 1,1 --goal 2,2 -o loop",

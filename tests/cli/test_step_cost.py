@@ -1,4 +1,6 @@
-"""`--step-cost`, `--mobility` and `--vehicle` with `--set`: what is made of them, and what they do to a plan."""
+"""`--step-cost`, `--mobility` and `--vehicle` with `--set`: what is made of them, and what they do
+to a plan.
+"""
 
 import json
 from dataclasses import fields, replace
@@ -46,7 +48,11 @@ def test_a_walkers_time_is_told_by_the_function_that_the_steps_cost(run, told, h
     Path("path.toml").write_text("[mobility.irmischer]\non_path = true\n")
     for more, words, agree in (
         ("--step-cost irmischer", "on foot, by Irmischer and Clarke's function", True),
-        ("--step-cost irmischer --mobility path.toml", "on foot, by Irmischer and Clarke's function", True),
+        (
+            "--step-cost irmischer --mobility path.toml",
+            "on foot, by Irmischer and Clarke's function",
+            True,
+        ),
         ("--step-cost tobler", "on foot, by Tobler's function", True),
         ("", "on foot, by Tobler's function", False),
         ("--step-cost irmischer --mobility large-rover", "at the vehicle's speeds", False),
@@ -88,10 +94,17 @@ def test_energy_goes_by_the_gravity_of_the_maps_body_and_says_so(run, hill):
             found = json.loads(ended.out)
             assert found["gravity_m_s2"] == gravity
             idle_j = 45.0 * found["ground_length_m"] / 0.042
-            up_and_along = 0.2 * found["length_m"] + found["climb_m"] - found["descent_m"]  # all steps roll
-            assert found["energy_j"] == pytest.approx(899.0 * gravity * up_and_along / 0.4 + idle_j, rel=1e-3)
+            up_and_along = (
+                0.2 * found["length_m"] + found["climb_m"] - found["descent_m"]
+            )  # all steps roll
+            assert found["energy_j"] == pytest.approx(
+                899.0 * gravity * up_and_along / 0.4 + idle_j, rel=1e-3
+            )
             assert f"kJ at {gravity:.3g} m/s²" in run(words).out
-            warned = f"energy uses {gravity:g} m/s², the gravity of the map's body, not the vehicle's 3.71"
+            warned = (
+                f"energy uses {gravity:g} m/s², the gravity of the map's body, not the "
+                "vehicle's 3.71"
+            )
             assert (warned in ended.err) == (gravity not in (3.71, 2.5) and crs is not None)
 
 
@@ -118,9 +131,24 @@ def test_every_value_can_be_set_in_place_of_the_vehicles_own(tmp_path):
     assert given().body() is None and given("--seed", 3).body() is None
     assert given("--vehicle", "large-rover").body() == own
     assert given("--set", "radius_m=0.5").body() == Vehicle(radius_m=0.5)
-    odd = {"axles": 4, "length_m": 3.5, "width_m": 3.5, "wheel_width_m": 0.3, "unknown_passes": True}
-    of_arcs = {"turning_radius_m": 3.0, "turns_on_spot": True, "reverse_cost": 2.0, "gear_change_m": 0.5}
-    words = [word for name, value in of_arcs.items() for word in ("--set", f"{name}={str(value).lower()}")]
+    odd = {
+        "axles": 4,
+        "length_m": 3.5,
+        "width_m": 3.5,
+        "wheel_width_m": 0.3,
+        "unknown_passes": True,
+    }
+    of_arcs = {
+        "turning_radius_m": 3.0,
+        "turns_on_spot": True,
+        "reverse_cost": 2.0,
+        "gear_change_m": 0.5,
+    }
+    words = [
+        word
+        for name, value in of_arcs.items()
+        for word in ("--set", f"{name}={str(value).lower()}")
+    ]
     assert given("--vehicle", "large-rover", *words).body() == replace(own, **of_arcs)
     for name in {field.name for field in fields(Vehicle)} - {"radius_m", *of_arcs}:
         value = odd.get(name, 20.0 if name.endswith("_deg") else 0.5)
@@ -129,7 +157,9 @@ def test_every_value_can_be_set_in_place_of_the_vehicles_own(tmp_path):
     keys = ("length_m=1.5", "width_m=1.2", "clearance_m=0.3", "max_tilt_deg=20")
     alone = given(*(word for key in keys for word in ("--set", key)))
     assert alone.body() == Vehicle(1.5, 1.2, 0.3, max_tilt_deg=20.0)
-    (tmp_path / "own.toml").write_text("length_m = 2.0\nwidth_m = 1.0\nclearance_m = 0.4\nunknown_passes = true\n")
+    (tmp_path / "own.toml").write_text(
+        "length_m = 2.0\nwidth_m = 1.0\nclearance_m = 0.4\nunknown_passes = true\n"
+    )
     words = ("--vehicle", tmp_path / "own.toml")
     assert given(*words).body() == Vehicle(2.0, 1.0, 0.4, unknown_passes=True)
     assert given(*words, "--set", "unknown_passes=false").body() == Vehicle(2.0, 1.0, 0.4)

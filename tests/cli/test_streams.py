@@ -12,12 +12,20 @@ FULL = "No space left on device"
 
 def shell(words, *, cwd=None):
     return subprocess.run(
-        ["/bin/sh", "-c", f"{PROGRAM} {words}"], capture_output=True, text=True, cwd=cwd, timeout=120
+        ["/bin/sh", "-c", f"{PROGRAM} {words}"],
+        capture_output=True,
+        text=True,
+        cwd=cwd,
+        timeout=120,
     )
 
 
 def test_what_cannot_be_printed_is_an_error_of_one_line():
-    for stdout, words in ((">&-", "Bad file descriptor"), (">/dev/full", FULL), ("<&- >&-", "Bad file descriptor")):
+    for stdout, words in (
+        (">&-", "Bad file descriptor"),
+        (">/dev/full", FULL),
+        ("<&- >&-", "Bad file descriptor"),
+    ):
         ended = shell(f"--version {stdout}")
         assert ended.returncode == 2
         assert ended.stderr == f"error: standard output could not be written ({words})\n"
@@ -37,8 +45,15 @@ def test_a_reader_who_leaves_ends_the_command_in_silence():
 @pytest.mark.parametrize("stderr", ["2>&-", "2>/dev/full", "<&- 2>&-"])
 def test_planning_goes_on_without_stderr(tmp_path, stderr):
     """Cells that are not square, so that there is a warning to lose."""
-    np.savez(tmp_path / "dem.npz", elevation_m=np.zeros((40, 50), np.float32), cell_size_m=1.0, cell_width_m=2.0)
-    ended = shell(f"plan dem.npz --start 2,2 --goal 30,40 --method astar -o out {stderr}", cwd=tmp_path)
+    np.savez(
+        tmp_path / "dem.npz",
+        elevation_m=np.zeros((40, 50), np.float32),
+        cell_size_m=1.0,
+        cell_width_m=2.0,
+    )
+    ended = shell(
+        f"plan dem.npz --start 2,2 --goal 30,40 --method astar -o out {stderr}", cwd=tmp_path
+    )
     assert (ended.returncode, ended.stderr) == (0, "")
     assert ended.stdout.startswith("OK") and len(list((tmp_path / "out").iterdir())) == 4
 

@@ -108,26 +108,37 @@ FOLDERS = ("HOME", "XDG_CACHE_HOME", "NUMBA_CACHE_DIR", "TMPDIR")
 
 def environment(**changes):
     """Our environment without any word about folders but those in `changes`."""
-    return {k: v for k, v in os.environ.items() if k not in FOLDERS} | {k: str(v) for k, v in changes.items()}
+    return {k: v for k, v in os.environ.items() if k not in FOLDERS} | {
+        k: str(v) for k, v in changes.items()
+    }
 
 
 def python(code, *words, **changes):
     return subprocess.run(
-        [sys.executable, "-c", code, *words], env=environment(**changes), capture_output=True, text=True, check=False
+        [sys.executable, "-c", code, *words],
+        env=environment(**changes),
+        capture_output=True,
+        text=True,
+        check=False,
     )
 
 
-def test_two_warm_ups_at_once_fill_one_folder_and_kernels_of_other_versions_are_deleted_once_they_rest(tmp_path):
+def test_two_warm_ups_at_once_fill_one_folder_and_kernels_of_other_versions_are_deleted_once_they_rest(
+    tmp_path,
+):
     words = [sys.executable, "-c", WARM_UP_LITTLE, "warmup", "--json", "--jobs", "1"]
     ours = {"env": environment(XDG_CACHE_HOME=tmp_path), "stdout": subprocess.PIPE, "text": True}
     both = [subprocess.Popen(words, **ours) for _ in range(2)]
     told = [json.loads(process.communicate(timeout=600)[0]) for process in both]
-    base, found = tmp_path / "nnpp-edge", list(tmp_path.rglob("*.nbc"))
+    base = tmp_path / "nnpp-edge"
+    found = list(tmp_path.rglob("*.nbc"))
     assert [process.returncode for process in both] == [0, 0]
     assert told[0]["folder"] == told[1]["folder"] and told[0]["folder"].startswith(str(base))
     assert {t["kernels"] for t in told} == {len({p.name.rpartition("-")[0] for p in found})}
     assert {t["signatures"] for t in told} == {len(found)}
-    old, recent, other = (base / name for name in ("kernels-0.0.1-0123abcd", "kernels-0.0.2-0123abcd", "kernels"))
+    old, recent, other = (
+        base / name for name in ("kernels-0.0.1-0123abcd", "kernels-0.0.2-0123abcd", "kernels")
+    )
     for folder in (old, recent, other):
         (folder / "planning_1").mkdir(parents=True)
         (folder / "planning_1" / "astar.nbc").write_bytes(b"any")
@@ -160,7 +171,10 @@ def test_who_waits_for_the_compiler_is_told_once(tmp_path):
 
 def test_a_warm_up_has_every_kernel_of_the_runtime_and_after_it_no_plan_compiles_anything():
     ended = subprocess.run(
-        [sys.executable, "-c", VERSIONS % PLAN_EVERYTHING], capture_output=True, text=True, check=False
+        [sys.executable, "-c", VERSIONS % PLAN_EVERYTHING],
+        capture_output=True,
+        text=True,
+        check=False,
     )
     assert ended.returncode == 0, ended.stderr
     found = json.loads(ended.stdout)
@@ -174,25 +188,34 @@ def test_a_warm_up_has_every_kernel_of_the_runtime_and_after_it_no_plan_compiles
     assert calls.keys() - warm == set()
 
 
-def test_a_folder_that_others_may_write_to_is_passed_over_and_without_a_home_the_temporary_one_serves(tmp_path):
+def test_a_folder_that_others_may_write_to_is_passed_over_and_without_a_home_the_temporary_one_serves(
+    tmp_path,
+):
     base = tmp_path / "xdg" / "nnpp-edge"
     base.mkdir(parents=True)
     base.chmod(0o770)
     for ended, folder in (
-        (python(FOLDER, XDG_CACHE_HOME=tmp_path / "xdg", HOME=tmp_path / "home"), "home/.cache/nnpp-edge"),
+        (
+            python(FOLDER, XDG_CACHE_HOME=tmp_path / "xdg", HOME=tmp_path / "home"),
+            "home/.cache/nnpp-edge",
+        ),
         (python(FOLDER, TMPDIR=tmp_path), f"nnpp-edge-{os.geteuid()}"),
     ):
         assert ended.stdout.startswith(str(tmp_path / folder)) and ended.stderr == ""
     assert not list(base.iterdir())
 
 
-def test_without_a_folder_it_plans_with_exactly_one_warning_and_the_warm_up_fails_in_one_line(tmp_path):
+def test_without_a_folder_it_plans_with_exactly_one_warning_and_the_warm_up_fails_in_one_line(
+    tmp_path,
+):
     shared, taken, locked = (tmp_path / name for name in ("shared", "taken", "locked"))
     shared.mkdir()
     shared.chmod(0o777)
     taken.write_text("")
     locked.mkdir(mode=0o500)
-    for folder in (shared, taken) if os.geteuid() == 0 else (shared, taken, locked):  # root may write everywhere
+    for folder in (
+        (shared, taken) if os.geteuid() == 0 else (shared, taken, locked)
+    ):  # root may write everywhere
         ended = python(PLAN_ONCE, NUMBA_CACHE_DIR=folder)
         assert ended.returncode == 0, ended.stderr
         assert ended.stdout == "None\n"

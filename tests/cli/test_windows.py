@@ -1,4 +1,6 @@
-"""`plan` and `costmap` on rasters that are read by windows: the same answers, and nothing half-written."""
+"""`plan` and `costmap` on rasters that are read by windows: the same answers, and nothing
+half-written.
+"""
 
 import json
 import os
@@ -26,17 +28,33 @@ LIMIT = "--workload limit25 --limit roughness_limit_m=3 --limit step_limit_m=3"
 def refused(ended, *words):
     """Exit code 2, and after notes and progress one line with the error."""
     last = ended.err.splitlines()[-1]
-    assert ended.code == 2 and last.startswith("error: ") and ended.err.count("error") == 1, ended.err
+    assert ended.code == 2 and last.startswith("error: ") and ended.err.count("error") == 1, (
+        ended.err
+    )
     assert all(word in last for word in words), last
 
 
 def write(name, heights, **kind):
     rows, cols = heights.shape
-    where = {"crs": "EPSG:32615", "transform": rasterio.Affine(2, 0, 4e5, 0, -2, 5e6), "nodata": np.nan}
+    where = {
+        "crs": "EPSG:32615",
+        "transform": rasterio.Affine(2, 0, 4e5, 0, -2, 5e6),
+        "nodata": np.nan,
+    }
     kind = (
-        {"driver": "GTiff", "compress": "deflate", "tiled": True, "blockxsize": 64, "blockysize": 64} | kind | where
+        {
+            "driver": "GTiff",
+            "compress": "deflate",
+            "tiled": True,
+            "blockxsize": 64,
+            "blockysize": 64,
+        }
+        | kind
+        | where
     )
-    with rasterio.open(name, "w", width=cols, height=rows, count=1, dtype=heights.dtype, **kind) as dataset:
+    with rasterio.open(
+        name, "w", width=cols, height=rows, count=1, dtype=heights.dtype, **kind
+    ) as dataset:
         dataset.write(heights, 1)
 
 
@@ -53,9 +71,23 @@ def test_a_plan_by_windows_is_that_of_the_map_in_memory(run, told, ground):
     whole = told(f"{words} --method corridor -o whole")
     ended = run(f"{words} -o windows {SMALL} --json")
     assert ended.code == 0
-    assert "warning: 300 × 400 cells need 2.9 MB in memory, 0.1 MB are allowed: read by windows" in ended.err
+    assert (
+        "warning: 300 × 400 cells need 2.9 MB in memory, 0.1 MB are allowed: read by windows"
+        in ended.err
+    )
     found = json.loads(ended.out)
-    same = ("status", "method", "source", "cost", "length", "lower_bound", "bound", "expansions", "length_m", "rows")
+    same = (
+        "status",
+        "method",
+        "source",
+        "cost",
+        "length",
+        "lower_bound",
+        "bound",
+        "expansions",
+        "length_m",
+        "rows",
+    )
     assert [found[name] for name in same] == [whole[name] for name in same]
     assert found["windows"]["peak_memory_gb"] > 0.0 and found["windows"]["read_again"] > 0.0
     for name in ("path.geojson", "path.csv"):
@@ -66,9 +98,12 @@ def test_a_plan_by_windows_is_that_of_the_map_in_memory(run, told, ground):
 
 def test_rescaling_and_places(told, ground):
     words = "plan ground.tif --rescale 1 --start xy:400011,4999989 --goal 200,200 --goal 290,380"
-    whole, found = told(f"{words} {LIMIT} --method corridor"), told(f"{words} {LIMIT} {SMALL}")
+    whole = told(f"{words} {LIMIT} --method corridor")
+    found = told(f"{words} {LIMIT} {SMALL}")
     assert found["start"] == whole["start"] == [5, 5]
-    assert all(found[name] == whole[name] for name in ("goal", "goals", "cost", "length_m", "cell_size_m"))
+    assert all(
+        found[name] == whole[name] for name in ("goal", "goals", "cost", "length_m", "cell_size_m")
+    )
 
 
 def test_a_broken_cog_is_one_line_and_nothing_half_written(run, ground):
@@ -87,7 +122,11 @@ def test_a_broken_cog_is_one_line_and_nothing_half_written(run, ground):
 def test_a_raster_stored_as_one_block_is_not_read_by_windows(run, ground, monkeypatch):
     monkeypatch.setattr(dems, "_MOST_BLOCK_BYTES", 200_000)
     write("one.tif", np.zeros((300, 400), np.float32), tiled=False, blockysize=300)
-    refused(run(f"plan one.tif {ENDS} {SMALL}"), "stored in blocks of 300 × 400 cells", "gdal_translate -of COG")
+    refused(
+        run(f"plan one.tif {ENDS} {SMALL}"),
+        "stored in blocks of 300 × 400 cells",
+        "gdal_translate -of COG",
+    )
     assert run(f"plan ground.tif {ENDS} {SMALL}").code == 0
 
 
@@ -117,14 +156,19 @@ def test_what_does_not_read_back_as_written_is_refused(tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("command", "number"), [("plan", signal.SIGTERM), ("costmap", signal.SIGTERM), ("costmap", signal.SIGKILL)]
+    ("command", "number"),
+    [("plan", signal.SIGTERM), ("costmap", signal.SIGTERM), ("costmap", signal.SIGKILL)],
 )
 def test_ended_half_way_it_leaves_no_output(run, command, number):
     write("large.tif", np.zeros((2048, 16384), np.float32), blockxsize=512, blockysize=128)
     Path("out").mkdir()
-    more = {"plan": "--start 5,5 --goal 2000,16000 -o out/plan", "costmap": "-o out/cost.tif"}[command]
+    more = {"plan": "--start 5,5 --goal 2000,16000 -o out/plan", "costmap": "-o out/cost.tif"}[
+        command
+    ]
     words = f"-m nnpp_edge.cli.main {command} large.tif --memory 1MB {more}".split()
-    with subprocess.Popen([sys.executable, *words], stderr=subprocess.PIPE, stdout=subprocess.PIPE) as process:
+    with subprocess.Popen(
+        [sys.executable, *words], stderr=subprocess.PIPE, stdout=subprocess.PIPE
+    ) as process:
         for line in process.stderr:
             if b": " in line and b" %" in line:  # the first progress
                 os.kill(process.pid, number)

@@ -1,4 +1,6 @@
-"""Robots with a body on elevations that change: motions beside NumPy and dense sampling, plans beside Dijkstra."""
+"""Robots with a body on elevations that change: motions beside NumPy and dense sampling, plans
+beside Dijkstra.
+"""
 
 import functools
 import math
@@ -16,8 +18,11 @@ from tests.fuzz.elevations import draw_patch, draw_sizes, drive, sizes
 
 METHODS = ("astar", "corridor", "auto", "dstar")
 NEAR_A_LIMIT = 2e-5
-"""Share of a limit by which a figure may miss it and still be on either side: heights are kept in float32."""
-T_ROUNDED, T_ALIKE = 2.0 / MOST_CODE, 5e-5
+"""Share of a limit by which a figure may miss it and still be on either side: heights are kept in
+float32.
+"""
+T_ROUNDED = 2.0 / MOST_CODE
+T_ALIKE = 5e-5
 """By how much T is rounded up at most, and how much it differs through float32 heights."""
 SAMPLED = 12
 """Motions that are followed densely in a check."""
@@ -31,14 +36,20 @@ def generate(rng: random.Random, place: Place = NOWHERE, most_side: int = 22) ->
     least = math.ceil(max(vehicle.length_m, vehicle.width_m) / min(cell))
     rows, cols = (rng.randint(least, max(most_side, least)) for _ in range(2))
     if rng.random() < 0.8:
-        rows, cols = max(rows, most_side // 2), max(cols, most_side // 2)
+        rows = max(rows, most_side // 2)
+        cols = max(cols, most_side // 2)
     dem = draw_heights(rng, numbers, rows, cols, vehicle.clearance_m)
 
     def step() -> tuple[str, Any]:
         if rng.random() < 0.4:
             return draw_patch(rng, numbers, dem, vehicle.clearance_m, most=10)
         ends = rng.random(), rng.random()
-        return "plan", (rng.random() < 0.1, ends, rng.choice(METHODS[:3]), rng.choice((math.inf, 0.0, 0.05)))
+        return "plan", (
+            rng.random() < 0.1,
+            ends,
+            rng.choice(METHODS[:3]),
+            rng.choice((math.inf, 0.0, 0.05)),
+        )
 
     return Case(
         dem=dem,
@@ -55,7 +66,8 @@ def draw_vehicle(rng: random.Random, cell: float) -> Vehicle:
     size = rng.choice(((0.8, 2.0), (1.0, 3.0), (1.5, 4.0), (3.0, 7.0)))
     length, width = (cell * rng.uniform(*size) for _ in range(2))
     long, wide = (side * rng.uniform(0.02, 0.3) for side in (length, width))
-    clearance, narrow = cell * 10.0 ** rng.uniform(-0.8, 0.0), rng.random() < 0.6
+    clearance = cell * 10.0 ** rng.uniform(-0.8, 0.0)
+    narrow = rng.random() < 0.6
 
     def perhaps(least: float, most: float) -> float | None:
         return rng.uniform(least, most) if rng.random() < 0.5 else None
@@ -78,10 +90,16 @@ def draw_vehicle(rng: random.Random, cell: float) -> Vehicle:
     )
 
 
-def draw_heights(rng: random.Random, numbers: np.random.Generator, rows: int, cols: int, size: float) -> np.ndarray:
-    """Slopes and hills that a body of so much clearance can take or not, with rocks, walls, cliffs and holes."""
+def draw_heights(
+    rng: random.Random, numbers: np.random.Generator, rows: int, cols: int, size: float
+) -> np.ndarray:
+    """Slopes and hills that a body of so much clearance can take or not, with rocks, walls, cliffs
+    and holes.
+    """
     row, col = np.mgrid[:rows, :cols]
-    waves = np.sin(row / rng.uniform(2, 9) + rng.random()) + np.cos(col / rng.uniform(2, 9) + rng.random())
+    waves = np.sin(row / rng.uniform(2, 9) + rng.random()) + np.cos(
+        col / rng.uniform(2, 9) + rng.random()
+    )
     dem = size * rng.choice((0.0, 0.1, 0.3, 1.0)) * waves
     dem += size * (rng.choice((0.0, 0.0, 0.1)) * row + rng.choice((0.0, 0.0, 0.1)) * col)
     dem += size * rng.choice((0.0, 0.01, 0.05)) * numbers.normal(size=(rows, cols))
@@ -89,7 +107,9 @@ def draw_heights(rng: random.Random, numbers: np.random.Generator, rows: int, co
     dem[rocks] += size * rng.choice((0.6, 1.0, 2.0)) * numbers.random(int(rocks.sum()))
     kind = rng.choice(("whole", "whole", "whole", "holes", "stripe", "wall", "cliff"))
     if kind == "holes":
-        dem[numbers.random((rows, cols)) < rng.choice((0.005, 0.02))] = rng.choice((np.nan, np.inf, -np.inf))
+        dem[numbers.random((rows, cols)) < rng.choice((0.005, 0.02))] = rng.choice(
+            (np.nan, np.inf, -np.inf)
+        )
     elif kind == "stripe":
         dem[: rng.randint(0, rows), cols // 2] = np.nan
     elif kind == "wall":
@@ -101,16 +121,26 @@ def draw_heights(rng: random.Random, numbers: np.random.Generator, rows: int, co
 
 
 def check(case: Case, place: Place = NOWHERE) -> Problem | None:
-    """Do all steps with a planner that checks motions where it looks and with one that checks all; compare them."""
+    """Do all steps with a planner that checks motions where it looks and with one that checks all;
+    compare them.
+    """
     with sizes(case):
         return _check(case, place)
 
 
 def _check(case: Case, place: Place) -> Problem | None:
-    settings: dict[str, Any] = {"omega": case.omega, "ask_from": 0, "warn": False, "vehicle": case.vehicle}
+    settings: dict[str, Any] = {
+        "omega": case.omega,
+        "ask_from": 0,
+        "warn": False,
+        "vehicle": case.vehicle,
+    }
     settings |= {"model": place.model, "cell_width_m": case.cell[1]}
     dem = case.dem.copy()
-    lazy, dense = (Planner.of_elevation(dem.copy(), case.cell[0], lazy=lazy, **settings) for lazy in (True, False))
+    lazy, dense = (
+        Planner.of_elevation(dem.copy(), case.cell[0], lazy=lazy, **settings)
+        for lazy in (True, False)
+    )
     if problem := problem_with_motions(dense, dem, repr(case)):
         return problem
 
@@ -119,16 +149,27 @@ def _check(case: Case, place: Place) -> Problem | None:
         cells = np.argwhere(stands | (anywhere or not stands.any()))
         start, goal = (tuple(cells[int(share * len(cells))].tolist()) for share in ends)
         plans = [each.plan(start, goal, method=method, epsilon=epsilon) for each in (lazy, dense)]
-        if plans[0].status is not plans[1].status or not math.isclose(plans[0].cost, plans[1].cost, rel_tol=1e-6):
+        if plans[0].status is not plans[1].status or not math.isclose(
+            plans[0].cost, plans[1].cost, rel_tol=1e-6
+        ):
             return Problem(f"lazy is not dense: {method}", f"{plans}\n{told}")
-        given = priced(dense, case.omega), stands, start, goal, method == "astar" or epsilon == 0.0, epsilon, told
+        given = (
+            priced(dense, case.omega),
+            stands,
+            start,
+            goal,
+            method == "astar" or epsilon == 0.0,
+            epsilon,
+            told,
+        )
         # their bounds may differ: a motion that is not checked yet counts as free
         return problem_with_plan(plans[0], *given) or problem_with_plan(plans[1], *given)
 
     if found := drive(case, dem, (lazy, dense), judged):
         return found
     fresh = Planner.of_elevation(dem.copy(), case.cell[0], lazy=False, **settings)
-    ours, alike = poses_of(lazy), np.array_equal(poses_of(fresh).heights, poses_of(lazy).heights, equal_nan=True)
+    ours = poses_of(lazy)
+    alike = np.array_equal(poses_of(fresh).heights, poses_of(lazy).heights, equal_nan=True)
     ours.complete()
     kept = [poses_of(each).codes for each in (lazy, dense, fresh)]
     if not np.array_equal(kept[0], kept[1]) or (alike and not np.array_equal(kept[0], kept[2])):
@@ -143,7 +184,9 @@ def poses_of(planner: Planner) -> Poses:
 
 
 def motions_on(poses: Poses) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """(8, H, W) each: codes of the legs along the axes, whether turns are possible, and codes of standing."""
+    """(8, H, W) each: codes of the legs along the axes, whether turns are possible, and codes of
+    standing.
+    """
     inside = np.s_[1:-1, 1:-1]
     rows, cols = poses.shape
     codes = poses.codes.reshape(rows + 2, cols + 2, -1)[inside].transpose(2, 0, 1)
@@ -155,11 +198,15 @@ def priced(planner: Planner, omega: float) -> pose_oracles.Motions:
     poses = poses_of(planner)
     legs, turns, _ = motions_on(poses)
     weights = np.where(legs < FAILS, (legs - 1.0) / MOST_CODE, np.inf).transpose(1, 2, 0)
-    return pose_oracles.priced(weights, turns.transpose(1, 2, 0), poses.vehicle, poses.sides_m, 255.0 * omega)
+    return pose_oracles.priced(
+        weights, turns.transpose(1, 2, 0), poses.vehicle, poses.sides_m, 255.0 * omega
+    )
 
 
 def problem_with_motions(planner: Planner, dem: np.ndarray, told: str = "") -> Problem | None:
-    """What differs from the check in NumPy, but for what rounding decides; and where a motion breaks a limit."""
+    """What differs from the check in NumPy, but for what rounding decides; and where a motion
+    breaks a limit.
+    """
     poses = poses_of(planner)
     cells = np.argwhere(np.ones(poses.shape, bool))
     found = motions_on(poses)
@@ -167,7 +214,11 @@ def problem_with_motions(planner: Planner, dem: np.ndarray, told: str = "") -> P
         kind, axis = divmod(motion, AXES)
         codes, t, near = codes_in_numpy(poses, motion, cells)
         ours = found[kind][axis].ravel()
-        same = np.where(codes >= FAILS, ours == codes, ours < FAILS) if kind != 1 else ours == (codes < FAILS)
+        same = (
+            np.where(codes >= FAILS, ours == codes, ours < FAILS)
+            if kind != 1
+            else ours == (codes < FAILS)
+        )
         if (differ := ~same & ~near).any():
             at = int(np.argmax(differ))
             return Problem(
@@ -176,14 +227,24 @@ def problem_with_motions(planner: Planner, dem: np.ndarray, told: str = "") -> P
             )
         both = (codes < FAILS) & (ours < FAILS) if kind != 1 else np.zeros(len(codes), bool)
         more = (ours[both] - 1.0) / MOST_CODE - t[both]
-        if both.any() and (more.min() < -T_ALIKE - T_ROUNDED * (t.max() > 0.999) or more.max() > T_ROUNDED + T_ALIKE):
-            return Problem("T of a motion is another", f"{motion}: {more.min()} to {more.max()} more\n{told}")
+        if both.any() and (
+            more.min() < -T_ALIKE - T_ROUNDED * (t.max() > 0.999)
+            or more.max() > T_ROUNDED + T_ALIKE
+        ):
+            return Problem(
+                "T of a motion is another", f"{motion}: {more.min()} to {more.max()} more\n{told}"
+            )
     rng = np.random.default_rng(len(told))
     passes = np.argwhere(np.concatenate((found[0] < FAILS, found[1])))
     for motion, row, col in rng.permutation(passes)[:SAMPLED].tolist():
         places, headings = dense_places(motion, (row, col), poses.sides_m)
-        if (broken := pose_oracles.breaks_at(dem, poses.sides_m, poses.vehicle, places, headings)) is not None:
-            return Problem(f"a motion that passes breaks {broken.limit}", f"{motion} {(row, col)}: {broken}\n{told}")
+        if (
+            broken := pose_oracles.breaks_at(dem, poses.sides_m, poses.vehicle, places, headings)
+        ) is not None:
+            return Problem(
+                f"a motion that passes breaks {broken.limit}",
+                f"{motion} {(row, col)}: {broken}\n{told}",
+            )
     return None
 
 
@@ -200,11 +261,17 @@ def dense_places(
     return cell + 0.0 * shares, (angles[axis] + shares * (angles[axis + 1] - angles[axis]))[:, 0]
 
 
-def codes_in_numpy(poses: Poses, motion: int, cells: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """(N,) code of the worst pose of a motion from each cell or 0, mean T, and whether rounding may decide."""
+def codes_in_numpy(
+    poses: Poses, motion: int, cells: np.ndarray
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """(N,) code of the worst pose of a motion from each cell or 0, mean T, and whether rounding may
+    decide.
+    """
     limits = limits_of(poses.vehicle, poses.weights).astype(np.float64)[:, None]
     first, last = poses.motions.poses_of[motion : motion + 2]
-    worst, total, near = np.zeros(len(cells), int), 0.0, np.zeros(len(cells), bool)
+    worst = np.zeros(len(cells), int)
+    total = 0.0
+    near = np.zeros(len(cells), bool)
     for pose in range(first, last):
         slope, *others = figures_in_numpy(poses, cells, pose)
         values = np.stack((np.arctan(slope), *others))
@@ -218,8 +285,11 @@ def codes_in_numpy(poses: Poses, motion: int, cells: np.ndarray) -> tuple[np.nda
 
 
 def figures_in_numpy(poses: Poses, cells: np.ndarray, pose: int) -> np.ndarray:
-    """(5, N) bounds of slope, pitch, roll (as slopes), step, rise of a pose of N cells (docs/vehicle-check.md)."""
-    tables, vehicle = poses.motions, poses.vehicle
+    """(5, N) bounds of slope, pitch, roll (as slopes), step, rise of a pose of N cells
+    (docs/vehicle-check.md).
+    """
+    tables = poses.motions
+    vehicle = poses.vehicle
     ground = poses.heights.astype(np.float64)
     margin = (poses.heights.shape[0] - poses.shape[0]) // 2
     base = cells + margin
@@ -253,7 +323,8 @@ def figures_in_numpy(poses: Poses, cells: np.ndarray, pose: int) -> np.ndarray:
         low, high = np.array(ranges).transpose(1, 0, 2)
         if not vehicle.unknown_passes:
             high = np.where(np.isnan(high), np.inf, high)
-        middle, half = 0.5 * (low + high), 0.5 * (high - low)
+        middle = 0.5 * (low + high)
+        half = 0.5 * (high - low)
         along, across = gradients[1:3] @ middle
         more_along, more_across = gradients[3:5] @ half
         planes = []
@@ -264,13 +335,18 @@ def figures_in_numpy(poses: Poses, cells: np.ndarray, pose: int) -> np.ndarray:
             plane = level[:, None] + np.outer(ahead, places[:, 0]) + np.outer(left, places[:, 1])
             planes.append(np.fmax.reduce(departs - plane, 1))
         rise = np.fmax.reduce(planes)
-        carried, (sway, aside, turn) = tables.carried.astype(np.float64), tables.swept[pose].astype(np.float64)
+        carried = tables.carried.astype(np.float64)
+        sway, aside, turn = tables.swept[pose].astype(np.float64)
         steep = np.stack((np.abs(along) + more_along, np.abs(across) + more_across))
         by = carried[:6].reshape(3, 2) @ steep
-        steep, more_along, more_across = steep + by[:2], more_along + by[0], more_across + by[1]
+        steep = steep + by[:2]
+        more_along = more_along + by[0]
+        more_across = more_across + by[1]
         up = np.maximum(rise + by[2] + sway * steep[0] + aside * steep[1], 0.0)
         step = 2.0 * half.max(0) + carried[6:] @ steep
-        most = np.stack((np.abs(slopes[:, 0] + along) + more_along, np.abs(slopes[:, 1] + across) + more_across))
+        most = np.stack(
+            (np.abs(slopes[:, 0] + along) + more_along, np.abs(slopes[:, 1] + across) + more_across)
+        )
         slope = np.hypot(*(most + turn * steep[::-1]))
         turned = most + turn * (np.abs(slopes.T[::-1]) + steep[::-1])
         pitch, roll = np.minimum(turned, slope)
@@ -289,11 +365,17 @@ def problem_with_plan(
     epsilon: float = math.inf,
     told: str = "",
 ) -> Problem | None:
-    """What is wrong with an answer where motions cost so much, and the body stands on cells `stands`."""
+    """What is wrong with an answer where motions cost so much, and the body stands on cells
+    `stands`.
+    """
     if not (stands[start] and stands[goal]):
         blocked = Status.GOAL_BLOCKED if stands[start] else Status.START_BLOCKED
         allowed = {blocked, Status.NO_PATH, *([Status.OK] if start == goal else [])}
-        return None if plan.status in allowed else Problem(f"{plan.status} for {blocked}: {plan.planner}", told)
+        return (
+            None
+            if plan.status in allowed
+            else Problem(f"{plan.status} for {blocked}: {plan.planner}", told)
+        )
     return problem_with_optimum(
         plan,
         float(pose_oracles.costs_to_cells(priced, start)[goal]),
@@ -314,8 +396,9 @@ def problem_with_path(
 ) -> str:
     """What is wrong with a path and its headings; empty if nothing is.
 
-    Each cell's heading is that of the leg that leaves it, the last one's that of the leg that reaches it; degrees
-    in [0, 360), clockwise from north, which is up the rows, as if cells were square; none for a single cell.
+    Each cell's heading is that of the leg that leaves it, the last one's that of the leg that
+    reaches it; degrees in [0, 360), clockwise from north, which is up the rows, as if cells were
+    square; none for a single cell.
     """
     if not path or path[0] != tuple(start) or path[-1] != tuple(goal):
         return "a path with other ends"

@@ -1,6 +1,8 @@
-"""A case, where it is checked, and what an oracle finds wrong with it: the words that all targets share.
+"""A case, where it is checked, and what an oracle finds wrong with it: the words that all targets
+share.
 
-A target is a module with `generate(rng, place)` and `check(case, place)`: the random numbers decide all of a case.
+A target is a module with `generate(rng, place)` and `check(case, place)`: the random numbers decide
+all of a case.
 """
 
 import functools
@@ -16,7 +18,9 @@ import numpy as np
 from nnpp_edge.runtime import Status
 
 EXACT = 3e-5
-"""Share by which an exact path may cost more than Dijkstra's: g is kept in float32, over hundreds of steps."""
+"""Share by which an exact path may cost more than Dijkstra's: g is kept in float32, over hundreds
+of steps.
+"""
 
 
 class Case(SimpleNamespace):
@@ -25,7 +29,9 @@ class Case(SimpleNamespace):
     def __repr__(self) -> str:
         with np.printoptions(threshold=60, linewidth=200):
             facts = {name: value for name, value in vars(self).items() if name != "steps"}
-            return "\n".join([f"{facts}", *(f"  {repr(step)[:300]}" for step in getattr(self, "steps", ()))])
+            return "\n".join(
+                [f"{facts}", *(f"  {repr(step)[:300]}" for step in getattr(self, "steps", ()))]
+            )
 
     def but(self, **changes: Any) -> "Case":
         """The same but for these."""
@@ -78,8 +84,11 @@ def problem_with_optimum(
     epsilon: float = math.inf,
     told: str = "",
 ) -> Problem | None:
-    """What is wrong with an answer between two cells that one can stand on; `optimum` is inf without a path."""
-    facts, wrong = f"{plan}\noptimum {optimum!r}\n{told}", ""
+    """What is wrong with an answer between two cells that one can stand on; `optimum` is inf
+    without a path.
+    """
+    facts = f"{plan}\noptimum {optimum!r}\n{told}"
+    wrong = ""
     if not math.isfinite(optimum):
         wrong = "" if plan.status is Status.NO_PATH else f"{plan.status} where there is no path"
     elif plan.status is not Status.OK:
@@ -93,7 +102,8 @@ def problem_with_optimum(
             "below the optimum": cost < optimum * (1.0 - EXACT),
             "not the optimum": exact and cost > optimum * (1.0 + EXACT),
             "its lower bound is above the optimum": plan.lower_bound > optimum * (1.0 + EXACT),
-            "more than 1 + epsilon times the optimum": cost > (1.0 + epsilon) * optimum * (1.0 + EXACT),
+            "more than 1 + epsilon times the optimum": cost
+            > (1.0 + epsilon) * optimum * (1.0 + EXACT),
         }
         wrong = wrong or next((kind for kind, found in checks.items() if found), "")
     return Problem(f"{wrong}: {getattr(plan, 'planner', '')}", facts) if wrong else None

@@ -1,7 +1,7 @@
 """Work done in a forked process under limits of time and memory, and what became of it.
 
-A fork of a process that has loaded everything costs milliseconds where a fresh interpreter costs a second. The
-process that forks must have no threads of its own.
+A fork of a process that has loaded everything costs milliseconds where a fresh interpreter costs a
+second. The process that forks must have no threads of its own.
 """
 
 import contextlib
@@ -25,9 +25,11 @@ MOST_READ = 4 << 20  # bytes that are kept of each stream
 
 @dataclass(frozen=True)
 class Limits:
-    """What a process may take: time, processor time, address space beyond the parent's, bytes of a file it writes.
+    """What a process may take: time, processor time, address space beyond the parent's, bytes of a
+    file it writes.
 
-    `wall_s` is wide, as other programs run on the machine too. A low `file_bytes` plays a full disk.
+    `wall_s` is wide, as other programs run on the machine too. A low `file_bytes` plays a full
+    disk.
     """
 
     wall_s: float = 60.0
@@ -40,8 +42,9 @@ class Limits:
 class Ended:
     """How a process ended.
 
-    `code` is below 0 for the signal that killed it, `peak_bytes` counts from what it began with, `late` tells which
-    limit of time it passed, and `interrupted` that it ended by itself once it was interrupted.
+    `code` is below 0 for the signal that killed it, `peak_bytes` counts from what it began with,
+    `late` tells which limit of time it passed, and `interrupted` that it ended by itself once it
+    was interrupted.
     """
 
     code: int
@@ -60,16 +63,21 @@ def run_forked(
     streams: tuple[str, str, str] = ("null", "pipe", "pipe"),
     stdin: bytes = b"",
 ) -> Ended:
-    """Let a fork do `work`, whose value is the exit code; interrupt it, then kill it, when it is late.
+    """Let a fork do `work`, whose value is the exit code; interrupt it, then kill it, when it is
+    late.
 
-    `streams` are what stdin, stdout and stderr are: ``null``, ``pipe``, ``closed``, ``full`` (a device without room)
-    or ``broken`` (a pipe that nobody reads). What comes through pipes is returned; `stdin` goes into one.
+    `streams` are what stdin, stdout and stderr are: ``null``, ``pipe``, ``closed``, ``full`` (a
+    device without room) or ``broken`` (a pipe that nobody reads). What comes through pipes is
+    returned; `stdin` goes into one.
     """
-    peak, content = mmap.mmap(-1, 8), {}  # shared with the fork
+    # shared with the fork
+    peak = mmap.mmap(-1, 8)
+    content = {}
     pipes = {n: os.pipe() for n in range(3) if streams[n] == "pipe"}
     sys.stdout.flush()
     sys.stderr.flush()
-    child, began = FORK.Process(target=_child, args=(work, limits, peak, streams, pipes)), time.monotonic()
+    child = FORK.Process(target=_child, args=(work, limits, peak, streams, pipes))
+    began = time.monotonic()
     child.start()
     for n, pair in pipes.items():
         os.close(pair[n > 0])
@@ -100,7 +108,8 @@ def run_forked(
     code = child.exitcode or 0
     if code == -signal.SIGXCPU:
         late = f"it took more than {limits.cpu_s} s of processor time"
-    took, by_itself = time.monotonic() - began, bool(late) and in_time and code >= 0
+    took = time.monotonic() - began
+    by_itself = bool(late) and in_time and code >= 0
     grown = int.from_bytes(peak[:], "little")
     return Ended(code, content.get(1, b""), content.get(2, b""), took, grown, late, by_itself)
 
@@ -113,7 +122,8 @@ def _child(
     pipes: dict[int, tuple[int, int]],
 ) -> None:
     """The forked process; never returns."""
-    code, base = 70, _status_bytes("VmRSS:")
+    code = 70
+    base = _status_bytes("VmRSS:")
     try:
         os.setsid()
         signal.signal(signal.SIGINT, signal.default_int_handler)
@@ -154,15 +164,23 @@ def _connect(streams: tuple[str, str, str], pipes: dict[int, tuple[int, int]]) -
             os.close(n)
         if n in kept:
             os.dup2(kept[n], n)
-    for end in {*kept.values(), *ends.values(), *(end for pair in pipes.values() for end in pair)} - {0, 1, 2}:
+    for end in {
+        *kept.values(),
+        *ends.values(),
+        *(end for pair in pipes.values() for end in pair),
+    } - {0, 1, 2}:
         os.close(end)
 
     def stream(n: int, mode: str) -> Any:
         errors = "backslashreplace" if n == 2 else "strict"
         return open(n, mode, encoding="utf-8", errors=errors, closefd=False) if n in ends else None
 
-    sys.stdin, sys.stdout, sys.stderr = stream(0, "r"), stream(1, "w"), stream(2, "w")
-    sys.__stdin__, sys.__stdout__, sys.__stderr__ = sys.stdin, sys.stdout, sys.stderr  # type: ignore[misc]
+    sys.stdin = stream(0, "r")
+    sys.stdout = stream(1, "w")
+    sys.stderr = stream(2, "w")
+    sys.__stdin__ = sys.stdin  # type: ignore[misc]
+    sys.__stdout__ = sys.stdout  # type: ignore[misc]
+    sys.__stderr__ = sys.stderr  # type: ignore[misc]
 
 
 def _status_bytes(name: str) -> int:

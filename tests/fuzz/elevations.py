@@ -1,4 +1,6 @@
-"""Maps of elevations that change: a planner that computes costs where it looks, beside one that computes them all."""
+"""Maps of elevations that change: a planner that computes costs where it looks, beside one that
+computes them all.
+"""
 
 import contextlib
 import math
@@ -25,7 +27,8 @@ def generate(rng: random.Random, place: Place = NOWHERE, most_side: int = 90) ->
     """A case of a few steps."""
     rows, cols = (max(int(most_side ** rng.random()), 1) for _ in range(2))
     if rng.random() < 0.7:
-        rows, cols = max(rows, most_side // 3), max(cols, most_side // 3)
+        rows = max(rows, most_side // 3)
+        cols = max(cols, most_side // 3)
     numbers = np.random.default_rng(rng.getrandbits(32))
     cell = rng.choice(((1.0, 1.0), (20.0, 20.0), (2.0, 1.7)))
     dem = _heights(rng, numbers, rows, cols, cell[0])
@@ -41,9 +44,12 @@ def generate(rng: random.Random, place: Place = NOWHERE, most_side: int = 90) ->
 
 
 def draw_sizes(rng: random.Random) -> dict[str, int]:
-    """Sizes that the code sees, made smaller so that small maps have many tiles and several coarse levels."""
+    """Sizes that the code sees, made smaller so that small maps have many tiles and several coarse
+    levels.
+    """
     rows, cols = rng.choice(((4, 4), (8, 16), (32, 64), (16, 4)))
-    level, threads = rng.choice((2, 4, 8, 16)), rng.choice((1, 200_000))
+    level = rng.choice((2, 4, 8, 16))
+    threads = rng.choice((1, 200_000))
     return {
         "map.tiles.TILE_ROWS": rows,
         "map.tiles.TILE_COLS": cols,
@@ -62,15 +68,23 @@ def sizes(case: Case) -> Iterator[None]:
         yield
 
 
-def _heights(rng: random.Random, numbers: np.random.Generator, rows: int, cols: int, size: float) -> np.ndarray:
-    """Hills, plains or noise, with holes, islands and stripes of unknown cells, of several dtypes."""
+def _heights(
+    rng: random.Random, numbers: np.random.Generator, rows: int, cols: int, size: float
+) -> np.ndarray:
+    """Hills, plains or noise, with holes, islands and stripes of unknown cells, of
+    several dtypes.
+    """
     row, col = np.mgrid[:rows, :cols]
     steep = size * rng.choice((0.0, 0.05, 0.3, 1.0))
     dem = steep * (3.0 * np.sin(row / rng.uniform(2, 15)) + 4.0 * np.cos(col / rng.uniform(2, 15)))
-    dem += size * rng.choice((0.0, 0.01, 0.2)) * numbers.normal(size=(rows, cols)) + rng.choice((0, 0, -4000, 8000))
+    dem += size * rng.choice((0.0, 0.01, 0.2)) * numbers.normal(size=(rows, cols)) + rng.choice(
+        (0, 0, -4000, 8000)
+    )
     kind = rng.choice(("whole", "whole", "holes", "islands", "stripe", "wall"))
     if kind in ("holes", "islands"):
-        dem[numbers.random((rows, cols)) < (0.05 if kind == "holes" else 0.7)] = rng.choice((np.nan, np.inf, -np.inf))
+        dem[numbers.random((rows, cols)) < (0.05 if kind == "holes" else 0.7)] = rng.choice(
+            (np.nan, np.inf, -np.inf)
+        )
     elif kind == "stripe":
         dem[:, cols // 2 : cols // 2 + rng.choice((1, 2, 9))] = np.nan
     elif kind == "wall":
@@ -84,14 +98,17 @@ def draw_patch(
     """An update of a part by other heights, some of them unknown."""
     rows, cols = dem.shape
     height, width = (min(rng.choice((1, 1, 3, 10, most)), side) for side in dem.shape)
-    row, col = rng.randrange(rows - height + 1), rng.randrange(cols - width + 1)
+    row = rng.randrange(rows - height + 1)
+    col = rng.randrange(cols - width + 1)
     noise = size * rng.choice((0.0, 0.1, 2.0)) * numbers.normal(size=(height, width))
     patch = dem[row : row + height, col : col + width] + noise
     patch[numbers.random(patch.shape) < rng.choice((0.0, 0.0, 0.3, 1.0))] = np.nan
     return "update", (row, col, patch.astype(rng.choice((np.float32, np.float64))))
 
 
-def _step(rng: random.Random, numbers: np.random.Generator, dem: np.ndarray, size: float) -> tuple[str, Any]:
+def _step(
+    rng: random.Random, numbers: np.random.Generator, dem: np.ndarray, size: float
+) -> tuple[str, Any]:
     if rng.random() < 0.45:
         return draw_patch(rng, numbers, dem, size)
     ends = [(rng.randrange(dem.shape[0]), rng.randrange(dem.shape[1])) for _ in range(2)]
@@ -113,34 +130,54 @@ def _check(case: Case, place: Place) -> Problem | None:
     settings: dict[str, Any] = {"omega": case.omega, "corner_cutting": case.corner_cutting}
 
     def planner(dem: np.ndarray, lazy: bool) -> Planner:
-        more = settings | {"ask_from": 0, "model": place.model, "cell_width_m": case.cell[1], "warn": False}
+        more = settings | {
+            "ask_from": 0,
+            "model": place.model,
+            "cell_width_m": case.cell[1],
+            "warn": False,
+        }
         return Planner.of_elevation(dem, case.cell[0], case.limits, lazy=lazy, **more)
 
     dem = case.dem.copy()
-    lazy, eager = planner(dem, True), planner(dem, False)
+    lazy = planner(dem, True)
+    eager = planner(dem, False)
     if lazy.state.costs_computed != 0.0 or eager.state.costs_computed != 1.0:
         return Problem("computed at once or not", repr(case))
 
     def judged(start: Cell, goal: Cell, method: str, epsilon: float, told: str) -> Problem | None:
-        ours, theirs = (each.plan(start, goal, method=method, epsilon=epsilon) for each in (lazy, eager))
+        ours, theirs = (
+            each.plan(start, goal, method=method, epsilon=epsilon) for each in (lazy, eager)
+        )
         for name in ("status", "cost", "lower_bound", "expansions", "threshold", "source", "path"):
-            one, other = getattr(ours, name), getattr(theirs, name)
+            one = getattr(ours, name)
+            other = getattr(theirs, name)
             if not (np.array_equal(one, other) or (one != one and other != other)):
                 return Problem(f"lazy is not eager: {name} of {method}", f"{one} {other}\n{told}")
-        cost = traversability_cost(dem, case.cell[0], case.limits, cell_width_m=case.cell[1], warn=False)
+        cost = traversability_cost(
+            dem, case.cell[0], case.limits, cell_width_m=case.cell[1], warn=False
+        )
         exact = {"exact": method == "astar" or epsilon == 0.0, "epsilon": epsilon, "told": told}
-        return problem_with_plan(ours, seen_by_planner(cost, "paper"), start, goal, **settings, **exact)
+        return problem_with_plan(
+            ours, seen_by_planner(cost, "paper"), start, goal, **settings, **exact
+        )
 
     if problem := drive(case, dem, (lazy, eager), judged):
         return problem
-    rounded_alike = case.dem.dtype == np.float32  # others are relative to a height, which may have changed
+    rounded_alike = (
+        case.dem.dtype == np.float32
+    )  # others are relative to a height, which may have changed
     return _compare_maps(lazy, eager, planner(dem, False) if rounded_alike else eager, repr(case))
 
 
 def drive(
-    case: Case, dem: np.ndarray, planners: tuple[Planner, Planner], judged: Callable[..., Problem | None]
+    case: Case,
+    dem: np.ndarray,
+    planners: tuple[Planner, Planner],
+    judged: Callable[..., Problem | None],
 ) -> Problem | None:
-    """Do a case's steps with two planners; what is wrong by `judged`, which is given what a ``plan`` step holds."""
+    """Do a case's steps with two planners; what is wrong by `judged`, which is given what a
+    ``plan`` step holds.
+    """
     for number, (kind, value) in enumerate(case.steps):
         if kind == "plan":
             if problem := judged(*value, f"step {number}\n{case!r}"):
@@ -160,8 +197,12 @@ def _compare_maps(lazy: Planner, eager: Planner, fresh: Planner, told: str) -> P
     for state in every:
         state.grid.complete()
     for one, other, third in zip(*(pyramid.levels[1:] for pyramid in pyramids), strict=True):
-        same = all(np.array_equal(getattr(one, name), getattr(other, name)) for name in ("pieces", "links"))
-        same &= np.array_equal(one.grid.weights, other.grid.weights) and np.array_equal(other.links, third.links)
+        same = all(
+            np.array_equal(getattr(one, name), getattr(other, name)) for name in ("pieces", "links")
+        )
+        same &= np.array_equal(one.grid.weights, other.grid.weights) and np.array_equal(
+            other.links, third.links
+        )
         if not same:
             return Problem("lazy is not eager: a coarse level", told)
     alike = np.array_equal(maps[0], maps[1]) and np.array_equal(maps[1], maps[2])

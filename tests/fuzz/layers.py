@@ -1,4 +1,6 @@
-"""Drives of the loop through patches of heights, costs and nothing, beside a map that keeps the layers apart."""
+"""Drives of the loop through patches of heights, costs and nothing, beside a map that keeps the
+layers apart.
+"""
 
 import random
 from typing import Any
@@ -26,8 +28,10 @@ from tests.fuzz.cases import NOWHERE, Case, Place, Problem
 CELL_M = 0.5
 VEHICLES = (None, None, Vehicle(radius_m=0.7), Vehicle(length_m=1.4, width_m=1.0, clearance_m=0.3))
 METHODS = ("auto", "auto", "astar", "dstar", "corridor", "corridor-dstar")
-TOLD, SHARES = (0.0, 0.4, 1.0, np.inf, np.nan), (0.5, 0.2, 0.1, 0.1, 0.1)
-SOFT, HARD = Traversability(), Traversability(hard_slope_deg=20.0)
+TOLD = (0.0, 0.4, 1.0, np.inf, np.nan)
+SHARES = (0.5, 0.2, 0.1, 0.1, 0.1)
+SOFT = Traversability()
+HARD = Traversability(hard_slope_deg=20.0)
 
 
 def generate(rng: random.Random, place: Place = NOWHERE) -> Case:
@@ -35,7 +39,8 @@ def generate(rng: random.Random, place: Place = NOWHERE) -> Case:
     seed = rng.getrandbits(32)
     numbers = np.random.default_rng(seed)
     rows, cols = numbers.integers(12, 44, 2).tolist()
-    by_heights, vehicle = rng.random() < 0.8, rng.choice(VEHICLES)
+    by_heights = rng.random() < 0.8
+    vehicle = rng.choice(VEHICLES)
     by_heights |= vehicle is not None and not vehicle.is_disc
     heights = np.cumsum(numbers.normal(0.0, 0.015, (rows, cols)), axis=1).astype(np.float32)
     for _ in range(rng.randrange(8)):
@@ -55,12 +60,15 @@ def generate(rng: random.Random, place: Place = NOWHERE) -> Case:
         goal=(rows - 4, cols - 4),
         seed=seed,
         steps=[
-            [_patch(rng, numbers, heights, by_heights) for _ in range(rng.choice((0, 1, 1, 2, 6)))] for _ in range(16)
+            [_patch(rng, numbers, heights, by_heights) for _ in range(rng.choice((0, 1, 1, 2, 6)))]
+            for _ in range(16)
         ],
     )
 
 
-def _patch(rng: random.Random, numbers: np.random.Generator, heights: np.ndarray, by_heights: bool) -> MapPatch:
+def _patch(
+    rng: random.Random, numbers: np.random.Generator, heights: np.ndarray, by_heights: bool
+) -> MapPatch:
     """Heights near those of the first map, or costs; anywhere, also off the map."""
     row, col = numbers.integers(-3, heights.shape).tolist()
     rows, cols = numbers.integers(1, (8, 8)).tolist()
@@ -68,7 +76,9 @@ def _patch(rng: random.Random, numbers: np.random.Generator, heights: np.ndarray
     if rng.random() < 0.15:
         values = {"cost": np.full((rows, cols), rng.choice((np.nan, 0.0, 1.0)))}
     elif by_heights and rng.random() < 0.5:
-        around = np.pad(heights, 8, constant_values=np.nan)[row + 8 : row + rows + 8, col + 8 : col + cols + 8]
+        around = np.pad(heights, 8, constant_values=np.nan)[
+            row + 8 : row + rows + 8, col + 8 : col + cols + 8
+        ]
         new = around + rng.choice((0.0, 0.001, 0.05)) * numbers.normal(size=around.shape)
         new[numbers.random(new.shape) < 0.05] = rng.choice((np.nan, 2.0, np.inf))
         values = {"elevation": new}
@@ -76,19 +86,29 @@ def _patch(rng: random.Random, numbers: np.random.Generator, heights: np.ndarray
 
 
 class Layers:
-    """The map, kept apart from the loop's, cell by cell: heights, if there are any, and what was told as costs."""
+    """The map, kept apart from the loop's, cell by cell: heights, if there are any, and what was
+    told as costs.
+    """
 
-    def __init__(self, heights: np.ndarray | None, cost: np.ndarray, limits: Traversability) -> None:
-        self.limits, self.heights = limits, None if heights is None else heights.copy()
+    def __init__(
+        self, heights: np.ndarray | None, cost: np.ndarray, limits: Traversability
+    ) -> None:
+        self.limits = limits
+        self.heights = None if heights is None else heights.copy()
         self.told = cost.copy() if heights is None else np.zeros(cost.shape, np.float32)
 
     def put(self, patch: MapPatch) -> None:
-        """Each patch into its own layer; what was not seen is unknown then, but in a layer that costs are told to."""
-        values, layer = (patch.elevation, self.heights) if patch.cost is None else (patch.cost, self.told)
+        """Each patch into its own layer; what was not seen is unknown then, but in a layer that
+        costs are told to.
+        """
+        values, layer = (
+            (patch.elevation, self.heights) if patch.cost is None else (patch.cost, self.told)
+        )
         if values is None or layer is None:
             return
         for (i, j), value in np.ndenumerate(values):
-            row, col = patch.row + i, patch.col + j
+            row = patch.row + i
+            col = patch.col + j
             if not (0 <= row < layer.shape[0] and 0 <= col < layer.shape[1]):
                 continue
             if np.isfinite(value) or (patch.cost is not None and not np.isnan(value)):
@@ -106,7 +126,9 @@ class Layers:
         """Of both layers; what is unknown is NaN."""
         if self.heights is None:
             return self.told
-        return np.maximum(traversability_cost(self.heights, cell_m, self.limits, warn=False), self.told)
+        return np.maximum(
+            traversability_cost(self.heights, cell_m, self.limits, warn=False), self.told
+        )
 
 
 def _robot(case: Case) -> dict[str, Any]:
@@ -130,11 +152,13 @@ def _planner(case: Case, layers: Layers) -> Planner:
 
 def check(case: Case, place: Place = NOWHERE) -> Problem | None:
     """What is wrong with the loop's answers, beside the map that keeps the layers apart."""
-    layers, robot = Layers(case.heights, case.cost, case.limits), _robot(case)
+    layers = Layers(case.heights, case.cost, case.limits)
+    robot = _robot(case)
     body = case.vehicle is not None and not case.vehicle.is_disc
     refine = "any-angle" if case.refine and case.step_cost == "paper" and not body else None
     settings = NavigatorSettings(case.method, tolerance=1e-4, snap_radius=0, refine=refine)
-    navigator, numbers = Navigator(layers.ground(**robot), settings), np.random.default_rng(case.seed)
+    navigator = Navigator(layers.ground(**robot), settings)
+    numbers = np.random.default_rng(case.seed)
     navigator.offer(Goal(*case.goal))
     at = (3, 3)
     for tick, patches in enumerate(case.steps):
@@ -152,7 +176,11 @@ def check(case: Case, place: Place = NOWHERE) -> Problem | None:
         bare = layers.told if layers.heights is None else layers.ground(**robot).costs()
         if not np.array_equal(navigator.map.cost() < 1.0, (bare < 1.0) & (layers.told < 1.0)):
             return Problem("the map's costs are shut elsewhere", told)
-        cells = message.path[min(2, len(message.path) - 1)] if message.ok else numbers.integers(0, case.cost.shape)
+        cells = (
+            message.path[min(2, len(message.path) - 1)]
+            if message.ok
+            else numbers.integers(0, case.cost.shape)
+        )
         at = (int(cells[0]), int(cells[1]))
         if at == case.goal:
             at = (3, 3)
@@ -160,7 +188,12 @@ def check(case: Case, place: Place = NOWHERE) -> Problem | None:
 
 
 def wrong_answer(
-    message: PathMessage, planner: Planner, at: tuple[int, int], goal: tuple[int, int], *, exact: bool
+    message: PathMessage,
+    planner: Planner,
+    at: tuple[int, int],
+    goal: tuple[int, int],
+    *,
+    exact: bool,
 ) -> str:
     """What is wrong with an answer, by a planner of the whole map; empty if nothing."""
     best = planner.plan(at, goal, method="astar")
@@ -179,4 +212,8 @@ def wrong_answer(
         return "published: a cost that is not the path's"
     if message.lower_bound > best.cost + near:
         return "published: a lower bound above the optimum"
-    return "published: a path that is not the best" if exact and message.cost > best.cost + 3.0 * near else ""
+    return (
+        "published: a path that is not the best"
+        if exact and message.cost > best.cost + 3.0 * near
+        else ""
+    )

@@ -16,7 +16,8 @@ SAMPLES = 16  # places a cell's length at which a line is checked
 
 def generate(rng: random.Random, place: Place = NOWHERE) -> Case:
     """A map of 20 to 60 cells a side, with obstacles, a vehicle, and ends of lines."""
-    numbers, kind = np.random.default_rng(rng.getrandbits(32)), rng.choice(("point", "disc", "disc"))
+    numbers = np.random.default_rng(rng.getrandbits(32))
+    kind = rng.choice(("point", "disc", "disc"))
     rows, cols = numbers.integers(20, 60, 2).tolist()
     size = rng.choice((0.5, 1.0))
     cost = numbers.random((rows, cols)).astype(np.float32) * rng.choice((0.9, 0.2))
@@ -31,7 +32,9 @@ def generate(rng: random.Random, place: Place = NOWHERE) -> Case:
         sides=rng.choice(((size, size), (size, size), (size, 0.8 * size))),
         vehicle=vehicle,
         turning_m=size * rng.uniform(1.0, 12.0) if vehicle and rng.random() < 0.4 else None,
-        ends=[(int(row), int(col)) for row, col in numbers.integers(3, (rows - 3, cols - 3), (16, 2))],
+        ends=[
+            (int(row), int(col)) for row, col in numbers.integers(3, (rows - 3, cols - 3), (16, 2))
+        ],
     )
 
 
@@ -75,11 +78,16 @@ def _turns(plan: Plan, case: Case) -> str:
 def _of_point(plan: Plan, case: Case) -> str:
     """Its cost, by very many samples of the bilinear density."""
     total = oracles.line_cost(plan.waypoints, case.cost, per_cell=2000)
-    return "" if abs(total - plan.line_cost) <= 2e-3 * total else f"costs {plan.line_cost}, and by samples {total}"
+    return (
+        ""
+        if abs(total - plan.line_cost) <= 2e-3 * total
+        else f"costs {plan.line_cost}, and by samples {total}"
+    )
 
 
 def _of_disc(plan: Plan, case: Case) -> str:
-    radius, near = case.vehicle.radius_m, _distance_m(_dense(plan.waypoints), ~(case.cost < 1.0), case.sides)
+    radius = case.vehicle.radius_m
+    near = _distance_m(_dense(plan.waypoints), ~(case.cost < 1.0), case.sides)
     return f"a disc of {radius} comes within {near}" if near < radius * 0.99999 else ""
 
 

@@ -1,4 +1,6 @@
-"""JSON messages into the loop: junk, halves, floods, out of order. It never raises; its paths hold."""
+"""JSON messages into the loop: junk, halves, floods, out of order. It never raises; its
+paths hold.
+"""
 
 import io
 import json
@@ -23,16 +25,37 @@ from tests.fuzz.mutations import junk_bytes, junk_value, mutated, mutated_json
 from tests.fuzz.samples import heights
 
 _LIMIT = 100_000
-_ODD_NUMBERS = (0.0, -0.0, 1.0, 0.999999, 1e-45, 1e38, 3e38, -1.0, 1e300, math.inf, -math.inf, math.nan, 1e9, -1e9)
+_ODD_NUMBERS = (
+    0.0,
+    -0.0,
+    1.0,
+    0.999999,
+    1e-45,
+    1e38,
+    3e38,
+    -1.0,
+    1e300,
+    math.inf,
+    -math.inf,
+    math.nan,
+    1e9,
+    -1e9,
+)
 
 
 def generate(rng: random.Random, place: Place = NOWHERE) -> Case:
-    """A map, how the loop plans, and what comes: ``bytes`` of messages, and ``tick``, due in so many seconds."""
-    rows, cols = rng.randrange(4, 40), rng.randrange(4, 40)
+    """A map, how the loop plans, and what comes: ``bytes`` of messages, and ``tick``, due in so
+    many seconds.
+    """
+    rows = rng.randrange(4, 40)
+    cols = rng.randrange(4, 40)
     by_heights = rng.random() < 0.3
     steps: list[tuple[str, Any]] = []
     if rng.random() < 0.9:
-        sane = [Pose(rng.random() * rows, rng.random() * cols), Goal(rng.randrange(rows), rng.randrange(cols))]
+        sane = [
+            Pose(rng.random() * rows, rng.random() * cols),
+            Goal(rng.randrange(rows), rng.randrange(cols)),
+        ]
         steps.append(("bytes", b"".join(encode(message) + b"\n" for message in sane)))
     for _ in range(rng.choice((3, 10, 30))):
         if rng.random() < 0.4:
@@ -63,7 +86,8 @@ def _bytes(rng: random.Random, rows: int, cols: int, by_heights: bool) -> bytes:
 
 
 def _payload(rng: random.Random, rows: int, cols: int, by_heights: bool) -> bytes:
-    row, col = rng.randrange(-3, rows + 3), rng.randrange(-3, cols + 3)
+    row = rng.randrange(-3, rows + 3)
+    col = rng.randrange(-3, cols + 3)
     kind = rng.choices(("pose", "goal", "patch", "list", "odd"), (3, 1, 5, 2, 2.7))[0]
     stamp = rng.choice((0.0, 1.0, -1.0, 1e11, 5e8))
     if kind == "pose":
@@ -78,7 +102,9 @@ def _payload(rng: random.Random, rows: int, cols: int, by_heights: bool) -> byte
         return encode(MapPatch(row, col, *both, keep, stamp))
     name = "elevation" if elevation else "cost"
     message: dict[str, Any] = {"type": "patch", "row": row, "col": col, "keep_known": keep}
-    message[name] = [[None if math.isnan(value) else value for value in each] for each in values.tolist()]
+    message[name] = [
+        [None if math.isnan(value) else value for value in each] for each in values.tolist()
+    ]
     if kind == "odd" and rng.random() < 0.3:
         message[rng.choice(list(message))] = junk_value(rng)
     elif kind == "odd":
@@ -88,7 +114,11 @@ def _payload(rng: random.Random, rows: int, cols: int, by_heights: bool) -> byte
 
 def _values(rng: random.Random, height: int, width: int, by_heights: bool) -> np.ndarray:
     numbers = np.random.default_rng(rng.getrandbits(32))
-    values = heights(rng.getrandbits(16), height, width) if by_heights else numbers.random((height, width))
+    values = (
+        heights(rng.getrandbits(16), height, width)
+        if by_heights
+        else numbers.random((height, width))
+    )
     odd = numbers.random((height, width)) < rng.choice((0.0, 0.1, 0.3, 1.0))
     with np.errstate(over="ignore"):
         return np.where(odd, rng.choice(_ODD_NUMBERS), values).astype(np.float32)
@@ -103,12 +133,17 @@ def check(case: Case, place: Place = NOWHERE) -> Problem | None:
 
 
 def _drive(case: Case, place: Place) -> Problem | None:
-    numbers, clock = np.random.default_rng(case.seed), 100.0
+    numbers = np.random.default_rng(case.seed)
+    clock = 100.0
     cost = numbers.random((case.rows, case.cols)).astype(np.float32)
     cost[numbers.random(cost.shape) < 0.15] = np.inf
     layers = Layers(heights(case.seed, *cost.shape) if case.by_heights else None, cost, case.limits)
     settings = NavigatorSettings(
-        case.method, tolerance=1e-4, snap_radius=0, corner_cutting=case.corner_cutting, model=place.model
+        case.method,
+        tolerance=1e-4,
+        snap_radius=0,
+        corner_cutting=case.corner_cutting,
+        model=place.model,
     )
     navigator = Navigator(layers.ground(1.0), settings, clock=lambda: clock)
     last: dict[type, Input] = {}
@@ -119,7 +154,9 @@ def _drive(case: Case, place: Place) -> Problem | None:
             told = f"{message}\n{case!r}"
             if errors := navigator.counters().errors:
                 return Problem(f"caught inside the loop: {', '.join(errors)}", told)
-            if problem := _problem_with_answer(message, layers, case, last.get(Pose), last.get(Goal)):
+            if problem := _problem_with_answer(
+                message, layers, case, last.get(Pose), last.get(Goal)
+            ):
                 return Problem(problem, told)
             continue
         for found in _inputs(value):
@@ -144,13 +181,17 @@ def _inputs(value: bytes) -> list[Input]:
     return found
 
 
-def _problem_with_answer(message: PathMessage, layers: Layers, case: Case, pose: Any, goal: Any) -> str:
+def _problem_with_answer(
+    message: PathMessage, layers: Layers, case: Case, pose: Any, goal: Any
+) -> str:
     """What is wrong with an answer on the map as it is; empty if nothing."""
     outcome = message.outcome
     if decode_output(encode(message), 1 << 24).outcome is not outcome:  # type: ignore[union-attr]
         return "an answer that reads back as another"
     if pose is None or goal is None:
-        return "" if outcome in (Status.NO_POSE, Status.NO_GOAL) else f"{outcome} without pose or goal"
+        return (
+            "" if outcome in (Status.NO_POSE, Status.NO_GOAL) else f"{outcome} without pose or goal"
+        )
     if outcome in (Status.TIMEOUT, Status.UNKNOWN, Status.INVALID_MAP):
         return "" if outcome is Status.TIMEOUT else f"{outcome}"
     outside = not (0 <= goal.row < case.rows and 0 <= goal.col < case.cols)

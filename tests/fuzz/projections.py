@@ -1,4 +1,6 @@
-"""Planes of known slope anywhere on the Earth, the Moon and Mars, in many systems, beside geodesics."""
+"""Planes of known slope anywhere on the Earth, the Moon and Mars, in many systems, beside
+geodesics.
+"""
 
 import functools
 import math
@@ -38,8 +40,12 @@ SYSTEMS = {  # with the longitudes and latitudes at which they are used, and bey
     "IAU_2015:49910": (-179, 179, -85, 85),
     "IAU_2015:49935": (-180, 180, -89.9, -60),
 }
-WITHIN, SLOPE_WITHIN, CELL_WITHIN = 0.03, 0.035, 2e-6
-"""By which share a length, the tangent of a slope and the middle cell may be off where no warning tells of more."""
+WITHIN = 0.03
+SLOPE_WITHIN = 0.035
+CELL_WITHIN = 2e-6
+"""By which share a length, the tangent of a slope and the middle cell may be off where no warning
+tells of more.
+"""
 
 
 def generate(rng: random.Random, place: Place = NOWHERE) -> Case:
@@ -64,23 +70,32 @@ def generate(rng: random.Random, place: Place = NOWHERE) -> Case:
 
 @functools.lru_cache(maxsize=64)
 def globe_of(crs: str) -> tuple[pyproj.Transformer, pyproj.Transformer, float, pyproj.Geod, float]:
-    """To the system's longitude and latitude and back, degrees in their unit, geodesics, and about metres in x's."""
+    """To the system's longitude and latitude and back, degrees in their unit, geodesics, and about
+    metres in x's.
+    """
     system = pyproj.CRS(crs)
-    globe, geod = system.geodetic_crs, system.get_geod()
+    globe = system.geodetic_crs
+    geod = system.get_geod()
     assert globe is not None and geod is not None
     degrees = math.degrees(globe.axis_info[0].unit_conversion_factor)
     unit = system.axis_info[0].unit_conversion_factor
     if system.is_geographic:
         unit *= system.ellipsoid.semi_major_metre  # type: ignore[union-attr]
-    there, back = (pyproj.Transformer.from_crs(*ends, always_xy=True) for ends in ((system, globe), (globe, system)))
+    there, back = (
+        pyproj.Transformer.from_crs(*ends, always_xy=True)
+        for ends in ((system, globe), (globe, system))
+    )
     return there, back, degrees, geod, unit
 
 
 def affine(case: Case) -> np.ndarray:
-    """(2, 3) from a column and a row to x and y: cells are drawn as large as if metres were those of the ground."""
+    """(2, 3) from a column and a row to x and y: cells are drawn as large as if metres were those
+    of the ground.
+    """
     _, back, degrees, _, unit = globe_of(case.crs)
     middle = np.array(back.transform(*(angle / degrees for angle in case.middle)))
-    cos, sin = math.cos(math.radians(case.turned_deg)), math.sin(math.radians(case.turned_deg))
+    cos = math.cos(math.radians(case.turned_deg))
+    sin = math.sin(math.radians(case.turned_deg))
     sides = np.array(((cos, -sin), (sin, cos))) @ np.diag((case.wider, -1.0)) * case.cell_m / unit
     return np.column_stack((sides, middle - sides @ np.array(case.shape[::-1]) / 2))
 
@@ -102,15 +117,28 @@ def plane(case: Case) -> np.ndarray:
 
 
 def check(case: Case, place: Place = NOWHERE) -> Problem | None:
-    """Slope and limit, beside the slope that the plane was made with, and lengths of steps beside geodesics."""
+    """Slope and limit, beside the slope that the plane was made with, and lengths of steps beside
+    geodesics.
+    """
     heights = plane(case)
     if not np.isfinite(heights).all():
         return None  # beyond the system's own bounds
-    kind = {"driver": "GTiff", "height": case.shape[0], "width": case.shape[1], "count": 1, "dtype": "float64"}
+    kind = {
+        "driver": "GTiff",
+        "height": case.shape[0],
+        "width": case.shape[1],
+        "count": 1,
+        "dtype": "float64",
+    }
     where = rasterio.Affine(*affine(case).ravel())
-    with tempfile.TemporaryDirectory(dir=place.folder) as folder, warnings.catch_warnings(record=True) as told:
+    with (
+        tempfile.TemporaryDirectory(dir=place.folder) as folder,
+        warnings.catch_warnings(record=True) as told,
+    ):
         warnings.simplefilter("always")
-        with rasterio.open(Path(folder) / "map.tif", "w", crs=case.crs, transform=where, **kind) as file:
+        with rasterio.open(
+            Path(folder) / "map.tif", "w", crs=case.crs, transform=where, **kind
+        ) as file:
             file.write(heights, 1)
         dem = read_dem(Path(folder) / "map.tif")
         with open_dem(Path(folder) / "map.tif") as windows:
@@ -122,7 +150,9 @@ def check(case: Case, place: Place = NOWHERE) -> Problem | None:
     middle = case.shape[0] // 2, case.shape[1] // 2
     geod = globe_of(case.crs)[3]
     for side, step in ((dem.cell_size_m, (0.5, 0.0)), (dem.cell_width_m, (0.0, 0.5))):
-        lon, lat = lonlat(case, 0.5 * np.array(case.shape) - 0.5 + np.array((step, np.negative(step))))
+        lon, lat = lonlat(
+            case, 0.5 * np.array(case.shape) - 0.5 + np.array((step, np.negative(step)))
+        )
         if abs(geod.inv(lon[0], lat[0], lon[1], lat[1])[2] / side - 1.0) > CELL_WITHIN:
             return Problem("another side of a cell", f"{sides}\n{case}")
     if not told_off:
@@ -130,7 +160,9 @@ def check(case: Case, place: Place = NOWHERE) -> Problem | None:
         if abs(math.tan(slope) / math.tan(math.radians(case.slope_deg)) - 1.0) > SLOPE_WITHIN:
             return Problem("another slope", f"{math.degrees(slope):.3f}° {sides}\n{case}")
         limits = workload(f"limit{case.limit_deg}")
-        passes = np.isfinite(traversability_cost(dem.elevation, **sides, traversability=limits, warn=False)[middle])
+        passes = np.isfinite(
+            traversability_cost(dem.elevation, **sides, traversability=limits, warn=False)[middle]
+        )
         if passes != (case.slope_deg < case.limit_deg):
             return Problem("a limit is not kept", f"{math.degrees(slope):.3f}° {sides}\n{case}")
     cells = np.unique(np.linspace(*case.ends, 40).round().astype(int), axis=0)

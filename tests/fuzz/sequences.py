@@ -1,4 +1,6 @@
-"""Patches, moves, goals, interrupts and limits on one planner: it answers as one made afresh, or refuses."""
+"""Patches, moves, goals, interrupts and limits on one planner: it answers as one made afresh, or
+refuses.
+"""
 
 import contextlib
 import dis
@@ -18,23 +20,34 @@ from nnpp_edge.runtime.errors import InvalidMapError, NnppEdgeError, Status
 from nnpp_edge.runtime.planners.plan import DynamicMethod
 from tests.fuzz.cases import NOWHERE, Case, Place, Problem
 from tests.fuzz.elevations import put
-from tests.fuzz.weights import FAR_APART, METHODS, TOO_MUCH, apart, problem_with_plan, seen_by_planner
+from tests.fuzz.weights import (
+    FAR_APART,
+    METHODS,
+    TOO_MUCH,
+    apart,
+    problem_with_plan,
+    seen_by_planner,
+)
 
 _CHECKED_AFTER = {"RESUME", "JUMP_BACKWARD", "CALL", "CALL_FUNCTION_EX", "CALL_KW"}
-"""Instructions after which the interpreter looks for signals: nowhere else a KeyboardInterrupt can come."""
+"""Instructions after which the interpreter looks for signals: nowhere else a KeyboardInterrupt can
+come.
+"""
 _OURS = ("/nnpp_edge/", "/runtime/")
 MOST_MAPS = 7  # maps that there may be after interrupted patches
-MOST_APART = 1e12  # factor between weights up to which D* Lite never refuses; it says that it does from about 1e15 on
+# factor between weights up to which D* Lite never refuses; it says that it does from about 1e15 on
+MOST_APART = 1e12
 Step = tuple[str, Any]
 
 
 def generate(rng: random.Random, place: Place = NOWHERE, most_side: int = 40) -> Case:
     """A map, a planner, and up to some dozens of steps.
 
-    The step ``interrupted`` holds another step and after how many chances to stop it. `method` is that of a
-    `DynamicPlanner`, and empty for a `Planner`.
+    The step ``interrupted`` holds another step and after how many chances to stop it. `method` is
+    that of a `DynamicPlanner`, and empty for a `Planner`.
     """
-    rows, cols = rng.randrange(2, most_side), rng.randrange(2, most_side)
+    rows = rng.randrange(2, most_side)
+    cols = rng.randrange(2, most_side)
     step_cost = rng.choice(("paper", "paper", "length"))
     numbers = np.random.default_rng(rng.getrandbits(32))
     cost = _patch(rng, numbers, rows, cols, step_cost)
@@ -43,18 +56,36 @@ def generate(rng: random.Random, place: Place = NOWHERE, most_side: int = 40) ->
     method = rng.choice(list(DynamicMethod)).value if dynamic else ""
     steps: list[Step] = []
     for _ in range(rng.choice((4, 10, 25))):
-        step = _step(rng, numbers, rows, cols, step_cost, tuple(DynamicMethod) if dynamic else METHODS)
-        steps.append(("interrupted", (step, int(10 ** rng.uniform(0.0, 2.8)))) if rng.random() < 0.3 else step)
-    return Case(cost=cost, step_cost=step_cost, corner_cutting=rng.random() < 0.5, method=method, steps=steps)
+        step = _step(
+            rng, numbers, rows, cols, step_cost, tuple(DynamicMethod) if dynamic else METHODS
+        )
+        steps.append(
+            ("interrupted", (step, int(10 ** rng.uniform(0.0, 2.8))))
+            if rng.random() < 0.3
+            else step
+        )
+    return Case(
+        cost=cost,
+        step_cost=step_cost,
+        corner_cutting=rng.random() < 0.5,
+        method=method,
+        steps=steps,
+    )
 
 
 def _step(
-    rng: random.Random, numbers: np.random.Generator, rows: int, cols: int, step_cost: str, methods: tuple[str, ...]
+    rng: random.Random,
+    numbers: np.random.Generator,
+    rows: int,
+    cols: int,
+    step_cost: str,
+    methods: tuple[str, ...],
 ) -> Step:
     kind = rng.choices(("update", "plan", "move", "goal", "prepare"), (5, 6, 2, 1, 0.4))[0]
     if kind == "update":
         height, width = (min(rng.choice((1, 1, 2, 4, 12, 40)), most) for most in (rows, cols))
-        row, col = rng.randrange(rows - height + 1), rng.randrange(cols - width + 1)
+        row = rng.randrange(rows - height + 1)
+        col = rng.randrange(cols - width + 1)
         return "update", (row, col, _patch(rng, numbers, height, width, step_cost))
     if kind == "plan":
         limit = rng.choices((math.inf, 0.0, 1e-5, 1e-4, 1e-3), (12, 1, 1, 1, 1))[0]
@@ -62,7 +93,9 @@ def _step(
     return kind, (rng.randrange(rows), rng.randrange(cols))
 
 
-def _patch(rng: random.Random, numbers: np.random.Generator, rows: int, cols: int, step_cost: str) -> np.ndarray:
+def _patch(
+    rng: random.Random, numbers: np.random.Generator, rows: int, cols: int, step_cost: str
+) -> np.ndarray:
     kind = rng.choice(("any", "any", "wall", "same", "steep", "clear"))
     values = numbers.random((rows, cols))
     if kind == "wall":
@@ -90,13 +123,18 @@ def interrupting(after: int) -> Iterator[list[str]]:
 
     Gives a list that holds the place once it was raised.
     """
-    left, where, child_returned = after, [], False
+    left = after
+    where = []
+    child_returned = False
 
     def begin(frame: FrameType, event: str, argument: Any) -> Any:
-        file, operations, before = frame.f_code.co_filename, _operations(frame.f_code), -1
+        file = frame.f_code.co_filename
+        operations = _operations(frame.f_code)
+        before = -1
         if left <= 0 or not any(part in file for part in _OURS) or "/kernels/" in file:
             return None
-        frame.f_trace_opcodes, frame.f_trace_lines = True, False
+        frame.f_trace_opcodes = True
+        frame.f_trace_lines = False
 
         def trace(frame: FrameType, event: str, argument: Any) -> Any:
             nonlocal left, child_returned, before
@@ -106,7 +144,8 @@ def interrupting(after: int) -> Iterator[list[str]]:
                 return trace
             last = operations.get(before, "RESUME" if before < 0 else "")
             by_c = not (child_returned and last.startswith("CALL"))
-            before, child_returned = frame.f_lasti, False
+            before = frame.f_lasti
+            child_returned = False
             at_start = operations.get(frame.f_lasti) in ("RESUME", "CACHE", "PRECALL")
             if last in _CHECKED_AFTER and by_c and not at_start:
                 left -= 1
@@ -130,8 +169,11 @@ class Driver:
     """Does a case's steps with one planner, and keeps what the map must be."""
 
     def __init__(self, case: Case, place: Place) -> None:
-        self.case, self.place, self.cost = case, place, case.cost.copy()
-        self.start, self.goal = (0, 0), (case.cost.shape[0] - 1, case.cost.shape[1] - 1)
+        self.case = case
+        self.place = place
+        self.cost = case.cost.copy()
+        self.start = (0, 0)
+        self.goal = (case.cost.shape[0] - 1, case.cost.shape[1] - 1)
         self.maps: list[np.ndarray] = []
         """What else the map may be, since a patch was interrupted."""
         self.interrupted: list[str] = []
@@ -139,8 +181,13 @@ class Driver:
 
     def fresh(self) -> Any:
         """A planner of the map as it is."""
-        case, cost = self.case, self.cost.copy()
-        settings = {"step_cost": case.step_cost, "corner_cutting": case.corner_cutting, "model": self.place.model}
+        case = self.case
+        cost = self.cost.copy()
+        settings = {
+            "step_cost": case.step_cost,
+            "corner_cutting": case.corner_cutting,
+            "model": self.place.model,
+        }
         if not case.method:
             return Planner(cost, ask_from=0, **settings)
         planner = DynamicPlanner(cost, self.goal, case.method, **settings)
@@ -149,7 +196,9 @@ class Driver:
 
     def weights_apart(self) -> float:
         """The greatest factor between weights of any map that there may be."""
-        return max(apart(seen_by_planner(cost, self.case.step_cost)) for cost in (self.cost, *self.maps))
+        return max(
+            apart(seen_by_planner(cost, self.case.step_cost)) for cost in (self.cost, *self.maps)
+        )
 
     def do(self, step: Step) -> Problem | None:
         """One step; what is wrong with its answer."""
@@ -173,7 +222,9 @@ class Driver:
         """A patch lies in the map for certain."""
         for known in (self.cost, *self.maps):
             put(known, row, col, patch)
-        different = {other.tobytes(): other for other in self.maps if not np.array_equal(other, self.cost)}
+        different = {
+            other.tobytes(): other for other in self.maps if not np.array_equal(other, self.cost)
+        }
         self.maps = list(different.values())
         if len(self.maps) > MOST_MAPS:  # too many to tell them apart: the whole map is put anew
             self.planner.update(0, 0, self.cost)
@@ -188,7 +239,9 @@ class Driver:
             return problem
         self.interrupted += where
         kind, value = step
-        if kind == "update":  # the patch may lie in the map or not; put again, it lies there for certain
+        if (
+            kind == "update"
+        ):  # the patch may lie in the map or not; put again, it lies there for certain
             written = [known.copy() for known in (self.cost, *self.maps)]
             for other in written:
                 put(other, *value)
@@ -204,9 +257,12 @@ class Driver:
     def _plan(self, method: str, limit: float, epsilon: float) -> Problem | None:
         case = self.case
         if case.method:
-            plan, epsilon = self.planner.replan(method=method, time_limit_s=limit), math.inf
+            plan = self.planner.replan(method=method, time_limit_s=limit)
+            epsilon = math.inf
         else:
-            plan = self.planner.plan(self.start, self.goal, method=method, time_limit_s=limit, epsilon=epsilon)
+            plan = self.planner.plan(
+                self.start, self.goal, method=method, time_limit_s=limit, epsilon=epsilon
+            )
         if plan.status is Status.TIMEOUT and limit < math.inf:
             return None
         problems = [
@@ -234,7 +290,10 @@ class Driver:
 def check(case: Case, place: Place = NOWHERE) -> Problem | None:
     """Do all steps; in the end ask once more by each exact method."""
     driver = Driver(case, place)
-    last = [("plan", (name, math.inf, 0.0)) for name in (tuple(DynamicMethod) if case.method else ("astar",))]
+    last = [
+        ("plan", (name, math.inf, 0.0))
+        for name in (tuple(DynamicMethod) if case.method else ("astar",))
+    ]
     for step in (*case.steps, *last):
         told = f"at {step}, interrupted at {driver.interrupted}"
         try:
@@ -242,13 +301,20 @@ def check(case: Case, place: Place = NOWHERE) -> Problem | None:
         except NnppEdgeError as error:
             far_apart = isinstance(error, InvalidMapError) and driver.weights_apart() > MOST_APART
             if not (driver.interrupted or far_apart):
-                return Problem(f"refused: {type(error).__name__}", f"{told}\n{traceback.format_exc()}\n{case!r}")
-            # an interrupted planner may refuse until it is made anew; the map is what it was, or has the patch
-            driver.interrupted, driver.maps = [], []
+                return Problem(
+                    f"refused: {type(error).__name__}",
+                    f"{told}\n{traceback.format_exc()}\n{case!r}",
+                )
+            # an interrupted planner may refuse until it is made anew; the map is what it was, or
+            # has the patch
+            driver.interrupted = []
+            driver.maps = []
             driver.planner = driver.fresh()
             continue
         except Exception as error:
-            return Problem(f"raised {type(error).__name__}", f"{told}\n{traceback.format_exc()}\n{case!r}")
+            return Problem(
+                f"raised {type(error).__name__}", f"{told}\n{traceback.format_exc()}\n{case!r}"
+            )
         if problem is not None:
             after = " after an interrupt" if driver.interrupted else ""
             return Problem(problem.kind + after, f"{told}\n{problem.detail}\n{case!r}")

@@ -21,7 +21,14 @@ from tests.fuzz.cases import Place, Problem
 from tests.fuzz.children import Limits, run_forked
 from tests.fuzz.commands import Command
 
-FAST = {"weights": 150, "messages": 60, "sequences": 100, "elevations": 60, "projections": 60, "layers": 40}
+FAST = {
+    "weights": 150,
+    "messages": 60,
+    "sequences": 100,
+    "elevations": 60,
+    "projections": 60,
+    "layers": 40,
+}
 """Those of bodies and lines are done by the runtime's tests."""
 pytestmark = pytest.mark.filterwarnings(
     "ignore:the network .* was trained for omega", "ignore:nnpp goes by the price"
@@ -32,7 +39,12 @@ pytestmark = pytest.mark.filterwarnings(
 def place(tmp_path_factory):
     """Samples that need no training."""
     folder = tmp_path_factory.mktemp("fuzz")
-    assert run_forked(lambda: samples.make_light(folder / "samples") or 0, Limits(120.0, 120, 8 << 30)).code == 0
+    assert (
+        run_forked(
+            lambda: samples.make_light(folder / "samples") or 0, Limits(120.0, 120, 8 << 30)
+        ).code
+        == 0
+    )
     return Place(folder / "samples", folder / "case" / "here")
 
 
@@ -74,18 +86,24 @@ def judged(command=None, code=0, out="", err="", before=None, after=None, **ende
     """The kind of problem of a command that ended so."""
     known = {"wall_s": 1.0, "peak_bytes": 0, "late": "", "interrupted": False} | ended
     facts = SimpleNamespace(code=code, out=out.encode(), err=err.encode(), **known)
-    found = commands.judge(command or Command(("plan",)), facts, before or {}, after or before or {})
+    found = commands.judge(
+        command or Command(("plan",)), facts, before or {}, after or before or {}
+    )
     return "" if found is None else found.kind
 
 
 def test_the_judge_of_commands_passes_what_is_right_and_sees_each_wrong():
-    patient, late = Command(("run",), patient=True), "it took more than 4 s"
+    patient = Command(("run",), patient=True)
+    late = "it took more than 4 s"
     assert judged(out="path") == ""
-    assert judged(code=2, err="warning: odd cells\nplan: 5 %, 0.1 min\nerror: wanted x, got y\n") == ""
+    assert (
+        judged(code=2, err="warning: odd cells\nplan: 5 %, 0.1 min\nerror: wanted x, got y\n") == ""
+    )
     assert judged(Command(("profile",)), code=3) == ""
     assert judged(patient, late=late, interrupted=True, err="stopped") == ""
     assert judged(patient, code=-9, late=late).startswith("cannot be interrupted")
-    refused, json = {"code": 2, "err": "error: x"}, {"command": Command(("simulate", "--json"))}
+    refused = {"code": 2, "err": "error: x"}
+    json = {"command": Command(("simulate", "--json"))}
     for kind, ended in {
         "traceback": {"code": 1, "err": "Traceback (most recent call last):\nValueError: x\n"},
         "killed by signal 11": {"code": -11},
@@ -100,7 +118,11 @@ def test_the_judge_of_commands_passes_what_is_right_and_sees_each_wrong():
         "temporary file left": {"out": "done", "after": {"out/.map.npz.0a1b2c3d": "1"}},
         "input changed": {"before": {"in/dem.npz": "1"}, "after": {"in/dem.npz": "2"}},
         "device replaced": {"before": {"odd/full": "device 0o20000"}, "after": {"odd/full": "1"}},
-        "old output changed": {**refused, "before": {"old/old.png": "1"}, "after": {"old/old.png": "2"}},
+        "old output changed": {
+            **refused,
+            "before": {"old/old.png": "1"},
+            "after": {"old/old.png": "2"},
+        },
         "no JSON": {**json, "out": '{"cost": NaN}'},
         "a path through what is forbidden": {**json, "out": '{"forbidden": 1}'},
     }.items():
@@ -108,7 +130,9 @@ def test_the_judge_of_commands_passes_what_is_right_and_sees_each_wrong():
 
 
 def hungry():
-    with mmap.mmap(-1, 60 << 20) as fresh:  # of the system: the heap may have room left that was resident before
+    with mmap.mmap(
+        -1, 60 << 20
+    ) as fresh:  # of the system: the heap may have room left that was resident before
         return fresh.write(b"x" * (60 << 20)) - (60 << 20)
 
 
@@ -169,7 +193,13 @@ def wall():
     case = weights.generate(random.Random(1))
     cost = np.full((9, 9), 1.0, np.float32)
     cost[:8, 4] = np.inf
-    ways = {"step_cost": "length", "corner_cutting": False, "method": "astar", "epsilon": 0.0, "landmarks": 0}
+    ways = {
+        "step_cost": "length",
+        "corner_cutting": False,
+        "method": "astar",
+        "epsilon": 0.0,
+        "landmarks": 0,
+    }
     return case.but(cost=cost, start=(0, 3), goal=(0, 5), omega=0.011, **ways)
 
 
@@ -181,7 +211,9 @@ def test_the_judge_of_plans_sees_each_fault(wall):
 
     assert weights.check(wall) is None
     for kind, fault in {
-        "a path through what is forbidden": lambda plan: {"path": np.array([[0, 3], [0, 4], [0, 5]])},
+        "a path through what is forbidden": lambda plan: {
+            "path": np.array([[0, 3], [0, 4], [0, 5]])
+        },
         "a path with a leap": lambda plan: {"path": plan.path[[0, -1]]},
         "a path with other ends": lambda plan: {"path": plan.path[1:]},
         "a path that leaves the map": lambda plan: {"path": np.array([[0, 3], [-1, 4], [0, 5]])},

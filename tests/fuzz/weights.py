@@ -1,4 +1,6 @@
-"""Maps with weights over the whole range of float32, planned on by every method and compared with Dijkstra."""
+"""Maps with weights over the whole range of float32, planned on by every method and compared with
+Dijkstra.
+"""
 
 import math
 import random
@@ -12,14 +14,17 @@ from nnpp_edge.runtime.map.step_cost import LEAST_WEIGHT, MOST_WEIGHT
 from tests import oracles
 from tests.fuzz.cases import NOWHERE, Case, Place, Problem, problem_with_optimum
 
-TOO_MUCH, FAR_APART = 30, 1e9
-"""Expansions a cell that no search of a small map needs, a hundred times as many where weights lie so far apart that
-landmarks, which are kept in float32, make a search expand cells again."""
+TOO_MUCH = 30
+FAR_APART = 1e9
+"""Expansions a cell that no search of a small map needs, a hundred times as many where weights
+lie so far apart that landmarks, which are kept in float32, make a search expand cells again."""
 METHODS = ("astar", "corridor", "nnpp", "auto")
 
 
 def generate(rng: random.Random, place: Place = NOWHERE, most_side: int = 40) -> Case:
-    """A map, two cells of it, and how it is to be planned on; small maps are drawn as often as large ones."""
+    """A map, two cells of it, and how it is to be planned on; small maps are drawn as often as
+    large ones.
+    """
     rows, cols = (max(int(most_side ** rng.random()), 1) for _ in range(2))
     step_cost = rng.choice(("paper", "length"))
     numbers = np.random.default_rng(rng.getrandbits(32))
@@ -46,9 +51,13 @@ def generate(rng: random.Random, place: Place = NOWHERE, most_side: int = 40) ->
 
 
 def _weights(rng: random.Random, numbers: np.random.Generator, rows: int, cols: int) -> np.ndarray:
-    """Weights of one size or of up to 68 decades, a few of them far from the others; seldom out of range."""
+    """Weights of one size or of up to 68 decades, a few of them far from the others; seldom out of
+    range.
+    """
     share = numbers.random((rows, cols))
-    share = share if rng.random() < 0.7 else np.round(rng.choice((0, 3, 40)) * share) / 40.0  # equal, or in levels
+    share = (
+        share if rng.random() < 0.7 else np.round(rng.choice((0, 3, 40)) * share) / 40.0
+    )  # equal, or in levels
     spread = rng.choice((1e-6, 0.1, 0.5, 3.0, 12.0, 20.0, 50.0, 68.0))
     values = 10.0 ** (rng.uniform(-40.0, 32.0 - 0.9 * spread) + spread * share)
     for _ in range(rng.choice((0, 0, 1, 3, 5))):
@@ -74,7 +83,9 @@ def _costs(rng: random.Random, numbers: np.random.Generator, rows: int, cols: in
 def check(case: Case, place: Place = NOWHERE, planner_type: type = Planner) -> Problem | None:
     """Plan, and compare with Dijkstra in float64."""
     seen = seen_by_planner(case.cost, case.step_cost)
-    given = np.ma.filled(np.ma.asarray(case.cost, np.float64), np.inf)  # some are beyond what a float32 holds
+    given = np.ma.filled(
+        np.ma.asarray(case.cost, np.float64), np.inf
+    )  # some are beyond what a float32 holds
     given = given[np.isfinite(given)]
     lengths = case.step_cost == "length"
     most = np.float64(np.float32(MOST_WEIGHT)) if lengths else np.finfo(np.float32).max
@@ -87,7 +98,11 @@ def check(case: Case, place: Place = NOWHERE, planner_type: type = Planner) -> P
         plan = planner.plan(case.start, case.goal, method=case.method, epsilon=case.epsilon)
     except NnppEdgeError as error:
         refused_rightly = out_of_range and isinstance(error, InvalidMapError)
-        return None if refused_rightly else Problem(f"refused: {type(error).__name__}", f"{error}\n{case!r}")
+        return (
+            None
+            if refused_rightly
+            else Problem(f"refused: {type(error).__name__}", f"{error}\n{case!r}")
+        )
     if out_of_range:
         return Problem("weights out of range are taken", repr(case))
     return problem_with_plan(
@@ -112,8 +127,14 @@ def apart(seen: np.ndarray) -> float:
 def seen_by_planner(cost: np.ndarray, step_cost: str) -> np.ndarray:
     """The costs in float64 as the planner must take them: rounded to float32, impassable as inf."""
     with np.errstate(over="ignore", under="ignore"):
-        seen = np.ma.filled(np.ma.asarray(cost, np.float64), np.inf).astype(np.float32).astype(np.float64)
-    return np.where(~np.isfinite(seen) | ((seen >= 1.0) if step_cost == "paper" else False), np.inf, seen)
+        seen = (
+            np.ma.filled(np.ma.asarray(cost, np.float64), np.inf)
+            .astype(np.float32)
+            .astype(np.float64)
+        )
+    return np.where(
+        ~np.isfinite(seen) | ((seen >= 1.0) if step_cost == "paper" else False), np.inf, seen
+    )
 
 
 def problem_with_plan(
@@ -132,11 +153,20 @@ def problem_with_plan(
 ) -> Problem | None:
     """What is wrong with an answer on a map whose costs are `seen`."""
     passable = np.isfinite(seen)
-    blocked = Status.START_BLOCKED if not passable[start] else None if passable[goal] else Status.GOAL_BLOCKED
+    blocked = (
+        Status.START_BLOCKED
+        if not passable[start]
+        else None
+        if passable[goal]
+        else Status.GOAL_BLOCKED
+    )
     if blocked is not None:
         return None if plan.status is blocked else Problem(f"{plan.status} for {blocked}", told)
     if plan.expansions > most_expansions * seen.size + 1000:
-        return Problem(f"{plan.expansions / seen.size:.0f} expansions a cell: {plan.planner}", f"{plan}\n{told}")
+        return Problem(
+            f"{plan.expansions / seen.size:.0f} expansions a cell: {plan.planner}",
+            f"{plan}\n{told}",
+        )
     return problem_with_optimum(
         plan,
         oracles.cheapest(seen, start, goal, step_cost, corner_cutting, omega),

@@ -43,9 +43,16 @@ REPORT = {
         row(256, "astar", 99.0) | {"workload": "limit20"},
     ],
     "disturbance": {
-        "halves": [{"waited_share": 0.01, "others_share": None}, {"waited_share": 0.0, "others_share": 0.034}]
+        "halves": [
+            {"waited_share": 0.01, "others_share": None},
+            {"waited_share": 0.0, "others_share": 0.034},
+        ]
     },
-    "sensors": {"throttled": "", "clock_mhz": {"0": {"min": 1500.0, "max": 2400.0}}, "temperature_c": {}},
+    "sensors": {
+        "throttled": "",
+        "clock_mhz": {"0": {"min": 1500.0, "max": 2400.0}},
+        "temperature_c": {},
+    },
 }
 
 
@@ -82,7 +89,9 @@ def test_the_committed_table_has_these_columns_and_stands_last_so_that_rows_can_
     before, _, after = text.partition(header + "\n")
     assert before != text, f"docs/boards.md must hold the header\n{header}"
     lines = after.splitlines()
-    assert all(len(cells_of(line)) == len(board(REPORT)) for line in lines), "nothing but rows follows the header"
+    assert all(len(cells_of(line)) == len(board(REPORT)) for line in lines), (
+        "nothing but rows follows the header"
+    )
     assert text.endswith("\n")
     for line in lines:
         told = dict(zip(board(REPORT), cells_of(line), strict=True))

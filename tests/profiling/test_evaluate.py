@@ -11,7 +11,18 @@ from nnpp_edge.runtime.errors import InvalidQueryError
 from nnpp_edge.terrain.synthetic import synthetic_terrain
 
 KEYS = {
-    *("workload", "size", "method", "n", "success_raw", "success", "gap_mean", "gap_p95", "gap_p99", "gap_max"),
+    *(
+        "workload",
+        "size",
+        "method",
+        "n",
+        "success_raw",
+        "success",
+        "gap_mean",
+        "gap_p95",
+        "gap_p99",
+        "gap_max",
+    ),
     *("time_ms_median", "time_ms_p99", "speedup_median", "speedup_total", "expansions_median"),
     *("region_share_mean", "widened_share", "whole_map_share", "mm_mean"),
 }
@@ -30,18 +41,32 @@ def terrain(tmp_path_factory):
 
 
 def test_a_row_for_each_workload_size_and_planner(nnpp_edge, terrain, tiny_model):
-    words = ("--workload", "soft,limit15", "--sizes", "64,128", "--queries", 12, "--methods", "corridor,nnpp")
+    words = (
+        "--workload",
+        "soft,limit15",
+        "--sizes",
+        "64,128",
+        "--queries",
+        12,
+        "--methods",
+        "corridor,nnpp",
+    )
     ended = nnpp_edge("evaluate", terrain, *words, "--model", tiny_model, "--repeats", 1, "--json")
     assert ended.code == 0, ended.err
     rows = json.loads(ended.out)
     assert [(r["workload"], r["size"], r["method"]) for r in rows] == [
-        (w, s, m) for w in ("soft", "limit15") for s in (64, 128) for m in ("astar", "corridor", "nnpp")
+        (w, s, m)
+        for w in ("soft", "limit15")
+        for s in (64, 128)
+        for m in ("astar", "corridor", "nnpp")
     ]
     for row in rows:
         assert set(row) >= KEYS
         assert (row["n"], row["success"]) == (12, 1.0)
         assert -1e-5 <= row["gap_mean"] <= row["gap_p99"] + 1e-9 <= row["gap_max"] + 1e-9
-        assert row["success_raw"] + row["widened_share"] + row["whole_map_share"] == pytest.approx(1.0)
+        assert row["success_raw"] + row["widened_share"] + row["whole_map_share"] == pytest.approx(
+            1.0
+        )
         assert row["time_ms_median"] <= row["time_ms_p99"]
         if row["method"] == "astar":
             assert row["gap_max"] == 0.0
@@ -66,7 +91,8 @@ def test_a_fresh_map_is_timed_from_its_elevations_on(nnpp_edge, terrain, tiny_mo
         assert 0.0 < row["costs_computed_mean"] <= 1.0
         assert -1e-5 <= row["fresh_gap_mean"] <= row["fresh_gap_p99"] + 1e-9
     for name in names:
-        lazy, eager = rows[name], rows[f"{name}-eager"]
+        lazy = rows[name]
+        eager = rows[f"{name}-eager"]
         assert eager["costs_computed_mean"] == 1.0
         assert lazy["fresh_gap_mean"] == pytest.approx(eager["fresh_gap_mean"], abs=1e-6)
         assert all(lazy[key] == eager[key] for key in KEYS - {"method"})
@@ -75,13 +101,19 @@ def test_a_fresh_map_is_timed_from_its_elevations_on(nnpp_edge, terrain, tiny_mo
     assert rows["astar-eager"]["fresh_speedup_median"] == 1.0
     ended = nnpp_edge("evaluate", terrain, *words, "--markdown")
     assert ended.code == 0
-    assert all(word in ended.out for word in ("| nnpp |", "speed-up", "fallback", "| corridor-narrow-eager |"))
+    assert all(
+        word in ended.out
+        for word in ("| nnpp |", "speed-up", "fallback", "| corridor-narrow-eager |")
+    )
 
 
 def test_the_narrow_corridor_is_the_learned_regions_without_a_network(terrain):
-    """It searches no more than the usual corridor, and where that is too narrow it widens and looks everywhere."""
+    """It searches no more than the usual corridor, and where that is too narrow it widens and looks
+    everywhere.
+    """
     case = next(terrain_cases(TerrainFiles((terrain,)).read(), "soft", 160))
-    narrow, usual = narrow_corridor().planner(Ground(case.cost)), Planner(case.cost)
+    narrow = narrow_corridor().planner(Ground(case.cost))
+    usual = Planner(case.cost)
     for start, goal in case.queries:
         plan = narrow.plan(start, goal, method="corridor", keep_regions=True)
         other = usual.plan(start, goal, method="corridor", keep_regions=True)
@@ -90,7 +122,8 @@ def test_the_narrow_corridor_is_the_learned_regions_without_a_network(terrain):
     walled = case.cost.copy()
     walled[:, 80] = np.inf
     assert (
-        narrow_corridor().planner(Ground(walled)).plan((4, 4), (4, 150), method="corridor").status == Status.NO_PATH
+        narrow_corridor().planner(Ground(walled)).plan((4, 4), (4, 150), method="corridor").status
+        == Status.NO_PATH
     )
 
 
@@ -107,18 +140,34 @@ def test_two_models_stand_beside_each_other(terrain, tiny_model):
     model = NetworkModel(tiny_model)
     rivals = exact_and(["nnpp", "astar"], {"one": model, "two": model})
     assert [rival.name for rival in rivals] == ["astar", "nnpp", "nnpp:two"]
-    rows = evaluate(terrain_cases(TerrainFiles((terrain,)).read(), "soft", 64), rivals, 4, repeats=1)
+    rows = evaluate(
+        terrain_cases(TerrainFiles((terrain,)).read(), "soft", 64), rivals, 4, repeats=1
+    )
     assert rows["nnpp"]["gap_mean"] == rows["nnpp:two"]["gap_mean"]
 
 
 def test_limits_and_weight_of_ones_own_are_taken(nnpp_edge, terrain):
-    words = ("evaluate", terrain, "--sizes", 64, "--queries", 6, "--repeats", 1, "--methods", "astar", "--json")
+    words = (
+        "evaluate",
+        terrain,
+        "--sizes",
+        64,
+        "--queries",
+        6,
+        "--repeats",
+        1,
+        "--methods",
+        "astar",
+        "--json",
+    )
 
     def cc(*more):
         return json.loads(nnpp_edge(*words, *more).out)[0]["cc_mean"]
 
     assert cc("--omega", 0.05) < cc() != cc("--limit", "roughness_limit_m=2")
-    nnpp_edge(*words, "--workload", "limit20", "--limit", "hard_slope_deg=15").refused("leave out --limit")
+    nnpp_edge(*words, "--workload", "limit20", "--limit", "hard_slope_deg=15").refused(
+        "leave out --limit"
+    )
 
 
 def test_terrain_without_two_passable_cells_is_refused(tmp_path):

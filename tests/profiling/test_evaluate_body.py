@@ -15,7 +15,13 @@ from nnpp_edge.terrain.workloads import body_rocks, workload
 CELL_M = 0.25
 ROVER = Vehicle(length_m=1.0, width_m=0.8, clearance_m=0.3)
 SIZE = 96
-FRESH = ("fresh_ms_median", "fresh_ms_p99", "fresh_gap_mean", "fresh_gap_p99", "costs_computed_mean")
+FRESH = (
+    "fresh_ms_median",
+    "fresh_ms_p99",
+    "fresh_gap_mean",
+    "fresh_gap_p99",
+    "costs_computed_mean",
+)
 
 
 @pytest.fixture(scope="module")
@@ -29,7 +35,11 @@ def terrain(tmp_path_factory):
 @pytest.fixture(scope="module")
 def rover(tmp_path_factory):
     path = tmp_path_factory.mktemp("vehicle") / "rover.toml"
-    path.write_text("".join(f"{name} = {getattr(ROVER, name)}\n" for name in ("length_m", "width_m", "clearance_m")))
+    path.write_text(
+        "".join(
+            f"{name} = {getattr(ROVER, name)}\n" for name in ("length_m", "width_m", "clearance_m")
+        )
+    )
     return path
 
 
@@ -42,7 +52,19 @@ def rocky(terrain):
 @pytest.fixture
 def judged(nnpp_edge, terrain, rover):
     """Run `evaluate` on maps of 96 × 96 with a vehicle and these words more."""
-    words = (terrain, "--vehicle", rover, "--sizes", SIZE, "--queries", 4, "--methods", "corridor", "--repeats", 1)
+    words = (
+        terrain,
+        "--vehicle",
+        rover,
+        "--sizes",
+        SIZE,
+        "--queries",
+        4,
+        "--methods",
+        "corridor",
+        "--repeats",
+        1,
+    )
     return lambda *more: nnpp_edge("evaluate", *words, *more)
 
 
@@ -51,17 +73,23 @@ def test_each_workload_has_rows_of_the_corridor_and_exact_search(judged):
     assert ended.code == 0, ended.err
     rows = json.loads(ended.out)
     named = [(row["workload"], row["method"]) for row in rows]
-    assert named == [(name, each) for name in ("body", "body-rocks5", "soft") for each in ("astar", "corridor")]
+    assert named == [
+        (name, each) for name in ("body", "body-rocks5", "soft") for each in ("astar", "corridor")
+    ]
     for row in rows:
         assert (row["n"], row["success"]) == (4, 1.0)
         assert row["unsolvable"] >= 0
-        assert row["success_raw"] + row["widened_share"] + row["whole_map_share"] == pytest.approx(1.0)
+        assert row["success_raw"] + row["widened_share"] + row["whole_map_share"] == pytest.approx(
+            1.0
+        )
         if row["workload"] == "soft":
             assert "checks_mean" not in row and "fresh_ms_median" not in row
             continue
         assert 0.0 < row["checks_share_mean"] < 1.0
         each = row["checks_mean"] / (SIZE**2 * row["checks_share_mean"])
-        assert each > 16 and each == pytest.approx(round(each)), "poses of the legs and turns of a cell"
+        assert each > 16 and each == pytest.approx(round(each)), (
+            "poses of the legs and turns of a cell"
+        )
         assert 0.0 < row["time_ms_median"] <= row["time_ms_p99"]
         assert row["time_ms_median"] < row["fresh_ms_median"] <= row["fresh_ms_p99"]
         assert all(np.isfinite(row[key]) for key in FRESH)
@@ -70,16 +98,20 @@ def test_each_workload_has_rows_of_the_corridor_and_exact_search(judged):
         if row["method"] == "astar":
             assert row["gap_max"] == 0.0 and row["whole_map_share"] == 0.0
     table = judged("--workload", "body", "--markdown").out
-    assert "poses checked" in table and "speed-up" not in table  # a table of points, of which there are none
+    assert (
+        "poses checked" in table and "speed-up" not in table
+    )  # a table of points, of which there are none
 
 
 def test_a_planner_that_checks_all_poses_first_is_the_control_on_a_fresh_map(judged):
     ended = judged("--workload", "body", "--fresh-map", "--json")
     assert ended.code == 0, ended.err
-    rows, names = {row["method"]: row for row in json.loads(ended.out)}, ("astar", "corridor", "corridor-narrow")
+    rows = {row["method"]: row for row in json.loads(ended.out)}
+    names = ("astar", "corridor", "corridor-narrow")
     assert list(rows) == [name + end for name in names for end in ("", "-eager")]
     for name in names:
-        lazy, eager = rows[name], rows[f"{name}-eager"]
+        lazy = rows[name]
+        eager = rows[f"{name}-eager"]
         assert eager["checks_share_mean"] == 1.0 > lazy["checks_share_mean"]
         assert eager["fresh_gap_mean"] == pytest.approx(lazy["fresh_gap_mean"], abs=1e-6)
         assert lazy["fresh_speedup_median"] > 0.0
@@ -91,7 +123,9 @@ def test_counts_are_those_of_planners_that_have_checked_nothing(rocky):
     rivals = exact_and(["corridor"], {})
     rows = evaluate([rocky], rivals, 10, repeats=1)
     assert list(rows) == ["astar", "corridor"]
-    ground, optima, own = rocky.ground, {}, {}
+    ground = rocky.ground
+    optima = {}
+    own = {}
     every = Planner(ground, lazy=False)
     for query in rocky.queries:
         optima[query] = every.plan(*query, method="astar")
@@ -116,14 +150,19 @@ def test_the_vehicle_stands_on_starts_and_goals_and_rocks_lie_on_the_crops(terra
     np.testing.assert_array_equal(again.ground.elevation, rocky.ground.elevation)
     raised = rocky.ground.elevation - bare.ground.elevation
     assert raised.min() >= 0.0 and 0.0 < np.mean(raised > 0.05) < 0.5
-    whole = terrain_cases(dems, "body-rocks5", 128, vehicle=ROVER)  # of the same crop rocks of each map are others
+    whole = terrain_cases(
+        dems, "body-rocks5", 128, vehicle=ROVER
+    )  # of the same crop rocks of each map are others
     assert (next(whole).ground.elevation != next(whole).ground.elevation).any()
 
 
 def test_synthetic_ground_has_four_cells_to_a_body():
     case = next(terrain_cases((), "body", 64, vehicle=ROVER))
     assert case.ground.cell_size_m == pytest.approx(0.25)
-    assert any(Planner.of_elevation(case.ground.elevation, 0.25, vehicle=ROVER).plan(*q).ok for q in case.queries)
+    assert any(
+        Planner.of_elevation(case.ground.elevation, 0.25, vehicle=ROVER).plan(*q).ok
+        for q in case.queries
+    )
 
 
 def test_maps_without_any_path_are_not_asked_forever(rocky):
@@ -134,15 +173,26 @@ def test_maps_without_any_path_are_not_asked_forever(rocky):
     def cases():
         ground = replace(rocky.ground, elevation=walled)
         while True:
-            yield replace(rocky, ground=ground, cost=whole_cost(ground), queries=(((24, 8), (24, 40)),))
+            yield replace(
+                rocky, ground=ground, cost=whole_cost(ground), queries=(((24, 8), (24, 40)),)
+            )
 
     with pytest.raises(InvalidQueryError, match="no query has a path on 50 maps"):
         evaluate(cases(), exact_and(["astar"], {}), 1, repeats=1)
 
 
 def test_a_body_workload_names_its_rocks():
-    shares = {name: body_rocks(name) for name in ("body", "body-rocks10", "body-rocks2.5", "soft", "limit15")}
-    assert shares == {"body": 0.0, "body-rocks10": 0.1, "body-rocks2.5": 0.025, "soft": None, "limit15": None}
+    shares = {
+        name: body_rocks(name)
+        for name in ("body", "body-rocks10", "body-rocks2.5", "soft", "limit15")
+    }
+    assert shares == {
+        "body": 0.0,
+        "body-rocks10": 0.1,
+        "body-rocks2.5": 0.025,
+        "soft": None,
+        "limit15": None,
+    }
     for name in ("body-rocks", "body-rocks-1", "body-rocksnan", "body-rocks21"):
         with pytest.raises(InvalidQueryError, match="percent"):
             body_rocks(name)

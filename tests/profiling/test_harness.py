@@ -34,11 +34,14 @@ def taking(clock, seconds, calls=None, name=""):
     return call
 
 
-def test_every_rival_is_timed_on_every_case_and_neither_warm_up_nor_what_is_done_between_counts(clock):
+def test_every_rival_is_timed_on_every_case_and_neither_warm_up_nor_what_is_done_between_counts(
+    clock,
+):
     def slow(*told):
         clock.now += 50.0
 
-    calls, seconds = [], {"plain": [99.0, 9.0, 8.0], "ours": [99.0, 3.0, 1.0, 2.0, 4.0, 5.0, 6.0]}
+    calls = []
+    seconds = {"plain": [99.0, 9.0, 8.0], "ours": [99.0, 3.0, 1.0, 2.0, 4.0, 5.0, 6.0]}
     rivals = {name: taking(clock, each, calls, name) for name, each in seconds.items()}
     given = {"repeats": 3, "once": ("plain",), "warm_up": ["warm"], "before": slow, "after": slow}
     times = []
@@ -59,10 +62,16 @@ def test_rivals_take_turns_in_an_order_that_is_drawn_anew_and_the_same_for_the_s
 
     called = order(1)
     turns = [tuple(called[at : at + 3]) for at in range(0, 120, 3)]
-    assert all(sorted(turn) == ["a", "b", "c"] for turn in turns)  # each once before any is called again
+    assert all(
+        sorted(turn) == ["a", "b", "c"] for turn in turns
+    )  # each once before any is called again
     assert len(set(turns)) == 6  # every order occurs
-    followers = {(one[-1], other[0]) for one, other in pairwise(turns)} | {p for t in turns for p in pairwise(t)}
-    assert {pair for pair in followers if pair[0] != pair[1]} == {(p, q) for p in "abc" for q in "abc" if p != q}
+    followers = {(one[-1], other[0]) for one, other in pairwise(turns)} | {
+        p for t in turns for p in pairwise(t)
+    }
+    assert {pair for pair in followers if pair[0] != pair[1]} == {
+        (p, q) for p in "abc" for q in "abc" if p != q
+    }
     assert called == order(1) != order(2)
 
 
@@ -73,7 +82,9 @@ def test_medians_quantiles_and_the_middle_call(clock):
         clock.now += (seconds := next(times))
         return f"took {seconds}"
 
-    (record,) = (records["x"] for records in Harness(clock=clock).measure({"x": call}, [0], repeats=4))
+    (record,) = (
+        records["x"] for records in Harness(clock=clock).measure({"x": call}, [0], repeats=4)
+    )
     assert record.median_s == 2.5
     assert record.middle() == (2.0, "took 2.0")  # of the two in the middle the faster one
 
@@ -87,7 +98,9 @@ def test_garbage_is_not_collected_while_calls_are_timed(clock):
     assert gc.isenabled()
     for _ in Harness(clock=clock).measure({"x": call}, [0, 1]):
         seen.append(gc.isenabled())
-    assert Harness(clock=clock).timed(lambda: taking(clock, [2.0])(seen.append(gc.isenabled()))) == (2.0, None)
+    assert Harness(clock=clock).timed(
+        lambda: taking(clock, [2.0])(seen.append(gc.isenabled()))
+    ) == (2.0, None)
     assert seen == [False, True, False, True, False] and gc.isenabled()
 
 
@@ -98,7 +111,9 @@ def test_what_a_rival_raises_ends_the_measurement_and_cases_are_taken_one_by_one
 
     taken = []
     cases = (taken.append(case) or case for case in ("fine", "bad"))
-    measured = Harness(clock=clock).measure({"good": taking(clock, [1.0] * 2), "breaks": breaks}, cases)
+    measured = Harness(clock=clock).measure(
+        {"good": taking(clock, [1.0] * 2), "breaks": breaks}, cases
+    )
     assert next(measured)["good"].elapsed_s == (1.0,) and taken == ["fine"]
     with pytest.raises(ValueError, match="no path"):
         next(measured)

@@ -22,13 +22,25 @@ def terrain(tmp_path_factory):
 
 
 def test_a_row_for_each_size_and_planner(nnpp_edge, terrain, tmp_path):
-    words = ("--terrain", terrain, "--sizes", "64,96", "--queries", 12, "--json", "-o", tmp_path / "out")
+    words = (
+        "--terrain",
+        terrain,
+        "--sizes",
+        "64,96",
+        "--queries",
+        12,
+        "--json",
+        "-o",
+        tmp_path / "out",
+    )
     ended = nnpp_edge("profile", "--peers", *words)
     assert ended.code == 0, ended.err
     told = json.loads(ended.out)
     found, missing = peer_planners()
     assert told["left_out"] == missing
-    wanted = [(size, source, p.name) for size, source in ((64, "dem"), (96, "synthetic")) for p in found]
+    wanted = [
+        (size, source, p.name) for size, source in ((64, "dem"), (96, "synthetic")) for p in found
+    ]
     assert [(row["size"], row["terrain"], row["planner"]) for row in told["rows"]] == wanted
     for row in told["rows"]:
         assert (row["n"], row["failed"], row["note"]) == (12, 0, "")
@@ -73,7 +85,9 @@ def test_obstacles_are_obstacles_to_all_and_queries_without_a_path_are_passed_ov
     cost[20:23, 3:6] = np.inf
     cost[21, 4] = 0.1  # an island
     found, _ = peer_planners()
-    rows = peers.compare(found, one_map(cost, ((2, 2), (2, 30)), ((2, 2), (21, 4)), ((30, 1), (1, 29))), 3)
+    rows = peers.compare(
+        found, one_map(cost, ((2, 2), (2, 30)), ((2, 2), (21, 4)), ((30, 1), (1, 29))), 3
+    )
     for name, row in rows.items():
         assert (row["n"], row["failed"]) == (2, 0), name
         assert row["same_optimum"] or name not in SOLVE_THE_SAME

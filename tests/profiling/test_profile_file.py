@@ -29,7 +29,11 @@ def test_a_profile_says_what_stands_in_it(write_toml):
     profile = read_profile(write_toml(GOOD))
     assert (profile.name, profile.planner) == ("mine", "corridor")
     assert (profile.device.cores, profile.device.threads) == ((0, 1), 1)
-    assert (profile.load.sizes, profile.load.workloads, profile.load.terrain) == ((64, 128), ("soft",), ("sample",))
+    assert (profile.load.sizes, profile.load.workloads, profile.load.terrain) == (
+        (64, 128),
+        ("soft",),
+        ("sample",),
+    )
     fast, gap = profile.budgets
     assert (fast.planner, fast.size, fast.limit) == ("corridor", None, 10.0)
     assert (gap.planner, gap.size, gap.direction) == ("nnpp", 128, "at most")
@@ -38,10 +42,22 @@ def test_a_profile_says_what_stands_in_it(write_toml):
 @pytest.mark.parametrize(
     ("old", "new", "words"),
     [
-        ('planner = "corridor"', 'planner = "dijkstra"', ["planner: wanted one of astar,", "'dijkstra'"]),
-        ('planner = "corridor"', "plan = 1", ["field plan: wanted one of title, planner,", "workload, model"]),
+        (
+            'planner = "corridor"',
+            'planner = "dijkstra"',
+            ["planner: wanted one of astar,", "'dijkstra'"],
+        ),
+        (
+            'planner = "corridor"',
+            "plan = 1",
+            ["field plan: wanted one of title, planner,", "workload, model"],
+        ),
         ("[device]", "[devices]", ["unknown field devices"]),
-        ("threads = 1", "thread = 1", ["device: ", "unknown field thread: wanted one of cores, threads"]),
+        (
+            "threads = 1",
+            "thread = 1",
+            ["device: ", "unknown field thread: wanted one of cores, threads"],
+        ),
         ("threads = 1", "threads = 0", ["device.threads", "int >= 1", "got 0"]),
         ("cores = [0, 1]", "cores = [0, 0]", ["device.cores", "different"]),
         ("cores = [0, 1]", "cores = [-1]", ["device.cores"]),
@@ -50,7 +66,11 @@ def test_a_profile_says_what_stands_in_it(write_toml):
         ('workloads = ["soft"]', 'workloads = ["hard"]', ["workload.workloads", "'hard'"]),
         ('["soft"]', '["body"]', ["workload.vehicle: wanted a vehicle for the workload body"]),
         ('workloads = ["soft"]', 'vehicle = "tracked"', ["workload.vehicle: wanted none without"]),
-        ('["soft"]', '["body-rocks30"]', ["workload.workloads", "0 to 20 percent", "'body-rocks30'"]),
+        (
+            '["soft"]',
+            '["body-rocks30"]',
+            ["workload.workloads", "0 to 20 percent", "'body-rocks30'"],
+        ),
         ('workloads = ["soft"]', "queries = 0", ["workload.queries", "int >= 1"]),
         ('workloads = ["soft"]', "rescale = -1.0", ["workload.rescale", "-1.0"]),
         ('workloads = ["soft"]', "rescale = nan", ["workload.rescale"]),
@@ -63,7 +83,11 @@ def test_a_profile_says_what_stands_in_it(write_toml):
         ("limit = 10,", "limit = inf,", ["budgets[0].limit"]),
         ("size = 128 }", "size = 256 }", ["budgets[1].size", "64, 128", "256"]),
         ("size = 128 }", 'workload = "limit20" }', ["budgets[1].workload", "'limit20'"]),
-        ("size = 128 }", "colour = 1 }", ["budgets[1]: ", "field colour: wanted one of name, quantity, limit"]),
+        (
+            "size = 128 }",
+            "colour = 1 }",
+            ["budgets[1]: ", "field colour: wanted one of name, quantity, limit"],
+        ),
         ('planner = "nnpp", size', 'planner = "nnpp-fp32", size', ["budgets[1].planner"]),
         (
             '"gap_mean", limit = 1, direction = "at most", unit = "%"',
@@ -73,11 +97,19 @@ def test_a_profile_says_what_stands_in_it(write_toml):
         ('"1/s" },', '"1/s", planner = "loop" },', ["budgets[0].planner", "'loop'"]),
         ("budgets = [", 'budgets = ["all",', ["budgets[0]", "'all'"]),
         ("budgets = [", "budgets = [[", ["mine.toml"]),
-        ("[device]", "[loop]\nrate_hz = 0\n[device]", ["loop.rate_hz: Expected float >= 0.001, got 0"]),
+        (
+            "[device]",
+            "[loop]\nrate_hz = 0\n[device]",
+            ["loop.rate_hz: Expected float >= 0.001, got 0"],
+        ),
         ("[device]", "[loop]\nmethod = 'magic'\n[device]", ["loop.method: wanted one of auto"]),
         ("[device]", "[loop]\npriority = 100\n[device]", ["loop.priority"]),
         ("[device]", "[loop]\ntolerance = -0.1\n[device]", ["loop.tolerance"]),
-        ("[device]", "[loop]\ncorner_cutting = 1\n[device]", ["loop.corner_cutting: Expected bool, got 1"]),
+        (
+            "[device]",
+            "[loop]\ncorner_cutting = 1\n[device]",
+            ["loop.corner_cutting: Expected bool, got 1"],
+        ),
         ("[device]", "[loop]\nspeed = 1\n[device]", ["loop: Object contains unknown field speed"]),
     ],
 )
@@ -92,11 +124,18 @@ def test_a_bad_profile_is_refused_with_the_key(write_toml, old, new, words):
 
 
 def test_a_vehicle_has_workloads_beside_a_points(write_toml):
-    text = GOOD.replace('workloads = ["soft"]', 'workloads = ["body-rocks5", "soft", "body"]\nvehicle = "tracked"')
+    text = GOOD.replace(
+        'workloads = ["soft"]', 'workloads = ["body-rocks5", "soft", "body"]\nvehicle = "tracked"'
+    )
     profile = read_profile(write_toml(text))
-    assert profile.load.workloads == ("body-rocks5", "soft", "body") and profile.load.vehicle == "tracked"
+    assert (
+        profile.load.workloads == ("body-rocks5", "soft", "body")
+        and profile.load.vehicle == "tracked"
+    )
     other, _ = overridden(profile, vehicle="a/folder/own.toml")
-    assert other.load.vehicle == "a/folder/own.toml" and other.facts()["load"]["vehicle"] == "own.toml"
+    assert (
+        other.load.vehicle == "a/folder/own.toml" and other.facts()["load"]["vehicle"] == "own.toml"
+    )
     with pytest.raises(ProfileError, match="vehicle: wanted none without"):
         overridden(read_profile(write_toml(GOOD)), vehicle="tracked")
 

@@ -4,7 +4,8 @@ from nnpp_edge.profiling.judge import EXIT_CODES, Noise, judged, verdict
 from nnpp_edge.profiling.profile_file import Budget, Device, Load, Profile
 from nnpp_edge.profiling.sensors import Throttling
 
-QUIET, DISTURBED = Noise(), Noise("others took 40 % of the cores' time", 0.4)
+QUIET = Noise()
+DISTURBED = Noise("others took 40 % of the cores' time", 0.4)
 SLOWED = Noise(throttling=Throttling("the clock of core 0 fell from 2000 to 1500 MHz", 0.25))
 
 
@@ -17,9 +18,17 @@ def budget(quantity, limit, direction, unit, **changes):
 
 
 def row(size=64, **figures):
-    told = {"workload": "soft", "size": size, "planner": "nnpp", "time_ms": {"p99": 4.0}, "fps": 500.0}
+    told = {
+        "workload": "soft",
+        "size": size,
+        "planner": "nnpp",
+        "time_ms": {"p99": 4.0},
+        "fps": 500.0,
+    }
     told |= {"map_ms": {"median": 4.0, "p99": 9.0}, "patch_ms": {"median": 0.1, "p99": 0.2}}
-    return told | {"gap_mean": 0.012, "halves": {"time": [1.0, 1.05], "ratio": [1.0, 1.05]}} | figures
+    return (
+        told | {"gap_mean": 0.012, "halves": {"time": [1.0, 1.05], "ratio": [1.0, 1.05]}} | figures
+    )
 
 
 FPS = budget("fps", 100.0, "at least", "1/s")
@@ -49,7 +58,12 @@ GAP = budget("gap_mean", 1.0, "at most", "%")
                 ("map_ms", 5.0, {"map_ms": None}, "not measured"),
             )
         ),
-        (budget("speedup_total", 2.0, "at least", "x"), {"halves": HALVES, "speedup_total": 3.0}, QUIET, "pass"),
+        (
+            budget("speedup_total", 2.0, "at least", "x"),
+            {"halves": HALVES, "speedup_total": 3.0},
+            QUIET,
+            "pass",
+        ),
         # noise: a pass only ten times over, and a miss only where it is beyond doubt
         (FPS, {"halves": {"time": [1.0, 1.2]}}, QUIET, "noisy"),
         (FPS, {"halves": {"time": [1.2, 1.0]}, "fps": 90.0}, QUIET, "noisy"),
@@ -68,7 +82,12 @@ GAP = budget("gap_mean", 1.0, "at most", "%")
         (GAP, {"gap_mean": None}, QUIET, "not measured"),
         (budget("energy_mj", 5.0, "at most", "mJ"), {"energy_mj": 6.0}, QUIET, "fail"),
         (budget("energy_mj", 5.0, "at most", "mJ"), {"energy_mj": None}, QUIET, "not measured"),
-        (budget("inference_fps", 1.0, "at least", "1/s"), {"inference_fps": None}, QUIET, "not measured"),
+        (
+            budget("inference_fps", 1.0, "at least", "1/s"),
+            {"inference_fps": None},
+            QUIET,
+            "not measured",
+        ),
         (budget("fps", 1.0, "at least", "1/s", planner="corridor"), {}, QUIET, "not measured"),
         (FPS, {}, SLOWED, "pass"),
         (FPS, {"fps": 99.0}, SLOWED, "throttled"),
@@ -83,14 +102,20 @@ def test_a_budgets_verdict(wanted, figures, disturbed, state):
     (line,) = judged(profile(wanted), [row(**figures)], {}, disturbed)
     assert line["verdict"] == state
     unsure = state in ("noisy", "not measured", "throttled")
-    assert bool(line["why"]) == (unsure or "explains no such miss" in line["why"] or "under load" in line["why"])
+    assert bool(line["why"]) == (
+        unsure or "explains no such miss" in line["why"] or "under load" in line["why"]
+    )
     assert ("core 0 fell" in line["why"]) == (
         disturbed is SLOWED and wanted is FPS and state in ("throttled", "fail")
     )
 
 
 def test_the_loops_reactions_have_budgets():
-    loop = {"workload": "soft", "reaction_ms": {"median": 2.0, "p99": 6.0}, "halves": {"reaction": [2, 2]}}
+    loop = {
+        "workload": "soft",
+        "reaction_ms": {"median": 2.0, "p99": 6.0},
+        "halves": {"reaction": [2, 2]},
+    }
     for quantity, limit, at, state in (
         ("reaction_ms", 2.0, 64, "pass"),
         ("reaction_ms", 1.9, 64, "fail"),
@@ -114,8 +139,12 @@ def test_what_the_run_has_one_figure_of_is_judged_once_and_start_up_may_be_noisy
         ("start_up_warm_s", "s", 90.0, DISTURBED, "noisy"),
     ):
         wanted = budget(quantity, 300.0, "at most", unit)
-        lines = judged(profile(wanted, sizes=(64, 128)), [row()], {quantity: {"nnpp": value}}, noise)
-        assert [(line["size"], line["value"], line["verdict"]) for line in lines] == [(None, value, state)]
+        lines = judged(
+            profile(wanted, sizes=(64, 128)), [row()], {quantity: {"nnpp": value}}, noise
+        )
+        assert [(line["size"], line["value"], line["verdict"]) for line in lines] == [
+            (None, value, state)
+        ]
 
 
 @pytest.mark.parametrize(

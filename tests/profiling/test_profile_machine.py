@@ -66,7 +66,9 @@ def test_a_kernel_that_does_not_count_is_not_taken_for_an_idle_one(monkeypatch, 
 
 def test_threads_are_pinned_and_set_free_again():
     before = os.sched_getaffinity(0)
-    seen, wait, done = [], threading.Event(), threading.Event()
+    seen = []
+    wait = threading.Event()
+    done = threading.Event()
 
     def look():
         wait.wait()
@@ -110,7 +112,9 @@ def test_energy_is_summed_over_packages_and_a_counter_may_wrap(tmp_path):
     meter = EnergyMeter(tmp_path)
     before = meter.read()
     counters(tmp_path, package0=50, package1=160, core=50, psys=80)
-    assert sorted(before) == [100, 900] and meter.since_mj(before) == pytest.approx(1e-3 * (150 + 60))
+    assert sorted(before) == [100, 900] and meter.since_mj(before) == pytest.approx(
+        1e-3 * (150 + 60)
+    )
     (tmp_path / "powercap/intel-rapl:package0/energy_uj").unlink()
     assert np.isnan(meter.since_mj(before)), "one package that cannot be read"
 
@@ -142,17 +146,32 @@ Revision\t: c03114
 Serial\t\t: 100000001a2b3c4d
 Model\t\t: Raspberry Pi 4 Model B Rev 1.4
 """
-CORE = "processor\t: {0}\nmodel name\t: ARMv8\nCPU implementer\t: 0x41\nCPU variant\t: 0x1\nCPU part\t: {1}\n\n"
+CORE = (
+    "processor\t: {0}\nmodel name\t: ARMv8\nCPU implementer\t: 0x41\nCPU variant\t: 0x1\nCPU "
+    "part\t: {1}\n\n"
+)
 
 
 @pytest.mark.parametrize(
     ("cpuinfo", "cpu", "flags"),
     [
         (RASPBERRY_PI_4, "Raspberry Pi 4 Model B Rev 1.4, Cortex-A72", ["asimd"]),
-        ("".join(map(CORE.format, range(3), ("0xd05", "0xd05", "0xd0b"))), "Cortex-A55 + Cortex-A76", []),
+        (
+            "".join(map(CORE.format, range(3), ("0xd05", "0xd05", "0xd0b"))),
+            "Cortex-A55 + Cortex-A76",
+            [],
+        ),
         (CORE.format(0, "0xd99"), "ARM 0x41 0xd99", []),
-        ("processor\t: 0\nmodel name\t: A CPU\nflags\t\t: fpu avx2 avx512_vnni\n", "A CPU", ["avx2", "avx512_vnni"]),
-        ("processor\t: 0\nFeatures\t: fp asimd asimddp\nHardware\t: A board\n", "A board", ["asimd", "asimddp"]),
+        (
+            "processor\t: 0\nmodel name\t: A CPU\nflags\t\t: fpu avx2 avx512_vnni\n",
+            "A CPU",
+            ["avx2", "avx512_vnni"],
+        ),
+        (
+            "processor\t: 0\nFeatures\t: fp asimd asimddp\nHardware\t: A board\n",
+            "A board",
+            ["asimd", "asimddp"],
+        ),
     ],
 )
 def test_the_cpu_and_its_flags_on_x86_and_arm(monkeypatch, tmp_path, cpuinfo, cpu, flags):

@@ -16,7 +16,14 @@ from nnpp_edge.profiling.profile_file import Budget, Device, Load, Networks, Onb
 from nnpp_edge.runtime.errors import InvalidQueryError
 from nnpp_edge.runtime.planners.planner import Planner
 
-LOAD = Load(terrain=("synthetic",), workloads=("soft", "limit20"), sizes=(96, 256), queries=12, repeats=1, seed=3)
+LOAD = Load(
+    terrain=("synthetic",),
+    workloads=("soft", "limit20"),
+    sizes=(96, 256),
+    queries=12,
+    repeats=1,
+    seed=3,
+)
 NAMES = ["astar", "corridor", "nnpp", "nnpp-fp32", "auto"]
 
 
@@ -52,7 +59,14 @@ def asks(quantity, planner, **where):
 
 
 def profile(load, planner, model, *budgets):
-    return Profile("p", "p", planner, load=load, budgets=budgets, loop=OnboardLoop(rate_hz=200.0, model=str(model)))
+    return Profile(
+        "p",
+        "p",
+        planner,
+        load=load,
+        budgets=budgets,
+        loop=OnboardLoop(rate_hz=200.0, model=str(model)),
+    )
 
 
 @pytest.fixture(scope="module")
@@ -70,18 +84,32 @@ def measured(tiny_model):
     asked = profile(LOAD, "nnpp", tiny_model, *budgets)
     found = run(asked, planners, cores, progress=done.append)
     patch.undo()
-    return found, rows(found), dict(Timed.calls), done, {planner.name: planner for planner in planners}
+    return (
+        found,
+        rows(found),
+        dict(Timed.calls),
+        done,
+        {planner.name: planner for planner in planners},
+    )
 
 
 def test_every_planner_has_a_row_for_each_workload_and_size(measured):
     found, told, _, done, _ = measured
     assert [(row["workload"], row["size"], row["planner"]) for row in told] == [
-        (workload, size, name) for workload in LOAD.workloads for size in LOAD.sizes for name in NAMES
+        (workload, size, name)
+        for workload in LOAD.workloads
+        for size in LOAD.sizes
+        for name in NAMES
     ]
-    assert all(row["n"] == 12 and set(row["time_ms"]) == {"median", "p90", "p99", "max", "mean"} for row in told)
+    assert all(
+        row["n"] == 12 and set(row["time_ms"]) == {"median", "p90", "p99", "max", "mean"}
+        for row in told
+    )
     assert done[-1] == queries_in(LOAD) == 2 * 2 * 2 * 12 and done == sorted(done)
     watts = [row["energy_mj"] / row["time_ms"]["mean"] for row in told]
-    assert min(watts) > 1.0 and np.quantile(watts, 0.25) < 1.5  # calls may be held up after the clock stopped
+    assert (
+        min(watts) > 1.0 and np.quantile(watts, 0.25) < 1.5
+    )  # calls may be held up after the clock stopped
     assert len(found.disturbance) == 2 and all(half.elapsed_s > 0.0 for half in found.disturbance)
 
 
@@ -94,9 +122,12 @@ def test_each_row_has_the_stages_of_its_planner(measured):
 
 
 def clock_outside(measured, of, name):
-    """(queries, 2) milliseconds of the calls that each half of the run timed, by the clock outside."""
+    """(queries, 2) milliseconds of the calls that each half of the run timed, by the
+    clock outside.
+    """
     _, _, outside, _, planners = measured
-    rival, times = planners[name], []
+    rival = planners[name]
+    times = []
     for query in chain(*of.queries_by_map):
         calls = outside[(of.size, of.size), *query, rival.method, rival.model or "edge"]
         assert len(calls) in (2, 4)
@@ -108,13 +139,18 @@ def clock_outside(measured, of, name):
 
 @pytest.mark.parametrize("name", NAMES)
 def test_stages_and_figures_agree_with_a_clock_outside_within_5_percent(measured, name):
-    """Query by query, of stages the better of its two calls: a disturbance between two does not decide.
+    """Query by query, of stages the better of its two calls: a disturbance between two does not
+    decide.
 
-    The clock outside is nearer to the planner by a call, so it shows a little less than the figures.
+    The clock outside is nearer to the planner by a call, so it shows a little less than the
+    figures.
     """
     for of in measured[0].workloads:
-        answers, outside = of.answers[name], clock_outside(measured, of, name)
-        named = [sum(ms for stage, ms in plan.items() if stage != "other") for plan in answers.stages_ms]
+        answers = of.answers[name]
+        outside = clock_outside(measured, of, name)
+        named = [
+            sum(ms for stage, ms in plan.items() if stage != "other") for plan in answers.stages_ms
+        ]
         shares = np.reshape(named, (2, -1)).T / outside
         ratios = outside.mean(axis=1) / answers.column("time_ms")
         assert shares.max() <= 1.0 and ratios.max() <= 1.0
@@ -129,7 +165,12 @@ def test_both_halves_ask_the_same_and_costs_are_those_of_the_public_planner(meas
     for row in told:
         assert row["gap_max"] >= row["gap_mean"] >= -1e-6
         assert row["success"] == 1.0 and 0.0 <= row["success_first"] <= 1.0
-        assert row["time_ms"]["median"] <= row["time_ms"]["p90"] <= row["time_ms"]["p99"] <= row["time_ms"]["max"]
+        assert (
+            row["time_ms"]["median"]
+            <= row["time_ms"]["p90"]
+            <= row["time_ms"]["p99"]
+            <= row["time_ms"]["max"]
+        )
         assert row["fps"] == pytest.approx(1e3 / row["time_ms"]["median"], rel=1e-3)
         assert set(row["halves"]) >= {"time", "ratio"}
     assert find(told, "soft", 96, "astar")["speedup_total"] == 1.0
@@ -147,12 +188,19 @@ def test_maps_and_patches_that_have_just_arrived_are_measured_of_whom_it_was_ask
                 assert 0.0 < row[key]["median"] <= row[key]["p99"] <= row[key]["max"]
                 assert len(row["halves"][basis]) == 2
     for of in measured[0].workloads:
-        assert [len(of.answers["nnpp"].column("map_ms", half)) for half in (0, 1)] == [12, 12], "each judged query"
+        assert [len(of.answers["nnpp"].column("map_ms", half)) for half in (0, 1)] == [12, 12], (
+            "each judged query"
+        )
 
 
 def test_the_loop_answers_every_patch_with_a_checked_path(measured):
     (row,) = loop_rows(measured[0], OnboardLoop(rate_hz=200.0))
-    assert (row["workload"], row["size"], row["method"], row["rate_hz"]) == ("limit20", 256, "auto", 200.0)
+    assert (row["workload"], row["size"], row["method"], row["rate_hz"]) == (
+        "limit20",
+        256,
+        "auto",
+        200.0,
+    )
     assert (row["n"], row["patch_side"]) == (32, 64)
     assert row["planned"] + row["kept"] + row["without_path"] == 32 and row["planned"] > 0
     assert 0.0 < row["reaction_ms"]["median"] <= row["reaction_ms"]["p99"]
@@ -170,7 +218,9 @@ def test_terrain_without_enough_queries_is_refused(tmp_path, tiny_model):
         run(profile(load, "auto", tiny_model), planners, [0])
 
 
-def test_each_call_on_a_vehicles_map_is_that_of_a_planner_that_has_checked_nothing(tiny_model, monkeypatch):
+def test_each_call_on_a_vehicles_map_is_that_of_a_planner_that_has_checked_nothing(
+    tiny_model, monkeypatch
+):
     load = Load(
         terrain=("synthetic",),
         vehicle="small-rover",
@@ -185,7 +235,10 @@ def test_each_call_on_a_vehicles_map_is_that_of_a_planner_that_has_checked_nothi
     found = run(asked, planners, sorted(os.sched_getaffinity(0)))
     maps = ProfileMaps(load)
     for of in found.workloads:
-        grounds = [on_map.ground for _, on_map in zip(of.queries_by_map, maps.maps(of.workload, 64), strict=False)]
+        grounds = [
+            on_map.ground
+            for _, on_map in zip(of.queries_by_map, maps.maps(of.workload, 64), strict=False)
+        ]
         wanted = [
             Planner(ground).plan(*query, method="astar")
             for ground, queries in zip(grounds, of.queries_by_map, strict=True)
@@ -211,4 +264,6 @@ def test_from_which_size_on_a_planner_pays():
     ]
     found = {(line["planner"], line["over"]): line["size_from"] for line in break_even(told)}
     assert found == {("corridor", "astar"): 256, ("nnpp", "astar"): 512, ("nnpp", "corridor"): 512}
-    assert {line["size_from"] for line in break_even([row for row in told if row["size"] < 512])} == {256, None}
+    assert {
+        line["size_from"] for line in break_even([row for row in told if row["size"] < 512])
+    } == {256, None}

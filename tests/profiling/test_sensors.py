@@ -30,14 +30,18 @@ class FakeSys:
 
 @pytest.fixture
 def fake(tmp_path):
-    """Two cores of 2 GHz and one zone that slows them at 85 °C, starts a fan at 60, and has an unused point."""
+    """Two cores of 2 GHz and one zone that slows them at 85 °C, starts a fan at 60, and has an
+    unused point.
+    """
     tree = FakeSys(tmp_path)
     for core in (0, 1):
         tree.write(f"devices/system/cpu/cpu{core}/cpufreq/cpuinfo_max_freq", 2_000_000)
         tree.write(f"devices/system/cpu/cpu{core}/thermal_throttle/core_throttle_count", 3)
         tree.clock(core, 1_800_000)
     tree.write("class/thermal/thermal_zone0/type", "cpu")
-    for at, (kind, milli) in enumerate((("active", 60_000), ("critical", 105_000), ("passive", 85_000), ("hot", 0))):
+    for at, (kind, milli) in enumerate(
+        (("active", 60_000), ("critical", 105_000), ("passive", 85_000), ("hot", 0))
+    ):
         tree.write(f"class/thermal/thermal_zone0/trip_point_{at}_type", kind)
         tree.write(f"class/thermal/thermal_zone0/trip_point_{at}_temp", milli)
     tree.temperature(55_250)
@@ -64,8 +68,12 @@ def test_a_machine_that_tells_nothing_has_no_readings_and_is_not_called_throttle
     assert facts == {"readings": 2, "throttled": "", "clock_mhz": {}, "temperature_c": {}}
 
 
-def test_readings_are_taken_no_sooner_than_a_quarter_second_after_the_last(fake, tmp_path, monkeypatch):
-    now, log, taken = [0.0], Sensors([0], tmp_path), []
+def test_readings_are_taken_no_sooner_than_a_quarter_second_after_the_last(
+    fake, tmp_path, monkeypatch
+):
+    now = [0.0]
+    log = Sensors([0], tmp_path)
+    taken = []
     monkeypatch.setattr(sensors, "time", SimpleNamespace(perf_counter=lambda: now[0]))
     for sixteenth in range(12):
         now[0] = sixteenth / 16
@@ -102,10 +110,18 @@ FALLING = [2000.0] * 10 + [1500.0] * 10
         ({"clocks": [1500.0] * 10 + [2000.0] * 10}, [], 0.0),
         ({"temperatures": [84.9] * 8}, [], 0.0),
         ({"temperatures": [80.0, 85.0, 86.0, 80.0]}, ["85 °C in 2 of 4 readings"], 1.0),
-        ({"temperatures": [90.0] * 4, "clocks": [1000.0] * 4}, ["cpu 0 stood at its trip point"], 0.5),
+        (
+            {"temperatures": [90.0] * 4, "clocks": [1000.0] * 4},
+            ["cpu 0 stood at its trip point"],
+            0.5,
+        ),
         ({"counts": [5, 5, 5]}, [], 0.0),
         ({"counts": [5, 6, 9]}, ["slowed its cores 4 times"], 1.0),
-        ({"clocks": FALLING[8:12], "counts": [0, 0, 1, 1]}, ["fell", "slowed its cores 1 times"], 0.125),
+        (
+            {"clocks": FALLING[8:12], "counts": [0, 0, 1, 1]},
+            ["fell", "slowed its cores 1 times"],
+            0.125,
+        ),
         ({"clocks": [2000.0]}, [], 0.0),
     ],
 )
@@ -117,12 +133,29 @@ def test_when_a_run_is_called_throttled(told, words, share):
 
 def test_the_report_tells_ranges_limits_and_the_verdict(fake, tmp_path):
     log = Sensors([0, 1], tmp_path)
-    for khz, milli in ((2_000_000, 60_000), (1_900_000, 85_000), (1_200_000, 84_000), (1_200_000, 83_000)):
+    for khz, milli in (
+        (2_000_000, 60_000),
+        (1_900_000, 85_000),
+        (1_200_000, 84_000),
+        (1_200_000, 83_000),
+    ):
         fake.clock(0, khz)
         fake.temperature(milli)
         log.read()
     facts = sensor_facts(log.readings, log.limits)
-    assert facts["clock_mhz"]["0"] == {"first": 2000.0, "last": 1200.0, "min": 1200.0, "max": 2000.0, "limit": 2000.0}
-    assert facts["temperature_c"]["cpu 0"] == {"first": 60.0, "last": 83.0, "min": 60.0, "max": 85.0, "trip": 85.0}
+    assert facts["clock_mhz"]["0"] == {
+        "first": 2000.0,
+        "last": 1200.0,
+        "min": 1200.0,
+        "max": 2000.0,
+        "limit": 2000.0,
+    }
+    assert facts["temperature_c"]["cpu 0"] == {
+        "first": 60.0,
+        "last": 83.0,
+        "min": 60.0,
+        "max": 85.0,
+        "trip": 85.0,
+    }
     assert "core 0 fell" in facts["throttled"] and "core 1" not in facts["throttled"]
     assert "in 1 of 4 readings" in facts["throttled"]

@@ -11,9 +11,13 @@ def test_an_episode_is_the_same_for_the_same_seed_and_can_always_be_walked():
     one, two, other = (make_episode(cost, (5, 5), (120, 120), seed) for seed in (4, 4, 5))
     assert [s.start for s in one.steps] == [s.start for s in two.steps]
     for a, b in zip(one.steps, two.steps, strict=True):
-        assert all(p[:2] == q[:2] and np.array_equal(p[2], q[2]) for p, q in zip(a.patches, b.patches, strict=True))
+        assert all(
+            p[:2] == q[:2] and np.array_equal(p[2], q[2])
+            for p, q in zip(a.patches, b.patches, strict=True)
+        )
     assert any(
-        [p[:2] for p in a.patches] != [p[:2] for p in b.patches] for a, b in zip(one.steps, other.steps, strict=False)
+        [p[:2] for p in a.patches] != [p[:2] for p in b.patches]
+        for a, b in zip(one.steps, other.steps, strict=False)
     )
     now = cost.copy()
     for step in one.steps:

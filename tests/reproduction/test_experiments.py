@@ -53,7 +53,9 @@ def shrink():
 @pytest.fixture(scope="module")
 def terrain(tmp_path_factory):
     path = tmp_path_factory.mktemp("terrain") / "ground.npz"
-    np.savez(path, elevation_m=synthetic_terrain(np.random.default_rng(4), 256, 5.0), cell_size_m=5.0)
+    np.savez(
+        path, elevation_m=synthetic_terrain(np.random.default_rng(4), 256, 5.0), cell_size_m=5.0
+    )
     return path
 
 
@@ -78,7 +80,8 @@ def made(terrain, run, tmp_path_factory):
 
 def tables(text):
     """The tables of a page: for each the number of columns of each line."""
-    out, lines = [], text.splitlines()
+    out = []
+    lines = text.splitlines()
     for above, line in zip(["", *lines[:-1]], lines, strict=True):
         if line.startswith("|"):
             cells = len(line.strip("|").split("|"))
@@ -90,38 +93,66 @@ def test_every_experiment_writes_its_tables_picture_and_findings(made, terrain):
     folder, outcomes = made
     assert {facts.name: ran for facts, ran in outcomes} == dict.fromkeys(TINY, True)
     index = (folder / "README.md").read_text()
-    heads = {Verdict.AGREES: "What agrees", Verdict.BETTER: "What is better", Verdict.DIFFERS: "What does not agree"}
+    heads = {
+        Verdict.AGREES: "What agrees",
+        Verdict.BETTER: "What is better",
+        Verdict.DIFFERS: "What does not agree",
+    }
     for made_of, _ in outcomes:
         name = made_of.name
         files = {f"{name}.{end}" for end in ("csv", "png", "json")}
         assert {path.name for path in (folder / name).iterdir()} == files
         with (folder / name / f"{name}.csv").open() as file:
             header, *rows = csv.reader(file)
-        assert rows and len(set(header)) == len(header) and all(len(row) == len(header) for row in rows), name
-        assert any(cell.replace(".", "").replace("e-", "").isdigit() for row in rows for cell in row)
+        assert (
+            rows
+            and len(set(header)) == len(header)
+            and all(len(row) == len(header) for row in rows)
+        ), name
+        assert any(
+            cell.replace(".", "").replace("e-", "").isdigit() for row in rows for cell in row
+        )
         with Image.open(folder / name / f"{name}.png") as picture:
-            assert min(picture.size) > 300 and len(set(picture.convert("L").resize((64, 64)).tobytes())) > 8, name
+            assert (
+                min(picture.size) > 300
+                and len(set(picture.convert("L").resize((64, 64)).tobytes())) > 8
+            ), name
         facts = json.loads((folder / name / f"{name}.json").read_text())
-        assert facts["quick"] and facts["made_with"]["terrain"].startswith("`ground.npz` (cells of 5 m, ")
+        assert facts["quick"] and facts["made_with"]["terrain"].startswith(
+            "`ground.npz` (cells of 5 m, "
+        )
         assert made_of.findings and f"{name}/{name}.png" in index
         for finding in made_of.findings:
             part = index.partition(heads[finding.verdict])[2].partition("\n## ")[0]
             assert finding.claim in part and finding.ours in part
     assert "Left out, as the terrain is no more than 256 cells a side: 512²." in index
-    assert len(tables(index)) > len(TINY) and all(len(set(t)) == 1 and len(t) > 2 for t in tables(index))
+    assert len(tables(index)) > len(TINY) and all(
+        len(set(t)) == 1 and len(t) > 2 for t in tables(index)
+    )
     assert str(terrain.parent) not in index and "None" not in index and "nan" not in index
-    assert all(words in index for words in ("smoke run", "- networks: ", "- samples: ", "- controls: "))
+    assert all(
+        words in index for words in ("smoke run", "- networks: ", "- samples: ", "- controls: ")
+    )
 
 
 def test_every_page_of_a_network_names_it_and_has_controls(made):
     for name in ("table2", "fig9", "fig11", "fig12", "fig14", "table3", "table4"):
-        text = (made[0] / "README.md").read_text().partition(f'<a id="{name}">')[2].partition("<a id")[0]
+        text = (
+            (made[0] / "README.md")
+            .read_text()
+            .partition(f'<a id="{name}">')[2]
+            .partition("<a id")[0]
+        )
         assert "`tiny`" in text and "corridor" in text, name
         lines = text.splitlines()
-        assert all("`tiny`" in line for line in lines if "| plain A*NN |" in line or "| `nnpp` |" in line), name
+        assert all(
+            "`tiny`" in line for line in lines if "| plain A*NN |" in line or "| `nnpp` |" in line
+        ), name
 
 
-def test_a_second_run_skips_what_is_complete_and_mends_what_is_not(terrain, run, tiny_model, tmp_path):
+def test_a_second_run_skips_what_is_complete_and_mends_what_is_not(
+    terrain, run, tiny_model, tmp_path
+):
     def ended(**more):
         return [ran for _, ran in run(terrain, tmp_path, "fig12", "table1", **more)]
 
@@ -159,7 +190,9 @@ def test_plain_astar_is_optimal_and_the_region_is_the_networks(tiny_model):
         assert exact_row["excess"] == pytest.approx(0.0, abs=1e-5) and "mm" not in exact_row
         assert nn["excess"] >= -1e-5 and 0.0 < nn["mm"] <= 1.0
         assert rows.increase(PLAIN) == pytest.approx(0.0, abs=1e-2)
-    assert timed.of(PLAIN_NN).mean("excess") == pytest.approx(plain.of(PLAIN_NN).mean("excess"), abs=1e-5)
+    assert timed.of(PLAIN_NN).mean("excess") == pytest.approx(
+        plain.of(PLAIN_NN).mean("excess"), abs=1e-5
+    )
     assert 0.0 < timed.of(PLAIN_NN).mean("inference_s") < timed.of(PLAIN_NN).mean("time_s")
     assert not plain.all("time_s")
 
@@ -176,15 +209,15 @@ def test_the_papers_own_figures_agree_with_the_paper():
 
 
 def as_in_table2(*, control=(0.1, 0.5, 0.5), **of_all):
-    """Rows like the paper's, plain and compiled alike, but for what the network's ways and the controls come to."""
+    """Rows like the paper's, plain and compiled alike, but for what the network's ways and the
+    controls come to.
+    """
     rows = Rows()
     for (size,), theirs in paper.TABLE_2.by("size").items():
         (row,), (nn,) = theirs.of(paper.ASTAR), theirs.of(paper.ASTAR_NN)
-        gain, cc_increase, found = (
-            of_all.get("gain", row["time_s"] / nn["time_s"]),
-            of_all.get("cc_increase", nn["cc"] / nn["exact_cc"] - 1.0),
-            of_all.get("found", nn["found"]),
-        )
+        gain = of_all.get("gain", row["time_s"] / nn["time_s"])
+        cc_increase = of_all.get("cc_increase", nn["cc"] / nn["exact_cc"] - 1.0)
+        found = of_all.get("found", nn["found"])
         ways = {PLAIN: (1.0, 0.0, 1.0), "astar": (1.0, 0.0, 1.0), "corridor": control}
         ways |= dict.fromkeys(PLAIN_CONTROLS.values(), control) | dict.fromkeys(
             (PLAIN_NN, "nnpp"), (gain, cc_increase, found)
@@ -199,7 +232,9 @@ def as_in_table2(*, control=(0.1, 0.5, 0.5), **of_all):
 def test_table_2_is_judged_by_the_figures():
     found = static.table2_findings(as_in_table2())
     assert set(verdicts(found)) == {Verdict.AGREES} and not any(f.controls for f in found[:5])
-    worse = static.table2_findings(as_in_table2(gain=0.5, cc_increase=0.2, found=0.5, control=(9.0, 0.0, 1.0)))
+    worse = static.table2_findings(
+        as_in_table2(gain=0.5, cc_increase=0.2, found=0.5, control=(9.0, 0.0, 1.0))
+    )
     assert set(verdicts(worse)) == {Verdict.DIFFERS} and not any(f.controls for f in worse)
     better = static.table2_findings(as_in_table2(gain=50.0, cc_increase=0.0, found=1.0))
     assert verdicts(better)[:5] == [Verdict.BETTER] * 5
@@ -209,24 +244,43 @@ def test_a_verdict_that_a_control_earns_too_says_so():
     found = static.table2_findings(as_in_table2(control=(9.0, 0.0, 1.0)))
     judged = [f for f in found if "fastest" not in f.claim and "gains more" not in f.claim]
     assert all(f.controls for f in judged)
-    assert {f.controls for f in judged if "plain" in f.claim} == {("corridor", "straight band", "shuffled weights")}
-    assert "says nothing about the network, a control does as well: corridor" in finding_cells(found[0])[-1]
+    assert {f.controls for f in judged if "plain" in f.claim} == {
+        ("corridor", "straight band", "shuffled weights")
+    }
+    assert (
+        "says nothing about the network, a control does as well: corridor"
+        in finding_cells(found[0])[-1]
+    )
     fast_but_dear = static.table2_findings(as_in_table2(control=(9.0, 0.3, 1.0)))
     assert not fast_but_dear[0].controls, "a fast search for a bad path is none"
 
 
 def answered(place, methods, control=(99.0, 999.0), mended=0.0):
-    """Rows of a plan: time and CC by the paper's methods, plain and compiled alike; those of the controls."""
+    """Rows of a plan: time and CC by the paper's methods, plain and compiled alike; those of the
+    controls.
+    """
     ways = {
         of[theirs]: way
         for of in (dynamic.PLAIN_OF, dynamic.OURS_OF)
         for theirs, way in methods.items()
         if theirs in of
     }
-    ways |= {name: control for kinds in CONTROLS_OF.values() for kind, name in kinds.items() if kind == CORRIDOR}
+    ways |= {
+        name: control
+        for kinds in CONTROLS_OF.values()
+        for kind, name in kinds.items()
+        if kind == CORRIDOR
+    }
     astar_cc = methods[paper.ASTAR][1]
     return [
-        {**place, "planner": name, "time_s": time_s, "cc": cc, "exact_cc": astar_cc, "mended": mended}
+        {
+            **place,
+            "planner": name,
+            "time_s": time_s,
+            "cc": cc,
+            "exact_cc": astar_cc,
+            "mended": mended,
+        }
         for name, (time_s, cc) in ways.items()
     ]
 
@@ -242,18 +296,23 @@ def test_table_3_is_judged_by_the_figures():
     assert set(verdicts(found)) == {Verdict.AGREES} and not any(f.controls for f in found)
 
     def of(*ways, **more):
-        return dynamic.table3_findings(Rows(answered({"plan": 0}, dict(zip(METHODS, ways, strict=True)), **more)))
+        return dynamic.table3_findings(
+            Rows(answered({"plan": 0}, dict(zip(METHODS, ways, strict=True)), **more))
+        )
 
     worse = of((1.0, 10.0), (2.0, 12.0), (3.0, 10.0), (9.0, 12.0))
     assert verdicts(worse) == [Verdict.DIFFERS] * 6 + [Verdict.AGREES]
     better = of((9.0, 10.0), (1.0, 10.0), (3.0, 10.0), (0.1, 9.0), control=(0.1, 10.0))
     assert verdicts(better) == [Verdict.BETTER] * 7
-    assert [f.controls for f in better] == [(CORRIDOR,) if "NN" in f.claim else () for f in better[:6]] + [()]
+    assert [f.controls for f in better] == [
+        (CORRIDOR,) if "NN" in f.claim else () for f in better[:6]
+    ] + [()]
 
 
 def test_an_episode_is_driven_by_all(tiny_model):
     cost = np.random.default_rng(3).uniform(0.0, 0.8, (96, 96)).astype(np.float32)
-    networks, stride = Networks(NetworkModel(tiny_model), NetworkModel(tiny_model)), dynamic.stride_on(96)
+    networks = Networks(NetworkModel(tiny_model), NetworkModel(tiny_model))
+    stride = dynamic.stride_on(96)
     episode = make_episode(cost, (5, 5), (90, 88), seed=2, stride=stride)
     rows = dynamic.drive(episode, networks, 1)
     assert len(episode.steps) > 2 and len(rows) == len(episode.steps) * len(dynamic.PLANNERS)
@@ -266,27 +325,39 @@ def test_an_episode_is_driven_by_all(tiny_model):
 
 def test_the_best_omega_is_where_length_and_cc_together_are_least():
     def best(omegas, length, cc):
-        length, cc = np.array(length), np.array(cc)
-        made = ((exact.by_range(length), exact.by_range(cc)), (exact.by_greatest(length), exact.by_greatest(cc)))
+        length = np.array(length)
+        cc = np.array(cc)
+        made = (
+            (exact.by_range(length), exact.by_range(cc)),
+            (exact.by_greatest(length), exact.by_greatest(cc)),
+        )
         return [exact.best_omegas(np.array(omegas), *each).tolist() for each in made]
 
-    omegas, length = [0.0, 0.01, 0.02, 0.03], [[10.0, 11.0, 20.0, 30.0], [10.0, 10.0, 10.0, 12.0]]
+    omegas = [0.0, 0.01, 0.02, 0.03]
+    length = [[10.0, 11.0, 20.0, 30.0], [10.0, 10.0, 10.0, 12.0]]
     # divided by the greatest: [10/30 + 1, 11/30 + 3/9, ...] on the first map
     assert best(omegas, length, [[9.0, 3.0, 2.0, 1.0], [8.0, 8.0, 2.0, 2.0]]) == [[0.01, 0.02]] * 2
     assert best(omegas, np.ones((1, 4)), np.ones((1, 4)))[0] == [0.02]
-    assert best(omegas[:3], [[100.0, 106.0, 110.0]], [[50.0, 30.0, 20.0]]) == [[0.01], [0.02]], "it decides"
+    assert best(omegas[:3], [[100.0, 106.0, 110.0]], [[50.0, 30.0, 20.0]]) == [[0.01], [0.02]], (
+        "it decides"
+    )
 
 
 def test_sums_are_over_the_queries_that_all_answered(tiny_model):
     on_both = [
-        {"planner": PLAIN, "time_s": time_s, "cc": 10.0, "exact_cc": 10.0, "found": 1.0} for time_s in (4.0, 90.0)
+        {"planner": PLAIN, "time_s": time_s, "cc": 10.0, "exact_cc": 10.0, "found": 1.0}
+        for time_s in (4.0, 90.0)
     ]
     found = {"planner": PLAIN_NN, "time_s": 2.0, "cc": 12.0, "exact_cc": 10.0, "found": 1.0}
     failed = {"planner": PLAIN_NN, "time_s": 1.0, "found": 0.0}
-    rows = Rows({"scene": "-d", "plan": at % 2, **row} for at, row in enumerate((*on_both, found, failed)))
+    rows = Rows(
+        {"scene": "-d", "plan": at % 2, **row} for at, row in enumerate((*on_both, found, failed))
+    )
     assert rows.speedup(PLAIN, PLAIN_NN) == 2.0
     networks = Networks(NetworkModel(tiny_model), NetworkModel(tiny_model))
-    head, _, exact_line, nn_line = summary(rows, ("scene", "planner"), networks, totals=True).splitlines()
+    head, _, exact_line, nn_line = summary(
+        rows, ("scene", "planner"), networks, totals=True
+    ).splitlines()
     assert [name.strip() for name in head.split("|")[4:-1]] == [
         "time in all",
         "over A*",
@@ -300,7 +371,10 @@ def test_sums_are_over_the_queries_that_all_answered(tiny_model):
 
 def test_rows_become_csv_and_figures():
     rows = Rows(
-        [{"planner": "a", "time_s": 1.5, "cc": 3.0, "exact_cc": 2.0}, {"planner": "b", "time_s": float("nan")}]
+        [
+            {"planner": "a", "time_s": 1.5, "cc": 3.0, "exact_cc": 2.0},
+            {"planner": "b", "time_s": float("nan")},
+        ]
     )
     assert rows.csv() == "planner,time_s,cc,exact_cc\na,1.5,3.0,2.0\nb,,,\n"
     assert rows.increase("a") == 0.5 and np.isnan(rows.increase("b")) and np.isnan(rows.mean("mm"))
@@ -309,11 +383,24 @@ def test_rows_become_csv_and_figures():
 def test_the_command_prints_a_line_for_each_experiment_and_json_for_programs(
     nnpp_edge, terrain, tiny_model, tmp_path
 ):
-    words = ["reproduce", "table1", "fig12", "--quick", "--terrain", terrain, "--model", tiny_model, "-o", tmp_path]
+    words = [
+        "reproduce",
+        "table1",
+        "fig12",
+        "--quick",
+        "--terrain",
+        terrain,
+        "--model",
+        tiny_model,
+        "-o",
+        tmp_path,
+    ]
     ended = nnpp_edge(*words)
     assert ended.code == 0, ended.err
     first, second, last = ended.out.splitlines()
-    assert first.startswith("table1: ") and second.startswith("fig12: ") and last.endswith("README.md")
+    assert (
+        first.startswith("table1: ") and second.startswith("fig12: ") and last.endswith("README.md")
+    )
     told = json.loads(nnpp_edge(*words, "--json").out)
     assert [(e["experiment"], e["ended"]) for e in told["experiments"]] == [
         ("table1", "skipped"),

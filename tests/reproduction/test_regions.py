@@ -25,17 +25,24 @@ def cost():
 def joined(blocks, maker):
     """Whether blocks that touch join start and goal."""
     ends = [(maker.lookup[0][row], maker.lookup[1][col]) for row, col in QUERY]
-    reached, waiting = set(), [ends[0]] if blocks[ends[0]] else []
+    reached = set()
+    waiting = [ends[0]] if blocks[ends[0]] else []
     while waiting:
         row, col = waiting.pop()
-        if (row, col) in reached or not (0 <= row < len(blocks) and 0 <= col < len(blocks)) or not blocks[row, col]:
+        if (
+            (row, col) in reached
+            or not (0 <= row < len(blocks) and 0 <= col < len(blocks))
+            or not blocks[row, col]
+        ):
             continue
         reached.add((row, col))
         waiting += [(row + i, col + j) for i in (-1, 0, 1) for j in (-1, 0, 1)]
     return ends[1] in reached
 
 
-def test_the_papers_region_is_all_at_a_factor_of_the_greatest_threshold_that_joins_start_and_goal(tiny_model, cost):
+def test_the_papers_region_is_all_at_a_factor_of_the_greatest_threshold_that_joins_start_and_goal(
+    tiny_model, cost
+):
     maker = PaperRegions(cost, NetworkModel(tiny_model))
     region = maker.find(QUERY)
     levels = maker.finder.levels.astype(int)

@@ -38,7 +38,13 @@ def drive():
                 loop.stop()
 
         loop = Loop(
-            navigator, source, [*sinks, kept], rate_hz=rate_hz, queue=10_000, after_tick=after_tick, **options
+            navigator,
+            source,
+            [*sinks, kept],
+            rate_hz=rate_hz,
+            queue=10_000,
+            after_tick=after_tick,
+            **options,
         )
         counters = loop.run(ticks)
         paths = [m for m in kept.messages if isinstance(m, PathMessage)]

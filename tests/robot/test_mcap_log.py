@@ -45,13 +45,17 @@ def answer(cells, tick=1):
 
 
 def read(path):
-    """Everything in a finished file, by topic, decoded with the schemas that the file itself holds."""
+    """Everything in a finished file, by topic, decoded with the schemas that the file
+    itself holds.
+    """
     found = {}
     with path.open("rb") as file:
         reader = make_reader(file, validate_crcs=True, decoder_factories=[DecoderFactory()])
         for schema, channel, raw, message in reader.iter_decoded_messages():
             assert channel.message_encoding == "cdr"
-            found.setdefault(channel.topic, []).append(SimpleNamespace(schema=schema, raw=raw, message=message))
+            found.setdefault(channel.topic, []).append(
+                SimpleNamespace(schema=schema, raw=raw, message=message)
+            )
     return found
 
 
@@ -78,10 +82,14 @@ def xy(pose):
 
 def test_everything_comes_back_through_the_public_reader(tmp_path):
     cost = np.linspace(0.0, 0.99, 20 * 31, dtype=np.float32).reshape(20, 31)
-    cost[3, 4], cost[3, 5], cost[19, 30] = 1.0, np.inf, np.nan
+    cost[3, 4] = 1.0
+    cost[3, 5] = np.inf
+    cost[19, 30] = np.nan
     heights = np.arange(6, dtype=np.float32).reshape(2, 3)
     heights[0, 1] = np.nan
-    with closing(McapLog(tmp_path / "log.mcap", map_state(Ground(cost, cell_size_m=0.5), tell_unknown=True))) as log:
+    with closing(
+        McapLog(tmp_path / "log.mcap", map_state(Ground(cost, cell_size_m=0.5), tell_unknown=True))
+    ) as log:
         log.record(Pose(2.25, 3.5, stamp=7.0))
         log.record(Goal(18, 29))
         log.record(MapPatch(4, 5, cost=np.array([[0.5, np.nan, 2.0]])))
@@ -102,7 +110,8 @@ def test_everything_comes_back_through_the_public_reader(tmp_path):
     (patch,) = (m.message for m in found["/map_patch"])
     assert grid_of(patch).tolist() == [[50, -1, 100]]
     assert xy(patch.info.origin) == (2.5, 2.0)
-    (pose,), (goal,) = found["/pose"], found["/goal"]
+    (pose,) = found["/pose"]
+    (goal,) = found["/goal"]
     assert xy(pose.message.pose) == (1.75, 1.125)
     assert xy(goal.message.pose) == (14.75, 9.25)
     assert abs(time.time() - pose.message.header.stamp.sec) < 60.0
@@ -119,11 +128,19 @@ def test_everything_comes_back_through_the_public_reader(tmp_path):
         assert got == wanted
         turns = [p.pose.orientation for p in m.message.poses]
         assert all((turn.x, turn.y) == (0.0, 0.0) for turn in turns)
-        heads = [2.0 * math.degrees(math.atan2(turn.z, turn.w)) for turn in turns]  # from columns to rows
-        assert heads == pytest.approx({1: [0.0], 2: [90.0, 90.0], 5: [90.0, 45.0, 90.0, 45.0, 45.0]}[cells])
+        heads = [
+            2.0 * math.degrees(math.atan2(turn.z, turn.w)) for turn in turns
+        ]  # from columns to rows
+        assert heads == pytest.approx(
+            {1: [0.0], 2: [90.0, 90.0], 5: [90.0, 45.0, 90.0, 45.0, 45.0]}[cells]
+        )
         assert all(p.header.stamp.sec == m.message.header.stamp.sec for p in m.message.poses)
     answers = [json.loads(m.message.data) for m in found["/answer"]]
-    assert [(a["tick"], a["outcome"], a["path"]) for a in answers] == [(1, "OK", 1), (2, "OK", 2), (5, "OK", 5)]
+    assert [(a["tick"], a["outcome"], a["path"]) for a in answers] == [
+        (1, "OK", 1),
+        (2, "OK", 2),
+        (5, "OK", 5),
+    ]
     assert not any("headings_deg" in a for a in answers)
     assert json.loads(found["/status"][0].message.data)["counters"]["ticks"] == 3
     assert log.lost == 0
@@ -141,7 +158,8 @@ def test_a_path_that_only_shrank_is_not_written_again_and_a_lost_one_is(tmp_path
 def test_a_log_fills_at_most_its_limit_and_keeps_the_newest(tmp_path, monkeypatch):
     monkeypatch.setattr(mcap_log, "_FLUSH_EVERY_S", 0.0)
     monkeypatch.setattr(mcap_log, "_LIMIT_BYTES", 0.12e6)
-    rng, state = np.random.default_rng(0), map_state(Ground(np.full((20, 20), 0.2, np.float32)))
+    rng = np.random.default_rng(0)
+    state = map_state(Ground(np.full((20, 20), 0.2, np.float32)))
     with closing(McapLog(tmp_path / "log.mcap", state)) as log:
         for tick in range(250):
             log.publish(answer(rng.integers(0, 1000, (50, 2)), tick))
@@ -178,7 +196,9 @@ def test_what_was_written_before_a_kill_can_be_read(tmp_path):
         while float(lines[-1][1]) - float(lines[0][1]) < 0.4:
             lines.append(process.stdout.readline().split())
         process.send_signal(signal.SIGKILL)
-        lines += [line.split() for line in process.stdout.read().splitlines() if len(line.split()) == 2]
+        lines += [
+            line.split() for line in process.stdout.read().splitlines() if len(line.split()) == 2
+        ]
     found = read_unfinished(tmp_path / "log.mcap")
     ticks = [json.loads(m.data)["tick"] for m in found["/answer"]]
     assert ticks == list(range(len(ticks)))
@@ -192,7 +212,8 @@ class FullDisk:
     """A file that has room for so many bytes."""
 
     def __init__(self, file, room):
-        self.file, self.room = file, room
+        self.file = file
+        self.room = room
 
     def write(self, data):
         if self.file.tell() + len(data) > self.room:
@@ -214,7 +235,8 @@ def test_a_full_disk_ends_the_log_with_one_warning_and_not_the_loop(tmp_path, mo
     log = McapLog(tmp_path / "log.mcap", STATE)
     monkeypatch.undo()
     monkeypatch.setattr(mcap_log, "_FLUSH_EVERY_S", 0.0)
-    nav, goals = Navigator(Ground(np.full((60, 60), 0.2, np.float32))), iter(range(40))
+    nav = Navigator(Ground(np.full((60, 60), 0.2, np.float32)))
+    goals = iter(range(40))
     source = SimpleNamespace(poll=lambda: [Pose(3, 3), Goal(50, next(goals))])
     with caplog.at_level(logging.WARNING):
         counters = Loop(nav, source, [log], rate_hz=200, queue=1000).run(40)

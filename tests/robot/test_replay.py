@@ -1,4 +1,6 @@
-"""Recordings: what goes in comes out, at its pace or as fast as can be, and a crash costs a line at most."""
+"""Recordings: what goes in comes out, at its pace or as fast as can be, and a crash costs a line at
+most.
+"""
 
 import json
 import threading
@@ -18,7 +20,15 @@ from nnpp_edge.robot.transports.recording import (
     read_recording,
 )
 from nnpp_edge.robot.transports.wire import encode
-from nnpp_edge.runtime import Goal, Ground, InProcessSource, MapPatch, Navigator, NavigatorSettings, Pose
+from nnpp_edge.runtime import (
+    Goal,
+    Ground,
+    InProcessSource,
+    MapPatch,
+    Navigator,
+    NavigatorSettings,
+    Pose,
+)
 from nnpp_edge.runtime.errors import OutputError
 from tests.robot.conftest import free
 
@@ -27,7 +37,8 @@ SHAPE = (40, 60)
 
 def scene(path, ticks=40, seed=0):
     """A drive with obstacles that come and go, recorded at 10 Hz."""
-    rng, timed = np.random.default_rng(seed), [(0.0, Goal(35, 55))]
+    rng = np.random.default_rng(seed)
+    timed = [(0.0, Goal(35, 55))]
     for n in range(ticks):
         row, col = (int(x) for x in rng.integers(0, 38, 2))
         patch = MapPatch(row, col, cost=np.full((6, 4), rng.choice([0.1, 0.9, np.inf])))
@@ -37,7 +48,10 @@ def scene(path, ticks=40, seed=0):
 
 def told(paths):
     """What a run came to, without its times."""
-    return [(m.tick, m.outcome, m.origin, m.path.tolist(), m.cost, m.method, m.map_version) for m in paths]
+    return [
+        (m.tick, m.outcome, m.origin, m.path.tolist(), m.cost, m.method, m.map_version)
+        for m in paths
+    ]
 
 
 def recorded(path, *timed):
@@ -102,8 +116,12 @@ def test_a_line_that_was_cut_off_is_left_out(tmp_path, caplog):
 
 def test_at_full_speed_a_tick_gets_all_that_one_recorded_tick_got(tmp_path, drive):
     patches = [MapPatch(n % 40, 0, cost=np.full((1, 60), 0.1 + 0.001 * n)) for n in range(600)]
-    path = recorded(tmp_path / "scene.jsonl", *((float(n // 200), patch) for n, patch in enumerate(patches)))
-    ended = drive(Navigator(Ground(free())), ReplaySource(path, fast=True), rate_hz=2000.0, paced=False)
+    path = recorded(
+        tmp_path / "scene.jsonl", *((float(n // 200), patch) for n, patch in enumerate(patches))
+    )
+    ended = drive(
+        Navigator(Ground(free())), ReplaySource(path, fast=True), rate_hz=2000.0, paced=False
+    )
     assert [m.map_version for m in ended.paths] == [200, 400, 600]
 
 
@@ -128,11 +146,20 @@ def test_what_is_no_recording_is_refused_at_the_begin(tmp_path):
     for content, words in (
         ("garbage\n", "line 1: wanted a pose, goal or patch.*malformed"),
         (POSE + POSE.replace("1", "0.5"), r"line 2: at: wanted times that do not go back, got 0.5"),
-        ('{"type":"pose","row":1,"col":2}\n', "line 1: at: wanted the seconds since the recording began, got none"),
+        (
+            '{"type":"pose","row":1,"col":2}\n',
+            "line 1: at: wanted the seconds since the recording began, got none",
+        ),
         ('{"at":true,"type":"pose","row":1,"col":2}\n', "at: Expected `float | null`, got `bool`"),
         ('{"at":-1,"type":"pose","row":1,"col":2}\n', "at: Expected `float` >= 0.0"),
-        (POSE + "\n\n" + '{"at":2,"type":"pose","row":1}\n', "line 4: .* missing required field `col`"),
-        ('{"type":"recording","map":[1,2]}\n' + POSE, r"map of \[40, 60\] cells, got one of \[1, 2\]"),
+        (
+            POSE + "\n\n" + '{"at":2,"type":"pose","row":1}\n',
+            "line 4: .* missing required field `col`",
+        ),
+        (
+            '{"type":"recording","map":[1,2]}\n' + POSE,
+            r"map of \[40, 60\] cells, got one of \[1, 2\]",
+        ),
         ('{"v":9,"type":"recording"}\n', "version 1"),
         ("\0" * (18 << 20), "line 1: wanted a message of at most"),
     ):
@@ -148,7 +175,9 @@ def test_what_is_no_recording_is_refused_at_the_begin(tmp_path):
 
 
 def test_large_patches_that_wait_for_a_slow_recorder_are_few(tmp_path):
-    free, counted, seen = threading.Event(), [], []
+    free = threading.Event()
+    counted = []
+    seen = []
 
     def stuck(message, at_s):
         free.wait(20.0)
@@ -167,7 +196,8 @@ def test_large_patches_that_wait_for_a_slow_recorder_are_few(tmp_path):
 
 
 def test_a_slow_recorder_is_waited_for_where_nothing_may_be_left_out(tmp_path):
-    counted, seen = [], []
+    counted = []
+    seen = []
 
     def slow(message, at_s):
         time.sleep(0.00005)
@@ -184,9 +214,12 @@ def test_a_recorder_that_fails_is_counted_and_the_inputs_come_nevertheless(tmp_p
     def full(message, at_s):
         raise OSError("no space left")
 
-    counted, seen = [], []
+    counted = []
+    seen = []
     source = ReplaySource(scene(tmp_path / "scene.jsonl", ticks=4), fast=True)
-    recorded = RecordedSource(source, [full, lambda message, at_s: seen.append(message)], counted.append)
+    recorded = RecordedSource(
+        source, [full, lambda message, at_s: seen.append(message)], counted.append
+    )
     taken = []
     while not source.ended:
         taken += recorded.poll()
@@ -200,10 +233,13 @@ def test_a_recorder_that_fails_is_counted_and_the_inputs_come_nevertheless(tmp_p
 
 
 class Full:
-    """A file that takes so many lines whole, and of each further one the first ten bytes, or nothing."""
+    """A file that takes so many lines whole, and of each further one the first ten bytes, or
+    nothing.
+    """
 
     def __init__(self, file, lines):
-        self.file, self.lines = file, lines
+        self.file = file
+        self.lines = lines
         self.close = file.close
 
     def write(self, line):
@@ -214,11 +250,14 @@ class Full:
 
 
 def test_on_a_full_disk_nothing_follows_the_line_that_was_cut(tmp_path, monkeypatch):
-    open_file, left = Path.open, []
+    open_file = Path.open
+    left = []
     for lines, kept in ((0, []), (2, [(0.0, Pose(1, 2))])):
         left.append(lines)
         with monkeypatch.context() as patched:
-            patched.setattr(Path, "open", lambda *given, **options: Full(open_file(*given, **options), left[-1]))
+            patched.setattr(
+                Path, "open", lambda *given, **options: Full(open_file(*given, **options), left[-1])
+            )
             recorder = RecordingFile(tmp_path / f"scene{lines}.jsonl", SHAPE)
         for at_s, message in kept:
             recorder.record(message, at_s)
@@ -232,4 +271,11 @@ def test_on_a_full_disk_nothing_follows_the_line_that_was_cut(tmp_path, monkeypa
 def test_a_recording_is_plain_json(tmp_path):
     lines = scene(tmp_path / "scene.jsonl", ticks=1).read_text().splitlines()
     assert json.loads(lines[0]) == {"v": 1, "type": "recording", "map": [40, 60]}
-    assert json.loads(lines[1]) == {"at": 0.0, "v": 1, "type": "goal", "row": 35, "col": 55, "stamp": 0.0}
+    assert json.loads(lines[1]) == {
+        "at": 0.0,
+        "v": 1,
+        "type": "goal",
+        "row": 35,
+        "col": 55,
+        "stamp": 0.0,
+    }

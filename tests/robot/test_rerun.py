@@ -40,7 +40,10 @@ def read(path):
     for chunk in chunks:
         columns = found.setdefault(chunk.entity_path, {})
         batch = chunk.to_record_batch()
-        for name in set(batch.schema.names) - {"log_time", "time"}:  # nanoseconds, too fine for datetime
+        for name in set(batch.schema.names) - {
+            "log_time",
+            "time",
+        }:  # nanoseconds, too fine for datetime
             columns.setdefault(name.rpartition(":")[2], []).extend(batch.column(name).to_pylist())
     return found
 
@@ -56,8 +59,14 @@ def test_a_recording_holds_map_path_robot_goal_and_latencies(tmp_path):
         for tick in (1, 2):
             sink.publish(PathMessage(tick, Status.OK, Origin.FULL, PATH, cost=2.0, planning_ms=1.5))
         state.update(0, 0, np.array([[1.0]]))
-        sink.publish(PathMessage(3, Status.NO_PATH, Origin.NONE, reason="walled in", planning_ms=4.0))
-        sink.publish(StatusMessage(3, Status.NO_PATH, "how it is", Counters(tick_ms={"p99": 2.5}, rss_bytes=10**7)))
+        sink.publish(
+            PathMessage(3, Status.NO_PATH, Origin.NONE, reason="walled in", planning_ms=4.0)
+        )
+        sink.publish(
+            StatusMessage(
+                3, Status.NO_PATH, "how it is", Counters(tick_ms={"p99": 2.5}, rss_bytes=10**7)
+            )
+        )
         sink.record(Pose(3.5, 4.5))
     found = read(tmp_path / "loop.rrd")
     assert found["/map/path"]["tick"] == [1, 2, 3]
@@ -71,8 +80,15 @@ def test_a_recording_holds_map_path_robot_goal_and_latencies(tmp_path):
     assert found["/cost"]["scalars"] == [[2.0], [2.0]]
     assert found["/tick_ms/p99"]["scalars"] == [[2.5]]
     assert found["/memory_mb"]["scalars"] == [[10.0]]
-    assert found["/status"]["text"] == [["OK by full"], ["NO_PATH by none: walled in"], ["how it is"]]
-    pictures = [np.frombuffer(bytes(p[0]), np.uint8).reshape(20, 30, 3) for p in found["/map/cost"]["buffer"]]
+    assert found["/status"]["text"] == [
+        ["OK by full"],
+        ["NO_PATH by none: walled in"],
+        ["how it is"],
+    ]
+    pictures = [
+        np.frombuffer(bytes(p[0]), np.uint8).reshape(20, 30, 3)
+        for p in found["/map/cost"]["buffer"]
+    ]
     assert len(pictures) == 2, "anew only where it has changed"
     np.testing.assert_array_equal(pictures[0], cost_picture(cost)[..., ::-1])
     np.testing.assert_array_equal(pictures[1], cost_picture(state.cost())[..., ::-1])
@@ -81,8 +97,12 @@ def test_a_recording_holds_map_path_robot_goal_and_latencies(tmp_path):
 @pytest.mark.parametrize("radius", [None, 3.0])
 def test_a_recording_holds_the_outline_of_the_body_and_of_arcs_the_headings(tmp_path, radius):
     body = Vehicle(length_m=2.0, width_m=1.0, clearance_m=0.3, turning_radius_m=radius)
-    state = map_state(Ground.of_elevation(np.zeros((20, 300), np.float32), 0.5, cell_width_m=0.25, vehicle=body))
-    line, ahead = np.array([(5, 5 + n) for n in range(250)], np.int32), -1.0 if radius else 1.0  # arcs backwards
+    state = map_state(
+        Ground.of_elevation(np.zeros((20, 300), np.float32), 0.5, cell_width_m=0.25, vehicle=body)
+    )
+    # arcs backwards
+    line = np.array([(5, 5 + n) for n in range(250)], np.int32)
+    ahead = -1.0 if radius else 1.0
     driven = {"states": (12,) * 250, "headings": (270.0,) * 250} if radius else {}
     with closing(RerunSink(tmp_path / "loop.rrd", state)) as sink:
         sink.record(Pose(5.5, 5.25, heading_deg=180.0))
@@ -91,7 +111,10 @@ def test_a_recording_holds_the_outline_of_the_body_and_of_arcs_the_headings(tmp_
     found = read(tmp_path / "loop.rrd")
     outlines, none = found["/map/body"]["strips"]
     corners = {(5.5 + x, 5.5 + y) for x in (-4.0, 4.0) for y in (-1.0, 1.0)}
-    assert {tuple(corner) for corner in outlines[0]} == corners | {(5.5, 5.5), (5.5 + 4.0 * ahead, 5.5)} and not none
+    assert {tuple(corner) for corner in outlines[0]} == corners | {
+        (5.5, 5.5),
+        (5.5 + 4.0 * ahead, 5.5),
+    } and not none
     assert found["/map/robot/heading"]["vectors"][0] == [pytest.approx([0.0, 1.0], abs=1e-6)]
     assert found["/map/robot/heading"]["origins"] == [[[5.25, 5.5]]]
     assert ("/map/headings" in found) == bool(radius)
@@ -117,9 +140,13 @@ def test_a_viewer_elsewhere_is_shown_the_same(tmp_path):
         state = map_state(Ground(np.full((20, 30), 0.3)))
         with closing(RerunSink(f"rerun+http://127.0.0.1:{port}/proxy", state)) as sink:
             for tick in (1, 2):
-                sink.publish(PathMessage(tick, Status.OK, Origin.FULL, PATH, cost=2.0, planning_ms=1.5))
+                sink.publish(
+                    PathMessage(tick, Status.OK, Origin.FULL, PATH, cost=2.0, planning_ms=1.5)
+                )
         sizes = [-1, 0]
-        while len(sizes) < 40 and (not sizes[-1] or sizes[-1] != sizes[-2]):  # until nothing more comes
+        while len(sizes) < 40 and (
+            not sizes[-1] or sizes[-1] != sizes[-2]
+        ):  # until nothing more comes
             time.sleep(0.5)
             sizes.append(kept.stat().st_size if kept.exists() else 0)
     finally:
@@ -139,7 +166,9 @@ def test_where_nothing_can_be_shown_it_is_one_line(tmp_path):
         RerunSink("rerun+http://no address", STATE)
 
 
-def test_rerun_is_imported_only_when_it_is_used_and_without_it_the_error_names_the_extra(monkeypatch, tmp_path):
+def test_rerun_is_imported_only_when_it_is_used_and_without_it_the_error_names_the_extra(
+    monkeypatch, tmp_path
+):
     name = "nnpp_edge.robot.transports.rerun_view"
     monkeypatch.setitem(sys.modules, "rerun", None)
     monkeypatch.delitem(sys.modules, name)

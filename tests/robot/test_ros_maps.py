@@ -38,9 +38,15 @@ def pose(turned=0.0):
 
 
 def occupancy_message(**changes):
-    """A nav_msgs/OccupancyGrid as nested dicts: three columns along x, two rows along y, cells of half a metre."""
+    """A nav_msgs/OccupancyGrid as nested dicts: three columns along x, two rows along y, cells of
+    half a metre.
+    """
     info = {"resolution": 0.5, "width": 3, "height": 2, "origin": pose()}
-    return {"header": {"frame_id": "odom"}, "info": info | changes, "data": [0, 50, -1, 98, 99, 100]}
+    return {
+        "header": {"frame_id": "odom"},
+        "info": info | changes,
+        "data": [0, 50, -1, 98, 99, 100],
+    }
 
 
 def message(start=(1, 2), values=VALUES, row_by_row=False, turned=0.0, **changes):
@@ -49,11 +55,21 @@ def message(start=(1, 2), values=VALUES, row_by_row=False, turned=0.0, **changes
     ring = np.empty_like(values)
     for i, j in np.ndindex(rows, cols):
         ring[(i + start[0]) % rows, (j + start[1]) % cols] = values[i, j]
-    flat, dims = ring.reshape(-1, order="F"), [("column_index", cols), ("row_index", rows)]
+    flat = ring.reshape(-1, order="F")
+    dims = [("column_index", cols), ("row_index", rows)]
     if row_by_row:
-        flat, dims = ring.reshape(-1), dims[::-1]
-    layout = {"dim": [{"label": label, "size": size, "stride": 0} for label, size in dims], "data_offset": 0}
-    info = {"resolution": 1.0, "length_x": float(rows), "length_y": float(cols), "pose": pose(turned)}
+        flat = ring.reshape(-1)
+        dims = dims[::-1]
+    layout = {
+        "dim": [{"label": label, "size": size, "stride": 0} for label, size in dims],
+        "data_offset": 0,
+    }
+    info = {
+        "resolution": 1.0,
+        "length_x": float(rows),
+        "length_y": float(cols),
+        "pose": pose(turned),
+    }
     return {
         "header": {"frame_id": "odom"},
         "info": info | changes,
@@ -69,7 +85,13 @@ def leaves(value, path=()):
     """The path to each value in nested dicts and lists, and to those that hold them."""
     if path:
         yield path
-    of = value.items() if isinstance(value, dict) else enumerate(value) if isinstance(value, list) else ()
+    of = (
+        value.items()
+        if isinstance(value, dict)
+        else enumerate(value)
+        if isinstance(value, list)
+        else ()
+    )
     for step, inner in of:
         yield from leaves(inner, (*path, step))
 
@@ -102,26 +124,40 @@ def test_a_grid_map_is_made_of_a_message_and_its_ring_unrolled():
 def test_an_occupancy_grid_is_read_row_by_row_along_y():
     for kind in (dict, as_objects):
         grid = OccupancyGrid.of_message(kind(occupancy_message()))
-        np.testing.assert_array_equal(grid.cost(), np.array([[0, 0.5, NAN], [0.98, np.inf, np.inf]], np.float32))
+        np.testing.assert_array_equal(
+            grid.cost(), np.array([[0, 0.5, NAN], [0.98, np.inf, np.inf]], np.float32)
+        )
     np.testing.assert_array_equal(grid.cost(50)[0], np.array([0, np.inf, NAN], np.float32))
     np.testing.assert_allclose(grid.frame.metres([[0, 0], [1, 2]]), [[5.25, 7.25], [6.25, 7.75]])
     assert (grid.frame.cell(6.4, 7.6), grid.frame.cell(4.9, 7.6)) == ((1, 2), (1, -1))
 
 
 def test_messages_are_read_as_other_libraries_decode_them():
-    """mcap-ros2-support hands out objects with lists, of bytes that this package and those libraries write alike."""
+    """mcap-ros2-support hands out objects with lists, of bytes that this package and those
+    libraries write alike.
+    """
     from mcap_ros2._dynamic import generate_dynamic
 
     def decoded(name, content):
         return generate_dynamic(name, definition(name))[name](content)
 
-    heights, cost = np.array([[1, 2, 3], [4, NAN, 6]], np.float32), np.array([[0.25, NAN, np.inf]], np.float32)
-    grid_map = GridMap.of_message(decoded("grid_map_msgs/GridMap", heights_message(heights, (4, 5), 0.5, 0)))
-    grid = OccupancyGrid.of_message(decoded("nav_msgs/OccupancyGrid", grid_message(cost, (4, 5), 0.5, 0)))
+    heights = np.array([[1, 2, 3], [4, NAN, 6]], np.float32)
+    cost = np.array([[0.25, NAN, np.inf]], np.float32)
+    grid_map = GridMap.of_message(
+        decoded("grid_map_msgs/GridMap", heights_message(heights, (4, 5), 0.5, 0))
+    )
+    grid = OccupancyGrid.of_message(
+        decoded("nav_msgs/OccupancyGrid", grid_message(cost, (4, 5), 0.5, 0))
+    )
     frame = MapFrame(0.5, frame_id="map")
-    for patch, wanted in ((grid_map_patch(grid_map, frame), heights), (occupancy_patch(grid, frame), cost)):
+    for patch, wanted in (
+        (grid_map_patch(grid_map, frame), heights),
+        (occupancy_patch(grid, frame), cost),
+    ):
         assert (patch.row, patch.col) == (4, 5)
-        np.testing.assert_array_equal(patch.cost if patch.elevation is None else patch.elevation, wanted)
+        np.testing.assert_array_equal(
+            patch.cost if patch.elevation is None else patch.elevation, wanted
+        )
 
 
 def test_a_saved_layer_lies_where_the_grid_map_does(tmp_path):
@@ -135,7 +171,12 @@ def test_a_saved_layer_lies_where_the_grid_map_does(tmp_path):
         assert dem.map_coordinates(*cell) == pytest.approx((x, y)) and dem.cell_of(x, y) == cell
 
 
-@given(st.lists(st.floats(0.0, 2.0, width=32) | st.sampled_from([NAN, np.inf, 0.98, 0.985, 0.99, 0.999]), min_size=1))
+@given(
+    st.lists(
+        st.floats(0.0, 2.0, width=32) | st.sampled_from([NAN, np.inf, 0.98, 0.985, 0.99, 0.999]),
+        min_size=1,
+    )
+)
 @example([0.01 * n for n in range(101)])
 def test_a_cost_read_back_is_passable_impassable_or_unknown_as_it_was(costs):
     cost = np.array([costs], np.float32)
@@ -150,7 +191,12 @@ def test_a_cost_read_back_is_passable_impassable_or_unknown_as_it_was(costs):
 
 @pytest.mark.parametrize("rows_along_x", [False, True])
 def test_every_cell_of_a_patch_lands_where_it_lay(rows_along_x):
-    target = MapFrame(1.0, 11.0 if rows_along_x else -3.0, 13.0 if rows_along_x else -2.0, rows_along_x=rows_along_x)
+    target = MapFrame(
+        1.0,
+        11.0 if rows_along_x else -3.0,
+        13.0 if rows_along_x else -2.0,
+        rows_along_x=rows_along_x,
+    )
     grid_map = GridMap({"told": VALUES}, MapFrame(1.0, 6.0, 9.0, rows_along_x=True))
     occupied = OccupancyGrid(np.arange(6).reshape(2, 3), MapFrame(1.0, 4.0, 5.0))
     for patch, frame, values in (
@@ -187,7 +233,9 @@ def test_cells_that_were_not_seen_stay_as_the_map_has_them():
     assert loop.map.cost()[2].tolist() == pytest.approx([0.3, 0.3, math.inf, 0.3, 0.3])
     loop.offer(occupancy_patch(grid, MapFrame(1.0), keep_known=False))
     loop.tick()
-    assert np.argwhere(loop.map.unknown()).tolist() == [[2, 1]] and not loop.planner.is_passable((2, 1))
+    assert np.argwhere(loop.map.unknown()).tolist() == [[2, 1]] and not loop.planner.is_passable(
+        (2, 1)
+    )
 
 
 def test_a_path_becomes_poses_in_metres():
@@ -195,10 +243,14 @@ def test_a_path_becomes_poses_in_metres():
     poses = path_poses(path, MapFrame(2.0, 10.0, 20.0))
     np.testing.assert_allclose(poses, [[11, 21, math.pi / 4], [13, 23, 0], [15, 23, 0]])
     against = path_poses(path, MapFrame(2.0, 10.0, 20.0, rows_along_x=True))
-    np.testing.assert_allclose(against, [[9, 19, -0.75 * math.pi], [7, 17, -math.pi / 2], [7, 15, -math.pi / 2]])
+    np.testing.assert_allclose(
+        against, [[9, 19, -0.75 * math.pi], [7, 17, -math.pi / 2], [7, 15, -math.pi / 2]]
+    )
     assert path_poses(path[:1], MapFrame(1.0)).tolist() == [[0.5, 0.5, 0.0]]
     for frame, east in ((MapFrame(1.0), 0.0), (MapFrame(1.0, rows_along_x=True), -math.pi / 2)):
-        turned = path_poses(path[:2], frame, (90.0, 180.0))[:, 2]  # to greater columns, and down the rows
+        turned = path_poses(path[:2], frame, (90.0, 180.0))[
+            :, 2
+        ]  # to greater columns, and down the rows
         down = path_poses(np.array([(0, 0), (1, 0)]), frame)[0, 2]
         assert np.exp(1j * turned) == pytest.approx(np.exp(1j * np.array((east, down))))
     assert path_poses(np.empty((0, 2), np.int32), MapFrame(1.0)).shape == (0, 3)
@@ -212,16 +264,28 @@ def changed(change):
 
 
 REFUSED = (
-    (lambda: OccupancyGrid.of_message(occupancy_message(width=4)), r"2 × 4 whole numbers as data, got \(6,\)"),
+    (
+        lambda: OccupancyGrid.of_message(occupancy_message(width=4)),
+        r"2 × 4 whole numbers as data, got \(6,\)",
+    ),
     (lambda: OccupancyGrid.of_message(occupancy_message(resolution=0.0)), "resolution"),
     (lambda: OccupancyGrid.of_message(message()), "info.width"),
-    (lambda: OccupancyGrid(np.zeros((2, 3)), MapFrame(1.0)), r"whole numbers, got \(2, 3\) float64"),
+    (
+        lambda: OccupancyGrid(np.zeros((2, 3)), MapFrame(1.0)),
+        r"whole numbers, got \(2, 3\) float64",
+    ),
     (lambda: OccupancyGrid(np.zeros(6, int), MapFrame(1.0)), r"a map \(height, width\)"),
     (lambda: OccupancyGrid(np.full((2, 3), 101), MapFrame(1.0)), r"\[-1, 100\], got \[101, 101\]"),
     (lambda: OccupancyGrid(np.zeros((2, 2), int), AGAINST_X), "rows must run with y"),
     (lambda: MapFrame(1.0, x=math.nan), "finite"),
-    (lambda: GridMap.of_message(np.zeros((2, 3))), "a message with layers, got a ndarray without layers"),
-    (lambda: GridMap.of_message({"layers": [], "data": [], "info": {}}), "a dict without resolution"),
+    (
+        lambda: GridMap.of_message(np.zeros((2, 3))),
+        "a message with layers, got a ndarray without layers",
+    ),
+    (
+        lambda: GridMap.of_message({"layers": [], "data": [], "info": {}}),
+        "a dict without resolution",
+    ),
     (lambda: GridMap.of_message(message(turned=0.1)), r"not turned, .* \[0.0, 0.0, 0.1, 1.0\]"),
     (lambda: GridMap.of_message(message(resolution=0.0)), "resolution"),
     (lambda: GridMap.of_message(message(length_x=2.5)), "multiples of 1.0 m above 0"),
@@ -238,7 +302,10 @@ SCRAMBLED = (
     (lambda m: m["data"][0].update(data=[1.0] * 5), r"2 × 3 numbers, got \(5,\)"),
     (lambda m: m.update(layers=["elevation", "cost"]), "a name for each of 1 layers, got .*cost"),
     (lambda m: m.update(layers=["a", "a"], data=2 * m["data"]), "a name for each of 2 layers"),
-    (lambda m: m.update(outer_start_index=0.5), "outer_start_index must be a whole number, got 0.5"),
+    (
+        lambda m: m.update(outer_start_index=0.5),
+        "outer_start_index must be a whole number, got 0.5",
+    ),
     (lambda m: m.update(outer_start_index=2), "within 2 × 3 cells"),
     (lambda m: m["info"]["pose"]["orientation"].update(x=math.nan), "not turned"),
     (lambda m: m["info"].update(length_x=1e308, resolution=1e-9), "above 0"),
@@ -246,14 +313,31 @@ SCRAMBLED = (
 
 
 def test_what_makes_no_map_or_would_be_read_scrambled_is_refused():
-    scrambled = [(lambda change=change: GridMap.of_message(changed(change)), words) for change, words in SCRAMBLED]
+    scrambled = [
+        (lambda change=change: GridMap.of_message(changed(change)), words)
+        for change, words in SCRAMBLED
+    ]
     for make, words in (*REFUSED, *scrambled):
         with pytest.raises(InvalidMapError, match=words):
             make()
 
 
 def test_a_message_with_a_field_of_another_type_is_refused_in_a_line():
-    others = None, "x", [], {}, [[1.0], [1.0, 2.0]], 2.5, -1, math.nan, math.inf, 1e300, 10**400, 1j, object()
+    others = (
+        None,
+        "x",
+        [],
+        {},
+        [[1.0], [1.0, 2.0]],
+        2.5,
+        -1,
+        math.nan,
+        math.inf,
+        1e300,
+        10**400,
+        1j,
+        object(),
+    )
     # what has no meaning here, where the map lies, a height, a name
     free = {"z", "stride", "data_offset", "basic_layers", "layers", "frame_id", 0, 1, 2, 3, 4, 5}
     for kind, make in ((GridMap, message), (OccupancyGrid, occupancy_message)):
@@ -269,7 +353,9 @@ def test_a_message_with_a_field_of_another_type_is_refused_in_a_line():
                 assert path[-1] in free | place, value
 
 
-@pytest.mark.parametrize("points", [(math.nan, 0.0), ("x", 0.0), [[1.0], [1.0, 2.0]], (1.0, 2.0, 3.0), None])
+@pytest.mark.parametrize(
+    "points", [(math.nan, 0.0), ("x", 0.0), [[1.0], [1.0, 2.0]], (1.0, 2.0, 3.0), None]
+)
 def test_points_must_be_finite(points):
     with pytest.raises((InvalidQueryError, InvalidMapError)):
         MapFrame(1.0).places(points)

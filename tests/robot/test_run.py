@@ -95,11 +95,20 @@ def test_the_script_in_the_documentation_runs_as_it_stands(dem, tmp_path):
     command.write_text(f'#!/bin/sh\nexec "{sys.executable}" -m nnpp_edge.cli.main "$@"\n')
     command.chmod(0o755)
     root = str(Path(__file__).parents[2])
-    environment = {**os.environ, "DEM": str(dem), "PATH": f"{folder}:{os.environ['PATH']}", "PYTHONPATH": root}
+    environment = {
+        **os.environ,
+        "DEM": str(dem),
+        "PATH": f"{folder}:{os.environ['PATH']}",
+        "PYTHONPATH": root,
+    }
     shell = [shutil.which("sh"), "-e", "-c", script]
-    ended = subprocess.run(shell, cwd=folder, env=environment, capture_output=True, text=True, timeout=120)
+    ended = subprocess.run(
+        shell, cwd=folder, env=environment, capture_output=True, text=True, timeout=120
+    )
     assert ended.returncode == 0, ended.stderr + (folder / "loop.log").read_text()
-    first, second = (decode_output((folder / f"{name}.json").read_bytes()) for name in ("first", "second"))
+    first, second = (
+        decode_output((folder / f"{name}.json").read_bytes()) for name in ("first", "second")
+    )
     assert (tuple(first.path[0]), tuple(first.path[-1])) == ((5, 5), (60, 70))
     assert second.map_version == 1
     assert not {(30, 30), (30, 31), (30, 32)} & set(map(tuple, second.path.tolist()))
@@ -112,7 +121,11 @@ def test_it_tells_the_manager_stops_when_told_to_and_keeps_what_it_recorded(dem,
         manager.bind(str(tmp_path / "notify"))
         manager.settimeout(120.0)
         words = ("--map", dem, *QUICK, "--record", record)
-        told = {"NOTIFY_SOCKET": str(tmp_path / "notify"), "WATCHDOG_USEC": "200000", "WATCHDOG_PID": ""}
+        told = {
+            "NOTIFY_SOCKET": str(tmp_path / "notify"),
+            "WATCHDOG_USEC": "200000",
+            "WATCHDOG_PID": "",
+        }
         program = Program(*words, **told)
         assert manager.recv(4096) == b"READY=1"
         program.send(Pose(5, 5), Goal(60, 70))
@@ -128,9 +141,15 @@ def test_it_tells_the_manager_stops_when_told_to_and_keeps_what_it_recorded(dem,
     assert [message for _, message in read_recording(record, SHAPE)] == [Pose(5, 5), Goal(60, 70)]
 
 
-def test_after_a_kill_the_recording_can_be_played_and_the_next_has_a_file_of_its_own(nnpp_edge, dem, tmp_path):
+def test_after_a_kill_the_recording_can_be_played_and_the_next_has_a_file_of_its_own(
+    nnpp_edge, dem, tmp_path
+):
     record = tmp_path / "inputs.jsonl"
-    inputs = [Pose(5.0, 5.0), Goal(60, 70), *(MapPatch(n % 70, 3, cost=np.full((2, 2), 0.5)) for n in range(1000))]
+    inputs = [
+        Pose(5.0, 5.0),
+        Goal(60, 70),
+        *(MapPatch(n % 70, 3, cost=np.full((2, 2), 0.5)) for n in range(1000)),
+    ]
     program = Program("--map", dem, *QUICK, "--record", record)
     program.send(*inputs)
     wait_until(lambda: record.exists() and record.read_bytes().count(b"\n") > 100, 60.0)
@@ -165,7 +184,9 @@ main()
 
 def test_it_may_be_stopped_while_it_starts_whatever_it_is_doing(dem):
     words = [sys.executable, "-c", STARTING, str(dem)]
-    ended = subprocess.run(words, capture_output=True, text=True, stdin=subprocess.DEVNULL, timeout=120)
+    ended = subprocess.run(
+        words, capture_output=True, text=True, stdin=subprocess.DEVNULL, timeout=120
+    )
     assert (ended.returncode, ended.stderr) == (-signal.SIGTERM, "")
 
 
@@ -174,16 +195,24 @@ def test_an_input_that_fails_ends_the_run_with_an_error(dem, tmp_path):
     with (tmp_path / "written to").open("wb") as unreadable:
         ended = subprocess.run(words, capture_output=True, text=True, stdin=unreadable, timeout=120)
     assert ended.returncode == 2
-    assert "error: the input failed, and the loop has ended: OSError: [Errno 9] Bad file" in ended.stderr
+    assert (
+        "error: the input failed, and the loop has ended: OSError: [Errno 9] Bad file"
+        in ended.stderr
+    )
     assert "Traceback" not in ended.stderr
 
 
 @pytest.mark.parametrize("stderr", ["2>&-", "2>/dev/full"])
 def test_paths_come_where_nothing_can_be_said_on_stderr(dem, recording, tmp_path, stderr):
-    words = f"-m nnpp_edge.cli.main run --map {dem} --rate 2 --method astar --input replay:{recording} --fast"
+    words = (
+        f"-m nnpp_edge.cli.main run --map {dem} --rate 2 --method astar --input "
+        f"replay:{recording} --fast"
+    )
     record = tmp_path / "again.jsonl"
     command = f'exec "{sys.executable}" {words} --record {record} {stderr}'
-    ended = subprocess.run(["/bin/sh", "-c", command], stdout=subprocess.PIPE, text=True, timeout=120)
+    ended = subprocess.run(
+        ["/bin/sh", "-c", command], stdout=subprocess.PIPE, text=True, timeout=120
+    )
     answers = [decode_output(line.encode()) for line in ended.stdout.splitlines()]
     assert [message.ok for message in answers if isinstance(message, PathMessage)] == [True] * 3
     assert ended.returncode == 0
@@ -246,7 +275,9 @@ def test_a_goal_that_is_unknown_is_approached_where_that_is_asked_for(tmp_path):
 
 def test_ticks_end_it_and_the_profile_and_its_model_count(replayed, dem, tmp_path, tiny_model):
     profile = tmp_path / "robot.toml"
-    profile.write_text(f'[loop]\nrate_hz = 50\nmethod = "nnpp"\nmodel = "{tiny_model}"\ncores = [0]\n')
+    profile.write_text(
+        f'[loop]\nrate_hz = 50\nmethod = "nnpp"\nmodel = "{tiny_model}"\ncores = [0]\n'
+    )
     words = ("--profile", profile, "--stay", "--ticks", "20")
     ended = replayed(dem, *words)
     assert "ready: nnpp at 50 Hz" in ended.err
@@ -271,7 +302,10 @@ def test_the_table_loop_of_a_profile(tmp_path):
     path = tmp_path / "robot.toml"
     path.write_text("[device]\ncores = [1, 0]\n[model]\nint8 = 'mine.onnx'\n")
     assert read_profile(path).loop == OnboardLoop(model="mine.onnx", cores=(1, 0))
-    path.write_text("[loop]\nrate_hz = 5\nmethod = 'dstar'\npriority = 10\ntolerance = 0\ncorner_cutting = false\n")
+    path.write_text(
+        "[loop]\nrate_hz = 5\nmethod = 'dstar'\npriority = 10\ntolerance = 0\ncorner_cutting = "
+        "false\n"
+    )
     expected = OnboardLoop(5.0, "dstar", "edge", (0,), 10, 0.0, False)
     assert read_profile(path).loop == expected
     assert "loop" not in read_profile(path).facts()
@@ -279,7 +313,9 @@ def test_the_table_loop_of_a_profile(tmp_path):
     assert changed(expected, rate_hz=None, cores=(3,), method="astar") == wanted
 
 
-def test_the_network_is_loaded_while_the_first_map_is_read_where_it_will_be_asked(replayed, dem, monkeypatch):
+def test_the_network_is_loaded_while_the_first_map_is_read_where_it_will_be_asked(
+    replayed, dem, monkeypatch
+):
     done = []
 
     def noted(name, function):

@@ -39,13 +39,16 @@ def rocky():
     rng = np.random.default_rng(5)
     bare = synthetic_terrain(rng, 72, 0.4)
     bare[30:33, 40:50] = np.nan
-    return SurveyedGround.of(Ground.of_elevation(with_rocks(bare, 0.4, 0.04, rng), 0.4, vehicle=BODY), 1, bare)
+    return SurveyedGround.of(
+        Ground.of_elevation(with_rocks(bare, 0.4, 0.04, rng), 0.4, vehicle=BODY), 1, bare
+    )
 
 
 @pytest.fixture(scope="module")
 def grounds(ground, rocky):
     """By the robot that drives there."""
-    heights, disc = synthetic_terrain(np.random.default_rng(2), 80, 20.0), Vehicle(radius_m=26.0)
+    heights = synthetic_terrain(np.random.default_rng(2), 80, 20.0)
+    disc = Vehicle(radius_m=26.0)
     of_disc = SurveyedGround.of(Ground.of_elevation(heights, 20.0, LIMITS, vehicle=disc), 1)
     known = SurveyedGround.of_known(Ground.of_elevation(heights, 20.0, LIMITS), 8, "slope")
     car = SurveyedGround(replace(rocky.ground, vehicle=CAR), rocky.surveyed)
@@ -66,11 +69,16 @@ def answer(cells, goal):
 
 def test_the_survey_is_the_terrain_blurred(ground):
     heights = synthetic_terrain(np.random.default_rng(3), 80, 20.0)
-    np.testing.assert_array_equal(ground.true, traversability_cost(heights, 20.0, LIMITS, warn=False))
+    np.testing.assert_array_equal(
+        ground.true, traversability_cost(heights, 20.0, LIMITS, warn=False)
+    )
     known = np.isfinite(ground.true) & np.isfinite(ground.surveyed)
     assert known.mean() > 0.5
     assert ground.surveyed[known].mean() < ground.true[known].mean()
-    rough = [np.abs(np.diff(np.where(known, cost, np.nan), axis=1)) for cost in (ground.surveyed, ground.true)]
+    rough = [
+        np.abs(np.diff(np.where(known, cost, np.nan), axis=1))
+        for cost in (ground.surveyed, ground.true)
+    ]
     assert np.nanmedian(rough[0]) < 0.7 * np.nanmedian(rough[1])
     all_known = SurveyedGround.of(Ground.of_elevation(heights, 20.0, LIMITS), 1)
     np.testing.assert_array_equal(all_known.true, all_known.surveyed)
@@ -83,14 +91,24 @@ def test_obstacles_come_move_and_go_and_stay_away_from_robot_and_goal():
     rng = np.random.default_rng(0)
     obstacles = Obstacles((40, 50), rng)
     base = np.full((40, 50), 0.2, np.float32)
-    robot, goal, path = (5, 5), (30, 40), np.array([(5 + n, 5 + n) for n in range(25)], np.int32)
-    shown, kinds, across = base.copy(), set(), 0
+    robot = (5, 5)
+    goal = (30, 40)
+    path = np.array([(5 + n, 5 + n) for n in range(25)], np.int32)
+    shown = base.copy()
+    kinds = set()
+    across = 0
     for _ in range(600):
         before = list(obstacles.blocks)
         for row, col, rows, cols in obstacles.one_event(robot, goal, path):
-            shown[row : row + rows, col : col + cols] = obstacles.cover(base, (row, col, rows, cols))
+            shown[row : row + rows, col : col + cols] = obstacles.cover(
+                base, (row, col, rows, cols)
+            )
         kinds.add(len(obstacles.blocks) - len(before) if obstacles.blocks != before else "none")
-        kinds |= {"moved"} if len(before) == len(obstacles.blocks) and before != obstacles.blocks else set()
+        kinds |= (
+            {"moved"}
+            if len(before) == len(obstacles.blocks) and before != obstacles.blocks
+            else set()
+        )
         expected = base.copy()
         for row, col, rows, cols in obstacles.blocks:
             assert row >= 0 and col >= 0 and row + rows <= 40 and col + cols <= 50
@@ -142,10 +160,13 @@ def test_a_scene_moves_only_along_its_path():
 
 def test_what_can_be_walked_is_checked_by_the_definition():
     cost = np.full((5, 5), 0.3, np.float32)
-    cost[4, 2], cost[4, 1] = np.nan, 1.0
+    cost[4, 2] = np.nan
+    cost[4, 1] = 1.0
     right = [(1, 1), (2, 2), (3, 2)], [(3, 2)]
-    repeats, jumps = [(1, 1), (1, 1), (2, 2), (3, 2)], [(1, 0), (3, 2)]
-    blocked, outside = [(4, 1), (4, 2), (3, 2)], [(-1, 1), (0, 1), (1, 1), (2, 2), (3, 2)]
+    repeats = [(1, 1), (1, 1), (2, 2), (3, 2)]
+    jumps = [(1, 0), (3, 2)]
+    blocked = [(4, 1), (4, 2), (3, 2)]
+    outside = [(-1, 1), (0, 1), (1, 1), (2, 2), (3, 2)]
     for path in (*right, [(1, 1), (2, 2)], repeats, jumps, blocked, outside, []):
         found = walkable(Robot(Ground(cost)), np.array(path, np.int32).reshape(-1, 2), cost, (3, 2))
         assert found is (path in right), path
@@ -167,19 +188,28 @@ def test_what_can_be_walked_is_checked_by_the_definition():
     ],
 )
 def test_the_robot_reaches_its_goal_and_no_path_was_forbidden(grounds, kind, method, tiny_model):
-    ground, seen = grounds[kind], []
+    ground = grounds[kind]
+    seen = []
     start, goal = random_drive(ground, 1)
     settings = SimulationSettings(method, str(tiny_model), ticks=1500, changes=2)
     drive = simulate(ground, start, goal, settings, watch=lambda scene, m: seen.append(m))
     assert drive.reached and drive.forbidden == 0 and drive.counters.errors == {}
-    assert len(seen) == drive.counters.ticks == drive.counters.planned + drive.counters.kept + drive.counters.failed
+    assert (
+        len(seen)
+        == drive.counters.ticks
+        == drive.counters.planned + drive.counters.kept + drive.counters.failed
+    )
     assert drive.counters.planned > 5
     longest = {"body": 2, "car": 5}.get(kind, 1)
     assert np.isin(np.abs(np.diff(drive.driven, axis=0)).max(axis=1), range(1, longest + 1)).all()
     assert (tuple(drive.driven[0]), tuple(drive.driven[-1])) == (start, goal)
     if kind == "body":
-        priced = bodies.priced(Planner.of_elevation(ground.true, 0.4, vehicle=BODY, warn=False), 0.0)
-        legs = [pose_oracles.path_cost(priced, leg) for leg in itertools.pairwise(drive.driven.tolist())]
+        priced = bodies.priced(
+            Planner.of_elevation(ground.true, 0.4, vehicle=BODY, warn=False), 0.0
+        )
+        legs = [
+            pose_oracles.path_cost(priced, leg) for leg in itertools.pairwise(drive.driven.tolist())
+        ]
         assert np.isfinite(legs).all(), "nor over rocks that it saw on its way"
     else:
         assert (ground.costs()[drive.driven[:, 0], drive.driven[:, 1]] < 1.0).all()
@@ -194,12 +224,17 @@ def test_the_robot_reaches_its_goal_and_no_path_was_forbidden(grounds, kind, met
 
 
 @pytest.mark.parametrize("kind", ["point", "body", "disc", "coarse"])
-def test_an_endless_drive_goes_from_goal_to_goal_and_keeps_its_word_and_its_memory(grounds, kind, tiny_model):
-    ground, methods = grounds[kind], {"body": ("auto", "dstar", "corridor-dstar"), "disc": ("auto",)}
+def test_an_endless_drive_goes_from_goal_to_goal_and_keeps_its_word_and_its_memory(
+    grounds, kind, tiny_model
+):
+    ground = grounds[kind]
+    methods = {"body": ("auto", "dstar", "corridor-dstar"), "disc": ("auto",)}
     start, goal = random_drive(ground, 1)
     for method in methods.get(kind, ("auto", "corridor", "nnpp")):
         ticks = 150 if kind == "disc" else 300
-        settings = SimulationSettings(method, str(tiny_model), ticks=ticks, changes=2, speed=3, endless=True)
+        settings = SimulationSettings(
+            method, str(tiny_model), ticks=ticks, changes=2, speed=3, endless=True
+        )
         drive = simulate(ground, start, goal, settings)
         assert (drive.forbidden, drive.counters.errors, drive.counters.ticks) == (0, {}, ticks)
         assert drive.goals >= 2 and drive.counters.planned > 20 and drive.goal != goal
@@ -213,12 +248,21 @@ def test_the_same_seed_gives_the_same_drive(grounds, kind, noise):
     start, goal = random_drive(ground, 1)
     given = {"changes": 3, "ticks": 500, "steering_noise_deg": noise}
     first, again, other = (
-        simulate(ground, start, goal, SimulationSettings("corridor", seed=seed, **given)) for seed in (4, 4, 5)
+        simulate(ground, start, goal, SimulationSettings("corridor", seed=seed, **given))
+        for seed in (4, 4, 5)
     )
-    assert all(drive.reached and drive.forbidden == 0 and not drive.counters.errors for drive in (first, other))
+    assert all(
+        drive.reached and drive.forbidden == 0 and not drive.counters.errors
+        for drive in (first, other)
+    )
     np.testing.assert_array_equal(first.driven, again.driven)
-    assert (first.counters.planned, first.driven_cost) == (again.counters.planned, again.driven_cost)
-    assert first.counters.planned != other.counters.planned or not np.array_equal(first.driven, other.driven)
+    assert (first.counters.planned, first.driven_cost) == (
+        again.counters.planned,
+        again.driven_cost,
+    )
+    assert first.counters.planned != other.counters.planned or not np.array_equal(
+        first.driven, other.driven
+    )
 
 
 def test_what_makes_no_sense_is_refused(ground):
@@ -241,7 +285,9 @@ def test_what_makes_no_sense_is_refused(ground):
 
 
 @pytest.mark.parametrize("step_cost", ["paper", "energy", "tobler"])
-def test_a_drive_reaches_its_goal_and_costs_the_optimum_where_all_is_known_and_nothing_is_met(step_cost):
+def test_a_drive_reaches_its_goal_and_costs_the_optimum_where_all_is_known_and_nothing_is_met(
+    step_cost,
+):
     heights = synthetic_terrain(np.random.default_rng(3), 80, 20.0)
     heights[30:33, 20:50] = np.nan
     mobility = load_mobility("large-rover")
@@ -253,7 +299,11 @@ def test_a_drive_reaches_its_goal_and_costs_the_optimum_where_all_is_known_and_n
     known = SurveyedGround.of(ground, 1)
     drive = simulate(known, start, goal, SimulationSettings("dstar", ticks=1500, changes=0))
     best = Planner(ground).plan(start, goal, method="astar").cost
-    assert drive.driven_cost == pytest.approx(best, rel=1e-5) == pytest.approx(drive.optimal_cost, rel=1e-5)
+    assert (
+        drive.driven_cost
+        == pytest.approx(best, rel=1e-5)
+        == pytest.approx(drive.optimal_cost, rel=1e-5)
+    )
     assert (drive.counters.planned, drive.excess) == (1, pytest.approx(0.0, abs=1e-5))
 
 
@@ -272,14 +322,18 @@ def test_a_body_stops_before_a_rock_and_is_told_heights():
     reach = ground.robot.reach
     assert 39 - reach <= scene.robot[1] < 40 - 3, "half a body before it"
     assert scene.waited > 20
-    assert scene.told[20, 40] == 1.0 and 20 < scene.forbidden < 60, "once it is seen, the path is forbidden"
+    assert scene.told[20, 40] == 1.0 and 20 < scene.forbidden < 60, (
+        "once it is seen, the path is forbidden"
+    )
     patches = [message for message in told if isinstance(message, MapPatch)]
     assert all(patch.cost is None for patch in patches)
     assert patches[0].shape == (2 * reach + 3, 2 * reach + 3)
 
 
 def test_obstacles_stand_above_the_ground_and_out_of_the_bodys_reach():
-    ground = SurveyedGround.of(Ground.of_elevation(np.zeros((80, 80), np.float32), 0.25, vehicle=BODY), 1)
+    ground = SurveyedGround.of(
+        Ground.of_elevation(np.zeros((80, 80), np.float32), 0.25, vehicle=BODY), 1
+    )
     scene = Scene(ground, (40, 10), (40, 70), np.random.default_rng(0), changes=3)
     for _ in range(100):
         list(scene.poll())
@@ -293,9 +347,21 @@ def test_obstacles_stand_above_the_ground_and_out_of_the_bodys_reach():
 
 @pytest.mark.parametrize("noise", [1e-9, 9.0])
 def test_a_car_drives_its_arcs_off_by_its_steering_and_its_way_costs_what_it_drove(noise):
-    ground = SurveyedGround.of(Ground.of_elevation(np.zeros((60, 60), np.float32), 0.25, vehicle=CAR), 1)
-    plan = Planner(ground.ground).plan((30, 12), (30, 48), start_heading_deg=270.0, goal_heading_deg=90.0)
-    scene = Scene(ground, (30, 12), (30, 48), np.random.default_rng(1), changes=0, speed=99, steering_noise_deg=noise)
+    ground = SurveyedGround.of(
+        Ground.of_elevation(np.zeros((60, 60), np.float32), 0.25, vehicle=CAR), 1
+    )
+    plan = Planner(ground.ground).plan(
+        (30, 12), (30, 48), start_heading_deg=270.0, goal_heading_deg=90.0
+    )
+    scene = Scene(
+        ground,
+        (30, 12),
+        (30, 48),
+        np.random.default_rng(1),
+        changes=0,
+        speed=99,
+        steering_noise_deg=noise,
+    )
     list(scene.poll())
     scene.heard(replace(answer(plan.path.tolist(), (30, 48)), states=tuple(plan.states.tolist())))
     pose = list(scene.poll())[-1]
@@ -313,9 +379,22 @@ def test_a_car_drives_its_arcs_off_by_its_steering_and_its_way_costs_what_it_dro
 
 
 def test_the_command_drives_a_body_writes_draws_and_tells(nnpp_edge, tmp_path):
-    reader, image = pytest.importorskip("mcap.reader"), pytest.importorskip("PIL.Image")
-    words = ("simulate", "--size", 48, "--vehicle", "small-rover", "--rocks", 0.02, "--method", "corridor")
-    log, film, still = tmp_path / "new" / "drive.mcap", tmp_path / "drive.gif", tmp_path / "drive.png"
+    reader = pytest.importorskip("mcap.reader")
+    image = pytest.importorskip("PIL.Image")
+    words = (
+        "simulate",
+        "--size",
+        48,
+        "--vehicle",
+        "small-rover",
+        "--rocks",
+        0.02,
+        "--method",
+        "corridor",
+    )
+    log = tmp_path / "new" / "drive.mcap"
+    film = tmp_path / "drive.gif"
+    still = tmp_path / "drive.png"
     ended = nnpp_edge(*words, "--json", "--log", log, "--picture", film)
     assert ended.code == 0, ended.err
     told = json.loads(ended.out)
@@ -323,18 +402,28 @@ def test_the_command_drives_a_body_writes_draws_and_tells(nnpp_edge, tmp_path):
     assert (told["rows"], told["cols"], told["files"]) == (48, 48, [str(log), str(film)])
     with log.open("rb") as file:
         summary = reader.make_reader(file).get_summary()
-    counts = {summary.channels[n].topic: count for n, count in summary.statistics.channel_message_counts.items()}
+    counts = {
+        summary.channels[n].topic: count
+        for n, count in summary.statistics.channel_message_counts.items()
+    }
     assert counts["/answer"] == counts["/pose"] == told["ticks"]
     with image.open(film) as frames:
         assert 1 < frames.n_frames <= 81
     assert (told["row"], told["col"]) != (0, 0)
     start, goal = (",".join(map(str, told[end])) for end in ("start", "goal"))
     again = json.loads(nnpp_edge(*words, "--start", start, "--goal", goal, "--json").out)
-    assert all(again[name] == told[name] for name in ("row", "col", "start", "goal", "optimal_cost"))
-    ended = nnpp_edge(*words, "--start", start, "--goal", goal, "--ticks", 9, "--rate", 60, "--picture", still)
+    assert all(
+        again[name] == told[name] for name in ("row", "col", "start", "goal", "optimal_cost")
+    )
+    ended = nnpp_edge(
+        *words, "--start", start, "--goal", goal, "--ticks", 9, "--rate", 60, "--picture", still
+    )
     assert ended.code == 1
     assert "GOAL NOT REACHED" in ended.out and "9:" in ended.out
-    assert f"48 × 48 cells of moon_highlands.npz, from cell ({told['row']}, {told['col']}) on" in ended.out
+    assert (
+        f"48 × 48 cells of moon_highlands.npz, from cell ({told['row']}, {told['col']}) on"
+        in ended.out
+    )
     with image.open(still) as picture:
         assert min(picture.size) > 300
         assert (np.asarray(picture).reshape(-1, 3) == BODY_COLOUR[::-1]).all(1).sum() > 100

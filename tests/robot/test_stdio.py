@@ -16,7 +16,8 @@ from nnpp_edge.runtime.errors import OutputError
 from nnpp_edge.runtime.loop.connections import Mailbox
 from tests.robot.conftest import wait_until
 
-POSE, GOAL = encode(Pose(5, 5)), encode(Goal(35, 55))
+POSE = encode(Pose(5, 5))
+GOAL = encode(Goal(35, 55))
 
 
 class Pipe:
@@ -77,7 +78,15 @@ def test_garbage_is_answered_line_by_line_and_ends_nothing(incoming, outgoing, n
     refusals = Refusals(navigator.count_error)
     sink = StdioSink(refusals, descriptor=outgoing.write)
     source = StdioSource(refusals, descriptor=incoming.read, limit=2000)
-    send(incoming, POSE, b"\x00\xff garbage", b'{"type":"pose"}', b"x" * 300_000, b'{"type":"goal","row":', GOAL)
+    send(
+        incoming,
+        POSE,
+        b"\x00\xff garbage",
+        b'{"type":"pose"}',
+        b"x" * 300_000,
+        b'{"type":"goal","row":',
+        GOAL,
+    )
     ended = drive(navigator, source, [sink])
     answers = received(outgoing)
     faults = [m for m in answers if isinstance(m, Fault)]
@@ -92,8 +101,12 @@ def test_garbage_is_answered_line_by_line_and_ends_nothing(incoming, outgoing, n
 
 def test_a_sender_that_is_too_fast_waits(incoming, navigator, drive):
     patches = [MapPatch(0, n, cost=np.full((40, 40), n)) for n in range(100)]
-    source = StdioSource(Refusals(navigator.count_error), descriptor=incoming.read, mailbox=Mailbox(4))
-    assert drive(navigator, source, ticks=10).counters.ticks == 10, "the loop goes on while nothing comes"
+    source = StdioSource(
+        Refusals(navigator.count_error), descriptor=incoming.read, mailbox=Mailbox(4)
+    )
+    assert drive(navigator, source, ticks=10).counters.ticks == 10, (
+        "the loop goes on while nothing comes"
+    )
     thread = send(incoming, *map(encode, patches))
     thread.join(0.2)
     assert thread.is_alive() and not source.ended

@@ -64,7 +64,8 @@ def test_the_manager_hears_each_word(manager, monkeypatch, notify):
 
 def test_the_watchdog_hears_at_most_twice_in_its_time_if_it_is_ours(manager, notify):
     name, receiver = next(iter(manager.items()))
-    clock, own = Clock(), {"WATCHDOG_USEC": "2000000", "WATCHDOG_PID": str(os.getpid())}
+    clock = Clock()
+    own = {"WATCHDOG_USEC": "2000000", "WATCHDOG_PID": str(os.getpid())}
     notifier = notify({"NOTIFY_SOCKET": name, **own}, clock=clock)
     assert notifier.watchdog_s == 2.0
     sent = []
@@ -75,7 +76,12 @@ def test_the_watchdog_hears_at_most_twice_in_its_time_if_it_is_ours(manager, not
     assert sent == [0, 10, 20, 30, 40]
     assert waiting(receiver) == ["WATCHDOG=1"] * 5
     unusable = ({"WATCHDOG_USEC": word} for word in ("0", "-5", "soon"))
-    for other in ({**own, "WATCHDOG_PID": str(os.getpid() + 1)}, {**own, "WATCHDOG_PID": "me"}, {}, *unusable):
+    for other in (
+        {**own, "WATCHDOG_PID": str(os.getpid() + 1)},
+        {**own, "WATCHDOG_PID": "me"},
+        {},
+        *unusable,
+    ):
         notifier = notify({"NOTIFY_SOCKET": name, **other})
         assert notifier.watchdog_s is None
         assert not notifier.alive()

@@ -12,7 +12,16 @@ import pytest
 from nnpp_edge.robot.transports.incoming import Refusals
 from nnpp_edge.robot.transports.stdio import messages
 from nnpp_edge.robot.transports.wire import Fault, WireError, decode, decode_output, encode
-from nnpp_edge.runtime import Counters, Goal, MapPatch, Origin, PathMessage, Pose, Status, StatusMessage
+from nnpp_edge.runtime import (
+    Counters,
+    Goal,
+    MapPatch,
+    Origin,
+    PathMessage,
+    Pose,
+    Status,
+    StatusMessage,
+)
 from nnpp_edge.runtime.loop.connections import Mailbox
 
 
@@ -34,7 +43,20 @@ def test_inputs_come_back_as_they_were():
 def test_answers_come_back_as_they_were():
     path = np.array([[1, 2], [2, 3]], np.int32)
     whole = PathMessage(
-        7, Status.OK, Origin.FULL, path, (1, 2), (2, 3), False, True, 1.5, 1.25, "auto", "why", 4, 0.5
+        7,
+        Status.OK,
+        Origin.FULL,
+        path,
+        (1, 2),
+        (2, 3),
+        False,
+        True,
+        1.5,
+        1.25,
+        "auto",
+        "why",
+        4,
+        0.5,
     )
     back = decode_output(encode(whole))
     np.testing.assert_array_equal(back.path, path)
@@ -50,16 +72,26 @@ def test_answers_come_back_as_they_were():
     back = decode_output(encode(line))
     assert back.waypoints.dtype == np.float64 and back.line_cost == 1.25
     np.testing.assert_array_equal(back.waypoints, line.waypoints)
-    assert json.loads(encode(line))["waypoints"] == line.summary()["waypoints"] == [[1.0, 2.0], [2.25, 3.0]]
+    assert (
+        json.loads(encode(line))["waypoints"]
+        == line.summary()["waypoints"]
+        == [[1.0, 2.0], [2.25, 3.0]]
+    )
     for without in (whole, failed):
-        assert not {"waypoints", "line_cost"} & (json.loads(encode(without)).keys() | without.summary().keys())
-    status = StatusMessage(9, Status.OK, "fine", Counters(ticks=9, drops={"x": 1}, tick_ms={"p50": 0.25}))
+        assert not {"waypoints", "line_cost"} & (
+            json.loads(encode(without)).keys() | without.summary().keys()
+        )
+    status = StatusMessage(
+        9, Status.OK, "fine", Counters(ticks=9, drops={"x": 1}, tick_ms={"p50": 0.25})
+    )
     assert decode_output(encode(status)) == status
     assert decode_output(encode(Fault("no", 3))) == Fault("no", 3)
 
 
 def test_a_message_is_one_line_and_patches_may_be_written_by_hand():
-    assert b"\n" not in encode(Fault("two\nlines")) + encode(MapPatch(0, 0, cost=np.zeros((50, 50))))
+    assert b"\n" not in encode(Fault("two\nlines")) + encode(
+        MapPatch(0, 0, cost=np.zeros((50, 50)))
+    )
     patch = decode(b'{"v":1,"type":"patch","row":2,"col":3,"elevation":[[1,2.5],[null,-4]]}')
     np.testing.assert_array_equal(patch.elevation, np.array([[1, 2.5], [np.nan, -4]], np.float32))
     assert patch.cost is None
@@ -85,16 +117,22 @@ def test_only_the_base64_of_a_message_may_be_large():
         small + b',"row":1' * LARGE,
         b'"stamp":1.' + b"1" * LARGE,
     ):
-        with pytest.raises(WireError, match=r"at most 131072 bytes outside a patch's base64 values \(float32\), got"):
+        with pytest.raises(
+            WireError,
+            match=r"at most 131072 bytes outside a patch's base64 values \(float32\), got",
+        ):
             decode(b'{"type":"patch","row":0,"col":0,' + content + b"}")
 
 
 def test_a_large_patch_comes_back_bit_by_bit():
     for side in (300, 301, 302):
-        values = np.random.default_rng(side).integers(0, 2**32, (side, side), np.uint32).view(np.float32)
+        values = (
+            np.random.default_rng(side).integers(0, 2**32, (side, side), np.uint32).view(np.float32)
+        )
         message = encode(patch := MapPatch(1, 2, elevation=values))
         fields = json.loads(message)
-        pretty, last = json.dumps(fields, indent=2), json.dumps({**fields, "elevation": fields.pop("elevation")})
+        pretty = json.dumps(fields, indent=2)
+        last = json.dumps({**fields, "elevation": fields.pop("elevation")})
         for written in (message, message.replace(b"/", b"\\/"), pretty.encode(), last.encode()):
             same(decode(written), patch)
         with pytest.raises(WireError, match="Invalid base64"):
@@ -107,7 +145,10 @@ REFUSED = (
     (b"[1,2]", r"got '\[1,2\]' .*Expected `object`"),
     (b'{"type":"pose","row":0,"col":0,"\xff":1}', "utf-8"),
     (b"[" * 100_000, "Expected `object`"),
-    (b'{"type":"patch","row":0,"col":0,"cost":' + b"[" * 100_000, r"cost\[0\]\[0\]: Expected `float | null`"),
+    (
+        b'{"type":"patch","row":0,"col":0,"cost":' + b"[" * 100_000,
+        r"cost\[0\]\[0\]: Expected `float | null`",
+    ),
     (b'{"type":"pose","row":NaN,"col":0}', "malformed"),
     (b'{"type":"pose","row":' + b"9" * 9000 + b',"col":0}', "row: "),
     (POSE | {"row": 2.0**31 + 1}, "row: Expected `float` <= 2147483648.0"),
@@ -156,7 +197,14 @@ def test_where_one_kind_is_wanted_the_type_may_be_left_out_and_no_other_may_come
 
 def test_an_answer_that_is_none_is_refused():
     message = PathMessage(7, Status.OK, Origin.FULL, np.array([[1, 2]], np.int32), (1, 2), (1, 2))
-    for change in ({"path": [[1]]}, {"path": "x"}, {"outcome": "FINE"}, {"start": 5}, {"path": []}, {"tick": None}):
+    for change in (
+        {"path": [[1]]},
+        {"path": "x"},
+        {"outcome": "FINE"},
+        {"start": 5},
+        {"path": []},
+        {"tick": None},
+    ):
         with pytest.raises(WireError, match="wanted an answer of the loop"):
             decode_output(json.dumps(json.loads(encode(message)) | change).encode())
     with pytest.raises(WireError, match="missing required field `counters`"):
@@ -170,13 +218,15 @@ class Pieces(io.RawIOBase):
     """A stream that arrives in pieces of so many bytes."""
 
     def __init__(self, content, size):
-        self.content, self.size = content, size
+        self.content = content
+        self.size = size
 
     def readable(self):
         return True
 
     def readinto(self, buffer):
-        piece, self.content = self.content[: self.size], self.content[self.size :]
+        piece = self.content[: self.size]
+        self.content = self.content[self.size :]
         buffer[: len(piece)] = piece
         return len(piece)
 
@@ -185,7 +235,9 @@ def test_a_stream_is_cut_the_same_however_it_arrives_and_what_is_too_long_is_ski
     for size in (1, 3, 7, 30, 1000):
         stream = io.BufferedReader(Pieces(b'one\n\r\n  {"three": 3} \r\n\nfour', size))
         assert list(messages(stream)) == [b"one", b'{"three": 3}', b"four"]
-        content = b"a\n" + b"b" * 500 + b"\nc\n" + b"d" * 21 + b"\n" + b"e" * 20 + b"\n" + b"f" * 70000
+        content = (
+            b"a\n" + b"b" * 500 + b"\nc\n" + b"d" * 21 + b"\n" + b"e" * 20 + b"\n" + b"f" * 70000
+        )
         first, long, c, longer, e, longest = messages(io.BufferedReader(Pieces(content, size)), 20)
         assert (first, c, e) == (b"a", b"c", b"e" * 20)
         assert all("at most 20 bytes" in str(error) for error in (long, longer, longest))

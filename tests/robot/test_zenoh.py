@@ -1,4 +1,6 @@
-"""Zenoh: another process sends and listens; garbage, floods and listeners that sleep change nothing for the loop."""
+"""Zenoh: another process sends and listens; garbage, floods and listeners that sleep change nothing
+for the loop.
+"""
 
 import os
 import signal
@@ -84,7 +86,11 @@ class Peer:
         self.process.stdout.close()
 
     def of(self, topic):
-        return [decode_output(text.encode()) for key, text in list(self.heard) if key == f"robot/7/{topic}"]
+        return [
+            decode_output(text.encode())
+            for key, text in list(self.heard)
+            if key == f"robot/7/{topic}"
+        ]
 
     def _listen(self):
         for line in self.process.stdout:
@@ -104,7 +110,9 @@ def listening(link, navigator, peer):
     """A source of this mailbox that the other process has found."""
 
     def start(mailbox):
-        source = ZenohSource(link, Refusals(navigator.count_error), navigator.count_error, mailbox=mailbox)
+        source = ZenohSource(
+            link, Refusals(navigator.count_error), navigator.count_error, mailbox=mailbox
+        )
 
         def known():
             peer.send("goal", encode(Goal(0, 0)))
@@ -119,7 +127,9 @@ def listening(link, navigator, peer):
 def test_a_path_goes_to_and_fro_between_two_processes_and_what_makes_no_sense_is_answered(
     link, peer, navigator, drive
 ):
-    refusals, mailbox, ended = Refusals(navigator.count_error), Mailbox(), []
+    refusals = Refusals(navigator.count_error)
+    mailbox = Mailbox()
+    ended = []
     sink = ZenohSink(link, refusals)
     source = ZenohSource(link, refusals, navigator.count_error, mailbox=mailbox, limit=1000)
     thread = threading.Thread(target=lambda: ended.append(drive(navigator, source, [sink])))
@@ -146,7 +156,13 @@ def test_a_path_goes_to_and_fro_between_two_processes_and_what_makes_no_sense_is
         thread.join(10.0)
     assert [col for row, col in peer.of("path")[-1].path.tolist() if row == 10] == [59]
     faults = peer.of("error")
-    assert [fault.count for fault in faults] == [1, 2, 3, 4, 5]  # topics are heard in no certain order
+    assert [fault.count for fault in faults] == [
+        1,
+        2,
+        3,
+        4,
+        5,
+    ]  # topics are heard in no certain order
     for _, _, words in bad:
         assert sum(words in fault.error for fault in faults) == 1
     assert ended[0].counters.errors == {"input": 5}
@@ -166,7 +182,8 @@ def test_of_a_flood_the_newest_are_kept_and_the_rest_is_counted(peer, navigator,
 
 
 def test_large_messages_that_wait_do_not_pile_up(peer, listening):
-    free, sent = threading.Event(), []
+    free = threading.Event()
+    sent = []
 
     class Busy(Mailbox):
         def put(self, message, *, when_full):
@@ -177,13 +194,16 @@ def test_large_messages_that_wait_do_not_pile_up(peer, listening):
     source = listening(Busy())
     patch = encode(MapPatch(0, 0, cost=np.zeros((1000, 1000))))
     before = rss_bytes()
-    sender = threading.Thread(target=lambda: [sent.append(peer.send("patch", patch)) for _ in range(40)])
+    sender = threading.Thread(
+        target=lambda: [sent.append(peer.send("patch", patch)) for _ in range(40)]
+    )
     sender.start()
     stood = -1
     while sender.is_alive() and stood < len(sent):  # until nothing more is taken
         stood = len(sent)
         sender.join(0.6)
-    grown, waits = rss_bytes() - before, sender.is_alive()
+    grown = rss_bytes() - before
+    waits = sender.is_alive()
     free.set()
     sender.join(30.0)
     assert waits and not source.ended
@@ -221,7 +241,15 @@ def test_a_listener_that_sleeps_holds_nobody_up(link, peer, navigator, drive):
     os.kill(peer.process.pid, signal.SIGSTOP)
 
     source = ReplaySource(os.devnull)
-    ended = drive(navigator, source, [sink], rate_hz=10.0, ticks=1000, paced=False, ends=SimpleNamespace(ended=False))
+    ended = drive(
+        navigator,
+        source,
+        [sink],
+        rate_hz=10.0,
+        ticks=1000,
+        paced=False,
+        ends=SimpleNamespace(ended=False),
+    )
     assert ended.counters.ticks == 1000
     assert ended.counters.tick_ms["max"] < 1000.0
     assert "sink zenoh" not in ended.counters.errors
@@ -240,9 +268,12 @@ def test_a_session_that_cannot_be_opened_is_told_in_one_line(link):
 
 def test_it_may_go_to_another_instead_of_listening(link, navigator):
     heard = []
-    subscriber = link.session.declare_subscriber("robot/7/path", lambda s: heard.append(s.payload.to_bytes()))
+    subscriber = link.session.declare_subscriber(
+        "robot/7/path", lambda s: heard.append(s.payload.to_bytes())
+    )
     with closing(ZenohLink(connect=link.endpoint, prefix="robot/7")) as other:
-        sink, message = ZenohSink(other), navigator.tick()
+        sink = ZenohSink(other)
+        message = navigator.tick()
         wait_until(lambda: sink.publish(message) or heard)
     assert decode_output(heard[0]).outcome == "NO_POSE"
     subscriber.undeclare()

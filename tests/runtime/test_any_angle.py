@@ -24,10 +24,13 @@ from tests.strategies import Case, cases
 
 
 def crossed(points, closed):
-    """Cells, (row, col), that legs meet: their closed squares, or only the inside of them. Exact, by fractions."""
+    """Cells, (row, col), that legs meet: their closed squares, or only the inside of them. Exact,
+    by fractions.
+    """
     found = set()
     for (r0, c0), (r1, c1) in itertools.pairwise(points.tolist()):
-        a, b = (Fraction(r0), Fraction(c0)), (Fraction(r1), Fraction(c1))
+        a = (Fraction(r0), Fraction(c0))
+        b = (Fraction(r1), Fraction(c1))
         for row in range(math.floor(min(r0, r1)) - 1, math.ceil(max(r0, r1)) + 2):
             for col in range(math.floor(min(c0, c1)) - 1, math.ceil(max(c0, c1)) + 2):
                 if meets(a, b, (row, col), closed):
@@ -37,33 +40,50 @@ def crossed(points, closed):
 
 def meets(a, b, cell, closed):
     """Whether the line from a to b meets the square of a cell."""
-    first, last = Fraction(0), Fraction(1)
+    first = Fraction(0)
+    last = Fraction(1)
     for begin, end, middle in zip(a, b, cell, strict=True):
-        half = Fraction(1, 2) if closed else Fraction(1, 2) - Fraction(1, 1 << 40)  # of points that are rounded
-        low, high = middle - half, middle + half
+        half = (
+            Fraction(1, 2) if closed else Fraction(1, 2) - Fraction(1, 1 << 40)
+        )  # of points that are rounded
+        low = middle - half
+        high = middle + half
         if begin == end:
             if not (low <= begin <= high if closed else low < begin < high):
                 return False
             continue
         one, other = sorted(((low - begin) / (end - begin), (high - begin) / (end - begin)))
-        first, last = max(first, one), min(last, other)
+        first = max(first, one)
+        last = min(last, other)
     return first <= last if closed else first < last
 
 
 @given(cases(most_side=20))
-@example(Case(np.array([[9, 0, 0, 0, 0.75], [0.75, 0, 9, 0.75, 9]], np.float32), (1, 3), (0, 1), "paper", True))
+@example(
+    Case(
+        np.array([[9, 0, 0, 0, 0.75], [0.75, 0, 9, 0.75, 9]], np.float32),
+        (1, 3),
+        (0, 1),
+        "paper",
+        True,
+    )
+)
 def test_a_line_costs_no_more_than_the_path_by_the_same_integral_and_meets_nothing_impassable(case):
     planner = Planner(case.cost, step_cost=case.step_cost, corner_cutting=case.corner_cutting)
     plan = planner.plan(case.start, case.goal, method="astar", refine="any-angle")
     plain = planner.plan(case.start, case.goal, method="astar")
-    assert (plan.status, plan.cost) == (plain.status, plain.cost) and (plan.path == plain.path).all()
+    assert (plan.status, plan.cost) == (plain.status, plain.cost) and (
+        plan.path == plain.path
+    ).all()
     assert (plan.waypoints is None) == (not plan.ok)
     if plan.ok:
         on_grid = Refiner(planner.state).cost(plan.path.astype(np.float64))
         assert plan.line_cost <= on_grid * (1.0 + 1e-12)
         assert (tuple(plan.waypoints[0]), tuple(plan.waypoints[-1])) == (case.start, case.goal)
         passable = (case.cost < 1.0) | ((case.step_cost == "length") & np.isfinite(case.cost))
-        assert crossed(plan.waypoints, not case.corner_cutting) <= set(map(tuple, np.argwhere(passable).tolist()))
+        assert crossed(plan.waypoints, not case.corner_cutting) <= set(
+            map(tuple, np.argwhere(passable).tolist())
+        )
 
 
 @settings(max_examples=25)
@@ -87,7 +107,9 @@ def test_on_even_ground_the_line_is_straight():
         per_cell = 1.0 + 2.0 * 255 * 0.011 * 0.3 if step_cost == "paper" else 0.3
         assert plan.line_cost == pytest.approx(per_cell * math.hypot(38, 81), rel=1e-4)
         assert len(plan.waypoints) <= 6
-        assert plan.waypoint_headings_deg == pytest.approx(math.degrees(math.atan2(81, -38)), abs=2.0)
+        assert plan.waypoint_headings_deg == pytest.approx(
+            math.degrees(math.atan2(81, -38)), abs=2.0
+        )
 
 
 def test_curvature_is_that_of_the_widest_arc_that_fits():
@@ -128,18 +150,29 @@ def test_at_the_deadline_the_line_is_what_was_found():
     planner = Planner(cost)
     plan = planner.plan((3, 4), (74, 81), method="astar")
     refiner = Refiner(planner.state)
-    late, whole = refiner.refined(plan, deadline=Deadline(0.0)), refiner.refined(plan)
-    assert whole.line_cost < late.line_cost <= refiner.cost(plan.path.astype(np.float64)) * (1.0 + 1e-12)
+    late = refiner.refined(plan, deadline=Deadline(0.0))
+    whole = refiner.refined(plan)
+    assert (
+        whole.line_cost
+        < late.line_cost
+        <= refiner.cost(plan.path.astype(np.float64)) * (1.0 + 1e-12)
+    )
 
 
 def test_lines_of_elevations_computed_where_somebody_looks_are_those_of_all():
-    dem = np.cumsum(np.random.default_rng(3).normal(0.0, 0.4, (150, 170)), axis=1).astype(np.float32)
+    dem = np.cumsum(np.random.default_rng(3).normal(0.0, 0.4, (150, 170)), axis=1).astype(
+        np.float32
+    )
     planners = [Planner.of_elevation(dem, 1.0, lazy=lazy, warn=False) for lazy in (True, False)]
-    plans = [each.plan((4, 5), (140, 160), method="corridor", refine="any-angle") for each in planners]
+    plans = [
+        each.plan((4, 5), (140, 160), method="corridor", refine="any-angle") for each in planners
+    ]
     assert plans[0].line_cost == pytest.approx(plans[1].line_cost, rel=1e-9)
 
 
 def test_a_bodys_path_is_not_freed():
-    planner = Planner.of_elevation(np.zeros((40, 40)), 0.5, vehicle=Vehicle(1.2, 0.8, 0.3), warn=False)
+    planner = Planner.of_elevation(
+        np.zeros((40, 40)), 0.5, vehicle=Vehicle(1.2, 0.8, 0.3), warn=False
+    )
     with pytest.raises(InvalidQueryError, match="a body's legs lead in 16 directions"):
         planner.plan((10, 10), (20, 30), refine="any-angle")

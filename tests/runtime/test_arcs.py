@@ -1,4 +1,5 @@
-"""Plans of a body that drives arcs, beside Dijkstra over a lattice that is built anew, and the drive itself.
+"""Plans of a body that drives arcs, beside Dijkstra over a lattice that is built anew, and the
+drive itself.
 
 More cases: ``NNPP_EDGE_MAPS=500 pytest tests/runtime/test_arcs.py``.
 """
@@ -24,7 +25,8 @@ from tests import pose_oracles
 from tests.pose_oracles import DIRECTIONS, rocks
 
 MAPS = int(os.environ.get("NNPP_EDGE_MAPS", "6"))
-CELL_M, OMEGA = 0.25, 0.011
+CELL_M = 0.25
+OMEGA = 0.011
 CAR = Vehicle(1.3, 0.9, 0.3, wheel_length_m=0.21, wheel_width_m=0.13, turning_radius_m=1.1)
 KINDS = (
     CAR,
@@ -51,7 +53,9 @@ def bend(k, sides, radius):
     """(row, col) to which the shortest arc to the left from a direction leads, and its metres."""
     after = (k + 1) % 16
     turn = (angle_of(after, sides) - angle_of(k, sides)) % (2.0 * math.pi)
-    units = [math.hypot(DIRECTIONS[at][0] * sides[0], DIRECTIONS[at][1] * sides[1]) for at in (k, after)]
+    units = [
+        math.hypot(DIRECTIONS[at][0] * sides[0], DIRECTIONS[at][1] * sides[1]) for at in (k, after)
+    ]
     wanted = radius * math.tan(turn / 2.0)
     a, b = (next(n for n in itertools.count(1) if n * unit >= wanted - 1e-9) for unit in units)
     touch = min(a * units[0], b * units[1])
@@ -60,7 +64,9 @@ def bend(k, sides, radius):
 
 
 def ways_of(vehicle, sides):
-    """For each heading: (row, col, heading, gear, motion, whether that begins where it leads to, cells, metres)."""
+    """For each heading: (row, col, heading, gear, motion, whether that begins where it leads to,
+    cells, metres).
+    """
     found = {k: [] for k in range(16)}
     gears = (1,) if vehicle.reverse_cost is None else (1, -1)
     for k, (row, col) in enumerate(DIRECTIONS):
@@ -73,19 +79,35 @@ def ways_of(vehicle, sides):
                 arc = ahead if side > 0 else (ahead + 7) % 16
                 (down, right), metres = bend(arc, sides, vehicle.turning_radius_m)
                 place = (down, right) if side > 0 else (-down, -right)
-                found[k].append((*place, (k + side) % 16, gear, 16 + arc, side < 0, metres / min(sides), 0.0))
+                found[k].append(
+                    (*place, (k + side) % 16, gear, 16 + arc, side < 0, metres / min(sides), 0.0)
+                )
         if vehicle.turns_on_spot:
             for side in (1, -1):
                 first = k if side > 0 else (k - 1) % 16
-                turn = (angle_of((first + 1) % 16, sides) - angle_of(first, sides)) % (2.0 * math.pi)
-                found[k].append((0, 0, (k + side) % 16, 0, 8 + first % 8, False, 0.0, turn * vehicle.turn_m_per_rad))
+                turn = (angle_of((first + 1) % 16, sides) - angle_of(first, sides)) % (
+                    2.0 * math.pi
+                )
+                found[k].append(
+                    (
+                        0,
+                        0,
+                        (k + side) % 16,
+                        0,
+                        8 + first % 8,
+                        False,
+                        0.0,
+                        turn * vehicle.turn_m_per_rad,
+                    )
+                )
     return found
 
 
 def dijkstra(codes, vehicle, sides, scale, starts):
     """{(row, col, heading, gear): cost} of all states that can be reached from some."""
     rows, cols = codes.shape[:2]
-    ways, costs = ways_of(vehicle, sides), dict.fromkeys(starts, 0.0)
+    ways = ways_of(vehicle, sides)
+    costs = dict.fromkeys(starts, 0.0)
     queue = [(0.0, state) for state in starts]
     geared = vehicle.gear_change_m > 0.0
     while queue:
@@ -94,13 +116,18 @@ def dijkstra(codes, vehicle, sides, scale, starts):
             continue
         row, col, k, before = state
         for down, right, to, gear, motion, there, cells, metres in ways[k]:
-            i, j = row + down, col + right
+            i = row + down
+            j = col + right
             if not (0 <= i < rows and 0 <= j < cols):
                 continue
             code = int(codes[i, j, motion] if there else codes[row, col, motion])
             if code >= FAILS:
                 continue
-            more = cells * (1.0 + 2.0 * scale * (code - 1) / MOST_CODE) * (vehicle.reverse_cost if gear < 0 else 1.0)
+            more = (
+                cells
+                * (1.0 + 2.0 * scale * (code - 1) / MOST_CODE)
+                * (vehicle.reverse_cost if gear < 0 else 1.0)
+            )
             more += metres / sides[0]
             if geared and gear and gear != before:
                 more += vehicle.gear_change_m / sides[0]
@@ -113,7 +140,8 @@ def dijkstra(codes, vehicle, sides, scale, starts):
 
 def with_codes(made, seed):
     """Random codes in place of what was checked; (H, W, M)."""
-    poses, rng = made.state.grid.poses, np.random.default_rng(seed)
+    poses = made.state.grid.poses
+    rng = np.random.default_rng(seed)
     poses.complete()
     poses.codes[:] = rng.integers(1, MOST_CODE, poses.codes.shape)
     poses.codes[rng.random(poses.codes.shape) < rng.choice((0.05, 0.4))] = FAILS + 1
@@ -123,23 +151,35 @@ def with_codes(made, seed):
 @pytest.mark.parametrize("vehicle", KINDS)
 def test_searches_over_arcs_are_dijkstras_over_a_lattice_built_anew(vehicle, monkeypatch):
     for seed in range(MAPS):
-        monkeypatch.setattr(search, "AROUND_GOAL", (24, 4096)[seed % 3 == 2])  # so few seldom come to the start
+        monkeypatch.setattr(
+            search, "AROUND_GOAL", (24, 4096)[seed % 3 == 2]
+        )  # so few seldom come to the start
         width = (CELL_M, 0.2)[seed % 2]
         shape = (17, 21) if vehicle.reverse_cost else (31, 35)  # forwards alone takes room
-        made = planner(np.zeros(shape), vehicle, cell_width_m=width, omega=(OMEGA, 0.0)[seed // 2 % 2])
-        codes, sides = with_codes(made, seed), (CELL_M, width)
+        made = planner(
+            np.zeros(shape), vehicle, cell_width_m=width, omega=(OMEGA, 0.0)[seed // 2 % 2]
+        )
+        codes = with_codes(made, seed)
+        sides = (CELL_M, width)
         scale = 255.0 * (OMEGA, 0.0)[seed // 2 % 2]
         rng = np.random.default_rng(seed)
         for begin, end in itertools.product((None, int(rng.integers(16))), repeat=2):
-            start, goal = (tuple(cell) for cell in rng.integers(4, (shape[0] - 4, shape[1] - 4), (2, 2)).tolist())
+            start, goal = (
+                tuple(cell)
+                for cell in rng.integers(4, (shape[0] - 4, shape[1] - 4), (2, 2)).tolist()
+            )
             starts = range(16) if begin is None else (begin,)
             gears = (1, -1) if begin is None and vehicle.gear_change_m else (1,)
-            costs = dijkstra(codes, vehicle, sides, scale, [(*start, k, g) for k in starts for g in gears])
+            costs = dijkstra(
+                codes, vehicle, sides, scale, [(*start, k, g) for k in starts for g in gears]
+            )
             ends = range(16) if end is None else (end,)
             best = min(costs.get((*goal, k, gear), math.inf) for k in ends for gear in (1, -1))
             headings = [None if k is None else heading_deg(k, sides) for k in (begin, end)]
             options = {"start_heading_deg": headings[0], "goal_heading_deg": headings[1]}
-            exact, other = (made.plan(start, goal, method=name, **options) for name in ("astar", "corridor"))
+            exact, other = (
+                made.plan(start, goal, method=name, **options) for name in ("astar", "corridor")
+            )
             assert exact.cost == pytest.approx(best, rel=1e-5) and exact.ok == other.ok
             assert other.cost >= best * (1.0 - 1e-5) and other.lower_bound <= best * (1.0 + 1e-5)
             if not exact.ok:
@@ -154,29 +194,41 @@ def test_searches_over_arcs_are_dijkstras_over_a_lattice_built_anew(vehicle, mon
 
 
 @pytest.mark.parametrize("vehicle", KINDS)
-def test_what_is_checked_where_a_search_looks_is_what_all_at_once_gives_and_patches_keep_it_so(vehicle):
+def test_what_is_checked_where_a_search_looks_is_what_all_at_once_gives_and_patches_keep_it_so(
+    vehicle,
+):
     for seed in range(MAPS // 2):
-        dem, rng = rocks(seed, 40, 44, 0.01), np.random.default_rng(seed)
+        dem = rocks(seed, 40, 44, 0.01)
+        rng = np.random.default_rng(seed)
         lazy = planner(dem, vehicle)
         for _ in range(4):
             row, col = rng.integers(0, (34, 38)).tolist()
             dem[row : row + 5, col : col + 5] += np.float32(rng.choice((0.0, 0.3)))
             lazy.update_elevation(row, col, dem[row : row + 5, col : col + 5])
             ends = [tuple(cell) for cell in rng.integers(5, 35, (2, 2)).tolist()]
-            plans = [each.plan(*ends, method="astar") for each in (lazy, planner(dem, vehicle, lazy=False))]
+            plans = [
+                each.plan(*ends, method="astar")
+                for each in (lazy, planner(dem, vehicle, lazy=False))
+            ]
             assert plans[0].status is plans[1].status
             assert plans[0].cost == pytest.approx(plans[1].cost, rel=1e-5)
 
 
 def driven(plan, every_m=0.02):
-    """Places (N, 2) in cells and headings (N,) from down the rows, by small steps along gears and curvatures."""
-    places, headings = [], []
+    """Places (N, 2) in cells and headings (N,) from down the rows, by small steps along gears and
+    curvatures.
+    """
+    places = []
+    headings = []
     for arc in plan.arcs:
         x, y, degrees = arc.start_pose
         count = max(math.ceil(arc.length_m / every_m), math.ceil(abs(arc.turn_deg)), 1)
-        heading, step = math.radians(degrees), arc.gear * arc.length_m / count
+        heading = math.radians(degrees)
+        step = arc.gear * arc.length_m / count
         for _ in range(count):
-            turned = -arc.curvature_per_m * step if arc.gear else -math.radians(arc.turn_deg) / count
+            turned = (
+                -arc.curvature_per_m * step if arc.gear else -math.radians(arc.turn_deg) / count
+            )
             x += step * math.sin(heading + turned / 2.0)
             y -= step * math.cos(heading + turned / 2.0)
             heading += turned
@@ -191,15 +243,24 @@ def test_arcs_join_keep_the_radius_and_break_no_limit_between_the_cells(vehicle)
     for seed in range(max(MAPS // 2, 3)):
         dem = rocks(seed, 60, 64, 0.01)
         for method in ("astar", "corridor"):
-            options = {"start_heading_deg": 90.0 + 22.0 * seed, "goal_heading_deg": 170.0, "goal_tolerance_deg": 30.0}
+            options = {
+                "start_heading_deg": 90.0 + 22.0 * seed,
+                "goal_heading_deg": 170.0,
+                "goal_tolerance_deg": 30.0,
+            }
             plan = planner(dem, vehicle).plan((10, 10), (50, 52 - seed), method=method, **options)
             if not plan.ok:
                 continue
             places, headings = driven(plan)
-            assert np.abs(places[-1] - plan.path[-1]).max() < 0.02, "Euler's steps end where the path does"
+            assert np.abs(places[-1] - plan.path[-1]).max() < 0.02, (
+                "Euler's steps end where the path does"
+            )
             for before, after in itertools.pairwise(plan.arcs):
                 assert before.at(1.0) == pytest.approx(after.start_pose, abs=1e-6)
-            assert max(abs(arc.curvature_per_m) for arc in plan.arcs) <= 1.0 / vehicle.turning_radius_m + 1e-9
+            assert (
+                max(abs(arc.curvature_per_m) for arc in plan.arcs)
+                <= 1.0 / vehicle.turning_radius_m + 1e-9
+            )
             gears = {arc.gear for arc in plan.arcs}
             assert gears <= {1} | ({-1} if vehicle.reverse_cost else set()) | (
                 {0} if vehicle.turns_on_spot else set()
@@ -211,12 +272,16 @@ def test_arcs_join_keep_the_radius_and_break_no_limit_between_the_cells(vehicle)
 
 
 def test_an_unswept_arc_breaks_a_limit_that_the_swept_one_is_refused_for(monkeypatch):
-    """The control of the one before: with poses that stand for themselves alone something breaks."""
+    """The control of the one before: with poses that stand for themselves alone something
+    breaks.
+    """
     from nnpp_edge.runtime.map import motions
 
     whole = motions.arc_poses
     monkeypatch.setattr(
-        motions, "arc_poses", lambda *a: [each._replace(sweep_m=0.0, turn_rad=0.0) for each in whole(*a)][:1]
+        motions,
+        "arc_poses",
+        lambda *a: [each._replace(sweep_m=0.0, turn_rad=0.0) for each in whole(*a)][:1],
     )
     motions.all_motions.cache_clear()
     broken = 0
@@ -241,13 +306,18 @@ def test_primitives_of_a_wide_turn_are_long_and_no_curve_is_shorter_than_their_b
 
 def test_headings_that_are_none_and_vehicles_without_them_are_refused():
     made = planner(np.zeros((40, 40)))
-    for options in ({"start_heading_deg": math.nan}, {"goal_heading_deg": 9.0, "goal_tolerance_deg": -1.0}):
+    for options in (
+        {"start_heading_deg": math.nan},
+        {"goal_heading_deg": 9.0, "goal_tolerance_deg": -1.0},
+    ):
         with pytest.raises(InvalidQueryError, match="headings must be numbers of degrees"):
             made.plan((10, 10), (30, 30), **options)
     with pytest.raises(InvalidQueryError, match="want a vehicle's body"):
         Planner(np.zeros((9, 9))).plan((1, 1), (5, 5), start_heading_deg=3.0)
     with pytest.raises(InvalidMapError, match="arcs have the paper's cost"):
-        Planner.of_elevation(np.zeros((40, 40)), 0.25, vehicle=made.state.vehicle, step_cost="tobler")
+        Planner.of_elevation(
+            np.zeros((40, 40)), 0.25, vehicle=made.state.vehicle, step_cost="tobler"
+        )
 
 
 def test_the_way_between_the_same_cells_depends_on_the_headings():
@@ -257,21 +327,32 @@ def test_the_way_between_the_same_cells_depends_on_the_headings():
     assert straight.cost == pytest.approx(40.0, rel=1e-6) and len(straight.arcs) == 1
     assert around.cost > 40.0 + 2.0 * math.pi * 1.1 / CELL_M * 0.9
     spot = made.plan((30, 10), (30, 10), start_heading_deg=90.0, goal_heading_deg=270.0)
-    assert spot.ok and spot.cost > 10.0 and spot.poses[-1] == pytest.approx((2.5, 7.5, 270.0), abs=1e-6)
+    assert (
+        spot.ok
+        and spot.cost > 10.0
+        and spot.poses[-1] == pytest.approx((2.5, 7.5, 270.0), abs=1e-6)
+    )
 
 
 @pytest.mark.parametrize("vehicle", KINDS)
 @pytest.mark.parametrize("best_order", [False, True])
 def test_a_tour_of_arcs_is_driven_on_through_its_stops(vehicle, best_order):
-    made, via = planner(np.zeros((60, 60), np.float32), vehicle), [(40, 20), (40, 20), (15, 40)]
+    made = planner(np.zeros((60, 60), np.float32), vehicle)
+    via = [(40, 20), (40, 20), (15, 40)]
     tour = made.plan_via((10, 10), (50, 50), via, best_order=best_order, method="astar")
     plan, poses = tour.plan, tour.plan.poses
     assert plan.ok and plan.cost == pytest.approx(sum(leg.cost for leg in tour.legs), rel=1e-5)
     assert {(10, 10), (50, 50), *via} <= set(map(tuple, plan.path.tolist()))
-    assert plan.along.distance_m[-1] == pytest.approx(sum(leg.along.distance_m[-1] for leg in tour.legs), rel=1e-3)
-    apart, turned = np.hypot(*np.diff(poses[:, :2], axis=0).T), np.abs((np.diff(poses[:, 2]) + 180.0) % 360.0 - 180.0)
+    assert plan.along.distance_m[-1] == pytest.approx(
+        sum(leg.along.distance_m[-1] for leg in tour.legs), rel=1e-3
+    )
+    apart = np.hypot(*np.diff(poses[:, :2], axis=0).T)
+    turned = np.abs((np.diff(poses[:, 2]) + 180.0) % 360.0 - 180.0)
     if not vehicle.turns_on_spot:
-        assert apart.max() <= 0.26 and (np.radians(turned) <= apart / vehicle.turning_radius_m + 1e-6).all()
+        assert (
+            apart.max() <= 0.26
+            and (np.radians(turned) <= apart / vehicle.turning_radius_m + 1e-6).all()
+        )
 
 
 def test_a_robot_on_a_goal_that_has_become_impassable_does_not_stand_well():
@@ -286,10 +367,14 @@ def test_a_robot_on_a_goal_that_has_become_impassable_does_not_stand_well():
 
 
 def test_a_moving_planner_begins_as_the_robot_stands_and_is_as_good_as_a_new_one():
-    dem, goal = rocks(3, 80, 80, 0.004), (66, 70)
+    dem = rocks(3, 80, 80, 0.004)
+    goal = (66, 70)
     vehicle = replace(CAR, reverse_cost=2.0)
     moving = DynamicPlanner.of_elevation(dem, CELL_M, goal, vehicle=vehicle)
-    cell, heading, rng, sources = (10, 12), 200.0, np.random.default_rng(0), []
+    cell = (10, 12)
+    heading = 200.0
+    rng = np.random.default_rng(0)
+    sources = []
     for _ in range(12):
         moving.move(cell, heading)
         plan = moving.replan()
@@ -302,12 +387,16 @@ def test_a_moving_planner_begins_as_the_robot_stands_and_is_as_good_as_a_new_one
         at = min(3, len(plan.path) - 1)
         rest = plan.rest(at)
         assert rest.path.tolist() == plan.path[at:].tolist()
-        assert rest.poses[0] == pytest.approx((*(plan.path[at, ::-1] * CELL_M), plan.headings_deg[at]), abs=1e-6)
-        cell, heading = tuple(plan.path[at].tolist()), float(plan.headings_deg[at])
+        assert rest.poses[0] == pytest.approx(
+            (*(plan.path[at, ::-1] * CELL_M), plan.headings_deg[at]), abs=1e-6
+        )
+        cell = tuple(plan.path[at].tolist())
+        heading = float(plan.headings_deg[at])
         if len(plan.path) < 12:
             break
         row, col = plan.path[len(plan.path) // 2].tolist()
-        row, col = int(np.clip(row + rng.integers(-8, 9), 0, 77)), int(np.clip(col + rng.integers(-8, 9), 0, 77))
+        row = int(np.clip(row + rng.integers(-8, 9), 0, 77))
+        col = int(np.clip(col + rng.integers(-8, 9), 0, 77))
         if min(max(abs(row - i), abs(col - j)) for i, j in (cell, goal)) > 10:
             dem[row : row + 2, col : col + 2] += 0.4
         moving.update_elevation(row, col, dem[row : row + 2, col : col + 2])
@@ -315,7 +404,8 @@ def test_a_moving_planner_begins_as_the_robot_stands_and_is_as_good_as_a_new_one
 
 
 def test_a_plan_at_the_goal_leaves_no_costs_that_mislead_the_next():
-    vehicle, goal = replace(CAR, reverse_cost=2.0), (66, 70)
+    vehicle = replace(CAR, reverse_cost=2.0)
+    goal = (66, 70)
     moving = DynamicPlanner.of_elevation(rocks(3, 80, 80, 0.004), CELL_M, goal, vehicle=vehicle)
     costs = []
     for cell in (10, 12), goal, (10, 12):
@@ -342,11 +432,17 @@ def test_a_path_of_arcs_is_left_where_it_is_blocked_and_joined_again(monkeypatch
         assert again.path[-100:].tolist() == first.path[-100:].tolist()
         assert pose_oracles.breaks_at(dem, CELL_M, CAR, *driven(again)) is None
         fresh = planner(dem, CAR).plan(cell, (80, 220), method="astar", start_heading_deg=90.0)
-        assert again.lower_bound <= fresh.cost * (1.0 + 1e-5) and fresh.cost <= again.cost * (1.0 + 1e-5)
+        assert again.lower_bound <= fresh.cost * (1.0 + 1e-5) and fresh.cost <= again.cost * (
+            1.0 + 1e-5
+        )
         assert again.cost <= 1.02 * fresh.cost
-    moving.update_elevation(79, 110, np.full((2, 2), 2.0))  # farther on than where it is joined as a rule
+    moving.update_elevation(
+        79, 110, np.full((2, 2), 2.0)
+    )  # farther on than where it is joined as a rule
     again = moving.replan()
-    assert again.source is Source.STANDING and again.path[-60:].tolist() == first.path[-60:].tolist()
+    assert (
+        again.source is Source.STANDING and again.path[-60:].tolist() == first.path[-60:].tolist()
+    )
     monkeypatch.setattr(methods, "JOIN_EXPANSIONS", 1)
     assert moving.replan().walked.tolist() == again.walked.tolist()
     moving.update_elevation(79, 150, np.full((2, 2), 2.0))

@@ -1,4 +1,6 @@
-"""A* over a grid: in regions, with landmarks and over all that can be reached, against Dijkstra's algorithm."""
+"""A* over a grid: in regions, with landmarks and over all that can be reached, against Dijkstra's
+algorithm.
+"""
 
 import numpy as np
 import pytest
@@ -36,8 +38,12 @@ def check(case, found, wanted, corner_cutting):
     assert found.status is (Status.OK if np.isfinite(wanted) else Status.NO_PATH)
     assert found.path.dtype == np.int32 and (len(found.path) > 0) == np.isfinite(wanted)
     if np.isfinite(wanted):
-        assert oracles.path_cost(found.path, case.cost, case.step_cost) == pytest.approx(wanted, **CLOSE)
-        assert oracles.path_problem(found.path, case.cost, case.start, case.goal, corner_cutting) == ""
+        assert oracles.path_cost(found.path, case.cost, case.step_cost) == pytest.approx(
+            wanted, **CLOSE
+        )
+        assert (
+            oracles.path_problem(found.path, case.cost, case.start, case.goal, corner_cutting) == ""
+        )
 
 
 @settings(max_examples=150)
@@ -46,11 +52,21 @@ def test_searches_and_fields_are_dijkstras_with_landmarks_and_without(case, coun
     grid, workspace = set_up(case.cost, case.step_cost, case.corner_cutting)
     field = oracles.dijkstra(case.cost, case.start, case.step_cost, case.corner_cutting)
     for _ in range(2):  # the second search meets what the first left behind
-        check(case, astar(grid, case.start, case.goal, workspace), field[case.goal], case.corner_cutting)
+        check(
+            case,
+            astar(grid, case.start, case.goal, workspace),
+            field[case.goal],
+            case.corner_cutting,
+        )
     np.testing.assert_allclose(cost_field(grid, case.start, workspace), field, rtol=2e-5, atol=1e-6)
     planner = Planner(case.cost, step_cost=case.step_cost, corner_cutting=case.corner_cutting)
     planner.prepare(landmarks=count, goals=[case.goal] if at_the_goal else [])
-    check(case, planner.plan(case.start, case.goal, method="astar"), field[case.goal], case.corner_cutting)
+    check(
+        case,
+        planner.plan(case.start, case.goal, method="astar"),
+        field[case.goal],
+        case.corner_cutting,
+    )
 
 
 @settings(max_examples=120)
@@ -61,7 +77,9 @@ def test_a_region_is_searched_as_a_map_blocked_outside(case):
     mask[case.start] = mask[case.goal] = True
     grid, workspace = set_up(case.cost, case.step_cost)
     found = astar(grid, case.start, case.goal, workspace, region=region_of(mask))
-    wanted = oracles.dijkstra(np.where(mask, case.cost, np.inf), case.start, case.step_cost)[case.goal]
+    wanted = oracles.dijkstra(np.where(mask, case.cost, np.inf), case.start, case.step_cost)[
+        case.goal
+    ]
     optimum = oracles.dijkstra(case.cost, case.start, case.step_cost)[case.goal]
     check(case, found, wanted, True)
     assert min(wanted, found.refused_f) <= optimum * (1 + 1e-5) + 1e-6
@@ -84,13 +102,17 @@ def test_landmarks_outlive_what_makes_cells_dearer_and_nothing_else(seed, dearer
         assert (searcher.landmarks is not None) == dearer
         ends = [tuple(int(x) for x in end) for end in rng.choice(np.argwhere(cost < 1.0), 2)]
         found = searcher.search(Query(*ends), Work(), None)
-        assert state.grid.costs_of(found.path)[0] == pytest.approx(oracles.dijkstra(cost, ends[0])[ends[1]], **CLOSE)
+        assert state.grid.costs_of(found.path)[0] == pytest.approx(
+            oracles.dijkstra(cost, ends[0])[ends[1]], **CLOSE
+        )
 
 
 def test_landmarks_save_work_and_more_than_there_is_room_for_or_in_a_wall_are_refused():
     cost = np.random.default_rng(3).random((256, 256)).astype(np.float32) * 0.9
     cost[4, 4] = np.inf
-    plain, prepared, start = Planner(cost), Planner(cost), (20, 15)
+    plain = Planner(cost)
+    prepared = Planner(cost)
+    start = (20, 15)
     for landmarks, goal, words in (
         (8, (0, 0), "at most 8"),
         (0, (4, 4), r"goal \(4, 4\): blocked"),
@@ -116,13 +138,15 @@ def test_on_a_plain_map_little_more_than_the_path_is_expanded():
 
 
 def test_searches_outgrow_their_memory_and_their_numbers():
-    snake, open_ground = np.full((41, 41), 0.1, np.float32), np.random.default_rng(1).random((150, 150))
+    snake = np.full((41, 41), 0.1, np.float32)
+    open_ground = np.random.default_rng(1).random((150, 150))
     snake[1::4, :-1] = snake[3::4, 1:] = np.inf  # a path longer than the room for it
     for cost, goal in ((snake, (40, 40)), (open_ground.astype(np.float32), (149, 149))):
         grid, workspace = set_up(cost)
         before = astar(grid, (0, 0), goal, workspace)
         small = Workspace(len(grid.weights))
-        small.entries, small.path = np.empty(32, np.int32), np.empty((4, 2), np.int32)
+        small.entries = np.empty(32, np.int32)
+        small.path = np.empty((4, 2), np.int32)
         cut = astar(grid, (0, 0), goal, small, deadline=Deadline.within(0.0))
         assert cut.status in (Status.TIMEOUT, Status.OK) and tuple(cut.path[0]) == (0, 0)
         assert np.isfinite(oracles.path_cost(cut.path, cost))
@@ -140,7 +164,8 @@ def test_memory_is_left_to_the_next_workspace_but_never_shared():
     second = Workspace(len(grid.weights))
     assert not np.shares_memory(first.meta, second.meta)
     astar(grid, (59, 0), (0, 69), second)
-    left, number = second.meta.__array_interface__["data"][0], second.stamp
+    left = second.meta.__array_interface__["data"][0]
+    number = second.stamp
     del second
     third = Workspace(len(grid.weights))
     assert third.meta.__array_interface__["data"][0] == left
@@ -150,13 +175,22 @@ def test_memory_is_left_to_the_next_workspace_but_never_shared():
 
 
 def test_a_workspace_that_has_counted_to_the_end_begins_anew():
-    grid = Grid.of(np.random.default_rng(3).random((30, 40)).astype(np.float32), StepModel.of("paper"))
+    grid = Grid.of(
+        np.random.default_rng(3).random((30, 40)).astype(np.float32), StepModel.of("paper")
+    )
     workspace = Workspace(len(grid.weights))
-    workspace.meta[1::2], workspace.stamp = 0, 0
+    workspace.meta[1::2] = 0
+    workspace.stamp = 0
     astar(grid, (1, 1), (28, 38), workspace)  # the first search
     workspace.stamp = LAST_STAMP
-    again, anew = (astar(grid, (29, 2), (3, 35), each) for each in (workspace, Workspace(len(grid.weights))))
-    assert np.array_equal(again.path, anew.path) and again.expansions == anew.expansions and workspace.stamp == 1
+    again, anew = (
+        astar(grid, (29, 2), (3, 35), each) for each in (workspace, Workspace(len(grid.weights)))
+    )
+    assert (
+        np.array_equal(again.path, anew.path)
+        and again.expansions == anew.expansions
+        and workspace.stamp == 1
+    )
 
 
 # --- what can be reached
@@ -166,11 +200,17 @@ def test_within_a_cost_the_rest_is_not_reached_and_from_nowhere_nothing():
     cost = np.random.default_rng(1).random((30, 40)).astype(np.float32)
     cost[9, 9] = np.inf
     planner = Planner(cost)
-    whole, part = planner.reach((3, 4)), planner.reach((3, 4), 20.0)
-    assert np.array_equal(np.isfinite(part), whole <= 20.0) and 0 < np.isfinite(part).sum() < cost.size
+    whole = planner.reach((3, 4))
+    part = planner.reach((3, 4), 20.0)
+    assert (
+        np.array_equal(np.isfinite(part), whole <= 20.0) and 0 < np.isfinite(part).sum() < cost.size
+    )
     assert np.array_equal(part[whole <= 20.0], whole[whole <= 20.0])
     assert whole == pytest.approx(oracles.dijkstra(cost, (3, 4)), rel=1e-5)
-    assert planner.reach((3, 4), 0.0).min() == 0.0 and np.isfinite(planner.reach((3, 4), 0.0)).sum() == 1
+    assert (
+        planner.reach((3, 4), 0.0).min() == 0.0
+        and np.isfinite(planner.reach((3, 4), 0.0)).sum() == 1
+    )
     for start, within, words in (
         ((9, 9), 1.0, "is impassable"),
         ((30, 3), 1.0, "outside the map"),
@@ -187,7 +227,9 @@ def test_within_a_cost_the_rest_is_not_reached_and_from_nowhere_nothing():
 def test_the_whole_map_taken_over_narrows_its_bounds():
     grid = Grid.of(np.array([[0.1, 0.9]]), StepModel.of("paper"))
     assert grid.update(np.array([[0.4, 0.5]])).cells == 2
-    assert (grid.least, grid.greatest) == pytest.approx(tuple(grid.model.scale * x for x in (0.4, 0.5)))
+    assert (grid.least, grid.greatest) == pytest.approx(
+        tuple(grid.model.scale * x for x in (0.4, 0.5))
+    )
     change = grid.update(np.array([[0.4, 0.6]]), keep_old_weights=True)  # of which one cell changes
     assert (change.cells, change.part, change.cheaper) == (1, (0, 1, 1, 1), False)
     assert change.nodes.tolist() == [grid.node(0, 1)]

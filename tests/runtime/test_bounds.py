@@ -25,7 +25,8 @@ def network():
 def maps(step_cost, count, seed):
     """Maps of 60 to 120 cells a side, with walls, on which regions are smaller than the map.
 
-    On every other one costs are nearly equal but for a swamp: there bounds are tight, and one that is too high shows.
+    On every other one costs are nearly equal but for a swamp: there bounds are tight, and one that
+    is too high shows.
     """
     rng = np.random.default_rng(seed)
     for number in range(count):
@@ -34,20 +35,25 @@ def maps(step_cost, count, seed):
         if number % 2:
             hills = gaussian_filter(cost, rng.choice([1.0, 3.0, 8.0]))
             cost = 0.02 * (hills - hills.min()) / np.ptp(hills)
-            rows, cols = np.ogrid[: shape[0], : shape[1]]  # a swamp on the straight line, to be walked around
+            rows, cols = np.ogrid[
+                : shape[0], : shape[1]
+            ]  # a swamp on the straight line, to be walked around
             away = np.hypot(rows / shape[0] - 0.5, cols / shape[1] - 0.5)
             cost += rng.choice([0.0, 0.05, 0.15, 0.4]) * (away < rng.choice([0.1, 0.2, 0.3]))
         cost = (cost + 0.05).astype(np.float32)
         cost[rng.random(shape) < rng.choice([0.0, 0.02, 0.2, 0.35])] = np.inf
-        start, goal = (1, 1), (shape[0] - 2, shape[1] - 2)
+        start = (1, 1)
+        goal = (shape[0] - 2, shape[1] - 2)
         cost[start] = cost[goal] = 0.5
         yield cost * (100.0 if step_cost == "length" else 1.0), start, goal, bool(rng.integers(2))
 
 
 def check(plan, optimum, refused):
-    """The bound of a plan: against Dijkstra's optimum, and against the least that a path out of its region can cost.
+    """The bound of a plan: against Dijkstra's optimum, and against the least that a path out of its
+    region can cost.
 
-    The second is what the bound is: one that is too high hardly ever comes to lie above the optimum.
+    The second is what the bound is: one that is too high hardly ever comes to lie above the
+    optimum.
     """
     assert plan.ok == math.isfinite(optimum)
     if plan.ok:
@@ -58,8 +64,14 @@ def check(plan, optimum, refused):
 
 
 def refused_by(plan, cost, *query):
-    """The least that a path out of a plan's region can cost; inf where the whole map was searched."""
-    return math.inf if plan.region is None else oracles.bound_by_region(cost, plan.region.mask(), *query)
+    """The least that a path out of a plan's region can cost; inf where the whole map was
+    searched.
+    """
+    return (
+        math.inf
+        if plan.region is None
+        else oracles.bound_by_region(cost, plan.region.mask(), *query)
+    )
 
 
 @pytest.mark.parametrize("epsilon", [math.inf, 0.02, 0.0])
@@ -68,8 +80,15 @@ def test_every_methods_bound_holds_and_is_as_close_as_asked(network, method, eps
     for step_cost in ("paper", "length"):
         sources = Counter()
         for cost, start, goal, corner_cutting in maps(step_cost, 10, 1):
-            options = {"step_cost": step_cost, "corner_cutting": corner_cutting, "model": network, "ask_from": 0}
-            plan = Planner(cost, **options).plan(start, goal, method=method, epsilon=epsilon, keep_regions=True)
+            options = {
+                "step_cost": step_cost,
+                "corner_cutting": corner_cutting,
+                "model": network,
+                "ask_from": 0,
+            }
+            plan = Planner(cost, **options).plan(
+                start, goal, method=method, epsilon=epsilon, keep_regions=True
+            )
             optimum = oracles.dijkstra(cost, start, step_cost, corner_cutting)[goal]
             check(plan, optimum, refused_by(plan, cost, start, goal, step_cost, corner_cutting))
             if plan.ok:
@@ -77,7 +96,9 @@ def test_every_methods_bound_holds_and_is_as_close_as_asked(network, method, eps
                 assert plan.cost <= (1.0 + epsilon) * optimum * (1.0 + CLOSE)
             sources[plan.source] += 1
         if epsilon == math.inf and method is not Method.ASTAR:
-            assert sources[Source.REGION] + sources[Source.WIDENED] >= 2  # else the bound was an exact search's
+            assert (
+                sources[Source.REGION] + sources[Source.WIDENED] >= 2
+            )  # else the bound was an exact search's
 
 
 @pytest.mark.parametrize("step_cost", ["paper", "length"])
@@ -91,17 +112,22 @@ def test_every_dynamic_methods_bound_holds_while_the_map_changes(network, method
             planner.move((start[0] + at, start[1]))
             cost[start[0] + at, start[1]] = cost[5, 5]
             planner.update(0, 0, cost)
-            plan, query = planner.replan(keep_regions=True), ((start[0] + at, start[1]), goal)
+            plan = planner.replan(keep_regions=True)
+            query = ((start[0] + at, start[1]), goal)
             refused = refused_by(plan, cost, *query, step_cost, corner_cutting)
             if plan.region is not None and plan.choice.startswith("mended"):
-                refused = planner.state.grid.least_cost(*query)  # D* Lite does not say what it refused
+                refused = planner.state.grid.least_cost(
+                    *query
+                )  # D* Lite does not say what it refused
             check(plan, oracles.dijkstra(cost, query[0], step_cost, corner_cutting)[goal], refused)
             row, col = rng.integers(10, 50, 2)
             factor = rng.choice([0.5, 2.0]) if step_cost == "length" else 0.5
             cost[row : row + 8, col : col + 8] *= np.float32(factor)
             planner.update(row, col, cost[row : row + 8, col : col + 8])
             standing = planner.standing()
-            optimum = oracles.dijkstra(cost, (start[0] + at, start[1]), step_cost, corner_cutting)[goal]
+            optimum = oracles.dijkstra(cost, (start[0] + at, start[1]), step_cost, corner_cutting)[
+                goal
+            ]
             if standing.valid:
                 assert standing.lower_bound <= optimum * (1.0 + CLOSE)
                 assert standing.cost >= optimum * (1.0 - CLOSE)
@@ -110,20 +136,25 @@ def test_every_dynamic_methods_bound_holds_while_the_map_changes(network, method
 @pytest.mark.parametrize("method", ["astar", "corridor", "nnpp"])
 @pytest.mark.filterwarnings("ignore::UserWarning")
 def test_the_bound_of_a_bodys_path_holds(method):
-    rover, cell_m = Vehicle(length_m=1.2, width_m=0.9, clearance_m=0.3, max_tilt_deg=30.0), 0.25
+    rover = Vehicle(length_m=1.2, width_m=0.9, clearance_m=0.3, max_tilt_deg=30.0)
+    cell_m = 0.25
     for seed in range(4):
-        rng, (row, col) = np.random.default_rng(seed), np.mgrid[:80, :80]
+        rng = np.random.default_rng(seed)
+        row, col = np.mgrid[:80, :80]
         dem = (0.1 * np.sin(col / 6.0 + seed) * np.cos(row / 5.0)).astype(np.float32)
         for at in rng.integers(0, 80, (60, 2)):
             dem[tuple(at)] += rng.uniform(0.05, 0.4)
         dem[:12, :12] = dem[-12:, -12:] = 0.0
-        start, goal = (6, 6), (73, 73)
+        start = (6, 6)
+        goal = (73, 73)
         planner = Planner.of_elevation(dem, cell_m, vehicle=rover, warn=False, ask_from=0)
         plan = planner.plan(start, goal, method=method)
         assert plan.ok and plan.lower_bound > 0.5 * plan.cost
         stands = np.ones(dem.shape, bool)
         assert (
-            bodies.problem_with_plan(plan, bodies.priced(planner, 0.011), stands, start, goal, method == "astar")
+            bodies.problem_with_plan(
+                plan, bodies.priced(planner, 0.011), stands, start, goal, method == "astar"
+            )
             is None
         )
 
@@ -132,16 +163,23 @@ def test_the_bound_of_a_mended_path_is_what_a_path_costs_at_the_least():
     """D* Lite does not say what it refused."""
     cost = (0.05 + 0.3 * np.random.default_rng(2).random((120, 120))).astype(np.float32)
     cost[60, 10:110] = np.inf
-    at, goal, mended = (10, 10), (110, 110), 0
+    at = (10, 10)
+    goal = (110, 110)
+    mended = 0
     planner = DynamicPlanner(cost, goal, "corridor-dstar")
     for _ in range(8):
         planner.move(at)
         plan = planner.replan()
         if plan.choice.startswith("mended") and plan.source is Source.REGION:
-            prices = (length + 255 * 0.011 * 2.0 * float(cost.min()) for length in (1.0, math.sqrt(2.0)))
-            assert plan.lower_bound == pytest.approx(oracles.octile(cost.shape, goal, *prices)[at], rel=CLOSE)
+            prices = (
+                length + 255 * 0.011 * 2.0 * float(cost.min()) for length in (1.0, math.sqrt(2.0))
+            )
+            assert plan.lower_bound == pytest.approx(
+                oracles.octile(cost.shape, goal, *prices)[at], rel=CLOSE
+            )
             mended += 1
-        at, (row, col) = tuple(plan.path[2].tolist()), plan.path[12].tolist()
+        at = tuple(plan.path[2].tolist())
+        row, col = plan.path[12].tolist()
         cost[row, col] = 0.9
         planner.update(row, col, cost[row : row + 1, col : col + 1])
     assert mended >= 2

@@ -1,4 +1,6 @@
-"""A query ends at its deadline, wherever it is by then, and the next one goes on. No test here reads a clock."""
+"""A query ends at its deadline, wherever it is by then, and the next one goes on. No test here
+reads a clock.
+"""
 
 import math
 
@@ -16,8 +18,10 @@ from nnpp_edge.runtime.planners.tour import tour
 from nnpp_edge.runtime.region.map_view import MapView
 from nnpp_edge.terrain.synthetic import fractal
 
-ROVER, DISC = Vehicle(length_m=3.0, width_m=2.4, clearance_m=0.8), Vehicle(radius_m=1.3)
-SHAPE, ENDS = (192, 260), ((8, 8), (180, 250))
+ROVER = Vehicle(length_m=3.0, width_m=2.4, clearance_m=0.8)
+DISC = Vehicle(radius_m=1.3)
+SHAPE = (192, 260)
+ENDS = ((8, 8), (180, 250))
 GROUND = fractal(np.random.default_rng(3), 260, 1.0, 3.0)[: SHAPE[0]].copy()
 KINDS = ("costs", "point", "disc", "body", "tobler", "body-tobler")
 
@@ -63,7 +67,8 @@ def ask(planner, method, time_limit_s=math.inf):
 
 def test_a_deadline_is_a_number_of_seconds_from_now_on():
     assert NEVER.left_s == math.inf and not NEVER.passed and NEVER.share(0.5) is NEVER
-    late, soon = Deadline.within(0.0), Deadline.within(1e6)
+    late = Deadline.within(0.0)
+    soon = Deadline.within(1e6)
     assert late.passed and not soon.passed and Deadline.within(math.inf) == NEVER
     assert 0.2e6 < soon.share(0.25).left_s < 0.3e6
     soon.check()
@@ -76,16 +81,21 @@ def test_a_deadline_is_a_number_of_seconds_from_now_on():
 
 @pytest.mark.parametrize("kind", ["costs", "point", "disc", "tobler"])
 def test_dstar_reads_the_map_in_pieces_and_searches_on_where_it_was_broken_off(kind):
-    planner, tries, plan = made(kind, "dstar"), 0, None
+    planner = made(kind, "dstar")
+    tries = 0
+    plan = None
     rng = np.random.default_rng(0)
     while plan is None or plan.status is Status.TIMEOUT:
-        plan, tries = ask(planner, None, 0.0), tries + 1
+        plan = ask(planner, None, 0.0)
+        tries = tries + 1
         if tries % 50 == 1 and tries < 160:
             row, col = (int(n) for n in rng.integers(20, 150, 2))
             if kind == "costs":
                 planner.update(row, col, rng.random((9, 9)).astype(np.float32) * 0.9)
             else:
-                planner.update_elevation(row, col, GROUND[row : row + 9, col : col + 9] + rng.random((9, 9)) * 0.1)
+                planner.update_elevation(
+                    row, col, GROUND[row : row + 9, col : col + 9] + rng.random((9, 9)) * 0.1
+                )
         assert tries < 1000
     assert tries > SHAPE[0]  # a row each, at the least
     assert plan.ok and plan.cost == pytest.approx(planner.replan().cost)
@@ -95,7 +105,8 @@ def test_dstar_reads_the_map_in_pieces_and_searches_on_where_it_was_broken_off(k
 
 
 def test_no_path_has_a_reason_of_its_own():
-    cost, none = np.full((300, 200), 0.3, np.float32), "no path exists on the known map"
+    cost = np.full((300, 200), 0.3, np.float32)
+    none = "no path exists on the known map"
     cost[100] = 1.0
     moving = DynamicPlanner(cost, (290, 190))
     moving.move((5, 5))
@@ -109,8 +120,11 @@ def test_no_path_has_a_reason_of_its_own():
 
 
 def test_coarse_levels_are_made_in_stripes_and_are_those_made_at_once():
-    grid, tries, finished = made("costs").state.grid, 0, False
-    pyramid, whole = Pyramid(grid), Pyramid(grid).finish()
+    grid = made("costs").state.grid
+    tries = 0
+    finished = False
+    pyramid = Pyramid(grid)
+    whole = Pyramid(grid).finish()
     while not finished:
         tries += 1
         try:
@@ -125,7 +139,8 @@ def test_coarse_levels_are_made_in_stripes_and_are_those_made_at_once():
 
 
 def test_a_network_is_not_shown_a_map_without_time(tiny_model):
-    state, network = made("costs").state, NetworkModel(tiny_model)
+    state = made("costs").state
+    network = NetworkModel(tiny_model)
     with pytest.raises(OutOfTimeError):
         MapView(state, network).show(*ENDS, Deadline(0.0))
 
@@ -134,7 +149,8 @@ def test_a_network_is_not_shown_a_map_without_time(tiny_model):
 def test_without_time_next_to_nothing_is_done(kind):
     for method in (*Method, *DynamicMethod):
         planner = made(kind, None if isinstance(method, Method) else method)
-        checked, computed = planner.state.checked, planner.state.costs_computed
+        checked = planner.state.checked
+        computed = planner.state.costs_computed
         plan = ask(planner, method, 0.0)
         assert plan.status is Status.TIMEOUT and plan.reason
         assert plan.expansions <= 1100  # one look at the clock
@@ -143,9 +159,13 @@ def test_without_time_next_to_nothing_is_done(kind):
 
 
 @pytest.mark.parametrize("kind", ["costs", "point", "body", "tobler"])
-def test_wherever_a_query_is_broken_off_the_next_one_finds_what_a_fresh_planner_does(kind, monkeypatch):
+def test_wherever_a_query_is_broken_off_the_next_one_finds_what_a_fresh_planner_does(
+    kind, monkeypatch
+):
     for method in ("corridor", "nnpp", "astar"):
-        wanted, steps, hurried_plan = ask(made(kind), method), 0, None
+        wanted = ask(made(kind), method)
+        steps = 0
+        hurried_plan = None
         while hurried_plan is None or not hurried_plan.ok:
             planner = made(kind)
             with monkeypatch.context() as hurried:
@@ -160,7 +180,9 @@ def test_wherever_a_query_is_broken_off_the_next_one_finds_what_a_fresh_planner_
 
 
 def test_a_tour_whose_time_is_up_keeps_the_order_given(monkeypatch):
-    planner, planned, asked = made("costs"), [], []
+    planner = made("costs")
+    planned = []
+    asked = []
     stops = [ENDS[0], (20, 200), (150, 20), (90, 90), ENDS[1]]
 
     def leg(begin, end):
@@ -173,7 +195,9 @@ def test_a_tour_whose_time_is_up_keeps_the_order_given(monkeypatch):
     assert planned == [(ENDS[0], (20, 200))]
     whole = planner.plan_via(ENDS[0], ENDS[1], stops[1:-1], best_order=True, time_limit_s=0.0)
     assert whole.plan.status is Status.TIMEOUT and len(whole.legs) == 1
-    best, steps, found = planner.plan_via(*ENDS, stops[1:-1], best_order=True, method="astar"), 0, None
+    best = planner.plan_via(*ENDS, stops[1:-1], best_order=True, method="astar")
+    steps = 0
+    found = None
     while found is None or found.plan.status is Status.TIMEOUT:
         monkeypatch.setattr(Deadline, "within", lambda seconds, steps=steps: Steps(steps))
         found = planner.plan_via(*ENDS, stops[1:-1], best_order=True, method="astar")

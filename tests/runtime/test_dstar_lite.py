@@ -17,11 +17,14 @@ class Changing:
     """A map that changes, and D* Lite on it; every plan is held against a fresh search."""
 
     def __init__(self, cost, goal, step_cost="paper", corner_cutting=True):
-        self.cost, self.step_cost, self.corner_cutting = np.array(cost, np.float32), step_cost, corner_cutting
+        self.cost = np.array(cost, np.float32)
+        self.step_cost = step_cost
+        self.corner_cutting = corner_cutting
         self.state = state_of(self.cost, step_cost, corner_cutting)
         self.grid = self.state.grid
         self.workspace = Workspace(len(self.grid.weights))
-        self.goal, self.region = goal, None
+        self.goal = goal
+        self.region = None
         self.search = DStarLite(self.state, goal)
 
     def put(self, row, col, patch):
@@ -42,7 +45,9 @@ class Changing:
         if not self.grid.is_passable(start) or not self.grid.is_passable(self.goal):
             return np.inf
         if slowly:
-            return oracles.dijkstra(self.cost, start, self.step_cost, self.corner_cutting)[self.goal]
+            return oracles.dijkstra(self.cost, start, self.step_cost, self.corner_cutting)[
+                self.goal
+            ]
         return self.cost_of(astar(self.grid, start, self.goal, self.workspace, region=self.region))
 
     def cost_of(self, found):
@@ -50,7 +55,8 @@ class Changing:
         return self.grid.costs_of(found.path)[0]
 
     def plan(self, start, slowly=False):
-        found, wanted = self.search.plan(start), self.optimum(start, slowly)
+        found = self.search.plan(start)
+        wanted = self.optimum(start, slowly)
         assert found.path.dtype == np.int32
         if np.isinf(wanted):
             assert (found.status, found.path.shape) == (Status.NO_PATH, (0, 2))
@@ -58,16 +64,22 @@ class Changing:
         assert found.status is Status.OK
         assert self.cost_of(found) == pytest.approx(wanted, rel=1e-5, abs=1e-6)
         passable = np.where(np.isfinite(self.grid.map()), self.cost, np.inf)
-        assert oracles.path_problem(found.path, passable, start, self.goal, self.corner_cutting) == ""
+        assert (
+            oracles.path_problem(found.path, passable, start, self.goal, self.corner_cutting) == ""
+        )
         if self.region is not None:
             assert self.region.mask()[tuple(found.path[1:-1].T)].all()
         return found
 
 
 def check_open_list(search):
-    """A heap in order, of exactly those nodes whose g and rhs differ; nothing in its unused slots."""
-    memory, size = search.memory, search.open_nodes
-    listed, (g, rhs) = memory.heap_nodes[:size], (memory.state[::2], memory.state[1::2])
+    """A heap in order, of exactly those nodes whose g and rhs differ; nothing in its
+    unused slots.
+    """
+    memory = search.memory
+    size = search.open_nodes
+    listed = memory.heap_nodes[:size]
+    g, rhs = (memory.state[::2], memory.state[1::2])
     assert sorted(listed) == np.flatnonzero(g != rhs).tolist()
     assert (memory.position[listed] == np.arange(size)).all()
     assert (memory.position != kernels.ABSENT).sum() == size
@@ -78,7 +90,9 @@ def check_open_list(search):
 
 
 def random_region(rng, shape, before=None):
-    """Coarse blocks, each a random multiple of rows and columns; at times one block of the last one flipped."""
+    """Coarse blocks, each a random multiple of rows and columns; at times one block of the last one
+    flipped.
+    """
     blocks = max(min(shape) // 2, 1)
     if before is not None and rng.random() < 0.7:
         bitmap = before.bitmap.copy()
@@ -118,7 +132,8 @@ def live_through(world, rng, changes, kind, blocked, slowly_each):
 def test_after_each_of_thousands_of_changes_it_equals_a_fresh_search(step_cost):
     for seed in range(70):
         rng = np.random.default_rng([seed, step_cost == "paper"])
-        kind, blocked = rng.choice(KINDS), rng.choice([0.0, 0.15, 0.3, 0.5])
+        kind = rng.choice(KINDS)
+        blocked = rng.choice([0.0, 0.15, 0.3, 0.5])
         shape = (int(rng.integers(1, 20)), int(rng.integers(1, 20)))
         cost = random_costs(rng, shape, step_cost, kind, blocked)
         world = Changing(cost, random_cell(rng, shape), step_cost, corner_cutting=seed % 2 == 0)
@@ -127,16 +142,20 @@ def test_after_each_of_thousands_of_changes_it_equals_a_fresh_search(step_cost):
 
 @pytest.mark.parametrize("stride", [5, 20, 1000])
 def test_a_start_that_goes_far_does_not_leave_stale_keys_behind(stride):
-    """On larger maps the open list outlives the moves; a wall rises before the start at every turn."""
+    """On larger maps the open list outlives the moves; a wall rises before the start at
+    every turn.
+    """
     for seed in range(12):
-        rng, step_cost = np.random.default_rng([seed, stride]), ("paper", "length")[seed % 2]
+        rng = np.random.default_rng([seed, stride])
+        step_cost = ("paper", "length")[seed % 2]
         cost = random_costs(rng, (50, 60), step_cost, "uniform", 0.1 * (seed % 5)) * np.float32(0.3)
         world = Changing(cost, (25, 30), step_cost)
         found = world.plan(random_cell(rng, (50, 60)))
         for _ in range(30):
             start = random_cell(rng, (50, 60))
             if len(found.path) > stride + 6:
-                start, (row, col) = tuple(found.path[stride].tolist()), np.maximum(found.path[stride + 3] - 3, 0)
+                start = tuple(found.path[stride].tolist())
+                row, col = np.maximum(found.path[stride + 3] - 3, 0)
                 patch = world.cost[row : row + 6, col : col + 6].copy()
                 patch[rng.random(patch.shape) < 0.7] = np.inf
                 world.put(row, col, patch)
@@ -190,13 +209,15 @@ def test_changes_reach_as_far_as_the_one_nearest_to_the_goal():
 def test_a_region_holds_start_and_goal_whatever_its_bitmap_which_may_be_numbered_anew_in_place():
     rng = np.random.default_rng(6)
     world = Changing(rng.random((40, 40)), (38, 37))
-    bitmap, lookup = np.zeros((10, 10), np.int32), np.arange(40, dtype=np.int32) // 4
+    bitmap = np.zeros((10, 10), np.int32)
+    lookup = np.arange(40, dtype=np.int32) // 4
     for stamp in range(1, 40):
         bitmap[rng.random((10, 10)) < 0.75] = stamp
         bitmap[0, 0] = bitmap[9, 9] = 0
         world.set_region(Region(bitmap, lookup, lookup, stamp))
         world.plan((1, 2) if stamp % 3 else (5, 5))
-    world, bitmap = Changing(np.full((12, 12), 0.1), (11, 11)), np.ones((12, 12), np.int32)
+    world = Changing(np.full((12, 12), 0.1), (11, 11))
+    bitmap = np.ones((12, 12), np.int32)
     bitmap[0, 0] = bitmap[11, 11] = bitmap[5, 5] = 0
     world.set_region(Region(bitmap, *[np.arange(12, dtype=np.int32)] * 2, 1))
     for start in ((0, 0), (5, 5), (1, 1), (0, 0)):  # only as long as it starts there
@@ -206,7 +227,8 @@ def test_a_region_holds_start_and_goal_whatever_its_bitmap_which_may_be_numbered
 def test_long_travels_do_not_wear_out_the_keys(monkeypatch):
     """What a start's moves have added to the keys is forgotten before sums of it are rounded."""
     cost = np.random.default_rng(3).random((20, 20))
-    ends, world = ((0, 0), (0, 19)), Changing(cost, (15, 15))
+    ends = ((0, 0), (0, 19))
+    world = Changing(cost, (15, 15))
     for start in 4 * ends:
         world.plan(start)
     assert world.search.restarts == 1

@@ -34,7 +34,9 @@ def folder(tmp_path, monkeypatch):
 
 
 def compilations(function, *arguments):
-    """Call a fresh kernel of `function`, as another process would; its answer and how often it was compiled."""
+    """Call a fresh kernel of `function`, as another process would; its answer and how often it was
+    compiled.
+    """
     fresh = compiling.kernel(function)
     return fresh(*arguments), sum(fresh.stats.cache_misses.values())
 
@@ -48,7 +50,9 @@ def kept(folder: Path) -> list[Path]:
 
 def forked(work):
     """The number of a child that does this."""
-    with warnings.catch_warnings(action="ignore"):  # Python 3.12 on warns of every fork beside a thread
+    with warnings.catch_warnings(
+        action="ignore"
+    ):  # Python 3.12 on warns of every fork beside a thread
         child = os.fork()
     if child == 0:
         try:
@@ -65,7 +69,10 @@ def ended(child):
 
 def test_processes_at_once_keep_every_version(folder):
     parts = [TYPES[first::3] for first in range(3)]
-    children = [forked(lambda part=part: [compilations(double, kind(21)) for kind in part]) for part in parts]
+    children = [
+        forked(lambda part=part: [compilations(double, kind(21)) for kind in part])
+        for part in parts
+    ]
     assert list(map(ended, children)) == [0, 0, 0]
     assert all(compilations(double, kind(21)) == (42, 0) for kind in TYPES)
     assert len(kept(folder)) == len(TYPES)
@@ -186,7 +193,9 @@ V4 = f"{V3} avx512f avx512bw avx512cd avx512dq avx512vl"
     ],
 )
 def test_the_level_is_what_all_cores_have(machine, cores, level):
-    text = "".join(f"processor\t: {at}\nflags\t\t: fpu {flags}\n\n" for at, flags in enumerate(cores))
+    text = "".join(
+        f"processor\t: {at}\nflags\t\t: fpu {flags}\n\n" for at, flags in enumerate(cores)
+    )
     assert places.level_of(machine, text) == level
 
 
@@ -217,11 +226,15 @@ def wheel(tmp_path, monkeypatch):
     return folder
 
 
-def test_a_wheel_of_kernels_that_does_not_fit_or_may_be_anothers_is_passed_over_in_one_line(wheel, monkeypatch):
+def test_a_wheel_of_kernels_that_does_not_fit_or_may_be_anothers_is_passed_over_in_one_line(
+    wheel, monkeypatch
+):
     def found():
         monkeypatch.setattr(places, "passed_over", False)
         with warnings.catch_warnings(record=True, action="always") as told:
-            return places.in_wheel("x86-64-v3", wheel.parent), "".join(str(each.message) for each in told)
+            return places.in_wheel("x86-64-v3", wheel.parent), "".join(
+                str(each.message) for each in told
+            )
 
     assert places.in_wheel("x86-64-v3", wheel.parent / "none") == []
     assert found() == ([wheel], "")
@@ -233,7 +246,11 @@ def test_a_wheel_of_kernels_that_does_not_fit_or_may_be_anothers_is_passed_over_
         assert found()[0] == [] and "others" in found()[1]
         os.chown(wheel.parent, 0, -1)
     other = wheel.rename(f"{wheel}-of-another-numba")
-    assert found()[0] == [] and f"wanted {wheel.name}, got {other.name}" in found()[1] and "\n" not in found()[1]
+    assert (
+        found()[0] == []
+        and f"wanted {wheel.name}, got {other.name}" in found()[1]
+        and "\n" not in found()[1]
+    )
 
 
 def test_a_damaged_kernel_of_a_wheel_is_told_of_and_compiled(folder, wheel, monkeypatch):
@@ -264,7 +281,12 @@ def fails_with(number):
 
 @pytest.mark.parametrize(
     ("step", "number"),
-    [("mkdir", errno.EROFS), ("touch", errno.EACCES), ("write_bytes", errno.ENOSPC), ("replace", errno.EIO)],
+    [
+        ("mkdir", errno.EROFS),
+        ("touch", errno.EACCES),
+        ("write_bytes", errno.ENOSPC),
+        ("replace", errno.EIO),
+    ],
 )
 def test_a_failure_to_save_is_warned_of_once_and_the_kernel_runs(folder, monkeypatch, step, number):
     with monkeypatch.context() as failing:
@@ -298,7 +320,10 @@ def test_a_warm_up_that_cannot_keep_what_it_compiled_fails(folder, monkeypatch):
     folder.parent.chmod(0o700)
     monkeypatch.setattr(warmup, "exercise", lambda: compilations(double, 1))
     told = [warmup.warm_up(keep_old=True, jobs=1) for _ in range(2)]
-    assert [(warmth.kernels, warmth.signatures, warmth.compiled) for warmth in told] == [(1, 1, 1), (1, 1, 0)]
+    assert [(warmth.kernels, warmth.signatures, warmth.compiled) for warmth in told] == [
+        (1, 1, 1),
+        (1, 1, 0),
+    ]
     monkeypatch.setattr(warmup, "exercise", lambda: compilations(double, 1.5))
     monkeypatch.setattr(Path, "replace", fails_with(errno.ENOSPC))
     with warnings.catch_warnings(action="error"), pytest.raises(OutputError, match="No space left"):

@@ -26,7 +26,8 @@ STEP = 1.0 + 2 * 2.805 * 0.2
 class Clock:
     """Seconds that pass by themselves each time somebody looks."""
 
-    now, step = 0.0, 1e-6
+    now = 0.0
+    step = 1e-6
 
     def __call__(self):
         self.now += self.step
@@ -49,9 +50,13 @@ def compiled():
 
 
 def made_dearer(share):
-    """A navigator whose standing path costs more by a share of itself since it was planned, and that path."""
+    """A navigator whose standing path costs more by a share of itself since it was planned, and
+    that path.
+    """
     clock = Clock()
-    navigator = Navigator(Ground(two_lanes()), NavigatorSettings("astar", tolerance=0.02), clock=clock)
+    navigator = Navigator(
+        Ground(two_lanes()), NavigatorSettings("astar", tolerance=0.02), clock=clock
+    )
     navigator.offer(Pose(1.5, 0.5))
     navigator.offer(Goal(1, 60))
     return navigator, clock, lambda: raise_cost(navigator, share)
@@ -65,7 +70,9 @@ def raise_cost(navigator, share):
     return row
 
 
-@pytest.mark.parametrize(("share", "origin"), [(0.015, Origin.STANDING), (0.03, Origin.FULL), (0.3, Origin.FULL)])
+@pytest.mark.parametrize(
+    ("share", "origin"), [(0.015, Origin.STANDING), (0.03, Origin.FULL), (0.3, Origin.FULL)]
+)
 def test_a_path_is_kept_while_it_is_at_most_so_much_dearer_than_a_new_one(share, origin):
     navigator, _, make_dearer = made_dearer(share)
     lane = make_dearer()
@@ -75,7 +82,8 @@ def test_a_path_is_kept_while_it_is_at_most_so_much_dearer_than_a_new_one(share,
 
 
 def test_a_search_longer_than_a_tick_gets_more_time_with_each_while_there_is_no_path(monkeypatch):
-    clock, limits = Clock(), []
+    clock = Clock()
+    limits = []
     navigator = Navigator(Ground(two_lanes()), NavigatorSettings("astar"), clock=clock)
     replan = navigator.planner.replan
 
@@ -88,7 +96,9 @@ def test_a_search_longer_than_a_tick_gets_more_time_with_each_while_there_is_no_
     navigator.offer(Goal(1, 60))
     outcomes = [navigator.tick(deadline=clock.now + 0.1).outcome for _ in range(5)]
     assert outcomes == [Status.TIMEOUT] * 3 + [Status.OK] * 2
-    assert max(limits) == pytest.approx(0.8, rel=0.01) and navigator.tick(deadline=clock.now + 0.1).ok
+    assert (
+        max(limits) == pytest.approx(0.8, rel=0.01) and navigator.tick(deadline=clock.now + 0.1).ok
+    )
 
 
 def test_a_tick_that_is_late_keeps_a_path_that_still_leads_there_and_says_so():
@@ -106,8 +116,11 @@ def test_a_method_that_was_slow_is_tried_again_after_a_while():
     navigator, clock, make_dearer = made_dearer(0.3)
     clock.step = 1.0
     make_dearer()
-    clock.step, origins = 1e-6, []
-    navigator.offer(Goal(2, 60))  # one quick answer, for which there is time enough, is no reason to trust it
+    clock.step = 1e-6
+    origins = []
+    navigator.offer(
+        Goal(2, 60)
+    )  # one quick answer, for which there is time enough, is no reason to trust it
     assert navigator.tick().origin is Origin.FULL
     for n in range(30):
         navigator.offer(Goal(2 * (n % 2), 60))
@@ -146,18 +159,27 @@ def place_for(cost, goal, start, margin=2, present=None):
     if cost[goal] < 1.0:
         beyond = np.isfinite(reached_from(cost, goal))
     beyond[goal] = True
-    return place_towards(goal, start, reached_from(cost, start), beyond, np.isnan(cost), margin, present)
+    return place_towards(
+        goal, start, reached_from(cost, start), beyond, np.isnan(cost), margin, present
+    )
 
 
 def drive(ground, truth, start, goal, *, sight, ticks):
-    """Go two cells a tick along the loop's path, and see so far; the cells driven, and the last answer."""
+    """Go two cells a tick along the loop's path, and see so far; the cells driven, and the last
+    answer.
+    """
     nav = Navigator(ground, NavigatorSettings(approach=True))
     nav.offer(Goal(*goal))
-    driven, (down, right) = [start], np.ogrid[: truth.shape[0], : truth.shape[1]]
+    driven = [start]
+    down, right = np.ogrid[: truth.shape[0], : truth.shape[1]]
     for _ in range(ticks):
         row, col = driven[-1]
         seen = np.where(np.hypot(down - row, right - col) <= sight, truth, np.float32(np.nan))
-        nav.offer(MapPatch(0, 0, **{"cost" if ground.elevation is None else "elevation": seen}, keep_known=True))
+        nav.offer(
+            MapPatch(
+                0, 0, **{"cost" if ground.elevation is None else "elevation": seen}, keep_known=True
+            )
+        )
         nav.offer(Pose(row + 0.5, col + 0.5))
         message = nav.tick()
         driven += [tuple(cell) for cell in message.path[1:3].tolist()]
@@ -167,18 +189,25 @@ def drive(ground, truth, start, goal, *, sight, ticks):
 
 
 def test_the_way_over_the_edge_of_the_unknown_is_the_shortest():
-    """By all cells at the edge: the cost to there, in cells of usual cost, and the distance from there."""
+    """By all cells at the edge: the cost to there, in cells of usual cost, and the distance from
+    there.
+    """
     rng = np.random.default_rng(3)
     cost = np.where(rng.random((40, 50)) < 0.2, np.inf, FREE).astype(np.float32)
-    cost[:, 30:], cost[20, 20] = np.nan, FREE
+    cost[:, 30:] = np.nan
+    cost[20, 20] = FREE
     cost[32:35, 20:23] = np.nan  # a hole, apart from the ground that holds the goal
-    start, goal = (20, 20), (33, 45)
+    start = (20, 20)
+    goal = (33, 45)
     costs = reached_from(cost, start)
     cells = [cell for cell in np.ndindex(cost.shape) if np.isfinite(costs[cell])]
-    usual = np.median([costs[cell] / max(np.hypot(cell[0] - 20, cell[1] - 20), 1.0) for cell in cells])
+    usual = np.median(
+        [costs[cell] / max(np.hypot(cell[0] - 20, cell[1] - 20), 1.0) for cell in cells]
+    )
     edge = [cell for cell in cells if cell[1] >= 28]  # two cells from it, or nearer
     worth = {cell: costs[cell] / usual + np.hypot(cell[0] - 33, cell[1] - 45) for cell in edge}
-    place, best = place_for(cost, goal, start), min(worth.values())
+    place = place_for(cost, goal, start)
+    best = min(worth.values())
     assert worth[place] == pytest.approx(best)
     kept = {cell: place_for(cost, goal, start, present=cell) == cell for cell in edge}
     assert kept == {cell: value <= best + 5.0 for cell, value in worth.items()}
@@ -190,7 +219,8 @@ def test_a_goal_that_is_known_and_shut_off_is_gone_near_to():
     cost = np.full((20, 30), FREE)
     assert place_for(cost, (15, 25), (2, 2)) == (15, 25)  # it can be reached
     cost[:, 15] = np.inf
-    goal, start = (12, 25), (2, 2)
+    goal = (12, 25)
+    start = (2, 2)
     assert place_for(cost, goal, start) == (12, 14)
     assert place_for(cost, goal, start, present=(9, 14)) == (9, 14)
     assert place_for(cost, goal, start, present=goal) == (12, 14)
@@ -199,7 +229,9 @@ def test_a_goal_that_is_known_and_shut_off_is_gone_near_to():
     cost[:3, 14:17] = np.nan  # where it is not known that the wall goes on is where a way may be
     row, col = place_for(cost, goal, start)
     assert row <= 4 and 12 <= col <= 14
-    cost[:, 16:] = np.nan  # nothing is known beyond the wall, and no cell at its edge can be reached
+    cost[:, 16:] = (
+        np.nan
+    )  # nothing is known beyond the wall, and no cell at its edge can be reached
     cost[:3, 14:17] = np.inf
     assert place_for(cost, goal, start, margin=1) == (12, 14)
 
@@ -211,7 +243,9 @@ def test_a_robot_finds_its_way_out_of_a_pocket_that_opens_away_from_the_goal():
     driven, message = drive(ground, truth, (30, 30), (30, 70), sight=9, ticks=150)
     assert driven[-1] == (30, 70) and message.ok and not message.goal_moved
     assert all(truth[cell] < 1.0 for cell in driven)
-    assert max(col for row, col in driven if 20 < row < 40 and col < 50) > 38  # it saw the pocket's end first
+    assert (
+        max(col for row, col in driven if 20 < row < 40 and col < 50) > 38
+    )  # it saw the pocket's end first
 
 
 def test_a_body_comes_as_near_to_the_unknown_as_it_can_and_goes_on():

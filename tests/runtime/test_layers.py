@@ -1,4 +1,6 @@
-"""The loop's map keeps apart what heights say and what was told, and is the map that `plan` would have."""
+"""The loop's map keeps apart what heights say and what was told, and is the map that `plan` would
+have.
+"""
 
 import pickle
 
@@ -21,11 +23,15 @@ from nnpp_edge.runtime import (
 )
 from nnpp_edge.runtime.planners.methods import Methods
 
-CELL_M, SIDE = 0.5, 40
-BODY, DISC = Vehicle(length_m=1.4, width_m=1.0, clearance_m=0.3), Vehicle(radius_m=0.7)
+CELL_M = 0.5
+SIDE = 40
+BODY = Vehicle(length_m=1.4, width_m=1.0, clearance_m=0.3)
+DISC = Vehicle(radius_m=0.7)
 VEHICLES = {"point": None, "disc": DISC, "body": BODY}
 LIMITS = Traversability(hard_slope_deg=20.0)
-FLAT, WALL, ENDS = np.zeros((SIDE, SIDE), np.float32), np.ones((1, SIDE)), ((5, 5), (34, 34))
+FLAT = np.zeros((SIDE, SIDE), np.float32)
+WALL = np.ones((1, SIDE))
+ENDS = ((5, 5), (34, 34))
 
 
 def rough(seed):
@@ -68,7 +74,9 @@ def test_what_was_told_outlives_copies_and_interrupts(vehicle, monkeypatch):
         assert one.plan(*ENDS).status is Status.NO_PATH
         one.update(20, 0, 0.0 * WALL)
         assert one.plan(*ENDS).ok
-    standing = moving.standing()  # what is computed anew after it is computed before it is walked on
+    standing = (
+        moving.standing()
+    )  # what is computed anew after it is computed before it is walked on
     assert standing.valid and standing.cost == pytest.approx(before.cost)
 
 
@@ -91,4 +99,6 @@ def test_ground_that_a_body_may_pass_unknown_is_shut_where_told():
     assert nav.tick().ok
     nav.offer(MapPatch(20, 0, cost=np.ones((1, SIDE))))
     assert nav.tick().outcome is Status.NO_PATH
-    assert np.isinf(pose_costs(np.where(np.arange(SIDE)[:, None] == 20, np.nan, heights), CELL_M, BODY)[:, 20]).all()
+    assert np.isinf(
+        pose_costs(np.where(np.arange(SIDE)[:, None] == 20, np.nan, heights), CELL_M, BODY)[:, 20]
+    ).all()

@@ -25,7 +25,8 @@ class Sessions:
     """Counts sessions that are opened, and may make each take longer."""
 
     def __init__(self):
-        self.paths, self.seconds = [], 0.0
+        self.paths = []
+        self.seconds = 0.0
         self._open_session = loading.open_session
 
     def __call__(self, path, options=None):
@@ -52,7 +53,8 @@ def loaders():
 
 
 def test_threads_that_ask_at_once_wait_for_one_session(fresh_model, sessions):
-    sessions.seconds, found = 0.1, []
+    sessions.seconds = 0.1
+    found = []
     together = threading.Barrier(6)
 
     def ask():
@@ -79,7 +81,9 @@ def test_sessions_that_nobody_uses_do_not_pile_up(tiny_model, tmp_path):
     assert alive == [KEPT + 2, KEPT + 3]
 
 
-def test_an_error_in_the_background_is_raised_to_each_who_asks_and_printed_to_none(fresh_model, capfd):
+def test_an_error_in_the_background_is_raised_to_each_who_asks_and_printed_to_none(
+    fresh_model, capfd
+):
     content = fresh_model.read_bytes()
     fresh_model.write_bytes(content[:-40])
     begin_loading(fresh_model)
@@ -144,22 +148,29 @@ assert "onnxruntime.db" not in open("/proc/self/maps").read(), "where telemetry 
 
 
 def test_a_forked_child_uses_no_lock_and_no_thread_of_its_parent(fresh_model):
-    quiet = "ignore:This process:DeprecationWarning"  # Python 3.12 on says of every fork what is tried here
+    # Python 3.12 on says of every fork what is tried here
+    quiet = "ignore:This process:DeprecationWarning"
     command = [sys.executable, "-W", quiet, "-c", FORK, fresh_model]
     ended = subprocess.run(command, capture_output=True, text=True, timeout=120)
     assert (ended.returncode, ended.stderr) == (0, "")
 
 
-def test_planners_that_name_the_same_file_share_a_session_and_keep_maps_of_their_own(fresh_model, sessions):
-    planners = [Planner(COST, model=model) for model in (fresh_model, str(fresh_model), fresh_model)]
+def test_planners_that_name_the_same_file_share_a_session_and_keep_maps_of_their_own(
+    fresh_model, sessions
+):
+    planners = [
+        Planner(COST, model=model) for model in (fresh_model, str(fresh_model), fresh_model)
+    ]
     plans = [planner.plan(*ENDS, method="nnpp") for planner in planners]
     plans.append(plan_path(COST, *ENDS, "nnpp", model=fresh_model))
-    one, other = NetworkModel(fresh_model), NetworkModel(fresh_model)
+    one = NetworkModel(fresh_model)
+    other = NetworkModel(fresh_model)
     begin_loading(one)
     begin_loading(fresh_model)
     assert not loaders() and sessions.paths == [fresh_model] and one.session is other.session
     assert all(np.array_equal(plan.path, plans[0].path) for plan in plans)
-    rng, ends = np.random.default_rng(1), ((5.0, 6.0), (50.0, 40.0))
+    rng = np.random.default_rng(1)
+    ends = ((5.0, 6.0), (50.0, 40.0))
     for network in (one, other):
         network.set_map(rng.random((2, 64, 64)).astype(np.float32))
     first = one.answer(*ends).copy()
@@ -173,7 +184,8 @@ def test_planners_that_name_the_same_file_share_a_session_and_keep_maps_of_their
 
 @pytest.mark.parametrize("way", ["in place, its time set back", "another in its place"])
 def test_a_file_that_has_changed_is_opened_anew(fresh_model, sessions, way):
-    planner, before = Planner(COST, model=fresh_model), NetworkModel(fresh_model)
+    planner = Planner(COST, model=fresh_model)
+    before = NetworkModel(fresh_model)
     assert planner.plan(*ENDS, method="nnpp").ok and len(sessions.paths) == 1
     whole = fresh_model.read_bytes()
     fresh_model.write_bytes(whole[: len(whole) // 2])
@@ -181,7 +193,8 @@ def test_a_file_that_has_changed_is_opened_anew(fresh_model, sessions, way):
         planner.use_model(fresh_model)
     assert planner.plan(*ENDS, method="nnpp").ok  # by the old one
     fresh_model.write_bytes(whole)
-    content, found = fresh_model.read_bytes().replace(b'"version": "0"', b'"version": "1"'), fresh_model.stat()
+    content = fresh_model.read_bytes().replace(b'"version": "0"', b'"version": "1"')
+    found = fresh_model.stat()
     if way.startswith("in place"):
         fresh_model.write_bytes(content)
         os.utime(fresh_model, ns=(found.st_atime_ns, found.st_mtime_ns))
@@ -211,7 +224,8 @@ def test_who_asks_waits_only_for_what_is_left_of_loading_and_that_is_a_stage_of_
     fresh_model, tmp_path, sessions
 ):
     other = shutil.copy(fresh_model, tmp_path / "other.onnx")
-    kept, planner = NetworkModel(fresh_model), Planner(COST, model=other)
+    kept = NetworkModel(fresh_model)
+    planner = Planner(COST, model=other)
     sessions.seconds = 0.4
     begin_loading(other)
     while len(sessions.paths) < 2:

@@ -1,4 +1,6 @@
-"""The onboard loop: its rate, its messages, its map, its ladder, and what it does when things around it fail."""
+"""The onboard loop: its rate, its messages, its map, its ladder, and what it does when things
+around it fail.
+"""
 
 import gc
 import itertools
@@ -41,7 +43,9 @@ class Clock:
     """Time that passes only by sleeping, which ends `late` seconds late."""
 
     def __init__(self):
-        self.now, self.late, self.slept = 100.0, 0.0, []
+        self.now = 100.0
+        self.late = 0.0
+        self.slept = []
 
     def __call__(self):
         return self.now
@@ -115,13 +119,17 @@ def test_neither_rounding_nor_sleeps_that_end_early_or_late_move_the_deadlines()
     ticker = Ticker(0.1, clock=clock, sleep=lambda s: clock.sleep(min(s, longest[0])))
     ticker.wait()
     assert clock.now == pytest.approx(1100.1)
-    clock.late, longest[0] = 0.02, math.inf
+    clock.late = 0.02
+    longest[0] = math.inf
     for _ in range(5):
         ticker.wait()
     assert clock.now == pytest.approx(1100.62)
 
 
-@given(st.lists(st.floats(1e-6, 100.0), min_size=1, max_size=300), st.sampled_from([0.5, 0.9, 0.99, 1.0]))
+@given(
+    st.lists(st.floats(1e-6, 100.0), min_size=1, max_size=300),
+    st.sampled_from([0.5, 0.9, 0.99, 1.0]),
+)
 def test_quantiles_are_right_to_a_bucket(values, share):
     histogram = Histogram()
     for value in values:
@@ -153,7 +161,12 @@ def test_a_histogram_takes_any_duration_and_says_how_many_were_shorter_exactly()
 
 def test_patches_off_the_map_and_of_the_wrong_kind_are_counted():
     nav = Navigator(Ground(free()))
-    for row, col, layer in ((100, 0, "cost"), (-3, 0, "cost"), (0, 0, "elevation"), (-1, -1, "cost")):
+    for row, col, layer in (
+        (100, 0, "cost"),
+        (-3, 0, "cost"),
+        (0, 0, "elevation"),
+        (-1, -1, "cost"),
+    ):
         nav.offer(MapPatch(row, col, **{layer: free((3, 3)) + 0.1}))
     counters = nav.counters()
     assert (counters.patches, counters.patches_rejected, counters.patches_clipped) == (4, 3, 1)
@@ -168,8 +181,11 @@ def test_patches_off_the_map_and_of_the_wrong_kind_are_counted():
 
 
 def test_a_flood_of_patches_from_several_threads_is_merged_and_none_is_lost():
-    cost, nav = free(), navigator(method="astar")
-    told = [[(first + 4 * (n % 10), n % 60, 0.1 + n / 1000) for n in range(500)] for first in range(4)]
+    cost = free()
+    nav = navigator(method="astar")
+    told = [
+        [(first + 4 * (n % 10), n % 60, 0.1 + n / 1000) for n in range(500)] for first in range(4)
+    ]
 
     def flood(patches):
         for row, col, value in patches:
@@ -182,7 +198,8 @@ def test_a_flood_of_patches_from_several_threads_is_merged_and_none_is_lost():
         thread.join()
     for row, col, value in itertools.chain(*told):
         cost[row, col] = value
-    message, counters = nav.tick(), nav.counters()
+    message = nav.tick()
+    counters = nav.counters()
     check(message, cost)
     np.testing.assert_allclose(nav.map.cost(), cost, rtol=1e-6)
     assert counters.patches == message.map_version == 2000
@@ -192,11 +209,16 @@ def test_a_flood_of_patches_from_several_threads_is_merged_and_none_is_lost():
 def test_heights_and_costs_that_the_map_has_already_change_nothing():
     heights = np.random.default_rng(0).normal(0.0, 0.01, (30, 40)).astype(np.float32)
     heights[3, 4] = np.nan
-    for vehicle in (None, Vehicle(length_m=1.5, width_m=1.2, clearance_m=0.3), Vehicle(radius_m=0.6)):
+    for vehicle in (
+        None,
+        Vehicle(length_m=1.5, width_m=1.2, clearance_m=0.3),
+        Vehicle(radius_m=0.6),
+    ):
         state = map_state(Ground.of_elevation(heights, 0.5, vehicle=vehicle))
         assert state.update_elevation(0, 0, heights[:20, :20]).cells == 0
         other = heights.copy()
-        other[10:12, 15], other[11, 17] = 0.5, np.nan
+        other[10:12, 15] = 0.5
+        other[11, 17] = np.nan
         (row, col, rows, cols) = state.update_elevation(5, 5, other[5:25, 5:35]).part
         assert row > 5 and col > 8 and row + rows < 20 and col + cols < 25
         np.testing.assert_array_equal(state.elevation(), other)
@@ -241,11 +263,15 @@ def test_a_goal_that_nothing_is_known_of_is_approached_until_it_is_seen():
     place = message.goal
     message = nav.tick()
     assert (message.origin, message.goal, message.goal_moved) == (Origin.STANDING, place, True)
-    nav.offer(MapPatch(0, 50, cost=np.full((3, 3), np.inf, np.float32)))  # elsewhere: no other place for that
+    nav.offer(
+        MapPatch(0, 50, cost=np.full((3, 3), np.inf, np.float32))
+    )  # elsewhere: no other place for that
     assert nav.tick().goal == place
     nav.offer(MapPatch(0, 30, cost=free((40, 10))))
     assert nav.tick().goal[1] in (38, 39)
-    nav.offer(MapPatch(3, 36, cost=np.full((5, 24), np.inf, np.float32)))  # the goal is seen, and is an obstacle
+    nav.offer(
+        MapPatch(3, 36, cost=np.full((5, 24), np.inf, np.float32))
+    )  # the goal is seen, and is an obstacle
     assert nav.tick().goal == (2, 39)
     nav.offer(MapPatch(0, 30, cost=free((40, 30))))
     for goal in ((5, 50), (6, 50)):
@@ -276,7 +302,10 @@ def test_what_is_unknown_around_a_body_is_said():
     message = nav.tick()
     assert message.outcome is Status.START_BLOCKED
     # the body reaches 4 cells far, and the start may move by 3
-    assert message.reason == "no passable cell within 3 of the robot; 100 of 225 cells around it are unknown"
+    assert (
+        message.reason
+        == "no passable cell within 3 of the robot; 100 of 225 cells around it are unknown"
+    )
 
 
 # --- the ladder, where planning fails, is late, or the map changes meanwhile
@@ -335,7 +364,8 @@ def test_out_of_time_is_a_timeout_and_the_standing_path_bridges_it(monkeypatch):
 
 def test_a_map_that_changes_while_planning_holds_the_path_back(monkeypatch):
     nav = navigator(refine="any-angle")
-    replan, later = nav.planner.replan, [lambda plan: one_cell(plan.path[10], 0.9)]
+    replan = nav.planner.replan
+    later = [lambda plan: one_cell(plan.path[10], 0.9)]
 
     def and_then_a_patch(**options):
         plan = replan(**options)
@@ -346,7 +376,9 @@ def test_a_map_that_changes_while_planning_holds_the_path_back(monkeypatch):
     message = nav.tick()
     assert message.ok and message.map_version == 1
     assert message.waypoints is None, "the line was not checked on the map with the patch"
-    assert message.cost == pytest.approx(Planner(nav.map.cost()).state.grid.costs_of(message.path)[0])
+    assert message.cost == pytest.approx(
+        Planner(nav.map.cost()).state.grid.costs_of(message.path)[0]
+    )
     nav.offer(Goal(30, 58))
     message = nav.tick()
     assert message.outcome is Status.NO_PATH, "the corridor was planned on the map with the wall"
@@ -358,7 +390,9 @@ def test_a_map_that_changes_while_planning_holds_the_path_back(monkeypatch):
 
 def test_a_map_update_that_raises_is_tried_again_and_no_path_is_published_without_it(monkeypatch):
     nav = navigator()
-    first, update, left = nav.tick(), nav.planner.update, [1]
+    first = nav.tick()
+    update = nav.planner.update
+    left = [1]
 
     def raising_at_first(*patch, **options):
         left[0] -= 1
@@ -382,12 +416,15 @@ def test_a_map_update_that_raises_is_tried_again_and_no_path_is_published_withou
 
 
 def test_it_runs_at_its_rate_and_sends_answers_and_status():
-    source, sink = InProcessSource(), InProcessSink(1000)
+    source = InProcessSource()
+    sink = InProcessSink(1000)
     for n in range(5):
         assert source.put(Pose(3 + n, 3))
     source.put(Goal(30, 50))
     source.put(MapPatch(10, 10, cost=free((3, 3)) + 0.5))
-    loop = Loop(Navigator(Ground(free())), source, [sink], rate_hz=200.0, status_every_s=0.05, queue=100)
+    loop = Loop(
+        Navigator(Ground(free())), source, [sink], rate_hz=200.0, status_every_s=0.05, queue=100
+    )
     began = time.monotonic()
     counters = loop.run(41)
     elapsed_s = time.monotonic() - began
@@ -411,7 +448,8 @@ class Stuck:
     name = "stuck"
 
     def __init__(self, then=lambda: None):
-        self.free, self.then = threading.Event(), then
+        self.free = threading.Event()
+        self.then = then
 
     def publish(self, message):
         self.then()
@@ -428,7 +466,9 @@ class Slow(InProcessSink):
 
 def test_at_full_speed_the_loop_waits_for_its_sinks_and_loses_no_answer():
     sink = Slow(1000)
-    counters = Loop(navigator(), InProcessSource(), [sink], queue=2, rate_hz=1.0, paced=False).run(40)
+    counters = Loop(navigator(), InProcessSource(), [sink], queue=2, rate_hz=1.0, paced=False).run(
+        40
+    )
     assert [m.tick for m in sink.messages if isinstance(m, PathMessage)] == list(range(1, 41))
     assert counters.drops == {"in-process": 0}
 
@@ -453,7 +493,8 @@ class Broken:
 
 
 def test_sinks_that_hang_or_raise_and_a_source_that_raises_do_not_stop_the_loop(caplog):
-    stuck, good = Stuck(), InProcessSink(1000)
+    stuck = Stuck()
+    good = InProcessSink(1000)
     counters = Loop(navigator(), Broken(), [stuck, Broken(), good], rate_hz=500.0, queue=4).run(50)
     stuck.free.set()
     assert (counters.ticks, counters.kept) == (50, 49)
@@ -467,7 +508,8 @@ def test_sinks_that_hang_or_raise_and_a_source_that_raises_do_not_stop_the_loop(
 class Ailing(InProcessSink):
     """Fails twice, and then works."""
 
-    name, lost = "ailing", 3
+    name = "ailing"
+    lost = 3
 
     def publish(self, message):
         if message.tick <= 2:
@@ -484,9 +526,14 @@ def test_what_fails_and_works_again_is_logged_once_each(caplog, monkeypatch, cal
     assert counters.errors["sink ailing"] == 2
     assert counters.lost == {"ailing": 3}
     said = [record.message for record in caplog.records if "sink ailing" in record.message]
-    assert not any(record.exc_info for record in caplog.records), "the message says all there is to say"
+    assert not any(record.exc_info for record in caplog.records), (
+        "the message says all there is to say"
+    )
     again = ["the sink ailing works again, after 2 failures"] if calm_s == 0.0 else []
-    assert said == ["the sink ailing failed (not yet); more of the same is counted, not logged", *again]
+    assert said == [
+        "the sink ailing failed (not yet); more of the same is counted, not logged",
+        *again,
+    ]
 
 
 class Flood:
@@ -533,7 +580,9 @@ def test_a_signal_stops_it():
 
 
 def test_what_follows_a_tick_may_fail_and_ticks_that_are_not_paced_have_a_period_each():
-    seen, left, nav = [], [], navigator()
+    seen = []
+    left = []
+    nav = navigator()
     tick = nav.tick
     nav.tick = lambda deadline: left.append(deadline - time.monotonic()) or tick(deadline)
 
@@ -550,7 +599,8 @@ def test_what_follows_a_tick_may_fail_and_ticks_that_are_not_paced_have_a_period
 
 
 def test_cores_and_priority_are_taken_as_far_as_allowed_and_given_back():
-    before, seen = os.sched_getaffinity(0), []
+    before = os.sched_getaffinity(0)
+    seen = []
 
     class Spy:
         def poll(self):

@@ -27,11 +27,14 @@ def test_a_map_is_averaged_and_its_rest_is_shown_impassable():
     cost = np.random.default_rng(0).random((64, 128)).astype(np.float32)
     cost[10:13, 20:22] = np.nan
     for size, side in ((32, 4), (128, 1)):
-        planes, rows = planes_of(cost, size), 64 // side
+        planes = planes_of(cost, size)
+        rows = 64 // side
         parts = rows, side, size, side
         seen = np.where(np.isnan(cost), 1, cost).reshape(parts).mean(axis=(1, 3))
         np.testing.assert_allclose(planes[0, :rows], seen, atol=1e-6)
-        np.testing.assert_allclose(planes[1, :rows], np.isnan(cost).reshape(parts).mean(axis=(1, 3)))
+        np.testing.assert_allclose(
+            planes[1, :rows], np.isnan(cost).reshape(parts).mean(axis=(1, 3))
+        )
         assert (planes[:, rows:] == 1).all()
 
 
@@ -40,7 +43,12 @@ def test_every_cell_has_a_block_and_neighbours_have_neighbouring_ones(rows, cols
     size, blocks = sizes
     frame = Frame(rows, cols, size)
     for lookup, cells, inner in zip(frame.lookup(blocks), (rows, cols), frame.inner, strict=True):
-        assert lookup.dtype == np.int32 and lookup[0] >= 0 and lookup[-1] < blocks and (np.diff(lookup) >= 0).all()
+        assert (
+            lookup.dtype == np.int32
+            and lookup[0] >= 0
+            and lookup[-1] < blocks
+            and (np.diff(lookup) >= 0).all()
+        )
         if cells >= blocks:
             assert np.diff(lookup).max(initial=0) <= 1
         assert lookup[-1] <= (inner - 1) * blocks // size
@@ -51,7 +59,9 @@ def test_the_gaussian_is_equation_5_with_a_peak_of_one():
     encode_gaussian((10.0, 20.0), (50.0, 3.0), 16.0, out)
     i, j = np.mgrid[:64, :64]
     for plane, (r, c) in zip(out, ((10, 20), (50, 3)), strict=True):
-        np.testing.assert_allclose(plane, np.exp(-((i - r) ** 2 + (j - c) ** 2) / (2 * 16**2)), atol=1e-6)
+        np.testing.assert_allclose(
+            plane, np.exp(-((i - r) ** 2 + (j - c) ** 2) / (2 * 16**2)), atol=1e-6
+        )
 
 
 @given(st.floats(0.0, 63.0), st.floats(0.0, 63.0), st.floats(0.0, 63.0), st.floats(0.0, 63.0))
@@ -63,9 +73,14 @@ def test_an_end_is_read_off_the_points_and_the_way_leads_there(row_a, col_a, row
         share = planes[0].astype(float)
         assert share.min() >= 0.0
         assert share.sum() == pytest.approx(1.0, abs=1e-5)
-        inside = np.clip((row, col), 3.5, 59.5)  # what lies beyond the outermost points is read off them
-        assert ((share.sum(1) * centres).sum(), (share.sum(0) * centres).sum()) == pytest.approx(inside, abs=1e-3)
-        down, right = row - centres[:, None], col - centres
+        inside = np.clip(
+            (row, col), 3.5, 59.5
+        )  # what lies beyond the outermost points is read off them
+        assert ((share.sum(1) * centres).sum(), (share.sum(0) * centres).sum()) == pytest.approx(
+            inside, abs=1e-3
+        )
+        down = row - centres[:, None]
+        right = col - centres
         apart = np.hypot(down, right)
         wanted = (down + 0 * right, right + 0 * down, apart)
         np.testing.assert_allclose(planes[1:4], np.array(wanted) / 64.0, atol=1e-6)
@@ -91,7 +106,9 @@ def holds(window, *cells):
     return all(row <= r < row + rows and col <= c < col + cols for r, c in cells)
 
 
-@pytest.mark.parametrize(("shape", "edge"), [((700, 900), False), ((1024, 300), True), ((90, 1500), False)])
+@pytest.mark.parametrize(
+    ("shape", "edge"), [((700, 900), False), ((1024, 300), True), ((90, 1500), False)]
+)
 def test_near_ends_on_a_large_map_are_planned_in_a_window(network, shape, edge):
     network = NetworkModel("edge") if edge else network
     rng = np.random.default_rng(2)
@@ -101,7 +118,8 @@ def test_near_ends_on_a_large_map_are_planned_in_a_window(network, shape, edge):
     for _ in range(8):
         start = tuple(int(rng.integers(0, side)) for side in shape)
         goal = tuple(
-            int(np.clip(x + rng.integers(-60, 61), 0, side - 1)) for x, side in zip(start, shape, strict=True)
+            int(np.clip(x + rng.integers(-60, 61), 0, side - 1))
+            for x, side in zip(start, shape, strict=True)
         )
         planner.update(0, 0, np.full((3, 4), rng.random() * 0.9, np.float32))
         plan = planner.plan(start, goal, method="nnpp", keep_regions=True)
@@ -137,7 +155,8 @@ def watched_network():
 def test_a_network_in_two_parts_is_shown_the_map_again_once_enough_has_changed():
     rng = np.random.default_rng(4)
     cost = (rng.random((256, 256)) * 0.4).astype(np.float32)
-    dynamic, static = watched_network(), watched_network()
+    dynamic = watched_network()
+    static = watched_network()
     planners = DynamicPlanner(cost, (240, 240), "nnpp", model=dynamic), Planner(cost, model=static)
     seen = []
     for row, side, to in (
@@ -157,13 +176,24 @@ def test_a_network_in_two_parts_is_shown_the_map_again_once_enough_has_changed()
         assert planners[1].plan((10, 10), (240, 240), method="nnpp").ok
         seen.append((type(dynamic).shown, type(static).shown))
     assert [shown for shown, _ in seen] == [1, 1, 1, 2, 2, 2]
-    assert [shown for _, shown in seen] == [1, 2, 3, 4, 4, 5]  # the last patches say nothing, or next to nothing
+    assert [shown for _, shown in seen] == [
+        1,
+        2,
+        3,
+        4,
+        4,
+        5,
+    ]  # the last patches say nothing, or next to nothing
 
 
 @pytest.mark.parametrize("step_cost", ["paper", "length"])
-def test_a_change_outside_its_window_is_not_shown_to_a_network_and_one_inside_is_shown_where_it_is(step_cost):
+def test_a_change_outside_its_window_is_not_shown_to_a_network_and_one_inside_is_shown_where_it_is(
+    step_cost,
+):
     rng = np.random.default_rng(5)
-    cost, network, ends = rng.random((700, 700)).astype(np.float32) * 0.8, watched_network(), ((220, 120), (260, 160))
+    cost = rng.random((700, 700)).astype(np.float32) * 0.8
+    network = watched_network()
+    ends = ((220, 120), (260, 160))
     cost += np.float32(0.01)
     state = state_of(cost, step_cost)
     view = MapView(state, network)
@@ -175,7 +205,8 @@ def test_a_change_outside_its_window_is_not_shown_to_a_network_and_one_inside_is
         (10, 0.8, False),
         (10, 0.99, False),
     ):
-        before, patch = type(network).shown, rng.random((20, 30)).astype(np.float32) * most
+        before = type(network).shown
+        patch = rng.random((20, 30)).astype(np.float32) * most
         patch += np.float32(0.01) * (most < 0.9)
         patch[0, 0] = max(patch[0, 0], most)
         cost[row : row + 20, 150:180] = patch
@@ -183,7 +214,9 @@ def test_a_change_outside_its_window_is_not_shown_to_a_network_and_one_inside_is
         view.show(*ends)
         new = MapView(state_of(cost, step_cost), NetworkModel("edge"))
         new.show(*ends)
-        rescaled = step_cost == "length" and most > 0.9  # all costs are shown relative to the greatest
+        rescaled = (
+            step_cost == "length" and most > 0.9
+        )  # all costs are shown relative to the greatest
         assert type(network).shown == before + (inside or rescaled)
         assert view.window == new.window
         np.testing.assert_allclose(view.planes, new.planes, atol=1e-6)
@@ -191,11 +224,16 @@ def test_a_change_outside_its_window_is_not_shown_to_a_network_and_one_inside_is
 
 def test_a_robot_on_its_way_keeps_its_window_while_that_serves():
     shape = (300, 1300)
-    rng, model = np.random.default_rng(6), NetworkModel("edge")
+    rng = np.random.default_rng(6)
+    model = NetworkModel("edge")
     goal = tuple(x - 20 for x in shape)
-    planner = DynamicPlanner((rng.random(shape) * 0.5).astype(np.float32), goal, "nnpp", model=model)
+    planner = DynamicPlanner(
+        (rng.random(shape) * 0.5).astype(np.float32), goal, "nnpp", model=model
+    )
     planner.prepare()
-    view, windows, start = MapView(planner.state, model, UNSEEN_CHANGE), [], (8, 9)
+    view = MapView(planner.state, model, UNSEEN_CHANGE)
+    windows = []
+    start = (8, 9)
     for step in range(40):
         planner.move(start)
         plan = planner.replan()
@@ -208,7 +246,9 @@ def test_a_robot_on_its_way_keeps_its_window_while_that_serves():
         if len(plan.path) <= 32:
             break
         start = tuple(int(x) for x in plan.path[30])
-        planner.update(*(int(x) for x in plan.path[-20]), np.full((3, 3), rng.random() * 0.9, np.float32))
+        planner.update(
+            *(int(x) for x in plan.path[-20]), np.full((3, 3), rng.random() * 0.9, np.float32)
+        )
     assert windows[0] == (0, 0, *shape)
     changes = sum(a != b for a, b in itertools.pairwise(windows))
     assert 1 <= changes <= 4 < step

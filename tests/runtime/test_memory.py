@@ -15,11 +15,19 @@ from nnpp_edge.runtime.errors import InvalidMapError
 from nnpp_edge.runtime.loop.timing import rss_bytes
 from nnpp_edge.runtime.map.step_cost import StepModel
 from nnpp_edge.runtime.map.streamed import StreamedMap
-from nnpp_edge.runtime.memory import available_bytes, check_planner_fits, small_pages, touch, virtual_zeros
+from nnpp_edge.runtime.memory import (
+    available_bytes,
+    check_planner_fits,
+    small_pages,
+    touch,
+    virtual_zeros,
+)
 
 
 def test_memory_is_there_values_stay_and_what_may_not_be_written_is_left_alone():
-    rng, base, fixed = np.random.default_rng(0), np.arange(20000.0), np.arange(9000.0)
+    rng = np.random.default_rng(0)
+    base = np.arange(20000.0)
+    fixed = np.arange(9000.0)
     fixed.flags.writeable = False
     values = {
         "floats": rng.random((300, 70)),
@@ -55,7 +63,13 @@ def test_the_memory_that_is_left_follows_the_process_own_limit():
 
 
 GROUPS = {
-    "version 2": ("0::/system.slice/nnpp-edge.service", "sys/fs/cgroup/", "memory.max", "memory.current", ""),
+    "version 2": (
+        "0::/system.slice/nnpp-edge.service",
+        "sys/fs/cgroup/",
+        "memory.max",
+        "memory.current",
+        "",
+    ),
     "version 1": (
         "12:cpu,cpuacct:/\n4:memory:/system.slice/nnpp-edge.service\n0::/init.scope",
         "sys/fs/cgroup/memory/",
@@ -82,13 +96,23 @@ def test_the_memory_that_is_left_follows_every_control_group_around_the_process(
             (base / name).parent.mkdir(parents=True, exist_ok=True)
             (base / name).write_text(text)
         assert available_bytes(base) == 524 << 20
-        (base / f"{root}{group}/{limit}").write_text("max\n" if version == "version 2" else f"{2**63 - 4096}\n")
+        (base / f"{root}{group}/{limit}").write_text(
+            "max\n" if version == "version 2" else f"{2**63 - 4096}\n"
+        )
         assert available_bytes(base) == 3_000_000 * 1024
 
 
 def test_a_warm_up_takes_no_more_processes_than_memory_is_left_for(monkeypatch):
-    for processors, left_gb, jobs in ((4, 0.95, 1), (4, 1.45, 2), (1, 64, 1), (64, 64, 4), (4, 0, 1)):
-        monkeypatch.setattr(os, "sched_getaffinity", lambda _, processors=processors: set(range(processors)))
+    for processors, left_gb, jobs in (
+        (4, 0.95, 1),
+        (4, 1.45, 2),
+        (1, 64, 1),
+        (64, 64, 4),
+        (4, 0, 1),
+    ):
+        monkeypatch.setattr(
+            os, "sched_getaffinity", lambda _, processors=processors: set(range(processors))
+        )
         monkeypatch.setattr(warmup, "available_bytes", lambda left_gb=left_gb: int(left_gb * 1e9))
         assert warmup.default_jobs() == jobs
 
@@ -96,7 +120,9 @@ def test_a_warm_up_takes_no_more_processes_than_memory_is_left_for(monkeypatch):
 def test_only_what_is_written_to_takes_memory():
     zeros = virtual_zeros(1 << 31, np.int32)
     before = rss_bytes()
-    zeros[:: 1 << 21] = 1  # in a thousand places, each of which would bring 2 MiB along as a huge page
+    zeros[:: 1 << 21] = (
+        1  # in a thousand places, each of which would bring 2 MiB along as a huge page
+    )
     assert rss_bytes() - before < 64 << 20
     assert zeros[1 << 21] == 1 and not zeros[(1 << 21) + 1 : (1 << 21) + 100].any()
 
@@ -120,7 +146,8 @@ def test_a_map_too_large_for_memory_is_refused_before_anything_is_allocated(monk
     check_planner_fits((4096, 4096))
     with pytest.raises(InvalidMapError, match=r"wanted 0\.9 GB"):
         check_planner_fits((4096, 4096), memory.DIRECTED_BYTES_PER_CELL)
-    wide, body = np.broadcast_to(np.float32(0.0), (4096, 4096)), Vehicle(1.5, 1.2, 0.3)
+    wide = np.broadcast_to(np.float32(0.0), (4096, 4096))
+    body = Vehicle(1.5, 1.2, 0.3)
     car = replace(body, turning_radius_m=2.0, reverse_cost=2.0)
     for vehicle, gigabytes in ((body, 3.0), (car, 3.6), (replace(car, gear_change_m=1.0), 5.7)):
         with pytest.raises(InvalidMapError, match=f"wanted {gigabytes} GB"):

@@ -1,4 +1,6 @@
-"""Model files: what they answer, and what is refused: endless, failing and damaged ones, ones that read others."""
+"""Model files: what they answer, and what is refused: endless, failing and damaged ones, ones that
+read others.
+"""
 
 import json
 import random
@@ -68,7 +70,10 @@ def test_graphs_that_may_not_end_or_are_not_read_are_refused(make_tiny_model):
 
 def test_sparse_tensors_and_tensors_in_other_files_are_refused(make_tiny_model):
     def with_sparse(model):
-        parts = [helper.make_tensor(kind[0], kind[1], (1,), [0]) for kind in (("s", 1), ("i", TensorProto.INT64))]
+        parts = [
+            helper.make_tensor(kind[0], kind[1], (1,), [0])
+            for kind in (("s", 1), ("i", TensorProto.INT64))
+        ]
         model.graph.sparse_initializer.append(helper.make_sparse_tensor(*parts, [4]))
 
     assert "sparse tensors" in refusal(changed(make_tiny_model(), with_sparse))
@@ -95,7 +100,9 @@ def test_a_graph_that_fails_while_it_answers_is_one_line(make_tiny_model, nnpp_e
     whole = Cast <to = 7> (index)
     none = Gather (one_cell, whole)"""
     text = with_nodes(beyond).replace("probability = Average", "almost = Average")
-    path = make_tiny_model(text=text.replace("(fine)", "(fine)\n    probability = Add (almost, none)"))
+    path = make_tiny_model(
+        text=text.replace("(fine)", "(fine)\n    probability = Add (almost, none)")
+    )
     with pytest.raises(ModelError, match="got one whose graph fails ") as caught:
         NetworkModel(path).try_out()
     assert "\n" not in str(caught.value)
@@ -106,7 +113,10 @@ def test_a_graph_that_fails_while_it_answers_is_one_line(make_tiny_model, nnpp_e
 
 
 def test_damage_anywhere_ends_in_an_answer_or_in_one_line(tiny_model, tmp_path, capfd):
-    whole, rng, path, refused = tiny_model.read_bytes(), random.Random(3), tmp_path / "damaged.onnx", 0
+    whole = tiny_model.read_bytes()
+    rng = random.Random(3)
+    path = tmp_path / "damaged.onnx"
+    refused = 0
     for _ in range(100):
         content = bytearray(whole)
         for _ in range(rng.choice((1, 1, 2, 8))):
@@ -138,7 +148,12 @@ def test_metadata_that_cannot_be_read_or_do_not_fit_are_one_line(make_tiny_model
         "3",
         None,
     )
-    for text in (*odd, '{"format": ["nnpp-edge-model-1"]}', '{"format": "nnpp-edge-model-1"}', "9" * 6000):
+    for text in (
+        *odd,
+        '{"format": ["nnpp-edge-model-1"]}',
+        '{"format": "nnpp-edge-model-1"}',
+        "9" * 6000,
+    ):
         content = text.encode() if isinstance(text, str) else text or b""
         path = changed(make_tiny_model(), lambda model: model.ClearField("metadata_props"))
         if text is not None:

@@ -1,4 +1,6 @@
-"""A plan is frozen and owns its data; planners share a network unnoticed, and serve one call at a time."""
+"""A plan is frozen and owns its data; planners share a network unnoticed, and serve one call at a
+time.
+"""
 
 import copy
 import dataclasses
@@ -28,7 +30,8 @@ from tests import oracles
 from tests.fuzz.sequences import interrupting
 
 SHAPE = (210, 250)
-START, GOAL = (8, 9), (200, 240)
+START = (8, 9)
+GOAL = (200, 240)
 
 
 def rough(seed=3):
@@ -42,7 +45,9 @@ def facts(value):
     if isinstance(value, Region):
         return [facts(part) for part in value]
     if isinstance(value, Plan):
-        return {field.name: facts(getattr(value, field.name)) for field in dataclasses.fields(value)}
+        return {
+            field.name: facts(getattr(value, field.name)) for field in dataclasses.fields(value)
+        }
     return repr(value)
 
 
@@ -92,7 +97,13 @@ def test_a_plan_stays_what_it_was(shared_network, make, methods):
     with pytest.raises(dataclasses.FrozenInstanceError):
         kept[0][0].cost = 1.0
     for found, wanted, pickled, copied in kept:
-        for each in (found, pickle.loads(pickled), copied, pickle.loads(pickle.dumps(found)), copy.deepcopy(found)):
+        for each in (
+            found,
+            pickle.loads(pickled),
+            copied,
+            pickle.loads(pickle.dumps(found)),
+            copy.deepcopy(found),
+        ):
             assert facts(each) == wanted
 
 
@@ -101,7 +112,8 @@ def test_what_is_written_into_a_plans_arrays_reaches_no_planner(shared_network, 
     (_, spoiled), (_, plan) = make(shared_network), make(shared_network)
     for method in ("corridor", "nnpp"):
         for start in (START, (30, 9)):
-            found, wanted = spoiled(method, start), plan(method, start)
+            found = spoiled(method, start)
+            wanted = plan(method, start)
             assert facts(found.path) == facts(wanted.path)
             assert facts(found.region) == facts(wanted.region)
             found.path[:] = 0
@@ -113,21 +125,32 @@ def test_what_is_written_into_a_plans_arrays_reaches_no_planner(shared_network, 
 @pytest.mark.parametrize("make", [static_planner, dynamic_planner])
 def test_regions_are_kept_only_when_asked_for(network, make):
     planner, plan = make(network)
-    for method, has_region, by_network in (("astar", False, False), ("corridor", True, False), ("nnpp", True, True)):
+    for method, has_region, by_network in (
+        ("astar", False, False),
+        ("corridor", True, False),
+        ("nnpp", True, True),
+    ):
         found = plan(method, START)
-        assert (found.region is not None, found.network_region is not None) == (has_region, by_network)
+        assert (found.region is not None, found.network_region is not None) == (
+            has_region,
+            by_network,
+        )
         assert (found.threshold > 0.0) == by_network
         if has_region:
             assert found.region.mask()[tuple(found.path.T)].all()
         if by_network:
             assert found.network_region.mask()[tuple(np.array([START, GOAL]).T)].all()
         static = isinstance(planner, Planner)
-        plain = planner.plan(START, GOAL, method=method) if static else planner.replan(method=method)
+        plain = (
+            planner.plan(START, GOAL, method=method) if static else planner.replan(method=method)
+        )
         assert (plain.region, plain.network_region) == (None, None)
         np.testing.assert_array_equal(plain.path, found.path)
 
 
-def test_planners_that_share_a_network_answer_in_turns_as_those_with_one_of_their_own(shared_network):
+def test_planners_that_share_a_network_answer_in_turns_as_those_with_one_of_their_own(
+    shared_network,
+):
     other = NetworkModel(shared_network.path)
     maps = [rough(seed) for seed in (1, 2)]
     sharing = [Planner(cost, model=shared_network, ask_from=0) for cost in maps]
@@ -154,7 +177,8 @@ def test_planners_that_share_a_network_answer_in_turns_as_those_with_one_of_thei
     "copied", [copy.deepcopy, lambda each: pickle.loads(pickle.dumps(each))], ids=["copy", "pickle"]
 )
 def test_a_copy_of_a_planner_answers_alike_and_goes_its_own_way(copied):
-    (planner, plan), methods = static_planner("edge"), ("nnpp", "corridor", "astar")
+    planner, plan = static_planner("edge")
+    methods = ("nnpp", "corridor", "astar")
     planner.update(20, 20, np.ones((30, 3)))
     before = [plan(method, START) for method in methods]
     other = copied(planner)
@@ -172,13 +196,25 @@ def test_a_copy_of_a_planner_answers_alike_and_goes_its_own_way(copied):
     assert (other.goal, other.method, other.standing().valid) == (GOAL, planner.method, True)
     assert other.standing().cost == pytest.approx(planner.standing().cost)
     assert other.standing().lower_bound <= planner.replan(method="dstar").cost
-    assert other.replan(method="dstar").cost == pytest.approx(planner.replan(method="dstar").cost, rel=1e-6)
+    assert other.replan(method="dstar").cost == pytest.approx(
+        planner.replan(method="dstar").cost, rel=1e-6
+    )
 
 
 def test_what_a_plan_says_is_short_and_ready_for_json():
     plan = Plan(Status.NO_PATH, Method.ASTAR)
-    assert (plan.cost, plan.length, plan.traverse_cost, plan.lower_bound) == (math.inf, math.inf, math.inf, 0.0)
-    assert (plan.ok, plan.path.shape, plan.path.dtype, plan.bound) == (False, (0, 2), np.int32, math.inf)
+    assert (plan.cost, plan.length, plan.traverse_cost, plan.lower_bound) == (
+        math.inf,
+        math.inf,
+        math.inf,
+        0.0,
+    )
+    assert (plan.ok, plan.path.shape, plan.path.dtype, plan.bound) == (
+        False,
+        (0, 2),
+        np.int32,
+        math.inf,
+    )
     told = json.loads(json.dumps(plan.summary(), allow_nan=False))
     assert (told["status"], told["method"], told["source"]) == ("NO_PATH", "astar", None)
     assert told["cost"] is told["bound"] is told["threshold"] is None
@@ -194,7 +230,11 @@ def test_what_a_plan_says_is_short_and_ready_for_json():
     assert plan.cost == pytest.approx(oracles.path_cost(plan.path, rough()), rel=1e-6)
     assert plan.length == pytest.approx(np.hypot(*np.diff(plan.path, axis=0).T).sum())
     assert plan.traverse_cost == pytest.approx(rough()[tuple(plan.path.T)].sum(), rel=1e-5)
-    assert (plan.method, plan.source, told["cells"]) == (Method.CORRIDOR, Source.REGION, len(plan.path))
+    assert (plan.method, plan.source, told["cells"]) == (
+        Method.CORRIDOR,
+        Source.REGION,
+        len(plan.path),
+    )
     assert told["cost"] == pytest.approx(plan.cost, abs=1e-6)
     assert told["bound"] == pytest.approx(plan.cost / plan.lower_bound, abs=1e-6)
     times = told["timings_ms"]
@@ -229,13 +269,18 @@ def test_the_standing_path_outlives_a_call_that_was_broken_off():
         planner.replan()
         if not broken_off(lambda: planner.set_goal((0, SIDE - 1)), line):
             break
-        assert planner.standing().footing is (Footing.VALID if planner.goal == ENDS[1] else Footing.NONE)
+        assert planner.standing().footing is (
+            Footing.VALID if planner.goal == ENDS[1] else Footing.NONE
+        )
     assert line > 10
 
 
 @pytest.mark.parametrize("kind", [Planner, DynamicPlanner])
 def test_a_second_thread_is_refused_while_the_first_is_at_work(kind):
-    cost, inside, leave, found = np.full((30, 40), 0.3), threading.Event(), threading.Event(), []
+    cost = np.full((30, 40), 0.3)
+    inside = threading.Event()
+    leave = threading.Event()
+    found = []
 
     class Slow:
         """Cells that take as long to read as the test wants."""

@@ -56,7 +56,9 @@ def test_near_goals_are_found_by_exact_search_unless_the_way_is_long_and_auto_sa
         ((80, 110), {"map"}, ("nnpp", "astar")),
         ((101, 150), {"region", "widened", "fallback"}, ("nnpp", "corridor")),
     ):
-        by_network, picked = (planner.plan((99, 150), goal, method=m, keep_regions=True) for m in ("nnpp", "auto"))
+        by_network, picked = (
+            planner.plan((99, 150), goal, method=m, keep_regions=True) for m in ("nnpp", "auto")
+        )
         assert by_network.ok and picked.ok and by_network.source in sources
         assert (by_network.method, picked.method) == methods
         assert ("but the way is long" in picked.choice) == (picked.method == "corridor")
@@ -78,7 +80,10 @@ def test_another_omega_than_the_networks_is_said(network):
 @given(cases(24), st.integers(1, 6), st.integers(1, 3), st.data())
 def test_the_nearest_of_several_goals_comes_first(case, goals, count, data):
     passable = np.argwhere(np.isfinite(case.cost))
-    chosen = [tuple(int(x) for x in passable[data.draw(st.integers(0, len(passable) - 1))]) for _ in range(goals)]
+    chosen = [
+        tuple(int(x) for x in passable[data.draw(st.integers(0, len(passable) - 1))])
+        for _ in range(goals)
+    ]
     planner = Planner(case.cost, step_cost=case.step_cost, corner_cutting=case.corner_cutting)
     ranked = planner.nearest(case.start, chosen, count=count, method="astar")
     costs = oracles.dijkstra(case.cost, case.start, case.step_cost, case.corner_cutting)
@@ -91,9 +96,11 @@ def test_the_nearest_of_several_goals_comes_first(case, goals, count, data):
 
 def test_another_network_is_used_whole_or_not_at_all(network, tiny_model, tmp_path):
     cost = np.random.default_rng(2).random((100, 100)).astype(np.float32) * 0.5
-    query, torn = ((5, 5), (90, 80)), tmp_path / "torn.onnx"
+    query = ((5, 5), (90, 80))
+    torn = tmp_path / "torn.onnx"
     torn.write_bytes(tiny_model.read_bytes()[:500])
-    planner, moving = Planner(cost, model=network), DynamicPlanner(cost, query[1], "nnpp", model=network)
+    planner = Planner(cost, model=network)
+    moving = DynamicPlanner(cost, query[1], "nnpp", model=network)
     moving.move(query[0])
     before = planner.plan(*query, method="nnpp")
     for bad in (torn, tmp_path / "none.onnx", "no-such-model"):
@@ -110,7 +117,9 @@ def test_another_network_is_used_whole_or_not_at_all(network, tiny_model, tmp_pa
 
 def test_maps_of_any_size_and_shape(network):
     for shape in ((300, 700), (1024, 300), (97, 1000), (1, 3000), (2000, 1)):
-        planner = Planner(np.random.default_rng(1).random(shape).astype(np.float32) * 0.9, model=network)
+        planner = Planner(
+            np.random.default_rng(1).random(shape).astype(np.float32) * 0.9, model=network
+        )
         ends = (0, 0), (shape[0] - 1, shape[1] - 1)
         exact = planner.plan(*ends, method="astar")
         for method in ("corridor", "nnpp"):
@@ -142,8 +151,13 @@ def test_a_status_says_why(network):
         nav = Navigator(Ground(np.minimum(cost, 1.0)), NavigatorSettings("astar", snap_radius=0))
         nav.offer(Pose(*start))
         nav.offer(Goal(*goal))
-        message, origin = nav.tick(), Origin.FULL if status is Status.OK else Origin.NONE
-        assert (message.outcome, message.origin, message.ok) == (status, origin, status is Status.OK)
+        message = nav.tick()
+        origin = Origin.FULL if status is Status.OK else Origin.NONE
+        assert (message.outcome, message.origin, message.ok) == (
+            status,
+            origin,
+            status is Status.OK,
+        )
         assert bool(message.reason) != message.ok == bool(len(message.path))
 
 
@@ -164,12 +178,16 @@ def test_a_planner_gives_its_memory_back_at_once():
 # --- on a map that changes
 
 
-@pytest.mark.parametrize(("method", "base"), [("corridor-dstar", "corridor"), ("nnpp-dstar", "nnpp")])
+@pytest.mark.parametrize(
+    ("method", "base"), [("corridor-dstar", "corridor"), ("nnpp-dstar", "nnpp")]
+)
 def test_a_region_is_mended_or_searched_afresh_whichever_is_less_work(network, method, base):
     cost = (np.random.default_rng(3).random((300, 300)) * 0.2 + 0.3).astype(np.float32)
     planner, fresh = (DynamicPlanner(cost, (280, 280), m, model=network) for m in (method, base))
-    start, put = (10, 10), [*((12 + 4 * k, 12 + 4 * k) for k in range(7)), (250, 250), (44, 44)]
-    said, plans = [], []
+    start = (10, 10)
+    put = [*((12 + 4 * k, 12 + 4 * k) for k in range(7)), (250, 250), (44, 44)]
+    said = []
+    plans = []
     for step, at in enumerate(put):
         for each in (planner, fresh):
             each.move((start[0] + 4 * step, start[1] + 4 * step))
@@ -179,8 +197,9 @@ def test_a_region_is_mended_or_searched_afresh_whichever_is_less_work(network, m
         said.append(plans[-1][0].choice.split(":")[0])
         assert plans[-1][0].ok and plans[-1][1].choice == ""
         assert plans[-1][0].cost <= plans[-1][1].cost * (1 + 1e-5)
-    # a first search by D* Lite takes longer than a fresh one: it is made once changes ahead of the robot, which it
-    # would have dealt with in no time, make up for that; a change near the goal is searched afresh again
+    # a first search by D* Lite takes longer than a fresh one: it is made once changes ahead of the
+    # robot, which it would have dealt with in no time, make up for that; a change near the goal is
+    # searched afresh again
     assert said[:3] == ["searched afresh"] * 3
     assert plans[2][0].expansions == plans[2][1].expansions
     assert said[5:] == ["mended", "mended", "searched afresh", "searched afresh"]

@@ -1,4 +1,6 @@
-"""Methods and searchers on stand-ins for their neighbours, and the table of tuned numbers that they go by."""
+"""Methods and searchers on stand-ins for their neighbours, and the table of tuned numbers that they
+go by.
+"""
 
 import ast
 import inspect
@@ -26,7 +28,8 @@ from tests.strategies import state_of
 SHAPE = (120, 160)
 QUERY = Query((4, 5), (110, 150))
 EVERYWHERE = Region.everywhere(*SHAPE)
-NO_WAY, LATE = Search.without_path(Status.NO_PATH, 3, 1.0), Search.without_path(Status.TIMEOUT)
+NO_WAY = Search.without_path(Status.NO_PATH, 3, 1.0)
+LATE = Search.without_path(Status.TIMEOUT)
 
 
 def rough(shape=SHAPE):
@@ -46,10 +49,14 @@ def state():
 
 
 class Recording:
-    """A searcher that notes the regions' areas, and answers as it was told, and then with a search."""
+    """A searcher that notes the regions' areas, and answers as it was told, and then with
+    a search.
+    """
 
     def __init__(self, searcher, answers=()):
-        self.searcher, self.answers, self.areas = searcher, list(answers), []
+        self.searcher = searcher
+        self.answers = list(answers)
+        self.areas = []
 
     def search(self, query, work, region):
         self.areas.append(region.area())
@@ -60,7 +67,9 @@ class GivenRegions:
     """In the place of a network: the regions that it was told, one after another."""
 
     def __init__(self, *regions):
-        self.given, self.asked, self.taken = regions, [], 0
+        self.given = regions
+        self.asked = []
+        self.taken = 0
 
     def regions(self, start, goal, level, number, workspace, stopwatch, deadline):
         self.asked.append((start, goal, level.grid.shape, number))
@@ -73,8 +82,11 @@ class GivenRegions:
         return 0.25, EVERYWHERE, each()
 
 
-def test_a_mender_keeps_its_search_from_one_query_to_the_next_and_forgets_it_for_another_goal(state):
-    mender, cost = RegionMender(state), COST.copy()
+def test_a_mender_keeps_its_search_from_one_query_to_the_next_and_forgets_it_for_another_goal(
+    state,
+):
+    mender = RegionMender(state)
+    cost = COST.copy()
     works = [Work() for _ in range(3)]
     for work in works[:2]:
         mender.search(QUERY, work, EVERYWHERE)
@@ -84,7 +96,10 @@ def test_a_mender_keeps_its_search_from_one_query_to_the_next_and_forgets_it_for
     found = mender.search(QUERY, works[2], None)
     wanted = oracles.dijkstra(cost, QUERY.start)[QUERY.goal]
     assert oracles.path_cost(found.path, cost) == pytest.approx(wanted, rel=1e-5)
-    assert works[1].expansions == 0 < works[2].expansions < works[0].expansions / 2 and works[0].expansions > 100
+    assert (
+        works[1].expansions == 0 < works[2].expansions < works[0].expansions / 2
+        and works[0].expansions > 100
+    )
     near = QUERY._replace(start=(5, 6))
     for cheaper, said in ((False, "mended: "), (True, "searched afresh: ")):
         if cheaper:
@@ -115,34 +130,48 @@ def test_a_corridor_is_widened_then_given_up_for_the_map(state):
             continue
         assert found.source is source and (found.region is None) == (source is Source.FALLBACK)
         assert found.cost >= OPTIMUM * (1 - 1e-5)
-        assert source is not Source.FALLBACK or found.cost == pytest.approx(OPTIMUM, rel=1e-5) == found.lower_bound
+        assert (
+            source is not Source.FALLBACK
+            or found.cost == pytest.approx(OPTIMUM, rel=1e-5) == found.lower_bound
+        )
 
 
 def test_learned_regions_are_searched_in_turn_and_then_the_map(state):
     assert max(SHAPE) < REFINE_FROM
     methods = Methods(state, ask_from=0)
-    for failures, source in enumerate((Source.REGION, Source.WIDENED, Source.WIDENED, Source.FALLBACK)):
+    for failures, source in enumerate(
+        (Source.REGION, Source.WIDENED, Source.WIDENED, Source.FALLBACK)
+    ):
         regions = methods.regions = GivenRegions(EVERYWHERE, EVERYWHERE, EVERYWHERE)
         recording = Recording(methods.astar, [NO_WAY] * failures)
         found = methods.network_region(QUERY, Work(), recording)
         assert (found.source, found.threshold) == (source, 0.25)
         assert found.network_region is not None and found.cost == pytest.approx(OPTIMUM, rel=1e-5)
-        assert regions.taken == len(recording.areas) == min(failures + 1, 3)  # none is made before it is needed
+        assert (
+            regions.taken == len(recording.areas) == min(failures + 1, 3)
+        )  # none is made before it is needed
         assert regions.asked == [(QUERY.start, QUERY.goal, SHAPE, 0)]
     methods = Methods(state_of(rough((REFINE_FROM, 120))), ask_from=0)  # searched coarsely
-    methods.regions, recording = GivenRegions(None), Recording(methods.astar)
+    methods.regions = GivenRegions(None)
+    recording = Recording(methods.astar)
     found = methods.network_region(QUERY._replace(goal=(110, 100)), Work(), recording)
     assert methods.regions.asked[0][2:] == ((REFINE_FROM // 4, 30), 1)
     assert found.search.status is Status.OK and recording.areas[0] < REFINE_FROM * 120
 
 
 def test_a_networks_regions_widen_and_hold_start_and_goal(state, network):
-    level, learned, work = state.pyramid.levels[1], LearnedRegions(state, network), Work()
+    level = state.pyramid.levels[1]
+    learned = LearnedRegions(state, network)
+    work = Work()
     learned.prepare(level, 1)
-    td, at_td, regions = learned.regions(*QUERY[:2], level, 1, Workspace(len(level.grid.weights)), work)
+    td, at_td, regions = learned.regions(
+        *QUERY[:2], level, 1, Workspace(len(level.grid.weights)), work
+    )
     ends = tuple(np.array([QUERY.start, QUERY.goal]).T)
     assert 0.0 < td <= 1.0 and at_td.mask()[ends].all()
-    first, wider, whole = (np.ones(level.grid.shape, bool) if each is None else each.mask() for each in regions)
+    first, wider, whole = (
+        np.ones(level.grid.shape, bool) if each is None else each.mask() for each in regions
+    )
     assert first[tuple(each // 4 for each in ends)].all()
     assert (first <= wider).all() and first.sum() < wider.sum() and whole.all()
     assert {"encode", "inference", "threshold"} <= set(work.timings_ms)
@@ -156,16 +185,25 @@ def free(*shape):
 
 
 def test_every_number_is_used_by_its_name_and_stands_with_its_unit():
-    body, named = ast.parse(inspect.getsource(tuning)).body, set()
+    body = ast.parse(inspect.getsource(tuning)).body
+    named = set()
     for statement, below in zip(body, [*body[1:], None], strict=True):
         if isinstance(statement, ast.Assign | ast.AnnAssign):
             targets = statement.targets if isinstance(statement, ast.Assign) else [statement.target]
             names = [each.id for each in ast.walk(ast.Tuple(targets)) if isinstance(each, ast.Name)]
-            text = below.value.value if isinstance(below, ast.Expr) and isinstance(below.value, ast.Constant) else ""
+            text = (
+                below.value.value
+                if isinstance(below, ast.Expr) and isinstance(below.value, ast.Constant)
+                else ""
+            )
             named |= set(names)
             assert len(text.split()) >= 4, f"{names}: wanted a sentence below, got {text!r}"
-            if not isinstance(getattr(tuning, names[0]), CorridorWidth):  # whose fields say their units
-                assert re.search(rf"\b({UNITS})", text, re.IGNORECASE), f"{names}: wanted a unit, got {text!r}"
+            if not isinstance(
+                getattr(tuning, names[0]), CorridorWidth
+            ):  # whose fields say their units
+                assert re.search(rf"\b({UNITS})", text, re.IGNORECASE), (
+                    f"{names}: wanted a unit, got {text!r}"
+                )
     assert named == {name for name in vars(tuning) if name.isupper()} and len(named) > 30
     table = Path(inspect.getfile(tuning))
     sources = "".join(path.read_text() for path in table.parent.rglob("*.py") if path != table)
@@ -181,7 +219,9 @@ def test_from_refine_from_on_a_learned_region_is_searched_coarsely_first(network
 
 
 def test_auto_goes_by_distance_size_network_and_body(network):
-    large, far, near = tuning.LARGE_MAP, tuning.FAR, tuning.NEAR
+    large = tuning.LARGE_MAP
+    far = tuning.FAR
+    near = tuning.NEAR
     for shape, model, has_body, methods in (
         ((256, 256), "edge", False, "astar corridor corridor corridor"),
         ((large - 1, 30), "edge", False, "astar corridor corridor corridor"),
@@ -189,8 +229,12 @@ def test_auto_goes_by_distance_size_network_and_body(network):
         ((large, large), "edge-joint", False, "astar corridor corridor corridor"),
         ((512, 512), "edge", True, "astar corridor corridor corridor"),
     ):
-        picked = [pick_method(shape, model, has_body, apart) for apart in (near - 1, near, far - 1, far)]
-        assert " ".join(str(method) for method, _ in picked) == methods and all(reason for _, reason in picked)
+        picked = [
+            pick_method(shape, model, has_body, apart) for apart in (near - 1, near, far - 1, far)
+        ]
+        assert " ".join(str(method) for method, _ in picked) == methods and all(
+            reason for _, reason in picked
+        )
     planner = Planner(free(100, 100), model=network)
     for apart, asked in ((near - 1, False), (near, True)):
         assert ("inference" in planner.plan((0, 0), (apart, 0), method="nnpp").timings_ms) == asked
@@ -199,7 +243,8 @@ def test_auto_goes_by_distance_size_network_and_body(network):
 def test_a_brief_search_gives_up_after_its_expansions():
     cost = free(150, 150)
     cost[75, 1:] = np.inf
-    methods, work = Methods(state_of(cost)), Work()
+    methods = Methods(state_of(cost))
+    work = Work()
     assert methods.search_briefly(Query((73, 140), (77, 140)), work) is None
     limit = tuning.BRIEF_EXPANSIONS + 2 * 4**2
     assert limit <= work.expansions <= limit + 8
@@ -229,4 +274,6 @@ def test_auto_mends_within_its_limits_alone(name, value, apart, wanted, monkeypa
     monkeypatch.setattr(dynamic, name, value)
     plan = planner.replan()
     assert plan.planner == wanted == plan.summary()["method"]
-    assert {"astar": "less than", "corridor": "", "corridor-dstar": "near the start"}[wanted] in plan.choice
+    assert {"astar": "less than", "corridor": "", "corridor-dstar": "near the start"}[
+        wanted
+    ] in plan.choice

@@ -30,7 +30,8 @@ from tests.pose_oracles import rocks
 
 METHODS = ("astar", "corridor")
 ROVER = Vehicle(length_m=1.3, width_m=0.9, clearance_m=0.3, wheel_length_m=0.21, wheel_width_m=0.13)
-CELL_M, OMEGA = 0.25, 0.011
+CELL_M = 0.25
+OMEGA = 0.011
 LIMITS = ("max_tilt_deg", "max_pitch_deg", "max_roll_deg", "max_step_m", "clearance_m")
 WEIGHTS = (0.6, 0.2, 0.2)
 pytestmark = pytest.mark.filterwarnings("ignore:the network .* was trained for omega")
@@ -41,7 +42,9 @@ def planner(tiny_model):
     """Makes planners with a small network."""
 
     def make(dem, vehicle=ROVER, **options):
-        return Planner.of_elevation(dem, CELL_M, vehicle=vehicle, model=tiny_model, ask_from=0, warn=False, **options)
+        return Planner.of_elevation(
+            dem, CELL_M, vehicle=vehicle, model=tiny_model, ask_from=0, warn=False, **options
+        )
 
     return make
 
@@ -54,7 +57,9 @@ def checked(dem, vehicle=ROVER, sides=(CELL_M, CELL_M)):
 
 
 def passing(poses):
-    """(24, H, W) whether legs along the axes, turns to the next direction, and standing bodies pass."""
+    """(24, H, W) whether legs along the axes, turns to the next direction, and standing bodies
+    pass.
+    """
     legs, turns, standing = bodies.motions_on(poses)
     return np.concatenate((legs < FAILS, turns, standing < FAILS))
 
@@ -65,18 +70,27 @@ def passing(poses):
 def test_a_smooth_plane_passes_up_to_the_limit_whichever_way_it_rises_and_not_above():
     rng = random.Random(4)
     for number, per_cell in enumerate((2.0, 2.0, 2.4, 3.0, 3.0, 3.7, 4.0, 5.5, 8.0, 11.0, 16.0)):
-        long, cell = number % 2 == 0, rng.uniform(0.1, 2.0)
+        long = number % 2 == 0
+        cell = rng.uniform(0.1, 2.0)
         sides = [per_cell * cell, per_cell * cell * rng.uniform(1.0, 1.4)]
         size = dict(zip(("length_m", "width_m"), sides[::-1] if long else sides, strict=True))
         limit = rng.uniform(15.0, 35.0)
-        vehicle = Vehicle(**size, clearance_m=0.2 * per_cell * cell, max_tilt_deg=limit, axles=rng.choice((2, 3)))
+        vehicle = Vehicle(
+            **size, clearance_m=0.2 * per_cell * cell, max_tilt_deg=limit, axles=rng.choice((2, 3))
+        )
         side = 2 * math.ceil(1.4 * per_cell) + 9
         down, right = np.mgrid[:side, :side] * cell
         for angle in np.arange(0.0, 360.0, 22.5) + rng.uniform(0.0, 22.5):
             along = down * math.cos(math.radians(angle)) + right * math.sin(math.radians(angle))
             for share, wanted in ((0.97 if per_cell >= 3.0 else 0.9, True), (1.0001, False)):
-                poses = checked(along * math.tan(math.radians(share * limit)), vehicle, (cell, cell))
-                assert (passing(poses)[:, side // 2, side // 2] == wanted).all(), (per_cell, angle, share)
+                poses = checked(
+                    along * math.tan(math.radians(share * limit)), vehicle, (cell, cell)
+                )
+                assert (passing(poses)[:, side // 2, side // 2] == wanted).all(), (
+                    per_cell,
+                    angle,
+                    share,
+                )
 
 
 def test_pitch_and_roll_have_limits_of_their_own_by_the_direction():
@@ -88,7 +102,8 @@ def test_pitch_and_roll_have_limits_of_their_own_by_the_direction():
 
 
 def test_attitudes_on_a_plane_are_the_planes():
-    gradient, (down, right) = np.array((0.15, -0.1)), CELL_M * np.mgrid[:61, :61]
+    gradient = np.array((0.15, -0.1))
+    down, right = CELL_M * np.mgrid[:61, :61]
     path = np.cumsum([(30, 20), *pose_oracles.DIRECTIONS], axis=0).astype(np.int32)
     found = attitudes(checked(gradient[0] * down + gradient[1] * right), path)
     ahead = np.array((*pose_oracles.DIRECTIONS, pose_oracles.DIRECTIONS[-1]))
@@ -96,7 +111,9 @@ def test_attitudes_on_a_plane_are_the_planes():
     left = np.stack((-ahead[:, 1], ahead[:, 0]), 1)
     assert found.pitch_deg == pytest.approx(np.degrees(np.arctan(ahead @ gradient)), abs=0.01)
     assert found.roll_deg == pytest.approx(np.degrees(np.arctan(left @ gradient)), abs=0.01)
-    assert found.tilt_deg == pytest.approx(np.full(17, math.degrees(math.atan(np.hypot(*gradient)))), abs=0.01)
+    assert found.tilt_deg == pytest.approx(
+        np.full(17, math.degrees(math.atan(np.hypot(*gradient)))), abs=0.01
+    )
     assert found.clearance_m == pytest.approx(np.full(17, ROVER.clearance_m), abs=1e-3)
 
 
@@ -125,7 +142,9 @@ def test_t_is_that_of_eq_1():
         (slope + rock, (0.0, 1.0, 0.0), 0.5),
         (np.where(np.arange(20)[:, None] == 8, 0.12, 0.0) + 0.0 * dem, (0.0, 0.0, 1.0), 0.4),
     ):
-        rule = Traversability(**dict(zip(("slope_weight", "roughness_weight", "step_weight"), shares, strict=True)))
+        rule = Traversability(
+            **dict(zip(("slope_weight", "roughness_weight", "step_weight"), shares, strict=True))
+        )
         t = pose_costs(ground, CELL_M, ROVER, traversability=rule)[0, 10, 12]
         assert t == pytest.approx(wanted, abs=0.03), shares
 
@@ -144,31 +163,41 @@ def test_raising_a_limit_never_makes_a_motion_fail():
 def unswept(vehicle, sides):
     """Tables of motions whose poses stand for nothing but themselves."""
     all_poses = [motions.leg_poses(k, sides, vehicle.length_m) for k in range(AXES)]
-    all_poses += [motions.turn_poses(k, sides) for k in range(AXES)] * 2  # the last eight are not asked for
+    all_poses += [
+        motions.turn_poses(k, sides) for k in range(AXES)
+    ] * 2  # the last eight are not asked for
     alone = [[pose._replace(sweep_m=0.0, turn_rad=0.0) for pose in poses] for poses in all_poses]
     return motions.motions_of(vehicle, sides, alone)
 
 
 def broken_on_ground_made_to_pass(seed, motion):
-    """What a motion breaks on ground that is raised and lowered, cell by cell, as far as it still passes."""
-    rng, side = np.random.default_rng(seed), 21
+    """What a motion breaks on ground that is raised and lowered, cell by cell, as far as it still
+    passes.
+    """
+    rng = np.random.default_rng(seed)
+    side = 21
     vehicle = bodies.draw_vehicle(random.Random(seed), 1.0)
     dem = np.zeros((side, side), np.float32)
     poses = Poses(dem, (1.0, 1.0), vehicle, WEIGHTS, 1.0)
     middle = (10, 10)
     cells = np.argwhere((np.abs(np.mgrid[:side, :side] - 10) <= 2 + int(vehicle.reach_m)).all(0))
     for row, col in rng.permutation(cells).tolist():
-        way, share, step = vehicle.clearance_m * rng.choice((4.0, -4.0)), 0.0, 1.0
+        way = vehicle.clearance_m * rng.choice((4.0, -4.0))
+        share = 0.0
+        step = 1.0
         while step > 0.005:  # the most that passes
             dem[row, col] = way * (share + step)
             poses.write(row, col, dem[row : row + 1, col : col + 1])
             check_run(poses.packed, *middle, motion)
             node = 11 * (side + 2) + 11
             passes = poses.codes[node, motion] < FAILS
-            share, step = share + step * bool(passes), 0.5 * step
+            share = share + step * bool(passes)
+            step = 0.5 * step
         dem[row, col] = way * share
         poses.write(row, col, dem[row : row + 1, col : col + 1])
-    return pose_oracles.breaks_at(dem, 1.0, vehicle, *bodies.dense_places(motion, middle, (1.0, 1.0), 25))
+    return pose_oracles.breaks_at(
+        dem, 1.0, vehicle, *bodies.dense_places(motion, middle, (1.0, 1.0), 25)
+    )
 
 
 def test_no_motion_that_passes_breaks_a_limit_on_the_worst_ground_and_unswept_ones_do(monkeypatch):
@@ -180,7 +209,9 @@ def test_no_motion_that_passes_breaks_a_limit_on_the_worst_ground_and_unswept_on
 
 def test_among_rocks_most_that_dense_sampling_passes_passes():
     """Standing there; legs and turns stand for more than what is sampled."""
-    dem, rng, kept = rocks(3, share=0.01), np.random.default_rng(0), np.zeros((3, 2))
+    dem = rocks(3, share=0.01)
+    rng = np.random.default_rng(0)
+    kept = np.zeros((3, 2))
     found = passing(checked(dem))
     for motion, row, col in np.stack(
         (rng.integers(0, 24, 900), rng.integers(8, 36, 900), rng.integers(8, 44, 900)), 1
@@ -189,39 +220,56 @@ def test_among_rocks_most_that_dense_sampling_passes_passes():
             motion % 16 if motion < 16 else motion - 16, (row, col), (CELL_M, CELL_M)
         )
         if motion >= 16:
-            places, headings = places[:1], headings[:1]
+            places = places[:1]
+            headings = headings[:1]
         if pose_oracles.breaks_at(dem, CELL_M, ROVER, places, headings) is None:
             kept[motion // 8] += 1, found[motion, row, col]
     assert (kept[:, 1] / kept[:, 0] > (0.8, 0.75, 0.93)).all(), kept
 
 
 def test_what_refuses_a_pose_is_told_with_its_numbers():
-    dem, told, more = rocks(5, share=0.02), set(), []
+    dem = rocks(5, share=0.02)
+    told = set()
+    more = []
     dem[30:32, 20:24] = np.nan
     dem[:, 45:] += np.float32(0.5) * np.arange(7)
-    vehicle = replace(ROVER, max_pitch_deg=12.0, max_roll_deg=9.0, max_tilt_deg=14.0, max_step_m=0.16)
+    vehicle = replace(
+        ROVER, max_pitch_deg=12.0, max_roll_deg=9.0, max_tilt_deg=14.0, max_step_m=0.16
+    )
     poses = checked(dem, vehicle)
     standing = poses.standing()
     for row, col in np.random.default_rng(1).integers(6, (38, 46), (150, 2)).tolist():
         for k, (down, right) in enumerate(pose_oracles.AXES):
             heading = math.degrees(math.atan2(right, -down)) + 360.0 * (k % 3)
-            found, code = explain(poses, (row, col), heading), standing[k, row, col]
+            found = explain(poses, (row, col), heading)
+            code = standing[k, row, col]
             assert found.cell == (row, col) and found.heading_deg == pytest.approx(heading % 360.0)
-            assert (found.ok, found.refused_by) == (code < FAILS, REFUSALS[code - FAILS] if code >= FAILS else None)
+            assert (found.ok, found.refused_by) == (
+                code < FAILS,
+                REFUSALS[code - FAILS] if code >= FAILS else None,
+            )
             assert str(found).count("\n") == 5 and ("stands" in str(found)) == found.ok
             told.add(found.refused_by)
             cost = (max(int(code), 1) - 1) / MOST_CODE if found.ok else math.inf
-            assert costs_at(poses, np.array([(row, col, heading)]))[0] == pytest.approx(cost, abs=2e-5)
+            assert costs_at(poses, np.array([(row, col, heading)]))[0] == pytest.approx(
+                cost, abs=2e-5
+            )
             if found.refused_by == "unknown":
                 continue
             limits = [found.step_m, found.pitch_deg, found.roll_deg, found.tilt_deg, found.belly_m]
             assert [each.allowance for each in limits] == [0.16, 12.0, 9.0, 14.0, 0.3]
-            true = pose_oracles.worst_figures(dem, CELL_M, vehicle, [(row, col)], np.array([math.atan2(right, down)]))
+            true = pose_oracles.worst_figures(
+                dem, CELL_M, vehicle, [(row, col)], np.array([math.atan2(right, down)])
+            )
             true = true[0, 1:] * (1.0, *3 * [180.0 / math.pi], 1.0)
             more.append([each.value for each in limits] - np.maximum(true, 0.0))
-    assert np.min(more) > -1e-4 and (np.median(more, 0) < (0.02, 0.7, 0.7, 1.0, 0.05)).all(), np.median(more, 0)
+    assert np.min(more) > -1e-4 and (np.median(more, 0) < (0.02, 0.7, 0.7, 1.0, 0.05)).all(), (
+        np.median(more, 0)
+    )
     assert told >= {None, "unknown", "tilt", "roll", "step"}
-    places = np.random.default_rng(2).uniform((-1.0, -1.0, 0.0), (45.0, 53.0, 360.0), (500, 3))  # anywhere
+    places = np.random.default_rng(2).uniform(
+        (-1.0, -1.0, 0.0), (45.0, 53.0, 360.0), (500, 3)
+    )  # anywhere
     standing = places[np.isfinite(costs_at(poses, places))]
     for row, col, heading in standing:
         angle = np.array([math.pi - math.radians(heading)])
@@ -234,15 +282,21 @@ def test_what_refuses_a_pose_is_told_with_its_numbers():
 def test_motions_and_plans_are_the_naive_ones_checked_at_once_or_where_a_search_looks(tiny_model):
     for seed in range(24):
         case = bodies.generate(random.Random(seed), most_side=14)
-        assert (problem := bodies.check(case, Place(tiny_model.parent))) is None, f"{seed}: {problem.kind}"
+        assert (problem := bodies.check(case, Place(tiny_model.parent))) is None, (
+            f"{seed}: {problem.kind}"
+        )
 
 
 def with_motions(made, seed, omega):
     """Random ones in place of what was checked; the priced motions."""
-    poses, rng = made.state.grid.poses, np.random.default_rng(seed)
+    poses = made.state.grid.poses
+    rng = np.random.default_rng(seed)
     poses.complete()
     poses.codes[:] = rng.integers(1, MOST_CODE, poses.codes.shape)
-    for motions_of_kind, shares in ((slice(0, AXES), (0.05, 0.4)), (slice(AXES, 2 * AXES), (0.1, 0.6))):
+    for motions_of_kind, shares in (
+        (slice(0, AXES), (0.05, 0.4)),
+        (slice(AXES, 2 * AXES), (0.1, 0.6)),
+    ):
         some = poses.codes[:, motions_of_kind]
         some[rng.random(some.shape) < rng.choice(shares)] = FAILS + 1
     return bodies.priced(made, omega)
@@ -250,12 +304,19 @@ def with_motions(made, seed, omega):
 
 @pytest.mark.parametrize("turn_cost", [0.0, None, 5.0])
 def test_searches_and_reach_are_dijkstras_over_states_whatever_passes(turn_cost):
-    vehicle, shape = replace(ROVER, turn_cost_m_per_rad=turn_cost), (17, 21)
+    vehicle = replace(ROVER, turn_cost_m_per_rad=turn_cost)
+    shape = (17, 21)
     for seed in range(6):
-        omega, sides = (OMEGA, 0.0)[seed % 2], {"cell_size_m": CELL_M, "cell_width_m": 0.2}
-        made = Planner.of_elevation(np.zeros(shape), **sides, vehicle=vehicle, warn=False, omega=omega)
+        omega = (OMEGA, 0.0)[seed % 2]
+        sides = {"cell_size_m": CELL_M, "cell_width_m": 0.2}
+        made = Planner.of_elevation(
+            np.zeros(shape), **sides, vehicle=vehicle, warn=False, omega=omega
+        )
         priced = with_motions(made, seed, omega)
-        stops = [tuple(cell) for cell in np.random.default_rng(seed).integers(5, (12, 16), (4, 2)).tolist()]
+        stops = [
+            tuple(cell)
+            for cell in np.random.default_rng(seed).integers(5, (12, 16), (4, 2)).tolist()
+        ]
         costs = [pose_oracles.costs_to_cells(priced, stop) for stop in stops]
         np.testing.assert_allclose(made.reach(stops[0]), costs[0], rtol=1e-5)
         everywhere = np.ones(shape, bool)
@@ -264,7 +325,11 @@ def test_searches_and_reach_are_dijkstras_over_states_whatever_passes(turn_cost)
                 plan = made.plan(start, goal, method=method)
                 given = priced, everywhere, start, goal, method == "astar"
                 assert (found := bodies.problem_with_plan(plan, *given)) is None, found
-                assert method == "corridor" or not plan.ok or plan.cost == pytest.approx(costs[a][goal], rel=1e-5)
+                assert (
+                    method == "corridor"
+                    or not plan.ok
+                    or plan.cost == pytest.approx(costs[a][goal], rel=1e-5)
+                )
 
 
 def test_a_tour_turns_at_its_stops_where_it_can_and_pays_for_that():
@@ -273,7 +338,9 @@ def test_a_tour_turns_at_its_stops_where_it_can_and_pays_for_that():
         priced = with_motions(made, seed, OMEGA)
         tour = made.plan_via((8, 5), (5, 12), [(10, 14), (6, 6)], method="astar")
         if tour.plan.ok:
-            assert tour.plan.cost == pytest.approx(pose_oracles.path_cost(priced, tour.plan.path.tolist()), rel=1e-5)
+            assert tour.plan.cost == pytest.approx(
+                pose_oracles.path_cost(priced, tour.plan.path.tolist()), rel=1e-5
+            )
 
 
 def test_a_tour_does_not_turn_at_a_stop_where_turning_fails():
@@ -284,20 +351,26 @@ def test_a_tour_does_not_turn_at_a_stop_where_turning_fails():
 
 
 def test_the_bound_of_a_standing_path_holds_for_bodies_that_begin_in_any_direction():
-    dem, goal = np.zeros((40, 40), np.float32), (31, 24)
+    dem = np.zeros((40, 40), np.float32)
+    goal = (31, 24)
     moving = DynamicPlanner.of_elevation(dem, CELL_M, goal, vehicle=SMALL, method="astar")
     moving.move((8, 8))
     path = moving.replan().path.tolist()
     assert len({tuple(leg) for leg in np.diff(path, axis=0).tolist()}) > 1, "it turns"
     for cell in map(tuple, path[:-1]):
         moving.move(cell)
-        assert moving.standing().lower_bound <= fresh(dem).plan(cell, goal, method="astar").cost * (1.0 + 1e-5)
+        assert moving.standing().lower_bound <= fresh(dem).plan(cell, goal, method="astar").cost * (
+            1.0 + 1e-5
+        )
 
 
 def test_a_path_pays_for_its_turns_and_makes_none_that_fails(planner):
     """A body is symmetric: the longer way of turning holds all directions of the shorter one."""
-    made, path, costs = planner(np.zeros((40, 40))), np.array([(20, 20), (20, 21), (19, 21)], np.int32), np.zeros(3)
-    poses, turn = made.state.grid.poses, 0.5 * math.pi * ROVER.turn_m_per_rad / CELL_M
+    made = planner(np.zeros((40, 40)))
+    path = np.array([(20, 20), (20, 21), (19, 21)], np.int32)
+    costs = np.zeros(3)
+    poses = made.state.grid.poses
+    turn = 0.5 * math.pi * ROVER.turn_m_per_rad / CELL_M
     poses.complete()
     for blocked in (None, 0, 4, 7):  # the path turns from direction 4 to 8
         poses.codes[21 * 42 + 22, AXES:] = np.where(np.arange(AXES) == blocked, FAILS, 1)
@@ -310,7 +383,9 @@ def test_a_path_pays_for_its_turns_and_makes_none_that_fails(planner):
 
 def test_checks_are_made_where_a_search_looks_and_are_kept(planner):
     dem = rocks(1, share=0.001)
-    start, goal, ours = (6, 6), (37, 44), planner(dem)
+    start = (6, 6)
+    goal = (37, 44)
+    ours = planner(dem)
     first, again = (ours.plan(start, goal, method="astar") for _ in range(2))
     most = len(ours.state.grid.poses.motions.swept) * dem.size
     assert first.ok and 0 < first.checks <= most
@@ -320,14 +395,20 @@ def test_checks_are_made_where_a_search_looks_and_are_kept(planner):
     assert 0 < ours.plan(start, goal, method="astar").checks < first.checks
     assert planner(dem, lazy=False).plan(start, goal, method="astar").checks == 0
     plan = planner(np.zeros((200, 200), np.float32)).plan((90, 90), (92, 110), method="astar")
-    assert plan.ok and plan.checks < 0.1 * most / dem.size * 200 * 200  # a short way checks a small part of the map
+    assert (
+        plan.ok and plan.checks < 0.1 * most / dem.size * 200 * 200
+    )  # a short way checks a small part of the map
 
 
 @pytest.mark.parametrize(
-    ("seed", "start", "goal"), [(21, (179, 45), (185, 144)), (23, (147, 34), (129, 22))], ids=["far", "near"]
+    ("seed", "start", "goal"),
+    [(21, (179, 45), (185, 144)), (23, (147, 34), (129, 22))],
+    ids=["far", "near"],
 )
 def test_a_search_that_checks_on_its_way_is_the_one_over_what_has_been_checked(seed, start, goal):
-    """A state's g rises where a motion turns out to be dearer. Its entry on the list must not be lost."""
+    """A state's g rises where a motion turns out to be dearer. Its entry on the list must not be
+    lost.
+    """
     row, col = np.mgrid[:200, :200]
     hills = 0.5 * np.sin(row / 15.0 + seed) + 0.6 * np.cos(col / 17.0)
     made = fresh(with_rocks(hills.astype(np.float32), CELL_M, 0.12, seed), Vehicle(1.5, 1.2, 0.3))
@@ -340,18 +421,24 @@ def test_the_judges_of_motions_and_plans_can_fail(monkeypatch, planner):
     made = planner(dem, lazy=False)
     rock = np.where(np.arange(480).reshape(dem.shape) == 250, 0.4, dem)
     assert bodies.problem_with_motions(made, dem) is None
-    assert bodies.problem_with_motions(made, rock).kind.startswith("a motion that passes breaks belly")
-    made.state.grid.poses.codes[0, 0], made.state.grid.poses.codes[300, 3] = 9, 9000
+    assert bodies.problem_with_motions(made, rock).kind.startswith(
+        "a motion that passes breaks belly"
+    )
+    made.state.grid.poses.codes[0, 0] = 9
+    made.state.grid.poses.codes[300, 3] = 9000
     assert bodies.problem_with_motions(made, dem).kind == "T of a motion is another"
     made.state.grid.poses.codes[300, AXES] = FAILS
     monkeypatch.setattr(bodies, "T_ROUNDED", 1.0)
     assert bodies.problem_with_motions(made, dem).kind == "a code of motions of kind 1 is another"
-    plan, stands = planner(dem).plan((8, 6), (8, 12), method="astar"), np.ones(dem.shape, bool)
+    plan = planner(dem).plan((8, 6), (8, 12), method="astar")
+    stands = np.ones(dem.shape, bool)
     priced = bodies.priced(planner(dem), OMEGA)
     assert bodies.problem_with_plan(plan, priced, stands, (8, 6), (8, 12), True) is None
     priced.legs[8, 9, 4] = np.inf
     found = bodies.problem_with_plan(plan, priced, stands, (8, 6), (8, 12), True)
-    assert found is not None and found.kind.startswith("a path with a leap, or through a motion that fails")
+    assert found is not None and found.kind.startswith(
+        "a path with a leap, or through a motion that fails"
+    )
 
 
 def test_what_is_driven_breaks_no_limit_between_the_cells(planner):
@@ -367,7 +454,8 @@ def test_what_is_driven_breaks_no_limit_between_the_cells(planner):
 
 SMALL = Vehicle(length_m=1.2, width_m=0.9, clearance_m=0.3, max_tilt_deg=30.0)
 LOW = Vehicle(length_m=1.5, width_m=1.2, clearance_m=0.05, max_step_m=0.04)
-START, GOAL = (128, 20), (128, 236)
+START = (128, 20)
+GOAL = (128, 236)
 
 
 def fresh(dem, vehicle=SMALL):
@@ -376,11 +464,13 @@ def fresh(dem, vehicle=SMALL):
 
 @pytest.mark.parametrize("method", ["dstar", "astar", "corridor-dstar", "nnpp-dstar", "auto"])
 def test_plans_on_a_changing_map_are_those_of_a_new_planner(method):
-    rng, (down, right) = np.random.default_rng(2), np.mgrid[:44, :44]
+    rng = np.random.default_rng(2)
+    down, right = np.mgrid[:44, :44]
     dem = (0.2 * np.sin(right / 6.0 + 2) * np.cos(down / 5.0)).astype(np.float32)
     for _ in range(21):
         dem[tuple(rng.integers(0, 44, 2))] += rng.uniform(0.05, 0.4)
-    at, goal = (7, 8), (36, 35)
+    at = (7, 8)
+    goal = (36, 35)
     planner = DynamicPlanner.of_elevation(dem, CELL_M, goal, method=method, vehicle=SMALL)
     for _ in range(6):
         planner.move(at)
@@ -395,7 +485,9 @@ def test_plans_on_a_changing_map_are_those_of_a_new_planner(method):
             assert planner.standing().valid
             at = tuple(plan.path[min(3, len(plan.path) - 1)].tolist())
             planner.move(at)
-        row, col = (int(n) for n in rng.integers(0, 38, 2))  # heights as they are, raised or lowered at random
+        row, col = (
+            int(n) for n in rng.integers(0, 38, 2)
+        )  # heights as they are, raised or lowered at random
         dem[row : row + 6, col : col + 6] += rng.choice([0.0, 0.3, -0.2]) * rng.random((6, 6))
         planner.update_elevation(row, col, dem[row : row + 6, col : col + 6])
         if plan.ok:
@@ -403,47 +495,67 @@ def test_plans_on_a_changing_map_are_those_of_a_new_planner(method):
             begin = path.index(list(at))
             priced = bodies.priced(fresh(dem), OMEGA)
             before = pose_oracles.path_cost(priced, path[max(begin - 1, 0) :])
-            standing, now = planner.standing(), fresh(dem).plan(at, goal, method="astar")
+            standing = planner.standing()
+            now = fresh(dem).plan(at, goal, method="astar")
             if standing.valid:
-                rest = before - (pose_oracles.path_cost(priced, path[begin - 1 : begin + 1]) if begin else 0.0)
+                rest = before - (
+                    pose_oracles.path_cost(priced, path[begin - 1 : begin + 1]) if begin else 0.0
+                )
                 assert standing.cost == pytest.approx(rest, rel=1e-5)
                 assert not now.ok or standing.lower_bound <= now.cost * (1.0 + 1e-5)
 
 
 @pytest.fixture(scope="module")
 def gaps():
-    """A wall of rocks that a body cannot see through means: gaps too narrow for it in front, a wide one aside."""
+    """A wall of rocks that a body cannot see through means: gaps too narrow for it in front, a wide
+    one aside.
+    """
     dem = np.zeros((256, 256), np.float32)
     dem[::4, 128] = 0.06  # a post in each block: cheap on average, and no body gets between two
     dem[20:44, 128] = 0.0
     return dem
 
 
-def test_where_no_pose_passes_the_links_are_closed_and_the_next_region_leads_around(gaps, monkeypatch):
-    closed, close = [], CoarseLevel.close_dead_ends
+def test_where_no_pose_passes_the_links_are_closed_and_the_next_region_leads_around(
+    gaps, monkeypatch
+):
+    closed = []
+    close = CoarseLevel.close_dead_ends
     monkeypatch.setattr(
-        CoarseLevel, "close_dead_ends", lambda self, *given: closed.append(close(self, *given)) or closed[-1]
+        CoarseLevel,
+        "close_dead_ends",
+        lambda self, *given: closed.append(close(self, *given)) or closed[-1],
     )
     exact = fresh(gaps, LOW).plan(START, GOAL, method="astar")
     planner = Planner.of_elevation(gaps, CELL_M, vehicle=LOW, warn=False)
     plan = planner.plan(START, GOAL, method="corridor")
     assert exact.ok and plan.ok and plan.source in (Source.REGION, Source.WIDENED)
     assert any(closed) and plan.cost == pytest.approx(exact.cost, rel=0.01)
-    whole = Planner.of_elevation(gaps, CELL_M, vehicle=LOW, warn=False, lazy=False).state.pyramid.levels[1]
+    whole = Planner.of_elevation(
+        gaps, CELL_M, vehicle=LOW, warn=False, lazy=False
+    ).state.pyramid.levels[1]
     planner.state.grid.tiles.complete()
-    np.testing.assert_array_equal(planner.state.pyramid.levels[1].links, whole.links)  # opened again
+    np.testing.assert_array_equal(
+        planner.state.pyramid.levels[1].links, whole.links
+    )  # opened again
     moving = DynamicPlanner.of_elevation(gaps, CELL_M, GOAL, method="corridor-dstar", vehicle=LOW)
     moving.move(START)
-    assert moving.replan().ok  # what D* Lite reached is not in the memory by which dead ends are found
+    assert (
+        moving.replan().ok
+    )  # what D* Lite reached is not in the memory by which dead ends are found
 
 
 def test_closed_links_are_opened_again_and_set_no_landmarks(gaps):
     state = Planner.of_elevation(gaps, CELL_M, vehicle=LOW, warn=False, lazy=False).state
-    memory, coarse = Workspace(len(state.grid.weights)), CoarseLevel(state.pyramid.levels[1])
-    links, stamp = coarse.level.links.copy(), memory.next_stamp()
+    memory = Workspace(len(state.grid.weights))
+    coarse = CoarseLevel(state.pyramid.levels[1])
+    links = coarse.level.links.copy()
+    stamp = memory.next_stamp()
     memory.meta[1 : memory.meta.size // 2 : 2] = stamp << STAMP_SHIFT  # the upper half was reached
     everywhere = np.ones((2 * coarse.grid.rows, 2 * coarse.grid.cols), np.int32)
-    assert coarse.close_dead_ends(Region(everywhere, *state.pyramid.levels[0].quarters, 1), memory, state.shape)
+    assert coarse.close_dead_ends(
+        Region(everywhere, *state.pyramid.levels[0].quarters, 1), memory, state.shape
+    )
     assert (coarse.level.links != links).any() and not (coarse.level.links & ~links).any()
     for _ in range(20):
         coarse.search((0, 0), (31, 63), None, beyond=0.0)

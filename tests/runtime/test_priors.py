@@ -27,7 +27,9 @@ def test_prices_are_finite_and_go_by_relative_heights_alone(name, limits):
     assert prices.dtype == np.float32 and prices.shape == dem.shape
     assert ((prices >= 0.0) & (prices <= MOST_PRICE)).all()
     assert (prices[10:14, 20:30] == MOST_PRICE).all()
-    assert prices_by(name, dem + np.float32(512.0), limits, 160.0, 8) == pytest.approx(prices, abs=0.02)
+    assert prices_by(name, dem + np.float32(512.0), limits, 160.0, 8) == pytest.approx(
+        prices, abs=0.02
+    )
 
 
 def test_steeper_blocks_cost_more_and_the_map_may_be_turned():
@@ -36,7 +38,9 @@ def test_steeper_blocks_cost_more_and_the_map_may_be_turned():
     steep = np.hypot(*np.gradient(dem))
     assert np.corrcoef(steep.ravel(), prices.ravel())[0, 1] > 0.7
     turned = np.ascontiguousarray(np.rot90(dem))
-    assert prices_by("slope", turned, LIMIT20, 160.0, 8) == pytest.approx(np.rot90(prices), abs=1e-4)
+    assert prices_by("slope", turned, LIMIT20, 160.0, 8) == pytest.approx(
+        np.rot90(prices), abs=1e-4
+    )
 
 
 def test_unknown_names_and_networks_of_another_kind_are_refused():

@@ -30,12 +30,15 @@ def search(level, start, goal):
 
 
 @given(st.integers(0, 2**32), st.sampled_from([0.1, 0.3, 0.5]), st.booleans(), st.booleans())
-def test_what_a_coarse_search_finds_can_be_walked_inside_the_cells_it_crosses(seed, blocked, corner_cutting, upper):
+def test_what_a_coarse_search_finds_can_be_walked_inside_the_cells_it_crosses(
+    seed, blocked, corner_cutting, upper
+):
     rng = np.random.default_rng(seed)
     cost = rng.random((64, 1030 if upper else 300)).astype(np.float32)
     cost[rng.random(cost.shape) < blocked] = np.inf
     fine, level = pyramid_of(cost, corner_cutting).levels[upper : upper + 2]
-    coarse, workspace = CoarseLevel(level), Workspace(len(fine.grid.weights))
+    coarse = CoarseLevel(level)
+    workspace = Workspace(len(fine.grid.weights))
     a, b = (int(node) for node in rng.choice(np.flatnonzero(level.pieces), 2))
     ends = [level.grid.cell(node) for node in (a, b)]
     found = coarse.search(*ends[::-1], None, beyond=0.0)
@@ -49,14 +52,23 @@ def test_what_a_coarse_search_finds_can_be_walked_inside_the_cells_it_crosses(se
     assert astar(fine.grid, *walk, workspace, region=region, links=fine.links).status is Status.OK
 
 
-@given(st.integers(0, 2**32), st.sampled_from([0.0, 0.1, 0.4]), st.sampled_from([0.003, 0.03, 0.3]), st.booleans())
-def test_the_band_is_every_coarse_cell_on_a_path_that_costs_little_more(seed, blocked, band, with_landmarks):
+@given(
+    st.integers(0, 2**32),
+    st.sampled_from([0.0, 0.1, 0.4]),
+    st.sampled_from([0.003, 0.03, 0.3]),
+    st.booleans(),
+)
+def test_the_band_is_every_coarse_cell_on_a_path_that_costs_little_more(
+    seed, blocked, band, with_landmarks
+):
     rng = np.random.default_rng(seed)
     cost = rng.random((120, 90)).astype(np.float32) * 0.9
     cost[rng.random(cost.shape) < blocked] = np.inf
     fine, level = pyramid_of(cost).levels[:2]
     coarse, grid, scratch = CoarseLevel(level), level.grid, Workspace(len(level.grid.weights))
-    ends = [grid.cell(int(node)) for node in rng.choice(np.flatnonzero(np.isfinite(grid.weights)), 2)]
+    ends = [
+        grid.cell(int(node)) for node in rng.choice(np.flatnonzero(np.isfinite(grid.weights)), 2)
+    ]
     fields = []
     for end in ends:
         settle_all(grid, end, scratch, level.links)
@@ -75,7 +87,9 @@ def test_the_band_is_every_coarse_cell_on_a_path_that_costs_little_more(seed, bl
     through = fields[0] + fields[1]
     limit = (1.0 + band) * fields[0][ends[1]]
     assert inside[tuple(found.path.T)].all()
-    past_the_start = fields[1] > (fields[0] + fields[0][ends[1]]) * (1 - 1e-5)  # the way from there leads through it
+    past_the_start = fields[1] > (fields[0] + fields[0][ends[1]]) * (
+        1 - 1e-5
+    )  # the way from there leads through it
     assert inside[(through < limit * (1 - 1e-4)) & ~past_the_start].all()
     assert (through[inside] <= limit * (1 + 1e-4) + 1e-6).all()
 
@@ -123,7 +137,9 @@ def assert_same_levels(pyramid, other):
             np.testing.assert_array_equal(ours.links, theirs.links)
             if (steps := ours.grid.directed) is not None:
                 np.testing.assert_allclose(steps.edges(), theirs.grid.directed.edges(), rtol=1e-5)
-                np.testing.assert_allclose(steps.backwards, theirs.grid.directed.backwards, rtol=1e-5)
+                np.testing.assert_allclose(
+                    steps.backwards, theirs.grid.directed.backwards, rtol=1e-5
+                )
 
 
 def test_a_coarse_weight_is_the_mean_with_walls_as_obstacles():
@@ -136,14 +152,19 @@ def test_a_coarse_weight_is_the_mean_with_walls_as_obstacles():
 
 
 @pytest.mark.parametrize(("side", "wanted_landmarks"), [(256, 4), (12, 3)])
-def test_a_level_that_is_searched_often_gets_landmarks_until_the_map_changes(side, wanted_landmarks):
+def test_a_level_that_is_searched_often_gets_landmarks_until_the_map_changes(
+    side, wanted_landmarks
+):
     cost = np.random.default_rng(4).random((side, side)).astype(np.float32) * 0.9
     cost[:, 8:] = np.inf if side == 12 else cost[:, 8:]
-    state, start, goal = state_of(cost), (side - 2, 0), (1, 7 if side == 12 else side - 2)
+    state = state_of(cost)
+    start = (side - 2, 0)
+    goal = (1, 7 if side == 12 else side - 2)
     searcher = AStarSearcher(state)
     coarse_to_fine = CoarseToFine(state, searcher.workspace)
     coarse = coarse_to_fine.coarse_levels[0]
-    query, top = Query(start, goal), 1
+    query = Query(start, goal)
+    top = 1
 
     def cost_of_corridor():
         found = coarse_to_fine.find(query, Work(), searcher, top, None, CORRIDOR, Source.REGION)
@@ -178,7 +199,8 @@ def test_updating_heights_equals_building_anew():
     dem = (0.3 * rng.random((40, 1030))).astype(np.float32)
     planner = Planner.of_elevation(dem, 1.0, warn=False, step_cost="tobler")
     for _ in range(4):
-        row, col = int(rng.integers(30)), int(rng.integers(1000))
+        row = int(rng.integers(30))
+        col = int(rng.integers(1000))
         dem[row : row + 9, col : col + 30] += 3.0 * rng.random((9, 30)).astype(np.float32)
         planner.update_elevation(row, col, dem[row : row + 9, col : col + 30])
         anew = Planner.of_elevation(dem, 1.0, warn=False, step_cost="tobler")

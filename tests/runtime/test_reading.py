@@ -62,7 +62,11 @@ def test_a_folder_that_may_not_be_entered_is_told(tmp_path, monkeypatch):
 
     monkeypatch.setattr(os, "stat", guarded(os.stat))
     monkeypatch.setattr(Path, "stat", guarded(Path.stat))
-    for read, kind in ((read_dem, TerrainError), (model_path, ModelError), (read_profile, ProfileError)):
+    for read, kind in (
+        (read_dem, TerrainError),
+        (model_path, ModelError),
+        (read_profile, ProfileError),
+    ):
         with pytest.raises(kind, match="Permission denied"):
             read("secret/file")
 
@@ -77,7 +81,9 @@ def test_a_file_is_read_up_to_a_limit(tmp_path):
 def test_what_is_sound_is_parsed_and_a_reason_is_short_however_much_of_a_file_it_quotes():
     assert parse("[1, [2]]") == [1, [2]]
     assert parse("a = 1", tomllib.loads) == {"a": 1}
-    assert reason(ValueError(f"the header\n{b'x' * 70_000!r} differs")).startswith("the header b'xxx")
+    assert reason(ValueError(f"the header\n{b'x' * 70_000!r} differs")).startswith(
+        "the header b'xxx"
+    )
     assert len(reason(ValueError("x" * 70_000))) < 500
 
 

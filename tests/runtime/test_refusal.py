@@ -1,4 +1,6 @@
-"""Why a body stands nowhere or gets no farther: named is the limit that the ground was made to break."""
+"""Why a body stands nowhere or gets no farther: named is the limit that the ground was made to
+break.
+"""
 
 import math
 import re
@@ -12,7 +14,14 @@ from nnpp_edge.runtime.errors import InvalidQueryError
 from nnpp_edge.runtime.kernels.poses import AXES, FAILS, REFUSALS
 from nnpp_edge.runtime.map.refusal import refusals
 
-ROVER = Vehicle(length_m=1.2, width_m=0.9, clearance_m=0.3, max_tilt_deg=20.0, max_step_m=0.2, wheel_length_m=0.3)
+ROVER = Vehicle(
+    length_m=1.2,
+    width_m=0.9,
+    clearance_m=0.3,
+    max_tilt_deg=20.0,
+    max_step_m=0.2,
+    wheel_length_m=0.3,
+)
 CELL_M = 0.3
 UNKNOWN = "unknown ground, an obstacle or the map's edge lies below it"
 
@@ -40,20 +49,40 @@ STONES[::2, 24] = 0.36
             "pitch",
             "it pitches by up to .* max_pitch_deg is 10",
         ),
-        (across(STEP), {}, "step", "heights under a wheel differ by up to 0.2.* m, and max_step_m is 0.2"),
-        (across(STEP), {"max_step_m": None, "clearance_m": 0.2}, "step", "under a wheel .* and clearance_m is 0.2"),
-        (STONES, {"max_step_m": 0.5}, "belly", "above the plane of its wheels, and clearance_m is 0.3"),
+        (
+            across(STEP),
+            {},
+            "step",
+            "heights under a wheel differ by up to 0.2.* m, and max_step_m is 0.2",
+        ),
+        (
+            across(STEP),
+            {"max_step_m": None, "clearance_m": 0.2},
+            "step",
+            "under a wheel .* and clearance_m is 0.2",
+        ),
+        (
+            STONES,
+            {"max_step_m": 0.5},
+            "belly",
+            "above the plane of its wheels, and clearance_m is 0.3",
+        ),
     ],
 )
 def test_without_a_path_the_limit_that_refuses_is_named(ground, changes, limit, words):
     vehicle = replace(ROVER, **changes)
     dynamic = DynamicPlanner.of_elevation(ground, CELL_M, (20, 40), vehicle=vehicle)
     dynamic.move((20, 8))
-    for plan in (Planner.of_elevation(ground, CELL_M, vehicle=vehicle).plan((20, 8), (20, 40)), dynamic.replan()):
+    for plan in (
+        Planner.of_elevation(ground, CELL_M, vehicle=vehicle).plan((20, 8), (20, 40)),
+        dynamic.replan(),
+    ):
         assert plan.status == "NO_PATH"
         told = re.fullmatch(
-            r"no path exists on the known map; the search from the goal got to \(20, (\d+)\), (\d+) cells from the "
-            rf"start\. Near there (\d+) of (\d+) refused steps fail by {limit}, such as from \(\d+, \1\) .*{words}",
+            r"no path exists on the known map; the search from the goal got to \(20, (\d+)\), "
+            r"(\d+) cells from the "
+            rf"start\. Near there (\d+) of (\d+) refused steps fail by {limit}, such as from "
+            rf"\(\d+, \1\) .*{words}",
             plan.reason,
         )
         assert told, plan.reason
@@ -63,7 +92,9 @@ def test_without_a_path_the_limit_that_refuses_is_named(ground, changes, limit, 
 def test_where_the_body_cannot_turn_into_the_way_on_that_is_said():
     crossing = np.full((61, 61), np.nan, np.float32)
     crossing[27:34] = crossing[:, 27:34] = 0.0
-    planner = Planner.of_elevation(crossing, CELL_M, vehicle=replace(ROVER, length_m=3.0, width_m=0.6))
+    planner = Planner.of_elevation(
+        crossing, CELL_M, vehicle=replace(ROVER, length_m=3.0, width_m=0.6)
+    )
     assert planner.plan((30, 10), (30, 50)).ok and planner.plan((10, 30), (50, 30)).ok
     reason = planner.plan((30, 10), (50, 30)).reason
     assert "; the search from the start got to (30, 30), 20 cells from the goal. " in reason
@@ -77,7 +108,8 @@ def test_a_cell_where_it_stands_in_no_heading_is_refused_with_the_limit():
         (
             (20, 20),
             (20, 30),
-            "start (20, 20) is impassable: in any heading it tilts by 25° or more, and max_tilt_deg is 20",
+            "start (20, 20) is impassable: in any heading it tilts by 25° or more, and "
+            "max_tilt_deg is 20",
         ),
         ((0, 20), (20, 30), f"start (0, 20) is impassable: in any heading {UNKNOWN}"),
     ):
@@ -87,8 +119,11 @@ def test_a_cell_where_it_stands_in_no_heading_is_refused_with_the_limit():
 
 def test_explain_gives_each_limit_beside_its_allowance():
     slope = across(np.arange(48) * CELL_M * math.tan(math.radians(15.0)))
-    dynamic = DynamicPlanner.of_elevation(slope, CELL_M, (20, 40), vehicle=replace(ROVER, max_roll_deg=12.0))
-    along, side = dynamic.explain((20, 20), 90.0), dynamic.explain((20, 20), 0)
+    dynamic = DynamicPlanner.of_elevation(
+        slope, CELL_M, (20, 40), vehicle=replace(ROVER, max_roll_deg=12.0)
+    )
+    along = dynamic.explain((20, 20), 90.0)
+    side = dynamic.explain((20, 20), 0)
     assert (along.ok, along.refused_by, side.ok, side.refused_by) == (True, None, False, "roll")
     assert along.pitch_deg == pytest.approx((15.0, 20.0), abs=1e-3)
     assert side.roll_deg == pytest.approx((15.0, 12.0), abs=1e-3)
@@ -96,7 +131,12 @@ def test_explain_gives_each_limit_beside_its_allowance():
     assert "  roll      15.0°, at most 12.0°   too much" in str(side).splitlines()
     point = Planner(np.full((9, 9), 0.2, np.float32))
     for planner, cell, heading, words in (
-        (point, (2, 2), 0.0, "wanted a vehicle with length, width and clearance on a map of elevations"),
+        (
+            point,
+            (2, 2),
+            0.0,
+            "wanted a vehicle with length, width and clearance on a map of elevations",
+        ),
         (dynamic, (40, 2), 0.0, "map of 40 × 48"),
         (dynamic, (2, 2), math.nan, "heading_deg"),
         (dynamic, (2, 2), "north", "heading_deg"),
@@ -111,4 +151,6 @@ def test_ground_where_it_stands_nowhere_is_told_apart_by_the_limit_that_refuses_
     codes = np.full((AXES, 1, 3), FAILS + REFUSALS.index("belly"), np.uint16)
     codes[:5, 0, 1] = FAILS + REFUSALS.index("tilt")
     codes[7, 0, 2] = 1
-    assert refusals(codes).tolist() == [[1 + REFUSALS.index("belly"), 1 + REFUSALS.index("tilt"), 0]]
+    assert refusals(codes).tolist() == [
+        [1 + REFUSALS.index("belly"), 1 + REFUSALS.index("tilt"), 0]
+    ]

@@ -1,9 +1,11 @@
-"""What the shipped network `edge` answers, on sample maps: bounds that a turned, mirrored or clipped answer breaks.
+"""What the shipped network `edge` answers, on sample maps: bounds that a turned, mirrored or
+clipped answer breaks.
 
-Measured on 64 queries, in brackets for an answer turned by 180°, mirrored, and with the ranges of int8 halved:
-probability along the optimal path 0.71 (0.03, 0.17, 0.67); share of the map in the region 0.12 (0.88, 0.72, 0.11);
-share of the optimal path inside it 0.82 (0.91, 0.96, 0.76); mean gap 0.29 % (0.77, 0.48, 0.64 %); mean difference
-from the file before quantisation 0.0012 (0.20, 0.16, 0.03).
+Measured on 64 queries, in brackets for an answer turned by 180°, mirrored, and with the ranges of
+int8 halved: probability along the optimal path 0.71 (0.03, 0.17, 0.67); share of the map in the
+region 0.12 (0.88, 0.72, 0.11); share of the optimal path inside it 0.82 (0.91, 0.96, 0.76); mean
+gap 0.29 % (0.77, 0.48, 0.64 %); mean difference from the file before quantisation 0.0012 (0.20,
+0.16, 0.03).
 """
 
 from typing import NamedTuple
@@ -38,7 +40,8 @@ class Answer(NamedTuple):
 
 @pytest.fixture(scope="module")
 def answers():
-    rng, found = np.random.default_rng(1), []
+    rng = np.random.default_rng(1)
+    found = []
     networks = NetworkModel("edge"), NetworkModel(model_path("edge").with_name("edge-fp32.onnx"))
     for name, corner in MAPS:
         dem = sample_dem(name)
@@ -47,14 +50,21 @@ def answers():
             cost = traversability_cost(heights, dem.cell_size_m, workload(limits), warn=False)
             planner = Planner(cost, model=networks[0], ask_from=0)
             views = [MapView(planner.state, network) for network in networks]
-            passable, wanted = np.argwhere(cost < 1.0), len(found) + QUERIES
+            passable = np.argwhere(cost < 1.0)
+            wanted = len(found) + QUERIES
             while len(found) < wanted:
-                start, goal = (tuple(passable[at].tolist()) for at in rng.integers(len(passable), size=2))
+                start, goal = (
+                    tuple(passable[at].tolist()) for at in rng.integers(len(passable), size=2)
+                )
                 exact = planner.plan(start, goal, method="astar")
                 if max(abs(start[0] - goal[0]), abs(start[1] - goal[1])) < 80 or not exact.ok:
                     continue
-                ours, before = (view.network.answer(*view.show(start, goal)).copy() for view in views)
-                blocks = tuple(lookup[at] for lookup, at in zip(views[0].lookup, exact.path.T, strict=True))
+                ours, before = (
+                    view.network.answer(*view.show(start, goal)).copy() for view in views
+                )
+                blocks = tuple(
+                    lookup[at] for lookup, at in zip(views[0].lookup, exact.path.T, strict=True)
+                )
                 plan = planner.plan(start, goal, method="nnpp", keep_regions=True)
                 found.append(Answer(ours, before, blocks, exact, plan))
     return found
@@ -74,7 +84,9 @@ def test_probable_is_where_the_optimal_path_lies(answers):
 def test_the_first_region_is_small_and_holds_most_of_the_optimal_path(answers):
     regions = [each.plan.network_region.mask() for each in answers]
     assert np.mean([mask.mean() for mask in regions]) < 0.25
-    inside = [mask[tuple(each.exact.path.T)].mean() for mask, each in zip(regions, answers, strict=True)]
+    inside = [
+        mask[tuple(each.exact.path.T)].mean() for mask, each in zip(regions, answers, strict=True)
+    ]
     assert np.mean(inside) > 0.79
     gaps = [each.plan.cost / each.exact.cost - 1.0 for each in answers]
     assert np.mean(gaps) < 0.0045 and max(gaps) < 0.08
@@ -85,4 +97,10 @@ def test_int8_answers_as_the_network_did_before(answers):
     assert shipped.metadata.precision == "int8" and shipped.path.stat().st_size <= 3e6
     apart = [np.abs(each.probability - each.unquantised) for each in answers]
     assert np.mean(apart) < 0.005 and np.max(apart) < 0.25
-    assert min(np.corrcoef(each.probability.ravel(), each.unquantised.ravel())[0, 1] for each in answers) > 0.99
+    assert (
+        min(
+            np.corrcoef(each.probability.ravel(), each.unquantised.ravel())[0, 1]
+            for each in answers
+        )
+        > 0.99
+    )

@@ -1,8 +1,10 @@
-"""The shipped network `unseen`, on a sample map: bounds that turned, mirrored, shuffled or halved answers break.
+"""The shipped network `unseen`, on a sample map: bounds that turned, mirrored, shuffled or halved
+answers break.
 
-Measured, errors of prices under `soft` and `limit20`: 0.029 and 0.24; by the slope 0.064 and 0.82; answers turned
-0.45 and 2.1, mirrored 0.52 and 2.0, halved 0.21 and 1.0, weights shuffled 1.3 and 2.1. Inputs with the two slopes
-swapped 0.053 and 0.39, one of them mirrored 0.060 and 0.40, all halved 0.12 and 0.54.
+Measured, errors of prices under `soft` and `limit20`: 0.029 and 0.24; by the slope 0.064 and 0.82;
+answers turned 0.45 and 2.1, mirrored 0.52 and 2.0, halved 0.21 and 1.0, weights shuffled 1.3 and
+2.1. Inputs with the two slopes swapped 0.053 and 0.39, one of them mirrored 0.060 and 0.40, all
+halved 0.12 and 0.54.
 """
 
 import numpy as np
@@ -27,7 +29,8 @@ FAULTS = {
 def test_prices_are_near_the_truth_and_no_fault_is_as_near(name, most):
     dem = sample_dem("moon_highlands").rescaled(20.0)
     site = Site(dem.elevation, dem.cell_size_m, workload(name), factor=8)
-    truth, prices = site.truth(), site.prices("network")
+    truth = site.truth()
+    prices = site.prices("network")
 
     def error(prices):
         return np.sqrt(((prices - truth) ** 2).mean())

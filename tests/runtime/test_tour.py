@@ -1,4 +1,6 @@
-"""Paths by way of several places: legs, the best order by brute force, and what cannot be joined."""
+"""Paths by way of several places: legs, the best order by brute force, and what cannot be
+joined.
+"""
 
 import itertools
 import math
@@ -38,7 +40,9 @@ def cheapest_order(between):
 def test_the_best_order_of_exact_paths_is_that_of_all_orders_tried(seed, count):
     cost, stops = map_with_stops(seed, count)
     between = [[oracles.dijkstra(cost, a)[b] for b in stops] for a in stops]
-    found = Planner(cost).plan_via(stops[0], stops[-1], stops[1:-1], best_order=True, method="astar")
+    found = Planner(cost).plan_via(
+        stops[0], stops[-1], stops[1:-1], best_order=True, method="astar"
+    )
     if not np.isfinite(between).all():
         assert found.plan.status is Status.NO_PATH and "leg" in found.plan.reason
         return
@@ -92,9 +96,12 @@ def test_a_tour_leads_through_its_stops_and_costs_what_its_steps_cost(method):
         assert sum(legs) == pytest.approx(found.plan.cost)
 
 
-def test_where_a_path_costs_the_same_both_ways_each_two_places_are_planned_between_once_at_most(monkeypatch):
+def test_where_a_path_costs_the_same_both_ways_each_two_places_are_planned_between_once_at_most(
+    monkeypatch,
+):
     cost, stops = map_with_stops(5, 8, side=64, blocked=0.1)
-    planner, asked = Planner(cost), []
+    planner = Planner(cost)
+    asked = []
 
     def leg(begin, end):
         asked.append({begin, end})
@@ -105,14 +112,17 @@ def test_where_a_path_costs_the_same_both_ways_each_two_places_are_planned_betwe
 
     monkeypatch.setattr(planner.state.grid, "least_cost", at_least)
     found = tour(leg, stops, planner.state.grid, best_order=True)
-    assert len(asked) == len(set(map(frozenset, asked))) < 8 * 7 // 2 - 1, "and not all that might be"
+    assert len(asked) == len(set(map(frozenset, asked))) < 8 * 7 // 2 - 1, (
+        "and not all that might be"
+    )
     assert oracles.path_problem(found.plan.path, cost, stops[0], stops[-1]) == ""
     assert found.plan.cost == pytest.approx(oracles.path_cost(found.plan.path, cost), rel=1e-5)
 
 
 def test_only_the_legs_that_are_taken_are_finished_and_the_tour_is_made_of_what_they_became():
     cost, stops = map_with_stops(5, 6, side=40, blocked=0.0)
-    planner, finished = Planner(cost), []
+    planner = Planner(cost)
+    finished = []
 
     def finish(leg):
         finished.append((tuple(leg.path[0]), tuple(leg.path[-1])))
@@ -129,9 +139,14 @@ def test_a_leg_that_has_no_path_is_named_and_places_that_are_none_are_refused_by
     cost[:, 20] = np.inf
     planner = Planner(cost)
     for method, best_order in itertools.product(("astar", "corridor"), (False, True)):
-        found = planner.plan_via((1, 1), (30, 5), [(5, 5), (9, 30)], method=method, best_order=best_order)
+        found = planner.plan_via(
+            (1, 1), (30, 5), [(5, 5), (9, 30)], method=method, best_order=best_order
+        )
         assert found.plan.status is Status.NO_PATH and not len(found.plan.path)
-        assert found.plan.reason == "leg 2 of 3, from (5, 5) to (9, 30): no path exists on the known map"
+        assert (
+            found.plan.reason
+            == "leg 2 of 3, from (5, 5) to (9, 30): no path exists on the known map"
+        )
         assert found.plan.cost == math.inf and [leg.ok for leg in found.legs] == [True, False]
         for via, words in (
             ([(2, 2), (7, 20)], r"via 2, \(7, 20\), is impassable"),
@@ -148,7 +163,8 @@ def test_without_places_a_tour_is_a_plan_and_more_than_a_dozen_are_visited_in_th
     planner = Planner(np.full((5, 40), 0.1, np.float32))
     found = planner.plan_via((2, 0), (2, 39), [(2, 10), (2, 20), (2, 30)], best_order=True)
     assert found.order == (0, 1, 2) and found.plan.cost == pytest.approx(found.given_cost)
-    found, plan = planner.plan_via((0, 0), (0, 39), [], best_order=True), planner.plan((0, 0), (0, 39))
+    found = planner.plan_via((0, 0), (0, 39), [], best_order=True)
+    plan = planner.plan((0, 0), (0, 39))
     assert found.plan.cost == plan.cost and found.plan.reason == plan.reason
     stops = [(at % 5, 2 * at + 1) for at in range(13)]
     assert planner.plan_via((0, 0), (0, 39), stops).plan.ok

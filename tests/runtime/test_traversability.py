@@ -1,4 +1,6 @@
-"""Eq. 1, of whole maps and where a search looks. Many more maps are tried by `tests.fuzz.elevations`."""
+"""Eq. 1, of whole maps and where a search looks. Many more maps are tried by
+`tests.fuzz.elevations`.
+"""
 
 import copy
 import math
@@ -24,12 +26,18 @@ from tests.fuzz import elevations
 
 @st.composite
 def dems(draw):
-    """Small maps, and every fifth time one of rows long enough to be computed several cells at once."""
+    """Small maps, and every fifth time one of rows long enough to be computed several cells at
+    once.
+    """
     shape = draw(st.sampled_from([(9, 9)] * 4 + [(5, 120)]))
     shape = tuple(draw(st.integers(1, most)) for most in shape)
     rng = np.random.default_rng(draw(st.integers(0, 2**32)))
-    dem = rng.normal(draw(st.sampled_from([0.0, -5000.0])), draw(st.sampled_from([0.05, 1.0, 30.0])), shape)
-    dem[rng.random(shape) < draw(st.sampled_from([0.0, 0.02, 0.2, 0.6]))] = draw(st.sampled_from([np.nan, np.inf]))
+    dem = rng.normal(
+        draw(st.sampled_from([0.0, -5000.0])), draw(st.sampled_from([0.05, 1.0, 30.0])), shape
+    )
+    dem[rng.random(shape) < draw(st.sampled_from([0.0, 0.02, 0.2, 0.6]))] = draw(
+        st.sampled_from([np.nan, np.inf])
+    )
     return dem.astype(np.float32)
 
 
@@ -43,13 +51,22 @@ LIMITS = [
 
 
 @given(
-    dems(), st.sampled_from(LIMITS), st.sampled_from([(1.0, 1.0), (20.0, 20.0), (2.0, 1.7)]), st.sampled_from("fdFTs")
+    dems(),
+    st.sampled_from(LIMITS),
+    st.sampled_from([(1.0, 1.0), (20.0, 20.0), (2.0, 1.7)]),
+    st.sampled_from("fdFTs"),
 )
 def test_the_cost_equals_the_oracles_whatever_the_layout(dem, limits, cell, layout):
     if layout not in "fF":
         dem = dem.astype(np.float64)
-    given = {"F": np.asfortranarray(dem), "T": np.ascontiguousarray(dem.T).T, "s": np.repeat(dem, 2, 1)[:, ::2]}
-    found = traversability_cost(given.get(layout, dem), cell[0], limits, cell_width_m=cell[1], warn=False)
+    given = {
+        "F": np.asfortranarray(dem),
+        "T": np.ascontiguousarray(dem.T).T,
+        "s": np.repeat(dem, 2, 1)[:, ::2],
+    }
+    found = traversability_cost(
+        given.get(layout, dem), cell[0], limits, cell_width_m=cell[1], warn=False
+    )
     wanted = oracles.traversability(dem, *cell, limits)
     assert found.dtype == np.float32
     near_a_limit = np.isfinite(found) != np.isfinite(wanted)
@@ -58,7 +75,9 @@ def test_the_cost_equals_the_oracles_whatever_the_layout(dem, limits, cell, layo
     np.testing.assert_allclose(found[known], wanted[known], atol=2e-5)
 
 
-def test_heights_in_float64_keep_their_millimetres_and_large_maps_are_computed_in_bands_that_meet(monkeypatch):
+def test_heights_in_float64_keep_their_millimetres_and_large_maps_are_computed_in_bands_that_meet(
+    monkeypatch,
+):
     dem = np.random.default_rng(1).normal(0.0, 0.05, (70, 90))
     low = traversability_cost(dem, 1.0, warn=False)
     np.testing.assert_allclose(traversability_cost(dem + 2.0**23, 1.0, warn=False), low, atol=1e-5)
@@ -79,7 +98,9 @@ def test_by_hand_a_plane_costs_its_slope_a_spike_steps_and_unknown_cells_are_imp
     _, roughness, step = terrain_terms(dem, 1.0)
     assert step[2, 2] == pytest.approx(0.08, rel=1e-5)
     assert roughness[2, 2] == pytest.approx(math.sqrt((0.08**2 + 8 * 0.01**2) / 9), rel=1e-5)
-    dem[2, 2], dem[4, 4], dem[0, 0] = 0.0, np.nan, np.inf
+    dem[2, 2] = 0.0
+    dem[4, 4] = np.nan
+    dem[0, 0] = np.inf
     assert np.argwhere(np.isinf(traversability_cost(dem, 1.0))).tolist() == [[0, 0], [4, 4]]
     ragged = np.where(np.indices((6, 6)).sum(axis=0) % 3 == 0, 50.0, 0.0).astype(np.float32)
     assert np.isinf(traversability_cost(ragged, 1.0, warn=False)).any()
@@ -90,7 +111,10 @@ def test_more_than_half_saturated_is_said_by_term():
     with pytest.warns(SaturationWarning) as caught:
         traversability_cost(rough, 20.0)
     (told,) = caught
-    assert "raise roughness_limit_m and step_limit_m (" in str(told.message) and told.filename == __file__
+    assert (
+        "raise roughness_limit_m and step_limit_m (" in str(told.message)
+        and told.filename == __file__
+    )
     with warnings.catch_warnings():
         warnings.simplefilter("error")
         traversability_cost(rough, 20.0, Traversability(step_limit_m=20, roughness_limit_m=20))
@@ -127,14 +151,18 @@ def test_heights_relative_to_a_base_stay_so_in_patches():
 
 def test_a_saturated_map_warns_once_it_arrives():
     with pytest.warns(SaturationWarning, match="raise slope_limit_deg") as caught:
-        Planner.of_elevation(HILLS * 100.0, 1.0, Traversability(step_limit_m=1e6, roughness_limit_m=1e6))
+        Planner.of_elevation(
+            HILLS * 100.0, 1.0, Traversability(step_limit_m=1e6, roughness_limit_m=1e6)
+        )
     assert caught[0].filename == __file__
 
 
 @pytest.mark.filterwarnings("ignore:the network edge was trained for omega")
 @pytest.mark.parametrize("seed", [1795346114005736, 1795346114009973, 1795346114008315])
 def test_what_is_computed_does_not_depend_on_what_was_there_before(seed):
-    """Three coarse levels; a patch in tiles that are pooled and not yet linked; costs that weigh nothing."""
+    """Three coarse levels; a patch in tiles that are pooled and not yet linked; costs that weigh
+    nothing.
+    """
     assert elevations.check(elevations.generate(random.Random(f"elevations {seed}"))) is None
 
 

@@ -12,14 +12,18 @@ from nnpp_edge.runtime.terrain.traversability import traversability_cost
 from nnpp_edge.runtime.tuning import MOST_PRICE
 from nnpp_edge.terrain.synthetic import synthetic_terrain
 
-FACTOR, CELL_M = 8, 20.0
+FACTOR = 8
+CELL_M = 20.0
 LIMITS = Traversability(hard_slope_deg=20.0)
 HEIGHTS = synthetic_terrain(np.random.default_rng(5), 128, CELL_M).astype(np.float32)
-START, GOAL = (4, 6), (120, 118)
+START = (4, 6)
+GOAL = (120, 118)
 
 
 def coarse(prior="slope", limits=LIMITS, **options):
-    means = HEIGHTS.reshape(16, FACTOR, 16, FACTOR).mean((1, 3), dtype=np.float64).astype(np.float32)
+    means = (
+        HEIGHTS.reshape(16, FACTOR, 16, FACTOR).mean((1, 3), dtype=np.float64).astype(np.float32)
+    )
     return Planner.of_coarse(means, FACTOR * CELL_M, FACTOR, limits, prior=prior, **options)
 
 
@@ -36,23 +40,33 @@ def patches(rng, count):
 
 
 def test_a_map_of_which_all_cells_were_seen_is_one_of_elevations():
-    seen, known = coarse(), Planner.of_elevation(HEIGHTS, CELL_M, LIMITS, warn=False)
+    seen = coarse()
+    known = Planner.of_elevation(HEIGHTS, CELL_M, LIMITS, warn=False)
     seen.plan(START, GOAL)
     for row, col, patch in patches(np.random.default_rng(0), 20):
         seen.update_elevation(row, col, patch)
     seen.update_elevation(0, 0, HEIGHTS)
     for method in ("astar", "corridor"):
         plan, other = (planner.plan(START, GOAL, method=method) for planner in (seen, known))
-        assert plan.path.tolist() == other.path.tolist() and plan.cost == other.cost and plan.known == len(plan.path)
+        assert (
+            plan.path.tolist() == other.path.tolist()
+            and plan.cost == other.cost
+            and plan.known == len(plan.path)
+        )
     assert np.array_equal(weights(seen), weights(known))
-    shut, blocks = np.isinf(weights(known)), seen.state.unseen
+    shut = np.isinf(weights(known))
+    blocks = seen.state.unseen
     assert blocks.share.min() == 1.0 and 0.0 < blocks.blocked.mean() < 1.0
-    assert blocks.blocked == pytest.approx(shut.reshape(16, FACTOR, 16, FACTOR).mean((1, 3)), abs=1e-6)
+    assert blocks.blocked == pytest.approx(
+        shut.reshape(16, FACTOR, 16, FACTOR).mean((1, 3)), abs=1e-6
+    )
 
 
 @pytest.mark.parametrize("seed", range(4))
 def test_what_is_known_does_not_depend_on_the_order_or_on_when_a_search_looked(seed):
-    rng, step_by_step, at_once = np.random.default_rng(seed), coarse(), coarse()
+    rng = np.random.default_rng(seed)
+    step_by_step = coarse()
+    at_once = coarse()
     for number, (row, col, patch) in enumerate(patches(rng, 12)):
         step_by_step.update_elevation(row, col, patch)
         if number % 3 == 0:
@@ -67,15 +81,23 @@ def test_what_is_known_does_not_depend_on_the_order_or_on_when_a_search_looked(s
 def test_where_nothing_was_seen_a_path_costs_by_the_prices_of_blocks(prior):
     planner = coarse(prior)
     prices = np.repeat(np.repeat(planner.state.unseen.layers[0], FACTOR, 0), FACTOR, 1)
-    assert prices.min() >= 0.0 and prices.max() <= MOST_PRICE and len(np.unique(prices)) > 20 * (prior != "mean")
+    assert (
+        prices.min() >= 0.0
+        and prices.max() <= MOST_PRICE
+        and len(np.unique(prices)) > 20 * (prior != "mean")
+    )
     scale = 2.0 * MOST_PRICE  # else the dearest would be impassable
     priced = Planner(prices / np.float32(scale), omega=scale * PAPER_OMEGA)
     exact, other = (each.plan(START, GOAL, method="astar") for each in (planner, priced))
     assert exact.cost == pytest.approx(other.cost, rel=1e-5)
     by_blocks = planner.plan(START, GOAL)
     assert by_blocks.known == exact.known == 0
-    assert np.abs(np.diff(by_blocks.path, axis=0)).max() == 1 and by_blocks.path[-1].tolist() == list(GOAL)
-    assert by_blocks.lower_bound <= exact.cost * (1.0 + 1e-6) and exact.cost <= by_blocks.cost * (1.0 + 1e-6)
+    assert np.abs(np.diff(by_blocks.path, axis=0)).max() == 1 and by_blocks.path[
+        -1
+    ].tolist() == list(GOAL)
+    assert by_blocks.lower_bound <= exact.cost * (1.0 + 1e-6) and exact.cost <= by_blocks.cost * (
+        1.0 + 1e-6
+    )
     assert by_blocks.cost <= 1.15 * exact.cost
 
 
@@ -84,14 +106,18 @@ def test_a_wall_of_unknown_blocks_is_dear_and_crossed_over_blocks():
     means[:, 50] = np.nan
     planner = Planner.of_coarse(means, FACTOR * CELL_M, FACTOR, LIMITS, prior="slope")
     plan = planner.plan(START, (400, 500))
-    assert plan.source == "region" and plan.expansions < means.size + 100 * FACTOR**2 < planner.shape[0] * 400
+    assert (
+        plan.source == "region"
+        and plan.expansions < means.size + 100 * FACTOR**2 < planner.shape[0] * 400
+    )
     planner.state.grid.complete()  # the search has read few of the cells beyond
     assert plan.cost == planner.state.grid.costs_of(plan.path)[0]
     assert plan.cost > FACTOR * (1.0 + 2.0 * MOST_PRICE * 255.0 * PAPER_OMEGA)
 
 
 def test_a_cell_weighs_by_its_own_heights_once_it_was_seen_and_the_path_says_how_far_it_is_known():
-    planner, grid = coarse(limits=Traversability()), slice(0, 40)
+    planner = coarse(limits=Traversability())
+    grid = slice(0, 40)
     planner.update_elevation(0, 0, HEIGHTS[grid, grid])
     costs = weights(planner) / (255.0 * PAPER_OMEGA)
     whole = traversability_cost(HEIGHTS, CELL_M, Traversability(), warn=False)
@@ -99,16 +125,22 @@ def test_a_cell_weighs_by_its_own_heights_once_it_was_seen_and_the_path_says_how
     assert costs[:39, :39] == pytest.approx(whole[:39, :39], abs=1e-6)
     assert costs[48:, 48:] == pytest.approx(prices[48:, 48:])
     plan = planner.plan((5, 5), GOAL)
-    assert 30 < plan.known < len(plan.path) and plan.path[plan.known - 1].max() < 40 <= plan.path[plan.known].max()
+    assert (
+        30 < plan.known < len(plan.path)
+        and plan.path[plan.known - 1].max() < 40 <= plan.path[plan.known].max()
+    )
     assert plan.rest(10).known == plan.known - 10
     assert planner.state.grid.costs_of(plan.path)[0] == plan.cost
 
 
 def test_a_slope_that_a_part_of_a_cell_s_neighbours_make_too_steep_does_not_shut_it():
-    planner, wall = coarse(), HEIGHTS.copy()
+    planner = coarse()
+    wall = HEIGHTS.copy()
     wall[:, 70:] += 500.0
     planner.update_elevation(0, 0, wall[:, :71])
-    assert np.isinf(weights(planner)[1:-1, 69]).all() and np.isfinite(weights(planner)[1:-1, 70]).all()
+    assert (
+        np.isinf(weights(planner)[1:-1, 69]).all() and np.isfinite(weights(planner)[1:-1, 70]).all()
+    )
     planner.update_elevation(0, 71, wall[:, 71:])
     assert np.isinf(weights(planner)[1:-1, 70]).all()
 
@@ -116,7 +148,8 @@ def test_a_slope_that_a_part_of_a_cell_s_neighbours_make_too_steep_does_not_shut
 def test_a_moving_planner_on_coarse_ground_takes_what_it_sees():
     moving = DynamicPlanner(coarse().state.unseen.ground, GOAL)
     moving.prepare()
-    at, unknown = START, []
+    at = START
+    unknown = []
     for _ in range(200):
         row, col = (max(cell - 12, 0) for cell in at)
         moving.update_elevation(row, col, HEIGHTS[row : at[0] + 13, col : at[1] + 13])
@@ -133,14 +166,17 @@ def test_a_moving_planner_on_coarse_ground_takes_what_it_sees():
 @pytest.mark.parametrize("turning", [{}, {"turning_radius_m": 60.0, "reverse_cost": 2.0}])
 def test_a_body_goes_by_prices_until_its_poses_are_known(turning):
     body = Vehicle(60.0, 40.0, 8.0, max_step_m=10.0, **turning)
-    planner, known = coarse(vehicle=body), Planner.of_elevation(HEIGHTS, CELL_M, LIMITS, vehicle=body, warn=False)
+    planner = coarse(vehicle=body)
+    known = Planner.of_elevation(HEIGHTS, CELL_M, LIMITS, vehicle=body, warn=False)
     plan = planner.plan(START, GOAL)
     assert plan.ok and plan.known == 0 and plan.lower_bound <= plan.cost
     assert bool(plan.arcs) == bool(turning) and 0.0 < plan.numbers.climb_m < np.ptp(HEIGHTS) * 3.0
     planner.update_elevation(0, 0, HEIGHTS[:60, :60])
     seen = planner.plan(START, GOAL)
     reach = max(planner.state.grid.poses.reach)
-    assert seen.ok and 20 < seen.known < len(seen.path) and seen.path[: seen.known].max() + reach < 60
+    assert (
+        seen.ok and 20 < seen.known < len(seen.path) and seen.path[: seen.known].max() + reach < 60
+    )
     planner.update(30, 30, np.ones((4, 4)))  # an obstacle that was told shuts a way, seen or not
     assert not planner.is_passable((31, 31)) and planner.plan(START, GOAL).ok
     planner = coarse(vehicle=body)
@@ -151,23 +187,31 @@ def test_a_body_goes_by_prices_until_its_poses_are_known(turning):
 
 
 def test_poses_at_the_edge_of_what_was_seen_are_not_refused_for_want_of_the_rest():
-    heights = np.add.outer(0.45 * CELL_M * np.arange(128.0), 0.1 * CELL_M * np.arange(128.0)).astype(np.float32)
+    heights = np.add.outer(
+        0.45 * CELL_M * np.arange(128.0), 0.1 * CELL_M * np.arange(128.0)
+    ).astype(np.float32)
     body = Vehicle(100.0, 80.0, 20.0, max_tilt_deg=25.0, max_step_m=20.0)
     means = heights.reshape(16, FACTOR, 16, FACTOR).mean((1, 3))
     planner = Planner.of_coarse(means, FACTOR * CELL_M, FACTOR, LIMITS, prior="slope", vehicle=body)
     planner.update_elevation(30, 30, heights[30:70, 30:70])
-    assert (planner.state.grid.poses.standing()[:, 5:-5, 5:-5] < FAILS).all()  # a plane of 24.7 degrees, all of it
+    assert (
+        planner.state.grid.poses.standing()[:, 5:-5, 5:-5] < FAILS
+    ).all()  # a plane of 24.7 degrees, all of it
     planner.update_elevation(
         66, 30, heights[66:70, 30:70] + np.where(np.arange(40) < 20, 30.0, 0.0).astype(np.float32)
     )
-    assert not planner.is_passable((66, 45)) and planner.is_passable((66, 60))  # a step, of which all was seen
+    assert not planner.is_passable((66, 45)) and planner.is_passable(
+        (66, 60)
+    )  # a step, of which all was seen
 
 
 def test_what_a_coarse_map_cannot_be_is_refused():
     means = np.zeros((8, 8), np.float32)
     with pytest.raises(InvalidQueryError, match="factor must be at least 1, got 0"):
         Planner.of_coarse(means, 1.0, 0)
-    with pytest.raises(InvalidQueryError, match="prior must be one of network, slope, eq1, mean, got 'best'"):
+    with pytest.raises(
+        InvalidQueryError, match="prior must be one of network, slope, eq1, mean, got 'best'"
+    ):
         Planner.of_coarse(means, 1.0, 4, prior="best")
     with pytest.raises(InvalidMapError, match="a coarse map is for points and bodies"):
         Planner.of_coarse(means, 1.0, 4, step_cost="tobler")

@@ -64,22 +64,41 @@ def test_a_bad_value_is_named_in_one_line():
         for name, value in itertools.product(names, values):
             with pytest.raises(InvalidMapError) as told:
                 vehicle(**{name: value})
-            assert name in str(told.value) and str(value) in str(told.value) and "\n" not in str(told.value)
+            assert (
+                name in str(told.value)
+                and str(value) in str(told.value)
+                and "\n" not in str(told.value)
+            )
 
 
 def test_a_value_in_another_unit_is_refused_with_the_unit_that_is_wanted():
     large = {"length_m": 1600.0, "width_m": 1200.0, "clearance_m": 300.0}
     for values, told in (
-        ({"clearance_m": 400.0}, "clearance_m must be in metres, at most 4.8 for such a vehicle, got 400 (0.4 m if"),
+        (
+            {"clearance_m": 400.0},
+            "clearance_m must be in metres, at most 4.8 for such a vehicle, got 400 (0.4 m if",
+        ),
         ({"max_step_m": 150.0}, "max_step_m must be in metres"),
-        ({"turns_on_spot": False}, "a body that turns on the spot alone drives no arcs: wanted a turning_radius_m"),
+        (
+            {"turns_on_spot": False},
+            "a body that turns on the spot alone drives no arcs: wanted a turning_radius_m",
+        ),
         ({"reverse_cost": 2.0}, "drives no arcs: wanted a turning_radius_m"),
-        ({"turning_radius_m": 2.0, "reverse_cost": 0.5}, "reverse_cost must be a number of at least 1, got 0.5"),
+        (
+            {"turning_radius_m": 2.0, "reverse_cost": 0.5},
+            "reverse_cost must be a number of at least 1, got 0.5",
+        ),
         ({"turning_radius_m": 2000.0}, "turning_radius_m must be in metres, at most 160"),
-        ({"turning_radius_m": 2.0, "gear_change_m": -1.0}, "gear_change_m must be a number of metres from 0 to"),
+        (
+            {"turning_radius_m": 2.0, "gear_change_m": -1.0},
+            "gear_change_m must be a number of metres from 0 to",
+        ),
         (large, "length_m must be in metres, at most 250"),
         ({"width_m": 120.0}, "width_m must be in metres, at most 80"),
-        ({"max_tilt_deg": 0.5236}, "max_tilt_deg must be in degrees, above 1.57, got 0.5236 (30° if that is in rad"),
+        (
+            {"max_tilt_deg": 0.5236},
+            "max_tilt_deg must be in degrees, above 1.57, got 0.5236 (30° if that is in rad",
+        ),
         ({"max_roll_deg": 0.35}, "max_roll_deg must be in degrees"),
         ({"max_pitch_deg": math.pi / 2}, "max_pitch_deg must be in degrees"),
         ({"wheelbase_m": 1.7}, "the wheels must lie under the body: "),
@@ -134,7 +153,9 @@ def test_a_gap_is_passed_if_it_is_wide_enough():
 
 
 def test_a_disc_on_a_map_that_changes():
-    planner = DynamicPlanner(costs(1, share=0.0), (30, 30), "dstar", vehicle=DISC, cell_size_m=CELL_M)
+    planner = DynamicPlanner(
+        costs(1, share=0.0), (30, 30), "dstar", vehicle=DISC, cell_size_m=CELL_M
+    )
     planner.move((8, 8))
     assert planner.replan().ok
     planner.update(18, 0, np.full((1, 40), math.inf, np.float32))
@@ -143,9 +164,13 @@ def test_a_disc_on_a_map_that_changes():
 
 def test_a_disc_keeps_its_distance_on_cells_and_between_them():
     """Of every step that there is, by the distance from each obstacle's square."""
-    for seed, (radius, dy, dx) in enumerate(((0.55, 1.0, 1.0), (1.3, 1.0, 1.0), (1.5, 1.0, 1.0), (0.9, 0.5, 0.8))):
+    for seed, (radius, dy, dx) in enumerate(
+        ((0.55, 1.0, 1.0), (1.3, 1.0, 1.0), (1.5, 1.0, 1.0), (0.9, 0.5, 0.8))
+    ):
         cost = costs(seed, share=0.01)
-        planner = Planner(Ground(cost, cell_size_m=dy, cell_width_m=dx, vehicle=Vehicle(radius_m=radius)))
+        planner = Planner(
+            Ground(cost, cell_size_m=dy, cell_width_m=dx, vehicle=Vehicle(radius_m=radius))
+        )
         passable = np.isfinite(planner.state.grid.map())
         obstacles = np.argwhere(~(np.pad(cost, 1, constant_values=2.0) < 1.0)) - 1
         for step in ((0, 1), (1, 0), (1, 1), (1, -1)):
@@ -159,7 +184,8 @@ def test_a_disc_keeps_its_distance_on_cells_and_between_them():
 
 @pytest.mark.parametrize("elevations", [False, True])
 def test_after_patches_the_map_is_that_of_a_new_planner(elevations):
-    ground, rng = costs(0), np.random.default_rng(0)
+    ground = costs(0)
+    rng = np.random.default_rng(0)
     if elevations:
         row, col = np.mgrid[:40, :40]
         ground = (0.3 * np.sin(row / 5.0) * np.cos(col / 6.0)).astype(np.float32)
@@ -169,12 +195,16 @@ def test_after_patches_the_map_is_that_of_a_new_planner(elevations):
         cost = traversability_cost(ground, CELL_M, warn=False) if elevations else ground
         return Planner(cost, vehicle=DISC, cell_size_m=CELL_M)
 
-    planner = Planner.of_elevation(ground, CELL_M, vehicle=DISC, warn=False) if elevations else fresh()
+    planner = (
+        Planner.of_elevation(ground, CELL_M, vehicle=DISC, warn=False) if elevations else fresh()
+    )
     for _ in range(16):
         rows, cols = rng.integers(1, 9, 2)
         row, col = (int(rng.integers(0, 40 - size)) for size in (rows, cols))
         patch = costs(int(rng.integers(1e6)), 9, 0.05)[:rows, :cols]
-        ground[row : row + rows, col : col + cols] = np.where(np.isinf(patch), np.nan, patch) if elevations else patch
+        ground[row : row + rows, col : col + cols] = (
+            np.where(np.isinf(patch), np.nan, patch) if elevations else patch
+        )
         update = planner.update_elevation if elevations else planner.update
         update(row, col, ground[row : row + rows, col : col + cols])
         for ours in (planner, copy.deepcopy(planner)):

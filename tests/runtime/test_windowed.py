@@ -24,16 +24,21 @@ from nnpp_edge.runtime.terrain.windows import CostWindows
 from nnpp_edge.terrain.synthetic import synthetic_terrain
 from tests.strategies import cases
 
-LIMITS = Traversability(slope_limit_deg=20.0, hard_slope_deg=20.0, roughness_limit_m=2.0, step_limit_m=2.0)
+LIMITS = Traversability(
+    slope_limit_deg=20.0, hard_slope_deg=20.0, roughness_limit_m=2.0, step_limit_m=2.0
+)
 
 
 class ArrayWindows:
     """Heights in memory, handed out by windows."""
 
-    cell_size_m, cell_width_m = 1.0, 1.5
+    cell_size_m = 1.0
+    cell_width_m = 1.5
 
     def __init__(self, heights, block=(16, 16)):
-        self.heights, self.block, self.read_parts = heights, block, []
+        self.heights = heights
+        self.block = block
+        self.read_parts = []
 
     @property
     def shape(self):
@@ -65,7 +70,8 @@ def small_bands(monkeypatch):
 @pytest.mark.usefixtures("small_bands")
 def test_costs_of_windows_bands_and_along_a_path_are_those_of_the_whole_map():
     heights = rough(np.random.default_rng(0), 90, 700)
-    cost, source = cost_of(heights), CostWindows(ArrayWindows(heights), LIMITS)
+    cost = cost_of(heights)
+    source = CostWindows(ArrayWindows(heights), LIMITS)
     parts = [(0, 0, 90, 700), (0, 5, 1, 1), (89, 699, 1, 1), (30, 40, 17, 23)]
     for (row, col, rows, cols), found, costs in source.windows(parts):
         np.testing.assert_array_equal(found, heights[row : row + rows, col : col + cols])
@@ -80,11 +86,17 @@ def test_costs_of_windows_bands_and_along_a_path_are_those_of_the_whole_map():
         heights = rough(np.random.default_rng(block_rows), *shape)
         source = ArrayWindows(heights, (block_rows, 16))
         bands = list(CostWindows(source, LIMITS).bands())
-        assert [row for row, *_ in bands] == np.cumsum([0, *(len(cost) for *_, cost in bands)])[:-1].tolist()
+        assert [row for row, *_ in bands] == np.cumsum([0, *(len(cost) for *_, cost in bands)])[
+            :-1
+        ].tolist()
         assert all(len(cost) % 4 == 0 for *_, cost in bands[:-1])
         np.testing.assert_array_equal(np.concatenate([each for _, each, _ in bands]), heights)
-        np.testing.assert_array_equal(np.concatenate([cost for *_, cost in bands]), cost_of(heights))
-        assert sum(rows * cols for _, _, rows, cols in source.read_parts) == heights.size  # each once
+        np.testing.assert_array_equal(
+            np.concatenate([cost for *_, cost in bands]), cost_of(heights)
+        )
+        assert (
+            sum(rows * cols for _, _, rows, cols in source.read_parts) == heights.size
+        )  # each once
 
 
 @given(
@@ -93,9 +105,12 @@ def test_costs_of_windows_bands_and_along_a_path_are_those_of_the_whole_map():
     st.sampled_from([4, 8, 12, 100]),
     st.booleans(),
 )
-def test_coarse_levels_made_by_bands_are_those_of_the_whole_map(seed, blocked, rows_per_band, corner_cutting):
+def test_coarse_levels_made_by_bands_are_those_of_the_whole_map(
+    seed, blocked, rows_per_band, corner_cutting
+):
     rng = np.random.default_rng(seed)
-    rows, cols = rng.integers(1, 90), rng.choice([rng.integers(1, 60), 1100])
+    rows = rng.integers(1, 90)
+    cols = rng.choice([rng.integers(1, 60), 1100])
     cost = rng.random((rows, cols)).astype(np.float32) * 0.9
     cost[rng.random(cost.shape) < blocked] = np.inf
     cost[:, rng.integers(cols)] = np.inf  # a wall
@@ -119,13 +134,16 @@ def test_coarse_levels_made_by_bands_are_those_of_the_whole_map(seed, blocked, r
 @given(cases(most_side=30), st.sampled_from([1, 4, 7, 64]))
 def test_whether_two_cells_are_connected_is_what_a_search_finds(case, rows_per_band):
     cost = np.where(np.isfinite(case.cost), np.float32(0.5), np.float32(np.nan))
-    plan = plan_path(cost, case.start, case.goal, method="astar", corner_cutting=case.corner_cutting)
+    plan = plan_path(
+        cost, case.start, case.goal, method="astar", corner_cutting=case.corner_cutting
+    )
     bands = (cost[row : row + rows_per_band] for row in range(0, len(cost), rows_per_band))
     assert connected(bands, (case.start, case.goal), corner_cutting=case.corner_cutting) == plan.ok
 
 
 def test_reading_ends_when_all_is_known():
-    cost, given_out = np.full((41, 41), 0.5, np.float32), []
+    cost = np.full((41, 41), 0.5, np.float32)
+    given_out = []
     cost[6] = np.inf
 
     def bands():
@@ -156,7 +174,9 @@ def test_a_corridor_without_a_path_is_widened_and_then_it_is_told_whether_there_
     assert plan.status is Status.UNKNOWN and "there is a path" in plan.reason
 
 
-def test_ends_that_are_none_and_corridors_that_do_not_fit_are_refused_before_more_is_read(monkeypatch):
+def test_ends_that_are_none_and_corridors_that_do_not_fit_are_refused_before_more_is_read(
+    monkeypatch,
+):
     heights = np.zeros((300, 300), np.float32)
     heights[20:23, 20:23] = np.nan
     source = ArrayWindows(heights)
@@ -171,7 +191,9 @@ def test_ends_that_are_none_and_corridors_that_do_not_fit_are_refused_before_mor
     assert not WindowedPlanner(ArrayWindows(np.full((9, 9), np.nan, np.float32))).any_passable
     monkeypatch.setattr(windowed, "available_bytes", lambda: 100_000)
     before = len(source.read_parts)
-    with pytest.raises(InvalidMapError, match=r"cells under the corridor, got 0.00 GB: plan in several legs"):
+    with pytest.raises(
+        InvalidMapError, match=r"cells under the corridor, got 0.00 GB: plan in several legs"
+    ):
         planner.plan((10, 10), (290, 290))
     assert len(source.read_parts) <= before + 2  # start and goal
 
@@ -179,24 +201,34 @@ def test_ends_that_are_none_and_corridors_that_do_not_fit_are_refused_before_mor
 @pytest.mark.usefixtures("small_bands")
 def test_plans_are_those_of_the_corridor_planner_in_memory():
     sources = Counter()
-    for seed, (corner_cutting, block) in enumerate(((True, (16, 16)), (False, (1, 300)), (True, (512, 512)))):
+    for seed, (corner_cutting, block) in enumerate(
+        ((True, (16, 16)), (False, (1, 300)), (True, (512, 512)))
+    ):
         rng = np.random.default_rng(seed)
-        heights = synthetic_terrain(rng, 300, 2.0)[: rng.integers(200, 300), : rng.integers(200, 300)]
+        heights = synthetic_terrain(rng, 300, 2.0)[
+            : rng.integers(200, 300), : rng.integers(200, 300)
+        ]
         heights[rng.random(heights.shape) < 0.02] = np.nan
         heights[heights.shape[0] // 2, : heights.shape[1] // 3] = np.nan
         cost = cost_of(heights)
         planner = Planner(cost, corner_cutting=corner_cutting)
-        by_windows = WindowedPlanner(ArrayWindows(heights, block), LIMITS, corner_cutting=corner_cutting)
+        by_windows = WindowedPlanner(
+            ArrayWindows(heights, block), LIMITS, corner_cutting=corner_cutting
+        )
         passable = np.argwhere(np.isfinite(cost))
         for _ in range(5):
-            start, goal = (tuple(each.tolist()) for each in passable[rng.integers(len(passable), size=2)])
+            start, goal = (
+                tuple(each.tolist()) for each in passable[rng.integers(len(passable), size=2)]
+            )
             epsilon = rng.choice([math.inf, 0.3])
             wanted = planner.plan(start, goal, method="corridor", epsilon=epsilon)
             plan = by_windows.plan(start, goal, epsilon=epsilon)
             sources[wanted.source] += 1
             if wanted.source is Source.FALLBACK:
                 no_path = Status.UNKNOWN if wanted.ok else Status.NO_PATH
-                assert plan.status is no_path or (plan.ok and plan.lower_bound <= wanted.cost * (1 + 1e-6))
+                assert plan.status is no_path or (
+                    plan.ok and plan.lower_bound <= wanted.cost * (1 + 1e-6)
+                )
                 continue
             for name in ("status", "cost", "source", "lower_bound", "expansions"):
                 assert getattr(plan, name) == getattr(wanted, name)

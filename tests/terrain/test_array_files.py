@@ -60,8 +60,10 @@ def test_a_cost_map_is_read_with_its_cell_size(good):
 @pytest.mark.parametrize("name", ["packed.npz", "plain.npz", "heights.npy"])
 def test_however_a_file_is_damaged_it_is_read_or_refused_in_one_line(good, capfd, name):
     """Cut short, bytes changed, pieces replaced. Other formats: the fuzzer."""
-    content, rng = (good / name).read_bytes(), np.random.default_rng(1)
-    path, refused = good / f"damaged{name[-4:]}", 0
+    content = (good / name).read_bytes()
+    rng = np.random.default_rng(1)
+    path = good / f"damaged{name[-4:]}"
+    refused = 0
     for case in range(150):
         damaged = bytearray(content)
         at = int(rng.integers(len(damaged)))
@@ -88,7 +90,14 @@ def test_costs_that_are_no_map_are_refused(tmp_path):
         np.savez(path, cost=COST, cell_size_m=size)
         with pytest.raises(TerrainError, match="cell_size_m must be one number above 0"):
             read_cost_map(path)
-    for cost in (COST[0], COST[None], np.array("costs"), np.array([[{}]]), np.empty((0, 5)), COST + 1j):
+    for cost in (
+        COST[0],
+        COST[None],
+        np.array("costs"),
+        np.array([[{}]]),
+        np.empty((0, 5)),
+        COST + 1j,
+    ):
         np.savez(path, cost=cost)
         with pytest.raises(TerrainError, match=r"wanted an \(H, W\) array of costs"):
             read_cost_map(path)
@@ -99,7 +108,11 @@ def test_costs_that_are_no_map_are_refused(tmp_path):
 def test_a_map_larger_than_memory_is_refused_by_its_header(tmp_path):
     for sides in ((20_000, 2_000_000), (2**62, 1), (-5, 3), (10**30, 10**30)):
         beginning = header(sides) + bytes(4096)
-        for name, array in (("cost.npz", "cost"), ("dem.npz", "elevation_m"), ("other.npz", "anything")):
+        for name, array in (
+            ("cost.npz", "cost"),
+            ("dem.npz", "elevation_m"),
+            ("other.npz", "anything"),
+        ):
             archive(tmp_path / name, **{array: beginning})
         (tmp_path / "dem.npy").write_bytes(beginning)
         for name in ("cost.npz", "dem.npz", "other.npz", "dem.npy"):

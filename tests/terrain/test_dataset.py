@@ -63,7 +63,8 @@ def test_another_recipe_is_refused(whole, tmp_path):
 
 
 def test_samples_are_averaged_down_to_a_smaller_network(whole):
-    full, half = read_samples(whole), read_samples(whole, size=RECIPE.size // 2)
+    full = read_samples(whole)
+    half = read_samples(whole, size=RECIPE.size // 2)
     side = RECIPE.size // 2
     assert half.planes.shape == (len(full.planes), 2, side, side)
     wanted = full.planes[3, :, 4:6, 6:8].mean(axis=(1, 2))
@@ -91,7 +92,11 @@ def test_synthetic_terrain_is_rough_at_the_slope_asked_for_and_may_be_small():
     for size in (2, 3, 12, 14, 16, 40):
         for seed in range(10):
             heights = synthetic_terrain(np.random.default_rng(seed), size, 5.0)
-            assert heights.shape == (size, size) and heights.dtype == np.float32 and np.isfinite(heights).all()
+            assert (
+                heights.shape == (size, size)
+                and heights.dtype == np.float32
+                and np.isfinite(heights).all()
+            )
 
 
 def test_workloads_by_name():
@@ -109,7 +114,9 @@ def test_a_recipe_that_was_not_written_by_us_is_refused_in_one_line(whole, tmp_p
         (tmp_path / "dataset.json").write_bytes(content)
         with pytest.raises(DataSetError) as caught:
             read_recipe(tmp_path)
-        assert str(caught.value).startswith(f"{tmp_path}: wanted a data set") and "\n" not in str(caught.value)
+        assert str(caught.value).startswith(f"{tmp_path}: wanted a data set") and "\n" not in str(
+            caught.value
+        )
         assert word in str(caught.value)
 
     for changes, word in (
@@ -119,7 +126,14 @@ def test_a_recipe_that_was_not_written_by_us_is_refused_in_one_line(whole, tmp_p
         ({"colour": "grey"}, "got Object contains unknown field `colour`"),
     ):
         refused(msgspec.json.encode(stored | changes), word)
-    for content in (b"", b"null", b'{"format": []}', b'{"format": "\xff"}', b"{" * 9000, b'{"a":' * 90_000):
+    for content in (
+        b"",
+        b"null",
+        b'{"format": []}',
+        b'{"format": "\xff"}',
+        b"{" * 9000,
+        b'{"a":' * 90_000,
+    ):
         refused(content, "")
 
 
@@ -152,7 +166,12 @@ def test_damaged_shards_are_refused_by_name(whole, tmp_path):
         "objects": good | {"workload": good["workload"].astype(object)},
     }
     content = (whole / "shard-00000.npz").read_bytes()
-    cut = {"empty": b"", "text": b"no shard", "half": content[: len(content) // 2], "start": content[:40]}
+    cut = {
+        "empty": b"",
+        "text": b"no shard",
+        "half": content[: len(content) // 2],
+        "start": content[:40],
+    }
     (tmp_path / "dataset.json").write_bytes((whole / "dataset.json").read_bytes())
     shard = tmp_path / "shard-00000.npz"
     for name in (*changed, *cut):
@@ -165,21 +184,29 @@ def test_damaged_shards_are_refused_by_name(whole, tmp_path):
 
 
 def terrain_file(folder, elevation, cell_size_m=5.0):
-    np.savez(folder / "dem.npz", elevation_m=np.asarray(elevation, np.float32), cell_size_m=cell_size_m)
+    np.savez(
+        folder / "dem.npz", elevation_m=np.asarray(elevation, np.float32), cell_size_m=cell_size_m
+    )
     return (str(folder / "dem.npz"),)
 
 
 def of_terrain(folder, elevation, **changes):
     """A recipe of small maps of this terrain alone."""
     plain = {"synthetic_share": 0.0, "obstacle_share": 0.0, "margin_share": 0.0}
-    return msgspec.structs.replace(RECIPE, terrain=terrain_file(folder, elevation), **(plain | changes))
+    return msgspec.structs.replace(
+        RECIPE, terrain=terrain_file(folder, elevation), **(plain | changes)
+    )
 
 
-def test_terrain_without_two_cells_to_plan_between_ends_the_making_and_does_not_block_another(tmp_path):
+def test_terrain_without_two_cells_to_plan_between_ends_the_making_and_does_not_block_another(
+    tmp_path,
+):
     elevation = np.full((70, 70), np.nan)
     elevation[7, 9] = 3.0
     for share in (0.0, 0.5):
-        recipe = of_terrain(tmp_path, elevation, synthetic_share=share, maps=4000, maps_per_shard=4000)
+        recipe = of_terrain(
+            tmp_path, elevation, synthetic_share=share, maps=4000, maps_per_shard=4000
+        )
         with pytest.raises(DataSetError, match=rf"dem\.npz: .*got none on {BARREN_MAPS} maps"):
             make_dataset(recipe, tmp_path / "set", make=make_in_this_process)
         assert not list((tmp_path / "set").glob("shard-*"))
@@ -196,15 +223,24 @@ def test_training_and_validation_have_different_parts_of_a_file(tmp_path, shape)
     training, validation = (read_terrain(part)[0].elevation for part in parts)
     assert not set(training.ravel()) & set(validation.ravel())
     assert (training.size, validation.size) == (5600, 2400)
-    synthetic = [msgspec.structs.replace(part, synthetic_share=1.0, poolings=((1, 1.0),)) for part in parts]
-    made = [np.load(io.BytesIO(shard_content(recipe, read_terrain(recipe), 0)))["planes"] for recipe in synthetic]
+    synthetic = [
+        msgspec.structs.replace(part, synthetic_share=1.0, poolings=((1, 1.0),)) for part in parts
+    ]
+    made = [
+        np.load(io.BytesIO(shard_content(recipe, read_terrain(recipe), 0)))["planes"]
+        for recipe in synthetic
+    ]
     assert not np.array_equal(*made)
-    with pytest.raises(DataSetError, match=r"stripe that --validation-share leaves .*got (20 × 40|40 × 20)$"):
+    with pytest.raises(
+        DataSetError, match=r"stripe that --validation-share leaves .*got (20 × 40|40 × 20)$"
+    ):
         read_terrain(of_terrain(tmp_path, elevation, stripe=(0.9, 1.0)))
 
 
 def test_maps_are_made_by_ones_own_limits_and_cells(tmp_path):
-    """Steps of half a metre are too high; where the terrain is shrunk from cells of 5 m to 1 m, they are lower."""
+    """Steps of half a metre are too high; where the terrain is shrunk from cells of 5 m to 1 m,
+    they are lower.
+    """
     elevation = np.random.default_rng(2).uniform(0, 0.5, (70, 70))
     elevation[:, ::2] = 0.0
     own = {"limits": {"hard_step_m": 0.15}, "workloads": (("soft", 1.0),), "cell_sizes_m": ()}
@@ -215,9 +251,13 @@ def test_maps_are_made_by_ones_own_limits_and_cells(tmp_path):
         "other": {"limits": {}} | own,
     }.items():
         recipe = of_terrain(tmp_path, elevation, **changes, poolings=((1, 1.0),), maps=4)
-        cost = traversability_cost(elevation.astype(np.float32), 5.0, recipe.limits_of("soft"), warn=False)
+        cost = traversability_cost(
+            elevation.astype(np.float32), 5.0, recipe.limits_of("soft"), warn=False
+        )
         assert 0.05 < np.isinf(cost[5:-5, 5:-5]).mean() < 0.9
-        blocked[name] = make_shard(recipe, read_terrain(recipe), np.random.default_rng(0), 4)["planes"][:, 1].mean()
+        blocked[name] = make_shard(recipe, read_terrain(recipe), np.random.default_rng(0), 4)[
+            "planes"
+        ][:, 1].mean()
     assert blocked["own"] > 10 * max(blocked["shrunk"], 1.0)
     assert read_terrain(recipe)[0].cell_size_m == 5.0
     assert Recipe((), workloads=(("limit20", 1.0),)).common_limits.hard_slope_deg == 20.0
@@ -226,7 +266,9 @@ def test_maps_are_made_by_ones_own_limits_and_cells(tmp_path):
 
 def test_cells_that_are_not_square_are_judged_by_both_sides(tmp_path):
     cols = np.mgrid[:70, :70][1].astype(np.float32)
-    recipe = of_terrain(tmp_path, cols, cell_sizes_m=(), workloads=(("limit20", 1.0),), poolings=((1, 1.0),))
+    recipe = of_terrain(
+        tmp_path, cols, cell_sizes_m=(), workloads=(("limit20", 1.0),), poolings=((1, 1.0),)
+    )
     np.savez(recipe.terrain[0], elevation_m=cols, cell_size_m=1.0, cell_width_m=10.0)
     planes = make_shard(recipe, read_terrain(recipe), np.random.default_rng(0), 2)["planes"]
     assert planes[:, 1, 2:-2, 2:-2].max() == 0  # a slope of 6°, not of 45°

@@ -18,14 +18,20 @@ from nnpp_edge.terrain.dataset import make_dataset
 from nnpp_edge.terrain.shards import Recipe
 from nnpp_edge.terrain.synthetic import synthetic_terrain
 
-RECIPE = Recipe(("dem.npz",), maps=18, size=32, blocks=8, maps_per_shard=2, poolings=((1, 0.7), (2, 0.3)))
+RECIPE = Recipe(
+    ("dem.npz",), maps=18, size=32, blocks=8, maps_per_shard=2, poolings=((1, 0.7), (2, 0.3))
+)
 
 
 @pytest.fixture(scope="module")
 def workers():
     """Two worker processes, each with a nanny that replaces it when it dies."""
     started = LocalCluster(
-        n_workers=2, threads_per_worker=1, processes=True, dashboard_address=":0", silence_logs="CRITICAL"
+        n_workers=2,
+        threads_per_worker=1,
+        processes=True,
+        dashboard_address=":0",
+        silence_logs="CRITICAL",
     )
     yield started
     started.close()
@@ -41,7 +47,11 @@ def terrain(tmp_path, monkeypatch):
 
 
 def content(folder):
-    return {path.name: path.read_bytes() for path in folder.iterdir() if path.suffix in (".npz", ".json")}
+    return {
+        path.name: path.read_bytes()
+        for path in folder.iterdir()
+        if path.suffix in (".npz", ".json")
+    }
 
 
 def kill(nannies):
@@ -76,8 +86,19 @@ def test_killed_workers_change_no_byte_and_a_second_run_makes_what_is_missing(wo
     assert content(terrain / "cluster") == wanted
 
 
-def test_the_command_makes_a_data_set_on_a_cluster_or_says_in_one_line_what_is_wrong(nnpp_edge, workers, terrain):
-    words = ("dataset", "dem.npz", "--synthetic-share", 0, "--maps", 2, "--scheduler", workers.scheduler_address)
+def test_the_command_makes_a_data_set_on_a_cluster_or_says_in_one_line_what_is_wrong(
+    nnpp_edge, workers, terrain
+):
+    words = (
+        "dataset",
+        "dem.npz",
+        "--synthetic-share",
+        0,
+        "--maps",
+        2,
+        "--scheduler",
+        workers.scheduler_address,
+    )
     ended = nnpp_edge(*words, "--size", 32, "-o", "set", "--json")
     assert ended.code == 0, ended.err
     assert '"shards": 1' in ended.out
@@ -98,8 +119,14 @@ def test_an_address_without_a_scheduler_is_refused_in_one_line(nnpp_edge, tmp_pa
             ended = nnpp_edge(*words, address)
         ended.refused("wanted a Dask scheduler", word)
         assert ended.err.count("\n") == 1
-        left = [one for one in gc.get_objects() if type(one) is distributed.Client and one.status != "closed"]
-        assert not left  # collected as garbage while another is made, they would wait for each other for ever
+        left = [
+            one
+            for one in gc.get_objects()
+            if type(one) is distributed.Client and one.status != "closed"
+        ]
+        assert (
+            not left
+        )  # collected as garbage while another is made, they would wait for each other for ever
     nnpp_edge(*words, "tcp://127.0.0.1:1", "--workers", 2).refused("--workers")
     monkeypatch.setitem(sys.modules, "distributed", None)
     nnpp_edge(*words, "tcp://127.0.0.1:1").refused("nnpp-edge[cluster]")

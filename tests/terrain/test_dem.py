@@ -21,7 +21,8 @@ HEIGHTS = np.random.default_rng(7).uniform(-50, 80, (6, 9)).astype(np.float32)
 UTM = "EPSG:32615"
 MOON_RADIUS_M = 1737400.0
 MOON_DEGREES = (
-    f'GEOGCS["Moon",DATUM["Moon",SPHEROID["Moon sphere",{MOON_RADIUS_M},0]],PRIMEM["Reference Meridian",0],'
+    f'GEOGCS["Moon",DATUM["Moon",SPHEROID["Moon sphere",{MOON_RADIUS_M},0]],PRIMEM["Reference '
+    'Meridian",0],'
     'UNIT["degree",0.0174532925199433]]'
 )
 NORTH_UP = Affine(5, 0, 400_000, 0, -5, 5_000_000)
@@ -30,12 +31,20 @@ NORTH_UP = Affine(5, 0, 400_000, 0, -5, 5_000_000)
 def geotiff(path: Path, heights: np.ndarray = HEIGHTS, **profile: Any) -> Path:
     """A GeoTIFF of `heights` (H, W) or (bands, H, W); `profile` goes to rasterio."""
     bands = heights.reshape((-1, *heights.shape[-2:]))
-    shape = {"count": bands.shape[0], "height": bands.shape[1], "width": bands.shape[2], "dtype": bands.dtype}
+    shape = {
+        "count": bands.shape[0],
+        "height": bands.shape[1],
+        "width": bands.shape[2],
+        "dtype": bands.dtype,
+    }
     scales, offsets, units = (profile.pop(name, None) for name in ("scales", "offsets", "units"))
-    with rasterio.open(path, "w", driver="GTiff", **shape, **{"transform": NORTH_UP, **profile}) as dataset:
+    with rasterio.open(
+        path, "w", driver="GTiff", **shape, **{"transform": NORTH_UP, **profile}
+    ) as dataset:
         dataset.write(bands)
         if scales:
-            dataset.scales, dataset.offsets = scales, offsets
+            dataset.scales = scales
+            dataset.offsets = offsets
         if units:
             dataset.units = units
     return path
@@ -43,7 +52,8 @@ def geotiff(path: Path, heights: np.ndarray = HEIGHTS, **profile: Any) -> Path:
 
 def turned(angle: float, width: float, height: float) -> Affine:
     """Cells of `width` by `height`, north up, then turned counter-clockwise by `angle` degrees."""
-    cos, sin = math.cos(math.radians(angle)), math.sin(math.radians(angle))
+    cos = math.cos(math.radians(angle))
+    sin = math.sin(math.radians(angle))
     return Affine(width * cos, height * sin, 4e5, width * sin, -height * cos, 5e6)
 
 
@@ -70,7 +80,9 @@ def test_a_metric_geotiff_keeps_its_heights_and_cells(tmp_path):
     dem = read_dem(path)
     np.testing.assert_array_equal(dem.elevation, HEIGHTS)
     assert dem.elevation.dtype == np.float32 and dem.elevation.flags.c_contiguous
-    assert dem.cell_size_m == pytest.approx(5.0, rel=3e-4) and dem.cell_width_m == dem.cell_size_m  # UTM's own scale
+    assert (
+        dem.cell_size_m == pytest.approx(5.0, rel=3e-4) and dem.cell_width_m == dem.cell_size_m
+    )  # UTM's own scale
     assert dem.source == path and dem.georeference.transform == tuple(NORTH_UP)[:6]
     assert rasterio.CRS.from_wkt(dem.georeference.crs) == rasterio.CRS.from_string(UTM)
 
@@ -78,12 +90,16 @@ def test_a_metric_geotiff_keeps_its_heights_and_cells(tmp_path):
 @pytest.mark.filterwarnings("ignore::rasterio.errors.NotGeoreferencedWarning")
 def test_sides_are_the_files_or_those_that_are_given(tmp_path):
     flat = geotiff(tmp_path / "flat.tif", transform=Affine(0, 1, 400_000, 1e-300, 0, 9))
-    for path, size in ((flat, 2), *((geotiff(tmp_path / "a.tif"), size) for size in (0, -1, math.nan, math.inf))):
+    for path, size in (
+        (flat, 2),
+        *((geotiff(tmp_path / "a.tif"), size) for size in (0, -1, math.nan, math.inf)),
+    ):
         refused(path, "sides of 1e-06 to 1e+09 m", cell_size_m=size)
     dem = read_dem(geotiff(tmp_path / "turned.tif", transform=turned(33.0, 3.0, 2.0)))
     assert (dem.cell_size_m, dem.cell_width_m) == pytest.approx((2.0, 3.0))
     path = geotiff(tmp_path / "wide.tif", transform=Affine(3, 0, 0, 0, -2, 0))
-    dem, given_size = read_dem(path), read_dem(path, cell_size_m=10)
+    dem = read_dem(path)
+    given_size = read_dem(path, cell_size_m=10)
     assert (dem.cell_size_m, dem.cell_width_m, dem.georeference.crs) == (2.0, 3.0, None)
     assert (given_size.cell_size_m, given_size.cell_width_m) == (10.0, 15.0)
     np.testing.assert_array_equal(given_size.elevation, HEIGHTS)
@@ -96,7 +112,9 @@ def test_sides_are_the_files_or_those_that_are_given(tmp_path):
 def test_feet_become_metres(tmp_path):
     """Of cells in other systems: tests.fuzz.projections."""
     site = rasterio.CRS.from_wkt('LOCAL_CS["site",UNIT["foot",0.3048]]')
-    assert read_dem(geotiff(tmp_path / "site.tif", crs=site)).cell_size_m == pytest.approx(5 * 0.3048)
+    assert read_dem(geotiff(tmp_path / "site.tif", crs=site)).cell_size_m == pytest.approx(
+        5 * 0.3048
+    )
     path = geotiff(tmp_path / "heights.tif", crs=UTM, units=["ft"])
     np.testing.assert_allclose(read_dem(path).elevation, HEIGHTS * 0.3048, rtol=1e-6)
 
@@ -107,7 +125,8 @@ def test_nodata_masks_infinities_and_fill_values_become_nan(tmp_path):
     elevation = read_dem(geotiff(tmp_path / "holes.tif", heights, crs=UTM, nodata=-9999)).elevation
     assert np.isnan(elevation[0, :4]).all()
     np.testing.assert_array_equal(elevation.ravel()[4:], HEIGHTS.ravel()[4:])
-    path, known = geotiff(tmp_path / "masked.tif", crs=UTM), HEIGHTS > 0
+    path = geotiff(tmp_path / "masked.tif", crs=UTM)
+    known = HEIGHTS > 0
     with rasterio.open(path, "r+") as dataset:
         dataset.write_mask(known)
     np.testing.assert_array_equal(np.isfinite(read_dem(path).elevation), known)
@@ -115,7 +134,9 @@ def test_nodata_masks_infinities_and_fill_values_become_nan(tmp_path):
 
 def test_scale_and_offset_of_the_band_are_applied_but_not_to_nodata_nor_a_bodys_radius(tmp_path):
     stored = np.array([[0, 100], [-32768, 300]], np.int16)
-    path = geotiff(tmp_path / "dm.tif", stored, crs=UTM, nodata=-32768, scales=[0.1], offsets=[1000.0])
+    path = geotiff(
+        tmp_path / "dm.tif", stored, crs=UTM, nodata=-32768, scales=[0.1], offsets=[1000.0]
+    )
     np.testing.assert_allclose(read_dem(path).elevation, [[1000, 1010], [np.nan, 1030]], rtol=1e-6)
     fine = np.array([[0.0, 0.001], [0.002, 0.003]], np.float32)
     path = geotiff(tmp_path / "radius.tif", fine, crs=UTM, scales=[1.0], offsets=[MOON_RADIUS_M])
@@ -134,7 +155,9 @@ def test_what_is_no_map_of_heights_is_refused(tmp_path):
         refused(geotiff(tmp_path / "map.tif", heights, **profile), words)
 
 
-def test_reading_says_nothing_on_the_side_and_the_refusal_gives_the_first_cause(tmp_path, capfd, recwarn):
+def test_reading_says_nothing_on_the_side_and_the_refusal_gives_the_first_cause(
+    tmp_path, capfd, recwarn
+):
     read_dem(geotiff(tmp_path / "plain.tif", transform=Affine.identity()), cell_size_m=1)
     recwarn.clear()
     read_dem(tmp_path / "plain.tif", cell_size_m=1)
@@ -150,20 +173,34 @@ def test_reading_says_nothing_on_the_side_and_the_refusal_gives_the_first_cause(
 
 # Other formats
 
-ASCII = "ncols 3\nnrows 2\nxllcorner 100\nyllcorner 50\ncellsize 5\nNODATA_value -9999\n1 2.5 -9999\n4 5 6\n"
+ASCII = (
+    "ncols 3\nnrows 2\nxllcorner 100\nyllcorner 50\ncellsize 5\nNODATA_value -9999\n1 2.5 "
+    "-9999\n4 5 6\n"
+)
 
 
-def test_an_ascii_grid_is_read_and_refused_and_not_filled_with_zeros_where_it_is_cut_short(tmp_path):
+def test_an_ascii_grid_is_read_and_refused_and_not_filled_with_zeros_where_it_is_cut_short(
+    tmp_path,
+):
     path = tmp_path / "grid.asc"
     for end in ("\n", "\r\n"):
         path.write_text(ASCII, newline=end)
         dem = read_dem(path)
-        np.testing.assert_array_equal(dem.elevation, np.array([[1, 2.5, np.nan], [4, 5, 6]], np.float32))
-        assert (dem.cell_size_m, dem.cell_width_m, dem.map_coordinates(1, 0)) == (5.0, 5.0, (102.5, 52.5))
+        np.testing.assert_array_equal(
+            dem.elevation, np.array([[1, 2.5, np.nan], [4, 5, 6]], np.float32)
+        )
+        assert (dem.cell_size_m, dem.cell_width_m, dem.map_coordinates(1, 0)) == (
+            5.0,
+            5.0,
+            (102.5, 52.5),
+        )
     for broken in ("5", "5 six"):
         path.write_text(ASCII.replace("5 6", broken))
         refused(path)
-    for corner, word in ((("xllcorner", "inf"), "finite coordinates"), (("cellsize", "1e100"), "sides of 1e-06 to")):
+    for corner, word in (
+        (("xllcorner", "inf"), "finite coordinates"),
+        (("cellsize", "1e100"), "sides of 1e-06 to"),
+    ):
         path.write_text(re.sub(f"{corner[0]} .*", " ".join(corner), ASCII))
         refused(path, word)
     path.write_text("ncols 2\nnrows 2\nxllcorner 0\nyllcorner 0\ncellsize 5\nnan 2\n4 5\n")
@@ -171,7 +208,9 @@ def test_an_ascii_grid_is_read_and_refused_and_not_filled_with_zeros_where_it_is
 
 
 def pds3_label(record_bytes: int, pointer: str, sample: str, image: str, scale: str) -> bytes:
-    """A PDS3 label of a map 4 samples wide and 64 lines high, in the manner of the lunar altimeters'."""
+    """A PDS3 label of a map 4 samples wide and 64 lines high, in the manner of the lunar
+    altimeters'.
+    """
     sample_type, bits = sample.split()
     lines = f"""PDS_VERSION_ID = PDS3
         RECORD_TYPE = FIXED_LENGTH
@@ -229,7 +268,9 @@ def test_a_pds3_image_is_read_through_the_label_beside_it(detached):
         dem = read_dem(path)
         np.testing.assert_array_equal(dem.elevation, heights)
         assert dem.cell_size_m == pytest.approx(118) and dem.source == path
-    label.write_bytes(label.read_bytes().replace(b"METER", b"KILOMETER").replace(b"1737400", b"1737.4"))
+    label.write_bytes(
+        label.read_bytes().replace(b"METER", b"KILOMETER").replace(b"1737400", b"1737.4")
+    )
     np.testing.assert_allclose(read_dem(label).elevation, heights * 1000, rtol=1e-6)
 
 
@@ -277,7 +318,8 @@ def test_an_archive_holds_heights_and_cell_size_under_several_names(tmp_path):
 
 
 def test_an_archive_that_is_no_elevation_map_is_refused(tmp_path):
-    place, cell = "transform must be 6 numbers (a, b, c, d, e, f)", "cell_m must be one number above 0"
+    place = "transform must be 6 numbers (a, b, c, d, e, f)"
+    cell = "cell_m must be one number above 0"
     transforms = np.zeros(6), np.arange(5.0), [1, 2, 3, 4, 5, np.nan], np.array(["a"] * 6)
     for arrays, word in (
         ({"a": HEIGHTS, "b": HEIGHTS}, "got a, b"),
@@ -286,7 +328,10 @@ def test_an_archive_that_is_no_elevation_map_is_refused(tmp_path):
         ({"dem": HEIGHTS, "cell_width_m": 2.0}, "cell_size_m beside"),
         ({"dem": np.array([[{}]])}, "object"),
         *(({"dem": HEIGHTS, "cell_m": size}, cell) for size in (-1.0, np.nan, "5 m")),
-        *(({"dem": HEIGHTS, "cell_m": 1.0, "transform": transform}, place) for transform in transforms),
+        *(
+            ({"dem": HEIGHTS, "cell_m": 1.0, "transform": transform}, place)
+            for transform in transforms
+        ),
     ):
         np.savez(tmp_path / "map.npz", **arrays)
         refused(tmp_path / "map.npz", word)
@@ -303,7 +348,11 @@ def test_what_is_no_terrain_is_refused(tmp_path):
     refused(tmp_path / "none.tif", "(no such file)")
     refused(tmp_path, "(a folder)")
     (tmp_path / "drive.mcap").write_bytes(b"\x89MCAP0\r\n")
-    refused(tmp_path / "drive.mcap", "wanted an elevation map, got a recording of messages", "nnpp_edge.ros.maps")
+    refused(
+        tmp_path / "drive.mcap",
+        "wanted an elevation map, got a recording of messages",
+        "nnpp_edge.ros.maps",
+    )
 
 
 def test_without_rasterio_the_extra_is_named_and_arrays_still_read(tmp_path, monkeypatch):
@@ -335,7 +384,8 @@ def test_rescaling_keeps_every_slope(cell_size_m):
 
 def test_finer_cells_have_bilinear_heights_at_the_same_places_of_the_map():
     row, col = np.mgrid[0:9, 0:12].astype(np.float32)
-    heights, place = 3.0 * row - 2.0 * col + row * col, Georeference(None, tuple(turned(30.0, 2.0, 1.0))[:6])
+    heights = 3.0 * row - 2.0 * col + row * col
+    place = Georeference(None, tuple(turned(30.0, 2.0, 1.0))[:6])
     heights[8, 11] = np.nan
     dem = Dem(heights, 2.0, 1.0, place, Path("made.tif"))
     finer = dem.resampled(0.5)
@@ -343,9 +393,13 @@ def test_finer_cells_have_bilinear_heights_at_the_same_places_of_the_map():
     y, x = np.mgrid[0:33, 0:45] / 4.0
     assert np.array_equal(np.isnan(finer.elevation), (y > 7.0) & (x > 10.0))
     known = ~np.isnan(finer.elevation)
-    np.testing.assert_allclose(finer.elevation[known], (3.0 * y - 2.0 * x + y * x)[known], rtol=1e-6, atol=1e-5)
+    np.testing.assert_allclose(
+        finer.elevation[known], (3.0 * y - 2.0 * x + y * x)[known], rtol=1e-6, atol=1e-5
+    )
     for cell in ((0, 0), (5, 3), (8, 11)):
-        assert finer.map_coordinates(4 * cell[0], 4 * cell[1]) == pytest.approx(dem.map_coordinates(*cell))
+        assert finer.map_coordinates(4 * cell[0], 4 * cell[1]) == pytest.approx(
+            dem.map_coordinates(*cell)
+        )
     assert dem.resampled(0.6).shape == (27, 37)
     for cell_size_m, words in (
         (2.0, "got 9 × 12 cells of 2 m"),
@@ -405,7 +459,9 @@ def test_masked_cells_are_unknown_in_a_map_and_in_a_file(tmp_path):
     with pytest.raises(TerrainError, match="no cell with a known height"):
         Dem(np.ma.masked_all((2, 2), np.float32), 5.0, 4.0, None, Path("made.tif"))
     for cost in (HEIGHTS, HEIGHTS.astype(np.int16)):
-        (tmp_path / "cost.tif").write_bytes(raster_bytes(Path("cost.tif"), np.ma.array(cost, mask=~known), dem_of()))
+        (tmp_path / "cost.tif").write_bytes(
+            raster_bytes(Path("cost.tif"), np.ma.array(cost, mask=~known), dem_of())
+        )
         back = read_dem(tmp_path / "cost.tif", cell_size_m=1).elevation
         np.testing.assert_array_equal(back, np.where(known, cost, np.nan))
 
@@ -416,7 +472,9 @@ def test_masked_cells_are_unknown_in_a_map_and_in_a_file(tmp_path):
 def test_what_is_written_reads_back_in_its_place(tmp_path, recwarn):
     cost = np.where(HEIGHTS > 0, HEIGHTS, np.nan)
     for crs in (UTM, MOON_DEGREES, "EPSG:2263", None):
-        dem = read_dem(geotiff(tmp_path / "hills.tif", crs=crs, transform=Affine(0.5, 0, 10, 0, -0.25, 20)))
+        dem = read_dem(
+            geotiff(tmp_path / "hills.tif", crs=crs, transform=Affine(0.5, 0, 10, 0, -0.25, 20))
+        )
         (tmp_path / "cost.tif").write_bytes(raster_bytes(Path("cost.tif"), cost, dem))
         back = read_dem(tmp_path / "cost.tif")
         np.testing.assert_array_equal(back.elevation, cost)

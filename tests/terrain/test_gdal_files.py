@@ -1,4 +1,6 @@
-"""Terrain files that lead elsewhere, or to more memory than there is: refused before GDAL follows them."""
+"""Terrain files that lead elsewhere, or to more memory than there is: refused before GDAL follows
+them.
+"""
 
 import socket
 import sys
@@ -62,10 +64,15 @@ def site():
 
 
 def wms(address: str) -> str:
-    window = "".join(f"<{name}>{n}</{name}>" for name, n in {"UpperLeftX": 0, "UpperLeftY": 6, "SizeX": 9}.items())
+    window = "".join(
+        f"<{name}>{n}</{name}>"
+        for name, n in {"UpperLeftX": 0, "UpperLeftY": 6, "SizeX": 9}.items()
+    )
     window += "<LowerRightX>9</LowerRightX><LowerRightY>0</LowerRightY><SizeY>6</SizeY><TileLevel>0</TileLevel>"
     service = f'<Service name="TMS"><ServerUrl>{address}/${{z}}/${{x}}.png</ServerUrl></Service>'
-    return f"<GDAL_WMS>{service}<DataWindow>{window}</DataWindow><BandsCount>1</BandsCount></GDAL_WMS>"
+    return (
+        f"<GDAL_WMS>{service}<DataWindow>{window}</DataWindow><BandsCount>1</BandsCount></GDAL_WMS>"
+    )
 
 
 def test_no_file_makes_a_request(tmp_path, site):
@@ -73,12 +80,18 @@ def test_no_file_makes_a_request(tmp_path, site):
     masked = '<Metadata><MDI key="INTERNAL_MASK_FLAGS_1">2</MDI></Metadata>'
     for name in ("dem.tif", "dem.vrt", "dem.asc", "dem.png", "dem"):
         path = tmp_path / name
-        for content in (vrt(f"/vsicurl/{address}/dem.tif"), wms(address), f'<?xml version="1.0"?>{wms(address)}'):
+        for content in (
+            vrt(f"/vsicurl/{address}/dem.tif"),
+            wms(address),
+            f'<?xml version="1.0"?>{wms(address)}',
+        ):
             path.write_text(content)
             assert "XML that names other files" in refusal(path)
     for end in (".tif.msk", ".tif.ovr", ".aux"):
         beside = raster(tmp_path / "own.tif").with_name(f"own{end}")
-        beside.write_text(vrt(f"/vsicurl/{address}/mask.tif").replace("<VRTRaster", f"{masked}<VRTRaster", 1))
+        beside.write_text(
+            vrt(f"/vsicurl/{address}/mask.tif").replace("<VRTRaster", f"{masked}<VRTRaster", 1)
+        )
         assert f"wanted a plain raster in {beside.name} beside it" in refusal(tmp_path / "own.tif")
         beside.unlink()
     assert requests == []
@@ -100,7 +113,9 @@ def test_a_label_that_leads_elsewhere_is_refused(tmp_path):
         label.write_text(LABEL.format(file=file), newline="")
         refusal(label)
     compressed = 'OBJECT = compressed_file\r\nFILE_NAME = "own.tif"\r\nEND_OBJECT\r\n'
-    label.write_text(LABEL.format(file="own.img").replace("OBJECT", f"{compressed}OBJECT", 1), newline="")
+    label.write_text(
+        LABEL.format(file="own.img").replace("OBJECT", f"{compressed}OBJECT", 1), newline=""
+    )
     assert "an image that is not compressed" in refusal(label)
 
 
@@ -151,7 +166,14 @@ def test_memory_that_is_not_there_is_noticed_in_the_header(tmp_path, monkeypatch
     side = 1 << 20
     path = tmp_path / "bomb.tif"
     tiles = {"tiled": True, "blockxsize": 1 << 12, "blockysize": 1 << 12}
-    shape = {"height": side, "width": side, "count": 1, "dtype": "float32", "SPARSE_OK": True, "BIGTIFF": "YES"}
+    shape = {
+        "height": side,
+        "width": side,
+        "count": 1,
+        "dtype": "float32",
+        "SPARSE_OK": True,
+        "BIGTIFF": "YES",
+    }
     with rasterio.open(path, "w", driver="GTiff", **shape, **tiles, **PLACE):
         pass
     assert path.stat().st_size < 4e6
@@ -159,4 +181,7 @@ def test_memory_that_is_not_there_is_noticed_in_the_header(tmp_path, monkeypatch
     monkeypatch.setattr("nnpp_edge.terrain.array_files.available_bytes", lambda: 60e6)
     small = raster(tmp_path / "block.tif", np.ones((16, 16), np.float32), **tiles)
     assert "for 16 × 16 float32 heights, got 0.1 GB" in refusal(small)
-    assert read_dem(raster(tmp_path / "small.tif", np.ones((1000, 1000), np.float32))).elevation.size == 10**6
+    assert (
+        read_dem(raster(tmp_path / "small.tif", np.ones((1000, 1000), np.float32))).elevation.size
+        == 10**6
+    )

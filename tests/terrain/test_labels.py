@@ -13,7 +13,8 @@ def test_labels_are_the_optimum_and_the_excess_of_every_block():
     labelled = label_queries(cost, points, 4.0, 8, 0.011)
     assert labelled
     for start, goal, path, excess in labelled:
-        forward, backward = oracles.dijkstra(cost, start), oracles.dijkstra(cost, goal)
+        forward = oracles.dijkstra(cost, start)
+        backward = oracles.dijkstra(cost, goal)
         assert oracles.path_cost(path, cost) == pytest.approx(forward[goal], rel=1e-5)
         through = (forward + backward).reshape(8, 2, 8, 2).min(axis=(1, 3))
         wanted = np.minimum((through / forward[goal] - 1) / EXCESS_STEP, 255)

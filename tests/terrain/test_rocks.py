@@ -17,7 +17,9 @@ def hills(rows=60, cols=50):
 
 
 def test_numbers_and_covered_ground_follow_the_law():
-    for cover, (least, greatest) in itertools.product((0.02, 0.05, 0.1, 0.2), ((0.1, 3.0), (0.5, 1.0))):
+    for cover, (least, greatest) in itertools.product(
+        (0.02, 0.05, 0.1, 0.2), ((0.1, 3.0), (0.5, 1.0))
+    ):
         q = 1.79 + 0.152 / cover
 
         def density(diameter, cover=cover, q=q):
@@ -25,15 +27,20 @@ def test_numbers_and_covered_ground_follow_the_law():
 
         expected = quad(density, least, greatest, epsabs=0.0)[0]
         side = math.ceil(math.sqrt(20_000 / max(expected, 1e-4)))  # metres; some 20,000 rocks
-        drawn, area = draw_rocks((side, side), (1.0, 1.0), cover, 1, (least, greatest)), float(side**2)
-        assert len(drawn.places) == pytest.approx(expected * area, abs=4.0 * math.sqrt(expected * area))
+        drawn = draw_rocks((side, side), (1.0, 1.0), cover, 1, (least, greatest))
+        area = float(side**2)
+        assert len(drawn.places) == pytest.approx(
+            expected * area, abs=4.0 * math.sqrt(expected * area)
+        )
         assert least <= drawn.diameters_m.min() and drawn.diameters_m.max() <= greatest
         ground = 0.25 * math.pi * drawn.diameters_m**2
         wanted = float(covered_share(cover, least) - covered_share(cover, greatest)) * area
         assert ground.sum() == pytest.approx(wanted, abs=4.0 * math.sqrt((ground**2).sum()))
         middle = math.sqrt(least * greatest)
         more = int((drawn.diameters_m >= middle).sum())
-        assert more == pytest.approx(quad(density, middle, greatest)[0] * area, abs=4.0 * math.sqrt(more + 9.0))
+        assert more == pytest.approx(
+            quad(density, middle, greatest)[0] * area, abs=4.0 * math.sqrt(more + 9.0)
+        )
 
 
 def test_a_rock_raises_the_cells_that_it_touches_by_its_greatest_height_over_each():
@@ -48,7 +55,9 @@ def test_a_rock_raises_the_cells_that_it_touches_by_its_greatest_height_over_eac
         rest = (0.5 * diameter) ** 2 - down[:, None, :, None] ** 2 - across[None, :, None, :] ** 2
         sampled = np.sqrt(np.maximum(rest, 0.0)).max((2, 3))
         assert (found >= sampled - 1e-6).all()  # the samples miss a cell that is barely touched
-        assert found[sampled > 0.1 * diameter] == pytest.approx(sampled[sampled > 0.1 * diameter], abs=0.1 * diameter)
+        assert found[sampled > 0.1 * diameter] == pytest.approx(
+            sampled[sampled > 0.1 * diameter], abs=0.1 * diameter
+        )
         nearest = tuple(np.clip(np.round(place[0]).astype(int), 0, 11))
         assert found[nearest] == found.max() == pytest.approx(0.5 * diameter)
 
@@ -57,7 +66,8 @@ def test_no_rock_is_lost_and_the_highest_counts():
     rocks = draw_rocks((40, 30), SIDES, 0.15, 5, (0.05, 1.0))
     together = rock_heights((40, 30), SIDES, rocks)
     alone = [
-        rock_heights((40, 30), SIDES, Rocks(*(each[at : at + 1] for each in rocks))) for at in range(len(rocks[0]))
+        rock_heights((40, 30), SIDES, Rocks(*(each[at : at + 1] for each in rocks)))
+        for at in range(len(rocks[0]))
     ]
     assert len(alone) > 100 and all(each.max() > 0.0 for each in alone)
     assert np.array_equal(np.maximum.reduce(alone), together)
@@ -76,10 +86,13 @@ def test_heights_only_rise_what_is_unknown_stays_so_and_the_input_is_untouched()
 
 def test_the_seed_decides_and_cells_of_two_sides_hold_as_many_by_area():
     dem = hills()
-    one, same = with_rocks(dem, 0.25, 0.1, 7), with_rocks(dem, 0.25, 0.1, np.random.default_rng(7))
+    one = with_rocks(dem, 0.25, 0.1, 7)
+    same = with_rocks(dem, 0.25, 0.1, np.random.default_rng(7))
     assert np.array_equal(one, same) and not np.array_equal(one, with_rocks(dem, 0.25, 0.1, 8))
     assert np.array_equal(with_rocks(dem, 0.25, 0.0, 1), dem)
-    square, oblong = (draw_rocks((400, 400), sides, 0.1, 1, (0.3, 2.0)) for sides in ((0.5, 0.5), (0.25, 1.0)))
+    square, oblong = (
+        draw_rocks((400, 400), sides, 0.1, 1, (0.3, 2.0)) for sides in ((0.5, 0.5), (0.25, 1.0))
+    )
     assert len(square.diameters_m) == len(oblong.diameters_m) > 1000
 
 

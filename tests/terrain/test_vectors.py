@@ -22,7 +22,8 @@ from nnpp_edge.terrain.vectors import VectorFileError, geopackage_bytes, points_
 UTM = "EPSG:32615"
 PLACE = Georeference(CRS(UTM).to_wkt(), (2.0, 0.0, 400_000.0, 0.0, -2.0, 5_000_000.0))
 MOON = (
-    'PROJCS["Moon",GEOGCS["Moon 2000",DATUM["D_Moon_2000",SPHEROID["Moon_2000",1737400,0]],PRIMEM["Reference",0],'
+    'PROJCS["Moon",GEOGCS["Moon '
+    '2000",DATUM["D_Moon_2000",SPHEROID["Moon_2000",1737400,0]],PRIMEM["Reference",0],'
     'UNIT["degree",0.0174532925199433]],PROJECTION["Equirectangular"],PARAMETER["standard_parallel_1",0],'
     'PARAMETER["central_meridian",0],UNIT["metre",1]]'
 )
@@ -47,15 +48,26 @@ def write(path, places, crs=UTM, kind="MultiPoint"):
 
 def write_points(path, places, crs=UTM, layer="stops", driver="GPKG"):
     """A point a feature, the second empty."""
-    shapes = [struct.pack("<BIdd", 1, 1, *place) for place in (places[0], (np.nan, np.nan), *places[1:])]
-    kinds = {"geometry_type": "Point", "crs": crs, "layer": layer, "driver": driver, "append": path.exists()}
+    shapes = [
+        struct.pack("<BIdd", 1, 1, *place) for place in (places[0], (np.nan, np.nan), *places[1:])
+    ]
+    kinds = {
+        "geometry_type": "Point",
+        "crs": crs,
+        "layer": layer,
+        "driver": driver,
+        "append": path.exists(),
+    }
     fields = {"field_data": [np.arange(len(shapes))], "fields": np.array(["number"], object)}
     pyogrio.raw.write(path, np.array(shapes, object), **fields, **kinds, SPATIAL_INDEX="NO")
     return str(path)
 
 
 def test_points_in_the_maps_system_are_taken_as_they_are_in_their_order(tmp_path):
-    several = [write(tmp_path / f"several.{ending}", [(*place, 7.0) for place in PLACES]) for ending in ENDINGS]
+    several = [
+        write(tmp_path / f"several.{ending}", [(*place, 7.0) for place in PLACES])
+        for ending in ENDINGS
+    ]
     single = write_points(tmp_path / "a.gpkg", PLACES)
     with pytest.warns(UserWarning, match="crs"):
         bare = write_points(tmp_path / "b.shp", PLACES, crs=None, driver="ESRI Shapefile")
@@ -70,7 +82,8 @@ def test_points_in_another_system_are_reprojected_and_it_is_said(tmp_path):
     there = [lonlat.transform(*place) for place in PLACES]
     points = "".join(f'<wpt lat="{lat:.9f}" lon="{lon:.9f}"/>' for lon, lat in there)
     (tmp_path / "a.gpx").write_text(
-        f'<?xml version="1.0"?>\n<gpx version="1.1" xmlns="http://www.topografix.com/GPX/1/1">{points}</gpx>'
+        '<?xml version="1.0"?>\n<gpx version="1.1" '
+        f'xmlns="http://www.topografix.com/GPX/1/1">{points}</gpx>'
     )
     for path in (
         write(tmp_path / "a.gpkg", there, "EPSG:4326"),
@@ -98,10 +111,18 @@ def test_what_is_no_plain_file_of_points_is_refused_in_one_line(tmp_path):
     for name, made, words in (
         ("a.vrt", vrt, "another kind of file"),
         ("a.gpx", b"<!-- <gpx --><OGRVRTDataSource/>", "another kind of file"),
-        ("a.json", b'{"type": "gdal_streamed_alg", "command_line": "gdal vector pipeline"}', "another kind of file"),
+        (
+            "a.json",
+            b'{"type": "gdal_streamed_alg", "command_line": "gdal vector pipeline"}',
+            "another kind of file",
+        ),
         ("a.geojson", b'{"type": "Feature", ', "wanted GeoPackage, GeoJSON"),
         ("a.geojson", b'{"a":' * 90_000, "nested too deep"),
-        ("a.geojson", b'{"type": "Feature", "geometry": null, "properties": {}}', "wanted points, got none"),
+        (
+            "a.geojson",
+            b'{"type": "Feature", "geometry": null, "properties": {}}',
+            "wanted points, got none",
+        ),
         ("a.geojson", content("MultiPoint", []), "wanted points, got none"),
         ("a.gpkg", geopackage_bytes("ways", content("LineString", PLACES)), "other shapes"),
         ("a.csv", b"x,y\n1,2\n", "another kind of file"),
@@ -124,7 +145,9 @@ def test_longitude_and_latitude_are_wgs_84_on_the_earth_and_the_bodys_own_elsewh
     assert lonlat_on_map(dem(), lonlat_of(dem(), there)) == pytest.approx(there, abs=1e-6)
     moon = dem(Georeference(MOON, (2.0, 0.0, 0.0, 0.0, -2.0, 0.0)))
     metre = np.pi / 180.0 * 1_737_400.0
-    assert lonlat_on_map(moon, np.array([(1.0, -2.0)])) == pytest.approx(np.array([(metre, -2.0 * metre)]))
+    assert lonlat_on_map(moon, np.array([(1.0, -2.0)])) == pytest.approx(
+        np.array([(metre, -2.0 * metre)])
+    )
     with pytest.raises(InvalidQueryError, match="longitude and latitude on the Earth"):
         lonlat_of(moon, there)
 
@@ -159,16 +182,24 @@ def route(place=PLACE, cells=((3, 4), (4, 5), (4, 6))):
 
 
 def test_a_geopackage_holds_the_line_with_its_heights_and_the_numbers(tmp_path):
-    (tmp_path / "a.gpkg").write_bytes(route().geopackage({"status": "OK", "cost": 1.5, "energy_j": None}))
+    (tmp_path / "a.gpkg").write_bytes(
+        route().geopackage({"status": "OK", "cost": 1.5, "energy_j": None})
+    )
     meta, _, (shape,), (status, cost, _) = pyogrio.raw.read(tmp_path / "a.gpkg")
     assert (meta["geometry_type"], meta["crs"]) == ("LineString Z", UTM)
     assert (status.tolist(), cost.tolist()) == (["OK"], [1.5])
     points = np.frombuffer(shape[9:], "<f8").reshape(-1, 3)
-    assert points.tolist() == [[400_009, 4_999_993, 4], [400_011, 4_999_991, 5], [400_013, 4_999_991, 6]]
+    assert points.tolist() == [
+        [400_009, 4_999_993, 4],
+        [400_011, 4_999_991, 5],
+        [400_013, 4_999_991, 6],
+    ]
 
 
 def test_no_path_is_a_geopackage_without_a_line_and_a_gpx_without_points(tmp_path):
-    (tmp_path / "a.gpkg").write_bytes(route(cells=()).geopackage({"status": "NO_PATH", "cost": None}))
+    (tmp_path / "a.gpkg").write_bytes(
+        route(cells=()).geopackage({"status": "NO_PATH", "cost": None})
+    )
     assert pyogrio.raw.read(tmp_path / "a.gpkg")[2].tolist() == [None]
     tree = ElementTree.fromstring(route(cells=()).gpx("a way", {"start": (3, 4)}))
     assert [each.tag.rpartition("}")[2] for each in tree] == ["wpt", "trk"]
@@ -176,7 +207,9 @@ def test_no_path_is_a_geopackage_without_a_line_and_a_gpx_without_points(tmp_pat
 
 def test_gpx_holds_the_track_where_the_map_lies_on_the_earth(tmp_path):
     (tmp_path / "a.gpx").write_bytes(route().gpx("a <way>", {"start": (3, 4), "goal": (4, 6)}))
-    _, _, shapes, (heights,) = pyogrio.raw.read(tmp_path / "a.gpx", layer="track_points", columns=["ele"])
+    _, _, shapes, (heights,) = pyogrio.raw.read(
+        tmp_path / "a.gpx", layer="track_points", columns=["ele"]
+    )
     x, y = struct.unpack("<dd", shapes[0][5:21])
     lon, lat = lonlat_of(dem(), places_of(dem(), np.array([(3.0, 4.0)])))[0]
     assert (x, y) == (pytest.approx(lon, abs=1e-8), pytest.approx(lat, abs=1e-8))
@@ -191,7 +224,11 @@ def test_geojson_lies_where_the_map_does_and_not_on_the_earth(tmp_path):
         place = None if crs is None else Georeference(CRS(crs).to_wkt(), PLACE.transform)
         (tmp_path / "path.geojson").write_bytes(route(place).geojson({}))
         found = pyogrio.read_info(tmp_path / "path.geojson")["crs"]
-        own = found.startswith("LOCAL_CS") if crs is None else CRS(found).equals(CRS(crs), ignore_axis_order=True)
+        own = (
+            found.startswith("LOCAL_CS")
+            if crs is None
+            else CRS(found).equals(CRS(crs), ignore_axis_order=True)
+        )
         assert own
 
 

@@ -44,7 +44,9 @@ def samples(dataset):
 
 @pytest.fixture(scope="session")
 def trained(samples, tmp_path_factory):
-    """`SMALL` after some epochs on the data set: the run's `folder`, and the fp32 model exported as `onnx`."""
+    """`SMALL` after some epochs on the data set: the run's `folder`, and the fp32 model exported as
+    `onnx`.
+    """
     folder = tmp_path_factory.mktemp("run")
     settings = TrainSettings(batch=16, warmup_steps=5, learning_rate=1e-2, average_decay=0.9)
     for epochs in VALIDATED_AFTER:

@@ -24,7 +24,9 @@ from nnpp_edge.terrain.dataset import Samples
 from nnpp_edge.terrain.shards import Recipe
 from nnpp_edge.training.checkpoint import Checkpoint, Progress, TrainSettings, load_checkpoint
 
-EDGE = Spec("edge", 64, options={"widths": (8, 8, 8, 8), "stem": 8, "relation": 12, "hidden": (9, 7)})
+EDGE = Spec(
+    "edge", 64, options={"widths": (8, 8, 8, 8), "stem": 8, "relation": 12, "hidden": (9, 7)}
+)
 NNPP = Spec("nnpp", 128, options={"width": 2})
 
 
@@ -49,7 +51,8 @@ def last_layer(network: Network) -> nn.Module:
 
 def checkpoint(path, network):
     """A checkpoint of a network that is said to have been trained for 7 steps."""
-    weights, progress = network.state_dict(), Progress(epoch=2, step=7, spent_s=1.5)
+    weights = network.state_dict()
+    progress = Progress(epoch=2, step=7, spent_s=1.5)
     Checkpoint(network.spec, TrainSettings(), progress, weights, weights, {}).save(path)
     return path
 
@@ -60,8 +63,13 @@ def exported(request, tmp_path_factory):
     folder = tmp_path_factory.mktemp("export")
     network = lived_in(request.param)
     saved = load_checkpoint(checkpoint(folder / "checkpoint.pt", network))
-    file, facts = folder / "model.onnx", saved.facts() | {"of": "us"}
-    return network, file, export_network(saved.trained(), file, name="small", region_factor=0.4, training=facts)
+    file = folder / "model.onnx"
+    facts = saved.facts() | {"of": "us"}
+    return (
+        network,
+        file,
+        export_network(saved.trained(), file, name="small", region_factor=0.4, training=facts),
+    )
 
 
 def some_samples(size):
@@ -70,7 +78,9 @@ def some_samples(size):
     rough = rng.random((3, 2, size // 8, size // 8)).repeat(8, axis=2).repeat(8, axis=3)
     ends = rng.uniform(0, size - 1, (2, 6, 2)).astype(np.float32)
     labels = np.zeros((6, 8, 8), np.uint8)
-    return Samples((255 * rough).astype(np.uint8), np.arange(6, dtype=np.int32) // 2, *ends, labels, labels)
+    return Samples(
+        (255 * rough).astype(np.uint8), np.arange(6, dtype=np.int32) // 2, *ends, labels, labels
+    )
 
 
 @pytest.fixture(scope="module")
@@ -81,9 +91,12 @@ def edge_model(tmp_path_factory):
 
 
 def test_an_encoder_runs_once_for_each_map(edge_model):
-    model, runs = NetworkModel(edge_model), []
+    model = NetworkModel(edge_model)
+    runs = []
     session = model.session
-    model.session = SimpleNamespace(run_with_iobinding=lambda *words: runs.append(session.run_with_iobinding(*words)))
+    model.session = SimpleNamespace(
+        run_with_iobinding=lambda *words: runs.append(session.run_with_iobinding(*words))
+    )
     whole = onnxruntime.InferenceSession(edge_model)
     rng = np.random.default_rng(2)
     for maps in (1, 2):
@@ -100,9 +113,13 @@ def test_an_encoder_runs_once_for_each_map(edge_model):
         assert len(runs) == 2 * maps
 
 
-def test_a_head_that_is_not_its_graphs_and_blocks_that_do_not_fit_the_places_are_refused(edge_model, tmp_path):
+def test_a_head_that_is_not_its_graphs_and_blocks_that_do_not_fit_the_places_are_refused(
+    edge_model, tmp_path
+):
     model = onnx.load(edge_model)
-    (count,) = (v.type.tensor_type.shape.dim[0].dim_value for v in model.graph.output if v.name == "head")
+    (count,) = (
+        v.type.tensor_type.shape.dim[0].dim_value for v in model.graph.output if v.name == "head"
+    )
     (held,) = (t for t in model.graph.initializer if list(t.dims) == [count])
     numbers = onnx.numpy_helper.to_array(held).copy()
     numbers[-1] += 0.1
@@ -136,8 +153,14 @@ def test_the_runtime_answers_what_the_network_answers_and_another_network_is_not
 
 def test_metadata_comes_back_from_the_file(exported):
     network, file, _ = exported
-    m, spec = NetworkModel(file).metadata, network.spec
-    assert (m.name, m.architecture, m.precision, m.version) == ("small", spec.architecture, "fp32", __version__)
+    m = NetworkModel(file).metadata
+    spec = network.spec
+    assert (m.name, m.architecture, m.precision, m.version) == (
+        "small",
+        spec.architecture,
+        "fp32",
+        __version__,
+    )
     assert (m.input_size, m.blocks, m.encoding) == (spec.input_size, spec.blocks, spec.encoding)
     assert (m.sigma, m.omega, m.region_factor) == (0.25, 0.011, 0.4)
     assert m.head == ((12, 9, 7) if spec.architecture == "edge" else ())
@@ -158,12 +181,20 @@ def test_the_file_is_whole_folded_and_free_of_local_paths(exported):
         assert {"encoder.stem.1/Conv", "encoder.describe/Conv", "If"} <= set(names)
         assert all(name.startswith(("encoder.", "If")) for name in names)
     assert not re.search(rb"\.py\b", file.read_bytes())
-    modes = {a.s for n in model.graph.node if n.op_type == "Resize" for a in n.attribute if a.name == "mode"}
+    modes = {
+        a.s
+        for n in model.graph.node
+        if n.op_type == "Resize"
+        for a in n.attribute
+        if a.name == "mode"
+    }
     assert modes == {b"nearest"}  # int8 values stay as they are
     assert not {"Shape", "Gather", "Pad"} & {node.op_type for node in model.graph.node}
 
 
-def test_what_the_runtime_would_refuse_is_not_written_and_a_data_set_is_told_without_its_folders(tmp_path):
+def test_what_the_runtime_would_refuse_is_not_written_and_a_data_set_is_told_without_its_folders(
+    tmp_path,
+):
     with pytest.raises(ModelError, match="region_factor"):
         export_network(lived_in(EDGE), tmp_path / "out.onnx", name="x", region_factor=1.5)
     mad = lived_in(EDGE)
@@ -177,7 +208,8 @@ def test_what_the_runtime_would_refuse_is_not_written_and_a_data_set_is_told_wit
 
 
 def test_the_command_reports_and_ends_well(nnpp_edge, tmp_path):
-    path, file = checkpoint(tmp_path / "checkpoint.pt", lived_in(EDGE)), tmp_path / "lunar.onnx"
+    path = checkpoint(tmp_path / "checkpoint.pt", lived_in(EDGE))
+    file = tmp_path / "lunar.onnx"
     told = nnpp_edge("export", path, "-o", file)
     assert (told.code, told.err) == (0, "")
     assert "parity passed" in told.out
@@ -185,4 +217,6 @@ def test_the_command_reports_and_ends_well(nnpp_edge, tmp_path):
     assert found["parity"]["passed"] and found["size_bytes"] == file.stat().st_size
     metadata = NetworkModel(file).metadata
     assert (metadata.name, metadata.region_factor) == ("lunar", 0.25)
-    nnpp_edge("export", tmp_path / "none.pt", "-o", tmp_path / "out.onnx").refused("wanted a checkpoint")
+    nnpp_edge("export", tmp_path / "none.pt", "-o", tmp_path / "out.onnx").refused(
+        "wanted a checkpoint"
+    )

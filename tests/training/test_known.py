@@ -25,7 +25,9 @@ SMALL = Spec("unseen", input_size=32, options={"widths": (8, 8, 8)})
 def folder(tmp_path_factory):
     """A data set of synthetic ground, factors 4 and 8."""
     folder = tmp_path_factory.mktemp("known")
-    recipe = Recipe((), maps=16, size=32, blocks=8, poolings=((4, 1.0), (8, 1.0)), maps_per_shard=8, known=True)
+    recipe = Recipe(
+        (), maps=16, size=32, blocks=8, poolings=((4, 1.0), (8, 1.0)), maps_per_shard=8, known=True
+    )
     make_dataset(recipe, folder, workers=1)
     return folder
 
@@ -38,12 +40,20 @@ def test_targets_are_the_blocks_own_cells():
     by_block = cost.reshape(8, 8, 8, 8).swapaxes(1, 2)
     assert mean == pytest.approx(np.minimum(by_block, 1.0).mean(axis=(2, 3)), abs=1.0 / CERTAIN)
     assert blocked == pytest.approx(np.isinf(by_block).mean(axis=(2, 3)), abs=1.0 / CERTAIN)
-    shut, free = np.isinf(by_block).all(axis=(2, 3)), np.isfinite(by_block).all(axis=(2, 3))
-    assert shut.any() and (closed[shut] == 1.0).all() and not closed[free].any() and (closed == 0.5).any()
+    shut = np.isinf(by_block).all(axis=(2, 3))
+    free = np.isfinite(by_block).all(axis=(2, 3))
+    assert (
+        shut.any()
+        and (closed[shut] == 1.0).all()
+        and not closed[free].any()
+        and (closed == 0.5).any()
+    )
 
 
 def test_samples_turn_inputs_and_targets_alike(folder):
-    maps, alike, turned = read_known(folder), [], []
+    maps = read_known(folder)
+    alike = []
+    turned = []
     for at in range(len(maps)):
         planes, answers = sample(maps, at, at % 4, at % 3 == 0)
         steep = np.hypot(planes[0], planes[1]).ravel()
@@ -67,6 +77,7 @@ def test_a_network_from_data_set_to_int8(folder, tmp_path):
     assert report.quantised == 10 and report.compared.mean_difference < 0.02
     dem = 20.0 * np.random.default_rng(1).random((50, 40), np.float32)
     exact, rounded = (
-        prices_by("network", dem, Traversability(), 16.0, 8, tmp_path / name) for name in ("small.onnx", "int8.onnx")
+        prices_by("network", dem, Traversability(), 16.0, 8, tmp_path / name)
+        for name in ("small.onnx", "int8.onnx")
     )
     assert rounded == pytest.approx(exact, abs=0.1)

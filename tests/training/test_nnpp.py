@@ -1,4 +1,6 @@
-"""The paper's network: shapes, cost, gradients, and that it is the one whose weights are shipped."""
+"""The paper's network: shapes, cost, gradients, and that it is the one whose weights are
+shipped.
+"""
 
 from pathlib import Path
 
@@ -34,9 +36,11 @@ def maps(batch: int, size: int, device: str = "cpu") -> torch.Tensor:
 
 def test_the_shipped_weights_give_the_shipped_models_answers():
     """All of the architecture at once; the model is in int8."""
-    network, model = load_checkpoint(PAPER).trained(), NetworkModel("paper")
+    network = load_checkpoint(PAPER).trained()
+    model = NetworkModel("paper")
     rough = np.random.default_rng(0).random((2, 32, 32), np.float32).repeat(8, 1).repeat(8, 2)
-    start, goal = (20.5, 60.0), (200.0, 180.25)
+    start = (20.5, 60.0)
+    goal = (200.0, 180.25)
     model.set_map(rough)
     query = torch.from_numpy(encode(network.spec, start, goal))
     with torch.no_grad():
@@ -66,13 +70,18 @@ def test_the_gradient_reaches_every_parameter():
 def test_an_untrained_network_answers_a_low_probability_everywhere_and_flat_inputs_too():
     assert NNPP(128, 16)(maps(2, 128)).detach().numpy() == pytest.approx(PRIOR_LOGIT, abs=1.0)
     for value in (0.0, 1.0):
-        network, x = NNPP(128, 8), torch.full((2, 3, 128, 128), value)
+        network = NNPP(128, 8)
+        x = torch.full((2, 3, 128, 128), value)
         assert network(x).isfinite().all() and network.eval()(x).isfinite().all()
 
 
 def test_the_network_costs_what_its_size_promises():
-    model = nn.Sequential(nn.Conv2d(3, 8, 3, stride=2, padding=1), nn.BatchNorm2d(8), nn.Conv2d(8, 8, 5, groups=4))
-    assert count_macs(model, (torch.rand(4, 3, 10, 10),)) == 4 * (8 * 5 * 5 * 3 * 3 * 3 + 8 * 1 * 1 * 2 * 5 * 5)
+    model = nn.Sequential(
+        nn.Conv2d(3, 8, 3, stride=2, padding=1), nn.BatchNorm2d(8), nn.Conv2d(8, 8, 5, groups=4)
+    )
+    assert count_macs(model, (torch.rand(4, 3, 10, 10),)) == 4 * (
+        8 * 5 * 5 * 3 * 3 * 3 + 8 * 1 * 1 * 2 * 5 * 5
+    )
     assert model.training and not model[1].num_batches_tracked
     for width, least, most in ((64, 1.2e9, 1.45e9), (16, 75e6, 95e6)):
         assert least < count_macs(on_meta(256, width), (maps(1, 256, "meta"),)) < most
@@ -80,7 +89,8 @@ def test_the_network_costs_what_its_size_promises():
 
 def test_strided_depthwise_convolutions_stay_in_float32_on_a_cpu_in_bfloat16():
     x = torch.rand(2, 8, 16, 16)
-    down, plain = Conv2d(8, 8, 3, 2, 1, groups=8, bias=False), Conv2d(8, 8, 3, 2, 1, bias=False)
+    down = Conv2d(8, 8, 3, 2, 1, groups=8, bias=False)
+    plain = Conv2d(8, 8, 3, 2, 1, bias=False)
     with torch.autocast("cpu", torch.bfloat16):
         half = down(x.to(torch.bfloat16))
         assert plain(x).dtype is torch.bfloat16

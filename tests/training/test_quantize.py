@@ -29,7 +29,8 @@ from nnpp_edge.runtime.network.inference import NetworkModel
 from nnpp_edge.training.validation import Judgement, Validator
 from tests.training.conftest import RECIPE, SMALL
 
-FIRST, SECOND = "encoder.stem.1/Conv", "encoder.widen.1/Conv"
+FIRST = "encoder.stem.1/Conv"
+SECOND = "encoder.widen.1/Conv"
 
 
 @pytest.fixture(scope="module")
@@ -47,7 +48,9 @@ def convolutions():
 @pytest.fixture(scope="module")
 def made(fp32, dataset, tmp_path_factory):
     """The report of an int8 model."""
-    return quantize(fp32, dataset, tmp_path_factory.mktemp("int8") / "small-int8.onnx", samples=24, rounds=10)
+    return quantize(
+        fp32, dataset, tmp_path_factory.mktemp("int8") / "small-int8.onnx", samples=24, rounds=10
+    )
 
 
 def operators_left(path, folder):
@@ -72,7 +75,9 @@ def test_the_report_holds_what_it_promises(made, fp32, convolutions):
     assert made.fp32_bytes == fp32.stat().st_size
     assert compared.mean_difference <= compared.max_difference < 0.3
     assert 0.0 < compared.fp32_latency.median_ms <= compared.fp32_latency.p99_ms
-    assert compared.speed_up == pytest.approx(compared.fp32_latency.median_ms / compared.int8_latency.median_ms)
+    assert compared.speed_up == pytest.approx(
+        compared.fp32_latency.median_ms / compared.int8_latency.median_ms
+    )
     assert compared.fp32.factor == compared.int8.factor == 0.5
     assert made.recommendation.startswith(("int8: ", "keep fp32: "))
     assert json.loads(made.to_json())["compared"]["queries"] == compared.queries
@@ -86,7 +91,8 @@ def test_no_pairs_are_left_but_at_the_edges_of_the_graph(made, convolutions, tmp
 
 
 def test_the_file_tells_how_it_was_calibrated(made, fp32):
-    before, after = NetworkModel(fp32).metadata, NetworkModel(made.output).metadata
+    before = NetworkModel(fp32).metadata
+    after = NetworkModel(made.output).metadata
     told = after.training["calibration"]
     assert after.precision == "int8"
     assert (told["samples"], told["method"], told["dataset_seed"]) == (24, "minmax", RECIPE.seed)
@@ -95,9 +101,15 @@ def test_the_file_tells_how_it_was_calibrated(made, fp32):
     assert dataclasses.replace(after, precision="fp32", training=before.training) == before
 
 
-def test_weights_have_seven_bits_a_scale_for_each_channel_and_the_head_stays_float(made, convolutions):
+def test_weights_have_seven_bits_a_scale_for_each_channel_and_the_head_stays_float(
+    made, convolutions
+):
     stored = {t.name: t for t in onnx.load(made.output).graph.initializer}
-    found = {name: onnx.numpy_helper.to_array(t) for name, t in stored.items() if name.endswith("weight_quantized")}
+    found = {
+        name: onnx.numpy_helper.to_array(t)
+        for name, t in stored.items()
+        if name.endswith("weight_quantized")
+    }
     assert len(found) == convolutions
     assert all(w.dtype == np.int8 and np.abs(w.astype(int)).max() <= 64 for w in found.values())
     assert stored["body.encoder.stem.0.weight_scale"].dims == [16]
@@ -116,7 +128,9 @@ def test_the_papers_network_is_quantised_too(samples, tmp_path):
     assert "classifier.weight" in {t.name.removeprefix("body.") for t in graph.graph.initializer}
     onnx.save(graph, tmp_path / "int8.onnx")
     assert operators_left(tmp_path / "int8.onnx", tmp_path)["QLinearConv"] > 0.5 * quantised
-    onnx.helper.set_model_props(graph, {p.key: p.value for p in onnx.load(fp32.path).metadata_props})
+    onnx.helper.set_model_props(
+        graph, {p.key: p.value for p in onnx.load(fp32.path).metadata_props}
+    )
     onnx.save(graph, tmp_path / "int8.onnx")
     wanted = answers(fp32, few)
     assert wanted.std() > 0.02
@@ -135,7 +149,8 @@ def test_queries_to_judge_on_lie_on_other_maps(samples):
 def test_a_model_agrees_with_itself_and_is_judged_as_the_validator_does(fp32, samples):
     model = NetworkModel(fp32)
     validator = Validator(samples, SMALL, RECIPE.omega, 20)
-    queries, judge = samples.pick(validator.index), partial(validator.judge_probabilities, factors=(0.5,))
+    queries = samples.pick(validator.index)
+    judge = partial(validator.judge_probabilities, factors=(0.5,))
     found = compare(model, model, queries, judge, 3)
     assert (found.queries, found.mean_difference, found.max_difference) == (20, 0.0, 0.0)
     assert [found.fp32, found.int8] == 2 * judge(answers(model, samples)[validator.index])
@@ -143,7 +158,8 @@ def test_a_model_agrees_with_itself_and_is_judged_as_the_validator_does(fp32, sa
 
 def test_the_recommendation_weighs_speed_cost_and_agreement():
     def advice(fp32_ms, int8_ms, gap, success=1.0, difference=0.001):
-        a, b = Judgement(0.5, 1.0, 0.002, 0.1, 0.1), Judgement(0.5, success, gap, 0.1, 0.1)
+        a = Judgement(0.5, 1.0, 0.002, 0.1, 0.1)
+        b = Judgement(0.5, success, gap, 0.1, 0.1)
         times = (Latency(ms, ms) for ms in (fp32_ms, int8_ms))
         return Comparison(9, difference, 0.1, a, b, *times).recommendation()
 
@@ -156,7 +172,9 @@ def test_the_recommendation_weighs_speed_cost_and_agreement():
     assert "differ by 0.0100" in advice(2.0, 1.0, 0.002, difference=0.01)
 
 
-def test_what_cannot_be_quantised_is_refused_and_nothing_written(made, fp32, dataset, samples, tmp_path):
+def test_what_cannot_be_quantised_is_refused_and_nothing_written(
+    made, fp32, dataset, samples, tmp_path
+):
     output = tmp_path / "out.onnx"
     for words, error, said in (
         ((made.output, dataset, output), ModelError, "wanted an fp32 model, got one of int8"),
@@ -167,16 +185,32 @@ def test_what_cannot_be_quantised_is_refused_and_nothing_written(made, fp32, dat
     ):
         with pytest.raises(error, match=said):
             quantize(*words)
-    with pytest.raises(ModelError, match=r"wanted nodes out of encoder\.stem\.1/Conv, .*got nobody"):
+    with pytest.raises(
+        ModelError, match=r"wanted nodes out of encoder\.stem\.1/Conv, .*got nobody"
+    ):
         quantize(fp32, dataset, output, samples=4, exclude=("nobody",))
     assert not list(tmp_path.iterdir())
 
 
-def test_the_command_prints_a_table_and_a_recommendation(nnpp_edge, fp32, dataset, convolutions, tmp_path):
-    words = ("quantize", fp32, "--dataset", dataset, "--validation", dataset, "-o", tmp_path / "q.onnx")
+def test_the_command_prints_a_table_and_a_recommendation(
+    nnpp_edge, fp32, dataset, convolutions, tmp_path
+):
+    words = (
+        "quantize",
+        fp32,
+        "--dataset",
+        dataset,
+        "--validation",
+        dataset,
+        "-o",
+        tmp_path / "q.onnx",
+    )
     told = nnpp_edge(*words, "--samples", 8, "--exclude", f"{FIRST},{SECOND}")
     assert told.code == 0
-    assert f"{convolutions - 2} convolutions in int8, left float: the head, {FIRST}, {SECOND}" in told.out
+    assert (
+        f"{convolutions - 2} convolutions in int8, left float: the head, {FIRST}, {SECOND}"
+        in told.out
+    )
     assert told.out.splitlines()[-1].startswith(("int8: ", "keep fp32: "))
     stored = {t.name for t in onnx.load(tmp_path / "q.onnx").graph.initializer}
     assert {"body.encoder.stem.0.weight", "body.encoder.widen.0.weight"} <= stored

@@ -72,11 +72,19 @@ def test_a_stopped_run_goes_on_where_it_was(samples, tmp_path):
 
 def test_a_paused_run_goes_on_from_a_small_checkpoint(samples, tmp_path):
     """The rest is made of the mean weights in 16 bits, with a new optimiser that is warmed up."""
-    settings, few = TrainSettings(epochs=1, batch=16, warmup_steps=5), samples.pick(range(4))
+    settings = TrainSettings(epochs=1, batch=16, warmup_steps=5)
+    few = samples.pick(range(4))
 
     def go(folder, pause_after_s=math.inf, small=True):
         path = train(
-            SMALL, settings, samples, few, folder, omega=0.1, small_checkpoints=small, pause_after_s=pause_after_s
+            SMALL,
+            settings,
+            samples,
+            few,
+            folder,
+            omega=0.1,
+            small_checkpoints=small,
+            pause_after_s=pause_after_s,
         )
         return path.stat().st_size, load_checkpoint(path)
 
@@ -86,19 +94,29 @@ def test_a_paused_run_goes_on_from_a_small_checkpoint(samples, tmp_path):
     for one, other in zip(paused.network.values(), paused.average.values(), strict=True):
         assert torch.equal(one, other)
     _, resumed = go(tmp_path / "small")
-    assert resumed.progress.step == whole[1].progress.step > 5 and resumed.origin["resumed_without_optimiser"]
+    assert (
+        resumed.progress.step == whole[1].progress.step > 5
+        and resumed.origin["resumed_without_optimiser"]
+    )
     assert len(resumed.progress.history) == 1
 
 
 def test_every_validation_query_is_searched_on_the_map_as_it_is_held(samples):
-    """At twice the network's resolution: a network that says yes everywhere gets the very optimum in every region."""
+    """At twice the network's resolution: a network that says yes everywhere gets the very optimum
+    in every region.
+    """
     larger = dataclasses.replace(
-        samples, planes=samples.planes.repeat(2, 2).repeat(2, 3), start=2 * samples.start, goal=2 * samples.goal
+        samples,
+        planes=samples.planes.repeat(2, 2).repeat(2, 3),
+        start=2 * samples.start,
+        goal=2 * samples.goal,
     )
     blurred = dataclasses.replace(larger, planes=np.where(larger.planes == 255, 200, larger.planes))
     for held in (larger, blurred):
         validator = Validator(held, SMALL, RECIPE.omega, 12)
-        (found,) = validator.judge_probabilities(np.ones((12, SMALL.blocks, SMALL.blocks), np.float32), (1.0,))
+        (found,) = validator.judge_probabilities(
+            np.ones((12, SMALL.blocks, SMALL.blocks), np.float32), (1.0,)
+        )
         cells = [len_of for _, len_of in validator.optima]
         assert (found.success, found.gap, found.region_share) == (1.0, 0.0, 1.0)
         assert found.mm == pytest.approx(np.mean(cells) / 128**2)
@@ -106,15 +124,21 @@ def test_every_validation_query_is_searched_on_the_map_as_it_is_held(samples):
         Validator(dataclasses.replace(samples, planes=samples.planes[..., :60, :60]), SMALL, 0.1)
 
 
-def test_a_run_may_begin_with_anothers_weights_and_keeps_what_it_began_with(samples, trained, tmp_path):
+def test_a_run_may_begin_with_anothers_weights_and_keeps_what_it_began_with(
+    samples, trained, tmp_path
+):
     begin_with = trained.folder / "checkpoint.pt"
-    theirs, more = load_checkpoint(begin_with), {"learning_rate": 1e-12, "weight_decay": 0.0}
+    theirs = load_checkpoint(begin_with)
+    more = {"learning_rate": 1e-12, "weight_decay": 0.0}
     path = run(samples, tmp_path / "fine", begin_with=begin_with, steps=1, **more)
     ours = load_checkpoint(path)
     for one, other in zip(theirs.trained().parameters(), ours.trained().parameters(), strict=True):
         torch.testing.assert_close(one, other)
     facts = ours.facts()
-    assert facts["begun_with"] == theirs.facts() and facts["begun_with"]["steps"] == theirs.progress.step
+    assert (
+        facts["begun_with"] == theirs.facts()
+        and facts["begun_with"]["steps"] == theirs.progress.step
+    )
     assert (facts["input_size"], facts["threads"], facts["torch"]) == (64, 1, torch.__version__)
     assert "resumed_with_other_settings" not in facts
     run(samples, tmp_path / "fine", steps=2, **more)
@@ -127,18 +151,29 @@ def test_a_run_may_begin_with_anothers_weights_and_keeps_what_it_began_with(samp
 
 @pytest.fixture
 def clock(monkeypatch):
-    """A clock for the training that a busy machine does not disturb: 0.1 s pass whenever it is looked at."""
+    """A clock for the training that a busy machine does not disturb: 0.1 s pass whenever it is
+    looked at.
+    """
     ticks = itertools.count()
-    monkeypatch.setattr("nnpp_edge.training.train.time", SimpleNamespace(monotonic=lambda: next(ticks) / 10))
+    monkeypatch.setattr(
+        "nnpp_edge.training.train.time", SimpleNamespace(monotonic=lambda: next(ticks) / 10)
+    )
 
 
 @pytest.mark.parametrize("limit_s", [0.5, 4.0], ids=["within the warm-up", "after it"])
-def test_a_training_limited_by_time_is_repeated_by_its_number_of_steps(samples, tmp_path, clock, limit_s):
-    """Bit for bit, and whatever else the machine does: the clock only decides how many steps there are."""
+def test_a_training_limited_by_time_is_repeated_by_its_number_of_steps(
+    samples, tmp_path, clock, limit_s
+):
+    """Bit for bit, and whatever else the machine does: the clock only decides how many steps there
+    are.
+    """
     path = run(samples, tmp_path / "limited", epochs=10_000, time_limit_s=limit_s)
     limited = load_checkpoint(path)
-    progress, facts = limited.progress, limited.facts()
-    assert facts["steps"] == progress.step == progress.steps and (progress.step > 5) == (limit_s == 4.0)
+    progress = limited.progress
+    facts = limited.facts()
+    assert facts["steps"] == progress.step == progress.steps and (progress.step > 5) == (
+        limit_s == 4.0
+    )
     assert progress.spent_s == pytest.approx(limit_s, rel=0.5)
     again = load_checkpoint(run(samples, tmp_path / "again", epochs=10_000, steps=facts["steps"]))
     assert again.progress.step == facts["steps"]
@@ -150,7 +185,8 @@ def test_a_training_limited_by_time_is_repeated_by_its_number_of_steps(samples, 
 
 
 def test_a_checkpoint_of_another_time_is_read_and_a_file_that_is_none_refused(trained, tmp_path):
-    saved, path = torch.load(trained.folder / "checkpoint.pt", weights_only=True), tmp_path / "checkpoint.pt"
+    saved = torch.load(trained.folder / "checkpoint.pt", weights_only=True)
+    path = tmp_path / "checkpoint.pt"
     saved["spec"]["architecture"] = "split"
     saved["settings"]["loss"] = "bce"
     torch.save(saved, path)
@@ -176,10 +212,17 @@ def test_batches_turn_map_query_and_target_together(samples):
             # the optimal path's ends are where the target is 1 and the sharp encoding peaks
             sharp = query[one, [5, 11]].max(axis=0).repeat(2, axis=0).repeat(2, axis=1)
             assert sharp[target[one] > 0.99].max() > 0.4
-            assert target[one][planes[one, 1].reshape(16, 4, 16, 4).min(axis=(1, 3)) == 255].max(initial=0) == 0
+            assert (
+                target[one][planes[one, 1].reshape(16, 4, 16, 4).min(axis=(1, 3)) == 255].max(
+                    initial=0
+                )
+                == 0
+            )
         seen.add(planes.tobytes())
     assert len(seen) == len(batches)
-    _, _, papers = next(iter(Batches(samples, SMALL, TrainSettings(batch=16, target="path")).epoch(0)))
+    _, _, papers = next(
+        iter(Batches(samples, SMALL, TrainSettings(batch=16, target="path")).epoch(0))
+    )
     assert set(np.unique(papers)) == {0.0, 1.0}
     assert papers.sum(axis=(1, 2)).min() >= 2 and papers.mean() < 0.2
 
@@ -189,7 +232,9 @@ def test_two_processes_share_out_the_very_samples_of_one(samples):
     whole = Batches(samples, SMALL, settings)
     parts = [Batches(samples, SMALL, settings, rank=r, world=2) for r in range(2)]
     assert len(whole) == len(parts[0]) == len(parts[1])
-    for batch, first, second in zip(whole.epoch(1), parts[0].epoch(1), parts[1].epoch(1), strict=True):
+    for batch, first, second in zip(
+        whole.epoch(1), parts[0].epoch(1), parts[1].epoch(1), strict=True
+    ):
         for arrays in zip(batch, first, second, strict=True):
             np.testing.assert_array_equal(arrays[0][0::2], arrays[1])
             np.testing.assert_array_equal(arrays[0][1::2], arrays[2])
@@ -213,7 +258,9 @@ for norm in NORMS:
 
 
 def norm_of_one_sample(self, x):
-    """In place of batch norm: what a sample comes to then depends on no other sample of the batch."""
+    """In place of batch norm: what a sample comes to then depends on no other sample of
+    the batch.
+    """
     return torch.nn.functional.group_norm(x, 1, self.weight, self.bias)
 
 
@@ -235,16 +282,20 @@ def losses(folder):
 def test_two_processes_under_torchrun_learn_as_one_does(dataset, tmp_path):
     """Step by step the same loss: to rounding, but for what batch norm makes of half a batch.
 
-    Another seed, that is, other samples in a step, sets the curves ten times as far apart as is allowed.
+    Another seed, that is, other samples in a step, sets the curves ten times as far apart as is
+    allowed.
     """
     (tmp_path / "run.py").write_text(TWO_PROCESSES)
     command = [sys.executable, "-m", "torch.distributed.run", "--standalone", "--nproc-per-node=2"]
     words = [str(tmp_path / "run.py"), str(ROOT), str(dataset), str(tmp_path)]
     quiet = os.environ | {"CUDA_VISIBLE_DEVICES": "", "OMP_NUM_THREADS": "1"}
-    ended = subprocess.run([*command, *words], env=quiet, capture_output=True, text=True, timeout=150, check=False)
+    ended = subprocess.run(
+        [*command, *words], env=quiet, capture_output=True, text=True, timeout=150, check=False
+    )
     assert ended.returncode == 0, ended.stderr[-2000:]
     for norm, tolerance in NORMS.items():
-        two, one = losses(tmp_path / norm), losses_with_norm(norm, dataset, tmp_path / f"one {norm}")
+        two = losses(tmp_path / norm)
+        one = losses_with_norm(norm, dataset, tmp_path / f"one {norm}")
         assert len(one) == len(two) > 10
         np.testing.assert_allclose(two, one, rtol=tolerance)
         other = losses_with_norm(norm, dataset, tmp_path / f"other {norm}", seed=2)
@@ -258,7 +309,9 @@ def test_a_batch_that_cannot_be_shared_out_is_refused(samples, tmp_path, monkeyp
 
 
 def test_only_the_first_process_prints_and_draws(nnpp_edge, dataset, tmp_path, monkeypatch):
-    monkeypatch.setattr("nnpp_edge.training.train.train", lambda *_, **__: tmp_path / "checkpoint.pt")
+    monkeypatch.setattr(
+        "nnpp_edge.training.train.train", lambda *_, **__: tmp_path / "checkpoint.pt"
+    )
     monkeypatch.setattr("nnpp_edge.terrain.dataset.read_samples", lambda *_, **__: None)
     (tmp_path / "history.json").write_text('[{"step": 1, "spent_s": 1.0, "loss": 0.5}]')
     words = ("train", dataset, "--validation", dataset, "-o", tmp_path, "--json")
@@ -276,7 +329,9 @@ def test_the_presets_can_be_built_and_a_spec_that_no_network_fits_is_refused():
     for spec in PRESETS.values():
         with torch.device("meta"):
             network = Network(spec)
-            planes = torch.zeros(1, len(UNSEEN) if spec.encoding == "unseen" else 2, spec.input_size, spec.input_size)
+            planes = torch.zeros(
+                1, len(UNSEEN) if spec.encoding == "unseen" else 2, spec.input_size, spec.input_size
+            )
         if spec.encoding == "unseen":
             assert network.eval()(planes, planes[:, :0]).shape == (1, 3, spec.blocks, spec.blocks)
             continue

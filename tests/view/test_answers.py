@@ -57,9 +57,12 @@ CAR = {"turning_radius_m": 8.0, "reverse_cost": 2.0}
 @pytest.fixture(scope="module")
 def site(tmp_path_factory):
     path = write_ground(tmp_path_factory.mktemp("ground"))
-    site, words = Site.of(read_dem(path), path, {}), [f"--set={name}={value}" for name, value in CAR.items()]
+    site = Site.of(read_dem(path), path, {})
+    words = [f"--set={name}={value}" for name, value in CAR.items()]
     words = ("--vehicle", "large-rover", *words)
-    car = Body(replace(site.bodies["large-rover"].vehicle, **CAR), site.bodies["none"].mobility, words)
+    car = Body(
+        replace(site.bodies["large-rover"].vehicle, **CAR), site.bodies["none"].mobility, words
+    )
     return replace(site, bodies={**site.bodies, "car": car})
 
 
@@ -67,7 +70,9 @@ def ask(answerer, **question):
     """The answer, and the layer that comes with it, if there is one."""
     line, _, pixels = answerer.answer(msgspec.json.encode(question)).partition(b"\n")
     answer = json.loads(line)
-    return answer, np.frombuffer(pixels, np.uint8).reshape(answer["layer"]) if "layer" in answer else None
+    return answer, np.frombuffer(pixels, np.uint8).reshape(
+        answer["layer"]
+    ) if "layer" in answer else None
 
 
 def in_json(asked):
@@ -85,10 +90,15 @@ def planned(site, asked):
 @pytest.mark.parametrize("name", SETTINGS)
 def test_what_is_copied_plans_the_same_path(nnpp_edge, site, name):
     asked = with_values(PLAIN, **SETTINGS[name])
-    plan, words = planned(site, asked), command_of(site, asked).split()
+    plan = planned(site, asked)
+    words = command_of(site, asked).split()
     assert plan.ok and words[:2] == ["nnpp-edge", "plan"]
     told = json.loads(nnpp_edge(*words[1:], "--json").out)
-    assert (told["status"], told["method"], told["cost"]) == ("OK", plan.planner, round(plan.cost, 6))
+    assert (told["status"], told["method"], told["cost"]) == (
+        "OK",
+        plan.planner,
+        round(plan.cost, 6),
+    )
     assert told.get("line_cost") == (round(plan.line_cost, 6) if asked.refine else None)
 
 
@@ -97,28 +107,40 @@ def test_what_the_command_line_describes_is_copied_too(nnpp_edge, site):
     vehicle = replace(site.bodies["large-rover"].vehicle, max_step_m=0.6)
     reading = {"cell_size_m": 3.0, "rescale": 2.0, "resample": 1.5}
     dem = read_dem(site.path, 3.0).rescaled(2.0).resampled(1.5)
-    given = Site.of(dem, site.path, reading, Body(vehicle, site.bodies["tracked"].mobility, options))
+    given = Site.of(
+        dem, site.path, reading, Body(vehicle, site.bodies["tracked"].mobility, options)
+    )
     asked = with_values(PLAIN, body="as given", step_cost="time")
-    plan, told = planned(given, asked), nnpp_edge(*command_of(given, asked).split()[1:], "--json").out
+    plan = planned(given, asked)
+    told = nnpp_edge(*command_of(given, asked).split()[1:], "--json").out
     assert plan.ok and json.loads(told)["cost"] == round(plan.cost, 6)
 
 
 def test_blocks_of_a_coarse_map_count_by_their_prices(site):
     blocks = Site.of(site.dem, site.path, {}, blocks=(8, "slope"))
-    plan, found = planned(blocks, PLAIN), Answerer(blocks, PLAIN).landscape(PLAIN)
+    plan = planned(blocks, PLAIN)
+    found = Answerer(blocks, PLAIN).landscape(PLAIN)
     words = command_of(blocks, PLAIN).split()
     shown = ["--known", "8", "--prior", "slope", "--start", "8,8", "--goal", "86,110"]
     assert words[1] == "view" and words[3:] == shown
-    assert plan.planner == "corridor" and plan.cost != planned(site, PLAIN).cost and plan.numbers.climb_m > 0.0
+    assert (
+        plan.planner == "corridor"
+        and plan.cost != planned(site, PLAIN).cost
+        and plan.numbers.climb_m > 0.0
+    )
     assert plan.traverse_cost == pytest.approx(found.cost[tuple(plan.path.T)].sum(), rel=1e-5)
-    on_foot = ask(Answerer(blocks, PLAIN), want="path", asked=in_json(with_values(PLAIN, step_cost="tobler")))[0]
+    on_foot = ask(
+        Answerer(blocks, PLAIN), want="path", asked=in_json(with_values(PLAIN, step_cost="tobler"))
+    )[0]
     assert on_foot["problem"].startswith("blocks of a coarse map")
 
 
 @pytest.mark.parametrize("name", ["plain", "on foot", "vehicle"])
 def test_obstacles_that_come_and_go_leave_the_map_as_if_made_so(site, name):
-    rng, asked = np.random.default_rng(4), with_values(PLAIN, **SETTINGS[name] | {"method": "astar"})
-    answerer, bare = Answerer(site, asked), planned(site, asked)
+    rng = np.random.default_rng(4)
+    asked = with_values(PLAIN, **SETTINGS[name] | {"method": "astar"})
+    answerer = Answerer(site, asked)
+    bare = planned(site, asked)
     for _ in range(12):
         if rng.random() < 0.35:
             asked = with_values(asked, obstacles=asked.obstacles[:-1])
@@ -147,18 +169,40 @@ def test_a_method_beside_others_is_told_with_its_region(site):
 
 
 def test_the_time_of_a_method_is_the_median_of_three_after_a_first(site):
-    landscape, taken = Landscape(site, PLAIN), iter((99.0, 5.0, 3.0, 4.0, 101.0))
+    landscape = Landscape(site, PLAIN)
+    taken = iter((99.0, 5.0, 3.0, 4.0, 101.0))
     plan = landscape.plan(PLAIN, "astar")
     landscape.plan = lambda *_, **__: replace(plan, timings_ms={"total": next(taken)})
-    assert [landscape.compare(PLAIN, "astar")[1] for _ in range(2)] == [median((5.0, 3.0, 4.0)), 101.0]
+    assert [landscape.compare(PLAIN, "astar")[1] for _ in range(2)] == [
+        median((5.0, 3.0, 4.0)),
+        101.0,
+    ]
 
 
 def test_what_cannot_be_asked_is_answered_in_a_line(site):
-    answerer, plain = Answerer(site, PLAIN), in_json(PLAIN)
-    wrong = [{"step_cost": "energy"}, {"body": "hovercraft"}, {"nonsense": 1}, {"omega": "much"}, {"omega": -1.0}]
-    wrong += [{"limits": {"slope_limit_deg": 0.0}}, {"body": "tracked", "clearance_m": 0.0}, {"start": [1]}]
-    wrong += [{"obstacles": [part]} for part in ([0, 0, 0, 0], [-1, 5, 3, 3], [90, 0, 7, 3], [0, 118, 3, 3])]
-    wrong += [{"obstacles": [[0, 0, 1, 1]] * 201}, {"start_heading_deg": -1.0}, {"goal_heading_deg": "up"}]
+    answerer = Answerer(site, PLAIN)
+    plain = in_json(PLAIN)
+    wrong = [
+        {"step_cost": "energy"},
+        {"body": "hovercraft"},
+        {"nonsense": 1},
+        {"omega": "much"},
+        {"omega": -1.0},
+    ]
+    wrong += [
+        {"limits": {"slope_limit_deg": 0.0}},
+        {"body": "tracked", "clearance_m": 0.0},
+        {"start": [1]},
+    ]
+    wrong += [
+        {"obstacles": [part]}
+        for part in ([0, 0, 0, 0], [-1, 5, 3, 3], [90, 0, 7, 3], [0, 118, 3, 3])
+    ]
+    wrong += [
+        {"obstacles": [[0, 0, 1, 1]] * 201},
+        {"start_heading_deg": -1.0},
+        {"goal_heading_deg": "up"},
+    ]
     wrong += [{"via": [[45, 66]]}, {"via": [[-1, 0]]}, {"via": [[9, 9]] * 51}]
     for values in wrong:
         told, _ = ask(answerer, want="path", asked=plain | values)
@@ -167,23 +211,35 @@ def test_what_cannot_be_asked_is_answered_in_a_line(site):
         assert b'{"problem":"a question cannot be read (' in answerer.answer(text)
     assert ask(answerer, want="path", asked=plain)[0]["ok"]
     outside, _ = ask(answerer, want="path", asked=plain | {"start": [-5, 900]})
-    assert outside["figures"]["status"] == "START_OUTSIDE_MAP" and not outside["ok"] and not outside["rows"]
+    assert (
+        outside["figures"]["status"] == "START_OUTSIDE_MAP"
+        and not outside["ok"]
+        and not outside["rows"]
+    )
 
 
 def test_an_answer_tells_what_lies_along_the_path(site):
-    answerer, asked = Answerer(site, PLAIN), with_values(PLAIN, goal=(80, 100), obstacles=OBSTACLES)
+    answerer = Answerer(site, PLAIN)
+    asked = with_values(PLAIN, goal=(80, 100), obstacles=OBSTACLES)
     path, _ = ask(answerer, want="path", asked=in_json(asked))
-    plan, cost = planned(site, asked), answerer.landscape(asked).cost
-    rows, cols = np.array(path["rows"], int), np.array(path["cols"], int)
+    plan = planned(site, asked)
+    cost = answerer.landscape(asked).cost
+    rows = np.array(path["rows"], int)
+    cols = np.array(path["cols"], int)
     assert path["ok"] and np.array_equal(np.stack((rows, cols), 1), plan.path)
     assert path["cost"] == pytest.approx(cost[rows, cols].tolist(), abs=5e-4)
     assert path["height_m"] == pytest.approx(site.dem.elevation[rows, cols].tolist(), abs=6e-3)
     assert path["distance_m"][-1] == pytest.approx(plan.numbers.length_m, abs=0.05)
     assert path["figures"]["cost"] == round(plan.cost, 6) and path["unit"] == "" and path["on_foot"]
     opening = json.loads(answerer.opening())
-    assert opening["bodies"]["none"]["clearance_m"] is None and opening["bodies"]["large-rover"]["clearance_m"] > 0.0
+    assert (
+        opening["bodies"]["none"]["clearance_m"] is None
+        and opening["bodies"]["large-rover"]["clearance_m"] > 0.0
+    )
     assert [name for name, body in opening["bodies"].items() if body["arcs"]] == ["car"]
-    assert opening["asked"]["start"] == [8, 8] and opening["asked"]["limits"]["hard_slope_deg"] is None
+    assert (
+        opening["asked"]["start"] == [8, 8] and opening["asked"]["limits"]["hard_slope_deg"] is None
+    )
 
 
 def test_a_place_is_told_in_all_coordinates_and_by_what_it_is_impassable(site):
@@ -193,20 +249,31 @@ def test_a_place_is_told_in_all_coordinates_and_by_what_it_is_impassable(site):
     place = Georeference(moon, (2.0, 0.0, -3.0 * degree, 0.0, -2.0, 5.0 * degree))
     located = replace(site, dem=replace(site.dem, georeference=place))
     told, _ = ask(Answerer(located, PLAIN), want="place", asked=in_json(PLAIN), at=[0, 0])
-    assert told["words"][:2] == ["row 0, column 0", f"x {1 - 3 * degree:.9g}, y {5 * degree - 1:.9g}"]
+    assert told["words"][:2] == [
+        "row 0, column 0",
+        f"x {1 - 3 * degree:.9g}, y {5 * degree - 1:.9g}",
+    ]
     lon, lat = (float(word.split("°")[0]) for word in told["words"][2].split(", "))
     assert (lon, lat) == pytest.approx((3.0 - 1.0 / degree, 5.0 - 1.0 / degree), abs=1e-6)
     assert re.fullmatch(r"[\d.]+° W, [\d.]+° N", told["words"][2])
-    answerer, rover = Answerer(site, PLAIN), with_values(PLAIN, body="large-rover")
+    answerer = Answerer(site, PLAIN)
+    rover = with_values(PLAIN, body="large-rover")
     slopes = np.degrees(terrain_terms(site.dem.elevation, 2.0)[0])
     bare, _ = ask(answerer, want="place", asked=in_json(PLAIN), at=[95, 119])
-    assert bare["words"][1] == "x 238, y 190" and f"slope {slopes[95, 119]:.1f}°" in bare["words"][2]
+    assert (
+        bare["words"][1] == "x 238, y 190" and f"slope {slopes[95, 119]:.1f}°" in bare["words"][2]
+    )
     assert len(bare["words"]) == 3, "no coordinate system, and passable"
     unknown, _ = ask(answerer, want="place", asked=in_json(PLAIN), at=[45, 66])
     assert unknown["words"][2:] == ["its height is unknown", "impassable"]
-    steep, _ = ask(answerer, want="place", asked=in_json(with_values(rover, max_tilt_deg=5.0)), at=[62, 75])
+    steep, _ = ask(
+        answerer, want="place", asked=in_json(with_values(rover, max_tilt_deg=5.0)), at=[62, 75]
+    )
     assert "it cannot stand: " in steep["words"][-1] and "max_tilt_deg is 5" in steep["words"][-1]
-    assert "must lie on the map" in ask(answerer, want="place", asked=in_json(PLAIN), at=[96, 0])[0]["problem"]
+    assert (
+        "must lie on the map"
+        in ask(answerer, want="place", asked=in_json(PLAIN), at=[96, 0])[0]["problem"]
+    )
 
 
 def test_what_can_be_reached_is_told_in_bands_of_a_round_cost(site):
@@ -215,9 +282,15 @@ def test_what_can_be_reached_is_told_in_bands_of_a_round_cost(site):
     told, bands = ask(answerer, want="reach", asked=in_json(asked), pixels=2048)
     field = answerer.landscape(asked).planner.reach(asked.start)
     reached = np.isfinite(field)
-    assert told["cells"] == reached.sum() and np.array_equal(bands > 0, reached) and not reached.all()
+    assert (
+        told["cells"] == reached.sum() and np.array_equal(bands > 0, reached) and not reached.all()
+    )
     assert np.array_equal(bands[reached], 1 + np.floor(field[reached] / told["step"]).astype(int))
-    assert told["bands"] == bands.max() in range(3, 9) and str(told["step"]).strip("0.") in ("1", "2", "5")
+    assert told["bands"] == bands.max() in range(3, 9) and str(told["step"]).strip("0.") in (
+        "1",
+        "2",
+        "5",
+    )
     shut = in_json(with_values(asked, start=(45, 66)))
     assert "is impassable" in ask(answerer, want="reach", asked=shut)[0]["problem"]
 
@@ -234,15 +307,20 @@ def test_the_path_is_saved_as_it_is_drawn(site):
     told, content = saved("geojson")
     feature = json.loads(content)
     assert told["file"] == "ground-path.geojson" and feature["properties"]["status"] == "OK"
-    assert feature["geometry"]["coordinates"] == pytest.approx(2.0 * planned(site, asked).line[:, ::-1])
+    assert feature["geometry"]["coordinates"] == pytest.approx(
+        2.0 * planned(site, asked).line[:, ::-1]
+    )
     pytest.importorskip("pyogrio")
     assert saved("gpkg")[1].startswith(b"SQLite format 3")
-    assert saved("gpx")[0]["problem"].startswith("ground.npz: wanted a map with a coordinate system")
+    assert saved("gpx")[0]["problem"].startswith(
+        "ground.npz: wanted a map with a coordinate system"
+    )
     assert saved("geojson", goal=(45, 66))[0] == {"problem": "there is no path to save"}
 
 
 def test_why_an_end_is_impassable_to_a_point_is_told(site):
-    answerer, asked = Answerer(site, PLAIN), with_values(PLAIN, limits=Traversability(hard_slope_deg=10.0))
+    answerer = Answerer(site, PLAIN)
+    asked = with_values(PLAIN, limits=Traversability(hard_slope_deg=10.0))
     slopes = np.degrees(terrain_terms(site.dem.elevation, 2.0)[0])
     row, col = divmod(int(np.nanargmax(slopes)), slopes.shape[1])
     told, _ = ask(answerer, want="path", asked=in_json(with_values(asked, goal=(row, col))))
@@ -256,21 +334,29 @@ def test_arcs_are_answered_as_they_are_driven_with_the_headings_that_are_asked_f
     plan = planned(site, asked)
     assert path["gears"] == plan.drive.gears.tolist() and {-1, 1} <= set(path["gears"])
     assert np.stack((path["rows"], path["cols"]), 1) == pytest.approx(plan.line, abs=6e-3)
-    assert plan.poses[[0, -1], 2] == pytest.approx([270.0, 0.0], abs=1e-9), "the nearest of sixteen directions"
+    assert plan.poses[[0, -1], 2] == pytest.approx([270.0, 0.0], abs=1e-9), (
+        "the nearest of sixteen directions"
+    )
     assert planned(site, with_values(asked, goal_heading_deg=None)).cost < plan.cost
     assert planned(site, with_values(asked, body="none")).ok, "of a point they count for nothing"
 
 
 def test_layers_have_no_more_pixels_than_the_screen(site):
     asked = with_values(PLAIN, limits=LIMITS)
-    answerer, cost = Answerer(site, asked), Landscape(site, asked).cost
+    answerer = Answerer(site, asked)
+    cost = Landscape(site, asked).cost
     for pixels, shape in ((2000, (96, 120)), (64, (51, 64))):
         relief, slope, costs = (
-            ask(answerer, want=want, asked=in_json(asked), pixels=pixels)[1] for want in ("relief", "slope", "cost")
+            ask(answerer, want=want, asked=in_json(asked), pixels=pixels)[1]
+            for want in ("relief", "slope", "cost")
         )
         assert relief.shape == slope.shape == costs.shape == shape
         middle = (shape[0] * 46 // 96, shape[1] * 66 // 120)
-        assert relief[middle] == answers.UNKNOWN and costs[middle] == answers.IMPASSABLE and slope[middle] == 0
+        assert (
+            relief[middle] == answers.UNKNOWN
+            and costs[middle] == answers.IMPASSABLE
+            and slope[middle] == 0
+        )
         assert (relief[: shape[0] // 3] != answers.UNKNOWN).all() and slope.max() > 20
     assert np.array_equal(answers.costs(cost, 2000) == answers.IMPASSABLE, cost >= 1.0)
 
@@ -285,8 +371,13 @@ def test_the_cost_of_ground_where_the_body_stands_in_no_heading_says_the_limit(s
     assert np.array_equal(layer[shown], answers.FIRST_REFUSED - 1 + refused[shown])
     assert told["refused"] == np.unique(refused[refused > 0]).tolist()
     point, layer = ask(answerer, want="cost", asked=in_json(PLAIN), pixels=2048)
-    assert point["refused"] == [] and not ((layer >= answers.FIRST_REFUSED) & (layer < answers.IMPASSABLE)).any()
-    few = answers.costs(np.zeros((4, 4), np.float32), 2, np.array([[2, 2, 0, 0], [2, 6, 0, 6]] * 2, np.uint8))
+    assert (
+        point["refused"] == []
+        and not ((layer >= answers.FIRST_REFUSED) & (layer < answers.IMPASSABLE)).any()
+    )
+    few = answers.costs(
+        np.zeros((4, 4), np.float32), 2, np.array([[2, 2, 0, 0], [2, 6, 0, 6]] * 2, np.uint8)
+    )
     assert few.tolist() == [[answers.FIRST_REFUSED + 1, 0]] * 2
     painted = in_json(with_values(asked, obstacles=((2, 3, 4, 5),)))
     _, costs = ask(answerer, want="cost", asked=painted, pixels=2000)
@@ -299,20 +390,25 @@ def test_first_ends_are_passable_and_where_the_vehicle_stands(site, tmp_path):
     ends = likely_ends(landscape.cost)
     assert all(map(landscape.planner.is_passable, ends)) and math.hypot(*np.subtract(*ends)) > 60.0
     assert likely_ends(np.full((30, 40), np.inf, np.float32)) is None
-    heights = np.full((60, 60), np.nan, np.float32)  # known in the middle; no body stands at the edge of that
+    heights = np.full(
+        (60, 60), np.nan, np.float32
+    )  # known in the middle; no body stands at the edge of that
     heights[15:45, 10:50] = 0.0
     np.savez(tmp_path / "window.npz", elevation_m=heights, cell_size_m=0.5)
     site = Site.of(read_dem(tmp_path / "window.npz"), tmp_path / "window.npz", {})
     landscape = Landscape(site, with_values(PLAIN, body="large-rover"))
     stands = landscape.planner.is_passable
-    ends, bare = likely_ends(landscape.cost, stands), likely_ends(landscape.cost)
+    ends = likely_ends(landscape.cost, stands)
+    bare = likely_ends(landscape.cost)
     assert all(map(stands, ends)) and not any(map(stands, bare))
     assert likely_ends(landscape.cost, lambda cell: False) == bare
 
 
 def test_whatever_the_map_depends_on_is_asked_of_another_map_and_two_maps_are_kept(site):
-    answerer, plain = Answerer(site, PLAIN), EXACT
-    first, others = answerer.landscape(plain), {"omega": 0.05, "step_cost": "tobler", "corner_cutting": False}
+    answerer = Answerer(site, PLAIN)
+    plain = EXACT
+    first = answerer.landscape(plain)
+    others = {"omega": 0.05, "step_cost": "tobler", "corner_cutting": False}
     for name, value in (others | {"limits": LIMITS, "body": "large-rover"}).items():
         asked = with_values(plain, **{name: value})
         found = answerer.landscape(asked)
@@ -331,7 +427,9 @@ def test_a_map_too_large_for_memory_is_a_problem(site, monkeypatch):
 
     monkeypatch.setattr(answers, "Landscape", none_left)
     Answerer.notice = "compiling"
-    assert ask(Answerer(site, PLAIN), want="path", asked=in_json(PLAIN))[0] == {"problem": "not enough memory"}
+    assert ask(Answerer(site, PLAIN), want="path", asked=in_json(PLAIN))[0] == {
+        "problem": "not enough memory"
+    }
     assert not Answerer.notice, "nothing is waited for any more"
 
 

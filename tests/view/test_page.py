@@ -15,14 +15,22 @@ import pytest
 
 from tests.view_cases import serving, write_ground
 
-playwright = pytest.importorskip("playwright.sync_api", reason="playwright is not installed: pip install playwright")
+playwright = pytest.importorskip(
+    "playwright.sync_api", reason="playwright is not installed: pip install playwright"
+)
 NAMES = ("chromium", "chromium-browser", "google-chrome")
-CHROMIUM = os.environ.get("NNPP_EDGE_CHROMIUM") or next(filter(None, map(shutil.which, NAMES)), None)
+CHROMIUM = os.environ.get("NNPP_EDGE_CHROMIUM") or next(
+    filter(None, map(shutil.which, NAMES)), None
+)
 pytestmark = pytest.mark.skipif(
-    CHROMIUM is None, reason="no Chromium is installed: apt install chromium, or name one in NNPP_EDGE_CHROMIUM"
+    CHROMIUM is None,
+    reason="no Chromium is installed: apt install chromium, or name one in NNPP_EDGE_CHROMIUM",
 )
 LINE = "document.querySelector('#path').getAttribute('d')"
-COMPARED = "!document.querySelector('#methods.stale') && document.querySelector('#row-nnpp').cells[3].textContent"
+COMPARED = (
+    "!document.querySelector('#methods.stale') && "
+    "document.querySelector('#row-nnpp').cells[3].textContent"
+)
 
 
 @pytest.fixture(scope="module")
@@ -36,7 +44,9 @@ def server(tmp_path_factory):
 @pytest.fixture(scope="module")
 def browser():
     with playwright.sync_playwright() as started:
-        running = started.chromium.launch(executable_path=CHROMIUM, args=["--no-sandbox", "--disable-gpu"])
+        running = started.chromium.launch(
+            executable_path=CHROMIUM, args=["--no-sandbox", "--disable-gpu"]
+        )
         yield running
         running.close()
 
@@ -45,8 +55,13 @@ class Tab:
     """A page that has drawn its first path, and what must not happen on it."""
 
     def __init__(self, page, address):
-        self.page, self.wrong, self.hosts = page, [], set()
-        page.on("console", lambda message: self.wrong.append(message.text) if message.type != "log" else None)
+        self.page = page
+        self.wrong = []
+        self.hosts = set()
+        page.on(
+            "console",
+            lambda message: self.wrong.append(message.text) if message.type != "log" else None,
+        )
         page.on("pageerror", lambda error: self.wrong.append(str(error)))
         page.on("request", lambda request: self.hosts.add(urlparse(request.url).netloc))
         page.goto(address)
@@ -72,7 +87,8 @@ class Tab:
 
     def drag(self, end, by, steps=8):
         box = self.page.locator(f"#{end}").bounding_box()
-        col, row = box["x"] + box["width"] / 2, box["y"] + box["height"] / 2
+        col = box["x"] + box["width"] / 2
+        row = box["y"] + box["height"] / 2
         self.page.mouse.move(col, row)
         self.page.mouse.down()
         self.page.mouse.move(col + by[1], row + by[0], steps=steps)
@@ -86,14 +102,20 @@ class Tab:
 
     def slide(self, name, value):
         """Set a slider as a user's drag does."""
-        script = "([name, value]) => { const each = document.getElementById(name); each.value = value; "
-        self.page.evaluate(script + "each.dispatchEvent(new Event('input', {bubbles: true})); }", [name, value])
+        script = (
+            "([name, value]) => { const each = document.getElementById(name); each.value = value; "
+        )
+        self.page.evaluate(
+            script + "each.dispatchEvent(new Event('input', {bubbles: true})); }", [name, value]
+        )
 
 
 @pytest.fixture
 def tab(server, browser):
     context = browser.new_context(viewport={"width": 1200, "height": 800})
-    context.grant_permissions(["clipboard-read", "clipboard-write"], origin=server.address.rstrip("/"))
+    context.grant_permissions(
+        ["clipboard-read", "clipboard-write"], origin=server.address.rstrip("/")
+    )
     opened = Tab(context.new_page(), server.address)
     yield opened
     context.close()
@@ -108,7 +130,8 @@ def ends_of(line):
 
 
 def test_a_drag_moves_the_path_and_says_how_fast(tab):
-    before, goal = tab.line, tab.cell("goal")
+    before = tab.line
+    goal = tab.cell("goal")
     assert ends_of(before) == (tab.cell("start"), goal)
     tab.drag("goal", (-90, -160))
     tab.until("/path follows in \\d+ ms/.test(document.querySelector('#latency').textContent)")
@@ -122,7 +145,8 @@ def test_a_drag_moves_the_path_and_says_how_fast(tab):
 def test_sliders_and_choices_change_path_and_figures(tab):
     assert tab.page.locator("#cost").is_visible()
     pixels = "document.querySelector('#cost').toDataURL()"
-    colours, line = tab.page.evaluate(pixels), tab.line
+    colours = tab.page.evaluate(pixels)
+    line = tab.line
     tab.slide("omega", "0")
     line = tab.line_other_than(line)  # straight over the hill
     tab.slide("hard_slope_deg", "8")
@@ -131,7 +155,9 @@ def test_sliders_and_choices_change_path_and_figures(tab):
     assert tab.page.is_checked("#hard_slope_deg-on")
     tab.page.check("#refine")
     tab.line_other_than(line)
-    assert tab.page.locator("#waypoints i").count() > 0 and "line integral" in tab.page.inner_text("#figures")
+    assert tab.page.locator("#waypoints i").count() > 0 and "line integral" in tab.page.inner_text(
+        "#figures"
+    )
     assert tab.page.locator("#step_cost option[value=energy]").is_disabled()
     tab.page.select_option("#body", "large-rover")
     assert tab.page.locator("#clearance_m").is_visible() and tab.page.is_disabled("#refine")
@@ -148,7 +174,9 @@ def test_what_is_refused_leaves_path_and_controls_as_they_were(tab):
     before = tab.line
     tab.page.evaluate("document.querySelector('#slope_limit_deg').max = 95")
     tab.slide("slope_limit_deg", "95")
-    tab.until("document.querySelector('#notice').textContent.includes('slope limit must lie in (0, 90)')")
+    tab.until(
+        "document.querySelector('#notice').textContent.includes('slope limit must lie in (0, 90)')"
+    )
     assert tab.line == before
     assert tab.page.input_value("#slope_limit_deg") == "30"
     tab.slide("slope_limit_deg", "20")
@@ -164,7 +192,9 @@ def test_clicks_set_goal_start_and_via_points(tab):
     tab.click(0.501, 0.751, "Control")
     tab.until(f"{LINE}.includes('L180 96L')")
     tab.click(0.501, 0.201, "Alt")  # the path passes near it before
-    tab.until("document.querySelector('#command').textContent.includes('--via 96,48 --via 96,180 ')")
+    tab.until(
+        "document.querySelector('#command').textContent.includes('--via 96,48 --via 96,180 ')"
+    )
     tab.until(f"/L48 96L.*L180 96L/.test({LINE})")
     tab.page.click("#add-via")
     tab.until("document.querySelectorAll('.via').length === 3")
@@ -178,7 +208,9 @@ def test_clicks_set_goal_start_and_via_points(tab):
     tab.until("document.querySelector('#command').textContent.includes('--via 95,180 --goal')")
     before = tab.line
     tab.click(0.241, 0.271, "Control")  # nobody knows the ground there
-    tab.until("/via \\d, \\(46, 65\\), is impassable/.test(document.querySelector('#notice').textContent)")
+    tab.until(
+        "/via \\d, \\(46, 65\\), is impassable/.test(document.querySelector('#notice').textContent)"
+    )
     assert tab.line == before and tab.page.locator(".via").count() == 1
     goal = tab.cell("goal")
     tab.page.click("#zoom-in")
@@ -193,7 +225,8 @@ def test_the_place_below_the_pointer_is_told(tab):
     box = tab.page.locator("#sheet").bounding_box()
     tab.page.mouse.move(box["x"] + 0.5 * box["width"], box["y"] + 0.75 * box["height"])
     tab.until(
-        "document.querySelector('#place').textContent.startsWith('row 144, column 120 · x 240, y 288 · height')"
+        "document.querySelector('#place').textContent.startsWith('row 144, column 120 · x 240, y "
+        "288 · height')"
     )
     assert tab.page.is_visible("#place")
     tab.page.mouse.move(box["x"] - 5, 5)
@@ -203,7 +236,9 @@ def test_the_place_below_the_pointer_is_told(tab):
 def test_what_can_be_reached_is_shaded_and_why_there_is_no_path_is_told(tab):
     tab.page.check("[name=layer][value=reach]")
     tab.until("!document.querySelector('#reach').hidden")
-    assert tab.page.locator("#bands span").count() >= 3 and "can be reached" in tab.page.inner_text("#bands")
+    assert tab.page.locator("#bands span").count() >= 3 and "can be reached" in tab.page.inner_text(
+        "#bands"
+    )
     shaded = "document.querySelector('#reach').toDataURL()"
     before = tab.page.evaluate(shaded)
     tab.click(0.1, 0.9)
@@ -227,7 +262,10 @@ def test_the_path_is_downloaded(tab):
     ends = ends_of(tab.line)
     assert [saved[0], saved[-1]] == [[2.0 * col, 2.0 * row] for row, col in ends]
     tab.page.click("[data-format=gpx]")
-    tab.until("document.querySelector('#copied').textContent.includes('wanted a map with a coordinate system')")
+    tab.until(
+        "document.querySelector('#copied').textContent.includes('wanted a map with a coordinate "
+        "system')"
+    )
 
 
 def test_a_map_is_dropped_onto_the_page(tab, tmp_path):
@@ -237,7 +275,9 @@ def test_a_map_is_dropped_onto_the_page(tab, tmp_path):
     content = write_ground(tmp_path, 48, 60).read_bytes()
     drop = "bytes => { const files = new DataTransfer(); "
     drop += "files.items.add(new File([new Uint8Array(bytes)], 'mine.npz')); "
-    drop += "document.dispatchEvent(new DragEvent('drop', {dataTransfer: files, cancelable: true})); }"
+    drop += (
+        "document.dispatchEvent(new DragEvent('drop', {dataTransfer: files, cancelable: true})); }"
+    )
     tab.page.evaluate(drop, list(content))
     tab.page.wait_for_url("**/?map=1")
     tab.until(f"document.querySelector('#name').textContent === 'mine.npz' && {LINE} && {COMPARED}")
@@ -249,11 +289,25 @@ def test_a_run_is_followed(browser, tmp_path):
         tab = Tab(browser.new_page(), running.address)
         for tick, start in enumerate(([20, 30], [21, 31])):
             path = [start, [22, 32], [23, 33]]
-            told = {"type": "path", "tick": tick, "outcome": "OK", "origin": "full", "path": path, "start": start}
-            running.process.stdin.write(json.dumps(told | {"headings_deg": [135.0, 135.0, 135.0]}) + "\n")
+            told = {
+                "type": "path",
+                "tick": tick,
+                "outcome": "OK",
+                "origin": "full",
+                "path": path,
+                "start": start,
+            }
+            running.process.stdin.write(
+                json.dumps(told | {"headings_deg": [135.0, 135.0, 135.0]}) + "\n"
+            )
             running.process.stdin.flush()
-            tab.until(f"document.querySelector('#live').getAttribute('d') === 'M{start[1]} {start[0]}L32 22L33 23'")
-        assert tab.page.get_attribute("#driven", "d") == "M30 20L31 21" and tab.page.is_visible("#robot.headed")
+            tab.until(
+                f"document.querySelector('#live').getAttribute('d') === 'M{start[1]} "
+                f"{start[0]}L32 22L33 23'"
+            )
+        assert tab.page.get_attribute("#driven", "d") == "M30 20L31 21" and tab.page.is_visible(
+            "#robot.headed"
+        )
         assert "tick 1" in tab.page.inner_text("#following")
         assert tab.wrong == [] and running.end() == (0, "")
 
@@ -262,7 +316,8 @@ def test_arrows_set_headings_and_a_dashed_line_is_driven_backwards(browser, tmp_
     car = ("--vehicle", "large-rover", "--set", "turning_radius_m=8", "--set", "reverse_cost=2")
     with serving(write_ground(tmp_path), *car) as running:
         tab = Tab(browser.new_page(), running.address)
-        before, headings = tab.line, "[...document.querySelectorAll('.heading')].map(each => each.ariaLabel)"
+        before = tab.line
+        headings = "[...document.querySelectorAll('.heading')].map(each => each.ariaLabel)"
         tab.drag("start-heading", (36, -36))
         turned = tab.line_other_than(before)
         assert tab.page.evaluate(headings) == ["Start heading, 270°", "Goal heading, any"]
@@ -270,7 +325,10 @@ def test_arrows_set_headings_and_a_dashed_line_is_driven_backwards(browser, tmp_
         tab.page.focus("#goal-heading")
         tab.page.keyboard.press("ArrowLeft")
         tab.line_other_than(turned)
-        tab.until("document.querySelector('#command').textContent.includes('--start-heading 270 --goal-heading 355')")
+        tab.until(
+            "document.querySelector('#command').textContent.includes('--start-heading 270 "
+            "--goal-heading 355')"
+        )
         tab.page.keyboard.press("Delete")
         tab.page.dblclick("#start-heading")
         tab.until(f"{LINE} === {json.dumps(before)}")
@@ -280,7 +338,10 @@ def test_arrows_set_headings_and_a_dashed_line_is_driven_backwards(browser, tmp_
 
 
 def test_methods_stand_side_by_side_and_shade_their_regions(tab):
-    rows = {name: tab.page.locator(f"#row-{name} td").all_inner_texts() for name in ("auto", "astar", "corridor")}
+    rows = {
+        name: tab.page.locator(f"#row-{name} td").all_inner_texts()
+        for name in ("auto", "astar", "corridor")
+    }
     assert rows["astar"][2] == "0.00 %"
     assert all(float(row[1]) > 0.0 and float(row[3]) > 0.0 for row in rows.values())
     tab.page.check("#row-corridor input")
@@ -314,7 +375,9 @@ def test_an_obstacle_is_painted_and_undone(tab):
 
 def test_what_is_copied_is_what_is_seen(tab, nnpp_edge):
     tab.slide("slope_limit_deg", "12")
-    tab.until("document.querySelector('#command').textContent.includes('--limit slope_limit_deg=12')")
+    tab.until(
+        "document.querySelector('#command').textContent.includes('--limit slope_limit_deg=12')"
+    )
     tab.page.click("#copy-command")
     tab.until("document.querySelector('#copied').textContent.startsWith('Copied')")
     words = tab.page.evaluate("navigator.clipboard.readText()").split()
@@ -326,14 +389,28 @@ def test_what_is_copied_is_what_is_seen(tab, nnpp_edge):
 
 
 def test_everything_is_reached_by_keys(tab):
-    names, reached = "document.activeElement.id || document.activeElement.name", set()
+    names = "document.activeElement.id || document.activeElement.name"
+    reached = set()
     for _ in range(60):
         tab.page.keyboard.press("Tab")
         reached.add(tab.page.evaluate(names))
-    wanted = "start goal zoom-in chart layer opacity method step_cost body refine slope_limit_deg omega"
-    assert {*wanted.split(), "hard_slope_deg", "shade", "paint", "across", "copy-command"} <= reached
-    unnamed = "[...document.querySelectorAll('button, input, select, [role=slider]')].filter(each => !("
-    unnamed += "each.labels?.length || each.ariaLabel || each.textContent.trim())).map(each => each.id)"
+    wanted = (
+        "start goal zoom-in chart layer opacity method step_cost body refine slope_limit_deg omega"
+    )
+    assert {
+        *wanted.split(),
+        "hard_slope_deg",
+        "shade",
+        "paint",
+        "across",
+        "copy-command",
+    } <= reached
+    unnamed = (
+        "[...document.querySelectorAll('button, input, select, [role=slider]')].filter(each => !("
+    )
+    unnamed += (
+        "each.labels?.length || each.ariaLabel || each.textContent.trim())).map(each => each.id)"
+    )
     assert tab.page.evaluate(unnamed) == []
     row, col = tab.cell("start")
     tab.page.focus("#start")
@@ -344,14 +421,18 @@ def test_everything_is_reached_by_keys(tab):
     tab.until(f"{LINE}.startsWith('M{col + 6} {row + 1}L')")
     tab.page.focus("#chart")
     tab.page.keyboard.press("End")
-    assert tab.page.get_attribute("#chart", "aria-valuenow") == tab.page.get_attribute("#chart", "aria-valuemax")
+    assert tab.page.get_attribute("#chart", "aria-valuenow") == tab.page.get_attribute(
+        "#chart", "aria-valuemax"
+    )
     at = tab.page.evaluate("[cursor, goal].map(each => [each.style.left, each.style.top].join())")
     assert at[0] == at[1]
 
 
 @pytest.mark.parametrize("scheme", ["light", "dark"])
 def test_it_fits_a_phone(server, browser, scheme):
-    context = browser.new_context(viewport={"width": 390, "height": 844}, color_scheme=scheme, has_touch=True)
+    context = browser.new_context(
+        viewport={"width": 390, "height": 844}, color_scheme=scheme, has_touch=True
+    )
     opened = Tab(context.new_page(), server.address)
     assert opened.page.evaluate("document.documentElement.scrollWidth") == 390
     shade = opened.page.evaluate("getComputedStyle(document.body).backgroundColor")
@@ -359,7 +440,8 @@ def test_it_fits_a_phone(server, browser, scheme):
     opened.page.touchscreen.tap(200, 300)
     opened.until("/^row /.test(document.querySelector('#place').textContent)")
     opened.until(
-        f"{LINE}.endsWith('L' + document.querySelector('#goal').ariaLabel.match(/\\d+/g).reverse().join(' '))"
+        f"{LINE}.endsWith('L' + "
+        "document.querySelector('#goal').ariaLabel.match(/\\d+/g).reverse().join(' '))"
     )
     start = opened.page.locator("#start").bounding_box()
     assert min(start["width"], start["height"]) >= 44  # a finger's

@@ -1,4 +1,6 @@
-"""The server of `nnpp-edge view`: who is answered, connections that come and go, and how it ends."""
+"""The server of `nnpp-edge view`: who is answered, connections that come and go, and how
+it ends.
+"""
 
 import http.client
 import json
@@ -49,7 +51,9 @@ def test_only_this_machines_own_pages_are_answered(server):
     assert got(server.port, Host=f"localhost:{server.port}")[0] == 200
     for origin in ("http://evil.example", "null", f"http://127.0.0.1:{server.port + 1}", ""):
         assert got(server.port, "/ask", b"{}", Origin=origin)[0] == 403
-    assert got(server.port, "/ask", b"{}", Host="evil.example", Origin="http://evil.example")[0] == 403
+    assert (
+        got(server.port, "/ask", b"{}", Host="evil.example", Origin="http://evil.example")[0] == 403
+    )
 
 
 def test_questions_are_answered_and_what_is_too_long_is_not_read(server):
@@ -78,9 +82,13 @@ def test_a_dropped_map_is_another_and_two_are_kept(server, tmp_path):
         *((n, "_other_map.npz", [30, 70]) for n in numbers[1:]),
     ):
         site = json.loads(got(server.port, f"/opening?map={number}")[2])
-        assert (site["name"], site["shape"]) == (name, shape) and got(server.port, f"/?map={number}")[0] == 200
+        assert (site["name"], site["shape"]) == (name, shape) and got(
+            server.port, f"/?map={number}"
+        )[0] == 200
         asked = {name: site["asked"][name] for name in ("start", "goal")}
-        path = json.loads(got(server.port, f"/ask?map={number}", json.dumps({"want": "path", "asked": asked}))[2])
+        path = json.loads(
+            got(server.port, f"/ask?map={number}", json.dumps({"want": "path", "asked": asked}))[2]
+        )
         assert path["ok"] and path["command"].split()[2].endswith(name)
 
 
@@ -104,7 +112,9 @@ def test_a_run_that_is_followed_is_told_as_it_comes(tmp_path):
     with serving(write_ground(tmp_path), "--follow") as running:
         live = json.loads(got(running.port, "/news")[2])["live"]
         assert live == {}
-        message = PathMessage(7, Status.OK, Origin.FULL, np.array([[3, 4], [4, 5]], np.int32), start=(3, 4))
+        message = PathMessage(
+            7, Status.OK, Origin.FULL, np.array([[3, 4], [4, 5]], np.int32), start=(3, 4)
+        )
         for line in (b"no message", encode(message), b"{}"):
             running.process.stdin.write(line.decode() + "\n")
             running.process.stdin.flush()
@@ -117,7 +127,9 @@ def test_a_run_that_is_followed_is_told_as_it_comes(tmp_path):
 
 def test_it_tells_what_it_waits_for_while_it_plans():
     class Slow:
-        notice, begun, done = "compiling", threading.Event(), threading.Event()
+        notice = "compiling"
+        begun = threading.Event()
+        done = threading.Event()
 
         def answer(self, question):
             self.begun.set()
@@ -140,7 +152,10 @@ def test_it_tells_what_it_waits_for_while_it_plans():
 def test_a_tab_that_closes_while_it_waits_leaves_the_others_alone(server):
     asked = {"start": [8, 8], "goal": [80, 20], "step_cost": "tobler"}
     body = json.dumps({"want": "path", "asked": asked}).encode()
-    head = f"POST /ask HTTP/1.1\r\nHost: 127.0.0.1\r\nOrigin: http://127.0.0.1\r\nContent-Length: {len(body)}\r\n\r\n"
+    head = (
+        "POST /ask HTTP/1.1\r\nHost: 127.0.0.1\r\nOrigin: http://127.0.0.1\r\nContent-Length: "
+        f"{len(body)}\r\n\r\n"
+    )
     for sent in (body, body[:20]):
         with socket.create_connection(("127.0.0.1", server.port)) as lost:
             lost.sendall(head.encode() + sent)
@@ -177,7 +192,12 @@ def closed(connection):
 
 
 def test_a_connection_that_sends_nothing_or_half_a_request_is_closed_after_a_while(page, capfd):
-    for sent in (b"", HALF, WHOLE, HALF.replace(b"GET /", b"POST /ask") + b"Content-Length: 9\r\n\r\n"):
+    for sent in (
+        b"",
+        HALF,
+        WHOLE,
+        HALF.replace(b"GET /", b"POST /ask") + b"Content-Length: 9\r\n\r\n",
+    ):
         assert closed(page(sent))
     assert capfd.readouterr() == ("", "")
 

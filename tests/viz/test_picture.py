@@ -40,7 +40,8 @@ def test_the_costlier_the_whiter_and_impassable_cells_are_brown():
 
 def test_the_light_comes_from_the_north_west():
     south, east = np.mgrid[0:20, 0:20].astype(np.float32)
-    faces_north_west, faces_south_east = hillshade(south + east, 1.0), hillshade(-south - east, 1.0)
+    faces_north_west = hillshade(south + east, 1.0)
+    faces_south_east = hillshade(-south - east, 1.0)
     flat = hillshade(np.zeros((20, 20), np.float32), 1.0)
     assert faces_north_west.mean() > flat.mean() + 30 > faces_south_east.mean() + 60
 
@@ -56,11 +57,17 @@ def test_unknown_ground_and_any_shape_can_be_shaded(shape, recwarn):
 
 @pytest.mark.parametrize(
     ("shape", "drawn"),
-    [((256, 256), (1024, 1024)), ((400, 300), (800, 600)), ((900, 1000), (900, 1000)), ((1500, 3000), (1000, 2000))],
+    [
+        ((256, 256), (1024, 1024)),
+        ((400, 300), (800, 600)),
+        ((900, 1000), (900, 1000)),
+        ((1500, 3000), (1000, 2000)),
+    ],
 )
 def test_small_maps_are_enlarged_by_whole_factors_and_large_ones_reduced(shape, drawn):
     picture = cost_map_picture(some_cost(*shape))
-    height, width = picture.shape[0], picture.shape[1]
+    height = picture.shape[0]
+    width = picture.shape[1]
     unit = max(1.0, max(drawn) / 1000)
     assert max(drawn[1], 800) < width < max(drawn[1], 800) + 50 * unit
     assert drawn[0] < height < drawn[0] + 140 * unit
@@ -96,7 +103,12 @@ def test_maps_of_any_shape_are_drawn(shape):
     cost = some_cost(*shape)
     plan = Planner(cost).plan((0, 0), (shape[0] - 1, shape[1] - 1), method="astar")
     picture = plan_picture(
-        cost, plan, reference_path=plan.path, shade=hillshade(cost, 1.0), cell_size_m=0.3, length_m=12.0
+        cost,
+        plan,
+        reference_path=plan.path,
+        shade=hillshade(cost, 1.0),
+        cell_size_m=0.3,
+        length_m=12.0,
     )
     assert picture.dtype == np.uint8 and picture.shape[1] >= 800
     assert count(picture, START) > 10
@@ -114,12 +126,16 @@ def test_a_picture_is_written_whole(tmp_path):
 @pytest.mark.parametrize("vehicle", [Vehicle(2.0, 1.0, 0.3), Vehicle(radius_m=0.7)])
 @pytest.mark.parametrize("sides", [(0.5, 0.5), (0.5, 0.25)])
 def test_bodies_lie_along_the_path_and_point_ahead(vehicle, sides):
-    path = np.array([(10, 10 + at) for at in range(30)] + [(11 + at, 40 + at) for at in range(20)], np.int32)
+    path = np.array(
+        [(10, 10 + at) for at in range(30)] + [(11 + at, 40 + at) for at in range(20)], np.int32
+    )
     outlines = body_outlines(path, vehicle, sides)
     assert len(outlines) > 3
     long, wide = (2.0, 1.0) if vehicle.radius_m is None else (1.4, 1.4)
     for outline in outlines:
-        front, around, middle = outline[0], outline[:-1], outline[-1]
+        front = outline[0]
+        around = outline[:-1]
+        middle = outline[-1]
         at = int(np.flatnonzero((path == np.rint(middle).astype(int)).all(1))[0])
         step = (path[min(at + 1, len(path) - 1)] - path[at - (at == len(path) - 1)]) * sides
         ahead = step / np.hypot(*step)
@@ -138,12 +154,18 @@ def test_a_picture_shows_where_the_vehicle_stands_in_no_heading():
     refused = np.zeros((40, 40), np.uint8)
     refused[2:8, 2:5], refused[2:8, 5:8] = 1 + REFUSALS.index("tilt"), 1 + REFUSALS.index("belly")
     outlines = body_outlines(path, Vehicle(4.0, 3.0, 0.3), (1.0, 1.0))
-    plain, shown = (plan_picture(cost, plan, outlines=outlines, refused=each) for each in (None, refused))
+    plain, shown = (
+        plan_picture(cost, plan, outlines=outlines, refused=each) for each in (None, refused)
+    )
     pixels = 800 // 40
     at = slice(18 + 3 * pixels, 18 + 7 * pixels)
     assert (plain[at, at] != shown[at, at]).any(-1).all()
-    assert (shown[18 + 4 * pixels, 18 + 3 * pixels] != shown[18 + 4 * pixels, 18 + 7 * pixels]).any()
+    assert (
+        shown[18 + 4 * pixels, 18 + 3 * pixels] != shown[18 + 4 * pixels, 18 + 7 * pixels]
+    ).any()
     other = slice(18 + 10 * pixels, 18 + 39 * pixels)
     assert np.array_equal(plain[other, other], shown[other, other])
-    with_point = plan_picture(cost, plan, outlines=outlines, refused=refused, point_path=path[:, ::-1].copy())
+    with_point = plan_picture(
+        cost, plan, outlines=outlines, refused=refused, point_path=path[:, ::-1].copy()
+    )
     assert not np.array_equal(with_point[: shown.shape[0]], shown)

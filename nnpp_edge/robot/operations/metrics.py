@@ -23,8 +23,8 @@ HOST = "127.0.0.1"
 def serving_metrics(port: int, snapshot: Callable[[], Counters]) -> Iterator[str]:
     """Serve the counters from threads of their own; gives the address. Port 0 is any free one.
 
-    `snapshot` gives the newest counters (`Loop.counters`) at each request. InvalidQueryError where the address cannot
-    be listened at, MissingExtraError without `prometheus-client`.
+    `snapshot` gives the newest counters (`Loop.counters`) at each request. InvalidQueryError where
+    the address cannot be listened at, MissingExtraError without `prometheus-client`.
     """
     registry = metrics_registry(snapshot)
     from prometheus_client import start_http_server
@@ -40,8 +40,12 @@ def serving_metrics(port: int, snapshot: Callable[[], Counters]) -> Iterator[str
 
 
 def metrics_registry(snapshot: Callable[[], Counters]) -> "CollectorRegistry":
-    """The counters of the moment at which they are asked for; MissingExtraError without `prometheus-client`."""
-    registry: CollectorRegistry = optional_module("prometheus_client", "metrics", "robot").CollectorRegistry()
+    """The counters of the moment at which they are asked for; MissingExtraError without
+    `prometheus-client`.
+    """
+    registry: CollectorRegistry = optional_module(
+        "prometheus_client", "metrics", "robot"
+    ).CollectorRegistry()
 
     class Snapshot:
         def collect(self) -> "Iterator[Metric]":
@@ -61,14 +65,21 @@ def _families(counters: Counters) -> "Iterator[Metric]":
         words, *labels = getattr(kind, "__metadata__", ("",))
         if not words:
             continue
-        family, count = CounterMetricFamily(f"nnpp_edge_{name}", words, labels=labels), getattr(counters, name)
+        family = CounterMetricFamily(f"nnpp_edge_{name}", words, labels=labels)
+        count = getattr(counters, name)
         for label, number in sorted(count.items()) if labels else [("", count)]:
             family.add_metric([label] * len(labels), number)
         yield family
     bounds = counters.tick_histogram or {"inf": 0}
-    buckets = [("+Inf" if ms == "inf" else repr(1e-3 * float(ms)), float(count)) for ms, count in bounds.items()]
-    name, longest_s = "nnpp_edge_tick_seconds", 1e-3 * counters.tick_ms.get("max", 0.0)
-    yield HistogramMetricFamily(name, "Work of a tick.", buckets=buckets, sum_value=counters.tick_sum_s)
+    buckets = [
+        ("+Inf" if ms == "inf" else repr(1e-3 * float(ms)), float(count))
+        for ms, count in bounds.items()
+    ]
+    name = "nnpp_edge_tick_seconds"
+    longest_s = 1e-3 * counters.tick_ms.get("max", 0.0)
+    yield HistogramMetricFamily(
+        name, "Work of a tick.", buckets=buckets, sum_value=counters.tick_sum_s
+    )
     yield GaugeMetricFamily(f"{name}_max", "Longest work of a tick.", value=longest_s)
     memory = "nnpp_edge_resident_memory_bytes", "Resident memory of the process."
     yield GaugeMetricFamily(*memory, value=counters.rss_bytes)

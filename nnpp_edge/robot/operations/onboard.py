@@ -32,7 +32,9 @@ _STARTING: dict[signal.Signals, Handler] = {
     signal.SIGINT: signal.SIG_DFL,
     signal.SIGHUP: signal.SIG_IGN,
 }
-"""Until the loop runs there is nothing to finish: the system ends the process at once. A hangup ends nothing."""
+"""Until the loop runs there is nothing to finish: the system ends the process at once. A hangup
+ends nothing.
+"""
 
 
 class SourceError(NnppEdgeError, RuntimeError):
@@ -48,10 +50,11 @@ def run(
     ticks: int | None = None,
     report: Callable[[str], None] = lambda line: None,
 ) -> Counters:
-    """Load kernels and network, connect everything, and run the loop until it is stopped or its input ends.
+    """Load kernels and network, connect everything, and run the loop until it is stopped or its
+    input ends.
 
-    SIGTERM and SIGINT end it after the tick, as do so many `ticks`. For the main thread.
-    Of `pace` rate, cores and priority count. `report` is called with a line for each thing that is started.
+    SIGTERM and SIGINT end it after the tick, as do so many `ticks`. For the main thread. Of `pace`
+    rate, cores and priority count. `report` is called with a line for each thing that is started.
     SourceError where inputs can no longer be read.
     """
     with signal_handlers(_STARTING), ExitStack() as stack:
@@ -82,7 +85,9 @@ def run(
             after_tick=after_tick,
         )
         if wiring.metrics is not None:
-            report(f"metrics: {stack.enter_context(serving_metrics(wiring.metrics, loop.counters))}")
+            report(
+                f"metrics: {stack.enter_context(serving_metrics(wiring.metrics, loop.counters))}"
+            )
         with handling_signals(loop), stack:
             notifier.ready()
             rows, cols = navigator.map.shape
@@ -98,7 +103,11 @@ def _connected(
     stack: ExitStack, wiring: Wiring, navigator: Navigator
 ) -> tuple[MailboxSource | ReplaySource, list[Sink]]:
     """The source, and sinks for the answers; refused inputs are answered where they come from."""
-    (kind, place), refusals, sinks = wiring.input_kind, Refusals(navigator.count_error), list[Sink]()
+    (kind, place), refusals, sinks = (
+        wiring.input_kind,
+        Refusals(navigator.count_error),
+        list[Sink](),
+    )
     link = None
     if ZENOH in (kind, *wiring.output_kinds):
         endpoint = next(iter(wiring.endpoints), LOOPBACK)

@@ -1,4 +1,6 @@
-"""Notifications to systemd (sd_notify): ready, alive, status, stopping. By the standard library alone."""
+"""Notifications to systemd (sd_notify): ready, alive, status, stopping. By the standard library
+alone.
+"""
 
 import logging
 import math
@@ -14,34 +16,45 @@ _LONGEST_STATUS = 200
 
 
 class Notifier:
-    """Notifies the service manager, to which it is a sink; without one, every call does nothing and returns False.
+    """Notifies the service manager, to which it is a sink; without one, every call does nothing and
+    returns False.
 
-    No call raises or waits: a notification that cannot be sent is dropped, with a warning the first time.
+    No call raises or waits: a notification that cannot be sent is dropped, with a warning the first
+    time.
 
-    Of the environment it reads ``NOTIFY_SOCKET`` (a path, or ``@`` and an abstract name), ``WATCHDOG_USEC`` and
-    ``WATCHDOG_PID``.
+    Of the environment it reads ``NOTIFY_SOCKET`` (a path, or ``@`` and an abstract name),
+    ``WATCHDOG_USEC`` and ``WATCHDOG_PID``.
     """
 
     name = "systemd"
 
     def __init__(
-        self, environment: Mapping[str, str] | None = None, *, clock: Callable[[], float] = time.monotonic
+        self,
+        environment: Mapping[str, str] | None = None,
+        *,
+        clock: Callable[[], float] = time.monotonic,
     ) -> None:
         environment = os.environ if environment is None else environment
-        self._clock, self._last, self._warned = clock, -math.inf, False
+        self._clock = clock
+        self._last = -math.inf
+        self._warned = False
         self._socket = socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM | socket.SOCK_CLOEXEC)
         self._socket.setblocking(False)
         name = environment.get("NOTIFY_SOCKET", "")
         usable = len(name) > 1 and name[0] in "/@"
         self._address = os.fsencode("\0" + name[1:] if name[0] == "@" else name) if usable else b""
         self.watchdog_s = _watchdog_s(environment) if self._address else None
-        """Seconds without `alive` after which the manager acts; None if it does not watch this process."""
+        """Seconds without `alive` after which the manager acts; None if it does not watch this
+        process.
+        """
 
     def ready(self) -> bool:
         return self._send("READY=1")
 
     def alive(self) -> bool:
-        """The planning loop has ended a tick. True if that was sent: at most every half of the watchdog's time."""
+        """The planning loop has ended a tick. True if that was sent: at most every half of the
+        watchdog's time.
+        """
         now = self._clock()
         if self.watchdog_s is None or now - self._last < 0.5 * self.watchdog_s:
             return False
@@ -49,7 +62,9 @@ class Notifier:
         return self._send("WATCHDOG=1")
 
     def publish(self, message: Output) -> None:
-        """Of a status message a line for ``systemctl status``: unprintable characters become blanks, at most 200."""
+        """Of a status message a line for ``systemctl status``: unprintable characters become
+        blanks, at most 200.
+        """
         if isinstance(message, StatusMessage):
             line = " ".join("".join(c if c.isprintable() else " " for c in message.text).split())
             self._send("STATUS=" + line[:_LONGEST_STATUS])

@@ -1,4 +1,6 @@
-"""Inputs that come from outside while the loop runs: read by threads of their own, each taken whole or refused."""
+"""Inputs that come from outside while the loop runs: read by threads of their own, each taken whole
+or refused.
+"""
 
 import logging
 import threading
@@ -41,7 +43,9 @@ class Refusals:
             _LOG.warning("an input was refused: %s%s", error, more)
 
     def waiting(self) -> list[Fault]:
-        """The faults that wait now, oldest first, each taken out; any that come meanwhile wait on."""
+        """The faults that wait now, oldest first, each taken out; any that come meanwhile
+        wait on.
+        """
         return [self._faults.popleft() for _ in range(len(self._faults))]
 
 
@@ -49,7 +53,9 @@ class MailboxSource:
     """A source whose inputs, of at most `limit` bytes each, wait in a mailbox."""
 
     def __init__(self, refusals: Refusals, limit: int, mailbox: Mailbox | None) -> None:
-        self._refusals, self._limit, self._mailbox = refusals, limit, mailbox or Mailbox()
+        self._refusals = refusals
+        self._limit = limit
+        self._mailbox = mailbox or Mailbox()
         self.poll = self._mailbox.read
         """Inputs since the last call."""
         self.failure = ""
@@ -60,7 +66,9 @@ class MailboxSource:
         """Whether nothing waits and nothing more will come, or reading has failed."""
         return bool(self.failure) or self._mailbox.ended
 
-    def _take(self, content: bytes | WireError, when_full: WhenFull, kind: str | None = None) -> int:
+    def _take(
+        self, content: bytes | WireError, when_full: WhenFull, kind: str | None = None
+    ) -> int:
         """Put a message into the mailbox, or refuse it; the number of patches dropped for it."""
         try:
             if isinstance(content, WireError):

@@ -1,7 +1,9 @@
-"""A log of the loop's inputs and answers, as MCAP with ROS 2 messages: Foxglove and rosbag2 read it.
+"""A log of the loop's inputs and answers, as MCAP with ROS 2 messages: Foxglove and rosbag2 read
+it.
 
-Costs become occupancies by the rule of `nnpp_edge.ros.maps`. The frame is ``map``: x = column · cell size,
-y = row · cell size, from the corner of cell (0, 0), as ROS maps lie. A map whose rows run south is seen mirrored.
+Costs become occupancies by the rule of `nnpp_edge.ros.maps`. The frame is ``map``: x = column ·
+cell size, y = row · cell size, from the corner of cell (0, 0), as ROS maps lie. A map whose rows
+run south is seen mirrored.
 """
 
 import json
@@ -33,7 +35,8 @@ from nnpp_edge.runtime.reading import refused_as
 _LOG = logging.getLogger(__name__)
 
 TOPICS = {
-    "/map": "nav_msgs/OccupancyGrid",  # at the beginning of each file, and while patches of heights come
+    # at the beginning of each file, and while patches of heights come
+    "/map": "nav_msgs/OccupancyGrid",
     "/map_patch": "nav_msgs/OccupancyGrid",  # each patch of costs
     "/elevation_patch": "grid_map_msgs/GridMap",  # each patch of heights, in metres
     "/pose": "geometry_msgs/PoseStamped",  # each
@@ -52,13 +55,14 @@ _LIMIT_BYTES = 512e6
 class McapLog:
     """A sink that writes inputs and answers to a file. Any thread may call any method.
 
-    Messages older than a second, or 64 kB, are with the operating system: they survive any end of the process, and
-    readers that take an unfinished file (the ``mcap`` tool's ``recover``, Foxglove) find them. If nothing more can be
-    written, a warning says so once, later messages are counted in `lost`, and the loop goes on.
+    Messages older than a second, or 64 kB, are with the operating system: they survive any end of
+    the process, and readers that take an unfinished file (the ``mcap`` tool's ``recover``,
+    Foxglove) find them. If nothing more can be written, a warning says so once, later messages are
+    counted in `lost`, and the loop goes on.
 
-    The log takes 512 MB of disk at most, or four bytes for each cell of the map, not counting a second's messages. A
-    file of half that size is finished and renamed to ``NAME.1.mcap``, in place of an earlier one, and a new file is
-    begun: the newest messages are kept.
+    The log takes 512 MB of disk at most, or four bytes for each cell of the map, not counting a
+    second's messages. A file of half that size is finished and renamed to ``NAME.1.mcap``, in place
+    of an earlier one, and a new file is begun: the newest messages are kept.
 
     Parameters
     ----------
@@ -74,7 +78,8 @@ class McapLog:
         self._mcap = optional_module("mcap.writer", "a log", "robot")
         self._path = Path(path)
         self._limit = 0.5 * max(_LIMIT_BYTES, 4.0 * math.prod(state.shape))
-        self._state, self._cell = state, 1.0 if state.sides_m is None else state.sides_m[0]
+        self._state = state
+        self._cell = 1.0 if state.sides_m is None else state.sides_m[0]
         self._lock = threading.Lock()
         self._last_path: NDArray[np.int32] | None = None
         self._heights_came = False
@@ -90,7 +95,9 @@ class McapLog:
         stamp = time.time_ns()
         with self._lock:
             if isinstance(message, Pose):
-                self._write("/pose", stamp, pose_message(message.row, message.col, self._cell, stamp))
+                self._write(
+                    "/pose", stamp, pose_message(message.row, message.col, self._cell, stamp)
+                )
             elif isinstance(message, Goal):
                 data = pose_message(message.row + 0.5, message.col + 0.5, self._cell, stamp)
                 self._write("/goal", stamp, data)
@@ -98,7 +105,9 @@ class McapLog:
                 data = grid_message(message.cost, (message.row, message.col), self._cell, stamp)
                 self._write("/map_patch", stamp, data)
             elif message.elevation is not None:
-                data = heights_message(message.elevation, (message.row, message.col), self._cell, stamp)
+                data = heights_message(
+                    message.elevation, (message.row, message.col), self._cell, stamp
+                )
                 self._write("/elevation_patch", stamp, data)
                 self._heights_came = True
             self._tidy()
@@ -112,7 +121,9 @@ class McapLog:
                 del answer["headings_deg"]
                 self._write("/answer", now, string_message(json.dumps(answer)))
                 if not _is_rest(message.path, self._last_path):
-                    self._write("/path", now, path_message(message.path, self._cell, now, message.headings))
+                    self._write(
+                        "/path", now, path_message(message.path, self._cell, now, message.headings)
+                    )
                 self._last_path = message.path
             else:
                 self._write("/status", now, string_message(json.dumps(message.summary())))
@@ -128,11 +139,14 @@ class McapLog:
         self._writer = self._mcap.Writer(stream, chunk_size=_CHUNK_BYTES)
         self._writer.start(profile="ros2")
         schemas = {
-            kind: self._writer.register_schema(kind.replace("/", "/msg/"), "ros2msg", definition(kind).encode())
+            kind: self._writer.register_schema(
+                kind.replace("/", "/msg/"), "ros2msg", definition(kind).encode()
+            )
             for kind in dict.fromkeys(TOPICS.values())
         }
         self._channels: dict[str, int] = {
-            topic: self._writer.register_channel(topic, "cdr", schemas[kind]) for topic, kind in TOPICS.items()
+            topic: self._writer.register_channel(topic, "cdr", schemas[kind])
+            for topic, kind in TOPICS.items()
         }
         self._last_path = None
         self._flushed = time.monotonic()
@@ -140,7 +154,8 @@ class McapLog:
         self._writer.flush()
 
     def _write_map(self) -> None:
-        self._mapped, self._heights_came = time.monotonic(), False
+        self._mapped = time.monotonic()
+        self._heights_came = False
         now = time.time_ns()
         self._write("/map", now, grid_message(self._state.cost(), (0, 0), self._cell, now))
 
@@ -149,7 +164,9 @@ class McapLog:
             self.lost += 1
             return
         with self._stopping_on_error():
-            self._writer.add_message(self._channels[topic], log_time=stamp, publish_time=stamp, data=data)
+            self._writer.add_message(
+                self._channels[topic], log_time=stamp, publish_time=stamp, data=data
+            )
 
     def _tidy(self) -> None:
         """Write the map, flush, and begin another file, each when it is time."""
@@ -181,7 +198,8 @@ class McapLog:
         except OSError as error:
             _LOG.warning("the log %s stops: %s", self._path, " ".join(str(error).split()))
             self.lost += 1
-            stream, self._stream = self._stream, None
+            stream = self._stream
+            self._stream = None
             with suppress(OSError):
                 if stream is not None:
                     stream.close()

@@ -1,7 +1,8 @@
 """Inputs of the loop in a file: recorded as they come, and played again.
 
-A line holds one message in JSON, as on the wire, with ``at``: seconds since the recording began. Inputs that were
-read in the same tick have the same time. The first line may hold the size of the map.
+A line holds one message in JSON, as on the wire, with ``at``: seconds since the recording began.
+Inputs that were read in the same tick have the same time. The first line may hold the size of the
+map.
 """
 
 import json
@@ -46,7 +47,9 @@ class _Head(msgspec.Struct, tag_field="type", tag="recording"):
     map: tuple[int, int] | None = None
 
 
-_LINE: msgspec.json.Decoder[_Head | Record] = msgspec.json.Decoder(_Head | PoseRecord | GoalRecord | PatchRecord)
+_LINE: msgspec.json.Decoder[_Head | Record] = msgspec.json.Decoder(
+    _Head | PoseRecord | GoalRecord | PatchRecord
+)
 
 
 class ReplayError(InvalidQueryError):
@@ -54,11 +57,12 @@ class ReplayError(InvalidQueryError):
 
 
 class ReplaySource:
-    """Plays a recording. It is read once at the beginning, so that errors in it are raised then (ReplayError).
+    """Plays a recording. It is read once at the beginning, so that errors in it are raised then
+    (ReplayError).
 
-    A last line that was cut off, as by a crash, is left out. It must have been recorded on a map of this `shape`,
-    where one is given. `fast` gives the inputs of one recorded tick with each call, instead of keeping the recorded
-    pace.
+    A last line that was cut off, as by a crash, is left out. It must have been recorded on a map of
+    this `shape`, where one is given. `fast` gives the inputs of one recorded tick with each call,
+    instead of keeping the recorded pace.
     """
 
     def __init__(
@@ -69,7 +73,8 @@ class ReplaySource:
         fast: bool = False,
         clock: Callable[[], float] = time.monotonic,
     ) -> None:
-        self._fast, self._clock = fast, clock
+        self._fast = fast
+        self._clock = clock
         self.messages = sum(1 for _ in read_recording(path, shape))
         """Number of messages in the recording."""
         self._rest = read_recording(path, shape)
@@ -93,13 +98,17 @@ class ReplaySource:
             try:
                 self._next = next(self._rest, None)
             except Exception as error:  # it is another file by now
-                self.failure, self._next = one_line(error), None
+                self.failure = one_line(error)
+                self._next = None
             yield message
 
 
-def read_recording(path: Path, shape: tuple[int, int] | None = None) -> Iterator[tuple[float, Input]]:
+def read_recording(
+    path: Path, shape: tuple[int, int] | None = None
+) -> Iterator[tuple[float, Input]]:
     """Times and inputs of a recording, one by one; ReplayError as for `ReplaySource`."""
-    latest, wanted = 0.0, f"{path}: wanted a recording, got a file that cannot be read"
+    latest = 0.0
+    wanted = f"{path}: wanted a recording, got a file that cannot be read"
     with refused_as(ReplayError, wanted), Path(path).open("rb") as file:
         lines = iter(partial(file.readline, _LONGEST_LINE + 1), b"")
         for number, line in enumerate(lines, 1):
@@ -115,12 +124,16 @@ def read_recording(path: Path, shape: tuple[int, int] | None = None) -> Iterator
                 yield found
 
 
-def _read_line(line: bytes, shape: tuple[int, int] | None, latest: float) -> tuple[float, Input] | None:
+def _read_line(
+    line: bytes, shape: tuple[int, int] | None, latest: float
+) -> tuple[float, Input] | None:
     """Time and input of a line; None for the head."""
     record = decoded_input(line, _LINE, "a pose, goal or patch with its time", _LONGEST_LINE)
     if isinstance(record, _Head):
         if shape is not None and record.map not in (None, shape):
-            raise WireError(f"wanted a recording on a map of {list(shape)} cells, got one of {list(record.map)}")
+            raise WireError(
+                f"wanted a recording on a map of {list(shape)} cells, got one of {list(record.map)}"
+            )
         return None
     if record.at is None:
         raise WireError("at: wanted the seconds since the recording began, got none")
@@ -130,10 +143,11 @@ def _read_line(line: bytes, shape: tuple[int, int] | None, latest: float) -> tup
 
 
 class RecordingFile:
-    """Writes inputs to a new file, line by line: what was written survives the end of the process, however it ends.
+    """Writes inputs to a new file, line by line: what was written survives the end of the process,
+    however it ends.
 
-    A file of that name is left alone: ``scene-2.jsonl`` is written instead of ``scene.jsonl``. The `shape` is that of
-    the map. OutputError if the file cannot be written.
+    A file of that name is left alone: ``scene-2.jsonl`` is written instead of ``scene.jsonl``. The
+    `shape` is that of the map. OutputError if the file cannot be written.
     """
 
     def __init__(self, path: Path, shape: tuple[int, int]) -> None:
@@ -142,17 +156,23 @@ class RecordingFile:
         """A line could not be written whole: none may follow it."""
         for number in range(2, 100_000):
             try:
-                self._file = self.path.open("wb" if self.path.is_char_device() else "xb", buffering=0)
+                self._file = self.path.open(
+                    "wb" if self.path.is_char_device() else "xb", buffering=0
+                )
                 break
             except FileExistsError:
                 self.path = path.with_name(f"{path.stem}-{number}{path.suffix}")
             except OSError as error:
                 raise OutputError(f"{path}: could not be written ({error.strerror})") from error
         with suppress(OSError):  # a full disk, of which `record` will tell
-            self._write(json.dumps({"v": VERSION, "type": "recording", "map": list(shape)}).encode() + b"\n")
+            self._write(
+                json.dumps({"v": VERSION, "type": "recording", "map": list(shape)}).encode() + b"\n"
+            )
 
     def record(self, message: Input, at_s: float) -> None:
-        """Write an input that came so many seconds after the begin; OSError once the disk has been full."""
+        """Write an input that came so many seconds after the begin; OSError once the disk has been
+        full.
+        """
         self._write(b'{"at":%.6f,' % at_s + encode(message)[1:] + b"\n")
 
     def _write(self, line: bytes) -> None:
@@ -168,12 +188,14 @@ class RecordingFile:
 
 
 class RecordedSource:
-    """Passes on the inputs of another source, and hands them to recorders, each in a thread of its own.
+    """Passes on the inputs of another source, and hands them to recorders, each in a thread of its
+    own.
 
-    Recorders are called with an input, and the seconds from the first call of `poll` to the one that gave the input.
-    If 4096 inputs or 16 million cells wait to be recorded, the next are left out, unless `wait` has the loop wait for
-    its recorders, for replays. `count_error` is called with ``record`` for each input that a recorder failed on, or
-    that was left out. The first failure of a recorder is logged.
+    Recorders are called with an input, and the seconds from the first call of `poll` to the one
+    that gave the input. If 4096 inputs or 16 million cells wait to be recorded, the next are left
+    out, unless `wait` has the loop wait for its recorders, for replays. `count_error` is called
+    with ``record`` for each input that a recorder failed on, or that was left out. The first
+    failure of a recorder is logged.
     """
 
     def __init__(
@@ -184,10 +206,14 @@ class RecordedSource:
         *,
         wait: bool = False,
     ) -> None:
-        self._source, self._count_error, self._wait = source, count_error, wait
+        self._source = source
+        self._count_error = count_error
+        self._wait = wait
         self._began: float | None = None
         guard = partial(Guard, "recording an input", "record", count_error)
-        self._workers = [Worker(_unpacked(each), Queue(_MOST_WAITING, _size), guard()) for each in recorders]
+        self._workers = [
+            Worker(_unpacked(each), Queue(_MOST_WAITING, _size), guard()) for each in recorders
+        ]
         for worker in self._workers:
             worker.start()
 
@@ -197,7 +223,9 @@ class RecordedSource:
         self._began = now if self._began is None else self._began
         for message in self._source.poll():
             for worker in self._workers:
-                if worker.queue.put((message, now - self._began), "wait" if self._wait else "refuse"):
+                if worker.queue.put(
+                    (message, now - self._began), "wait" if self._wait else "refuse"
+                ):
                     self._count_error("record")
             yield message
 
@@ -207,10 +235,14 @@ class RecordedSource:
             worker.close(patience_s, patient=lambda: self._wait)
 
 
-def _unpacked(recorder: Callable[[Input, float], object]) -> Callable[[tuple[Input, float]], object]:
+def _unpacked(
+    recorder: Callable[[Input, float], object],
+) -> Callable[[tuple[Input, float]], object]:
     return lambda timed: recorder(*timed)
 
 
 def _size(timed: tuple[Input, float]) -> int:
     message = timed[0]
-    return 1 + (message.shape[0] * message.shape[1] // _CELLS_AS_ONE if isinstance(message, MapPatch) else 0)
+    return 1 + (
+        message.shape[0] * message.shape[1] // _CELLS_AS_ONE if isinstance(message, MapPatch) else 0
+    )

@@ -23,29 +23,35 @@ _MOST_ARROWS = 100
 
 
 class RerunSink:
-    """A sink for rerun. Columns run to the right and rows down; the map is drawn as in the toolkit's pictures.
+    """A sink for rerun. Columns run to the right and rows down; the map is drawn as in the
+    toolkit's pictures.
 
     Parameters
     ----------
     where : str or Path
-        ``here`` starts a viewer on this machine, ``rerun+http://HOST:9876/proxy`` is the address of one, and
-        ``….rrd`` is a recording to write; a file of that name is replaced.
+        ``here`` starts a viewer on this machine, ``rerun+http://HOST:9876/proxy`` is the address of
+        one, and ``….rrd`` is a recording to write; a file of that name is replaced.
     state : MapState
-        The loop's map (`Navigator.map`), shown again when it has changed, but at most every `map_every_s` seconds.
+        The loop's map (`Navigator.map`), shown again when it has changed, but at most every
+        `map_every_s` seconds.
 
-    InvalidQueryError where `where` is none of these, MissingExtraError without rerun, OutputError where the recording
-    cannot be begun or no viewer can be started.
+    InvalidQueryError where `where` is none of these, MissingExtraError without rerun, OutputError
+    where the recording cannot be begun or no viewer can be started.
     """
 
     name = "rerun"
 
     def __init__(self, where: str | Path, state: MapState, *, map_every_s: float = 1.0) -> None:
         self._rr = optional_module("rerun", "a view", "viz")
-        self._state, self._map_every_s = state, map_every_s
-        self._version, self._mapped, self._tick = -1, -math.inf, 0
+        self._state = state
+        self._map_every_s = map_every_s
+        self._version = -1
+        self._mapped = -math.inf
+        self._tick = 0
         self._began = time.monotonic()
         self._outcome = ""
-        self._stream, place = self._rr.RecordingStream("nnpp-edge"), str(where)
+        self._stream = self._rr.RecordingStream("nnpp-edge")
+        place = str(where)
         is_address = place.startswith(("rerun://", "rerun+http://", "rerun+https://"))
         if not (place == "here" or is_address or place.endswith(".rrd")):
             wanted = "here, rerun+http://HOST:9876/proxy or a file FILE.rrd"
@@ -60,7 +66,9 @@ class RerunSink:
                 self._stream.save(where)
 
     def record(self, message: Input, at_s: float = 0.0) -> None:
-        """Show an input, with the tick that follows: the robot, its goal, or the rectangle of a map patch."""
+        """Show an input, with the tick that follows: the robot, its goal, or the rectangle of a map
+        patch.
+        """
         self._set_time(self._tick + 1)
         rr = self._rr
         if isinstance(message, MapPatch):
@@ -90,14 +98,20 @@ class RerunSink:
         self._show_map()
         colour = _DEGRADED if message.degraded else _PATH
         strips = [_points(message.path)] if len(message.path) else []
-        self._stream.log("map/path", rr.LineStrips2D(strips, colors=colour, radii=0.4, draw_order=10.0))
+        self._stream.log(
+            "map/path", rr.LineStrips2D(strips, colors=colour, radii=0.4, draw_order=10.0)
+        )
         self._show_bodies(message)
         self._scalar("planning_ms", message.planning_ms)
         self._scalar("cost", message.cost if message.ok else None)
-        outcome = f"{message.outcome} by {message.origin}" + (" (degraded)" if message.degraded else "")
+        outcome = f"{message.outcome} by {message.origin}" + (
+            " (degraded)" if message.degraded else ""
+        )
         if outcome != self._outcome:
             self._outcome = outcome
-            self._stream.log("status", rr.TextLog(f"{outcome}: {message.reason}" if message.reason else outcome))
+            self._stream.log(
+                "status", rr.TextLog(f"{outcome}: {message.reason}" if message.reason else outcome)
+            )
 
     def close(self) -> None:
         """Write the rest and disconnect."""
@@ -109,36 +123,50 @@ class RerunSink:
         self._stream.set_time("tick", sequence=tick)
 
     def _show_map(self) -> None:
-        now, state = time.monotonic(), self._state
+        now = time.monotonic()
+        state = self._state
         if state.log.version == self._version or now - self._mapped < self._map_every_s:
             return
         from nnpp_edge.viz.picture import cost_picture
 
-        self._version, self._mapped = state.log.version, now
+        self._version = state.log.version
+        self._mapped = now
         picture = np.ascontiguousarray(cost_picture(state.cost())[..., ::-1])
         self._stream.log("map/cost", self._rr.Image(picture))
 
     def _show_bodies(self, message: PathMessage) -> None:
-        """The outline of the map's vehicle along the path, and its headings where it drives arcs."""
-        vehicle, sides = self._state.vehicle, self._state.sides_m
+        """The outline of the map's vehicle along the path, and its headings where it
+        drives arcs.
+        """
+        vehicle = self._state.vehicle
+        sides = self._state.sides_m
         if vehicle is None or sides is None:
             return
         from nnpp_edge.viz.picture import body_outlines
 
-        headings, some = message.headings_deg, slice(None, None, 1 + len(message.path) // _MOST_ARROWS)
+        headings = message.headings_deg
+        some = slice(None, None, 1 + len(message.path) // _MOST_ARROWS)
         outlines = body_outlines(message.path, vehicle, sides, headings if message.states else None)
         strips = [_points(outline) for outline in outlines]
-        self._stream.log("map/body", self._rr.LineStrips2D(strips, colors=_BODY, radii=0.15, draw_order=15.0))
+        self._stream.log(
+            "map/body", self._rr.LineStrips2D(strips, colors=_BODY, radii=0.15, draw_order=15.0)
+        )
         if vehicle.turning_radius_m is not None:
             self._arrows("map/headings", _points(message.path)[some], headings[some], _PATH)
 
     def _arrows(
-        self, place: str, points: NDArray[np.float32], headings_deg: NDArray[np.float64], colour: Colour
+        self,
+        place: str,
+        points: NDArray[np.float32],
+        headings_deg: NDArray[np.float64],
+        colour: Colour,
     ) -> None:
         """Arrows two cells long from points (x, y)."""
         (dy, dx), turns = self._state.sides_m or (1.0, 1.0), np.radians(headings_deg)
         ahead = 2.0 * min(dy, dx) * np.column_stack((np.sin(turns) / dx, -np.cos(turns) / dy))
-        arrows = self._rr.Arrows2D(vectors=ahead, origins=points, colors=colour, radii=0.15, draw_order=16.0)
+        arrows = self._rr.Arrows2D(
+            vectors=ahead, origins=points, colors=colour, radii=0.15, draw_order=16.0
+        )
         self._stream.log(place, arrows)
 
     def _point(self, place: str, cell: tuple[float, float], colour: Colour) -> None:

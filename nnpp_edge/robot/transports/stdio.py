@@ -1,4 +1,6 @@
-"""Messages over standard input and output: for shell scripts, and for programs that start the loop themselves."""
+"""Messages over standard input and output: for shell scripts, and for programs that start the loop
+themselves.
+"""
 
 import io
 import os
@@ -20,7 +22,9 @@ _CHUNK = 1 << 16
 
 
 def messages(stream: BinaryIO, limit: int = LIMIT_BYTES) -> Iterator[bytes | WireError]:
-    """The lines of a stream, without blank ones, and an error in the place of each of more than `limit` bytes."""
+    """The lines of a stream, without blank ones, and an error in the place of each of more than
+    `limit` bytes.
+    """
     while line := stream.readline(limit + 1):
         length = len(line.rstrip(b"\n"))
         if length > limit:
@@ -43,8 +47,8 @@ class _Waiting(io.FileIO):
 class StdioSource(MailboxSource):
     """Reads messages, each a line, from a file descriptor in a thread of its own.
 
-    If patches come faster than the loop reads them, reading pauses: the sender waits, and no patch is lost. Each
-    message that is refused is added to `refusals`, and the next is read.
+    If patches come faster than the loop reads them, reading pauses: the sender waits, and no patch
+    is lost. Each message that is refused is added to `refusals`, and the next is read.
     """
 
     def __init__(
@@ -70,12 +74,15 @@ class StdioSource(MailboxSource):
 
 
 class StdioSink:
-    """Writes each answer as a line to a file descriptor; before it the refusals that wait for one."""
+    """Writes each answer as a line to a file descriptor; before it the refusals that wait
+    for one.
+    """
 
     name = "stdout"
 
     def __init__(self, refusals: Refusals | None = None, *, descriptor: int = 1) -> None:
-        self._refusals, self._descriptor = refusals, descriptor
+        self._refusals = refusals
+        self._descriptor = descriptor
         self._broken = False
 
     def publish(self, message: Output) -> None:
@@ -92,4 +99,6 @@ class StdioSink:
                     select.select([], [self._descriptor], [])
         except BrokenPipeError as error:
             self._broken = True
-            raise OutputError("standard output was closed by its reader: nothing more is written to it") from error
+            raise OutputError(
+                "standard output was closed by its reader: nothing more is written to it"
+            ) from error

@@ -1,6 +1,7 @@
 """Inputs and outputs of the onboard loop as JSON. See docs/messages.md.
 
-An input is taken whole or refused: unknown words, wrong types and values out of range are errors of one line.
+An input is taken whole or refused: unknown words, wrong types and values out of range are errors of
+one line.
 """
 
 import math
@@ -21,8 +22,9 @@ VERSION = 1
 LIMIT_BYTES = 16 << 20
 """Of a message; room for a patch of 1700 × 1700 cells in base64."""
 JSON_BYTES = 128 << 10
-"""Of a message outside a patch's base64; room for 128 × 128 cells as lists. No other thread runs while JSON is
-decoded: 9 ms at most for so much, as for 16 MiB of base64; 16 MiB of lists took 1 s and 1 GB."""
+"""Of a message outside a patch's base64; room for 128 × 128 cells as lists. No other thread runs
+while JSON is decoded: 9 ms at most for so much, as for 16 MiB of base64; 16 MiB of lists took 1
+s and 1 GB."""
 _EXCERPT = 60
 _OPENING = re.compile(rb'"float32"\s{0,60}:\s{0,60}"')
 
@@ -87,36 +89,53 @@ _OUTPUTS = {"path": PathMessage, "status": StatusMessage, "error": Fault}
 
 
 def encode(message: Input | Output | Fault) -> bytes:
-    """A message as JSON in one line, without its end. Values of patches are base64, so that none changes."""
+    """A message as JSON in one line, without its end. Values of patches are base64, so that none
+    changes.
+    """
     if isinstance(message, MapPatch):
         packed = Packed(message.shape, message.values.astype("<f4").tobytes())
         layer = {"elevation" if message.cost is None else "cost": packed}
         kept = {name: getattr(message, name) for name in ("row", "col", "keep_known", "stamp")}
         return _joined("patch", kept | layer)
-    kinds = {Pose: "pose", Goal: "goal", PathMessage: "path", StatusMessage: "status", Fault: "error"}
-    return _joined(kinds[type(message)], message.summary() if isinstance(message, PathMessage) else message)
+    kinds = {
+        Pose: "pose",
+        Goal: "goal",
+        PathMessage: "path",
+        StatusMessage: "status",
+        Fault: "error",
+    }
+    return _joined(
+        kinds[type(message)], message.summary() if isinstance(message, PathMessage) else message
+    )
 
 
 def decode(payload: bytes, limit: int = LIMIT_BYTES, kind: str | None = None) -> Input:
     """The input that a message holds.
 
-    The message is one JSON object in UTF-8. Where only a `kind` may come, ``pose``, ``goal`` or ``patch``, it need
-    not name its type. WireError where it is too long, has more than `JSON_BYTES` outside base64, is no JSON, of
-    another version, has words that are unknown, or values out of range.
+    The message is one JSON object in UTF-8. Where only a `kind` may come, ``pose``, ``goal`` or
+    ``patch``, it need not name its type. WireError where it is too long, has more than `JSON_BYTES`
+    outside base64, is no JSON, of another version, has words that are unknown, or values out of
+    range.
     """
-    return as_input(decoded_input(payload, _INPUTS[kind], f"a {kind or 'pose, goal or patch'}", limit))
+    return as_input(
+        decoded_input(payload, _INPUTS[kind], f"a {kind or 'pose, goal or patch'}", limit)
+    )
 
 
 def decode_output(payload: bytes, limit: int = LIMIT_BYTES) -> Output | Fault:
-    """The answer that a message holds; for programs that listen to the loop. WireError as for `decode`.
+    """The answer that a message holds; for programs that listen to the loop. WireError as for
+    `decode`.
 
-    Words that no answer has are passed over, and so are a path's headings, which follow from its cells.
+    Words that no answer has are passed over, and so are a path's headings, which follow from its
+    cells.
     """
     wanted = "an answer of the loop"
     fields = decoded(payload, msgspec.json.Decoder(dict[str, object]), wanted, limit)
     kind = fields.get("type")
     if not isinstance(kind, str) or kind not in _OUTPUTS or fields.get("v", VERSION) != VERSION:
-        raise _refused(wanted, payload, f"its type must be {', '.join(_OUTPUTS)}, and its version {VERSION}")
+        raise _refused(
+            wanted, payload, f"its type must be {', '.join(_OUTPUTS)}, and its version {VERSION}"
+        )
     for name in ("cost", "lower_bound", "line_cost"):
         if name in fields and fields[name] is None:
             fields[name] = math.inf
@@ -127,8 +146,12 @@ def decode_output(payload: bytes, limit: int = LIMIT_BYTES) -> Output | Fault:
     return output
 
 
-def decoded(payload: bytes, decoder: msgspec.json.Decoder[T], wanted: str, limit: int = LIMIT_BYTES) -> T:
-    """A decoder's result for a message; a WireError that says what was wanted, and what came instead."""
+def decoded(
+    payload: bytes, decoder: msgspec.json.Decoder[T], wanted: str, limit: int = LIMIT_BYTES
+) -> T:
+    """A decoder's result for a message; a WireError that says what was wanted, and what came
+    instead.
+    """
     if len(payload) > limit:
         raise WireError(f"wanted a message of at most {limit} bytes, got {len(payload)}")
     try:
@@ -137,8 +160,12 @@ def decoded(payload: bytes, decoder: msgspec.json.Decoder[T], wanted: str, limit
         raise _refused(wanted, payload, error) from None
 
 
-def decoded_input(payload: bytes, decoder: msgspec.json.Decoder[T], wanted: str, limit: int = LIMIT_BYTES) -> T:
-    """As `decoded`, for inputs: a WireError too if more than `JSON_BYTES` are left without a patch's base64."""
+def decoded_input(
+    payload: bytes, decoder: msgspec.json.Decoder[T], wanted: str, limit: int = LIMIT_BYTES
+) -> T:
+    """As `decoded`, for inputs: a WireError too if more than `JSON_BYTES` are left without a
+    patch's base64.
+    """
     if JSON_BYTES < len(payload) <= limit:
         opening = _OPENING.search(payload, 0, JSON_BYTES)
         base64 = payload.find(b'"', opening.end()) - opening.end() if opening else 0
@@ -183,17 +210,23 @@ def _as_places(kind: object, places: list[list[float]]) -> NDArray[np.int32] | N
     return np.asarray(places, np.int32).reshape(-1, 2)
 
 
-def _values(name: str, given: list[list[float | None]] | Packed | None) -> NDArray[np.float32] | None:
+def _values(
+    name: str, given: list[list[float | None]] | Packed | None
+) -> NDArray[np.float32] | None:
     """The cells of a patch."""
     if isinstance(given, Packed):
         rows, cols = given.shape
         if (came := len(given.float32)) != 4 * rows * cols:
-            raise InvalidMessageError(f"a patch's {name} has {came} bytes for {rows} × {cols} cells of 4")
+            raise InvalidMessageError(
+                f"a patch's {name} has {came} bytes for {rows} × {cols} cells of 4"
+            )
         return np.frombuffer(given.float32, "<f4").reshape(rows, cols)
     if given is None:
         return None
     if len(lengths := {len(row) for row in given}) > 1:
-        raise InvalidMessageError(f"the rows of a patch's {name} must be of one length, got {sorted(lengths)[:8]}")
+        raise InvalidMessageError(
+            f"the rows of a patch's {name} must be of one length, got {sorted(lengths)[:8]}"
+        )
     with np.errstate(over="ignore"):
         return np.array(given, np.float64).astype(np.float32)  # None becomes NaN
 
@@ -205,4 +238,6 @@ def _refused(wanted: str, payload: bytes, reason: Exception | str) -> WireError:
     where = place.rstrip("`")
     if where == "v":
         wanted = f"version {VERSION} of the messages"
-    return WireError(f"wanted {wanted}, got {excerpt} ({where + ': ' if where else ''}{text[:150]})")
+    return WireError(
+        f"wanted {wanted}, got {excerpt} ({where + ': ' if where else ''}{text[:150]})"
+    )

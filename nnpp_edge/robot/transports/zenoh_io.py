@@ -1,6 +1,7 @@
 """Messages over Zenoh. By default only programs on this machine are heard.
 
-Below the prefix, ``patch``, ``pose`` and ``goal`` are listened to; ``path``, ``status`` and ``error`` are sent.
+Below the prefix, ``patch``, ``pose`` and ``goal`` are listened to; ``path``, ``status`` and
+``error`` are sent.
 """
 
 import json
@@ -37,38 +38,52 @@ _CONFIGURATION = {
 
 
 class ZenohLink:
-    """A Zenoh session without discovery: it listens at `endpoint` (``tcp/ADDRESS:PORT``, by default the loopback
-    interface), or connects to a router or peer, again and again until that succeeds.
+    """A Zenoh session without discovery: it listens at `endpoint` (``tcp/ADDRESS:PORT``, by default
+    the loopback interface), or connects to a router or peer, again and again until that succeeds.
 
-    `prefix` is the first part of all topics. InvalidQueryError where the session cannot be opened, or the prefix
-    makes no topic; MissingExtraError without Zenoh.
+    `prefix` is the first part of all topics. InvalidQueryError where the session cannot be opened,
+    or the prefix makes no topic; MissingExtraError without Zenoh.
     """
 
-    def __init__(self, endpoint: str = LOOPBACK, *, connect: str | None = None, prefix: str = PREFIX) -> None:
+    def __init__(
+        self, endpoint: str = LOOPBACK, *, connect: str | None = None, prefix: str = PREFIX
+    ) -> None:
         zenoh = optional_module("zenoh", "a Zenoh session", "robot")
-        if not prefix or prefix != prefix.strip("/") or any(c in prefix for c in "*$?# ") or "//" in prefix:
+        if (
+            not prefix
+            or prefix != prefix.strip("/")
+            or any(c in prefix for c in "*$?# ")
+            or "//" in prefix
+        ):
             raise InvalidQueryError(f"the prefix must be words joined by /, got {prefix!r}")
-        self.zenoh, self.prefix = zenoh, prefix
+        self.zenoh = zenoh
+        self.prefix = prefix
         config = zenoh.Config()
         listen, other = ([], [connect]) if connect else ([endpoint], [])
         where = f"go to {connect!r}" if connect else f"listen at {endpoint!r}"
         with refused_as(InvalidQueryError, f"Zenoh could not {where}"):
-            for key, value in (_CONFIGURATION | {"listen/endpoints": listen, "connect/endpoints": other}).items():
+            for key, value in (
+                _CONFIGURATION | {"listen/endpoints": listen, "connect/endpoints": other}
+            ).items():
                 config.insert_json5(key, json.dumps(value))
             self.session = zenoh.open(config)
 
     def close(self) -> None:
         """End the session, within a second."""
-        thread = threading.Thread(target=self.session.close, name="nnpp-edge zenoh close", daemon=True)
+        thread = threading.Thread(
+            target=self.session.close, name="nnpp-edge zenoh close", daemon=True
+        )
         thread.start()
         thread.join(_PATIENCE_S)
 
 
 class ZenohSource(MailboxSource):
-    """Inputs from Zenoh's topics. If patches come faster than the loop reads them, the oldest are dropped.
+    """Inputs from Zenoh's topics. If patches come faster than the loop reads them, the oldest are
+    dropped.
 
-    `count_error` is called with ``input dropped`` for each; messages that are refused are added to `refusals`.
-    Zenoh's own thread decodes them, and receives no more meanwhile: they do not pile up, their senders wait.
+    `count_error` is called with ``input dropped`` for each; messages that are refused are added to
+    `refusals`. Zenoh's own thread decodes them, and receives no more meanwhile: they do not pile
+    up, their senders wait.
     """
 
     def __init__(
@@ -84,7 +99,9 @@ class ZenohSource(MailboxSource):
         self._count_error = count_error
         directly = partial(link.zenoh.handlers.Callback, indirect=False)
         self._subscribers = [
-            link.session.declare_subscriber(f"{link.prefix}/{topic}", directly(self._listener(topic)))
+            link.session.declare_subscriber(
+                f"{link.prefix}/{topic}", directly(self._listener(topic))
+            )
             for topic in TOPICS
         ]
 
@@ -98,15 +115,22 @@ class ZenohSource(MailboxSource):
 
 
 class ZenohSink:
-    """Sends answers to Zenoh's topics, refusals that wait first; Zenoh drops what listeners are too slow for."""
+    """Sends answers to Zenoh's topics, refusals that wait first; Zenoh drops what listeners are too
+    slow for.
+    """
 
     name = "zenoh"
 
     def __init__(self, link: ZenohLink, refusals: Refusals | None = None) -> None:
         self._refusals = refusals
-        as_json, drop = link.zenoh.Encoding.APPLICATION_JSON, link.zenoh.CongestionControl.DROP
-        declared = partial(link.session.declare_publisher, encoding=as_json, congestion_control=drop)
-        self._publishers = {topic: declared(f"{link.prefix}/{topic}") for topic in ("path", "status", "error")}
+        as_json = link.zenoh.Encoding.APPLICATION_JSON
+        drop = link.zenoh.CongestionControl.DROP
+        declared = partial(
+            link.session.declare_publisher, encoding=as_json, congestion_control=drop
+        )
+        self._publishers = {
+            topic: declared(f"{link.prefix}/{topic}") for topic in ("path", "status", "error")
+        }
 
     def publish(self, message: Output) -> None:
         """Send what waits and the answer."""
