@@ -4,7 +4,8 @@ Every pose on the path is checked: pitch, roll, the step under each wheel, the c
 belly. Before its poses have been checked the cost of a block of cells for such a body is unknown,
 so the corridor starts from the paper's cost. Both paths pass the same checks.
 
-Run time: 5 s. Data: moon_rocks, a crop of LROC WAC GLD100 (public domain) with rocks made by
+Run time: 5 s.
+Data: moon_rocks, a crop of LROC WAC GLD100 (public domain) with rocks made by
 nnpp_edge/terrain/rocks.py on a tenth of it.
 """
 

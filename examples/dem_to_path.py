@@ -3,7 +3,8 @@
 A planner is made of elevations, and its paths avoid slopes steeper than 20 degrees. The cost of a
 step, and where the ground is impassable, follow from the elevations (NNPP, Eq. 1).
 
-Run time: 5 s. Data: three samples that travel with the package. Moon: LROC WAC GLD100, public
+Run time: 5 s.
+Data: three samples that travel with the package. Moon: LROC WAC GLD100, public
 domain. Mars: HiRISE terrain model of Victoria crater, NASA/JPL/University of Arizona, public.
 Earth: airborne lidar, MIT licence. Details: nnpp_edge/terrain/samples/README.md.
 """

@@ -64,7 +64,7 @@ def _exercise_elevations(
     """Plans of all methods on heights, of a map that stands and of one that changes."""
     start = (8, 5)
     goal = (140, 18)
-    limits = Traversability(hard_slope_deg=25.0)
+    limits = Traversability(hard_slope_deg=25.0) if vehicle is None else None
     refine = "any-angle" if step_cost == "paper" and vehicle is None else None
     own: GroundOptions = {"vehicle": vehicle, "step_cost": step_cost}
     for lazy in (True, False):

@@ -39,8 +39,7 @@ STRIPE_CELLS = 1 << 18
 """Cells of a map that are made ready between two readings of the clock: about half a
 millisecond.
 """
-TILE_ROWS = 32
-TILE_COLS = 64
+TILE_ROWS, TILE_COLS = 32, 64
 """Cells of the pieces in which a map of heights is computed: powers of two. In smaller ones rows
 are too short for the compiler's loops; of larger ones a search looks at a small part."""
 MOST_SAMPLED = 16
@@ -50,19 +49,16 @@ term's limit.
 
 # Maps read by windows
 
-BAND_CELLS = 1 << 22
-BANDS_AHEAD = 3
+BAND_CELLS, BANDS_AHEAD = 1 << 22, 3
 """Cells of a band of rows that is read and computed as one, about: 16 MB of heights; bands that
 are read ahead, as blocks are decoded for several bands at once, which the others then wait for."""
-LEAST_WINDOW = 256
-LEG_CELLS = 256
+LEAST_WINDOW, LEG_CELLS = 256, 256
 """Cells: windows under a corridor are at least so high and wide, where blocks are smaller; those
 of a path whose heights are read by one window."""
 
 # Exact search
 
-BUCKET_WIDTH = 1.0 / 4.0
-BUCKET_WIDTH_BY_LANDMARKS = 1.0 / 256.0
+BUCKET_WIDTH, BUCKET_WIDTH_BY_LANDMARKS = 1.0 / 4.0, 1.0 / 256.0
 """Cheapest steps to a bucket of the open list. By landmarks, nearly optimal cells have nearly
 the same f: a wide bucket, which is not in order within, would expand many of them again and
 again."""
@@ -74,8 +70,7 @@ NEAREST_STOPS = 5
 """Stops nearest each stop of a tour that one search of steps reaches, for the best order of exact
 paths.
 """
-MOST_RATIO_FOR_LANDMARKS = 1e6
-MOST_RATIO_FOR_DSTAR = 1e12
+MOST_RATIO_FOR_LANDMARKS, MOST_RATIO_FOR_DSTAR = 1e6, 1e12
 """Of the dearest step to the cheapest. float32 rounds off a few cheap steps of a cost: with 1e15
 cells were expanded hundreds of times. D* Lite's sums of more are too coarse to tell apart paths
 that share a dear step."""
@@ -84,8 +79,7 @@ that share a dear step."""
 
 ANOTHER_LEVEL_FROM = 256
 """Cells of a coarse level's longer side from which on another level is put on top of it."""
-LEVEL_LANDMARKS = 4
-LANDMARK_PATIENCE = 3
+LEVEL_LANDMARKS, LANDMARK_PATIENCE = 4, 3
 """Landmarks that a coarse level gets when it is searched often: one whenever searches have
 expanded so many times as many cells as setting it takes."""
 MOST_CELLS_FOR_LANDMARKS = 1 << 15
@@ -126,9 +120,7 @@ FIELD_KEPT = 0.02
 """Share of the map's cells that may change before the field that guides a body's searches to a goal
 is made anew.
 """
-JOIN_AHEAD = 64
-JOIN_BEHIND = 16
-JOIN_WITHIN = 8
+JOIN_AHEAD, JOIN_BEHIND, JOIN_WITHIN = 64, 16, 8
 """States ahead of the robot, and behind what is blocked, at which a new way joins the standing
 path of arcs again; and cells from the path at which a robot may be."""
 JOIN_EXPANSIONS = 4096
@@ -150,13 +142,11 @@ wider one is.
 """
 REFINE_FROM = 192
 """Cells of a map's longer side from which on a learned region is searched coarsely first."""
-WIDENED_THRESHOLD = 0.25
-WIDENED_BLOCKS = 1
+WIDENED_THRESHOLD, WIDENED_BLOCKS = 0.25, 1
 """To widen a learned region, its threshold is multiplied by the first, and so many blocks are added
 all around.
 """
-WINDOW_ROUNDING = 32
-WINDOW_SHARE = 0.6
+WINDOW_ROUNDING, WINDOW_SHARE = 32, 0.6
 """Corner and side of the window that the network is shown are multiples of so many cells; from
 so large a share of the map's longer side on, it is shown the whole map instead."""
 
@@ -186,8 +176,7 @@ NEAR = 48
 """Cells: A* finds goals nearer than this before anything else has begun, unless the way is long."""
 BRIEF_EXPANSIONS = 1024
 """Expansions that A* may take for a near goal, and twice the square of the distance more."""
-LARGE_MAP = 1536
-FAR = 512
+LARGE_MAP, FAR = 1536, 512
 """Size of a map, and cells to the goal, from which on the learned region is clearly the fastest."""
 
 # Planning on a map that changes
@@ -199,13 +188,10 @@ MOST_JOINED = 3
 """Regions of D* Lite are joined as long as they hold at most so many times the blocks of the
 newest.
 """
-DSTAR_SLOWER = 2.5
-EXPANDED_TWICE = 2.0
+DSTAR_SLOWER, EXPANDED_TWICE = 2.5, 2.0
 """Time that D* Lite takes to expand a cell, over what A* takes; cells that became dearer, and
 all whose path led over them, are expanded twice: first to be given up."""
-MEND_FROM = 192
-MEND_WITHIN = 0.25
-MEND_SHARE = 1.0 / 1024.0
+MEND_FROM, MEND_WITHIN, MEND_SHARE = 192, 0.25, 1.0 / 1024.0
 """`auto` repairs from so many cells to the goal on, as a shorter corridor is as quickly made
 anew; and only where all changes lie nearer to the start than this share of the way, and at most
 this share of the map's cells has changed."""
@@ -219,8 +205,7 @@ TWO_THREADS_FROM = 256
 
 # Unseen ground
 
-BLOCKED_PRICE = 3.0
-MOST_PRICE = 6.0
+BLOCKED_PRICE, MOST_PRICE = 3.0, 6.0
 """Price of a block whose cells are all impassable, beyond that of T = 1, by the coarse slope,
 and of any block, in T a cell. Lunar terrain at 20 m, factor 8, sight of 16 cells, limit20, 200
 drives: the driven cost is 6.2 % above the optimum if impassable cells count as T = 1, 4.9 at 1,
@@ -232,8 +217,7 @@ BLOCKED_PRICES = 2.0, 3.0
 cannot be crossed. The same drives: 2.9 % at 1 and 1, 1.9 at 2 and 3; by boosted trees 2.6 and
 2.2."""
 
-BLOCKS_AROUND = 3
-BLOCKS_BEYOND = 3
+BLOCKS_AROUND, BLOCKS_BEYOND = 3, 3
 """Blocks to each side of the way over blocks in which cells are searched; and blocks beyond what
 has been seen from which on the way leads over their middles."""
 

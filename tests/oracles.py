@@ -13,6 +13,8 @@ def traversability(dem, dy, dx, t):
     """Eq. 1 cell by cell, with numpy's least squares."""
     rows, cols = dem.shape
     cost = np.full(dem.shape, np.inf)
+    limited = t.hard_gradient_deg < 90.0
+    gradient = math.tan(math.radians(t.hard_gradient_deg)) if limited else math.inf
     for r, c in np.argwhere(np.isfinite(dem)).tolist():
         near = itertools.product(
             range(max(r - 1, 0), min(r + 2, rows)), range(max(c - 1, 0), min(c + 2, cols))
@@ -35,6 +37,9 @@ def traversability(dem, dy, dx, t):
             or roughness > t.hard_roughness_m
             or step > t.hard_step_m
         )
+        for (i, j), (x, y, rise) in zip(known, points, strict=True):
+            if (i, j) != (r, c):
+                beyond |= abs(rise) > math.hypot(x, y) * gradient
         if not beyond and terms.min() < 1.0:
             cost[r, c] = terms @ (t.slope_weight, t.roughness_weight, t.step_weight)
     return cost

@@ -108,11 +108,6 @@ def test_one_statement_assigns_one_thing():
         assert sum(map(len, pairs)) <= 0.02 * sum(counts)
 
 
-def test_docstrings_begin_with_a_noun_where_one_serves():
-    begins = re.compile(r'^ *"""(What|The same|As for)\b', re.MULTILINE)
-    assert [name_of(path) for path in SOURCES if begins.search(path.read_text())] == []
-
-
 def test_the_formatter_is_seldom_overruled():
     skipped = [
         name_of(path)

@@ -1,6 +1,6 @@
 """`nnpp-edge dataset`: labelled samples from terrain."""
 
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from functools import partial
 from pathlib import Path
 from typing import Annotated
@@ -103,10 +103,13 @@ def command(
         kind["cell_sizes_m"] = () if terrain.rescale is None else (terrain.rescale,)
     if own_limits:
         papers = asdict(Traversability())
+        workload = terrain.workload or "soft"
         own = {
-            name: value for name, value in asdict(terrain.limits()).items() if value != papers[name]
+            name: value
+            for name, value in asdict(replace(terrain, workload=workload).limits()).items()
+            if value != papers[name]
         }
-        kind |= {"limits": own, "workloads": ((terrain.workload or "soft", 1.0),)}
+        kind |= {"limits": own, "workloads": ((workload, 1.0),)}
     if known:
         kind |= {"known": True, "poolings": tuple((factor, 1.0) for factor in known)}
     size = size or (32 if known else 256)

@@ -140,7 +140,7 @@ def command(
     limits = "".join(f" {each.word}" for each in limit)
     points = [name for name in workloads if name not in bodies]
     own = {
-        name: TerrainOptions(limit=limit, workload=name if name in points else None).limits()
+        name: TerrainOptions(limit=limit, workload=name if name in points else "soft").limits()
         for name in workloads
     }
     needed = models if points and {Method.NNPP, Method.AUTO} & set(methods) else ()

@@ -33,9 +33,9 @@ Limit = Annotated[
     tuple[Setting, ...],
     SettingType("nnpp_edge.runtime.terrain.traversability:Traversability", "hard_slope_deg=20"),
     MANY,
-    "Set a limit of the cost; by default slope_limit_deg=30, roughness_limit_m=0.6 and "
-    "step_limit_m=0.2. "
-    "Cells beyond hard_slope_deg, hard_roughness_m or hard_step_m are impassable. May be repeated.",
+    "Set a limit of the cost: slope_limit_deg=30, roughness_limit_m=0.6, step_limit_m=0.2. Cells "
+    "beyond hard_slope_deg, hard_roughness_m, hard_step_m or, from cell to cell, hard_gradient_deg "
+    "are impassable. May be repeated.",
 ]
 
 
@@ -48,7 +48,8 @@ class TerrainOptions:
     limit: Limit = ()
     workload: Annotated[
         str | None,
-        "soft (the paper's cost), or limitN: φ_s = N degrees, and steeper cells are impassable.",
+        "safe, the default without a body (cells and steps steeper than slope_limit_deg are "
+        "impassable), soft (the paper's cost), or limitN (cells steeper than N degrees are).",
     ] = None
 
     def read(self, path: Path) -> "Dem":
@@ -67,19 +68,22 @@ class TerrainOptions:
     def limits(self) -> "Traversability":
         """The limits of the cost map; UsageError where the workload sets one that was given too."""
         from nnpp_edge.runtime.terrain.traversability import Traversability
-        from nnpp_edge.terrain.workloads import SOFT
+        from nnpp_edge.terrain.workloads import SAFE, SOFT
         from nnpp_edge.terrain.workloads import workload as limits_of
 
         values = {name: value for each in self.limit for name, value in each.values.items()}
         limits = Traversability(**values)  # type: ignore[arg-type]  # it checks them
-        if self.workload is None:
-            return limits
+        name = self.workload or self._default_workload
         twice = [name for name in values if name in ("slope_limit_deg", "hard_slope_deg")]
-        if twice and self.workload != SOFT:
+        if twice and name not in (SAFE, SOFT):
             raise click.UsageError(
-                f"--workload {self.workload} sets the slope limits: leave out --limit {twice[0]}"
+                f"--workload {name} sets the slope limits: leave out --limit {twice[0]}"
             )
-        return limits_of(self.workload, limits)
+        return limits_of(name, limits)
+
+    @property
+    def _default_workload(self) -> str:
+        return "safe"
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -219,6 +223,12 @@ class GroundOptions(VehicleOptions, TerrainOptions):
             stacklevel=2,
         )
         return finer
+
+    @property
+    def _default_workload(self) -> str:
+        """A body's own limits decide where it may go."""
+        body = self.body()
+        return "safe" if body is None or body.is_disc else "soft"
 
     def of(self, dem: "Dem") -> "Ground":
         """The ground of an elevation map; a warning says where its cells are too coarse for the

@@ -22,6 +22,7 @@ from nnpp_edge.runtime.memory import available_bytes
 from nnpp_edge.runtime.planners.plan import Method, Plan
 from nnpp_edge.runtime.terrain.traversability import (
     Traversability,
+    steepest_step_deg,
     terrain_terms,
     traversability_cost,
 )
@@ -227,10 +228,13 @@ def _why_blocked(cell: Cell, near: Near) -> str:
     slope, roughness, step = terms[:, cell[0] - row0, cell[1] - col0].tolist()
     if np.isnan(slope):
         return "its elevation is unknown"
+    sides = (near.place.cell_size_m, near.place.cell_width_m)
+    gradient = steepest_step_deg(near.elevation, cell, sides)
     for term, value, limit, unit in (
         ("slope", np.degrees(slope), limits.hard_slope_deg, "°"),
         ("roughness", roughness, limits.hard_roughness_m, " m"),
         ("elevation difference", step, limits.hard_step_m, " m"),
+        ("a step to a neighbouring cell", gradient, limits.hard_gradient_deg, "°"),
     ):
         if value > limit:
             return f"{term} {value:.3g}{unit}, the hard limit is {limit:g}{unit}"

@@ -82,7 +82,7 @@ def command(
         answer = plan_by_windows(request, dem, robot)
     else:
         answer = plan_in_memory(request, dem, robot, drawn=output is not None)
-    answer.warn_if_steep()
+    answer.warn_if_close()
     files = answer.save([path for _, path in outputs])
     tell(as_json, answer.figures(files), lambda: answer.text(files))
     if not answer.plan.ok:

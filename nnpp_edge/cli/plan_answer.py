@@ -22,6 +22,8 @@ from nnpp_edge.viz.sheet import Picture, metres
 
 _PROPERTIES = ("status", "method", "source", "cost")
 """Figures that path.geojson repeats, beside those along the way."""
+_CLOSE = 0.1
+"""Share of a body's limit below which what is left of it is warned of."""
 _OF_LEGS = (*_PROPERTIES, "length_m", "time_s", "energy_j", "climb_m", "descent_m")
 _COMPARED = columns(
     "method | source | status | cost: cost .6g | gap: gap z.2% | ms: time_ms .2f | speed-up: "
@@ -67,8 +69,18 @@ class Answer:
         slopes = abs(self.plan.along.slopes_deg)
         return list(slopes[slopes > self.hard_slope_deg].tolist())
 
-    def warn_if_steep(self) -> None:
-        """Warn of steps that are steeper than the limit on the ground around a cell."""
+    def warn_if_close(self) -> None:
+        """Warn of a body that comes close to one of its limits, and of steps that are steeper than
+        the limit on the ground around a cell.
+        """
+        margin = self.route.worst.get("least_margin")
+        if margin is not None and margin < _CLOSE:
+            row, col = self.route.along.points[self.route.standing["margin"].argmin()].tolist()
+            warnings.warn(
+                f"the body comes within {100.0 * margin:.1f} % of one of its limits, at cell "
+                f"({row:g}, {col:g}); --set reserve=0.1 keeps a tenth of each limit free",
+                stacklevel=2,
+            )
         if steps := self.steep_steps:
             warnings.warn(
                 f"steps of the path above {self.hard_slope_deg:g}°: {len(steps)}, the steepest "
@@ -176,7 +188,9 @@ class Answer:
         elif len(plan.path):
             yield "path", f"{len(plan.path)} cells so far, {length}"
         if self.reached is not None:
-            yield "reached", f"{self.reached} cells of the map, from the start"
+            limit = f"; cells steeper than {self.hard_slope_deg:g}° are impassable"
+            limited = limit if isfinite(self.hard_slope_deg) else ""
+            yield "reached", f"{self.reached} cells of the map, from the start{limited}"
         if self.vehicle is not None and plan.ok and "tilt_deg" in self.route.standing:
             worst = self.route.worst
             names = (("pitched", "pitch"), ("rolled", "roll"), ("tilted", "tilt"))

@@ -3,7 +3,6 @@
 from collections.abc import Callable
 from dataclasses import replace
 from functools import partial
-from math import inf
 from pathlib import Path
 from statistics import median
 
@@ -72,19 +71,19 @@ def plan_in_memory(
 ) -> Answer:
     """Plan on a map that is read into memory: to the nearest goal, or by way of other places."""
     body = robot.body()
-    by_poses = body is not None and not body.is_disc
     with told_if_slow(f"reading {path}"):
         dem = robot.read(path)
     start, via, goals = _ends(request, dem)
     may_ask = request.method == "nnpp" or (request.method == "auto" and max(dem.shape) >= LARGE_MAP)
-    if may_ask and not by_poses:
+    if may_ask and (body is None or body.is_disc):
         loading.begin_loading(request.model)
     warn_if_not_square(dem)
-    limits = robot.limits()
+    ground = robot.of(dem)
+    limits = ground.limits
     cost = cost_of(dem, limits)
     if not (cost < 1.0).any():
         refuse_map(dem)
-    ground = robot.of(dem)
+    body = ground.vehicle
     planner_of = partial(Planner, omega=request.omega, corner_cutting=request.corner_cutting)
     planner = planner_of(priced(ground, cost), model=request.model)
     near = Near(dem, dem.elevation, cost, limits, body, planner.state.grid.poses)
@@ -161,7 +160,7 @@ def plan_in_memory(
         step_cost=robot.step_cost,
         tour=tour and tour.told(lambda leg: _on_the_ground(leg, ground)),
         reached=int(np.isfinite(planner.reach(start)).sum()) if shut_in else None,
-        hard_slope_deg=inf if by_poses else limits.hard_slope_deg,
+        hard_slope_deg=limits.hard_slope_deg,
     )
 
 

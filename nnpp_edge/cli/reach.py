@@ -110,17 +110,21 @@ def command(
     from nnpp_edge.viz.picture import png_bytes, reach_picture
 
     terrain = robot.read(dem)
-    limits = robot.limits()
-    cost = cost_of(terrain, limits)
     cell = start.one_cell(terrain, "--start")
     step_cost = "energy" if measure == "energy" else robot.step_cost
     if measure == "time" and not in_seconds:
         step_cost = "time" if robot.mobility().time else "tobler"
     ground = replace(robot, step_cost=step_cost).of(terrain)
+    cost = cost_of(terrain, ground.limits)
     planner = Planner(priced(ground, cost), omega=omega, corner_cutting=corner_cutting)
     if problem := problem_with(planner.state.grid, cell, cell):
         near = Near(
-            terrain, terrain.elevation, cost, limits, ground.vehicle, planner.state.grid.poses
+            terrain,
+            terrain.elevation,
+            cost,
+            ground.limits,
+            ground.vehicle,
+            planner.state.grid.poses,
         )
         refuse(problem, cell, cell, near)
     shares = tuple((most * np.arange(1, levels + 1) / levels).tolist())

@@ -113,7 +113,7 @@ def whole_cost(ground: Ground) -> Float2D:
     if ground.vehicle is None:
         return ground.costs()
     size, width = ground.sides_m
-    limits = ground.traversability
+    limits = ground.limits
     poses = pose_costs(
         heights_of(ground), size, ground.vehicle, cell_width_m=width, traversability=limits
     )

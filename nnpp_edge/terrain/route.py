@@ -62,6 +62,7 @@ class Route:
         }
         if "clearance_m" in self.standing:
             found["least_clearance_m"] = _known(float(self.standing["clearance_m"].min()))
+            found["least_margin"] = _known(float(self.standing["margin"].min()))
         return found
 
     def stands(self) -> dict[str, list[float | None]]:

@@ -1,25 +1,31 @@
 """The standard workloads: by what rule a DEM becomes a cost map."""
 
 from collections.abc import Iterable
-from dataclasses import replace
+from dataclasses import asdict, replace
 
 from nnpp_edge.runtime.errors import InvalidQueryError
 from nnpp_edge.runtime.terrain.traversability import Traversability
 from nnpp_edge.terrain.rocks import MOST_COVER
 
+SAFE = "safe"
 SOFT = "soft"
 BODY = "body"
 _ROCKS = "body-rocks"
+_PAPERS = asdict(Traversability())
 
 
 def workload(name: str, base: Traversability | None = None) -> Traversability:
     """The limits of a workload.
 
+    ``safe`` makes φ_s a hard limit, of cells and of single steps, see `Traversability.safe`.
     ``soft`` is the paper's cost, without hard limits. ``limitN`` is φ_s = N°, and cells are
     impassable on which the plane fitted to their 3×3 patch is steeper. A single step between two
     cells' middles may be steeper than that.
     """
     base = base or Traversability()
+    if name == SAFE:
+        own = {name: value for name, value in asdict(base).items() if value != _PAPERS[name]}
+        return Traversability.safe(**own)
     if name == SOFT:
         return base
     if body_rocks(name) is not None:
@@ -30,7 +36,7 @@ def workload(name: str, base: Traversability | None = None) -> Traversability:
     limit = _number(name, "limit")
     if not 0.0 < limit < 90.0:
         raise InvalidQueryError(
-            f"workload must be 'soft' or 'limitN' with N in (0, 90) degrees, got {name!r}"
+            f"workload must be 'safe', 'soft' or 'limitN' with N in (0, 90) degrees, got {name!r}"
         )
     return replace(base, slope_limit_deg=limit, hard_slope_deg=limit)
 

@@ -25,7 +25,7 @@ from nnpp_edge.runtime.map.refusal import why_blocked
 from nnpp_edge.runtime.map.slope_cost import unit_of
 from nnpp_edge.runtime.planners.plan import Plan
 from nnpp_edge.runtime.reading import refused_as
-from nnpp_edge.runtime.terrain.traversability import terrain_terms
+from nnpp_edge.runtime.terrain.traversability import steepest_step_deg, terrain_terms
 from nnpp_edge.terrain.coordinates import lonlat_at
 from nnpp_edge.terrain.dem import Dem
 from nnpp_edge.terrain.route import Route, places_of
@@ -261,10 +261,11 @@ def ground_in_words(dem: Dem, cell: Cell) -> str:
     if math.isnan(slope):
         return "its height is unknown"
     height = dem.elevation[cell]
+    steepest = steepest_step_deg(dem.elevation, cell, (dem.cell_size_m, dem.cell_width_m))
     degrees = math.degrees(slope)
     return (
         f"height {height:.2f} m, slope {degrees:.1f}°, roughness {roughness:.2g} m, step "
-        f"{step:.2g} m"
+        f"{step:.2g} m, steepest single step {steepest:.1f}°"
     )
 
 

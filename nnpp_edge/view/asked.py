@@ -105,7 +105,8 @@ class Asked(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     step_cost: Literal["paper", "tobler", "irmischer", "linear", "time", "energy"] = "paper"
     omega: Positive = PAPER_OMEGA
     corner_cutting: bool = True
-    limits: Traversability = Traversability()
+    limits: Traversability = Traversability.safe()
+    """Hard limits of slope bound a body's tilt too, unless they are the default."""
     body: str = POINT
     clearance_m: Positive | None = None
     """In place of the vehicle's own, as is `max_tilt_deg`; of no effect on a point or a disc."""
@@ -153,10 +154,11 @@ class Asked(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
         body = self.chosen(site)
         changes = self.changes(site)
         dem = site.dem
+        unset = body.has_poses and self.limits == Traversability.safe()
         return Ground.of_elevation(
             dem.elevation,
             dem.cell_size_m,
-            self.limits,
+            None if unset else self.limits,
             cell_width_m=dem.cell_width_m,
             vehicle=replace(body.vehicle, **changes) if body.vehicle and changes else body.vehicle,  # type: ignore[arg-type]
             step_cost=self.step_cost,
@@ -182,12 +184,8 @@ def command_of(site: Site, asked: Asked) -> str:
     ):
         words += [f"{name}={row},{col}"] if row < 0 or col < 0 else [name, f"{row},{col}"]
     words += [] if site.blocks else ["--method", asked.method]
-    for name, value in asdict(asked.limits).items():
-        words += (
-            ["--limit", f"{name}={_number(value)}"]
-            if value != getattr(Traversability(), name)
-            else []
-        )
+    for name, value in _given(asked.limits).items():
+        words += ["--limit", f"{name}={_number(value)}"]
     if asked.step_cost != "paper":
         words += ["--step-cost", asked.step_cost]
     elif asked.omega != PAPER_OMEGA:
@@ -204,6 +202,16 @@ def command_of(site: Site, asked: Asked) -> str:
     for name, value in asked.changes(site).items():
         words += ["--set", f"{name}={_number(value)}"]
     return shlex.join([*words, *(["--refine", asked.freed] if asked.freed else [])])
+
+
+def _given(limits: Traversability) -> dict[str, float]:
+    """The values of `Traversability.safe` that make these limits."""
+    papers = asdict(Traversability())
+    given = {name: value for name, value in asdict(limits.soft()).items() if value != papers[name]}
+    for name, value in asdict(limits).items():
+        if name.startswith("hard_") and value != getattr(Traversability.safe(**given), name):
+            given[name] = value
+    return given
 
 
 def _number(value: float) -> str:

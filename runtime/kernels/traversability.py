@@ -16,7 +16,7 @@ import numpy as np
 from nnpp_edge.runtime.compiled.kernel import helper, kernel
 from nnpp_edge.runtime.kernels.lanes import chosen
 
-RULE_SLOTS = 12
+RULE_SLOTS = 13
 # slots of the array of floats that says how heights become costs
 DY = 0
 DX = 1
@@ -30,6 +30,7 @@ HARD_SLOPE = 8
 HARD_ROUGHNESS = 9
 HARD_STEP = 10
 SCALE = 11
+HARD_GRADIENT = 12
 
 _ONE = np.float32(1.0)
 _ZERO = np.float32(0.0)
@@ -305,8 +306,23 @@ def _weight(heights, rows, cols, row, col, rule, constants):
 
 
 @helper
+def _steps_steeply(heights, rows, cols, row, col, rule):
+    """Whether a step from a cell's middle to that of a known neighbour is too steep."""
+    here = heights[row * cols + col]
+    for i in range(max(row - 1, 0), min(row + 2, rows)):
+        for j in range(max(col - 1, 0), min(col + 2, cols)):
+            apart = math.hypot((i - row) * rule[DY], (j - col) * rule[DX])
+            rise = abs(heights[i * cols + j] - here)
+            if rise > np.float32(rule[HARD_GRADIENT] * apart) and rise < _INF:
+                return True
+    return False
+
+
+@helper
 def _border_weight(heights, rows, cols, row, col, rule, constants):
     """Weight of a cell at the border, faster where its patch has no hole."""
+    if rule[HARD_GRADIENT] < np.inf and _steps_steeply(heights, rows, cols, row, col, rule):
+        return _INF
     at = row * cols + col
     if 0 < col < cols - 1 and rows > 1:
         along = 1
@@ -326,6 +342,37 @@ def _border_weight(heights, rows, cols, row, col, rule, constants):
     return _weight(heights, rows, cols, row, col, rule, constants) if math.isnan(weight) else weight
 
 
+@helper
+def _too_high(rise, highest):
+    """Whether a rise, or each of a run of them, is known and too high."""
+    return (abs(rise) > highest) & (abs(rise) < _INF)
+
+
+@helper
+def _shut_steep_steps(heights, first, cols, n, rule, out, at):
+    """Shut those of `n` cells of a row, from index `first` on, from which a step is too steep.
+
+    Neither the row nor any of the cells lies at the map's border.
+    """
+    above = heights[first - cols - 1 : first - cols + n + 1]
+    below = heights[first + cols - 1 : first + cols + n + 1]
+    beside = heights[first - 1 : first + n + 1]
+    weights = out[at : at + n]
+    along = np.float32(rule[HARD_GRADIENT] * rule[DX])
+    across = np.float32(rule[HARD_GRADIENT] * rule[DY])
+    diagonal = np.float32(rule[HARD_GRADIENT] * math.hypot(rule[DY], rule[DX]))
+    for c in range(n):
+        left = np.uint64(c)
+        mid = np.uint64(c) + _1
+        right = np.uint64(c) + _2
+        here = beside[mid]
+        steep = _too_high(beside[left] - here, along) | _too_high(beside[right] - here, along)
+        steep |= _too_high(above[mid] - here, across) | _too_high(below[mid] - here, across)
+        steep |= _too_high(above[left] - here, diagonal) | _too_high(above[right] - here, diagonal)
+        steep |= _too_high(below[left] - here, diagonal) | _too_high(below[right] - here, diagonal)
+        weights[left] = _INF if steep else weights[left]
+
+
 @kernel
 def fill_weights(heights, rows, cols, rule, area, out, first, stride):
     """Weights of a rectangle of cells, inf where impassable.
@@ -335,8 +382,8 @@ def fill_weights(heights, rows, cols, rule, area, out, first, stride):
     heights : (rows · cols,) float32
         Metres of the map's cells, row by row; NaN or infinite where unknown.
     rule : (RULE_SLOTS,) float64
-        Sides of a cell, limits (the slope's in radians), weights, hard limits, and the weight of a
-        cost of 1.
+        Sides of a cell, limits (the slope's in radians), weights, hard limits, the weight of a
+        cost of 1, and the greatest rise of a step, metres a metre.
     area : (row0, row1, col0, col1)
     out : (…,) float32
         Written: cell (row, col) at `first` + row · `stride` + col.
@@ -350,19 +397,27 @@ def fill_weights(heights, rows, cols, rule, area, out, first, stride):
         if row == 0 or row == rows - 1 or inner0 >= inner1:
             for col in range(col0, col1):
                 out[at + col] = _border_weight(heights, rows, cols, row, col, rule, constants)
-            continue
-        # with the cells at the border, where their neighbours' places are in memory: whole rows of
-        # tiles are quicker
-        begin = inner0 if row == 1 else col0
-        end = inner1 if row == rows - 2 else col1
-        if _fill_row(heights, row * cols + begin, cols, end - begin, constants, out, at + begin):
-            for col in range(inner0, inner1):
-                if math.isnan(out[at + col]):
-                    out[at + col] = _weight(heights, rows, cols, row, col, rule, constants)
-        if col0 == 0:
-            out[at] = _border_weight(heights, rows, cols, row, 0, rule, constants)
-        if col1 == cols:
-            out[at + cols - 1] = _border_weight(heights, rows, cols, row, cols - 1, rule, constants)
+        else:
+            # with the cells at the border, where their neighbours' places are in memory: whole
+            # rows of tiles are quicker
+            begin = inner0 if row == 1 else col0
+            end = inner1 if row == rows - 2 else col1
+            if _fill_row(
+                heights, row * cols + begin, cols, end - begin, constants, out, at + begin
+            ):
+                for col in range(inner0, inner1):
+                    if math.isnan(out[at + col]):
+                        out[at + col] = _weight(heights, rows, cols, row, col, rule, constants)
+            if rule[HARD_GRADIENT] < np.inf and inner0 < inner1:
+                begin = row * cols + inner0
+                n = inner1 - inner0
+                _shut_steep_steps(heights, begin, cols, n, rule, out, at + inner0)
+            if col0 == 0:
+                out[at] = _border_weight(heights, rows, cols, row, 0, rule, constants)
+            if col1 == cols:
+                out[at + cols - 1] = _border_weight(
+                    heights, rows, cols, row, cols - 1, rule, constants
+                )
 
 
 @kernel

@@ -3,7 +3,7 @@ on one cell.
 """
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
@@ -14,7 +14,6 @@ from nnpp_edge.runtime.errors import InvalidQueryError
 from nnpp_edge.runtime.kernels.poses import AXES, REFUSALS
 from nnpp_edge.runtime.map import motions
 from nnpp_edge.runtime.map.poses import Poses, limits_of
-from nnpp_edge.runtime.terrain.vehicle import Vehicle
 
 Floats = NDArray[np.float64]
 
@@ -32,6 +31,8 @@ class Attitudes(NamedTuple):
     tilt_deg: Floats
     clearance_m: Floats
     """The most that the body can be inclined on the leg, and the least that is left below it."""
+    margin: Floats
+    """Least share of any of the vehicle's limits that is left on the leg, its reserve included."""
 
 
 class Limit(NamedTuple):
@@ -83,7 +84,8 @@ def attitudes(poses: Poses, path: NDArray[np.int32]) -> Attitudes:
     below, unless these pass.
     """
     steps = poses.steps(path)
-    found = np.full((4, len(path)), np.nan)
+    found = np.full((5, len(path)), np.nan)
+    full = replace(poses.vehicle, reserve=0.0).allowances
     last = (
         int(path[-1, 2]) if path.shape[1] == 3 else int(steps.headings[-1]) if len(path) > 1 else 0
     )
@@ -92,7 +94,11 @@ def attitudes(poses: Poses, path: NDArray[np.int32]) -> Attitudes:
     for n, (cell, motion, back, turned) in enumerate((*taken, standing)):
         figures = poses.figures((int(cell[0]), int(cell[1])), int(motion))
         found[:2, n] = (-1.0 if turned else 1.0) * figures[-1 if back else 0, 5:]
-        found[2:, n] = figures[:, 0].max(), figures[:, 4].max()
+        most = figures[:, :5].max(0)
+        found[2, n] = most[0]
+        found[3, n] = most[4]
+        most[:3] = np.degrees(np.arctan(most[:3]))
+        found[4, n] = 1.0 - (most / full).max()
     found[:3] = np.degrees(np.arctan(found[:3]))
     found[3] = poses.vehicle.clearance_m - found[3]
     return Attitudes(*found)
@@ -118,14 +124,8 @@ def explain(poses: Poses, cell: Cell, heading_deg: float) -> PoseCheck:
     )
     refused = next((name for name, failing in zip(REFUSALS, fails, strict=True) if failing), None)
     figures = *(math.degrees(math.atan(each)) for each in (slope, pitch, roll)), step, up
-    limits = map(Limit, figures, allowances(poses.vehicle))
+    limits = map(Limit, figures, poses.vehicle.allowances)
     return PoseCheck(cell, heading_deg % 360.0, refused is None, refused, *limits)
-
-
-def allowances(vehicle: Vehicle) -> tuple[float, float, float, float, float]:
-    """The most by each limit but ``unknown``, in their order in `REFUSALS`: degrees and metres."""
-    pitch, roll, tilt = vehicle.tilts_deg
-    return tilt, pitch, roll, vehicle.step_m, vehicle.clearance_m
 
 
 def costs_at(poses: Poses, places: Floats) -> Floats:

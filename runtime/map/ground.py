@@ -2,7 +2,8 @@
 what steps cost.
 """
 
-from dataclasses import dataclass, field, replace
+import math
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TypedDict, Unpack
 
@@ -47,8 +48,9 @@ class Ground:
     """Side of a cell from row to row, metres. Needed with heights, and with a vehicle."""
     cell_width_m: float | None = None
     """Side of a cell from column to column, where cells are not square."""
-    traversability: Traversability = field(default_factory=Traversability)
-    """How heights become costs, and where they are too steep."""
+    traversability: Traversability | None = None
+    """How heights become costs, and where they are too steep; None for `Traversability.safe` and,
+    with a body, for no limits but the body's own."""
     vehicle: Vehicle | None = None
     """A body, on heights: its poses, checked as searched, decide where the path may go and what
     it costs. A disc (`radius_m`): it may not touch impassable cells, nor leave the map. None for
@@ -79,9 +81,11 @@ class Ground:
             if self.cell_size_m is None:
                 raise InvalidMapError("wanted cell_size_m, the side of a cell, with elevations")
             slope_cost_of(self.step_cost, self.mobility)
-            body = self.vehicle
-            disc = self.vehicle is not None and self.vehicle.is_disc
-            if self.by_slope and not disc and body is not None and body.turning_radius_m:
+            body = self.body
+            disc = self.vehicle is not None and body is None
+            if body is not None and self.traversability is not None:
+                object.__setattr__(self, "vehicle", _within(body, self.traversability))
+            if self.by_slope and body is not None and body.turning_radius_m:
                 raise InvalidMapError(
                     f"arcs have the paper's cost: wanted step_cost='paper', got {self.step_cost!r}"
                 )
@@ -96,7 +100,7 @@ class Ground:
         StepModel.of(self.step_cost)
         if self.vehicle is None:
             return
-        if not self.vehicle.is_disc:
+        if self.body is not None:
             raise InvalidMapError(
                 "a body needs elevations: wanted Planner.of_elevation, or a vehicle with radius_m"
             )
@@ -112,13 +116,7 @@ class Ground:
         **options: Unpack[GroundOptions],
     ) -> "Ground":
         """Of heights; arguments as the attributes."""
-        return cls(
-            None,
-            elevation,
-            cell_size_m,
-            traversability=traversability or Traversability(),
-            **options,
-        )
+        return cls(None, elevation, cell_size_m, traversability=traversability, **options)
 
     @classmethod
     def of_coarse(
@@ -150,6 +148,20 @@ class Ground:
         return sides_of(1.0 if self.cell_size_m is None else self.cell_size_m, self.cell_width_m)
 
     @property
+    def body(self) -> Vehicle | None:
+        """The vehicle, if its poses decide where paths may go; None for a point or a disc."""
+        return None if self.vehicle is None or self.vehicle.is_disc else self.vehicle
+
+    @property
+    def limits(self) -> Traversability:
+        """By what cells are priced, and which are impassable; with a body none is, as its own
+        limits decide.
+        """
+        if self.body is None:
+            return self.traversability or Traversability.safe()
+        return (self.traversability or Traversability()).soft()
+
+    @property
     def by_slope(self) -> bool:
         """Whether the cost of a step depends on the slope up or down."""
         return self.step_cost not in list(StepCost)
@@ -168,5 +180,27 @@ class Ground:
             return as_map(self.cost, "cost")
         size, width = self.sides_m
         return traversability_cost(
-            self.elevation, size, self.traversability, cell_width_m=width, warn=False
+            self.elevation, size, self.limits, cell_width_m=width, warn=False
         )
+
+
+def _within(body: Vehicle, limits: Traversability) -> Vehicle:
+    """The body under the stricter of its own limits and the hard limits of cells.
+
+    InvalidMapError for hard limits that mean nothing to a body.
+    """
+    for name in ("hard_roughness_m", "hard_step_m"):
+        if getattr(limits, name) < math.inf:
+            raise InvalidMapError(
+                f"{name} is a limit of cells: wanted the body's own max_step_m and clearance_m"
+            )
+    steepest = min(limits.hard_slope_deg, limits.hard_gradient_deg)
+    if steepest >= body.max_tilt_deg:
+        return body
+    pitch, roll, _ = body.tilts_deg
+    return replace(
+        body,
+        max_tilt_deg=steepest,
+        max_pitch_deg=min(pitch, steepest),
+        max_roll_deg=min(roll, steepest),
+    )

@@ -397,9 +397,7 @@ def bytes_per_cell(vehicle: Vehicle) -> int:
 
 def limits_of(vehicle: Vehicle, weights: tuple[float, float, float]) -> Floats:
     """Of a vehicle, as the check takes them."""
-    pitch, roll, tilt = (math.radians(angle) for angle in vehicle.tilts_deg)
-    limits = (
-        np.array((0.0, tilt, math.tan(pitch), math.tan(roll), vehicle.step_m, vehicle.clearance_m))
-        * _SAFE
-    )
+    *angles, step_m, rise_m = vehicle.allowances
+    tilt, pitch, roll = map(math.radians, angles)
+    limits = np.array((0.0, tilt, math.tan(pitch), math.tan(roll), step_m, rise_m)) * _SAFE
     return np.array((*limits, *weights), np.float32)

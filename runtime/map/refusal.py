@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from nnpp_edge.runtime.cells import Cell, apart, slices, widened
 from nnpp_edge.runtime.kernels.poses import AXES, FAILS, REFUSALS, UNKNOWN
 from nnpp_edge.runtime.map import motions
-from nnpp_edge.runtime.map.attitude import allowances, greatest
+from nnpp_edge.runtime.map.attitude import greatest
 from nnpp_edge.runtime.map.poses import Poses
 
 _AROUND = 32
@@ -66,7 +66,7 @@ def why_ended(poses: Poses, reached: NDArray[np.bool_], end: Cell, *, by_legs: b
     turns = poses.codes[(row + 1) * (cols + 2) + col + 1, AXES : 2 * AXES]
     for axis in (axis for axis in range(AXES) if not by_legs and turns[axis] >= FAILS):
         values = greatest(poses, closest, AXES + axis)
-        limit = int((values / (1.0, *allowances(poses.vehicle))).argmax())
+        limit = int((values / (1.0, *poses.vehicle.allowances)).argmax())
         return (
             f"{told}. It cannot turn on the spot there: "
             f"{_refused(poses, limit, values[limit], 'up to {}')}"
@@ -106,4 +106,4 @@ def _refused(poses: Poses, limit: int, value: float, form: str) -> str:
     if getattr(poses.vehicle, key) is None:
         key = "max_tilt_deg" if unit == "°" else "clearance_m"
     told = _WORDS[limit].format(form.format(f"{value:.4g}{unit}"))
-    return f"{told}, and {key} is {allowances(poses.vehicle)[limit - 1]:g}"
+    return f"{told}, and {key} is {poses.vehicle.allowances[limit - 1]:g}"

@@ -66,7 +66,7 @@ class MapState:
         """Height and width of a cell; None where it is not known."""
         self.mobility = ground.mobility or Mobility()
         """By what time and energy along a path are computed."""
-        self._limits = ground.traversability
+        self._limits = ground.limits
         self._lazy = lazy
         self._corner_cutting = corner_cutting
         self._slope_cost = slope_cost_of(ground.step_cost, ground.mobility) if by_slope else None
@@ -506,7 +506,7 @@ def map_state(
         check_planner_fits(ground.shape, DIRECTED_BYTES_PER_CELL * by_slope + body_bytes)
     if warn and ground.elevation is not None and ground.factor == 1:
         heights = relative_heights(ground.elevation)[0]
-        rule = ground.traversability.rule(*ground.sides_m)
+        rule = ground.limits.rule(*ground.sides_m)
         warn_of_saturation(heights, rule, stacklevel=7)  # who called the planner
     kind = DiscState if ground.vehicle is not None and ground.vehicle.is_disc else MapState
     return kind(ground, omega, corner_cutting, lazy=lazy, tell_unknown=tell_unknown)

@@ -33,7 +33,7 @@ def set_prices(unseen: Unseen) -> None:
     """
     if not unseen.priced:
         ground, side_m = unseen.ground, unseen.factor * unseen.ground.sides_m[0]
-        of_map = unseen.dem, ground.traversability, side_m, unseen.factor
+        of_map = unseen.dem, ground.limits, side_m, unseen.factor
         unseen.layers[0] = prices_by(ground.prior, *of_map, ground.prior_model)
         unseen.priced = True
 

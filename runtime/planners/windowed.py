@@ -88,7 +88,7 @@ class WindowedPlanner:
         watch = Stopwatch()
         self._progress = progress
         self._mobility = mobility or Mobility()
-        self.costs = CostWindows(heights, traversability)
+        self.costs = CostWindows(heights, traversability or Traversability.safe())
         with small_pages():
             self._map = StreamedMap(
                 heights.shape, StepModel.of("paper", omega), corner_cutting=corner_cutting

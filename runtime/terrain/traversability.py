@@ -8,7 +8,7 @@ summed up, the paper leaves open; it is decided here.
 
 import math
 import warnings
-from dataclasses import dataclass
+from dataclasses import dataclass, fields, replace
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -16,6 +16,7 @@ from numpy.typing import ArrayLike, NDArray
 from nnpp_edge.runtime.arguments import checked
 from nnpp_edge.runtime.arrays import Float2D, as_map, unmasked
 from nnpp_edge.runtime.bands import in_bands
+from nnpp_edge.runtime.cells import Cell
 from nnpp_edge.runtime.errors import InvalidMapError
 from nnpp_edge.runtime.kernels.traversability import count_saturated, fill_terms, fill_weights
 from nnpp_edge.runtime.tuning import MOST_SAMPLED
@@ -52,6 +53,25 @@ class Traversability:
     """
     hard_roughness_m: float = math.inf
     hard_step_m: float = math.inf
+    hard_gradient_deg: float = math.inf
+    """Cells are impassable from whose middle a step to a neighbouring cell's middle is steeper."""
+
+    @classmethod
+    def safe(cls, **values: float) -> "Traversability":
+        """Limits of a robot that must stay whole: `slope_limit_deg` is a hard limit too.
+
+        Cells steeper than that are impassable, and so are cells from which a single step is.
+        `values` are those of the class; a hard limit among them counts in place of its default.
+        """
+        soft = cls(**values)
+        hard_slope_deg = values.get("hard_slope_deg", soft.slope_limit_deg)
+        hard_gradient_deg = values.get("hard_gradient_deg", hard_slope_deg)
+        return replace(soft, hard_slope_deg=hard_slope_deg, hard_gradient_deg=hard_gradient_deg)
+
+    def soft(self) -> "Traversability":
+        """The same without hard limits."""
+        none = {each.name: math.inf for each in fields(self) if each.name.startswith("hard_")}
+        return replace(self, **none)
 
     def __post_init__(self) -> None:
         if not 0.0 < self.slope_limit_deg < 90.0:
@@ -64,6 +84,7 @@ class Traversability:
             "hard_slope_deg",
             "hard_roughness_m",
             "hard_step_m",
+            "hard_gradient_deg",
         ):
             if not getattr(self, name) > 0.0:
                 raise InvalidMapError(f"{name} must be greater than 0, got {getattr(self, name)}")
@@ -80,7 +101,9 @@ class Traversability:
         limits = math.radians(self.slope_limit_deg), self.roughness_limit_m, self.step_limit_m
         weights = self.slope_weight, self.roughness_weight, self.step_weight
         hard = math.radians(self.hard_slope_deg), self.hard_roughness_m, self.hard_step_m
-        return np.array((dy, dx, *limits, *weights, *hard, scale))
+        steepest = self.hard_gradient_deg
+        gradient = math.tan(math.radians(steepest)) if steepest < 90.0 else math.inf
+        return np.array((dy, dx, *limits, *weights, *hard, scale, gradient))
 
 
 class SaturationWarning(UserWarning):
@@ -155,6 +178,17 @@ def terrain_terms(
     out = np.empty((3, *heights.shape), np.float32)
     fill_terms(heights.reshape(-1), *heights.shape, *sides_of(cell_size_m, cell_width_m), out)
     return out
+
+
+def steepest_step_deg(dem: Float2D, cell: Cell, sides_m: tuple[float, float]) -> float:
+    """Steepest slope from a cell's middle to a known neighbour's, degrees; 0 without any."""
+    top = max(cell[0] - 1, 0)
+    left = max(cell[1] - 1, 0)
+    around = dem[top : cell[0] + 2, left : cell[1] + 2]
+    rows, cols = np.indices(around.shape)
+    apart = np.hypot((rows + top - cell[0]) * sides_m[0], (cols + left - cell[1]) * sides_m[1])
+    rises = np.abs(np.asarray(around, np.float64) - dem[cell])
+    return math.degrees(np.arctan2(rises, apart)[np.isfinite(rises)].max(initial=0.0))
 
 
 def sides_of(cell_size_m: float, cell_width_m: float | None) -> tuple[float, float]:

@@ -53,6 +53,8 @@ class Vehicle:
     wheel_length_m: float | None = None
     wheel_width_m: float | None = None
     """Of a contact patch, along the heading and across it; None for an eighth of the body's."""
+    reserve: float = 0.0
+    """Share of every limit of tilt, pitch, roll, step and clearance left free, in [0, 1)."""
     unknown_passes: bool = False
     """Whether unknown cells count as no higher and no lower than those that are known; else none
     may lie below.
@@ -114,6 +116,8 @@ class Vehicle:
                 raise InvalidMapError(
                     f"{name} must be in degrees, above {0.5 * math.pi:.2f}, got {value} ({meant})"
                 )
+        if not 0.0 <= self.reserve < 1.0:
+            raise InvalidMapError(f"reserve must be a share in [0, 1), got {self.reserve}")
         if type(self.axles) is not int or self.axles not in range(2, 9):
             raise InvalidMapError(f"axles must be a whole number from 2 to 8, got {self.axles}")
         names = ("wheelbase_m", "track_m")
@@ -202,6 +206,15 @@ class Vehicle:
             self.max_tilt_deg if self.max_roll_deg is None else self.max_roll_deg,
             self.max_tilt_deg,
         )
+
+    @property
+    def allowances(self) -> tuple[float, float, float, float, float]:
+        """The most that is allowed of tilt, pitch and roll, degrees, of the difference of heights
+        under a wheel and of the ground's rise below the belly, metres: the limits less the reserve.
+        """
+        pitch, roll, tilt = self.tilts_deg
+        used = 1.0 - self.reserve
+        return tilt * used, pitch * used, roll * used, self.step_m * used, self.clearance_m * used
 
     @property
     def turn_m_per_rad(self) -> float:

@@ -132,7 +132,59 @@ def test_steps_that_are_steeper_than_the_limit_of_slope_are_told(run, told):
         warned = "steps of the path above 20°: 1, the steepest 24.2°. The limit is on the plane"
         err = run(limited).err
         assert (warned in err) == steep and "inf" not in err
-        assert "steps_above_hard_slope" not in told(words) and "above" not in run(words).err
+        soft = f"{words} --workload soft"
+        assert "steps_above_hard_slope" not in told(soft) and "above" not in run(soft).err
+
+
+def test_what_a_stranger_types_first_goes_around_a_cliff_or_says_that_no_path_exists(run, told):
+    heights = np.zeros((40, 60), np.float32)
+    heights[:, 30:] = 1.5
+    np.savez("cliff.npz", elevation_m=heights, cell_size_m=1.0)
+    words = "--start 10,5 --goal 10,55"
+    ended = run(f"plan cliff.npz {words}")
+    assert ended.code == 1 and lines_of(ended)["NO_PATH"]
+    assert lines_of(ended)["reached"].endswith("cells steeper than 30° are impassable")
+    assert told(f"plan cliff.npz {words} --workload soft")["steepest_up_deg"] > 50.0
+    for col in range(20, 30):
+        heights[30:, col] = 0.15 * (col - 19)
+    np.savez("ramp.npz", elevation_m=heights, cell_size_m=1.0)
+    found = told(f"plan ramp.npz {words}")
+    assert found["steepest_up_deg"] < 30.0 and found["length_m"] > 60.0
+    run("plan cliff.npz --start 10,29 --goal 10,3").refused(
+        "start (10, 29) is impassable", "slope 36.9°, the hard limit is 30°"
+    )
+
+
+def test_a_single_step_that_is_too_steep_is_named_where_the_plane_is_not(run):
+    heights = np.zeros((40, 60), np.float32)
+    heights[:, 30:] = 0.7
+    np.savez("kerb.npz", elevation_m=heights, cell_size_m=1.0)
+    run("plan kerb.npz --start 10,29 --goal 10,3").refused(
+        "start (10, 29) is impassable",
+        "a step to a neighbouring cell 35°, the hard limit is 30°; the nearest passable cell",
+    )
+
+
+def test_a_body_that_comes_close_to_a_limit_is_told_so(run):
+    heights = np.zeros((60, 60), np.float32)
+    heights += 0.35 * 0.25 * np.arange(60)  # 19.3 degrees
+    np.savez("slope.npz", elevation_m=heights, cell_size_m=0.25)
+    words = "plan slope.npz --vehicle small-rover --start 30,8 --goal 30,50 --set max_tilt_deg=20"
+    ended = run(words)
+    assert (
+        ended.code == 0 and "warning: the body comes within 3.5 % of one of its limits" in ended.err
+    )
+    assert "reserve" not in run(f"{words}.1 --set max_tilt_deg=25").err
+    assert run(f"{words} --set reserve=0.1").code == 2
+
+
+def test_a_limit_of_the_workload_holds_for_a_body_too(run, told):
+    heights = np.zeros((60, 60), np.float32)
+    heights += 0.4 * 0.25 * np.arange(60)  # 21.8 degrees
+    np.savez("slope.npz", elevation_m=heights, cell_size_m=0.25)
+    words = "plan slope.npz --vehicle small-rover --start 30,8 --goal 30,50"
+    assert told(words)["steepest_tilt_deg"] == pytest.approx(21.8, abs=0.1)
+    run(f"{words} --workload limit20").refused("max_tilt_deg is 20")
 
 
 def test_without_a_georeference_coordinates_are_metres_from_the_first_cell(run, told, hills):
@@ -153,11 +205,13 @@ def test_without_a_georeference_coordinates_are_metres_from_the_first_cell(run, 
 
 def test_a_blocked_start_says_which_limit_is_passed(run):
     full = "--limit slope_limit_deg=9 --limit roughness_limit_m=0.01 --limit step_limit_m=0.01"
+    soft = "--workload soft"
+    full += f" {soft}"
     for limits, reason in (
         ("--limit hard_slope_deg=20", "slope 45°, the hard limit is 20°"),
         (full, "all at their limits"),
-        ("--limit hard_step_m=0.5", "elevation difference"),
-        ("--limit hard_roughness_m=0.5", "roughness"),
+        (f"{soft} --limit hard_step_m=0.5", "elevation difference"),
+        (f"{soft} --limit hard_roughness_m=0.5", "roughness"),
     ):
         heights = np.zeros((50, 50), np.float32)
         heights[:, 20:] += np.minimum(np.arange(30), 10)

@@ -70,7 +70,7 @@ def test_all_outputs_say_the_same_numbers(run, told, hills, body):
         for name in found
         if name.startswith(("steepest_", "least_")) and name not in Numbers._fields
     ]
-    assert len(worst) == (4 if body else 0)
+    assert len(worst) == (5 if body else 0)
     assert all(properties[name] == found[name] for name in (*Numbers._fields, *worst, "cost"))
     meta, _, _, values = pyogrio.raw.read("out/path.gpkg")
     fields = dict(zip(meta["fields"].tolist(), values, strict=True))

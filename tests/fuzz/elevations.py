@@ -18,6 +18,7 @@ from tests.fuzz.weights import METHODS, problem_with_plan, seen_by_planner
 
 LIMITS = (
     Traversability(),
+    Traversability.safe(),
     Traversability(slope_limit_deg=15, hard_slope_deg=15),
     Traversability(step_limit_m=5, roughness_limit_m=8, hard_step_m=4),
 )

@@ -16,7 +16,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from nnpp_edge.runtime import NetworkModel
+from nnpp_edge.runtime import NetworkModel, Traversability
 from nnpp_edge.runtime.errors import Status
 from nnpp_edge.runtime.loop import workers
 from nnpp_edge.runtime.loop.connections import InProcessSink, InProcessSource
@@ -207,6 +207,7 @@ def test_a_flood_of_patches_from_several_threads_is_merged_and_none_is_lost():
 
 
 def test_heights_and_costs_that_the_map_has_already_change_nothing():
+    soft = Traversability()
     heights = np.random.default_rng(0).normal(0.0, 0.01, (30, 40)).astype(np.float32)
     heights[3, 4] = np.nan
     for vehicle in (
@@ -214,7 +215,7 @@ def test_heights_and_costs_that_the_map_has_already_change_nothing():
         Vehicle(length_m=1.5, width_m=1.2, clearance_m=0.3),
         Vehicle(radius_m=0.6),
     ):
-        state = map_state(Ground.of_elevation(heights, 0.5, vehicle=vehicle))
+        state = map_state(Ground.of_elevation(heights, 0.5, soft, vehicle=vehicle))
         assert state.update_elevation(0, 0, heights[:20, :20]).cells == 0
         other = heights.copy()
         other[10:12, 15] = 0.5
@@ -222,7 +223,7 @@ def test_heights_and_costs_that_the_map_has_already_change_nothing():
         (row, col, rows, cols) = state.update_elevation(5, 5, other[5:25, 5:35]).part
         assert row > 5 and col > 8 and row + rows < 20 and col + cols < 25
         np.testing.assert_array_equal(state.elevation(), other)
-        np.testing.assert_array_equal(state.cost(), Ground.of_elevation(other, 0.5).costs())
+        np.testing.assert_array_equal(state.cost(), Ground.of_elevation(other, 0.5, soft).costs())
         assert state.update(2, 2, np.full((2, 2), np.nan)).cells == 0
         assert state.update(2, 2, np.ones((2, 2))).cells > 0
         assert vehicle is not None or state.update(2, 2, np.ones((2, 2))).cells == 0

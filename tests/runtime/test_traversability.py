@@ -13,7 +13,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from nnpp_edge.runtime import Planner
+from nnpp_edge.runtime import DynamicPlanner, Ground, Planner
+from nnpp_edge.runtime.loop.messages import Goal, Pose
+from nnpp_edge.runtime.loop.navigator import Navigator
 from nnpp_edge.runtime.terrain.traversability import (
     SaturationWarning,
     Traversability,
@@ -47,6 +49,8 @@ LIMITS = [
     Traversability(slope_limit_deg=15, hard_slope_deg=15),
     Traversability(step_limit_m=5, roughness_limit_m=8, hard_step_m=4, hard_roughness_m=7),
     Traversability(slope_weight=0.2, roughness_weight=0.3, step_weight=0.5, slope_limit_deg=80),
+    Traversability.safe(slope_limit_deg=40, step_limit_m=5),
+    Traversability(hard_gradient_deg=12),
 ]
 
 
@@ -178,3 +182,50 @@ def test_a_copy_has_the_elevations_as_they_are_now():
         assert other.plan(*ENDS, method="astar").cost == ours.plan(*ENDS, method="astar").cost
         other.update_elevation(40, 40, HILLS[40:49, 40:49])
         assert ours.state.grid.map()[44, 40] > other.state.grid.map()[44, 40]
+
+
+def cliff(rise):
+    dem = np.zeros((64, 90), np.float32)
+    dem[:, 45:] = rise
+    return dem
+
+
+OVER = (30, 5), (30, 80)
+
+
+def of_elevation(dem):
+    return Planner.of_elevation(dem, 1.0).plan(*OVER).status
+
+
+def of_ground(dem):
+    return Planner(Ground(elevation=dem, cell_size_m=1.0)).plan(*OVER).status
+
+
+def of_coarse(dem):
+    planner = DynamicPlanner.of_coarse(dem[::2, ::2], 2.0, 2, OVER[1], prior="eq1")
+    planner.update_elevation(0, 0, dem)
+    planner.move(OVER[0])
+    return planner.replan().status
+
+
+def by_the_loop(dem):
+    navigator = Navigator(Ground.of_elevation(dem, 1.0))
+    navigator.offer(Pose(*OVER[0]))
+    navigator.offer(Goal(*OVER[1]))
+    return navigator.tick().outcome
+
+
+@pytest.mark.parametrize("rise", [5.0, 0.9], ids=["cliff", "one step of more than 30°"])
+@pytest.mark.parametrize("status", [of_elevation, of_ground, of_coarse, by_the_loop])
+def test_no_path_leads_over_a_cliff_unless_the_papers_cost_is_asked_for(status, rise):
+    assert status(cliff(0.5)) == "OK"
+    assert status(cliff(rise)) == "NO_PATH"
+    assert Planner.of_elevation(cliff(rise), 1.0, Traversability()).plan(*OVER).ok
+
+
+def test_safe_limits_follow_the_limit_of_slope_unless_others_are_given():
+    safe = Traversability.safe(slope_limit_deg=22.0)
+    assert (safe.hard_slope_deg, safe.hard_gradient_deg) == (22.0, 22.0)
+    assert Traversability.safe(hard_slope_deg=40.0).hard_gradient_deg == 40.0
+    assert Traversability.safe(hard_gradient_deg=35.0).hard_slope_deg == 30.0
+    assert Traversability.safe().soft() == Traversability()

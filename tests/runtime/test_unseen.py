@@ -192,7 +192,7 @@ def test_poses_at_the_edge_of_what_was_seen_are_not_refused_for_want_of_the_rest
     ).astype(np.float32)
     body = Vehicle(100.0, 80.0, 20.0, max_tilt_deg=25.0, max_step_m=20.0)
     means = heights.reshape(16, FACTOR, 16, FACTOR).mean((1, 3))
-    planner = Planner.of_coarse(means, FACTOR * CELL_M, FACTOR, LIMITS, prior="slope", vehicle=body)
+    planner = Planner.of_coarse(means, FACTOR * CELL_M, FACTOR, prior="slope", vehicle=body)
     planner.update_elevation(30, 30, heights[30:70, 30:70])
     assert (
         planner.state.grid.poses.standing()[:, 5:-5, 5:-5] < FAILS

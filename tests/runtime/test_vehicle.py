@@ -8,8 +8,16 @@ import re
 import numpy as np
 import pytest
 
-from nnpp_edge.runtime import DynamicPlanner, Ground, Planner, Vehicle, traversability_cost
+from nnpp_edge.runtime import (
+    DynamicPlanner,
+    Ground,
+    Planner,
+    Traversability,
+    Vehicle,
+    traversability_cost,
+)
 from nnpp_edge.runtime.errors import InvalidMapError, Status
+from nnpp_edge.runtime.map.poses import pose_costs
 
 PLAIN = {"length_m": 1.6, "width_m": 1.2, "clearance_m": 0.3}
 
@@ -50,6 +58,34 @@ def test_wheels_stand_in_pairs_evenly_over_the_wheelbase():
         wheels = vehicle(axles=axles, wheelbase_m=1.2, track_m=0.8).wheels_m
         wanted = itertools.product(np.linspace(-0.6, 0.6, axles), (-0.4, 0.4))
         np.testing.assert_allclose(sorted(map(tuple, wheels)), list(wanted), atol=1e-9)
+
+
+def test_of_a_bodys_limits_and_hard_limits_of_the_ground_the_stricter_one_counts():
+    flat = np.zeros((40, 40))
+
+    def body_under(limits, **changes):
+        return Ground.of_elevation(flat, 1.0, limits, vehicle=vehicle(**changes)).vehicle
+
+    limits = Traversability(hard_slope_deg=20.0, hard_gradient_deg=15.0)
+    assert body_under(limits, max_roll_deg=10.0).tilts_deg == (15.0, 10.0, 15.0)
+    assert body_under(Traversability(hard_slope_deg=60.0)) == vehicle()
+    assert body_under(None, max_tilt_deg=40.0) == vehicle(max_tilt_deg=40.0)
+    shut = Ground.of_elevation(flat, 1.0, limits, vehicle=vehicle())
+    assert shut.limits == Traversability()  # cells by themselves shut nothing
+    with pytest.raises(InvalidMapError, match="wanted the body's own max_step_m and clearance_m"):
+        body_under(Traversability(hard_step_m=0.1))
+
+
+def test_a_reserve_takes_its_share_off_every_limit():
+    rng = np.random.default_rng(4)
+    dem = np.cumsum(rng.normal(0.0, 0.05, (30, 30)), 0) + rng.normal(0.0, 0.02, (30, 30))
+    given = {"max_tilt_deg": 20.0, "max_pitch_deg": 15.0, "max_roll_deg": 12.0, "max_step_m": 0.1}
+    less = {name: 0.7 * value for name, value in (given | {"clearance_m": 0.3}).items()}
+    reserved = pose_costs(dem, 0.3, vehicle(**given, reserve=0.3))
+    np.testing.assert_array_equal(reserved, pose_costs(dem, 0.3, vehicle(**less)))
+    assert (reserved < 1.0).any() and (reserved == np.inf).any()
+    with pytest.raises(InvalidMapError, match="reserve must be a share"):
+        vehicle(reserve=1.0)
 
 
 def test_a_bad_value_is_named_in_one_line():
@@ -196,7 +232,9 @@ def test_after_patches_the_map_is_that_of_a_new_planner(elevations):
         return Planner(cost, vehicle=DISC, cell_size_m=CELL_M)
 
     planner = (
-        Planner.of_elevation(ground, CELL_M, vehicle=DISC, warn=False) if elevations else fresh()
+        Planner.of_elevation(ground, CELL_M, Traversability(), vehicle=DISC, warn=False)
+        if elevations
+        else fresh()
     )
     for _ in range(16):
         rows, cols = rng.integers(1, 9, 2)

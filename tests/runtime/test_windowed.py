@@ -29,6 +29,14 @@ LIMITS = Traversability(
 )
 
 
+def test_no_path_leads_over_a_cliff_unless_the_papers_cost_is_asked_for():
+    dem = np.zeros((64, 64), np.float32)
+    dem[:, 30:] = 1.2
+    ends = (30, 5), (30, 60)
+    assert WindowedPlanner(ArrayWindows(dem)).plan(*ends).status is Status.NO_PATH
+    assert WindowedPlanner(ArrayWindows(dem), Traversability()).plan(*ends).ok
+
+
 class ArrayWindows:
     """Heights in memory, handed out by windows."""
 

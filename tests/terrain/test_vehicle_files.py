@@ -58,12 +58,13 @@ def test_a_vehicle_has_what_stands_in_its_file_and_defaults_else(write_toml):
         "length_m": "9.0",
         "width_m": "9.0",
     }
+    lines["reserve"] = "0.25"
     lines |= {f"max_{name}_deg": "12.5" for name in ("tilt", "pitch", "roll")}
     names = [field.name for field in fields(Vehicle) if field.name != "radius_m"]
     found = load_vehicle(
         write_toml("\n".join(f"{name} = {lines.get(name, '1.25')}" for name in names))
     )
-    assert {getattr(found, name) for name in names} == {True, 3, 9.0, 1.25, 12.5}
+    assert {getattr(found, name) for name in names} == {True, 3, 9.0, 1.25, 12.5, 0.25}
     assert load_vehicle(write_toml("radius_m = 0.5")) == Vehicle(radius_m=0.5)
 
 

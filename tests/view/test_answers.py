@@ -238,7 +238,7 @@ def test_an_answer_tells_what_lies_along_the_path(site):
     )
     assert [name for name, body in opening["bodies"].items() if body["arcs"]] == ["car"]
     assert (
-        opening["asked"]["start"] == [8, 8] and opening["asked"]["limits"]["hard_slope_deg"] is None
+        opening["asked"]["start"] == [8, 8] and opening["asked"]["limits"]["hard_slope_deg"] == 30.0
     )
 
 

@@ -7,7 +7,8 @@ const length = (value) => `${value} m`;
 // Sliders of lengths are logarithmic. `hard` ones are off until their box is ticked; `body` ones need a vehicle.
 const SLIDERS = [
   { name: "slope_limit_deg", label: "Slope limit φₛ", low: 5, high: 60, step: 1, unit: degrees },
-  { name: "hard_slope_deg", label: "Hard slope", low: 5, high: 60, step: 1, unit: degrees, hard: 20 },
+  { name: "hard_slope_deg", label: "Hard slope", low: 5, high: 60, step: 1, unit: degrees, hard: 30 },
+  { name: "hard_gradient_deg", label: "Hard single step", low: 5, high: 60, step: 1, unit: degrees, hard: 30 },
   { name: "roughness_limit_m", label: "Roughness rₛ", low: 0.01, high: 100, log: true, unit: length },
   { name: "step_limit_m", label: "Step Hₛ", low: 0.01, high: 100, log: true, unit: length },
   { name: "omega", label: "Weight ω", low: 0, high: 0.05, step: 0.001, unit: String },
