@@ -28,12 +28,19 @@ def kernel(function: FunctionType) -> NumbaObject:
     return compiled
 
 
-def helper(function: FunctionType) -> NumbaObject:
+def inlined(function: FunctionType) -> NumbaObject:
+    """As `helper`, for a step of a kernel's loop: its code is put in the place of each call."""
+    return helper(function, forceinline=True)
+
+
+def helper(function: FunctionType, **options: bool) -> NumbaObject:
     """As `kernel`, for one that only kernels call: their files hold its code, and none of its own
     keeps it.
     """
     compile_it: NumbaObject = numba.njit
-    compiled = compile_it(nogil=True, error_model="numpy", no_cfunc_wrapper=True)(function)
+    compiled = compile_it(nogil=True, error_model="numpy", no_cfunc_wrapper=True, **options)(
+        function
+    )
     if compiled is not function:
         template = compiled.get_call_template
 

@@ -27,29 +27,40 @@ def call_at(typing_context, address, arguments):
 
 
 @intrinsic
-def _without_owner(typing_context, array):
-    """An array as it is, but for what counts references to it."""
+def _without_owners(typing_context, value):
+    """A value as it is, but for what counts references to its arrays."""
 
     def generate(context, builder, signature, values):
-        parts = cgutils.create_struct_proxy(signature.args[0])(context, builder, value=values[0])
-        parts.meminfo, parts.parent = (
-            cgutils.get_null_value(part.type) for part in (parts.meminfo, parts.parent)
-        )
+        return _disowned(context, builder, signature.args[0], values[0])
+
+    return value(value), generate
+
+
+def _disowned(context, builder, kind, value):
+    if isinstance(kind, types.BaseTuple):
+        fields = [
+            _disowned(context, builder, each, builder.extract_value(value, n))
+            for n, each in enumerate(kind.types)
+        ]
+        return context.make_tuple(builder, kind, fields)
+    if isinstance(kind, types.Array):
+        parts = cgutils.create_struct_proxy(kind)(context, builder, value=value)
+        parts.meminfo = cgutils.get_null_value(parts.meminfo.type)
+        parts.parent = cgutils.get_null_value(parts.parent.type)
         return parts._getvalue()
+    return value
 
-    return array(array), generate
 
-
-def borrowed(array):
-    """An array, for a kernel that neither keeps nor returns it: references to it and its views are
-    not counted.
+def borrowed(value):
+    """An array, or a record and all arrays in it, for a kernel that neither keeps nor returns them:
+    references to them and their views are not counted.
     """
-    return array
+    return value
 
 
 @overload(borrowed)
-def _compiled_borrowed(array):
-    return lambda array: _without_owner(array)
+def _compiled_borrowed(value):
+    return lambda value: _without_owners(value)
 
 
 def address_of(kernel, *arguments):

@@ -9,54 +9,77 @@ negative, as Python's indices may be, which took a tenth of a search's time.
 """
 
 import numpy as np
+from numpy import float32, float64, inf, int64, uint64
 from numpy.typing import NDArray
 
-from nnpp_edge.runtime.compiled.kernel import helper, kernel
+from nnpp_edge.runtime.compiled.kernel import helper, inlined, kernel
+from nnpp_edge.runtime.kernels.by_address import borrowed
 from nnpp_edge.runtime.kernels.clock import late
 from nnpp_edge.runtime.kernels.nodes import (
     COL_STEP,
     DIRECTION_BITS,
+    EXHAUSTED,
+    FOUND,
+    FULL,
     OPEN_BIT,
     ORIGIN,
+    PAUSED,
     ROW_STEP,
     STAMP_SHIFT,
+    beside_wall,
+    g_of,
     lowest_bit,
+    neighbour,
     octile,
+    outside,
+    put_word,
+    row_steps,
+    step_cost,
+    visit,
+    word_of,
 )
 from nnpp_edge.runtime.kernels.open_list import (
-    BLOCK,
-    FINE,
-    FINE_AT,
-    FREE,
-    LENGTH,
     NOTHING,
     SPAN,
-    USED,
     bucket_of,
-    clear,
+    empty,
     last_bucket_below,
-    pop,
     push,
-    refill_by,
+    resume,
+    suspend,
+    taking_by,
 )
 from nnpp_edge.runtime.kernels.pooling import NO_LINKS as NO_LINKS
-from nnpp_edge.runtime.kernels.tiles import open_there
+from nnpp_edge.runtime.kernels.records import (
+    BEST_H,
+    BEST_NODE,
+    EXPANSIONS,
+    REFUSED,
+    Ends,
+    Frontier,
+    Grid,
+    Hints,
+    Judge,
+    Limits,
+    Memory,
+    Region,
+    Rule,
+    StepTerms,
+    Task,
+    Tiles,
+)
+from nnpp_edge.runtime.kernels.tiles import open_at
 
-FOUND = 0
-EXHAUSTED = 1
-PAUSED = 2
-FULL = 3
-# slots of the float64 array of results
-BASE, INVERSE_WIDTH, REFUSED, BEST_H, BOUND = range(5)
-# slots of the int64 array of results
-EXPANSIONS, BEST_NODE, SETTLED = range(3)
-
-LANES = 8
+MOST_LANDMARKS = 8
 """Landmarks that a node has room for."""
-LOOK_EVERY = 1024
+_LOOK_EVERY = 1024
 """Expansions between two readings of the clock."""
-NO_HINTS = np.empty((0, LANES), np.float32), np.empty(LANES, np.float32), 0.0
-NO_REGION = np.empty((0, 0), np.int32), np.empty(0, np.int32), np.empty(0, np.int32), 0
+NO_HINTS = tuple(
+    Hints(np.empty((0, MOST_LANDMARKS), float32), np.empty(MOST_LANDMARKS, float32), 0.0)
+)
+NO_REGION = tuple(
+    Region(np.empty((0, 0), np.int32), np.empty(0, np.int32), np.empty(0, np.int32), 0)
+)
 """Of a search without these: a flag, where None would compile another search."""
 BELOW = 1.0 - 1e-6
 """Nodes that promise an improvement smaller than g's rounding are left alone."""
@@ -68,11 +91,11 @@ def _successors(square: int) -> NDArray[np.int64]:
     at no higher cost, is greater.
     """
     masks = np.full(ORIGIN + 1, 255, np.int64)
-    for arrival in range(ORIGIN):
+    for arrival in range(8):
         for k in range(8):
-            if (ROW_STEP[arrival] + ROW_STEP[k]) ** 2 + (
-                COL_STEP[arrival] + COL_STEP[k]
-            ) ** 2 <= square:
+            down = ROW_STEP[arrival] + ROW_STEP[k]
+            right = COL_STEP[arrival] + COL_STEP[k]
+            if down**2 + right**2 <= square:
                 masks[arrival] &= ~(1 << k)
     return masks
 
@@ -83,14 +106,21 @@ from the parent, for every step-cost model. 2: none a diagonal away either, wher
 dearer than the two straight steps around its corner, and never forbidden where they are allowed."""
 
 
-@helper
-def _apart(fields, at_goal, node):
+@inlined
+def _distance(row, col, judge):
+    """The octile distance to the goal."""
+    return octile(row, col, judge.goal_row, judge.goal_col, judge.h_straight, judge.h_diagonal)
+
+
+@inlined
+def _apart(hints, node):
     """The greatest difference to the goal's costs from the landmarks."""
-    furthest = np.float32(0.0)
-    for lane in range(LANES):
+    furthest = float32(0.0)
+    for lane in range(MOST_LANDMARKS):
         # inf where only one of the two is connected to the landmark; NaN, which is passed over,
         # where neither is
-        apart = abs(fields[np.uint64(node), np.uint64(lane)] - at_goal[np.uint64(lane)])
+        field = hints.fields[uint64(node), uint64(lane)]
+        apart = abs(field - hints.at_goal[uint64(lane)])
         furthest = apart if apart > furthest else furthest
     return furthest
 
@@ -98,12 +128,12 @@ def _apart(fields, at_goal, node):
 @helper
 def _left(node, judge):
     """A lower bound on what a way from a node costs."""
-    (stride, goal_row, goal_col, h_straight, h_diagonal), (fields, at_goal, slack) = judge
-    h = octile(node // stride, node % stride, goal_row, goal_col, h_straight, h_diagonal)
-    return max(h, _apart(fields, at_goal, node) - slack) if len(fields) else h
+    hints = judge.hints
+    h = _distance(node // judge.stride, node % judge.stride, judge)
+    return max(h, _apart(hints, node) - hints.slack) if len(hints.fields) else h
 
 
-_refill = refill_by(_left)
+_take = taking_by(_left)
 
 
 @kernel
@@ -120,7 +150,101 @@ def trace(meta, node, stride, out):
         k = meta[2 * node + 1] & DIRECTION_BITS
         if k == ORIGIN:
             return n
-        node -= ROW_STEP[k] * stride + COL_STEP[k]
+        node -= neighbour(0, k, stride)
+
+
+@inlined
+def _in_float32(steps):
+    """`StepTerms` in the numbers that g is summed up in."""
+    steps = StepTerms(*steps)
+    return StepTerms(
+        float32(steps.length_straight),
+        float32(steps.length_diagonal),
+        float32(steps.weight_straight),
+        float32(steps.weight_diagonal),
+    )
+
+
+@inlined
+def _improved(node, g_node, edges, task):
+    """The neighbours, as bits, that are reached at a lower g than before by way of a node."""
+    g = task.memory.g
+    meta = task.memory.meta
+    weights = task.grid.weights
+    down = row_steps(task.grid.stride)
+    own = weights[uint64(node)]
+    better = int64(0)
+    for k in range(8):  # unrolled by the compiler
+        there = uint64(node + down[k] + COL_STEP[k])
+        if edges is None:
+            step = step_cost(k >= 4, own + weights[there], task.terms)  # inf where impassable
+        else:
+            step = edges[uint64(node), uint64(k)]
+        visited = meta[there * uint64(2) + uint64(1)] >> STAMP_SHIFT == task.memory.stamp
+        known = g[there * uint64(2)] if visited else float32(inf)
+        better |= int64(g_node + step < known) << k
+    return better
+
+
+@inlined
+def _relax(node, row, col, k, g_node, own, edges, task, front):
+    """Relax the step in direction k from a node, which comes to a lower g there than before."""
+    weights = task.grid.weights
+    hints = task.judge.hints
+    goal = task.judge.goal
+    down = int64(ROW_STEP[k])
+    right = int64(COL_STEP[k])
+    down_nodes = down * task.grid.stride
+    there = int64(node + down_nodes + right)
+    if edges is None:
+        checked = k >= 4 and not task.grid.corner_cutting
+        if checked and beside_wall(weights, node, down_nodes, right):
+            return front
+        reached = g_node + step_cost(k >= 4, own + weights[uint64(there)], task.terms)
+    else:
+        reached = g_node + edges[uint64(node), uint64(k)]
+    h = _distance(row + down, col + right, task.judge)
+    if len(hints.fields):
+        h = max(h, _apart(hints, there) - hints.slack)
+    f = reached + h
+    if f >= front.bound:
+        return front
+    in_region = len(task.region.bitmap) == 0 or there == goal
+    if not in_region and outside(task.region, row + down, col + right):
+        refused = min(front.refused, f)
+        return Frontier(front.queue, front.bound, front.last_bucket, refused)
+    if there == goal:  # never expanded, so never put on the open list
+        visit(task.memory, there, reached, k)
+        bound = f * task.beyond
+        last_bucket = last_bucket_below(bound, front.queue)
+        return Frontier(front.queue, bound, last_bucket, front.refused)
+    visit(task.memory, there, reached, OPEN_BIT | k)
+    queue = push(task.memory, front.queue, bucket_of(f, front.queue), there)
+    return Frontier(queue, front.bound, front.last_bucket, front.refused)
+
+
+@inlined
+def _set_out(start, h, width, memory):
+    """Begin a search: the start alone is on the open list."""
+    queue = push(memory, empty(memory, h, width), int64(0), start)
+    suspend(memory, queue)
+    visit(memory, start, 0.0, OPEN_BIT | ORIGIN)
+    memory.reals[REFUSED] = inf
+    memory.reals[BEST_H] = inf
+    memory.counts[EXPANSIONS] = 0
+    memory.counts[BEST_NODE] = start
+
+
+@inlined
+def _go_on(memory, goal, beyond):
+    """How far a search had come when its last call stopped."""
+    queue = resume(memory)
+    bound = inf
+    last_bucket = int64(SPAN)
+    if word_of(memory.meta, goal) >> STAMP_SHIFT == memory.stamp:
+        bound = float64(g_of(memory.g, goal)) * beyond
+        last_bucket = last_bucket_below(bound, queue)
+    return Frontier(queue, bound, last_bucket, memory.reals[REFUSED])
 
 
 @kernel
@@ -128,33 +252,22 @@ def expand(grid, edges, links, region, hints, ends, rule, memory, limits):
     """Search until the goal is settled, nothing is left, `most` expansions are done, it is late or
     the list is full.
 
-    Begins at `start`, or goes on where the last call stopped if that is negative. Once the goal has
-    been reached, `beyond` times its g bounds what is looked at: nodes whose f is not lower are left
-    out, and the search ends when the buckets up to the bound's own are empty. `BELOW` gives the
-    optimum; with more than 1, every node on a path that costs less than `beyond` times the optimum
-    is settled.
+    Begins at the start, or goes on where the last call stopped if that is negative. Once the goal
+    has been reached, `beyond` times its g bounds what is looked at: nodes whose f is not lower are
+    left out, and the search ends when the buckets up to the bound's own are empty. `BELOW` gives
+    the optimum; with more than 1, every node on a path that costs less than `beyond` times the
+    optimum is settled.
 
     Parameters
     ----------
-    grid, region
-        As everywhere; `NO_REGION` for the whole map.
+    grid, region, hints, ends, rule, memory, limits
+        Records, see `kernels.records`.
     edges : (nodes, 8) float32 or None
         What the step that leaves a node in each direction costs, inf where there is none. None
         where steps cost by the weights of their ends.
     links : (nodes,) uint8
         The directions in which each cell may be left, as bits; `NO_LINKS` where passability
         decides.
-    hints : (fields, at_goal, slack)
-        Of the landmarks; `NO_HINTS` without any.
-    ends : (start, goal)
-        Nodes.
-    rule : (h_straight, h_diagonal, width, successors, beyond)
-        Prices of the octile distance, the width of a bucket at first, the grid's of the
-        `SUCCESSORS`; and, as said above, how far beyond the goal to look.
-    memory : (g, meta, stamp, heads, entries, control, reals, counts, path)
-        Of a `Workspace`, and the number of this search.
-    limits : (most, until)
-        Expansions in this call, and a reading of the clock.
 
     Returns
     -------
@@ -164,176 +277,76 @@ def expand(grid, edges, links, region, hints, ends, rule, memory, limits):
         are in `path`, goal first; the expansions so far; and the least f of a node that the region
         refused.
     """
-    weights, stride, steps, corner_cutting, tiles = grid
-    start, goal = ends
-    tile_state, wanted, row_shift, col_shift, _, _ = tiles
-    h_straight, h_diagonal, width, successors, beyond = rule
-    most, until = limits
-    g, meta, stamp, heads, entries, control, reals, counts, path = memory
-    bitmap, row_block, col_block, region_stamp = region
-    fields, at_goal, slack = hints
-    linked = len(links) > 0
-    regional = len(bitmap) > 0
-    hinted = len(fields) > 0
-    length_s = np.float32(steps[0])
-    length_d = np.float32(steps[1])
-    weight_s = np.float32(steps[2])
-    weight_d = np.float32(steps[3])
-    goal_row = goal // stride
-    goal_col = goal % stride
-    judge = (stride, goal_row, goal_col, h_straight, h_diagonal), hints
+    grid = borrowed(Grid(*grid))
+    tiles = Tiles(*grid.tiles)
+    region = borrowed(Region(*region))
+    hints = borrowed(Hints(*hints))
+    memory = borrowed(Memory(*memory))
+    ends = Ends(*ends)
+    rule = Rule(*rule)
+    limits = Limits(*limits)
+    stride = grid.stride
+    goal = ends.goal
+    place = (stride, goal, goal // stride, goal % stride)
+    judge = Judge(*place, rule.h_straight, rule.h_diagonal, hints)
+    task = Task(grid, _in_float32(grid.steps), region, judge, rule.beyond, memory)
+    if ends.start >= 0:
+        h = _left(ends.start, judge)
+        _set_out(ends.start, h, rule.width, memory)
+        if h == inf:  # a landmark is connected to only one of the two
+            return EXHAUSTED, 0, 0, inf
+    front = _go_on(memory, goal, rule.beyond)
+    best_h = memory.reals[BEST_H]
+    room = int64(len(memory.entries)) // 2 - 8
     inverse_stride = 1.0 / stride
-    row_steps = (-stride, stride, 0, 0, -stride, -stride, stride, stride)
-    if start >= 0:
-        h = _left(start, judge)
-        clear(heads, control)
-        control[FREE], control[USED] = push(heads, entries, 0, start, 0, 0, NOTHING, 0)
-        control[LENGTH] = 1
-        g[2 * start] = 0.0
-        meta[2 * start + 1] = (stamp << STAMP_SHIFT) | OPEN_BIT | ORIGIN
-        reals[BASE] = h
-        reals[INVERSE_WIDTH] = 1.0 / width
-        reals[REFUSED] = np.inf
-        reals[BEST_H] = np.inf
-        counts[EXPANSIONS] = 0
-        counts[BEST_NODE] = start
-        if h == np.inf:  # a landmark is connected to only one of the two
-            return EXHAUSTED, 0, 0, np.inf
-    order = (reals[BASE], reals[INVERSE_WIDTH])
-    refused = reals[REFUSED]
-    best_h = reals[BEST_H]
-    free = control[FREE]
-    used = control[USED]
-    fine_at = control[FINE_AT]
-    block = control[BLOCK]
-    waiting = control[LENGTH]
-    room = np.int64(len(entries)) // 2 - 8
-    bound = np.inf
-    last_bucket = np.int64(SPAN)
-    if meta[2 * goal + 1] >> STAMP_SHIFT == stamp:
-        bound = np.float64(g[2 * goal]) * beyond
-        last_bucket = last_bucket_below(bound, *order)
-    expansions = counts[EXPANSIONS]
-    last = expansions + most
-    look_at = expansions + LOOK_EVERY
+    expansions = memory.counts[EXPANSIONS]
+    last = expansions + limits.most
+    look_at = expansions + _LOOK_EVERY
     code = PAUSED
     while expansions < last:
         if expansions >= look_at:
-            look_at = expansions + LOOK_EVERY
-            if late(until):
+            look_at = expansions + _LOOK_EVERY
+            if late(limits.until):
                 break
-        if waiting > room:
+        if front.queue.length > room:
             code = FULL
             break
-        node, fine_at, free = pop(heads, entries, fine_at, free)
-        if block * FINE + fine_at > last_bucket:
-            code = FOUND
-            break
+        # take an open node of the least f, and close it
+        node, front = _take(memory, judge, front)
         if node == NOTHING:
-            if waiting == 0:
-                code = FOUND if bound < np.inf else EXHAUSTED
-                break
-            found = _refill(judge, bound, block, order, g, meta, heads, entries, free, waiting)
-            block, fine_at, order, free, waiting, last_bucket = found
-            continue
-        waiting -= 1
-        word = meta[np.uint64(2 * node + 1)]
-        if not word & OPEN_BIT:
-            continue
-        meta[np.uint64(2 * node + 1)] = word & ~OPEN_BIT
-        row = np.int64((node + 0.5) * inverse_stride)
+            code = FOUND if front.bound < inf else EXHAUSTED
+            break
+        word = word_of(memory.meta, node)
+        put_word(memory.meta, node, word & ~OPEN_BIT)
+        row = int64((node + 0.5) * inverse_stride)
         col = node - row * stride
-        h = octile(row, col, goal_row, goal_col, h_straight, h_diagonal)
-        g_node = g[np.uint64(2 * node)]
-        if g_node + h >= bound:
+        h = _distance(row, col, judge)
+        g_node = g_of(memory.g, node)
+        if g_node + h >= front.bound:
             continue
-        i = np.uint64((row - 1) >> row_shift)
-        j = np.uint64((col - 1) >> col_shift)
-        if not tile_state[i, j] & wanted:
-            open_there(tiles, np.int64(i), np.int64(j))
+        # expand it: the neighbours that are reached at a lower g than before, without a branch, and
+        # then the steps to these alone
+        if open_at(tiles, row - 1, col - 1):
             look_at = expansions
-        own = weights[np.uint64(node)]
         expansions += 1
         if h < best_h:
             best_h = h
-            counts[BEST_NODE] = node
-        # First, without a branch, which neighbours are reached at a lower g than before; then only
-        # those.
-        better = np.int64(0)
-        for k in range(8):  # unrolled by the compiler
-            there = np.uint64(node + row_steps[k] + COL_STEP[k])
-            length, weight = (length_s, weight_s) if k < 4 else (length_d, weight_d)
-            if edges is None:
-                reached = g_node + (
-                    length + weight * (own + weights[there])
-                )  # inf where impassable
-            else:
-                reached = g_node + edges[np.uint64(node), np.uint64(k)]
-            visited = meta[there * np.uint64(2) + np.uint64(1)] >> STAMP_SHIFT == stamp
-            known = g[there * np.uint64(2)] if visited else np.float32(np.inf)
-            better |= np.int64(reached < known) << k
-        better &= successors[np.uint64(word & DIRECTION_BITS)]
-        if linked:
-            better &= np.int64(links[np.uint64(node)])
+            memory.counts[BEST_NODE] = node
+        better = _improved(node, g_node, edges, task)
+        better &= rule.successors[uint64(word & DIRECTION_BITS)]
+        if len(links) > 0:
+            better &= int64(links[uint64(node)])
+        own = grid.weights[uint64(node)]
         while better:
             k = lowest_bit(better)
             better &= better - 1
-            up = np.int64(ROW_STEP[k])
-            left = np.int64(COL_STEP[k])
-            across = np.int64(node + up * stride + left)
-            there = np.uint64(across)
-            if edges is not None:
-                reached = g_node + edges[np.uint64(node), np.uint64(k)]
-            elif k < 4:
-                reached = g_node + (length_s + weight_s * (own + weights[there]))
-            else:
-                if not corner_cutting and (
-                    weights[np.uint64(node + up * stride)] == np.inf
-                    or weights[np.uint64(node + left)] == np.inf
-                ):
-                    continue
-                reached = g_node + (length_d + weight_d * (own + weights[there]))
-            i = row + up
-            j = col + left
-            h = octile(i, j, goal_row, goal_col, h_straight, h_diagonal)
-            if hinted:
-                h = max(h, _apart(fields, at_goal, across) - slack)
-            f = reached + h
-            if f >= bound:
-                continue
-            if regional:  # noqa: SIM102
-                if (
-                    bitmap[
-                        np.uint64(row_block[np.uint64(i - 1)]),
-                        np.uint64(col_block[np.uint64(j - 1)]),
-                    ]
-                    != region_stamp
-                    and across != goal
-                ):
-                    refused = min(refused, f)
-                    continue
-            g[there * np.uint64(2)] = reached
-            word = np.int64((stamp << STAMP_SHIFT) | OPEN_BIT | k)
-            if across == goal:
-                word ^= OPEN_BIT  # never expanded, so never put on the open list
-                bound = f * beyond
-                last_bucket = last_bucket_below(bound, *order)
-            else:
-                bucket = bucket_of(f, *order)
-                free, used = push(heads, entries, bucket, across, block, fine_at, free, used)
-                waiting += 1
-            meta[there * np.uint64(2) + np.uint64(1)] = word
-    control[FREE] = free
-    control[USED] = used
-    control[FINE_AT] = fine_at
-    control[BLOCK] = block
-    control[LENGTH] = waiting
-    reals[BASE] = order[0]
-    reals[INVERSE_WIDTH] = order[1]
-    reals[REFUSED] = refused
-    reals[BEST_H] = best_h
-    counts[EXPANSIONS] = expansions
+            front = _relax(node, row, col, k, g_node, own, edges, task, front)
+    suspend(memory, front.queue)
+    memory.reals[REFUSED] = front.refused
+    memory.reals[BEST_H] = best_h
+    memory.counts[EXPANSIONS] = expansions
     cells = 0
     if code != FULL:
-        cells = trace(meta, goal if code == FOUND else counts[BEST_NODE], stride, path)
-    return code, cells, expansions, refused
+        end = goal if code == FOUND else memory.counts[BEST_NODE]
+        cells = trace(memory.meta, end, stride, memory.path)
+    return code, cells, expansions, front.refused

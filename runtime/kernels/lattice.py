@@ -13,24 +13,7 @@ import math
 import numpy as np
 
 from nnpp_edge.runtime.compiled.kernel import helper, kernel
-from nnpp_edge.runtime.kernels.by_address import borrowed
-from nnpp_edge.runtime.kernels.clock import late
-from nnpp_edge.runtime.kernels.expansion import (
-    BASE,
-    BEST_H,
-    BEST_NODE,
-    BOUND,
-    EXHAUSTED,
-    EXPANSIONS,
-    FOUND,
-    FULL,
-    INVERSE_WIDTH,
-    PAUSED,
-    REFUSED,
-    SETTLED,
-)
-from nnpp_edge.runtime.kernels.nodes import DIRECTION_BITS, OPEN_BIT, STAMP_SHIFT, UNSURE_BIT
-from nnpp_edge.runtime.kernels.open_list import (
+from nnpp_edge.runtime.kernels.buckets import (
     BLOCK,
     FINE,
     FINE_AT,
@@ -46,7 +29,30 @@ from nnpp_edge.runtime.kernels.open_list import (
     push,
     refill_by,
 )
+from nnpp_edge.runtime.kernels.by_address import borrowed
+from nnpp_edge.runtime.kernels.clock import late
+from nnpp_edge.runtime.kernels.nodes import (
+    DIRECTION_BITS,
+    EXHAUSTED,
+    FOUND,
+    FULL,
+    OPEN_BIT,
+    ORIGIN,
+    PAUSED,
+    STAMP_SHIFT,
+    UNSURE_BIT,
+)
 from nnpp_edge.runtime.kernels.poses import AXES, FAILS, UNCHECKED, check_there, motion_weight
+from nnpp_edge.runtime.kernels.records import (
+    BASE,
+    BEST_H,
+    BEST_NODE,
+    BOUND,
+    EXPANSIONS,
+    GOAL_STATE,
+    INVERSE_WIDTH,
+    REFUSED,
+)
 
 DIRECTIONS = 16
 ROWS = (1, 2, 1, 1, 0, -1, -1, -2, -1, -2, -1, -1, 0, 1, 1, 2)
@@ -62,8 +68,6 @@ FIXED = 1
 """Of what a primitive costs: cells on the best ground, which its code makes dearer, and what comes
 to it always.
 """
-ORIGIN = DIRECTION_BITS
-"""In place of the primitive that led to a state: where the search began."""
 LEG = 0
 LEFT_TURN = 1
 """Primitives of a body that turns on the spot; `LEFT_TURN` + 1 is the one to the right."""
@@ -496,7 +500,7 @@ def expand_states(poses, edges, prices, field, region, ends, rule, memory, limit
         reals[BOUND] = np.inf
         counts[EXPANSIONS] = 0
         counts[BEST_NODE] = state
-        counts[SETTLED] = NOTHING
+        counts[GOAL_STATE] = NOTHING
     order = (reals[BASE], reals[INVERSE_WIDTH])
     refused = reals[REFUSED]
     best_h = reals[BEST_H]
@@ -507,7 +511,7 @@ def expand_states(poses, edges, prices, field, region, ends, rule, memory, limit
     waiting = control[LENGTH]
     room = np.int64(len(entries)) // 2 - ways - DIRECTIONS - 3
     bound = reals[BOUND]
-    settled = counts[SETTLED]
+    settled = counts[GOAL_STATE]
     last_bucket = last_bucket_below(bound, *order)
     expansions = counts[EXPANSIONS]
     last = expansions + most
@@ -662,7 +666,7 @@ def expand_states(poses, edges, prices, field, region, ends, rule, memory, limit
     reals[REFUSED] = refused
     reals[BEST_H] = best_h
     reals[BOUND] = bound
-    counts[SETTLED] = settled
+    counts[GOAL_STATE] = settled
     counts[EXPANSIONS] = expansions
     if code == FOUND:
         counts[BEST_NODE] = settled

@@ -3,32 +3,102 @@
 from llvmlite import ir
 from numba import types
 from numba.extending import intrinsic, overload
+from numpy import inf, int64, uint64
 
-from nnpp_edge.runtime.compiled.kernel import kernel
+from nnpp_edge.runtime.compiled.kernel import inlined, kernel
 
+FOUND = 0
+EXHAUSTED = 1
+PAUSED = 2
+FULL = 3
+"""Why a search's kernel ended: the goal is settled, nothing is left on the open list, it is to go
+on later, or the open list has no room.
+"""
 STAMP_SHIFT = 6
 OPEN_BIT = 16
 UNSURE_BIT = 32
 """To be expanded; and come to by a motion that has not been checked (`kernels.lattice`)."""
-ORIGIN = 8
-"""Direction 0-7 leads from the parent to the node; this one marks the start."""
 DIRECTION_BITS = 15
+ORIGIN = 15
+"""Directions 0-7, or numbers of a body's primitives, lead from the parent to the node; in their
+place this marks the start.
+"""
 ROW_STEP = (-1, 1, 0, 0, -1, -1, 1, 1)
 COL_STEP = (0, 0, -1, 1, -1, 1, -1, 1)
 OPPOSITE = (1, 0, 3, 2, 7, 6, 5, 4)
 """The direction that leads back."""
-DIRECTION = (4, 0, 5, 2, -1, 3, 6, 1, 7)
+DIRECTION_OF = (4, 0, 5, 2, -1, 3, 6, 1, 7)
 """Direction of the neighbour (row, col) = (i // 3 - 1, i % 3 - 1); -1 for the cell itself."""
 
 
 @kernel
 def octile(row, col, goal_row, goal_col, h_straight, h_diagonal):
     """Cost of the way on an empty map whose straight and diagonal steps cost so much."""
-    dr = abs(row - goal_row)
-    dc = abs(col - goal_col)
-    near = min(dr, dc)
-    far = max(dr, dc)
+    down = abs(row - goal_row)
+    right = abs(col - goal_col)
+    near = min(down, right)
+    far = max(down, right)
     return h_diagonal * near + h_straight * (far - near)
+
+
+@inlined
+def neighbour(node, k, stride):
+    """The node to which a step in direction k leads."""
+    return node + ROW_STEP[k] * stride + COL_STEP[k]
+
+
+@inlined
+def row_steps(stride):
+    """Nodes from one to its neighbour's row, for each direction."""
+    return (-stride, stride, int64(0), int64(0), -stride, -stride, stride, stride)
+
+
+@inlined
+def beside_wall(weights, node, down, right):
+    """Whether a diagonal step passes beside an impassable cell: so many nodes down, and right."""
+    above = weights[uint64(node + down)] == inf
+    return above | (weights[uint64(node + right)] == inf)
+
+
+@inlined
+def step_cost(diagonal, pair, terms):
+    """Cost of a step between nodes whose weights sum to `pair`, by `StepTerms`."""
+    length = terms.length_diagonal if diagonal else terms.length_straight
+    weight = terms.weight_diagonal if diagonal else terms.weight_straight
+    return length + weight * pair
+
+
+@inlined
+def g_of(g, node):
+    """g of a node that the search has come to."""
+    return g[uint64(2 * node)]
+
+
+@inlined
+def word_of(meta, node):
+    """The word of a node: the number of the search that wrote it, flags, and a direction."""
+    return int64(meta[uint64(2 * node + 1)])
+
+
+@inlined
+def put_word(meta, node, word):
+    """Write the word of a node."""
+    meta[uint64(2 * node + 1)] = word
+
+
+@inlined
+def visit(memory, node, g, word):
+    """Come to a node: write its g, and its word with the number of the search."""
+    memory.g[uint64(2 * node)] = g
+    put_word(memory.meta, node, (memory.stamp << STAMP_SHIFT) | word)
+
+
+@inlined
+def outside(region, row, col):
+    """Whether a region lacks a cell, numbered within the border."""
+    i = uint64(region.row_block[uint64(row - 1)])
+    j = uint64(region.col_block[uint64(col - 1)])
+    return region.bitmap[i, j] != region.stamp
 
 
 @intrinsic

@@ -14,10 +14,21 @@ what g, a float32, cannot. So they cover at least as much again as f has come to
 few times at most, whatever the weights.
 """
 
-import numpy as np
+from numpy import inf, int64, uint64
 
-from nnpp_edge.runtime.compiled.kernel import helper
-from nnpp_edge.runtime.kernels.nodes import OPEN_BIT
+from nnpp_edge.runtime.compiled.kernel import inlined
+from nnpp_edge.runtime.kernels.nodes import OPEN_BIT, g_of, word_of
+from nnpp_edge.runtime.kernels.records import (
+    BASE,
+    BLOCK,
+    FINE_AT,
+    FREE,
+    INVERSE_WIDTH,
+    LENGTH,
+    USED,
+    Frontier,
+    Queue,
+)
 
 FINE = 1024
 COARSE = 4096
@@ -27,130 +38,166 @@ BUCKETS = FINE + COARSE + 1
 """Heads of the buckets' chains: the fine ones, the coarse ones, and what lies beyond."""
 NOTHING = -1
 
-# Slots of the int64 array that keeps a list between calls; the kernels hold them in local
-# variables, which is a third faster than reading and writing memory at every push.
-FREE = 0
-USED = 1
-FINE_AT = 2
-BLOCK = 3
-LENGTH = 4
-CONTROL_SLOTS = 5
 
-# An entry e holds its node at 2e and the next entry of its chain at 2e + 1. The kernels below touch
-# their arrays in straight lines only: numba counts references to an array that is used on both
-# sides of a branch in a called kernel, and these atomic operations once took a third of a search's
-# time.
+@inlined
+def empty(memory, base, width):
+    """Empty the list. Its first bucket begins at `base`, and is so wide."""
+    memory.heads[:] = NOTHING
+    zero = int64(0)
+    return Queue(int64(NOTHING), zero, zero, zero, zero, base, 1.0 / width)
 
 
-@helper
-def clear(heads, control):
-    """Empty the list."""
-    heads[:] = NOTHING
-    control[:] = 0
-    control[FREE] = NOTHING
+@inlined
+def resume(memory):
+    """Where the list stood when a call stopped."""
+    control = memory.control
+    reals = memory.reals
+    return Queue(
+        control[FREE],
+        control[USED],
+        control[FINE_AT],
+        control[BLOCK],
+        control[LENGTH],
+        reals[BASE],
+        reals[INVERSE_WIDTH],
+    )
 
 
-@helper
-def push(heads, entries, bucket, node, block, fine_at, free, used):
-    """Put `node` into bucket ⌊(f - base)/δ⌋, at most `SPAN`; the new `free` and `used`. There must
-    be room.
-    """
-    recycled = free != NOTHING
-    entry = free if recycled else used
-    following = np.int64(entries[np.uint64(2 * entry + 1)])
-    ahead = bucket - block * FINE
-    # a rounding error may put f a hair below the bucket being emptied: it then goes into that one
-    slot = max(ahead, fine_at) if ahead < FINE else FINE + bucket // FINE
-    entries[np.uint64(2 * entry)] = node
-    entries[np.uint64(2 * entry + 1)] = heads[np.uint64(slot)]
-    heads[np.uint64(slot)] = entry
-    return (following, used) if recycled else (free, used + 1)
+@inlined
+def suspend(memory, queue):
+    """Keep where the list stands for the next call."""
+    control = memory.control
+    control[FREE] = queue.free
+    control[USED] = queue.used
+    control[FINE_AT] = queue.fine_at
+    control[BLOCK] = queue.block
+    control[LENGTH] = queue.length
+    memory.reals[BASE] = queue.base
+    memory.reals[INVERSE_WIDTH] = queue.inverse_width
 
 
-@helper
-def pop(heads, entries, fine_at, free):
-    """Take the newest node of the first bucket; node (NOTHING if the fine buckets are empty),
-    fine_at, free.
-    """
-    while fine_at < FINE and heads[np.uint64(fine_at)] == NOTHING:
-        fine_at += 1
-    if fine_at == FINE:
-        return np.int64(NOTHING), fine_at, free
-    entry = np.int64(heads[np.uint64(fine_at)])
-    heads[np.uint64(fine_at)] = entries[np.uint64(2 * entry + 1)]
-    entries[np.uint64(2 * entry + 1)] = free
-    return np.int64(entries[np.uint64(2 * entry)]), fine_at, entry
+@inlined
+def bucket_of(f, queue):
+    """Number of the bucket that an f belongs to, `SPAN` for what lies beyond the last."""
+    return int64(min(max((f - queue.base) * queue.inverse_width, 0.0), float(SPAN)))
 
 
-@helper
-def bucket_of(f, base, inverse_width):
-    """Number of the bucket that an f belongs to."""
-    return np.int64(min(max((f - base) * inverse_width, 0.0), float(SPAN)))
-
-
-@helper
-def last_bucket_below(bound, base, inverse_width):
+@inlined
+def last_bucket_below(bound, queue):
     """Number of the last bucket that holds an f below a bound; -1 where none does."""
-    return np.int64(min(max((bound - base) * inverse_width, -1.0), float(SPAN)))
+    return int64(min(max((bound - queue.base) * queue.inverse_width, -1.0), float(SPAN)))
 
 
-def refill_by(left):
-    """A helper that refills by `left(node, judge)`: handed to a kernel, that is compiled anew in
-    each process.
+@inlined
+def push(memory, queue, bucket, node):
+    """Put a node into a bucket, see `bucket_of`. There must be room."""
+    recycled = queue.free != NOTHING
+    entry = queue.free if recycled else queue.used
+    following = int64(memory.entries[uint64(2 * entry + 1)])
+    ahead = bucket - queue.block * FINE
+    # a rounding error may put f a hair below the bucket being emptied: it then goes into that one
+    slot = max(ahead, queue.fine_at) if ahead < FINE else FINE + bucket // FINE
+    memory.entries[uint64(2 * entry)] = node
+    memory.entries[uint64(2 * entry + 1)] = memory.heads[uint64(slot)]
+    memory.heads[uint64(slot)] = entry
+    free = following if recycled else queue.free
+    used = queue.used if recycled else queue.used + 1
+    length = queue.length + 1
+    return Queue(free, used, queue.fine_at, queue.block, length, queue.base, queue.inverse_width)
+
+
+@inlined
+def pop(memory, queue):
+    """Take the newest open node of the first fine bucket that has any; NOTHING where none has."""
+    fine_at = queue.fine_at
+    free = queue.free
+    length = queue.length
+    node = int64(NOTHING)
+    while fine_at < FINE:
+        entry = int64(memory.heads[uint64(fine_at)])
+        if entry == NOTHING:
+            fine_at += 1
+            continue
+        memory.heads[uint64(fine_at)] = memory.entries[uint64(2 * entry + 1)]
+        memory.entries[uint64(2 * entry + 1)] = free
+        free = entry
+        length -= 1
+        node = int64(memory.entries[uint64(2 * entry)])
+        if word_of(memory.meta, node) & OPEN_BIT:
+            break
+        node = int64(NOTHING)
+    return node, Queue(
+        free, queue.used, fine_at, queue.block, length, queue.base, queue.inverse_width
+    )
+
+
+def taking_by(left):
+    """A helper that takes the next open node, of which `left(node, judge)` is left: handed to a
+    kernel, that is compiled anew in each process.
     """
 
-    @helper
-    def refill(judge, bound, block, order, g, meta, heads, entries, free, waiting):
+    @inlined
+    def refill(memory, queue, judge):
         """Deal the next coarse bucket's entries out into the fine buckets, dropping those that are
-        no longer open.
-
-        `order` is (base, inverse_width) of the buckets, which begin anew where only what lies
-        beyond the last is left. Returns the new block, fine_at, order, free and waiting, and the
-        last bucket with an f below the bound.
+        no longer open. The buckets begin anew where only what lies beyond the last is left.
         """
-        base, inverse_width = order
-        block += 1
+        heads = memory.heads
+        entries = memory.entries
+        base = queue.base
+        inverse_width = queue.inverse_width
+        free = queue.free
+        length = queue.length
+        block = queue.block + 1
         while heads[FINE + block] == NOTHING:
             block += 1
-        chain = np.int64(heads[FINE + block])
-        fine_at = np.int64(0)
+        chain = int64(heads[FINE + block])
+        fine_at = int64(0)
         heads[FINE + block] = NOTHING
         if block == COARSE:  # what lies beyond
-            block = np.int64(-1)
-            fine_at = np.int64(FINE)
-            least = np.inf
+            block = int64(-1)
+            fine_at = int64(FINE)
+            least = inf
             entry = chain
             while entry != NOTHING:
-                node = np.int64(entries[2 * entry])
-                if meta[2 * node + 1] & OPEN_BIT:
-                    least = min(least, g[2 * node] + left(node, judge))
-                entry = np.int64(entries[2 * entry + 1])
-            if least < np.inf:
+                node = int64(entries[2 * entry])
+                if word_of(memory.meta, node) & OPEN_BIT:
+                    least = min(least, g_of(memory.g, node) + left(node, judge))
+                entry = int64(entries[2 * entry + 1])
+            if least < inf:
                 base = least
                 inverse_width = min(inverse_width, SPAN / least)
+        moved = Queue(free, queue.used, fine_at, block, length, base, inverse_width)
         while chain != NOTHING:
-            following = np.int64(entries[2 * chain + 1])
-            node = np.int64(entries[2 * chain])
-            if meta[2 * node + 1] & OPEN_BIT:
-                bucket = bucket_of(g[2 * node] + left(node, judge), base, inverse_width)
-                ahead = max(bucket - block * FINE, np.int64(0)) if block >= 0 else np.int64(FINE)
-                slot = (
-                    ahead if ahead < FINE else FINE + bucket // FINE
-                )  # g may have risen meanwhile
+            following = int64(entries[2 * chain + 1])
+            node = int64(entries[2 * chain])
+            if word_of(memory.meta, node) & OPEN_BIT:
+                bucket = bucket_of(g_of(memory.g, node) + left(node, judge), moved)
+                slot = FINE + bucket // FINE  # g may have risen meanwhile
+                if block >= 0:
+                    ahead = max(bucket - block * FINE, int64(0))
+                    slot = ahead if ahead < FINE else slot
                 entries[2 * chain + 1] = heads[slot]
                 heads[slot] = chain
             else:
                 entries[2 * chain + 1] = free
                 free = chain
-                waiting -= 1
+                length -= 1
             chain = following
-        return (
-            block,
-            fine_at,
-            (base, inverse_width),
-            free,
-            waiting,
-            last_bucket_below(bound, base, inverse_width),
-        )
+        return Queue(free, queue.used, fine_at, block, length, base, inverse_width)
 
-    return refill
+    @inlined
+    def take(memory, judge, front):
+        """Take the next open node off the list: NOTHING where all buckets with an f below the bound
+        are empty.
+        """
+        last_bucket = front.last_bucket
+        node, queue = pop(memory, front.queue)
+        while node == NOTHING and queue.length > 0 and queue.block * FINE + FINE <= last_bucket:
+            queue = refill(memory, queue, judge)
+            last_bucket = last_bucket_below(front.bound, queue)
+            node, queue = pop(memory, queue)
+        if queue.block * FINE + queue.fine_at > last_bucket:
+            node = int64(NOTHING)
+        return node, Frontier(queue, front.bound, last_bucket, front.refused)
+
+    return take

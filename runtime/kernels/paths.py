@@ -2,10 +2,17 @@
 them.
 """
 
-import numpy as np
+from numpy import float64, inf, int64
 
-from nnpp_edge.runtime.compiled.kernel import kernel
-from nnpp_edge.runtime.kernels.nodes import octile
+from nnpp_edge.runtime.compiled.kernel import inlined, kernel
+from nnpp_edge.runtime.kernels.nodes import beside_wall, octile, step_cost
+from nnpp_edge.runtime.kernels.records import Grid, StepTerms
+
+
+@inlined
+def _step_to(path, n):
+    """Rows and columns from the cell before to cell n of a path."""
+    return path[n, 0] - path[n - 1, 0], path[n, 1] - path[n - 1, 1]
 
 
 @kernel
@@ -20,17 +27,17 @@ def measure(weights, stride, path):
     total = 0.0
     before = 0.0
     for n in range(len(path)):
-        w = np.float64(weights[(path[n, 0] + 1) * stride + path[n, 1] + 1])
-        total += w
-        if n == 0:
-            pass
-        elif path[n, 0] != path[n - 1, 0] and path[n, 1] != path[n - 1, 1]:
-            diagonal += 1
-            by_diagonal += before + w
-        else:
-            straight += 1
-            by_straight += before + w
-        before = w
+        weight = float64(weights[(path[n, 0] + 1) * stride + path[n, 1] + 1])
+        total += weight
+        if n > 0:
+            down, right = _step_to(path, n)
+            if down != 0 and right != 0:
+                diagonal += 1
+                by_diagonal += before + weight
+            else:
+                straight += 1
+                by_straight += before + weight
+        before = weight
     return straight, diagonal, by_straight, by_diagonal, total
 
 
@@ -55,21 +62,25 @@ def savings(weights, before, touched, count, stride, at, goal, prices):
     them.
 
     The sum of the weights saved by those that were passable; the least distance by way of these;
-    and by way of those that were not.
+    and by way of those that were not. `at` and `goal` are (row, col), `prices` those of a straight
+    and of a diagonal step.
     """
+    row, col = at
+    goal_row, goal_col = goal
+    h_straight, h_diagonal = prices
     saved = 0.0
-    by_cheaper = np.inf
-    by_opened = np.inf
+    by_cheaper = inf
+    by_opened = inf
     for n in range(count):
-        node = np.int64(touched[n])
-        now = np.float64(weights[node])
-        then = np.float64(before[node])
+        node = int64(touched[n])
+        now = float64(weights[node])
+        then = float64(before[node])
         if now < then:
-            r = node // stride - 1
-            c = node % stride - 1
-            distance = octile(at[0], at[1], r, c, prices[0], prices[1])
-            distance += octile(r, c, goal[0], goal[1], prices[0], prices[1])
-            if then < np.inf:
+            i = node // stride - 1
+            j = node % stride - 1
+            distance = octile(row, col, i, j, h_straight, h_diagonal)
+            distance += octile(i, j, goal_row, goal_col, h_straight, h_diagonal)
+            if then < inf:
                 saved += then - now
                 by_cheaper = min(by_cheaper, distance)
             else:
@@ -82,22 +93,23 @@ def walk(grid, path, first, costs):
     """Costs of a path from its cell `first` to each of the later ones; the first that cannot be
     stepped on, or -1.
     """
-    weights, stride, steps, corner_cutting, _ = grid
+    grid = Grid(*grid)
+    terms = StepTerms(*grid.steps)
+    weights = grid.weights
+    stride = grid.stride
     total = 0.0
     for n in range(first, len(path)):
         node = (path[n, 0] + 1) * stride + path[n, 1] + 1
-        if weights[node] == np.inf:
+        if weights[node] == inf:
             return n
         if n > first:
-            up = path[n, 0] - path[n - 1, 0]
-            left = path[n, 1] - path[n - 1, 1]
-            diagonal = up != 0 and left != 0
-            corners = weights[node - up * stride] == np.inf or weights[node - left] == np.inf
-            if diagonal and not corner_cutting and corners:
+            down, right = _step_to(path, n)
+            diagonal = down != 0 and right != 0
+            before = node - down * stride - right
+            checked = diagonal and not grid.corner_cutting
+            if checked and beside_wall(weights, before, down * stride, right):
                 return n
-            length, factor = (steps[1], steps[3]) if diagonal else (steps[0], steps[2])
-            total += length + factor * (
-                np.float64(weights[node - up * stride - left]) + np.float64(weights[node])
-            )
+            pair = float64(weights[before]) + float64(weights[node])
+            total += step_cost(diagonal, pair, terms)
         costs[n] = total
     return -1

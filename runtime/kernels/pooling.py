@@ -7,7 +7,7 @@ See `map.pyramid` for what a level stands for.
 import numpy as np
 
 from nnpp_edge.runtime.compiled.kernel import helper, kernel
-from nnpp_edge.runtime.kernels.nodes import COL_STEP, DIRECTION, ROW_STEP, lowest_bit
+from nnpp_edge.runtime.kernels.nodes import COL_STEP, DIRECTION_OF, ROW_STEP, lowest_bit
 
 FACTOR = 4
 """Cells of a level to the side of a cell of the next coarser one."""
@@ -306,7 +306,7 @@ def _link(fine_links, fine_cols, area, pieces, links, coarse_stride):
                     left = (j >= 0) - 1 + (j >= FACTOR)
                     if up == 0 and left == 0:
                         continue
-                    towards = DIRECTION[(up + 1) * 3 + left + 1]
+                    towards = DIRECTION_OF[(up + 1) * 3 + left + 1]
                     if (found >> towards) & 1:
                         continue
                     neighbour = np.int64(pieces[here + up * coarse_stride + left])

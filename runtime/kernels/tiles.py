@@ -25,8 +25,9 @@ each kernel that calls it. `source` is a tuple
 
 import numpy as np
 from numba.extending import overload
+from numpy import int64, uint64
 
-from nnpp_edge.runtime.compiled.kernel import helper, kernel
+from nnpp_edge.runtime.compiled.kernel import helper, inlined, kernel
 from nnpp_edge.runtime.kernels.by_address import call_at
 from nnpp_edge.runtime.kernels.encoding import cells_under
 from nnpp_edge.runtime.kernels.pooling import FACTOR, link, pool
@@ -276,6 +277,17 @@ def open_there(tiles, i, j):
 @overload(open_there)
 def _compiled_open_there(tiles, i, j):
     return lambda tiles, i, j: call_at(tiles[5], (tiles, i, j))
+
+
+@inlined
+def open_at(tiles, row, col):
+    """See to it that a cell may be left; whether anything had to be computed for that."""
+    i = uint64(row >> tiles.row_shift)
+    j = uint64(col >> tiles.col_shift)
+    if tiles.state[i, j] & tiles.wanted:
+        return False
+    open_there(tiles, int64(i), int64(j))
+    return True
 
 
 @kernel

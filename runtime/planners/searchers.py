@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from nnpp_edge.runtime.cells import Cell, apart
 from nnpp_edge.runtime.deadline import OutOfTimeError
 from nnpp_edge.runtime.errors import InvalidQueryError, Status
+from nnpp_edge.runtime.kernels.expansion import MOST_LANDMARKS
 from nnpp_edge.runtime.kernels.nodes import octile
 from nnpp_edge.runtime.kernels.pooling import FACTOR
 from nnpp_edge.runtime.map.changes import ChangeReader
@@ -21,7 +22,7 @@ from nnpp_edge.runtime.memory import touch
 from nnpp_edge.runtime.planners.query import Found, Query, Work, problem_with
 from nnpp_edge.runtime.search.astar import Search, astar, by_kept_field
 from nnpp_edge.runtime.search.dstar_lite import DStarLite, serves
-from nnpp_edge.runtime.search.landmarks import MOST_LANDMARKS, Landmarks
+from nnpp_edge.runtime.search.landmarks import Landmarks
 from nnpp_edge.runtime.search.workspace import Workspace
 from nnpp_edge.runtime.tuning import (
     DSTAR_SLOWER,

@@ -27,7 +27,15 @@ from nnpp_edge.runtime.kernels.lattice import (
     fill_field,
     trace_states,
 )
-from nnpp_edge.runtime.kernels.nodes import octile
+from nnpp_edge.runtime.kernels.nodes import EXHAUSTED, FOUND, FULL, PAUSED, octile
+from nnpp_edge.runtime.kernels.records import (
+    BEST_NODE,
+    GOAL_STATE,
+    Ends,
+    Hints,
+    Limits,
+    Rule,
+)
 from nnpp_edge.runtime.map.grid import Grid
 from nnpp_edge.runtime.map.region import Region
 from nnpp_edge.runtime.map.step_cost import StepCost
@@ -50,8 +58,6 @@ _CORNER = 0
 """Of the border, which is impassable: the goal of a search that is to have none."""
 _ON = -1
 """In place of the node at which a search begins: go on where it stopped."""
-Hints = tuple[NDArray[np.float32], NDArray[np.float32], float]
-"""Sharpen the heuristic of a search to one goal, see `Landmarks.towards`."""
 
 
 class Search(NamedTuple):
@@ -127,16 +133,17 @@ def astar(
         return Search(Status.OK, np.array([(*start, there)[: grid.steps.columns]], np.int32), 0)
     if grid.steps.by_poses:
         ends = (first, last, direction)
-        limits = (limit or _WITHOUT_END, deadline.at)
+        limits = Limits(limit or _WITHOUT_END, deadline.at)
         return _over_states(grid, ends, wanted, workspace, region, beyond, limits)
-    rule = *grid.prices, _bucket_width(grid, hints), _successors(grid, links), _beyond(beyond)
-    landmarks = kernels.NO_HINTS if hints is None else hints
+    width = _bucket_width(grid, hints)
+    rule = Rule(*grid.prices, width, _successors(grid, links), _beyond(beyond))
+    landmarks = kernels.NO_HINTS if hints is None else tuple(hints)
     before = grid.packed, grid.steps.edges(backwards), _ways(links), _allowed(region), landmarks
-    limits = limit or _WITHOUT_END, deadline.at
+    limits = Limits(limit or _WITHOUT_END, deadline.at)
     code, length, expansions, refused = _run(
-        kernels.expand, before, (first, last), rule, workspace, limits
+        kernels.expand, before, Ends(first, last), rule, workspace, limits
     )
-    end = last if code == kernels.FOUND else int(workspace.counts[kernels.BEST_NODE])
+    end = last if code == FOUND else int(workspace.counts[BEST_NODE])
     trace = partial(kernels.trace, stride=grid.stride)
     return _traced(trace, workspace, code, end, length, expansions, refused)
 
@@ -148,7 +155,7 @@ def _over_states(
     workspace: Workspace,
     region: Region | None,
     beyond: float,
-    limits: tuple[int, float],
+    limits: Limits,
 ) -> Search:
     """As `astar`, over a body's states, `ends` as for `expand_states`: guided by the costs to go of
     cells.
@@ -173,23 +180,23 @@ def _over_states(
     rule = (_best(grid), _bucket_width(grid), between)
     begin = last
     around = None
-    code = kernels.FOUND
+    code = FOUND
     spent = 0
     refused = math.inf
     if wanted is not None and not len(edges):
         (code, spent, refused), around = _around_goal(
-            grid, ends, wanted, workspace, allowed, limits[1]
+            grid, ends, wanted, workspace, allowed, limits.until
         )
-    if code != kernels.EXHAUSTED:
+    if code != EXHAUSTED:
         if around is not None:
             begin = _ON
             around(False)
         code, more, refused = _run(
-            fill_field, (poses, edges, fill, allowed), (begin, first), rule, field, limits
+            fill_field, (poses, edges, fill, allowed), Ends(begin, first), rule, field, limits
         )
         spent += more
-    if code != kernels.FOUND:
-        status = Status.NO_PATH if code == kernels.EXHAUSTED else Status.TIMEOUT
+    if code != FOUND:
+        status = Status.NO_PATH if code == EXHAUSTED else Status.TIMEOUT
         return Search.without_path(status, spent, refused, grid.steps.columns)
     if around is not None:
         around(True)
@@ -229,11 +236,13 @@ def _around_goal(
         np.zeros_like(backwards),
     )
     before = (*states, _no_field(workspace), allowed)
-    limits = (AROUND_GOAL, until)
-    code, _, spent, refused = _run(expand_states, before, (last, _CORNER), rule, workspace, limits)
+    limits = Limits(AROUND_GOAL, until)
+    code, _, spent, refused = _run(
+        expand_states, before, Ends(last, _CORNER), rule, workspace, limits
+    )
     near = workspace.costs(slice(first, first + 1))[0] < math.inf
-    if near or code == kernels.EXHAUSTED:
-        return (kernels.FOUND if near else code, spent, refused), None
+    if near or code == EXHAUSTED:
+        return (FOUND if near else code, spent, refused), None
     reach = int(workspace.least_open / grid.prices[0]) + 2 * int(
         np.abs(states[2][1][..., :2]).max()
     )
@@ -284,7 +293,7 @@ def by_kept_field(
     last = grid.node(*goal)
     *_, turns = grid.steps.states()[2]  # type: ignore[index]
     between = turns[:0] if region is None else np.float32(TURNS_IN_FIELD) * turns
-    limits = limit or _WITHOUT_END, deadline.at
+    limits = Limits(limit or _WITHOUT_END, deadline.at)
     guide = (grid.node(*begun), promised, between)
     ends = (first, last, direction)
     found = _by_field(grid, ends, wanted, workspace, _allowed(region), guide, 0.0, limits)
@@ -299,7 +308,7 @@ def _by_field(
     allowed: Parts,
     guide: tuple[int, float, NDArray[np.float32]],
     beyond: float,
-    limits: tuple[int, float],
+    limits: Limits,
 ) -> Search:
     """The search over states, once the field is there; of that the start, the cost from there, and
     those of turns.
@@ -324,17 +333,13 @@ def _by_field(
         at_goal,
     )
     code, length, expansions, _ = _run(
-        expand_states, (*states, judged, allowed), (first, last), rule, workspace, limits
+        expand_states, (*states, judged, allowed), Ends(first, last), rule, workspace, limits
     )
-    end = int(workspace.counts[kernels.BEST_NODE])
+    end = int(workspace.counts[BEST_NODE])
     trace = partial(trace_states, prices=states[2], frame=frame)
-    if (
-        code == kernels.PAUSED
-        and limits[0] < _WITHOUT_END
-        and workspace.counts[kernels.SETTLED] >= 0
-    ):
-        code = kernels.FOUND
-        end = int(workspace.counts[kernels.SETTLED])
+    if code == PAUSED and limits.most < _WITHOUT_END and workspace.counts[GOAL_STATE] >= 0:
+        code = FOUND
+        end = int(workspace.counts[GOAL_STATE])
         length = trace(workspace.meta, end, out=workspace.path)
     found = _traced(trace, workspace, code, end, length, expansions, math.inf)
     path = found.path
@@ -352,19 +357,20 @@ def _frame(grid: Grid, workspace: Workspace) -> tuple[int, int]:
 def _run(
     kernel: Callable[..., Parts],
     before: Parts,
-    ends: tuple[int, ...],
-    rule: Parts,
+    ends: Ends,
+    rule: Rule | Parts,
     workspace: Workspace,
-    limits: tuple[int, float],
+    limits: Limits,
 ) -> Parts:
     """The outcome of a search's kernel; the open list grows as it needs, unless it is late."""
-    if ends[0] != _ON:
+    if ends.start != _ON:
         workspace.next_stamp()
     while True:
-        found: Parts = kernel(*before, ends, rule, workspace.packed, limits)
-        if found[0] != kernels.FULL or time.monotonic() >= limits[1]:
+        found: Parts = kernel(*before, tuple(ends), tuple(rule), workspace.packed, tuple(limits))
+        code, *_ = found
+        if code != FULL or time.monotonic() >= limits.until:
             return found
-        ends = _ON, *ends[1:]
+        ends = ends._replace(start=_ON)
         workspace.grow()
 
 
@@ -378,14 +384,14 @@ def _traced(
     refused: float,
 ) -> Search:
     """The outcome of a search that came to `end`, with its path."""
-    if code == kernels.EXHAUSTED:
+    if code == EXHAUSTED:
         return Search.without_path(Status.NO_PATH, spent, refused, ws.path.shape[1])
-    if code == kernels.FULL:  # out of time just when the open list had to grow
+    if code == FULL:  # out of time just when the open list had to grow
         length = trace(ws.meta, end, out=ws.path)
     if length > len(ws.path):
         ws.path = np.empty((length, ws.path.shape[1]), np.int32)
         trace(ws.meta, end, out=ws.path)
-    status = Status.OK if code == kernels.FOUND else Status.TIMEOUT
+    status = Status.OK if code == FOUND else Status.TIMEOUT
     return Search(status, ws.path[length - 1 :: -1].copy(), spent, refused)
 
 
@@ -435,19 +441,20 @@ def _settling(
         kernels.NO_REGION,
         kernels.NO_HINTS,
     )
-    rule: Parts = 0.0, 0.0, width, _successors(grid, links), kernels.BELOW
+    rule: Rule | Parts = Rule(0.0, 0.0, width, _successors(grid, links), kernels.BELOW)
     if (states := grid.steps.states()) is not None:
         kernel = expand_states
         before = (*states, _no_field(workspace), kernels.NO_REGION)
         rule = (0.0, 0.0, 0.0), width, kernels.BELOW, _frame(grid, workspace), anywhere, ~anywhere
     begin = grid.node(*source)
-    code = kernels.PAUSED
-    while code == kernels.PAUSED:
-        code, *_ = _run(kernel, before, (begin, _CORNER), rule, workspace, (most, deadline.at))
+    limits = Limits(most, deadline.at)
+    code = PAUSED
+    while code == PAUSED:
+        code, *_ = _run(kernel, before, Ends(begin, _CORNER), rule, workspace, limits)
         begin = _ON
-        if code != kernels.EXHAUSTED:
+        if code != EXHAUSTED:
             deadline.check()
-        yield math.inf if code == kernels.EXHAUSTED else workspace.least_open
+        yield math.inf if code == EXHAUSTED else workspace.least_open
 
 
 def cost_field(grid: Grid, source: Cell, workspace: Workspace) -> Float2D:

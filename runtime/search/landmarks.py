@@ -11,12 +11,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from nnpp_edge.runtime.cells import Cell
-from nnpp_edge.runtime.kernels.expansion import LANES
+from nnpp_edge.runtime.kernels.expansion import MOST_LANDMARKS
+from nnpp_edge.runtime.kernels.records import Hints
 from nnpp_edge.runtime.map.grid import Grid
-from nnpp_edge.runtime.search.astar import Hints, Links, settle_all
+from nnpp_edge.runtime.search.astar import Links, settle_all
 from nnpp_edge.runtime.search.workspace import Workspace
 
-MOST_LANDMARKS = LANES
 _ROUNDING = 4e-6
 """Share of the greatest cost by which a sum of rounded steps may be off."""
 _RIM = (
@@ -43,7 +43,7 @@ class Landmarks:
         self._links = links
         self.cells: list[Cell] = []
         """Where the landmarks stand."""
-        self.fields = np.zeros((len(grid.weights), LANES), np.float32)
+        self.fields = np.zeros((len(grid.weights), MOST_LANDMARKS), np.float32)
         """(nodes, 8) cost from each landmark; 0 in the lanes that are free, inf where there is no
         path.
         """
@@ -65,7 +65,7 @@ class Landmarks:
         rim one is behind almost any goal. Each stands on the nearest cell that is connected to the
         first landmark or, when there is none yet, to the cell nearest the middle.
         """
-        if len(self.cells) >= (count := min(count, LANES)):
+        if len(self.cells) >= (count := min(count, MOST_LANDMARKS)):
             return
         grid = self._grid
         grid.complete()
@@ -86,10 +86,10 @@ class Landmarks:
         """Hints of a search to a goal: the fields, theirs at the goal, and what they may
         be off by.
         """
-        return self.fields, self.fields[self._grid.node(*goal)].copy(), self._slack
+        return Hints(self.fields, self.fields[self._grid.node(*goal)].copy(), self._slack)
 
 
-def _nearest(chosen: NDArray[np.bool_], grid: Grid, up: float, left: float) -> Cell | None:
+def _nearest(chosen: NDArray[np.bool_], grid: Grid, down: float, right: float) -> Cell | None:
     """Of the nodes chosen, the cell nearest a place given in shares of the map's height
     and width.
     """
@@ -97,7 +97,6 @@ def _nearest(chosen: NDArray[np.bool_], grid: Grid, up: float, left: float) -> C
     if len(nodes) == 0:
         return None
     rows, cols = np.divmod(nodes, grid.stride)
-    at = int(
-        np.argmin((rows - 1 - up * (grid.rows - 1)) ** 2 + (cols - 1 - left * (grid.cols - 1)) ** 2)
-    )
+    apart = rows - 1 - down * (grid.rows - 1), cols - 1 - right * (grid.cols - 1)
+    at = int(np.argmin(np.square(apart).sum(0)))
     return int(rows[at]) - 1, int(cols[at]) - 1

@@ -10,9 +10,19 @@ import sys
 import numpy as np
 from numpy.typing import NDArray
 
-from nnpp_edge.runtime.kernels.expansion import BASE, INVERSE_WIDTH
 from nnpp_edge.runtime.kernels.nodes import STAMP_SHIFT
-from nnpp_edge.runtime.kernels.open_list import BLOCK, BUCKETS, CONTROL_SLOTS, FINE, FINE_AT
+from nnpp_edge.runtime.kernels.open_list import BUCKETS, FINE
+from nnpp_edge.runtime.kernels.records import (
+    BASE,
+    BLOCK,
+    CONTROL_SLOTS,
+    COUNT_SLOTS,
+    FINE_AT,
+    INVERSE_WIDTH,
+    REAL_SLOTS,
+    Memory,
+    Packed,
+)
 
 LAST_STAMP = (1 << (31 - STAMP_SHIFT)) - 1
 """The greatest number of a search; the next one is 1 again, and the memory is cleared."""
@@ -65,8 +75,8 @@ class Workspace:
         self.heads = np.empty(BUCKETS, np.int32)
         self.control = np.zeros(CONTROL_SLOTS, np.int64)
         self.entries = np.empty(2 * min(max(nodes // 2, 1024), 1 << 16), np.int32)
-        self.reals = np.zeros(5)
-        self.counts = np.zeros(3, np.int64)
+        self.reals = np.zeros(REAL_SLOTS)
+        self.counts = np.zeros(COUNT_SLOTS, np.int64)
         self.path = np.empty((min(nodes, 4096), 2 if states == 1 else 3), np.int32)
 
     @property
@@ -79,10 +89,21 @@ class Workspace:
         self._searches[0] = number
 
     @property
-    def packed(self) -> tuple[NDArray[np.generic] | int, ...]:
-        """All of it, for the newest search, as `expand` takes it."""
-        state = self.g, self.meta, self.stamp
-        return *state, self.heads, self.entries, self.control, self.reals, self.counts, self.path
+    def packed(self) -> Packed:
+        """All of it, for the newest search, as kernels take it."""
+        return tuple(
+            Memory(
+                self.g,
+                self.meta,
+                self.stamp,
+                self.heads,
+                self.entries,
+                self.control,
+                self.reals,
+                self.counts,
+                self.path,
+            )
+        )
 
     def costs(self, nodes: NDArray[np.int64] | slice = slice(None)) -> NDArray[np.float32]:
         """(N,) least g of nodes, by default of all, in the newest search; inf where it did not

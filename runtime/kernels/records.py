@@ -1,0 +1,233 @@
+"""The records that kernels are given, by name, with the type, shape and unit of each field.
+
+They are handed over as plain tuples, and named on a kernel's first lines, ``grid = Grid(*grid)``:
+so a call takes what one with plain tuples does, and the lines below it read fields by name. A
+record within another is a plain tuple as well, until it is named. They stand here, as compiled
+kernels hold the places of their fields (`compiled.places`).
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+Bools = NDArray[np.bool_]
+Bytes = NDArray[np.uint8]
+Words = NDArray[np.uint16]
+Int32s = NDArray[np.int32]
+Int64s = NDArray[np.int64]
+Floats = NDArray[np.float32]
+Doubles = NDArray[np.float64]
+Packed = tuple[object, ...]
+"""A record as a plain tuple."""
+
+
+class Area(NamedTuple):
+    """Rows and columns of a rectangle: from the first up to, but not including, the second."""
+
+    row0: int
+    row1: int
+    col0: int
+    col1: int
+
+
+# A map
+
+
+class StepTerms(NamedTuple):
+    """What a step costs: a length, and its weight times the sum of the weights of both ends."""
+
+    length_straight: float
+    length_diagonal: float
+    weight_straight: float
+    weight_diagonal: float
+
+
+class Grid(NamedTuple):
+    """The map that is searched (`map.grid.Grid`)."""
+
+    weights: Floats
+    """(nodes,) within a border of impassable cells; inf where impassable."""
+    stride: int
+    """Nodes from one row to the next."""
+    steps: Packed
+    """`StepTerms`."""
+    corner_cutting: bool
+    """Whether a diagonal step may pass beside an impassable cell."""
+    tiles: Packed
+    """`Tiles`."""
+
+
+class Tiles(NamedTuple):
+    """Which tiles of a map of heights have been computed, for a search of one of its levels."""
+
+    state: Bytes
+    """(I, J) what has been done to each tile, as bits (`kernels.tiles`)."""
+    wanted: int
+    """The bit without which a cell of a tile may not be left."""
+    row_shift: int
+    col_shift: int
+    """By how many bits a row, and a column, of the level is shifted to give the tile's."""
+    source: Packed
+    """`TileSource`."""
+    open_tile: int
+    """Address of `open_tile`."""
+
+
+class Region(NamedTuple):
+    """The cells that a search may enter: (row, col) where
+    ``bitmap[row_block[row], col_block[col]] == stamp``. An empty bitmap stands for the whole map.
+    """
+
+    bitmap: Int32s
+    """(I, J) the number that each block was marked with last."""
+    row_block: Int32s
+    """(H,) row of the bitmap for each row of the map."""
+    col_block: Int32s
+    """(W,) column of the bitmap for each column of the map."""
+    stamp: int
+
+
+# A search
+
+
+class Ends(NamedTuple):
+    """Nodes that a search leads from and to; a start of -1: go on where the last call stopped."""
+
+    start: int
+    goal: int
+
+
+class Limits(NamedTuple):
+    """When a call of a search ends, at the latest."""
+
+    most: int
+    """Expansions in this call."""
+    until: float
+    """A reading of the clock, s."""
+
+
+class Memory(NamedTuple):
+    """Scratch memory of a search, and its number (`search.workspace.Workspace`)."""
+
+    g: Floats
+    """(2 · nodes,) g of node n at 2n, in memory shared with `meta`."""
+    meta: Int32s
+    """(2 · nodes,) at 2n + 1 the search's number, flags, and the direction from the parent."""
+    stamp: int
+    heads: Int32s
+    """(BUCKETS,) first entry of each bucket of the open list (`kernels.open_list`)."""
+    entries: Int32s
+    """(2 · room,) the node of entry e at 2e, the next entry of its chain at 2e + 1."""
+    control: Int64s
+    """What `FREE` and the others below say."""
+    reals: Doubles
+    """What `BASE` and the others below say."""
+    counts: Int64s
+    """What `EXPANSIONS` and the others below say."""
+    path: Int32s
+    """(N, 2 or 3) cells of the path found, goal first, and of a body the state on each."""
+
+
+FREE = 0
+USED = 1
+FINE_AT = 2
+BLOCK = 3
+LENGTH = 4
+CONTROL_SLOTS = 5
+"""Of `Memory.control`: the fields of a `Queue` that are whole numbers."""
+BASE = 0
+INVERSE_WIDTH = 1
+REFUSED = 2
+BEST_H = 3
+BOUND = 4
+REAL_SLOTS = 5
+"""Of `Memory.reals`: those that are not; the least f of a node that the region refused; h of the
+best node; the bound on f."""
+EXPANSIONS = 0
+BEST_NODE = 1
+GOAL_STATE = 2
+COUNT_SLOTS = 3
+"""Of `Memory.counts`: expansions so far; the expanded node nearest the goal; the body's state at
+the goal, -1 until it has been reached."""
+
+
+class Queue(NamedTuple):
+    """Where an open list stands. A kernel holds it in registers, and in `Memory` between calls."""
+
+    free: int
+    """First of the entries that were taken off, as a chain; -1 without any."""
+    used: int
+    """Entries that have been used so far."""
+    fine_at: int
+    """Fine bucket that is being emptied."""
+    block: int
+    """Coarse bucket that has been dealt out into the fine ones."""
+    length: int
+    """Entries on the list."""
+    base: float
+    """Least f of the first bucket."""
+    inverse_width: float
+    """Buckets to an f of 1."""
+
+
+class Rule(NamedTuple):
+    """How nodes are searched (`kernels.expansion.expand`)."""
+
+    h_straight: float
+    h_diagonal: float
+    """Prices of a straight and of a diagonal step, by which the octile distance is h."""
+    width: float
+    """Of a bucket of the open list at first, in units of f."""
+    successors: Int64s
+    """(16,) of the grid, one of `SUCCESSORS`."""
+    beyond: float
+    """How far beyond the goal to look, in times of its g."""
+
+
+class Hints(NamedTuple):
+    """Landmarks that sharpen h (`search.landmarks`)."""
+
+    fields: Floats
+    """(nodes, MOST_LANDMARKS) cost from each landmark; (0, MOST_LANDMARKS) without any."""
+    at_goal: Floats
+    """(MOST_LANDMARKS,) costs at the goal."""
+    slack: float
+    """What they may be off by."""
+
+
+class Judge(NamedTuple):
+    """By what the cost that is left from a node is judged."""
+
+    stride: int
+    goal: int
+    goal_row: int
+    goal_col: int
+    """The node, and its row and column within the border."""
+    h_straight: float
+    h_diagonal: float
+    hints: Hints
+
+
+class Task(NamedTuple):
+    """What stays the same while nodes are expanded."""
+
+    grid: Grid
+    terms: StepTerms
+    """In float32."""
+    region: Region
+    judge: Judge
+    beyond: float
+    memory: Memory
+
+
+class Frontier(NamedTuple):
+    """How far a search has come."""
+
+    queue: Queue
+    bound: float
+    """Nodes whose f is not below it are left out; inf until the goal has been reached."""
+    last_bucket: int
+    """The last bucket of the open list with an f below the bound."""
+    refused: float
+    """Least f of a node that the region refused."""
