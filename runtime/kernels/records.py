@@ -231,3 +231,78 @@ class Frontier(NamedTuple):
     """The last bucket of the open list with an f below the bound."""
     refused: float
     """Least f of a node that the region refused."""
+
+
+# D* Lite
+
+
+class DStarSearch(NamedTuple):
+    """What is searched (`search.dstar_lite`): from the goal to a start that moves. Costs are in
+    units, whole numbers.
+    """
+
+    stride: int
+    start: int
+    goal: int
+    corner_cutting: bool
+    length_straight: float
+    length_diagonal: float
+    weight_diagonal: float
+    """A diagonal step's weight over that of a straight one, which is 1."""
+    h_straight: float
+    h_diagonal: float
+    """Prices of the octile distance."""
+    km: float
+
+
+class CostSource(NamedTuple):
+    """Where the costs of nodes are read from."""
+
+    weights: Floats
+    factor: float
+    """Units to a weight of 1."""
+    stride: int
+    start: int
+    goal: int
+    """Which count as inside the region."""
+
+
+class Known(NamedTuple):
+    """What is known of the nodes that have been read."""
+
+    costs: Floats
+    """(nodes,) weights in units; inf where impassable or outside the region."""
+    walls: Bytes
+    """(nodes,) whether the map itself is impassable there, by which corners are judged."""
+    inside: Bytes
+    """(nodes,) whether the region has them."""
+
+
+class Heap(NamedTuple):
+    """The open list of D* Lite: a heap with four below each, by keys of two parts."""
+
+    position: Int32s
+    """(nodes,) place of each node; `ABSENT` without."""
+    firsts: Doubles
+    seconds: Doubles
+    """(nodes + SPARE_SLOTS,) of the key at each place; the first is inf where there is none."""
+    nodes: Int32s
+    """(nodes,) the node at each place."""
+
+
+class Noted(NamedTuple):
+    """Nodes one of whose steps has changed since the last plan."""
+
+    changed: Int32s
+    """(nodes + 1,) each once, and a spare place."""
+    is_changed: Bytes
+    """(nodes,)"""
+
+
+class UnitEdges(NamedTuple):
+    """Directed steps."""
+
+    edges: Floats
+    """(nodes, 8) cost of the step that leaves a node in each direction."""
+    factor: float
+    """Units to a cost of 1."""

@@ -10,11 +10,20 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from nnpp_edge.runtime.cells import Cell
+from nnpp_edge.runtime.cells import Cell, Rectangle
 from nnpp_edge.runtime.deadline import NEVER, Deadline, OutOfTimeError
 from nnpp_edge.runtime.errors import InvalidMapError, InvalidQueryError, Status
 from nnpp_edge.runtime.kernels import dstar as kernels
-from nnpp_edge.runtime.kernels.nodes import octile
+from nnpp_edge.runtime.kernels.nodes import FOUND, octile
+from nnpp_edge.runtime.kernels.records import (
+    CostSource,
+    DStarSearch,
+    Heap,
+    Known,
+    Noted,
+    Packed,
+    UnitEdges,
+)
 from nnpp_edge.runtime.map.grid import Grid
 from nnpp_edge.runtime.map.region import Region
 from nnpp_edge.runtime.map.state import MapState
@@ -59,10 +68,9 @@ class DStarMemory:
         """Nodes one of whose steps has changed since the last plan, each once, and a
         spare place.
         """
-        self.terrain = self.costs, self.walls
-        self.known = self.costs, self.walls, self.inside
-        self.heap = self.position, self.firsts, self.seconds, self.heap_nodes
-        self.noted = self.changed, self.is_changed
+        self.known = tuple(Known(self.costs, self.walls, self.inside))
+        self.heap = tuple(Heap(self.position, self.firsts, self.seconds, self.heap_nodes))
+        self.noted = tuple(Noted(self.changed, self.is_changed))
 
 
 class DStarLite:
@@ -81,7 +89,9 @@ class DStarLite:
     def __init__(self, state: MapState, goal: Cell, region: Region | None = None) -> None:
         self._grid = state.grid
         directed = self._grid.steps.edges()
-        self._edges = None if directed is None else (directed, UNITS / self._grid.prices[0])
+        self._edges: Packed | None = None
+        if directed is not None:
+            self._edges = tuple(UnitEdges(directed, UNITS / self._grid.prices[0]))
         self._changes = state.log.reader()
         self.memory = DStarMemory(len(self._grid.weights))
         """To be read only."""
@@ -171,8 +181,8 @@ class DStarLite:
             return
         self._grid.complete(deadline)
         memory = self.memory
-        region = (self._blocks, self._region.row_block, self._region.col_block)
-        ground = (region, self._source)
+        blocks = (self._blocks, self._region.row_block, self._region.col_block, True)
+        ground = (blocks, self._source)  # `records.Region`, its bitmap bool
         found = (memory.known, memory.state, memory.heap, memory.noted)
         self._pending = kernels.read_rows(
             self._rows_left, *ground, *found, self._pending, deadline.at
@@ -200,7 +210,7 @@ class DStarLite:
             for afresh in (False, True):
                 if afresh:
                     self._restart()
-                settled, expanded = self._search(deadline)
+                settled, expanded = self._expand(deadline)
                 expansions += expanded
                 if not settled:
                     break
@@ -224,18 +234,17 @@ class DStarLite:
         return self._grid.node(int(cell[0]), int(cell[1]))
 
     @property
-    def _source(self) -> tuple[NDArray[np.float32], float, int, int, int]:
-        """Where costs are read from: (weights, factor, stride, start, goal)."""
-        return self._grid.weights, self._factor, self._grid.stride, self._start, self._goal
+    def _source(self) -> Packed:
+        """Where costs are read from, as kernels take it."""
+        grid = self._grid
+        return tuple(CostSource(grid.weights, self._factor, grid.stride, self._start, self._goal))
 
     @property
-    def _packed_search(
-        self,
-    ) -> tuple[int, int, int, bool, tuple[float, float, float], tuple[float, float], float]:
-        """The ``search`` of the kernels."""
+    def _search(self) -> Packed:
+        """What is searched, as kernels take it."""
         grid = self._grid
         ends = grid.stride, self._start, self._goal, grid.corner_cutting
-        return *ends, self._steps, self._prices, self._km
+        return tuple(DStarSearch(*ends, *self._steps, *self._prices, self._km))
 
     def _restart(self) -> None:
         """Forget the search, and read the whole map at the present prices."""
@@ -257,9 +266,8 @@ class DStarLite:
         if self._edges is not None:
             self._factor = 0.0
             self._steps = (0.0, 0.0, 1.0)
-            straight, diagonal = (
-                float(np.rint(self._edges[1] * price)) for price in self._grid.prices
-            )
+            units = UNITS / self._grid.prices[0]
+            straight, diagonal = (float(np.rint(units * price)) for price in self._grid.prices)
         else:
             straight = model.step(0, 2.0 * self._least)
             scale = UNITS / straight if straight > 0.0 else UNITS
@@ -298,14 +306,16 @@ class DStarLite:
             for change in changes:
                 self._read_rectangle(change.part)
 
-    def _read_rectangle(self, part: tuple[int, int, int, int]) -> None:
+    def _read_rectangle(self, part: Rectangle) -> None:
         memory = self.memory
+        row, col, rows, cols = part
+        area = (row, row + rows, col, col + cols)  # `records.Area`
         ground = (self._rows_left, self._source, self._edges is not None)
         self._pending = kernels.read_rectangle(
-            part, *ground, memory.known, memory.noted, self._pending
+            area, *ground, memory.known, memory.noted, self._pending
         )
 
-    def _search(self, deadline: Deadline) -> tuple[bool, int]:
+    def _expand(self, deadline: Deadline) -> tuple[bool, int]:
         """Mend the search until the start is settled: whether it is, and the number of
         expansions.
         """
@@ -313,8 +323,8 @@ class DStarLite:
         if self._km > 0.5 * kernels.EXACT:
             self._restart()
         self.read(deadline)
-        search = self._packed_search
-        known = (memory.terrain, self._edges, memory.state, memory.heap)
+        search = self._search
+        known = (memory.known, self._edges, memory.state, memory.heap)
         at = deadline.at
         size = self.open_nodes
         self._pending, size = kernels.mend(self._pending, search, *known, size, memory.noted, at)
@@ -322,15 +332,15 @@ class DStarLite:
         if self._pending:
             return False, 0
         code, expansions, self.open_nodes = kernels.expand(search, *known, size, at)
-        return code == kernels.SETTLED, expansions
+        return code == FOUND, expansions
 
     def _trace(self) -> NDArray[np.int32]:
         """The path; empty if following g does not lead to the goal, which only rounding can bring
         about.
         """
-        search = self._packed_search
+        search = self._search
         path = np.empty((256, 2), np.int32)
-        known = search, self.memory.terrain, self._edges, self.memory.state
+        known = search, self.memory.known, self._edges, self.memory.state
         while (length := kernels.descend(*known, self._grid.cells, path)) > len(path):
             path = np.empty((length, 2), np.int32)
         return path[:length].copy()
