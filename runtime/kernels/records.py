@@ -306,3 +306,42 @@ class UnitEdges(NamedTuple):
     """(nodes, 8) cost of the step that leaves a node in each direction."""
     factor: float
     """Units to a cost of 1."""
+
+
+# Directed steps
+
+
+class SlopePrices(NamedTuple):
+    """What a metre of a directed step costs by its slope, less what its rise is worth
+    (`map.slope_cost.Table`).
+    """
+
+    kinks: Doubles
+    """(K,) slopes at which it jumps or bends."""
+    level: Doubles
+    gradient: Doubles
+    """(N,) of each segment of slopes: cost a metre, and cost a metre of rise."""
+    least_per_m: float
+    """The cheapest metre."""
+
+
+class Ways(NamedTuple):
+    """The step in each direction: the eight neighbours', or a body's sixteen legs."""
+
+    leads: Int64s
+    """(K, 2) rows and columns that it leads."""
+    lengths: Doubles
+    """(K,) metres."""
+    by_weights: bool
+    """Whether it may enter no impassable cell; of legs, poses decide."""
+    corner_cutting: bool
+    """Whether a diagonal step may pass beside one."""
+
+
+class FinerSteps(NamedTuple):
+    """Steps of a finer level, or of the map, that are averaged."""
+
+    steps: Floats
+    """(H + 2, W + 2, K) by cell and direction."""
+    neighbours: Int64s
+    """(8,) which of the K lead to the neighbours."""

@@ -16,6 +16,7 @@ from nnpp_edge.runtime.cells import Cell, Rectangle, enclosing, widened
 from nnpp_edge.runtime.kernels.directed import join_steps, pool_steps, price_steps
 from nnpp_edge.runtime.kernels.lattice import FIXED
 from nnpp_edge.runtime.kernels.nodes import COL_STEP, ROW_STEP
+from nnpp_edge.runtime.kernels.records import FinerSteps, SlopePrices, Ways
 from nnpp_edge.runtime.map.changes import Change
 from nnpp_edge.runtime.map.motions import DIRECTIONS
 from nnpp_edge.runtime.map.poses import between
@@ -34,11 +35,6 @@ _OBSTACLE = 1.5
 _THREADS_FROM = 20_000
 """Cells from which on steps are computed by a thread a core."""
 
-Finer = tuple[Edges, NDArray[np.int64]]
-"""(H + 2, W + 2, K) float32 steps by cell and direction, and (8,) int64, which of the K lead to the
-neighbours.
-"""
-
 
 class CoarseSteps(PointSteps):
     """Costs of the steps of a coarse level, both ways; `prices` are those of the map's
@@ -55,7 +51,7 @@ class CoarseSteps(PointSteps):
         """By cell (with a border) and direction, what a step within it costs, over the cells of the
         finest level.
         """
-        self.finer: Finer = self.means, np.arange(8)
+        self.finer = FinerSteps(self.means, np.arange(8))
         nodes = (rows + 2) * (cols + 2)
         self.forwards: Edges = np.full((nodes, 8), np.inf, np.float32)
         """(nodes, 8) of the step that leaves a node in each direction."""
@@ -69,7 +65,7 @@ class CoarseSteps(PointSteps):
 
     def pool(
         self,
-        finer: Finer,
+        finer: FinerSteps,
         pieces: NDArray[np.uint16],
         area: Rectangle,
         obstacle: NDArray[np.float32],
@@ -85,7 +81,8 @@ class CoarseSteps(PointSteps):
         (row, col, rows, cols), (top, left, tall, wide) = area, widened(area, (1, 1), self.shape)
 
         def pool(row0: int, row1: int) -> None:
-            pool_steps(finer, pieces, obstacle, (row0, row1, col, col + cols), self.means)
+            area = (row0, row1, col, col + cols)  # `records.Area`
+            pool_steps(tuple(finer), pieces, obstacle, area, self.means)
 
         in_bands(pool, row, row + rows, cols, threads_from=_THREADS_FROM)
         join_steps(self.means, (top, top + tall, left, left + wide), edges, backwards)
@@ -120,22 +117,23 @@ class DirectedSteps(PointSteps):
         self.shortest = grid.steps.shortest
         self.readiness = grid.steps.readiness * dy * float(model.cost(1.0, 0.0))
         self.columns = grid.steps.columns
-        self._ways = np.array(DIRECTIONS if by_poses else _NEIGHBOURS, np.int64)
+        leads = np.array(DIRECTIONS if by_poses else _NEIGHBOURS, np.int64)
+        lengths = np.hypot(*(leads * sides_m).T)
+        self._ways = Ways(leads, lengths, not by_poses, grid.corner_cutting)
         self._weights = np.empty(0, np.float32) if by_poses else grid.weights
-        self._rule = not by_poses, grid.corner_cutting
-        self._lengths = np.hypot(*(self._ways * sides_m).T)
         kinks, level, gradient = model.table
-        self._priced = (kinks, level, gradient - model.height_price), model.least_per_m
+        gradient = gradient - model.height_price
+        self._slope_prices = SlopePrices(kinks, level, gradient, model.least_per_m)
         least = _ROUNDED_DOWN * model.least_per_m
         straight = least * min(dy, dx)
         self.prices = straight, min(least * math.hypot(dy, dx), 2.0 * straight)
         """Cost of getting a straight and a diagonal step closer where all ways are as cheap as the
         cheapest.
         """
-        self._edges: Edges = np.empty(((rows + 2) * (cols + 2), len(self._ways)), np.float32)
-        near = np.array([self._ways.tolist().index([*step]) for step in _NEIGHBOURS])
-        self.finer: Finer = self.padded, near
-        self.obstacle = (_OBSTACLE * model.least_per_m * self._lengths[near]).astype(np.float32)
+        self._edges: Edges = np.empty(((rows + 2) * (cols + 2), len(lengths)), np.float32)
+        near = np.array([leads.tolist().index([*step]) for step in _NEIGHBOURS])
+        self.finer = FinerSteps(self.padded, near)
+        self.obstacle = (_OBSTACLE * model.least_per_m * lengths[near]).astype(np.float32)
         """(8,) what an impassable cell counts for in a coarse cell's mean, by direction."""
         self._greatest = straight
         self.padded[:: rows + 1] = self.padded[:, :: cols + 1] = np.inf
@@ -231,10 +229,12 @@ class DirectedSteps(PointSteps):
         """Compute the steps that leave a rectangle's cells, on all cores where that pays."""
         row, col, rows, cols = part
         dearest = [self._greatest]
-        of_map = self._heights, self._weights, self._rule, self._priced, (self._ways, self._lengths)
+        rule = tuple(self._slope_prices), tuple(self._ways)
 
         def price(row0: int, row1: int) -> None:
-            dearest.append(float(price_steps(*of_map, (row0, row1, col, col + cols), self.padded)))
+            area = (row0, row1, col, col + cols)  # `records.Area`
+            priced = price_steps(self._heights, self._weights, *rule, area, self.padded)
+            dearest.append(float(priced))
 
         in_bands(price, row, row + rows, cols, threads_from=_THREADS_FROM)
         self._greatest = max(dearest)
