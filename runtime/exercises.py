@@ -139,5 +139,5 @@ def _exercise_body_kernels(dem: Float2D) -> None:
     finest, *_ = state.pyramid.levels
     nothing = np.zeros((2 * coarse.grid.rows, 2 * coarse.grid.cols), np.int32)
     coarse.close_dead_ends(
-        Region(nothing, *finest.quarters), Workspace(len(finest.grid.weights)), state.shape
+        Region(nothing, *finest.quarters, 1), Workspace(len(finest.grid.weights)), state.shape
     )

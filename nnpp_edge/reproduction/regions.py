@@ -73,7 +73,7 @@ class PaperRegions:
         self.finder.read(probability)
         td = self.finder.threshold(*_blocks(self.lookup, query))
         blocks = self.finder.levels >= min(td, lowered(td, self.model.metadata.region_factor))
-        return Region(np.pad(blocks, ((0, 1), (0, 1))).astype(np.int32), *self.lookup)
+        return Region(np.pad(blocks, ((0, 1), (0, 1))).astype(np.int32), *self.lookup, 1)
 
     def controls(self, like: Region) -> dict[str, Callable[[Endpoints], Region]]:
         """Makers of the regions of `CONTROLS`, as many blocks as `like` has where no network
@@ -143,7 +143,7 @@ def _nearest_blocks(line: Sequence[Cell], like: Region) -> Region:
     bitmap[
         np.unravel_index(np.argsort(distance, axis=None, kind="stable")[:wanted], distance.shape)
     ] = 1
-    return Region(bitmap, like.row_block, like.col_block)
+    return Region(bitmap, like.row_block, like.col_block, 1)
 
 
 @functools.cache

@@ -23,9 +23,11 @@ which is `NO_DISC` for a point and a body.
 import math
 
 import numpy as np
+from numpy import int64
 
 from nnpp_edge.runtime.compiled.kernel import helper, kernel
 from nnpp_edge.runtime.kernels.by_address import borrowed
+from nnpp_edge.runtime.kernels.records import Grid, Tiles
 from nnpp_edge.runtime.kernels.tiles import open_there
 
 TOUCH = 1e-6
@@ -57,13 +59,12 @@ def open_between(grid, low, high):
     """See to it that the weights are there of all cells of a rectangle between two places, and of
     those around it.
     """
-    tiles = grid[4]
-    state, wanted, row_shift, col_shift, _, _ = tiles
-    for i in range(np.int64(low[0] + 0.5) >> row_shift, (np.int64(high[0] + 0.5) >> row_shift) + 1):
-        for j in range(
-            np.int64(low[1] + 0.5) >> col_shift, (np.int64(high[1] + 0.5) >> col_shift) + 1
-        ):
-            if not state[i, j] & wanted:
+    tiles = borrowed(Tiles(*Grid(*grid).tiles))
+    down = tiles.row_shift
+    right = tiles.col_shift
+    for i in range(int64(low[0] + 0.5) >> down, (int64(high[0] + 0.5) >> down) + 1):
+        for j in range(int64(low[1] + 0.5) >> right, (int64(high[1] + 0.5) >> right) + 1):
+            if not tiles.state[i, j] & tiles.wanted:
                 open_there(tiles, i, j)
 
 

@@ -1,35 +1,59 @@
 """Corridors: what is searched on the next finer level, marked in a bitmap of numbers."""
 
-import numpy as np
+from numpy import float32, int64, uint8
 
 from nnpp_edge.runtime.compiled.kernel import helper, kernel
+from nnpp_edge.runtime.kernels.by_address import borrowed
 from nnpp_edge.runtime.kernels.clock import late
-from nnpp_edge.runtime.kernels.nodes import COL_STEP, OPEN_BIT, OPPOSITE, ROW_STEP, STAMP_SHIFT
+from nnpp_edge.runtime.kernels.nodes import (
+    COL,
+    OPEN_BIT,
+    OPPOSITE,
+    ROW,
+    STAMP_SHIFT,
+    neighbour,
+    step_cost,
+)
 from nnpp_edge.runtime.kernels.pooling import FACTOR
-from nnpp_edge.runtime.kernels.tiles import open_there
+from nnpp_edge.runtime.kernels.records import (
+    FinerLevel,
+    FloodMemory,
+    Grid,
+    Marks,
+    Searched,
+    StepTerms,
+    Tiles,
+    Width,
+)
+from nnpp_edge.runtime.kernels.tiles import open_at
 
 _LOOK_EVERY = 256
 """Cells between two readings of the clock."""
+_APART = 1
+_REACHED = 2
+"""Of a cell of a region: a search did not come to it, and did."""
 
 
 @helper
-def _mark(path, radius, stamp, bitmap):
+def _mark(path, radius, marks):
     """Mark the quarters of a path's cells, and those within `radius` (as the king moves)
     of them.
     """
-    rows, cols = bitmap.shape
+    rows, cols = marks.bitmap.shape
     for n in range(len(path)):
-        for i in range(max(2 * path[n, 0] - radius, 0), min(2 * path[n, 0] + 2 + radius, rows)):
-            for j in range(max(2 * path[n, 1] - radius, 0), min(2 * path[n, 1] + 2 + radius, cols)):
-                bitmap[i, j] = stamp
+        top = 2 * path[n, ROW]
+        left = 2 * path[n, COL]
+        for i in range(max(top - radius, 0), min(top + 2 + radius, rows)):
+            for j in range(max(left - radius, 0), min(left + 2 + radius, cols)):
+                marks.bitmap[i, j] = marks.stamp
 
 
 @helper
-def _mark_cell(row, col, stamp, bitmap):
+def _mark_cell(row, col, marks):
     """Mark the four quarters of a cell."""
     for i in range(2 * row, 2 * row + 2):
         for j in range(2 * col, 2 * col + 2):
-            bitmap[i, j] = stamp
+            marks.bitmap[i, j] = marks.stamp
 
 
 @helper
@@ -42,53 +66,49 @@ def _flood(grid, edges, links, start, found, limit, scratch, marks, until):
     What is left from a cell is g of an earlier search, which began at the other end. With that as a
     bound, few cells are expanded twice, so a plain queue serves.
     """
-    weights, stride, steps, _, tiles = grid
-    state, wanted, row_shift, col_shift, _, _ = tiles
-    g, meta, search = found
-    reached, queued, queue = scratch
-    bitmap, stamp = marks
-    length_s, length_d, weight_s, weight_d = steps
+    weights = grid.weights
+    stride = grid.stride
+    tiles = Tiles(*grid.tiles)
+    terms = StepTerms(*grid.steps)
+    reached = scratch.reached
+    queued = scratch.queued
+    queue = scratch.queue
     mask = len(queue) - 1
     head = 0
     tail = 1
     ended = False
     queue[0] = start
     reached[start] = 0.0
-    _mark_cell(start // stride - 1, start % stride - 1, stamp, bitmap)
+    _mark_cell(start // stride - 1, start % stride - 1, marks)
     while head != tail:
-        node = np.int64(queue[head & mask])
+        node = int64(queue[head & mask])
         head += 1
         queued[node] = 0
-        if ended or (
-            head % _LOOK_EVERY == 0 and late(until)
-        ):  # the queue is emptied for the next flood
-            ended = True
+        ended = ended or (head % _LOOK_EVERY == 0 and late(until))
+        if ended:  # the queue is emptied for the next flood
             continue
-        i = (node // stride - 1) >> row_shift
-        j = (node % stride - 1) >> col_shift
-        if not state[i, j] & wanted:  # the search that came here did not leave from here
-            open_there(tiles, i, j)
+        # the search that came here may not have left from here
+        open_at(tiles, node // stride - 1, node % stride - 1)
         for k in range(8):
             if not (links[node] >> k) & 1:
                 continue
-            there = node + ROW_STEP[k] * stride + COL_STEP[k]
-            word = meta[2 * there + 1]
-            if word >> STAMP_SHIFT != search or word & OPEN_BIT:
+            there = neighbour(node, k, stride)
+            word = found.meta[2 * there + 1]
+            if word >> STAMP_SHIFT != found.stamp or word & OPEN_BIT:
                 continue
             if edges is None:
-                length, weight = (length_s, weight_s) if k < 4 else (length_d, weight_d)
-                cost = reached[node] + np.float32(
-                    length + weight * (weights[node] + weights[there])
-                )
+                step = float32(step_cost(k >= 4, weights[node] + weights[there], terms))
             else:
-                cost = reached[node] + edges[node, k]
-            if cost + g[2 * there] > limit:
+                step = edges[node, k]
+            cost = reached[node] + step
+            if cost + found.g[2 * there] > limit:
                 continue
             row = there // stride - 1
             col = there % stride - 1
-            if bitmap[2 * row, 2 * col] == stamp and cost >= reached[there]:
+            marked = marks.bitmap[2 * row, 2 * col] == marks.stamp
+            if marked and cost >= reached[there]:
                 continue
-            _mark_cell(row, col, stamp, bitmap)
+            _mark_cell(row, col, marks)
             reached[there] = cost
             if not queued[there]:
                 queued[there] = 1
@@ -103,15 +123,16 @@ def _read_ahead(path, finer):
 
     Returns a number that means nothing, so that the compiler leaves the reading in.
     """
-    weights, stride, rows, cols, meta = finer
-    seen = np.int64(0)
+    seen = int64(0)
     for n in range(len(path)):
-        first = max(FACTOR * path[n, 1] - FACTOR // 2, 0)
-        last = min(FACTOR * path[n, 1] + FACTOR + FACTOR // 2, cols) - 1
-        for i in range(FACTOR * path[n, 0], min(FACTOR * path[n, 0] + FACTOR, rows)):
-            row = (i + 1) * stride + 1
-            seen += np.int64(weights[row + first] > weights[row + last])
-            seen += meta[2 * (row + first)] ^ meta[2 * (row + last)]
+        top = FACTOR * path[n, ROW]
+        left = FACTOR * path[n, COL]
+        first = max(left - FACTOR // 2, 0)
+        last = min(left + FACTOR + FACTOR // 2, finer.cols) - 1
+        for row in range(top, min(top + FACTOR, finer.rows)):
+            begin = (row + 1) * finer.stride + 1
+            seen += int64(finer.weights[begin + first] > finer.weights[begin + last])
+            seen += finer.meta[2 * (begin + first)] ^ finer.meta[2 * (begin + last)]
     return seen
 
 
@@ -127,43 +148,37 @@ def surround(grid, edges, links, start, found, scratch, path, width, marks, fine
         node, see `expand`.
     start : int
         Node that the path starts from.
-    found : (g, meta, stamp)
-        What the search left in its memory.
-    scratch : (reached, queued, queue)
-        (nodes,) float32; (nodes,) uint8, all 0; a power of two of int32. Overwritten.
+    found, scratch, width, marks, finer
+        `Searched`, `FloodMemory`, `Width`, `Marks`, and `FinerLevel`, which is read ahead along the
+        path.
     path : (N, 2) int32
         Cells of the level.
-    width : (radius, band, until)
-        The quarters of cells within so many quarters of the path's are marked, as the king moves;
-        and paths that cost at most 1 + `band` times as much are marked, too, as far as these are
-        found by that reading of the clock, see `clock.late`.
-    marks : (bitmap, stamp)
-        (2 rows, 2 cols) int32 over the quarters of the level's cells, and the number to write.
-    finer : (weights, stride, rows, cols, meta)
-        The next finer level and its search memory, read ahead along the path.
     """
-    g = found[0]
-    radius, band, until = width
-    bitmap, stamp = marks
-    if band > 0.0 and len(path) > 1:
-        _flood(grid, edges, links, start, found, (1.0 + band) * g[2 * start], scratch, marks, until)
-    _mark(path, radius, stamp, bitmap)  # last: the flood goes by the numbers that it wrote
-    return _read_ahead(path, finer)
+    grid = borrowed(Grid(*grid))
+    found = borrowed(Searched(*found))
+    scratch = borrowed(FloodMemory(*scratch))
+    width = Width(*width)
+    marks = borrowed(Marks(*marks))
+    if width.band > 0.0 and len(path) > 1:
+        limit = (1.0 + width.band) * found.g[2 * start]
+        _flood(grid, edges, links, start, found, limit, scratch, marks, width.until)
+    _mark(path, width.radius, marks)  # last: the flood goes by the numbers that it wrote
+    return _read_ahead(path, borrowed(FinerLevel(*finer)))
 
 
 @helper
-def _was_reached(meta, stamp, shape, row, col):
+def _was_reached(meta, stamp, rows, cols, row, col):
     """Whether a search came to any cell of the finest level below a cell of the next."""
-    rows, cols = shape
     for i in range(FACTOR * row, min(FACTOR * row + FACTOR, rows)):
         for j in range(FACTOR * col, min(FACTOR * col + FACTOR, cols)):
-            if meta[2 * ((i + 1) * (cols + 2) + j + 1) + 1] >> STAMP_SHIFT == stamp:
+            node = (i + 1) * (cols + 2) + j + 1
+            if meta[2 * node + 1] >> STAMP_SHIFT == stamp:
                 return True
     return False
 
 
 @kernel
-def close_dead_ends(links, marks, reached, came, closed):
+def close_dead_ends(links, marks, meta, stamp, shape, came, closed):
     """Close the links between cells of a region that a search of the map came to and those that it
     did not: how many.
 
@@ -171,45 +186,52 @@ def close_dead_ends(links, marks, reached, came, closed):
     ----------
     links : (nodes,) uint8
         Of the first coarse level; changed.
-    marks : (bitmap, stamp)
-        The region, in quarters of its cells: (2 rows, 2 cols) int32, and the number within it.
-    reached : (meta, stamp, shape)
-        What the search left, see `search.workspace`; its number; the map's rows and columns.
+    marks
+        `Marks` of the region.
+    meta, stamp : (2 · nodes,) int32, int
+        What the search left, as in `Memory`, and its number.
+    shape : (rows, cols)
+        Of the map.
     came : (nodes,) uint8
         Scratch, all 0.
     closed : (nodes,) uint8
         The bits that were taken from `links` are added.
     """
-    bitmap, mark = marks
-    meta, stamp, shape = reached
-    rows = bitmap.shape[0] // 2
-    cols = bitmap.shape[1] // 2
+    marks = borrowed(Marks(*marks))
+    map_rows, map_cols = shape
+    rows = marks.bitmap.shape[0] // 2
+    cols = marks.bitmap.shape[1] // 2
     stride = cols + 2
     count = 0
-    for i in range(rows):
-        for j in range(cols):
-            quarters = np.int64(bitmap[2 * i, 2 * j] == mark) + np.int64(
-                bitmap[2 * i, 2 * j + 1] == mark
-            )
-            quarters += np.int64(bitmap[2 * i + 1, 2 * j] == mark) + np.int64(
-                bitmap[2 * i + 1, 2 * j + 1] == mark
-            )
-            if quarters and _was_reached(meta, stamp, shape, i, j):
-                came[(i + 1) * stride + j + 1] = 2
+    for row in range(rows):
+        for col in range(cols):
+            quarters = 0
+            for i in range(2 * row, 2 * row + 2):
+                for j in range(2 * col, 2 * col + 2):
+                    quarters += int64(marks.bitmap[i, j] == marks.stamp)
+            node = (row + 1) * stride + col + 1
+            if quarters and _was_reached(meta, stamp, map_rows, map_cols, row, col):
+                came[node] = _REACHED
             elif quarters == 4:  # into the rest of another there may be a way
-                came[(i + 1) * stride + j + 1] = 1
-    for i in range(rows):
-        for node in range((i + 1) * stride + 1, (i + 1) * stride + 1 + cols):
-            if came[node] == 2:
-                for k in range(8):
-                    there = node + ROW_STEP[k] * stride + COL_STEP[k]
-                    if came[there] == 1 and (links[node] >> k) & 1:
-                        count += 1
-                        for at, bit in (
-                            (node, np.uint8(1 << k)),
-                            (there, np.uint8(1 << OPPOSITE[k])),
-                        ):
-                            closed[at] |= links[at] & bit
-                            links[at] &= ~bit
+                came[node] = _APART
+    for row in range(rows):
+        first = (row + 1) * stride + 1
+        for node in range(first, first + cols):
+            if came[node] != _REACHED:
+                continue
+            for k in range(8):
+                there = neighbour(node, k, stride)
+                if came[there] == _APART and (links[node] >> k) & 1:
+                    count += 1
+                    _close(links, closed, node, k)
+                    _close(links, closed, there, OPPOSITE[k])
     came[:] = 0
     return count
+
+
+@helper
+def _close(links, closed, node, k):
+    """Close a cell's link in direction k."""
+    bit = uint8(1 << k)
+    closed[node] |= links[node] & bit
+    links[node] &= ~bit

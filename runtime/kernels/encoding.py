@@ -4,9 +4,10 @@
 
 import math
 
-import numpy as np
+from numpy import inf
 
-from nnpp_edge.runtime.compiled.kernel import helper, kernel
+from nnpp_edge.runtime.compiled.kernel import helper, inlined, kernel
+from nnpp_edge.runtime.kernels.records import Area, Rectangle
 
 GAUSSIAN_CHANNELS = 2
 BETWEEN_CHANNELS = 3
@@ -21,30 +22,48 @@ def cells_under(n, inner, cells):
     return first, max(-((-(n + 1) * cells) // inner), first + 1)
 
 
+@inlined
+def cells_of_part(part, shape, inner):
+    """The network's cells, `inner` rows and columns of them, over a `Rectangle`, (4,) int64, of a
+    window of this shape.
+    """
+    rows, cols = shape
+    inner_rows, inner_cols = inner
+    row, col, part_rows, part_cols = part
+    part = Rectangle(row, col, part_rows, part_cols)
+    row1 = min(-(-(part.row + part.rows) * inner_rows // rows), inner_rows)
+    col1 = min(-(-(part.col + part.cols) * inner_cols // cols), inner_cols)
+    return Area(part.row * inner_rows // rows, row1, part.col * inner_cols // cols, col1)
+
+
 @kernel
-def pool_planes(weights, stride, rows, cols, scale, offset, inner_rows, inner_cols, parts, planes):
-    """Average what lies under these rectangles of the map, (N, 4) of row, col, rows and cols."""
+def pool_planes(weights, stride, shape, scale, offset, inner, parts, planes):
+    """Average what lies under these parts, (N, 4) int64 `Rectangle`s, of a window of this shape.
+
+    `weights` begin at the window's first cell; `scale` and `offset` turn them into costs. The
+    window lies under `inner` rows and columns of the network's cells. Written to `planes`,
+    (2, S, S) float32.
+    """
+    rows, cols = shape
+    inner_rows, inner_cols = inner
     for n in range(len(parts)):
-        row0 = parts[n, 0] * inner_rows // rows
-        row1 = -(-(parts[n, 0] + parts[n, 2]) * inner_rows // rows)
-        col0 = parts[n, 1] * inner_cols // cols
-        col1 = -(-(parts[n, 1] + parts[n, 3]) * inner_cols // cols)
-        for row in range(row0, min(row1, inner_rows)):
-            top, bottom = cells_under(row, inner_rows, rows)
-            for col in range(col0, min(col1, inner_cols)):
-                left, right = cells_under(col, inner_cols, cols)
+        part = cells_of_part(parts[n], shape, inner)
+        for i in range(part.row0, part.row1):
+            top, bottom = cells_under(i, inner_rows, rows)
+            for j in range(part.col0, part.col1):
+                left, right = cells_under(j, inner_cols, cols)
                 total = 0.0
                 blocked = 0
-                for i in range(top, bottom):
-                    for j in range(left, right):
-                        w = weights[(i + 1) * stride + j + 1]
-                        if w == np.inf:
+                for row in range(top, bottom):
+                    for col in range(left, right):
+                        weight = weights[(row + 1) * stride + col + 1]
+                        if weight == inf:
                             blocked += 1
                         else:
-                            total += min(max(w * scale + offset, 0.0), 1.0)
+                            total += min(max(weight * scale + offset, 0.0), 1.0)
                 cells = (bottom - top) * (right - left)
-                planes[0, row, col] = (total + blocked) / cells
-                planes[1, row, col] = blocked / cells
+                planes[0, i, j] = (total + blocked) / cells
+                planes[1, i, j] = blocked / cells
 
 
 @helper
@@ -54,19 +73,18 @@ def _end(out, row, col, spacing, sigma):
     offset = (spacing - 1.0) / 2.0
     side = size * spacing
     # in points
-    y = (row - offset) / spacing
-    x = (col - offset) / spacing
-    y = min(max(y, 0.0), size - 1.0)
-    x = min(max(x, 0.0), size - 1.0)
+    y = min(max((row - offset) / spacing, 0.0), size - 1.0)
+    x = min(max((col - offset) / spacing, 0.0), size - 1.0)
     wide = -0.5 / sigma**2
     sharp = -8.0 / sigma**2
     for i in range(size):
         over_rows = max(1.0 - abs(i - y), 0.0)
         down = row - (i * spacing + offset)
         for j in range(size):
+            over_cols = max(1.0 - abs(j - x), 0.0)
             right = col - (j * spacing + offset)
             square = down * down + right * right
-            out[0, i, j] = over_rows * max(1.0 - abs(j - x), 0.0)
+            out[0, i, j] = over_rows * over_cols
             out[1, i, j] = down / side
             out[2, i, j] = right / side
             out[3, i, j] = math.sqrt(square) / side
@@ -82,13 +100,12 @@ def _between(out, row_a, col_a, row_b, col_b, spacing):
     side = size * spacing
     apart = max(math.hypot(row_a - row_b, col_a - col_b), spacing)
     for i in range(size):
+        row = i * spacing + offset
         for j in range(size):
-            row = i * spacing + offset
             col = j * spacing + offset
-            detour = (
-                math.hypot(row - row_a, col - col_a) + math.hypot(row - row_b, col - col_b) - apart
-            )
-            detour = max(detour, 0.0)
+            to_a = math.hypot(row - row_a, col - col_a)
+            to_b = math.hypot(row - row_b, col - col_b)
+            detour = max(to_a + to_b - apart, 0.0)
             out[0, i, j] = math.exp(-detour / (0.25 * apart))
             out[1, i, j] = detour / side
             out[2, i, j] = apart / side

@@ -23,6 +23,9 @@ ORIGIN = 15
 """Directions 0-7, or numbers of a body's primitives, lead from the parent to the node; in their
 place this marks the start.
 """
+ROW = 0
+COL = 1
+"""Columns of a path."""
 ROW_STEP = (-1, 1, 0, 0, -1, -1, 1, 1)
 COL_STEP = (0, 0, -1, 1, -1, 1, -1, 1)
 OPPOSITE = (1, 0, 3, 2, 7, 6, 5, 4)

@@ -74,6 +74,134 @@ class Tiles(NamedTuple):
     """Address of `open_tile`."""
 
 
+class TileSource(NamedTuple):
+    """A map of heights, and what is computed from them (`map.tiles`)."""
+
+    heights: Floats
+    """(rows · cols,) metres; not finite where unknown."""
+    rule: Doubles
+    """(RULE_SLOTS,) how heights become costs (`kernels.traversability`)."""
+    weights: Floats
+    """(nodes,) of the map."""
+    rows: int
+    cols: int
+    row_shift: int
+    col_shift: int
+    """By how many bits a row, and a column, of the map is shifted to give its tile's."""
+    corner_cutting: bool
+    levels: Int64s
+    """(L, 4) `LEVEL_ROWS` and the others below, of each coarse level."""
+    coarse: Floats
+    """(…,) weights of all coarse levels, one after another."""
+    pieces: Words
+    links: Bytes
+    """(…,) likewise."""
+    costed: Int64s
+    """(1,) cells of computed tiles."""
+    told: Floats
+    """(rows · cols,) costs that were told, or (0,): a cell weighs by the greater of both."""
+    block_side: int
+    """Cells, on a map of which blocks are known by their means; else 0."""
+    block_cols: int
+    block_prices: Floats
+    """(blocks,) T a cell that is not known."""
+    block_states: Floats
+    """(blocks,) what is known of a block's cells (`kernels.tiles.BLOCK_UNTOUCHED`)."""
+
+
+LEVEL_ROWS = 0
+LEVEL_COLS = 1
+LEVEL_STRIDE = 2
+LEVEL_FIRST = 3
+LEVEL_COLUMNS = 4
+"""Of `TileSource.levels`: rows, columns, stride and first node."""
+
+
+class Level(NamedTuple):
+    """A level of a map (`map.pyramid`)."""
+
+    weights: Floats
+    """(nodes,)"""
+    pieces: Words
+    """(nodes,) cells of the finer level that each cell stands for, as bits."""
+    links: Bytes
+    """(nodes,) directions in which each cell is linked to its neighbour, as bits."""
+    stride: int
+    rows: int
+    cols: int
+
+
+class Terms(NamedTuple):
+    """The three terms of Eq. 1 (`terrain.traversability`), or a factor of each."""
+
+    slope: float
+    """rad"""
+    roughness: float
+    step: float
+    """Elevation difference, m."""
+
+
+class Spans(NamedTuple):
+    """Factors that make differences of heights slopes, 1/m, along a row or a side and across it."""
+
+    along: float
+    across: float
+
+
+class CostFactors(NamedTuple):
+    """How heights become costs, in float32."""
+
+    inverse: Terms
+    """1 over the limit of each term."""
+    weights: Terms
+    hard: Terms
+    """Cells beyond one of these are impassable."""
+    scale: float
+    """Weight of a cost of 1."""
+    whole: Spans
+    """Of a cell all of whose patch is known."""
+    by_row: Spans
+    by_col: Spans
+    """Of a cell at a side of the map that is a row, or a column."""
+
+
+class Heights(NamedTuple):
+    """Of a map."""
+
+    heights: Floats
+    """(rows · cols,) metres, row by row; not finite where unknown."""
+    rows: int
+    cols: int
+
+
+class CostLimits(NamedTuple):
+    """What a passable cell may cost, and how costs become weights."""
+
+    floor: np.float32
+    most: np.float32
+    """Least and most of a passable cell."""
+    scale: np.float32
+    """Weight of a cost of 1."""
+    ceiling: np.float32
+    """NaN and costs from here up are impassable."""
+
+
+class Bounds(NamedTuple):
+    """On the weights of passable cells."""
+
+    least: float
+    greatest: float
+
+
+class Rectangle(NamedTuple):
+    """A part of a map by its first cell and its size."""
+
+    row: int
+    col: int
+    rows: int
+    cols: int
+
+
 class Region(NamedTuple):
     """The cells that a search may enter: (row, col) where
     ``bitmap[row_block[row], col_block[col]] == stamp``. An empty bitmap stands for the whole map.
@@ -345,3 +473,118 @@ class FinerSteps(NamedTuple):
     """(H + 2, W + 2, K) by cell and direction."""
     neighbours: Int64s
     """(8,) which of the K lead to the neighbours."""
+
+
+# Corridors
+
+
+class Searched(NamedTuple):
+    """What a search left in its memory."""
+
+    g: Floats
+    meta: Int32s
+    stamp: int
+
+
+class FloodMemory(NamedTuple):
+    """Scratch memory of a flood."""
+
+    reached: Floats
+    """(nodes,) least cost from the start so far."""
+    queued: Bytes
+    """(nodes,) whether a node is in the queue, 0 at first and in the end."""
+    queue: Int32s
+    """(2^n,) nodes."""
+
+
+class Width(NamedTuple):
+    """How wide a corridor is."""
+
+    radius: int
+    """The quarters of cells within so many of the path's are marked, as the king moves."""
+    band: float
+    """And cells on paths that cost at most 1 + `band` times as much."""
+    until: float
+    """As far as these are found by that reading of the clock, s."""
+
+
+class Marks(NamedTuple):
+    """Where a region is marked, and the number that is written."""
+
+    bitmap: Int32s
+    """(2 rows, 2 cols) over the quarters of a level's cells."""
+    stamp: int
+
+
+class FinerLevel(NamedTuple):
+    """The next finer level, and the memory of its searches."""
+
+    weights: Floats
+    stride: int
+    rows: int
+    cols: int
+    meta: Int32s
+
+
+# Regions of a network
+
+
+class Lookup(NamedTuple):
+    """The block that each row, and each column, of a grid lies in."""
+
+    row_block: Int32s
+    col_block: Int32s
+    """(H,) and (W,)"""
+
+
+class RegionEnds(NamedTuple):
+    """Start and goal as nodes, and the blocks that belong to any region."""
+
+    start: int
+    goal: int
+    start_row: int
+    start_col: int
+    goal_row: int
+    goal_col: int
+
+
+class RegionRule(NamedTuple):
+    """How regions are found."""
+
+    touching: bool
+    """Whether each step of the grid leads to the same block or one that touches it: then blocks
+    joined bound what cells are.
+    """
+    factor: float
+    """The share of td, in (0, 1], down to which the second region goes."""
+
+
+class ThresholdMemory(NamedTuple):
+    """Scratch memory of a `region.learned.RegionFinder`."""
+
+    levels: Bytes
+    """(B + 1, B + 1) level of each block, 0 in the last row and column."""
+    heads: Int32s
+    """(LEVELS,) first block, or node, that waits at each level."""
+    following: Int32s
+    """(blocks,) the next that waits there."""
+    done: Bytes
+    """(blocks,)"""
+
+
+class WalkMemory(NamedTuple):
+    """A workspace's memory, which the search that follows will touch too."""
+
+    meta: Int32s
+    """(2 · nodes,) at 2n the next node that waits, at 2n + 1 the search's number."""
+    stamp: int
+
+
+class RegionMarks(NamedTuple):
+    """Where regions are marked, and the number that is written."""
+
+    stamp: int
+    at_td: Int32s
+    """(B + 1, B + 1) of the region at td."""
+    bitmap: Int32s
+    """(B + 1, B + 1) of the second one."""

@@ -12,9 +12,11 @@ other patches are fitted by their moments.
 import math
 
 import numpy as np
+from numpy import float32, float64, inf, nan, uint64
 
-from nnpp_edge.runtime.compiled.kernel import helper, kernel
+from nnpp_edge.runtime.compiled.kernel import helper, inlined, kernel
 from nnpp_edge.runtime.kernels.lanes import chosen
+from nnpp_edge.runtime.kernels.records import Area, CostFactors, Heights, Spans, Terms
 
 RULE_SLOTS = 13
 # slots of the array of floats that says how heights become costs
@@ -32,50 +34,48 @@ HARD_STEP = 10
 SCALE = 11
 HARD_GRADIENT = 12
 
-_ONE = np.float32(1.0)
-_ZERO = np.float32(0.0)
-_INF = np.float32(np.inf)
-_NAN = np.float32(np.nan)
-_1 = np.uint64(1)
-_2 = np.uint64(2)
-_QUARTER_TURN = np.float32(0.5 * math.pi)
+_ONE = float32(1.0)
+_ZERO = float32(0.0)
+_INF = float32(inf)
+_NAN = float32(nan)
+_1 = uint64(1)
+_2 = uint64(2)
+_QUARTER_TURN = float32(0.5 * math.pi)
 _MOST = np.nextafter(_ONE, _ZERO)
 """The greatest cost below 1."""
-_A0, _A1, _A2, _A3, _A4, _A5, _A6 = (
-    np.float32(coefficient)
-    for coefficient in (
-        0.9999961115277097,
-        -0.33317367990706626,
-        0.1980781503586841,
-        -0.1323334023607846,
-        0.07962364075672511,
-        -0.03360419486579314,
-        0.006811785276088361,
-    )
-)
+_A0 = float32(0.9999961115277097)
+_A1 = float32(-0.33317367990706626)
+_A2 = float32(0.1980781503586841)
+_A3 = float32(-0.1323334023607846)
+_A4 = float32(0.07962364075672511)
+_A5 = float32(-0.03360419486579314)
+_A6 = float32(0.006811785276088361)
 """Of the odd polynomial of degree 13 that is nowhere in [0, 1] more than 2.5e-7 from the arc
 tangent.
 """
-_THIRD = np.float32(1 / 3)
-_QUARTER = np.float32(1 / 4)
-_SIXTH = np.float32(1 / 6)
-_NINTH = np.float32(1 / 9)
-_TWELFTH = np.float32(1 / 12)
-_EIGHTEENTH = np.float32(1 / 18)
-_THIRTY_SIXTH = np.float32(1 / 36)
+_THIRD = float32(1 / 3)
+_QUARTER = float32(1 / 4)
+_SIXTH = float32(1 / 6)
+_NINTH = float32(1 / 9)
+_TWELFTH = float32(1 / 12)
+_EIGHTEENTH = float32(1 / 18)
+_THIRTY_SIXTH = float32(1 / 36)
 
 
-@helper
-def _moments_plane(heights, rows, cols, row, col, dy, dx):
-    """Slope (rad), roughness and elevation difference of one known cell, from the known cells of
-    its patch.
+# Terms
+
+
+@inlined
+def _sums(ground, row, col, dy, dx):
+    """Number of the known cells of a cell's patch, and sums over their places x and y, in metres
+    from it, and heights z above it: of each, and of their products.
     """
-    here = np.float64(heights[row * cols + col])
+    here = float64(ground.heights[row * ground.cols + col])
     n = 0.0
     sx = sy = sz = sxx = sxy = syy = sxz = syz = szz = 0.0
-    for i in range(max(row - 1, 0), min(row + 2, rows)):
-        for j in range(max(col - 1, 0), min(col + 2, cols)):
-            z = np.float64(heights[i * cols + j]) - here
+    for i in range(max(row - 1, 0), min(row + 2, ground.rows)):
+        for j in range(max(col - 1, 0), min(col + 2, ground.cols)):
+            z = float64(ground.heights[i * ground.cols + j]) - here
             if not math.isfinite(z):
                 continue
             x = (j - col) * dx
@@ -90,6 +90,13 @@ def _moments_plane(heights, rows, cols, row, col, dy, dx):
             sxz += x * z
             syz += y * z
             szz += z * z
+    return n, sx, sy, sz, sxx, sxy, syy, sxz, syz, szz
+
+
+@helper
+def _moments_plane(ground, row, col, dy, dx):
+    """Terms of one known cell, from the known cells of its patch."""
+    n, sx, sy, sz, sxx, sxy, syy, sxz, syz, szz = _sums(ground, row, col, dy, dx)
     # moments about the patch's mean point
     sxx -= sx * sx / n
     sxy -= sx * sy / n
@@ -97,6 +104,7 @@ def _moments_plane(heights, rows, cols, row, col, dy, dx):
     sxz -= sx * sz / n
     syz -= sy * sz / n
     szz -= sz * sz / n
+    # gradients of the plane
     determinant = sxx * syy - sxy * sxy
     trace = sxx + syy
     if determinant > 1e-9 * trace * trace:
@@ -111,7 +119,8 @@ def _moments_plane(heights, rows, cols, row, col, dy, dx):
     upright = 1.0 / math.sqrt(1.0 + steepness * steepness)
     residual = max(szz - a * sxz - b * syz, 0.0)
     own = (0.0 - sz / n) + a * sx / n + b * sy / n
-    return math.atan(steepness), math.sqrt(residual / n) * upright, abs(own) * upright
+    roughness = math.sqrt(residual / n) * upright
+    return Terms(math.atan(steepness), roughness, abs(own) * upright)
 
 
 @helper
@@ -126,25 +135,22 @@ def arc_tangent(x):
 
 @helper
 def _of_plane(a, b, variance, own):
-    """Slope (rad), roughness and elevation difference by a plane's gradients, all float32.
+    """Terms by a plane's gradients, all float32.
 
     `variance` is the mean square of the patch's vertical distances from it, `own` the cell's own.
     """
     square = a * a + b * b
     upright = _ONE / (_ONE + square)
-    return (
-        arc_tangent(math.sqrt(square)),
-        math.sqrt(variance * upright),
-        abs(own) * math.sqrt(upright),
-    )
+    roughness = math.sqrt(variance * upright)
+    return Terms(arc_tangent(math.sqrt(square)), roughness, abs(own) * math.sqrt(upright))
 
 
 @helper
-def _whole_plane(top, middle, bottom, over_dx, over_dy):
+def _whole_plane(top, middle, bottom, over):
     """Terms of a cell all of whose patch is known, three rows of three; not finite where it is not.
 
-    `over_dx` and `over_dy` are 1 / (6 dx) and 1 / (6 dy). Each column's sum, difference of its ends
-    and curvature (top - 2 middle + bottom), and then the same three of those along the row.
+    `over` are 1 / (6 dx) and 1 / (6 dy). Each column's sum, difference of its ends and curvature
+    (top - 2 middle + bottom), and then the same three of those along the row.
     """
     tl, tm, tr = top
     ml, mm, mr = middle
@@ -179,167 +185,163 @@ def _whole_plane(top, middle, bottom, over_dx, over_dy):
     saddle = bends - (ends_m + ends_m)
     residual = (along * along + across * across) * _EIGHTEENTH + twist * twist * _QUARTER
     residual += (fan * fan + tent * tent) * _TWELFTH + saddle * saddle * _THIRTY_SIXTH
-    return _of_plane(
-        (sum_r - sum_l) * over_dx,
-        (rises + rise_m) * over_dy,
-        residual * _NINTH,
-        (sums + ends_m) * _NINTH,
-    )
+    by_x = (sum_r - sum_l) * over.along
+    by_y = (rises + rise_m) * over.across
+    return _of_plane(by_x, by_y, residual * _NINTH, (sums + ends_m) * _NINTH)
 
 
 @helper
-def _side_plane(side, beside, over_along, over_across):
+def _side_plane(side, beside, over):
     """Terms of a cell at a side of the map, of whose patch there are the three cells of the side
     and three beside.
 
-    `over_along` and `over_across` are 1 / (4 d) and 1 / (3 d) of the distances of cells along the
-    side and across it. Each pair's sum and rise, and of those along the side their mean, difference
-    of the ends and curvature.
+    `over` are 1 / (4 d) and 1 / (3 d) of the distances of cells along the side and across it. Each
+    pair's sum and rise, and of those along the side their mean, difference of the ends and
+    curvature.
     """
-    ol, om, other = side
-    xl, xm, xr = beside
-    ol = ol - om
-    other = other - om
-    xl = xl - om
-    xm = xm - om
-    xr = xr - om
-    rise_l = xl - ol
-    rise_r = xr - other
+    side_l, side_m, side_r = side
+    beside_l, beside_m, beside_r = beside
+    side_l = side_l - side_m
+    side_r = side_r - side_m
+    beside_l = beside_l - side_m
+    beside_m = beside_m - side_m
+    beside_r = beside_r - side_m
+    rise_l = beside_l - side_l
+    rise_r = beside_r - side_r
     rises = rise_l + rise_r
-    sum_l = ol + xl
-    sum_r = other + xr
-    curve = sum_l + sum_r - (xm + xm)
+    sum_l = side_l + beside_l
+    sum_r = side_r + beside_r
+    curve = sum_l + sum_r - (beside_m + beside_m)
     twist = rise_r - rise_l
-    fan = rises - (xm + xm)
+    fan = rises - (beside_m + beside_m)
     residual = (curve * curve + fan * fan) * _TWELFTH + twist * twist * _QUARTER
-    own = (ol + other) * _THIRD
-    return _of_plane(
-        (sum_r - sum_l) * over_along, (rises + xm) * over_across, residual * _SIXTH, own
-    )
+    own = (side_l + side_r) * _THIRD
+    along = (sum_r - sum_l) * over.along
+    return _of_plane(along, (rises + beside_m) * over.across, residual * _SIXTH, own)
+
+
+# Weights
 
 
 @helper
-def _constants(rule):
-    """Constants of a rule, in float32: inverse limits, weights, hard limits, scale, and inverse
-    distances.
-
-    These are as `_whole_plane` takes them, then as `_side_plane` does along a row and along a
-    column.
-    """
+def _factors(rule):
+    """`CostFactors` of a rule."""
     dy = rule[DY]
     dx = rule[DX]
-    scale = np.float32(rule[SCALE])
-    whole = np.float32(1.0 / (6.0 * dx)), np.float32(1.0 / (6.0 * dy))
-    row = np.float32(0.25 / dx), np.float32(1.0 / (3.0 * dy))
-    column = np.float32(0.25 / dy), np.float32(1.0 / (3.0 * dx))
-    inverse = np.float32(1.0 / rule[SLOPE_LIMIT]), np.float32(1.0 / rule[ROUGHNESS_LIMIT])
-    weights = (
-        np.float32(rule[SLOPE_WEIGHT]),
-        np.float32(rule[ROUGHNESS_WEIGHT]),
-        np.float32(rule[STEP_WEIGHT]),
+    inverse = Terms(
+        float32(1.0 / rule[SLOPE_LIMIT]),
+        float32(1.0 / rule[ROUGHNESS_LIMIT]),
+        float32(1.0 / rule[STEP_LIMIT]),
     )
-    hard = (
-        np.float32(rule[HARD_SLOPE]),
-        np.float32(rule[HARD_ROUGHNESS]),
-        np.float32(rule[HARD_STEP]),
+    weights = Terms(
+        float32(rule[SLOPE_WEIGHT]), float32(rule[ROUGHNESS_WEIGHT]), float32(rule[STEP_WEIGHT])
     )
-    return (
-        (*inverse, np.float32(1.0 / rule[STEP_LIMIT])),
-        weights,
-        hard,
-        scale,
-        (whole, row, column),
-    )
+    hard = Terms(float32(rule[HARD_SLOPE]), float32(rule[HARD_ROUGHNESS]), float32(rule[HARD_STEP]))
+    whole = Spans(float32(1.0 / (6.0 * dx)), float32(1.0 / (6.0 * dy)))
+    by_row = Spans(float32(0.25 / dx), float32(1.0 / (3.0 * dy)))
+    by_col = Spans(float32(0.25 / dy), float32(1.0 / (3.0 * dx)))
+    return CostFactors(inverse, weights, hard, float32(rule[SCALE]), whole, by_row, by_col)
 
 
 @helper
-def _of_terms(slope, roughness, step, constants):
+def _of_terms(terms, factors):
     """Weight of a cell by Eq. 1, inf where impassable; NaN where a term is not finite."""
-    inverse, weights, hard, scale, _ = constants
-    s = min(slope * inverse[0], _ONE)
-    r = min(roughness * inverse[1], _ONE)
-    f = min(step * inverse[2], _ONE)
-    t = min(weights[0] * s + weights[1] * r + weights[2] * f, _MOST)
-    beyond = (slope > hard[0]) | (roughness > hard[1]) | (step > hard[2])
+    inverse = factors.inverse
+    weights = factors.weights
+    hard = factors.hard
+    s = min(terms.slope * inverse.slope, _ONE)
+    r = min(terms.roughness * inverse.roughness, _ONE)
+    f = min(terms.step * inverse.step, _ONE)
+    t = min(weights.slope * s + weights.roughness * r + weights.step * f, _MOST)
+    beyond = (terms.slope > hard.slope) | (terms.roughness > hard.roughness)
+    beyond |= terms.step > hard.step
     beyond |= (s >= _ONE) & (r >= _ONE) & (f >= _ONE)
-    weight = _INF if beyond else t * scale
-    terms = slope + roughness + step
-    return weight if terms - terms == _ZERO else _NAN
+    weight = _INF if beyond else t * factors.scale
+    total = terms.slope + terms.roughness + terms.step
+    return weight if total - total == _ZERO else _NAN
+
+
+@inlined
+def _rows_around(heights, first, cols, n):
+    """Heights of the rows above, at and below `n` cells of a row, from index `first` on, and of a
+    cell more at each end: a slice for each, as indices that begin at 0 need no look for negative
+    ones.
+    """
+    above = heights[first - cols - 1 : first - cols + n + 1]
+    below = heights[first + cols - 1 : first + cols + n + 1]
+    return above, heights[first - 1 : first + n + 1], below
 
 
 @helper
-def _fill_row(heights, first, cols, n, constants, out, at):
+def _fill_row(heights, first, cols, n, factors, out):
     """Weights of `n` cells of a row, neither the map's first nor its last, from index `first` on:
     NaN beside a hole.
 
     Returns whether there is a hole. Cells at the border are to be weighed anew.
     """
-    # a slice for each row of neighbours: indices that begin at 0 need no look for negative ones
-    above = heights[first - cols - 1 : first - cols + n + 1]
-    below = heights[first + cols - 1 : first + cols + n + 1]
-    over_dx, over_dy = constants[4][0]
-    beside = heights[first - 1 : first + n + 1]
-    row = out[at : at + n]
+    above, beside, below = _rows_around(heights, first, cols, n)
     for c in range(n):
-        left = np.uint64(c)
-        mid = np.uint64(c) + _1
-        right = np.uint64(c) + _2
+        left = uint64(c)
+        mid = left + _1
+        right = left + _2
         top = (above[left], above[mid], above[right])
         middle = (beside[left], beside[mid], beside[right])
-        bottom = below[left], below[mid], below[right]
-        slope, roughness, step = _whole_plane(top, middle, bottom, over_dx, over_dy)
-        row[left] = _of_terms(slope, roughness, step, constants)
+        bottom = (below[left], below[mid], below[right])
+        out[left] = _of_terms(_whole_plane(top, middle, bottom, factors.whole), factors)
     holes = False
     for c in range(n):
-        holes |= row[c] != row[c]
+        holes |= out[c] != out[c]
     return holes
 
 
 @helper
-def _weight(heights, rows, cols, row, col, rule, constants):
+def _weight(ground, row, col, rule, factors):
     """Weight of one cell, from whatever is known around it."""
-    if not math.isfinite(heights[row * cols + col]):
+    if not math.isfinite(ground.heights[row * ground.cols + col]):
         return _INF
-    slope, roughness, step = _moments_plane(heights, rows, cols, row, col, rule[DY], rule[DX])
-    weight = _of_terms(np.float32(slope), np.float32(roughness), np.float32(step), constants)
+    terms = _moments_plane(ground, row, col, rule[DY], rule[DX])
+    terms = Terms(float32(terms.slope), float32(terms.roughness), float32(terms.step))
+    weight = _of_terms(terms, factors)
     return _INF if math.isnan(weight) else weight
 
 
 @helper
-def _steps_steeply(heights, rows, cols, row, col, rule):
+def _steps_steeply(ground, row, col, rule):
     """Whether a step from a cell's middle to that of a known neighbour is too steep."""
-    here = heights[row * cols + col]
-    for i in range(max(row - 1, 0), min(row + 2, rows)):
-        for j in range(max(col - 1, 0), min(col + 2, cols)):
+    here = ground.heights[row * ground.cols + col]
+    for i in range(max(row - 1, 0), min(row + 2, ground.rows)):
+        for j in range(max(col - 1, 0), min(col + 2, ground.cols)):
             apart = math.hypot((i - row) * rule[DY], (j - col) * rule[DX])
-            rise = abs(heights[i * cols + j] - here)
-            if rise > np.float32(rule[HARD_GRADIENT] * apart) and rise < _INF:
+            rise = abs(ground.heights[i * ground.cols + j] - here)
+            if rise > float32(rule[HARD_GRADIENT] * apart) and rise < _INF:
                 return True
     return False
 
 
 @helper
-def _border_weight(heights, rows, cols, row, col, rule, constants):
+def _border_weight(ground, row, col, rule, factors):
     """Weight of a cell at the border, faster where its patch has no hole."""
-    if rule[HARD_GRADIENT] < np.inf and _steps_steeply(heights, rows, cols, row, col, rule):
+    heights = ground.heights
+    rows = ground.rows
+    cols = ground.cols
+    if rule[HARD_GRADIENT] < inf and _steps_steeply(ground, row, col, rule):
         return _INF
     at = row * cols + col
     if 0 < col < cols - 1 and rows > 1:
         along = 1
         across = cols if row == 0 else -cols
-        over = constants[4][1]
+        over = factors.by_row
     elif 0 < row < rows - 1 and cols > 1:
         along = cols
         across = 1 if col == 0 else -1
-        over = constants[4][2]
+        over = factors.by_col
     else:
-        return _weight(heights, rows, cols, row, col, rule, constants)
+        return _weight(ground, row, col, rule, factors)
     side = (heights[at - along], heights[at], heights[at + along])
     other = at + across
-    beside = heights[other - along], heights[other], heights[other + along]
-    terms = _side_plane(side, beside, over[0], over[1])
-    weight = _of_terms(terms[0], terms[1], terms[2], constants)
-    return _weight(heights, rows, cols, row, col, rule, constants) if math.isnan(weight) else weight
+    beside = (heights[other - along], heights[other], heights[other + along])
+    weight = _of_terms(_side_plane(side, beside, over), factors)
+    return _weight(ground, row, col, rule, factors) if math.isnan(weight) else weight
 
 
 @helper
@@ -349,22 +351,19 @@ def _too_high(rise, highest):
 
 
 @helper
-def _shut_steep_steps(heights, first, cols, n, rule, out, at):
+def _shut_steep_steps(heights, first, cols, n, rule, weights):
     """Shut those of `n` cells of a row, from index `first` on, from which a step is too steep.
 
     Neither the row nor any of the cells lies at the map's border.
     """
-    above = heights[first - cols - 1 : first - cols + n + 1]
-    below = heights[first + cols - 1 : first + cols + n + 1]
-    beside = heights[first - 1 : first + n + 1]
-    weights = out[at : at + n]
-    along = np.float32(rule[HARD_GRADIENT] * rule[DX])
-    across = np.float32(rule[HARD_GRADIENT] * rule[DY])
-    diagonal = np.float32(rule[HARD_GRADIENT] * math.hypot(rule[DY], rule[DX]))
+    above, beside, below = _rows_around(heights, first, cols, n)
+    along = float32(rule[HARD_GRADIENT] * rule[DX])
+    across = float32(rule[HARD_GRADIENT] * rule[DY])
+    diagonal = float32(rule[HARD_GRADIENT] * math.hypot(rule[DY], rule[DX]))
     for c in range(n):
-        left = np.uint64(c)
-        mid = np.uint64(c) + _1
-        right = np.uint64(c) + _2
+        left = uint64(c)
+        mid = left + _1
+        right = left + _2
         here = beside[mid]
         steep = _too_high(beside[left] - here, along) | _too_high(beside[right] - here, along)
         steep |= _too_high(above[mid] - here, across) | _too_high(below[mid] - here, across)
@@ -379,69 +378,81 @@ def fill_weights(heights, rows, cols, rule, area, out, first, stride):
 
     Parameters
     ----------
-    heights : (rows · cols,) float32
-        Metres of the map's cells, row by row; NaN or infinite where unknown.
+    heights, rows, cols
+        `Heights`.
     rule : (RULE_SLOTS,) float64
         Sides of a cell, limits (the slope's in radians), weights, hard limits, the weight of a
         cost of 1, and the greatest rise of a step, metres a metre.
-    area : (row0, row1, col0, col1)
+    area
+        `Area`.
     out : (…,) float32
         Written: cell (row, col) at `first` + row · `stride` + col.
     """
-    row0, row1, col0, col1 = area
+    ground = Heights(heights, rows, cols)
+    area = Area(*area)
+    col0 = area.col0
+    col1 = area.col1
     inner0 = max(col0, 1)
     inner1 = min(col1, cols - 1)
-    constants = _constants(rule)
-    for row in range(row0, row1):
+    factors = _factors(rule)
+    for row in range(area.row0, area.row1):
         at = first + row * stride
         if row == 0 or row == rows - 1 or inner0 >= inner1:
             for col in range(col0, col1):
-                out[at + col] = _border_weight(heights, rows, cols, row, col, rule, constants)
-        else:
-            # with the cells at the border, where their neighbours' places are in memory: whole
-            # rows of tiles are quicker
-            begin = inner0 if row == 1 else col0
-            end = inner1 if row == rows - 2 else col1
-            if _fill_row(
-                heights, row * cols + begin, cols, end - begin, constants, out, at + begin
-            ):
-                for col in range(inner0, inner1):
-                    if math.isnan(out[at + col]):
-                        out[at + col] = _weight(heights, rows, cols, row, col, rule, constants)
-            if rule[HARD_GRADIENT] < np.inf and inner0 < inner1:
-                begin = row * cols + inner0
-                n = inner1 - inner0
-                _shut_steep_steps(heights, begin, cols, n, rule, out, at + inner0)
-            if col0 == 0:
-                out[at] = _border_weight(heights, rows, cols, row, 0, rule, constants)
-            if col1 == cols:
-                out[at + cols - 1] = _border_weight(
-                    heights, rows, cols, row, cols - 1, rule, constants
-                )
+                out[at + col] = _border_weight(ground, row, col, rule, factors)
+            continue
+        # with the cells at the border, where their neighbours' places are in memory: whole rows of
+        # tiles are quicker
+        begin = inner0 if row == 1 else col0
+        end = inner1 if row == rows - 2 else col1
+        line = out[at + begin : at + end]
+        if _fill_row(heights, row * cols + begin, cols, end - begin, factors, line):
+            for col in range(inner0, inner1):
+                if math.isnan(out[at + col]):
+                    out[at + col] = _weight(ground, row, col, rule, factors)
+        if rule[HARD_GRADIENT] < inf:
+            line = out[at + inner0 : at + inner1]
+            n = inner1 - inner0
+            _shut_steep_steps(heights, row * cols + inner0, cols, n, rule, line)
+        if col0 == 0:
+            out[at] = _border_weight(ground, row, 0, rule, factors)
+        if col1 == cols:
+            out[at + cols - 1] = _border_weight(ground, row, cols - 1, rule, factors)
 
 
 @kernel
-def count_saturated(heights, rows, cols, rule, steps, counts):
+def count_saturated(heights, rows, cols, rule, apart):
     """Count, in a sample of the cells, the known ones and those at the limit of each of the terms.
 
-    `steps` are the rows and the columns from one cell of the sample to the next.
+    `apart` are the rows and the columns from one cell of the sample to the next.
     """
-    for row in range(steps[0] // 2, rows, steps[0]):
-        for col in range(steps[1] // 2, cols, steps[1]):
+    ground = Heights(heights, rows, cols)
+    rows_apart, cols_apart = apart
+    known = 0
+    by_slope = 0
+    by_roughness = 0
+    by_step = 0
+    for row in range(rows_apart // 2, rows, rows_apart):
+        for col in range(cols_apart // 2, cols, cols_apart):
             if math.isfinite(heights[row * cols + col]):
-                terms = _moments_plane(heights, rows, cols, row, col, rule[DY], rule[DX])
-                counts[0] += 1
-                for n in range(3):
-                    counts[n + 1] += terms[n] >= rule[SLOPE_LIMIT + n]
+                terms = _moments_plane(ground, row, col, rule[DY], rule[DX])
+                known += 1
+                by_slope += terms.slope >= rule[SLOPE_LIMIT]
+                by_roughness += terms.roughness >= rule[ROUGHNESS_LIMIT]
+                by_step += terms.step >= rule[STEP_LIMIT]
+    return known, by_slope, by_roughness, by_step
 
 
 @kernel
 def fill_terms(heights, rows, cols, dy, dx, out):
     """Slope, roughness and elevation difference of each cell into `out`; NaN where unknown."""
+    ground = Heights(heights, rows, cols)
     for row in range(rows):
         for col in range(cols):
             if math.isfinite(heights[row * cols + col]):
-                terms = _moments_plane(heights, rows, cols, row, col, dy, dx)
-                out[0, row, col], out[1, row, col], out[2, row, col] = terms
+                terms = _moments_plane(ground, row, col, dy, dx)
+                out[0, row, col] = terms.slope
+                out[1, row, col] = terms.roughness
+                out[2, row, col] = terms.step
             else:
-                out[:, row, col] = np.nan
+                out[:, row, col] = nan

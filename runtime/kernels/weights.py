@@ -1,26 +1,26 @@
 """Costs into the map: one pass that also says what changed."""
 
-import numpy as np
+from numpy import float32, float64, inf, int32
 
-from nnpp_edge.runtime.compiled.kernel import kernel
+from nnpp_edge.runtime.compiled.kernel import inlined, kernel
+from nnpp_edge.runtime.kernels.records import Area, Bounds, CostLimits
 
-_INF = np.float32(np.inf)
-_NOTHING_LOW = np.int32(_INF.view(np.int32))
-_NOTHING_HIGH = np.int32(-1)
+_INF = float32(inf)
+_NOTHING_LOW = int32(_INF.view(int32))
+_NOTHING_HIGH = int32(-1)
 
 
 @kernel
-def fill_costs(cost, limits, row0, row1, weights, stride, found):
+def fill_costs(cost, limits, row0, row1, weights, stride):
     """Put the weights of some rows of a new map into their places.
 
     Numbers from 0 up are in the order of their bits, read as integers; of integers the compiler
     finds the least of eight at once.
 
-    Arguments as for `write_costs`, of the whole map. Written to `found`, (3,) int32, are the bits
-    of the least passable cost above 0 or 0 itself, those of the greatest (-1 without any), and
-    whether one lies below 0.
+    Arguments as for `write_costs`, of the whole map. Returns the bits of the least passable cost
+    above 0 or 0 itself, those of the greatest (-1 without any), and whether one lies below 0.
     """
-    _, _, scale, ceiling = limits
+    limits = CostLimits(*limits)
     cols = cost.shape[1]
     lowest = _NOTHING_LOW
     highest = _NOTHING_HIGH
@@ -29,99 +29,94 @@ def fill_costs(cost, limits, row0, row1, weights, stride, found):
         first = (row + 1) * stride + 1
         line = cost[row]
         out = weights[first : first + cols]
-        bits = line.view(np.int32)
+        bits = line.view(int32)
         for col in range(cols):
             t = line[col]
             b = bits[col]
-            passable = t < ceiling  # NaN is not
-            out[col] = t * scale if passable else _INF
-            below |= t < np.float32(0.0)
-            lowest = min(lowest, max(b, np.int32(0)) if passable else _NOTHING_LOW)
+            passable = t < limits.ceiling  # NaN is not
+            out[col] = t * limits.scale if passable else _INF
+            below |= t < float32(0.0)
+            lowest = min(lowest, max(b, int32(0)) if passable else _NOTHING_LOW)
             highest = max(highest, b if passable else _NOTHING_HIGH)
-    found[0] = lowest
-    found[1] = highest
-    found[2] = below
+    return lowest, highest, below
+
+
+@inlined
+def _weight_of(t, limits):
+    """Weight of a cost."""
+    return float32(t * limits.scale) if t < limits.ceiling else _INF  # of NaN, too
 
 
 @kernel
-def write_costs(cost, seen, limits, first, stride, weights, bounds, changed_nodes, old_weights):
+def write_costs(cost, seen, limits, first, stride, weights, bounds, nodes, old_weights):
     """Put the weights of a rectangle of costs into the map, from node `first` on, unless one is out
     of range.
 
     Parameters
     ----------
     cost : (h, w) float32
-        NaN and values from `ceiling` up are impassable.
+        As `limits`, `CostLimits`, say.
     seen : (h, w) bool
         Cells that are written; (0, 0) for all.
-    limits : (floor, most, scale, ceiling)
-        Least and most that a passable cell may cost; weight of a cost of 1; see `cost`.
     first, stride : int
         Node of the first cell; nodes from one row to the next.
     weights : (nodes,) float32
         Written, unless a cost is out of range.
-    bounds : (least, greatest)
-        Bounds on the weights of passable cells so far.
-    changed_nodes, old_weights : (h·w,) int32, float32
+    bounds
+        `Bounds` so far.
+    nodes, old_weights : (h·w,) int32, float32
         Written: the changed nodes and what they weighed. Nothing where they are empty.
 
     Returns
     -------
     tuple
         A cost that is out of range, inf if none is; the number of changed cells; whether one became
-        cheaper; (first row, first column, one past the last row, one past the last column) of them
-        within the rectangle; the bounds, widened; whether a cell that lay at a bound has changed.
+        cheaper; the `Area` of them within the rectangle; the `Bounds`, widened; whether a cell that
+        lay at a bound has changed.
     """
-    floor, most, scale, ceiling = limits
+    limits = CostLimits(*limits)
+    bounds = Bounds(*bounds)
+    rows, cols = cost.shape
     changed = 0
     cheaper = False
     at_bound = False
-    lowest = np.float32(np.inf)
-    highest = np.float32(-np.inf)
-    top = cost.shape[0]
-    left = cost.shape[1]
-    bottom = 0
-    right = 0
+    lowest = _INF
+    highest = -_INF
+    area = Area(rows, 0, cols, 0)
     everywhere = seen.size == 0
-    for row in range(cost.shape[0]):
-        for col in range(cost.shape[1]):
+    for row in range(rows):
+        for col in range(cols):
             if not everywhere and not seen[row, col]:
                 continue
             t = cost[row, col]
-            w = np.float32(np.inf)
-            if t < ceiling:  # no NaN comes here
-                w = np.float32(t * scale)
+            weight = _weight_of(t, limits)
+            if t < limits.ceiling:
                 lowest = min(lowest, t)
                 highest = max(highest, t)
             before = weights[first + row * stride + col]
-            if w != before:
+            if weight != before:
                 changed += 1
-                cheaper = cheaper or w < before
-                at_bound = at_bound or before == bounds[0] or before == bounds[1]
-                top = min(top, row)
-                bottom = row + 1
-                left = min(left, col)
-                right = max(right, col + 1)
-    widened = bounds[0], bounds[1]
-    if lowest < np.inf:
-        widened = (
-            min(bounds[0], np.float64(lowest * scale)),
-            max(bounds[1], np.float64(highest * scale)),
-        )
-    refused = lowest if lowest < floor else (highest if highest > most else np.float32(np.inf))
-    if changed == 0 or refused < np.inf:
-        return refused, 0, False, (0, 0, 0, 0), widened, False
+                cheaper = cheaper or weight < before
+                at_bound = at_bound or before == bounds.least or before == bounds.greatest
+                row0 = min(area.row0, row)
+                col0 = min(area.col0, col)
+                area = Area(row0, row + 1, col0, max(area.col1, col + 1))
+    if lowest < inf:
+        least = min(bounds.least, float64(lowest * limits.scale))
+        bounds = Bounds(least, max(bounds.greatest, float64(highest * limits.scale)))
+    refused = lowest if lowest < limits.floor else (highest if highest > limits.most else _INF)
+    if changed == 0 or refused < inf:
+        return refused, 0, False, Area(0, 0, 0, 0), bounds, False
     noted = 0
-    for row in range(top, bottom):
-        for col in range(left, right):
+    for row in range(area.row0, area.row1):
+        for col in range(area.col0, area.col1):
             if not everywhere and not seen[row, col]:
                 continue
             node = first + row * stride + col
-            t = cost[row, col]
-            w = np.float32(t * scale) if t < ceiling else np.float32(np.inf)
-            if len(changed_nodes) and w != weights[node]:
-                changed_nodes[noted] = node
+            weight = _weight_of(cost[row, col], limits)
+            if len(nodes) and weight != weights[node]:
+                nodes[noted] = node
                 old_weights[noted] = weights[node]
                 noted += 1
-            weights[node] = w
-    return refused, changed, cheaper, (top, left, bottom, right), widened, at_bound
+            weights[node] = weight
+    return refused, changed, cheaper, area, bounds, at_bound

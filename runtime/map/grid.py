@@ -9,7 +9,9 @@ from nnpp_edge.runtime.arrays import Float2D, as_map, close_border
 from nnpp_edge.runtime.bands import in_bands
 from nnpp_edge.runtime.cells import Cell, patch_at
 from nnpp_edge.runtime.deadline import NEVER, Deadline
+from nnpp_edge.runtime.kernels import records
 from nnpp_edge.runtime.kernels.nodes import octile
+from nnpp_edge.runtime.kernels.records import CostLimits, Packed
 from nnpp_edge.runtime.kernels.weights import fill_costs, write_costs
 from nnpp_edge.runtime.map.changes import NO_NODES, NO_WEIGHTS, Change
 from nnpp_edge.runtime.map.directed import CoarseSteps, DirectedSteps
@@ -21,17 +23,17 @@ from nnpp_edge.runtime.map.step_cost import (
     StepCost,
     StepModel,
 )
-from nnpp_edge.runtime.map.steps import PackedGrid, PointSteps, PoseSteps
-from nnpp_edge.runtime.map.tiles import COMPLETE, Tiles
+from nnpp_edge.runtime.map.steps import PointSteps, PoseSteps
+from nnpp_edge.runtime.map.tiles import COMPLETE, Tiles, rectangle_of
 from nnpp_edge.runtime.memory import virtual_zeros
 
 _FAR = 0.25
 """A bound is measured anew when it lies beyond this share, or one over it, of what was measured
 last.
 """
-_OF_WEIGHTS = np.float32(0.0), np.float32(np.inf), np.float32(1.0), np.float32(np.inf)
+_OF_WEIGHTS = CostLimits(*np.array((0.0, np.inf, 1.0, np.inf), np.float32))
 """Limits of costs that are weights already."""
-ALL = np.empty((0, 0), np.bool_)
+ALL_SEEN = np.empty((0, 0), np.bool_)
 """Of a patch whose cells are all written."""
 
 
@@ -72,19 +74,16 @@ class Grid:
         self._level = 0
         self.pack()
         floor, most, ceiling = map(np.float32, model.costs)
-        self._limits = floor, most, np.float32(model.scale), ceiling
+        self._limits = CostLimits(floor, most, np.float32(model.scale), ceiling)
         self.set_bounds(math.inf, 0.0)
         self._measured = self.least, self.greatest
 
     def pack(self) -> None:
         """Lay out what the kernels take: after the arrays of the tiles have become others."""
         tiles = COMPLETE if self.tiles is None else self.tiles.packed(self._level)
-        self.packed: PackedGrid = (
-            self.weights,
-            self.stride,
-            self.model.steps,
-            self.corner_cutting,
-            tiles,
+        steps = self.model.steps  # `records.StepTerms`
+        self.packed: Packed = tuple(
+            records.Grid(self.weights, self.stride, steps, self.corner_cutting, tiles)
         )
 
     @classmethod
@@ -101,24 +100,21 @@ class Grid:
         cost = as_map(cost, "cost")
         rows, cols = cost.shape
         grid = cls(rows, cols, model, corner_cutting, bordered(rows, cols))
-        bands: list[NDArray[np.int32]] = []
+        bands: list[tuple[int, int, bool]] = []
 
         def fill(row0: int, row1: int) -> None:
-            found = np.empty(3, np.int32)
-            fill_costs(cost, grid._limits, row0, row1, grid.weights, grid.stride, found)
-            bands.append(found)
+            limits = tuple(grid._limits)
+            bands.append(fill_costs(cost, limits, row0, row1, grid.weights, grid.stride))
 
         in_bands(fill, 0, rows, cols)
-        found = np.array(bands)
-        lowest, highest = np.array((found[:, 0].min(), found[:, 1].max()), np.int32).view(
-            np.float32
-        )
-        floor, most, scale, ceiling = grid._limits
-        if (low := bool(found[:, 2].any() or lowest < floor)) or highest > most:
-            passable = cost[cost < ceiling]
+        lows, highs, below = zip(*bands, strict=True)
+        lowest, highest = np.array((min(lows), max(highs)), np.int32).view(np.float32)
+        limits = grid._limits
+        if (low := any(below) or bool(lowest < limits.floor)) or highest > limits.most:
+            passable = cost[cost < limits.ceiling]
             model.refuse(float(passable.min() if low else passable.max()))
         if lowest < math.inf:
-            grid.set_bounds(float(lowest * scale), float(highest * scale))
+            grid.set_bounds(float(lowest * limits.scale), float(highest * limits.scale))
         grid._measured = grid.least, grid.greatest
         return grid
 
@@ -227,19 +223,18 @@ class Grid:
         if keep_old_weights:
             nodes = np.empty(rows * cols, np.int32)
             old = np.empty(rows * cols, np.float32)
-        refused, cells, cheaper, (top, left, bottom, right), (least, greatest), at_bound = (
-            write_costs(
-                cost,
-                ALL if seen is None else seen,
-                _OF_WEIGHTS if weights else self._limits,
-                self.node(row, col),
-                self.stride,
-                self.weights,
-                bounds,
-                nodes,
-                old,
-            )
+        refused, cells, cheaper, area, widened, at_bound = write_costs(
+            cost,
+            ALL_SEEN if seen is None else seen,
+            tuple(_OF_WEIGHTS if weights else self._limits),
+            self.node(row, col),
+            self.stride,
+            self.weights,
+            bounds,  # `records.Bounds`
+            nodes,
+            old,
         )
+        least, greatest = widened
         if refused < math.inf:
             self.model.refuse(refused)
         before = (self.least, self.greatest)
@@ -255,7 +250,8 @@ class Grid:
         ):
             self.measure_bounds()
         rescaled = lengths and before != (self.least, self.greatest)
-        part = (row + top, col + left, bottom - top, right - left)
+        top, left, changed_rows, changed_cols = rectangle_of(area)
+        part = (row + top, col + left, changed_rows, changed_cols)
         if keep_old_weights:
             nodes = nodes[:cells].copy()
             old = old[:cells].copy()

@@ -23,7 +23,9 @@ from numpy.typing import NDArray
 from nnpp_edge.runtime.bands import stripes
 from nnpp_edge.runtime.cells import Rectangle
 from nnpp_edge.runtime.deadline import NEVER, Deadline
+from nnpp_edge.runtime.kernels import records
 from nnpp_edge.runtime.kernels.pooling import FACTOR, NO_LINKS, NO_PIECES, pool_and_link
+from nnpp_edge.runtime.kernels.records import Packed
 from nnpp_edge.runtime.map.directed import CoarseSteps, DirectedSteps
 from nnpp_edge.runtime.map.grid import Grid, bordered
 from nnpp_edge.runtime.map.region import Lookup
@@ -55,16 +57,12 @@ class Level:
         """
 
     @property
-    def packed(self) -> tuple[object, ...]:
-        """As the kernels take it, see `kernels.pooling.pool_and_link`."""
+    def packed(self) -> Packed:
+        """As kernels take it."""
         links = NO_LINKS if self.links is None else self.links
-        return (
-            self.grid.weights,
-            self.pieces,
-            links,
-            self.grid.stride,
-            self.grid.rows,
-            self.grid.cols,
+        grid = self.grid
+        return tuple(
+            records.Level(grid.weights, self.pieces, links, grid.stride, grid.rows, grid.cols)
         )
 
 
@@ -137,7 +135,7 @@ class Pyramid:
             finer = fine.packed
             packed = coarse.packed
             for first, last in stripes(row1 - row0, FACTOR**2 * (col1 - col0)):
-                area = row0 + first, row0 + last, col0, col1
+                area = row0 + first, row0 + last, col0, col1  # `records.Area`
                 least = min(
                     least, pool_and_link(finer, finest.corner_cutting, obstacle, area, packed)
                 )

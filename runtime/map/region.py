@@ -1,32 +1,28 @@
 """A part of a map, as a small bitmap over it."""
 
-from typing import NamedTuple
-
 import numpy as np
 from numpy.typing import NDArray
 
+from nnpp_edge.runtime.kernels import records
+
 Lookup = tuple[NDArray[np.int32], NDArray[np.int32]]
-"""For each row, and for each column, of a map the row or column of a bitmap that it lies in."""
+"""For each row, and for each column, of a map the row or column of a bitmap that it lies in
+(`records.Lookup`).
+"""
 
 
-class Region(NamedTuple):
-    """Cells that a search may enter: a small bitmap over the map, read in place.
-
-    A cell (row, col) is inside when ``bitmap[row_block[row], col_block[col]] == stamp``. Bitmaps
-    are numbered rather than cleared.
+class Region(records.Region):
+    """Cells that a search may enter: a small bitmap over the map, read in place. Bitmaps are
+    numbered rather than cleared.
     """
 
-    bitmap: NDArray[np.int32]
-    row_block: NDArray[np.int32]
-    """(H,) row of the bitmap for each row of the map."""
-    col_block: NDArray[np.int32]
-    """(W,) column of the bitmap for each column of the map."""
-    stamp: int = 1
+    __slots__ = ()
 
     @classmethod
     def everywhere(cls, rows: int, cols: int) -> "Region":
         """All of a map, as one block."""
-        return cls(np.ones((1, 1), np.int32), np.zeros(rows, np.int32), np.zeros(cols, np.int32))
+        row_block = np.zeros(rows, np.int32)
+        return cls(np.ones((1, 1), np.int32), row_block, np.zeros(cols, np.int32), 1)
 
     def blocks(self) -> NDArray[np.bool_]:
         """Which of the bitmap's blocks are inside; bool, of its shape."""
@@ -55,4 +51,5 @@ class Region(NamedTuple):
 
     def copy(self) -> "Region":
         """This region with arrays of its own, which no later search overwrites."""
-        return Region(self.blocks().astype(np.int32), self.row_block.copy(), self.col_block.copy())
+        row_block = self.row_block.copy()
+        return Region(self.blocks().astype(np.int32), row_block, self.col_block.copy(), 1)

@@ -16,7 +16,7 @@ from nnpp_edge.runtime.kernels.pooling import FACTOR
 from nnpp_edge.runtime.map.along import Along, Line, crossings, heights_at
 from nnpp_edge.runtime.map.changes import Change, ChangeLog, ChangeReader
 from nnpp_edge.runtime.map.directed import DirectedSteps
-from nnpp_edge.runtime.map.grid import ALL, Grid, bordered
+from nnpp_edge.runtime.map.grid import ALL_SEEN, Grid, bordered
 from nnpp_edge.runtime.map.ground import Ground
 from nnpp_edge.runtime.map.poses import Poses, bytes_per_cell, term_weights
 from nnpp_edge.runtime.map.pyramid import Pyramid, coarse_shapes
@@ -239,7 +239,7 @@ class MapState:
         heights, _ = relative_heights(patch, self._base)
         part = patch_at((row, col), heights.shape, self.shape)
         change, new = self._tiles.write(
-            part, heights, ALL if seen is None else seen, keeps=self.log.keeps_old_weights
+            part, heights, ALL_SEEN if seen is None else seen, keeps=self.log.keeps_old_weights
         )
         if self.unseen is not None:
             self.unseen.note(new)

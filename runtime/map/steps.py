@@ -18,13 +18,10 @@ from nnpp_edge.runtime.kernels.paths import measure, walk
 from nnpp_edge.runtime.map import motions
 from nnpp_edge.runtime.map.poses import NO_EDGES, PackedPoses, Poses, Prices
 from nnpp_edge.runtime.map.step_cost import SQRT2
-from nnpp_edge.runtime.map.tiles import PackedTiles
 
 if TYPE_CHECKING:
     from nnpp_edge.runtime.map.grid import Grid
 
-PackedGrid = tuple[NDArray[np.float32], int, tuple[float, float, float, float], bool, PackedTiles]
-"""A grid as the kernels take it: (weights, stride, steps, corner_cutting, tiles)."""
 Edges = NDArray[np.float32]
 States = tuple[PackedPoses, Edges, Prices]
 """A body's motions and what they cost, as `kernels.lattice.expand_states` takes them."""

@@ -14,7 +14,7 @@ from nnpp_edge.runtime.arrays import Float2D
 from nnpp_edge.runtime.cells import Cell
 from nnpp_edge.runtime.deadline import Deadline
 from nnpp_edge.runtime.errors import InvalidMapError
-from nnpp_edge.runtime.kernels.pooling import FACTOR, NO_LINKS, NO_PIECES, pool_and_link
+from nnpp_edge.runtime.kernels.pooling import FACTOR, pool_and_link
 from nnpp_edge.runtime.map.grid import Grid
 from nnpp_edge.runtime.map.pyramid import Level, coarse_shapes
 from nnpp_edge.runtime.map.step_cost import StepCost, StepModel
@@ -114,11 +114,11 @@ class StreamedMap:
         arrays = level.grid.weights[part], level.pieces[part], level.links[part]
         # the last coarse row so far, too, is linked anew: below it there was nothing yet
         least = pool_and_link(
-            (band.weights, NO_PIECES, NO_LINKS, band.stride, *band.shape),
+            Level(band).packed,
             self.grid.corner_cutting,
             self._obstacle,
-            (above, above + count, 0, cols),
-            (*arrays, stride, above + count, cols),
+            (above, above + count, 0, cols),  # `records.Area`
+            (*arrays, stride, above + count, cols),  # `records.Level`
         )
         self._band = band
         self._taken = row0 + rows
@@ -135,7 +135,7 @@ class StreamedMap:
         self.levels[1].grid.set_bounds(least, greatest)
         for fine, coarse in itertools.pairwise(self.levels[1:]):
             grid = coarse.grid
-            area = (0, grid.rows, 0, grid.cols)
+            area = (0, grid.rows, 0, grid.cols)  # `records.Area`
             cutting = self.grid.corner_cutting
             least = pool_and_link(fine.packed, cutting, self._obstacle, area, coarse.packed)
             grid.set_bounds(least, greatest)

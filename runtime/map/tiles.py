@@ -21,15 +21,11 @@ from nnpp_edge.runtime.arrays import Float2D, close_border
 from nnpp_edge.runtime.bands import in_bands, stripes
 from nnpp_edge.runtime.cells import Rectangle
 from nnpp_edge.runtime.deadline import NEVER, Deadline
+from nnpp_edge.runtime.kernels import records
 from nnpp_edge.runtime.kernels.by_address import address_of
+from nnpp_edge.runtime.kernels.records import LEVEL_COLUMNS, Area, Packed, TileSource
 from nnpp_edge.runtime.kernels.tiles import (
-    ANY_TOLD,
-    BLOCK_COLS,
-    BLOCK_SIDE,
-    CELLS_COSTED,
     COSTED,
-    COUNT_SLOTS,
-    FOUND_SLOTS,
     LINKED,
     POOLED,
     SURROUNDED,
@@ -45,22 +41,38 @@ from nnpp_edge.runtime.map.changes import Change
 from nnpp_edge.runtime.memory import virtual_zeros
 from nnpp_edge.runtime.tuning import TILE_COLS, TILE_ROWS
 
-PackedTiles = tuple[NDArray[np.uint8], int, int, int, tuple[object, ...], int]
-"""Tiles as the kernels take them, see `kernels.tiles`: (state, wanted, row_shift, col_shift,
-source, address).
-"""
 _EVERYWHERE = 62
 """Bits by which a row is shifted to the one tile of a map that is there as a whole."""
 _NONE = np.empty(0, np.float32)
-_NO_LEVELS = _NONE, np.empty(0, np.uint16), np.empty(0, np.uint8)
-_COUNTS = np.zeros((1, 4), np.int64), np.zeros(COUNT_SLOTS, np.int64), np.zeros(2, np.int64)
-COMPLETE: PackedTiles = (
-    np.full((1, 1), COSTED | SURROUNDED | POOLED | LINKED, np.uint8),
-    SURROUNDED,
-    _EVERYWHERE,
-    _EVERYWHERE,
-    (_NONE, np.zeros(RULE_SLOTS), _NONE, _COUNTS[0], *_NO_LEVELS, *_COUNTS[1:], _NONE, _NONE),
-    0,
+_NO_SOURCE = TileSource(
+    heights=_NONE,
+    rule=np.zeros(RULE_SLOTS),
+    weights=_NONE,
+    rows=0,
+    cols=0,
+    row_shift=0,
+    col_shift=0,
+    corner_cutting=False,
+    levels=np.zeros((0, LEVEL_COLUMNS), np.int64),
+    coarse=_NONE,
+    pieces=np.empty(0, np.uint16),
+    links=np.empty(0, np.uint8),
+    costed=np.zeros(1, np.int64),
+    told=_NONE,
+    block_side=0,
+    block_cols=0,
+    block_prices=_NONE,
+    block_states=_NONE,
+)
+COMPLETE: Packed = tuple(
+    records.Tiles(
+        np.full((1, 1), COSTED | SURROUNDED | POOLED | LINKED, np.uint8),
+        SURROUNDED,
+        _EVERYWHERE,
+        _EVERYWHERE,
+        tuple(_NO_SOURCE),
+        0,
+    )
 )
 """Of a grid whose weights are all there."""
 
@@ -68,6 +80,11 @@ COMPLETE: PackedTiles = (
 @functools.cache
 def _address() -> int:
     return int(address_of(open_tile, COMPLETE, 0, 0))  # type: ignore[no-untyped-call]  # as all of `kernels`
+
+
+def rectangle_of(area: Area) -> Rectangle:
+    """Its first cell, rows and columns."""
+    return area.row0, area.col0, area.row1 - area.row0, area.col1 - area.col0
 
 
 class Tiles:
@@ -93,38 +110,44 @@ class Tiles:
     ) -> None:
         self.heights = heights
         self.rule = rule
-        self._weights = weights
-        self._told = _NONE
-        self.shape: tuple[int, int] = heights.shape
+        rows, cols = self.shape = (heights.shape[0], heights.shape[1])
         high, wide = self._sides = max(TILE_ROWS, coarsest), max(TILE_COLS, coarsest)
-        self.state = np.zeros((-(-self.shape[0] // high), -(-self.shape[1] // wide)), np.uint8)
+        self.state = np.zeros((-(-rows // high), -(-cols // wide)), np.uint8)
         """(I, J) uint8, what has been computed of each tile, as bits."""
-        self._levels = np.array(
-            [(high.bit_length() - 1, wide.bit_length() - 1, corner_cutting, 0)], np.int64
+        self._source = _NO_SOURCE._replace(
+            heights=heights.reshape(-1),
+            rule=rule,
+            weights=weights,
+            rows=rows,
+            cols=cols,
+            row_shift=high.bit_length() - 1,
+            col_shift=wide.bit_length() - 1,
+            corner_cutting=corner_cutting,
+            costed=np.zeros(1, np.int64),
         )
-        self._coarse = _NO_LEVELS
-        self._counts = np.zeros(COUNT_SLOTS, np.int64)
-        self._unseen = _NONE
+        """What the kernels compute by."""
         if unseen is not None:
-            self._unseen = unseen.reshape(-1)
             blocks = unseen.shape[2]
-            self._counts[BLOCK_SIDE : BLOCK_COLS + 1] = self.shape[1] // blocks, blocks
+            self._source = self._source._replace(
+                block_side=cols // blocks,
+                block_cols=blocks,
+                block_prices=unseen[0].reshape(-1),
+                block_states=unseen[1].reshape(-1),
+            )
         if told is not None:
-            self._told = told.reshape(-1)
-            self._counts[ANY_TOLD] = 1
+            self._source = self._source._replace(told=told.reshape(-1))
 
     @property
     def cells_computed(self) -> int:
         """Cells whose weights there are."""
-        return int(self._counts[CELLS_COSTED])
+        return int(self._source.costed[0])
 
-    def packed(self, number: int = 0) -> PackedTiles:
+    def packed(self, number: int = 0) -> Packed:
         """As kernels take them that look at the level of that number."""
         down, right = (side.bit_length() - 1 - 2 * number for side in self._sides)
-        of_map = (self.heights.reshape(-1), self.rule, self._weights)
-        counts = (self._counts, np.array(self.shape))
-        source = *of_map, self._levels, *self._coarse, *counts, self._told, self._unseen
-        return self.state, LINKED if number else SURROUNDED, down, right, source, _address()
+        wanted = LINKED if number else SURROUNDED
+        source = tuple(self._source)
+        return tuple(records.Tiles(self.state, wanted, down, right, source, _address()))
 
     def add_levels(
         self, shapes: list[tuple[int, int]]
@@ -138,12 +161,13 @@ class Tiles:
             (rows, cols, cols + 2, first)
             for (rows, cols), first in zip(shapes, firsts, strict=False)
         ]
-        self._levels = np.array([(*self._levels[0, :3], len(shapes)), *rows_of], np.int64)
         size = firsts[-1]
         weights = np.zeros(size, np.float32)
         pieces = np.zeros(size, np.uint16)
         links = np.zeros(size, np.uint8)
-        self._coarse = weights, pieces, links
+        self._source = self._source._replace(
+            levels=np.array(rows_of, np.int64), coarse=weights, pieces=pieces, links=links
+        )
         parts = [slice(first, first + size) for first, size in zip(firsts, sizes, strict=False)]
         for part, (rows, cols) in zip(parts, shapes, strict=True):
             close_border(weights[part], rows, cols)
@@ -168,7 +192,7 @@ class Tiles:
         rows, cols = self.shape
         high = self._sides[0]
         for work, done in ((compute_rows, COSTED | POOLED), (link_rows, LINKED)):
-            wanted = done if self._levels[0, 3] else done & COSTED
+            wanted = done if len(self._source.levels) else done & COSTED
             for first, last in stripes(rows, cols, high, whole=deadline.at == math.inf):
                 state = self.state[first // high : -(-last // high)]
                 if (state & wanted != wanted).any():
@@ -176,15 +200,15 @@ class Tiles:
                     state |= wanted
                     deadline.check()
         self.state |= SURROUNDED
-        self._counts[CELLS_COSTED] = rows * cols
+        self._source.costed[0] = rows * cols
 
     def tell_from_now_on(self) -> Float2D:
         """(H, W) float32, costs that were told, 0 where none was, inf where shut; to be had before
         any is written.
         """
-        self._told = virtual_zeros(self.heights.size, np.float32)
-        self._counts[ANY_TOLD] = 1
-        return self._told.reshape(self.shape)
+        told = virtual_zeros(self.heights.size, np.float32)
+        self._source = self._source._replace(told=told)
+        return told.reshape(self.shape)
 
     def write(
         self,
@@ -203,28 +227,21 @@ class Tiles:
         changed, and the rectangle of new values, of no rows without any. With `keeps` old weights
         are kept, and computed first where there are none.
         """
-        layer, rim = (self._told, 0) if told else (self.heights.reshape(-1), 1)
-        room = (part[2] + 2 * rim) * (part[3] + 2 * rim) if keeps else 0
-        found = np.empty(FOUND_SLOTS, np.int64)
+        source = self._source
+        layer, rim = (source.told, 0) if told else (source.heights, 1)
+        row, col, rows, cols = part
+        room = (rows + 2 * rim) * (cols + 2 * rim) if keeps else 0
         nodes = np.empty(room, np.int32)
         old = np.empty(room, np.float32)
-        write_layer(
-            self.packed(),
-            layer,
-            rim,
-            np.ascontiguousarray(patch),
-            seen,
-            *part[:2],
-            found,
-            nodes,
-            old,
+        patch = np.ascontiguousarray(patch)
+        cells, cheaper, changed, noted, new = write_layer(
+            self.packed(), layer, rim, patch, seen, row, col, nodes, old
         )
-        cells, cheaper, *changed, noted, row0, col0, row1, col1 = found.tolist()
-        top, left, bottom, end = changed if cells else (part[0], part[1], part[0], part[1])
-        change = Change((top, left, bottom - top, end - left), cells, bool(cheaper))
+        within = rectangle_of(changed) if cells else (row, col, 0, 0)
+        change = Change(within, cells, cheaper)
         if keeps:
             change = change._replace(nodes=nodes[:noted].copy(), old_weights=old[:noted].copy())
-        return change, (row0, col0, row1 - row0, col1 - col0)
+        return change, rectangle_of(new) if new.row0 < new.row1 else (0, 0, 0, 0)
 
     def planes(
         self,

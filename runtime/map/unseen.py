@@ -5,7 +5,7 @@ from numpy.typing import NDArray
 
 from nnpp_edge.runtime.arrays import Float2D
 from nnpp_edge.runtime.cells import Rectangle, enclosing, slices
-from nnpp_edge.runtime.kernels.tiles import SEEN, UNTOUCHED
+from nnpp_edge.runtime.kernels.tiles import BLOCK_SEEN, BLOCK_UNTOUCHED
 from nnpp_edge.runtime.map.along import Line, heights_at
 from nnpp_edge.runtime.map.grid import Grid
 from nnpp_edge.runtime.map.ground import Ground
@@ -63,7 +63,7 @@ class Unseen:
                 grid.tiles.open_at(i, j)
         cells = slices((row * side, col * side, rows * side, cols * side))
         known = np.isfinite(grid.tiles.heights[cells])
-        known &= self.layers[1][self._blocks(*cells)] == SEEN
+        known &= self.layers[1][self._blocks(*cells)] == BLOCK_SEEN
         costs = grid.map()[cells] / np.float32(grid.model.scale or 1.0)
         shut = known & ~(costs < np.inf)
         count = np.maximum(self._sums(known), 1.0)
@@ -92,12 +92,12 @@ class Unseen:
 
     def unknown(self, rows: slice, cols: slice) -> NDArray[np.bool_]:
         """Cells of a part of the map whose heights mean nothing."""
-        unknown: NDArray[np.bool_] = self.layers[1][self._blocks(rows, cols)] == UNTOUCHED
+        unknown: NDArray[np.bool_] = self.layers[1][self._blocks(rows, cols)] == BLOCK_UNTOUCHED
         return unknown
 
     def unknown_at(self, path: NDArray[np.int32]) -> NDArray[np.bool_]:
         """As `unknown`, of the cells (N, 2) of a path."""
-        unknown: NDArray[np.bool_] = self.layers[1][tuple(path.T // self.factor)] == UNTOUCHED
+        unknown: NDArray[np.bool_] = self.layers[1][tuple(path.T // self.factor)] == BLOCK_UNTOUCHED
         return unknown
 
     def heights_at(self, places: Line, known: NDArray[np.float64]) -> NDArray[np.float64]:

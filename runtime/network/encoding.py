@@ -78,16 +78,9 @@ def map_planes(
         parts = [(0, 0, frame.rows, frame.cols)]
     weights = grid.weights[corner[0] * grid.stride + corner[1] :]
     stride = grid.stride
-    pool_planes(
-        weights,
-        stride,
-        frame.rows,
-        frame.cols,
-        *grid.as_traversability(),
-        *frame.inner,
-        np.array(parts),
-        out,
-    )
+    window = (frame.rows, frame.cols)
+    scaled = grid.as_traversability()
+    pool_planes(weights, stride, window, *scaled, frame.inner, np.array(parts), out)
 
 
 def encode_gaussian(start: Point, goal: Point, sigma: float, out: NDArray[np.float32]) -> None:

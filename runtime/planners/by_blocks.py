@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from nnpp_edge.runtime.errors import Status
-from nnpp_edge.runtime.kernels.tiles import SEEN
+from nnpp_edge.runtime.kernels.tiles import BLOCK_SEEN
 from nnpp_edge.runtime.map.ground import Ground
 from nnpp_edge.runtime.map.region import Region
 from nnpp_edge.runtime.map.state import MapState, map_state
@@ -60,7 +60,7 @@ class BlockWay:
         way = found.search.path
         stops = way * side + side // 2
         stops[-1] = query.goal
-        unseen = np.flatnonzero(self._unseen.layers[1][way[:, 0], way[:, 1]] != SEEN)
+        unseen = np.flatnonzero(self._unseen.layers[1][way[:, 0], way[:, 1]] != BLOCK_SEEN)
         first = min(
             int(unseen[0]) + BLOCKS_BEYOND if len(unseen) and not whole else len(way), len(way) - 1
         )

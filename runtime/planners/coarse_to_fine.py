@@ -126,9 +126,10 @@ class CoarseLevel:
         """
         if self._closed is None:
             self._closed = np.zeros(len(self._queued), np.uint8)
-        marks = (region.bitmap, region.stamp)
+        marks = (region.bitmap, region.stamp)  # `records.Marks`
         reached = (searched.meta, searched.stamp, shape)
-        return bool(close_dead_ends(self.level.links, marks, reached, self._queued, self._closed))
+        links = self.level.links
+        return bool(close_dead_ends(links, marks, *reached, self._queued, self._closed))
 
     def open_dead_ends(self) -> None:
         """Open again what was closed."""
@@ -154,22 +155,25 @@ class CoarseLevel:
         after the next. OutOfTimeError at the deadline.
         """
         self._stamp += 1
-        marks = self._bitmaps[self._stamp % 2], self._stamp
+        bitmap = self._bitmaps[self._stamp % 2]
         ws = self.workspace
         below = finer.grid
         grid = self.grid
-        searched = (ws.g, ws.meta, ws.stamp)
-        scratch = (self._reached, self._queued, self._queue)
-        ahead = below.weights, below.stride, below.rows, below.cols, finer_workspace.meta
-        edges = grid.steps.edges()
-        width = (radius, band, deadline.at)
-        node = grid.node(*start)
-        path = found.path
         surround(
-            grid.packed, edges, self.level.links, node, searched, scratch, path, width, marks, ahead
+            grid.packed,
+            grid.steps.edges(),
+            self.level.links,
+            grid.node(*start),
+            (ws.g, ws.meta, ws.stamp),  # `records.Searched`
+            (self._reached, self._queued, self._queue),  # `records.FloodMemory`
+            found.path,
+            (radius, band, deadline.at),  # `records.Width`
+            (bitmap, self._stamp),  # `records.Marks`
+            # `records.FinerLevel`
+            (below.weights, below.stride, below.rows, below.cols, finer_workspace.meta),
         )
         deadline.check()
-        return Region(marks[0], *finer.quarters, self._stamp)
+        return Region(bitmap, *finer.quarters, self._stamp)
 
 
 class CoarseToFine:

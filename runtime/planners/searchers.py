@@ -210,7 +210,7 @@ class RegionMender:
         """
         blocks = [2 * math.ceil(cells / FACTOR) for cells in self._state.shape]
         rows, cols = self._state.shape
-        nothing = Region(np.zeros(blocks, np.int32), quarters(rows), quarters(cols))
+        nothing = Region(np.zeros(blocks, np.int32), quarters(rows), quarters(cols), 1)
         if self._dstar is None:
             self._dstar = DStarLite(self._state, goal, nothing)
         else:
@@ -323,7 +323,7 @@ class RegionMender:
         both = wanted | known.blocks() if known and region.shares_blocks(known) else wanted
         if np.count_nonzero(both) > MOST_JOINED * np.count_nonzero(wanted):
             both = wanted
-        return Region(both.astype(np.int32), region.row_block, region.col_block)
+        return Region(both.astype(np.int32), region.row_block, region.col_block, 1)
 
 
 class MendingSearcher:

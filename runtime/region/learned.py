@@ -10,7 +10,8 @@ from nnpp_edge.runtime.arrays import Float2D
 from nnpp_edge.runtime.cells import Cell, Endpoints
 from nnpp_edge.runtime.deadline import NEVER, Deadline, OutOfTimeError
 from nnpp_edge.runtime.kernels import threshold as kernels
-from nnpp_edge.runtime.kernels.pooling import FACTOR
+from nnpp_edge.runtime.kernels.pooling import FACTOR, NO_LINKS
+from nnpp_edge.runtime.kernels.records import ThresholdMemory
 from nnpp_edge.runtime.kernels.threshold import lowered
 from nnpp_edge.runtime.map.pyramid import Level
 from nnpp_edge.runtime.map.region import Lookup, Region
@@ -36,14 +37,17 @@ class RegionFinder:
 
     def __init__(self, blocks: int) -> None:
         padded = (blocks + 1, blocks + 1)
-        self._levels: NDArray[np.uint8] = np.zeros(padded, np.uint8)
         self._bitmaps = np.zeros(padded, np.int32), np.zeros(padded, np.int32)
         self.at_td: NDArray[np.int32] = np.zeros(padded, np.int32)
         """The region at td itself, by `first`; it stays while wider ones are searched."""
         self.stamp = 0
-        self._heads = np.empty(kernels.LEVELS, np.int32)
-        self._following = np.empty(self._levels.size, np.int32)
-        self._done = np.empty(self._levels.size, np.uint8)
+        levels = np.zeros(padded, np.uint8)
+        self._memory = ThresholdMemory(
+            levels,
+            np.empty(kernels.LEVELS, np.int32),
+            np.empty(levels.size, np.int32),
+            np.empty(levels.size, np.uint8),
+        )
 
     @property
     def bitmap(self) -> NDArray[np.int32]:
@@ -57,19 +61,15 @@ class RegionFinder:
     @property
     def levels(self) -> NDArray[np.uint8]:
         """Level of each block: (B, B) uint8."""
-        return self._levels[:-1, :-1]
+        return self._memory.levels[:-1, :-1]
 
     def read(self, probability: Float2D) -> None:
         """Take over a network's answer, (B, B) float32 in [0, 1]."""
-        kernels.quantise(probability, self._levels)
+        kernels.quantise(probability, self._memory.levels)
 
     def threshold(self, start: Cell, goal: Cell) -> int:
         """The adaptive threshold td between two blocks, as a level."""
-        return int(
-            kernels.adaptive_threshold(
-                self._levels, *start, *goal, self._heads, self._following, self._done
-            )
-        )
+        return int(kernels.adaptive_threshold(tuple(self._memory), *start, *goal))
 
     def first(
         self,
@@ -96,12 +96,18 @@ class RegionFinder:
         self.stamp += 1
         grid = level.grid
         start, goal = ends
-        walked = probability, lookup, grid.packed, level.links
-        asked = (grid.node(*start), grid.node(*goal), *blocks[0], *blocks[1]), (touching, factor)
-        scratch = self._levels, self._heads, self._following, self._done
-        search = (workspace.meta, workspace.next_stamp())
-        marks = (self.stamp, self.at_td, self.bitmap)
-        td = kernels.first_regions(*walked, *asked, scratch, search, marks, deadline.at)
+        links = NO_LINKS if level.links is None else level.links
+        walked = probability, lookup, grid.packed, links
+        start_block, goal_block = blocks
+        nodes = (grid.node(*start), grid.node(*goal))
+        asked = (
+            (*nodes, *start_block, *goal_block),  # `records.RegionEnds`
+            (touching, factor),  # `records.RegionRule`
+            tuple(self._memory),
+            (workspace.meta, workspace.next_stamp()),  # `records.WalkMemory`
+            (self.stamp, self.at_td, self.bitmap),  # `records.RegionMarks`
+        )
+        td = kernels.first_regions(*walked, *asked, deadline.at)
         if td == kernels.TOO_LATE:
             raise OutOfTimeError
         return int(td)
@@ -109,7 +115,8 @@ class RegionFinder:
     def mark(self, threshold: int, start: Cell, goal: Cell, radius: int = 0) -> None:
         """Number the blocks at or above a threshold in `bitmap`; the number is `stamp`."""
         self.stamp += 1
-        kernels.fill_region(self._levels, threshold, *start, *goal, self.stamp, radius, self.bitmap)
+        levels = self._memory.levels
+        kernels.fill_region(levels, threshold, *start, *goal, self.stamp, radius, self.bitmap)
 
     def region(self, lookup: Lookup) -> Region:
         """The blocks marked last, as a region of the grid whose rows and columns lie in the blocks

@@ -226,9 +226,7 @@ def warn_of_saturation(heights: Float2D, rule: NDArray[np.float64], stacklevel: 
     """`SaturationWarning` where one applies, by a sample of the cells."""
     rows, cols = heights.shape
     steps = max(-(-rows // MOST_SAMPLED), 1), max(-(-cols // MOST_SAMPLED), 1)
-    counts = np.zeros(4, np.int64)
-    count_saturated(heights.reshape(-1), rows, cols, rule, steps, counts)
-    known, *at_limit = counts.tolist()
+    known, *at_limit = count_saturated(heights.reshape(-1), rows, cols, rule, steps)
     full = [
         (term, count / known)
         for term, count in zip(TERMS.items(), at_limit, strict=True)
