@@ -33,7 +33,7 @@ def inlined(function: FunctionType) -> NumbaObject:
     return helper(function, forceinline=True)
 
 
-def helper(function: FunctionType, **options: bool) -> NumbaObject:
+def helper(function: FunctionType, **options: object) -> NumbaObject:
     """As `kernel`, for one that only kernels call: their files hold its code, and none of its own
     keeps it.
     """

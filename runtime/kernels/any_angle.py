@@ -6,28 +6,21 @@ See `planners.refine`, and `kernels.stations` for how lines are found.
 Places are (row, col) in cells, with the middle of the first cell at (0, 0), so that a cell's sides
 lie at halves. The weight at a place is bilinear in those of the four cells whose middles surround
 it; the impassable ones among them are left out, and the others' shares are raised to sum to 1. A
-cell's length costs `steps[0]` + 2 · `steps[2]` · weight: what a straight step on even ground does.
+cell's length costs what a straight step on even ground does: its length, and its weight twice.
 
-A *leg* is the straight way between two way points. It is clear where every cell that it touches is
-passable and, for a disc, where it keeps the disc's radius away from every obstacle. For that the
-kernels are given `room`, a tuple
-
-    weights    (nodes,) float32, a point's, inf where a cell is an obstacle or off the map
-    rows, cols of the map
-    radius     metres
-    sides      height and width of a cell, metres: two numbers
-
-which is `NO_DISC` for a point and a body.
+A leg is clear where every cell that it touches is passable and, for a disc, where it keeps the
+disc's radius away from every obstacle.
 """
 
 import math
 
 import numpy as np
-from numpy import int64
+from numpy import float64, inf, int64, uint64
 
-from nnpp_edge.runtime.compiled.kernel import helper, kernel
+from nnpp_edge.runtime.compiled.kernel import helper, inlined, kernel
 from nnpp_edge.runtime.kernels.by_address import borrowed
-from nnpp_edge.runtime.kernels.records import Grid, Tiles
+from nnpp_edge.runtime.kernels.nodes import COL, ROW
+from nnpp_edge.runtime.kernels.records import Grid, Ground, Leg, Room, StepTerms
 from nnpp_edge.runtime.kernels.tiles import open_there
 
 TOUCH = 1e-6
@@ -39,31 +32,40 @@ _GAUSS = (
     (0.5384693101056831, 0.4786286704993665),
     (0.906179845938664, 0.2369268850561891),
 )
-NO_DISC = np.empty(0, np.float32), 0, 0, 0.0, 1.0, 1.0
+"""Places, in the middle half of a leg's length to each side, and weights of Gauss's rule."""
+NO_DISC = tuple(Room(np.empty(0, np.float32), 0, 0, 0.0, 1.0, 1.0))
 _ROUNDING = 1.0 - 1e-7
 """Share of the radius that is kept away."""
 
 
+# The ground
+
+
 @helper
 def ground_of(grid, room):
-    """Constants of the kernels below: (weights, stride, a cell's length, what a weight adds,
-    cutting, room).
-    """
-    weights, stride, steps, corner_cutting, _ = grid
-    around = borrowed(room[0]), *room[1:]
-    return borrowed(weights), stride, steps[0], 2.0 * steps[2], corner_cutting, around
+    """`Ground` of a `Grid` and a `Room`."""
+    grid = borrowed(Grid(*grid))
+    steps = StepTerms(*grid.steps)
+    per_cell = steps.length_straight
+    per_weight = 2.0 * steps.weight_straight
+    around = borrowed(Room(*room))
+    return Ground(grid.weights, grid.stride, per_cell, per_weight, grid.corner_cutting, around)
 
 
 @helper
-def open_between(grid, low, high):
-    """See to it that the weights are there of all cells of a rectangle between two places, and of
-    those around it.
+def open_between(tiles, leg):
+    """See to it that the weights are there of all cells of the rectangle around a leg, and of those
+    around it.
     """
-    tiles = borrowed(Tiles(*Grid(*grid).tiles))
-    down = tiles.row_shift
-    right = tiles.col_shift
-    for i in range(int64(low[0] + 0.5) >> down, (int64(high[0] + 0.5) >> down) + 1):
-        for j in range(int64(low[1] + 0.5) >> right, (int64(high[1] + 0.5) >> right) + 1):
+    low_row = min(leg.row, leg.to_row)
+    low_col = min(leg.col, leg.to_col)
+    high_row = max(leg.row, leg.to_row)
+    high_col = max(leg.col, leg.to_col)
+    row0 = int64(low_row + 0.5) >> tiles.row_shift
+    row1 = (int64(high_row + 0.5) >> tiles.row_shift) + 1
+    col0 = int64(low_col + 0.5) >> tiles.col_shift
+    for i in range(row0, row1):
+        for j in range(col0, (int64(high_col + 0.5) >> tiles.col_shift) + 1):
             if not tiles.state[i, j] & tiles.wanted:
                 open_there(tiles, i, j)
 
@@ -71,254 +73,287 @@ def open_between(grid, low, high):
 @helper
 def is_passable(ground, row, col):
     """Whether a cell can be stood on; those outside the map cannot."""
-    weights = ground[0]
-    stride = ground[1]
-    node = np.uint64((row + 1) * stride + col + 1)
-    return weights[node] < np.inf
+    return ground.weights[uint64((row + 1) * ground.stride + col + 1)] < inf
 
 
 @helper
-def mean_of_four(weights, stride, row, col):
+def mean_of_four(ground, row, col):
     """Weight at a place by the four cells around it; inf or NaN where one of them is impassable."""
-    i = np.int64(row + 1.0)
-    j = np.int64(col + 1.0)
+    weights = ground.weights
+    i = int64(row + 1.0)
+    j = int64(col + 1.0)
     down = row + 1.0 - i
     right = col + 1.0 - j
-    n = np.uint64(i * stride + j)
-    below = np.uint64(i * stride + j + stride)
-    one = np.float64(weights[n])
-    two = np.float64(weights[n + np.uint64(1)])
-    three = np.float64(weights[below])
-    four = np.float64(weights[below + np.uint64(1)])
-    return (1.0 - down) * ((1.0 - right) * one + right * two) + down * (
-        (1.0 - right) * three + right * four
-    )
+    n = uint64(i * ground.stride + j)
+    below = uint64(i * ground.stride + j + ground.stride)
+    one = float64(weights[n])
+    two = float64(weights[n + uint64(1)])
+    three = float64(weights[below])
+    four = float64(weights[below + uint64(1)])
+    upper = (1.0 - right) * one + right * two
+    lower = (1.0 - right) * three + right * four
+    return (1.0 - down) * upper + down * lower
 
 
 @helper
 def weight_at(ground, row, col):
     """Weight at a place in a passable cell."""
-    weights = ground[0]
-    stride = ground[1]
-    mean = mean_of_four(weights, stride, row, col)
-    if mean < np.inf:
+    mean = mean_of_four(ground, row, col)
+    if mean < inf:
         return mean
-    i = np.int64(row + 1.0)
-    j = np.int64(col + 1.0)
+    i = int64(row + 1.0)
+    j = int64(col + 1.0)
     down = row + 1.0 - i
     right = col + 1.0 - j
     total = 0.0
     shares = 0.0
     for k in range(4):
-        there = np.float64(weights[np.uint64((i + (k >> 1)) * stride + j + (k & 1))])
-        share = (down if k >> 1 else 1.0 - down) * (right if k & 1 else 1.0 - right)
-        if there < np.inf and share > 0.0:
+        below = k >> 1
+        beside = k & 1
+        node = (i + below) * ground.stride + j + beside
+        there = float64(ground.weights[uint64(node)])
+        share = (down if below else 1.0 - down) * (right if beside else 1.0 - right)
+        if there < inf and share > 0.0:
             total += share * there
             shares += share
-    return total / shares if shares > 0.0 else np.inf
+    return total / shares if shares > 0.0 else inf
+
+
+# Legs
+
+
+@inlined
+def leg_between(points, i, k):
+    """The leg from one way point to another."""
+    return Leg(points[i, ROW], points[i, COL], points[k, ROW], points[k, COL])
+
+
+@inlined
+def way_of(leg):
+    """Rows and columns that a leg leads, and its length, in cells."""
+    down = leg.to_row - leg.row
+    right = leg.to_col - leg.col
+    return down, right, math.sqrt(down * down + right * right)
 
 
 @helper
 def _touches(ground, row, col):
     """Whether a place lies in an impassable cell, or touches one."""
-    up = np.int64(math.floor(row + 0.5 - TOUCH))
-    down = np.int64(math.floor(row + 0.5 + TOUCH))
-    left = np.int64(math.floor(col + 0.5 - TOUCH))
-    right = np.int64(math.floor(col + 0.5 + TOUCH))
-    if not is_passable(ground, up, left):
+    top = int64(math.floor(row + 0.5 - TOUCH))
+    bottom = int64(math.floor(row + 0.5 + TOUCH))
+    left = int64(math.floor(col + 0.5 - TOUCH))
+    right = int64(math.floor(col + 0.5 + TOUCH))
+    if not is_passable(ground, top, left):
         return True
-    if up == down and left == right:
+    if top == bottom and left == right:
         return False
-    return not (
-        is_passable(ground, up, right)
-        and is_passable(ground, down, left)
-        and is_passable(ground, down, right)
-    )
+    beside = is_passable(ground, top, right) and is_passable(ground, bottom, left)
+    return not (beside and is_passable(ground, bottom, right))
 
 
 @helper
-def _along_sides(ground, row, col, rows, cols):
+def _touches_along_sides(ground, leg):
     """Whether a leg along cells' sides touches an impassable one."""
-    steps = np.int64(2.0 * max(abs(rows), abs(cols))) + 1
-    for k in range(steps + 1):
-        if _touches(ground, row + rows * k / steps, col + cols * k / steps):
+    down, right, _ = way_of(leg)
+    count = int64(2.0 * max(abs(down), abs(right))) + 1
+    for k in range(count + 1):
+        if _touches(ground, leg.row + down * k / count, leg.col + right * k / count):
             return True
     return False
 
 
+@inlined
+def _beyond(at, half):
+    """Square of how far a coordinate lies outside [-half, half]."""
+    over = max(abs(at) - half, 0.0)
+    return over * over
+
+
 @helper
-def _beside(row, col, to_row, to_col, height, width):
-    """Square of the metres from a leg to a cell's square; the leg's ends are in metres, from the
-    square's middle.
+def _square_apart(leg, height, width):
+    """Square of the metres from a leg to a cell's square, of half this height and width; the leg's
+    ends are in metres, from the square's middle.
     """
-    near = np.inf
-    for r, c in ((row, col), (to_row, to_col)):
-        down = max(abs(r) - height, 0.0)
-        right = max(abs(c) - width, 0.0)
-        near = min(near, down * down + right * right)
-    rows = to_row - row
-    cols = to_col - col
-    length = rows * rows + cols * cols
+    down, right, _ = way_of(leg)
+    of_start = _beyond(leg.row, height) + _beyond(leg.col, width)
+    of_end = _beyond(leg.to_row, height) + _beyond(leg.to_col, width)
+    near = min(of_start, of_end)
+    length = down * down + right * right
     sides = 0
-    for r, c in ((-height, -width), (-height, width), (height, width), (height, -width)):
-        across = (r - row) * cols - (c - col) * rows
+    for row, col in ((-height, -width), (-height, width), (height, width), (height, -width)):
+        across = (row - leg.row) * right - (col - leg.col) * down
         sides += 1 if across > 0.0 else -1
-        share = ((r - row) * rows + (c - col) * cols) / length
+        share = ((row - leg.row) * down + (col - leg.col) * right) / length
         if 0.0 < share < 1.0:
             near = min(near, across * across / length)
-    overlaps = min(row, to_row) <= height and max(row, to_row) >= -height
-    overlaps = overlaps and min(col, to_col) <= width and max(col, to_col) >= -width
+    overlaps = min(leg.row, leg.to_row) <= height and max(leg.row, leg.to_row) >= -height
+    overlaps = overlaps and min(leg.col, leg.to_col) <= width and max(leg.col, leg.to_col) >= -width
     return 0.0 if overlaps and abs(sides) < 4 else near
 
 
+@inlined
+def _is_free(room, row, col):
+    """Whether no obstacle lies on a cell."""
+    if not (0 <= row < room.rows and 0 <= col < room.cols):
+        return False
+    return room.weights[uint64((row + 1) * (room.cols + 2) + col + 1)] < inf
+
+
 @helper
-def _keeps_away(room, row, col, to_row, to_col):
+def _keeps_away(room, leg):
     """Whether a disc that follows a leg touches no obstacle: by the distance of the leg from each
     cell's square.
     """
-    weights, rows, cols, radius, height, width = room
-    if radius == 0.0:
+    if room.radius == 0.0:
         return True
-    up = radius / height + 0.5
-    left = radius / width + 0.5
-    least = (radius * _ROUNDING) ** 2
-    down = to_row - row
-    right = to_col - col
+    height = room.cell_height
+    width = room.cell_width
+    rows_off = room.radius / height + 0.5
+    cols_off = room.radius / width + 0.5
+    least = (room.radius * _ROUNDING) ** 2
+    down, right, _ = way_of(leg)
     if down == 0.0 and right == 0.0:
         down = TOUCH
-    for i in range(math.ceil(min(row, to_row) - up), math.floor(max(row, to_row) + up) + 1):
+    top = math.ceil(min(leg.row, leg.to_row) - rows_off)
+    bottom = math.floor(max(leg.row, leg.to_row) + rows_off)
+    for i in range(top, bottom + 1):
         # the part of the leg that may be so near to this row
         first = 0.0
         last = 1.0
         if down != 0.0:
-            one = (i - up - row) / down
-            two = (i + up - row) / down
+            one = (i - rows_off - leg.row) / down
+            two = (i + rows_off - leg.row) / down
             first = max(min(one, two), 0.0)
             last = min(max(one, two), 1.0)
-        low = col + first * right
-        high = col + last * right
-        for j in range(math.ceil(min(low, high) - left), math.floor(max(low, high) + left) + 1):
-            if (
-                0 <= i < rows
-                and 0 <= j < cols
-                and weights[np.uint64((i + 1) * (cols + 2) + j + 1)] < np.inf
-            ):
+        low = leg.col + first * right
+        high = leg.col + last * right
+        left = math.ceil(min(low, high) - cols_off)
+        for j in range(left, math.floor(max(low, high) + cols_off) + 1):
+            if _is_free(room, i, j):
                 continue
-            begin = (row - i) * height, (col - j) * width
-            if (
-                _beside(
-                    *begin,
-                    begin[0] + down * height,
-                    begin[1] + right * width,
-                    0.5 * height,
-                    0.5 * width,
-                )
-                < least
-            ):
+            row = (leg.row - i) * height
+            col = (leg.col - j) * width
+            metres = Leg(row, col, row + down * height, col + right * width)
+            if _square_apart(metres, 0.5 * height, 0.5 * width) < least:
                 return False
     return True
 
 
 @helper
-def is_clear(ground, row, col, to_row, to_col):
+def is_clear(ground, leg):
     """Whether every cell that a leg touches is passable, and a disc that follows it touches no
     obstacle.
     """
-    return _is_passable_along(ground, row, col, to_row, to_col) and _keeps_away(
-        ground[5], row, col, to_row, to_col
-    )
+    return _is_passable_along(ground, leg) and _keeps_away(ground.room, leg)
+
+
+@inlined
+def _per(way):
+    """Share of a leg that leads a row, or a column, on."""
+    return 1.0 / abs(way) if way != 0.0 else inf
+
+
+@inlined
+def _to_side(at, cell, way):
+    """Share of a leg up to the side of the cell that it begins in."""
+    if way == 0.0:
+        return inf
+    return (cell + 0.5 - at if way > 0.0 else at + 0.5 - cell) * _per(way)
+
+
+@inlined
+def _runs_along_side(at, across, along):
+    """Whether a leg runs along cells' sides."""
+    level = abs(across) <= TOUCH and abs(along) > 0.0
+    return level and abs(at + 0.5 - round(at + 0.5)) <= 2.0 * TOUCH
 
 
 @helper
-def _is_passable_along(ground, row, col, to_row, to_col):
+def _is_passable_along(ground, leg):
     """Whether every cell that a leg touches is passable.
 
     Where corners may be cut, diagonal legs from the middle of a cell may lead through them, as the
     grid's steps do. Of other legs rounding hides whether they pass a corner or cut a sliver off the
     cell beside it.
     """
-    rows = to_row - row
-    cols = to_col - col
-    if _touches(ground, row, col) or _touches(ground, to_row, to_col):
+    row = leg.row
+    col = leg.col
+    down, right, _ = way_of(leg)
+    if _touches(ground, row, col) or _touches(ground, leg.to_row, leg.to_col):
         return False
-    for along, across, at in ((cols, rows, row), (rows, cols, col)):
-        if (
-            abs(across) <= TOUCH
-            and abs(at + 0.5 - round(at + 0.5)) <= 2.0 * TOUCH
-            and abs(along) > 0.0
-        ):
-            return not _along_sides(ground, row, col, rows, cols)
-    i = np.int64(math.floor(row + 0.5))
-    j = np.int64(math.floor(col + 0.5))
-    up = 1 if rows > 0.0 else -1
-    left = 1 if cols > 0.0 else -1
-    per_row = 1.0 / abs(rows) if rows != 0.0 else np.inf
-    per_col = 1.0 / abs(cols) if cols != 0.0 else np.inf
-    next_row = (i + 0.5 - row if rows > 0.0 else row + 0.5 - i) * per_row if rows != 0.0 else np.inf
-    next_col = (j + 0.5 - col if cols > 0.0 else col + 0.5 - j) * per_col if cols != 0.0 else np.inf
+    if _runs_along_side(row, down, right) or _runs_along_side(col, right, down):
+        return not _touches_along_sides(ground, leg)
+    i = int64(math.floor(row + 0.5))
+    j = int64(math.floor(col + 0.5))
+    row_step = 1 if down > 0.0 else -1
+    col_step = 1 if right > 0.0 else -1
+    per_row = _per(down)
+    per_col = _per(right)
+    next_row = _to_side(row, i, down)
+    next_col = _to_side(col, j, right)
     near = TOUCH * min(per_row, per_col)
-    diagonal = (
-        ground[4] and abs(rows) == abs(cols) and row == math.floor(row) and col == math.floor(col)
-    )
+    from_middle = row == math.floor(row) and col == math.floor(col)
+    diagonal = ground.corner_cutting and abs(down) == abs(right) and from_middle
     while True:
         if not is_passable(ground, i, j):
             return False
         if min(next_row, next_col) >= 1.0:
             return True
-        if abs(next_row - next_col) <= near:  # a corner
-            if not (diagonal and next_row == next_col) and not (
-                is_passable(ground, i + up, j) and is_passable(ground, i, j + left)
-            ):
+        at_corner = abs(next_row - next_col) <= near
+        if at_corner and not (diagonal and next_row == next_col):
+            beside = is_passable(ground, i + row_step, j) and is_passable(ground, i, j + col_step)
+            if not beside:
                 return False
-            i = i + up
-            j = j + left
-            next_row = next_row + per_row
+        by_row = at_corner or next_row < next_col
+        if at_corner or not by_row:
+            j = j + col_step
             next_col = next_col + per_col
-        elif next_row < next_col:
-            i = i + up
+        if by_row:
+            i = i + row_step
             next_row = next_row + per_row
-        else:
-            j = j + left
-            next_col = next_col + per_col
+
+
+# Costs
 
 
 @helper
-def _beside_obstacles(ground, row, col, rows, cols, at, end):
+def _integral_beside_obstacles(ground, leg, at, end):
     """The integral of the weight over a leg's share from `at` to `end`, where cells are left out of
     its means.
     """
+    down, right, _ = way_of(leg)
     total = 0.0
     half = 0.25 * (end - at)
     for k in range(2):
         middle = at + half * (2 * k + 1)
         for place, factor in _GAUSS:
             share = middle + half * place
-            total += half * factor * weight_at(ground, row + share * rows, col + share * cols)
+            weight = weight_at(ground, leg.row + share * down, leg.col + share * right)
+            total += half * factor * weight
     return total
 
 
+@inlined
+def _to_middle(at, way):
+    """Share of a leg up to the next line through the cells' middles."""
+    if way == 0.0:
+        return inf
+    apart = math.floor(at) + 1.0 - at if way > 0.0 else at + 1.0 - math.ceil(at)
+    return apart * _per(way)
+
+
 @helper
-def leg_cost(ground, row, col, to_row, to_col):
+def leg_cost(ground, leg):
     """The line integral along a clear leg, between the lines through the cells' middles.
 
     By Simpson's rule, which is exact; beside impassable cells by Gauss's with five points on each
     of two halves.
     """
-    rows = to_row - row
-    cols = to_col - col
-    length = math.sqrt(rows * rows + cols * cols)
-    per_row = 1.0 / abs(rows) if rows != 0.0 else np.inf
-    per_col = 1.0 / abs(cols) if cols != 0.0 else np.inf
-    next_row = np.inf
-    next_col = np.inf
-    if rows != 0.0:
-        next_row = (
-            math.floor(row) + 1.0 - row if rows > 0.0 else row + 1.0 - math.ceil(row)
-        ) * per_row
-    if cols != 0.0:
-        next_col = (
-            math.floor(col) + 1.0 - col if cols > 0.0 else col + 1.0 - math.ceil(col)
-        ) * per_col
+    row = leg.row
+    col = leg.col
+    down, right, length = way_of(leg)
+    next_row = _to_middle(row, down)
+    next_col = _to_middle(col, right)
     at = 0.0
     total = 0.0
     first = weight_at(ground, row, col)
@@ -326,51 +361,55 @@ def leg_cost(ground, row, col, to_row, to_col):
         end = min(next_row, next_col, 1.0)
         if end > at:
             middle = 0.5 * (at + end)
-            last = weight_at(ground, row + end * rows, col + end * cols)
-            between = mean_of_four(ground[0], ground[1], row + middle * rows, col + middle * cols)
-            if between < np.inf:
+            last = weight_at(ground, row + end * down, col + end * right)
+            between = mean_of_four(ground, row + middle * down, col + middle * right)
+            if between < inf:
                 total += (end - at) * (first + 4.0 * between + last) / 6.0
             else:
-                total += _beside_obstacles(ground, row, col, rows, cols, at, end)
+                total += _integral_beside_obstacles(ground, leg, at, end)
             first = last
         if next_row <= end:
-            next_row += per_row
+            next_row += _per(down)
         if next_col <= end:
-            next_col += per_col
+            next_col += _per(right)
         at = end
-    return length * (ground[2] + ground[3] * total)
+    return length * (ground.per_cell + ground.per_weight * total)
+
+
+@helper
+def cost_along(ground, points):
+    """The line integral along way points; inf if a leg is not clear."""
+    total = 0.0
+    for k in range(len(points) - 1):
+        leg = leg_between(points, k, k + 1)
+        if not is_clear(ground, leg):
+            return inf
+        total += leg_cost(ground, leg)
+    return total
 
 
 @kernel
 def line_cost(grid, room, points):
     """The line integral along way points, (N, 2) float64; inf if a leg is not clear."""
-    ground = ground_of(grid, room)
-    total = 0.0
-    for k in range(len(points) - 1):
-        if not is_clear(ground, points[k, 0], points[k, 1], points[k + 1, 0], points[k + 1, 1]):
-            return np.inf
-        total += leg_cost(ground, points[k, 0], points[k, 1], points[k + 1, 0], points[k + 1, 1])
-    return total
+    return cost_along(ground_of(grid, room), points)
 
 
 @helper
-def _sampled_cost(ground, row, col, to_row, to_col):
+def _sampled_cost(ground, leg):
     """About `leg_cost`, by a sample a cell; inf where the leg is not clear."""
-    if not is_clear(ground, row, col, to_row, to_col):
-        return np.inf
-    rows = to_row - row
-    cols = to_col - col
-    length = math.sqrt(rows * rows + cols * cols)
-    samples = max(np.int64(length + 0.5), 1)
+    if not is_clear(ground, leg):
+        return inf
+    down, right, length = way_of(leg)
+    samples = max(int64(length + 0.5), 1)
     total = 0.0
     for k in range(samples):
         share = (k + 0.5) / samples
-        total += weight_at(ground, row + share * rows, col + share * cols)
-    return length * (ground[2] + ground[3] * total / samples)
+        total += weight_at(ground, leg.row + share * down, leg.col + share * right)
+    return length * (ground.per_cell + ground.per_weight * total / samples)
 
 
 @helper
-def shortened(grid, room, points, every, most, penalty):
+def shortened(ground, tiles, points, every, most, penalty):
     """Way points without those that may be left out: the cheapest choice, each way point costing
     `penalty` more.
 
@@ -378,41 +417,43 @@ def shortened(grid, room, points, every, most, penalty):
     points whose numbers `every` divides, and lead from each point to the next.
     """
     n = len(points)
-    ground = ground_of(grid, room)
     costs = np.empty(n)
     before = np.empty(n, np.int64)
     costs[0] = 0.0
     before[0] = -1
     for k in range(1, n):
-        costs[k] = np.inf
+        costs[k] = inf
         before[k] = k - 1
         skipped = 1
         while skipped <= min(most, k):
             i = k - skipped
-            rows = points[k, 0] - points[i, 0]
-            cols = points[k, 1] - points[i, 1]
-            least = costs[i] + penalty + ground[2] * math.sqrt(rows * rows + cols * cols)
-            if least < costs[k]:
-                low = min(points[i, 0], points[k, 0]), min(points[i, 1], points[k, 1])
-                high = max(points[i, 0], points[k, 0]), max(points[i, 1], points[k, 1])
-                open_between(grid, low, high)
-                cost = _sampled_cost(ground, points[i, 0], points[i, 1], points[k, 0], points[k, 1])
-                if costs[i] + penalty + cost < costs[k]:
-                    costs[k] = costs[i] + penalty + cost
+            leg = leg_between(points, i, k)
+            _, _, length = way_of(leg)
+            begun = costs[i] + penalty
+            if begun + ground.per_cell * length < costs[k]:
+                open_between(tiles, leg)
+                cost = begun + _sampled_cost(ground, leg)
+                if cost < costs[k]:
+                    costs[k] = cost
                     before[k] = i
             if k % every:
                 break
             skipped = 2 * skipped if skipped >= every else every
+    return _chosen(points, before)
+
+
+@helper
+def _chosen(points, before):
+    """The way points from the last back to the first, by the number of the one before each."""
     count = 0
-    k = n - 1
+    k = len(points) - 1
     while k >= 0:
         count = count + 1
         k = before[k]
     out = np.empty((count, 2))
-    k = n - 1
+    k = len(points) - 1
     for m in range(count - 1, -1, -1):
-        out[m, 0] = points[k, 0]
-        out[m, 1] = points[k, 1]
+        out[m] = points[k]
         k = before[k]
     return out
 
@@ -422,12 +463,16 @@ def corners(path):
     """(M, 2) float64 cells of a path (N, 2) int32 at which its direction changes, and its ends."""
     out = np.empty((len(path), 2))
     count = 0
-    n = len(path)
-    for k in range(n):
-        inside = 0 < k < n - 1
-        down = inside and path[k + 1, 0] - path[k, 0] == path[k, 0] - path[k - 1, 0]
-        if not (down and path[k + 1, 1] - path[k, 1] == path[k, 1] - path[k - 1, 1]):
-            out[count, 0] = path[k, 0]
-            out[count, 1] = path[k, 1]
+    last = len(path) - 1
+    for k in range(len(path)):
+        row = path[k, ROW]
+        col = path[k, COL]
+        straight = False
+        if 0 < k < last:
+            straight = path[k - 1, ROW] + path[k + 1, ROW] == 2 * row
+            straight = straight and path[k - 1, COL] + path[k + 1, COL] == 2 * col
+        if not straight:
+            out[count, ROW] = row
+            out[count, COL] = col
             count += 1
     return out[:count].copy()

@@ -4,7 +4,7 @@ calls it.
 
 from numba import typeof, types
 from numba.core import cgutils
-from numba.extending import intrinsic, overload
+from numba.extending import intrinsic, lower_builtin, type_callable
 
 
 @intrinsic
@@ -26,14 +26,19 @@ def call_at(typing_context, address, arguments):
     return types.none(address, arguments), generate
 
 
-@intrinsic
-def _without_owners(typing_context, value):
-    """A value as it is, but for what counts references to its arrays."""
+def borrowed(value):
+    """An array, or a record and all arrays in it, for a kernel that neither keeps nor returns them:
+    references to them and their views are not counted.
+    """
+    return value
 
-    def generate(context, builder, signature, values):
-        return _disowned(context, builder, signature.args[0], values[0])
 
-    return value(value), generate
+type_callable(borrowed)(lambda context: lambda value: value)
+
+
+@lower_builtin(borrowed, types.Any)
+def _borrowed(context, builder, signature, values):
+    return _disowned(context, builder, signature.return_type, values[0])
 
 
 def _disowned(context, builder, kind, value):
@@ -49,18 +54,6 @@ def _disowned(context, builder, kind, value):
         parts.parent = cgutils.get_null_value(parts.parent.type)
         return parts._getvalue()
     return value
-
-
-def borrowed(value):
-    """An array, or a record and all arrays in it, for a kernel that neither keeps nor returns them:
-    references to them and their views are not counted.
-    """
-    return value
-
-
-@overload(borrowed)
-def _compiled_borrowed(value):
-    return lambda value: _without_owners(value)
 
 
 def address_of(kernel, *arguments):

@@ -41,9 +41,9 @@ def _price_rises(prices, length, rises, segments, costs):
 
 
 @helper
-def _put_steps(row, first, k, weights, stride, ways, rises, costs, out):
+def _put_steps(row, first, k, weights, stride, ways, rises, costs, least, out):
     """Write the steps in direction k from cells of a row, from column `first` on, that may be
-    made.
+    made, none of which costs less than `least`.
     """
     down = ways.leads[k, 0] * stride
     right = ways.leads[k, 1]
@@ -55,7 +55,8 @@ def _put_steps(row, first, k, weights, stride, ways, rises, costs, out):
             free &= max(weights[node + n], weights[node + n + down + right]) < inf
         if corners:
             free &= max(weights[node + n + down], weights[node + n + right]) < inf
-        out[n] = float32(costs[n]) if free else float32(inf)
+        cost = float32(max(costs[n], least))
+        out[n] = cost if free else float32(inf)
 
 
 @kernel
@@ -105,9 +106,8 @@ def price_steps(heights, weights, prices, ways, area, steps):
             length = ways.lengths[k]
             least = prices.least_per_m * length
             _price_rises(prices, length, rises[:n], segments, costs[:n])
-            np.maximum(costs[:n], least, costs[:n])
             out = line[k, first - area.col0 :]
-            _put_steps(row, first, k, weights, cols + 2, ways, rises[:n], costs, out)
+            _put_steps(row, first, k, weights, cols + 2, ways, rises[:n], costs, least, out)
         for bits in line.view(int32).reshape(-1):  # ordered as the numbers, none of them below 0
             greatest = max(greatest, bits if bits < _INF_BITS else int32(0))
         for n in range(wide):

@@ -30,8 +30,8 @@ from nnpp_edge.runtime.kernels.records import (
     DStarSearch,
     Heap,
     Known,
+    Mask,
     Noted,
-    Region,
     UnitEdges,
 )
 
@@ -69,7 +69,7 @@ def _rhs(state, node):
 # Reading the map
 
 
-@helper
+@inlined
 def _read(node, source, known):
     """Read what one node weighs; whether its steps have changed."""
     at = uint64(node)
@@ -117,16 +117,16 @@ def read_rectangle(area, rows_left, source, directed, known, noted, pending):
 
 
 @kernel
-def read_rows(rows_left, region, source, known, state, heap, noted, pending, until):
+def read_rows(rows_left, mask, source, known, state, heap, noted, pending, until):
     """Read rows that have not been read, or whose region is another; the number of nodes put down
     as changed so far.
 
     `rows_left`, (H + 2,) uint8, says of each row, and those of the border, whether it is `UNREAD`,
     `STALE` or `READ`, and is written. What is kept of an unread row may hold anything: nothing has
-    been found out there, and none of its nodes is put down. The bitmap of `region` is bool. Once it
-    is late, the rows that are left stay as they are.
+    been found out there, and none of its nodes is put down. Once it is late, the rows that are left
+    stay as they are.
     """
-    region = borrowed(Region(*region))
+    mask = borrowed(Mask(*mask))
     source = borrowed(CostSource(*source))
     known = borrowed(Known(*known))
     heap = borrowed(Heap(*heap))
@@ -145,12 +145,11 @@ def read_rows(rows_left, region, source, known, state, heap, noted, pending, unt
             heap.position[first:end] = ABSENT
             heap.firsts[first:end] = inf
             state[2 * first : 2 * end] = inf
-        cols = len(region.col_block) if 0 < row < len(rows_left) - 1 else 0
+        cols = len(mask.col_block) if 0 < row < len(rows_left) - 1 else 0
         for col in range(cols):
             node = first + col + 1
-            i = uint64(region.row_block[row - 1])
-            j = uint64(region.col_block[col])
-            now = region.bitmap[i, j] == region.stamp
+            i = uint64(mask.row_block[row - 1])
+            now = mask.blocks[i, uint64(mask.col_block[col])]
             if anew or now != known.inside[node]:
                 known.inside[node] = now
                 if _read(node, source, known) and not anew:
@@ -169,7 +168,7 @@ def _step(node, k, there, search, known, edges):
     """Cost, in units, of the step from a node in direction k."""
     pair = float64(known.costs[uint64(node)]) + float64(known.costs[uint64(there)])
     if edges is not None:
-        directed = UnitEdges(*edges)
+        directed = borrowed(UnitEdges(*edges))
         return np.rint(directed.factor * directed.edges[uint64(node), uint64(k)]) + pair
     if k < 4:
         return search.length_straight + pair

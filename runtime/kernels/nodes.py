@@ -2,7 +2,7 @@
 
 from llvmlite import ir
 from numba import types
-from numba.extending import intrinsic, overload
+from numba.extending import lower_builtin, type_callable
 from numpy import inf, int64, uint64
 
 from nnpp_edge.runtime.compiled.kernel import inlined, kernel
@@ -104,19 +104,15 @@ def outside(region, row, col):
     return region.bitmap[i, j] != region.stamp
 
 
-@intrinsic
-def _trailing_zeros(typing_context, value):
-    def generate(context, builder, signature, arguments):
-        return builder.cttz(arguments[0], ir.Constant(ir.IntType(1), 1))
-
-    return types.int64(types.int64), generate
-
-
 def lowest_bit(value):
     """Number of the lowest set bit of an integer that is not 0."""
     return (int(value) & -int(value)).bit_length() - 1
 
 
-@overload(lowest_bit)
-def _compiled_lowest_bit(value):
-    return lambda value: _trailing_zeros(value)  # type: ignore[call-arg]  # one instruction of the processor's
+type_callable(lowest_bit)(lambda context: lambda value: types.int64)
+
+
+@lower_builtin(lowest_bit, types.int64)
+def _lowest_bit(context, builder, signature, values):
+    """One instruction of the processor's."""
+    return builder.cttz(values[0], ir.Constant(ir.IntType(1), 1))

@@ -3,6 +3,7 @@
 import math
 
 import numpy as np
+from numpy import float32, inf
 
 from nnpp_edge.runtime.compiled.kernel import helper, kernel
 from nnpp_edge.runtime.kernels.encoding import BETWEEN_CHANNELS, END_CHANNELS, fill_ends
@@ -23,9 +24,27 @@ def _add(values, matrix, out, above):
 
 
 @helper
+def _layer(values, matrix, bias, out):
+    """Write the next layer: the bias and the product of the values above 0 and a matrix."""
+    out[:] = bias
+    _add(values, matrix, out, 0.0)
+
+
+@helper
 def _matrix(numbers, first, rows, cols):
     """The next rows × cols of `numbers`, and where what comes after them begins."""
-    return numbers[first : first + rows * cols].reshape(rows, cols), first + rows * cols
+    last = first + rows * cols
+    return numbers[first:last].reshape(rows, cols), last
+
+
+@helper
+def _put_answers(last, side, out):
+    """Write probabilities (2 side, 2 side), of what the last layer has of each place."""
+    for i in range(2 * side):
+        for j in range(2 * side):
+            place = (i // 2) * side + j // 2
+            value = last[place, 2 * (i % 2) + j % 2]
+            out[i, j] = float32(1.0) / (float32(1.0) + math.exp(-value))
 
 
 @kernel
@@ -49,49 +68,48 @@ def answer_ends(ends, spacing, sigma, places, query, parameters, units, scratch,
     out : (2P, 2P) float32
         Written.
     """
-    fill_ends(query, ends[0], ends[1], ends[2], ends[3], spacing, sigma)
+    fill_ends(query, *ends, spacing, sigma)
     side = query.shape[1]
+    count = side * side
     flat = query.reshape(len(query), -1)
     width = places.shape[1] // 2
+    first_units, second_units = units
+    # the head's parameters
     way, at = _matrix(parameters, 0, END_CHANNELS - 1, width)
     way_bias, at = _matrix(parameters, at, 1, width)
-    both, at = _matrix(parameters, at, width, units[0])
-    both_bias, at = _matrix(parameters, at, 1, units[0])
-    across, at = _matrix(parameters, at, width, units[0])
-    between, at = _matrix(parameters, at, BETWEEN_CHANNELS, units[0])
-    mix, at = _matrix(parameters, at, units[0], units[1])
-    mix_bias, at = _matrix(parameters, at, 1, units[1])
-    answer, at = _matrix(parameters, at, units[1], ANSWERS)
+    both, at = _matrix(parameters, at, width, first_units)
+    both_bias, at = _matrix(parameters, at, 1, first_units)
+    across, at = _matrix(parameters, at, width, first_units)
+    between, at = _matrix(parameters, at, BETWEEN_CHANNELS, first_units)
+    mix, at = _matrix(parameters, at, first_units, second_units)
+    mix_bias, at = _matrix(parameters, at, 1, second_units)
+    answer, at = _matrix(parameters, at, second_units, ANSWERS)
     answer_bias, at = _matrix(parameters, at, 1, ANSWERS)
-    to_start, at = _matrix(scratch, 0, side * side, width)
-    to_goal, at = _matrix(scratch, at, side * side, width)
+    # what is computed
+    to_start, at = _matrix(scratch, 0, count, width)
+    to_goal, at = _matrix(scratch, at, count, width)
     at_end, at = _matrix(scratch, at, 1, width)
     crossed, at = _matrix(scratch, at, 1, width)
-    first, at = _matrix(scratch, at, side * side + 1, units[0])
-    second, at = _matrix(scratch, at, side * side, units[1])
-    last, at = _matrix(scratch, at, side * side, ANSWERS)
+    first, at = _matrix(scratch, at, count + 1, first_units)
+    second, at = _matrix(scratch, at, count, second_units)
+    last, at = _matrix(scratch, at, count, ANSWERS)
+    # each place in relation to an end, and one end to the other
     crossed[:] = 0.0
-    for related, n in (
-        (to_start, 0),
-        (to_goal, END_CHANNELS),
-    ):  # each place to an end, and one end to the other
-        at_end[:] = way_bias
-        _add(flat[n : n + 1], places[:, width:], at_end, 0.0)
+    for related, n in ((to_start, 0), (to_goal, END_CHANNELS)):
+        _layer(flat[n : n + 1], places[:, width:], way_bias, at_end)
         related[:] = places[:, :width] + at_end
-        _add(flat[n + 1 : n + END_CHANNELS].T, way, related, -np.inf)
-        np.maximum(related, np.float32(0.0), related)
-        _add(flat[END_CHANNELS - n : END_CHANNELS - n + 1], related, crossed, 0.0)
-    first[-1:] = both_bias
-    _add(crossed, across, first[-1:], 0.0)
-    first[:-1] = first[-1]
+        _add(flat[n + 1 : n + END_CHANNELS].T, way, related, -inf)
+        np.maximum(related, float32(0.0), related)
+        other = END_CHANNELS - n
+        _add(flat[other : other + 1], related, crossed, 0.0)
+    # the hidden layers; the last row of the first is what both ends give to every place
+    of_places = first[:-1]
+    of_ends = first[-1:]
+    _layer(crossed, across, both_bias, of_ends)
+    of_places[:] = first[-1]
     to_start += to_goal
-    _add(flat[2 * END_CHANNELS :].T, between, first[:-1], 0.0)
-    _add(to_start, both, first[:-1], 0.0)
-    second[:] = mix_bias
-    _add(first[:-1], mix, second, 0.0)
-    last[:] = answer_bias
-    _add(second, answer, last, 0.0)
-    for i in range(2 * side):
-        for j in range(2 * side):
-            value = last[(i // 2) * side + j // 2, 2 * (i % 2) + j % 2]
-            out[i, j] = np.float32(1.0) / (np.float32(1.0) + math.exp(-value))
+    _add(flat[2 * END_CHANNELS :].T, between, of_places, 0.0)
+    _add(to_start, both, of_places, 0.0)
+    _layer(of_places, mix, mix_bias, second)
+    _layer(second, answer, answer_bias, last)
+    _put_answers(last, side, out)

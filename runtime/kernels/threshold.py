@@ -5,7 +5,7 @@ import math
 import numpy as np
 from numpy import float32, inf, int8, int64, uint8
 
-from nnpp_edge.runtime.compiled.kernel import helper, inlined, kernel
+from nnpp_edge.runtime.compiled.kernel import inlined, kernel
 from nnpp_edge.runtime.kernels.by_address import borrowed
 from nnpp_edge.runtime.kernels.clock import late
 from nnpp_edge.runtime.kernels.nodes import (
@@ -116,7 +116,7 @@ def _level_at(levels, lookup, node, stride):
     return int64(levels[row, lookup.col_block[node % stride - 1]])
 
 
-@helper
+@inlined
 def _walkable_threshold(levels, lookup, grid, links, ends, most, heads, walk, until):
     """The largest level at which start and goal are joined by steps through cells whose blocks
     reach it.

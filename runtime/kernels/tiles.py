@@ -473,7 +473,7 @@ def write_layer(tiles, layer, rim, patch, seen, row, col, nodes, old_weights):
     tuple
         The number of cells whose weights are other than before, where what is not computed yet
         counts as other; whether one became cheaper; the `Area` that holds them; how many nodes were
-        noted; the `Area` that holds all new values, empty without any.
+        noted; the `Area` that holds all new values, all 0 without any.
     """
     tiles = borrowed(Tiles(*tiles))
     source = TileSource(*tiles.source)
@@ -491,13 +491,14 @@ def write_layer(tiles, layer, rim, patch, seen, row, col, nodes, old_weights):
     if rim and source.block_side:
         _see_blocks(source, row, col, patch, seen)
     new = _put_new(layer, source.cols, patch, seen, row, col)
+    nothing = (0, 0, 0, 0)
     if new.row0 >= new.row1:
-        return cells, cheaper, changed, noted, new
-    part = _shared(_rimmed(new, rim), whole)
-    under = _tiles_under(source, part)
+        return cells, cheaper, nothing, noted, nothing
+    near = _shared(_rimmed(new, rim), whole)
+    under = _tiles_under(source, near)
     for i in range(under.row0, under.row1):
         for j in range(under.col0, under.col1):
-            inside = _shared(part, _tile_area(source, i, j))
+            inside = _shared(near, _tile_area(source, i, j))
             if tiles.state[i, j] & COSTED:
                 found = _weigh_anew(source, inside, nodes, old_weights, noted)
                 count, falls, inside, noted = found
@@ -510,7 +511,8 @@ def write_layer(tiles, layer, rim, patch, seen, row, col, nodes, old_weights):
             changed = _both(changed, inside)
     if cells and len(source.levels):
         _pool_anew(tiles, source, changed)
-    return cells, cheaper, changed, noted, new
+    part = (changed.row0, changed.row1, changed.col0, changed.col1)
+    return cells, cheaper, part, noted, (new.row0, new.row1, new.col0, new.col1)
 
 
 @inlined

@@ -15,6 +15,7 @@ import numpy as np
 from numpy import float32, float64, inf, nan, uint64
 
 from nnpp_edge.runtime.compiled.kernel import helper, inlined, kernel
+from nnpp_edge.runtime.kernels.by_address import borrowed
 from nnpp_edge.runtime.kernels.lanes import chosen
 from nnpp_edge.runtime.kernels.records import Area, CostFactors, Heights, Spans, Terms
 
@@ -388,7 +389,9 @@ def fill_weights(heights, rows, cols, rule, area, out, first, stride):
     out : (…,) float32
         Written: cell (row, col) at `first` + row · `stride` + col.
     """
-    ground = Heights(heights, rows, cols)
+    ground = borrowed(Heights(heights, rows, cols))
+    heights = ground.heights
+    out = borrowed(out)
     area = Area(*area)
     col0 = area.col0
     col1 = area.col1

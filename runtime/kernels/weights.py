@@ -106,7 +106,7 @@ def write_costs(cost, seen, limits, first, stride, weights, bounds, nodes, old_w
         bounds = Bounds(least, max(bounds.greatest, float64(highest * limits.scale)))
     refused = lowest if lowest < limits.floor else (highest if highest > limits.most else _INF)
     if changed == 0 or refused < inf:
-        return refused, 0, False, Area(0, 0, 0, 0), bounds, False
+        return refused, 0, False, (0, 0, 0, 0), (bounds.least, bounds.greatest), False
     noted = 0
     for row in range(area.row0, area.row1):
         for col in range(area.col0, area.col1):
@@ -119,4 +119,5 @@ def write_costs(cost, seen, limits, first, stride, weights, bounds, nodes, old_w
                 old_weights[noted] = weights[node]
                 noted += 1
             weights[node] = weight
-    return refused, changed, cheaper, area, bounds, at_bound
+    part = (area.row0, area.row1, area.col0, area.col1)
+    return refused, changed, cheaper, part, (bounds.least, bounds.greatest), at_bound

@@ -13,6 +13,7 @@ from nnpp_edge.runtime.deadline import NEVER, Deadline
 from nnpp_edge.runtime.errors import InvalidMapError, InvalidQueryError
 from nnpp_edge.runtime.kernels.any_angle import NO_DISC
 from nnpp_edge.runtime.kernels.pooling import FACTOR
+from nnpp_edge.runtime.kernels.records import Packed, Room
 from nnpp_edge.runtime.map.along import Along, Line, crossings, heights_at
 from nnpp_edge.runtime.map.changes import Change, ChangeLog, ChangeReader
 from nnpp_edge.runtime.map.directed import DirectedSteps
@@ -32,7 +33,6 @@ from nnpp_edge.runtime.terrain.traversability import (
 )
 from nnpp_edge.runtime.tuning import MOST_PRICE
 
-Room = tuple[NDArray[np.float32], int, int, float, float, float]
 _PAPER = StepModel.of(StepCost.PAPER)
 
 
@@ -332,8 +332,8 @@ class MapState:
         return next((n for n, cells in enumerate(under) if self.unknown(*cells).any()), known)
 
     @property
-    def room(self) -> Room:
-        """Obstacles that lines must keep away from, see `kernels.any_angle`."""
+    def room(self) -> Packed:
+        """Obstacles that lines must keep away from, see `records.Room`."""
         return NO_DISC
 
     @property
@@ -445,9 +445,10 @@ class DiscState(MapState):
         )
 
     @property
-    def room(self) -> Room:
+    def room(self) -> Packed:
         """The disc's own."""
-        return self._point.grid.weights, *self.shape, self._radius_m, *(self.sides_m or (1.0, 1.0))
+        sides = self.sides_m or (1.0, 1.0)
+        return tuple(Room(self._point.grid.weights, *self.shape, self._radius_m, *sides))
 
     def update(
         self, row: int, col: int, patch: Float2D, seen: NDArray[np.bool_] | None = None

@@ -23,7 +23,7 @@ from nnpp_edge.runtime.cells import Rectangle
 from nnpp_edge.runtime.deadline import NEVER, Deadline
 from nnpp_edge.runtime.kernels import records
 from nnpp_edge.runtime.kernels.by_address import address_of
-from nnpp_edge.runtime.kernels.records import LEVEL_COLUMNS, Area, Packed, TileSource
+from nnpp_edge.runtime.kernels.records import LEVEL_COLUMNS, Packed, TileSource
 from nnpp_edge.runtime.kernels.tiles import (
     COSTED,
     LINKED,
@@ -82,9 +82,10 @@ def _address() -> int:
     return int(address_of(open_tile, COMPLETE, 0, 0))  # type: ignore[no-untyped-call]  # as all of `kernels`
 
 
-def rectangle_of(area: Area) -> Rectangle:
-    """Its first cell, rows and columns."""
-    return area.row0, area.col0, area.row1 - area.row0, area.col1 - area.col0
+def rectangle_of(area: tuple[int, int, int, int]) -> Rectangle:
+    """First cell, rows and columns of a `records.Area`."""
+    row0, row1, col0, col1 = area
+    return row0, col0, row1 - row0, col1 - col0
 
 
 class Tiles:
@@ -241,7 +242,7 @@ class Tiles:
         change = Change(within, cells, cheaper)
         if keeps:
             change = change._replace(nodes=nodes[:noted].copy(), old_weights=old[:noted].copy())
-        return change, rectangle_of(new) if new.row0 < new.row1 else (0, 0, 0, 0)
+        return change, rectangle_of(new)
 
     def planes(
         self,

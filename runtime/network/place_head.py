@@ -57,4 +57,5 @@ class PlaceHead:
         `encode_ends` writes.
         """
         state = self._places, query, self._parameters, self._units, self._scratch
-        answer_ends((*start, *goal), float(QUERY_SPACING), sigma, *state, out)
+        ends = (*start, *goal)
+        answer_ends(ends, float(QUERY_SPACING), sigma, *state, out)

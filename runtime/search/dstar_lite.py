@@ -20,6 +20,7 @@ from nnpp_edge.runtime.kernels.records import (
     DStarSearch,
     Heap,
     Known,
+    Mask,
     Noted,
     Packed,
     UnitEdges,
@@ -181,8 +182,8 @@ class DStarLite:
             return
         self._grid.complete(deadline)
         memory = self.memory
-        blocks = (self._blocks, self._region.row_block, self._region.col_block, True)
-        ground = (blocks, self._source)  # `records.Region`, its bitmap bool
+        mask = Mask(self._blocks, self._region.row_block, self._region.col_block)
+        ground = (tuple(mask), self._source)
         found = (memory.known, memory.state, memory.heap, memory.noted)
         self._pending = kernels.read_rows(
             self._rows_left, *ground, *found, self._pending, deadline.at
