@@ -188,15 +188,9 @@ MOST_JOINED = 3
 """Regions of D* Lite are joined as long as they hold at most so many times the blocks of the
 newest.
 """
-DSTAR_SLOWER, EXPANDED_TWICE = 2.5, 2.0
-"""Time that D* Lite takes to expand a cell, over what A* takes; cells that became dearer, and
-all whose path led over them, are expanded twice: first to be given up."""
-MEND_FROM, MEND_WITHIN, MEND_SHARE = 192, 0.25, 1.0 / 1024.0
-"""`auto` repairs from so many cells to the goal on, as a shorter corridor is as quickly made
-anew; and only where all changes lie nearer to the start than this share of the way, and at most
-this share of the map's cells has changed."""
 MOST_DRIFT = 1.02
-"""Mended paths are taken until they may cost so many times what paths of a new corridor would."""
+"""A path that joins the standing one is taken until it may cost so many times what one of a new
+corridor would."""
 
 # Network
 

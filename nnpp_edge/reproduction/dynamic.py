@@ -95,7 +95,7 @@ def _ours(episode: Episode, model: NetworkModel, repeats: int) -> Iterator[list[
         for name in COMPILED:
             plan = answers[-1][name].results[0]
             time_s = np.median([life[name].median_s for life in answers[1:]])
-            mended = plan.choice.startswith("mended") or (name == "dstar" and at > 0)
+            mended = name.endswith("dstar") and at > 0
             row = {
                 "planner": name,
                 "found": float(plan.source in (Source.MAP, Source.REGION)),

@@ -22,7 +22,6 @@ from nnpp_edge.runtime.planners.query import Found, Query, Work, problem_with
 from nnpp_edge.runtime.planners.searchers import (
     AStarSearcher,
     MendingSearcher,
-    RegionMender,
     Searcher,
 )
 from nnpp_edge.runtime.planners.standing_path import Rest
@@ -117,13 +116,9 @@ class Methods:
         return BlockWay(self.state, self.state.omega, lambda state: Methods(state).corridor)
 
     @cached_property
-    def mender(self) -> RegionMender:
+    def mending(self) -> MendingSearcher:
         """D* Lite in regions."""
-        return RegionMender(self.state)
-
-    def mending(self, *, always: bool = False) -> Searcher:
-        """Searches regions by D* Lite where that is expected to be less work, or `always`."""
-        return MendingSearcher(self.mender, self.astar, always=always)
+        return MendingSearcher(self.state, self.astar)
 
     def use_model(self, model: str | Path | NetworkModel) -> NetworkModel:
         """Ask this network from now on, once it has been loaded and tried; ModelError, and the old
@@ -164,7 +159,7 @@ class Methods:
             return self.mend_map(query, work)
         if by is DynamicMethod.ASTAR:
             return self.search_map(query, work)
-        searcher = self.mending() if by.mends_regions else self.astar
+        searcher: Searcher = self.mending if by.mends_regions else self.astar
         if by.base is Method.NNPP and not self.has_poses:
             return self.network_region(query, work, searcher)
         return self.corridor(query, work, searcher)
