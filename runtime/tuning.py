@@ -236,6 +236,9 @@ BLOCKS_AROUND = 3
 BLOCKS_BEYOND = 3
 """Blocks to each side of the way over blocks in which cells are searched; and blocks beyond what
 has been seen from which on the way leads over their middles."""
+MOST_BLOCK_WAYS = 4
+"""Ways over blocks that are tried, each around the obstacles that the one before was stopped by,
+before all cells are searched."""
 
 
 class SlopePrice(NamedTuple):
