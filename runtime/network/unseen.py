@@ -74,16 +74,16 @@ def encode_unseen(
         (middle, slice(2, None)),
         (middle, slice(None, -2)),
     ]
-    rises = [(edged[side] - filled) * there[side] for side in sides]
+    by_side = np.float32(side_m / np.repeat(sides_m, 2))
+    steps = [(edged[side] - filled) * by for side, by in zip(sides, by_side, strict=True)]
+    rises = [step * there[side] for side, step in zip(sides, steps, strict=True)]
     down, across = (
-        (rises[a] - rises[a + 1])
-        / np.maximum(there[sides[a]] + there[sides[a + 1]], 1.0)
-        * np.float32(side_m / along_m)
-        for a, along_m in zip((0, 2), sides_m, strict=True)
+        (rises[a] - rises[a + 1]) / np.maximum(there[sides[a]] + there[sides[a + 1]], 1.0)
+        for a in (0, 2)
     )
     slope = np.arctan(np.sqrt(down * down + across * across) * np.float32(tangent))
     blocked = expected_by_slope(slope, limits, factor)[1]
-    step = np.max([np.abs(edged[side] - filled) for side in sides], axis=0)
+    step = np.abs(steps).max(0)
     planes = [
         _soft(across),
         _soft(down),
