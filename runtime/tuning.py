@@ -214,6 +214,9 @@ cannot be crossed. The same drives: 2.9 % at 1 and 1, 1.9 at 2 and 3; by boosted
 BLOCKS_AROUND, BLOCKS_BEYOND = 3, 3
 """Blocks to each side of the way over blocks in which cells are searched; and blocks beyond what
 has been seen from which on the way leads over their middles."""
+MOST_BLOCK_WAYS = 4
+"""Ways over blocks that are tried, each around the obstacles that the one before was stopped by,
+before all cells are searched."""
 
 
 class SlopePrice(NamedTuple):

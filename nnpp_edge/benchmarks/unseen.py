@@ -226,7 +226,8 @@ def trees(maps: KnownMaps, rows: int = 600_000, iterations: int = 250) -> Price:
 
     def price(site: Site) -> Float2D:
         planes = np.empty((len(UNSEEN), *site.coarse.shape), np.float32)
-        encode_unseen(site.coarse, site.limits, site.cell_size_m * site.factor, site.factor, planes)
+        side_m = site.cell_size_m * site.factor
+        encode_unseen(site.coarse, site.limits, (side_m, side_m), site.factor, planes)
         answers = np.array(
             [np.clip(each.predict(features(planes)), 0.0, 1.0) for each in fitted], np.float32
         )

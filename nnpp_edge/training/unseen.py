@@ -37,7 +37,8 @@ def sample(
     heights = turned(maps.heights[at])
     factor = int(maps.factor[at])
     planes = np.empty((len(UNSEEN), *heights.shape), np.float32)
-    encode_unseen(heights, maps.limits(at), float(maps.cell_size_m[at]) * factor, factor, planes)
+    side_m = float(maps.cell_size_m[at]) * factor
+    encode_unseen(heights, maps.limits(at), (side_m, side_m), factor, planes)
     return planes, turned(maps.wanted(at))
 
 

@@ -60,7 +60,11 @@ class Landscape:
             1.
             """
         if blocks:
-            prices = prices_by(blocks[1], dem.elevation, asked.limits, dem.cell_size_m, blocks[0])
+            factor, prior = blocks
+            sides_m = dem.cell_size_m, dem.cell_width_m
+            prices = prices_by(
+                prior, dem.elevation, asked.limits, sides_m[0], factor, cell_width_m=sides_m[1]
+            )
             self.cost = np.minimum(prices, _DEAREST)
             planned = Ground(prices / np.float32(PRICE_SCALE))
         self.warnings = [str(warning.message) for warning in told]

@@ -258,7 +258,8 @@ class Ladder:
             headings = tuple(plan.headings_deg.tolist())
             found = replace(found, states=states, arcs=plan.arcs, headings=headings)
         if (state := self._planner.state).unseen is not None:
-            found = replace(found, known=state.known_along(path))
+            anew = origin is Origin.STANDING or version != tick.known.map_version
+            found = replace(found, known=state.known_along(path) if anew else plan.known)
         if version == tick.known.map_version:
             found = replace(found, waypoints=plan.waypoints, line_cost=plan.line_cost)
             return replace(found, cost=plan.cost, lower_bound=plan.lower_bound)

@@ -9,6 +9,7 @@ from nnpp_edge.runtime.arrays import Float2D, as_map, close_border
 from nnpp_edge.runtime.bands import in_bands
 from nnpp_edge.runtime.cells import Cell, patch_at
 from nnpp_edge.runtime.deadline import NEVER, Deadline
+from nnpp_edge.runtime.errors import InvalidQueryError
 from nnpp_edge.runtime.kernels.nodes import octile
 from nnpp_edge.runtime.kernels.weights import fill_costs, write_costs
 from nnpp_edge.runtime.map.changes import NO_NODES, NO_WEIGHTS, Change
@@ -295,13 +296,27 @@ class Grid:
         into `costs` (N,).
 
         Returns the number of the first cell, from `first` on, that cannot be stepped on; -1 if all
-        can.
+        can. InvalidQueryError where the path leaves the map, or `costs` has too little room.
         """
+        self._check(path)
+        if len(costs) < len(path):
+            raise InvalidQueryError(f"wanted room for {len(path)} costs, got {len(costs)}")
         return self.steps.walk(self, path, first, costs)
 
     def costs_of(self, path: NDArray[np.int32]) -> tuple[float, float, float]:
-        """Cost, length in cells and CC of a path, summed in float64; inf for an empty one."""
+        """Cost, length in cells and CC of a path, summed in float64; inf for an empty one.
+
+        InvalidQueryError where it leaves the map.
+        """
+        self._check(path)
         return self.steps.costs_of(self, path)
+
+    def _check(self, path: NDArray[np.int32]) -> None:
+        """InvalidQueryError for a path that leaves the map: kernels would read what lies there."""
+        off = ((path[:, :2] < 0) | (path[:, :2] >= self.shape)).any(1)
+        if off.any():
+            cell = path[off][0].tolist()
+            raise InvalidQueryError(f"a path must lie on the map of {self.shape}, got {cell}")
 
     def is_passable(self, cell: Cell) -> bool:
         """Whether a cell of the map can be stood on."""

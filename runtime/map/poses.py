@@ -23,7 +23,6 @@ from nnpp_edge.runtime.kernels.poses import (
     FAILS,
     MOST_CODE,
     RUN,
-    WALL_M,
     check_all,
     check_run,
     figures_of,
@@ -103,24 +102,20 @@ class Poses:
         """Rows and columns from a cell to those that it takes to check its motions."""
         self._margin = max(self.reach) + 1
         width = cols + 2 * self._margin + RUN
-        self._base = np.float32(
-            next((height for line in heights for height in line[np.isfinite(line)][:1]), 0.0)
-        )
+        self._base = np.float32(np.nan)
+        """The first height that was known, to which all are relative; NaN before."""
         self._unknown = np.float32(
             np.nan if vehicle.unknown_passes or unseen is not None else np.inf
         )
-        self._shut = np.float32(np.inf if unseen is None else WALL_M)
         self.heights = np.empty((rows + 2 * self._margin, width), np.float32)
-        """Within a margin of `margin` unknown cells, and more to the right; relative to one of
-        them.
-        """
+        """Within a margin of `margin` unknown cells, and more to the right; relative to `_base`."""
         for edge in (
             np.s_[: self._margin],
             np.s_[-self._margin :],
             np.s_[:, : self._margin],
             np.s_[:, self._margin + cols :],
         ):
-            self.heights[edge] = self._unknown if unseen is None else self._shut
+            self.heights[edge] = self._unknown if unseen is None else np.inf
         nodes = (rows + 2) * (cols + 2)
         self.codes: NDArray[np.uint16] = np.zeros(
             (nodes, len(tables.poses_of) - 1 - AXES), np.uint16
@@ -193,10 +188,13 @@ class Poses:
         return int(self._counts[0])
 
     def _put(self, row: int, col: int, heights: Float2D, shut: NDArray[np.bool_] | None) -> None:
+        if np.isnan(self._base):
+            known = (height for line in heights for height in line[np.isfinite(line)][:1])
+            self._base = np.float32(next(known, np.nan))
         place = self._margin + row, self._margin + col
         put_heights(np.ascontiguousarray(heights), self._base, self._unknown, self.heights, *place)
         if shut is not None:
-            self.heights[slices((*place, *heights.shape))][shut] = self._shut
+            self.heights[slices((*place, *heights.shape))][shut] = np.inf
 
     def write(
         self, row: int, col: int, heights: Float2D, shut: NDArray[np.bool_] | None = None

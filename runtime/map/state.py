@@ -32,6 +32,8 @@ from nnpp_edge.runtime.terrain.traversability import (
 )
 from nnpp_edge.runtime.tuning import MOST_PRICE
 
+_TOGETHER = 64
+"""Cells of a path around which is looked at once, at most, for what is unknown."""
 Room = tuple[NDArray[np.float32], int, int, float, float, float]
 _PAPER = StepModel.of(StepCost.PAPER)
 
@@ -241,8 +243,6 @@ class MapState:
         change, new = self._tiles.write(
             part, heights, ALL if seen is None else seen, keeps=self.log.keeps_old_weights
         )
-        if self.unseen is not None:
-            self.unseen.note(new)
         return self._noted(self._stand_anew(change, new), new)
 
     def _known_heights(self, part: Rectangle) -> Float2D:
@@ -256,9 +256,11 @@ class MapState:
         )
 
     def _stand_anew(self, change: Change, part: Rectangle) -> Change:
-        """Have a body's poses checked anew that touch a part; no more is known of them than where
-        they are.
+        """Have blocks summed up and a body's poses checked anew that touch a part; no more is known
+        of these than where they are.
         """
+        if self.unseen is not None:
+            self.unseen.note(part)
         if self.grid.poses is None or self._heights is None or not part[2]:
             return change
         shut = None if self._told is None else self._told[slices(part)] >= 1.0
@@ -321,15 +323,23 @@ class MapState:
         """
         if self.unseen is None or self._heights is None:
             return len(path)
-        unknown = ~np.isfinite(self._heights[path[:, 0], path[:, 1]]) | self.unseen.unknown_at(path)
-        known = int(unknown.argmax()) if unknown.any() else len(path)
-        if (poses := self.grid.poses) is None:
-            return known
-        under = (
-            slices(widened((*cell, 1, 1), poses.reach, self.shape))
-            for cell in path[:known].tolist()
-        )
-        return next((n for n, cells in enumerate(under) if self.unknown(*cells).any()), known)
+        reach = (0, 0) if self.grid.poses is None else self.grid.poses.reach
+        known = 0
+        together = _TOGETHER
+        while known < len(path):  # as many cells as have nothing unknown around all of them
+            some = path[known : known + together]
+            top, left = some.min(0).tolist()
+            bottom, right = some.max(0).tolist()
+            around = (top, left, bottom - top + 1, right - left + 1)
+            part = widened(around, reach, self.shape)
+            if self.unseen.means(part) and np.isfinite(self._heights[slices(part)]).all():
+                known += len(some)
+                together = min(2 * together, _TOGETHER)
+            elif together == 1:
+                return known
+            else:
+                together //= 2
+        return known
 
     @property
     def room(self) -> Room:

@@ -94,7 +94,8 @@ class Tiles:
         self.heights = heights
         self.rule = rule
         self._weights = weights
-        self._told = _NONE
+        self.told = _NONE
+        """(H · W,) float32, costs that were told; empty where none ever was."""
         self.shape: tuple[int, int] = heights.shape
         high, wide = self._sides = max(TILE_ROWS, coarsest), max(TILE_COLS, coarsest)
         self.state = np.zeros((-(-self.shape[0] // high), -(-self.shape[1] // wide)), np.uint8)
@@ -110,7 +111,7 @@ class Tiles:
             blocks = unseen.shape[2]
             self._counts[BLOCK_SIDE : BLOCK_COLS + 1] = self.shape[1] // blocks, blocks
         if told is not None:
-            self._told = told.reshape(-1)
+            self.told = told.reshape(-1)
             self._counts[ANY_TOLD] = 1
 
     @property
@@ -123,7 +124,7 @@ class Tiles:
         down, right = (side.bit_length() - 1 - 2 * number for side in self._sides)
         of_map = (self.heights.reshape(-1), self.rule, self._weights)
         counts = (self._counts, np.array(self.shape))
-        source = *of_map, self._levels, *self._coarse, *counts, self._told, self._unseen
+        source = *of_map, self._levels, *self._coarse, *counts, self.told, self._unseen
         return self.state, LINKED if number else SURROUNDED, down, right, source, _address()
 
     def add_levels(
@@ -182,9 +183,9 @@ class Tiles:
         """(H, W) float32, costs that were told, 0 where none was, inf where shut; to be had before
         any is written.
         """
-        self._told = virtual_zeros(self.heights.size, np.float32)
+        self.told = virtual_zeros(self.heights.size, np.float32)
         self._counts[ANY_TOLD] = 1
-        return self._told.reshape(self.shape)
+        return self.told.reshape(self.shape)
 
     def write(
         self,
@@ -203,7 +204,7 @@ class Tiles:
         changed, and the rectangle of new values, of no rows without any. With `keeps` old weights
         are kept, and computed first where there are none.
         """
-        layer, rim = (self._told, 0) if told else (self.heights.reshape(-1), 1)
+        layer, rim = (self.told, 0) if told else (self.heights.reshape(-1), 1)
         room = (part[2] + 2 * rim) * (part[3] + 2 * rim) if keeps else 0
         found = np.empty(FOUND_SLOTS, np.int64)
         nodes = np.empty(room, np.int32)

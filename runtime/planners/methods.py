@@ -18,7 +18,7 @@ from nnpp_edge.runtime.network.priors import set_prices
 from nnpp_edge.runtime.planners.by_blocks import BlockWay, over
 from nnpp_edge.runtime.planners.coarse_to_fine import CoarseToFine
 from nnpp_edge.runtime.planners.plan import DynamicMethod, Method, Source
-from nnpp_edge.runtime.planners.query import Found, Query, Work, problem_with
+from nnpp_edge.runtime.planners.query import Found, Query, Work
 from nnpp_edge.runtime.planners.searchers import (
     AStarSearcher,
     MendingSearcher,
@@ -41,6 +41,7 @@ from nnpp_edge.runtime.tuning import (
     LARGE_MAP,
     LEARNED_CORRIDOR,
     MOST_ABOVE_FIELD,
+    MOST_BLOCK_WAYS,
     MOST_DRIFT,
     NEAR,
     REFINE_FROM,
@@ -113,7 +114,7 @@ class Methods:
     @cached_property
     def blocks(self) -> BlockWay:
         """Searches of the blocks of a coarse map."""
-        return BlockWay(self.state, self.state.omega, lambda state: Methods(state).corridor)
+        return BlockWay(self.state, lambda state: Methods(state).corridor)
 
     @cached_property
     def mending(self) -> MendingSearcher:
@@ -257,35 +258,34 @@ class Methods:
     def _by_blocks(self, query: Query, work: Work) -> Found | None:
         """A path over cells as far as these were seen, and over blocks' middles beyond; None if
         none leads on.
+
+        What such a way could not be found through is avoided by the next one.
         """
         state, grid = self.state, self.state.grid
         assert state.unseen is not None
         way = self.blocks  # before what is new is read: it begins with all
-        if (part := state.unseen.read(grid)) is not None:
-            way.changed(part)
+        way.read(query.deadline)
         if not state.unseen.left:
             return None
-        if (found := way.find(query, work, whole=self.has_poses)) is None:
-            return None
-        stops, first, region = found
-        near = (
-            query
-            if self.has_poses
-            else query._replace(goal=(int(stops[first, 0]), int(stops[first, 1])))
-        )
-        if problem_with(grid, near.start, near.goal) is not None:
-            return None
-        search = self.astar.search(near, work, region)
-        if search.status is not Status.OK:
-            return None
-        path = (
-            search.path
-            if self.has_poses
-            else np.concatenate((search.path[:-1], over(stops[first:])))
-        )
-        bound = float(octile.py_func(*query.start, *query.goal, *grid.prices))
-        answer = Found.of(grid, Search(Status.OK, path, 0, bound), Source.REGION, None, work)
-        return answer if answer.cost < math.inf else None
+        shut = np.zeros(state.unseen.dem.shape, np.bool_)
+        for _ in range(MOST_BLOCK_WAYS):
+            if (found := way.find(query, work, shut, whole=self.has_poses)) is None:
+                return None
+            stops, first, region = found
+            goal = query.goal if self.has_poses else (int(stops[first, 0]), int(stops[first, 1]))
+            search = self.astar.search(query._replace(goal=goal), work, region)
+            if search.status is not Status.NO_PATH:
+                path = search.path
+                if search.status is Status.OK and not self.has_poses:
+                    path = np.concatenate((path[:-1], over(stops[first:])))
+                bound = float(octile.py_func(*query.start, *query.goal, *grid.prices))
+                whole = search._replace(path=path, refused_f=bound)
+                return Found.of(grid, whole, Source.REGION, None, work)
+            obstacles = way.obstacles(stops[: first + 1])
+            if not obstacles.any():
+                return None
+            shut |= obstacles
+        return None
 
     def rejoin(self, query: Query, work: Work, rest: Rest) -> Found | None:
         """A way to a place ahead on the path of arcs that stood, and on along that; None where a

@@ -7,7 +7,7 @@ import math
 import numpy as np
 import pytest
 
-from nnpp_edge.runtime import DynamicPlanner, Planner, Status, Vehicle
+from nnpp_edge.runtime import DynamicPlanner, Ground, Planner, Status, Vehicle
 from nnpp_edge.runtime import bands as bands_module
 from nnpp_edge.runtime.deadline import NEVER, Deadline, OutOfTimeError
 from nnpp_edge.runtime.errors import InvalidQueryError
@@ -23,7 +23,8 @@ DISC = Vehicle(radius_m=1.3)
 SHAPE = (192, 260)
 ENDS = ((8, 8), (180, 250))
 GROUND = fractal(np.random.default_rng(3), 260, 1.0, 3.0)[: SHAPE[0]].copy()
-KINDS = ("costs", "point", "disc", "body", "tobler", "body-tobler")
+MEANS = GROUND.reshape(48, 4, 65, 4).mean((1, 3))
+KINDS = ("costs", "point", "disc", "body", "tobler", "body-tobler", "coarse", "body-coarse")
 
 
 class Steps(Deadline):
@@ -48,10 +49,15 @@ def narrow_stripes(monkeypatch):
 
 
 def made(kind, method=None):
-    vehicle = {"disc": DISC, "body": ROVER, "body-tobler": ROVER}.get(kind)
+    vehicle = {"disc": DISC, "body": ROVER}.get(kind.partition("-")[0])
     if kind == "costs":
         cost = np.abs(GROUND) / np.abs(GROUND).max()
         return Planner(cost) if method is None else DynamicPlanner(cost, ENDS[1], method)
+    if kind.endswith("coarse"):
+        ground = Ground.of_coarse(MEANS, 4.0, 4, prior="slope", vehicle=vehicle)
+        planner = Planner(ground) if method is None else DynamicPlanner(ground, ENDS[1], method)
+        planner.update_elevation(0, 0, GROUND[:150])
+        return planner
     given = {"vehicle": vehicle, "step_cost": "tobler" if kind.endswith("tobler") else "paper"}
     if method is None:
         return Planner.of_elevation(GROUND, 1.0, warn=False, **given)
@@ -154,7 +160,7 @@ def test_without_time_next_to_nothing_is_done(kind):
         assert planner.state.costs_computed - computed < 0.6 or kind in ("costs", "tobler")
 
 
-@pytest.mark.parametrize("kind", ["costs", "point", "body", "tobler"])
+@pytest.mark.parametrize("kind", ["costs", "point", "body", "tobler", "coarse"])
 def test_wherever_a_query_is_broken_off_the_next_one_finds_what_a_fresh_planner_does(
     kind, monkeypatch
 ):

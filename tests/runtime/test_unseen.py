@@ -1,16 +1,29 @@
 """Ground of which the means of blocks are known, and cells where they were seen."""
 
+from unittest import mock
+
 import numpy as np
 import pytest
 
-from nnpp_edge.runtime import DynamicPlanner, Planner, Traversability, Vehicle
+from nnpp_edge.runtime import (
+    DynamicPlanner,
+    Goal,
+    MapPatch,
+    Navigator,
+    Planner,
+    Pose,
+    Traversability,
+    Vehicle,
+)
 from nnpp_edge.runtime.errors import InvalidMapError, InvalidQueryError
 from nnpp_edge.runtime.kernels.poses import FAILS
 from nnpp_edge.runtime.map.ground import Ground
+from nnpp_edge.runtime.map.state import MapState
 from nnpp_edge.runtime.map.step_cost import PAPER_OMEGA
 from nnpp_edge.runtime.terrain.traversability import traversability_cost
 from nnpp_edge.runtime.tuning import MOST_PRICE
 from nnpp_edge.terrain.synthetic import synthetic_terrain
+from tests import pose_oracles
 
 FACTOR = 8
 CELL_M = 20.0
@@ -54,12 +67,10 @@ def test_a_map_of_which_all_cells_were_seen_is_one_of_elevations():
             and plan.known == len(plan.path)
         )
     assert np.array_equal(weights(seen), weights(known))
-    shut = np.isinf(weights(known))
-    blocks = seen.state.unseen
-    assert blocks.share.min() == 1.0 and 0.0 < blocks.blocked.mean() < 1.0
-    assert blocks.blocked == pytest.approx(
-        shut.reshape(16, FACTOR, 16, FACTOR).mean((1, 3)), abs=1e-6
-    )
+
+
+def by_block(cells):
+    return cells.reshape(16, FACTOR, 16, FACTOR).mean((1, 3))
 
 
 @pytest.mark.parametrize("seed", range(4))
@@ -71,10 +82,23 @@ def test_what_is_known_does_not_depend_on_the_order_or_on_when_a_search_looked(s
         step_by_step.update_elevation(row, col, patch)
         if number % 3 == 0:
             step_by_step.plan(START, GOAL, method=("astar", "corridor")[number % 2])
-    told = step_by_step.state.elevation()
-    assert told.shape == (128, 128) and np.isnan(told).any() and np.isfinite(told).any()
-    at_once.update_elevation(0, 0, told)
+            obstacles = np.where(rng.random((9, 3)) < 0.5, 1.0, np.nan)
+            for planner in (step_by_step, at_once):
+                planner.update(row, col, obstacles)
+    heights = step_by_step.state.elevation()
+    assert heights.shape == (128, 128) and np.isnan(heights).any() and np.isfinite(heights).any()
+    at_once.update_elevation(0, 0, heights)
+    blocks = step_by_step.state.unseen
+    grid = step_by_step.state.grid
+    assert len(list(blocks.read(grid))) == 1 and not list(blocks.read(grid))
     assert np.array_equal(weights(step_by_step), weights(at_once))
+    costs = weights(at_once) / grid.model.scale
+    known = np.isfinite(heights) | np.isinf(costs)
+    share = by_block(known)
+    assert blocks.share == pytest.approx(share) and blocks.left == (share < 1.0).sum()
+    assert blocks.blocked * share == pytest.approx(by_block(np.isinf(costs)))
+    costs = np.where(np.isinf(costs), 1.0, known * costs)
+    assert blocks.mean * share == pytest.approx(by_block(costs), abs=1e-6)
 
 
 @pytest.mark.parametrize("prior", ("slope", "eq1", "mean"))
@@ -110,6 +134,9 @@ def test_a_wall_of_unknown_blocks_is_dear_and_crossed_over_blocks():
         plan.source == "region"
         and plan.expansions < means.size + 100 * FACTOR**2 < planner.shape[0] * 400
     )
+    planner.update_elevation(8, 8, HEIGHTS[8:24, 8:24])
+    planner.plan(START, (400, 500))
+    assert planner.state.costs_computed < 0.5
     planner.state.grid.complete()  # the search has read few of the cells beyond
     assert plan.cost == planner.state.grid.costs_of(plan.path)[0]
     assert plan.cost > FACTOR * (1.0 + 2.0 * MOST_PRICE * 255.0 * PAPER_OMEGA)
@@ -174,16 +201,88 @@ def test_a_body_goes_by_prices_until_its_poses_are_known(turning):
     planner.update_elevation(0, 0, HEIGHTS[:60, :60])
     seen = planner.plan(START, GOAL)
     reach = max(planner.state.grid.poses.reach)
-    assert (
-        seen.ok and 20 < seen.known < len(seen.path) and seen.path[: seen.known].max() + reach < 60
-    )
-    planner.update(30, 30, np.ones((4, 4)))  # an obstacle that was told shuts a way, seen or not
-    assert not planner.is_passable((31, 31)) and planner.plan(START, GOAL).ok
+    assert seen.ok and seen.known > 20 and (seen.path.max(1) + reach < 60).argmin() == seen.known
     planner = coarse(vehicle=body)
     planner.update_elevation(0, 0, HEIGHTS)
     for method in ("astar", "corridor"):
         plan, other = (each.plan(START, GOAL, method=method) for each in (planner, known))
-        assert plan.cost == pytest.approx(other.cost, rel=1e-5)  # heights are rounded otherwise
+        assert plan.cost == other.cost
+
+
+@pytest.mark.parametrize("turning", [{}, {"turning_radius_m": 3.0, "reverse_cost": 2.0}])
+def test_no_part_of_a_body_is_over_an_obstacle_or_off_the_map_whether_ground_is_seen_or_not(
+    turning,
+):
+    body = Vehicle(3.0, 2.0, 0.3, **turning)
+    planner = DynamicPlanner.of_coarse(
+        np.zeros((8, 8)), 8.0, 8, (58, 30), prior="eq1", vehicle=body
+    )
+    planner.move((6, 30))
+    ground = np.zeros((64, 64))
+    planner.replan()
+    for row, gap in ((20, slice(4, 12)), (40, slice(52, 60))):
+        wall = np.ones((3, 64))
+        wall[:, gap] = np.nan
+        planner.update(row, 0, wall)
+        ground[row : row + 3][wall > 0.0] = np.nan
+        assert not planner.standing().valid
+        plan = planner.replan()
+        headings = np.pi - np.radians(plan.headings_deg)
+        assert plan.ok and plan.known == 0
+        assert pose_oracles.breaks_at(ground, 1.0, body, plan.path, headings) is None
+    assert not planner.is_passable((0, 30)) and not planner.is_passable((21, 13))
+    planner.update_elevation(20, 0, np.zeros((3, 64)))
+    planner.update(20, 4, np.ones((3, 8)))
+    assert planner.replan().status == "NO_PATH"
+
+
+def test_a_way_over_blocks_cuts_no_corner_that_may_not_be_cut_and_is_bounded():
+    flat = np.zeros((16, 16), np.float32)
+    planner = DynamicPlanner.of_coarse(flat, 8.0, 8, (0, 100), prior="eq1", corner_cutting=False)
+    planner.move((0, 0))
+    plan, exact = (planner.replan(method=method) for method in ("corridor", "astar"))
+    assert plan.lower_bound <= exact.cost < plan.cost / 1.02
+    planner.set_goal(GOAL)
+    for at in range(FACTOR, 128, FACTOR):
+        planner.update(at, at - 1, np.ones((1, 1)))
+    plan, exact = (planner.replan(method=method) for method in ("corridor", "astar"))
+    assert plan.source == "region" and planner.standing().valid and exact.cost <= plan.cost
+
+
+def test_obstacles_that_were_told_on_unseen_ground_are_gone_around():
+    planner = Planner.of_coarse(
+        np.tile(HEIGHTS[::FACTOR, ::FACTOR], (4, 4)), 160.0, 8, prior="slope"
+    )
+    ends = (20, 20), (480, 490)
+    free = planner.plan(*ends)
+    row, col = free.path[len(free.path) // 2].tolist()
+    planner.update(row, col - 30, np.ones((2, 60)))
+    planner.update(row - 30, col, np.ones((60, 2)))
+    plan = planner.plan(*ends)
+    exact = planner.plan(*ends, method="astar")
+    assert plan.source == "region" and plan.cost <= 1.2 * exact.cost
+    assert plan.expansions < 3 * free.expansions < exact.expansions / 10
+
+
+def test_heights_of_unseen_ground_lie_between_the_means_of_blocks():
+    rows, cols = np.mgrid[:16, :16]
+    planner = Planner.of_coarse(3.0 * rows + 5.0 * cols, 8.0, FACTOR, prior="slope")
+    along = planner.state.along(np.array(((20, 30), (100, 90))))
+    expected = (along.places + 0.5) @ (3.0, 5.0) / FACTOR - 4.0
+    assert along.sampled_m == pytest.approx(expected, abs=1e-4)
+
+
+def test_the_loop_says_how_far_its_path_is_known_and_looks_once():
+    navigator = Navigator(coarse().state.unseen.ground)
+    navigator.offer(Goal(*GOAL))
+    navigator.offer(Pose(*START))
+    look = mock.patch.object(
+        MapState, "known_along", autospec=True, side_effect=MapState.known_along
+    )
+    with look as asked:
+        assert navigator.tick().known == 0 and asked.call_count == 1
+    navigator.offer(MapPatch(0, 0, elevation=HEIGHTS[:30, :30]))
+    assert navigator.tick().known > 20
 
 
 def test_poses_at_the_edge_of_what_was_seen_are_not_refused_for_want_of_the_rest():
