@@ -131,8 +131,10 @@ def test_a_path_leads_by_way_of_places_in_the_order_given_or_in_the_best(run, to
     assert places == sorted(places)
     names = pyogrio.raw.read("out/path.gpx", layer="waypoints", columns=["name"])[3][0]
     assert names.tolist() == ["start", "via 1", "via 2", "via 3", "goal"]
-    saved = f"{100.0 * (1.0 - best['cost'] / given['cost']):.1f} % less than in the order given"
+    saved = f"{100.0 * (1.0 - best['cost'] / given['cost']):.3g} % less than in the order given"
     assert f"2 (12, 30), 3 (40, 50), 1 (60, 70): {saved}" in run(f"{words} --best-order").out
+    words = f"{PLAN} --via 12,30 --via 40,50 --best-order"
+    assert "1 (12, 30), 2 (40, 50): the order given, no cheaper one was found" in run(words).out
 
 
 def test_a_leg_that_cannot_be_is_named_and_ends_with_1(run, told, hills):
