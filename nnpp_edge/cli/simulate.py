@@ -17,6 +17,9 @@ from nnpp_edge.cli.text import aligned, tell
 from nnpp_edge.robot.operations.wiring import View
 
 if TYPE_CHECKING:
+    import numpy as np
+    from numpy.typing import NDArray
+
     from nnpp_edge.runtime.loop.connections import Sink
     from nnpp_edge.runtime.map.state import MapState
     from nnpp_edge.simulation.simulate import Drive
@@ -27,6 +30,8 @@ _CELLS_TO_A_BODY = 4.0
 """Cells of the sample along a vehicle."""
 _SURVEY = 8
 """Cells over which a point's first map is blurred without --known."""
+_ROOM = 8
+"""Cells around the body's reach at --start and --goal, in a part that is not the seed's own."""
 _METHODS = ("auto", "astar", "dstar", "corridor", "corridor-dstar", "nnpp", "nnpp-dstar")
 _SIZE = (
     "Side of the part of the map that is driven on; the seed picks one, which holds --start "
@@ -88,6 +93,7 @@ def command(
     from nnpp_edge.robot.transports.rerun_view import RerunSink
     from nnpp_edge.runtime.errors import InvalidQueryError
     from nnpp_edge.simulation.drive_picture import Film, check_name, drive_picture
+    from nnpp_edge.simulation.robots import reach_of
     from nnpp_edge.simulation.scene import SurveyedGround
     from nnpp_edge.simulation.simulate import SimulationSettings, random_drive, simulate
     from nnpp_edge.terrain.dem import sample_path
@@ -124,15 +130,16 @@ def command(
     )
     if start and goal:
         ends = np.array([start.one_cell(whole, "--start"), goal.one_cell(whole, "--goal")])
-        least = np.maximum(ends.max(0) - (rows - 1, cols - 1), 0)
-        most = np.minimum(ends.min(0), np.subtract(whole.shape, (rows, cols)))
-        if (least > most).any():
+        reach = reach_of(body, (whole.cell_size_m, whole.cell_width_m))
+        found = _corner_around(ends, (row, col), (rows, cols), whole.shape, reach)
+        if found is None:
+            beside = f" less {reach} cells around each for the vehicle" if reach else ""
             raise InvalidQueryError(
                 f"--start and --goal, cells {ends.tolist()}, must not lie outside the map of "
-                f"{whole.shape[0]} × "
-                f"{whole.shape[1]} cells, nor further apart than --size {size}"
+                f"{whole.shape[0]} × {whole.shape[1]} cells, nor further apart than --size "
+                f"{size}{beside}"
             )
-        row, col = np.clip((row, col), least, most).tolist()
+        row, col = found
     heights = np.ascontiguousarray(whole.elevation[row : row + rows, col : col + cols])
     part = true = replace(whole, elevation=heights)
     if rocks:
@@ -145,6 +152,7 @@ def command(
         ground = SurveyedGround.of(robot.of(true), _SURVEY if body is None else 1, part.elevation)
     else:
         ground = SurveyedGround.of_known(robot.of(true), factor, blocks.prior)
+    ground = replace(ground, origin=(row, col))
     begin, end = (
         map(tuple, (ends - (row, col)).tolist()) if start and goal else random_drive(ground, seed)
     )
@@ -186,6 +194,38 @@ def command(
     tell(as_json, result, lambda: text(drive, result, whole.source.name))
     if drive.forbidden or not (drive.reached or endless):
         click.get_current_context().exit(1)
+
+
+def _corner_around(
+    ends: "NDArray[np.int_]",
+    seeded: tuple[int, int],
+    part: tuple[int, int],
+    shape: tuple[int, int],
+    reach: int,
+) -> tuple[int, int] | None:
+    """First cell of a part of the map in which both ends, (2, 2) cells, lie at least `reach` cells
+    from where it was cut out.
+
+    It is the seed's if that holds them so. Else they lie `_ROOM` cells further inside, as far as
+    the part has room for that. None where it has not.
+    """
+    import numpy as np
+
+    room = np.subtract(shape, part)
+    corner = np.array(seeded)
+    for margin in (reach, reach + _ROOM):
+        least = ends.max(0) - part + 1 + margin
+        most = ends.min(0) - margin
+        middle = (least + most) // 2  # where one margin is too wide, the ends are in the middle
+        corner = corner.clip(np.minimum(least, middle), np.maximum(most, middle)).clip(0, room)
+        if corner.tolist() == list(seeded):
+            break
+    before = np.where(corner > 0, reach, 0)
+    after = np.where(corner < room, reach, 0)
+    last = corner + part - 1
+    if ((ends - before < corner) | (ends + after > last)).any():
+        return None
+    return int(corner[0]), int(corner[1])
 
 
 def text(drive: "Drive", result: dict[str, Any], name: str) -> str:

@@ -36,9 +36,7 @@ from nnpp_edge.cli.main import main
 """
 
 
-def test_a_missing_extra_is_named_and_why_a_package_that_is_there_fails(
-    run, tmp_path, monkeypatch
-):
+def test_a_missing_extra_is_named_and_why_a_package_that_is_there_fails(run, tmp_path, monkeypatch):
     heavy = ("nnpp_edge.cli.export", "nnpp_edge.export", "nnpp_edge.training", "nnpp_edge.model")
     for name in [name for name in sys.modules if name.startswith(heavy)]:
         monkeypatch.delitem(sys.modules, name)
