@@ -17,9 +17,6 @@ from nnpp_edge.cli.text import aligned, tell
 from nnpp_edge.robot.operations.wiring import View
 
 if TYPE_CHECKING:
-    import numpy as np
-    from numpy.typing import NDArray
-
     from nnpp_edge.runtime.loop.connections import Sink
     from nnpp_edge.runtime.map.state import MapState
     from nnpp_edge.simulation.simulate import Drive
@@ -131,15 +128,20 @@ def command(
     if start and goal:
         ends = np.array([start.one_cell(whole, "--start"), goal.one_cell(whole, "--goal")])
         reach = reach_of(body, (whole.cell_size_m, whole.cell_width_m))
-        found = _corner_around(ends, (row, col), (rows, cols), whole.shape, reach)
-        if found is None:
-            beside = f" less {reach} cells around each for the vehicle" if reach else ""
+        last = np.subtract(whole.shape, 1)
+        least = np.minimum(ends.max(0) + reach, last) - (rows - 1, cols - 1)
+        most = np.maximum(ends.min(0) - reach, 0)
+        if ((ends < 0) | (ends > last) | (least > most)).any():
             raise InvalidQueryError(
                 f"--start and --goal, cells {ends.tolist()}, must not lie outside the map of "
                 f"{whole.shape[0]} × {whole.shape[1]} cells, nor further apart than --size "
-                f"{size}{beside}"
+                f"{size} holds with {reach} cells around each"
             )
-        row, col = found
+        corner = np.clip((row, col), least, most)
+        if (corner != (row, col)).any():  # further inside, where there is room
+            spare = np.minimum((most - least) // 2, _ROOM)
+            corner = np.clip((row, col), least + spare, most - spare)
+        row, col = np.clip(corner, 0, np.subtract(whole.shape, (rows, cols))).tolist()
     heights = np.ascontiguousarray(whole.elevation[row : row + rows, col : col + cols])
     part = true = replace(whole, elevation=heights)
     if rocks:
@@ -194,38 +196,6 @@ def command(
     tell(as_json, result, lambda: text(drive, result, whole.source.name))
     if drive.forbidden or not (drive.reached or endless):
         click.get_current_context().exit(1)
-
-
-def _corner_around(
-    ends: "NDArray[np.int_]",
-    seeded: tuple[int, int],
-    part: tuple[int, int],
-    shape: tuple[int, int],
-    reach: int,
-) -> tuple[int, int] | None:
-    """First cell of a part of the map in which both ends, (2, 2) cells, lie at least `reach` cells
-    from where it was cut out.
-
-    It is the seed's if that holds them so. Else they lie `_ROOM` cells further inside, as far as
-    the part has room for that. None where it has not.
-    """
-    import numpy as np
-
-    room = np.subtract(shape, part)
-    corner = np.array(seeded)
-    for margin in (reach, reach + _ROOM):
-        least = ends.max(0) - part + 1 + margin
-        most = ends.min(0) - margin
-        middle = (least + most) // 2  # where one margin is too wide, the ends are in the middle
-        corner = corner.clip(np.minimum(least, middle), np.maximum(most, middle)).clip(0, room)
-        if corner.tolist() == list(seeded):
-            break
-    before = np.where(corner > 0, reach, 0)
-    after = np.where(corner < room, reach, 0)
-    last = corner + part - 1
-    if ((ends - before < corner) | (ends + after > last)).any():
-        return None
-    return int(corner[0]), int(corner[1])
 
 
 def text(drive: "Drive", result: dict[str, Any], name: str) -> str:

@@ -456,7 +456,7 @@ def test_both_ends_lie_well_inside_the_part_that_is_cut_out_and_are_named_as_in_
     assert len({corner for _, corner, *_ in seen}) > 1
     for start, goal, refused in (
         ("0,0", "30,40", "seen"),  # the file's own edge
-        ("40,50", "86,72", "nor further apart than --size 50 less 3 cells around each"),
+        ("40,50", "86,72", "nor further apart than --size 50 holds with 3 cells around each"),
         ("40,50", "130,72", "outside the map of 120 × 130 cells"),
     ):
         nnpp_edge(*words, "--start", start, "--goal", goal).refused(refused)
