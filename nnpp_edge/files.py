@@ -2,7 +2,6 @@
 
 import errno
 import os
-import secrets
 import signal
 import stat
 import tempfile
@@ -15,6 +14,8 @@ from nnpp_edge.runtime.errors import NnppEdgeError, OutputError
 from nnpp_edge.runtime.reading import reason
 
 Content = bytes | memoryview
+_made: list[Path] = []
+"""Folders that `make_folder` has made, each after the one that holds it."""
 
 
 def write_whole(path: Path, content: Content) -> None:
@@ -116,16 +117,25 @@ def make_folder(path: Path) -> None:
     written to.
     """
     try:
+        new = [each for each in (path, *path.parents) if not each.exists()]
         path.mkdir(parents=True, exist_ok=True)
+        _made.extend(reversed(new))
         tempfile.TemporaryFile(dir=path).close()
     except (OSError, ValueError) as error:
         raise OutputError(f"{path}: wanted a folder to write to ({reason(error)})") from error
 
 
+def remove_empty_folders() -> None:
+    """Remove the folders that `make_folder` has made and in which nothing was written."""
+    while _made:
+        with suppress(OSError):  # it holds something, or is gone
+            _made.pop().rmdir()
+
+
 def _beside(path: Path) -> tuple[Path, Path]:
     """A new name beside the file that a path leads to, and that file."""
     target = Path(os.path.realpath(path))
-    return target.with_name(f".{target.name[:40]}.{secrets.token_hex(4)}"), target
+    return target.with_name(f".{target.name[:40]}.{os.urandom(4).hex()}"), target
 
 
 def _is_there(path: Path) -> bool:

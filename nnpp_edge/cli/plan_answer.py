@@ -243,12 +243,12 @@ class Answer:
             f"{number + 1} {cell}"
             for number, cell in zip(tour.order, tour.stops[1:-1], strict=True)
         )
-        if not (self.plan.ok and tour.given_cost > 0.0):
+        if not (self.plan.ok and 0.0 < tour.given_cost < math.inf):
             return cells
-        return (
-            f"{cells}: {100.0 * (1.0 - self.plan.cost / tour.given_cost):.1f} % less than in "
-            "the order given"
-        )
+        if tour.order == tuple(range(len(tour.order))):
+            return f"{cells}: the order given, no cheaper one was found"
+        saved = 100.0 * (1.0 - self.plan.cost / tour.given_cost)
+        return f"{cells}: {saved:.3g} % less than in the order given"
 
     def _optimality(self) -> str:
         """How far from the optimum the path's cost is, or may be."""

@@ -27,6 +27,8 @@ _CELLS_TO_A_BODY = 4.0
 """Cells of the sample along a vehicle."""
 _SURVEY = 8
 """Cells over which a point's first map is blurred without --known."""
+_ROOM = 8
+"""Cells around the body's reach at --start and --goal, in a part that is not the seed's own."""
 _METHODS = ("auto", "astar", "dstar", "corridor", "corridor-dstar", "nnpp", "nnpp-dstar")
 _SIZE = (
     "Side of the part of the map that is driven on; the seed picks one, which holds --start "
@@ -88,6 +90,7 @@ def command(
     from nnpp_edge.robot.transports.rerun_view import RerunSink
     from nnpp_edge.runtime.errors import InvalidQueryError
     from nnpp_edge.simulation.drive_picture import Film, check_name, drive_picture
+    from nnpp_edge.simulation.robots import reach_of
     from nnpp_edge.simulation.scene import SurveyedGround
     from nnpp_edge.simulation.simulate import SimulationSettings, random_drive, simulate
     from nnpp_edge.terrain.dem import sample_path
@@ -124,15 +127,21 @@ def command(
     )
     if start and goal:
         ends = np.array([start.one_cell(whole, "--start"), goal.one_cell(whole, "--goal")])
-        least = np.maximum(ends.max(0) - (rows - 1, cols - 1), 0)
-        most = np.minimum(ends.min(0), np.subtract(whole.shape, (rows, cols)))
-        if (least > most).any():
+        reach = reach_of(body, (whole.cell_size_m, whole.cell_width_m))
+        last = np.subtract(whole.shape, 1)
+        least = np.minimum(ends.max(0) + reach, last) - (rows - 1, cols - 1)
+        most = np.maximum(ends.min(0) - reach, 0)
+        if ((ends < 0) | (ends > last) | (least > most)).any():
             raise InvalidQueryError(
                 f"--start and --goal, cells {ends.tolist()}, must not lie outside the map of "
-                f"{whole.shape[0]} × "
-                f"{whole.shape[1]} cells, nor further apart than --size {size}"
+                f"{whole.shape[0]} × {whole.shape[1]} cells, nor further apart than --size "
+                f"{size} holds with {reach} cells around each"
             )
-        row, col = np.clip((row, col), least, most).tolist()
+        corner = np.clip((row, col), least, most)
+        if (corner != (row, col)).any():  # further inside, where there is room
+            spare = np.minimum((most - least) // 2, _ROOM)
+            corner = np.clip((row, col), least + spare, most - spare)
+        row, col = np.clip(corner, 0, np.subtract(whole.shape, (rows, cols))).tolist()
     heights = np.ascontiguousarray(whole.elevation[row : row + rows, col : col + cols])
     part = true = replace(whole, elevation=heights)
     if rocks:
@@ -145,6 +154,7 @@ def command(
         ground = SurveyedGround.of(robot.of(true), _SURVEY if body is None else 1, part.elevation)
     else:
         ground = SurveyedGround.of_known(robot.of(true), factor, blocks.prior)
+    ground = replace(ground, origin=(row, col))
     begin, end = (
         map(tuple, (ends - (row, col)).tolist()) if start and goal else random_drive(ground, seed)
     )

@@ -17,6 +17,7 @@ from nnpp_edge.runtime.kernels.poses import MOST_CODE
 from nnpp_edge.runtime.map.attitude import costs_at
 from nnpp_edge.runtime.map.grid import Grid
 from nnpp_edge.runtime.map.state import map_state
+from nnpp_edge.runtime.terrain.vehicle import Vehicle
 from nnpp_edge.terrain.obstacles import OBSTACLE
 
 _ROUNDING = 1e-4
@@ -45,10 +46,8 @@ class Robot:
         self.sides_m = ground.sides_m
         self._by_costs = ground.elevation is None
         self._eased = ground
-        self.reach = 0
-        """Cells from its own to the farthest that lies under it."""
+        self.reach = reach_of(ground.vehicle, self.sides_m)
         if (vehicle := ground.vehicle) is not None:
-            self.reach = math.ceil((vehicle.radius_m or vehicle.reach_m) / min(self.sides_m)) + 1
             limits = {name: getattr(vehicle, name) for name in _LIMITS if not vehicle.is_disc}
             eased = {
                 name: limit * (1.0 + _ROUNDING)
@@ -126,6 +125,13 @@ class Robot:
         state = map_state(replace(self._known, vehicle=self._eased.vehicle))
         state.update_elevation(0, 0, values, np.isfinite(values))
         return state.grid
+
+
+def reach_of(vehicle: Vehicle | None, sides_m: tuple[float, float]) -> int:
+    """Cells from a robot's own to the farthest that lies under it."""
+    if vehicle is None:
+        return 0
+    return math.ceil((vehicle.radius_m or vehicle.reach_m) / min(sides_m)) + 1
 
 
 def _with(ground: Ground, values: Float2D) -> Ground:

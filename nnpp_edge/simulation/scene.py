@@ -37,6 +37,8 @@ class SurveyedGround:
     """(H, W) of heights that are blurred, or lack the rocks; of the kind that the ground holds."""
     known: Ground | None = None
     """As means of blocks have it, known in place of a survey."""
+    origin: Cell = (0, 0)
+    """Cell of the file that is the first of this part of it; errors name the file's cells."""
 
     @classmethod
     def of(cls, ground: Ground, block: int, bare: Float2D | None = None) -> "SurveyedGround":
@@ -95,6 +97,10 @@ class SurveyedGround:
         assert values is not None
         return values
 
+    def in_file(self, cell: Cell) -> Cell:
+        """The file's cell."""
+        return cell[0] + self.origin[0], cell[1] + self.origin[1]
+
     def costs(self) -> Float2D:
         """(H, W) true traversability costs; impassable from 1 up."""
         return self.robot.costs(self.true)
@@ -134,7 +140,7 @@ class Scene:
                     f"{name} {cell} lies outside the map of {rows} × {cols} cells"
                 )
             if not ground.robot.stands(ground.true, cell):
-                raise InvalidQueryError(f"{name} {cell} is impassable")
+                raise InvalidQueryError(f"{name} {ground.in_file(cell)} is impassable")
         if steering_noise_deg and (
             ground.robot.vehicle is None or ground.robot.vehicle.turning_radius_m is None
         ):

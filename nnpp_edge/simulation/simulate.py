@@ -178,7 +178,8 @@ def simulate(
     planner.touch()  # what the scene needs is not to look like growth of the loop
     best = planner.plan(start, goal, method="astar")
     if not best.ok:
-        raise InvalidQueryError(f"the goal {goal} cannot be reached from {start}: {best.status}")
+        ends = f"the goal {ground.in_file(goal)} cannot be reached from {ground.in_file(start)}"
+        raise InvalidQueryError(f"{ends}: {best.status}")
     planning = NavigatorSettings(method=settings.method, model=settings.model)
     first = Navigator(ground.robot.ground(scene.told), planning)
     first.offer(Pose(*scene.robot))

@@ -125,11 +125,15 @@ def make_dataset(
     done = recipe.shards - len(missing)
     progress(done)
     made = make(recipe, tiles, missing) if make else _shards_here(recipe, tiles, missing, workers)
-    with closing(made):
-        for index, content in made:
-            write_whole(_shard_path(folder, index), content)
-            done += 1
-            progress(done)
+    try:
+        with closing(made):
+            for index, content in made:
+                write_whole(_shard_path(folder, index), content)
+                done += 1
+                progress(done)
+    finally:
+        if not any(folder.glob("shard-*.npz")):  # a recipe alone is no part of a data set
+            (folder / RECIPE_FILE).unlink(missing_ok=True)
     maps_in, queries_in = ("heights", "factor") if recipe.known else ("planes", "map_index")
     counts = [
         (len(shard[maps_in]), len(shard[queries_in])) for shard in read_shards(folder, recipe)

@@ -159,10 +159,10 @@ def opened_raster(path: Path, *, by_windows: bool = False) -> Iterator[Raster]:
     One to be read by windows keeps a row of blocks, decoded by several threads, and forgets what it
     has read before.
     """
+    opened = openable(path)
     rasterio = optional_module("rasterio", f"reading {path.name}", "geo")
     # An ASCII grid without a decimal point would be read as whole numbers, and its nan as 0.
     options = {"DATATYPE": "Float64"} if path.suffix.lower() == ".asc" else {}
-    opened = openable(path)
     if by_windows:
         options["NUM_THREADS"] = "ALL_CPUS"
     with _quiet(rasterio), _opened(rasterio, path, opened, **options) as dataset:

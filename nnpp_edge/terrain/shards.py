@@ -155,24 +155,31 @@ def read_terrain(recipe: Recipe) -> list[Dem]:
     """The parts of the recipe's elevation files that it uses.
 
     Raises TerrainError for one that cannot be read, DataSetError for one that is too small for the
-    recipe's size.
+    recipe's smallest maps.
     """
     tiles = []
+    factor = min(pooling for pooling, share in recipe.poolings if share)
+    least = recipe.size * factor
     for name in recipe.terrain:
         dem = read_dem(Path(name), recipe.cell_size_m)
         tiles.append(dem := _stripe(dem, recipe.stripe))
         rows, cols = dem.shape
-        if min(rows, cols) < recipe.size:
-            fits = min(rows, cols) // _SIZE_STEP * _SIZE_STEP
+        side = min(rows, cols)
+        if side < least:
+            fits = side // factor // _SIZE_STEP * _SIZE_STEP
+            blocks = side // recipe.size
             hint = f": --size {fits} is the largest that fits" if fits else ""
+            if recipe.known and blocks:
+                hint = f": --known {blocks} is the largest that fits"
             what = (
                 ""
                 if recipe.stripe == (0.0, 1.0)
                 else " in the stripe that --validation-share leaves"
             )
+            of = f" of {factor} × {factor} cells" if recipe.known else ""
             wanted = (
-                f"wanted at least {recipe.size} cells on the shorter side{what} for maps of "
-                f"--size {recipe.size}"
+                f"wanted at least {least} cells on the shorter side{what} for maps of "
+                f"--size {recipe.size}{of}"
             )
             raise DataSetError(f"{dem.source}: {wanted}, got {rows} × {cols}{hint}")
     return tiles

@@ -47,7 +47,9 @@ class Tour:
     """The legs as one plan. Its lower bound is that of this order. Without a path from one stop
     to the next its status is that leg's, and its reason names the leg."""
     given_cost: float = math.nan
-    """Cost of the order given; NaN where no other was looked for."""
+    """Cost of the order given; NaN where no other was looked for, inf where a body finds no
+    path by it.
+    """
 
     def told(self, on_the_ground: Callable[[Plan], Plan]) -> "Tour":
         """This tour with what the function adds to each of its plans."""
@@ -75,11 +77,12 @@ def tour(
         Of the map, filled where paths lead.
     best_order : bool
         Visit the places between in the order that costs least, by what lies between each two stops.
+        To turn at the stops costs a body more: the order given stays where it then costs less.
     nearest : callable
         Gives what the cheapest paths between the stops cost, (N, N), and of which that is known;
         others cost at least as much. To be given where plans are the cheapest paths.
     finish : callable
-        Applied to the plans of the legs in the end, and not to those that were made for the order
+        Applied to the plans of a whole tour's legs, and not to those that were made for the order
         alone.
     deadline : Deadline
         When to stop looking for a better order: then it is the one given.
@@ -94,7 +97,8 @@ def tour(
     legs = _Legs(plan, stops, grid)
     count = len(stops) - 2
     given_cost = math.nan
-    order = tuple(range(count))
+    given = tuple(range(count))
+    order = given
     if best_order and count:
         if count > MOST_ORDERED:
             raise InvalidQueryError(
@@ -102,24 +106,26 @@ def tour(
             )
         with suppress(OutOfTimeError):
             order, given_cost = legs.best_order(nearest, deadline)
-    found: list[Plan] = []
-    for begin, end in legs.along(order):
-        leg = legs.plan(begin, end)
-        if grid.steps.by_poses and found and leg.ok:  # a body sets out as it has arrived
-            leg = plan(stops[begin], stops[end], direction=arrival(found[-1].walked))
-        found.append(finish(leg))
-        if not found[-1].ok:
-            break
-    ordered = stops[0], *(stops[each + 1] for each in order), stops[-1]
-    whole = _as_one(found, ordered, grid)
+
+    def by(order: Order) -> Tour:
+        found = legs.driven(order, finish)
+        ordered = stops[0], *(stops[each + 1] for each in order), stops[-1]
+        return Tour(ordered, order, tuple(found), _as_one(found, ordered, grid), given_cost)
+
+    made = by(order)
+    if grid.steps.by_poses and not math.isnan(given_cost):  # legs alone cost less than all as one
+        as_given = made if order == given else by(given)
+        given_cost = as_given.plan.cost
+        cheaper = as_given if given_cost <= made.plan.cost else made
+        made = replace(cheaper, given_cost=given_cost)
     total = watch.total_ms()
     apart = (
-        {"order": total - sum(leg.timings_ms.get("total", 0.0) for leg in found)}
+        {"order": total - sum(leg.timings_ms.get("total", 0.0) for leg in made.legs)}
         if best_order
         else {}
     )
-    whole = replace(whole, timings_ms={**whole.timings_ms, **apart, "total": total})
-    return Tour(ordered, order, tuple(found), whole, given_cost)
+    timings = {**made.plan.timings_ms, **apart, "total": total}
+    return replace(made, plan=replace(made.plan, timings_ms=timings))
 
 
 def arrival(path: NDArray[np.int32]) -> int:
@@ -161,6 +167,21 @@ class _Legs:
                 raise InvalidQueryError(f"via {at}, {self._stops[at]}, {in_words(plan.status)}")
             self._made[begin, end] = plan
         return self._made[begin, end]
+
+    def driven(self, order: Order, finish: Callable[[Plan], Plan]) -> list[Plan]:
+        """Finished plans of the legs in this order, up to the first that has no path; a body sets
+        out on each as it has arrived.
+        """
+        found: list[Plan] = []
+        for begin, end in self.along(order):
+            leg = self.plan(begin, end)
+            if self._grid.steps.by_poses and found and leg.ok:
+                heading = arrival(found[-1].walked)
+                leg = self._plan(self._stops[begin], self._stops[end], direction=heading)
+            found.append(finish(leg))
+            if not found[-1].ok:
+                break
+        return found
 
     def best_order(self, nearest: Nearest | None, deadline: Deadline) -> tuple[Order, float]:
         """The cheapest order of the stops between the first and the last, and what the order given

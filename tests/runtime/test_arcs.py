@@ -355,6 +355,17 @@ def test_a_tour_of_arcs_is_driven_on_through_its_stops(vehicle, best_order):
         )
 
 
+@pytest.mark.parametrize(("vehicle", "seed"), [(CAR, 6), (replace(CAR, turning_radius_m=None), 11)])
+def test_the_best_order_never_costs_a_body_more_than_the_order_given(vehicle, seed):
+    """Legs alone do not say what it costs to set out on one as the body came from another."""
+    made = planner(rocks(seed, 60, 60, 0.003), vehicle)
+    start, *via, goal = np.random.default_rng(seed).integers(8, 52, (5, 2)).tolist()
+    given = made.plan_via(start, goal, via, method="astar").plan
+    best = made.plan_via(start, goal, via, method="astar", best_order=True)
+    assert given.ok and best.plan.cost <= given.cost
+    assert best.given_cost == pytest.approx(given.cost, rel=1e-6)
+
+
 def test_a_robot_on_a_goal_that_has_become_impassable_does_not_stand_well():
     for vehicle in (CAR, replace(CAR, turning_radius_m=None)):
         moving = DynamicPlanner.of_elevation(np.zeros((40, 40)), CELL_M, (20, 20), vehicle=vehicle)

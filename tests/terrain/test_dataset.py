@@ -209,7 +209,7 @@ def test_terrain_without_two_cells_to_plan_between_ends_the_making_and_does_not_
         )
         with pytest.raises(DataSetError, match=rf"dem\.npz: .*got none on {BARREN_MAPS} maps"):
             make_dataset(recipe, tmp_path / "set", make=make_in_this_process)
-        assert not list((tmp_path / "set").glob("shard-*"))
+        assert not list((tmp_path / "set").iterdir())
     good = of_terrain(tmp_path, synthetic_terrain(np.random.default_rng(0), 70, 5.0))
     assert make_dataset(good, tmp_path / "set", make=make_in_this_process)["maps"] == good.maps
     assert read_recipe(tmp_path / "set") == good

@@ -13,7 +13,13 @@ from hypothesis import given
 from hypothesis import strategies as st
 from rasterio import Affine
 
-from nnpp_edge.runtime.errors import InvalidQueryError, MissingExtraError, OutputError, TerrainError
+from nnpp_edge.runtime.errors import (
+    InvalidQueryError,
+    MissingExtraError,
+    OutputError,
+    TerrainError,
+    optional_module,
+)
 from nnpp_edge.terrain.dem import Dem, Georeference, read_dem
 from nnpp_edge.terrain.rasters import raster_bytes
 
@@ -365,6 +371,21 @@ def test_without_rasterio_the_extra_is_named_and_arrays_still_read(tmp_path, mon
     dem = read_dem(tmp_path / "map.npy", cell_size_m=1)
     with pytest.raises(MissingExtraError, match=r"writing out.tif needs rasterio"):
         raster_bytes(tmp_path / "out.tif", HEIGHTS, dem)
+    (tmp_path / "drive.mcap").write_bytes(b"\x89MCAP0\r\n")
+    refused(tmp_path / "drive.mcap", "got a recording of messages")
+
+
+def test_a_package_that_is_installed_but_fails_is_not_called_missing(tmp_path, monkeypatch):
+    for module, text, why in (
+        ("unfit", "import libgdal", "No module named 'libgdal'"),
+        ("older", "raise ValueError('numpy.dtype\\nsize changed')", "numpy.dtype size changed"),
+    ):
+        (tmp_path / f"{module}.py").write_text(text)
+        monkeypatch.syspath_prepend(tmp_path)
+        with pytest.raises(MissingExtraError) as caught:
+            optional_module(module, "reading", "geo")
+        told = f"reading needs {module}, which is installed but cannot be imported ({why})"
+        assert str(caught.value) == told
 
 
 # The map itself
