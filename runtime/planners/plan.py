@@ -49,14 +49,12 @@ class DynamicMethod(_Named):
     CORRIDOR = "corridor"
     """Coarse to fine, afresh each time."""
     CORRIDOR_DSTAR = "corridor-dstar"
-    """The corridor of the present start, and inside it D* Lite, or A* where that is expected to be
-    less work.
-    """
+    """The corridor of the present start, and inside it D* Lite, repaired from step to step."""
     NNPP = "nnpp"
     """The network's region of the present start, and A* in it; with a body the corridor."""
     NNPP_DSTAR = "nnpp-dstar"
-    """The network's region of the present start, and inside it the same; with a body as
-    ``nnpp``.
+    """The network's region of the present start, and inside it D* Lite (the paper's D*NN); with a
+    body as ``nnpp``.
     """
 
     @property
@@ -67,7 +65,7 @@ class DynamicMethod(_Named):
     @property
     def mends_regions(self) -> bool:
         """Whether D* Lite is kept for regions."""
-        return self is DynamicMethod.AUTO or self.endswith("-dstar")
+        return self.endswith("-dstar")
 
     @property
     def base(self) -> Method:

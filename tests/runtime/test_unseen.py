@@ -251,7 +251,7 @@ def test_a_way_over_blocks_cuts_no_corner_that_may_not_be_cut_and_is_bounded():
 
 def test_obstacles_that_were_told_on_unseen_ground_are_gone_around():
     planner = Planner.of_coarse(
-        np.tile(HEIGHTS[::FACTOR, ::FACTOR], (4, 4)), 160.0, 8, prior="slope"
+        np.tile(HEIGHTS[::FACTOR, ::FACTOR], (4, 4)), 160.0, 8, Traversability(), prior="slope"
     )
     ends = (20, 20), (480, 490)
     free = planner.plan(*ends)
