@@ -32,7 +32,6 @@ from nnpp_edge.model.registry import Spec
 from nnpp_edge.runtime.errors import DataSetError, ModelError, OutputError
 from nnpp_edge.runtime.kernels.encoding import ENDS_CHANNELS
 from nnpp_edge.runtime.kernels.place_head import ANSWERS
-from nnpp_edge.runtime.map.step_cost import PAPER_OMEGA
 from nnpp_edge.runtime.network.inference import NetworkModel
 from nnpp_edge.runtime.network.loading import ASK, HEAD, OUTPUT, PLACES
 from nnpp_edge.runtime.network.model_file import (
@@ -43,6 +42,7 @@ from nnpp_edge.runtime.network.model_file import (
     ModelMetadata,
 )
 from nnpp_edge.runtime.reading import refused_as
+from nnpp_edge.runtime.terrain.step_cost import PAPER_OMEGA
 from nnpp_edge.runtime.terrain.traversability import Traversability
 from nnpp_edge.terrain.dataset import Query, Samples
 from nnpp_edge.terrain.shards import Recipe

@@ -53,9 +53,9 @@ def _guarded(entry: Callable[..., object], error: type[NnppEdgeError]) -> Callab
         """Annotations, and types that need no second look; read at the first call, when all they
         name is there.
         """
-        hints = {
-            name: get_type_hints(entry).get(name) for name in inspect.signature(entry).parameters
-        }
+        given = {name: hint for name, hint in inspect.get_annotations(entry).items() if name != "return"}
+        named = get_type_hints(types.SimpleNamespace(__annotations__=given), entry.__globals__)
+        hints = {name: named.get(name) for name in inspect.signature(entry).parameters}
         return {
             name: (
                 hint,

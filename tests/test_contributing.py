@@ -91,7 +91,7 @@ def test_names_in_the_guide_are_in_the_code():
 def test_every_place_that_lists_step_costs_has_each_of_them():
     from nnpp_edge import runtime
     from nnpp_edge.cli.options import STEP_COSTS
-    from nnpp_edge.runtime.map.slope_cost import SLOPE_COSTS
+    from nnpp_edge.runtime.robots.slope.cost import SLOPE_COSTS
     from nnpp_edge.view.asked import Asked
 
     fields = [field.name for field in dataclasses.fields(runtime.Mobility)]
@@ -103,7 +103,7 @@ def test_every_place_that_lists_step_costs_has_each_of_them():
         .partition("\n\n")[0]
     )
     has = {
-        "runtime/map/slope_cost.py, Mobility": set(fields),
+        "runtime/robots/slope/cost.py, Mobility": set(fields),
         "nnpp_edge/cli/options.py, STEP_COSTS": set(STEP_COSTS) - {"paper"},
         "nnpp_edge/view/asked.py": {*get_args(get_type_hints(Asked)["step_cost"])} - {"paper"},
         "nnpp_edge/view/page/index.html": {

@@ -32,8 +32,8 @@ from nnpp_edge.profiling.suites import QUERIES_PER_MAP, Case, TerrainFiles, sour
 from nnpp_edge.runtime import Planner
 from nnpp_edge.runtime.cells import Cell, Endpoints
 from nnpp_edge.runtime.exercises import exercise
-from nnpp_edge.runtime.map.step_cost import GREY_LEVELS, PAPER_OMEGA
 from nnpp_edge.runtime.network.inference import NetworkModel
+from nnpp_edge.runtime.terrain.step_cost import GREY_LEVELS, PAPER_OMEGA
 from nnpp_edge.terrain.workloads import SOFT
 
 REFERENCE = "astar"

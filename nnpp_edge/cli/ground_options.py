@@ -15,7 +15,7 @@ from nnpp_edge.cli.options import MANY, CellSize, Resample, Rescale, Setting, Se
 
 if TYPE_CHECKING:
     from nnpp_edge.runtime.map.ground import Ground
-    from nnpp_edge.runtime.map.slope_cost import Mobility
+    from nnpp_edge.runtime.robots.slope.cost import Mobility
     from nnpp_edge.runtime.terrain.traversability import Traversability
     from nnpp_edge.runtime.terrain.vehicle import Vehicle
     from nnpp_edge.terrain.dem import Dem, DemWindows
@@ -140,7 +140,7 @@ class VehicleOptions:
         Energy goes by the gravity that was set, else by that of the map's body, else by the file's:
         a warning says where the map's differs from the file's.
         """
-        from nnpp_edge.runtime.map.slope_cost import Mobility
+        from nnpp_edge.runtime.robots.slope.cost import Mobility
         from nnpp_edge.terrain.coordinates import gravity_of
         from nnpp_edge.terrain.vehicle_files import mobility_of
 

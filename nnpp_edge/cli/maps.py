@@ -18,10 +18,10 @@ from nnpp_edge.runtime.arrays import Float2D
 from nnpp_edge.runtime.cells import Cell
 from nnpp_edge.runtime.errors import InvalidMapError, InvalidQueryError, NnppEdgeError, Status
 from nnpp_edge.runtime.kernels.poses import FAILS
-from nnpp_edge.runtime.map.poses import Poses
-from nnpp_edge.runtime.map.refusal import why_blocked
 from nnpp_edge.runtime.memory import available_bytes
 from nnpp_edge.runtime.planners.plan import Method, Plan
+from nnpp_edge.runtime.robots.body.poses import Poses
+from nnpp_edge.runtime.robots.body.refusal import why_blocked
 from nnpp_edge.runtime.terrain.traversability import (
     Traversability,
     steepest_step_deg,

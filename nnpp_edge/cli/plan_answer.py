@@ -14,8 +14,8 @@ from nnpp_edge.files import write_all
 from nnpp_edge.runtime import Plan, Vehicle
 from nnpp_edge.runtime.cells import Cell
 from nnpp_edge.runtime.errors import InvalidQueryError
-from nnpp_edge.runtime.map.slope_cost import unit_of
 from nnpp_edge.runtime.planners.tour import Tour
+from nnpp_edge.runtime.robots.slope.cost import unit_of
 from nnpp_edge.terrain.route import Route
 from nnpp_edge.viz.picture import png_bytes
 from nnpp_edge.viz.sheet import Picture, metres

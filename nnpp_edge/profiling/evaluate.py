@@ -24,8 +24,8 @@ from nnpp_edge.runtime.cells import Endpoints
 from nnpp_edge.runtime.errors import InvalidQueryError
 from nnpp_edge.runtime.exercises import exercise
 from nnpp_edge.runtime.kernels.poses import AXES
-from nnpp_edge.runtime.map.motions import all_motions
 from nnpp_edge.runtime.planners.plan import Plan, Source
+from nnpp_edge.runtime.robots.body.motions import all_motions
 
 Records = Mapping[str, Record[Endpoints, Plan]]
 """Measurements on a query, by the names of the calls."""

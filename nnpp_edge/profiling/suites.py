@@ -10,9 +10,9 @@ from nnpp_edge.runtime.arrays import Float2D, as_map
 from nnpp_edge.runtime.cells import Endpoints
 from nnpp_edge.runtime.errors import InvalidQueryError
 from nnpp_edge.runtime.map.ground import Ground
-from nnpp_edge.runtime.map.poses import pose_costs
 from nnpp_edge.runtime.planners.plan import Method
 from nnpp_edge.runtime.planners.planner import Planner
+from nnpp_edge.runtime.robots.body.poses import pose_costs
 from nnpp_edge.runtime.terrain.traversability import Traversability
 from nnpp_edge.runtime.terrain.vehicle import Vehicle
 from nnpp_edge.terrain.dem import Dem, read_dem, sample_path

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from nnpp_edge.runtime.arrays import Float2D
 from nnpp_edge.runtime.cells import Cell
-from nnpp_edge.runtime.map.step_cost import GREY_LEVELS, PAPER_OMEGA, SQRT2
+from nnpp_edge.runtime.terrain.step_cost import GREY_LEVELS, PAPER_OMEGA, SQRT2
 
 
 @dataclass(frozen=True)

@@ -29,10 +29,10 @@ from nnpp_edge.reproduction.rows import Row, Rows, percent, seconds, spread, tim
 from nnpp_edge.runtime.arrays import Float2D
 from nnpp_edge.runtime.cells import Cell, Endpoints
 from nnpp_edge.runtime.map.grid import Grid
-from nnpp_edge.runtime.map.region import Region
-from nnpp_edge.runtime.map.step_cost import StepModel
 from nnpp_edge.runtime.planners.plan import Plan, Source
 from nnpp_edge.runtime.planners.planner import Planner
+from nnpp_edge.runtime.search.region import Region
+from nnpp_edge.runtime.terrain.step_cost import StepModel
 
 PLAIN = "plain A*"
 PLAIN_NN = "plain A*NN"

@@ -17,8 +17,8 @@ from nnpp_edge.runtime.arrays import Float2D
 from nnpp_edge.runtime.cells import Cell, Rectangle, slices, widened
 from nnpp_edge.runtime.errors import InvalidMapError, InvalidQueryError
 from nnpp_edge.runtime.loop.messages import Input
-from nnpp_edge.runtime.map.arcs import Arc, Drive, PoseOf, drive_along
-from nnpp_edge.runtime.map.step_cost import StepCost
+from nnpp_edge.runtime.robots.body.arcs import Arc, Drive, PoseOf, drive_along
+from nnpp_edge.runtime.terrain.step_cost import StepCost
 from nnpp_edge.runtime.terrain.vehicle import Vehicle
 from nnpp_edge.simulation.robots import Robot
 from nnpp_edge.terrain.obstacles import CLEAR, Obstacles

@@ -12,9 +12,9 @@ from numpy.typing import NDArray
 from nnpp_edge.runtime.cells import Cell, Endpoints
 from nnpp_edge.runtime.errors import Status
 from nnpp_edge.runtime.map.grid import Grid
-from nnpp_edge.runtime.map.step_cost import StepModel
 from nnpp_edge.runtime.search.astar import astar, cost_field
 from nnpp_edge.runtime.search.workspace import Workspace
+from nnpp_edge.runtime.terrain.step_cost import StepModel
 
 EXCESS_STEP = 0.001
 """The excess is kept in steps of 0.1 %; level 255 stands for 25.5 % and more, and for out

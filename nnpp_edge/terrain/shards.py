@@ -15,8 +15,8 @@ from numpy.typing import NDArray
 
 from nnpp_edge.runtime.errors import DataSetError
 from nnpp_edge.runtime.map.grid import Grid
-from nnpp_edge.runtime.map.step_cost import PAPER_OMEGA, StepModel
 from nnpp_edge.runtime.network.encoding import Frame, map_planes
+from nnpp_edge.runtime.terrain.step_cost import PAPER_OMEGA, StepModel
 from nnpp_edge.runtime.terrain.traversability import Traversability, traversability_cost
 from nnpp_edge.terrain.dem import Dem, read_dem
 from nnpp_edge.terrain.georeference import LEAST_SIDE_M, MOST_SIDE_M

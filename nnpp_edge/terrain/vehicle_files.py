@@ -12,8 +12,8 @@ from typing import TypeVar
 import msgspec
 
 from nnpp_edge.runtime.errors import InvalidQueryError
-from nnpp_edge.runtime.map.slope_cost import SLOPE_COSTS, Mobility
 from nnpp_edge.runtime.reading import read_toml
+from nnpp_edge.runtime.robots.slope.cost import SLOPE_COSTS, Mobility
 from nnpp_edge.runtime.terrain.vehicle import Vehicle
 
 _SHIPPED = Path(str(files("nnpp_edge.profiles"))) / "vehicles"

@@ -21,10 +21,10 @@ from nnpp_edge.runtime.cells import Cell
 from nnpp_edge.runtime.compiled import notice
 from nnpp_edge.runtime.errors import InvalidQueryError, NnppEdgeError
 from nnpp_edge.runtime.kernels.poses import REFUSALS
-from nnpp_edge.runtime.map.refusal import why_blocked
-from nnpp_edge.runtime.map.slope_cost import unit_of
 from nnpp_edge.runtime.planners.plan import Plan
 from nnpp_edge.runtime.reading import refused_as
+from nnpp_edge.runtime.robots.body.refusal import why_blocked
+from nnpp_edge.runtime.robots.slope.cost import unit_of
 from nnpp_edge.runtime.terrain.traversability import steepest_step_deg, terrain_terms
 from nnpp_edge.terrain.coordinates import lonlat_at
 from nnpp_edge.terrain.dem import Dem
@@ -151,7 +151,7 @@ class Answerer:
         landscape = self.landscape(asked)
         if question.want == "place":
             words = place_in_words(dem, question.at)
-            poses = landscape.planner.state.grid.poses
+            poses = landscape.planner.state.grid.robot.poses
             if not landscape.planner.is_passable(question.at):
                 words.append(
                     "impassable"
@@ -200,7 +200,7 @@ def path_answer(site: Site, asked: Asked, landscape: Landscape, plan: Plan) -> A
         "warnings": landscape.warnings,
         "command": command_of(site, asked),
     }
-    if plan.status.endswith("BLOCKED") and landscape.planner.state.grid.poses is None:
+    if plan.status.endswith("BLOCKED") and landscape.planner.state.grid.robot.poses is None:
         end = asked.start if plan.status.startswith("START") else asked.goal
         answer["figures"] = plan.summary() | {
             "reason": f"{plan.reason}: {ground_in_words(site.dem, end)}"
@@ -312,7 +312,7 @@ def costs(cost: Float2D, pixels: int, refused: Layer | None = None) -> Layer:
     them.
 
     Where a vehicle stands in no heading on a quarter of them, `refused` from
-    `map.refusal.refusals`, the limit that refuses it on most, from `FIRST_REFUSED` on.
+    `robots.body.refusal.refusals`, the limit that refuses it on most, from `FIRST_REFUSED` on.
     """
     passable = cost < 1.0
     strength = smaller(np.where(passable, cost, np.float32(0.0)), pixels) * (FIRST_REFUSED - 1)

@@ -13,9 +13,9 @@ from nnpp_edge.runtime.arrays import Float2D
 from nnpp_edge.runtime.cells import Cell
 from nnpp_edge.runtime.errors import InvalidQueryError
 from nnpp_edge.runtime.map.along import Along
-from nnpp_edge.runtime.map.refusal import refusals
 from nnpp_edge.runtime.network.priors import prices_by
 from nnpp_edge.runtime.planners.query import PlanOptions
+from nnpp_edge.runtime.robots.body.refusal import refusals
 from nnpp_edge.runtime.terrain.traversability import traversability_cost
 from nnpp_edge.runtime.tuning import PRICE_SCALE
 from nnpp_edge.view.asked import Asked, Method, Obstacles, Site
@@ -95,11 +95,11 @@ class Landscape:
 
     def refused(self) -> NDArray[np.uint8] | None:
         """(H, W) limits that refuse the vehicle where it stands in no heading, see
-        `map.refusal.refusals`.
+        `robots.body.refusal.refusals`.
 
         None without a body, and on maps of more than `MOST_SHOWN` cells.
         """
-        poses = self.planner.state.grid.poses
+        poses = self.planner.state.grid.robot.poses
         return None if poses is None or self.cost.size > MOST_SHOWN else refusals(poses.standing())
 
     def plan(self, asked: Asked, method: Method, *, keep_regions: bool = False) -> Plan:

@@ -142,7 +142,7 @@ def plan_picture(
     outlines : sequence of (N, 2) float
         Of a vehicle along the path, rows and columns, from `body_outlines`.
     refused : (H, W) uint8
-        Where it stands in no heading, from `map.refusal.refusals`.
+        Where it stands in no heading, from `robots.body.refusal.refusals`.
     point_path : (N, 2) int
         The path of a point; beside one of arcs, of the same body that turns on the spot.
     cell_size_m, length_m : float

@@ -14,7 +14,7 @@ from nnpp_edge.runtime.kernels.pooling import FACTOR
 STEEPEST = 3.0
 PER_SLOPE = 1024
 """Slopes, rise a metre, up to which a table has knots, and how many to a slope of 1. See
-`map.slope_cost`.
+`robots.slope.cost`.
 """
 _INF_BITS = np.float32(np.inf).view(np.int32)
 
@@ -54,8 +54,8 @@ def price_steps(heights, weights, rule, priced, ways, area, steps):
         Whether impassable cells may not be entered, and whether a diagonal step may pass beside
         one.
     priced : (kinks, level, gradient), least_per_m
-        What a metre costs, as `map.slope_cost.Table`, less what its rise is worth, and the cheapest
-        metre.
+        What a metre costs, as `robots.slope.cost.Table`, less what its rise is worth, and the
+        cheapest metre.
     ways : (steps, lengths)
         (K, 2) int64 rows and columns that the step in each direction leads to, and (K,) float64 its
         length in metres: the eight neighbours', or a body's sixteen legs, which poses decide on.

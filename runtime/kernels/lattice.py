@@ -1,11 +1,11 @@
 """The search over a body's states: a cell, one of sixteen directions in which the body stands
 there, and its gear.
 
-A state is left by motion primitives: legs, turns on the spot and arcs (`map.primitives`). One that
-nobody has checked counts as possible and cheap until the state that it leads to would be expanded:
-only then `kernels.poses` checks it. If it fails, or is dearer, the state waits for the next best
-way to it. What is left from a state is judged by a field, costs from cells to the goal that are
-found before.
+A state is left by motion primitives: legs, turns on the spot and arcs (`robots.body.primitives`).
+One that nobody has checked counts as possible and cheap until the state that it leads to would be
+expanded: only then `kernels.poses` checks it. If it fails, or is dearer, the state waits for the
+next best way to it. What is left from a state is judged by a field, costs from cells to the goal
+that are found before.
 """
 
 import math
@@ -417,7 +417,7 @@ def expand_states(poses, edges, prices, field, region, ends, rule, memory, limit
         What the leg that leaves a node in each direction costs, inf where there is none; without
         any, legs cost by what they are checked to be.
     prices : tuple
-        Of primitives and rays, see `map.primitives`.
+        Of primitives and rays, see `robots.body.primitives`.
     field : (g, meta, stamp, row, col, floor, between)
         What `fill_field` left, the number of that search, the start, and what it costs from there;
         no g without one. With costs of turns `between` directions, (16, 16) float32, if it was

@@ -3,13 +3,13 @@ and why it cannot.
 
 Motions are checked a run at a time, `RUN` cells of a row, where a search first asks: a run takes
 about as long as two or three motions would take one by one. docs/vehicle-check.md has the
-definitions and proof, `map.motions` the tables.
+definitions and proof, `robots.body.motions` the tables.
 
 The kernels are given `poses`, a tuple (codes, source, address):
 
     codes      (nodes, M) uint16, of each motion that begins on a node: `UNCHECKED`,
                1 + T · `MOST_CODE`, rounded up, or `MOST_CODE` + 1 + the limit that refuses it
-    source     (heights, motions, limits, scratch, counts, shape, unseen), see `map.poses`
+    source     (heights, motions, limits, scratch, counts, shape, unseen), see `robots.body.poses`
     address    of `check_run`
 """
 
@@ -86,7 +86,7 @@ def put_heights(heights, base, unknown, out, row, col):
 @helper
 def _range(heights, first, group, samples, slopes):
     """Least and greatest height above a plane among a group of samples, see
-    `map.motions.Motions.groups`.
+    `robots.body.motions.Motions.groups`.
 
     The plane falls by these slopes from the body's middle. Unsigned indices need no look for
     negative ones.

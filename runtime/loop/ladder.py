@@ -19,11 +19,11 @@ from typing import NamedTuple
 from nnpp_edge.runtime.arguments import checked
 from nnpp_edge.runtime.errors import InvalidQueryError, Status
 from nnpp_edge.runtime.loop.messages import Origin, PathMessage
-from nnpp_edge.runtime.map.step_cost import PAPER_OMEGA
 from nnpp_edge.runtime.network.inference import NetworkModel
 from nnpp_edge.runtime.planners.dynamic import DynamicPlanner
 from nnpp_edge.runtime.planners.plan import DynamicMethod, Plan
 from nnpp_edge.runtime.planners.standing_path import Standing
+from nnpp_edge.runtime.terrain.step_cost import PAPER_OMEGA
 
 _LOG = logging.getLogger(__name__)
 _LEAST_PLANNING_S = 0.002

@@ -13,10 +13,10 @@ from nnpp_edge.runtime.deadline import Deadline
 from nnpp_edge.runtime.errors import Status
 from nnpp_edge.runtime.kernels.tiles import SEEN
 from nnpp_edge.runtime.map.ground import Ground
-from nnpp_edge.runtime.map.region import Region
 from nnpp_edge.runtime.map.state import MapState, map_state
-from nnpp_edge.runtime.map.steps import PointSteps
 from nnpp_edge.runtime.planners.query import Found, Query, Work
+from nnpp_edge.runtime.robots.robot import Robot
+from nnpp_edge.runtime.search.region import Region
 from nnpp_edge.runtime.tuning import BLOCKS_AROUND, BLOCKS_BEYOND, PRICE_SCALE
 
 CellPath = NDArray[np.int32]
@@ -115,7 +115,7 @@ class BlockWay:
         -1.
         """
         path = over(stops)
-        return PointSteps().walk(self._grid, path, 0, np.empty(len(path)))
+        return Robot().walk(self._grid, path, 0, np.empty(len(path)))
 
 
 def over(stops: CellPath) -> CellPath:

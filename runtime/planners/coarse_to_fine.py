@@ -13,7 +13,6 @@ from nnpp_edge.runtime.errors import Status
 from nnpp_edge.runtime.kernels.corridor import close_dead_ends, surround
 from nnpp_edge.runtime.kernels.pooling import FACTOR
 from nnpp_edge.runtime.map.pyramid import Level
-from nnpp_edge.runtime.map.region import Region
 from nnpp_edge.runtime.map.state import MapState
 from nnpp_edge.runtime.map.streamed import StreamedMap
 from nnpp_edge.runtime.memory import touch
@@ -22,6 +21,7 @@ from nnpp_edge.runtime.planners.query import Found, Query, Work
 from nnpp_edge.runtime.planners.searchers import AStarSearcher, Searcher
 from nnpp_edge.runtime.search.astar import Search, astar
 from nnpp_edge.runtime.search.landmarks import Landmarks
+from nnpp_edge.runtime.search.region import Region
 from nnpp_edge.runtime.search.workspace import Workspace
 from nnpp_edge.runtime.tuning import (
     CELLS_APART,
@@ -81,7 +81,7 @@ class CoarseLevel:
             self.grid,
             self.workspace,
             self.level.links,
-            self.grid.steps.by_slope,
+            self.grid.robot.by_slope,
         )
         hints = (
             None if region is not None or self.landmarks is None else self.landmarks.towards(goal)
@@ -161,7 +161,7 @@ class CoarseLevel:
         searched = (ws.g, ws.meta, ws.stamp)
         scratch = (self._reached, self._queued, self._queue)
         ahead = below.weights, below.stride, below.rows, below.cols, finer_workspace.meta
-        edges = grid.steps.edges()
+        edges = grid.robot.edges()
         width = (radius, band, deadline.at)
         node = grid.node(*start)
         path = found.path
@@ -187,7 +187,7 @@ class CoarseToFine:
         self._levels = state.pyramid_by(NEVER).levels
         self.coarse_levels = [CoarseLevel(level) for level in self._levels[1:]]
         """The searched levels above the map itself, finest first."""
-        self._corrects = state.grid.steps.by_poses
+        self._corrects = state.grid.robot.by_poses
 
     def workspace(self, number: int) -> Workspace:
         """Memory of the searches of the level of that number; 0 is the map itself."""

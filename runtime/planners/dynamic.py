@@ -18,7 +18,6 @@ from nnpp_edge.runtime.arrays import Float2D
 from nnpp_edge.runtime.cells import Cell, as_cell
 from nnpp_edge.runtime.deadline import Deadline
 from nnpp_edge.runtime.errors import InvalidQueryError
-from nnpp_edge.runtime.map.arcs import direction_near
 from nnpp_edge.runtime.map.ground import Ground
 from nnpp_edge.runtime.memory import touch
 from nnpp_edge.runtime.planners.on_map import (
@@ -300,10 +299,7 @@ class DynamicPlanner(OnMap):
     def _direction(self) -> int:
         """In which a body heads; -1 of others, and where it is not given."""
         heading = self._heading_deg
-        poses = self._state.grid.poses
-        if heading is None or poses is None:
-            return -1
-        return direction_near(heading, poses.sides_m)
+        return -1 if heading is None else self._state.grid.robot.direction(heading)
 
     def _where(self) -> Cell:
         if self._start is None:

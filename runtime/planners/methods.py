@@ -29,10 +29,7 @@ from nnpp_edge.runtime.region.learned import LearnedRegions
 from nnpp_edge.runtime.search.astar import Search
 from nnpp_edge.runtime.search.dstar_lite import DStarLite, serves
 from nnpp_edge.runtime.tuning import (
-    ARC_CORRIDOR,
-    BODY_CORRIDOR,
     BRIEF_EXPANSIONS,
-    CORRIDOR,
     FAR,
     IN_VAIN,
     JOIN_AHEAD,
@@ -45,8 +42,6 @@ from nnpp_edge.runtime.tuning import (
     MOST_DRIFT,
     NEAR,
     REFINE_FROM,
-    WIDENED_BODY_CORRIDOR,
-    WIDENED_CORRIDOR,
     CorridorWidth,
 )
 
@@ -91,8 +86,8 @@ class Methods:
     ) -> None:
         self.state = state
         self._ask_from = ask_from
-        self.has_poses = state.grid.steps.by_poses
-        self.has_arcs = state.grid.steps.columns == 3
+        self.has_poses = not state.grid.robot.learned_region
+        self.has_arcs = not state.grid.robot.symmetric and state.grid.robot.by_poses
         """Whether a vehicle's poses are searched, and whether it drives arcs."""
         self.keeps_field = False
         """Whether what guides a body's search serves the next one to the same goal, for an answer
@@ -207,13 +202,7 @@ class Methods:
         if self.state.unseen is not None and (found := self._by_blocks(query, work)) is not None:
             return found
         self.state.pyramid_by(query.deadline)
-        by_robot = (
-            (BODY_CORRIDOR, WIDENED_BODY_CORRIDOR)
-            if self.has_poses
-            else (CORRIDOR, WIDENED_CORRIDOR)
-        )
-        if self.has_arcs:
-            by_robot = ARC_CORRIDOR, WIDENED_BODY_CORRIDOR
+        by_robot = self.state.grid.robot.corridors
         known = self.keeps_field and self.has_arcs and self.astar.kept_cost(query) < math.inf
         if known and (again := self.astar.search_again(query, work)) is not None:
             found = Found.of(self.state.grid, again, Source.REGION, None, work)

@@ -14,13 +14,13 @@ from nnpp_edge.runtime.kernels.nodes import octile
 from nnpp_edge.runtime.kernels.pooling import FACTOR
 from nnpp_edge.runtime.map.changes import ChangeReader
 from nnpp_edge.runtime.map.pyramid import quarters
-from nnpp_edge.runtime.map.region import Region
 from nnpp_edge.runtime.map.state import MapState
 from nnpp_edge.runtime.memory import touch
 from nnpp_edge.runtime.planners.query import Found, Query, Work, problem_with
 from nnpp_edge.runtime.search.astar import Search, astar, by_kept_field
 from nnpp_edge.runtime.search.dstar_lite import DStarLite, serves
 from nnpp_edge.runtime.search.landmarks import MOST_LANDMARKS, Landmarks
+from nnpp_edge.runtime.search.region import Region
 from nnpp_edge.runtime.search.workspace import Workspace
 from nnpp_edge.runtime.tuning import (
     FIELD_KEPT,
@@ -46,7 +46,7 @@ class AStarSearcher:
 
     def __init__(self, state: MapState) -> None:
         self.grid = grid = state.grid
-        self.workspace = Workspace(len(grid.weights), grid.steps.states_a_node)
+        self.workspace = Workspace(len(grid.weights), grid.robot.states_a_node)
         self._log = state.log
         self._kept: tuple[Cell, Region | None, int, Cell, float] | None = None
         """Of the field that is kept: goal, region, number of the search, its start, and the cost
@@ -157,7 +157,7 @@ class AStarSearcher:
         `Planner.prepare`.
         """
         count = landmarks + len(goals)
-        if count and (self.grid.steps.by_slope or self.grid.steps.by_poses):
+        if count and not self.grid.robot.has_landmarks:
             raise InvalidQueryError(
                 "landmarks need steps that cost alike both ways, without turns: wanted "
                 "step_cost='paper' and no body"

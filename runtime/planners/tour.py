@@ -14,7 +14,6 @@ from nnpp_edge.runtime.deadline import NEVER, Deadline, OutOfTimeError
 from nnpp_edge.runtime.errors import InvalidQueryError
 from nnpp_edge.runtime.map.along import joined
 from nnpp_edge.runtime.map.grid import Grid
-from nnpp_edge.runtime.map.motions import DIRECTIONS
 from nnpp_edge.runtime.planners.plan import Method, Plan, Source
 from nnpp_edge.runtime.planners.query import in_words
 from nnpp_edge.runtime.stopwatch import Stopwatch
@@ -113,7 +112,7 @@ def tour(
         return Tour(ordered, order, tuple(found), _as_one(found, ordered, grid), given_cost)
 
     made = by(order)
-    if grid.steps.by_poses and not math.isnan(given_cost):  # legs alone cost less than all as one
+    if grid.robot.by_poses and not math.isnan(given_cost):  # legs alone cost less than all as one
         as_given = made if order == given else by(given)
         given_cost = as_given.plan.cost
         cheaper = as_given if given_cost <= made.plan.cost else made
@@ -128,15 +127,6 @@ def tour(
     return replace(made, plan=replace(made.plan, timings_ms=timings))
 
 
-def arrival(path: NDArray[np.int32]) -> int:
-    """Direction in which a body comes to the end of a path, as `Plan.walked`; -1 for a
-    single cell.
-    """
-    if path.shape[1] == 3:
-        return int(path[-1, 2]) % len(DIRECTIONS)
-    return DIRECTIONS.index(tuple((path[-1] - path[-2]).tolist())) if len(path) > 1 else -1
-
-
 class _Legs:
     """Plans between stops, each made once."""
 
@@ -144,7 +134,7 @@ class _Legs:
         self._plan = plan
         self._stops = stops
         self._grid = grid
-        self._symmetric = not grid.steps.by_slope and grid.steps.columns == 2
+        self._symmetric = grid.robot.symmetric
         """Whether a path costs the same both ways, and is driven so: then one plan serves a leg and
         its reverse.
         """
@@ -175,8 +165,8 @@ class _Legs:
         found: list[Plan] = []
         for begin, end in self.along(order):
             leg = self.plan(begin, end)
-            if self._grid.steps.by_poses and found and leg.ok:
-                heading = arrival(found[-1].walked)
+            heading = self._grid.robot.arrival(found[-1].walked) if found and leg.ok else -1
+            if heading >= 0:
                 leg = self._plan(self._stops[begin], self._stops[end], direction=heading)
             found.append(finish(leg))
             if not found[-1].ok:
@@ -303,7 +293,7 @@ def _as_one(legs: Sequence[Plan], stops: Sequence[Cell], grid: Grid) -> Plan:
         else first.along,  # by it alone the arcs are known, `Plan.over` needs them
         waypoints=joined(lines).astype(np.float64) if len(lines) == len(legs) else None,
         line_cost=sum(leg.line_cost for leg in legs),
-        cost=costs[0] if grid.steps.by_poses else sum(leg.cost for leg in legs),
+        cost=costs[0] if grid.robot.by_poses else sum(leg.cost for leg in legs),
         length=sum(leg.length for leg in legs),
         traverse_cost=costs[2],
         lower_bound=sum(leg.lower_bound for leg in legs),

@@ -13,10 +13,10 @@ from nnpp_edge.runtime.kernels import threshold as kernels
 from nnpp_edge.runtime.kernels.pooling import FACTOR
 from nnpp_edge.runtime.kernels.threshold import lowered
 from nnpp_edge.runtime.map.pyramid import Level
-from nnpp_edge.runtime.map.region import Lookup, Region
 from nnpp_edge.runtime.map.state import MapState
 from nnpp_edge.runtime.network.inference import NetworkModel
 from nnpp_edge.runtime.region.map_view import MapView
+from nnpp_edge.runtime.search.region import Lookup, Region
 from nnpp_edge.runtime.search.workspace import Workspace
 from nnpp_edge.runtime.stopwatch import Stopwatch
 from nnpp_edge.runtime.tuning import WIDENED_BLOCKS, WIDENED_THRESHOLD

@@ -9,7 +9,7 @@ import math
 import time
 from collections.abc import Callable, Iterator, Sequence
 from functools import partial
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -28,10 +28,9 @@ from nnpp_edge.runtime.kernels.lattice import (
     trace_states,
 )
 from nnpp_edge.runtime.kernels.nodes import octile
-from nnpp_edge.runtime.map.grid import Grid
-from nnpp_edge.runtime.map.region import Region
-from nnpp_edge.runtime.map.step_cost import StepCost
+from nnpp_edge.runtime.search.region import Region
 from nnpp_edge.runtime.search.workspace import Workspace
+from nnpp_edge.runtime.terrain.step_cost import StepCost
 from nnpp_edge.runtime.tuning import (
     AROUND_GOAL,
     BUCKET_WIDTH,
@@ -39,6 +38,9 @@ from nnpp_edge.runtime.tuning import (
     DIRECTED_BUCKET_WIDTH,
     TURNS_IN_FIELD,
 )
+
+if TYPE_CHECKING:
+    from nnpp_edge.runtime.map.grid import Grid
 
 _BETWEEN_LOOKS = 1 << 14
 """Expansions after which is looked whether enough is known."""
@@ -77,7 +79,7 @@ class Search(NamedTuple):
 
 
 def astar(
-    grid: Grid,
+    grid: "Grid",
     start: Cell,
     goal: Cell,
     workspace: Workspace,
@@ -110,7 +112,7 @@ def astar(
     limit, deadline
         Give up with TIMEOUT after about so many expansions, or then.
     direction : int
-        In which a body stands at the start, see `map.motions.DIRECTIONS`; by default any.
+        In which a body stands at the start, see `robots.body.motions.DIRECTIONS`; by default any.
     wanted : (16,) bool
         Directions in which it may arrive; by default all.
 
@@ -124,14 +126,14 @@ def astar(
         there = (
             int(np.argmax(wanted)) if direction < 0 and wanted is not None else max(direction, 0)
         )
-        return Search(Status.OK, np.array([(*start, there)[: grid.steps.columns]], np.int32), 0)
-    if grid.steps.by_poses:
+        return Search(Status.OK, np.array([(*start, there)[: grid.robot.columns]], np.int32), 0)
+    if grid.robot.by_poses:
         ends = (first, last, direction)
         limits = (limit or _WITHOUT_END, deadline.at)
         return _over_states(grid, ends, wanted, workspace, region, beyond, limits)
     rule = *grid.prices, _bucket_width(grid, hints), _successors(grid, links), _beyond(beyond)
     landmarks = kernels.NO_HINTS if hints is None else hints
-    before = grid.packed, grid.steps.edges(backwards), _ways(links), _allowed(region), landmarks
+    before = grid.packed, grid.robot.edges(backwards), _ways(links), _allowed(region), landmarks
     limits = limit or _WITHOUT_END, deadline.at
     code, length, expansions, refused = _run(
         kernels.expand, before, (first, last), rule, workspace, limits
@@ -142,7 +144,7 @@ def astar(
 
 
 def _over_states(
-    grid: Grid,
+    grid: "Grid",
     ends: tuple[int, int, int],
     wanted: NDArray[np.bool_] | None,
     workspace: Workspace,
@@ -158,7 +160,7 @@ def _over_states(
     is the best. In a region legs and their turns alone count, which leaves few states to look at,
     for an answer about as good; no path at all then costs less than the octile distance.
     """
-    states = grid.steps.states()
+    states = grid.robot.states()
     allowed = _allowed(region)
     field = workspace.field
     first, last, _ = ends
@@ -190,7 +192,7 @@ def _over_states(
         spent += more
     if code != kernels.FOUND:
         status = Status.NO_PATH if code == kernels.EXHAUSTED else Status.TIMEOUT
-        return Search.without_path(status, spent, refused, grid.steps.columns)
+        return Search.without_path(status, spent, refused, grid.robot.columns)
     if around is not None:
         around(True)
     guide = first, float(field.g[2 * first]), between
@@ -202,7 +204,7 @@ def _over_states(
 
 
 def _around_goal(
-    grid: Grid,
+    grid: "Grid",
     ends: tuple[int, int, int],
     wanted: NDArray[np.bool_],
     workspace: Workspace,
@@ -216,7 +218,7 @@ def _around_goal(
     and a function that puts the costs into the field, called before the field is filled and after,
     None where the start is as near.
     """
-    states, (first, last, _), frame = grid.steps.states(), ends, _frame(grid, workspace)
+    states, (first, last, _), frame = grid.robot.states(), ends, _frame(grid, workspace)
     field = workspace.field
     assert states is not None and field is not None
     backwards = np.resize(np.roll(wanted, DIRECTIONS // 2), workspace.states)
@@ -260,7 +262,7 @@ def _around_goal(
 
 
 def by_kept_field(
-    grid: Grid,
+    grid: "Grid",
     start: Cell,
     goal: Cell,
     workspace: Workspace,
@@ -282,7 +284,7 @@ def by_kept_field(
     """
     first = grid.node(*start)
     last = grid.node(*goal)
-    *_, turns = grid.steps.states()[2]  # type: ignore[index]
+    *_, turns = grid.robot.states()[2]  # type: ignore[index]
     between = turns[:0] if region is None else np.float32(TURNS_IN_FIELD) * turns
     limits = limit or _WITHOUT_END, deadline.at
     guide = (grid.node(*begun), promised, between)
@@ -292,7 +294,7 @@ def by_kept_field(
 
 
 def _by_field(
-    grid: Grid,
+    grid: "Grid",
     ends: tuple[int, int, int],
     wanted: NDArray[np.bool_] | None,
     workspace: Workspace,
@@ -304,7 +306,7 @@ def _by_field(
     """The search over states, once the field is there; of that the start, the cost from there, and
     those of turns.
     """
-    states = grid.steps.states()
+    states = grid.robot.states()
     field = workspace.field
     begun, promised, between = guide
     assert states is not None and field is not None
@@ -338,13 +340,13 @@ def _by_field(
         length = trace(workspace.meta, end, out=workspace.path)
     found = _traced(trace, workspace, code, end, length, expansions, math.inf)
     path = found.path
-    if grid.steps.columns == 2:  # cells alone, of those that it turns on one
+    if grid.robot.columns == 2:  # cells alone, of those that it turns on one
         moved = np.any(np.diff(path[:, :2], axis=0, prepend=-1), axis=1)
         path = np.ascontiguousarray(path[moved, :2])
     return found._replace(path=path, promised=promised)
 
 
-def _frame(grid: Grid, workspace: Workspace) -> tuple[int, int]:
+def _frame(grid: "Grid", workspace: Workspace) -> tuple[int, int]:
     """How states are numbered, see `expand_states`."""
     return workspace.states.bit_length() - 1, grid.stride
 
@@ -406,7 +408,7 @@ def _beyond(share: float) -> float:
     return 1.0 + share if share else kernels.BELOW
 
 
-def settle_all(grid: Grid, source: Cell, workspace: Workspace, links: Links = None) -> None:
+def settle_all(grid: "Grid", source: Cell, workspace: Workspace, links: Links = None) -> None:
     """Search from a passable cell until nothing is left: the workspace then holds every cell's cost
     from there.
     """
@@ -415,7 +417,7 @@ def settle_all(grid: Grid, source: Cell, workspace: Workspace, links: Links = No
 
 
 def _settling(
-    grid: Grid,
+    grid: "Grid",
     source: Cell,
     workspace: Workspace,
     links: Links = None,
@@ -430,13 +432,13 @@ def _settling(
     kernel: Callable[..., Parts] = kernels.expand
     before: Parts = (
         grid.packed,
-        grid.steps.edges(),
+        grid.robot.edges(),
         _ways(links),
         kernels.NO_REGION,
         kernels.NO_HINTS,
     )
     rule: Parts = 0.0, 0.0, width, _successors(grid, links), kernels.BELOW
-    if (states := grid.steps.states()) is not None:
+    if (states := grid.robot.states()) is not None:
         kernel = expand_states
         before = (*states, _no_field(workspace), kernels.NO_REGION)
         rule = (0.0, 0.0, 0.0), width, kernels.BELOW, _frame(grid, workspace), anywhere, ~anywhere
@@ -450,17 +452,21 @@ def _settling(
         yield math.inf if code == kernels.EXHAUSTED else workspace.least_open
 
 
-def cost_field(grid: Grid, source: Cell, workspace: Workspace) -> Float2D:
+def cost_field(grid: "Grid", source: Cell, workspace: Workspace) -> Float2D:
     """Cost of the cheapest path from a passable cell to every other: (H, W) float32, inf where
     there is none.
     """
     settle_all(grid, source, workspace)
     field = workspace.costs().reshape(-1, grid.stride)[1 : grid.rows + 1, 1 : grid.cols + 1]
-    return grid.steps.with_heights(field, source)
+    return grid.robot.with_heights(field, source)
 
 
 def costs_to_nearest(
-    grid: Grid, stops: Sequence[Cell], count: int, workspace: Workspace, deadline: Deadline = NEVER
+    grid: "Grid",
+    stops: Sequence[Cell],
+    count: int,
+    workspace: Workspace,
+    deadline: Deadline = NEVER,
 ) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
     """Costs of the cheapest paths from each of N passable cells, but the last, to so many of the
     others.
@@ -478,24 +484,24 @@ def costs_to_nearest(
             if settled.sum() > count:  # the cell itself is one of them
                 break
         costs[at] = np.where(settled, found, within)
-        costs[at] += [grid.steps.worth_of_height(stop, other) for other in stops]
+        costs[at] += [grid.robot.worth_of_height(stop, other) for other in stops]
         known[at] |= settled | (within == math.inf)
     return costs, known
 
 
-def _bucket_width(grid: Grid, hints: Hints | None = None) -> float:
-    by_grid = DIRECTED_BUCKET_WIDTH if grid.steps.by_slope else BUCKET_WIDTH
+def _bucket_width(grid: "Grid", hints: Hints | None = None) -> float:
+    by_grid = DIRECTED_BUCKET_WIDTH if grid.robot.by_slope else BUCKET_WIDTH
     return grid.prices[0] * (by_grid if hints is None else BUCKET_WIDTH_BY_LANDMARKS)
 
 
-def _best(grid: Grid) -> tuple[float, float, float]:
+def _best(grid: "Grid") -> tuple[float, float, float]:
     """Least costs of straight, diagonal and knight's legs, see `Grid.prices`."""
     straight, diagonal = grid.prices
     return straight / KNIGHT, diagonal / KNIGHT, straight + diagonal
 
 
-def _successors(grid: Grid, links: Links) -> NDArray[np.int64]:
+def _successors(grid: "Grid", links: Links) -> NDArray[np.int64]:
     """The steps from a cell that its best predecessor leaves to search."""
-    if links is not None or grid.steps.by_slope:
+    if links is not None or grid.robot.by_slope:
         return kernels.SUCCESSORS[0]
     return kernels.SUCCESSORS[2 if grid.corner_cutting and grid.model.kind is StepCost.PAPER else 1]

@@ -6,6 +6,7 @@ the equalities and the order of keys that the algorithm's proof rests on hold to
 """
 
 import math
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,22 +16,24 @@ from nnpp_edge.runtime.deadline import NEVER, Deadline, OutOfTimeError
 from nnpp_edge.runtime.errors import InvalidMapError, InvalidQueryError, Status
 from nnpp_edge.runtime.kernels import dstar as kernels
 from nnpp_edge.runtime.kernels.nodes import octile
-from nnpp_edge.runtime.map.grid import Grid
-from nnpp_edge.runtime.map.region import Region
-from nnpp_edge.runtime.map.state import MapState
-from nnpp_edge.runtime.map.step_cost import StepCost
 from nnpp_edge.runtime.search.astar import Search
+from nnpp_edge.runtime.search.region import Region
+from nnpp_edge.runtime.terrain.step_cost import StepCost
 from nnpp_edge.runtime.tuning import MOST_RATIO_FOR_DSTAR
+
+if TYPE_CHECKING:
+    from nnpp_edge.runtime.map.grid import Grid
+    from nnpp_edge.runtime.map.state import MapState
 
 UNITS = float(1 << 20)
 """Units in the cheapest straight step: a step is rounded by at most 2 of them."""
 
 
-def serves(grid: Grid) -> bool:
+def serves(grid: "Grid") -> bool:
     """Whether D* Lite plans on this map: a point's or a disc's, with steps near enough to one
     another in cost.
     """
-    return not grid.steps.by_poses and grid.step_ratio <= MOST_RATIO_FOR_DSTAR
+    return grid.robot.repairs and grid.step_ratio <= MOST_RATIO_FOR_DSTAR
 
 
 class DStarMemory:
@@ -78,9 +81,9 @@ class DStarLite:
     over all slopes, and never changes.
     """
 
-    def __init__(self, state: MapState, goal: Cell, region: Region | None = None) -> None:
+    def __init__(self, state: "MapState", goal: Cell, region: Region | None = None) -> None:
         self._grid = state.grid
-        directed = self._grid.steps.edges()
+        directed = self._grid.robot.edges()
         self._edges = None if directed is None else (directed, UNITS / self._grid.prices[0])
         self._changes = state.log.reader()
         self.memory = DStarMemory(len(self._grid.weights))

@@ -7,14 +7,18 @@ goal itself it is exact. The bounds outlive changes of the map by which no cell 
 costs then only rise above them.
 """
 
+from typing import TYPE_CHECKING
+
 import numpy as np
 from numpy.typing import NDArray
 
 from nnpp_edge.runtime.cells import Cell
 from nnpp_edge.runtime.kernels.expansion import LANES
-from nnpp_edge.runtime.map.grid import Grid
 from nnpp_edge.runtime.search.astar import Hints, Links, settle_all
 from nnpp_edge.runtime.search.workspace import Workspace
+
+if TYPE_CHECKING:
+    from nnpp_edge.runtime.map.grid import Grid
 
 MOST_LANDMARKS = LANES
 _ROUNDING = 4e-6
@@ -37,7 +41,7 @@ class Landmarks:
     its size.
     """
 
-    def __init__(self, grid: Grid, workspace: Workspace, links: Links = None) -> None:
+    def __init__(self, grid: "Grid", workspace: Workspace, links: Links = None) -> None:
         self._grid = grid
         self._workspace = workspace
         self._links = links
@@ -89,7 +93,7 @@ class Landmarks:
         return self.fields, self.fields[self._grid.node(*goal)].copy(), self._slack
 
 
-def _nearest(chosen: NDArray[np.bool_], grid: Grid, up: float, left: float) -> Cell | None:
+def _nearest(chosen: NDArray[np.bool_], grid: "Grid", up: float, left: float) -> Cell | None:
     """Of the nodes chosen, the cell nearest a place given in shares of the map's height
     and width.
     """

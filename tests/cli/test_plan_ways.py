@@ -18,7 +18,7 @@ from pyproj import Transformer
 from nnpp_edge.runtime import Planner, Vehicle, pose_costs
 from nnpp_edge.runtime.kernels.poses import REFUSALS
 from nnpp_edge.runtime.map.along import Numbers
-from nnpp_edge.runtime.map.turns import curvatures
+from nnpp_edge.runtime.planners.turns import curvatures
 from nnpp_edge.terrain.vehicle_files import load_mobility, load_vehicle
 from nnpp_edge.viz.picture import BODY as OUTLINE
 from nnpp_edge.viz.picture import POINT, REFUSED

@@ -11,7 +11,7 @@ import numpy as np
 
 from nnpp_edge.runtime import Planner, Status, Vehicle
 from nnpp_edge.runtime.kernels.poses import AXES, FAILS, MOST_CODE
-from nnpp_edge.runtime.map.poses import Poses, limits_of
+from nnpp_edge.runtime.robots.body.poses import Poses, limits_of
 from tests import pose_oracles
 from tests.fuzz.cases import NOWHERE, Case, Place, Problem, problem_with_optimum
 from tests.fuzz.elevations import draw_patch, draw_sizes, drive, sizes
@@ -179,8 +179,8 @@ def _check(case: Case, place: Place) -> Problem | None:
 
 def poses_of(planner: Planner) -> Poses:
     """A planner's; all checked."""
-    planner.state.grid.poses.complete()
-    return planner.state.grid.poses
+    planner.state.grid.robot.poses.complete()
+    return planner.state.grid.robot.poses
 
 
 def motions_on(poses: Poses) -> tuple[np.ndarray, np.ndarray, np.ndarray]:

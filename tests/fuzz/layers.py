@@ -202,7 +202,7 @@ def wrong_answer(
     if message.outcome is not Status.OK:
         return ""
     cost, near = planner.state.grid.costs_of(message.path)[0], 1e-4 * abs(best.cost) + 1e-5
-    legs = 1 if planner.state.grid.poses is None else 2
+    legs = 1 if planner.state.grid.robot.poses is None else 2
     leaps = not np.isin(np.abs(np.diff(message.path, axis=0)).max(1), (1, legs)).all()
     if leaps or (tuple(message.path[0]), tuple(message.path[-1])) != (at, goal):
         return "published: a path with a leap or other ends"

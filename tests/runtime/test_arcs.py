@@ -16,10 +16,10 @@ import pytest
 from nnpp_edge.runtime import DynamicPlanner, Planner, Vehicle
 from nnpp_edge.runtime.errors import InvalidMapError, InvalidQueryError
 from nnpp_edge.runtime.kernels.poses import AXES, FAILS, MOST_CODE
-from nnpp_edge.runtime.map.arcs import heading_deg
-from nnpp_edge.runtime.map.primitives import primitives
 from nnpp_edge.runtime.planners import methods
 from nnpp_edge.runtime.planners.plan import Source
+from nnpp_edge.runtime.robots.body.arcs import heading_deg
+from nnpp_edge.runtime.robots.body.primitives import primitives
 from nnpp_edge.runtime.search import astar as search
 from tests import pose_oracles
 from tests.pose_oracles import DIRECTIONS, rocks
@@ -140,7 +140,7 @@ def dijkstra(codes, vehicle, sides, scale, starts):
 
 def with_codes(made, seed):
     """Random codes in place of what was checked; (H, W, M)."""
-    poses = made.state.grid.poses
+    poses = made.state.grid.robot.poses
     rng = np.random.default_rng(seed)
     poses.complete()
     poses.codes[:] = rng.integers(1, MOST_CODE, poses.codes.shape)
@@ -275,7 +275,7 @@ def test_an_unswept_arc_breaks_a_limit_that_the_swept_one_is_refused_for(monkeyp
     """The control of the one before: with poses that stand for themselves alone something
     breaks.
     """
-    from nnpp_edge.runtime.map import motions
+    from nnpp_edge.runtime.robots.body import motions
 
     whole = motions.arc_poses
     monkeypatch.setattr(

@@ -19,7 +19,7 @@ from nnpp_edge.runtime.errors import InvalidMapError, InvalidQueryError
 from nnpp_edge.runtime.kernels.poses import FAILS
 from nnpp_edge.runtime.map.ground import Ground
 from nnpp_edge.runtime.map.state import MapState
-from nnpp_edge.runtime.map.step_cost import PAPER_OMEGA
+from nnpp_edge.runtime.terrain.step_cost import PAPER_OMEGA
 from nnpp_edge.runtime.terrain.traversability import traversability_cost
 from nnpp_edge.runtime.tuning import MOST_PRICE
 from nnpp_edge.terrain.synthetic import synthetic_terrain
@@ -200,7 +200,7 @@ def test_a_body_goes_by_prices_until_its_poses_are_known(turning):
     assert bool(plan.arcs) == bool(turning) and 0.0 < plan.numbers.climb_m < np.ptp(HEIGHTS) * 3.0
     planner.update_elevation(0, 0, HEIGHTS[:60, :60])
     seen = planner.plan(START, GOAL)
-    reach = max(planner.state.grid.poses.reach)
+    reach = max(planner.state.grid.robot.poses.reach)
     assert seen.ok and seen.known > 20 and (seen.path.max(1) + reach < 60).argmin() == seen.known
     planner = coarse(vehicle=body)
     planner.update_elevation(0, 0, HEIGHTS)
@@ -294,7 +294,7 @@ def test_poses_at_the_edge_of_what_was_seen_are_not_refused_for_want_of_the_rest
     planner = Planner.of_coarse(means, FACTOR * CELL_M, FACTOR, prior="slope", vehicle=body)
     planner.update_elevation(30, 30, heights[30:70, 30:70])
     assert (
-        planner.state.grid.poses.standing()[:, 5:-5, 5:-5] < FAILS
+        planner.state.grid.robot.poses.standing()[:, 5:-5, 5:-5] < FAILS
     ).all()  # a plane of 24.7 degrees, all of it
     planner.update_elevation(
         66, 30, heights[66:70, 30:70] + np.where(np.arange(40) < 20, 30.0, 0.0).astype(np.float32)

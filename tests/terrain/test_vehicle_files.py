@@ -7,7 +7,7 @@ from dataclasses import fields
 import pytest
 
 from nnpp_edge.runtime.errors import NnppEdgeError
-from nnpp_edge.runtime.map.slope_cost import (
+from nnpp_edge.runtime.robots.slope.cost import (
     SLOPE_COSTS,
     EnergyCost,
     IrmischerCost,

@@ -30,8 +30,8 @@ from nnpp_edge.runtime.kernels.poses import (
     put_heights,
     standing_codes,
 )
-from nnpp_edge.runtime.map import motions
-from nnpp_edge.runtime.map.primitives import primitives, turn_rad
+from nnpp_edge.runtime.robots.body import motions
+from nnpp_edge.runtime.robots.body.primitives import primitives, turn_rad
 from nnpp_edge.runtime.terrain.traversability import Traversability, relative_heights, sides_of
 from nnpp_edge.runtime.terrain.vehicle import Vehicle
 
@@ -41,7 +41,7 @@ PackedPoses = tuple[NDArray[np.uint16], tuple[object, ...], int]
 Ints = NDArray[np.int32]
 Prices = tuple[np.float32, Ints, Floats, Ints, Ints, Floats, Floats]
 """By how much each step of a code makes a motion dearer, as a share; primitives and rays
-(`map.primitives`); and what turns between directions cost (16, 16)."""
+(`robots.body.primitives`); and what turns between directions cost (16, 16)."""
 NO_EDGES = np.empty((0, 2 * AXES), np.float32)
 """Of legs that cost by what they are checked to be."""
 _SAFE = 1.0 - 1e-5
@@ -361,7 +361,9 @@ def pose_costs(
             "a disc has no poses: wanted a vehicle with length, width and clearance"
         )
     heights, _ = relative_heights(dem)
-    codes = Poses(heights, sides, vehicle, term_weights(traversability), 1.0).standing()
+    codes = Poses(
+        heights, sides, vehicle, (traversability or Traversability()).weights, 1.0
+    ).standing()
     costs = (np.maximum(codes, 1) - np.float32(1)) / np.float32(MOST_CODE)
     return np.where(codes >= FAILS, np.float32(np.inf), costs.astype(np.float32))
 
@@ -374,23 +376,6 @@ def between(turns: NDArray[np.floating]) -> Floats:
     apart = np.abs(at[:-1, None] - at[:-1])
     found: Floats = np.minimum(apart, at[-1] - apart).astype(np.float32)
     return found
-
-
-def term_weights(traversability: Traversability | None) -> tuple[float, float, float]:
-    """Weights of tilt, rise and step in T."""
-    rule = traversability or Traversability()
-    return rule.slope_weight, rule.roughness_weight, rule.step_weight
-
-
-def bytes_per_cell(vehicle: Vehicle) -> int:
-    """Memory that planning takes for a vehicle, beside a point's.
-
-    For a body a height, a code for each motion, and g and parent of each state: a direction, and a
-    gear where a change costs. A disc has a point's map beside its own.
-    """
-    motions_of_cell = 2 * AXES if vehicle.turning_radius_m is None else 4 * AXES
-    gears = 2 if vehicle.reverse_cost is not None and vehicle.gear_change_m else 1
-    return 12 if vehicle.is_disc else 4 + 2 * motions_of_cell + 8 * gears * 2 * AXES
 
 
 def limits_of(vehicle: Vehicle, weights: tuple[float, float, float]) -> Floats:
