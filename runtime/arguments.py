@@ -8,6 +8,7 @@ cells have their own checks.
 
 import functools
 import inspect
+import sys
 import types
 from collections.abc import Callable, Iterable, Sequence
 from itertools import chain
@@ -54,7 +55,8 @@ def _guarded(entry: Callable[..., object], error: type[NnppEdgeError]) -> Callab
         name is there.
         """
         given = {name: hint for name, hint in inspect.get_annotations(entry).items() if name != "return"}
-        named = get_type_hints(types.SimpleNamespace(__annotations__=given), entry.__globals__)
+        space = getattr(entry, "__globals__", None) or vars(sys.modules[entry.__module__])
+        named = get_type_hints(types.SimpleNamespace(__annotations__=given), space)
         hints = {name: named.get(name) for name in inspect.signature(entry).parameters}
         return {
             name: (
