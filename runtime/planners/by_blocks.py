@@ -41,7 +41,6 @@ class BlockWay:
         self._map = map_state(
             Ground(self._unseen.costs(everywhere) / PRICE_SCALE),
             state.omega * PRICE_SCALE,
-            state.grid.corner_cutting,
         )
         self._find = find(self._map)
         rows, cols = (
