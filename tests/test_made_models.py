@@ -8,12 +8,14 @@ from importlib import import_module
 from types import SimpleNamespace
 from unittest.mock import MagicMock
 
+import numpy as np
 import onnx
 import pytest
 
 from nnpp_edge.model.registry import Spec
 from nnpp_edge.runtime.network.model_file import ModelMetadata
 from nnpp_edge.runtime.terrain.traversability import Traversability
+from nnpp_edge.terrain.dataset import Samples
 from tests.conftest import TINY_MODEL
 
 ROOMS = ("calibrate", "export", "model", "training")
@@ -37,6 +39,7 @@ def made():
     yield SimpleNamespace(
         export=import_module("nnpp_edge.export.to_onnx"),
         quantize=import_module("nnpp_edge.calibrate.quantize"),
+        batches=import_module("nnpp_edge.training.batches"),
     )
     taken()
     sys.modules.update(real)
@@ -88,3 +91,28 @@ def test_the_recommendation_weighs_speed_cost_and_agreement(made):
         words = advice(2.0, 1.0, fit(0.1, 0.2, 0.1), fit(*errors))
         grown = 100.0 * (errors[2] / 0.1 - 1.0)
         assert words.startswith(begins) and f"its errors grow by {grown:.1f} %" in words
+
+
+def test_batches_turn_and_mirror_maps_ends_and_targets_alike(made):
+    """Each map has a mark at the start, and the target's only cheap block lies below it."""
+    starts = np.array([(9.0, 100.0), (70.0, 20.0)], np.float32)
+    planes = np.zeros((2, 2, 128, 128), np.uint8)
+    excess = np.full((2, 16, 16), 255, np.uint8)
+    for at, (row, col) in enumerate(starts.astype(int)):
+        planes[at, 0, row, col] = 255
+        excess[at, row // 8, col // 8] = 0
+    samples = Samples(
+        planes, np.arange(2, dtype=np.int32), starts, 127.0 - starts, excess,
+        np.zeros((2, 16, 2), np.uint8),
+    )  # fmt: skip
+    batches = made.batches.Batches(samples, Spec("nnpp", 128), made.batches.TrainSettings(batch=2))
+    swaps = set()
+    for epoch in range(8):
+        for maps, queries, targets in batches.epoch(epoch):
+            for shown, query, target in zip(maps, queries, targets, strict=True):
+                mark = np.unravel_index(shown[0].argmax(), (128, 128))
+                peaks = [np.unravel_index(each.argmax(), (128, 128)) for each in query]
+                assert mark in peaks
+                swaps.add(peaks.index(mark))
+                assert target[mark[0] // 8, mark[1] // 8] == 1.0 == target.sum()
+    assert swaps == {0, 1}
