@@ -265,7 +265,7 @@ def test_times_are_told_by_their_quantiles():
     of = SimpleNamespace(workload="soft", size=64, reactions=halves)
     (row,) = loop_rows(SimpleNamespace(workloads=[of]), OnboardLoop())
     told = {"median": 101.0, "p90": 181.0, "p99": 199.0, "max": 201.0, "mean": 101.0}
-    assert row["reaction_ms"] == told and (row["n"], row["planned"]) == (201, 6)
+    assert row["reaction_ms"] == told
 
 
 def test_from_which_size_on_a_planner_pays():
