@@ -8,7 +8,7 @@ import tempfile
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from pathlib import Path
-from typing import NoReturn
+from typing import IO, NoReturn
 
 from nnpp_edge.runtime.errors import NnppEdgeError, OutputError
 from nnpp_edge.runtime.reading import reason
@@ -47,6 +47,20 @@ def write_all(contents: Mapping[Path, Content]) -> None:
         for temporary, _ in staged:
             with suppress(OSError):  # its folder may be none
                 temporary.unlink()
+
+
+def open_new(path: Path, buffering: int = -1) -> IO[bytes]:
+    """A file to write to that was not there: ``log-2.mcap`` where there is a ``log.mcap``, and so
+    on. OSError where it cannot be made.
+    """
+    new = path
+    number = 1
+    while True:
+        try:
+            return new.open("wb" if new.is_char_device() else "xb", buffering)
+        except FileExistsError:
+            number += 1
+            new = path.with_name(f"{path.stem}-{number}{path.suffix}")
 
 
 @contextmanager

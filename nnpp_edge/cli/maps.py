@@ -91,18 +91,15 @@ def highest_kerb(vehicle: Vehicle, side_m: float) -> float:
     first = math.ceil(vehicle.reach_m / side_m) + 3
     cells = 6 * first + 12
     row, col = np.mgrid[:cells, :cells] - cells // 2
-    kerbs = [down * row + col >= 0 for down in _KERBS]
+    ends = (first, first), (cells - 1 - first, cells - 1 - first)
 
-    def passes(height: float) -> bool:
-        grounds = (
-            Ground.of_elevation((kerb * height).astype(np.float32), side_m, vehicle=vehicle)
-            for kerb in kerbs
-        )
-        ends = (first, first), (cells - 1 - first, cells - 1 - first)
-        return any(Planner(ground).plan(*ends, method="astar").ok for ground in grounds)
+    def refuses(height: float) -> bool:
+        grounds = (np.where(down * row + col < 0, 0.0, height) for down in _KERBS)
+        planners = (Planner.of_elevation(each, side_m, vehicle=vehicle) for each in grounds)
+        return not any(planner.plan(*ends, method="astar").ok for planner in planners)
 
     heights = (vehicle.step_m * _RISES).tolist()
-    at = bisect_left(heights, True, key=lambda height: not passes(height))
+    at = bisect_left(heights, True, key=refuses)
     return heights[at] if at else 0.0
 
 

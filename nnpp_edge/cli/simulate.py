@@ -165,7 +165,9 @@ def command(
         def make_sinks(state: "MapState") -> "list[Sink]":
             sinks: list[Sink] = []
             if log is not None:
-                sinks.append(stack.enter_context(closing(McapLog(log, state))))
+                made = stack.enter_context(closing(McapLog(log, state)))
+                written[0] = str(made.path)
+                sinks.append(made)
             if view is not None:
                 sinks.append(stack.enter_context(closing(RerunSink(view, state))))
             return sinks

@@ -3,6 +3,7 @@ import time
 from collections import defaultdict
 from functools import partial
 from itertools import chain
+from types import SimpleNamespace
 from typing import ClassVar
 
 import numpy as np
@@ -253,6 +254,18 @@ def test_each_call_on_a_vehicles_map_is_that_of_a_planner_that_has_checked_nothi
     assert reacting.workload == "body" and len(reacting.reactions[0].ms) == 6
     gaps = {row["planner"]: row["gap_mean"] for row in rows(found) if row["workload"] == "body"}
     assert gaps["astar"] == 0.0 and all(gap > -1e-6 for gap in gaps.values())
+
+
+def test_times_are_told_by_their_quantiles():
+    times = np.random.default_rng(0).permutation(np.arange(1.0, 202.0))
+    halves = [
+        SimpleNamespace(ms=half, planned=3, kept=2, without_path=1)
+        for half in np.array_split(times, 2)
+    ]
+    of = SimpleNamespace(workload="soft", size=64, reactions=halves)
+    (row,) = loop_rows(SimpleNamespace(workloads=[of]), OnboardLoop())
+    told = {"median": 101.0, "p90": 181.0, "p99": 199.0, "max": 201.0, "mean": 101.0}
+    assert row["reaction_ms"] == told
 
 
 def test_from_which_size_on_a_planner_pays():

@@ -241,6 +241,7 @@ class Full:
         self.file = file
         self.lines = lines
         self.close = file.close
+        self.name = file.name
 
     def write(self, line):
         self.lines -= 1

@@ -2,7 +2,6 @@
 
 import dataclasses
 import json
-import math
 from collections import Counter
 from functools import partial
 
@@ -13,8 +12,6 @@ import pytest
 import torch
 
 from nnpp_edge.calibrate.quantize import (
-    Comparison,
-    Latency,
     answers,
     compare,
     quantised_graph,
@@ -26,7 +23,7 @@ from nnpp_edge.model.network import Network
 from nnpp_edge.model.registry import Spec
 from nnpp_edge.runtime.errors import DataSetError, InvalidQueryError, ModelError, OutputError
 from nnpp_edge.runtime.network.inference import NetworkModel
-from nnpp_edge.training.validation import Judgement, Validator
+from nnpp_edge.training.validation import Validator
 from tests.training.conftest import RECIPE, SMALL
 
 FIRST = "encoder.stem.1/Conv"
@@ -154,22 +151,6 @@ def test_a_model_agrees_with_itself_and_is_judged_as_the_validator_does(fp32, sa
     found = compare(model, model, queries, judge, 3)
     assert (found.queries, found.mean_difference, found.max_difference) == (20, 0.0, 0.0)
     assert [found.fp32, found.int8] == 2 * judge(answers(model, samples)[validator.index])
-
-
-def test_the_recommendation_weighs_speed_cost_and_agreement():
-    def advice(fp32_ms, int8_ms, gap, success=1.0, difference=0.001):
-        a = Judgement(0.5, 1.0, 0.002, 0.1, 0.1)
-        b = Judgement(0.5, success, gap, 0.1, 0.1)
-        times = (Latency(ms, ms) for ms in (fp32_ms, int8_ms))
-        return Comparison(9, difference, 0.1, a, b, *times).recommendation()
-
-    said = "int8: 2.00 times as fast on this machine, and the cost gap changes by +0.20 points."
-    assert advice(2.0, 1.0, 0.004) == said
-    assert "and 1.1 is wanted" in advice(1.0, 1.0, 0.002)
-    assert "grows by 0.40 points" in advice(2.0, 1.0, 0.006)
-    assert "keep fp32" in advice(2.0, 1.0, math.inf)
-    assert "2.0 % fewer of the queries" in advice(2.0, 1.0, 0.002, success=0.98)
-    assert "differ by 0.0100" in advice(2.0, 1.0, 0.002, difference=0.01)
 
 
 def test_what_cannot_be_quantised_is_refused_and_nothing_written(

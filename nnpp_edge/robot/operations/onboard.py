@@ -136,7 +136,9 @@ def _observers(
         recorders.append(recording.record)
         report(f"recording: {recording.path}")
     if wiring.log is not None:
-        sinks.append(stack.enter_context(closing(McapLog(wiring.log, state))))
+        log = stack.enter_context(closing(McapLog(wiring.log, state)))
+        sinks.append(log)
+        report(f"log: {log.path}")
     if wiring.view is not None:
         sinks.append(stack.enter_context(closing(RerunSink(wiring.view, state))))
     return list(sinks), [*recorders, *(sink.record for sink in sinks)]

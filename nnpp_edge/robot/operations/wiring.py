@@ -49,8 +49,11 @@ class Wiring:
         str | None, {"metavar": "ENDPOINT"}, "Connect to this router or peer instead of listening."
     ] = None
     zenoh_prefix: Annotated[str, "First part of all topics."] = "nnpp_edge"
-    record: Annotated[Path | None, "Write the inputs to this file, for replay."] = None
-    log: Annotated[Path | None, "Write inputs and answers to this .mcap file."] = None
+    record: Annotated[
+        Path | None,
+        "Write the inputs to this file, for replay; one that is there stays, and -2 is added.",
+    ] = None
+    log: Annotated[Path | None, "Write inputs and answers to this .mcap file, likewise."] = None
     metrics: Annotated[
         int | None,
         click.IntRange(0, 65535),

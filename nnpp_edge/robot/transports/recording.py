@@ -16,6 +16,7 @@ from typing import Literal
 
 import msgspec
 
+from nnpp_edge.files import open_new
 from nnpp_edge.robot.transports.wire import (
     LIMIT_BYTES,
     VERSION,
@@ -151,19 +152,11 @@ class RecordingFile:
     """
 
     def __init__(self, path: Path, shape: tuple[int, int]) -> None:
-        self.path = Path(path)
         self._full = False
         """A line could not be written whole: none may follow it."""
-        for number in range(2, 100_000):
-            try:
-                self._file = self.path.open(
-                    "wb" if self.path.is_char_device() else "xb", buffering=0
-                )
-                break
-            except FileExistsError:
-                self.path = path.with_name(f"{path.stem}-{number}{path.suffix}")
-            except OSError as error:
-                raise OutputError(f"{path}: could not be written ({error.strerror})") from error
+        with refused_as(OutputError, f"{path}: could not be written"):
+            self._file = open_new(path, buffering=0)
+        self.path = Path(self._file.name)
         with suppress(OSError):  # a full disk, of which `record` will tell
             self._write(
                 json.dumps({"v": VERSION, "type": "recording", "map": list(shape)}).encode() + b"\n"
