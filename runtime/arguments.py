@@ -54,7 +54,9 @@ def _guarded(entry: Callable[..., object], error: type[NnppEdgeError]) -> Callab
         """Annotations, and types that need no second look; read at the first call, when all they
         name is there.
         """
-        given = {name: hint for name, hint in inspect.get_annotations(entry).items() if name != "return"}
+        given = {
+            name: hint for name, hint in inspect.get_annotations(entry).items() if name != "return"
+        }
         space = getattr(entry, "__globals__", None) or vars(sys.modules[entry.__module__])
         named = get_type_hints(types.SimpleNamespace(__annotations__=given), space)
         hints = {name: named.get(name) for name in inspect.signature(entry).parameters}

@@ -15,6 +15,7 @@ from nnpp_edge.cli.options import COUNT
 from nnpp_edge.cli.requests import PLACE, START, End
 from nnpp_edge.cli.text import aligned, tell
 from nnpp_edge.robot.operations.wiring import View
+from nnpp_edge.runtime.choices import METHODS, REPAIRING_METHODS
 
 if TYPE_CHECKING:
     from nnpp_edge.runtime.loop.connections import Sink
@@ -29,7 +30,6 @@ _SURVEY = 8
 """Cells over which a point's first map is blurred without --known."""
 _ROOM = 8
 """Cells around the body's reach at --start and --goal, in a part that is not the seed's own."""
-_METHODS = ("auto", "astar", "dstar", "corridor", "corridor-dstar", "nnpp", "nnpp-dstar")
 _SIZE = (
     "Side of the part of the map that is driven on; the seed picks one, which holds --start "
     "and --goal."
@@ -49,7 +49,7 @@ def command(
     size: Annotated[int, click.IntRange(16, options.MOST), _SIZE] = 256,
     start: Annotated[End | None, PLACE, START] = None,
     goal: Annotated[End | None, PLACE, _GOAL] = None,
-    method: Annotated[str, click.Choice(_METHODS)] = "auto",
+    method: Annotated[str, click.Choice([*METHODS, *REPAIRING_METHODS])] = "auto",
     model: options.Model = "edge",
     rate: Annotated[float | None, options.RATE, "Ticks a second; else as fast as possible."] = None,
     ticks: Annotated[int, COUNT, "At most."] = 5000,

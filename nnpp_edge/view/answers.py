@@ -18,10 +18,11 @@ from numpy.typing import NDArray
 
 from nnpp_edge.runtime.arrays import Float2D
 from nnpp_edge.runtime.cells import Cell
+from nnpp_edge.runtime.choices import METHODS, STEP_COSTS
 from nnpp_edge.runtime.compiled import notice
 from nnpp_edge.runtime.errors import InvalidQueryError, NnppEdgeError
 from nnpp_edge.runtime.kernels.poses import REFUSALS
-from nnpp_edge.runtime.planners.plan import Plan
+from nnpp_edge.runtime.planners.plan import Method, Plan
 from nnpp_edge.runtime.reading import refused_as
 from nnpp_edge.runtime.robots.body.refusal import why_blocked
 from nnpp_edge.runtime.robots.slope.cost import unit_of
@@ -29,7 +30,7 @@ from nnpp_edge.runtime.terrain.traversability import steepest_step_deg, terrain_
 from nnpp_edge.terrain.coordinates import lonlat_at
 from nnpp_edge.terrain.dem import Dem
 from nnpp_edge.terrain.route import Route, places_of
-from nnpp_edge.view.asked import Asked, Method, Site, command_of
+from nnpp_edge.view.asked import Asked, Site, command_of
 from nnpp_edge.view.landscape import Landscape, painted
 from nnpp_edge.viz.picture import REFUSED, hillshade
 
@@ -53,7 +54,7 @@ class Question(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
 
     want: Literal["path", "relief", "slope", "cost", "reach", "compare", "place", "file"]
     asked: Asked
-    method: Method = "auto"
+    method: Method = Method.AUTO
     """To compare."""
     pixels: Annotated[int, Meta(ge=64, le=2048)] = 1024
     """Of a side of a layer, at most."""
@@ -114,6 +115,8 @@ class Answerer:
             "shape": dem.shape,
             "sides_m": (dem.cell_size_m, dem.cell_width_m),
             "known": self.site.blocks[0] if self.site.blocks else 1,
+            "methods": METHODS,
+            "step_costs": STEP_COSTS,
         }
         return msgspec.json.encode(shown | {"bodies": bodies, "asked": self.first})
 

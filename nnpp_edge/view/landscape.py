@@ -14,11 +14,12 @@ from nnpp_edge.runtime.cells import Cell
 from nnpp_edge.runtime.errors import InvalidQueryError
 from nnpp_edge.runtime.map.along import Along
 from nnpp_edge.runtime.network.priors import prices_by
+from nnpp_edge.runtime.planners.plan import Method
 from nnpp_edge.runtime.planners.query import PlanOptions
 from nnpp_edge.runtime.robots.body.refusal import refusals
 from nnpp_edge.runtime.terrain.traversability import traversability_cost
 from nnpp_edge.runtime.tuning import PRICE_SCALE
-from nnpp_edge.view.asked import Asked, Method, Obstacles, Site
+from nnpp_edge.view.asked import Asked, Obstacles, Site
 from nnpp_edge.viz.picture import MOST_SHOWN
 
 _TRIED = 256
@@ -105,9 +106,9 @@ class Landscape:
     def plan(self, asked: Asked, method: Method, *, keep_regions: bool = False) -> Plan:
         """Plan between the ends that are asked for, by way of the places between."""
         if self._site.blocks:
-            if method == "nnpp":
+            if method is Method.NNPP:
                 raise InvalidQueryError("the learned region is for maps of cells, not of blocks")
-            method = "corridor" if method == "auto" else method
+            method = Method.CORRIDOR if method is Method.AUTO else method
         options: PlanOptions = {
             "method": method,
             "refine": asked.freed,
