@@ -182,17 +182,14 @@ def _highest(heights, first, pose, tables):
 
 
 @helper
-def _wall_near(heights, first, width, margin, scratch):
+def _wall_near(heights, first, width, margin):
     """Whether any motion of a run may meet a height that no body passes."""
-    high = in_all(-_INF)
-    for row in range(-margin, margin + 1):
-        for col in range(-margin, margin + RUN, RUN):
-            there = run_at(heights, first + row * width + min(col, margin))
-            high = chosen(there > high, there, high)
-    put_run(scratch, 0, high)
     found = False
-    for c in range(RUN):
-        found |= scratch[c] == _INF
+    for row in range(-margin, margin + 1):
+        middle = first + row * width
+        line = heights[middle - margin : middle + margin + RUN]
+        for c in range(len(line)):
+            found |= line[c] == _INF
     return found
 
 
@@ -323,7 +320,7 @@ def check_run(poses, row, col, motion):
     first = (row + margin) * width + col + margin
     total = in_all(_ZERO)
     worst = in_all(_ZERO)
-    wall = side > 0 and _wall_near(heights, first, width, margin, scratch)
+    wall = side > 0 and _wall_near(heights, first, width, margin)
     for pose in range(poses_of[motion], poses_of[motion + 1]):
         bounds, _, known = _figures(heights, first, pose, tables, scratch)
         code = _codes(bounds, limits)

@@ -286,10 +286,8 @@ class Grid:
 
     def _check(self, path: NDArray[np.int32]) -> None:
         """InvalidQueryError for a path that leaves the map: kernels would read what lies there."""
-        off = ((path[:, :2] < 0) | (path[:, :2] >= self.shape)).any(1)
-        if off.any():
-            cell = path[off][0].tolist()
-            raise InvalidQueryError(f"a path must lie on the map of {self.shape}, got {cell}")
+        if not ((path[:, :2] >= 0) & (path[:, :2] < self.shape)).all():
+            raise InvalidQueryError(f"a path must lie on the map of {self.shape} cells")
 
     def is_passable(self, cell: Cell) -> bool:
         """Whether a cell of the map can be stood on."""

@@ -74,7 +74,7 @@ def encode_unseen(
         (middle, slice(2, None)),
         (middle, slice(None, -2)),
     ]
-    by_side = np.repeat(np.divide(side_m, sides_m, dtype=np.float32), 2)
+    by_side = (side_m / np.repeat(sides_m, 2)).astype(np.float32)
     steps = [(edged[side] - filled) * by for side, by in zip(sides, by_side, strict=True)]
     rises = [step * there[side] for side, step in zip(sides, steps, strict=True)]
     down, across = (

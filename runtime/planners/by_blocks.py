@@ -2,7 +2,7 @@
 been seen.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 
 import cv2
 import numpy as np
@@ -17,7 +17,12 @@ from nnpp_edge.runtime.map.state import MapState, map_state
 from nnpp_edge.runtime.planners.query import Found, Query, Work
 from nnpp_edge.runtime.robots.robot import Robot
 from nnpp_edge.runtime.search.region import Region
-from nnpp_edge.runtime.tuning import BLOCKS_AROUND, BLOCKS_BEYOND, PRICE_SCALE
+from nnpp_edge.runtime.tuning import (
+    BLOCKS_AROUND,
+    BLOCKS_BEYOND,
+    MOST_BLOCK_WAYS,
+    PRICE_SCALE,
+)
 
 CellPath = NDArray[np.int32]
 
@@ -59,55 +64,60 @@ class BlockWay:
             costs = self._unseen.costs(part) / PRICE_SCALE
             self._map.update(*part[:2], np.where(shut, np.float32(np.inf), costs))
 
-    def find(
-        self, query: Query, work: Work, shut: NDArray[np.bool_], *, whole: bool
-    ) -> tuple[CellPath, int, Region] | None:
-        """Cells to go by: the middles of the blocks on the way, and the goal; up to which of them
-        cells are to be searched, and the blocks around these.
+    def ways(
+        self, query: Query, work: Work, *, whole: bool
+    ) -> Iterator[tuple[CellPath, int, Region]]:
+        """Ways, each around the obstacles by which the ones before it were blocked.
 
-        That is as far as the first stretch was seen, or the way on is blocked; or the `whole` way.
-        None where no way was found around the blocks that are `shut`, (H, W) bool; those of start
-        and goal never are.
+        Of each the cells to go by, the middles of its blocks and the goal; up to which of them
+        cells are to be searched, and the blocks around these. That is as far as the first stretch
+        was seen, or the way on is blocked; or the `whole` way.
         """
         side = self._unseen.factor
         start, goal = ((cell[0] // side, cell[1] // side) for cell in (query.start, query.goal))
-        shut[start] = False
-        shut[goal] = False
-        left, top, width, height = cv2.boundingRect(shut.view(np.uint8))
-        part = top, left, height, width
-        self._price(part, shut[slices(part)])
-        try:
-            found = self._find(query._replace(start=start, goal=goal), work)
-        finally:
-            self._price(part, False)
-        if found.search.status is not Status.OK:
-            return None
-        way = found.search.path
-        stops = way * side + side // 2
-        stops[-1] = query.goal
+        shut = np.zeros(self._unseen.dem.shape, np.bool_)
+        for _ in range(MOST_BLOCK_WAYS):
+            left, top, width, height = cv2.boundingRect(shut.view(np.uint8))
+            part = top, left, height, width
+            self._price(part, shut[slices(part)])
+            try:
+                found = self._find(query._replace(start=start, goal=goal), work)
+            finally:
+                self._price(part, False)
+            if found.search.status is not Status.OK:
+                return
+            way = found.search.path
+            stops = way * side + side // 2
+            stops[-1] = query.goal
+            first = len(way) - 1 if whole else self._first(way, stops)
+            yield stops, first, self._around(way[: first + 1])
+            if (blocked := self._blocked(stops[: first + 1])) < 0:
+                return
+            known = self._unseen.blocked > 0.0
+            row, col = over(stops)[blocked] // side
+            _, number = cv2.connectedComponents(known.view(np.uint8))
+            shut |= known & (number == number[row, col])
+            shut[start] = False
+            shut[goal] = False
+
+    def _first(self, way: CellPath, stops: CellPath) -> int:
+        """Number of the stop up to which cells are to be searched."""
         unseen = np.flatnonzero(self._unseen.layers[1][way[:, 0], way[:, 1]] != SEEN)
         last = len(way) - 1
-        first = min(int(unseen[0]) + BLOCKS_BEYOND, last) if len(unseen) and not whole else last
+        first = min(int(unseen[0]) + BLOCKS_BEYOND, last) if len(unseen) else last
         while first < last and (blocked := self._blocked(stops[first:])) >= 0:
-            first = min(first + blocked // side + 1 + BLOCKS_BEYOND, last)
+            first = min(first + blocked // self._unseen.factor + 1 + BLOCKS_BEYOND, last)
+        return first
+
+    def _around(self, way: CellPath) -> Region:
+        """The blocks of a way, and those around them."""
         self._region = region = self._region._replace(stamp=self._region.stamp + 1)
-        for row, col in way[: first + 1].tolist():
+        for row, col in way.tolist():
             rows, cols = (
                 slice(max(at - BLOCKS_AROUND, 0), at + BLOCKS_AROUND + 1) for at in (row, col)
             )
             region.bitmap[rows, cols] = region.stamp
-        return stops, first, region
-
-    def obstacles(self, stops: CellPath) -> NDArray[np.bool_]:
-        """(H, W) blocks in which cells are known to be impassable, of what blocks the way straight
-        from stop to stop and all that touches it; none where nothing does.
-        """
-        shut = self._unseen.blocked > 0.0
-        _, number = cv2.connectedComponents(shut.view(np.uint8))
-        blocked = self._blocked(stops)
-        row, col = over(stops)[blocked] // self._unseen.factor
-        near = number[max(row - 1, 0) : row + 2, max(col - 1, 0) : col + 2]
-        return shut & np.isin(number, near) & (blocked >= 0)
+        return region
 
     def _blocked(self, stops: CellPath) -> int:
         """Number of the first cell straight from stop to stop that a point cannot step on; or

@@ -38,7 +38,6 @@ from nnpp_edge.runtime.tuning import (
     LARGE_MAP,
     LEARNED_CORRIDOR,
     MOST_ABOVE_FIELD,
-    MOST_BLOCK_WAYS,
     MOST_DRIFT,
     NEAR,
     REFINE_FROM,
@@ -247,8 +246,6 @@ class Methods:
     def _by_blocks(self, query: Query, work: Work) -> Found | None:
         """A path over cells as far as these were seen, and over blocks' middles beyond; None if
         none leads on.
-
-        What such a way could not be found through is avoided by the next one.
         """
         state, grid = self.state, self.state.grid
         assert state.unseen is not None
@@ -256,11 +253,7 @@ class Methods:
         way.read(query.deadline)
         if not state.unseen.left:
             return None
-        shut = np.zeros(state.unseen.dem.shape, np.bool_)
-        for _ in range(MOST_BLOCK_WAYS):
-            if (found := way.find(query, work, shut, whole=self.has_poses)) is None:
-                return None
-            stops, first, region = found
+        for stops, first, region in way.ways(query, work, whole=self.has_poses):
             goal = query.goal if self.has_poses else (int(stops[first, 0]), int(stops[first, 1]))
             search = self.astar.search(query._replace(goal=goal), work, region)
             if search.status is not Status.NO_PATH:
@@ -270,10 +263,6 @@ class Methods:
                 bound = float(octile.py_func(*query.start, *query.goal, *grid.prices))
                 whole = search._replace(path=path, refused_f=bound)
                 return Found.of(grid, whole, Source.REGION, None, work)
-            obstacles = way.obstacles(stops[: first + 1])
-            if not obstacles.any():
-                return None
-            shut |= obstacles
         return None
 
     def rejoin(self, query: Query, work: Work, rest: Rest) -> Found | None:
