@@ -97,8 +97,7 @@ def tour(
     legs = _Legs(plan, stops, grid)
     count = len(stops) - 2
     given_cost = math.nan
-    given = tuple(range(count))
-    order = given
+    order = given = tuple(range(count))
     if best_order and count:
         if count > MOST_ORDERED:
             raise InvalidQueryError(
@@ -115,9 +114,8 @@ def tour(
     made = by(order)
     if grid.steps.by_poses and not math.isnan(given_cost):  # legs alone cost less than all as one
         as_given = made if order == given else by(given)
-        given_cost = as_given.plan.cost
-        cheaper = as_given if given_cost <= made.plan.cost else made
-        made = replace(cheaper, given_cost=given_cost)
+        cheaper = min(as_given, made, key=lambda each: each.plan.cost)
+        made = replace(cheaper, given_cost=as_given.plan.cost)
     total = watch.total_ms()
     apart = (
         {"order": total - sum(leg.timings_ms.get("total", 0.0) for leg in made.legs)}
@@ -172,12 +170,12 @@ class _Legs:
         """Finished plans of the legs in this order, up to the first that has no path; a body sets
         out on each as it has arrived.
         """
+        stops = self._stops
         found: list[Plan] = []
         for begin, end in self.along(order):
             leg = self.plan(begin, end)
             if self._grid.steps.by_poses and found and leg.ok:
-                heading = arrival(found[-1].walked)
-                leg = self._plan(self._stops[begin], self._stops[end], direction=heading)
+                leg = self._plan(stops[begin], stops[end], direction=arrival(found[-1].walked))
             found.append(finish(leg))
             if not found[-1].ok:
                 break
