@@ -47,8 +47,8 @@ def optional_module(name: str, purpose: str, extra: str) -> ModuleType:
     try:
         return import_module(name)
     except Exception as error:  # a package that does not fit another raises nearly every kind
-        needed = import_problem(name.partition(".")[0], extra, error)
-        raise MissingExtraError(f"{purpose} needs {needed}") from error
+        problem = import_problem(name.partition(".")[0], extra, error)
+        raise MissingExtraError(f"{purpose} needs {problem}") from error
 
 
 def import_problem(package: str, extra: str, error: Exception) -> str:

@@ -45,11 +45,10 @@ def made():
         room.update(own)
 
 
-def test_a_model_says_how_the_maps_were_made_that_it_was_trained_on(made, tmp_path, monkeypatch):
+def test_a_model_says_how_the_maps_were_made_that_it_was_trained_on(made, tmp_path):
     export = vars(made)["export.to_onnx"]
-    monkeypatch.setattr(export, "to_onnx", lambda _: onnx.parser.parse_model(TINY_MODEL))
-    monkeypatch.setattr(export, "NetworkModel", lambda _: None)
-    monkeypatch.setattr(export, "count_macs", lambda *_: 7)
+    export.to_onnx = lambda _: onnx.parser.parse_model(TINY_MODEL)
+    export.NetworkModel = export.count_macs = MagicMock()
     told = {"name": "own", "region_factor": 0.4, "omega": 0.037, "training": {"steps": 3}}
     limits = Traversability(slope_limit_deg=21.0)
     network = SimpleNamespace(spec=Spec("nnpp", 128, 0.3), body=None)

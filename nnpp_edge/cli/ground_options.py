@@ -28,8 +28,7 @@ _RESAMPLED = 6.0
 and those along it after the resampling that it names.
 """
 _ROUNDED_UP = 1.05
-_WORTH_IT = 0.9
-"""By how much two digits may fall short of a number; cells after a resampling that is worth it."""
+"""By how much a number may be larger than its first two digits."""
 _MOST_UNEQUAL_GRAVITY = 0.01
 """Share by which the map's gravity may differ from the file's before a warning says so."""
 
@@ -280,7 +279,7 @@ class GroundOptions(VehicleOptions, TerrainOptions):
         finer = max(body.length_m / _RESAMPLED * dem.cell_size_m / side, finest)
         if body.length_m < _LEAST_CELLS_A_BODY * side:
             advice = "too coarse to check it, take a finer map"
-        elif finer < _WORTH_IT * dem.cell_size_m:
+        elif _ROUNDED_UP * finer < dem.cell_size_m:
             advice = f"--resample {finer:.2g} checks between the cells, but adds no detail"
         else:
             advice = "a part of the map could be resampled"

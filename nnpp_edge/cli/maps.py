@@ -88,19 +88,18 @@ def highest_kerb(vehicle: Vehicle, side_m: float) -> float:
     """
     if side_m > 2.0 * vehicle.length_m:
         return side_m * math.tan(math.radians(vehicle.max_tilt_deg))
-    first = math.ceil(vehicle.reach_m / side_m) + 3
-    cells = 6 * first + 12
-    row, col = np.mgrid[:cells, :cells] - cells // 2
-    ends = (first, first), (cells - 1 - first, cells - 1 - first)
+    first = math.ceil(vehicle.reach_m / side_m) + 4
+    row, col = np.mgrid[: 7 * first, : 7 * first] - 7 * first // 2
+    ends = (first, first), (6 * first, 6 * first)
 
     def refuses(height: float) -> bool:
         grounds = (np.where(down * row + col < 0, 0.0, height) for down in _KERBS)
         planners = (Planner.of_elevation(each, side_m, vehicle=vehicle) for each in grounds)
         return not any(planner.plan(*ends, method="astar").ok for planner in planners)
 
-    heights = (vehicle.step_m * _RISES).tolist()
+    heights = vehicle.step_m * _RISES
     at = bisect_left(heights, True, key=refuses)
-    return heights[at] if at else 0.0
+    return float(heights[at]) if at else 0.0
 
 
 def cost_of(dem: Dem, limits: Traversability) -> Float2D:

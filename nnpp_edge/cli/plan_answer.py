@@ -245,10 +245,10 @@ class Answer:
         )
         if not (self.plan.ok and 0.0 < tour.given_cost < math.inf):
             return cells
-        if tour.order == tuple(range(len(tour.order))):
+        if list(tour.order) == sorted(tour.order):
             return f"{cells}: the order given, no cheaper one was found"
-        saved = 100.0 * (1.0 - self.plan.cost / tour.given_cost)
-        return f"{cells}: {saved:.3g} % less than in the order given"
+        saved = 1.0 - self.plan.cost / tour.given_cost
+        return f"{cells}: {100.0 * saved:.3g} % less than in the order given"
 
     def _optimality(self) -> str:
         """How far from the optimum the path's cost is, or may be."""

@@ -28,8 +28,6 @@ _CELLS_TO_A_BODY = 4.0
 """Cells of the sample along a vehicle."""
 _SURVEY = 8
 """Cells over which a point's first map is blurred without --known."""
-_ROOM = 8
-"""Cells around the body's reach at --start and --goal, in a part that is not the seed's own."""
 _SIZE = (
     "Side of the part of the map that is driven on; the seed picks one, which holds --start "
     "and --goal."
@@ -86,6 +84,7 @@ def command(
 
     import numpy as np
 
+    from nnpp_edge.cli.maps import size_in_words
     from nnpp_edge.robot.transports.mcap_log import McapLog
     from nnpp_edge.robot.transports.rerun_view import RerunSink
     from nnpp_edge.runtime.errors import InvalidQueryError
@@ -134,13 +133,12 @@ def command(
         if ((ends < 0) | (ends > last) | (least > most)).any():
             raise InvalidQueryError(
                 f"--start and --goal, cells {ends.tolist()}, must not lie outside the map of "
-                f"{whole.shape[0]} × {whole.shape[1]} cells, nor further apart than --size "
-                f"{size} holds with {reach} cells around each"
+                f"{size_in_words(whole)}, nor further apart than --size {size} holds with {reach} "
+                "cells around each"
             )
-        corner = np.clip((row, col), least, most)
-        if (corner != (row, col)).any():  # further inside, where there is room
-            spare = np.minimum((most - least) // 2, _ROOM)
-            corner = np.clip((row, col), least + spare, most - spare)
+        corner = np.array((row, col))
+        if ((corner < least) | (corner > most)).any():
+            corner = (least + most) // 2  # the ends lie around the part's middle
         row, col = np.clip(corner, 0, np.subtract(whole.shape, (rows, cols))).tolist()
     heights = np.ascontiguousarray(whole.elevation[row : row + rows, col : col + cols])
     part = true = replace(whole, elevation=heights)

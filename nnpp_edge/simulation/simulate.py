@@ -178,8 +178,10 @@ def simulate(
     planner.touch()  # what the scene needs is not to look like growth of the loop
     best = planner.plan(start, goal, method="astar")
     if not best.ok:
-        ends = f"the goal {ground.in_file(goal)} cannot be reached from {ground.in_file(start)}"
-        raise InvalidQueryError(f"{ends}: {best.status}")
+        raise InvalidQueryError(
+            f"the goal {ground.in_file(goal)} cannot be reached from {ground.in_file(start)}: "
+            f"{best.status}"
+        )
     planning = NavigatorSettings(method=settings.method, model=settings.model)
     first = Navigator(ground.robot.ground(scene.told), planning)
     first.offer(Pose(*scene.robot))

@@ -166,11 +166,9 @@ def read_terrain(recipe: Recipe) -> list[Dem]:
         rows, cols = dem.shape
         side = min(rows, cols)
         if side < least:
-            fits = side // factor // _SIZE_STEP * _SIZE_STEP
-            blocks = side // recipe.size
-            hint = f": --size {fits} is the largest that fits" if fits else ""
-            if recipe.known and blocks:
-                hint = f": --known {blocks} is the largest that fits"
+            option = "--known" if recipe.known else "--size"
+            fits = side // recipe.size if recipe.known else side // _SIZE_STEP * _SIZE_STEP
+            hint = f": {option} {fits} is the largest that fits" if fits else ""
             what = (
                 ""
                 if recipe.stripe == (0.0, 1.0)

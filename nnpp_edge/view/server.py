@@ -162,8 +162,7 @@ class _Handler(BaseHTTPRequestHandler):
 
     def _answerer(self, number: int | None) -> Answerer | None:
         """Of the map that is asked of, if it is open."""
-        maps = self.server.maps
-        return maps[number] if number is not None and number < len(maps) else None
+        return dict(enumerate(self.server.maps)).get(-1 if number is None else number)
 
     def _dropped(self, length: int) -> bytes:
         """JSON of the number of a map that is dropped onto the page, or a ``problem`` in

@@ -96,8 +96,7 @@ def tour(
     legs = _Legs(plan, stops, grid)
     count = len(stops) - 2
     given_cost = math.nan
-    given = tuple(range(count))
-    order = given
+    order = given = tuple(range(count))
     if best_order and count:
         if count > MOST_ORDERED:
             raise InvalidQueryError(
@@ -114,9 +113,8 @@ def tour(
     made = by(order)
     if grid.robot.by_poses and not math.isnan(given_cost):  # legs alone cost less than all as one
         as_given = made if order == given else by(given)
-        given_cost = as_given.plan.cost
-        cheaper = as_given if given_cost <= made.plan.cost else made
-        made = replace(cheaper, given_cost=given_cost)
+        cheaper = min(as_given, made, key=lambda each: each.plan.cost)
+        made = replace(cheaper, given_cost=as_given.plan.cost)
     total = watch.total_ms()
     apart = (
         {"order": total - sum(leg.timings_ms.get("total", 0.0) for leg in made.legs)}
