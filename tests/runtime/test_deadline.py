@@ -46,6 +46,7 @@ class Steps(Deadline):
 @pytest.fixture(autouse=True)
 def narrow_stripes(monkeypatch):
     monkeypatch.setattr(bands_module, "STRIPE_CELLS", 4096)
+    monkeypatch.setattr("nnpp_edge.runtime.map.unseen._TOGETHER", 4096)
 
 
 def made(kind, method=None):

@@ -211,21 +211,26 @@ def test_a_body_goes_by_prices_until_its_poses_are_known(turning):
 
 
 @pytest.mark.parametrize("turning", [{}, {"turning_radius_m": 3.0, "reverse_cost": 2.0}])
-def test_no_part_of_a_body_is_over_an_obstacle_or_off_the_map_whether_ground_is_seen_or_not(
-    turning,
-):
+def test_an_obstacle_and_the_edge_shut_the_motions_on_unseen_ground_that_they_do_elsewhere(turning):
     body = Vehicle(3.0, 2.0, 0.3, **turning)
     planner = DynamicPlanner.of_coarse(
         np.zeros((8, 8)), 8.0, 8, (58, 30), prior="eq1", vehicle=body
     )
+    flat = Planner.of_elevation(np.zeros((64, 64)), 1.0, vehicle=body, warn=False)
     planner.move((6, 30))
     planner.replan()
-    free = np.where(np.random.default_rng(6).random((64, 64)) < 0.02, np.nan, 0.0)
-    planner.update(0, 0, np.where(free == 0.0, np.nan, 1.0))
-    assert not planner.standing().valid and not planner.is_passable((0, 30))
+    free = np.where(np.random.default_rng(6).random((64, 64)) < 0.005, np.nan, 0.0)
+    free[30, 24:36] = np.nan
+    for each in (planner, flat):
+        each.update(0, 0, np.where(free == 0.0, np.nan, 1.0))
+    assert not planner.standing().valid
     plan = planner.replan()
     headings = np.pi - np.radians(plan.headings_deg)
     assert plan.ok and pose_oracles.breaks_at(free, 1.0, body, plan.path, headings) is None
+    poses, known = (each.state.grid.poses for each in (planner, flat))
+    poses.complete()
+    known.complete()
+    assert np.array_equal(poses.codes >= FAILS, known.codes >= FAILS)
     planner.update(20, 0, np.ones((1, 64)))
     assert planner.replan().status == "NO_PATH"
 
