@@ -1,4 +1,4 @@
-"""Experiments: what they are given, and what they hand back."""
+"""Experiments: their inputs and results."""
 
 import inspect
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
@@ -35,7 +35,7 @@ CONTROLS_NOTE = (
 
 @dataclass(frozen=True)
 class Context:
-    """What every experiment is given."""
+    """The inputs of every experiment."""
 
     terrain: Sequence[Dem]
     seed: int

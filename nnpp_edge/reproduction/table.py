@@ -1,7 +1,7 @@
 """The table of an experiment's rows, for people."""
 
 from collections.abc import Callable, Sequence
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 from nnpp_edge.progress import MISSING, markdown_table, shown
 from nnpp_edge.reproduction import paper
@@ -11,7 +11,7 @@ from nnpp_edge.reproduction.rows import Row, Rows, percent, seconds, spread, tim
 
 
 class Line(NamedTuple):
-    """What a line of the table is made from."""
+    """Rows that a line of the table is made from."""
 
     rows: Rows
     """Of the queries that count."""
@@ -56,11 +56,11 @@ def summary(
     return markdown_table([*by, *columns], lines)
 
 
-def written(name: str, value: Any) -> str:
+def written(name: str, value: object) -> str:
     """A value in the first columns of a table."""
     if name == "planner":
         is_kind = value == NETWORK or value in CONTROLS_OF[NETWORK]
-        return str(value) if is_kind or " " in value else f"`{value}`"
+        return str(value) if is_kind or " " in str(value) else f"`{value}`"
     return {"size": "{}²", "map": "map {}", "plan": "T + {}Δt"}.get(name, "{}").format(value)
 
 
