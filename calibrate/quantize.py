@@ -169,8 +169,7 @@ def quantize(
         raise ModelError(f"{fp32.path}: wanted an fp32 model, got one of {precision}")
     if output.resolve() == fp32.path.resolve():
         raise InvalidQueryError(f"{output}: wanted another file than the fp32 model")
-    data = _known_data if fp32.metadata.encoding == "unseen" else _query_data
-    calibration, held_out, judge = data(fp32, dataset, validation, samples, seed)
+    calibration, held_out, judge = _data(fp32, dataset, validation, samples, seed)
     facts = {
         "samples": len(calibration),
         "seed": seed,
@@ -209,22 +208,21 @@ def quantize(
     )
 
 
-def _known_data(
-    fp32: NetworkModel, dataset: Path, validation: Path | None, samples: int, seed: int
-) -> tuple[Queries, Queries, Judge]:
-    """Planes to calibrate on and to judge on, and their judge."""
-    maps = read_known(dataset)
-    others = read_known(validation) if validation else maps.pick(slice(1, None, 2))
-    validator = KnownValidator(others, HELD_OUT)
-    calibration = KnownValidator(maps.pick(slice(0, None, 2)), samples)
-    return calibration.planes, validator.planes, validator.judge_answers
-
-
-def _query_data(
-    fp32: NetworkModel, dataset: Path, validation: Path | None, samples: int, seed: int
+def _data(
+    fp32: NetworkModel,
+    dataset: Path,
+    validation: Path | None,
+    samples: int,
+    seed: int,
 ) -> tuple[Queries, Queries, Judge]:
     """Queries to calibrate on and to judge on, and their judge."""
     m = fp32.metadata
+    if m.encoding == "unseen":
+        maps = read_known(dataset)
+        calibration = KnownValidator(maps.pick(slice(0, None, 2)), samples)
+        judged_on = read_known(validation) if validation else maps.pick(slice(1, None, 2))
+        known = KnownValidator(judged_on, HELD_OUT)
+        return calibration.planes, known.planes, known.judge_answers
     pool = read_samples(dataset, most_maps=2 * samples, size=m.input_size)
     if validation:
         others = read_samples(validation, size=m.input_size)

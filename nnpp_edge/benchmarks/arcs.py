@@ -11,7 +11,6 @@ from dataclasses import replace
 from functools import partial
 from itertools import islice
 from pathlib import Path
-from typing import Any
 
 import click
 import numpy as np
@@ -46,19 +45,29 @@ FIGURES: dict[str, Callable[[list[float]], np.floating]] = {
 """Shown of milliseconds and of shares."""
 
 
-def measured(
+@click.command(context_settings={"show_default": True})
+@click.argument(
+    "terrain", nargs=-1, required=True, type=click.Path(exists=True, dir_okay=False, path_type=Path)
+)
+@click.option("--size", default=256, help="Cells of a map's side.")
+@click.option("--radius", "radius_m", default=2.0, help="Turning radius in metres.")
+@click.option("--cell-size", "cell_size_m", default=0.25, help="Metres of a rescaled cell.")
+@click.option("--forwards", is_flag=True, help="The body cannot go backwards.")
+@click.option("--fixed", is_flag=True, help="Goals have headings, too.")
+@click.option("--queries", "count", default=20, help="Number of queries that have a path.")
+@click.option("--seed", default=1)
+def main(
     terrain: tuple[Path, ...],
     size: int,
     radius_m: float,
+    cell_size_m: float,
+    forwards: bool,
+    fixed: bool,
     count: int,
-    *,
-    cell_size_m: float = 0.25,
-    forwards: bool = False,
-    fixed: bool = False,
-    seed: int = 1,
-) -> dict[str, object]:
-    """Figures of so many queries that have a path: milliseconds, and shares by which costs exceed
-    the exact ones.
+    seed: int,
+) -> None:
+    """Plan, tick and drive between random headings: figures as JSON, milliseconds and shares by
+    which costs exceed the exact ones.
     """
     vehicle = replace(BODY, turning_radius_m=radius_m)
     if not forwards:
@@ -118,7 +127,7 @@ def measured(
         for figure, of in FIGURES.items():
             if values:
                 figures[f"{name}_{figure}"] = float(of(values))
-    return figures
+    click.echo(json.dumps(figures, indent=1))
 
 
 def _first_plan(make: Callable[[], Ground], start: Cell, goal: Cell, options: PlanOptions) -> Plan:
@@ -168,24 +177,6 @@ def _tick_times(
 def _move(planner: DynamicPlanner, plan: Plan, steps: int) -> None:
     row, col = plan.path[steps].tolist()
     planner.move((row, col), float(plan.headings_deg[steps]))
-
-
-@click.command(context_settings={"show_default": True})
-@click.argument(
-    "terrain", nargs=-1, required=True, type=click.Path(exists=True, dir_okay=False, path_type=Path)
-)
-@click.option("--size", default=256, help="Cells of a map's side.")
-@click.option("--radius", "radius_m", default=2.0, help="Turning radius in metres.")
-@click.option("--cell-size", "cell_size_m", default=0.25, help="Metres of a rescaled cell.")
-@click.option("--forwards", is_flag=True, help="The body cannot go backwards.")
-@click.option("--fixed", is_flag=True, help="Goals have headings, too.")
-@click.option("--queries", "count", default=20, help="Number of queries that have a path.")
-@click.option("--seed", default=1)
-def main(terrain: tuple[Path, ...], **how: Any) -> None:
-    """Plan, tick and drive between random headings: figures as JSON, milliseconds and shares of the
-    exact cost.
-    """
-    click.echo(json.dumps(measured(terrain, **how), indent=1))
 
 
 if __name__ == "__main__":

@@ -123,30 +123,29 @@ def _scipy(weights: Weights) -> Search:
     from scipy.sparse import coo_array
     from scipy.sparse.csgraph import dijkstra
 
-    rows, cols = weights.shape
-    size = rows * cols
-    nodes = np.arange(size, dtype=np.int32).reshape(rows, cols)
-    doubled = weights.astype(np.float64)
-    graph = coo_array((size, size)).tocsr()
-    # the steps to the right, down, and diagonally down to both sides
+    padded = np.pad(weights.astype(np.float64), 1, constant_values=np.inf)
+    stride = padded.shape[1]
+    cells = padded.ravel()
+    nodes = np.flatnonzero(np.isfinite(cells))
+    shape = (cells.size, cells.size)
+    graph = coo_array(shape).tocsr()
     for down, across in ((0, 1), (1, 0), (1, 1), (1, -1)):
-        here = np.s_[: rows - down, max(-across, 0) : cols - max(across, 0)]
-        there = np.s_[down:, max(across, 0) : cols + min(across, 0)]
-        price = 0.5 * math.hypot(down, across) * (doubled[here] + doubled[there])
+        others = nodes + down * stride + across
+        price = 0.5 * math.hypot(down, across) * (cells[nodes] + cells[others])
         passable = np.isfinite(price)
-        ends = (nodes[here][passable], nodes[there][passable])
-        graph += coo_array((price[passable], ends), shape=(size, size)).tocsr()
+        steps = (nodes[passable], others[passable])
+        graph += coo_array((price[passable], steps), shape=shape).tocsr()
     graph += graph.T
 
     def search(start: Cell, goal: Cell) -> CellPath | None:
-        source = nodes[start]
-        path = [nodes[goal]]
+        source = (start[0] + 1) * stride + start[1] + 1
+        path = [(goal[0] + 1) * stride + goal[1] + 1]
         distance, before = dijkstra(graph, indices=source, return_predecessors=True)
         if not math.isfinite(distance[path[0]]):
             return None
         while path[-1] != source:
             path.append(before[path[-1]])
-        return np.stack(np.divmod(path[::-1], cols), axis=1)
+        return np.stack(np.divmod(path[::-1], stride), axis=1) - 1
 
     return search
 

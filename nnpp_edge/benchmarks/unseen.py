@@ -251,19 +251,39 @@ def table(excess: Mapping[str, Sequence[float]]) -> str:
 
     Of the drives on which no rival got stuck; and how often each did.
     """
-    head = f"{'price':28} {'mean':>6} {'s.e.':>5} {'p90':>6}   {'to ' + REFERENCE:>9} {'s.e.':>5} "
-    lines = [f"{head}{'ratio':>6}  stuck"]
-    percent = 100.0 * np.array(list(excess.values()))
-    free = np.isfinite(percent).all(axis=0)
+    head = "{:28} {:>6} {:>5} {:>6}   {:>9} {:>5} {:>6} {:>6}"
+    line = "{:28} {:6.2f} {:5.2f} {:6.2f}   {:+9.2f} {:5.2f} {:6.2f} {:6}"
+    lines = [
+        head.format(
+            "price",
+            "mean",
+            "s.e.",
+            "p90",
+            f"to {REFERENCE}",
+            "s.e.",
+            "ratio",
+            "stuck",
+        )
+    ]
+    percent = {name: 100.0 * np.array(found) for name, found in excess.items()}
+    free = np.isfinite(list(percent.values())).all(axis=0)
     root = math.sqrt(free.sum())
-    base = 100.0 * np.array(excess[REFERENCE])[free]
-    for name, row in zip(excess, percent, strict=True):
-        found = row[free]
+    base = percent[REFERENCE][free]
+    for name, every in percent.items():
+        found = every[free]
+        mean = found.mean()
         apart = found - base
         lines.append(
-            f"{name:28} {found.mean():6.2f} {found.std() / root:5.2f} "
-            f"{np.quantile(found, 0.9):6.2f}   {apart.mean():+9.2f} {apart.std() / root:5.2f} "
-            f"{found.mean() / base.mean():6.2f} {np.isinf(row).sum():6}"
+            line.format(
+                name,
+                mean,
+                found.std() / root,
+                np.quantile(found, 0.9),
+                apart.mean(),
+                apart.std() / root,
+                mean / base.mean(),
+                np.isinf(every).sum(),
+            )
         )
     return "\n".join(lines)
 

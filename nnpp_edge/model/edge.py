@@ -125,7 +125,13 @@ class Head(nn.Module):
 class FeaturePyramid(nn.Module):
     """Down from 1/8 resolution to 1/64, and up again, with so many channels."""
 
-    def __init__(self, at8: int, at16: int, at32: int, at64: int) -> None:
+    def __init__(
+        self,
+        at8: int,
+        at16: int,
+        at32: int,
+        at64: int,
+    ) -> None:
         super().__init__()
         self.down16 = nn.Sequential(ConvBNReLU(at8, at16, stride=2))
         self.down32 = nn.Sequential(ConvBNReLU(at16, at32, stride=2), Residual(at32))

@@ -19,14 +19,6 @@ if TYPE_CHECKING:
 PAPER = "#7f7f7f"
 COLOURS = {name: f"C{at}" for at, name in enumerate((*PLANNERS, "inference"))}
 """Of the planners; the paper's are grey."""
-_PATHS = {
-    "optimal path": ("#e0218a", 3.0, "-"),
-    "path in the region": ("#ffe100", 1.2, "-"),
-    "path before": ("#b8b8b8", 1.2, ":"),
-}
-"""Colour, width and style of a path by its label."""
-_ENDS = {"start": ("s", "gold", 6), "goal": ("*", "red", 11)}
-"""Marker, colour and size of both ends."""
 _CHANGED = "#ff3b1f"
 _IMPASSABLE = (0.38, 0.17, 0.13)
 _CYAN = np.array([0.0, 0.9, 1.0])
@@ -71,7 +63,13 @@ def by_size(charts: Sequence[Chart]) -> "Figure":
         for name, style in chart.styles.items():
             groups = chart.rows.of(name).by("size")
             means = [of.mean(chart.figure) for of in groups.values()]
-            axes.plot(list(groups), means, style, color=COLOURS.get(name, PAPER), label=name)
+            axes.plot(
+                list(groups),
+                means,
+                style,
+                color=COLOURS.get(name, PAPER),
+                label=name,
+            )
         sizes = chart.rows.by("size")
         axes.set_xscale("log", base=2)
         axes.set_xticks(list(sizes), [f"{size}²" for size in sizes])
@@ -159,16 +157,34 @@ def _draw(axes: "Axes", scene: Scene) -> None:
         changed = Rectangle((col - 0.5, row - 0.5), width, height, fill=False, ec=_CHANGED)
         changed.set(lw=1.3, zorder=4, label="_" if number else "changed")
         axes.add_patch(changed)
-    paths = {
-        "optimal path": here.optimum,
-        "path in the region": best_path(here.grid, here.query, region),
-    }
+    in_region = best_path(here.grid, here.query, region)
+    paths = [
+        (here.optimum, "-", "#e0218a", 3.0, "optimal path"),
+        (in_region, "-", "#ffe100", 1.2, "path in the region"),
+    ]
     if scene.before is not None:
-        paths = {"path before": scene.before.optimum, **paths}
-    for label, path in paths.items():
-        colour, width, style = _PATHS[label]
-        axes.plot(path[:, 1], path[:, 0], style, color=colour, linewidth=width, label=label)
-    for (label, (marker, colour, size)), (row, col) in zip(_ENDS.items(), here.query, strict=True):
+        paths.insert(0, (scene.before.optimum, ":", "#b8b8b8", 1.2, "path before"))
+    for path, style, colour, width, label in paths:
         axes.plot(
-            col, row, marker, color=colour, mec="black", markersize=size, label=label, zorder=5
+            path[:, 1],
+            path[:, 0],
+            style,
+            color=colour,
+            linewidth=width,
+            label=label,
+        )
+    start, goal = here.query
+    for (row, col), marker, colour, size, label in (
+        (start, "s", "gold", 6, "start"),
+        (goal, "*", "red", 11, "goal"),
+    ):
+        axes.plot(
+            col,
+            row,
+            marker,
+            color=colour,
+            mec="black",
+            markersize=size,
+            label=label,
+            zorder=5,
         )

@@ -165,7 +165,13 @@ def _short(method: str) -> str:
     return method.removeprefix("paper's ")
 
 
-def _speedups(slow: str, fast: str, theirs: Rows, rows: Rows, where: str = "") -> Iterator[Finding]:
+def _speedups(
+    slow: str,
+    fast: str,
+    theirs: Rows,
+    rows: Rows,
+    where: str = "",
+) -> Iterator[Finding]:
     """One of the paper's methods over another, plain where we have both so, and compiled."""
     gain = theirs.speedup(slow, fast)
     for label, ours in (("plain", PLAIN_OF), ("ours", OURS_OF)):

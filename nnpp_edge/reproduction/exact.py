@@ -170,7 +170,11 @@ def best_omegas(omegas: Floats, total: Floats) -> list[float]:
 
 
 def fig7_findings(
-    omegas: Floats, length: Floats, cc: Floats, typical_s: Floats, best: Mapping[str, list[float]]
+    omegas: Floats,
+    length: Floats,
+    cc: Floats,
+    typical_s: Floats,
+    best: Mapping[str, list[float]],
 ) -> Iterator[Finding]:
     """Findings on the mean length and CC, by range, and the median time at each ω, and each map's
     best ω.
@@ -213,7 +217,11 @@ def fig7_findings(
 
 
 def _draw_sweep(
-    omegas: Floats, length: Floats, cc: Floats, typical_s: Floats, best: Mapping[str, list[float]]
+    omegas: Floats,
+    length: Floats,
+    cc: Floats,
+    typical_s: Floats,
+    best: Mapping[str, list[float]],
 ) -> "Figure":
     """Length and CC, (M, N) by range, their sum beside the time, and the best ω of each map."""
     figure = new_figure(13, 4.2)
@@ -235,7 +243,13 @@ def _draw_sweep(
         (middle, "LEN + CC, and time"),
         (right, f"Best ω of {len(length)} maps"),
     ):
-        axes.axvspan(least, most, color=drawing.PAPER, alpha=0.25, label=f"paper: {_OMEGA}")
+        axes.axvspan(
+            least,
+            most,
+            color=drawing.PAPER,
+            alpha=0.25,
+            label=f"paper: {_OMEGA}",
+        )
         drawing.tidy(axes, title, "ω per grey level")
         axes.legend(fontsize="small")
     return figure

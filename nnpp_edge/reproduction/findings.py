@@ -69,7 +69,13 @@ def with_control(rows: Rows, kind: str) -> Rows:
 
 
 def judge_speedup(
-    claim: str, theirs: float, rows: Rows, slow: str, fast: str, *, near: bool = False
+    claim: str,
+    theirs: float,
+    rows: Rows,
+    slow: str,
+    fast: str,
+    *,
+    near: bool = False,
 ) -> Finding:
     """A finding on the speed-up of one planner over another: theirs within 25 %, or more.
 

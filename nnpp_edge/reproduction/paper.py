@@ -35,7 +35,13 @@ def table(text: str) -> Rows:
     return rows
 
 
-def graph_row(size: int, planner: str, graph_s: float, search_s: float, path_cells: int) -> Row:
+def graph_row(
+    size: int,
+    planner: str,
+    graph_s: float,
+    search_s: float,
+    path_cells: int,
+) -> Row:
     """A row of Table 1: an A* that builds a graph first, its time and the graph's share of it."""
     time_s = graph_s + search_s
     return {

@@ -137,7 +137,13 @@ def _growth(rows: Rows, claim: str) -> Iterator[Finding]:
         )
 
 
-def _grows(small: int, large: int, slow: str, fast: str, rows: Rows) -> bool:
+def _grows(
+    small: int,
+    large: int,
+    slow: str,
+    fast: str,
+    rows: Rows,
+) -> bool:
     """Whether a speed-up is greater on large maps."""
     return rows.of(size=large).speedup(slow, fast) > rows.of(size=small).speedup(slow, fast)
 

@@ -20,6 +20,8 @@ from nnpp_edge.training.unseen import Turn, known_batch, turned
 
 Batch = tuple[NDArray[np.generic], NDArray[np.float32], NDArray[np.float32]]
 """Planes, encoded queries, targets."""
+Make = Callable[[NDArray[np.int64], list[bool], list[Turn]], Batch]
+"""From the numbers of queries or maps, whether each is swapped, and how it is turned."""
 
 
 class Batches:
@@ -48,11 +50,11 @@ class Batches:
         self.samples = samples
         self.settings = settings
         self.share = slice(rank, settings.batch, world)
-        self._make: Callable[[NDArray[np.int64], list[bool], list[Turn]], Batch]
+        self._make: Make
         if isinstance(samples, KnownMaps):
             self._make = partial(known_batch, samples)
         else:
-            self._make = _Labelled(samples, spec, settings)
+            self._make = _labelled(samples, spec, settings)
 
     def __len__(self) -> int:
         """Batches in an epoch."""
@@ -83,52 +85,48 @@ class Batches:
                 yield ahead.popleft().result()
 
 
-class _Labelled:
-    """Makes batches of labelled queries."""
+def _labelled(samples: Samples, spec: Spec, settings: TrainSettings) -> Make:
+    """A function that makes batches of labelled queries."""
+    labels = samples.excess.shape[-1]
+    side = samples.planes.shape[-1]
+    blocks = spec.blocks
+    if labels % blocks or side != spec.input_size:
+        raise DataSetError(
+            f"the network wants maps of {spec.input_size} and labels of a multiple of {blocks} "
+            f"blocks, got {side} and {labels}"
+        )
+    finer = labels // blocks
+    last = side - 1
+    nearness = np.exp(-np.arange(256) * EXCESS_STEP / settings.softness).astype(np.float32)
+    nearness[255] = 0.0
 
-    def __init__(self, samples: Samples, spec: Spec, settings: TrainSettings) -> None:
-        labels = samples.excess.shape[-1]
-        side = samples.planes.shape[-1]
-        if labels % spec.blocks or side != spec.input_size:
-            raise DataSetError(
-                f"the network wants maps of {spec.input_size} and labels of a multiple of "
-                f"{spec.blocks} blocks, got {side} and {labels}"
-            )
-        self.samples = samples
-        self.spec = spec
-        self.target = settings.target
-        self.nearness = np.exp(-np.arange(256) * EXCESS_STEP / settings.softness).astype(np.float32)
-        self.nearness[255] = 0.0
+    def targets_of(queries: NDArray[np.int64]) -> NDArray[np.float32]:
+        """(N, B, B), the best of the labels in each of the network's blocks."""
+        shape = (len(queries), blocks, finer, blocks, finer)
+        if settings.target == "path":
+            on_path = np.unpackbits(samples.on_path[queries], axis=-1).reshape(shape)
+            return np.asarray(on_path.max(axis=(2, 4)), np.float32)
+        excess = samples.excess[queries].reshape(shape).min(axis=(2, 4))
+        return np.asarray(nearness[excess])
 
-    def __call__(self, queries: NDArray[np.int64], swapped: list[bool], turns: list[Turn]) -> Batch:
+    def make(queries: NDArray[np.int64], swapped: list[bool], turns: list[Turn]) -> Batch:
         """The batch of `queries`; those `swapped` go from goal to start, and each is turned and
         mirrored.
         """
-        s = self.samples
-        planes = s.planes[s.map_index[queries]]
-        targets = self._targets(queries)
-        last = planes.shape[-1] - 1
+        planes = samples.planes[samples.map_index[queries]]
+        targets = targets_of(queries)
         encoded = []
         for at, (query, swap, turn) in enumerate(zip(queries, swapped, turns, strict=True)):
             planes[at] = turned(planes[at], turn)
             targets[at] = turned(targets[at], turn)
             quarters, mirrored = turn
             ends = []
-            for row, col in (s.start[query].tolist(), s.goal[query].tolist()):
+            for row, col in (samples.start[query].tolist(), samples.goal[query].tolist()):
                 for _ in range(quarters):
                     row, col = last - col, row
                 ends.append((row, last - col if mirrored else col))
             start, goal = reversed(ends) if swap else ends
-            encoded.append(encode(self.spec, start, goal))
+            encoded.append(encode(spec, start, goal))
         return planes, np.stack(encoded), targets
 
-    def _targets(self, queries: NDArray[np.int64]) -> NDArray[np.float32]:
-        """(N, B, B), the best of the labels in each of the network's blocks."""
-        s = self.samples
-        side = s.excess.shape[-1] // self.spec.blocks
-        shape = (len(queries), self.spec.blocks, side, self.spec.blocks, side)
-        if self.target == "path":
-            on_path = np.unpackbits(s.on_path[queries], axis=-1).reshape(shape)
-            return np.asarray(on_path.max(axis=(2, 4)), np.float32)
-        excess = s.excess[queries].reshape(shape).min(axis=(2, 4))
-        return np.asarray(self.nearness[excess])
+    return make

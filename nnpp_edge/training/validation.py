@@ -46,7 +46,13 @@ class Validator:
     mean cost: all queries are searched.
     """
 
-    def __init__(self, samples: Samples, spec: Spec, omega: float, most: int = 256) -> None:
+    def __init__(
+        self,
+        samples: Samples,
+        spec: Spec,
+        omega: float,
+        most: int = 256,
+    ) -> None:
         size = samples.planes.shape[-1]
         self.samples = samples
         self.index = np.linspace(0, len(samples) - 1, min(most, len(samples))).astype(int)
@@ -76,16 +82,17 @@ class Validator:
             region = self._region(query, probability, factor)
             area = region.area()
             cost, _ = self._search(query, region)
-            if np.isfinite(cost):
-                gaps.append(cost / optimum - 1.0)
+            gaps.append(cost / optimum - 1.0)
             areas.append(area / self.samples.planes[0, 0].size)
             mms.append(cells / area)
+        found = np.isfinite(gaps)
+        gap = float(np.mean(np.array(gaps)[found])) if found.any() else np.inf
         return Judgement(
-            factor=factor,
-            success=len(gaps) / len(self.index),
-            gap=float(np.mean(gaps)) if gaps else np.inf,
-            region_share=float(np.mean(areas)),
-            mm=float(np.mean(mms)),
+            factor,
+            float(found.mean()),
+            gap,
+            float(np.mean(areas)),
+            float(np.mean(mms)),
         )
 
     def _region(self, query: int, probability: NDArray[np.float32], factor: float) -> Region:
