@@ -112,7 +112,7 @@ def test_a_head_that_is_not_its_graphs_is_refused(edge_model, tmp_path):
 def test_blocks_that_do_not_fit_the_places_are_refused(edge_model, tmp_path):
     model = onnx.load(edge_model)
     (facts,) = model.metadata_props
-    facts.value = facts.value.replace('"blocks":16', '"blocks":8')
+    facts.value = facts.value.replace('"blocks": 16', '"blocks": 8')
     onnx.save(model, tmp_path / "other.onnx")
     with pytest.raises(ModelError, match="that do not go together"):
         NetworkModel(tmp_path / "other.onnx")
