@@ -228,10 +228,13 @@ def _data(
         others = read_samples(validation, size=m.input_size)
     else:
         pool, others = split(pool, seed)
-    chosen = np.random.default_rng([seed, 1]).permutation(len(pool))[:samples]
+    order = np.random.default_rng([seed, 1]).permutation(len(pool))
     validator = Validator(others, Spec(m.architecture, m.input_size, m.sigma), m.omega, HELD_OUT)
-    judge = partial(validator.judge_answers, factor=m.region_factor)
-    return pool.pick(chosen), others.pick(validator.index), judge
+    return (
+        pool.pick(order[:samples]),
+        others.pick(validator.index),
+        partial(validator.judge_answers, factor=m.region_factor),
+    )
 
 
 def split(samples: Samples, seed: int) -> tuple[Samples, Samples]:

@@ -165,11 +165,15 @@ def parity(network: Network, onnx_path: Path, samples: Samples | None = None) ->
             answer = model.answer(start, goal)
         wanted = network.answers(planes[None], query[None])[0]
         differences.append(np.abs(answer - wanted))
-    source = "random" if samples is None else "dataset"
     most = float(np.max(differences))
-    mean = float(np.mean(differences))
-    passed = most <= MOST_DIFFERENCE
-    return Parity(len(differences), source, most, mean, MOST_DIFFERENCE, passed)
+    return Parity(
+        queries=len(differences),
+        inputs="random" if samples is None else "dataset",
+        max_difference=most,
+        mean_difference=float(np.mean(differences)),
+        limit=MOST_DIFFERENCE,
+        passed=most <= MOST_DIFFERENCE,
+    )
 
 
 def _random_query(spec: Spec, rng: np.random.Generator) -> Query:

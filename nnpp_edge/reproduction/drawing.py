@@ -89,15 +89,15 @@ def by_size(charts: Sequence[Chart]) -> "Figure":
 def bars(groups: Mapping[str, Rows]) -> "Figure":
     """For each group the planners' mean times and their CC above that of exact A*, as bars."""
     figure = new_figure(11, 4.4 * len(groups))
-    panels = figure.subplots(len(groups), 2, squeeze=False)
-    for (label, rows), (left, right) in zip(groups.items(), panels, strict=True):
+    lines = figure.subplots(len(groups), 2, squeeze=False)
+    for (label, rows), (left, right) in zip(groups.items(), lines, strict=True):
         planners = [name for name, of in rows.by("planner").items() if of.all("time_s")]
         colours = [COLOURS.get(name, PAPER) for name in planners]
         times_s = [rows.of(name).mean("time_s") for name in planners]
         increases = [100.0 * rows.increase(name) for name in planners]
         for axes, values, form in ((left, times_s, "%.3g"), (right, increases, "%.2f")):
-            drawn = axes.barh(planners, values, color=colours)
-            axes.bar_label(drawn, fmt=form, padding=3, fontsize="small")
+            bar = axes.barh(planners, values, color=colours)
+            axes.bar_label(bar, fmt=form, padding=3, fontsize="small")
             axes.margins(x=0.2)
             axes.invert_yaxis()
         tidy(left, f"{label}: mean time", "seconds")

@@ -41,11 +41,11 @@ OURS_OF = {ASTAR: "astar", ASTAR_NN: "nnpp", DSTAR: "dstar", DSTAR_NN: "nnpp-dst
 
 def find_episodes(context: Context, size: int, count: int) -> list[Episode]:
     """So many episodes on crops of the terrain; InvalidQueryError if too few have a path."""
-    stride = stride_on(size)
 
     def make(number: int, case: Case) -> Episode | None:
+        seed = context.seed + number
         try:
-            return make_episode(case.cost, *case.queries[0], context.seed + number, stride)
+            return make_episode(case.cost, *case.queries[0], seed, stride_on(size))
         except InvalidQueryError:
             return None
 
@@ -71,8 +71,8 @@ def drive(episode: Episode, networks: Networks, repeats: int) -> Rows:
     """
     harness = Harness()
     rows = Rows()
-    compiled = _ours(episode, networks.ours, repeats)
-    for at, (ours, here) in enumerate(zip(compiled, maps_of(episode, networks), strict=True)):
+    plans = zip(_ours(episode, networks.ours, repeats), maps_of(episode, networks), strict=True)
+    for at, (ours, here) in enumerate(plans):
         plain = here.timed(PLAIN_ASTARS, 1, harness)
         rows += [{"plan": at, **row} for row in (*plain, *ours)]
     return rows
@@ -132,9 +132,13 @@ def table3(context: Context, *, size: int = 256, episodes: int = 12, repeats: in
     for here, step in zip(maps_of(episode, context.networks), episode.steps, strict=True):
         before = scenes[-1].map if scenes else None
         scenes.append(Scene(drawing.frame(len(scenes)), here, before, step.patches))
-    everything = [*paper.TABLE_3, *rows]
-    picture = drawing.maps([scenes])
-    return Result(rows, ("plan", "planner"), table3_findings(rows), picture, everything)
+    return Result(
+        rows,
+        ("plan", "planner"),
+        table3_findings(rows),
+        drawing.maps([scenes]),
+        [*paper.TABLE_3, *rows],
+    )
 
 
 def table3_findings(rows: Rows) -> Iterator[Finding]:
@@ -194,9 +198,14 @@ def table4(context: Context, *, size: int = 256, maps: int = 5, repeats: int = 5
     context.notes.append(
         "Times and CC are summed over the plans for which every method found a path."
     )
-    picture = drawing.bars(everything.by("scene"))
-    findings = table4_findings(rows)
-    return Result(rows, ("scene", "planner"), findings, picture, everything, totals=True)
+    return Result(
+        rows,
+        ("scene", "planner"),
+        table4_findings(rows),
+        drawing.bars(everything.by("scene")),
+        everything,
+        totals=True,
+    )
 
 
 def table4_findings(rows: Rows) -> Iterator[Finding]:

@@ -51,10 +51,17 @@ def table1(
     everything = Rows(row for row in (*paper.TABLE_1, *rows) if row["size"] in sizes)
     styles = {paper.ASTAR: "o--", PLAIN: "o-"}
     title = "Mean time of a query, the graph included"
-    times = Chart(everything, "time_s", styles, title, "seconds")
-    shares = Chart(everything, "graph_share", styles, "Share of the graph in the time")
-    picture = drawing.by_size([times, shares])
-    return Result(rows, ("size", "planner"), table1_findings(rows), picture, everything)
+    charts = [
+        Chart(everything, "time_s", styles, title, "seconds"),
+        Chart(everything, "graph_share", styles, "Share of the graph in the time"),
+    ]
+    return Result(
+        rows,
+        ("size", "planner"),
+        table1_findings(rows),
+        drawing.by_size(charts),
+        everything,
+    )
 
 
 def _scaled(cost: Float2D, query: Endpoints, size: int) -> tuple[Float2D, Endpoints]:
@@ -142,12 +149,19 @@ def fig7(
         "by range": best_omegas(omegas, by_range(length) + by_range(cc)),
         "by greatest": best_omegas(omegas, by_greatest(length) + by_greatest(cc)),
     }
-    shown = [{"normalised": how, "best_omega": omega} for how, of in best.items() for omega in of]
     length = by_range(length)
     cc = by_range(cc)
-    findings = fig7_findings(omegas, length.mean(0), cc.mean(0), typical_s, best)
-    picture = _draw_sweep(omegas, length, cc, typical_s, best)
-    return Result(rows, ("normalised",), findings, picture, shown)
+    return Result(
+        rows,
+        ("normalised",),
+        fig7_findings(omegas, length.mean(0), cc.mean(0), typical_s, best),
+        _draw_sweep(omegas, length, cc, typical_s, best),
+        [
+            {"normalised": how, "best_omega": omega}
+            for how, found in best.items()
+            for omega in found
+        ],
+    )
 
 
 def by_range(values: Floats) -> Floats:

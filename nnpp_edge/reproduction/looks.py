@@ -61,8 +61,12 @@ def fig14(context: Context, *, size: int = 256, goals: int = 5) -> Result:
             rows.append({"part": part, "scene": name, **row, "common": float(common)})
         excess = percent(found.of(NETWORK).mean("excess"), 2)
         line.append(Scene(f"{name}: {excess} above the optimum", here))
-    picture = drawing.maps(list(lines.values()))
-    return Result(rows, ("scene", "planner"), fig14_findings(rows), picture)
+    return Result(
+        rows,
+        ("scene", "planner"),
+        fig14_findings(rows),
+        drawing.maps(list(lines.values())),
+    )
 
 
 def _goals(case: Case, start: Cell, goal: Cell) -> list[Cell]:

@@ -120,10 +120,6 @@ class PaperRegions:
             to_leg = np.hypot(rows - row - share * down, cols - col - share * across)
             distance = np.minimum(distance, to_leg)
         distance[tuple(np.transpose(line))] = -1.0
-        # blocks outside the map come last
-        row_block, col_block = self.lookup
-        distance[rows > row_block[-1]] = np.inf
-        distance[cols > col_block[-1]] = np.inf
         order = np.argsort(distance, axis=None, kind="stable")
         chosen = np.zeros(distance.size, bool)
         chosen[order[: max(count, len(set(line)))]] = True

@@ -71,8 +71,13 @@ def table2(
     for _, found in contest(context, sizes, maps, repeats, timed=queries):
         rows += found
     everything = Rows(row for row in (*paper.TABLE_2, *rows) if row["size"] in sizes)
-    picture = drawing.bars({f"{size}²": everything.of(size=size) for size in sizes})
-    return Result(rows, ("size", "planner"), table2_findings(rows), picture, everything)
+    return Result(
+        rows,
+        ("size", "planner"),
+        table2_findings(rows),
+        drawing.bars({f"{size}²": everything.of(size=size) for size in sizes}),
+        everything,
+    )
 
 
 def table2_findings(rows: Rows) -> Iterator[Finding]:
@@ -172,13 +177,17 @@ def fig9(
         "inference": "x-",
     }
     narrow = dict.fromkeys((PLAIN_NN, "corridor", "nnpp"), "o-")
-    picture = drawing.by_size(
-        [
-            Chart(times, "time_s", styles, "Mean time of a query", "seconds"),
-            Chart(rows, "mm", narrow, "Mean MM", "path's cells / region's cells"),
-        ]
+    charts = [
+        Chart(times, "time_s", styles, "Mean time of a query", "seconds"),
+        Chart(rows, "mm", narrow, "Mean MM", "path's cells / region's cells"),
+    ]
+    return Result(
+        rows,
+        ("size", "planner"),
+        fig9_findings(rows),
+        drawing.by_size(charts),
+        everything,
     )
-    return Result(rows, ("size", "planner"), fig9_findings(rows), picture, everything)
 
 
 def fig9_findings(rows: Rows) -> Iterator[Finding]:
@@ -308,9 +317,13 @@ def fig12(context: Context, *, size: int = 256, maps: int = 5, repeats: int = 5)
         title = f"map {len(scenes) + 1}: MM {own.mean('mm'):.3f},\n"
         title += f"cost {percent(own.mean('excess'), 2)} above the optimum"
         scenes.append(Scene(title, here))
-    everything = [*rows, *paper.TABLE_4.of(scene=paper.STATIC)]
-    picture = drawing.maps([scenes])
-    return Result(rows, ("map", "planner"), fig12_findings(rows), picture, everything)
+    return Result(
+        rows,
+        ("map", "planner"),
+        fig12_findings(rows),
+        drawing.maps([scenes]),
+        [*rows, *paper.TABLE_4.of(scene=paper.STATIC)],
+    )
 
 
 def fig12_findings(rows: Rows) -> Iterator[Finding]:

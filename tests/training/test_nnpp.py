@@ -7,7 +7,7 @@ import pytest
 import torch
 from torch import nn
 
-from nnpp_edge.model.network import count_macs, encode
+from nnpp_edge.model.network import Network, count_macs, encode
 from nnpp_edge.model.nnpp import NNPP, PRIOR_LOGIT, Conv2d
 from nnpp_edge.model.registry import Spec
 from nnpp_edge.runtime.errors import ModelError
@@ -35,6 +35,15 @@ def test_the_shipped_weights_give_the_shipped_models_answers():
     answer = model.answer(*ends)
     assert np.abs(answer - wanted).mean() < 0.01
     assert np.corrcoef(answer.ravel(), wanted.ravel())[0, 1] > 0.98
+
+
+def test_maps_in_bytes_are_shown_in_255ths():
+    network = Network(Spec("nnpp", 128, options={"width": 2}))
+    rng = np.random.default_rng(0)
+    planes = rng.integers(0, 256, (2, 2, 128, 128), np.uint8)
+    query = rng.random((2, 2, 128, 128), np.float32)
+    wanted = network.answers(planes / np.float32(255.0), query)
+    np.testing.assert_array_equal(network.answers(planes, query), wanted)
 
 
 @pytest.mark.parametrize("size", [0, 192])

@@ -24,7 +24,7 @@ from nnpp_edge.model.registry import Spec
 from nnpp_edge.runtime.errors import DataSetError, InvalidQueryError, ModelError, OutputError
 from nnpp_edge.runtime.network.inference import NetworkModel
 from nnpp_edge.training.validation import Validator
-from tests.training.conftest import RECIPE, SMALL
+from tests.training.conftest import RECIPE, SMALL, enlarged
 
 FIRST = "encoder.stem.1/Conv"
 SECOND = "encoder.widen.1/Conv"
@@ -118,8 +118,7 @@ def test_the_papers_network_is_quantised_too(samples, tmp_path):
     torch.nn.init.normal_(network.body.classifier.weight, std=0.5)
     export_network(network, tmp_path / "nnpp.onnx", name="nnpp")
     fp32 = NetworkModel(tmp_path / "nnpp.onnx")
-    larger = dataclasses.replace(samples, planes=samples.planes.repeat(2, axis=2).repeat(2, axis=3))
-    few = larger.pick(range(8))
+    few = enlarged(samples, 128).pick(range(8))
     model, quantised = quantised_graph(fp32, few, tmp_path)
     assert "body.classifier.weight" in {tensor.name for tensor in model.graph.initializer}
     model.metadata_props.extend(onnx.load(fp32.path).metadata_props)

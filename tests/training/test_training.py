@@ -25,7 +25,7 @@ from nnpp_edge.training.batches import Batches
 from nnpp_edge.training.checkpoint import load_checkpoint
 from nnpp_edge.training.train import Processes, TrainSettings, train
 from nnpp_edge.training.validation import Validator
-from tests.training.conftest import RECIPE, SMALL, VALIDATED_AFTER
+from tests.training.conftest import RECIPE, SMALL, VALIDATED_AFTER, enlarged
 
 ROOT = Path(__file__).parent.parent.parent
 RUN = ("begin_with", "small_checkpoints", "pause_after_s")
@@ -45,7 +45,7 @@ def test_the_loss_falls_and_validation_searches(trained):
     saved = load_checkpoint(trained.folder / "checkpoint.pt")
     assert history[-1]["loss"] < 0.8 * history[0]["loss"]
     assert 0.0 <= history[-1]["gap@0.25"] < 0.2
-    assert history[-1]["region_share@1"] <= history[-1]["region_share@0.25"]
+    assert history[-1]["region_share@1"] < history[-1]["region_share@0.25"]
     assert saved.progress.epoch == VALIDATED_AFTER[-1]
     assert saved.progress.history == history
     assert not saved.trained().training
@@ -98,13 +98,10 @@ def test_every_validation_query_is_searched_on_the_map_as_it_is_held(samples, gr
     """At twice the network's resolution: a network that says yes everywhere gets the very optimum
     in every region.
     """
-    larger = replace(
-        samples,
-        planes=np.minimum(samples.planes, greatest).repeat(2, 2).repeat(2, 3),
-        start=2 * samples.start,
-        goal=2 * samples.goal,
-    )
-    validator = Validator(larger, SMALL, RECIPE.omega, 12)
+    planes = np.minimum(samples.planes, greatest)
+    scaled = replace(samples, planes=planes, start=2 * samples.start, goal=2 * samples.goal)
+    held = enlarged(scaled, 128)
+    validator = Validator(held, SMALL, RECIPE.omega, 12)
     everywhere = np.ones((12, SMALL.blocks, SMALL.blocks), np.float32)
     found = validator.judge_answers(everywhere, 1.0)
     assert (found.success, found.gap, found.region_share) == (1.0, 0.0, 1.0)
