@@ -36,12 +36,13 @@ _PARTS = {
     "std_msgs/MultiArrayDimension": "string label\nuint32 size\nuint32 stride",
     "std_msgs/MultiArrayLayout": "std_msgs/MultiArrayDimension[] dim\nuint32 data_offset",
     "std_msgs/Float32MultiArray": "std_msgs/MultiArrayLayout layout\nfloat32[] data",
-    "grid_map_msgs/GridMapInfo": "float64 resolution\nfloat64 length_x\nfloat64 "
-    "length_y\ngeometry_msgs/Pose pose",
+    "grid_map_msgs/GridMapInfo": (
+        "float64 resolution\nfloat64 length_x\nfloat64 length_y\ngeometry_msgs/Pose pose"
+    ),
     "grid_map_msgs/GridMap": (
-        "std_msgs/Header header\ngrid_map_msgs/GridMapInfo info\nstring[] layers\nstring[] "
-        "basic_layers\n"
-        "std_msgs/Float32MultiArray[] data\nuint16 outer_start_index\nuint16 inner_start_index"
+        "std_msgs/Header header\ngrid_map_msgs/GridMapInfo info\n"
+        "string[] layers\nstring[] basic_layers\nstd_msgs/Float32MultiArray[] data\n"
+        "uint16 outer_start_index\nuint16 inner_start_index"
     ),
 }
 
@@ -52,10 +53,12 @@ def definition(name: str) -> str:
     """
     found = [name]
     for part in found:  # grows while it is walked
-        types = (line.split()[0].removesuffix("[]") for line in _PARTS[part].splitlines())
-        found += [kind for kind in dict.fromkeys(types) if kind in _PARTS and kind not in found]
-    rest = (f"{_RULE}\nMSG: {part}\n{_PARTS[part]}" for part in found[1:])
-    return "\n".join([_PARTS[name], *rest]) + "\n"
+        for line in _PARTS[part].splitlines():
+            kind = line.split()[0].removesuffix("[]")
+            if kind in _PARTS and kind not in found:
+                found.append(kind)
+    rest = [f"{_RULE}\nMSG: {part}\n{_PARTS[part]}" for part in found[1:]]
+    return "\n".join([_PARTS[name], *rest, ""])
 
 
 def path_message(
@@ -91,13 +94,10 @@ def grid_message(
     """nav_msgs/OccupancyGrid of the part of the map (h, w) whose first cell is `corner`, (row,
     col).
     """
-    cdr = (
-        _Cdr(stamp_ns)
-        .time(stamp_ns)
-        .numbers("f", cell_size_m)
-        .numbers("I", cost.shape[1], cost.shape[0])
-    )
-    cdr.pose(corner[1] * cell_size_m, corner[0] * cell_size_m).numbers("I", cost.size)
+    row, col = corner
+    cdr = _Cdr(stamp_ns).time(stamp_ns).numbers("f", cell_size_m)
+    cdr.numbers("I", cost.shape[1], cost.shape[0])
+    cdr.pose(col * cell_size_m, row * cell_size_m).numbers("I", cost.size)
     return bytes(cdr.data + as_occupancy(cost).tobytes())
 
 
@@ -111,12 +111,13 @@ def heights_message(
     """
     rows, cols = heights.shape
     cdr = _Cdr(stamp_ns).numbers("d", cell_size_m, cols * cell_size_m, rows * cell_size_m)
-    cdr.pose((corner[1] + cols / 2) * cell_size_m, (corner[0] + rows / 2) * cell_size_m)
-    for _ in range(2):  # layers, basic layers
-        cdr.numbers("I", 1).string("elevation")
+    row, col = corner
+    cdr.pose((col + cols / 2) * cell_size_m, (row + rows / 2) * cell_size_m)
+    cdr.numbers("I", 1).string("elevation")  # layers
+    cdr.numbers("I", 1).string("elevation")  # basic layers
     cdr.numbers("I", 1, 2)
-    for label, size, stride in (("column_index", rows, rows * cols), ("row_index", cols, cols)):
-        cdr.string(label).numbers("I", size, stride)
+    cdr.string("column_index").numbers("I", rows, rows * cols)
+    cdr.string("row_index").numbers("I", cols, cols)
     cdr.numbers("I", 0, heights.size)
     cdr.data += np.ascontiguousarray(heights[::-1, ::-1], "<f4").tobytes()
     return bytes(cdr.numbers("H", 0, 0).data)
@@ -150,6 +151,5 @@ class _Cdr:
         return self.numbers("I", *divmod(stamp_ns, 1_000_000_000))
 
     def pose(self, x: float, y: float, heading: float = 0.0) -> Self:
-        return self.numbers(
-            "d", x, y, 0.0, 0.0, 0.0, math.sin(0.5 * heading), math.cos(0.5 * heading)
-        )
+        half = 0.5 * heading
+        return self.numbers("d", x, y, 0.0, 0.0, 0.0, math.sin(half), math.cos(half))

@@ -24,6 +24,7 @@ from nnpp_edge.runtime import (
 from nnpp_edge.runtime.arrays import Float2D
 from nnpp_edge.runtime.cells import Cell, Endpoints
 from nnpp_edge.runtime.errors import InvalidQueryError
+from nnpp_edge.runtime.loop.connections import Recorder
 from nnpp_edge.runtime.loop.timing import Histogram, rss_bytes
 from nnpp_edge.runtime.map.state import MapState
 from nnpp_edge.simulation.scene import Scene, SurveyedGround
@@ -186,7 +187,7 @@ def simulate(
     first.tick()  # beside the drive: what a process loads only once is no part of a tick
     navigator = Navigator(ground.robot.ground(scene.told), planning)
     sinks = list(make_sinks(navigator.map))
-    recorders = [sink.record for sink in sinks if hasattr(sink, "record")]
+    recorders = [sink for sink in sinks if isinstance(sink, Recorder)]
     source = RecordedSource(scene, recorders, navigator.count_error, wait=True)
     histogram = Histogram()
     memory_mb = dict[str, float]()

@@ -10,22 +10,17 @@ from nnpp_edge.robot.operations.systemd import Notifier
 from nnpp_edge.runtime import Counters, Status, StatusMessage
 
 
-class Clock:
-    now = 50.0
-
-    def __call__(self):
-        return self.now
-
-
-@pytest.fixture
-def manager(tmp_path):
-    """Sockets as systemd's by their names, a path and an abstract one."""
-    with ExitStack() as stack:
-        found = {}
-        for name in (str(tmp_path / "notify"), f"@nnpp-edge-{secrets.token_hex(8)}"):
-            found[name] = stack.enter_context(socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM))
-            found[name].bind("\0" + name[1:] if name[0] == "@" else name)
-        yield found
+@pytest.fixture(params=["path", "abstract"])
+def manager(tmp_path, request):
+    """A socket as systemd's, and its name: a path or an abstract one."""
+    name = str(tmp_path / "notify")
+    place = name
+    if request.param == "abstract":
+        name = f"@nnpp-edge-{secrets.token_hex(8)}"
+        place = "\0" + name[1:]
+    with socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM) as receiver:
+        receiver.bind(place)
+        yield name, receiver
 
 
 @pytest.fixture
@@ -33,10 +28,6 @@ def notify():
     """Make notifiers; their sockets are closed at the end."""
     with ExitStack() as stack:
         yield lambda *words, **options: stack.enter_context(closing(Notifier(*words, **options)))
-
-
-def status(text):
-    return StatusMessage(1, Status.OK, text, Counters())
 
 
 def waiting(receiver):
@@ -50,72 +41,74 @@ def waiting(receiver):
 
 
 def test_the_manager_hears_each_word(manager, monkeypatch, notify):
-    for name, receiver in manager.items():
-        notifier = notify({"NOTIFY_SOCKET": name})
-        assert notifier.ready() and notifier.stopping()
-        assert not notifier.alive(), "nobody asked for a watchdog"
-        notifier.close()
-        assert not notifier.ready()
-        assert waiting(receiver) == ["READY=1", "STOPPING=1"]
+    name, receiver = manager
     monkeypatch.setenv("NOTIFY_SOCKET", name)
-    assert notify().ready(), "the environment is where it looks by default"
+    notifier = notify()
+    assert notifier.ready() and notifier.stopping()
+    assert not notifier.alive(), "nobody asked for a watchdog"
+    notifier.close()
+    assert not notifier.ready()
+    assert waiting(receiver) == ["READY=1", "STOPPING=1"]
+
+
+def test_the_watchdog_hears_at_most_twice_in_its_time(manager, notify):
+    name, receiver = manager
+    times = [50.0 + 0.1 * tick for tick in range(50)]
+    own = {"WATCHDOG_USEC": "2000000", "WATCHDOG_PID": str(os.getpid())}
+    clock = iter(times)
+    notifier = notify({"NOTIFY_SOCKET": name, **own}, clock=lambda: next(clock))
+    assert notifier.watchdog_s == 2.0
+    sent = [tick for tick in range(50) if notifier.alive()]
+    assert sent == [0, 10, 20, 30, 40]
+    assert waiting(receiver) == ["WATCHDOG=1"] * 5
+
+
+@pytest.mark.parametrize(
+    "watchdog",
+    [
+        {"WATCHDOG_USEC": "2000000", "WATCHDOG_PID": str(os.getppid())},
+        {"WATCHDOG_USEC": "2000000", "WATCHDOG_PID": "me"},
+        {"WATCHDOG_USEC": "-5"},
+        {"WATCHDOG_USEC": "soon"},
+    ],
+)
+def test_a_watchdog_that_is_not_ours_hears_nothing(manager, notify, watchdog):
+    name, receiver = manager
+    notifier = notify({"NOTIFY_SOCKET": name, **watchdog})
+    assert notifier.watchdog_s is None
+    assert not notifier.alive() and notifier.ready()
     assert waiting(receiver) == ["READY=1"]
 
 
-def test_the_watchdog_hears_at_most_twice_in_its_time_if_it_is_ours(manager, notify):
-    name, receiver = next(iter(manager.items()))
-    clock = Clock()
-    own = {"WATCHDOG_USEC": "2000000", "WATCHDOG_PID": str(os.getpid())}
-    notifier = notify({"NOTIFY_SOCKET": name, **own}, clock=clock)
-    assert notifier.watchdog_s == 2.0
-    sent = []
-    for tick in range(50):
-        clock.now = 50.0 + 0.1 * tick
-        if notifier.alive():
-            sent.append(tick)
-    assert sent == [0, 10, 20, 30, 40]
-    assert waiting(receiver) == ["WATCHDOG=1"] * 5
-    unusable = ({"WATCHDOG_USEC": word} for word in ("0", "-5", "soon"))
-    for other in (
-        {**own, "WATCHDOG_PID": str(os.getpid() + 1)},
-        {**own, "WATCHDOG_PID": "me"},
-        {},
-        *unusable,
-    ):
-        notifier = notify({"NOTIFY_SOCKET": name, **other})
-        assert notifier.watchdog_s is None
-        assert not notifier.alive()
-        assert notifier.ready()
-        assert waiting(receiver) == ["READY=1"]
+@pytest.mark.parametrize(
+    ("text", "line"),
+    [
+        ("two\nlines\tand \x00\x1b[31m more", "two lines and [31m more"),
+        ("READY=1\nSTOPPING=1", "READY=1 STOPPING=1"),
+        ("größer als 2 %", "größer als 2 %"),
+        ("x" * 5000, "x" * 200),
+        ("a\u2028b\ud800c", "a b c"),
+    ],
+    ids=["breaks", "words of systemd", "umlauts", "long", "odd characters"],
+)
+def test_a_status_is_one_line(manager, notify, text, line):
+    name, receiver = manager
+    notify({"NOTIFY_SOCKET": name}).publish(StatusMessage(1, Status.OK, text, Counters()))
+    assert waiting(receiver) == ["STATUS=" + line]
 
 
-def test_a_status_is_one_line(manager, notify):
-    name, receiver = next(iter(manager.items()))
-    lines = {
-        "two\nlines\tand \x00\x1b[31m more": "two lines and [31m more",
-        "READY=1\nSTOPPING=1": "READY=1 STOPPING=1",
-        "größer als 2 %": "größer als 2 %",
-        "x" * 5000: "x" * 200,
-        "a\u2028b\ud800c": "a b c",
-        "": "",
-    }
-    for text, line in lines.items():
-        notify({"NOTIFY_SOCKET": name}).publish(status(text))
-        assert waiting(receiver) == ["STATUS=" + line]
-
-
-def test_without_a_manager_nothing_happens(notify):
-    for name in ("", "notify", "@", "vsock:2:1234"):
-        notifier = notify({"NOTIFY_SOCKET": name, "WATCHDOG_USEC": "1000"})
-        assert notifier.watchdog_s is None
-        assert not (notifier.ready() or notifier.alive() or notifier.stopping())
+@pytest.mark.parametrize("name", ["", "notify", "@", "vsock:2:1234"])
+def test_without_a_manager_nothing_happens(notify, name):
+    notifier = notify({"NOTIFY_SOCKET": name, "WATCHDOG_USEC": "1000"})
+    assert notifier.watchdog_s is None
+    assert not (notifier.ready() or notifier.alive() or notifier.stopping())
 
 
 def test_a_manager_that_went_away_or_does_not_read_is_warned_of_once(tmp_path, caplog, notify):
     notifier = notify({"NOTIFY_SOCKET": str(tmp_path / "gone")})
     with caplog.at_level(logging.WARNING):
         assert not notifier.ready()
-        notifier.publish(status("x"))
+        notifier.stopping()
     assert len(caplog.records) == 1
     with socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM) as receiver:
         receiver.bind(str(tmp_path / "full"))

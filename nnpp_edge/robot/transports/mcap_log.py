@@ -19,6 +19,7 @@ from typing import IO
 import numpy as np
 from numpy.typing import NDArray
 
+from nnpp_edge.robot.transports.wiring import Setup
 from nnpp_edge.ros.messages import (
     definition,
     grid_message,
@@ -89,6 +90,10 @@ class McapLog:
             self._stream: IO[bytes] | None = self._path.open("wb")
         with self._stopping_on_error():
             self._begin(self._stream)
+
+    @classmethod
+    def open(cls, place: str, setup: Setup) -> "McapLog":
+        return cls(Path(place), setup.navigator.map)
 
     def record(self, message: Input, at_s: float = 0.0) -> None:
         """Write an input. Never raises an OSError."""
