@@ -6,13 +6,13 @@ from collections import defaultdict
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
 from nnpp_edge.profiling.arrivals import patch_side
 from nnpp_edge.profiling.contest import Facts, Summary, answer, mean, quantile, ratio, summarised
 from nnpp_edge.profiling.measure import HALVES, Answers, Run, WorkloadRun
 from nnpp_edge.profiling.profile_file import OnboardLoop
 from nnpp_edge.profiling.rivals import EXACT
+from nnpp_edge.runtime.arrays import Floats
 
 STAGES = ("encode", "inference", "threshold", "coarse", "search", "path", "other")
 """Of a plan, in the order of work."""
@@ -134,7 +134,7 @@ def _row(of: WorkloadRun, name: str) -> Facts:
 def _halves(of: WorkloadRun, name: str) -> dict[str, list[float]]:
     """For each basis of a budget its median in either half."""
 
-    def halves(of_whom: str, figure: str) -> list[NDArray[np.float64]]:
+    def halves(of_whom: str, figure: str) -> list[Floats]:
         return [of.answers[of_whom].column(figure, half) for half in range(HALVES)]
 
     bases = {"time": "time_ms", "map": "map_ms", "patch": "patch_ms", "inference": "network_ms"}
@@ -153,7 +153,7 @@ def _halves(of: WorkloadRun, name: str) -> dict[str, list[float]]:
     return found
 
 
-def _spread(times: NDArray[np.float64]) -> dict[str, float]:
+def _spread(times: Floats) -> dict[str, float]:
     shares = {"median": 0.5, "p90": 0.9, "p99": 0.99, "max": 1.0}
     spread = {name: float(np.quantile(times, share)) for name, share in shares.items()}
     return {name: round(each, 6) for name, each in (spread | {"mean": float(times.mean())}).items()}

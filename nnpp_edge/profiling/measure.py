@@ -8,7 +8,6 @@ from itertools import islice, product
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
 from nnpp_edge.profiling.arrivals import Reactions, arrival_ms, reactions
 from nnpp_edge.profiling.contest import Harness, Record
@@ -24,6 +23,7 @@ from nnpp_edge.profiling.suites import (
     source_of,
     terrain_cases,
 )
+from nnpp_edge.runtime.arrays import Floats
 from nnpp_edge.runtime.cells import Endpoints
 from nnpp_edge.runtime.errors import InvalidQueryError, TerrainError
 from nnpp_edge.runtime.network.inference import NetworkModel
@@ -54,7 +54,7 @@ class Answers:
     energy_mj: list[float] = field(default_factory=list)
     """Of every call of both halves; NaN where the kernel does not tell."""
 
-    def column(self, name: str, half: int | None = None) -> NDArray[np.float64]:
+    def column(self, name: str, half: int | None = None) -> Floats:
         """A figure of each query that it was measured of: of one half, or the mean of both."""
         halves = [[row[name] for row in rows if name in row] for rows in self.figures]
         return np.mean(halves, axis=0) if half is None else np.array(halves[half])

@@ -10,11 +10,10 @@ from nnpp_edge.reproduction.episode import Patch
 from nnpp_edge.reproduction.planners import PLANNERS
 from nnpp_edge.reproduction.regions import PaperRegions, best_path
 from nnpp_edge.reproduction.rows import Rows
-from nnpp_edge.runtime.arrays import Float2D
+from nnpp_edge.runtime.arrays import Cells, Float2D
 from nnpp_edge.runtime.cells import Endpoints
 from nnpp_edge.runtime.network.inference import NetworkModel
 from nnpp_edge.viz.figures import new_figure
-from nnpp_edge.viz.sheet import Cells
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

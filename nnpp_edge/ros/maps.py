@@ -29,7 +29,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from nnpp_edge.files import write_whole
 from nnpp_edge.runtime.arguments import checked, is_real
-from nnpp_edge.runtime.arrays import Float2D, as_map
+from nnpp_edge.runtime.arrays import Cells, Float2D, Floats, as_map
 from nnpp_edge.runtime.cells import Cell, Shape
 from nnpp_edge.runtime.errors import InvalidMapError, InvalidQueryError, shown
 from nnpp_edge.runtime.loop.messages import MapPatch
@@ -79,7 +79,7 @@ class MapFrame:
         if not (math.isfinite(self.x) and math.isfinite(self.y)):
             raise InvalidMapError(f"the map's corner must be finite, got ({self.x}, {self.y})")
 
-    def metres(self, cells: ArrayLike) -> NDArray[np.float64]:
+    def metres(self, cells: ArrayLike) -> Floats:
         """Points (x, y) in metres, (N, 2), of cells or places (row, col).
 
         Whole numbers are cells and give their middle; floats are places, as in a `Pose`, and 0.0 is
@@ -90,9 +90,9 @@ class MapFrame:
             places = places + 0.5
         span = self.resolution * places
         away = -span if self.rows_along_x else span[:, ::-1]
-        return np.asarray(away + (self.x, self.y))
+        return np.asarray(np.add(away, (self.x, self.y)))
 
-    def places(self, points: ArrayLike) -> NDArray[np.float64]:
+    def places(self, points: ArrayLike) -> Floats:
         """Places (row, col) of points (x, y) in metres, (N, 2); their floor is the cell, as in a
         `Pose`.
         """
@@ -307,10 +307,10 @@ def placed(values: Float2D, source: MapFrame, target: MapFrame) -> tuple[Float2D
 
 
 def path_poses(
-    path: NDArray[np.int32],
+    path: Cells,
     frame: MapFrame,
-    headings_deg: Sequence[float] | NDArray[np.float64] = (),
-) -> NDArray[np.float64]:
+    headings_deg: Sequence[float] | Floats = (),
+) -> Floats:
     """The poses (N, 3) of a path's cells (N, 2), as nav_msgs/Path wants them: x, y and heading.
 
     x and y are those of the cells' middles in metres; the heading is in radians, counted from x

@@ -12,9 +12,10 @@ from collections.abc import Sequence
 from typing import Self
 
 import numpy as np
-from numpy.typing import NDArray
 
 from nnpp_edge.ros.maps import MapFrame, as_occupancy, path_poses
+from nnpp_edge.runtime.arrays import Cells, Float2D
+from nnpp_edge.runtime.cells import Cell
 
 FRAME = "map"
 
@@ -62,7 +63,7 @@ def definition(name: str) -> str:
 
 
 def path_message(
-    cells: NDArray[np.int32], cell_size_m: float, stamp_ns: int, headings_deg: Sequence[float] = ()
+    cells: Cells, cell_size_m: float, stamp_ns: int, headings_deg: Sequence[float] = ()
 ) -> bytes:
     """nav_msgs/Path of (N, 2) cells; poses head for the next, the last as it is arrived at, or as
     `path_poses`.
@@ -88,9 +89,7 @@ def pose_message(row: float, col: float, cell_size_m: float, stamp_ns: int) -> b
     return bytes(_Cdr(stamp_ns).pose(col * cell_size_m, row * cell_size_m).data)
 
 
-def grid_message(
-    cost: NDArray[np.float32], corner: tuple[int, int], cell_size_m: float, stamp_ns: int
-) -> bytes:
+def grid_message(cost: Float2D, corner: Cell, cell_size_m: float, stamp_ns: int) -> bytes:
     """nav_msgs/OccupancyGrid of the part of the map (h, w) whose first cell is `corner`, (row,
     col).
     """
@@ -101,9 +100,7 @@ def grid_message(
     return bytes(cdr.data + as_occupancy(cost).tobytes())
 
 
-def heights_message(
-    heights: NDArray[np.float32], corner: tuple[int, int], cell_size_m: float, stamp_ns: int
-) -> bytes:
+def heights_message(heights: Float2D, corner: Cell, cell_size_m: float, stamp_ns: int) -> bytes:
     """grid_map_msgs/GridMap with the layer ``elevation``, in metres, NaN where unknown.
 
     grid_map counts its cells from the corner of largest x and y, x first, and stores columns one

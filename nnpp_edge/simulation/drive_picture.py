@@ -10,14 +10,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from nnpp_edge.files import write_whole
+from nnpp_edge.runtime.arrays import Cells, Floats
 from nnpp_edge.runtime.errors import InvalidQueryError
 from nnpp_edge.runtime.loop.messages import PathMessage
 from nnpp_edge.runtime.map.along import Line
 from nnpp_edge.simulation.robots import Robot
 from nnpp_edge.simulation.scene import Scene, SurveyedGround
 from nnpp_edge.simulation.simulate import Drive
-from nnpp_edge.viz.picture import BODY, IMPASSABLE, OPTIMUM, PATH, body_outlines, cost_picture
-from nnpp_edge.viz.sheet import GOAL, INK, START, Colour, MapDrawing, Picture
+from nnpp_edge.viz.picture import IMPASSABLE, OPTIMUM, PATH, body_outlines, cost_picture
+from nnpp_edge.viz.sheet import BODY, GOAL, START, Colour, MapDrawing, Picture
 
 if TYPE_CHECKING:
     from PIL.Image import Image
@@ -50,11 +51,8 @@ def drive_picture(ground: SurveyedGround, drive: Drive) -> Picture:
     sheet.line(drive.driven, DRIVEN, 4.0)
     sheet.line(drive.optimal, OPTIMUM, 2.0)
     bodies = _bodies(ground.robot, drive.driven)
-    for outline in bodies:
-        sheet.line(outline, INK, 2.5)
-        sheet.line(outline, BODY, 1.2)
-    sheet.star(sheet.at(drive.goal))
-    sheet.square(sheet.at(drive.start))
+    sheet.bodies(bodies)
+    sheet.ends(drive.start, drive.goal)
     ends = [sheet.swatch(START, "start"), sheet.swatch(GOAL, "goal")]
     lines = [sheet.swatch(DRIVEN, "driven"), sheet.swatch(OPTIMUM, "optimum, with all known")]
     lines += [sheet.swatch(BODY, "vehicle")] * bool(bodies)
@@ -138,12 +136,12 @@ def _frame(scene: Scene, message: PathMessage) -> Picture:
     return picture
 
 
-def _bodies(robot: Robot, path: Line) -> list[NDArray[np.float64]]:
+def _bodies(robot: Robot, path: Line) -> list[Floats]:
     """(5, 2) outlines of the robot's body along a path, rows and columns; none of a point."""
     return [] if robot.vehicle is None else body_outlines(path, robot.vehicle, robot.sides_m)
 
 
-def _pixels(cells: NDArray[np.generic], factor: float) -> NDArray[np.int32]:
+def _pixels(cells: NDArray[np.generic], factor: float) -> Cells:
     return np.rint((cells[:, ::-1].astype(np.float64) + 0.5) * factor - 0.5).astype(np.int32)
 
 

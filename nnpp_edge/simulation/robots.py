@@ -7,11 +7,10 @@ from dataclasses import replace
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
 from nnpp_edge.profiling.suites import whole_cost
 from nnpp_edge.runtime import Ground, MapPatch
-from nnpp_edge.runtime.arrays import Float2D
+from nnpp_edge.runtime.arrays import Cells, Float2D, Floats
 from nnpp_edge.runtime.cells import Cell
 from nnpp_edge.runtime.kernels.poses import MOST_CODE
 from nnpp_edge.runtime.map.attitude import costs_at
@@ -79,14 +78,14 @@ class Robot:
             return bool(self.costs(values)[cell] < OBSTACLE)
         return self._grid(values).is_passable(cell)
 
-    def steps(self, values: Float2D, path: NDArray[np.int32]) -> int:
+    def steps(self, values: Float2D, path: Cells) -> int:
         """How many steps of a path (N, 2) inside the map it may take, from its first cell on."""
         if self.vehicle is None:
             return int((self.costs(values)[path[1:, 0], path[1:, 1]] < OBSTACLE).cumprod().sum())
         blocked = self._grid(values).walk(path, 0, np.empty(len(path)))
         return len(path) - 1 if blocked < 0 else max(blocked - 1, 0)
 
-    def weights_at(self, values: Float2D, places: NDArray[np.float64]) -> NDArray[np.float64]:
+    def weights_at(self, values: Float2D, places: Floats) -> Floats:
         """(N,) what a cell's length costs a body at places as in `attitude.costs_at`; inf where it
         may not stand.
         """

@@ -10,10 +10,9 @@ from itertools import chain
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
 from nnpp_edge.runtime import Goal, Ground, MapPatch, PathMessage, Pose
-from nnpp_edge.runtime.arrays import Float2D
+from nnpp_edge.runtime.arrays import Cells, Float2D, Floats
 from nnpp_edge.runtime.cells import Cell, Rectangle, slices, widened
 from nnpp_edge.runtime.errors import InvalidMapError, InvalidQueryError
 from nnpp_edge.runtime.loop.messages import Input
@@ -318,7 +317,7 @@ def followed(
         pose = arc.at(1.0)
 
 
-def _beside(pose: PoseOf, place: NDArray[np.float64]) -> tuple[float, float, float]:
+def _beside(pose: PoseOf, place: Floats) -> tuple[float, float, float]:
     """How far a pose lies ahead of another and to its left, in metres, and is turned to its left,
     in rad.
     """
@@ -331,7 +330,7 @@ def _beside(pose: PoseOf, place: NDArray[np.float64]) -> tuple[float, float, flo
     return ahead, left, turned
 
 
-def walkable(robot: Robot, path: NDArray[np.int32], values: Float2D, goal: Cell | None) -> bool:
+def walkable(robot: Robot, path: Cells, values: Float2D, goal: Cell | None) -> bool:
     """Whether a path leads to the goal over a map, by steps or a body's legs, and the robot can
     take it.
     """

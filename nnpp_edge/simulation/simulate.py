@@ -7,7 +7,6 @@ from contextlib import closing
 from dataclasses import asdict, dataclass, field, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from nnpp_edge.robot.transports.recording import RecordedSource
 from nnpp_edge.runtime import (
@@ -21,11 +20,12 @@ from nnpp_edge.runtime import (
     Pose,
     Sink,
 )
-from nnpp_edge.runtime.arrays import Float2D
+from nnpp_edge.runtime.arrays import Cells, Float2D
 from nnpp_edge.runtime.cells import Cell, Endpoints
 from nnpp_edge.runtime.errors import InvalidQueryError
 from nnpp_edge.runtime.loop.connections import Recorder
 from nnpp_edge.runtime.loop.timing import Histogram, rss_bytes
+from nnpp_edge.runtime.map.along import Line
 from nnpp_edge.runtime.map.state import MapState
 from nnpp_edge.simulation.scene import Scene, SurveyedGround
 from nnpp_edge.terrain.labels import random_query
@@ -101,9 +101,9 @@ class Drive:
     """
     planning_ms: dict[str, float]
     """``p50``, ``p90``, ``p99``, ``max``, ``mean`` of a tick's answer."""
-    driven: NDArray[np.int32] | NDArray[np.float64] = field(repr=False)
+    driven: Line = field(repr=False)
     """(N, 2) cells in the order walked; with noise in steering places."""
-    optimal: NDArray[np.int32] = field(repr=False)
+    optimal: Cells = field(repr=False)
 
     @property
     def excess(self) -> float | None:

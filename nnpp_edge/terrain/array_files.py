@@ -17,9 +17,9 @@ from nnpp_edge.runtime.arrays import Float2D
 from nnpp_edge.runtime.errors import TerrainError
 from nnpp_edge.runtime.memory import available_bytes
 from nnpp_edge.runtime.reading import problem_with_file, refused_as
-from nnpp_edge.terrain.georeference import Georeference
+from nnpp_edge.terrain.georeference import Georeference, Sides
 
-Reading = tuple[Float2D, tuple[float, float] | None, Georeference | None]
+Reading = tuple[Float2D, Sides | None, Georeference | None]
 """(H, W) heights in metres, a cell's (size, width) in metres and the map's place, if known."""
 _BYTES_PER_CELL = 20
 """That reading takes beside the stored values: a float64 copy, the float32 map, masks."""
@@ -151,7 +151,7 @@ class _Archive(zipfile.ZipFile):
             raise TerrainError(f"{self.path}: wanted {wanted} or a single 2-D array, got {got}")
         return grids[0]
 
-    def cell(self) -> tuple[float, float] | None:
+    def cell(self) -> Sides | None:
         """Size and width of a cell; None where the archive does not say."""
         size = self._number("cell_size_m", "cell_m")
         width = self._number("cell_width_m")

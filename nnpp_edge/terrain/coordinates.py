@@ -13,7 +13,7 @@ import numpy as np
 import numpy.typing as npt
 
 from nnpp_edge.runtime.errors import InvalidQueryError, TerrainError, optional_module
-from nnpp_edge.terrain.georeference import Georeference, Place
+from nnpp_edge.terrain.georeference import Georeference, Place, Sides
 
 if TYPE_CHECKING:
     from pyproj import CRS, Transformer
@@ -108,7 +108,7 @@ def gravity_of(place: Place) -> float | None:
 
 def cell_on_ground(
     source: Path, place: Georeference, shape: tuple[int, ...], *, warn: bool
-) -> tuple[float, float]:
+) -> Sides:
     """A cell's (size, width): metres of ground along a column and along a row at the middle of a
     map (H, W).
 

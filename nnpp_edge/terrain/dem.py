@@ -13,13 +13,13 @@ import numpy as np
 import numpy.typing as npt
 
 from nnpp_edge.runtime.arrays import Float2D, unmasked
-from nnpp_edge.runtime.cells import Rectangle
+from nnpp_edge.runtime.cells import Rectangle, Shape
 from nnpp_edge.runtime.errors import InvalidQueryError, TerrainError
 from nnpp_edge.runtime.map.along import heights_at
 from nnpp_edge.runtime.reading import problem_with_file, refused_as
 from nnpp_edge.terrain.array_files import check_grid, known_heights, metres, read_arrays
 from nnpp_edge.terrain.coordinates import cell_on_ground
-from nnpp_edge.terrain.georeference import Georeference, Place, check_sides
+from nnpp_edge.terrain.georeference import Georeference, Place, Sides, check_sides
 from nnpp_edge.terrain.rasters import Raster, opened_raster, read_raster
 
 ARRAY_ENDINGS = (".npy", ".npz")
@@ -53,7 +53,7 @@ class Dem(Place):
         self.check_place()
 
     @property
-    def shape(self) -> tuple[int, int]:
+    def shape(self) -> Shape:
         rows, cols = self.elevation.shape
         return rows, cols
 
@@ -169,10 +169,10 @@ def checked_file(path: Path) -> Iterator[None]:
 def cell_sides(
     path: Path,
     shape: tuple[int, ...],
-    cell: tuple[float, float] | None,
+    cell: Sides | None,
     place: Georeference | None,
     wanted: float | None,
-) -> tuple[float, float]:
+) -> Sides:
     """A cell's (size, width): the file's or its ground's, or of the size that was asked for;
     TerrainError without.
     """
@@ -231,11 +231,11 @@ class DemWindows(Place):
         self.check_place()
 
     @property
-    def shape(self) -> tuple[int, int]:
+    def shape(self) -> Shape:
         return self.raster.shape
 
     @property
-    def block(self) -> tuple[int, int]:
+    def block(self) -> Shape:
         """Rows and columns of a stored block."""
         return self.raster.block
 
@@ -248,7 +248,7 @@ class DemWindows(Place):
         return heights if self.scale == 1.0 else metres(heights, self.scale)
 
 
-def size_of(path: Path) -> tuple[int, int] | None:
+def size_of(path: Path) -> Shape | None:
     """Rows and columns of a raster, by its header; None for a file that only `read_dem` reads, or
     none at all.
     """

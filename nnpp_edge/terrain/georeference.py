@@ -4,7 +4,13 @@ import math
 from dataclasses import dataclass
 from pathlib import Path
 
+from nnpp_edge.runtime.cells import Cell, Shape
 from nnpp_edge.runtime.errors import InvalidQueryError, TerrainError
+
+Point = tuple[float, float]
+"""(x, y) in the coordinates of a map."""
+Sides = tuple[float, float]
+"""(size, width) of a cell in metres: along a column and along a row."""
 
 _FARTHEST = 2.0**53
 """Cells from the map's corner: whole numbers up to here are floats."""
@@ -25,14 +31,14 @@ class Georeference:
     crs: str | None
     transform: tuple[float, float, float, float, float, float]
 
-    def map_coordinates(self, row: float, col: float) -> tuple[float, float]:
+    def map_coordinates(self, row: float, col: float) -> Point:
         """Map coordinates (x, y) of the centre of cell (row, col), in the units of `crs`."""
         a, b, c, d, e, f = self.transform
         row = row + 0.5
         col = col + 0.5
         return a * col + b * row + c, d * col + e * row + f
 
-    def cell_of(self, x: float, y: float) -> tuple[int, int]:
+    def cell_of(self, x: float, y: float) -> Cell:
         """Cell (row, col) that holds the map point (x, y); it may lie outside the map.
 
         Raises InvalidQueryError where x or y is not finite, or so far away that its cell has no
@@ -65,7 +71,7 @@ class Place:
     """The file, for messages."""
 
     @property
-    def shape(self) -> tuple[int, int]:
+    def shape(self) -> Shape:
         """Rows and columns."""
         raise NotImplementedError
 
@@ -78,11 +84,11 @@ class Place:
                 f"{self.source}: wanted corners with finite coordinates, got {corners}"
             )
 
-    def map_coordinates(self, row: float, col: float) -> tuple[float, float]:
+    def map_coordinates(self, row: float, col: float) -> Point:
         """As `Georeference.map_coordinates`."""
         return self.located.map_coordinates(row, col)
 
-    def cell_of(self, x: float, y: float) -> tuple[int, int]:
+    def cell_of(self, x: float, y: float) -> Cell:
         """As `Georeference.cell_of`."""
         return self.located.cell_of(x, y)
 

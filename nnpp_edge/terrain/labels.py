@@ -9,6 +9,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from nnpp_edge.runtime.arrays import Cells, Float2D
 from nnpp_edge.runtime.cells import Cell, Endpoints
 from nnpp_edge.runtime.errors import Status
 from nnpp_edge.runtime.map.grid import Grid
@@ -29,7 +30,7 @@ class Label(NamedTuple):
 
     start: Cell
     goal: Cell
-    path: NDArray[np.int32]
+    path: Cells
     """(N, 2) the optimal path."""
     excess: NDArray[np.uint8]
     """(blocks, blocks) of the best path through any cell of a block over the optimum, in steps of
@@ -37,16 +38,14 @@ class Label(NamedTuple):
     """
 
 
-def random_points(
-    rng: np.random.Generator, cost: NDArray[np.float32], count: int
-) -> NDArray[np.int32]:
+def random_points(rng: np.random.Generator, cost: Float2D, count: int) -> Cells:
     """Passable cells, each drawn at random: (count, 2) int32; none where no cell is passable."""
     passable = np.argwhere(cost < 1.0).astype(np.int32)
     return passable[rng.integers(0, len(passable), count)] if len(passable) else passable
 
 
 def random_query(
-    rng: np.random.Generator, cost: NDArray[np.float32], least_distance: float, tries: int = 100
+    rng: np.random.Generator, cost: Float2D, least_distance: float, tries: int = 100
 ) -> Endpoints | None:
     """A passable start and goal at least `least_distance` cells apart; None if none was found."""
     for _ in range(tries):
@@ -57,8 +56,8 @@ def random_query(
 
 
 def label_queries(
-    cost: NDArray[np.float32],
-    points: NDArray[np.int32],
+    cost: Float2D,
+    points: Cells,
     least_distance: float,
     blocks: int,
     omega: float,
@@ -88,5 +87,5 @@ def label_queries(
     return out
 
 
-def _cell(point: NDArray[np.int32]) -> Cell:
+def _cell(point: Cells) -> Cell:
     return int(point[0]), int(point[1])

@@ -5,8 +5,8 @@ from collections.abc import Collection, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from nnpp_edge.runtime.arrays import Float2D
-from nnpp_edge.runtime.cells import Cell, Rectangle, apart
+from nnpp_edge.runtime.arrays import Cells, Float2D
+from nnpp_edge.runtime.cells import Cell, Rectangle, Shape, apart
 
 OBSTACLE = 1.0
 """Traversability cost of an obstacle: impassable (the paper's)."""
@@ -38,7 +38,7 @@ class Obstacles:
 
     def __init__(
         self,
-        shape: tuple[int, int],
+        shape: Shape,
         rng: np.random.Generator,
         *,
         value: float = OBSTACLE,
@@ -50,7 +50,7 @@ class Obstacles:
         self._clear = clear
         self.blocks: list[Rectangle] = []
 
-    def one_event(self, robot: Cell, goal: Cell, path: NDArray[np.int32]) -> list[Rectangle]:
+    def one_event(self, robot: Cell, goal: Cell, path: Cells) -> list[Rectangle]:
         """One obstacle appears, moves or vanishes; the parts of the map that change, none where no
         place was free.
         """
@@ -72,7 +72,7 @@ class Obstacles:
         blocks[at] = new
         return [old, new]
 
-    def next_scene(self, robot: Cell, goal: Cell, path: NDArray[np.int32]) -> None:
+    def next_scene(self, robot: Cell, goal: Cell, path: Cells) -> None:
         """The paper's scene between two plans: some vanish, some move on, and one more appears
         across the path.
         """
@@ -99,7 +99,7 @@ class Obstacles:
         """A copy of a part of the ground with the obstacles on it."""
         return covered(ground, part, self.blocks, self._value)
 
-    def _new(self, path: NDArray[np.int32]) -> Rectangle:
+    def _new(self, path: Cells) -> Rectangle:
         rng = self._rng
         least = min(2, *self.shape)
         most = max(max(self.shape) // 12, 2)

@@ -21,7 +21,7 @@ import numpy.typing as npt
 
 from nnpp_edge.runtime.arrays import Float2D, unmasked
 from nnpp_edge.runtime.bands import in_bands
-from nnpp_edge.runtime.cells import Rectangle
+from nnpp_edge.runtime.cells import Cell, Rectangle, Shape
 from nnpp_edge.runtime.errors import OutputError, TerrainError, optional_module
 from nnpp_edge.runtime.reading import refused_as
 from nnpp_edge.runtime.tuning import THREADS_FROM
@@ -55,9 +55,9 @@ class Raster:
     def __init__(self, path: Path, dataset: "DatasetReader") -> None:
         self.path = path
         self.dataset = dataset
-        self.shape: tuple[int, int] = dataset.shape
+        self.shape: Shape = dataset.shape
         """Rows and columns."""
-        self.block: tuple[int, int] = dataset.block_shapes[0]
+        self.block: Shape = dataset.block_shapes[0]
         """Rows and columns of a block, which is read as one."""
         self.dtype = np.dtype(dataset.dtypes[0])
         self.driver = dataset.driver
@@ -75,7 +75,7 @@ class Raster:
         self._offset = 0.0 if abs(offset) > _HIGHEST_OFFSET_M else offset
         structure = dataset.tags(ns="IMAGE_STRUCTURE")
         self._deflated = self.driver == "GTiff" and structure.get("COMPRESSION") == "DEFLATE"
-        self._right: set[tuple[int, int]] = set()
+        self._right: set[Cell] = set()
         """Blocks whose checksums are right."""
 
     def heights(self, part: Rectangle) -> Float2D:
@@ -218,7 +218,7 @@ def raster_bytes(path: Path, array: npt.ArrayLike, place: Place) -> bytes:
 
 @contextmanager
 def geotiff_stream(
-    path: Path, shape: tuple[int, int], place: Georeference | None
+    path: Path, shape: Shape, place: Georeference | None
 ) -> Iterator[Callable[[int, Float2D], None]]:
     """A tiled GeoTIFF to be written by bands of rows: a function that takes a band's first row and
     its values.

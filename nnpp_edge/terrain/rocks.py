@@ -4,11 +4,13 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
-from nnpp_edge.runtime.arrays import Float2D, as_map
+from nnpp_edge.runtime.arrays import Float2D, Floats, as_map
+from nnpp_edge.runtime.cells import Shape
 from nnpp_edge.runtime.errors import InvalidQueryError
 from nnpp_edge.runtime.terrain.traversability import sides_of
+from nnpp_edge.terrain.georeference import Sides
 
 MOST_COVER = 0.2
 """Largest share of the ground that rocks cover; the law was fitted below it."""
@@ -30,12 +32,12 @@ _AT_ONCE = 4096
 class Rocks(NamedTuple):
     """Where rocks lie, and how large they are."""
 
-    places: NDArray[np.float64]
+    places: Floats
     """(N, 2) of their middles in cells, (row, col); 0 is the middle of the first cell."""
-    diameters_m: NDArray[np.float64]
+    diameters_m: Floats
 
 
-def covered_share(cover: float, diameter_m: ArrayLike) -> NDArray[np.float64]:
+def covered_share(cover: float, diameter_m: ArrayLike) -> Floats:
     """Share of the ground that rocks of this diameter and more cover, where all rocks cover the
     share `cover`.
 
@@ -55,8 +57,8 @@ def covered_share(cover: float, diameter_m: ArrayLike) -> NDArray[np.float64]:
 
 
 def draw_rocks(
-    shape: tuple[int, int],
-    sides_m: tuple[float, float],
+    shape: Shape,
+    sides_m: Sides,
     cover: float,
     rng: np.random.Generator | int,
     diameters_m: tuple[float, float],
@@ -103,7 +105,7 @@ def with_rocks(
     )
 
 
-def rock_heights(shape: tuple[int, int], sides_m: tuple[float, float], rocks: Rocks) -> Float2D:
+def rock_heights(shape: Shape, sides_m: Sides, rocks: Rocks) -> Float2D:
     """(H, W) metres by which rocks raise the cells of a map."""
     out = np.zeros(shape, np.float32)
     height, width = shape

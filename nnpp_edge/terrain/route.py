@@ -10,12 +10,13 @@ from xml.sax.saxutils import escape
 import numpy as np
 from numpy.typing import NDArray
 
-from nnpp_edge.runtime.arrays import Float2D
+from nnpp_edge.runtime.arrays import Float2D, Floats
+from nnpp_edge.runtime.cells import Cell
 from nnpp_edge.runtime.errors import optional_module
 from nnpp_edge.runtime.map.along import Along, Line
 from nnpp_edge.terrain.coordinates import lonlat_of
 from nnpp_edge.terrain.dem import Dem
-from nnpp_edge.terrain.georeference import Place
+from nnpp_edge.terrain.georeference import Place, Point
 from nnpp_edge.terrain.vectors import geopackage_bytes
 
 _LOCAL = 'LOCAL_CS["the map\'s own metres",UNIT["metre",1]]'
@@ -35,7 +36,7 @@ class Route:
     cost: NDArray[np.float32]
     """(N,) of the cell at each of these."""
     dem: Place
-    standing: Mapping[str, NDArray[np.float64]] = field(default_factory=dict)
+    standing: Mapping[str, Floats] = field(default_factory=dict)
     """How a vehicle stands on each cell, (N,): headings, angles and clearances by name; empty for a
     point.
     """
@@ -135,9 +136,7 @@ class Route:
         places = np.column_stack((places_of(self.dem, self.along.points), self.along.heights_m))
         return geopackage_bytes("path", json.dumps(self._feature(places, properties)).encode())
 
-    def _feature(
-        self, places: NDArray[np.float64], properties: dict[str, object]
-    ) -> dict[str, object]:
+    def _feature(self, places: Floats, properties: dict[str, object]) -> dict[str, object]:
         line: list[object] = places.tolist()
         geometry: dict[str, object] | None = None
         if line:
@@ -150,7 +149,7 @@ class Route:
             self.dem
         )
 
-    def gpx(self, name: str, stops: Mapping[str, tuple[int, int]]) -> bytes:
+    def gpx(self, name: str, stops: Mapping[str, Cell]) -> bytes:
         """A GPX 1.1 track, and stops (row, col) by name as way points; InvalidQueryError for a map
         off the Earth.
         """
@@ -176,7 +175,7 @@ def _known(number: float) -> float | None:
     return round(number, 4) if math.isfinite(number) else None
 
 
-def places_of(dem: Place, points: Line) -> NDArray[np.float64]:
+def places_of(dem: Place, points: Line) -> Floats:
     """(N, 2) x and y, in the coordinates of `Place.located`, of rows and columns of cells' middles
     (N, 2).
     """
@@ -197,7 +196,7 @@ def named_crs(dem: Place) -> dict[str, object]:
     return {"crs": {"type": "name", "properties": {"name": name}}}
 
 
-Polygon = list[list[tuple[float, float]]]
+Polygon = list[list[Point]]
 """Rings of x and y: the outer one, then its holes."""
 
 
@@ -228,7 +227,7 @@ class Reach:
             {"within": level, "cells": n, "area_m2": round(n * cell_m2, 3)} for level, n in found
         ]
 
-    def raster(self) -> NDArray[np.float32]:
+    def raster(self) -> Float2D:
         """`field`, with NaN where nothing is reached."""
         return np.where(np.isfinite(self.field), self.field, np.float32(np.nan))
 

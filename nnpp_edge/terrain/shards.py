@@ -13,6 +13,7 @@ import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
+from nnpp_edge.runtime.arrays import Float2D
 from nnpp_edge.runtime.errors import DataSetError
 from nnpp_edge.runtime.map.grid import Grid
 from nnpp_edge.runtime.map.step_cost import PAPER_OMEGA, StepModel
@@ -274,7 +275,7 @@ def make_known_shard(
 
 def _random_ground(
     recipe: Recipe, tiles: Sequence[Dem], rng: np.random.Generator, side: int
-) -> tuple[NDArray[np.float32], float, float, bool]:
+) -> tuple[Float2D, float, float, bool]:
     """Square terrain, a cell's size and width; whether it is from a file."""
     given_m = float(rng.choice(recipe.cell_sizes_m)) if recipe.cell_sizes_m else None
     if bool(tiles) and rng.random() >= recipe.synthetic_share:
@@ -283,7 +284,7 @@ def _random_ground(
     return synthetic_terrain(rng, side, cell_size_m), cell_size_m, cell_size_m, False
 
 
-def planes_of(grid: Grid, frame: Frame) -> NDArray[np.float32]:
+def planes_of(grid: Grid, frame: Frame) -> Float2D:
     """(2, S, S) mean cost and share of impassable cells of a map."""
     planes = np.empty((2, frame.size, frame.size), np.float32)
     map_planes(grid, frame, planes)
@@ -298,7 +299,7 @@ def _pick(rng: np.random.Generator, shares: Sequence[tuple[T, float]]) -> T:
 
 def _random_cost(
     recipe: Recipe, tiles: Sequence[Dem], rng: np.random.Generator, name: str, side: int
-) -> tuple[NDArray[np.float32], bool]:
+) -> tuple[Float2D, bool]:
     """A square cost map, with obstacles and a margin on a share of the maps; whether its terrain is
     from a file.
     """
@@ -326,7 +327,7 @@ def _random_crop(
     cell_size_m: float | None,
     *,
     finely: bool = False,
-) -> tuple[NDArray[np.float32], float, float]:
+) -> tuple[Float2D, float, float]:
     """Part of a random tile: elevation, and a cell's size and width.
 
     With a cell size it is averaged where the tile allows it (`finely`: seldom), and rescaled with
@@ -340,7 +341,7 @@ def _random_crop(
     factor = int(rng.choice(fits, p=shares / shares.sum() if finely else None))
     row, col = (int(rng.integers(0, n - side * factor + 1)) for n in dem.elevation.shape)
     crop = dem.elevation[row : row + side * factor, col : col + side * factor]
-    averaged: NDArray[np.float32] = crop.reshape(side, factor, side, factor).mean(axis=(1, 3))
+    averaged: Float2D = crop.reshape(side, factor, side, factor).mean(axis=(1, 3))
     if cell_size_m is None:
         return averaged, dem.cell_size_m, dem.cell_width_m
     scale = cell_size_m / (dem.cell_size_m * factor)

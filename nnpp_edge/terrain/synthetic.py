@@ -1,12 +1,13 @@
 """Terrain made by rule, for volume and for what the measured tiles lack."""
 
 import numpy as np
-from numpy.typing import NDArray
+
+from nnpp_edge.runtime.arrays import Float2D
 
 
 def fractal(
     rng: np.random.Generator, size: int, cell_size_m: float, median_slope_deg: float
-) -> NDArray[np.float32]:
+) -> Float2D:
     """Rough ground whose heights have a power-law spectrum: (size, size) float32, metres.
 
     The exponent is drawn from 2.6 to 3.8; heights are scaled to the median slope asked for.
@@ -28,8 +29,8 @@ def fractal(
 
 
 def add_craters(
-    rng: np.random.Generator, heights: NDArray[np.float32], cell_size_m: float, count: int
-) -> NDArray[np.float32]:
+    rng: np.random.Generator, heights: Float2D, cell_size_m: float, count: int
+) -> Float2D:
     """`heights` with craters: parabolic bowls with raised rims and ejecta that thin out with
     distance.
     """
@@ -50,9 +51,7 @@ def add_craters(
     return out
 
 
-def synthetic_terrain(
-    rng: np.random.Generator, size: int, cell_size_m: float
-) -> NDArray[np.float32]:
+def synthetic_terrain(rng: np.random.Generator, size: int, cell_size_m: float) -> Float2D:
     """A square of fractal ground with craters on most: (size, size) float32, metres."""
     ground = fractal(rng, size, cell_size_m, rng.uniform(3.0, 12.0))
     if rng.random() < 0.7:

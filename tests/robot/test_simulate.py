@@ -19,7 +19,7 @@ from nnpp_edge.terrain.obstacles import Obstacles
 from nnpp_edge.terrain.rocks import with_rocks
 from nnpp_edge.terrain.synthetic import synthetic_terrain
 from nnpp_edge.terrain.vehicle_files import load_mobility
-from nnpp_edge.viz.picture import BODY as BODY_COLOUR
+from nnpp_edge.viz.sheet import BODY as BODY_COLOUR
 from tests import pose_oracles
 from tests.fuzz import bodies
 
