@@ -30,6 +30,7 @@ from nnpp_edge.runtime import (
 )
 from nnpp_edge.runtime.errors import OutputError
 from tests.robot.conftest import free
+from tests.tables import cases
 
 SHAPE = (40, 60)
 
@@ -127,34 +128,25 @@ def test_a_recording_that_is_damaged_while_it_is_played_is_a_failure(tmp_path):
     assert "wanted a pose, goal or patch" in source.failure
 
 
-POSE = '{"at":1,"type":"pose","row":1,"col":2}\n'
+POSE = '{"at":1,"type":"pose","row":1,"col":2}'
 
 
-@pytest.mark.parametrize(
-    ("content", "words"),
-    [
-        ("garbage\n", "line 1: wanted a pose, goal or patch.*malformed"),
-        (POSE + POSE.replace("1", "0.5"), r"line 2: at: wanted times that do not go back, got 0.5"),
-        (
-            '{"type":"pose","row":1,"col":2}\n',
-            "line 1: at: wanted the seconds since the recording began, got none",
-        ),
-        ('{"at":-1,"type":"pose","row":1,"col":2}\n', "at: Expected `float` >= 0.0"),
-        (
-            POSE + "\n\n" + '{"at":2,"type":"pose","row":1}\n',
-            "line 4: .* missing required field `col`",
-        ),
-        (
-            '{"type":"recording","map":[1,2]}\n' + POSE,
-            r"map of \[40, 60\] cells, got one of \[1, 2\]",
-        ),
-        ('{"v":9,"type":"recording"}\n', "version 1"),
-        pytest.param("\0" * (18 << 20), "line 1: wanted a message of at most", id="too long"),
-    ],
-)
+REFUSED = r"""
+garbage                                          | line 1: wanted a pose, goal or patch.*malformed
+POSE\n{"at":0.5,"type":"pose","row":1,"col":2}   | line 2: at: wanted times that do not go back, got 0.5
+{"type":"pose","row":1,"col":2}                  | line 1: at: wanted the seconds since the recording began, got none
+{"at":-1,"type":"pose","row":1,"col":2}          | at: Expected `float` >= 0.0
+POSE\n\n\n{"at":2,"type":"pose","row":1}         | line 4: .* missing required field `col`
+{"type":"recording","map":[1,2]}\nPOSE           | map of \[40, 60\] cells, got one of \[1, 2\]
+{"v":9,"type":"recording"}                       | version 1
+LONG                                             | line 1: wanted a message of at most
+"""
+
+
+@pytest.mark.parametrize(("content", "words"), cases(REFUSED))
 def test_what_is_no_recording_is_refused_at_the_begin(tmp_path, content, words):
     path = tmp_path / "scene.jsonl"
-    path.write_text(content)
+    path.write_text(content.replace("POSE", POSE).replace("LONG", "x" * (18 << 20)) + "\n")
     with pytest.raises(ReplayError, match=words) as raised:
         ReplaySource(path, shape=SHAPE)
     assert str(path) in str(raised.value)
