@@ -1,12 +1,7 @@
-"""What rerun's own reader finds in a recording, and what a viewer elsewhere is sent."""
+"""What rerun's own reader finds in a recording, and where nothing can be shown."""
 
-import os
-import signal
-import socket
-import subprocess
 import sys
-import time
-from contextlib import closing, suppress
+from contextlib import closing
 
 import numpy as np
 import pytest
@@ -81,38 +76,6 @@ def test_a_recording_holds_map_path_robot_goal_and_times(tmp_path, state):
     assert len(shown) == 2, "anew only where it has changed"
     for picture, cost in zip(shown, (first_cost, state.cost()), strict=True):
         np.testing.assert_array_equal(picture.reshape(20, 30, 3), cost_picture(cost))
-
-
-@pytest.mark.filterwarnings("ignore:RRD file has no footer")
-def test_a_viewer_elsewhere_is_shown_the_same(tmp_path, state):
-    """One without a window: it keeps what it is sent."""
-    with socket.socket() as free:
-        free.bind(("127.0.0.1", 0))
-        port = free.getsockname()[1]
-    kept = tmp_path / "kept.rrd"
-    command = [sys.executable, "-m", "rerun_cli", "--port", str(port), "--save", str(kept)]
-    viewer = subprocess.Popen(command, start_new_session=True)  # it starts another
-    try:
-        for _ in range(1200):  # a first start reads a hundred megabytes
-            with suppress(OSError), socket.create_connection(("127.0.0.1", port), timeout=1.0):
-                break
-            time.sleep(0.05)
-        with closing(RerunSink(f"rerun+http://127.0.0.1:{port}/proxy", state)) as sink:
-            for tick in (1, 2):
-                sink.publish(answer(tick))
-        size = -1
-        for _ in range(40):  # until nothing more comes
-            time.sleep(0.5)
-            before = size
-            size = kept.stat().st_size if kept.exists() else 0
-            if size and size == before:
-                break
-    finally:
-        os.killpg(viewer.pid, signal.SIGKILL)
-        viewer.wait(timeout=20)
-    found = read(kept)
-    assert found["/map/path"]["tick"] == [1, 2]
-    assert len(found["/map/cost"]["buffer"]) == 1
 
 
 @pytest.mark.parametrize(

@@ -23,7 +23,6 @@ from nnpp_edge.ros.maps import (
     path_poses,
 )
 from nnpp_edge.ros.messages import definition, grid_message, heights_message
-from nnpp_edge.runtime import Ground, Navigator
 from nnpp_edge.runtime.errors import InvalidMapError, InvalidQueryError
 from nnpp_edge.terrain.dem import read_dem
 from tests.tables import cases
@@ -218,35 +217,43 @@ def test_a_patch_is_moved_to_the_nearest_cells_but_never_resampled():
             occupancy_patch(source, frame)
 
 
-def test_cells_that_were_not_seen_stay_as_the_map_has_them():
-    loop = Navigator(Ground(np.full((4, 5), 0.3, np.float32)))
+@pytest.mark.parametrize("keep", [True, False])
+def test_cells_that_were_not_seen_stay_as_the_map_has_them_unless_told_otherwise(keep):
     grid = OccupancyGrid(np.array([[-1, 100]]), MapFrame(1.0, 1.0, 2.0))
-    loop.offer(occupancy_patch(grid, MapFrame(1.0)))
-    loop.tick()
-    assert loop.map.cost()[2].tolist() == pytest.approx([0.3, 0.3, math.inf, 0.3, 0.3])
-    loop.offer(occupancy_patch(grid, MapFrame(1.0), keep_known=False))
-    loop.tick()
-    assert np.argwhere(loop.map.unknown()).tolist() == [[2, 1]] and not loop.planner.is_passable(
-        (2, 1)
-    )
+    given = {} if keep else {"keep_known": False}
+    patch = occupancy_patch(grid, MapFrame(1.0), **given)
+    assert (patch.row, patch.col, patch.keep_known) == (2, 1, keep)
+    np.testing.assert_array_equal(patch.cost, [[NAN, np.inf]])
 
 
-def test_a_path_becomes_poses_in_metres():
-    path = np.array([[0, 0], [1, 1], [1, 2]], np.int32)
-    poses = path_poses(path, MapFrame(2.0, 10.0, 20.0))
-    np.testing.assert_allclose(poses, [[11, 21, math.pi / 4], [13, 23, 0], [15, 23, 0]])
-    against = path_poses(path, MapFrame(2.0, 10.0, 20.0, rows_along_x=True))
-    np.testing.assert_allclose(
-        against, [[9, 19, -0.75 * math.pi], [7, 17, -math.pi / 2], [7, 15, -math.pi / 2]]
-    )
-    assert path_poses(path[:1], MapFrame(1.0)).tolist() == [[0.5, 0.5, 0.0]]
-    for frame, east in ((MapFrame(1.0), 0.0), (MapFrame(1.0, rows_along_x=True), -math.pi / 2)):
-        turned = path_poses(path[:2], frame, (90.0, 180.0))[
-            :, 2
-        ]  # to greater columns, and down the rows
-        down = path_poses(np.array([(0, 0), (1, 0)]), frame)[0, 2]
-        assert np.exp(1j * turned) == pytest.approx(np.exp(1j * np.array((east, down))))
-    assert path_poses(np.empty((0, 2), np.int32), MapFrame(1.0)).shape == (0, 3)
+PATH = np.array([[0, 0], [1, 1], [1, 2]], np.int32)
+
+
+@pytest.mark.parametrize(
+    ("path", "frame", "poses"),
+    [
+        (PATH, MapFrame(2.0, 10.0, 20.0), [[11, 21, 45], [13, 23, 0], [15, 23, 0]]),
+        (
+            PATH,
+            MapFrame(2.0, 10.0, 20.0, rows_along_x=True),
+            [[9, 19, -135], [7, 17, -90], [7, 15, -90]],
+        ),
+        (PATH[:1], MapFrame(1.0), [[0.5, 0.5, 0]]),
+        (PATH[:0], MapFrame(1.0), np.empty((0, 3))),
+    ],
+)
+def test_a_path_becomes_poses_in_metres(path, frame, poses):
+    found = path_poses(path, frame)
+    np.testing.assert_allclose(found * (1.0, 1.0, 180.0 / math.pi), poses)
+
+
+@pytest.mark.parametrize("rows_along_x", [False, True])
+def test_headings_of_a_body_are_turned_into_the_frame(rows_along_x):
+    frame = MapFrame(1.0, rows_along_x=rows_along_x)
+    right, down = path_poses(PATH[:2], frame, (90.0, 180.0))[:, 2]
+    for heading, step in ((right, (0, 1)), (down, (1, 0))):
+        wanted = path_poses(np.array([(0, 0), step]), frame)[0, 2]
+        assert np.exp(1j * heading) == pytest.approx(np.exp(1j * wanted))
 
 
 GRID = """
