@@ -204,6 +204,7 @@ def board(report: Facts) -> dict[str, str]:
         max(half["waited_share"], half["others_share"] or 0.0)
         for half in report["disturbance"]["halves"]
     )
+    system = facts["system"] or "Linux"
     throttled = "no" if clocks or sensors["temperature_c"] else "not told"
     return {
         "date": report["made"][:10],
@@ -212,7 +213,7 @@ def board(report: Facts) -> dict[str, str]:
         "flags": ", ".join(facts["flags"]) or MISSING,
         "clock": f"{greatest}, {ran}",
         "memory": f"{facts['memory_mb'] / 1024:.1f} GiB",
-        "system": f"{facts['system'] or 'Linux'}, kernel {facts['kernel']}, {facts['architecture']}",
+        "system": f"{system}, kernel {facts['kernel']}, {facts['architecture']}",
         "versions": ", ".join(versions),
         "profile": f"{report['profile']['name']}: {workload}",
         "A*, ms": medians("astar"),

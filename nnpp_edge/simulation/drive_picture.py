@@ -42,28 +42,29 @@ def check_name(path: Path) -> None:
 
 
 def drive_picture(ground: SurveyedGround, drive: Drive) -> Picture:
-    """The true cost, the way driven, and the optimum for a robot that knew everything.
+    """Draw the true cost, the way driven, and the optimum for a robot that knew everything.
 
     Of a body the outline is drawn along the way; the cost of a cell is that of its best heading
-    there.
-    """
+    there."""
     sheet = MapDrawing(cost_picture(ground.costs()))
     sheet.line(drive.driven, DRIVEN, 4.0)
     sheet.line(drive.optimal, OPTIMUM, 2.0)
     bodies = _bodies(ground.robot, drive.driven)
     sheet.bodies(bodies)
     sheet.ends(drive.start, drive.goal)
-    ends = [sheet.swatch(START, "start"), sheet.swatch(GOAL, "goal")]
-    lines = [sheet.swatch(DRIVEN, "driven"), sheet.swatch(OPTIMUM, "optimum, with all known")]
-    lines += [sheet.swatch(BODY, "vehicle")] * bool(bodies)
+
+    # the legend
+    swatches = [(START, "start"), (GOAL, "goal"), (DRIVEN, "driven")]
+    swatches.append((OPTIMUM, "optimum, with all known"))
+    if bodies:
+        swatches.append((BODY, "vehicle"))
     costs = f"cost {drive.driven_cost:.4g}, optimum {drive.optimal_cost:.4g}"
     if drive.excess is not None:
         costs += f" (+{100 * drive.excess:.1f} %)"
     facts = [drive.method, f"{drive.counters.ticks} ticks, {drive.counters.planned} plans", costs]
+    keys = [sheet.swatch(*each) for each in swatches]
     scale = sheet.scale(ground.robot.sides_m[0])
-    return sheet.finish(
-        [[*ends, *lines], [*map(sheet.text_item, facts), *scale], [sheet.grey_bar()]]
-    )
+    return sheet.finish([keys, [*map(sheet.text_item, facts), *scale], [sheet.grey_bar()]])
 
 
 class Film:
@@ -92,47 +93,36 @@ class Film:
         """Write a GIF, whole or not at all; OutputError if it cannot be written."""
         content = BytesIO()
         first, *rest = self._frames
-        durations = [_FRAME_MS] * len(rest) + [2000]
-        first.save(
-            content,
-            "GIF",
-            save_all=True,
-            append_images=rest,
-            duration=durations,
-            loop=0,
-            optimize=False,
-        )
+        kept = {"append_images": rest, "duration": [_FRAME_MS] * len(rest) + [2000], "loop": 0}
+        first.save(content, "GIF", save_all=True, optimize=False, **kept)
         write_whole(path, content.getvalue())
 
 
 def _frame(scene: Scene, message: PathMessage) -> Picture:
-    ground = cost_picture(scene.ground.robot.costs(scene.told))
+    robot = scene.ground.robot
+    ground = cost_picture(robot.costs(scene.told))
     factor = _FRAME_PIXELS / max(ground.shape[:2])
     size = (round(ground.shape[1] * factor), round(ground.shape[0] * factor))
     picture: Picture = cv2.resize(ground, size, interpolation=cv2.INTER_NEAREST)  # type: ignore[assignment]
+
+    # the path, the way driven, the body along the path and where it is
     driven = np.array(scene.driven)[:, :2]
-    lines: list[tuple[NDArray[np.generic], Colour, int]] = [
-        (message.path, PATH, 2),
-        (driven, DRIVEN, 2),
-    ]
-    lines += [(outline, BODY, 1) for outline in _bodies(scene.ground.robot, message.path)]
-    lines += [(outline, START, 2) for outline in _bodies(scene.ground.robot, driven)[-1:]]
+    lines: list[tuple[Line, Colour, int]] = [(message.path, PATH, 2), (driven, DRIVEN, 2)]
+    lines += [(outline, BODY, 1) for outline in _bodies(robot, message.path)]
+    lines += [(outline, START, 2) for outline in _bodies(robot, driven)[-1:]]
     for cells, colour, width in lines:
         if len(cells):
             cv2.polylines(picture, [_pixels(cells, factor)], False, colour, width, cv2.LINE_AA)
+
+    # what the robot sees, its goal and the robot
     row, col, rows, cols = scene.seen
-    corners = _pixels(np.array([(row, col), (row + rows - 1, col + cols - 1)]), factor)
-    cv2.rectangle(picture, corners[0].tolist(), corners[1].tolist(), SEEN, 1)
-    radius = max(3, math.ceil(factor))
-    for cell, colour in ((scene.goal, GOAL), (scene.robot, START)):
-        cv2.circle(
-            picture,
-            _pixels(np.array([cell]), factor)[0].tolist(),
-            radius + 1,
-            colour,
-            -1,
-            cv2.LINE_AA,
-        )
+    view = np.array([(row, col), (row + rows - 1, col + cols - 1)])
+    first, last = _pixels(view, factor).tolist()
+    cv2.rectangle(picture, first, last, SEEN, 1)
+    radius = max(3, math.ceil(factor)) + 1
+    (goal, place) = _pixels(np.array([scene.goal, scene.robot]), factor).tolist()
+    cv2.circle(picture, goal, radius, GOAL, -1, cv2.LINE_AA)
+    cv2.circle(picture, place, radius, START, -1, cv2.LINE_AA)
     return picture
 
 

@@ -121,11 +121,15 @@ class Drive:
 
     def summary(self) -> dict[str, object]:
         """Without its arrays, ready for JSON."""
-        values: dict[str, object] = asdict(self) | {"excess": self.excess, "cells": self.cells}
+        values: dict[str, object] = asdict(self)
         for name in ("driven", "optimal", "counters"):
             del values[name]
-        values["omniscient_cost"] = self.optimal_cost
-        return values | {name: getattr(self.counters, name) for name in _COUNTED}
+        values |= {name: getattr(self.counters, name) for name in _COUNTED}
+        return values | {
+            "excess": self.excess,
+            "cells": self.cells,
+            "omniscient_cost": self.optimal_cost,
+        }
 
 
 def random_drive(ground: SurveyedGround, seed: int) -> tuple[Cell, Cell]:
@@ -133,22 +137,6 @@ def random_drive(ground: SurveyedGround, seed: int) -> tuple[Cell, Cell]:
     none to be found.
     """
     return _connected(Planner(ground.ground), ground.costs(), np.random.default_rng([seed, 1]))
-
-
-def _connected(
-    planner: Planner, costs: Float2D, rng: np.random.Generator, start: Cell | None = None
-) -> Endpoints:
-    """A start, if none is given, and a goal."""
-    least = _LEAST_DISTANCE * max(costs.shape)
-    for _ in range(_TRIES):
-        if (query := random_query(rng, costs, least)) is None:
-            continue
-        ends = query if start is None else (start, query[1])
-        if ends[0] != ends[1] and planner.plan(*ends, method="corridor").ok:
-            return ends
-    raise InvalidQueryError(
-        f"no two connected cells {least:.0f} apart were found on the map; give start and goal"
-    )
 
 
 def simulate(
@@ -170,9 +158,15 @@ def simulate(
     """
     settings = settings or SimulationSettings()
     rng = np.random.default_rng([settings.seed, 2])
-    options = {"sight": settings.sight, "speed": settings.speed, "changes": settings.changes}
     scene = Scene(
-        ground, start, goal, rng, **options, steering_noise_deg=settings.steering_noise_deg
+        ground,
+        start,
+        goal,
+        rng,
+        sight=settings.sight,
+        speed=settings.speed,
+        changes=settings.changes,
+        steering_noise_deg=settings.steering_noise_deg,
     )
     planner = Planner(ground.ground)
     costs = ground.costs()
@@ -180,31 +174,31 @@ def simulate(
     best = planner.plan(start, goal, method="astar")
     if not best.ok:
         raise InvalidQueryError(f"the goal {goal} cannot be reached from {start}: {best.status}")
-    planning = NavigatorSettings(method=settings.method, model=settings.model)
-    first = Navigator(ground.robot.ground(scene.told), planning)
-    first.offer(Pose(*scene.robot))
-    first.offer(Goal(*scene.goal))
-    first.tick()  # beside the drive: what a process loads only once is no part of a tick
-    navigator = Navigator(ground.robot.ground(scene.told), planning)
+    navigator = _navigator(scene, settings)
     sinks = list(make_sinks(navigator.map))
     recorders = [sink for sink in sinks if isinstance(sink, Recorder)]
     source = RecordedSource(scene, recorders, navigator.count_error, wait=True)
     histogram = Histogram()
-    memory_mb = dict[str, float]()
+    memory_mb: dict[str, float] = {}
     goals = late = stuck = waited = 0
 
     def after_tick(message: PathMessage) -> None:
         nonlocal best, goals, late, stuck, waited
+        # figures of the tick
         histogram.add(1e-3 * message.planning_ms)
         late += message.planning_ms > 1e3 * PERIOD_S
         if message.tick in (1, 1 + int(_WARM_UP * settings.ticks)):
             memory_mb["tenth" if memory_mb else "start"] = 1e-6 * rss_bytes()
+
+        # where the robot is by now
         stuck = stuck + 1 if scene.waited > waited else 0
         waited = scene.waited
         scene.heard(message)
         if watch is not None:
             watch(scene, message)
         goals += scene.reached
+
+        # the end, or another goal
         if scene.reached and not settings.endless:
             loop.finish()
         elif settings.endless and (scene.reached or stuck > _PATIENCE):
@@ -240,3 +234,29 @@ def simulate(
         driven=driven[:, :2],
         optimal=best.path,
     )
+
+
+def _connected(
+    planner: Planner, costs: Float2D, rng: np.random.Generator, start: Cell | None = None
+) -> Endpoints:
+    """A start, if none is given, and a goal."""
+    least = _LEAST_DISTANCE * max(costs.shape)
+    for _ in range(_TRIES):
+        ends = random_query(rng, costs, least)
+        if ends is not None and start is not None:
+            ends = (start, ends[1])
+        if ends and ends[0] != ends[1] and planner.plan(*ends, method="corridor").ok:
+            return ends
+    raise InvalidQueryError(
+        f"no two connected cells {least:.0f} apart were found on the map; give start and goal"
+    )
+
+
+def _navigator(scene: Scene, settings: SimulationSettings) -> Navigator:
+    """A navigator on the robot's first map, in a process that has loaded all it needs."""
+    planning = NavigatorSettings(method=settings.method, model=settings.model)
+    first = Navigator(scene.ground.robot.ground(scene.told), planning)
+    first.offer(Pose(*scene.robot))
+    first.offer(Goal(*scene.goal))
+    first.tick()
+    return Navigator(scene.ground.robot.ground(scene.told), planning)
