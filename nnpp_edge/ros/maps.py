@@ -155,13 +155,10 @@ class OccupancyGrid:
             )
         object.__setattr__(self, "data", values.astype(np.int8))
 
-    @checked(InvalidMapError)
-    def cost(self, occupied: int = BODY_TOUCHES) -> Float2D:
-        """Its cells as costs, (height, width), by the rule of this module; inf from
-        `occupied` on.
-        """
+    def cost(self) -> Float2D:
+        """Its cells as costs, (height, width), by the rule of this module."""
         values = self.data.astype(np.float32)
-        known = np.where(values >= occupied, np.float32(np.inf), values / np.float32(100.0))
+        known = np.where(values >= BODY_TOUCHES, np.float32(np.inf), values / np.float32(100.0))
         return np.where(values < 0, np.float32(np.nan), known)
 
 
@@ -257,12 +254,11 @@ def occupancy_patch(
     grid: OccupancyGrid,
     frame: MapFrame,
     *,
-    occupied: int = BODY_TOUCHES,
     keep_known: bool = True,
     stamp: float = 0.0,
 ) -> MapPatch:
-    """An occupancy grid as new costs for the map that lies in `frame`; see `placed`."""
-    values, row, col = placed(grid.cost(occupied), grid.frame, frame)
+    """Make an occupancy grid new costs for the map that lies in `frame`; see `placed`."""
+    values, row, col = placed(grid.cost(), grid.frame, frame)
     return MapPatch(row, col, cost=values, keep_known=keep_known, stamp=stamp)
 
 
@@ -276,7 +272,7 @@ def grid_map_patch(
     keep_known: bool = True,
     stamp: float = 0.0,
 ) -> MapPatch:
-    """A grid map's layer as new heights, or new costs, for the map that lies in `frame`; see
+    """Make a grid map's layer new heights, or new costs, for the map that lies in `frame`; see
     `placed`.
     """
     values, row, col = placed(grid.layer(layer), grid.frame, frame)

@@ -29,9 +29,6 @@ PAPER: Colour = (250, 250, 250)
 _SMALL = 800
 _LARGE = 2000
 """Longer sides, in pixels, below which a map is enlarged and above which it is reduced."""
-_SHORTEST_M = 1e-12
-_LONGEST_M = 1e12
-"""Sides of cells between which a bar of a round length can be drawn."""
 _SHIFT = 4
 """Points are drawn to 1/16 pixel."""
 _FONT = cv2.FONT_HERSHEY_SIMPLEX
@@ -132,8 +129,8 @@ class MapDrawing:
         return self._key(150.0, draw, "traversability cost, 0 to 1")
 
     def scale(self, cell_size_m: float | None) -> list[Item]:
-        """A key: a bar of a round length; none where the size of a cell is not known, or absurd."""
-        if cell_size_m is None or not _SHORTEST_M < cell_size_m < _LONGEST_M:
+        """A key: a bar of a round length; none where the size of a cell is not known."""
+        if cell_size_m is None:
             return []
         most = 0.22 * self._cells_across * cell_size_m
         decade = 10.0 ** math.floor(math.log10(most))

@@ -119,7 +119,6 @@ def test_an_occupancy_grid_is_read_row_by_row_along_y():
         np.testing.assert_array_equal(
             grid.cost(), np.array([[0, 0.5, NAN], [0.98, np.inf, np.inf]], np.float32)
         )
-    np.testing.assert_array_equal(grid.cost(50)[0], np.array([0, np.inf, NAN], np.float32))
     np.testing.assert_allclose(grid.frame.metres([[0, 0], [1, 2]]), [[5.25, 7.25], [6.25, 7.75]])
     assert (grid.frame.cell(6.4, 7.6), grid.frame.cell(4.9, 7.6)) == ((1, 2), (1, -1))
 

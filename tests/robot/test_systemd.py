@@ -1,7 +1,9 @@
+import itertools
 import logging
 import os
 import secrets
 import socket
+import time
 from contextlib import ExitStack, closing, suppress
 
 import pytest
@@ -24,10 +26,18 @@ def manager(tmp_path, request):
 
 
 @pytest.fixture
-def notify():
-    """Make notifiers; their sockets are closed at the end."""
+def notify(monkeypatch):
+    """Make notifiers told a socket and a watchdog; their sockets are closed at the end."""
+
+    def make(name, watchdog=()):
+        for variable, text in {"NOTIFY_SOCKET": name, **dict(watchdog)}.items():
+            monkeypatch.setenv(variable, text)
+        return stack.enter_context(closing(Notifier()))
+
+    for variable in ("NOTIFY_SOCKET", "WATCHDOG_USEC", "WATCHDOG_PID"):
+        monkeypatch.delenv(variable, raising=False)
     with ExitStack() as stack:
-        yield lambda *words, **options: stack.enter_context(closing(Notifier(*words, **options)))
+        yield make
 
 
 def waiting(receiver):
@@ -40,10 +50,9 @@ def waiting(receiver):
     return words
 
 
-def test_the_manager_hears_each_word(manager, monkeypatch, notify):
+def test_the_manager_hears_each_word(manager, notify):
     name, receiver = manager
-    monkeypatch.setenv("NOTIFY_SOCKET", name)
-    notifier = notify()
+    notifier = notify(name)
     assert notifier.ready() and notifier.stopping()
     assert not notifier.alive(), "nobody asked for a watchdog"
     notifier.close()
@@ -51,12 +60,11 @@ def test_the_manager_hears_each_word(manager, monkeypatch, notify):
     assert waiting(receiver) == ["READY=1", "STOPPING=1"]
 
 
-def test_the_watchdog_hears_at_most_twice_in_its_time(manager, notify):
+def test_the_watchdog_hears_at_most_twice_in_its_time(manager, notify, monkeypatch):
     name, receiver = manager
-    times = [50.0 + 0.1 * tick for tick in range(50)]
-    own = {"WATCHDOG_USEC": "2000000", "WATCHDOG_PID": str(os.getpid())}
-    clock = iter(times)
-    notifier = notify({"NOTIFY_SOCKET": name, **own}, clock=lambda: next(clock))
+    notifier = notify(name, {"WATCHDOG_USEC": "2000000", "WATCHDOG_PID": str(os.getpid())})
+    clock = itertools.count()
+    monkeypatch.setattr(time, "monotonic", lambda: 50.0 + 0.1 * next(clock))
     assert notifier.watchdog_s == 2.0
     sent = [tick for tick in range(50) if notifier.alive()]
     assert sent == [0, 10, 20, 30, 40]
@@ -74,7 +82,7 @@ def test_the_watchdog_hears_at_most_twice_in_its_time(manager, notify):
 )
 def test_a_watchdog_that_is_not_ours_hears_nothing(manager, notify, watchdog):
     name, receiver = manager
-    notifier = notify({"NOTIFY_SOCKET": name, **watchdog})
+    notifier = notify(name, watchdog)
     assert notifier.watchdog_s is None
     assert not notifier.alive() and notifier.ready()
     assert waiting(receiver) == ["READY=1"]
@@ -93,25 +101,25 @@ def test_a_watchdog_that_is_not_ours_hears_nothing(manager, notify, watchdog):
 )
 def test_a_status_is_one_line(manager, notify, text, line):
     name, receiver = manager
-    notify({"NOTIFY_SOCKET": name}).publish(StatusMessage(1, Status.OK, text, Counters()))
+    notify(name).publish(StatusMessage(1, Status.OK, text, Counters()))
     assert waiting(receiver) == ["STATUS=" + line]
 
 
 @pytest.mark.parametrize("name", ["", "notify", "@", "vsock:2:1234"])
 def test_without_a_manager_nothing_happens(notify, name):
-    notifier = notify({"NOTIFY_SOCKET": name, "WATCHDOG_USEC": "1000"})
+    notifier = notify(name, {"WATCHDOG_USEC": "1000"})
     assert notifier.watchdog_s is None
     assert not (notifier.ready() or notifier.alive() or notifier.stopping())
 
 
 def test_a_manager_that_went_away_or_does_not_read_is_warned_of_once(tmp_path, caplog, notify):
-    notifier = notify({"NOTIFY_SOCKET": str(tmp_path / "gone")})
+    notifier = notify(str(tmp_path / "gone"))
     with caplog.at_level(logging.WARNING):
         assert not notifier.ready()
         notifier.stopping()
     assert len(caplog.records) == 1
     with socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM) as receiver:
         receiver.bind(str(tmp_path / "full"))
-        notifier = notify({"NOTIFY_SOCKET": str(tmp_path / "full")})
+        notifier = notify(str(tmp_path / "full"))
         answers = [notifier.ready() for _ in range(5000)]  # never waits for the reader
     assert answers[0] and not answers[-1]
