@@ -146,7 +146,8 @@ def _differences(before: Facts, after: Facts) -> Iterator[str]:
             values = ", then ".join(json.dumps(each, ensure_ascii=False) for each in (was, now))
             yield f"{words}: {values}"
     for words, report in (("first", before), ("second", after)):
-        if doubt := _doubt(report):
+        doubt = _doubt(report)
+        if doubt:
             yield f"the {words} run was {doubt}"
 
 
@@ -183,11 +184,10 @@ def board(report: Facts) -> dict[str, str]:
 
     def medians(planner: str, key: str = "time_ms") -> str:
         """Milliseconds by size, at the profile's first workload."""
-        found = [
-            f"{row['size']}² {row[key]['median']:.3g}"
-            for row in results
-            if (row["workload"], row["planner"]) == (workload, planner) and row[key]
-        ]
+        found = []
+        for row in results:
+            if row["workload"] == workload and row["planner"] == planner and row[key]:
+                found.append(f"{row['size']}² {row[key]['median']:.3g}")
         return " · ".join(found) or MISSING
 
     clocks = sensors["clock_mhz"].values()
@@ -200,10 +200,9 @@ def board(report: Facts) -> dict[str, str]:
     versions = [f"python {facts['python']}"]
     for name in ("nnpp-edge", "numpy", "numba", "onnxruntime"):
         versions.append(f"{name} {facts['packages'][name]}")
-    others = max(
-        max(half["waited_share"], half["others_share"] or 0.0)
-        for half in report["disturbance"]["halves"]
-    )
+    others = 0.0
+    for half in report["disturbance"]["halves"]:
+        others = max(others, half["waited_share"], half["others_share"] or 0.0)
     system = facts["system"] or "Linux"
     throttled = "no" if clocks or sensors["temperature_c"] else "not told"
     return {

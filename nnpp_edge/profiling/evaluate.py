@@ -155,8 +155,10 @@ class _OnMap:
             self._standing[rival.name] = planner
             self.calls[rival.name] = partial(rival.plan, planner)
         # with a vehicle each answer is that of a planner that has checked no pose before
-        how = (True, False) if fresh_map else (True,) if body else ()
-        for rival, lazy in product(rivals, how):
+        fresh = [True] if fresh_map or body else []
+        if fresh_map:
+            fresh.append(False)
+        for rival, lazy in product(rivals, fresh):
             name = _FRESH + _key(rival, lazy)
             self.calls[name] = partial(self._from_elevations, rival.apart(), lazy)
 

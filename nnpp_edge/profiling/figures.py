@@ -56,22 +56,26 @@ def find(results: Sequence[Facts], workload: str, size: int, planner: str) -> Fa
 
 def loop_rows(run: Run, loop: OnboardLoop) -> list[Facts]:
     """A row for each workload and size at which the reactions of this loop were measured."""
-    found = []
+    found: list[Facts] = []
     for of in run.workloads:
-        if halves := [each.ms for each in of.reactions]:
-            counts = ("planned", "kept", "without_path")
-            row: Facts = {
+        if not of.reactions:
+            continue
+        halves = [each.ms for each in of.reactions]
+        found.append(
+            {
                 "workload": of.workload,
                 "size": of.size,
                 "method": loop.method,
                 "rate_hz": loop.rate_hz,
+                "patch_side": patch_side((of.size, of.size)),
+                "n": sum(map(len, halves)),
+                "reaction_ms": _spread(np.concatenate(halves)),
+                "planned": sum(each.planned for each in of.reactions),
+                "kept": sum(each.kept for each in of.reactions),
+                "without_path": sum(each.without_path for each in of.reactions),
+                "halves": {"reaction": [float(np.median(half)) for half in halves]},
             }
-            row |= {"patch_side": patch_side((of.size, of.size)), "n": sum(map(len, halves))}
-            row |= {"reaction_ms": _spread(np.concatenate(halves))}
-            row |= {name: sum(getattr(each, name) for each in of.reactions) for name in counts}
-            found.append(
-                row | {"halves": {"reaction": [float(np.median(half)) for half in halves]}}
-            )
+        )
     return found
 
 
@@ -94,16 +98,16 @@ def break_even(results: Sequence[Facts]) -> list[Facts]:
 
 
 def _row(of: WorkloadRun, name: str) -> Facts:
-    answers, exact = of.answers[name], of.answers[EXACT]
+    answers = of.answers[name]
+    exact = of.answers[EXACT]
     times = answers.column("time_ms")
     exact_times = exact.column("time_ms")
     found = []
     for plan, ms, optimum, exact_ms in zip(
         answers.plans, times, exact.plans, exact_times, strict=True
     ):
-        found.append(
-            answer(plan, ms, optimum.cost, exact_ms) | {"exact_cc": plan.ok * optimum.traverse_cost}
-        )
+        of_query = answer(plan, ms, optimum.cost, exact_ms)
+        found.append(of_query | {"exact_cc": plan.ok * optimum.traverse_cost})
     energy_mj = float(np.mean(answers.energy_mj))
     whole = _spread(times)
     network = answers.column("network_ms")

@@ -168,7 +168,8 @@ def terrain_cases(
             dem = fitting[int(rng.integers(len(fitting)))]
             row, col = (int(rng.integers(0, side - size + 1)) for side in dem.shape)
             heights = dem.elevation[slices((row, col, size, size))]
-            size_m, width_m = dem.cell_size_m, dem.cell_width_m
+            size_m = dem.cell_size_m
+            width_m = dem.cell_width_m
         else:
             heights = synthetic_terrain(rng, size, cell_m)
             size_m = width_m = cell_m

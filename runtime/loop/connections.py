@@ -66,6 +66,7 @@ class Transport(Protocol):
         """
 
 
+@runtime_checkable
 class Incoming(InputSource, Transport, Protocol):
     """A source of inputs that can end or fail."""
 

@@ -57,7 +57,8 @@ def run(
         # the source comes first: a sink answers the inputs that are refused there
         entry, place = wiring.source
         setup = Setup(wiring, navigator)
-        source: Incoming = stack.enter_context(closing(entry.open(place, setup)))
+        source = stack.enter_context(closing(entry.open(place, setup)))
+        assert isinstance(source, Incoming)
         setup = setup._replace(source=source)
         others = [
             stack.enter_context(closing(entry.open(place, setup)))

@@ -4,12 +4,13 @@
 
 import re
 from pkgutil import resolve_name
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 from nnpp_edge.runtime.errors import InvalidQueryError
 
 if TYPE_CHECKING:
     from nnpp_edge.robot.transports.wiring import Setup
+    from nnpp_edge.runtime.loop.connections import Transport
 
 
 class Entry(NamedTuple):
@@ -22,7 +23,7 @@ class Entry(NamedTuple):
     out; or an option of its own.
     """
     help: str
-    """What it is, in a few words; or the help of its own option."""
+    """A few words on it; or the help of its own option."""
     kind: str
     """``file:Class``; its ``open(place, setup)`` makes one. Imported when it is opened, as it may
     need libraries that are not installed.
@@ -39,13 +40,15 @@ class Entry(NamedTuple):
             return True
         return (":" in self.form) == bool(place)
 
-    def open(self, place: str, setup: "Setup") -> Any:
-        """Make the transport: a `Transport` of `nnpp_edge.runtime.loop.connections`.
+    def open(self, place: str, setup: "Setup") -> "Transport":
+        """Make the transport.
 
         InvalidQueryError where the place makes no sense, OutputError where it cannot be written
         to, MissingExtraError without the transport's library.
         """
-        return resolve_name(f"{__name__}.{self.kind}").open(place, setup)
+        kind = resolve_name(f"{__name__}.{self.kind}")
+        transport: Transport = kind.open(place, setup)
+        return transport
 
 
 TRANSPORTS = (

@@ -101,7 +101,7 @@ class Wiring:
 
 
 class Setup(NamedTuple):
-    """What a transport is opened with."""
+    """The loop that a transport is opened for."""
 
     wiring: Wiring
     navigator: "Navigator"
