@@ -81,6 +81,8 @@ def shown(value: object, form: str = "") -> str:
 
 def markdown_table(header: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
     """Write rows as a table in Markdown, for documents."""
-    lines = [header, ["---"] * len(header), *rows]
-    joined = [" | ".join(" ".join(cell.split()) for cell in line) for line in lines]
-    return "\n".join(f"| {line} |" for line in joined)
+    lines = []
+    for cells in [header, ["---"] * len(header), *rows]:
+        joined = " | ".join(" ".join(cell.split()) for cell in cells)
+        lines.append(f"| {joined} |")
+    return "\n".join(lines)

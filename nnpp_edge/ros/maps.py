@@ -202,15 +202,16 @@ class GridMap:
             raise InvalidMapError(
                 f"a grid map's lengths must be multiples of {side} m above 0, got {lengths}"
             )
-        first = _whole(message, "outer_start_index"), _whole(message, "inner_start_index")
-        if not (0 <= first[0] < rows and 0 <= first[1] < cols):
+        row = _whole(message, "outer_start_index")
+        col = _whole(message, "inner_start_index")
+        if not (0 <= row < rows and 0 <= col < cols):
             raise InvalidMapError(
-                f"a grid map's start must lie within {rows} × {cols} cells, got {first}"
+                f"a grid map's start must lie within {rows} × {cols} cells, got {(row, col)}"
             )
         layers = {}
         for name, array in zip(names, arrays, strict=True):
             ring = _ring(array, f"layer {name!r}", (rows, cols))
-            layers[str(name)] = np.roll(ring, (-first[0], -first[1]), axis=(0, 1))
+            layers[str(name)] = np.roll(ring, (-row, -col), axis=(0, 1))
         return cls(layers, frame)
 
     def __post_init__(self) -> None:

@@ -74,12 +74,15 @@ def path_message(
         cdr.time(stamp_ns).string(FRAME).pose(x[0], y[0], heading[0])
         # each further pose begins at a multiple of eight bytes, so all of them are laid out alike
         head = _Cdr(stamp_ns).data[4:]
-        padded = -(-len(head) // 8) * 8
-        poses = np.zeros(len(cells) - 1, np.dtype([("head", f"V{padded}"), ("pose", "<f8", 7)]))
-        poses["head"] = np.void(bytes(head).ljust(padded, b"\0"))
+        head += bytes(-len(head) % 8)
+        kind = np.dtype([("head", f"V{len(head)}"), ("pose", "<f8", 7)])
+        poses = np.zeros(len(cells) - 1, kind)
+        poses["head"] = np.void(bytes(head))
         half = 0.5 * heading[1:]
-        for at, values in ((0, x[1:]), (1, y[1:]), (5, np.sin(half)), (6, np.cos(half))):
-            poses["pose"][:, at] = values
+        poses["pose"][:, 0] = x[1:]
+        poses["pose"][:, 1] = y[1:]
+        poses["pose"][:, 5] = np.sin(half)
+        poses["pose"][:, 6] = np.cos(half)
         cdr.data += poses.tobytes()
     return bytes(cdr.data)
 

@@ -102,8 +102,8 @@ def _frame(scene: Scene, message: PathMessage) -> Picture:
     robot = scene.ground.robot
     ground = cost_picture(robot.costs(scene.told))
     factor = _FRAME_PIXELS / max(ground.shape[:2])
-    size = (round(ground.shape[1] * factor), round(ground.shape[0] * factor))
-    picture: Picture = cv2.resize(ground, size, interpolation=cv2.INTER_NEAREST)  # type: ignore[assignment]
+    height, width = (round(side * factor) for side in ground.shape[:2])
+    picture = cv2.resize(ground, (width, height), interpolation=cv2.INTER_NEAREST)
 
     # the path, the way driven, the body along the path and where it is
     driven = np.array(scene.driven)[:, :2]
@@ -123,7 +123,7 @@ def _frame(scene: Scene, message: PathMessage) -> Picture:
     (goal, place) = _pixels(np.array([scene.goal, scene.robot]), factor).tolist()
     cv2.circle(picture, goal, radius, GOAL, -1, cv2.LINE_AA)
     cv2.circle(picture, place, radius, START, -1, cv2.LINE_AA)
-    return picture
+    return np.asarray(picture, np.uint8)
 
 
 def _bodies(robot: Robot, path: Line) -> list[Floats]:
@@ -132,7 +132,8 @@ def _bodies(robot: Robot, path: Line) -> list[Floats]:
 
 
 def _pixels(cells: NDArray[np.generic], factor: float) -> Cells:
-    return np.rint((cells[:, ::-1].astype(np.float64) + 0.5) * factor - 0.5).astype(np.int32)
+    middles = cells[:, ::-1].astype(np.float64) + 0.5
+    return np.rint(middles * factor - 0.5).astype(np.int32)
 
 
 def _palette(picture: Picture) -> "Image":
@@ -142,6 +143,6 @@ def _palette(picture: Picture) -> "Image":
     greys = [(level, level, level) for level in np.linspace(0, 255, _GREYS).astype(int).tolist()]
     colours = [*greys, IMPASSABLE, PATH, BODY, DRIVEN, SEEN, GOAL, START]
     palette = Image.new("P", (1, 1))
-    palette.putpalette([value for blue, green, red in colours for value in (red, green, blue)])
+    palette.putpalette([value for colour in colours for value in reversed(colour)])
     image = Image.fromarray(np.ascontiguousarray(picture[..., ::-1]))
     return image.quantize(palette=palette, dither=Image.Dither.NONE)

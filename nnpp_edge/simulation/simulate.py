@@ -27,6 +27,7 @@ from nnpp_edge.runtime.loop.connections import Recorder
 from nnpp_edge.runtime.loop.timing import Histogram, rss_bytes
 from nnpp_edge.runtime.map.along import Line
 from nnpp_edge.runtime.map.state import MapState
+from nnpp_edge.runtime.planners.plan import Plan
 from nnpp_edge.simulation.scene import Scene, SurveyedGround
 from nnpp_edge.terrain.labels import random_query
 
@@ -168,72 +169,105 @@ def simulate(
         changes=settings.changes,
         steering_noise_deg=settings.steering_noise_deg,
     )
-    planner = Planner(ground.ground)
-    costs = ground.costs()
-    planner.touch()  # what the scene needs is not to look like growth of the loop
-    best = planner.plan(start, goal, method="astar")
-    if not best.ok:
-        raise InvalidQueryError(f"the goal {goal} cannot be reached from {start}: {best.status}")
+    course = _Course(scene, settings, rng)
     navigator = _navigator(scene, settings)
     sinks = list(make_sinks(navigator.map))
     recorders = [sink for sink in sinks if isinstance(sink, Recorder)]
     source = RecordedSource(scene, recorders, navigator.count_error, wait=True)
-    histogram = Histogram()
-    memory_mb: dict[str, float] = {}
-    goals = late = stuck = waited = 0
 
     def after_tick(message: PathMessage) -> None:
-        nonlocal best, goals, late, stuck, waited
-        # figures of the tick
-        histogram.add(1e-3 * message.planning_ms)
-        late += message.planning_ms > 1e3 * PERIOD_S
-        if message.tick in (1, 1 + int(_WARM_UP * settings.ticks)):
-            memory_mb["tenth" if memory_mb else "start"] = 1e-6 * rss_bytes()
-
-        # where the robot is by now
-        stuck = stuck + 1 if scene.waited > waited else 0
-        waited = scene.waited
-        scene.heard(message)
+        course.count(message)
         if watch is not None:
             watch(scene, message)
-        goals += scene.reached
-
-        # the end, or another goal
-        if scene.reached and not settings.endless:
+        if course.over():
             loop.finish()
-        elif settings.endless and (scene.reached or stuck > _PATIENCE):
-            stuck = 0
-            scene.send_to(_connected(planner, costs, rng, scene.robot)[1])
-            best = planner.plan(scene.robot, scene.goal, method="astar")
 
     paced = settings.rate_hz is not None
     rate_hz = settings.rate_hz or 1.0 / PERIOD_S
     loop = Loop(navigator, source, sinks, rate_hz=rate_hz, paced=paced, after_tick=after_tick)
     with closing(source):
         counters = loop.run(settings.ticks)
-    if not paced:
-        counters = replace(counters, overruns=late)
-    driven = np.array(scene.driven)
-    driven_cost = scene.driven_cost
-    if not settings.steering_noise_deg:
-        driven = driven.astype(np.int32)
-        driven_cost = planner.state.grid.costs_of(driven)[0]
-    return Drive(
-        settings.method,
-        (round(driven[0, 0]), round(driven[0, 1])),
-        scene.goal,
-        scene.reached,
-        counters,
-        waited=scene.waited,
-        forbidden=scene.forbidden,
-        driven_cost=driven_cost,
-        optimal_cost=best.cost,
-        goals=goals,
-        memory_mb=memory_mb | {"end": 1e-6 * rss_bytes()},
-        planning_ms=histogram.summary_ms(),
-        driven=driven[:, :2],
-        optimal=best.path,
-    )
+    return course.drive(counters if paced else replace(counters, overruns=course.late))
+
+
+class _Course:
+    """A drive under way: its figures tick by tick, and the optimum to the goal at hand.
+
+    InvalidQueryError where no path leads to the goal.
+    """
+
+    def __init__(
+        self, scene: Scene, settings: SimulationSettings, rng: np.random.Generator
+    ) -> None:
+        self._scene = scene
+        self._settings = settings
+        self._rng = rng
+        self._planner = Planner(scene.ground.ground)
+        self._costs = scene.ground.costs()
+        self._planner.touch()  # what the scene needs is not to look like growth of the loop
+        self._best = self._optimum()
+        if not self._best.ok:
+            raise InvalidQueryError(
+                f"the goal {scene.goal} cannot be reached from {scene.robot}: {self._best.status}"
+            )
+        self._histogram = Histogram()
+        self._memory_mb: dict[str, float] = {}
+        self._goals = 0
+        self._waited = 0
+        self._stuck = 0
+        """Ticks since the robot last took a step."""
+        self.late = 0
+        """Answers that took longer than a tick has."""
+
+    def _optimum(self) -> Plan:
+        return self._planner.plan(self._scene.robot, self._scene.goal, method="astar")
+
+    def count(self, message: PathMessage) -> None:
+        """Count a tick, and tell the scene its answer."""
+        self._histogram.add(1e-3 * message.planning_ms)
+        self.late += message.planning_ms > 1e3 * PERIOD_S
+        if message.tick in (1, 1 + int(_WARM_UP * self._settings.ticks)):
+            self._memory_mb["tenth" if self._memory_mb else "start"] = 1e-6 * rss_bytes()
+        self._stuck = self._stuck + 1 if self._scene.waited > self._waited else 0
+        self._waited = self._scene.waited
+        self._scene.heard(message)
+        self._goals += self._scene.reached
+
+    def over(self) -> bool:
+        """Whether the drive has ended; an endless one is sent to another goal."""
+        scene = self._scene
+        if not self._settings.endless:
+            return scene.reached
+        if scene.reached or self._stuck > _PATIENCE:
+            self._stuck = 0
+            scene.send_to(_connected(self._planner, self._costs, self._rng, scene.robot)[1])
+            self._best = self._optimum()
+        return False
+
+    def drive(self, counters: Counters) -> Drive:
+        """The drive so far, as it is told to users."""
+        scene = self._scene
+        driven = np.array(scene.driven)
+        driven_cost = scene.driven_cost
+        if not self._settings.steering_noise_deg:
+            driven = driven.astype(np.int32)
+            driven_cost = self._planner.state.grid.costs_of(driven)[0]
+        return Drive(
+            self._settings.method,
+            (round(driven[0, 0]), round(driven[0, 1])),
+            scene.goal,
+            scene.reached,
+            counters,
+            waited=scene.waited,
+            forbidden=scene.forbidden,
+            driven_cost=driven_cost,
+            optimal_cost=self._best.cost,
+            goals=self._goals,
+            memory_mb=self._memory_mb | {"end": 1e-6 * rss_bytes()},
+            planning_ms=self._histogram.summary_ms(),
+            driven=driven[:, :2],
+            optimal=self._best.path,
+        )
 
 
 def _connected(

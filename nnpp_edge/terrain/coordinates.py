@@ -6,6 +6,7 @@ import functools
 import math
 import warnings
 from collections.abc import Iterator
+from itertools import product
 from pathlib import Path
 from types import ModuleType
 from typing import TYPE_CHECKING
@@ -62,9 +63,9 @@ def lonlat_at(place: Place, points: Points) -> Points:
 
 def lonlat_corners(place: Place) -> Points:
     """(4, 2) those of the middles of a map's corner cells."""
-    rows, cols = place.shape
-    cells = [(0, 0), (0, cols - 1), (rows - 1, 0), (rows - 1, cols - 1)]
-    return lonlat_at(place, np.array([place.map_coordinates(*cell) for cell in cells]))
+    rows, cols = ((0, side - 1) for side in place.shape)
+    corners = [place.map_coordinates(*cell) for cell in product(rows, cols)]
+    return lonlat_at(place, np.array(corners))
 
 
 def lonlat_of(place: Place, points: Points) -> Points:
@@ -190,15 +191,18 @@ def _lengths(system: "CRS", place: Georeference, shape: tuple[int, ...], share: 
     assert globe is not None and geod is not None  # of a projected or a geographic system
     radians = globe.axis_info[0].unit_conversion_factor
     transform = _transformer(system.to_wkt(), globe.to_wkt()).transform
-    shares = np.array([(row, col) for row in (0.0, 0.5, 1.0) for col in (0.0, 0.5, 1.0)])
+    shares = np.array(list(product((0.0, 0.5, 1.0), repeat=2)))
     middles = shares * (np.array(shape) - 1)
-    steps = 0.5 * share * np.array([[(1.0, 0.0)], [(0.0, 1.0)], [(1.0, 1.0)], [(1.0, -1.0)]])
+    # down, right and both diagonals
+    steps = np.array([(1.0, 0.0), (0.0, 1.0), (1.0, 1.0), (1.0, -1.0)])[:, None] * share / 2.0
     ends = []
     for points in (middles - steps, middles + steps):
         lon, lat = transform(*place.map_coordinates(points[..., 0], points[..., 1]))
         known = np.abs(lat * radians) <= 0.5 * math.pi
         ends += [np.where(known, angles * radians, math.nan) for angles in (lon, lat)]
-    return np.asarray(geod.inv(ends[0], ends[1], ends[2], ends[3], radians=True)[2]) / share
+    lon, lat, far_lon, far_lat = ends
+    metres = geod.inv(lon, lat, far_lon, far_lat, radians=True)[2]
+    return np.asarray(metres) / share
 
 
 def _pyproj() -> ModuleType:
@@ -246,7 +250,9 @@ def _moved(points: Points, begin: "CRS", end: "CRS") -> Points:
         ) from None
     found = np.column_stack(transformer.transform(*points.T))
     for x, y in points[~np.isfinite(found).all(1)]:
-        place = f"longitude {x:g}, latitude {y:g}" if begin.is_geographic else f"({x:g}, {y:g})"
+        place = f"({x:g}, {y:g})"
+        if begin.is_geographic:
+            place = f"longitude {x:g}, latitude {y:g}"
         raise InvalidQueryError(f"{place} of {begin.name} has no place in {end.name}")
     return found
 

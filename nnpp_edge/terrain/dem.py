@@ -158,11 +158,11 @@ def read_dem(path: Path | str, cell_size_m: float | None = None) -> Dem:
 @contextmanager
 def checked_file(path: Path) -> Iterator[None]:
     """Refuse what is no file; whatever is raised meanwhile becomes a TerrainError."""
-    if (problem := problem_with_file(path)) is not None:
+    problem = problem_with_file(path)
+    if problem is not None:
         raise TerrainError(f"{path}: wanted a file with an elevation map ({problem})")
-    with refused_as(
-        TerrainError, f"{path}: wanted an elevation map, got a file that cannot be read"
-    ):
+    wanted = f"{path}: wanted an elevation map, got a file that cannot be read"
+    with refused_as(TerrainError, wanted):
         yield
 
 
@@ -274,15 +274,17 @@ def open_dem(
     with ExitStack() as stack:
         with checked_file(path):
             raster = stack.enter_context(opened_raster(path, by_windows=True))
-            row_of_blocks = (
-                raster.block[0] * max(raster.shape[1], raster.block[1]) * raster.dtype.itemsize
-            )
-            if (text := raster.driver == "AAIGrid") or row_of_blocks > _MOST_BLOCK_BYTES:
-                stored = "as text" if text else "in blocks of {} × {} cells".format(*raster.block)
+            high, wide = raster.block
+            row_of_blocks = high * max(raster.shape[1], wide) * raster.dtype.itemsize
+            stored = ""
+            if raster.driver == "AAIGrid":
+                stored = "as text"
+            elif row_of_blocks > _MOST_BLOCK_BYTES:
+                stored = f"in blocks of {high} × {wide} cells"
+            if stored:
                 raise TerrainError(
                     f"{path}: wanted a raster that can be read by windows, got one stored "
-                    f"{stored}: "
-                    "make it tiled with gdal_translate -of COG"
+                    f"{stored}: make it tiled with gdal_translate -of COG"
                 )
             georeference = raster.place()
         size, width = cell_sides(path, raster.shape, None, georeference, cell_size_m)

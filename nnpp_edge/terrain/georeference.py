@@ -79,7 +79,7 @@ class Place:
         """TerrainError for cells without a size, or that lie nowhere."""
         check_sides(self.source, self.cell_size_m, self.cell_width_m)
         corners = [self.map_coordinates(*at) for at in ((0, 0), self.shape)]
-        if not all(math.isfinite(number) for corner in corners for number in corner):
+        if not all(map(math.isfinite, corners[0] + corners[1])):
             raise TerrainError(
                 f"{self.source}: wanted corners with finite coordinates, got {corners}"
             )
@@ -99,9 +99,8 @@ class Place:
         """
         size = self.cell_size_m
         width = self.cell_width_m
-        return self.georeference or Georeference(
-            None, (width, 0.0, -0.5 * width, 0.0, size, -0.5 * size)
-        )
+        own = Georeference(None, (width, 0.0, -0.5 * width, 0.0, size, -0.5 * size))
+        return self.georeference or own
 
 
 def check_sides(source: Path, *sides: float) -> None:

@@ -80,13 +80,17 @@ class Obstacles:
         kept = []
         for block in self.blocks:
             fate = rng.random()
-            if fate >= _VANISHES:
-                kept.append(
-                    self._moved(block, block[2], block[3]) if fate < _VANISHES + _MOVES else block
-                )
-        side = max(self.shape)
-        rows, cols = (min(max(int(rng.uniform(*_SIDES) * side), 2), n) for n in self.shape)
-        kept.append(self._around(path[int(rng.uniform(*_ON_PATH) * (len(path) - 1))], rows, cols))
+            if fate < _VANISHES:
+                continue
+            if fate < _VANISHES + _MOVES:
+                block = self._moved(block, block[2], block[3])
+            kept.append(block)
+        sides = []
+        for n in self.shape:
+            side = int(rng.uniform(*_SIDES) * max(self.shape))
+            sides.append(min(max(side, 2), n))
+        at = int(rng.uniform(*_ON_PATH) * (len(path) - 1))
+        kept.append(self._around(path[at], *sides))
         self.blocks = [block for block in kept if not self._near(block, robot, goal)]
 
     def clear_of(self, cell: Cell) -> list[Rectangle]:
@@ -110,15 +114,19 @@ class Obstacles:
 
     def _around(self, middle: NDArray[np.integer], rows: int, cols: int) -> Rectangle:
         """An obstacle of this size around a cell, moved inside the map."""
-        return self._inside(int(middle[0]) - rows // 2, int(middle[1]) - cols // 2, rows, cols)
+        row, col = middle.tolist()
+        return self._inside(row - rows // 2, col - cols // 2, rows, cols)
 
     def _moved(self, block: Rectangle, most_rows: int, most_cols: int) -> Rectangle:
-        down, across = (int(self._rng.integers(-most, most + 1)) for most in (most_rows, most_cols))
-        return self._inside(block[0] + down, block[1] + across, *block[2:])
+        row, col, rows, cols = block
+        row += int(self._rng.integers(-most_rows, most_rows + 1))
+        col += int(self._rng.integers(-most_cols, most_cols + 1))
+        return self._inside(row, col, rows, cols)
 
     def _inside(self, row: int, col: int, rows: int, cols: int) -> Rectangle:
-        height, width = self.shape
-        return min(max(row, 0), height - rows), min(max(col, 0), width - cols), rows, cols
+        row = min(max(row, 0), self.shape[0] - rows)
+        col = min(max(col, 0), self.shape[1] - cols)
+        return row, col, rows, cols
 
     def _near(self, block: Rectangle, *cells: Cell) -> bool:
         """Whether an obstacle is nearer to one of the cells than allowed."""
@@ -144,6 +152,6 @@ def changed_parts(before: Sequence[Rectangle], after: Sequence[Rectangle]) -> li
     """Where the map changes when obstacles become others: those that leave, then those
     that come.
     """
-    return [block for block in before if block not in after] + [
-        block for block in after if block not in before
-    ]
+    left = [block for block in before if block not in after]
+    came = [block for block in after if block not in before]
+    return left + came

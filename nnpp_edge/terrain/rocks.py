@@ -72,10 +72,10 @@ def draw_rocks(
         raise InvalidQueryError(f"{wanted}, got {diameters_m[0]:g} and {diameters_m[1]:g}")
     table = np.geomspace(*diameters_m, _TABLE)
     shares = covered_share(cover, table)
-    between = np.maximum(shares[:-1] - shares[1:], 0.0) / (0.25 * math.pi * table[:-1] * table[1:])
-    numbers = np.concatenate(
-        ((0.0,), np.cumsum(between))
-    )  # on a square metre, from the least diameter up to each
+    # on a square metre, from the least diameter up to each
+    areas = 0.25 * math.pi * table[:-1] * table[1:]
+    between = np.maximum(shares[:-1] - shares[1:], 0.0) / areas
+    numbers = np.concatenate(((0.0,), np.cumsum(between)))
     count = int(rng.poisson(numbers[-1] * math.prod(shape) * math.prod(sides_m)))
     places = rng.random((count, 2)) * shape - 0.5
     return Rocks(places, np.interp(rng.random(count) * numbers[-1], numbers, table))
@@ -99,10 +99,9 @@ def with_rocks(
     """
     heights = as_map(dem, "dem")
     sides = sides_of(cell_size_m, cell_width_m)
-    wanted = max(_LEAST_M, _LEAST_CELLS * max(sides)), _GREATEST_M
-    return heights + rock_heights(
-        heights.shape, sides, draw_rocks(heights.shape, sides, cover, rng, wanted)
-    )
+    least = max(_LEAST_M, _LEAST_CELLS * max(sides))
+    rocks = draw_rocks(heights.shape, sides, cover, rng, (least, _GREATEST_M))
+    return heights + rock_heights(heights.shape, sides, rocks)
 
 
 def rock_heights(shape: Shape, sides_m: Sides, rocks: Rocks) -> Float2D:

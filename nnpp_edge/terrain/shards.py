@@ -92,34 +92,32 @@ class Recipe(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     def __post_init__(self) -> None:
         size = self.size
         blocks = self.blocks
-        start, end = self.stripe
+        _check(
+            size > 0 == size % _SIZE_STEP, f"size must be a multiple of {_SIZE_STEP}, got {size}"
+        )
+        _check(
+            blocks > 0 == blocks % 8 == size % blocks,
+            f"blocks must be a multiple of 8 that divides {size}, got {blocks}",
+        )
         counts = [self.maps, self.maps_per_shard, self.points_per_map - 1]
         counts += [pooling for pooling, _ in self.poolings]
+        _check(min(counts) > 0 <= self.seed, "numbers of maps and points must be above 0")
+
         shares = (self.synthetic_share, self.obstacle_share, self.margin_share, self.least_distance)
-        drawn = [[share for _, share in chances] for chances in (self.poolings, self.workloads)]
-        span = f"{LEAST_SIDE_M:g} to {MOST_SIDE_M:g} m, got {self.cell_sizes_m}"
-        for met, wanted in (
-            (size > 0 == size % _SIZE_STEP, f"size must be a multiple of {_SIZE_STEP}, got {size}"),
-            (
-                blocks > 0 == blocks % 8 == size % blocks,
-                f"blocks must be a multiple of 8 that divides {size}, got {blocks}",
-            ),
-            (min(counts) > 0 <= self.seed, "numbers of maps and points must be above 0"),
-            (0.0 <= min(shares) <= max(shares) <= 1.0, f"shares must lie in [0, 1], got {shares}"),
-            (
-                all(min(s, default=-1) >= 0 < sum(s) < math.inf for s in drawn),
-                f"shares must be above 0, got {drawn}",
-            ),
-            (0.0 < self.omega < math.inf, f"ω must be above 0, got {self.omega}"),
-            (
-                all(LEAST_SIDE_M <= side <= MOST_SIDE_M for side in self.cell_sizes_m),
-                f"cell sizes must be {span}",
-            ),
-            (0.0 <= start < end <= 1.0, f"a stripe must lie in [0, 1], got {self.stripe}"),
-            (bool(self.cell_sizes_m or self.terrain), "synthetic terrain needs a cell size"),
-        ):
-            if not met:
-                raise DataSetError(wanted)
+        for share in shares:
+            _check(0.0 <= share <= 1.0, f"shares must lie in [0, 1], got {shares}")
+        drawn = [[share for _, share in self.poolings], [share for _, share in self.workloads]]
+        for chances in drawn:
+            fits = min(chances, default=-1) >= 0 < sum(chances) < math.inf
+            _check(fits, f"shares must be above 0, got {drawn}")
+        _check(0.0 < self.omega < math.inf, f"ω must be above 0, got {self.omega}")
+
+        for side in self.cell_sizes_m:
+            span = f"{LEAST_SIDE_M:g} to {MOST_SIDE_M:g} m, got {self.cell_sizes_m}"
+            _check(LEAST_SIDE_M <= side <= MOST_SIDE_M, f"cell sizes must be {span}")
+        start, end = self.stripe
+        _check(0.0 <= start < end <= 1.0, f"a stripe must lie in [0, 1], got {self.stripe}")
+        _check(bool(self.cell_sizes_m or self.terrain), "synthetic terrain needs a cell size")
         for name, _ in self.workloads:
             self.limits_of(name)
 
@@ -143,6 +141,11 @@ class Recipe(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     def shards(self) -> int:
         """Number of files."""
         return math.ceil(self.maps / self.maps_per_shard)
+
+
+def _check(fits: bool, wanted: str) -> None:
+    if not fits:
+        raise DataSetError(wanted)
 
 
 def read_terrain(recipe: Recipe) -> list[Dem]:
@@ -192,7 +195,9 @@ def shard_content(recipe: Recipe, tiles: Sequence[Dem], index: int) -> bytes:
         key.append(1)
     make = make_known_shard if recipe.known else make_shard
     content = io.BytesIO()
-    np.savez(content, **make(recipe, tiles, np.random.default_rng(key), maps))  # type: ignore[arg-type]  # numpy's stub takes `allow_pickle` for one of them
+    arrays = make(recipe, tiles, np.random.default_rng(key), maps)
+    # numpy's stub takes `allow_pickle` for one of them
+    np.savez(content, **arrays)  # type: ignore[arg-type]
     return content.getvalue()
 
 

@@ -19,13 +19,11 @@ def fractal(
     frequency[0, 0] = np.inf
     noise = rng.normal(size=(2, *frequency.shape))
     spectrum = (noise[0] + 1j * noise[1]) * frequency ** (-exponent / 2.0)
-    heights = np.fft.irfft2(spectrum)[
-        :size, :size
-    ]  # twice the size, as the whole would wrap around
+    # made at twice the size, as the whole would wrap around
+    heights = np.fft.irfft2(spectrum)[:size, :size]
     median = np.median(np.hypot(*np.gradient(heights, cell_size_m)))
-    return np.asarray(
-        heights * (np.tan(np.radians(median_slope_deg)) / max(median, 1e-12)), np.float32
-    )
+    gain = np.tan(np.radians(median_slope_deg)) / max(median, 1e-12)
+    return np.asarray(heights * gain, np.float32)
 
 
 def add_craters(
@@ -38,11 +36,11 @@ def add_craters(
     out = heights.copy()
     y, x = np.mgrid[:size, :size].astype(np.float32)
     for _ in range(count):
-        radius = float(np.exp(rng.uniform(np.log(3.0), np.log(max(size / 5, 3.0)))))
+        largest = max(size / 5, 3.0)
+        radius = float(np.exp(rng.uniform(np.log(3.0), np.log(largest))))
         cy, cx = rng.uniform(0, size, 2)
-        depth = (
-            rng.uniform(0.08, 0.22) * 2.0 * radius * cell_size_m
-        )  # fresh craters are a fifth as deep as wide
+        # fresh craters are a fifth as deep as wide
+        depth = rng.uniform(0.08, 0.22) * 2.0 * radius * cell_size_m
         rim = 0.2 * depth
         d = np.hypot(y - cy, x - cx) / radius
         bowl = (depth + rim) * d**2 - depth

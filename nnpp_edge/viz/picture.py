@@ -97,7 +97,8 @@ def hillshade(elevation: Float2D, cell_size_m: float, cell_width_m: float | None
     azimuth, height = (math.radians(angle) for angle in _LIGHT)
     toward = (math.cos(azimuth) * south - math.sin(azimuth) * east) * gain
     flat = math.sin(height)
-    light = (flat + math.cos(height) * toward) / np.sqrt(1.0 + gain**2 * tilt**2)
+    light = flat + math.cos(height) * toward
+    light /= np.sqrt(1.0 + gain**2 * tilt**2)
     shade = 40.0 + 205.0 * np.clip(np.nan_to_num(light, nan=flat), 0.0, 1.0)
     return np.asarray(shade, np.uint8)
 
@@ -244,17 +245,20 @@ def body_outlines(
     steps = np.diff(path, axis=0) * sides_m
     along = np.concatenate(([0.0], np.cumsum(np.hypot(*steps.T))))
 
-    # metres ahead of the body's middle and to its left: from the front's middle around, and to the
-    # middle
+    # the body in metres ahead of its middle and to its left: from the front's middle around, and
+    # to the middle
     if vehicle.radius_m is not None:
         turns = np.linspace(0.0, 2.0 * math.pi, 33)
-        around = vehicle.radius_m * np.column_stack((np.cos(turns), np.sin(turns)))
+        ahead = vehicle.radius_m * np.cos(turns)
+        left = vehicle.radius_m * np.sin(turns)
     else:
-        corners = np.array([(1, 0), (1, 1), (-1, 1), (-1, -1), (1, -1), (1, 0)])
-        around = corners * (vehicle.length_m / 2.0, vehicle.width_m / 2.0)
-    shape = np.vstack((around, (0.0, 0.0)))
+        ahead = vehicle.length_m / 2.0 * np.array([1, 1, -1, -1, 1, 1])
+        left = vehicle.width_m / 2.0 * np.array([0, 1, 1, -1, -1, 0])
+    shape = np.column_stack((np.append(ahead, 0.0), np.append(left, 0.0)))
 
-    count = min(max(int(along[-1] / (4.0 * shape[:, 0].max())), 1), 100)
+    # where along the path it is drawn, and how it is turned there
+    count = int(along[-1] / (4.0 * ahead.max()))
+    count = min(max(count, 1), 100)
     outlines = []
     for at in np.searchsorted(along, np.linspace(0.0, along[-1], count + 1)).tolist():
         if headings_deg is None:
@@ -262,7 +266,8 @@ def body_outlines(
             down, right = step / np.hypot(*step)
         else:
             heading = math.radians(headings_deg[at])
-            down, right = -math.cos(heading), math.sin(heading)
+            down = -math.cos(heading)
+            right = math.sin(heading)
         ahead_and_left = np.array([(down, right), (-right, down)])  # rows go down
         outlines.append(path[at] + shape @ ahead_and_left / sides_m)
     return outlines
@@ -295,7 +300,11 @@ def _lines(
     """Paths that are drawn: places, colour, width, and words of the legend."""
     arcs = plan.states is not None
     freed = plan.line is not plan.path and not arcs
-    words = "path of arcs" if arcs else "path freed from the grid" if freed else "path"
+    words = "path"
+    if arcs:
+        words = "path of arcs"
+    elif freed:
+        words = "path freed from the grid"
     lines = [(plan.line, PATH, 5.0, words)]
     if freed:
         lines.append((plan.path, GRID, 1.5, "path of the grid"))

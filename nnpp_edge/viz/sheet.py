@@ -58,7 +58,8 @@ class MapDrawing:
         height = max(1, round(rows * factor))
         width = max(1, round(cols * factor))
         if factor != 1.0:
-            ground = cv2.resize(ground, (width, height), interpolation=how)  # type: ignore[assignment]
+            size = (width, height)
+            ground = cv2.resize(ground, size, interpolation=how)  # type: ignore[assignment]
         self.unit = max(1.0, max(height, width) / 1000.0)
         """Pixels to a point: text, lines and symbols are larger on a larger map."""
         self.sides = (height / rows, width / cols)
@@ -136,7 +137,8 @@ class MapDrawing:
         decade = 10.0 ** math.floor(math.log10(most))
         length_m = max(n * decade for n in (1, 2, 5) if n * decade <= most)
         right = length_m / cell_size_m * self.sides[1] / self.unit
-        bar = np.array([(0, -5), (0, 5), (0, 0), (right, 0), (right, -5), (right, 5)])
+        across = np.array([0.0, 0.0, 0.0, right, right, right])
+        bar = np.column_stack((across, [-5, 5, 0, 0, -5, 5]))
 
         def draw(x: float, y: float) -> None:
             self._stroke(np.array([x, y]) + bar * self.unit, INK, 1.5)
