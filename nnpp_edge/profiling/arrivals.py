@@ -45,7 +45,10 @@ def patch_side(shape: tuple[int, ...]) -> int:
 
 
 def arrival_ms(
-    rival: RivalPlanner, ground: Ground, query: Endpoints, harness: Harness
+    rival: RivalPlanner,
+    ground: Ground,
+    query: Endpoints,
+    harness: Harness,
 ) -> tuple[float, float]:
     """Milliseconds from elevations to the path, and of a patch on that path into all that the next
     plan reads.
@@ -62,7 +65,8 @@ def arrival_ms(
             _ = planner.state.pyramid
 
     map_s, (planner, plan) = harness.timed(arrive)
-    patch = _patch(ground, plan.path if plan.ok else np.array(query[:1]), 0.5)
+    path = plan.path if plan.ok else np.array(query[:1])
+    patch = _patch(ground, path, 0.5)
     patch_s, _ = harness.timed(take_patch)
     return 1e3 * map_s, 1e3 * patch_s
 
@@ -75,7 +79,13 @@ def prior_ms(harness: Harness) -> float:
     heights = np.zeros((64, 64), np.float32)
     limits = Traversability()
     price = partial(
-        prices_by, "network", heights, limits, cell_size_m=160.0, factor=8, model=network
+        prices_by,
+        "network",
+        heights,
+        limits,
+        cell_size_m=160.0,
+        factor=8,
+        model=network,
     )
     times = [harness.timed(price)[0] for _ in range(_PRICED)]
     return 1e3 * float(np.median(times))
@@ -95,7 +105,10 @@ class Reactions:
 
 
 def reactions(
-    ground: Ground, queries: Sequence[Endpoints], loop: OnboardLoop, patches: int = REACTIONS
+    ground: Ground,
+    queries: Sequence[Endpoints],
+    loop: OnboardLoop,
+    patches: int = REACTIONS,
 ) -> Reactions:
     """Run the onboard loop at its rate on this map, with a patch of elevations at each tick.
 
@@ -140,7 +153,10 @@ def reactions(
 
 
 def _inputs(
-    ground: Ground, queries: Sequence[Endpoints], hills: int, newest: Callable[[], np.ndarray]
+    ground: Ground,
+    queries: Sequence[Endpoints],
+    hills: int,
+    newest: Callable[[], np.ndarray],
 ) -> Iterator[tuple[list[Input], bool]]:
     """Inputs of each tick, and whether its answer counts: each query, and hills that come and go on
     its paths."""
@@ -161,7 +177,8 @@ def _patch(ground: Ground, path: np.ndarray, share: float) -> tuple[int, int, np
     """
     side = patch_side(ground.shape)
     middle = path[int(share * len(path))]
-    row, col = np.clip(middle - side // 2, 0, np.subtract(ground.shape, side)).tolist()
+    last = np.subtract(ground.shape, side)
+    row, col = np.clip(middle - side // 2, 0, last).tolist()
     along = (np.arange(side) - 0.5 * (side - 1)) / (side / 6.0)
     bump = np.exp(-0.5 * (along[:, None] ** 2 + along**2))
     height_m = 1.5 * side / 6.0 * ground.sides_m[0]

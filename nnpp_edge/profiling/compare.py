@@ -81,7 +81,8 @@ def compare(before: Facts, after: Facts, tolerance: float) -> Facts:
     InvalidQueryError if the reports have no workload, size and planner in common."""
     lines = []
     with refused_as(
-        InvalidQueryError, "wanted two reports of nnpp-edge profile, got a damaged one"
+        InvalidQueryError,
+        "wanted two reports of nnpp-edge profile, got a damaged one",
     ):
         notes = list(_differences(before, after))
         doubtful = bool(_doubt(before) or _doubt(after))
@@ -102,7 +103,12 @@ def compare(before: Facts, after: Facts, tolerance: float) -> Facts:
 
 
 def _line(
-    row: Facts, figure: _Compared, was: float, now: float, tolerance: float, doubtful: bool
+    row: Facts,
+    figure: _Compared,
+    was: float,
+    now: float,
+    tolerance: float,
+    doubtful: bool,
 ) -> Facts:
     worse_by = was - now if figure.more_is_better else now - was
     # of a speed-up the new one, so that twice as slow is the same change for it and for a time

@@ -151,7 +151,8 @@ def summarised(rows: Iterable[Row], summary: Summary) -> Figures:
 
 
 def of(
-    name: str, reduce: Callable[[list[float]], np.floating]
+    name: str,
+    reduce: Callable[[list[float]], np.floating],
 ) -> Callable[[Columns], float | None]:
     """A figure of one column; None where it is empty."""
     return lambda columns: float(reduce(columns[name])) if columns[name] else None

@@ -104,9 +104,11 @@ def summary(ending: str, lines: Sequence[Facts], noise: str) -> str:
             where = places.setdefault((line["name"], line["planner"]), [line["planner"]])
             if line["size"]:
                 where.append(f"{line['workload']} {line['size']}²")
-    names = [f"{name} ({', '.join(where)})" for (name, _), where in places.items()]
     said = f"{head}: {passed} of {len(lines)} pass"
-    return f"{said}; not {', '.join(names)}" if names else said
+    if places:
+        names = [f"{name} ({', '.join(where)})" for (name, _), where in places.items()]
+        said += f"; not {', '.join(names)}"
+    return said
 
 
 def _line(
@@ -154,7 +156,10 @@ def _value(row: Facts, quantity: str) -> float | None:
 
 
 def _verdict(
-    budget: Budget, value: float | None, halves: Sequence[float] | None, noise: Noise
+    budget: Budget,
+    value: float | None,
+    halves: Sequence[float] | None,
+    noise: Noise,
 ) -> tuple[str, str]:
     """A budget's verdict; with noise, and where it is none, also why."""
     if value is None:
@@ -169,7 +174,9 @@ def _verdict(
         return state, ""
 
     # signs of noise; of throttling, where there are none and a budget is missed
-    apart = abs(halves[0] - halves[1]) / min(halves) if halves is not None else 0.0
+    apart = 0.0
+    if halves is not None:
+        apart = (max(halves) - min(halves)) / min(halves)
     unsure = NOISY
     words = noise.words
     lost = noise.share

@@ -122,7 +122,12 @@ class ProfileMaps:
     def maps(self, name: str, size: int) -> Iterator[Case]:
         """Maps of one workload and size with their queries, without end."""
         return terrain_cases(
-            self.dems, name, size, self.load.seed, self.load.min_distance, self._vehicle
+            self.dems,
+            name,
+            size,
+            self.load.seed,
+            self.load.min_distance,
+            self._vehicle,
         )
 
 
@@ -194,7 +199,9 @@ def first_half_again(maps: ProfileMaps, of: WorkloadRun) -> Iterator[tuple[Case,
 
 
 def _solvable(
-    maps: ProfileMaps, of: WorkloadRun, load: Load
+    maps: ProfileMaps,
+    of: WorkloadRun,
+    load: Load,
 ) -> Iterator[tuple[Case, list[Endpoints]]]:
     """Maps with those of their queries that have a path, until there are enough; they are kept in
     `of`.
@@ -218,7 +225,10 @@ class _Session:
     """Means by which all maps of a run are measured."""
 
     def __init__(
-        self, profile: Profile, rivals: Sequence[RivalPlanner], sensors: Sensors | None
+        self,
+        profile: Profile,
+        rivals: Sequence[RivalPlanner],
+        sensors: Sensors | None,
     ) -> None:
         self._profile = profile
         self._rivals = rivals
@@ -268,9 +278,14 @@ class _Session:
         calls = {name: partial(answer, name) for name in rivals}
         repeats = self._profile.load.repeats
         disturbance.start()
-        for records in self._harness.measure(
-            calls, queries, repeats=repeats, before=before, after=after
-        ):
+        measured = self._harness.measure(
+            calls,
+            queries,
+            repeats=repeats,
+            before=before,
+            after=after,
+        )
+        for records in measured:
             for name, record in records.items():
                 of.answers[name].add(record, half)
             # networks last, so that no planner follows what others do not; each on the map that it
@@ -281,7 +296,11 @@ class _Session:
         disturbance.stop()
 
     def measure_arriving(
-        self, on_map: Case, queries: list[Endpoints], of: WorkloadRun, half: int
+        self,
+        on_map: Case,
+        queries: list[Endpoints],
+        of: WorkloadRun,
+        half: int,
     ) -> None:
         """Have some planners answer the queries on one map as if it had just arrived; run the loop
         on it.

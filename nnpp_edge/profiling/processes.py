@@ -59,15 +59,19 @@ def start_up(method: str, *, loop: bool = False) -> dict[str, float]:
     code = _FIRST_TICK if loop else _PLAN_ONCE
     given = _DRIVE
     if not loop:
-        cost = np.random.default_rng(0).uniform(0.0, 0.5, (256, 256)).astype(np.float32)
-        given = pickle.dumps((Ground(cost), ((5, 5), (250, 240)), method, "edge"), 5)
+        rng = np.random.default_rng(0)
+        cost = rng.uniform(0.0, 0.5, (256, 256)).astype(np.float32)
+        query = (5, 5), (250, 240)
+        given = pickle.dumps((Ground(cost), query, method, "edge"), 5)
 
     answers = []
     with TemporaryDirectory() as folder:
         for _ in range(1 + _WARM_STARTS):
             answers.append(_first_answer(code, method, given, NUMBA_CACHE_DIR=folder))
     found = {}
-    for state, figures in (("cold", answers[0]), ("warm", np.median(answers[1:], axis=0))):
+    cold = answers[0]
+    warm = np.median(answers[1:], axis=0)
+    for state, figures in (("cold", cold), ("warm", warm)):
         for unit, figure in zip(("s", "mb"), figures, strict=True):
             found[f"{name}_{state}_{unit}"] = round(float(figure), 3)
     return found
@@ -80,7 +84,11 @@ def _first_answer(code: str, method: str, given: bytes, **variables: str) -> tup
     environment = {**os.environ, **variables}
     began = time.perf_counter()
     with subprocess.Popen(
-        command, env=environment, stdin=pipe, stdout=pipe, stderr=pipe
+        command,
+        env=environment,
+        stdin=pipe,
+        stdout=pipe,
+        stderr=pipe,
     ) as process:
         assert process.stdin is not None and process.stdout is not None
         with suppress(BrokenPipeError):

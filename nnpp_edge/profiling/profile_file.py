@@ -61,7 +61,8 @@ _STATES = ("warm", "cold")
 QUANTITIES = {
     "fps": Quantity("1/s", "time"),
     **dict.fromkeys(
-        ("time_ms_median", "time_ms_p90", "time_ms_p99", "time_ms_max"), Quantity("ms", "time")
+        ("time_ms_median", "time_ms_p90", "time_ms_p99", "time_ms_max"),
+        Quantity("ms", "time"),
     ),
     "inference_fps": Quantity("1/s", "inference"),
     "inference_ms_median": Quantity("ms", "inference"),

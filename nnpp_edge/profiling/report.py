@@ -85,7 +85,10 @@ def profile_machine(
 
 
 def _whole_run(
-    profile: Profile, rivals: Sequence[RivalPlanner], starts: bool, say: Callable[[str], None]
+    profile: Profile,
+    rivals: Sequence[RivalPlanner],
+    starts: bool,
+    say: Callable[[str], None],
 ) -> WholeRun:
     """Figures of the whole run, by quantity and planner."""
     load = profile.load

@@ -74,7 +74,10 @@ class TerrainFiles:
 
     @classmethod
     def or_sample(
-        cls, paths: Sequence[Path], rescale: float | None = None, cell_size: float | None = None
+        cls,
+        paths: Sequence[Path],
+        rescale: float | None = None,
+        cell_size: float | None = None,
     ) -> "TerrainFiles":
         """These files; without any, the sample that travels with the package, at cells of 20 m by
         default.
@@ -114,7 +117,11 @@ def whole_cost(ground: Ground) -> Float2D:
     size, width = ground.sides_m
     limits = ground.traversability
     best: Float2D = pose_costs(
-        heights_of(ground), size, ground.vehicle, cell_width_m=width, traversability=limits
+        heights_of(ground),
+        size,
+        ground.vehicle,
+        cell_width_m=width,
+        traversability=limits,
     ).min(0)
     return best
 

@@ -100,7 +100,8 @@ class MapFrame:
         if not np.isfinite(xy).all():
             raise InvalidQueryError("points must be finite metres (x, y)")
         away = xy - (self.x, self.y)
-        return np.asarray((-away if self.rows_along_x else away[:, ::-1]) / self.resolution)
+        span = -away if self.rows_along_x else away[:, ::-1]
+        return np.asarray(span / self.resolution)
 
     def cell(self, x: float, y: float) -> Cell:
         """The cell that holds a point; it may lie outside the map."""
@@ -158,8 +159,10 @@ class OccupancyGrid:
     def cost(self) -> Float2D:
         """Its cells as costs, (height, width), by the rule of this module."""
         values = self.data.astype(np.float32)
-        known = np.where(values >= BODY_TOUCHES, np.float32(np.inf), values / np.float32(100.0))
-        return np.where(values < 0, np.float32(np.nan), known)
+        costs = values / np.float32(100.0)
+        costs[values >= BODY_TOUCHES] = np.inf
+        costs[values < 0] = np.nan
+        return costs
 
 
 @checked(InvalidMapError)
@@ -245,7 +248,10 @@ class GridMap:
         transform = (0.0, -side, self.frame.x, -side, 0.0, self.frame.y)
         content = io.BytesIO()
         np.savez_compressed(
-            content, elevation_m=self.layer(name), cell_size_m=side, transform=transform
+            content,
+            elevation_m=self.layer(name),
+            cell_size_m=side,
+            transform=transform,
         )
         write_whole(Path(path), content.getvalue())
 
@@ -411,9 +417,9 @@ def _items(message: object, path: str) -> list[object]:
 def _corner(message: object, path: str) -> tuple[float, float]:
     """x and y of a map's pose; InvalidMapError where the map is turned."""
     turned = [_field(message, f"{path}.orientation.{axis}") for axis in "xyzw"]
-    small = [is_real(part) and abs(part) <= most for part, most in zip(turned, _LEVEL, strict=True)]
-    if not all(small):
-        raise InvalidMapError(
-            f"wanted a map that is not turned, got one with the orientation x, y, z, w {turned}"
-        )
+    for part, most in zip(turned, _LEVEL, strict=True):
+        if not is_real(part) or abs(part) > most:
+            raise InvalidMapError(
+                f"wanted a map that is not turned, got one with the orientation x, y, z, w {turned}"
+            )
     return _real(message, f"{path}.position.x"), _real(message, f"{path}.position.y")

@@ -63,7 +63,10 @@ def definition(name: str) -> str:
 
 
 def path_message(
-    cells: Cells, cell_size_m: float, stamp_ns: int, headings_deg: Sequence[float] = ()
+    cells: Cells,
+    cell_size_m: float,
+    stamp_ns: int,
+    headings_deg: Sequence[float] = (),
 ) -> bytes:
     """nav_msgs/Path of (N, 2) cells; poses head for the next, the last as it is arrived at, or as
     `path_poses`.

@@ -64,7 +64,8 @@ def drive_picture(ground: SurveyedGround, drive: Drive) -> Picture:
     facts = [drive.method, f"{drive.counters.ticks} ticks, {drive.counters.planned} plans", costs]
     keys = [sheet.swatch(*each) for each in swatches]
     scale = sheet.scale(ground.robot.sides_m[0])
-    return sheet.finish([keys, [*map(sheet.text_item, facts), *scale], [sheet.grey_bar()]])
+    words = [sheet.text_item(fact) for fact in facts]
+    return sheet.finish([keys, words + scale, [sheet.grey_bar()]])
 
 
 class Film:
@@ -140,7 +141,8 @@ def _palette(picture: Picture) -> "Image":
     """In the few colours that all frames share: then a film stores only the pixels that change."""
     from PIL import Image
 
-    greys = [(level, level, level) for level in np.linspace(0, 255, _GREYS).astype(int).tolist()]
+    levels = np.linspace(0, 255, _GREYS).astype(int).tolist()
+    greys = [(level, level, level) for level in levels]
     colours = [*greys, IMPASSABLE, PATH, BODY, DRIVEN, SEEN, GOAL, START]
     palette = Image.new("P", (1, 1))
     palette.putpalette([value for colour in colours for value in reversed(colour)])

@@ -85,7 +85,8 @@ class Robot:
     def steps(self, values: Float2D, path: Cells) -> int:
         """Number of steps that it may take of a path (N, 2) on the map, from its first cell on."""
         if self.vehicle is None:
-            free = self.costs(values)[path[1:, 0], path[1:, 1]] < OBSTACLE
+            rows, cols = path[1:].T
+            free = self.costs(values)[rows, cols] < OBSTACLE
             return int(free.cumprod().sum())
         blocked = self._grid(values).walk(path, 0, np.empty(len(path)))
         return len(path) - 1 if blocked < 0 else max(blocked - 1, 0)
@@ -110,8 +111,9 @@ class Robot:
         costs = ground.costs()
         if self._known is None:
             return costs
-        known = cv2.erode(np.isfinite(values).astype(np.uint8), np.ones((3, 3), np.uint8))
-        return np.where(known, costs, np.float32(0.0))
+        known = np.isfinite(values).astype(np.uint8)
+        inner = cv2.erode(known, np.ones((3, 3), np.uint8))
+        return np.where(inner, costs, np.float32(0.0))
 
     def ground(self, values: Float2D) -> Ground:
         """Itself on the map, for planners and the onboard loop."""

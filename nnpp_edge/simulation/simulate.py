@@ -113,12 +113,15 @@ class Drive:
         """
         if not self.reached:
             return None
-        return self.driven_cost / self.optimal_cost - 1.0 if self.optimal_cost else 0.0
+        if self.optimal_cost == 0.0:
+            return 0.0
+        return self.driven_cost / self.optimal_cost - 1.0
 
     @property
     def cells(self) -> int:
         """How many it came to, each as often as it did."""
-        return 1 + int(np.diff(np.rint(self.driven), axis=0).any(1).sum())
+        steps = np.diff(np.rint(self.driven), axis=0)
+        return 1 + int(steps.any(1).sum())
 
     def summary(self) -> dict[str, object]:
         """Without its arrays, ready for JSON."""
@@ -197,7 +200,10 @@ class _Course:
     """
 
     def __init__(
-        self, scene: Scene, settings: SimulationSettings, rng: np.random.Generator
+        self,
+        scene: Scene,
+        settings: SimulationSettings,
+        rng: np.random.Generator,
     ) -> None:
         self._scene = scene
         self._settings = settings
@@ -271,7 +277,10 @@ class _Course:
 
 
 def _connected(
-    planner: Planner, costs: Float2D, rng: np.random.Generator, start: Cell | None = None
+    planner: Planner,
+    costs: Float2D,
+    rng: np.random.Generator,
+    start: Cell | None = None,
 ) -> Endpoints:
     """A start, if none is given, and a goal."""
     least = _LEAST_DISTANCE * max(costs.shape)

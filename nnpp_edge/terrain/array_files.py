@@ -77,7 +77,10 @@ def read_cost_map(path: Path) -> tuple[Float2D, float] | None:
 
 
 def check_room(
-    path: Path, shape: tuple[int, ...], dtype: np.dtype[np.generic], more_bytes: int = 0
+    path: Path,
+    shape: tuple[int, ...],
+    dtype: np.dtype[np.generic],
+    more_bytes: int = 0,
 ) -> None:
     """TerrainError where an array of this shape cannot become a map in the memory that is left,
     before it is read.

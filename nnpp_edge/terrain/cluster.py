@@ -24,7 +24,10 @@ class ClusterError(NnppEdgeError, ConnectionError):
 
 
 def shards_on_cluster(
-    address: str, recipe: Recipe, tiles: Sequence[Dem], indices: Sequence[int]
+    address: str,
+    recipe: Recipe,
+    tiles: Sequence[Dem],
+    indices: Sequence[int],
 ) -> Shards:
     """Make shards on the workers of a Dask cluster, and bring them here: numbers and contents, in
     the order done.

@@ -106,7 +106,11 @@ def gravity_of(place: Place) -> float | None:
 
 
 def cell_on_ground(
-    source: Path, place: Georeference, shape: tuple[int, ...], *, warn: bool
+    source: Path,
+    place: Georeference,
+    shape: tuple[int, ...],
+    *,
+    warn: bool,
 ) -> Sides:
     """A cell's (size, width): metres of ground along a column and along a row at the middle of a
     map (H, W).
@@ -194,10 +198,12 @@ def _lengths(system: "CRS", place: Georeference, shape: tuple[int, ...], share: 
     shares = np.array(list(product((0.0, 0.5, 1.0), repeat=2)))
     middles = shares * (np.array(shape) - 1)
     # down, right and both diagonals
-    steps = np.array([(1.0, 0.0), (0.0, 1.0), (1.0, 1.0), (1.0, -1.0)])[:, None] * share / 2.0
+    steps = np.array([(1, 0), (0, 1), (1, 1), (1, -1)])
+    steps = 0.5 * share * steps[:, None]
     ends = []
     for points in (middles - steps, middles + steps):
-        lon, lat = transform(*place.map_coordinates(points[..., 0], points[..., 1]))
+        x, y = place.map_coordinates(points[..., 0], points[..., 1])
+        lon, lat = transform(x, y)
         known = np.abs(lat * radians) <= 0.5 * math.pi
         ends += [np.where(known, angles * radians, math.nan) for angles in (lon, lat)]
     lon, lat, far_lon, far_lat = ends

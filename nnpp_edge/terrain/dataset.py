@@ -62,7 +62,8 @@ class Samples:
         """One query as a network is fed with it."""
         start = self.start[at].tolist()
         goal = self.goal[at].tolist()
-        return self.planes[self.map_index[at]].astype(np.float32) / 255.0, tuple(start), tuple(goal)
+        planes = self.planes[self.map_index[at]].astype(np.float32) / 255.0
+        return planes, tuple(start), tuple(goal)
 
     def averaged(self, size: int) -> "Samples":
         """Average the maps to `size` cells a side, a whole part of theirs; else DataSetError."""
@@ -272,7 +273,10 @@ _tiles: Sequence[Dem]
 
 
 def _shards_here(
-    recipe: Recipe, tiles: Sequence[Dem], indices: Sequence[int], workers: int | None
+    recipe: Recipe,
+    tiles: Sequence[Dem],
+    indices: Sequence[int],
+    workers: int | None,
 ) -> Shards:
     """Make shards in processes of this machine."""
     workers = workers or len(os.sched_getaffinity(0))

@@ -23,7 +23,8 @@ _TIFF_STARTS = (b"II*\0", b"MM\0*", b"II+\0", b"MM\0+")
 _PLAIN_STARTS = (*_TIFF_STARTS, b"EHFA_HEADER_TAG")
 """Of TIFF, BigTIFF and Erdas files."""
 _XML_FORMATS = re.compile(
-    rb"<(VRTDataset|GDAL\w*Dataset|GDAL_W\w+|WCS_GDAL|MRF_META)", re.IGNORECASE
+    rb"<(VRTDataset|GDAL\w*Dataset|GDAL_W\w+|WCS_GDAL|MRF_META)",
+    re.IGNORECASE,
 )
 """GDAL looks for some of these anywhere in a file's head, whatever the file begins with."""
 _SIDECARS = (".msk", ".ovr", ".aux", ".rrd")

@@ -42,7 +42,8 @@ class KnownMaps:
     def limits(self, at: int) -> Traversability:
         """Those of the slope of one map."""
         return Traversability(
-            float(self.slope_limit_deg[at]), hard_slope_deg=float(self.hard_slope_deg[at])
+            float(self.slope_limit_deg[at]),
+            hard_slope_deg=float(self.hard_slope_deg[at]),
         )
 
     def pick(self, maps: slice) -> "KnownMaps":
@@ -56,7 +57,11 @@ class KnownMaps:
 
 
 def known_map(
-    elevation: Float2D, cost: Float2D, cell_size_m: float, limits: Traversability, factor: int
+    elevation: Float2D,
+    cost: Float2D,
+    cell_size_m: float,
+    limits: Traversability,
+    factor: int,
 ) -> tuple[object, ...]:
     """The fields of `KnownMaps` for one map."""
     side = len(elevation) // factor
@@ -80,7 +85,8 @@ def _closed(blocked: NDArray[np.bool_], factor: int) -> Float2D:
     blocks = blocked.reshape(side, factor, side, factor).swapaxes(1, 2)
     closed = np.zeros((side, side), np.float32)
     for row, col in np.argwhere(blocks.any(axis=(2, 3))):
-        _, pieces = cv2.connectedComponents((~blocks[row, col]).astype(np.uint8), connectivity=8)
+        free = (~blocks[row, col]).astype(np.uint8)
+        _, pieces = cv2.connectedComponents(free, connectivity=8)
         for across in (pieces, pieces.T):
             first = across[0]
             if not np.intersect1d(first[first > 0], across[-1]).size:
@@ -96,13 +102,17 @@ def fitted_slope(maps: KnownMaps) -> SlopePrice:
     for at, answers in enumerate(maps.answers / np.float32(CERTAIN)):
         limits = maps.limits(at)
         factor = int(maps.factor[at])
-        slope = terrain_terms(maps.heights[at], float(maps.cell_size_m[at]) * factor)[0]
+        block_m = float(maps.cell_size_m[at]) * factor
+        slope = terrain_terms(maps.heights[at], block_m)[0]
         shares.append(np.minimum(slope / math.radians(limits.slope_limit_deg), 1.0).ravel())
         means.append(answers[0].ravel())
         if limits.hard_slope_deg < math.inf:
-            tried = [SlopePrice(0.0, 0.0, spread) for spread in _SPREADS]
-            blocked = [expected_by_slope(slope, limits, factor, price)[1] for price in tried]
-            errors.append([np.float32(((each - answers[1]) ** 2).mean()) for each in blocked])
+            of_spreads = []
+            for spread in _SPREADS:
+                price = SlopePrice(0.0, 0.0, spread)
+                blocked = expected_by_slope(slope, limits, factor, price)[1]
+                of_spreads.append(np.float32(((blocked - answers[1]) ** 2).mean()))
+            errors.append(of_spreads)
     gain, floor = np.polyfit(np.concatenate(shares), np.concatenate(means), 1)
     spread = _SPREADS[np.mean(errors, axis=0).argmin()] if errors else SlopePrice().spread
     return SlopePrice(*(round(float(number), 3) for number in (floor, gain, spread)))

@@ -35,7 +35,9 @@ def random_points(rng: np.random.Generator, cost: Float2D, count: int) -> Cells:
 
 
 def random_query(
-    rng: np.random.Generator, cost: Float2D, least_distance: float
+    rng: np.random.Generator,
+    cost: Float2D,
+    least_distance: float,
 ) -> Endpoints | None:
     """A passable start and goal at least `least_distance` cells apart; None if none was found."""
     for _ in range(_TRIES):

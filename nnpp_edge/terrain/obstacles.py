@@ -109,8 +109,10 @@ class Obstacles:
         most = max(max(self.shape) // 12, 2)
         rows, cols = (min(int(rng.integers(least, most + 1)), n) for n in self.shape)
         if len(path) > 2 and rng.random() < _ACROSS_THE_PATH:
-            return self._around(path[int(rng.integers(1, len(path) - 1))], rows, cols)
-        return self._around(rng.integers(0, self.shape), rows, cols)
+            middle = path[int(rng.integers(1, len(path) - 1))]
+        else:
+            middle = rng.integers(0, self.shape)
+        return self._around(middle, rows, cols)
 
     def _around(self, middle: NDArray[np.integer], rows: int, cols: int) -> Rectangle:
         """An obstacle of this size around a cell, moved inside the map."""
@@ -134,7 +136,10 @@ class Obstacles:
 
 
 def covered(
-    ground: Float2D, part: Rectangle, blocks: Collection[Rectangle], value: float = OBSTACLE
+    ground: Float2D,
+    part: Rectangle,
+    blocks: Collection[Rectangle],
+    value: float = OBSTACLE,
 ) -> Float2D:
     """A copy of a part of the ground with obstacles of this value on it; they may reach beyond the
     map.

@@ -38,7 +38,8 @@ _METRES_PER_UNIT = {
     **dict.fromkeys(("km", "kilometer", "kilometre", "kilometers", "kilometres"), 1000.0),
 }
 _ASCII_HEADER = re.compile(
-    r"\A(?:\s*(?!nan|inf)[a-z]\w+[ \t]+\S+[ \t]*$)+", re.IGNORECASE | re.MULTILINE
+    r"\A(?:\s*(?!nan|inf)[a-z]\w+[ \t]+\S+[ \t]*$)+",
+    re.IGNORECASE | re.MULTILINE,
 )
 _HIGHEST_OFFSET_M = 1e5
 _TILE = 512
@@ -216,7 +217,9 @@ def raster_bytes(path: Path, array: npt.ArrayLike, place: Place) -> bytes:
 
 @contextmanager
 def geotiff_stream(
-    path: Path, shape: Shape, place: Georeference | None
+    path: Path,
+    shape: Shape,
+    place: Georeference | None,
 ) -> Iterator[Callable[[int, Float2D], None]]:
     """A tiled GeoTIFF to be written by bands of rows: a function that takes a band's first row and
     its values.
@@ -249,7 +252,9 @@ def geotiff_stream(
 
 
 def _geotiff(
-    rasterio: ModuleType, shape: tuple[int, ...], place: Georeference | None
+    rasterio: ModuleType,
+    shape: tuple[int, ...],
+    place: Georeference | None,
 ) -> dict[str, object]:
     """rasterio's options for a compressed float32 GeoTIFF whose unknown cells are NaN."""
     options = {

@@ -76,9 +76,11 @@ def draw_rocks(
     areas = 0.25 * math.pi * table[:-1] * table[1:]
     between = np.maximum(shares[:-1] - shares[1:], 0.0) / areas
     numbers = np.concatenate(((0.0,), np.cumsum(between)))
-    count = int(rng.poisson(numbers[-1] * math.prod(shape) * math.prod(sides_m)))
+    on_map = numbers[-1] * math.prod(shape) * math.prod(sides_m)
+    count = int(rng.poisson(on_map))
     places = rng.random((count, 2)) * shape - 0.5
-    return Rocks(places, np.interp(rng.random(count) * numbers[-1], numbers, table))
+    drawn = rng.random(count) * numbers[-1]
+    return Rocks(places, np.interp(drawn, numbers, table))
 
 
 def with_rocks(
@@ -120,7 +122,8 @@ def rock_heights(shape: Shape, sides_m: Sides, rocks: Rocks) -> Float2D:
         away = np.abs(np.stack((row, col), axis=1) - rocks.places[rock])
         down, across = (np.maximum(away - 0.5, 0.0) * sides_m).T
         rest = radii[rock] ** 2 - down**2 - across**2
-        touched = (rest > 0.0) & (row >= 0) & (row < height) & (col >= 0) & (col < width)
+        on_map = (row >= 0) & (row < height) & (col >= 0) & (col < width)
+        touched = on_map & (rest > 0.0)
         raised = (2.0 * HEIGHT * np.sqrt(rest[touched])).astype(np.float32)
         np.maximum.at(out.reshape(-1), (row * width + col)[touched], raised)
     return out

@@ -223,7 +223,10 @@ class Reach:
         transform = rasterio.Affine(*self.dem.located.transform)
         inside = self.field <= level
         found = features.shapes(
-            inside.astype(np.uint8), mask=inside, connectivity=4, transform=transform
+            inside.astype(np.uint8),
+            mask=inside,
+            connectivity=4,
+            transform=transform,
         )
         return [shape["coordinates"] for shape, _ in found]
 

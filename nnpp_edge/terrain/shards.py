@@ -93,7 +93,8 @@ class Recipe(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
         size = self.size
         blocks = self.blocks
         _check(
-            size > 0 == size % _SIZE_STEP, f"size must be a multiple of {_SIZE_STEP}, got {size}"
+            size > 0 == size % _SIZE_STEP,
+            f"size must be a multiple of {_SIZE_STEP}, got {size}",
         )
         _check(
             blocks > 0 == blocks % 8 == size % blocks,
@@ -202,7 +203,10 @@ def shard_content(recipe: Recipe, tiles: Sequence[Dem], index: int) -> bytes:
 
 
 def make_shard(
-    recipe: Recipe, tiles: Sequence[Dem], rng: np.random.Generator, maps: int
+    recipe: Recipe,
+    tiles: Sequence[Dem],
+    rng: np.random.Generator,
+    maps: int,
 ) -> dict[str, NDArray[np.generic]]:
     """The arrays of one shard: those of `Samples`, and for each map its workload and its pooling.
 
@@ -244,7 +248,10 @@ def make_shard(
 
 
 def make_known_shard(
-    recipe: Recipe, tiles: Sequence[Dem], rng: np.random.Generator, maps: int
+    recipe: Recipe,
+    tiles: Sequence[Dem],
+    rng: np.random.Generator,
+    maps: int,
 ) -> dict[str, NDArray[np.generic]]:
     """Make the arrays of one shard of maps that are known by their blocks."""
     fitting = poolings(recipe, tiles)
@@ -260,7 +267,10 @@ def make_known_shard(
 
 
 def _random_ground(
-    recipe: Recipe, tiles: Sequence[Dem], rng: np.random.Generator, side: int
+    recipe: Recipe,
+    tiles: Sequence[Dem],
+    rng: np.random.Generator,
+    side: int,
 ) -> tuple[Float2D, float, float, bool]:
     """Square terrain, a cell's size and width; whether it is from a file."""
     given_m = float(rng.choice(recipe.cell_sizes_m)) if recipe.cell_sizes_m else None
@@ -284,7 +294,11 @@ def _pick(rng: np.random.Generator, shares: Sequence[tuple[T, float]]) -> T:
 
 
 def _random_cost(
-    recipe: Recipe, tiles: Sequence[Dem], rng: np.random.Generator, name: str, side: int
+    recipe: Recipe,
+    tiles: Sequence[Dem],
+    rng: np.random.Generator,
+    name: str,
+    side: int,
 ) -> tuple[Float2D, bool]:
     """A square cost map, with obstacles and a margin on a share of the maps; whether its terrain is
     from a file.
@@ -298,7 +312,9 @@ def _random_cost(
             rows, cols = np.exp(rng.uniform(least, np.log(side / 3), 2)).astype(int)
             row = rng.integers(-rows // 2, side - rows // 2)
             col = rng.integers(-cols // 2, side - cols // 2)
-            cost[max(row, 0) : row + rows, max(col, 0) : col + cols] = np.inf
+            down = slice(max(row, 0), row + rows)
+            across = slice(max(col, 0), col + cols)
+            cost[down, across] = np.inf
     if rng.random() < recipe.margin_share:
         cost[int(side * rng.uniform(0.25, 0.95)) :] = np.inf
     return cost, measured
@@ -320,14 +336,19 @@ def _random_crop(
     # a tile, the larger the likelier
     tiles = [dem for dem in tiles if min(dem.shape) >= side]
     areas = np.array([dem.elevation.size for dem in tiles], np.float64)
-    dem = tiles[int(rng.choice(len(tiles), p=areas / areas.sum()))]
+    chosen = rng.choice(len(tiles), p=areas / areas.sum())
+    dem = tiles[int(chosen)]
 
     # how many of its cells are averaged
-    fits = [f for f in (1, 2, 4) if side * f <= min(dem.shape)] if cell_size_m else [1]
+    factors = (1, 2, 4) if cell_size_m else (1,)
+    fits = [factor for factor in factors if side * factor <= min(dem.shape)]
     shares = 1.0 / np.array(fits)
     factor = int(rng.choice(fits, p=shares / shares.sum() if finely else None))
-    row, col = (int(rng.integers(0, n - side * factor + 1)) for n in dem.shape)
-    crop = dem.elevation[row : row + side * factor, col : col + side * factor]
+
+    # where it is cut out
+    cut = side * factor
+    row, col = (int(rng.integers(0, cells - cut + 1)) for cells in dem.shape)
+    crop = dem.elevation[row : row + cut, col : col + cut]
     averaged: Float2D = crop.reshape(side, factor, side, factor).mean(axis=(1, 3))
     if cell_size_m is None:
         return averaged, dem.cell_size_m, dem.cell_width_m

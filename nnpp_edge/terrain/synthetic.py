@@ -6,7 +6,10 @@ from nnpp_edge.runtime.arrays import Float2D
 
 
 def fractal(
-    rng: np.random.Generator, size: int, cell_size_m: float, median_slope_deg: float
+    rng: np.random.Generator,
+    size: int,
+    cell_size_m: float,
+    median_slope_deg: float,
 ) -> Float2D:
     """Rough ground whose heights have a power-law spectrum: (size, size) float32, metres.
 
@@ -27,7 +30,10 @@ def fractal(
 
 
 def add_craters(
-    rng: np.random.Generator, heights: Float2D, cell_size_m: float, count: int
+    rng: np.random.Generator,
+    heights: Float2D,
+    cell_size_m: float,
+    count: int,
 ) -> Float2D:
     """`heights` with craters: parabolic bowls with raised rims and ejecta that thin out with
     distance.

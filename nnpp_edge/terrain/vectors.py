@@ -50,7 +50,10 @@ def points_of(name: str, place: Place) -> tuple[Points, str]:
                 f"{path}: wanted one layer: name it as {path.name}:LAYER ({', '.join(layers)})"
             )
         meta, _, read, _ = pyogrio.raw.read(
-            path, layer=layer or layers[0], columns=[], force_2d=True
+            path,
+            layer=layer or layers[0],
+            columns=[],
+            force_2d=True,
         )
         shapes = [shape for shape in read if shape is not None]
         if any(shape[1] not in (1, 4) for shape in shapes):

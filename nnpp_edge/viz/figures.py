@@ -79,7 +79,10 @@ def page(report: Facts) -> str:
     from jinja2 import Environment, StrictUndefined
 
     template = Environment(
-        autoescape=True, undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True
+        autoescape=True,
+        undefined=StrictUndefined,
+        trim_blocks=True,
+        lstrip_blocks=True,
     )
     template.filters |= {
         "number": _number,
@@ -90,7 +93,9 @@ def page(report: Facts) -> str:
 
 
 def _number(value: float | None, unit: str = "") -> str:
-    return shown(value) if value is None or unit in ("", "1") else f"{shown(value)} {unit}"
+    if value is None or unit in ("", "1"):
+        return shown(value)
+    return f"{shown(value)} {unit}"
 
 
 def _plots(report: Facts) -> Iterator[tuple[str, str, str]]:

@@ -75,7 +75,8 @@ def cost_picture(cost: Float2D, shade: Shade | None = None) -> Picture:
     """
     passable = cost < 1.0
     if shade is None:
-        shade = np.clip(np.where(passable, cost, 0.0) * 255.0, 0.0, 255.0).astype(np.uint8)
+        greys = np.where(passable, cost, 0.0) * 255.0
+        shade = np.clip(greys, 0.0, 255.0).astype(np.uint8)
     picture = np.repeat(shade[..., None], 3, axis=2)
     picture[~passable] = IMPASSABLE
     return picture
@@ -88,7 +89,8 @@ def hillshade(elevation: Float2D, cell_size_m: float, cell_width_m: float | None
     """
     rows, cols = elevation.shape
     # np.gradient wants two rows and columns
-    padded = np.pad(elevation, [(0, max(2 - n, 0)) for n in (rows, cols)], mode="edge")
+    missing = [(0, max(2 - side, 0)) for side in elevation.shape]
+    padded = np.pad(elevation, missing, mode="edge")
     slopes = np.array(np.gradient(padded, cell_size_m, cell_width_m or cell_size_m))
     south, east = slopes[:, :rows, :cols]
     tilt = np.hypot(south, east)
@@ -198,9 +200,10 @@ def reach_picture(
     """
     ground = cost_picture(cost, shade)
     band = np.searchsorted([level for level, _ in levels], field)
-    middles = [round(255 * (at + 0.5) / len(levels)) for at in range(len(levels))]
     # along a scale from dark to light
-    colours = cv2.applyColorMap(np.array([middles], np.uint8), cv2.COLORMAP_PLASMA)[0].tolist()
+    middles = 255 * (np.arange(len(levels)) + 0.5) / len(levels)
+    scale = np.rint(middles[None]).astype(np.uint8)
+    colours = cv2.applyColorMap(scale, cv2.COLORMAP_PLASMA)[0].tolist()
     for at, colour in enumerate(colours):
         ground[band == at] = _mixed(ground[band == at], _BAND, colour)
 
@@ -213,13 +216,13 @@ def reach_picture(
     ground = enlarged(ground)
     band = enlarged(band)
     edges = np.zeros(band.shape, bool)
-    edges[:-1] |= band[:-1] != band[1:]
-    edges[:, :-1] |= band[:, :-1] != band[:, 1:]
+    edges[:-1] |= np.diff(band, axis=0) != 0
+    edges[:, :-1] |= np.diff(band, axis=1) != 0
     ground[edges & enlarged(cost < 1.0)] = INK
 
     drawing = MapDrawing(ground)
-    row, col = start
-    drawing.ends((row * fine + fine // 2, col * fine + fine // 2))
+    row, col = (cell * fine + fine // 2 for cell in start)
+    drawing.ends((row, col))
     swatches = [(START, "start")]
     for colour, (_, words) in zip(colours, levels, strict=True):
         swatches.append((_tint(shade, _BAND, colour), words))
@@ -295,7 +298,9 @@ def _tints(plan: Plan, refused: Shade | None) -> Iterator[tuple[Mask, float, Col
 
 
 def _lines(
-    plan: Plan, reference_path: Line | None, point_path: Line | None
+    plan: Plan,
+    reference_path: Line | None,
+    point_path: Line | None,
 ) -> list[tuple[Line, Colour, float, str]]:
     """Paths that are drawn: places, colour, width, and words of the legend."""
     arcs = plan.states is not None
@@ -325,7 +330,10 @@ def _facts(plan: Plan, length_m: float | None) -> Iterator[str]:
         yield f"cost {_number(plan.cost)}"
         if plan.waypoints is not None:
             yield f"line integral {_number(plan.line_cost)}"
-        yield f"{_number(plan.length)} cells" if length_m is None else f"length {metres(length_m)}"
+        if length_m is None:
+            yield f"{_number(plan.length)} cells"
+        else:
+            yield f"length {metres(length_m)}"
     if "total" in plan.timings_ms:
         yield f"{_number(plan.timings_ms['total'])} ms"
 

@@ -208,4 +208,6 @@ def _fixed(points: Points) -> Cells:
 
 def metres(length_m: float) -> str:
     """A length for people, in m or km."""
-    return f"{length_m / 1000.0:.4g} km" if length_m >= 1000.0 else f"{length_m:.4g} m"
+    if length_m < 1000.0:
+        return f"{length_m:.4g} m"
+    return f"{length_m / 1000.0:.4g} km"

@@ -44,7 +44,9 @@ def metrics_registry(snapshot: Callable[[], Counters]) -> "CollectorRegistry":
     `prometheus-client`.
     """
     registry: CollectorRegistry = optional_module(
-        "prometheus_client", "metrics", "robot"
+        "prometheus_client",
+        "metrics",
+        "robot",
     ).CollectorRegistry()
 
     class Snapshot:
@@ -79,7 +81,10 @@ def _families(counters: Counters) -> "Iterator[Metric]":
         buckets.append((bound, float(count)))
     tick = "nnpp_edge_tick_seconds"
     yield HistogramMetricFamily(
-        tick, "Work of a tick.", buckets=buckets, sum_value=counters.tick_sum_s
+        tick,
+        "Work of a tick.",
+        buckets=buckets,
+        sum_value=counters.tick_sum_s,
     )
     longest_s = 1e-3 * counters.tick_ms.get("max", 0.0)
     yield GaugeMetricFamily(f"{tick}_max", "Longest work of a tick.", value=longest_s)

@@ -61,7 +61,8 @@ class Notifier:
         blanks, at most 200.
         """
         if isinstance(message, StatusMessage):
-            line = " ".join("".join(c if c.isprintable() else " " for c in message.text).split())
+            text = "".join(c if c.isprintable() else " " for c in message.text)
+            line = " ".join(text.split())
             self._send("STATUS=" + line[:_LONGEST_STATUS])
 
     def stopping(self) -> bool:

@@ -85,5 +85,8 @@ def find(option: str, words: str) -> tuple[Entry, str]:
     for entry in entries(option):
         if entry.name == name and entry.takes(place):
             return entry, place
-    *most, last = [entry.form for entry in entries(option)] + ["none"] * (option == "output")
+    forms = [entry.form for entry in entries(option)]
+    if option == "output":
+        forms.append("none")
+    *most, last = forms
     raise InvalidQueryError(f"{option} must be {', '.join(most)} or {last}, got {words!r}")

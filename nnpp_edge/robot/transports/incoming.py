@@ -76,7 +76,10 @@ class MailboxSource:
         """Do nothing: the thread that reads ends with the process."""
 
     def _take(
-        self, content: bytes | WireError, when_full: WhenFull, kind: str | None = None
+        self,
+        content: bytes | WireError,
+        when_full: WhenFull,
+        kind: str | None = None,
     ) -> int:
         """Put a message into the mailbox, or refuse it; the number of patches dropped for it."""
         try:

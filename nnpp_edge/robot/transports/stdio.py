@@ -64,7 +64,10 @@ class StdioSource(MailboxSource):
         super().__init__(refusals, limit, mailbox)
         stream = io.BufferedReader(_Waiting(descriptor, closefd=False), _CHUNK)
         threading.Thread(
-            target=self._read, args=[stream], name="nnpp-edge stdin", daemon=True
+            target=self._read,
+            args=[stream],
+            name="nnpp-edge stdin",
+            daemon=True,
         ).start()
 
     @classmethod

@@ -48,7 +48,9 @@ class Wiring:
     fast: Annotated[bool, "Replay one recorded tick a tick, and ticks without a pause."] = False
     stay: Annotated[bool, "Go on when stdin is closed or the replay is over."] = False
     zenoh_connect: Annotated[
-        str | None, {"metavar": "ENDPOINT"}, "Connect to this router or peer instead of listening."
+        str | None,
+        {"metavar": "ENDPOINT"},
+        "Connect to this router or peer instead of listening.",
     ] = None
     zenoh_prefix: Annotated[str, "First part of all topics."] = "nnpp_edge"
     record: Annotated[Path | None, _HELP["record"]] = None

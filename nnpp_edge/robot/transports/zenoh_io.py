@@ -45,7 +45,11 @@ class ZenohLink:
     """
 
     def __init__(
-        self, endpoint: str = LOOPBACK, *, connect: str | None = None, prefix: str = "nnpp_edge"
+        self,
+        endpoint: str = LOOPBACK,
+        *,
+        connect: str | None = None,
+        prefix: str = "nnpp_edge",
     ) -> None:
         self.zenoh = optional_module("zenoh", "a Zenoh session", "robot")
         if not all(prefix.split("/")) or any(c in prefix for c in "*$?# "):
@@ -71,7 +75,9 @@ class ZenohLink:
     def close(self) -> None:
         """End the session, within a second."""
         thread = threading.Thread(
-            target=self.session.close, name="nnpp-edge zenoh close", daemon=True
+            target=self.session.close,
+            name="nnpp-edge zenoh close",
+            daemon=True,
         )
         thread.start()
         thread.join(_PATIENCE_S)
