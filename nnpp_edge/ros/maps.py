@@ -418,7 +418,7 @@ def _corner(message: object, path: str) -> tuple[float, float]:
     """x and y of a map's pose; InvalidMapError where the map is turned."""
     turned = [_field(message, f"{path}.orientation.{axis}") for axis in "xyzw"]
     for part, most in zip(turned, _LEVEL, strict=True):
-        if not is_real(part) or abs(part) > most:
+        if not (is_real(part) and abs(part) <= most):
             raise InvalidMapError(
                 f"wanted a map that is not turned, got one with the orientation x, y, z, w {turned}"
             )
