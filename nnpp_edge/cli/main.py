@@ -51,7 +51,8 @@ _EXTRAS = {
     "robot": ("mcap", "prometheus_client", "zenoh"),
     "vector": ("pyogrio", "pyproj"),
     "train": ("torch", "onnx", "onnxscript", "safetensors"),
-    "viz": ("jinja2", "matplotlib", "PIL", "rerun"),
+    "rerun": ("rerun",),
+    "viz": ("jinja2", "matplotlib", "PIL"),
 }
 """Packages that the onboard install lacks, by the extra that brings them."""
 

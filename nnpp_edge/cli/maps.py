@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from nnpp_edge.runtime import Ground, Planner, Vehicle
-from nnpp_edge.runtime.arrays import Float2D
+from nnpp_edge.runtime.arrays import Cells, Float2D
 from nnpp_edge.runtime.cells import Cell
 from nnpp_edge.runtime.errors import InvalidMapError, InvalidQueryError, NnppEdgeError, Status
 from nnpp_edge.runtime.kernels.poses import FAILS
@@ -33,7 +33,6 @@ from nnpp_edge.terrain.coordinates import lonlat_corners
 from nnpp_edge.terrain.dem import Dem
 from nnpp_edge.terrain.georeference import Place
 from nnpp_edge.viz.picture import hillshade
-from nnpp_edge.viz.sheet import Cells
 
 _MOST_UNEQUAL_SIDES = 0.05
 """Cells whose sides differ by more than this share are warned of."""

@@ -14,7 +14,7 @@ from nnpp_edge.cli.ground_options import GroundOptions, KnownOptions
 from nnpp_edge.cli.options import COUNT
 from nnpp_edge.cli.requests import PLACE, START, End
 from nnpp_edge.cli.text import aligned, tell
-from nnpp_edge.robot.operations.wiring import View
+from nnpp_edge.robot.transports.wiring import View
 from nnpp_edge.runtime.choices import METHODS, REPAIRING_METHODS
 
 if TYPE_CHECKING:

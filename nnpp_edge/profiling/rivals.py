@@ -77,12 +77,13 @@ def exact_and(methods: Iterable[str], models: Mapping[str, NetworkModel]) -> lis
     The first model's is called ``nnpp``, any other's ``nnpp:NAME``.
     """
     found = [RivalPlanner(EXACT, Method.ASTAR)]
+    first = next(iter(models.values()), None)
     for method in dict.fromkeys(methods):
         if method == Method.NNPP:
             for at, (name, model) in enumerate(models.items()):
                 found.append(RivalPlanner(f"nnpp:{name}" if at else "nnpp", Method.NNPP, model))
         elif method != EXACT:
-            found.append(RivalPlanner(method, Method(method), next(iter(models.values()), None)))
+            found.append(RivalPlanner(method, Method(method), first))
     return found
 
 

@@ -223,7 +223,7 @@ def test_an_obstacle_and_the_edge_shut_the_motions_on_unseen_ground_that_they_do
     for each in (planner, flat):
         each.update(0, 0, told)
     assert not planner.standing().valid and planner.replan().ok
-    poses, known = (each.state.grid.poses for each in (planner, flat))
+    poses, known = (each.state.grid.robot.poses for each in (planner, flat))
     poses.complete()
     known.complete()
     assert np.array_equal(poses.codes >= FAILS, known.codes >= FAILS)
