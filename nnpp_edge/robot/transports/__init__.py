@@ -60,10 +60,10 @@ TRANSPORTS = (
     Entry(
         "record",
         "--record FILE",
-        "Write the inputs to this file, for replay.",
+        "Write the inputs to this file, for replay; one that is there stays, and -2 is added.",
         "recording:RecordingFile",
     ),
-    Entry("log", "--log FILE", "Write inputs and answers to this .mcap file.", "mcap_log:McapLog"),
+    Entry("log", "--log FILE", "Write inputs and answers to this .mcap file, likewise.", "mcap_log:McapLog"),
     Entry(
         "view",
         "--view WHERE",
