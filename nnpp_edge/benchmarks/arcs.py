@@ -6,7 +6,7 @@ python -m nnpp_edge.benchmarks.arcs TERRAIN.tif --size 512 --radius 2 --queries 
 
 import json
 from collections import Counter, defaultdict
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import replace
 from functools import partial
 from itertools import islice
@@ -123,11 +123,17 @@ def main(
         "sources": sources,
         "ticks": len(found["tick_ms"]),
     }
+    click.echo(json.dumps({**figures, **_summary(found)}, indent=1))
+
+
+def _summary(found: Mapping[str, list[float]]) -> dict[str, float]:
+    """All of `FIGURES` of each list that holds anything."""
+    summary = {}
     for name, values in found.items():
         for figure, of in FIGURES.items():
             if values:
-                figures[f"{name}_{figure}"] = float(of(values))
-    click.echo(json.dumps(figures, indent=1))
+                summary[f"{name}_{figure}"] = float(of(values))
+    return summary
 
 
 def _first_plan(make: Callable[[], Ground], start: Cell, goal: Cell, options: PlanOptions) -> Plan:

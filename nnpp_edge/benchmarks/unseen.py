@@ -1,10 +1,4 @@
-"""Drives over unseen ground by rival prices: ``python -m nnpp_edge.benchmarks.unseen MAP``.
-
-A robot knows the means of blocks and sees `sight` cells to each side. Whenever it has driven half
-as far it plans anew by exact A*, over what it has seen, and by prices elsewhere. All rivals drive
-the same drives; they are judged by the excess of the driven cost over the optimum of the whole map.
-Trees need scikit-learn.
-"""
+"""Drives over unseen ground by rival prices: ``python -m nnpp_edge.benchmarks.unseen MAP``."""
 
 import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -300,7 +294,7 @@ def table(excess: Mapping[str, Sequence[float]]) -> str:
 )
 @click.option("--vehicle", help="Whose body drives among rocks, as of nnpp-edge plan.")
 @click.option("--model", default="unseen")
-@click.option("--dataset", type=click.Path(path_type=Path), help="To train trees on.")
+@click.option("--dataset", type=click.Path(path_type=Path), help="Data set to train trees on.")
 @click.option("--only", help="Names of rivals, joined by slashes, the slope among them.")
 def main(
     tile: Path,
@@ -315,7 +309,13 @@ def main(
     dataset: Path | None,
     only: str | None,
 ) -> None:
-    """Drive over TILE by rival prices of unseen ground, and print the table."""
+    """Drive over TILE by rival prices of unseen ground, and print the excess of each.
+
+    A robot knows the means of blocks and sees so many cells to each side. Whenever it has driven
+    half as far it plans anew by exact A*, over the cells that it has seen, and by prices elsewhere.
+    All rivals drive the same drives; the excess is that of the driven cost over the optimum of the
+    whole map. Trees need scikit-learn.
+    """
     dem = read_dem(tile)
     body = load_vehicle(vehicle) if vehicle else None
     size_m = rescale or (body and body.length_m / 4)
