@@ -198,8 +198,9 @@ class Methods:
         """A path in a corridor around the coarse path, else in a wider one, else on the
         whole map.
         """
-        if self.state.unseen is not None and (found := self._by_blocks(query, work)) is not None:
-            return found
+        by_blocks = None if self.state.unseen is None else self._by_blocks(query, work)
+        if by_blocks is not None and by_blocks.suffices(query):
+            return by_blocks
         self.state.pyramid_by(query.deadline)
         by_robot = self.state.grid.robot.corridors
         known = self.keeps_field and self.has_arcs and self.astar.kept_cost(query) < math.inf

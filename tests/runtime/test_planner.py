@@ -219,6 +219,10 @@ def test_what_the_robot_can_reach_is_what_a_path_leads_to(body):
     planner.move((39, 80))
     with pytest.raises(InvalidQueryError, match=r"start \(39, 80\) lies outside the map"):
         planner.reach()
+
+
+def test_a_path_that_leaves_the_map_is_refused_and_not_read():
+    planner = DynamicPlanner(free(30, 36), (0, 0))
     for path in ([(5, 5), (30, 5)], [(5, -1)], [(10**6, 5)]):
         with pytest.raises(InvalidQueryError, match=r"path must lie on the map of \(30, 36\)"):
             planner.first_blocked(np.array(path, np.int32))

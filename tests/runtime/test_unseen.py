@@ -123,6 +123,7 @@ def test_where_nothing_was_seen_a_path_costs_by_the_prices_of_blocks(prior):
         1.0 + 1e-6
     )
     assert by_blocks.cost <= 1.15 * exact.cost
+    assert planner.plan(START, GOAL, epsilon=0.0).cost == pytest.approx(exact.cost, rel=1e-5)
 
 
 def test_a_wall_of_unknown_blocks_is_dear_and_crossed_over_blocks():
