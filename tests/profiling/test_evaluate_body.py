@@ -59,8 +59,6 @@ def test_each_workload_has_rows_of_the_corridor_and_exact_search(judged):
     assert named == list(product(("body", "body-rocks5", "soft"), ("astar", "corridor")))
     for row in rows:
         assert (row["n"], row["success"]) == (4, 1.0)
-        found = row["success_raw"] + row["widened_share"] + row["whole_map_share"]
-        assert found == pytest.approx(1.0)
         if row["workload"] == "soft":
             assert "checks_mean" not in row and "fresh_ms_median" not in row
             continue

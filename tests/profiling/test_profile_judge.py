@@ -104,19 +104,19 @@ def test_a_budgets_verdict(name, figures, noise, state):
     assert ("core 0 fell" in why) == told
 
 
-@pytest.mark.parametrize(
-    ("quantity", "limit", "at", "state"),
-    [
-        ("reaction_ms", 2.0, 64, "pass"),
-        ("reaction_ms", 1.9, 64, "fail"),
-        ("reaction_ms_p99", 5.9, 64, "fail"),
-        ("reaction_ms", 2.0, 128, "not measured"),
-    ],
-)
-def test_the_loops_reactions_have_budgets(quantity, limit, at, state):
+REACTIONS = """
+reaction_ms     | 2.0 | 64  | pass
+reaction_ms     | 1.9 | 64  | fail
+reaction_ms_p99 | 5.9 | 64  | fail
+reaction_ms     | 2.0 | 128 | not measured
+"""
+
+
+@pytest.mark.parametrize(("quantity", "limit", "size", "state"), cases(REACTIONS, 4))
+def test_the_loops_reactions_have_budgets(quantity, limit, size, state):
     figures = {"reaction_ms": {"median": 2.0, "p99": 6.0}, "halves": {"reaction": [2, 2]}}
-    loop = {"workload": "soft", "size": at} | figures
-    wanted = budget(quantity, limit, "at most", "ms", planner="loop")
+    loop = {"workload": "soft", "size": int(size)} | figures
+    wanted = budget(quantity, float(limit), "at most", "ms", planner="loop")
     (line,) = judged(profile(wanted), [row()], {}, QUIET, [loop])
     assert (line["verdict"], line["planner"]) == (state, "loop")
 
@@ -126,20 +126,20 @@ def test_a_budget_without_a_size_is_judged_at_each():
     assert [(line["size"], line["verdict"]) for line in lines] == [(64, "pass"), (128, "fail")]
 
 
-@pytest.mark.parametrize(
-    ("quantity", "unit", "value", "noise", "state"),
-    [
-        ("peak_memory_mb", "MB", 280.0, DISTURBED, "pass"),
-        ("start_up_warm_s", "s", 0.9, QUIET, "pass"),
-        ("start_up_warm_s", "s", 90.0, DISTURBED, "noisy"),
-    ],
-)
+ONCE = """
+peak_memory_mb  | MB | 280  | disturbed | pass
+start_up_warm_s | s  | 0.9  | quiet     | pass
+start_up_warm_s | s  | 90   | disturbed | noisy
+"""
+
+
+@pytest.mark.parametrize(("quantity", "unit", "value", "noise", "state"), cases(ONCE, 5))
 def test_what_the_run_has_one_figure_of_is_judged_once_and_start_up_may_be_noisy(
     quantity, unit, value, noise, state
 ):
     asked = profile(budget(quantity, 300.0, "at most", unit), sizes=(64, 128))
-    (line,) = judged(asked, [row()], {quantity: {"nnpp": value}}, noise)
-    assert (line["size"], line["value"], line["verdict"]) == (None, value, state)
+    (line,) = judged(asked, [row()], {quantity: {"nnpp": float(value)}}, NOISE[noise])
+    assert (line["size"], line["value"], line["verdict"]) == (None, float(value), state)
 
 
 WHOLE = """

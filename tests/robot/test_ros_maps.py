@@ -228,22 +228,21 @@ def test_cells_that_were_not_seen_stay_as_the_map_has_them_unless_told_otherwise
 PATH = np.array([[0, 0], [1, 1], [1, 2]], np.int32)
 
 
-@pytest.mark.parametrize(
-    ("path", "frame", "poses"),
-    [
-        (PATH, MapFrame(2.0, 10.0, 20.0), [[11, 21, 45], [13, 23, 0], [15, 23, 0]]),
-        (
-            PATH,
-            MapFrame(2.0, 10.0, 20.0, rows_along_x=True),
-            [[9, 19, -135], [7, 17, -90], [7, 15, -90]],
-        ),
-        (PATH[:1], MapFrame(1.0), [[0.5, 0.5, 0]]),
-        (PATH[:0], MapFrame(1.0), np.empty((0, 3))),
-    ],
-)
-def test_a_path_becomes_poses_in_metres(path, frame, poses):
-    found = path_poses(path, frame)
-    np.testing.assert_allclose(found * (1.0, 1.0, 180.0 / math.pi), poses)
+POSES = """
+3 | 2 10 20 0 | 11 21 45    13 23 0    15 23 0
+3 | 2 10 20 1 | 9 19 -135   7 17 -90   7 15 -90
+1 | 1 0 0 0   | 0.5 0.5 0
+0 | 1 0 0 0   |
+"""
+"""Cells of the path; side, x and y of the frame, and whether its rows run along x; the poses."""
+
+
+@pytest.mark.parametrize(("cells", "frame", "poses"), cases(POSES, 3))
+def test_a_path_becomes_poses_in_metres(cells, frame, poses):
+    side, x, y, rows_along_x = map(float, frame.split())
+    found = path_poses(PATH[: int(cells)], MapFrame(side, x, y, bool(rows_along_x)))
+    found[:, 2] = np.degrees(found[:, 2])
+    np.testing.assert_allclose(found.ravel(), np.array(poses.split(), float))
 
 
 @pytest.mark.parametrize("rows_along_x", [False, True])

@@ -26,6 +26,7 @@ from nnpp_edge.runtime.loop.messages import Goal, MapPatch, PathMessage, Pose
 from nnpp_edge.runtime.network import loading
 from nnpp_edge.terrain import dem as dem_module
 from tests.robot.conftest import free, wait_until
+from tests.tables import cases
 
 ROOT = Path(__file__).parents[2]
 SHAPE = (80, 90)
@@ -275,34 +276,35 @@ def test_ticks_end_it_and_the_profile_and_its_model_count(replayed, dem, tmp_pat
     assert "ready: dstar at 80 Hz" in replayed(dem, *words, "--method", "dstar", "--rate", "80").err
 
 
-@pytest.mark.parametrize(
-    ("given", "sinks"),
-    [
-        ({}, ["stdout"]),
-        ({"input": "replay:x"}, ["stdout"]),
-        ({"input": "zenoh:tcp/a:1"}, ["zenoh"]),
-        ({"outputs": ("stdout", "zenoh:tcp/a:1")}, ["stdout", "zenoh"]),
-        ({"outputs": ("none",)}, []),
-    ],
-)
+SINKS = """
+{}                                       | stdout
+{"input": "replay:x"}                    | stdout
+{"input": "zenoh:tcp/a:1"}               | zenoh
+{"outputs": ["stdout", "zenoh:tcp/a:1"]} | stdout zenoh
+{"outputs": ["none"]}                    |
+"""
+
+
+@pytest.mark.parametrize(("given", "sinks"), cases(SINKS))
 def test_answers_go_back_to_where_inputs_come_from(given, sinks):
-    assert [entry.name for entry, _ in Wiring(**given).sinks] == sinks
+    found = Wiring(**json.loads(given)).sinks
+    assert [entry.name for entry, _ in found] == sinks.split()
 
 
-@pytest.mark.parametrize(
-    ("given", "words"),
-    [
-        ({"input": "zenoh:b:1", "outputs": ("zenoh:a:1",)}, "one endpoint, got a:1, b:1"),
-        ({"input": "replay"}, r"input must be stdin, replay:FILE or zenoh\[:ENDPOINT\], got"),
-        ({"input": "stdin:x"}, "input must be"),
-        ({"fast": True}, "only a replay can be fast"),
-        ({"outputs": ("stdout", "none")}, "output none goes with no other"),
-        ({"outputs": ("stdout", "stdout")}, "outputs must differ"),
-    ],
-)
+REFUSED = r"""
+{"input": "zenoh:b:1", "outputs": ["zenoh:a:1"]} | one endpoint, got a:1, b:1
+{"input": "replay"}               | input must be stdin, replay:FILE or zenoh\[:ENDPOINT\], got
+{"input": "stdin:x"}              | input must be
+{"fast": true}                    | only a replay can be fast
+{"outputs": ["stdout", "none"]}   | output none goes with no other
+{"outputs": ["stdout", "stdout"]} | outputs must differ
+"""
+
+
+@pytest.mark.parametrize(("given", "words"), cases(REFUSED))
 def test_connections_that_do_not_go_together_are_refused(given, words):
     with pytest.raises(InvalidQueryError, match=words):
-        Wiring(**given)
+        Wiring(**json.loads(given))
 
 
 def test_a_transport_is_added_by_a_class_and_an_entry(recording, monkeypatch):

@@ -23,6 +23,7 @@ from nnpp_edge.terrain.vehicle_files import load_mobility
 from nnpp_edge.viz.sheet import BODY as BODY_COLOUR
 from tests import pose_oracles
 from tests.fuzz import bodies
+from tests.tables import cases
 
 LIMITS = Traversability(slope_limit_deg=20.0, hard_slope_deg=20.0)
 BODY = Vehicle(length_m=1.5, width_m=1.2, clearance_m=0.3)
@@ -143,26 +144,25 @@ def test_a_scene_moves_only_along_its_path():
     assert scene.driven == [(5, 5), (5, 6), (5, 7), (6, 8)]
 
 
-@pytest.mark.parametrize(
-    ("path", "fits"),
-    [
-        ([(1, 1), (2, 2), (3, 2)], True),
-        ([(3, 2)], True),
-        ([(1, 1), (2, 2)], False),
-        ([(1, 1), (1, 1), (2, 2), (3, 2)], False),
-        ([(1, 0), (3, 2)], False),
-        ([(4, 1), (4, 2), (3, 2)], False),
-        ([(-1, 1), (0, 1), (1, 1), (2, 2), (3, 2)], False),
-        ([], False),
-    ],
-    ids=["right", "stays", "ends elsewhere", "repeats", "jumps", "blocked", "outside", "empty"],
-)
-def test_what_can_be_walked_is_checked_by_the_definition(path, fits):
+WALKS = """
+1 1  2 2  3 2           | fits
+3 2                     | fits
+1 1  2 2                | ends elsewhere
+1 1  1 1  2 2  3 2      | repeats a cell
+1 0  3 2                | jumps
+4 1  4 2  3 2           | is blocked
+-1 1  0 1  1 1  2 2  3 2 | begins outside
+                        | is empty
+"""
+
+
+@pytest.mark.parametrize(("path", "how"), cases(WALKS))
+def test_what_can_be_walked_is_checked_by_the_definition(path, how):
     cost = np.full((5, 5), 0.3, np.float32)
     cost[4, 2] = np.nan
     cost[4, 1] = 1.0
-    cells = np.array(path, np.int32).reshape(-1, 2)
-    assert walkable(Robot(Ground(cost)), cells, cost, (3, 2)) == fits
+    cells = np.array(path.split(), np.int32).reshape(-1, 2)
+    assert walkable(Robot(Ground(cost)), cells, cost, (3, 2)) == (how == "fits")
 
 
 # --- the drive
@@ -241,20 +241,22 @@ def test_the_same_seed_gives_the_same_drive(grounds, kind, noise):
     assert not np.array_equal(first.driven, other.driven)
 
 
-@pytest.mark.parametrize(
-    ("start", "noise", "words"),
-    [
-        ((5, 5), 0.0, "cannot be reached"),
-        ((5, 20), 0.0, "impassable"),
-        ((5, 40), 0.0, "outside the map of 30 × 40"),
-        ((5, 5), 3.0, "wants a vehicle with a turning_radius_m"),
-    ],
-)
-def test_what_makes_no_sense_is_refused(start, noise, words):
+SENSELESS = """
+5  | 0 | cannot be reached
+20 | 0 | impassable
+40 | 0 | outside the map of 30 × 40
+5  | 3 | wants a vehicle with a turning_radius_m
+"""
+"""The start's column, the noise in steering, and words of the refusal."""
+
+
+@pytest.mark.parametrize(("col", "noise", "words"), cases(SENSELESS, 3))
+def test_what_makes_no_sense_is_refused(col, noise, words):
     wall = flat()
     wall.true[:, 20] = 1.0
     with pytest.raises(InvalidQueryError, match=words):
-        simulate(wall, start, (20, 30), SimulationSettings(steering_noise_deg=noise))
+        settings = SimulationSettings(steering_noise_deg=float(noise))
+        simulate(wall, (5, int(col)), (20, 30), settings)
 
 
 def test_on_islands_start_and_goal_must_be_given():
@@ -346,21 +348,13 @@ def test_a_car_drives_its_arcs_off_by_its_steering_and_its_way_costs_what_it_dro
 
 # --- the command
 
+WORDS = "simulate --size 48 --vehicle small-rover --rocks 0.02 --method corridor"
+
 
 def test_the_command_drives_a_body_writes_draws_and_tells(nnpp_edge, tmp_path):
     reader = pytest.importorskip("mcap.reader")
     image = pytest.importorskip("PIL.Image")
-    words = [
-        "simulate",
-        "--size",
-        "48",
-        "--vehicle",
-        "small-rover",
-        "--rocks",
-        "0.02",
-        "--method",
-        "corridor",
-    ]
+    words = WORDS.split()
     log = tmp_path / "new" / "drive.mcap"
     film = tmp_path / "drive.gif"
     still = tmp_path / "drive.png"

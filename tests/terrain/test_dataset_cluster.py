@@ -17,6 +17,7 @@ from nnpp_edge.terrain.cluster import ClusterError, shards_on_cluster
 from nnpp_edge.terrain.dataset import make_dataset
 from nnpp_edge.terrain.shards import Recipe
 from nnpp_edge.terrain.synthetic import synthetic_terrain
+from tests.tables import cases
 
 RECIPE = Recipe(
     ("dem.npz",), maps=18, size=32, blocks=8, maps_per_shard=2, poolings=((1, 0.7), (2, 0.3))
@@ -96,14 +97,14 @@ def at_scheduler(nnpp_edge, folder, address, *more):
         return nnpp_edge(*words, *more)
 
 
-@pytest.mark.parametrize(
-    ("address", "word"),
-    [
-        ("tcp://127.0.0.1:1", "'tcp://127.0.0.1:1'"),
-        ("nowhere", "missing port"),
-        ("http://a:1", "unknown address scheme"),
-    ],
-)
+ADDRESSES = """
+tcp://127.0.0.1:1 | 'tcp://127.0.0.1:1'
+nowhere           | missing port
+http://a:1        | unknown address scheme
+"""
+
+
+@pytest.mark.parametrize(("address", "word"), cases(ADDRESSES))
 def test_an_address_without_a_scheduler_is_refused_in_one_line(nnpp_edge, tmp_path, address, word):
     ended = at_scheduler(nnpp_edge, tmp_path, address)
     ended.refused("wanted a Dask scheduler", word)

@@ -22,6 +22,7 @@ from nnpp_edge.runtime.errors import (
 )
 from nnpp_edge.terrain.dem import Dem, Georeference, read_dem
 from nnpp_edge.terrain.rasters import raster_bytes
+from tests.tables import cases
 
 PLACES = "transform must be 6 numbers (a, b, c, d, e, f)"
 NOWHERE = np.full((3, 3), np.nan)
@@ -169,8 +170,8 @@ def test_reading_says_nothing_on_the_side_and_the_refusal_gives_the_first_cause(
 # Other formats
 
 ASCII = (
-    "ncols 3\nnrows 2\nxllcorner 100\nyllcorner 50\ncellsize 5\nNODATA_value -9999\n1 2.5 "
-    "-9999\n4 5 6\n"
+    "ncols 3\nnrows 2\nxllcorner 100\nyllcorner 50\ncellsize 5\nNODATA_value -9999\n"
+    "nan 2 -9999\n4 5 6\n"
 )
 
 
@@ -179,32 +180,26 @@ def test_an_ascii_grid_is_read(tmp_path, end):
     path = tmp_path / "grid.asc"
     path.write_text(ASCII, newline=end)
     dem = read_dem(path)
-    wanted = np.array([[1, 2.5, np.nan], [4, 5, 6]], np.float32)
+    wanted = np.array([[np.nan, 2, np.nan], [4, 5, 6]], np.float32)
     np.testing.assert_array_equal(dem.elevation, wanted)
     assert (dem.cell_size_m, dem.cell_width_m) == (5.0, 5.0)
     assert dem.map_coordinates(1, 0) == (102.5, 52.5)
 
 
-@pytest.mark.parametrize(
-    ("old", "new", "word"),
-    [
-        ("5 6", "5", "wanted 6 heights"),
-        ("5 6", "5 six", "cannot be read"),
-        ("xllcorner 100", "xllcorner inf", "finite coordinates"),
-        ("cellsize 5", "cellsize 1e100", "sides of 1e-06 to"),
-    ],
-)
+DAMAGE = """
+5 6           | 5             | wanted 6 heights
+5 6           | 5 six         | cannot be read
+xllcorner 100 | xllcorner inf | finite coordinates
+cellsize 5    | cellsize 1e100 | sides of 1e-06 to
+"""
+
+
+@pytest.mark.parametrize(("old", "new", "word"), cases(DAMAGE, 3))
 def test_an_ascii_grid_that_is_damaged_is_refused_and_not_filled_with_zeros(
     tmp_path, old, new, word
 ):
     (tmp_path / "grid.asc").write_text(ASCII.replace(old, new))
     refused(tmp_path / "grid.asc", word)
-
-
-def test_an_ascii_grid_may_hold_nan(tmp_path):
-    path = tmp_path / "grid.asc"
-    path.write_text("ncols 2\nnrows 2\nxllcorner 0\nyllcorner 0\ncellsize 5\nnan 2\n4 5\n")
-    np.testing.assert_array_equal(read_dem(path).elevation, [[np.nan, 2], [4, 5]])
 
 
 def pds3_label(record_bytes: int, pointer: str, sample: str, image: str, scale: str) -> bytes:
