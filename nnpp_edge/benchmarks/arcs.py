@@ -92,8 +92,8 @@ def measured(
     fixed: bool = False,
     seed: int = 1,
 ) -> dict[str, object]:
-    """Figures of so many queries that have a path: milliseconds, and shares that costs lie above
-    the exact ones.
+    """Figures of so many queries that have a path: milliseconds, expansions, and shares that costs
+    lie above the exact ones.
     """
     vehicle = replace(BODY, turning_radius_m=radius_m)
     if not forwards:
@@ -102,6 +102,7 @@ def measured(
     rng = np.random.default_rng(seed)
     solved = 0
     exact_ms, first_ms, tick_ms, gaps, drives = (list[float]() for _ in range(5))
+    expansions = dict[str, list[float]](exact_expansions=[], first_expansions=[])
     sources = Counter[str]()
     flat = Planner.of_elevation(
         np.zeros((80, 80), np.float32), cell_size_m, vehicle=vehicle, warn=False
@@ -133,6 +134,8 @@ def measured(
         seconds, plan = harness.timed(partial(first_plan, make, start, goal, options))
         exact_ms.append(exact.timings_ms["total"])
         first_ms.append(1e3 * seconds)
+        expansions["exact_expansions"].append(exact.expansions)
+        expansions["first_expansions"].append(plan.expansions)
         solved += plan.ok
         sources[str(plan.source)] += 1
         gaps.append(plan.cost / exact.cost - 1.0)
@@ -153,7 +156,8 @@ def measured(
         "fixed": fixed,
     }
     found |= {"n": len(gaps), "solved": solved, "sources": dict(sources), "ticks": len(tick_ms)}
-    for name, values in ("exact_ms", exact_ms), ("first_ms", first_ms), ("tick_ms", tick_ms):
+    taken = {"exact_ms": exact_ms, "first_ms": first_ms, "tick_ms": tick_ms}
+    for name, values in (taken | expansions).items():
         if values:
             cuts = {"median": 0.5, "p95": 0.95, "p99": 0.99, "max": 1.0}
             found |= {
