@@ -99,6 +99,8 @@ def main(
         seconds, plan = harness.timed(partial(_first_plan, make, start, goal, options))
         found["exact_ms"].append(exact.timings_ms["total"])
         found["first_ms"].append(1e3 * seconds)
+        found["exact_expansions"].append(exact.expansions)
+        found["first_expansions"].append(plan.expansions)
         found["gap"].append(plan.cost / exact.cost - 1.0)
         solved += plan.ok
         sources[str(plan.source)] += 1

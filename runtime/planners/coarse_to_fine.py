@@ -187,7 +187,10 @@ class CoarseToFine:
         self._levels = state.pyramid_by(NEVER).levels
         self.coarse_levels = [CoarseLevel(level) for level in self._levels[1:]]
         """The searched levels above the map itself, finest first."""
-        self._corrects = state.grid.robot.by_poses
+        robot = state.grid.robot
+        self._by_poses = robot.by_poses
+        turns_on_spot = robot.by_poses and robot.columns == 2
+        self._tries = MOST_CORRECTIONS if turns_on_spot else 1
 
     def workspace(self, number: int) -> Workspace:
         """Memory of the searches of the level of that number; 0 is the map itself."""
@@ -195,7 +198,7 @@ class CoarseToFine:
 
     def top_for(self, query: Query) -> int:
         """The level to begin at: where start and goal are close, a finer one than the coarsest."""
-        number = 1 if self._corrects else len(self.coarse_levels)
+        number = 1 if self._by_poses else len(self.coarse_levels)
         while number > 1 and query.apart < CELLS_APART * FACTOR**number:
             number -= 1
         return number
@@ -241,7 +244,7 @@ class CoarseToFine:
         source: Source,
     ) -> Found | None:
         """A path, from level `top` down to the map, on which `searcher` looks for it; None where
-        there is no way.
+        there is no way, but for a body NO_PATH where a region was searched for it.
 
         `region` is where to look on level `top`, None for all of a coarse level. A vehicle's links
         are corrected meanwhile, as often as it pays. OutOfTimeError where time was up before the
@@ -249,18 +252,20 @@ class CoarseToFine:
         """
         coarse = self.coarse_levels[0]
         try:
-            for left in reversed(range(MOST_CORRECTIONS if self._corrects else 1)):
+            for left in reversed(range(self._tries)):
                 if (inside := self._descend(query, work, top, region, width)) is None:
                     break
-                found = searcher.search(query, work, inside)
-                if found.status is not Status.NO_PATH:
-                    return Found.of(self._state.grid, found, source, inside, work)
-                if not left or not isinstance(searcher, AStarSearcher):
+                search = searcher.search(query, work, inside)
+                no_way = search.status is Status.NO_PATH
+                if no_way and not self._by_poses:
                     break
-                if not coarse.close_dead_ends(
-                    inside, self._finest.field or self._finest, self._state.shape
+                no_legs = no_way and search.promised == math.inf and search.refused_f < math.inf
+                if (
+                    not (left and no_legs and isinstance(searcher, AStarSearcher))
+                    or self._finest.field is None
+                    or not coarse.close_dead_ends(inside, self._finest.field, self._state.shape)
                 ):
-                    break
+                    return Found.of(self._state.grid, search, source, inside, work)
                 work.stage_ends("coarse")
             return None
         finally:

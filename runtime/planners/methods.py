@@ -39,6 +39,7 @@ from nnpp_edge.runtime.tuning import (
     LEARNED_CORRIDOR,
     MOST_ABOVE_FIELD,
     MOST_DRIFT,
+    MOST_IN_VAIN,
     NEAR,
     REFINE_FROM,
     CorridorWidth,
@@ -217,7 +218,12 @@ class Methods:
         doubtful: Found | None = None
         for width, source in zip(widths or by_robot, (Source.REGION, Source.WIDENED), strict=True):
             here = self.descent.find(query, work, searcher, top, None, width, source)
-            if here is None or not here.suffices(query):
+            if here is None:
+                continue
+            if not here.suffices(query):
+                in_vain = self.has_arcs and here.search.status is Status.NO_PATH
+                if in_vain and here.search.expansions > MOST_IN_VAIN * query.apart**2:
+                    break
                 continue
             if here.search.status is not Status.OK:
                 return doubtful or here

@@ -170,9 +170,11 @@ class Found(NamedTuple):
         return cls(search, source, *costs, bound, region)
 
     def suffices(self, query: Query) -> bool:
-        """Whether the path need not be improved: time is up, or it is close enough to the bound
-        asked for.
+        """Whether it need not be improved: it is close enough to the bound asked for, time is up,
+        or there is no path even outside the region.
         """
+        if self.search.status is Status.NO_PATH:
+            return self.search.refused_f == math.inf
         above = (
             query.epsilon if self.lower_bound >= 0.0 else -query.epsilon
         )  # energy may be got back

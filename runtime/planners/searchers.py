@@ -17,7 +17,7 @@ from nnpp_edge.runtime.map.pyramid import quarters
 from nnpp_edge.runtime.map.state import MapState
 from nnpp_edge.runtime.memory import touch
 from nnpp_edge.runtime.planners.query import Found, Query, Work, problem_with
-from nnpp_edge.runtime.search.astar import Search, astar, by_kept_field
+from nnpp_edge.runtime.search.astar import LastMetres, Search, astar, by_kept_field, last_metres_to
 from nnpp_edge.runtime.search.dstar_lite import DStarLite, serves
 from nnpp_edge.runtime.search.landmarks import MOST_LANDMARKS, Landmarks
 from nnpp_edge.runtime.search.region import Region
@@ -55,6 +55,8 @@ class AStarSearcher:
         self.kept_above = 1.0
         """Cost of the path found by it, over what it promised."""
         self._since = state.log.reader()
+        self._last_metres: tuple[Query, LastMetres | None] | None = None
+        """Those of the newest query with a heading at its goal."""
         self._landmarks: Landmarks | None = None
         self._changes: ChangeReader | None = None
         """Since landmarks were set: without any, nothing has to be kept for it."""
@@ -69,8 +71,21 @@ class AStarSearcher:
         landmarks = self.landmarks
         hints = landmarks.towards(goal) if landmarks else None
         place = self.grid, start, goal, self.workspace, region
+        last_metres = None
+        if wanted is not None and start != goal:
+            if self._last_metres is None or self._last_metres[0] is not query:
+                last_metres = last_metres_to(self.grid, goal, wanted, self.workspace, deadline)
+                self._last_metres = query, last_metres
+                work.expansions += last_metres.expansions if last_metres else 0
+            last_metres = self._last_metres[1]
         found = astar(
-            *place, hints=hints, limit=limit, deadline=deadline, direction=direction, wanted=wanted
+            *place,
+            hints=hints,
+            limit=limit,
+            deadline=deadline,
+            direction=direction,
+            wanted=wanted,
+            last_metres=last_metres,
         )
         work.expansions += found.expansions
         work.stage_ends("search")

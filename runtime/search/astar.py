@@ -23,11 +23,11 @@ from nnpp_edge.runtime.kernels.lattice import (
     DIRECTIONS,
     KNIGHT,
     expand_states,
-    field_around,
     fill_field,
+    least_of_cells,
     trace_states,
 )
-from nnpp_edge.runtime.kernels.nodes import octile
+from nnpp_edge.runtime.kernels.nodes import STAMP_SHIFT, octile
 from nnpp_edge.runtime.search.region import Region
 from nnpp_edge.runtime.search.workspace import Workspace
 from nnpp_edge.runtime.terrain.step_cost import StepCost
@@ -36,6 +36,7 @@ from nnpp_edge.runtime.tuning import (
     BUCKET_WIDTH,
     BUCKET_WIDTH_BY_LANDMARKS,
     DIRECTED_BUCKET_WIDTH,
+    REOPENED_WITHIN,
     TURNS_IN_FIELD,
 )
 
@@ -48,6 +49,8 @@ _WITHOUT_END = int(np.iinfo(np.int64).max >> 1)
 Links = NDArray[np.uint8] | None
 """The directions in which each node may be left, as bits; None where passability decides."""
 Parts = tuple[Any, ...]
+Cells = tuple[NDArray[np.int32], NDArray[np.float32], NDArray[np.int32]]
+"""Nodes, what they cost, and the direction in which the way on leaves them; each (N,)."""
 _CORNER = 0
 """Of the border, which is impassable: the goal of a search that is to have none."""
 _ON = -1
@@ -78,6 +81,25 @@ class Search(NamedTuple):
         return cls(status, np.empty((0, columns), np.int32), expansions, refused_f)
 
 
+class LastMetres(NamedTuple):
+    """What the last metres to a goal with a heading cost, by a search of a few states from there.
+
+    A way back, by a body that stands the other way round, costs what the way there does.
+    """
+
+    begun: Cells
+    """Cells at which the search stopped, from which all ways lead on to the goal."""
+    settled: Cells
+    """Cells within."""
+    exhausted: bool
+    """Whether no way from other cells leads to the goal."""
+    expansions: int
+
+    def hold(self, node: int) -> bool:
+        """Whether the search came to a cell."""
+        return any(bool((nodes == node).any()) for nodes, _, _ in (self.begun, self.settled))
+
+
 def astar(
     grid: "Grid",
     start: Cell,
@@ -93,6 +115,7 @@ def astar(
     deadline: Deadline = NEVER,
     direction: int = -1,
     wanted: NDArray[np.bool_] | None = None,
+    last_metres: LastMetres | None = None,
 ) -> Search:
     """Cheapest path between two passable cells of a grid.
 
@@ -115,6 +138,9 @@ def astar(
         In which a body stands at the start, see `robots.body.motions.DIRECTIONS`; by default any.
     wanted : (16,) bool
         Directions in which it may arrive; by default all.
+    last_metres
+        Of a body, `last_metres_to` the goal: fewer states are expanded. The cells that were
+        searched there are added to the region.
 
     Notes
     ----- NNPP (arXiv 2308.04792v3), Eq. 2-4; the octile distance stands in for the paper's
@@ -130,7 +156,7 @@ def astar(
     if grid.robot.by_poses:
         ends = (first, last, direction)
         limits = (limit or _WITHOUT_END, deadline.at)
-        return _over_states(grid, ends, wanted, workspace, region, beyond, limits)
+        return _over_states(grid, ends, wanted, workspace, region, beyond, limits, last_metres)
     rule = *grid.prices, _bucket_width(grid, hints), _successors(grid, links), _beyond(beyond)
     landmarks = kernels.NO_HINTS if hints is None else hints
     before = grid.packed, grid.robot.edges(backwards), _ways(links), _allowed(region), landmarks
@@ -151,6 +177,7 @@ def _over_states(
     region: Region | None,
     beyond: float,
     limits: tuple[int, float],
+    last_metres: LastMetres | None,
 ) -> Search:
     """As `astar`, over a body's states, `ends` as for `expand_states`: guided by the costs to go of
     cells.
@@ -161,104 +188,94 @@ def _over_states(
     for an answer about as good; no path at all then costs less than the octile distance.
     """
     states = grid.robot.states()
-    allowed = _allowed(region)
     field = workspace.field
     first, last, _ = ends
     assert states is not None and field is not None
     poses, edges, prices = states
     *_, rays, lengths, turns = prices
+    columns = grid.robot.columns
+    if last_metres is not None and last_metres.hold(first):
+        last_metres = None  # so near that the field may as well begin at the goal
+    elif last_metres is not None and last_metres.exhausted:
+        return Search.without_path(Status.NO_PATH, columns=columns)
     between = turns[:0]
     fill = prices
+    refused_at_least = math.inf
     if region is not None:
         between = np.float32(TURNS_IN_FIELD) * turns
         fill = *prices[:4], rays[:DIRECTIONS], lengths[:DIRECTIONS], turns
+        refused_at_least = float(octile.py_func(*grid.cell(first), *grid.cell(last), *grid.prices))
+    seeds = np.array([last], np.int32), np.zeros(1, np.float32), np.zeros(1, np.int32)
+    if last_metres is not None:
+        seeds = last_metres.begun
+        while len(field.entries) < 4 * len(seeds[0]):
+            field.grow()
+        if region is not None:
+            for nodes, _, _ in last_metres.begun, last_metres.settled:
+                row, col = np.divmod(nodes, grid.stride)
+                region.bitmap[region.row_block[row - 1], region.col_block[col - 1]] = region.stamp
+    allowed = _allowed(region)
     rule = (_best(grid), _bucket_width(grid), between)
-    begin = last
-    around = None
-    code = kernels.FOUND
-    spent = 0
-    refused = math.inf
-    if wanted is not None and not len(edges):
-        (code, spent, refused), around = _around_goal(
-            grid, ends, wanted, workspace, allowed, limits[1]
-        )
-    if code != kernels.EXHAUSTED:
-        if around is not None:
-            begin = _ON
-            around(False)
-        code, more, refused = _run(
-            fill_field, (poses, edges, fill, allowed), (begin, first), rule, field, limits
-        )
-        spent += more
+    before = (poses, edges, fill, allowed, seeds)
+    code, spent, refused = _run(fill_field, before, (last, first), rule, field, limits)
+    if last_metres is not None:
+        nodes, costs, onwards = last_metres.settled
+        cheaper = costs < field.costs(nodes.astype(np.int64))
+        field.g[2 * nodes[cheaper]] = costs[cheaper]
+        field.meta[2 * nodes[cheaper] + 1] = (field.stamp << STAMP_SHIFT) | onwards[cheaper]
     if code != kernels.FOUND:
         status = Status.NO_PATH if code == kernels.EXHAUSTED else Status.TIMEOUT
-        return Search.without_path(status, spent, refused, grid.robot.columns)
-    if around is not None:
-        around(True)
+        return Search.without_path(status, spent, min(refused, refused_at_least), columns)
     guide = first, float(field.g[2 * first]), between
     found = _by_field(grid, ends, wanted, workspace, allowed, guide, beyond, limits)
-    apart = float(octile.py_func(*grid.cell(first), *grid.cell(last), *grid.prices))
-    return found._replace(
-        expansions=found.expansions + spent, refused_f=math.inf if region is None else apart
-    )
+    if found.status is not Status.NO_PATH or found.refused_f < math.inf:
+        found = found._replace(refused_f=refused_at_least)
+    return found._replace(expansions=found.expansions + spent)
 
 
-def _around_goal(
+def last_metres_to(
     grid: "Grid",
-    ends: tuple[int, int, int],
+    goal: Cell,
     wanted: NDArray[np.bool_],
     workspace: Workspace,
-    allowed: Parts,
-    until: float,
-) -> tuple[Parts, Callable[[bool], None] | None]:
-    """Costs of the last metres to a goal with a heading, by a search from there of a few states.
-
-    A way back, by a body that stands the other way round, costs what the way there does. Returns
-    code, expansions and least refused f as `fill_field`, EXHAUSTED where no way leads to the goal;
-    and a function that puts the costs into the field, called before the field is filled and after,
-    None where the start is as near.
+    deadline: Deadline = NEVER,
+) -> LastMetres | None:
+    """Costs of the last metres to a goal with a heading, for a body; None where legs cost otherwise
+    one way than the other.
     """
-    states, (first, last, _), frame = grid.robot.states(), ends, _frame(grid, workspace)
-    field = workspace.field
-    assert states is not None and field is not None
+    states = grid.robot.states()
+    assert states is not None
+    if len(states[1]):
+        return None
+    frame = _frame(grid, workspace)
     backwards = np.resize(np.roll(wanted, DIRECTIONS // 2), workspace.states)
+    nowhere = np.zeros_like(backwards)
     rule = (
         (0.0, 0.0, 0.0),
         _bucket_width(grid),
         kernels.BELOW,
+        0.0,
         frame,
         backwards,
-        np.zeros_like(backwards),
+        nowhere,
     )
-    before = (*states, _no_field(workspace), allowed)
-    limits = (AROUND_GOAL, until)
-    code, _, spent, refused = _run(expand_states, before, (last, _CORNER), rule, workspace, limits)
-    near = workspace.costs(slice(first, first + 1))[0] < math.inf
-    if near or code == kernels.EXHAUSTED:
-        return (kernels.FOUND if near else code, spent, refused), None
-    reach = int(workspace.least_open / grid.prices[0]) + 2 * int(
-        np.abs(states[2][1][..., :2]).max()
-    )
-    row, col, rows, cols = widened((*grid.cell(last), 1, 1), (reach, reach), grid.shape)
+    before = (*states, _no_field(workspace), kernels.NO_REGION)
+    limits = AROUND_GOAL, deadline.at
+    ends = grid.node(*goal), _CORNER
+    code, _, spent, _ = _run(expand_states, before, ends, rule, workspace, limits)
+    longest = int(np.abs(states[2][1][..., :2]).max())
+    reach = min(int(workspace.least_open / grid.prices[0]) + 2 * longest, spent * longest)
+    row, col, rows, cols = widened((*goal, 1, 1), (reach, reach), grid.shape)
     part = row + 1, row + rows + 1, col + 1, col + cols + 1
-    while len(field.entries) < 4 * rows * cols:
-        field.grow()
-    costs = workspace.g, workspace.meta, workspace.stamp
-
-    def put(inside: bool) -> None:
-        if not inside:
-            field.next_stamp()
-        field_around(
-            costs,
-            field.packed,
-            frame,
-            (last, first),
-            (_best(grid), _bucket_width(grid)),
-            part,
-            inside,
-        )
-
-    return (code, spent, refused), put
+    searched = workspace.g, workspace.meta, workspace.stamp
+    nodes, onwards = np.empty((2, 2, rows * cols), np.int32)
+    costs = np.empty((2, rows * cols), np.float32)
+    counts = least_of_cells(searched, frame, part, nodes, costs, onwards)
+    begun, settled = (
+        (nodes[at, :count], costs[at, :count], onwards[at, :count])
+        for at, count in enumerate(counts)
+    )
+    return LastMetres(begun, settled, code == kernels.EXHAUSTED, spent)
 
 
 def by_kept_field(
@@ -321,11 +338,12 @@ def _by_field(
         _best(grid),
         grid.prices[0] * BUCKET_WIDTH_BY_LANDMARKS,
         _beyond(beyond),
+        grid.prices[0] / REOPENED_WITHIN if len(between) else 0.0,
         frame,
         starting,
         at_goal,
     )
-    code, length, expansions, _ = _run(
+    code, length, expansions, refused = _run(
         expand_states, (*states, judged, allowed), (first, last), rule, workspace, limits
     )
     end = int(workspace.counts[kernels.BEST_NODE])
@@ -338,7 +356,7 @@ def _by_field(
         code = kernels.FOUND
         end = int(workspace.counts[kernels.SETTLED])
         length = trace(workspace.meta, end, out=workspace.path)
-    found = _traced(trace, workspace, code, end, length, expansions, math.inf)
+    found = _traced(trace, workspace, code, end, length, expansions, refused)
     path = found.path
     if grid.robot.columns == 2:  # cells alone, of those that it turns on one
         moved = np.any(np.diff(path[:, :2], axis=0, prepend=-1), axis=1)
@@ -441,7 +459,8 @@ def _settling(
     if (states := grid.robot.states()) is not None:
         kernel = expand_states
         before = (*states, _no_field(workspace), kernels.NO_REGION)
-        rule = (0.0, 0.0, 0.0), width, kernels.BELOW, _frame(grid, workspace), anywhere, ~anywhere
+        frame = _frame(grid, workspace)
+        rule = (0.0, 0.0, 0.0), width, kernels.BELOW, 0.0, frame, anywhere, ~anywhere
     begin = grid.node(*source)
     code = kernels.PAUSED
     while code == kernels.PAUSED:

@@ -14,13 +14,14 @@ import numpy as np
 import pytest
 
 from nnpp_edge.runtime import DynamicPlanner, Planner, Vehicle
-from nnpp_edge.runtime.errors import InvalidMapError, InvalidQueryError
+from nnpp_edge.runtime.errors import InvalidMapError, InvalidQueryError, Status
 from nnpp_edge.runtime.kernels.poses import AXES, FAILS, MOST_CODE
 from nnpp_edge.runtime.planners import methods
 from nnpp_edge.runtime.planners.plan import Source
 from nnpp_edge.runtime.robots.body.arcs import heading_deg
 from nnpp_edge.runtime.robots.body.primitives import primitives
 from nnpp_edge.runtime.search import astar as search
+from nnpp_edge.terrain.dem import sample_dem
 from tests import pose_oracles
 from tests.pose_oracles import DIRECTIONS, rocks
 
@@ -302,6 +303,45 @@ def test_primitives_of_a_wide_turn_are_long_and_no_curve_is_shorter_than_their_b
             assert tuple(found.rays[at, :2]) == place and found.rays[at, 3] == 2 * AXES + k
             assert found.ray_fares[at] == pytest.approx(metres / min(sides), rel=1e-6)
         assert 0.97 < found.shortest <= 1.0
+
+
+def test_a_corridor_to_a_goal_with_a_heading_is_hardly_more_work_than_the_whole_map():
+    """Where it took 2.9 to 8 times the expansions: by states that were expanded again and again, by
+    one region after another without a path, or as the region had no room to arrive as wanted.
+    """
+    rim = sample_dem("mars_victoria")
+    car = Vehicle(3.0, 2.4, 0.6, turning_radius_m=3.0, reverse_cost=2.0, gear_change_m=1.0)
+    forwards = Vehicle(1.5, 1.2, 0.3, turning_radius_m=3.0)
+    for vehicle, start, goal, heading, begin in (
+        (car, (165, 52), (44, 133), 184.5, None),
+        (car, (238, 152), (146, 133), 119.0, 325.0),
+        (forwards, (226, 73), (184, 66), 207.0, None),
+    ):
+        made = planner(rim.elevation, vehicle, cell_size_m=rim.cell_size_m)
+        exact, other = (
+            made.plan(start, goal, method=name, goal_heading_deg=heading, start_heading_deg=begin)
+            for name in ("astar", "corridor")
+        )
+        assert exact.status is other.status and (not exact.ok or other.cost <= 1.02 * exact.cost)
+        assert other.expansions <= 1.25 * exact.expansions
+
+
+def test_where_no_arc_leads_out_of_a_dead_end_no_second_region_is_searched():
+    dem = np.zeros((80, 120))
+    dem[33:48, 70:115] = 3.0
+    dem[38:43, 70:110] = 0.0  # a street, open to the left
+    within = (40, 100)
+    outside = (40, 20)
+    made = planner(dem)
+    for ends, facing_the_end, facing_the_way_out in (
+        ((outside, within), {"goal_heading_deg": 90.0}, {"goal_heading_deg": 270.0}),
+        ((within, outside), {"start_heading_deg": 270.0}, {"start_heading_deg": 90.0}),
+    ):
+        assert made.plan(*ends, method="corridor", **facing_the_end).ok
+        plan = made.plan(*ends, method="corridor", **facing_the_way_out)
+        assert (plan.status, plan.source) == (Status.NO_PATH, Source.REGION)
+        assert plan.expansions < 2000
+        assert made.plan(*ends, method="astar", **facing_the_way_out).status is Status.NO_PATH
 
 
 def test_headings_that_are_none_and_vehicles_without_them_are_refused():

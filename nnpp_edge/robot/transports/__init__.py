@@ -63,7 +63,12 @@ TRANSPORTS = (
         "Write the inputs to this file, for replay; one that is there stays, and -2 is added.",
         "recording:RecordingFile",
     ),
-    Entry("log", "--log FILE", "Write inputs and answers to this .mcap file, likewise.", "mcap_log:McapLog"),
+    Entry(
+        "log",
+        "--log FILE",
+        "Write inputs and answers to this .mcap file, likewise.",
+        "mcap_log:McapLog",
+    ),
     Entry(
         "view",
         "--view WHERE",

@@ -19,6 +19,7 @@ from nnpp_edge.runtime.tuning import (
     ARC_CORRIDOR,
     BODY_CORRIDOR,
     BODY_WEIGHT,
+    WIDENED_ARC_CORRIDOR,
     WIDENED_BODY_CORRIDOR,
 )
 
@@ -175,7 +176,7 @@ class ArcRobot(BodyRobot):
 
     columns = 3
     symmetric = False
-    corridors = ARC_CORRIDOR, WIDENED_BODY_CORRIDOR
+    corridors = ARC_CORRIDOR, WIDENED_ARC_CORRIDOR
 
     def __init__(self, poses: Poses) -> None:
         super().__init__(poses)
