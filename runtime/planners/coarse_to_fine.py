@@ -28,7 +28,6 @@ from nnpp_edge.runtime.tuning import (
     LANDMARK_PATIENCE,
     LEVEL_LANDMARKS,
     MOST_CELLS_FOR_LANDMARKS,
-    MOST_CORRECTIONS,
     CorridorWidth,
 )
 
@@ -187,10 +186,8 @@ class CoarseToFine:
         self._levels = state.pyramid_by(NEVER).levels
         self.coarse_levels = [CoarseLevel(level) for level in self._levels[1:]]
         """The searched levels above the map itself, finest first."""
-        robot = state.grid.robot
-        self._by_poses = robot.by_poses
-        turns_on_spot = robot.by_poses and robot.columns == 2
-        self._tries = MOST_CORRECTIONS if turns_on_spot else 1
+        self._by_poses = state.grid.robot.by_poses
+        self._tries = state.grid.robot.corridor_tries
 
     def workspace(self, number: int) -> Workspace:
         """Memory of the searches of the level of that number; 0 is the map itself."""

@@ -87,7 +87,7 @@ class Methods:
         self.state = state
         self._ask_from = ask_from
         self.has_poses = not state.grid.robot.learned_region
-        self.has_arcs = not state.grid.robot.symmetric and state.grid.robot.by_poses
+        self.has_arcs = state.grid.robot.drives_arcs
         """Whether a vehicle's poses are searched, and whether it drives arcs."""
         self.keeps_field = False
         """Whether what guides a body's search serves the next one to the same goal, for an answer

@@ -142,11 +142,12 @@ class StandingPath:
             raise InvalidQueryError(
                 f"a standing path must lead to the goal, got a plan of status {plan.status}"
             )
-        self._walked = np.empty(len(plan.path))
-        self._scratch = np.empty(len(plan.path))
-        if self._grid.walk(plan.walked, 0, self._walked) >= 0:
+        walked = np.empty(len(plan.path))
+        if self._grid.walk(plan.walked, 0, walked) >= 0:
             raise InvalidQueryError("a standing path must be walkable on the map it was planned on")
         self.plan = plan
+        self._walked = walked
+        self._scratch = np.empty(len(walked))
         self._count = 0
         self._parts = []
         self._changes.skip()

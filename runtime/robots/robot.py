@@ -53,6 +53,10 @@ class Robot:
     """Whether a network's region serves it."""
     corridors = CORRIDOR, WIDENED_CORRIDOR
     """Widths of the corridor in which a path is looked for first, and of the next."""
+    drives_arcs = False
+    """Whether its path is one of states, and what guides its search is kept for the next."""
+    corridor_tries = 1
+    """How often coarse levels are searched, each time without the links that led nowhere."""
     weight_share = 1.0
     """Share of the cells' weight that counts on coarse levels, where the rest is not known."""
     line_refusal = ""

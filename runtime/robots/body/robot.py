@@ -19,6 +19,7 @@ from nnpp_edge.runtime.tuning import (
     ARC_CORRIDOR,
     BODY_CORRIDOR,
     BODY_WEIGHT,
+    MOST_CORRECTIONS,
     WIDENED_ARC_CORRIDOR,
     WIDENED_BODY_CORRIDOR,
 )
@@ -46,6 +47,7 @@ class BodyRobot(Robot):
     has_landmarks = False
     repairs = False
     corridors = BODY_CORRIDOR, WIDENED_BODY_CORRIDOR
+    corridor_tries = MOST_CORRECTIONS
     weight_share = BODY_WEIGHT
     line_refusal = "is for points and discs: a body's legs lead in 16 directions"
     ways = motions.DIRECTIONS
@@ -175,6 +177,8 @@ class ArcRobot(BodyRobot):
     """A body that drives arcs too: its path is one of states."""
 
     columns = 3
+    drives_arcs = True
+    corridor_tries = 1
     symmetric = False
     corridors = ARC_CORRIDOR, WIDENED_ARC_CORRIDOR
 

@@ -39,6 +39,7 @@ _AS_UNDER = (
     "columns",
     "by_poses",
     "learned_region",
+    "corridor_tries",
     "corridors",
     "weight_share",
     "reach",
