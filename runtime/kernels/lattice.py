@@ -342,7 +342,7 @@ def fill_field(poses, edges, prices, region, seeds, ends, rule, memory, limits):
 
 @kernel
 def least_of_cells(states, frame, part, nodes, costs, onwards):
-    """What cells near a goal cost least, as a search of states from the goal has them.
+    """Least costs of cells near a goal, as a search of states from the goal has them.
 
     Parameters
     ----------

@@ -82,7 +82,7 @@ class Search(NamedTuple):
 
 
 class LastMetres(NamedTuple):
-    """What the last metres to a goal with a heading cost, by a search of a few states from there.
+    """Costs of the last metres to a goal with a heading, by a search of a few states from there.
 
     A way back, by a body that stands the other way round, costs what the way there does.
     """
