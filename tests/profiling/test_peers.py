@@ -16,7 +16,8 @@ OTHERS = {"pyastar2d": "pyastar2d", "skimage.graph": "skimage", "scipy dijkstra"
 @pytest.fixture(scope="module")
 def terrain(tmp_path_factory):
     path = tmp_path_factory.mktemp("terrain") / "dem.npz"
-    dem = np.cumsum(np.random.default_rng(4).normal(0.0, 0.4, (80, 90)), axis=1).astype(np.float32)
+    steps = np.random.default_rng(4).normal(0.0, 0.4, (80, 90))
+    dem = np.cumsum(steps, axis=1).astype(np.float32)
     np.savez(path, elevation_m=dem, cell_size_m=5.0)
     return path
 
@@ -61,7 +62,8 @@ def one_map(cost, *queries):
 def test_a_planner_over_the_limit_is_left_out_and_says_so(monkeypatch):
     monkeypatch.setattr(peers, "LIMIT_S", 1e-9)
     planners = [p for p in peer_planners()[0] if p.name in ("astar", "corridor")]
-    rows = peers.compare(planners, one_map(np.full((40, 40), 0.2), ((0, 0), (39, 39))), 1)
+    level = one_map(np.full((40, 40), 0.2), ((0, 0), (39, 39)))
+    rows = peers.compare(planners, level, 1)
     assert rows["corridor"]["note"] == "left out: 0.0 s a query, over the limit of 1e-09 s"
     assert rows["corridor"]["n"] == 0 and rows["corridor"]["time_ms_median"] is None
     assert rows["astar"]["n"] == 1
@@ -73,7 +75,11 @@ def test_obstacles_are_obstacles_to_all_and_queries_without_a_path_are_passed_ov
     cost[20:23, 3:6] = np.inf
     cost[21, 4] = 0.1  # an island
     found, _ = peer_planners()
-    queries = (((2, 2), (2, 30)), ((2, 2), (21, 4)), ((30, 1), (1, 29)))
+    queries = [
+        ((2, 2), (2, 30)),
+        ((2, 2), (21, 4)),
+        ((30, 1), (1, 29)),
+    ]
     rows = peers.compare(found, one_map(cost, *queries), 3)
     for name, row in rows.items():
         assert (row["n"], row["failed"]) == (2, 0), name
@@ -85,4 +91,5 @@ def test_a_paths_cost_is_length_times_mean_weight():
     weights = np.array([[1.0, 2.0], [4.0, 8.0]], np.float32)
     path = np.array([(0, 0), (0, 1), (1, 0), (1, 0)])
     assert peers.path_cost(weights, path) == pytest.approx(1.5 + 3.0 * np.sqrt(2.0))
-    assert peers.path_cost(np.ones((3, 3), np.float32), np.array([(0, 0), (0, 2)])) == np.inf
+    jump = np.array([(0, 0), (0, 2)])
+    assert peers.path_cost(np.ones((3, 3), np.float32), jump) == np.inf
