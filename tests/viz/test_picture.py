@@ -122,7 +122,7 @@ def test_a_picture_is_written_whole(tmp_path):
 @pytest.mark.parametrize("sides", [(0.5, 0.5), (0.5, 0.25)])
 @pytest.mark.parametrize("step", [(0, 1), (1, 0), (-1, 1)])
 def test_bodies_lie_along_the_path_and_point_ahead(vehicle, sides, step):
-    path = np.outer(np.arange(60), step) + (70, 10)
+    path = np.add(np.outer(np.arange(60), step), (70, 10))
     outlines = body_outlines(path, vehicle, sides)
     assert len(outlines) > 3
     long, wide = (2.0, 1.0) if vehicle.radius_m is None else (1.4, 1.4)
