@@ -24,14 +24,24 @@ REPORT = json.loads("""{
     "packages": {"nnpp-edge": "0.1.0", "numpy": "2.0", "numba": "0.60", "onnxruntime": null}
   },
   "results": [
-    {"workload": "soft", "size": 256, "planner": "astar", "time_ms": {"median": 3.14159}, "map_ms": null},
-    {"workload": "soft", "size": 256, "planner": "auto", "time_ms": {"median": 1}, "map_ms": {"median": 4}},
-    {"workload": "soft", "size": 1024, "planner": "astar", "time_ms": {"median": 50}, "map_ms": null},
-    {"workload": "soft", "size": 1024, "planner": "auto", "time_ms": {"median": 9}, "map_ms": null},
-    {"workload": "limit20", "size": 256, "planner": "astar", "time_ms": {"median": 99}, "map_ms": null}
+    {"workload": "soft", "size": 256, "planner": "astar",
+     "time_ms": {"median": 3.14159}, "map_ms": null},
+    {"workload": "soft", "size": 256, "planner": "auto",
+     "time_ms": {"median": 1}, "map_ms": {"median": 4}},
+    {"workload": "soft", "size": 1024, "planner": "astar",
+     "time_ms": {"median": 50}, "map_ms": null},
+    {"workload": "soft", "size": 1024, "planner": "auto",
+     "time_ms": {"median": 9}, "map_ms": null},
+    {"workload": "limit20", "size": 256, "planner": "astar",
+     "time_ms": {"median": 99}, "map_ms": null}
   ],
-  "disturbance": {"halves": [{"waited_share": 0.01, "others_share": null}, {"waited_share": 0, "others_share": 0.034}]},
-  "sensors": {"throttled": "", "clock_mhz": {"0": {"min": 1500.0, "max": 2400.0}}, "temperature_c": {}}
+  "disturbance": {"halves": [
+    {"waited_share": 0.01, "others_share": null},
+    {"waited_share": 0, "others_share": 0.034}
+  ]},
+  "sensors": {
+    "throttled": "", "clock_mhz": {"0": {"min": 1500.0, "max": 2400.0}}, "temperature_c": {}
+  }
 }""")
 
 
@@ -66,7 +76,7 @@ def test_a_report_as_a_row():
     assert (told["throttled"], told["clock"]) == ("not told", "2400 MHz, not told while it ran")
 
 
-def test_the_committed_table_has_these_columns_and_stands_last_so_that_rows_can_be_added_to_the_file():
+def test_the_committed_table_has_these_columns_and_nothing_follows_it():
     text = BOARDS.read_text()
     header = board_table(REPORT).rpartition("\n")[0]
     before, _, after = text.partition(header + "\n")

@@ -114,7 +114,8 @@ def test_counts_are_those_of_planners_that_have_checked_nothing(rocky):
 def test_the_vehicle_stands_on_starts_and_goals_and_rocks_lie_on_the_crops(terrain, rocky):
     costs = pose_costs(rocky.ground.elevation, CELL_M, ROVER)
     for start, goal in rocky.queries:
-        assert np.isfinite(costs[:, *start]).any() and np.isfinite(costs[:, *goal]).any()
+        assert np.isfinite(costs[:, *start]).any()
+        assert np.isfinite(costs[:, *goal]).any()
         assert math.dist(start, goal) >= 0.35 * SIZE
     np.testing.assert_array_equal(rocky.cost, costs.min(0))
     dems = TerrainFiles((terrain,)).read()

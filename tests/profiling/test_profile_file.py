@@ -93,7 +93,8 @@ def test_a_bad_profile_is_refused_with_the_key(write_toml, old, new, words):
 
 def test_a_vehicle_has_workloads_beside_a_points(write_toml):
     text = GOOD.replace(
-        'workloads = ["soft"]', 'workloads = ["body-rocks5", "soft", "body"]\nvehicle = "tracked"'
+        'workloads = ["soft"]',
+        'workloads = ["body-rocks5", "soft", "body"]\nvehicle = "tracked"',
     )
     profile = read_profile(write_toml(text))
     assert profile.load.workloads == ("body-rocks5", "soft", "body")

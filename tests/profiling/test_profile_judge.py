@@ -135,7 +135,11 @@ start_up_warm_s | s  | 90   | disturbed | noisy
 
 @pytest.mark.parametrize(("quantity", "unit", "value", "noise", "state"), cases(ONCE, 5))
 def test_what_the_run_has_one_figure_of_is_judged_once_and_start_up_may_be_noisy(
-    quantity, unit, value, noise, state
+    quantity,
+    unit,
+    value,
+    noise,
+    state,
 ):
     asked = profile(budget(quantity, 300.0, "at most", unit), sizes=(64, 128))
     (line,) = judged(asked, [row()], {quantity: {"nnpp": float(value)}}, NOISE[noise])

@@ -195,7 +195,8 @@ def test_terrain_without_enough_queries_is_refused(tmp_path, tiny_model):
 
 
 def test_each_call_on_a_vehicles_map_is_that_of_a_planner_that_has_checked_nothing(
-    tiny_model, monkeypatch
+    tiny_model,
+    monkeypatch,
 ):
     kind = {"terrain": ("synthetic",), "workloads": ("soft", "body", "body-rocks5")}
     load = Load(**kind, vehicle="small-rover", sizes=(64,), queries=3, repeats=2)

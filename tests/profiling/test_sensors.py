@@ -70,7 +70,9 @@ def test_a_machine_that_tells_nothing_has_no_readings_and_is_not_called_throttle
 
 
 def test_readings_are_taken_no_sooner_than_a_quarter_second_after_the_last(
-    fake, tmp_path, monkeypatch
+    fake,
+    tmp_path,
+    monkeypatch,
 ):
     now = [0.0]
     log = Sensors([0], tmp_path)
@@ -115,7 +117,8 @@ THROTTLED = """
 
 
 @pytest.mark.parametrize(
-    ("clocks", "temperatures", "counts", "words", "share"), cases(THROTTLED, 5)
+    ("clocks", "temperatures", "counts", "words", "share"),
+    cases(THROTTLED, 5),
 )
 def test_when_a_run_is_called_throttled(clocks, temperatures, counts, words, share):
     found = throttling(readings(clocks, temperatures, counts), LIMITS)

@@ -19,6 +19,7 @@ from nnpp_edge.runtime import (
     Pose,
     Status,
     StatusMessage,
+    Vehicle,
 )
 from nnpp_edge.runtime.errors import InvalidQueryError, MissingExtraError, OutputError
 from nnpp_edge.runtime.map.state import map_state
@@ -76,6 +77,20 @@ def test_a_recording_holds_map_path_robot_goal_and_times(tmp_path, state):
     assert len(shown) == 2, "anew only where it has changed"
     for picture, cost in zip(shown, (first_cost, state.cost()), strict=True):
         np.testing.assert_array_equal(picture.reshape(20, 30, 3), cost_picture(cost))
+
+
+def test_the_outline_of_a_body_lies_along_its_path(tmp_path):
+    body = Vehicle(length_m=2.0, width_m=1.0, clearance_m=0.3)
+    level = np.zeros((20, 300), np.float32)
+    state = map_state(Ground.of_elevation(level, 0.5, cell_width_m=0.25, vehicle=body))
+    line = np.array([(5, 5 + n) for n in range(250)], np.int32)
+    with closing(RerunSink(str(tmp_path / "loop.rrd"), state)) as sink:
+        sink.publish(PathMessage(1, Status.OK, Origin.FULL, line))
+        sink.publish(PathMessage(2, Status.NO_PATH, Origin.NONE))
+    outlines, none = read(tmp_path / "loop.rrd")["/map/body"]["strips"]
+    front, *corners, _, _ = outlines[0]
+    assert front == [9.5, 5.5] and not none
+    assert sorted(corners) == [[1.5, 4.5], [1.5, 6.5], [9.5, 4.5], [9.5, 6.5]]
 
 
 @pytest.mark.parametrize(

@@ -143,7 +143,9 @@ def test_it_tells_the_manager_stops_when_told_to_and_keeps_what_it_recorded(dem,
 
 
 def test_after_a_kill_the_recording_can_be_played_and_the_next_has_a_file_of_its_own(
-    nnpp_edge, dem, tmp_path
+    nnpp_edge,
+    dem,
+    tmp_path,
 ):
     record = tmp_path / "inputs.jsonl"
     patches = [MapPatch(n % 70, 3, cost=np.full((2, 2), 0.5)) for n in range(1000)]
@@ -182,7 +184,11 @@ main()
 def test_it_may_be_stopped_while_it_starts_whatever_it_is_doing(dem):
     words = [sys.executable, "-c", STARTING, str(dem)]
     ended = subprocess.run(
-        words, capture_output=True, text=True, stdin=subprocess.DEVNULL, timeout=120
+        words,
+        capture_output=True,
+        text=True,
+        stdin=subprocess.DEVNULL,
+        timeout=120,
     )
     assert (ended.returncode, ended.stderr) == (-signal.SIGTERM, "")
 
@@ -350,7 +356,9 @@ def test_the_table_loop_of_a_profile(tmp_path):
 
 
 def test_the_network_is_loaded_while_the_first_map_is_read_where_it_will_be_asked(
-    replayed, dem, monkeypatch
+    replayed,
+    dem,
+    monkeypatch,
 ):
     done = []
 

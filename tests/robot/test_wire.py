@@ -160,7 +160,7 @@ garbage                                 | got 'garbage' .*malformed
 {"type":"patch","row":0,"col":0,"cost":[[1,2],[3]]} | of one length, got \[1, 2\]
 {"type":"patch","row":0,"col":0,"cost":[[1e400]]} | Number out of range
 {"type":"patch","row":0,"col":0,"cost":{"shape":[2,2],"float32":"MTIzNA=="}} | 4 bytes for 2 × 2 cells
-{"type":"patch","row":0,"col":0,"cost":{"shape":[0,2],"float32":""}} | cost.shape\[0\]: Expected `int` >= 1
+{"type":"patch","row":0,"col":0,"cost":{"shape":[0,2],"float32":""}} | shape\[0\]: Expected `int` >= 1
 {"type":"patch","row":0,"col":0,"cost":{"shape":[1,1],"float32":"MTIzNA==","more":1}} | unknown field `more`
 """
 NESTED = b"[" * 100_000
@@ -203,7 +203,8 @@ def test_where_one_kind_is_wanted_the_type_may_be_left_out_and_no_other_may_come
 
 
 @pytest.mark.parametrize(
-    "change", [{"path": [[1]]}, {"outcome": "FINE"}, {"start": 5}, {"path": []}, {"type": "pose"}]
+    "change",
+    [{"path": [[1]]}, {"outcome": "FINE"}, {"start": 5}, {"path": []}, {"type": "pose"}],
 )
 def test_an_answer_that_is_none_is_refused(change):
     with pytest.raises(WireError, match="wanted an answer of the loop"):

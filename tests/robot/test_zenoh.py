@@ -107,7 +107,10 @@ def listening(link, navigator, peer):
 
     def start(mailbox):
         source = ZenohSource(
-            link, Refusals(navigator.count_error), navigator.count_error, mailbox=mailbox
+            link,
+            Refusals(navigator.count_error),
+            navigator.count_error,
+            mailbox=mailbox,
         )
 
         def known():
@@ -121,7 +124,10 @@ def listening(link, navigator, peer):
 
 
 def test_a_path_goes_to_and_fro_between_two_processes_and_what_makes_no_sense_is_answered(
-    link, peer, navigator, drive
+    link,
+    peer,
+    navigator,
+    drive,
 ):
     refusals = Refusals(navigator.count_error)
     mailbox = Mailbox()
@@ -254,7 +260,8 @@ def test_a_prefix_that_makes_no_topic_is_refused(prefix):
 def test_it_may_go_to_another_instead_of_listening(link, navigator):
     heard = []
     subscriber = link.session.declare_subscriber(
-        "robot/7/path", lambda s: heard.append(s.payload.to_bytes())
+        "robot/7/path",
+        lambda s: heard.append(s.payload.to_bytes()),
     )
     with closing(ZenohLink(connect=link.endpoint, prefix="robot/7")) as other:
         sink = ZenohSink(other)

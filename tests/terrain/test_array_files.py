@@ -90,7 +90,11 @@ def test_a_cell_size_that_is_none_is_refused(tmp_path, size):
         read_cost_map(tmp_path / "cost.npz")
 
 
-@pytest.mark.parametrize("cost", [COST[0], "costs", np.array([[{}]]), np.empty((0, 5)), COST + 1j])
+@pytest.mark.parametrize(
+    "cost",
+    [COST[0], "costs", np.array([[{}]]), np.empty((0, 5)), COST + 1j],
+    ids=["one row", "text", "objects", "empty", "complex"],
+)
 def test_costs_that_are_no_map_are_refused(tmp_path, cost):
     np.savez(tmp_path / "cost.npz", cost=cost)
     with pytest.raises(TerrainError, match=r"wanted an \(H, W\) array of costs"):
@@ -103,7 +107,10 @@ def test_a_cost_beyond_float32_is_infinite(tmp_path):
 
 
 @pytest.mark.parametrize("name", ["cost", "elevation_m", "anything", ""])
-@pytest.mark.parametrize("sides", [(20_000, 2_000_000), (2**62, 1), (-5, 3), (10**30, 10**30)])
+@pytest.mark.parametrize(
+    "sides",
+    [(20_000, 2_000_000), (2**62, 1), (-5, 3), (10**30, 10**30)],
+)
 def test_a_map_larger_than_memory_is_refused_by_its_header(tmp_path, sides, name):
     beginning = header(sides) + bytes(4096)
     path = tmp_path / "dem.npy"

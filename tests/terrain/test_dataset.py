@@ -131,7 +131,10 @@ STRANGE = """
 
 @pytest.mark.parametrize(("changes", "words"), cases(STRANGE))
 def test_a_recipe_that_was_not_written_by_us_is_refused_in_one_line(
-    whole, tmp_path, changes, words
+    whole,
+    tmp_path,
+    changes,
+    words,
 ):
     with pytest.raises(DataSetError) as caught:
         read_recipe(changed(whole, tmp_path, changes))
@@ -228,14 +231,17 @@ def of_terrain(folder, elevation, **changes):
 
 @pytest.mark.parametrize("share", [0.0, 0.5])
 def test_terrain_without_two_cells_to_plan_between_ends_the_making_and_does_not_block_another(
-    tmp_path, share
+    tmp_path,
+    share,
 ):
     elevation = np.full((70, 70), np.nan)
     elevation[7, 9] = 3.0
     many = {"synthetic_share": share, "maps": 4000, "maps_per_shard": 4000}
     with pytest.raises(DataSetError, match=rf"dem\.npz: .*got none on {BARREN_MAPS} maps"):
         make_dataset(
-            of_terrain(tmp_path, elevation, **many), tmp_path / "set", make=make_in_this_process
+            of_terrain(tmp_path, elevation, **many),
+            tmp_path / "set",
+            make=make_in_this_process,
         )
     assert not list((tmp_path / "set").iterdir())
     good = of_terrain(tmp_path, synthetic_terrain(np.random.default_rng(0), 70, 5.0))

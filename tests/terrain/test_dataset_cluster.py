@@ -20,7 +20,12 @@ from nnpp_edge.terrain.synthetic import synthetic_terrain
 from tests.tables import cases
 
 RECIPE = Recipe(
-    ("dem.npz",), maps=18, size=32, blocks=8, maps_per_shard=2, poolings=((1, 0.7), (2, 0.3))
+    ("dem.npz",),
+    maps=18,
+    size=32,
+    blocks=8,
+    maps_per_shard=2,
+    poolings=((1, 0.7), (2, 0.3)),
 )
 
 
@@ -78,7 +83,9 @@ def test_killed_workers_change_no_byte_and_a_second_run_makes_what_is_missing(wo
 
 
 def test_the_command_makes_a_data_set_on_a_cluster_or_says_in_one_line_what_is_wrong(
-    nnpp_edge, workers, terrain
+    nnpp_edge,
+    workers,
+    terrain,
 ):
     words = ["dataset", "dem.npz", "--synthetic-share", "0", "--maps", "2", "--scheduler"]
     words.append(workers.scheduler_address)

@@ -152,7 +152,9 @@ def test_what_is_no_map_of_heights_is_refused(tmp_path, heights, words, profile)
 
 
 def test_reading_says_nothing_on_the_side_and_the_refusal_gives_the_first_cause(
-    tmp_path, capfd, recwarn
+    tmp_path,
+    capfd,
+    recwarn,
 ):
     read_dem(geotiff(tmp_path / "plain.tif", transform=Affine.identity()), cell_size_m=1)
     recwarn.clear()
@@ -196,7 +198,10 @@ cellsize 5    | cellsize 1e100 | sides of 1e-06 to
 
 @pytest.mark.parametrize(("old", "new", "word"), cases(DAMAGE, 3))
 def test_an_ascii_grid_that_is_damaged_is_refused_and_not_filled_with_zeros(
-    tmp_path, old, new, word
+    tmp_path,
+    old,
+    new,
+    word,
 ):
     (tmp_path / "grid.asc").write_text(ASCII.replace(old, new))
     refused(tmp_path / "grid.asc", word)
@@ -337,7 +342,8 @@ def test_an_archive_may_hold_other_maps_and_the_width_of_cells(tmp_path):
 def test_an_archive_that_is_no_elevation_map_is_refused(tmp_path, arrays, word):
     given = {"dem": HEIGHTS} | arrays
     np.savez(
-        tmp_path / "map.npz", **{name: each for name, each in given.items() if each is not None}
+        tmp_path / "map.npz",
+        **{name: each for name, each in given.items() if each is not None},
     )
     refused(tmp_path / "map.npz", word)
 
@@ -413,7 +419,10 @@ def test_finer_cells_have_bilinear_heights_at_the_same_places_of_the_map():
     assert np.array_equal(np.isnan(finer.elevation), (y > 7.0) & (x > 10.0))
     known = ~np.isnan(finer.elevation)
     np.testing.assert_allclose(
-        finer.elevation[known], (3.0 * y - 2.0 * x + y * x)[known], rtol=1e-6, atol=1e-5
+        finer.elevation[known],
+        (3.0 * y - 2.0 * x + y * x)[known],
+        rtol=1e-6,
+        atol=1e-5,
     )
     for cell in ((0, 0), (5, 3), (8, 11)):
         assert finer.map_coordinates(4 * cell[0], 4 * cell[1]) == pytest.approx(

@@ -112,7 +112,8 @@ def test_a_label_that_leads_elsewhere_is_refused(tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("name", "driver"), [("dem.bil", "EHdr"), ("dem.img", "HFA"), ("dem.asc", "AAIGrid")]
+    ("name", "driver"),
+    [("dem.bil", "EHdr"), ("dem.img", "HFA"), ("dem.asc", "AAIGrid")],
 )
 def test_the_formats_of_the_list_are_read_and_not_when_cut_short(tmp_path, name, driver):
     path = tmp_path / name

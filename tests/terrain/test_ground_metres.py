@@ -20,10 +20,13 @@ def written(path, crs, lon, lat, side, heights):
     globe = pyproj.CRS(crs).geodetic_crs
     degrees = globe.axis_info[0].unit_conversion_factor / math.radians(1.0)
     x, y = pyproj.Transformer.from_crs(globe, crs, always_xy=True).transform(
-        lon / degrees, lat / degrees
+        lon / degrees,
+        lat / degrees,
     )
     rows, cols = heights.shape
-    corner = rasterio.Affine(side, 0, x - side * cols / 2, 0, -side, y + side * rows / 2)
+    left = x - side * cols / 2
+    top = y + side * rows / 2
+    corner = rasterio.Affine(side, 0, left, 0, -side, top)
     kind = {"height": rows, "width": cols, "tiled": True, "blockxsize": 16, "blockysize": 16}
     return saved(path, heights, crs=crs, transform=corner, **kind)
 
@@ -36,7 +39,9 @@ def saved(path, heights, **kind):
 
 @pytest.mark.parametrize("more", [(), ("--memory", "10kB")])
 def test_a_plan_is_as_long_as_the_geodesic_and_the_projections_scale_is_told(
-    tmp_path, nnpp_edge, more
+    tmp_path,
+    nnpp_edge,
+    more,
 ):
     path = written(tmp_path / "map.tif", "EPSG:3857", 11.0, 60.0, 30.0, np.zeros((64, 64)))
     words = "--start 5,8 --goal 5,58 --method corridor --json"

@@ -25,7 +25,8 @@ PLACE = Georeference(CRS(UTM).to_wkt(), (2.0, 0.0, 400_000.0, 0.0, -2.0, 5_000_0
 MOON = (
     'PROJCS["Moon",GEOGCS["Moon '
     '2000",DATUM["D_Moon_2000",SPHEROID["Moon_2000",1737400,0]],PRIMEM["Reference",0],'
-    'UNIT["degree",0.0174532925199433]],PROJECTION["Equirectangular"],PARAMETER["standard_parallel_1",0],'
+    'UNIT["degree",0.0174532925199433]],'
+    'PROJECTION["Equirectangular"],PARAMETER["standard_parallel_1",0],'
     'PARAMETER["central_meridian",0],UNIT["metre",1]]'
 )
 PLACES = [(400_010.5, 4_999_989.5), (400_100.0, 4_999_900.0), (400_050.0, 4_999_950.0)]
@@ -101,15 +102,16 @@ def test_of_several_layers_one_is_named(tmp_path):
     write_points(path, PLACES, layer="more")
     with pytest.raises(VectorFileError, match=r"name it as a.gpkg:LAYER \(stops, more\)"):
         points_of(str(path), dem())
-    assert [len(points_of(f"{path}:{layer}", dem())[0]) for layer in ("stops", "more")] == [1, 3]
+    for layer, count in (("stops", 1), ("more", 3)):
+        assert len(points_of(f"{path}:{layer}", dem())[0]) == count
     with pytest.raises(VectorFileError, match="nothing"):
         points_of(f"{path}:nothing", dem())
 
 
 REFUSED = """
-a.vrt     | <OGRVRTDataSource><OGRVRTLayer name='a'/></OGRVRTDataSource><!-- <gpx --> | another kind of file
+a.vrt     | <OGRVRTDataSource><OGRVRTLayer name='a'/></OGRVRTDataSource><!-- <gpx --> | another kind
 a.gpx     | <!-- <gpx --><OGRVRTDataSource/> | another kind of file
-a.json    | {"type": "gdal_streamed_alg", "command_line": "gdal vector pipeline"} | another kind of file
+a.json    | {"type": "gdal_streamed_alg", "command_line": "gdal vector pipeline"} | another kind
 a.geojson | {"type": "Feature",  | wanted GeoPackage, GeoJSON
 a.geojson | {"type": "Feature", "geometry": null, "properties": {}} | wanted points, got none
 a.geojson | {"type": "MultiPoint", "coordinates": []} | wanted points, got none
@@ -174,7 +176,10 @@ def test_places_and_layers_of_another_world_or_of_none_are_refused(tmp_path):
     ],
 )
 def test_where_a_package_is_missing_it_is_said_which_extra_brings_it(
-    tmp_path, monkeypatch, module, words
+    tmp_path,
+    monkeypatch,
+    module,
+    words,
 ):
     path = write(tmp_path / "a.gpkg", [(1.0, 2.0)], "EPSG:4326")
     monkeypatch.setitem(sys.modules, module, None)
@@ -211,7 +216,9 @@ def test_no_path_is_a_geopackage_without_a_line_and_a_gpx_without_points(tmp_pat
 def test_gpx_holds_the_track_where_the_map_lies_on_the_earth(tmp_path):
     (tmp_path / "a.gpx").write_bytes(route().gpx("a <way>", {"start": (3, 4), "goal": (4, 6)}))
     _, _, shapes, (heights,) = pyogrio.raw.read(
-        tmp_path / "a.gpx", layer="track_points", columns=["ele"]
+        tmp_path / "a.gpx",
+        layer="track_points",
+        columns=["ele"],
     )
     x, y = struct.unpack("<dd", shapes[0][5:21])
     lon, lat = lonlat_of(dem(), places_of(dem(), np.array([(3.0, 4.0)])))[0]
@@ -243,7 +250,8 @@ def area(polygons):
     for polygon in polygons:
         for ring in polygon:
             x, y = np.array(ring).T
-            total += 0.5 * float((x[:-1] * y[1:] - x[1:] * y[:-1]).sum())
+            crossed = x[:-1] * y[1:] - x[1:] * y[:-1]
+            total += 0.5 * float(crossed.sum())
     return abs(total)
 
 

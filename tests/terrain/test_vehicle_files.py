@@ -98,9 +98,9 @@ BODY mobility = 3              | mobility: Expected `object`, got `int`
 [mobility]\nfuel = 1           | mobility: fuel is unknown | tobler, irmischer, linear, time, energy
 [mobility]\ntime = 1           | mobility: time: Expected `object | null`, got `int`
 ENERGY colour = 1              | mobility.energy: colour is unknown | mass_kg
-[mobility.energy]\nmass_kg = 50 | mobility: energy: Object missing required field `rolling_resistance`
-[mobility.energy]\nmass_kg = -50\nrolling_resistance = 0.1 | energy | mass_kg must be a number above 0, got -50
-[mobility.time]\nslope_deg = [-10, 0]\nspeed_m_s = [1, true] | time.speed_m_s[1]: Expected `float`, got `bool`
+[mobility.energy]\nmass_kg = 50 | mobility: energy: | missing required field `rolling
+[mobility.energy]\nmass_kg = -50\nrolling_resistance = 0.1 | energy | mass_kg must be | got -50
+[mobility.time]\nslope_deg = [-10, 0]\nspeed_m_s = [1, true] | time.speed_m_s[1]: Expected `float`
 [mobility.time]\nslope_deg = [-0.5, 0.35]\nspeed_m_s = [1, 1] | slope_deg must be in degrees
 WALKER path = true             | mobility.irmischer: path is unknown: wanted one of on_path, factor
 """

@@ -122,7 +122,7 @@ def test_a_picture_is_written_whole(tmp_path):
 @pytest.mark.parametrize("sides", [(0.5, 0.5), (0.5, 0.25)])
 @pytest.mark.parametrize("step", [(0, 1), (1, 0), (-1, 1)])
 def test_bodies_lie_along_the_path_and_point_ahead(vehicle, sides, step):
-    path = np.outer(np.arange(60), step).astype(np.int32) + np.array((70, 10), np.int32)
+    path = np.add(np.outer(np.arange(60), step), (70, 10))
     outlines = body_outlines(path, vehicle, sides)
     assert len(outlines) > 3
     long, wide = (2.0, 1.0) if vehicle.radius_m is None else (1.4, 1.4)
@@ -133,7 +133,8 @@ def test_bodies_lie_along_the_path_and_point_ahead(vehicle, sides, step):
         around = (outline[:-1] - outline[-1]) * sides
         np.testing.assert_allclose(front - middle, ahead * long / 2.0, atol=1e-9)
         np.testing.assert_allclose(np.abs(around @ ahead).max(), long / 2.0)
-        np.testing.assert_allclose(np.abs(around @ (-ahead[1], ahead[0])).max(), wide / 2.0)
+        left = (-ahead[1], ahead[0])
+        np.testing.assert_allclose(np.abs(around @ left).max(), wide / 2.0)
     assert body_outlines(path[:1], vehicle, sides) == []
 
 
@@ -144,10 +145,11 @@ def test_a_picture_shows_where_the_vehicle_stands_in_no_heading():
     refused = np.zeros((40, 40), np.uint8)
     refused[2:8, 2:5] = 1 + REFUSALS.index("tilt")
     refused[2:8, 5:8] = 1 + REFUSALS.index("belly")
-    pictures = [
-        plan_picture(cost, plan, (20, 5), (20, 34), refused=each) for each in (None, refused)
-    ]
-    plain, shown = (picture[18:818, 18:818][10::20, 10::20] for picture in pictures)
+    pictures = []
+    for given in (None, refused):
+        picture = plan_picture(cost, plan, (20, 5), (20, 34), refused=given)
+        pictures.append(picture[18:818, 18:818][10::20, 10::20])
+    plain, shown = pictures
     np.testing.assert_array_equal((plain != shown).any(-1), refused > 0)
     assert (shown[4, 3] != shown[4, 6]).any(), "a colour for each limit"
 

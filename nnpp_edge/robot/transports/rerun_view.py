@@ -1,13 +1,15 @@
-"""The loop in the rerun viewer, live or recorded: map, path, robot, goal and times of ticks."""
+"""The loop in the rerun viewer, live or recorded: map, path, body, robot, goal, times of ticks."""
 
+from collections.abc import Sequence
 from pathlib import Path
 
 from nnpp_edge.robot.transports.wiring import Setup
 from nnpp_edge.runtime.errors import InvalidQueryError, OutputError, optional_module
 from nnpp_edge.runtime.loop.messages import Goal, Input, MapPatch, Output, PathMessage
+from nnpp_edge.runtime.map.along import Line
 from nnpp_edge.runtime.map.state import MapState
 from nnpp_edge.runtime.reading import refused_as
-from nnpp_edge.viz.picture import cost_picture
+from nnpp_edge.viz.picture import body_outlines, cost_picture
 
 
 class RerunSink:
@@ -52,8 +54,10 @@ class RerunSink:
         self._tick = message.tick
         self._stream.set_time("tick", sequence=message.tick)
         if isinstance(message, PathMessage):
-            strips = [message.path[:, ::-1] + 0.5] if message.ok else []
-            self._stream.log("map/path", self._rr.LineStrips2D(strips, draw_order=10.0))
+            self._draw("path", [message.path] if message.ok else [])
+            if self._state.vehicle is not None:
+                kind = (self._state.vehicle, self._state.sides_m or (1.0, 1.0))
+                self._draw("body", body_outlines(message.path, *kind, message.headings_deg))
             self._stream.log("planning_ms", self._rr.Scalars(message.planning_ms))
         else:
             self._stream.log("status", self._rr.TextLog(message.text))
@@ -63,6 +67,10 @@ class RerunSink:
             self._shown_version = version
             picture = cost_picture(self._state.cost())
             self._stream.log("map/cost", self._rr.Image(picture, color_model="BGR"))
+
+    def _draw(self, name: str, lines: Sequence[Line]) -> None:
+        strips = [line[:, ::-1] + 0.5 for line in lines]
+        self._stream.log(f"map/{name}", self._rr.LineStrips2D(strips, draw_order=10.0))
 
     def close(self) -> None:
         """Write the rest and disconnect."""
