@@ -190,7 +190,8 @@ def check(case: Case, place: Place = NOWHERE) -> Problem | None:
             open_to_all = np.where(layers.told < 1.0, 0.0, np.nan), CELL_M, case.vehicle
             if found := pose_oracles.breaks_at(*open_to_all, np.concatenate(places), headings):
                 return Problem("a body over an obstacle or off the map", f"{found}\n{told}")
-        bare = layers.told if layers.heights is None else layers.ground().costs()
+        robot = layers.ground(vehicle=case.vehicle)
+        bare = layers.told if layers.heights is None else robot.costs()
         if case.means is None and not np.array_equal(
             navigator.map.cost() < 1.0, (bare < 1.0) & (layers.told < 1.0)
         ):
