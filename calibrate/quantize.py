@@ -1,5 +1,5 @@
-"""An int8 model made from an fp32 model, and measured against it: speed, agreement, and what a
-search makes of it.
+"""An int8 model made from an fp32 model, and measured against it: speed, agreement, and the outcome
+of searches.
 """
 
 import time
@@ -29,25 +29,28 @@ from nnpp_edge.training.unseen import Fit, KnownValidator
 from nnpp_edge.training.validation import Judgement, Validator
 
 Floats = NDArray[np.float32]
-Judge = Callable[[Floats], Sequence[Judgement | Fit]]
+Queries = Samples | Floats
+"""Labelled queries, or planes (Q, C, B, B) of a network that prices unseen ground."""
+Judge = Callable[[Floats], Judgement | Fit]
 OPERATORS = ("Conv", "Relu", "Add", "Resize", "Concat", "AveragePool", "MaxPool")
 """Kinds of nodes that have an int8 kernel on CPUs, so that their QDQ pairs disappear."""
 HELD_OUT = 256
 """Queries to judge on, at most."""
+WARM_UP = 30
 ROUNDS = 300
-"""Timed runs of each model."""
+"""Runs of each model before the clock starts, and timed ones."""
 WORTH_IT = 1.1
 """Times as fast as fp32 that int8 must be to be worth having."""
-GAP_LIMIT = 0.003
-"""The most that it may add to the mean gap (0.3 percentage points)."""
-SUCCESS_LIMIT = 0.01
-"""The most that it may take from the share of queries with a path inside the region."""
-DIFFERENCE_LIMIT = 0.005
-"""Mean difference of the probabilities from which on it is another network: about one of the
-region's 256 levels.
+MOST_GAP = 0.3
+"""The most that it may add to the mean gap, in percentage points."""
+MOST_FAILED = 1
+"""The most that it may take from the share of queries with a path inside the region, in %."""
+MOST_DIFFERENCE = 0.005
+"""Mean difference of the probabilities above which it is another network: about one of the region's
+256 levels.
 """
-ERROR_LIMIT = 0.02
-"""The most by which the errors of prices may grow, as a share of them."""
+MOST_ERROR = 2
+"""The most by which the errors of prices may grow, in %."""
 HELD_OUT_SHARE = 4
 """Of a data set's maps, one in this many is held out to judge on."""
 
@@ -83,38 +86,35 @@ class Comparison:
     def recommendation(self) -> str:
         """One plain sentence that begins with ``int8`` or ``keep fp32``."""
         as_fast = f"{self.speed_up:.2f} times as fast"
-        checks = [(self.speed_up >= WORTH_IT, f"and {WORTH_IT} is wanted")]
+        wanted = [(self.speed_up >= WORTH_IT, f"and {WORTH_IT} is wanted")]
         if isinstance(self.fp32, Judgement) and isinstance(self.int8, Judgement):
-            more = self.int8.gap - self.fp32.gap
-            fewer = self.fp32.success - self.int8.success
-            grows = (
-                f"but the cost gap grows by {100 * more:.2f} points, and "
-                f"{100 * GAP_LIMIT:.1f} are allowed"
-            )
-            misses = (
-                f"but finds a path inside its region on {100 * fewer:.1f} % fewer of the queries"
-            )
-            differs = (
-                f"but its probabilities differ by {self.mean_difference:.4f}: leave nodes "
-                "float (--exclude)"
-            )
-            checks.append((more <= GAP_LIMIT, grows))
-            checks.append(
-                (fewer <= SUCCESS_LIMIT, f"{misses}, and {100 * SUCCESS_LIMIT:.0f} % is allowed")
-            )
-            checks.append((self.mean_difference <= DIFFERENCE_LIMIT, differs))
-            change = f"the cost gap changes by {100 * more:+.2f} points"
+            more = 100 * (self.int8.gap - self.fp32.gap)
+            fewer = 100 * (self.fp32.success - self.int8.success)
+            change = f"the cost gap changes by {more:+.2f} points"
+            wanted += [
+                (
+                    more <= MOST_GAP,
+                    f"but the cost gap grows by {more:.2f} points, and {MOST_GAP} are allowed",
+                ),
+                (
+                    fewer <= MOST_FAILED,
+                    f"but finds a path inside its region on {fewer:.1f} % fewer of the queries, "
+                    f"and {MOST_FAILED} % is allowed",
+                ),
+                (
+                    self.mean_difference <= MOST_DIFFERENCE,
+                    f"but its probabilities differ by {self.mean_difference:.4f}: leave nodes "
+                    "float (--exclude)",
+                ),
+            ]
         else:
             errors = zip(astuple(self.fp32), astuple(self.int8), strict=True)
-            change = (
-                f"its errors grow by {100 * (grown := max(b / a - 1.0 for a, b in errors)):.1f} %"
-            )
-            checks.append(
-                (grown <= ERROR_LIMIT, f"but {change}, and {100 * ERROR_LIMIT:.0f} % is allowed")
-            )
-        for holds, why in checks:
+            growth = 100 * max(after / before - 1.0 for before, after in errors)
+            change = f"its errors grow by {growth:.1f} %"
+            wanted.append((growth <= MOST_ERROR, f"but {change}, and {MOST_ERROR} % is allowed"))
+        for holds, why_not in wanted:
             if not holds:
-                return f"keep fp32: on this machine int8 is {as_fast}, {why}."
+                return f"keep fp32: on this machine int8 is {as_fast}, {why_not}."
         return f"int8: {as_fast} on this machine, and {change}."
 
 
@@ -149,14 +149,13 @@ def quantize(
     samples: int = 200,
     exclude: Sequence[str] = (),
     seed: int = 1,
-    rounds: int = ROUNDS,
 ) -> QuantizeReport:
     """Make an int8 model (static, QDQ) of an fp32 file or a shipped model, and measure it against
     its source.
 
     The `output` is written last, whole or not at all, whatever the recommendation. It is calibrated
     on so many `samples` of `dataset`, queries drawn at random, and judged on `validation`, without
-    that on a quarter of `dataset`'s maps, which is held out. Each model is timed `rounds` times.
+    that on a quarter of `dataset`'s maps, which is held out.
 
     The nodes in `exclude` stay float, and the head (the last convolution and what does not lead to
     it): it costs next to nothing, and its error would be that of the probabilities. The rest are
@@ -165,189 +164,77 @@ def quantize(
     if not output.parent.is_dir():
         raise OutputError(f"{output}: its folder does not exist")
     fp32 = NetworkModel(model)
-    m = fp32.metadata
-    if m.precision != "fp32":
-        raise ModelError(f"{fp32.path}: wanted an fp32 model, got one of {m.precision}")
+    precision = fp32.metadata.precision
+    if precision != "fp32":
+        raise ModelError(f"{fp32.path}: wanted an fp32 model, got one of {precision}")
     if output.resolve() == fp32.path.resolve():
         raise InvalidQueryError(f"{output}: wanted another file than the fp32 model")
-    calibration: Samples | Floats
-    held_out: Samples | Floats
-    judge: Judge
-    if m.encoding == "unseen":
-        maps = read_known(dataset)
-        known = KnownValidator(
-            read_known(validation) if validation else maps.pick(slice(1, None, 2)), HELD_OUT
-        )
-        calibration = KnownValidator(maps.pick(slice(0, None, 2)), samples).planes
-        held_out = known.planes
-        judge = known.judge_answers
-    else:
-        pool = read_samples(dataset, most_maps=2 * samples, size=m.input_size)
-        pool, other = (
-            (pool, read_samples(validation, size=m.input_size)) if validation else split(pool, seed)
-        )
-        calibration = pool.pick(np.random.default_rng([seed, 1]).permutation(len(pool))[:samples])
-        validator = Validator(other, Spec(m.architecture, m.input_size, m.sigma), m.omega, HELD_OUT)
-        held_out = other.pick(validator.index)
-        judge = partial(validator.judge_probabilities, factors=(m.region_factor,))
-    versions = {"nnpp_edge": __version__, "onnxruntime": ort.__version__, "onnx": onnx.__version__}
-    facts: dict[str, object] = {
+    calibration, held_out, judge = _data(fp32, dataset, validation, samples, seed)
+    facts = {
         "samples": len(calibration),
         "seed": seed,
         "dataset_seed": read_recipe(dataset).seed,
-    }
-    facts |= {
         "method": "minmax",
         "reduce_range": True,
         "excluded": list(exclude),
-        "versions": versions,
+        "versions": {
+            "nnpp_edge": __version__,
+            "onnxruntime": ort.__version__,
+            "onnx": onnx.__version__,
+        },
     }
     with TemporaryDirectory() as folder:
         made, quantised = quantised_graph(fp32, calibration, Path(folder), exclude)
         path = Path(folder) / "int8.onnx"
         path.write_bytes(_with_facts(made, fp32, facts))
-        compared = compare(fp32, NetworkModel(path), held_out, judge, rounds)
-    figures = {
-        name: getattr(compared, name) for name in ("queries", "mean_difference", "max_difference")
+        compared = compare(fp32, NetworkModel(path), held_out, judge)
+    facts["agreement"] = {
+        "queries": compared.queries,
+        "mean_difference": compared.mean_difference,
+        "max_difference": compared.max_difference,
     }
-    content = _with_facts(made, fp32, facts | {"agreement": figures})
+    content = _with_facts(made, fp32, facts)
     write_whole(output, content)
-    source = str(fp32.path)
-    sizes = (fp32.path.stat().st_size, len(content))
-    told = compared, compared.recommendation()
     return QuantizeReport(
-        source, str(output), len(calibration), tuple(exclude), quantised, *sizes, *told
+        source=str(fp32.path),
+        output=str(output),
+        samples=len(calibration),
+        excluded=tuple(exclude),
+        quantised=quantised,
+        fp32_bytes=fp32.path.stat().st_size,
+        int8_bytes=len(content),
+        compared=compared,
+        recommendation=compared.recommendation(),
     )
 
 
-def quantised_graph(
-    fp32: NetworkModel, samples: Samples | Floats, folder: Path, exclude: Sequence[str] = ()
-) -> tuple[onnx.ModelProto, int]:
-    """A model's int8 variant, calibrated on all of `samples`, and the number of convolutions in
-    int8.
-
-    The `folder` is for the files in between. ModelError where `exclude` names a node that is not
-    there.
-    """
-    prepared = folder / "prepared.onnx"
-    target = folder / "quantised.onnx"
-    with quiet():
-        try:
-            quantization.quant_pre_process(fp32.path, prepared)
-        except (
-            Exception
-        ):  # it cannot follow ReduceMax over axes given as an input; plain inference can
-            quantization.quant_pre_process(fp32.path, prepared, skip_symbolic_shape=True)
-        graph = onnx.load(prepared).graph
-        convolutions = [node for node in graph.node if node.op_type == "Conv"]
-        if not convolutions:
-            raise ModelError(f"{fp32.path}: wanted a network with convolutions, got one without")
-        before_head = nodes_leading_to(convolutions[-1].input, graph)
-        chosen = [node.name for node in convolutions if node.name in before_head]
-        if unknown := set(exclude) - {node.name for node in graph.node}:
-            raise ModelError(
-                f"wanted nodes out of {', '.join(chosen)}, got {', '.join(sorted(unknown))}"
-            )
-        quantization.quantize_static(
-            prepared,
-            target,
-            _Reader(fp32, samples),
-            op_types_to_quantize=list(OPERATORS),
-            per_channel=True,
-            reduce_range=True,
-            activation_type=QuantType.QUInt8,
-            weight_type=QuantType.QInt8,
-            nodes_to_exclude=[
-                *(node.name for node in graph.node if node.name not in before_head),
-                *exclude,
-            ],
-        )
-    made = onnx.load(target)
-    made.graph.node.sort(
-        key=lambda node: node.op_type == "If"
-    )  # onnxruntime's sort overlooks what branches read
-    return made, len(set(chosen) - set(exclude))
-
-
-class _Reader(quantization.CalibrationDataReader):  # type: ignore[misc]  # onnxruntime has no types
-    """Inputs of a network for all queries of `samples`, one at a time, as `model` lays them out."""
-
-    def __init__(self, model: NetworkModel, samples: Samples | Floats) -> None:
-        self.model = model
-        self.samples = samples
-        self.queries = iter(range(len(samples)))
-
-    def get_next(self) -> dict[str, NDArray[np.generic]] | None:
-        """The next query's inputs by name; None at the end."""
-        for query in self.queries:
-            shown(self.model, self.samples, query)()  # lays out the inputs
-            return {name: array.copy() for name, array in self.model.inputs.items()}
-        return None
-
-
-def _with_facts(model: onnx.ModelProto, fp32: NetworkModel, facts: Mapping[str, object]) -> bytes:
-    """The file: our metadata with facts on the calibration, no operator sets but those in use, and
-    checked.
-    """
-    training = fp32.metadata.training | {"calibration": dict(facts)}
-    metadata = replace(fp32.metadata, precision="int8", training=training)
-    onnx.helper.set_model_props(model, {METADATA_KEY: metadata.to_json()})
-    used = {node.domain for node in model.graph.node}
-    versions = [
-        o for o in model.opset_import if o.domain in used or (o.domain == "ai.onnx" and "" in used)
-    ]
-    del model.opset_import[:]
-    model.opset_import.extend(versions)
-    onnx.checker.check_model(model, full_check=True)
-    return bytes(model.SerializeToString())
-
-
-def compare(
-    fp32: NetworkModel, int8: NetworkModel, samples: Samples | Floats, judge: Judge, rounds: int
-) -> Comparison:
-    """Compare two models on the queries, or planes, and time each `rounds` times."""
-    p = answers(fp32, samples)
-    q = answers(int8, samples)
-    difference, (one,), (other,) = np.abs(p - q), judge(p), judge(q)
-    figures = float(difference.mean()), float(difference.max())
-    return Comparison(len(samples), *figures, one, other, *latencies(fp32, int8, samples, rounds))
-
-
-def shown(model: NetworkModel, samples: Samples | Floats, query: int) -> Callable[[], Floats]:
-    """Show a network the map of a query, or planes; what runs it. Inputs and answers stay until the
-    next.
-    """
-    if isinstance(samples, np.ndarray):
-        rows, cols = samples.shape[2:]
-        model.inputs["input"][0, :, :rows, :cols] = samples[query]
-        return lambda: model.answers()[:, :rows, :cols]
-    planes, start, goal = samples.query(query)
-    model.set_map(planes)
-    return partial(model.answer, start, goal)
-
-
-def answers(model: NetworkModel, samples: Samples | Floats) -> Floats:
-    """Of all the queries, (Q, B, B) probabilities, or planes, (Q, 3, B, B)."""
-    return np.array([shown(model, samples, query)().copy() for query in range(len(samples))])
-
-
-def latencies(
-    one: NetworkModel, other: NetworkModel, samples: Samples | Floats, rounds: int
-) -> tuple[Latency, Latency]:
-    """Time two models in turns on the same queries, so that whatever else the machine does slows
-    both.
-    """
-    times: tuple[list[float], list[float]] = ([], [])
-    models = (one, other)
-    for at in range(-max(3, rounds // 10), rounds):
-        for which in (0, 1) if at % 2 else (1, 0):
-            run = shown(models[which], samples, at % len(samples))
-            started = time.perf_counter()
-            run()
-            if at >= 0:
-                times[which].append(1e3 * (time.perf_counter() - started))
-    a, b = (Latency(float(np.median(t)), float(np.percentile(t, 99))) for t in times)
-    return a, b
+def _data(
+    fp32: NetworkModel,
+    dataset: Path,
+    validation: Path | None,
+    samples: int,
+    seed: int,
+) -> tuple[Queries, Queries, Judge]:
+    """Queries to calibrate on and to judge on, and their judge."""
+    m = fp32.metadata
+    if m.encoding == "unseen":
+        maps = read_known(dataset)
+        calibration = KnownValidator(maps.pick(slice(0, None, 2)), samples)
+        judged_on = read_known(validation) if validation else maps.pick(slice(1, None, 2))
+        known = KnownValidator(judged_on, HELD_OUT)
+        return calibration.planes, known.planes, known.judge_answers
+    pool = read_samples(dataset, most_maps=2 * samples, size=m.input_size)
+    if validation:
+        others = read_samples(validation, size=m.input_size)
+    else:
+        pool, others = split(pool, seed)
+    order = np.random.default_rng([seed, 1]).permutation(len(pool))
+    validator = Validator(others, Spec(m.architecture, m.input_size, m.sigma), m.omega, HELD_OUT)
+    return (
+        pool.pick(order[:samples]),
+        others.pick(validator.index),
+        partial(validator.judge_answers, factor=m.region_factor),
+    )
 
 
 def split(samples: Samples, seed: int) -> tuple[Samples, Samples]:
@@ -359,3 +246,132 @@ def split(samples: Samples, seed: int) -> tuple[Samples, Samples]:
         raise DataSetError(f"wanted queries on at least two maps, got {len(maps)}")
     held_out = np.isin(samples.map_index, maps[: -(-len(maps) // HELD_OUT_SHARE)])
     return samples.pick(~held_out), samples.pick(held_out)
+
+
+def quantised_graph(
+    fp32: NetworkModel, queries: Queries, folder: Path, exclude: Sequence[str] = ()
+) -> tuple[onnx.ModelProto, int]:
+    """A model's int8 variant, calibrated on all of the queries, and the number of convolutions in
+    int8.
+
+    The `folder` is for the files in between. ModelError where `exclude` names a node that does not
+    exist.
+    """
+    prepared = folder / "prepared.onnx"
+    target = folder / "quantised.onnx"
+    with quiet():
+        try:
+            quantization.quant_pre_process(fp32.path, prepared)
+        # it cannot follow ReduceMax over axes given as an input; plain inference can
+        except Exception:
+            quantization.quant_pre_process(fp32.path, prepared, skip_symbolic_shape=True)
+        nodes = onnx.load(prepared).graph.node
+        convolutions = [node for node in nodes if node.op_type == "Conv"]
+        if not convolutions:
+            raise ModelError(f"{fp32.path}: wanted a network with convolutions, got one without")
+        before_head = nodes_leading_to(convolutions[-1].input, nodes)
+        chosen = [node.name for node in convolutions if node.name in before_head]
+        unknown = set(exclude) - {node.name for node in nodes}
+        if unknown:
+            raise ModelError(
+                f"wanted nodes out of {', '.join(chosen)}, got {', '.join(sorted(unknown))}"
+            )
+        head = [node.name for node in nodes if node.name not in before_head]
+        quantization.quantize_static(
+            prepared,
+            target,
+            _Reader(fp32, queries),
+            op_types_to_quantize=list(OPERATORS),
+            per_channel=True,
+            reduce_range=True,
+            activation_type=QuantType.QUInt8,
+            weight_type=QuantType.QInt8,
+            nodes_to_exclude=[*head, *exclude],
+        )
+    made = onnx.load(target)
+    # onnxruntime's sort overlooks what branches read
+    made.graph.node.sort(key=lambda node: node.op_type == "If")
+    return made, len(set(chosen) - set(exclude))
+
+
+class _Reader(quantization.CalibrationDataReader):  # type: ignore[misc]  # onnxruntime has no types
+    """Inputs of a network for all queries, one at a time, as `model` lays them out."""
+
+    def __init__(self, model: NetworkModel, queries: Queries) -> None:
+        self.model = model
+        self.queries = queries
+        self.numbers = iter(range(len(queries)))
+
+    def get_next(self) -> dict[str, NDArray[np.generic]] | None:
+        """The next query's inputs by name; None at the end."""
+        for number in self.numbers:
+            shown(self.model, self.queries, number)()  # lays out the inputs
+            return {name: array.copy() for name, array in self.model.inputs.items()}
+        return None
+
+
+def _with_facts(model: onnx.ModelProto, fp32: NetworkModel, facts: Mapping[str, object]) -> bytes:
+    """The file: our metadata with facts on the calibration, no operator sets but those in use, and
+    checked.
+    """
+    training = {**fp32.metadata.training, "calibration": dict(facts)}
+    metadata = replace(fp32.metadata, precision="int8", training=training)
+    onnx.helper.set_model_props(model, {METADATA_KEY: metadata.to_json()})
+    used = {node.domain or "ai.onnx" for node in model.graph.node}
+    versions = [each for each in model.opset_import if (each.domain or "ai.onnx") in used]
+    del model.opset_import[:]
+    model.opset_import.extend(versions)
+    onnx.checker.check_model(model, full_check=True)
+    return bytes(model.SerializeToString())
+
+
+def compare(fp32: NetworkModel, int8: NetworkModel, queries: Queries, judge: Judge) -> Comparison:
+    """Compare two models on the queries, and time each `ROUNDS` times."""
+    exact = answers(fp32, queries)
+    rounded = answers(int8, queries)
+    difference = np.abs(exact - rounded)
+    return Comparison(
+        len(queries),
+        float(difference.mean()),
+        float(difference.max()),
+        judge(exact),
+        judge(rounded),
+        *latencies(fp32, int8, queries),
+    )
+
+
+def shown(model: NetworkModel, queries: Queries, number: int) -> Callable[[], Floats]:
+    """Show a network the map of a query, or planes; a function that runs it. Inputs and answers
+    stay until the next call.
+    """
+    if isinstance(queries, np.ndarray):
+        rows, cols = queries.shape[2:]
+        model.inputs["input"][0, :, :rows, :cols] = queries[number]
+        return lambda: model.answers()[:, :rows, :cols]
+    planes, start, goal = queries.query(number)
+    model.set_map(planes)
+    return partial(model.answer, start, goal)
+
+
+def answers(model: NetworkModel, queries: Queries) -> Floats:
+    """(Q, B, B) probabilities of queries, or (Q, 3, B, B) answers for planes."""
+    return np.array([shown(model, queries, number)().copy() for number in range(len(queries))])
+
+
+def latencies(one: NetworkModel, other: NetworkModel, queries: Queries) -> tuple[Latency, Latency]:
+    """Time two models in turns on the same queries, so that whatever else the machine does slows
+    both.
+    """
+    models = (one, other)
+    times_ms = np.empty((2, WARM_UP + ROUNDS))
+    for at in range(WARM_UP + ROUNDS):
+        for which in (0, 1) if at % 2 else (1, 0):
+            run = shown(models[which], queries, at % len(queries))
+            began = time.perf_counter()
+            run()
+            times_ms[which, at] = 1e3 * (time.perf_counter() - began)
+    ours, theirs = (
+        Latency(float(np.median(row)), float(np.percentile(row, 99)))
+        for row in times_ms[:, WARM_UP:]
+    )
+    return ours, theirs

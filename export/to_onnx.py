@@ -10,9 +10,8 @@ import logging
 import math
 import warnings
 from collections import Counter, OrderedDict
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass
-from functools import partial
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
@@ -32,25 +31,26 @@ from nnpp_edge.model.registry import Spec
 from nnpp_edge.runtime.errors import DataSetError, ModelError, OutputError
 from nnpp_edge.runtime.kernels.encoding import ENDS_CHANNELS
 from nnpp_edge.runtime.kernels.place_head import ANSWERS
-from nnpp_edge.runtime.map.step_cost import PAPER_OMEGA
 from nnpp_edge.runtime.network.inference import NetworkModel
 from nnpp_edge.runtime.network.loading import ASK, HEAD, OUTPUT, PLACES
 from nnpp_edge.runtime.network.model_file import (
     CHANNELS,
     METADATA_KEY,
     QUERY_SPACING,
-    UNSEEN,
     ModelMetadata,
 )
 from nnpp_edge.runtime.reading import refused_as
+from nnpp_edge.runtime.terrain.step_cost import PAPER_OMEGA
 from nnpp_edge.runtime.terrain.traversability import Traversability
 from nnpp_edge.terrain.dataset import Query, Samples
 from nnpp_edge.terrain.shards import Recipe
 
 OPSET = 18
-"""The oldest that torch's exporter writes of itself, so that older onnxruntimes read the
+"""The oldest that torch's exporter writes without conversion, so that older onnxruntimes read the
 file too.
 """
+COMPARED = 32
+"""Queries on which torch and onnxruntime are compared."""
 MOST_DIFFERENCE = 1e-4
 """Largest difference of two probabilities that passes; torch and onnxruntime both compute in
 float32.
@@ -69,12 +69,11 @@ class ExportReport:
 
 @dataclass(frozen=True)
 class Parity:
-    """How two sides' probabilities differ over so many queries of `inputs`, ``dataset`` or
-    ``random``.
-    """
+    """Differences between the probabilities of torch and of the ONNX file."""
 
     queries: int
     inputs: str
+    """``dataset`` or ``random``."""
     max_difference: float
     mean_difference: float
     limit: float
@@ -99,6 +98,7 @@ def export_network(
     """
     spec = network.spec
     body = network.body
+    cost_limits = asdict(limits or Traversability())
     facts = ModelMetadata(
         name=name,
         architecture=spec.architecture,
@@ -108,9 +108,7 @@ def export_network(
         channels=CHANNELS[spec.encoding],
         sigma=spec.sigma,
         omega=omega,
-        cost_limits={
-            k: v for k, v in asdict(limits or Traversability()).items() if math.isfinite(v)
-        },
+        cost_limits={name: limit for name, limit in cost_limits.items() if math.isfinite(limit)},
         region_factor=region_factor,
         head=body.head.sizes if isinstance(body, EdgeNet) else (),
         training=dict(training or {}),
@@ -120,68 +118,68 @@ def export_network(
     onnx.helper.set_model_props(model, {METADATA_KEY: facts.to_json()})
     onnx.checker.check_model(model, full_check=True)
     content = model.SerializeToString()
+    # a file that the runtime would refuse is not written
     with TemporaryDirectory() as folder:
-        (trial := Path(folder) / output.name).write_bytes(content)
+        trial = Path(folder) / output.name
+        trial.write_bytes(content)
         try:
             NetworkModel(trial)
-        except ModelError as error:  # what the runtime would refuse is not written
+        except ModelError as error:
             raise ModelError(f"{output}: {str(error).removeprefix(f'{trial}: ')}") from error
     write_whole(output, content)
-    macs = count_macs(
-        body, tuple(each for name, each in example_inputs(spec).items() if name != ASK)
-    )
+    inputs = example_inputs(spec)
+    inputs.pop(ASK, None)
+    macs = count_macs(body, tuple(inputs.values()))
     return ExportReport(str(output), len(content), len(model.graph.node), macs)
 
 
-@torch.no_grad()
-def parity(
-    network: Network, onnx_path: Path, samples: Samples | None = None, n: int = 32
-) -> Parity:
-    """Compare a network in torch with its ONNX file as the runtime runs it, over `n` whole queries.
+def parity(network: Network, onnx_path: Path, samples: Samples | None = None) -> Parity:
+    """Compare a network in torch with its ONNX file as the runtime runs it, over whole queries.
 
     They are some of the `samples`, or random maps and ends without samples. How `NetworkModel` lays
     out the map, encodes the query and reads the output is compared too.
     """
-    network.eval()
+    spec = network.spec
     model = NetworkModel(onnx_path)
-    size = network.spec.input_size
     rng = np.random.default_rng(1)
-    queries: list[Query | None] = [None] * n
+    queries = list[Query]()
     if samples is not None:
-        if samples.planes.shape[-1] != size:
+        side = samples.planes.shape[-1]
+        if side != spec.input_size:
             raise DataSetError(
-                f"wanted maps of {size} × {size} cells, got {samples.planes.shape[-1]}"
+                f"wanted maps of {spec.input_size} × {spec.input_size} cells, got {side}"
             )
-        queries = [
-            samples.query(at)
-            for at in rng.choice(len(samples), min(n, len(samples)), replace=False)
-        ]
+        chosen = rng.choice(len(samples), min(COMPARED, len(samples)), replace=False)
+        queries = [samples.query(at) for at in chosen]
     differences = []
-    for asked in queries:
-        if network.spec.encoding == "unseen":
-            shown = model.inputs["input"]
+    for at in range(len(queries) or COMPARED):
+        if spec.encoding == "unseen":
             query = np.empty(0, np.float32)
-            shown[0] = rng.uniform(-1.0, 1.0, shown.shape[1:])
-            planes = shown[0]
-            answer = model.answers
+            planes = model.inputs["input"][0]
+            planes[:] = rng.uniform(-1.0, 1.0, planes.shape)
+            answer = model.answers()
         else:
-            planes, *ends = asked or (
-                rng.random((2, size, size), np.float32),
-                *rng.uniform(0, size - 1, (2, 2)).tolist(),
-            )
-            query = encode(network.spec, *ends)
-            answer = partial(model.answer, *ends)
+            planes, start, goal = queries[at] if queries else _random_query(spec, rng)
+            query = encode(spec, start, goal)
             model.set_map(planes)
-        wanted = torch.sigmoid(
-            network(torch.from_numpy(planes)[None], torch.from_numpy(query)[None])
-        )[0].numpy()
-        differences.append(np.abs(answer() - wanted))
-    source = "random" if samples is None else "dataset"
+            answer = model.answer(start, goal)
+        wanted = network.answers(planes[None], query[None])[0]
+        differences.append(np.abs(answer - wanted))
     most = float(np.max(differences))
-    mean = float(np.mean(differences))
     return Parity(
-        len(differences), source, most, mean, MOST_DIFFERENCE, passed=most <= MOST_DIFFERENCE
+        queries=len(differences),
+        inputs="random" if samples is None else "dataset",
+        max_difference=most,
+        mean_difference=float(np.mean(differences)),
+        limit=MOST_DIFFERENCE,
+        passed=most <= MOST_DIFFERENCE,
     )
+
+
+def _random_query(spec: Spec, rng: np.random.Generator) -> Query:
+    planes = rng.random((2, spec.input_size, spec.input_size), np.float32)
+    start, goal = rng.uniform(0, spec.input_size - 1, (2, 2)).tolist()
+    return planes, start, goal
 
 
 def to_onnx(network: Network) -> onnx.ModelProto:
@@ -229,10 +227,9 @@ def quiet() -> Iterator[None]:
 def example_inputs(spec: Spec) -> dict[str, Tensor]:
     """Names and shapes of the graph's inputs, in order; the values mean nothing."""
     size = spec.input_size
-    if spec.architecture == "nnpp":
-        return {"input": torch.zeros(1, 3, size, size)}
-    if spec.architecture == "unseen":
-        return {"input": torch.zeros(1, len(UNSEEN), size, size)}
+    if spec.architecture != "edge":
+        channels = len(CHANNELS[spec.encoding])
+        return {"input": torch.zeros(1, channels, size, size)}
     map_side = size // edge.UNSHUFFLE
     query_side = size // QUERY_SPACING
     return {
@@ -244,9 +241,8 @@ def example_inputs(spec: Spec) -> dict[str, Tensor]:
 
 def dataset_facts(recipe: Recipe) -> dict[str, object]:
     """Facts that decided a data set, for a model's metadata; terrain by the files' names alone."""
-    return msgspec.structs.asdict(recipe) | {
-        "terrain": [Path(name).name for name in recipe.terrain]
-    }
+    names = [Path(name).name for name in recipe.terrain]
+    return {**msgspec.structs.asdict(recipe), "terrain": names}
 
 
 class _EncoderAndHead(nn.Module):
@@ -271,11 +267,8 @@ class _EncoderAndHead(nn.Module):
         def not_asked(places: Tensor, query: Tensor) -> Tensor:
             return torch.zeros_like(query[:, :ANSWERS])
 
-        return (
-            torch.cond(ask, asked, not_asked, (places, query)),
-            places,
-            head.parameters_in_order(),
-        )
+        probability = torch.cond(ask, asked, not_asked, (places, query))
+        return probability, places, head.parameters_in_order()
 
 
 def _tidy(graph: onnx.GraphProto) -> None:
@@ -293,23 +286,17 @@ def _tidy(graph: onnx.GraphProto) -> None:
         for attribute in node.attribute:
             if attribute.HasField("g"):
                 _tidy(attribute.g)
-    for part in (
-        *graph.node,
-        *graph.value_info,
-        *graph.input,
-        *graph.output,
-        *graph.initializer,
-        graph,
-    ):
+    values = (*graph.value_info, *graph.input, *graph.output, *graph.initializer)
+    for part in (graph, *graph.node, *values):
         del part.metadata_props[:]
         part.doc_string = ""
 
 
-def nodes_leading_to(names: Iterable[str], graph: onnx.GraphProto) -> set[str]:
+def nodes_leading_to(names: Iterable[str], nodes: Sequence[onnx.NodeProto]) -> set[str]:
     """Names of the nodes that these values are made from."""
     found = set[str]()
     wanted = set(names)
-    for node in reversed(graph.node):
+    for node in reversed(nodes):
         if not wanted.isdisjoint(node.output):
             found.add(node.name)
             wanted.update(node.input)

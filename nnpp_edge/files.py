@@ -2,23 +2,24 @@
 
 import errno
 import os
-import secrets
 import signal
 import stat
 import tempfile
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from pathlib import Path
-from typing import NoReturn
+from typing import IO, NoReturn
 
-from nnpp_edge.runtime.errors import NnppEdgeError, OutputError
-from nnpp_edge.runtime.reading import reason
+from nnpp_edge.runtime.errors import OutputError
+from nnpp_edge.runtime.reading import reason, refused_as
 
 Content = bytes | memoryview
+_made: list[Path] = []
+"""Folders that `make_folder` has made, each after the one that holds it."""
 
 
 def write_whole(path: Path, content: Content) -> None:
-    """Put `content` at `path`; as `write_all` for one file."""
+    """Write one file, as `write_all`."""
     write_all({path: content})
 
 
@@ -29,23 +30,38 @@ def write_all(contents: Mapping[Path, Content]) -> None:
     A reader finds the old file or the whole new one. Links are followed. OutputError where one
     could not be written, or is no plain file.
     """
-    staged: list[tuple[Path, Path]] = []
+    waiting: list[tuple[Path, Path]] = []
     path = Path()
     try:
         for path, content in contents.items():
             _is_there(path)
-            staged.append(_beside(path))
-            with staged[-1][0].open("xb") as file:
+            temporary, target = _beside(path)
+            waiting.append((temporary, target))
+            with temporary.open("xb") as file:
                 file.write(content)
-        for temporary, path in staged:
+        for temporary, path in waiting:
             temporary.replace(path)
     except (OSError, ValueError) as error:
         why = "no such folder" if isinstance(error, FileNotFoundError) else reason(error)
         raise OutputError(f"{path}: could not be written ({why})") from error
     finally:
-        for temporary, _ in staged:
-            with suppress(OSError):  # its folder may be none
+        for temporary, _ in waiting:
+            with suppress(OSError):  # it has been renamed, or its folder is none
                 temporary.unlink()
+
+
+def open_new(path: Path, buffering: int = -1) -> IO[bytes]:
+    """A file to write to that was not there: ``log-2.mcap`` where there is a ``log.mcap``, and so
+    on. OSError where it cannot be made.
+    """
+    new = path
+    number = 1
+    while True:
+        try:
+            return new.open("wb" if new.is_char_device() else "xb", buffering)
+        except FileExistsError:
+            number += 1
+            new = path.with_name(f"{path.stem}-{number}{path.suffix}")
 
 
 @contextmanager
@@ -63,13 +79,10 @@ def staged(path: Path) -> Iterator[Path]:
     temporary, target = _beside(path)
     before = signal.signal(signal.SIGTERM, end)
     try:
-        _is_there(path)
-        yield temporary
-        temporary.replace(target)
-    except (OSError, ValueError) as error:
-        if isinstance(error, NnppEdgeError):
-            raise
-        raise OutputError(f"{path}: could not be written ({reason(error)})") from error
+        with refused_as(OutputError, f"{path}: could not be written"):
+            _is_there(path)
+            yield temporary
+            temporary.replace(target)
     finally:
         signal.signal(signal.SIGTERM, before)
         with suppress(OSError):
@@ -82,27 +95,24 @@ def check_outputs(
     *,
     make_folders: bool = False,
 ) -> None:
-    """OutputError, before any work, for outputs that could not be written or would replace what is
-    read.
+    """Check, before any work, that outputs can be written and replace nothing that is read;
+    OutputError.
 
     Outputs are the option that asks for each, and the file, None where none was asked for; inputs
     are files, and folders of files, that need not be there. With `make_folders` the outputs'
-    folders are made.
-    """
+    folders are made."""
     wanted = [(name, path) for name, path in outputs if path is not None]
     read = [os.path.realpath(path) for path in inputs if "\0" not in str(path)]
     places: dict[str, str] = {}
     for name, path in wanted:
-        try:
+        with refused_as(OutputError, f"{name} {path}: could not be written"):
             is_there = _is_there(path)
-        except (OSError, ValueError) as error:
-            raise OutputError(f"{name} {path}: could not be written ({reason(error)})") from error
         place = os.path.realpath(path)
-        if any(
-            _same(place, each) or (is_there and place.startswith(each + os.sep)) for each in read
-        ):
-            raise OutputError(f"{name} would replace {path}, which is read: give another name")
-        if (other := places.setdefault(place, name)) != name:
+        for each in read:
+            if _same(place, each) or (is_there and place.startswith(each + os.sep)):
+                raise OutputError(f"{name} would replace {path}, which is read: give another name")
+        other = places.setdefault(place, name)
+        if other != name:
             raise OutputError(f"{name} and {other} name the same file, {path}: give another name")
     for folder in {path.parent for _, path in wanted}:
         if make_folders:
@@ -112,20 +122,25 @@ def check_outputs(
 
 
 def make_folder(path: Path) -> None:
-    """Make a folder for results, and its parents; OutputError if it cannot be made or
-    written to.
-    """
-    try:
+    """Make a folder for results, and its parents; OutputError if that or writing there fails."""
+    with refused_as(OutputError, f"{path}: wanted a folder to write to"):
+        new = [each for each in (path, *path.parents) if not each.exists()]
         path.mkdir(parents=True, exist_ok=True)
+        _made.extend(reversed(new))
         tempfile.TemporaryFile(dir=path).close()
-    except (OSError, ValueError) as error:
-        raise OutputError(f"{path}: wanted a folder to write to ({reason(error)})") from error
+
+
+def remove_empty_folders() -> None:
+    """Remove the folders that `make_folder` has made and in which nothing was written."""
+    while _made:
+        with suppress(OSError):  # it holds something, or is gone
+            _made.pop().rmdir()
 
 
 def _beside(path: Path) -> tuple[Path, Path]:
     """A new name beside the file that a path leads to, and that file."""
     target = Path(os.path.realpath(path))
-    return target.with_name(f".{target.name[:40]}.{secrets.token_hex(4)}"), target
+    return target.with_name(f".{target.name[:40]}.{os.urandom(4).hex()}"), target
 
 
 def _is_there(path: Path) -> bool:
@@ -133,13 +148,12 @@ def _is_there(path: Path) -> bool:
     sockets.
     """
     try:
-        found = path.stat()
+        mode = path.stat().st_mode
     except (FileNotFoundError, NotADirectoryError):
         return False
-    if not stat.S_ISREG(found.st_mode):
-        raise OSError(
-            errno.EINVAL, f"it is {'a folder' if stat.S_ISDIR(found.st_mode) else 'no plain file'}"
-        )
+    if not stat.S_ISREG(mode):
+        what = "a folder" if stat.S_ISDIR(mode) else "no plain file"
+        raise OSError(errno.EINVAL, f"it is {what}")
     return True
 
 

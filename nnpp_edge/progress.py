@@ -9,13 +9,19 @@ from contextlib import contextmanager
 import click
 
 MISSING = "–"
+Progress = Callable[[int], None]
+"""Called with how much is done."""
 _LINES = 20
 """Where stderr is no terminal, a line is written for each of so many parts of the work."""
 
 
+def ignore(*_: object) -> None:
+    """Do nothing: for callers who do not watch."""
+
+
 @contextmanager
-def bar(what: str, total: int, *, quiet: bool = False) -> Iterator[Callable[[int], None]]:
-    """A progress bar on stderr; the value is a function to call with how much is done.
+def bar(what: str, total: int, *, quiet: bool = False) -> Iterator[Progress]:
+    """Show a progress bar on stderr; the value is a function to call with how much is done.
 
     A quiet one is drawn only then: no thread of its own takes time from what is measured.
     """
@@ -42,15 +48,15 @@ def bar(what: str, total: int, *, quiet: bool = False) -> Iterator[Callable[[int
         yield lambda done: progress.update(task, completed=done, refresh=quiet)
 
 
-def _lines(what: str, total: int) -> Callable[[int], None]:
-    """Progress for a log: `train: 35 %, 12 min`."""
-    told = 0
+def _lines(what: str, total: int) -> Progress:
+    """Write progress to a log: `train: 35 %, 12 min`."""
+    parts = 0
     started = time.monotonic()
 
     def advance(done: int) -> None:
-        nonlocal told
-        if (part := done * _LINES // total) > told:
-            told = part
+        nonlocal parts
+        if done * _LINES // total > parts:
+            parts = done * _LINES // total
             minutes = (time.monotonic() - started) / 60.0
             click.echo(f"{what}: {100 * done // total} %, {minutes:.1f} min", err=True)
 
@@ -58,26 +64,25 @@ def _lines(what: str, total: int) -> Callable[[int], None]:
 
 
 def shown(value: object, form: str = "") -> str:
-    """A value in the form of a format specification, or with ² behind it; three digits of a float
-    without one.
-
-    A dash stands for None, NaN and inf.
-    """
+    """Write a value in the form of a format specification, or with ² behind it; without one three
+    digits of a float. A dash stands for None, NaN and inf."""
     if value is None or (isinstance(value, float) and not math.isfinite(value)):
         return MISSING
     if isinstance(value, bool):
         return "yes" if value else "no"
     if form == "²":
         return f"{value}²"
-    if isinstance(value, float) and not form:
-        form = ".0f" if abs(value) >= 1000.0 else ".3g"
-    text = format(value, form)
-    return text.replace("%", " %") if form else text
+    if form:
+        return format(value, form).replace("%", " %")
+    if isinstance(value, float):
+        return f"{value:.0f}" if abs(value) >= 1000.0 else f"{value:.3g}"
+    return str(value)
 
 
 def markdown_table(header: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
-    """Rows as a table in Markdown, for documents."""
-    lines = [header, ["---"] * len(header), *rows]
-    return "\n".join(
-        "| " + " | ".join(" ".join(cell.split()) for cell in line) + " |" for line in lines
-    )
+    """Write rows as a table in Markdown, for documents."""
+    lines = []
+    for cells in [header, ["---"] * len(header), *rows]:
+        joined = " | ".join(" ".join(cell.split()) for cell in cells)
+        lines.append(f"| {joined} |")
+    return "\n".join(lines)

@@ -6,23 +6,6 @@ read too. A name is loaded when it is first used, so that a command which needs 
 at once.
 """
 
-import re
-from importlib import import_module
-from pathlib import Path
+import lazy_loader
 
-_LINES = re.findall(
-    r"^from (\S+) import (\w+) as \2$", Path(__file__).with_suffix(".pyi").read_text(), re.MULTILINE
-)
-_MODULE_OF = {name: module for module, name in _LINES}
-
-
-def __getattr__(name: str) -> object:
-    if name == "World":  # for one release
-        name = "Ground"
-    if name not in _MODULE_OF:
-        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
-    return getattr(import_module(_MODULE_OF[name]), name)
-
-
-def __dir__() -> list[str]:
-    return sorted(_MODULE_OF)
+__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

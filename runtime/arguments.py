@@ -8,6 +8,7 @@ cells have their own checks.
 
 import functools
 import inspect
+import sys
 import types
 from collections.abc import Callable, Iterable, Sequence
 from itertools import chain
@@ -53,9 +54,12 @@ def _guarded(entry: Callable[..., object], error: type[NnppEdgeError]) -> Callab
         """Annotations, and types that need no second look; read at the first call, when all they
         name is there.
         """
-        hints = {
-            name: get_type_hints(entry).get(name) for name in inspect.signature(entry).parameters
+        given = {
+            name: hint for name, hint in inspect.get_annotations(entry).items() if name != "return"
         }
+        space = getattr(entry, "__globals__", None) or vars(sys.modules[entry.__module__])
+        named = get_type_hints(types.SimpleNamespace(__annotations__=given), space)
+        hints = {name: named.get(name) for name in inspect.signature(entry).parameters}
         return {
             name: (
                 hint,

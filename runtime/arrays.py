@@ -10,6 +10,10 @@ from numpy.typing import ArrayLike, NDArray
 from nnpp_edge.runtime.errors import InvalidMapError
 
 Float2D = NDArray[np.float32]
+"""(H, W)."""
+Floats = NDArray[np.float64]
+Cells = NDArray[np.int32]
+"""(N, 2) rows and columns."""
 Float = TypeVar("Float", np.float32, np.float64)
 
 

@@ -6,6 +6,8 @@ from nnpp_edge.runtime.errors import InvalidMapError, InvalidQueryError, shown
 
 Cell = tuple[int, int]
 """(row, col)."""
+Shape = tuple[int, int]
+"""Rows and columns of a map."""
 Endpoints = tuple[Cell, Cell]
 """Start and goal."""
 Rectangle = tuple[int, int, int, int]

@@ -46,11 +46,16 @@ def optional_module(name: str, purpose: str, extra: str) -> ModuleType:
     """A module that an extra brings; a MissingExtraError says what needs it, and how to get it."""
     try:
         return import_module(name)
-    except ImportError as error:
-        package = name.partition(".")[0]
-        raise MissingExtraError(
-            f"{purpose} needs {package}: pip install 'nnpp-edge[{extra}]'"
-        ) from error
+    except Exception as error:  # a package that does not fit another raises nearly every kind
+        problem = import_problem(name.partition(".")[0], extra, error)
+        raise MissingExtraError(f"{purpose} needs {problem}") from error
+
+
+def import_problem(package: str, extra: str, error: Exception) -> str:
+    """A package that could not be imported: how to get it, or why it fails although it is there."""
+    if isinstance(error, ModuleNotFoundError) and error.name == package:
+        return f"{package}: pip install 'nnpp-edge[{extra}]'"
+    return f"{package}, which is installed but cannot be imported ({' '.join(str(error).split())})"
 
 
 class OutputError(NnppEdgeError, OSError):

@@ -11,16 +11,14 @@ import numpy as np
 from nnpp_edge.runtime.arrays import Float2D
 from nnpp_edge.runtime.kernels.threshold import lowered
 from nnpp_edge.runtime.map.ground import GroundOptions
-from nnpp_edge.runtime.map.poses import pose_costs
-from nnpp_edge.runtime.map.region import Region
 from nnpp_edge.runtime.network.inference import NetworkModel
 from nnpp_edge.runtime.planners.coarse_to_fine import CoarseLevel
 from nnpp_edge.runtime.planners.dynamic import DynamicPlanner
-from nnpp_edge.runtime.planners.methods import Methods
 from nnpp_edge.runtime.planners.plan import DynamicMethod
 from nnpp_edge.runtime.planners.planner import Planner
-from nnpp_edge.runtime.planners.query import Query, Work
 from nnpp_edge.runtime.region.learned import RegionFinder
+from nnpp_edge.runtime.robots.body.poses import pose_costs
+from nnpp_edge.runtime.search.region import Region
 from nnpp_edge.runtime.search.workspace import Workspace
 from nnpp_edge.runtime.terrain.traversability import (
     SaturationWarning,
@@ -81,9 +79,6 @@ def _exercise_elevations(
         moving.update_elevation(3, 4, dem[:5, :6] + np.float32(0.01))
         moving.update(9, 4, np.full((2, 2), 0.4, np.float32))
         moving.standing()
-    methods = Methods(moving.state, network)
-    for always in (True, False):
-        methods.corridor(Query(start, goal), Work(), methods.mending(always=always))
 
 
 def _exercise_costs(network: NetworkModel) -> None:

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from nnpp_edge.runtime import Traversability, traversability_cost
-from nnpp_edge.runtime.map.slope_cost import (
+from nnpp_edge.runtime.robots.slope.cost import (
     SLOPE_COSTS,
     EnergyCost,
     Mobility,

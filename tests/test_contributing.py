@@ -4,7 +4,6 @@ import dataclasses
 import re
 import tomllib
 from pathlib import Path
-from typing import get_args, get_type_hints
 
 import pytest
 
@@ -88,36 +87,19 @@ def test_names_in_the_guide_are_in_the_code():
     assert len(named) > 20 and {name for name in named if name not in code} <= {"period_ms"}
 
 
-def test_every_place_that_lists_step_costs_has_each_of_them():
+def test_every_choice_by_name_is_there_and_documented():
     from nnpp_edge import runtime
-    from nnpp_edge.cli.options import STEP_COSTS
-    from nnpp_edge.runtime.map.slope_cost import SLOPE_COSTS
-    from nnpp_edge.view.asked import Asked
+    from nnpp_edge.runtime import choices
+    from nnpp_edge.runtime.robots.slope.cost import SLOPE_COSTS
 
-    fields = [field.name for field in dataclasses.fields(runtime.Mobility)]
-    page = (ROOT / "nnpp_edge/view/page/index.html").read_text().partition('id="step_cost"')[2]
-    rows = (
-        (ROOT / "docs/step-costs.md")
-        .read_text()
-        .partition("| `--step-cost` |")[2]
-        .partition("\n\n")[0]
-    )
-    has = {
-        "runtime/map/slope_cost.py, Mobility": set(fields),
-        "nnpp_edge/cli/options.py, STEP_COSTS": set(STEP_COSTS) - {"paper"},
-        "nnpp_edge/view/asked.py": {*get_args(get_type_hints(Asked)["step_cost"])} - {"paper"},
-        "nnpp_edge/view/page/index.html": {
-            *re.findall(r'value="(\w+)"', page.partition("</select>")[0])
-        }
-        - {"paper"},
-        "docs/step-costs.md": set(re.findall(r"^\| `(\w+)` \|", rows, re.MULTILINE)),
-    }
-    for place, names in has.items():
-        assert names == set(SLOPE_COSTS), place
-    assert all(hasattr(runtime, kind.__name__) for kind in SLOPE_COSTS.values()), (
-        "runtime/__init__.pyi"
-    )
+    fields = {field.name for field in dataclasses.fields(runtime.Mobility)}
+    table = (ROOT / "docs/step-costs.md").read_text().partition("| `--step-cost` |")[2]
+    documented = set(re.findall(r"^\| `(\w+)` \|", table.partition("\n\n")[0], re.MULTILINE))
+    assert set(SLOPE_COSTS) == fields == documented == set(choices.STEP_COSTS) - {"paper"}
+    assert all(hasattr(runtime, kind.__name__) for kind in SLOPE_COSTS.values())
     assert all(kind.unit == "s" for kind in SLOPE_COSTS.values() if kind.function)
+    assert set(runtime.Method) == set(choices.METHODS)
+    assert set(runtime.DynamicMethod) == {*choices.METHODS, *choices.REPAIRING_METHODS}
 
 
 def test_the_citation_and_the_changelog_name_this_version():

@@ -21,6 +21,7 @@ from nnpp_edge import __version__
 from nnpp_edge.profiling.contest import (
     Figures,
     Harness,
+    Record,
     Row,
     Summary,
     gap,
@@ -32,8 +33,8 @@ from nnpp_edge.profiling.suites import QUERIES_PER_MAP, Case, TerrainFiles, sour
 from nnpp_edge.runtime import Planner
 from nnpp_edge.runtime.cells import Cell, Endpoints
 from nnpp_edge.runtime.exercises import exercise
-from nnpp_edge.runtime.map.step_cost import GREY_LEVELS, PAPER_OMEGA
 from nnpp_edge.runtime.network.inference import NetworkModel
+from nnpp_edge.runtime.terrain.step_cost import GREY_LEVELS, PAPER_OMEGA
 from nnpp_edge.terrain.workloads import SOFT
 
 REFERENCE = "astar"
@@ -72,26 +73,38 @@ class PeerPlanner:
     """Do the work that depends on the map alone."""
 
 
-def _ours(method: str, network: NetworkModel, how: str = "") -> PeerPlanner:
-    """A method of ours."""
+def peer_planners() -> tuple[list[PeerPlanner], list[str]]:
+    """Our planners, and the other libraries that are installed; the names of those that are not."""
+    network = NetworkModel("edge", threads=1)
+    methods = {"astar": "", "corridor": ", coarse to fine", "nnpp": ", in the network's region"}
+    found = [
+        PeerPlanner(method, "nnpp-edge", _LENGTH + how, partial(_ours, method, network))
+        for method, how in methods.items()
+    ]
+    missing = []
+    for module, planner in _OTHERS.items():
+        try:
+            importlib.import_module(module)
+            found.append(planner)
+        except ImportError:
+            missing.append(planner.package)
+    return found, missing
 
-    def prepared(weights: Weights) -> Search:
-        planner = Planner(
-            weights, step_cost="length", model=network.share() if method == "nnpp" else "edge"
-        )
 
-        def search(start: Cell, goal: Cell) -> CellPath | None:
-            return plan.path if (plan := planner.plan(start, goal, method=method)).ok else None
+def _ours(method: str, network: NetworkModel, weights: Weights) -> Search:
+    planner = Planner(weights, step_cost="length", model=network.share())
 
-        return search
+    def search(start: Cell, goal: Cell) -> CellPath | None:
+        plan = planner.plan(start, goal, method=method)
+        return plan.path if plan.ok else None
 
-    return PeerPlanner(method, "nnpp-edge", _LENGTH + how, prepared)
+    return search
 
 
 def _pyastar2d(weights: Weights) -> Search:
     from pyastar2d import astar_path
 
-    return lambda start, goal: astar_path(weights, start, goal, allow_diagonal=True)
+    return partial(astar_path, weights, allow_diagonal=True)
 
 
 def _scikit_image(weights: Weights) -> Search:
@@ -110,29 +123,29 @@ def _scipy(weights: Weights) -> Search:
     from scipy.sparse import coo_array
     from scipy.sparse.csgraph import dijkstra
 
-    rows, cols = weights.shape
-    nodes = np.arange(rows * cols, dtype=np.int32).reshape(rows, cols)
-    steps = []
-    for i, j in ((0, 1), (1, 0), (1, 1), (1, -1)):
-        here = np.s_[: rows - i, max(-j, 0) : cols - max(j, 0)]
-        there = np.s_[i:, max(j, 0) : cols + min(j, 0)]
-        price = 0.5 * math.hypot(i, j) * (weights[here].astype(np.float64) + weights[there])
-        open_ = np.isfinite(price)
-        steps.append((price[open_], nodes[here][open_], nodes[there][open_]))
-    price, first, second = (np.concatenate(column) for column in zip(*steps, strict=True))
-    one_way = coo_array((price, (first, second)), shape=(rows * cols, rows * cols)).tocsr()
-    graph = one_way + one_way.T
+    padded = np.pad(weights.astype(np.float64), 1, constant_values=np.inf)
+    stride = padded.shape[1]
+    cells = padded.ravel()
+    nodes = np.flatnonzero(np.isfinite(cells))
+    shape = (cells.size, cells.size)
+    graph = coo_array(shape).tocsr()
+    for down, across in ((0, 1), (1, 0), (1, 1), (1, -1)):
+        others = nodes + down * stride + across
+        price = 0.5 * math.hypot(down, across) * (cells[nodes] + cells[others])
+        passable = np.isfinite(price)
+        steps = (nodes[passable], others[passable])
+        graph += coo_array((price[passable], steps), shape=shape).tocsr()
+    graph += graph.T
 
     def search(start: Cell, goal: Cell) -> CellPath | None:
-        source = start[0] * cols + start[1]
-        node = goal[0] * cols + goal[1]
+        source = (start[0] + 1) * stride + start[1] + 1
+        path = [(goal[0] + 1) * stride + goal[1] + 1]
         distance, before = dijkstra(graph, indices=source, return_predecessors=True)
-        if not math.isfinite(distance[node]):
+        if not math.isfinite(distance[path[0]]):
             return None
-        path = [node]
         while path[-1] != source:
-            path.append(int(before[path[-1]]))
-        return np.stack(np.divmod(path[::-1], cols), axis=1)
+            path.append(before[path[-1]])
+        return np.stack(np.divmod(path[::-1], stride), axis=1) - 1
 
     return search
 
@@ -147,26 +160,10 @@ _OTHERS = {
 """By the module that must be importable."""
 
 
-def peer_planners() -> tuple[list[PeerPlanner], list[str]]:
-    """Our planners, and the other libraries that are installed; the names of those that are not."""
-    network = NetworkModel("edge", threads=1)
-    missing = []
-    methods = {"astar": "", "corridor": ", coarse to fine", "nnpp": ", in the network's region"}
-    found = [_ours(method, network, how) for method, how in methods.items()]
-    for module, planner in _OTHERS.items():
-        try:
-            importlib.import_module(module)
-        except ImportError:
-            missing.append(planner.package)
-        else:
-            found.append(planner)
-    return found, missing
-
-
 def path_cost(weights: Weights, path: CellPath) -> float:
-    """Length times mean weight, summed over a path's steps; inf if it is none on this map."""
+    """Length times mean weight, summed over a path's steps; inf where it jumps."""
     steps = np.abs(np.diff(path, axis=0))
-    if len(steps) and steps.max() > 1:
+    if steps.max(initial=0) > 1:
         return math.inf
     along = weights[path[:, 0], path[:, 1]].astype(np.float64)
     return float(np.sum(np.hypot(*steps.T) * 0.5 * (along[1:] + along[:-1])))
@@ -188,40 +185,32 @@ def compare(
     (counted apart) and answers the map's first query.
     """
     harness = Harness()
-    rows = list[tuple[str, Row]]()
-    done = 0
+    rows: dict[str, list[Row]] = {planner.name: [] for planner in planners}
     left_out = dict[str, str]()
+    done = 0
     for case in cases:
-        weights = (1.0 + 2.0 * GREY_LEVELS * PAPER_OMEGA * case.cost).astype(
-            np.float32
-        )  # inf where impassable
+        # inf where impassable
+        weights = (1.0 + 2.0 * GREY_LEVELS * PAPER_OMEGA * case.cost).astype(np.float32)
         searches = dict[str, Callable[[Endpoints], CellPath | None]]()
-        for planner in [each for each in planners if each.name not in left_out]:
+        for planner in planners:
+            name = planner.name
+            if name in left_out:
+                continue
             map_s, search = harness.timed(partial(planner.prepare, weights))
+            rows[name].append({"map_ms": 1e3 * map_s})
             search(*case.queries[0])
             seconds, _ = harness.timed(partial(search, *case.queries[0]))
-            rows.append((planner.name, {"map_ms": 1e3 * map_s}))
-            if seconds > LIMIT_S and planner.name != REFERENCE and not done:
-                left_out[planner.name] = (
+            if seconds > LIMIT_S and name != REFERENCE and not done:
+                left_out[name] = (
                     f"left out: {seconds:.1f} s a query, over the limit of {LIMIT_S:g} s"
                 )
             else:
-                searches[planner.name] = lambda query, search=search: search(*query)  # type: ignore[misc]
+                searches[name] = lambda query, search=search: search(*query)  # type: ignore[misc]
         for records in harness.measure(searches, case.queries):
-            exact = records[REFERENCE].results[0]
-            query = records[REFERENCE].case
-            if exact is None:
+            if records[REFERENCE].results[0] is None:
                 continue
             for name, record in records.items():
-                found = {"time_ms": 1e3 * record.median_s, "failed": True}
-                found["times_astar"] = record.median_s / records[REFERENCE].median_s
-                path = record.results[0]
-                if path is not None and (tuple(path[0]), tuple(path[-1])) == query:
-                    found |= {
-                        "failed": False,
-                        "gap": gap(path_cost(weights, path), path_cost(weights, exact)),
-                    }
-                rows.append((name, found))
+                rows[name].append(_answer(weights, record, records[REFERENCE]))
             done += 1
             progress(done)
             if done == queries:
@@ -229,21 +218,44 @@ def compare(
         if done == queries:
             break
     return {
-        planner.name: _figures(planner, rows, left_out.get(planner.name)) for planner in planners
+        planner.name: _figures(planner, rows[planner.name], left_out.get(planner.name, ""))
+        for planner in planners
     }
 
 
-def _figures(planner: PeerPlanner, rows: Sequence[tuple[str, Row]], note: str | None) -> Figures:
+def _answer(
+    weights: Weights,
+    record: Record[Endpoints, CellPath | None],
+    reference: Record[Endpoints, CellPath | None],
+) -> Row:
+    """Figures of a planner's answer beside that of exact A*."""
+    row: Row = {
+        "time_ms": 1e3 * record.median_s,
+        "failed": True,
+        "times_astar": record.median_s / reference.median_s,
+    }
+    path = record.results[0]
+    exact = reference.results[0]
+    if path is None or exact is None or (tuple(path[0]), tuple(path[-1])) != record.case:
+        return row
+    return {
+        **row,
+        "failed": False,
+        "gap": gap(path_cost(weights, path), path_cost(weights, exact)),
+    }
+
+
+def _figures(planner: PeerPlanner, rows: Sequence[Row], note: str) -> Figures:
     """All that a planner did."""
-    own = [row for name, row in rows if name == planner.name]
-    answered = any("time_ms" in row for row in own)
-    gaps = [abs(row["gap"]) for row in own if "gap" in row]
-    same = bool(gaps) and max(gaps) <= SAME_OPTIMUM and not any(row.get("failed") for row in own)
+    answered = any("time_ms" in row for row in rows)
+    gaps = [abs(row["gap"]) for row in rows if "gap" in row]
+    failed = any(row.get("failed") for row in rows)
+    same = bool(gaps) and max(gaps) <= SAME_OPTIMUM and not failed
     return {
         "planner": planner.name,
         "version": __version__ if planner.package == "nnpp-edge" else version(planner.package),
         "objective": planner.objective,
-        **summarised(own if answered else (), _FIGURES),
+        **summarised(rows if answered else (), _FIGURES),
         "same_optimum": same if answered else None,
         "note": note or ("" if answered else "no query had a path"),
     }
@@ -270,7 +282,6 @@ def run(
         cases = islice(terrain_cases(dems, SOFT, size, seed), 4 * -(-queries // QUERIES_PER_MAP))
         report = partial(lambda before, done: progress(before + done), at * queries)
         figures = compare(planners, cases, queries, progress=report)
-        rows += [
-            {"size": size, "terrain": source_of(dems, size), **row} for row in figures.values()
-        ]
+        source = source_of(dems, size)
+        rows += [{"size": size, "terrain": source, **row} for row in figures.values()]
     return rows, missing

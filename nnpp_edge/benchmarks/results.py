@@ -1,36 +1,36 @@
-"""The tables of README and docs/results.md: measured in one run, kept as docs/results.json, written
-into the pages.
+"""The tables of README and docs/results.md: measured in one run, stored as docs/results.json, and
+written into the pages.
 
 python -m nnpp_edge.benchmarks.results LUNAR_TERRAIN.tif
 """
 
 import json
 import re
+import string
 import subprocess
 import sys
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import click
 
-from nnpp_edge.benchmarks.arcs import measured
 from nnpp_edge.files import write_all
 from nnpp_edge.profiling.machine import environment
 from nnpp_edge.progress import markdown_table
 
 Results = dict[str, Any]
 """Rows by suite, and where they were measured; or one row of figures."""
-Rows = list[Results]
 PAGES = "README.md", "docs/results.md"
 STORED = Path("docs/results.json")
 READY = "ready"
 FRESH = "fresh"
 BODY = "body"
+ARCS = "arcs"
 SUITES = {
     READY: [
-        f"--rescale 20 --workload soft,limit20,limit15 --sizes {sizes} --queries {n} --repeats 2"
-        " --methods astar,corridor,nnpp"
+        f"--rescale 20 --workload soft,limit20,limit15 --sizes {sizes} --queries {n} --repeats 2 "
+        "--methods astar,corridor,nnpp"
         for sizes, n in (("256,512", 200), ("1024", 100), ("2048", 40))
     ],
     FRESH: [
@@ -38,182 +38,158 @@ SUITES = {
         "--fresh-map"
     ],
     BODY: [
-        "--rescale 0.25 --vehicle small-rover --set length_m=1.5 --set width_m=1.2 --set "
-        "clearance_m=0.3"
-        " --workload body,body-rocks10 --sizes 256,512 --queries 60 --methods astar,corridor"
+        "--rescale 0.25 --vehicle small-rover --set length_m=1.5 --set width_m=1.2 "
+        "--set clearance_m=0.3 --workload body,body-rocks10 --sizes 256,512 --queries 60 "
+        "--methods astar,corridor"
+    ],
+    ARCS: [
+        "--size 256 --radius 2 --queries 100",
+        "--size 256 --radius 2 --queries 100 --forwards",
+        "--size 256 --radius 4 --queries 100",
+        "--size 256 --radius 2 --queries 100 --fixed",
+        "--size 512 --radius 2 --queries 100",
+        "--size 512 --radius 4 --queries 100",
+        "--size 1024 --radius 2 --queries 40",
     ],
 }
-"""Options of `nnpp-edge evaluate`, beside the terrain."""
-ARCS: Rows = [
-    {"size": 256, "radius_m": 2.0, "count": 100},
-    {"size": 256, "radius_m": 2.0, "count": 100, "forwards": True},
-    {"size": 256, "radius_m": 4.0, "count": 100},
-    {"size": 256, "radius_m": 2.0, "count": 100, "fixed": True},
-    {"size": 512, "radius_m": 2.0, "count": 100},
-    {"size": 512, "radius_m": 4.0, "count": 100},
-    {"size": 1024, "radius_m": 2.0, "count": 40},
-]
+"""Options of `nnpp-edge evaluate`, and for arcs of `python -m nnpp_edge.benchmarks.arcs`, beside
+the terrain.
+"""
 _MARK = re.compile(r"(<!-- results: (\w+) -->\n).*?(\n<!-- end -->)", re.DOTALL)
 
 
-def _evaluated(terrain: Path, arguments: str) -> Rows:
-    """Rows of `nnpp-edge evaluate`, in a process of its own."""
-    program = str(Path(sys.executable).with_name("nnpp-edge"))
-    command = [program, "evaluate", "--terrain", str(terrain), "--json", *arguments.split()]
-    click.echo("  " + " ".join(command[1:]), err=True)
-    found: Rows = json.loads(subprocess.run(command, check=True, stdout=subprocess.PIPE).stdout)
-    return found
+class Lines(NamedTuple):
+    """Lines of a table: one for each group of a suite's rows."""
+
+    suite: str
+    cells: str
+    """Joined by " | "; {METHOD[FIGURE]:FORM} is a figure of that method's row, in milliseconds
+    (ms), in per cent (pc), or in a form of Python's. METHOD-faster is the lazy or the eager row.
+    """
+    wanted: Callable[[Results], bool] = bool
+    """Whether a group has a line."""
 
 
-def _ms(row: Results, name: str) -> str:
-    return f"{row[name]:.3g}" if row[name] < 1e3 else f"{row[name]:,.0f}"
-
-
-def _percent(row: Results, *names: str) -> str:
-    """In words, one share, or two of which the second stands in brackets."""
-    first, *others = (f"{100.0 * row[name]:.2f}" for name in names)
-    return f"{first} %" + "".join(f" ({other})" for other in others)
-
-
-def _by_method(rows: Rows) -> Iterator[dict[str, Results]]:
-    """The rows of each workload and size, by method."""
-    for key in dict.fromkeys((row["workload"], row["size"]) for row in rows):
-        yield {row["method"]: row for row in rows if (row["workload"], row["size"]) == key}
-
-
-def _ready(found: Results) -> Iterator[Sequence[str]]:
-    for each in _by_method(found[READY]):
-        row = each["corridor"]
-        exact = each["astar"]
-        cells = [row["workload"], f"{row['size']}²", str(row["n"]), _ms(exact, "time_ms_median")]
-        for name in "corridor", "nnpp":
-            row = each[name]
-            faster = f"{row['speedup_median']:.1f}, {row['speedup_total']:.1f}"
-            cells += [_ms(row, "time_ms_median"), faster, _percent(row, "gap_mean", "gap_p95")]
-        yield [*cells, f"{100.0 * each['nnpp']['success_raw']:.1f} %"]
-
-
-def _fresh(found: Results) -> Iterator[Sequence[str]]:
-    for each in _by_method(found[FRESH]):
-        cells = [f"{each['astar']['size']}²", str(each["astar"]["n"])]
-        for name in "astar", "corridor", "nnpp", "corridor-narrow":
-            lazy = each[name]
-            eager = each[name + "-eager"]
-            cells.append(f"{_ms(lazy, 'fresh_ms_median')} / {_ms(eager, 'fresh_ms_median')}")
-            if name != "astar":
-                cells.append(_percent(lazy, "fresh_gap_mean"))
-        yield cells
-
-
-def _body(found: Results) -> Iterator[Sequence[str]]:
-    for each in _by_method(found[BODY]):
-        exact = each["astar"]
-        row = each["corridor"]
-        times = [
-            f"{_ms(one, 'time_ms_median')} ({_ms(one, 'time_ms_p95')})" for one in (exact, row)
-        ]
-        checks = f"{exact['checks_mean']:,.0f} / {row['checks_mean']:,.0f}"
-        name = f"{row['workload']} {row['size']}²"
-        yield (
-            name,
-            str(row["n"]),
-            *times,
-            _percent(row, "gap_mean", "gap_p95"),
-            checks,
-            str(row["unsolvable"]),
-        )
-
-
-def _arcs(found: Results) -> Iterator[Sequence[str]]:
-    for row in found["arcs"]:
-        kind = ", forwards alone" * row["forwards"] + ", heading at the goal" * row["fixed"]
-        first = (
-            f"{_ms(row, 'first_ms_median')} ({_ms(row, 'first_ms_p95')}, "
-            f"{_ms(row, 'first_ms_p99')})"
-        )
-        cells = [
-            f"{row['size']}², R = {row['radius_m']:g} m{kind}",
-            f"{row['solved']} of {row['n']}",
-        ]
-        cells += [_ms(row, "exact_ms_median"), first, _percent(row, "gap_mean", "gap_p95")]
-        if not row["ticks"]:
-            yield [*cells, "", ""]
-            continue
-        ticks = (
-            f"{_ms(row, 'tick_ms_median')} ({_ms(row, 'tick_ms_p99')}, {_ms(row, 'tick_ms_max')})"
-        )
-        yield [*cells, _percent(row, "driven_mean", "driven_p95"), ticks]
-
-
-def _readme(found: Results) -> Iterator[Sequence[str]]:
-    def planners(name: str, each: dict[str, Results], kind: str, last: str) -> Sequence[str]:
-        def best(method: str) -> Results:
-            both = [each[key] for key in (method, method + "-eager") if key in each]
-            return min(both, key=lambda row: float(row[kind + "ms_median"]))
-
-        def told(method: str) -> str:
-            return f"{_ms(best(method), kind + 'ms_median')}, {_percent(each[method], 'gap_mean')}"
-
-        exact = best("astar")
-        return (
-            name,
-            str(exact["n"]),
-            _ms(exact, kind + "ms_median"),
-            told("corridor"),
-            last or told("nnpp"),
-        )
-
-    for each in _by_method(found[READY]):
-        if each["astar"]["workload"] == "soft" and each["astar"]["size"] in (256, 1024, 2048):
-            yield planners(f"ready cost map, {each['astar']['size']}²", each, "time_", "")
-    for each in _by_method(found[FRESH]):
-        if each["astar"]["size"] in (1024, 2048):
-            narrow = [row for name, row in each.items() if name.startswith("corridor-narrow")]
-            least_ms = min(row["fresh_ms_median"] for row in narrow)
-            gap = _percent(each["corridor-narrow"], "gap_mean")
-            row = planners(f"elevations just arrived, {each['astar']['size']}²", each, "fresh_", "")
-            yield *row[:4], f"{row[4]}; the corridor with bands as narrow {least_ms:.3g}, {gap}"
-    for each in _by_method(found[BODY]):
-        if each["astar"]["workload"] == "body-rocks10":
-            name = f"a body of 1.5 × 1.2 m among rocks, {each['astar']['size']}²"
-            yield planners(name, each, "time_", "no network is used")
-    for row in found["arcs"]:
-        if row["size"] == 512 and row["radius_m"] == 2.0:
-            times = (
-                _ms(row, "exact_ms_median"),
-                f"{_ms(row, 'first_ms_median')}, {_percent(row, 'gap_mean')}",
-            )
-            yield (
-                "the same, arcs of 2 m and more, 512²",
-                str(row["n"]),
-                *times,
+TABLES: dict[str, tuple[str, tuple[Lines, ...]]] = {
+    "readme": (
+        " | n | exact A\\* | corridor, no learning | network's region (`nnpp`)",
+        (
+            Lines(
+                READY,
+                "ready cost map, {astar[size]}² | {astar[n]} | {astar[time_ms_median]:ms} | "
+                "{corridor[time_ms_median]:ms}, {corridor[gap_mean]:pc} % | "
+                "{nnpp[time_ms_median]:ms}, {nnpp[gap_mean]:pc} %",
+                lambda each: each["astar"]["workload"] == "soft" and each["astar"]["size"] != 512,
+            ),
+            Lines(
+                FRESH,
+                "elevations just arrived, {astar[size]}² | {astar[n]} | "
+                "{astar-faster[fresh_ms_median]:ms} | "
+                "{corridor-faster[fresh_ms_median]:ms}, {corridor[gap_mean]:pc} % | "
+                "{nnpp-faster[fresh_ms_median]:ms}, {nnpp[gap_mean]:pc} %; the corridor with "
+                "equally narrow bands {corridor-narrow-faster[fresh_ms_median]:ms}, "
+                "{corridor-narrow[gap_mean]:pc} %",
+                lambda each: each["astar"]["size"] >= 1024,
+            ),
+            Lines(
+                BODY,
+                "a body of 1.5 × 1.2 m among rocks, {astar[size]}² | {astar[n]} | "
+                "{astar[time_ms_median]:ms} | {corridor[time_ms_median]:ms}, "
+                "{corridor[gap_mean]:pc} % | no network is used",
+                lambda each: each["astar"]["workload"] == "body-rocks10",
+            ),
+            Lines(
+                ARCS,
+                "the same, arcs of 2 m and more, {arcs[size]}² | {arcs[n]} | "
+                "{arcs[exact_ms_median]:ms} | {arcs[first_ms_median]:ms}, {arcs[gap_mean]:pc} % | "
                 "no network is used",
-            )
-
-
-_LAZY = "lazy / eager"
-TABLES: dict[str, tuple[str, Callable[[Results], Iterator[Sequence[str]]]]] = {
-    "readme": (" | n | exact A\\* | corridor, no learning | network's region (`nnpp`)", _readme),
+                lambda each: each["arcs"]["size"] == 512 and each["arcs"]["radius_m"] == 2.0,
+            ),
+        ),
+    ),
     READY: (
         "workload | size | n | exact A\\*, ms | corridor: ms | times as fast | gap | "
         "`nnpp`: ms | times as fast | gap | first region",
-        _ready,
+        (
+            Lines(
+                READY,
+                "{astar[workload]} | {astar[size]}² | {astar[n]} | {astar[time_ms_median]:ms} | "
+                "{corridor[time_ms_median]:ms} | "
+                "{corridor[speedup_median]:.1f}, {corridor[speedup_total]:.1f} | "
+                "{corridor[gap_mean]:pc} % ({corridor[gap_p95]:pc}) | "
+                "{nnpp[time_ms_median]:ms} | "
+                "{nnpp[speedup_median]:.1f}, {nnpp[speedup_total]:.1f} | "
+                "{nnpp[gap_mean]:pc} % ({nnpp[gap_p95]:pc}) | {nnpp[success_raw]:.1%}",
+            ),
+        ),
     ),
     FRESH: (
-        f" | n | exact A\\*: {_LAZY} | corridor: {_LAZY} | gap | `nnpp`: {_LAZY} | gap | "
-        f"control `corridor-narrow`: {_LAZY} | gap",
-        _fresh,
+        " | n | exact A\\*: lazy / eager | corridor: lazy / eager | gap | "
+        "`nnpp`: lazy / eager | gap | control `corridor-narrow`: lazy / eager | gap",
+        (
+            Lines(
+                FRESH,
+                "{astar[size]}² | {astar[n]} | "
+                "{astar[fresh_ms_median]:ms} / {astar-eager[fresh_ms_median]:ms} | "
+                "{corridor[fresh_ms_median]:ms} / {corridor-eager[fresh_ms_median]:ms} | "
+                "{corridor[fresh_gap_mean]:pc} % | "
+                "{nnpp[fresh_ms_median]:ms} / {nnpp-eager[fresh_ms_median]:ms} | "
+                "{nnpp[fresh_gap_mean]:pc} % | {corridor-narrow[fresh_ms_median]:ms} / "
+                "{corridor-narrow-eager[fresh_ms_median]:ms} | "
+                "{corridor-narrow[fresh_gap_mean]:pc} %",
+            ),
+        ),
     ),
     BODY: (
         " | n | exact A\\*, ms | corridor, ms | gap | poses checked | drawn without a path",
-        _body,
+        (
+            Lines(
+                BODY,
+                "{astar[workload]} {astar[size]}² | {corridor[n]} | "
+                "{astar[time_ms_median]:ms} ({astar[time_ms_p95]:ms}) | "
+                "{corridor[time_ms_median]:ms} ({corridor[time_ms_p95]:ms}) | "
+                "{corridor[gap_mean]:pc} % ({corridor[gap_p95]:pc}) | "
+                "{astar[checks_mean]:,.0f} / {corridor[checks_mean]:,.0f} | {corridor[unsolvable]}",
+            ),
+        ),
     ),
-    "arcs": (
+    ARCS: (
         " | solved | exact, ms | first plan, ms (p95, p99) | gap | driven | tick, ms (p99, max)",
-        _arcs,
+        (
+            Lines(
+                ARCS,
+                "{arcs[size]}², R = {arcs[radius_m]:g} m{arcs[kind]} | {arcs[solved]} of {arcs[n]} "
+                "| {arcs[exact_ms_median]:ms} | {arcs[first_ms_median]:ms} "
+                "({arcs[first_ms_p95]:ms}, {arcs[first_ms_p99]:ms}) | "
+                "{arcs[gap_mean]:pc} % ({arcs[gap_p95]:pc}) | {arcs[drives]}",
+            ),
+        ),
     ),
 }
 """By the names that stand in the pages: heads of columns, joined, and lines."""
+_DRIVES = (
+    "{driven_mean:pc} % ({driven_p95:pc}) | "
+    "{tick_ms_median:ms} ({tick_ms_p99:ms}, {tick_ms_max:ms})"
+)
+
+
+def filled(page: str, found: Results) -> str:
+    """A page with the tables of these results, each between its marks."""
+
+    def table(mark: re.Match[str]) -> str:
+        begin, name, end = mark.groups()
+        if name == "stamp":
+            return begin + _stamp(found) + end
+        heads, parts = TABLES[name]
+        lines = [
+            _FORMATTER.vformat(part.cells, (), each).split(" | ")
+            for part in parts
+            for each in _groups(found, part.suite)
+            if part.wanted(each)
+        ]
+        return begin + markdown_table(heads.split(" | "), lines) + end
+
+    return _MARK.sub(table, page)
 
 
 def _stamp(found: Results) -> str:
@@ -221,21 +197,41 @@ def _stamp(found: Results) -> str:
     flags = "AVX-512 and VNNI" if "avx512_vnni" in machine["flags"] else ", ".join(machine["flags"])
     return (
         f"One run of `make results`, commit {found['commit']}, {found['cores']} cores of "
-        f"{machine['cpu']} ({flags}),"
-        f" Python {machine['python']}."
+        f"{machine['cpu']} ({flags}), Python {machine['python']}."
     )
 
 
-def filled(page: str, found: Results) -> str:
-    """A page with the tables of these results, each between its marks."""
+class _Formatter(string.Formatter):
+    """Python's formatting, and the forms ``ms`` and ``pc``."""
 
-    def table(mark: re.Match[str]) -> str:
-        if mark[2] == "stamp":
-            return mark[1] + _stamp(found) + mark[3]
-        heads, lines = TABLES[mark[2]]
-        return mark[1] + markdown_table(heads.split(" | "), list(lines(found))) + mark[3]
+    def format_field(self, value: Any, form: str) -> str:
+        if form == "ms":
+            form = ".3g" if value < 1e3 else ",.0f"
+        elif form == "pc":
+            form = ".2f"
+            value = 100.0 * value
+        return f"{value:{form}}".replace("%", " %")
 
-    return _MARK.sub(table, page)
+
+_FORMATTER = _Formatter()
+
+
+def _groups(found: Results, suite: str) -> Iterable[Results]:
+    """The rows of each workload and size by method; each row of arcs by itself."""
+    groups: dict[object, Results] = {}
+    for row in found[suite]:
+        if suite == ARCS:
+            kind = ", forwards alone" * row["forwards"] + ", heading at the goal" * row["fixed"]
+            drives = _FORMATTER.vformat(_DRIVES, (), row) if row["ticks"] else " | "
+            groups[len(groups)] = {"arcs": {**row, "kind": kind, "drives": drives}}
+            continue
+        group = groups.setdefault((row["workload"], row["size"]), {})
+        method = row["method"]
+        group[method] = row
+        lazy = group.get(method.removesuffix("-eager"), row)
+        if row.get("fresh_ms_median", 0.0) <= lazy.get("fresh_ms_median", 0.0):
+            group[method.removesuffix("-eager") + "-faster"] = row
+    return groups.values()
 
 
 @click.command()
@@ -251,13 +247,23 @@ def main(terrain: Path) -> None:
         "cores": 2,
         "machine": environment((0, 1)),
     }
-    for name, runs in SUITES.items():
-        found[name] = [row for arguments in runs for row in _evaluated(terrain, arguments)]
-    for how in ARCS:
-        click.echo(f"  arcs {how}", err=True)
-        found.setdefault("arcs", []).append(measured((terrain,), **how))
-    pages = {Path(page): filled(Path(page).read_text(), found).encode() for page in PAGES}
-    write_all({STORED: (json.dumps(found, indent=1) + "\n").encode(), **pages})
+    for suite, runs in SUITES.items():
+        found[suite] = []
+        for options in runs:
+            click.echo(f"  {suite} {options}", err=True)
+            found[suite] += _measured(suite, terrain, options)
+    contents = {Path(page): filled(Path(page).read_text(), found).encode() for page in PAGES}
+    contents[STORED] = (json.dumps(found, indent=1) + "\n").encode()
+    write_all(contents)
+
+
+def _measured(suite: str, terrain: Path, options: str) -> list[Results]:
+    """Rows of a suite, measured in a process of its own."""
+    evaluate = [str(Path(sys.executable).with_name("nnpp-edge")), "evaluate", "--json", "--terrain"]
+    arcs = [sys.executable, "-m", "nnpp_edge.benchmarks.arcs"]
+    command = [*(arcs if suite == ARCS else evaluate), str(terrain), *options.split()]
+    found = json.loads(subprocess.check_output(command))
+    return [found] if suite == ARCS else found
 
 
 if __name__ == "__main__":

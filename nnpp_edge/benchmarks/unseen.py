@@ -1,24 +1,17 @@
-"""Drives over unseen ground by rival prices: ``python -m nnpp_edge.benchmarks.unseen MAP``.
+"""Drives over unseen ground by rival prices: ``python -m nnpp_edge.benchmarks.unseen MAP``."""
 
-A robot knows the means of blocks and sees `sight` cells to each side. It plans by exact A* after
-every drive half as far, over what it has seen, and by prices elsewhere. All rivals drive the same
-drives; judged is the cost driven above that of the path that is best for who knows all. Trees need
-scikit-learn.
-"""
-
-import argparse
-import json
 import math
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property, partial
 from pathlib import Path
 
+import click
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from nnpp_edge.profiling.suites import whole_cost
+from nnpp_edge.profiling.suites import heights_of, whole_cost
 from nnpp_edge.reproduction.regions import shuffled
 from nnpp_edge.runtime import Ground, NetworkModel, Planner, Vehicle
 from nnpp_edge.runtime.arrays import Float2D
@@ -26,6 +19,7 @@ from nnpp_edge.runtime.cells import Endpoints
 from nnpp_edge.runtime.network.model_file import UNSEEN, model_path
 from nnpp_edge.runtime.network.priors import PRIORS, prices_by
 from nnpp_edge.runtime.network.unseen import encode_unseen, prices_of
+from nnpp_edge.runtime.planners.query import PlanOptions
 from nnpp_edge.runtime.terrain.traversability import Traversability
 from nnpp_edge.terrain.dataset import read_known
 from nnpp_edge.terrain.dem import Dem, read_dem
@@ -36,89 +30,95 @@ from nnpp_edge.terrain.vehicle_files import load_vehicle
 from nnpp_edge.terrain.workloads import workload
 from nnpp_edge.training.unseen import sample
 
+SIDE = 256
+"""Cells of a map's side, where the ground is large enough."""
 LEAST_APART = 0.6
 """Of the map's side, between start and goal."""
 MOST_ROCKS = 0.12
 LEAST_ROCKS = 1 / 12
 PATCH_M = 12.0
-"""Most of the ground under rocks, the least as a share of that, and the smoothing of the noise
-between, metres.
+"""Greatest share of the ground under rocks, the least as a share of that, and the smoothing of the
+noise between, metres.
 """
 MOST_BLOCKED = 0.6
 """Windows with a greater share of impassable cells are left out."""
+REFERENCE = "slope"
+"""The price that the others are compared with."""
 
 
 @dataclass(frozen=True, eq=False)
 class Site:
-    """A square map, of which a robot knows the means of blocks."""
+    """A square ground of elevations, of which a robot knows the means of blocks."""
 
-    elevation: Float2D
-    cell_size_m: float
-    limits: Traversability
+    ground: Ground
     factor: int
-    vehicle: Vehicle | None = None
+
+    @cached_property
+    def elevation(self) -> Float2D:
+        return heights_of(self.ground)
 
     @cached_property
     def whole(self) -> Planner:
-        """Of who knows all."""
-        return Planner.of_elevation(
-            self.elevation, self.cell_size_m, self.limits, vehicle=self.vehicle, warn=False
-        )
+        """A planner that knows the whole map."""
+        return Planner(self.ground)
 
     @cached_property
     def costs(self) -> Float2D:
         """(H, W) of each cell, for a body of its best pose there."""
-        return whole_cost(
-            Ground.of_elevation(self.elevation, self.cell_size_m, self.limits, vehicle=self.vehicle)
-        )
+        return whole_cost(self.ground)
 
     @cached_property
     def coarse(self) -> Float2D:
-        """The part that is known beforehand."""
+        """The means of the blocks."""
         side = len(self.elevation) // self.factor
-        k = self.factor
-        means: Float2D = (
-            self.elevation.reshape(side, k, side, k)
-            .mean((1, 3), dtype=np.float64)
-            .astype(np.float32)
-        )
+        blocks = self.elevation.reshape(side, self.factor, side, self.factor)
+        means: Float2D = blocks.mean((1, 3), dtype=np.float64).astype(np.float32)
         return means
+
+    @property
+    def known(self) -> tuple[Float2D, float, int, Traversability]:
+        """Means of the blocks, a block's side in metres, and in cells, and limits."""
+        block_m = self.ground.sides_m[0] * self.factor
+        return self.coarse, block_m, self.factor, self.ground.limits
 
     def prices(self, prior: str, model: str | NetworkModel = "unseen") -> Float2D:
         """By one of `PRIORS`."""
-        return prices_by(
-            prior, self.coarse, self.limits, self.cell_size_m * self.factor, self.factor, model
-        )
+        means, block_m, factor, limits = self.known
+        return prices_by(prior, means, limits, block_m, factor, model)
 
     def truth(self) -> Float2D:
         """The prices by what the blocks' cells turn out to be."""
-        of_map = known_map(self.elevation, self.costs, self.cell_size_m, self.limits, self.factor)
-        return prices_of(KnownMaps(*(np.array([each]) for each in of_map)).wanted(0))
+        cell_m, _ = self.ground.sides_m
+        limits = self.ground.limits
+        of_map = known_map(self.elevation, self.costs, cell_m, limits, self.factor)
+        maps = KnownMaps(*(np.array([each]) for each in of_map))
+        return prices_of(maps.wanted(0))
 
     def driven(self, ends: Endpoints, prices: Float2D, sight: int) -> float:
-        """Cost of a drive from start to goal by these prices."""
-        place = self.coarse, self.cell_size_m * self.factor, self.factor, self.limits
-        planner = Planner.of_coarse(*place, prior="mean", vehicle=self.vehicle, warn=False)
+        """Cost of a drive from start to goal by these prices; inf where a body gets stuck."""
+        body = self.ground.vehicle
+        planner = Planner(Ground.of_coarse(*self.known, prior="mean", vehicle=body))
         assert planner.state.unseen is not None
         planner.state.unseen.layers[0] = prices
-        way = [ends[0]]
         far = sight + planner.state.reach_cells
-        heading = None
-        while way[-1] != ends[1]:
-            row, col = (max(place - far, 0) for place in way[-1])
-            planner.update_elevation(
-                row, col, self.elevation[row : way[-1][0] + far + 1, col : way[-1][1] + far + 1]
-            )
-            if self.vehicle is None:
-                plan = planner.plan(way[-1], ends[1], method="astar")
-            else:
-                plan = planner.plan(way[-1], ends[1], method="corridor", start_heading_deg=heading)
+        here, goal = ends
+        way = [here]
+        options: PlanOptions = {"method": "corridor" if body else "astar"}
+        while here != goal:
+            # see the ground around
+            top, left = (max(place - far, 0) for place in here)
+            seen = self.elevation[top : here[0] + far + 1, left : here[1] + far + 1]
+            planner.update_elevation(top, left, seen)
+            plan = planner.plan(here, goal, **options)
             if not plan.ok:
-                assert self.vehicle is not None, "what was seen shuts the way, though there is one"
+                assert body, "what was seen shuts the way, though there is one"
                 return math.inf  # the body can neither go on nor turn
-            driven = min(max(sight // 2, 1), len(plan.path) - 1)
-            way += [(row, col) for row, col in plan.path[1 : driven + 1].tolist()]
-            heading = float(plan.headings_deg[driven - 1])
+            # drive half as far as was seen
+            steps = min(max(sight // 2, 1), len(plan.path) - 1)
+            way += [(row, col) for row, col in plan.path[1 : steps + 1].tolist()]
+            here = way[-1]
+            if body:
+                options["start_heading_deg"] = float(plan.headings_deg[steps - 1])
         return self.whole.state.grid.costs_of(np.array(way, np.int32))[0]
 
 
@@ -130,27 +130,30 @@ def drives(
     limits: Traversability,
     factor: int,
     count: int,
-    *,
-    side: int = 256,
-    seed: int = 1,
-    vehicle: Vehicle | None = None,
+    seed: int,
+    vehicle: Vehicle | None,
 ) -> Iterator[tuple[Site, Endpoints, float]]:
-    """Drives on random windows of a map, at most two on each, and what the best path costs.
+    """Drives on random windows of a map, at most two on each, and the costs of the best paths.
 
     A vehicle drives among rocks on 1 to 12 % of the ground, more and fewer by the dozen of metres.
     """
     rng = np.random.default_rng(seed)
-    side = min(side, *dem.shape) // factor * factor
+    side = min(SIDE, *dem.shape) // factor * factor
     while count > 0:
         row, col = (int(rng.integers(0, cells - side + 1)) for cells in dem.shape)
         elevation = np.ascontiguousarray(dem.elevation[row : row + side, col : col + side])
         if vehicle is not None:
             elevation = elevation + patchy_rocks(elevation.shape, dem.cell_size_m, rng)
-        site = Site(elevation, dem.cell_size_m, limits, factor, vehicle)
-        for _ in range(min(count, 2) if np.isinf(site.costs).mean() <= MOST_BLOCKED else 0):
-            if (ends := random_query(rng, site.costs, LEAST_APART * side)) is None:
+        ground = Ground.of_elevation(elevation, dem.cell_size_m, limits, vehicle=vehicle)
+        site = Site(ground, factor)
+        if np.isinf(site.costs).mean() > MOST_BLOCKED:
+            continue
+        for _ in range(min(count, 2)):
+            ends = random_query(rng, site.costs, LEAST_APART * side)
+            if ends is None:
                 continue
-            if (plan := site.whole.plan(*ends, method="astar")).ok:
+            plan = site.whole.plan(*ends, method="astar")
+            if plan.ok:
                 yield site, ends, plan.cost
                 count -= 1
 
@@ -160,12 +163,11 @@ def patchy_rocks(shape: tuple[int, int], side_m: float, rng: np.random.Generator
     places fewer.
     """
     noise = cv2.GaussianBlur(rng.normal(size=shape), (0, 0), PATCH_M / side_m)
-    kept = (
-        LEAST_ROCKS
-        + (1.0 - LEAST_ROCKS) * noise.ravel().argsort().argsort().reshape(shape) / noise.size
-    )
+    rank = noise.ravel().argsort().argsort().reshape(shape) / noise.size
+    kept = LEAST_ROCKS + (1.0 - LEAST_ROCKS) * rank
     rocks = draw_rocks(shape, (side_m, side_m), MOST_ROCKS, rng, (0.2, 3.0))
-    there = rng.random(len(rocks.places)) < kept[tuple(np.rint(rocks.places).astype(int).T)]
+    rows, cols = np.rint(rocks.places).astype(int).T
+    there = rng.random(len(rocks.places)) < kept[rows, cols]
     return rock_heights(shape, (side_m, side_m), Rocks(*(each[there] for each in rocks)))
 
 
@@ -173,16 +175,20 @@ def rivals(model: str, dataset: Path | None) -> dict[str, Price]:
     """All by name: the priors, the network's controls, the truth, trees if there is a data set for
     them.
     """
+
+    def mixed(site: Site) -> Float2D:
+        return site.prices("network", shuffled(model_path(model)))
+
     found: dict[str, Price] = {
         "optimistic": lambda site: np.zeros_like(site.coarse),
         **{prior: partial(Site.prices, prior=prior, model=model) for prior in PRIORS},
         "network, answers turned": lambda site: np.rot90(site.prices("network", model)),
-        "network, weights shuffled": lambda site: site.prices(
-            "network", shuffled(model_path(model))
-        ),
+        "network, weights shuffled": mixed,
         "truth": Site.truth,
     }
-    return found if dataset is None else found | {"trees": trees(read_known(dataset))}
+    if dataset is not None:
+        found["trees"] = trees(read_known(dataset))
+    return found
 
 
 def features(planes: NDArray[np.float32]) -> NDArray[np.float32]:
@@ -192,16 +198,16 @@ def features(planes: NDArray[np.float32]) -> NDArray[np.float32]:
     named = dict(zip(UNSEEN, planes, strict=True))
     names = ("slope", "step", "blocked_by_slope", "above_3", "above_7", "above_15")
     heights = [named[name] for name in names]
+    blurred = [*heights, named["known"], *(plane**2 for plane in heights[3:])]
     found = [*planes, np.abs(named["slope_across"]), np.abs(named["slope_down"])]
     for side in (3, 7, 15):
         kernel = np.ones((side, side), np.uint8)
-        blurred = *heights, named["known"], *(plane**2 for plane in heights[3:])
         found += [cv2.blur(plane, (side, side)) for plane in blurred]
         found += [cv2.dilate(heights[0], kernel), cv2.erode(heights[0], kernel)]
     return np.stack(found, axis=-1).reshape(-1, len(found))
 
 
-def trees(maps: KnownMaps, rows: int = 600_000, iterations: int = 250) -> Price:
+def trees(maps: KnownMaps, rows: int = 600_000) -> Price:
     """Boosted trees on features made by hand, trained on the network's data and targets."""
     from sklearn.ensemble import HistGradientBoostingRegressor
 
@@ -215,92 +221,114 @@ def trees(maps: KnownMaps, rows: int = 600_000, iterations: int = 250) -> Price:
         inputs.append(features(planes)[chosen])
         wanted.append(answers.reshape(len(answers), -1)[:, chosen])
     x = np.concatenate(inputs)
-    y = np.concatenate(wanted, axis=1)
-    settings = {
-        "max_iter": iterations,
-        "max_leaf_nodes": 63,
-        "min_samples_leaf": 60,
-        "early_stopping": False,
-    }
-    fitted = [HistGradientBoostingRegressor(**settings).fit(x, each) for each in y]
+    fitted = [
+        HistGradientBoostingRegressor(
+            max_iter=250, max_leaf_nodes=63, min_samples_leaf=60, early_stopping=False
+        ).fit(x, y)
+        for y in np.concatenate(wanted, axis=1)
+    ]
 
     def price(site: Site) -> Float2D:
-        planes = np.empty((len(UNSEEN), *site.coarse.shape), np.float32)
-        encode_unseen(site.coarse, site.limits, site.cell_size_m * site.factor, site.factor, planes)
-        answers = np.array(
-            [np.clip(each.predict(features(planes)), 0.0, 1.0) for each in fitted], np.float32
-        )
-        return prices_of(answers.reshape(len(answers), *site.coarse.shape))
+        means, block_m, factor, limits = site.known
+        planes = np.empty((len(UNSEEN), *means.shape), np.float32)
+        encode_unseen(means, limits, (block_m, block_m), factor, planes)
+        x = features(planes)
+        answers = np.array([np.clip(each.predict(x), 0.0, 1.0) for each in fitted], np.float32)
+        return prices_of(answers.reshape(-1, *means.shape))
 
     return price
 
 
-def table(excess: Mapping[str, NDArray[np.float64]], reference: str = "slope") -> str:
+def table(excess: Mapping[str, Sequence[float]]) -> str:
     """Mean excess and its standard error, 90th percentile, and the paired difference to the
     reference, in percent.
 
-    Of the drives on which nobody was stuck; and how often each was.
+    Of the drives on which no rival got stuck; and how often each did.
     """
+    head = "{:28} {:>6} {:>5} {:>6}   {:>9} {:>5} {:>6} {:>6}"
+    line = "{:28} {:6.2f} {:5.2f} {:6.2f}   {:+9.2f} {:5.2f} {:6.2f} {:6}"
     lines = [
-        f"{'price':28} {'mean':>6} {'s.e.':>5} {'p90':>6}   {'to ' + reference:>9} {'s.e.':>5} "
-        f"{'ratio':>6}  stuck"
+        head.format(
+            "price",
+            "mean",
+            "s.e.",
+            "p90",
+            f"to {REFERENCE}",
+            "s.e.",
+            "ratio",
+            "stuck",
+        )
     ]
-    free = np.isfinite(list(excess.values())).all(axis=0)
-    base = excess[reference][free]
+    percent = {name: 100.0 * np.array(found) for name, found in excess.items()}
+    free = np.isfinite(list(percent.values())).all(axis=0)
     root = math.sqrt(free.sum())
-    for name, found in ((name, each[free]) for name, each in excess.items()):
+    base = percent[REFERENCE][free]
+    for name, every in percent.items():
+        found = every[free]
+        mean = found.mean()
         apart = found - base
-        stuck = np.isinf(excess[name]).sum()
-        figures = [100 * found.mean(), 100 * found.std() / root, 100 * np.quantile(found, 0.9)]
-        paired = [100 * apart.mean(), 100 * apart.std() / root, found.mean() / base.mean()]
         lines.append(
-            "{:28} {:6.2f} {:5.2f} {:6.2f}   {:+9.2f} {:5.2f} {:6.2f} {:6}".format(
-                name, *figures, *paired, stuck
+            line.format(
+                name,
+                mean,
+                found.std() / root,
+                np.quantile(found, 0.9),
+                apart.mean(),
+                apart.std() / root,
+                mean / base.mean(),
+                np.isinf(every).sum(),
             )
         )
     return "\n".join(lines)
 
 
-def main() -> None:
-    """Drive, and print the table."""
-    parser = argparse.ArgumentParser(
-        prog="python -m nnpp_edge.benchmarks.unseen", description=__doc__
-    )
-    parser.add_argument("tile", type=Path)
-    for name, default in (
-        ("factor", 8),
-        ("sight", 16),
-        ("drives", 200),
-        ("side", 256),
-        ("seed", 1),
-    ):
-        parser.add_argument(f"--{name}", type=int, default=default)
-    parser.add_argument("--workload", default="soft")
-    parser.add_argument(
-        "--rescale", type=float, help="as of nnpp-edge plan; a vehicle has a quarter of its length"
-    )
-    parser.add_argument("--vehicle", help="whose body drives among rocks, as of nnpp-edge plan")
-    parser.add_argument("--model", default="unseen")
-    parser.add_argument("--dataset", type=Path, help="to train trees on")
-    parser.add_argument("--only", help="names of rivals, joined by slashes, the slope among them")
-    parser.add_argument("--json", action="store_true")
-    given = parser.parse_args()
-    dem = read_dem(given.tile)
-    vehicle = load_vehicle(given.vehicle) if given.vehicle else None
-    if size_m := given.rescale or (vehicle and vehicle.length_m / 4):
+@click.command(context_settings={"show_default": True})
+@click.argument("tile", type=click.Path(path_type=Path))
+@click.option("--factor", default=8, help="Cells to a block's side.")
+@click.option("--sight", default=16, help="Cells seen to each side.")
+@click.option("--drives", "count", default=200, help="Number of drives.")
+@click.option("--seed", default=1)
+@click.option("--workload", "name", default="soft")
+@click.option(
+    "--rescale", type=float, help="As of nnpp-edge plan; a vehicle has a quarter of its length."
+)
+@click.option("--vehicle", help="Whose body drives among rocks, as of nnpp-edge plan.")
+@click.option("--model", default="unseen")
+@click.option("--dataset", type=click.Path(path_type=Path), help="Data set to train trees on.")
+@click.option("--only", help="Names of rivals, joined by slashes, the slope among them.")
+def main(
+    tile: Path,
+    factor: int,
+    sight: int,
+    count: int,
+    seed: int,
+    name: str,
+    rescale: float | None,
+    vehicle: str | None,
+    model: str,
+    dataset: Path | None,
+    only: str | None,
+) -> None:
+    """Drive over TILE by rival prices of unseen ground, and print the excess of each.
+
+    A robot knows the means of blocks and sees so many cells to each side. Whenever it has driven
+    half as far it plans anew by exact A*, over the cells that it has seen, and by prices elsewhere.
+    All rivals drive the same drives; the excess is that of the driven cost over the optimum of the
+    whole map. Trees need scikit-learn.
+    """
+    dem = read_dem(tile)
+    body = load_vehicle(vehicle) if vehicle else None
+    size_m = rescale or (body and body.length_m / 4)
+    if size_m:
         dem = dem.rescaled(size_m)
-    found = rivals(given.model, given.dataset)
-    wanted = given.only.split("/") if given.only else list(found)
-    excess: dict[str, list[float]] = {name: [] for name in wanted}
-    maps = dem, workload(given.workload), given.factor, given.drives
-    for site, ends, optimum in drives(*maps, side=given.side, seed=given.seed, vehicle=vehicle):
-        for name in wanted:
-            excess[name].append(site.driven(ends, found[name](site), given.sight) / optimum - 1.0)
-    print(
-        json.dumps(excess)
-        if given.json
-        else table({name: np.array(each) for name, each in excess.items()})
-    )
+    prices = rivals(model, dataset)
+    names = only.split("/") if only else list(prices)
+    excess: dict[str, list[float]] = {each: [] for each in names}
+    for site, ends, optimum in drives(dem, workload(name), factor, count, seed, body):
+        for rival in names:
+            cost = site.driven(ends, prices[rival](site), sight)
+            excess[rival].append(cost / optimum - 1.0)
+    click.echo(table(excess))
 
 
 if __name__ == "__main__":

@@ -115,9 +115,9 @@ def command(
     from nnpp_edge.profiling.evaluate import EAGER, evaluate
     from nnpp_edge.profiling.rivals import exact_and, narrow_corridor
     from nnpp_edge.progress import bar
-    from nnpp_edge.runtime.map.slope_cost import slope_cost_of
     from nnpp_edge.runtime.network.inference import NetworkModel
     from nnpp_edge.runtime.planners.plan import Method
+    from nnpp_edge.runtime.robots.slope.cost import slope_cost_of
     from nnpp_edge.terrain.workloads import of_bodies
 
     files = (*terrain, *more_terrain)

@@ -35,7 +35,7 @@ def command(
     options.check_outputs(("--output", output))
 
     from nnpp_edge.export.to_onnx import dataset_facts, export_network, parity
-    from nnpp_edge.runtime.map.step_cost import PAPER_OMEGA
+    from nnpp_edge.runtime.terrain.step_cost import PAPER_OMEGA
     from nnpp_edge.terrain.dataset import read_recipe, read_samples
     from nnpp_edge.training.checkpoint import load_checkpoint
 

@@ -2,6 +2,7 @@
 cost.
 """
 
+import math
 import warnings
 from contextlib import AbstractContextManager
 from dataclasses import dataclass
@@ -14,17 +15,20 @@ from nnpp_edge.cli.options import MANY, CellSize, Resample, Rescale, Setting, Se
 
 if TYPE_CHECKING:
     from nnpp_edge.runtime.map.ground import Ground
-    from nnpp_edge.runtime.map.slope_cost import Mobility
+    from nnpp_edge.runtime.robots.slope.cost import Mobility
     from nnpp_edge.runtime.terrain.traversability import Traversability
     from nnpp_edge.runtime.terrain.vehicle import Vehicle
     from nnpp_edge.terrain.dem import Dem, DemWindows
     from nnpp_edge.terrain.georeference import Place
 
 _CELLS_A_BODY = 4.0
+_LEAST_CELLS_A_BODY = 0.5
 _RESAMPLED = 6.0
-"""Cells along a body below which a warning says so, and those along it after the resampling that it
-names.
+"""Cells along a body below which a warning says so, below which it says that the map does not do,
+and those along it after the resampling that it names.
 """
+_ROUNDED_UP = 1.05
+"""By how much a number may be larger than its first two digits."""
 _MOST_UNEQUAL_GRAVITY = 0.01
 """Share by which the map's gravity may differ from the file's before a warning says so."""
 
@@ -135,7 +139,7 @@ class VehicleOptions:
         Energy goes by the gravity that was set, else by that of the map's body, else by the file's:
         a warning says where the map's differs from the file's.
         """
-        from nnpp_edge.runtime.map.slope_cost import Mobility
+        from nnpp_edge.runtime.robots.slope.cost import Mobility
         from nnpp_edge.terrain.coordinates import gravity_of
         from nnpp_edge.terrain.vehicle_files import mobility_of
 
@@ -266,10 +270,22 @@ class GroundOptions(VehicleOptions, TerrainOptions):
         side = max(dem.cell_size_m, dem.cell_width_m)
         if body is None or body.is_disc or body.length_m >= _CELLS_A_BODY * side:
             return
+        from nnpp_edge.cli.maps import highest_kerb
+        from nnpp_edge.terrain.dem import MOST_RESAMPLED
+
+        kerb = highest_kerb(body, side)
+        passes = f", and a kerb of up to {kerb:.3g} m passes as a ramp" if kerb else ""
+        finest = _ROUNDED_UP * dem.cell_size_m * math.sqrt(math.prod(dem.shape) / MOST_RESAMPLED)
+        finer = max(body.length_m / _RESAMPLED * dem.cell_size_m / side, finest)
+        if body.length_m < _LEAST_CELLS_A_BODY * side:
+            advice = "too coarse to check it, take a finer map"
+        elif _ROUNDED_UP * finer < dem.cell_size_m:
+            advice = f"--resample {finer:.2g} checks between the cells, but adds no detail"
+        else:
+            advice = "a part of the map could be resampled"
         warnings.warn(
             f"cells of {side:.4g} m are coarse for a body of {body.length_m:g} × {body.width_m:g} "
-            "m: a rock narrower "
-            f"than a cell is not seen; --resample {body.length_m / _RESAMPLED:.2g} checks between "
-            "the cells",
+            f"m with a step limit of {body.step_m:g} m: a rock narrower than a cell is not seen"
+            f"{passes}; {advice}",
             stacklevel=2,
         )

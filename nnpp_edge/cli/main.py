@@ -1,10 +1,19 @@
 """The `nnpp-edge` command: its subcommands, imported when asked for, and how errors end."""
 
+import signal
+import threading
+
+_IS_PROGRAM = (
+    signal.getsignal(signal.SIGINT) is signal.default_int_handler
+    and threading.current_thread() is threading.main_thread()
+)
+if _IS_PROGRAM:  # a KeyboardInterrupt in the imports below would print a traceback
+    signal.signal(signal.SIGINT, signal.SIG_DFL)
+
 import atexit
 import functools
 import io
 import os
-import signal
 import sys
 import warnings
 from importlib import import_module
@@ -13,8 +22,9 @@ from typing import NoReturn
 import click
 
 from nnpp_edge import __version__
+from nnpp_edge.files import remove_empty_folders
 from nnpp_edge.runtime.compiled import notice
-from nnpp_edge.runtime.errors import NnppEdgeError, OutputError
+from nnpp_edge.runtime.errors import NnppEdgeError, OutputError, import_problem
 from nnpp_edge.runtime.reading import reason
 
 COMMANDS = {
@@ -41,7 +51,8 @@ _EXTRAS = {
     "robot": ("mcap", "prometheus_client", "zenoh"),
     "vector": ("pyogrio", "pyproj"),
     "train": ("torch", "onnx", "onnxscript", "safetensors"),
-    "viz": ("jinja2", "matplotlib", "PIL", "rerun"),
+    "rerun": ("rerun",),
+    "viz": ("jinja2", "matplotlib", "PIL"),
 }
 """Packages that the onboard install lacks, by the extra that brings them."""
 
@@ -111,14 +122,15 @@ def main() -> None:
         _refuse(f"{error.filename or 'a file'}: could not be read or written ({reason(error)})")
     except MemoryError as error:
         _refuse(f"not enough memory ({error})" if str(error) else "not enough memory")
-    except ModuleNotFoundError as error:
+    except ImportError as error:
         package = (error.name or "").partition(".")[0]
         if (
             extra := next((extra for extra, names in _EXTRAS.items() if package in names), None)
         ) is None:
             raise
-        _refuse(f"this needs {package}: pip install 'nnpp-edge[{extra}]'")
+        _refuse(f"this needs {import_problem(package, extra, error)}")
     finally:
+        remove_empty_folders()
         # at the interpreter's end, a KeyboardInterrupt would print a traceback
         atexit.register(signal.signal, signal.SIGINT, signal.SIG_DFL)
 
@@ -181,5 +193,7 @@ class _Stream(io.FileIO):
             raise OutputError(f"standard output could not be written ({reason(error)})") from error
 
 
+if _IS_PROGRAM:
+    signal.signal(signal.SIGINT, signal.default_int_handler)
 if __name__ == "__main__":
     main()

@@ -3,7 +3,9 @@ begin on a cell.
 """
 
 import json
+import math
 import warnings
+from bisect import bisect_left
 from pathlib import Path
 from typing import NamedTuple, NoReturn
 
@@ -11,15 +13,15 @@ import click
 import numpy as np
 from numpy.typing import NDArray
 
-from nnpp_edge.runtime import Ground, Vehicle
-from nnpp_edge.runtime.arrays import Float2D
+from nnpp_edge.runtime import Ground, Planner, Vehicle
+from nnpp_edge.runtime.arrays import Cells, Float2D
 from nnpp_edge.runtime.cells import Cell
 from nnpp_edge.runtime.errors import InvalidMapError, InvalidQueryError, NnppEdgeError, Status
 from nnpp_edge.runtime.kernels.poses import FAILS
-from nnpp_edge.runtime.map.poses import Poses
-from nnpp_edge.runtime.map.refusal import why_blocked
 from nnpp_edge.runtime.memory import available_bytes
 from nnpp_edge.runtime.planners.plan import Method, Plan
+from nnpp_edge.runtime.robots.body.poses import Poses
+from nnpp_edge.runtime.robots.body.refusal import why_blocked
 from nnpp_edge.runtime.terrain.traversability import (
     Traversability,
     steepest_step_deg,
@@ -31,10 +33,13 @@ from nnpp_edge.terrain.coordinates import lonlat_corners
 from nnpp_edge.terrain.dem import Dem
 from nnpp_edge.terrain.georeference import Place
 from nnpp_edge.viz.picture import hillshade
-from nnpp_edge.viz.sheet import Cells
 
 _MOST_UNEQUAL_SIDES = 0.05
 """Cells whose sides differ by more than this share are warned of."""
+_KERBS = (1000, 8, 2, 1)
+"""Directions of kerbs that are tried: columns that one goes on by in a row."""
+_RISES = 1.01 ** np.arange(1000.0)
+"""Heights of kerbs that are tried, over the step limit."""
 _LOOKED_AROUND = 64
 """Rows above and below an end that are tried for a place where the vehicle stands."""
 
@@ -71,6 +76,29 @@ def warn_if_not_square(place: Place) -> None:
             "metres take both sides into account; the search treats cells as square",
             stacklevel=2,
         )
+
+
+def highest_kerb(vehicle: Vehicle, side_m: float) -> float:
+    """Metres from which on the check refuses a straight kerb on square cells of this side; 0 where
+    that is within the vehicle's step limit.
+
+    Between the cells' middles the ground is bilinear: a kerb is a ramp as long as a cell. On cells
+    of twice its length a body stands on it as on a slope, and what counts is its tilt.
+    """
+    if side_m > 2.0 * vehicle.length_m:
+        return side_m * math.tan(math.radians(vehicle.max_tilt_deg))
+    first = math.ceil(vehicle.reach_m / side_m) + 4
+    row, col = np.mgrid[: 7 * first, : 7 * first] - 7 * first // 2
+    ends = (first, first), (6 * first, 6 * first)
+
+    def refuses(height: float) -> bool:
+        grounds = (np.where(down * row + col < 0, 0.0, height) for down in _KERBS)
+        planners = (Planner.of_elevation(each, side_m, vehicle=vehicle) for each in grounds)
+        return not any(planner.plan(*ends, method="astar").ok for planner in planners)
+
+    heights = vehicle.step_m * _RISES
+    at = bisect_left(heights, True, key=refuses)
+    return float(heights[at]) if at else 0.0
 
 
 def cost_of(dem: Dem, limits: Traversability) -> Float2D:

@@ -19,6 +19,8 @@ from typing import Annotated, Any, NamedTuple, get_args
 
 import click
 
+from nnpp_edge.runtime.choices import STEP_COSTS
+
 MOST = 2**31 - 1
 """No count may be larger; no library's integers are narrower."""
 LARGEST = 1e9
@@ -252,7 +254,6 @@ SIZES = Parsed(
     f"sides of 2 to {LARGEST_SIDE} cells, joined by commas",
     joined(partial(_whole, 2, LARGEST_SIDE)),
 )
-STEP_COSTS = ("paper", "tobler", "irmischer", "linear", "time", "energy")
 MANY = {"multiple": True}
 
 AsJson = Annotated[bool, "--json", "Print JSON for programs."]
@@ -286,7 +287,7 @@ CornerCutting = Annotated[
 Hillshade = Annotated[bool, "Draw the relief instead of the cost."]
 StepCost = Annotated[
     str,
-    click.Choice(STEP_COSTS),
+    click.Choice(list(STEP_COSTS)),
     "Price of a step: by the map's costs, or by the slope it leads up or down; time and energy by "
     "the table "
     "[mobility] of --vehicle or --mobility.",

@@ -70,8 +70,7 @@ def command(
 
     from nnpp_edge.cli.maps import reads_by_windows
     from nnpp_edge.cli.planning import plan_by_windows, plan_in_memory
-    from nnpp_edge.runtime.map.poses import bytes_per_cell
-    from nnpp_edge.runtime.memory import DIRECTED_BYTES_PER_CELL
+    from nnpp_edge.runtime.memory import DIRECTED_BYTES_PER_CELL, bytes_per_cell
 
     directed = robot.step_cost != "paper"
     body = robot.body()

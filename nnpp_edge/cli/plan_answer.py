@@ -14,8 +14,8 @@ from nnpp_edge.files import write_all
 from nnpp_edge.runtime import Plan, Vehicle
 from nnpp_edge.runtime.cells import Cell
 from nnpp_edge.runtime.errors import InvalidQueryError
-from nnpp_edge.runtime.map.slope_cost import unit_of
 from nnpp_edge.runtime.planners.tour import Tour
+from nnpp_edge.runtime.robots.slope.cost import unit_of
 from nnpp_edge.terrain.route import Route
 from nnpp_edge.viz.picture import png_bytes
 from nnpp_edge.viz.sheet import Picture, metres
@@ -243,12 +243,12 @@ class Answer:
             f"{number + 1} {cell}"
             for number, cell in zip(tour.order, tour.stops[1:-1], strict=True)
         )
-        if not (self.plan.ok and tour.given_cost > 0.0):
+        if not (self.plan.ok and 0.0 < tour.given_cost < math.inf):
             return cells
-        return (
-            f"{cells}: {100.0 * (1.0 - self.plan.cost / tour.given_cost):.1f} % less than in "
-            "the order given"
-        )
+        if list(tour.order) == sorted(tour.order):
+            return f"{cells}: the order given, no cheaper one was found"
+        saved = 1.0 - self.plan.cost / tour.given_cost
+        return f"{cells}: {100.0 * saved:.3g} % less than in the order given"
 
     def _optimality(self) -> str:
         """How far from the optimum the path's cost is, or may be."""

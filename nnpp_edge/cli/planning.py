@@ -30,12 +30,12 @@ from nnpp_edge.runtime.cells import Cell
 from nnpp_edge.runtime.compiled.notice import told_if_slow
 from nnpp_edge.runtime.errors import InvalidQueryError
 from nnpp_edge.runtime.map.along import Along
-from nnpp_edge.runtime.map.attitude import attitudes
-from nnpp_edge.runtime.map.refusal import refusals
 from nnpp_edge.runtime.memory import peak_bytes
 from nnpp_edge.runtime.network import loading
 from nnpp_edge.runtime.planners.query import PlanOptions, problem_with
 from nnpp_edge.runtime.planners.windowed import WindowedPlanner
+from nnpp_edge.runtime.robots.body.attitude import attitudes
+from nnpp_edge.runtime.robots.body.refusal import refusals
 from nnpp_edge.runtime.tuning import LARGE_MAP
 from nnpp_edge.terrain.dem import Dem, DemWindows
 from nnpp_edge.terrain.georeference import Place
@@ -86,7 +86,7 @@ def plan_in_memory(
     body = ground.vehicle
     planner_of = partial(Planner, omega=request.omega, corner_cutting=request.corner_cutting)
     planner = planner_of(priced(ground, cost), model=request.model)
-    near = Near(dem, dem.elevation, cost, limits, body, planner.state.grid.poses)
+    near = Near(dem, dem.elevation, cost, limits, body, planner.state.grid.robot.poses)
     if len(goals) == 1 and (problem := problem_with(planner.state.grid, start, goals[0])):
         refuse(problem, start, goals[0], near)
     if request.time_limit is not None:  # loading would use it up
@@ -113,7 +113,7 @@ def plan_in_memory(
     def picture() -> Picture:
         refused = None
         beside = None
-        poses = planner.state.grid.poses
+        poses = planner.state.grid.robot.poses
         if poses is not None and cost.size <= MOST_SHOWN:
             refused = refusals(poses.standing())
         if body is not None and request.compare and robot.step_cost == "paper":
@@ -283,7 +283,7 @@ def _route(plan: Plan, cost: Float2D, dem: Dem, ground: Ground, planner: Planner
     if vehicle is None or len(plan.path) < 2:
         return route
     standing: dict[str, NDArray[np.float64]] = {"heading_deg": headings_along(plan.along.points)}
-    if (poses := planner.state.grid.poses) is not None:
+    if (poses := planner.state.grid.robot.poses) is not None:
         standing |= attitudes(poses, plan.walked)._asdict()
     if plan.drive is not None:
         of_steps = {

@@ -76,7 +76,7 @@ def command(
     \b
     nnpp-edge reach dem.tif --start 20,30 --within-time 30min --workload limit20 -o reach
     """
-    from nnpp_edge.runtime.map.slope_cost import unit_of
+    from nnpp_edge.runtime.robots.slope.cost import unit_of
 
     given = {"cost": within_cost, "time": within_time, "energy": within_energy}
     asked = [(name, most) for name, most in given.items() if most is not None]
@@ -124,7 +124,7 @@ def command(
             cost,
             ground.limits,
             ground.vehicle,
-            planner.state.grid.poses,
+            planner.state.grid.robot.poses,
         )
         refuse(problem, cell, cell, near)
     shares = tuple((most * np.arange(1, levels + 1) / levels).tolist())

@@ -14,6 +14,7 @@ import click
 
 from nnpp_edge.cli import options
 from nnpp_edge.cli.options import MANY, Parsed
+from nnpp_edge.runtime.choices import METHODS
 
 if TYPE_CHECKING:
     from nnpp_edge.runtime.cells import Cell
@@ -100,7 +101,7 @@ class PlanRequest:
     best_order: Annotated[bool, "Visit the places of --via, 12 at most, in the cheapest order."] = (
         False
     )
-    method: Annotated[str, click.Choice(["auto", "astar", "corridor", "nnpp"])] = "auto"
+    method: Annotated[str, click.Choice(list(METHODS))] = "auto"
     model: options.Model = "edge"
     omega: options.Omega = 0.011
     corner_cutting: options.CornerCutting = True

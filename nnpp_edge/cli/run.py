@@ -11,7 +11,7 @@ from nnpp_edge.cli import options
 from nnpp_edge.cli.ground_options import GroundOptions, KnownOptions
 from nnpp_edge.cli.options import COUNT, MANY
 from nnpp_edge.cli.text import aligned, tell
-from nnpp_edge.robot.operations.wiring import STDOUT, Wiring
+from nnpp_edge.robot.transports.wiring import STDOUT, Wiring
 
 if TYPE_CHECKING:
     from nnpp_edge.runtime.loop.messages import Counters
@@ -64,7 +64,7 @@ def command(
     from nnpp_edge.runtime.network.loading import begin_loading
     from nnpp_edge.runtime.network.model_file import model_path
 
-    if as_json and STDOUT in wiring.output_kinds:
+    if as_json and any(entry.name == STDOUT for entry, _ in wiring.sinks):
         raise click.UsageError(
             "--json prints on stdout, which answers go to: add --output none, or zenoh"
         )

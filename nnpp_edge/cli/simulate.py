@@ -14,7 +14,8 @@ from nnpp_edge.cli.ground_options import GroundOptions, KnownOptions
 from nnpp_edge.cli.options import COUNT
 from nnpp_edge.cli.requests import PLACE, START, End
 from nnpp_edge.cli.text import aligned, tell
-from nnpp_edge.robot.operations.wiring import View
+from nnpp_edge.robot.transports.wiring import View
+from nnpp_edge.runtime.choices import METHODS, REPAIRING_METHODS
 
 if TYPE_CHECKING:
     from nnpp_edge.runtime.loop.connections import Sink
@@ -27,7 +28,6 @@ _CELLS_TO_A_BODY = 4.0
 """Cells of the sample along a vehicle."""
 _SURVEY = 8
 """Cells over which a point's first map is blurred without --known."""
-_METHODS = ("auto", "astar", "dstar", "corridor", "corridor-dstar", "nnpp", "nnpp-dstar")
 _SIZE = (
     "Side of the part of the map that is driven on; the seed picks one, which holds --start "
     "and --goal."
@@ -47,7 +47,7 @@ def command(
     size: Annotated[int, click.IntRange(16, options.MOST), _SIZE] = 256,
     start: Annotated[End | None, PLACE, START] = None,
     goal: Annotated[End | None, PLACE, _GOAL] = None,
-    method: Annotated[str, click.Choice(_METHODS)] = "auto",
+    method: Annotated[str, click.Choice([*METHODS, *REPAIRING_METHODS])] = "auto",
     model: options.Model = "edge",
     rate: Annotated[float | None, options.RATE, "Ticks a second; else as fast as possible."] = None,
     ticks: Annotated[int, COUNT, "At most."] = 5000,
@@ -84,10 +84,12 @@ def command(
 
     import numpy as np
 
+    from nnpp_edge.cli.maps import size_in_words
     from nnpp_edge.robot.transports.mcap_log import McapLog
     from nnpp_edge.robot.transports.rerun_view import RerunSink
     from nnpp_edge.runtime.errors import InvalidQueryError
     from nnpp_edge.simulation.drive_picture import Film, check_name, drive_picture
+    from nnpp_edge.simulation.robots import reach_of
     from nnpp_edge.simulation.scene import SurveyedGround
     from nnpp_edge.simulation.simulate import SimulationSettings, random_drive, simulate
     from nnpp_edge.terrain.dem import sample_path
@@ -124,15 +126,20 @@ def command(
     )
     if start and goal:
         ends = np.array([start.one_cell(whole, "--start"), goal.one_cell(whole, "--goal")])
-        least = np.maximum(ends.max(0) - (rows - 1, cols - 1), 0)
-        most = np.minimum(ends.min(0), np.subtract(whole.shape, (rows, cols)))
-        if (least > most).any():
+        reach = reach_of(body, (whole.cell_size_m, whole.cell_width_m))
+        last = np.subtract(whole.shape, 1)
+        least = np.minimum(ends.max(0) + reach, last) - (rows - 1, cols - 1)
+        most = np.maximum(ends.min(0) - reach, 0)
+        if ((ends < 0) | (ends > last) | (least > most)).any():
             raise InvalidQueryError(
                 f"--start and --goal, cells {ends.tolist()}, must not lie outside the map of "
-                f"{whole.shape[0]} × "
-                f"{whole.shape[1]} cells, nor further apart than --size {size}"
+                f"{size_in_words(whole)}, nor further apart than --size {size} holds with {reach} "
+                "cells around each"
             )
-        row, col = np.clip((row, col), least, most).tolist()
+        corner = np.array((row, col))
+        if ((corner < least) | (corner > most)).any():
+            corner = (least + most) // 2  # the ends lie around the part's middle
+        row, col = np.clip(corner, 0, np.subtract(whole.shape, (rows, cols))).tolist()
     heights = np.ascontiguousarray(whole.elevation[row : row + rows, col : col + cols])
     part = true = replace(whole, elevation=heights)
     if rocks:
@@ -145,6 +152,7 @@ def command(
         ground = SurveyedGround.of(robot.of(true), _SURVEY if body is None else 1, part.elevation)
     else:
         ground = SurveyedGround.of_known(robot.of(true), factor, blocks.prior)
+    ground = replace(ground, origin=(row, col))
     begin, end = (
         map(tuple, (ends - (row, col)).tolist()) if start and goal else random_drive(ground, seed)
     )
@@ -155,7 +163,9 @@ def command(
         def make_sinks(state: "MapState") -> "list[Sink]":
             sinks: list[Sink] = []
             if log is not None:
-                sinks.append(stack.enter_context(closing(McapLog(log, state))))
+                made = stack.enter_context(closing(McapLog(log, state)))
+                written[0] = str(made.path)
+                sinks.append(made)
             if view is not None:
                 sinks.append(stack.enter_context(closing(RerunSink(view, state))))
             return sinks

@@ -76,7 +76,7 @@ def command(
         asked = Asked(
             start=begin.one_cell(read, "--start") if begin else (0, 0),
             goal=end.one_cell(read, "--goal") if end else (0, 0),
-            step_cost=robot.step_cost,  # type: ignore[arg-type]  # click has checked it
+            step_cost=robot.step_cost,
             omega=omega,
             limits=limits,
             body=robot.vehicle or POINT if given is None else GIVEN if given.vehicle else POINT,

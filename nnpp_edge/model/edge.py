@@ -1,16 +1,16 @@
 """The edge network: an encoder that is shown the map alone, and a small head for each query.
 
-The encoder, nearly all of the work, runs when the map changes. The head is a few thousand
-multiply-accumulates a block: what it costs to get from a block to either end is a matter of the two
-places, which the encoder has described, and of how they lie to each other.
+The encoder, nearly all of the work, runs when the map changes. The head takes a few thousand
+multiply-accumulates a block: the cost from a block to either end depends on the two places, which
+the encoder has described, and on how they lie to each other.
 """
 
 import torch
 from torch import Tensor, nn
 from torch.nn import functional
 
-from nnpp_edge.model.nnpp import ConvBNReLU, initialise
-from nnpp_edge.model.registry import OUTPUT_STRIDES
+from nnpp_edge.model.nnpp import ConvBNReLU, doubled, initialise
+from nnpp_edge.model.registry import ARCHITECTURES
 from nnpp_edge.runtime.kernels.encoding import BETWEEN_CHANNELS, END_CHANNELS
 from nnpp_edge.runtime.kernels.place_head import ANSWERS
 from nnpp_edge.runtime.network.model_file import QUERY_SPACING
@@ -18,7 +18,7 @@ from nnpp_edge.runtime.network.model_file import QUERY_SPACING
 MAP_CHANNELS = 2
 UNSHUFFLE = 4
 """The map's input has 4 × 4 cells to a pixel, as channels."""
-OUTPUT_SHUFFLE = QUERY_SPACING // OUTPUT_STRIDES["edge"]
+OUTPUT_SHUFFLE = QUERY_SPACING // ARCHITECTURES["edge"].stride
 """The output has 2 × 2 blocks to a pixel, as channels."""
 
 assert ANSWERS == OUTPUT_SHUFFLE**2
@@ -96,32 +96,42 @@ class Head(nn.Module):
         """All of them in a row, in the order and layout that the runtime's head reads
         (`parameter_shapes`).
         """
-        layers = self.way, self.both, self.across, self.between, self.mix, self.answer
-        parts = [
-            part for layer in layers for part in (layer.weight.T, layer.bias) if part is not None
-        ]
-        return torch.cat([part.flatten() for part in parts])
+        parts = []
+        for layer in (self.way, self.both, self.across, self.between, self.mix, self.answer):
+            parts.append(layer.weight.T.flatten())
+            if layer.bias is not None:
+                parts.append(layer.bias)
+        return torch.cat(parts)
 
     def forward(self, described: Tensor, query: Tensor) -> Tensor:
         side = described.shape[-1]
+        # (N, B·B, R) each: a place as one to pass through, and as an end
         place, end = described.flatten(2).transpose(1, 2).chunk(2, -1)
+        # of both ends, (N, 2, ...): the weights that read a value there, and the way to it
         flat = query.flatten(2)
         ends = torch.unflatten(flat[:, : 2 * END_CHANNELS], 1, (2, END_CHANNELS))
-        share = ends[:, :, 0]
+        weights = ends[:, :, 0]
         way = ends[:, :, 1:].transpose(2, 3)
-        at_ends = share @ end
+        at_ends = weights @ end
         related = functional.relu(place[:, None] + at_ends[:, :, None] + self.way(way))
-        across = share.flip(1)[:, :, None] @ related  # how each end is related to the other
+        # how each end is related to the other
+        across = weights.flip(1)[:, :, None] @ related
         between = self.between(flat[:, 2 * END_CHANNELS :].transpose(1, 2))
-        x = functional.relu(self.both(related.sum(1)) + self.across(across.sum(1)) + between)
-        x = self.answer(functional.relu(self.mix(x)))
-        return torch.unflatten(x.transpose(1, 2), 2, (side, side))
+        relations = self.both(related.sum(1)) + self.across(across.sum(1)) + between
+        answer = self.answer(functional.relu(self.mix(functional.relu(relations))))
+        return torch.unflatten(answer.transpose(1, 2), 2, (side, side))
 
 
 class FeaturePyramid(nn.Module):
     """Down from 1/8 resolution to 1/64, and up again, with so many channels."""
 
-    def __init__(self, at8: int, at16: int, at32: int, at64: int) -> None:
+    def __init__(
+        self,
+        at8: int,
+        at16: int,
+        at32: int,
+        at64: int,
+    ) -> None:
         super().__init__()
         self.down16 = nn.Sequential(ConvBNReLU(at8, at16, stride=2))
         self.down32 = nn.Sequential(ConvBNReLU(at16, at32, stride=2), Residual(at32))
@@ -133,9 +143,11 @@ class FeaturePyramid(nn.Module):
     def forward(self, at8: Tensor) -> Tensor:
         at16 = self.down16(at8)
         at32 = self.down32(at16)
-        at32 = self.up32(self.down64(at32), at32)
-        out: Tensor = self.up8(self.up16(at32, at16), at8)
-        return out
+        at64 = self.down64(at32)
+        up32 = self.up32(at64, at32)
+        up16 = self.up16(up32, at16)
+        up8: Tensor = self.up8(up16, at8)
+        return up8
 
 
 class Residual(nn.Module):
@@ -159,6 +171,5 @@ class Up(nn.Module):
         self.merge = ConvBNReLU(shallow, shallow)
 
     def forward(self, deep: Tensor, shallow: Tensor) -> Tensor:
-        doubled = functional.interpolate(self.match(deep), scale_factor=2, mode="nearest")
-        merged: Tensor = self.merge(shallow + doubled)
+        merged: Tensor = self.merge(shallow + doubled(self.match(deep)))
         return merged

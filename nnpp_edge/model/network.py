@@ -1,9 +1,9 @@
-"""A network of any architecture behind one interface, the query as it is shown it, and what it
-costs.
+"""A network of any architecture behind one interface, the query as it is shown to it, and its
+computational cost.
 """
 
 import copy
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 
 import numpy as np
 import torch
@@ -16,7 +16,7 @@ from nnpp_edge.model.nnpp import NNPP
 from nnpp_edge.model.registry import Spec
 from nnpp_edge.model.unseen import UnseenNet
 from nnpp_edge.runtime.kernels.encoding import ENDS_CHANNELS, GAUSSIAN_CHANNELS
-from nnpp_edge.runtime.network.encoding import encode_ends, encode_gaussian
+from nnpp_edge.runtime.network.encoding import Point, encode_ends, encode_gaussian
 from nnpp_edge.runtime.network.model_file import QUERY_SPACING
 
 _BODIES: dict[str, Callable[..., nn.Module]] = {
@@ -24,6 +24,7 @@ _BODIES: dict[str, Callable[..., nn.Module]] = {
     "nnpp": NNPP,
     "unseen": UnseenNet,
 }
+_BATCH = 32
 
 
 class Network(nn.Module):
@@ -38,37 +39,51 @@ class Network(nn.Module):
     def forward(self, planes: Tensor, query: Tensor) -> Tensor:
         """Logits (N, B, B) on blocks × blocks.
 
-        For planes (N, 2, S, S), mean cost and share of impassable cells in [0, 1] (the paper's
-        network is shown the first alone), and start and goal (N, C, E, E), from `encode`. A network
-        that prices unseen ground is shown planes of its own (`encode_unseen`) and no query, and has
-        three logits: (N, 3, B, B).
+        For planes (N, 2, S, S), mean cost and share of impassable cells in [0, 1], or as uint8 in
+        255ths (the paper's network is shown the first alone), and start and goal (N, C, E, E), from
+        `encode`. A network that prices unseen ground is shown planes of its own (`encode_unseen`)
+        and no query, and has three logits: (N, 3, B, B).
         """
+        if not planes.is_floating_point():
+            planes = planes.float() / 255.0
         if self.spec.architecture == "unseen":
-            answers: Tensor = self.body(planes)
-            return answers
+            logits: Tensor = self.body(planes)
+            return logits
         if self.spec.architecture == "nnpp":
-            logits: Tensor = self.body(torch.cat((planes[:, :1], query), 1))
+            logits = self.body(torch.cat((planes[:, :1], query), 1))
         else:
             small = torch.pixel_unshuffle(planes, edge.UNSHUFFLE)
             logits = torch.pixel_shuffle(self.body(small, query), edge.OUTPUT_SHUFFLE)
         return logits[:, 0]
 
+    @torch.no_grad()
+    def answers(
+        self, planes: NDArray[np.generic], queries: NDArray[np.float32]
+    ) -> NDArray[np.float32]:
+        """The sigmoid of the logits for arrays of any length, in batches and evaluation mode."""
+        self.eval()
+        device = next(self.parameters()).device
+        parts = []
+        for at in range(0, len(planes), _BATCH):
+            part = torch.from_numpy(planes[at : at + _BATCH]).to(device)
+            query = torch.from_numpy(queries[at : at + _BATCH]).to(device)
+            parts.append(torch.sigmoid(self(part, query).float()).cpu())
+        return torch.cat(parts).numpy()
 
-def encode(spec: Spec, start: Sequence[float], goal: Sequence[float]) -> NDArray[np.float32]:
-    """Start and goal, (row, col) in network cells, as this network is shown them: (C, E, E)
+
+def encode(spec: Spec, start: Point, goal: Point) -> NDArray[np.float32]:
+    """Start and goal, (row, col) in network cells, as they are shown to this network: (C, E, E)
     float32.
     """
-    size = spec.input_size
     sigma = spec.sigma * spec.input_size
-    ends = (float(start[0]), float(start[1])), (float(goal[0]), float(goal[1]))
     if spec.encoding == "ends":
-        side = size // QUERY_SPACING
-        out = np.empty((ENDS_CHANNELS, side, side), np.float32)
-        encode_ends(*ends, sigma, out)
-        return out
-    out = np.empty((GAUSSIAN_CHANNELS, size, size), np.float32)
-    encode_gaussian(*ends, sigma, out)
-    return out
+        side = spec.input_size // QUERY_SPACING
+        query = np.empty((ENDS_CHANNELS, side, side), np.float32)
+        encode_ends(start, goal, sigma, query)
+    else:
+        query = np.empty((GAUSSIAN_CHANNELS, spec.input_size, spec.input_size), np.float32)
+        encode_gaussian(start, goal, sigma, query)
+    return query
 
 
 def count_macs(model: nn.Module, inputs: tuple[Tensor, ...]) -> int:

@@ -12,25 +12,24 @@ import torch
 from torch import Tensor, nn
 from torch.nn import functional
 
-from nnpp_edge.runtime.errors import ModelError
-
 INPUT_CHANNELS = 3
 SCALES = (1, 2, 4)
 PRIOR_LOGIT = -2.0
-"""Of an untrained network: a path covers few cells, and the many empty ones should not rule the
+"""Of an untrained network: a path covers few cells, and the many empty ones should not dominate the
 first steps.
 """
 
 
 class Conv2d(nn.Conv2d):
-    """torch's, which computes one that is strided and depthwise in float32 on a CPU.
+    """A convolution that is computed in float32 on a CPU where it is strided and depthwise.
 
-    oneDNN has no fast gradient of it in bfloat16: three took half of a training step of the paper's
-    network.
+    oneDNN has no fast gradient of such a one in bfloat16: three took half of a training step of the
+    paper's network.
     """
 
     def forward(self, input: Tensor) -> Tensor:
-        if self.groups == 1 or self.stride == (1, 1) or not torch.is_autocast_enabled("cpu"):
+        slow = self.groups > 1 and self.stride != (1, 1)
+        if not (slow and torch.is_autocast_enabled("cpu")):
             return super().forward(input)
         with torch.autocast("cpu", enabled=False):
             return super().forward(input.float())
@@ -70,12 +69,12 @@ class ConvBNReLU(nn.Sequential):
         groups: int = 1,
         relu: bool = True,
     ) -> None:
-        convolution = Conv2d(
-            inputs, outputs, kernel, stride, kernel // 2, groups=groups, bias=False
-        )
         super().__init__(
-            convolution, nn.BatchNorm2d(outputs), *([nn.ReLU(inplace=True)] if relu else [])
+            Conv2d(inputs, outputs, kernel, stride, kernel // 2, groups=groups, bias=False),
+            nn.BatchNorm2d(outputs),
         )
+        if relu:
+            self.append(nn.ReLU(inplace=True))
 
 
 class NNPP(nn.Module):
@@ -90,9 +89,6 @@ class NNPP(nn.Module):
 
     def __init__(self, input_size: int = 256, width: int = 64) -> None:
         super().__init__()
-        if width < 2 or width % 2:
-            raise ModelError(f"width must be a positive even number, got {width}")
-        self.input_size = input_size
         self.backbone = STDC(width)
         self.context = SPPM(16 * width, 2 * width, input_size // 32)
         self.fuse4 = UAFM(2 * width, 8 * width, width)
@@ -104,13 +100,9 @@ class NNPP(nn.Module):
         """Logits (N, 1, S/8, S/8) for (N, 3, S, S): cost, start_map and goal_map, each in
         [0, 1].
         """
-        if x.shape[1:] != (INPUT_CHANNELS, self.input_size, self.input_size):
-            wanted = f"(N, {INPUT_CHANNELS}, {self.input_size}, {self.input_size})"
-            raise ModelError(f"input must be {wanted}, got {tuple(x.shape)}")
         stage3, stage4, stage5 = self.backbone(x)
-        logits: Tensor = self.classifier(
-            self.fuse3(self.fuse4(self.context(stage5), stage4), stage3)
-        )
+        fused4 = self.fuse4(self.context(stage5), stage4)
+        logits: Tensor = self.classifier(self.fuse3(fused4, stage3))
         return logits
 
 
@@ -137,18 +129,19 @@ class STDC(nn.Module):
         super().__init__()
         self.stage1 = ConvBNReLU(INPUT_CHANNELS, width // 2, 3, stride=2)
         self.stage2 = ConvBNReLU(width // 2, width, 3, stride=2)
-        self.stage3, self.stage4, self.stage5 = (
-            nn.Sequential(
-                STDCModule(inputs * width, outputs * width, stride=2),
-                STDCModule(*[outputs * width] * 2),
-            )
-            for inputs, outputs in ((1, 4), (4, 8), (8, 16))
-        )
+        self.stage3 = _stage(width, 4 * width)
+        self.stage4 = _stage(4 * width, 8 * width)
+        self.stage5 = _stage(8 * width, 16 * width)
 
     def forward(self, x: Tensor) -> tuple[Tensor, Tensor, Tensor]:
         stage3 = self.stage3(self.stage2(self.stage1(x)))
         stage4 = self.stage4(stage3)
         return stage3, stage4, self.stage5(stage4)
+
+
+def _stage(inputs: int, outputs: int) -> nn.Sequential:
+    """A module that halves the resolution, and one that keeps it."""
+    return nn.Sequential(STDCModule(inputs, outputs, stride=2), STDCModule(outputs, outputs))
 
 
 class STDCModule(nn.Module):
@@ -159,15 +152,14 @@ class STDCModule(nn.Module):
     def __init__(self, inputs: int, outputs: int, stride: int = 1) -> None:
         super().__init__()
         widths = [outputs // part for part in (2, 4, 8, 8)]
-        self.first = ConvBNReLU(inputs, widths[0], 1)
+        half = widths[0]
+        self.first = ConvBNReLU(inputs, half, 1)
         self.shortcut: nn.Module = nn.Identity()
         self.down: nn.Module = nn.Identity()
         if stride == 2:
             self.shortcut = Average()
-            self.down = ConvBNReLU(widths[0], widths[0], 3, stride=2, groups=widths[0], relu=False)
-        self.rest = nn.ModuleList(
-            ConvBNReLU(wider, narrower, 3) for wider, narrower in pairwise(widths)
-        )
+            self.down = ConvBNReLU(half, half, 3, stride=2, groups=half, relu=False)
+        self.rest = nn.ModuleList(ConvBNReLU(*pair) for pair in pairwise(widths))
 
     def forward(self, x: Tensor) -> Tensor:
         first = self.first(x)
@@ -195,19 +187,18 @@ class SPPM(nn.Module):
         self.out = ConvBNReLU(outputs, outputs, 3)
 
     def forward(self, x: Tensor) -> Tensor:
-        parts = (
-            functional.interpolate(
-                branch(pool(x)), scale_factor=float(x.shape[-1] // scale), mode="nearest"
-            )
-            for pool, branch, scale in zip(self.pools, self.branches, SCALES, strict=True)
-        )
+        parts = []
+        for pool, branch in zip(self.pools, self.branches, strict=True):
+            part = branch(pool(x))
+            scale = x.shape[-1] // part.shape[-1]
+            parts.append(functional.interpolate(part, scale_factor=float(scale), mode="nearest"))
         pooled: Tensor = self.out(reduce(torch.add, parts))
         return pooled
 
 
 class UAFM(nn.Module):
-    """Unified attention fusion (PP-LiteSeg, section 3.2): coarse features come up by two, fused
-    with the encoder's.
+    """Unified attention fusion (PP-LiteSeg, section 3.2): coarse features at twice their side,
+    fused with the encoder's.
 
     high (N, high, H, W) and low (N, low, 2H, 2W) to (N, outputs, 2H, 2W).
     """
@@ -219,11 +210,10 @@ class UAFM(nn.Module):
         self.out = ConvBNReLU(high, outputs, 3)
 
     def forward(self, high: Tensor, low: Tensor) -> Tensor:
-        up = functional.interpolate(high, scale_factor=2.0, mode="nearest")
+        up = doubled(high)
         low = self.reduce(low)
-        fused: Tensor = self.out(
-            low + self.attention(up, low) * (up - low)
-        )  # alpha · up + (1 - alpha) · low
+        alpha = self.attention(up, low)
+        fused: Tensor = self.out(low + alpha * (up - low))
         return fused
 
 
@@ -238,7 +228,13 @@ class SpatialAttention(nn.Module):
         self.weight = ConvBNReLU(2, 1, 3, relu=False)
 
     def forward(self, up: Tensor, low: Tensor) -> Tensor:
-        statistics = [
-            y for x in (up, low) for y in (x.mean(dim=1, keepdim=True), x.amax(dim=1, keepdim=True))
-        ]
+        statistics = []
+        for features in (up, low):
+            statistics.append(features.mean(dim=1, keepdim=True))
+            statistics.append(features.amax(dim=1, keepdim=True))
         return torch.sigmoid(self.weight(self.hidden(torch.cat(statistics, dim=1))))
+
+
+def doubled(x: Tensor) -> Tensor:
+    """At twice the side, every value repeated."""
+    return functional.interpolate(x, scale_factor=2.0, mode="nearest")

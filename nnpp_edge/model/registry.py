@@ -1,21 +1,32 @@
-"""Architectures and presets by name: what a network is built from, and how it is shown start and
-goal.
+"""Architectures and presets by name: what a network is built from, and how start and goal are shown
+to it.
 
 Nothing here needs torch, so that commands can list the names at once.
 """
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
+from typing import NamedTuple
 
 from nnpp_edge.runtime.errors import ModelError
 
-ENCODINGS = {"edge": "ends", "nnpp": "gaussian", "unseen": "unseen"}
-"""The encoding of start and goal of each architecture."""
 
-OUTPUT_STRIDES = {"edge": 4, "nnpp": 8, "unseen": 1}
-"""Cells of the input to the side of a block of the output."""
-SIZE_STEPS = {"edge": 64, "nnpp": 128, "unseen": 4}
-"""Of the input's side in cells; the paper's network pools 1/32 of it to 4 × 4."""
+class Architecture(NamedTuple):
+    """Facts that all networks of an architecture share."""
+
+    encoding: str
+    """How start and goal are shown."""
+    stride: int
+    """Cells of the input to the side of a block of the output."""
+    size_step: int
+    """The input's side in cells is a multiple of this."""
+
+
+ARCHITECTURES = {
+    "edge": Architecture("ends", 4, 64),
+    "nnpp": Architecture("gaussian", 8, 128),
+    "unseen": Architecture("unseen", 1, 4),
+}
 
 
 def architecture_name(stored: str) -> str:
@@ -25,12 +36,13 @@ def architecture_name(stored: str) -> str:
 
 @dataclass(frozen=True)
 class Spec:
-    """All that is needed to build a network and to feed it; ModelError for what no architecture is
-    built for.
+    """All that is needed to build a network and to feed it.
+
+    ModelError for what no architecture is built for.
     """
 
     architecture: str
-    """One of `ENCODINGS`; a former name is replaced by today's."""
+    """One of `ARCHITECTURES`; a former name is replaced by today's."""
     input_size: int = 256
     sigma: float = 0.25
     """Of the Gaussians around start and goal, as a share of the map's side (the paper's
@@ -41,30 +53,30 @@ class Spec:
 
     def __post_init__(self) -> None:
         name = architecture_name(self.architecture)
-        if name not in ENCODINGS:
-            raise ModelError(
-                f"architecture must be one of {', '.join(ENCODINGS)}, got {self.architecture!r}"
-            )
-        step = SIZE_STEPS[name]
+        if name not in ARCHITECTURES:
+            names = ", ".join(ARCHITECTURES)
+            raise ModelError(f"architecture must be one of {names}, got {self.architecture!r}")
+        step = ARCHITECTURES[name].size_step
         if self.input_size < step or self.input_size % step:
             raise ModelError(
                 f"input_size must be a positive multiple of {step}, got {self.input_size}"
             )
         options = {
-            key: tuple(v) if isinstance(v, Sequence) else v for key, v in self.options.items()
+            key: tuple(value) if isinstance(value, Sequence) else value
+            for key, value in self.options.items()
         }
-        for key, value in {"architecture": name, "options": options}.items():
-            object.__setattr__(self, key, value)
+        object.__setattr__(self, "architecture", name)
+        object.__setattr__(self, "options", options)
 
     @property
     def encoding(self) -> str:
         """How start and goal are shown."""
-        return ENCODINGS[self.architecture]
+        return ARCHITECTURES[self.architecture].encoding
 
     @property
     def blocks(self) -> int:
         """The output has blocks × blocks probabilities."""
-        return self.input_size // OUTPUT_STRIDES[self.architecture]
+        return self.input_size // ARCHITECTURES[self.architecture].stride
 
 
 PRESETS = {
@@ -74,4 +86,4 @@ PRESETS = {
     "unseen": Spec("unseen", input_size=64),
 }
 """``edge`` runs its encoder once for each map and a small head for each query; ``nnpp`` is the
-paper's network; ``unseen`` prices ground of which a coarse map alone is known."""
+paper's network; ``unseen`` prices ground of which only a coarse map is known."""

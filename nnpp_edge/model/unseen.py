@@ -3,9 +3,8 @@ same blocks.
 """
 
 from torch import Tensor, nn
-from torch.nn import functional
 
-from nnpp_edge.model.nnpp import ConvBNReLU, initialise
+from nnpp_edge.model.nnpp import ConvBNReLU, doubled, initialise
 from nnpp_edge.runtime.network.model_file import UNSEEN
 from nnpp_edge.runtime.network.unseen import ANSWERS
 
@@ -32,11 +31,7 @@ class UnseenNet(nn.Module):
         """Logits (N, 3, H, W) of the answers for planes (N, 12, H, W) from `encode_unseen`."""
         full = self.stem(planes)
         half = self.down(full)
-        half = self.merge_half(half + doubled(self.match_half(self.deep(half))))
-        logits: Tensor = self.answer(self.merge_full(full + doubled(self.match_full(half))))
+        deep = self.match_half(self.deep(half))
+        half = self.match_full(self.merge_half(half + doubled(deep)))
+        logits: Tensor = self.answer(self.merge_full(full + doubled(half)))
         return logits
-
-
-def doubled(x: Tensor) -> Tensor:
-    """At twice the side."""
-    return functional.interpolate(x, scale_factor=2, mode="nearest")

@@ -12,7 +12,7 @@ from nnpp_edge.profiling.contest import Harness
 from nnpp_edge.profiling.profile_file import OnboardLoop
 from nnpp_edge.profiling.rivals import RivalPlanner
 from nnpp_edge.profiling.suites import heights_of
-from nnpp_edge.runtime.cells import Endpoints
+from nnpp_edge.runtime.cells import Endpoints, slices
 from nnpp_edge.runtime.loop.connections import InProcessSource
 from nnpp_edge.runtime.loop.messages import Goal, Input, MapPatch, Origin, PathMessage, Pose
 from nnpp_edge.runtime.loop.navigator import Navigator
@@ -45,26 +45,28 @@ def patch_side(shape: tuple[int, ...]) -> int:
 
 
 def arrival_ms(
-    rival: RivalPlanner, ground: Ground, query: Endpoints, harness: Harness
+    rival: RivalPlanner,
+    ground: Ground,
+    query: Endpoints,
+    harness: Harness,
 ) -> tuple[float, float]:
     """Milliseconds from elevations to the path, and of a patch on that path into all that the next
     plan reads.
 
-    The rival must be `apart`: its network is shown the map anew.
-    """
+    The rival must be `apart`: its network is shown the map anew."""
 
     def arrive() -> tuple[Planner, Plan]:
         planner = Planner(ground, model=rival.model or "edge")
         return planner, planner.plan(*query, method=rival.method)
-
-    map_s, (planner, plan) = harness.timed(arrive)
-    patch = _patch(ground, plan.path if plan.ok else np.array(query[:1]), 0.5)
 
     def take_patch() -> None:
         planner.update_elevation(*patch)
         if rival.method is not Method.ASTAR:  # which reads no coarse levels
             _ = planner.state.pyramid
 
+    map_s, (planner, plan) = harness.timed(arrive)
+    path = plan.path if plan.ok else np.array(query[:1])
+    patch = _patch(ground, path, 0.5)
     patch_s, _ = harness.timed(take_patch)
     return 1e3 * map_s, 1e3 * patch_s
 
@@ -77,9 +79,16 @@ def prior_ms(harness: Harness) -> float:
     heights = np.zeros((64, 64), np.float32)
     limits = Traversability()
     price = partial(
-        prices_by, "network", heights, limits, cell_size_m=160.0, factor=8, model=network
+        prices_by,
+        "network",
+        heights,
+        limits,
+        cell_size_m=160.0,
+        factor=8,
+        model=network,
     )
-    return 1e3 * float(np.median([harness.timed(price)[0] for _ in range(_PRICED)]))
+    times = [harness.timed(price)[0] for _ in range(_PRICED)]
+    return 1e3 * float(np.median(times))
 
 
 @dataclass
@@ -96,7 +105,10 @@ class Reactions:
 
 
 def reactions(
-    ground: Ground, queries: Sequence[Endpoints], loop: OnboardLoop, patches: int = REACTIONS
+    ground: Ground,
+    queries: Sequence[Endpoints],
+    loop: OnboardLoop,
+    patches: int = REACTIONS,
 ) -> Reactions:
     """Run the onboard loop at its rate on this map, with a patch of elevations at each tick.
 
@@ -141,20 +153,20 @@ def reactions(
 
 
 def _inputs(
-    ground: Ground, queries: Sequence[Endpoints], hills: int, newest: Callable[[], np.ndarray]
+    ground: Ground,
+    queries: Sequence[Endpoints],
+    hills: int,
+    newest: Callable[[], np.ndarray],
 ) -> Iterator[tuple[list[Input], bool]]:
     """Inputs of each tick, and whether its answer counts: each query, and hills that come and go on
-    its paths.
-    """
+    its paths."""
     for at, (start, goal) in enumerate(queries):
         yield [Pose(*start), Goal(*goal)], False
         for number in range(0 if at else -_WARM_UP, hills):
-            row, col, heights = _patch(ground, newest(), _PLACES[number % len(_PLACES)])
-            yield [MapPatch(row, col, elevation=heights)], number >= 0
-            rows, cols = (
-                slice(first, first + n) for first, n in zip((row, col), heights.shape, strict=True)
-            )
-            yield [MapPatch(row, col, elevation=heights_of(ground)[rows, cols])], number >= 0
+            row, col, hill = _patch(ground, newest(), _PLACES[number % len(_PLACES)])
+            level = heights_of(ground)[slices((row, col, *hill.shape))]
+            yield [MapPatch(row, col, elevation=hill)], number >= 0
+            yield [MapPatch(row, col, elevation=level)], number >= 0
 
 
 def _patch(ground: Ground, path: np.ndarray, share: float) -> tuple[int, int, np.ndarray]:
@@ -164,12 +176,11 @@ def _patch(ground: Ground, path: np.ndarray, share: float) -> tuple[int, int, np
     It lies around the cell at this share of a path.
     """
     side = patch_side(ground.shape)
-    cell = path[int(share * len(path))].tolist()
-    row, col = (
-        min(max(at - side // 2, 0), n - side) for at, n in zip(cell, ground.shape, strict=True)
-    )
+    middle = path[int(share * len(path))]
+    last = np.subtract(ground.shape, side)
+    row, col = np.clip(middle - side // 2, 0, last).tolist()
     along = (np.arange(side) - 0.5 * (side - 1)) / (side / 6.0)
     bump = np.exp(-0.5 * (along[:, None] ** 2 + along**2))
     height_m = 1.5 * side / 6.0 * ground.sides_m[0]
-    heights = heights_of(ground)[row : row + side, col : col + side] + height_m * bump
+    heights = heights_of(ground)[slices((row, col, side, side))] + height_m * bump
     return row, col, heights.astype(np.float32)

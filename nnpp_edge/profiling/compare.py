@@ -12,7 +12,7 @@ from nnpp_edge.profiling.figures import find
 from nnpp_edge.profiling.report import SCHEMA
 from nnpp_edge.progress import MISSING, markdown_table
 from nnpp_edge.runtime.errors import InvalidQueryError
-from nnpp_edge.runtime.reading import parse, read_text, reason
+from nnpp_edge.runtime.reading import parse, read_text, refused_as
 
 SAME = "same"
 BETTER = "better"
@@ -61,13 +61,9 @@ use.
 
 
 def read_report(path: Path) -> Facts:
-    """A report from its JSON file; InvalidQueryError if it is none of this schema."""
-    try:
+    """Read a report from its JSON file; InvalidQueryError if it is none of this schema."""
+    with refused_as(InvalidQueryError, f"{path}: wanted a report of nnpp-edge profile"):
         report = parse(read_text(path))
-    except (OSError, ValueError) as error:
-        raise InvalidQueryError(
-            f"{path}: wanted a report of nnpp-edge profile ({reason(error)})"
-        ) from error
     schema = report.get("schema") if isinstance(report, dict) else None
     if schema != SCHEMA or not isinstance(report.get("results"), list):
         raise InvalidQueryError(
@@ -77,77 +73,87 @@ def read_report(path: Path) -> Facts:
 
 
 def compare(before: Facts, after: Facts, tolerance: float) -> Facts:
-    """Every figure that both reports have: ``verdict``, ``tolerance``, ``notes`` and ``lines``.
+    """Compare every figure that both reports have: ``verdict``, ``tolerance``, ``notes`` and
+    ``lines``.
 
     `tolerance` is the share by which a figure may become worse. A success share may lose so much of
     what is missing to 1. A line's change is above 0 where the figure became worse.
-    InvalidQueryError if the reports have no workload, size and planner in common.
-    """
-    try:
+    InvalidQueryError if the reports have no workload, size and planner in common."""
+    lines = []
+    with refused_as(
+        InvalidQueryError,
+        "wanted two reports of nnpp-edge profile, got a damaged one",
+    ):
         notes = list(_differences(before, after))
-        doubtful = any(_doubt(report) for report in (before, after))
-        lines = [
-            _line(row, figure, was, now, tolerance, doubtful)
-            for row in after["results"]
-            if (old := find(before["results"], row["workload"], row["size"], row["planner"]))
-            is not None
-            for figure in _FIGURES
-            if (now := _inside(row, figure.path)) is not None
-            and (was := _inside(old, figure.path)) is not None
-        ]
-    except (KeyError, TypeError, AttributeError, ArithmeticError) as error:
-        raise InvalidQueryError(
-            f"wanted two reports of nnpp-edge profile, got a damaged one: {error}"
-        ) from error
+        doubtful = bool(_doubt(before) or _doubt(after))
+        for row in after["results"]:
+            old = find(before["results"], row["workload"], row["size"], row["planner"])
+            for figure in _FIGURES:
+                was = _inside(old, figure.path)
+                now = _inside(row, figure.path)
+                if was is not None and now is not None:
+                    lines.append(_line(row, figure, was, now, tolerance, doubtful))
     if not lines:
         raise InvalidQueryError(
             "wanted reports with a workload, size and planner in common, got two without"
         )
     states = {line["verdict"] for line in lines}
-    verdict = WORSE if WORSE in states else NOISY if NOISY in states else SAME
+    verdict = next((state for state in (WORSE, NOISY) if state in states), SAME)
     return {"verdict": verdict, "tolerance": tolerance, "notes": notes, "lines": lines}
 
 
 def _line(
-    row: Facts, figure: _Compared, was: float, now: float, tolerance: float, doubtful: bool
+    row: Facts,
+    figure: _Compared,
+    was: float,
+    now: float,
+    tolerance: float,
+    doubtful: bool,
 ) -> Facts:
     worse_by = was - now if figure.more_is_better else now - was
     # of a speed-up the new one, so that twice as slow is the same change for it and for a time
-    base = 1.0 - was if figure.of_rest else abs(now if figure.more_is_better else was)
-    change = worse_by / base if base else (0.0 if worse_by == 0.0 else float("inf") * worse_by)
+    base = abs(now if figure.more_is_better else was)
+    if figure.of_rest:
+        base = 1.0 - was
+    change = worse_by / base if base else None
     state = SAME
-    if abs(worse_by) > figure.least and abs(change) > tolerance:
-        state = (NOISY if doubtful and figure.clocked else WORSE) if worse_by > 0.0 else BETTER
+    if abs(worse_by) > figure.least and (change is None or abs(change) > tolerance):
+        worse = NOISY if doubtful and figure.clocked else WORSE
+        state = worse if worse_by > 0.0 else BETTER
     return {
-        **{name: row[name] for name in ("workload", "size", "planner")},
+        "workload": row["workload"],
+        "size": row["size"],
+        "planner": row["planner"],
         "figure": figure.name,
         "before": was,
         "after": now,
-        "change": None if abs(change) == float("inf") else change,
+        "change": change if worse_by else 0.0,
         "verdict": state,
     }
 
 
 _PLACES = (
-    ("the CPU", ("environment", "cpu")),
-    ("the cores", ("cores",)),
-    ("the governor", ("environment", "governor")),
-    ("the queries", ("profile", "load")),
-    ("the networks", ("profile", "networks")),
-    ("onnxruntime", ("environment", "packages", "onnxruntime")),
+    ("the CPU differs", ("environment", "cpu")),
+    ("the cores differ", ("cores",)),
+    ("the governor differs", ("environment", "governor")),
+    ("the queries differ", ("profile", "load")),
+    ("the networks differ", ("profile", "networks")),
+    ("onnxruntime differs", ("environment", "packages", "onnxruntime")),
 )
-"""Facts that must be equal in two reports, in words and as keys."""
+"""Facts that must be equal in two reports: what is said where they are not, and their keys."""
 
 
 def _differences(before: Facts, after: Facts) -> Iterator[str]:
     """Reasons why the reports are hard to compare."""
     for words, path in _PLACES:
-        was, now = (_inside(report, path) for report in (before, after))
+        was = _inside(before, path)
+        now = _inside(after, path)
         if was != now:
-            told = ", then ".join(json.dumps(each, ensure_ascii=False) for each in (was, now))
-            yield f"{words} differ" + ("s" if words[-1] != "s" else "") + f": {told}"
+            values = ", then ".join(json.dumps(each, ensure_ascii=False) for each in (was, now))
+            yield f"{words}: {values}"
     for words, report in (("first", before), ("second", after)):
-        if doubt := _doubt(report):
+        doubt = _doubt(report)
+        if doubt:
             yield f"the {words} run was {doubt}"
 
 
@@ -155,9 +161,10 @@ def _doubt(report: Facts) -> str:
     """Reasons to doubt a report's times; empty where nothing does. Older reports tell nothing of
     sensors.
     """
-    if report["disturbance"]["words"]:
-        return f"disturbed: {report['disturbance']['words']}"
+    words = report["disturbance"]["words"]
     slowed = _inside(report, ("sensors", "throttled"))
+    if words:
+        return f"disturbed: {words}"
     return f"throttled: {slowed}" if slowed else ""
 
 
@@ -180,32 +187,30 @@ def board(report: Facts) -> dict[str, str]:
     sensors = report["sensors"]
     results = report["results"]
     workload = results[0]["workload"]
-    clocks = sensors["clock_mhz"].values()
 
     def medians(planner: str, key: str = "time_ms") -> str:
         """Milliseconds by size, at the profile's first workload."""
-        rows = [
-            row
-            for row in results
-            if (row["workload"], row["planner"]) == (workload, planner) and row[key]
-        ]
-        return " · ".join(f"{row['size']}² {row[key]['median']:.3g}" for row in rows) or MISSING
+        found = []
+        for row in results:
+            if row["workload"] == workload and row["planner"] == planner and row[key]:
+                found.append(f"{row['size']}² {row[key]['median']:.3g}")
+        return " · ".join(found) or MISSING
 
+    clocks = sensors["clock_mhz"].values()
     greatest = MISSING if facts["clock_mhz"] is None else f"{facts['clock_mhz']:.0f} MHz"
     ran = "not told while it ran"
     if clocks:
-        ran = (
-            f"ran at {min(each['min'] for each in clocks):.0f} to "
-            f"{max(each['max'] for each in clocks):.0f}"
-        )
-    versions = (
-        f"{name} {facts['packages'][name]}"
-        for name in ("nnpp-edge", "numpy", "numba", "onnxruntime")
-    )
-    others = max(
-        max(half["waited_share"], half["others_share"] or 0.0)
-        for half in report["disturbance"]["halves"]
-    )
+        least = min(each["min"] for each in clocks)
+        most = max(each["max"] for each in clocks)
+        ran = f"ran at {least:.0f} to {most:.0f}"
+    versions = [f"python {facts['python']}"]
+    for name in ("nnpp-edge", "numpy", "numba", "onnxruntime"):
+        versions.append(f"{name} {facts['packages'][name]}")
+    others = 0.0
+    for half in report["disturbance"]["halves"]:
+        others = max(others, half["waited_share"], half["others_share"] or 0.0)
+    system = facts["system"] or "Linux"
+    throttled = "no" if clocks or sensors["temperature_c"] else "not told"
     return {
         "date": report["made"][:10],
         "processor": facts["cpu"],
@@ -213,9 +218,8 @@ def board(report: Facts) -> dict[str, str]:
         "flags": ", ".join(facts["flags"]) or MISSING,
         "clock": f"{greatest}, {ran}",
         "memory": f"{facts['memory_mb'] / 1024:.1f} GiB",
-        "system": f"{facts['system'] or 'Linux'}, kernel {facts['kernel']}, "
-        f"{facts['architecture']}",
-        "versions": f"python {facts['python']}, {', '.join(versions)}",
+        "system": f"{system}, kernel {facts['kernel']}, {facts['architecture']}",
+        "versions": ", ".join(versions),
         "profile": f"{report['profile']['name']}: {workload}",
         "A*, ms": medians("astar"),
         "corridor, ms": medians("corridor"),
@@ -225,6 +229,5 @@ def board(report: Facts) -> dict[str, str]:
         "first path of a map, ms": medians(report["profile"]["planner"], "map_ms"),
         "verdict": report["verdict"],
         "others took": f"{100 * others:.1f} %",
-        "throttled": sensors["throttled"]
-        or ("no" if clocks or sensors["temperature_c"] else "not told"),
+        "throttled": sensors["throttled"] or throttled,
     }

@@ -3,10 +3,9 @@ of the rows.
 """
 
 import gc
-import math
 import time
 from collections import defaultdict
-from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import partial
@@ -14,6 +13,7 @@ from typing import Any, Generic, TypeVar
 
 import numpy as np
 
+from nnpp_edge.progress import ignore
 from nnpp_edge.runtime.planners.plan import Plan, Source
 
 CaseT = TypeVar("CaseT")
@@ -45,8 +45,8 @@ class Record(Generic[CaseT, ResultT]):
 
     def middle(self) -> tuple[float, ResultT]:
         """Time and result of the call of middle time; of two calls the faster one."""
-        ranked = sorted(range(len(self.elapsed_s)), key=self.elapsed_s.__getitem__)
-        at = ranked[(len(ranked) - 1) // 2]
+        ranked = np.argsort(self.elapsed_s, kind="stable")
+        at = int(ranked[(len(ranked) - 1) // 2])
         return self.elapsed_s[at], self.results[at]
 
 
@@ -73,44 +73,33 @@ class Harness:
         *,
         repeats: int = 1,
         once: Collection[str] = (),
-        warm_up: Sequence[CaseT] = (),
-        before: Callable[[str], None] = lambda rival: None,
-        after: Callable[[str, float, ResultT], None] = lambda rival, elapsed_s, result: None,
+        before: Callable[[str], None] = ignore,
+        after: Callable[[str, float, ResultT], None] = ignore,
     ) -> Iterator[dict[str, Record[CaseT, ResultT]]]:
         """Let every rival, a function of a case, answer every case: for each case a record of each
         rival, in order.
 
         Cases are taken one by one, when the records of the one before have been used. In each of
         `repeats` turns every rival is called once, in an order that is drawn anew; those in `once`
-        take part in the first turn only. The cases of `warm_up` are answered before the clock
-        starts. `before` and `after` are called around each timed call, outside the time that
-        counts.
+        take part in the first turn only. `before` and `after` are called around each timed call,
+        outside the time that counts.
 
         What a rival raises ends the measurement: figures of the others would no longer be of the
-        same cases.
-        """
-        for case in warm_up:
-            for call in rivals.values():
-                call(case)
+        same cases."""
         for case in cases:
-            elapsed: dict[str, list[float]] = {name: [] for name in rivals}
-            results: dict[str, list[ResultT]] = {name: [] for name in rivals}
+            calls: dict[str, list[tuple[float, ResultT]]] = {name: [] for name in rivals}
             with _no_garbage_collection():
                 for turn in range(repeats):
                     names = [name for name in rivals if turn == 0 or name not in once]
                     for at in self._rng.permutation(len(names)):
                         name = names[at]
-                        call = rivals[names[at]]
                         before(name)
                         began = self.clock()
-                        result = call(case)
+                        result = rivals[name](case)
                         seconds = self.clock() - began
                         after(name, seconds, result)
-                        elapsed[name].append(seconds)
-                        results[name].append(result)
-            yield {
-                name: Record(case, tuple(elapsed[name]), tuple(results[name])) for name in rivals
-            }
+                        calls[name].append((seconds, result))
+            yield {name: Record(case, *zip(*made, strict=True)) for name, made in calls.items()}
 
 
 @contextmanager
@@ -134,19 +123,22 @@ def answer(plan: Plan, time_ms: float, optimum: float, exact_ms: float | None) -
         "first": first,
         "solved": plan.ok,
         "expansions": plan.expansions,
+        "costs_computed": plan.costs_computed,
     }
-    found |= {"costs_computed": plan.costs_computed}
+    if first:
+        found["first_ms"] = time_ms
     if exact_ms is not None:
         found |= {"exact_ms": exact_ms, "speedup": exact_ms / time_ms}
-    found |= {"first_ms": time_ms} if first else {}
-    return found | ({"gap": gap(plan.cost, optimum), "cc": plan.traverse_cost} if plan.ok else {})
+    if plan.ok:
+        found |= {"gap": gap(plan.cost, optimum), "cc": plan.traverse_cost}
+    return found
 
 
 def gap(cost: float, optimum: float) -> float:
     """By how much a cost is above the optimum, as a share of it; of its size where energy is got
     back.
     """
-    return (cost / optimum - 1.0) * math.copysign(1.0, optimum) if optimum else 0.0
+    return (cost - optimum) / abs(optimum) if optimum else 0.0
 
 
 def summarised(rows: Iterable[Row], summary: Summary) -> Figures:
@@ -159,7 +151,8 @@ def summarised(rows: Iterable[Row], summary: Summary) -> Figures:
 
 
 def of(
-    name: str, reduce: Callable[[list[float]], np.floating]
+    name: str,
+    reduce: Callable[[list[float]], np.floating],
 ) -> Callable[[Columns], float | None]:
     """A figure of one column; None where it is empty."""
     return lambda columns: float(reduce(columns[name])) if columns[name] else None
@@ -176,6 +169,9 @@ def quantile(name: str, share: float) -> Callable[[Columns], float | None]:
 
 def ratio(name: str, other: str) -> Callable[[Columns], float | None]:
     """The sum of a column over that of another; None where that is none."""
-    return lambda columns: (
-        sum(columns[name]) / sum(columns[other]) if sum(columns[other]) > 0.0 else None
-    )
+
+    def figure(columns: Columns) -> float | None:
+        whole = sum(columns[other])
+        return sum(columns[name]) / whole if whole > 0.0 else None
+
+    return figure

@@ -20,12 +20,13 @@ from nnpp_edge.profiling.contest import (
 )
 from nnpp_edge.profiling.rivals import EXACT, FindsPlans, RivalPlanner
 from nnpp_edge.profiling.suites import Case
+from nnpp_edge.progress import Progress, ignore
 from nnpp_edge.runtime.cells import Endpoints
 from nnpp_edge.runtime.errors import InvalidQueryError
 from nnpp_edge.runtime.exercises import exercise
 from nnpp_edge.runtime.kernels.poses import AXES
-from nnpp_edge.runtime.map.motions import all_motions
 from nnpp_edge.runtime.planners.plan import Plan, Source
+from nnpp_edge.runtime.robots.body.motions import all_motions
 
 Records = Mapping[str, Record[Endpoints, Plan]]
 """Measurements on a query, by the names of the calls."""
@@ -80,7 +81,7 @@ def evaluate(
     *,
     repeats: int = 3,
     fresh_map: bool = False,
-    progress: Callable[[int], None] = lambda done: None,
+    progress: Progress = ignore,
 ) -> dict[str, Figures]:
     """Have every planner, exact A* among them, answer the same queries: a row of figures for each
     planner's key, in order.
@@ -106,28 +107,31 @@ def evaluate(
             raise InvalidQueryError(
                 f"no query has a path on {in_vain} maps in a row of the workload {case.workload}"
             )
-        for name, call in on_map.calls.items():
-            on_map.forget(name, 0.0, call(case.queries[0]))
-        for records in harness.measure(
-            on_map.calls, solvable[: queries - done], repeats=repeats, after=on_map.forget
-        ):
+        on_map.warm_up()
+        wanted = solvable[: queries - done]
+        for records in harness.measure(on_map.calls, wanted, repeats=repeats, after=on_map.forget):
             for name, row in on_map.judged(records):
                 rows[name].append(row)
-            progress(done := done + 1)
+            done += 1
+            progress(done)
         if done >= queries:
             break
+
     found: dict[str, Figures] = {}
     for rival, lazy in product(rivals, (True, False)):
         key = _key(rival, lazy)
         answers = rows[rival.name]
         on_fresh = rows[_FRESH + key]
-        if answers and (lazy or on_fresh):
-            found[key] = {"method": key, **summarised(answers, _ANSWERS), "unsolvable": unsolvable}
-            found[key] |= summarised(answers, _OF_BODY) if poses else {}
-            found[key] |= (
-                {"checks_mean": poses, "checks_share_mean": 1.0} if poses and not lazy else {}
-            )
-            found[key] |= summarised(on_fresh, _ON_FRESH_MAP) if on_fresh else {}
+        if not answers or not (lazy or on_fresh):
+            continue
+        figures = {"method": key, **summarised(answers, _ANSWERS), "unsolvable": unsolvable}
+        if poses:
+            figures |= summarised(answers, _OF_BODY)
+        if poses and not lazy:
+            figures |= {"checks_mean": poses, "checks_share_mean": 1.0}
+        if on_fresh:
+            figures |= summarised(on_fresh, _ON_FRESH_MAP)
+        found[key] = figures
     return found
 
 
@@ -136,43 +140,46 @@ class _OnMap:
 
     def __init__(self, case: Case, rivals: Sequence[RivalPlanner], fresh_map: bool) -> None:
         body = case.ground.vehicle
-        self._ground = case.ground
-        self._cells = case.cost.size
+        self._case = case
         self._rivals = rivals
-        in_cell = (
-            0 if body is None else int(all_motions(body, case.ground.sides_m).poses_of[2 * AXES])
-        )
-        self.poses = in_cell * case.cost.size
+        self.poses = 0
         """Of a vehicle's body on the map; 0 of a point."""
-        how = (True, False) if fresh_map else (True,) if body else ()
-        self._fresh = {
-            _FRESH + _key(rival, lazy): partial(self._from_elevations, rival.apart(), lazy)
-            for rival, lazy in product(rivals, how)
-        }
+        if body is not None:
+            motions = all_motions(body, case.ground.sides_m)
+            self.poses = int(motions.poses_of[2 * AXES]) * case.cost.size
         self._kept: FindsPlans | None = None
-        self._standing = (
-            {} if body else {each.name: each.planner(case.standing, lazy=False) for each in rivals}
-        )
-        self.calls: dict[str, Callable[[Endpoints], Plan]] = {
-            **{
-                each.name: partial(each.plan, self._standing[each.name])
-                for each in rivals
-                if self._standing
-            },
-            **self._fresh,
-        }
-        exact = next(each for each in rivals if each.name == EXACT)
+        self.calls: dict[str, Callable[[Endpoints], Plan]] = {}
+        self._standing: dict[str, FindsPlans] = {}
+        for rival in rivals if body is None else ():
+            planner = rival.planner(case.standing, lazy=False)
+            self._standing[rival.name] = planner
+            self.calls[rival.name] = partial(rival.plan, planner)
+        # with a vehicle each answer is that of a planner that has checked no pose before
+        fresh = [True] if fresh_map or body else []
+        if fresh_map:
+            fresh.append(False)
+        for rival, lazy in product(rivals, fresh):
+            name = _FRESH + _key(rival, lazy)
+            self.calls[name] = partial(self._from_elevations, rival.apart(), lazy)
+
+        exact = next(rival for rival in rivals if rival.name == EXACT)
         planner = self._planner(exact)
         self.exact = {query: exact.plan(planner, query) for query in case.queries}
         """Optima, and answers to queries without a path."""
 
-    def forget(self, name: str, elapsed_s: float, result: Plan) -> None:
+    def warm_up(self) -> None:
+        """Make each call once, outside the time that counts."""
+        for call in self.calls.values():
+            call(self._case.queries[0])
+            self.forget()
+
+    def forget(self, *_: object) -> None:
         """Give a fresh map's planner back after a call, outside the time that counts."""
         self._kept = None
 
     def _from_elevations(self, rival: RivalPlanner, lazy: bool, query: Endpoints) -> Plan:
         """From elevations to the plan; the planner is kept until `forget`."""
-        self._kept = rival.planner(self._ground, lazy=lazy)
+        self._kept = rival.planner(self._case.ground, lazy=lazy)
         return rival.plan(self._kept, query)
 
     def judged(self, records: Records) -> Iterator[tuple[str, Row]]:
@@ -180,57 +187,48 @@ class _OnMap:
         exact_ms = self._own_ms(EXACT, records)
         eager = records.get(_FRESH + EXACT + EAGER)
         eager_ms = None if eager is None else 1e3 * eager.median_s
+        query = next(iter(records.values())).case
+        optimum = self.exact[query]
         for rival in self._rivals:
-            time_ms = self._own_ms(rival.name, records)
-            query = next(iter(records.values())).case
-            # of a planner that has checked no pose before
             plan = rival.plan(self._planner(rival), query, keep_regions=True)
-            optimum = self.exact[query]
-            found = answer(plan, time_ms, optimum.cost, exact_ms) | _searched(
-                plan, optimum, self._cells, self.poses
-            )
-            yield rival.name, found
-        for name in self._fresh:
-            record = records[name]
-            yield (
-                name,
-                answer(
-                    record.results[0], 1e3 * record.median_s, self.exact[record.case].cost, eager_ms
-                ),
-            )
+            own = answer(plan, self._own_ms(rival.name, records), optimum.cost, exact_ms)
+            yield rival.name, own | self._searched(plan, optimum)
+        for name, record in records.items():
+            if name.startswith(_FRESH):
+                plan = record.results[0]
+                yield name, answer(plan, 1e3 * record.median_s, optimum.cost, eager_ms)
+
+    def _searched(self, plan: Plan, optimum: Plan) -> Row:
+        """Cells and poses that a plan's search went over, its regions kept.
+
+        MM is the number of cells of the optimal path over those of a region: of the one that was
+        searched, where one was, and of the network's at the threshold itself.
+        """
+        found: Row = {
+            "checks": plan.checks,
+            "checks_share": plan.checks / max(self.poses, 1),
+            "widened": plan.source is Source.WIDENED,
+            "whole_map": plan.source is Source.FALLBACK,
+            "region_share": 1.0,
+        }
+        if plan.region is not None:
+            area = plan.region.area()
+            found["region_share"] = area / self._case.cost.size
+            found["mm"] = len(optimum.path) / area
+        if plan.network_region is not None:
+            found["mm_network"] = len(optimum.path) / plan.network_region.area()
+        return found
 
     def _own_ms(self, name: str, records: Records) -> float:
         """An answer's time: with a vehicle without the making of the planner."""
         if self._standing:
             return 1e3 * records[name].median_s
-        return float(
-            np.median(
-                [plan.timings_ms.get("total", 0.0) for plan in records[_FRESH + name].results]
-            )
-        )
+        plans = records[_FRESH + name].results
+        return float(np.median([plan.timings_ms.get("total", 0.0) for plan in plans]))
 
     def _planner(self, rival: RivalPlanner) -> FindsPlans:
-        return self._standing[rival.name] if self._standing else rival.planner(self._ground)
+        return self._standing[rival.name] if self._standing else rival.planner(self._case.ground)
 
 
 def _key(rival: RivalPlanner, lazy: bool) -> str:
     return rival.name + EAGER * (not lazy)
-
-
-def _searched(plan: Plan, optimum: Plan, cells: int, poses: int) -> Row:
-    """Cells and poses that a plan's search went over, on a map of so many, its regions kept.
-
-    MM is the number of cells of the optimal path over those of a region: of the one that was
-    searched, where one was, and of the network's at the threshold itself.
-    """
-    area = plan.region.area() if plan.region is not None else None
-    found: Row = {"checks": plan.checks, "checks_share": plan.checks / max(poses, 1)}
-    found |= {"widened": plan.source is Source.WIDENED, "whole_map": plan.source is Source.FALLBACK}
-    found |= (
-        {"region_share": 1.0}
-        if area is None
-        else {"region_share": area / cells, "mm": len(optimum.path) / area}
-    )
-    if plan.network_region is not None:
-        found["mm_network"] = len(optimum.path) / plan.network_region.area()
-    return found

@@ -6,13 +6,13 @@ from collections import defaultdict
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
 from nnpp_edge.profiling.arrivals import patch_side
 from nnpp_edge.profiling.contest import Facts, Summary, answer, mean, quantile, ratio, summarised
 from nnpp_edge.profiling.measure import HALVES, Answers, Run, WorkloadRun
 from nnpp_edge.profiling.profile_file import OnboardLoop
 from nnpp_edge.profiling.rivals import EXACT
+from nnpp_edge.runtime.arrays import Floats
 
 STAGES = ("encode", "inference", "threshold", "coarse", "search", "path", "other")
 """Of a plan, in the order of work."""
@@ -56,22 +56,26 @@ def find(results: Sequence[Facts], workload: str, size: int, planner: str) -> Fa
 
 def loop_rows(run: Run, loop: OnboardLoop) -> list[Facts]:
     """A row for each workload and size at which the reactions of this loop were measured."""
-    found = []
+    found: list[Facts] = []
     for of in run.workloads:
-        if halves := [each.ms for each in of.reactions]:
-            counts = ("planned", "kept", "without_path")
-            row: Facts = {
+        if not of.reactions:
+            continue
+        halves = [each.ms for each in of.reactions]
+        found.append(
+            {
                 "workload": of.workload,
                 "size": of.size,
                 "method": loop.method,
                 "rate_hz": loop.rate_hz,
+                "patch_side": patch_side((of.size, of.size)),
+                "n": sum(map(len, halves)),
+                "reaction_ms": _spread(np.concatenate(halves)),
+                "planned": sum(each.planned for each in of.reactions),
+                "kept": sum(each.kept for each in of.reactions),
+                "without_path": sum(each.without_path for each in of.reactions),
+                "halves": {"reaction": [float(np.median(half)) for half in halves]},
             }
-            row |= {"patch_side": patch_side((of.size, of.size)), "n": sum(map(len, halves))}
-            row |= {"reaction_ms": _spread(np.concatenate(halves))}
-            row |= {name: sum(getattr(each, name) for each in of.reactions) for name in counts}
-            found.append(
-                row | {"halves": {"reaction": [float(np.median(half)) for half in halves]}}
-            )
+        )
     return found
 
 
@@ -94,16 +98,16 @@ def break_even(results: Sequence[Facts]) -> list[Facts]:
 
 
 def _row(of: WorkloadRun, name: str) -> Facts:
-    answers, exact = of.answers[name], of.answers[EXACT]
+    answers = of.answers[name]
+    exact = of.answers[EXACT]
     times = answers.column("time_ms")
     exact_times = exact.column("time_ms")
     found = []
     for plan, ms, optimum, exact_ms in zip(
         answers.plans, times, exact.plans, exact_times, strict=True
     ):
-        found.append(
-            answer(plan, ms, optimum.cost, exact_ms) | {"exact_cc": plan.ok * optimum.traverse_cost}
-        )
+        of_query = answer(plan, ms, optimum.cost, exact_ms)
+        found.append(of_query | {"exact_cc": plan.ok * optimum.traverse_cost})
     energy_mj = float(np.mean(answers.energy_mj))
     whole = _spread(times)
     network = answers.column("network_ms")
@@ -134,7 +138,7 @@ def _row(of: WorkloadRun, name: str) -> Facts:
 def _halves(of: WorkloadRun, name: str) -> dict[str, list[float]]:
     """For each basis of a budget its median in either half."""
 
-    def halves(of_whom: str, figure: str) -> list[NDArray[np.float64]]:
+    def halves(of_whom: str, figure: str) -> list[Floats]:
         return [of.answers[of_whom].column(figure, half) for half in range(HALVES)]
 
     bases = {"time": "time_ms", "map": "map_ms", "patch": "patch_ms", "inference": "network_ms"}
@@ -153,7 +157,7 @@ def _halves(of: WorkloadRun, name: str) -> dict[str, list[float]]:
     return found
 
 
-def _spread(times: NDArray[np.float64]) -> dict[str, float]:
+def _spread(times: Floats) -> dict[str, float]:
     shares = {"median": 0.5, "p90": 0.9, "p99": 0.99, "max": 1.0}
     spread = {name: float(np.quantile(times, share)) for name, share in shares.items()}
     return {name: round(each, 6) for name, each in (spread | {"mean": float(times.mean())}).items()}

@@ -1,6 +1,5 @@
 """Budgets against figures: passed, missed, noisy, throttled or not measured."""
 
-from collections import defaultdict
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 
@@ -62,28 +61,14 @@ def judged(
     lines = []
     for budget in profile.budgets:
         name = budget.quantity
-        quantity = QUANTITIES[budget.quantity]
-        for place in ((None, None),) if quantity.whole_run else profile.places(budget):
-            row = rows.get((*place, budget.planner), {"halves": {}})
-            value = (
-                whole_run.get(name, {}).get(budget.planner)
-                if quantity.whole_run
-                else _value(row, name)
-            )
-            halves = None if value is None else row["halves"].get(quantity.basis)
-            value = None if value is None else quantity.scale * value
-            state, why = _verdict(budget, value, halves, noise)
-            lines.append(
-                {
-                    **{key: getattr(budget, key) for key in ("name", "quantity", "planner")},
-                    **dict(zip(("workload", "size"), place, strict=True)),
-                    **{key: getattr(budget, key) for key in ("direction", "limit", "unit")},
-                    "value": value,
-                    "halves": halves,
-                    "verdict": state,
-                    "why": why,
-                }
-            )
+        if QUANTITIES[name].whole_run:
+            figure = whole_run.get(name, {}).get(budget.planner)
+            lines.append(_line(budget, None, None, figure, None, noise))
+            continue
+        for workload, size in profile.places(budget):
+            row = rows.get((workload, size, budget.planner), {"halves": {}})
+            halves = row["halves"].get(QUANTITIES[name].basis)
+            lines.append(_line(budget, workload, size, _value(row, name), halves, noise))
     return lines
 
 
@@ -105,64 +90,111 @@ def summary(ending: str, lines: Sequence[Facts], noise: str) -> str:
     """
     if not lines:
         return f"no budgets; the run was disturbed: {noise}" if noise else "no budgets"
-    head, blame = {
-        MET: ("all budgets met", ()),
-        MISSED: ("budgets missed", (FAIL,)),
-        THROTTLED: ("throttled", (THROTTLED,)),
-        UNSURE: ("too noisy to tell", (NOISY, ABSENT)),
+    head, *blame = {
+        MET: ("all budgets met",),
+        MISSED: ("budgets missed", FAIL),
+        THROTTLED: ("throttled", THROTTLED),
+        UNSURE: ("too noisy to tell", NOISY, ABSENT),
     }[ending]
-    places: dict[tuple[str, str], list[str]] = defaultdict(list)
-    for line in (each for each in lines if each["verdict"] in blame):
-        places[line["name"], line["planner"]] += (
-            [f"{line['workload']} {line['size']}²"] if line["size"] else []
-        )
-    names = [
-        f"{name} ({', '.join([planner, *where])})" for (name, planner), where in places.items()
-    ]
-    passed = sum(line["verdict"] == PASS for line in lines)
-    return f"{head}: {passed} of {len(lines)} pass" + (f"; not {', '.join(names)}" if names else "")
+    passed = 0
+    places: dict[tuple[str, str], list[str]] = {}
+    for line in lines:
+        passed += line["verdict"] == PASS
+        if line["verdict"] in blame:
+            where = places.setdefault((line["name"], line["planner"]), [line["planner"]])
+            if line["size"]:
+                where.append(f"{line['workload']} {line['size']}²")
+    said = f"{head}: {passed} of {len(lines)} pass"
+    if places:
+        names = [f"{name} ({', '.join(where)})" for (name, _), where in places.items()]
+        said += f"; not {', '.join(names)}"
+    return said
+
+
+def _line(
+    budget: Budget,
+    workload: str | None,
+    size: int | None,
+    figure: float | None,
+    halves: Sequence[float] | None,
+    noise: Noise,
+) -> Facts:
+    """A budget's line at one place, by a report's figure and the medians of both halves."""
+    value = None
+    if figure is None:
+        halves = None
+    else:
+        value = QUANTITIES[budget.quantity].scale * figure
+    state, why = _verdict(budget, value, halves, noise)
+    return {
+        "name": budget.name,
+        "quantity": budget.quantity,
+        "planner": budget.planner,
+        "workload": workload,
+        "size": size,
+        "direction": budget.direction,
+        "limit": budget.limit,
+        "unit": budget.unit,
+        "value": value,
+        "halves": halves,
+        "verdict": state,
+        "why": why,
+    }
 
 
 def _value(row: Facts, quantity: str) -> float | None:
     """A quantity's figure; of a spread of times, ``map_ms`` is the median and ``map_ms_p99`` says
     which.
     """
-    figures: Mapping[str, object] = row
-    spread, _, figure = quantity.partition("_ms")
-    if isinstance(times := figures.get(f"{spread}_ms"), Mapping):
-        figures = times
-        quantity = figure.removeprefix("_") or "median"
-    value = figures.get(quantity)
+    spread, _, which = quantity.partition("_ms")
+    figures: object = row.get(f"{spread}_ms")
+    if isinstance(figures, Mapping):
+        value = figures.get(which.removeprefix("_") or "median")
+    else:
+        value = row.get(quantity)
     return value if isinstance(value, int | float) else None
 
 
 def _verdict(
-    budget: Budget, value: float | None, halves: Sequence[float] | None, noise: Noise
+    budget: Budget,
+    value: float | None,
+    halves: Sequence[float] | None,
+    noise: Noise,
 ) -> tuple[str, str]:
-    """A budget's verdict, and why it is none."""
+    """A budget's verdict; with noise, and where it is none, also why."""
     if value is None:
         return ABSENT, "this run did not measure it"
-    least = budget.direction == "at least"
-    state = PASS if (value >= budget.limit if least else value <= budget.limit) else FAIL
+    wanted = value
+    got = budget.limit
+    if budget.direction == "at least":
+        wanted = budget.limit
+        got = value
+    state = PASS if got >= wanted else FAIL
     if not QUANTITIES[budget.quantity].basis:
         return state, ""
-    apart = abs(halves[0] - halves[1]) / min(halves) if halves is not None else 0.0
-    words = (
-        f"the halves of the run differ by {100 * apart:.0f} %"
-        if apart > MOST_APART
-        else noise.words
-    )
-    slowed = "" if words or state == PASS else noise.throttling.words
-    if not (words or slowed):
+
+    # signs of noise; of throttling, where there are none and a budget is missed
+    apart = 0.0
+    if halves is not None:
+        apart = (max(halves) - min(halves)) / min(halves)
+    unsure = NOISY
+    words = noise.words
+    lost = noise.share
+    if apart > MOST_APART:
+        words = f"the halves of the run differ by {100 * apart:.0f} %"
+    if not words and state == FAIL:
+        unsure = THROTTLED
+        words = noise.throttling.words
+        lost = noise.throttling.share
+        apart = 0.0
+    if not words:
         return state, ""
-    lost, apart = (noise.share, apart) if words else (noise.throttling.share, 0.0)
+
     # beyond doubt: the better half would miss the limit even with the share of the time back that
     # was lost
-    wanted, got = (budget.limit, value) if least else (value, budget.limit)
-    if state == FAIL and (
-        got <= 0.0 or (1.0 - lost) * wanted / (got * (1.0 + apart)) > _BEYOND_DOUBT
-    ):
-        return FAIL, f"{words or slowed}, which explains no such miss"
-    if state == PASS and got >= _TEN_TIMES * wanted:
-        return PASS, f"kept {_TEN_TIMES:g} times over, under load: {words}"
-    return (NOISY, words) if words else (THROTTLED, slowed)
+    if state == PASS:
+        if got >= _TEN_TIMES * wanted:
+            return PASS, f"kept {_TEN_TIMES:g} times over, under load: {words}"
+    elif got <= 0.0 or (1.0 - lost) * wanted / (got * (1.0 + apart)) > _BEYOND_DOUBT:
+        return FAIL, f"{words}, which explains no such miss"
+    return unsure, words

@@ -21,22 +21,25 @@ from nnpp_edge.profiling.sensors import Sensors, text_of
 
 ResultT = TypeVar("ResultT")
 _FLAGS = (
-    *(
-        "avx2",
-        "fma",
-        "f16c",
-        "avx512f",
-        "avx512bw",
-        "avx512_vnni",
-        "avx_vnni",
-        "amx_tile",
-        "amx_int8",
-    ),
-    *("asimd", "asimddp", "i8mm", "sve", "sve2", "bf16"),
+    # of x86
+    "avx2",
+    "fma",
+    "f16c",
+    "avx512f",
+    "avx512bw",
+    "avx512_vnni",
+    "avx_vnni",
+    "amx_tile",
+    "amx_int8",
+    # of ARM
+    "asimd",
+    "asimddp",  # the dot product
+    "i8mm",
+    "sve",
+    "sve2",
+    "bf16",
 )
-"""Flags that decide how fast int8 and float kernels are, of x86 and ARM; asimddp is the dot
-product.
-"""
+"""Flags that decide how fast int8 and float kernels are."""
 _PART = re.compile(r"^CPU implementer\s*:\s*(\w+)\n(?:.+\n)*?CPU part\s*:\s*(\w+)", re.MULTILINE)
 _CORTEX = {
     "d03": "A53",
@@ -62,42 +65,43 @@ _GUEST = 8
 
 def environment(cores: Sequence[int]) -> Facts:
     """CPU, its flags, governor of the cores, memory, versions and load, ready for JSON."""
-    info: dict[str, str] = {}
+    architecture = platform.machine()
     text = text_of(_PROC / "cpuinfo")
+    info: dict[str, str] = {}
     for line in text.splitlines():  # the first core, and the board behind all of them
         key, _, value = line.partition(":")
         if value.strip():
             info.setdefault(key.strip(), value.strip())
-    flags = set(info.get("flags", info.get("Features", "")).split())
-    board = (
-        info.get("Model")
-        or text_of(_PROC / "device-tree" / "model").rstrip("\0")
-        or info.get("Hardware")
-    )
-    parts = " + ".join(dict.fromkeys(_core_name(*each) for each in _PART.findall(text)))
-    clocks = Sensors(cores, _SYS).limits.clock_mhz or (
-        {"": float(info["cpu MHz"])} if "cpu MHz" in info else {}
-    )
-    governors = {
-        text_of(_SYS / f"devices/system/cpu/cpu{core}/cpufreq/scaling_governor") for core in cores
-    } - {""}
+    flags = info.get("flags", info.get("Features", "")).split()
+
+    # what the processor is called: x86 says so, boards and ARM's cores in other words
+    model = text_of(_PROC / "device-tree" / "model").rstrip("\0")
+    board = info.get("Model") or model or info.get("Hardware", "")
+    parts = dict.fromkeys(_core_name(*each) for each in _PART.findall(text))
+    names = [name for name in (board, " + ".join(parts)) if name]
+    cpu = ", ".join(names) or info.get("model name") or architecture
+
+    clocks = [*Sensors(cores, _SYS).limits.clock_mhz.values()]
+    if not clocks and "cpu MHz" in info:
+        clocks = [float(info["cpu MHz"])]
+    governors = set()
+    for core in cores:
+        governors.add(text_of(_SYS / f"devices/system/cpu/cpu{core}/cpufreq/scaling_governor"))
     system = None
     with suppress(OSError):
         system = platform.freedesktop_os_release().get("PRETTY_NAME")
     return {
-        "cpu": ", ".join(filter(None, (board, parts)))
-        or info.get("model name")
-        or platform.machine(),
-        "architecture": platform.machine(),
+        "cpu": cpu,
+        "architecture": architecture,
         "flags": [flag for flag in _FLAGS if flag in flags],
         "cores_online": os.cpu_count(),
-        "clock_mhz": max(clocks.values(), default=None),
-        "governor": sorted(governors) or None,
+        "clock_mhz": max(clocks, default=None),
+        "governor": sorted(governors - {""}) or None,
         "memory_mb": os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES") // 2**20,
         "kernel": platform.release(),
         "system": system,
         "python": platform.python_version(),
-        "packages": {"nnpp-edge": __version__, **{name: _version(name) for name in _PACKAGES}},
+        "packages": {"nnpp-edge": __version__} | {name: _version(name) for name in _PACKAGES},
         "load_average": [round(each, 2) for each in os.getloadavg()],
     }
 
@@ -115,28 +119,28 @@ def _version(package: str) -> str | None:
 
 @contextmanager
 def pinned(cores: Sequence[int]) -> Iterator[tuple[list[int], list[str]]]:
-    """Keep every thread of this process on these cores; gives those that it got, and what must be
-    said about it.
-    """
+    """Keep every thread of this process on these cores; gives those that it got, and warnings where
+    they are others."""
     before = os.sched_getaffinity(0)
     missing = sorted(set(cores) - before)
     spare = sorted(before - set(cores))
     got = sorted({*(set(cores) & before), *spare[: len(missing)]})
     said = []
     if missing:
-        wanted, lacking, instead = (
-            ", ".join(map(str, sorted(each))) for each in (cores, missing, got)
-        )
-        fewer = f", {len(cores) - len(got)} fewer" if len(got) < len(cores) else ""
-        said.append(
-            f"wanted cores {wanted}, of which {lacking} may not be used here: runs on "
-            f"{instead}{fewer}"
-        )
+        wanted, lacking, instead = (_listed(each) for each in (cores, missing, got))
+        words = f"wanted cores {wanted}, of which {lacking} may not be used here: runs on {instead}"
+        if len(got) < len(cores):
+            words += f", {len(cores) - len(got)} fewer"
+        said.append(words)
     _pin(got)
     try:
         yield got, said
     finally:
         _pin(before)
+
+
+def _listed(cores: Sequence[int]) -> str:
+    return ", ".join(map(str, sorted(cores)))
 
 
 def _pin(cores: Sequence[int] | set[int]) -> None:
@@ -208,14 +212,19 @@ def core_seconds(cores: Sequence[int]) -> float | None:
     """Seconds that the cores have worked since the machine started; None where the kernel does not
     count them.
     """
-    lines = [
-        line.split() for line in text_of(_PROC / "stat").splitlines() if line.startswith("cpu")
-    ]
     wanted = {f"cpu{core}" for core in cores}
-    ticks = [[int(each) for each in fields] for name, *fields in lines if name in wanted]
-    if len(ticks) < len(wanted) or not all(map(sum, ticks)):
+    ticks = 0
+    counted = 0
+    for line in text_of(_PROC / "stat").splitlines():
+        name, *fields = line.split()
+        if name not in wanted:
+            continue
+        times = [int(each) for each in fields]
+        ticks += sum(times[:_GUEST]) - sum(times[_IDLE])
+        counted += any(times)
+    if counted < len(wanted):
         return None
-    return sum(sum(each[:_GUEST]) - sum(each[_IDLE]) for each in ticks) / os.sysconf("SC_CLK_TCK")
+    return ticks / os.sysconf("SC_CLK_TCK")
 
 
 class EnergyMeter:
@@ -223,32 +232,23 @@ class EnergyMeter:
 
     def __init__(self, folder: Path = _SYS / "class") -> None:
         # of RAPL's other zones, core and dram are parts of packages, and psys holds them
-        zones = [
-            zone
-            for zone in folder.glob("powercap/intel-rapl:*")
-            if text_of(zone / "name").startswith("package")
-        ]
-        chips = [
-            path
-            for path in folder.glob("hwmon/hwmon*/energy*_input")
-            if text_of(path.with_name("name")) not in _NO_PROCESSORS
-        ]
-        self._counters = [zone / "energy_uj" for zone in zones] or chips
-        ranges = [
-            text_of(path.with_name("max_energy_range_uj")) or math.inf for path in self._counters
-        ]
-        self._ranges = np.array(ranges, float) + 1.0
+        self._counters = []
+        for zone in folder.glob("powercap/intel-rapl:*"):
+            if text_of(zone / "name").startswith("package"):
+                self._counters.append(zone / "energy_uj")
+        if not self._counters:
+            for path in folder.glob("hwmon/hwmon*/energy*_input"):
+                if text_of(path.with_name("name")) not in _NO_PROCESSORS:
+                    self._counters.append(path)
+        files = [path.with_name("max_energy_range_uj") for path in self._counters]
+        self._ranges = np.array([text_of(file) or math.inf for file in files], float) + 1.0
 
     def read(self) -> np.ndarray:
         """Microjoules of each counter."""
         return np.array([text_of(path) or math.nan for path in self._counters], float)
 
     def since_mj(self, before: np.ndarray) -> float:
-        """Millijoules since that reading; a counter that has wrapped around is one range
-        further.
-        """
-        return (
-            1e-3 * float(np.sum((self.read() - before) % self._ranges))
-            if self._counters
-            else math.nan
-        )
+        """Millijoules since a reading. A counter that has wrapped around is one range further."""
+        if not self._counters:
+            return math.nan
+        return 1e-3 * float(np.sum((self.read() - before) % self._ranges))

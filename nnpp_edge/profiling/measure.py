@@ -8,7 +8,6 @@ from itertools import islice, product
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
 from nnpp_edge.profiling.arrivals import Reactions, arrival_ms, reactions
 from nnpp_edge.profiling.contest import Harness, Record
@@ -24,6 +23,7 @@ from nnpp_edge.profiling.suites import (
     source_of,
     terrain_cases,
 )
+from nnpp_edge.runtime.arrays import Floats
 from nnpp_edge.runtime.cells import Endpoints
 from nnpp_edge.runtime.errors import InvalidQueryError, TerrainError
 from nnpp_edge.runtime.network.inference import NetworkModel
@@ -54,7 +54,7 @@ class Answers:
     energy_mj: list[float] = field(default_factory=list)
     """Of every call of both halves; NaN where the kernel does not tell."""
 
-    def column(self, name: str, half: int | None = None) -> NDArray[np.float64]:
+    def column(self, name: str, half: int | None = None) -> Floats:
         """A figure of each query that it was measured of: of one half, or the mean of both."""
         halves = [[row[name] for row in rows if name in row] for rows in self.figures]
         return np.mean(halves, axis=0) if half is None else np.array(halves[half])
@@ -106,22 +106,28 @@ class ProfileMaps:
         self.load = load
         self._vehicle = None if load.vehicle is None else load_vehicle(load.vehicle)
         self.dems: list[Dem] = []
-        for name in () if load.terrain == (SYNTHETIC,) else load.terrain:
-            paths = () if name == SAMPLE else (Path(name),)
-            self.dems += TerrainFiles.or_sample(paths, load.rescale, load.cell_size).read()
+        for name in load.terrain:
+            if name != SYNTHETIC:
+                paths = () if name == SAMPLE else (Path(name),)
+                self.dems += TerrainFiles.or_sample(paths, load.rescale, load.cell_size).read()
         largest = max(self.dems, key=lambda dem: min(dem.shape), default=None)
         if largest is not None and not any(large_enough(self.dems, size) for size in load.sizes):
-            (rows, cols), least = largest.shape, min(load.sizes)
+            rows, cols = largest.shape
+            least = min(load.sizes)
             raise TerrainError(
                 f"{largest.source}: wanted at least {least} × {least} cells, the size to be "
-                f"measured, got {rows} × "
-                f"{cols}; --sizes {min(rows, cols)} measures on it"
+                f"measured, got {rows} × {cols}; --sizes {min(rows, cols)} measures on it"
             )
 
     def maps(self, name: str, size: int) -> Iterator[Case]:
         """Maps of one workload and size with their queries, without end."""
         return terrain_cases(
-            self.dems, name, size, self.load.seed, self.load.min_distance, self._vehicle
+            self.dems,
+            name,
+            size,
+            self.load.seed,
+            self.load.min_distance,
+            self._vehicle,
         )
 
 
@@ -131,13 +137,17 @@ def rivals_of(networks: Networks, device: Device) -> list[RivalPlanner]:
     def network(name: str) -> NetworkModel:
         return NetworkModel(name, threads=device.threads)
 
-    found = [RivalPlanner(EXACT, Method.ASTAR), RivalPlanner("corridor", Method.CORRIDOR)]
-    found.append(RivalPlanner("nnpp", Method.NNPP, network(networks.int8)))
+    found = [
+        RivalPlanner(EXACT, Method.ASTAR),
+        RivalPlanner("corridor", Method.CORRIDOR),
+        RivalPlanner("nnpp", Method.NNPP, network(networks.int8)),
+        # a network of its own: one that planners share takes the map over whenever the other has
+        # used it
+        RivalPlanner("auto", Method.AUTO, network(networks.int8)),
+    ]
     if networks.fp32 is not None:
-        found.append(RivalPlanner("nnpp-fp32", Method.NNPP, network(networks.fp32)))
-    # a network of its own: one that planners share takes the map over whenever the other has used
-    # it
-    return [*found, RivalPlanner("auto", Method.AUTO, network(networks.int8))]
+        found.insert(3, RivalPlanner("nnpp-fp32", Method.NNPP, network(networks.fp32)))
+    return found
 
 
 def run(
@@ -161,19 +171,19 @@ def run(
     load = profile.load
     maps = ProfileMaps(load)
     session = _Session(profile, rivals, sensors)
-    runs = [
-        WorkloadRun(
-            name, size, source_of(maps.dems, size), {rival.name: Answers() for rival in rivals}
-        )
-        for name, size in product(load.workloads, load.sizes)
-    ]
+    runs = []
+    for name, size in product(load.workloads, load.sizes):
+        answers = {rival.name: Answers() for rival in rivals}
+        runs.append(WorkloadRun(name, size, source_of(maps.dems, size), answers))
     disturbance = [Disturbance(cores) for _ in range(HALVES)]
     done = 0
     for half, of in product(range(HALVES), runs):
-        for on_map, queries in first_half_again(maps, of) if half else _solvable(maps, of, load):
+        chosen = first_half_again(maps, of) if half else _solvable(maps, of, load)
+        for on_map, queries in chosen:
             session.measure(on_map, queries, of, half, disturbance[half])
             session.measure_arriving(on_map, queries, of, half)
-            progress(done := done + len(queries))
+            done += len(queries)
+            progress(done)
     return Run(runs, disturbance)
 
 
@@ -189,7 +199,9 @@ def first_half_again(maps: ProfileMaps, of: WorkloadRun) -> Iterator[tuple[Case,
 
 
 def _solvable(
-    maps: ProfileMaps, of: WorkloadRun, load: Load
+    maps: ProfileMaps,
+    of: WorkloadRun,
+    load: Load,
 ) -> Iterator[tuple[Case, list[Endpoints]]]:
     """Maps with those of their queries that have a path, until there are enough; they are kept in
     `of`.
@@ -205,8 +217,7 @@ def _solvable(
             return
     raise InvalidQueryError(
         f"wanted {load.queries} queries with a path on maps of {of.size} × {of.size} "
-        f"({of.workload}), "
-        f"found {load.queries - missing} on {len(of.queries_by_map)} maps"
+        f"({of.workload}), found {load.queries - missing} on {len(of.queries_by_map)} maps"
     )
 
 
@@ -214,7 +225,10 @@ class _Session:
     """Means by which all maps of a run are measured."""
 
     def __init__(
-        self, profile: Profile, rivals: Sequence[RivalPlanner], sensors: Sensors | None
+        self,
+        profile: Profile,
+        rivals: Sequence[RivalPlanner],
+        sensors: Sensors | None,
     ) -> None:
         self._profile = profile
         self._rivals = rivals
@@ -233,12 +247,20 @@ class _Session:
         """Have all planners answer the queries on one map, and count the answers."""
         rivals = {rival.name: rival for rival in self._rivals}
         planners = {name: rival.planner(on_map.standing) for name, rival in rivals.items()}
+        turns = on_map.ground.vehicle is not None
+        networks = {}
+        for rival in self._rivals if not turns else ():
+            if rival.method is Method.NNPP and rival.model is not None:
+                networks[rival.name] = rival.model
         energy = self._meter.read()
         worked_s = 0.0
 
+        def answer(name: str, query: Endpoints) -> Plan:
+            return rivals[name].plan(planners[name], query)
+
         def before(name: str) -> None:
             nonlocal energy, worked_s
-            if on_map.ground.vehicle is not None:
+            if turns:
                 planners[name] = rivals[name].planner(on_map.standing)
             if self._sensors is not None and self._sensors.due():
                 disturbance.left_out(self._sensors.read)
@@ -251,53 +273,48 @@ class _Session:
             if plan.method is Method.NNPP:  # this thread may have waited for threads of its own
                 disturbance.leave_out(elapsed_s, worked)
 
-        calls = {
-            name: partial(lambda name, query: rivals[name].plan(planners[name], query), name)
-            for name in rivals
-        }
-        for answer in calls.values():
-            answer(queries[0])  # the map's own work, and warm caches
+        for name in rivals:
+            answer(name, queries[0])  # the map's own work, and warm caches
+        calls = {name: partial(answer, name) for name in rivals}
         repeats = self._profile.load.repeats
         disturbance.start()
-        for records in self._harness.measure(
-            calls, queries, repeats=repeats, before=before, after=after
-        ):
-            for name in rivals:
-                of.answers[name].add(records[name], half)
-            for (
-                name,
-                rival,
-            ) in rivals.items():  # last, so that no planner follows what others do not
-                if (
-                    rival.method is Method.NNPP
-                    and rival.model is not None
-                    and on_map.ground.vehicle is None
-                ):
-                    # on the map that it was shown last, encoded anew, and a query
-                    seconds, _ = disturbance.left_out(
-                        partial(self._harness.timed, rival.model.try_out)
-                    )
-                    of.answers[name].figures[half][-1]["network_ms"] = 1e3 * seconds
+        measured = self._harness.measure(
+            calls,
+            queries,
+            repeats=repeats,
+            before=before,
+            after=after,
+        )
+        for records in measured:
+            for name, record in records.items():
+                of.answers[name].add(record, half)
+            # networks last, so that no planner follows what others do not; each on the map that it
+            # was shown last, encoded anew, and a query
+            for name, model in networks.items():
+                seconds, _ = disturbance.left_out(partial(self._harness.timed, model.try_out))
+                of.answers[name].figures[half][-1]["network_ms"] = 1e3 * seconds
         disturbance.stop()
 
     def measure_arriving(
-        self, on_map: Case, queries: list[Endpoints], of: WorkloadRun, half: int
+        self,
+        on_map: Case,
+        queries: list[Endpoints],
+        of: WorkloadRun,
+        half: int,
     ) -> None:
         """Have some planners answer the queries on one map as if it had just arrived; run the loop
         on it.
         """
-        profile = self._profile
         ground = on_map.ground
-        for rival in (each for each in self._rivals if each.name in profile.arriving):
+        repeats = self._profile.load.repeats
+        for rival in self._rivals:
+            if rival.name not in self._profile.arriving:
+                continue
             own = rival.apart()
             arrival_ms(own, ground, queries[0], self._harness)  # kernels loaded
-            for query, figures in zip(
-                queries, of.answers[rival.name].figures[half][-len(queries) :], strict=True
-            ):
-                times = [
-                    arrival_ms(own, ground, query, self._harness)
-                    for _ in range(profile.load.repeats)
-                ]
-                figures["map_ms"], figures["patch_ms"] = np.median(times, axis=0).tolist()
-        if (of.workload, of.size) in profile.reactions_at and len(of.reactions) == half:
-            of.reactions.append(reactions(ground, queries, profile.loop))
+            rows = of.answers[rival.name].figures[half][-len(queries) :]
+            for query, row in zip(queries, rows, strict=True):
+                times = [arrival_ms(own, ground, query, self._harness) for _ in range(repeats)]
+                row["map_ms"], row["patch_ms"] = np.median(times, axis=0).tolist()
+        if (of.workload, of.size) in self._profile.reactions_at and len(of.reactions) == half:
+            of.reactions.append(reactions(ground, queries, self._profile.loop))

@@ -31,6 +31,7 @@ from nnpp_edge.cli.main import main
 sys.argv[1:] = "run --map sample:moon_highlands --rescale 20 --method".split() + sys.argv[1:]
 main()
 """
+_WARM_STARTS = 3
 _DRIVE = b'{"type":"pose","row":90,"col":60}\n{"type":"goal","row":450,"col":470}\n'
 
 
@@ -41,46 +42,53 @@ def peak_memory_mb(on_map: Case, query: Endpoints, method: str, model: str) -> f
     The map is read as costs, and with a vehicle as elevations. NnppEdgeError if the process fails;
     the message ends with the last line that it wrote.
     """
-    return (
-        _first_answer(_PLAN_ONCE, method, pickle.dumps((on_map.standing, query, method, model), 5))[
-            1
-        ]
-        or None
-    )
+    given = pickle.dumps((on_map.standing, query, method, model), 5)
+    _, peak_mb = _first_answer(_PLAN_ONCE, method, given)
+    return peak_mb or None
 
 
-def start_up(method: str, *, loop: bool = False, repeats: int = 3) -> dict[str, float]:
+def start_up(method: str, *, loop: bool = False) -> dict[str, float]:
     """From a process's start to its first plan on a map of 256², or to the loop's first answer on
     one of 512².
 
     Seconds and the peak memory until then, from an empty cache of kernels (``cold``) and from a
-    full one. The empty cache is met once, the full one `repeats` times, of which the medians count.
+    full one. The empty cache is met once, the full one three times, of which the medians count.
     A wheel of kernels serves both.
     """
-    cost = np.random.default_rng(0).uniform(0.0, 0.5, (256, 256)).astype(np.float32)
-    plan = pickle.dumps((Ground(cost), ((5, 5), (250, 240)), method, "edge"), 5)
-    name, code, given = (
-        ("first_tick", _FIRST_TICK, _DRIVE) if loop else ("start_up", _PLAN_ONCE, plan)
-    )
+    name = "first_tick" if loop else "start_up"
+    code = _FIRST_TICK if loop else _PLAN_ONCE
+    given = _DRIVE
+    if not loop:
+        rng = np.random.default_rng(0)
+        cost = rng.uniform(0.0, 0.5, (256, 256)).astype(np.float32)
+        query = (5, 5), (250, 240)
+        given = pickle.dumps((Ground(cost), query, method, "edge"), 5)
+
+    answers = []
     with TemporaryDirectory() as folder:
-        cold, *warm = [
-            _first_answer(code, method, given, NUMBA_CACHE_DIR=folder) for _ in range(1 + repeats)
-        ]
-    figures = {"cold": cold, "warm": tuple(np.median(warm, axis=0))}
-    return {
-        f"{name}_{state}_{unit}": round(float(value), 3)
-        for state, found in figures.items()
-        for unit, value in zip(("s", "mb"), found, strict=True)
-    }
+        for _ in range(1 + _WARM_STARTS):
+            answers.append(_first_answer(code, method, given, NUMBA_CACHE_DIR=folder))
+    found = {}
+    cold = answers[0]
+    warm = np.median(answers[1:], axis=0)
+    for state, figures in (("cold", cold), ("warm", warm)):
+        for unit, figure in zip(("s", "mb"), figures, strict=True):
+            found[f"{name}_{state}_{unit}"] = round(float(figure), 3)
+    return found
 
 
-def _first_answer(code: str, method: str, given: bytes, **environment: str) -> tuple[float, float]:
+def _first_answer(code: str, method: str, given: bytes, **variables: str) -> tuple[float, float]:
     """Seconds until a new process prints a line, and its peak memory by then in MB."""
     command = [sys.executable, "-c", code, method]
     pipe = subprocess.PIPE
+    environment = {**os.environ, **variables}
     began = time.perf_counter()
     with subprocess.Popen(
-        command, env=os.environ | environment, stdin=pipe, stdout=pipe, stderr=pipe
+        command,
+        env=environment,
+        stdin=pipe,
+        stdout=pipe,
+        stderr=pipe,
     ) as process:
         assert process.stdin is not None and process.stdout is not None
         with suppress(BrokenPipeError):

@@ -31,6 +31,7 @@ _Whole = Annotated[int, Meta(ge=0, le=2**31 - 1)]
 _Count = Annotated[int, Meta(ge=1, le=2**31 - 1)]
 _Core = Annotated[int, Meta(ge=0, le=1023)]
 """As many as the kernel's set of cores holds."""
+_Side = Annotated[int, Meta(ge=16, le=1 << 15)]
 _Finite = Annotated[float, Meta(ge=-_LARGEST, le=_LARGEST)]
 _Positive = Annotated[float, Meta(gt=0.0, le=_LARGEST)]
 _Names = Annotated[tuple[str, ...], Meta(min_length=1)]
@@ -60,7 +61,8 @@ _STATES = ("warm", "cold")
 QUANTITIES = {
     "fps": Quantity("1/s", "time"),
     **dict.fromkeys(
-        ("time_ms_median", "time_ms_p90", "time_ms_p99", "time_ms_max"), Quantity("ms", "time")
+        ("time_ms_median", "time_ms_p90", "time_ms_p99", "time_ms_max"),
+        Quantity("ms", "time"),
     ),
     "inference_fps": Quantity("1/s", "inference"),
     "inference_ms_median": Quantity("ms", "inference"),
@@ -103,9 +105,10 @@ class Table(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
         if not fits:
             raise ValueError(f"{key}: wanted {wanted}, got {getattr(self, key)!r}")
 
-    def check_choice(self, key: str, choices: Collection[str]) -> None:
+    def check_choice(self, key: str, choices: Collection[str | int]) -> None:
         """Refuse a value that is none of these."""
-        self.refuse_unless(getattr(self, key) in choices, key, f"one of {', '.join(choices)}")
+        wanted = f"one of {', '.join(map(str, choices))}"
+        self.refuse_unless(getattr(self, key) in choices, key, wanted)
 
     def check_different(self, *keys: str) -> None:
         """Refuse lists that hold a value twice."""
@@ -140,9 +143,7 @@ class Load(Table, frozen=True):
     """Name of a shipped one or a TOML file: whose the workloads ``body`` and
     ``body-rocksN`` are.
     """
-    sizes: Annotated[tuple[Annotated[int, Meta(ge=16, le=1 << 15)], ...], Meta(min_length=1)] = (
-        256,
-    )
+    sizes: Annotated[tuple[_Side, ...], Meta(min_length=1)] = (256,)
     queries: _Count = 60
     """For each workload and size."""
     repeats: _Count = 2
@@ -159,12 +160,12 @@ class Load(Table, frozen=True):
             bodies = of_bodies(self.workloads)
         except InvalidQueryError as error:
             raise ValueError(f"workloads: {error}") from None
-        needs = (
-            f"a vehicle for the workload {bodies[0]}"
-            if bodies
-            else "none without the workload body or body-rocksN"
-        )
-        self.refuse_unless(bool(bodies) == (self.vehicle is not None), "vehicle", needs)
+        if bodies:
+            wanted = f"a vehicle for the workload {bodies[0]}"
+            self.refuse_unless(self.vehicle is not None, "vehicle", wanted)
+        else:
+            wanted = "none without the workload body or body-rocksN"
+            self.refuse_unless(self.vehicle is None, "vehicle", wanted)
 
 
 class Networks(Table, frozen=True):
@@ -202,9 +203,13 @@ class OnboardLoop(Table, frozen=True):
 
     def navigator(self) -> NavigatorSettings:
         """The part of it that is the navigator's."""
-        names = ("method", "model", "tolerance", "corner_cutting", "approach")
         return NavigatorSettings(
-            **{name: getattr(self, name) for name in names}, refine=self.refine or None
+            method=self.method,
+            model=self.model,
+            tolerance=self.tolerance,
+            corner_cutting=self.corner_cutting,
+            approach=self.approach,
+            refine=self.refine or None,
         )
 
 
@@ -230,15 +235,12 @@ class Budget(Table, frozen=True):
 
     def check(self, profile: "Profile") -> None:
         """Refuse what this profile does not measure."""
-        self.check_choice(
-            "planner", (LOOP,) if QUANTITIES[self.quantity].of_loop else profile.measured
-        )
+        of_loop = QUANTITIES[self.quantity].of_loop
+        self.check_choice("planner", (LOOP,) if of_loop else profile.measured)
         if self.workload is not None:
             self.check_choice("workload", profile.load.workloads)
-        sizes = profile.load.sizes
-        self.refuse_unless(
-            self.size in (None, *sizes), "size", f"one of {', '.join(map(str, sizes))}"
-        )
+        if self.size is not None:
+            self.check_choice("size", profile.load.sizes)
 
 
 class Profile(Table, frozen=True):
@@ -261,27 +263,29 @@ class Profile(Table, frozen=True):
 
     @property
     def measured(self) -> tuple[str, ...]:
-        return tuple(
-            name for name in PLANNERS if self.networks.fp32 is not None or name != "nnpp-fp32"
-        )
+        """The planners of a run."""
+        missing = ("nnpp-fp32",) if self.networks.fp32 is None else ()
+        return tuple(name for name in PLANNERS if name not in missing)
 
     @property
     def arriving(self) -> frozenset[str]:
         """The planners that are also measured on maps and patches that have just arrived."""
-        asked = {
-            each.planner
-            for each in self.budgets
-            if QUANTITIES[each.quantity].basis in ("map", "patch")
-        }
-        return frozenset(asked | {self.planner})
+        found = {self.planner}
+        for budget in self.budgets:
+            if QUANTITIES[budget.quantity].basis in ("map", "patch"):
+                found.add(budget.planner)
+        return frozenset(found)
 
     @property
     def reactions_at(self) -> frozenset[tuple[str, int]]:
         """Workloads and sizes at which the loop's reactions are measured: where a budget asks for
         them.
         """
-        asked = [each for each in self.budgets if QUANTITIES[each.quantity].basis == "reaction"]
-        return frozenset(place for each in asked for place in self.places(each))
+        found: set[tuple[str, int]] = set()
+        for budget in self.budgets:
+            if QUANTITIES[budget.quantity].basis == "reaction":
+                found.update(self.places(budget))
+        return frozenset(found)
 
     def places(self, budget: Budget) -> list[tuple[str, int]]:
         """Workloads and sizes at which a budget is judged."""
@@ -290,10 +294,9 @@ class Profile(Table, frozen=True):
 
     def facts(self) -> Facts:
         """For JSON: terrain and vehicle by name only; without the loop, which is not measured."""
+        terrain = tuple(Path(each).name for each in self.load.terrain)
         vehicle = self.load.vehicle and Path(self.load.vehicle).name
-        load = replace(
-            self.load, terrain=tuple(Path(each).name for each in self.load.terrain), vehicle=vehicle
-        )
+        load = replace(self.load, terrain=terrain, vehicle=vehicle)
         facts = asdict(self) | {"load": load}
         del facts["loop"]
         return cast(Facts, msgspec.to_builtins(facts))
@@ -318,11 +321,14 @@ def overridden(profile: Profile, **changes: object) -> tuple[Profile, list[str]]
     Also the names of the budgets that were left out because their size is no longer measured.
     """
     load = changed(profile.load, **changes)
-    kept = tuple(
-        budget for budget in profile.budgets if budget.size is None or budget.size in load.sizes
-    )
-    dropped = [budget.name for budget in profile.budgets if budget not in kept]
-    return replace(profile, load=load, budgets=kept), dropped
+    kept = []
+    dropped = []
+    for budget in profile.budgets:
+        if budget.size is None or budget.size in load.sizes:
+            kept.append(budget)
+        else:
+            dropped.append(budget.name)
+    return replace(profile, load=load, budgets=tuple(kept)), dropped
 
 
 TableT = TypeVar("TableT", bound=Table)
@@ -340,16 +346,18 @@ def _profile(content: Facts, name: str) -> Profile:
     if "name" in content:
         raise ProfileError("name: a profile is called by its file, got a key")
     read = _converted({"title": name, **content, "name": name}, Profile)
-    inherited = {"cores": read.device.cores, "model": read.networks.int8}
-    loop = replace(
-        read.loop,
-        **{key: inherited[key] for key in inherited.keys() - content.get("loop", {}).keys()},
-    )
-    whose = {
-        each: LOOP if QUANTITIES[each.quantity].of_loop else read.planner for each in read.budgets
-    }
-    budgets = tuple(replace(each, planner=each.planner or whose[each]) for each in read.budgets)
-    profile = replace(read, loop=loop, budgets=budgets)
+    # what the file leaves to other keys: the loop's device and model, the planner of each budget
+    given = content.get("loop", {})
+    loop = read.loop
+    if "cores" not in given:
+        loop = replace(loop, cores=read.device.cores)
+    if "model" not in given:
+        loop = replace(loop, model=read.networks.int8)
+    budgets = []
+    for budget in read.budgets:
+        whose = LOOP if QUANTITIES[budget.quantity].of_loop else read.planner
+        budgets.append(replace(budget, planner=budget.planner or whose))
+    profile = replace(read, loop=loop, budgets=tuple(budgets))
     if profile.planner not in profile.measured:
         raise ProfileError(
             f"planner: wanted one that is measured (model.fp32 is not set), got {profile.planner!r}"
@@ -368,16 +376,16 @@ def _converted(content: Facts, kind: type[TableT]) -> TableT:
         return msgspec.convert(content, kind)
     except msgspec.ValidationError as error:
         problem, _, place = str(error).replace("`", "").partition(" - at $")
-        value: object = content
+        value = content
         for key in re.findall(r"\w+", place):
-            value = value[int(key) if isinstance(value, list | tuple) else key]  # type: ignore[index]
+            value = value[int(key) if isinstance(value, list | tuple) else key]
+        between = ": "
         if problem.startswith("Expected"):
             problem = f"{problem.partition(', got')[0]}, got {value!r}"
         elif problem.startswith("Object contains unknown"):
             problem += f": wanted one of {', '.join(_keys(kind, place))}"
-        between = (
-            ": " if problem.startswith(("Expected", "Object")) else "."
-        )  # ours begin with the key
+        elif not problem.startswith("Object"):
+            between = "."  # ours begin with the key
         raise ProfileError(f"{place[1:]}{between}{problem}" if place else problem) from None
 
 
@@ -385,8 +393,7 @@ def _keys(kind: type[Table], place: str) -> list[str]:
     """The keys of the table at that place, ``.device`` or ``.budgets[0]``, of a table; a profile's
     name is none.
     """
-    inner = {each.encode_name: each.type for each in fields(kind)}.get(
-        place.strip(".[]0123456789"), kind
-    )
-    table = next(iter(get_args(inner)), inner)
+    tables = {each.encode_name: each.type for each in fields(kind)}
+    inner = tables.get(place.strip(".[]0123456789"), kind)
+    table = next(iter(get_args(inner)), inner)  # of a list's tables, their kind
     return [each.encode_name for each in fields(table) if (table, each.name) != (Profile, "name")]

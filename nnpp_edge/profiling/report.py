@@ -53,23 +53,17 @@ def profile_machine(
     loop = loop_rows(measured, profile.loop)
     if load.terrain != (SYNTHETIC,):
         made = {row["size"] for row in results if row["terrain"] == SYNTHETIC}
-        said += [
-            f"no terrain has {size} × {size} cells: synthetic ground in its place"
-            for size in sorted(made)
-        ]
+        for size in sorted(made):
+            said.append(f"no terrain has {size} × {size} cells: synthetic ground in its place")
     slowed = throttling(sensors.readings, sensors.limits)
     noise = _noise(measured.disturbance, slowed)
     lines = judged(profile, results, whole_run, noise, loop)
     of_points = [row for row in results if body_rocks(row["workload"]) is None]
     ending = verdict(lines, noise)
-    halves = [
-        {
-            "waited_share": half.waited_share(),
-            "others_share": half.others_share(),
-            "measured_s": half.elapsed_s,
-        }
-        for half in measured.disturbance
-    ]
+    halves = []
+    for half in measured.disturbance:
+        shares = {"waited_share": half.waited_share(), "others_share": half.others_share()}
+        halves.append(shares | {"measured_s": half.elapsed_s})
     return {
         "schema": SCHEMA,
         "version": __version__,
@@ -91,18 +85,22 @@ def profile_machine(
 
 
 def _whole_run(
-    profile: Profile, rivals: Sequence[RivalPlanner], starts: bool, say: Callable[[str], None]
+    profile: Profile,
+    rivals: Sequence[RivalPlanner],
+    starts: bool,
+    say: Callable[[str], None],
 ) -> WholeRun:
     """Figures of the whole run, by quantity and planner."""
     load = profile.load
     int8 = profile.networks.int8
-    fp32 = profile.networks.fp32
-    models = {"nnpp": int8, "nnpp-fp32": fp32, "auto": int8}
-    sizes_mb = {
-        name: 1e-6 * model_path(each).stat().st_size
-        for name, each in models.items()
-        if each is not None
-    }
+    models = {"nnpp": int8, "auto": int8}
+    if profile.networks.fp32 is not None:
+        models["nnpp-fp32"] = profile.networks.fp32
+    sizes_mb = {}
+    for name in profile.measured:
+        if name in models:
+            sizes_mb[name] = 1e-6 * model_path(models[name]).stat().st_size
+
     say("peak memory, in processes of their own")
     for on_map in ProfileMaps(load).maps(load.workloads[0], max(load.sizes)):
         if on_map.connections()(on_map.queries[0]):
@@ -110,13 +108,15 @@ def _whole_run(
     peaks = {}
     for rival in rivals:
         model = rival.model.path if rival.model is not None else model_path(int8)
-        if (
-            peak := peak_memory_mb(on_map, on_map.queries[0], rival.method, str(model))
-        ) is not None:
+        peak = peak_memory_mb(on_map, on_map.queries[0], rival.method, str(model))
+        if peak is not None:
             peaks[rival.name] = peak
     found = {"model_mb": sizes_mb, "peak_memory_mb": peaks, "prior_ms": {LOOP: prior_ms(Harness())}}
+
     asked = [budget.planner for budget in profile.budgets if budget.quantity in STARTS]
-    for name in (each for each in _START_UP if starts or each in asked):
+    for name in _START_UP:
+        if not starts and name not in asked:
+            continue
         say(f"the start of new processes, {name}")
         method = profile.loop.method if name == LOOP else name
         for key, figure in start_up(method, loop=name == LOOP).items():
@@ -128,13 +128,16 @@ def _noise(halves: Sequence[Disturbance], slowed: Throttling) -> Noise:
     """Time of others in the half in which they took most, in words; no words where that
     is allowed.
     """
-    at, worst = max(enumerate(halves), key=lambda half: half[1].share())
+    worst = max(halves, key=Disturbance.share)
+    others = worst.others_share() or 0.0
+    waited = worst.waited_share()
     signs = []
-    if (others := worst.others_share() or 0.0) > MOST_DISTURBED:
+    if others > MOST_DISTURBED:
         signs.append(f"others took {100 * others:.0f} % of the cores' time")
-    if (waited := worst.waited_share()) > MOST_DISTURBED:
+    if waited > MOST_DISTURBED:
         signs.append(f"the planners stood still for {100 * waited:.0f} % of theirs")
-    words = (
-        f"{' and '.join(signs)} in the {('first', 'second')[at]} half of the run" if signs else ""
-    )
+    words = ""
+    if signs:
+        which = "first" if worst is halves[0] else "second"
+        words = f"{' and '.join(signs)} in the {which} half of the run"
     return Noise(words, worst.share(), slowed)

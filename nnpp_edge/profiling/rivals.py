@@ -6,12 +6,12 @@ from dataclasses import dataclass, replace
 from nnpp_edge.runtime.cells import Cell, Endpoints
 from nnpp_edge.runtime.map.ground import Ground
 from nnpp_edge.runtime.map.state import MapState, map_state
-from nnpp_edge.runtime.map.step_cost import PAPER_OMEGA
 from nnpp_edge.runtime.network.inference import NetworkModel
 from nnpp_edge.runtime.planners.methods import Methods
 from nnpp_edge.runtime.planners.plan import DynamicMethod, Method, Plan
 from nnpp_edge.runtime.planners.planner import Planner
 from nnpp_edge.runtime.planners.query import Query, Work
+from nnpp_edge.runtime.terrain.step_cost import PAPER_OMEGA
 from nnpp_edge.runtime.tuning import LEARNED_CORRIDOR, WIDENED_CORRIDOR, CorridorWidth
 
 EXACT = "astar"
@@ -77,12 +77,13 @@ def exact_and(methods: Iterable[str], models: Mapping[str, NetworkModel]) -> lis
     The first model's is called ``nnpp``, any other's ``nnpp:NAME``.
     """
     found = [RivalPlanner(EXACT, Method.ASTAR)]
+    first = next(iter(models.values()), None)
     for method in dict.fromkeys(methods):
         if method == Method.NNPP:
             for at, (name, model) in enumerate(models.items()):
                 found.append(RivalPlanner(f"nnpp:{name}" if at else "nnpp", Method.NNPP, model))
         elif method != EXACT:
-            found.append(RivalPlanner(method, Method(method), next(iter(models.values()), None)))
+            found.append(RivalPlanner(method, Method(method), first))
     return found
 
 

@@ -2,6 +2,7 @@
 was throttled.
 """
 
+import math
 import time
 from collections.abc import Iterator, Sequence
 from contextlib import suppress
@@ -46,14 +47,16 @@ class Sensors:
     def __init__(self, cores: Sequence[int], root: Path = Path("/sys")) -> None:
         self.readings: list[Reading] = []
         self._cores = {str(core): root / f"devices/system/cpu/cpu{core}" for core in cores}
-        zones = sorted((root / "class/thermal").glob("thermal_zone*"))
-        kinds = {zone: text_of(zone / "type") or "zone" for zone in zones}
-        self._zones = {
-            f"{kind} {zone.name.removeprefix('thermal_zone')}": zone for zone, kind in kinds.items()
-        }
-        trips = {name: min(_trips(folder), default=None) for name, folder in self._zones.items()}
-        known = {name: trip for name, trip in trips.items() if trip is not None}
-        self.limits = Reading(0.0, self._clocks("cpuinfo_max_freq"), known)
+        self._zones: dict[str, Path] = {}
+        trips: dict[str, float] = {}
+        for zone in sorted((root / "class/thermal").glob("thermal_zone*")):
+            kind = text_of(zone / "type") or "zone"
+            name = f"{kind} {zone.name.removeprefix('thermal_zone')}"
+            self._zones[name] = zone
+            slowing = list(_trips(zone))
+            if slowing:
+                trips[name] = min(slowing)
+        self.limits = Reading(0.0, self._clocks("cpuinfo_max_freq"), trips)
         """The greatest clock of each core, and the temperature of each zone at which the kernel
         slows it.
         """
@@ -64,24 +67,29 @@ class Sensors:
 
     def read(self) -> Reading:
         """A reading of now; a file that cannot be read is left out."""
-        temperatures = {name: _number(folder / "temp") for name, folder in self._zones.items()}
-        counts = [
-            _number(folder / "thermal_throttle/core_throttle_count")
-            for folder in self._cores.values()
-        ]
-        known = [count for count in counts if count is not None]
-        reading = Reading(
-            time.perf_counter(),
-            self._clocks("scaling_cur_freq"),
-            {name: 1e-3 * milli for name, milli in temperatures.items() if milli is not None},
-            int(sum(known)) if known else None,
-        )
+        temperatures: dict[str, float] = {}
+        for name, zone in self._zones.items():
+            milli = _number(zone / "temp")
+            if milli is not None:
+                temperatures[name] = 1e-3 * milli
+        throttles = None
+        for core in self._cores.values():
+            count = _number(core / "thermal_throttle/core_throttle_count")
+            if count is not None:
+                throttles = int(count) + (throttles or 0)
+        clocks = self._clocks("scaling_cur_freq")
+        reading = Reading(time.perf_counter(), clocks, temperatures, throttles)
         self.readings.append(reading)
         return reading
 
     def _clocks(self, file: str) -> dict[str, float]:
-        clocks = {core: _number(folder / "cpufreq" / file) for core, folder in self._cores.items()}
-        return {core: 1e-3 * khz for core, khz in clocks.items() if khz}
+        """MHz of each core by a file of cpufreq."""
+        clocks: dict[str, float] = {}
+        for core, folder in self._cores.items():
+            khz = _number(folder / "cpufreq" / file)
+            if khz:
+                clocks[core] = 1e-3 * khz
+        return clocks
 
 
 @dataclass(frozen=True)
@@ -101,16 +109,21 @@ def throttling(readings: Sequence[Reading], limits: Reading) -> Throttling:
     A clock fell where its median over the last quarter of the readings is below that over the first
     by `FALL`.
     """
+    if len(readings) < 2:
+        return Throttling()
     words = []
-    clocks = _series(readings, "clock_mhz") if len(readings) > 1 else {}
-    for core, values in clocks.items():
+    missing = []
+    for core, values in _series(readings, "clock_mhz").items():
         quarter = max(len(values) // 4, 1)
-        first, last = (float(np.median(part)) for part in (values[:quarter], values[-quarter:]))
+        first = float(np.median(values[:quarter]))
+        last = float(np.median(values[-quarter:]))
         if last < (1.0 - FALL) * first:
             words.append(f"the clock of core {core} fell from {first:.0f} to {last:.0f} MHz")
-    for zone, values in _series(readings, "temperature_c").items() if len(readings) > 1 else ():
-        trip = limits.temperature_c.get(zone, float("inf"))
-        if met := sum(each >= trip for each in values):
+        missing.append(1.0 - np.median(values) / max(limits.clock_mhz.get(core, 0.0), *values))
+    for zone, values in _series(readings, "temperature_c").items():
+        trip = limits.temperature_c.get(zone, math.inf)
+        met = sum(each >= trip for each in values)
+        if met:
             words.append(
                 f"{zone} stood at its trip point of {trip:g} °C in {met} of {len(values)} readings"
             )
@@ -120,10 +133,6 @@ def throttling(readings: Sequence[Reading], limits: Reading) -> Throttling:
     if not words:
         return Throttling()
     # of the core that lacked most of its clock
-    missing = [
-        1.0 - np.median(each) / max(limits.clock_mhz.get(core, 0.0), *each)
-        for core, each in clocks.items()
-    ]
     return Throttling("; ".join(words), float(max(missing, default=1.0)))
 
 
@@ -131,11 +140,16 @@ def sensor_facts(readings: Sequence[Reading], limits: Reading) -> Facts:
     """Facts of the sensors, ready for JSON."""
     found: Facts = {"readings": len(readings), "throttled": throttling(readings, limits).words}
     for key, name in (("clock_mhz", "limit"), ("temperature_c", "trip")):
-        found[key] = {
-            each: {"first": values[0], "last": values[-1], "min": min(values), "max": max(values)}
-            | {name: getattr(limits, key).get(each)}
-            for each, values in _series(readings, key).items()
-        }
+        most = getattr(limits, key)
+        found[key] = {}
+        for sensor, values in _series(readings, key).items():
+            found[key][sensor] = {
+                "first": values[0],
+                "last": values[-1],
+                "min": min(values),
+                "max": max(values),
+                name: most.get(sensor),
+            }
     return found
 
 

@@ -7,12 +7,12 @@ from pathlib import Path
 import numpy as np
 
 from nnpp_edge.runtime.arrays import Float2D, as_map
-from nnpp_edge.runtime.cells import Endpoints
+from nnpp_edge.runtime.cells import Endpoints, slices
 from nnpp_edge.runtime.errors import InvalidQueryError
 from nnpp_edge.runtime.map.ground import Ground
-from nnpp_edge.runtime.map.poses import pose_costs
 from nnpp_edge.runtime.planners.plan import Method
 from nnpp_edge.runtime.planners.planner import Planner
+from nnpp_edge.runtime.robots.body.poses import pose_costs
 from nnpp_edge.runtime.terrain.traversability import Traversability
 from nnpp_edge.runtime.terrain.vehicle import Vehicle
 from nnpp_edge.terrain.dem import Dem, read_dem, sample_path
@@ -52,11 +52,9 @@ class Case:
         """For planners on a standing map: the costs, but elevations where a vehicle's poses or the
         slope decide.
         """
-        return (
-            self.ground
-            if self.ground.vehicle is not None or self.ground.by_slope
-            else Ground(self.cost)
-        )
+        if self.ground.vehicle is not None or self.ground.by_slope:
+            return self.ground
+        return Ground(self.cost)
 
     def connections(self) -> Callable[[Endpoints], bool]:
         """Whether there is a path, as a function of the query."""
@@ -76,7 +74,10 @@ class TerrainFiles:
 
     @classmethod
     def or_sample(
-        cls, paths: Sequence[Path], rescale: float | None = None, cell_size: float | None = None
+        cls,
+        paths: Sequence[Path],
+        rescale: float | None = None,
+        cell_size: float | None = None,
     ) -> "TerrainFiles":
         """These files; without any, the sample that travels with the package, at cells of 20 m by
         default.
@@ -93,8 +94,9 @@ class TerrainFiles:
 
 def check_sizes(dems: Sequence[Dem], sizes: Sequence[int]) -> None:
     """InvalidQueryError where a terrain is smaller than one of the sizes."""
+    most = max(sizes)
     for dem in dems:
-        if min(dem.shape) < (most := max(sizes)):
+        if min(dem.shape) < most:
             raise InvalidQueryError(
                 f"{dem.source}: wanted terrain of at least {most} × {most} cells, got {dem.shape}"
             )
@@ -113,11 +115,13 @@ def whole_cost(ground: Ground) -> Float2D:
     if ground.vehicle is None:
         return ground.costs()
     size, width = ground.sides_m
-    limits = ground.limits
-    poses = pose_costs(
-        heights_of(ground), size, ground.vehicle, cell_width_m=width, traversability=limits
-    )
-    best: Float2D = poses.min(0)
+    best: Float2D = pose_costs(
+        heights_of(ground),
+        size,
+        ground.vehicle,
+        cell_width_m=width,
+        traversability=ground.limits,
+    ).min(0)
     return best
 
 
@@ -128,9 +132,8 @@ def large_enough(dems: Sequence[Dem], size: int) -> list[Dem]:
 
 def source_of(dems: Sequence[Dem], size: int) -> str:
     """Name of the terrain that `terrain_cases` takes maps of this size from."""
-    return (
-        ", ".join(dict.fromkeys(dem.source.stem for dem in large_enough(dems, size))) or SYNTHETIC
-    )
+    names = dict.fromkeys(dem.source.stem for dem in large_enough(dems, size))
+    return ", ".join(names) or SYNTHETIC
 
 
 def terrain_cases(
@@ -155,42 +158,39 @@ def terrain_cases(
     """
     fitting = large_enough(dems, size)
     rocks = body_rocks(name)
-    limits = limits or (workload(name) if rocks is None else Traversability())
-    if rocks is not None and vehicle is None:
+    if rocks is None:
+        vehicle = None
+    elif vehicle is None:
         raise InvalidQueryError(f"the workload {name} is a vehicle's: wanted a vehicle, got none")
-    body = None if rocks is None else vehicle
-    cell_m = SYNTHETIC_CELL_M if body is None else body.length_m / _CELLS_TO_A_BODY
+    if limits is None:
+        limits = workload(name) if rocks is None else Traversability()
+    cell_m = SYNTHETIC_CELL_M if vehicle is None else vehicle.length_m / _CELLS_TO_A_BODY
     rng = np.random.default_rng([seed, size])
     least = least_distance * size
     in_vain = 0
     while in_vain < _TRIES:
+        # the ground: a crop of the terrain, or synthetic
         if fitting:
             dem = fitting[int(rng.integers(len(fitting)))]
             row, col = (int(rng.integers(0, side - size + 1)) for side in dem.shape)
-            heights = dem.elevation[row : row + size, col : col + size]
-            sides_m = (dem.cell_size_m, dem.cell_width_m)
+            heights = dem.elevation[slices((row, col, size, size))]
+            size_m = dem.cell_size_m
+            width_m = dem.cell_width_m
         else:
             heights = synthetic_terrain(rng, size, cell_m)
-            sides_m = (cell_m, cell_m)
+            size_m = width_m = cell_m
         if rocks:  # by a generator of their own: the maps are those without rocks
-            heights = with_rocks(
-                heights, sides_m[0], rocks, rng.spawn(1)[0], cell_width_m=sides_m[1]
-            )
+            heights = with_rocks(heights, size_m, rocks, rng.spawn(1)[0], cell_width_m=width_m)
         heights = np.ascontiguousarray(heights)
-        ground = Ground.of_elevation(
-            heights, sides_m[0], limits, cell_width_m=sides_m[1], vehicle=body
-        )
+        ground = Ground.of_elevation(heights, size_m, limits, cell_width_m=width_m, vehicle=vehicle)
+
         cost = whole_cost(ground)
-        queries = [
-            query
-            for _ in range(QUERIES_PER_MAP)
-            if (query := random_query(rng, cost, least)) is not None
-        ]
+        drawn = [random_query(rng, cost, least) for _ in range(QUERIES_PER_MAP)]
+        queries = tuple(query for query in drawn if query is not None)
         in_vain = 0 if queries else in_vain + 1
         if queries:
-            yield Case(name, size, cost, tuple(queries), ground)
+            yield Case(name, size, cost, queries, ground)
     raise InvalidQueryError(
         f"no two passable cells {least:.0f} apart were found in {_TRIES} maps of {size} × {size} "
-        "for the workload "
-        f"{name}"
+        f"for the workload {name}"
     )

@@ -1,37 +1,51 @@
-"""Parts of the experiments' pictures: charts of rows, and maps with regions and paths."""
+"""The experiments' pictures: charts of rows, and maps with regions and paths."""
 
 from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from nnpp_edge.reproduction.episode import Patch
-from nnpp_edge.reproduction.planners import PLANNERS
-from nnpp_edge.reproduction.regions import PaperRegions, best_path
+from nnpp_edge.reproduction.planners import PLANNERS, OneMap
+from nnpp_edge.reproduction.regions import NETWORK, best_path
 from nnpp_edge.reproduction.rows import Rows
-from nnpp_edge.runtime.arrays import Float2D
-from nnpp_edge.runtime.cells import Endpoints
-from nnpp_edge.runtime.network.inference import NetworkModel
 from nnpp_edge.viz.figures import new_figure
-from nnpp_edge.viz.sheet import Cells
 
 if TYPE_CHECKING:
+    from matplotlib.artist import Artist
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
 PAPER = "#7f7f7f"
 COLOURS = {name: f"C{at}" for at, name in enumerate((*PLANNERS, "inference"))}
 """Of the planners; the paper's are grey."""
-_PATHS = {
-    "optimal path": ("#e0218a", 3.0, "-"),
-    "path in the region": ("#ffe100", 1.2, "-"),
-    "path before": ("#b8b8b8", 1.2, ":"),
-}
-"""Colour, width and style of a path by its label."""
 _CHANGED = "#ff3b1f"
+_IMPASSABLE = (0.38, 0.17, 0.13)
 _CYAN = np.array([0.0, 0.9, 1.0])
 _TINT = 0.45
+
+
+class Chart(NamedTuple):
+    """A panel of means against the map's side."""
+
+    rows: Rows
+    figure: str
+    """Name of the figure that the rows have."""
+    styles: Mapping[str, str]
+    """By planner."""
+    title: str
+    unit: str = ""
+
+
+class Scene(NamedTuple):
+    """A picture of a map with the paper's region and paths."""
+
+    title: str
+    map: OneMap
+    before: OneMap | None = None
+    """The plan before, whose path is drawn too."""
+    patches: Sequence[Patch] = ()
+    """Changes since then."""
 
 
 def tidy(axes: "Axes", title: str, x: str = "", y: str = "") -> None:
@@ -42,24 +56,26 @@ def tidy(axes: "Axes", title: str, x: str = "", y: str = "") -> None:
     axes.spines[["top", "right"]].set_visible(False)
 
 
-def by_size(panels: Sequence[tuple[Rows, str, Mapping[str, str], str, str]]) -> "Figure":
-    """Panels of rows, the name of a figure, styles by planner, title and unit: means against the
-    map's side.
-    """
-    figure = new_figure(5.8 * len(panels), 5.2)
-    for axes, (rows, figures, styles, title, unit) in zip(
-        figure.subplots(1, len(panels)), panels, strict=True
-    ):
-        for name, style in styles.items():
-            groups = rows.of(name).by("size").items()
-            points = sorted((at, of.mean(figures)) for (at,), of in groups if of.all(figures))
-            axes.plot(*zip(*points, strict=True), style, color=COLOURS.get(name, PAPER), label=name)
-        sizes = sorted(set(rows.all("size")))
+def by_size(charts: Sequence[Chart]) -> "Figure":
+    """Means against the map's side, a panel for each chart."""
+    figure = new_figure(5.8 * len(charts), 5.2)
+    for axes, chart in zip(figure.subplots(1, len(charts)), charts, strict=True):
+        for name, style in chart.styles.items():
+            groups = chart.rows.of(name).by("size")
+            means = [of.mean(chart.figure) for of in groups.values()]
+            axes.plot(
+                list(groups),
+                means,
+                style,
+                color=COLOURS.get(name, PAPER),
+                label=name,
+            )
+        sizes = chart.rows.by("size")
         axes.set_xscale("log", base=2)
-        axes.set_xticks(sizes, [f"{size:.0f}²" for size in sizes])
+        axes.set_xticks(list(sizes), [f"{size}²" for size in sizes])
         axes.minorticks_off()
         axes.set_yscale("log")
-        tidy(axes, title, "map", unit)
+        tidy(axes, chart.title, "map", chart.unit)
         axes.legend(
             fontsize="small",
             loc="upper center",
@@ -71,58 +87,23 @@ def by_size(panels: Sequence[tuple[Rows, str, Mapping[str, str], str, str]]) -> 
 
 
 def bars(groups: Mapping[str, Rows]) -> "Figure":
-    """For each group its planners' times and their CC above that of exact A*, in all, a bar a
-    planner.
-    """
+    """For each group the planners' mean times and their CC above that of exact A*, as bars."""
     figure = new_figure(11, 4.4 * len(groups))
-    for (label, rows), panels in zip(
-        groups.items(), figure.subplots(len(groups), 2, squeeze=False), strict=True
-    ):
-        planners = {str(name): of for (name,), of in rows.by("planner").items() if of.all("time_s")}
-        times_s = [of.mean("time_s") for of in planners.values()]
-        increases = [100.0 * of.increase() for of in planners.values()]
-        for axes, values, form, title, unit in (
-            (panels[0], times_s, "%.3g", "mean time", "seconds"),
-            (panels[1], increases, "%.2f", "CC above that of exact A*", "%"),
-        ):
-            drawn = axes.barh(
-                list(planners), values, color=[COLOURS.get(name, PAPER) for name in planners]
-            )
-            axes.bar_label(drawn, fmt=form, padding=3, fontsize="small")
+    lines = figure.subplots(len(groups), 2, squeeze=False)
+    for (label, rows), (left, right) in zip(groups.items(), lines, strict=True):
+        planners = [name for name, of in rows.by("planner").items() if of.all("time_s")]
+        colours = [COLOURS.get(name, PAPER) for name in planners]
+        times_s = [rows.of(name).mean("time_s") for name in planners]
+        increases = [100.0 * rows.increase(name) for name in planners]
+        for axes, values, form in ((left, times_s, "%.3g"), (right, increases, "%.2f")):
+            bar = axes.barh(planners, values, color=colours)
+            axes.bar_label(bar, fmt=form, padding=3, fontsize="small")
             axes.margins(x=0.2)
             axes.invert_yaxis()
-            tidy(axes, f"{label}: {title}", unit)
-        panels[0].set_xscale("log")
+        tidy(left, f"{label}: mean time", "seconds")
+        tidy(right, f"{label}: CC above that of exact A*", "%")
+        left.set_xscale("log")
     return figure
-
-
-class View(NamedTuple):
-    """A plan by the paper's method: map, region and paths."""
-
-    cost: Float2D
-    region: NDArray[np.bool_]
-    """The network's, by the paper's rule; or another planner's."""
-    path: Cells
-    """(N, 2) cells in the region; empty where it holds none."""
-    optimum: Cells
-    """The optimal path, which the robot follows."""
-    patches: tuple[Patch, ...] = ()
-    """Changes since the plan before."""
-
-
-def view_plan(
-    cost: Float2D, query: Endpoints, model: NetworkModel, patches: tuple[Patch, ...] = ()
-) -> View:
-    """A query by the paper's method with this network."""
-    maker = PaperRegions(cost, model)
-    region = maker.find(query)
-    return View(
-        cost,
-        region.mask(),
-        best_path(maker.grid, query, region),
-        best_path(maker.grid, query),
-        patches,
-    )
 
 
 def frame(at: int) -> str:
@@ -130,56 +111,80 @@ def frame(at: int) -> str:
     return ("T", "T + Δt")[at] if at < 2 else f"T + {at}Δt"
 
 
-def draw_view(axes: "Axes", view: View, title: str, *, before: View | None = None) -> None:
-    """A plan on its cost in grey, the whiter the dearer, brown where impassable, and cyan inside
-    the region.
-
-    Start and goal lie above all paths. `before` is the plan before: its path is drawn, and what has
-    changed since.
-    """
-    from matplotlib.patches import Rectangle
-
-    passable = (view.cost < 1.0)[..., None]
-    picture = np.where(
-        passable, np.where(passable[..., 0], view.cost, 0.0)[..., None], [0.38, 0.17, 0.13]
-    )
-    tint = _TINT * passable * view.region[..., None]
-    axes.imshow(np.clip(picture * (1.0 - tint) + _CYAN * tint, 0.0, 1.0), interpolation="nearest")
-    axes.set_title(title, fontsize="small")
-    axes.set(xticks=[], yticks=[])
-    paths = {"optimal path": view.optimum, "path in the region": view.path}
-    if before is not None:
-        paths = {"path before": before.optimum} | paths
-        for at, (row, col, patch) in enumerate(view.patches):
-            label = "_" * bool(at) + "changed"
-            sides = patch.shape[::-1]
-            where = (col - 0.5, row - 0.5)
-            axes.add_patch(
-                Rectangle(where, *sides, fill=False, ec=_CHANGED, lw=1.3, zorder=4, label=label)
-            )
-    for label, path in paths.items():
-        colour, width, style = _PATHS[label]
-        axes.plot(path[:, 1], path[:, 0], style, color=colour, linewidth=width, label=label)
-    start, goal = view.optimum[[0, -1]]
-    axes.plot(
-        start[1], start[0], "s", color="gold", mec="black", markersize=6, label="start", zorder=5
-    )
-    axes.plot(
-        goal[1], goal[0], "*", color="red", mec="black", markersize=11, label="goal", zorder=5
-    )
-
-
-def map_legend(figure: "Figure", axes: "Axes") -> None:
-    """A legend below the figure: what was drawn on `axes`, and regions."""
+def maps(lines: Sequence[Sequence[Scene]]) -> "Figure":
+    """Lines of scenes, with a legend below."""
     from matplotlib.patches import Patch as Filled
 
-    handles, labels = axes.get_legend_handles_labels()
-    handles.append(Filled(facecolor=tuple(np.full(3, 0.35) * (1.0 - _TINT) + _TINT * _CYAN)))
+    columns = max(map(len, lines))
+    figure = new_figure(2.6 * columns, 1.0 + 2.4 * len(lines))
+    panels = figure.subplots(len(lines), columns, squeeze=False)
+    legend: dict[str, Artist] = {}
+    for line, scenes in zip(panels, lines, strict=True):
+        for axes, scene in zip(line, scenes, strict=False):
+            _draw(axes, scene)
+            handles, labels = axes.get_legend_handles_labels()
+            legend |= dict(zip(labels, handles, strict=True))
+        for axes in line[len(scenes) :]:
+            axes.set_visible(False)
+    legend["region"] = Filled(facecolor=tuple(0.35 * (1.0 - _TINT) + _TINT * _CYAN))
     figure.legend(
-        handles,
-        [*labels, "region"],
+        list(legend.values()),
+        list(legend),
         loc="outside lower center",
         ncols=4,
         fontsize="small",
         frameon=False,
     )
+    return figure
+
+
+def _draw(axes: "Axes", scene: Scene) -> None:
+    """A map's cost in grey, the whiter the dearer, brown where impassable, cyan inside the region;
+    start and goal lie above all paths.
+    """
+    from matplotlib.patches import Rectangle
+
+    here = scene.map
+    region = here.regions[NETWORK]
+    passable = here.cost < 1.0
+    picture = np.where(passable[..., None], here.cost[..., None], _IMPASSABLE)
+    tint = _TINT * (passable & region.mask())[..., None]
+    axes.imshow(picture * (1.0 - tint) + _CYAN * tint, interpolation="nearest")
+    axes.set_title(scene.title, fontsize="small")
+    axes.set(xticks=[], yticks=[])
+    for number, (row, col, patch) in enumerate(scene.patches):
+        height, width = patch.shape
+        changed = Rectangle((col - 0.5, row - 0.5), width, height, fill=False, ec=_CHANGED)
+        changed.set(lw=1.3, zorder=4, label="_" if number else "changed")
+        axes.add_patch(changed)
+    in_region = best_path(here.grid, here.query, region)
+    paths = [
+        (here.optimum, "-", "#e0218a", 3.0, "optimal path"),
+        (in_region, "-", "#ffe100", 1.2, "path in the region"),
+    ]
+    if scene.before is not None:
+        paths.insert(0, (scene.before.optimum, ":", "#b8b8b8", 1.2, "path before"))
+    for path, style, colour, width, label in paths:
+        axes.plot(
+            path[:, 1],
+            path[:, 0],
+            style,
+            color=colour,
+            linewidth=width,
+            label=label,
+        )
+    start, goal = here.query
+    for (row, col), marker, colour, size, label in (
+        (start, "s", "gold", 6, "start"),
+        (goal, "*", "red", 11, "goal"),
+    ):
+        axes.plot(
+            col,
+            row,
+            marker,
+            color=colour,
+            mec="black",
+            markersize=size,
+            label=label,
+            zorder=5,
+        )

@@ -3,26 +3,31 @@ planners.
 """
 
 from collections.abc import Iterator
-from contextlib import suppress
 from functools import partial
-from itertools import islice
 
 import numpy as np
 
 from nnpp_edge.profiling.contest import Harness
+from nnpp_edge.profiling.suites import Case
 from nnpp_edge.reproduction import drawing, paper
+from nnpp_edge.reproduction.drawing import Scene
 from nnpp_edge.reproduction.episode import STRIDE, Episode, Step, make_episode
-from nnpp_edge.reproduction.experiment import MAPS_TRIED, Context, Result, experiment
-from nnpp_edge.reproduction.findings import Finding, judge, judge_increase, judge_speedup
+from nnpp_edge.reproduction.experiment import Context, Result
+from nnpp_edge.reproduction.findings import (
+    Finding,
+    judge,
+    judge_increase,
+    judge_speedup,
+)
 from nnpp_edge.reproduction.paper import ASTAR, ASTAR_NN, DSTAR, DSTAR_NN, DYNAMIC, STATIC
-from nnpp_edge.reproduction.planners import PLAIN, PLAIN_CONTROLS, PLAIN_NN, OneMap, shown
+from nnpp_edge.reproduction.planners import PLAIN, PLAIN_CONTROLS, PLAIN_NN, OneMap
 from nnpp_edge.reproduction.regions import CORRIDOR, Networks
 from nnpp_edge.reproduction.rows import Row, Rows, seconds
+from nnpp_edge.reproduction.table import written
 from nnpp_edge.runtime.errors import InvalidQueryError
 from nnpp_edge.runtime.network.inference import NetworkModel
 from nnpp_edge.runtime.planners.dynamic import DynamicPlanner
 from nnpp_edge.runtime.planners.plan import Plan, Source
-from nnpp_edge.viz.figures import new_figure
 
 COMPILED = ("astar", "nnpp", "dstar", "nnpp-dstar", "corridor", "corridor-dstar")
 PLAIN_ASTARS = (PLAIN, PLAIN_NN, PLAIN_CONTROLS[CORRIDOR])
@@ -32,9 +37,19 @@ LEAST_DISTANCE = 0.7
 PLAIN_OF = {ASTAR: PLAIN, ASTAR_NN: PLAIN_NN}
 OURS_OF = {ASTAR: "astar", ASTAR_NN: "nnpp", DSTAR: "dstar", DSTAR_NN: "nnpp-dstar"}
 """For each of the paper's methods ours."""
-_COMPARED = [(ASTAR, ASTAR_NN, STATIC), (ASTAR, ASTAR_NN, DYNAMIC), (ASTAR, DSTAR, DYNAMIC)]
-_COMPARED += [(DSTAR, DSTAR_NN, DYNAMIC), (ASTAR_NN, DSTAR_NN, DYNAMIC)]
-"""The paper's methods whose times are compared in Table 4, and in which scene."""
+
+
+def find_episodes(context: Context, size: int, count: int) -> list[Episode]:
+    """So many episodes on crops of the terrain; InvalidQueryError if too few have a path."""
+
+    def make(number: int, case: Case) -> Episode | None:
+        seed = context.seed + number
+        try:
+            return make_episode(case.cost, *case.queries[0], seed, stride_on(size))
+        except InvalidQueryError:
+            return None
+
+    return list(context.crops(size, count, LEAST_DISTANCE, make))
 
 
 def stride_on(size: int) -> int:
@@ -44,32 +59,22 @@ def stride_on(size: int) -> int:
     return min(STRIDE, max(STRIDE * size // 256, 1))
 
 
-def find_episodes(context: Context, size: int, count: int) -> list[Episode]:
-    """So many episodes on crops of the terrain; InvalidQueryError if too few have a way."""
-    found = list[Episode]()
-    for at, case in enumerate(islice(context.cases(size, LEAST_DISTANCE), MAPS_TRIED * count)):
-        with suppress(InvalidQueryError):
-            found.append(
-                make_episode(case.cost, *case.queries[0], context.seed + at, stride_on(size))
-            )
-        if len(found) == count:
-            return found
-    raise InvalidQueryError(
-        f"wanted {count} maps of {size} × {size} cells with a path, got {len(found)}"
-    )
+def maps_of(episode: Episode, networks: Networks) -> Iterator[OneMap]:
+    """The map and the query of each plan."""
+    for at, step in enumerate(episode.steps):
+        yield OneMap(episode.map_at(at), (step.start, episode.goal), networks)
 
 
 def drive(episode: Episode, networks: Networks, repeats: int) -> Rows:
-    """Have all of `PLANNERS` make every plan of an episode; of ours the median of `repeats` lives
-    counts.
+    """Have all of `PLANNERS` make every plan of an episode; the median of `repeats` drives counts
+    for ours.
     """
     harness = Harness()
     rows = Rows()
-    for at, (step, compiled) in enumerate(
-        zip(episode.steps, _ours(episode, networks.ours, repeats), strict=True)
-    ):
-        here = OneMap(episode.map_at(at), (step.start, episode.goal), networks)
-        rows += [{"plan": at, **row} for row in (*here.timed(PLAIN_ASTARS, 1, harness), *compiled)]
+    plans = zip(_ours(episode, networks.ours, repeats), maps_of(episode, networks), strict=True)
+    for at, (ours, here) in enumerate(plans):
+        plain = here.timed(PLAIN_ASTARS, 1, harness)
+        rows += [{"plan": at, **row} for row in (*plain, *ours)]
     return rows
 
 
@@ -80,29 +85,29 @@ def _ours(episode: Episode, model: NetworkModel, repeats: int) -> Iterator[list[
     A plan's time is the map's update, the network's view of it, and the plan with every widening
     and fallback. What depends on the first map alone is made before the clock starts.
     """
-    lives = []
+    drives = []
     for turn in range(repeats + 1):
-        planners = {
-            name: DynamicPlanner(episode.cost, episode.goal, name, model=model) for name in COMPILED
-        }
-        for planner in planners.values():
-            planner.prepare()
-        calls = {name: partial(_replan, planner) for name, planner in planners.items()}
-        lives.append(list(Harness(turn).measure(calls, episode.steps)))
-    for at, answers in enumerate(zip(*lives, strict=True)):
-        exact_cc = answers[-1]["astar"].results[0].traverse_cost
-        rows = list[Row]()
+        calls = {}
         for name in COMPILED:
-            plan = answers[-1][name].results[0]
-            time_s = np.median([life[name].median_s for life in answers[1:]])
-            mended = plan.choice.startswith("mended") or (name == "dstar" and at > 0)
-            row = {
+            planner = DynamicPlanner(episode.cost, episode.goal, name, model=model)
+            planner.prepare()
+            calls[name] = partial(_replan, planner)
+        drives.append(list(Harness(turn).measure(calls, episode.steps)))
+    for at, answers in enumerate(zip(*drives, strict=True)):
+        last = answers[-1]
+        rows = []
+        for name in COMPILED:
+            plan = last[name].results[0]
+            row: Row = {
                 "planner": name,
                 "found": float(plan.source in (Source.MAP, Source.REGION)),
-                "time_s": time_s,
+                "time_s": np.median([records[name].median_s for records in answers[1:]]),
             }
-            of_path = {"cc": plan.traverse_cost, "exact_cc": exact_cc} if plan.ok else {}
-            rows.append(row | of_path | {"mended": float(mended)})
+            if plan.ok:
+                row["cc"] = plan.traverse_cost
+                row["exact_cc"] = last["astar"].results[0].traverse_cost
+            mended = name.endswith("dstar") and at > 0
+            rows.append({**row, "mended": float(mended)})
         yield rows
 
 
@@ -113,142 +118,136 @@ def _replan(planner: DynamicPlanner, step: Step) -> Plan:
     return planner.replan()
 
 
-_QUICK = {"size": 128, "repeats": 1}
-
-
-@experiment(
-    "Table 3 and Fig. 16",
-    "Planning anew as the map changes, plan by plan",
-    {**_QUICK, "episodes": 3},
-)
 def table3(context: Context, *, size: int = 256, episodes: int = 12, repeats: int = 5) -> Result:
-    """One episode, every plan of it by all planners: of so many the one with as many plans as the
-    paper's.
+    """Every plan of one episode by all planners: of `episodes` the one whose number of plans is
+    nearest to the paper's.
     """
-    size = context.one_size(size)
     frames = len(paper.TABLE_3.of(ASTAR))
-    episode = min(
-        find_episodes(context, size, episodes), key=lambda each: abs(len(each.steps) - frames)
-    )
+    found = find_episodes(context, context.one_size(size), episodes)
+    episode = min(found, key=lambda each: abs(len(each.steps) - frames))
     context.progress(0.2)
     rows = drive(episode, context.networks, repeats)
     context.progress(0.6)
-    views = [
-        drawing.view_plan(
-            episode.map_at(at), (step.start, episode.goal), context.networks.paper, step.patches
-        )
-        for at, step in enumerate(episode.steps)
-    ]
-    figure = new_figure(2.7 * len(views), 3.4)
-    panels = figure.subplots(1, len(views), squeeze=False)[0]
-    for at, (axes, view) in enumerate(zip(panels, views, strict=True)):
-        drawing.draw_view(axes, view, drawing.frame(at), before=views[at - 1] if at else None)
-    drawing.map_legend(figure, panels[min(1, len(views) - 1)])
-    return Result(rows, ("plan", "planner"), table3_findings(rows), figure, [*paper.TABLE_3, *rows])
-
-
-def table3_findings(rows: Rows) -> list[Finding]:
-    """Of the rows of one episode, beside the paper's table."""
-    found = list[Finding]()
-    for slow, fast in ((ASTAR, ASTAR_NN), (ASTAR, DSTAR), (DSTAR, DSTAR_NN)):
-        found += _speedups(slow, fast, paper.TABLE_3.speedup(slow, fast), rows)
-    for theirs, name in ((ASTAR_NN, PLAIN_NN), (DSTAR_NN, "nnpp-dstar")):
-        claim = f"CC increase of {_short(theirs)} ({shown('planner', name)})"
-        found.append(judge_increase(claim, paper.TABLE_3.increase(theirs), rows, name))
-    last = rows.of(plan=max(rows.all("plan")))
-    nn_s, dstar_s = (last.of(name).mean("time_s") for name in ("nnpp-dstar", "dstar"))
-    theirs_s = (
-        seconds(paper.TABLE_3.of(name, plan=3).mean("time_s")) for name in (DSTAR_NN, DSTAR)
+    scenes = list[Scene]()
+    for here, step in zip(maps_of(episode, context.networks), episode.steps, strict=True):
+        before = scenes[-1].map if scenes else None
+        scenes.append(Scene(drawing.frame(len(scenes)), here, before, step.patches))
+    return Result(
+        rows,
+        ("plan", "planner"),
+        table3_findings(rows),
+        drawing.maps([scenes]),
+        [*paper.TABLE_3, *rows],
     )
-    ours = f"{seconds(nn_s)} against {seconds(dstar_s)}"
-    rule = "`nnpp-dstar` takes longer"
-    claim = "near the goal, in the last frame, D*NN takes longer than D*"
-    return [
-        *found,
-        judge(claim, " against ".join(theirs_s), ours, rule, True, better=nn_s <= dstar_s),
-    ]
 
 
-def _short(theirs: str) -> str:
-    return theirs.removeprefix("paper's ")
+def table3_findings(rows: Rows) -> Iterator[Finding]:
+    """Findings on the rows of one episode, beside the paper's table."""
+    for slow, fast in ((ASTAR, ASTAR_NN), (ASTAR, DSTAR), (DSTAR, DSTAR_NN)):
+        yield from _speedups(slow, fast, paper.TABLE_3, rows)
+    for method, ours in ((ASTAR_NN, PLAIN_NN), (DSTAR_NN, "nnpp-dstar")):
+        claim = f"CC increase of {_short(method)} ({written('planner', ours)})"
+        yield judge_increase(claim, paper.TABLE_3.increase(method), rows, ours)
+
+    def last_s(rows: Rows, planner: str) -> float:
+        return rows.of(planner).all("time_s")[-1]
+
+    nn_s = last_s(rows, "nnpp-dstar")
+    dstar_s = last_s(rows, "dstar")
+    yield judge(
+        "near the goal, in the last frame, D*NN takes longer than D*",
+        f"{seconds(last_s(paper.TABLE_3, DSTAR_NN))} against "
+        f"{seconds(last_s(paper.TABLE_3, DSTAR))}",
+        f"{seconds(nn_s)} against {seconds(dstar_s)}",
+        "`nnpp-dstar` takes longer",
+        True,
+        better=nn_s <= dstar_s,
+    )
+
+
+def _short(method: str) -> str:
+    return method.removeprefix("paper's ")
 
 
 def _speedups(
-    slow: str, fast: str, theirs: float, rows: Rows, where: str = ""
+    slow: str,
+    fast: str,
+    theirs: Rows,
+    rows: Rows,
+    where: str = "",
 ) -> Iterator[Finding]:
     """One of the paper's methods over another, plain where we have both so, and compiled."""
-    for label, of in {"plain": PLAIN_OF, "ours": OURS_OF}.items():
-        if slow in of and fast in of:
+    gain = theirs.speedup(slow, fast)
+    for label, ours in (("plain", PLAIN_OF), ("ours", OURS_OF)):
+        if slow in ours and fast in ours:
             claim = f"speed-up of {_short(fast)} over {_short(slow)}{where}, both {label}"
-            yield judge_speedup(claim, theirs, rows, (of[slow], of[fast]))
+            yield judge_speedup(claim, gain, rows, ours[slow], ours[fast])
 
 
-@experiment("Table 4", "Five maps, standing still and changing", {**_QUICK, "maps": 2})
 def table4(context: Context, *, size: int = 256, maps: int = 5, repeats: int = 5) -> Result:
     """An episode on each of some maps, by all planners; its first plan is that of the map standing
     still.
     """
     rows = Rows()
     for at, episode in enumerate(find_episodes(context, context.one_size(size), maps), 1):
-        rows += [
-            {"scene": DYNAMIC, "map": at, **row}
-            for row in drive(episode, context.networks, repeats)
-        ]
+        for row in drive(episode, context.networks, repeats):
+            rows.append({"scene": DYNAMIC, "map": at, **row})
         context.progress(at / maps)
-    rows = Rows([{**row, "scene": STATIC} for row in rows.of(plan=0)] + rows)
+    rows = Rows([*({**row, "scene": STATIC} for row in rows.of(plan=0)), *rows])
     everything = Rows([*paper.TABLE_4, *rows])
     context.notes.append(
         "Times and CC are summed over the plans for which every method found a path."
     )
-    picture = drawing.bars({str(scene): of for (scene,), of in everything.by("scene").items()})
     return Result(
-        rows, ("scene", "planner"), table4_findings(rows), picture, everything, totals=True
+        rows,
+        ("scene", "planner"),
+        table4_findings(rows),
+        drawing.bars(everything.by("scene")),
+        everything,
+        totals=True,
     )
 
 
-def table4_findings(rows: Rows) -> list[Finding]:
-    """Of the rows of all scenes, beside the paper's table."""
-    found = list[Finding]()
-    for slow, fast, scene in _COMPARED:
-        theirs = paper.TABLE_4.of(scene=scene).speedup(slow, fast)
-        found += _speedups(slow, fast, theirs, rows.of(scene=scene), f", {scene}")
-    of = rows.of(scene=DYNAMIC)
-    slow = OURS_OF[DSTAR]
-    fast = OURS_OF[ASTAR_NN]
-    claim = "the network gains A* more than D* does: A*NN is faster than D*, dynamic, both ours"
-    theirs = paper.TABLE_4.of(scene=DYNAMIC).speedup(DSTAR, ASTAR_NN)
-    texts = f"{theirs:.2f}×", f"{of.speedup(slow, fast):.2f}×"
-    rule = f"{shown('planner', fast)} takes less time than {shown('planner', slow)}"
-    found.append(
-        judge(claim, *texts, rule, lambda own: of.speedup(own(slow), own(fast)) > 1.0, of, fast)
+def table4_findings(rows: Rows) -> Iterator[Finding]:
+    """Findings on the rows of both scenes, beside the paper's table."""
+    for slow, fast, scene in (
+        (ASTAR, ASTAR_NN, STATIC),
+        (ASTAR, ASTAR_NN, DYNAMIC),
+        (ASTAR, DSTAR, DYNAMIC),
+        (DSTAR, DSTAR_NN, DYNAMIC),
+        (ASTAR_NN, DSTAR_NN, DYNAMIC),
+    ):
+        theirs = paper.TABLE_4.of(scene=scene)
+        yield from _speedups(slow, fast, theirs, rows.of(scene=scene), f", {scene}")
+    dynamic = rows.of(scene=DYNAMIC)
+    gain = paper.TABLE_4.of(scene=DYNAMIC).speedup(DSTAR, ASTAR_NN)
+    yield judge(
+        "the network gains A* more than D* does: A*NN is faster than D*, dynamic, both ours",
+        f"{gain:.2f}×",
+        f"{dynamic.speedup('dstar', 'nnpp'):.2f}×",
+        "`nnpp` takes less time than `dstar`",
+        lambda rows: rows.speedup("dstar", "nnpp") > 1.0,
+        dynamic,
+        "nnpp",
     )
-    for what, method, name, scene in (
+    for what, method, ours, scene in (
         ("A*NN, static, plain", ASTAR_NN, PLAIN_NN, STATIC),
         ("A*NN, dynamic, plain", ASTAR_NN, PLAIN_NN, DYNAMIC),
         ("D*NN, dynamic, ours", DSTAR_NN, "nnpp-dstar", DYNAMIC),
     ):
-        more = paper.TABLE_4.of(scene=scene).increase(method)
-        found.append(judge_increase(f"CC increase of {what}", more, rows.of(scene=scene), name))
-    later = Rows(row for row in of if row["plan"])
-    return [*found, _mends(later, OURS_OF[ASTAR_NN], OURS_OF[DSTAR_NN])] if later else found
-
-
-def _mends(later: Rows, afresh: str, name: str) -> Finding:
-    """Whether D*NN repairs, and gains by it over A*NN, which searches afresh."""
-    mended = later.of(name).all("mended")
-    gain = later.speedup(afresh, name)
-    claim = f"D*NN repairs, and gains by it, dynamic ({shown('planner', name)})"
-    ours = (
-        f"{sum(mended):.0f} of {len(mended)} plans after the first, {gain:.2f}× as fast as afresh"
-    )
-    rule = "on half of the plans or more, and faster than afresh"
-    often = sum(mended) >= 0.5 * len(mended)
-    return judge(
-        claim,
+        increase = paper.TABLE_4.of(scene=scene).increase(method)
+        yield judge_increase(f"CC increase of {what}", increase, rows.of(scene=scene), ours)
+    later = Rows(row for row in dynamic if row["plan"])
+    if not later:
+        return
+    mended = later.of("nnpp-dstar").all("mended")
+    gain = later.speedup("nnpp", "nnpp-dstar")
+    yield judge(
+        "D*NN repairs, and gains by it, dynamic (`nnpp-dstar`)",
         "yes",
-        ours,
-        rule,
-        lambda own: often and later.speedup(own(afresh), own(name)) > 1.0,
+        f"{sum(mended):.0f} of {len(mended)} plans after the first, {gain:.2f}× as fast as afresh",
+        "on half of the plans or more, and faster than afresh",
+        lambda rows: sum(mended) >= 0.5 * len(mended) and rows.speedup("nnpp", "nnpp-dstar") > 1.0,
         later,
-        name,
+        "nnpp-dstar",
     )

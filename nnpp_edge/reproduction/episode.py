@@ -55,7 +55,11 @@ class Episode:
 
 
 def make_episode(
-    cost: Float2D, start: Cell, goal: Cell, seed: int, stride: int = STRIDE
+    cost: Float2D,
+    start: Cell,
+    goal: Cell,
+    seed: int,
+    stride: int = STRIDE,
 ) -> Episode:
     """An episode on a cost map (H, W), the same for the same seed; start and goal are passable and
     connected.

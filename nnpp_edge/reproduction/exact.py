@@ -1,14 +1,16 @@
 """Table 1 and Fig. 7: what needs no network, the building of A*'s graph and the weight ω."""
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from functools import partial
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
 from nnpp_edge.profiling.contest import Harness
 from nnpp_edge.reproduction import drawing, paper
-from nnpp_edge.reproduction.experiment import Context, Result, experiment
+from nnpp_edge.reproduction.drawing import Chart
+from nnpp_edge.reproduction.experiment import Context, Result
 from nnpp_edge.reproduction.findings import Finding, judge
 from nnpp_edge.reproduction.plain import build_graph, search
 from nnpp_edge.reproduction.planners import PLAIN
@@ -17,17 +19,18 @@ from nnpp_edge.runtime.arrays import Float2D
 from nnpp_edge.runtime.cells import Endpoints
 from nnpp_edge.runtime.errors import InvalidQueryError
 from nnpp_edge.runtime.map.grid import Grid
-from nnpp_edge.runtime.map.step_cost import StepModel
 from nnpp_edge.runtime.search.astar import astar
 from nnpp_edge.runtime.search.workspace import Workspace
+from nnpp_edge.runtime.terrain.step_cost import StepModel
 from nnpp_edge.viz.figures import new_figure
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
 
 Floats = NDArray[np.float64]
 _OMEGA = f"{paper.OMEGA:.3f} ± {paper.OMEGA_DEVIATION:.3f}"
-_QUICK = {"sizes": (64, 128, 256), "maps": 1}
 
 
-@experiment("Table 1", "Building the graph against searching it", _QUICK, networks=())
 def table1(
     context: Context, *, sizes: Sequence[int] = (64, 128, 256, 512, 1024), maps: int = 5
 ) -> Result:
@@ -37,24 +40,28 @@ def table1(
     sizes = context.fitting(sizes)
     rows = Rows()
     harness = Harness()
-    done = 0
-    for at, (case, query) in enumerate(context.maps(max(sizes), maps), 1):
+    for number, case, query in context.maps([max(sizes)], maps):
         for size in sizes:
             cost, ends = _scaled(case.cost, query, size)
             graph_s, graph = harness.timed(partial(build_graph, cost))
             search_s, path = harness.timed(partial(search, graph, *ends))
             assert path is not None  # a cell is impassable only if all that it covers is
-            rows.append(
-                {"map": at, "size": size} | paper.graph_row(PLAIN, graph_s, search_s, len(path))
-            )
-            done += size**2
-            context.progress(done / (maps * sum(side**2 for side in sizes)))
+            row = paper.graph_row(size, PLAIN, graph_s, search_s, len(path))
+            rows.append({"map": number, **row})
     everything = Rows(row for row in (*paper.TABLE_1, *rows) if row["size"] in sizes)
     styles = {paper.ASTAR: "o--", PLAIN: "o-"}
-    of_times = everything, "time_s", styles, "Mean time of a query, the graph included", "seconds"
-    of_shares = everything, "graph_share", styles, "Share of the graph in the time", ""
-    picture = drawing.by_size([of_times, of_shares])
-    return Result(rows, ("size", "planner"), table1_findings(rows), picture, everything)
+    title = "Mean time of a query, the graph included"
+    charts = [
+        Chart(everything, "time_s", styles, title, "seconds"),
+        Chart(everything, "graph_share", styles, "Share of the graph in the time"),
+    ]
+    return Result(
+        rows,
+        ("size", "planner"),
+        table1_findings(rows),
+        drawing.by_size(charts),
+        everything,
+    )
 
 
 def _scaled(cost: Float2D, query: Endpoints, size: int) -> tuple[Float2D, Endpoints]:
@@ -65,58 +72,49 @@ def _scaled(cost: Float2D, query: Endpoints, size: int) -> tuple[Float2D, Endpoi
     if factor * size != len(cost):
         raise InvalidQueryError(f"wanted sizes that divide {len(cost)}, got {size}")
     cells = cost.reshape(size, factor, size, factor).astype(np.float64)
-    count = (cells < 1.0).sum(axis=(1, 3))
-    total = np.where(cells < 1.0, cells, 0.0).sum(axis=(1, 3))
-    small = np.where(count, total / np.maximum(count, 1), np.inf).astype(np.float32)
-    (a, b), (c, d) = query
-    return small, ((a // factor, b // factor), (c // factor, d // factor))
+    means = np.ma.masked_greater_equal(cells, 1.0).mean(axis=(1, 3)).filled(np.inf)
+    start, goal = ((row // factor, col // factor) for row, col in query)
+    return means.astype(np.float32), (start, goal)
 
 
-def table1_findings(rows: Rows) -> list[Finding]:
-    """Of the rows of all sizes."""
-    plain = rows.of(PLAIN)
-    shares = [of.mean("graph_share") for of in plain.by("size").values()]
-    ours = (
-        f"{' to '.join(dict.fromkeys((percent(min(shares), 0), percent(max(shares), 0))))} "
-        "(plain A*)"
+def table1_findings(rows: Rows) -> Iterator[Finding]:
+    """Findings on the rows of all sizes."""
+    by_size = rows.by("size")
+    shares = [of.mean("graph_share") for of in by_size.values()]
+    ends = dict.fromkeys((percent(min(shares), 0), percent(max(shares), 0)))
+    ours = f"{' to '.join(ends)} (plain A*)"
+    yield judge(
+        "the graph takes about 85 % of A*'s time",
+        percent(paper.GRAPH_SHARE, 0),
+        ours,
+        "within 10 points at every size",
+        all(abs(share - paper.GRAPH_SHARE) <= 0.1 for share in shares),
     )
-    near = max(abs(share - paper.GRAPH_SHARE) for share in shares) <= 0.1
-    about = "the graph takes about 85 % of A*'s time"
-    greater = "the graph takes the greater part of A*'s time"
-    found = [
-        judge(about, percent(paper.GRAPH_SHARE, 0), ours, "within 10 points at every size", near),
-        judge(greater, "84 to 89 %", ours, "over a half at every size", min(shares) > 0.5),
-    ]
-    small = min(plain.all("size"))
-    large = max(plain.all("size"))
-    if small < large:
-        cells = (large / small) ** 2
-        theirs, grown = (
-            of.of(size=large).mean("time_s") / of.of(size=small).mean("time_s")
-            for of in (paper.TABLE_1, plain)
-        )
-        claim = (
-            f"time grows with the number of cells ({cells:.0f}× from {small:.0f}² to {large:.0f}²)"
-        )
-        near = 0.5 * cells <= grown <= 2.0 * cells
-        rule = "within a factor of 2 of the cells'"
-        found.append(judge(claim, times(theirs), f"{grown:.0f}× (plain A*)", rule, near))
-    return found
+    yield judge(
+        "the graph takes the greater part of A*'s time",
+        "84 to 89 %",
+        ours,
+        "over a half at every size",
+        min(shares) > 0.5,
+    )
+    small = min(by_size)
+    large = max(by_size)
+    if small == large:
+        return
+
+    def grown(rows: Rows) -> float:
+        return rows.of(size=large).mean("time_s") / rows.of(size=small).mean("time_s")
+
+    cells = (large / small) ** 2
+    yield judge(
+        f"time grows with the number of cells ({cells:.0f}× from {small}² to {large}²)",
+        times(grown(paper.TABLE_1)),
+        f"{grown(rows):.0f}× (plain A*)",
+        "within a factor of 2 of the cells'",
+        0.5 <= grown(rows) / cells <= 2.0,
+    )
 
 
-def _at_omega(cost: Float2D, query: Endpoints, omega: float, workspace: Workspace) -> Row:
-    """The optimal path at an ω: its length in cells, a diagonal step counting √2, and the sum of
-    the map's costs.
-    """
-    grid = Grid.of(cost, StepModel.of("paper", omega))
-    time_s, found = Harness().timed(partial(astar, grid, *query, workspace))
-    cc = float(cost[tuple(found.path.T)].sum(dtype=np.float64))  # at ω = 0 no grid knows it
-    return {"omega": omega, "length": grid.costs_of(found.path)[1], "cc": cc, "time_s": time_s}
-
-
-@experiment(
-    "Fig. 7", "The weight ω of the traversability cost", {"maps": 8, "fine": 25}, networks=()
-)
 def fig7(
     context: Context,
     *,
@@ -129,50 +127,41 @@ def fig7(
     and 0.
     """
     size = context.one_size(size)
-    omegas = np.r_[
-        np.linspace(0.0, 0.05, fine + 1), np.linspace(0.05, paper.OMEGA_MOST, coarse + 1)[1:]
-    ]
+    up_to_005 = np.linspace(0.0, 0.05, fine + 1)
+    omegas = np.r_[up_to_005, np.linspace(0.05, paper.OMEGA_MOST, coarse + 1)[1:]]
     rows = Rows()
+    harness = Harness()
     workspace = Workspace((size + 2) ** 2)
-    for at, (case, query) in enumerate(context.maps(size, maps), 1):
-        rows += [
-            {"map": at} | _at_omega(case.cost, query, omega, workspace) for omega in omegas.tolist()
-        ]
-        context.progress(at / maps)
-    lengths, ccs, times_s = (
+    for number, case, query in context.maps([size], maps):
+        for omega in omegas.tolist():
+            grid = Grid.of(case.cost, StepModel.of("paper", omega))
+            time_s, found = harness.timed(partial(astar, grid, *query, workspace))
+            row: Row = {"map": number, "omega": omega}
+            row["length"] = grid.costs_of(found.path)[1]
+            # by the map's own costs, as the grid's are all 0 at ω = 0
+            row["cc"] = float(case.cost[tuple(found.path.T)].sum(dtype=np.float64))
+            rows.append({**row, "time_s": time_s})
+    length, cc, times_s = (
         np.reshape(rows.all(name), (maps, -1)) for name in ("length", "cc", "time_s")
     )
     typical_s = np.median(times_s, axis=0)
     best = {
-        f"by {how}": best_omegas(omegas, normal(lengths), normal(ccs))
-        for how, normal in {"range": by_range, "greatest": by_greatest}.items()
+        "by range": best_omegas(omegas, by_range(length) + by_range(cc)),
+        "by greatest": best_omegas(omegas, by_greatest(length) + by_greatest(cc)),
     }
-    lengths = by_range(lengths)
-    ccs = by_range(ccs)
-    figure = new_figure(13, 4.2)
-    left, middle, right = figure.subplots(1, 3)
-    for label, values in {"LEN": lengths, "CC": ccs}.items():
-        average = values.mean(0)
-        deviation = values.std(0)
-        left.plot(omegas, average, label=label)
-        left.fill_between(omegas, average - deviation, average + deviation, alpha=0.18, linewidth=0)
-    middle.plot(omegas, (lengths + ccs).mean(0), label="LEN + CC")
-    middle.plot(
-        omegas, typical_s / typical_s.max(), label="time of exact A*, median, over its longest"
+    length = by_range(length)
+    cc = by_range(cc)
+    return Result(
+        rows,
+        ("normalised",),
+        fig7_findings(omegas, length.mean(0), cc.mean(0), typical_s, best),
+        _draw_sweep(omegas, length, cc, typical_s, best),
+        [
+            {"normalised": how, "best_omega": omega}
+            for how, found in best.items()
+            for omega in found
+        ],
     )
-    right.hist(
-        list(best.values()), 20, label=[f"{how}: {spread(of, 4)}" for how, of in best.items()]
-    )
-    least = paper.OMEGA - paper.OMEGA_DEVIATION
-    most = paper.OMEGA + paper.OMEGA_DEVIATION
-    titles = "Normalised by range; mean ± deviation", "LEN + CC, and time", f"Best ω of {maps} maps"
-    for axes, title in zip((left, middle, right), titles, strict=True):
-        axes.axvspan(least, most, color=drawing.PAPER, alpha=0.25, label=f"paper: {_OMEGA}")
-        drawing.tidy(axes, title, "ω per grey level")
-        axes.legend(fontsize="small")
-    findings = fig7_findings(omegas, lengths.mean(0), ccs.mean(0), typical_s, best)
-    shown = [{"normalised": how, "best_omega": omega} for how, of in best.items() for omega in of]
-    return Result(rows, ("normalised",), findings, figure, shown)
 
 
 def by_range(values: Floats) -> Floats:
@@ -186,43 +175,95 @@ def by_greatest(values: Floats) -> Floats:
     return unit
 
 
-def best_omegas(omegas: Floats, length: Floats, cc: Floats) -> Floats:
-    """(M,) the ω of each map at which LEN + CC is least; the middle one where several are."""
-    least = [np.flatnonzero(row <= row.min() + 1e-9) for row in length + cc]
-    return np.array([omegas[each[len(each) // 2]] for each in least])
+def best_omegas(omegas: Floats, total: Floats) -> list[float]:
+    """The ω of each of M maps at which LEN + CC, (M, N), is least; the middle one where several
+    are.
+    """
+    least = [np.flatnonzero(row <= row.min() + 1e-9) for row in total]
+    return [float(omegas[each[len(each) // 2]]) for each in least]
 
 
 def fig7_findings(
-    omegas: Floats, length: Floats, cc: Floats, typical_s: Floats, best: dict[str, Floats]
-) -> list[Finding]:
-    """Of the mean length and CC, by range, and the median time at each ω, and each map's
-    best one.
+    omegas: Floats,
+    length: Floats,
+    cc: Floats,
+    typical_s: Floats,
+    best: Mapping[str, list[float]],
+) -> Iterator[Finding]:
+    """Findings on the mean length and CC, by range, and the median time at each ω, and each map's
+    best ω.
     """
+    for how, found in best.items():
+        yield judge(
+            f"best ω per grey level, LEN and CC normalised {how}",
+            _OMEGA,
+            spread(found, 4),
+            "our mean lies within the paper's deviation",
+            bool(abs(np.mean(found) - paper.OMEGA) <= paper.OMEGA_DEVIATION),
+        )
     middle = int(np.argmin(length + cc))
-    settled = typical_s[omegas >= 0.25 * paper.OMEGA_MOST]
-    monotone = bool((np.diff(length) > -0.02).all() and (np.diff(cc) < 0.02).all())
+    yield judge(
+        "some ω between the ends makes LEN + CC least",
+        "yes",
+        f"ω = {omegas[middle]:.3f} on the mean",
+        "neither the first nor the last ω",
+        0 < middle < len(omegas) - 1,
+    )
+    yield judge(
+        "the greater ω, the longer the path and the smaller its CC",
+        "yes",
+        f"LEN {length[0]:.2f} → {length[-1]:.2f}, CC {cc[0]:.2f} → {cc[-1]:.2f}",
+        "no step goes the other way by over 0.02",
+        bool(np.diff(length).min() > -0.02 and np.diff(cc).max() < 0.02),
+    )
     first = typical_s[0]
     knee = typical_s[omegas <= paper.OMEGA][-3:].mean()
+    settled = typical_s[omegas >= 0.25 * paper.OMEGA_MOST]
     last = settled.mean()
-    steady = bool(knee > 1.2 * first and np.ptp(settled) <= 0.35 * last)
-    found = []
-    for label, of in best.items():
-        claim = f"best ω per grey level, LEN and CC normalised {label}"
-        near = abs(of.mean() - paper.OMEGA)
-        rule = "our mean lies within the paper's deviation"
-        found.append(judge(claim, _OMEGA, spread(of, 4), rule, bool(near <= paper.OMEGA_DEVIATION)))
-    claim = "some ω between the ends makes LEN + CC least"
-    ours = f"ω = {omegas[middle]:.3f} on the mean"
-    found.append(
-        judge(claim, "yes", ours, "neither the first nor the last ω", 0 < middle < len(omegas) - 1)
+    yield judge(
+        "planning time rises at first and then stays",
+        "yes",
+        f"{1e3 * first:.2f} ms at 0, {1e3 * knee:.2f} ms at {paper.OMEGA}, "
+        f"{1e3 * last:.2f} ms from 0.05 on",
+        f"up by a fifth or more at ω = {paper.OMEGA}; beyond a quarter of the sweep within 35 %",
+        bool(knee > 1.2 * first and np.ptp(settled) <= 0.35 * last),
     )
-    claim = "the greater ω, the longer the path and the smaller its CC"
-    rule = "no step goes the other way by over 0.02"
-    ours = f"LEN {length[0]:.2f} → {length[-1]:.2f}, CC {cc[0]:.2f} → {cc[-1]:.2f}"
-    found.append(judge(claim, "yes", ours, rule, monotone))
-    ours = (
-        f"{1e3 * first:.2f} ms at 0, {1e3 * knee:.2f} ms at {paper.OMEGA}, {1e3 * last:.2f} ms "
-        "from 0.05 on"
-    )
-    rule = f"up by a fifth or more at ω = {paper.OMEGA}; beyond a quarter of the sweep within 35 %"
-    return [*found, judge("planning time rises at first and then stays", "yes", ours, rule, steady)]
+
+
+def _draw_sweep(
+    omegas: Floats,
+    length: Floats,
+    cc: Floats,
+    typical_s: Floats,
+    best: Mapping[str, list[float]],
+) -> "Figure":
+    """Length and CC, (M, N) by range, their sum beside the time, and the best ω of each map."""
+    figure = new_figure(13, 4.2)
+    left, middle, right = figure.subplots(1, 3)
+    for label, values in (("LEN", length), ("CC", cc)):
+        mean = values.mean(0)
+        deviation = values.std(0)
+        left.plot(omegas, mean, label=label)
+        left.fill_between(omegas, mean - deviation, mean + deviation, alpha=0.18, linewidth=0)
+    middle.plot(omegas, (length + cc).mean(0), label="LEN + CC")
+    label = "time of exact A*, median, over its longest"
+    middle.plot(omegas, typical_s / typical_s.max(), label=label)
+    labels = [f"{how}: {spread(found, 4)}" for how, found in best.items()]
+    right.hist(list(best.values()), 20, label=labels)
+    least = paper.OMEGA - paper.OMEGA_DEVIATION
+    most = paper.OMEGA + paper.OMEGA_DEVIATION
+    for axes, title in (
+        (left, "Normalised by range; mean ± deviation"),
+        (middle, "LEN + CC, and time"),
+        (right, f"Best ω of {len(length)} maps"),
+    ):
+        axes.axvspan(
+            least,
+            most,
+            color=drawing.PAPER,
+            alpha=0.25,
+            label=f"paper: {_OMEGA}",
+        )
+        drawing.tidy(axes, title, "ω per grey level")
+        axes.legend(fontsize="small")
+    return figure

@@ -1,4 +1,4 @@
-"""The paper's claims beside what was measured, judged by plain rules."""
+"""The paper's claims beside the measured figures, judged by plain rules."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -9,7 +9,7 @@ from nnpp_edge.reproduction.rows import Rows, percent
 
 
 class Verdict(StrEnum):
-    """How a figure of ours stands to the paper's."""
+    """How our figure compares with the paper's."""
 
     AGREES = "agrees"
     BETTER = "better than the paper's"
@@ -18,7 +18,7 @@ class Verdict(StrEnum):
 
 @dataclass(frozen=True)
 class Finding:
-    """One claim of the paper, beside what was measured."""
+    """One claim of the paper, beside the measured figure."""
 
     claim: str
     paper: str
@@ -30,10 +30,8 @@ class Finding:
     """Controls that meet the rule as well: then it says nothing about the network."""
 
 
-Own = Callable[[str], str]
-"""Gives for a planner's name that of who stands for it: the planner itself, or its control."""
-Rule = Callable[[Own], bool]
-"""Whether figures are as claimed."""
+Rule = Callable[[Rows], bool]
+"""Whether rows are as claimed."""
 
 
 def judge(
@@ -47,60 +45,73 @@ def judge(
     *,
     better: bool = False,
 ) -> Finding:
-    """A finding: whether the rule holds, and for which controls of a planner in `rows` it does as
-    well.
+    """A finding: whether its rule holds, and, where it is a rule on `rows`, with which controls in
+    place of the planner's network it holds as well.
     """
-    meets: Rule = holds if callable(holds) else lambda own: holds
-    if not meets(lambda name: name):
+    verdict = Verdict.BETTER if better else Verdict.AGREES
+    if rows is None or not callable(holds):
+        return Finding(claim, paper, ours, rule, verdict if holds else Verdict.DIFFERS)
+    if not holds(rows):
         return Finding(claim, paper, ours, rule, Verdict.DIFFERS)
-    kinds = [kind for kind, name in CONTROLS_OF.get(planner, {}).items() if rows and rows.of(name)]
+    controls = CONTROLS_OF.get(planner, {})
+    measured = [kind for kind, name in controls.items() if rows.of(name)]
+    earned = tuple(kind for kind in measured if holds(with_control(rows, kind)))
+    return Finding(claim, paper, ours, rule, verdict, earned)
 
-    def earned_by(kind: str) -> bool:
-        return bool(meets(lambda name: CONTROLS_OF.get(name, {}).get(kind, name)))
 
-    earned = [kind for kind in kinds if earned_by(kind)]
-    return Finding(
-        claim, paper, ours, rule, Verdict.BETTER if better else Verdict.AGREES, tuple(earned)
-    )
+def with_control(rows: Rows, kind: str) -> Rows:
+    """The rows with a control's answers under the names of the planners that it stands in for."""
+    swapped = Rows(row for row in rows if row["planner"] not in CONTROLS_OF)
+    for planner, controls in CONTROLS_OF.items():
+        stand_in = controls.get(kind, planner)
+        swapped += [{**row, "planner": planner} for row in rows.of(stand_in)]
+    return swapped
 
 
 def judge_speedup(
-    claim: str, theirs: float, rows: Rows, pair: tuple[str, str], *, near: bool = False
+    claim: str,
+    theirs: float,
+    rows: Rows,
+    slow: str,
+    fast: str,
+    *,
+    near: bool = False,
 ) -> Finding:
-    """A finding on the speed-up of the second planner over the first, which should be theirs within
-    25 %, or more.
+    """A finding on the speed-up of one planner over another: theirs within 25 %, or more.
 
     With `near` a control counts where its CC increase is no more than a point above the network's.
     """
-    slow, fast = pair
     ours = rows.speedup(slow, fast)
     most = rows.increase(fast) + 0.01
 
-    def holds(own: Own) -> bool:
-        return rows.speedup(own(slow), own(fast)) >= 0.75 * theirs and not (
-            near and rows.increase(own(fast)) > most
-        )
+    def holds(rows: Rows) -> bool:
+        as_good = not near or rows.increase(fast) <= most
+        return as_good and rows.speedup(slow, fast) >= 0.75 * theirs
 
-    texts = (f"{theirs:.1f}×", f"{ours:.3g}×")
-    rule = "within 25 % of the paper's"
-    return judge(claim, *texts, rule, holds, rows, fast, better=ours > 1.25 * theirs)
+    return judge(
+        claim,
+        f"{theirs:.1f}×",
+        f"{ours:.3g}×",
+        "within 25 % of the paper's",
+        holds,
+        rows,
+        fast,
+        better=ours > 1.25 * theirs,
+    )
 
 
 def judge_increase(claim: str, theirs: float, rows: Rows, planner: str) -> Finding:
-    """A finding on the share by which a planner's CC lies above the optimum: theirs within one
-    point, or less.
+    """A finding on the share by which a planner's CC exceeds the optimum: theirs within one point,
+    or less.
     """
     ours = rows.increase(planner)
-    within = theirs + 0.01
-    texts = (percent(theirs), percent(ours, 2))
-    rule = "within one point"
-    better = ours < theirs - 0.01
     return judge(
         claim,
-        *texts,
-        rule,
-        lambda own: rows.increase(own(planner)) <= within,
+        percent(theirs),
+        percent(ours, 2),
+        "within one point",
+        lambda rows: rows.increase(planner) <= theirs + 0.01,
         rows,
         planner,
-        better=better,
+        better=ours < theirs - 0.01,
     )

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from nnpp_edge.runtime.arrays import Float2D
 from nnpp_edge.runtime.cells import Cell
-from nnpp_edge.runtime.map.step_cost import GREY_LEVELS, PAPER_OMEGA, SQRT2
+from nnpp_edge.runtime.terrain.step_cost import GREY_LEVELS, PAPER_OMEGA
 
 
 @dataclass(frozen=True)
@@ -36,25 +36,30 @@ class Graph:
 
 
 def build_graph(cost: Float2D, inside: NDArray[np.bool_] | None = None) -> Graph:
-    """The graph of a cost map, of a region's cells alone if one is given (Fig. 10).
+    """The graph of a cost map, or of the cells in a region (Fig. 10).
 
     It has a node for each passable cell, T < 1, and an edge to each passable neighbour: a step
     costs L + 255·ω·(T_i + T_j) (Eq. 2 and 4).
     """
-    rows, cols = np.nonzero(cost < 1.0 if inside is None else (cost < 1.0) & inside)
     stride = cost.shape[1] + 1
-    of_cells = cost[rows, cols].astype(np.float64) * (GREY_LEVELS * PAPER_OMEGA)
-    weights = dict(zip((rows * stride + cols).tolist(), of_cells.tolist(), strict=True))
-    ways = [(down, across) for down in (-1, 0, 1) for across in (-1, 0, 1) if down or across]
-    moves = [(down * stride + across, SQRT2 if down and across else 1.0) for down, across in ways]
-    edges = {
-        node: [
+    moves = [
+        (down * stride + across, math.hypot(down, across))
+        for down in (-1, 0, 1)
+        for across in (-1, 0, 1)
+        if down or across
+    ]
+    passable = cost < 1.0 if inside is None else (cost < 1.0) & inside
+    rows, cols = np.nonzero(passable)
+    nodes = rows * stride + cols
+    terms = cost[passable].astype(np.float64) * (GREY_LEVELS * PAPER_OMEGA)
+    weights = dict(zip(nodes.tolist(), terms.tolist(), strict=True))
+    edges = {}
+    for node, own in weights.items():
+        edges[node] = [
             (node + move, length + own + weights[node + move])
             for move, length in moves
             if node + move in weights
         ]
-        for node, own in weights.items()
-    }
     return Graph(stride, edges)
 
 

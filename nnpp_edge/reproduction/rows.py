@@ -4,22 +4,21 @@
 is measured: ``time_s``; ``found`` (in the first region that was searched, 1 or 0); ``cc`` of the
 path beside ``exact_cc``, that of the optimal one; ``mm``, cells of the optimal path over those of
 the region searched (Eq. 6); ``share`` of the map's cells that belong to that. What was not
-measured, or is none without a path, is left out.
+measured, or does not exist without a path, is left out.
 """
 
 import csv
 import io
 import math
+from collections import defaultdict
 from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
-from nnpp_edge.progress import shown
+from nnpp_edge.progress import MISSING, shown
 
 Row = dict[str, Any]
-Key = tuple[Any, ...]
 
 
 class Rows(list[Row]):
@@ -27,15 +26,19 @@ class Rows(list[Row]):
 
     def of(self, *planners: str, **values: object) -> "Rows":
         """The rows of these planners, by default of all, that have these values."""
-        mine = (row for row in self if not planners or row.get("planner") in planners)
-        return Rows(row for row in mine if all(row.get(k) == v for k, v in values.items()))
+        found = Rows(row for row in self if values.items() <= row.items())
+        return Rows(row for row in found if row.get("planner") in planners) if planners else found
 
-    def by(self, *names: str) -> "dict[Key, Rows]":
-        """The rows by what they have under these names, in the order of their coming."""
-        groups: dict[Key, Rows] = {}
+    def by(self, name: str) -> "dict[Any, Rows]":
+        """The rows by their values under a name, in the order of the first of each."""
+        return {key: rows for (key,), rows in self.groups([name]).items()}
+
+    def groups(self, names: Sequence[str]) -> "dict[tuple[Any, ...], Rows]":
+        """The rows by their values under several names, in the order of the first of each."""
+        found = defaultdict[tuple[Any, ...], Rows](Rows)
         for row in self:
-            groups.setdefault(tuple(row[name] for name in names), Rows()).append(row)
-        return groups
+            found[tuple(row.get(name) for name in names)].append(row)
+        return found
 
     def all(self, name: str) -> list[float]:
         """The numbers under a name, of the rows that have it."""
@@ -43,48 +46,48 @@ class Rows(list[Row]):
 
     def mean(self, name: str) -> float:
         """Mean of the numbers under a name; NaN where there are none."""
-        return float(np.mean(found)) if (found := self.all(name)) else math.nan
+        found = self.all(name)
+        return float(np.mean(found)) if found else math.nan
+
+    def total(self, name: str) -> float:
+        """Sum of the numbers under a name; NaN where there are none."""
+        return sum(self.all(name)) or math.nan
 
     def answered(self) -> "Rows":
         """The rows of those queries for which every planner found a path."""
-        queries = [
-            tuple(row.get(name) for name in ("scene", "size", "map", "plan")) for row in self
-        ]
-        failed = {
-            at
-            for at, row in zip(queries, self, strict=True)
-            if not row.get("found", 1.0) and "cc" not in row
-        }
-        return Rows(row for at, row in zip(queries, self, strict=True) if at not in failed)
+        answered = Rows()
+        for rows in self.groups(("scene", "size", "map", "plan")).values():
+            if all("cc" in row or "found" not in row for row in rows):
+                answered += rows
+        return answered
 
     def speedup(self, slower: str, faster: str) -> float:
         """Summed time of one planner over that of another, on the queries that both answered."""
         both = self.of(slower, faster).answered()
-        fast = sum(both.of(faster).all("time_s"))
-        return sum(both.of(slower).all("time_s")) / fast if fast else math.nan
+        fast_s = sum(both.of(faster).all("time_s"))
+        return sum(both.of(slower).all("time_s")) / fast_s if fast_s else math.nan
 
     def increase(self, *planners: str) -> float:
-        """By what share the summed CC of these planners' paths lies above the optimal ones'; NaN
-        without a path.
+        """Share by which the summed CC of these planners' paths, by default of all, exceeds that of
+        the optimal ones; NaN without a path.
         """
         solved = Rows(row for row in self.of(*planners) if "cc" in row)
-        cc = sum(solved.all("cc"))
         exact = sum(solved.all("exact_cc"))
-        if not solved:
-            return math.nan
-        return cc / exact - 1.0 if exact else (0.0 if cc == 0.0 else math.inf)
+        return sum(solved.all("cc")) / exact - 1.0 if exact else math.nan
 
     def csv(self) -> str:
-        """Comma-separated values for programs, floats in full; what a row lacks, inf and NaN are
-        left empty.
-        """
+        """Comma-separated values, floats in full; inf, NaN and what a row lacks are left empty."""
+        names = dict.fromkeys(name for row in self for name in row)
         out = io.StringIO()
-        names = list(dict.fromkeys(name for row in self for name in row))
-        writer = csv.DictWriter(out, names, lineterminator="\n")
+        writer = csv.DictWriter(out, list(names), lineterminator="\n")
         writer.writeheader()
-        writer.writerows(
-            {k: v for k, v in row.items() if isinstance(v, str) or math.isfinite(v)} for row in self
-        )
+        for row in self:
+            finite = {
+                name: value
+                for name, value in row.items()
+                if isinstance(value, str) or math.isfinite(value)
+            }
+            writer.writerow(finite)
         return out.getvalue()
 
 
@@ -95,13 +98,16 @@ def seconds(value: float) -> str:
 
 def times(ratio: float) -> str:
     """How many times as fast."""
-    return f"{ratio:{'.0f' if ratio >= 100.0 else '.3g'}}×" if math.isfinite(ratio) else "–"
+    if not math.isfinite(ratio):
+        return MISSING
+    return f"{ratio:.0f}×" if ratio >= 100.0 else f"{ratio:.3g}×"
 
 
 def percent(share: float, digits: int = 1) -> str:
-    """A share as so many per cent, never as -0."""
+    """A share in per cent, never as -0."""
     return shown(share, f"z.{digits}%")
 
 
-def spread(values: Sequence[float] | NDArray[np.float64], digits: int) -> str:
-    return f"{np.mean(values):.{digits}f} ± {np.std(values):.{digits}f}" if len(values) else "–"
+def spread(values: list[float], digits: int) -> str:
+    """Mean and standard deviation; a dash where there are no values."""
+    return f"{np.mean(values):.{digits}f} ± {np.std(values):.{digits}f}" if values else MISSING

@@ -15,15 +15,15 @@ from nnpp_edge import __version__
 from nnpp_edge.files import make_folder, write_all, write_whole
 from nnpp_edge.profiling.machine import environment
 from nnpp_edge.profiling.suites import TerrainFiles
-from nnpp_edge.progress import bar, markdown_table
+from nnpp_edge.progress import MISSING, bar, markdown_table
 from nnpp_edge.reproduction.dynamic import table3, table4
 from nnpp_edge.reproduction.exact import fig7, table1
-from nnpp_edge.reproduction.experiment import BOTH, CONTROLS_NOTE, Context
+from nnpp_edge.reproduction.experiment import BOTH, CONTROLS_NOTE, Context, Experiment
 from nnpp_edge.reproduction.findings import Finding, Verdict
 from nnpp_edge.reproduction.looks import fig14
-from nnpp_edge.reproduction.planners import summary
 from nnpp_edge.reproduction.regions import Networks
 from nnpp_edge.reproduction.static import fig9, fig11, fig12, table2
+from nnpp_edge.reproduction.table import summary
 from nnpp_edge.runtime.exercises import exercise
 from nnpp_edge.runtime.network.inference import NetworkModel
 from nnpp_edge.runtime.network.model_file import read_model_file
@@ -31,16 +31,87 @@ from nnpp_edge.viz.figures import encoded
 
 FORMAT = "nnpp-edge-reproduction-3"
 EXPERIMENTS = {
-    each.run.__name__: each
-    for each in (table1, fig7, table2, fig9, fig11, fig12, fig14, table3, table4)
+    "table1": Experiment(
+        "Table 1",
+        "Building the graph against searching it",
+        table1,
+        quick={"sizes": (64, 128, 256), "maps": 1},
+        networks=(),
+    ),
+    "fig7": Experiment(
+        "Fig. 7",
+        "The weight ω of the traversability cost",
+        fig7,
+        quick={"maps": 8, "fine": 25},
+        networks=(),
+    ),
+    "table2": Experiment(
+        "Table 2",
+        "A* against A* in the network's region",
+        table2,
+        quick={"maps": 8, "queries": 4, "repeats": 2},
+    ),
+    "fig9": Experiment(
+        "Fig. 9",
+        "Time and ModelMetric against the map's size",
+        fig9,
+        quick={"sizes": (64, 128, 256), "queries": 4, "repeats": 2},
+    ),
+    "fig11": Experiment(
+        "Fig. 11",
+        "Time against the length of the path",
+        fig11,
+        quick={"queries": 10, "repeats": 2},
+    ),
+    "fig12": Experiment(
+        "Fig. 12 and Table 4, static",
+        "Regions and paths on five maps",
+        fig12,
+        quick={"repeats": 2},
+    ),
+    "fig14": Experiment(
+        "Fig. 14 and 15",
+        "Other goals, and obstacles that move",
+        fig14,
+        quick={"size": 128, "goals": 3},
+        networks=BOTH[:1],
+    ),
+    "table3": Experiment(
+        "Table 3 and Fig. 16",
+        "Planning anew as the map changes, plan by plan",
+        table3,
+        quick={"size": 128, "repeats": 1, "episodes": 3},
+    ),
+    "table4": Experiment(
+        "Table 4",
+        "Five maps, standing still and changing",
+        table4,
+        quick={"size": 128, "repeats": 1, "maps": 2},
+    ),
 }
 """The experiments of the paper by name, in the order in which they run."""
-_COLUMNS = ("", "claim", "paper", "ours", "rule", "verdict")
 _HEADS = {
     Verdict.DIFFERS: "What does not agree",
     Verdict.BETTER: "What is better than in the paper",
+    Verdict.AGREES: "What agrees",
 }
-_HEADS |= {Verdict.AGREES: "What agrees"}
+_INTRODUCTION = """# The paper's experiments, repeated
+
+NNPP (Ji et al., arXiv 2308.04792v3), its experiments on our terrain with this toolkit, each \
+beside the paper's figures. This page and all that it links to are written by `nnpp-edge \
+reproduce`; the verdicts follow from the measured figures by the rules named beside them. How the \
+paper was read, and what is counted: `docs/reproduce.md`."""
+_SECTION = """<a id="{name}"></a>
+
+## {where}: {title}
+
+{facts}
+
+![{title}]({name}/{name}.png)
+
+{text}
+
+[Figures]({name}/{name}.csv)"""
 
 
 class Stored(msgspec.Struct):
@@ -58,6 +129,10 @@ class Stored(msgspec.Struct):
     notes: list[str]
     summary: str
 
+    @property
+    def link(self) -> str:
+        return f"[{self.where}](#{self.name})"
+
 
 def reproduce(
     names: Sequence[str],
@@ -70,8 +145,8 @@ def reproduce(
     queries: int | None = None,
     again: bool = False,
 ) -> Iterator[tuple[Stored, bool]]:
-    """Run experiments, one at a time: what is kept of each, and whether it was run or complete
-    already.
+    """Run experiments, one at a time: what is stored of each, and whether it was run now rather
+    than complete already.
 
     The `names` are of `EXPERIMENTS`, the `models` networks of the paper's method and of ours,
     `queries` the number of timed ones in place of the settings' own; what is complete is run
@@ -82,47 +157,43 @@ def reproduce(
     """
     dems = terrain.read()
     networks = Networks(*map(NetworkModel, models))
-    files = dict(zip(BOTH, map(read_model_file, models), strict=True))
-    grounds = [
-        f"`{path.name}` (cells of {dem.cell_size_m:g} m, SHA-256 "
-        f"{sha256(path.read_bytes()).hexdigest()[:12]}…)"
-        for path, dem in zip(terrain.paths, dems, strict=True)
-    ]
+    grounds = []
+    for path, dem in zip(terrain.paths, dems, strict=True):
+        digest = sha256(path.read_bytes()).hexdigest()[:12]
+        grounds.append(f"`{path.name}` (cells of {dem.cell_size_m:g} m, SHA-256 {digest}…)")
     make_folder(output)
     for name in names:
         experiment = EXPERIMENTS[name]
         settings = experiment.settings(quick=quick, queries=queries)
-        of_networks = [
-            f"{of}: `{file.name}` (SHA-256 {file.sha256[:12]}…, region {{p ≥ "
-            f"{file.metadata.region_factor:g} · td}})"
-            for of, file in files.items()
-            if of in experiment.networks
-        ]
+        used = _networks_used(models, experiment.networks)
         made_with = {
             "made by": f"nnpp-edge {__version__}, seed {seed}" + ", `--quick`" * quick,
             "terrain": ", ".join(grounds),
-            "networks": ", ".join(of_networks) or "none",
-            "controls": CONTROLS_NOTE if of_networks else "none, as no network takes part",
+            "networks": used or "none",
+            "controls": CONTROLS_NOTE if used else "none, as no network takes part",
             "samples": ", ".join(f"{setting} {value}" for setting, value in settings.items()),
         }
         stored = read_experiment(output / name)
         if stored is not None and stored.made_with == made_with and not again:
             yield stored, False
             continue
-        cores = sorted(os.sched_getaffinity(0))
-        machine = environment(cores)
+        machine = _machine()
         exercise()  # no kernel is compiled or loaded while the clock runs
         with bar(name, 1000, quiet=True) as advance:
             context = Context(dems, seed, networks, advance)
             result = experiment.run(context, **settings)
-        on = (
-            f"{machine['cpu']}, {len(cores)} core(s), load before of "
-            f"{machine['load_average'][0]:.1f}"
-        )
         table = summary(result.table or result.rows, result.by, networks, totals=result.totals)
         facts = Stored(
-            *(FORMAT, name, experiment.where, experiment.title, quick, on, made_with),
-            *(list(result.findings), context.notes, table),
+            FORMAT,
+            name,
+            experiment.where,
+            experiment.title,
+            quick,
+            machine,
+            made_with,
+            list(result.findings),
+            context.notes,
+            table,
         )
         place = output / name / name
         make_folder(place.parent)
@@ -135,72 +206,81 @@ def reproduce(
                 ),
             }
         )
-        _write_index(output)
+        _write_page(output)
         yield facts, True
-    _write_index(output)
+    _write_page(output)
+
+
+def _networks_used(models: Sequence[str], roles: Sequence[str]) -> str:
+    """The files of the networks that take part, for people."""
+    lines = []
+    for role, file in zip(BOTH, map(read_model_file, models), strict=True):
+        if role in roles:
+            region = f"region {{p ≥ {file.metadata.region_factor:g} · td}}"
+            lines.append(f"{role}: `{file.name}` (SHA-256 {file.sha256[:12]}…, {region})")
+    return ", ".join(lines)
+
+
+def _machine() -> str:
+    cores = sorted(os.sched_getaffinity(0))
+    machine = environment(cores)
+    load = machine["load_average"][0]
+    return f"{machine['cpu']}, {len(cores)} core(s), load before of {load:.1f}"
 
 
 def read_experiment(folder: Path) -> Stored | None:
     """Content of NAME.json in a finished experiment's folder; None where it is missing or not
     whole.
     """
+    place = folder / folder.name
     try:
-        stored = msgspec.json.decode((folder / f"{folder.name}.json").read_bytes(), type=Stored)
+        stored = msgspec.json.decode(place.with_suffix(".json").read_bytes(), type=Stored)
     except (OSError, msgspec.DecodeError):
         return None
-    whole = all((folder / f"{folder.name}.{ending}").is_file() for ending in ("csv", "png"))
+    whole = place.with_suffix(".csv").is_file() and place.with_suffix(".png").is_file()
     return stored if whole and stored.format == FORMAT else None
 
 
-def _write_index(output: Path) -> None:
+def _write_page(output: Path) -> None:
     """The folder's page: verdicts first, then each experiment with its table and picture."""
-    stored = [
-        found for name in EXPERIMENTS if (found := read_experiment(output / name)) is not None
-    ]
-    quick = ", ".join(of.where for of in stored if of.quick)
-    link = "[{0.where}](#{0.name})".format
-    parts = [
-        "# The paper's experiments, repeated",
-        "NNPP (Ji et al., arXiv 2308.04792v3), its experiments on our terrain with this toolkit, "
-        "each beside the "
-        "paper's figures. This page and all that it links to are written by `nnpp-edge "
-        "reproduce`; the verdicts "
-        "follow from the measured figures by the rules named beside them. How the paper "
-        "was read, and what is counted: `docs/reproduce.md`.",
-        *[f"**{quick}: smoke runs (`--quick`), far too small to conclude anything from.**"]
-        * bool(quick),
-    ]
-    counts = [
-        (
-            link(of),
-            of.title,
-            *(str(sum(f.verdict is verdict for f in of.findings) or "–") for verdict in Verdict),
+    found = [read_experiment(output / name) for name in EXPERIMENTS]
+    stored = [each for each in found if each is not None]
+    parts = [_INTRODUCTION]
+    quick = ", ".join(each.where for each in stored if each.quick)
+    if quick:
+        parts.append(
+            f"**{quick}: smoke runs (`--quick`), far too small to conclude anything from.**"
         )
-        for of in stored
-    ]
+    counts = []
+    lines: dict[Verdict, list[tuple[str, ...]]] = {verdict: [] for verdict in _HEADS}
+    for each in stored:
+        for finding in each.findings:
+            lines[finding.verdict].append((each.link, *finding_cells(finding)))
+        verdicts = [finding.verdict for finding in each.findings]
+        of_each = (str(verdicts.count(verdict) or MISSING) for verdict in Verdict)
+        counts.append((each.link, each.title, *of_each))
     parts.append(markdown_table(("", "experiment", "agrees", "better", "does not agree"), counts))
+    columns = ("", "claim", "paper", "ours", "rule", "verdict")
     for verdict, head in _HEADS.items():
-        lines = [
-            (link(of), *finding_cells(f))
-            for of in stored
-            for f in of.findings
-            if f.verdict is verdict
-        ]
-        if lines:
-            parts += [f"## {head}", markdown_table(_COLUMNS, lines)]
-    for of in stored:
-        place = f"{of.name}/{of.name}"
-        facts = of.made_with | {"machine": of.machine}
-        parts += [f'<a id="{of.name}"></a>', f"## {of.where}: {of.title}"]
-        parts += ["\n".join(f"- {fact}: {text}" for fact, text in facts.items())]
-        parts += [f"![{of.title}]({place}.png)", of.summary, *of.notes, f"[Figures]({place}.csv)"]
+        if lines[verdict]:
+            parts += [f"## {head}", markdown_table(columns, lines[verdict])]
+    for each in stored:
+        facts = {**each.made_with, "machine": each.machine}
+        section = _SECTION.format(
+            name=each.name,
+            where=each.where,
+            title=each.title,
+            facts="\n".join(f"- {fact}: {text}" for fact, text in facts.items()),
+            text="\n\n".join([each.summary, *each.notes]),
+        )
+        parts.append(section)
     write_whole(output / "README.md", "\n\n".join([*parts, ""]).encode())
 
 
 def finding_cells(finding: Finding) -> tuple[str, ...]:
     """A finding's line in a table."""
-    said = "; says nothing about the network, a control does as well: " + ", ".join(
-        finding.controls
-    )
-    verdict = f"**{finding.verdict}**" + said * bool(finding.controls)
+    verdict = f"**{finding.verdict}**"
+    if finding.controls:
+        controls = ", ".join(finding.controls)
+        verdict += f"; says nothing about the network, a control does as well: {controls}"
     return finding.claim, finding.paper, finding.ours, finding.rule, verdict

@@ -29,8 +29,8 @@ from numpy.typing import ArrayLike, NDArray
 
 from nnpp_edge.files import write_whole
 from nnpp_edge.runtime.arguments import checked, is_real
-from nnpp_edge.runtime.arrays import as_map
-from nnpp_edge.runtime.cells import Cell
+from nnpp_edge.runtime.arrays import Cells, Float2D, Floats, as_map
+from nnpp_edge.runtime.cells import Cell, Shape
 from nnpp_edge.runtime.errors import InvalidMapError, InvalidQueryError, shown
 from nnpp_edge.runtime.loop.messages import MapPatch
 
@@ -79,19 +79,20 @@ class MapFrame:
         if not (math.isfinite(self.x) and math.isfinite(self.y)):
             raise InvalidMapError(f"the map's corner must be finite, got ({self.x}, {self.y})")
 
-    def metres(self, cells: ArrayLike) -> NDArray[np.float64]:
+    def metres(self, cells: ArrayLike) -> Floats:
         """Points (x, y) in metres, (N, 2), of cells or places (row, col).
 
         Whole numbers are cells and give their middle; floats are places, as in a `Pose`, and 0.0 is
         the edge.
         """
         places = _pairs(cells)
-        places = places + 0.5 if places.dtype.kind in "iu" else places
+        if places.dtype.kind in "iu":
+            places = places + 0.5
         span = self.resolution * places
-        corner = np.array((self.x, self.y))
-        return np.asarray(corner - span if self.rows_along_x else corner + span[:, ::-1])
+        away = -span if self.rows_along_x else span[:, ::-1]
+        return np.asarray(np.add(away, (self.x, self.y)))
 
-    def places(self, points: ArrayLike) -> NDArray[np.float64]:
+    def places(self, points: ArrayLike) -> Floats:
         """Places (row, col) of points (x, y) in metres, (N, 2); their floor is the cell, as in a
         `Pose`.
         """
@@ -99,7 +100,8 @@ class MapFrame:
         if not np.isfinite(xy).all():
             raise InvalidQueryError("points must be finite metres (x, y)")
         away = xy - (self.x, self.y)
-        return np.asarray((-away if self.rows_along_x else away[:, ::-1]) / self.resolution)
+        span = -away if self.rows_along_x else away[:, ::-1]
+        return np.asarray(span / self.resolution)
 
     def cell(self, x: float, y: float) -> Cell:
         """The cell that holds a point; it may lie outside the map."""
@@ -122,20 +124,20 @@ class OccupancyGrid:
 
     @classmethod
     def of_message(cls, message: object) -> "OccupancyGrid":
-        """From a message as rclpy, rosbags or mcap-ros2-support hand it out, or as nested dicts.
+        """Read a message as rclpy, rosbags or mcap-ros2-support hand it out, or nested dicts.
 
         Raises InvalidMapError for another message, or a turned grid.
         """
-        width, height = (_whole(message, f"info.{name}") for name in ("width", "height"))
+        width = _whole(message, "info.width")
+        height = _whole(message, "info.height")
         values = _array(_field(message, "data"))
         if width < 1 or height < 1 or values.size != width * height:
             raise InvalidMapError(
                 f"wanted {height} × {width} whole numbers as data, got {values.shape}"
             )
         x, y = _corner(message, "info.origin")
-        frame = MapFrame(
-            _field(message, "info.resolution"), x, y, frame_id=_field(message, "header.frame_id")
-        )
+        side = _field(message, "info.resolution")
+        frame = MapFrame(side, x, y, frame_id=_field(message, "header.frame_id"))
         return cls(values.reshape(height, width), frame)  # type: ignore[arg-type]  # checked there
 
     def __post_init__(self) -> None:
@@ -145,26 +147,22 @@ class OccupancyGrid:
             raise InvalidMapError(
                 f"an occupancy grid's data must be {wanted}, got {values.shape} {values.dtype}"
             )
-        least = int(values.min())
-        most = int(values.max())
-        if least < UNKNOWN or most > IMPASSABLE:
-            raise InvalidMapError(
-                f"an occupancy grid's data must lie in [-1, 100], got [{least}, {most}]"
-            )
+        span = [int(values.min()), int(values.max())]
+        if span[0] < UNKNOWN or span[1] > IMPASSABLE:
+            raise InvalidMapError(f"an occupancy grid's data must lie in [-1, 100], got {span}")
         if self.frame.rows_along_x:
             raise InvalidMapError(
                 "an occupancy grid's rows must run with y, got a frame whose rows run against x"
             )
         object.__setattr__(self, "data", values.astype(np.int8))
 
-    @checked(InvalidMapError)
-    def cost(self, occupied: int = BODY_TOUCHES) -> NDArray[np.float32]:
-        """Its cells as costs, (height, width), by the rule of this module; inf from
-        `occupied` on.
-        """
+    def cost(self) -> Float2D:
+        """Its cells as costs, (height, width), by the rule of this module."""
         values = self.data.astype(np.float32)
-        known = np.where(values >= occupied, np.float32(np.inf), values / np.float32(100.0))
-        return np.where(values < 0, np.float32(np.nan), known)
+        costs = values / np.float32(100.0)
+        costs[values >= BODY_TOUCHES] = np.inf
+        costs[values < 0] = np.nan
+        return costs
 
 
 @checked(InvalidMapError)
@@ -176,71 +174,53 @@ class GridMap:
     against x.
     """
 
-    layers: dict[str, NDArray[np.float32]] = field(repr=False)
+    layers: dict[str, Float2D] = field(repr=False)
     """Each (rows, columns) float32, rows against x and columns against y; NaN where unknown."""
     frame: MapFrame
 
     @classmethod
     def of_message(cls, message: object) -> "GridMap":
-        """From a message as rclpy, rosbags or mcap-ros2-support hand it out, or as nested dicts.
+        """Read a message as rclpy, rosbags or mcap-ros2-support hand it out, or nested dicts.
 
         Raises InvalidMapError for another message, a turned map, lengths that are no multiples of
         the resolution, or a layer of another layout.
         """
         names = _items(message, "layers")
         arrays = _items(message, "data")
-        if not len({name for name in names if isinstance(name, str)}) == len(names) == len(arrays):
+        known = {name for name in names if isinstance(name, str)}
+        if not len(known) == len(names) == len(arrays):
             raise InvalidMapError(
                 f"wanted a name for each of {len(arrays)} layers, got {shown(names)}"
             )
-        side, *lengths = (
-            _real(message, f"info.{name}") for name in ("resolution", "length_x", "length_y")
-        )
-        x, y = (
-            at + 0.5 * length
-            for at, length in zip(_corner(message, "info.pose"), lengths, strict=True)
-        )
-        frame = MapFrame(side, x, y, True, _field(message, "header.frame_id"))
-        sides = [length / side for length in lengths]
-        if not all(
-            0.5 < cells < math.inf and abs(cells - round(cells)) <= _SAME * cells for cells in sides
-        ):
+
+        # the frame begins at the corner farthest along x and y
+        side = _real(message, "info.resolution")
+        lengths = [_real(message, f"info.length_{axis}") for axis in "xy"]
+        x, y = _corner(message, "info.pose")
+        frame_id = _field(message, "header.frame_id")
+        frame = MapFrame(side, x + 0.5 * lengths[0], y + 0.5 * lengths[1], True, frame_id)
+
+        rows, cols = (_cells(length, side) for length in lengths)
+        if not (rows and cols):
             raise InvalidMapError(
                 f"a grid map's lengths must be multiples of {side} m above 0, got {lengths}"
             )
-        rows, cols = (round(cells) for cells in sides)
-        outer, inner = (_whole(message, f"{name}_start_index") for name in ("outer", "inner"))
-        if not (0 <= outer < rows and 0 <= inner < cols):
+        row = _whole(message, "outer_start_index")
+        col = _whole(message, "inner_start_index")
+        if not (0 <= row < rows and 0 <= col < cols):
             raise InvalidMapError(
-                f"a grid map's start must lie within {rows} × {cols} cells, got {outer}, {inner}"
+                f"a grid map's start must lie within {rows} × {cols} cells, got {(row, col)}"
             )
-        by_column = [f"column_index {cols}", f"row_index {rows}"]
-        layers: dict[str, NDArray[np.float32]] = {}
+        layers = {}
         for name, array in zip(names, arrays, strict=True):
-            values = _array(_field(array, "data"))
-            layout = [
-                f"{_field(dim, 'label')} {_field(dim, 'size')}"
-                for dim in _items(array, "layout.dim")
-            ]
-            if layout not in (by_column, by_column[::-1]):
-                wanted = " and ".join(by_column)
-                raise InvalidMapError(
-                    f"layer {name!r} must be laid out by {wanted}, got {shown(layout)}"
-                )
-            if values.shape != (rows * cols,) or values.dtype.kind not in "iuf":
-                got = f"{values.shape} {values.dtype}"
-                raise InvalidMapError(f"layer {name!r} must be {rows} × {cols} numbers, got {got}")
-            with np.errstate(
-                over="ignore"
-            ):  # heights beyond 32-bit floats are unknown, as infinite ones
-                flat = values.astype(np.float32)
-            ring = flat.reshape(cols, rows).T if layout == by_column else flat.reshape(rows, cols)
-            layers[str(name)] = np.roll(ring, (-outer, -inner), axis=(0, 1))
+            ring = _ring(array, f"layer {name!r}", (rows, cols))
+            layers[str(name)] = np.roll(ring, (-row, -col), axis=(0, 1))
         return cls(layers, frame)
 
     def __post_init__(self) -> None:
         layers = {name: as_map(values, f"layer {name!r}") for name, values in self.layers.items()}
-        if len(shapes := {values.shape for values in layers.values()}) != 1:
+        shapes = {values.shape for values in layers.values()}
+        if len(shapes) != 1:
             raise InvalidMapError(
                 f"a grid map's layers must have one shape, got {sorted(shapes) or 'none'}"
             )
@@ -250,7 +230,7 @@ class GridMap:
             )
         object.__setattr__(self, "layers", layers)
 
-    def layer(self, name: str = "elevation") -> NDArray[np.float32]:
+    def layer(self, name: str = "elevation") -> Float2D:
         """A layer (rows, columns); InvalidMapError where there is none of that name."""
         if name not in self.layers:
             raise InvalidMapError(
@@ -265,11 +245,13 @@ class GridMap:
         OutputError where it cannot be written, InvalidMapError without that layer.
         """
         side = self.frame.resolution
-        frame = self.frame
-        transform = 0.0, -side, frame.x, -side, 0.0, frame.y
+        transform = (0.0, -side, self.frame.x, -side, 0.0, self.frame.y)
         content = io.BytesIO()
         np.savez_compressed(
-            content, elevation_m=self.layer(name), cell_size_m=side, transform=transform
+            content,
+            elevation_m=self.layer(name),
+            cell_size_m=side,
+            transform=transform,
         )
         write_whole(Path(path), content.getvalue())
 
@@ -279,12 +261,11 @@ def occupancy_patch(
     grid: OccupancyGrid,
     frame: MapFrame,
     *,
-    occupied: int = BODY_TOUCHES,
     keep_known: bool = True,
     stamp: float = 0.0,
 ) -> MapPatch:
-    """An occupancy grid as new costs for the map that lies in `frame`; see `placed`."""
-    values, row, col = placed(grid.cost(occupied), grid.frame, frame)
+    """Make an occupancy grid new costs for the map that lies in `frame`; see `placed`."""
+    values, row, col = placed(grid.cost(), grid.frame, frame)
     return MapPatch(row, col, cost=values, keep_known=keep_known, stamp=stamp)
 
 
@@ -298,19 +279,17 @@ def grid_map_patch(
     keep_known: bool = True,
     stamp: float = 0.0,
 ) -> MapPatch:
-    """A grid map's layer as new heights, or new costs, for the map that lies in `frame`; see
+    """Make a grid map's layer new heights, or new costs, for the map that lies in `frame`; see
     `placed`.
     """
     values, row, col = placed(grid.layer(layer), grid.frame, frame)
-    elevation, costs = (None, values) if cost else (values, None)
-    return MapPatch(row, col, elevation, costs, keep_known, stamp)
+    kind = {"cost" if cost else "elevation": values}
+    return MapPatch(row, col, **kind, keep_known=keep_known, stamp=stamp)
 
 
-def placed(
-    values: NDArray[np.float32], source: MapFrame, target: MapFrame
-) -> tuple[NDArray[np.float32], int, int]:
-    """Cells (h, w) of one map, laid out as another wants them; also row and column of the first, to
-    the nearest cell.
+def placed(values: Float2D, source: MapFrame, target: MapFrame) -> tuple[Float2D, int, int]:
+    """Lay out the cells (h, w) of one map as another wants them; also row and column of the first,
+    to the nearest cell.
 
     InvalidMapError where the resolutions differ by over a thousandth, as values would have to be
     mixed, which is for the sender to do; or where the maps lie in frames of two names.
@@ -322,19 +301,19 @@ def placed(
     if abs(source.resolution - target.resolution) > _SAME * target.resolution:
         raise InvalidMapError(f"wanted cells of {target.resolution} m, got {source.resolution} m")
     cells = as_map(values, "a map")
-    first = (0.0, 0.0)
+    first = np.zeros(2)
     if source.rows_along_x != target.rows_along_x:
-        first = float(cells.shape[0]), float(cells.shape[1])
+        first += cells.shape
         cells = cells[::-1, ::-1].T
     row, col = np.rint(target.places(source.metres(first))[0])
     return np.ascontiguousarray(cells), int(row), int(col)
 
 
 def path_poses(
-    path: NDArray[np.int32],
+    path: Cells,
     frame: MapFrame,
-    headings_deg: Sequence[float] | NDArray[np.float64] = (),
-) -> NDArray[np.float64]:
+    headings_deg: Sequence[float] | Floats = (),
+) -> Floats:
     """The poses (N, 3) of a path's cells (N, 2), as nav_msgs/Path wants them: x, y and heading.
 
     x and y are those of the cells' middles in metres; the heading is in radians, counted from x
@@ -346,9 +325,8 @@ def path_poses(
     heading = np.zeros(len(points))
     if len(headings_deg):
         angles = np.radians(np.asarray(headings_deg, np.float64))
-        ahead = frame.metres(np.column_stack((-np.cos(angles), np.sin(angles)))) - frame.metres(
-            (0.0, 0.0)
-        )
+        ahead = frame.metres(np.column_stack((-np.cos(angles), np.sin(angles))))
+        ahead -= frame.metres((0.0, 0.0))
         heading = np.arctan2(ahead[:, 1], ahead[:, 0])
     elif len(points) > 1:
         steps = np.diff(points, axis=0)
@@ -357,7 +335,34 @@ def path_poses(
     return np.column_stack([points, heading])
 
 
-def _array(values: ArrayLike) -> NDArray[np.float32]:
+def _cells(length: float, side: float) -> int:
+    """How many cells a map is long; 0 where that is no whole number above 0."""
+    cells = length / side
+    if not math.isfinite(cells) or abs(cells - round(cells)) > _SAME * cells:
+        return 0
+    return round(cells)
+
+
+def _ring(array: object, name: str, shape: Shape) -> Float2D:
+    """The cells of a layer as they lie in their ring; InvalidMapError for another layout."""
+    rows, cols = shape
+    values = _array(_field(array, "data"))
+    layout = [
+        f"{_field(dim, 'label')} {_field(dim, 'size')}" for dim in _items(array, "layout.dim")
+    ]
+    by_column = [f"column_index {cols}", f"row_index {rows}"]
+    if layout not in (by_column, by_column[::-1]):
+        wanted = " and ".join(by_column)
+        raise InvalidMapError(f"{name} must be laid out by {wanted}, got {shown(layout)}")
+    if values.shape != (rows * cols,) or values.dtype.kind not in "iuf":
+        got = f"{values.shape} {values.dtype}"
+        raise InvalidMapError(f"{name} must be {rows} × {cols} numbers, got {got}")
+    with np.errstate(over="ignore"):  # heights beyond float32 become infinite, which is unknown
+        flat = values.astype(np.float32)
+    return flat.reshape(cols, rows).T if layout == by_column else flat.reshape(rows, cols)
+
+
+def _array(values: ArrayLike) -> Float2D:
     """An array of any type; InvalidMapError for lists of different lengths."""
     try:
         return np.asarray(values)
@@ -365,8 +370,8 @@ def _array(values: ArrayLike) -> NDArray[np.float32]:
         raise InvalidMapError(f"wanted numbers, got {shown(values)}") from None
 
 
-def _pairs(values: ArrayLike) -> NDArray[np.float32]:
-    """(N, 2) numbers."""
+def _pairs(values: ArrayLike) -> Float2D:
+    """(N, 2) numbers, of any type."""
     pairs = _array(values)
     if pairs.dtype.kind not in "iuf" or pairs.size % 2:
         raise InvalidQueryError(f"wanted pairs (N, 2) of numbers, got {shown(values)}")
@@ -388,13 +393,15 @@ def _field(message: object, path: str) -> Any:
 
 
 def _real(message: object, path: str) -> float:
-    if not is_real(found := _field(message, path)):
+    found = _field(message, path)
+    if not is_real(found):
         raise InvalidMapError(f"{path} must be a number, got {shown(found)}")
     return float(found)
 
 
 def _whole(message: object, path: str) -> int:
-    if not (found := _real(message, path)).is_integer():
+    found = _real(message, path)
+    if not found.is_integer():
         raise InvalidMapError(f"{path} must be a whole number, got {found}")
     return int(found)
 
@@ -410,10 +417,9 @@ def _items(message: object, path: str) -> list[object]:
 def _corner(message: object, path: str) -> tuple[float, float]:
     """x and y of a map's pose; InvalidMapError where the map is turned."""
     turned = [_field(message, f"{path}.orientation.{axis}") for axis in "xyzw"]
-    if not all(
-        is_real(part) and abs(part) <= most for part, most in zip(turned, _LEVEL, strict=True)
-    ):
-        raise InvalidMapError(
-            f"wanted a map that is not turned, got one with the orientation x, y, z, w {turned}"
-        )
+    for part, most in zip(turned, _LEVEL, strict=True):
+        if not (is_real(part) and abs(part) <= most):
+            raise InvalidMapError(
+                f"wanted a map that is not turned, got one with the orientation x, y, z, w {turned}"
+            )
     return _real(message, f"{path}.position.x"), _real(message, f"{path}.position.y")

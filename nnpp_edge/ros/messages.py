@@ -12,9 +12,10 @@ from collections.abc import Sequence
 from typing import Self
 
 import numpy as np
-from numpy.typing import NDArray
 
 from nnpp_edge.ros.maps import MapFrame, as_occupancy, path_poses
+from nnpp_edge.runtime.arrays import Cells, Float2D
+from nnpp_edge.runtime.cells import Cell
 
 FRAME = "map"
 
@@ -36,12 +37,13 @@ _PARTS = {
     "std_msgs/MultiArrayDimension": "string label\nuint32 size\nuint32 stride",
     "std_msgs/MultiArrayLayout": "std_msgs/MultiArrayDimension[] dim\nuint32 data_offset",
     "std_msgs/Float32MultiArray": "std_msgs/MultiArrayLayout layout\nfloat32[] data",
-    "grid_map_msgs/GridMapInfo": "float64 resolution\nfloat64 length_x\nfloat64 "
-    "length_y\ngeometry_msgs/Pose pose",
+    "grid_map_msgs/GridMapInfo": (
+        "float64 resolution\nfloat64 length_x\nfloat64 length_y\ngeometry_msgs/Pose pose"
+    ),
     "grid_map_msgs/GridMap": (
-        "std_msgs/Header header\ngrid_map_msgs/GridMapInfo info\nstring[] layers\nstring[] "
-        "basic_layers\n"
-        "std_msgs/Float32MultiArray[] data\nuint16 outer_start_index\nuint16 inner_start_index"
+        "std_msgs/Header header\ngrid_map_msgs/GridMapInfo info\n"
+        "string[] layers\nstring[] basic_layers\nstd_msgs/Float32MultiArray[] data\n"
+        "uint16 outer_start_index\nuint16 inner_start_index"
     ),
 }
 
@@ -52,14 +54,19 @@ def definition(name: str) -> str:
     """
     found = [name]
     for part in found:  # grows while it is walked
-        types = (line.split()[0].removesuffix("[]") for line in _PARTS[part].splitlines())
-        found += [kind for kind in dict.fromkeys(types) if kind in _PARTS and kind not in found]
-    rest = (f"{_RULE}\nMSG: {part}\n{_PARTS[part]}" for part in found[1:])
-    return "\n".join([_PARTS[name], *rest]) + "\n"
+        for line in _PARTS[part].splitlines():
+            kind = line.split()[0].removesuffix("[]")
+            if kind in _PARTS and kind not in found:
+                found.append(kind)
+    rest = [f"{_RULE}\nMSG: {part}\n{_PARTS[part]}" for part in found[1:]]
+    return "\n".join([_PARTS[name], *rest, ""])
 
 
 def path_message(
-    cells: NDArray[np.int32], cell_size_m: float, stamp_ns: int, headings_deg: Sequence[float] = ()
+    cells: Cells,
+    cell_size_m: float,
+    stamp_ns: int,
+    headings_deg: Sequence[float] = (),
 ) -> bytes:
     """nav_msgs/Path of (N, 2) cells; poses head for the next, the last as it is arrived at, or as
     `path_poses`.
@@ -70,12 +77,15 @@ def path_message(
         cdr.time(stamp_ns).string(FRAME).pose(x[0], y[0], heading[0])
         # each further pose begins at a multiple of eight bytes, so all of them are laid out alike
         head = _Cdr(stamp_ns).data[4:]
-        padded = -(-len(head) // 8) * 8
-        poses = np.zeros(len(cells) - 1, np.dtype([("head", f"V{padded}"), ("pose", "<f8", 7)]))
-        poses["head"] = np.void(bytes(head).ljust(padded, b"\0"))
+        head += bytes(-len(head) % 8)
+        kind = np.dtype([("head", f"V{len(head)}"), ("pose", "<f8", 7)])
+        poses = np.zeros(len(cells) - 1, kind)
+        poses["head"] = np.void(bytes(head))
         half = 0.5 * heading[1:]
-        for at, values in ((0, x[1:]), (1, y[1:]), (5, np.sin(half)), (6, np.cos(half))):
-            poses["pose"][:, at] = values
+        poses["pose"][:, 0] = x[1:]
+        poses["pose"][:, 1] = y[1:]
+        poses["pose"][:, 5] = np.sin(half)
+        poses["pose"][:, 6] = np.cos(half)
         cdr.data += poses.tobytes()
     return bytes(cdr.data)
 
@@ -85,25 +95,18 @@ def pose_message(row: float, col: float, cell_size_m: float, stamp_ns: int) -> b
     return bytes(_Cdr(stamp_ns).pose(col * cell_size_m, row * cell_size_m).data)
 
 
-def grid_message(
-    cost: NDArray[np.float32], corner: tuple[int, int], cell_size_m: float, stamp_ns: int
-) -> bytes:
+def grid_message(cost: Float2D, corner: Cell, cell_size_m: float, stamp_ns: int) -> bytes:
     """nav_msgs/OccupancyGrid of the part of the map (h, w) whose first cell is `corner`, (row,
     col).
     """
-    cdr = (
-        _Cdr(stamp_ns)
-        .time(stamp_ns)
-        .numbers("f", cell_size_m)
-        .numbers("I", cost.shape[1], cost.shape[0])
-    )
-    cdr.pose(corner[1] * cell_size_m, corner[0] * cell_size_m).numbers("I", cost.size)
+    row, col = corner
+    cdr = _Cdr(stamp_ns).time(stamp_ns).numbers("f", cell_size_m)
+    cdr.numbers("I", cost.shape[1], cost.shape[0])
+    cdr.pose(col * cell_size_m, row * cell_size_m).numbers("I", cost.size)
     return bytes(cdr.data + as_occupancy(cost).tobytes())
 
 
-def heights_message(
-    heights: NDArray[np.float32], corner: tuple[int, int], cell_size_m: float, stamp_ns: int
-) -> bytes:
+def heights_message(heights: Float2D, corner: Cell, cell_size_m: float, stamp_ns: int) -> bytes:
     """grid_map_msgs/GridMap with the layer ``elevation``, in metres, NaN where unknown.
 
     grid_map counts its cells from the corner of largest x and y, x first, and stores columns one
@@ -111,12 +114,13 @@ def heights_message(
     """
     rows, cols = heights.shape
     cdr = _Cdr(stamp_ns).numbers("d", cell_size_m, cols * cell_size_m, rows * cell_size_m)
-    cdr.pose((corner[1] + cols / 2) * cell_size_m, (corner[0] + rows / 2) * cell_size_m)
-    for _ in range(2):  # layers, basic layers
-        cdr.numbers("I", 1).string("elevation")
+    row, col = corner
+    cdr.pose((col + cols / 2) * cell_size_m, (row + rows / 2) * cell_size_m)
+    cdr.numbers("I", 1).string("elevation")  # layers
+    cdr.numbers("I", 1).string("elevation")  # basic layers
     cdr.numbers("I", 1, 2)
-    for label, size, stride in (("column_index", rows, rows * cols), ("row_index", cols, cols)):
-        cdr.string(label).numbers("I", size, stride)
+    cdr.string("column_index").numbers("I", rows, rows * cols)
+    cdr.string("row_index").numbers("I", cols, cols)
     cdr.numbers("I", 0, heights.size)
     cdr.data += np.ascontiguousarray(heights[::-1, ::-1], "<f4").tobytes()
     return bytes(cdr.numbers("H", 0, 0).data)
@@ -150,6 +154,5 @@ class _Cdr:
         return self.numbers("I", *divmod(stamp_ns, 1_000_000_000))
 
     def pose(self, x: float, y: float, heading: float = 0.0) -> Self:
-        return self.numbers(
-            "d", x, y, 0.0, 0.0, 0.0, math.sin(0.5 * heading), math.cos(0.5 * heading)
-        )
+        half = 0.5 * heading
+        return self.numbers("d", x, y, 0.0, 0.0, 0.0, math.sin(half), math.cos(half))

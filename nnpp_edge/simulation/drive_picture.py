@@ -10,14 +10,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from nnpp_edge.files import write_whole
+from nnpp_edge.runtime.arrays import Cells, Floats
 from nnpp_edge.runtime.errors import InvalidQueryError
 from nnpp_edge.runtime.loop.messages import PathMessage
 from nnpp_edge.runtime.map.along import Line
 from nnpp_edge.simulation.robots import Robot
 from nnpp_edge.simulation.scene import Scene, SurveyedGround
 from nnpp_edge.simulation.simulate import Drive
-from nnpp_edge.viz.picture import BODY, IMPASSABLE, OPTIMUM, PATH, body_outlines, cost_picture
-from nnpp_edge.viz.sheet import GOAL, INK, START, Colour, MapDrawing, Picture
+from nnpp_edge.viz.picture import IMPASSABLE, OPTIMUM, PATH, body_outlines, cost_picture
+from nnpp_edge.viz.sheet import BODY, GOAL, START, Colour, MapDrawing, Picture
 
 if TYPE_CHECKING:
     from PIL.Image import Image
@@ -41,31 +42,30 @@ def check_name(path: Path) -> None:
 
 
 def drive_picture(ground: SurveyedGround, drive: Drive) -> Picture:
-    """The true cost, the way driven, and the optimum for a robot that knew everything.
+    """Draw the true cost, the way driven, and the optimum for a robot that knew everything.
 
     Of a body the outline is drawn along the way; the cost of a cell is that of its best heading
-    there.
-    """
+    there."""
     sheet = MapDrawing(cost_picture(ground.costs()))
     sheet.line(drive.driven, DRIVEN, 4.0)
     sheet.line(drive.optimal, OPTIMUM, 2.0)
     bodies = _bodies(ground.robot, drive.driven)
-    for outline in bodies:
-        sheet.line(outline, INK, 2.5)
-        sheet.line(outline, BODY, 1.2)
-    sheet.star(sheet.at(drive.goal))
-    sheet.square(sheet.at(drive.start))
-    ends = [sheet.swatch(START, "start"), sheet.swatch(GOAL, "goal")]
-    lines = [sheet.swatch(DRIVEN, "driven"), sheet.swatch(OPTIMUM, "optimum, with all known")]
-    lines += [sheet.swatch(BODY, "vehicle")] * bool(bodies)
+    sheet.bodies(bodies)
+    sheet.ends(drive.start, drive.goal)
+
+    # the legend
+    swatches = [(START, "start"), (GOAL, "goal"), (DRIVEN, "driven")]
+    swatches.append((OPTIMUM, "optimum, with all known"))
+    if bodies:
+        swatches.append((BODY, "vehicle"))
     costs = f"cost {drive.driven_cost:.4g}, optimum {drive.optimal_cost:.4g}"
     if drive.excess is not None:
         costs += f" (+{100 * drive.excess:.1f} %)"
     facts = [drive.method, f"{drive.counters.ticks} ticks, {drive.counters.planned} plans", costs]
+    keys = [sheet.swatch(*each) for each in swatches]
     scale = sheet.scale(ground.robot.sides_m[0])
-    return sheet.finish(
-        [[*ends, *lines], [*map(sheet.text_item, facts), *scale], [sheet.grey_bar()]]
-    )
+    words = [sheet.text_item(fact) for fact in facts]
+    return sheet.finish([keys, words + scale, [sheet.grey_bar()]])
 
 
 class Film:
@@ -94,66 +94,57 @@ class Film:
         """Write a GIF, whole or not at all; OutputError if it cannot be written."""
         content = BytesIO()
         first, *rest = self._frames
-        durations = [_FRAME_MS] * len(rest) + [2000]
-        first.save(
-            content,
-            "GIF",
-            save_all=True,
-            append_images=rest,
-            duration=durations,
-            loop=0,
-            optimize=False,
-        )
+        kept = {"append_images": rest, "duration": [_FRAME_MS] * len(rest) + [2000], "loop": 0}
+        first.save(content, "GIF", save_all=True, optimize=False, **kept)
         write_whole(path, content.getvalue())
 
 
 def _frame(scene: Scene, message: PathMessage) -> Picture:
-    ground = cost_picture(scene.ground.robot.costs(scene.told))
+    robot = scene.ground.robot
+    ground = cost_picture(robot.costs(scene.told))
     factor = _FRAME_PIXELS / max(ground.shape[:2])
-    size = (round(ground.shape[1] * factor), round(ground.shape[0] * factor))
-    picture: Picture = cv2.resize(ground, size, interpolation=cv2.INTER_NEAREST)  # type: ignore[assignment]
+    height, width = (round(side * factor) for side in ground.shape[:2])
+    picture = cv2.resize(ground, (width, height), interpolation=cv2.INTER_NEAREST)
+
+    # the path, the way driven, the body along the path and where it is
     driven = np.array(scene.driven)[:, :2]
-    lines: list[tuple[NDArray[np.generic], Colour, int]] = [
-        (message.path, PATH, 2),
-        (driven, DRIVEN, 2),
-    ]
-    lines += [(outline, BODY, 1) for outline in _bodies(scene.ground.robot, message.path)]
-    lines += [(outline, START, 2) for outline in _bodies(scene.ground.robot, driven)[-1:]]
+    lines: list[tuple[Line, Colour, int]] = [(message.path, PATH, 2), (driven, DRIVEN, 2)]
+    lines += [(outline, BODY, 1) for outline in _bodies(robot, message.path)]
+    lines += [(outline, START, 2) for outline in _bodies(robot, driven)[-1:]]
     for cells, colour, width in lines:
         if len(cells):
             cv2.polylines(picture, [_pixels(cells, factor)], False, colour, width, cv2.LINE_AA)
+
+    # what the robot sees, its goal and the robot
     row, col, rows, cols = scene.seen
-    corners = _pixels(np.array([(row, col), (row + rows - 1, col + cols - 1)]), factor)
-    cv2.rectangle(picture, corners[0].tolist(), corners[1].tolist(), SEEN, 1)
-    radius = max(3, math.ceil(factor))
-    for cell, colour in ((scene.goal, GOAL), (scene.robot, START)):
-        cv2.circle(
-            picture,
-            _pixels(np.array([cell]), factor)[0].tolist(),
-            radius + 1,
-            colour,
-            -1,
-            cv2.LINE_AA,
-        )
-    return picture
+    view = np.array([(row, col), (row + rows - 1, col + cols - 1)])
+    first, last = _pixels(view, factor).tolist()
+    cv2.rectangle(picture, first, last, SEEN, 1)
+    radius = max(3, math.ceil(factor)) + 1
+    (goal, place) = _pixels(np.array([scene.goal, scene.robot]), factor).tolist()
+    cv2.circle(picture, goal, radius, GOAL, -1, cv2.LINE_AA)
+    cv2.circle(picture, place, radius, START, -1, cv2.LINE_AA)
+    return np.asarray(picture, np.uint8)
 
 
-def _bodies(robot: Robot, path: Line) -> list[NDArray[np.float64]]:
+def _bodies(robot: Robot, path: Line) -> list[Floats]:
     """(5, 2) outlines of the robot's body along a path, rows and columns; none of a point."""
     return [] if robot.vehicle is None else body_outlines(path, robot.vehicle, robot.sides_m)
 
 
-def _pixels(cells: NDArray[np.generic], factor: float) -> NDArray[np.int32]:
-    return np.rint((cells[:, ::-1].astype(np.float64) + 0.5) * factor - 0.5).astype(np.int32)
+def _pixels(cells: NDArray[np.generic], factor: float) -> Cells:
+    middles = cells[:, ::-1].astype(np.float64) + 0.5
+    return np.rint(middles * factor - 0.5).astype(np.int32)
 
 
 def _palette(picture: Picture) -> "Image":
     """In the few colours that all frames share: then a film stores only the pixels that change."""
     from PIL import Image
 
-    greys = [(level, level, level) for level in np.linspace(0, 255, _GREYS).astype(int).tolist()]
+    levels = np.linspace(0, 255, _GREYS).astype(int).tolist()
+    greys = [(level, level, level) for level in levels]
     colours = [*greys, IMPASSABLE, PATH, BODY, DRIVEN, SEEN, GOAL, START]
     palette = Image.new("P", (1, 1))
-    palette.putpalette([value for blue, green, red in colours for value in (red, green, blue)])
+    palette.putpalette([value for colour in colours for value in reversed(colour)])
     image = Image.fromarray(np.ascontiguousarray(picture[..., ::-1]))
     return image.quantize(palette=palette, dither=Image.Dither.NONE)

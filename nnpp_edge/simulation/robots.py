@@ -7,16 +7,16 @@ from dataclasses import replace
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
 from nnpp_edge.profiling.suites import whole_cost
 from nnpp_edge.runtime import Ground, MapPatch
-from nnpp_edge.runtime.arrays import Float2D
+from nnpp_edge.runtime.arrays import Cells, Float2D, Floats
 from nnpp_edge.runtime.cells import Cell
 from nnpp_edge.runtime.kernels.poses import MOST_CODE
-from nnpp_edge.runtime.map.attitude import costs_at
 from nnpp_edge.runtime.map.grid import Grid
 from nnpp_edge.runtime.map.state import map_state
+from nnpp_edge.runtime.robots.body.attitude import costs_at
+from nnpp_edge.runtime.terrain.vehicle import Vehicle
 from nnpp_edge.terrain.obstacles import OBSTACLE
 
 _ROUNDING = 1e-4
@@ -45,17 +45,16 @@ class Robot:
         self.sides_m = ground.sides_m
         self._by_costs = ground.elevation is None
         self._eased = ground
-        self.reach = 0
-        """Cells from its own to the farthest that lies under it."""
-        if (vehicle := ground.vehicle) is not None:
-            self.reach = math.ceil((vehicle.radius_m or vehicle.reach_m) / min(self.sides_m)) + 1
-            limits = {name: getattr(vehicle, name) for name in _LIMITS if not vehicle.is_disc}
-            eased = {
-                name: limit * (1.0 + _ROUNDING)
-                for name, limit in limits.items()
-                if limit is not None
-            }
-            self._eased = replace(ground, vehicle=replace(vehicle, **eased))
+        self.reach = reach_of(ground.vehicle, self.sides_m)
+        vehicle = ground.vehicle
+        if vehicle is None:
+            return
+        eased = {}
+        for name in () if vehicle.is_disc else _LIMITS:
+            limit = getattr(vehicle, name)
+            if limit is not None:
+                eased[name] = limit * (1.0 + _ROUNDING)
+        self._eased = replace(ground, vehicle=replace(vehicle, **eased))
 
     @property
     def has_legs(self) -> bool:
@@ -68,10 +67,13 @@ class Robot:
         To a body it is higher above every cell than the body is long: no pose reaches from the
         ground onto it.
         """
-        if self._by_costs or (body := self.vehicle) is None:
-            spike = float(np.nanmax(values)) + _SPIKE * max(self.sides_m)
-            return OBSTACLE if self._by_costs else math.nan if self._known is None else spike
-        return float(np.nanmax(values)) + body.length_m + body.clearance_m + body.step_m
+        if self._by_costs:
+            return OBSTACLE
+        highest = float(np.nanmax(values))
+        if self.vehicle is not None:
+            body = self.vehicle
+            return highest + body.length_m + body.clearance_m + body.step_m
+        return math.nan if self._known is None else highest + _SPIKE * max(self.sides_m)
 
     def stands(self, values: Float2D, cell: Cell) -> bool:
         """Whether it may be in a cell of the map, in one heading at least."""
@@ -79,18 +81,20 @@ class Robot:
             return bool(self.costs(values)[cell] < OBSTACLE)
         return self._grid(values).is_passable(cell)
 
-    def steps(self, values: Float2D, path: NDArray[np.int32]) -> int:
-        """How many steps of a path (N, 2) inside the map it may take, from its first cell on."""
+    def steps(self, values: Float2D, path: Cells) -> int:
+        """Number of steps that it may take of a path (N, 2) on the map, from its first cell on."""
         if self.vehicle is None:
-            return int((self.costs(values)[path[1:, 0], path[1:, 1]] < OBSTACLE).cumprod().sum())
+            rows, cols = path[1:].T
+            free = self.costs(values)[rows, cols] < OBSTACLE
+            return int(free.cumprod().sum())
         blocked = self._grid(values).walk(path, 0, np.empty(len(path)))
         return len(path) - 1 if blocked < 0 else max(blocked - 1, 0)
 
-    def weights_at(self, values: Float2D, places: NDArray[np.float64]) -> NDArray[np.float64]:
+    def weights_at(self, values: Float2D, places: Floats) -> Floats:
         """(N,) what a cell's length costs a body at places as in `attitude.costs_at`; inf where it
         may not stand.
         """
-        poses = self._grid(values).poses
+        poses = self._grid(values).robot.poses
         assert poses is not None
         return 1.0 + MOST_CODE * float(poses.prices[0]) * costs_at(poses, places)
 
@@ -100,13 +104,15 @@ class Robot:
         """
         if self._by_costs:
             return values
-        if self.vehicle is None:
-            costs = _with(self._ground, values).costs()
-            if self._known is None:
-                return costs
-            known = cv2.erode(np.isfinite(values).astype(np.uint8), np.ones((3, 3), np.uint8))
-            return np.where(known, costs, np.float32(0.0))
-        return whole_cost(_with(self._ground, values))
+        ground = _with(self._ground, values)
+        if self.vehicle is not None:
+            return whole_cost(ground)
+        costs = ground.costs()
+        if self._known is None:
+            return costs
+        known = np.isfinite(values).astype(np.uint8)
+        inner = cv2.erode(known, np.ones((3, 3), np.uint8))
+        return np.where(inner, costs, np.float32(0.0))
 
     def ground(self, values: Float2D) -> Ground:
         """Itself on the map, for planners and the onboard loop."""
@@ -114,11 +120,9 @@ class Robot:
 
     def patch(self, row: int, col: int, values: Float2D) -> MapPatch:
         """The message that tells the loop of values."""
-        return (
-            MapPatch(row, col, cost=values)
-            if self._by_costs
-            else MapPatch(row, col, elevation=values)
-        )
+        if self._by_costs:
+            return MapPatch(row, col, cost=values)
+        return MapPatch(row, col, elevation=values)
 
     def _grid(self, values: Float2D) -> Grid:
         if self._known is None:
@@ -128,10 +132,14 @@ class Robot:
         return state.grid
 
 
+def reach_of(vehicle: Vehicle | None, sides_m: tuple[float, float]) -> int:
+    """Cells from a robot's own to the farthest that lies under it."""
+    if vehicle is None:
+        return 0
+    return math.ceil((vehicle.radius_m or vehicle.reach_m) / min(sides_m)) + 1
+
+
 def _with(ground: Ground, values: Float2D) -> Ground:
     """The ground with other values of the kind that it holds."""
-    return (
-        replace(ground, cost=values)
-        if ground.elevation is None
-        else replace(ground, elevation=values)
-    )
+    kind = "cost" if ground.elevation is None else "elevation"
+    return replace(ground, **{kind: values})  # type: ignore[arg-type]  # either is a map

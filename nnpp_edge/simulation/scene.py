@@ -6,19 +6,17 @@ import math
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, replace
 from functools import cached_property
-from itertools import chain
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
 from nnpp_edge.runtime import Goal, Ground, MapPatch, PathMessage, Pose
-from nnpp_edge.runtime.arrays import Float2D
+from nnpp_edge.runtime.arrays import Cells, Float2D, Floats
 from nnpp_edge.runtime.cells import Cell, Rectangle, slices, widened
 from nnpp_edge.runtime.errors import InvalidMapError, InvalidQueryError
 from nnpp_edge.runtime.loop.messages import Input
-from nnpp_edge.runtime.map.arcs import Arc, Drive, PoseOf, drive_along
-from nnpp_edge.runtime.map.step_cost import StepCost
+from nnpp_edge.runtime.robots.body.arcs import Arc, Drive, PoseOf, drive_along
+from nnpp_edge.runtime.terrain.step_cost import StepCost
 from nnpp_edge.runtime.terrain.vehicle import Vehicle
 from nnpp_edge.simulation.robots import Robot
 from nnpp_edge.terrain.obstacles import CLEAR, Obstacles
@@ -37,6 +35,8 @@ class SurveyedGround:
     """(H, W) of heights that are blurred, or lack the rocks; of the kind that the ground holds."""
     known: Ground | None = None
     """As means of blocks have it, known in place of a survey."""
+    origin: Cell = (0, 0)
+    """Cell of the file that is the first of this part of it; errors name the file's cells."""
 
     @classmethod
     def of(cls, ground: Ground, block: int, bare: Float2D | None = None) -> "SurveyedGround":
@@ -49,14 +49,14 @@ class SurveyedGround:
         known; InvalidMapError for a disc whose steps cost by the slope.
         """
         assert ground.elevation is not None
-        bare = ground.elevation if bare is None else bare
-        surveyed = bare.copy() if block <= 1 else _blurred(bare, block / 2.0)
         vehicle = ground.vehicle
         by_slope = ground.step_cost != StepCost.PAPER
         if vehicle is not None and vehicle.is_disc and by_slope:
             raise InvalidMapError(
                 "a disc drives by costs here: wanted step_cost='paper', or no vehicle"
             )
+        bare = ground.elevation if bare is None else bare
+        surveyed = bare.copy() if block <= 1 else _blurred(bare, block / 2.0)
         if by_slope or (vehicle is not None and not vehicle.is_disc):
             return cls(ground, surveyed)
         costs = replace(ground, elevation=surveyed).costs()
@@ -71,8 +71,9 @@ class SurveyedGround:
         rows, cols = ground.shape
         height_m, width_m = ground.sides_m
         blocks = ground.elevation.reshape(rows // factor, factor, cols // factor, factor)
+        means = blocks.mean((1, 3), dtype=np.float64).astype(np.float32)
         coarse = Ground.of_coarse(
-            blocks.mean((1, 3), dtype=np.float64).astype(np.float32),
+            means,
             factor * height_m,
             factor,
             ground.traversability,
@@ -94,6 +95,10 @@ class SurveyedGround:
         values = self.ground.cost if self.ground.elevation is None else self.ground.elevation
         assert values is not None
         return values
+
+    def in_file(self, cell: Cell) -> Cell:
+        """The file's cell."""
+        return cell[0] + self.origin[0], cell[1] + self.origin[1]
 
     def costs(self) -> Float2D:
         """(H, W) true traversability costs; impassable from 1 up."""
@@ -127,57 +132,63 @@ class Scene:
         changes: int = 1,
         steering_noise_deg: float = 0.0,
     ) -> None:
+        robot = ground.robot
         rows, cols = ground.true.shape
-        for name, cell in (("start", start), ("goal", goal)):
-            if not (0 <= cell[0] < rows and 0 <= cell[1] < cols):
+        for name, (row, col) in (("start", start), ("goal", goal)):
+            if not (0 <= row < rows and 0 <= col < cols):
                 raise InvalidQueryError(
-                    f"{name} {cell} lies outside the map of {rows} × {cols} cells"
+                    f"{name} {(row, col)} lies outside the map of {rows} × {cols} cells"
                 )
-            if not ground.robot.stands(ground.true, cell):
-                raise InvalidQueryError(f"{name} {cell} is impassable")
-        if steering_noise_deg and (
-            ground.robot.vehicle is None or ground.robot.vehicle.turning_radius_m is None
-        ):
+            if not robot.stands(ground.true, (row, col)):
+                raise InvalidQueryError(f"{name} {ground.in_file((row, col))} is impassable")
+        body = robot.vehicle
+        if steering_noise_deg and (body is None or body.turning_radius_m is None):
             raise InvalidQueryError("noise in steering wants a vehicle with a turning_radius_m")
+
+        # the world
         self.ground = ground
         self.robot = start
         self.goal = goal
         self._noise_deg = steering_noise_deg
         self._rng = rng
-        under = ground.robot.reach
-        obstacle = ground.robot.obstacle(ground.true)
-        self.obstacles = Obstacles((rows, cols), rng, value=obstacle, clear=max(CLEAR, under))
-        self._sight = sight + under
         self._speed = speed
         self._changes = changes
+        self._sight = sight + robot.reach
+        self.obstacles = Obstacles(
+            (rows, cols), rng, value=robot.obstacle(ground.true), clear=max(CLEAR, robot.reach)
+        )
+        self.now = ground.true.copy()
+        """(H, W) the ground with the obstacles that are there."""
+
+        # what the robot knows of it
         self.known = ground.surveyed.copy()
         """(H, W) what has been seen or surveyed, without obstacles."""
         if ground.known is None:
             self._see(goal)
         self.seen = self._see(start)
         """The part of the map in sight."""
-        self.now = ground.true.copy()
-        """(H, W) the ground with the obstacles that are there."""
         self.told = self.known.copy()
         """(H, W) the map as the loop has been given it."""
+        self._orders: list[Input] = [Goal(*goal)]
+
+        # the drive
+        self.path = np.empty((0, 2), np.int32)
+        """The newest that was published; of a body that drives arcs (N, 3), with its states."""
+        self._headings = np.empty(0)
         self.driven: list[tuple[float, ...]] = [start]
         """Cells that the robot walked over, each next to the one before; with its states where
         it drives arcs. With noise in steering places (row, col)."""
         self.driven_cost = 0.0
         """Of the way driven with noise in steering, each piece by the pose at its end."""
-        self._pose: PoseOf | None = None
-        """There, once the body has begun to drive."""
-        self._gear = 1
-        self.polls = self.waited = self.forbidden = 0
-        """`forbidden`: published paths that crossed a cell which the map that was told forbids, or
-        were broken.
-        """
-        self.path = np.empty((0, 2), np.int32)
-        """The newest that was published; of a body that drives arcs (N, 3), with its states."""
         self.heading_deg: float | None = None
         """Of a body, once it has begun to drive."""
-        self._headings = np.empty(0)
-        self._orders: list[Input] = [Goal(*goal)]
+        self._pose: PoseOf | None = None
+        """There, too."""
+        self._gear = 1
+        self.polls = 0
+        self.waited = 0
+        self.forbidden = 0
+        """Published paths that are broken or cross a cell which the map that was told forbids."""
 
     @property
     def reached(self) -> bool:
@@ -185,19 +196,20 @@ class Scene:
         return self.robot == self.goal
 
     def poll(self) -> Iterator[Input]:
-        """Messages until the next tick. Each message counts as told once it is taken."""
-        if self.polls:
-            self._steer() if self._noise_deg else self._walk()
+        """Move on, and give the messages until the next tick; each counts as told once taken."""
+        if self.polls and self._noise_deg:
+            self._steer()
+        elif self.polls:
+            self._walk()
         self.polls += 1
         orders = self._orders
         self._orders = []
         yield from orders
-        events = [
-            self.obstacles.one_event(self.robot, self.goal, self.path[:, :2])
-            for _ in range(self._changes)
-        ]
+        changed: list[Rectangle] = []
+        for _ in range(self._changes):
+            changed += self.obstacles.one_event(self.robot, self.goal, self.path[:, :2])
         self.seen = self._see(self.robot)
-        yield from self._patches([*chain(*events), self.seen])
+        yield from self._patches([*changed, self.seen])
         row, col = self.driven[-1][:2]
         yield Pose(row + 0.5, col + 0.5, heading_deg=self.heading_deg)
 
@@ -214,9 +226,10 @@ class Scene:
     def _patches(self, parts: Iterable[Rectangle]) -> Iterator[MapPatch]:
         """Known values of these parts, and the obstacles there."""
         for part in parts:
-            self.now[slices(part)] = self.obstacles.cover(self.ground.true, part)
-            self.told[slices(part)] = told = self.obstacles.cover(self.known, part)
-            yield self.ground.robot.patch(part[0], part[1], told)
+            at = slices(part)
+            self.now[at] = self.obstacles.cover(self.ground.true, part)
+            self.told[at] = self.obstacles.cover(self.known, part)
+            yield self.ground.robot.patch(part[0], part[1], self.told[at])
 
     def heard(self, message: PathMessage) -> None:
         """Take the loop's answer, which is checked by the definition of a path that can
@@ -228,54 +241,57 @@ class Scene:
             self.forbidden += 1
 
     def _walk(self) -> None:
-        """Along the path, while the next step is truly free."""
+        """Go along the path, while the next step is truly free."""
         at = np.flatnonzero((self.path[:, :2] == self.robot).all(axis=1))
-        ahead = self.path[at[0] : at[0] + 1 + self._speed] if len(at) else self.path[:1]
+        if not len(at):
+            self.waited += 1
+            return
+        first = int(at[0])
+        ahead = self.path[first : first + 1 + self._speed]
         count = self.ground.robot.steps(self.now, ahead) if len(ahead) > 1 else 0
         if count and len(self.driven[-1]) < ahead.shape[1]:
             self.driven[-1] = tuple(ahead[0].tolist())
         for place in ahead[1 : 1 + count].tolist():
             self.robot = (place[0], place[1])
             self.driven.append(tuple(place))
-        if ahead.shape[1] == 3 and len(at):
-            self.heading_deg = float(self._headings[at[0] + count])
+        if ahead.shape[1] == 3:
+            self.heading_deg = float(self._headings[first + count])
         elif self.ground.robot.has_legs and count:  # as it came here
-            self.heading_deg = float(self._headings[at[0] + count - 1])
+            self.heading_deg = float(self._headings[first + count - 1])
         self.waited += not count
 
     def _steer(self) -> None:
-        """Along the path by `speed` of its steps, while it may truly stand."""
-        robot, body, (dy, dx) = (
-            self.ground.robot,
-            self.ground.robot.vehicle,
-            self.ground.robot.sides_m,
-        )
+        """Drive along the path by `speed` of its steps, while it may truly stand."""
+        robot = self.ground.robot
+        body = robot.vehicle
+        dy, dx = robot.sides_m
         before = self._pose
         if body is not None and len(self.path) > 1:
             drive = drive_along(self.path[: 1 + self._speed], body, (dy, dx))
             first: PoseOf = self._pose or tuple(drive.poses[0].tolist())
             arcs = list(followed(first, drive, body, self._noise_deg, self._rng))
-            places = np.array([arc.at(1.0) for arc in arcs]).reshape(-1, 3)[:, [1, 0, 2]] / (
-                dy,
-                dx,
-                1.0,
-            )
-            weights = robot.weights_at(self.now, places).tolist()
-            for arc, (row, col, heading), weight in zip(
-                arcs, places.tolist(), weights, strict=True
-            ):
+            ends = np.array([arc.at(1.0) for arc in arcs]).reshape(-1, 3)
+            places = ends[:, [1, 0, 2]] / (dy, dx, 1.0)
+            weights = robot.weights_at(self.now, places)
+            for arc, place, weight in zip(arcs, places.tolist(), weights.tolist(), strict=True):
                 if not math.isfinite(weight):
                     break
-                changed = body.gear_change_m if arc.gear * self._gear < 0 else 0.0
-                turned = 0.0 if arc.gear else body.turn_m_per_rad * math.radians(abs(arc.turn_deg))
-                metres = arc.length_m * ((body.reverse_cost or 1.0) if arc.gear < 0 else 1.0)
-                self.driven_cost += (metres * weight + changed + turned) / dy
-                self._pose = arc.at(1.0)
-                self.heading_deg = heading
+                self.driven_cost += self._price(arc, body, weight) / dy
                 self._gear = arc.gear or self._gear
+                self._pose = arc.at(1.0)
+                row, col, self.heading_deg = place
                 self.driven.append((row, col))
                 self.robot = math.floor(row + 0.5), math.floor(col + 0.5)
         self.waited += self._pose is before
+
+    def _price(self, arc: Arc, body: Vehicle, weight: float) -> float:
+        """Cost of an arc in metres, with the change of gear or the turn on the spot."""
+        if not arc.gear:
+            return body.turn_m_per_rad * math.radians(abs(arc.turn_deg))
+        metres = arc.length_m * weight
+        if arc.gear < 0:
+            metres *= body.reverse_cost or 1.0
+        return metres + (body.gear_change_m if arc.gear * self._gear < 0 else 0.0)
 
     def _see(self, cell: Cell) -> Rectangle:
         """The robot's view from a cell, which it knows from now on."""
@@ -298,18 +314,20 @@ def followed(
     wheelbase = vehicle.stance_m[0]
     within = _CORRECTS_WITHIN * least
     error_deg = rng.normal(0.0, noise_deg)
-    for n, (gear, curvature) in enumerate(
-        zip(drive.gears[1:].tolist(), drive.curvatures_per_m[1:], strict=True)
-    ):
+    steps = zip(drive.gears[1:].tolist(), drive.curvatures_per_m[1:], strict=True)
+    for n, (gear, curvature) in enumerate(steps):
         if gear:
+            # the curvature that leads back to the path, as it is steered, and as far as it can be
             _, aside, turned = _beside(pose, drive.poses[n])
             wanted = curvature - aside / within**2 - 2.0 * gear * turned / within
             steered = math.tan(math.atan(wanted * wheelbase) + math.radians(error_deg))
             bend = float(np.clip(steered / wheelbase, -1.0 / least, 1.0 / least))
-            if (length := -gear * _beside(pose, drive.poses[n + 1])[0]) <= 0.0:
-                continue  # it is past that pose
-            if sharp := abs(bend):  # until it has come as far ahead
-                length = math.asin(min(sharp * length, 1.0)) / sharp
+            # until it has come as far ahead as the next pose
+            length = -gear * _beside(pose, drive.poses[n + 1])[0]
+            if length <= 0.0:
+                continue
+            if bend:
+                length = math.asin(min(abs(bend) * length, 1.0)) / abs(bend)
             arc = Arc(gear, bend, length, pose, math.degrees(gear * bend * length))
         else:
             turned = _beside(pose, drive.poses[n + 1])[2]
@@ -318,7 +336,7 @@ def followed(
         pose = arc.at(1.0)
 
 
-def _beside(pose: PoseOf, place: NDArray[np.float64]) -> tuple[float, float, float]:
+def _beside(pose: PoseOf, place: Floats) -> tuple[float, float, float]:
     """How far a pose lies ahead of another and to its left, in metres, and is turned to its left,
     in rad.
     """
@@ -331,24 +349,22 @@ def _beside(pose: PoseOf, place: NDArray[np.float64]) -> tuple[float, float, flo
     return ahead, left, turned
 
 
-def walkable(robot: Robot, path: NDArray[np.int32], values: Float2D, goal: Cell | None) -> bool:
+def walkable(robot: Robot, path: Cells, values: Float2D, goal: Cell | None) -> bool:
     """Whether a path leads to the goal over a map, by steps or a body's legs, and the robot can
     take it.
     """
     if not len(path) or tuple(path[-1, :2].tolist()) != goal:
         return False
-    longest = 2 if robot.has_legs else 1
     cells = path[:, :2]
-    legs = path.shape[1] == 2
-    apart = np.abs(np.diff(cells, axis=0)).max(axis=1)
-    if not ((cells >= 0) & (cells < values.shape)).all() or (
-        legs and ((apart < 1) | (apart > longest)).any()
-    ):
+    if not ((cells >= 0) & (cells < values.shape)).all():
         return False
-    return (
-        robot.stands(values, tuple(cells[0].tolist()))
-        and robot.steps(values, path) == len(path) - 1
-    )
+    if path.shape[1] == 2:
+        apart = np.abs(np.diff(cells, axis=0)).max(axis=1)
+        longest = 2 if robot.has_legs else 1
+        if ((apart < 1) | (apart > longest)).any():
+            return False
+    first = tuple(cells[0].tolist())
+    return robot.stands(values, first) and robot.steps(values, path) == len(path) - 1
 
 
 def _blurred(elevation: Float2D, sigma: float) -> Float2D:

@@ -7,7 +7,6 @@ from contextlib import closing
 from dataclasses import asdict, dataclass, field, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from nnpp_edge.robot.transports.recording import RecordedSource
 from nnpp_edge.runtime import (
@@ -21,11 +20,14 @@ from nnpp_edge.runtime import (
     Pose,
     Sink,
 )
-from nnpp_edge.runtime.arrays import Float2D
+from nnpp_edge.runtime.arrays import Cells, Float2D
 from nnpp_edge.runtime.cells import Cell, Endpoints
 from nnpp_edge.runtime.errors import InvalidQueryError
+from nnpp_edge.runtime.loop.connections import Recorder
 from nnpp_edge.runtime.loop.timing import Histogram, rss_bytes
+from nnpp_edge.runtime.map.along import Line
 from nnpp_edge.runtime.map.state import MapState
+from nnpp_edge.runtime.planners.plan import Plan
 from nnpp_edge.simulation.scene import Scene, SurveyedGround
 from nnpp_edge.terrain.labels import random_query
 
@@ -100,9 +102,9 @@ class Drive:
     """
     planning_ms: dict[str, float]
     """``p50``, ``p90``, ``p99``, ``max``, ``mean`` of a tick's answer."""
-    driven: NDArray[np.int32] | NDArray[np.float64] = field(repr=False)
+    driven: Line = field(repr=False)
     """(N, 2) cells in the order walked; with noise in steering places."""
-    optimal: NDArray[np.int32] = field(repr=False)
+    optimal: Cells = field(repr=False)
 
     @property
     def excess(self) -> float | None:
@@ -111,20 +113,27 @@ class Drive:
         """
         if not self.reached:
             return None
-        return self.driven_cost / self.optimal_cost - 1.0 if self.optimal_cost else 0.0
+        if self.optimal_cost == 0.0:
+            return 0.0
+        return self.driven_cost / self.optimal_cost - 1.0
 
     @property
     def cells(self) -> int:
         """How many it came to, each as often as it did."""
-        return 1 + int(np.diff(np.rint(self.driven), axis=0).any(1).sum())
+        steps = np.diff(np.rint(self.driven), axis=0)
+        return 1 + int(steps.any(1).sum())
 
     def summary(self) -> dict[str, object]:
         """Without its arrays, ready for JSON."""
-        values: dict[str, object] = asdict(self) | {"excess": self.excess, "cells": self.cells}
+        values: dict[str, object] = asdict(self)
         for name in ("driven", "optimal", "counters"):
             del values[name]
-        values["omniscient_cost"] = self.optimal_cost
-        return values | {name: getattr(self.counters, name) for name in _COUNTED}
+        values |= {name: getattr(self.counters, name) for name in _COUNTED}
+        return values | {
+            "excess": self.excess,
+            "cells": self.cells,
+            "omniscient_cost": self.optimal_cost,
+        }
 
 
 def random_drive(ground: SurveyedGround, seed: int) -> tuple[Cell, Cell]:
@@ -132,22 +141,6 @@ def random_drive(ground: SurveyedGround, seed: int) -> tuple[Cell, Cell]:
     none to be found.
     """
     return _connected(Planner(ground.ground), ground.costs(), np.random.default_rng([seed, 1]))
-
-
-def _connected(
-    planner: Planner, costs: Float2D, rng: np.random.Generator, start: Cell | None = None
-) -> Endpoints:
-    """A start, if none is given, and a goal."""
-    least = _LEAST_DISTANCE * max(costs.shape)
-    for _ in range(_TRIES):
-        if (query := random_query(rng, costs, least)) is None:
-            continue
-        ends = query if start is None else (start, query[1])
-        if ends[0] != ends[1] and planner.plan(*ends, method="corridor").ok:
-            return ends
-    raise InvalidQueryError(
-        f"no two connected cells {least:.0f} apart were found on the map; give start and goal"
-    )
 
 
 def simulate(
@@ -169,73 +162,146 @@ def simulate(
     """
     settings = settings or SimulationSettings()
     rng = np.random.default_rng([settings.seed, 2])
-    options = {"sight": settings.sight, "speed": settings.speed, "changes": settings.changes}
     scene = Scene(
-        ground, start, goal, rng, **options, steering_noise_deg=settings.steering_noise_deg
+        ground,
+        start,
+        goal,
+        rng,
+        sight=settings.sight,
+        speed=settings.speed,
+        changes=settings.changes,
+        steering_noise_deg=settings.steering_noise_deg,
     )
-    planner = Planner(ground.ground)
-    costs = ground.costs()
-    planner.touch()  # what the scene needs is not to look like growth of the loop
-    best = planner.plan(start, goal, method="astar")
-    if not best.ok:
-        raise InvalidQueryError(f"the goal {goal} cannot be reached from {start}: {best.status}")
-    planning = NavigatorSettings(method=settings.method, model=settings.model)
-    first = Navigator(ground.robot.ground(scene.told), planning)
-    first.offer(Pose(*scene.robot))
-    first.offer(Goal(*scene.goal))
-    first.tick()  # beside the drive: what a process loads only once is no part of a tick
-    navigator = Navigator(ground.robot.ground(scene.told), planning)
+    course = _Course(scene, settings, rng)
+    navigator = _navigator(scene, settings)
     sinks = list(make_sinks(navigator.map))
-    recorders = [sink.record for sink in sinks if hasattr(sink, "record")]
+    recorders = [sink for sink in sinks if isinstance(sink, Recorder)]
     source = RecordedSource(scene, recorders, navigator.count_error, wait=True)
-    histogram = Histogram()
-    memory_mb = dict[str, float]()
-    goals = late = stuck = waited = 0
 
     def after_tick(message: PathMessage) -> None:
-        nonlocal best, goals, late, stuck, waited
-        histogram.add(1e-3 * message.planning_ms)
-        late += message.planning_ms > 1e3 * PERIOD_S
-        if message.tick in (1, 1 + int(_WARM_UP * settings.ticks)):
-            memory_mb["tenth" if memory_mb else "start"] = 1e-6 * rss_bytes()
-        stuck = stuck + 1 if scene.waited > waited else 0
-        waited = scene.waited
-        scene.heard(message)
+        course.count(message)
         if watch is not None:
             watch(scene, message)
-        goals += scene.reached
-        if scene.reached and not settings.endless:
+        if course.over():
             loop.finish()
-        elif settings.endless and (scene.reached or stuck > _PATIENCE):
-            stuck = 0
-            scene.send_to(_connected(planner, costs, rng, scene.robot)[1])
-            best = planner.plan(scene.robot, scene.goal, method="astar")
 
     paced = settings.rate_hz is not None
     rate_hz = settings.rate_hz or 1.0 / PERIOD_S
     loop = Loop(navigator, source, sinks, rate_hz=rate_hz, paced=paced, after_tick=after_tick)
     with closing(source):
         counters = loop.run(settings.ticks)
-    if not paced:
-        counters = replace(counters, overruns=late)
-    driven = np.array(scene.driven)
-    driven_cost = scene.driven_cost
-    if not settings.steering_noise_deg:
-        driven = driven.astype(np.int32)
-        driven_cost = planner.state.grid.costs_of(driven)[0]
-    return Drive(
-        settings.method,
-        (round(driven[0, 0]), round(driven[0, 1])),
-        scene.goal,
-        scene.reached,
-        counters,
-        waited=scene.waited,
-        forbidden=scene.forbidden,
-        driven_cost=driven_cost,
-        optimal_cost=best.cost,
-        goals=goals,
-        memory_mb=memory_mb | {"end": 1e-6 * rss_bytes()},
-        planning_ms=histogram.summary_ms(),
-        driven=driven[:, :2],
-        optimal=best.path,
+    return course.drive(counters if paced else replace(counters, overruns=course.late))
+
+
+class _Course:
+    """A drive under way: its figures tick by tick, and the optimum to the goal at hand.
+
+    InvalidQueryError where no path leads to the goal.
+    """
+
+    def __init__(
+        self,
+        scene: Scene,
+        settings: SimulationSettings,
+        rng: np.random.Generator,
+    ) -> None:
+        self._scene = scene
+        self._settings = settings
+        self._rng = rng
+        self._planner = Planner(scene.ground.ground)
+        self._costs = scene.ground.costs()
+        self._planner.touch()  # what the scene needs is not to look like growth of the loop
+        self._best = self._optimum()
+        if not self._best.ok:
+            goal = scene.ground.in_file(scene.goal)
+            start = scene.ground.in_file(scene.robot)
+            raise InvalidQueryError(
+                f"the goal {goal} cannot be reached from {start}: {self._best.status}"
+            )
+        self._histogram = Histogram()
+        self._memory_mb: dict[str, float] = {}
+        self._goals = 0
+        self._waited = 0
+        self._stuck = 0
+        """Ticks since the robot last took a step."""
+        self.late = 0
+        """Answers that took longer than a tick has."""
+
+    def _optimum(self) -> Plan:
+        return self._planner.plan(self._scene.robot, self._scene.goal, method="astar")
+
+    def count(self, message: PathMessage) -> None:
+        """Count a tick, and tell the scene its answer."""
+        self._histogram.add(1e-3 * message.planning_ms)
+        self.late += message.planning_ms > 1e3 * PERIOD_S
+        if message.tick in (1, 1 + int(_WARM_UP * self._settings.ticks)):
+            self._memory_mb["tenth" if self._memory_mb else "start"] = 1e-6 * rss_bytes()
+        self._stuck = self._stuck + 1 if self._scene.waited > self._waited else 0
+        self._waited = self._scene.waited
+        self._scene.heard(message)
+        self._goals += self._scene.reached
+
+    def over(self) -> bool:
+        """Whether the drive has ended; an endless one is sent to another goal."""
+        scene = self._scene
+        if not self._settings.endless:
+            return scene.reached
+        if scene.reached or self._stuck > _PATIENCE:
+            self._stuck = 0
+            scene.send_to(_connected(self._planner, self._costs, self._rng, scene.robot)[1])
+            self._best = self._optimum()
+        return False
+
+    def drive(self, counters: Counters) -> Drive:
+        """The drive so far, as it is told to users."""
+        scene = self._scene
+        driven = np.array(scene.driven)
+        driven_cost = scene.driven_cost
+        if not self._settings.steering_noise_deg:
+            driven = driven.astype(np.int32)
+            driven_cost = self._planner.state.grid.costs_of(driven)[0]
+        return Drive(
+            self._settings.method,
+            (round(driven[0, 0]), round(driven[0, 1])),
+            scene.goal,
+            scene.reached,
+            counters,
+            waited=scene.waited,
+            forbidden=scene.forbidden,
+            driven_cost=driven_cost,
+            optimal_cost=self._best.cost,
+            goals=self._goals,
+            memory_mb=self._memory_mb | {"end": 1e-6 * rss_bytes()},
+            planning_ms=self._histogram.summary_ms(),
+            driven=driven[:, :2],
+            optimal=self._best.path,
+        )
+
+
+def _connected(
+    planner: Planner,
+    costs: Float2D,
+    rng: np.random.Generator,
+    start: Cell | None = None,
+) -> Endpoints:
+    """A start, if none is given, and a goal."""
+    least = _LEAST_DISTANCE * max(costs.shape)
+    for _ in range(_TRIES):
+        ends = random_query(rng, costs, least)
+        if ends is not None and start is not None:
+            ends = (start, ends[1])
+        if ends and ends[0] != ends[1] and planner.plan(*ends, method="corridor").ok:
+            return ends
+    raise InvalidQueryError(
+        f"no two connected cells {least:.0f} apart were found on the map; give start and goal"
     )
+
+
+def _navigator(scene: Scene, settings: SimulationSettings) -> Navigator:
+    """A navigator on the robot's first map, in a process that has loaded all it needs."""
+    planning = NavigatorSettings(method=settings.method, model=settings.model)
+    first = Navigator(scene.ground.robot.ground(scene.told), planning)
+    first.offer(Pose(*scene.robot))
+    first.offer(Goal(*scene.goal))
+    first.tick()
+    return Navigator(scene.ground.robot.ground(scene.told), planning)

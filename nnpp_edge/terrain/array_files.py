@@ -5,7 +5,6 @@ rasterio.
 import math
 import warnings
 import zipfile
-from contextlib import ExitStack
 from pathlib import Path
 from typing import IO
 
@@ -17,9 +16,9 @@ from nnpp_edge.runtime.arrays import Float2D
 from nnpp_edge.runtime.errors import TerrainError
 from nnpp_edge.runtime.memory import available_bytes
 from nnpp_edge.runtime.reading import problem_with_file, refused_as
-from nnpp_edge.terrain.georeference import Georeference
+from nnpp_edge.terrain.georeference import Georeference, Sides
 
-Reading = tuple[Float2D, tuple[float, float] | None, Georeference | None]
+Reading = tuple[Float2D, Sides | None, Georeference | None]
 """(H, W) heights in metres, a cell's (size, width) in metres and the map's place, if known."""
 _BYTES_PER_CELL = 20
 """That reading takes beside the stored values: a float64 copy, the float32 map, masks."""
@@ -35,17 +34,20 @@ def read_arrays(path: Path) -> Reading:
     Raises TerrainError and InvalidQueryError as `read_dem` does, and whatever else NumPy raises for
     a broken file.
     """
-    with path.open("rb") as file, ExitStack() as stack:
-        zipped = file.read(4) in (b"PK\x03\x04", b"PK\x05\x06")
-        file.seek(0)
-        archive = stack.enter_context(_Archive(path)) if zipped else None
-        cell, name = (archive.cell(), archive.elevation_name()) if archive else (None, "")
-        promised = archive.promised(name) if archive else _promised(file)
+    with path.open("rb") as file:
+        if file.read(4) not in (b"PK\x03\x04", b"PK\x05\x06"):
+            file.seek(0)
+            promised = _promised(file)
+            check_grid(path, promised)
+            check_room(path, promised.shape, promised.dtype)
+            return metres(np.load(path, allow_pickle=False), 1.0), None, None
+    with _Archive(path) as archive:
+        cell = archive.cell()
+        name = archive.elevation_name()
+        promised = archive.promised(name)
         check_grid(path, promised)
-        check_room(path, promised.shape, promised.dtype, promised.nbytes if archive else 0)
-        loaded = archive.array(name) if archive else np.load(path, allow_pickle=False)
-        place = archive.place() if archive else None
-    return metres(loaded, 1.0), cell, place
+        check_room(path, promised.shape, promised.dtype, promised.nbytes)
+        return metres(archive.array(name), 1.0), cell, archive.place()
 
 
 def read_cost_map(path: Path) -> tuple[Float2D, float] | None:
@@ -75,7 +77,10 @@ def read_cost_map(path: Path) -> tuple[Float2D, float] | None:
 
 
 def check_room(
-    path: Path, shape: tuple[int, ...], dtype: np.dtype[np.generic], more_bytes: int = 0
+    path: Path,
+    shape: tuple[int, ...],
+    dtype: np.dtype[np.generic],
+    more_bytes: int = 0,
 ) -> None:
     """TerrainError where an array of this shape cannot become a map in the memory that is left,
     before it is read.
@@ -122,7 +127,8 @@ class _Archive(zipfile.ZipFile):
 
     def __init__(self, path: Path) -> None:
         super().__init__(path)
-        self.path, self.names = path, {name.removesuffix(".npy"): name for name in self.namelist()}
+        self.path = path
+        self.names = {name.removesuffix(".npy"): name for name in self.namelist()}
 
     def promised(self, name: str) -> npt.NDArray[np.generic]:
         with self.open(self.names[name]) as member:
@@ -137,8 +143,9 @@ class _Archive(zipfile.ZipFile):
         """That of the array of heights: one of ours, or the only one of two dimensions;
         TerrainError for others.
         """
-        if name := next((name for name in _ARRAY_NAMES if name in self.names), None):
-            return name
+        for name in _ARRAY_NAMES:
+            if name in self.names:
+                return name
         if "cost" in self.names:
             raise TerrainError(
                 f"{self.path}: wanted heights, got costs: `nnpp-edge run` takes them, no other "
@@ -151,7 +158,7 @@ class _Archive(zipfile.ZipFile):
             raise TerrainError(f"{self.path}: wanted {wanted} or a single 2-D array, got {got}")
         return grids[0]
 
-    def cell(self) -> tuple[float, float] | None:
+    def cell(self) -> Sides | None:
         """Size and width of a cell; None where the archive does not say."""
         size = self._number("cell_size_m", "cell_m")
         width = self._number("cell_width_m")
@@ -166,41 +173,42 @@ class _Archive(zipfile.ZipFile):
         if "transform" not in self.names:
             return None
         promised = self.promised("transform")
-        values = (
-            self.array("transform").tolist()
-            if promised.shape == (6,) and promised.dtype.kind in "iuf"
-            else []
+        got: object = promised.shape
+        if promised.shape == (6,) and promised.dtype.kind in "iuf":
+            a, b, c, d, e, f = values = self.array("transform").tolist()
+            if all(map(math.isfinite, values)) and a * e != b * d:
+                return Georeference(None, (a, b, c, d, e, f))
+            got = values
+        raise TerrainError(
+            f"{self.path}: transform must be 6 numbers (a, b, c, d, e, f) that place cells, "
+            f"got {got}"
         )
-        a, b, c, d, e, f = values or [math.nan] * 6
-        if not all(map(math.isfinite, (a, b, c, d, e, f))) or a * e == b * d:
-            wanted = "6 numbers (a, b, c, d, e, f) that place cells"
-            got = values or promised.shape
-            raise TerrainError(f"{self.path}: transform must be {wanted}, got {got}")
-        return Georeference(None, (a, b, c, d, e, f))
 
     def _number(self, *names: str) -> float | None:
         """The scalar under the first of `names` that is there, above 0 and finite; None without
         one.
         """
         for name in names:
-            if name in self.names:
-                promised = self.promised(name)
-                got = f"{promised.dtype} {promised.shape}"
-                if promised.size == 1 and promised.dtype.kind in "iuf":
-                    if 0 < (value := float(self.array(name).item())) < math.inf:
-                        return value
-                    got = f"{value:g}"
-                raise TerrainError(f"{self.path}: {name} must be one number above 0, got {got}")
+            if name not in self.names:
+                continue
+            promised = self.promised(name)
+            got = f"{promised.dtype} {promised.shape}"
+            if promised.size == 1 and promised.dtype.kind in "iuf":
+                value = float(self.array(name).item())
+                if 0.0 < value < math.inf:
+                    return value
+                got = f"{value:g}"
+            raise TerrainError(f"{self.path}: {name} must be one number above 0, got {got}")
         return None
 
 
 def _promised(file: IO[bytes]) -> npt.NDArray[np.generic]:
     """An array that takes no memory, of the shape and type that the header of a `.npy` promises."""
-    if (version := npy.read_magic(file)) not in _HEADERS:
+    version = npy.read_magic(file)
+    if version not in _HEADERS:
         raise ValueError(f"wanted version 1 or 2 of NumPy's format, got {version}")
+    # a damaged header is parsed as Python, which warns of odd spellings
     with warnings.catch_warnings():
-        warnings.simplefilter(
-            "ignore"
-        )  # a damaged header is parsed as Python, which warns of odd spellings
+        warnings.simplefilter("ignore")
         shape, _, dtype = _HEADERS[version](file)
     return np.broadcast_to(np.empty((), dtype), shape)

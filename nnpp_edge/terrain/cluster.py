@@ -24,7 +24,10 @@ class ClusterError(NnppEdgeError, ConnectionError):
 
 
 def shards_on_cluster(
-    address: str, recipe: Recipe, tiles: Sequence[Dem], indices: Sequence[int]
+    address: str,
+    recipe: Recipe,
+    tiles: Sequence[Dem],
+    indices: Sequence[int],
 ) -> Shards:
     """Make shards on the workers of a Dask cluster, and bring them here: numbers and contents, in
     the order done.
@@ -43,9 +46,8 @@ def shards_on_cluster(
     distributed = optional_module("distributed", "a Dask cluster", "cluster")
     dask = optional_module("dask", "a Dask cluster", "cluster")
     wanted = f"wanted a Dask scheduler with workers at {address!r}"
-    logging.getLogger("distributed.client").setLevel(
-        logging.CRITICAL
-    )  # it logs at length what is raised too
+    # it logs at length what is raised too
+    logging.getLogger("distributed.client").setLevel(logging.CRITICAL)
     with refused_as(ClusterError, wanted):
         asyncio.run(_try(address, distributed))
         with (
@@ -53,18 +55,17 @@ def shards_on_cluster(
             distributed.Client(address, set_as_default=False) as client,
         ):
             terrain = client.submit(lambda received: received, tiles, pure=False)
-            jobs = {
-                client.submit(_make, __version__, recipe, terrain, i, pure=False): i
-                for i in indices
-            }
+            jobs = {}
+            for index in indices:
+                job = client.submit(_make, __version__, recipe, terrain, index, pure=False)
+                jobs[job] = index
             try:
                 client.wait_for_workers(1, timeout=WORKER_WAIT_S)
             except TimeoutError as error:
-                got = (
-                    f"none within {WORKER_WAIT_S:g} s (one that lacks nnpp-edge leaves at once, "
-                    "as its log says)"
-                )
-                raise ClusterError(f"{wanted}, got {got}") from error
+                raise ClusterError(
+                    f"{wanted}, got none within {WORKER_WAIT_S:g} s (one that lacks nnpp-edge "
+                    "leaves at once, as its log says)"
+                ) from error
             for job in distributed.as_completed(list(jobs), loop=client.loop):
                 content = zlib.decompress(job.result())
                 yield jobs.pop(job), content

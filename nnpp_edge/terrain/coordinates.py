@@ -5,6 +5,8 @@ it.
 import functools
 import math
 import warnings
+from collections.abc import Iterator
+from itertools import product
 from pathlib import Path
 from types import ModuleType
 from typing import TYPE_CHECKING
@@ -13,7 +15,7 @@ import numpy as np
 import numpy.typing as npt
 
 from nnpp_edge.runtime.errors import InvalidQueryError, TerrainError, optional_module
-from nnpp_edge.terrain.georeference import Georeference, Place
+from nnpp_edge.terrain.georeference import Georeference, Place, Sides
 
 if TYPE_CHECKING:
     from pyproj import CRS, Transformer
@@ -61,11 +63,8 @@ def lonlat_at(place: Place, points: Points) -> Points:
 
 def lonlat_corners(place: Place) -> Points:
     """(4, 2) those of the middles of a map's corner cells."""
-    corners = [
-        place.map_coordinates(row, col)
-        for row in (0, place.shape[0] - 1)
-        for col in (0, place.shape[1] - 1)
-    ]
+    rows, cols = ((0, side - 1) for side in place.shape)
+    corners = [place.map_coordinates(*cell) for cell in product(rows, cols)]
     return lonlat_at(place, np.array(corners))
 
 
@@ -74,12 +73,11 @@ def lonlat_of(place: Place, points: Points) -> Points:
     the Earth.
     """
     own = _system_of(place.georeference, place.source)
-    globe = _lonlat_system(own)
-    if not globe.equals(_pyproj().CRS.from_user_input(WGS84)):
+    if not _lonlat_system(own).equals(_pyproj().CRS.from_user_input(WGS84)):
         raise InvalidQueryError(
             f"{place.source}: longitude and latitude on the Earth are wanted, got {own.name}"
         )
-    return _moved(points, own, globe)
+    return lonlat_at(place, points)
 
 
 def on_map(place: Place, points: Points, crs: str, source: str) -> tuple[Points, str]:
@@ -101,14 +99,19 @@ def gravity_of(place: Place) -> float | None:
         return None
     ellipsoid = _system_of(place.georeference, place.source).ellipsoid
     axis = ellipsoid.semi_major_metre if ellipsoid else 0.0
-    return next(
-        (g for radius, g in _GRAVITY.items() if abs(axis / radius - 1.0) < _SAME_BODY), None
-    )
+    for radius, gravity in _GRAVITY.items():
+        if abs(axis / radius - 1.0) < _SAME_BODY:
+            return gravity
+    return None
 
 
 def cell_on_ground(
-    source: Path, place: Georeference, shape: tuple[int, ...], *, warn: bool
-) -> tuple[float, float]:
+    source: Path,
+    place: Georeference,
+    shape: tuple[int, ...],
+    *,
+    warn: bool,
+) -> Sides:
     """A cell's (size, width): metres of ground along a column and along a row at the middle of a
     map (H, W).
 
@@ -125,59 +128,60 @@ def cell_on_ground(
         raise TerrainError(
             f"{source}: wanted a transform that can be turned back, got {place.transform}"
         )
+    # a cell as it is drawn, in metres where the system counts in them
     drawn = np.array((math.hypot(b, e), math.hypot(a, d)))
     if place.crs is None:
         return drawn[0], drawn[1]
     system = _system_of(place, source)
     unit = system.axis_info[0].unit_conversion_factor if system.axis_info else 1.0
-    drawn *= unit * (
-        system.ellipsoid.semi_major_metre if system.is_geographic and system.ellipsoid else 1.0
-    )
+    drawn *= unit
+    if system.is_geographic and system.ellipsoid:
+        drawn *= system.ellipsoid.semi_major_metre
     if not (system.is_geographic or system.is_projected):
         return drawn[0], drawn[1]
+
+    # as it lies on the ground
     with np.errstate(all="ignore"):
-        down, right, falling, rising = lengths = _lengths(
-            system, place, shape, min(1.0, _MEASURED_M / drawn.max())
-        )
-        middle = lengths[:2, 4]
-        # cos(row, column)
-        tall, wide = drawn / middle
-        skew = (falling**2 - rising**2) / (4.0 * down * right)
-        off = np.fmax.reduce(
-            np.abs((down / middle[0] - 1.0, right / middle[1] - 1.0, skew)), axis=None
-        )
+        lengths = _lengths(system, place, shape, min(1.0, _MEASURED_M / drawn.max()))
+    middle = lengths[:2, 4]
     said = f"{source}: {system.name}"
-    told = []
-    if not np.isfinite(middle).all():
-        if system.is_geographic:
-            latitude = (
-                math.degrees(unit)
-                * place.map_coordinates(shape[0] / 2 - 0.5, shape[1] / 2 - 0.5)[1]
-            )
-            raise TerrainError(f"{source}: wanted latitudes within the poles, got {latitude:g}°")
+    if np.isfinite(middle).all():
+        told = list(_distortions(said, drawn, lengths, system.is_projected))
+    elif system.is_geographic:
+        row, col = (0.5 * (side - 1) for side in shape)
+        latitude = math.degrees(unit) * place.map_coordinates(row, col)[1]
+        raise TerrainError(f"{source}: wanted latitudes within the poles, got {latitude:g}°")
+    else:
+        told = [f"{said} has no place for the map's middle: its metres are taken for the ground's"]
         middle = drawn
-        off = 0.0
-        told.append(
-            f"{said} has no place for the map's middle: its metres are taken for metres of ground"
-        )
-    elif system.is_projected and max(abs(tall - 1.0), abs(wide - 1.0)) > _SCALE_TOLD:
-        told.append(
-            f"{said} draws a metre of ground at the map's middle as {tall:.3f} m along columns "
-            f"and {wide:.3f} m "
-            f"along rows: cells are {middle[0]:.4g} × {middle[1]:.4g} m of ground"
-        )
-    if off > _RIM_TOLD:
-        told.append(
-            f"{said}: some lengths and slopes are up to {100.0 * off:.0f} % off, as the map's "
-            "cells are skewed or "
-            "unlike those at its middle: cut out a smaller part, or reproject it"
-        )
     for words in told if warn else ():
         warnings.warn(words, stacklevel=4)
-    size, width = (
-        float(f"{length:.7g}") for length in middle
-    )  # the rest is noise, by which no cell would be square
+    # the rest is noise, by which no cell would be square
+    size, width = (float(f"{length:.7g}") for length in middle)
     return size, width
+
+
+def _distortions(said: str, drawn: Points, lengths: Points, projected: bool) -> Iterator[str]:
+    """Warnings of a projection's metre that is off at the map's middle, and of lengths and slopes
+    that are off anywhere.
+    """
+    down, right, falling, rising = lengths
+    with np.errstate(all="ignore"):
+        tall, wide = drawn / lengths[:2, 4]
+        skew = (falling**2 - rising**2) / (4.0 * down * right)  # cos(row, column)
+        unlike = lengths[:2] / lengths[:2, 4:5] - 1.0
+        off = np.fmax.reduce(np.abs((*unlike, skew)), axis=None)
+    if projected and max(abs(tall - 1.0), abs(wide - 1.0)) > _SCALE_TOLD:
+        size, width = lengths[:2, 4]
+        yield (
+            f"{said} draws a metre of ground at the map's middle as {tall:.3f} m along columns and "
+            f"{wide:.3f} m along rows: cells are {size:.4g} × {width:.4g} m of ground"
+        )
+    if off > _RIM_TOLD:
+        yield (
+            f"{said}: some lengths and slopes are up to {100.0 * off:.0f} % off, as the map's "
+            "cells are skewed or unlike those at its middle: cut out a smaller part or reproject it"
+        )
 
 
 def _lengths(system: "CRS", place: Georeference, shape: tuple[int, ...], share: float) -> Points:
@@ -190,17 +194,21 @@ def _lengths(system: "CRS", place: Georeference, shape: tuple[int, ...], share: 
     geod = system.get_geod()
     assert globe is not None and geod is not None  # of a projected or a geographic system
     radians = globe.axis_info[0].unit_conversion_factor
-    middles = np.array([[(row, col) for row in (0.0, 0.5, 1.0) for col in (0.0, 0.5, 1.0)]]) * (
-        np.array(shape) - 1
-    )
-    steps = 0.5 * share * np.array([[(1.0, 0.0)], [(0.0, 1.0)], [(1.0, 1.0)], [(1.0, -1.0)]])
+    transform = _transformer(system.to_wkt(), globe.to_wkt()).transform
+    shares = np.array(list(product((0.0, 0.5, 1.0), repeat=2)))
+    middles = shares * (np.array(shape) - 1)
+    # down, right and both diagonals
+    steps = np.array([(1, 0), (0, 1), (1, 1), (1, -1)])
+    steps = 0.5 * share * steps[:, None]
     ends = []
     for points in (middles - steps, middles + steps):
         x, y = place.map_coordinates(points[..., 0], points[..., 1])
-        lon, lat = _transformer(system.to_wkt(), globe.to_wkt()).transform(x, y)
+        lon, lat = transform(x, y)
         known = np.abs(lat * radians) <= 0.5 * math.pi
         ends += [np.where(known, angles * radians, math.nan) for angles in (lon, lat)]
-    return np.asarray(geod.inv(ends[0], ends[1], ends[2], ends[3], radians=True)[2]) / share
+    lon, lat, far_lon, far_lat = ends
+    metres = geod.inv(lon, lat, far_lon, far_lat, radians=True)[2]
+    return np.asarray(metres) / share
 
 
 def _pyproj() -> ModuleType:
@@ -247,9 +255,10 @@ def _moved(points: Points, begin: "CRS", end: "CRS") -> Points:
             f"there is no way from {begin.name} to {end.name}: they are of two bodies"
         ) from None
     found = np.column_stack(transformer.transform(*points.T))
-    if len(lost := np.flatnonzero(~np.isfinite(found).all(1))):
-        x, y = points[lost[0]].tolist()
-        place = f"longitude {x:g}, latitude {y:g}" if begin.is_geographic else f"({x:g}, {y:g})"
+    for x, y in points[~np.isfinite(found).all(1)]:
+        place = f"({x:g}, {y:g})"
+        if begin.is_geographic:
+            place = f"longitude {x:g}, latitude {y:g}"
         raise InvalidQueryError(f"{place} of {begin.name} has no place in {end.name}")
     return found
 

@@ -3,24 +3,26 @@
 import multiprocessing
 import os
 import warnings
-from collections.abc import Callable, Generator, Iterator, Mapping, Sequence
+from collections.abc import Callable, Generator, Iterable, Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor, as_completed
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import closing
 from dataclasses import dataclass, fields, replace
 from pathlib import Path
+from typing import TypeVar
 
 import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
 from nnpp_edge.files import make_folder, write_whole
+from nnpp_edge.progress import Progress, ignore
 from nnpp_edge.runtime.errors import DataSetError
 from nnpp_edge.runtime.network.unseen import ANSWERS
 from nnpp_edge.runtime.reading import refused_as
 from nnpp_edge.terrain.dem import Dem
 from nnpp_edge.terrain.known import KnownMaps
-from nnpp_edge.terrain.shards import Recipe, left_out, read_terrain, shard_content
+from nnpp_edge.terrain.shards import Recipe, poolings, read_terrain, shard_content
 
 FORMAT = "nnpp-edge-dataset-1"
 RECIPE_FILE = "dataset.json"
@@ -31,6 +33,7 @@ Query = tuple[NDArray[np.float32], tuple[float, float], tuple[float, float]]
 """Planes (2, S, S) in [0, 1]; start and goal, (row, col) in network cells."""
 Arrays = dict[str, NDArray[np.generic]]
 """The arrays of a shard, by name."""
+T = TypeVar("T")
 _OF_QUERIES = ("map_index", "start", "goal", "excess", "on_path")
 
 
@@ -52,11 +55,6 @@ class Samples:
     on_path: NDArray[np.uint8]
     """(Q, B, B / 8) bits: whether the optimal path crosses a block."""
 
-    @classmethod
-    def of(cls, arrays: Mapping[str, NDArray[np.generic]]) -> "Samples":
-        """The arrays of these names; others are left out."""
-        return cls(*(np.asarray(arrays[field.name]) for field in fields(cls)))
-
     def __len__(self) -> int:
         return len(self.map_index)
 
@@ -64,28 +62,26 @@ class Samples:
         """One query as a network is fed with it."""
         start = self.start[at].tolist()
         goal = self.goal[at].tolist()
-        return self.planes[self.map_index[at]].astype(np.float32) / 255.0, tuple(start), tuple(goal)
+        planes = self.planes[self.map_index[at]].astype(np.float32) / 255.0
+        return planes, tuple(start), tuple(goal)
 
     def averaged(self, size: int) -> "Samples":
-        """These samples on maps averaged to `size` cells a side, a whole part of theirs, or
-        DataSetError.
-        """
+        """Average the maps to `size` cells a side, a whole part of theirs; else DataSetError."""
         count, planes, side, _ = self.planes.shape
         if side % size:
             raise DataSetError(
                 f"wanted maps of {size} cells a side or a multiple of that, got {side}"
             )
         factor = side // size
-        half = np.float32(0.5)
         if factor == 1:
             return self
         small = np.empty((count, planes, size, size), np.uint8)
-        for at, cells in enumerate(
-            self.planes
-        ):  # one by one: as numbers of four bytes they would fill the memory
+        for at, cells in enumerate(self.planes):  # one by one: all as float32 would fill the memory
             parts = cells.astype(np.float32).reshape(planes, size, factor, size, factor)
             small[at] = np.rint(parts.mean(axis=(2, 4)))
-        start, goal = ((place + half) / factor - half for place in (self.start, self.goal))
+        half = np.float32(0.5)
+        start = (self.start + half) / factor - half
+        goal = (self.goal + half) / factor - half
         return replace(self, planes=small, start=start, goal=goal)
 
     def pick(self, queries: NDArray[np.generic] | range) -> "Samples":
@@ -99,7 +95,7 @@ def make_dataset(
     *,
     workers: int | None = None,
     make: Callable[[Recipe, Sequence[Dem], Sequence[int]], Shards] | None = None,
-    progress: Callable[[int], object] = lambda done: None,
+    progress: Progress = ignore,
 ) -> dict[str, int]:
     """Write what is missing of a data set; numbers of ``shards``, ``maps``, ``queries``, and of all
     shards (``of``).
@@ -115,27 +111,36 @@ def make_dataset(
     """
     missing = [i for i in range(recipe.shards) if not _shard_path(folder, i).exists()]
     tiles = read_terrain(recipe) if missing else []
-    if sides := left_out(recipe, tiles):
-        names = " and ".join(f"{side}²" for side in sides)
+    fitting = poolings(recipe, tiles)
+    names = [f"{recipe.size * each[0]}²" for each in recipe.poolings if each not in fitting]
+    if names:
         warnings.warn(
-            f"the terrain has no room for maps of {names} cells: they are left out", stacklevel=2
+            f"the terrain has no room for maps of {' and '.join(names)} cells: they are left out",
+            stacklevel=2,
         )
     make_folder(folder)
     _claim(recipe, folder)
+
     done = recipe.shards - len(missing)
     progress(done)
     made = make(recipe, tiles, missing) if make else _shards_here(recipe, tiles, missing, workers)
-    with closing(made):
-        for index, content in made:
-            write_whole(_shard_path(folder, index), content)
-            done += 1
-            progress(done)
-    maps_in, queries_in = ("heights", "factor") if recipe.known else ("planes", "map_index")
-    counts = [
-        (len(shard[maps_in]), len(shard[queries_in])) for shard in read_shards(folder, recipe)
-    ]
-    maps, queries = (sum(each) for each in zip(*counts, strict=True)) if counts else (0, 0)
-    return {"shards": len(counts), "of": recipe.shards, "maps": maps, "queries": queries}
+    try:
+        with closing(made):
+            for index, content in made:
+                write_whole(_shard_path(folder, index), content)
+                done += 1
+                progress(done)
+    finally:
+        if not any(folder.glob("shard-*.npz")):  # a recipe alone is no part of a data set
+            (folder / RECIPE_FILE).unlink(missing_ok=True)
+
+    of_map, of_query = ("heights", "factor") if recipe.known else ("planes", "map_index")
+    counts = {"shards": 0, "of": recipe.shards, "maps": 0, "queries": 0}
+    for shard in read_shards(folder, recipe):
+        counts["shards"] += 1
+        counts["maps"] += len(shard[of_map])
+        counts["queries"] += len(shard[of_query])
+    return counts
 
 
 def read_shards(folder: Path, recipe: Recipe) -> Iterator[Arrays]:
@@ -143,119 +148,110 @@ def read_shards(folder: Path, recipe: Recipe) -> Iterator[Arrays]:
     another recipe.
     """
     for path in sorted(folder.glob("shard-*.npz")):
+        wanted = f"{path}: wanted a shard of this data set, got a file that is none"
         with (
-            refused_as(
-                DataSetError, f"{path}: wanted a shard of this data set, got a file that is none"
-            ),
+            refused_as(DataSetError, wanted),
             path.open("rb") as file,
             np.load(file, allow_pickle=False) as content,
         ):
-            shard = {name: content[name] for name in content.files}
+            shard = dict(content)
             _check_shard(shard, recipe)
         yield shard
 
 
+_LAYOUT = {
+    "planes": ("u1", "M2SS"),
+    "workload": ("<U", "M"),
+    "pooling": ("<i4", "M"),
+    "map_index": ("<i4", "Q"),
+    "start": ("<f4", "Q2"),
+    "goal": ("<f4", "Q2"),
+    "excess": ("u1", "QBB"),
+    "on_path": ("u1", "QBP"),
+}
+_KNOWN_LAYOUT = {
+    "heights": ("<f4", "MSS"),
+    "answers": ("u1", "M3SS"),
+    "factor": ("<i4", "M"),
+    **dict.fromkeys(("cell_size_m", "slope_limit_deg", "hard_slope_deg"), ("<f4", "M")),
+}
+"""Type and shape of each array of a shard: M maps, Q queries, S cells and B blocks to a side, P
+bytes of B bits.
+"""
+
+
 def _check_shard(shard: Arrays, recipe: Recipe) -> None:
     """KeyError or ValueError where a shard's arrays are not those that the recipe makes."""
-    side = recipe.size
-    blocks = recipe.blocks
-    maps = len(shard["heights" if recipe.known else "planes"])
-    queries = 0 if recipe.known else len(shard["map_index"])
-    wanted: dict[str, tuple[str, tuple[int, ...]]] = {
-        "planes": ("u1", (maps, 2, side, side)),
-        "workload": ("U", (maps,)),
-        "pooling": ("i4", (maps,)),
-        "map_index": ("i4", (queries,)),
-        "start": ("f4", (queries, 2)),
-        "goal": ("f4", (queries, 2)),
-        "excess": ("u1", (queries, blocks, blocks)),
-        "on_path": ("u1", (queries, blocks, blocks // 8)),
-    }
-    if recipe.known:
-        wanted = dict.fromkeys(
-            ("cell_size_m", "slope_limit_deg", "hard_slope_deg"), ("f4", (maps,))
-        )
-        wanted |= {
-            "heights": ("f4", (maps, side, side)),
-            "answers": ("u1", (maps, ANSWERS, side, side)),
-        }
-        wanted["factor"] = "i4", (maps,)
-    for name, (dtype, shape) in wanted.items():
-        got = shard[name]
-        fits = got.dtype.kind == "U" if dtype == "U" else got.dtype == np.dtype(dtype)
-        if got.shape != shape or not fits:
-            raise ValueError(f"{name} is {got.shape} {got.dtype}, not {shape} {dtype}")
-    if recipe.known:
-        return
-    ends = np.stack([shard["start"], shard["goal"]]).astype(np.float32)
-    numbers = shard["map_index"].astype(np.int32)
-    if not (
-        queries
-        and set(numbers.tolist()) <= set(range(maps))
-        and ((ends > -1) & (ends < side)).all()
-    ):
-        raise ValueError("its queries do not lie on its maps")
+    layout = _KNOWN_LAYOUT if recipe.known else _LAYOUT
+    sides = {"S": recipe.size, "B": recipe.blocks, "P": recipe.blocks // 8, "2": 2, "3": ANSWERS}
+    for name, (kind, letters) in layout.items():
+        found = shard[name]
+        # the first array to name a number of maps or queries sets it
+        shape = [sides.setdefault(*pair) for pair in zip(letters, found.shape, strict=True)]
+        if [*found.shape] != shape or not found.dtype.str.removeprefix("|").startswith(kind):
+            raise ValueError(f"{name} is {found.shape} {found.dtype}, not {shape} {kind}")
+    if not recipe.known:
+        ends = np.stack([shard["start"], shard["goal"]]).astype(np.float32)
+        inside = (ends > -1) & (ends < recipe.size)
+        numbers = set(shard["map_index"].tolist())
+        if not (numbers and numbers <= set(range(sides["M"])) and inside.all()):
+            raise ValueError("its queries do not lie on its maps")
 
 
 def read_known(folder: Path) -> KnownMaps:
-    """All maps of a data set that are known by their blocks; DataSetError where it cannot be read,
-    or has none.
-    """
+    """Read all maps of a data set that are known by their blocks; DataSetError where it cannot be
+    read, or has none."""
     recipe = read_recipe(folder)
     if not recipe.known:
         raise DataSetError(
             f"{folder}: wanted maps that are known by their blocks (dataset --known), got others"
         )
-    shards = list(read_shards(folder, recipe))
-    if not shards:
-        raise DataSetError(f"{folder}: wanted at least one shard, got none")
-    return KnownMaps(
-        *(np.concatenate([shard[field.name] for shard in shards]) for field in fields(KnownMaps))
-    )
+    return _joined(KnownMaps, folder, read_shards(folder, recipe))
 
 
 def read_recipe(folder: Path) -> Recipe:
     """The recipe in a data set's folder; DataSetError if there is none."""
-    try:
+    wanted = f"{folder}: wanted a data set's folder with {RECIPE_FILE}"
+    with refused_as(DataSetError, wanted):
         stored = msgspec.json.decode((folder / RECIPE_FILE).read_bytes(), type=dict[str, object])
         for former in ("allow_vrt", "vertical_scale"):  # older versions wrote them
             stored.pop(former, None)
-        if (of := stored.pop("format", None)) == FORMAT:
-            return msgspec.convert(stored, Recipe)
-    except (OSError, RecursionError, ValueError, msgspec.MsgspecError) as error:
-        raise DataSetError(
-            f"{folder}: wanted a data set's folder with {RECIPE_FILE}, got {error}"
-        ) from error
-    raise DataSetError(f"{folder}: wanted a data set of format {FORMAT}, got {of!r}")
+        of = stored.pop("format", None)
+        if of != FORMAT:
+            raise DataSetError(f"{folder}: wanted a data set of format {FORMAT}, got {of!r}")
+        return msgspec.convert(stored, Recipe)
 
 
 def read_samples(folder: Path, most_maps: int | None = None, *, size: int | None = None) -> Samples:
-    """All samples of a data set (or of its first shards, up to `most_maps`), averaged down to maps
-    of `size`.
+    """Read all samples of a data set (or of its first shards, up to `most_maps`), averaged down to
+    maps of `size`.
 
-    DataSetError where the set cannot be read, or has no maps of that size.
-    """
+    DataSetError where the set cannot be read, or has no maps of that size."""
     recipe = read_recipe(folder)
     if recipe.known:
         raise DataSetError(
             f"{folder}: wanted maps with queries, got maps that are known by their blocks"
         )
-    parts: list[Samples] = []
+    names = [field.name for field in fields(Samples)]
+    parts: list[Arrays] = []
     maps = 0
     for shard in read_shards(folder, recipe):
-        part = Samples.of({**shard, "map_index": shard["map_index"] + maps})
+        shard["map_index"] = shard["map_index"].astype(np.int32) + maps
+        part = Samples(*(shard[name] for name in names))  # type: ignore[arg-type]  # checked by _check_shard
         maps += len(part.planes)
-        parts.append(part.averaged(size or recipe.size))
+        parts.append(vars(part.averaged(size or recipe.size)))
         if most_maps is not None and maps >= most_maps:
             break
+    return _joined(Samples, folder, parts)
+
+
+def _joined(kind: type[T], folder: Path, shards: Iterable[Arrays]) -> T:
+    """One record with the arrays of all shards; DataSetError where there is none."""
+    parts = list(shards)
     if not parts:
         raise DataSetError(f"{folder}: wanted at least one shard, got none")
-    return Samples(
-        *(
-            np.concatenate([getattr(part, field.name) for part in parts])
-            for field in fields(Samples)
-        )
-    )
+    names = [field.name for field in fields(kind)]  # type: ignore[arg-type]  # a dataclass
+    return kind(*(np.concatenate([part[name] for part in parts]) for name in names))
 
 
 def _claim(recipe: Recipe, folder: Path) -> None:
@@ -281,10 +277,14 @@ _tiles: Sequence[Dem]
 
 
 def _shards_here(
-    recipe: Recipe, tiles: Sequence[Dem], indices: Sequence[int], workers: int | None
+    recipe: Recipe,
+    tiles: Sequence[Dem],
+    indices: Sequence[int],
+    workers: int | None,
 ) -> Shards:
-    context = multiprocessing.get_context("spawn")
+    """Make shards in processes of this machine."""
     workers = workers or len(os.sched_getaffinity(0))
+    context = multiprocessing.get_context("spawn")
     with ProcessPoolExecutor(workers, context, _start_worker, (recipe, tiles)) as pool:
         try:
             for job in as_completed([pool.submit(_make_here, i) for i in indices]):

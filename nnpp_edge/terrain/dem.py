@@ -13,13 +13,13 @@ import numpy as np
 import numpy.typing as npt
 
 from nnpp_edge.runtime.arrays import Float2D, unmasked
-from nnpp_edge.runtime.cells import Rectangle
+from nnpp_edge.runtime.cells import Rectangle, Shape
 from nnpp_edge.runtime.errors import InvalidQueryError, TerrainError
 from nnpp_edge.runtime.map.along import heights_at
 from nnpp_edge.runtime.reading import problem_with_file, refused_as
 from nnpp_edge.terrain.array_files import check_grid, known_heights, metres, read_arrays
 from nnpp_edge.terrain.coordinates import cell_on_ground
-from nnpp_edge.terrain.georeference import Georeference, Place, check_sides
+from nnpp_edge.terrain.georeference import Georeference, Place, Sides, check_sides
 from nnpp_edge.terrain.rasters import Raster, opened_raster, read_raster
 
 ARRAY_ENDINGS = (".npy", ".npz")
@@ -53,7 +53,7 @@ class Dem(Place):
         self.check_place()
 
     @property
-    def shape(self) -> tuple[int, int]:
+    def shape(self) -> Shape:
         rows, cols = self.elevation.shape
         return rows, cols
 
@@ -158,21 +158,21 @@ def read_dem(path: Path | str, cell_size_m: float | None = None) -> Dem:
 @contextmanager
 def checked_file(path: Path) -> Iterator[None]:
     """Refuse what is no file; whatever is raised meanwhile becomes a TerrainError."""
-    if (problem := problem_with_file(path)) is not None:
+    problem = problem_with_file(path)
+    if problem is not None:
         raise TerrainError(f"{path}: wanted a file with an elevation map ({problem})")
-    with refused_as(
-        TerrainError, f"{path}: wanted an elevation map, got a file that cannot be read"
-    ):
+    wanted = f"{path}: wanted an elevation map, got a file that cannot be read"
+    with refused_as(TerrainError, wanted):
         yield
 
 
 def cell_sides(
     path: Path,
     shape: tuple[int, ...],
-    cell: tuple[float, float] | None,
+    cell: Sides | None,
     place: Georeference | None,
     wanted: float | None,
-) -> tuple[float, float]:
+) -> Sides:
     """A cell's (size, width): the file's or its ground's, or of the size that was asked for;
     TerrainError without.
     """
@@ -231,11 +231,11 @@ class DemWindows(Place):
         self.check_place()
 
     @property
-    def shape(self) -> tuple[int, int]:
+    def shape(self) -> Shape:
         return self.raster.shape
 
     @property
-    def block(self) -> tuple[int, int]:
+    def block(self) -> Shape:
         """Rows and columns of a stored block."""
         return self.raster.block
 
@@ -248,7 +248,7 @@ class DemWindows(Place):
         return heights if self.scale == 1.0 else metres(heights, self.scale)
 
 
-def size_of(path: Path) -> tuple[int, int] | None:
+def size_of(path: Path) -> Shape | None:
     """Rows and columns of a raster, by its header; None for a file that only `read_dem` reads, or
     none at all.
     """
@@ -274,15 +274,17 @@ def open_dem(
     with ExitStack() as stack:
         with checked_file(path):
             raster = stack.enter_context(opened_raster(path, by_windows=True))
-            row_of_blocks = (
-                raster.block[0] * max(raster.shape[1], raster.block[1]) * raster.dtype.itemsize
-            )
-            if (text := raster.driver == "AAIGrid") or row_of_blocks > _MOST_BLOCK_BYTES:
-                stored = "as text" if text else "in blocks of {} × {} cells".format(*raster.block)
+            high, wide = raster.block
+            row_of_blocks = high * max(raster.shape[1], wide) * raster.dtype.itemsize
+            stored = ""
+            if raster.driver == "AAIGrid":
+                stored = "as text"
+            elif row_of_blocks > _MOST_BLOCK_BYTES:
+                stored = f"in blocks of {high} × {wide} cells"
+            if stored:
                 raise TerrainError(
                     f"{path}: wanted a raster that can be read by windows, got one stored "
-                    f"{stored}: "
-                    "make it tiled with gdal_translate -of COG"
+                    f"{stored}: make it tiled with gdal_translate -of COG"
                 )
             georeference = raster.place()
         size, width = cell_sides(path, raster.shape, None, georeference, cell_size_m)

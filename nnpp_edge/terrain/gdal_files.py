@@ -23,7 +23,8 @@ _TIFF_STARTS = (b"II*\0", b"MM\0*", b"II+\0", b"MM\0+")
 _PLAIN_STARTS = (*_TIFF_STARTS, b"EHFA_HEADER_TAG")
 """Of TIFF, BigTIFF and Erdas files."""
 _XML_FORMATS = re.compile(
-    rb"<(VRTDataset|GDAL\w*Dataset|GDAL_W\w+|WCS_GDAL|MRF_META)", re.IGNORECASE
+    rb"<(VRTDataset|GDAL\w*Dataset|GDAL_W\w+|WCS_GDAL|MRF_META)",
+    re.IGNORECASE,
 )
 """GDAL looks for some of these anywhere in a file's head, whatever the file begins with."""
 _SIDECARS = (".msk", ".ovr", ".aux", ".rrd")
@@ -41,35 +42,37 @@ def openable(path: Path) -> Path:
     if path.suffix.lower() in _RECORDINGS:
         hint = "`GridMap` of nnpp_edge.ros.maps makes an .npz of one (docs/how-to-maps.md)"
         raise TerrainError(f"{path}: wanted an elevation map, got a recording of messages; {hint}")
-    endings = (".lbl", ".LBL") if path.suffix.lower() == ".img" else ()
-    # GDAL takes names in a file as they stand where the file's own has no folder: `/vsicurl/…`,
-    # say.
-    opened = next(
-        (label for end in endings if (label := path.with_suffix(end)).is_file()), path
-    ).absolute()
+    opened = path
+    if path.suffix.lower() == ".img":
+        labels = [path.with_suffix(ending) for ending in (".lbl", ".LBL")]
+        opened = next(filter(Path.is_file, labels), path)
+    # GDAL takes names in a file as they stand where the file's own has no folder: `/vsicurl/…`, say
+    opened = opened.absolute()
+
     head = _head(opened)
     if head.lstrip(b"\xef\xbb\xbf \t\r\n").startswith(b"<"):
         hint = "; gdal_translate -of COG makes a GeoTIFF of a VRT" if b"<VRTDataset" in head else ""
         raise TerrainError(f"{path}: wanted {FORMATS}, got XML that names other files{hint}")
     if b"PDS_VERSION_ID" in head:
         end = _LABEL_END.search(head)
-        if (
-            end is None or b"COMPRESSED_FILE" in head[: end.start()].upper()
-        ):  # GDAL opens that with any driver
+        # GDAL opens a compressed file with any driver
+        if end is None or b"COMPRESSED_FILE" in head[: end.start()].upper():
             raise TerrainError(
                 f"{path}: wanted a PDS3 label of at most 1 MiB of an image that is not compressed"
             )
-    if head.startswith(
-        _TIFF_STARTS
-    ):  # libtiff would print on stderr where the first directory lies beyond the end
-        big = b"+" in head[2:4]
-        order = "little" if head.startswith(b"II") else "big"
-        if int.from_bytes(head[8:16] if big else head[4:8], order) >= opened.stat().st_size:  # type: ignore[arg-type]
-            raise TerrainError(
-                f"{path}: wanted a whole TIFF, got one whose first directory lies beyond its end"
-            )
+    # libtiff would print on stderr
+    if head.startswith(_TIFF_STARTS) and _first_directory(head) >= opened.stat().st_size:
+        raise TerrainError(
+            f"{path}: wanted a whole TIFF, got one whose first directory lies beyond its end"
+        )
     _check_sidecars(path, opened)
     return opened
+
+
+def _first_directory(head: bytes) -> int:
+    """Where a TIFF or BigTIFF file says that its first directory begins."""
+    place = head[8:16] if b"+" in head[2:4] else head[4:8]
+    return int.from_bytes(place, "little" if head.startswith(b"II") else "big")
 
 
 def _check_sidecars(path: Path, opened: Path) -> None:
@@ -78,13 +81,13 @@ def _check_sidecars(path: Path, opened: Path) -> None:
     """
     start = f"{opened.stem.lower()}."
     for other in opened.parent.iterdir():
-        if other.suffix.lower() in _SIDECARS and other.name.lower().startswith(start):
-            head = _head(other)
-            if not head.startswith(_PLAIN_STARTS) or _XML_FORMATS.search(head):
-                raise TerrainError(
-                    f"{path}: wanted a plain raster in {other.name} beside it, got another kind "
-                    "of file"
-                )
+        if other.suffix.lower() not in _SIDECARS or not other.name.lower().startswith(start):
+            continue
+        head = _head(other)
+        if not head.startswith(_PLAIN_STARTS) or _XML_FORMATS.search(head):
+            raise TerrainError(
+                f"{path}: wanted a plain raster in {other.name} beside it, got another kind of file"
+            )
 
 
 def _head(path: Path) -> bytes:

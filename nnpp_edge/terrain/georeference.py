@@ -4,7 +4,13 @@ import math
 from dataclasses import dataclass
 from pathlib import Path
 
+from nnpp_edge.runtime.cells import Cell, Shape
 from nnpp_edge.runtime.errors import InvalidQueryError, TerrainError
+
+Point = tuple[float, float]
+"""(x, y) in the coordinates of a map."""
+Sides = tuple[float, float]
+"""(size, width) of a cell in metres: along a column and along a row."""
 
 _FARTHEST = 2.0**53
 """Cells from the map's corner: whole numbers up to here are floats."""
@@ -25,14 +31,14 @@ class Georeference:
     crs: str | None
     transform: tuple[float, float, float, float, float, float]
 
-    def map_coordinates(self, row: float, col: float) -> tuple[float, float]:
+    def map_coordinates(self, row: float, col: float) -> Point:
         """Map coordinates (x, y) of the centre of cell (row, col), in the units of `crs`."""
         a, b, c, d, e, f = self.transform
         row = row + 0.5
         col = col + 0.5
         return a * col + b * row + c, d * col + e * row + f
 
-    def cell_of(self, x: float, y: float) -> tuple[int, int]:
+    def cell_of(self, x: float, y: float) -> Cell:
         """Cell (row, col) that holds the map point (x, y); it may lie outside the map.
 
         Raises InvalidQueryError where x or y is not finite, or so far away that its cell has no
@@ -65,7 +71,7 @@ class Place:
     """The file, for messages."""
 
     @property
-    def shape(self) -> tuple[int, int]:
+    def shape(self) -> Shape:
         """Rows and columns."""
         raise NotImplementedError
 
@@ -73,16 +79,16 @@ class Place:
         """TerrainError for cells without a size, or that lie nowhere."""
         check_sides(self.source, self.cell_size_m, self.cell_width_m)
         corners = [self.map_coordinates(*at) for at in ((0, 0), self.shape)]
-        if not all(math.isfinite(number) for corner in corners for number in corner):
+        if not all(map(math.isfinite, corners[0] + corners[1])):
             raise TerrainError(
                 f"{self.source}: wanted corners with finite coordinates, got {corners}"
             )
 
-    def map_coordinates(self, row: float, col: float) -> tuple[float, float]:
+    def map_coordinates(self, row: float, col: float) -> Point:
         """As `Georeference.map_coordinates`."""
         return self.located.map_coordinates(row, col)
 
-    def cell_of(self, x: float, y: float) -> tuple[int, int]:
+    def cell_of(self, x: float, y: float) -> Cell:
         """As `Georeference.cell_of`."""
         return self.located.cell_of(x, y)
 
@@ -93,9 +99,8 @@ class Place:
         """
         size = self.cell_size_m
         width = self.cell_width_m
-        return self.georeference or Georeference(
-            None, (width, 0.0, -0.5 * width, 0.0, size, -0.5 * size)
-        )
+        own = Georeference(None, (width, 0.0, -0.5 * width, 0.0, size, -0.5 * size))
+        return self.georeference or own
 
 
 def check_sides(source: Path, *sides: float) -> None:

@@ -9,6 +9,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from nnpp_edge.runtime.arrays import Float2D
 from nnpp_edge.runtime.network.unseen import expected_by_slope
 from nnpp_edge.runtime.terrain.traversability import Traversability, terrain_terms
 from nnpp_edge.runtime.tuning import SlopePrice
@@ -16,24 +17,23 @@ from nnpp_edge.runtime.tuning import SlopePrice
 CERTAIN = 254
 """The number stored for an answer of 1: even, as ways across a block are counted in halves."""
 _SPREADS = np.linspace(0.02, 0.3, 57)
-Floats = NDArray[np.float32]
 
 
 @dataclass(frozen=True)
 class KnownMaps:
     """M maps of B × B blocks, each of `factor` × `factor` cells."""
 
-    heights: Floats
+    heights: Float2D
     """(M, B, B) mean elevation, metres relative to the map's mean."""
     answers: NDArray[np.uint8]
     """(M, 3, B, B) of each block, 1 as `CERTAIN`: mean T of its cells, impassable ones as 1;
     share of impassable cells; of the ways across it, down and to the side, the share that these
     close."""
     factor: NDArray[np.int32]
-    cell_size_m: Floats
+    cell_size_m: Float2D
     """(M,) side of a cell."""
-    slope_limit_deg: Floats
-    hard_slope_deg: Floats
+    slope_limit_deg: Float2D
+    hard_slope_deg: Float2D
     """(M,) limits of the slope; inf for none."""
 
     def __len__(self) -> int:
@@ -42,72 +42,77 @@ class KnownMaps:
     def limits(self, at: int) -> Traversability:
         """Those of the slope of one map."""
         return Traversability(
-            float(self.slope_limit_deg[at]), hard_slope_deg=float(self.hard_slope_deg[at])
+            float(self.slope_limit_deg[at]),
+            hard_slope_deg=float(self.hard_slope_deg[at]),
         )
 
     def pick(self, maps: slice) -> "KnownMaps":
         """Some of the maps."""
         return KnownMaps(*(getattr(self, field.name)[maps] for field in fields(self)))
 
-    def wanted(self, at: int) -> Floats:
+    def wanted(self, at: int) -> Float2D:
         """The answers wanted for one map: (3, B, B) float32."""
-        wanted: Floats = self.answers[at] / np.float32(CERTAIN)
+        wanted: Float2D = self.answers[at] / np.float32(CERTAIN)
         return wanted
 
 
 def known_map(
-    elevation: Floats, cost: Floats, cell_size_m: float, limits: Traversability, factor: int
+    elevation: Float2D,
+    cost: Float2D,
+    cell_size_m: float,
+    limits: Traversability,
+    factor: int,
 ) -> tuple[object, ...]:
     """The fields of `KnownMaps` for one map."""
-    blocked = ~(cost < 1.0)
     side = len(elevation) // factor
-    of_blocks = (side, factor, side, factor)
-    heights = elevation.reshape(of_blocks).mean(axis=(1, 3))
-    shares = (np.where(blocked, np.float32(1.0), cost), blocked.astype(np.float32))
-    answers = np.stack(
-        [*(each.reshape(of_blocks).mean(axis=(1, 3)) for each in shares), _closed(blocked, factor)]
-    )
-    known = np.rint(CERTAIN * answers).astype(np.uint8), np.int32(factor), np.float32(cell_size_m)
+    blocked = ~(cost < 1.0)
+    layers = np.stack([elevation, np.where(blocked, np.float32(1.0), cost), blocked])
+    means = layers.reshape(3, side, factor, side, factor).mean(axis=(2, 4))
+    answers = np.stack([*means[1:], _closed(blocked, factor)])
     return (
-        heights - heights.mean(),
-        *known,
+        means[0] - means[0].mean(),
+        np.rint(CERTAIN * answers).astype(np.uint8),
+        np.int32(factor),
+        np.float32(cell_size_m),
         np.float32(limits.slope_limit_deg),
         np.float32(limits.hard_slope_deg),
     )
 
 
-def _closed(blocked: NDArray[np.bool_], factor: int) -> Floats:
+def _closed(blocked: NDArray[np.bool_], factor: int) -> Float2D:
     """Of the two ways across each block, within it, the share that is closed."""
     side = len(blocked) // factor
     blocks = blocked.reshape(side, factor, side, factor).swapaxes(1, 2)
     closed = np.zeros((side, side), np.float32)
     for row, col in np.argwhere(blocks.any(axis=(2, 3))):
-        _, pieces = cv2.connectedComponents((~blocks[row, col]).astype(np.uint8), connectivity=8)
-        for first, last in ((pieces[0], pieces[-1]), (pieces[:, 0], pieces[:, -1])):
-            closed[row, col] += 0.0 if np.intersect1d(first[first > 0], last).size else 0.5
+        free = (~blocks[row, col]).astype(np.uint8)
+        _, pieces = cv2.connectedComponents(free, connectivity=8)
+        for across in (pieces, pieces.T):
+            first = across[0]
+            if not np.intersect1d(first[first > 0], across[-1]).size:
+                closed[row, col] += 0.5
     return closed
 
 
 def fitted_slope(maps: KnownMaps) -> SlopePrice:
-    """The numbers of `expected_by_slope` that fit these maps best, by least squares."""
-    shares = list[Floats]()
-    means = list[Floats]()
-    over = list[Floats]()
-    for at in range(len(maps)):
+    """Fit the numbers of `expected_by_slope` to these maps, by least squares."""
+    shares = []
+    means = []
+    errors = []
+    for at, answers in enumerate(maps.answers / np.float32(CERTAIN)):
         limits = maps.limits(at)
         factor = int(maps.factor[at])
-        slope = terrain_terms(maps.heights[at], float(maps.cell_size_m[at]) * factor)[0]
-        answers = maps.wanted(at)
+        block_m = float(maps.cell_size_m[at]) * factor
+        slope = terrain_terms(maps.heights[at], block_m)[0]
         shares.append(np.minimum(slope / math.radians(limits.slope_limit_deg), 1.0).ravel())
         means.append(answers[0].ravel())
         if limits.hard_slope_deg < math.inf:
-            errors = [
-                expected_by_slope(slope, limits, factor, SlopePrice(0.0, 0.0, s))[1]
-                for s in _SPREADS
-            ]
-            over.append(
-                np.array([((each - answers[1]) ** 2).mean() for each in errors], np.float32)
-            )
+            of_spreads = []
+            for spread in _SPREADS:
+                price = SlopePrice(0.0, 0.0, spread)
+                blocked = expected_by_slope(slope, limits, factor, price)[1]
+                of_spreads.append(np.float32(((blocked - answers[1]) ** 2).mean()))
+            errors.append(of_spreads)
     gain, floor = np.polyfit(np.concatenate(shares), np.concatenate(means), 1)
-    spread = float(_SPREADS[np.mean(over, axis=0).argmin()]) if over else SlopePrice().spread
-    return SlopePrice(round(float(floor), 3), round(float(gain), 3), round(spread, 3))
+    spread = _SPREADS[np.mean(errors, axis=0).argmin()] if errors else SlopePrice().spread
+    return SlopePrice(*(round(float(number), 3) for number in (floor, gain, spread)))

@@ -5,8 +5,8 @@ from collections.abc import Collection, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from nnpp_edge.runtime.arrays import Float2D
-from nnpp_edge.runtime.cells import Cell, Rectangle, apart
+from nnpp_edge.runtime.arrays import Cells, Float2D
+from nnpp_edge.runtime.cells import Cell, Rectangle, Shape, apart
 
 OBSTACLE = 1.0
 """Traversability cost of an obstacle: impassable (the paper's)."""
@@ -38,7 +38,7 @@ class Obstacles:
 
     def __init__(
         self,
-        shape: tuple[int, int],
+        shape: Shape,
         rng: np.random.Generator,
         *,
         value: float = OBSTACLE,
@@ -50,7 +50,7 @@ class Obstacles:
         self._clear = clear
         self.blocks: list[Rectangle] = []
 
-    def one_event(self, robot: Cell, goal: Cell, path: NDArray[np.int32]) -> list[Rectangle]:
+    def one_event(self, robot: Cell, goal: Cell, path: Cells) -> list[Rectangle]:
         """One obstacle appears, moves or vanishes; the parts of the map that change, none where no
         place was free.
         """
@@ -72,7 +72,7 @@ class Obstacles:
         blocks[at] = new
         return [old, new]
 
-    def next_scene(self, robot: Cell, goal: Cell, path: NDArray[np.int32]) -> None:
+    def next_scene(self, robot: Cell, goal: Cell, path: Cells) -> None:
         """The paper's scene between two plans: some vanish, some move on, and one more appears
         across the path.
         """
@@ -80,13 +80,17 @@ class Obstacles:
         kept = []
         for block in self.blocks:
             fate = rng.random()
-            if fate >= _VANISHES:
-                kept.append(
-                    self._moved(block, block[2], block[3]) if fate < _VANISHES + _MOVES else block
-                )
-        side = max(self.shape)
-        rows, cols = (min(max(int(rng.uniform(*_SIDES) * side), 2), n) for n in self.shape)
-        kept.append(self._around(path[int(rng.uniform(*_ON_PATH) * (len(path) - 1))], rows, cols))
+            if fate < _VANISHES:
+                continue
+            if fate < _VANISHES + _MOVES:
+                block = self._moved(block, block[2], block[3])
+            kept.append(block)
+        sides = []
+        for n in self.shape:
+            side = int(rng.uniform(*_SIDES) * max(self.shape))
+            sides.append(min(max(side, 2), n))
+        at = int(rng.uniform(*_ON_PATH) * (len(path) - 1))
+        kept.append(self._around(path[at], *sides))
         self.blocks = [block for block in kept if not self._near(block, robot, goal)]
 
     def clear_of(self, cell: Cell) -> list[Rectangle]:
@@ -99,26 +103,32 @@ class Obstacles:
         """A copy of a part of the ground with the obstacles on it."""
         return covered(ground, part, self.blocks, self._value)
 
-    def _new(self, path: NDArray[np.int32]) -> Rectangle:
+    def _new(self, path: Cells) -> Rectangle:
         rng = self._rng
         least = min(2, *self.shape)
         most = max(max(self.shape) // 12, 2)
         rows, cols = (min(int(rng.integers(least, most + 1)), n) for n in self.shape)
         if len(path) > 2 and rng.random() < _ACROSS_THE_PATH:
-            return self._around(path[int(rng.integers(1, len(path) - 1))], rows, cols)
-        return self._around(rng.integers(0, self.shape), rows, cols)
+            middle = path[int(rng.integers(1, len(path) - 1))]
+        else:
+            middle = rng.integers(0, self.shape)
+        return self._around(middle, rows, cols)
 
     def _around(self, middle: NDArray[np.integer], rows: int, cols: int) -> Rectangle:
         """An obstacle of this size around a cell, moved inside the map."""
-        return self._inside(int(middle[0]) - rows // 2, int(middle[1]) - cols // 2, rows, cols)
+        row, col = middle.tolist()
+        return self._inside(row - rows // 2, col - cols // 2, rows, cols)
 
     def _moved(self, block: Rectangle, most_rows: int, most_cols: int) -> Rectangle:
-        down, across = (int(self._rng.integers(-most, most + 1)) for most in (most_rows, most_cols))
-        return self._inside(block[0] + down, block[1] + across, *block[2:])
+        row, col, rows, cols = block
+        row += int(self._rng.integers(-most_rows, most_rows + 1))
+        col += int(self._rng.integers(-most_cols, most_cols + 1))
+        return self._inside(row, col, rows, cols)
 
     def _inside(self, row: int, col: int, rows: int, cols: int) -> Rectangle:
-        height, width = self.shape
-        return min(max(row, 0), height - rows), min(max(col, 0), width - cols), rows, cols
+        row = min(max(row, 0), self.shape[0] - rows)
+        col = min(max(col, 0), self.shape[1] - cols)
+        return row, col, rows, cols
 
     def _near(self, block: Rectangle, *cells: Cell) -> bool:
         """Whether an obstacle is nearer to one of the cells than allowed."""
@@ -126,7 +136,10 @@ class Obstacles:
 
 
 def covered(
-    ground: Float2D, part: Rectangle, blocks: Collection[Rectangle], value: float = OBSTACLE
+    ground: Float2D,
+    part: Rectangle,
+    blocks: Collection[Rectangle],
+    value: float = OBSTACLE,
 ) -> Float2D:
     """A copy of a part of the ground with obstacles of this value on it; they may reach beyond the
     map.
@@ -144,6 +157,6 @@ def changed_parts(before: Sequence[Rectangle], after: Sequence[Rectangle]) -> li
     """Where the map changes when obstacles become others: those that leave, then those
     that come.
     """
-    return [block for block in before if block not in after] + [
-        block for block in after if block not in before
-    ]
+    left = [block for block in before if block not in after]
+    came = [block for block in after if block not in before]
+    return left + came

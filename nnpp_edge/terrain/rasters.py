@@ -11,7 +11,7 @@ import warnings
 import zlib
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from functools import partial
+from itertools import product
 from pathlib import Path
 from types import ModuleType
 from typing import TYPE_CHECKING, cast
@@ -21,7 +21,7 @@ import numpy.typing as npt
 
 from nnpp_edge.runtime.arrays import Float2D, unmasked
 from nnpp_edge.runtime.bands import in_bands
-from nnpp_edge.runtime.cells import Rectangle
+from nnpp_edge.runtime.cells import Cell, Rectangle, Shape
 from nnpp_edge.runtime.errors import OutputError, TerrainError, optional_module
 from nnpp_edge.runtime.reading import refused_as
 from nnpp_edge.runtime.tuning import THREADS_FROM
@@ -38,7 +38,8 @@ _METRES_PER_UNIT = {
     **dict.fromkeys(("km", "kilometer", "kilometre", "kilometers", "kilometres"), 1000.0),
 }
 _ASCII_HEADER = re.compile(
-    r"\A(?:\s*(?!nan|inf)[a-z]\w+[ \t]+\S+[ \t]*$)+", re.IGNORECASE | re.MULTILINE
+    r"\A(?:\s*(?!nan|inf)[a-z]\w+[ \t]+\S+[ \t]*$)+",
+    re.IGNORECASE | re.MULTILINE,
 )
 _HIGHEST_OFFSET_M = 1e5
 _TILE = 512
@@ -55,9 +56,9 @@ class Raster:
     def __init__(self, path: Path, dataset: "DatasetReader") -> None:
         self.path = path
         self.dataset = dataset
-        self.shape: tuple[int, int] = dataset.shape
+        self.shape: Shape = dataset.shape
         """Rows and columns."""
-        self.block: tuple[int, int] = dataset.block_shapes[0]
+        self.block: Shape = dataset.block_shapes[0]
         """Rows and columns of a block, which is read as one."""
         self.dtype = np.dtype(dataset.dtypes[0])
         self.driver = dataset.driver
@@ -66,16 +67,15 @@ class Raster:
         if dataset.dtypes[0].startswith("complex"):
             raise TerrainError(f"{path}: wanted a band of real numbers, got {dataset.dtypes[0]}")
         image = _pds_image(dataset)
-        name = dataset.units[0] or image.get(
-            "UNIT", ""
-        )  # GDAL passes over the unit in a PDS3 label
+        # GDAL passes over the unit in a PDS3 label
+        name = dataset.units[0] or image.get("UNIT", "")
         unit = _METRES_PER_UNIT.get(str(name).lower(), 1.0)
         offset = dataset.offsets[0] * unit
         self._scale = dataset.scales[0] * unit
         self._offset = 0.0 if abs(offset) > _HIGHEST_OFFSET_M else offset
         structure = dataset.tags(ns="IMAGE_STRUCTURE")
         self._deflated = self.driver == "GTiff" and structure.get("COMPRESSION") == "DEFLATE"
-        self._right: set[tuple[int, int]] = set()
+        self._right: set[Cell] = set()
         """Blocks whose checksums are right."""
 
     def heights(self, part: Rectangle) -> Float2D:
@@ -127,15 +127,15 @@ class Raster:
         """
         row, col, rows, cols = part
         high, wide = self.block
+        down = range(row // high, -(-(row + rows) // high))
         across = range(col // wide, -(-(col + cols) // wide))
-        blocks = {
-            (i, j) for i in range(row // high, -(-(row + rows) // high)) for j in across
-        } - self._right
-        tag = partial(self.dataset.get_tag_item, dm="TIFF", bidx=1)
-        found = [
-            (tag(f"BLOCK_OFFSET_{j}_{i}"), tag(f"BLOCK_SIZE_{j}_{i}")) for i, j in sorted(blocks)
-        ]
-        places = [(int(at), int(size)) for at, size in found if at and size]  # others were left out
+        blocks = set(product(down, across)) - self._right
+        places = []
+        for i, j in sorted(blocks):
+            at = self.dataset.get_tag_item(f"BLOCK_OFFSET_{j}_{i}", dm="TIFF", bidx=1)
+            size = self.dataset.get_tag_item(f"BLOCK_SIZE_{j}_{i}", dm="TIFF", bidx=1)
+            if at and size:  # others were left out
+                places.append((int(at), int(size)))
 
         def check(first: int, last: int) -> None:
             with self.path.open("rb") as file:
@@ -143,8 +143,9 @@ class Raster:
                     try:
                         zlib.decompress(os.pread(file.fileno(), size, at))
                     except zlib.error as error:
-                        wanted = f"{self.path}: wanted whole blocks, got a damaged one at byte {at}"
-                        raise TerrainError(wanted) from error
+                        raise TerrainError(
+                            f"{self.path}: wanted whole blocks, got a damaged one at byte {at}"
+                        ) from error
 
         if places:
             in_bands(check, 0, len(places), THREADS_FROM // 8)  # fewer are not worth threads
@@ -159,10 +160,10 @@ def opened_raster(path: Path, *, by_windows: bool = False) -> Iterator[Raster]:
     One to be read by windows keeps a row of blocks, decoded by several threads, and forgets what it
     has read before.
     """
+    opened = openable(path)
     rasterio = optional_module("rasterio", f"reading {path.name}", "geo")
     # An ASCII grid without a decimal point would be read as whole numbers, and its nan as 0.
     options = {"DATATYPE": "Float64"} if path.suffix.lower() == ".asc" else {}
-    opened = openable(path)
     if by_windows:
         options["NUM_THREADS"] = "ALL_CPUS"
     with _quiet(rasterio), _opened(rasterio, path, opened, **options) as dataset:
@@ -175,9 +176,8 @@ def opened_raster(path: Path, *, by_windows: bool = False) -> Iterator[Raster]:
             yield raster
             return
         raster.check_whole()
-        row_of_blocks = (
-            raster.block[0] * (raster.shape[1] + raster.block[1]) * raster.dtype.itemsize
-        )
+        high, wide = raster.block
+        row_of_blocks = high * (raster.shape[1] + wide) * raster.dtype.itemsize
         with rasterio.Env(GDAL_CACHEMAX=max(_LEAST_CACHE_BYTES, 5 * row_of_blocks // 2)):
             yield raster
 
@@ -187,9 +187,8 @@ def read_raster(path: Path) -> Reading:
     rasterio raises.
     """
     with opened_raster(path) as raster:
-        check_room(
-            path, raster.shape, raster.dtype, raster.dtype.itemsize * math.prod(raster.block)
-        )
+        block_bytes = raster.dtype.itemsize * math.prod(raster.block)
+        check_room(path, raster.shape, raster.dtype, block_bytes)
         raster.check_whole()
         return raster.heights((0, 0, *raster.shape)), None, raster.place()
 
@@ -218,7 +217,9 @@ def raster_bytes(path: Path, array: npt.ArrayLike, place: Place) -> bytes:
 
 @contextmanager
 def geotiff_stream(
-    path: Path, shape: tuple[int, int], place: Georeference | None
+    path: Path,
+    shape: Shape,
+    place: Georeference | None,
 ) -> Iterator[Callable[[int, Float2D], None]]:
     """A tiled GeoTIFF to be written by bands of rows: a function that takes a band's first row and
     its values.
@@ -227,25 +228,23 @@ def geotiff_stream(
     something else.
     """
     rasterio = optional_module("rasterio", f"writing {path.name}", "geo")
-    tiles = {"tiled": True, "blockxsize": _TILE, "blockysize": _TILE}
-    options = {"BIGTIFF": "IF_SAFER", "NUM_THREADS": "ALL_CPUS"}
-    written: list[tuple[int, int, int]] = []
+    options = _geotiff(rasterio, shape, place)
+    options |= {"tiled": True, "blockxsize": _TILE, "blockysize": _TILE}
+    options |= {"BIGTIFF": "IF_SAFER", "NUM_THREADS": "ALL_CPUS"}
+    written: list[tuple[tuple[Shape, Shape], int]] = []
 
     def write(row: int, values: Float2D) -> None:
-        dataset.write(values, 1, window=((row, row + len(values)), (0, shape[1])))
-        written.append((row, len(values), zlib.crc32(values.tobytes())))
+        window = ((row, row + len(values)), (0, shape[1]))
+        dataset.write(values, 1, window=window)
+        written.append((window, zlib.crc32(values.tobytes())))
 
     with _quiet(rasterio):
-        with rasterio.open(
-            path, "w", **_geotiff(rasterio, shape, place), **tiles, **options
-        ) as dataset:
+        with rasterio.open(path, "w", **options) as dataset:
             yield write
         with rasterio.open(path) as back:
-            for row, rows, checksum in written:
-                if (
-                    zlib.crc32(back.read(1, window=((row, row + rows), (0, shape[1]))).tobytes())
-                    != checksum
-                ):
+            for window, checksum in written:
+                if zlib.crc32(back.read(1, window=window).tobytes()) != checksum:
+                    row = window[0][0]
                     raise OutputError(
                         f"{path}: could not be written (rows from {row} on are not what was "
                         "written)"
@@ -253,27 +252,31 @@ def geotiff_stream(
 
 
 def _geotiff(
-    rasterio: ModuleType, shape: tuple[int, ...], place: Georeference | None
+    rasterio: ModuleType,
+    shape: tuple[int, ...],
+    place: Georeference | None,
 ) -> dict[str, object]:
     """rasterio's options for a compressed float32 GeoTIFF whose unknown cells are NaN."""
-    where = {"crs": place.crs, "transform": rasterio.Affine(*place.transform)} if place else {}
-    size = {"height": shape[0], "width": shape[1], "count": 1, "dtype": "float32"}
-    return {
+    options = {
         "driver": "GTiff",
         "compress": "deflate",
         "predictor": 3,
         "nodata": math.nan,
-        **size,
-        **where,
+        "height": shape[0],
+        "width": shape[1],
+        "count": 1,
+        "dtype": "float32",
     }
+    if place is not None:
+        options |= {"crs": place.crs, "transform": rasterio.Affine(*place.transform)}
+    return options
 
 
 def _pds_image(dataset: "DatasetReader") -> dict[str, object]:
     """The image object of a PDS3 label; empty for other files."""
     tags = dataset.tags(ns="json:PDS")
-    label = (
-        json.loads(":".join(*tags.items())) if tags else {}
-    )  # rasterio cuts the JSON at its first colon
+    # rasterio cuts the JSON at its first colon
+    label = json.loads(":".join(*tags.items())) if tags else {}
     found: dict[str, object] = label.get("IMAGE", {})
     return found
 
@@ -281,9 +284,8 @@ def _pds_image(dataset: "DatasetReader") -> dict[str, object]:
 def _opened(rasterio: ModuleType, path: Path, opened: Path, **options: object) -> "DatasetReader":
     """The raster, opened by one of `DRIVERS`: `rasterio.open` would take one driver."""
     try:
-        return cast(
-            "DatasetReader", rasterio.io.DatasetReader(str(opened), driver=list(DRIVERS), **options)
-        )
+        found = rasterio.io.DatasetReader(str(opened), driver=list(DRIVERS), **options)
+        return cast("DatasetReader", found)
     except rasterio.errors.RasterioIOError as error:
         if "not recognized" in str(error):
             raise TerrainError(
@@ -303,9 +305,8 @@ def _quiet(rasterio: ModuleType) -> Iterator[None]:
         sys.excepthook = lambda *_: None
         sys.unraisablehook = lambda _: None
         with warnings.catch_warnings(), rasterio.Env(**NO_NETWORK):
-            for kind in vars(
-                rasterio.errors
-            ).values():  # its own alone: a raster read by windows is open for long
+            # its own alone: a raster read by windows is open for long
+            for kind in vars(rasterio.errors).values():
                 if isinstance(kind, type) and issubclass(kind, Warning):
                     warnings.simplefilter("ignore", kind)
             yield

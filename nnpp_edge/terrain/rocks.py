@@ -4,11 +4,13 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
-from nnpp_edge.runtime.arrays import Float2D, as_map
+from nnpp_edge.runtime.arrays import Float2D, Floats, as_map
+from nnpp_edge.runtime.cells import Shape
 from nnpp_edge.runtime.errors import InvalidQueryError
 from nnpp_edge.runtime.terrain.traversability import sides_of
+from nnpp_edge.terrain.georeference import Sides
 
 MOST_COVER = 0.2
 """Largest share of the ground that rocks cover; the law was fitted below it."""
@@ -30,12 +32,12 @@ _AT_ONCE = 4096
 class Rocks(NamedTuple):
     """Where rocks lie, and how large they are."""
 
-    places: NDArray[np.float64]
+    places: Floats
     """(N, 2) of their middles in cells, (row, col); 0 is the middle of the first cell."""
-    diameters_m: NDArray[np.float64]
+    diameters_m: Floats
 
 
-def covered_share(cover: float, diameter_m: ArrayLike) -> NDArray[np.float64]:
+def covered_share(cover: float, diameter_m: ArrayLike) -> Floats:
     """Share of the ground that rocks of this diameter and more cover, where all rocks cover the
     share `cover`.
 
@@ -55,8 +57,8 @@ def covered_share(cover: float, diameter_m: ArrayLike) -> NDArray[np.float64]:
 
 
 def draw_rocks(
-    shape: tuple[int, int],
-    sides_m: tuple[float, float],
+    shape: Shape,
+    sides_m: Sides,
     cover: float,
     rng: np.random.Generator | int,
     diameters_m: tuple[float, float],
@@ -70,13 +72,15 @@ def draw_rocks(
         raise InvalidQueryError(f"{wanted}, got {diameters_m[0]:g} and {diameters_m[1]:g}")
     table = np.geomspace(*diameters_m, _TABLE)
     shares = covered_share(cover, table)
-    between = np.maximum(shares[:-1] - shares[1:], 0.0) / (0.25 * math.pi * table[:-1] * table[1:])
-    numbers = np.concatenate(
-        ((0.0,), np.cumsum(between))
-    )  # on a square metre, from the least diameter up to each
-    count = int(rng.poisson(numbers[-1] * math.prod(shape) * math.prod(sides_m)))
+    # on a square metre, from the least diameter up to each
+    areas = 0.25 * math.pi * table[:-1] * table[1:]
+    between = np.maximum(shares[:-1] - shares[1:], 0.0) / areas
+    numbers = np.concatenate(((0.0,), np.cumsum(between)))
+    on_map = numbers[-1] * math.prod(shape) * math.prod(sides_m)
+    count = int(rng.poisson(on_map))
     places = rng.random((count, 2)) * shape - 0.5
-    return Rocks(places, np.interp(rng.random(count) * numbers[-1], numbers, table))
+    drawn = rng.random(count) * numbers[-1]
+    return Rocks(places, np.interp(drawn, numbers, table))
 
 
 def with_rocks(
@@ -97,13 +101,12 @@ def with_rocks(
     """
     heights = as_map(dem, "dem")
     sides = sides_of(cell_size_m, cell_width_m)
-    wanted = max(_LEAST_M, _LEAST_CELLS * max(sides)), _GREATEST_M
-    return heights + rock_heights(
-        heights.shape, sides, draw_rocks(heights.shape, sides, cover, rng, wanted)
-    )
+    least = max(_LEAST_M, _LEAST_CELLS * max(sides))
+    rocks = draw_rocks(heights.shape, sides, cover, rng, (least, _GREATEST_M))
+    return heights + rock_heights(heights.shape, sides, rocks)
 
 
-def rock_heights(shape: tuple[int, int], sides_m: tuple[float, float], rocks: Rocks) -> Float2D:
+def rock_heights(shape: Shape, sides_m: Sides, rocks: Rocks) -> Float2D:
     """(H, W) metres by which rocks raise the cells of a map."""
     out = np.zeros(shape, np.float32)
     height, width = shape
@@ -119,7 +122,8 @@ def rock_heights(shape: tuple[int, int], sides_m: tuple[float, float], rocks: Ro
         away = np.abs(np.stack((row, col), axis=1) - rocks.places[rock])
         down, across = (np.maximum(away - 0.5, 0.0) * sides_m).T
         rest = radii[rock] ** 2 - down**2 - across**2
-        touched = (rest > 0.0) & (row >= 0) & (row < height) & (col >= 0) & (col < width)
+        on_map = (row >= 0) & (row < height) & (col >= 0) & (col < width)
+        touched = on_map & (rest > 0.0)
         raised = (2.0 * HEIGHT * np.sqrt(rest[touched])).astype(np.float32)
         np.maximum.at(out.reshape(-1), (row * width + col)[touched], raised)
     return out

@@ -10,12 +10,13 @@ from xml.sax.saxutils import escape
 import numpy as np
 from numpy.typing import NDArray
 
-from nnpp_edge.runtime.arrays import Float2D
+from nnpp_edge.runtime.arrays import Float2D, Floats
+from nnpp_edge.runtime.cells import Cell
 from nnpp_edge.runtime.errors import optional_module
 from nnpp_edge.runtime.map.along import Along, Line
 from nnpp_edge.terrain.coordinates import lonlat_of
 from nnpp_edge.terrain.dem import Dem
-from nnpp_edge.terrain.georeference import Place
+from nnpp_edge.terrain.georeference import Place, Point
 from nnpp_edge.terrain.vectors import geopackage_bytes
 
 _LOCAL = 'LOCAL_CS["the map\'s own metres",UNIT["metre",1]]'
@@ -35,7 +36,7 @@ class Route:
     cost: NDArray[np.float32]
     """(N,) of the cell at each of these."""
     dem: Place
-    standing: Mapping[str, NDArray[np.float64]] = field(default_factory=dict)
+    standing: Mapping[str, Floats] = field(default_factory=dict)
     """How a vehicle stands on each cell, (N,): headings, angles and clearances by name; empty for a
     point.
     """
@@ -56,10 +57,10 @@ class Route:
         """The steepest that a body stands along the path, and its least clearance; empty for a
         point.
         """
-        angles = [name for name in ("pitch_deg", "roll_deg", "tilt_deg") if name in self.standing]
-        found = {
-            f"steepest_{name}": _known(float(np.abs(self.standing[name]).max())) for name in angles
-        }
+        found = {}
+        for name in ("pitch_deg", "roll_deg", "tilt_deg"):
+            if name in self.standing:
+                found[f"steepest_{name}"] = _known(float(np.abs(self.standing[name]).max()))
         if "clearance_m" in self.standing:
             found["least_clearance_m"] = _known(float(self.standing["clearance_m"].min()))
             found["least_margin"] = _known(float(self.standing["margin"].min()))
@@ -67,42 +68,35 @@ class Route:
 
     def stands(self) -> dict[str, list[float | None]]:
         """`standing`, ready for JSON: None for what is not finite."""
-        return {
-            name: list(map(_known, numbers.tolist())) for name, numbers in self.standing.items()
-        }
+        return {name: [*map(_known, each.tolist())] for name, each in self.standing.items()}
 
     def csv(self) -> bytes:
         """A line a cell, or a point along way points, under a header; with a vehicle, how it stands
         there too.
         """
         along = self.along
-        sums = {"distance_m": along.distance_m, "ground_m": along.ground_m, "time_s": along.time_s}
-        if along.mobility.energy is not None:
-            sums["energy_j"] = along.energy_j
-        lines = [",".join(("row,col,x,y,elevation_m,cost", *sums, *self.standing))]
-        columns = (
-            *along.points.T,
-            *places_of(self.dem, along.points).T,
-            along.heights_m,
-            self.cost,
-        )
-        formats = [
-            ".10g",
-            ".10g",
-            "",
-            "",
-            ".7g",
-            ".6g",
-            *(".10g" for _ in sums),
-            *(".6g" for _ in self.standing),
+        rows, cols = along.points.T
+        x, y = places_of(self.dem, along.points).T
+        columns = [
+            ("row", rows, ".10g"),
+            ("col", cols, ".10g"),
+            ("x", x, ""),
+            ("y", y, ""),
+            ("elevation_m", along.heights_m, ".7g"),
+            ("cost", self.cost, ".6g"),
+            ("distance_m", along.distance_m, ".10g"),
+            ("ground_m", along.ground_m, ".10g"),
+            ("time_s", along.time_s, ".10g"),
         ]
-        for row in zip(
-            *(each.tolist() for each in (*columns, *sums.values(), *self.standing.values())),
-            strict=True,
-        ):
-            lines.append(
-                ",".join(f"{number:{form}}" for number, form in zip(row, formats, strict=True))
-            )
+        if along.mobility.energy is not None:
+            columns.append(("energy_j", along.energy_j, ".10g"))
+        for name, numbers in self.standing.items():
+            columns.append((name, numbers, ".6g"))
+
+        names, arrays, forms = zip(*columns, strict=True)
+        lines = [",".join(names)]
+        for row in zip(*(array.tolist() for array in arrays), strict=True):
+            lines.append(",".join(map(format, row, forms)))
         return "\n".join([*lines, ""]).encode()
 
     def geojson(self, properties: dict[str, object]) -> bytes:
@@ -114,20 +108,13 @@ class Route:
         as WKT, or null; `named_crs` names it to GDAL and QGIS.
         """
         place = self.dem.georeference
-        meaning = (
-            "metres from the centre of cell (0, 0), y downwards"
-            if place is None
-            else "the map's own"
-        )
-        properties = {
-            **properties,
-            **self.stands(),
-            "coordinates": meaning,
-            "crs": place and place.crs,
-        }
-        return json.dumps(
-            self._feature(places_of(self.dem, self.line), properties), allow_nan=False
-        ).encode()
+        meaning = "the map's own"
+        if place is None:
+            meaning = "metres from the centre of cell (0, 0), y downwards"
+        crs = place and place.crs
+        properties = {**properties, **self.stands(), "coordinates": meaning, "crs": crs}
+        feature = self._feature(places_of(self.dem, self.line), properties)
+        return json.dumps(feature, allow_nan=False).encode()
 
     def geopackage(self, properties: dict[str, object]) -> bytes:
         """Likewise with heights, as a GeoPackage whose layer is `path`; MissingExtraError without
@@ -136,29 +123,23 @@ class Route:
         places = np.column_stack((places_of(self.dem, self.along.points), self.along.heights_m))
         return geopackage_bytes("path", json.dumps(self._feature(places, properties)).encode())
 
-    def _feature(
-        self, places: NDArray[np.float64], properties: dict[str, object]
-    ) -> dict[str, object]:
+    def _feature(self, places: Floats, properties: dict[str, object]) -> dict[str, object]:
         line: list[object] = places.tolist()
         geometry: dict[str, object] | None = None
-        if line:
-            one = len(line) == 1
-            geometry = {
-                "type": "Point" if one else "LineString",
-                "coordinates": line[0] if one else line,
-            }
-        return {"type": "Feature", "geometry": geometry, "properties": properties} | named_crs(
-            self.dem
-        )
+        if len(line) == 1:
+            geometry = {"type": "Point", "coordinates": line[0]}
+        elif line:
+            geometry = {"type": "LineString", "coordinates": line}
+        feature = {"type": "Feature", "geometry": geometry, "properties": properties}
+        return feature | named_crs(self.dem)
 
-    def gpx(self, name: str, stops: Mapping[str, tuple[int, int]]) -> bytes:
+    def gpx(self, name: str, stops: Mapping[str, Cell]) -> bytes:
         """A GPX 1.1 track, and stops (row, col) by name as way points; InvalidQueryError for a map
         off the Earth.
         """
         cells = np.array(list(stops.values()), np.float64).reshape(-1, 2)
-        lonlat = lonlat_of(
-            self.dem, places_of(self.dem, np.concatenate((cells, self.along.points)))
-        ).tolist()
+        points = places_of(self.dem, np.concatenate((cells, self.along.points)))
+        lonlat = lonlat_of(self.dem, points).tolist()
         out = [
             '<?xml version="1.0" encoding="UTF-8"?>',
             '<gpx version="1.1" creator="nnpp-edge" xmlns="http://www.topografix.com/GPX/1/1">',
@@ -177,7 +158,7 @@ def _known(number: float) -> float | None:
     return round(number, 4) if math.isfinite(number) else None
 
 
-def places_of(dem: Place, points: Line) -> NDArray[np.float64]:
+def places_of(dem: Place, points: Line) -> Floats:
     """(N, 2) x and y, in the coordinates of `Place.located`, of rows and columns of cells' middles
     (N, 2).
     """
@@ -198,7 +179,7 @@ def named_crs(dem: Place) -> dict[str, object]:
     return {"crs": {"type": "name", "properties": {"name": name}}}
 
 
-Polygon = list[list[tuple[float, float]]]
+Polygon = list[list[Point]]
 """Rings of x and y: the outer one, then its holes."""
 
 
@@ -222,14 +203,15 @@ class Reach:
         """Of each level: ``within``, the ``cells`` that can be reached within it, and their
         ``area_m2``.
         """
-        cells = [int((self.field <= level).sum()) for level in self.levels]
         cell_m2 = self.dem.cell_size_m * self.dem.cell_width_m
-        found = zip(self.levels, cells, strict=True)
-        return [
-            {"within": level, "cells": n, "area_m2": round(n * cell_m2, 3)} for level, n in found
-        ]
+        found = []
+        for level in self.levels:
+            cells = int((self.field <= level).sum())
+            area = round(cells * cell_m2, 3)
+            found.append({"within": level, "cells": cells, "area_m2": area})
+        return found
 
-    def raster(self) -> NDArray[np.float32]:
+    def raster(self) -> Float2D:
         """`field`, with NaN where nothing is reached."""
         return np.where(np.isfinite(self.field), self.field, np.float32(np.nan))
 
@@ -242,7 +224,10 @@ class Reach:
         transform = rasterio.Affine(*self.dem.located.transform)
         inside = self.field <= level
         found = features.shapes(
-            inside.astype(np.uint8), mask=inside, connectivity=4, transform=transform
+            inside.astype(np.uint8),
+            mask=inside,
+            connectivity=4,
+            transform=transform,
         )
         return [shape["coordinates"] for shape, _ in found]
 
@@ -255,6 +240,5 @@ class Reach:
             properties = {"measure": self.measure, "unit": self.unit, **area}
             geometry = {"type": "MultiPolygon", "coordinates": self.polygons(area["within"])}
             found.append({"type": "Feature", "geometry": geometry, "properties": properties})
-        return json.dumps(
-            {"type": "FeatureCollection", "features": found} | named_crs(self.dem)
-        ).encode()
+        collection = {"type": "FeatureCollection", "features": found}
+        return json.dumps(collection | named_crs(self.dem)).encode()

@@ -6,17 +6,17 @@ import io
 import math
 from collections.abc import Sequence
 from dataclasses import fields, replace
-from pathlib import Path
 from typing import TypeVar
 
 import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
+from nnpp_edge.runtime.arrays import Float2D
 from nnpp_edge.runtime.errors import DataSetError
 from nnpp_edge.runtime.map.grid import Grid
-from nnpp_edge.runtime.map.step_cost import PAPER_OMEGA, StepModel
 from nnpp_edge.runtime.network.encoding import Frame, map_planes
+from nnpp_edge.runtime.terrain.step_cost import PAPER_OMEGA, StepModel
 from nnpp_edge.runtime.terrain.traversability import Traversability, traversability_cost
 from nnpp_edge.terrain.dem import Dem, read_dem
 from nnpp_edge.terrain.georeference import LEAST_SIDE_M, MOST_SIDE_M
@@ -32,6 +32,7 @@ WORKLOADS = (
     ("limit15", 0.2),
     ("limit12", 0.1),
 )
+_WHOLE = (0.0, 1.0)
 BARREN_MAPS = 100
 """Maps of the terrain without a query, one after another, after which a shard is given up."""
 _SIZE_STEP = 32
@@ -78,7 +79,7 @@ class Recipe(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     omega: float = PAPER_OMEGA
     limits: dict[str, float] = {}
     """Fields of `Traversability` that are not its defaults: the user's own limits."""
-    stripe: tuple[float, float] = (0.0, 1.0)
+    stripe: tuple[float, float] = _WHOLE
     """The part of each file that is used: from where to where on its longer side, as
     shares of it.
     """
@@ -91,41 +92,33 @@ class Recipe(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     def __post_init__(self) -> None:
         size = self.size
         blocks = self.blocks
-        start, end = self.stripe
-        counts = (
-            self.maps,
-            self.maps_per_shard,
-            self.points_per_map - 1,
-            *(pooling for pooling, _ in self.poolings),
+        _check(
+            size > 0 == size % _SIZE_STEP,
+            f"size must be a multiple of {_SIZE_STEP}, got {size}",
         )
+        _check(
+            blocks > 0 == blocks % 8 == size % blocks,
+            f"blocks must be a multiple of 8 that divides {size}, got {blocks}",
+        )
+        counts = [self.maps, self.maps_per_shard, self.points_per_map - 1]
+        counts += [pooling for pooling, _ in self.poolings]
+        _check(min(counts) > 0 <= self.seed, "numbers of maps and points must be above 0")
+
         shares = (self.synthetic_share, self.obstacle_share, self.margin_share, self.least_distance)
-        drawn = [[share for _, share in chances] for chances in (self.poolings, self.workloads)]
-        span = f"{LEAST_SIDE_M:g} to {MOST_SIDE_M:g} m, got {self.cell_sizes_m}"
-        for met, wanted in (
-            (size > 0 == size % _SIZE_STEP, f"size must be a multiple of {_SIZE_STEP}, got {size}"),
-            (
-                blocks > 0 == blocks % 8 == size % blocks,
-                f"blocks must be a multiple of 8 that divides {size}, got {blocks}",
-            ),
-            (min(counts) > 0 <= self.seed, "numbers of maps and points must be above 0"),
-            (
-                all(0.0 <= share <= 1.0 for share in shares),
-                f"shares must lie in [0, 1], got {shares}",
-            ),
-            (
-                all(min(s, default=-1) >= 0 < sum(s) < math.inf for s in drawn),
-                f"shares must be above 0, got {drawn}",
-            ),
-            (0.0 < self.omega < math.inf, f"ω must be above 0, got {self.omega}"),
-            (
-                all(LEAST_SIDE_M <= m <= MOST_SIDE_M for m in self.cell_sizes_m),
-                f"cell sizes must be {span}",
-            ),
-            (0.0 <= start < end <= 1.0, f"a stripe must lie in [0, 1], got {self.stripe}"),
-            (bool(self.cell_sizes_m or self.terrain), "synthetic terrain needs a cell size"),
-        ):
-            if not met:
-                raise DataSetError(wanted)
+        for share in shares:
+            _check(0.0 <= share <= 1.0, f"shares must lie in [0, 1], got {shares}")
+        drawn = [[share for _, share in self.poolings], [share for _, share in self.workloads]]
+        for chances in drawn:
+            fits = min(chances, default=-1) >= 0 < sum(chances) < math.inf
+            _check(fits, f"shares must be above 0, got {drawn}")
+        _check(0.0 < self.omega < math.inf, f"ω must be above 0, got {self.omega}")
+
+        for side in self.cell_sizes_m:
+            span = f"{LEAST_SIDE_M:g} to {MOST_SIDE_M:g} m, got {self.cell_sizes_m}"
+            _check(LEAST_SIDE_M <= side <= MOST_SIDE_M, f"cell sizes must be {span}")
+        start, end = self.stripe
+        _check(0.0 <= start < end <= 1.0, f"a stripe must lie in [0, 1], got {self.stripe}")
+        _check(bool(self.cell_sizes_m or self.terrain), "synthetic terrain needs a cell size")
         for name, _ in self.workloads:
             self.limits_of(name)
 
@@ -151,83 +144,93 @@ class Recipe(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
         return math.ceil(self.maps / self.maps_per_shard)
 
 
+def _check(fits: bool, wanted: str) -> None:
+    if not fits:
+        raise DataSetError(wanted)
+
+
 def read_terrain(recipe: Recipe) -> list[Dem]:
-    """The parts of the recipe's elevation files that it uses.
+    """Read the parts of the recipe's elevation files that it uses.
 
     Raises TerrainError for one that cannot be read, DataSetError for one that is too small for the
-    recipe's size.
+    recipe's smallest maps.
     """
     tiles = []
+    factor = min(pooling for pooling, share in recipe.poolings if share)
+    least = recipe.size * factor
     for name in recipe.terrain:
-        dem = read_dem(Path(name), recipe.cell_size_m)
-        tiles.append(dem := _stripe(dem, recipe.stripe))
+        dem = _stripe(read_dem(name, recipe.cell_size_m), recipe.stripe)
         rows, cols = dem.shape
-        if min(rows, cols) < recipe.size:
-            fits = min(rows, cols) // _SIZE_STEP * _SIZE_STEP
-            hint = f": --size {fits} is the largest that fits" if fits else ""
-            what = (
-                ""
-                if recipe.stripe == (0.0, 1.0)
-                else " in the stripe that --validation-share leaves"
+        side = min(rows, cols)
+        if side < least:
+            option = "--known" if recipe.known else "--size"
+            fits = side // recipe.size if recipe.known else side // _SIZE_STEP * _SIZE_STEP
+            hint = f": {option} {fits} is the largest that fits" if fits else ""
+            wanted = f"at least {least} cells on the shorter side"
+            if recipe.stripe != _WHOLE:
+                wanted += " in the stripe that --validation-share leaves"
+            of = f" of {factor} × {factor} cells" if recipe.known else ""
+            raise DataSetError(
+                f"{dem.source}: wanted {wanted} for maps of --size {recipe.size}{of}, got "
+                f"{rows} × {cols}{hint}"
             )
-            wanted = (
-                f"wanted at least {recipe.size} cells on the shorter side{what} for maps of "
-                f"--size {recipe.size}"
-            )
-            raise DataSetError(f"{dem.source}: {wanted}, got {rows} × {cols}{hint}")
+        tiles.append(dem)
     return tiles
 
 
-def left_out(recipe: Recipe, tiles: Sequence[Dem]) -> list[int]:
-    """Sides of the recipe's larger maps that no tile has room for."""
-    room = max((min(dem.elevation.shape) for dem in tiles), default=math.inf)
-    return [side for pooling, _ in recipe.poolings if (side := recipe.size * pooling) > room]
+def poolings(recipe: Recipe, tiles: Sequence[Dem]) -> list[tuple[int, float]]:
+    """The poolings, and their shares, of which some tile has room for a map."""
+    room = max((min(dem.shape) for dem in tiles), default=math.inf)
+    return [each for each in recipe.poolings if recipe.size * each[0] <= room]
 
 
 def _stripe(dem: Dem, stripe: tuple[float, float]) -> Dem:
     """The part of an elevation map between two shares of its longer side."""
-    if stripe == (0.0, 1.0):
+    if stripe == _WHOLE:
         return dem
-    rows, cols = dem.elevation.shape
-    part = slice(*(round(share * max(rows, cols)) for share in stripe))
-    elevation = dem.elevation[part] if rows >= cols else dem.elevation[:, part]
-    return replace(dem, elevation=np.ascontiguousarray(elevation), georeference=None)
+    rows, cols = dem.shape
+    first, last = (round(share * max(rows, cols)) for share in stripe)
+    part = dem.elevation[first:last] if rows >= cols else dem.elevation[:, first:last]
+    return replace(dem, elevation=np.ascontiguousarray(part), georeference=None)
 
 
 def shard_content(recipe: Recipe, tiles: Sequence[Dem], index: int) -> bytes:
-    """The file of shard number `index` (.npz), which recipe, terrain and number alone determine."""
+    """Make the file of shard number `index` (.npz), which recipe, terrain and number determine."""
     maps = min(recipe.maps_per_shard, recipe.maps - index * recipe.maps_per_shard)
+    key = [recipe.seed, index]
+    if recipe.stripe[0] != 0.0:  # else synthetic maps repeat
+        key.append(1)
+    make = make_known_shard if recipe.known else make_shard
     content = io.BytesIO()
-    key = (
-        [recipe.seed, index] if recipe.stripe[0] == 0.0 else [recipe.seed, index, 1]
-    )  # else synthetic maps repeat
-    rng = np.random.default_rng(key)
-    made = (make_known_shard if recipe.known else make_shard)(recipe, tiles, rng, maps)
-    np.savez(content, **made)  # type: ignore[arg-type]  # numpy's stub takes `allow_pickle` for one of them
+    arrays = make(recipe, tiles, np.random.default_rng(key), maps)
+    # numpy's stub takes `allow_pickle` for one of them
+    np.savez(content, **arrays)  # type: ignore[arg-type]
     return content.getvalue()
 
 
 def make_shard(
-    recipe: Recipe, tiles: Sequence[Dem], rng: np.random.Generator, maps: int
+    recipe: Recipe,
+    tiles: Sequence[Dem],
+    rng: np.random.Generator,
+    maps: int,
 ) -> dict[str, NDArray[np.generic]]:
     """The arrays of one shard: those of `Samples`, and for each map its workload and its pooling.
 
     DataSetError where `BARREN_MAPS` in a row have no query.
     """
-    poolings = [
-        (p, share) for p, share in recipe.poolings if recipe.size * p not in left_out(recipe, tiles)
-    ]
-    barren = 0
+    fitting = poolings(recipe, tiles)
+    model = StepModel.of("paper", recipe.omega)
     blocks = recipe.blocks
-    made = list[tuple[object, ...]]()
-    queries = list[tuple[object, ...]]()
+    barren = 0
+    made: list[tuple[object, ...]] = []
+    queries: list[tuple[object, ...]] = []
     while len(made) < maps:
         name = _pick(rng, recipe.workloads)
-        pooling = _pick(rng, poolings)
+        pooling = _pick(rng, fitting)
         cost, measured = _random_cost(recipe, tiles, rng, name, recipe.size * pooling)
         side = len(cost)
-        points = random_points(rng, cost, recipe.points_per_map)
         least = recipe.least_distance * side
+        points = random_points(rng, cost, recipe.points_per_map)
         labelled = label_queries(cost, points, least, blocks, recipe.omega)
         if not labelled:
             barren += 1
@@ -239,51 +242,51 @@ def make_shard(
         if measured or not tiles:
             barren = 0
         frame = Frame(side, side, recipe.size)
-        for label in labelled:
+        for start, goal, path, excess in labelled:
             crossed = np.zeros((blocks, blocks), bool)
-            crossed[tuple((label.path * blocks // side).T)] = True
-            ends = (np.array(frame.place(end), np.float32) for end in (label.start, label.goal))
-            queries.append(
-                (np.int32(len(made)), *ends, label.excess, np.packbits(crossed, axis=-1))
-            )
-        planes = planes_of(Grid.of(cost, StepModel.of("paper", recipe.omega)), frame)
-        made.append((np.rint(planes * 255.0).astype(np.uint8), name, np.int32(pooling)))
+            crossed[tuple((path * blocks // side).T)] = True
+            ends = np.array([frame.place(start), frame.place(goal)], np.float32)
+            queries.append((np.int32(len(made)), *ends, excess, np.packbits(crossed, axis=-1)))
+        planes = np.rint(planes_of(Grid.of(cost, model), frame) * 255.0).astype(np.uint8)
+        made.append((planes, name, np.int32(pooling)))
     columns = (*zip(*made, strict=True), *zip(*queries, strict=True))
     return dict(zip(_ARRAYS, map(np.array, columns), strict=True))
 
 
 def make_known_shard(
-    recipe: Recipe, tiles: Sequence[Dem], rng: np.random.Generator, maps: int
+    recipe: Recipe,
+    tiles: Sequence[Dem],
+    rng: np.random.Generator,
+    maps: int,
 ) -> dict[str, NDArray[np.generic]]:
-    """The arrays of one shard of maps that are known by their blocks."""
-    poolings = [
-        (p, share) for p, share in recipe.poolings if recipe.size * p not in left_out(recipe, tiles)
-    ]
+    """Make the arrays of one shard of maps that are known by their blocks."""
+    fitting = poolings(recipe, tiles)
     made = []
     for _ in range(maps):
         limits = recipe.limits_of(_pick(rng, recipe.workloads))
-        factor = _pick(rng, poolings)
-        elevation, cell_size_m, width_m, _ = _random_ground(
-            recipe, tiles, rng, recipe.size * factor
-        )
-        cost = traversability_cost(elevation, cell_size_m, limits, cell_width_m=width_m, warn=False)
-        made.append(known_map(elevation, cost, cell_size_m, limits, factor))
+        factor = _pick(rng, fitting)
+        elevation, size_m, width_m, _ = _random_ground(recipe, tiles, rng, recipe.size * factor)
+        cost = traversability_cost(elevation, size_m, limits, cell_width_m=width_m, warn=False)
+        made.append(known_map(elevation, cost, size_m, limits, factor))
     names = [field.name for field in fields(KnownMaps)]
     return dict(zip(names, map(np.array, zip(*made, strict=True)), strict=True))
 
 
 def _random_ground(
-    recipe: Recipe, tiles: Sequence[Dem], rng: np.random.Generator, side: int
-) -> tuple[NDArray[np.float32], float, float, bool]:
+    recipe: Recipe,
+    tiles: Sequence[Dem],
+    rng: np.random.Generator,
+    side: int,
+) -> tuple[Float2D, float, float, bool]:
     """Square terrain, a cell's size and width; whether it is from a file."""
     given_m = float(rng.choice(recipe.cell_sizes_m)) if recipe.cell_sizes_m else None
-    if bool(tiles) and rng.random() >= recipe.synthetic_share:
+    if tiles and rng.random() >= recipe.synthetic_share:
         return *_random_crop(tiles, rng, side, given_m, finely=recipe.known), True
-    cell_size_m = given_m or tiles[0].cell_size_m
-    return synthetic_terrain(rng, side, cell_size_m), cell_size_m, cell_size_m, False
+    size_m = given_m or tiles[0].cell_size_m
+    return synthetic_terrain(rng, side, size_m), size_m, size_m, False
 
 
-def planes_of(grid: Grid, frame: Frame) -> NDArray[np.float32]:
+def planes_of(grid: Grid, frame: Frame) -> Float2D:
     """(2, S, S) mean cost and share of impassable cells of a map."""
     planes = np.empty((2, frame.size, frame.size), np.float32)
     map_planes(grid, frame, planes)
@@ -297,25 +300,29 @@ def _pick(rng: np.random.Generator, shares: Sequence[tuple[T, float]]) -> T:
 
 
 def _random_cost(
-    recipe: Recipe, tiles: Sequence[Dem], rng: np.random.Generator, name: str, side: int
-) -> tuple[NDArray[np.float32], bool]:
+    recipe: Recipe,
+    tiles: Sequence[Dem],
+    rng: np.random.Generator,
+    name: str,
+    side: int,
+) -> tuple[Float2D, bool]:
     """A square cost map, with obstacles and a margin on a share of the maps; whether its terrain is
     from a file.
     """
-    elevation, cell_size_m, width_m, measured = _random_ground(recipe, tiles, rng, side)
+    elevation, size_m, width_m, measured = _random_ground(recipe, tiles, rng, side)
     limits = recipe.limits_of(name)
-    cost = traversability_cost(elevation, cell_size_m, limits, cell_width_m=width_m, warn=False)
+    cost = traversability_cost(elevation, size_m, limits, cell_width_m=width_m, warn=False)
     if rng.random() < recipe.obstacle_share:
+        least = np.log(max(side / 64, 1.0))
         for _ in range(rng.integers(1, 9)):
-            rows, cols = np.exp(
-                rng.uniform(np.log(max(side / 64, 1.0)), np.log(side / 3), 2)
-            ).astype(int)
+            rows, cols = np.exp(rng.uniform(least, np.log(side / 3), 2)).astype(int)
             row = rng.integers(-rows // 2, side - rows // 2)
             col = rng.integers(-cols // 2, side - cols // 2)
-            cost[max(row, 0) : row + rows, max(col, 0) : col + cols] = np.inf
+            down = slice(max(row, 0), row + rows)
+            across = slice(max(col, 0), col + cols)
+            cost[down, across] = np.inf
     if rng.random() < recipe.margin_share:
-        kept = int(side * rng.uniform(0.25, 0.95))
-        cost[kept:] = np.inf
+        cost[int(side * rng.uniform(0.25, 0.95)) :] = np.inf
     return cost, measured
 
 
@@ -325,27 +332,31 @@ def _random_crop(
     side: int,
     cell_size_m: float | None,
     *,
-    finely: bool = False,
-) -> tuple[NDArray[np.float32], float, float]:
+    finely: bool,
+) -> tuple[Float2D, float, float]:
     """Part of a random tile: elevation, and a cell's size and width.
 
     With a cell size it is averaged where the tile allows it (`finely`: seldom), and rescaled with
     its slopes kept.
     """
-    tiles = [dem for dem in tiles if min(dem.elevation.shape) >= side]
+    # a tile, the larger the likelier
+    tiles = [dem for dem in tiles if min(dem.shape) >= side]
     areas = np.array([dem.elevation.size for dem in tiles], np.float64)
-    dem = tiles[int(rng.choice(len(tiles), p=areas / areas.sum()))]
-    fits = [f for f in (1, 2, 4) if side * f <= min(dem.elevation.shape)] if cell_size_m else [1]
+    chosen = rng.choice(len(tiles), p=areas / areas.sum())
+    dem = tiles[int(chosen)]
+
+    # how many of its cells are averaged
+    factors = (1, 2, 4) if cell_size_m else (1,)
+    fits = [factor for factor in factors if side * factor <= min(dem.shape)]
     shares = 1.0 / np.array(fits)
     factor = int(rng.choice(fits, p=shares / shares.sum() if finely else None))
-    row, col = (int(rng.integers(0, n - side * factor + 1)) for n in dem.elevation.shape)
-    crop = dem.elevation[row : row + side * factor, col : col + side * factor]
-    averaged: NDArray[np.float32] = crop.reshape(side, factor, side, factor).mean(axis=(1, 3))
+
+    # where it is cut out
+    cut = side * factor
+    row, col = (int(rng.integers(0, cells - cut + 1)) for cells in dem.shape)
+    crop = dem.elevation[row : row + cut, col : col + cut]
+    averaged: Float2D = crop.reshape(side, factor, side, factor).mean(axis=(1, 3))
     if cell_size_m is None:
         return averaged, dem.cell_size_m, dem.cell_width_m
-    scale = cell_size_m / (dem.cell_size_m * factor)
-    return (
-        averaged * np.float32(scale),
-        cell_size_m,
-        cell_size_m * (dem.cell_width_m / dem.cell_size_m),
-    )
+    scale = np.float32(cell_size_m / (dem.cell_size_m * factor))
+    return averaged * scale, cell_size_m, cell_size_m * (dem.cell_width_m / dem.cell_size_m)

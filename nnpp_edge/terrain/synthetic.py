@@ -1,12 +1,16 @@
 """Terrain made by rule, for volume and for what the measured tiles lack."""
 
 import numpy as np
-from numpy.typing import NDArray
+
+from nnpp_edge.runtime.arrays import Float2D
 
 
 def fractal(
-    rng: np.random.Generator, size: int, cell_size_m: float, median_slope_deg: float
-) -> NDArray[np.float32]:
+    rng: np.random.Generator,
+    size: int,
+    cell_size_m: float,
+    median_slope_deg: float,
+) -> Float2D:
     """Rough ground whose heights have a power-law spectrum: (size, size) float32, metres.
 
     The exponent is drawn from 2.6 to 3.8; heights are scaled to the median slope asked for.
@@ -18,18 +22,19 @@ def fractal(
     frequency[0, 0] = np.inf
     noise = rng.normal(size=(2, *frequency.shape))
     spectrum = (noise[0] + 1j * noise[1]) * frequency ** (-exponent / 2.0)
-    heights = np.fft.irfft2(spectrum)[
-        :size, :size
-    ]  # twice the size, as the whole would wrap around
+    # made at twice the size, as the whole would wrap around
+    heights = np.fft.irfft2(spectrum)[:size, :size]
     median = np.median(np.hypot(*np.gradient(heights, cell_size_m)))
-    return np.asarray(
-        heights * (np.tan(np.radians(median_slope_deg)) / max(median, 1e-12)), np.float32
-    )
+    gain = np.tan(np.radians(median_slope_deg)) / max(median, 1e-12)
+    return np.asarray(heights * gain, np.float32)
 
 
 def add_craters(
-    rng: np.random.Generator, heights: NDArray[np.float32], cell_size_m: float, count: int
-) -> NDArray[np.float32]:
+    rng: np.random.Generator,
+    heights: Float2D,
+    cell_size_m: float,
+    count: int,
+) -> Float2D:
     """`heights` with craters: parabolic bowls with raised rims and ejecta that thin out with
     distance.
     """
@@ -37,11 +42,11 @@ def add_craters(
     out = heights.copy()
     y, x = np.mgrid[:size, :size].astype(np.float32)
     for _ in range(count):
-        radius = float(np.exp(rng.uniform(np.log(3.0), np.log(max(size / 5, 3.0)))))
+        largest = max(size / 5, 3.0)
+        radius = float(np.exp(rng.uniform(np.log(3.0), np.log(largest))))
         cy, cx = rng.uniform(0, size, 2)
-        depth = (
-            rng.uniform(0.08, 0.22) * 2.0 * radius * cell_size_m
-        )  # fresh craters are a fifth as deep as wide
+        # fresh craters are a fifth as deep as wide
+        depth = rng.uniform(0.08, 0.22) * 2.0 * radius * cell_size_m
         rim = 0.2 * depth
         d = np.hypot(y - cy, x - cx) / radius
         bowl = (depth + rim) * d**2 - depth
@@ -50,9 +55,7 @@ def add_craters(
     return out
 
 
-def synthetic_terrain(
-    rng: np.random.Generator, size: int, cell_size_m: float
-) -> NDArray[np.float32]:
+def synthetic_terrain(rng: np.random.Generator, size: int, cell_size_m: float) -> Float2D:
     """A square of fractal ground with craters on most: (size, size) float32, metres."""
     ground = fractal(rng, size, cell_size_m, rng.uniform(3.0, 12.0))
     if rng.random() < 0.7:

@@ -50,22 +50,27 @@ def points_of(name: str, place: Place) -> tuple[Points, str]:
                 f"{path}: wanted one layer: name it as {path.name}:LAYER ({', '.join(layers)})"
             )
         meta, _, read, _ = pyogrio.raw.read(
-            path, layer=layer or layers[0], columns=[], force_2d=True
+            path,
+            layer=layer or layers[0],
+            columns=[],
+            force_2d=True,
         )
         shapes = [shape for shape in read if shape is not None]
         if any(shape[1] not in (1, 4) for shape in shapes):
             raise VectorFileError(
                 f"{path}: wanted points, got other shapes ({meta['geometry_type']})"
             )
-        points = [
-            np.frombuffer(shape, _POINTS, offset=9 if shape[1] == 4 else 0)["xy"]
-            for shape in shapes
-        ]
-    found = np.concatenate([np.empty((0, 2)), *points])
+        points = [np.empty((0, 2))]
+        for shape in shapes:
+            head = 9 if shape[1] == 4 else 0
+            points.append(np.frombuffer(shape, _POINTS, offset=head)["xy"])
+    found = np.concatenate(points)
     found = found[np.isfinite(found).all(axis=1)]  # an empty point has no numbers
     if not len(found):
         raise VectorFileError(f"{path}: wanted points, got none")
-    return (found, "") if meta["crs"] is None else on_map(place, found, meta["crs"], str(path))
+    if meta["crs"] is None:
+        return found, ""
+    return on_map(place, found, meta["crs"], str(path))
 
 
 def named_file(name: str) -> tuple[Path, str | None]:
@@ -109,8 +114,9 @@ def _check_plain(path: Path) -> None:
     """
     with path.open("rb") as file:
         head = file.read(1 << 12).lstrip(b"\xef\xbb\xbf \t\r\n")
-    if (
-        head.startswith(b"{") and parse(read_text(path)).get("type") in _GEOJSON_TYPES
-    ) or _PLAIN.match(head):
-        return
-    raise VectorFileError(f"{path}: wanted {FORMATS}, got another kind of file")
+    if head.startswith(b"{"):
+        plain = parse(read_text(path)).get("type") in _GEOJSON_TYPES
+    else:
+        plain = _PLAIN.match(head) is not None
+    if not plain:
+        raise VectorFileError(f"{path}: wanted {FORMATS}, got another kind of file")

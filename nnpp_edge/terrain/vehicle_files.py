@@ -12,8 +12,8 @@ from typing import TypeVar
 import msgspec
 
 from nnpp_edge.runtime.errors import InvalidQueryError
-from nnpp_edge.runtime.map.slope_cost import SLOPE_COSTS, Mobility
 from nnpp_edge.runtime.reading import read_toml
+from nnpp_edge.runtime.robots.slope.cost import SLOPE_COSTS, Mobility
 from nnpp_edge.runtime.terrain.vehicle import Vehicle
 
 _SHIPPED = Path(str(files("nnpp_edge.profiles"))) / "vehicles"
@@ -53,7 +53,8 @@ def read_mobility(name: str | Path) -> object:
     """The table ``[mobility]`` of a vehicle's file, not yet checked; VehicleError where there is
     none.
     """
-    if (found := read_vehicle(name).get("mobility")) is None:
+    found = read_vehicle(name).get("mobility")
+    if found is None:
         raise VehicleError(f"{Path(name).name}: wanted a table [mobility], got none")
     return found
 
@@ -66,7 +67,8 @@ def mobility_of(values: object, source: str) -> Mobility:
     tables = values if isinstance(values, dict) else {}
     _refuse_unknown(tables, SLOPE_COSTS, source)
     for name, model in SLOPE_COSTS.items():
-        if isinstance(table := tables.get(name), dict):
+        table = tables.get(name)
+        if isinstance(table, dict):
             _refuse_unknown(table, signature(model).parameters, f"{source}.{name}")
     return _converted(values, Mobility, source)
 
@@ -82,9 +84,9 @@ def vehicle_of(values: Mapping[str, object], source: str) -> Vehicle:
     """The vehicle with these values; VehicleError, which begins with `source`, says what was wanted
     and what came.
     """
+    values = dict(values)
     if "mobility" in values:
-        mobility_of(values["mobility"], source)
-    values = {name: value for name, value in values.items() if name != "mobility"}
+        mobility_of(values.pop("mobility"), source)
     _refuse_unknown(values, [field.name for field in fields(Vehicle)], source)
     for name in () if "radius_m" in values else ("length_m", "width_m", "clearance_m"):
         if name not in values:
@@ -103,7 +105,6 @@ def _converted(values: object, kind: type[T], source: str) -> T:
         return msgspec.convert(values, kind)
     except msgspec.ValidationError as error:
         problem, _, place = str(error).partition(" - at `$")
-        name = place.strip(".`")
-        raise VehicleError(
-            f"{source}: {name}: {problem}" if place else f"{source}: {problem}"
-        ) from None
+        if place:
+            source += f": {place.strip('.`')}"
+        raise VehicleError(f"{source}: {problem}") from None

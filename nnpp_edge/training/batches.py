@@ -2,7 +2,7 @@
 
 import os
 from collections import deque
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from concurrent.futures import Future, ThreadPoolExecutor
 from functools import partial
 
@@ -16,10 +16,12 @@ from nnpp_edge.terrain.dataset import Samples
 from nnpp_edge.terrain.known import KnownMaps
 from nnpp_edge.terrain.labels import EXCESS_STEP
 from nnpp_edge.training.checkpoint import TrainSettings
-from nnpp_edge.training.unseen import known_batch
+from nnpp_edge.training.unseen import Turn, known_batch, turned
 
 Batch = tuple[NDArray[np.generic], NDArray[np.float32], NDArray[np.float32]]
 """Planes, encoded queries, targets."""
+Make = Callable[[NDArray[np.int64], list[bool], list[Turn]], Batch]
+"""From the numbers of queries or maps, whether each is swapped, and how it is turned."""
 
 
 class Batches:
@@ -27,9 +29,9 @@ class Batches:
 
     The settings' ``target`` is ``near``: exp(-excess / softness), the nearness to the optimum of
     the best path through a block; or ``path``: 1 on the optimal path's blocks, 0 elsewhere, as in
-    the paper; of maps known by their blocks it is what these turn out to be. Every process, `rank`
-    of `world`, takes every `world`-th query of each batch: together they see the samples of one
-    process.
+    the paper; for maps known by their blocks it is what the blocks turn out to be. Every process,
+    `rank` of `world`, takes every `world`-th query of each batch: together they see the samples of
+    one process.
     """
 
     def __init__(
@@ -47,13 +49,12 @@ class Batches:
             )
         self.samples = samples
         self.settings = settings
-        self.rank = rank
-        self.world = world
-        self._make = (
-            partial(known_batch, samples)
-            if isinstance(samples, KnownMaps)
-            else _Labelled(samples, spec, settings)
-        )
+        self.share = slice(rank, settings.batch, world)
+        self._make: Make
+        if isinstance(samples, KnownMaps):
+            self._make = partial(known_batch, samples)
+        else:
+            self._make = _labelled(samples, spec, settings)
 
     def __len__(self) -> int:
         """Batches in an epoch."""
@@ -61,15 +62,17 @@ class Batches:
 
     def epoch(self, number: int, skip: int = 0) -> Iterator[Batch]:
         """The batches of an epoch from the `skip`-th on, made ahead in threads."""
-        order = np.random.default_rng([self.settings.seed, number]).permutation(len(self.samples))
-        step = self.settings.batch
+        seed = self.settings.seed
+        size = self.settings.batch
+        order = np.random.default_rng([seed, number]).permutation(len(self.samples))
 
         def make(at: int) -> Batch:
-            rng = np.random.default_rng([self.settings.seed, number, at])
-            swapped = [rng.random() >= 0.5 for _ in range(step)]
-            turns = [(int(rng.integers(4)), bool(rng.integers(2))) for _ in range(step)]
-            ours = slice(self.rank, step, self.world)
-            return self._make(order[at * step : (at + 1) * step][ours], swapped[ours], turns[ours])
+            # drawn for the whole batch, whoever takes which part of it
+            rng = np.random.default_rng([seed, number, at])
+            swapped = [rng.random() >= 0.5 for _ in range(size)]
+            turns = [(int(rng.integers(4)), bool(rng.integers(2))) for _ in range(size)]
+            queries = order[at * size : (at + 1) * size]
+            return self._make(queries[self.share], swapped[self.share], turns[self.share])
 
         threads = max(2, len(os.sched_getaffinity(0)))
         with ThreadPoolExecutor(threads) as pool:
@@ -82,55 +85,48 @@ class Batches:
                 yield ahead.popleft().result()
 
 
-class _Labelled:
-    """Makes batches of labelled queries."""
+def _labelled(samples: Samples, spec: Spec, settings: TrainSettings) -> Make:
+    """A function that makes batches of labelled queries."""
+    labels = samples.excess.shape[-1]
+    side = samples.planes.shape[-1]
+    blocks = spec.blocks
+    if labels % blocks or side != spec.input_size:
+        raise DataSetError(
+            f"the network wants maps of {spec.input_size} and labels of a multiple of {blocks} "
+            f"blocks, got {side} and {labels}"
+        )
+    finer = labels // blocks
+    last = side - 1
+    nearness = np.exp(-np.arange(256) * EXCESS_STEP / settings.softness).astype(np.float32)
+    nearness[255] = 0.0
 
-    def __init__(self, samples: Samples, spec: Spec, settings: TrainSettings) -> None:
-        label_blocks = samples.excess.shape[-1]
-        side = samples.planes.shape[-1]
-        if label_blocks % spec.blocks or side != spec.input_size:
-            raise DataSetError(
-                f"the network wants maps of {spec.input_size} and labels of a multiple of "
-                f"{spec.blocks} "
-                f"blocks, got {side} and {label_blocks}"
-            )
-        self.samples = samples
-        self.spec = spec
-        self.settings = settings
-        self.nearness = np.exp(-np.arange(256) * EXCESS_STEP / settings.softness).astype(np.float32)
-        self.nearness[255] = 0.0
+    def targets_of(queries: NDArray[np.int64]) -> NDArray[np.float32]:
+        """(N, B, B), the best of the labels in each of the network's blocks."""
+        shape = (len(queries), blocks, finer, blocks, finer)
+        if settings.target == "path":
+            on_path = np.unpackbits(samples.on_path[queries], axis=-1).reshape(shape)
+            return np.asarray(on_path.max(axis=(2, 4)), np.float32)
+        excess = samples.excess[queries].reshape(shape).min(axis=(2, 4))
+        return np.asarray(nearness[excess])
 
-    def __call__(
-        self, queries: NDArray[np.int64], swapped: list[bool], turns: list[tuple[int, bool]]
-    ) -> Batch:
+    def make(queries: NDArray[np.int64], swapped: list[bool], turns: list[Turn]) -> Batch:
         """The batch of `queries`; those `swapped` go from goal to start, and each is turned and
         mirrored.
         """
-        s = self.samples
+        planes = samples.planes[samples.map_index[queries]]
+        targets = targets_of(queries)
         encoded = []
-        planes = s.planes[s.map_index[queries]]
-        targets = self._targets(queries)
-        last = planes.shape[-1] - 1
-        for at, (query, swap, (quarters, mirrored)) in enumerate(
-            zip(queries, swapped, turns, strict=True)
-        ):
+        for at, (query, swap, turn) in enumerate(zip(queries, swapped, turns, strict=True)):
+            planes[at] = turned(planes[at], turn)
+            targets[at] = turned(targets[at], turn)
+            quarters, mirrored = turn
             ends = []
-            for row, col in (s.start[query].tolist(), s.goal[query].tolist()):
+            for row, col in (samples.start[query].tolist(), samples.goal[query].tolist()):
                 for _ in range(quarters):
                     row, col = last - col, row
                 ends.append((row, last - col if mirrored else col))
-            encoded.append(encode(self.spec, *(ends[::-1] if swap else ends)))
-            for array in (planes, targets):
-                turned = np.rot90(array[at], quarters, axes=(-2, -1))
-                array[at] = turned[..., ::-1] if mirrored else turned
+            start, goal = reversed(ends) if swap else ends
+            encoded.append(encode(spec, start, goal))
         return planes, np.stack(encoded), targets
 
-    def _targets(self, queries: NDArray[np.int64]) -> NDArray[np.float32]:
-        s = self.samples
-        blocks = self.spec.blocks
-        side = s.excess.shape[-1] // blocks
-        shape = (len(queries), blocks, side, blocks, side)
-        if self.settings.target == "path":
-            masks = np.unpackbits(s.on_path[queries], axis=-1)
-            return np.asarray(masks.reshape(shape).max(axis=(2, 4)), np.float32)
-        return np.asarray(self.nearness[s.excess[queries].reshape(shape).min(axis=(2, 4))])
+    return make

@@ -1,11 +1,9 @@
-"""Checkpoints of a training run: settings, progress, weights; enough to go on and enough
-to export.
-"""
+"""Checkpoints of a training run: settings, progress, weights; enough to resume and to export."""
 
 import io
 import json
 import math
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass, field, fields
 from pathlib import Path
 
 import msgspec
@@ -19,15 +17,26 @@ from nnpp_edge.runtime.errors import ModelError
 from nnpp_edge.runtime.reading import problem_with_file
 
 HISTORY = "history.json"
-_DECIDING = ("batch", "learning_rate", "weight_decay", "warmup_steps", "target", "softness", "seed")
+_DECIDING = (
+    "batch",
+    "learning_rate",
+    "weight_decay",
+    "warmup_steps",
+    "target",
+    "softness",
+    "seed",
+    "average_decay",
+    "precision",
+)
+"""Settings that decide the weights."""
 State = dict[str, Tensor]
 """A network's parameters and buffers by name."""
 
 
 @dataclass(frozen=True)
 class TrainSettings:
-    """How to train; the optimiser's defaults are the paper's. `target` and `softness` are those of
-    `Batches`.
+    """How to train; the optimiser's defaults are the paper's. `Batches` explains `target` and
+    `softness`.
     """
 
     epochs: int = 150
@@ -42,8 +51,8 @@ class TrainSettings:
     softness: float = 0.02
     seed: int = 1
     time_limit_s: float = math.inf
-    """About how long the training takes, over all resumed runs: after the warm-up its speed decides
-    the steps.
+    """About how long the training takes, over all resumed runs: its speed in the warm-up decides
+    the number of steps.
     """
     validate_every_s: float = 300.0
     average_decay: float = 0.998
@@ -56,14 +65,14 @@ class TrainSettings:
 
 @dataclass
 class Progress:
-    """Where a training run stands; `history` has a row for each validation."""
+    """The state of a training run; `history` has a row for each validation."""
 
     epoch: int = 0
     step: int = 0
     step_in_epoch: int = 0
     spent_s: float = 0.0
     steps: int | None = None
-    """The step at which the training ends, once that is known; `TrainSettings.steps` of so many
+    """The step at which the training ends, once that is known; `TrainSettings.steps` of that number
     repeats it.
     """
     history: list[dict[str, float]] = field(default_factory=list)
@@ -86,17 +95,14 @@ class Checkpoint:
 
     def facts(self) -> dict[str, object]:
         """Facts that decided the weights, for a model's metadata."""
-        progress = self.progress
-        done = {
-            "steps": progress.step,
-            "epochs": progress.epoch,
-            "seconds": round(progress.spent_s, 1),
+        return {
+            "steps": self.progress.step,
+            "epochs": self.progress.epoch,
+            "seconds": round(self.progress.spent_s, 1),
+            **{name: getattr(self.settings, name) for name in _DECIDING},
+            "input_size": self.spec.input_size,
+            **self.origin,
         }
-        asked = {
-            name: getattr(self.settings, name)
-            for name in (*_DECIDING, "average_decay", "precision")
-        }
-        return done | asked | {"input_size": self.spec.input_size} | self.origin
 
     def trained(self) -> Network:
         """The averaged network, in evaluation mode."""
@@ -106,18 +112,20 @@ class Checkpoint:
 
     def save(self, path: Path) -> None:
         """Write the checkpoint, and its history as JSON beside it; OutputError if that fails."""
-        plain = {name: asdict(getattr(self, name)) for name in ("spec", "settings", "progress")}
-        rest = {name: getattr(self, name) for name in ("origin", "network", "average", "optimiser")}
+        found = {each.name: getattr(self, each.name) for each in fields(self)}
+        for name in ("spec", "settings", "progress"):
+            found[name] = asdict(found[name])
         content = io.BytesIO()
-        torch.save(plain | rest, content)
+        torch.save(found, content)
         history = json.dumps(self.progress.history, indent=1).encode()
         write_all({path: content.getbuffer(), path.with_name(HISTORY): history})
 
 
 def load_checkpoint(path: Path) -> Checkpoint:
-    """Read a checkpoint; ModelError if the file is none of ours."""
+    """Read a checkpoint; ModelError if the file is not one of ours."""
     wanted = f"{path}: wanted a checkpoint of nnpp-edge train"
-    if (problem := problem_with_file(path)) is not None:
+    problem = problem_with_file(path)
+    if problem is not None:
         raise ModelError(f"{wanted} ({problem})")
     try:
         found = msgspec.convert(torch.load(path, map_location="cpu", weights_only=True), Checkpoint)
@@ -126,8 +134,7 @@ def load_checkpoint(path: Path) -> Checkpoint:
             raise ValueError("its weights are not finite")
     except msgspec.ValidationError as error:
         raise ModelError(f"{wanted}, got {error}") from error
-    except (
-        Exception
-    ) as error:  # torch meets bad bytes with nearly every kind there is, and with many words
+    # torch raises nearly every kind of error on bad bytes, with long messages
+    except Exception as error:
         raise ModelError(f"{wanted}, got another file, or a damaged one") from error
     return found

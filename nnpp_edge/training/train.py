@@ -18,11 +18,17 @@ from torch.nn.functional import binary_cross_entropy_with_logits
 from nnpp_edge.files import make_folder
 from nnpp_edge.model.network import Network
 from nnpp_edge.model.registry import Spec
-from nnpp_edge.runtime.errors import DataSetError, InvalidQueryError, ModelError
+from nnpp_edge.runtime.errors import InvalidQueryError, ModelError
 from nnpp_edge.terrain.dataset import Samples
 from nnpp_edge.terrain.known import KnownMaps
 from nnpp_edge.training.batches import Batch, Batches
-from nnpp_edge.training.checkpoint import Checkpoint, Progress, TrainSettings, load_checkpoint
+from nnpp_edge.training.checkpoint import (
+    Checkpoint,
+    Progress,
+    State,
+    TrainSettings,
+    load_checkpoint,
+)
 from nnpp_edge.training.unseen import KnownValidator
 from nnpp_edge.training.validation import Validator
 
@@ -49,10 +55,10 @@ def train(
     The `folder` gets ``checkpoint.pt`` (weights, running mean, optimiser, progress; loads with
     weights_only) and ``history.json``. `omega` is the weight of the traversability cost per grey
     level, for validation's searches. A new run begins with the averaged weights of the checkpoint
-    `begin_with`, whose input may have another size.
+    `begin_with`, whose input may have another size. The two data sets are of one kind.
 
-    With `small_checkpoints` the running mean of the weights alone is saved, convolutions in 16
-    bits: a resumed run goes on from the mean with a new optimiser, whose learning rate is warmed up
+    With `small_checkpoints` only the running mean of the weights is saved, convolutions in 16 bits:
+    a resumed run goes on from the mean with a new optimiser, whose learning rate is warmed up
     again. After `pause_after_s` seconds the run is saved, wherever it is; called again it goes on.
     `report` is called after each step with the share done.
 
@@ -68,14 +74,8 @@ def train(
         )
     make_folder(folder)
     path = folder / CHECKPOINT
-    validator: Validator | KnownValidator | None = None
-    if type(training) is not type(validation):
-        raise DataSetError("wanted two data sets of one kind, got one with queries and one without")
     batches = Batches(training, spec, settings, rank=processes.rank, world=processes.world)
-    if processes.first and isinstance(validation, KnownMaps):
-        validator = KnownValidator(validation)
-    elif processes.first and isinstance(validation, Samples):
-        validator = Validator(validation, spec, omega)
+    validator = _validator(validation, spec, omega) if processes.first else None
     run = _Run(spec, settings, processes, len(batches))
     run.begin(path, begin_with)
     progress = run.progress
@@ -111,6 +111,14 @@ def train(
     return path
 
 
+def _validator(
+    validation: Samples | KnownMaps, spec: Spec, omega: float
+) -> Validator | KnownValidator:
+    if isinstance(validation, KnownMaps):
+        return KnownValidator(validation)
+    return Validator(validation, spec, omega)
+
+
 @dataclass(frozen=True)
 class Processes:
     """One process's place among the `world` processes that train together, and its device."""
@@ -125,15 +133,12 @@ class Processes:
         between CPUs.
         """
         world = int(os.environ.get("WORLD_SIZE", "1"))
-        cuda = torch.cuda.is_available()
-        device = (
-            torch.device("cuda", int(os.environ.get("LOCAL_RANK", "0")))
-            if cuda
-            else torch.device("cpu")
-        )
+        device = torch.device("cpu")
+        if torch.cuda.is_available():
+            device = torch.device("cuda", int(os.environ.get("LOCAL_RANK", "0")))
         if world == 1:
             return cls(0, 1, device)
-        distributed.init_process_group("nccl" if cuda else "gloo")
+        distributed.init_process_group("nccl" if device.type == "cuda" else "gloo")
         return cls(distributed.get_rank(), world, device)
 
     @property
@@ -180,17 +185,22 @@ class _Run:
         self.spec = spec
         self.settings = settings
         self.processes = processes
-        self.device = device = processes.device
+        self.device = processes.device
         torch.manual_seed(settings.seed)
-        self.network = Network(spec).to(device, memory_format=torch.channels_last)  # type: ignore[call-overload]
-        self.average = Network(spec).to(device)
+        network = Network(spec).to(self.device, memory_format=torch.channels_last)  # type: ignore[call-overload]
+        self.network: Network = network
+        self.average = Network(spec).to(self.device)
         self.optimiser = torch.optim.AdamW(
-            self.network.parameters(), lr=settings.learning_rate, weight_decay=settings.weight_decay
+            network.parameters(), lr=settings.learning_rate, weight_decay=settings.weight_decay
         )
         self.optimiser_since = 0
-        """Step from which on the optimiser has learned."""
-        self.in_bfloat16 = settings.precision in ({"cuda": "auto"}.get(device.type), "bfloat16")
+        """Step at which the optimiser was new."""
+        on_gpu = self.device.type == "cuda"
+        self.in_bfloat16 = settings.precision == "bfloat16" or (
+            settings.precision == "auto" and on_gpu
+        )
         self.most = min(settings.epochs * batches_an_epoch, settings.steps or sys.maxsize)
+        """Steps at most."""
         self.losses: list[float] = []
         """Of the steps since the last validation."""
         self.progress = Progress()
@@ -200,28 +210,31 @@ class _Run:
         }
 
     def begin(self, path: Path, other: Path | None) -> None:
-        """Go on from a checkpoint, if it is there, else begin with another run's weights; start the
-        clock.
+        """Go on from a checkpoint, if there is one, else begin with another run's weights; start
+        the clock.
         """
-        saved = load_checkpoint(path) if path.exists() else None
-        if saved is not None:
-            self._resume(saved, path)
+        average = self.network.state_dict()
+        if path.exists():
+            average = self._resume(path)
         elif other is not None:
             theirs = load_checkpoint(other)
+            average = theirs.average
             try:
-                self.network.load_state_dict(theirs.average)
+                self.network.load_state_dict(average)
             except RuntimeError as error:
                 raise ModelError(
                     f"{other}: wanted weights for {self.spec}, got those of {theirs.spec}"
                 ) from error
             self.origin["begun_with"] = theirs.facts()
-        self.average.load_state_dict(saved.average if saved else self.network.state_dict())
+        self.average.load_state_dict(average)
         self.wrapped = self.processes.averaging_gradients(self.network)
         if self.settings.time_limit_s == math.inf:
             self.progress.steps = self.most
         self.started = time.monotonic() - self.progress.spent_s
 
-    def _resume(self, saved: Checkpoint, path: Path) -> None:
+    def _resume(self, path: Path) -> State:
+        """Go on from a checkpoint; its average."""
+        saved = load_checkpoint(path)
         if saved.spec != self.spec:
             raise ModelError(f"{path}: wanted a checkpoint of {self.spec}, got one of {saved.spec}")
         self.network.load_state_dict(saved.network)
@@ -235,6 +248,7 @@ class _Run:
         if saved.settings != self.settings:
             self.origin["resumed_with_other_settings"] = True
             self.progress.steps = None
+        return saved.average
 
     @property
     def done(self) -> bool:
@@ -246,30 +260,21 @@ class _Run:
         """Share of the training that is done, in steps, or in time while their number is
         not known.
         """
-        p = self.progress
-        return min(
-            p.spent_s / self.settings.time_limit_s if p.steps is None else p.step / p.steps, 1.0
-        )
+        if self.progress.steps is None:
+            return min(self.progress.spent_s / self.settings.time_limit_s, 1.0)
+        return self.progress.step / self.progress.steps
 
     def step(self, batch: Batch) -> None:
         """Learn from one batch."""
-        progress = self.progress
-        limit_s = self.settings.time_limit_s
         for group in self.optimiser.param_groups:
             group["lr"] = self._learning_rate()
-        planes, query, target = (
-            torch.from_numpy(array).to(self.device, non_blocking=True) for array in batch
-        )
-        self.network.train()
-        with torch.autocast(self.device.type, torch.bfloat16, enabled=self.in_bfloat16):
-            shown = planes if planes.is_floating_point() else planes.float() / 255.0
-            logits = self.wrapped(shown.contiguous(memory_format=torch.channels_last), query)
-        loss = binary_cross_entropy_with_logits(logits.float(), target)
+        loss = self._loss(batch)
         self.optimiser.zero_grad(set_to_none=True)
         torch.autograd.backward(loss)
         nn.utils.clip_grad_norm_(self.network.parameters(), 1.0)
         self.optimiser.step()
         self.losses.append(float(loss.detach()))
+        progress = self.progress
         decay = min(self.settings.average_decay, (1 + progress.step) / (10 + progress.step))
         with torch.no_grad():
             torch._foreach_lerp_(
@@ -278,38 +283,45 @@ class _Run:
         progress.step += 1
         progress.step_in_epoch += 1
         progress.spent_s = self.processes.of_the_first(time.monotonic() - self.started)
-        if progress.steps is None and (
-            progress.step >= self.settings.warmup_steps or progress.spent_s >= limit_s
-        ):
-            progress.steps = min(
-                self.most, max(progress.step, int(progress.step * limit_s / progress.spent_s))
-            )
+        # under a time limit the speed of the warm-up decides the number of steps
+        limit_s = self.settings.time_limit_s
+        warmed = progress.step >= self.settings.warmup_steps or progress.spent_s >= limit_s
+        if progress.steps is None and warmed:
+            in_time = int(progress.step * limit_s / progress.spent_s)
+            progress.steps = min(self.most, max(progress.step, in_time))
+
+    def _loss(self, batch: Batch) -> Tensor:
+        planes, query, target = (
+            torch.from_numpy(array).to(self.device, non_blocking=True) for array in batch
+        )
+        self.network.train()
+        with torch.autocast(self.device.type, torch.bfloat16, enabled=self.in_bfloat16):
+            logits = self.wrapped(planes.contiguous(memory_format=torch.channels_last), query)
+        return binary_cross_entropy_with_logits(logits.float(), target)
 
     def _learning_rate(self) -> float:
         """Linear warm-up, then half a cosine down to a hundredth; the warm-up is the same however
         long the run.
         """
         step = self.progress.step
-        warm = self.settings.warmup_steps
         steps = self.progress.steps
-        warmed = self.settings.learning_rate * min(
-            1.0, (step - self.optimiser_since + 1) / max(warm, 1)
-        )
-        if step < warm or steps is None:
-            return warmed
-        return warmed * (
-            0.01 + 0.99 * 0.5 * (1.0 + math.cos(math.pi * (step - warm) / (steps - warm)))
-        )
+        warmup = self.settings.warmup_steps
+        since_new = step - self.optimiser_since + 1
+        rate = self.settings.learning_rate * min(1.0, since_new / max(warmup, 1))
+        if step < warmup or steps is None:
+            return rate
+        cosine = math.cos(math.pi * (step - warmup) / (steps - warmup))
+        return rate * (0.01 + 0.99 * 0.5 * (1.0 + cosine))
 
     def validated(self, validator: Validator | KnownValidator, loss: float) -> dict[str, float]:
         """The history's row for the running mean, with this mean loss since the last one."""
+        # the batch norms' statistics are not averaged
         for theirs, ours in zip(self.network.buffers(), self.average.buffers(), strict=True):
-            ours.copy_(theirs)  # the batch norms' statistics
-        p = self.progress
+            ours.copy_(theirs)
         row: dict[str, float] = {
-            "step": p.step,
-            "epoch": p.epoch,
-            "spent_s": round(p.spent_s, 1),
+            "step": self.progress.step,
+            "epoch": self.progress.epoch,
+            "spent_s": round(self.progress.spent_s, 1),
             "loss": loss,
         }
         for judged in validator.judge(self.average):
@@ -319,12 +331,18 @@ class _Run:
         return row
 
     def checkpoint(self, *, small: bool) -> Checkpoint:
-        """All of the run, or the running mean alone."""
-        mean = self.average.state_dict()
-        states = self.network.state_dict(), mean, self.optimiser.state_dict()
-        if small:  # the few numbers beside convolutions' weights stay as they are
-            mean = {
-                name: values.half() if values.ndim > 1 else values for name, values in mean.items()
+        """All of the run, or only the running mean."""
+        network = self.network.state_dict()
+        average = self.average.state_dict()
+        optimiser = self.optimiser.state_dict()
+        if small:
+            # vectors, few numbers beside the convolutions' weights, stay as they are
+            average = {
+                name: values.half() if values.ndim > 1 else values
+                for name, values in average.items()
             }
-            states = mean, mean, {}
-        return Checkpoint(self.spec, self.settings, self.progress, *states, self.origin)
+            network = average
+            optimiser = {}
+        return Checkpoint(
+            self.spec, self.settings, self.progress, network, average, optimiser, self.origin
+        )

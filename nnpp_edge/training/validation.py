@@ -1,10 +1,8 @@
-"""Validation by the metric that matters: what a search in the predicted region comes to."""
+"""Validation by the metric that matters: the outcome of searches in the predicted region."""
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-import torch
 from numpy.typing import NDArray
 
 from nnpp_edge.model.network import Network, encode
@@ -12,12 +10,12 @@ from nnpp_edge.model.registry import Spec
 from nnpp_edge.runtime.cells import Endpoints
 from nnpp_edge.runtime.kernels.threshold import lowered
 from nnpp_edge.runtime.map.grid import Grid
-from nnpp_edge.runtime.map.region import Region
-from nnpp_edge.runtime.map.step_cost import StepModel
 from nnpp_edge.runtime.network.encoding import Frame
 from nnpp_edge.runtime.region.learned import RegionFinder
 from nnpp_edge.runtime.search.astar import astar
+from nnpp_edge.runtime.search.region import Region
 from nnpp_edge.runtime.search.workspace import Workspace
+from nnpp_edge.runtime.terrain.step_cost import StepModel
 from nnpp_edge.terrain.dataset import Samples
 
 FACTORS = (1.0, 0.5, 0.25)
@@ -48,76 +46,75 @@ class Validator:
     mean cost: all queries are searched.
     """
 
-    def __init__(self, samples: Samples, spec: Spec, omega: float, most: int = 256) -> None:
-        self.index = np.linspace(0, len(samples) - 1, min(most, len(samples))).astype(int)
-        self.samples = samples
-        self.spec = spec
-        self._shown = samples.averaged(spec.input_size)
-        self.queries = np.stack(
-            [encode(spec, self._shown.start[q], self._shown.goal[q]) for q in self.index]
-        )
-        self.model = StepModel.of("paper", omega)
+    def __init__(
+        self,
+        samples: Samples,
+        spec: Spec,
+        omega: float,
+        most: int = 256,
+    ) -> None:
         size = samples.planes.shape[-1]
+        self.samples = samples
+        self.index = np.linspace(0, len(samples) - 1, min(most, len(samples))).astype(int)
+        self._shown = samples.averaged(spec.input_size)
+        ends = (self._shown.query(query)[1:] for query in self.index)
+        self.queries = np.stack([encode(spec, start, goal) for start, goal in ends])
+        self.model = StepModel.of("paper", omega)
         self.workspace = Workspace((size + 2) ** 2)
         self.finder = RegionFinder(spec.blocks)
         self.lookup = Frame(size, size, spec.input_size).lookup(spec.blocks)
-        self.optima = [self._search(q, None) for q in self.index]
+        self.optima = [self._search(query) for query in self.index]
+        """Cost and number of cells of the optimal paths."""
 
-    def _endpoints(self, query: int) -> Endpoints:
-        """Start and goal, as cells of the data set's map."""
-        ends = np.rint((self.samples.start[query], self.samples.goal[query])).astype(int)
-        return tuple(ends[0].tolist()), tuple(ends[1].tolist())
+    def judge(self, network: Network) -> list[Judgement]:
+        """Search every validation query in the network's region, for each of `FACTORS`."""
+        maps = self._shown.planes[self._shown.map_index[self.index]]
+        answers = network.answers(maps, self.queries)
+        return [self.judge_answers(answers, factor) for factor in FACTORS]
 
-    def _search(self, query: int, region: Region | None) -> tuple[float, int]:
+    def judge_answers(self, probabilities: NDArray[np.float32], factor: float) -> Judgement:
+        """As `judge`, for probabilities (Q, B, B) in the order of `index`, at one factor."""
+        gaps = []
+        areas = []
+        mms = []
+        answers = zip(self.index, probabilities, self.optima, strict=True)
+        for query, probability, (optimum, cells) in answers:
+            region = self._region(query, probability, factor)
+            area = region.area()
+            cost, _ = self._search(query, region)
+            gaps.append(cost / optimum - 1.0)
+            areas.append(area / self.samples.planes[0, 0].size)
+            mms.append(cells / area)
+        found = np.isfinite(gaps)
+        gap = float(np.mean(np.array(gaps)[found])) if found.any() else np.inf
+        return Judgement(
+            factor,
+            float(found.mean()),
+            gap,
+            float(np.mean(areas)),
+            float(np.mean(mms)),
+        )
+
+    def _region(self, query: int, probability: NDArray[np.float32], factor: float) -> Region:
+        """The region at a factor on the adaptive threshold."""
+        rows, cols = self.lookup
+        start, goal = ((int(rows[row]), int(cols[col])) for row, col in self._ends(query))
+        self.finder.read(probability)
+        threshold = self.finder.threshold(start, goal)
+        self.finder.mark(lowered(threshold, factor), start, goal)
+        return self.finder.region(self.lookup)
+
+    def _search(self, query: int, region: Region | None = None) -> tuple[float, int]:
         """Cost and number of cells of the cheapest path; inf if there is none."""
         planes = self.samples.planes[self.samples.map_index[query]]
         cost = np.minimum(planes[0].astype(np.float32), 254.0) / 255.0
         cost[planes[1] == 255] = np.inf
         grid = Grid.of(cost, self.model)
-        found = astar(grid, *self._endpoints(query), self.workspace, region=region)
-        return grid.costs_of(found.path)[0], len(found.path)
+        path = astar(grid, *self._ends(query), self.workspace, region=region).path
+        return grid.costs_of(path)[0], len(path)
 
-    @torch.no_grad()
-    def probabilities(self, network: Network, batch: int = 32) -> NDArray[np.float32]:
-        """(Q, B, B) the probabilities that the network gives for the validation queries."""
-        network.eval()
-        device = next(network.parameters()).device
-        parts = []
-        for at in range(0, len(self.index), batch):
-            maps = self._shown.planes[self._shown.map_index[self.index[at : at + batch]]]
-            planes = torch.from_numpy(maps).to(device).float() / 255.0
-            query = torch.from_numpy(self.queries[at : at + batch]).to(device)
-            parts.append(torch.sigmoid(network(planes, query).float()).cpu().numpy())
-        return np.concatenate(parts)
-
-    def judge(self, network: Network) -> list[Judgement]:
-        """Search every validation query inside the region, for each of `FACTORS`."""
-        return self.judge_probabilities(self.probabilities(network), FACTORS)
-
-    def judge_probabilities(
-        self, probabilities: NDArray[np.float32], factors: Sequence[float]
-    ) -> list[Judgement]:
-        """As `judge`, for probabilities (Q, B, B) that were computed elsewhere, in the order of
-        `index`.
-        """
-        rows, cols = self.lookup
-        out = []
-        for factor in factors:
-            gaps = []
-            shares = []
-            mms = []
-            for query, probability, (optimum, cells) in zip(
-                self.index, probabilities, self.optima, strict=True
-            ):
-                a, b = ((int(rows[row]), int(cols[col])) for row, col in self._endpoints(query))
-                self.finder.read(probability)
-                self.finder.mark(lowered(self.finder.threshold(a, b), factor), a, b)
-                region = self.finder.region(self.lookup)
-                cost, _ = self._search(query, region)
-                if cost < float("inf"):
-                    gaps.append(cost / optimum - 1.0)
-                shares.append(region.area() / self.samples.planes.shape[-1] ** 2)
-                mms.append(cells / region.area())
-            means = (float(np.mean(figures)) for figures in (gaps or [float("inf")], shares, mms))
-            out.append(Judgement(factor, len(gaps) / len(self.index), *means))
-        return out
+    def _ends(self, query: int) -> Endpoints:
+        """Start and goal, as cells of the data set's map."""
+        start = np.rint(self.samples.start[query]).astype(int)
+        goal = np.rint(self.samples.goal[query]).astype(int)
+        return tuple(start.tolist()), tuple(goal.tolist())

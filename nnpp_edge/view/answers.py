@@ -18,18 +18,19 @@ from numpy.typing import NDArray
 
 from nnpp_edge.runtime.arrays import Float2D
 from nnpp_edge.runtime.cells import Cell
+from nnpp_edge.runtime.choices import METHODS, STEP_COSTS
 from nnpp_edge.runtime.compiled import notice
 from nnpp_edge.runtime.errors import InvalidQueryError, NnppEdgeError
 from nnpp_edge.runtime.kernels.poses import REFUSALS
-from nnpp_edge.runtime.map.refusal import why_blocked
-from nnpp_edge.runtime.map.slope_cost import unit_of
-from nnpp_edge.runtime.planners.plan import Plan
+from nnpp_edge.runtime.planners.plan import Method, Plan
 from nnpp_edge.runtime.reading import refused_as
+from nnpp_edge.runtime.robots.body.refusal import why_blocked
+from nnpp_edge.runtime.robots.slope.cost import unit_of
 from nnpp_edge.runtime.terrain.traversability import steepest_step_deg, terrain_terms
 from nnpp_edge.terrain.coordinates import lonlat_at
 from nnpp_edge.terrain.dem import Dem
 from nnpp_edge.terrain.route import Route, places_of
-from nnpp_edge.view.asked import Asked, Method, Site, command_of
+from nnpp_edge.view.asked import Asked, Site, command_of
 from nnpp_edge.view.landscape import Landscape, painted
 from nnpp_edge.viz.picture import REFUSED, hillshade
 
@@ -53,7 +54,7 @@ class Question(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
 
     want: Literal["path", "relief", "slope", "cost", "reach", "compare", "place", "file"]
     asked: Asked
-    method: Method = "auto"
+    method: Method = Method.AUTO
     """To compare."""
     pixels: Annotated[int, Meta(ge=64, le=2048)] = 1024
     """Of a side of a layer, at most."""
@@ -114,6 +115,8 @@ class Answerer:
             "shape": dem.shape,
             "sides_m": (dem.cell_size_m, dem.cell_width_m),
             "known": self.site.blocks[0] if self.site.blocks else 1,
+            "methods": METHODS,
+            "step_costs": STEP_COSTS,
         }
         return msgspec.json.encode(shown | {"bodies": bodies, "asked": self.first})
 
@@ -151,7 +154,7 @@ class Answerer:
         landscape = self.landscape(asked)
         if question.want == "place":
             words = place_in_words(dem, question.at)
-            poses = landscape.planner.state.grid.poses
+            poses = landscape.planner.state.grid.robot.poses
             if not landscape.planner.is_passable(question.at):
                 words.append(
                     "impassable"
@@ -200,7 +203,7 @@ def path_answer(site: Site, asked: Asked, landscape: Landscape, plan: Plan) -> A
         "warnings": landscape.warnings,
         "command": command_of(site, asked),
     }
-    if plan.status.endswith("BLOCKED") and landscape.planner.state.grid.poses is None:
+    if plan.status.endswith("BLOCKED") and landscape.planner.state.grid.robot.poses is None:
         end = asked.start if plan.status.startswith("START") else asked.goal
         answer["figures"] = plan.summary() | {
             "reason": f"{plan.reason}: {ground_in_words(site.dem, end)}"
@@ -312,7 +315,7 @@ def costs(cost: Float2D, pixels: int, refused: Layer | None = None) -> Layer:
     them.
 
     Where a vehicle stands in no heading on a quarter of them, `refused` from
-    `map.refusal.refusals`, the limit that refuses it on most, from `FIRST_REFUSED` on.
+    `robots.body.refusal.refusals`, the limit that refuses it on most, from `FIRST_REFUSED` on.
     """
     passable = cost < 1.0
     strength = smaller(np.where(passable, cost, np.float32(0.0)), pixels) * (FIRST_REFUSED - 1)

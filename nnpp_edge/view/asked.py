@@ -6,16 +6,17 @@ import shlex
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Annotated
 
 from msgspec import Meta, Struct
 
 from nnpp_edge.runtime.cells import Cell, Rectangle
 from nnpp_edge.runtime.errors import InvalidQueryError
 from nnpp_edge.runtime.map.ground import Ground
-from nnpp_edge.runtime.map.slope_cost import Mobility
-from nnpp_edge.runtime.map.step_cost import PAPER_OMEGA
+from nnpp_edge.runtime.planners.plan import Method
 from nnpp_edge.runtime.planners.query import PlanOptions
+from nnpp_edge.runtime.robots.slope.cost import Mobility
+from nnpp_edge.runtime.terrain.step_cost import PAPER_OMEGA
 from nnpp_edge.runtime.terrain.traversability import Traversability
 from nnpp_edge.runtime.terrain.vehicle import Vehicle
 from nnpp_edge.terrain.coordinates import gravity_of
@@ -25,7 +26,6 @@ from nnpp_edge.terrain.vehicle_files import load_mobility, load_vehicle, shipped
 POINT = "none"
 GIVEN = "as given"
 """Names of the vehicle that is none, and of the one that the command line describes."""
-Method = Literal["auto", "astar", "corridor", "nnpp"]
 Obstacles = Annotated[tuple[Rectangle, ...], Meta(max_length=200)]
 Positive = Annotated[float, Meta(ge=0.0)]
 Blocks = tuple[int, str] | None
@@ -99,10 +99,11 @@ class Asked(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     goal: Cell
     via: Annotated[tuple[Cell, ...], Meta(max_length=50)] = ()
     """Places between, in the order in which they are visited."""
-    method: Method = "auto"
+    method: Method = Method.AUTO
     refine: bool = False
     """Whether the path is freed from the grid."""
-    step_cost: Literal["paper", "tobler", "irmischer", "linear", "time", "energy"] = "paper"
+    step_cost: str = "paper"
+    """One of `STEP_COSTS`."""
     omega: Positive = PAPER_OMEGA
     corner_cutting: bool = True
     limits: Traversability = Traversability.safe()

@@ -13,12 +13,13 @@ from nnpp_edge.runtime.arrays import Float2D
 from nnpp_edge.runtime.cells import Cell
 from nnpp_edge.runtime.errors import InvalidQueryError
 from nnpp_edge.runtime.map.along import Along
-from nnpp_edge.runtime.map.refusal import refusals
 from nnpp_edge.runtime.network.priors import prices_by
+from nnpp_edge.runtime.planners.plan import Method
 from nnpp_edge.runtime.planners.query import PlanOptions
+from nnpp_edge.runtime.robots.body.refusal import refusals
 from nnpp_edge.runtime.terrain.traversability import traversability_cost
 from nnpp_edge.runtime.tuning import PRICE_SCALE
-from nnpp_edge.view.asked import Asked, Method, Obstacles, Site
+from nnpp_edge.view.asked import Asked, Obstacles, Site
 from nnpp_edge.viz.picture import MOST_SHOWN
 
 _TRIED = 256
@@ -60,7 +61,11 @@ class Landscape:
             1.
             """
         if blocks:
-            prices = prices_by(blocks[1], dem.elevation, asked.limits, dem.cell_size_m, blocks[0])
+            factor, prior = blocks
+            sides_m = dem.cell_size_m, dem.cell_width_m
+            prices = prices_by(
+                prior, dem.elevation, asked.limits, sides_m[0], factor, cell_width_m=sides_m[1]
+            )
             self.cost = np.minimum(prices, _DEAREST)
             planned = Ground(prices / np.float32(PRICE_SCALE))
         self.warnings = [str(warning.message) for warning in told]
@@ -91,19 +96,19 @@ class Landscape:
 
     def refused(self) -> NDArray[np.uint8] | None:
         """(H, W) limits that refuse the vehicle where it stands in no heading, see
-        `map.refusal.refusals`.
+        `robots.body.refusal.refusals`.
 
         None without a body, and on maps of more than `MOST_SHOWN` cells.
         """
-        poses = self.planner.state.grid.poses
+        poses = self.planner.state.grid.robot.poses
         return None if poses is None or self.cost.size > MOST_SHOWN else refusals(poses.standing())
 
     def plan(self, asked: Asked, method: Method, *, keep_regions: bool = False) -> Plan:
         """Plan between the ends that are asked for, by way of the places between."""
         if self._site.blocks:
-            if method == "nnpp":
+            if method is Method.NNPP:
                 raise InvalidQueryError("the learned region is for maps of cells, not of blocks")
-            method = "corridor" if method == "auto" else method
+            method = Method.CORRIDOR if method is Method.AUTO else method
         options: PlanOptions = {
             "method": method,
             "refine": asked.freed,

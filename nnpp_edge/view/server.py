@@ -42,6 +42,14 @@ _LONGEST_QUESTION = 1 << 16
 _LARGEST_FILE = 1 << 28
 _MOST_DROPPED = 2
 """Bytes of a map that is dropped onto the page, and how many of these are kept, the newest."""
+_MOST_DIGITS = 18
+"""Of a number in a request."""
+_NO_MAP = "wanted a map's number after ?map="
+
+
+def _whole(word: str) -> int | None:
+    """A whole number in a request; None for anything else."""
+    return int(word) if word.isdecimal() and len(word) <= _MOST_DIGITS else None
 
 
 class PageServer(ThreadingTCPServer):
@@ -104,10 +112,12 @@ class _Handler(BaseHTTPRequestHandler):
 
     def do_GET(self) -> None:
         """A file of the page, what it opens with, or what there is to tell meanwhile."""
-        path, _, number = self.path.partition("?map=")
+        path, number = self._asked()
         answerer = self._answerer(number)
         if not self._is_asked_of_us():
             self.send_error(400, "this page is for this machine alone")
+        elif number is None:
+            self.send_error(400, _NO_MAP)
         elif path == "/opening" and answerer:
             self._send(answerer.opening(), "application/json")
         elif path == "/news" and answerer:
@@ -123,10 +133,8 @@ class _Handler(BaseHTTPRequestHandler):
 
     def do_POST(self) -> None:
         """A question of our own page, or a map that was dropped onto it."""
-        (path, _, number), length = (
-            self.path.partition("?map="),
-            self.headers.get("Content-Length", ""),
-        )
+        path, number = self._asked()
+        length = _whole(self.headers.get("Content-Length", ""))
         answerer = self._answerer(number)
         most = _LARGEST_FILE if path == "/drop" else _LONGEST_QUESTION
         if (
@@ -134,18 +142,27 @@ class _Handler(BaseHTTPRequestHandler):
             or self.headers.get("Origin") != f"http://{self.headers['Host']}"
         ):
             self.send_error(403, "questions of other pages are not answered")
+        elif number is None:
+            self.send_error(400, _NO_MAP)
         elif path not in ("/ask", "/drop") or answerer is None:
             self.send_error(404)
-        elif not length.isdecimal() or int(length) > most:
+        elif length is None:
+            self.send_error(400, "wanted a Content-Length in digits")
+        elif length > most:
             self.send_error(413)
         elif path == "/drop":
-            self._send(self._dropped(int(length)), "application/json")
+            self._send(self._dropped(length), "application/json")
         else:
-            self._send(answerer.answer(self.rfile.read(int(length))), "application/octet-stream")
+            self._send(answerer.answer(self.rfile.read(length)), "application/octet-stream")
 
-    def _answerer(self, number: str) -> Answerer | None:
+    def _asked(self) -> tuple[str, int | None]:
+        """The path that is asked for and the number of the map, None where it is no number."""
+        path, named, number = self.path.partition("?map=")
+        return path, _whole(number) if named else 0
+
+    def _answerer(self, number: int | None) -> Answerer | None:
         """Of the map that is asked of, if it is open."""
-        return dict(enumerate(self.server.maps)).get(int(number) if number.isdecimal() else 0)
+        return dict(enumerate(self.server.maps)).get(-1 if number is None else number)
 
     def _dropped(self, length: int) -> bytes:
         """JSON of the number of a map that is dropped onto the page, or a ``problem`` in

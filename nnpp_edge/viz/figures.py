@@ -4,7 +4,6 @@ share.
 
 import io
 from base64 import b64encode
-from collections import defaultdict
 from collections.abc import Iterator, Sequence
 from importlib.resources import files
 from pathlib import Path
@@ -41,17 +40,17 @@ _WIDE = 5.2
 def training_curves(history: Sequence[dict[str, float]], path: Path) -> None:
     """Loss, and what the validations found, against training steps."""
     panels = _FITS if "rmse_mean" in history[0] else _PANELS
-    figure = new_figure(11.0, 6.5)
     steps = [row["step"] for row in history]
-    factors = sorted(
-        {key.partition("@")[2] for key in history[0] if "@" in key}, key=float, reverse=True
-    )
+    factors = {key.partition("@")[2] for key in history[0] if "@" in key}
+    figure = new_figure(11.0, 6.5)
     for axes, (name, title, scale) in zip(figure.subplots(2, 2).flat, panels, strict=True):
-        for key in [name] if name in history[0] else [f"{name}@{factor}" for factor in factors]:
-            label = f"td × {key.partition('@')[2]}" if "@" in key else None
-            axes.plot(
-                steps, [scale * row[key] for row in history], marker="o", markersize=3, label=label
-            )
+        curves: dict[str, str | None] = {name: None}
+        if name not in history[0]:  # one for each factor
+            largest_first = sorted(factors, key=float, reverse=True)
+            curves = {f"{name}@{factor}": f"td × {factor}" for factor in largest_first}
+        for key, label in curves.items():
+            values = [scale * row[key] for row in history]
+            axes.plot(steps, values, marker="o", markersize=3, label=label)
         if axes.get_legend_handles_labels()[1]:
             axes.legend(fontsize="small")
         axes.set(title=title, xlabel="step", yscale="log" if name in ("loss", "gap") else "linear")
@@ -80,7 +79,10 @@ def page(report: Facts) -> str:
     from jinja2 import Environment, StrictUndefined
 
     template = Environment(
-        autoescape=True, undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True
+        autoescape=True,
+        undefined=StrictUndefined,
+        trim_blocks=True,
+        lstrip_blocks=True,
     )
     template.filters |= {
         "number": _number,
@@ -91,7 +93,9 @@ def page(report: Facts) -> str:
 
 
 def _number(value: float | None, unit: str = "") -> str:
-    return shown(value) if value is None or unit in ("", "1") else f"{shown(value)} {unit}"
+    if value is None or unit in ("", "1"):
+        return shown(value)
+    return f"{shown(value)} {unit}"
 
 
 def _plots(report: Facts) -> Iterator[tuple[str, str, str]]:
@@ -100,36 +104,40 @@ def _plots(report: Facts) -> Iterator[tuple[str, str, str]]:
     """
     first = report["results"][0]["workload"]
     rows = [row for row in report["results"] if row["workload"] == first]
+    by_size = f"On {first}: medians as lines, thin up to the slowest hundredth."
     drawn = (
         ("Time by stage", f"Mean of a plan on {first}, whole job.", _stages),
-        (
-            "Time against map size",
-            f"On {first}: medians as lines, thin up to the slowest hundredth.",
-            _by_size,
-        ),
+        ("Time against map size", by_size, _by_size),
     )
     for title, words, draw in drawn:
         figure = new_figure(_WIDE, 3.7)
         draw(figure, rows)
         handles, names = figure.axes[-1].get_legend_handles_labels()
-        narrow = {"columnspacing": 1.0, "handlelength": 1.4, "fontsize": 8.5, "frameon": False}
         figure.legend(
-            handles, names, loc="outside upper center", ncols=min(len(names), 5), **narrow
+            handles,
+            names,
+            loc="outside upper center",
+            ncols=min(len(names), 5),
+            columnspacing=1.0,
+            handlelength=1.4,
+            fontsize=8.5,
+            frameon=False,
         )
         yield title, words, b64encode(encoded(figure, dpi=200)).decode()
 
 
 def _stages(figure: "Figure", rows: Sequence[Facts]) -> None:
+    """Bars of the stages of each planner's mean time, a panel a size."""
     sizes = sorted({row["size"] for row in rows})
     figure.set_size_inches(_WIDE, 1.9 * len(sizes) + 0.6)
     for size, axes in zip(sizes, figure.subplots(len(sizes), squeeze=False).flat, strict=True):
         of_size = [row for row in rows if row["size"] == size]
+        planners = [row["planner"] for row in of_size]
         left = np.zeros(len(of_size))
         for stage in stages_of(rows):
-            widths = np.array(
-                [row["stages_ms"].get(stage, {"mean": 0.0})["mean"] for row in of_size]
-            )
-            axes.barh([row["planner"] for row in of_size], widths, left=left, label=stage)
+            spreads = [row["stages_ms"].get(stage) for row in of_size]
+            widths = np.array([spread["mean"] if spread else 0.0 for spread in spreads])
+            axes.barh(planners, widths, left=left, label=stage)
             left += widths
         axes.set_title(f"{size}²", fontsize=10)
         axes.invert_yaxis()
@@ -138,23 +146,20 @@ def _stages(figure: "Figure", rows: Sequence[Facts]) -> None:
 
 
 def _by_size(figure: "Figure", rows: Sequence[Facts]) -> None:
+    """Each planner's median time against the side of the map, and up to its slowest hundredth."""
     axes = figure.add_subplot()
-    medians = defaultdict[str, dict[int, float]](dict)
+    medians: dict[str, dict[int, float]] = {}
     for row in rows:
-        medians[row["planner"]][row["size"]] = row["time_ms"]["median"]
-        color = f"C{[*medians].index(row['planner'])}"
-        axes.vlines(
-            row["size"], row["time_ms"]["median"], row["time_ms"]["p99"], color=color, linewidth=0.8
-        )
+        times = row["time_ms"]
+        of_planner = medians.setdefault(row["planner"], {})
+        of_planner[row["size"]] = times["median"]
+        colour = f"C{[*medians].index(row['planner'])}"
+        axes.vlines(row["size"], times["median"], times["p99"], color=colour, linewidth=0.8)
     for name, by_size in medians.items():
         axes.plot([*by_size], [*by_size.values()], "o-", linewidth=2.0, markersize=4, label=name)
+    axes.set(xscale="log", yscale="log")
+    axes.set(xlabel="side of the map, cells", ylabel="median time of a query, ms")
     sides = sorted({row["size"] for row in rows})
-    axes.set(
-        xscale="log",
-        yscale="log",
-        xlabel="side of the map, cells",
-        ylabel="median time of a query, ms",
-    )
     axes.set_xticks(sides, [str(side) for side in sides])
     axes.set_xticks([], minor=True)
     axes.grid(alpha=0.3)

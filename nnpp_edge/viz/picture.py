@@ -8,38 +8,40 @@ brown. A picture is (H, W, 3) uint8 in OpenCV's order blue, green, red.
 import math
 from collections.abc import Iterator, Sequence
 from pathlib import Path
+from typing import TypeVar
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
 from nnpp_edge.files import write_whole
-from nnpp_edge.runtime.arrays import Float2D
-from nnpp_edge.runtime.errors import OutputError
+from nnpp_edge.runtime.arrays import Cells, Float2D, Floats
+from nnpp_edge.runtime.cells import Cell
 from nnpp_edge.runtime.map.along import Line
 from nnpp_edge.runtime.planners.plan import Plan
 from nnpp_edge.runtime.terrain.vehicle import Vehicle
 from nnpp_edge.viz.sheet import (
+    BODY,
     GOAL,
     INK,
     PAPER,
     START,
-    Cells,
     Colour,
-    Item,
     MapDrawing,
     Picture,
     metres,
 )
 
 Mask = NDArray[np.bool_]
+Shade = NDArray[np.uint8]
+"""(H, W) in place of a picture's greys, or a number for each cell."""
+T = TypeVar("T", bound=np.generic)
 
 IMPASSABLE: Colour = (34, 44, 96)
 REGION: Colour = (255, 230, 0)
 PATH: Colour = (20, 120, 255)
 OPTIMUM: Colour = (255, 90, 235)
 GRID: Colour = (150, 245, 255)
-BODY: Colour = (120, 255, 190)
 POINT: Colour = (255, 255, 255)
 REFUSED: tuple[tuple[Colour, str], ...] = (
     ((200, 120, 40), "unknown ground, obstacle or edge"),
@@ -65,7 +67,7 @@ _SHARP = 800
 """Pixels of the longer side up to which a map is enlarged before bands are drawn on it."""
 
 
-def cost_picture(cost: Float2D, shade: NDArray[np.uint8] | None = None) -> Picture:
+def cost_picture(cost: Float2D, shade: Shade | None = None) -> Picture:
     """A cell a pixel: grey from 0 (black) to 1 (white), or `shade`, (H, W) uint8 from `hillshade`,
     in its place.
 
@@ -73,68 +75,69 @@ def cost_picture(cost: Float2D, shade: NDArray[np.uint8] | None = None) -> Pictu
     """
     passable = cost < 1.0
     if shade is None:
-        shade = np.clip(np.where(passable, cost, 0.0) * 255.0, 0.0, 255.0).astype(np.uint8)
+        greys = np.where(passable, cost, 0.0) * 255.0
+        shade = np.clip(greys, 0.0, 255.0).astype(np.uint8)
     picture = np.repeat(shade[..., None], 3, axis=2)
     picture[~passable] = IMPASSABLE
     return picture
 
 
-def hillshade(
-    elevation: Float2D, cell_size_m: float, cell_width_m: float | None = None
-) -> NDArray[np.uint8]:
+def hillshade(elevation: Float2D, cell_size_m: float, cell_width_m: float | None = None) -> Shade:
     """Relief lit from the north-west: (H, W) uint8; unknown ground as if it were flat.
 
     Heights are exaggerated so that the steepest tenth of the map stands out, but never flattened.
     """
     rows, cols = elevation.shape
-    padded = np.pad(
-        elevation, [(0, max(2 - n, 0)) for n in (rows, cols)], mode="edge"
-    )  # np.gradient wants two
-    slopes = np.gradient(padded, cell_size_m, cell_width_m or cell_size_m)
-    south, east = (np.asarray(each)[:rows, :cols] for each in slopes)
+    # np.gradient wants two rows and columns
+    missing = [(0, max(2 - side, 0)) for side in elevation.shape]
+    padded = np.pad(elevation, missing, mode="edge")
+    slopes = np.array(np.gradient(padded, cell_size_m, cell_width_m or cell_size_m))
+    south, east = slopes[:, :rows, :cols]
     tilt = np.hypot(south, east)
     steep = float(np.nanquantile(tilt, 0.9)) if np.isfinite(tilt).any() else 0.0
     gain = min(max(0.7 / max(steep, 1e-6), 1.0), 50.0)
     azimuth, height = (math.radians(angle) for angle in _LIGHT)
     toward = (math.cos(azimuth) * south - math.sin(azimuth) * east) * gain
-    light = (math.sin(height) + math.cos(height) * toward) / np.sqrt(1.0 + gain**2 * tilt**2)
-    light = np.nan_to_num(light, nan=math.sin(height))
-    return np.asarray(40.0 + 205.0 * np.clip(light, 0.0, 1.0)).astype(np.uint8)
+    flat = math.sin(height)
+    light = flat + math.cos(height) * toward
+    light /= np.sqrt(1.0 + gain**2 * tilt**2)
+    shade = 40.0 + 205.0 * np.clip(np.nan_to_num(light, nan=flat), 0.0, 1.0)
+    return np.asarray(shade, np.uint8)
 
 
 def cost_map_picture(cost: Float2D, *, cell_size_m: float | None = None) -> Picture:
     """A cost map (H, W) above a colour bar, a scale and the key to impassable cells."""
     drawing = MapDrawing(cost_picture(cost))
-    return drawing.finish(
-        [[drawing.grey_bar(), *_impassable(drawing, cost), *drawing.scale(cell_size_m)]]
-    )
+    impassable = [drawing.swatch(*each) for each in _impassable(cost)]
+    return drawing.finish([[drawing.grey_bar(), *impassable, *drawing.scale(cell_size_m)]])
 
 
 def plan_picture(
     cost: Float2D,
     plan: Plan,
+    start: Cell,
+    goal: Cell,
     *,
-    start: tuple[int, int] | None = None,
-    goal: tuple[int, int] | None = None,
-    via: Sequence[tuple[int, int]] = (),
-    shade: NDArray[np.uint8] | None = None,
+    via: Sequence[Cell] = (),
+    shade: Shade | None = None,
     reference_path: Line | None = None,
     cell_size_m: float | None = None,
     length_m: float | None = None,
-    outlines: Sequence[NDArray[np.float64]] = (),
-    refused: NDArray[np.uint8] | None = None,
+    outlines: Sequence[Line] = (),
+    refused: Shade | None = None,
     point_path: Cells | None = None,
 ) -> Picture:
-    """A plan on its map: regions in translucent cyan, path, start (yellow square) and goal (red
-    star).
+    """Draw a plan on its map: regions in translucent cyan, path, start (yellow square) and goal
+    (red star).
 
     Parameters
     ----------
     cost : (H, W) float32
         Traversability cost; `shade`, (H, W) uint8 from `hillshade`, is drawn in its place.
     plan : Plan
-        Made with its regions, if they are to be drawn. Start and goal are by default the ends of
-        its path.
+        Made with its regions, if they are to be drawn.
+    start, goal : (row, col)
+        Drawn even where no path was found.
     via : sequence of (row, col)
         Places between, in the order in which they are visited.
     reference_path : (N, 2) int
@@ -142,78 +145,40 @@ def plan_picture(
     outlines : sequence of (N, 2) float
         Of a vehicle along the path, rows and columns, from `body_outlines`.
     refused : (H, W) uint8
-        Where it stands in no heading, from `map.refusal.refusals`.
+        Where it stands in no heading, from `robots.body.refusal.refusals`.
     point_path : (N, 2) int
         The path of a point; beside one of arcs, of the same body that turns on the spot.
     cell_size_m, length_m : float
         For the scale and the legend; without a length it gives that in cells.
     """
     ground = cost_picture(cost, shade)
-    passable = cost < 1.0
-    regions = (
-        (plan.network_region, 0.2, "network's region"),
-        (plan.region, 0.42, "region searched"),
-    )
-    tints = [
-        (region.mask(), strength, REGION, words)
-        for region, strength, words in regions
-        if region is not None
-    ]
-    for limit in np.unique(() if refused is None else refused[refused > 0]).astype(int).tolist():
-        tints.append((refused == limit, _NO_STAND, *REFUSED[limit - 1]))
+    tints = list(_tints(plan, refused))
     for mask, strength, colour, _ in tints:
-        mask &= passable
+        mask &= cost < 1.0
         ground[mask] = _mixed(ground[mask], strength, colour)
     drawing = MapDrawing(ground)
-    freed = plan.line is not plan.path
-    arcs = plan.states is not None
-    lines: list[tuple[Line | None, Colour, float, str]] = [
-        (
-            plan.line,
-            PATH,
-            5.0,
-            "path of arcs" if arcs else "path freed from the grid" if freed else "path",
-        ),
-        (plan.path if freed and not arcs else None, GRID, 1.5, "path of the grid"),
-        (reference_path, OPTIMUM, 2.0, "exact optimum"),
-        (point_path, POINT, 2.0, "path with turns on the spot" if arcs else "path of a point"),
-    ]
-    drawn = [
-        (line, colour, width, words)
-        for line, colour, width, words in lines
-        if line is not None and len(line)
-    ]
+
     # the optimum lies on the path, thinner, and its rim below: both are seen where they agree
-    for line, colour, width, _ in reversed(drawn):
+    lines = _lines(plan, reference_path, point_path)
+    for line, _, width, _ in reversed(lines):
         drawing.line(line, INK, width + 2.0)
-    for line, colour, width, _ in drawn:
+    for line, colour, width, _ in lines:
         drawing.line(line, colour, width)
-    for outline in outlines:
-        drawing.line(outline, INK, 2.5)
-        drawing.line(outline, BODY, 1.2)
-    ends = (
-        [(int(row), int(col)) for row, col in plan.path[[0, -1]]]
-        if len(plan.path)
-        else [None, None]
-    )
-    keys: list[Item] = []
+    drawing.bodies(outlines)
     for number, stop in enumerate(via, 1):
-        drawing.numbered(drawing.at(stop), str(number))
-    symbols = (
-        (goal or ends[1], drawing.star, GOAL, "goal"),
-        (start or ends[0], drawing.square, START, "start"),
-    )
-    for cell, symbol, colour, name in symbols:
-        if cell is not None:
-            symbol(drawing.at(cell))
-            keys.insert(0, drawing.swatch(colour, name))
-    keys += [drawing.swatch(PAPER, "by way of")] if via else []
-    keys += [drawing.swatch(colour, words) for _, colour, _, words in drawn]
-    keys += [drawing.swatch(BODY, "vehicle")] if len(outlines) else []
-    keys += [
-        _tint_key(drawing, shade, strength, colour, words) for _, strength, colour, words in tints
-    ]
-    keys += [*_impassable(drawing, cost), *([drawing.grey_bar()] if shade is None else [])]
+        drawing.numbered(stop, str(number))
+    drawing.ends(start, goal)
+
+    # the legend
+    swatches = [(START, "start"), (GOAL, "goal")]
+    swatches += [(PAPER, "by way of")] * bool(via)
+    swatches += [(colour, words) for _, colour, _, words in lines]
+    swatches += [(BODY, "vehicle")] * bool(len(outlines))
+    swatches += [(_tint(shade, strength, colour), words) for _, strength, colour, words in tints]
+    swatches += _impassable(cost)
+    keys = [drawing.swatch(*each) for each in swatches]
+    if shade is None:
+        keys.append(drawing.grey_bar())
     facts = [drawing.text_item(text) for text in _facts(plan, length_m)]
     return drawing.finish([keys, facts + drawing.scale(cell_size_m)])
 
@@ -222,12 +187,12 @@ def reach_picture(
     cost: Float2D,
     field: Float2D,
     levels: Sequence[tuple[float, str]],
-    start: tuple[int, int],
+    start: Cell,
     *,
-    shade: NDArray[np.uint8] | None = None,
+    shade: Shade | None = None,
     cell_size_m: float | None = None,
 ) -> Picture:
-    """Bands of what can be reached at what cost, the nearest first, on the cost or the relief.
+    """Draw bands of what can be reached at what cost, the nearest first, on the cost or the relief.
 
     `field` is (H, W) float32, the cost of getting to each cell, inf where that is not possible;
     `levels` say where each band ends, ascending, and what the legend says of it (ASCII); `shade` is
@@ -235,42 +200,43 @@ def reach_picture(
     """
     ground = cost_picture(cost, shade)
     band = np.searchsorted([level for level, _ in levels], field)
-    places = np.array(
-        [[round(255 * (at + 0.5) / len(levels)) for at in range(len(levels))]], np.uint8
-    )
-    colours = cv2.applyColorMap(places, cv2.COLORMAP_PLASMA)[
-        0
-    ].tolist()  # along a scale from dark to light
+    # along a scale from dark to light
+    middles = 255 * (np.arange(len(levels)) + 0.5) / len(levels)
+    scale = np.rint(middles[None]).astype(np.uint8)
+    colours = cv2.applyColorMap(scale, cv2.COLORMAP_PLASMA)[0].tolist()
     for at, colour in enumerate(colours):
         ground[band == at] = _mixed(ground[band == at], _BAND, colour)
-    fine = math.ceil(
-        _SHARP / max(cost.shape)
-    )  # pixels to a cell, so that lines between bands are thinner than cells
-    ground = ground.repeat(fine, 0).repeat(fine, 1)
-    band = band.repeat(fine, 0).repeat(fine, 1)
+
+    # several pixels to a cell, so that lines between bands are thinner than cells
+    fine = math.ceil(_SHARP / max(cost.shape))
+
+    def enlarged(cells: NDArray[T]) -> NDArray[T]:
+        return cells.repeat(fine, 0).repeat(fine, 1)
+
+    ground = enlarged(ground)
+    band = enlarged(band)
     edges = np.zeros(band.shape, bool)
-    edges[:-1] |= band[:-1] != band[1:]
-    edges[:, :-1] |= band[:, :-1] != band[:, 1:]
-    ground[edges & (cost < 1.0).repeat(fine, 0).repeat(fine, 1)] = INK
+    edges[:-1] |= np.diff(band, axis=0) != 0
+    edges[:, :-1] |= np.diff(band, axis=1) != 0
+    ground[edges & enlarged(cost < 1.0)] = INK
+
     drawing = MapDrawing(ground)
-    drawing.square(drawing.at((start[0] * fine + fine // 2, start[1] * fine + fine // 2)))
-    keys = [drawing.swatch(START, "start")]
-    keys += [
-        _tint_key(drawing, shade, _BAND, c, words)
-        for c, (_, words) in zip(colours, levels, strict=True)
-    ]
-    keys += _impassable(drawing, cost)
-    return drawing.finish(
-        [keys, drawing.scale(None if cell_size_m is None else cell_size_m / fine)]
-    )
+    row, col = (cell * fine + fine // 2 for cell in start)
+    drawing.ends((row, col))
+    swatches = [(START, "start")]
+    for colour, (_, words) in zip(colours, levels, strict=True):
+        swatches.append((_tint(shade, _BAND, colour), words))
+    keys = [drawing.swatch(*each) for each in swatches + _impassable(cost)]
+    side = None if cell_size_m is None else cell_size_m / fine
+    return drawing.finish([keys, drawing.scale(side)])
 
 
 def body_outlines(
     path: Line,
     vehicle: Vehicle,
     sides_m: tuple[float, float],
-    headings_deg: NDArray[np.float64] | None = None,
-) -> list[NDArray[np.float64]]:
+    headings_deg: Line | None = None,
+) -> list[Floats]:
     """(N, 2) the body's outline, rows and columns, and a line from its front to its middle, all
     along a path.
 
@@ -281,42 +247,78 @@ def body_outlines(
         return []
     steps = np.diff(path, axis=0) * sides_m
     along = np.concatenate(([0.0], np.cumsum(np.hypot(*steps.T))))
-    # metres ahead of the body's middle and to its left: from the front's middle around, and to the
-    # middle
+
+    # the body in metres ahead of its middle and to its left: from the front's middle around, and
+    # to the middle
     if vehicle.radius_m is not None:
         turns = np.linspace(0.0, 2.0 * math.pi, 33)
-        around = vehicle.radius_m * np.column_stack((np.cos(turns), np.sin(turns)))
+        ahead = vehicle.radius_m * np.cos(turns)
+        left = vehicle.radius_m * np.sin(turns)
     else:
-        corners = np.array([(1, 0), (1, 1), (-1, 1), (-1, -1), (1, -1), (1, 0)])
-        around = corners * (vehicle.length_m / 2.0, vehicle.width_m / 2.0)
-    shape = np.concatenate((around, np.zeros((1, 2))))
-    count = min(max(int(along[-1] / (4.0 * shape[:, 0].max())), 1), 100)
+        ahead = vehicle.length_m / 2.0 * np.array([1, 1, -1, -1, 1, 1])
+        left = vehicle.width_m / 2.0 * np.array([0, 1, 1, -1, -1, 0])
+    shape = np.column_stack((np.append(ahead, 0.0), np.append(left, 0.0)))
+
+    # where along the path it is drawn, and how it is turned there
+    count = int(along[-1] / (4.0 * ahead.max()))
+    count = min(max(count, 1), 100)
     outlines = []
     for at in np.searchsorted(along, np.linspace(0.0, along[-1], count + 1)).tolist():
         if headings_deg is None:
             step = steps[min(at, len(steps) - 1)]
-            ahead = step / np.hypot(*step)
+            down, right = step / np.hypot(*step)
         else:
             heading = math.radians(headings_deg[at])
-            ahead = np.array((-math.cos(heading), math.sin(heading)))
-        left = np.array((-ahead[1], ahead[0]))  # rows go down
-        outlines.append(path[at] + (shape @ np.array((ahead, left))) / sides_m)
+            down = -math.cos(heading)
+            right = math.sin(heading)
+        ahead_and_left = np.array([(down, right), (-right, down)])  # rows go down
+        outlines.append(path[at] + shape @ ahead_and_left / sides_m)
     return outlines
 
 
 def png_bytes(picture: Picture) -> bytes:
-    """A picture as a PNG; OutputError if it is none."""
-    done, content = cv2.imencode(".png", picture)
-    if not done:
-        raise OutputError(
-            f"a picture could not be encoded as PNG ({picture.shape} {picture.dtype})"
-        )
-    return content.tobytes()
+    """Encode a picture as PNG."""
+    return cv2.imencode(".png", picture)[1].tobytes()
 
 
 def save_picture(path: Path, picture: Picture) -> None:
     """Write a PNG, whole or not at all; OutputError if it cannot be written."""
     write_whole(path, png_bytes(picture))
+
+
+def _tints(plan: Plan, refused: Shade | None) -> Iterator[tuple[Mask, float, Colour, str]]:
+    """Cells that are tinted: mask, how strongly, colour, and words of the legend."""
+    if plan.network_region is not None:
+        yield plan.network_region.mask(), 0.2, REGION, "network's region"
+    if plan.region is not None:
+        yield plan.region.mask(), 0.42, REGION, "region searched"
+    if refused is not None:
+        for limit in np.unique(refused[refused > 0]).tolist():
+            yield refused == limit, _NO_STAND, *REFUSED[limit - 1]
+
+
+def _lines(
+    plan: Plan,
+    reference_path: Line | None,
+    point_path: Line | None,
+) -> list[tuple[Line, Colour, float, str]]:
+    """Paths that are drawn: places, colour, width, and words of the legend."""
+    arcs = plan.states is not None
+    freed = plan.line is not plan.path and not arcs
+    words = "path"
+    if arcs:
+        words = "path of arcs"
+    elif freed:
+        words = "path freed from the grid"
+    lines = [(plan.line, PATH, 5.0, words)]
+    if freed:
+        lines.append((plan.path, GRID, 1.5, "path of the grid"))
+    if reference_path is not None:
+        lines.append((reference_path, OPTIMUM, 2.0, "exact optimum"))
+    if point_path is not None:
+        other = "path with turns on the spot" if arcs else "path of a point"
+        lines.append((point_path, POINT, 2.0, other))
+    return [each for each in lines if len(each[0])]
 
 
 def _facts(plan: Plan, length_m: float | None) -> Iterator[str]:
@@ -328,7 +330,10 @@ def _facts(plan: Plan, length_m: float | None) -> Iterator[str]:
         yield f"cost {_number(plan.cost)}"
         if plan.waypoints is not None:
             yield f"line integral {_number(plan.line_cost)}"
-        yield f"{_number(plan.length)} cells" if length_m is None else f"length {metres(length_m)}"
+        if length_m is None:
+            yield f"{_number(plan.length)} cells"
+        else:
+            yield f"length {metres(length_m)}"
     if "total" in plan.timings_ms:
         yield f"{_number(plan.timings_ms['total'])} ms"
 
@@ -338,22 +343,18 @@ def _number(x: float) -> str:
     return f"{x:.0f}" if x >= 1000.0 else f"{x:.4g}"
 
 
-def _impassable(drawing: MapDrawing, cost: Float2D) -> list[Item]:
-    return [] if (cost < 1.0).all() else [drawing.swatch(IMPASSABLE, "impassable")]
+def _impassable(cost: Float2D) -> list[tuple[Colour, str]]:
+    """The key to impassable cells, if there are any."""
+    return [] if (cost < 1.0).all() else [(IMPASSABLE, "impassable")]
 
 
-def _tint_key(
-    drawing: MapDrawing,
-    shade: NDArray[np.uint8] | None,
-    strength: float,
-    colour: Colour,
-    words: str,
-) -> Item:
-    """A key: a colour laid over ground of middling lightness."""
+def _tint(shade: Shade | None, strength: float, colour: Colour) -> Colour:
+    """A colour laid over ground of middling lightness."""
     ground = np.full(3, 90 if shade is None else 190, np.uint8)
-    return drawing.swatch(tuple(_mixed(ground, strength, colour).tolist()), words)
+    blue, green, red = _mixed(ground, strength, colour).tolist()
+    return blue, green, red
 
 
-def _mixed(ground: NDArray[np.uint8], strength: float, colour: Colour) -> NDArray[np.uint8]:
+def _mixed(ground: Picture, strength: float, colour: Colour) -> Picture:
     """A colour laid over the ground, which shows through."""
     return ((1.0 - strength) * ground + strength * np.array(colour)).astype(np.uint8)

@@ -7,7 +7,7 @@ What belongs together is handed over as one plain tuple, in this order everywher
   border of impassable
   cells; `stride` nodes lie from one row to the next; `steps` are the lengths, then the weight
   factors of a straight and of a diagonal step.
-- ``region``: (bitmap, row_block, col_block, stamp), `map.region.Region`; None for the whole map.
+- ``region``: (bitmap, row_block, col_block, stamp), `search.region.Region`; None for the whole map.
 - ``memory``: the scratch arrays of a search, `Workspace.packed` and its like, listed where they are
   unpacked.
 - ``area``: (row0, row1, col0, col1), rows and columns from the first up to but not including the

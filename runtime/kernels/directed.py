@@ -17,7 +17,7 @@ from nnpp_edge.runtime.kernels.records import Area, FinerSteps, SlopePrices, Way
 STEEPEST = 3.0
 PER_SLOPE = 1024
 """Slopes, rise a metre, up to which a table has knots, and how many to a slope of 1. See
-`map.slope_cost`.
+`robots.slope.cost`.
 """
 _INF_BITS = float32(inf).view(int32)
 

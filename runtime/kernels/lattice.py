@@ -1,11 +1,11 @@
 """The search over a body's states: a cell, one of sixteen directions in which the body stands
 there, and its gear.
 
-A state is left by motion primitives: legs, turns on the spot and arcs (`map.primitives`). One that
-nobody has checked counts as possible and cheap until the state that it leads to would be expanded:
-only then `kernels.poses` checks it. If it fails, or is dearer, the state waits for the next best
-way to it. What is left from a state is judged by a field, costs from cells to the goal that are
-found before.
+A state is left by motion primitives: legs, turns on the spot and arcs (`robots.body.primitives`).
+One that nobody has checked counts as possible and cheap until the state that it leads to would be
+expanded: only then `kernels.poses` checks it. If it fails, or is dearer, the state waits for the
+next best way to it. What is left from a state is judged by a field, costs from cells to the goal
+that are found before.
 """
 
 import math
@@ -183,16 +183,17 @@ def trace_states(meta, state, prices, frame, out):
 
 
 @kernel
-def fill_field(poses, edges, prices, region, ends, rule, memory, limits):
+def fill_field(poses, edges, prices, region, seeds, ends, rule, memory, limits):
     """Costs to the goal of the cells from which a way to it may be part of the best one.
 
-    Arguments as for `expand_states`, but for memory, which is that of nodes, `ends`, (goal, start),
-    the first -1 to go on with what is on the open list, and `rule`, (towards, width, between).
-    Searches from the goal until the start is settled, by the rays of `prices`. Without `between`
-    turns are free, and no way costs less. With the costs of turns `between` directions, (16, 16)
-    float32, each cell's cost is that of a way with its turns: as the cell's best way on is what
-    counts for all that come to it, nearly the least. Returns the code, the expansions, and the
-    least f of a node that the region refused.
+    Arguments as for `expand_states`, but for memory, which is that of nodes, `seeds`, (nodes,
+    costs, onwards), the cells that it begins with, what they cost and the direction in which the
+    way on leaves them, `ends`, (goal, start), the first -1 to go on with what is on the open list,
+    and `rule`, (towards, width, between). Searches from the seeds until the start is settled, by
+    the rays of `prices`. Without `between` turns are free, and no way costs less. With the costs of
+    turns `between` directions, (16, 16) float32, each cell's cost is that of a way with its turns:
+    as the cell's best way on is what counts for all that come to it, nearly the least. Returns the
+    code, the expansions, and the least f of a node that the region refused.
     """
     goal, start = ends
     unit = prices[0]
@@ -219,14 +220,21 @@ def fill_field(poses, edges, prices, region, ends, rule, memory, limits):
     judge = stride, start_row, start_col, best
     if goal >= 0:
         clear(heads, control)
-        control[FREE], control[USED] = push(heads, entries, 0, goal, 0, 0, NOTHING, 0)
-        control[LENGTH] = 1
-        g[2 * goal] = 0.0
-        meta[2 * goal + 1] = (stamp << STAMP_SHIFT) | OPEN_BIT
         reals[BASE] = _left_of_cell(goal, judge)
         reals[INVERSE_WIDTH] = 1.0 / width
         reals[REFUSED] = np.inf
         counts[EXPANSIONS] = 0
+        nodes, costs, ways = seeds
+        for n in range(len(nodes)):
+            node = np.int64(nodes[n])
+            left = _left_of_cell(node, judge)
+            bucket = bucket_of(costs[n] + left, reals[BASE], reals[INVERSE_WIDTH])
+            control[FREE], control[USED] = push(
+                heads, entries, bucket, node, 0, 0, control[FREE], control[USED]
+            )
+            g[2 * node] = costs[n]
+            meta[2 * node + 1] = (stamp << STAMP_SHIFT) | OPEN_BIT | ways[n]
+        control[LENGTH] = len(nodes)
     order = (reals[BASE], reals[INVERSE_WIDTH])
     refused = reals[REFUSED]
     free = control[FREE]
@@ -337,66 +345,51 @@ def fill_field(poses, edges, prices, region, ends, rule, memory, limits):
 
 
 @kernel
-def field_around(states, memory, frame, ends, rule, part, inside):
-    """Put cells near the goal into a field by what their states cost, as a search of states from
-    the goal has them.
+def least_of_cells(states, frame, part, nodes, costs, onwards):
+    """Least costs of cells near a goal, as a search of states from the goal has them.
 
     Parameters
     ----------
     states : (g, meta, stamp)
         Of that search, in which bodies stand the other way round than on their way to the goal.
-    memory
-        Of the field, as for `fill_field`.
     frame : (bits, stride)
         As for `expand_states`.
-    ends, rule : (goal, start), (towards, width)
-        As for `fill_field`.
     part : (row, rows, col, cols)
         The cells that are looked at, numbered within the border: from, to.
-    inside : bool
-        False: begin the field by the cells of states that are still open, from which all ways lead
-        on to the goal; they are put on the open list, which has room for all. True, once it is
-        filled: give cells of settled states what these cost, where that is less.
+    nodes, costs, onwards : (2, N)
+        Written: cells, what they cost, and the direction in which the way on leaves them; in the
+        first row by states that are still open, in the second by settled ones. N cells are in
+        `part`.
+
+    Returns
+    -------
+    (int, int)
+        How many are written into each row.
     """
-    costs, known, search = states
-    g, meta, stamp, heads, entries, control, reals, counts, _ = memory
+    g, meta, stamp = states
     bits, stride = frame
-    best, width = rule
-    judge = stride, ends[1] // stride, ends[1] % stride, best
-    order = _left_of_cell(ends[0], judge), 1.0 / width
-    if not inside:
-        clear(heads, control)
-        reals[BASE] = order[0]
-        reals[INVERSE_WIDTH] = order[1]
-        reals[REFUSED] = np.inf
-        counts[EXPANSIONS] = 0
-    for row in range(part[0], part[1]):
-        for col in range(part[2], part[3]):
-            node = row * stride + col
-            least = np.float32(np.inf)
-            onwards = 0
-            for local in range(1 << bits):
-                state = (node << bits) + local
-                word = known[2 * state + 1]
-                if (
-                    word >> STAMP_SHIFT == search
-                    and (word & OPEN_BIT > 0) != inside
-                    and costs[2 * state] < least
-                ):
-                    least = costs[2 * state]
-                    onwards = (local + (AXES if local < DIRECTIONS else 0)) & _MASK
-            if least == np.inf or (
-                inside and meta[2 * node + 1] >> STAMP_SHIFT == stamp and g[2 * node] <= least
-            ):
-                continue
-            g[2 * node] = least
-            meta[2 * node + 1] = (stamp << STAMP_SHIFT) | (0 if inside else OPEN_BIT) | onwards
-            if not inside:
-                bucket = bucket_of(least + _left_of_cell(node, judge), *order)
-                control[FREE], control[USED] = push(
-                    heads, entries, bucket, node, 0, 0, control[FREE], control[USED]
-                )
-                control[LENGTH] += 1
+    found = 0
+    open_cells = 0
+    for settled in range(2):
+        open_cells = found
+        found = 0
+        for row in range(part[0], part[1]):
+            for col in range(part[2], part[3]):
+                node = row * stride + col
+                least = np.float32(np.inf)
+                for local in range(1 << bits):
+                    state = (node << bits) + local
+                    word = meta[2 * state + 1]
+                    wanted = word >> STAMP_SHIFT == stamp and (word & OPEN_BIT == 0) == settled
+                    if wanted and g[2 * state] < least:
+                        least = g[2 * state]
+                        ahead = local + (AXES if local < DIRECTIONS else 0)
+                        onwards[settled, found] = ahead & _MASK
+                if least < np.inf:
+                    nodes[settled, found] = node
+                    costs[settled, found] = least
+                    found += 1
+    return open_cells, found
 
 
 @helper
@@ -421,7 +414,7 @@ def expand_states(poses, edges, prices, field, region, ends, rule, memory, limit
         What the leg that leaves a node in each direction costs, inf where there is none; without
         any, legs cost by what they are checked to be.
     prices : tuple
-        Of primitives and rays, see `map.primitives`.
+        Of primitives and rays, see `robots.body.primitives`.
     field : (g, meta, stamp, row, col, floor, between)
         What `fill_field` left, the number of that search, the start, and what it costs from there;
         no g without one. With costs of turns `between` directions, (16, 16) float32, if it was
@@ -430,10 +423,12 @@ def expand_states(poses, edges, prices, field, region, ends, rule, memory, limit
         As there.
     ends : (start, goal)
         Nodes.
-    rule : (towards, width, beyond, frame, starting, wanted)
+    rule : (towards, width, beyond, again, frame, starting, wanted)
         Costs of straight, diagonal and knight's legs by which what is left is judged; else as
-        there. Binary digits of a cell's states, and cells of a row with its border. (S,) bool,
-        states in which it may start, one at least, and that will do at the goal.
+        there. By how much an expanded state must become cheaper to be expanded again: 0 where what
+        is left is judged consistently. Binary digits of a cell's states, and cells of a row with
+        its border. (S,) bool, states in which it may start, one at least, and that will do at the
+        goal.
     memory
         As there, of the states.
 
@@ -447,7 +442,7 @@ def expand_states(poses, edges, prices, field, region, ends, rule, memory, limit
     moves = borrowed(moves)
     fares = borrowed(fares)
     origins = borrowed(origins)
-    best, width, beyond, frame, starting, wanted = rule
+    best, width, beyond, again, frame, starting, wanted = rule
     starting = borrowed(starting)
     wanted = borrowed(wanted)
     most, until = limits
@@ -628,6 +623,8 @@ def expand_states(poses, edges, prices, field, region, ends, rule, memory, limit
             if before >> STAMP_SHIFT == stamp:
                 known = g[np.uint64(2 * there)]
                 sure = not before & UNSURE_BIT
+                if not before & OPEN_BIT and across != goal:
+                    known -= np.float32(again * expansions)
             step = _step(found, edges, node, moves[local, way], fares[local, way], unit)
             left = _left_at(i, j, to, judge)
             reached = np.float32(g_state + step)

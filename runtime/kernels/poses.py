@@ -3,13 +3,13 @@ and why it cannot.
 
 Motions are checked a run at a time, `RUN` cells of a row, where a search first asks: a run takes
 about as long as two or three motions would take one by one. docs/vehicle-check.md has the
-definitions and proof, `map.motions` the tables.
+definitions and proof, `robots.body.motions` the tables.
 
 The kernels are given `poses`, a tuple (codes, source, address):
 
     codes      (nodes, M) uint16, of each motion that begins on a node: `UNCHECKED`,
                1 + T · `MOST_CODE`, rounded up, or `MOST_CODE` + 1 + the limit that refuses it
-    source     (heights, motions, limits, scratch, counts, shape, unseen), see `map.poses`
+    source     (heights, motions, limits, scratch, counts, shape, unseen), see `robots.body.poses`
     address    of `check_run`
 """
 
@@ -48,10 +48,10 @@ _1 = np.uint64(1)
 _2 = np.uint64(2)
 _3 = np.uint64(3)
 _4 = np.uint64(4)
-WALL_M = 1e6
-_STEEP = np.float32(1e4)
-"""Height of what no body passes, where unknown ground counts by its price, and figures that only
-such ground has.
+_REFUSED = np.float32(FAILS + UNKNOWN)
+_PRICED = np.float32(FAILS - 0.5)
+"""Of a run's poses, where unknown ground counts by its price: refused whatever lies there, and not
+known, which a refusal outweighs and nothing else.
 """
 _ONE = np.float32(1.0)
 _TWO = np.float32(2.0)
@@ -86,7 +86,7 @@ def put_heights(heights, base, unknown, out, row, col):
 @helper
 def _range(heights, first, group, samples, slopes):
     """Least and greatest height above a plane among a group of samples, see
-    `map.motions.Motions.groups`.
+    `robots.body.motions.Motions.groups`.
 
     The plane falls by these slopes from the body's middle. Unsigned indices need no look for
     negative ones.
@@ -165,6 +165,32 @@ def _codes(figures, limits):
     codes = chosen(pitch <= limits[PITCH], codes, np.float32(FAILS + PITCH))
     codes = chosen(tilt <= limits[TILT], codes, np.float32(FAILS + TILT))
     return chosen(slope + step + up < _INF, codes, np.float32(FAILS + UNKNOWN))
+
+
+@helper
+def _highest(heights, first, pose, tables):
+    """Greatest of the heights that a pose is checked by, those that are not known apart."""
+    groups_of, groups, samples, _, _, _, _, _ = tables
+    offsets = samples[2]
+    last = groups[groups_of[pose + 1] - 1]
+    end = last[4] + 4 * (last[1] - last[0]) + 2 * (last[2] - last[1]) + last[3] - last[2]
+    high = in_all(-_INF)
+    for n in range(groups[groups_of[pose], 4], end):
+        there = run_at(heights, first + offsets[n])
+        high = chosen(there > high, there, high)
+    return high
+
+
+@helper
+def _wall_near(heights, first, width, margin):
+    """Whether any motion of a run may meet a height that no body passes."""
+    found = False
+    for row in range(-margin, margin + 1):
+        middle = first + row * width
+        line = heights[middle - margin : middle + margin + RUN]
+        for c in range(len(line)):
+            found |= line[c] == _INF
+    return found
 
 
 @helper
@@ -294,23 +320,23 @@ def check_run(poses, row, col, motion):
     first = (row + margin) * width + col + margin
     total = in_all(_ZERO)
     worst = in_all(_ZERO)
+    wall = side > 0 and _wall_near(heights, first, width, margin)
     for pose in range(poses_of[motion], poses_of[motion + 1]):
         bounds, _, known = _figures(heights, first, pose, tables, scratch)
         code = _codes(bounds, limits)
-        if (
-            side > 0
-        ):  # what is known below refuses too much without the wheels' plane, but for what was shut
-            shut = bounds[0] + bounds[3] + bounds[4] > _STEEP
-            code = chosen(known, code, chosen(shut, code, in_all(np.float32(FAILS + UNKNOWN))))
+        if side > 0:  # without the wheels' plane, what is known below refuses too much
+            code = chosen(known, code, _PRICED)
+        if wall:
+            code = chosen(_highest(heights, first, pose, tables) < _INF, code, _REFUSED)
         total += code
         worst = chosen(code > worst, code, worst)
     mean = rounded_up(total * (_ONE / np.float32(poses_of[motion + 1] - poses_of[motion])))
-    put_run(scratch, 0, chosen(worst < np.float32(FAILS), mean, worst))
+    put_run(scratch, 0, chosen(worst <= _MOST, mean, worst))
     n = min(RUN, cols - col)
     node = (row + 1) * (cols + 2) + col + 1
     if side > 0:
         for c in range(n):
-            if scratch[c] == np.float32(FAILS + UNKNOWN):
+            if scratch[c] == _PRICED:
                 price = unseen[row // side * (cols // side) + (col + c) // side]
                 scratch[c] = _ONE + (_MOST - _ONE) * min(price, _ONE)
     if motion < codes.shape[1]:

@@ -453,7 +453,7 @@ class UnitEdges(NamedTuple):
 
 class SlopePrices(NamedTuple):
     """What a metre of a directed step costs by its slope, less what its rise is worth
-    (`map.slope_cost.Table`).
+    (`robots.slope.cost.Table`).
     """
 
     kinks: Doubles

@@ -3,7 +3,7 @@
 import sys
 from collections import deque
 from collections.abc import Iterable, Iterator
-from typing import Protocol
+from typing import Protocol, runtime_checkable
 
 from nnpp_edge.runtime.arguments import checked
 from nnpp_edge.runtime.loop.messages import (
@@ -27,6 +27,7 @@ class InputSource(Protocol):
         """
 
 
+@runtime_checkable
 class Sink(Protocol):
     """Receiver of answers. Each sink has its own thread and may be slow.
 
@@ -38,6 +39,43 @@ class Sink(Protocol):
 
     def publish(self, message: Output) -> None:
         """Send the message on. If it raises, that is counted, and the next message is tried."""
+
+
+@runtime_checkable
+class Recorder(Protocol):
+    """Receiver of the inputs that the loop reads, such as a log. Each recorder has its own
+    thread and may be slow.
+    """
+
+    def record(self, message: Input, at_s: float) -> None:
+        """Take an input that was read so many seconds after the first tick began. If it raises,
+        that is counted, and the next input is tried.
+        """
+
+
+class Transport(Protocol):
+    """Connection of the loop to the outside, which `nnpp-edge run` opens and closes.
+
+    A transport is an `InputSource` (then an `Incoming`), a `Sink`, a `Recorder`, or several of
+    them. Those that `nnpp-edge run` knows are `TRANSPORTS` in `nnpp_edge.robot.transports`.
+    """
+
+    def close(self) -> None:
+        """Write what waits, and give files and connections back. Called once, after the last
+        tick.
+        """
+
+
+@runtime_checkable
+class Incoming(InputSource, Transport, Protocol):
+    """A source of inputs that can end or fail."""
+
+    failure: str
+    """Why nothing more can be read, in one line; empty while all is well."""
+
+    @property
+    def ended(self) -> bool:
+        """Whether nothing waits and nothing more will come."""
 
 
 class Mailbox:

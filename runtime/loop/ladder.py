@@ -19,11 +19,11 @@ from typing import NamedTuple
 from nnpp_edge.runtime.arguments import checked
 from nnpp_edge.runtime.errors import InvalidQueryError, Status
 from nnpp_edge.runtime.loop.messages import Origin, PathMessage
-from nnpp_edge.runtime.map.step_cost import PAPER_OMEGA
 from nnpp_edge.runtime.network.inference import NetworkModel
 from nnpp_edge.runtime.planners.dynamic import DynamicPlanner
 from nnpp_edge.runtime.planners.plan import DynamicMethod, Plan
 from nnpp_edge.runtime.planners.standing_path import Standing
+from nnpp_edge.runtime.terrain.step_cost import PAPER_OMEGA
 
 _LOG = logging.getLogger(__name__)
 _LEAST_PLANNING_S = 0.002
@@ -258,7 +258,8 @@ class Ladder:
             headings = tuple(plan.headings_deg.tolist())
             found = replace(found, states=states, arcs=plan.arcs, headings=headings)
         if (state := self._planner.state).unseen is not None:
-            found = replace(found, known=state.known_along(path))
+            anew = origin is Origin.STANDING or version != tick.known.map_version
+            found = replace(found, known=state.known_along(path) if anew else plan.known)
         if version == tick.known.map_version:
             found = replace(found, waypoints=plan.waypoints, line_cost=plan.line_cost)
             return replace(found, cost=plan.cost, lower_bound=plan.lower_bound)

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from nnpp_edge.runtime.arrays import Float2D, as_map, headings_along
 from nnpp_edge.runtime.cells import Cell
 from nnpp_edge.runtime.errors import InvalidMapError, NnppEdgeError, Status, shown
-from nnpp_edge.runtime.map.arcs import Arc
+from nnpp_edge.runtime.robots.body.arcs import Arc
 
 
 class InvalidMessageError(NnppEdgeError, ValueError):

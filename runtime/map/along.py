@@ -11,7 +11,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from nnpp_edge.runtime.map.slope_cost import Mobility, SlopeCost
+from nnpp_edge.runtime.robots.slope.cost import Mobility, SlopeCost
 
 Line = NDArray[np.int32] | NDArray[np.float64]
 """(N, 2) row and column: cells of a path, or way points between them."""

@@ -9,23 +9,22 @@ from nnpp_edge.runtime.arrays import Float2D, as_map, close_border
 from nnpp_edge.runtime.bands import in_bands
 from nnpp_edge.runtime.cells import Cell, patch_at
 from nnpp_edge.runtime.deadline import NEVER, Deadline
+from nnpp_edge.runtime.errors import InvalidQueryError
 from nnpp_edge.runtime.kernels import records
 from nnpp_edge.runtime.kernels.nodes import octile
 from nnpp_edge.runtime.kernels.records import CostLimits, Packed
 from nnpp_edge.runtime.kernels.weights import fill_costs, write_costs
 from nnpp_edge.runtime.map.changes import NO_NODES, NO_WEIGHTS, Change
-from nnpp_edge.runtime.map.directed import CoarseSteps, DirectedSteps
-from nnpp_edge.runtime.map.poses import Poses
-from nnpp_edge.runtime.map.step_cost import (
+from nnpp_edge.runtime.map.tiles import COMPLETE, Tiles, rectangle_of
+from nnpp_edge.runtime.memory import virtual_zeros
+from nnpp_edge.runtime.robots.robot import Robot
+from nnpp_edge.runtime.terrain.step_cost import (
     GREY_LEVELS,
     LEAST_WEIGHT,
     PAPER_OMEGA,
     StepCost,
     StepModel,
 )
-from nnpp_edge.runtime.map.steps import PointSteps, PoseSteps
-from nnpp_edge.runtime.map.tiles import COMPLETE, Tiles, rectangle_of
-from nnpp_edge.runtime.memory import virtual_zeros
 
 _FAR = 0.25
 """A bound is measured anew when it lies beyond this share, or one over it, of what was measured
@@ -65,12 +64,8 @@ class Grid:
         """(nodes,) weights; inf where impassable."""
         self.tiles: Tiles | None = None
         """By which weights are computed where a search reads them; None where all are there."""
-        self.poses: Poses | None = None
-        """Of a vehicle, by which steps cost and cells can be stood on; None for a point."""
-        self.directed: DirectedSteps | CoarseSteps | None = None
-        """By which steps cost; None where they cost by the weights, or the poses, of their ends."""
-        self.steps: PointSteps = PointSteps()
-        """Costs of steps, and where they may lead."""
+        self.robot = Robot()
+        """Where it may stand, and what its steps cost; by default a point's."""
         self._level = 0
         self.pack()
         floor, most, ceiling = map(np.float32, model.costs)
@@ -127,30 +122,18 @@ class Grid:
         self.pack()
         self.set_bounds(0.0, self.model.scale)
 
-    def stand_by(self, poses: Poses) -> None:
-        """From now on steps cost by these poses; the weights remain what the coarse levels are made
+    def drive_by(self, robot: Robot) -> None:
+        """From now on this robot drives on the map; the weights remain what coarse levels are made
         of.
         """
-        self.poses = poses
-        self.steps = PoseSteps(poses)
+        self.robot = robot
         self.set_bounds(self.least, self.greatest)
-
-    def go_by(self, directed: DirectedSteps | CoarseSteps) -> None:
-        """From now on steps cost by these; weights, or poses, decide where they may lead."""
-        self.steps = self.directed = directed
-        self.prices = self._shortened(*directed.prices)
-
-    def _shortened(self, straight: float, diagonal: float) -> tuple[float, float]:
-        """Prices by which the octile distance is no more than a path's cost, though legs may lead
-        by shorter ways.
-        """
-        return straight * self.steps.shortest, diagonal * self.steps.shortest
 
     def least_cost(self, start: Cell, goal: Cell) -> float:
         """Least cost of a path between two cells, which may lie outside the map."""
         straight = float(octile.py_func(*start, *goal, *self.prices))
         both = self.holds(start) and self.holds(goal)
-        return straight + self.steps.worth_of_height(start, goal) if both else straight
+        return straight + self.robot.worth_of_height(start, goal) if both else straight
 
     def complete(self, deadline: Deadline = NEVER) -> None:
         """See to it that all weights are there, and all poses checked; OutOfTimeError at the
@@ -158,8 +141,7 @@ class Grid:
         """
         if self.tiles is not None:
             self.tiles.complete(deadline)
-        if self.poses is not None:
-            self.poses.complete()
+        self.robot.complete()
 
     @property
     def shape(self) -> tuple[int, int]:
@@ -172,23 +154,13 @@ class Grid:
         """
         self.least = least
         self.greatest = greatest
-        if self.directed is not None:
-            return
-        straight = self.model.step(0, 2.0 * least)
-        self.prices = self._shortened(
-            straight, min(self.model.step(1, 2.0 * least), 2.0 * straight)
-        )
-        """Cost of getting a straight and a diagonal step closer where all cells are as cheap as the
-        cheapest.
-
-        With directed steps: of the cheapest metre over all slopes, which no change of the map
-        alters.
-        """
+        self.prices = self.robot.prices(self)
+        """Cost of getting a straight and a diagonal step closer, see `Robot.prices`."""
 
     @property
     def step_ratio(self) -> float:
         """Cost of the dearest step, in times of the cheapest."""
-        return self.steps.greatest(self) / self.prices[0]
+        return self.robot.greatest(self) / self.prices[0]
 
     def measure_bounds(self) -> None:
         """Set the bounds to what the weights are."""
@@ -291,17 +263,29 @@ class Grid:
         into `costs` (N,).
 
         Returns the number of the first cell, from `first` on, that cannot be stepped on; -1 if all
-        can.
+        can. InvalidQueryError where the path leaves the map, or `costs` has too little room.
         """
-        return self.steps.walk(self, path, first, costs)
+        self._check(path)
+        if len(costs) < len(path):
+            raise InvalidQueryError(f"wanted room for {len(path)} costs, got {len(costs)}")
+        return self.robot.walk(self, path, first, costs)
 
     def costs_of(self, path: NDArray[np.int32]) -> tuple[float, float, float]:
-        """Cost, length in cells and CC of a path, summed in float64; inf for an empty one."""
-        return self.steps.costs_of(self, path)
+        """Cost, length in cells and CC of a path, summed in float64; inf for an empty one.
+
+        InvalidQueryError where it leaves the map.
+        """
+        self._check(path)
+        return self.robot.costs_of(self, path)
+
+    def _check(self, path: NDArray[np.int32]) -> None:
+        """InvalidQueryError for a path that leaves the map: kernels would read what lies there."""
+        if not ((path[:, :2] >= 0) & (path[:, :2] < self.shape)).all():
+            raise InvalidQueryError(f"a path must lie on the map of {self.shape} cells")
 
     def is_passable(self, cell: Cell) -> bool:
         """Whether a cell of the map can be stood on."""
-        return self.steps.stands_at(self, cell)
+        return self.robot.stands_at(self, cell)
 
 
 def bordered(rows: int, cols: int, *, small: bool = False) -> NDArray[np.float32]:

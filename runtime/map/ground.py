@@ -10,8 +10,8 @@ from typing import TypedDict, Unpack
 from nnpp_edge.runtime.arguments import checked
 from nnpp_edge.runtime.arrays import Float2D, as_map, numbers
 from nnpp_edge.runtime.errors import InvalidMapError, InvalidQueryError
-from nnpp_edge.runtime.map.slope_cost import Mobility, slope_cost_of
-from nnpp_edge.runtime.map.step_cost import StepCost, StepModel
+from nnpp_edge.runtime.robots.slope.cost import SLOPE_COSTS, Mobility, slope_cost_of
+from nnpp_edge.runtime.terrain.step_cost import StepCost, StepModel
 from nnpp_edge.runtime.terrain.traversability import Traversability, sides_of, traversability_cost
 from nnpp_edge.runtime.terrain.vehicle import Vehicle
 
@@ -58,7 +58,7 @@ class Ground:
     step_cost: str = StepCost.PAPER
     """``paper``: a step costs L + 255·omega·(T_i + T_j) (NNPP, Eq. 2-4). ``length``, of costs
     alone: L × the mean weight. With heights also by the slope that the step leads up or down:
-    ``time``, ``energy``, ``tobler`` or ``linear``, see `map.slope_cost`; limits or poses decide
+    ``time``, ``energy``, ``tobler`` or ``linear``, see `robots.slope.cost`; limits or poses decide
     all the same where paths may go."""
     mobility: Mobility | None = None
     """Parameters of the step costs by the slope; ``time`` and ``energy`` have none by default."""
@@ -97,6 +97,10 @@ class Ground:
             return
         if self.factor > 1:
             raise InvalidMapError("a coarse map has elevations: got costs")
+        if self.step_cost in SLOPE_COSTS:
+            raise InvalidQueryError(
+                f"step_cost={self.step_cost!r} needs heights: wanted a planner of elevations"
+            )
         StepModel.of(self.step_cost)
         if self.vehicle is None:
             return

@@ -8,7 +8,7 @@ cell.
 
 A coarse cell's weight is the mean over the cells it covers, those outside its piece counting as
 `obstacle_weight`. Means keep the balance of length and weight: both halves of a step's cost shrink
-alike. Directed steps are averaged by direction, see `map.directed`.
+alike. Directed steps are averaged by direction, see `robots.slope.directed`.
 """
 
 import functools
@@ -26,11 +26,10 @@ from nnpp_edge.runtime.deadline import NEVER, Deadline
 from nnpp_edge.runtime.kernels import records
 from nnpp_edge.runtime.kernels.pooling import FACTOR, NO_LINKS, NO_PIECES, pool_and_link
 from nnpp_edge.runtime.kernels.records import Packed
-from nnpp_edge.runtime.map.directed import CoarseSteps, DirectedSteps
 from nnpp_edge.runtime.map.grid import Grid, bordered
-from nnpp_edge.runtime.map.region import Lookup
-from nnpp_edge.runtime.map.step_cost import StepCost
-from nnpp_edge.runtime.tuning import ANOTHER_LEVEL_FROM, BODY_WEIGHT
+from nnpp_edge.runtime.search.region import Lookup
+from nnpp_edge.runtime.terrain.step_cost import StepCost
+from nnpp_edge.runtime.tuning import ANOTHER_LEVEL_FROM
 
 
 class Level:
@@ -77,8 +76,8 @@ class Pyramid:
         self.levels = [Level(grid)]
         shapes = coarse_shapes(grid.rows, grid.cols)
         model, (straight, diagonal) = grid.model, grid.model.weight_term
-        if grid.poses is not None:
-            model = replace(model, weight_term=(BODY_WEIGHT * straight, BODY_WEIGHT * diagonal))
+        share = grid.robot.weight_share
+        model = replace(model, weight_term=(share * straight, share * diagonal))
         self._left: Iterator[None] = iter(())
         """Pools a stripe at each step."""
         parts = [] if grid.tiles is None else grid.tiles.add_levels(shapes)
@@ -92,8 +91,7 @@ class Pyramid:
             coarse = Grid(rows, cols, model, weights=weights)
             if grid.tiles is not None:
                 coarse.compute_by(grid.tiles, number)
-            if grid.directed is not None:
-                coarse.go_by(CoarseSteps((rows, cols), grid.prices))
+            coarse.drive_by(grid.robot.coarse((rows, cols), grid.prices))
             self.levels.append(Level(coarse, pieces, links))
         self.update((0, 0, grid.rows, grid.cols))
 
@@ -106,7 +104,7 @@ class Pyramid:
         from there.
         """
         finest = self.levels[0].grid
-        if finest.tiles is not None and finest.directed is not None:  # whose means need all weights
+        if finest.tiles is not None and finest.robot.by_slope:  # whose means need all weights
             finest.tiles.complete(deadline)
         for _ in self._left:
             deadline.check()
@@ -118,7 +116,7 @@ class Pyramid:
         if finest.tiles is not None:  # pooled anew already, but for directed steps
             for level in self.levels[1:]:
                 level.version += 1
-            yield from self._pool_directed(changed)
+            yield from finest.robot.pool(self.levels[1:], changed)
             return
         row0, col0, rows, cols = changed
         row1 = row0 + rows
@@ -150,33 +148,7 @@ class Pyramid:
             row1 = min(row1 + 1, grid.rows)
             col0 = max(col0 - 1, 0)
             col1 = min(col1 + 1, grid.cols)
-        yield from self._pool_directed(changed)
-
-    def _pool_directed(self, changed: Rectangle) -> Iterator[None]:
-        """Pool anew the directed steps above a rectangle of the finest level."""
-        finest = self.levels[0].grid.directed
-        if not isinstance(finest, DirectedSteps):
-            return
-        row0, col0, rows, cols = changed
-        finer = finest.finer
-        row1 = row0 + rows
-        col1 = col0 + cols
-        for level in self.levels[1:]:
-            row0 = max(row0 // FACTOR - 1, 0)
-            row1 = min(-(-row1 // FACTOR) + 1, level.grid.rows)
-            col0 = max(col0 // FACTOR - 1, 0)
-            col1 = min(-(-col1 // FACTOR) + 1, level.grid.cols)
-            steps = level.grid.directed
-            assert isinstance(steps, CoarseSteps)
-            for first, last in stripes(row1 - row0, 8 * FACTOR**2 * (col1 - col0)):
-                steps.pool(
-                    finer,
-                    level.pieces,
-                    (row0 + first, col0, last - first, col1 - col0),
-                    finest.obstacle,
-                )
-                yield
-            finer = steps.finer
+        yield from finest.robot.pool(self.levels[1:], changed)
 
     @property
     def obstacle_weight(self) -> float:

@@ -16,16 +16,19 @@ from nnpp_edge.runtime.kernels.pooling import FACTOR
 from nnpp_edge.runtime.kernels.records import Packed, Room
 from nnpp_edge.runtime.map.along import Along, Line, crossings, heights_at
 from nnpp_edge.runtime.map.changes import Change, ChangeLog, ChangeReader
-from nnpp_edge.runtime.map.directed import DirectedSteps
 from nnpp_edge.runtime.map.grid import ALL_SEEN, Grid, bordered
 from nnpp_edge.runtime.map.ground import Ground
-from nnpp_edge.runtime.map.poses import Poses, bytes_per_cell, term_weights
 from nnpp_edge.runtime.map.pyramid import Pyramid, coarse_shapes
-from nnpp_edge.runtime.map.slope_cost import Mobility, slope_cost_of
-from nnpp_edge.runtime.map.step_cost import PAPER_OMEGA, StepCost, StepModel
 from nnpp_edge.runtime.map.tiles import Tiles
 from nnpp_edge.runtime.map.unseen import Unseen
-from nnpp_edge.runtime.memory import DIRECTED_BYTES_PER_CELL, check_planner_fits, virtual_zeros
+from nnpp_edge.runtime.memory import (
+    DIRECTED_BYTES_PER_CELL,
+    bytes_per_cell,
+    check_planner_fits,
+    virtual_zeros,
+)
+from nnpp_edge.runtime.robots.slope.cost import Mobility, slope_cost_of
+from nnpp_edge.runtime.terrain.step_cost import PAPER_OMEGA, StepCost, StepModel
 from nnpp_edge.runtime.terrain.traversability import (
     relative_heights,
     traversability_cost,
@@ -33,6 +36,8 @@ from nnpp_edge.runtime.terrain.traversability import (
 )
 from nnpp_edge.runtime.tuning import MOST_PRICE
 
+_TOGETHER = 64
+"""Cells of a path around which is looked at once, at most, for what is unknown."""
 _PAPER = StepModel.of(StepCost.PAPER)
 
 
@@ -77,7 +82,10 @@ class MapState:
         """Blocks that are known by their means; None where cells are known, or nothing."""
         self.omega = omega
         self._heights, self._base = self._heights_of(ground)
-        self._told: Float2D | None = None
+        self.told: Float2D | None = None
+        """(H, W) costs that were told, on a map of heights; None while none were. To be
+        read only.
+        """
         self._shut_alone = (
             shut_alone or by_slope or (ground.elevation is not None and ground.vehicle is not None)
         )
@@ -107,8 +115,8 @@ class MapState:
         are its grid.
         """
         self._make_grid(cost)
-        if self._slope_cost is not None and self._heights is not None and self.sides_m is not None:
-            self.grid.go_by(DirectedSteps(self._heights, self.sides_m, self._slope_cost, self.grid))
+        if self._heights is not None and self.sides_m is not None:
+            self._put_robot(self._heights, self.sides_m)
         self.log = ChangeLog()
         self._pyramid: Pyramid | None = None
         self._unpooled: ChangeReader | None = None
@@ -132,19 +140,28 @@ class MapState:
             weights = bordered(rows, cols, small=unseen is not None)
             self.grid = Grid(rows, cols, model, corner_cutting, weights)
             self.grid.compute_by(
-                Tiles(heights, rule, weights, corner_cutting, coarsest, self._told, unseen)
+                Tiles(heights, rule, weights, corner_cutting, coarsest, self.told, unseen)
             )
             if unseen is not None:  # prices may be greater than any cost
                 self.grid.set_bounds(self.grid.least, MOST_PRICE * model.scale)
-            if self.vehicle is not None:
-                terms = term_weights(self._limits)
-                shut = None if self._told is None else self._told >= 1.0
-                known = self._known_heights((0, 0, rows, cols))
-                self.grid.stand_by(
-                    Poses(known, sides, self.vehicle, terms, model.scale, shut, unseen)
-                )
-            elif self._slope_cost is not None:
-                self.grid.complete()
+
+    def _put_robot(self, heights: Float2D, sides_m: tuple[float, float]) -> None:
+        """Put the robot on a map of heights; each kind's room is loaded where there is one."""
+        if self.vehicle is not None and not self.vehicle.is_disc:
+            from nnpp_edge.runtime.robots.body.poses import Poses
+            from nnpp_edge.runtime.robots.body.robot import body_robot
+
+            known = self.known_heights((0, 0, *self.shape))
+            shut = None if self.told is None else self.told >= 1.0
+            unseen = None if self.unseen is None else self.unseen.layers
+            terms = self._limits.weights
+            scale = self._model.scale
+            poses = Poses(known, sides_m, self.vehicle, terms, scale, shut, unseen)
+            self.grid.drive_by(body_robot(poses))
+        if self._slope_cost is not None:
+            from nnpp_edge.runtime.robots.slope.directed import SlopeRobot
+
+            self.grid.drive_by(SlopeRobot(heights, sides_m, self._slope_cost, self.grid))
 
     def begin_anew(self) -> None:
         """Forget all but the layers. Whoever read the log must be made anew."""
@@ -212,8 +229,8 @@ class MapState:
             return self._noted(change, change.part)
         if _PAPER.refuses(costs):
             _PAPER.refuse(float(np.nanmin(costs)))
-        if self._told is None:
-            self._told = self._tiles.tell_from_now_on()
+        if self.told is None:
+            self.told = self._tiles.tell_from_now_on()
             for grid in (
                 self.grid,
                 *(level.grid for level in (self._pyramid.levels[1:] if self._pyramid else ())),
@@ -224,7 +241,7 @@ class MapState:
             costs < 1.0, np.float32(0.0) if self._shut_alone else costs, np.float32(np.inf)
         )
         change, new = self._tiles.write(part, told, known, told=True, keeps=keeps)
-        return self._noted(self._stand_anew(change, new), (*new[:2], 0, 0))
+        return self._noted(change, new)
 
     def update_elevation(
         self, row: int, col: int, patch: Float2D, seen: NDArray[np.bool_] | None = None
@@ -241,11 +258,9 @@ class MapState:
         change, new = self._tiles.write(
             part, heights, ALL_SEEN if seen is None else seen, keeps=self.log.keeps_old_weights
         )
-        if self.unseen is not None:
-            self.unseen.note(new)
-        return self._noted(self._stand_anew(change, new), new)
+        return self._noted(change, new, heights=True)
 
-    def _known_heights(self, part: Rectangle) -> Float2D:
+    def known_heights(self, part: Rectangle) -> Float2D:
         """Heights of a part of the map, NaN where they mean nothing."""
         assert self._heights is not None
         heights: Float2D = self._heights[slices(part)]
@@ -255,22 +270,13 @@ class MapState:
             else np.where(self.unknown(*slices(part)), np.float32(np.nan), heights)
         )
 
-    def _stand_anew(self, change: Change, part: Rectangle) -> Change:
-        """Have a body's poses checked anew that touch a part; no more is known of them than where
-        they are.
+    def _noted(self, change: Change, part: Rectangle, *, heights: bool = False) -> Change:
+        """Put a change into the log, once all that depends on it follows: `part` is where new
+        heights, or else costs, were put.
         """
-        if self.grid.poses is None or self._heights is None or not part[2]:
-            return change
-        shut = None if self._told is None else self._told[slices(part)] >= 1.0
-        touched = self.grid.poses.write(*part[:2], self._known_heights(part), shut)
-        return Change(touched, touched[2] * touched[3], cheaper=True)
-
-    def _noted(self, change: Change, heights: Rectangle) -> Change:
-        """Put a change into the log, once directed steps follow it and that of the heights in a
-        rectangle.
-        """
-        if isinstance(self.grid.directed, DirectedSteps):
-            change = self.grid.directed.follow(change, heights)
+        if self.unseen is not None:
+            self.unseen.note(part)
+        change = self.grid.robot.follow(change, part, self, heights=heights)
         if change.cells:
             self.log.append(change)
         return change
@@ -283,11 +289,11 @@ class MapState:
         another changes the map or plans on it: then it is some of the old map and some of the new.
         """
         if self._heights is not None and self.sides_m is not None:
-            (dy, dx), heights = self.sides_m, self._known_heights((0, 0, *self.shape)).copy()
+            (dy, dx), heights = self.sides_m, self.known_heights((0, 0, *self.shape)).copy()
             cost = traversability_cost(heights, dy, self._limits, cell_width_m=dx, warn=False)
             if self.unseen is not None:
                 cost = np.where(np.isfinite(heights), cost, self.unseen.at())
-            return cost if self._told is None else np.maximum(cost, self._told)
+            return cost if self.told is None else np.maximum(cost, self.told)
         weights = self.grid.map().copy()
         scale = self._model.scale
         cost = (
@@ -321,15 +327,23 @@ class MapState:
         """
         if self.unseen is None or self._heights is None:
             return len(path)
-        unknown = ~np.isfinite(self._heights[path[:, 0], path[:, 1]]) | self.unseen.unknown_at(path)
-        known = int(unknown.argmax()) if unknown.any() else len(path)
-        if (poses := self.grid.poses) is None:
-            return known
-        under = (
-            slices(widened((*cell, 1, 1), poses.reach, self.shape))
-            for cell in path[:known].tolist()
-        )
-        return next((n for n, cells in enumerate(under) if self.unknown(*cells).any()), known)
+        reach = self.grid.robot.reach
+        known = 0
+        together = _TOGETHER
+        while known < len(path):  # as many cells as have nothing unknown around all of them
+            some = path[known : known + together]
+            top, left = some.min(0).tolist()
+            bottom, right = some.max(0).tolist()
+            around = (top, left, bottom - top + 1, right - left + 1)
+            part = widened(around, reach, self.shape)
+            if self.unseen.means(part) and np.isfinite(self._heights[slices(part)]).all():
+                known += len(some)
+                together = min(2 * together, _TOGETHER)
+            elif together == 1:
+                return known
+            else:
+                together //= 2
+        return known
 
     @property
     def room(self) -> Packed:
@@ -369,7 +383,7 @@ class MapState:
     @property
     def checked(self) -> int:
         """Poses of a vehicle that have been checked so far."""
-        return 0 if self.grid.poses is None else self.grid.poses.checked
+        return self.grid.robot.checks
 
     @property
     def costs_computed(self) -> float:
@@ -454,17 +468,17 @@ class DiscState(MapState):
         self, row: int, col: int, patch: Float2D, seen: NDArray[np.bool_] | None = None
     ) -> Change:
         """As `MapState.update`, of a point's costs."""
-        return self._followed(self._point.update(row, col, patch, seen), (row, col, 0, 0))
+        change = self._point.update(row, col, patch, seen)
+        return self._followed(change, (row, col, 0, 0), heights=False)
 
     def update_elevation(
         self, row: int, col: int, patch: Float2D, seen: NDArray[np.bool_] | None = None
     ) -> Change:
         """As `MapState.update_elevation`."""
-        return self._followed(
-            self._point.update_elevation(row, col, patch, seen), (row, col, *np.shape(patch))
-        )
+        change = self._point.update_elevation(row, col, patch, seen)
+        return self._followed(change, (row, col, *np.shape(patch)), heights=True)
 
-    def _followed(self, change: Change, heights: Rectangle) -> Change:
+    def _followed(self, change: Change, part: Rectangle, *, heights: bool) -> Change:
         """Bring up to date what the disc can stand on around a change of the point's map."""
         if change.cells:
             around = widened(change.part, self._reach, self.shape)
@@ -472,7 +486,7 @@ class DiscState(MapState):
             change = self.grid.update(
                 self._shut(around), around[:2], keep_old_weights=keeps, weights=True
             )
-        return self._noted(change, heights)
+        return self._noted(change, part, heights=heights)
 
     def cost(self) -> Float2D:
         """As `MapState.cost`: a point's costs."""

@@ -17,8 +17,8 @@ from nnpp_edge.runtime.errors import InvalidMapError
 from nnpp_edge.runtime.kernels.pooling import FACTOR, pool_and_link
 from nnpp_edge.runtime.map.grid import Grid
 from nnpp_edge.runtime.map.pyramid import Level, coarse_shapes
-from nnpp_edge.runtime.map.step_cost import StepCost, StepModel
 from nnpp_edge.runtime.memory import virtual_zeros
+from nnpp_edge.runtime.terrain.step_cost import StepCost, StepModel
 
 MOST_NODES = int(np.iinfo(np.int32).max)
 """Of the finest level: nodes are int32."""

@@ -143,6 +143,11 @@ class Tiles:
         """Cells whose weights there are."""
         return int(self._source.costed[0])
 
+    @property
+    def told(self) -> NDArray[np.float32]:
+        """(H · W,) float32, costs that were told; empty where none ever was."""
+        return self._source.told
+
     def packed(self, number: int = 0) -> Packed:
         """As kernels take them that look at the level of that number."""
         down, right = (side.bit_length() - 1 - 2 * number for side in self._sides)

@@ -1,16 +1,22 @@
 """Ground of which the means of blocks are known, until its cells are seen."""
 
+from collections.abc import Iterator
+
 import numpy as np
 from numpy.typing import NDArray
 
 from nnpp_edge.runtime.arrays import Float2D
-from nnpp_edge.runtime.cells import Rectangle, enclosing, slices
+from nnpp_edge.runtime.cells import Rectangle, slices
+from nnpp_edge.runtime.deadline import NEVER, Deadline
 from nnpp_edge.runtime.kernels.tiles import BLOCK_SEEN, BLOCK_UNTOUCHED
 from nnpp_edge.runtime.map.along import Line, heights_at
 from nnpp_edge.runtime.map.grid import Grid
 from nnpp_edge.runtime.map.ground import Ground
 from nnpp_edge.runtime.terrain.traversability import relative_heights
 from nnpp_edge.runtime.tuning import BLOCKED_PRICE, MOST_PRICE
+
+_TOGETHER = 1 << 16
+"""Cells that are summed up between two readings of the clock: a few milliseconds."""
 
 
 class Unseen:
@@ -30,52 +36,60 @@ class Unseen:
         self.mean, self.blocked, self.share = (
             np.zeros(self.dem.shape, np.float32) for _ in range(3)
         )
-        """(H, W) of the cells seen of each block: mean T, impassable ones as 1; share that is
-        impassable; and what share they are of the block's."""
+        """(H, W) of the cells of each block that were seen, or told of: mean T, impassable ones as
+        1; share that is impassable; and what share they are of the block's."""
         self.left = self.dem.size
-        """Blocks not all of whose cells have been seen, as far as `read` knows."""
-        self._new: list[Rectangle] = []
+        """Blocks of which not all cells were, as far as `read` knows."""
+        self._new = np.zeros(self.dem.shape, np.bool_)
+        """(H, W) blocks that `read` is to sum up."""
 
     def note(self, part: Rectangle) -> None:
-        """Heights of cells in a part of the map have changed."""
-        if part[2] and part[3]:
-            row, col, rows, cols = part
-            side = self.factor
-            last_row = (row + rows - 1) // side
-            last_col = (col + cols - 1) // side
-            row = row // side
-            col = col // side
-            self._new.append((row, col, last_row - row + 1, last_col - col + 1))
-
-    def read(self, grid: Grid) -> Rectangle | None:
-        """Sum up what has been seen since this was last asked; the blocks that it is of, None for
-        none.
+        """Heights of cells in a part of the map have changed, or what was told of them; so has what
+        the cells beside them cost.
         """
-        if not self._new:
-            return None
-        assert grid.tiles is not None
-        part = enclosing(self._new)
-        side = self.factor
-        self._new = []
         row, col, rows, cols = part
-        for i in range(row * side, (row + rows) * side, side):
-            for j in range(col * side, (col + cols) * side, side):
-                grid.tiles.open_at(i, j)
-        cells = slices((row * side, col * side, rows * side, cols * side))
-        known = np.isfinite(grid.tiles.heights[cells])
-        known &= self.layers[1][self._blocks(*cells)] == BLOCK_SEEN
-        costs = grid.map()[cells] / np.float32(grid.model.scale or 1.0)
+        around = max(row - 1, 0), max(col - 1, 0), rows + 2, cols + 2
+        if rows:
+            self._new[self._blocks_of(around)] = True
+
+    def read(self, grid: Grid, deadline: Deadline = NEVER) -> Iterator[Rectangle]:
+        """Sum up what has been seen and told since this was last asked; gives the parts of the
+        blocks that it is of.
+
+        OutOfTimeError at the deadline: the next call goes on.
+        """
+        blocks = np.argwhere(self._new)
+        together = max(_TOGETHER // self.factor**2, 1)
+        for begin in range(0, len(blocks), together):
+            deadline.check()
+            some = blocks[begin : begin + together]
+            self._sum_up(some, grid)
+            self._new[tuple(some.T)] = False
+            top, left = some.min(0).tolist()
+            bottom, right = some.max(0).tolist()
+            yield top, left, bottom - top + 1, right - left + 1
+
+    def _sum_up(self, blocks: NDArray[np.intp], grid: Grid) -> None:
+        """Sum up what is known of the cells of blocks (N, 2)."""
+        assert grid.tiles is not None
+        inside = np.argwhere(np.ones((self.factor, self.factor), np.bool_))
+        cells = (blocks[:, None] * self.factor + inside).astype(np.int32, "C")  # (N, factor², 2)
+        grid.tiles.open_along(cells.reshape(-1, 2))
+        at = tuple(blocks.T)
+        node = cells @ (grid.cols, 1)
+        known = np.isfinite(grid.tiles.heights.reshape(-1)[node])
+        known &= (self.layers[1][at] == BLOCK_SEEN)[:, None]
+        if len(grid.tiles.told):
+            known |= grid.tiles.told[node] > 0.0
+        costs = grid.weights[(cells + 1) @ (grid.stride, 1)] / np.float32(grid.model.scale or 1.0)
         shut = known & ~(costs < np.inf)
-        count = np.maximum(self._sums(known), 1.0)
-        blocks = slices(part)
-        share = self._sums(known) / np.float32(side**2)
-        self.left += int((self.share[blocks] == 1.0).sum()) - int((share == 1.0).sum())
-        self.share[blocks] = share
-        self.mean[blocks] = (
-            self._sums(np.where(shut, np.float32(1.0), np.where(known, costs, 0.0))) / count
-        )
-        self.blocked[blocks] = self._sums(shut) / count
-        return part
+        costs = np.where(shut, np.float32(1.0), np.where(known, costs, np.float32(0.0)))
+        count = np.maximum(known.sum(1, dtype=np.float32), np.float32(1.0))
+        share = known.mean(1, dtype=np.float32)
+        self.left += int((self.share[at] == 1.0).sum()) - int((share == 1.0).sum())
+        self.share[at] = share
+        self.mean[at] = costs.sum(1) / count
+        self.blocked[at] = shut.sum(1) / count
 
     def costs(self, part: Rectangle) -> Float2D:
         """Expected price of a cell of each block of a part, what was seen of it counted; inf where
@@ -95,16 +109,16 @@ class Unseen:
         unknown: NDArray[np.bool_] = self.layers[1][self._blocks(rows, cols)] == BLOCK_UNTOUCHED
         return unknown
 
-    def unknown_at(self, path: NDArray[np.int32]) -> NDArray[np.bool_]:
-        """As `unknown`, of the cells (N, 2) of a path."""
-        unknown: NDArray[np.bool_] = self.layers[1][tuple(path.T // self.factor)] == BLOCK_UNTOUCHED
-        return unknown
+    def means(self, part: Rectangle) -> bool:
+        """Whether all heights of a part of the map mean something."""
+        return bool((self.layers[1][self._blocks_of(part)] != BLOCK_UNTOUCHED).all())
 
     def heights_at(self, places: Line, known: NDArray[np.float64]) -> NDArray[np.float64]:
         """(N,) heights at places (N, 2) of the map: `known` where the cell was seen, else by the
         means of blocks.
         """
-        unknown = self.unknown_at(np.rint(places).astype(np.int32))
+        blocks = np.rint(places).astype(np.int32) // self.factor
+        unknown = self.layers[1][tuple(blocks.T)] == BLOCK_UNTOUCHED
         return np.where(unknown, heights_at(self.dem, (places + 0.5) / self.factor - 0.5), known)
 
     def at(self) -> Float2D:
@@ -112,12 +126,12 @@ class Unseen:
         prices: Float2D = self.layers[0][self._blocks(slice(None), slice(None))]
         return prices
 
-    def _sums(self, cells: NDArray[np.generic]) -> Float2D:
-        """Sums over blocks."""
-        rows, cols = (side // self.factor for side in cells.shape)
-        by_block = cells.reshape(rows, self.factor, cols, self.factor)
-        sums: Float2D = by_block.sum(axis=(1, 3), dtype=np.float32)
-        return sums
+    def _blocks_of(self, part: Rectangle) -> tuple[slice, slice]:
+        """Those in which the cells of a part of the map lie, to index with."""
+        row, col, rows, cols = part
+        last_row = (row + rows - 1) // self.factor
+        last_col = (col + cols - 1) // self.factor
+        return slice(row // self.factor, last_row + 1), slice(col // self.factor, last_col + 1)
 
     def _blocks(self, rows: slice, cols: slice) -> tuple[NDArray[np.intp], ...]:
         """Those of the cells of a part of the map, to index with."""

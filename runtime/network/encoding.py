@@ -13,8 +13,8 @@ from numpy.typing import NDArray
 from nnpp_edge.runtime.cells import Cell, Rectangle
 from nnpp_edge.runtime.kernels.encoding import fill_ends, pool_planes
 from nnpp_edge.runtime.map.grid import Grid
-from nnpp_edge.runtime.map.region import Lookup
 from nnpp_edge.runtime.network.model_file import QUERY_SPACING
+from nnpp_edge.runtime.search.region import Lookup
 
 Point = tuple[float, float]
 """(row, col) in network cells."""

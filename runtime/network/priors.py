@@ -19,6 +19,7 @@ from nnpp_edge.runtime.network.inference import NetworkModel
 from nnpp_edge.runtime.network.unseen import MARGIN, encode_unseen, expected_by_slope, prices_of
 from nnpp_edge.runtime.terrain.traversability import (
     Traversability,
+    sides_of,
     terrain_terms,
     traversability_cost,
 )
@@ -32,9 +33,17 @@ def set_prices(unseen: Unseen) -> None:
     `prices_by`.
     """
     if not unseen.priced:
-        ground, side_m = unseen.ground, unseen.factor * unseen.ground.sides_m[0]
-        of_map = unseen.dem, ground.limits, side_m, unseen.factor
-        unseen.layers[0] = prices_by(ground.prior, *of_map, ground.prior_model)
+        ground = unseen.ground
+        height_m, width_m = (unseen.factor * side for side in ground.sides_m)
+        unseen.layers[0] = prices_by(
+            ground.prior,
+            unseen.dem,
+            ground.limits,
+            height_m,
+            unseen.factor,
+            ground.prior_model,
+            cell_width_m=width_m,
+        )
         unseen.priced = True
 
 
@@ -45,22 +54,27 @@ def prices_by(
     cell_size_m: float,
     factor: int,
     model: str | Path | NetworkModel = "unseen",
+    *,
+    cell_width_m: float | None = None,
 ) -> Float2D:
     """Price of each block of a coarse map, (H, W) float32 in [0, `MOST_PRICE`].
 
     `dem` are the means of `factor` × `factor` cells, metres, NaN where unknown; blocks have sides
-    of `cell_size_m`. Only what is relative in the elevations counts. InvalidQueryError where there
-    is no such prior; ModelError where the network's `model` cannot be loaded or is another kind.
+    of `cell_size_m`, and of `cell_width_m` from column to column where they are not square. Only
+    what is relative in the elevations counts. InvalidQueryError where there is no such prior;
+    ModelError where the network's `model` cannot be loaded or is another kind.
     """
     known = np.isfinite(dem)
+    sides_m = sides_of(cell_size_m, cell_width_m)
     if prior == "network":
         network = model if isinstance(model, NetworkModel) else NetworkModel(model)
-        price = _by_network(network, dem, limits, cell_size_m, factor)
+        price = _by_network(network, dem, limits, sides_m, factor)
     elif prior == "eq1":
-        cost = traversability_cost(dem, cell_size_m, limits, warn=False)
+        cost = traversability_cost(dem, cell_size_m, limits, cell_width_m=cell_width_m, warn=False)
         price = np.where(cost < 1.0, cost, np.float32(BLOCKED_PRICE))
     elif prior in PRIORS:
-        mean, blocked = expected_by_slope(terrain_terms(dem, cell_size_m)[0], limits, factor)
+        slope = terrain_terms(dem, cell_size_m, cell_width_m=cell_width_m)[0]
+        mean, blocked = expected_by_slope(slope, limits, factor)
         price = mean + np.float32(BLOCKED_PRICE) * blocked
         if prior == "mean":
             price[known] = price[known].sum() / max(known.sum(), 1)
@@ -70,7 +84,11 @@ def prices_by(
 
 
 def _by_network(
-    network: NetworkModel, dem: Float2D, limits: Traversability, cell_size_m: float, factor: int
+    network: NetworkModel,
+    dem: Float2D,
+    limits: Traversability,
+    sides_m: tuple[float, float],
+    factor: int,
 ) -> NDArray[np.floating]:
     """Prices by a network; maps larger than its input are shown to it window by window."""
     if network.metadata.encoding != "unseen":
@@ -82,7 +100,7 @@ def _by_network(
             part = dem[top : top + side, left : left + side]
             window = np.full((side, side), np.nan, np.float32)
             window[: part.shape[0], : part.shape[1]] = part
-            encode_unseen(window, limits, cell_size_m, factor, network.inputs["input"][0])
+            encode_unseen(window, limits, sides_m, factor, network.inputs["input"][0])
             inner = network.answers()[
                 :, row - top : row - top + rows, col - left : col - left + cols
             ]

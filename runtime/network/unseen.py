@@ -46,17 +46,22 @@ def expected_by_slope(
 
 
 def encode_unseen(
-    dem: Float2D, limits: Traversability, cell_size_m: float, factor: int, out: NDArray[np.float32]
+    dem: Float2D,
+    limits: Traversability,
+    sides_m: tuple[float, float],
+    factor: int,
+    out: NDArray[np.float32],
 ) -> None:
     """Show a window of a coarse map: the channels of each block into `out`, (12, H, W) float32; 0
     where unknown.
 
-    `dem` (H, W) are means over factor × factor cells, metres, NaN where unknown; `cell_size_m` is a
-    block's side.
+    `dem` (H, W) are means over factor × factor cells, metres, NaN where unknown; `sides_m` are a
+    block's height and width.
     """
+    side_m = math.sqrt(sides_m[0] * sides_m[1])
     known = np.isfinite(dem).astype(np.float32)
     tangent = math.tan(math.radians(limits.slope_limit_deg))
-    height = np.nan_to_num(dem / np.float32(cell_size_m * tangent)).astype(np.float32)
+    height = np.nan_to_num(dem / np.float32(side_m * tangent)).astype(np.float32)
     height = (height - np.float32((height * known).sum() / max(known.sum(), 1.0))) * known
     near, wide, far = (_mean(height, known, blocks) for blocks in (3, 7, 15))
     filled = np.where(known > 0.0, height, near)
@@ -69,14 +74,16 @@ def encode_unseen(
         (middle, slice(2, None)),
         (middle, slice(None, -2)),
     ]
-    rises = [(edged[side] - filled) * there[side] for side in sides]
+    by_side = (side_m / np.repeat(sides_m, 2)).astype(np.float32)
+    steps = [(edged[side] - filled) * by for side, by in zip(sides, by_side, strict=True)]
+    rises = [step * there[side] for side, step in zip(sides, steps, strict=True)]
     down, across = (
         (rises[a] - rises[a + 1]) / np.maximum(there[sides[a]] + there[sides[a + 1]], 1.0)
         for a in (0, 2)
     )
     slope = np.arctan(np.sqrt(down * down + across * across) * np.float32(tangent))
     blocked = expected_by_slope(slope, limits, factor)[1]
-    step = np.max([np.abs(edged[side] - filled) for side in sides], axis=0)
+    step = np.abs(steps).max(0)
     planes = [
         _soft(across),
         _soft(down),
@@ -92,7 +99,7 @@ def encode_unseen(
     ]
     for plane, values in zip(out, planes, strict=False):
         np.multiply(values, known, out=plane, casting="same_kind")
-    cell = cell_size_m / factor * tangent / 2.0
+    cell = side_m / factor * tangent / 2.0
     constants = (
         float(limits.hard_slope_deg < math.inf),
         math.log2(factor) / 4.0,

@@ -2,18 +2,27 @@
 been seen.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 
+import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from nnpp_edge.runtime.cells import Rectangle, slices
+from nnpp_edge.runtime.deadline import Deadline
 from nnpp_edge.runtime.errors import Status
 from nnpp_edge.runtime.kernels.tiles import BLOCK_SEEN
 from nnpp_edge.runtime.map.ground import Ground
-from nnpp_edge.runtime.map.region import Region
 from nnpp_edge.runtime.map.state import MapState, map_state
 from nnpp_edge.runtime.planners.query import Found, Query, Work
-from nnpp_edge.runtime.tuning import BLOCKS_AROUND, BLOCKS_BEYOND, PRICE_SCALE
+from nnpp_edge.runtime.robots.robot import Robot
+from nnpp_edge.runtime.search.region import Region
+from nnpp_edge.runtime.tuning import (
+    BLOCKS_AROUND,
+    BLOCKS_BEYOND,
+    MOST_BLOCK_WAYS,
+    PRICE_SCALE,
+)
 
 CellPath = NDArray[np.int32]
 
@@ -21,21 +30,22 @@ CellPath = NDArray[np.int32]
 class BlockWay:
     """The way over the blocks of a coarse map. Serves one thread at a time.
 
-    Blocks cost by what is expected of them, and by what was seen of their cells. `omega` is the
-    weight of a cost, per grey level; `find` plans on a map of costs.
+    Blocks cost by what is expected of them, and by what is known of their cells. `find` plans on a
+    map of costs.
     """
 
     def __init__(
         self,
         state: MapState,
-        omega: float,
         find: Callable[[MapState], Callable[[Query, Work], Found]],
     ) -> None:
         assert state.unseen is not None
+        self._grid = state.grid
         self._unseen = state.unseen
         everywhere = 0, 0, *self._unseen.dem.shape
         self._map = map_state(
-            Ground(self._unseen.costs(everywhere) / PRICE_SCALE), omega * PRICE_SCALE
+            Ground(self._unseen.costs(everywhere) / PRICE_SCALE),
+            state.omega * PRICE_SCALE,
         )
         self._find = find(self._map)
         rows, cols = (
@@ -43,34 +53,78 @@ class BlockWay:
         )
         self._region = Region(np.zeros(self._unseen.dem.shape, np.int32), rows, cols, 0)
 
-    def changed(self, part: tuple[int, int, int, int]) -> None:
-        """Blocks of a part cost otherwise now."""
-        self._map.update(*part[:2], self._unseen.costs(part) / PRICE_SCALE)
+    def read(self, deadline: Deadline) -> None:
+        """Have blocks cost by what is known of their cells now; OutOfTimeError at the deadline."""
+        for part in self._unseen.read(self._grid, deadline):
+            self._price(part, False)
 
-    def find(self, query: Query, work: Work, *, whole: bool) -> tuple[CellPath, int, Region] | None:
-        """Cells to go by: the middles of the blocks on the way, and the goal; up to which of them
-        the first stretch leads that has been seen, or the `whole` way; and the blocks around that.
-        None where no way was found.
+    def _price(self, part: Rectangle, shut: NDArray[np.bool_] | bool) -> None:
+        """Have blocks of a part cost by their prices, but for those that are `shut`."""
+        if part[2]:
+            costs = self._unseen.costs(part) / PRICE_SCALE
+            self._map.update(*part[:2], np.where(shut, np.float32(np.inf), costs))
+
+    def ways(
+        self, query: Query, work: Work, *, whole: bool
+    ) -> Iterator[tuple[CellPath, int, Region]]:
+        """Ways, each around the obstacles by which the ones before it were blocked.
+
+        Of each the cells to go by, the middles of its blocks and the goal; up to which of them
+        cells are to be searched, and the blocks around these. That is as far as the first stretch
+        was seen, or the way on is blocked; or the `whole` way.
         """
         side = self._unseen.factor
         start, goal = ((cell[0] // side, cell[1] // side) for cell in (query.start, query.goal))
-        found = self._find(query._replace(start=start, goal=goal), work)
-        if found.search.status is not Status.OK:
-            return None
-        way = found.search.path
-        stops = way * side + side // 2
-        stops[-1] = query.goal
+        shut = np.zeros(self._unseen.dem.shape, np.bool_)
+        for _ in range(MOST_BLOCK_WAYS):
+            left, top, width, height = cv2.boundingRect(shut.view(np.uint8))
+            part = top, left, height, width
+            self._price(part, shut[slices(part)])
+            try:
+                found = self._find(query._replace(start=start, goal=goal), work)
+            finally:
+                self._price(part, False)
+            if found.search.status is not Status.OK:
+                return
+            way = found.search.path
+            stops = way * side + side // 2
+            stops[-1] = query.goal
+            first = len(way) - 1 if whole else self._first(way, stops)
+            yield stops, first, self._around(way[: first + 1])
+            if (blocked := self._blocked(stops[: first + 1])) < 0:
+                return
+            known = self._unseen.blocked > 0.0
+            row, col = over(stops)[blocked] // side
+            _, number = cv2.connectedComponents(known.view(np.uint8))
+            shut |= known & (number == number[row, col])
+            shut[start] = False
+            shut[goal] = False
+
+    def _first(self, way: CellPath, stops: CellPath) -> int:
+        """Number of the stop up to which cells are to be searched."""
         unseen = np.flatnonzero(self._unseen.layers[1][way[:, 0], way[:, 1]] != BLOCK_SEEN)
-        first = min(
-            int(unseen[0]) + BLOCKS_BEYOND if len(unseen) and not whole else len(way), len(way) - 1
-        )
+        last = len(way) - 1
+        first = min(int(unseen[0]) + BLOCKS_BEYOND, last) if len(unseen) else last
+        while first < last and (blocked := self._blocked(stops[first:])) >= 0:
+            first = min(first + blocked // self._unseen.factor + 1 + BLOCKS_BEYOND, last)
+        return first
+
+    def _around(self, way: CellPath) -> Region:
+        """The blocks of a way, and those around them."""
         self._region = region = self._region._replace(stamp=self._region.stamp + 1)
-        for row, col in way[: first + 1].tolist():
+        for row, col in way.tolist():
             rows, cols = (
                 slice(max(at - BLOCKS_AROUND, 0), at + BLOCKS_AROUND + 1) for at in (row, col)
             )
             region.bitmap[rows, cols] = region.stamp
-        return stops, first, region
+        return region
+
+    def _blocked(self, stops: CellPath) -> int:
+        """Number of the first cell straight from stop to stop that a point cannot step on; or
+        -1.
+        """
+        path = over(stops)
+        return Robot().walk(self._grid, path, 0, np.empty(len(path)))
 
 
 def over(stops: CellPath) -> CellPath:

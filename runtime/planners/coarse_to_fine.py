@@ -13,7 +13,6 @@ from nnpp_edge.runtime.errors import Status
 from nnpp_edge.runtime.kernels.corridor import close_dead_ends, surround
 from nnpp_edge.runtime.kernels.pooling import FACTOR
 from nnpp_edge.runtime.map.pyramid import Level
-from nnpp_edge.runtime.map.region import Region
 from nnpp_edge.runtime.map.state import MapState
 from nnpp_edge.runtime.map.streamed import StreamedMap
 from nnpp_edge.runtime.memory import touch
@@ -22,13 +21,13 @@ from nnpp_edge.runtime.planners.query import Found, Query, Work
 from nnpp_edge.runtime.planners.searchers import AStarSearcher, Searcher
 from nnpp_edge.runtime.search.astar import Search, astar
 from nnpp_edge.runtime.search.landmarks import Landmarks
+from nnpp_edge.runtime.search.region import Region
 from nnpp_edge.runtime.search.workspace import Workspace
 from nnpp_edge.runtime.tuning import (
     CELLS_APART,
     LANDMARK_PATIENCE,
     LEVEL_LANDMARKS,
     MOST_CELLS_FOR_LANDMARKS,
-    MOST_CORRECTIONS,
     CorridorWidth,
 )
 
@@ -81,7 +80,7 @@ class CoarseLevel:
             self.grid,
             self.workspace,
             self.level.links,
-            self.grid.steps.by_slope,
+            self.grid.robot.by_slope,
         )
         hints = (
             None if region is not None or self.landmarks is None else self.landmarks.towards(goal)
@@ -161,7 +160,7 @@ class CoarseLevel:
         grid = self.grid
         surround(
             grid.packed,
-            grid.steps.edges(),
+            grid.robot.edges(),
             self.level.links,
             grid.node(*start),
             (ws.g, ws.meta, ws.stamp),  # `records.Searched`
@@ -191,7 +190,8 @@ class CoarseToFine:
         self._levels = state.pyramid_by(NEVER).levels
         self.coarse_levels = [CoarseLevel(level) for level in self._levels[1:]]
         """The searched levels above the map itself, finest first."""
-        self._corrects = state.grid.steps.by_poses
+        self._by_poses = state.grid.robot.by_poses
+        self._tries = state.grid.robot.corridor_tries
 
     def workspace(self, number: int) -> Workspace:
         """Memory of the searches of the level of that number; 0 is the map itself."""
@@ -199,7 +199,7 @@ class CoarseToFine:
 
     def top_for(self, query: Query) -> int:
         """The level to begin at: where start and goal are close, a finer one than the coarsest."""
-        number = 1 if self._corrects else len(self.coarse_levels)
+        number = 1 if self._by_poses else len(self.coarse_levels)
         while number > 1 and query.apart < CELLS_APART * FACTOR**number:
             number -= 1
         return number
@@ -245,7 +245,7 @@ class CoarseToFine:
         source: Source,
     ) -> Found | None:
         """A path, from level `top` down to the map, on which `searcher` looks for it; None where
-        there is no way.
+        there is no way, but for a body NO_PATH where a region was searched for it.
 
         `region` is where to look on level `top`, None for all of a coarse level. A vehicle's links
         are corrected meanwhile, as often as it pays. OutOfTimeError where time was up before the
@@ -253,18 +253,20 @@ class CoarseToFine:
         """
         coarse = self.coarse_levels[0]
         try:
-            for left in reversed(range(MOST_CORRECTIONS if self._corrects else 1)):
+            for left in reversed(range(self._tries)):
                 if (inside := self._descend(query, work, top, region, width)) is None:
                     break
-                found = searcher.search(query, work, inside)
-                if found.status is not Status.NO_PATH:
-                    return Found.of(self._state.grid, found, source, inside, work)
-                if not left or not isinstance(searcher, AStarSearcher):
+                search = searcher.search(query, work, inside)
+                no_way = search.status is Status.NO_PATH
+                if no_way and not self._by_poses:
                     break
-                if not coarse.close_dead_ends(
-                    inside, self._finest.field or self._finest, self._state.shape
+                no_legs = no_way and search.promised == math.inf and search.refused_f < math.inf
+                if (
+                    not (left and no_legs and isinstance(searcher, AStarSearcher))
+                    or self._finest.field is None
+                    or not coarse.close_dead_ends(inside, self._finest.field, self._state.shape)
                 ):
-                    break
+                    return Found.of(self._state.grid, search, source, inside, work)
                 work.stage_ends("coarse")
             return None
         finally:

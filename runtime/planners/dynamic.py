@@ -15,13 +15,11 @@ from numpy.typing import NDArray
 
 from nnpp_edge.runtime.arguments import checked
 from nnpp_edge.runtime.arrays import Float2D
-from nnpp_edge.runtime.cells import Cell, apart, as_cell
+from nnpp_edge.runtime.cells import Cell, as_cell
 from nnpp_edge.runtime.deadline import Deadline
-from nnpp_edge.runtime.errors import InvalidQueryError, Status
-from nnpp_edge.runtime.map.arcs import direction_near
+from nnpp_edge.runtime.errors import InvalidQueryError
 from nnpp_edge.runtime.map.ground import Ground
 from nnpp_edge.runtime.memory import touch
-from nnpp_edge.runtime.planners.methods import Methods
 from nnpp_edge.runtime.planners.on_map import (
     OnMap,
     PlannerOptions,
@@ -29,89 +27,12 @@ from nnpp_edge.runtime.planners.on_map import (
     one_at_a_time,
     split,
 )
-from nnpp_edge.runtime.planners.plan import DynamicMethod, Method, Plan, Source
+from nnpp_edge.runtime.planners.plan import DynamicMethod, Method, Plan
 from nnpp_edge.runtime.planners.query import Found, Query, Work
 from nnpp_edge.runtime.planners.refine import refines
 from nnpp_edge.runtime.planners.standing_path import Standing, StandingPath
 from nnpp_edge.runtime.terrain.traversability import Traversability
-from nnpp_edge.runtime.tuning import (
-    MEND_FROM,
-    MEND_SHARE,
-    MEND_WITHIN,
-    MOST_DRIFT,
-    NEAR,
-    UNSEEN_CHANGE,
-)
-
-
-class DynamicChooser:
-    """Picks one of the methods for each query, by what has changed since the path that stands was
-    found.
-    """
-
-    def __init__(self, methods: Methods, path: StandingPath) -> None:
-        self._methods = methods
-        self._path = path
-        self._changes = methods.state.log.reader()
-        """Since the last answer with a path."""
-        self._drift = 1.0
-        """The most that repaired paths cost, in times of what a new corridor's would."""
-
-    def answered(self) -> None:
-        """The path that was found stands from now on."""
-        self._changes.skip()
-
-    def find(self, query: Query, work: Work) -> tuple[Found, DynamicMethod, str]:
-        """A path, the method that it was found by, and why that one. OutOfTimeError at the
-        deadline.
-        """
-        methods = self._methods
-        if (
-            query.apart < NEAR
-            and not methods.has_arcs
-            and (near := methods.search_briefly(query, work)) is not None
-        ):
-            return near, DynamicMethod.ASTAR, f"the goal is less than {NEAR} cells away"
-        if why_afresh := self._against_mending(query):
-            self._drift = 1.0
-            return methods.corridor(query, work), DynamicMethod.CORRIDOR, why_afresh
-        reason = "little of the map has changed, and near the start"
-        if methods.mender.knows_region(query.goal):
-            search = methods.mender.search(query, work, None)
-            found = Found.of(methods.state.grid, search, Source.REGION, None, work)
-            floor = self._path.check(query.start, query.direction).floor
-            if search.status is Status.OK and floor > 0.0:
-                drift = self._drift * max(found.cost / floor, 1.0)
-                if drift <= MOST_DRIFT:
-                    self._drift = drift
-                    return found, DynamicMethod.CORRIDOR_DSTAR, reason
-            reason = "the path in the standing corridor costs too much by now"
-        self._drift = 1.0
-        return (
-            methods.corridor(query, work, methods.mending(always=True)),
-            DynamicMethod.CORRIDOR_DSTAR,
-            reason,
-        )
-
-    def _against_mending(self, query: Query) -> str:
-        """Why a search afresh is expected to be faster than repairing the last one; empty where it
-        is not.
-        """
-        if self._methods.state.unseen is not None:
-            return "the ground is known coarsely"
-        changes = self._changes.peek()
-        reach = MEND_WITHIN * query.apart
-        if self._path.plan is None:
-            return "there is no earlier search to repair"
-        if query.apart < MEND_FROM:
-            return f"the goal is less than {MEND_FROM} cells away"
-        if sum(change.cells for change in changes) > MEND_SHARE * self._methods.state.grid.cells:
-            return "too much of the map has changed to repair the search"
-        if any(
-            apart(change.part, query.start) + max(change.part[2:]) > reach for change in changes
-        ):
-            return "the map has changed too far from the start to repair the search"
-        return ""
+from nnpp_edge.runtime.tuning import NEAR, UNSEEN_CHANGE
 
 
 class DynamicPlanner(OnMap):
@@ -125,9 +46,8 @@ class DynamicPlanner(OnMap):
     goal : (row, col)
         A cell of the map.
     method : str
-        One of `DynamicMethod`. ``auto`` picks at each step what is the fastest there, and says why:
-        exact A* for a goal nearby, unless the way there is long; D* Lite in the corridor that
-        stands, if little has changed and that lies near the start; else a new corridor.
+        One of `DynamicMethod`. ``auto`` picks exact A* for a goal nearby, unless the way there is
+        long; else a new corridor.
     refine : str
         As in `PlanOptions`, of every plan.
     cost, cell_size_m, **options
@@ -210,7 +130,6 @@ class DynamicPlanner(OnMap):
         self._methods.regions.unseen_change = UNSEEN_CHANGE
         self._methods.keeps_field = True
         self._path = StandingPath(self._state)
-        self._chooser = DynamicChooser(self._methods, self._path)
         if self._state.unseen is not None:
             _ = self._methods.blocks
         elif not self.method.whole_map:
@@ -300,7 +219,7 @@ class DynamicPlanner(OnMap):
         if self.method is DynamicMethod.DSTAR:
             self._methods.prepare_to_mend_map(self._goal)
         if self.method.mends_regions:
-            self._methods.mender.prepare(self._goal)
+            self._methods.mending.prepare(self._goal)
         if self.method.base is Method.NNPP:
             self._methods.load_network()
 
@@ -346,13 +265,12 @@ class DynamicPlanner(OnMap):
                         "a way to the standing path, and on along that",
                     )
             if wanted is DynamicMethod.AUTO:
-                return self._chooser.find(query, work)
+                return self._by_figures(query, work)
             return self._methods.find(wanted, query, work), wanted, ""
 
         plan = self._answer(query, work, wanted, find, keep_regions)
         if plan.ok:
             self._path.set(plan)
-            self._chooser.answered()
         return self._refiner.refined(plan, deadline=query.deadline) if self._refines else plan
 
     @checked(InvalidQueryError)
@@ -364,14 +282,24 @@ class DynamicPlanner(OnMap):
         """
         return self._refiner.refined(plan) if self._refines else plan.over(self._state)
 
+    def _by_figures(self, query: Query, work: Work) -> tuple[Found, DynamicMethod, str]:
+        """The path that ``auto`` gives, by which method, and why that one."""
+        methods = self._methods
+        if query.apart < NEAR and not methods.has_arcs:
+            near = methods.search_briefly(query, work)
+            if near is not None:
+                return near, DynamicMethod.ASTAR, f"the goal is less than {NEAR} cells away"
+        return (
+            methods.corridor(query, work),
+            DynamicMethod.CORRIDOR,
+            "a new corridor is faster than repairs",
+        )
+
     @property
     def _direction(self) -> int:
         """In which a body heads; -1 of others, and where it is not given."""
         heading = self._heading_deg
-        poses = self._state.grid.poses
-        if heading is None or poses is None:
-            return -1
-        return direction_near(heading, poses.sides_m)
+        return -1 if heading is None else self._state.grid.robot.direction(heading)
 
     def _where(self) -> Cell:
         if self._start is None:

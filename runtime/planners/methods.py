@@ -18,11 +18,10 @@ from nnpp_edge.runtime.network.priors import set_prices
 from nnpp_edge.runtime.planners.by_blocks import BlockWay, over
 from nnpp_edge.runtime.planners.coarse_to_fine import CoarseToFine
 from nnpp_edge.runtime.planners.plan import DynamicMethod, Method, Source
-from nnpp_edge.runtime.planners.query import Found, Query, Work, problem_with
+from nnpp_edge.runtime.planners.query import Found, Query, Work
 from nnpp_edge.runtime.planners.searchers import (
     AStarSearcher,
     MendingSearcher,
-    RegionMender,
     Searcher,
 )
 from nnpp_edge.runtime.planners.standing_path import Rest
@@ -30,10 +29,7 @@ from nnpp_edge.runtime.region.learned import LearnedRegions
 from nnpp_edge.runtime.search.astar import Search
 from nnpp_edge.runtime.search.dstar_lite import DStarLite, serves
 from nnpp_edge.runtime.tuning import (
-    ARC_CORRIDOR,
-    BODY_CORRIDOR,
     BRIEF_EXPANSIONS,
-    CORRIDOR,
     FAR,
     IN_VAIN,
     JOIN_AHEAD,
@@ -43,10 +39,9 @@ from nnpp_edge.runtime.tuning import (
     LEARNED_CORRIDOR,
     MOST_ABOVE_FIELD,
     MOST_DRIFT,
+    MOST_IN_VAIN,
     NEAR,
     REFINE_FROM,
-    WIDENED_BODY_CORRIDOR,
-    WIDENED_CORRIDOR,
     CorridorWidth,
 )
 
@@ -91,8 +86,8 @@ class Methods:
     ) -> None:
         self.state = state
         self._ask_from = ask_from
-        self.has_poses = state.grid.steps.by_poses
-        self.has_arcs = state.grid.steps.columns == 3
+        self.has_poses = not state.grid.robot.learned_region
+        self.has_arcs = state.grid.robot.drives_arcs
         """Whether a vehicle's poses are searched, and whether it drives arcs."""
         self.keeps_field = False
         """Whether what guides a body's search serves the next one to the same goal, for an answer
@@ -114,16 +109,12 @@ class Methods:
     @cached_property
     def blocks(self) -> BlockWay:
         """Searches of the blocks of a coarse map."""
-        return BlockWay(self.state, self.state.omega, lambda state: Methods(state).corridor)
+        return BlockWay(self.state, lambda state: Methods(state).corridor)
 
     @cached_property
-    def mender(self) -> RegionMender:
+    def mending(self) -> MendingSearcher:
         """D* Lite in regions."""
-        return RegionMender(self.state)
-
-    def mending(self, *, always: bool = False) -> Searcher:
-        """Searches regions by D* Lite where that is expected to be less work, or `always`."""
-        return MendingSearcher(self.mender, self.astar, always=always)
+        return MendingSearcher(self.state, self.astar)
 
     def use_model(self, model: str | Path | NetworkModel) -> NetworkModel:
         """Ask this network from now on, once it has been loaded and tried; ModelError, and the old
@@ -164,7 +155,7 @@ class Methods:
             return self.mend_map(query, work)
         if by is DynamicMethod.ASTAR:
             return self.search_map(query, work)
-        searcher = self.mending() if by.mends_regions else self.astar
+        searcher: Searcher = self.mending if by.mends_regions else self.astar
         if by.base is Method.NNPP and not self.has_poses:
             return self.network_region(query, work, searcher)
         return self.corridor(query, work, searcher)
@@ -208,16 +199,11 @@ class Methods:
         """A path in a corridor around the coarse path, else in a wider one, else on the
         whole map.
         """
-        if self.state.unseen is not None and (found := self._by_blocks(query, work)) is not None:
-            return found
+        by_blocks = None if self.state.unseen is None else self._by_blocks(query, work)
+        if by_blocks is not None and by_blocks.suffices(query):
+            return by_blocks
         self.state.pyramid_by(query.deadline)
-        by_robot = (
-            (BODY_CORRIDOR, WIDENED_BODY_CORRIDOR)
-            if self.has_poses
-            else (CORRIDOR, WIDENED_CORRIDOR)
-        )
-        if self.has_arcs:
-            by_robot = ARC_CORRIDOR, WIDENED_BODY_CORRIDOR
+        by_robot = self.state.grid.robot.corridors
         known = self.keeps_field and self.has_arcs and self.astar.kept_cost(query) < math.inf
         if known and (again := self.astar.search_again(query, work)) is not None:
             found = Found.of(self.state.grid, again, Source.REGION, None, work)
@@ -232,7 +218,12 @@ class Methods:
         doubtful: Found | None = None
         for width, source in zip(widths or by_robot, (Source.REGION, Source.WIDENED), strict=True):
             here = self.descent.find(query, work, searcher, top, None, width, source)
-            if here is None or not here.suffices(query):
+            if here is None:
+                continue
+            if not here.suffices(query):
+                in_vain = self.has_arcs and here.search.status is Status.NO_PATH
+                if in_vain and here.search.expansions > MOST_IN_VAIN * query.apart**2:
+                    break
                 continue
             if here.search.status is not Status.OK:
                 return doubtful or here
@@ -266,31 +257,20 @@ class Methods:
         state, grid = self.state, self.state.grid
         assert state.unseen is not None
         way = self.blocks  # before what is new is read: it begins with all
-        if (part := state.unseen.read(grid)) is not None:
-            way.changed(part)
+        way.read(query.deadline)
         if not state.unseen.left:
             return None
-        if (found := way.find(query, work, whole=self.has_poses)) is None:
-            return None
-        stops, first, region = found
-        near = (
-            query
-            if self.has_poses
-            else query._replace(goal=(int(stops[first, 0]), int(stops[first, 1])))
-        )
-        if problem_with(grid, near.start, near.goal) is not None:
-            return None
-        search = self.astar.search(near, work, region)
-        if search.status is not Status.OK:
-            return None
-        path = (
-            search.path
-            if self.has_poses
-            else np.concatenate((search.path[:-1], over(stops[first:])))
-        )
-        bound = float(octile.py_func(*query.start, *query.goal, *grid.prices))
-        answer = Found.of(grid, Search(Status.OK, path, 0, bound), Source.REGION, None, work)
-        return answer if answer.cost < math.inf else None
+        for stops, first, region in way.ways(query, work, whole=self.has_poses):
+            goal = query.goal if self.has_poses else (int(stops[first, 0]), int(stops[first, 1]))
+            search = self.astar.search(query._replace(goal=goal), work, region)
+            if search.status is not Status.NO_PATH:
+                path = search.path
+                if search.status is Status.OK and not self.has_poses:
+                    path = np.concatenate((path[:-1], over(stops[first:])))
+                bound = float(octile.py_func(*query.start, *query.goal, *grid.prices))
+                whole = search._replace(path=path, refused_f=bound)
+                return Found.of(grid, whole, Source.REGION, None, work)
+        return None
 
     def rejoin(self, query: Query, work: Work, rest: Rest) -> Found | None:
         """A way to a place ahead on the path of arcs that stood, and on along that; None where a

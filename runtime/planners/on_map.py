@@ -9,7 +9,7 @@ from contextlib import nullcontext
 from dataclasses import replace
 from pathlib import Path
 from threading import RLock
-from typing import Concatenate, ParamSpec, TypeVar, cast
+from typing import TYPE_CHECKING, Concatenate, ParamSpec, TypeVar, cast
 
 import numpy as np
 from numpy.typing import NDArray
@@ -26,9 +26,7 @@ from nnpp_edge.runtime.errors import (
     Status,
     shown,
 )
-from nnpp_edge.runtime.map.attitude import PoseCheck, explain
 from nnpp_edge.runtime.map.ground import Ground, GroundOptions
-from nnpp_edge.runtime.map.refusal import why_ended
 from nnpp_edge.runtime.map.state import MapState, map_state
 from nnpp_edge.runtime.memory import small_pages, touch
 from nnpp_edge.runtime.network.inference import NetworkModel
@@ -38,6 +36,9 @@ from nnpp_edge.runtime.planners.query import Found, Query, Work, in_words, probl
 from nnpp_edge.runtime.planners.refine import Refiner
 from nnpp_edge.runtime.search.astar import cost_field
 from nnpp_edge.runtime.tuning import NEAR
+
+if TYPE_CHECKING:
+    from nnpp_edge.runtime.robots.body.attitude import PoseCheck
 
 P = ParamSpec("P")
 R = TypeVar("R")
@@ -169,7 +170,7 @@ class OnMap:
 
     @checked(InvalidQueryError)
     @one_at_a_time
-    def explain(self, cell: Cell, heading_deg: float) -> PoseCheck:
+    def explain(self, cell: Cell, heading_deg: float) -> "PoseCheck":
         """How the vehicle stands on a cell, heading so many degrees clockwise from up the rows, by
         each limit.
 
@@ -178,11 +179,7 @@ class OnMap:
         without a body on a map of elevations, for what is no cell of the map, or a heading that is
         no number.
         """
-        if (poses := self._state.grid.poses) is None:
-            raise InvalidQueryError(
-                "explain: wanted a vehicle with length, width and clearance on a map of elevations"
-            )
-        return explain(poses, as_cell(cell, "cell"), heading_deg)
+        return self._state.grid.robot.explain(as_cell(cell, "cell"), heading_deg)
 
     @checked(InvalidQueryError)
     @one_at_a_time
@@ -270,7 +267,7 @@ class OnMap:
         by = wanted
         choice = ""
         if problem := problem_with(state.grid, query.start, query.goal):
-            return Plan(problem, by.base, planner=by, reason=told(problem, query, state.grid.poses))
+            return Plan(problem, by.base, planner=by, reason=told(problem, query, state.grid.robot))
         checked_before = state.checked
         try:
             with small_pages() if state.unseen is not None else nullcontext():
@@ -290,17 +287,8 @@ class OnMap:
         """
         grid = self._state.grid
         memory = self._methods.astar.workspace
-        end = query.goal
-        if grid.poses is None or (field := memory.field) is None:
-            return ""
-        start = grid.node(*query.start)
-        if by_legs := bool(
-            field.costs(slice(start, start + 1))[0] == math.inf
-        ):  # else it was the turns
-            memory = field
-            end = query.start
-        reached = memory.costs().reshape(-1, grid.stride)[1 : grid.rows + 1, 1:-1] < math.inf
-        return f"; {why_ended(grid.poses, reached, end, by_legs=by_legs)}"
+        why = grid.robot.why_ended(grid, query.start, query.goal, memory)
+        return f"; {why}" if why else ""
 
     def _reach(self, start: Cell, within: float = math.inf) -> Float2D:
         """As `Planner.reach`."""

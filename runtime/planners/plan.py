@@ -12,11 +12,11 @@ from numpy.typing import NDArray
 from nnpp_edge.runtime.arrays import headings_along
 from nnpp_edge.runtime.errors import InvalidQueryError, Status
 from nnpp_edge.runtime.map.along import Along, Line, Numbers
-from nnpp_edge.runtime.map.arcs import Arc, Drive, arcs_along, drive_along, heading_deg
-from nnpp_edge.runtime.map.region import Region
 from nnpp_edge.runtime.map.state import MapState
-from nnpp_edge.runtime.map.turns import curvatures
 from nnpp_edge.runtime.planners.plan_shown import draw, html_of
+from nnpp_edge.runtime.planners.turns import curvatures
+from nnpp_edge.runtime.robots.body.arcs import Arc, Drive, arcs_along, drive_along, heading_deg
+from nnpp_edge.runtime.search.region import Region
 from nnpp_edge.runtime.terrain.vehicle import Vehicle
 
 if TYPE_CHECKING:
@@ -49,14 +49,12 @@ class DynamicMethod(_Named):
     CORRIDOR = "corridor"
     """Coarse to fine, afresh each time."""
     CORRIDOR_DSTAR = "corridor-dstar"
-    """The corridor of the present start, and inside it D* Lite, or A* where that is expected to be
-    less work.
-    """
+    """The corridor of the present start, and inside it D* Lite, repaired from step to step."""
     NNPP = "nnpp"
     """The network's region of the present start, and A* in it; with a body the corridor."""
     NNPP_DSTAR = "nnpp-dstar"
-    """The network's region of the present start, and inside it the same; with a body as
-    ``nnpp``.
+    """The network's region of the present start, and inside it D* Lite (the paper's D*NN); with a
+    body as ``nnpp``.
     """
 
     @property
@@ -67,7 +65,7 @@ class DynamicMethod(_Named):
     @property
     def mends_regions(self) -> bool:
         """Whether D* Lite is kept for regions."""
-        return self is DynamicMethod.AUTO or self.endswith("-dstar")
+        return self.endswith("-dstar")
 
     @property
     def base(self) -> Method:
@@ -150,8 +148,8 @@ class Plan:
     """The path over the ground, point by point; None where no elevations are known."""
     states: NDArray[np.int32] | None = field(default=None, repr=False)
     """(N,) the direction in which a body that drives arcs stands on each cell, see
-    `map.motions.DIRECTIONS`, and 16 more where it came backwards and a change of gear costs;
-    None of others, as cells tell it."""
+    `robots.body.motions.DIRECTIONS`, and 16 more where it came backwards and a change of gear
+    costs; None of others, as cells tell it."""
     vehicle: Vehicle | None = field(default=None, repr=False)
     """That body."""
     known: int = 0
@@ -222,7 +220,7 @@ class Plan:
     @property
     def curvatures(self) -> NDArray[np.float64]:
         """(N,) of the line at each way point, one over a radius in metres, or cells without
-        heights: `map.turns`.
+        heights: `planners.turns`.
         """
         if self.waypoints is None:
             return np.empty(0)

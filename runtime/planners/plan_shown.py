@@ -9,7 +9,7 @@ import numpy as np
 
 from nnpp_edge.runtime.errors import MissingExtraError, optional_module
 from nnpp_edge.runtime.map.along import Line
-from nnpp_edge.runtime.map.region import Region
+from nnpp_edge.runtime.search.region import Region
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

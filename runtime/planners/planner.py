@@ -13,7 +13,6 @@ from nnpp_edge.runtime.cells import Cell, as_cell
 from nnpp_edge.runtime.deadline import Deadline
 from nnpp_edge.runtime.errors import InvalidQueryError
 from nnpp_edge.runtime.map.ground import Ground
-from nnpp_edge.runtime.map.step_cost import PAPER_OMEGA
 from nnpp_edge.runtime.network.inference import NetworkModel
 from nnpp_edge.runtime.planners.on_map import (
     OnMap,
@@ -27,6 +26,7 @@ from nnpp_edge.runtime.planners.query import Found, PlanOptions, Query, Wishes, 
 from nnpp_edge.runtime.planners.refine import refines
 from nnpp_edge.runtime.planners.tour import Tour, tour
 from nnpp_edge.runtime.search.astar import costs_to_nearest
+from nnpp_edge.runtime.terrain.step_cost import PAPER_OMEGA
 from nnpp_edge.runtime.terrain.traversability import Traversability
 from nnpp_edge.runtime.tuning import NEAREST_STOPS
 

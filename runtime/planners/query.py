@@ -12,14 +12,12 @@ from nnpp_edge.runtime.arguments import checked
 from nnpp_edge.runtime.cells import Cell, as_cell
 from nnpp_edge.runtime.deadline import NEVER, Deadline
 from nnpp_edge.runtime.errors import InvalidQueryError, Status
-from nnpp_edge.runtime.map.arcs import direction_near, directions_within
 from nnpp_edge.runtime.map.grid import Grid
-from nnpp_edge.runtime.map.poses import Poses
-from nnpp_edge.runtime.map.refusal import why_blocked
-from nnpp_edge.runtime.map.region import Region
 from nnpp_edge.runtime.map.state import MapState
 from nnpp_edge.runtime.planners.plan import DynamicMethod, Method, Plan, Source
+from nnpp_edge.runtime.robots.robot import Robot
 from nnpp_edge.runtime.search.astar import Search
+from nnpp_edge.runtime.search.region import Region
 from nnpp_edge.runtime.stopwatch import Stopwatch
 
 
@@ -33,7 +31,9 @@ class Query(NamedTuple):
     deadline: Deadline = NEVER
     """When to give up."""
     direction: int = -1
-    """In which a body stands at the start, see `map.motions.DIRECTIONS`; -1 where any will do."""
+    """In which a body stands at the start, see `robots.body.motions.DIRECTIONS`; -1 where any will
+    do.
+    """
     wanted: NDArray[np.bool_] | None = None
     """(16,) directions in which it may arrive; None where any will do."""
 
@@ -117,24 +117,8 @@ class Wishes(NamedTuple):
         """Those of a body at the start, and at the goal, as in `Query`; InvalidQueryError where it
         has none.
         """
-        headings = self.start_heading_deg, self.goal_heading_deg
-        if headings == (None, None):
-            return -1, None
-        if (poses := grid.poses) is None:
-            raise InvalidQueryError(
-                "start_heading_deg and goal_heading_deg want a vehicle's body on elevations"
-            )
-        if (
-            not all(each is None or math.isfinite(each) for each in headings)
-            or not self.goal_tolerance_deg >= 0.0
-        ):
-            raise InvalidQueryError(
-                f"headings must be numbers of degrees, got {headings}, {self.goal_tolerance_deg}"
-            )
-        start, goal = headings
-        begin = -1 if start is None else direction_near(start, poses.sides_m)
-        return begin, None if goal is None else directions_within(
-            goal, self.goal_tolerance_deg, poses.sides_m
+        return grid.robot.ends(
+            self.start_heading_deg, self.goal_heading_deg, self.goal_tolerance_deg
         )
 
 
@@ -180,15 +164,17 @@ class Found(NamedTuple):
             # g is kept in float32: a refused cell's f may be too high by its rounding
             start, goal = search.path[[0, -1], :2].tolist()
             bound = min(
-                costs[0], search.refused_f * (1.0 - 1e-6) + grid.steps.worth_of_height(start, goal)
+                costs[0], search.refused_f * (1.0 - 1e-6) + grid.robot.worth_of_height(start, goal)
             )
         work.stage_ends("path")
         return cls(search, source, *costs, bound, region)
 
     def suffices(self, query: Query) -> bool:
-        """Whether the path need not be improved: time is up, or it is close enough to the bound
-        asked for.
+        """Whether it need not be improved: it is close enough to the bound asked for, time is up,
+        or there is no path even outside the region.
         """
+        if self.search.status is Status.NO_PATH:
+            return self.search.refused_f == math.inf
         above = (
             query.epsilon if self.lower_bound >= 0.0 else -query.epsilon
         )  # energy may be got back
@@ -264,13 +250,12 @@ def problem_with(grid: Grid, start: Cell, goal: Cell) -> Status | None:
     return None
 
 
-def told(problem: Status, query: Query, poses: Poses | None = None) -> str:
+def told(problem: Status, query: Query, robot: Robot) -> str:
     """Which cell of a query is at fault and why, for people."""
     at_start = problem in (Status.START_OUTSIDE_MAP, Status.START_BLOCKED)
     cell = query.start if at_start else query.goal
-    why = (
-        f": {why_blocked(poses, cell)}" if poses is not None and problem.endswith("BLOCKED") else ""
-    )
+    reason = robot.why_blocked(cell) if problem.endswith("BLOCKED") else ""
+    why = f": {reason}" if reason else ""
     return f"{'start' if at_start else 'goal'} {cell} {in_words(problem)}{why}"
 
 

@@ -29,8 +29,8 @@ from nnpp_edge.runtime.kernels.any_angle import corners, line_cost
 from nnpp_edge.runtime.kernels.stations import freed
 from nnpp_edge.runtime.map.grid import Grid
 from nnpp_edge.runtime.map.state import MapState
-from nnpp_edge.runtime.map.turns import Points, curvatures, with_arcs
 from nnpp_edge.runtime.planners.plan import Plan
+from nnpp_edge.runtime.planners.turns import Points, curvatures, with_arcs
 from nnpp_edge.runtime.stopwatch import Stopwatch
 from nnpp_edge.runtime.tuning import ANY_ANGLE, WAY_POINT_SAVES
 
@@ -54,16 +54,8 @@ def refines(name: str | None, grid: Grid) -> bool:
         return False
     if name != "any-angle":
         raise InvalidQueryError(f"refine must be one of any-angle, got {name!r}")
-    if grid.steps.by_poses:
-        raise InvalidQueryError(
-            f"refine={name!r} is for points and discs: a body's legs lead in 16 directions"
-        )
-    if grid.steps.by_slope:
-        raise InvalidQueryError(
-            f"refine={name!r} prices lines by the map's cost: wanted step_cost='paper' or "
-            "'length', got steps that "
-            "cost by their slope"
-        )
+    if grid.robot.line_refusal:
+        raise InvalidQueryError(f"refine={name!r} {grid.robot.line_refusal}")
     return True
 
 

@@ -2,13 +2,12 @@
 
 import math
 from collections.abc import Sequence
-from contextlib import suppress
 from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
-from nnpp_edge.runtime.cells import Cell, apart
+from nnpp_edge.runtime.cells import Cell
 from nnpp_edge.runtime.deadline import OutOfTimeError
 from nnpp_edge.runtime.errors import InvalidQueryError, Status
 from nnpp_edge.runtime.kernels.expansion import MOST_LANDMARKS
@@ -16,17 +15,15 @@ from nnpp_edge.runtime.kernels.nodes import octile
 from nnpp_edge.runtime.kernels.pooling import FACTOR
 from nnpp_edge.runtime.map.changes import ChangeReader
 from nnpp_edge.runtime.map.pyramid import quarters
-from nnpp_edge.runtime.map.region import Region
 from nnpp_edge.runtime.map.state import MapState
 from nnpp_edge.runtime.memory import touch
 from nnpp_edge.runtime.planners.query import Found, Query, Work, problem_with
-from nnpp_edge.runtime.search.astar import Search, astar, by_kept_field
+from nnpp_edge.runtime.search.astar import LastMetres, Search, astar, by_kept_field, last_metres_to
 from nnpp_edge.runtime.search.dstar_lite import DStarLite, serves
 from nnpp_edge.runtime.search.landmarks import Landmarks
+from nnpp_edge.runtime.search.region import Region
 from nnpp_edge.runtime.search.workspace import Workspace
 from nnpp_edge.runtime.tuning import (
-    DSTAR_SLOWER,
-    EXPANDED_TWICE,
     FIELD_KEPT,
     MOST_JOINED,
     MOST_RATIO_FOR_LANDMARKS,
@@ -50,7 +47,7 @@ class AStarSearcher:
 
     def __init__(self, state: MapState) -> None:
         self.grid = grid = state.grid
-        self.workspace = Workspace(len(grid.weights), grid.steps.states_a_node)
+        self.workspace = Workspace(len(grid.weights), grid.robot.states_a_node)
         self._log = state.log
         self._kept: tuple[Cell, Region | None, int, Cell, float] | None = None
         """Of the field that is kept: goal, region, number of the search, its start, and the cost
@@ -59,6 +56,8 @@ class AStarSearcher:
         self.kept_above = 1.0
         """Cost of the path found by it, over what it promised."""
         self._since = state.log.reader()
+        self._last_metres: tuple[Query, LastMetres | None] | None = None
+        """Those of the newest query with a heading at its goal."""
         self._landmarks: Landmarks | None = None
         self._changes: ChangeReader | None = None
         """Since landmarks were set: without any, nothing has to be kept for it."""
@@ -73,8 +72,21 @@ class AStarSearcher:
         landmarks = self.landmarks
         hints = landmarks.towards(goal) if landmarks else None
         place = self.grid, start, goal, self.workspace, region
+        last_metres = None
+        if wanted is not None and start != goal:
+            if self._last_metres is None or self._last_metres[0] is not query:
+                last_metres = last_metres_to(self.grid, goal, wanted, self.workspace, deadline)
+                self._last_metres = query, last_metres
+                work.expansions += last_metres.expansions if last_metres else 0
+            last_metres = self._last_metres[1]
         found = astar(
-            *place, hints=hints, limit=limit, deadline=deadline, direction=direction, wanted=wanted
+            *place,
+            hints=hints,
+            limit=limit,
+            deadline=deadline,
+            direction=direction,
+            wanted=wanted,
+            last_metres=last_metres,
         )
         work.expansions += found.expansions
         work.stage_ends("search")
@@ -161,7 +173,7 @@ class AStarSearcher:
         `Planner.prepare`.
         """
         count = landmarks + len(goals)
-        if count and (self.grid.steps.by_slope or self.grid.steps.by_poses):
+        if count and not self.grid.robot.has_landmarks:
             raise InvalidQueryError(
                 "landmarks need steps that cost alike both ways, without turns: wanted "
                 "step_cost='paper' and no body"
@@ -182,136 +194,61 @@ class AStarSearcher:
         self._landmarks.spread(count)
 
 
-class RegionMender:
-    """D* Lite in regions, kept from one query to the next. Serves one thread at a time.
+class MendingSearcher:
+    """D* Lite in regions, kept from one query to the next: the paper's D*NN, in any region.
 
-    Worth it for queries towards one goal: another goal starts D* Lite afresh.
+    Worth it for queries towards one goal: another goal starts D* Lite afresh. A* searches where
+    steps cost too differently for D* Lite, and where a new region takes it too long to read. Serves
+    one thread at a time.
     """
 
-    def __init__(self, state: MapState) -> None:
+    def __init__(self, state: MapState, fresh: AStarSearcher) -> None:
         self._state = state
+        self._fresh = fresh
         self._dstar: DStarLite | None = None
         self._known: Region | None = None
         """Where D* Lite has searched; None where it has forgotten all."""
-        self._latest: Region | None = None
-        """Where was searched last, by D* Lite or afresh."""
-        self._restarts = 0
-        """How often D* Lite had forgotten all by its last search."""
-        self._saving_missed = 0.0
-        """Work that mending would have saved since it was last done, had it been done each time, in
-        new searches.
-        """
-        self._changes = state.log.reader()
-        """Since the last region was searched."""
-
-    def expect(self, goal: Cell) -> DStarLite:
-        """Set D* Lite up for queries to this goal, in a region that holds nothing yet; nothing is
-        read yet.
-        """
-        blocks = [2 * math.ceil(cells / FACTOR) for cells in self._state.shape]
-        rows, cols = self._state.shape
-        nothing = Region(np.zeros(blocks, np.int32), quarters(rows), quarters(cols), 1)
-        if self._dstar is None:
-            self._dstar = DStarLite(self._state, goal, nothing)
-        else:
-            self._dstar.set_goal(goal)
-            self._dstar.set_region(nothing)
-        self._known = self._latest = None
-        self._changes.skip()
-        self._saving_missed = 0.0
-        self._restarts = self._dstar.restarts
-        return self._dstar
 
     def prepare(self, goal: Cell) -> None:
         """Do now what the first query to this goal would else do, all of the memory backed by the
         system.
         """
-        dstar = self.expect(goal)
+        dstar = self._towards(goal)
         touch(dstar.memory)
         dstar.plan(goal)  # so that the cells left out are dealt with now
 
-    def read(self, query: Query) -> None:
-        """Have D* Lite read what it has not; OutOfTimeError once that has taken a part of the time
-        that is left.
-        """
-        self._for(query).read(query.deadline.share(_FOR_READING))
-
-    @property
-    def serves(self) -> bool:
-        """Whether steps on the map are near enough to one another in cost."""
-        return serves(self._state.grid)
-
-    def knows_region(self, goal: Cell) -> bool:
-        """Whether there is a search to be repaired, for this goal."""
-        return (
-            self.serves
-            and self._dstar is not None
-            and self._dstar.goal == goal
-            and self._known is not None
-        )
-
-    def search(self, query: Query, work: Work, region: Region | None) -> Search:
-        """Mend the search in this region, or in the one that is known, from the query's start.
-
-        OutOfTimeError, as by `read`, where a new region cannot be read in a part of the time.
-        """
-        dstar = self._for(query)
+    def search(self, query: Query, work: Work, region: Region) -> Search:
+        """As `Searcher`."""
+        if not serves(self._state.grid) or query.start == query.goal:
+            return self._fresh.search(query, work, region)
+        dstar = self._towards(query.goal)
         dstar.move_start(query.start)
-        if region is not None:
-            self._latest, self._known = region, self._joined(region)
-            dstar.set_region(self._known)
-            self.read(query)
+        self._known = self._joined(region)
+        dstar.set_region(self._known)
+        try:
+            dstar.read(query.deadline.share(_FOR_READING))
+        except OutOfTimeError:  # the next query's search goes on reading
+            return self._fresh.search(query, work, region)
         found = dstar.plan(query.start, deadline=query.deadline)
         work.expansions += found.expansions
-        self._saving_missed = 0.0
-        self._restarts = dstar.restarts
-        self._changes.skip()
         work.stage_ends("search")
         # D* Lite does not say what it refused: the octile distance is the bound
         straight = octile.py_func(*query.start, *query.goal, *self._state.grid.prices)
         return found._replace(refused_f=straight)
 
-    def worth_mending(self, query: Query, work: Work, region: Region) -> bool:
-        """Whether D* Lite is expected to search a region with less work than A*, now or before
-        long.
-
-        A fresh search expands most of a region. D* Lite expands the cells that are new to it, and
-        twice those that lie between the start and a change, and takes longer for each. What a fresh
-        search leaves unmended is to be mended later: once steps that D* Lite would have made
-        cheaply sum to what that is dearer by, it is mended after all. What such a step would have
-        taken is estimated from the distances of the changes.
-        """
-        dstar = self._for(query)
-        dstar.move_start(query.start)
-        if dstar.restarts != self._restarts:
-            self._known = None
-        mended = DSTAR_SLOWER * _new_share(region, self._known)
-        known_to_pay = mended <= 1.0 + self._saving_missed
-        if known_to_pay:
-            mended += DSTAR_SLOWER * EXPANDED_TWICE * dstar.reach()
-        # as `DStarLite.reach`, by distances as the king moves
-        nearest = min(
-            (apart(change.part, query.goal) for change in self._changes.peek()), default=query.apart
-        )
-        step = DSTAR_SLOWER * EXPANDED_TWICE * max(1.0 - nearest / query.apart, 0.0)
-        if step < 1.0:
-            step += DSTAR_SLOWER * _new_share(region, self._latest)
-        self._latest = region
-        self._changes.skip()
-        worth = mended <= 1.0 + self._saving_missed
-        if not worth:
-            self._saving_missed += max(1.0 - step, 0.0)
-        done = "mended" if worth else "searched afresh"
-        least = "" if known_to_pay else " or more"
-        work.remark = (
-            f"{done}: mending was estimated at {mended:.2f} times{least} the work of a fresh search"
-        )
-        return worth
-
-    def _for(self, query: Query) -> DStarLite:
-        """D* Lite with the query's goal."""
-        if self._dstar is None or self._dstar.goal != query.goal:
-            return self.expect(query.goal)
+    def _towards(self, goal: Cell) -> DStarLite:
+        """D* Lite with this goal; for a new one its region holds nothing yet."""
+        if self._dstar is not None and self._dstar.goal == goal:
+            return self._dstar
+        rows, cols = self._state.shape
+        blocks = [2 * math.ceil(cells / FACTOR) for cells in (rows, cols)]
+        nothing = Region(np.zeros(blocks, np.int32), quarters(rows), quarters(cols), 1)
+        self._known = None
+        if self._dstar is None:
+            self._dstar = DStarLite(self._state, goal, nothing)
+        else:
+            self._dstar.set_goal(goal)
+            self._dstar.set_region(nothing)
         return self._dstar
 
     def _joined(self, region: Region) -> Region:
@@ -324,35 +261,3 @@ class RegionMender:
         if np.count_nonzero(both) > MOST_JOINED * np.count_nonzero(wanted):
             both = wanted
         return Region(both.astype(np.int32), region.row_block, region.col_block, 1)
-
-
-class MendingSearcher:
-    """D* Lite in a region where that is expected to be less work than A* afresh; `always`, whatever
-    it takes.
-    """
-
-    def __init__(self, mender: RegionMender, fresh: AStarSearcher, *, always: bool = False) -> None:
-        self._mender = mender
-        self._fresh = fresh
-        self._always = always
-
-    def search(self, query: Query, work: Work, region: Region) -> Search:
-        """As `Searcher`."""
-        work.remark = ""
-        if self._mender.serves and query.start != query.goal:
-            with suppress(
-                OutOfTimeError
-            ):  # of what D* Lite may take: the next query's goes on from there
-                self._mender.read(query)
-                if self._always or self._mender.worth_mending(query, work, region):
-                    return self._mender.search(query, work, region)
-        return self._fresh.search(query, work, region)
-
-
-def _new_share(region: Region, known: Region | None) -> float:
-    """The share of a region's blocks that are outside another; None holds nothing."""
-    if known is None or not region.shares_blocks(known):
-        return 1.0
-    blocks = region.blocks()
-    new = blocks & ~known.blocks()
-    return float(new.sum()) / max(int(blocks.sum()), 1)

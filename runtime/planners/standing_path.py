@@ -114,7 +114,7 @@ class StandingPath:
 
     def __init__(self, state: MapState) -> None:
         self._grid = state.grid
-        self._by_parts = state.grid.steps.by_poses or state.grid.steps.by_slope
+        self._by_parts = not state.grid.robot.keeps_old_weights
         nodes = 0 if self._by_parts else len(state.grid.weights)
         self._changes = state.log.reader(keeps_old_weights=not self._by_parts)
         self._parts: list[Rectangle] = []
@@ -142,11 +142,12 @@ class StandingPath:
             raise InvalidQueryError(
                 f"a standing path must lead to the goal, got a plan of status {plan.status}"
             )
-        self._walked = np.empty(len(plan.path))
-        self._scratch = np.empty(len(plan.path))
-        if self._grid.walk(plan.walked, 0, self._walked) >= 0:
+        walked = np.empty(len(plan.path))
+        if self._grid.walk(plan.walked, 0, walked) >= 0:
             raise InvalidQueryError("a standing path must be walkable on the map it was planned on")
         self.plan = plan
+        self._walked = walked
+        self._scratch = np.empty(len(walked))
         self._count = 0
         self._parts = []
         self._changes.skip()
@@ -255,7 +256,7 @@ class StandingPath:
             )
             if self.plan is not None and self.plan.states is not None and direction < 0:
                 return [-math.inf for _ in bounds]  # another path may begin in any direction
-            return [min(bound - grid.steps.readiness, by_way) for bound in bounds]
+            return [min(bound - grid.robot.readiness, by_way) for bound in bounds]
         saved, by_cheaper, by_opened = savings(
             grid.weights,
             self._before,
@@ -275,7 +276,7 @@ class StandingPath:
 
     def _by_way_of(self, part: Rectangle, at: Cell, goal: Cell) -> float:
         """The least that a path by way of a rectangle's cells costs."""
-        (row, col, rows, cols), cost = part, self._grid.steps.worth_of_height(at, goal)
+        (row, col, rows, cols), cost = part, self._grid.robot.worth_of_height(at, goal)
         for end in (at, goal):
             nearest = min(max(end[0], row), row + rows - 1), min(max(end[1], col), col + cols - 1)
             cost += octile.py_func(*end, *nearest, *self._grid.prices)

@@ -14,7 +14,6 @@ from nnpp_edge.runtime.deadline import NEVER, Deadline, OutOfTimeError
 from nnpp_edge.runtime.errors import InvalidQueryError
 from nnpp_edge.runtime.map.along import joined
 from nnpp_edge.runtime.map.grid import Grid
-from nnpp_edge.runtime.map.motions import DIRECTIONS
 from nnpp_edge.runtime.planners.plan import Method, Plan, Source
 from nnpp_edge.runtime.planners.query import in_words
 from nnpp_edge.runtime.stopwatch import Stopwatch
@@ -47,7 +46,9 @@ class Tour:
     """The legs as one plan. Its lower bound is that of this order. Without a path from one stop
     to the next its status is that leg's, and its reason names the leg."""
     given_cost: float = math.nan
-    """Cost of the order given; NaN where no other was looked for."""
+    """Cost of the order given; NaN where no other was looked for, inf where a body finds no
+    path by it.
+    """
 
     def told(self, on_the_ground: Callable[[Plan], Plan]) -> "Tour":
         """This tour with what the function adds to each of its plans."""
@@ -75,11 +76,12 @@ def tour(
         Of the map, filled where paths lead.
     best_order : bool
         Visit the places between in the order that costs least, by what lies between each two stops.
+        To turn at the stops costs a body more: the order given stays where it then costs less.
     nearest : callable
         Gives what the cheapest paths between the stops cost, (N, N), and of which that is known;
         others cost at least as much. To be given where plans are the cheapest paths.
     finish : callable
-        Applied to the plans of the legs in the end, and not to those that were made for the order
+        Applied to the plans of a whole tour's legs, and not to those that were made for the order
         alone.
     deadline : Deadline
         When to stop looking for a better order: then it is the one given.
@@ -94,7 +96,7 @@ def tour(
     legs = _Legs(plan, stops, grid)
     count = len(stops) - 2
     given_cost = math.nan
-    order = tuple(range(count))
+    order = given = tuple(range(count))
     if best_order and count:
         if count > MOST_ORDERED:
             raise InvalidQueryError(
@@ -102,33 +104,25 @@ def tour(
             )
         with suppress(OutOfTimeError):
             order, given_cost = legs.best_order(nearest, deadline)
-    found: list[Plan] = []
-    for begin, end in legs.along(order):
-        leg = legs.plan(begin, end)
-        if grid.steps.by_poses and found and leg.ok:  # a body sets out as it has arrived
-            leg = plan(stops[begin], stops[end], direction=arrival(found[-1].walked))
-        found.append(finish(leg))
-        if not found[-1].ok:
-            break
-    ordered = stops[0], *(stops[each + 1] for each in order), stops[-1]
-    whole = _as_one(found, ordered, grid)
+
+    def by(order: Order) -> Tour:
+        found = legs.driven(order, finish)
+        ordered = stops[0], *(stops[each + 1] for each in order), stops[-1]
+        return Tour(ordered, order, tuple(found), _as_one(found, ordered, grid), given_cost)
+
+    made = by(order)
+    if grid.robot.by_poses and not math.isnan(given_cost):  # legs alone cost less than all as one
+        as_given = made if order == given else by(given)
+        cheaper = min(as_given, made, key=lambda each: each.plan.cost)
+        made = replace(cheaper, given_cost=as_given.plan.cost)
     total = watch.total_ms()
     apart = (
-        {"order": total - sum(leg.timings_ms.get("total", 0.0) for leg in found)}
+        {"order": total - sum(leg.timings_ms.get("total", 0.0) for leg in made.legs)}
         if best_order
         else {}
     )
-    whole = replace(whole, timings_ms={**whole.timings_ms, **apart, "total": total})
-    return Tour(ordered, order, tuple(found), whole, given_cost)
-
-
-def arrival(path: NDArray[np.int32]) -> int:
-    """Direction in which a body comes to the end of a path, as `Plan.walked`; -1 for a
-    single cell.
-    """
-    if path.shape[1] == 3:
-        return int(path[-1, 2]) % len(DIRECTIONS)
-    return DIRECTIONS.index(tuple((path[-1] - path[-2]).tolist())) if len(path) > 1 else -1
+    timings = {**made.plan.timings_ms, **apart, "total": total}
+    return replace(made, plan=replace(made.plan, timings_ms=timings))
 
 
 class _Legs:
@@ -138,7 +132,7 @@ class _Legs:
         self._plan = plan
         self._stops = stops
         self._grid = grid
-        self._symmetric = not grid.steps.by_slope and grid.steps.columns == 2
+        self._symmetric = grid.robot.symmetric
         """Whether a path costs the same both ways, and is driven so: then one plan serves a leg and
         its reverse.
         """
@@ -161,6 +155,21 @@ class _Legs:
                 raise InvalidQueryError(f"via {at}, {self._stops[at]}, {in_words(plan.status)}")
             self._made[begin, end] = plan
         return self._made[begin, end]
+
+    def driven(self, order: Order, finish: Callable[[Plan], Plan]) -> list[Plan]:
+        """Finished plans of the legs in this order, up to the first that has no path; a body sets
+        out on each as it has arrived.
+        """
+        found: list[Plan] = []
+        for begin, end in self.along(order):
+            leg = self.plan(begin, end)
+            heading = self._grid.robot.arrival(found[-1].walked) if found and leg.ok else -1
+            if heading >= 0:
+                leg = self._plan(self._stops[begin], self._stops[end], direction=heading)
+            found.append(finish(leg))
+            if not found[-1].ok:
+                break
+        return found
 
     def best_order(self, nearest: Nearest | None, deadline: Deadline) -> tuple[Order, float]:
         """The cheapest order of the stops between the first and the last, and what the order given
@@ -282,7 +291,7 @@ def _as_one(legs: Sequence[Plan], stops: Sequence[Cell], grid: Grid) -> Plan:
         else first.along,  # by it alone the arcs are known, `Plan.over` needs them
         waypoints=joined(lines).astype(np.float64) if len(lines) == len(legs) else None,
         line_cost=sum(leg.line_cost for leg in legs),
-        cost=costs[0] if grid.steps.by_poses else sum(leg.cost for leg in legs),
+        cost=costs[0] if grid.robot.by_poses else sum(leg.cost for leg in legs),
         length=sum(leg.length for leg in legs),
         traverse_cost=costs[2],
         lower_bound=sum(leg.lower_bound for leg in legs),

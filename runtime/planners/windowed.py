@@ -19,18 +19,18 @@ from nnpp_edge.runtime.deadline import NEVER, Deadline, OutOfTimeError
 from nnpp_edge.runtime.errors import InvalidMapError, Status
 from nnpp_edge.runtime.kernels.pooling import FACTOR
 from nnpp_edge.runtime.map.along import Along
-from nnpp_edge.runtime.map.region import Region
-from nnpp_edge.runtime.map.slope_cost import Mobility
-from nnpp_edge.runtime.map.step_cost import PAPER_OMEGA, StepModel
 from nnpp_edge.runtime.map.streamed import StreamedMap
 from nnpp_edge.runtime.memory import available_bytes, small_pages, virtual_zeros
 from nnpp_edge.runtime.planners.coarse_to_fine import CoarseToFine
 from nnpp_edge.runtime.planners.plan import DynamicMethod, Method, Plan, Source
 from nnpp_edge.runtime.planners.query import Found, Query, Work, problem_with, told
 from nnpp_edge.runtime.planners.tour import Tour, tour
+from nnpp_edge.runtime.robots.slope.cost import Mobility
 from nnpp_edge.runtime.search.astar import Search, astar
+from nnpp_edge.runtime.search.region import Region
 from nnpp_edge.runtime.search.workspace import Workspace
 from nnpp_edge.runtime.stopwatch import Stopwatch
+from nnpp_edge.runtime.terrain.step_cost import PAPER_OMEGA, StepModel
 from nnpp_edge.runtime.terrain.traversability import Traversability
 from nnpp_edge.runtime.terrain.windows import CostWindows, HeightWindows
 from nnpp_edge.runtime.tuning import CORRIDOR, LEAST_WINDOW, WIDENED_CORRIDOR
@@ -157,7 +157,10 @@ class WindowedPlanner:
                     self._corridor.put([(*cell, 1, 1)])
             if problem := problem_with(grid, query.start, query.goal):
                 return Plan(
-                    problem, Method.CORRIDOR, planner=Method.CORRIDOR, reason=told(problem, query)
+                    problem,
+                    Method.CORRIDOR,
+                    planner=Method.CORRIDOR,
+                    reason=told(problem, query, grid.robot),
                 )
             try:
                 for width, source in (

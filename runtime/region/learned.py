@@ -14,10 +14,10 @@ from nnpp_edge.runtime.kernels.pooling import FACTOR, NO_LINKS
 from nnpp_edge.runtime.kernels.records import ThresholdMemory
 from nnpp_edge.runtime.kernels.threshold import lowered
 from nnpp_edge.runtime.map.pyramid import Level
-from nnpp_edge.runtime.map.region import Lookup, Region
 from nnpp_edge.runtime.map.state import MapState
 from nnpp_edge.runtime.network.inference import NetworkModel
 from nnpp_edge.runtime.region.map_view import MapView
+from nnpp_edge.runtime.search.region import Lookup, Region
 from nnpp_edge.runtime.search.workspace import Workspace
 from nnpp_edge.runtime.stopwatch import Stopwatch
 from nnpp_edge.runtime.tuning import WIDENED_BLOCKS, WIDENED_THRESHOLD

@@ -13,11 +13,11 @@ from nnpp_edge.runtime.cells import Cell, Rectangle, common
 from nnpp_edge.runtime.deadline import NEVER, Deadline
 from nnpp_edge.runtime.kernels.pooling import FACTOR
 from nnpp_edge.runtime.map.grid import Grid
-from nnpp_edge.runtime.map.region import Lookup
 from nnpp_edge.runtime.map.state import MapState
-from nnpp_edge.runtime.map.step_cost import GREY_LEVELS, StepCost
 from nnpp_edge.runtime.network.encoding import Frame, Point, map_planes
 from nnpp_edge.runtime.network.inference import NetworkModel
+from nnpp_edge.runtime.search.region import Lookup
+from nnpp_edge.runtime.terrain.step_cost import GREY_LEVELS, StepCost
 from nnpp_edge.runtime.tuning import STRIPE_CELLS, WINDOW_ROUNDING, WINDOW_SHARE
 
 

@@ -9,7 +9,7 @@ import math
 import time
 from collections.abc import Callable, Iterator, Sequence
 from functools import partial
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,11 +23,18 @@ from nnpp_edge.runtime.kernels.lattice import (
     DIRECTIONS,
     KNIGHT,
     expand_states,
-    field_around,
     fill_field,
+    least_of_cells,
     trace_states,
 )
-from nnpp_edge.runtime.kernels.nodes import EXHAUSTED, FOUND, FULL, PAUSED, octile
+from nnpp_edge.runtime.kernels.nodes import (
+    EXHAUSTED,
+    FOUND,
+    FULL,
+    PAUSED,
+    STAMP_SHIFT,
+    octile,
+)
 from nnpp_edge.runtime.kernels.records import (
     BEST_NODE,
     GOAL_STATE,
@@ -36,17 +43,20 @@ from nnpp_edge.runtime.kernels.records import (
     Limits,
     Rule,
 )
-from nnpp_edge.runtime.map.grid import Grid
-from nnpp_edge.runtime.map.region import Region
-from nnpp_edge.runtime.map.step_cost import StepCost
+from nnpp_edge.runtime.search.region import Region
 from nnpp_edge.runtime.search.workspace import Workspace
+from nnpp_edge.runtime.terrain.step_cost import StepCost
 from nnpp_edge.runtime.tuning import (
     AROUND_GOAL,
     BUCKET_WIDTH,
     BUCKET_WIDTH_BY_LANDMARKS,
     DIRECTED_BUCKET_WIDTH,
+    REOPENED_WITHIN,
     TURNS_IN_FIELD,
 )
+
+if TYPE_CHECKING:
+    from nnpp_edge.runtime.map.grid import Grid
 
 _BETWEEN_LOOKS = 1 << 14
 """Expansions after which is looked whether enough is known."""
@@ -54,6 +64,8 @@ _WITHOUT_END = int(np.iinfo(np.int64).max >> 1)
 Links = NDArray[np.uint8] | None
 """The directions in which each node may be left, as bits; None where passability decides."""
 Parts = tuple[Any, ...]
+Cells = tuple[NDArray[np.int32], NDArray[np.float32], NDArray[np.int32]]
+"""Nodes, what they cost, and the direction in which the way on leaves them; each (N,)."""
 _CORNER = 0
 """Of the border, which is impassable: the goal of a search that is to have none."""
 _ON = -1
@@ -82,8 +94,27 @@ class Search(NamedTuple):
         return cls(status, np.empty((0, columns), np.int32), expansions, refused_f)
 
 
+class LastMetres(NamedTuple):
+    """Costs of the last metres to a goal with a heading, by a search of a few states from there.
+
+    A way back, by a body that stands the other way round, costs what the way there does.
+    """
+
+    begun: Cells
+    """Cells at which the search stopped, from which all ways lead on to the goal."""
+    settled: Cells
+    """Cells within."""
+    exhausted: bool
+    """Whether no way from other cells leads to the goal."""
+    expansions: int
+
+    def hold(self, node: int) -> bool:
+        """Whether the search came to a cell."""
+        return any(bool((nodes == node).any()) for nodes, _, _ in (self.begun, self.settled))
+
+
 def astar(
-    grid: Grid,
+    grid: "Grid",
     start: Cell,
     goal: Cell,
     workspace: Workspace,
@@ -97,6 +128,7 @@ def astar(
     deadline: Deadline = NEVER,
     direction: int = -1,
     wanted: NDArray[np.bool_] | None = None,
+    last_metres: LastMetres | None = None,
 ) -> Search:
     """Cheapest path between two passable cells of a grid.
 
@@ -116,9 +148,12 @@ def astar(
     limit, deadline
         Give up with TIMEOUT after about so many expansions, or then.
     direction : int
-        In which a body stands at the start, see `map.motions.DIRECTIONS`; by default any.
+        In which a body stands at the start, see `robots.body.motions.DIRECTIONS`; by default any.
     wanted : (16,) bool
         Directions in which it may arrive; by default all.
+    last_metres
+        Of a body, `last_metres_to` the goal: fewer states are expanded. The cells that were
+        searched there are added to the region.
 
     Notes
     ----- NNPP (arXiv 2308.04792v3), Eq. 2-4; the octile distance stands in for the paper's
@@ -130,15 +165,15 @@ def astar(
         there = (
             int(np.argmax(wanted)) if direction < 0 and wanted is not None else max(direction, 0)
         )
-        return Search(Status.OK, np.array([(*start, there)[: grid.steps.columns]], np.int32), 0)
-    if grid.steps.by_poses:
+        return Search(Status.OK, np.array([(*start, there)[: grid.robot.columns]], np.int32), 0)
+    if grid.robot.by_poses:
         ends = (first, last, direction)
         limits = Limits(limit or _WITHOUT_END, deadline.at)
-        return _over_states(grid, ends, wanted, workspace, region, beyond, limits)
+        return _over_states(grid, ends, wanted, workspace, region, beyond, limits, last_metres)
     width = _bucket_width(grid, hints)
     rule = Rule(*grid.prices, width, _successors(grid, links), _beyond(beyond))
     landmarks = kernels.NO_HINTS if hints is None else tuple(hints)
-    before = grid.packed, grid.steps.edges(backwards), _ways(links), _allowed(region), landmarks
+    before = grid.packed, grid.robot.edges(backwards), _ways(links), _allowed(region), landmarks
     limits = Limits(limit or _WITHOUT_END, deadline.at)
     code, length, expansions, refused = _run(
         kernels.expand, before, Ends(first, last), rule, workspace, limits
@@ -149,13 +184,14 @@ def astar(
 
 
 def _over_states(
-    grid: Grid,
+    grid: "Grid",
     ends: tuple[int, int, int],
     wanted: NDArray[np.bool_] | None,
     workspace: Workspace,
     region: Region | None,
     beyond: float,
     limits: Limits,
+    last_metres: LastMetres | None,
 ) -> Search:
     """As `astar`, over a body's states, `ends` as for `expand_states`: guided by the costs to go of
     cells.
@@ -165,111 +201,99 @@ def _over_states(
     is the best. In a region legs and their turns alone count, which leaves few states to look at,
     for an answer about as good; no path at all then costs less than the octile distance.
     """
-    states = grid.steps.states()
-    allowed = _allowed(region)
+    states = grid.robot.states()
     field = workspace.field
     first, last, _ = ends
     assert states is not None and field is not None
     poses, edges, prices = states
     *_, rays, lengths, turns = prices
+    columns = grid.robot.columns
+    if last_metres is not None and last_metres.hold(first):
+        last_metres = None  # so near that the field may as well begin at the goal
+    elif last_metres is not None and last_metres.exhausted:
+        return Search.without_path(Status.NO_PATH, columns=columns)
     between = turns[:0]
     fill = prices
+    refused_at_least = math.inf
     if region is not None:
         between = np.float32(TURNS_IN_FIELD) * turns
         fill = *prices[:4], rays[:DIRECTIONS], lengths[:DIRECTIONS], turns
+        refused_at_least = float(octile.py_func(*grid.cell(first), *grid.cell(last), *grid.prices))
+    seeds = np.array([last], np.int32), np.zeros(1, np.float32), np.zeros(1, np.int32)
+    if last_metres is not None:
+        seeds = last_metres.begun
+        while len(field.entries) < 4 * len(seeds[0]):
+            field.grow()
+        if region is not None:
+            for nodes, _, _ in last_metres.begun, last_metres.settled:
+                row, col = np.divmod(nodes, grid.stride)
+                region.bitmap[region.row_block[row - 1], region.col_block[col - 1]] = region.stamp
+    allowed = _allowed(region)
     rule = (_best(grid), _bucket_width(grid), between)
-    begin = last
-    around = None
-    code = FOUND
-    spent = 0
-    refused = math.inf
-    if wanted is not None and not len(edges):
-        (code, spent, refused), around = _around_goal(
-            grid, ends, wanted, workspace, allowed, limits.until
-        )
-    if code != EXHAUSTED:
-        if around is not None:
-            begin = _ON
-            around(False)
-        code, more, refused = _run(
-            fill_field, (poses, edges, fill, allowed), Ends(begin, first), rule, field, limits
-        )
-        spent += more
+    before = (poses, edges, fill, allowed, seeds)
+    code, spent, refused = _run(fill_field, before, Ends(last, first), rule, field, limits)
+    if last_metres is not None:
+        nodes, costs, onwards = last_metres.settled
+        cheaper = costs < field.costs(nodes.astype(np.int64))
+        field.g[2 * nodes[cheaper]] = costs[cheaper]
+        field.meta[2 * nodes[cheaper] + 1] = (field.stamp << STAMP_SHIFT) | onwards[cheaper]
     if code != FOUND:
         status = Status.NO_PATH if code == EXHAUSTED else Status.TIMEOUT
-        return Search.without_path(status, spent, refused, grid.steps.columns)
-    if around is not None:
-        around(True)
+        return Search.without_path(status, spent, min(refused, refused_at_least), columns)
     guide = first, float(field.g[2 * first]), between
     found = _by_field(grid, ends, wanted, workspace, allowed, guide, beyond, limits)
-    apart = float(octile.py_func(*grid.cell(first), *grid.cell(last), *grid.prices))
-    return found._replace(
-        expansions=found.expansions + spent, refused_f=math.inf if region is None else apart
-    )
+    if found.status is not Status.NO_PATH or found.refused_f < math.inf:
+        found = found._replace(refused_f=refused_at_least)
+    return found._replace(expansions=found.expansions + spent)
 
 
-def _around_goal(
-    grid: Grid,
-    ends: tuple[int, int, int],
+def last_metres_to(
+    grid: "Grid",
+    goal: Cell,
     wanted: NDArray[np.bool_],
     workspace: Workspace,
-    allowed: Parts,
-    until: float,
-) -> tuple[Parts, Callable[[bool], None] | None]:
-    """Costs of the last metres to a goal with a heading, by a search from there of a few states.
-
-    A way back, by a body that stands the other way round, costs what the way there does. Returns
-    code, expansions and least refused f as `fill_field`, EXHAUSTED where no way leads to the goal;
-    and a function that puts the costs into the field, called before the field is filled and after,
-    None where the start is as near.
+    deadline: Deadline = NEVER,
+) -> LastMetres | None:
+    """Costs of the last metres to a goal with a heading, for a body; None where legs cost otherwise
+    one way than the other.
     """
-    states, (first, last, _), frame = grid.steps.states(), ends, _frame(grid, workspace)
-    field = workspace.field
-    assert states is not None and field is not None
+    states = grid.robot.states()
+    assert states is not None
+    if len(states[1]):
+        return None
+    frame = _frame(grid, workspace)
     backwards = np.resize(np.roll(wanted, DIRECTIONS // 2), workspace.states)
+    nowhere = np.zeros_like(backwards)
     rule = (
         (0.0, 0.0, 0.0),
         _bucket_width(grid),
         kernels.BELOW,
+        0.0,
         frame,
         backwards,
-        np.zeros_like(backwards),
+        nowhere,
     )
-    before = (*states, _no_field(workspace), allowed)
-    limits = Limits(AROUND_GOAL, until)
-    code, _, spent, refused = _run(
-        expand_states, before, Ends(last, _CORNER), rule, workspace, limits
-    )
-    near = workspace.costs(slice(first, first + 1))[0] < math.inf
-    if near or code == EXHAUSTED:
-        return (FOUND if near else code, spent, refused), None
-    reach = int(workspace.least_open / grid.prices[0]) + 2 * int(
-        np.abs(states[2][1][..., :2]).max()
-    )
-    row, col, rows, cols = widened((*grid.cell(last), 1, 1), (reach, reach), grid.shape)
+    before = (*states, _no_field(workspace), kernels.NO_REGION)
+    limits = Limits(AROUND_GOAL, deadline.at)
+    from_goal = Ends(grid.node(*goal), _CORNER)
+    code, _, spent, _ = _run(expand_states, before, from_goal, rule, workspace, limits)
+    longest = int(np.abs(states[2][1][..., :2]).max())
+    reach = min(int(workspace.least_open / grid.prices[0]) + 2 * longest, spent * longest)
+    row, col, rows, cols = widened((*goal, 1, 1), (reach, reach), grid.shape)
     part = row + 1, row + rows + 1, col + 1, col + cols + 1
-    while len(field.entries) < 4 * rows * cols:
-        field.grow()
-    costs = workspace.g, workspace.meta, workspace.stamp
-
-    def put(inside: bool) -> None:
-        if not inside:
-            field.next_stamp()
-        field_around(
-            costs,
-            field.packed,
-            frame,
-            (last, first),
-            (_best(grid), _bucket_width(grid)),
-            part,
-            inside,
-        )
-
-    return (code, spent, refused), put
+    searched = workspace.g, workspace.meta, workspace.stamp
+    nodes, onwards = np.empty((2, 2, rows * cols), np.int32)
+    costs = np.empty((2, rows * cols), np.float32)
+    counts = least_of_cells(searched, frame, part, nodes, costs, onwards)
+    begun, settled = (
+        (nodes[at, :count], costs[at, :count], onwards[at, :count])
+        for at, count in enumerate(counts)
+    )
+    return LastMetres(begun, settled, code == EXHAUSTED, spent)
 
 
 def by_kept_field(
-    grid: Grid,
+    grid: "Grid",
     start: Cell,
     goal: Cell,
     workspace: Workspace,
@@ -291,7 +315,7 @@ def by_kept_field(
     """
     first = grid.node(*start)
     last = grid.node(*goal)
-    *_, turns = grid.steps.states()[2]  # type: ignore[index]
+    *_, turns = grid.robot.states()[2]  # type: ignore[index]
     between = turns[:0] if region is None else np.float32(TURNS_IN_FIELD) * turns
     limits = Limits(limit or _WITHOUT_END, deadline.at)
     guide = (grid.node(*begun), promised, between)
@@ -301,7 +325,7 @@ def by_kept_field(
 
 
 def _by_field(
-    grid: Grid,
+    grid: "Grid",
     ends: tuple[int, int, int],
     wanted: NDArray[np.bool_] | None,
     workspace: Workspace,
@@ -313,7 +337,7 @@ def _by_field(
     """The search over states, once the field is there; of that the start, the cost from there, and
     those of turns.
     """
-    states = grid.steps.states()
+    states = grid.robot.states()
     field = workspace.field
     begun, promised, between = guide
     assert states is not None and field is not None
@@ -328,11 +352,12 @@ def _by_field(
         _best(grid),
         grid.prices[0] * BUCKET_WIDTH_BY_LANDMARKS,
         _beyond(beyond),
+        grid.prices[0] / REOPENED_WITHIN if len(between) else 0.0,
         frame,
         starting,
         at_goal,
     )
-    code, length, expansions, _ = _run(
+    code, length, expansions, refused = _run(
         expand_states, (*states, judged, allowed), Ends(first, last), rule, workspace, limits
     )
     end = int(workspace.counts[BEST_NODE])
@@ -341,15 +366,15 @@ def _by_field(
         code = FOUND
         end = int(workspace.counts[GOAL_STATE])
         length = trace(workspace.meta, end, out=workspace.path)
-    found = _traced(trace, workspace, code, end, length, expansions, math.inf)
+    found = _traced(trace, workspace, code, end, length, expansions, refused)
     path = found.path
-    if grid.steps.columns == 2:  # cells alone, of those that it turns on one
+    if grid.robot.columns == 2:  # cells alone, of those that it turns on one
         moved = np.any(np.diff(path[:, :2], axis=0, prepend=-1), axis=1)
         path = np.ascontiguousarray(path[moved, :2])
     return found._replace(path=path, promised=promised)
 
 
-def _frame(grid: Grid, workspace: Workspace) -> tuple[int, int]:
+def _frame(grid: "Grid", workspace: Workspace) -> tuple[int, int]:
     """How states are numbered, see `expand_states`."""
     return workspace.states.bit_length() - 1, grid.stride
 
@@ -412,7 +437,7 @@ def _beyond(share: float) -> float:
     return 1.0 + share if share else kernels.BELOW
 
 
-def settle_all(grid: Grid, source: Cell, workspace: Workspace, links: Links = None) -> None:
+def settle_all(grid: "Grid", source: Cell, workspace: Workspace, links: Links = None) -> None:
     """Search from a passable cell until nothing is left: the workspace then holds every cell's cost
     from there.
     """
@@ -421,7 +446,7 @@ def settle_all(grid: Grid, source: Cell, workspace: Workspace, links: Links = No
 
 
 def _settling(
-    grid: Grid,
+    grid: "Grid",
     source: Cell,
     workspace: Workspace,
     links: Links = None,
@@ -436,16 +461,17 @@ def _settling(
     kernel: Callable[..., Parts] = kernels.expand
     before: Parts = (
         grid.packed,
-        grid.steps.edges(),
+        grid.robot.edges(),
         _ways(links),
         kernels.NO_REGION,
         kernels.NO_HINTS,
     )
     rule: Rule | Parts = Rule(0.0, 0.0, width, _successors(grid, links), kernels.BELOW)
-    if (states := grid.steps.states()) is not None:
+    if (states := grid.robot.states()) is not None:
         kernel = expand_states
         before = (*states, _no_field(workspace), kernels.NO_REGION)
-        rule = (0.0, 0.0, 0.0), width, kernels.BELOW, _frame(grid, workspace), anywhere, ~anywhere
+        frame = _frame(grid, workspace)
+        rule = (0.0, 0.0, 0.0), width, kernels.BELOW, 0.0, frame, anywhere, ~anywhere
     begin = grid.node(*source)
     limits = Limits(most, deadline.at)
     code = PAUSED
@@ -457,17 +483,21 @@ def _settling(
         yield math.inf if code == EXHAUSTED else workspace.least_open
 
 
-def cost_field(grid: Grid, source: Cell, workspace: Workspace) -> Float2D:
+def cost_field(grid: "Grid", source: Cell, workspace: Workspace) -> Float2D:
     """Cost of the cheapest path from a passable cell to every other: (H, W) float32, inf where
     there is none.
     """
     settle_all(grid, source, workspace)
     field = workspace.costs().reshape(-1, grid.stride)[1 : grid.rows + 1, 1 : grid.cols + 1]
-    return grid.steps.with_heights(field, source)
+    return grid.robot.with_heights(field, source)
 
 
 def costs_to_nearest(
-    grid: Grid, stops: Sequence[Cell], count: int, workspace: Workspace, deadline: Deadline = NEVER
+    grid: "Grid",
+    stops: Sequence[Cell],
+    count: int,
+    workspace: Workspace,
+    deadline: Deadline = NEVER,
 ) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
     """Costs of the cheapest paths from each of N passable cells, but the last, to so many of the
     others.
@@ -485,24 +515,24 @@ def costs_to_nearest(
             if settled.sum() > count:  # the cell itself is one of them
                 break
         costs[at] = np.where(settled, found, within)
-        costs[at] += [grid.steps.worth_of_height(stop, other) for other in stops]
+        costs[at] += [grid.robot.worth_of_height(stop, other) for other in stops]
         known[at] |= settled | (within == math.inf)
     return costs, known
 
 
-def _bucket_width(grid: Grid, hints: Hints | None = None) -> float:
-    by_grid = DIRECTED_BUCKET_WIDTH if grid.steps.by_slope else BUCKET_WIDTH
+def _bucket_width(grid: "Grid", hints: Hints | None = None) -> float:
+    by_grid = DIRECTED_BUCKET_WIDTH if grid.robot.by_slope else BUCKET_WIDTH
     return grid.prices[0] * (by_grid if hints is None else BUCKET_WIDTH_BY_LANDMARKS)
 
 
-def _best(grid: Grid) -> tuple[float, float, float]:
+def _best(grid: "Grid") -> tuple[float, float, float]:
     """Least costs of straight, diagonal and knight's legs, see `Grid.prices`."""
     straight, diagonal = grid.prices
     return straight / KNIGHT, diagonal / KNIGHT, straight + diagonal
 
 
-def _successors(grid: Grid, links: Links) -> NDArray[np.int64]:
+def _successors(grid: "Grid", links: Links) -> NDArray[np.int64]:
     """The steps from a cell that its best predecessor leaves to search."""
-    if links is not None or grid.steps.by_slope:
+    if links is not None or grid.robot.by_slope:
         return kernels.SUCCESSORS[0]
     return kernels.SUCCESSORS[2 if grid.corner_cutting and grid.model.kind is StepCost.PAPER else 1]

@@ -6,6 +6,7 @@ the equalities and the order of keys that the algorithm's proof rests on hold to
 """
 
 import math
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
@@ -25,22 +26,24 @@ from nnpp_edge.runtime.kernels.records import (
     Packed,
     UnitEdges,
 )
-from nnpp_edge.runtime.map.grid import Grid
-from nnpp_edge.runtime.map.region import Region
-from nnpp_edge.runtime.map.state import MapState
-from nnpp_edge.runtime.map.step_cost import StepCost
 from nnpp_edge.runtime.search.astar import Search
+from nnpp_edge.runtime.search.region import Region
+from nnpp_edge.runtime.terrain.step_cost import StepCost
 from nnpp_edge.runtime.tuning import MOST_RATIO_FOR_DSTAR
+
+if TYPE_CHECKING:
+    from nnpp_edge.runtime.map.grid import Grid
+    from nnpp_edge.runtime.map.state import MapState
 
 UNITS = float(1 << 20)
 """Units in the cheapest straight step: a step is rounded by at most 2 of them."""
 
 
-def serves(grid: Grid) -> bool:
+def serves(grid: "Grid") -> bool:
     """Whether D* Lite plans on this map: a point's or a disc's, with steps near enough to one
     another in cost.
     """
-    return not grid.steps.by_poses and grid.step_ratio <= MOST_RATIO_FOR_DSTAR
+    return grid.robot.repairs and grid.step_ratio <= MOST_RATIO_FOR_DSTAR
 
 
 class DStarMemory:
@@ -87,9 +90,9 @@ class DStarLite:
     over all slopes, and never changes.
     """
 
-    def __init__(self, state: MapState, goal: Cell, region: Region | None = None) -> None:
+    def __init__(self, state: "MapState", goal: Cell, region: Region | None = None) -> None:
         self._grid = state.grid
-        directed = self._grid.steps.edges()
+        directed = self._grid.robot.edges()
         self._edges: Packed | None = None
         if directed is not None:
             self._edges = tuple(UnitEdges(directed, UNITS / self._grid.prices[0]))
@@ -104,17 +107,10 @@ class DStarLite:
         self._least = self._grid.least if math.isfinite(self._grid.least) else 0.0
         self._pending = 0
         self._km = 0.0
-        self._restarts = 0
+        self.restarts = 0
+        """How often all that was found has been forgotten: cells too cheap, a new goal."""
         self._begun = False
         self.set_goal(goal)
-
-    @property
-    def restarts(self) -> int:
-        """How often all that was found has been forgotten by now: with a new goal, or as cells
-        became too cheap.
-        """
-        self._read_changes()
-        return self._restarts
 
     @property
     def goal(self) -> Cell:
@@ -155,24 +151,6 @@ class DStarLite:
         np.maximum(
             rows, np.where(differs[region.row_block], kernels.STALE, 0), out=rows, casting="unsafe"
         )
-
-    def reach(self) -> float:
-        """Share of the way, by cost, that lies between the start and the farthest change: it may
-        have to be repaired.
-
-        From 0 (none matters: all lie behind the start, or where no search has come) to 1 (at the
-        goal, or the start lies where no search has come, and a change does not).
-        """
-        self._read_changes()
-        if (self._rows_left == kernels.UNREAD).any():
-            return 0.0
-        memory = self.memory
-        changed = memory.changed[: self._pending]
-        nearest = memory.state[2 * changed[memory.inside[changed] != 0]].min(initial=math.inf)
-        whole = min(memory.state[2 * self._start : 2 * self._start + 2].tolist())
-        if not math.isfinite(nearest):
-            return 0.0
-        return float(min(max(1.0 - nearest / whole, 0.0), 1.0)) if 0.0 < whole < math.inf else 1.0
 
     def read(self, deadline: Deadline = NEVER) -> None:
         """Read the rest of the map, or of another region; at the deadline OutOfTimeError: the next
@@ -249,7 +227,7 @@ class DStarLite:
 
     def _restart(self) -> None:
         """Forget the search, and read the whole map at the present prices."""
-        self._restarts += 1
+        self.restarts += 1
         self._set_prices()
         memory = self.memory
         memory.is_changed[memory.changed[: self._pending]] = 0

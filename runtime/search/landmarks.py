@@ -7,15 +7,19 @@ goal itself it is exact. The bounds outlive changes of the map by which no cell 
 costs then only rise above them.
 """
 
+from typing import TYPE_CHECKING
+
 import numpy as np
 from numpy.typing import NDArray
 
 from nnpp_edge.runtime.cells import Cell
 from nnpp_edge.runtime.kernels.expansion import MOST_LANDMARKS
 from nnpp_edge.runtime.kernels.records import Hints
-from nnpp_edge.runtime.map.grid import Grid
 from nnpp_edge.runtime.search.astar import Links, settle_all
 from nnpp_edge.runtime.search.workspace import Workspace
+
+if TYPE_CHECKING:
+    from nnpp_edge.runtime.map.grid import Grid
 
 _ROUNDING = 4e-6
 """Share of the greatest cost by which a sum of rounded steps may be off."""
@@ -37,7 +41,7 @@ class Landmarks:
     its size.
     """
 
-    def __init__(self, grid: Grid, workspace: Workspace, links: Links = None) -> None:
+    def __init__(self, grid: "Grid", workspace: Workspace, links: Links = None) -> None:
         self._grid = grid
         self._workspace = workspace
         self._links = links
@@ -89,7 +93,7 @@ class Landmarks:
         return Hints(self.fields, self.fields[self._grid.node(*goal)].copy(), self._slack)
 
 
-def _nearest(chosen: NDArray[np.bool_], grid: Grid, down: float, right: float) -> Cell | None:
+def _nearest(chosen: NDArray[np.bool_], grid: "Grid", down: float, right: float) -> Cell | None:
     """Of the nodes chosen, the cell nearest a place given in shares of the map's height
     and width.
     """

@@ -88,18 +88,23 @@ class Traversability:
         ):
             if not getattr(self, name) > 0.0:
                 raise InvalidMapError(f"{name} must be greater than 0, got {getattr(self, name)}")
-        weights = (self.slope_weight, self.roughness_weight, self.step_weight)
+        weights = self.weights
         if not (min(weights) >= 0.0 and math.isclose(sum(weights), 1.0, abs_tol=1e-6)):
             raise InvalidMapError(
                 f"the three weights must be at least 0 and sum to 1, got {weights}"
             )
+
+    @property
+    def weights(self) -> tuple[float, float, float]:
+        """Of slope, roughness and elevation difference; of a body of tilt, rise and step."""
+        return self.slope_weight, self.roughness_weight, self.step_weight
 
     def rule(self, dy: float, dx: float, scale: float = 1.0) -> NDArray[np.float64]:
         """As `fill_weights` takes it: (RULE_SLOTS,) sides of a cell in metres, limits, weights, and
         the scale.
         """
         limits = math.radians(self.slope_limit_deg), self.roughness_limit_m, self.step_limit_m
-        weights = self.slope_weight, self.roughness_weight, self.step_weight
+        weights = self.weights
         hard = math.radians(self.hard_slope_deg), self.hard_roughness_m, self.hard_step_m
         steepest = self.hard_gradient_deg
         gradient = math.tan(math.radians(steepest)) if steepest < 90.0 else math.inf

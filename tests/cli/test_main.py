@@ -1,5 +1,6 @@
 """The program itself: extras that are missing, help, notices to who waits, and how it ends."""
 
+import signal
 import subprocess
 import sys
 
@@ -19,17 +20,36 @@ kept = Compiled()
 weakref.finalize(kept, finalise)
 sys.argv = ["nnpp-edge", "--version"]
 from nnpp_edge.cli.main import main
+assert signal.getsignal(signal.SIGINT) is signal.default_int_handler
 main()
+"""
+INTERRUPTED_IMPORT = """
+import os, signal, sys
+
+class Finder:
+    def find_spec(self, name, *_):
+        if name == "nnpp_edge.runtime.reading":
+            os.kill(os.getpid(), signal.SIGINT)
+
+sys.meta_path.insert(0, Finder())
+from nnpp_edge.cli.main import main
 """
 
 
-def test_a_missing_extra_is_named(run, tmp_path, monkeypatch):
+def test_a_missing_extra_is_named_and_why_a_package_that_is_there_fails(run, tmp_path, monkeypatch):
     heavy = ("nnpp_edge.cli.export", "nnpp_edge.export", "nnpp_edge.training", "nnpp_edge.model")
     for name in [name for name in sys.modules if name.startswith(heavy)]:
         monkeypatch.delitem(sys.modules, name)
     monkeypatch.setitem(sys.modules, "torch", None)
     (tmp_path / "checkpoint.pt").write_bytes(b"any")
     run("export checkpoint.pt -o model.onnx").refused("nnpp-edge[train]")
+
+    def broken(_):
+        raise ImportError("libcudart.so.12:\ncannot open", name="torch._C")
+
+    monkeypatch.setattr("nnpp_edge.cli.main.import_module", broken)
+    words = "torch, which is installed but cannot be imported (libcudart.so.12: cannot open)"
+    run("models").refused(words)
 
 
 def test_help_and_version_succeed_and_without_a_command_the_commands_are_listed(run):
@@ -38,11 +58,13 @@ def test_help_and_version_succeed_and_without_a_command_the_commands_are_listed(
     assert ended.code == 2 and all(name in ended.err for name in ("plan", "warmup"))
 
 
-def test_ctrl_c_as_the_interpreter_ends_prints_nothing():
-    ended = subprocess.run(
-        [sys.executable, "-c", INTERRUPTED], capture_output=True, text=True, check=False
-    )
-    assert ended.stdout.startswith("nnpp-edge") and ended.stderr == ""
+def test_ctrl_c_prints_nothing_before_the_command_begins_and_as_the_interpreter_ends():
+    for script, out in ((INTERRUPTED_IMPORT, ""), (INTERRUPTED, "nnpp-edge")):
+        ended = subprocess.run(
+            [sys.executable, "-c", script], capture_output=True, text=True, check=False
+        )
+        assert (ended.returncode, ended.stderr) == (-signal.SIGINT, "")
+        assert ended.stdout.startswith(out)
 
 
 def test_whoever_waits_is_told_without_a_terminal_too(run, monkeypatch):

@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 
-from nnpp_edge.runtime.network.model_file import read_model_file
+from nnpp_edge.runtime.network.model_file import ModelMetadata, read_model_file
 
 MODELS = Path(__file__).parents[2] / "nnpp_edge" / "models"
 SHIPPED = sorted(path.stem for path in MODELS.glob("*.onnx"))
@@ -146,6 +146,16 @@ def test_a_file_of_ones_own_is_shown_with_what_lies_beside_it(run, told, model):
     assert found["card"] is None
     model.with_suffix(".md").write_text("# A card of its own\n")
     assert "# A card of its own" in run("models changed.onnx").out
+
+
+def test_a_shipped_model_is_meant_by_its_name_whatever_lies_here_and_a_factor_may_be_left_out(run):
+    Path("edge").write_bytes(b"no model")
+    assert run("models edge").code == 0
+    found = read_model_file("edge")
+    assert found.path.parent == MODELS
+    told = json.loads(found.metadata.to_json())
+    del told["region_factor"]
+    assert ModelMetadata.from_json(json.dumps(told), "older.onnx").region_factor == 0.5
 
 
 def test_what_is_no_model_is_refused_in_one_line(run, model, make_tiny_model):

@@ -18,13 +18,14 @@ from pyproj import Transformer
 from nnpp_edge.runtime import Planner, Vehicle, pose_costs
 from nnpp_edge.runtime.kernels.poses import REFUSALS
 from nnpp_edge.runtime.map.along import Numbers
-from nnpp_edge.runtime.map.turns import curvatures
+from nnpp_edge.runtime.planners.turns import curvatures
 from nnpp_edge.terrain.vehicle_files import load_mobility, load_vehicle
 from nnpp_edge.viz.picture import BODY as OUTLINE
 from nnpp_edge.viz.picture import POINT, REFUSED
 from tests.cli.grounds import BODY, ENDS, GRID, PLACE, layer, rolling
 
 PLAN = f"plan hills.tif {ENDS}"
+MINE = "length_m = 2.2\nwidth_m = 1.6\nclearance_m = 0.4\nmax_step_m = 0.3\n"
 
 
 def rows_of(path):
@@ -112,6 +113,48 @@ def test_all_outputs_say_the_same_numbers(run, told, hills, body):
         assert "a body's legs lead in 16 directions" in run(f"{words} --refine any-angle").err
 
 
+@pytest.mark.parametrize(
+    ("body", "side_m", "words"),
+    [
+        ("small-rover", 1.4, "; too coarse to check it, take a finer map"),
+        ("small-rover", 0.3, "--resample 0.11 checks"),
+        ("large-rover", 1.0, "--resample 0.5 checks"),
+        ("tracked", 0.9, "--resample 0.17 checks"),
+        ("mine.toml", 1.0, "; --resample 0.37 checks"),
+    ],
+)
+def test_the_highest_kerb_that_passes_as_a_ramp_is_told_where_cells_are_coarse(
+    run, body, side_m, words
+):
+    Path("mine.toml").write_text(MINE)
+    row, col = np.mgrid[:60, :60]
+    kerbs = (row >= 30, 8 * row + col >= 270, row + col >= 60)
+
+    def planned(kerb_m, kerb=kerbs[0]):
+        heights = (kerb * kerb_m).astype(np.float32)
+        np.savez("kerb.npz", elevation_m=heights, cell_size_m=side_m)
+        return run(f"plan kerb.npz --start 12,12 --goal 48,48 --vehicle {body}")
+
+    told = planned(0.0).err
+    highest = float(told.partition("a kerb of up to ")[2].split()[0])
+    assert words in told and highest > load_vehicle(body).step_m
+    assert 0 in [planned(0.93 * highest, kerb).code for kerb in kerbs]
+    assert {planned(1.02 * highest, kerb).out.split()[0] for kerb in kerbs} == {"NO_PATH"}
+
+
+def test_a_resampling_that_is_advised_is_accepted(run):
+    Path("mine.toml").write_text(MINE)
+    for shape, cells, advice in (
+        ((1000, 1000), {"cell_size_m": 1.0}, "--resample 0.51"),
+        ((80, 90), {"cell_size_m": 0.5, "cell_width_m": 1.0}, "--resample 0.18"),
+    ):
+        np.savez("flat.npz", elevation_m=np.zeros(shape, np.float32), **cells)
+        words = "plan flat.npz --start 20,20 --goal 25,30 --vehicle mine.toml --method astar"
+        assert f"; {advice} checks" in run(words).err
+        ended = run(f"{words} {advice}")
+        assert ended.code == 0 and "coarse" not in ended.err
+
+
 def test_a_path_leads_by_way_of_places_in_the_order_given_or_in_the_best(run, told, hills):
     words = f"{PLAN} --method astar --via 60,70 --via 12,30 --via 40,50"
     given = told(words)
@@ -131,8 +174,10 @@ def test_a_path_leads_by_way_of_places_in_the_order_given_or_in_the_best(run, to
     assert places == sorted(places)
     names = pyogrio.raw.read("out/path.gpx", layer="waypoints", columns=["name"])[3][0]
     assert names.tolist() == ["start", "via 1", "via 2", "via 3", "goal"]
-    saved = f"{100.0 * (1.0 - best['cost'] / given['cost']):.1f} % less than in the order given"
+    saved = f"{100.0 * (1.0 - best['cost'] / given['cost']):.3g} % less than in the order given"
     assert f"2 (12, 30), 3 (40, 50), 1 (60, 70): {saved}" in run(f"{words} --best-order").out
+    words = f"{PLAN} --via 12,30 --via 40,50 --best-order"
+    assert "1 (12, 30), 2 (40, 50): the order given, no cheaper one was found" in run(words).out
 
 
 def test_a_leg_that_cannot_be_is_named_and_ends_with_1(run, told, hills):

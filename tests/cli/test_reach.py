@@ -46,6 +46,13 @@ def test_areas_are_what_the_planner_reaches(run, told, reached):
     assert "within a cost of 20" in text and "% of the map" in text
 
 
+def test_an_area_counts_both_sides_of_a_cell(told):
+    wide = {"cell_size_m": 2.0, "cell_width_m": 3.0}
+    np.savez("wide.npz", elevation_m=np.zeros((20, 20), np.float32), **wide)
+    (area,) = told("reach wide.npz --start 9,9 --within-cost 5 --levels 1")["areas"]
+    assert area["area_m2"] == 6.0 * area["cells"] > 100.0
+
+
 def test_limits_and_vehicles_bound_what_is_reached(told, reached):
     words = f"{REACH} --within-cost 60 --levels 1"
     every, limited, body, disc = (

@@ -186,6 +186,8 @@ $COST --workload limit20 --limit slope_limit_deg=25 | leave out --limit slope_li
 costmap sample:mars -o cost.npz                | moon_highlands | 'mars'
 $PLAN -o out                                   | out/plan.json: could not be written (it is a folder)
 dataset -o text.txt/set --maps 2               | text.txt/set | wanted a folder to write to
+dataset hills.npz -o new --maps 2 --known 4    | 128 cells on the shorter side for maps of --size 32 of 4 × 4 cells, got 80 × 90: --known 2 is
+dataset hills.npz -o new/set --maps 2 --size 160 --known 2 | at least 320 cells on the shorter side | got 80 × 90
 simulate hills.tif                             | extra argument (hills.tif): a map is given by --map; see nnpp-edge
 profile --profile quick --json out.json        | no such command 'out.json'; see nnpp-edge profile --help
 $PLAN -o loop                                  | symbolic links
@@ -247,8 +249,9 @@ def place(run, hills, tmp_path):
 
 
 def files(folder):
-    """Contents by name."""
-    return {path: path.read_bytes() for path in folder.rglob("*") if path.is_file()}
+    """Contents by name; of folders nothing."""
+    found = {path: path.read_bytes() for path in folder.rglob("*") if path.is_file()}
+    return found | {path: None for path in folder.rglob("*") if path.is_dir()}
 
 
 def test_what_makes_no_sense_ends_in_one_line_and_writes_nothing(run, place):

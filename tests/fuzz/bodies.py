@@ -11,10 +11,10 @@ import numpy as np
 
 from nnpp_edge.runtime import Planner, Status, Vehicle
 from nnpp_edge.runtime.kernels.poses import AXES, FAILS, MOST_CODE
-from nnpp_edge.runtime.map.poses import Poses, limits_of
+from nnpp_edge.runtime.robots.body.poses import Poses, limits_of
 from tests import pose_oracles
 from tests.fuzz.cases import NOWHERE, Case, Place, Problem, problem_with_optimum
-from tests.fuzz.elevations import draw_patch, draw_sizes, drive, sizes
+from tests.fuzz.elevations import draw_heights, draw_patch, draw_sizes, drive, sizes
 
 METHODS = ("astar", "corridor", "auto", "dstar")
 NEAR_A_LIMIT = 2e-5
@@ -90,36 +90,6 @@ def draw_vehicle(rng: random.Random, cell: float) -> Vehicle:
     )
 
 
-def draw_heights(
-    rng: random.Random, numbers: np.random.Generator, rows: int, cols: int, size: float
-) -> np.ndarray:
-    """Slopes and hills that a body of so much clearance can take or not, with rocks, walls, cliffs
-    and holes.
-    """
-    row, col = np.mgrid[:rows, :cols]
-    waves = np.sin(row / rng.uniform(2, 9) + rng.random()) + np.cos(
-        col / rng.uniform(2, 9) + rng.random()
-    )
-    dem = size * rng.choice((0.0, 0.1, 0.3, 1.0)) * waves
-    dem += size * (rng.choice((0.0, 0.0, 0.1)) * row + rng.choice((0.0, 0.0, 0.1)) * col)
-    dem += size * rng.choice((0.0, 0.01, 0.05)) * numbers.normal(size=(rows, cols))
-    rocks = numbers.random((rows, cols)) < rng.choice((0.0, 0.01, 0.04))
-    dem[rocks] += size * rng.choice((0.6, 1.0, 2.0)) * numbers.random(int(rocks.sum()))
-    kind = rng.choice(("whole", "whole", "whole", "holes", "stripe", "wall", "cliff"))
-    if kind == "holes":
-        dem[numbers.random((rows, cols)) < rng.choice((0.005, 0.02))] = rng.choice(
-            (np.nan, np.inf, -np.inf)
-        )
-    elif kind == "stripe":
-        dem[: rng.randint(0, rows), cols // 2] = np.nan
-    elif kind == "wall":
-        dem[rows // 2, rng.choice((0, cols // 3, cols // 2)) :] += 10.0 * size
-    elif kind == "cliff":
-        dem[:, cols // 2 :] += size * rng.choice((0.5, 5.0))
-    dem += rng.choice((0.0, 0.0, -40.0 * size, 100.0 * size))
-    return dem.astype(rng.choice((np.float32, np.float32, np.float64)))
-
-
 def check(case: Case, place: Place = NOWHERE) -> Problem | None:
     """Do all steps with a planner that checks motions where it looks and with one that checks all;
     compare them.
@@ -179,8 +149,8 @@ def _check(case: Case, place: Place) -> Problem | None:
 
 def poses_of(planner: Planner) -> Poses:
     """A planner's; all checked."""
-    planner.state.grid.poses.complete()
-    return planner.state.grid.poses
+    planner.state.grid.robot.poses.complete()
+    return planner.state.grid.robot.poses
 
 
 def motions_on(poses: Poses) -> tuple[np.ndarray, np.ndarray, np.ndarray]:

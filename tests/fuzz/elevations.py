@@ -32,7 +32,7 @@ def generate(rng: random.Random, place: Place = NOWHERE, most_side: int = 90) ->
         cols = max(cols, most_side // 3)
     numbers = np.random.default_rng(rng.getrandbits(32))
     cell = rng.choice(((1.0, 1.0), (20.0, 20.0), (2.0, 1.7)))
-    dem = _heights(rng, numbers, rows, cols, cell[0])
+    dem = draw_heights(rng, numbers, rows, cols, cell[0])
     return Case(
         dem=dem,
         cell=cell,
@@ -69,27 +69,33 @@ def sizes(case: Case) -> Iterator[None]:
         yield
 
 
-def _heights(
+def draw_heights(
     rng: random.Random, numbers: np.random.Generator, rows: int, cols: int, size: float
 ) -> np.ndarray:
-    """Hills, plains or noise, with holes, islands and stripes of unknown cells, of
-    several dtypes.
+    """Slopes and hills, with rocks of about this size, walls, cliffs, holes and islands, of several
+    dtypes.
     """
     row, col = np.mgrid[:rows, :cols]
-    steep = size * rng.choice((0.0, 0.05, 0.3, 1.0))
-    dem = steep * (3.0 * np.sin(row / rng.uniform(2, 15)) + 4.0 * np.cos(col / rng.uniform(2, 15)))
-    dem += size * rng.choice((0.0, 0.01, 0.2)) * numbers.normal(size=(rows, cols)) + rng.choice(
-        (0, 0, -4000, 8000)
+    waves = np.sin(row / rng.uniform(2, 9) + rng.random()) + np.cos(
+        col / rng.uniform(2, 9) + rng.random()
     )
-    kind = rng.choice(("whole", "whole", "holes", "islands", "stripe", "wall"))
-    if kind in ("holes", "islands"):
-        dem[numbers.random((rows, cols)) < (0.05 if kind == "holes" else 0.7)] = rng.choice(
+    dem = size * rng.choice((0.0, 0.1, 0.3, 1.0)) * waves
+    dem += size * (rng.choice((0.0, 0.0, 0.1)) * row + rng.choice((0.0, 0.0, 0.1)) * col)
+    dem += size * rng.choice((0.0, 0.01, 0.05)) * numbers.normal(size=(rows, cols))
+    rocks = numbers.random((rows, cols)) < rng.choice((0.0, 0.01, 0.04))
+    dem[rocks] += size * rng.choice((0.6, 1.0, 2.0)) * numbers.random(int(rocks.sum()))
+    kind = rng.choice(("whole", "whole", "whole", "holes", "stripe", "wall", "cliff"))
+    if kind == "holes":
+        dem[numbers.random((rows, cols)) < rng.choice((0.005, 0.02, 0.05, 0.7))] = rng.choice(
             (np.nan, np.inf, -np.inf)
         )
     elif kind == "stripe":
-        dem[:, cols // 2 : cols // 2 + rng.choice((1, 2, 9))] = np.nan
+        dem[: rng.randint(0, rows), cols // 2 :][:, : rng.choice((1, 1, 2, 9))] = np.nan
     elif kind == "wall":
-        dem[rows // 2, rng.choice((0, 1)) : cols - rng.choice((0, 1))] += 100.0 * size
+        dem[rows // 2, rng.choice((0, cols // 3, cols // 2)) :] += 10.0 * size
+    elif kind == "cliff":
+        dem[:, cols // 2 :] += size * rng.choice((0.5, 5.0))
+    dem += rng.choice((0.0, 0.0, -40.0 * size, 8000.0))
     return dem.astype(rng.choice((np.float32, np.float32, np.float64)))
 
 

@@ -1,5 +1,5 @@
 """Drives of the loop through patches of heights, costs and nothing, beside a map that keeps the
-layers apart.
+layers apart. Of some maps the means of blocks are all that is known at first.
 """
 
 import random
@@ -23,10 +23,13 @@ from nnpp_edge.runtime import (
     traversability_cost,
 )
 from nnpp_edge.runtime.loop.messages import Goal
+from tests import pose_oracles
 from tests.fuzz.cases import NOWHERE, Case, Place, Problem
 
 CELL_M = 0.5
-VEHICLES = (None, None, Vehicle(radius_m=0.7), Vehicle(length_m=1.4, width_m=1.0, clearance_m=0.3))
+FACTOR = 4
+DISC = Vehicle(radius_m=0.7)
+VEHICLES = (None, None, DISC, Vehicle(length_m=1.4, width_m=1.0, clearance_m=0.3))
 METHODS = ("auto", "auto", "astar", "dstar", "corridor", "corridor-dstar")
 TOLD = (0.0, 0.4, 1.0, np.inf, np.nan)
 SHARES = (0.5, 0.2, 0.1, 0.1, 0.1)
@@ -38,7 +41,7 @@ def generate(rng: random.Random, place: Place = NOWHERE) -> Case:
     """A first map, a robot, and the patches of each tick."""
     seed = rng.getrandbits(32)
     numbers = np.random.default_rng(seed)
-    rows, cols = numbers.integers(12, 44, 2).tolist()
+    rows, cols = (FACTOR * numbers.integers(3, 11, 2)).tolist()
     by_heights = rng.random() < 0.8
     vehicle = rng.choice(VEHICLES)
     by_heights |= vehicle is not None and not vehicle.is_disc
@@ -49,12 +52,16 @@ def generate(rng: random.Random, place: Place = NOWHERE) -> Case:
         heights[row : row + high, col : col + wide] += rng.choice((0.6, -0.6, np.nan))
     cost = numbers.random((rows, cols)).astype(np.float32) * 0.9
     cost[numbers.random(cost.shape) < 0.1] = rng.choice((np.nan, np.inf, 1.0))
+    step_cost = rng.choice(("paper", "paper", "tobler", "energy")) if by_heights else "paper"
+    coarse = by_heights and step_cost == "paper" and vehicle is not DISC and rng.random() < 0.5
+    blocks = heights.reshape(rows // FACTOR, FACTOR, cols // FACTOR, FACTOR)
     return Case(
-        heights=heights if by_heights else None,
+        heights=heights * (np.nan if coarse else 1.0) if by_heights else None,
+        means=blocks.mean((1, 3)) if coarse else None,
         cost=cost,
         limits=rng.choice((SOFT, HARD, HARD)),
         vehicle=vehicle,
-        step_cost=rng.choice(("paper", "paper", "tobler", "energy")) if by_heights else "paper",
+        step_cost=step_cost,
         method=rng.choice(METHODS),
         refine=rng.random() < 0.3,
         goal=(rows - 4, cols - 4),
@@ -131,33 +138,36 @@ class Layers:
         )
 
 
-def _robot(case: Case) -> dict[str, Any]:
+def _ground(case: Case, layers: Layers) -> Ground:
     mobility = Mobility(energy=EnergyCost(50.0, 0.1))
-    return {"vehicle": case.vehicle, "step_cost": case.step_cost, "mobility": mobility}
+    robot = {"vehicle": case.vehicle, "step_cost": case.step_cost, "mobility": mobility}
+    if case.means is None:
+        return layers.ground(**robot)
+    blocks = case.means, FACTOR * CELL_M, FACTOR, case.limits
+    return Ground.of_coarse(*blocks, prior="slope", **robot)
 
 
 def _planner(case: Case, layers: Layers) -> Planner:
     """The planner of a robot that has had the whole map from the start."""
     disc = case.vehicle is None or case.vehicle.is_disc
-    shut = ~(layers.told < 1.0)
-    if layers.heights is None or (case.step_cost == "paper" and disc):
+    if case.means is None and (layers.heights is None or (case.step_cost == "paper" and disc)):
         return Planner(layers.cost(), vehicle=case.vehicle, cell_size_m=CELL_M)
-    if not disc:
-        holes = Layers(np.where(shut, np.float32(np.nan), layers.heights), case.cost, case.limits)
-        return Planner(holes.ground(**_robot(case)))
-    planner = Planner(layers.ground(**_robot(case)))
-    planner.update(0, 0, np.where(shut, np.inf, 0.0))
+    if case.means is None and not disc:
+        known = np.where(layers.told < 1.0, layers.heights, np.float32(np.nan))
+        return Planner(_ground(case, Layers(known, case.cost, case.limits)))
+    planner = Planner(_ground(case, layers))
+    planner.update_elevation(0, 0, layers.heights)
+    planner.update(0, 0, layers.told)
     return planner
 
 
 def check(case: Case, place: Place = NOWHERE) -> Problem | None:
     """What is wrong with the loop's answers, beside the map that keeps the layers apart."""
     layers = Layers(case.heights, case.cost, case.limits)
-    robot = _robot(case)
     body = case.vehicle is not None and not case.vehicle.is_disc
     refine = "any-angle" if case.refine and case.step_cost == "paper" and not body else None
     settings = NavigatorSettings(case.method, tolerance=1e-4, snap_radius=0, refine=refine)
-    navigator = Navigator(layers.ground(**robot), settings)
+    navigator = Navigator(_ground(case, layers), settings)
     numbers = np.random.default_rng(case.seed)
     navigator.offer(Goal(*case.goal))
     at = (3, 3)
@@ -173,8 +183,18 @@ def check(case: Case, place: Place = NOWHERE) -> Problem | None:
         exact = case.method in ("astar", "dstar")
         if problem := wrong_answer(message, _planner(case, layers), at, case.goal, exact=exact):
             return Problem(problem, told)
-        bare = layers.told if layers.heights is None else layers.ground(**robot).costs()
-        if not np.array_equal(navigator.map.cost() < 1.0, (bare < 1.0) & (layers.told < 1.0)):
+        if body and len(message.path) > 1:
+            legs = np.diff(message.path, axis=0)
+            places = [message.path[:-1] + share * legs for share in (0.0, 0.5, 1.0)]
+            headings = np.tile(np.arctan2(legs[:, 1], legs[:, 0]), 3)
+            open_to_all = np.where(layers.told < 1.0, 0.0, np.nan), CELL_M, case.vehicle
+            if found := pose_oracles.breaks_at(*open_to_all, np.concatenate(places), headings):
+                return Problem("a body over an obstacle or off the map", f"{found}\n{told}")
+        robot = layers.ground(vehicle=case.vehicle)
+        bare = layers.told if layers.heights is None else robot.costs()
+        if case.means is None and not np.array_equal(
+            navigator.map.cost() < 1.0, (bare < 1.0) & (layers.told < 1.0)
+        ):
             return Problem("the map's costs are shut elsewhere", told)
         cells = (
             message.path[min(2, len(message.path) - 1)]
@@ -202,7 +222,7 @@ def wrong_answer(
     if message.outcome is not Status.OK:
         return ""
     cost, near = planner.state.grid.costs_of(message.path)[0], 1e-4 * abs(best.cost) + 1e-5
-    legs = 1 if planner.state.grid.poses is None else 2
+    legs = 1 if planner.state.grid.robot.poses is None else 2
     leaps = not np.isin(np.abs(np.diff(message.path, axis=0)).max(1), (1, legs)).all()
     if leaps or (tuple(message.path[0]), tuple(message.path[-1])) != (at, goal):
         return "published: a path with a leap or other ends"

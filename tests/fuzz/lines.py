@@ -6,8 +6,8 @@ import random
 import numpy as np
 
 from nnpp_edge.runtime import Ground, Planner, Vehicle
-from nnpp_edge.runtime.map.turns import curvatures
 from nnpp_edge.runtime.planners.plan import Plan
+from nnpp_edge.runtime.planners.turns import curvatures
 from tests import oracles
 from tests.fuzz.cases import NOWHERE, Case, Place, Problem
 

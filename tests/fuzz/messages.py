@@ -186,7 +186,7 @@ def _problem_with_answer(
 ) -> str:
     """What is wrong with an answer on the map as it is; empty if nothing."""
     outcome = message.outcome
-    if decode_output(encode(message), 1 << 24).outcome is not outcome:  # type: ignore[union-attr]
+    if decode_output(encode(message)).outcome is not outcome:  # type: ignore[union-attr]
         return "an answer that reads back as another"
     if pose is None or goal is None:
         return (

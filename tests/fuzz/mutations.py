@@ -43,6 +43,12 @@ WORDS = (
     ),
     *("{0}", "[bold]", "📍", "1,2,3"),
 )
+JUNK = r"""[
+  null, true, false, 0, -1, 1, 2147483648, 18446744073709551616, -9223372036854775809,
+  1000000000000000000000000000000, 1.5, -0.0, 1e300, NaN, Infinity, "", "x", "\u00e9\u0000",
+  "\ud800", "1", "../../x", [], {}, [[]], [null], {"a": []}, [1, 2, 3], ["a"], {"": null},
+  [[1, [2]]]
+]"""
 _MOST_REPEATED = 1 << 24
 _MEMBERS = str.split(
     "elevation.npy dem.npy cost.npy cell_size_m.npy cell_width_m.npy cell_size_m x.txt ../x.npy"
@@ -56,46 +62,7 @@ def junk_bytes(rng: random.Random, most: int = 200) -> bytes:
 
 def junk_value(rng: random.Random) -> Any:
     """A value of any type."""
-    values: tuple[Any, ...] = (
-        None,
-        True,
-        False,
-        0,
-        -1,
-        1,
-        2**31,
-        2**64,
-        -(2**63) - 1,
-        10**30,
-        1.5,
-        -0.0,
-        1e300,
-    )
-    values += (
-        float("nan"),
-        float("inf"),
-        "",
-        "x",
-        "é\u0000",
-        "\ud800",
-        "1",
-        "../../x",
-        "x" * 400,
-        [],
-        {},
-        [[]],
-    )
-    values += (
-        [None],
-        {"a": []},
-        [1, 2, 3],
-        ["a"],
-        {"": None},
-        [[1, [2]]],
-        list(range(100)),
-        "9" * 400,
-    )
-    return rng.choice(values)
+    return rng.choice((*json.loads(JUNK), "x" * 400, list(range(100)), "9" * 400))
 
 
 def mutated(rng: random.Random, content: bytes) -> bytes:
@@ -107,20 +74,8 @@ def mutated(rng: random.Random, content: bytes) -> bytes:
         end = content[other:]
         numbers = list(re.finditer(rb"-?[0-9][0-9.e+-]*", content[:200_000]))
         near = len(content) if rng.random() < 0.5 else min(len(content), 256)
-        match rng.choice(
-            (
-                "flip",
-                "flip",
-                "flip",
-                "overwrite",
-                "insert",
-                "cut",
-                "repeat",
-                "number",
-                "number",
-                "end",
-            )
-        ):
+        kinds = "flip flip flip overwrite insert cut repeat number number end"
+        match rng.choice(kinds.split()):
             case "flip" if near:
                 for _ in range(rng.choice((1, 1, 2, 8, 64))):
                     at = rng.randrange(near)

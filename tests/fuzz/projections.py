@@ -19,27 +19,28 @@ from nnpp_edge.terrain.dem import open_dem, read_dem
 from nnpp_edge.terrain.workloads import workload
 from tests.fuzz.cases import NOWHERE, Case, Place, Problem
 
-SYSTEMS = {  # with the longitudes and latitudes at which they are used, and beyond
-    "EPSG:3857": (-180, 180, -84, 84),
-    "EPSG:4326": (-180, 180, -89, 89),
-    "EPSG:32633": (5, 25, 0, 84),
-    "EPSG:32733": (9, 21, -80, 0),
-    "EPSG:3413": (-180, 180, 40, 89.9),
-    "EPSG:3031": (-180, 180, -89.9, -50),
-    "EPSG:2154": (-5, 10, 41, 52),
-    "EPSG:3035": (-15, 40, 33, 70),
-    "EPSG:2263": (-75, -72, 40, 42),
-    "EPSG:27700": (-8, 2, 49, 61),
-    "EPSG:4807": (-5, 10, 41, 52),
-    "EPSG:5972": (5, 12, 57, 72),
-    "ESRI:54008": (-170, 170, -80, 80),
-    "ESRI:54009": (-150, 150, -75, 75),
-    "IAU_2015:30100": (-179, 179, -88, 88),
-    "IAU_2015:30110": (-179, 179, -85, 85),
-    "IAU_2015:30130": (-180, 180, 60, 89.9),
-    "IAU_2015:49910": (-179, 179, -85, 85),
-    "IAU_2015:49935": (-180, 180, -89.9, -60),
-}
+SYSTEMS = """
+EPSG:3857 -180 180 -84 84
+EPSG:4326 -180 180 -89 89
+EPSG:32633 5 25 0 84
+EPSG:32733 9 21 -80 0
+EPSG:3413 -180 180 40 89.9
+EPSG:3031 -180 180 -89.9 -50
+EPSG:2154 -5 10 41 52
+EPSG:3035 -15 40 33 70
+EPSG:2263 -75 -72 40 42
+EPSG:27700 -8 2 49 61
+EPSG:4807 -5 10 41 52
+EPSG:5972 5 12 57 72
+ESRI:54008 -170 170 -80 80
+ESRI:54009 -150 150 -75 75
+IAU_2015:30100 -179 179 -88 88
+IAU_2015:30110 -179 179 -85 85
+IAU_2015:30130 -180 180 60 89.9
+IAU_2015:49910 -179 179 -85 85
+IAU_2015:49935 -180 180 -89.9 -60
+"""
+"""The longitudes and latitudes at which each is used, and beyond."""
 WITHIN = 0.03
 SLOPE_WITHIN = 0.035
 CELL_WITHIN = 2e-6
@@ -50,8 +51,8 @@ tells of more.
 
 def generate(rng: random.Random, place: Place = NOWHERE) -> Case:
     """A plane on a map anywhere that its system is used."""
-    crs = rng.choice(list(SYSTEMS))
-    west, east, south, north = SYSTEMS[crs]
+    crs, *bounds = rng.choice(SYSTEMS.split("\n")[1:-1]).split()
+    west, east, south, north = map(float, bounds)
     rows, cols = (rng.choice((5, 12, 30, 60)) for _ in range(2))
     slope = rng.uniform(2.0, 50.0)
     return Case(

@@ -31,6 +31,13 @@ int8 = "in/tiny.onnx"
 rate_hz = 500.0
 method = "corridor"
 """
+REPORT = """{
+  "machine": "any", "commands": ["none"], "rows": [{
+    "workload": "soft", "size": 256, "method": "nnpp", "n": 2, "success_raw": 1.0, "success": 1.0,
+    "gap_mean": 0.0, "gap_p99": 0.0, "time_ms_median": 1.0, "time_ms_p99": 1.0,
+    "speedup_median": 2.0, "speedup_total": 2.0, "mm_mean": 0.1
+  }]
+}"""
 LABEL = """PDS_VERSION_ID = PDS3
 RECORD_TYPE = FIXED_LENGTH
 RECORD_BYTES = {bytes}
@@ -106,25 +113,7 @@ def make_light(folder: Path) -> None:
     (folder / "profile.toml").write_text(PROFILE)
     write_tiny_model(folder / "tiny.onnx")
     (folder / "tiny.md").write_text("# tiny\n\nA model without weights.\n")
-    row = {
-        "workload": "soft",
-        "size": 256,
-        "method": "nnpp",
-        "n": 2,
-        "success_raw": 1.0,
-        "success": 1.0,
-    }
-    row |= {
-        "gap_mean": 0.0,
-        "gap_p99": 0.0,
-        "time_ms_median": 1.0,
-        "time_ms_p99": 1.0,
-        "speedup_median": 2.0,
-    }
-    row |= {"speedup_total": 2.0, "mm_mean": 0.1}
-    (folder / "tiny.json").write_text(
-        json.dumps({"machine": "any", "commands": ["none"], "rows": [row]})
-    )
+    (folder / "tiny.json").write_text(REPORT)
 
 
 COMMANDS = (

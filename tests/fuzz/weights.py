@@ -10,7 +10,7 @@ import numpy as np
 
 from nnpp_edge.runtime import Planner
 from nnpp_edge.runtime.errors import InvalidMapError, NnppEdgeError, Status
-from nnpp_edge.runtime.map.step_cost import LEAST_WEIGHT, MOST_WEIGHT
+from nnpp_edge.runtime.terrain.step_cost import LEAST_WEIGHT, MOST_WEIGHT
 from tests import oracles
 from tests.fuzz.cases import NOWHERE, Case, Place, Problem, problem_with_optimum
 

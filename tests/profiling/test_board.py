@@ -1,5 +1,6 @@
 """The table of boards: its committed rows, and how a report becomes one."""
 
+import json
 import re
 from pathlib import Path
 
@@ -13,77 +14,69 @@ def cells_of(line):
     return [cell.strip() for cell in re.split(r"(?<!\\)\|", line)[1:-1]]
 
 
-def row(size, planner, median, **figures):
-    times = {"time_ms": {"median": median}, "map_ms": None}
-    return {"workload": "soft", "size": size, "planner": planner} | times | figures
+REPORT = json.loads("""{
+  "made": "2026-05-04T10:00:00+00:00", "verdict": "met", "cores": [0, 1],
+  "profile": {"name": "edge-2core", "planner": "auto"},
+  "environment": {
+    "cpu": "A | board\\n model", "architecture": "aarch64", "flags": ["asimd", "asimddp"],
+    "cores_online": 4, "clock_mhz": 2400.0, "memory_mb": 8192, "kernel": "6.6", "system": null,
+    "python": "3.12.1",
+    "packages": {"nnpp-edge": "0.1.0", "numpy": "2.0", "numba": "0.60", "onnxruntime": null}
+  },
+  "results": [
+    {"workload": "soft", "size": 256, "planner": "astar",
+     "time_ms": {"median": 3.14159}, "map_ms": null},
+    {"workload": "soft", "size": 256, "planner": "auto",
+     "time_ms": {"median": 1}, "map_ms": {"median": 4}},
+    {"workload": "soft", "size": 1024, "planner": "astar",
+     "time_ms": {"median": 50}, "map_ms": null},
+    {"workload": "soft", "size": 1024, "planner": "auto",
+     "time_ms": {"median": 9}, "map_ms": null},
+    {"workload": "limit20", "size": 256, "planner": "astar",
+     "time_ms": {"median": 99}, "map_ms": null}
+  ],
+  "disturbance": {"halves": [
+    {"waited_share": 0.01, "others_share": null},
+    {"waited_share": 0, "others_share": 0.034}
+  ]},
+  "sensors": {
+    "throttled": "", "clock_mhz": {"0": {"min": 1500.0, "max": 2400.0}}, "temperature_c": {}
+  }
+}""")
 
 
-REPORT = {
-    "made": "2026-05-04T10:00:00+00:00",
-    "verdict": "met",
-    "cores": [0, 1],
-    "profile": {"name": "edge-2core", "planner": "auto"},
-    "environment": {
-        "cpu": "A | board\n model",
-        "architecture": "aarch64",
-        "flags": ["asimd", "asimddp"],
-        "cores_online": 4,
-        "clock_mhz": 2400.0,
-        "memory_mb": 8192,
-        "kernel": "6.6",
-        "system": None,
-        "python": "3.12.1",
-        "packages": {"nnpp-edge": "0.1.0", "numpy": "2.0", "numba": "0.60", "onnxruntime": None},
-    },
-    "results": [
-        row(256, "astar", 3.14159),
-        row(256, "auto", 1.0, map_ms={"median": 4.0}),
-        row(1024, "astar", 50.0),
-        row(1024, "auto", 9.0),
-        row(256, "astar", 99.0) | {"workload": "limit20"},
-    ],
-    "disturbance": {
-        "halves": [
-            {"waited_share": 0.01, "others_share": None},
-            {"waited_share": 0.0, "others_share": 0.034},
-        ]
-    },
-    "sensors": {
-        "throttled": "",
-        "clock_mhz": {"0": {"min": 1500.0, "max": 2400.0}},
-        "temperature_c": {},
-    },
-}
+ROW = """
+date: 2026-05-04
+processor: A \\| board model
+cores: 2 of 4
+flags: asimd, asimddp
+clock: 2400 MHz, ran at 1500 to 2400
+memory: 8.0 GiB
+system: Linux, kernel 6.6, aarch64
+versions: python 3.12.1, nnpp-edge 0.1.0, numpy 2.0, numba 0.60, onnxruntime None
+profile: edge-2core: soft
+A*, ms: 256² 3.14 · 1024² 50
+corridor, ms: –
+nnpp int8, ms: –
+nnpp fp32, ms: –
+auto, ms: 256² 1 · 1024² 9
+first path of a map, ms: 256² 4
+verdict: met
+others took: 3.4 %
+throttled: no
+"""
 
 
 def test_a_report_as_a_row():
     head, _, row = board_table(REPORT).splitlines()
-    assert dict(zip(cells_of(head), cells_of(row), strict=True)) == {
-        "date": "2026-05-04",
-        "processor": "A \\| board model",
-        "cores": "2 of 4",
-        "flags": "asimd, asimddp",
-        "clock": "2400 MHz, ran at 1500 to 2400",
-        "memory": "8.0 GiB",
-        "system": "Linux, kernel 6.6, aarch64",
-        "versions": "python 3.12.1, nnpp-edge 0.1.0, numpy 2.0, numba 0.60, onnxruntime None",
-        "profile": "edge-2core: soft",
-        "A*, ms": "256² 3.14 · 1024² 50",
-        "corridor, ms": "–",
-        "nnpp int8, ms": "–",
-        "nnpp fp32, ms": "–",
-        "auto, ms": "256² 1 · 1024² 9",
-        "first path of a map, ms": "256² 4",
-        "verdict": "met",
-        "others took": "3.4 %",
-        "throttled": "no",
-    }
+    told = map(": ".join, zip(cells_of(head), cells_of(row), strict=True))
+    assert [*told] == ROW.strip().splitlines()
     nothing = {"sensors": {"throttled": "", "clock_mhz": {}, "temperature_c": {}}}
     told = board(REPORT | nothing)
     assert (told["throttled"], told["clock"]) == ("not told", "2400 MHz, not told while it ran")
 
 
-def test_the_committed_table_has_these_columns_and_stands_last_so_that_rows_can_be_added_to_the_file():
+def test_the_committed_table_has_these_columns_and_nothing_follows_it():
     text = BOARDS.read_text()
     header = board_table(REPORT).rpartition("\n")[0]
     before, _, after = text.partition(header + "\n")

@@ -1,3 +1,5 @@
+"""Our planners beside other libraries': the command, and the comparison on maps made by hand."""
+
 import json
 import sys
 
@@ -10,7 +12,6 @@ from nnpp_edge.profiling.suites import Case
 from nnpp_edge.runtime import Ground
 
 SOLVE_THE_SAME = ("astar", "skimage.graph", "scipy dijkstra")
-OTHERS = {"pyastar2d": "pyastar2d", "skimage.graph": "skimage", "scipy dijkstra": "scipy"}
 
 
 @pytest.fixture(scope="module")
@@ -22,60 +23,53 @@ def terrain(tmp_path_factory):
 
 
 def test_a_row_for_each_size_and_planner(nnpp_edge, terrain, tmp_path):
-    words = (
-        "--terrain",
-        terrain,
-        "--sizes",
-        "64,96",
-        "--queries",
-        12,
-        "--json",
-        "-o",
-        tmp_path / "out",
-    )
+    words = ["--terrain", terrain, "--sizes", "64,96", "--queries", 12, "--json", "-o", tmp_path]
     ended = nnpp_edge("profile", "--peers", *words)
     assert ended.code == 0, ended.err
-    told = json.loads(ended.out)
+    facts = json.loads(ended.out)
     found, missing = peer_planners()
-    assert told["left_out"] == missing
-    wanted = [
-        (size, source, p.name) for size, source in ((64, "dem"), (96, "synthetic")) for p in found
-    ]
-    assert [(row["size"], row["terrain"], row["planner"]) for row in told["rows"]] == wanted
-    for row in told["rows"]:
+    assert facts["left_out"] == missing
+    places = [(64, "dem"), (96, "synthetic")]
+    rows = facts["rows"]
+    wanted = [(*place, planner.name) for place in places for planner in found]
+    assert [(row["size"], row["terrain"], row["planner"]) for row in rows] == wanted
+    for row in rows:
         assert (row["n"], row["failed"], row["note"]) == (12, 0, "")
         assert 0.0 < row["time_ms_median"] <= row["time_ms_p95"]
         assert row["gap_max"] >= row["gap_mean"] >= -1e-6
-        if row["planner"] in SOLVE_THE_SAME:
-            assert row["same_optimum"], row
+        assert row["same_optimum"] or row["planner"] not in SOLVE_THE_SAME
         if row["planner"] == "astar":
-            assert row["times_astar_median"] == 1.0 and row["gap_max"] == 0.0
-    assert json.loads((tmp_path / "out" / "peers.json").read_text()) == told
+            assert (row["times_astar_median"], row["gap_max"]) == (1.0, 0.0)
+    assert json.loads((tmp_path / "peers.json").read_text()) == facts
 
 
 def test_libraries_that_are_not_installed_are_named_and_left_out(nnpp_edge, terrain, monkeypatch):
-    for module in OTHERS.values():
+    for module in ("pyastar2d", "skimage", "scipy"):
         monkeypatch.setitem(sys.modules, module, None)
     ended = nnpp_edge("profile", "--peers", "--terrain", terrain, "--sizes", 64, "--queries", 2)
     assert ended.code == 0, ended.err
-    last = ended.out.splitlines()[-1]
-    assert last.startswith("left out, not installed: ") and "nnpp-edge[bench]" in last
-    for package in ("pyastar2d", "scikit-image", "scipy"):
-        assert package in last
-    assert "corridor" in ended.out and "skimage.graph" not in ended.out
+    *table, last = ended.out.splitlines()
+    assert last.startswith("left out, not installed: ")
+    for words in ("nnpp-edge[bench]", "pyastar2d", "scikit-image", "scipy"):
+        assert words in last
+    assert any("corridor" in line for line in table)
+    assert not any("skimage.graph" in line for line in table)
 
 
-def one_map(cost, *queries):
+def compared(planners, cost, *queries):
+    """The comparison on one map."""
     cost = cost.astype(np.float32)
-    return iter([Case("made", len(cost), cost, queries, Ground(cost))])
+    case = Case("made", len(cost), cost, queries, Ground(cost))
+    return peers.compare(planners, iter([case]), len(queries))
 
 
 def test_a_planner_over_the_limit_is_left_out_and_says_so(monkeypatch):
     monkeypatch.setattr(peers, "LIMIT_S", 1e-9)
-    planners = [p for p in peer_planners()[0] if p.name in ("astar", "corridor")]
-    rows = peers.compare(planners, one_map(np.full((40, 40), 0.2), ((0, 0), (39, 39))), 1)
+    planners = [each for each in peer_planners()[0] if each.name in ("astar", "corridor")]
+    rows = compared(planners, np.full((40, 40), 0.2), ((0, 0), (39, 39)))
     assert rows["corridor"]["note"] == "left out: 0.0 s a query, over the limit of 1e-09 s"
-    assert rows["corridor"]["n"] == 0 and rows["corridor"]["time_ms_median"] is None
+    assert rows["corridor"]["n"] == 0
+    assert rows["corridor"]["time_ms_median"] is None
     assert rows["astar"]["n"] == 1
 
 
@@ -84,11 +78,8 @@ def test_obstacles_are_obstacles_to_all_and_queries_without_a_path_are_passed_ov
     cost[:30, 16] = np.inf
     cost[20:23, 3:6] = np.inf
     cost[21, 4] = 0.1  # an island
-    found, _ = peer_planners()
-    rows = peers.compare(
-        found, one_map(cost, ((2, 2), (2, 30)), ((2, 2), (21, 4)), ((30, 1), (1, 29))), 3
-    )
-    for name, row in rows.items():
+    queries = (((2, 2), (2, 30)), ((2, 2), (21, 4)), ((30, 1), (1, 29)))
+    for name, row in compared(peer_planners()[0], cost, *queries).items():
         assert (row["n"], row["failed"]) == (2, 0), name
         assert row["same_optimum"] or name not in SOLVE_THE_SAME
         assert np.isfinite(row["gap_max"]), name

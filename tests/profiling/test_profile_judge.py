@@ -1,12 +1,18 @@
+"""Budgets: each verdict, and that of the whole run."""
+
+import json
+
 import pytest
 
 from nnpp_edge.profiling.judge import EXIT_CODES, Noise, judged, verdict
 from nnpp_edge.profiling.profile_file import Budget, Device, Load, Profile
 from nnpp_edge.profiling.sensors import Throttling
+from tests.tables import cases
 
 QUIET = Noise()
 DISTURBED = Noise("others took 40 % of the cores' time", 0.4)
 SLOWED = Noise(throttling=Throttling("the clock of core 0 fell from 2000 to 1500 MHz", 0.25))
+NOISE = {"quiet": QUIET, "disturbed": DISTURBED, "slowed": SLOWED}
 
 
 def profile(*budgets, sizes=(64,)):
@@ -18,113 +24,101 @@ def budget(quantity, limit, direction, unit, **changes):
 
 
 def row(size=64, **figures):
-    told = {
+    return {
         "workload": "soft",
         "size": size,
         "planner": "nnpp",
         "time_ms": {"p99": 4.0},
         "fps": 500.0,
-    }
-    told |= {"map_ms": {"median": 4.0, "p99": 9.0}, "patch_ms": {"median": 0.1, "p99": 0.2}}
-    return (
-        told | {"gap_mean": 0.012, "halves": {"time": [1.0, 1.05], "ratio": [1.0, 1.05]}} | figures
-    )
+        "map_ms": {"median": 4.0, "p99": 9.0},
+        "patch_ms": {"median": 0.1, "p99": 0.2},
+        "gap_mean": 0.012,
+        "halves": {"time": [1.0, 1.05], "ratio": [1.0, 1.05]},
+    } | figures
 
 
 FPS = budget("fps", 100.0, "at least", "1/s")
-HALVES = {"time": [1.0, 9.0], "map": [3.9, 4.0], "patch": [0.1, 0.1], "ratio": [3.0, 3.1]}
-GAP = budget("gap_mean", 1.0, "at most", "%")
+WANTED = {
+    "fps": FPS,
+    "one frame": budget("fps", 1.0, "at least", "1/s", planner="corridor"),
+    "inference_fps": budget("inference_fps", 1.0, "at least", "1/s"),
+    "speedup_total": budget("speedup_total", 2.0, "at least", "x"),
+    "gap_mean": budget("gap_mean", 1.0, "at most", "%"),
+    "energy_mj": budget("energy_mj", 5.0, "at most", "mJ"),
+}
+VERDICTS = """
+fps                | | quiet | pass
+fps                | "fps": 99 | quiet | fail
+fps                | "fps": 100 | quiet | pass
+time_ms_p99 <= 4.0 | | quiet | pass
+time_ms_p99 <= 3.9 | | quiet | fail
+map_ms <= 4.0      | "halves": {"time": [1, 9], "map": [3.9, 4.0]} | quiet | pass
+map_ms <= 3.9      | "halves": {"time": [1, 9], "map": [3.9, 4.0]} | quiet | fail
+map_ms_p99 <= 9.0  | "halves": {"time": [1, 9], "map": [3.9, 4.0]} | quiet | pass
+map_ms_p99 <= 8.9  | "halves": {"time": [1, 9], "map": [3.9, 4.0]} | quiet | fail
+map_ms <= 5.0      | "halves": {"time": [1, 1], "map": [3.0, 4.0]} | quiet | noisy
+map_ms <= 5.0      | "map_ms": null | quiet | not measured
+patch_ms <= 0.1    | "halves": {"patch": [0.1, 0.1]} | quiet | pass
+patch_ms_p99 <= 0.19 | "halves": {"patch": [0.1, 0.1]} | quiet | fail
+speedup_total      | "halves": {"time": [1, 9], "ratio": [3, 3.1]}, "speedup_total": 3 | quiet | pass
+fps                | "halves": {"time": [1.0, 1.2]} | quiet | noisy
+fps                | "halves": {"time": [1.2, 1.0]}, "fps": 90 | quiet | noisy
+fps                | | disturbed | noisy
+fps                | "fps": 90 | disturbed | noisy
+fps                | "fps": 1000 | disturbed | pass
+fps                | "fps": 45 | disturbed | fail
+fps                | "fps": 47 | disturbed | noisy
+fps                | "fps": 41, "halves": {"time": [1, 2]} | quiet | noisy
+fps                | "fps": 39, "halves": {"time": [1, 2]} | quiet | fail
+time_ms_p99 <= 1.8 | | disturbed | fail
+time_ms_p99 <= 2.0 | | disturbed | noisy
+gap_mean           | "halves": {"time": [1, 9]} | disturbed | fail
+gap_mean           | "gap_mean": 0.0099 | disturbed | pass
+gap_mean           | "gap_mean": null | quiet | not measured
+energy_mj          | "energy_mj": 6 | quiet | fail
+energy_mj          | "energy_mj": null | quiet | not measured
+inference_fps      | "inference_fps": null | quiet | not measured
+one frame          | | quiet | not measured
+fps                | | slowed | pass
+fps                | "fps": 99 | slowed | throttled
+fps                | "fps": 61 | slowed | throttled
+fps                | "fps": 59 | slowed | fail
+fps                | "fps": 99, "halves": {"time": [1.0, 1.2]} | slowed | noisy
+gap_mean           | | slowed | fail
+gap_mean           | "gap_mean": 0.001 | slowed | pass
+"""
+"""A budget, the figures that are other than in `row`, the noise, and the verdict."""
 
 
-@pytest.mark.parametrize(
-    ("wanted", "figures", "disturbed", "state"),
-    [
-        (FPS, {}, QUIET, "pass"),
-        (FPS, {"fps": 99.0}, QUIET, "fail"),
-        (FPS, {"fps": 100.0}, QUIET, "pass"),
-        (budget("time_ms_p99", 4.0, "at most", "ms"), {}, QUIET, "pass"),
-        (budget("time_ms_p99", 3.9, "at most", "ms"), {}, QUIET, "fail"),
-        # by the halves of the figure's own basis
-        *(
-            (budget(quantity, limit, "at most", "ms"), {"halves": HALVES} | figures, QUIET, state)
-            for quantity, limit, figures, state in (
-                ("map_ms", 4.0, {}, "pass"),
-                ("map_ms", 3.9, {}, "fail"),
-                ("map_ms_p99", 9.0, {}, "pass"),
-                ("map_ms_p99", 8.9, {}, "fail"),
-                ("patch_ms", 0.1, {}, "pass"),
-                ("patch_ms_p99", 0.19, {}, "fail"),
-                ("map_ms", 5.0, {"halves": {"time": [1.0, 1.0], "map": [3.0, 4.0]}}, "noisy"),
-                ("map_ms", 5.0, {"map_ms": None}, "not measured"),
-            )
-        ),
-        (
-            budget("speedup_total", 2.0, "at least", "x"),
-            {"halves": HALVES, "speedup_total": 3.0},
-            QUIET,
-            "pass",
-        ),
-        # noise: a pass only ten times over, and a miss only where it is beyond doubt
-        (FPS, {"halves": {"time": [1.0, 1.2]}}, QUIET, "noisy"),
-        (FPS, {"halves": {"time": [1.2, 1.0]}, "fps": 90.0}, QUIET, "noisy"),
-        (FPS, {}, DISTURBED, "noisy"),
-        (FPS, {"fps": 90.0}, DISTURBED, "noisy"),
-        (FPS, {"fps": 1000.0}, DISTURBED, "pass"),
-        (FPS, {"fps": 45.0}, DISTURBED, "fail"),
-        (FPS, {"fps": 47.0}, DISTURBED, "noisy"),
-        (FPS, {"fps": 41.0, "halves": {"time": [1.0, 2.0]}}, QUIET, "noisy"),
-        (FPS, {"fps": 39.0, "halves": {"time": [1.0, 2.0]}}, QUIET, "fail"),
-        (budget("time_ms_p99", 1.8, "at most", "ms"), {}, DISTURBED, "fail"),
-        (budget("time_ms_p99", 2.0, "at most", "ms"), {}, DISTURBED, "noisy"),
-        # path costs do not depend on the clock; budgets are set in percent
-        (GAP, {"halves": {"time": [1.0, 9.0]}}, DISTURBED, "fail"),
-        (GAP, {"gap_mean": 0.0099}, DISTURBED, "pass"),
-        (GAP, {"gap_mean": None}, QUIET, "not measured"),
-        (budget("energy_mj", 5.0, "at most", "mJ"), {"energy_mj": 6.0}, QUIET, "fail"),
-        (budget("energy_mj", 5.0, "at most", "mJ"), {"energy_mj": None}, QUIET, "not measured"),
-        (
-            budget("inference_fps", 1.0, "at least", "1/s"),
-            {"inference_fps": None},
-            QUIET,
-            "not measured",
-        ),
-        (budget("fps", 1.0, "at least", "1/s", planner="corridor"), {}, QUIET, "not measured"),
-        (FPS, {}, SLOWED, "pass"),
-        (FPS, {"fps": 99.0}, SLOWED, "throttled"),
-        (FPS, {"fps": 61.0}, SLOWED, "throttled"),
-        (FPS, {"fps": 59.0}, SLOWED, "fail"),
-        (FPS, {"fps": 99.0, "halves": {"time": [1.0, 1.2]}}, SLOWED, "noisy"),
-        (GAP, {}, SLOWED, "fail"),
-        (GAP, {"gap_mean": 0.001}, SLOWED, "pass"),
-    ],
-)
-def test_a_budgets_verdict(wanted, figures, disturbed, state):
-    (line,) = judged(profile(wanted), [row(**figures)], {}, disturbed)
+@pytest.mark.parametrize(("name", "figures", "noise", "state"), cases(VERDICTS, 4))
+def test_a_budgets_verdict(name, figures, noise, state):
+    quantity, _, limit = name.partition(" <= ")
+    wanted = budget(quantity, float(limit), "at most", "ms") if limit else WANTED[name]
+    changed = row(**json.loads(f"{{{figures}}}"))
+    (line,) = judged(profile(wanted), [changed], {}, NOISE[noise])
     assert line["verdict"] == state
+    why = line["why"]
     unsure = state in ("noisy", "not measured", "throttled")
-    assert bool(line["why"]) == (
-        unsure or "explains no such miss" in line["why"] or "under load" in line["why"]
-    )
-    assert ("core 0 fell" in line["why"]) == (
-        disturbed is SLOWED and wanted is FPS and state in ("throttled", "fail")
-    )
+    assert bool(why) == (unsure or "explains no such miss" in why or "under load" in why)
+    told = noise == "slowed" and name == "fps" and state in ("throttled", "fail")
+    assert ("core 0 fell" in why) == told
 
 
-def test_the_loops_reactions_have_budgets():
-    loop = {
-        "workload": "soft",
-        "reaction_ms": {"median": 2.0, "p99": 6.0},
-        "halves": {"reaction": [2, 2]},
-    }
-    for quantity, limit, at, state in (
-        ("reaction_ms", 2.0, 64, "pass"),
-        ("reaction_ms", 1.9, 64, "fail"),
-        ("reaction_ms_p99", 5.9, 64, "fail"),
-        ("reaction_ms", 2.0, 128, "not measured"),
-    ):
-        wanted = budget(quantity, limit, "at most", "ms", planner="loop")
-        (line,) = judged(profile(wanted), [row()], {}, QUIET, [loop | {"size": at}])
-        assert (line["verdict"], line["planner"]) == (state, "loop")
+REACTIONS = """
+reaction_ms     | 2.0 | 64  | pass
+reaction_ms     | 1.9 | 64  | fail
+reaction_ms_p99 | 5.9 | 64  | fail
+reaction_ms     | 2.0 | 128 | not measured
+"""
+
+
+@pytest.mark.parametrize(("quantity", "limit", "size", "state"), cases(REACTIONS, 4))
+def test_the_loops_reactions_have_budgets(quantity, limit, size, state):
+    figures = {"reaction_ms": {"median": 2.0, "p99": 6.0}, "halves": {"reaction": [2, 2]}}
+    loop = {"workload": "soft", "size": int(size)} | figures
+    wanted = budget(quantity, float(limit), "at most", "ms", planner="loop")
+    (line,) = judged(profile(wanted), [row()], {}, QUIET, [loop])
+    assert (line["verdict"], line["planner"]) == (state, "loop")
 
 
 def test_a_budget_without_a_size_is_judged_at_each():
@@ -132,38 +126,47 @@ def test_a_budget_without_a_size_is_judged_at_each():
     assert [(line["size"], line["verdict"]) for line in lines] == [(64, "pass"), (128, "fail")]
 
 
-def test_what_the_run_has_one_figure_of_is_judged_once_and_start_up_may_be_noisy():
-    for quantity, unit, value, noise, state in (
-        ("peak_memory_mb", "MB", 280.0, DISTURBED, "pass"),
-        ("start_up_warm_s", "s", 0.9, QUIET, "pass"),
-        ("start_up_warm_s", "s", 90.0, DISTURBED, "noisy"),
-    ):
-        wanted = budget(quantity, 300.0, "at most", unit)
-        lines = judged(
-            profile(wanted, sizes=(64, 128)), [row()], {quantity: {"nnpp": value}}, noise
-        )
-        assert [(line["size"], line["value"], line["verdict"]) for line in lines] == [
-            (None, value, state)
-        ]
+ONCE = """
+peak_memory_mb  | MB | 280  | disturbed | pass
+start_up_warm_s | s  | 0.9  | quiet     | pass
+start_up_warm_s | s  | 90   | disturbed | noisy
+"""
 
 
-@pytest.mark.parametrize(
-    ("states", "disturbed", "whole"),
-    [
-        (["pass", "pass"], QUIET, "met"),
-        (["pass", "noisy"], QUIET, "noisy"),
-        (["noisy", "fail"], QUIET, "missed"),
-        (["pass", "not measured"], QUIET, "noisy"),
-        ([], QUIET, "met"),
-        ([], DISTURBED, "noisy"),
-        (["pass"], DISTURBED, "met"),
-        (["throttled", "pass"], SLOWED, "throttled"),
-        (["throttled", "fail"], SLOWED, "missed"),
-        (["throttled", "not measured"], SLOWED, "noisy"),
-        (["pass"], SLOWED, "met"),
-        ([], SLOWED, "throttled"),
-    ],
-)
-def test_the_whole_runs_verdict(states, disturbed, whole):
-    assert verdict([{"verdict": state} for state in states], disturbed) == whole
+@pytest.mark.parametrize(("quantity", "unit", "value", "noise", "state"), cases(ONCE, 5))
+def test_what_the_run_has_one_figure_of_is_judged_once_and_start_up_may_be_noisy(
+    quantity,
+    unit,
+    value,
+    noise,
+    state,
+):
+    asked = profile(budget(quantity, 300.0, "at most", unit), sizes=(64, 128))
+    (line,) = judged(asked, [row()], {quantity: {"nnpp": float(value)}}, NOISE[noise])
+    assert (line["size"], line["value"], line["verdict"]) == (None, float(value), state)
+
+
+WHOLE = """
+pass, pass              | quiet | met
+pass, noisy             | quiet | noisy
+noisy, fail             | quiet | missed
+pass, not measured      | quiet | noisy
+                        | quiet | met
+                        | disturbed | noisy
+pass                    | disturbed | met
+throttled, pass         | slowed | throttled
+throttled, fail         | slowed | missed
+throttled, not measured | slowed | noisy
+pass                    | slowed | met
+                        | slowed | throttled
+"""
+
+
+@pytest.mark.parametrize(("states", "noise", "whole"), cases(WHOLE, 3))
+def test_the_whole_runs_verdict(states, noise, whole):
+    lines = [{"verdict": state} for state in states.split(", ") if state]
+    assert verdict(lines, NOISE[noise]) == whole
+
+
+def test_each_verdict_of_a_run_has_an_exit_code():
     assert EXIT_CODES == {"met": 0, "missed": 1, "noisy": 3, "throttled": 3}

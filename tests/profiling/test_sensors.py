@@ -1,11 +1,13 @@
 """Sensors read from a folder made like /sys, and what is made of their readings."""
 
+from itertools import zip_longest
 from types import SimpleNamespace
 
 import pytest
 
 from nnpp_edge.profiling import sensors
 from nnpp_edge.profiling.sensors import Reading, Sensors, sensor_facts, throttling
+from tests.tables import cases
 
 LIMITS = Reading(0.0, {"0": 2000.0, "1": 2000.0}, {"cpu 0": 85.0})
 
@@ -39,9 +41,8 @@ def fake(tmp_path):
         tree.write(f"devices/system/cpu/cpu{core}/thermal_throttle/core_throttle_count", 3)
         tree.clock(core, 1_800_000)
     tree.write("class/thermal/thermal_zone0/type", "cpu")
-    for at, (kind, milli) in enumerate(
-        (("active", 60_000), ("critical", 105_000), ("passive", 85_000), ("hot", 0))
-    ):
+    trips = {"active": 60_000, "critical": 105_000, "passive": 85_000, "hot": 0}
+    for at, (kind, milli) in enumerate(trips.items()):
         tree.write(f"class/thermal/thermal_zone0/trip_point_{at}_type", kind)
         tree.write(f"class/thermal/thermal_zone0/trip_point_{at}_temp", milli)
     tree.temperature(55_250)
@@ -69,7 +70,9 @@ def test_a_machine_that_tells_nothing_has_no_readings_and_is_not_called_throttle
 
 
 def test_readings_are_taken_no_sooner_than_a_quarter_second_after_the_last(
-    fake, tmp_path, monkeypatch
+    fake,
+    tmp_path,
+    monkeypatch,
 ):
     now = [0.0]
     log = Sensors([0], tmp_path)
@@ -83,79 +86,56 @@ def test_readings_are_taken_no_sooner_than_a_quarter_second_after_the_last(
     assert taken == [0, 4, 8]
 
 
-def readings(clocks=(), temperatures=(), counts=()):
-    """Readings of core 0 and of the one zone, in order."""
-    count = max(map(len, (clocks, temperatures, counts)))
+def readings(clocks="", temperatures="", counts=""):
+    """Readings of core 0 and of the one zone, in order, of numbers with blanks between."""
+    columns = [
+        [{"0": float(each)} for each in clocks.split()],
+        [{"cpu 0": float(each)} for each in temperatures.split()],
+        [int(each) for each in counts.split()],
+    ]
     return [
-        Reading(
-            float(at),
-            {"0": clocks[at]} if clocks else {},
-            {"cpu 0": temperatures[at]} if temperatures else {},
-            counts[at] if counts else None,
-        )
-        for at in range(count)
+        Reading(float(at), clock or {}, temperature or {}, count)
+        for at, (clock, temperature, count) in enumerate(zip_longest(*columns))
     ]
 
 
-FALLING = [2000.0] * 10 + [1500.0] * 10
+THROTTLED = """
+2000 2000 2000 2000 2000 2000 | | |  | 0
+2000 2000 2000 1810 1810 1810 | | |  | 0
+2000 2000 2000 1500 1500 1500 | | | core 0 fell from 2000 to 1500 MHz | 0.125
+2000 800 2000 2000 2000 2000 2000 2000 | | |  | 0
+1500 1500 1500 2000 2000 2000 | | |  | 0
+ | 84.9 84.9 84.9 84.9 | |  | 0
+ | 80 85 86 80 | | 85 °C in 2 of 4 readings | 1
+1000 1000 1000 1000 | 90 90 90 90 | | cpu 0 stood at its trip point | 0.5
+ | | 5 5 5 |  | 0
+ | | 5 6 9 | slowed its cores 4 times | 1
+2000 2000 1500 1500 | | 0 0 1 1 | 1500 MHz; the processor slowed its cores 1 times | 0.125
+2000 | | |  | 0
+"""
+"""Clocks, temperatures and counts; words that a run is called throttled by, and the share."""
 
 
 @pytest.mark.parametrize(
-    ("told", "words", "share"),
-    [
-        ({"clocks": [2000.0] * 20}, [], 0.0),
-        ({"clocks": [2000.0] * 10 + [1810.0] * 10}, [], 0.0),
-        ({"clocks": FALLING}, ["core 0 fell from 2000 to 1500 MHz"], 0.125),
-        ({"clocks": [2000.0, 800.0, *[2000.0] * 18]}, [], 0.0),  # one odd reading is no fall
-        ({"clocks": [1500.0] * 10 + [2000.0] * 10}, [], 0.0),
-        ({"temperatures": [84.9] * 8}, [], 0.0),
-        ({"temperatures": [80.0, 85.0, 86.0, 80.0]}, ["85 °C in 2 of 4 readings"], 1.0),
-        (
-            {"temperatures": [90.0] * 4, "clocks": [1000.0] * 4},
-            ["cpu 0 stood at its trip point"],
-            0.5,
-        ),
-        ({"counts": [5, 5, 5]}, [], 0.0),
-        ({"counts": [5, 6, 9]}, ["slowed its cores 4 times"], 1.0),
-        (
-            {"clocks": FALLING[8:12], "counts": [0, 0, 1, 1]},
-            ["fell", "slowed its cores 1 times"],
-            0.125,
-        ),
-        ({"clocks": [2000.0]}, [], 0.0),
-    ],
+    ("clocks", "temperatures", "counts", "words", "share"),
+    cases(THROTTLED, 5),
 )
-def test_when_a_run_is_called_throttled(told, words, share):
-    found = throttling(readings(**told), LIMITS)
-    assert bool(found.words) == bool(words) and all(each in found.words for each in words)
-    assert found.share == pytest.approx(share)
+def test_when_a_run_is_called_throttled(clocks, temperatures, counts, words, share):
+    found = throttling(readings(clocks, temperatures, counts), LIMITS)
+    assert bool(found.words) == bool(words) and words in found.words
+    assert found.share == pytest.approx(float(share))
 
 
 def test_the_report_tells_ranges_limits_and_the_verdict(fake, tmp_path):
     log = Sensors([0, 1], tmp_path)
-    for khz, milli in (
-        (2_000_000, 60_000),
-        (1_900_000, 85_000),
-        (1_200_000, 84_000),
-        (1_200_000, 83_000),
-    ):
-        fake.clock(0, khz)
-        fake.temperature(milli)
+    for mhz, degrees in ((2000, 60), (1900, 85), (1200, 84), (1200, 83)):
+        fake.clock(0, 1000 * mhz)
+        fake.temperature(1000 * degrees)
         log.read()
     facts = sensor_facts(log.readings, log.limits)
-    assert facts["clock_mhz"]["0"] == {
-        "first": 2000.0,
-        "last": 1200.0,
-        "min": 1200.0,
-        "max": 2000.0,
-        "limit": 2000.0,
-    }
-    assert facts["temperature_c"]["cpu 0"] == {
-        "first": 60.0,
-        "last": 83.0,
-        "min": 60.0,
-        "max": 85.0,
-        "trip": 85.0,
-    }
+    clock = facts["clock_mhz"]["0"]
+    temperature = facts["temperature_c"]["cpu 0"]
+    assert clock == {"first": 2000, "last": 1200, "min": 1200, "max": 2000, "limit": 2000}
+    assert temperature == {"first": 60, "last": 83, "min": 60, "max": 85, "trip": 85}
     assert "core 0 fell" in facts["throttled"] and "core 1" not in facts["throttled"]
     assert "in 1 of 4 readings" in facts["throttled"]

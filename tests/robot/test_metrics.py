@@ -53,15 +53,12 @@ def test_every_counter_is_told_with_help_and_type():
         if isinstance(value, int) and field.name != "rss_bytes":
             assert samples[f"nnpp_edge_{field.name}_total", ()] == value
             assert types[f"nnpp_edge_{field.name}"] == "counter"
-    labelled = {
-        ("degraded", "kind", "timeout"): 5,
-        ("drops", "sink", "zenoh"): 6,
-        ("lost", "sink", "mcap"): 8,
-    }
-    for (name, label, kind), count in {
-        **labelled,
-        ("errors", "place", 'sink "a\\b"\nc'): 4,
-    }.items():
+    for name, label, kind, count in (
+        ("degraded", "kind", "timeout", 5),
+        ("drops", "sink", "zenoh", 6),
+        ("lost", "sink", "mcap", 8),
+        ("errors", "place", 'sink "a\\b"\nc', 4),
+    ):
         assert samples[f"nnpp_edge_{name}_total", ((label, kind),)] == count
     assert samples["nnpp_edge_resident_memory_bytes", ()] == 123_456_789
     assert types["nnpp_edge_tick_seconds"] == "histogram"
@@ -84,9 +81,7 @@ def test_the_newest_counters_are_served():
     with serving_metrics(0, lambda: counters[0]) as address:
         assert get(address) == metrics_text(COUNTERS)
         place = urllib.parse.urlsplit(address)
-        idle = socket.create_connection(
-            (place.hostname, place.port)
-        )  # says nothing, holds nobody up
+        idle = socket.create_connection((place.hostname, place.port))  # says nothing
         counters[0] = replace(COUNTERS, ticks=1001)
         assert parse(get(address))[0]["nnpp_edge_ticks_total", ()] == 1001
         idle.close()
@@ -96,20 +91,14 @@ def test_the_newest_counters_are_served():
 
 def test_without_the_library_the_error_names_the_extra(monkeypatch):
     monkeypatch.setitem(sys.modules, "prometheus_client", None)
-    with (
-        pytest.raises(MissingExtraError, match=r"nnpp-edge\[robot\]"),
-        serving_metrics(0, lambda: COUNTERS),
-    ):
-        pass
+    with pytest.raises(MissingExtraError, match=r"nnpp-edge\[robot\]"):
+        metrics_registry(lambda: COUNTERS)
 
 
-def test_a_port_that_is_taken_or_makes_no_sense_is_one_line():
+@pytest.mark.parametrize("taken", [True, False])
+def test_a_port_that_is_taken_or_makes_no_sense_is_one_line(taken):
     with serving_metrics(0, lambda: COUNTERS) as address:
-        for port in (urllib.parse.urlsplit(address).port, 70000):
-            with (
-                pytest.raises(
-                    InvalidQueryError, match=f"metrics cannot be served at 127.0.0.1:{port}"
-                ),
-                serving_metrics(port, lambda: COUNTERS),
-            ):
-                pass
+        port = urllib.parse.urlsplit(address).port if taken else 70000
+        words = f"metrics cannot be served at 127.0.0.1:{port}"
+        with pytest.raises(InvalidQueryError, match=words), serving_metrics(port, lambda: COUNTERS):
+            pass

@@ -2,8 +2,10 @@
 
 import functools
 import itertools
+import json
 import math
 import operator
+import re
 from types import SimpleNamespace
 
 import numpy as np
@@ -21,9 +23,9 @@ from nnpp_edge.ros.maps import (
     path_poses,
 )
 from nnpp_edge.ros.messages import definition, grid_message, heights_message
-from nnpp_edge.runtime import Ground, Navigator
 from nnpp_edge.runtime.errors import InvalidMapError, InvalidQueryError
 from nnpp_edge.terrain.dem import read_dem
+from tests.tables import cases
 
 NAN = np.nan
 VALUES = np.array([[1, 2, 3], [4, 5, 6]], np.float32)
@@ -54,7 +56,9 @@ def message(start=(1, 2), values=VALUES, row_by_row=False, turned=0.0, **changes
     rows, cols = values.shape
     ring = np.empty_like(values)
     for i, j in np.ndindex(rows, cols):
-        ring[(i + start[0]) % rows, (j + start[1]) % cols] = values[i, j]
+        row = (i + start[0]) % rows
+        col = (j + start[1]) % cols
+        ring[row, col] = values[i, j]
     flat = ring.reshape(-1, order="F")
     dims = [("column_index", cols), ("row_index", rows)]
     if row_by_row:
@@ -81,25 +85,15 @@ def message(start=(1, 2), values=VALUES, row_by_row=False, turned=0.0, **changes
     }
 
 
-def leaves(value, path=()):
+def leaves(value, path=""):
     """The path to each value in nested dicts and lists, and to those that hold them."""
     if path:
         yield path
-    of = (
-        value.items()
-        if isinstance(value, dict)
-        else enumerate(value)
-        if isinstance(value, list)
-        else ()
-    )
-    for step, inner in of:
-        yield from leaves(inner, (*path, step))
-
-
-def swap(changed):
-    """Say that the layer's rows are columns, by the sizes of the two."""
-    for dim in changed["data"][0]["layout"]["dim"]:
-        dim["size"] = 5 - dim["size"]
+    inner = {}
+    if isinstance(value, dict | list):
+        inner = value if isinstance(value, dict) else dict(enumerate(value))
+    for step, each in inner.items():
+        yield from leaves(each, f"{path}.{step}" if path else str(step))
 
 
 def as_objects(value):
@@ -117,7 +111,8 @@ def test_a_grid_map_is_made_of_a_message_and_its_ring_unrolled():
         assert grid.frame == MapFrame(1.0, 6.0, 8.5, rows_along_x=True, frame_id="odom")
     # the first cell is the farthest along both
     np.testing.assert_allclose(grid.frame.metres([[0, 0], [1, 2]]), [[5.5, 8.0], [4.5, 6.0]])
-    assert (grid.frame.cell(5.9, 8.4), grid.frame.cell(4.1, 5.6)) == ((0, 0), (1, 2))
+    assert grid.frame.cell(5.9, 8.4) == (0, 0)
+    assert grid.frame.cell(4.1, 5.6) == (1, 2)
     assert grid_map_patch(grid, MapFrame(1.0, frame_id="odom")).shape == (3, 2)
 
 
@@ -125,11 +120,12 @@ def test_an_occupancy_grid_is_read_row_by_row_along_y():
     for kind in (dict, as_objects):
         grid = OccupancyGrid.of_message(kind(occupancy_message()))
         np.testing.assert_array_equal(
-            grid.cost(), np.array([[0, 0.5, NAN], [0.98, np.inf, np.inf]], np.float32)
+            grid.cost(),
+            np.array([[0, 0.5, NAN], [0.98, np.inf, np.inf]], np.float32),
         )
-    np.testing.assert_array_equal(grid.cost(50)[0], np.array([0, np.inf, NAN], np.float32))
     np.testing.assert_allclose(grid.frame.metres([[0, 0], [1, 2]]), [[5.25, 7.25], [6.25, 7.75]])
-    assert (grid.frame.cell(6.4, 7.6), grid.frame.cell(4.9, 7.6)) == ((1, 2), (1, -1))
+    assert grid.frame.cell(6.4, 7.6) == (1, 2)
+    assert grid.frame.cell(4.9, 7.6) == (1, -1)
 
 
 def test_messages_are_read_as_other_libraries_decode_them():
@@ -156,7 +152,8 @@ def test_messages_are_read_as_other_libraries_decode_them():
     ):
         assert (patch.row, patch.col) == (4, 5)
         np.testing.assert_array_equal(
-            patch.cost if patch.elevation is None else patch.elevation, wanted
+            patch.cost if patch.elevation is None else patch.elevation,
+            wanted,
         )
 
 
@@ -225,136 +222,133 @@ def test_a_patch_is_moved_to_the_nearest_cells_but_never_resampled():
             occupancy_patch(source, frame)
 
 
-def test_cells_that_were_not_seen_stay_as_the_map_has_them():
-    loop = Navigator(Ground(np.full((4, 5), 0.3, np.float32)))
+@pytest.mark.parametrize("keep", [True, False])
+def test_cells_that_were_not_seen_stay_as_the_map_has_them_unless_told_otherwise(keep):
     grid = OccupancyGrid(np.array([[-1, 100]]), MapFrame(1.0, 1.0, 2.0))
-    loop.offer(occupancy_patch(grid, MapFrame(1.0)))
-    loop.tick()
-    assert loop.map.cost()[2].tolist() == pytest.approx([0.3, 0.3, math.inf, 0.3, 0.3])
-    loop.offer(occupancy_patch(grid, MapFrame(1.0), keep_known=False))
-    loop.tick()
-    assert np.argwhere(loop.map.unknown()).tolist() == [[2, 1]] and not loop.planner.is_passable(
-        (2, 1)
-    )
+    given = {} if keep else {"keep_known": False}
+    patch = occupancy_patch(grid, MapFrame(1.0), **given)
+    assert (patch.row, patch.col, patch.keep_known) == (2, 1, keep)
+    np.testing.assert_array_equal(patch.cost, [[NAN, np.inf]])
 
 
-def test_a_path_becomes_poses_in_metres():
-    path = np.array([[0, 0], [1, 1], [1, 2]], np.int32)
-    poses = path_poses(path, MapFrame(2.0, 10.0, 20.0))
-    np.testing.assert_allclose(poses, [[11, 21, math.pi / 4], [13, 23, 0], [15, 23, 0]])
-    against = path_poses(path, MapFrame(2.0, 10.0, 20.0, rows_along_x=True))
-    np.testing.assert_allclose(
-        against, [[9, 19, -0.75 * math.pi], [7, 17, -math.pi / 2], [7, 15, -math.pi / 2]]
-    )
-    assert path_poses(path[:1], MapFrame(1.0)).tolist() == [[0.5, 0.5, 0.0]]
-    for frame, east in ((MapFrame(1.0), 0.0), (MapFrame(1.0, rows_along_x=True), -math.pi / 2)):
-        turned = path_poses(path[:2], frame, (90.0, 180.0))[
-            :, 2
-        ]  # to greater columns, and down the rows
-        down = path_poses(np.array([(0, 0), (1, 0)]), frame)[0, 2]
-        assert np.exp(1j * turned) == pytest.approx(np.exp(1j * np.array((east, down))))
-    assert path_poses(np.empty((0, 2), np.int32), MapFrame(1.0)).shape == (0, 3)
+PATH = np.array([[0, 0], [1, 1], [1, 2]], np.int32)
 
 
-def changed(change):
-    """A grid map's message with a change."""
-    found = message()
-    change(found)
-    return found
+POSES = """
+3 | 2 10 20 0 | 11 21 45    13 23 0    15 23 0
+3 | 2 10 20 1 | 9 19 -135   7 17 -90   7 15 -90
+1 | 1 0 0 0   | 0.5 0.5 0
+0 | 1 0 0 0   |
+"""
+"""Cells of the path; side, x and y of the frame, and whether its rows run along x; the poses."""
 
 
-REFUSED = (
-    (
-        lambda: OccupancyGrid.of_message(occupancy_message(width=4)),
-        r"2 × 4 whole numbers as data, got \(6,\)",
-    ),
-    (lambda: OccupancyGrid.of_message(occupancy_message(resolution=0.0)), "resolution"),
-    (lambda: OccupancyGrid.of_message(message()), "info.width"),
-    (
-        lambda: OccupancyGrid(np.zeros((2, 3)), MapFrame(1.0)),
-        r"whole numbers, got \(2, 3\) float64",
-    ),
-    (lambda: OccupancyGrid(np.zeros(6, int), MapFrame(1.0)), r"a map \(height, width\)"),
-    (lambda: OccupancyGrid(np.full((2, 3), 101), MapFrame(1.0)), r"\[-1, 100\], got \[101, 101\]"),
-    (lambda: OccupancyGrid(np.zeros((2, 2), int), AGAINST_X), "rows must run with y"),
-    (lambda: MapFrame(1.0, x=math.nan), "finite"),
-    (
-        lambda: GridMap.of_message(np.zeros((2, 3))),
-        "a message with layers, got a ndarray without layers",
-    ),
-    (
-        lambda: GridMap.of_message({"layers": [], "data": [], "info": {}}),
-        "a dict without resolution",
-    ),
-    (lambda: GridMap.of_message(message(turned=0.1)), r"not turned, .* \[0.0, 0.0, 0.1, 1.0\]"),
-    (lambda: GridMap.of_message(message(resolution=0.0)), "resolution"),
-    (lambda: GridMap.of_message(message(length_x=2.5)), "multiples of 1.0 m above 0"),
-    (lambda: GridMap({"elevation": VALUES}, AGAINST_X).layer("cost"), "has elevation"),
-    (lambda: GridMap({"a": np.zeros((2, 2))}, MapFrame(1.0)), "against x"),
-    (lambda: GridMap({}, AGAINST_X), "got none"),
-    (lambda: GridMap({"a": np.zeros((2, 2)), "b": np.zeros((1, 2))}, AGAINST_X), "one shape"),
-)
-SCRAMBLED = (
-    (lambda m: m["data"][0]["layout"]["dim"][0].update(label=""), "laid out by"),
-    (lambda m: m["data"][0]["layout"]["dim"][0].update(size=2), "laid out by"),
-    (lambda m: swap(m), "laid out by"),
-    (lambda m: m.update(data=message(row_by_row=True)["data"]) or swap(m), "laid out by"),
-    (lambda m: m["data"][0].update(data=[1.0] * 5), r"2 × 3 numbers, got \(5,\)"),
-    (lambda m: m.update(layers=["elevation", "cost"]), "a name for each of 1 layers, got .*cost"),
-    (lambda m: m.update(layers=["a", "a"], data=2 * m["data"]), "a name for each of 2 layers"),
-    (
-        lambda m: m.update(outer_start_index=0.5),
-        "outer_start_index must be a whole number, got 0.5",
-    ),
-    (lambda m: m.update(outer_start_index=2), "within 2 × 3 cells"),
-    (lambda m: m["info"]["pose"]["orientation"].update(x=math.nan), "not turned"),
-    (lambda m: m["info"].update(length_x=1e308, resolution=1e-9), "above 0"),
-)
+@pytest.mark.parametrize(("cells", "frame", "poses"), cases(POSES, 3))
+def test_a_path_becomes_poses_in_metres(cells, frame, poses):
+    side, x, y, rows_along_x = map(float, frame.split())
+    found = path_poses(PATH[: int(cells)], MapFrame(side, x, y, bool(rows_along_x)))
+    found[:, 2] = np.degrees(found[:, 2])
+    np.testing.assert_allclose(found.ravel(), np.array(poses.split(), float))
 
 
-def test_what_makes_no_map_or_would_be_read_scrambled_is_refused():
-    scrambled = [
-        (lambda change=change: GridMap.of_message(changed(change)), words)
-        for change, words in SCRAMBLED
-    ]
-    for make, words in (*REFUSED, *scrambled):
-        with pytest.raises(InvalidMapError, match=words):
-            make()
+@pytest.mark.parametrize("rows_along_x", [False, True])
+def test_headings_of_a_body_are_turned_into_the_frame(rows_along_x):
+    frame = MapFrame(1.0, rows_along_x=rows_along_x)
+    right, down = path_poses(PATH[:2], frame, (90.0, 180.0))[:, 2]
+    for heading, step in ((right, (0, 1)), (down, (1, 0))):
+        wanted = path_poses(np.array([(0, 0), step]), frame)[0, 2]
+        assert np.exp(1j * heading) == pytest.approx(np.exp(1j * wanted))
 
 
-def test_a_message_with_a_field_of_another_type_is_refused_in_a_line():
-    others = (
-        None,
-        "x",
-        [],
-        {},
-        [[1.0], [1.0, 2.0]],
-        2.5,
-        -1,
-        math.nan,
-        math.inf,
-        1e300,
-        10**400,
-        1j,
-        object(),
-    )
-    # what has no meaning here, where the map lies, a height, a name
-    free = {"z", "stride", "data_offset", "basic_layers", "layers", "frame_id", 0, 1, 2, 3, 4, 5}
-    for kind, make in ((GridMap, message), (OccupancyGrid, occupancy_message)):
-        for path, value in itertools.product(leaves(make()), others):
-            altered = make()
-            functools.reduce(operator.getitem, path[:-1], altered)[path[-1]] = value
-            try:
-                kind.of_message(altered)
-            except InvalidMapError as error:
-                assert "\n" not in str(error)
-            else:
-                place = {"x", "y", "w", "resolution"} if value in (-1, 2.5, 1e300) else set()
-                assert path[-1] in free | place, value
+GRID = """
+info.width                      | 4     | 2 × 4 whole numbers as data, got (6,)
+info.resolution                 | 0.0   | resolution
+info.origin.orientation.z       | 0.1   | not turned
+data                            | [[1.0], [1.0, 2.0]] | wanted numbers
+"""
+LAYERS = """
+info.pose.orientation.z         | 0.1   | [0.0, 0.0, 0.1, 1.0]
+info.pose.orientation.x         | NaN   | not turned
+info.resolution                 | 0.0   | resolution
+info.length_x                   | 2.5   | multiples of 1.0 m above 0
+info.resolution                 | 1e-320 | multiples of
+data.0.layout.dim.0.label       | ""    | laid out by
+data.0.layout.dim.0.size        | 2     | laid out by
+data.0.layout.dim | [{"label":"row_index","size":3},{"label":"column_index","size":2}] | laid out by
+data.0.data                     | [1.0, 1.0, 1.0] | 2 × 3 numbers, got (3,)
+layers                          | ["elevation", "cost"] | a name for each of 1 layers, got
+layers                          | ["a", "a"] | a name for each of 1 layers, got
+outer_start_index               | 0.5   | outer_start_index must be a whole number, got 0.5
+outer_start_index               | 2     | within 2 × 3 cells
+"""
+"""The path to a value of a message, another value, and words of the refusal."""
+
+
+def put(message, path, value):
+    """Set the value at a path of names and numbers in nested dicts and lists."""
+    *most, last = (int(step) if step.isdigit() else step for step in path.split("."))
+    functools.reduce(operator.getitem, most, message)[last] = value
+
+
+def refused(kind, altered, path, value, words):
+    put(altered, path, json.loads(value))
+    with pytest.raises(InvalidMapError, match=re.escape(words)):
+        kind.of_message(altered)
+
+
+@pytest.mark.parametrize(("path", "value", "words"), cases(GRID, 3))
+def test_a_grid_that_makes_no_map_is_refused(path, value, words):
+    refused(OccupancyGrid, occupancy_message(), path, value, words)
+
+
+@pytest.mark.parametrize(("path", "value", "words"), cases(LAYERS, 3))
+def test_layers_that_would_be_read_scrambled_are_refused(path, value, words):
+    refused(GridMap, message(), path, value, words)
 
 
 @pytest.mark.parametrize(
-    "points", [(math.nan, 0.0), ("x", 0.0), [[1.0], [1.0, 2.0]], (1.0, 2.0, 3.0), None]
+    ("make", "words"),
+    [
+        (lambda: OccupancyGrid.of_message(message()), "info.width"),
+        (lambda: GridMap.of_message(np.zeros((2, 3))), "a message with layers, got a ndarray"),
+        (lambda: OccupancyGrid(np.zeros((2, 3)), MapFrame(1.0)), r"\(2, 3\) float64"),
+        (lambda: OccupancyGrid(np.zeros(6, int), MapFrame(1.0)), r"a map \(height, width\)"),
+        (lambda: OccupancyGrid(np.full((2, 3), 101), MapFrame(1.0)), r"\[-1, 100\], got \[101"),
+        (lambda: OccupancyGrid(np.zeros((2, 2), int), AGAINST_X), "rows must run with y"),
+        (lambda: MapFrame(1.0, x=math.nan), "finite"),
+        (lambda: GridMap({"elevation": VALUES}, AGAINST_X).layer("cost"), "has elevation"),
+        (lambda: GridMap({"a": np.zeros((2, 2))}, MapFrame(1.0)), "against x"),
+        (lambda: GridMap({}, AGAINST_X), "got none"),
+        (lambda: GridMap({"a": VALUES, "b": VALUES.T}, AGAINST_X), "one shape"),
+    ],
+)
+def test_what_makes_no_map_is_refused(make, words):
+    with pytest.raises(InvalidMapError, match=words):
+        make()
+
+
+OTHERS = (None, "x", [], {}, [[1.0], [1.0, 2.0]], 2.5, -1, math.nan, 1e300, 10**400, 1j, object())
+FREE = {"z", "stride", "data_offset", "basic_layers", "layers", "frame_id", *"012345"}
+"""What has no meaning here, a name, a height."""
+
+
+@pytest.mark.parametrize(("kind", "made"), [(GridMap, message), (OccupancyGrid, occupancy_message)])
+def test_a_message_with_a_field_of_another_type_is_refused_in_a_line(kind, made):
+    for path, value in itertools.product(leaves(made()), OTHERS):
+        altered = made()
+        put(altered, path, value)
+        try:
+            kind.of_message(altered)
+        except InvalidMapError as error:
+            assert "\n" not in str(error)
+        else:
+            place = {"x", "y", "w", "resolution"} if value in (-1, 2.5, 1e300) else set()
+            assert path.rpartition(".")[2] in FREE | place, value
+
+
+@pytest.mark.parametrize(
+    "points",
+    [(math.nan, 0.0), ("x", 0.0), [[1.0], [1.0, 2.0]], (1.0, 2.0, 3.0), None],
 )
 def test_points_must_be_finite(points):
     with pytest.raises((InvalidQueryError, InvalidMapError)):

@@ -3,29 +3,32 @@
 import json
 import os
 import re
-import shutil
 import signal
 import socket
 import subprocess
 import sys
-from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 
 import msgspec
 import numpy as np
 import pytest
 
 from nnpp_edge.profiling.profile_file import OnboardLoop, changed, read_profile
-from nnpp_edge.robot.operations.wiring import Wiring
+from nnpp_edge.robot import transports
+from nnpp_edge.robot.operations import onboard
 from nnpp_edge.robot.transports.recording import RecordingFile, read_recording
 from nnpp_edge.robot.transports.wire import decode_output, encode
+from nnpp_edge.robot.transports.wiring import Wiring
+from nnpp_edge.runtime import Ground, InProcessSink
 from nnpp_edge.runtime.errors import InvalidQueryError
 from nnpp_edge.runtime.loop.messages import Goal, MapPatch, PathMessage, Pose
 from nnpp_edge.runtime.network import loading
 from nnpp_edge.terrain import dem as dem_module
-from tests.robot.conftest import wait_until
+from tests.robot.conftest import free, wait_until
+from tests.tables import cases
 
-DOCS = Path(__file__).parents[2] / "docs" / "run.md"
+ROOT = Path(__file__).parents[2]
 SHAPE = (80, 90)
 QUICK = ("--rate", "100", "--method", "astar")
 
@@ -88,45 +91,44 @@ class Program:
 
 
 def test_the_script_in_the_documentation_runs_as_it_stands(dem, tmp_path):
-    script = re.search(r"```sh\n(mkfifo.*?)```", DOCS.read_text(), re.DOTALL).group(1)
-    folder = tmp_path / "script"
-    folder.mkdir()
-    command = folder / "nnpp-edge"
+    text = (ROOT / "docs/run.md").read_text()
+    script = re.search(r"```sh\n(mkfifo.*?)```", text, re.DOTALL).group(1)
+    command = tmp_path / "nnpp-edge"
     command.write_text(f'#!/bin/sh\nexec "{sys.executable}" -m nnpp_edge.cli.main "$@"\n')
     command.chmod(0o755)
-    root = str(Path(__file__).parents[2])
     environment = {
         **os.environ,
         "DEM": str(dem),
-        "PATH": f"{folder}:{os.environ['PATH']}",
-        "PYTHONPATH": root,
+        "PATH": f"{tmp_path}:{os.environ['PATH']}",
+        "PYTHONPATH": str(ROOT),
     }
-    shell = [shutil.which("sh"), "-e", "-c", script]
     ended = subprocess.run(
-        shell, cwd=folder, env=environment, capture_output=True, text=True, timeout=120
+        ["/bin/sh", "-e", "-c", script],
+        cwd=tmp_path,
+        env=environment,
+        capture_output=True,
+        text=True,
+        timeout=120,
     )
-    assert ended.returncode == 0, ended.stderr + (folder / "loop.log").read_text()
-    first, second = (
-        decode_output((folder / f"{name}.json").read_bytes()) for name in ("first", "second")
-    )
-    assert (tuple(first.path[0]), tuple(first.path[-1])) == ((5, 5), (60, 70))
+    log = (tmp_path / "loop.log").read_text()
+    assert ended.returncode == 0, ended.stderr + log
+    assert "ticks" in log
+    first = decode_output((tmp_path / "first.json").read_bytes())
+    second = decode_output((tmp_path / "second.json").read_bytes())
+    assert first.path[[0, -1]].tolist() == [[5, 5], [60, 70]]
     assert second.map_version == 1
     assert not {(30, 30), (30, 31), (30, 32)} & set(map(tuple, second.path.tolist()))
-    assert "ticks" in (folder / "loop.log").read_text()
 
 
 def test_it_tells_the_manager_stops_when_told_to_and_keeps_what_it_recorded(dem, tmp_path):
     record = tmp_path / "inputs.jsonl"
+    address = str(tmp_path / "notify")
+    watchdog = {"WATCHDOG_USEC": "200000", "WATCHDOG_PID": ""}
     with socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM) as manager:
-        manager.bind(str(tmp_path / "notify"))
+        manager.bind(address)
         manager.settimeout(120.0)
         words = ("--map", dem, *QUICK, "--record", record)
-        told = {
-            "NOTIFY_SOCKET": str(tmp_path / "notify"),
-            "WATCHDOG_USEC": "200000",
-            "WATCHDOG_PID": "",
-        }
-        program = Program(*words, **told)
+        program = Program(*words, NOTIFY_SOCKET=address, **watchdog)
         assert manager.recv(4096) == b"READY=1"
         program.send(Pose(5, 5), Goal(60, 70))
         assert program.await_path().path[-1].tolist() == [60, 70]
@@ -135,26 +137,23 @@ def test_it_tells_the_manager_stops_when_told_to_and_keeps_what_it_recorded(dem,
             assert manager.recv(4096) in (b"WATCHDOG=1", b"STATUS=OK by standing")
         code, _, err = program.end(signal.SIGTERM)
         assert (code, "Traceback" in err) == (0, False), err
-        words = []
-        while not words or words[-1] != b"STOPPING=1":
-            words.append(manager.recv(4096))
+        while manager.recv(4096) != b"STOPPING=1":
+            pass
     assert [message for _, message in read_recording(record, SHAPE)] == [Pose(5, 5), Goal(60, 70)]
 
 
 def test_after_a_kill_the_recording_can_be_played_and_the_next_has_a_file_of_its_own(
-    nnpp_edge, dem, tmp_path
+    nnpp_edge,
+    dem,
+    tmp_path,
 ):
     record = tmp_path / "inputs.jsonl"
-    inputs = [
-        Pose(5.0, 5.0),
-        Goal(60, 70),
-        *(MapPatch(n % 70, 3, cost=np.full((2, 2), 0.5)) for n in range(1000)),
-    ]
+    patches = [MapPatch(n % 70, 3, cost=np.full((2, 2), 0.5)) for n in range(1000)]
+    inputs = [Pose(5.0, 5.0), Goal(60, 70), *patches]
     program = Program("--map", dem, *QUICK, "--record", record)
     program.send(*inputs)
     wait_until(lambda: record.exists() and record.read_bytes().count(b"\n") > 100, 60.0)
-    code, _, _ = program.end(signal.SIGKILL)
-    assert code == -signal.SIGKILL
+    assert program.end(signal.SIGKILL)[0] == -signal.SIGKILL
     kept = [encode(message) for _, message in read_recording(record, SHAPE)]
     assert len(kept) >= 100
     assert kept == [encode(message) for message in inputs[: len(kept)]]
@@ -185,7 +184,11 @@ main()
 def test_it_may_be_stopped_while_it_starts_whatever_it_is_doing(dem):
     words = [sys.executable, "-c", STARTING, str(dem)]
     ended = subprocess.run(
-        words, capture_output=True, text=True, stdin=subprocess.DEVNULL, timeout=120
+        words,
+        capture_output=True,
+        text=True,
+        stdin=subprocess.DEVNULL,
+        timeout=120,
     )
     assert (ended.returncode, ended.stderr) == (-signal.SIGTERM, "")
 
@@ -195,25 +198,19 @@ def test_an_input_that_fails_ends_the_run_with_an_error(dem, tmp_path):
     with (tmp_path / "written to").open("wb") as unreadable:
         ended = subprocess.run(words, capture_output=True, text=True, stdin=unreadable, timeout=120)
     assert ended.returncode == 2
-    assert (
-        "error: the input failed, and the loop has ended: OSError: [Errno 9] Bad file"
-        in ended.stderr
-    )
-    assert "Traceback" not in ended.stderr
+    said = "error: the input failed, and the loop has ended: OSError: [Errno 9] Bad file"
+    assert said in ended.stderr and "Traceback" not in ended.stderr
 
 
 @pytest.mark.parametrize("stderr", ["2>&-", "2>/dev/full"])
 def test_paths_come_where_nothing_can_be_said_on_stderr(dem, recording, tmp_path, stderr):
-    words = (
-        f"-m nnpp_edge.cli.main run --map {dem} --rate 2 --method astar --input "
-        f"replay:{recording} --fast"
-    )
     record = tmp_path / "again.jsonl"
-    command = f'exec "{sys.executable}" {words} --record {record} {stderr}'
-    ended = subprocess.run(
-        ["/bin/sh", "-c", command], stdout=subprocess.PIPE, text=True, timeout=120
+    command = (
+        f'exec "{sys.executable}" -m nnpp_edge.cli.main run --map {dem} --rate 2 --method astar '
+        f"--input replay:{recording} --fast --record {record} {stderr}"
     )
-    answers = [decode_output(line.encode()) for line in ended.stdout.splitlines()]
+    ended = subprocess.run(["/bin/sh", "-c", command], stdout=subprocess.PIPE, timeout=120)
+    answers = [decode_output(line) for line in ended.stdout.splitlines()]
     assert [message.ok for message in answers if isinstance(message, PathMessage)] == [True] * 3
     assert ended.returncode == 0
     assert len(list(read_recording(record, SHAPE))) == 4
@@ -248,17 +245,17 @@ def test_a_replay_ends_with_its_counters_its_log_and_its_metrics(replayed, dem, 
 def test_a_cost_map_is_understood_as_one(replayed, tmp_path):
     np.savez(tmp_path / "cost.npz", cost=np.full(SHAPE, 0.3, np.float32), cell_size_m=2.0)
     assert json.loads(replayed(tmp_path / "cost.npz", *QUICK).out)["planned"] == 3
-    for words, said in (
-        (("--workload", "limit20"), "cost.npz holds costs: --workload needs elevations"),
-        (("--step-cost", "tobler"), "cost.npz holds costs: --step-cost needs elevations"),
-    ):
-        replayed(tmp_path / "cost.npz", *words).refused(said)
+    refused = replayed(tmp_path / "cost.npz", "--workload", "limit20")
+    refused.refused("cost.npz holds costs: --workload needs elevations")
 
 
-def test_on_elevations_it_goes_by_a_step_cost(replayed, dem):
-    for given in (("tobler",), ("energy", "--mobility", "large-rover")):
-        ended = replayed(dem, *QUICK, "--step-cost", *given)
-        assert json.loads(ended.out)["planned"] == 3, ended.err
+@pytest.mark.parametrize("given", [("tobler",), ("energy", "--mobility", "large-rover")])
+def test_on_elevations_it_goes_by_a_step_cost(replayed, dem, given):
+    ended = replayed(dem, *QUICK, "--step-cost", *given)
+    assert json.loads(ended.out)["planned"] == 3, ended.err
+
+
+def test_energy_without_a_mobility_is_refused(replayed, dem):
     replayed(dem, *QUICK, "--step-cost", "energy").refused("[mobility.energy]")
 
 
@@ -285,14 +282,63 @@ def test_ticks_end_it_and_the_profile_and_its_model_count(replayed, dem, tmp_pat
     assert "ready: dstar at 80 Hz" in replayed(dem, *words, "--method", "dstar", "--rate", "80").err
 
 
-def test_answers_go_back_to_where_inputs_come_from():
-    assert Wiring().output_kinds == ("stdout",)
-    assert Wiring(input="replay:x").output_kinds == ("stdout",)
-    assert Wiring(input="zenoh:tcp/a:1").output_kinds == ("zenoh",)
-    both = Wiring(outputs=("stdout", "zenoh:tcp/a:1"))
-    assert (both.output_kinds, both.endpoints) == (("stdout", "zenoh"), ["tcp/a:1"])
-    with pytest.raises(InvalidQueryError):
-        replace(both, input="zenoh:tcp/b:1")
+SINKS = """
+{}                                       | stdout
+{"input": "replay:x"}                    | stdout
+{"input": "zenoh:tcp/a:1"}               | zenoh
+{"outputs": ["stdout", "zenoh:tcp/a:1"]} | stdout zenoh
+{"outputs": ["none"]}                    |
+"""
+
+
+@pytest.mark.parametrize(("given", "sinks"), cases(SINKS))
+def test_answers_go_back_to_where_inputs_come_from(given, sinks):
+    found = Wiring(**json.loads(given)).sinks
+    assert [entry.name for entry, _ in found] == sinks.split()
+
+
+REFUSED = r"""
+{"input": "zenoh:b:1", "outputs": ["zenoh:a:1"]} | one endpoint, got a:1, b:1
+{"input": "replay"}               | input must be stdin, replay:FILE or zenoh\[:ENDPOINT\], got
+{"input": "stdin:x"}              | input must be
+{"fast": true}                    | only a replay can be fast
+{"outputs": ["stdout", "none"]}   | output none goes with no other
+{"outputs": ["stdout", "stdout"]} | outputs must differ
+"""
+
+
+@pytest.mark.parametrize(("given", "words"), cases(REFUSED))
+def test_connections_that_do_not_go_together_are_refused(given, words):
+    with pytest.raises(InvalidQueryError, match=words):
+        Wiring(**json.loads(given))
+
+
+def test_a_transport_is_added_by_a_class_and_an_entry(recording, monkeypatch):
+    done = []
+
+    class Kept(InProcessSink):
+        @classmethod
+        def open(cls, place, setup):
+            done.append(place)
+            return cls()
+
+        def close(self):
+            done.append(self.path.tick)
+
+    entry = transports.Entry("output", "kept:WHERE", "the memory of a test", "of_test:Kept")
+    of_test = SimpleNamespace(Kept=Kept)
+    monkeypatch.setitem(sys.modules, "nnpp_edge.robot.transports.of_test", of_test)
+    monkeypatch.setattr(transports, "TRANSPORTS", (*transports.TRANSPORTS, entry))
+    wiring = Wiring(input=f"replay:{recording}", outputs=("kept:here",), fast=True)
+    loop = OnboardLoop(method="astar")
+    onboard.run(Ground(free(SHAPE)), loop.navigator(), wiring, loop)
+    assert done == ["here", 3]
+
+
+@pytest.mark.parametrize("entry", transports.TRANSPORTS, ids=lambda entry: entry.kind)
+def test_every_transport_is_documented(entry):
+    text = (ROOT / "docs/messages.md").read_text() + (ROOT / "docs/run.md").read_text()
+    assert entry.name in text
 
 
 # --- the table [loop]
@@ -302,19 +348,17 @@ def test_the_table_loop_of_a_profile(tmp_path):
     path = tmp_path / "robot.toml"
     path.write_text("[device]\ncores = [1, 0]\n[model]\nint8 = 'mine.onnx'\n")
     assert read_profile(path).loop == OnboardLoop(model="mine.onnx", cores=(1, 0))
-    path.write_text(
-        "[loop]\nrate_hz = 5\nmethod = 'dstar'\npriority = 10\ntolerance = 0\ncorner_cutting = "
-        "false\n"
-    )
-    expected = OnboardLoop(5.0, "dstar", "edge", (0,), 10, 0.0, False)
+    path.write_text("[loop]\nrate_hz = 5\nmethod = 'dstar'\npriority = 10\ntolerance = 0\n")
+    expected = OnboardLoop(5.0, "dstar", "edge", (0,), 10, 0.0)
     assert read_profile(path).loop == expected
-    assert "loop" not in read_profile(path).facts()
     wanted = msgspec.structs.replace(expected, cores=(3,), method="astar")
     assert changed(expected, rate_hz=None, cores=(3,), method="astar") == wanted
 
 
 def test_the_network_is_loaded_while_the_first_map_is_read_where_it_will_be_asked(
-    replayed, dem, monkeypatch
+    replayed,
+    dem,
+    monkeypatch,
 ):
     done = []
 
@@ -323,7 +367,8 @@ def test_the_network_is_loaded_while_the_first_map_is_read_where_it_will_be_aske
 
     monkeypatch.setattr(loading, "begin_loading", noted("loading begins", loading.begin_loading))
     monkeypatch.setattr(dem_module, "read_dem", noted("the map is read", dem_module.read_dem))
-    for method in ("auto", "nnpp-dstar"):
-        done.clear()
-        assert replayed(dem, "--method", method).code == 0
-        assert done == (["loading begins"] if "nnpp" in method else []) + ["the map is read"]
+    assert replayed(dem, "--method", "auto").code == 0
+    assert done == ["the map is read"]
+    done.clear()
+    assert replayed(dem, "--method", "nnpp-dstar").code == 0
+    assert done == ["loading begins", "the map is read"]

@@ -6,6 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from nnpp_edge.runtime.cells import slices
 from nnpp_edge.runtime.errors import InvalidQueryError, Status
 from nnpp_edge.runtime.loop.messages import Goal, MapPatch, Origin, PathMessage, Pose
 from nnpp_edge.runtime.map.ground import Ground
@@ -19,9 +20,10 @@ from nnpp_edge.terrain.obstacles import Obstacles
 from nnpp_edge.terrain.rocks import with_rocks
 from nnpp_edge.terrain.synthetic import synthetic_terrain
 from nnpp_edge.terrain.vehicle_files import load_mobility
-from nnpp_edge.viz.picture import BODY as BODY_COLOUR
+from nnpp_edge.viz.sheet import BODY as BODY_COLOUR
 from tests import pose_oracles
 from tests.fuzz import bodies
+from tests.tables import cases
 
 LIMITS = Traversability(slope_limit_deg=20.0, hard_slope_deg=20.0)
 BODY = Vehicle(length_m=1.5, width_m=1.2, clearance_m=0.3)
@@ -40,7 +42,9 @@ def rocky():
     bare = synthetic_terrain(rng, 72, 0.4)
     bare[30:33, 40:50] = np.nan
     return SurveyedGround.of(
-        Ground.of_elevation(with_rocks(bare, 0.4, 0.04, rng), 0.4, vehicle=BODY), 1, bare
+        Ground.of_elevation(with_rocks(bare, 0.4, 0.04, rng), 0.4, vehicle=BODY),
+        1,
+        bare,
     )
 
 
@@ -70,55 +74,42 @@ def answer(cells, goal):
 def test_the_survey_is_the_terrain_blurred(ground):
     heights = synthetic_terrain(np.random.default_rng(3), 80, 20.0)
     np.testing.assert_array_equal(
-        ground.true, traversability_cost(heights, 20.0, LIMITS, warn=False)
+        ground.true,
+        traversability_cost(heights, 20.0, LIMITS, warn=False),
     )
     known = np.isfinite(ground.true) & np.isfinite(ground.surveyed)
     assert known.mean() > 0.5
     assert ground.surveyed[known].mean() < ground.true[known].mean()
-    rough = [
-        np.abs(np.diff(np.where(known, cost, np.nan), axis=1))
-        for cost in (ground.surveyed, ground.true)
-    ]
-    assert np.nanmedian(rough[0]) < 0.7 * np.nanmedian(rough[1])
     all_known = SurveyedGround.of(Ground.of_elevation(heights, 20.0, LIMITS), 1)
     np.testing.assert_array_equal(all_known.true, all_known.surveyed)
     heights[10:20, 30:40] = np.nan
     holed = SurveyedGround.of(Ground.of_elevation(heights, 20.0, LIMITS), 6)
-    np.testing.assert_array_equal(np.isinf(holed.surveyed[10:20, 30:40]), True)
+    assert np.isinf(holed.surveyed[10:20, 30:40]).all()
 
 
 def test_obstacles_come_move_and_go_and_stay_away_from_robot_and_goal():
-    rng = np.random.default_rng(0)
-    obstacles = Obstacles((40, 50), rng)
+    obstacles = Obstacles((40, 50), np.random.default_rng(0))
     base = np.full((40, 50), 0.2, np.float32)
-    robot = (5, 5)
-    goal = (30, 40)
     path = np.array([(5 + n, 5 + n) for n in range(25)], np.int32)
     shown = base.copy()
     kinds = set()
     across = 0
     for _ in range(600):
         before = list(obstacles.blocks)
-        for row, col, rows, cols in obstacles.one_event(robot, goal, path):
-            shown[row : row + rows, col : col + cols] = obstacles.cover(
-                base, (row, col, rows, cols)
-            )
-        kinds.add(len(obstacles.blocks) - len(before) if obstacles.blocks != before else "none")
-        kinds |= (
-            {"moved"}
-            if len(before) == len(obstacles.blocks) and before != obstacles.blocks
-            else set()
-        )
+        for part in obstacles.one_event((5, 5), (30, 40), path):
+            shown[slices(part)] = obstacles.cover(base, part)
+        if obstacles.blocks != before:
+            kinds.add(len(obstacles.blocks) - len(before))
         expected = base.copy()
-        for row, col, rows, cols in obstacles.blocks:
-            assert row >= 0 and col >= 0 and row + rows <= 40 and col + cols <= 50
-            expected[row : row + rows, col : col + cols] = 1.0
+        for part in obstacles.blocks:
+            assert expected[slices(part)].shape == part[2:], "inside the map"
+            expected[slices(part)] = 1.0
         np.testing.assert_array_equal(shown, expected)
-        for cell in (robot, goal):
-            near = expected[max(cell[0] - 3, 0) : cell[0] + 4, max(cell[1] - 3, 0) : cell[1] + 4]
-            assert (near < 1.0).all()
+        around_robot = expected[2:9, 2:9]
+        around_goal = expected[27:34, 37:44]
+        assert max(around_robot.max(), around_goal.max()) < 1.0
         across += (expected[path[:, 0], path[:, 1]] >= 1.0).any()
-    assert {1, -1, "moved"} <= kinds
+    assert kinds == {1, -1, 0}, "one comes, goes or moves"
     assert 60 < across < 600
 
 
@@ -152,24 +143,32 @@ def test_a_scene_moves_only_along_its_path():
     list(scene.poll())
     assert scene.robot == (5, 5), "a path that begins elsewhere"
     assert scene.forbidden == 1, "and does not lead to the goal"
-    scene.heard(answer([(5, 5), (5, 6), (5, 7), (6, 8), (6, 9)], (6, 9)))
+    line = [(5, 5), (5, 6), (5, 7), (6, 8), (6, 9)]
+    scene.heard(answer(line, (6, 9)))
     list(scene.poll())
     assert scene.robot == (6, 8)
-    assert scene.driven == [(5, 5), (5, 6), (5, 7), (6, 8)]
+    assert scene.driven == line[:-1]
 
 
-def test_what_can_be_walked_is_checked_by_the_definition():
+WALKS = """
+1 1  2 2  3 2           | fits
+3 2                     | fits
+1 1  2 2                | ends elsewhere
+1 1  1 1  2 2  3 2      | repeats a cell
+1 0  3 2                | jumps
+4 1  4 2  3 2           | is blocked
+-1 1  0 1  1 1  2 2  3 2 | begins outside
+                        | is empty
+"""
+
+
+@pytest.mark.parametrize(("path", "how"), cases(WALKS))
+def test_what_can_be_walked_is_checked_by_the_definition(path, how):
     cost = np.full((5, 5), 0.3, np.float32)
     cost[4, 2] = np.nan
     cost[4, 1] = 1.0
-    right = [(1, 1), (2, 2), (3, 2)], [(3, 2)]
-    repeats = [(1, 1), (1, 1), (2, 2), (3, 2)]
-    jumps = [(1, 0), (3, 2)]
-    blocked = [(4, 1), (4, 2), (3, 2)]
-    outside = [(-1, 1), (0, 1), (1, 1), (2, 2), (3, 2)]
-    for path in (*right, [(1, 1), (2, 2)], repeats, jumps, blocked, outside, []):
-        found = walkable(Robot(Ground(cost)), np.array(path, np.int32).reshape(-1, 2), cost, (3, 2))
-        assert found is (path in right), path
+    cells = np.array(path.split(), np.int32).reshape(-1, 2)
+    assert walkable(Robot(Ground(cost)), cells, cost, (3, 2)) == (how == "fits")
 
 
 # --- the drive
@@ -194,28 +193,20 @@ def test_the_robot_reaches_its_goal_and_no_path_was_forbidden(grounds, kind, met
     settings = SimulationSettings(method, str(tiny_model), ticks=1500, changes=2)
     drive = simulate(ground, start, goal, settings, watch=lambda scene, m: seen.append(m))
     assert drive.reached and drive.forbidden == 0 and drive.counters.errors == {}
-    assert (
-        len(seen)
-        == drive.counters.ticks
-        == drive.counters.planned + drive.counters.kept + drive.counters.failed
-    )
-    assert drive.counters.planned > 5
+    assert len(seen) == drive.counters.ticks and drive.counters.planned > 5
     longest = {"body": 2, "car": 5}.get(kind, 1)
-    assert np.isin(np.abs(np.diff(drive.driven, axis=0)).max(axis=1), range(1, longest + 1)).all()
+    steps = np.abs(np.diff(drive.driven, axis=0)).max(axis=1)
+    assert steps.min() >= 1 and steps.max() <= longest
     assert (tuple(drive.driven[0]), tuple(drive.driven[-1])) == (start, goal)
     if kind == "body":
-        priced = bodies.priced(
-            Planner.of_elevation(ground.true, 0.4, vehicle=BODY, warn=False), 0.0
-        )
-        legs = [
-            pose_oracles.path_cost(priced, leg) for leg in itertools.pairwise(drive.driven.tolist())
-        ]
-        assert np.isfinite(legs).all(), "nor over rocks that it saw on its way"
+        planner = Planner.of_elevation(ground.true, 0.4, vehicle=BODY, warn=False)
+        priced = bodies.priced(planner, 0.0)
+        legs = itertools.pairwise(drive.driven.tolist())
+        costs = [pose_oracles.path_cost(priced, leg) for leg in legs]
+        assert np.isfinite(costs).all(), "nor over rocks that it saw on its way"
     else:
         assert (ground.costs()[drive.driven[:, 0], drive.driven[:, 1]] < 1.0).all()
-    assert [message.known is not None for message in seen if message.ok] == [kind == "coarse"] * (
-        len(seen) - drive.counters.failed
-    )
+    assert {message.known is not None for message in seen if message.ok} == {kind == "coarse"}
     best = Planner(ground.ground).plan(start, goal, method="astar").cost
     assert drive.optimal_cost == pytest.approx(best)
     assert best * (1 - 1e-6) <= drive.driven_cost < math.inf
@@ -225,7 +216,9 @@ def test_the_robot_reaches_its_goal_and_no_path_was_forbidden(grounds, kind, met
 
 @pytest.mark.parametrize("kind", ["point", "body", "disc", "coarse"])
 def test_an_endless_drive_goes_from_goal_to_goal_and_keeps_its_word_and_its_memory(
-    grounds, kind, tiny_model
+    grounds,
+    kind,
+    tiny_model,
 ):
     ground = grounds[kind]
     methods = {"body": ("auto", "dstar", "corridor-dstar"), "disc": ("auto",)}
@@ -233,7 +226,12 @@ def test_an_endless_drive_goes_from_goal_to_goal_and_keeps_its_word_and_its_memo
     for method in methods.get(kind, ("auto", "corridor", "nnpp")):
         ticks = 150 if kind == "disc" else 300
         settings = SimulationSettings(
-            method, str(tiny_model), ticks=ticks, changes=2, speed=3, endless=True
+            method,
+            str(tiny_model),
+            ticks=ticks,
+            changes=2,
+            speed=3,
+            endless=True,
         )
         drive = simulate(ground, start, goal, settings)
         assert (drive.forbidden, drive.counters.errors, drive.counters.ticks) == (0, {}, ticks)
@@ -251,30 +249,31 @@ def test_the_same_seed_gives_the_same_drive(grounds, kind, noise):
         simulate(ground, start, goal, SimulationSettings("corridor", seed=seed, **given))
         for seed in (4, 4, 5)
     )
-    assert all(
-        drive.reached and drive.forbidden == 0 and not drive.counters.errors
-        for drive in (first, other)
-    )
+    assert other.reached and other.forbidden == 0 and not other.counters.errors
     np.testing.assert_array_equal(first.driven, again.driven)
-    assert (first.counters.planned, first.driven_cost) == (
-        again.counters.planned,
-        again.driven_cost,
-    )
-    assert first.counters.planned != other.counters.planned or not np.array_equal(
-        first.driven, other.driven
-    )
+    assert first.driven_cost == again.driven_cost
+    assert not np.array_equal(first.driven, other.driven)
 
 
-def test_what_makes_no_sense_is_refused(ground):
+SENSELESS = """
+5  | 0 | cannot be reached
+20 | 0 | impassable
+40 | 0 | outside the map of 30 × 40
+5  | 3 | wants a vehicle with a turning_radius_m
+"""
+"""The start's column, the noise in steering, and words of the refusal."""
+
+
+@pytest.mark.parametrize(("col", "noise", "words"), cases(SENSELESS, 3))
+def test_what_makes_no_sense_is_refused(col, noise, words):
     wall = flat()
     wall.true[:, 20] = 1.0
-    with pytest.raises(InvalidQueryError, match="cannot be reached"):
-        simulate(wall, (5, 5), (20, 30))
-    for start, words in (((5, 20), "impassable"), ((5, 40), "outside the map of 30 × 40")):
-        with pytest.raises(InvalidQueryError, match=words):
-            simulate(wall, start, (20, 30))
-    with pytest.raises(InvalidQueryError, match="wants a vehicle with a turning_radius_m"):
-        simulate(flat(), (5, 5), (20, 30), SimulationSettings(steering_noise_deg=3.0))
+    with pytest.raises(InvalidQueryError, match=words):
+        settings = SimulationSettings(steering_noise_deg=float(noise))
+        simulate(wall, (5, int(col)), (20, 30), settings)
+
+
+def test_on_islands_start_and_goal_must_be_given():
     islands = flat((40, 40))
     islands.true[:, 3::4] = islands.true[3::4] = 1.0
     with pytest.raises(InvalidQueryError, match="give start and goal"):
@@ -299,12 +298,8 @@ def test_a_drive_reaches_its_goal_and_costs_the_optimum_where_all_is_known_and_n
     known = SurveyedGround.of(ground, 1)
     drive = simulate(known, start, goal, SimulationSettings("dstar", ticks=1500, changes=0))
     best = Planner(ground).plan(start, goal, method="astar").cost
-    assert (
-        drive.driven_cost
-        == pytest.approx(best, rel=1e-5)
-        == pytest.approx(drive.optimal_cost, rel=1e-5)
-    )
-    assert (drive.counters.planned, drive.excess) == (1, pytest.approx(0.0, abs=1e-5))
+    assert [drive.driven_cost, drive.optimal_cost] == pytest.approx([best, best], rel=1e-5)
+    assert drive.counters.planned == 1
 
 
 def test_a_body_stops_before_a_rock_and_is_told_heights():
@@ -331,9 +326,8 @@ def test_a_body_stops_before_a_rock_and_is_told_heights():
 
 
 def test_obstacles_stand_above_the_ground_and_out_of_the_bodys_reach():
-    ground = SurveyedGround.of(
-        Ground.of_elevation(np.zeros((80, 80), np.float32), 0.25, vehicle=BODY), 1
-    )
+    level = Ground.of_elevation(np.zeros((80, 80), np.float32), 0.25, vehicle=BODY)
+    ground = SurveyedGround.of(level, 1)
     scene = Scene(ground, (40, 10), (40, 70), np.random.default_rng(0), changes=3)
     for _ in range(100):
         list(scene.poll())
@@ -347,21 +341,12 @@ def test_obstacles_stand_above_the_ground_and_out_of_the_bodys_reach():
 
 @pytest.mark.parametrize("noise", [1e-9, 9.0])
 def test_a_car_drives_its_arcs_off_by_its_steering_and_its_way_costs_what_it_drove(noise):
-    ground = SurveyedGround.of(
-        Ground.of_elevation(np.zeros((60, 60), np.float32), 0.25, vehicle=CAR), 1
-    )
-    plan = Planner(ground.ground).plan(
-        (30, 12), (30, 48), start_heading_deg=270.0, goal_heading_deg=90.0
-    )
-    scene = Scene(
-        ground,
-        (30, 12),
-        (30, 48),
-        np.random.default_rng(1),
-        changes=0,
-        speed=99,
-        steering_noise_deg=noise,
-    )
+    level = Ground.of_elevation(np.zeros((60, 60), np.float32), 0.25, vehicle=CAR)
+    ground = SurveyedGround.of(level, 1)
+    ends = ((30, 12), (30, 48))
+    plan = Planner(level).plan(*ends, start_heading_deg=270.0, goal_heading_deg=90.0)
+    rng = np.random.default_rng(1)
+    scene = Scene(ground, *ends, rng, changes=0, speed=99, steering_noise_deg=noise)
     list(scene.poll())
     scene.heard(replace(answer(plan.path.tolist(), (30, 48)), states=tuple(plan.states.tolist())))
     pose = list(scene.poll())[-1]
@@ -371,27 +356,20 @@ def test_a_car_drives_its_arcs_off_by_its_steering_and_its_way_costs_what_it_dro
     assert {-1, 1} <= {arc.gear for arc in plan.arcs} and (scene.forbidden, scene.waited) == (0, 0)
     assert scene.driven_cost == pytest.approx(plan.cost, rel=5e-4 if noise < 1.0 else 0.05)
     scene.now[26:35, 55:] = 3.0  # where its front would come
-    scene.heard(replace(answer([(30, 48 + n) for n in range(9)], (30, 56)), states=(4,) * 9))
+    ahead = answer([(30, 48 + n) for n in range(9)], (30, 56))
+    scene.heard(replace(ahead, states=(4,) * 9))
     assert list(scene.poll())[-1].col < 53.0 and scene.forbidden == 0
 
 
 # --- the command
 
+WORDS = "simulate --size 48 --vehicle small-rover --rocks 0.02 --method corridor"
+
 
 def test_the_command_drives_a_body_writes_draws_and_tells(nnpp_edge, tmp_path):
     reader = pytest.importorskip("mcap.reader")
     image = pytest.importorskip("PIL.Image")
-    words = (
-        "simulate",
-        "--size",
-        48,
-        "--vehicle",
-        "small-rover",
-        "--rocks",
-        0.02,
-        "--method",
-        "corridor",
-    )
+    words = WORDS.split()
     log = tmp_path / "new" / "drive.mcap"
     film = tmp_path / "drive.gif"
     still = tmp_path / "drive.png"
@@ -401,29 +379,41 @@ def test_the_command_drives_a_body_writes_draws_and_tells(nnpp_edge, tmp_path):
     assert told["reached"] and told["forbidden"] == 0
     assert (told["rows"], told["cols"], told["files"]) == (48, 48, [str(log), str(film)])
     with log.open("rb") as file:
-        summary = reader.make_reader(file).get_summary()
-    counts = {
-        summary.channels[n].topic: count
-        for n, count in summary.statistics.channel_message_counts.items()
-    }
-    assert counts["/answer"] == counts["/pose"] == told["ticks"]
+        topics = [channel.topic for _, channel, _ in reader.make_reader(file).iter_messages()]
+    assert topics.count("/answer") == topics.count("/pose") == told["ticks"]
     with image.open(film) as frames:
         assert 1 < frames.n_frames <= 81
     assert (told["row"], told["col"]) != (0, 0)
-    start, goal = (",".join(map(str, told[end])) for end in ("start", "goal"))
-    again = json.loads(nnpp_edge(*words, "--start", start, "--goal", goal, "--json").out)
-    assert all(
-        again[name] == told[name] for name in ("row", "col", "start", "goal", "optimal_cost")
-    )
-    ended = nnpp_edge(
-        *words, "--start", start, "--goal", goal, "--ticks", 9, "--rate", 60, "--picture", still
-    )
+    for end in ("start", "goal"):
+        words += [f"--{end}", ",".join(map(str, told[end]))]
+    again = json.loads(nnpp_edge(*words, "--json").out)
+    same = ("row", "col", "start", "goal", "optimal_cost")
+    assert [again[name] for name in same] == [told[name] for name in same]
+    ended = nnpp_edge(*words, "--ticks", 9, "--rate", 60, "--picture", still)
     assert ended.code == 1
-    assert "GOAL NOT REACHED" in ended.out and "9:" in ended.out
-    assert (
-        f"48 × 48 cells of moon_highlands.npz, from cell ({told['row']}, {told['col']}) on"
-        in ended.out
-    )
+    place = f"48 × 48 cells of moon_highlands.npz, from cell ({told['row']}, {told['col']}) on"
+    assert "GOAL NOT REACHED" in ended.out and "9:" in ended.out and place in ended.out
     with image.open(still) as picture:
         assert min(picture.size) > 300
-        assert (np.asarray(picture).reshape(-1, 3) == BODY_COLOUR[::-1]).all(1).sum() > 100
+        of_body = (np.asarray(picture) == BODY_COLOUR[::-1]).all(-1)
+        assert of_body.sum() > 100
+
+
+def test_both_ends_lie_well_inside_the_part_that_is_cut_out_and_are_named_as_in_the_file(
+    nnpp_edge, tmp_path
+):
+    heights = np.zeros((120, 130), np.float32)
+    heights[60, 70:] = np.nan
+    np.savez(tmp_path / "map.npz", elevation_m=heights, cell_size_m=0.16)
+    words = ("simulate", "--map", tmp_path / "map.npz", "--vehicle", "small-rover", "--size", 50)
+    words += ("--ticks", 1, "--json", "--start", "40,50")
+    nnpp_edge(*words, "--goal", "60,72").refused("goal (60, 72) is impassable, on the part")
+    nnpp_edge(*words, "--goal", "86,72").refused("--size 50 holds with 4 cells around each")
+    insides = []
+    for seed in range(8):
+        told = json.loads(nnpp_edge(*words, "--goal", "50,60", "--seed", seed).out)
+        ends = np.array((told["start"], told["goal"]))
+        assert ends.tolist() == [[40, 50], [50, 60]]
+        from_corner = ends - (told["row"], told["col"])
+        insides.append(min(from_corner.min(), 49 - from_corner.max()))
+    assert min(insides) >= 4 and np.median(insides) >= 12

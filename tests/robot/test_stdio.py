@@ -78,35 +78,24 @@ def test_garbage_is_answered_line_by_line_and_ends_nothing(incoming, outgoing, n
     refusals = Refusals(navigator.count_error)
     sink = StdioSink(refusals, descriptor=outgoing.write)
     source = StdioSource(refusals, descriptor=incoming.read, limit=2000)
-    send(
-        incoming,
-        POSE,
-        b"\x00\xff garbage",
-        b'{"type":"pose"}',
-        b"x" * 300_000,
-        b'{"type":"goal","row":',
-        GOAL,
-    )
+    bad = (b"\x00\xff garbage", b'{"type":"pose"}', b"x" * 300_000, b'{"type":"goal","row":')
+    send(incoming, POSE, *bad, GOAL)
     ended = drive(navigator, source, [sink])
     answers = received(outgoing)
     faults = [m for m in answers if isinstance(m, Fault)]
     assert [fault.count for fault in faults] == [1, 2, 3, 4]
-    for fault, words in zip(
-        faults, ("JSON is malformed", "field `row`", "at most 2000 bytes", "truncated"), strict=True
-    ):
-        assert words in fault.error
+    wanted = ("JSON is malformed", "field `row`", "at most 2000 bytes", "truncated")
+    assert all(words in fault.error for words, fault in zip(wanted, faults, strict=True))
     assert ended.counters.errors == {"input": 4}
     assert ended.paths[-1].ok
 
 
 def test_a_sender_that_is_too_fast_waits(incoming, navigator, drive):
     patches = [MapPatch(0, n, cost=np.full((40, 40), n)) for n in range(100)]
-    source = StdioSource(
-        Refusals(navigator.count_error), descriptor=incoming.read, mailbox=Mailbox(4)
-    )
-    assert drive(navigator, source, ticks=10).counters.ticks == 10, (
-        "the loop goes on while nothing comes"
-    )
+    refusals = Refusals(navigator.count_error)
+    source = StdioSource(refusals, descriptor=incoming.read, mailbox=Mailbox(4))
+    ended = drive(navigator, source, ticks=10)
+    assert ended.counters.ticks == 10, "the loop goes on while nothing comes"
     thread = send(incoming, *map(encode, patches))
     thread.join(0.2)
     assert thread.is_alive() and not source.ended

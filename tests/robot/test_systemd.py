@@ -1,7 +1,9 @@
+import itertools
 import logging
 import os
 import secrets
 import socket
+import time
 from contextlib import ExitStack, closing, suppress
 
 import pytest
@@ -10,33 +12,32 @@ from nnpp_edge.robot.operations.systemd import Notifier
 from nnpp_edge.runtime import Counters, Status, StatusMessage
 
 
-class Clock:
-    now = 50.0
-
-    def __call__(self):
-        return self.now
-
-
-@pytest.fixture
-def manager(tmp_path):
-    """Sockets as systemd's by their names, a path and an abstract one."""
-    with ExitStack() as stack:
-        found = {}
-        for name in (str(tmp_path / "notify"), f"@nnpp-edge-{secrets.token_hex(8)}"):
-            found[name] = stack.enter_context(socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM))
-            found[name].bind("\0" + name[1:] if name[0] == "@" else name)
-        yield found
+@pytest.fixture(params=["path", "abstract"])
+def manager(tmp_path, request):
+    """A socket as systemd's, and its name: a path or an abstract one."""
+    name = str(tmp_path / "notify")
+    place = name
+    if request.param == "abstract":
+        name = f"@nnpp-edge-{secrets.token_hex(8)}"
+        place = "\0" + name[1:]
+    with socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM) as receiver:
+        receiver.bind(place)
+        yield name, receiver
 
 
 @pytest.fixture
-def notify():
-    """Make notifiers; their sockets are closed at the end."""
+def notify(monkeypatch):
+    """Make notifiers told a socket and a watchdog; their sockets are closed at the end."""
+
+    def make(name, watchdog=()):
+        for variable, text in {"NOTIFY_SOCKET": name, **dict(watchdog)}.items():
+            monkeypatch.setenv(variable, text)
+        return stack.enter_context(closing(Notifier()))
+
+    for variable in ("NOTIFY_SOCKET", "WATCHDOG_USEC", "WATCHDOG_PID"):
+        monkeypatch.delenv(variable, raising=False)
     with ExitStack() as stack:
-        yield lambda *words, **options: stack.enter_context(closing(Notifier(*words, **options)))
-
-
-def status(text):
-    return StatusMessage(1, Status.OK, text, Counters())
+        yield make
 
 
 def waiting(receiver):
@@ -49,76 +50,76 @@ def waiting(receiver):
     return words
 
 
-def test_the_manager_hears_each_word(manager, monkeypatch, notify):
-    for name, receiver in manager.items():
-        notifier = notify({"NOTIFY_SOCKET": name})
-        assert notifier.ready() and notifier.stopping()
-        assert not notifier.alive(), "nobody asked for a watchdog"
-        notifier.close()
-        assert not notifier.ready()
-        assert waiting(receiver) == ["READY=1", "STOPPING=1"]
-    monkeypatch.setenv("NOTIFY_SOCKET", name)
-    assert notify().ready(), "the environment is where it looks by default"
+def test_the_manager_hears_each_word(manager, notify):
+    name, receiver = manager
+    notifier = notify(name)
+    assert notifier.ready() and notifier.stopping()
+    assert not notifier.alive(), "nobody asked for a watchdog"
+    notifier.close()
+    assert not notifier.ready()
+    assert waiting(receiver) == ["READY=1", "STOPPING=1"]
+
+
+def test_the_watchdog_hears_at_most_twice_in_its_time(manager, notify, monkeypatch):
+    name, receiver = manager
+    notifier = notify(name, {"WATCHDOG_USEC": "2000000", "WATCHDOG_PID": str(os.getpid())})
+    clock = itertools.count()
+    monkeypatch.setattr(time, "monotonic", lambda: 50.0 + 0.1 * next(clock))
+    assert notifier.watchdog_s == 2.0
+    sent = [tick for tick in range(50) if notifier.alive()]
+    assert sent == [0, 10, 20, 30, 40]
+    assert waiting(receiver) == ["WATCHDOG=1"] * 5
+
+
+@pytest.mark.parametrize(
+    "watchdog",
+    [
+        {"WATCHDOG_USEC": "2000000", "WATCHDOG_PID": str(os.getppid())},
+        {"WATCHDOG_USEC": "2000000", "WATCHDOG_PID": "me"},
+        {"WATCHDOG_USEC": "-5"},
+        {"WATCHDOG_USEC": "soon"},
+    ],
+)
+def test_a_watchdog_that_is_not_ours_hears_nothing(manager, notify, watchdog):
+    name, receiver = manager
+    notifier = notify(name, watchdog)
+    assert notifier.watchdog_s is None
+    assert not notifier.alive() and notifier.ready()
     assert waiting(receiver) == ["READY=1"]
 
 
-def test_the_watchdog_hears_at_most_twice_in_its_time_if_it_is_ours(manager, notify):
-    name, receiver = next(iter(manager.items()))
-    clock = Clock()
-    own = {"WATCHDOG_USEC": "2000000", "WATCHDOG_PID": str(os.getpid())}
-    notifier = notify({"NOTIFY_SOCKET": name, **own}, clock=clock)
-    assert notifier.watchdog_s == 2.0
-    sent = []
-    for tick in range(50):
-        clock.now = 50.0 + 0.1 * tick
-        if notifier.alive():
-            sent.append(tick)
-    assert sent == [0, 10, 20, 30, 40]
-    assert waiting(receiver) == ["WATCHDOG=1"] * 5
-    unusable = ({"WATCHDOG_USEC": word} for word in ("0", "-5", "soon"))
-    for other in (
-        {**own, "WATCHDOG_PID": str(os.getpid() + 1)},
-        {**own, "WATCHDOG_PID": "me"},
-        {},
-        *unusable,
-    ):
-        notifier = notify({"NOTIFY_SOCKET": name, **other})
-        assert notifier.watchdog_s is None
-        assert not notifier.alive()
-        assert notifier.ready()
-        assert waiting(receiver) == ["READY=1"]
+@pytest.mark.parametrize(
+    ("text", "line"),
+    [
+        ("two\nlines\tand \x00\x1b[31m more", "two lines and [31m more"),
+        ("READY=1\nSTOPPING=1", "READY=1 STOPPING=1"),
+        ("größer als 2 %", "größer als 2 %"),
+        ("x" * 5000, "x" * 200),
+        ("a\u2028b\ud800c", "a b c"),
+    ],
+    ids=["breaks", "words of systemd", "umlauts", "long", "odd characters"],
+)
+def test_a_status_is_one_line(manager, notify, text, line):
+    name, receiver = manager
+    notify(name).publish(StatusMessage(1, Status.OK, text, Counters()))
+    assert waiting(receiver) == ["STATUS=" + line]
 
 
-def test_a_status_is_one_line(manager, notify):
-    name, receiver = next(iter(manager.items()))
-    lines = {
-        "two\nlines\tand \x00\x1b[31m more": "two lines and [31m more",
-        "READY=1\nSTOPPING=1": "READY=1 STOPPING=1",
-        "größer als 2 %": "größer als 2 %",
-        "x" * 5000: "x" * 200,
-        "a\u2028b\ud800c": "a b c",
-        "": "",
-    }
-    for text, line in lines.items():
-        notify({"NOTIFY_SOCKET": name}).publish(status(text))
-        assert waiting(receiver) == ["STATUS=" + line]
-
-
-def test_without_a_manager_nothing_happens(notify):
-    for name in ("", "notify", "@", "vsock:2:1234"):
-        notifier = notify({"NOTIFY_SOCKET": name, "WATCHDOG_USEC": "1000"})
-        assert notifier.watchdog_s is None
-        assert not (notifier.ready() or notifier.alive() or notifier.stopping())
+@pytest.mark.parametrize("name", ["", "notify", "@", "vsock:2:1234"])
+def test_without_a_manager_nothing_happens(notify, name):
+    notifier = notify(name, {"WATCHDOG_USEC": "1000"})
+    assert notifier.watchdog_s is None
+    assert not (notifier.ready() or notifier.alive() or notifier.stopping())
 
 
 def test_a_manager_that_went_away_or_does_not_read_is_warned_of_once(tmp_path, caplog, notify):
-    notifier = notify({"NOTIFY_SOCKET": str(tmp_path / "gone")})
+    notifier = notify(str(tmp_path / "gone"))
     with caplog.at_level(logging.WARNING):
         assert not notifier.ready()
-        notifier.publish(status("x"))
+        notifier.stopping()
     assert len(caplog.records) == 1
     with socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM) as receiver:
         receiver.bind(str(tmp_path / "full"))
-        notifier = notify({"NOTIFY_SOCKET": str(tmp_path / "full")})
+        notifier = notify(str(tmp_path / "full"))
         answers = [notifier.ready() for _ in range(5000)]  # never waits for the reader
     assert answers[0] and not answers[-1]

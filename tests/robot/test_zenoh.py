@@ -9,7 +9,6 @@ import subprocess
 import sys
 import threading
 from contextlib import ExitStack, closing
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -17,12 +16,12 @@ import pytest
 pytest.importorskip("zenoh")
 
 from nnpp_edge.robot.transports.incoming import Refusals
-from nnpp_edge.robot.transports.recording import ReplaySource
 from nnpp_edge.robot.transports.wire import decode_output, encode
 from nnpp_edge.robot.transports.zenoh_io import ZenohLink, ZenohSink, ZenohSource
 from nnpp_edge.runtime.errors import InvalidQueryError
-from nnpp_edge.runtime.loop.connections import Mailbox
+from nnpp_edge.runtime.loop.connections import InProcessSource, Mailbox
 from nnpp_edge.runtime.loop.messages import Goal, MapPatch, Pose
+from nnpp_edge.runtime.loop.runner import Loop
 from nnpp_edge.runtime.loop.timing import rss_bytes
 from tests.robot.conftest import wait_until
 
@@ -86,11 +85,8 @@ class Peer:
         self.process.stdout.close()
 
     def of(self, topic):
-        return [
-            decode_output(text.encode())
-            for key, text in list(self.heard)
-            if key == f"robot/7/{topic}"
-        ]
+        heard = [text for key, text in list(self.heard) if key == f"robot/7/{topic}"]
+        return [decode_output(text.encode()) for text in heard]
 
     def _listen(self):
         for line in self.process.stdout:
@@ -111,7 +107,10 @@ def listening(link, navigator, peer):
 
     def start(mailbox):
         source = ZenohSource(
-            link, Refusals(navigator.count_error), navigator.count_error, mailbox=mailbox
+            link,
+            Refusals(navigator.count_error),
+            navigator.count_error,
+            mailbox=mailbox,
         )
 
         def known():
@@ -125,7 +124,10 @@ def listening(link, navigator, peer):
 
 
 def test_a_path_goes_to_and_fro_between_two_processes_and_what_makes_no_sense_is_answered(
-    link, peer, navigator, drive
+    link,
+    peer,
+    navigator,
+    drive,
 ):
     refusals = Refusals(navigator.count_error)
     mailbox = Mailbox()
@@ -156,14 +158,8 @@ def test_a_path_goes_to_and_fro_between_two_processes_and_what_makes_no_sense_is
         thread.join(10.0)
     assert [col for row, col in peer.of("path")[-1].path.tolist() if row == 10] == [59]
     faults = peer.of("error")
-    assert [fault.count for fault in faults] == [
-        1,
-        2,
-        3,
-        4,
-        5,
-    ]  # topics are heard in no certain order
-    for _, _, words in bad:
+    assert [fault.count for fault in faults] == [1, 2, 3, 4, 5]
+    for _, _, words in bad:  # topics are heard in no certain order
         assert sum(words in fault.error for fault in faults) == 1
     assert ended[0].counters.errors == {"input": 5}
     assert ended[0].counters.drops == {"zenoh": 0, "in-process": 0}
@@ -194,9 +190,12 @@ def test_large_messages_that_wait_do_not_pile_up(peer, listening):
     source = listening(Busy())
     patch = encode(MapPatch(0, 0, cost=np.zeros((1000, 1000))))
     before = rss_bytes()
-    sender = threading.Thread(
-        target=lambda: [sent.append(peer.send("patch", patch)) for _ in range(40)]
-    )
+
+    def send():
+        for _ in range(40):
+            sent.append(peer.send("patch", patch))
+
+    sender = threading.Thread(target=send)
     sender.start()
     stood = -1
     while sender.is_alive() and stood < len(sent):  # until nothing more is taken
@@ -234,42 +233,35 @@ def test_connections_that_say_nothing_keep_nobody_out(link, navigator):
         wait_until(heard, 6.0)
 
 
-def test_a_listener_that_sleeps_holds_nobody_up(link, peer, navigator, drive):
+def test_a_listener_that_sleeps_holds_nobody_up(link, peer, navigator):
     navigator.offer(Pose(5, 5))
     navigator.offer(Goal(35, 55))
     sink = ZenohSink(link)
     os.kill(peer.process.pid, signal.SIGSTOP)
-
-    source = ReplaySource(os.devnull)
-    ended = drive(
-        navigator,
-        source,
-        [sink],
-        rate_hz=10.0,
-        ticks=1000,
-        paced=False,
-        ends=SimpleNamespace(ended=False),
-    )
-    assert ended.counters.ticks == 1000
-    assert ended.counters.tick_ms["max"] < 1000.0
-    assert "sink zenoh" not in ended.counters.errors
+    loop = Loop(navigator, InProcessSource(), [sink], rate_hz=10.0, queue=10_000, paced=False)
+    counters = loop.run(1000)
+    assert counters.ticks == 1000
+    assert counters.tick_ms["max"] < 1000.0
+    assert "sink zenoh" not in counters.errors
 
 
-def test_a_session_that_cannot_be_opened_is_told_in_one_line(link):
+def test_a_session_that_cannot_be_opened_is_refused_in_one_line(link):
     with pytest.raises(InvalidQueryError, match="could not listen at 'tcp") as raised:
         ZenohLink(link.endpoint)
     assert "\n" not in str(raised.value)
-    with pytest.raises(InvalidQueryError, match="could not listen"):
-        ZenohLink("nonsense")
-    for prefix in ("", "/a", "a/*", "a//b", "a b"):
-        with pytest.raises(InvalidQueryError, match="prefix"):
-            ZenohLink(prefix=prefix)
+
+
+@pytest.mark.parametrize("prefix", ["", "/a", "a/*", "a//b", "a b"])
+def test_a_prefix_that_makes_no_topic_is_refused(prefix):
+    with pytest.raises(InvalidQueryError, match="prefix"):
+        ZenohLink(prefix=prefix)
 
 
 def test_it_may_go_to_another_instead_of_listening(link, navigator):
     heard = []
     subscriber = link.session.declare_subscriber(
-        "robot/7/path", lambda s: heard.append(s.payload.to_bytes())
+        "robot/7/path",
+        lambda s: heard.append(s.payload.to_bytes()),
     )
     with closing(ZenohLink(connect=link.endpoint, prefix="robot/7")) as other:
         sink = ZenohSink(other)

@@ -10,7 +10,7 @@ import pytest
 
 from nnpp_edge.runtime import DynamicPlanner, Planner, Vehicle
 from nnpp_edge.runtime.map.along import Along, Numbers, heights_at, joined
-from nnpp_edge.runtime.map.slope_cost import EnergyCost, Mobility, TimeCost
+from nnpp_edge.runtime.robots.slope.cost import EnergyCost, Mobility, TimeCost
 
 ROVER = Mobility(
     time=TimeCost((-20.0, 0.0, 20.0), (0.2, 0.4, 0.1)), energy=EnergyCost(50.0, 0.15, 0.8, 0.3)

@@ -15,9 +15,9 @@ from nnpp_edge.runtime.deadline import Deadline
 from nnpp_edge.runtime.errors import InvalidQueryError
 from nnpp_edge.runtime.kernels.any_angle import NO_DISC, line_cost
 from nnpp_edge.runtime.map.grid import Grid
-from nnpp_edge.runtime.map.step_cost import StepModel
-from nnpp_edge.runtime.map.turns import curvatures, turns_rad, with_arcs
 from nnpp_edge.runtime.planners.refine import Refiner
+from nnpp_edge.runtime.planners.turns import curvatures, turns_rad, with_arcs
+from nnpp_edge.runtime.terrain.step_cost import StepModel
 from tests import oracles
 from tests.fuzz import lines
 from tests.strategies import Case, cases

@@ -14,13 +14,14 @@ import numpy as np
 import pytest
 
 from nnpp_edge.runtime import DynamicPlanner, Planner, Vehicle
-from nnpp_edge.runtime.errors import InvalidMapError, InvalidQueryError
+from nnpp_edge.runtime.errors import InvalidMapError, InvalidQueryError, Status
 from nnpp_edge.runtime.kernels.poses import AXES, FAILS, MOST_CODE
-from nnpp_edge.runtime.map.arcs import heading_deg
-from nnpp_edge.runtime.map.primitives import primitives
 from nnpp_edge.runtime.planners import methods
 from nnpp_edge.runtime.planners.plan import Source
+from nnpp_edge.runtime.robots.body.arcs import heading_deg
+from nnpp_edge.runtime.robots.body.primitives import primitives
 from nnpp_edge.runtime.search import astar as search
+from nnpp_edge.terrain.dem import sample_dem
 from tests import pose_oracles
 from tests.pose_oracles import DIRECTIONS, rocks
 
@@ -140,7 +141,7 @@ def dijkstra(codes, vehicle, sides, scale, starts):
 
 def with_codes(made, seed):
     """Random codes in place of what was checked; (H, W, M)."""
-    poses = made.state.grid.poses
+    poses = made.state.grid.robot.poses
     rng = np.random.default_rng(seed)
     poses.complete()
     poses.codes[:] = rng.integers(1, MOST_CODE, poses.codes.shape)
@@ -275,7 +276,7 @@ def test_an_unswept_arc_breaks_a_limit_that_the_swept_one_is_refused_for(monkeyp
     """The control of the one before: with poses that stand for themselves alone something
     breaks.
     """
-    from nnpp_edge.runtime.map import motions
+    from nnpp_edge.runtime.robots.body import motions
 
     whole = motions.arc_poses
     monkeypatch.setattr(
@@ -302,6 +303,45 @@ def test_primitives_of_a_wide_turn_are_long_and_no_curve_is_shorter_than_their_b
             assert tuple(found.rays[at, :2]) == place and found.rays[at, 3] == 2 * AXES + k
             assert found.ray_fares[at] == pytest.approx(metres / min(sides), rel=1e-6)
         assert 0.97 < found.shortest <= 1.0
+
+
+def test_a_corridor_to_a_goal_with_a_heading_is_hardly_more_work_than_the_whole_map():
+    """Where it took 2.9 to 8 times the expansions: by states that were expanded again and again, by
+    one region after another without a path, or as the region had no room to arrive as wanted.
+    """
+    rim = sample_dem("mars_victoria")
+    car = Vehicle(3.0, 2.4, 0.6, turning_radius_m=3.0, reverse_cost=2.0, gear_change_m=1.0)
+    forwards = Vehicle(1.5, 1.2, 0.3, turning_radius_m=3.0)
+    for vehicle, start, goal, heading, begin in (
+        (car, (165, 52), (44, 133), 184.5, None),
+        (car, (238, 152), (146, 133), 119.0, 325.0),
+        (forwards, (226, 73), (184, 66), 207.0, None),
+    ):
+        made = planner(rim.elevation, vehicle, cell_size_m=rim.cell_size_m)
+        exact, other = (
+            made.plan(start, goal, method=name, goal_heading_deg=heading, start_heading_deg=begin)
+            for name in ("astar", "corridor")
+        )
+        assert exact.status is other.status and (not exact.ok or other.cost <= 1.02 * exact.cost)
+        assert other.expansions <= 1.25 * exact.expansions
+
+
+def test_where_no_arc_leads_out_of_a_dead_end_no_second_region_is_searched():
+    dem = np.zeros((80, 120))
+    dem[33:48, 70:115] = 3.0
+    dem[38:43, 70:110] = 0.0  # a street, open to the left
+    within = (40, 100)
+    outside = (40, 20)
+    made = planner(dem)
+    for ends, facing_the_end, facing_the_way_out in (
+        ((outside, within), {"goal_heading_deg": 90.0}, {"goal_heading_deg": 270.0}),
+        ((within, outside), {"start_heading_deg": 270.0}, {"start_heading_deg": 90.0}),
+    ):
+        assert made.plan(*ends, method="corridor", **facing_the_end).ok
+        plan = made.plan(*ends, method="corridor", **facing_the_way_out)
+        assert (plan.status, plan.source) == (Status.NO_PATH, Source.REGION)
+        assert plan.expansions < 2000
+        assert made.plan(*ends, method="astar", **facing_the_way_out).status is Status.NO_PATH
 
 
 def test_headings_that_are_none_and_vehicles_without_them_are_refused():
@@ -353,6 +393,17 @@ def test_a_tour_of_arcs_is_driven_on_through_its_stops(vehicle, best_order):
             apart.max() <= 0.26
             and (np.radians(turned) <= apart / vehicle.turning_radius_m + 1e-6).all()
         )
+
+
+@pytest.mark.parametrize(("vehicle", "seed"), [(CAR, 6), (replace(CAR, turning_radius_m=None), 11)])
+def test_the_best_order_never_costs_a_body_more_than_the_order_given(vehicle, seed):
+    """Legs alone do not say what it costs to set out on one as the body came from another."""
+    made = planner(rocks(seed, 60, 60, 0.003), vehicle)
+    start, *via, goal = np.random.default_rng(seed).integers(8, 52, (5, 2)).tolist()
+    given, best = (
+        made.plan_via(start, goal, via, method="astar", best_order=best) for best in (False, True)
+    )
+    assert given.plan.ok and best.plan.cost <= best.given_cost == given.plan.cost
 
 
 def test_a_robot_on_a_goal_that_has_become_impassable_does_not_stand_well():

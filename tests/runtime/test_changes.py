@@ -3,6 +3,7 @@
 import gc
 import math
 from collections import deque
+from dataclasses import replace
 from functools import partial
 from unittest.mock import patch as replaced
 
@@ -308,8 +309,10 @@ def test_only_a_path_to_the_goal_can_stand():
     with pytest.raises(InvalidQueryError, match="NO_PATH"):
         path.set(Planner(cost).plan((0, 0), (4, 4), method="astar"))
     put(2, 0, [[np.inf, np.inf]])
-    with pytest.raises(InvalidQueryError, match="walkable"):
-        path.set(plan)
+    for other in (plan, replace(plan, path=np.repeat(plan.path, 9, 0))):
+        with pytest.raises(InvalidQueryError, match="walkable"):
+            path.set(other)
+        assert path.check((0, 0)).footing == "blocked"  # the one that stood still does
 
 
 def test_costs_that_rise_leave_the_bound_and_what_is_far_off_saves_nothing():

@@ -25,9 +25,9 @@ from nnpp_edge.runtime import (
     traversability_cost,
 )
 from nnpp_edge.runtime.kernels.nodes import COL_STEP, ROW_STEP
-from nnpp_edge.runtime.map import directed
-from nnpp_edge.runtime.map.slope_cost import ToblerCost
 from nnpp_edge.runtime.planners.coarse_to_fine import CoarseLevel
+from nnpp_edge.runtime.robots.slope import directed
+from nnpp_edge.runtime.robots.slope.cost import ToblerCost
 from nnpp_edge.runtime.search.astar import astar, cost_field, costs_to_nearest
 from nnpp_edge.runtime.search.workspace import Workspace
 from tests import pose_oracles
@@ -221,8 +221,7 @@ def walked(grid, path):
     }
     steps = zip(path.tolist(), np.diff(path, axis=0).tolist(), strict=False)
     return sum(
-        float(grid.directed.edges()[grid.node(*cell), directions[tuple(step)]])
-        for cell, step in steps
+        float(grid.robot.edges()[grid.node(*cell), directions[tuple(step)]]) for cell, step in steps
     )
 
 
@@ -232,10 +231,10 @@ def test_a_coarse_steps_cost_is_the_mean_of_the_steps_below(vehicle):
     planner = Planner.of_elevation(ramp(16, 20, 0.1), 1.0, vehicle=vehicle, **options)
     coarse = planner.state.pyramid.levels[1].grid
     assert coarse.prices == planner.state.grid.prices
-    uphill, downhill = coarse.directed.edges()[coarse.node(1, 2), [3, 2]].tolist()
+    uphill, downhill = coarse.robot.edges()[coarse.node(1, 2), [3, 2]].tolist()
     assert uphill == pytest.approx(0.72 + (6.0 - 1.9998) * 0.1, rel=1e-3)
     assert downhill == pytest.approx(0.72, rel=1e-3)
-    assert coarse.directed.backwards[coarse.node(1, 2), 2] == pytest.approx(uphill)  # from the left
+    assert coarse.robot.backwards[coarse.node(1, 2), 2] == pytest.approx(uphill)  # from the left
 
 
 # --- by hand, on ramps

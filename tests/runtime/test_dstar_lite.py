@@ -4,10 +4,10 @@ import pytest
 from nnpp_edge.runtime.deadline import Deadline
 from nnpp_edge.runtime.errors import Status
 from nnpp_edge.runtime.kernels import dstar as kernels
-from nnpp_edge.runtime.map.region import Region
 from nnpp_edge.runtime.search import dstar_lite as module
 from nnpp_edge.runtime.search.astar import astar
 from nnpp_edge.runtime.search.dstar_lite import DStarLite
+from nnpp_edge.runtime.search.region import Region
 from nnpp_edge.runtime.search.workspace import Workspace
 from tests import oracles
 from tests.strategies import KINDS, random_cell, random_costs, random_patch, state_of
@@ -184,26 +184,6 @@ def test_what_the_path_does_not_need_costs_little():
     assert world.plan(step).expansions < first.expansions / 10
     world.put(0, 110, np.full((4, 4), np.inf))
     assert world.plan(step).expansions == 0
-
-
-def test_changes_reach_as_far_as_the_one_nearest_to_the_goal():
-    world = Changing(np.full((30, 101), 0.3), (15, 100))
-    search = world.search
-    assert search.reach() == 0.0
-    search.plan((15, 10))
-    world.put(15, 14, [[0.9]])
-    assert search.reach() == pytest.approx(5 / 90, abs=1e-3)  # its neighbour, one cell on
-    world.put(15, 25, [[0.9]])
-    assert search.reach() == pytest.approx(16 / 90, abs=1e-3)
-    search.move_start((15, 50))
-    assert search.reach() == 0.0  # behind the start
-    world.put(15, 80, [[0.9]])
-    assert search.reach() == pytest.approx(31 / 50, abs=1e-3)
-    search.plan((15, 50))
-    assert search.reach() == 0.0
-    search.move_start((0, 0))  # where no search has come
-    world.put(15, 80, [[0.3]])
-    assert search.reach() == 1.0
 
 
 def test_a_region_holds_start_and_goal_whatever_its_bitmap_which_may_be_numbered_anew_in_place():

@@ -9,9 +9,9 @@ from hypothesis import strategies as st
 
 from nnpp_edge.runtime import DynamicPlanner, NetworkModel, Planner
 from nnpp_edge.runtime.map.grid import Grid
-from nnpp_edge.runtime.map.step_cost import StepModel
 from nnpp_edge.runtime.network.encoding import Frame, encode_ends, encode_gaussian, map_planes
 from nnpp_edge.runtime.region.map_view import MapView
+from nnpp_edge.runtime.terrain.step_cost import StepModel
 from nnpp_edge.runtime.tuning import UNSEEN_CHANGE
 from tests.strategies import state_of
 

@@ -13,7 +13,6 @@ import pytest
 from nnpp_edge.runtime import Planner, Vehicle, memory, warmup
 from nnpp_edge.runtime.errors import InvalidMapError
 from nnpp_edge.runtime.loop.timing import rss_bytes
-from nnpp_edge.runtime.map.step_cost import StepModel
 from nnpp_edge.runtime.map.streamed import StreamedMap
 from nnpp_edge.runtime.memory import (
     available_bytes,
@@ -22,6 +21,7 @@ from nnpp_edge.runtime.memory import (
     touch,
     virtual_zeros,
 )
+from nnpp_edge.runtime.terrain.step_cost import StepModel
 
 
 def test_memory_is_there_values_stay_and_what_may_not_be_written_is_left_alone():

@@ -12,14 +12,13 @@ import pytest
 
 from nnpp_edge.runtime import DynamicPlanner, Planner, tuning
 from nnpp_edge.runtime.errors import Status
-from nnpp_edge.runtime.map.region import Region
-from nnpp_edge.runtime.planners import dynamic
 from nnpp_edge.runtime.planners.methods import Methods, pick_method
 from nnpp_edge.runtime.planners.plan import Source
 from nnpp_edge.runtime.planners.query import Query, Work
-from nnpp_edge.runtime.planners.searchers import RegionMender
+from nnpp_edge.runtime.planners.searchers import MendingSearcher
 from nnpp_edge.runtime.region.learned import LearnedRegions
 from nnpp_edge.runtime.search.astar import Search
+from nnpp_edge.runtime.search.region import Region
 from nnpp_edge.runtime.search.workspace import Workspace
 from nnpp_edge.runtime.tuning import REFINE_FROM, CorridorWidth
 from tests import oracles
@@ -82,33 +81,23 @@ class GivenRegions:
         return 0.25, EVERYWHERE, each()
 
 
-def test_a_mender_keeps_its_search_from_one_query_to_the_next_and_forgets_it_for_another_goal(
-    state,
-):
-    mender = RegionMender(state)
+def test_d_star_lite_keeps_its_search_of_regions_from_one_query_to_the_next(state):
+    astar = Methods(state).astar
+    mending = MendingSearcher(state, astar)
     cost = COST.copy()
-    works = [Work() for _ in range(3)]
+    works = [Work() for _ in range(4)]
     for work in works[:2]:
-        mender.search(QUERY, work, EVERYWHERE)
-        assert mender.knows_region(QUERY.goal) and not mender.knows_region(QUERY.start)
+        mending.search(QUERY, work, EVERYWHERE)
     cost[8:11, 9:12] = np.inf
     state.update(8, 9, cost[8:11, 9:12])
-    found = mender.search(QUERY, works[2], None)
+    found = mending.search(QUERY, works[2], EVERYWHERE)
     wanted = oracles.dijkstra(cost, QUERY.start)[QUERY.goal]
     assert oracles.path_cost(found.path, cost) == pytest.approx(wanted, rel=1e-5)
-    assert (
-        works[1].expansions == 0 < works[2].expansions < works[0].expansions / 2
-        and works[0].expansions > 100
-    )
-    near = QUERY._replace(start=(5, 6))
-    for cheaper, said in ((False, "mended: "), (True, "searched afresh: ")):
-        if cheaper:
-            state.update(60, 60, np.zeros((1, 1)))  # cheaper than its heuristic allows for
-        work = Work()
-        assert mender.worth_mending(near, work, EVERYWHERE) is not cheaper
-        assert work.remark.startswith(said) and ("times or more" in work.remark) == cheaper
-    mender.expect((100, 20))
-    assert not mender.knows_region((100, 20)) and not mender.knows_region(QUERY.goal)
+    assert works[0].expansions > 100
+    assert works[1].expansions == 0 < works[2].expansions < works[0].expansions / 2
+    mending.search(QUERY._replace(goal=(20, 21)), Work(), EVERYWHERE)  # forgets the first goal
+    mending.search(QUERY, works[3], EVERYWHERE)
+    assert works[3].expansions > 100
 
 
 def test_a_corridor_is_widened_then_given_up_for_the_map(state):
@@ -250,30 +239,11 @@ def test_a_brief_search_gives_up_after_its_expansions():
     assert limit <= work.expansions <= limit + 8
 
 
-def moving(apart=235):
+@pytest.mark.parametrize(("apart", "wanted"), [(tuning.NEAR - 1, "astar"), (235, "corridor")])
+def test_auto_plans_anew_on_a_map_that_changes(apart, wanted):
     planner = DynamicPlanner(free(40, 250), (20, 240))
     planner.move((20, 240 - apart))
-    assert planner.replan().ok
-    return planner
-
-
-@pytest.mark.parametrize(
-    ("name", "value", "apart", "wanted"),
-    [
-        ("MEND_SHARE", 0.0, 235, "corridor"),
-        ("MEND_WITHIN", 0.0, 235, "corridor"),
-        ("MEND_FROM", 1, 90, "corridor-dstar"),
-        ("NEAR", tuning.NEAR, tuning.NEAR - 1, "astar"),
-        ("MEND_FROM", tuning.MEND_FROM, tuning.MEND_FROM - 1, "corridor"),
-        ("MEND_FROM", tuning.MEND_FROM, tuning.MEND_FROM, "corridor-dstar"),
-    ],
-)
-def test_auto_mends_within_its_limits_alone(name, value, apart, wanted, monkeypatch):
-    planner = moving(apart)
-    planner.update(22, 247 - apart, free(1, 1) + 0.3)
-    monkeypatch.setattr(dynamic, name, value)
-    plan = planner.replan()
-    assert plan.planner == wanted == plan.summary()["method"]
-    assert {"astar": "less than", "corridor": "", "corridor-dstar": "near the start"}[
-        wanted
-    ] in plan.choice
+    for _ in range(2):
+        plan = planner.replan()
+        assert plan.planner == wanted == plan.summary()["method"] and plan.choice
+        planner.update(22, 247 - apart, free(1, 1) + 0.3)

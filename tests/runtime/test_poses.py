@@ -15,12 +15,12 @@ from nnpp_edge.runtime import DynamicPlanner, Planner, Traversability, Vehicle, 
 from nnpp_edge.runtime.errors import Status
 from nnpp_edge.runtime.kernels.nodes import STAMP_SHIFT
 from nnpp_edge.runtime.kernels.poses import AXES, FAILS, MOST_CODE, REFUSALS, check_run
-from nnpp_edge.runtime.map import motions
-from nnpp_edge.runtime.map.attitude import attitudes, costs_at, explain
-from nnpp_edge.runtime.map.poses import Poses
-from nnpp_edge.runtime.map.region import Region
 from nnpp_edge.runtime.planners.coarse_to_fine import CoarseLevel
 from nnpp_edge.runtime.planners.plan import Source
+from nnpp_edge.runtime.robots.body import motions
+from nnpp_edge.runtime.robots.body.attitude import attitudes, costs_at, explain
+from nnpp_edge.runtime.robots.body.poses import Poses
+from nnpp_edge.runtime.search.region import Region
 from nnpp_edge.runtime.search.workspace import Workspace
 from nnpp_edge.terrain.rocks import with_rocks
 from tests import pose_oracles
@@ -289,7 +289,7 @@ def test_motions_and_plans_are_the_naive_ones_checked_at_once_or_where_a_search_
 
 def with_motions(made, seed, omega):
     """Random ones in place of what was checked; the priced motions."""
-    poses = made.state.grid.poses
+    poses = made.state.grid.robot.poses
     rng = np.random.default_rng(seed)
     poses.complete()
     poses.codes[:] = rng.integers(1, MOST_CODE, poses.codes.shape)
@@ -345,7 +345,7 @@ def test_a_tour_turns_at_its_stops_where_it_can_and_pays_for_that():
 
 def test_a_tour_does_not_turn_at_a_stop_where_turning_fails():
     planner = fresh(np.zeros((17, 21), np.float32))
-    planner.state.grid.poses.codes[:, AXES:] = FAILS
+    planner.state.grid.robot.poses.codes[:, AXES:] = FAILS
     assert planner.plan_via((8, 5), (8, 15), [(8, 10)], method="astar").plan.ok
     assert not planner.plan_via((8, 5), (5, 10), [(8, 10)], method="astar").plan.ok
 
@@ -369,7 +369,7 @@ def test_a_path_pays_for_its_turns_and_makes_none_that_fails(planner):
     made = planner(np.zeros((40, 40)))
     path = np.array([(20, 20), (20, 21), (19, 21)], np.int32)
     costs = np.zeros(3)
-    poses = made.state.grid.poses
+    poses = made.state.grid.robot.poses
     turn = 0.5 * math.pi * ROVER.turn_m_per_rad / CELL_M
     poses.complete()
     for blocked in (None, 0, 4, 7):  # the path turns from direction 4 to 8
@@ -387,7 +387,7 @@ def test_checks_are_made_where_a_search_looks_and_are_kept(planner):
     goal = (37, 44)
     ours = planner(dem)
     first, again = (ours.plan(start, goal, method="astar") for _ in range(2))
-    most = len(ours.state.grid.poses.motions.swept) * dem.size
+    most = len(ours.state.grid.robot.poses.motions.swept) * dem.size
     assert first.ok and 0 < first.checks <= most
     assert again.checks == 0 and again.cost == first.cost
     row, col = first.path[len(first.path) // 2]
@@ -424,10 +424,10 @@ def test_the_judges_of_motions_and_plans_can_fail(monkeypatch, planner):
     assert bodies.problem_with_motions(made, rock).kind.startswith(
         "a motion that passes breaks belly"
     )
-    made.state.grid.poses.codes[0, 0] = 9
-    made.state.grid.poses.codes[300, 3] = 9000
+    made.state.grid.robot.poses.codes[0, 0] = 9
+    made.state.grid.robot.poses.codes[300, 3] = 9000
     assert bodies.problem_with_motions(made, dem).kind == "T of a motion is another"
-    made.state.grid.poses.codes[300, AXES] = FAILS
+    made.state.grid.robot.poses.codes[300, AXES] = FAILS
     monkeypatch.setattr(bodies, "T_ROUNDED", 1.0)
     assert bodies.problem_with_motions(made, dem).kind == "a code of motions of kind 1 is another"
     plan = planner(dem).plan((8, 6), (8, 12), method="astar")

@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+from nnpp_edge.runtime import Planner
 from nnpp_edge.runtime.errors import InvalidQueryError, ModelError
 from nnpp_edge.runtime.network.priors import PRIORS, prices_by, windows
 from nnpp_edge.runtime.terrain.traversability import Traversability
@@ -41,6 +42,17 @@ def test_steeper_blocks_cost_more_and_the_map_may_be_turned():
     assert prices_by("slope", turned, LIMIT20, 160.0, 8) == pytest.approx(
         np.rot90(prices), abs=1e-4
     )
+
+
+@pytest.mark.parametrize("name", PRIORS)
+def test_prices_go_by_both_sides_of_a_block(name):
+    plane = np.tile(30.0 * np.arange(40.0), (40, 1))
+    prices = [
+        Planner.of_coarse(dem, 160.0, 8, LIMIT20, prior=name, cell_width_m=width).state.unseen
+        for dem, width in ((plane, 160.0), (4.0 * plane, 640.0))
+    ]
+    square, wide = (unseen.layers[0][15:25, 15:25] for unseen in prices)
+    assert wide == pytest.approx(square, rel=0.1)
 
 
 def test_unknown_names_and_networks_of_another_kind_are_refused():

@@ -8,7 +8,6 @@ from nnpp_edge.runtime.errors import Status
 from nnpp_edge.runtime.kernels.pooling import FACTOR
 from nnpp_edge.runtime.map.grid import Grid
 from nnpp_edge.runtime.map.pyramid import Pyramid, coarse_shapes
-from nnpp_edge.runtime.map.step_cost import StepModel
 from nnpp_edge.runtime.planners.coarse_to_fine import CoarseLevel, CoarseToFine
 from nnpp_edge.runtime.planners.plan import Source
 from nnpp_edge.runtime.planners.query import Query, Work
@@ -16,6 +15,7 @@ from nnpp_edge.runtime.planners.searchers import AStarSearcher
 from nnpp_edge.runtime.search.astar import astar, settle_all
 from nnpp_edge.runtime.search.landmarks import Landmarks
 from nnpp_edge.runtime.search.workspace import Workspace
+from nnpp_edge.runtime.terrain.step_cost import StepModel
 from nnpp_edge.runtime.tuning import ANOTHER_LEVEL_FROM, CORRIDOR
 from tests.strategies import state_of
 
@@ -135,11 +135,10 @@ def assert_same_levels(pyramid, other):
         np.testing.assert_array_equal(ours.pieces, theirs.pieces)
         if ours.links is not None:
             np.testing.assert_array_equal(ours.links, theirs.links)
-            if (steps := ours.grid.directed) is not None:
-                np.testing.assert_allclose(steps.edges(), theirs.grid.directed.edges(), rtol=1e-5)
-                np.testing.assert_allclose(
-                    steps.backwards, theirs.grid.directed.backwards, rtol=1e-5
-                )
+            steps = ours.grid.robot
+            if steps.edges() is not None:
+                np.testing.assert_allclose(steps.edges(), theirs.grid.robot.edges(), rtol=1e-5)
+                np.testing.assert_allclose(steps.backwards, theirs.grid.robot.backwards, rtol=1e-5)
 
 
 def test_a_coarse_weight_is_the_mean_with_walls_as_obstacles():

@@ -12,7 +12,7 @@ import pytest
 from nnpp_edge.runtime import DynamicPlanner, Planner, Vehicle
 from nnpp_edge.runtime.errors import InvalidQueryError
 from nnpp_edge.runtime.kernels.poses import AXES, FAILS, REFUSALS
-from nnpp_edge.runtime.map.refusal import refusals
+from nnpp_edge.runtime.robots.body.refusal import refusals
 
 ROVER = Vehicle(
     length_m=1.2,

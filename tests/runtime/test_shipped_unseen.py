@@ -12,6 +12,7 @@ import pytest
 
 from nnpp_edge.benchmarks.unseen import Site
 from nnpp_edge.reproduction.regions import shuffled
+from nnpp_edge.runtime import Ground
 from nnpp_edge.runtime.network.model_file import model_path
 from nnpp_edge.terrain.dem import sample_dem
 from nnpp_edge.terrain.workloads import workload
@@ -28,7 +29,8 @@ FAULTS = {
 @pytest.mark.parametrize(("name", "most"), [("soft", 0.035), ("limit20", 0.3)])
 def test_prices_are_near_the_truth_and_no_fault_is_as_near(name, most):
     dem = sample_dem("moon_highlands").rescaled(20.0)
-    site = Site(dem.elevation, dem.cell_size_m, workload(name), factor=8)
+    ground = Ground.of_elevation(dem.elevation, dem.cell_size_m, workload(name))
+    site = Site(ground, factor=8)
     truth = site.truth()
     prices = site.prices("network")
 

@@ -4,16 +4,16 @@ import numpy as np
 import pytest
 
 from nnpp_edge.runtime.kernels.nodes import COL_STEP, ROW_STEP
-from nnpp_edge.runtime.map.directed import DirectedSteps
 from nnpp_edge.runtime.map.grid import Grid
-from nnpp_edge.runtime.map.slope_cost import (
+from nnpp_edge.runtime.robots.slope.cost import (
     EnergyCost,
     IrmischerCost,
     LinearCost,
     TimeCost,
     ToblerCost,
 )
-from nnpp_edge.runtime.map.step_cost import StepModel
+from nnpp_edge.runtime.robots.slope.directed import SlopeRobot
+from nnpp_edge.runtime.terrain.step_cost import StepModel
 
 TABLE = TimeCost((-20.0, -5.0, 0.0, 12.0), (0.3, 0.9, 0.8, 0.2))
 ROVER = EnergyCost(
@@ -167,7 +167,7 @@ def test_steps_cost_what_ways_do_near_the_function_and_no_metre_is_cheaper_than_
         StepModel.of("paper"),
         weights=np.zeros((len(dem) + 2) * (len(dem[0]) + 2), np.float32),
     )
-    steps = DirectedSteps(dem, sides, model, grid).padded[1:-1, 1:-1]
+    steps = SlopeRobot(dem, sides, model, grid).padded[1:-1, 1:-1]
     for k, (up, left) in enumerate(zip(ROW_STEP, COL_STEP, strict=True)):
         here = dem[1:-1, 1:-1].astype(np.float64)
         there = np.roll(dem, (-up, -left), (0, 1))[1:-1, 1:-1]

@@ -7,12 +7,12 @@ from nnpp_edge.runtime.errors import Status
 from nnpp_edge.runtime.kernels.threshold import lowered
 from nnpp_edge.runtime.map.grid import Grid
 from nnpp_edge.runtime.map.pyramid import Level, Pyramid
-from nnpp_edge.runtime.map.region import Lookup
-from nnpp_edge.runtime.map.step_cost import StepModel
 from nnpp_edge.runtime.network.encoding import Frame
 from nnpp_edge.runtime.region.learned import RegionFinder, probability_of
 from nnpp_edge.runtime.search.astar import astar
+from nnpp_edge.runtime.search.region import Lookup
 from nnpp_edge.runtime.search.workspace import Workspace
+from nnpp_edge.runtime.terrain.step_cost import StepModel
 from tests import oracles
 
 

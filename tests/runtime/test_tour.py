@@ -64,7 +64,7 @@ def test_where_there_costs_another_than_back_the_best_order_is_the_cheapest_too(
         return Plan(Status.OK, Method.ASTAR, Source.MAP, ends, cost=between[begin[1], end[1]])
 
     grid = Planner(np.zeros((1, count), np.float32)).state.grid
-    grid.steps.by_slope = True
+    grid.robot.symmetric = False
     best, given_cost = cheapest_order(between.tolist())
     known = np.random.default_rng(seed).random(between.shape) < 0.5
     partly = np.where(known, between, 0.7 * between), known

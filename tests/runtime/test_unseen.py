@@ -1,13 +1,26 @@
 """Ground of which the means of blocks are known, and cells where they were seen."""
 
+from unittest import mock
+
 import numpy as np
 import pytest
 
-from nnpp_edge.runtime import DynamicPlanner, Planner, Traversability, Vehicle
+from nnpp_edge.runtime import (
+    DynamicPlanner,
+    Goal,
+    MapPatch,
+    Navigator,
+    NavigatorSettings,
+    Planner,
+    Pose,
+    Traversability,
+    Vehicle,
+)
 from nnpp_edge.runtime.errors import InvalidMapError, InvalidQueryError
 from nnpp_edge.runtime.kernels.poses import FAILS
 from nnpp_edge.runtime.map.ground import Ground
-from nnpp_edge.runtime.map.step_cost import PAPER_OMEGA
+from nnpp_edge.runtime.map.state import MapState
+from nnpp_edge.runtime.terrain.step_cost import PAPER_OMEGA
 from nnpp_edge.runtime.terrain.traversability import traversability_cost
 from nnpp_edge.runtime.tuning import MOST_PRICE
 from nnpp_edge.terrain.synthetic import synthetic_terrain
@@ -54,27 +67,38 @@ def test_a_map_of_which_all_cells_were_seen_is_one_of_elevations():
             and plan.known == len(plan.path)
         )
     assert np.array_equal(weights(seen), weights(known))
-    shut = np.isinf(weights(known))
-    blocks = seen.state.unseen
-    assert blocks.share.min() == 1.0 and 0.0 < blocks.blocked.mean() < 1.0
-    assert blocks.blocked == pytest.approx(
-        shut.reshape(16, FACTOR, 16, FACTOR).mean((1, 3)), abs=1e-6
-    )
 
 
-@pytest.mark.parametrize("seed", range(4))
+def by_block(cells):
+    return cells.reshape(16, FACTOR, 16, FACTOR).mean((1, 3))
+
+
+@pytest.mark.parametrize("seed", range(8))
 def test_what_is_known_does_not_depend_on_the_order_or_on_when_a_search_looked(seed):
     rng = np.random.default_rng(seed)
     step_by_step = coarse()
     at_once = coarse()
-    for number, (row, col, patch) in enumerate(patches(rng, 12)):
+    for number, (row, col, patch) in enumerate(patches(rng, 16)):
         step_by_step.update_elevation(row, col, patch)
         if number % 3 == 0:
             step_by_step.plan(START, GOAL, method=("astar", "corridor")[number % 2])
-    told = step_by_step.state.elevation()
-    assert told.shape == (128, 128) and np.isnan(told).any() and np.isfinite(told).any()
-    at_once.update_elevation(0, 0, told)
+            obstacles = np.where(rng.random((9, 3)) < 0.5, 1.0, np.nan)
+            for planner in (step_by_step, at_once):
+                planner.update(row, col, obstacles)
+    heights = step_by_step.state.elevation()
+    assert np.isnan(heights).any() and np.isfinite(heights).any()
+    at_once.update_elevation(0, 0, heights)
+    blocks = step_by_step.state.unseen
+    grid = step_by_step.state.grid
+    assert len(list(blocks.read(grid))) == 1 and not list(blocks.read(grid))
     assert np.array_equal(weights(step_by_step), weights(at_once))
+    costs = weights(at_once) / grid.model.scale
+    known = np.isfinite(heights) | np.isinf(costs)
+    share = by_block(known)
+    assert blocks.share == pytest.approx(share) and blocks.left == (share < 1.0).sum()
+    assert blocks.blocked * share == pytest.approx(by_block(np.isinf(costs)))
+    costs = np.where(np.isinf(costs), 1.0, known * costs)
+    assert blocks.mean * share == pytest.approx(by_block(costs), abs=1e-6)
 
 
 @pytest.mark.parametrize("prior", ("slope", "eq1", "mean"))
@@ -99,6 +123,7 @@ def test_where_nothing_was_seen_a_path_costs_by_the_prices_of_blocks(prior):
         1.0 + 1e-6
     )
     assert by_blocks.cost <= 1.15 * exact.cost
+    assert planner.plan(START, GOAL, epsilon=0.0).cost == pytest.approx(exact.cost, rel=1e-5)
 
 
 def test_a_wall_of_unknown_blocks_is_dear_and_crossed_over_blocks():
@@ -110,6 +135,9 @@ def test_a_wall_of_unknown_blocks_is_dear_and_crossed_over_blocks():
         plan.source == "region"
         and plan.expansions < means.size + 100 * FACTOR**2 < planner.shape[0] * 400
     )
+    planner.update_elevation(8, 8, HEIGHTS[8:24, 8:24])
+    planner.plan(START, (400, 500))
+    assert planner.state.costs_computed < 0.5
     planner.state.grid.complete()  # the search has read few of the cells beyond
     assert plan.cost == planner.state.grid.costs_of(plan.path)[0]
     assert plan.cost > FACTOR * (1.0 + 2.0 * MOST_PRICE * 255.0 * PAPER_OMEGA)
@@ -173,17 +201,84 @@ def test_a_body_goes_by_prices_until_its_poses_are_known(turning):
     assert bool(plan.arcs) == bool(turning) and 0.0 < plan.numbers.climb_m < np.ptp(HEIGHTS) * 3.0
     planner.update_elevation(0, 0, HEIGHTS[:60, :60])
     seen = planner.plan(START, GOAL)
-    reach = max(planner.state.grid.poses.reach)
-    assert (
-        seen.ok and 20 < seen.known < len(seen.path) and seen.path[: seen.known].max() + reach < 60
-    )
-    planner.update(30, 30, np.ones((4, 4)))  # an obstacle that was told shuts a way, seen or not
-    assert not planner.is_passable((31, 31)) and planner.plan(START, GOAL).ok
+    reach = max(planner.state.grid.robot.poses.reach)
+    assert seen.ok and seen.known > 20 and (seen.path.max(1) + reach < 60).argmin() == seen.known
     planner = coarse(vehicle=body)
     planner.update_elevation(0, 0, HEIGHTS)
     for method in ("astar", "corridor"):
         plan, other = (each.plan(START, GOAL, method=method) for each in (planner, known))
-        assert plan.cost == pytest.approx(other.cost, rel=1e-5)  # heights are rounded otherwise
+        assert plan.cost == other.cost
+
+
+@pytest.mark.parametrize("turning", [{}, {"turning_radius_m": 3.0, "reverse_cost": 2.0}])
+def test_an_obstacle_and_the_edge_shut_the_motions_on_unseen_ground_that_they_do_elsewhere(turning):
+    body = Vehicle(3.0, 2.0, 0.3, **turning)
+    planner = DynamicPlanner.of_coarse(
+        np.zeros((8, 8)), 8.0, 8, (58, 30), prior="eq1", vehicle=body
+    )
+    flat = Planner.of_elevation(np.zeros((64, 64)), 1.0, vehicle=body, warn=False)
+    planner.move((6, 30))
+    planner.replan()
+    told = np.where(np.random.default_rng(6).random((64, 64)) < 0.005, 1.0, np.nan)
+    told[30, 24:36] = 1.0
+    for each in (planner, flat):
+        each.update(0, 0, told)
+    assert not planner.standing().valid and planner.replan().ok
+    poses, known = (each.state.grid.robot.poses for each in (planner, flat))
+    poses.complete()
+    known.complete()
+    assert np.array_equal(poses.codes >= FAILS, known.codes >= FAILS)
+    planner.update(20, 0, np.ones((1, 64)))
+    assert planner.replan().status == "NO_PATH"
+
+
+def test_a_way_over_blocks_cuts_no_corner_that_may_not_be_cut_and_is_bounded():
+    flat = np.zeros((16, 16), np.float32)
+    planner = DynamicPlanner.of_coarse(flat, 8.0, 8, (0, 100), prior="eq1", corner_cutting=False)
+    planner.move((0, 0))
+    plan, exact = (planner.replan(method=method) for method in ("corridor", "astar"))
+    assert plan.lower_bound <= exact.cost < plan.cost / 1.02
+    planner.set_goal(GOAL)
+    for at in range(FACTOR, 128, FACTOR):
+        planner.update(at, at - 1, np.ones((1, 1)))
+    plan, exact = (planner.replan(method=method) for method in ("corridor", "astar"))
+    assert plan.source == "region" and planner.standing().valid and exact.cost <= plan.cost
+
+
+def test_obstacles_that_were_told_on_unseen_ground_are_gone_around_without_a_search_of_all_cells():
+    means = np.tile(HEIGHTS[::FACTOR, ::FACTOR], (4, 4))
+    planner = Planner.of_coarse(means, FACTOR * CELL_M, FACTOR, Traversability(), prior="slope")
+    planner.update(238, 172, np.ones((2, 180)))
+    planner.update(148, 262, np.ones((180, 2)))
+    goals = (480, 490), (235, 267)
+    plans = [planner.plan((20, 20), goal) for goal in goals]
+    assert planner.state.costs_computed < 0.8
+    for goal, plan in zip(goals, plans, strict=True):
+        exact = planner.plan((20, 20), goal, method="astar")
+        assert exact.cost <= plan.cost <= 1.25 * exact.cost
+
+
+def test_heights_of_unseen_ground_lie_between_the_means_of_blocks():
+    rows, cols = np.mgrid[:16, :16]
+    planner = Planner.of_coarse(3.0 * rows + 5.0 * cols, 8.0, FACTOR, prior="slope")
+    along = planner.state.along(np.array(((20, 30), (100, 90))))
+    expected = (along.places + 0.5) @ (3.0, 5.0) / FACTOR - 4.0
+    assert along.sampled_m == pytest.approx(expected, abs=1e-4)
+
+
+def test_the_loop_says_how_far_its_path_is_known_and_looks_once():
+    ground = coarse(limits=Traversability()).state.unseen.ground
+    navigator = Navigator(ground, NavigatorSettings(tolerance=9.0))
+    navigator.offer(Goal(*GOAL))
+    navigator.offer(Pose(*START))
+    look = mock.patch.object(
+        MapState, "known_along", autospec=True, side_effect=MapState.known_along
+    )
+    with look as asked:
+        assert navigator.tick().known == 0 and asked.call_count == 1
+    navigator.offer(MapPatch(0, 0, elevation=HEIGHTS[:30, :30]))
+    message = navigator.tick()
+    assert message.origin == "standing" and message.known > 20
 
 
 def test_poses_at_the_edge_of_what_was_seen_are_not_refused_for_want_of_the_rest():
@@ -195,7 +290,7 @@ def test_poses_at_the_edge_of_what_was_seen_are_not_refused_for_want_of_the_rest
     planner = Planner.of_coarse(means, FACTOR * CELL_M, FACTOR, prior="slope", vehicle=body)
     planner.update_elevation(30, 30, heights[30:70, 30:70])
     assert (
-        planner.state.grid.poses.standing()[:, 5:-5, 5:-5] < FAILS
+        planner.state.grid.robot.poses.standing()[:, 5:-5, 5:-5] < FAILS
     ).all()  # a plane of 24.7 degrees, all of it
     planner.update_elevation(
         66, 30, heights[66:70, 30:70] + np.where(np.arange(40) < 20, 30.0, 0.0).astype(np.float32)

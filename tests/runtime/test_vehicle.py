@@ -17,7 +17,7 @@ from nnpp_edge.runtime import (
     traversability_cost,
 )
 from nnpp_edge.runtime.errors import InvalidMapError, Status
-from nnpp_edge.runtime.map.poses import pose_costs
+from nnpp_edge.runtime.robots.body.poses import pose_costs
 
 PLAIN = {"length_m": 1.6, "width_m": 1.2, "clearance_m": 0.3}
 

@@ -13,12 +13,12 @@ from nnpp_edge.runtime import Planner, plan_path
 from nnpp_edge.runtime.errors import InvalidMapError, Status
 from nnpp_edge.runtime.map.grid import Grid
 from nnpp_edge.runtime.map.pyramid import Pyramid
-from nnpp_edge.runtime.map.step_cost import StepModel
 from nnpp_edge.runtime.map.streamed import StreamedMap
 from nnpp_edge.runtime.planners import windowed
 from nnpp_edge.runtime.planners.plan import Source
 from nnpp_edge.runtime.planners.windowed import WindowedPlanner, connected
 from nnpp_edge.runtime.terrain import windows
+from nnpp_edge.runtime.terrain.step_cost import StepModel
 from nnpp_edge.runtime.terrain.traversability import Traversability, traversability_cost
 from nnpp_edge.runtime.terrain.windows import CostWindows
 from nnpp_edge.terrain.synthetic import synthetic_terrain

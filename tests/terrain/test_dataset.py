@@ -1,4 +1,7 @@
+"""Data sets: what is made, resumed and read, and what is refused."""
+
 import io
+import json
 from concurrent.futures.process import BrokenProcessPool
 
 import msgspec
@@ -6,11 +9,12 @@ import numpy as np
 import pytest
 
 from nnpp_edge.runtime.errors import DataSetError, InvalidQueryError
-from nnpp_edge.runtime.terrain.traversability import Traversability, traversability_cost
+from nnpp_edge.runtime.terrain.traversability import Traversability
 from nnpp_edge.terrain.dataset import make_dataset, read_recipe, read_samples
 from nnpp_edge.terrain.shards import BARREN_MAPS, Recipe, make_shard, read_terrain, shard_content
 from nnpp_edge.terrain.synthetic import synthetic_terrain
 from nnpp_edge.terrain.workloads import workload
+from tests.tables import cases
 
 RECIPE = Recipe((), maps=10, size=32, blocks=8, maps_per_shard=3, poolings=((1, 0.7), (2, 0.3)))
 
@@ -86,130 +90,160 @@ def test_samples_keep_their_distance_and_see_obstacles():
     assert ((shard["excess"] == 0) >= masks).all()
 
 
-def test_synthetic_terrain_is_rough_at_the_slope_asked_for_and_may_be_small():
-    gy, gx = np.gradient(synthetic_terrain(np.random.default_rng(2), 64, 5.0), 5.0)
-    assert 1.0 < np.degrees(np.arctan(np.median(np.hypot(gy, gx)))) < 25.0
-    for size in (2, 3, 12, 14, 16, 40):
-        for seed in range(10):
-            heights = synthetic_terrain(np.random.default_rng(seed), size, 5.0)
-            assert (
-                heights.shape == (size, size)
-                and heights.dtype == np.float32
-                and np.isfinite(heights).all()
-            )
+def test_synthetic_terrain_is_rough_at_the_slope_asked_for():
+    south_and_east = np.gradient(synthetic_terrain(np.random.default_rng(2), 64, 5.0), 5.0)
+    assert 1.0 < np.degrees(np.arctan(np.median(np.hypot(*south_and_east)))) < 25.0
+
+
+@pytest.mark.parametrize("size", [2, 3, 12, 14, 16, 40])
+def test_synthetic_terrain_may_be_small(size):
+    for seed in range(10):
+        heights = synthetic_terrain(np.random.default_rng(seed), size, 5.0)
+        assert (heights.shape, heights.dtype) == ((size, size), np.float32)
+        assert np.isfinite(heights).all()
 
 
 def test_workloads_by_name():
     assert workload("limit17.5").hard_slope_deg == workload("limit17.5").slope_limit_deg == 17.5
     assert np.isinf(workload("soft").hard_slope_deg)
-    for wrong in ("hard", "limit", "limit0", "limit95"):
-        with pytest.raises(InvalidQueryError, match="workload"):
-            workload(wrong)
 
 
-def test_a_recipe_that_was_not_written_by_us_is_refused_in_one_line(whole, tmp_path):
+@pytest.mark.parametrize("name", ["hard", "limit", "limit0", "limit95"])
+def test_a_name_of_no_workload_is_refused(name):
+    with pytest.raises(InvalidQueryError, match="workload"):
+        workload(name)
+
+
+def changed(whole, folder, changes):
+    """A folder whose recipe has other values."""
     stored = msgspec.json.decode((whole / "dataset.json").read_bytes())
-
-    def refused(content, word):
-        (tmp_path / "dataset.json").write_bytes(content)
-        with pytest.raises(DataSetError) as caught:
-            read_recipe(tmp_path)
-        assert str(caught.value).startswith(f"{tmp_path}: wanted a data set") and "\n" not in str(
-            caught.value
-        )
-        assert word in str(caught.value)
-
-    for changes, word in (
-        ({"format": "another"}, "of format nnpp-edge-dataset-1"),
-        ({"format": None}, "of format nnpp-edge-dataset-1"),
-        ({"maps": "ten"}, "got Expected `int`, got `str` - at `$.maps`"),
-        ({"colour": "grey"}, "got Object contains unknown field `colour`"),
-    ):
-        refused(msgspec.json.encode(stored | changes), word)
-    for content in (
-        b"",
-        b"null",
-        b'{"format": []}',
-        b'{"format": "\xff"}',
-        b"{" * 9000,
-        b'{"a":' * 90_000,
-    ):
-        refused(content, "")
+    (folder / "dataset.json").write_bytes(msgspec.json.encode(stored | json.loads(changes)))
+    return folder
 
 
-def test_numbers_out_of_range_are_no_recipe(whole, tmp_path):
-    stored = msgspec.json.decode((whole / "dataset.json").read_bytes())
-    for changes in (
-        {"size": 16, "blocks": 4}, {"size": 33}, {"blocks": 0}, {"blocks": 24}, {"maps": 0}, {"points_per_map": 1},
-        {"poolings": ()}, {"poolings": ((0, 1.0),)}, {"workloads": (("soft", 0.0),)}, {"workloads": (("hard", 1.0),)},
-        {"synthetic_share": 1.5}, {"omega": float("nan")}, {"cell_sizes_m": (1e-320,)},
-        {"cell_sizes_m": ()}, {"limits": {"slope": 3.0}}, {"limits": {"hard_step_m": -1.0}},
-        {"stripe": (0.5, 0.5)}, {"seed": -1},
-    ):  # fmt: skip
-        with pytest.raises(DataSetError):
-            msgspec.structs.replace(RECIPE, **changes)
-        (tmp_path / "dataset.json").write_bytes(msgspec.json.encode(stored | changes))
-        with pytest.raises(DataSetError, match=r"dataset\.json"):
-            read_recipe(tmp_path)
+STRANGE = """
+{"format": "another"} | of format nnpp-edge-dataset-1
+{"format": null}      | of format nnpp-edge-dataset-1
+{"maps": "ten"}       | Expected `int`, got `str` - at `$.maps`
+{"colour": "grey"}    | Object contains unknown field `colour`
+"""
 
 
-def test_damaged_shards_are_refused_by_name(whole, tmp_path):
-    good = dict(np.load(whole / "shard-00000.npz"))
-    changed = {
-        "no planes": {name: array for name, array in good.items() if name != "planes"},
-        "no queries": {name: array[:0] for name, array in good.items()},
-        "far maps": good | {"map_index": good["map_index"] + 100},
-        "far starts": good | {"start": good["start"] + 1000},
-        "unknown starts": good | {"start": good["start"] * np.float32(np.nan)},
-        "floats": good | {"planes": good["planes"].astype(np.float64)},
-        "another size": good | {"planes": good["planes"][..., :16]},
-        "objects": good | {"workload": good["workload"].astype(object)},
-    }
+@pytest.mark.parametrize(("changes", "words"), cases(STRANGE))
+def test_a_recipe_that_was_not_written_by_us_is_refused_in_one_line(
+    whole,
+    tmp_path,
+    changes,
+    words,
+):
+    with pytest.raises(DataSetError) as caught:
+        read_recipe(changed(whole, tmp_path, changes))
+    assert str(caught.value).startswith(f"{tmp_path}: wanted a data set")
+    assert words in str(caught.value) and "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize(
+    "content",
+    [b"", b"null", b'{"format": []}', b'{"format": "\xff"}', b"{" * 9000, b'{"a":' * 90_000],
+    ids=["empty", "null", "list", "no UTF-8", "cut off", "deep"],
+)
+def test_a_file_that_is_no_recipe_is_refused_in_one_line(tmp_path, content):
+    (tmp_path / "dataset.json").write_bytes(content)
+    with pytest.raises(DataSetError, match="wanted a data set") as caught:
+        read_recipe(tmp_path)
+    assert "\n" not in str(caught.value)
+
+
+OUT_OF_RANGE = """
+{"size": 16, "blocks": 4}
+{"size": 33}
+{"blocks": 0}
+{"blocks": 24}
+{"maps": 0}
+{"points_per_map": 1}
+{"poolings": []}
+{"poolings": [[0, 1.0]]}
+{"workloads": [["soft", 0.0]]}
+{"workloads": [["hard", 1.0]]}
+{"synthetic_share": 1.5}
+{"omega": 0.0}
+{"cell_sizes_m": [1e-320]}
+{"cell_sizes_m": []}
+{"limits": {"slope": 3.0}}
+{"limits": {"hard_step_m": -1.0}}
+{"stripe": [0.5, 0.5]}
+{"seed": -1}
+"""
+
+
+@pytest.mark.parametrize("changes", cases(OUT_OF_RANGE, 1))
+def test_numbers_out_of_range_are_no_recipe(whole, tmp_path, changes):
+    with pytest.raises(DataSetError):
+        msgspec.structs.replace(RECIPE, **json.loads(changes))
+    with pytest.raises(DataSetError, match=r"dataset\.json"):
+        read_recipe(changed(whole, tmp_path, changes))
+
+
+def refused_shard(folder, whole):
+    (folder / "dataset.json").write_bytes((whole / "dataset.json").read_bytes())
+    with pytest.raises(DataSetError, match=r"shard-00000\.npz: wanted a shard") as refused:
+        read_samples(folder)
+    assert "\n" not in str(refused.value)
+    with pytest.raises(DataSetError, match=r"shard-00000\.npz: wanted a shard"):
+        make_dataset(RECIPE, folder, make=make_in_this_process)
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        lambda s: s.pop("planes"),
+        lambda s: s.update({name: array[:0] for name, array in s.items()}),
+        lambda s: s.update(map_index=s["map_index"] + 100),
+        lambda s: s.update(start=s["start"] + 1000),
+        lambda s: s.update(start=s["start"] * np.float32(np.nan)),
+        lambda s: s.update(planes=s["planes"].astype(np.float64)),
+        lambda s: s.update(planes=s["planes"][..., :16]),
+        lambda s: s.update(workload=s["workload"].astype(object)),
+    ],
+    ids=["no planes", "empty", "far maps", "far", "unknown", "floats", "another size", "objects"],
+)
+def test_a_shard_of_other_arrays_is_refused_by_name(whole, tmp_path, change):
+    shard = dict(np.load(whole / "shard-00000.npz"))
+    change(shard)
+    np.savez(tmp_path / "shard-00000.npz", **shard)
+    refused_shard(tmp_path, whole)
+
+
+@pytest.mark.parametrize("kept", [0, 40, 4000])
+def test_a_shard_that_is_cut_short_is_refused_by_name(whole, tmp_path, kept):
     content = (whole / "shard-00000.npz").read_bytes()
-    cut = {
-        "empty": b"",
-        "text": b"no shard",
-        "half": content[: len(content) // 2],
-        "start": content[:40],
-    }
-    (tmp_path / "dataset.json").write_bytes((whole / "dataset.json").read_bytes())
-    shard = tmp_path / "shard-00000.npz"
-    for name in (*changed, *cut):
-        shard.write_bytes(cut[name]) if name in cut else np.savez(shard, **changed[name])
-        with pytest.raises(DataSetError, match=r"shard-00000\.npz: wanted a shard") as refused:
-            read_samples(tmp_path)
-        assert "\n" not in str(refused.value)
-        with pytest.raises(DataSetError, match=r"shard-00000\.npz: wanted a shard"):
-            make_dataset(RECIPE, tmp_path, make=make_in_this_process)
-
-
-def terrain_file(folder, elevation, cell_size_m=5.0):
-    np.savez(
-        folder / "dem.npz", elevation_m=np.asarray(elevation, np.float32), cell_size_m=cell_size_m
-    )
-    return (str(folder / "dem.npz"),)
+    (tmp_path / "shard-00000.npz").write_bytes(content[:kept])
+    refused_shard(tmp_path, whole)
 
 
 def of_terrain(folder, elevation, **changes):
-    """A recipe of small maps of this terrain alone."""
+    """A recipe of small maps of this terrain alone, in cells of 5 m."""
+    path = folder / "dem.npz"
+    np.savez(path, elevation_m=np.asarray(elevation, np.float32), cell_size_m=5.0)
     plain = {"synthetic_share": 0.0, "obstacle_share": 0.0, "margin_share": 0.0}
-    return msgspec.structs.replace(
-        RECIPE, terrain=terrain_file(folder, elevation), **(plain | changes)
-    )
+    return msgspec.structs.replace(RECIPE, terrain=(str(path),), **(plain | changes))
 
 
+@pytest.mark.parametrize("share", [0.0, 0.5])
 def test_terrain_without_two_cells_to_plan_between_ends_the_making_and_does_not_block_another(
     tmp_path,
+    share,
 ):
     elevation = np.full((70, 70), np.nan)
     elevation[7, 9] = 3.0
-    for share in (0.0, 0.5):
-        recipe = of_terrain(
-            tmp_path, elevation, synthetic_share=share, maps=4000, maps_per_shard=4000
+    many = {"synthetic_share": share, "maps": 4000, "maps_per_shard": 4000}
+    with pytest.raises(DataSetError, match=rf"dem\.npz: .*got none on {BARREN_MAPS} maps"):
+        make_dataset(
+            of_terrain(tmp_path, elevation, **many),
+            tmp_path / "set",
+            make=make_in_this_process,
         )
-        with pytest.raises(DataSetError, match=rf"dem\.npz: .*got none on {BARREN_MAPS} maps"):
-            make_dataset(recipe, tmp_path / "set", make=make_in_this_process)
-        assert not list((tmp_path / "set").glob("shard-*"))
+    assert not list((tmp_path / "set").iterdir())
     good = of_terrain(tmp_path, synthetic_terrain(np.random.default_rng(0), 70, 5.0))
     assert make_dataset(good, tmp_path / "set", make=make_in_this_process)["maps"] == good.maps
     assert read_recipe(tmp_path / "set") == good
@@ -223,17 +257,14 @@ def test_training_and_validation_have_different_parts_of_a_file(tmp_path, shape)
     training, validation = (read_terrain(part)[0].elevation for part in parts)
     assert not set(training.ravel()) & set(validation.ravel())
     assert (training.size, validation.size) == (5600, 2400)
-    synthetic = [
-        msgspec.structs.replace(part, synthetic_share=1.0, poolings=((1, 1.0),)) for part in parts
-    ]
-    made = [
-        np.load(io.BytesIO(shard_content(recipe, read_terrain(recipe), 0)))["planes"]
-        for recipe in synthetic
-    ]
-    assert not np.array_equal(*made)
-    with pytest.raises(
-        DataSetError, match=r"stripe that --validation-share leaves .*got (20 × 40|40 × 20)$"
-    ):
+    made = []
+    for part in parts:
+        recipe = msgspec.structs.replace(part, synthetic_share=1.0, poolings=((1, 1.0),))
+        shard = np.load(io.BytesIO(shard_content(recipe, read_terrain(recipe), 0)))
+        made.append(shard["planes"])
+    assert not np.array_equal(*made), "synthetic maps differ, too"
+    words = r"stripe that --validation-share leaves .*got (20 × 40|40 × 20)$"
+    with pytest.raises(DataSetError, match=words):
         read_terrain(of_terrain(tmp_path, elevation, stripe=(0.9, 1.0)))
 
 
@@ -243,22 +274,13 @@ def test_maps_are_made_by_ones_own_limits_and_cells(tmp_path):
     """
     elevation = np.random.default_rng(2).uniform(0, 0.5, (70, 70))
     elevation[:, ::2] = 0.0
-    own = {"limits": {"hard_step_m": 0.15}, "workloads": (("soft", 1.0),), "cell_sizes_m": ()}
+    own = {"limits": {"hard_step_m": 0.15}, "workloads": (("soft", 1.0),)}
     blocked = {}
-    for name, changes in {
-        "own": own,
-        "shrunk": own | {"cell_sizes_m": (1.0,)},
-        "other": {"limits": {}} | own,
-    }.items():
-        recipe = of_terrain(tmp_path, elevation, **changes, poolings=((1, 1.0),), maps=4)
-        cost = traversability_cost(
-            elevation.astype(np.float32), 5.0, recipe.limits_of("soft"), warn=False
-        )
-        assert 0.05 < np.isinf(cost[5:-5, 5:-5]).mean() < 0.9
-        blocked[name] = make_shard(recipe, read_terrain(recipe), np.random.default_rng(0), 4)[
-            "planes"
-        ][:, 1].mean()
-    assert blocked["own"] > 10 * max(blocked["shrunk"], 1.0)
+    for cells in ((), (1.0,)):
+        recipe = of_terrain(tmp_path, elevation, **own, cell_sizes_m=cells, poolings=((1, 1.0),))
+        shard = make_shard(recipe, read_terrain(recipe), np.random.default_rng(0), 4)
+        blocked[cells] = shard["planes"][:, 1].mean()
+    assert blocked[()] > 10 * max(blocked[1.0,], 1.0)
     assert read_terrain(recipe)[0].cell_size_m == 5.0
     assert Recipe((), workloads=(("limit20", 1.0),)).common_limits.hard_slope_deg == 20.0
     assert Recipe(()).common_limits == Traversability()
@@ -266,9 +288,8 @@ def test_maps_are_made_by_ones_own_limits_and_cells(tmp_path):
 
 def test_cells_that_are_not_square_are_judged_by_both_sides(tmp_path):
     cols = np.mgrid[:70, :70][1].astype(np.float32)
-    recipe = of_terrain(
-        tmp_path, cols, cell_sizes_m=(), workloads=(("limit20", 1.0),), poolings=((1, 1.0),)
-    )
+    kind = {"cell_sizes_m": (), "workloads": (("limit20", 1.0),), "poolings": ((1, 1.0),)}
+    recipe = of_terrain(tmp_path, cols, **kind)
     np.savez(recipe.terrain[0], elevation_m=cols, cell_size_m=1.0, cell_width_m=10.0)
     planes = make_shard(recipe, read_terrain(recipe), np.random.default_rng(0), 2)["planes"]
     assert planes[:, 1, 2:-2, 2:-2].max() == 0  # a slope of 6°, not of 45°

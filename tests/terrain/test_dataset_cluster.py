@@ -17,24 +17,24 @@ from nnpp_edge.terrain.cluster import ClusterError, shards_on_cluster
 from nnpp_edge.terrain.dataset import make_dataset
 from nnpp_edge.terrain.shards import Recipe
 from nnpp_edge.terrain.synthetic import synthetic_terrain
+from tests.tables import cases
 
 RECIPE = Recipe(
-    ("dem.npz",), maps=18, size=32, blocks=8, maps_per_shard=2, poolings=((1, 0.7), (2, 0.3))
+    ("dem.npz",),
+    maps=18,
+    size=32,
+    blocks=8,
+    maps_per_shard=2,
+    poolings=((1, 0.7), (2, 0.3)),
 )
 
 
 @pytest.fixture(scope="module")
 def workers():
     """Two worker processes, each with a nanny that replaces it when it dies."""
-    started = LocalCluster(
-        n_workers=2,
-        threads_per_worker=1,
-        processes=True,
-        dashboard_address=":0",
-        silence_logs="CRITICAL",
-    )
-    yield started
-    started.close()
+    quiet = {"dashboard_address": ":0", "silence_logs": "CRITICAL"}
+    with LocalCluster(n_workers=2, threads_per_worker=1, processes=True, **quiet) as started:
+        yield started
 
 
 @pytest.fixture
@@ -47,11 +47,7 @@ def terrain(tmp_path, monkeypatch):
 
 
 def content(folder):
-    return {
-        path.name: path.read_bytes()
-        for path in folder.iterdir()
-        if path.suffix in (".npz", ".json")
-    }
+    return {path.name: path.read_bytes() for path in folder.iterdir()}
 
 
 def kill(nannies):
@@ -87,18 +83,12 @@ def test_killed_workers_change_no_byte_and_a_second_run_makes_what_is_missing(wo
 
 
 def test_the_command_makes_a_data_set_on_a_cluster_or_says_in_one_line_what_is_wrong(
-    nnpp_edge, workers, terrain
+    nnpp_edge,
+    workers,
+    terrain,
 ):
-    words = (
-        "dataset",
-        "dem.npz",
-        "--synthetic-share",
-        0,
-        "--maps",
-        2,
-        "--scheduler",
-        workers.scheduler_address,
-    )
+    words = ["dataset", "dem.npz", "--synthetic-share", "0", "--maps", "2", "--scheduler"]
+    words.append(workers.scheduler_address)
     ended = nnpp_edge(*words, "--size", 32, "-o", "set", "--json")
     assert ended.code == 0, ended.err
     assert '"shards": 1' in ended.out
@@ -108,28 +98,34 @@ def test_the_command_makes_a_data_set_on_a_cluster_or_says_in_one_line_what_is_w
     assert ended.err.count("\n") == 1
 
 
-def test_an_address_without_a_scheduler_is_refused_in_one_line(nnpp_edge, tmp_path, monkeypatch):
-    words = ("dataset", "-o", tmp_path / "set", "--maps", 2, "--scheduler")
-    for address, word in (
-        ("tcp://127.0.0.1:1", "'tcp://127.0.0.1:1'"),
-        ("nowhere", "missing port"),
-        ("http://a:1", "unknown address scheme"),
-    ):
-        with dask.config.set({"distributed.comm.timeouts.connect": "300ms"}):
-            ended = nnpp_edge(*words, address)
-        ended.refused("wanted a Dask scheduler", word)
-        assert ended.err.count("\n") == 1
-        left = [
-            one
-            for one in gc.get_objects()
-            if type(one) is distributed.Client and one.status != "closed"
-        ]
-        assert (
-            not left
-        )  # collected as garbage while another is made, they would wait for each other for ever
-    nnpp_edge(*words, "tcp://127.0.0.1:1", "--workers", 2).refused("--workers")
+def at_scheduler(nnpp_edge, folder, address, *more):
+    words = ("dataset", "-o", folder / "set", "--maps", 2, "--scheduler", address)
+    with dask.config.set({"distributed.comm.timeouts.connect": "300ms"}):
+        return nnpp_edge(*words, *more)
+
+
+ADDRESSES = """
+tcp://127.0.0.1:1 | 'tcp://127.0.0.1:1'
+nowhere           | missing port
+http://a:1        | unknown address scheme
+"""
+
+
+@pytest.mark.parametrize(("address", "word"), cases(ADDRESSES))
+def test_an_address_without_a_scheduler_is_refused_in_one_line(nnpp_edge, tmp_path, address, word):
+    ended = at_scheduler(nnpp_edge, tmp_path, address)
+    ended.refused("wanted a Dask scheduler", word)
+    assert ended.err.count("\n") == 1
+    # collected as garbage while another is made, clients would wait for each other for ever
+    clients = [one for one in gc.get_objects() if type(one) is distributed.Client]
+    assert {client.status for client in clients} <= {"closed"}
+
+
+def test_workers_and_a_missing_package_are_refused(nnpp_edge, tmp_path, monkeypatch):
+    address = "tcp://127.0.0.1:1"
+    at_scheduler(nnpp_edge, tmp_path, address, "--workers", 2).refused("--workers")
     monkeypatch.setitem(sys.modules, "distributed", None)
-    nnpp_edge(*words, "tcp://127.0.0.1:1").refused("nnpp-edge[cluster]")
+    at_scheduler(nnpp_edge, tmp_path, address).refused("nnpp-edge[cluster]")
 
 
 def test_a_cluster_without_workers_and_a_worker_of_another_version_are_refused(monkeypatch):

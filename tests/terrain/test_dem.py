@@ -13,10 +13,19 @@ from hypothesis import given
 from hypothesis import strategies as st
 from rasterio import Affine
 
-from nnpp_edge.runtime.errors import InvalidQueryError, MissingExtraError, OutputError, TerrainError
+from nnpp_edge.runtime.errors import (
+    InvalidQueryError,
+    MissingExtraError,
+    OutputError,
+    TerrainError,
+    optional_module,
+)
 from nnpp_edge.terrain.dem import Dem, Georeference, read_dem
 from nnpp_edge.terrain.rasters import raster_bytes
+from tests.tables import cases
 
+PLACES = "transform must be 6 numbers (a, b, c, d, e, f)"
+NOWHERE = np.full((3, 3), np.nan)
 HEIGHTS = np.random.default_rng(7).uniform(-50, 80, (6, 9)).astype(np.float32)
 UTM = "EPSG:32615"
 MOON_RADIUS_M = 1737400.0
@@ -26,27 +35,19 @@ MOON_DEGREES = (
     'UNIT["degree",0.0174532925199433]]'
 )
 NORTH_UP = Affine(5, 0, 400_000, 0, -5, 5_000_000)
+BEYOND_POLES = Affine(1, 0, 0, 0, -1, 150)
 
 
 def geotiff(path: Path, heights: np.ndarray = HEIGHTS, **profile: Any) -> Path:
     """A GeoTIFF of `heights` (H, W) or (bands, H, W); `profile` goes to rasterio."""
     bands = heights.reshape((-1, *heights.shape[-2:]))
-    shape = {
-        "count": bands.shape[0],
-        "height": bands.shape[1],
-        "width": bands.shape[2],
-        "dtype": bands.dtype,
-    }
-    scales, offsets, units = (profile.pop(name, None) for name in ("scales", "offsets", "units"))
-    with rasterio.open(
-        path, "w", driver="GTiff", **shape, **{"transform": NORTH_UP, **profile}
-    ) as dataset:
+    said = {name: profile.pop(name) for name in ("scales", "offsets", "units") if name in profile}
+    shape = dict(zip(("count", "height", "width"), bands.shape, strict=True))
+    profile = {"driver": "GTiff", "dtype": bands.dtype, "transform": NORTH_UP} | shape | profile
+    with rasterio.open(path, "w", **profile) as dataset:
         dataset.write(bands)
-        if scales:
-            dataset.scales = scales
-            dataset.offsets = offsets
-        if units:
-            dataset.units = units
+        for name, value in said.items():
+            setattr(dataset, name, value)
     return path
 
 
@@ -80,9 +81,7 @@ def test_a_metric_geotiff_keeps_its_heights_and_cells(tmp_path):
     dem = read_dem(path)
     np.testing.assert_array_equal(dem.elevation, HEIGHTS)
     assert dem.elevation.dtype == np.float32 and dem.elevation.flags.c_contiguous
-    assert (
-        dem.cell_size_m == pytest.approx(5.0, rel=3e-4) and dem.cell_width_m == dem.cell_size_m
-    )  # UTM's own scale
+    assert dem.cell_size_m == dem.cell_width_m == pytest.approx(5.0, rel=3e-4)  # UTM's own scale
     assert dem.source == path and dem.georeference.transform == tuple(NORTH_UP)[:6]
     assert rasterio.CRS.from_wkt(dem.georeference.crs) == rasterio.CRS.from_string(UTM)
 
@@ -90,19 +89,16 @@ def test_a_metric_geotiff_keeps_its_heights_and_cells(tmp_path):
 @pytest.mark.filterwarnings("ignore::rasterio.errors.NotGeoreferencedWarning")
 def test_sides_are_the_files_or_those_that_are_given(tmp_path):
     flat = geotiff(tmp_path / "flat.tif", transform=Affine(0, 1, 400_000, 1e-300, 0, 9))
-    for path, size in (
-        (flat, 2),
-        *((geotiff(tmp_path / "a.tif"), size) for size in (0, -1, math.nan, math.inf)),
-    ):
-        refused(path, "sides of 1e-06 to 1e+09 m", cell_size_m=size)
+    refused(flat, "sides of 1e-06 to 1e+09 m", cell_size_m=2)
+    for size in (0, math.nan, math.inf):
+        refused(geotiff(tmp_path / "a.tif"), "sides of 1e-06 to 1e+09 m", cell_size_m=size)
     dem = read_dem(geotiff(tmp_path / "turned.tif", transform=turned(33.0, 3.0, 2.0)))
     assert (dem.cell_size_m, dem.cell_width_m) == pytest.approx((2.0, 3.0))
     path = geotiff(tmp_path / "wide.tif", transform=Affine(3, 0, 0, 0, -2, 0))
     dem = read_dem(path)
-    given_size = read_dem(path, cell_size_m=10)
     assert (dem.cell_size_m, dem.cell_width_m, dem.georeference.crs) == (2.0, 3.0, None)
-    assert (given_size.cell_size_m, given_size.cell_width_m) == (10.0, 15.0)
-    np.testing.assert_array_equal(given_size.elevation, HEIGHTS)
+    dem = read_dem(path, cell_size_m=10)
+    assert (dem.cell_size_m, dem.cell_width_m) == (10.0, 15.0)
     path = geotiff(tmp_path / "plain.tif", transform=Affine.identity())
     refused(path, "no cell size in the file; give it with --cell-size METRES")
     dem = read_dem(path, cell_size_m=2.5)
@@ -112,9 +108,8 @@ def test_sides_are_the_files_or_those_that_are_given(tmp_path):
 def test_feet_become_metres(tmp_path):
     """Of cells in other systems: tests.fuzz.projections."""
     site = rasterio.CRS.from_wkt('LOCAL_CS["site",UNIT["foot",0.3048]]')
-    assert read_dem(geotiff(tmp_path / "site.tif", crs=site)).cell_size_m == pytest.approx(
-        5 * 0.3048
-    )
+    path = geotiff(tmp_path / "site.tif", crs=site)
+    assert read_dem(path).cell_size_m == pytest.approx(5 * 0.3048)
     path = geotiff(tmp_path / "heights.tif", crs=UTM, units=["ft"])
     np.testing.assert_allclose(read_dem(path).elevation, HEIGHTS * 0.3048, rtol=1e-6)
 
@@ -134,29 +129,32 @@ def test_nodata_masks_infinities_and_fill_values_become_nan(tmp_path):
 
 def test_scale_and_offset_of_the_band_are_applied_but_not_to_nodata_nor_a_bodys_radius(tmp_path):
     stored = np.array([[0, 100], [-32768, 300]], np.int16)
-    path = geotiff(
-        tmp_path / "dm.tif", stored, crs=UTM, nodata=-32768, scales=[0.1], offsets=[1000.0]
-    )
+    scale = {"scales": [0.1], "offsets": [1000.0]}
+    path = geotiff(tmp_path / "dm.tif", stored, crs=UTM, nodata=-32768, **scale)
     np.testing.assert_allclose(read_dem(path).elevation, [[1000, 1010], [np.nan, 1030]], rtol=1e-6)
     fine = np.array([[0.0, 0.001], [0.002, 0.003]], np.float32)
     path = geotiff(tmp_path / "radius.tif", fine, crs=UTM, scales=[1.0], offsets=[MOON_RADIUS_M])
     np.testing.assert_array_equal(read_dem(path).elevation, fine)
 
 
-def test_what_is_no_map_of_heights_is_refused(tmp_path):
-    beyond = {"crs": "EPSG:4326", "transform": Affine(1, 0, 0, 0, -1, 150)}
-    for heights, words, profile in (
-        (np.zeros((3, 4, 4), np.uint8), "wanted one band of elevation, got 3 bands", {"crs": UTM}),
-        (HEIGHTS.astype(np.complex64), "complex64", {"crs": UTM}),
+@pytest.mark.parametrize(
+    ("heights", "words", "profile"),
+    [
+        (np.zeros((3, 4, 4), np.uint8), "wanted one band of elevation, got 3 bands", {}),
+        (HEIGHTS.astype(np.complex64), "complex64", {}),
         (np.full((3, 3), -1, np.int16), "no cell with a known", {"nodata": -1}),
-        (HEIGHTS, "turned back", {"crs": UTM, "transform": Affine(1, 2, 0, 2, 4, 0)}),
-        (HEIGHTS, "wanted latitudes within the poles, got 147°", beyond),
-    ):
-        refused(geotiff(tmp_path / "map.tif", heights, **profile), words)
+        (HEIGHTS, "turned back", {"transform": Affine(1, 2, 0, 2, 4, 0)}),
+        (HEIGHTS, "the poles, got 147°", {"crs": "EPSG:4326", "transform": BEYOND_POLES}),
+    ],
+)
+def test_what_is_no_map_of_heights_is_refused(tmp_path, heights, words, profile):
+    refused(geotiff(tmp_path / "map.tif", heights, **{"crs": UTM} | profile), words)
 
 
 def test_reading_says_nothing_on_the_side_and_the_refusal_gives_the_first_cause(
-    tmp_path, capfd, recwarn
+    tmp_path,
+    capfd,
+    recwarn,
 ):
     read_dem(geotiff(tmp_path / "plain.tif", transform=Affine.identity()), cell_size_m=1)
     recwarn.clear()
@@ -174,37 +172,39 @@ def test_reading_says_nothing_on_the_side_and_the_refusal_gives_the_first_cause(
 # Other formats
 
 ASCII = (
-    "ncols 3\nnrows 2\nxllcorner 100\nyllcorner 50\ncellsize 5\nNODATA_value -9999\n1 2.5 "
-    "-9999\n4 5 6\n"
+    "ncols 3\nnrows 2\nxllcorner 100\nyllcorner 50\ncellsize 5\nNODATA_value -9999\n"
+    "nan 2 -9999\n4 5 6\n"
 )
 
 
-def test_an_ascii_grid_is_read_and_refused_and_not_filled_with_zeros_where_it_is_cut_short(
-    tmp_path,
-):
+@pytest.mark.parametrize("end", ["\n", "\r\n"])
+def test_an_ascii_grid_is_read(tmp_path, end):
     path = tmp_path / "grid.asc"
-    for end in ("\n", "\r\n"):
-        path.write_text(ASCII, newline=end)
-        dem = read_dem(path)
-        np.testing.assert_array_equal(
-            dem.elevation, np.array([[1, 2.5, np.nan], [4, 5, 6]], np.float32)
-        )
-        assert (dem.cell_size_m, dem.cell_width_m, dem.map_coordinates(1, 0)) == (
-            5.0,
-            5.0,
-            (102.5, 52.5),
-        )
-    for broken in ("5", "5 six"):
-        path.write_text(ASCII.replace("5 6", broken))
-        refused(path)
-    for corner, word in (
-        (("xllcorner", "inf"), "finite coordinates"),
-        (("cellsize", "1e100"), "sides of 1e-06 to"),
-    ):
-        path.write_text(re.sub(f"{corner[0]} .*", " ".join(corner), ASCII))
-        refused(path, word)
-    path.write_text("ncols 2\nnrows 2\nxllcorner 0\nyllcorner 0\ncellsize 5\nnan 2\n4 5\n")
-    np.testing.assert_array_equal(read_dem(path).elevation, [[np.nan, 2], [4, 5]])
+    path.write_text(ASCII, newline=end)
+    dem = read_dem(path)
+    wanted = np.array([[np.nan, 2, np.nan], [4, 5, 6]], np.float32)
+    np.testing.assert_array_equal(dem.elevation, wanted)
+    assert (dem.cell_size_m, dem.cell_width_m) == (5.0, 5.0)
+    assert dem.map_coordinates(1, 0) == (102.5, 52.5)
+
+
+DAMAGE = """
+5 6           | 5             | wanted 6 heights
+5 6           | 5 six         | cannot be read
+xllcorner 100 | xllcorner inf | finite coordinates
+cellsize 5    | cellsize 1e100 | sides of 1e-06 to
+"""
+
+
+@pytest.mark.parametrize(("old", "new", "word"), cases(DAMAGE, 3))
+def test_an_ascii_grid_that_is_damaged_is_refused_and_not_filled_with_zeros(
+    tmp_path,
+    old,
+    new,
+    word,
+):
+    (tmp_path / "grid.asc").write_text(ASCII.replace(old, new))
+    refused(tmp_path / "grid.asc", word)
 
 
 def pds3_label(record_bytes: int, pointer: str, sample: str, image: str, scale: str) -> bytes:
@@ -284,32 +284,38 @@ def test_a_pds3_image_cut_short_is_refused_and_not_filled_with_zeros(detached):
     refused(image, "wanted 32768 bytes of heights")
 
 
-def test_an_array_file_is_read_with_the_cell_size_given(tmp_path):
+@pytest.mark.parametrize("dtype", [np.float64, np.int16, ">f4", np.float16])
+def test_an_array_file_is_read_with_the_cell_size_given(tmp_path, dtype):
     path = tmp_path / "map.npy"
-    for dtype in (np.float64, np.int16, ">f4", np.float16):
-        heights = np.asfortranarray(HEIGHTS.astype(dtype))
-        np.save(path, heights)
-        refused(path, "--cell-size")
-        dem = read_dem(path, cell_size_m=0.5)
-        np.testing.assert_array_equal(dem.elevation, heights.astype(np.float32))
-        assert dem.elevation.dtype == np.float32 and dem.elevation.flags.c_contiguous
-        assert (dem.cell_size_m, dem.georeference) == (0.5, None)
-    for array in (
-        HEIGHTS[0], np.zeros((0, 4)), HEIGHTS.astype(complex), np.zeros((3, 3), bool), np.full((3, 3), "1"),
-        np.full((3, 3), np.nan), np.array([[None, 1.0]]),
-    ):  # fmt: skip
-        np.save(path, array)
-        refused(path, cell_size_m=1)
+    heights = np.asfortranarray(HEIGHTS.astype(dtype))
+    np.save(path, heights)
+    refused(path, "--cell-size")
+    dem = read_dem(path, cell_size_m=0.5)
+    np.testing.assert_array_equal(dem.elevation, heights.astype(np.float32))
+    assert dem.elevation.dtype == np.float32 and dem.elevation.flags.c_contiguous
+    assert (dem.cell_size_m, dem.georeference) == (0.5, None)
 
 
-def test_an_archive_holds_heights_and_cell_size_under_several_names(tmp_path):
+@pytest.mark.parametrize(
+    "array",
+    [HEIGHTS[0], HEIGHTS[:0], HEIGHTS.astype(complex), HEIGHTS > 0, HEIGHTS.astype(str), NOWHERE],
+)
+def test_an_array_that_is_no_elevation_map_is_refused(tmp_path, array):
+    np.save(tmp_path / "map.npy", array)
+    refused(tmp_path / "map.npy", cell_size_m=1)
+
+
+@pytest.mark.parametrize("size", ["cell_size_m", "cell_m"])
+@pytest.mark.parametrize("name", ["elevation_m", "elevation", "dem", "anything"])
+def test_an_archive_holds_heights_and_cell_size_under_several_names(tmp_path, name, size):
+    np.savez(tmp_path / "map.npz", **{name: HEIGHTS, size: 3.0, "note": np.arange(3)})
+    dem = read_dem(tmp_path / "map.npz")
+    np.testing.assert_array_equal(dem.elevation, HEIGHTS)
+    assert (dem.cell_size_m, dem.cell_width_m) == (3.0, 3.0)
+
+
+def test_an_archive_may_hold_other_maps_and_the_width_of_cells(tmp_path):
     path = tmp_path / "map.npz"
-    for name in ("elevation_m", "elevation", "dem", "anything"):
-        for size in ("cell_size_m", "cell_m"):
-            np.savez(path, **{name: HEIGHTS, size: 3.0, "note": np.arange(3)})
-            dem = read_dem(path)
-            np.testing.assert_array_equal(dem.elevation, HEIGHTS)
-            assert (dem.cell_size_m, dem.cell_width_m) == (3.0, 3.0)
     np.savez(path, dem=HEIGHTS, other=HEIGHTS * 2, cell_size_m=4, cell_width_m=[2.0])
     dem = read_dem(path)
     np.testing.assert_array_equal(dem.elevation, HEIGHTS)
@@ -317,42 +323,46 @@ def test_an_archive_holds_heights_and_cell_size_under_several_names(tmp_path):
     assert read_dem(path, cell_size_m=10).cell_width_m == 5.0
 
 
-def test_an_archive_that_is_no_elevation_map_is_refused(tmp_path):
-    place = "transform must be 6 numbers (a, b, c, d, e, f)"
-    cell = "cell_m must be one number above 0"
-    transforms = np.zeros(6), np.arange(5.0), [1, 2, 3, 4, 5, np.nan], np.array(["a"] * 6)
-    for arrays, word in (
-        ({"a": HEIGHTS, "b": HEIGHTS}, "got a, b"),
-        ({}, "got nothing"),
+@pytest.mark.parametrize(
+    ("arrays", "word"),
+    [
+        ({"dem": None, "a": HEIGHTS, "b": HEIGHTS}, "got a, b"),
+        ({"dem": None}, "got nothing"),
         ({"dem": HEIGHTS[None]}, "(1, 6, 9)"),
-        ({"dem": HEIGHTS, "cell_width_m": 2.0}, "cell_size_m beside"),
+        ({"cell_width_m": 2.0}, "cell_size_m beside"),
         ({"dem": np.array([[{}]])}, "object"),
-        *(({"dem": HEIGHTS, "cell_m": size}, cell) for size in (-1.0, np.nan, "5 m")),
-        *(
-            ({"dem": HEIGHTS, "cell_m": 1.0, "transform": transform}, place)
-            for transform in transforms
-        ),
-    ):
-        np.savez(tmp_path / "map.npz", **arrays)
-        refused(tmp_path / "map.npz", word)
+        ({"cell_m": np.nan}, "cell_m must be one number above 0"),
+        ({"cell_m": "5 m"}, "cell_m must be one number above 0"),
+        ({"transform": np.zeros(6)}, PLACES),
+        ({"transform": np.arange(5.0)}, PLACES),
+        ({"transform": [1, 2, 3, 4, 5, np.nan]}, PLACES),
+        ({"transform": ["a"] * 6}, PLACES),
+    ],
+)
+def test_an_archive_that_is_no_elevation_map_is_refused(tmp_path, arrays, word):
+    given = {"dem": HEIGHTS} | arrays
+    np.savez(
+        tmp_path / "map.npz",
+        **{name: each for name, each in given.items() if each is not None},
+    )
+    refused(tmp_path / "map.npz", word)
 
 
 # Files that are no terrain at all
 
 
-def test_what_is_no_terrain_is_refused(tmp_path):
-    for name in ("x.tif", "x.asc", "x.img", "x.lbl", "x.npy", "x.npz", "x"):
-        for content in (b"", b"Dear reader,\nthere is no terrain here.\n", b"\x00\xff" * 300):
-            (tmp_path / name).write_bytes(content)
-            refused(tmp_path / name, "wanted", cell_size_m=1)
+@pytest.mark.parametrize("content", [b"", b"Dear reader,\nno terrain.\n", b"\x00\xff" * 300])
+@pytest.mark.parametrize("name", ["x.tif", "x.asc", "x.img", "x.lbl", "x.npy", "x.npz", "x"])
+def test_what_is_no_terrain_is_refused(tmp_path, name, content):
+    (tmp_path / name).write_bytes(content)
+    refused(tmp_path / name, "wanted", cell_size_m=1)
+
+
+def test_what_is_no_file_or_a_recording_is_refused(tmp_path):
     refused(tmp_path / "none.tif", "(no such file)")
     refused(tmp_path, "(a folder)")
     (tmp_path / "drive.mcap").write_bytes(b"\x89MCAP0\r\n")
-    refused(
-        tmp_path / "drive.mcap",
-        "wanted an elevation map, got a recording of messages",
-        "nnpp_edge.ros.maps",
-    )
+    refused(tmp_path / "drive.mcap", "got a recording of messages", "nnpp_edge.ros.maps")
 
 
 def test_without_rasterio_the_extra_is_named_and_arrays_still_read(tmp_path, monkeypatch):
@@ -365,6 +375,21 @@ def test_without_rasterio_the_extra_is_named_and_arrays_still_read(tmp_path, mon
     dem = read_dem(tmp_path / "map.npy", cell_size_m=1)
     with pytest.raises(MissingExtraError, match=r"writing out.tif needs rasterio"):
         raster_bytes(tmp_path / "out.tif", HEIGHTS, dem)
+    (tmp_path / "drive.mcap").write_bytes(b"\x89MCAP0\r\n")
+    refused(tmp_path / "drive.mcap", "got a recording of messages")
+
+
+def test_a_package_that_is_installed_but_fails_is_not_called_missing(tmp_path, monkeypatch):
+    for module, text, why in (
+        ("unfit", "import libgdal", "No module named 'libgdal'"),
+        ("older", "raise ValueError('numpy.dtype\\nsize changed')", "numpy.dtype size changed"),
+    ):
+        (tmp_path / f"{module}.py").write_text(text)
+        monkeypatch.syspath_prepend(tmp_path)
+        with pytest.raises(MissingExtraError) as caught:
+            optional_module(module, "reading", "geo")
+        told = f"reading needs {module}, which is installed but cannot be imported ({why})"
+        assert str(caught.value) == told
 
 
 # The map itself
@@ -394,7 +419,10 @@ def test_finer_cells_have_bilinear_heights_at_the_same_places_of_the_map():
     assert np.array_equal(np.isnan(finer.elevation), (y > 7.0) & (x > 10.0))
     known = ~np.isnan(finer.elevation)
     np.testing.assert_allclose(
-        finer.elevation[known], (3.0 * y - 2.0 * x + y * x)[known], rtol=1e-6, atol=1e-5
+        finer.elevation[known],
+        (3.0 * y - 2.0 * x + y * x)[known],
+        rtol=1e-6,
+        atol=1e-5,
     )
     for cell in ((0, 0), (5, 3), (8, 11)):
         assert finer.map_coordinates(4 * cell[0], 4 * cell[1]) == pytest.approx(
@@ -434,20 +462,19 @@ def test_map_coordinates_are_finite_and_without_a_georeference_metres_from_the_f
         dem_of(georeference=Georeference(None, (1, 0, 0, 0, -1, 0))).cell_of(math.nan, 0)
 
 
-def test_a_map_that_breaks_its_own_terms_cannot_be_made():
-    for size in (0.0, -1.0, math.nan, math.inf):
-        with pytest.raises(TerrainError):
-            dem_of().rescaled(size)
-    for elevation, size, width in (
+@pytest.mark.parametrize(
+    ("elevation", "size", "width"),
+    [
         (HEIGHTS.astype(float), 1.0, 1.0),
         (HEIGHTS[0], 1.0, 1.0),
-        (HEIGHTS[:0], 1.0, 1.0),
-        (np.full((2, 2), np.nan, np.float32), 1.0, 1.0),
+        (NOWHERE.astype(np.float32), 1.0, 1.0),
         (HEIGHTS, 0.0, 1.0),
         (HEIGHTS, 1.0, math.inf),
-    ):
-        with pytest.raises(TerrainError, match=r"^made.tif: "):
-            Dem(elevation, size, width, None, Path("made.tif"))
+    ],
+)
+def test_a_map_that_breaks_its_own_terms_cannot_be_made(elevation, size, width):
+    with pytest.raises(TerrainError, match=r"^made.tif: "):
+        Dem(elevation, size, width, None, Path("made.tif"))
 
 
 def test_masked_cells_are_unknown_in_a_map_and_in_a_file(tmp_path):

@@ -63,37 +63,30 @@ def site():
         server.shutdown(socket.SHUT_RDWR)
 
 
-def wms(address: str) -> str:
-    window = "".join(
-        f"<{name}>{n}</{name}>"
-        for name, n in {"UpperLeftX": 0, "UpperLeftY": 6, "SizeX": 9}.items()
-    )
-    window += "<LowerRightX>9</LowerRightX><LowerRightY>0</LowerRightY><SizeY>6</SizeY><TileLevel>0</TileLevel>"
-    service = f'<Service name="TMS"><ServerUrl>{address}/${{z}}/${{x}}.png</ServerUrl></Service>'
-    return (
-        f"<GDAL_WMS>{service}<DataWindow>{window}</DataWindow><BandsCount>1</BandsCount></GDAL_WMS>"
-    )
+WMS = """<?xml version="1.0"?><GDAL_WMS>
+    <Service name="TMS"><ServerUrl>{address}/${{z}}/${{x}}.png</ServerUrl></Service>
+    <DataWindow><UpperLeftX>0</UpperLeftX><UpperLeftY>6</UpperLeftY><LowerRightX>9</LowerRightX>
+    <LowerRightY>0</LowerRightY><SizeX>9</SizeX><SizeY>6</SizeY><TileLevel>0</TileLevel></DataWindow>
+    <BandsCount>1</BandsCount></GDAL_WMS>"""
 
 
-def test_no_file_makes_a_request(tmp_path, site):
+@pytest.mark.parametrize("name", ["dem.tif", "dem.vrt", "dem.asc", "dem.png", "dem"])
+def test_xml_makes_no_request(tmp_path, site, name):
+    address, requests = site
+    for content in (vrt(f"/vsicurl/{address}/dem.tif"), WMS.format(address=address)):
+        (tmp_path / name).write_text(content)
+        assert "XML that names other files" in refusal(tmp_path / name)
+    assert requests == []
+
+
+@pytest.mark.parametrize("end", [".tif.msk", ".tif.ovr", ".aux"])
+def test_what_lies_beside_a_raster_makes_no_request(tmp_path, site, end):
     address, requests = site
     masked = '<Metadata><MDI key="INTERNAL_MASK_FLAGS_1">2</MDI></Metadata>'
-    for name in ("dem.tif", "dem.vrt", "dem.asc", "dem.png", "dem"):
-        path = tmp_path / name
-        for content in (
-            vrt(f"/vsicurl/{address}/dem.tif"),
-            wms(address),
-            f'<?xml version="1.0"?>{wms(address)}',
-        ):
-            path.write_text(content)
-            assert "XML that names other files" in refusal(path)
-    for end in (".tif.msk", ".tif.ovr", ".aux"):
-        beside = raster(tmp_path / "own.tif").with_name(f"own{end}")
-        beside.write_text(
-            vrt(f"/vsicurl/{address}/mask.tif").replace("<VRTRaster", f"{masked}<VRTRaster", 1)
-        )
-        assert f"wanted a plain raster in {beside.name} beside it" in refusal(tmp_path / "own.tif")
-        beside.unlink()
+    content = vrt(f"/vsicurl/{address}/mask.tif").replace("<VRTRaster", f"{masked}<VRTRaster", 1)
+    path = raster(tmp_path / "own.tif")
+    path.with_name(f"own{end}").write_text(content)
+    assert f"wanted a plain raster in own{end} beside it" in refusal(path)
     assert requests == []
 
 
@@ -113,24 +106,26 @@ def test_a_label_that_leads_elsewhere_is_refused(tmp_path):
         label.write_text(LABEL.format(file=file), newline="")
         refusal(label)
     compressed = 'OBJECT = compressed_file\r\nFILE_NAME = "own.tif"\r\nEND_OBJECT\r\n'
-    label.write_text(
-        LABEL.format(file="own.img").replace("OBJECT", f"{compressed}OBJECT", 1), newline=""
-    )
+    text = LABEL.format(file="own.img").replace("OBJECT", f"{compressed}OBJECT", 1)
+    label.write_text(text, newline="")
     assert "an image that is not compressed" in refusal(label)
 
 
-def test_the_formats_of_the_list_are_read_and_not_when_cut_short(tmp_path):
-    for name, driver in (("dem.bil", "EHdr"), ("dem.img", "HFA"), ("dem.asc", "AAIGrid")):
-        path = tmp_path / name
-        if driver == "AAIGrid":
-            rasterio.shutil.copy(raster(tmp_path / "source.tif"), path, driver=driver)
-        else:
-            raster(path, driver=driver)
-        dem = read_dem(path)
-        np.testing.assert_allclose(dem.elevation, HEIGHTS, rtol=1e-6)
-        assert dem.cell_size_m == 5
-        path.write_bytes(path.read_bytes()[: path.stat().st_size // 2])
-        refusal(path)
+@pytest.mark.parametrize(
+    ("name", "driver"),
+    [("dem.bil", "EHdr"), ("dem.img", "HFA"), ("dem.asc", "AAIGrid")],
+)
+def test_the_formats_of_the_list_are_read_and_not_when_cut_short(tmp_path, name, driver):
+    path = tmp_path / name
+    rasterio.shutil.copy(raster(tmp_path / "source.tif"), path, driver=driver)
+    dem = read_dem(path)
+    np.testing.assert_allclose(dem.elevation, HEIGHTS, rtol=1e-6)
+    assert dem.cell_size_m == 5
+    path.write_bytes(path.read_bytes()[: path.stat().st_size // 2])
+    refusal(path)
+
+
+def test_a_format_that_is_not_in_the_list_is_refused(tmp_path):
     raster(tmp_path / "dem.dat", driver="ENVI")
     assert "wanted GeoTIFF, ESRI ASCII grid" in refusal(tmp_path / "dem.dat")
 
@@ -166,22 +161,14 @@ def test_memory_that_is_not_there_is_noticed_in_the_header(tmp_path, monkeypatch
     side = 1 << 20
     path = tmp_path / "bomb.tif"
     tiles = {"tiled": True, "blockxsize": 1 << 12, "blockysize": 1 << 12}
-    shape = {
-        "height": side,
-        "width": side,
-        "count": 1,
-        "dtype": "float32",
-        "SPARSE_OK": True,
-        "BIGTIFF": "YES",
-    }
-    with rasterio.open(path, "w", driver="GTiff", **shape, **tiles, **PLACE):
+    shape = {"height": side, "width": side, "count": 1, "dtype": "float32"}
+    large = {"SPARSE_OK": True, "BIGTIFF": "YES"}
+    with rasterio.open(path, "w", driver="GTiff", **shape, **large, **tiles, **PLACE):
         pass
     assert path.stat().st_size < 4e6
     assert "GB of memory for 1048576 × 1048576 float32 heights" in refusal(path)
     monkeypatch.setattr("nnpp_edge.terrain.array_files.available_bytes", lambda: 60e6)
     small = raster(tmp_path / "block.tif", np.ones((16, 16), np.float32), **tiles)
     assert "for 16 × 16 float32 heights, got 0.1 GB" in refusal(small)
-    assert (
-        read_dem(raster(tmp_path / "small.tif", np.ones((1000, 1000), np.float32))).elevation.size
-        == 10**6
-    )
+    small = raster(tmp_path / "small.tif", np.ones((1000, 1000), np.float32))
+    assert read_dem(small).shape == (1000, 1000)

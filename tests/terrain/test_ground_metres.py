@@ -20,81 +20,64 @@ def written(path, crs, lon, lat, side, heights):
     globe = pyproj.CRS(crs).geodetic_crs
     degrees = globe.axis_info[0].unit_conversion_factor / math.radians(1.0)
     x, y = pyproj.Transformer.from_crs(globe, crs, always_xy=True).transform(
-        lon / degrees, lat / degrees
+        lon / degrees,
+        lat / degrees,
     )
     rows, cols = heights.shape
-    corner = rasterio.Affine(side, 0, x - side * cols / 2, 0, -side, y + side * rows / 2)
-    kind = {
-        "driver": "GTiff",
-        "height": rows,
-        "width": cols,
-        "count": 1,
-        "dtype": "float32",
-        "tiled": True,
-    }
-    with rasterio.open(
-        path, "w", crs=crs, transform=corner, blockxsize=16, blockysize=16, **kind
-    ) as file:
+    left = x - side * cols / 2
+    top = y + side * rows / 2
+    corner = rasterio.Affine(side, 0, left, 0, -side, top)
+    kind = {"height": rows, "width": cols, "tiled": True, "blockxsize": 16, "blockysize": 16}
+    return saved(path, heights, crs=crs, transform=corner, **kind)
+
+
+def saved(path, heights, **kind):
+    with rasterio.open(path, "w", driver="GTiff", count=1, dtype="float32", **kind) as file:
         file.write(heights.astype(np.float32), 1)
     return path
 
 
 @pytest.mark.parametrize("more", [(), ("--memory", "10kB")])
 def test_a_plan_is_as_long_as_the_geodesic_and_the_projections_scale_is_told(
-    tmp_path, nnpp_edge, more
+    tmp_path,
+    nnpp_edge,
+    more,
 ):
     path = written(tmp_path / "map.tif", "EPSG:3857", 11.0, 60.0, 30.0, np.zeros((64, 64)))
-    ended = nnpp_edge(
-        "plan", path, "--start", "5,8", "--goal", "5,58", "--method", "corridor", "--json", *more
-    )
+    words = "--start 5,8 --goal 5,58 --method corridor --json"
+    ended = nnpp_edge("plan", path, *words.split(), *more)
     with pytest.warns(UserWarning, match="draws a metre"):
         dem = read_dem(path)
     lonlat = pyproj.Transformer.from_crs("EPSG:3857", "EPSG:4326", always_xy=True)
     ends = [lonlat.transform(*dem.map_coordinates(5, col)) for col in (8, 58)]
     wanted = pyproj.Geod(ellps="WGS84").inv(*ends[0], *ends[1])[2]
     assert json.loads(ended.out)["length_m"] == pytest.approx(wanted, rel=1e-3)
-    assert (
-        "draws a metre of ground at the map's middle as 1.998 m along columns and 1.995 m"
-        in ended.err
-    )
+    drawn = "draws a metre of ground at the map's middle as 1.998 m along columns and 1.995 m"
+    assert drawn in ended.err
 
 
-def test_lengths_that_are_off_on_the_map_are_told(tmp_path, recwarn):
-    for *system, side, told in (
+@pytest.mark.parametrize(
+    ("crs", "lon", "lat", "side", "told"),
+    [
         ("EPSG:32633", 15.0, 50.0, 1.0, None),
         (MARS, 20.0, 80.0, 0.01, None),
         (MARS, 20.0, 80.0, 0.1, "up to 19 % off"),
-        (
-            "ESRI:54008",
-            90.0,
-            50.0,
-            10.0,
-            "up to 77 % off",
-        ),  # sinusoidal: skewed even on a small map
-    ):
-        path = written(tmp_path / "map.tif", *system, side, np.zeros((40, 40)))
-        recwarn.clear()
-        read_dem(path)
-        words = [
-            str(each.message) for each in recwarn if "some lengths and slopes" in str(each.message)
-        ]
-        assert len(words) == (told is not None) and all(told in word for word in words)
-        recwarn.clear()
-        assert read_dem(path, cell_size_m=5.0).cell_size_m == 5.0 and not recwarn.list
+        ("ESRI:54008", 90.0, 50.0, 10.0, "up to 77 % off"),  # sinusoidal: skewed on small maps too
+    ],
+)
+def test_lengths_that_are_off_on_the_map_are_told(tmp_path, recwarn, crs, lon, lat, side, told):
+    path = written(tmp_path / "map.tif", crs, lon, lat, side, np.zeros((40, 40)))
+    recwarn.clear()
+    read_dem(path)
+    said = [str(each.message) for each in recwarn if "lengths and slopes" in str(each.message)]
+    assert len(said) == (told is not None) and all(told in words for words in said)
+    recwarn.clear()
+    assert read_dem(path, cell_size_m=5.0).cell_size_m == 5.0 and not recwarn.list
 
 
 def test_a_map_whose_middle_lies_off_the_globe_is_taken_as_drawn(tmp_path):
-    kind = {
-        "driver": "GTiff",
-        "height": 9,
-        "width": 9,
-        "count": 1,
-        "dtype": "float32",
-        "crs": "ESRI:54009",
-    }
-    with rasterio.open(
-        tmp_path / "a.tif", "w", transform=rasterio.Affine(7, 0, 3e7, 0, -7, 9e6), **kind
-    ) as file:
-        file.write(np.zeros((9, 9), np.float32), 1)
+    far = rasterio.Affine(7, 0, 3e7, 0, -7, 9e6)
+    kind = {"height": 9, "width": 9, "crs": "ESRI:54009", "transform": far}
+    path = saved(tmp_path / "a.tif", np.zeros((9, 9)), **kind)
     with pytest.warns(UserWarning, match="no place for the map's middle"):
-        assert read_dem(tmp_path / "a.tif").cell_size_m == 7.0
+        assert read_dem(path).cell_size_m == 7.0

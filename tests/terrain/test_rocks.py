@@ -18,7 +18,8 @@ def hills(rows=60, cols=50):
 
 def test_numbers_and_covered_ground_follow_the_law():
     for cover, (least, greatest) in itertools.product(
-        (0.02, 0.05, 0.1, 0.2), ((0.1, 3.0), (0.5, 1.0))
+        (0.02, 0.05, 0.1, 0.2),
+        ((0.1, 3.0), (0.5, 1.0)),
     ):
         q = 1.79 + 0.152 / cover
 
@@ -30,7 +31,8 @@ def test_numbers_and_covered_ground_follow_the_law():
         drawn = draw_rocks((side, side), (1.0, 1.0), cover, 1, (least, greatest))
         area = float(side**2)
         assert len(drawn.places) == pytest.approx(
-            expected * area, abs=4.0 * math.sqrt(expected * area)
+            expected * area,
+            abs=4.0 * math.sqrt(expected * area),
         )
         assert least <= drawn.diameters_m.min() and drawn.diameters_m.max() <= greatest
         ground = 0.25 * math.pi * drawn.diameters_m**2
@@ -39,7 +41,8 @@ def test_numbers_and_covered_ground_follow_the_law():
         middle = math.sqrt(least * greatest)
         more = int((drawn.diameters_m >= middle).sum())
         assert more == pytest.approx(
-            quad(density, middle, greatest)[0] * area, abs=4.0 * math.sqrt(more + 9.0)
+            quad(density, middle, greatest)[0] * area,
+            abs=4.0 * math.sqrt(more + 9.0),
         )
 
 
@@ -52,11 +55,13 @@ def test_a_rock_raises_the_cells_that_it_touches_by_its_greatest_height_over_eac
         found = rock_heights((12, 12), sides, Rocks(place, np.array([diameter])))
         down = (np.arange(12)[:, None] + share - place[0, 0]) * sides[0]
         across = (np.arange(12)[:, None] + share - place[0, 1]) * sides[1]
-        rest = (0.5 * diameter) ** 2 - down[:, None, :, None] ** 2 - across[None, :, None, :] ** 2
+        away = np.hypot(down[:, None, :, None], across[None, :, None, :])
+        rest = (0.5 * diameter) ** 2 - away**2
         sampled = np.sqrt(np.maximum(rest, 0.0)).max((2, 3))
         assert (found >= sampled - 1e-6).all()  # the samples miss a cell that is barely touched
         assert found[sampled > 0.1 * diameter] == pytest.approx(
-            sampled[sampled > 0.1 * diameter], abs=0.1 * diameter
+            sampled[sampled > 0.1 * diameter],
+            abs=0.1 * diameter,
         )
         nearest = tuple(np.clip(np.round(place[0]).astype(int), 0, 11))
         assert found[nearest] == found.max() == pytest.approx(0.5 * diameter)

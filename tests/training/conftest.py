@@ -42,6 +42,12 @@ def samples(dataset):
     return read_samples(dataset)
 
 
+def enlarged(samples, side):
+    """The same queries on maps of `side` cells, each cell of the small data set several times."""
+    factor = side // RECIPE.size
+    return replace(samples, planes=samples.planes.repeat(factor, axis=2).repeat(factor, axis=3))
+
+
 @pytest.fixture(scope="session")
 def trained(samples, tmp_path_factory):
     """`SMALL` after some epochs on the data set: the run's `folder`, and the fp32 model exported as

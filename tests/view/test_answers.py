@@ -258,11 +258,13 @@ def test_a_place_is_told_in_all_coordinates_and_by_what_it_is_impassable(site):
     assert re.fullmatch(r"[\d.]+° W, [\d.]+° N", told["words"][2])
     answerer = Answerer(site, PLAIN)
     rover = with_values(PLAIN, body="large-rover")
-    slopes = np.degrees(terrain_terms(site.dem.elevation, 2.0)[0])
-    bare, _ = ask(answerer, want="place", asked=in_json(PLAIN), at=[95, 119])
-    assert (
-        bare["words"][1] == "x 238, y 190" and f"slope {slopes[95, 119]:.1f}°" in bare["words"][2]
-    )
+    terms = terrain_terms(site.dem.elevation, 2.0)
+    for at in ([0, 31], [31, 0], [31, 31], [95, 119]):
+        bare, _ = ask(answerer, want="place", asked=in_json(PLAIN), at=at)
+        slope, roughness, step = terms[:, at[0], at[1]]
+        told = f"slope {np.degrees(slope):.1f}°, roughness {roughness:.2g} m, step {step:.2g} m"
+        assert told in bare["words"][2]
+    assert bare["words"][1] == "x 238, y 190"
     assert len(bare["words"]) == 3, "no coordinate system, and passable"
     unknown, _ = ask(answerer, want="place", asked=in_json(PLAIN), at=[45, 66])
     assert unknown["words"][2:] == ["its height is unknown", "impassable"]
@@ -323,9 +325,11 @@ def test_why_an_end_is_impassable_to_a_point_is_told(site):
     asked = with_values(PLAIN, limits=Traversability(hard_slope_deg=10.0))
     slopes = np.degrees(terrain_terms(site.dem.elevation, 2.0)[0])
     row, col = divmod(int(np.nanargmax(slopes)), slopes.shape[1])
-    told, _ = ask(answerer, want="path", asked=in_json(with_values(asked, goal=(row, col))))
-    assert f"goal ({row}, {col}) is impassable: height " in told["figures"]["reason"]
-    assert f"slope {slopes[row, col]:.1f}°" in told["figures"]["reason"]
+    for end in ("start", "goal"):
+        changed = with_values(asked, **{end: (row, col)})
+        told, _ = ask(answerer, want="path", asked=in_json(changed))
+        assert f"{end} ({row}, {col}) is impassable: height " in told["figures"]["reason"]
+        assert f"slope {slopes[row, col]:.1f}°" in told["figures"]["reason"]
 
 
 def test_arcs_are_answered_as_they_are_driven_with_the_headings_that_are_asked_for(site):

@@ -99,13 +99,24 @@ def test_what_is_dropped_and_is_no_map_is_refused_in_a_line(server):
         assert "\n" not in told["problem"] and "/" not in told["problem"].partition(":")[0]
     assert dropped(server, b"x", "a.tif", Origin="http://evil.example") == 403
     assert got(server.port, "/drop", None)[0] == 404
-    with socket.create_connection(("127.0.0.1", server.port)) as large:
-        head = (
-            HALF.replace(b"GET /", b"POST /drop")
-            + f"Origin: http://127.0.0.1\r\nContent-Length: {1 << 29}\r\n\r\n".encode()
-        )
-        large.sendall(head)
-        assert b" 413 " in large.recv(1 << 16)
+
+
+def test_numbers_that_make_no_sense_are_answered_in_a_line_once_the_host_is_checked(server):
+    """Python refuses to convert 5,000 digits; the server's end says that it printed nothing."""
+    for length, code in ((1 << 29, b" 413 "), ("9" * 5000, b" 400 "), (-1, b" 400 ")):
+        with socket.create_connection(("127.0.0.1", server.port)) as large:
+            head = (
+                HALF.replace(b"GET /", b"POST /drop")
+                + f"Origin: http://127.0.0.1\r\nContent-Length: {length}\r\n\r\n".encode()
+            )
+            large.sendall(head)
+            assert code in large.recv(1 << 16)
+    for number in ("9" * 5000, "-1", "x"):
+        for path, body in (("/opening", None), ("/ask", b"{}")):
+            status, _, told = got(server.port, f"{path}?map={number}", body)
+            assert status == 400 and b"wanted a map's number after ?map=" in told
+    status, _, told = got(server.port, f"/?map={'9' * 5000}", Host="evil.example")
+    assert status == 400 and b"for this machine alone" in told
 
 
 def test_a_run_that_is_followed_is_told_as_it_comes(tmp_path):

@@ -13,6 +13,7 @@ from nnpp_edge.viz.picture import (
     IMPASSABLE,
     OPTIMUM,
     PATH,
+    POINT,
     body_outlines,
     cost_map_picture,
     cost_picture,
@@ -20,7 +21,7 @@ from nnpp_edge.viz.picture import (
     plan_picture,
     save_picture,
 )
-from nnpp_edge.viz.sheet import GOAL, START
+from nnpp_edge.viz.sheet import BODY, GOAL, START
 
 
 def some_cost(rows, cols):
@@ -66,8 +67,7 @@ def test_unknown_ground_and_any_shape_can_be_shaded(shape, recwarn):
 )
 def test_small_maps_are_enlarged_by_whole_factors_and_large_ones_reduced(shape, drawn):
     picture = cost_map_picture(some_cost(*shape))
-    height = picture.shape[0]
-    width = picture.shape[1]
+    height, width, _ = picture.shape
     unit = max(1.0, max(drawn) / 1000)
     assert max(drawn[1], 800) < width < max(drawn[1], 800) + 50 * unit
     assert drawn[0] < height < drawn[0] + 140 * unit
@@ -76,23 +76,24 @@ def test_small_maps_are_enlarged_by_whole_factors_and_large_ones_reduced(shape, 
 def test_start_goal_and_both_paths_stand_on_the_map():
     cost = some_cost(400, 400)
     cost[200:210, :300] = np.inf
-    planner = Planner(cost)
-    plan = planner.plan((40, 60), (350, 330), method="corridor", keep_regions=True)
+    ends = ((40, 60), (350, 330))
+    plan = Planner(cost).plan(*ends, method="corridor", keep_regions=True)
     detour = np.array([(40 + n, 60) for n in range(100)], np.int32)
-    picture = plan_picture(cost, plan, reference_path=detour, cell_size_m=2.0)
-    places = {"start": (40, 60), "goal": (350, 330), "wall": (205, 20)}
-    at = {name: picture[18 + 2 * row, 18 + 2 * col].tolist() for name, (row, col) in places.items()}
-    assert at == {"start": list(START), "goal": list(GOAL), "wall": list(IMPASSABLE)}
-    on_map = picture[18:818, 18:818]
-    assert count(on_map, PATH) > 800
-    assert count(on_map, OPTIMUM) > 100
-    blue, _, red = on_map[2 * int(plan.path[100, 0]) - 8, 2 * int(plan.path[100, 1])].astype(int)
-    assert blue > red + 20  # the region's tint, beside the path
+    picture = plan_picture(cost, plan, *ends, reference_path=detour, cell_size_m=2.0)
+    on_map = picture[18:818, 18:818][::2, ::2]
+    assert on_map[40, 60].tolist() == list(START)
+    assert on_map[350, 330].tolist() == list(GOAL)
+    assert on_map[205, 20].tolist() == list(IMPASSABLE)
+    assert count(on_map, PATH) > 200
+    assert count(on_map, OPTIMUM) > 25
+    row, col = plan.path[100]
+    blue, _, red = on_map[row - 4, col].astype(int)
+    assert blue > red + 20, "the region's tint, beside the path"
 
 
 def test_a_plan_without_a_path_shows_its_ends():
     plan = Plan(Status.NO_PATH, Method.ASTAR)
-    picture = plan_picture(some_cost(400, 400), plan, start=(100, 100), goal=(300, 200))
+    picture = plan_picture(some_cost(400, 400), plan, (100, 100), (300, 200))
     assert picture[18 + 200, 18 + 200].tolist() == list(START)
     assert picture[18 + 600, 18 + 400].tolist() == list(GOAL)
     assert count(picture, PATH) == 0
@@ -101,15 +102,9 @@ def test_a_plan_without_a_path_shows_its_ends():
 @pytest.mark.parametrize("shape", [(1, 1), (1, 300), (300, 1), (2, 3), (30, 3000)])
 def test_maps_of_any_shape_are_drawn(shape):
     cost = some_cost(*shape)
-    plan = Planner(cost).plan((0, 0), (shape[0] - 1, shape[1] - 1), method="astar")
-    picture = plan_picture(
-        cost,
-        plan,
-        reference_path=plan.path,
-        shade=hillshade(cost, 1.0),
-        cell_size_m=0.3,
-        length_m=12.0,
-    )
+    ends = ((0, 0), (shape[0] - 1, shape[1] - 1))
+    plan = Planner(cost).plan(*ends, method="astar")
+    picture = plan_picture(cost, plan, *ends, shade=hillshade(cost, 1.0), cell_size_m=0.3)
     assert picture.dtype == np.uint8 and picture.shape[1] >= 800
     assert count(picture, START) > 10
 
@@ -125,25 +120,21 @@ def test_a_picture_is_written_whole(tmp_path):
 
 @pytest.mark.parametrize("vehicle", [Vehicle(2.0, 1.0, 0.3), Vehicle(radius_m=0.7)])
 @pytest.mark.parametrize("sides", [(0.5, 0.5), (0.5, 0.25)])
-def test_bodies_lie_along_the_path_and_point_ahead(vehicle, sides):
-    path = np.array(
-        [(10, 10 + at) for at in range(30)] + [(11 + at, 40 + at) for at in range(20)], np.int32
-    )
+@pytest.mark.parametrize("step", [(0, 1), (1, 0), (-1, 1)])
+def test_bodies_lie_along_the_path_and_point_ahead(vehicle, sides, step):
+    path = np.add(np.outer(np.arange(60), step), (70, 10))
     outlines = body_outlines(path, vehicle, sides)
     assert len(outlines) > 3
     long, wide = (2.0, 1.0) if vehicle.radius_m is None else (1.4, 1.4)
+    metres = step * np.array(sides)
+    ahead = metres / np.hypot(*metres)
     for outline in outlines:
-        front = outline[0]
-        around = outline[:-1]
-        middle = outline[-1]
-        at = int(np.flatnonzero((path == np.rint(middle).astype(int)).all(1))[0])
-        step = (path[min(at + 1, len(path) - 1)] - path[at - (at == len(path) - 1)]) * sides
-        ahead = step / np.hypot(*step)
-        np.testing.assert_allclose((front - middle) * sides, ahead * long / 2.0, atol=1e-9)
-        metres = (around - middle) * sides
-        np.testing.assert_allclose(np.abs(metres @ ahead).max(), long / 2.0)
-        np.testing.assert_allclose(np.abs(metres @ (-ahead[1], ahead[0])).max(), wide / 2.0)
-        np.testing.assert_allclose(around[0], around[-1])
+        front, *_, middle = (outline - outline[-1]) * sides
+        around = (outline[:-1] - outline[-1]) * sides
+        np.testing.assert_allclose(front - middle, ahead * long / 2.0, atol=1e-9)
+        np.testing.assert_allclose(np.abs(around @ ahead).max(), long / 2.0)
+        left = (-ahead[1], ahead[0])
+        np.testing.assert_allclose(np.abs(around @ left).max(), wide / 2.0)
     assert body_outlines(path[:1], vehicle, sides) == []
 
 
@@ -152,20 +143,25 @@ def test_a_picture_shows_where_the_vehicle_stands_in_no_heading():
     path = np.array([(20, col) for col in range(5, 35)], np.int32)
     plan = Plan(Status.OK, Method.ASTAR, Source.MAP, path, cost=1.0, length=29.0)
     refused = np.zeros((40, 40), np.uint8)
-    refused[2:8, 2:5], refused[2:8, 5:8] = 1 + REFUSALS.index("tilt"), 1 + REFUSALS.index("belly")
+    refused[2:8, 2:5] = 1 + REFUSALS.index("tilt")
+    refused[2:8, 5:8] = 1 + REFUSALS.index("belly")
+    pictures = []
+    for given in (None, refused):
+        picture = plan_picture(cost, plan, (20, 5), (20, 34), refused=given)
+        pictures.append(picture[18:818, 18:818][10::20, 10::20])
+    plain, shown = pictures
+    np.testing.assert_array_equal((plain != shown).any(-1), refused > 0)
+    assert (shown[4, 3] != shown[4, 6]).any(), "a colour for each limit"
+
+
+def test_another_path_and_outlines_are_drawn_where_they_are_given():
+    cost = np.full((40, 40), 0.3, np.float32)
+    path = np.array([(20, col) for col in range(5, 35)], np.int32)
+    plan = Plan(Status.OK, Method.ASTAR, Source.MAP, path, cost=1.0, length=29.0)
     outlines = body_outlines(path, Vehicle(4.0, 3.0, 0.3), (1.0, 1.0))
-    plain, shown = (
-        plan_picture(cost, plan, outlines=outlines, refused=each) for each in (None, refused)
+    plain, more = (
+        plan_picture(cost, plan, (20, 5), (20, 34), **given)
+        for given in ({}, {"point_path": path[:, ::-1], "outlines": outlines})
     )
-    pixels = 800 // 40
-    at = slice(18 + 3 * pixels, 18 + 7 * pixels)
-    assert (plain[at, at] != shown[at, at]).any(-1).all()
-    assert (
-        shown[18 + 4 * pixels, 18 + 3 * pixels] != shown[18 + 4 * pixels, 18 + 7 * pixels]
-    ).any()
-    other = slice(18 + 10 * pixels, 18 + 39 * pixels)
-    assert np.array_equal(plain[other, other], shown[other, other])
-    with_point = plan_picture(
-        cost, plan, outlines=outlines, refused=refused, point_path=path[:, ::-1].copy()
-    )
-    assert not np.array_equal(with_point[: shown.shape[0]], shown)
+    assert count(more, POINT) > count(plain, POINT) + 100
+    assert count(more, BODY) > count(plain, BODY) + 100

@@ -44,7 +44,9 @@ def metrics_registry(snapshot: Callable[[], Counters]) -> "CollectorRegistry":
     `prometheus-client`.
     """
     registry: CollectorRegistry = optional_module(
-        "prometheus_client", "metrics", "robot"
+        "prometheus_client",
+        "metrics",
+        "robot",
     ).CollectorRegistry()
 
     class Snapshot:
@@ -56,11 +58,13 @@ def metrics_registry(snapshot: Callable[[], Counters]) -> "CollectorRegistry":
 
 
 def _families(counters: Counters) -> "Iterator[Metric]":
+    """Every counter, the histogram of ticks, memory and the version."""
     from prometheus_client.core import CounterMetricFamily, GaugeMetricFamily, HistogramMetricFamily
 
     build = GaugeMetricFamily("nnpp_edge_build_info", "The version that runs.", labels=["version"])
     build.add_metric([__version__], 1)
     yield build
+
     for name, kind in get_type_hints(Counters, include_extras=True).items():
         words, *labels = getattr(kind, "__metadata__", ("",))
         if not words:
@@ -70,16 +74,19 @@ def _families(counters: Counters) -> "Iterator[Metric]":
         for label, number in sorted(count.items()) if labels else [("", count)]:
             family.add_metric([label] * len(labels), number)
         yield family
-    bounds = counters.tick_histogram or {"inf": 0}
-    buckets = [
-        ("+Inf" if ms == "inf" else repr(1e-3 * float(ms)), float(count))
-        for ms, count in bounds.items()
-    ]
-    name = "nnpp_edge_tick_seconds"
-    longest_s = 1e-3 * counters.tick_ms.get("max", 0.0)
+
+    buckets = []
+    for ms, count in (counters.tick_histogram or {"inf": 0}).items():
+        bound = "+Inf" if ms == "inf" else repr(1e-3 * float(ms))
+        buckets.append((bound, float(count)))
+    tick = "nnpp_edge_tick_seconds"
     yield HistogramMetricFamily(
-        name, "Work of a tick.", buckets=buckets, sum_value=counters.tick_sum_s
+        tick,
+        "Work of a tick.",
+        buckets=buckets,
+        sum_value=counters.tick_sum_s,
     )
-    yield GaugeMetricFamily(f"{name}_max", "Longest work of a tick.", value=longest_s)
-    memory = "nnpp_edge_resident_memory_bytes", "Resident memory of the process."
-    yield GaugeMetricFamily(*memory, value=counters.rss_bytes)
+    longest_s = 1e-3 * counters.tick_ms.get("max", 0.0)
+    yield GaugeMetricFamily(f"{tick}_max", "Longest work of a tick.", value=longest_s)
+    words = "Resident memory of the process."
+    yield GaugeMetricFamily("nnpp_edge_resident_memory_bytes", words, value=counters.rss_bytes)

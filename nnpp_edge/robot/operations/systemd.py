@@ -7,7 +7,6 @@ import math
 import os
 import socket
 import time
-from collections.abc import Callable, Mapping
 
 from nnpp_edge.runtime.loop.messages import Output, StatusMessage
 
@@ -28,34 +27,30 @@ class Notifier:
 
     name = "systemd"
 
-    def __init__(
-        self,
-        environment: Mapping[str, str] | None = None,
-        *,
-        clock: Callable[[], float] = time.monotonic,
-    ) -> None:
-        environment = os.environ if environment is None else environment
-        self._clock = clock
+    def __init__(self) -> None:
         self._last = -math.inf
         self._warned = False
         self._socket = socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM | socket.SOCK_CLOEXEC)
         self._socket.setblocking(False)
-        name = environment.get("NOTIFY_SOCKET", "")
+        name = os.environ.get("NOTIFY_SOCKET", "")
         usable = len(name) > 1 and name[0] in "/@"
-        self._address = os.fsencode("\0" + name[1:] if name[0] == "@" else name) if usable else b""
-        self.watchdog_s = _watchdog_s(environment) if self._address else None
+        self._address = os.fsencode(name) if usable else b""
+        if name.startswith("@"):  # an abstract name
+            self._address = self._address.replace(b"@", b"\0", 1)
+        self.watchdog_s = _watchdog_s() if usable else None
         """Seconds without `alive` after which the manager acts; None if it does not watch this
         process.
         """
 
     def ready(self) -> bool:
+        """The loop is about to start."""
         return self._send("READY=1")
 
     def alive(self) -> bool:
         """The planning loop has ended a tick. True if that was sent: at most every half of the
         watchdog's time.
         """
-        now = self._clock()
+        now = time.monotonic()
         if self.watchdog_s is None or now - self._last < 0.5 * self.watchdog_s:
             return False
         self._last = now
@@ -66,7 +61,8 @@ class Notifier:
         blanks, at most 200.
         """
         if isinstance(message, StatusMessage):
-            line = " ".join("".join(c if c.isprintable() else " " for c in message.text).split())
+            text = "".join(c if c.isprintable() else " " for c in message.text)
+            line = " ".join(text.split())
             self._send("STATUS=" + line[:_LONGEST_STATUS])
 
     def stopping(self) -> bool:
@@ -91,11 +87,11 @@ class Notifier:
         return True
 
 
-def _watchdog_s(environment: Mapping[str, str]) -> float | None:
+def _watchdog_s() -> float | None:
     """The watchdog's time; None if there is no watchdog, or it watches another process."""
     try:
-        watched = int(environment.get("WATCHDOG_PID") or os.getpid())
-        microseconds = int(environment.get("WATCHDOG_USEC") or 0)
+        watched = int(os.environ.get("WATCHDOG_PID") or os.getpid())
+        microseconds = int(os.environ.get("WATCHDOG_USEC") or 0)
     except ValueError:
         _LOG.warning("WATCHDOG_USEC and WATCHDOG_PID must be whole numbers")
         return None

@@ -1,3 +1,97 @@
-"""Where the loop's inputs come from and its answers go: stdio, Zenoh, recordings, an MCAP log,
-rerun.
+"""Where the loop's inputs come from and its answers go. A new way is a file here and an entry of
+`TRANSPORTS`.
 """
+
+import re
+from pkgutil import resolve_name
+from typing import TYPE_CHECKING, NamedTuple
+
+from nnpp_edge.runtime.errors import InvalidQueryError
+
+if TYPE_CHECKING:
+    from nnpp_edge.robot.transports.wiring import Setup
+    from nnpp_edge.runtime.loop.connections import Transport
+
+
+class Entry(NamedTuple):
+    """A transport as `nnpp-edge run` offers it."""
+
+    option: str
+    """The option that opens it, without hyphens."""
+    form: str
+    """How users write it: a name, and after a colon its place, in brackets where it may be left
+    out; or an option of its own.
+    """
+    help: str
+    """A few words on it; or the help of its own option."""
+    kind: str
+    """``file:Class``; its ``open(place, setup)`` makes one. Imported when it is opened, as it may
+    need libraries that are not installed.
+    """
+
+    @property
+    def name(self) -> str:
+        """The form without its place."""
+        return re.split(r"\[?:| ", self.form)[0]
+
+    def takes(self, place: str) -> bool:
+        """Whether this place, or none, may follow the name."""
+        if "[" in self.form:
+            return True
+        return (":" in self.form) == bool(place)
+
+    def open(self, place: str, setup: "Setup") -> "Transport":
+        """Make the transport.
+
+        InvalidQueryError where the place makes no sense, OutputError where it cannot be written
+        to, MissingExtraError without the transport's library.
+        """
+        kind = resolve_name(f"{__name__}.{self.kind}")
+        transport: Transport = kind.open(place, setup)
+        return transport
+
+
+TRANSPORTS = (
+    Entry("input", "stdin", "lines of JSON on standard input", "stdio:StdioSource"),
+    Entry("input", "replay:FILE", "a recording", "recording:ReplaySource"),
+    Entry("input", "zenoh[:ENDPOINT]", "topics of Zenoh", "zenoh_io:ZenohSource"),
+    Entry("output", "stdout", "lines of JSON on standard output", "stdio:StdioSink"),
+    Entry("output", "zenoh[:ENDPOINT]", "topics of Zenoh", "zenoh_io:ZenohSink"),
+    Entry(
+        "record",
+        "--record FILE",
+        "Write the inputs to this file, for replay; one that is there stays, and -2 is added.",
+        "recording:RecordingFile",
+    ),
+    Entry(
+        "log",
+        "--log FILE",
+        "Write inputs and answers to this .mcap file, likewise.",
+        "mcap_log:McapLog",
+    ),
+    Entry(
+        "view",
+        "--view WHERE",
+        "Map and path in rerun: 'here' starts a viewer, rerun+http://HOST:9876/proxy is one, "
+        "FILE.rrd is written.",
+        "rerun_view:RerunSink",
+    ),
+)
+
+
+def entries(option: str) -> list[Entry]:
+    """The transports that an option opens."""
+    return [entry for entry in TRANSPORTS if entry.option == option]
+
+
+def find(option: str, words: str) -> tuple[Entry, str]:
+    """The transport that ``NAME:PLACE`` names, and the place; InvalidQueryError lists the names."""
+    name, _, place = words.partition(":")
+    for entry in entries(option):
+        if entry.name == name and entry.takes(place):
+            return entry, place
+    forms = [entry.form for entry in entries(option)]
+    if option == "output":
+        forms.append("none")
+    *most, last = forms
+    raise InvalidQueryError(f"{option} must be {', '.join(most)} or {last}, got {words!r}")

@@ -8,7 +8,7 @@ from collections import deque
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 
-from nnpp_edge.robot.transports.wire import Fault, WireError, decode
+from nnpp_edge.robot.transports.wire import LIMIT_BYTES, Fault, WireError, decode
 from nnpp_edge.runtime.loop.connections import Mailbox
 from nnpp_edge.runtime.loop.ladder import one_line
 from nnpp_edge.runtime.loop.workers import WhenFull
@@ -43,17 +43,23 @@ class Refusals:
             _LOG.warning("an input was refused: %s%s", error, more)
 
     def waiting(self) -> list[Fault]:
-        """The faults that wait now, oldest first, each taken out; any that come meanwhile
-        wait on.
-        """
+        """Take out the faults that wait now, oldest first; those that come meanwhile wait on."""
         return [self._faults.popleft() for _ in range(len(self._faults))]
 
 
 class MailboxSource:
-    """A source whose inputs, of at most `limit` bytes each, wait in a mailbox."""
+    """A source whose inputs, of at most `limit` bytes each, wait in a mailbox: the base of
+    sources that threads fill (`Incoming`).
+    """
 
-    def __init__(self, refusals: Refusals, limit: int, mailbox: Mailbox | None) -> None:
-        self._refusals = refusals
+    def __init__(
+        self,
+        refusals: Refusals,
+        limit: int = LIMIT_BYTES,
+        mailbox: Mailbox | None = None,
+    ) -> None:
+        self.refusals = refusals
+        """Messages that were refused, for the sink that answers them."""
         self._limit = limit
         self._mailbox = mailbox or Mailbox()
         self.poll = self._mailbox.read
@@ -66,8 +72,14 @@ class MailboxSource:
         """Whether nothing waits and nothing more will come, or reading has failed."""
         return bool(self.failure) or self._mailbox.ended
 
+    def close(self) -> None:
+        """Do nothing: the thread that reads ends with the process."""
+
     def _take(
-        self, content: bytes | WireError, when_full: WhenFull, kind: str | None = None
+        self,
+        content: bytes | WireError,
+        when_full: WhenFull,
+        kind: str | None = None,
     ) -> int:
         """Put a message into the mailbox, or refuse it; the number of patches dropped for it."""
         try:
@@ -75,7 +87,7 @@ class MailboxSource:
                 raise content
             return self._mailbox.put(decode(content, self._limit, kind), when_full=when_full)
         except WireError as error:
-            self._refusals.add(error)
+            self.refusals.add(error)
             return 0
 
     @contextmanager

@@ -19,6 +19,8 @@ from typing import IO
 import numpy as np
 from numpy.typing import NDArray
 
+from nnpp_edge.files import open_new
+from nnpp_edge.robot.transports.wiring import Setup
 from nnpp_edge.ros.messages import (
     definition,
     grid_message,
@@ -67,7 +69,8 @@ class McapLog:
     Parameters
     ----------
     path : Path
-        ``.mcap``; a file of that name is replaced. OutputError if it cannot be begun.
+        ``.mcap``; a file of that name is left alone, and ``NAME-2.mcap`` is written. OutputError
+        if it cannot be begun.
     state : MapState
         The loop's map (`Navigator.map`), which is written; in cells where it has no cell size.
     """
@@ -76,7 +79,6 @@ class McapLog:
 
     def __init__(self, path: Path, state: MapState) -> None:
         self._mcap = optional_module("mcap.writer", "a log", "robot")
-        self._path = Path(path)
         self._limit = 0.5 * max(_LIMIT_BYTES, 4.0 * math.prod(state.shape))
         self._state = state
         self._cell = 1.0 if state.sides_m is None else state.sides_m[0]
@@ -86,9 +88,14 @@ class McapLog:
         self.lost = 0
         """Messages that were not written because the log had stopped."""
         with refused_as(OutputError, f"{path}: could not be written"):
-            self._stream: IO[bytes] | None = self._path.open("wb")
+            self._stream: IO[bytes] | None = open_new(path)
+        self.path = Path(self._stream.name)
         with self._stopping_on_error():
             self._begin(self._stream)
+
+    @classmethod
+    def open(cls, place: str, setup: Setup) -> "McapLog":
+        return cls(Path(place), setup.navigator.map)
 
     def record(self, message: Input, at_s: float = 0.0) -> None:
         """Write an input. Never raises an OSError."""
@@ -180,8 +187,8 @@ class McapLog:
             self._writer.flush()
             if self._stream.tell() > self._limit:
                 self._finish()
-                self._path.replace(self._path.with_suffix(f".1{self._path.suffix}"))
-                self._stream = self._path.open("wb")
+                self.path.replace(self.path.with_suffix(f".1{self.path.suffix}"))
+                self._stream = self.path.open("wb")
                 self._begin(self._stream)
 
     def _finish(self) -> None:
@@ -196,7 +203,7 @@ class McapLog:
         try:
             yield
         except OSError as error:
-            _LOG.warning("the log %s stops: %s", self._path, " ".join(str(error).split()))
+            _LOG.warning("the log %s stops: %s", self.path, " ".join(str(error).split()))
             self.lost += 1
             stream = self._stream
             self._stream = None

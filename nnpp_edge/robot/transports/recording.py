@@ -8,7 +8,7 @@ map.
 import json
 import logging
 import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Generator, Iterator, Sequence
 from contextlib import suppress
 from functools import partial
 from pathlib import Path
@@ -16,23 +16,24 @@ from typing import Literal
 
 import msgspec
 
+from nnpp_edge.files import open_new
 from nnpp_edge.robot.transports.wire import (
+    INPUT_RECORDS,
     LIMIT_BYTES,
     VERSION,
-    GoalRecord,
-    PatchRecord,
-    PoseRecord,
     Record,
     WireError,
     as_input,
     decoded_input,
     encode,
 )
+from nnpp_edge.robot.transports.wiring import Setup
+from nnpp_edge.runtime.cells import Shape
 from nnpp_edge.runtime.errors import InvalidQueryError, OutputError
-from nnpp_edge.runtime.loop.connections import InputSource
+from nnpp_edge.runtime.loop.connections import InputSource, Recorder
 from nnpp_edge.runtime.loop.ladder import one_line
 from nnpp_edge.runtime.loop.messages import Input, MapPatch
-from nnpp_edge.runtime.loop.workers import Guard, Queue, Worker
+from nnpp_edge.runtime.loop.workers import Guard, Queue, WhenFull, Worker
 from nnpp_edge.runtime.reading import refused_as
 
 _LOG = logging.getLogger(__name__)
@@ -40,16 +41,18 @@ _MOST_WAITING = 4096
 _CELLS_AS_ONE = 4096
 """A patch counts as one waiting input, and one more for each so many cells."""
 _LONGEST_LINE = LIMIT_BYTES + 64
+_PATIENCE_S = 2.0
+
+Timed = tuple[float, Input]
+"""Seconds since the recording began, and an input."""
 
 
 class _Head(msgspec.Struct, tag_field="type", tag="recording"):
     v: Literal[1] = 1
-    map: tuple[int, int] | None = None
+    map: Shape | None = None
 
 
-_LINE: msgspec.json.Decoder[_Head | Record] = msgspec.json.Decoder(
-    _Head | PoseRecord | GoalRecord | PatchRecord
-)
+_LINE: msgspec.json.Decoder[_Head | Record] = msgspec.json.Decoder(_Head | INPUT_RECORDS)
 
 
 class ReplayError(InvalidQueryError):
@@ -69,7 +72,7 @@ class ReplaySource:
         self,
         path: Path,
         *,
-        shape: tuple[int, int] | None = None,
+        shape: Shape | None = None,
         fast: bool = False,
         clock: Callable[[], float] = time.monotonic,
     ) -> None:
@@ -83,6 +86,10 @@ class ReplaySource:
         self.failure = ""
         """Why the rest cannot be played; empty while all is well."""
 
+    @classmethod
+    def open(cls, place: str, setup: Setup) -> "ReplaySource":
+        return cls(Path(place), shape=setup.navigator.map.shape, fast=setup.wiring.fast)
+
     @property
     def ended(self) -> bool:
         """Whether all of it was played."""
@@ -91,8 +98,11 @@ class ReplaySource:
     def poll(self) -> Iterator[Input]:
         """The inputs that are due, or with `fast` those of the next recorded tick."""
         now = self._clock()
-        self._began = now if self._began is None else self._began
-        due = self._next[0] if self._next is not None and self._fast else now - self._began
+        if self._began is None:
+            self._began = now
+        due = now - self._began
+        if self._fast and self._next is not None:
+            due = self._next[0]
         while self._next is not None and self._next[0] <= due:
             message = self._next[1]
             try:
@@ -102,18 +112,22 @@ class ReplaySource:
                 self._next = None
             yield message
 
+    def close(self) -> None:
+        """Close the file."""
+        self._rest.close()
 
-def read_recording(
-    path: Path, shape: tuple[int, int] | None = None
-) -> Iterator[tuple[float, Input]]:
-    """Times and inputs of a recording, one by one; ReplayError as for `ReplaySource`."""
+
+def read_recording(path: Path, shape: Shape | None = None) -> Generator[Timed, None, None]:
+    """Read times and inputs of a recording, one by one; ReplayError as for `ReplaySource`."""
     latest = 0.0
     wanted = f"{path}: wanted a recording, got a file that cannot be read"
     with refused_as(ReplayError, wanted), Path(path).open("rb") as file:
         lines = iter(partial(file.readline, _LONGEST_LINE + 1), b"")
         for number, line in enumerate(lines, 1):
+            if not line.strip():
+                continue
             try:
-                found = _read_line(line, shape, latest) if line.strip() else None
+                found = _read_line(line, shape, latest)
             except WireError as error:
                 if line.endswith(b"\n") or len(line) > _LONGEST_LINE:
                     raise ReplayError(f"{path}: line {number}: {error}") from None
@@ -124,9 +138,7 @@ def read_recording(
                 yield found
 
 
-def _read_line(
-    line: bytes, shape: tuple[int, int] | None, latest: float
-) -> tuple[float, Input] | None:
+def _read_line(line: bytes, shape: Shape | None, latest: float) -> Timed | None:
     """Time and input of a line; None for the head."""
     record = decoded_input(line, _LINE, "a pose, goal or patch with its time", _LONGEST_LINE)
     if isinstance(record, _Head):
@@ -150,24 +162,19 @@ class RecordingFile:
     `shape` is that of the map. OutputError if the file cannot be written.
     """
 
-    def __init__(self, path: Path, shape: tuple[int, int]) -> None:
-        self.path = Path(path)
+    def __init__(self, path: Path, shape: Shape) -> None:
         self._full = False
         """A line could not be written whole: none may follow it."""
-        for number in range(2, 100_000):
-            try:
-                self._file = self.path.open(
-                    "wb" if self.path.is_char_device() else "xb", buffering=0
-                )
-                break
-            except FileExistsError:
-                self.path = path.with_name(f"{path.stem}-{number}{path.suffix}")
-            except OSError as error:
-                raise OutputError(f"{path}: could not be written ({error.strerror})") from error
-        with suppress(OSError):  # a full disk, of which `record` will tell
-            self._write(
-                json.dumps({"v": VERSION, "type": "recording", "map": list(shape)}).encode() + b"\n"
-            )
+        with refused_as(OutputError, f"{path}: could not be written"):
+            self._file = open_new(path, buffering=0)
+        self.path = Path(self._file.name)
+        head = {"v": VERSION, "type": "recording", "map": shape}
+        with suppress(OSError):  # the disk is full: `record` will say so
+            self._write(json.dumps(head).encode() + b"\n")
+
+    @classmethod
+    def open(cls, place: str, setup: Setup) -> "RecordingFile":
+        return cls(Path(place), setup.navigator.map.shape)
 
     def record(self, message: Input, at_s: float) -> None:
         """Write an input that came so many seconds after the begin; OSError once the disk has been
@@ -191,17 +198,17 @@ class RecordedSource:
     """Passes on the inputs of another source, and hands them to recorders, each in a thread of its
     own.
 
-    Recorders are called with an input, and the seconds from the first call of `poll` to the one
-    that gave the input. If 4096 inputs or 16 million cells wait to be recorded, the next are left
-    out, unless `wait` has the loop wait for its recorders, for replays. `count_error` is called
-    with ``record`` for each input that a recorder failed on, or that was left out. The first
-    failure of a recorder is logged.
+    Recorders get an input, and the seconds from the first call of `poll` to the one that gave the
+    input. If 4096 inputs or 16 million cells wait to be recorded, the next are left out, unless
+    `wait` has the loop wait for its recorders, for replays. `count_error` is called with ``record``
+    for each input that a recorder failed on, or that was left out. The first failure of a recorder
+    is logged.
     """
 
     def __init__(
         self,
         source: InputSource,
-        recorders: Sequence[Callable[[Input, float], object]],
+        recorders: Sequence[Recorder],
         count_error: Callable[[str], None],
         *,
         wait: bool = False,
@@ -210,39 +217,41 @@ class RecordedSource:
         self._count_error = count_error
         self._wait = wait
         self._began: float | None = None
-        guard = partial(Guard, "recording an input", "record", count_error)
-        self._workers = [
-            Worker(_unpacked(each), Queue(_MOST_WAITING, _size), guard()) for each in recorders
-        ]
-        for worker in self._workers:
+        self._workers = []
+        for recorder in recorders:
+            guard = Guard("recording an input", "record", count_error)
+            worker = Worker(partial(_record, recorder), Queue(_MOST_WAITING, _size), guard)
+            self._workers.append(worker)
             worker.start()
 
     def poll(self) -> Iterator[Input]:
         """The inputs of the source."""
         now = time.monotonic()
-        self._began = now if self._began is None else self._began
+        if self._began is None:
+            self._began = now
+        when_full: WhenFull = "wait" if self._wait else "refuse"
         for message in self._source.poll():
             for worker in self._workers:
-                if worker.queue.put(
-                    (message, now - self._began), "wait" if self._wait else "refuse"
-                ):
+                if worker.queue.put((now - self._began, message), when_full):
                     self._count_error("record")
             yield message
 
-    def close(self, patience_s: float = 2.0) -> None:
-        """Let the waiting inputs be recorded, for so long at most, or with `wait` all of them."""
+    def close(self) -> None:
+        """Let the waiting inputs be recorded, for two seconds at most, or with `wait` all of
+        them.
+        """
         for worker in self._workers:
-            worker.close(patience_s, patient=lambda: self._wait)
+            worker.close(_PATIENCE_S, patient=lambda: self._wait)
 
 
-def _unpacked(
-    recorder: Callable[[Input, float], object],
-) -> Callable[[tuple[Input, float]], object]:
-    return lambda timed: recorder(*timed)
+def _record(recorder: Recorder, timed: Timed) -> None:
+    at_s, message = timed
+    recorder.record(message, at_s)
 
 
-def _size(timed: tuple[Input, float]) -> int:
-    message = timed[0]
-    return 1 + (
-        message.shape[0] * message.shape[1] // _CELLS_AS_ONE if isinstance(message, MapPatch) else 0
-    )
+def _size(timed: Timed) -> int:
+    """How much room a waiting input takes, in inputs."""
+    message = timed[1]
+    if not isinstance(message, MapPatch):
+        return 1
+    return 1 + message.values.size // _CELLS_AS_ONE

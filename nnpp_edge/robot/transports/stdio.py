@@ -5,12 +5,14 @@ themselves.
 import io
 import os
 import select
+import sys
 import threading
 from collections.abc import Iterator
 from typing import TYPE_CHECKING, BinaryIO
 
 from nnpp_edge.robot.transports.incoming import MailboxSource, Refusals
 from nnpp_edge.robot.transports.wire import LIMIT_BYTES, WireError, encode
+from nnpp_edge.robot.transports.wiring import Setup
 from nnpp_edge.runtime.errors import OutputError
 from nnpp_edge.runtime.loop.connections import Mailbox
 from nnpp_edge.runtime.loop.messages import Output
@@ -60,15 +62,21 @@ class StdioSource(MailboxSource):
         mailbox: Mailbox | None = None,
     ) -> None:
         super().__init__(refusals, limit, mailbox)
-        self._descriptor = descriptor
-        self._thread = threading.Thread(target=self._read, name="nnpp-edge stdin", daemon=True)
-        self._thread.start()
+        stream = io.BufferedReader(_Waiting(descriptor, closefd=False), _CHUNK)
+        threading.Thread(
+            target=self._read,
+            args=[stream],
+            name="nnpp-edge stdin",
+            daemon=True,
+        ).start()
 
-    def _read(self) -> None:
+    @classmethod
+    def open(cls, place: str, setup: Setup) -> "StdioSource":
+        return cls(Refusals(setup.navigator.count_error))
+
+    def _read(self, stream: BinaryIO) -> None:
         with self._reading():
-            for message in messages(
-                io.BufferedReader(_Waiting(self._descriptor, closefd=False), _CHUNK), self._limit
-            ):
+            for message in messages(stream, self._limit):
                 self._take(message, "wait")
             self._mailbox.close()
 
@@ -84,6 +92,11 @@ class StdioSink:
         self._refusals = refusals
         self._descriptor = descriptor
         self._broken = False
+
+    @classmethod
+    def open(cls, place: str, setup: Setup) -> "StdioSink":
+        sys.stdout.flush()
+        return cls(setup.source.refusals if isinstance(setup.source, StdioSource) else None)
 
     def publish(self, message: Output) -> None:
         """Write what waits and the answer. OutputError, once, if the reader has gone."""
@@ -102,3 +115,6 @@ class StdioSink:
             raise OutputError(
                 "standard output was closed by its reader: nothing more is written to it"
             ) from error
+
+    def close(self) -> None:
+        """Leave standard output open."""

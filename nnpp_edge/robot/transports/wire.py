@@ -11,10 +11,11 @@ from typing import Annotated, Literal, TypeVar, get_args
 
 import msgspec
 import numpy as np
-from numpy.typing import NDArray
 
 from nnpp_edge.runtime import Goal, InvalidMessageError, MapPatch, PathMessage, Pose, StatusMessage
+from nnpp_edge.runtime.arrays import Float2D
 from nnpp_edge.runtime.loop.messages import Input, Output
+from nnpp_edge.runtime.map.along import Line
 
 T = TypeVar("T")
 
@@ -80,62 +81,64 @@ class PatchRecord(Record, tag="patch"):
     keep_known: bool = False
 
 
-_RECORDS = {"pose": PoseRecord, "goal": GoalRecord, "patch": PatchRecord}
+INPUT_RECORDS = PoseRecord | GoalRecord | PatchRecord
 _INPUTS: dict[str | None, msgspec.json.Decoder[Record]] = {
-    None: msgspec.json.Decoder(PoseRecord | GoalRecord | PatchRecord),
-    **{kind: msgspec.json.Decoder(record) for kind, record in _RECORDS.items()},
+    None: msgspec.json.Decoder(INPUT_RECORDS),
+    "pose": msgspec.json.Decoder(PoseRecord),
+    "goal": msgspec.json.Decoder(GoalRecord),
+    "patch": msgspec.json.Decoder(PatchRecord),
 }
 _OUTPUTS = {"path": PathMessage, "status": StatusMessage, "error": Fault}
+_NAMES = {Pose: "pose", Goal: "goal", MapPatch: "patch"} | {
+    kind: name for name, kind in _OUTPUTS.items()
+}
 
 
 def encode(message: Input | Output | Fault) -> bytes:
-    """A message as JSON in one line, without its end. Values of patches are base64, so that none
-    changes.
+    """Write a message as JSON in one line, without its end. Values of patches are base64, so that
+    none changes; numbers that JSON lacks become null.
     """
+    fields: object = message
     if isinstance(message, MapPatch):
-        packed = Packed(message.shape, message.values.astype("<f4").tobytes())
-        layer = {"elevation" if message.cost is None else "cost": packed}
-        kept = {name: getattr(message, name) for name in ("row", "col", "keep_known", "stamp")}
-        return _joined("patch", kept | layer)
-    kinds = {
-        Pose: "pose",
-        Goal: "goal",
-        PathMessage: "path",
-        StatusMessage: "status",
-        Fault: "error",
-    }
-    return _joined(
-        kinds[type(message)], message.summary() if isinstance(message, PathMessage) else message
-    )
+        layer = "elevation" if message.cost is None else "cost"
+        fields = {
+            "row": message.row,
+            "col": message.col,
+            "keep_known": message.keep_known,
+            "stamp": message.stamp,
+            layer: Packed(message.shape, message.values.astype("<f4").tobytes()),
+        }
+    elif isinstance(message, PathMessage):
+        fields = message.summary()
+    head = b'{"v":%d,"type":"%s",' % (VERSION, _NAMES[type(message)].encode())
+    return head + _ENCODER.encode(fields)[1:]
 
 
 def decode(payload: bytes, limit: int = LIMIT_BYTES, kind: str | None = None) -> Input:
-    """The input that a message holds.
+    """Read the input that a message holds.
 
     The message is one JSON object in UTF-8. Where only a `kind` may come, ``pose``, ``goal`` or
     ``patch``, it need not name its type. WireError where it is too long, has more than `JSON_BYTES`
     outside base64, is no JSON, of another version, has words that are unknown, or values out of
     range.
     """
-    return as_input(
-        decoded_input(payload, _INPUTS[kind], f"a {kind or 'pose, goal or patch'}", limit)
-    )
+    wanted = f"a {kind or 'pose, goal or patch'}"
+    return as_input(decoded_input(payload, _INPUTS[kind], wanted, limit))
 
 
-def decode_output(payload: bytes, limit: int = LIMIT_BYTES) -> Output | Fault:
-    """The answer that a message holds; for programs that listen to the loop. WireError as for
+def decode_output(payload: bytes) -> Output | Fault:
+    """Read the answer that a message holds; for programs that listen to the loop. WireError as for
     `decode`.
 
     Words that no answer has are passed over, and so are a path's headings, which follow from its
     cells.
     """
     wanted = "an answer of the loop"
-    fields = decoded(payload, msgspec.json.Decoder(dict[str, object]), wanted, limit)
+    fields = decoded(payload, msgspec.json.Decoder(dict[str, object]), wanted, LIMIT_BYTES)
     kind = fields.get("type")
     if not isinstance(kind, str) or kind not in _OUTPUTS or fields.get("v", VERSION) != VERSION:
-        raise _refused(
-            wanted, payload, f"its type must be {', '.join(_OUTPUTS)}, and its version {VERSION}"
-        )
+        allowed = f"its type must be {', '.join(_OUTPUTS)}, and its version {VERSION}"
+        raise _refused(wanted, payload, allowed)
     for name in ("cost", "lower_bound", "line_cost"):
         if name in fields and fields[name] is None:
             fields[name] = math.inf
@@ -146,11 +149,9 @@ def decode_output(payload: bytes, limit: int = LIMIT_BYTES) -> Output | Fault:
     return output
 
 
-def decoded(
-    payload: bytes, decoder: msgspec.json.Decoder[T], wanted: str, limit: int = LIMIT_BYTES
-) -> T:
-    """A decoder's result for a message; a WireError that says what was wanted, and what came
-    instead.
+def decoded(payload: bytes, decoder: msgspec.json.Decoder[T], wanted: str, limit: int) -> T:
+    """A decoder's result for a message of at most `limit` bytes; WireError says what was wanted and
+    what came.
     """
     if len(payload) > limit:
         raise WireError(f"wanted a message of at most {limit} bytes, got {len(payload)}")
@@ -160,16 +161,16 @@ def decoded(
         raise _refused(wanted, payload, error) from None
 
 
-def decoded_input(
-    payload: bytes, decoder: msgspec.json.Decoder[T], wanted: str, limit: int = LIMIT_BYTES
-) -> T:
+def decoded_input(payload: bytes, decoder: msgspec.json.Decoder[T], wanted: str, limit: int) -> T:
     """As `decoded`, for inputs: a WireError too if more than `JSON_BYTES` are left without a
     patch's base64.
     """
     if JSON_BYTES < len(payload) <= limit:
+        rest = len(payload)
         opening = _OPENING.search(payload, 0, JSON_BYTES)
-        base64 = payload.find(b'"', opening.end()) - opening.end() if opening else 0
-        if (rest := len(payload) - max(base64, 0)) > JSON_BYTES:
+        if opening:
+            rest -= max(payload.find(b'"', opening.end()) - opening.end(), 0)
+        if rest > JSON_BYTES:
             wanted = f"at most {JSON_BYTES} bytes outside a patch's base64 values (float32)"
             raise WireError(f"wanted {wanted}, got {rest}")
     return decoded(payload, decoder, wanted, limit)
@@ -179,8 +180,10 @@ def as_input(record: Record) -> Input:
     """The input of a decoded record; WireError if its values make no sense."""
     try:
         if isinstance(record, PatchRecord):
-            values = _values("elevation", record.elevation), _values("cost", record.cost)
-            return MapPatch(record.row, record.col, *values, record.keep_known, record.stamp)  # type: ignore[arg-type]
+            elevation = _values("elevation", record.elevation)
+            cost = _values("cost", record.cost)
+            place = (record.row, record.col)
+            return MapPatch(*place, elevation, cost, record.keep_known, record.stamp)  # type: ignore[arg-type]
         if isinstance(record, PoseRecord):
             return Pose(record.row, record.col, record.stamp, record.heading_deg)
         return Goal(record.row, record.col, record.stamp)  # type: ignore[arg-type]  # a goal refuses fractions
@@ -188,13 +191,8 @@ def as_input(record: Record) -> Input:
         raise WireError(str(error)) from None
 
 
-def _joined(kind: str, fields: object) -> bytes:
-    """The JSON of a message: version, kind and fields; null for numbers that JSON lacks."""
-    return b'{"v":%d,"type":"%s",' % (VERSION, kind.encode()) + _ENCODER.encode(fields)[1:]
-
-
 def _plain(value: object) -> object:
-    """NumPy's arrays and numbers as Python's."""
+    """Turn NumPy's arrays and numbers into Python's."""
     if isinstance(value, np.ndarray | np.generic):
         return value.tolist()
     raise TypeError(f"cannot be written as JSON: {type(value).__name__}")
@@ -203,27 +201,27 @@ def _plain(value: object) -> object:
 _ENCODER = msgspec.json.Encoder(enc_hook=_plain)
 
 
-def _as_places(kind: object, places: list[list[float]]) -> NDArray[np.int32] | NDArray[np.float64]:
+def _as_places(kind: object, places: list[list[float]]) -> Line:
     """A path's cells, or way points."""
     if np.dtype[np.float64] in get_args(kind):
         return np.asarray(places, np.float64).reshape(-1, 2)
     return np.asarray(places, np.int32).reshape(-1, 2)
 
 
-def _values(
-    name: str, given: list[list[float | None]] | Packed | None
-) -> NDArray[np.float32] | None:
+def _values(name: str, given: list[list[float | None]] | Packed | None) -> Float2D | None:
     """The cells of a patch."""
+    if given is None:
+        return None
     if isinstance(given, Packed):
         rows, cols = given.shape
-        if (came := len(given.float32)) != 4 * rows * cols:
+        came = len(given.float32)
+        if came != 4 * rows * cols:
             raise InvalidMessageError(
                 f"a patch's {name} has {came} bytes for {rows} × {cols} cells of 4"
             )
         return np.frombuffer(given.float32, "<f4").reshape(rows, cols)
-    if given is None:
-        return None
-    if len(lengths := {len(row) for row in given}) > 1:
+    lengths = {len(row) for row in given}
+    if len(lengths) > 1:
         raise InvalidMessageError(
             f"the rows of a patch's {name} must be of one length, got {sorted(lengths)[:8]}"
         )
@@ -233,11 +231,14 @@ def _values(
 
 def _refused(wanted: str, payload: bytes, reason: Exception | str) -> WireError:
     """The error for a message, in one line."""
-    excerpt = repr(payload[:_EXCERPT])[1:] + ("…" if len(payload) > _EXCERPT else "")
+    excerpt = repr(payload[:_EXCERPT])[1:]
+    if len(payload) > _EXCERPT:
+        excerpt += "…"
     text, _, place = " ".join(str(reason).split()).partition(" - at `$.")
-    where = place.rstrip("`")
-    if where == "v":
+    why = text[:150]
+    key = place.rstrip("`")
+    if key == "v":
         wanted = f"version {VERSION} of the messages"
-    return WireError(
-        f"wanted {wanted}, got {excerpt} ({where + ': ' if where else ''}{text[:150]})"
-    )
+    if key:
+        why = f"{key}: {why}"
+    return WireError(f"wanted {wanted}, got {excerpt} ({why})")

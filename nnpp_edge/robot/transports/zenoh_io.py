@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING
 
 from nnpp_edge.robot.transports.incoming import MailboxSource, Refusals
 from nnpp_edge.robot.transports.wire import LIMIT_BYTES, encode
+from nnpp_edge.robot.transports.wiring import Setup
 from nnpp_edge.runtime.errors import InvalidQueryError, optional_module
 from nnpp_edge.runtime.loop.connections import Mailbox
 from nnpp_edge.runtime.loop.messages import Output, PathMessage
@@ -21,8 +22,6 @@ if TYPE_CHECKING:
     import zenoh
 
 LOOPBACK = "tcp/127.0.0.1:7447"
-PREFIX = "nnpp_edge"
-TOPICS = ("patch", "pose", "goal")
 _PATIENCE_S = 1.0
 _CONFIGURATION = {
     "mode": "peer",
@@ -46,32 +45,39 @@ class ZenohLink:
     """
 
     def __init__(
-        self, endpoint: str = LOOPBACK, *, connect: str | None = None, prefix: str = PREFIX
+        self,
+        endpoint: str = LOOPBACK,
+        *,
+        connect: str | None = None,
+        prefix: str = "nnpp_edge",
     ) -> None:
-        zenoh = optional_module("zenoh", "a Zenoh session", "robot")
-        if (
-            not prefix
-            or prefix != prefix.strip("/")
-            or any(c in prefix for c in "*$?# ")
-            or "//" in prefix
-        ):
+        self.zenoh = optional_module("zenoh", "a Zenoh session", "robot")
+        if not all(prefix.split("/")) or any(c in prefix for c in "*$?# "):
             raise InvalidQueryError(f"the prefix must be words joined by /, got {prefix!r}")
-        self.zenoh = zenoh
         self.prefix = prefix
-        config = zenoh.Config()
-        listen, other = ([], [connect]) if connect else ([endpoint], [])
+        place = "connect/endpoints" if connect else "listen/endpoints"
+        values = _CONFIGURATION | {"listen/endpoints": []} | {place: [connect or endpoint]}
+        config = self.zenoh.Config()
         where = f"go to {connect!r}" if connect else f"listen at {endpoint!r}"
         with refused_as(InvalidQueryError, f"Zenoh could not {where}"):
-            for key, value in (
-                _CONFIGURATION | {"listen/endpoints": listen, "connect/endpoints": other}
-            ).items():
+            for key, value in values.items():
                 config.insert_json5(key, json.dumps(value))
-            self.session = zenoh.open(config)
+            self.session = self.zenoh.open(config)
+
+    @classmethod
+    def open(cls, place: str, setup: Setup) -> "ZenohLink":
+        """The session that both directions share; either may name its endpoint."""
+        wiring = setup.wiring
+        sent = {entry.name: endpoint for entry, endpoint in wiring.sinks}.get("zenoh")
+        endpoint = place or sent or LOOPBACK
+        return cls(endpoint, connect=wiring.zenoh_connect, prefix=wiring.zenoh_prefix)
 
     def close(self) -> None:
         """End the session, within a second."""
         thread = threading.Thread(
-            target=self.session.close, name="nnpp-edge zenoh close", daemon=True
+            target=self.session.close,
+            name="nnpp-edge zenoh close",
+            daemon=True,
         )
         thread.start()
         thread.join(_PATIENCE_S)
@@ -96,22 +102,27 @@ class ZenohSource(MailboxSource):
         mailbox: Mailbox | None = None,
     ) -> None:
         super().__init__(refusals, limit, mailbox)
+        self.link = link
         self._count_error = count_error
-        directly = partial(link.zenoh.handlers.Callback, indirect=False)
-        self._subscribers = [
-            link.session.declare_subscriber(
-                f"{link.prefix}/{topic}", directly(self._listener(topic))
-            )
-            for topic in TOPICS
-        ]
+        self._subscribers = []
+        for topic in ("patch", "pose", "goal"):
+            handler = link.zenoh.handlers.Callback(partial(self._hear, topic), indirect=False)
+            subscriber = link.session.declare_subscriber(f"{link.prefix}/{topic}", handler)
+            self._subscribers.append(subscriber)
 
-    def _listener(self, topic: str) -> Callable[["zenoh.Sample"], None]:
-        def heard(sample: "zenoh.Sample") -> None:
-            with self._reading():
-                for _ in range(self._take(sample.payload.to_bytes(), "drop oldest", topic)):
-                    self._count_error("input dropped")
+    @classmethod
+    def open(cls, place: str, setup: Setup) -> "ZenohSource":
+        count_error = setup.navigator.count_error
+        return cls(ZenohLink.open(place, setup), Refusals(count_error), count_error)
 
-        return heard
+    def close(self) -> None:
+        """End the session."""
+        self.link.close()
+
+    def _hear(self, topic: str, sample: "zenoh.Sample") -> None:
+        with self._reading():
+            for _ in range(self._take(sample.payload.to_bytes(), "drop oldest", topic)):
+                self._count_error("input dropped")
 
 
 class ZenohSink:
@@ -122,15 +133,23 @@ class ZenohSink:
     name = "zenoh"
 
     def __init__(self, link: ZenohLink, refusals: Refusals | None = None) -> None:
+        self._link = link
         self._refusals = refusals
-        as_json = link.zenoh.Encoding.APPLICATION_JSON
-        drop = link.zenoh.CongestionControl.DROP
-        declared = partial(
-            link.session.declare_publisher, encoding=as_json, congestion_control=drop
-        )
         self._publishers = {
-            topic: declared(f"{link.prefix}/{topic}") for topic in ("path", "status", "error")
+            topic: link.session.declare_publisher(
+                f"{link.prefix}/{topic}",
+                encoding=link.zenoh.Encoding.APPLICATION_JSON,
+                congestion_control=link.zenoh.CongestionControl.DROP,
+            )
+            for topic in ("path", "status", "error")
         }
+
+    @classmethod
+    def open(cls, place: str, setup: Setup) -> "ZenohSink":
+        source = setup.source
+        if isinstance(source, ZenohSource):
+            return cls(source.link, source.refusals)
+        return cls(ZenohLink.open(place, setup))
 
     def publish(self, message: Output) -> None:
         """Send what waits and the answer."""
@@ -138,3 +157,7 @@ class ZenohSink:
             self._publishers["error"].put(encode(fault))
         topic = "path" if isinstance(message, PathMessage) else "status"
         self._publishers[topic].put(encode(message))
+
+    def close(self) -> None:
+        """End the session."""
+        self._link.close()

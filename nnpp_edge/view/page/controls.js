@@ -20,6 +20,8 @@ export class Controls {
   constructor(opening, changed) {
     this.changed = changed; // (values)
     this.bodies = opening.bodies;
+    byId("method").replaceChildren(...Object.keys(opening.methods).map((name) => new Option(name, name)));
+    byId("step_cost").replaceChildren(...Object.entries(opening.step_costs).map(([name, label]) => new Option(label, name)));
     byId("body").replaceChildren(...Object.keys(this.bodies).map((name) => new Option(name, name)));
     for (const name of ["method", "step_cost", "body"])
       byId(name).addEventListener("change", ({ target }) => {

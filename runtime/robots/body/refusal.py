@@ -7,9 +7,9 @@ from numpy.typing import NDArray
 
 from nnpp_edge.runtime.cells import Cell, apart, slices, widened
 from nnpp_edge.runtime.kernels.poses import AXES, FAILS, REFUSALS, UNKNOWN
-from nnpp_edge.runtime.map import motions
-from nnpp_edge.runtime.map.attitude import greatest
-from nnpp_edge.runtime.map.poses import Poses
+from nnpp_edge.runtime.robots.body import motions
+from nnpp_edge.runtime.robots.body.attitude import greatest
+from nnpp_edge.runtime.robots.body.poses import Poses
 
 _AROUND = 32
 """Cells around the place where a search came closest, of whose steps is counted by which limit they

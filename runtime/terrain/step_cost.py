@@ -20,7 +20,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from nnpp_edge.runtime.errors import InvalidMapError, InvalidQueryError
-from nnpp_edge.runtime.map.slope_cost import SLOPE_COSTS
 
 SQRT2 = math.sqrt(2.0)
 PAPER_OMEGA = 0.011
@@ -54,10 +53,6 @@ class StepModel:
         """The model of that name; InvalidQueryError for another name or an omega out of range."""
         if step_cost == StepCost.LENGTH:
             return cls(StepCost.LENGTH, 1.0, (0.0, 0.0), (0.5, 0.5 * SQRT2))
-        if step_cost in SLOPE_COSTS:
-            raise InvalidQueryError(
-                f"step_cost={step_cost!r} needs heights: wanted a planner of elevations"
-            )
         if step_cost != StepCost.PAPER:
             raise InvalidQueryError(f"step_cost must be 'paper' or 'length', got {step_cost!r}")
         if not 0.0 <= omega <= MOST_WEIGHT / GREY_LEVELS:

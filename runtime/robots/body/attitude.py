@@ -12,8 +12,8 @@ from numpy.typing import NDArray
 from nnpp_edge.runtime.cells import Cell
 from nnpp_edge.runtime.errors import InvalidQueryError
 from nnpp_edge.runtime.kernels.poses import AXES, REFUSALS
-from nnpp_edge.runtime.map import motions
-from nnpp_edge.runtime.map.poses import Poses, limits_of
+from nnpp_edge.runtime.robots.body import motions
+from nnpp_edge.runtime.robots.body.poses import Poses, limits_of
 
 Floats = NDArray[np.float64]
 

@@ -23,7 +23,6 @@ from nnpp_edge.runtime.kernels.poses import (
     FAILS,
     MOST_CODE,
     RUN,
-    WALL_M,
     check_all,
     check_run,
     figures_of,
@@ -31,8 +30,8 @@ from nnpp_edge.runtime.kernels.poses import (
     put_heights,
     standing_codes,
 )
-from nnpp_edge.runtime.map import motions
-from nnpp_edge.runtime.map.primitives import primitives, turn_rad
+from nnpp_edge.runtime.robots.body import motions
+from nnpp_edge.runtime.robots.body.primitives import primitives, turn_rad
 from nnpp_edge.runtime.terrain.traversability import Traversability, relative_heights, sides_of
 from nnpp_edge.runtime.terrain.vehicle import Vehicle
 
@@ -42,7 +41,7 @@ PackedPoses = tuple[NDArray[np.uint16], tuple[object, ...], int]
 Ints = NDArray[np.int32]
 Prices = tuple[np.float32, Ints, Floats, Ints, Ints, Floats, Floats]
 """By how much each step of a code makes a motion dearer, as a share; primitives and rays
-(`map.primitives`); and what turns between directions cost (16, 16)."""
+(`robots.body.primitives`); and what turns between directions cost (16, 16)."""
 NO_EDGES = np.empty((0, 2 * AXES), np.float32)
 """Of legs that cost by what they are checked to be."""
 _SAFE = 1.0 - 1e-5
@@ -103,24 +102,20 @@ class Poses:
         """Rows and columns from a cell to those that it takes to check its motions."""
         self._margin = max(self.reach) + 1
         width = cols + 2 * self._margin + RUN
-        self._base = np.float32(
-            next((height for line in heights for height in line[np.isfinite(line)][:1]), 0.0)
-        )
+        self._base = np.float32(np.nan)
+        """The first height that was known, to which all are relative; NaN before."""
         self._unknown = np.float32(
             np.nan if vehicle.unknown_passes or unseen is not None else np.inf
         )
-        self._shut = np.float32(np.inf if unseen is None else WALL_M)
         self.heights = np.empty((rows + 2 * self._margin, width), np.float32)
-        """Within a margin of `margin` unknown cells, and more to the right; relative to one of
-        them.
-        """
+        """Within a margin of `margin` unknown cells, and more to the right; relative to `_base`."""
         for edge in (
             np.s_[: self._margin],
             np.s_[-self._margin :],
             np.s_[:, : self._margin],
             np.s_[:, self._margin + cols :],
         ):
-            self.heights[edge] = self._unknown if unseen is None else self._shut
+            self.heights[edge] = self._unknown if unseen is None else np.inf
         nodes = (rows + 2) * (cols + 2)
         self.codes: NDArray[np.uint16] = np.zeros(
             (nodes, len(tables.poses_of) - 1 - AXES), np.uint16
@@ -193,10 +188,13 @@ class Poses:
         return int(self._counts[0])
 
     def _put(self, row: int, col: int, heights: Float2D, shut: NDArray[np.bool_] | None) -> None:
+        if np.isnan(self._base):
+            known = (height for line in heights for height in line[np.isfinite(line)][:1])
+            self._base = np.float32(next(known, np.nan))
         place = self._margin + row, self._margin + col
         put_heights(np.ascontiguousarray(heights), self._base, self._unknown, self.heights, *place)
         if shut is not None:
-            self.heights[slices((*place, *heights.shape))][shut] = self._shut
+            self.heights[slices((*place, *heights.shape))][shut] = np.inf
 
     def write(
         self, row: int, col: int, heights: Float2D, shut: NDArray[np.bool_] | None = None
@@ -363,7 +361,9 @@ def pose_costs(
             "a disc has no poses: wanted a vehicle with length, width and clearance"
         )
     heights, _ = relative_heights(dem)
-    codes = Poses(heights, sides, vehicle, term_weights(traversability), 1.0).standing()
+    codes = Poses(
+        heights, sides, vehicle, (traversability or Traversability()).weights, 1.0
+    ).standing()
     costs = (np.maximum(codes, 1) - np.float32(1)) / np.float32(MOST_CODE)
     return np.where(codes >= FAILS, np.float32(np.inf), costs.astype(np.float32))
 
@@ -376,23 +376,6 @@ def between(turns: NDArray[np.floating]) -> Floats:
     apart = np.abs(at[:-1, None] - at[:-1])
     found: Floats = np.minimum(apart, at[-1] - apart).astype(np.float32)
     return found
-
-
-def term_weights(traversability: Traversability | None) -> tuple[float, float, float]:
-    """Weights of tilt, rise and step in T."""
-    rule = traversability or Traversability()
-    return rule.slope_weight, rule.roughness_weight, rule.step_weight
-
-
-def bytes_per_cell(vehicle: Vehicle) -> int:
-    """Memory that planning takes for a vehicle, beside a point's.
-
-    For a body a height, a code for each motion, and g and parent of each state: a direction, and a
-    gear where a change costs. A disc has a point's map beside its own.
-    """
-    motions_of_cell = 2 * AXES if vehicle.turning_radius_m is None else 4 * AXES
-    gears = 2 if vehicle.reverse_cost is not None and vehicle.gear_change_m else 1
-    return 12 if vehicle.is_disc else 4 + 2 * motions_of_cell + 8 * gears * 2 * AXES
 
 
 def limits_of(vehicle: Vehicle, weights: tuple[float, float, float]) -> Floats:

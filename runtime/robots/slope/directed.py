@@ -6,25 +6,28 @@ reported is those.
 """
 
 import math
+from collections.abc import Iterator, Sequence
 from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
-from nnpp_edge.runtime.bands import in_bands
+from nnpp_edge.runtime.bands import in_bands, stripes
 from nnpp_edge.runtime.cells import Cell, Rectangle, enclosing, widened
 from nnpp_edge.runtime.kernels.directed import join_steps, pool_steps, price_steps
-from nnpp_edge.runtime.kernels.lattice import FIXED
-from nnpp_edge.runtime.kernels.nodes import COL_STEP, ROW_STEP
+from nnpp_edge.runtime.kernels.pooling import FACTOR
 from nnpp_edge.runtime.kernels.records import FinerSteps, SlopePrices, Ways
-from nnpp_edge.runtime.map.changes import Change
-from nnpp_edge.runtime.map.motions import DIRECTIONS
-from nnpp_edge.runtime.map.poses import between
-from nnpp_edge.runtime.map.slope_cost import SlopeCost
-from nnpp_edge.runtime.map.steps import Edges, PointSteps, PoseSteps, States
+from nnpp_edge.runtime.robots.robot import Edges, PathCosts, Robot
+from nnpp_edge.runtime.robots.slope.cost import SlopeCost
 
 if TYPE_CHECKING:
+    from nnpp_edge.runtime.map.changes import Change
     from nnpp_edge.runtime.map.grid import Grid
+    from nnpp_edge.runtime.map.pyramid import Level
+    from nnpp_edge.runtime.map.state import MapState
+    from nnpp_edge.runtime.robots.body.attitude import PoseCheck
+    from nnpp_edge.runtime.robots.body.robot import States
+    from nnpp_edge.runtime.search.workspace import Workspace
 
 _ROUNDED_DOWN = 1.0 - 1e-6
 """Of the cheapest step: edges are rounded to float32, the prices of the heuristic are not."""
@@ -32,11 +35,25 @@ _OBSTACLE = 1.5
 """Cost of an impassable cell in a coarse cell's mean, in times of a level step
 (docs/decisions/slope-costs.md).
 """
+_AS_UNDER = (
+    "states_a_node",
+    "columns",
+    "by_poses",
+    "learned_region",
+    "corridor_tries",
+    "corridors",
+    "weight_share",
+    "reach",
+    "shortest",
+    "repairs",
+    "poses",
+)
+"""Answers that do not depend on what steps cost."""
 _THREADS_FROM = 20_000
 """Cells from which on steps are computed by a thread a core."""
 
 
-class CoarseSteps(PointSteps):
+class CoarseSlopeRobot(Robot):
     """Costs of the steps of a coarse level, both ways; `prices` are those of the map's
     own steps.
     """
@@ -46,7 +63,7 @@ class CoarseSteps(PointSteps):
     def __init__(self, shape: Cell, prices: tuple[float, float]) -> None:
         rows, cols = shape
         self.shape = shape
-        self.prices = prices
+        self._prices = prices
         self.means: Edges = np.full((rows + 2, cols + 2, 8), np.inf, np.float32)
         """By cell (with a border) and direction, what a step within it costs, over the cells of the
         finest level.
@@ -63,7 +80,10 @@ class CoarseSteps(PointSteps):
     def edges(self, backwards: bool = False) -> Edges:
         return self.backwards if backwards else self.forwards
 
-    def pool(
+    def prices(self, grid: "Grid") -> tuple[float, float]:
+        return self._prices
+
+    def average(
         self,
         finer: FinerSteps,
         pieces: NDArray[np.uint16],
@@ -88,7 +108,7 @@ class CoarseSteps(PointSteps):
         join_steps(self.means, (top, top + tall, left, left + wide), edges, backwards)
 
 
-class DirectedSteps(PointSteps):
+class SlopeRobot(Robot):
     """Costs of the steps of a map of heights.
 
     `heights` (H, W) float32 in metres, C-contiguous and not finite where unknown, are kept: whoever
@@ -97,6 +117,13 @@ class DirectedSteps(PointSteps):
     """
 
     by_slope = True
+    keeps_old_weights = False
+    symmetric = False
+    has_landmarks = False
+    line_refusal = (
+        "prices lines by the map's cost: wanted step_cost='paper' or 'length', got steps that cost "
+        "by their slope"
+    )
 
     def __init__(
         self,
@@ -108,30 +135,28 @@ class DirectedSteps(PointSteps):
         self._model = model
         self._heights = heights
         self._sides = sides_m
-        self._under = grid.steps
+        self._under = grid.robot
         self.shape = grid.shape
         rows, cols = grid.shape
         dy, dx = sides_m
-        self.by_poses = by_poses = grid.steps.by_poses
-        self.states_a_node = grid.steps.states_a_node
-        self.shortest = grid.steps.shortest
-        self.readiness = grid.steps.readiness * dy * float(model.cost(1.0, 0.0))
-        self.columns = grid.steps.columns
-        leads = np.array(DIRECTIONS if by_poses else _NEIGHBOURS, np.int64)
+        for name in _AS_UNDER:
+            setattr(self, name, getattr(self._under, name))
+        self._metre = float(model.cost(1.0, 0.0))
+        self.readiness = self._under.readiness * dy * self._metre
+        leads = np.array(self._under.ways, np.int64)
         lengths = np.hypot(*(leads * sides_m).T)
-        self._ways = Ways(leads, lengths, not by_poses, grid.corner_cutting)
-        self._weights = np.empty(0, np.float32) if by_poses else grid.weights
+        self._weights = self._under.weights(grid)
+        if len(self._weights):
+            grid.complete()
+        self._ways = Ways(leads, lengths, len(self._weights) > 0, grid.corner_cutting)
         kinks, level, gradient = model.table
         gradient = gradient - model.height_price
         self._slope_prices = SlopePrices(kinks, level, gradient, model.least_per_m)
         least = _ROUNDED_DOWN * model.least_per_m
         straight = least * min(dy, dx)
-        self.prices = straight, min(least * math.hypot(dy, dx), 2.0 * straight)
-        """Cost of getting a straight and a diagonal step closer where all ways are as cheap as the
-        cheapest.
-        """
+        self._prices = straight, min(least * math.hypot(dy, dx), 2.0 * straight)
         self._edges: Edges = np.empty(((rows + 2) * (cols + 2), len(lengths)), np.float32)
-        near = np.array([leads.tolist().index([*step]) for step in _NEIGHBOURS])
+        near = np.array([leads.tolist().index([*step]) for step in Robot.ways])
         self.finer = FinerSteps(self.padded, near)
         self.obstacle = (_OBSTACLE * model.least_per_m * lengths[near]).astype(np.float32)
         """(8,) what an impassable cell counts for in a coarse cell's mean, by direction."""
@@ -140,19 +165,25 @@ class DirectedSteps(PointSteps):
         self._compute((0, 0, rows, cols))
 
     @property
+    def checks(self) -> int:  # type: ignore[override]
+        return self._under.checks
+
+    @property
     def padded(self) -> Edges:
         """(H + 2, W + 2, 8 or 16) the steps, or a body's legs, by cell and direction, within a
         border.
         """
         return self._edges.reshape(self.shape[0] + 2, self.shape[1] + 2, -1)
 
-    def follow(self, change: Change, heights: Rectangle) -> Change:
-        """Bring the steps up to date after a change of the weights, and of the heights in a
-        rectangle.
-
-        Returns the change with the cells whose steps cost something else now.
+    def follow(
+        self, change: "Change", part: Rectangle, state: "MapState", *, heights: bool
+    ) -> "Change":
+        """Bring the steps up to date after a change of the weights, and of the heights in
+        `part`.
         """
-        parts = [part for part in (heights, change.part) if part[2] and part[3]]
+        change = self._under.follow(change, part, state, heights=heights)
+        new = part if heights else (0, 0, 0, 0)
+        parts = [each for each in (new, change.part) if each[2] and each[3]]
         if not parts:
             return change
         row, col, rows, cols = part = widened(enclosing(parts), (1, 1), self.shape)
@@ -172,15 +203,8 @@ class DirectedSteps(PointSteps):
     def edges(self, backwards: bool = False) -> Edges:
         return self._edges
 
-    def states(self) -> States | None:
-        if not isinstance(self._under, PoseSteps):
-            return None
-        packed, _, (unit, moves, fares, origins, rays, lengths, _) = self._under.states()
-        metre = float(self._model.cost(1.0, 0.0))
-        turns = fares.copy()
-        turns[..., FIXED] *= self._sides[0] * metre
-        by_angle = between(self._under.poses.turns_m * metre)
-        return packed, self._edges, (unit, moves, turns, origins, rays, lengths, by_angle)
+    def states(self) -> "States | None":
+        return self._under.states_by(self._edges, self._metre)
 
     def stands_at(self, grid: "Grid", cell: Cell) -> bool:
         return self._under.stands_at(grid, cell)
@@ -188,23 +212,16 @@ class DirectedSteps(PointSteps):
     def walk(
         self, grid: "Grid", path: NDArray[np.int32], first: int, costs: NDArray[np.float64]
     ) -> int:
-        blocked = self._under.walk(grid, path, first, costs)
+        blocked = self._under.walk_turns(grid, path, first, costs, self.states())
         cells = path[first:]
         lengths = np.hypot(*(np.diff(cells, axis=0) * self._sides).T)
         with np.errstate(invalid="ignore"):  # wherever steps lead
             rises = np.diff(self._heights[cells[:, 0], cells[:, 1]].astype(np.float64))
-            legs = np.cumsum(self._model.cost(lengths, rises))
-        if (states := self.states()) is not None and isinstance(self._under, PoseSteps):
-            _, moves, fares, origins, rays, lengths, by_angle = states[2]
-            turns = fares * np.array((0.0, 1.0), np.float32)
-            by_turns = np.float32(0.0), moves, turns, origins, rays, lengths, by_angle
-            blocked = self._under.poses.walk(path, first, costs, prices=by_turns)
-            legs = legs + costs[first + 1 :]
+            costs[first + 1 :] += np.cumsum(self._model.cost(lengths, rises))
         costs[first] = 0.0
-        costs[first + 1 :] = legs
         return blocked
 
-    def costs_of(self, grid: "Grid", path: NDArray[np.int32]) -> tuple[float, float, float]:
+    def costs_of(self, grid: "Grid", path: NDArray[np.int32]) -> PathCosts:
         cost, length, traverse_cost = self._under.costs_of(grid, path)
         if len(path):
             costs = np.zeros(len(path))
@@ -222,8 +239,62 @@ class DirectedSteps(PointSteps):
             np.float32
         )
 
+    def prices(self, grid: "Grid") -> tuple[float, float]:
+        """As `Robot.prices`, of the cheapest metre over all slopes: no change of the map
+        alters it.
+        """
+        straight, diagonal = self._prices
+        return straight * self.shortest, diagonal * self.shortest
+
     def greatest(self, grid: "Grid") -> float:
         return self._greatest
+
+    def complete(self) -> None:
+        self._under.complete()
+
+    def coarse(self, shape: Cell, prices: tuple[float, float]) -> Robot:
+        return CoarseSlopeRobot(shape, prices)
+
+    def pool(self, levels: Sequence["Level"], changed: Rectangle) -> Iterator[None]:
+        finer = self.finer
+        row0, col0, rows, cols = changed
+        row1 = row0 + rows
+        col1 = col0 + cols
+        for level in levels:
+            shape = level.grid.shape
+            row0 = max(row0 // FACTOR - 1, 0)
+            row1 = min(-(-row1 // FACTOR) + 1, shape[0])
+            col0 = max(col0 // FACTOR - 1, 0)
+            col1 = min(-(-col1 // FACTOR) + 1, shape[1])
+            coarse = level.grid.robot
+            assert isinstance(coarse, CoarseSlopeRobot)
+            for first, last in stripes(row1 - row0, 8 * FACTOR**2 * (col1 - col0)):
+                area = (row0 + first, col0, last - first, col1 - col0)
+                coarse.average(finer, level.pieces, area, self.obstacle)
+                yield
+            finer = coarse.finer
+
+    # --- as the robot under it
+
+    def direction(self, heading_deg: float) -> int:
+        return self._under.direction(heading_deg)
+
+    def arrival(self, path: NDArray[np.int32]) -> int:
+        return self._under.arrival(path)
+
+    def ends(
+        self, start_deg: float | None, goal_deg: float | None, tolerance_deg: float
+    ) -> tuple[int, NDArray[np.bool_] | None]:
+        return self._under.ends(start_deg, goal_deg, tolerance_deg)
+
+    def why_blocked(self, cell: Cell) -> str:
+        return self._under.why_blocked(cell)
+
+    def why_ended(self, grid: "Grid", start: Cell, goal: Cell, memory: "Workspace") -> str:
+        return self._under.why_ended(grid, start, goal, memory)
+
+    def explain(self, cell: Cell, heading_deg: float) -> "PoseCheck":
+        return self._under.explain(cell, heading_deg)
 
     def _compute(self, part: Rectangle) -> None:
         """Compute the steps that leave a rectangle's cells, on all cores where that pays."""
@@ -238,6 +309,3 @@ class DirectedSteps(PointSteps):
 
         in_bands(price, row, row + rows, cols, threads_from=_THREADS_FROM)
         self._greatest = max(dearest)
-
-
-_NEIGHBOURS = tuple(zip(ROW_STEP, COL_STEP, strict=True))

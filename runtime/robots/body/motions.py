@@ -1,10 +1,11 @@
 """The poses that a motion of a vehicle's body is checked by, and the tables by which the check
 samples the ground.
 
-A motion is a straight leg from a cell to another, a turn on the spot, or an arc (`map.primitives`).
-Each of its poses stands for the body's places up to `sweep_m` before and behind it, and for
-headings up to `turn_rad` to both sides: together they leave nothing out. The ground is sampled at
-the corners of the boxes that parts of a rectangle fit into (docs/vehicle-check.md).
+A motion is a straight leg from a cell to another, a turn on the spot, or an arc
+(`robots.body.primitives`). Each of its poses stands for the body's places up to `sweep_m` before
+and behind it, and for headings up to `turn_rad` to both sides: together they leave nothing out. The
+ground is sampled at the corners of the boxes that parts of a rectangle fit into
+(docs/vehicle-check.md).
 """
 
 import functools
@@ -15,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from nnpp_edge.runtime.kernels.lattice import COLS, ROWS
-from nnpp_edge.runtime.map.primitives import curve, heading_rad, turn_rad
+from nnpp_edge.runtime.robots.body.primitives import curve, heading_rad, turn_rad
 from nnpp_edge.runtime.terrain.vehicle import Vehicle
 
 DIRECTIONS = tuple(zip(ROWS, COLS, strict=True))

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from nnpp_edge.runtime.kernels.lattice import COLS, DIRECTIONS, ROWS
-from nnpp_edge.runtime.map.primitives import AXES, curve, heading_rad, turn_rad
+from nnpp_edge.runtime.robots.body.primitives import AXES, curve, heading_rad, turn_rad
 from nnpp_edge.runtime.terrain.vehicle import Vehicle
 
 PoseOf = tuple[float, float, float]

@@ -1,0 +1,136 @@
+"""The table of an experiment's rows, for people."""
+
+from collections.abc import Callable, Sequence
+from typing import NamedTuple
+
+from nnpp_edge.progress import MISSING, markdown_table, shown
+from nnpp_edge.reproduction import paper
+from nnpp_edge.reproduction.planners import CONTROLS_OF, PLAIN, PLAIN_NN
+from nnpp_edge.reproduction.regions import NETWORK, SHUFFLED, Networks
+from nnpp_edge.reproduction.rows import Row, Rows, percent, seconds, spread, times
+
+
+class Line(NamedTuple):
+    """Rows that a line of the table is made from."""
+
+    rows: Rows
+    """Of the queries that count."""
+    every: Rows
+    """Of all queries."""
+    astar: Rows
+    """Of the A* of the same origin, of the queries that count."""
+    network: str
+
+
+def summary(
+    rows: Sequence[Row], by: Sequence[str], networks: Networks, *, totals: bool = False
+) -> str:
+    r"""A table for people: a line for each group by these names, a column for each figure that the
+    rows have.
+
+    Means, or for `totals` sums over the queries that all planners answered, beside how many each
+    failed. *over A\** is over the A* of the same origin: the paper's, plain, or ours.
+    """
+    everything = Rows(rows)
+    if not isinstance(rows[0][by[0]], str):
+        everything.sort(key=lambda row: float(row[by[0]]))
+    counted = everything.answered() if totals else everything
+    measured = {name for row in counted for name in row}
+    if "planner" not in by:
+        measured -= {"planner", "time_s"}
+    columns = {}
+    for head, (name, form) in MEANS.items():
+        if totals and head in SUMS:
+            head, form = SUMS[head]
+        if name in measured:
+            columns[head] = (name, form)
+    lines = []
+    for key, group in counted.groups(by).items():
+        place = dict(zip(by, key, strict=True))
+        every = everything.of(**place)
+        planner = place.pop("planner", "")
+        astar = counted.of(_astar_beside(planner), **place)
+        line = Line(group, every, astar, network_of(planner, networks))
+        names = [written(name, value) for name, value in zip(by, key, strict=True)]
+        lines.append([*names, *(_text(line, *column) for column in columns.values())])
+    return markdown_table([*by, *columns], lines)
+
+
+def written(name: str, value: object) -> str:
+    """A value in the first columns of a table."""
+    if name == "planner":
+        is_kind = value == NETWORK or value in CONTROLS_OF[NETWORK]
+        return str(value) if is_kind or " " in str(value) else f"`{value}`"
+    return {"size": "{}²", "map": "map {}", "plan": "T + {}Δt"}.get(name, "{}").format(value)
+
+
+def network_of(planner: str, networks: Networks) -> str:
+    """The network that a planner runs."""
+    if planner in (paper.ASTAR_NN, paper.DSTAR_NN):
+        return "the paper's"
+    if planner in ("nnpp", "nnpp-dstar"):
+        return f"`{networks.ours.metadata.name}`"
+    if planner in (PLAIN_NN, NETWORK):
+        return f"`{networks.paper.metadata.name}`"
+    if SHUFFLED in planner:
+        return f"`{networks.paper.metadata.name}`, shuffled"
+    return MISSING
+
+
+def _astar_beside(planner: str) -> str:
+    """The A* of the same origin."""
+    if planner.startswith("paper's"):
+        return paper.ASTAR
+    return PLAIN if planner.startswith("plain") else "astar"
+
+
+def _text(line: Line, name: str, form: str | Callable[[Line], str]) -> str:
+    """A figure of a line: its mean as a time or in this form, or what a function makes of it."""
+    if callable(form):
+        return form(line)
+    mean = line.rows.mean(name)
+    return seconds(mean) if form == "s" else shown(mean, form)
+
+
+def _over_astar(line: Line) -> str:
+    return times(line.astar.mean("time_s") / line.rows.mean("time_s"))
+
+
+def _failed(line: Line) -> str:
+    if not line.rows.all("found"):
+        return MISSING
+    failed = sum("cc" not in row for row in line.every)
+    return f"{failed} of {len(line.every)}"
+
+
+def _mended(line: Line) -> str:
+    later = Rows(row for row in line.every if row.get("plan")).all("mended")
+    return f"{sum(later):.0f} of {len(later)}" if later else MISSING
+
+
+MEANS: dict[str, tuple[str, str | Callable[[Line], str]]] = {
+    "network": ("planner", lambda line: line.network),
+    "AT": ("time_s", "s"),
+    "over A*": ("time_s", _over_astar),
+    "inference": ("inference_s", "s"),
+    "graph": ("graph_s", "s"),
+    "search": ("search_s", "s"),
+    "graph's share": ("graph_share", "z.1%"),
+    "path, cells": ("path_cells", ".0f"),
+    "CC": ("cc", ".2f"),
+    "CC increase": ("exact_cc", lambda line: percent(line.rows.increase(), 2)),
+    "cost above the optimum": ("excess", "z.2%"),
+    "success": ("found", "z.1%"),
+    "MM": ("mm", lambda line: spread(line.rows.all("mm"), 3)),
+    "region, of the map": ("share", "z.1%"),
+    "in common with the first": ("common", "z.1%"),
+    "best ω": ("best_omega", lambda line: spread(line.rows.all("best_omega"), 4)),
+    "mended, plans after the first": ("mended", _mended),
+}
+"""Columns by their heads: the figure that each needs, and how its mean or the line is written."""
+SUMS = {
+    "AT": ("time in all", lambda line: seconds(line.rows.total("time_s"))),
+    "CC": ("CC", lambda line: shown(line.rows.total("cc"), ".2f")),
+    "success": ("failed", _failed),
+}
+"""Columns that differ where sums are shown: by the head of the mean, their own head and text."""

@@ -1,0 +1,1 @@
+"""What each kind of robot is: where it may stand, what its steps cost, how it is searched for."""

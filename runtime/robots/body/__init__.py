@@ -1,0 +1,1 @@
+"""Robots with a body: every pose is checked on the ground."""

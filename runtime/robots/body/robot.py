@@ -1,0 +1,195 @@
+"""Robots with a body: legs and turns on the spot between sixteen directions, or arcs as well."""
+
+import math
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from nnpp_edge.runtime.cells import Cell, Rectangle, slices
+from nnpp_edge.runtime.errors import InvalidQueryError
+from nnpp_edge.runtime.kernels.lattice import FIXED, KNIGHT
+from nnpp_edge.runtime.robots.body import motions
+from nnpp_edge.runtime.robots.body.arcs import direction_near, directions_within
+from nnpp_edge.runtime.robots.body.attitude import PoseCheck, explain
+from nnpp_edge.runtime.robots.body.poses import NO_EDGES, PackedPoses, Poses, Prices, between
+from nnpp_edge.runtime.robots.body.refusal import why_blocked, why_ended
+from nnpp_edge.runtime.robots.robot import Edges, PathCosts, Robot
+from nnpp_edge.runtime.tuning import (
+    ARC_CORRIDOR,
+    BODY_CORRIDOR,
+    BODY_WEIGHT,
+    MOST_CORRECTIONS,
+    WIDENED_ARC_CORRIDOR,
+    WIDENED_BODY_CORRIDOR,
+)
+
+if TYPE_CHECKING:
+    from nnpp_edge.runtime.map.changes import Change
+    from nnpp_edge.runtime.map.grid import Grid
+    from nnpp_edge.runtime.map.state import MapState
+    from nnpp_edge.runtime.search.workspace import Workspace
+
+States = tuple[PackedPoses, Edges, Prices]
+"""A body's motions and what they cost, as `kernels.lattice.expand_states` takes them."""
+
+
+class BodyRobot(Robot):
+    """A body that drives legs and turns on the spot.
+
+    A leg costs its length by what it is checked to be, a turn by its angle.
+    """
+
+    by_poses = True
+    keeps_old_weights = False
+    learned_region = False
+    symmetric = True
+    has_landmarks = False
+    repairs = False
+    corridors = BODY_CORRIDOR, WIDENED_BODY_CORRIDOR
+    corridor_tries = MOST_CORRECTIONS
+    weight_share = BODY_WEIGHT
+    line_refusal = "is for points and discs: a body's legs lead in 16 directions"
+    ways = motions.DIRECTIONS
+
+    poses: Poses
+
+    def __init__(self, poses: Poses) -> None:
+        self.poses = poses
+        self.reach = poses.reach
+        self.states_a_node = len(poses.prices[1])
+        self.shortest = KNIGHT * poses.primitives.shortest
+        self.readiness = float(poses.prices[-1].max())
+
+    @property
+    def checks(self) -> int:  # type: ignore[override]
+        return self.poses.checked
+
+    def states(self) -> States:
+        return self.poses.packed, NO_EDGES, self.poses.prices
+
+    def states_by(self, edges: Edges, metre: float) -> States:
+        """Its motions, whose legs cost by `edges`, and turns by what a metre of level
+        ground does.
+        """
+        packed, _, (unit, moves, fares, origins, rays, lengths, _) = self.states()
+        turns = fares.copy()
+        turns[..., FIXED] *= self.poses.sides_m[0] * metre
+        by_angle = between(self.poses.turns_m * metre)
+        return packed, edges, (unit, moves, turns, origins, rays, lengths, by_angle)
+
+    def stands_at(self, grid: "Grid", cell: Cell) -> bool:
+        return self.poses.stands_at(cell)
+
+    def weights(self, grid: "Grid") -> NDArray[np.float32]:
+        return np.empty(0, np.float32)
+
+    def walk(
+        self, grid: "Grid", path: NDArray[np.int32], first: int, costs: NDArray[np.float64]
+    ) -> int:
+        blocked = self.poses.walk(path, first, costs)
+        at_end = blocked < 0 and first == len(path) - 1
+        if at_end and not self.poses.stands_at((int(path[-1, 0]), int(path[-1, 1]))):
+            return first
+        return blocked
+
+    def walk_turns(
+        self,
+        grid: "Grid",
+        path: NDArray[np.int32],
+        first: int,
+        costs: NDArray[np.float64],
+        states: States | None,
+    ) -> int:
+        assert states is not None
+        _, moves, fares, origins, rays, lengths, by_angle = states[2]
+        turns = fares * np.array((0.0, 1.0), np.float32)
+        prices = np.float32(0.0), moves, turns, origins, rays, lengths, by_angle
+        return self.poses.walk(path, first, costs, prices=prices)
+
+    def costs_of(self, grid: "Grid", path: NDArray[np.int32]) -> PathCosts:
+        if not len(path):
+            return math.inf, math.inf, math.inf
+        costs = np.zeros(len(path))
+        cost = math.inf if self.poses.walk(path, 0, costs) >= 0 else float(costs[-1])
+        lengths, rated = self.poses.cost_along(path)
+        return cost, float(lengths.sum()), float((lengths * rated).sum())
+
+    def greatest(self, grid: "Grid") -> float:
+        return max(math.hypot(*axis) for axis in motions.AXES) * (1.0 + 2.0 * grid.model.scale)
+
+    def complete(self) -> None:
+        self.poses.complete()
+
+    def follow(
+        self, change: "Change", part: Rectangle, state: "MapState", *, heights: bool
+    ) -> "Change":
+        if not part[2]:
+            return change
+        told = state.told
+        shut = None if told is None else told[slices(part)] >= 1.0
+        touched = self.poses.write(*part[:2], state.known_heights(part), shut)
+        return change._replace(part=touched, cells=touched[2] * touched[3], cheaper=True)
+
+    def direction(self, heading_deg: float) -> int:
+        return direction_near(heading_deg, self.poses.sides_m)
+
+    def arrival(self, path: NDArray[np.int32]) -> int:
+        if len(path) < 2:
+            return -1
+        down, right = (path[-1, :2] - path[-2, :2]).tolist()
+        return motions.DIRECTIONS.index((down, right))
+
+    def ends(
+        self, start_deg: float | None, goal_deg: float | None, tolerance_deg: float
+    ) -> tuple[int, NDArray[np.bool_] | None]:
+        headings = start_deg, goal_deg
+        finite = all(each is None or math.isfinite(each) for each in headings)
+        if not finite or not tolerance_deg >= 0.0:
+            raise InvalidQueryError(
+                f"headings must be numbers of degrees, got {headings}, {tolerance_deg}"
+            )
+        begin = -1 if start_deg is None else self.direction(start_deg)
+        if goal_deg is None:
+            return begin, None
+        return begin, directions_within(goal_deg, tolerance_deg, self.poses.sides_m)
+
+    def why_blocked(self, cell: Cell) -> str:
+        return why_blocked(self.poses, cell)
+
+    def why_ended(self, grid: "Grid", start: Cell, goal: Cell, memory: "Workspace") -> str:
+        field = memory.field
+        if field is None:
+            return ""
+        node = grid.node(*start)
+        by_legs = bool(field.costs(slice(node, node + 1))[0] == math.inf)  # else by the turns
+        if by_legs:
+            memory = field
+        end = start if by_legs else goal
+        reached = memory.costs().reshape(-1, grid.stride)[1 : grid.rows + 1, 1:-1] < math.inf
+        return why_ended(self.poses, reached, end, by_legs=by_legs)
+
+    def explain(self, cell: Cell, heading_deg: float) -> PoseCheck:
+        return explain(self.poses, cell, heading_deg)
+
+
+class ArcRobot(BodyRobot):
+    """A body that drives arcs too: its path is one of states."""
+
+    columns = 3
+    drives_arcs = True
+    corridor_tries = 1
+    symmetric = False
+    corridors = ARC_CORRIDOR, WIDENED_ARC_CORRIDOR
+
+    def __init__(self, poses: Poses) -> None:
+        super().__init__(poses)
+        self.readiness = poses.vehicle.gear_change_m / poses.sides_m[0]
+
+    def arrival(self, path: NDArray[np.int32]) -> int:
+        return int(path[-1, 2]) % len(motions.DIRECTIONS)
+
+
+def body_robot(poses: Poses) -> BodyRobot:
+    """The robot of a vehicle's poses."""
+    return BodyRobot(poses) if poses.vehicle.turning_radius_m is None else ArcRobot(poses)

@@ -1,0 +1,1 @@
+"""Robots whose steps cost by the slope that they lead up or down."""

@@ -1,0 +1,11 @@
+import pytest
+
+from nnpp_edge.reproduction.regions import Networks
+from nnpp_edge.runtime import NetworkModel
+
+
+@pytest.fixture(scope="session")
+def tiny_networks(tiny_model):
+    """The tiny network in both roles."""
+    model = NetworkModel(tiny_model)
+    return Networks(model, model)

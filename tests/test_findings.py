@@ -1,0 +1,171 @@
+"""The paper's claims, judged by figures: verdicts, controls, sums and their table."""
+
+import numpy as np
+import pytest
+
+from nnpp_edge.reproduction import dynamic, exact, paper, static
+from nnpp_edge.reproduction.findings import Verdict
+from nnpp_edge.reproduction.planners import CONTROLS_OF, PLAIN, PLAIN_CONTROLS, PLAIN_NN
+from nnpp_edge.reproduction.regions import CORRIDOR, Networks
+from nnpp_edge.reproduction.rows import Rows
+from nnpp_edge.reproduction.runner import finding_cells
+from nnpp_edge.reproduction.table import summary
+from nnpp_edge.runtime import NetworkModel
+
+
+def verdicts(findings):
+    return [finding.verdict for finding in findings]
+
+
+@pytest.mark.parametrize(
+    ("graph_share", "wanted"), [(None, [Verdict.AGREES] * 3), (1 / 3, [Verdict.DIFFERS] * 2)]
+)
+def test_table_1_is_judged_by_the_figures(graph_share, wanted):
+    """The paper's own figures agree with the paper."""
+    rows = Rows({**row, "planner": PLAIN} for row in paper.TABLE_1)
+    if graph_share is not None:
+        rows = Rows({**row, "graph_share": graph_share} for row in rows)
+    assert verdicts(exact.table1_findings(rows))[: len(wanted)] == wanted
+
+
+def table2_findings(network=None, control=(0.1, 0.5, 0.5)):
+    """Findings on rows like the paper's, plain and compiled alike, with speed-up, CC increase and
+    success of the network's planners and of the controls.
+    """
+    rows = Rows()
+    for size, theirs in paper.TABLE_2.by("size").items():
+        (row,) = theirs.of(paper.ASTAR)
+        gain = theirs.speedup(paper.ASTAR, paper.ASTAR_NN)
+        success = theirs.of(paper.ASTAR_NN).mean("found")
+        own = network or (gain, theirs.increase(paper.ASTAR_NN), success)
+        answers = dict.fromkeys((PLAIN, "astar"), (1.0, 0.0, 1.0))
+        answers |= dict.fromkeys((PLAIN_NN, "nnpp"), own)
+        answers |= dict.fromkeys(("corridor", *PLAIN_CONTROLS.values()), control)
+        for name, (faster, increase, found) in answers.items():
+            time_s = row["time_s"] / faster
+            cc = row["cc"] * (1.0 + increase)
+            figures = {"planner": name, "time_s": time_s, "cc": cc, "found": found}
+            rows.append(row | figures)
+    return list(static.table2_findings(rows))
+
+
+CONTROL_WINS = (9.0, 0.0, 1.0)
+
+
+@pytest.mark.parametrize(
+    ("figures", "wanted"),
+    [
+        ([], Verdict.AGREES),
+        ([(0.5, 0.2, 0.5), CONTROL_WINS], Verdict.DIFFERS),
+        ([(50.0, 0.0, 1.0)], Verdict.BETTER),
+    ],
+)
+def test_table_2_is_judged_by_the_figures(figures, wanted):
+    found = table2_findings(*figures)
+    assert verdicts(found)[:5] == [wanted] * 5
+    assert not any(finding.controls for finding in found[:5])
+    if wanted is not Verdict.BETTER:
+        assert set(verdicts(found)) == {wanted}
+
+
+def test_a_verdict_that_a_control_earns_too_says_so():
+    found = table2_findings(control=CONTROL_WINS)
+    judged = [each for each in found if "fastest" not in each.claim and "gains" not in each.claim]
+    for finding in judged:
+        all_three = ("corridor", "straight band", "shuffled weights")
+        assert finding.controls == (all_three if "A*NN" in finding.claim else ("corridor",))
+    words = "says nothing about the network, a control does as well: corridor"
+    assert words in finding_cells(found[0])[-1]
+    fast_but_dear = table2_findings(control=(9.0, 0.3, 1.0))
+    assert not fast_but_dear[0].controls
+
+
+METHODS = (paper.ASTAR, paper.ASTAR_NN, paper.DSTAR, paper.DSTAR_NN)
+
+
+def answered(plan, answers, control=(99.0, 999.0)):
+    """Rows of a plan: time and CC by the paper's methods, plain and compiled alike, and those of
+    the corridors.
+    """
+    found = {kinds[CORRIDOR]: control for kinds in CONTROLS_OF.values()}
+    for method, answer in zip(METHODS, answers, strict=True):
+        found[dynamic.OURS_OF[method]] = answer
+        if method in dynamic.PLAIN_OF:
+            found[dynamic.PLAIN_OF[method]] = answer
+    exact_cc = answers[0][1]
+    return [
+        {"plan": plan, "planner": name, "time_s": time_s, "cc": cc, "exact_cc": exact_cc}
+        for name, (time_s, cc) in found.items()
+    ]
+
+
+def test_table_3_is_judged_by_the_figures():
+    same = Rows()
+    for plan, of in paper.TABLE_3.by("plan").items():
+        same += answered(plan, [(row["time_s"], row["cc"]) for row in of])
+    found = list(dynamic.table3_findings(same))
+    assert set(verdicts(found)) == {Verdict.AGREES}
+    assert not any(finding.controls for finding in found)
+    worse = Rows(answered(0, [(1.0, 10.0), (2.0, 12.0), (3.0, 10.0), (9.0, 12.0)]))
+    found = verdicts(dynamic.table3_findings(worse))
+    assert found == [Verdict.DIFFERS] * 6 + [Verdict.AGREES]
+    answers = [(9.0, 10.0), (1.0, 10.0), (3.0, 10.0), (0.1, 9.0)]
+    better = list(dynamic.table3_findings(Rows(answered(0, answers, control=(0.1, 10.0)))))
+    assert verdicts(better) == [Verdict.BETTER] * 7
+    for finding in better[:6]:
+        assert finding.controls == ((CORRIDOR,) if "NN" in finding.claim else ())
+
+
+@pytest.mark.parametrize(
+    ("omegas", "length", "cc", "wanted"),
+    [
+        # divided by the greatest: [10/30 + 1, 11/30 + 3/9, ...] on the first map
+        (
+            [0.0, 0.01, 0.02, 0.03],
+            [[10.0, 11.0, 20.0, 30.0], [10.0, 10.0, 10.0, 12.0]],
+            [[9.0, 3.0, 2.0, 1.0], [8.0, 8.0, 2.0, 2.0]],
+            [[0.01, 0.02], [0.01, 0.02]],
+        ),
+        ([0.0, 0.01, 0.02, 0.03], [[1.0] * 4], [[1.0] * 4], [[0.02], [0.02]]),
+        ([0.0, 0.01, 0.02], [[100.0, 106.0, 110.0]], [[50.0, 30.0, 20.0]], [[0.01], [0.02]]),
+    ],
+    ids=["two maps", "all the same", "the normalisation decides"],
+)
+def test_the_best_omega_is_where_length_and_cc_together_are_least(omegas, length, cc, wanted):
+    length = np.array(length)
+    cc = np.array(cc)
+    totals = [normal(length) + normal(cc) for normal in (exact.by_range, exact.by_greatest)]
+    assert [exact.best_omegas(np.array(omegas), total) for total in totals] == wanted
+
+
+def test_sums_are_over_the_queries_that_all_answered(tiny_model):
+    tiny_networks = Networks(NetworkModel(tiny_model), NetworkModel(tiny_model))
+    answer = {"scene": "-d", "planner": PLAIN, "cc": 10.0, "exact_cc": 10.0, "found": 1.0}
+    failed = {"scene": "-d", "planner": PLAIN_NN, "plan": 1, "time_s": 1.0, "found": 0.0}
+    rows = Rows(
+        [
+            {**answer, "plan": 0, "time_s": 4.0},
+            {**answer, "plan": 1, "time_s": 90.0},
+            {**answer, "plan": 0, "planner": PLAIN_NN, "time_s": 2.0, "cc": 12.0},
+            failed,
+        ]
+    )
+    assert rows.speedup(PLAIN, PLAIN_NN) == 2.0
+    table = summary(rows, ("scene", "planner"), tiny_networks, totals=True)
+    head, _, exact_line, nn_line = table.splitlines()
+    assert head.endswith("| time in all | over A* | CC | CC increase | failed |")
+    assert exact_line.endswith("| 4 s | 1× | 10.00 | 0.00 % | 0 of 2 |")
+    assert nn_line.endswith("| 2 s | 2× | 12.00 | 20.00 % | 1 of 2 |")
+
+
+def test_rows_become_csv_and_figures():
+    rows = Rows(
+        [
+            {"planner": "a", "time_s": 1.5, "cc": 3.0, "exact_cc": 2.0},
+            {"planner": "b", "time_s": float("nan")},
+        ]
+    )
+    assert rows.csv() == "planner,time_s,cc,exact_cc\na,1.5,3.0,2.0\nb,,,\n"
+    assert rows.increase("a") == 0.5
+    assert np.isnan(rows.increase("b"))
+    assert np.isnan(rows.mean("mm"))
