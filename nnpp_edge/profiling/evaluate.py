@@ -24,7 +24,7 @@ from nnpp_edge.progress import Progress, ignore
 from nnpp_edge.runtime.cells import Endpoints
 from nnpp_edge.runtime.errors import InvalidQueryError
 from nnpp_edge.runtime.exercises import exercise
-from nnpp_edge.runtime.kernels.poses import AXES
+from nnpp_edge.runtime.kernels.poses import AXIS_COUNT
 from nnpp_edge.runtime.planners.plan import Plan, Source
 from nnpp_edge.runtime.robots.body.motions import all_motions
 
@@ -146,7 +146,7 @@ class _OnMap:
         """Of a vehicle's body on the map; 0 of a point."""
         if body is not None:
             motions = all_motions(body, case.ground.sides_m)
-            self.poses = int(motions.poses_of[2 * AXES]) * case.cost.size
+            self.poses = int(motions.poses_of[2 * AXIS_COUNT]) * case.cost.size
         self._kept: FindsPlans | None = None
         self.calls: dict[str, Callable[[Endpoints], Plan]] = {}
         self._standing: dict[str, FindsPlans] = {}

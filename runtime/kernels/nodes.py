@@ -25,7 +25,8 @@ place this marks the start.
 """
 ROW = 0
 COL = 1
-"""Columns of a path."""
+STATE = 2
+"""Columns of a path; the third is of a body that drives arcs."""
 ROW_STEP = (-1, 1, 0, 0, -1, -1, 1, 1)
 COL_STEP = (0, 0, -1, 1, -1, 1, -1, 1)
 OPPOSITE = (1, 0, 3, 2, 7, 6, 5, 4)

@@ -1,22 +1,18 @@
 """The check of a body's motions: whether it can follow a leg or turn on a cell, what that costs,
 and why it cannot.
 
-Motions are checked a run at a time, `RUN` cells of a row, where a search first asks: a run takes
+Motions are checked a run at a time, `LANES` cells of a row, where a search first asks: a run takes
 about as long as two or three motions would take one by one. docs/vehicle-check.md has the
 definitions and proof, `robots.body.motions` the tables.
 
-The kernels are given `poses`, a tuple (codes, source, address):
-
-    codes      (nodes, M) uint16, of each motion that begins on a node: `UNCHECKED`,
-               1 + T · `MOST_CODE`, rounded up, or `MOST_CODE` + 1 + the limit that refuses it
-    source     (heights, motions, limits, scratch, counts, shape, unseen), see `robots.body.poses`
-    address    of `check_run`
+The kernels are given `Poses`. Those that look call `check_run` by its address: numba would else
+compile it anew into each of them.
 """
 
-import numpy as np
 from numba.extending import overload
+from numpy import float32, inf, int32, uint16, uint64
 
-from nnpp_edge.runtime.compiled.kernel import helper, kernel
+from nnpp_edge.runtime.compiled.kernel import helper, inlined, kernel
 from nnpp_edge.runtime.kernels.by_address import borrowed, call_at
 from nnpp_edge.runtime.kernels.lanes import (
     LANES,
@@ -28,37 +24,61 @@ from nnpp_edge.runtime.kernels.lanes import (
     rounded_up,
     run_at,
 )
+from nnpp_edge.runtime.kernels.records import (
+    ACROSS,
+    ALONG,
+    CARRIED_ACROSS,
+    CARRIED_ALONG,
+    CARRIED_DOWN,
+    CARRIED_STEP,
+    FIRST_CELL,
+    FIT_AHEAD,
+    FIT_LEFT,
+    LEVEL,
+    MOST_ACROSS,
+    MOST_ALONG,
+    SAMPLES_END,
+    SAMPLES_OF_FOUR,
+    SAMPLES_OF_ONE,
+    SAMPLES_OF_TWO,
+    SWEPT_AHEAD,
+    SWEPT_LEFT,
+    SWEPT_TURN,
+    Area,
+    Figures,
+    Plane,
+    Poses,
+    PoseTables,
+)
 from nnpp_edge.runtime.kernels.traversability import arc_tangent
 
-RUN = LANES
-"""Motions that are checked at once."""
-AXES = 8
+AXIS_COUNT = 8
+"""Directions in which a body stands otherwise: the other eight are their reverses."""
 UNCHECKED = 0
 MOST_CODE = 65520
 FAILS = 65521
 """Codes from `FAILS` on are of motions that fail, by `REFUSALS`."""
 REFUSALS = ("unknown", "tilt", "pitch", "roll", "step", "belly")
 UNKNOWN, TILT, PITCH, ROLL, STEP, BELLY = range(6)
-TILT_WEIGHT = 6
-RISE_WEIGHT = 7
-STEP_WEIGHT = 8
+TILT_SHARE = 6
+RISE_SHARE = 7
+STEP_SHARE = 8
 """Of the limits: tilt in radians, the greatest slopes ahead and to the left, step and clearance
 in metres; the weights of the terms of T."""
-_1 = np.uint64(1)
-_2 = np.uint64(2)
-_3 = np.uint64(3)
-_4 = np.uint64(4)
-_REFUSED = np.float32(FAILS + UNKNOWN)
-_PRICED = np.float32(FAILS - 0.5)
+_1 = uint64(1)
+_2 = uint64(2)
+_4 = uint64(4)
+_REFUSED = float32(FAILS + UNKNOWN)
+_PRICED = float32(FAILS - 0.5)
 """Of a run's poses, where unknown ground counts by its price: refused whatever lies there, and not
 known, which a refusal outweighs and nothing else.
 """
-_ONE = np.float32(1.0)
-_TWO = np.float32(2.0)
-_HALF = np.float32(0.5)
-_ZERO = np.float32(0.0)
-_INF = np.float32(np.inf)
-_MOST = np.float32(MOST_CODE)
+_ONE = float32(1.0)
+_TWO = float32(2.0)
+_HALF = float32(0.5)
+_ZERO = float32(0.0)
+_INF = float32(inf)
+_MOST = float32(MOST_CODE)
 
 
 @helper
@@ -66,7 +86,7 @@ def motion_weight(code, unit):
     """Weight of a motion by its code: inf where it fails; 0, which none weighs less than, where
     unchecked.
     """
-    weight = np.float32(max(np.int32(code), np.int32(1)) - np.int32(1)) * unit
+    weight = float32(max(int32(code), int32(1)) - int32(1)) * unit
     return _INF if code >= FAILS else weight
 
 
@@ -83,25 +103,29 @@ def put_heights(heights, base, unknown, out, row, col):
             there[c] = h - base if abs(h) < _INF else unknown
 
 
+# The ground under a pose
+
+
 @helper
-def _range(heights, first, group, samples, slopes):
-    """Least and greatest height above a plane among a group of samples, see
-    `robots.body.motions.Motions.groups`.
+def _range(heights, first, group, tables, along, across):
+    """Least and greatest height above a plane among a group of samples.
 
     The plane falls by these slopes from the body's middle. Unsigned indices need no look for
     negative ones.
     """
+    offsets = tables.offsets
+    shares = tables.shares
     low = in_all(_INF)
     high = in_all(-_INF)
-    ahead, left, offsets, shares = samples
-    sample = np.uint64(group[0])
-    n = np.uint64(group[4])
-    for k, many in ((1, _4), (2, _2), (3, _1)):
-        while sample < np.uint64(group[k]):
+    sample = uint64(group[SAMPLES_OF_FOUR])
+    n = uint64(group[FIRST_CELL])
+    for end, many in ((SAMPLES_OF_TWO, _4), (SAMPLES_OF_ONE, _2), (SAMPLES_END, _1)):
+        while sample < uint64(group[end]):
             height = shares[n] * run_at(heights, first + offsets[n])
             for cell in range(n + _1, n + many):
                 height = fused(shares[cell], run_at(heights, first + offsets[cell]), height)
-            there = fused(ahead[sample], slopes[0], fused(left[sample], slopes[1], height))
+            height = fused(tables.left[sample], across, height)
+            there = fused(tables.ahead[sample], along, height)
             low = chosen(there < low, there, low)
             high = chosen(there > high, there, high)
             n += many
@@ -110,73 +134,59 @@ def _range(heights, first, group, samples, slopes):
 
 
 @helper
-def _slopes(heights, first, pose, fitted):
+def _slopes(heights, first, pose, tables):
     """Slopes ahead and to the left of the plane through the heights under the wheels' middles, and
     whether that is known: 0 where it is not.
     """
-    slopes_of, offsets, shares = fitted
     along = in_all(_ZERO)
     across = in_all(_ZERO)
-    for n in range(slopes_of[pose], slopes_of[pose + 1]):
-        there = run_at(heights, first + offsets[n])
-        along = fused(shares[n, 0], there, along)
-        across = fused(shares[n, 1], there, across)
+    for n in range(tables.fit_of[pose], tables.fit_of[pose + 1]):
+        there = run_at(heights, first + tables.fit_offsets[n])
+        along = fused(tables.fit_shares[n, FIT_AHEAD], there, along)
+        across = fused(tables.fit_shares[n, FIT_LEFT], there, across)
     known = abs(along) + abs(across) < _INF
     return chosen(known, along, _ZERO), chosen(known, across, _ZERO), known
 
 
 @helper
-def _lift(heights, first, pose, tables, slopes, plane, halves):
+def _lift(heights, first, pose, tables, fit, least, halves):
     """How far the ground under the body comes above the lowest that the wheels' plane can be there.
 
-    `plane` goes through the wheels' least heights: the lowest, wherever each wheel's height raises
-    it. In a part of the belly where some wheels' heights lower it, their greatest heights count.
+    `least` goes through the wheels' least heights above the plane `fit`: the lowest, wherever each
+    wheel's height raises it. In a part of the belly where some wheels' heights lower it, their
+    greatest heights count.
     """
-    groups_of, groups, samples, _, (raised_of, raised), _, gradients, _ = tables
+    gradients = tables.gradients
     rise = in_all(-_INF)
-    for part in range(groups_of[pose] + gradients.shape[1], groups_of[pose + 1]):
-        level, along, across = plane
-        for n in range(raised_of[part], raised_of[part + 1]):
-            w = raised[n]
-            more = _TWO * run_at(halves, w * RUN)
-            level += gradients[0, w] * more
-            along += gradients[1, w] * more
-            across += gradients[2, w] * more
-        below = _ZERO - (along + slopes[0]), _ZERO - (across + slopes[1])
-        above = _range(heights, first, groups[part], samples, below)[1] - level
+    for part in range(tables.groups_of[pose] + gradients.shape[1], tables.groups_of[pose + 1]):
+        level = least.level
+        along = least.along
+        across = least.across
+        for n in range(tables.raised_of[part], tables.raised_of[part + 1]):
+            w = tables.raised[n]
+            more = _TWO * run_at(halves, w * LANES)
+            level += gradients[LEVEL, w] * more
+            along += gradients[ALONG, w] * more
+            across += gradients[ACROSS, w] * more
+        along = _ZERO - (along + fit.along)
+        across = _ZERO - (across + fit.across)
+        _, high = _range(heights, first, tables.groups[part], tables, along, across)
+        above = high - level
         rise = chosen(above > rise, above, rise)
     return rise
 
 
 @helper
-def _codes(figures, limits):
-    """Codes of a run's poses by their steepest tilt, pitch and roll (as slopes), step, and rise
-    under the belly.
-    """
-    slope, pitch, roll, step, up = figures
-    tilt = arc_tangent(slope)
-    t = limits[TILT_WEIGHT] / limits[TILT] * tilt + limits[RISE_WEIGHT] / limits[BELLY] * up
-    t += limits[STEP_WEIGHT] / limits[STEP] * step
-    codes = rounded_up(t * _MOST) + _ONE
-    codes = chosen(codes < _MOST, codes, _MOST)
-    codes = chosen(up <= limits[BELLY], codes, np.float32(FAILS + BELLY))
-    codes = chosen(step <= limits[STEP], codes, np.float32(FAILS + STEP))
-    codes = chosen(roll <= limits[ROLL], codes, np.float32(FAILS + ROLL))
-    codes = chosen(pitch <= limits[PITCH], codes, np.float32(FAILS + PITCH))
-    codes = chosen(tilt <= limits[TILT], codes, np.float32(FAILS + TILT))
-    return chosen(slope + step + up < _INF, codes, np.float32(FAILS + UNKNOWN))
-
-
-@helper
 def _highest(heights, first, pose, tables):
     """Greatest of the heights that a pose is checked by, those that are not known apart."""
-    groups_of, groups, samples, _, _, _, _, _ = tables
-    offsets = samples[2]
-    last = groups[groups_of[pose + 1] - 1]
-    end = last[4] + 4 * (last[1] - last[0]) + 2 * (last[2] - last[1]) + last[3] - last[2]
+    last = tables.groups[tables.groups_of[pose + 1] - 1]
+    fours = last[SAMPLES_OF_TWO] - last[SAMPLES_OF_FOUR]
+    twos = last[SAMPLES_OF_ONE] - last[SAMPLES_OF_TWO]
+    ones = last[SAMPLES_END] - last[SAMPLES_OF_ONE]
+    end = last[FIRST_CELL] + 4 * fours + 2 * twos + ones
     high = in_all(-_INF)
-    for n in range(groups[groups_of[pose], 4], end):
-        there = run_at(heights, first + offsets[n])
+    for n in range(tables.groups[tables.groups_of[pose], FIRST_CELL], end):
+        there = run_at(heights, first + tables.offsets[n])
         high = chosen(there > high, there, high)
     return high
 
@@ -187,20 +197,28 @@ def _wall_near(heights, first, width, margin):
     found = False
     for row in range(-margin, margin + 1):
         middle = first + row * width
-        line = heights[middle - margin : middle + margin + RUN]
+        line = heights[middle - margin : middle + margin + LANES]
         for c in range(len(line)):
             found |= line[c] == _INF
     return found
 
 
+# Figures and codes
+
+
+@inlined
+def _carried(tables, pair, along, across):
+    """What contacts that are carried along their patches may add, by their slopes."""
+    return tables.carried[pair] * along + tables.carried[pair + 1] * across
+
+
 @helper
-def _figures(heights, first, pose, tables, halves):
-    """Of a run's poses, of one place and heading: bounds of slope, pitch, roll (as slopes), step,
-    and rise under the belly; their slopes ahead and to the left with the wheels in the middle of
-    their ranges; and whether the heights under the wheels' middles are known.
+def _wheels(heights, first, pose, tables, fit, halves):
+    """Of a run's poses: the plane through the wheels' least heights above the plane `fit`, and how
+    its slopes change with the wheels in the middle of their ranges; by how much these may change
+    more; and half of the greatest range. Halves of all ranges are written.
     """
-    groups_of, groups, samples, fitted, _, swept, gradients, carried = tables
-    slopes = _slopes(heights, first, pose, fitted)
+    gradients = tables.gradients
     level = in_all(_ZERO)
     along = in_all(_ZERO)
     across = in_all(_ZERO)
@@ -210,92 +228,113 @@ def _figures(heights, first, pose, tables, halves):
     more_along = in_all(_ZERO)
     more_across = in_all(_ZERO)
     for w in range(gradients.shape[1]):
-        k = groups_of[pose] + w
-        low, high = _range(
-            heights, first, groups[k], samples, (_ZERO - slopes[0], _ZERO - slopes[1])
-        )
+        group = tables.groups[tables.groups_of[pose] + w]
+        along_down = _ZERO - fit.along
+        across_down = _ZERO - fit.across
+        low, high = _range(heights, first, group, tables, along_down, across_down)
         half = _HALF * (high - low)
-        put_run(halves, w * RUN, half)
-        level += gradients[0, w] * low
-        along += gradients[1, w] * low
-        across += gradients[2, w] * low
-        mid_along += gradients[1, w] * (low + half)
-        mid_across += gradients[2, w] * (low + half)
-        more_along += gradients[3, w] * half
-        more_across += gradients[4, w] * half
+        put_run(halves, w * LANES, half)
+        level += gradients[LEVEL, w] * low
+        along += gradients[ALONG, w] * low
+        across += gradients[ACROSS, w] * low
+        mid_along += gradients[ALONG, w] * (low + half)
+        mid_across += gradients[ACROSS, w] * (low + half)
+        more_along += gradients[MOST_ALONG, w] * half
+        more_across += gradients[MOST_ACROSS, w] * half
         step = chosen(half > step, half, step)
-    rise = _lift(heights, first, pose, tables, slopes, (level, along, across), halves)
+    least = Plane(level, along, across)
+    return least, (mid_along, mid_across), (more_along, more_across), step
+
+
+@helper
+def _figures(heights, first, pose, tables, halves):
+    """`Figures` of a run's poses, of one place and heading; their slopes ahead and to the left with
+    the wheels in the middle of their ranges; and whether the heights under the wheels' middles are
+    known.
+    """
+    fit_along, fit_across, known = _slopes(heights, first, pose, tables)
+    fit = Plane(in_all(_ZERO), fit_along, fit_across)
+    least, middle, more, half_step = _wheels(heights, first, pose, tables, fit, halves)
+    mid_along, mid_across = middle
+    more_along, more_across = more
+    rise = _lift(heights, first, pose, tables, fit, least, halves)
     # the steepest that the contacts depart from the plane: as they are, and with each carried along
     # its patch
     steep_along = abs(mid_along) + more_along
     steep_across = abs(mid_across) + more_across
-    by_along = carried[0] * steep_along + carried[1] * steep_across
-    by_across = carried[2] * steep_along + carried[3] * steep_across
-    sunk = carried[4] * steep_along + carried[5] * steep_across
+    by_along = _carried(tables, CARRIED_ALONG, steep_along, steep_across)
+    by_across = _carried(tables, CARRIED_ACROSS, steep_along, steep_across)
+    sunk = _carried(tables, CARRIED_DOWN, steep_along, steep_across)
     more_along += by_along
     more_across += by_across
     steep_along += by_along
     steep_across += by_across
-    ahead = swept[pose, 0]
-    aside = swept[pose, 1]
-    turn = swept[pose, 2]
+    # under the belly, and under a wheel
+    ahead = tables.swept[pose, SWEPT_AHEAD]
+    aside = tables.swept[pose, SWEPT_LEFT]
     sunk += ahead * steep_along + aside * steep_across
-    up = rise + sunk
-    up = chosen(up > _ZERO, up, _ZERO)
-    step = _TWO * step + (carried[6] * steep_along + carried[7] * steep_across)
-    along = abs(slopes[0] + mid_along) + more_along
-    across = abs(slopes[1] + mid_across) + more_across
+    rise = rise + sunk
+    rise = chosen(rise > _ZERO, rise, _ZERO)
+    step = _TWO * half_step + _carried(tables, CARRIED_STEP, steep_along, steep_across)
+    # slopes, at all headings for which the pose stands
+    turn = tables.swept[pose, SWEPT_TURN]
+    along = abs(fit_along + mid_along) + more_along
+    across = abs(fit_across + mid_across) + more_across
     most_along = along + turn * steep_across
     most_across = across + turn * steep_along
     slope = root(most_along * most_along + most_across * most_across)
-    pitch = along + turn * (abs(slopes[1]) + steep_across)
-    roll = across + turn * (abs(slopes[0]) + steep_along)
+    pitch = along + turn * (abs(fit_across) + steep_across)
+    roll = across + turn * (abs(fit_along) + steep_along)
     pitch = chosen(pitch < slope, pitch, slope)
     roll = chosen(roll < slope, roll, slope)
-    return (
-        (slope, pitch, roll, step, up),
-        (slopes[0] + mid_along, slopes[1] + mid_across),
-        slopes[2],
-    )
+    slopes = (fit_along + mid_along, fit_across + mid_across)
+    return Figures(slope, pitch, roll, step, rise), slopes, known
 
 
 @helper
-def _given(poses):
-    """All that the check reads, references to which are not counted: (heights, width, margin),
-    tables, scratch.
-    """
-    source = poses[1]
-    given = source[1]
-    shape = source[5]
-    samples = given[3]
-    fitted = given[4]
-    belly = given[5]
-    tables = (
-        borrowed(given[1]),
-        borrowed(given[2]),
-        (borrowed(samples[0]), borrowed(samples[1]), borrowed(samples[2]), borrowed(samples[3])),
-        (borrowed(fitted[0]), borrowed(fitted[1]), borrowed(fitted[2])),
-        (borrowed(belly[0]), borrowed(belly[1])),
-        borrowed(given[6]),
-        borrowed(given[7]),
-        borrowed(given[8]),
-    )
-    return (
-        (borrowed(source[0]), shape[2], shape[3]),
-        borrowed(given[0]),
-        tables,
-        borrowed(source[3]),
-    )
+def _codes(figures, limits):
+    """Codes of a run's poses."""
+    step = figures.step
+    rise = figures.rise
+    tilt = arc_tangent(figures.slope)
+    t = limits[TILT_SHARE] / limits[TILT] * tilt + limits[RISE_SHARE] / limits[BELLY] * rise
+    t += limits[STEP_SHARE] / limits[STEP] * step
+    codes = rounded_up(t * _MOST) + _ONE
+    codes = chosen(codes < _MOST, codes, _MOST)
+    codes = chosen(rise <= limits[BELLY], codes, float32(FAILS + BELLY))
+    codes = chosen(step <= limits[STEP], codes, float32(FAILS + STEP))
+    codes = chosen(figures.roll <= limits[ROLL], codes, float32(FAILS + ROLL))
+    codes = chosen(figures.pitch <= limits[PITCH], codes, float32(FAILS + PITCH))
+    codes = chosen(tilt <= limits[TILT], codes, float32(FAILS + TILT))
+    return chosen(figures.slope + step + rise < _INF, codes, _REFUSED)
+
+
+@inlined
+def _first_height(poses, row, col):
+    """Place of a cell's height."""
+    return (row + poses.margin) * poses.width + col + poses.margin
 
 
 @kernel
 def figures_of(poses, row, col, motion, out):
-    """Figures of a motion's poses from a cell, as `_figures`, into `out` (P, 7)."""
-    (heights, width, margin), poses_of, tables, scratch = _given(poses)
-    first = (row + margin) * width + col + margin
-    for n in range(poses_of[motion + 1] - poses_of[motion]):
-        bounds, (along, across), _ = _figures(heights, first, poses_of[motion] + n, tables, scratch)
-        figures = bounds[0], bounds[1], bounds[2], bounds[3], bounds[4], along, across
+    """Figures of a motion's poses from a cell, and their slopes, into `out` (P, 7)."""
+    poses = borrowed(Poses(*poses))
+    tables = PoseTables(*poses.tables)
+    scratch = poses.scratch
+    first = _first_height(poses, row, col)
+    begin = tables.poses_of[motion]
+    for n in range(tables.poses_of[motion + 1] - begin):
+        bounds, slopes, _ = _figures(poses.heights, first, begin + n, tables, scratch)
+        along, across = slopes
+        figures = (
+            bounds.slope,
+            bounds.pitch,
+            bounds.roll,
+            bounds.step,
+            bounds.rise,
+            along,
+            across,
+        )
         for k in range(7):
             put_run(scratch, 0, figures[k])
             out[n, k] = scratch[0]
@@ -308,42 +347,42 @@ def check_run(poses, row, col, motion):
     What a motion comes to, one from M on of the body standing in a direction, is left in the
     scratch memory, too.
     """
-    codes = borrowed(poses[0])
-    source = poses[1]
-    limits = borrowed(source[2])
-    counts = borrowed(source[4])
-    cols = source[5][1]
-    side = source[5][4]
-    unseen = borrowed(source[6])
-    (heights, width, margin), poses_of, tables, scratch = _given(poses)
-    col -= col % RUN
-    first = (row + margin) * width + col + margin
+    poses = borrowed(Poses(*poses))
+    tables = PoseTables(*poses.tables)
+    heights = poses.heights
+    scratch = poses.scratch
+    side = poses.block_side
+    cols = poses.cols
+    col -= col % LANES
+    first = _first_height(poses, row, col)
+    begin = tables.poses_of[motion]
+    end = tables.poses_of[motion + 1]
     total = in_all(_ZERO)
     worst = in_all(_ZERO)
-    wall = side > 0 and _wall_near(heights, first, width, margin)
-    for pose in range(poses_of[motion], poses_of[motion + 1]):
+    wall = side > 0 and _wall_near(heights, first, poses.width, poses.margin)
+    for pose in range(begin, end):
         bounds, _, known = _figures(heights, first, pose, tables, scratch)
-        code = _codes(bounds, limits)
+        code = _codes(bounds, poses.limits)
         if side > 0:  # without the wheels' plane, what is known below refuses too much
             code = chosen(known, code, _PRICED)
         if wall:
             code = chosen(_highest(heights, first, pose, tables) < _INF, code, _REFUSED)
         total += code
         worst = chosen(code > worst, code, worst)
-    mean = rounded_up(total * (_ONE / np.float32(poses_of[motion + 1] - poses_of[motion])))
+    mean = rounded_up(total * (_ONE / float32(end - begin)))
     put_run(scratch, 0, chosen(worst <= _MOST, mean, worst))
-    n = min(RUN, cols - col)
-    node = (row + 1) * (cols + 2) + col + 1
+    n = min(LANES, cols - col)
     if side > 0:
         for c in range(n):
             if scratch[c] == _PRICED:
-                price = unseen[row // side * (cols // side) + (col + c) // side]
+                price = poses.block_prices[row // side * (cols // side) + (col + c) // side]
                 scratch[c] = _ONE + (_MOST - _ONE) * min(price, _ONE)
-    if motion < codes.shape[1]:
-        there = codes[node:, motion]
+    if motion < poses.codes.shape[1]:
+        node = (row + 1) * (cols + 2) + col + 1
+        there = poses.codes[node:, motion]
         for c in range(n):
-            there[c] = np.uint16(scratch[c])
-    counts[0] += n * (poses_of[motion + 1] - poses_of[motion])
+            there[c] = uint16(scratch[c])
+    poses.counts[0] += n * (end - begin)
 
 
 def check_there(poses, row, col, motion):
@@ -353,30 +392,29 @@ def check_there(poses, row, col, motion):
 
 @overload(check_there)
 def _compiled_check_there(poses, row, col, motion):
-    return lambda poses, row, col, motion: call_at(poses[2], (poses, row, col, motion))
+    return lambda poses, row, col, motion: call_at(poses.check_run, (poses, row, col, motion))
 
 
 @kernel
 def standing_codes(poses, row, out):
     """Codes of the body standing on the cells of a row, in each direction, into `out` (8, W)."""
-    scratch = poses[1][3]
-    first = poses[0].shape[1]
-    for k in range(AXES):
-        for col in range(0, out.shape[1], RUN):
+    named = Poses(*poses)
+    first = named.codes.shape[1]
+    for k in range(AXIS_COUNT):
+        for col in range(0, out.shape[1], LANES):
             check_run(poses, row, col, first + k)
-            for c in range(min(RUN, out.shape[1] - col)):
-                out[k, col + c] = np.uint16(scratch[c])
+            for c in range(min(LANES, out.shape[1] - col)):
+                out[k, col + c] = uint16(named.scratch[c])
 
 
 @kernel
 def check_all(poses):
     """Check all motions that are not checked yet."""
-    codes = poses[0]
-    rows = poses[1][5][0]
-    cols = poses[1][5][1]
-    for row in range(rows):
-        first = (row + 1) * (cols + 2) + 1
-        for col in range(0, cols, RUN):
+    named = Poses(*poses)
+    codes = named.codes
+    for row in range(named.rows):
+        first = (row + 1) * (named.cols + 2) + 1
+        for col in range(0, named.cols, LANES):
             for motion in range(codes.shape[1]):
                 if codes[first + col, motion] == UNCHECKED:
                     check_run(poses, row, col, motion)
@@ -384,16 +422,16 @@ def check_all(poses):
 
 @kernel
 def forget_poses(poses, area, reach):
-    """Take motions within `reach`, (rows, columns), of an `area` of cells as unchecked."""
-    codes = poses[0]
-    rows = poses[1][5][0]
-    cols = poses[1][5][1]
-    row0 = max(area[0] - reach[0], 0)
-    row1 = min(area[1] + reach[0], rows)
-    col0 = max(area[2] - reach[1], 0)
-    col1 = min(area[3] + reach[1], cols)
-    col0 -= col0 % RUN
-    col1 = min(col1 + (RUN - col1 % RUN) % RUN, cols)
-    for row in range(row0, row1):
+    """Take motions within `reach`, (rows, columns), of an `Area` of cells as unchecked."""
+    poses = Poses(*poses)
+    area = Area(*area)
+    rows_off, cols_off = reach
+    cols = poses.cols
+    col0 = max(area.col0 - cols_off, 0)
+    col1 = min(area.col1 + cols_off, cols)
+    # whole runs
+    col0 -= col0 % LANES
+    col1 = min(col1 + (LANES - col1 % LANES) % LANES, cols)
+    for row in range(max(area.row0 - rows_off, 0), min(area.row1 + rows_off, poses.rows)):
         first = (row + 1) * (cols + 2) + 1
-        codes[first + col0 : first + col1] = UNCHECKED
+        poses.codes[first + col0 : first + col1] = UNCHECKED

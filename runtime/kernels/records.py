@@ -666,3 +666,288 @@ class Places(NamedTuple):
     rows: Doubles
     cols: Doubles
     """(stations, places)"""
+
+
+# Bodies
+
+
+class Poses(NamedTuple):
+    """A body's motions on a map: what is known of them, and what it takes to check the others
+    (`robots.body.poses`).
+    """
+
+    codes: Words
+    """(nodes, M) of each motion that begins on a node: `UNCHECKED`, 1 + T · `MOST_CODE`, rounded
+    up, or `FAILS` + the limit that refuses it (`kernels.poses`).
+    """
+    heights: Floats
+    """(H, width) metres, within a margin of unknown cells, as one row."""
+    tables: Packed
+    """`PoseTables`."""
+    limits: Floats
+    """(9,) of the vehicle, by `REFUSALS`, and `TILT_SHARE` and the others."""
+    scratch: Floats
+    """(wheels · LANES,)"""
+    counts: Int64s
+    """(1,) poses checked so far."""
+    rows: int
+    cols: int
+    """Of the map."""
+    width: int
+    """Numbers from one row of heights to the next."""
+    margin: int
+    block_side: int
+    """Cells, on a map of which blocks are known by their means; else 0."""
+    block_prices: Floats
+    """(blocks,) T a cell that is not known."""
+    check_run: int
+    """Address of `check_run`."""
+
+
+class PoseTables(NamedTuple):
+    """What the check samples of the ground, motion by motion (`robots.body.motions.Motions`)."""
+
+    poses_of: Int64s
+    """(motions + 1,) where each motion's poses begin."""
+    groups_of: Int64s
+    """(poses + 1,) where each pose's groups of samples begin: of its wheels, then of its belly."""
+    groups: Int64s
+    """(groups, 5) `SAMPLES_OF_FOUR` and the others below, of each group."""
+    ahead: Floats
+    left: Floats
+    """(samples,) metres from the body's middle."""
+    offsets: Int64s
+    shares: Floats
+    """(cells,) places of samples' cells among the heights, from that of the motion's cell, and
+    shares of their heights.
+    """
+    fit_of: Int64s
+    """(poses + 1,) where the cells begin by which each pose's plane is fitted."""
+    fit_offsets: Int64s
+    """(fitted,) places of these."""
+    fit_shares: Floats
+    """(fitted, 2) what each height adds to the plane's slopes ahead and to the left."""
+    raised_of: Int64s
+    """(groups + 1,) where each group's wheels begin whose greatest heights make the plane lowest
+    there.
+    """
+    raised: Int64s
+    """Those wheels."""
+    swept: Floats
+    """(poses, 3) `SWEPT_AHEAD` and the others below, of each pose."""
+    gradients: Floats
+    """(5, wheels) `LEVEL` and the others below: what a wheel's height adds to the plane."""
+    carried: Floats
+    """(8,) pairs, `CARRIED_ALONG` and the others below."""
+
+
+FIT_AHEAD = 0
+FIT_LEFT = 1
+"""Columns of `PoseTables.fit_shares`."""
+SAMPLES_OF_FOUR = 0
+SAMPLES_OF_TWO = 1
+SAMPLES_OF_ONE = 2
+SAMPLES_END = 3
+FIRST_CELL = 4
+"""Of a group: its first sample, the first that is a mean of two cells, and that is one, their end;
+its first cell."""
+SWEPT_AHEAD = 0
+SWEPT_LEFT = 1
+SWEPT_TURN = 2
+"""Of a pose: metres by which a point under the body may lie elsewhere, and its turn in rad."""
+LEVEL = 0
+ALONG = 1
+ACROSS = 2
+MOST_ALONG = 3
+MOST_ACROSS = 4
+"""Of a wheel's height: what it adds at the body's middle, to the slopes ahead and to the left, and
+to these two whatever its sign."""
+CARRIED_ALONG = 0
+CARRIED_ACROSS = 2
+CARRIED_DOWN = 4
+CARRIED_STEP = 6
+"""By each unit of slope ahead, and to the left, by which contacts depart from the plane: what they
+may add to the slopes, to how low the belly comes, and to the step, as a wheel may touch anywhere in
+its patch. First of each pair."""
+
+
+class Figures(NamedTuple):
+    """Of a run's poses: bounds of the steepest slope, of pitch and roll (as slopes), of the step
+    and of the rise under the belly, m.
+    """
+
+    slope: Floats
+    pitch: Floats
+    roll: Floats
+    step: Floats
+    rise: Floats
+
+
+class Plane(NamedTuple):
+    """Of a run's poses: its height at the body's middle, m, and its slopes."""
+
+    level: Floats
+    along: Floats
+    across: Floats
+
+
+# States of a body
+
+
+class Legs(NamedTuple):
+    """Least costs of straight, diagonal and knight's legs."""
+
+    straight: float
+    diagonal: float
+    knight: float
+
+
+class Frame(NamedTuple):
+    """How states are numbered: a node's come one after another."""
+
+    bits: int
+    """Binary digits of a state's number among those of its node."""
+    stride: int
+
+
+class Prices(NamedTuple):
+    """A body's motion primitives and what they cost, in cells of level ground
+    (`robots.body.primitives`).
+    """
+
+    unit: np.float32
+    """By how much each step of a code makes a motion dearer, as a share."""
+    moves: Int32s
+    """(S, P, 6) `DOWN` and the others below, of each primitive of each state of a cell."""
+    fares: Floats
+    """(S, P, 2) `BY_LENGTH` and `FIXED`, of each."""
+    origins: Int32s
+    """(S, P) the state from which a primitive leads to each; -1 where none does."""
+    rays: Int32s
+    """(R, 6) ways from cell to cell whatever the direction, as `moves`."""
+    ray_fares: Floats
+    """(R,) cells that each costs by its code."""
+    turns: Floats
+    """(16, 16) what turns between directions cost."""
+
+
+DOWN = 0
+RIGHT = 1
+TO = 2
+MOTION = 3
+THERE = 4
+EDGE = 5
+MOVE_COLUMNS = 6
+"""Of a primitive: rows and columns to the cell that it leads to, the state there among those of
+a cell (-1 where no such primitive is); the motion that is checked, and whether that begins
+there; the direction of a leg, else -1."""
+BY_LENGTH = 0
+FIXED = 1
+FARE_COLUMNS = 2
+"""Of what a primitive costs: cells on the best ground, which its code makes dearer, and what comes
+to it always.
+"""
+
+
+class Seeds(NamedTuple):
+    """Cells that a field begins with."""
+
+    nodes: Int32s
+    costs: Floats
+    """What each costs."""
+    onwards: Int32s
+    """Direction in which the way on leaves each."""
+
+
+class FieldRule(NamedTuple):
+    """How a field is filled."""
+
+    legs: Packed
+    """`Legs` by which what is left is judged."""
+    width: float
+    """Of a bucket of the open list at first."""
+    between: Floats
+    """(16, 16) costs of turns between directions: each cell's cost is then that of a way with its
+    turns. As the cell's best way on is what counts for all that come to it, nearly the least.
+    (0, 16): turns are free, and no way costs less.
+    """
+
+
+class Field(NamedTuple):
+    """Costs to the goal of cells, as `fill_field` left them; no g without any."""
+
+    g: Floats
+    meta: Int32s
+    stamp: int
+    row: int
+    col: int
+    """Where it was to end, the start, within the border."""
+    floor: float
+    """What it costs from there."""
+    between: Floats
+    """As of the rule that it was filled by."""
+
+
+class StateRule(NamedTuple):
+    """How states are searched (`kernels.lattice.expand_states`)."""
+
+    legs: Packed
+    """`Legs` by which what is left is judged."""
+    width: float
+    beyond: float
+    """As of a `Rule`."""
+    again: float
+    """By how much an expanded state must become cheaper to be expanded again, for each expansion so
+    far: 0 where what is left is judged consistently.
+    """
+    frame: Packed
+    """`Frame`."""
+    starting: Bools
+    """(S,) states in which it may start, one at least."""
+    wanted: Bools
+    """(S,) states that will do at the goal."""
+
+
+class CellJudge(NamedTuple):
+    """By what the cost that is left from a cell is judged: distances alone."""
+
+    stride: int
+    row: int
+    col: int
+    legs: Legs
+
+
+class StateJudge(NamedTuple):
+    """By what the cost that is left from a state is judged."""
+
+    frame: Frame
+    goal_row: int
+    goal_col: int
+    legs: Legs
+    field: Field
+
+
+class FieldTask(NamedTuple):
+    """What stays the same while a field is filled."""
+
+    poses: Poses
+    edges: Floats
+    prices: Prices
+    region: Region
+    judge: CellJudge
+    start: int
+    between: Floats
+    memory: Memory
+
+
+class StateTask(NamedTuple):
+    """What stays the same while states are expanded."""
+
+    poses: Poses
+    edges: Floats
+    prices: Prices
+    region: Region
+    judge: StateJudge
+    goal: int
+    rule: StateRule
+    memory: Memory

@@ -148,7 +148,7 @@ class Plan:
     """The path over the ground, point by point; None where no elevations are known."""
     states: NDArray[np.int32] | None = field(default=None, repr=False)
     """(N,) the direction in which a body that drives arcs stands on each cell, see
-    `robots.body.motions.DIRECTIONS`, and 16 more where it came backwards and a change of gear
+    `robots.body.motions.LEGS`, and 16 more where it came backwards and a change of gear
     costs; None of others, as cells tell it."""
     vehicle: Vehicle | None = field(default=None, repr=False)
     """That body."""

@@ -31,7 +31,7 @@ class Query(NamedTuple):
     deadline: Deadline = NEVER
     """When to give up."""
     direction: int = -1
-    """In which a body stands at the start, see `robots.body.motions.DIRECTIONS`; -1 where any will
+    """In which a body stands at the start, see `robots.body.motions.LEGS`; -1 where any will
     do.
     """
     wanted: NDArray[np.bool_] | None = None

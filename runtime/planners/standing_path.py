@@ -28,7 +28,7 @@ from numpy.typing import NDArray
 
 from nnpp_edge.runtime.cells import Cell, Rectangle
 from nnpp_edge.runtime.errors import InvalidQueryError
-from nnpp_edge.runtime.kernels.lattice import DIRECTIONS
+from nnpp_edge.runtime.kernels.lattice import DIRECTION_COUNT
 from nnpp_edge.runtime.kernels.nodes import octile
 from nnpp_edge.runtime.kernels.paths import remember, savings
 from nnpp_edge.runtime.map.state import MapState
@@ -183,7 +183,7 @@ class StandingPath:
         grid = self._grid
         here = (path[:, 0] == at[0]) & (path[:, 1] == at[1])
         if direction >= 0 and self.plan.states is not None:  # such a path may cross itself
-            here &= self.plan.states % DIRECTIONS == direction
+            here &= self.plan.states % DIRECTION_COUNT == direction
         hits = np.flatnonzero(here)
         if not len(hits):
             return Standing(Footing.OFF_PATH)

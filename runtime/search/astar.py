@@ -20,7 +20,7 @@ from nnpp_edge.runtime.deadline import NEVER, Deadline
 from nnpp_edge.runtime.errors import Status
 from nnpp_edge.runtime.kernels import expansion as kernels
 from nnpp_edge.runtime.kernels.lattice import (
-    DIRECTIONS,
+    DIRECTION_COUNT,
     KNIGHT,
     expand_states,
     fill_field,
@@ -37,11 +37,21 @@ from nnpp_edge.runtime.kernels.nodes import (
 )
 from nnpp_edge.runtime.kernels.records import (
     BEST_NODE,
+    DOWN,
     GOAL_STATE,
+    RIGHT,
     Ends,
+    Field,
+    FieldRule,
+    Frame,
     Hints,
+    Legs,
     Limits,
+    Packed,
+    Prices,
     Rule,
+    Seeds,
+    StateRule,
 )
 from nnpp_edge.runtime.search.region import Region
 from nnpp_edge.runtime.search.workspace import Workspace
@@ -57,6 +67,7 @@ from nnpp_edge.runtime.tuning import (
 
 if TYPE_CHECKING:
     from nnpp_edge.runtime.map.grid import Grid
+    from nnpp_edge.runtime.robots.body.robot import States
 
 _BETWEEN_LOOKS = 1 << 14
 """Expansions after which is looked whether enough is known."""
@@ -64,10 +75,10 @@ _WITHOUT_END = int(np.iinfo(np.int64).max >> 1)
 Links = NDArray[np.uint8] | None
 """The directions in which each node may be left, as bits; None where passability decides."""
 Parts = tuple[Any, ...]
-Cells = tuple[NDArray[np.int32], NDArray[np.float32], NDArray[np.int32]]
-"""Nodes, what they cost, and the direction in which the way on leaves them; each (N,)."""
 _CORNER = 0
 """Of the border, which is impassable: the goal of a search that is to have none."""
+_UNJUDGED: Packed = tuple(Legs(0.0, 0.0, 0.0))
+"""Of a search that nothing guides."""
 _ON = -1
 """In place of the node at which a search begins: go on where it stopped."""
 
@@ -100,9 +111,9 @@ class LastMetres(NamedTuple):
     A way back, by a body that stands the other way round, costs what the way there does.
     """
 
-    begun: Cells
+    begun: Seeds
     """Cells at which the search stopped, from which all ways lead on to the goal."""
-    settled: Cells
+    settled: Seeds
     """Cells within."""
     exhausted: bool
     """Whether no way from other cells leads to the goal."""
@@ -110,7 +121,7 @@ class LastMetres(NamedTuple):
 
     def hold(self, node: int) -> bool:
         """Whether the search came to a cell."""
-        return any(bool((nodes == node).any()) for nodes, _, _ in (self.begun, self.settled))
+        return any(bool((cells.nodes == node).any()) for cells in (self.begun, self.settled))
 
 
 def astar(
@@ -148,7 +159,7 @@ def astar(
     limit, deadline
         Give up with TIMEOUT after about so many expansions, or then.
     direction : int
-        In which a body stands at the start, see `robots.body.motions.DIRECTIONS`; by default any.
+        In which a body stands at the start, see `robots.body.motions.LEGS`; by default any.
     wanted : (16,) bool
         Directions in which it may arrive; by default all.
     last_metres
@@ -205,32 +216,30 @@ def _over_states(
     field = workspace.field
     first, last, _ = ends
     assert states is not None and field is not None
-    poses, edges, prices = states
-    *_, rays, lengths, turns = prices
+    prices = states.prices
     columns = grid.robot.columns
     if last_metres is not None and last_metres.hold(first):
         last_metres = None  # so near that the field may as well begin at the goal
     elif last_metres is not None and last_metres.exhausted:
         return Search.without_path(Status.NO_PATH, columns=columns)
-    between = turns[:0]
-    fill = prices
+    between = _turns_in_field(prices, region)
     refused_at_least = math.inf
     if region is not None:
-        between = np.float32(TURNS_IN_FIELD) * turns
-        fill = *prices[:4], rays[:DIRECTIONS], lengths[:DIRECTIONS], turns
+        by_legs = prices.rays[:DIRECTION_COUNT], prices.ray_fares[:DIRECTION_COUNT]
+        prices = prices._replace(rays=by_legs[0], ray_fares=by_legs[1])
         refused_at_least = float(octile.py_func(*grid.cell(first), *grid.cell(last), *grid.prices))
-    seeds = np.array([last], np.int32), np.zeros(1, np.float32), np.zeros(1, np.int32)
+    seeds = Seeds(np.array([last], np.int32), np.zeros(1, np.float32), np.zeros(1, np.int32))
     if last_metres is not None:
         seeds = last_metres.begun
-        while len(field.entries) < 4 * len(seeds[0]):
+        while len(field.entries) < 4 * len(seeds.nodes):
             field.grow()
         if region is not None:
-            for nodes, _, _ in last_metres.begun, last_metres.settled:
-                row, col = np.divmod(nodes, grid.stride)
+            for cells in last_metres.begun, last_metres.settled:
+                row, col = np.divmod(cells.nodes, grid.stride)
                 region.bitmap[region.row_block[row - 1], region.col_block[col - 1]] = region.stamp
     allowed = _allowed(region)
-    rule = (_best(grid), _bucket_width(grid), between)
-    before = (poses, edges, fill, allowed, seeds)
+    rule = FieldRule(tuple(_best(grid)), _bucket_width(grid), between)
+    before = (states.poses, states.edges, tuple(prices), allowed, tuple(seeds))
     code, spent, refused = _run(fill_field, before, Ends(last, first), rule, field, limits)
     if last_metres is not None:
         nodes, costs, onwards = last_metres.settled
@@ -259,34 +268,27 @@ def last_metres_to(
     """
     states = grid.robot.states()
     assert states is not None
-    if len(states[1]):
+    if len(states.edges):
         return None
     frame = _frame(grid, workspace)
-    backwards = np.resize(np.roll(wanted, DIRECTIONS // 2), workspace.states)
+    backwards = np.resize(np.roll(wanted, DIRECTION_COUNT // 2), workspace.states)
     nowhere = np.zeros_like(backwards)
-    rule = (
-        (0.0, 0.0, 0.0),
-        _bucket_width(grid),
-        kernels.BELOW,
-        0.0,
-        frame,
-        backwards,
-        nowhere,
-    )
-    before = (*states, _no_field(workspace), kernels.NO_REGION)
+    width = _bucket_width(grid)
+    rule = StateRule(_UNJUDGED, width, kernels.BELOW, 0.0, frame, backwards, nowhere)
+    before = (*_packed(states), _no_field(workspace), kernels.NO_REGION)
     limits = Limits(AROUND_GOAL, deadline.at)
     from_goal = Ends(grid.node(*goal), _CORNER)
     code, _, spent, _ = _run(expand_states, before, from_goal, rule, workspace, limits)
-    longest = int(np.abs(states[2][1][..., :2]).max())
+    longest = int(np.abs(states.prices.moves[..., [DOWN, RIGHT]]).max())
     reach = min(int(workspace.least_open / grid.prices[0]) + 2 * longest, spent * longest)
     row, col, rows, cols = widened((*goal, 1, 1), (reach, reach), grid.shape)
-    part = row + 1, row + rows + 1, col + 1, col + cols + 1
-    searched = workspace.g, workspace.meta, workspace.stamp
+    area = (row + 1, row + rows + 1, col + 1, col + cols + 1)  # `records.Area`
+    searched = (workspace.g, workspace.meta, workspace.stamp)  # `records.Searched`
     nodes, onwards = np.empty((2, 2, rows * cols), np.int32)
     costs = np.empty((2, rows * cols), np.float32)
-    counts = least_of_cells(searched, frame, part, nodes, costs, onwards)
+    counts = least_of_cells(searched, frame, area, nodes, costs, onwards)
     begun, settled = (
-        (nodes[at, :count], costs[at, :count], onwards[at, :count])
+        Seeds(nodes[at, :count], costs[at, :count], onwards[at, :count])
         for at, count in enumerate(counts)
     )
     return LastMetres(begun, settled, code == EXHAUSTED, spent)
@@ -315,8 +317,9 @@ def by_kept_field(
     """
     first = grid.node(*start)
     last = grid.node(*goal)
-    *_, turns = grid.robot.states()[2]  # type: ignore[index]
-    between = turns[:0] if region is None else np.float32(TURNS_IN_FIELD) * turns
+    states = grid.robot.states()
+    assert states is not None
+    between = _turns_in_field(states.prices, region)
     limits = Limits(limit or _WITHOUT_END, deadline.at)
     guide = (grid.node(*begun), promised, between)
     ends = (first, last, direction)
@@ -341,27 +344,34 @@ def _by_field(
     field = workspace.field
     begun, promised, between = guide
     assert states is not None and field is not None
-    judged = field.g, field.meta, field.stamp, *divmod(begun, grid.stride), promised, between
+    start = divmod(begun, grid.stride)
+    judged = Field(field.g, field.meta, field.stamp, *start, promised, between)
     first, last, direction = ends
     (starting, at_goal), frame = np.ones((2, workspace.states), np.bool_), _frame(grid, workspace)
     if direction >= 0:
         starting[:] = np.arange(workspace.states) == direction
     if wanted is not None:
         at_goal[:] = np.resize(wanted, workspace.states)
-    rule = (
-        _best(grid),
-        grid.prices[0] * BUCKET_WIDTH_BY_LANDMARKS,
+    step, _ = grid.prices
+    rule = StateRule(
+        tuple(_best(grid)),
+        step * BUCKET_WIDTH_BY_LANDMARKS,
         _beyond(beyond),
-        grid.prices[0] / REOPENED_WITHIN if len(between) else 0.0,
+        step / REOPENED_WITHIN if len(between) else 0.0,
         frame,
         starting,
         at_goal,
     )
     code, length, expansions, refused = _run(
-        expand_states, (*states, judged, allowed), Ends(first, last), rule, workspace, limits
+        expand_states,
+        (*_packed(states), tuple(judged), allowed),
+        Ends(first, last),
+        rule,
+        workspace,
+        limits,
     )
     end = int(workspace.counts[BEST_NODE])
-    trace = partial(trace_states, prices=states[2], frame=frame)
+    trace = partial(trace_states, prices=tuple(states.prices), frame=frame)
     if code == PAUSED and limits.most < _WITHOUT_END and workspace.counts[GOAL_STATE] >= 0:
         code = FOUND
         end = int(workspace.counts[GOAL_STATE])
@@ -374,16 +384,29 @@ def _by_field(
     return found._replace(path=path, promised=promised)
 
 
-def _frame(grid: "Grid", workspace: Workspace) -> tuple[int, int]:
-    """How states are numbered, see `expand_states`."""
-    return workspace.states.bit_length() - 1, grid.stride
+def _frame(grid: "Grid", workspace: Workspace) -> Packed:
+    """How states are numbered."""
+    return tuple(Frame(workspace.states.bit_length() - 1, grid.stride))
+
+
+def _packed(states: "States") -> Parts:
+    """A body's motions as kernels take them."""
+    return states.poses, states.edges, tuple(states.prices)
+
+
+def _turns_in_field(prices: Prices, region: Region | None) -> NDArray[np.float32]:
+    """Costs of turns in the costs to go of cells; on the whole map they are free."""
+    if region is None:
+        return prices.turns[:0]
+    turns: NDArray[np.float32] = np.float32(TURNS_IN_FIELD) * prices.turns
+    return turns
 
 
 def _run(
     kernel: Callable[..., Parts],
     before: Parts,
     ends: Ends,
-    rule: Rule | Parts,
+    rule: Rule | FieldRule | StateRule,
     workspace: Workspace,
     limits: Limits,
 ) -> Parts:
@@ -422,7 +445,8 @@ def _traced(
 
 def _no_field(workspace: Workspace) -> Parts:
     """In place of a field, for a search of states that nothing guides."""
-    return workspace.g[:0], workspace.meta[:0], 0, 0, 0, 0.0, np.empty((0, 0), np.float32)
+    nothing = np.empty((0, 0), np.float32)
+    return tuple(Field(workspace.g[:0], workspace.meta[:0], 0, 0, 0, 0.0, nothing))
 
 
 def _allowed(region: Region | None) -> Parts:
@@ -466,12 +490,12 @@ def _settling(
         kernels.NO_REGION,
         kernels.NO_HINTS,
     )
-    rule: Rule | Parts = Rule(0.0, 0.0, width, _successors(grid, links), kernels.BELOW)
+    rule: Rule | StateRule = Rule(0.0, 0.0, width, _successors(grid, links), kernels.BELOW)
     if (states := grid.robot.states()) is not None:
         kernel = expand_states
-        before = (*states, _no_field(workspace), kernels.NO_REGION)
+        before = (*_packed(states), _no_field(workspace), kernels.NO_REGION)
         frame = _frame(grid, workspace)
-        rule = (0.0, 0.0, 0.0), width, kernels.BELOW, 0.0, frame, anywhere, ~anywhere
+        rule = StateRule(_UNJUDGED, width, kernels.BELOW, 0.0, frame, anywhere, ~anywhere)
     begin = grid.node(*source)
     limits = Limits(most, deadline.at)
     code = PAUSED
@@ -525,10 +549,10 @@ def _bucket_width(grid: "Grid", hints: Hints | None = None) -> float:
     return grid.prices[0] * (by_grid if hints is None else BUCKET_WIDTH_BY_LANDMARKS)
 
 
-def _best(grid: "Grid") -> tuple[float, float, float]:
-    """Least costs of straight, diagonal and knight's legs, see `Grid.prices`."""
+def _best(grid: "Grid") -> Legs:
+    """Least costs of legs, see `Grid.prices`."""
     straight, diagonal = grid.prices
-    return straight / KNIGHT, diagonal / KNIGHT, straight + diagonal
+    return Legs(straight / KNIGHT, diagonal / KNIGHT, straight + diagonal)
 
 
 def _successors(grid: "Grid", links: Links) -> NDArray[np.int64]:

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from nnpp_edge.runtime import Planner, Status, Vehicle
-from nnpp_edge.runtime.kernels.poses import AXES, FAILS, MOST_CODE
+from nnpp_edge.runtime.kernels.poses import AXIS_COUNT, FAILS, MOST_CODE
 from nnpp_edge.runtime.robots.body.poses import Poses, limits_of
 from tests import pose_oracles
 from tests.fuzz.cases import NOWHERE, Case, Place, Problem, problem_with_optimum
@@ -160,7 +160,7 @@ def motions_on(poses: Poses) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     inside = np.s_[1:-1, 1:-1]
     rows, cols = poses.shape
     codes = poses.codes.reshape(rows + 2, cols + 2, -1)[inside].transpose(2, 0, 1)
-    return codes[:AXES], codes[AXES : 2 * AXES] < FAILS, poses.standing()
+    return codes[:AXIS_COUNT], codes[AXIS_COUNT : 2 * AXIS_COUNT] < FAILS, poses.standing()
 
 
 def priced(planner: Planner, omega: float) -> pose_oracles.Motions:
@@ -180,8 +180,8 @@ def problem_with_motions(planner: Planner, dem: np.ndarray, told: str = "") -> P
     poses = poses_of(planner)
     cells = np.argwhere(np.ones(poses.shape, bool))
     found = motions_on(poses)
-    for motion in range(3 * AXES):
-        kind, axis = divmod(motion, AXES)
+    for motion in range(3 * AXIS_COUNT):
+        kind, axis = divmod(motion, AXIS_COUNT)
         codes, t, near = codes_in_numpy(poses, motion, cells)
         ours = found[kind][axis].ravel()
         same = (
@@ -225,7 +225,7 @@ def dense_places(
     shares = np.linspace(0.0, 1.0, count)[:, None]
     ways = [*pose_oracles.AXES, (-1, 0)]
     angles = [math.atan2(col * sides[1], row * sides[0]) for row, col in ways]
-    kind, axis = divmod(motion, AXES)
+    kind, axis = divmod(motion, AXIS_COUNT)
     if kind == 0:
         return cell + shares * ways[axis], np.full(count, angles[axis])
     return cell + 0.0 * shares, (angles[axis] + shares * (angles[axis + 1] - angles[axis]))[:, 0]

@@ -15,7 +15,7 @@ import pytest
 
 from nnpp_edge.runtime import DynamicPlanner, Planner, Vehicle
 from nnpp_edge.runtime.errors import InvalidMapError, InvalidQueryError, Status
-from nnpp_edge.runtime.kernels.poses import AXES, FAILS, MOST_CODE
+from nnpp_edge.runtime.kernels.poses import AXIS_COUNT, FAILS, MOST_CODE
 from nnpp_edge.runtime.planners import methods
 from nnpp_edge.runtime.planners.plan import Source
 from nnpp_edge.runtime.robots.body.arcs import heading_deg
@@ -300,7 +300,7 @@ def test_primitives_of_a_wide_turn_are_long_and_no_curve_is_shorter_than_their_b
         for k in range(16):
             place, metres = bend(k, sides, radius)
             at = 16 + 2 * k
-            assert tuple(found.rays[at, :2]) == place and found.rays[at, 3] == 2 * AXES + k
+            assert tuple(found.rays[at, :2]) == place and found.rays[at, 3] == 2 * AXIS_COUNT + k
             assert found.ray_fares[at] == pytest.approx(metres / min(sides), rel=1e-6)
         assert 0.97 < found.shortest <= 1.0
 

@@ -14,7 +14,7 @@ import pytest
 from nnpp_edge.runtime import DynamicPlanner, Planner, Traversability, Vehicle, pose_costs
 from nnpp_edge.runtime.errors import Status
 from nnpp_edge.runtime.kernels.nodes import STAMP_SHIFT
-from nnpp_edge.runtime.kernels.poses import AXES, FAILS, MOST_CODE, REFUSALS, check_run
+from nnpp_edge.runtime.kernels.poses import AXIS_COUNT, FAILS, MOST_CODE, REFUSALS, check_run
 from nnpp_edge.runtime.planners.coarse_to_fine import CoarseLevel
 from nnpp_edge.runtime.planners.plan import Source
 from nnpp_edge.runtime.robots.body import motions
@@ -162,9 +162,9 @@ def test_raising_a_limit_never_makes_a_motion_fail():
 
 def unswept(vehicle, sides):
     """Tables of motions whose poses stand for nothing but themselves."""
-    all_poses = [motions.leg_poses(k, sides, vehicle.length_m) for k in range(AXES)]
+    all_poses = [motions.leg_poses(k, sides, vehicle.length_m) for k in range(AXIS_COUNT)]
     all_poses += [
-        motions.turn_poses(k, sides) for k in range(AXES)
+        motions.turn_poses(k, sides) for k in range(AXIS_COUNT)
     ] * 2  # the last eight are not asked for
     alone = [[pose._replace(sweep_m=0.0, turn_rad=0.0) for pose in poses] for poses in all_poses]
     return motions.motions_of(vehicle, sides, alone)
@@ -204,7 +204,7 @@ def test_no_motion_that_passes_breaks_a_limit_on_the_worst_ground_and_unswept_on
     assert not any(broken_on_ground_made_to_pass(seed, seed % 16) for seed in range(32))
     monkeypatch.setattr(motions, "all_motions", unswept)
     broken = {seed % 16 for seed in range(48) if broken_on_ground_made_to_pass(seed, seed % 16)}
-    assert min(broken) < AXES < max(broken) and len(broken) > 4
+    assert min(broken) < AXIS_COUNT < max(broken) and len(broken) > 4
 
 
 def test_among_rocks_most_that_dense_sampling_passes_passes():
@@ -294,8 +294,8 @@ def with_motions(made, seed, omega):
     poses.complete()
     poses.codes[:] = rng.integers(1, MOST_CODE, poses.codes.shape)
     for motions_of_kind, shares in (
-        (slice(0, AXES), (0.05, 0.4)),
-        (slice(AXES, 2 * AXES), (0.1, 0.6)),
+        (slice(0, AXIS_COUNT), (0.05, 0.4)),
+        (slice(AXIS_COUNT, 2 * AXIS_COUNT), (0.1, 0.6)),
     ):
         some = poses.codes[:, motions_of_kind]
         some[rng.random(some.shape) < rng.choice(shares)] = FAILS + 1
@@ -345,7 +345,7 @@ def test_a_tour_turns_at_its_stops_where_it_can_and_pays_for_that():
 
 def test_a_tour_does_not_turn_at_a_stop_where_turning_fails():
     planner = fresh(np.zeros((17, 21), np.float32))
-    planner.state.grid.robot.poses.codes[:, AXES:] = FAILS
+    planner.state.grid.robot.poses.codes[:, AXIS_COUNT:] = FAILS
     assert planner.plan_via((8, 5), (8, 15), [(8, 10)], method="astar").plan.ok
     assert not planner.plan_via((8, 5), (5, 10), [(8, 10)], method="astar").plan.ok
 
@@ -373,7 +373,9 @@ def test_a_path_pays_for_its_turns_and_makes_none_that_fails(planner):
     turn = 0.5 * math.pi * ROVER.turn_m_per_rad / CELL_M
     poses.complete()
     for blocked in (None, 0, 4, 7):  # the path turns from direction 4 to 8
-        poses.codes[21 * 42 + 22, AXES:] = np.where(np.arange(AXES) == blocked, FAILS, 1)
+        poses.codes[21 * 42 + 22, AXIS_COUNT:] = np.where(
+            np.arange(AXIS_COUNT) == blocked, FAILS, 1
+        )
         passes = blocked not in (4, 7)
         assert made.state.grid.walk(path, 0, costs) == (-1 if passes else 2)
         assert not passes or costs == pytest.approx([0.0, 1.0, 2.0 + turn], rel=1e-5)
@@ -427,7 +429,7 @@ def test_the_judges_of_motions_and_plans_can_fail(monkeypatch, planner):
     made.state.grid.robot.poses.codes[0, 0] = 9
     made.state.grid.robot.poses.codes[300, 3] = 9000
     assert bodies.problem_with_motions(made, dem).kind == "T of a motion is another"
-    made.state.grid.robot.poses.codes[300, AXES] = FAILS
+    made.state.grid.robot.poses.codes[300, AXIS_COUNT] = FAILS
     monkeypatch.setattr(bodies, "T_ROUNDED", 1.0)
     assert bodies.problem_with_motions(made, dem).kind == "a code of motions of kind 1 is another"
     plan = planner(dem).plan((8, 6), (8, 12), method="astar")

@@ -11,7 +11,7 @@ import pytest
 
 from nnpp_edge.runtime import DynamicPlanner, Planner, Vehicle
 from nnpp_edge.runtime.errors import InvalidQueryError
-from nnpp_edge.runtime.kernels.poses import AXES, FAILS, REFUSALS
+from nnpp_edge.runtime.kernels.poses import AXIS_COUNT, FAILS, REFUSALS
 from nnpp_edge.runtime.robots.body.refusal import refusals
 
 ROVER = Vehicle(
@@ -148,7 +148,7 @@ def test_explain_gives_each_limit_beside_its_allowance():
 
 
 def test_ground_where_it_stands_nowhere_is_told_apart_by_the_limit_that_refuses_most_headings():
-    codes = np.full((AXES, 1, 3), FAILS + REFUSALS.index("belly"), np.uint16)
+    codes = np.full((AXIS_COUNT, 1, 3), FAILS + REFUSALS.index("belly"), np.uint16)
     codes[:5, 0, 1] = FAILS + REFUSALS.index("tilt")
     codes[7, 0, 2] = 1
     assert refusals(codes).tolist() == [

@@ -10,8 +10,9 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from nnpp_edge.runtime.kernels.lattice import COLS, DIRECTIONS, ROWS
-from nnpp_edge.runtime.robots.body.primitives import AXES, curve, heading_rad, turn_rad
+from nnpp_edge.runtime.kernels.lattice import DIRECTION_COUNT, LEG_COLS, LEG_ROWS
+from nnpp_edge.runtime.kernels.poses import AXIS_COUNT
+from nnpp_edge.runtime.robots.body.primitives import curve, heading_rad, turn_rad
 from nnpp_edge.runtime.terrain.vehicle import Vehicle
 
 PoseOf = tuple[float, float, float]
@@ -59,7 +60,7 @@ class Arc:
 
 def heading_deg(direction: int, sides_m: tuple[float, float]) -> float:
     """Of one of the sixteen directions, degrees clockwise from up the rows."""
-    return (180.0 - math.degrees(heading_rad(direction % DIRECTIONS, sides_m))) % 360.0
+    return (180.0 - math.degrees(heading_rad(direction % DIRECTION_COUNT, sides_m))) % 360.0
 
 
 def direction_near(heading: float, sides_m: tuple[float, float]) -> int:
@@ -76,7 +77,7 @@ def directions_within(
 
 
 def _apart(heading: float, sides_m: tuple[float, float]) -> NDArray[np.float64]:
-    headings = np.array([heading_deg(k, sides_m) for k in range(DIRECTIONS)])
+    headings = np.array([heading_deg(k, sides_m) for k in range(DIRECTION_COUNT)])
     return np.abs((headings - heading + 180.0) % 360.0 - 180.0)
 
 
@@ -88,8 +89,8 @@ def arcs_along(
     """
     (dy, dx), found = sides_m, list[Arc]()
     for before, after in zip(states[:-1].tolist(), states[1:].tolist(), strict=True):
-        k = before[2] % DIRECTIONS
-        to = after[2] % DIRECTIONS
+        k = before[2] % DIRECTION_COUNT
+        to = after[2] % DIRECTION_COUNT
         pose = before[1] * dx, before[0] * dy, heading_deg(k, sides_m)
         for gear, curvature, length, turned in _pieces(before, after, k, to, vehicle, sides_m):
             last = found[-1] if found else None
@@ -114,19 +115,21 @@ def _pieces(
     """(gear, curvature, metres, degrees) of a primitive between two states."""
     down = after[0] - before[0]
     right = after[1] - before[1]
-    side = (to - k + AXES) % DIRECTIONS - AXES
+    side = (to - k + AXIS_COUNT) % DIRECTION_COUNT - AXIS_COUNT
     if not (down or right):
         step = 1 if side > 0 else -1
         for n in range(k, k + side, step):
             yield 0, 0.0, 0.0, step * math.degrees(turn_rad(n if step > 0 else n - 1, sides_m))
         return
-    gear = 1 if (down * ROWS[k] * sides_m[0] ** 2 + right * COLS[k] * sides_m[1] ** 2) > 0 else -1
+    dy, dx = sides_m
+    towards = down * LEG_ROWS[k] * dy**2 + right * LEG_COLS[k] * dx**2
+    gear = 1 if towards > 0 else -1
     if not side:
-        yield gear, 0.0, math.hypot(down * sides_m[0], right * sides_m[1]), 0.0
+        yield gear, 0.0, math.hypot(down * dy, right * dx), 0.0
         return
-    ahead = k if gear > 0 else (k + AXES) % DIRECTIONS
+    ahead = k if gear > 0 else (k + AXIS_COUNT) % DIRECTION_COUNT
     bend = curve(
-        ahead if side > 0 else (ahead - 1 + AXES) % DIRECTIONS,
+        ahead if side > 0 else (ahead - 1 + AXIS_COUNT) % DIRECTION_COUNT,
         sides_m,
         vehicle.turning_radius_m or 0.0,
     )

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from nnpp_edge.runtime.cells import Cell
 from nnpp_edge.runtime.errors import InvalidQueryError
-from nnpp_edge.runtime.kernels.poses import AXES, REFUSALS
+from nnpp_edge.runtime.kernels.poses import AXIS_COUNT, REFUSALS
 from nnpp_edge.runtime.robots.body import motions
 from nnpp_edge.runtime.robots.body.poses import Poses, limits_of
 
@@ -89,7 +89,12 @@ def attitudes(poses: Poses, path: NDArray[np.int32]) -> Attitudes:
     last = (
         int(path[-1, 2]) if path.shape[1] == 3 else int(steps.headings[-1]) if len(path) > 1 else 0
     )
-    standing = (path[-1, :2], poses.codes.shape[1] + last % AXES, False, last % (2 * AXES) >= AXES)
+    standing = (
+        path[-1, :2],
+        poses.codes.shape[1] + last % AXIS_COUNT,
+        False,
+        last % (2 * AXIS_COUNT) >= AXIS_COUNT,
+    )
     taken = zip(steps.cells, steps.motions, steps.reversed, steps.turned, strict=True)
     for n, (cell, motion, back, turned) in enumerate((*taken, standing)):
         figures = poses.figures((int(cell[0]), int(cell[1])), int(motion))

@@ -15,13 +15,15 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from nnpp_edge.runtime.kernels.lattice import COLS, ROWS
+from nnpp_edge.runtime.kernels.lattice import LEG_COLS, LEG_ROWS
+from nnpp_edge.runtime.kernels.poses import AXIS_COUNT
+from nnpp_edge.runtime.kernels.records import PoseTables
 from nnpp_edge.runtime.robots.body.primitives import curve, heading_rad, turn_rad
 from nnpp_edge.runtime.terrain.vehicle import Vehicle
 
-DIRECTIONS = tuple(zip(ROWS, COLS, strict=True))
+LEGS = tuple(zip(LEG_ROWS, LEG_COLS, strict=True))
 """(row, col) of the legs, by rising angle from (1, 0) towards (0, 1)."""
-AXES = DIRECTIONS[:8]
+AXIS_LEGS = LEGS[:AXIS_COUNT]
 """Directions 8 to 15 are their reverses."""
 LEG_SPACING = 0.095, 0.19
 """Of the body's length: from one pose of a leg to the next, at most, on cells of a third of the
@@ -52,7 +54,7 @@ class Pose(NamedTuple):
 
 def leg_poses(direction: int, sides_m: tuple[float, float], length_m: float) -> list[Pose]:
     """Of a leg from a cell along an axis, or its reverse, of a body of this length."""
-    row, col = DIRECTIONS[direction]
+    row, col = LEGS[direction]
     down = row * sides_m[0]
     right = col * sides_m[1]
     metres = math.hypot(down, right)
@@ -147,19 +149,41 @@ class Motions(NamedTuple):
     plane may add to the slopes ahead (2) and to the left (2), to how low the belly comes (2) and
     to the step (2), as a wheel may touch anywhere in its patch."""
 
+    def by_offsets(self, width: int) -> PoseTables:
+        """As kernels take them, for heights that lie so many to a row."""
+        place = np.array((width, 1))
+        ahead, left = np.ascontiguousarray(self.places.T)
+        return PoseTables(
+            self.poses_of,
+            self.groups_of,
+            self.groups,
+            ahead,
+            left,
+            self.cells @ place,
+            self.shares,
+            self.slopes_of,
+            self.slope_cells @ place,
+            self.slope_shares,
+            self.raised_of,
+            self.raised,
+            self.swept,
+            self.gradients,
+            self.carried,
+        )
+
 
 @functools.lru_cache(maxsize=16)
 def all_motions(vehicle: Vehicle, sides_m: tuple[float, float]) -> Motions:
     """Tables of the legs along the axes, the turns from one direction to the next, the arcs from
     each direction, if the vehicle drives any, and of standing along each axis.
     """
-    axes = range(len(AXES))
+    axes = range(len(AXIS_LEGS))
     radius = vehicle.turning_radius_m
     legs = [leg_poses(k, sides_m, vehicle.length_m) for k in axes]
     angles = [heading_rad(k, sides_m) for k in axes]
     standing = [[Pose(0.0, 0.0, (math.cos(angle), math.sin(angle)))] for angle in angles]
     turns = [turn_poses(k, sides_m) for k in axes]
-    bent = range(0 if radius is None else len(DIRECTIONS))
+    bent = range(0 if radius is None else len(LEGS))
     arcs = [arc_poses(k, sides_m, radius or 0.0, vehicle.length_m) for k in bent]
     return motions_of(vehicle, sides_m, legs + turns + arcs + standing)
 

@@ -16,13 +16,14 @@ from nnpp_edge.runtime.arguments import checked
 from nnpp_edge.runtime.arrays import Float2D
 from nnpp_edge.runtime.cells import Cell, Rectangle, slices, widened
 from nnpp_edge.runtime.errors import InvalidMapError
+from nnpp_edge.runtime.kernels import records
 from nnpp_edge.runtime.kernels.by_address import address_of
-from nnpp_edge.runtime.kernels.lattice import walk_primitives, walk_states
+from nnpp_edge.runtime.kernels.lanes import LANES
+from nnpp_edge.runtime.kernels.lattice import DIRECTION_COUNT, walk_primitives, walk_states
 from nnpp_edge.runtime.kernels.poses import (
-    AXES,
+    AXIS_COUNT,
     FAILS,
     MOST_CODE,
-    RUN,
     check_all,
     check_run,
     figures_of,
@@ -30,19 +31,23 @@ from nnpp_edge.runtime.kernels.poses import (
     put_heights,
     standing_codes,
 )
+from nnpp_edge.runtime.kernels.records import (
+    BY_LENGTH,
+    DOWN,
+    MOTION,
+    RIGHT,
+    THERE,
+    TO,
+    Packed,
+    Prices,
+)
 from nnpp_edge.runtime.robots.body import motions
-from nnpp_edge.runtime.robots.body.primitives import primitives, turn_rad
+from nnpp_edge.runtime.robots.body.primitives import ARCS, primitives, turn_rad
 from nnpp_edge.runtime.terrain.traversability import Traversability, relative_heights, sides_of
 from nnpp_edge.runtime.terrain.vehicle import Vehicle
 
 Floats = NDArray[np.float32]
-PackedPoses = tuple[NDArray[np.uint16], tuple[object, ...], int]
-"""Motions as the kernels take them, see `kernels.poses`."""
-Ints = NDArray[np.int32]
-Prices = tuple[np.float32, Ints, Floats, Ints, Ints, Floats, Floats]
-"""By how much each step of a code makes a motion dearer, as a share; primitives and rays
-(`robots.body.primitives`); and what turns between directions cost (16, 16)."""
-NO_EDGES = np.empty((0, 2 * AXES), np.float32)
+NO_EDGES = np.empty((0, 2 * AXIS_COUNT), np.float32)
 """Of legs that cost by what they are checked to be."""
 _SAFE = 1.0 - 1e-5
 """Share of a limit that is used: what rounding to float32 may add."""
@@ -101,7 +106,7 @@ class Poses:
         self.reach: Cell = (int(reach[0]), int(reach[1]))
         """Rows and columns from a cell to those that it takes to check its motions."""
         self._margin = max(self.reach) + 1
-        width = cols + 2 * self._margin + RUN
+        width = cols + 2 * self._margin + LANES
         self._base = np.float32(np.nan)
         """The first height that was known, to which all are relative; NaN before."""
         self._unknown = np.float32(
@@ -118,7 +123,7 @@ class Poses:
             self.heights[edge] = self._unknown if unseen is None else np.inf
         nodes = (rows + 2) * (cols + 2)
         self.codes: NDArray[np.uint16] = np.zeros(
-            (nodes, len(tables.poses_of) - 1 - AXES), np.uint16
+            (nodes, len(tables.poses_of) - 1 - AXIS_COUNT), np.uint16
         )
         """(nodes, M) what is known of each motion that begins on a node: legs, turns, and arcs if
         there are any.
@@ -126,49 +131,42 @@ class Poses:
         self._counts = np.zeros(1, np.int64)
 
         self._limits = limits_of(vehicle, weights)
-        self._scratch = np.zeros(max(tables.gradients.shape[1], 1) * RUN, np.float32)
-        self.packed: PackedPoses = self._packed_for(tables)
+        self._scratch = np.zeros(max(tables.gradients.shape[1], 1) * LANES, np.float32)
+        self.packed: Packed = self._packed_for(tables)
         """As the kernels take them."""
-        turns_m = vehicle.turn_m_per_rad * np.array([turn_rad(k, sides_m) for k in range(AXES)])
+        turns_m = vehicle.turn_m_per_rad * np.array(
+            [turn_rad(k, sides_m) for k in range(AXIS_COUNT)]
+        )
         self.turns_m: NDArray[np.float64] = turns_m
         """(8,) metres of level ground as dear as the turn from each direction to the next."""
         self.primitives = primitives(vehicle, sides_m)
         moves, fares, origins, rays, lengths, _ = self.primitives
         unit = np.float32(2.0 * scale / MOST_CODE)
-        self.prices: Prices = unit, moves, fares, origins, rays, lengths, between(turns_m / dy)
+        by_angle = between(turns_m / dy)
+        self.prices = Prices(unit, moves, fares, origins, rays, lengths, by_angle)
         """Of the vehicle's motions, in cells of level ground."""
         self._put(0, 0, heights, shut)
 
-    def _packed_for(self, tables: motions.Motions) -> PackedPoses:
+    def _packed_for(self, motion_tables: motions.Motions) -> Packed:
         rows, cols = self.shape
-        width = self.heights.shape[1]
-        by_place = np.array((width, 1))
-        packed = (
-            tables.poses_of,
-            tables.groups_of,
-            tables.groups,
-            (*np.ascontiguousarray(tables.places.T), tables.cells @ by_place, tables.shares),
-            (tables.slopes_of, tables.slope_cells @ by_place, tables.slope_shares),
-            (tables.raised_of, tables.raised),
-            tables.swept,
-            tables.gradients,
-            tables.carried,
+        unseen = self._unseen
+        poses = records.Poses(
+            codes=self.codes,
+            heights=self.heights.reshape(-1),
+            tables=tuple(motion_tables.by_offsets(self.heights.shape[1])),
+            limits=self._limits,
+            scratch=self._scratch,
+            counts=self._counts,
+            rows=rows,
+            cols=cols,
+            width=self.heights.shape[1],
+            margin=self._margin,
+            block_side=0 if unseen is None else cols // unseen.shape[2],
+            block_prices=np.empty(0, np.float32) if unseen is None else unseen[0].reshape(-1),
+            check_run=0,
         )
-        unseen = np.empty(0, np.float32) if self._unseen is None else self._unseen.reshape(-1)
-        side = 0 if self._unseen is None else cols // self._unseen.shape[2]
-        shape = np.array((rows, cols, width, self._margin, side), np.int64)
-        source = (
-            self.heights.reshape(-1),
-            packed,
-            self._limits,
-            self._scratch,
-            self._counts,
-            shape,
-            unseen,
-        )
-        unaddressed = self.codes, source, 0
-        address: int = address_of(check_run, unaddressed, 0, 0, 0)  # type: ignore[no-untyped-call]  # as all of `kernels`
-        return self.codes, source, address
+        address = address_of(check_run, tuple(poses), 0, 0, 0)  # type: ignore[no-untyped-call]  # as all of `kernels`
+        return tuple(poses._replace(check_run=address))
 
     def figures(
         self, cell: Cell, motion: int, other: motions.Motions | None = None
@@ -207,7 +205,8 @@ class Poses:
         """
         self._put(row, col, heights, shut)
         rows, cols = heights.shape
-        forget_poses(self.packed, (row, row + rows, col, col + cols), self.reach)
+        area = (row, row + rows, col, col + cols)  # `records.Area`
+        forget_poses(self.packed, area, self.reach)
         return widened((row, col, rows, cols), self.reach, self.shape)
 
     def complete(self) -> None:
@@ -219,7 +218,7 @@ class Poses:
         rows.
         """
         found = np.empty(
-            (AXES, self.shape[0] if rows is None else len(rows), self.shape[1]), np.uint16
+            (AXIS_COUNT, self.shape[0] if rows is None else len(rows), self.shape[1]), np.uint16
         )
         for n, row in enumerate(range(self.shape[0]) if rows is None else rows):
             standing_codes(self.packed, row, found[:, n])
@@ -240,38 +239,32 @@ class Poses:
         """As `Grid.walk`, by these prices, and by what legs cost in each direction, (nodes, 16), if
         given.
         """
-        if path.shape[1] == 3:
-            return int(
-                walk_primitives(self.packed, edges, prices or self.prices, path, first, costs)
-            )
-        return int(
-            walk_states(
-                self.packed, edges, prices or self.prices, self.shape[1] + 2, path, first, costs
-            )
-        )
+        walk = walk_primitives if path.shape[1] == 3 else walk_states
+        return int(walk(self.packed, edges, tuple(prices or self.prices), path, first, costs))
 
     def steps(self, path: NDArray[np.int32]) -> "Steps":
         """The motions along a path: legs between its cells (N, 2), or primitives between its states
         (N, 3).
         """
         if path.shape[1] == 3:
-            moves, fares = self.prices[1:3]
+            moves = self.prices.moves
             local = path[:-1, 2]
             ahead = np.column_stack((np.diff(path[:, :2], axis=0), path[1:, 2]))
-            ways = (moves[local][..., :3] == ahead[:, None]).all(2).argmax(1)
+            ways = (moves[local][..., [DOWN, RIGHT, TO]] == ahead[:, None]).all(2).argmax(1)
             taken = moves[local, ways]
-            lengths = fares[local, ways, 0].astype(np.float64)
-            motion = taken[:, 3].astype(np.int64)
-            there = taken[:, 4] > 0
-            heading = local.astype(np.int64) % 16
-            at_path = np.where(motion < 2 * AXES, motion % AXES, (motion - 2 * AXES + there) % 16)
+            lengths = self.prices.fares[local, ways, BY_LENGTH].astype(np.float64)
+            motion = taken[:, MOTION].astype(np.int64)
+            there = taken[:, THERE] > 0
+            heading = local.astype(np.int64) % DIRECTION_COUNT
+            of_arc = (motion - ARCS + there) % DIRECTION_COUNT
+            at_path = np.where(motion < ARCS, motion % AXIS_COUNT, of_arc)
         else:
             legs = np.diff(path, axis=0)
             heading = np.array(
-                [motions.DIRECTIONS.index((row, col)) for row, col in legs.tolist()], np.int64
+                [motions.LEGS.index((row, col)) for row, col in legs.tolist()], np.int64
             )
-            motion = heading % AXES
-            there = heading >= AXES
+            motion = heading % AXIS_COUNT
+            there = heading >= AXIS_COUNT
             lengths = np.hypot(*legs.T)
             at_path = motion
         return Steps(

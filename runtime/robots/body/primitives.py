@@ -16,25 +16,48 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from nnpp_edge.runtime.kernels.lattice import COLS, DIRECTIONS, LEFT_TURN, LEG, ROWS, left_over
-from nnpp_edge.runtime.kernels.poses import AXES as AXES
+from nnpp_edge.runtime.kernels.lattice import (
+    DIRECTION_COUNT,
+    LEFT_TURN,
+    LEG,
+    LEG_COLS,
+    LEG_ROWS,
+    left_over,
+)
+from nnpp_edge.runtime.kernels.poses import AXIS_COUNT
+from nnpp_edge.runtime.kernels.records import FARE_COLUMNS, MOVE_COLUMNS, Legs
 from nnpp_edge.runtime.terrain.vehicle import Vehicle
 
-TURNS = AXES
-ARCS = 2 * AXES
+TURNS = AXIS_COUNT
+ARCS = 2 * AXIS_COUNT
 """Numbers of the first motions after legs; arcs, if there are any, are sixteen: to the left from
 each direction.
 """
 FORWARDS = 0
-BACKWARDS = DIRECTIONS
+BACKWARDS = DIRECTION_COUNT
 """Added to a direction, the number of a state among those of its cell: the gear in which it was
 come to.
 """
-_LEGS = 1.0, math.sqrt(2.0), math.sqrt(5.0)
-"""Cells of a straight, a diagonal and a knight's leg."""
+_LEG_LENGTHS = Legs(1.0, math.sqrt(2.0), math.sqrt(5.0))
+"""In cells."""
+_BACKWARD_LEG = 3
+_LEFT_ARC = 4
+_RIGHT_ARC = 5
+_BACKWARDS_ON = 2
+"""Kinds of primitives after the turns; an arc backwards is so many on."""
 _INT = np.int32
 _FLOAT = np.float32
-_Move = tuple[int, int, int, int, bool, int]
+
+
+class Move(NamedTuple):
+    """A primitive, as the kernels have its numbers (`kernels.records.DOWN`)."""
+
+    down: int
+    right: int
+    to: int
+    motion: int
+    there: bool
+    edge: int = -1
 
 
 class Curve(NamedTuple):
@@ -70,8 +93,8 @@ class Curve(NamedTuple):
 
 def heading_rad(direction: int, sides_m: tuple[float, float]) -> float:
     """Angle of a direction from down the rows, rising towards growing columns, on the ground."""
-    row = ROWS[direction % DIRECTIONS]
-    col = COLS[direction % DIRECTIONS]
+    row = LEG_ROWS[direction % DIRECTION_COUNT]
+    col = LEG_COLS[direction % DIRECTION_COUNT]
     return math.atan2(col * sides_m[1], row * sides_m[0])
 
 
@@ -83,13 +106,15 @@ def turn_rad(direction: int, sides_m: tuple[float, float]) -> float:
 def curve(direction: int, sides_m: tuple[float, float], radius_m: float) -> Curve:
     """The shortest from a direction to the next whose arc has at least this radius."""
     angle = turn_rad(direction, sides_m)
-    after = (direction + 1) % DIRECTIONS
-    legs = [math.hypot(ROWS[k] * sides_m[0], COLS[k] * sides_m[1]) for k in (direction, after)]
+    after = (direction + 1) % DIRECTION_COUNT
+    legs = [
+        math.hypot(LEG_ROWS[k] * sides_m[0], LEG_COLS[k] * sides_m[1]) for k in (direction, after)
+    ]
     touching = math.tan(0.5 * angle)
     counts = [max(math.ceil(radius_m * touching / leg - 1e-9), 1) for leg in legs]
     tangents = [count * leg for count, leg in zip(counts, legs, strict=True)]
     down, right = (
-        counts[0] * steps[direction] + counts[1] * steps[after] for steps in (ROWS, COLS)
+        counts[0] * steps[direction] + counts[1] * steps[after] for steps in (LEG_ROWS, LEG_COLS)
     )
     shorter = min(tangents)
     return Curve(
@@ -98,22 +123,14 @@ def curve(direction: int, sides_m: tuple[float, float], radius_m: float) -> Curv
 
 
 class Primitives(NamedTuple):
-    """Of a vehicle on cells of certain sides, as the kernels take them (`kernels.lattice`)."""
+    """Of a vehicle on cells of certain sides."""
 
     moves: NDArray[np.int32]
-    """(S, P, 6) each primitive of each state: rows, columns, state, motion, whether it begins
-    there, direction.
-    """
     fares: NDArray[np.float32]
-    """(S, P, 2) what each costs: cells by its code, and cells of level ground in any case."""
     origins: NDArray[np.int32]
-    """(S, P) the state, among those of a cell, from which a primitive leads to each; -1 where none
-    does.
-    """
     rays: NDArray[np.int32]
-    """(16 or 48, 6) ways from cell to cell whatever the direction: legs, and then arcs forwards."""
     ray_fares: NDArray[np.float32]
-    """(16 or 48,) cells that each costs by its code."""
+    """As of `kernels.records.Prices`. Rays are legs, and then arcs forwards, if there are any."""
     shortest: float
     """No curve is shorter than so many times the way by legs."""
 
@@ -124,91 +141,82 @@ def primitives(vehicle: Vehicle, sides_m: tuple[float, float]) -> Primitives:
     geared = vehicle.gear_change_m > 0.0 and vehicle.reverse_cost is not None
     gears = (FORWARDS, BACKWARDS) if geared else (FORWARDS,)
     unit = min(sides_m)
-    found = dict[tuple[int, int], tuple[_Move, tuple[float, float]]]()
+    found = dict[tuple[int, int], tuple[Move, tuple[float, float]]]()
     ways = list(_ways(vehicle, sides_m))
     kinds = sorted(
         {(kind, before) for _, kind, _, _, gear in ways for before in (gears if gear else (0,))}
     )
     for k, kind, move, length, gear in ways:
-        down, right, to, motion, there, edge = move
         for before in gears:
             fixed = 0.0
             onwards = before if not gear else (BACKWARDS if gear < 0 and geared else FORWARDS)
             if not gear:
-                fixed = vehicle.turn_m_per_rad * turn_rad(motion - TURNS, sides_m) / sides_m[0]
+                fixed = vehicle.turn_m_per_rad * turn_rad(move.motion - TURNS, sides_m) / sides_m[0]
             elif geared and before != onwards:
                 fixed = vehicle.gear_change_m / sides_m[0]
             cells = length * (vehicle.reverse_cost or 1.0) if gear < 0 else length
             at = kinds.index((kind, before if gear else 0))
-            found[k + before, at] = (down, right, to + onwards, motion, there, edge), (cells, fixed)
-    states = len(gears) * DIRECTIONS
+            found[k + before, at] = move._replace(to=move.to + onwards), (cells, fixed)
+    states = len(gears) * DIRECTION_COUNT
     count = len(kinds)
-    moves = np.full((states, count, 6), -1, _INT)
-    fares = np.zeros((states, count, 2), _FLOAT)
+    moves = np.full((states, count, MOVE_COLUMNS), -1, _INT)
+    fares = np.zeros((states, count, FARE_COLUMNS), _FLOAT)
     origins = np.full((states, count), -1, _INT)
     for (local, at), (move, fare) in found.items():
         moves[local, at] = move
         fares[local, at] = fare
-        origins[move[2], at] = local
-    legs: list[_Move] = [(ROWS[k], COLS[k], k, k % AXES, k >= AXES, k) for k in range(DIRECTIONS)]
-    lengths = [math.hypot(ROWS[k], COLS[k]) for k in range(DIRECTIONS)]
+        origins[move.to, at] = local
+    legs = [_leg(k, k) for k in range(DIRECTION_COUNT)]
+    lengths = [math.hypot(LEG_ROWS[k], LEG_COLS[k]) for k in range(DIRECTION_COUNT)]
     shortest = 1.0
     if vehicle.turning_radius_m is not None:
-        for k in range(DIRECTIONS):
+        for k in range(DIRECTION_COUNT):
             bend = curve(k, sides_m, vehicle.turning_radius_m)
             cells = bend.length_m / unit
-            ends = (bend.down, bend.right), (-bend.down, -bend.right)
-            legs += [
-                (*end, k, ARCS + k, there, -1)
-                for end, there in zip(ends, (False, True), strict=True)
-            ]
+            legs.append(Move(bend.down, bend.right, k, ARCS + k, False))
+            legs.append(Move(-bend.down, -bend.right, k, ARCS + k, True))
             lengths += [cells, cells]
-            shortest = min(
-                shortest, cells / left_over.py_func(abs(bend.down), abs(bend.right), _LEGS)
-            )
+            by_legs = left_over.py_func(abs(bend.down), abs(bend.right), _LEG_LENGTHS)
+            shortest = min(shortest, cells / by_legs)
     rays = np.array(legs, _INT)
     return Primitives(moves, fares, origins, rays, np.array(lengths, _FLOAT), shortest)
 
 
 def _ways(
     vehicle: Vehicle, sides_m: tuple[float, float]
-) -> Iterator[tuple[int, int, _Move, float, int]]:
-    """Of each direction: kind, rows, columns, direction, motion, whether there, leg; cells, gear (0
-    on the spot).
-    """
+) -> Iterator[tuple[int, int, Move, float, int]]:
+    """Direction, kind, primitive, its cells, and gear (0 on the spot)."""
     gears = (1,) if vehicle.reverse_cost is None else (1, -1)
-    for k in range(DIRECTIONS):
-        before = (k - 1) % DIRECTIONS
-        after = (k + 1) % DIRECTIONS
+    for k in range(DIRECTION_COUNT):
+        before = (k - 1) % DIRECTION_COUNT
+        after = (k + 1) % DIRECTION_COUNT
         for gear in gears if vehicle.turning_radius_m is not None else (1,):
-            way = k if gear > 0 else (k + AXES) % DIRECTIONS
-            kind = LEG if gear > 0 else 3
-            yield (
-                k,
-                kind,
-                (ROWS[way], COLS[way], k, k % AXES, way >= AXES, way),
-                math.hypot(ROWS[k], COLS[k]),
-                gear,
-            )
+            way = k if gear > 0 else (k + AXIS_COUNT) % DIRECTION_COUNT
+            kind = LEG if gear > 0 else _BACKWARD_LEG
+            yield k, kind, _leg(way, k), math.hypot(LEG_ROWS[k], LEG_COLS[k]), gear
         if vehicle.can_turn_on_spot:
-            yield k, LEFT_TURN, (0, 0, after, TURNS + k % AXES, False, -1), 0.0, 0
-            yield k, LEFT_TURN + 1, (0, 0, before, TURNS + before % AXES, False, -1), 0.0, 0
+            left_turn = Move(0, 0, after, TURNS + k % AXIS_COUNT, False)
+            right_turn = Move(0, 0, before, TURNS + before % AXIS_COUNT, False)
+            yield k, LEFT_TURN, left_turn, 0.0, 0
+            yield k, LEFT_TURN + 1, right_turn, 0.0, 0
         if (radius := vehicle.turning_radius_m) is None:
             continue
         for gear in gears:
             # from its beginning to the left, and from its end, the other way round, to the right
-            ahead = k if gear > 0 else (k + AXES) % DIRECTIONS
+            ahead = k if gear > 0 else (k + AXIS_COUNT) % DIRECTION_COUNT
             left = ahead
-            right = (ahead - 1 + AXES) % DIRECTIONS
-            for arc, to, there, kind in ((left, 1, False, 4), (right, -1, True, 5)):
+            right = (ahead - 1 + AXIS_COUNT) % DIRECTION_COUNT
+            arcs = ((left, 1, False, _LEFT_ARC), (right, -1, True, _RIGHT_ARC))
+            for arc, to, there, kind in arcs:
                 bend = curve(arc, sides_m, radius)
                 sign = -1 if there else 1
-                move = (
-                    sign * bend.down,
-                    sign * bend.right,
-                    (k + to) % DIRECTIONS,
-                    ARCS + arc,
-                    there,
-                    -1,
-                )
-                yield k, kind if gear > 0 else kind + 2, move, bend.length_m / min(sides_m), gear
+                after = (k + to) % DIRECTION_COUNT
+                move = Move(sign * bend.down, sign * bend.right, after, ARCS + arc, there)
+                kind = kind if gear > 0 else kind + _BACKWARDS_ON
+                yield k, kind, move, bend.length_m / min(sides_m), gear
+
+
+def _leg(way: int, direction: int) -> Move:
+    """The leg that leads a way, of a body that stands in this direction."""
+    there = way >= AXIS_COUNT
+    return Move(LEG_ROWS[way], LEG_COLS[way], direction, direction % AXIS_COUNT, there, way)

@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from nnpp_edge.runtime.cells import Cell, apart, slices, widened
-from nnpp_edge.runtime.kernels.poses import AXES, FAILS, REFUSALS, UNKNOWN
+from nnpp_edge.runtime.kernels.poses import AXIS_COUNT, FAILS, REFUSALS, UNKNOWN
 from nnpp_edge.runtime.robots.body import motions
 from nnpp_edge.runtime.robots.body.attitude import greatest
 from nnpp_edge.runtime.robots.body.poses import Poses
@@ -44,7 +44,7 @@ def why_blocked(poses: Poses, cell: Cell) -> str:
     limit = int(refusals(codes[..., None])[0, 0]) - 1
     axes = np.nonzero(codes[:, 0] == FAILS + limit)[0].tolist()
     least = min(greatest(poses, cell, poses.codes.shape[1] + axis)[limit] for axis in axes)
-    headings = "any heading" if len(axes) == AXES else f"{len(axes)} of {AXES} headings"
+    headings = "any heading" if len(axes) == AXIS_COUNT else f"{len(axes)} of {AXIS_COUNT} headings"
     return f"in {headings} {_refused(poses, limit, least, '{} or more')}"
 
 
@@ -63,9 +63,9 @@ def why_ended(poses: Poses, reached: NDArray[np.bool_], end: Cell, *, by_legs: b
         f"the search from the {begun} got to {closest}, {apart((row, col, 1, 1), end)} cells "
         f"from the {other}"
     )
-    turns = poses.codes[(row + 1) * (cols + 2) + col + 1, AXES : 2 * AXES]
-    for axis in (axis for axis in range(AXES) if not by_legs and turns[axis] >= FAILS):
-        values = greatest(poses, closest, AXES + axis)
+    turns = poses.codes[(row + 1) * (cols + 2) + col + 1, AXIS_COUNT : 2 * AXIS_COUNT]
+    for axis in (axis for axis in range(AXIS_COUNT) if not by_legs and turns[axis] >= FAILS):
+        values = greatest(poses, closest, AXIS_COUNT + axis)
         limit = int((values / (1.0, *poses.vehicle.allowances)).argmax())
         return (
             f"{told}. It cannot turn on the spot there: "
@@ -73,11 +73,11 @@ def why_ended(poses: Poses, reached: NDArray[np.bool_], end: Cell, *, by_legs: b
         )
     top, left, height, width = widened((row, col, 1, 1), (_AROUND, _AROUND), poses.shape)
     legs = poses.codes.reshape(rows + 2, cols + 2, -1)[slices((top + 1, left + 1, height, width))][
-        ..., :AXES
+        ..., :AXIS_COUNT
     ]
     refused = legs.astype(np.int64) - FAILS
     sides = np.pad(reached + 2 * (~reached & (away <= away[closest])), 2)
-    for axis, (down, right) in enumerate(motions.AXES):
+    for axis, (down, right) in enumerate(motions.AXIS_LEGS):
         one, two = (
             sides[slices((top + 2 + i, left + 2 + j, height, width))]
             for i, j in ((0, 0), (down, right))
@@ -88,7 +88,7 @@ def why_ended(poses: Poses, reached: NDArray[np.bool_], end: Cell, *, by_legs: b
     limit = int(np.bincount(found).argmax())
     places = np.argwhere(refused == limit) + np.array((top, left, 0))
     i, j, axis = places[np.abs(places[:, :2] - closest).max(1).argmin()].tolist()
-    leg = [(i, j), (i + motions.AXES[axis][0], j + motions.AXES[axis][1])]
+    leg = [(i, j), (i + motions.AXIS_LEGS[axis][0], j + motions.AXIS_LEGS[axis][1])]
     first, last = leg if reached[i, j] else leg[::-1]
     told += f". Near there {len(places)} of {len(found)} refused steps fail by {REFUSALS[limit]}"
     value = greatest(poses, (i, j), axis)[limit]

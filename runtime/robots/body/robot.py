@@ -1,18 +1,19 @@
 """Robots with a body: legs and turns on the spot between sixteen directions, or arcs as well."""
 
 import math
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from nnpp_edge.runtime.cells import Cell, Rectangle, slices
 from nnpp_edge.runtime.errors import InvalidQueryError
-from nnpp_edge.runtime.kernels.lattice import FIXED, KNIGHT
+from nnpp_edge.runtime.kernels.lattice import KNIGHT
+from nnpp_edge.runtime.kernels.records import BY_LENGTH, FIXED, Packed, Prices
 from nnpp_edge.runtime.robots.body import motions
 from nnpp_edge.runtime.robots.body.arcs import direction_near, directions_within
 from nnpp_edge.runtime.robots.body.attitude import PoseCheck, explain
-from nnpp_edge.runtime.robots.body.poses import NO_EDGES, PackedPoses, Poses, Prices, between
+from nnpp_edge.runtime.robots.body.poses import NO_EDGES, Poses, between
 from nnpp_edge.runtime.robots.body.refusal import why_blocked, why_ended
 from nnpp_edge.runtime.robots.robot import Edges, PathCosts, Robot
 from nnpp_edge.runtime.tuning import (
@@ -30,8 +31,14 @@ if TYPE_CHECKING:
     from nnpp_edge.runtime.map.state import MapState
     from nnpp_edge.runtime.search.workspace import Workspace
 
-States = tuple[PackedPoses, Edges, Prices]
-"""A body's motions and what they cost, as `kernels.lattice.expand_states` takes them."""
+
+class States(NamedTuple):
+    """A body's motions and what they cost."""
+
+    poses: Packed
+    """`records.Poses`."""
+    edges: Edges
+    prices: Prices
 
 
 class BodyRobot(Robot):
@@ -50,33 +57,33 @@ class BodyRobot(Robot):
     corridor_tries = MOST_CORRECTIONS
     weight_share = BODY_WEIGHT
     line_refusal = "is for points and discs: a body's legs lead in 16 directions"
-    ways = motions.DIRECTIONS
+    ways = motions.LEGS
 
     poses: Poses
 
     def __init__(self, poses: Poses) -> None:
         self.poses = poses
         self.reach = poses.reach
-        self.states_a_node = len(poses.prices[1])
+        self.states_a_node = len(poses.prices.moves)
         self.shortest = KNIGHT * poses.primitives.shortest
-        self.readiness = float(poses.prices[-1].max())
+        self.readiness = float(poses.prices.turns.max())
 
     @property
     def checks(self) -> int:  # type: ignore[override]
         return self.poses.checked
 
     def states(self) -> States:
-        return self.poses.packed, NO_EDGES, self.poses.prices
+        return States(self.poses.packed, NO_EDGES, self.poses.prices)
 
     def states_by(self, edges: Edges, metre: float) -> States:
         """Its motions, whose legs cost by `edges`, and turns by what a metre of level
         ground does.
         """
-        packed, _, (unit, moves, fares, origins, rays, lengths, _) = self.states()
-        turns = fares.copy()
-        turns[..., FIXED] *= self.poses.sides_m[0] * metre
+        fares = self.poses.prices.fares.copy()
+        fares[..., FIXED] *= self.poses.sides_m[0] * metre
         by_angle = between(self.poses.turns_m * metre)
-        return packed, edges, (unit, moves, turns, origins, rays, lengths, by_angle)
+        prices = self.poses.prices._replace(fares=fares, turns=by_angle)
+        return States(self.poses.packed, edges, prices)
 
     def stands_at(self, grid: "Grid", cell: Cell) -> bool:
         return self.poses.stands_at(cell)
@@ -102,9 +109,9 @@ class BodyRobot(Robot):
         states: States | None,
     ) -> int:
         assert states is not None
-        _, moves, fares, origins, rays, lengths, by_angle = states[2]
-        turns = fares * np.array((0.0, 1.0), np.float32)
-        prices = np.float32(0.0), moves, turns, origins, rays, lengths, by_angle
+        fares = states.prices.fares.copy()
+        fares[..., BY_LENGTH] = 0.0
+        prices = states.prices._replace(unit=np.float32(0.0), fares=fares)
         return self.poses.walk(path, first, costs, prices=prices)
 
     def costs_of(self, grid: "Grid", path: NDArray[np.int32]) -> PathCosts:
@@ -116,7 +123,7 @@ class BodyRobot(Robot):
         return cost, float(lengths.sum()), float((lengths * rated).sum())
 
     def greatest(self, grid: "Grid") -> float:
-        return max(math.hypot(*axis) for axis in motions.AXES) * (1.0 + 2.0 * grid.model.scale)
+        return max(math.hypot(*axis) for axis in motions.AXIS_LEGS) * (1.0 + 2.0 * grid.model.scale)
 
     def complete(self) -> None:
         self.poses.complete()
@@ -138,7 +145,7 @@ class BodyRobot(Robot):
         if len(path) < 2:
             return -1
         down, right = (path[-1, :2] - path[-2, :2]).tolist()
-        return motions.DIRECTIONS.index((down, right))
+        return motions.LEGS.index((down, right))
 
     def ends(
         self, start_deg: float | None, goal_deg: float | None, tolerance_deg: float
@@ -187,7 +194,7 @@ class ArcRobot(BodyRobot):
         self.readiness = poses.vehicle.gear_change_m / poses.sides_m[0]
 
     def arrival(self, path: NDArray[np.int32]) -> int:
-        return int(path[-1, 2]) % len(motions.DIRECTIONS)
+        return int(path[-1, 2]) % len(motions.LEGS)
 
 
 def body_robot(poses: Poses) -> BodyRobot:
