@@ -237,7 +237,8 @@ def read_samples(folder: Path, most_maps: int | None = None, *, size: int | None
     maps = 0
     for shard in read_shards(folder, recipe):
         shard["map_index"] = shard["map_index"].astype(np.int32) + maps
-        part = Samples(*(shard[name] for name in names))  # type: ignore[arg-type]  # checked by _check_shard
+        arrays = [shard[name] for name in names]  # as checked by _check_shard
+        part = Samples(*arrays)  # type: ignore[arg-type]
         maps += len(part.planes)
         parts.append(vars(part.averaged(size or recipe.size)))
         if most_maps is not None and maps >= most_maps:

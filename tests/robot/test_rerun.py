@@ -86,10 +86,12 @@ def test_the_outline_of_a_body_lies_along_its_path(tmp_path):
     line = np.array([(5, 5 + n) for n in range(250)], np.int32)
     with closing(RerunSink(str(tmp_path / "loop.rrd"), state)) as sink:
         sink.publish(PathMessage(1, Status.OK, Origin.FULL, line))
-        sink.publish(PathMessage(2, Status.NO_PATH, Origin.NONE))
-    outlines, none = read(tmp_path / "loop.rrd")["/map/body"]["strips"]
+        driven = {"states": (12,) * 250, "headings": (270.0,) * 250}
+        sink.publish(PathMessage(2, Status.OK, Origin.FULL, line, **driven))
+        sink.publish(PathMessage(3, Status.NO_PATH, Origin.NONE))
+    outlines, backwards, none = read(tmp_path / "loop.rrd")["/map/body"]["strips"]
     front, *corners, _, _ = outlines[0]
-    assert front == [9.5, 5.5] and not none
+    assert (front, backwards[0][0]) == ([9.5, 5.5], [1.5, 5.5]) and not none
     assert sorted(corners) == [[1.5, 4.5], [1.5, 6.5], [9.5, 4.5], [9.5, 6.5]]
 
 

@@ -182,11 +182,18 @@ def as_input(record: Record) -> Input:
         if isinstance(record, PatchRecord):
             elevation = _values("elevation", record.elevation)
             cost = _values("cost", record.cost)
-            place = (record.row, record.col)
-            return MapPatch(*place, elevation, cost, record.keep_known, record.stamp)  # type: ignore[arg-type]
+            return MapPatch(
+                record.row,  # type: ignore[arg-type]  # a patch refuses fractions
+                record.col,  # type: ignore[arg-type]
+                elevation,
+                cost,
+                record.keep_known,
+                record.stamp,
+            )
         if isinstance(record, PoseRecord):
             return Pose(record.row, record.col, record.stamp, record.heading_deg)
-        return Goal(record.row, record.col, record.stamp)  # type: ignore[arg-type]  # a goal refuses fractions
+        place = (record.row, record.col)
+        return Goal(*place, record.stamp)  # type: ignore[arg-type]  # a goal refuses fractions
     except InvalidMessageError as error:
         raise WireError(str(error)) from None
 
