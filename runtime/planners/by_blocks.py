@@ -14,8 +14,9 @@ from nnpp_edge.runtime.errors import Status
 from nnpp_edge.runtime.kernels.tiles import BLOCK_SEEN
 from nnpp_edge.runtime.map.ground import Ground
 from nnpp_edge.runtime.map.state import MapState, map_state
-from nnpp_edge.runtime.planners.query import Found, Query, Work
+from nnpp_edge.runtime.planners.query import Found, Work
 from nnpp_edge.runtime.robots.robot import Robot
+from nnpp_edge.runtime.search.query import Query
 from nnpp_edge.runtime.search.region import Region
 from nnpp_edge.runtime.tuning import (
     BLOCKS_AROUND,

@@ -28,11 +28,12 @@ from nnpp_edge.runtime.planners.on_map import (
     split,
 )
 from nnpp_edge.runtime.planners.plan import DynamicMethod, Method, Plan
-from nnpp_edge.runtime.planners.query import Found, Query, Work
+from nnpp_edge.runtime.planners.query import Found, Work
 from nnpp_edge.runtime.planners.refine import refines
 from nnpp_edge.runtime.planners.standing_path import Standing, StandingPath
+from nnpp_edge.runtime.search.query import Query
 from nnpp_edge.runtime.terrain.traversability import Traversability
-from nnpp_edge.runtime.tuning import NEAR, UNSEEN_CHANGE
+from nnpp_edge.runtime.tuning import NEAR
 
 
 class DynamicPlanner(OnMap):
@@ -124,11 +125,11 @@ class DynamicPlanner(OnMap):
         )
         return cls(ground, goal, **rest)
 
+    _repeated = True
+
     def _make(self) -> None:
         """Of a standing path's plan nothing but its bound is forgotten."""
         super()._make()
-        self._methods.regions.unseen_change = UNSEEN_CHANGE
-        self._methods.keeps_field = True
         self._path = StandingPath(self._state)
         if self._state.unseen is not None:
             _ = self._methods.blocks
@@ -253,17 +254,10 @@ class DynamicPlanner(OnMap):
         )
 
         def find() -> tuple[Found, DynamicMethod, str]:
-            if self._methods.has_arcs and not wanted.whole_map:
-                rest = self._path.rest(query.start, query.direction)
-                if (
-                    rest is not None
-                    and (joined := self._methods.rejoin(query, work, rest)) is not None
-                ):
-                    return (
-                        joined,
-                        DynamicMethod.CORRIDOR,
-                        "a way to the standing path, and on along that",
-                    )
+            joined = None if wanted.whole_map else self._rejoined(query, work)
+            if joined is not None:
+                why = "a way to the standing path, and on along that"
+                return joined, DynamicMethod.CORRIDOR, why
             if wanted is DynamicMethod.AUTO:
                 return self._by_figures(query, work)
             return self._methods.find(wanted, query, work), wanted, ""
@@ -282,10 +276,16 @@ class DynamicPlanner(OnMap):
         """
         return self._refiner.refined(plan) if self._refines else plan.over(self._state)
 
+    def _rejoined(self, query: Query, work: Work) -> Found | None:
+        """A body's way along arcs to the standing path, and on along that; None without one."""
+        arcs = self._methods.arcs
+        rest = None if arcs is None else self._path.rest(query.start, query.direction)
+        return None if arcs is None or rest is None else arcs.rejoin(query, work, rest)
+
     def _by_figures(self, query: Query, work: Work) -> tuple[Found, DynamicMethod, str]:
         """The path that ``auto`` gives, by which method, and why that one."""
         methods = self._methods
-        if query.apart < NEAR and not methods.has_arcs:
+        if query.apart < NEAR and methods.arcs is None:
             near = methods.search_briefly(query, work)
             if near is not None:
                 return near, DynamicMethod.ASTAR, f"the goal is less than {NEAR} cells away"

@@ -1,6 +1,6 @@
 """The ways of finding a path on one map: what they share is made when first needed."""
 
-import math
+from collections.abc import Iterator
 from functools import cached_property
 from pathlib import Path
 
@@ -15,33 +15,27 @@ from nnpp_edge.runtime.map.state import MapState
 from nnpp_edge.runtime.memory import touch
 from nnpp_edge.runtime.network.inference import NetworkModel
 from nnpp_edge.runtime.network.priors import set_prices
+from nnpp_edge.runtime.planners.arc_corridor import ArcCorridor
 from nnpp_edge.runtime.planners.by_blocks import BlockWay, over
 from nnpp_edge.runtime.planners.coarse_to_fine import CoarseToFine
 from nnpp_edge.runtime.planners.plan import DynamicMethod, Method, Source
-from nnpp_edge.runtime.planners.query import Found, Query, Work
+from nnpp_edge.runtime.planners.query import Found, Work
 from nnpp_edge.runtime.planners.searchers import (
     AStarSearcher,
     MendingSearcher,
     Searcher,
 )
-from nnpp_edge.runtime.planners.standing_path import Rest
 from nnpp_edge.runtime.region.learned import LearnedRegions
-from nnpp_edge.runtime.search.astar import Search
 from nnpp_edge.runtime.search.dstar_lite import DStarLite, serves
+from nnpp_edge.runtime.search.query import Query
 from nnpp_edge.runtime.tuning import (
     BRIEF_EXPANSIONS,
     FAR,
-    IN_VAIN,
-    JOIN_AHEAD,
-    JOIN_BEHIND,
-    JOIN_EXPANSIONS,
     LARGE_MAP,
     LEARNED_CORRIDOR,
-    MOST_ABOVE_FIELD,
-    MOST_DRIFT,
-    MOST_IN_VAIN,
     NEAR,
     REFINE_FROM,
+    UNSEEN_CHANGE,
     CorridorWidth,
 )
 
@@ -74,7 +68,8 @@ class Methods:
 
     Every method returns a path that is good enough for the query, and adds what that takes to
     `work`. OutOfTimeError where time was up before a search of the map could begin. `model` and
-    `ask_from` as in `PlannerOptions`.
+    `ask_from` as in `PlannerOptions`; `repeated` queries lead to one goal, and what was
+    found for one serves the next.
     """
 
     @checked(InvalidQueryError)
@@ -83,20 +78,17 @@ class Methods:
         state: MapState,
         model: str | Path | NetworkModel = "edge",
         ask_from: int = NEAR,
+        *,
+        repeated: bool = False,
     ) -> None:
         self.state = state
         self._ask_from = ask_from
         self.has_poses = not state.grid.robot.learned_region
-        self.has_arcs = state.grid.robot.drives_arcs
-        """Whether a vehicle's poses are searched, and whether it drives arcs."""
-        self.keeps_field = False
-        """Whether what guides a body's search serves the next one to the same goal, for an answer
-        about as good.
-        """
-        self._in_vain: tuple[Cell, int] = (-1, -1), 0
-        """Goal to which no corridor led lately, and for how many queries none is tried."""
+        """Whether a vehicle's poses are searched."""
         self.astar = AStarSearcher(state)
-        self.regions = LearnedRegions(state, model)
+        self.arcs = ArcCorridor(self, repeated) if state.grid.robot.drives_arcs else None
+        """How a body that drives arcs is planned for."""
+        self.regions = LearnedRegions(state, model, UNSEEN_CHANGE if repeated else 0.0)
         if state.unseen is not None:
             set_prices(state.unseen)
         self._dstar: DStarLite | None = None
@@ -140,7 +132,7 @@ class Methods:
         another name.
         """
         if (wanted := Method(method)) is Method.AUTO:
-            if self.has_arcs:
+            if self.arcs is not None:
                 return Method.CORRIDOR, "arcs are checked where the corridor leads"
             if self.state.unseen is not None:
                 return Method.CORRIDOR, "over blocks where the ground is known coarsely"
@@ -179,9 +171,7 @@ class Methods:
         if not serves(self.state.grid):
             return self.search_map(query, work)
         found = self._dstar_to(query.goal).plan(query.start, deadline=query.deadline)
-        work.expansions += found.expansions
-        work.stage_ends("search")
-        return Found.of(self.state.grid, found, Source.MAP, None, work)
+        return Found.of(self.state.grid, work.searched(found), Source.MAP, None, work)
 
     def prepare_to_mend_map(self, goal: Cell) -> None:
         """Set D* Lite up for queries to this goal, all of its memory backed by the system."""
@@ -199,56 +189,35 @@ class Methods:
         """A path in a corridor around the coarse path, else in a wider one, else on the
         whole map.
         """
-        by_blocks = None if self.state.unseen is None else self._by_blocks(query, work)
-        if by_blocks is not None and by_blocks.suffices(query):
-            return by_blocks
+        if self.state.unseen is not None:
+            by_blocks = self._by_blocks(query, work)
+            if by_blocks is not None and by_blocks.suffices(query):
+                return by_blocks
         self.state.pyramid_by(query.deadline)
-        by_robot = self.state.grid.robot.corridors
-        known = self.keeps_field and self.has_arcs and self.astar.kept_cost(query) < math.inf
-        if known and (again := self.astar.search_again(query, work)) is not None:
-            found = Found.of(self.state.grid, again, Source.REGION, None, work)
-            if found.suffices(query) and found.cost <= MOST_ABOVE_FIELD * again.promised:
+        corridors = self._corridors(query, work, searcher or self.astar, widths)
+        if self.arcs is not None:
+            return self.arcs.find(query, work, corridors)
+        for found in corridors:
+            if found.suffices(query):
                 return found
-        searcher = searcher or self.astar
-        top = self.descent.top_for(query)
-        goal, times = self._in_vain
-        if self.keeps_field and query.goal == goal and times:
-            self._in_vain = goal, times - 1
-            return self._search_at_last(query, work)
-        doubtful: Found | None = None
-        for width, source in zip(widths or by_robot, (Source.REGION, Source.WIDENED), strict=True):
-            here = self.descent.find(query, work, searcher, top, None, width, source)
-            if here is None:
-                continue
-            if not here.suffices(query):
-                in_vain = self.has_arcs and here.search.status is Status.NO_PATH
-                if in_vain and here.search.expansions > MOST_IN_VAIN * query.apart**2:
-                    break
-                continue
-            if here.search.status is not Status.OK:
-                return doubtful or here
-            if (
-                doubtful is None
-                and self.has_arcs
-                and here.cost > MOST_ABOVE_FIELD * here.search.promised
-            ):
-                doubtful = here  # an arc too many: perhaps there is a smoother way
-                continue
-            if self.keeps_field and self.has_arcs and here.region is not None:
-                self.astar.keep_field(query.goal, here)
-            return here if doubtful is None or here.cost < doubtful.cost else doubtful
-        if doubtful is not None:
-            return doubtful
-        if self.has_arcs:  # before the search, which may end for want of time
-            self._in_vain = query.goal, IN_VAIN
-        return self._search_at_last(query, work)
+        return self.search_map(query, work, Source.FALLBACK)
 
-    def _search_at_last(self, query: Query, work: Work) -> Found:
-        """The optimal path, by A* over the whole map, every corridor having failed."""
-        found = self.search_map(query, work, Source.FALLBACK)
-        if self.keeps_field and self.has_arcs and found.search.status is Status.OK:
-            self.astar.keep_field(query.goal, found)
-        return found
+    def _corridors(
+        self,
+        query: Query,
+        work: Work,
+        searcher: Searcher,
+        widths: tuple[CorridorWidth, CorridorWidth] | None,
+    ) -> Iterator[Found]:
+        """What is found in corridors, each wider than the one before; none where no coarse path
+        leads.
+        """
+        top = self.descent.top_for(query)
+        widths = widths or self.state.grid.robot.corridors
+        for width, source in zip(widths, (Source.REGION, Source.WIDENED), strict=True):
+            found = self.descent.find(query, work, searcher, top, None, width, source)
+            if found is not None:
+                yield found
 
     def _by_blocks(self, query: Query, work: Work) -> Found | None:
         """A path over cells as far as these were seen, and over blocks' middles beyond; None if
@@ -271,31 +240,6 @@ class Methods:
                 whole = search._replace(path=path, refused_f=bound)
                 return Found.of(grid, whole, Source.REGION, None, work)
         return None
-
-    def rejoin(self, query: Query, work: Work, rest: Rest) -> Found | None:
-        """A way to a place ahead on the path of arcs that stood, and on along that; None where a
-        search is due.
-
-        Without a way as short to search, the robot goes on along the path, if it is on it and all
-        of it is clear.
-        """
-        promised = self.astar.kept_cost(query)
-        if promised == math.inf:
-            return None
-        ahead = min(max(JOIN_AHEAD, rest.clear + JOIN_BEHIND), len(rest.states) - 1)
-        search = self.astar.search_again(query, work, rest.states[ahead], JOIN_EXPANSIONS)
-        if search is None and not rest.valid:
-            return None
-        way = (
-            rest.states
-            if search is None
-            else np.concatenate((search.path, rest.states[ahead + 1 :]))
-        )
-        found = Found.of(
-            self.state.grid, Search(Status.OK, way, 0, rest.bound), Source.STANDING, None, work
-        )
-        most = MOST_DRIFT * max(MOST_ABOVE_FIELD, self.astar.kept_above)
-        return found if found.cost <= most * promised else None
 
     def network_region(self, query: Query, work: Work, searcher: Searcher | None = None) -> Found:
         """A path in the network's region, else in a wider one, else on the whole map; a near goal

@@ -32,9 +32,10 @@ from nnpp_edge.runtime.memory import small_pages, touch
 from nnpp_edge.runtime.network.inference import NetworkModel
 from nnpp_edge.runtime.planners.methods import Methods
 from nnpp_edge.runtime.planners.plan import DynamicMethod, Plan, Source
-from nnpp_edge.runtime.planners.query import Found, Query, Work, in_words, problem_with, told
+from nnpp_edge.runtime.planners.query import Found, Work, in_words, problem_with, told
 from nnpp_edge.runtime.planners.refine import Refiner
 from nnpp_edge.runtime.search.astar import cost_field
+from nnpp_edge.runtime.search.query import Query
 from nnpp_edge.runtime.tuning import NEAR
 
 if TYPE_CHECKING:
@@ -114,6 +115,9 @@ class OnMap:
     all.
     """
 
+    _repeated = False
+    """Whether queries lead to one goal, again and again."""
+
     def __init__(
         self,
         cost: Float2D | Ground,
@@ -137,7 +141,7 @@ class OnMap:
 
     def _make(self) -> None:
         """Make from the map all that is kept beside it."""
-        self._methods = Methods(self._state, self._model, self._ask_from)
+        self._methods = Methods(self._state, self._model, self._ask_from, repeated=self._repeated)
         self._refiner = Refiner(self._state)
 
     def _begin_anew(self) -> None:

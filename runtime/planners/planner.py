@@ -22,10 +22,11 @@ from nnpp_edge.runtime.planners.on_map import (
     split,
 )
 from nnpp_edge.runtime.planners.plan import DynamicMethod, Method, Plan
-from nnpp_edge.runtime.planners.query import Found, PlanOptions, Query, Wishes, Work, options_of
+from nnpp_edge.runtime.planners.query import Found, PlanOptions, Wishes, Work, options_of
 from nnpp_edge.runtime.planners.refine import refines
 from nnpp_edge.runtime.planners.tour import Tour, tour
 from nnpp_edge.runtime.search.astar import costs_to_nearest
+from nnpp_edge.runtime.search.query import Query
 from nnpp_edge.runtime.terrain.step_cost import PAPER_OMEGA
 from nnpp_edge.runtime.terrain.traversability import Traversability
 from nnpp_edge.runtime.tuning import NEAREST_STOPS

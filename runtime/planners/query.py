@@ -1,4 +1,4 @@
-"""A planner's query, and what its searches find on the way to a plan."""
+"""What a user wishes of a plan, and what the searches for it find."""
 
 import math
 from collections.abc import Callable
@@ -9,56 +9,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from nnpp_edge.runtime.arguments import checked
-from nnpp_edge.runtime.cells import Cell, as_cell
-from nnpp_edge.runtime.deadline import NEVER, Deadline
+from nnpp_edge.runtime.cells import Cell
 from nnpp_edge.runtime.errors import InvalidQueryError, Status
 from nnpp_edge.runtime.map.grid import Grid
 from nnpp_edge.runtime.map.state import MapState
 from nnpp_edge.runtime.planners.plan import DynamicMethod, Method, Plan, Source
 from nnpp_edge.runtime.robots.robot import Robot
 from nnpp_edge.runtime.search.astar import Search
+from nnpp_edge.runtime.search.query import Query
 from nnpp_edge.runtime.search.region import Region
 from nnpp_edge.runtime.stopwatch import Stopwatch
-
-
-class Query(NamedTuple):
-    """Where from and where to, how good, and until when."""
-
-    start: Cell
-    goal: Cell
-    epsilon: float = math.inf
-    """A path that is certain to cost at most 1 + `epsilon` times the optimum is good enough."""
-    deadline: Deadline = NEVER
-    """When to give up."""
-    direction: int = -1
-    """In which a body stands at the start, see `robots.body.motions.LEGS`; -1 where any will
-    do.
-    """
-    wanted: NDArray[np.bool_] | None = None
-    """(16,) directions in which it may arrive; None where any will do."""
-
-    @classmethod
-    def of(
-        cls,
-        start: Cell,
-        goal: Cell,
-        deadline: Deadline,
-        epsilon: float = math.inf,
-        direction: int = -1,
-        wanted: NDArray[np.bool_] | None = None,
-    ) -> "Query":
-        """From what a user gave; InvalidQueryError for what is no cell, or a number below 0."""
-        if not epsilon >= 0.0:
-            raise InvalidQueryError(f"epsilon must be a number of at least 0, got {epsilon}")
-        return cls(
-            as_cell(start, "start"), as_cell(goal, "goal"), epsilon, deadline, direction, wanted
-        )
-
-    @property
-    def apart(self) -> int:
-        """Cells between start and goal, as the king moves."""
-        return max(abs(self.start[0] - self.goal[0]), abs(self.start[1] - self.goal[1]))
-
 
 _REASONS = {
     Status.NO_PATH: "no path exists on the known map",
@@ -135,6 +95,12 @@ class Work(Stopwatch):
         """Cells expanded, at all levels."""
         self.remark = ""
         """Why the search was made as it was, where there was a choice."""
+
+    def searched(self, search: Search) -> Search:
+        """Count a search that has just ended."""
+        self.expansions += search.expansions
+        self.stage_ends("search")
+        return search
 
 
 class Found(NamedTuple):

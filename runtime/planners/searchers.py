@@ -5,11 +5,10 @@ from collections.abc import Sequence
 from typing import Protocol
 
 import numpy as np
-from numpy.typing import NDArray
 
 from nnpp_edge.runtime.cells import Cell
 from nnpp_edge.runtime.deadline import OutOfTimeError
-from nnpp_edge.runtime.errors import InvalidQueryError, Status
+from nnpp_edge.runtime.errors import InvalidQueryError
 from nnpp_edge.runtime.kernels.expansion import MOST_LANDMARKS
 from nnpp_edge.runtime.kernels.nodes import octile
 from nnpp_edge.runtime.kernels.pooling import FACTOR
@@ -17,17 +16,14 @@ from nnpp_edge.runtime.map.changes import ChangeReader
 from nnpp_edge.runtime.map.pyramid import quarters
 from nnpp_edge.runtime.map.state import MapState
 from nnpp_edge.runtime.memory import touch
-from nnpp_edge.runtime.planners.query import Found, Query, Work, problem_with
-from nnpp_edge.runtime.search.astar import LastMetres, Search, astar, by_kept_field, last_metres_to
+from nnpp_edge.runtime.planners.query import Work, problem_with
+from nnpp_edge.runtime.search.astar import Search
 from nnpp_edge.runtime.search.dstar_lite import DStarLite, serves
 from nnpp_edge.runtime.search.landmarks import Landmarks
+from nnpp_edge.runtime.search.query import Query
 from nnpp_edge.runtime.search.region import Region
 from nnpp_edge.runtime.search.workspace import Workspace
-from nnpp_edge.runtime.tuning import (
-    FIELD_KEPT,
-    MOST_JOINED,
-    MOST_RATIO_FOR_LANDMARKS,
-)
+from nnpp_edge.runtime.tuning import MOST_JOINED, MOST_RATIO_FOR_LANDMARKS
 
 _FOR_READING = 0.25
 """Share of the time left that D* Lite may take to read the map before the region is searched
@@ -49,15 +45,6 @@ class AStarSearcher:
         self.grid = grid = state.grid
         self.workspace = Workspace(len(grid.weights), grid.robot.states_a_node)
         self._log = state.log
-        self._kept: tuple[Cell, Region | None, int, Cell, float] | None = None
-        """Of the field that is kept: goal, region, number of the search, its start, and the cost
-        from there.
-        """
-        self.kept_above = 1.0
-        """Cost of the path found by it, over what it promised."""
-        self._since = state.log.reader()
-        self._last_metres: tuple[Query, LastMetres | None] | None = None
-        """Those of the newest query with a heading at its goal."""
         self._landmarks: Landmarks | None = None
         self._changes: ChangeReader | None = None
         """Since landmarks were set: without any, nothing has to be kept for it."""
@@ -68,96 +55,9 @@ class AStarSearcher:
         """As `Searcher`; without a region the whole map, and after `limit` expansions it gives up
         with TIMEOUT.
         """
-        start, goal, _, deadline, direction, wanted = query
-        landmarks = self.landmarks
-        hints = landmarks.towards(goal) if landmarks else None
-        place = self.grid, start, goal, self.workspace, region
-        last_metres = None
-        if wanted is not None and start != goal:
-            if self._last_metres is None or self._last_metres[0] is not query:
-                last_metres = last_metres_to(self.grid, goal, wanted, self.workspace, deadline)
-                self._last_metres = query, last_metres
-                work.expansions += last_metres.expansions if last_metres else 0
-            last_metres = self._last_metres[1]
-        found = astar(
-            *place,
-            hints=hints,
-            limit=limit,
-            deadline=deadline,
-            direction=direction,
-            wanted=wanted,
-            last_metres=last_metres,
-        )
-        work.expansions += found.expansions
-        work.stage_ends("search")
-        return found
-
-    def keep_field(self, goal: Cell, found: Found) -> None:
-        """Keep what guided the search that this was just found by, for `search_again`; at the goal
-        nothing did.
-        """
-        assert self.workspace.field is not None
-        if found.search.promised == math.inf:
-            return
-        start = found.search.path[0, :2].tolist()
-        region = None if found.region is None else found.region.copy()
-        self._kept = (
-            goal,
-            region,
-            self.workspace.field.stamp,
-            (start[0], start[1]),
-            found.search.promised,
-        )
-        self.kept_above = found.cost / found.search.promised
-        self._since = self._log.reader()
-
-    def kept_cost(self, query: Query) -> float:
-        """Least cost from start to goal by what guided an earlier search; inf to another goal, or
-        if outdated.
-        """
-        field = self.workspace.field
-        grid = self.grid
-        if (
-            self._kept is None
-            or field is None
-            or (query.goal, field.stamp) != (self._kept[0], self._kept[2])
-        ):
-            return math.inf
-        if sum(change.cells for change in self._since.peek()) > FIELD_KEPT * grid.cells:
-            return math.inf
-        node = grid.node(*query.start)
-        begun, promised = self._kept[3:]
-        known = float(field.costs(slice(node, node + 1))[0])
-        return (
-            known
-            if known < math.inf
-            else promised - float(octile.py_func(*query.start, *begun, *grid.prices))
-        )
-
-    def search_again(
-        self,
-        query: Query,
-        work: Work,
-        by_way_of: NDArray[np.int32] | None = None,
-        limit: int | None = None,
-    ) -> Search | None:
-        """A path of a body by what guided an earlier search, where `kept_cost` is known, to the
-        goal or to a state (row, col, number) on the way; None where none is found, by `limit`
-        expansions.
-        """
-        assert self._kept is not None
-        start, goal, _, deadline, direction, wanted = query
-        if by_way_of is not None:
-            goal = int(by_way_of[0]), int(by_way_of[1])
-            wanted = np.arange(self.workspace.states) == by_way_of[2]
-        _, region, _, begun, promised = self._kept
-        ends = self.grid, start, goal, self.workspace, region, begun, promised
-        found = by_kept_field(
-            *ends, limit=limit, deadline=deadline, direction=direction, wanted=wanted
-        )
-        work.expansions += found.expansions
-        work.stage_ends("search")
-        return found if found.status is Status.OK else None
+        hints = self.landmarks.towards(query.goal) if self.landmarks else None
+        robot = self.grid.robot
+        return work.searched(robot.search(self.grid, query, self.workspace, region, hints, limit))
 
     @property
     def landmarks(self) -> Landmarks | None:
@@ -230,8 +130,7 @@ class MendingSearcher:
         except OutOfTimeError:  # the next query's search goes on reading
             return self._fresh.search(query, work, region)
         found = dstar.plan(query.start, deadline=query.deadline)
-        work.expansions += found.expansions
-        work.stage_ends("search")
+        work.searched(found)
         # D* Lite does not say what it refused: the octile distance is the bound
         straight = octile.py_func(*query.start, *query.goal, *self._state.grid.prices)
         return found._replace(refused_f=straight)

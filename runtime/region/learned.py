@@ -127,13 +127,14 @@ class RegionFinder:
 
 class LearnedRegions:
     """Regions of one map by a network, which is loaded when first needed: ModelError where it
-    cannot be.
+    cannot be. `unseen_change` as for `MapView`.
     """
 
-    def __init__(self, state: MapState, model: str | Path | NetworkModel) -> None:
+    def __init__(
+        self, state: MapState, model: str | Path | NetworkModel, unseen_change: float = 0.0
+    ) -> None:
         self._state = state
-        self.unseen_change = 0.0
-        """The last as for `MapView`."""
+        self._unseen_change = unseen_change
         self.use_model(model)
 
     def use_model(self, model: str | Path | NetworkModel) -> None:
@@ -204,7 +205,7 @@ class LearnedRegions:
 
     def _loaded_view(self, stopwatch: Stopwatch) -> MapView:
         if self._view is None:
-            self._view = MapView(self._state, self.model, self.unseen_change)
+            self._view = MapView(self._state, self.model, self._unseen_change)
             self._finder = RegionFinder(self._view.blocks)
             if self._view.network.waited:
                 stopwatch.stage_ends("load")

@@ -16,6 +16,11 @@ from nnpp_edge.runtime.cells import Cell, Rectangle
 from nnpp_edge.runtime.errors import InvalidQueryError
 from nnpp_edge.runtime.kernels.nodes import COL_STEP, ROW_STEP
 from nnpp_edge.runtime.kernels.paths import measure, walk
+from nnpp_edge.runtime.kernels.records import Hints
+from nnpp_edge.runtime.search.astar import Links, Search, Spreading, astar, spreading
+from nnpp_edge.runtime.search.query import Query
+from nnpp_edge.runtime.search.region import Region
+from nnpp_edge.runtime.search.workspace import Workspace
 from nnpp_edge.runtime.terrain.step_cost import SQRT2
 from nnpp_edge.runtime.tuning import CORRIDOR, WIDENED_CORRIDOR
 
@@ -26,8 +31,7 @@ if TYPE_CHECKING:
     from nnpp_edge.runtime.map.state import MapState
     from nnpp_edge.runtime.robots.body.attitude import PoseCheck
     from nnpp_edge.runtime.robots.body.poses import Poses
-    from nnpp_edge.runtime.robots.body.robot import States
-    from nnpp_edge.runtime.search.workspace import Workspace
+    from nnpp_edge.runtime.robots.body.search import States
 
 Edges = NDArray[np.float32]
 PathCosts = tuple[float, float, float]
@@ -105,6 +109,30 @@ class Robot:
         decide.
         """
         return grid.weights
+
+    # --- its search
+
+    def search(
+        self,
+        grid: "Grid",
+        query: Query,
+        workspace: Workspace,
+        region: Region | None,
+        hints: Hints | None = None,
+        limit: int | None = None,
+    ) -> Search:
+        """The cheapest path of a query between passable cells, over the whole map or in a region.
+
+        `hints` of landmarks spare expansions; after about `limit` expansions it gives up with
+        TIMEOUT.
+        """
+        start, goal, _, deadline, *_ = query
+        place = (grid, start, goal, workspace, region)
+        return astar(*place, hints=hints, limit=limit, deadline=deadline)
+
+    def spreading(self, grid: "Grid", workspace: Workspace, links: Links = None) -> Spreading:
+        """How its costs spread from a cell to all others."""
+        return spreading(grid, links)
 
     # --- where it may stand, and what its paths cost
 
@@ -227,7 +255,7 @@ class Robot:
         """Why it cannot stand on a cell, where that is known better than by the cell's cost."""
         return ""
 
-    def why_ended(self, grid: "Grid", start: Cell, goal: Cell, memory: "Workspace") -> str:
+    def why_ended(self, grid: "Grid", start: Cell, goal: Cell, memory: Workspace) -> str:
         """Why the search of the whole map that has just ended got no farther; empty if unknown."""
         return ""
 

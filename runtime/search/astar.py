@@ -15,72 +15,50 @@ import numpy as np
 from numpy.typing import NDArray
 
 from nnpp_edge.runtime.arrays import Float2D
-from nnpp_edge.runtime.cells import Cell, widened
+from nnpp_edge.runtime.cells import Cell
 from nnpp_edge.runtime.deadline import NEVER, Deadline
 from nnpp_edge.runtime.errors import Status
 from nnpp_edge.runtime.kernels import expansion as kernels
-from nnpp_edge.runtime.kernels.lattice import (
-    DIRECTION_COUNT,
-    KNIGHT,
-    expand_states,
-    fill_field,
-    least_of_cells,
-    trace_states,
-)
-from nnpp_edge.runtime.kernels.nodes import (
-    EXHAUSTED,
-    FOUND,
-    FULL,
-    PAUSED,
-    STAMP_SHIFT,
-    octile,
-)
+from nnpp_edge.runtime.kernels.nodes import EXHAUSTED, FOUND, FULL, PAUSED
 from nnpp_edge.runtime.kernels.records import (
     BEST_NODE,
-    DOWN,
-    GOAL_STATE,
-    RIGHT,
     Ends,
-    Field,
     FieldRule,
-    Frame,
     Hints,
-    Legs,
     Limits,
-    Packed,
-    Prices,
     Rule,
-    Seeds,
     StateRule,
 )
 from nnpp_edge.runtime.search.region import Region
 from nnpp_edge.runtime.search.workspace import Workspace
 from nnpp_edge.runtime.terrain.step_cost import StepCost
 from nnpp_edge.runtime.tuning import (
-    AROUND_GOAL,
     BUCKET_WIDTH,
     BUCKET_WIDTH_BY_LANDMARKS,
     DIRECTED_BUCKET_WIDTH,
-    REOPENED_WITHIN,
-    TURNS_IN_FIELD,
 )
 
 if TYPE_CHECKING:
     from nnpp_edge.runtime.map.grid import Grid
-    from nnpp_edge.runtime.robots.body.robot import States
 
 _BETWEEN_LOOKS = 1 << 14
 """Expansions after which is looked whether enough is known."""
-_WITHOUT_END = int(np.iinfo(np.int64).max >> 1)
+WITHOUT_END = int(np.iinfo(np.int64).max >> 1)
 Links = NDArray[np.uint8] | None
 """The directions in which each node may be left, as bits; None where passability decides."""
 Parts = tuple[Any, ...]
-_CORNER = 0
+NOWHERE = 0
 """Of the border, which is impassable: the goal of a search that is to have none."""
-_UNJUDGED: Packed = tuple(Legs(0.0, 0.0, 0.0))
-"""Of a search that nothing guides."""
 _ON = -1
 """In place of the node at which a search begins: go on where it stopped."""
+
+
+class Spreading(NamedTuple):
+    """How costs spread from a cell to all others: what `run` takes."""
+
+    kernel: Callable[..., Parts]
+    before: Parts
+    rule: Rule | FieldRule | StateRule
 
 
 class Search(NamedTuple):
@@ -105,25 +83,6 @@ class Search(NamedTuple):
         return cls(status, np.empty((0, columns), np.int32), expansions, refused_f)
 
 
-class LastMetres(NamedTuple):
-    """Costs of the last metres to a goal with a heading, by a search of a few states from there.
-
-    A way back, by a body that stands the other way round, costs what the way there does.
-    """
-
-    begun: Seeds
-    """Cells at which the search stopped, from which all ways lead on to the goal."""
-    settled: Seeds
-    """Cells within."""
-    exhausted: bool
-    """Whether no way from other cells leads to the goal."""
-    expansions: int
-
-    def hold(self, node: int) -> bool:
-        """Whether the search came to a cell."""
-        return any(bool((cells.nodes == node).any()) for cells in (self.begun, self.settled))
-
-
 def astar(
     grid: "Grid",
     start: Cell,
@@ -137,11 +96,8 @@ def astar(
     beyond: float = 0.0,
     limit: int | None = None,
     deadline: Deadline = NEVER,
-    direction: int = -1,
-    wanted: NDArray[np.bool_] | None = None,
-    last_metres: LastMetres | None = None,
 ) -> Search:
-    """Cheapest path between two passable cells of a grid.
+    """Cheapest path of a point between two passable cells of a grid; `Robot.search` is any robot's.
 
     Parameters
     ----------
@@ -158,255 +114,35 @@ def astar(
         Settle also every cell on a path that costs less than 1 + `beyond` times the optimum.
     limit, deadline
         Give up with TIMEOUT after about so many expansions, or then.
-    direction : int
-        In which a body stands at the start, see `robots.body.motions.LEGS`; by default any.
-    wanted : (16,) bool
-        Directions in which it may arrive; by default all.
-    last_metres
-        Of a body, `last_metres_to` the goal: fewer states are expanded. The cells that were
-        searched there are added to the region.
 
     Notes
-    ----- NNPP (arXiv 2308.04792v3), Eq. 2-4; the octile distance stands in for the paper's
-    Euclidean one, which it exceeds without ever overestimating. g is kept in float32.
+    -----
+    NNPP (arXiv 2308.04792v3), Eq. 2-4; the octile distance stands in for the paper's Euclidean one,
+    which it exceeds without ever overestimating. g is kept in float32.
     """
     first = grid.node(*start)
     last = grid.node(*goal)
-    if first == last and (direction < 0 or wanted is None or wanted[direction]):
-        there = (
-            int(np.argmax(wanted)) if direction < 0 and wanted is not None else max(direction, 0)
-        )
-        return Search(Status.OK, np.array([(*start, there)[: grid.robot.columns]], np.int32), 0)
-    if grid.robot.by_poses:
-        ends = (first, last, direction)
-        limits = Limits(limit or _WITHOUT_END, deadline.at)
-        return _over_states(grid, ends, wanted, workspace, region, beyond, limits, last_metres)
-    width = _bucket_width(grid, hints)
-    rule = Rule(*grid.prices, width, _successors(grid, links), _beyond(beyond))
+    if first == last:
+        return Search(Status.OK, np.array([start], np.int32), 0)
+    width = bucket_width(grid, hints)
+    farthest = 1.0 + beyond if beyond else kernels.BELOW
+    rule = Rule(*grid.prices, width, _successors(grid, links), farthest)
     landmarks = kernels.NO_HINTS if hints is None else tuple(hints)
-    before = grid.packed, grid.robot.edges(backwards), _ways(links), _allowed(region), landmarks
-    limits = Limits(limit or _WITHOUT_END, deadline.at)
-    code, length, expansions, refused = _run(
-        kernels.expand, before, Ends(first, last), rule, workspace, limits
+    before = grid.packed, grid.robot.edges(backwards), _ways(links), allowed(region), landmarks
+    limits = Limits(limit or WITHOUT_END, deadline.at)
+    code, length, expansions, refused = run(
+        kernels.expand, before, rule, Ends(first, last), workspace, limits
     )
     end = last if code == FOUND else int(workspace.counts[BEST_NODE])
     trace = partial(kernels.trace, stride=grid.stride)
-    return _traced(trace, workspace, code, end, length, expansions, refused)
+    return traced(trace, workspace, code, end, length, expansions, refused)
 
 
-def _over_states(
-    grid: "Grid",
-    ends: tuple[int, int, int],
-    wanted: NDArray[np.bool_] | None,
-    workspace: Workspace,
-    region: Region | None,
-    beyond: float,
-    limits: Limits,
-    last_metres: LastMetres | None,
-) -> Search:
-    """As `astar`, over a body's states, `ends` as for `expand_states`: guided by the costs to go of
-    cells.
-
-    These are found from the goal on, and tell soon where there is no path. On the whole map turns
-    are free in them, arcs are ways between cells like legs, whatever the direction, and the answer
-    is the best. In a region legs and their turns alone count, which leaves few states to look at,
-    for an answer about as good; no path at all then costs less than the octile distance.
-    """
-    states = grid.robot.states()
-    field = workspace.field
-    first, last, _ = ends
-    assert states is not None and field is not None
-    prices = states.prices
-    columns = grid.robot.columns
-    if last_metres is not None and last_metres.hold(first):
-        last_metres = None  # so near that the field may as well begin at the goal
-    elif last_metres is not None and last_metres.exhausted:
-        return Search.without_path(Status.NO_PATH, columns=columns)
-    between = _turns_in_field(prices, region)
-    refused_at_least = math.inf
-    if region is not None:
-        by_legs = prices.rays[:DIRECTION_COUNT], prices.ray_fares[:DIRECTION_COUNT]
-        prices = prices._replace(rays=by_legs[0], ray_fares=by_legs[1])
-        refused_at_least = float(octile.py_func(*grid.cell(first), *grid.cell(last), *grid.prices))
-    seeds = Seeds(np.array([last], np.int32), np.zeros(1, np.float32), np.zeros(1, np.int32))
-    if last_metres is not None:
-        seeds = last_metres.begun
-        while len(field.entries) < 4 * len(seeds.nodes):
-            field.grow()
-        if region is not None:
-            for cells in last_metres.begun, last_metres.settled:
-                row, col = np.divmod(cells.nodes, grid.stride)
-                region.bitmap[region.row_block[row - 1], region.col_block[col - 1]] = region.stamp
-    allowed = _allowed(region)
-    rule = FieldRule(tuple(_best(grid)), _bucket_width(grid), between)
-    before = (states.poses, states.edges, tuple(prices), allowed, tuple(seeds))
-    code, spent, refused = _run(fill_field, before, Ends(last, first), rule, field, limits)
-    if last_metres is not None:
-        nodes, costs, onwards = last_metres.settled
-        cheaper = costs < field.costs(nodes.astype(np.int64))
-        field.g[2 * nodes[cheaper]] = costs[cheaper]
-        field.meta[2 * nodes[cheaper] + 1] = (field.stamp << STAMP_SHIFT) | onwards[cheaper]
-    if code != FOUND:
-        status = Status.NO_PATH if code == EXHAUSTED else Status.TIMEOUT
-        return Search.without_path(status, spent, min(refused, refused_at_least), columns)
-    guide = first, float(field.g[2 * first]), between
-    found = _by_field(grid, ends, wanted, workspace, allowed, guide, beyond, limits)
-    if found.status is not Status.NO_PATH or found.refused_f < math.inf:
-        found = found._replace(refused_f=refused_at_least)
-    return found._replace(expansions=found.expansions + spent)
-
-
-def last_metres_to(
-    grid: "Grid",
-    goal: Cell,
-    wanted: NDArray[np.bool_],
-    workspace: Workspace,
-    deadline: Deadline = NEVER,
-) -> LastMetres | None:
-    """Costs of the last metres to a goal with a heading, for a body; None where legs cost otherwise
-    one way than the other.
-    """
-    states = grid.robot.states()
-    assert states is not None
-    if len(states.edges):
-        return None
-    frame = _frame(grid, workspace)
-    backwards = np.resize(np.roll(wanted, DIRECTION_COUNT // 2), workspace.states)
-    nowhere = np.zeros_like(backwards)
-    width = _bucket_width(grid)
-    rule = StateRule(_UNJUDGED, width, kernels.BELOW, 0.0, frame, backwards, nowhere)
-    before = (*_packed(states), _no_field(workspace), kernels.NO_REGION)
-    limits = Limits(AROUND_GOAL, deadline.at)
-    from_goal = Ends(grid.node(*goal), _CORNER)
-    code, _, spent, _ = _run(expand_states, before, from_goal, rule, workspace, limits)
-    longest = int(np.abs(states.prices.moves[..., [DOWN, RIGHT]]).max())
-    reach = min(int(workspace.least_open / grid.prices[0]) + 2 * longest, spent * longest)
-    row, col, rows, cols = widened((*goal, 1, 1), (reach, reach), grid.shape)
-    area = (row + 1, row + rows + 1, col + 1, col + cols + 1)  # `records.Area`
-    searched = (workspace.g, workspace.meta, workspace.stamp)  # `records.Searched`
-    nodes, onwards = np.empty((2, 2, rows * cols), np.int32)
-    costs = np.empty((2, rows * cols), np.float32)
-    counts = least_of_cells(searched, frame, area, nodes, costs, onwards)
-    begun, settled = (
-        Seeds(nodes[at, :count], costs[at, :count], onwards[at, :count])
-        for at, count in enumerate(counts)
-    )
-    return LastMetres(begun, settled, code == EXHAUSTED, spent)
-
-
-def by_kept_field(
-    grid: "Grid",
-    start: Cell,
-    goal: Cell,
-    workspace: Workspace,
-    region: Region | None,
-    begun: Cell,
-    promised: float,
-    *,
-    limit: int | None = None,
-    deadline: Deadline = NEVER,
-    direction: int = -1,
-    wanted: NDArray[np.bool_] | None = None,
-) -> Search:
-    """As `astar` of a body, guided by the costs to go that the last search of the region, or the
-    map, was guided by.
-
-    That began at the cell `begun`, to be `promised` its cost to go. `goal` may be a cell on the way
-    to its goal, and `wanted` (S,) the states that will do there. The map may have changed: what is
-    driven is checked on it. At the `limit` the best path so far counts.
-    """
-    first = grid.node(*start)
-    last = grid.node(*goal)
-    states = grid.robot.states()
-    assert states is not None
-    between = _turns_in_field(states.prices, region)
-    limits = Limits(limit or _WITHOUT_END, deadline.at)
-    guide = (grid.node(*begun), promised, between)
-    ends = (first, last, direction)
-    found = _by_field(grid, ends, wanted, workspace, _allowed(region), guide, 0.0, limits)
-    return found._replace(refused_f=float(octile.py_func(*start, *goal, *grid.prices)))
-
-
-def _by_field(
-    grid: "Grid",
-    ends: tuple[int, int, int],
-    wanted: NDArray[np.bool_] | None,
-    workspace: Workspace,
-    allowed: Parts,
-    guide: tuple[int, float, NDArray[np.float32]],
-    beyond: float,
-    limits: Limits,
-) -> Search:
-    """The search over states, once the field is there; of that the start, the cost from there, and
-    those of turns.
-    """
-    states = grid.robot.states()
-    field = workspace.field
-    begun, promised, between = guide
-    assert states is not None and field is not None
-    start = divmod(begun, grid.stride)
-    judged = Field(field.g, field.meta, field.stamp, *start, promised, between)
-    first, last, direction = ends
-    (starting, at_goal), frame = np.ones((2, workspace.states), np.bool_), _frame(grid, workspace)
-    if direction >= 0:
-        starting[:] = np.arange(workspace.states) == direction
-    if wanted is not None:
-        at_goal[:] = np.resize(wanted, workspace.states)
-    step, _ = grid.prices
-    rule = StateRule(
-        tuple(_best(grid)),
-        step * BUCKET_WIDTH_BY_LANDMARKS,
-        _beyond(beyond),
-        step / REOPENED_WITHIN if len(between) else 0.0,
-        frame,
-        starting,
-        at_goal,
-    )
-    code, length, expansions, refused = _run(
-        expand_states,
-        (*_packed(states), tuple(judged), allowed),
-        Ends(first, last),
-        rule,
-        workspace,
-        limits,
-    )
-    end = int(workspace.counts[BEST_NODE])
-    trace = partial(trace_states, prices=tuple(states.prices), frame=frame)
-    if code == PAUSED and limits.most < _WITHOUT_END and workspace.counts[GOAL_STATE] >= 0:
-        code = FOUND
-        end = int(workspace.counts[GOAL_STATE])
-        length = trace(workspace.meta, end, out=workspace.path)
-    found = _traced(trace, workspace, code, end, length, expansions, refused)
-    path = found.path
-    if grid.robot.columns == 2:  # cells alone, of those that it turns on one
-        moved = np.any(np.diff(path[:, :2], axis=0, prepend=-1), axis=1)
-        path = np.ascontiguousarray(path[moved, :2])
-    return found._replace(path=path, promised=promised)
-
-
-def _frame(grid: "Grid", workspace: Workspace) -> Packed:
-    """How states are numbered."""
-    return tuple(Frame(workspace.states.bit_length() - 1, grid.stride))
-
-
-def _packed(states: "States") -> Parts:
-    """A body's motions as kernels take them."""
-    return states.poses, states.edges, tuple(states.prices)
-
-
-def _turns_in_field(prices: Prices, region: Region | None) -> NDArray[np.float32]:
-    """Costs of turns in the costs to go of cells; on the whole map they are free."""
-    if region is None:
-        return prices.turns[:0]
-    turns: NDArray[np.float32] = np.float32(TURNS_IN_FIELD) * prices.turns
-    return turns
-
-
-def _run(
+def run(
     kernel: Callable[..., Parts],
     before: Parts,
-    ends: Ends,
     rule: Rule | FieldRule | StateRule,
+    ends: Ends,
     workspace: Workspace,
     limits: Limits,
 ) -> Parts:
@@ -422,7 +158,7 @@ def _run(
         workspace.grow()
 
 
-def _traced(
+def traced(
     trace: Callable[..., int],
     ws: Workspace,
     code: int,
@@ -443,13 +179,8 @@ def _traced(
     return Search(status, ws.path[length - 1 :: -1].copy(), spent, refused)
 
 
-def _no_field(workspace: Workspace) -> Parts:
-    """In place of a field, for a search of states that nothing guides."""
-    nothing = np.empty((0, 0), np.float32)
-    return tuple(Field(workspace.g[:0], workspace.meta[:0], 0, 0, 0, 0.0, nothing))
-
-
-def _allowed(region: Region | None) -> Parts:
+def allowed(region: Region | None) -> Parts:
+    """A region as kernels take it; None is everywhere."""
     return kernels.NO_REGION if region is None else tuple(region)
 
 
@@ -457,8 +188,11 @@ def _ways(links: Links) -> NDArray[np.uint8]:
     return kernels.NO_LINKS if links is None else links
 
 
-def _beyond(share: float) -> float:
-    return 1.0 + share if share else kernels.BELOW
+def spreading(grid: "Grid", links: Links = None) -> Spreading:
+    """How a point's costs spread."""
+    steps = (grid.packed, grid.robot.edges(), _ways(links))
+    rule = Rule(0.0, 0.0, bucket_width(grid), _successors(grid, links), kernels.BELOW)
+    return Spreading(kernels.expand, (*steps, kernels.NO_REGION, kernels.NO_HINTS), rule)
 
 
 def settle_all(grid: "Grid", source: Cell, workspace: Workspace, links: Links = None) -> None:
@@ -474,33 +208,18 @@ def _settling(
     source: Cell,
     workspace: Workspace,
     links: Links = None,
-    most: int = _WITHOUT_END,
+    most: int = WITHOUT_END,
     deadline: Deadline = NEVER,
 ) -> Iterator[float]:
     """Search on, `most` expansions each time: the least cost that may yet fall, inf in the end; or
     OutOfTimeError.
     """
-    width = _bucket_width(grid)
-    anywhere = np.ones(workspace.states, np.bool_)
-    kernel: Callable[..., Parts] = kernels.expand
-    before: Parts = (
-        grid.packed,
-        grid.robot.edges(),
-        _ways(links),
-        kernels.NO_REGION,
-        kernels.NO_HINTS,
-    )
-    rule: Rule | StateRule = Rule(0.0, 0.0, width, _successors(grid, links), kernels.BELOW)
-    if (states := grid.robot.states()) is not None:
-        kernel = expand_states
-        before = (*_packed(states), _no_field(workspace), kernels.NO_REGION)
-        frame = _frame(grid, workspace)
-        rule = StateRule(_UNJUDGED, width, kernels.BELOW, 0.0, frame, anywhere, ~anywhere)
+    search = grid.robot.spreading(grid, workspace, links)
     begin = grid.node(*source)
     limits = Limits(most, deadline.at)
     code = PAUSED
     while code == PAUSED:
-        code, *_ = _run(kernel, before, Ends(begin, _CORNER), rule, workspace, limits)
+        code, *_ = run(*search, Ends(begin, NOWHERE), workspace, limits)
         begin = _ON
         if code != EXHAUSTED:
             deadline.check()
@@ -544,15 +263,10 @@ def costs_to_nearest(
     return costs, known
 
 
-def _bucket_width(grid: "Grid", hints: Hints | None = None) -> float:
+def bucket_width(grid: "Grid", hints: Hints | None = None) -> float:
+    """Of a bucket of the open list at first, in units of f."""
     by_grid = DIRECTED_BUCKET_WIDTH if grid.robot.by_slope else BUCKET_WIDTH
     return grid.prices[0] * (by_grid if hints is None else BUCKET_WIDTH_BY_LANDMARKS)
-
-
-def _best(grid: "Grid") -> Legs:
-    """Least costs of legs, see `Grid.prices`."""
-    straight, diagonal = grid.prices
-    return Legs(straight / KNIGHT, diagonal / KNIGHT, straight + diagonal)
 
 
 def _successors(grid: "Grid", links: Links) -> NDArray[np.int64]:

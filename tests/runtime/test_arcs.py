@@ -16,11 +16,12 @@ import pytest
 from nnpp_edge.runtime import DynamicPlanner, Planner, Vehicle
 from nnpp_edge.runtime.errors import InvalidMapError, InvalidQueryError, Status
 from nnpp_edge.runtime.kernels.poses import AXIS_COUNT, FAILS, MOST_CODE
-from nnpp_edge.runtime.planners import methods
+from nnpp_edge.runtime.planners import arc_corridor
 from nnpp_edge.runtime.planners.plan import Source
+from nnpp_edge.runtime.planners.standing_path import StandingPath
+from nnpp_edge.runtime.robots.body import search
 from nnpp_edge.runtime.robots.body.arcs import heading_deg
 from nnpp_edge.runtime.robots.body.primitives import primitives
-from nnpp_edge.runtime.search import astar as search
 from nnpp_edge.terrain.dem import sample_dem
 from tests import pose_oracles
 from tests.pose_oracles import DIRECTIONS, rocks
@@ -344,6 +345,17 @@ def test_where_no_arc_leads_out_of_a_dead_end_no_second_region_is_searched():
         assert made.plan(*ends, method="astar", **facing_the_way_out).status is Status.NO_PATH
 
 
+def test_where_a_standing_path_crosses_itself_the_heading_says_how_far_the_robot_is():
+    made = planner(np.zeros((60, 60), np.float32))
+    plan = made.plan((30, 30), (30, 31), start_heading_deg=0.0, goal_heading_deg=90.0)
+    crossing = np.flatnonzero((plan.path == (30, 30)).all(1)).tolist()
+    assert len(crossing) == 2
+    path = StandingPath(made.state)
+    path.set(plan)
+    directions = (plan.states[crossing] % 16).tolist()
+    assert [path.check((30, 30), each).index for each in directions] == crossing
+
+
 def test_headings_that_are_none_and_vehicles_without_them_are_refused():
     made = planner(np.zeros((40, 40)))
     for options in (
@@ -466,7 +478,7 @@ def test_a_plan_at_the_goal_leaves_no_costs_that_mislead_the_next():
 
 
 def test_a_path_of_arcs_is_left_where_it_is_blocked_and_joined_again(monkeypatch):
-    monkeypatch.setattr(methods, "JOIN_EXPANSIONS", 1 << 15)
+    monkeypatch.setattr(arc_corridor, "JOIN_EXPANSIONS", 1 << 15)
     dem = np.zeros((160, 240))
     moving = DynamicPlanner.of_elevation(dem, CELL_M, (80, 220), vehicle=CAR)
     moving.move((80, 15), 90.0)
@@ -494,7 +506,7 @@ def test_a_path_of_arcs_is_left_where_it_is_blocked_and_joined_again(monkeypatch
     assert (
         again.source is Source.STANDING and again.path[-60:].tolist() == first.path[-60:].tolist()
     )
-    monkeypatch.setattr(methods, "JOIN_EXPANSIONS", 1)
+    monkeypatch.setattr(arc_corridor, "JOIN_EXPANSIONS", 1)
     assert moving.replan().walked.tolist() == again.walked.tolist()
     moving.update_elevation(79, 150, np.full((2, 2), 2.0))
     assert moving.replan().source is Source.REGION  # blocked, and no way found by so few expansions

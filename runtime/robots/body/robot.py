@@ -1,7 +1,7 @@
 """Robots with a body: legs and turns on the spot between sixteen directions, or arcs as well."""
 
 import math
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
@@ -9,13 +9,18 @@ from numpy.typing import NDArray
 from nnpp_edge.runtime.cells import Cell, Rectangle, slices
 from nnpp_edge.runtime.errors import InvalidQueryError
 from nnpp_edge.runtime.kernels.lattice import KNIGHT
-from nnpp_edge.runtime.kernels.records import BY_LENGTH, FIXED, Packed, Prices
+from nnpp_edge.runtime.kernels.records import BY_LENGTH, FIXED, Hints
 from nnpp_edge.runtime.robots.body import motions
 from nnpp_edge.runtime.robots.body.arcs import direction_near, directions_within
 from nnpp_edge.runtime.robots.body.attitude import PoseCheck, explain
 from nnpp_edge.runtime.robots.body.poses import NO_EDGES, Poses, between
 from nnpp_edge.runtime.robots.body.refusal import why_blocked, why_ended
+from nnpp_edge.runtime.robots.body.search import LastMetres, States, search_states, spreading
 from nnpp_edge.runtime.robots.robot import Edges, PathCosts, Robot
+from nnpp_edge.runtime.search.astar import Links, Search, Spreading
+from nnpp_edge.runtime.search.query import Query
+from nnpp_edge.runtime.search.region import Region
+from nnpp_edge.runtime.search.workspace import Workspace
 from nnpp_edge.runtime.tuning import (
     ARC_CORRIDOR,
     BODY_CORRIDOR,
@@ -29,16 +34,6 @@ if TYPE_CHECKING:
     from nnpp_edge.runtime.map.changes import Change
     from nnpp_edge.runtime.map.grid import Grid
     from nnpp_edge.runtime.map.state import MapState
-    from nnpp_edge.runtime.search.workspace import Workspace
-
-
-class States(NamedTuple):
-    """A body's motions and what they cost."""
-
-    poses: Packed
-    """`records.Poses`."""
-    edges: Edges
-    prices: Prices
 
 
 class BodyRobot(Robot):
@@ -67,6 +62,8 @@ class BodyRobot(Robot):
         self.states_a_node = len(poses.prices.moves)
         self.shortest = KNIGHT * poses.primitives.shortest
         self.readiness = float(poses.prices.turns.max())
+        self._last_metres: tuple[Query, LastMetres | None] | None = None
+        """Those of the newest query."""
 
     @property
     def checks(self) -> int:  # type: ignore[override]
@@ -84,6 +81,32 @@ class BodyRobot(Robot):
         by_angle = between(self.poses.turns_m * metre)
         prices = self.poses.prices._replace(fares=fares, turns=by_angle)
         return States(self.poses.packed, edges, prices)
+
+    def search(
+        self,
+        grid: "Grid",
+        query: Query,
+        workspace: Workspace,
+        region: Region | None,
+        hints: Hints | None = None,
+        limit: int | None = None,
+    ) -> Search:
+        """As `Robot.search`; a query's last metres are searched once for all of its regions."""
+        spent = 0
+        if self._last_metres is None or self._last_metres[0] is not query:
+            states = grid.robot.states()
+            assert states is not None
+            found = LastMetres.to(grid, states, query, workspace)
+            self._last_metres = query, found
+            spent = found.expansions if found else 0
+        _, last_metres = self._last_metres
+        search = search_states(grid, query, workspace, region, last_metres, limit)
+        return search._replace(expansions=search.expansions + spent)
+
+    def spreading(self, grid: "Grid", workspace: Workspace, links: Links = None) -> Spreading:
+        states = grid.robot.states()
+        assert states is not None
+        return spreading(grid, states, workspace, np.ones(workspace.states, np.bool_))
 
     def stands_at(self, grid: "Grid", cell: Cell) -> bool:
         return self.poses.stands_at(cell)
@@ -164,7 +187,7 @@ class BodyRobot(Robot):
     def why_blocked(self, cell: Cell) -> str:
         return why_blocked(self.poses, cell)
 
-    def why_ended(self, grid: "Grid", start: Cell, goal: Cell, memory: "Workspace") -> str:
+    def why_ended(self, grid: "Grid", start: Cell, goal: Cell, memory: Workspace) -> str:
         field = memory.field
         if field is None:
             return ""

@@ -16,9 +16,13 @@ from nnpp_edge.runtime.bands import in_bands, stripes
 from nnpp_edge.runtime.cells import Cell, Rectangle, enclosing, widened
 from nnpp_edge.runtime.kernels.directed import join_steps, pool_steps, price_steps
 from nnpp_edge.runtime.kernels.pooling import FACTOR
-from nnpp_edge.runtime.kernels.records import FinerSteps, SlopePrices, Ways
+from nnpp_edge.runtime.kernels.records import FinerSteps, Hints, SlopePrices, Ways
 from nnpp_edge.runtime.robots.robot import Edges, PathCosts, Robot
 from nnpp_edge.runtime.robots.slope.cost import SlopeCost
+from nnpp_edge.runtime.search.astar import Links, Search, Spreading
+from nnpp_edge.runtime.search.query import Query
+from nnpp_edge.runtime.search.region import Region
+from nnpp_edge.runtime.search.workspace import Workspace
 
 if TYPE_CHECKING:
     from nnpp_edge.runtime.map.changes import Change
@@ -26,8 +30,7 @@ if TYPE_CHECKING:
     from nnpp_edge.runtime.map.pyramid import Level
     from nnpp_edge.runtime.map.state import MapState
     from nnpp_edge.runtime.robots.body.attitude import PoseCheck
-    from nnpp_edge.runtime.robots.body.robot import States
-    from nnpp_edge.runtime.search.workspace import Workspace
+    from nnpp_edge.runtime.robots.body.search import States
 
 _ROUNDED_DOWN = 1.0 - 1e-6
 """Of the cheapest step: edges are rounded to float32, the prices of the heuristic are not."""
@@ -206,6 +209,20 @@ class SlopeRobot(Robot):
     def states(self) -> "States | None":
         return self._under.states_by(self._edges, self._metre)
 
+    def search(
+        self,
+        grid: "Grid",
+        query: Query,
+        workspace: Workspace,
+        region: Region | None,
+        hints: Hints | None = None,
+        limit: int | None = None,
+    ) -> Search:
+        return self._under.search(grid, query, workspace, region, hints, limit)
+
+    def spreading(self, grid: "Grid", workspace: Workspace, links: Links = None) -> Spreading:
+        return self._under.spreading(grid, workspace, links)
+
     def stands_at(self, grid: "Grid", cell: Cell) -> bool:
         return self._under.stands_at(grid, cell)
 
@@ -290,7 +307,7 @@ class SlopeRobot(Robot):
     def why_blocked(self, cell: Cell) -> str:
         return self._under.why_blocked(cell)
 
-    def why_ended(self, grid: "Grid", start: Cell, goal: Cell, memory: "Workspace") -> str:
+    def why_ended(self, grid: "Grid", start: Cell, goal: Cell, memory: Workspace) -> str:
         return self._under.why_ended(grid, start, goal, memory)
 
     def explain(self, cell: Cell, heading_deg: float) -> "PoseCheck":

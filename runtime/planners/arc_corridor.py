@@ -1,0 +1,132 @@
+"""Plans of a body that drives arcs: in corridors, and by what earlier searches found out."""
+
+import math
+from collections.abc import Iterator
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from nnpp_edge.runtime.cells import Cell
+from nnpp_edge.runtime.errors import Status
+from nnpp_edge.runtime.planners.plan import Source
+from nnpp_edge.runtime.planners.query import Found, Work
+from nnpp_edge.runtime.planners.standing_path import Rest
+from nnpp_edge.runtime.robots.body.search import KeptField
+from nnpp_edge.runtime.search.astar import Search
+from nnpp_edge.runtime.search.query import Query
+from nnpp_edge.runtime.tuning import (
+    IN_VAIN,
+    JOIN_AHEAD,
+    JOIN_BEHIND,
+    JOIN_EXPANSIONS,
+    MOST_ABOVE_FIELD,
+    MOST_DRIFT,
+    MOST_IN_VAIN,
+)
+
+if TYPE_CHECKING:
+    from nnpp_edge.runtime.planners.methods import Methods
+
+
+class ArcCorridor:
+    """Finds paths of arcs by the `methods` of a map; `repeated` queries lead to one goal.
+
+    For these the costs to go that guided a search are kept. A path that costs much more than they
+    promised is doubted: there may be a smoother one in a wider corridor.
+    """
+
+    def __init__(self, methods: "Methods", repeated: bool) -> None:
+        self._methods = methods
+        self._grid = methods.state.grid
+        self._repeated = repeated
+        self._kept = KeptField(self._grid, methods.astar.workspace, methods.state.log)
+        self._hopeless: Cell = (-1, -1)
+        """The goal to which no corridor led lately."""
+        self._untried = 0
+        """For how many queries to it no corridor is tried."""
+
+    def find(self, query: Query, work: Work, corridors: Iterator[Found]) -> Found:
+        """A path, by the costs to go that are kept or in one of the corridors, else on the whole
+        map.
+        """
+        if self._repeated:
+            known = self._by_kept_field(query, work)
+            if known is not None:
+                return known
+            if query.goal == self._hopeless and self._untried:
+                self._untried -= 1
+                return self._on_whole_map(query, work)
+        found = self._in_corridors(query, corridors)
+        if found is not None:
+            return found
+        # noted before the search, which may end for want of time
+        self._hopeless = query.goal
+        self._untried = IN_VAIN
+        return self._on_whole_map(query, work)
+
+    def rejoin(self, query: Query, work: Work, rest: Rest) -> Found | None:
+        """A way to a place ahead on the standing path, and on along that; None where a search is
+        due.
+
+        Where no such way is found soon, the robot goes on along the path, if it is on it and all of
+        it is clear.
+        """
+        promised = self._kept.cost_from(query.start, query.goal)
+        if promised == math.inf:
+            return None
+        ahead = min(max(JOIN_AHEAD, rest.clear + JOIN_BEHIND), len(rest.states) - 1)
+        search = work.searched(self._kept.search(query, rest.states[ahead], JOIN_EXPANSIONS))
+        way = rest.states
+        if search.status is Status.OK:
+            way = np.concatenate((search.path, rest.states[ahead + 1 :]))
+        elif not rest.valid:
+            return None
+        joined = Search(Status.OK, way, 0, rest.bound)
+        found = Found.of(self._grid, joined, Source.STANDING, None, work)
+        most = MOST_DRIFT * max(MOST_ABOVE_FIELD, self._kept.above)
+        return found if found.cost <= most * promised else None
+
+    def _by_kept_field(self, query: Query, work: Work) -> Found | None:
+        """A good path by the costs to go that are kept; None without one."""
+        if self._kept.cost_from(query.start, query.goal) == math.inf:
+            return None
+        search = work.searched(self._kept.search(query))
+        if search.status is not Status.OK:
+            return None
+        found = Found.of(self._grid, search, Source.REGION, None, work)
+        return found if found.suffices(query) and not _doubtful(found) else None
+
+    def _in_corridors(self, query: Query, corridors: Iterator[Found]) -> Found | None:
+        """The first path that is good enough; None where a search of the whole map is due."""
+        doubted: Found | None = None
+        for found in corridors:
+            if not found.suffices(query):
+                in_vain = found.search.status is Status.NO_PATH
+                if in_vain and found.search.expansions > MOST_IN_VAIN * query.apart**2:
+                    break  # a wider corridor would take as long as the whole map
+                continue
+            if found.search.status is not Status.OK:
+                return doubted or found
+            if doubted is None and _doubtful(found):
+                doubted = found
+                continue
+            if found.region is not None:
+                self._keep(query, found)
+            return found if doubted is None or found.cost < doubted.cost else doubted
+        return doubted
+
+    def _on_whole_map(self, query: Query, work: Work) -> Found:
+        """The optimal path."""
+        found = self._methods.search_map(query, work, Source.FALLBACK)
+        if found.search.status is Status.OK:
+            self._keep(query, found)
+        return found
+
+    def _keep(self, query: Query, found: Found) -> None:
+        if self._repeated:
+            self._kept.keep(query.goal, found.region, found.search, found.cost)
+
+
+def _doubtful(found: Found) -> bool:
+    """Whether a path has perhaps an arc too many."""
+    return found.cost > MOST_ABOVE_FIELD * found.search.promised

@@ -1,0 +1,384 @@
+"""The search of a body's states, guided by the costs to go of cells.
+
+The costs to go are found first, by a search of cells from the goal, the *field*; they tell soon
+where there is no path. On the whole map turns are free in them, arcs are ways between cells like
+legs, whatever the direction, and the answer is the best. In a region legs and their turns alone
+count, which leaves few states to search, for an answer about as good.
+"""
+
+import math
+from functools import partial
+from typing import TYPE_CHECKING, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from nnpp_edge.runtime.cells import Cell, widened
+from nnpp_edge.runtime.errors import Status
+from nnpp_edge.runtime.kernels import expansion as kernels
+from nnpp_edge.runtime.kernels.lattice import (
+    DIRECTION_COUNT,
+    KNIGHT,
+    expand_states,
+    fill_field,
+    least_of_cells,
+    trace_states,
+)
+from nnpp_edge.runtime.kernels.nodes import EXHAUSTED, FOUND, PAUSED, STAMP_SHIFT, octile
+from nnpp_edge.runtime.kernels.records import (
+    BEST_NODE,
+    DOWN,
+    GOAL_STATE,
+    RIGHT,
+    Ends,
+    Field,
+    FieldRule,
+    Frame,
+    Legs,
+    Limits,
+    Packed,
+    Prices,
+    Seeds,
+    StateRule,
+)
+from nnpp_edge.runtime.search.astar import (
+    NOWHERE,
+    WITHOUT_END,
+    Parts,
+    Search,
+    Spreading,
+    allowed,
+    bucket_width,
+    run,
+    traced,
+)
+from nnpp_edge.runtime.search.query import Query
+from nnpp_edge.runtime.search.region import Region
+from nnpp_edge.runtime.search.workspace import Workspace
+from nnpp_edge.runtime.tuning import (
+    AROUND_GOAL,
+    BUCKET_WIDTH_BY_LANDMARKS,
+    FIELD_KEPT,
+    REOPENED_WITHIN,
+    TURNS_IN_FIELD,
+)
+
+if TYPE_CHECKING:
+    from nnpp_edge.runtime.map.changes import ChangeLog
+    from nnpp_edge.runtime.map.grid import Grid
+
+_UNJUDGED: Packed = tuple(Legs(0.0, 0.0, 0.0))
+"""Of a search that nothing guides."""
+
+
+class States(NamedTuple):
+    """A body's motions and what they cost."""
+
+    poses: Packed
+    """`records.Poses`."""
+    edges: NDArray[np.float32]
+    """(nodes, 16) costs of legs; (0, 16) where they cost by their checks."""
+    prices: Prices
+
+    @property
+    def packed(self) -> Parts:
+        """As kernels take them."""
+        return self.poses, self.edges, tuple(self.prices)
+
+
+class Guide(NamedTuple):
+    """What is known of the field that guides a search."""
+
+    begun: int
+    """Node at which the field was to end: the start."""
+    promised: float
+    """What it costs from there."""
+    turns: NDArray[np.float32]
+    """(16, 16) costs of turns that count in it; (0, 16) where they are free."""
+
+
+class LastMetres(NamedTuple):
+    """Costs of the last metres to a goal with a heading, by a search of a few states from there.
+
+    A way back, by a body that stands the other way round, costs what the way there does.
+    """
+
+    begun: Seeds
+    """Cells at which the search stopped, from which all ways lead on to the goal."""
+    settled: Seeds
+    """Cells within."""
+    exhausted: bool
+    """Whether no way from other cells leads to the goal."""
+    expansions: int
+
+    @classmethod
+    def to(
+        cls, grid: "Grid", states: States, query: Query, workspace: Workspace
+    ) -> "LastMetres | None":
+        """Those to the goal of a query that has a heading there; None where legs cost otherwise one
+        way than the other.
+        """
+        if query.wanted is None or query.start == query.goal or len(states.edges):
+            return None
+        # search a few states from the goal, the other way round
+        backwards = np.resize(np.roll(query.wanted, DIRECTION_COUNT // 2), workspace.states)
+        search = spreading(grid, states, workspace, backwards)
+        limits = Limits(AROUND_GOAL, query.deadline.at)
+        from_goal = Ends(grid.node(*query.goal), NOWHERE)
+        code, _, spent, _ = run(*search, from_goal, workspace, limits)
+        # what it came to lies in a rectangle around the goal
+        longest = int(np.abs(states.prices.moves[..., [DOWN, RIGHT]]).max())
+        reach = min(int(workspace.least_open / grid.prices[0]) + 2 * longest, spent * longest)
+        row, col, rows, cols = widened((*query.goal, 1, 1), (reach, reach), grid.shape)
+        area = (row + 1, row + rows + 1, col + 1, col + cols + 1)  # `records.Area`
+        searched = (workspace.g, workspace.meta, workspace.stamp)  # `records.Searched`
+        nodes, onwards = np.empty((2, 2, rows * cols), np.int32)
+        costs = np.empty((2, rows * cols), np.float32)
+        counts = least_of_cells(searched, _frame(grid, workspace), area, nodes, costs, onwards)
+        begun, settled = (
+            Seeds(nodes[at, :count], costs[at, :count], onwards[at, :count])
+            for at, count in enumerate(counts)
+        )
+        return cls(begun, settled, code == EXHAUSTED, spent)
+
+    def hold(self, node: int) -> bool:
+        """Whether the search came to a cell."""
+        return any(bool((cells.nodes == node).any()) for cells in (self.begun, self.settled))
+
+    def mark(self, region: Region, stride: int) -> None:
+        """Add the cells to a region."""
+        for cells in (self.begun, self.settled):
+            row, col = np.divmod(cells.nodes, stride)
+            region.bitmap[region.row_block[row - 1], region.col_block[col - 1]] = region.stamp
+
+    def put_into(self, field: Workspace) -> None:
+        """Have a field tell the costs of the cells within, where they are less than it has them."""
+        nodes, costs, onwards = self.settled
+        cheaper = costs < field.costs(nodes.astype(np.int64))
+        field.g[2 * nodes[cheaper]] = costs[cheaper]
+        field.meta[2 * nodes[cheaper] + 1] = (field.stamp << STAMP_SHIFT) | onwards[cheaper]
+
+
+def spreading(
+    grid: "Grid", states: States, workspace: Workspace, starting: NDArray[np.bool_]
+) -> Spreading:
+    """How costs spread from the `starting` states (S,) of a cell, guided by nothing."""
+    nothing = np.empty((0, 0), np.float32)
+    no_field = tuple(Field(workspace.g[:0], workspace.meta[:0], 0, 0, 0, 0.0, nothing))
+    before = (*states.packed, no_field, kernels.NO_REGION)
+    frame = _frame(grid, workspace)
+    nowhere = np.zeros_like(starting)
+    width = bucket_width(grid)
+    rule = StateRule(_UNJUDGED, width, kernels.BELOW, 0.0, frame, starting, nowhere)
+    return Spreading(expand_states, before, rule)
+
+
+def search_states(
+    grid: "Grid",
+    query: Query,
+    workspace: Workspace,
+    region: Region | None,
+    last_metres: LastMetres | None,
+    limit: int | None,
+) -> Search:
+    """The cheapest path over a body's states, as `robots.Robot.search`.
+
+    `last_metres` to the goal, of a query with a heading there, spare expansions; their cells are
+    added to the region. In a region no path costs less than the octile distance, which is all that
+    is known of those that lead out of it.
+    """
+    robot = grid.robot
+    states = robot.states()
+    field = workspace.field
+    assert states is not None and field is not None
+    first = grid.node(*query.start)
+    last = grid.node(*query.goal)
+    if first == last and _may_stay(query):
+        return Search(Status.OK, np.array([_at_once(query)[: robot.columns]], np.int32), 0)
+    if last_metres is not None and last_metres.hold(first):
+        last_metres = None  # so near that the field may as well begin at the goal
+    elif last_metres is not None and last_metres.exhausted:
+        return Search.without_path(Status.NO_PATH, columns=robot.columns)
+    limits = Limits(limit or WITHOUT_END, query.deadline.at)
+    # what counts in the field
+    prices = states.prices
+    turns = _turns_in_field(prices, region)
+    refused_at_least = math.inf
+    if region is not None:
+        rays = prices.rays[:DIRECTION_COUNT]
+        prices = prices._replace(rays=rays, ray_fares=prices.ray_fares[:DIRECTION_COUNT])
+        refused_at_least = _octile(grid, query)
+    # where it begins
+    seeds = Seeds(np.array([last], np.int32), np.zeros(1, np.float32), np.zeros(1, np.int32))
+    if last_metres is not None:
+        seeds = last_metres.begun
+        while len(field.entries) < 4 * len(seeds.nodes):
+            field.grow()
+        if region is not None:
+            last_metres.mark(region, grid.stride)
+    # fill it, from the goal to the start
+    inside = allowed(region)
+    rule = FieldRule(tuple(_best(grid)), bucket_width(grid), turns)
+    before = (states.poses, states.edges, tuple(prices), inside, tuple(seeds))
+    code, spent, refused = run(fill_field, before, rule, Ends(last, first), field, limits)
+    if last_metres is not None:
+        last_metres.put_into(field)
+    if code != FOUND:
+        status = Status.NO_PATH if code == EXHAUSTED else Status.TIMEOUT
+        return Search.without_path(status, spent, min(refused, refused_at_least), robot.columns)
+    # search the states by it, from the start to the goal
+    guide = Guide(first, float(field.g[2 * first]), turns)
+    found = _by_field(grid, query, workspace, inside, guide, limits)
+    if found.status is not Status.NO_PATH or found.refused_f < math.inf:
+        found = found._replace(refused_f=refused_at_least)
+    return found._replace(expansions=found.expansions + spent)
+
+
+class KeptField:
+    """The field of the last search that was worth keeping: it guides the next one to the same goal,
+    for an answer about as good.
+
+    What is driven is checked on the map as it is, and the field is dropped once much of the map has
+    changed. `workspace` is the search's memory.
+    """
+
+    def __init__(self, grid: "Grid", workspace: Workspace, log: "ChangeLog") -> None:
+        self._grid = grid
+        self._workspace = workspace
+        self._log = log
+        self._changes = log.reader()
+        self._goal: Cell | None = None
+        self._region: Region | None = None
+        self._stamp = 0
+        self._begun: Cell = (0, 0)
+        self._promised = math.inf
+        self.above = 1.0
+        """Cost of the path that was found by it, over what it promised."""
+
+    def keep(self, goal: Cell, region: Region | None, search: Search, cost: float) -> None:
+        """Keep the field of a search that has just found a path of this cost; at the goal itself
+        there was none.
+        """
+        assert self._workspace.field is not None
+        if search.promised == math.inf:
+            return
+        start = search.path[0, :2].tolist()
+        self._goal = goal
+        self._region = None if region is None else region.copy()
+        self._stamp = self._workspace.field.stamp
+        self._begun = (start[0], start[1])
+        self._promised = search.promised
+        self._changes = self._log.reader()
+        self.above = cost / search.promised
+
+    def cost_from(self, start: Cell, goal: Cell) -> float:
+        """Least cost from start to goal by the field; inf to another goal, or where it is out of
+        date.
+        """
+        field = self._workspace.field
+        grid = self._grid
+        if field is None or (goal, field.stamp) != (self._goal, self._stamp):
+            return math.inf
+        if sum(change.cells for change in self._changes.peek()) > FIELD_KEPT * grid.cells:
+            return math.inf
+        node = grid.node(*start)
+        known = float(field.costs(slice(node, node + 1))[0])
+        if known < math.inf:
+            return known
+        return self._promised - float(octile.py_func(*start, *self._begun, *grid.prices))
+
+    def search(
+        self, query: Query, by_way_of: NDArray[np.int32] | None = None, limit: int | None = None
+    ) -> Search:
+        """A path by the field, where `cost_from` is known, to the goal or to a state
+        (row, col, number) on the way; at the `limit` of expansions the best path so far counts.
+        """
+        grid = self._grid
+        states = grid.robot.states()
+        assert states is not None
+        if by_way_of is not None:
+            row, col, state = by_way_of.tolist()
+            wanted = np.arange(self._workspace.states) == state
+            query = query._replace(goal=(row, col), wanted=wanted)
+        turns = _turns_in_field(states.prices, self._region)
+        guide = Guide(grid.node(*self._begun), self._promised, turns)
+        limits = Limits(limit or WITHOUT_END, query.deadline.at)
+        found = _by_field(grid, query, self._workspace, allowed(self._region), guide, limits)
+        return found._replace(refused_f=_octile(grid, query))
+
+
+def _by_field(
+    grid: "Grid", query: Query, workspace: Workspace, inside: Parts, guide: Guide, limits: Limits
+) -> Search:
+    """The search over states, once the field is there."""
+    states = grid.robot.states()
+    field = workspace.field
+    assert states is not None and field is not None
+    start = divmod(guide.begun, grid.stride)
+    judge = Field(field.g, field.meta, field.stamp, *start, guide.promised, guide.turns)
+    starting, at_goal = np.ones((2, workspace.states), np.bool_)
+    if query.direction >= 0:
+        starting[:] = np.arange(workspace.states) == query.direction
+    if query.wanted is not None:
+        at_goal[:] = np.resize(query.wanted, workspace.states)
+    step, _ = grid.prices
+    frame = _frame(grid, workspace)
+    rule = StateRule(
+        tuple(_best(grid)),
+        step * BUCKET_WIDTH_BY_LANDMARKS,
+        kernels.BELOW,
+        step / REOPENED_WITHIN if len(guide.turns) else 0.0,
+        frame,
+        starting,
+        at_goal,
+    )
+    ends = Ends(grid.node(*query.start), grid.node(*query.goal))
+    before = (*states.packed, tuple(judge), inside)
+    code, length, expansions, refused = run(expand_states, before, rule, ends, workspace, limits)
+    end = int(workspace.counts[BEST_NODE])
+    trace = partial(trace_states, prices=tuple(states.prices), frame=frame)
+    if code == PAUSED and limits.most < WITHOUT_END and workspace.counts[GOAL_STATE] >= 0:
+        code = FOUND  # the best path so far
+        end = int(workspace.counts[GOAL_STATE])
+        length = trace(workspace.meta, end, out=workspace.path)
+    found = traced(trace, workspace, code, end, length, expansions, refused)
+    path = found.path
+    if grid.robot.columns == 2:  # cells alone, of those that it turns on one
+        moved = np.any(np.diff(path[:, :2], axis=0, prepend=-1), axis=1)
+        path = np.ascontiguousarray(path[moved, :2])
+    return found._replace(path=path, promised=guide.promised)
+
+
+def _may_stay(query: Query) -> bool:
+    """Whether a body that is at the goal need not turn."""
+    return query.direction < 0 or query.wanted is None or bool(query.wanted[query.direction])
+
+
+def _at_once(query: Query) -> tuple[int, int, int]:
+    """The state in which a body that need not move stands at the goal."""
+    if query.direction < 0 and query.wanted is not None:
+        return *query.start, int(np.argmax(query.wanted))
+    return *query.start, max(query.direction, 0)
+
+
+def _octile(grid: "Grid", query: Query) -> float:
+    return float(octile.py_func(*query.start, *query.goal, *grid.prices))
+
+
+def _frame(grid: "Grid", workspace: Workspace) -> Packed:
+    """How states are numbered."""
+    return tuple(Frame(workspace.states.bit_length() - 1, grid.stride))
+
+
+def _turns_in_field(prices: Prices, region: Region | None) -> NDArray[np.float32]:
+    """Costs of turns in the costs to go of cells; on the whole map they are free."""
+    if region is None:
+        return prices.turns[:0]
+    turns: NDArray[np.float32] = np.float32(TURNS_IN_FIELD) * prices.turns
+    return turns
+
+
+def _best(grid: "Grid") -> Legs:
+    """Least costs of legs, see `Grid.prices`."""
+    straight, diagonal = grid.prices
+    return Legs(straight / KNIGHT, diagonal / KNIGHT, straight + diagonal)
