@@ -22,6 +22,15 @@ def test_an_episode_is_the_same_for_the_same_seed_and_can_always_be_walked():
     assert (one.map_at(2) != other.map_at(2)).any()
 
 
+def test_where_no_scene_leaves_a_way_the_map_stays():
+    cost = np.ones((60, 200), np.float32)
+    cost[30] = 0.2  # any obstacle on it blocks the way
+    episode = make_episode(cost, (30, 2), (30, 197), 3)
+    assert len(episode.steps) >= 4
+    for at in range(len(episode.steps)):
+        np.testing.assert_array_equal(episode.map_at(at)[30], cost[30])
+
+
 def test_an_episode_needs_a_way():
     cost = np.full((60, 60), 0.2, np.float32)
     cost[30] = 1.0

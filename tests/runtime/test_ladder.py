@@ -131,6 +131,30 @@ def test_a_method_that_was_slow_is_tried_again_after_a_while():
     assert navigator.counters().degraded.get("late", 0) == skipped
 
 
+def test_quick_answers_without_a_path_are_no_reason_to_trust_a_slow_method(monkeypatch):
+    clock = Clock()
+    asked = []
+    navigator = Navigator(Ground(two_lanes()), NavigatorSettings("astar"), clock=clock)
+    replan = navigator.planner.replan
+
+    def answer(method=None, time_limit_s=0.0):
+        asked.append(method)
+        if len(asked) == 1:
+            clock.now += 1.0
+            return replan()
+        return Plan(Status.NO_PATH, Method.ASTAR)
+
+    monkeypatch.setattr(navigator.planner, "replan", answer)
+    navigator.offer(Pose(1.5, 0.5))
+    navigator.offer(Goal(1, 60))
+    assert navigator.tick().ok
+    navigator.offer(Goal(2, 60))
+    for _ in range(5):
+        assert navigator.tick().outcome is Status.NO_PATH
+    navigator.tick(deadline=clock.now + 0.5)
+    assert [str(each) for each in asked] == ["None"] * 6 + ["corridor"]
+
+
 @pytest.mark.parametrize(
     ("cell", "status"), [((18, 13), "OK"), ((17, 13), "START_BLOCKED"), ((17, 12), "START_BLOCKED")]
 )

@@ -222,6 +222,21 @@ def test_a_change_outside_its_window_is_not_shown_to_a_network_and_one_inside_is
         np.testing.assert_allclose(view.planes, new.planes, atol=1e-6)
 
 
+def test_how_much_has_changed_counts_by_the_window_not_by_the_map():
+    network = watched_network()
+    cost = np.random.default_rng(7).random((1400, 1400)).astype(np.float32) * np.float32(0.3)
+    state = state_of(cost)
+    view = MapView(state, network, UNSEEN_CHANGE)
+    ends = ((220, 120), (260, 160))
+    view.show(*ends)
+    side = view.window[2] // 2
+    assert side**2 < 0.5 * UNSEEN_CHANGE * cost.size
+    state.update(view.window[0], view.window[1], np.full((side, side), 0.99, np.float32))
+    before = type(network).shown
+    view.show(*ends)
+    assert type(network).shown == before + 1
+
+
 def test_a_robot_on_its_way_keeps_its_window_while_that_serves():
     shape = (300, 1300)
     rng = np.random.default_rng(6)
