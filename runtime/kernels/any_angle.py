@@ -125,7 +125,9 @@ def weight_at(ground, row, col):
 @inlined
 def leg_between(points, i, k):
     """The leg from one way point to another."""
-    return Leg(points[i, ROW], points[i, COL], points[k, ROW], points[k, COL])
+    begin = points[i]
+    end = points[k]
+    return Leg(begin[ROW], begin[COL], end[ROW], end[COL])
 
 
 @inlined
@@ -469,8 +471,10 @@ def corners(path):
         col = path[k, COL]
         straight = False
         if 0 < k < last:
-            straight = path[k - 1, ROW] + path[k + 1, ROW] == 2 * row
-            straight = straight and path[k - 1, COL] + path[k + 1, COL] == 2 * col
+            before = path[k - 1]
+            after = path[k + 1]
+            straight = before[ROW] + after[ROW] == 2 * row
+            straight = straight and before[COL] + after[COL] == 2 * col
         if not straight:
             out[count, ROW] = row
             out[count, COL] = col

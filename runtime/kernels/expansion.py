@@ -77,9 +77,8 @@ _LOOK_EVERY = 1024
 NO_HINTS = tuple(
     Hints(np.empty((0, MOST_LANDMARKS), float32), np.empty(MOST_LANDMARKS, float32), 0.0)
 )
-NO_REGION = tuple(
-    Region(np.empty((0, 0), np.int32), np.empty(0, np.int32), np.empty(0, np.int32), 0)
-)
+_NO_BLOCKS = np.empty(0, np.int32)
+NO_REGION = tuple(Region(np.empty((0, 0), np.int32), _NO_BLOCKS, _NO_BLOCKS, 0))
 """Of a search without these: a flag, where None would compile another search."""
 BELOW = 1.0 - 1e-6
 """Nodes that promise an improvement smaller than g's rounding are left alone."""

@@ -45,6 +45,7 @@ from nnpp_edge.runtime.kernels.open_list import (
     suspend,
     taking_by,
 )
+from nnpp_edge.runtime.kernels.paths import node_on, step_to
 from nnpp_edge.runtime.kernels.poses import (
     AXIS_COUNT,
     FAILS,
@@ -90,8 +91,10 @@ from nnpp_edge.runtime.kernels.records import (
 )
 
 DIRECTION_COUNT = 16
-LEG_ROWS = (1, 2, 1, 1, 0, -1, -1, -2, -1, -2, -1, -1, 0, 1, 1, 2)
-LEG_COLS = (0, 1, 1, 2, 1, 2, 1, 1, 0, -1, -1, -2, -1, -2, -1, -1)
+_FIRST_LEGS = ((1, 0), (2, 1), (1, 1), (1, 2), (0, 1), (-1, 2), (-1, 1), (-2, 1))
+"""(rows, columns) of the first eight directions; the others lead the other way."""
+LEG_ROWS = tuple(sign * rows for sign in (1, -1) for rows, _ in _FIRST_LEGS)
+LEG_COLS = tuple(sign * cols for sign in (1, -1) for _, cols in _FIRST_LEGS)
 KNIGHT = math.sqrt(5.0) / (1.0 + math.sqrt(2.0))
 """A knight's leg over a straight and a diagonal one."""
 LEG = 0
@@ -700,8 +703,9 @@ def walk_states(poses, edges, prices, path, first, costs):
     if first == 0:
         costs[:1] = 0.0
     for n in range(max(first, 1), len(path)):
-        k = _direction_of(path[n, ROW] - path[n - 1, ROW], path[n, COL] - path[n - 1, COL])
-        node = (path[n - 1, ROW] + 1) * stride + path[n - 1, COL] + 1
+        down, right = step_to(path, n)
+        k = _direction_of(down, right)
+        node = node_on(path, n - 1, stride)
         if n == first:  # the leg before: only its direction counts
             before = k
             costs[n] = 0.0
@@ -711,7 +715,7 @@ def walk_states(poses, edges, prices, path, first, costs):
             if turn == inf:
                 return n
             total += turn if n > first + 1 else 0.0
-        at = node if k < AXIS_COUNT else (path[n, ROW] + 1) * stride + path[n, COL] + 1
+        at = node if k < AXIS_COUNT else node_on(path, n, stride)
         code = _checked_code(poses, at, k & _AXIS_MASK)
         if code >= FAILS:
             return n
@@ -740,14 +744,15 @@ def walk_primitives(poses, edges, prices, path, first, costs):
     costs[first : first + 1] = 0.0
     for n in range(first + 1, len(path)):
         local = path[n - 1, STATE]
-        node = (path[n - 1, ROW] + 1) * stride + path[n - 1, COL] + 1
-        across = (path[n, ROW] + 1) * stride + path[n, COL] + 1
+        node = node_on(path, n - 1, stride)
+        across = node_on(path, n, stride)
+        down, right = step_to(path, n)
         step = inf
         for way in range(prices.moves.shape[1]):
             move = prices.moves[local, way]
             leads = move[TO] == path[n, STATE]
-            leads &= move[DOWN] == path[n, ROW] - path[n - 1, ROW]
-            leads &= move[RIGHT] == path[n, COL] - path[n - 1, COL]
+            leads &= move[DOWN] == down
+            leads &= move[RIGHT] == right
             if leads:
                 on = across if move[THERE] else node
                 code = _checked_code(poses, on, int64(move[MOTION]))

@@ -5,14 +5,22 @@ them.
 from numpy import float64, inf, int64
 
 from nnpp_edge.runtime.compiled.kernel import inlined, kernel
-from nnpp_edge.runtime.kernels.nodes import beside_wall, octile, step_cost
+from nnpp_edge.runtime.kernels.nodes import COL, ROW, beside_wall, octile, step_cost
 from nnpp_edge.runtime.kernels.records import Grid, StepTerms
 
 
 @inlined
-def _step_to(path, n):
+def step_to(path, n):
     """Rows and columns from the cell before to cell n of a path."""
-    return path[n, 0] - path[n - 1, 0], path[n, 1] - path[n - 1, 1]
+    here = path[n]
+    before = path[n - 1]
+    return here[ROW] - before[ROW], here[COL] - before[COL]
+
+
+@inlined
+def node_on(path, n, stride):
+    """The node of cell n of a path."""
+    return (path[n, ROW] + 1) * stride + path[n, COL] + 1
 
 
 @kernel
@@ -27,10 +35,10 @@ def measure(weights, stride, path):
     total = 0.0
     before = 0.0
     for n in range(len(path)):
-        weight = float64(weights[(path[n, 0] + 1) * stride + path[n, 1] + 1])
+        weight = float64(weights[node_on(path, n, stride)])
         total += weight
         if n > 0:
-            down, right = _step_to(path, n)
+            down, right = step_to(path, n)
             if down != 0 and right != 0:
                 diagonal += 1
                 by_diagonal += before + weight
@@ -99,11 +107,11 @@ def walk(grid, path, first, costs):
     stride = grid.stride
     total = 0.0
     for n in range(first, len(path)):
-        node = (path[n, 0] + 1) * stride + path[n, 1] + 1
+        node = node_on(path, n, stride)
         if weights[node] == inf:
             return n
         if n > first:
-            down, right = _step_to(path, n)
+            down, right = step_to(path, n)
             diagonal = down != 0 and right != 0
             before = node - down * stride - right
             checked = diagonal and not grid.corner_cutting

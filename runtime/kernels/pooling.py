@@ -156,10 +156,13 @@ def _pool_row(fine, first, stride, n, out):
     r3 = fine[first + stride : first + stride + wide]
     for col in range(n):
         c = uint64(FACTOR * col)
+        at1 = c + _1
+        at2 = c + _2
+        at3 = c + _3
         c0 = r0[c] + r1[c] + r2[c] + r3[c]
-        c1 = r0[c + _1] + r1[c + _1] + r2[c + _1] + r3[c + _1]
-        c2 = r0[c + _2] + r1[c + _2] + r2[c + _2] + r3[c + _2]
-        c3 = r0[c + _3] + r1[c + _3] + r2[c + _3] + r3[c + _3]
+        c1 = r0[at1] + r1[at1] + r2[at1] + r3[at1]
+        c2 = r0[at2] + r1[at2] + r2[at2] + r3[at2]
+        c3 = r0[at3] + r1[at3] + r2[at3] + r3[at3]
         out[col] = ((c0 + c1) + (c2 + c3)) * _SIXTEENTH
 
 
@@ -175,7 +178,8 @@ def _common_below(fine, row, col, stride):
     common = fine[first]
     for i in range(FACTOR):
         at = first + uint64(i * stride)
-        common &= fine[at] & fine[at + _1] & fine[at + _2] & fine[at + _3]
+        first_two = fine[at] & fine[at + _1]
+        common &= first_two & fine[at + _2] & fine[at + _3]
     return common
 
 
@@ -324,7 +328,9 @@ def _link_free_row(pieces, first, stride, n, links):
     b2 = pieces[bottom + 1 : bottom + 1 + n]
     out = links[first : first + n]
     for c in range(n):
-        every = t0[c] & t1[c] & t2[c] & m0[c] & m1[c] & m2[c] & b0[c] & b1[c] & b2[c]
+        every = t0[c] & t1[c] & t2[c]
+        every &= m0[c] & m1[c] & m2[c]
+        every &= b0[c] & b1[c] & b2[c]
         out[c] = _EVERY_WAY if every == _WHOLE else uint8(0)
 
 

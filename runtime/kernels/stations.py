@@ -217,7 +217,8 @@ def _evenly(points, spacing):
     out = even.copy()
     for m in range(1, count - 1):
         for side in (ROW, COL):
-            out[m, side] = (even[m - 1, side] + even[m, side] + even[m + 1, side]) / 3.0
+            two = even[m - 1, side] + even[m, side]
+            out[m, side] = (two + even[m + 1, side]) / 3.0
     return out
 
 
@@ -245,7 +246,9 @@ def _put_places(ground, stations, stage, places):
 def _extent(across, k):
     """Least and greatest coordinate of the outermost places of a station and the one before it."""
     last = across.shape[1] - 1
-    ends = (across[k - 1, 0], across[k - 1, last], across[k, 0], across[k, last])
+    before = across[k - 1]
+    here = across[k]
+    ends = (before[0], before[last], here[0], here[last])
     return min(*ends), max(*ends)
 
 
@@ -348,7 +351,9 @@ def _choose(ground, places, k, legs, wary, near, costs, before):
             checked = wary
             for passed in range(min(i, j), max(i, j) + 1):
                 checked = checked or near[passed] > 0.0
-            leg = Leg(rows[k - 1, i], cols[k - 1, i], rows[k, j], cols[k, j])
+            before_row = rows[k - 1, i]
+            before_col = cols[k - 1, i]
+            leg = Leg(before_row, before_col, rows[k, j], cols[k, j])
             if not checked or is_clear(ground, leg):
                 costs[k, j] = least
                 before[k, j] = i

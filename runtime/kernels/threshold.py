@@ -40,7 +40,9 @@ def _towards(n: int) -> list[int]:
     """The eight directions, those that lead most towards row n // 3 - 1 and column n % 3 - 1
     last.
     """
-    return sorted(range(8), key=lambda k: ROW_STEP[k] * (n // 3 - 1) + COL_STEP[k] * (n % 3 - 1))
+    down = n // 3 - 1
+    right = n % 3 - 1
+    return sorted(range(8), key=lambda k: ROW_STEP[k] * down + COL_STEP[k] * right)
 
 
 TOWARDS = np.array([_towards(n) for n in range(9)], int8)
