@@ -14,7 +14,6 @@ from nnpp_edge.runtime import (
     Goal,
     Loop,
     Navigator,
-    NavigatorSettings,
     PathMessage,
     Planner,
     Pose,
@@ -299,9 +298,13 @@ def _connected(
 
 def _navigator(scene: Scene, settings: SimulationSettings) -> Navigator:
     """A navigator on the robot's first map, in a process that has loaded all it needs."""
-    planning = NavigatorSettings(method=settings.method, model=settings.model)
-    first = Navigator(scene.ground.robot.ground(scene.told), planning)
+
+    def navigator() -> Navigator:
+        ground = scene.ground.robot.ground(scene.told)
+        return Navigator(ground, settings.method, model=settings.model)
+
+    first = navigator()
     first.offer(Pose(*scene.robot))
     first.offer(Goal(*scene.goal))
     first.tick()
-    return Navigator(scene.ground.robot.ground(scene.told), planning)
+    return navigator()

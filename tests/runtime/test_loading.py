@@ -11,7 +11,7 @@ import weakref
 import numpy as np
 import pytest
 
-from nnpp_edge.runtime import Ground, Navigator, NavigatorSettings, NetworkModel, Planner, plan_path
+from nnpp_edge.runtime import Ground, Navigator, NetworkModel, Planner, plan_path
 from nnpp_edge.runtime.errors import ModelError
 from nnpp_edge.runtime.loop import navigator
 from nnpp_edge.runtime.network import loading
@@ -104,7 +104,7 @@ def test_only_what_will_be_asked_begins_to_load_ahead(fresh_model, monkeypatch):
     monkeypatch.setattr(navigator, "begin_loading", begun.append)
     for method in ("auto", "dstar", "corridor-dstar", "nnpp", "nnpp-dstar"):
         begun.clear()
-        Navigator(Ground(COST), NavigatorSettings(method=method, model=fresh_model))
+        Navigator(Ground(COST), method=method, model=fresh_model)
         assert begun == [fresh_model] * method.startswith("nnpp")
 
 
