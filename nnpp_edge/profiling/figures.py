@@ -8,7 +8,16 @@ from collections.abc import Sequence
 import numpy as np
 
 from nnpp_edge.profiling.arrivals import patch_side
-from nnpp_edge.profiling.contest import Facts, Summary, answer, mean, quantile, ratio, summarised
+from nnpp_edge.profiling.contest import (
+    Columns,
+    Facts,
+    Summary,
+    answer,
+    mean,
+    quantile,
+    ratio,
+    summarised,
+)
 from nnpp_edge.profiling.measure import HALVES, Answers, Run, WorkloadRun
 from nnpp_edge.profiling.profile_file import OnboardLoop
 from nnpp_edge.profiling.rivals import EXACT
@@ -20,6 +29,11 @@ PAIRS = (("corridor", "astar"), ("nnpp", "astar"), ("nnpp", "corridor"))
 """Who might pay over whom."""
 
 
+def _cc_excess(columns: Columns) -> float | None:
+    share = ratio("cc", "exact_cc")(columns)
+    return None if share is None else share - 1.0
+
+
 _ANSWERS: Summary = {
     "n": lambda columns: len(columns["time_ms"]),
     "speedup_median": quantile("speedup", 0.5),
@@ -27,9 +41,7 @@ _ANSWERS: Summary = {
     "gap_mean": mean("gap"),
     "gap_p99": quantile("gap", 0.99),
     "gap_max": quantile("gap", 1.0),
-    "cc_excess": lambda columns: (
-        None if (share := ratio("cc", "exact_cc")(columns)) is None else share - 1.0
-    ),
+    "cc_excess": _cc_excess,
     "success_first": mean("first"),
     "success": mean("solved"),
     "expansions_median": quantile("expansions", 0.5),
@@ -45,13 +57,6 @@ def stages_of(results: Sequence[Facts]) -> list[str]:
     """The stages of all rows, in the order of work."""
     found = {stage for row in results for stage in row["stages_ms"]}
     return [*(stage for stage in STAGES if stage in found), *sorted(found - set(STAGES))]
-
-
-def find(results: Sequence[Facts], workload: str, size: int, planner: str) -> Facts | None:
-    place = (workload, size, planner)
-    return next(
-        (row for row in results if (row["workload"], row["size"], row["planner"]) == place), None
-    )
 
 
 def loop_rows(run: Run, loop: OnboardLoop) -> list[Facts]:

@@ -3,7 +3,9 @@
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 
-from nnpp_edge.profiling.contest import Facts
+from msgspec.structs import asdict, replace
+
+from nnpp_edge.profiling.contest import PLACE, Facts
 from nnpp_edge.profiling.profile_file import LOOP, QUANTITIES, Budget, Profile
 from nnpp_edge.profiling.sensors import Throttling
 
@@ -56,19 +58,19 @@ def judged(
     What passes on a throttled processor passes; what is missed there is missed only where it would
     be at the full clock, too, and else ``throttled``.
     """
-    rows = {(row["workload"], row["size"], row["planner"]): row for row in results}
-    rows |= {(row["workload"], row["size"], LOOP): row for row in loop}
+    rows = {PLACE(row): row for row in [*results, *({**row, "planner": LOOP} for row in loop)]}
     lines = []
     for budget in profile.budgets:
         name = budget.quantity
         if QUANTITIES[name].whole_run:
             figure = whole_run.get(name, {}).get(budget.planner)
-            lines.append(_line(budget, None, None, figure, None, noise))
+            lines.append(_line(replace(budget, workload=None, size=None), figure, None, noise))
             continue
         for workload, size in profile.places(budget):
             row = rows.get((workload, size, budget.planner), {"halves": {}})
+            at = replace(budget, workload=workload, size=size)
             halves = row["halves"].get(QUANTITIES[name].basis)
-            lines.append(_line(budget, workload, size, _value(row, name), halves, noise))
+            lines.append(_line(at, _value(row, name), halves, noise))
     return lines
 
 
@@ -112,34 +114,17 @@ def summary(ending: str, lines: Sequence[Facts], noise: str) -> str:
 
 
 def _line(
-    budget: Budget,
-    workload: str | None,
-    size: int | None,
+    at: Budget,
     figure: float | None,
     halves: Sequence[float] | None,
     noise: Noise,
 ) -> Facts:
-    """A budget's line at one place, by a report's figure and the medians of both halves."""
-    value = None
-    if figure is None:
+    """The line of a budget at one place, by a report's figure and the medians of both halves."""
+    value = None if figure is None else QUANTITIES[at.quantity].scale * figure
+    if value is None:
         halves = None
-    else:
-        value = QUANTITIES[budget.quantity].scale * figure
-    state, why = _verdict(budget, value, halves, noise)
-    return {
-        "name": budget.name,
-        "quantity": budget.quantity,
-        "planner": budget.planner,
-        "workload": workload,
-        "size": size,
-        "direction": budget.direction,
-        "limit": budget.limit,
-        "unit": budget.unit,
-        "value": value,
-        "halves": halves,
-        "verdict": state,
-        "why": why,
-    }
+    state, why = _verdict(at, value, halves, noise)
+    return asdict(at) | {"value": value, "halves": halves, "verdict": state, "why": why}
 
 
 def _value(row: Facts, quantity: str) -> float | None:
