@@ -23,9 +23,10 @@ from nnpp_edge.runtime.arrays import Cells, Float2D
 from nnpp_edge.runtime.cells import Cell, Endpoints
 from nnpp_edge.runtime.errors import InvalidQueryError
 from nnpp_edge.runtime.loop.connections import Recorder
-from nnpp_edge.runtime.loop.timing import Histogram, rss_bytes
+from nnpp_edge.runtime.loop.timing import Histogram
 from nnpp_edge.runtime.map.along import Line
 from nnpp_edge.runtime.map.state import MapState
+from nnpp_edge.runtime.memory import rss_bytes
 from nnpp_edge.runtime.planners.plan import Plan
 from nnpp_edge.simulation.scene import Scene, SurveyedGround
 from nnpp_edge.terrain.labels import random_query

@@ -17,6 +17,7 @@ from typing import NamedTuple
 
 from nnpp_edge.runtime.errors import Status
 from nnpp_edge.runtime.loop.messages import Origin, PathMessage
+from nnpp_edge.runtime.loop.workers import CountError
 from nnpp_edge.runtime.planners.dynamic import DynamicPlanner
 from nnpp_edge.runtime.planners.plan import DynamicMethod, Plan
 from nnpp_edge.runtime.planners.standing_path import Standing
@@ -96,7 +97,7 @@ class Ladder:
         planner: DynamicPlanner,
         update_map: Callable[[], int],
         tolerance: float,
-        count_error: Callable[[str], None],
+        count_error: CountError,
     ) -> None:
         self._planner = planner
         self._update_map = update_map

@@ -10,9 +10,8 @@ from contextlib import contextmanager
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
-from nnpp_edge.runtime.arrays import Float2D
+from nnpp_edge.runtime.arrays import Float2D, Mask
 from nnpp_edge.runtime.cells import Cell, Rectangle, common, enclosing, slices
 from nnpp_edge.runtime.loop.messages import MapPatch
 from nnpp_edge.runtime.map.state import MapState
@@ -29,7 +28,7 @@ class Waiting(NamedTuple):
     part: Rectangle
     values: Float2D
     """(h, w) metres or costs."""
-    seen: NDArray[np.bool_] | None
+    seen: Mask | None
     """(h, w) the cells that get new values; None for all."""
     patches: int = 1
     """So many it was made of."""

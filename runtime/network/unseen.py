@@ -10,7 +10,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from nnpp_edge.runtime.arrays import Float2D
+from nnpp_edge.runtime.arrays import Float2D, Planes
 from nnpp_edge.runtime.terrain.traversability import Traversability
 from nnpp_edge.runtime.tuning import BLOCKED_PRICES, SlopePrice
 
@@ -50,7 +50,7 @@ def encode_unseen(
     limits: Traversability,
     sides_m: tuple[float, float],
     factor: int,
-    out: NDArray[np.float32],
+    out: Planes,
 ) -> None:
     """Show a window of a coarse map: the channels of each block into `out`, (12, H, W) float32; 0
     where unknown.
@@ -68,12 +68,9 @@ def encode_unseen(
     edged = np.pad(filled, 1, mode="edge")
     there = np.pad(known, 1)
     middle = slice(1, -1)
-    sides = [
-        (slice(2, None), middle),
-        (slice(None, -2), middle),
-        (middle, slice(2, None)),
-        (middle, slice(None, -2)),
-    ]
+    after = slice(2, None)
+    before = slice(None, -2)
+    sides = [(after, middle), (before, middle), (middle, after), (middle, before)]
     by_side = (side_m / np.repeat(sides_m, 2)).astype(np.float32)
     steps = [(edged[side] - filled) * by for side, by in zip(sides, by_side, strict=True)]
     rises = [step * there[side] for side, step in zip(sides, steps, strict=True)]
@@ -90,8 +87,6 @@ def encode_unseen(
         _soft(4.0 * (height - near)),
         _soft(2.0 * (near - wide)),
         _soft(wide - far),
-    ]
-    planes += [
         np.minimum(slope / math.radians(limits.slope_limit_deg), 2.0) / 2.0,
         _soft(step),
         blocked,
@@ -108,7 +103,7 @@ def encode_unseen(
     out[len(planes) :] = np.multiply.outer(np.array(constants, np.float32), known)
 
 
-def prices_of(answers: NDArray[np.float32]) -> Float2D:
+def prices_of(answers: Planes) -> Float2D:
     """Prices, (H, W) float32, by a network's answers (3, H, W)."""
     by_share, by_chance = BLOCKED_PRICES
     price: Float2D = (

@@ -17,7 +17,6 @@ from pathlib import Path
 from typing import IO
 
 import numpy as np
-from numpy.typing import NDArray
 
 from nnpp_edge.files import open_new
 from nnpp_edge.robot.transports.wiring import Setup
@@ -29,6 +28,7 @@ from nnpp_edge.ros.messages import (
     pose_message,
     string_message,
 )
+from nnpp_edge.runtime.arrays import Cells
 from nnpp_edge.runtime.errors import OutputError, optional_module
 from nnpp_edge.runtime.loop.messages import Goal, Input, Output, PathMessage, Pose
 from nnpp_edge.runtime.map.state import MapState
@@ -83,7 +83,7 @@ class McapLog:
         self._state = state
         self._cell = 1.0 if state.sides_m is None else state.sides_m[0]
         self._lock = threading.Lock()
-        self._last_path: NDArray[np.int32] | None = None
+        self._last_path: Cells | None = None
         self._heights_came = False
         self.lost = 0
         """Messages that were not written because the log had stopped."""
@@ -212,7 +212,7 @@ class McapLog:
                     stream.close()
 
 
-def _is_rest(path: NDArray[np.int32], before: NDArray[np.int32] | None) -> bool:
+def _is_rest(path: Cells, before: Cells | None) -> bool:
     """Whether a path is the end of the one before."""
     if before is None or len(path) > len(before):
         return False

@@ -33,7 +33,7 @@ from nnpp_edge.runtime.errors import InvalidQueryError, OutputError
 from nnpp_edge.runtime.loop.connections import InputSource, Recorder
 from nnpp_edge.runtime.loop.ladder import one_line
 from nnpp_edge.runtime.loop.messages import Input, MapPatch
-from nnpp_edge.runtime.loop.workers import Guard, Queue, WhenFull, Worker
+from nnpp_edge.runtime.loop.workers import CountError, Guard, Queue, WhenFull, Worker
 from nnpp_edge.runtime.reading import refused_as
 
 _LOG = logging.getLogger(__name__)
@@ -209,7 +209,7 @@ class RecordedSource:
         self,
         source: InputSource,
         recorders: Sequence[Recorder],
-        count_error: Callable[[str], None],
+        count_error: CountError,
         *,
         wait: bool = False,
     ) -> None:
