@@ -100,40 +100,37 @@ class McapLog:
     def record(self, message: Input, at_s: float = 0.0) -> None:
         """Write an input. Never raises an OSError."""
         stamp = time.time_ns()
+        as_ros = (self._cell, stamp)
         with self._lock:
             if isinstance(message, Pose):
-                self._write(
-                    "/pose", stamp, pose_message(message.row, message.col, self._cell, stamp)
-                )
+                data = pose_message(message.row, message.col, *as_ros)
+                self._write("/pose", stamp, data)
             elif isinstance(message, Goal):
-                data = pose_message(message.row + 0.5, message.col + 0.5, self._cell, stamp)
+                data = pose_message(message.row + 0.5, message.col + 0.5, *as_ros)
                 self._write("/goal", stamp, data)
-            elif message.cost is not None:
-                data = grid_message(message.cost, (message.row, message.col), self._cell, stamp)
-                self._write("/map_patch", stamp, data)
-            elif message.elevation is not None:
-                data = heights_message(
-                    message.elevation, (message.row, message.col), self._cell, stamp
-                )
-                self._write("/elevation_patch", stamp, data)
-                self._heights_came = True
+            else:
+                of_heights = message.cost is None
+                write = heights_message if of_heights else grid_message
+                data = write(message.values, (message.row, message.col), *as_ros)
+                self._write("/elevation_patch" if of_heights else "/map_patch", stamp, data)
+                self._heights_came |= of_heights
             self._tidy()
 
     def publish(self, message: Output) -> None:
         """Write an answer. Never raises an OSError."""
         now = time.time_ns()
         with self._lock:
+            answer = message.summary()
             if isinstance(message, PathMessage):
-                answer = message.summary() | {"path": len(message.path)}
+                answer["path"] = len(message.path)
                 del answer["headings_deg"]
-                self._write("/answer", now, string_message(json.dumps(answer)))
+            topic = "/answer" if isinstance(message, PathMessage) else "/status"
+            self._write(topic, now, string_message(json.dumps(answer)))
+            if isinstance(message, PathMessage):
                 if not _is_rest(message.path, self._last_path):
-                    self._write(
-                        "/path", now, path_message(message.path, self._cell, now, message.headings)
-                    )
+                    data = path_message(message.path, self._cell, now, message.headings)
+                    self._write("/path", now, data)
                 self._last_path = message.path
-            else:
-                self._write("/status", now, string_message(json.dumps(message.summary())))
             self._tidy()
 
     def close(self) -> None:
@@ -214,6 +211,6 @@ class McapLog:
 
 def _is_rest(path: Cells, before: Cells | None) -> bool:
     """Whether a path is the end of the one before."""
-    if before is None or len(path) > len(before):
+    if before is None or (len(before) and not len(path)):
         return False
-    return np.array_equal(path, before[-len(path) :]) if len(path) else len(before) == 0
+    return np.array_equal(path, before[-len(path) :])

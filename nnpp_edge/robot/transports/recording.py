@@ -102,14 +102,14 @@ class ReplaySource:
             self._began = now
         due = now - self._began
         if self._fast and self._next is not None:
-            due = self._next[0]
+            due, _ = self._next
         while self._next is not None and self._next[0] <= due:
-            message = self._next[1]
+            _, message = self._next
+            self._next = None
             try:
                 self._next = next(self._rest, None)
             except Exception as error:  # it is another file by now
                 self.failure = one_line(error)
-                self._next = None
             yield message
 
     def close(self) -> None:

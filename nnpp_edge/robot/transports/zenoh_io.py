@@ -74,11 +74,8 @@ class ZenohLink:
 
     def close(self) -> None:
         """End the session, within a second."""
-        thread = threading.Thread(
-            target=self.session.close,
-            name="nnpp-edge zenoh close",
-            daemon=True,
-        )
+        name = "nnpp-edge zenoh close"
+        thread = threading.Thread(target=self.session.close, name=name, daemon=True)
         thread.start()
         thread.join(_PATIENCE_S)
 
