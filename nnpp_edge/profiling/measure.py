@@ -55,10 +55,14 @@ class Answers:
     energy_mj: list[float] = field(default_factory=list)
     """Of every call of both halves; NaN where the kernel does not tell."""
 
-    def column(self, name: str, half: int | None = None) -> Floats:
-        """A figure of each query that it was measured of: of one half, or the mean of both."""
-        halves = [[row[name] for row in rows if name in row] for rows in self.figures]
-        return np.mean(halves, axis=0) if half is None else np.array(halves[half])
+    def halves(self, name: str) -> Floats:
+        """(2, N) a figure of each query that it was measured of, in both halves."""
+        return np.array([[row[name] for row in rows if name in row] for rows in self.figures])
+
+    def column(self, name: str) -> Floats:
+        """(N,) the means of both halves."""
+        means: Floats = self.halves(name).mean(0)
+        return means
 
     def add(self, record: Record[Endpoints, Plan], half: int) -> None:
         """Count a query's calls in one half. Plans are the same in both, so the first

@@ -112,7 +112,7 @@ def opened(path: Path, threads: int | None = None) -> tuple[LoadedModel, bool]:
     return loaded, waited
 
 
-def begin_loading(model: object, threads: int | None = None) -> None:
+def begin_loading(model: object) -> None:
     """Open the file of a model, by its name or path, in the background. Whoever asks for it
     meanwhile waits for it.
 
@@ -121,13 +121,13 @@ def begin_loading(model: object, threads: int | None = None) -> None:
 
     def load() -> None:
         with suppress(Exception):
-            opened(path, threads)
+            opened(path)
 
     if not isinstance(model, str | Path):
         return
     with suppress(NnppEdgeError, RuntimeError):  # the latter where no thread can be started
         path = model_path(model)
-        if _key(path, threads) not in _open:
+        if _key(path, None) not in _open:
             # no daemon: a process that ends in the middle of an import of onnxruntime may crash
             threading.Thread(target=load, name="load a model").start()
 

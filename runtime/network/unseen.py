@@ -67,20 +67,12 @@ def encode_unseen(
     filled = np.where(known > 0.0, height, near)
     edged = np.pad(filled, 1, mode="edge")
     there = np.pad(known, 1)
-    middle = slice(1, -1)
-    after = slice(2, None)
-    before = slice(None, -2)
-    sides = [(after, middle), (before, middle), (middle, after), (middle, before)]
-    by_side = (side_m / np.repeat(sides_m, 2)).astype(np.float32)
-    steps = [(edged[side] - filled) * by for side, by in zip(sides, by_side, strict=True)]
-    rises = [step * there[side] for side, step in zip(sides, steps, strict=True)]
-    down, across = (
-        (rises[a] - rises[a + 1]) / np.maximum(there[sides[a]] + there[sides[a + 1]], 1.0)
-        for a in (0, 2)
-    )
+    by_row, by_col = (np.float32(side_m / side) for side in sides_m)
+    down, step_down = _rises(edged, there, by_row)
+    across, step_across = (each.T for each in _rises(edged.T, there.T, by_col))
+    step = np.maximum(step_down, step_across)
     slope = np.arctan(np.sqrt(down * down + across * across) * np.float32(tangent))
     blocked = expected_by_slope(slope, limits, factor)[1]
-    step = np.abs(steps).max(0)
     planes = [
         _soft(across),
         _soft(down),
@@ -101,6 +93,17 @@ def encode_unseen(
         cell / (1.0 + cell),
     )
     out[len(planes) :] = np.multiply.outer(np.array(constants, np.float32), known)
+
+
+def _rises(edged: Float2D, there: Float2D, by: np.float32) -> tuple[Float2D, Float2D]:
+    """Mean rise from row to row over the neighbours that are there, and the greater step to one of
+    the two; of a map with a border.
+    """
+    steps = np.diff(edged[:, 1:-1], axis=0) * by
+    after = there[2:, 1:-1]
+    before = there[:-2, 1:-1]
+    rise = (steps[1:] * after + steps[:-1] * before) / np.maximum(after + before, 1.0)
+    return rise, np.maximum(np.abs(steps[1:]), np.abs(steps[:-1]))
 
 
 def prices_of(answers: Planes) -> Float2D:

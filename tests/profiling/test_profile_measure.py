@@ -172,8 +172,8 @@ def test_maps_and_patches_that_have_just_arrived_are_measured_of_whom_it_was_ask
             if asked:
                 assert 0.0 < row[key]["median"] <= row[key]["p99"] <= row[key]["max"]
                 assert len(row["halves"][basis]) == 2
-    for of, half in product(measured[0].workloads, (0, 1)):
-        assert len(of.answers["nnpp"].column("map_ms", half)) == 12, "each judged query"
+    for of in measured[0].workloads:
+        assert of.answers["nnpp"].halves("map_ms").shape == (2, 12), "each judged query"
 
 
 def test_the_loop_answers_every_patch_with_a_checked_path(measured):
@@ -218,7 +218,7 @@ def test_each_call_on_a_vehicles_map_is_that_of_a_planner_that_has_checked_nothi
             assert plan.cost == pytest.approx(answer.cost, rel=1e-5)
             assert plan.checks == answer.checks  # in the last of all repeats, too
             assert (plan.checks > 0) == (of.workload != "soft")
-        assert len(of.answers["corridor"].column("map_ms", 0)) == 3
+        assert len(of.answers["corridor"].halves("map_ms")[0]) == 3
     (reacting,) = (of for of in found.workloads if of.reactions)
     assert reacting.workload == "body" and len(reacting.reactions[0].ms) == 6
     gaps = {row["planner"]: row["gap_mean"] for row in rows(found) if row["workload"] == "body"}

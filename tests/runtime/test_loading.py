@@ -109,7 +109,8 @@ def test_only_what_will_be_asked_begins_to_load_ahead(fresh_model, monkeypatch):
 
 
 FORK = """
-import os, signal, sys, time
+import os, signal, sys, threading, time
+from pathlib import Path
 import numpy as np
 from nnpp_edge.runtime import NetworkModel
 from nnpp_edge.runtime.network import loading
@@ -127,7 +128,7 @@ def answer(network):
 model = sys.argv[1]
 for way in ("while it loads", "its own", "dropped"):
     if way == "while it loads":
-        loading.begin_loading(model, threads=2)
+        threading.Thread(target=loading.opened, args=(Path(model), 2)).start()
         time.sleep(0.05)
     else:
         network = NetworkModel(model, threads=2)

@@ -12,7 +12,7 @@ from nnpp_edge.robot.transports.recording import RecordedSource, RecordingFile
 from nnpp_edge.robot.transports.wiring import Setup, Wiring
 from nnpp_edge.runtime.errors import NnppEdgeError
 from nnpp_edge.runtime.exercises import exercise
-from nnpp_edge.runtime.loop.connections import Incoming, InputSource, Recorder, Sink
+from nnpp_edge.runtime.loop.connections import Incoming, Recorder, Sink
 from nnpp_edge.runtime.loop.messages import Counters, PathMessage
 from nnpp_edge.runtime.loop.navigator import Navigator
 from nnpp_edge.runtime.loop.runner import Loop, handling_signals
@@ -66,13 +66,12 @@ def run(
         sinks = [each for each in others if isinstance(each, Sink)]
         recorders = [each for each in others if isinstance(each, Recorder)]
         for each in recorders:
-            if isinstance(each, RecordingFile | McapLog):
-                kind = "recording" if isinstance(each, RecordingFile) else "log"
-                report(f"{kind}: {each.path}")
-        feed: InputSource = source
-        if recorders:
-            recorded = RecordedSource(source, recorders, navigator.count_error, wait=wiring.fast)
-            feed = stack.enter_context(closing(recorded))
+            if isinstance(each, RecordingFile):
+                report(f"recording: {each.path}")
+            if isinstance(each, McapLog):
+                report(f"log: {each.path}")
+        recorded = RecordedSource(source, recorders, navigator.count_error, wait=wiring.fast)
+        feed = stack.enter_context(closing(recorded))
 
         def after_tick(message: PathMessage) -> None:
             notifier.alive()
