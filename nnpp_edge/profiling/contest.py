@@ -156,7 +156,7 @@ def summarised(rows: Iterable[Row], summary: Summary) -> Figures:
 
 
 def of(name: str, reduce: Callable[[list[float]], np.floating]) -> Figure:
-    """A figure of one column; None where it is empty."""
+    """Reduces a column to a figure; None where it is empty."""
     return lambda columns: float(reduce(columns[name])) if columns[name] else None
 
 

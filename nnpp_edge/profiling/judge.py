@@ -26,8 +26,8 @@ MOST_DISTURBED = 0.10
 may take.
 """
 _BEYOND_DOUBT = 1.25
-"""In a noisy or throttled run a budget is missed where it would be by this factor with all the lost
-time back.
+"""In a noisy or throttled run a budget counts as missed where it would be missed by this factor
+even without the time that was lost.
 """
 _TEN_TIMES = 10.0
 """In a noisy run a budget is kept where it is by this factor."""
@@ -55,8 +55,8 @@ def judged(
     """A line for each budget, at each workload and size that it is set for, by the rows of
     `figures`.
 
-    What passes on a throttled processor passes; what is missed there is missed only where it would
-    be at the full clock, too, and else ``throttled``.
+    A budget that passes on a throttled processor passes. One that is missed there counts as missed
+    only if it would be missed at the full clock too; else it is ``throttled``.
     """
     rows = {PLACE(row): row for row in [*results, *({**row, "planner": LOOP} for row in loop)]}
     lines = []
@@ -75,8 +75,8 @@ def judged(
 
 
 def verdict(lines: Sequence[Facts], noise: Noise) -> str:
-    """Of the whole run: missed, noisy (or not measured) or throttled if any budget is, in this
-    order, else met.
+    """The verdict on the whole run: the first of missed, noisy (also for not measured) and
+    throttled that any budget has, else met.
     """
     states = {line["verdict"] for line in lines}
     if FAIL in states:

@@ -1,5 +1,5 @@
-"""The machine of a run: what it is, cores to pin to, and who else keeps them busy. What Linux hides
-is None.
+"""The machine of a run: its processor and system, pinning to cores, and the load of other
+processes. None stands for what Linux does not report.
 """
 
 import math
@@ -102,8 +102,9 @@ def _version(package: str) -> str | None:
 
 @contextmanager
 def pinned(cores: Sequence[int]) -> Iterator[tuple[list[int], list[str]]]:
-    """Keep every thread of this process on these cores; gives those that it got, and warnings where
-    they are others."""
+    """Keep every thread of this process on these cores, or on others where some may not be used;
+    gives the cores in use, and a warning where they are not those wanted.
+    """
     before = os.sched_getaffinity(0)
     missing = sorted(set(cores) - before)
     spare = sorted(before - set(cores))
@@ -130,7 +131,7 @@ def _pin(cores: Sequence[int] | set[int]) -> None:
 
 
 class Disturbance:
-    """Time of others while the planners were measured, in one half of the run."""
+    """Processor time taken by others while the planners were measured, in one half of the run."""
 
     def __init__(self, cores: Sequence[int]) -> None:
         self._cores = cores
@@ -178,7 +179,7 @@ class Disturbance:
         return min(max((busy - own) / (elapsed * len(self._cores)), 0.0), 1.0)
 
     def share(self) -> float:
-        """The greater of both signs: the planners stood still, or others ran on the cores."""
+        """The greater of both shares: of waiting, and of others on the cores."""
         return max(self.waited_share(), self.others_share() or 0.0)
 
     def _clocks(self) -> np.ndarray:

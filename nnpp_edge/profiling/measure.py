@@ -65,8 +65,8 @@ class Answers:
         return means
 
     def add(self, record: Record[Endpoints, Plan], half: int) -> None:
-        """Count a query's calls in one half. Plans are the same in both, so the first
-        half's count.
+        """Add the measurements of a query in one half. Plans are the same in both halves, so only
+        those of the first are kept.
         """
         seconds, plan = record.middle()
         stages = {stage: ms for stage, ms in plan.timings_ms.items() if stage != "total"}
@@ -227,7 +227,7 @@ def _solvable(
 
 
 class _Session:
-    """Means by which all maps of a run are measured."""
+    """Measures the planners map by map, with the clock, sensors and meter of the whole run."""
 
     def __init__(
         self,
@@ -302,8 +302,8 @@ class _Session:
         of: WorkloadRun,
         half: int,
     ) -> None:
-        """Have some planners answer the queries on one map as if it had just arrived; run the loop
-        on it.
+        """Measure the profile's planners on this map as if it had just arrived, and the loop's
+        reactions where a budget asks for them.
         """
         ground = on_map.ground
         repeats = self._profile.load.repeats

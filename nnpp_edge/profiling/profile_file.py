@@ -21,7 +21,7 @@ PLANNERS = ("astar", "corridor", "nnpp", "nnpp-fp32", "auto")
 SAMPLE = "sample"
 SYNTHETIC = "synthetic"
 LOOP = "loop"
-"""Whom figures of the onboard loop belong to, in place of a planner."""
+"""Stands in place of a planner's name in figures of the onboard loop."""
 SHIPPED = Path(str(files("nnpp_edge.profiles")))
 _LARGEST = 1e9
 """Neither inf nor NaN is a number here, and products of two stay finite."""
@@ -77,7 +77,7 @@ _TABLE = {
     "prior_ms": Quantity("ms", "time", whole_run=True, of_loop=True),
     "model_mb": Quantity("MB", whole_run=True),
 }
-"""Those of one row differ in nothing but what they are of."""
+"""The quantities of one row share everything but their names."""
 QUANTITIES = {name: kind for names, kind in _TABLE.items() for name in names.split()}
 STARTS = tuple(name for name in QUANTITIES if name.startswith(("start_up", "first_tick")))
 
@@ -87,9 +87,7 @@ class ProfileError(InvalidQueryError):
 
 
 class Table(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """A table of a profile. Types are checked where it is read; what no type says, where it is
-    made.
-    """
+    """A table of a profile. msgspec checks types when it is read, `__post_init__` the rest."""
 
     def refuse_unless(self, fits: bool, key: str, wanted: str) -> None:
         """ValueError about a key's value."""
@@ -136,7 +134,7 @@ class Load(Table, frozen=True):
     """
     sizes: Annotated[tuple[_Side, ...], Meta(min_length=1)] = (256,)
     queries: _Count = 60
-    """For each workload and size."""
+    """Number of them for each workload and size."""
     repeats: _Count = 2
     """Times each planner answers each query, in each half of the run."""
     min_distance: Annotated[float, Meta(gt=0.0, le=1.0)] = 0.35
@@ -212,7 +210,7 @@ class Budget(Table, frozen=True):
     direction: str
     unit: str
     planner: str = ""
-    """By default the profile's; for what the loop does there is none but ``loop``."""
+    """By default the profile's; of quantities of the loop always ``loop``."""
     workload: str | None = None
     """None: at each of the profile's."""
     size: int | None = None
@@ -234,14 +232,14 @@ class Budget(Table, frozen=True):
 
 
 class Profile(Table, frozen=True):
-    """All that a run of `nnpp-edge profile` needs to know; the keys are those of the file but for
-    `name`.
+    """What `nnpp-edge profile` measures, where, and against which budgets; the keys are those of
+    the file, with `name` added.
     """
 
     name: str
     title: str
     planner: str = "auto"
-    """Whom a budget judges that names no planner."""
+    """The planner of budgets that name none."""
     device: Device = Device()
     load: Load = msgspec.field(default_factory=Load, name="workload")
     networks: Networks = msgspec.field(default_factory=Networks, name="model")

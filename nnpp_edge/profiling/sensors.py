@@ -116,10 +116,9 @@ def throttling(readings: Sequence[Reading], limits: Reading) -> Throttling:
     counts = [reading.throttles for reading in readings if reading.throttles is not None]
     if counts and counts[-1] > counts[0]:
         words.append(f"the processor slowed its cores {counts[-1] - counts[0]} times")
-    if not words:
-        return Throttling()
     # of the core that lacked most of its clock
-    return Throttling("; ".join(words), float(max(missing, default=1.0)))
+    share = float(max(missing, default=1.0)) if words else 0.0
+    return Throttling("; ".join(words), share)
 
 
 def sensor_facts(readings: Sequence[Reading], limits: Reading) -> Facts:

@@ -24,9 +24,7 @@ from nnpp_edge.runtime.planners.standing_path import Standing
 
 _LOG = logging.getLogger(__name__)
 _LEAST_PLANNING_S = 0.002
-"""A search gets this much time even where none is left: else a loop that is always late would never
-plan.
-"""
+"""A search gets at least this much time: else a loop that is always late would never plan."""
 _MOST_IN_VAIN = 5
 """A robot without a path stands, and each tick that ends for want of time gives the next one
 twice as long, so many times: else a search that takes longer than a tick would never end."""
@@ -83,8 +81,7 @@ class Tick:
 
 
 class Ladder:
-    """Comes to the answer of a tick whose start and goal are known and passable. Serves one thread
-    at a time.
+    """Answers a tick whose start and goal are known and passable. Serves one thread at a time.
 
     Every path is checked after `update_map` has put all patches that wait into the planner's map,
     and said how many the map has. The standing path is kept while it can cost at most `tolerance`,

@@ -203,7 +203,7 @@ class Navigator:
         return message
 
     def _answer_to(self, target: Cell, goal: Cell, tick: Tick) -> PathMessage:
-        """The ladder's answer on the way to a goal, or to what is gone to in its place."""
+        """The ladder's answer for `target`: the goal, or the place that stands in for it."""
         tick.known = replace(tick.known, goal=target, goal_moved=target != goal)
         if target != self.planner.goal:
             self.planner.set_goal(target)
@@ -232,8 +232,8 @@ class Navigator:
         return goal if before is None else before.place
 
     def _update_map(self) -> int:
-        """Put all patches that wait into the map; how many it has. What raises twice waits on, and
-        raises here.
+        """Put all waiting patches into the map; the number of patches that it has. If one fails
+        twice, they keep waiting, and its error is raised.
         """
         with self._patches.taking() as waiting:
             for one in waiting:

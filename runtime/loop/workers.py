@@ -26,8 +26,8 @@ class Guard:
     """A ``with`` block for what may fail: an `Exception` is counted, as by `count_error(place)`,
     and goes no further.
 
-    The first of a row is logged, with its traceback unless the system or a message of the package
-    says all there is to say; and when it has worked again for a while.
+    The first failure of a row is logged, with its traceback unless it is an error of the system or
+    of this package; and later that it works again, once it has for 10 s.
     """
 
     def __init__(self, who: str, place: str, count_error: CountError = lambda place: None) -> None:

@@ -50,7 +50,7 @@ DEFAULT_THREADS = 2
 KEPT = 2
 """Sessions kept without a network that uses them."""
 _ROUNDING = 1e-4
-"""How far the head's answer may lie from its graph's, which adds in another order."""
+"""Most that the head's answer may differ from its graph's, which adds in another order."""
 Shapes = dict[str, tuple[int, ...]]
 Identity = tuple[int, ...]
 """Device, inode, size and times of a file: what tells it from any other, and from what it was
@@ -233,8 +233,8 @@ def _checked_head(
 
 
 def _after_fork() -> None:
-    """In the child: open every file anew. Sessions of the parent live on, for to end their threads
-    would hang.
+    """In the child: open every file anew. Sessions of the parent are never freed here, as ending
+    their threads would hang.
     """
     for loaded in set(_open.values()):
         ctypes.pythonapi.Py_IncRef(ctypes.py_object(loaded))
