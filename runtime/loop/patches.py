@@ -133,4 +133,6 @@ def _whole(layer: list[Waiting]) -> Rectangle:
 
 def _inside(part: Rectangle, corner: Cell) -> tuple[slice, slice]:
     """Rows and columns of a rectangle in an array whose first cell is this cell of the map."""
-    return slices((part[0] - corner[0], part[1] - corner[1], *part[2:]))
+    row = part[0] - corner[0]
+    col = part[1] - corner[1]
+    return slices((row, col, *part[2:]))

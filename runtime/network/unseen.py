@@ -102,7 +102,8 @@ def _rises(edged: Float2D, there: Float2D, by: np.float32) -> tuple[Float2D, Flo
     steps = np.diff(edged[:, 1:-1], axis=0) * by
     after = there[2:, 1:-1]
     before = there[:-2, 1:-1]
-    rise = (steps[1:] * after + steps[:-1] * before) / np.maximum(after + before, 1.0)
+    over_both = steps[1:] * after + steps[:-1] * before
+    rise = over_both / np.maximum(after + before, 1.0)
     return rise, np.maximum(np.abs(steps[1:]), np.abs(steps[:-1]))
 
 
