@@ -188,7 +188,7 @@ class OnboardLoop(Table, frozen=True):
 
     def __post_init__(self) -> None:
         self.check_choice("method", tuple(DynamicMethod))
-        self.check_choice("refine", ("", "any-angle"))
+        self.refuse_unless(self.refine in ("", "any-angle"), "refine", "'any-angle' or ''")
         self.check_different("cores")
 
     def pace(self) -> Facts:
