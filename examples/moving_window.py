@@ -13,7 +13,7 @@ import numpy as np
 from drawing import ends, line, panels, relief, save
 
 from nnpp_edge.ros.maps import GridMap, MapFrame, grid_map_patch, path_poses
-from nnpp_edge.runtime import Goal, Ground, Loop, Navigator, NavigatorSettings, Pose
+from nnpp_edge.runtime import Goal, Ground, Loop, Navigator, Pose
 from nnpp_edge.terrain.dem import sample_dem
 from nnpp_edge.terrain.vehicle_files import load_vehicle
 
@@ -57,7 +57,7 @@ class Rover:
 
 (figure, axes), body = panels(len(DRAWN)), load_vehicle("large-rover")
 ground = Ground.of_elevation(np.full(TRUTH.shape, np.nan), TRUTH.cell_size_m, vehicle=body)
-rover = Rover(Navigator(ground, NavigatorSettings(approach=True)), axes)
+rover = Rover(Navigator(ground, approach=True), axes)
 counters = Loop(rover.navigator, rover, paced=False, after_tick=rover.follow).run(DRAWN[-1])
 pose = path_poses(np.array(rover.driven), FRAME)[-1]  # x, y, heading, as nav_msgs/Path wants them
 print(

@@ -4,7 +4,6 @@ from .loop.connections import InProcessSink as InProcessSink
 from .loop.connections import InProcessSource as InProcessSource
 from .loop.connections import InputSource as InputSource
 from .loop.connections import Sink as Sink
-from .loop.ladder import NavigatorSettings as NavigatorSettings
 from .loop.messages import Counters as Counters
 from .loop.messages import Goal as Goal
 from .loop.messages import InvalidMessageError as InvalidMessageError

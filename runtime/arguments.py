@@ -54,19 +54,16 @@ def _guarded(entry: Callable[..., object], error: type[NnppEdgeError]) -> Callab
         """Annotations, and types that need no second look; read at the first call, when all they
         name is there.
         """
-        given = {
-            name: hint for name, hint in inspect.get_annotations(entry).items() if name != "return"
-        }
+        given = inspect.get_annotations(entry)
+        given.pop("return", None)
         space = getattr(entry, "__globals__", None) or vars(sys.modules[entry.__module__])
         named = get_type_hints(types.SimpleNamespace(__annotations__=given), space)
-        hints = {name: named.get(name) for name in inspect.signature(entry).parameters}
-        return {
-            name: (
-                hint,
-                {*get_args(hint)} - {int} if get_origin(hint) in _UNIONS else {hint} - {int},
-            )
-            for name, hint in hints.items()
-        }
+        found = {}
+        for name in inspect.signature(entry).parameters:
+            hint = named.get(name)
+            exact = get_args(hint) if get_origin(hint) in _UNIONS else (hint,)
+            found[name] = (hint, {*exact} - {int})
+        return found
 
     @functools.wraps(entry)
     def call(*args: object, **given: object) -> object:
@@ -100,11 +97,8 @@ def _fits(value: object, hint: object) -> bool:
     if not isinstance(kind, type) or issubclass(kind, np.ndarray):
         return True
     if getattr(kind, "_is_protocol", False):
-        return all(
-            hasattr(value, name)
-            for name in vars(kind)
-            if name[0] != "_" and callable(getattr(kind, name))
-        )
+        methods = [name for name in vars(kind) if name[0] != "_" and callable(getattr(kind, name))]
+        return all(hasattr(value, name) for name in methods)
     return isinstance(value, kind)
 
 

@@ -14,6 +14,10 @@ Float2D = NDArray[np.float32]
 Floats = NDArray[np.float64]
 Cells = NDArray[np.int32]
 """(N, 2) rows and columns."""
+Planes = NDArray[np.float32]
+"""(N, H, W)."""
+Mask = NDArray[np.bool_]
+"""(H, W)."""
 Float = TypeVar("Float", np.float32, np.float64)
 
 

@@ -45,7 +45,8 @@ def exercise() -> None:
 def parts() -> list[Callable[[], None]]:
     """The parts of `exercise`, which can be done in any order."""
     network = NetworkModel("edge")
-    dem = np.cumsum(np.random.default_rng(0).normal(0.0, 0.1, (150, 24)), axis=1).astype(np.float32)
+    rises = np.random.default_rng(0).normal(0.0, 0.1, (150, 24))
+    dem = np.cumsum(rises, axis=1).astype(np.float32)
     dem[3, 4] = np.nan
     point = partial(_exercise_elevations, dem, network)
     body = partial(_exercise_elevations, dem, network, _BODY)
@@ -93,7 +94,8 @@ def _exercise_costs(network: NetworkModel) -> None:
     moving = DynamicPlanner(cost, goal, model=network)
     moving.prepare()
     for at, method in enumerate(DynamicMethod):
-        for patch in (np.full((50, 32), 0.3 + 0.02 * at, np.float32), _read_only(cost[:1, :2])):
+        large = np.full((50, 32), 0.3 + 0.02 * at, np.float32)
+        for patch in (large, _read_only(cost[:1, :2])):
             moving.move((1, 2 + at))
             moving.replan(method=method)
             moving.update(1, 4, patch)

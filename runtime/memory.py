@@ -8,6 +8,7 @@ would seem to grow.
 
 import ctypes
 import itertools
+import math
 import mmap
 import resource
 from collections.abc import Iterator
@@ -84,15 +85,15 @@ def check_planner_fits(shape: tuple[int, ...], more_per_cell: int = 0) -> None:
     search takes it where it first comes, but by huge pages, so a corridor across a map takes nearly
     all of a body's.
     """
-    if len(shape) != 2 or shape[0] * shape[1] <= _ALWAYS_FITS:
+    cells = math.prod(shape)
+    if len(shape) != 2 or cells <= _ALWAYS_FITS:
         return
-    wanted = shape[0] * shape[1] * (PLANNER_BYTES_PER_CELL + more_per_cell)
+    wanted = cells * (PLANNER_BYTES_PER_CELL + more_per_cell)
     room = available_bytes()
     if wanted > room:
         raise InvalidMapError(
             f"wanted {wanted / 1e9:.1f} GB of memory to plan on {shape[0]} × {shape[1]} cells, "
-            f"got {room / 1e9:.1f} "
-            "GB: plan on a smaller part, or with WindowedPlanner"
+            f"got {room / 1e9:.1f} GB: plan on a smaller part, or with WindowedPlanner"
         )
 
 
@@ -100,7 +101,12 @@ def peak_bytes(process: int | str = "self") -> int:
     """The most memory that a process, by its number, has held at once; 0 where the system does not
     say.
     """
-    return next((1024 * held for held in _numbers(Path(f"/proc/{process}/status"), "VmHWM:")), 0)
+    return _held_bytes(process, "VmHWM:")
+
+
+def rss_bytes() -> int:
+    """Resident memory of this process; 0 where the system does not say."""
+    return _held_bytes("self", "VmRSS:")
 
 
 def available_bytes(system: Path = Path("/")) -> int:
@@ -121,23 +127,24 @@ def _left_in_groups(system: Path) -> Iterator[int]:
     are free.
     """
     for _, kind, name in (line.split(":", 2) for line in _lines(system / "proc/self/cgroup")):
-        if kind == "":
-            root = system / "sys/fs/cgroup"
-            files = ("memory.max", "memory.current", "inactive_file ")
-        elif "memory" in kind.split(
-            ","
-        ):  # version 1; from within a container, the name may be that outside of it
-            root = system / "sys/fs/cgroup/memory"
-            names = ("memory.limit_in_bytes", "memory.usage_in_bytes")
-            files = (*names, "total_inactive_file ")
-        else:
+        root = system / "sys/fs/cgroup"
+        files = ("memory.max", "memory.current", "inactive_file ")
+        if "memory" in kind.split(","):
+            # version 1; from within a container, the name may be that outside of it
+            root /= "memory"
+            files = ("memory.limit_in_bytes", "memory.usage_in_bytes", "total_inactive_file ")
+        elif kind:
             continue
         group = root / name.lstrip("/")
         for folder in (each for each in (group, *group.parents) if each.is_relative_to(root)):
-            for limit, used in zip(
-                _numbers(folder / files[0]), _numbers(folder / files[1]), strict=False
-            ):
+            limit, used = (next(_numbers(folder / file), None) for file in files[:2])
+            if limit is not None and used is not None:
                 yield limit - used + sum(_numbers(folder / "memory.stat", files[2]))
+
+
+def _held_bytes(process: int | str, entry: str) -> int:
+    """An entry, in kB, of a process's status."""
+    return 1024 * next(_numbers(Path(f"/proc/{process}/status"), entry), 0)
 
 
 def _lines(path: Path) -> list[str]:

@@ -9,6 +9,7 @@ warm-ups at once.
 import os
 import re
 import shutil
+import stat
 import subprocess
 import sys
 import time
@@ -83,12 +84,11 @@ def warm_up(*, keep_old: bool = False, jobs: int | None = None) -> Warmth:
     if jobs < 1:
         raise ValueError(f"jobs: wanted at least 1, got {jobs}")
     own = places.OWN
-    folders = [*filter(None, [places.OWN]), *places.READ]
+    folders = [*filter(None, [own]), *places.READ]
     if not folders:
         raise OutputError(
             "compiled kernels cannot be kept: wanted a folder that only this user can write to, "
-            "found none "
-            "(set NUMBA_CACHE_DIR to such a folder)"
+            "found none (set NUMBA_CACHE_DIR to such a folder)"
         )
     began = time.perf_counter()
     try:
@@ -163,19 +163,15 @@ def _remove_old(folder: Path) -> tuple[Path, ...]:
     """Delete what other versions left beside `folder`; what cannot be deleted stays."""
     removed = []
     for other in sorted(folder.parent.iterdir()):
+        info = other.lstat()
         if (
-            other == folder
-            or other.is_symlink()
-            or not other.is_dir()
-            or not _FOLDER_NAME.fullmatch(other.name)
+            other != folder
+            and stat.S_ISDIR(info.st_mode)
+            and _FOLDER_NAME.fullmatch(other.name)
+            and info.st_uid == os.geteuid()
+            and time.time() - info.st_mtime >= _STILL_IN_USE_S
         ):
-            continue
-        if (
-            other.stat().st_uid != os.geteuid()
-            or time.time() - other.stat().st_mtime < _STILL_IN_USE_S
-        ):
-            continue
-        shutil.rmtree(other, ignore_errors=True)
-        if not other.exists():
-            removed.append(other)
+            shutil.rmtree(other, ignore_errors=True)
+            if not other.exists():
+                removed.append(other)
     return tuple(removed)

@@ -63,6 +63,7 @@ def command(
     from nnpp_edge.robot.operations.onboard import run
     from nnpp_edge.runtime.network.loading import begin_loading
     from nnpp_edge.runtime.network.model_file import model_path
+    from nnpp_edge.runtime.planners.plan import DynamicMethod
 
     if as_json and any(entry.name == STDOUT for entry, _ in wiring.sinks):
         raise click.UsageError(
@@ -73,20 +74,17 @@ def command(
     changes |= {name: value for name, value in given.items() if value is not None}
     settings = changed(read_profile(profile).loop if profile else OnboardLoop(), **changes)
     robot.check_turns(settings.refine)
-    navigator = settings.navigator()
     options.check_outputs(  # --record never replaces a file
         *(("--log", wiring.log), ("--view", options.view_file(wiring.view))),
         more_inputs=[model_path(settings.model)],
     )
-    if navigator.asks_network:
-        begin_loading(navigator.model)
+    if DynamicMethod(settings.method).asks_network:
+        begin_loading(settings.model)
     if blocks.known is not None:
         ground = robot.of_blocks(robot.read(map_file), blocks.known, blocks.prior)
     else:
         ground = _ground(map_file, robot)
-    counters = run(
-        ground, navigator, wiring, settings, ticks=ticks, report=partial(click.echo, err=True)
-    )
+    counters = run(ground, wiring, settings, ticks=ticks, report=partial(click.echo, err=True))
     if as_json:
         tell(as_json, asdict(counters), str)
     else:

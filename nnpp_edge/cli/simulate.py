@@ -90,8 +90,8 @@ def command(
     from nnpp_edge.runtime.errors import InvalidQueryError
     from nnpp_edge.simulation.drive_picture import Film, check_name, drive_picture
     from nnpp_edge.simulation.robots import reach_of
-    from nnpp_edge.simulation.scene import SurveyedGround
-    from nnpp_edge.simulation.simulate import SimulationSettings, random_drive, simulate
+    from nnpp_edge.simulation.scene import SimulationSettings, SurveyedGround
+    from nnpp_edge.simulation.simulate import random_drive, simulate
     from nnpp_edge.terrain.dem import sample_path
     from nnpp_edge.terrain.rocks import with_rocks
     from nnpp_edge.viz.picture import save_picture

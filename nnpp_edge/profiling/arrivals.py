@@ -140,11 +140,9 @@ def reactions(
         feed()
 
     running = Loop(
-        Navigator(ground, loop.navigator()),
+        Navigator(ground, **loop.planning()),
         source,
-        rate_hz=loop.rate_hz,
-        cores=loop.cores,
-        priority=loop.priority,
+        **loop.pace(),
         after_tick=after_tick,
     )
     feed()

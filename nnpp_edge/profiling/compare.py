@@ -7,8 +7,7 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import NamedTuple, cast
 
-from nnpp_edge.profiling.contest import Facts
-from nnpp_edge.profiling.figures import find
+from nnpp_edge.profiling.contest import PLACE, Facts
 from nnpp_edge.profiling.report import SCHEMA
 from nnpp_edge.progress import MISSING, markdown_table
 from nnpp_edge.runtime.errors import InvalidQueryError
@@ -24,9 +23,9 @@ class _Compared(NamedTuple):
     """How a figure is compared."""
 
     name: str
-    path: tuple[str, ...]
-    """Its keys in a row of results; planners it was not measured of, and older reports, may lack
-    it.
+    path: str
+    """Its keys in a row of results, joined by dots; planners it was not measured of, and older
+    reports, may lack it.
     """
     more_is_better: bool = False
     clocked: bool = True
@@ -38,22 +37,15 @@ class _Compared(NamedTuple):
 
 
 _FIGURES = (
-    _Compared("time_ms median", ("time_ms", "median"), least=0.005),
-    _Compared("time_ms mean", ("time_ms", "mean"), least=0.005),
-    _Compared("inference_ms median", ("inference_ms_median",), least=0.005),
-    _Compared("map_ms median", ("map_ms", "median"), least=0.005),
-    _Compared("patch_ms median", ("patch_ms", "median"), least=0.005),
-    _Compared("speedup total", ("speedup_total",), more_is_better=True),
-    _Compared("gap mean", ("gap_mean",), clocked=False, least=0.0005),
-    _Compared(
-        "success first",
-        ("success_first",),
-        more_is_better=True,
-        clocked=False,
-        least=0.01,
-        of_rest=True,
-    ),
-    _Compared("success", ("success",), more_is_better=True, clocked=False, of_rest=True),
+    _Compared("time_ms median", "time_ms.median", least=0.005),
+    _Compared("time_ms mean", "time_ms.mean", least=0.005),
+    _Compared("inference_ms median", "inference_ms_median", least=0.005),
+    _Compared("map_ms median", "map_ms.median", least=0.005),
+    _Compared("patch_ms median", "patch_ms.median", least=0.005),
+    _Compared("speedup total", "speedup_total", True),
+    _Compared("gap mean", "gap_mean", clocked=False, least=0.0005),
+    _Compared("success first", "success_first", True, False, least=0.01, of_rest=True),
+    _Compared("success", "success", True, False, of_rest=True),
 )
 """Medians, means and shares. Tails such as p99 differ from run to run by more than any tolerance of
 use.
@@ -86,10 +78,10 @@ def compare(before: Facts, after: Facts, tolerance: float) -> Facts:
     ):
         notes = list(_differences(before, after))
         doubtful = bool(_doubt(before) or _doubt(after))
+        old = {PLACE(row): row for row in before["results"]}
         for row in after["results"]:
-            old = find(before["results"], row["workload"], row["size"], row["planner"])
             for figure in _FIGURES:
-                was = _inside(old, figure.path)
+                was = _inside(old.get(PLACE(row)), figure.path)
                 now = _inside(row, figure.path)
                 if was is not None and now is not None:
                     lines.append(_line(row, figure, was, now, tolerance, doubtful))
@@ -118,12 +110,11 @@ def _line(
     change = worse_by / base if base else None
     state = SAME
     if abs(worse_by) > figure.least and (change is None or abs(change) > tolerance):
-        worse = NOISY if doubtful and figure.clocked else WORSE
-        state = worse if worse_by > 0.0 else BETTER
+        state = BETTER
+        if worse_by > 0.0:
+            state = NOISY if doubtful and figure.clocked else WORSE
     return {
-        "workload": row["workload"],
-        "size": row["size"],
-        "planner": row["planner"],
+        **{key: row[key] for key in ("workload", "size", "planner")},
         "figure": figure.name,
         "before": was,
         "after": now,
@@ -132,25 +123,23 @@ def _line(
     }
 
 
-_PLACES = (
-    ("the CPU differs", ("environment", "cpu")),
-    ("the cores differ", ("cores",)),
-    ("the governor differs", ("environment", "governor")),
-    ("the queries differ", ("profile", "load")),
-    ("the networks differ", ("profile", "networks")),
-    ("onnxruntime differs", ("environment", "packages", "onnxruntime")),
-)
+_ALIKE = {
+    "the CPU differs": "environment.cpu",
+    "the cores differ": "cores",
+    "the governor differs": "environment.governor",
+    "the queries differ": "profile.load",
+    "the networks differ": "profile.networks",
+    "onnxruntime differs": "environment.packages.onnxruntime",
+}
 """Facts that must be equal in two reports: what is said where they are not, and their keys."""
 
 
 def _differences(before: Facts, after: Facts) -> Iterator[str]:
     """Reasons why the reports are hard to compare."""
-    for words, path in _PLACES:
-        was = _inside(before, path)
-        now = _inside(after, path)
-        if was != now:
-            values = ", then ".join(json.dumps(each, ensure_ascii=False) for each in (was, now))
-            yield f"{words}: {values}"
+    for words, path in _ALIKE.items():
+        values = [json.dumps(_inside(each, path), ensure_ascii=False) for each in (before, after)]
+        if values[0] != values[1]:
+            yield f"{words}: {', then '.join(values)}"
     for words, report in (("first", before), ("second", after)):
         doubt = _doubt(report)
         if doubt:
@@ -162,17 +151,18 @@ def _doubt(report: Facts) -> str:
     sensors.
     """
     words = report["disturbance"]["words"]
-    slowed = _inside(report, ("sensors", "throttled"))
+    slowed = _inside(report, "sensors.throttled")
     if words:
         return f"disturbed: {words}"
     return f"throttled: {slowed}" if slowed else ""
 
 
-def _inside(facts: Facts | None, path: tuple[str, ...]) -> float | None:
-    """The value at the end of these keys; None where one is missing."""
-    for key in path[:-1]:
+def _inside(facts: Facts | None, path: str) -> float | None:
+    """The value at the end of these keys, joined by dots; None where one is missing."""
+    *keys, last = path.split(".")
+    for key in keys:
         facts = facts and facts.get(key)
-    return facts.get(path[-1]) if facts else None
+    return facts.get(last) if facts else None
 
 
 def board_table(report: Facts) -> str:
@@ -203,12 +193,10 @@ def board(report: Facts) -> dict[str, str]:
         least = min(each["min"] for each in clocks)
         most = max(each["max"] for each in clocks)
         ran = f"ran at {least:.0f} to {most:.0f}"
-    versions = [f"python {facts['python']}"]
-    for name in ("nnpp-edge", "numpy", "numba", "onnxruntime"):
-        versions.append(f"{name} {facts['packages'][name]}")
-    others = 0.0
-    for half in report["disturbance"]["halves"]:
-        others = max(others, half["waited_share"], half["others_share"] or 0.0)
+    versions = {"python": facts["python"]} | facts["packages"]
+    named = ("python", "nnpp-edge", "numpy", "numba", "onnxruntime")
+    halves = report["disturbance"]["halves"]
+    shares = [half[key] or 0.0 for half in halves for key in ("waited_share", "others_share")]
     system = facts["system"] or "Linux"
     throttled = "no" if clocks or sensors["temperature_c"] else "not told"
     return {
@@ -219,7 +207,7 @@ def board(report: Facts) -> dict[str, str]:
         "clock": f"{greatest}, {ran}",
         "memory": f"{facts['memory_mb'] / 1024:.1f} GiB",
         "system": f"{system}, kernel {facts['kernel']}, {facts['architecture']}",
-        "versions": ", ".join(versions),
+        "versions": ", ".join(f"{name} {versions[name]}" for name in named),
         "profile": f"{report['profile']['name']}: {workload}",
         "A*, ms": medians("astar"),
         "corridor, ms": medians("corridor"),
@@ -228,6 +216,6 @@ def board(report: Facts) -> dict[str, str]:
         "auto, ms": medians("auto"),
         "first path of a map, ms": medians(report["profile"]["planner"], "map_ms"),
         "verdict": report["verdict"],
-        "others took": f"{100 * others:.1f} %",
+        "others took": f"{100 * max(shares):.1f} %",
         "throttled": sensors["throttled"] or throttled,
     }

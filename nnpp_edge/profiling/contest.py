@@ -9,6 +9,7 @@ from collections.abc import Callable, Collection, Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import partial
+from operator import itemgetter
 from typing import Any, Generic, TypeVar
 
 import numpy as np
@@ -20,6 +21,8 @@ CaseT = TypeVar("CaseT")
 ResultT = TypeVar("ResultT")
 Facts = dict[str, Any]
 """Content of JSON, by key; docs/profile.md says what the keys of a profile's report mean."""
+PLACE = itemgetter("workload", "size", "planner")
+"""What tells a row of results from the others of its report."""
 Row = dict[str, float]
 """Figures of an answer, without those that were not measured or that no path has. Shares are means
 of 0 and 1.
@@ -28,7 +31,9 @@ Figures = dict[str, str | float | None]
 """Figures by key; None where there was nothing to count."""
 Columns = Mapping[str, list[float]]
 """The values of all rows by the names of their figures."""
-Summary = Mapping[str, Callable[[Columns], float | None]]
+Figure = Callable[[Columns], float | None]
+"""None where there was nothing to count."""
+Summary = Mapping[str, Figure]
 
 
 @dataclass(frozen=True)
@@ -150,24 +155,21 @@ def summarised(rows: Iterable[Row], summary: Summary) -> Figures:
     return {key: figure(columns) for key, figure in summary.items()}
 
 
-def of(
-    name: str,
-    reduce: Callable[[list[float]], np.floating],
-) -> Callable[[Columns], float | None]:
-    """A figure of one column; None where it is empty."""
+def of(name: str, reduce: Callable[[list[float]], np.floating]) -> Figure:
+    """Reduces a column to a figure; None where it is empty."""
     return lambda columns: float(reduce(columns[name])) if columns[name] else None
 
 
-def mean(name: str) -> Callable[[Columns], float | None]:
+def mean(name: str) -> Figure:
     return of(name, np.mean)
 
 
-def quantile(name: str, share: float) -> Callable[[Columns], float | None]:
+def quantile(name: str, share: float) -> Figure:
     """The value of a column that this share of its values lie below."""
     return of(name, partial(np.quantile, q=share))
 
 
-def ratio(name: str, other: str) -> Callable[[Columns], float | None]:
+def ratio(name: str, other: str) -> Figure:
     """The sum of a column over that of another; None where that is none."""
 
     def figure(columns: Columns) -> float | None:

@@ -126,9 +126,8 @@ def evaluate(
             continue
         figures = {"method": key, **summarised(answers, _ANSWERS), "unsolvable": unsolvable}
         if poses:
-            figures |= summarised(answers, _OF_BODY)
-        if poses and not lazy:
-            figures |= {"checks_mean": poses, "checks_share_mean": 1.0}
+            every_pose = {"checks_mean": poses, "checks_share_mean": 1.0}
+            figures |= summarised(answers, _OF_BODY) | ({} if lazy else every_pose)
         if on_fresh:
             figures |= summarised(on_fresh, _ON_FRESH_MAP)
         found[key] = figures
@@ -155,10 +154,8 @@ class _OnMap:
             self._standing[rival.name] = planner
             self.calls[rival.name] = partial(rival.plan, planner)
         # with a vehicle each answer is that of a planner that has checked no pose before
-        fresh = [True] if fresh_map or body else []
-        if fresh_map:
-            fresh.append(False)
-        for rival, lazy in product(rivals, fresh):
+        lazily = fresh_map or body is not None
+        for rival, lazy in product(rivals, [True] * lazily + [False] * fresh_map):
             name = _FRESH + _key(rival, lazy)
             self.calls[name] = partial(self._from_elevations, rival.apart(), lazy)
 

@@ -8,8 +8,17 @@ from collections.abc import Sequence
 import numpy as np
 
 from nnpp_edge.profiling.arrivals import patch_side
-from nnpp_edge.profiling.contest import Facts, Summary, answer, mean, quantile, ratio, summarised
-from nnpp_edge.profiling.measure import HALVES, Answers, Run, WorkloadRun
+from nnpp_edge.profiling.contest import (
+    Columns,
+    Facts,
+    Summary,
+    answer,
+    mean,
+    quantile,
+    ratio,
+    summarised,
+)
+from nnpp_edge.profiling.measure import Answers, Run, WorkloadRun
 from nnpp_edge.profiling.profile_file import OnboardLoop
 from nnpp_edge.profiling.rivals import EXACT
 from nnpp_edge.runtime.arrays import Floats
@@ -20,6 +29,11 @@ PAIRS = (("corridor", "astar"), ("nnpp", "astar"), ("nnpp", "corridor"))
 """Who might pay over whom."""
 
 
+def _cc_excess(columns: Columns) -> float | None:
+    share = ratio("cc", "exact_cc")(columns)
+    return None if share is None else share - 1.0
+
+
 _ANSWERS: Summary = {
     "n": lambda columns: len(columns["time_ms"]),
     "speedup_median": quantile("speedup", 0.5),
@@ -27,9 +41,7 @@ _ANSWERS: Summary = {
     "gap_mean": mean("gap"),
     "gap_p99": quantile("gap", 0.99),
     "gap_max": quantile("gap", 1.0),
-    "cc_excess": lambda columns: (
-        None if (share := ratio("cc", "exact_cc")(columns)) is None else share - 1.0
-    ),
+    "cc_excess": _cc_excess,
     "success_first": mean("first"),
     "success": mean("solved"),
     "expansions_median": quantile("expansions", 0.5),
@@ -47,20 +59,14 @@ def stages_of(results: Sequence[Facts]) -> list[str]:
     return [*(stage for stage in STAGES if stage in found), *sorted(found - set(STAGES))]
 
 
-def find(results: Sequence[Facts], workload: str, size: int, planner: str) -> Facts | None:
-    place = (workload, size, planner)
-    return next(
-        (row for row in results if (row["workload"], row["size"], row["planner"]) == place), None
-    )
-
-
 def loop_rows(run: Run, loop: OnboardLoop) -> list[Facts]:
     """A row for each workload and size at which the reactions of this loop were measured."""
     found: list[Facts] = []
     for of in run.workloads:
         if not of.reactions:
             continue
-        halves = [each.ms for each in of.reactions]
+        halves = [np.array(each.ms) for each in of.reactions]
+        counted = ("planned", "kept", "without_path")
         found.append(
             {
                 "workload": of.workload,
@@ -70,10 +76,8 @@ def loop_rows(run: Run, loop: OnboardLoop) -> list[Facts]:
                 "patch_side": patch_side((of.size, of.size)),
                 "n": sum(map(len, halves)),
                 "reaction_ms": _spread(np.concatenate(halves)),
-                "planned": sum(each.planned for each in of.reactions),
-                "kept": sum(each.kept for each in of.reactions),
-                "without_path": sum(each.without_path for each in of.reactions),
-                "halves": {"reaction": [float(np.median(half)) for half in halves]},
+                **{key: sum(getattr(each, key) for each in of.reactions) for key in counted},
+                "halves": {"reaction": [_median(half) for half in halves]},
             }
         )
     return found
@@ -110,9 +114,9 @@ def _row(of: WorkloadRun, name: str) -> Facts:
         found.append(of_query | {"exact_cc": plan.ok * optimum.traverse_cost})
     energy_mj = float(np.mean(answers.energy_mj))
     whole = _spread(times)
-    network = answers.column("network_ms")
-    network_ms = float(np.median(network)) if len(network) else None
+    network_ms = _median(answers.column("network_ms"))
     fp32 = of.answers.get("nnpp-fp32") if name == "nnpp" and network_ms else None
+    arrivals = {key: answers.column(key) for key in ("map_ms", "patch_ms")}
     return {
         "workload": of.workload,
         "size": of.size,
@@ -123,14 +127,10 @@ def _row(of: WorkloadRun, name: str) -> Facts:
         "stages_ms": _stages(answers),
         **summarised(found, _ANSWERS),
         "energy_mj": None if np.isnan(energy_mj) else energy_mj,
-        "inference_ms_median": network_ms,
-        "inference_fps": network_ms and 1e3 / network_ms,
-        "int8_speedup": fp32
-        and float(np.median(fp32.column("network_ms"))) / float(np.median(network)),
-        **{
-            key: _spread(column) if len(column := answers.column(key)) else None
-            for key in ("map_ms", "patch_ms")
-        },
+        "inference_ms_median": network_ms or None,
+        "inference_fps": 1e3 / network_ms if network_ms else None,
+        "int8_speedup": fp32 and _median(fp32.column("network_ms")) / network_ms,
+        **{key: _spread(ms) if len(ms) else None for key, ms in arrivals.items()},
         "halves": _halves(of, name),
     }
 
@@ -138,37 +138,35 @@ def _row(of: WorkloadRun, name: str) -> Facts:
 def _halves(of: WorkloadRun, name: str) -> dict[str, list[float]]:
     """For each basis of a budget its median in either half."""
 
-    def halves(of_whom: str, figure: str) -> list[Floats]:
-        return [of.answers[of_whom].column(figure, half) for half in range(HALVES)]
-
     bases = {"time": "time_ms", "map": "map_ms", "patch": "patch_ms", "inference": "network_ms"}
-    columns = {basis: halves(name, figure) for basis, figure in bases.items()}
-    columns["ratio"] = [
-        e / own for e, own in zip(halves(EXACT, "time_ms"), columns["time"], strict=True)
-    ]
-    found = {
-        basis: [float(np.median(half)) for half in both]
-        for basis, both in columns.items()
-        if len(both[0])
-    }
-    if name == "nnpp" and "inference" in found and "nnpp-fp32" in of.answers:
-        both = zip(halves("nnpp-fp32", "network_ms"), found["inference"], strict=True)
-        found["int8_ratio"] = [float(np.median(fp32)) / own for fp32, own in both]
-    return found
+    columns = {basis: of.answers[name].halves(figure) for basis, figure in bases.items()}
+    columns["ratio"] = of.answers[EXACT].halves("time_ms") / columns["time"]
+    medians = {basis: np.median(both, axis=1) for basis, both in columns.items() if both.size}
+    if name == "nnpp" and "inference" in medians and "nnpp-fp32" in of.answers:
+        fp32 = np.median(of.answers["nnpp-fp32"].halves("network_ms"), axis=1)
+        medians["int8_ratio"] = fp32 / medians["inference"]
+    return {basis: both.tolist() for basis, both in medians.items()}
+
+
+def _median(ms: Floats) -> float:
+    """0 where nothing was measured."""
+    return float(np.median(ms)) if len(ms) else 0.0
 
 
 def _spread(times: Floats) -> dict[str, float]:
     shares = {"median": 0.5, "p90": 0.9, "p99": 0.99, "max": 1.0}
-    spread = {name: float(np.quantile(times, share)) for name, share in shares.items()}
-    return {name: round(each, 6) for name, each in (spread | {"mean": float(times.mean())}).items()}
+    spread = {name: np.quantile(times, share) for name, share in shares.items()}
+    spread["mean"] = times.mean()
+    return {name: round(float(each), 6) for name, each in spread.items()}
 
 
 def _stages(answers: Answers) -> dict[str, dict[str, float]]:
     """Each stage's times over the queries of both halves; one that a plan did without
     took it 0 ms.
     """
-    ordered = stages_of([{"stages_ms": stages} for stages in answers.stages_ms])
+    stages_ms = answers.stages_ms
+    ordered = stages_of([{"stages_ms": stages} for stages in stages_ms])
     return {
-        stage: _spread(np.array([plan.get(stage, 0.0) for plan in answers.stages_ms]))
+        stage: _spread(np.array([stages.get(stage, 0.0) for stages in stages_ms]))
         for stage in ordered
     }

@@ -3,7 +3,9 @@
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 
-from nnpp_edge.profiling.contest import Facts
+from msgspec.structs import asdict, replace
+
+from nnpp_edge.profiling.contest import PLACE, Facts
 from nnpp_edge.profiling.profile_file import LOOP, QUANTITIES, Budget, Profile
 from nnpp_edge.profiling.sensors import Throttling
 
@@ -24,8 +26,8 @@ MOST_DISTURBED = 0.10
 may take.
 """
 _BEYOND_DOUBT = 1.25
-"""In a noisy or throttled run a budget is missed where it would be by this factor with all the lost
-time back.
+"""In a noisy or throttled run a budget counts as missed where it would be missed by this factor
+even without the time that was lost.
 """
 _TEN_TIMES = 10.0
 """In a noisy run a budget is kept where it is by this factor."""
@@ -53,28 +55,28 @@ def judged(
     """A line for each budget, at each workload and size that it is set for, by the rows of
     `figures`.
 
-    What passes on a throttled processor passes; what is missed there is missed only where it would
-    be at the full clock, too, and else ``throttled``.
+    A budget that passes on a throttled processor passes. One that is missed there counts as missed
+    only if it would be missed at the full clock too; else it is ``throttled``.
     """
-    rows = {(row["workload"], row["size"], row["planner"]): row for row in results}
-    rows |= {(row["workload"], row["size"], LOOP): row for row in loop}
+    rows = {PLACE(row): row for row in [*results, *({**row, "planner": LOOP} for row in loop)]}
     lines = []
     for budget in profile.budgets:
         name = budget.quantity
         if QUANTITIES[name].whole_run:
             figure = whole_run.get(name, {}).get(budget.planner)
-            lines.append(_line(budget, None, None, figure, None, noise))
+            lines.append(_line(replace(budget, workload=None, size=None), figure, None, noise))
             continue
         for workload, size in profile.places(budget):
             row = rows.get((workload, size, budget.planner), {"halves": {}})
+            at = replace(budget, workload=workload, size=size)
             halves = row["halves"].get(QUANTITIES[name].basis)
-            lines.append(_line(budget, workload, size, _value(row, name), halves, noise))
+            lines.append(_line(at, _value(row, name), halves, noise))
     return lines
 
 
 def verdict(lines: Sequence[Facts], noise: Noise) -> str:
-    """Of the whole run: missed, noisy (or not measured) or throttled if any budget is, in this
-    order, else met.
+    """The verdict on the whole run: the first of missed, noisy (also for not measured) and
+    throttled that any budget has, else met.
     """
     states = {line["verdict"] for line in lines}
     if FAIL in states:
@@ -112,34 +114,17 @@ def summary(ending: str, lines: Sequence[Facts], noise: str) -> str:
 
 
 def _line(
-    budget: Budget,
-    workload: str | None,
-    size: int | None,
+    at: Budget,
     figure: float | None,
     halves: Sequence[float] | None,
     noise: Noise,
 ) -> Facts:
-    """A budget's line at one place, by a report's figure and the medians of both halves."""
-    value = None
-    if figure is None:
+    """The line of a budget at one place, by a report's figure and the medians of both halves."""
+    value = None if figure is None else QUANTITIES[at.quantity].scale * figure
+    if value is None:
         halves = None
-    else:
-        value = QUANTITIES[budget.quantity].scale * figure
-    state, why = _verdict(budget, value, halves, noise)
-    return {
-        "name": budget.name,
-        "quantity": budget.quantity,
-        "planner": budget.planner,
-        "workload": workload,
-        "size": size,
-        "direction": budget.direction,
-        "limit": budget.limit,
-        "unit": budget.unit,
-        "value": value,
-        "halves": halves,
-        "verdict": state,
-        "why": why,
-    }
+    state, why = _verdict(at, value, halves, noise)
+    return asdict(at) | {"value": value, "halves": halves, "verdict": state, "why": why}
 
 
 def _value(row: Facts, quantity: str) -> float | None:

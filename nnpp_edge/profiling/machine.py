@@ -1,5 +1,5 @@
-"""The machine of a run: what it is, cores to pin to, and who else keeps them busy. What Linux hides
-is None.
+"""The machine of a run: its processor and system, pinning to cores, and the load of other
+processes. None stands for what Linux does not report.
 """
 
 import math
@@ -20,25 +20,9 @@ from nnpp_edge.profiling.contest import Facts
 from nnpp_edge.profiling.sensors import Sensors, text_of
 
 ResultT = TypeVar("ResultT")
-_FLAGS = (
-    # of x86
-    "avx2",
-    "fma",
-    "f16c",
-    "avx512f",
-    "avx512bw",
-    "avx512_vnni",
-    "avx_vnni",
-    "amx_tile",
-    "amx_int8",
-    # of ARM
-    "asimd",
-    "asimddp",  # the dot product
-    "i8mm",
-    "sve",
-    "sve2",
-    "bf16",
-)
+_X86 = "avx2 fma f16c avx512f avx512bw avx512_vnni avx_vnni amx_tile amx_int8"
+_ARM = "asimd asimddp i8mm sve sve2 bf16"  # asimddp is the dot product
+_FLAGS = f"{_X86} {_ARM}".split()
 """Flags that decide how fast int8 and float kernels are."""
 _PART = re.compile(r"^CPU implementer\s*:\s*(\w+)\n(?:.+\n)*?CPU part\s*:\s*(\w+)", re.MULTILINE)
 _CORTEX = {
@@ -84,9 +68,8 @@ def environment(cores: Sequence[int]) -> Facts:
     clocks = [*Sensors(cores, _SYS).limits.clock_mhz.values()]
     if not clocks and "cpu MHz" in info:
         clocks = [float(info["cpu MHz"])]
-    governors = set()
-    for core in cores:
-        governors.add(text_of(_SYS / f"devices/system/cpu/cpu{core}/cpufreq/scaling_governor"))
+    folder = _SYS / "devices/system/cpu"
+    governors = {text_of(folder / f"cpu{core}/cpufreq/scaling_governor") for core in cores}
     system = None
     with suppress(OSError):
         system = platform.freedesktop_os_release().get("PRETTY_NAME")
@@ -119,28 +102,26 @@ def _version(package: str) -> str | None:
 
 @contextmanager
 def pinned(cores: Sequence[int]) -> Iterator[tuple[list[int], list[str]]]:
-    """Keep every thread of this process on these cores; gives those that it got, and warnings where
-    they are others."""
+    """Keep every thread of this process on these cores, or on others where some may not be used;
+    gives the cores in use, and a warning where they are not those wanted.
+    """
     before = os.sched_getaffinity(0)
     missing = sorted(set(cores) - before)
     spare = sorted(before - set(cores))
     got = sorted({*(set(cores) & before), *spare[: len(missing)]})
     said = []
     if missing:
-        wanted, lacking, instead = (_listed(each) for each in (cores, missing, got))
+        wanted, lacking, instead = (
+            ", ".join(map(str, sorted(each))) for each in (cores, missing, got)
+        )
         words = f"wanted cores {wanted}, of which {lacking} may not be used here: runs on {instead}"
-        if len(got) < len(cores):
-            words += f", {len(cores) - len(got)} fewer"
-        said.append(words)
+        fewer = len(cores) - len(got)
+        said.append(f"{words}, {fewer} fewer" if fewer > 0 else words)
     _pin(got)
     try:
         yield got, said
     finally:
         _pin(before)
-
-
-def _listed(cores: Sequence[int]) -> str:
-    return ", ".join(map(str, sorted(cores)))
 
 
 def _pin(cores: Sequence[int] | set[int]) -> None:
@@ -150,7 +131,7 @@ def _pin(cores: Sequence[int] | set[int]) -> None:
 
 
 class Disturbance:
-    """Time of others while the planners were measured, in one half of the run."""
+    """Processor time taken by others while the planners were measured, in one half of the run."""
 
     def __init__(self, cores: Sequence[int]) -> None:
         self._cores = cores
@@ -198,7 +179,7 @@ class Disturbance:
         return min(max((busy - own) / (elapsed * len(self._cores)), 0.0), 1.0)
 
     def share(self) -> float:
-        """The greater of both signs: the planners stood still, or others ran on the cores."""
+        """The greater of both shares: of waiting, and of others on the cores."""
         return max(self.waited_share(), self.others_share() or 0.0)
 
     def _clocks(self) -> np.ndarray:
@@ -232,14 +213,11 @@ class EnergyMeter:
 
     def __init__(self, folder: Path = _SYS / "class") -> None:
         # of RAPL's other zones, core and dram are parts of packages, and psys holds them
-        self._counters = []
-        for zone in folder.glob("powercap/intel-rapl:*"):
-            if text_of(zone / "name").startswith("package"):
-                self._counters.append(zone / "energy_uj")
-        if not self._counters:
-            for path in folder.glob("hwmon/hwmon*/energy*_input"):
-                if text_of(path.with_name("name")) not in _NO_PROCESSORS:
-                    self._counters.append(path)
+        rapl = folder.glob("powercap/intel-rapl:*/energy_uj")
+        hwmon = folder.glob("hwmon/hwmon*/energy*_input")
+        packages = [each for each in rapl if _name_beside(each).startswith("package")]
+        others = [each for each in hwmon if _name_beside(each) not in _NO_PROCESSORS]
+        self._counters = packages or others
         files = [path.with_name("max_energy_range_uj") for path in self._counters]
         self._ranges = np.array([text_of(file) or math.inf for file in files], float) + 1.0
 
@@ -252,3 +230,8 @@ class EnergyMeter:
         if not self._counters:
             return math.nan
         return 1e-3 * float(np.sum((self.read() - before) % self._ranges))
+
+
+def _name_beside(path: Path) -> str:
+    """Name of the device whose file this is."""
+    return text_of(path.with_name("name"))

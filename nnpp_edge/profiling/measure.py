@@ -1,7 +1,7 @@
 """The measured run of a profile: every planner, every query, in turns, in two halves."""
 
 import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 from functools import partial
 from itertools import islice, product
@@ -23,6 +23,7 @@ from nnpp_edge.profiling.suites import (
     source_of,
     terrain_cases,
 )
+from nnpp_edge.progress import Progress, ignore
 from nnpp_edge.runtime.arrays import Floats
 from nnpp_edge.runtime.cells import Endpoints
 from nnpp_edge.runtime.errors import InvalidQueryError, TerrainError
@@ -54,14 +55,18 @@ class Answers:
     energy_mj: list[float] = field(default_factory=list)
     """Of every call of both halves; NaN where the kernel does not tell."""
 
-    def column(self, name: str, half: int | None = None) -> Floats:
-        """A figure of each query that it was measured of: of one half, or the mean of both."""
-        halves = [[row[name] for row in rows if name in row] for rows in self.figures]
-        return np.mean(halves, axis=0) if half is None else np.array(halves[half])
+    def halves(self, name: str) -> Floats:
+        """(2, N) a figure of each query that it was measured of, in both halves."""
+        return np.array([[row[name] for row in rows if name in row] for rows in self.figures])
+
+    def column(self, name: str) -> Floats:
+        """(N,) the means of both halves."""
+        means: Floats = self.halves(name).mean(0)
+        return means
 
     def add(self, record: Record[Endpoints, Plan], half: int) -> None:
-        """Count a query's calls in one half. Plans are the same in both, so the first
-        half's count.
+        """Add the measurements of a query in one half. Plans are the same in both halves, so only
+        those of the first are kept.
         """
         seconds, plan = record.middle()
         stages = {stage: ms for stage, ms in plan.timings_ms.items() if stage != "total"}
@@ -110,10 +115,10 @@ class ProfileMaps:
             if name != SYNTHETIC:
                 paths = () if name == SAMPLE else (Path(name),)
                 self.dems += TerrainFiles.or_sample(paths, load.rescale, load.cell_size).read()
-        largest = max(self.dems, key=lambda dem: min(dem.shape), default=None)
-        if largest is not None and not any(large_enough(self.dems, size) for size in load.sizes):
+        least = min(load.sizes)
+        if self.dems and not large_enough(self.dems, least):
+            largest = max(self.dems, key=lambda dem: min(dem.shape))
             rows, cols = largest.shape
-            least = min(load.sizes)
             raise TerrainError(
                 f"{largest.source}: wanted at least {least} × {least} cells, the size to be "
                 f"measured, got {rows} × {cols}; --sizes {min(rows, cols)} measures on it"
@@ -156,7 +161,7 @@ def run(
     cores: Sequence[int],
     *,
     sensors: Sensors | None = None,
-    progress: Callable[[int], None] = lambda done: None,
+    progress: Progress = ignore,
 ) -> Run:
     """Have every planner, exact A* first, answer every query, in both halves of the run.
 
@@ -222,7 +227,7 @@ def _solvable(
 
 
 class _Session:
-    """Means by which all maps of a run are measured."""
+    """Measures the planners map by map, with the clock, sensors and meter of the whole run."""
 
     def __init__(
         self,
@@ -249,9 +254,9 @@ class _Session:
         planners = {name: rival.planner(on_map.standing) for name, rival in rivals.items()}
         turns = on_map.ground.vehicle is not None
         networks = {}
-        for rival in self._rivals if not turns else ():
-            if rival.method is Method.NNPP and rival.model is not None:
-                networks[rival.name] = rival.model
+        if not turns:
+            asking = [rival for rival in self._rivals if rival.method is Method.NNPP]
+            networks = {rival.name: rival.model for rival in asking if rival.model is not None}
         energy = self._meter.read()
         worked_s = 0.0
 
@@ -278,14 +283,9 @@ class _Session:
         calls = {name: partial(answer, name) for name in rivals}
         repeats = self._profile.load.repeats
         disturbance.start()
-        measured = self._harness.measure(
-            calls,
-            queries,
-            repeats=repeats,
-            before=before,
-            after=after,
-        )
-        for records in measured:
+        for records in self._harness.measure(
+            calls, queries, repeats=repeats, before=before, after=after
+        ):
             for name, record in records.items():
                 of.answers[name].add(record, half)
             # networks last, so that no planner follows what others do not; each on the map that it
@@ -302,8 +302,8 @@ class _Session:
         of: WorkloadRun,
         half: int,
     ) -> None:
-        """Have some planners answer the queries on one map as if it had just arrived; run the loop
-        on it.
+        """Measure the profile's planners on this map as if it had just arrived, and the loop's
+        reactions where a budget asks for them.
         """
         ground = on_map.ground
         repeats = self._profile.load.repeats

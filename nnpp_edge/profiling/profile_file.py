@@ -3,9 +3,9 @@
 import re
 from collections.abc import Collection
 from importlib.resources import files
-from itertools import product
+from itertools import chain, product
 from pathlib import Path
-from typing import Annotated, NamedTuple, TypeVar, cast, get_args
+from typing import Annotated, NamedTuple, TypeVar, get_args
 
 import msgspec
 from msgspec import Meta
@@ -13,7 +13,6 @@ from msgspec.structs import asdict, fields, replace
 
 from nnpp_edge.profiling.contest import Facts
 from nnpp_edge.runtime.errors import InvalidQueryError
-from nnpp_edge.runtime.loop.ladder import NavigatorSettings
 from nnpp_edge.runtime.planners.plan import DynamicMethod
 from nnpp_edge.runtime.reading import read_toml
 from nnpp_edge.terrain.workloads import of_bodies
@@ -22,7 +21,7 @@ PLANNERS = ("astar", "corridor", "nnpp", "nnpp-fp32", "auto")
 SAMPLE = "sample"
 SYNTHETIC = "synthetic"
 LOOP = "loop"
-"""Whom figures of the onboard loop belong to, in place of a planner."""
+"""Stands in place of a planner's name in figures of the onboard loop."""
 SHIPPED = Path(str(files("nnpp_edge.profiles")))
 _LARGEST = 1e9
 """Neither inf nor NaN is a number here, and products of two stay finite."""
@@ -57,37 +56,29 @@ class Quantity(NamedTuple):
     """It is a figure of the onboard loop, not of a planner."""
 
 
-_STATES = ("warm", "cold")
-QUANTITIES = {
+_TABLE = {
     "fps": Quantity("1/s", "time"),
-    **dict.fromkeys(
-        ("time_ms_median", "time_ms_p90", "time_ms_p99", "time_ms_max"),
-        Quantity("ms", "time"),
-    ),
+    "time_ms_median time_ms_p90 time_ms_p99 time_ms_max": Quantity("ms", "time"),
     "inference_fps": Quantity("1/s", "inference"),
     "inference_ms_median": Quantity("ms", "inference"),
-    **dict.fromkeys(("map_ms", "map_ms_p99"), Quantity("ms", "map")),
-    **dict.fromkeys(("patch_ms", "patch_ms_p99"), Quantity("ms", "patch")),
-    **dict.fromkeys(("reaction_ms", "reaction_ms_p99"), Quantity("ms", "reaction", of_loop=True)),
-    **dict.fromkeys(("speedup_median", "speedup_total"), Quantity("x", "ratio")),
+    "map_ms map_ms_p99": Quantity("ms", "map"),
+    "patch_ms patch_ms_p99": Quantity("ms", "patch"),
+    "reaction_ms reaction_ms_p99": Quantity("ms", "reaction", of_loop=True),
+    "speedup_median speedup_total": Quantity("x", "ratio"),
     "int8_speedup": Quantity("x", "int8_ratio"),
-    **dict.fromkeys(
-        ("gap_mean", "gap_p99", "gap_max", "cc_excess", "success_first", "success"),
-        Quantity("%", scale=100.0),
-    ),
+    "gap_mean gap_p99 gap_max cc_excess success_first success": Quantity("%", scale=100.0),
     "expansions_median": Quantity("1"),
     "energy_mj": Quantity("mJ", "time"),
     "peak_memory_mb": Quantity("MB", whole_run=True),
-    **{f"start_up_{state}_s": Quantity("s", "time", whole_run=True) for state in _STATES},
-    **{f"start_up_{state}_mb": Quantity("MB", whole_run=True) for state in _STATES},
-    **{
-        f"first_tick_{state}_s": Quantity("s", "time", whole_run=True, of_loop=True)
-        for state in _STATES
-    },
-    **{f"first_tick_{state}_mb": Quantity("MB", whole_run=True, of_loop=True) for state in _STATES},
+    "start_up_warm_s start_up_cold_s": Quantity("s", "time", whole_run=True),
+    "start_up_warm_mb start_up_cold_mb": Quantity("MB", whole_run=True),
+    "first_tick_warm_s first_tick_cold_s": Quantity("s", "time", whole_run=True, of_loop=True),
+    "first_tick_warm_mb first_tick_cold_mb": Quantity("MB", whole_run=True, of_loop=True),
     "prior_ms": Quantity("ms", "time", whole_run=True, of_loop=True),
     "model_mb": Quantity("MB", whole_run=True),
 }
+"""The quantities of one row share everything but their names."""
+QUANTITIES = {name: kind for names, kind in _TABLE.items() for name in names.split()}
 STARTS = tuple(name for name in QUANTITIES if name.startswith(("start_up", "first_tick")))
 
 
@@ -96,9 +87,7 @@ class ProfileError(InvalidQueryError):
 
 
 class Table(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """A table of a profile. Types are checked where it is read; what no type says, where it is
-    made.
-    """
+    """A table of a profile. msgspec checks types when it is read, `__post_init__` the rest."""
 
     def refuse_unless(self, fits: bool, key: str, wanted: str) -> None:
         """ValueError about a key's value."""
@@ -145,7 +134,7 @@ class Load(Table, frozen=True):
     """
     sizes: Annotated[tuple[_Side, ...], Meta(min_length=1)] = (256,)
     queries: _Count = 60
-    """For each workload and size."""
+    """Number of them for each workload and size."""
     repeats: _Count = 2
     """Times each planner answers each query, in each half of the run."""
     min_distance: Annotated[float, Meta(gt=0.0, le=1.0)] = 0.35
@@ -160,18 +149,19 @@ class Load(Table, frozen=True):
             bodies = of_bodies(self.workloads)
         except InvalidQueryError as error:
             raise ValueError(f"workloads: {error}") from None
+        wanted = "none without the workload body or body-rocksN"
         if bodies:
             wanted = f"a vehicle for the workload {bodies[0]}"
-            self.refuse_unless(self.vehicle is not None, "vehicle", wanted)
-        else:
-            wanted = "none without the workload body or body-rocksN"
-            self.refuse_unless(self.vehicle is None, "vehicle", wanted)
+        self.refuse_unless(bool(bodies) == (self.vehicle is not None), "vehicle", wanted)
 
 
 class Networks(Table, frozen=True):
     int8: str = "edge"
     fp32: str | None = None
     """None: not measured."""
+
+
+_PACE = ("rate_hz", "cores", "priority")
 
 
 class OnboardLoop(Table, frozen=True):
@@ -198,19 +188,17 @@ class OnboardLoop(Table, frozen=True):
 
     def __post_init__(self) -> None:
         self.check_choice("method", tuple(DynamicMethod))
-        self.check_choice("refine", ("", "any-angle"))
+        self.refuse_unless(self.refine in ("", "any-angle"), "refine", "'any-angle' or ''")
         self.check_different("cores")
 
-    def navigator(self) -> NavigatorSettings:
-        """The part of it that is the navigator's."""
-        return NavigatorSettings(
-            method=self.method,
-            model=self.model,
-            tolerance=self.tolerance,
-            corner_cutting=self.corner_cutting,
-            approach=self.approach,
-            refine=self.refine or None,
-        )
+    def pace(self) -> Facts:
+        """Rate, cores and priority, as options of `Loop`."""
+        return {name: getattr(self, name) for name in _PACE}
+
+    def planning(self) -> Facts:
+        """The other values, as options of `Navigator`."""
+        rest = {name: value for name, value in asdict(self).items() if name not in _PACE}
+        return rest | {"refine": self.refine or None}
 
 
 class Budget(Table, frozen=True):
@@ -222,7 +210,7 @@ class Budget(Table, frozen=True):
     direction: str
     unit: str
     planner: str = ""
-    """By default the profile's; for what the loop does there is none but ``loop``."""
+    """By default the profile's; of quantities of the loop always ``loop``."""
     workload: str | None = None
     """None: at each of the profile's."""
     size: int | None = None
@@ -244,14 +232,14 @@ class Budget(Table, frozen=True):
 
 
 class Profile(Table, frozen=True):
-    """All that a run of `nnpp-edge profile` needs to know; the keys are those of the file but for
-    `name`.
+    """What `nnpp-edge profile` measures, where, and against which budgets; the keys are those of
+    the file, with `name` added.
     """
 
     name: str
     title: str
     planner: str = "auto"
-    """Whom a budget judges that names no planner."""
+    """The planner of budgets that name none."""
     device: Device = Device()
     load: Load = msgspec.field(default_factory=Load, name="workload")
     networks: Networks = msgspec.field(default_factory=Networks, name="model")
@@ -264,28 +252,25 @@ class Profile(Table, frozen=True):
     @property
     def measured(self) -> tuple[str, ...]:
         """The planners of a run."""
-        missing = ("nnpp-fp32",) if self.networks.fp32 is None else ()
-        return tuple(name for name in PLANNERS if name not in missing)
+        without = "nnpp-fp32" if self.networks.fp32 is None else ""
+        return tuple(name for name in PLANNERS if name != without)
 
     @property
     def arriving(self) -> frozenset[str]:
         """The planners that are also measured on maps and patches that have just arrived."""
-        found = {self.planner}
-        for budget in self.budgets:
-            if QUANTITIES[budget.quantity].basis in ("map", "patch"):
-                found.add(budget.planner)
-        return frozenset(found)
+        budgets = [*self.budgets_on("map"), *self.budgets_on("patch")]
+        return frozenset({self.planner, *(budget.planner for budget in budgets)})
 
     @property
     def reactions_at(self) -> frozenset[tuple[str, int]]:
         """Workloads and sizes at which the loop's reactions are measured: where a budget asks for
         them.
         """
-        found: set[tuple[str, int]] = set()
-        for budget in self.budgets:
-            if QUANTITIES[budget.quantity].basis == "reaction":
-                found.update(self.places(budget))
-        return frozenset(found)
+        return frozenset(chain.from_iterable(map(self.places, self.budgets_on("reaction"))))
+
+    def budgets_on(self, basis: str) -> list[Budget]:
+        """The budgets on quantities of this basis."""
+        return [each for each in self.budgets if QUANTITIES[each.quantity].basis == basis]
 
     def places(self, budget: Budget) -> list[tuple[str, int]]:
         """Workloads and sizes at which a budget is judged."""
@@ -297,9 +282,9 @@ class Profile(Table, frozen=True):
         terrain = tuple(Path(each).name for each in self.load.terrain)
         vehicle = self.load.vehicle and Path(self.load.vehicle).name
         load = replace(self.load, terrain=terrain, vehicle=vehicle)
-        facts = asdict(self) | {"load": load}
+        facts: Facts = msgspec.to_builtins(asdict(self) | {"load": load})
         del facts["loop"]
-        return cast(Facts, msgspec.to_builtins(facts))
+        return facts
 
 
 def read_profile(name: str | Path) -> Profile:
@@ -317,17 +302,11 @@ def read_profile(name: str | Path) -> Profile:
 
 def overridden(profile: Profile, **changes: object) -> tuple[Profile, list[str]]:
     """The profile with another load, as options on the command line ask for; None changes nothing.
-
     Also the names of the budgets that were left out because their size is no longer measured.
     """
     load = changed(profile.load, **changes)
-    kept = []
-    dropped = []
-    for budget in profile.budgets:
-        if budget.size is None or budget.size in load.sizes:
-            kept.append(budget)
-        else:
-            dropped.append(budget.name)
+    kept = [each for each in profile.budgets if each.size in (None, *load.sizes)]
+    dropped = [each.name for each in profile.budgets if each not in kept]
     return replace(profile, load=load, budgets=tuple(kept)), dropped
 
 

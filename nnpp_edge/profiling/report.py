@@ -16,7 +16,7 @@ from nnpp_edge.profiling.processes import peak_memory_mb, start_up
 from nnpp_edge.profiling.profile_file import LOOP, STARTS, SYNTHETIC, Profile
 from nnpp_edge.profiling.rivals import RivalPlanner
 from nnpp_edge.profiling.sensors import Sensors, Throttling, sensor_facts, throttling
-from nnpp_edge.runtime.network.model_file import model_path
+from nnpp_edge.progress import Progress, ignore
 from nnpp_edge.terrain.workloads import body_rocks
 
 SCHEMA = 1
@@ -28,8 +28,8 @@ def profile_machine(
     *,
     starts: bool = False,
     notes: Sequence[str] = (),
-    progress: Callable[[int], None] = lambda done: None,
-    say: Callable[[str], None] = lambda line: None,
+    progress: Progress = ignore,
+    say: Callable[[str], None] = ignore,
 ) -> Facts:
     """Pin, warm up, measure, judge: the report that docs/profile.md describes, ready for JSON.
 
@@ -42,8 +42,8 @@ def profile_machine(
     said = list(notes)
     load = profile.load
     with pinned(profile.device.cores) as (cores, problems):
+        said += problems
         for line in problems:
-            said.append(line)
             say(line)
         rivals = rivals_of(profile.networks, profile.device)
         sensors = Sensors(cores)
@@ -92,14 +92,8 @@ def _whole_run(
 ) -> WholeRun:
     """Figures of the whole run, by quantity and planner."""
     load = profile.load
-    int8 = profile.networks.int8
-    models = {"nnpp": int8, "auto": int8}
-    if profile.networks.fp32 is not None:
-        models["nnpp-fp32"] = profile.networks.fp32
-    sizes_mb = {}
-    for name in profile.measured:
-        if name in models:
-            sizes_mb[name] = 1e-6 * model_path(models[name]).stat().st_size
+    files = {rival.name: rival.model.path for rival in rivals if rival.model is not None}
+    sizes_mb = {name: 1e-6 * file.stat().st_size for name, file in files.items()}
 
     say("peak memory, in processes of their own")
     for on_map in ProfileMaps(load).maps(load.workloads[0], max(load.sizes)):
@@ -107,8 +101,8 @@ def _whole_run(
             break
     peaks = {}
     for rival in rivals:
-        model = rival.model.path if rival.model is not None else model_path(int8)
-        peak = peak_memory_mb(on_map, on_map.queries[0], rival.method, str(model))
+        model = str(files.get(rival.name, files["nnpp"]))
+        peak = peak_memory_mb(on_map, on_map.queries[0], rival.method, model)
         if peak is not None:
             peaks[rival.name] = peak
     found = {"model_mb": sizes_mb, "peak_memory_mb": peaks, "prior_ms": {LOOP: prior_ms(Harness())}}
@@ -131,11 +125,11 @@ def _noise(halves: Sequence[Disturbance], slowed: Throttling) -> Noise:
     worst = max(halves, key=Disturbance.share)
     others = worst.others_share() or 0.0
     waited = worst.waited_share()
-    signs = []
-    if others > MOST_DISTURBED:
-        signs.append(f"others took {100 * others:.0f} % of the cores' time")
-    if waited > MOST_DISTURBED:
-        signs.append(f"the planners stood still for {100 * waited:.0f} % of theirs")
+    shares = {
+        f"others took {100 * others:.0f} % of the cores' time": others,
+        f"the planners stood still for {100 * waited:.0f} % of theirs": waited,
+    }
+    signs = [words for words, share in shares.items() if share > MOST_DISTURBED]
     words = ""
     if signs:
         which = "first" if worst is halves[0] else "second"

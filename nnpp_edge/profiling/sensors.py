@@ -4,7 +4,7 @@ was throttled.
 
 import math
 import time
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -48,14 +48,11 @@ class Sensors:
         self.readings: list[Reading] = []
         self._cores = {str(core): root / f"devices/system/cpu/cpu{core}" for core in cores}
         self._zones: dict[str, Path] = {}
-        trips: dict[str, float] = {}
         for zone in sorted((root / "class/thermal").glob("thermal_zone*")):
             kind = text_of(zone / "type") or "zone"
-            name = f"{kind} {zone.name.removeprefix('thermal_zone')}"
-            self._zones[name] = zone
-            slowing = list(_trips(zone))
-            if slowing:
-                trips[name] = min(slowing)
+            self._zones[f"{kind} {zone.name.removeprefix('thermal_zone')}"] = zone
+        points = {name: list(_trips(zone)) for name, zone in self._zones.items()}
+        trips = {name: min(slowing) for name, slowing in points.items() if slowing}
         self.limits = Reading(0.0, self._clocks("cpuinfo_max_freq"), trips)
         """The greatest clock of each core, and the temperature of each zone at which the kernel
         slows it.
@@ -67,16 +64,9 @@ class Sensors:
 
     def read(self) -> Reading:
         """A reading of now; a file that cannot be read is left out."""
-        temperatures: dict[str, float] = {}
-        for name, zone in self._zones.items():
-            milli = _number(zone / "temp")
-            if milli is not None:
-                temperatures[name] = 1e-3 * milli
-        throttles = None
-        for core in self._cores.values():
-            count = _number(core / "thermal_throttle/core_throttle_count")
-            if count is not None:
-                throttles = int(count) + (throttles or 0)
+        temperatures = _thousandths(self._zones, "temp")
+        counts = _thousandths(self._cores, "thermal_throttle/core_throttle_count").values()
+        throttles = round(1e3 * sum(counts)) if counts else None
         clocks = self._clocks("scaling_cur_freq")
         reading = Reading(time.perf_counter(), clocks, temperatures, throttles)
         self.readings.append(reading)
@@ -84,12 +74,8 @@ class Sensors:
 
     def _clocks(self, file: str) -> dict[str, float]:
         """MHz of each core by a file of cpufreq."""
-        clocks: dict[str, float] = {}
-        for core, folder in self._cores.items():
-            khz = _number(folder / "cpufreq" / file)
-            if khz:
-                clocks[core] = 1e-3 * khz
-        return clocks
+        clocks = _thousandths(self._cores, f"cpufreq/{file}")
+        return {core: mhz for core, mhz in clocks.items() if mhz}
 
 
 @dataclass(frozen=True)
@@ -130,10 +116,9 @@ def throttling(readings: Sequence[Reading], limits: Reading) -> Throttling:
     counts = [reading.throttles for reading in readings if reading.throttles is not None]
     if counts and counts[-1] > counts[0]:
         words.append(f"the processor slowed its cores {counts[-1] - counts[0]} times")
-    if not words:
-        return Throttling()
     # of the core that lacked most of its clock
-    return Throttling("; ".join(words), float(max(missing, default=1.0)))
+    share = float(max(missing, default=1.0)) if words else 0.0
+    return Throttling("; ".join(words), share)
 
 
 def sensor_facts(readings: Sequence[Reading], limits: Reading) -> Facts:
@@ -141,15 +126,16 @@ def sensor_facts(readings: Sequence[Reading], limits: Reading) -> Facts:
     found: Facts = {"readings": len(readings), "throttled": throttling(readings, limits).words}
     for key, name in (("clock_mhz", "limit"), ("temperature_c", "trip")):
         most = getattr(limits, key)
-        found[key] = {}
-        for sensor, values in _series(readings, key).items():
-            found[key][sensor] = {
+        found[key] = {
+            sensor: {
                 "first": values[0],
                 "last": values[-1],
                 "min": min(values),
                 "max": max(values),
                 name: most.get(sensor),
             }
+            for sensor, values in _series(readings, key).items()
+        }
     return found
 
 
@@ -181,3 +167,9 @@ def _number(path: Path) -> float | None:
     with suppress(ValueError):
         return float(text_of(path))
     return None
+
+
+def _thousandths(folders: Mapping[str, Path], file: str) -> dict[str, float]:
+    """A thousandth of the number in this file of each folder, where it can be read."""
+    numbers = {name: _number(folder / file) for name, folder in folders.items()}
+    return {name: 1e-3 * number for name, number in numbers.items() if number is not None}

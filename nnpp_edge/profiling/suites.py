@@ -96,7 +96,7 @@ def check_sizes(dems: Sequence[Dem], sizes: Sequence[int]) -> None:
     """InvalidQueryError where a terrain is smaller than one of the sizes."""
     most = max(sizes)
     for dem in dems:
-        if min(dem.shape) < most:
+        if not large_enough([dem], most):
             raise InvalidQueryError(
                 f"{dem.source}: wanted terrain of at least {most} × {most} cells, got {dem.shape}"
             )

@@ -46,15 +46,11 @@ class Robot:
         self._by_costs = ground.elevation is None
         self._eased = ground
         self.reach = reach_of(ground.vehicle, self.sides_m)
-        vehicle = ground.vehicle
-        if vehicle is None:
-            return
-        eased = {}
-        for name in () if vehicle.is_disc else _LIMITS:
-            limit = getattr(vehicle, name)
-            if limit is not None:
-                eased[name] = limit * (1.0 + _ROUNDING)
-        self._eased = replace(ground, vehicle=replace(vehicle, **eased))
+        body = ground.vehicle
+        if body is not None and not body.is_disc:
+            limits = {name: getattr(body, name) for name in _LIMITS if getattr(body, name)}
+            eased = {name: limit * (1.0 + _ROUNDING) for name, limit in limits.items()}
+            self._eased = replace(ground, vehicle=replace(body, **eased))
 
     @property
     def has_legs(self) -> bool:
@@ -104,7 +100,7 @@ class Robot:
         """
         if self._by_costs:
             return values
-        ground = _with(self._ground, values)
+        ground = self._with(values)
         if self.vehicle is not None:
             return whole_cost(ground)
         costs = ground.costs()
@@ -116,7 +112,7 @@ class Robot:
 
     def ground(self, values: Float2D) -> Ground:
         """Itself on the map, for planners and the onboard loop."""
-        return self._known or _with(self._ground, values)
+        return self._known or self._with(values)
 
     def patch(self, row: int, col: int, values: Float2D) -> MapPatch:
         """The message that tells the loop of values."""
@@ -124,9 +120,15 @@ class Robot:
             return MapPatch(row, col, cost=values)
         return MapPatch(row, col, elevation=values)
 
+    def _with(self, values: Float2D, *, eased: bool = False) -> Ground:
+        """The ground with other values of the kind that it holds."""
+        ground = self._eased if eased else self._ground
+        kind = "cost" if self._by_costs else "elevation"
+        return replace(ground, **{kind: values})  # type: ignore[arg-type]  # either is a map
+
     def _grid(self, values: Float2D) -> Grid:
         if self._known is None:
-            return map_state(_with(self._eased, values)).grid
+            return map_state(self._with(values, eased=True)).grid
         state = map_state(replace(self._known, vehicle=self._eased.vehicle))
         state.update_elevation(0, 0, values, np.isfinite(values))
         return state.grid
@@ -137,9 +139,3 @@ def reach_of(vehicle: Vehicle | None, sides_m: tuple[float, float]) -> int:
     if vehicle is None:
         return 0
     return math.ceil((vehicle.radius_m or vehicle.reach_m) / min(sides_m)) + 1
-
-
-def _with(ground: Ground, values: Float2D) -> Ground:
-    """The ground with other values of the kind that it holds."""
-    kind = "cost" if ground.elevation is None else "elevation"
-    return replace(ground, **{kind: values})  # type: ignore[arg-type]  # either is a map

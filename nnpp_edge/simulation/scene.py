@@ -92,9 +92,9 @@ class SurveyedGround:
     @property
     def true(self) -> Float2D:
         """(H, W) costs or heights, whichever the robot goes by."""
-        values = self.ground.cost if self.ground.elevation is None else self.ground.elevation
-        assert values is not None
-        return values
+        if self.ground.elevation is None:
+            return self.ground.costs()
+        return self.ground.elevation
 
     def in_file(self, cell: Cell) -> Cell:
         """The file's cell."""
@@ -105,15 +105,43 @@ class SurveyedGround:
         return self.robot.costs(self.true)
 
 
+@dataclass(frozen=True)
+class SimulationSettings:
+    """How a drive goes."""
+
+    method: str = "auto"
+    model: str = "edge"
+    rate_hz: float | None = None
+    """Ticks a second; None for as fast as possible, each with a tenth of a second for its
+    answer.
+    """
+    ticks: int = 5000
+    """The drive ends after so many, at the goal or not."""
+    changes: int = 1
+    """Events of obstacles between two ticks: one appears, moves or vanishes."""
+    sight: int = 12
+    """Cells that the robot sees to each side, beyond those under its body."""
+    speed: int = 1
+    """Cells that it walks between two ticks."""
+    seed: int = 1
+    """Of the obstacles."""
+    endless: bool = False
+    """Whether the robot drives on to another goal where it has reached one, or cannot, until the
+    ticks are over.
+    """
+    steering_noise_deg: float = 0.0
+    """Standard deviation of the steering angle of a body that drives arcs."""
+
+
 class Scene:
     """The ground, what the robot has been told of it, and the robot; an `InputSource` that advances
     at each poll.
 
     At a poll the robot walks on, `speed` cells along the newest path, as far as that is free,
     obstacles change (`changes` events), and the robot sees the true cost of the cells around it,
-    `sight` to each side beyond those under its body, at least 1. Obstacles are told at once,
-    wherever they are. InvalidQueryError where start or goal, around which the true costs are known
-    from the beginning, is outside the map or truly impassable.
+    `sight` to each side beyond those under its body, at least 1. Obstacles, which `rng` draws, are
+    told at once, wherever they are. InvalidQueryError where start or goal, around which the true
+    costs are known from the beginning, is outside the map or truly impassable.
 
     With `steering_noise_deg` a body that drives arcs follows them as a kinematic vehicle and comes
     off them; the loop is told its true pose. It drives on as far as it may truly stand.
@@ -126,11 +154,7 @@ class Scene:
         start: Cell,
         goal: Cell,
         rng: np.random.Generator,
-        *,
-        sight: int = 12,
-        speed: int = 1,
-        changes: int = 1,
-        steering_noise_deg: float = 0.0,
+        settings: SimulationSettings,
     ) -> None:
         robot = ground.robot
         rows, cols = ground.true.shape
@@ -142,18 +166,16 @@ class Scene:
             if not robot.stands(ground.true, (row, col)):
                 raise InvalidQueryError(f"{name} {ground.in_file((row, col))} is impassable")
         body = robot.vehicle
-        if steering_noise_deg and (body is None or body.turning_radius_m is None):
+        if settings.steering_noise_deg and (body is None or body.turning_radius_m is None):
             raise InvalidQueryError("noise in steering wants a vehicle with a turning_radius_m")
 
         # the world
         self.ground = ground
         self.robot = start
         self.goal = goal
-        self._noise_deg = steering_noise_deg
+        self._settings = settings
         self._rng = rng
-        self._speed = speed
-        self._changes = changes
-        self._sight = sight + robot.reach
+        self._sight = settings.sight + robot.reach
         self.obstacles = Obstacles(
             (rows, cols), rng, value=robot.obstacle(ground.true), clear=max(CLEAR, robot.reach)
         )
@@ -197,16 +219,15 @@ class Scene:
 
     def poll(self) -> Iterator[Input]:
         """Move on, and give the messages until the next tick; each counts as told once taken."""
-        if self.polls and self._noise_deg:
-            self._steer()
-        elif self.polls:
-            self._walk()
+        if self.polls:
+            move = self._steer if self._settings.steering_noise_deg else self._walk
+            move()
         self.polls += 1
         orders = self._orders
         self._orders = []
         yield from orders
         changed: list[Rectangle] = []
-        for _ in range(self._changes):
+        for _ in range(self._settings.changes):
             changed += self.obstacles.one_event(self.robot, self.goal, self.path[:, :2])
         self.seen = self._see(self.robot)
         yield from self._patches([*changed, self.seen])
@@ -247,13 +268,12 @@ class Scene:
             self.waited += 1
             return
         first = int(at[0])
-        ahead = self.path[first : first + 1 + self._speed]
+        ahead = self.path[first : first + 1 + self._settings.speed]
         count = self.ground.robot.steps(self.now, ahead) if len(ahead) > 1 else 0
         if count and len(self.driven[-1]) < ahead.shape[1]:
             self.driven[-1] = tuple(ahead[0].tolist())
-        for place in ahead[1 : 1 + count].tolist():
-            self.robot = (place[0], place[1])
-            self.driven.append(tuple(place))
+        self.driven += map(tuple, ahead[1 : 1 + count].tolist())
+        self.robot = tuple(ahead[count, :2].tolist())
         if ahead.shape[1] == 3:
             self.heading_deg = float(self._headings[first + count])
         elif self.ground.robot.has_legs and count:  # as it came here
@@ -267,9 +287,9 @@ class Scene:
         dy, dx = robot.sides_m
         before = self._pose
         if body is not None and len(self.path) > 1:
-            drive = drive_along(self.path[: 1 + self._speed], body, (dy, dx))
+            drive = drive_along(self.path[: 1 + self._settings.speed], body, (dy, dx))
             first: PoseOf = self._pose or tuple(drive.poses[0].tolist())
-            arcs = list(followed(first, drive, body, self._noise_deg, self._rng))
+            arcs = list(followed(first, drive, body, self._settings.steering_noise_deg, self._rng))
             ends = np.array([arc.at(1.0) for arc in arcs]).reshape(-1, 3)
             places = ends[:, [1, 0, 2]] / (dy, dx, 1.0)
             weights = robot.weights_at(self.now, places)

@@ -4,7 +4,7 @@ only roughly.
 
 from collections.abc import Callable, Sequence
 from contextlib import closing
-from dataclasses import asdict, dataclass, field, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -14,7 +14,6 @@ from nnpp_edge.runtime import (
     Goal,
     Loop,
     Navigator,
-    NavigatorSettings,
     PathMessage,
     Planner,
     Pose,
@@ -24,11 +23,12 @@ from nnpp_edge.runtime.arrays import Cells, Float2D
 from nnpp_edge.runtime.cells import Cell, Endpoints
 from nnpp_edge.runtime.errors import InvalidQueryError
 from nnpp_edge.runtime.loop.connections import Recorder
-from nnpp_edge.runtime.loop.timing import Histogram, rss_bytes
+from nnpp_edge.runtime.loop.timing import Histogram
 from nnpp_edge.runtime.map.along import Line
 from nnpp_edge.runtime.map.state import MapState
+from nnpp_edge.runtime.memory import rss_bytes
 from nnpp_edge.runtime.planners.plan import Plan
-from nnpp_edge.simulation.scene import Scene, SurveyedGround
+from nnpp_edge.simulation.scene import Scene, SimulationSettings, SurveyedGround
 from nnpp_edge.terrain.labels import random_query
 
 _COUNTED = ("ticks", "planned", "kept", "failed", "degraded", "errors", "drops", "overruns")
@@ -41,34 +41,6 @@ _WARM_UP = 0.1
 """Share of the ticks after which memory is read again."""
 _LEAST_DISTANCE = 0.6
 """Between a random start and goal, as a share of the map's longer side."""
-
-
-@dataclass(frozen=True)
-class SimulationSettings:
-    """How a drive goes."""
-
-    method: str = "auto"
-    model: str = "edge"
-    rate_hz: float | None = None
-    """Ticks a second; None for as fast as possible, each with a tenth of a second for its
-    answer.
-    """
-    ticks: int = 5000
-    """The drive ends after so many, at the goal or not."""
-    changes: int = 1
-    """Events of obstacles between two ticks: one appears, moves or vanishes."""
-    sight: int = 12
-    """Cells that the robot sees to each side, beyond those under its body."""
-    speed: int = 1
-    """Cells that it walks between two ticks."""
-    seed: int = 1
-    """Of the obstacles."""
-    endless: bool = False
-    """Whether the robot drives on to another goal where it has reached one, or cannot, until the
-    ticks are over.
-    """
-    steering_noise_deg: float = 0.0
-    """Standard deviation of the steering angle of a body that drives arcs."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -125,15 +97,17 @@ class Drive:
 
     def summary(self) -> dict[str, object]:
         """Without its arrays, ready for JSON."""
-        values: dict[str, object] = asdict(self)
-        for name in ("driven", "optimal", "counters"):
-            del values[name]
-        values |= {name: getattr(self.counters, name) for name in _COUNTED}
-        return values | {
-            "excess": self.excess,
-            "cells": self.cells,
-            "omniscient_cost": self.optimal_cost,
-        }
+        left_out = ("driven", "optimal", "counters")
+        values = {name: value for name, value in vars(self).items() if name not in left_out}
+        return (
+            values
+            | {name: getattr(self.counters, name) for name in _COUNTED}
+            | {
+                "excess": self.excess,
+                "cells": self.cells,
+                "omniscient_cost": self.optimal_cost,
+            }
+        )
 
 
 def random_drive(ground: SurveyedGround, seed: int) -> tuple[Cell, Cell]:
@@ -162,16 +136,7 @@ def simulate(
     """
     settings = settings or SimulationSettings()
     rng = np.random.default_rng([settings.seed, 2])
-    scene = Scene(
-        ground,
-        start,
-        goal,
-        rng,
-        sight=settings.sight,
-        speed=settings.speed,
-        changes=settings.changes,
-        steering_noise_deg=settings.steering_noise_deg,
-    )
+    scene = Scene(ground, start, goal, rng, settings)
     course = _Course(scene, settings, rng)
     navigator = _navigator(scene, settings)
     sinks = list(make_sinks(navigator.map))
@@ -299,9 +264,13 @@ def _connected(
 
 def _navigator(scene: Scene, settings: SimulationSettings) -> Navigator:
     """A navigator on the robot's first map, in a process that has loaded all it needs."""
-    planning = NavigatorSettings(method=settings.method, model=settings.model)
-    first = Navigator(scene.ground.robot.ground(scene.told), planning)
+
+    def navigator() -> Navigator:
+        ground = scene.ground.robot.ground(scene.told)
+        return Navigator(ground, settings.method, model=settings.model)
+
+    first = navigator()
     first.offer(Pose(*scene.robot))
     first.offer(Goal(*scene.goal))
     first.tick()
-    return Navigator(scene.ground.robot.ground(scene.told), planning)
+    return navigator()

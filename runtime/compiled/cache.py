@@ -41,8 +41,7 @@ NumbaObject = Any
 """Something of numba's own, which has no types."""
 _COMPILING = (
     "compiling for this processor: up to a minute, minutes on a small board, once (nnpp-edge "
-    "warmup does it ahead of "
-    "time; the package nnpp-edge-kernels brings what it compiles)"
+    "warmup does it ahead of time; the package nnpp-edge-kernels brings what it compiles)"
 )
 _compiling: list[Timer] = []
 """Of the kernels that are being compiled, each within another."""
@@ -107,7 +106,8 @@ class KernelCache(NullCache):
     def _find(self, key: bytes, sig: NumbaObject, target_context: NumbaObject) -> NumbaObject:
         for folder in self._read:
             path = folder / self._name(key)
-            if (kept := self._load(path, key, sig, target_context)) is not None:
+            kept = self._load(path, key, sig, target_context)
+            if kept is not None:
                 return kept
             if folder in places.WHEEL:
                 damaged = "damaged, or not its owner alone can write it"
@@ -119,17 +119,15 @@ class KernelCache(NullCache):
     ) -> NumbaObject:
         content = _read(path)
         kept = content[_CHECKSUM_BYTES:]
-        if content != _checksum(key, kept) + kept:
+        if content[:_CHECKSUM_BYTES] != _checksum(key, kept):
             return None
         try:
             result = CompileResult._rebuild(target_context, *pickle.loads(kept))
-        except (
-            Exception
-        ):  # it was made by something that differs from us in a way which the key does not tell
+        except Exception:
+            # it was made by something that differs from us in a way which the key does not tell
             return None
-        return (
-            result if tuple(result.signature.args) == tuple(normalize_signature(sig)[0]) else None
-        )
+        wanted, _ = normalize_signature(sig)
+        return result if tuple(result.signature.args) == tuple(wanted) else None
 
     def save_overload(self, sig: NumbaObject, data: NumbaObject) -> None:
         """Keep the compiled version `data` for `sig`, unless it holds addresses of this process."""

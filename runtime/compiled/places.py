@@ -77,10 +77,8 @@ def source_digest() -> str:
     """Eight hex digits over every source file that a kernel's code comes from."""
     digest = hashlib.sha256()
     runtime = Path(__file__).parent.parent
-    for source in (
-        *sorted((runtime / "kernels").glob("*.py")),
-        Path(__file__).with_name("kernel.py"),
-    ):
+    kernels = sorted((runtime / "kernels").glob("*.py"))
+    for source in (*kernels, Path(__file__).with_name("kernel.py")):
         digest.update(source.read_bytes())
     return digest.hexdigest()[:8]
 
@@ -97,14 +95,16 @@ def own_folders() -> tuple[Path | None, list[Path]]:
     """Our cache that can be written, the first that serves, and those before it that can only be
     read.
     """
-    if chosen := os.environ.get("NUMBA_CACHE_DIR"):
+    folders = {
+        "XDG_CACHE_HOME": "nnpp-edge",
+        "HOME": ".cache/nnpp-edge",
+        "TMPDIR": f"nnpp-edge-{os.geteuid()}",
+    }
+    given = {"TMPDIR": "/tmp"} | os.environ
+    candidates = [Path(given[name]) / folder for name, folder in folders.items() if given.get(name)]
+    chosen = os.environ.get("NUMBA_CACHE_DIR")
+    if chosen:
         candidates = [Path(chosen)]
-    else:
-        candidates = [Path(os.environ.get("TMPDIR", "/tmp")) / f"nnpp-edge-{os.geteuid()}"]
-        if home := os.environ.get("HOME"):
-            candidates.insert(0, Path(home) / ".cache" / "nnpp-edge")
-        if xdg := os.environ.get("XDG_CACHE_HOME"):
-            candidates.insert(0, Path(xdg) / "nnpp-edge")
     only_read: list[Path] = []
     for base in candidates:
         folder = base / f"kernels-{__version__}-{_DIGEST}"
@@ -126,10 +126,8 @@ def in_wheel(level: str, wheel: Path) -> list[Path]:
         return []
     folder = wheel / name_in_wheel(level)
     if not folder.is_dir():
-        problem = (
-            f"wanted {folder.name}, got "
-            f"{', '.join(sorted(each.name for each in wheel.iterdir())) or 'nothing'}"
-        )
+        there = ", ".join(sorted(each.name for each in wheel.iterdir()))
+        problem = f"wanted {folder.name}, got {there or 'nothing'}"
     elif not (is_trusted(wheel.stat()) and is_trusted(folder.stat())):
         problem = f"{folder} can be written by others than the owner of {_package}"
     else:
@@ -165,8 +163,7 @@ READ = (*WHEEL, *_only_read)
 if OWN is None and not READ:
     warnings.warn(
         "no folder that only this user can write to was found for compiled kernels: every process "
-        "compiles "
-        "them anew (set NUMBA_CACHE_DIR to such a folder)",
+        "compiles them anew (set NUMBA_CACHE_DIR to such a folder)",
         RuntimeWarning,
         stacklevel=2,
     )

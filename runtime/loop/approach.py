@@ -2,9 +2,8 @@
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
-from nnpp_edge.runtime.arrays import Float2D
+from nnpp_edge.runtime.arrays import Float2D, Mask
 from nnpp_edge.runtime.cells import Cell
 
 _BETTER = 5.0
@@ -17,8 +16,8 @@ def place_towards(
     goal: Cell,
     start: Cell,
     costs: Float2D,
-    beyond: NDArray[np.bool_],
-    unknown: NDArray[np.bool_],
+    beyond: Mask,
+    unknown: Mask,
     margin: int,
     present: Cell | None = None,
 ) -> Cell:
@@ -69,6 +68,6 @@ def place_towards(
     return int(rows[best]), int(cols[best])
 
 
-def _grown(cells: NDArray[np.bool_], margin: int) -> NDArray[np.bool_]:
+def _grown(cells: Mask, margin: int) -> Mask:
     around = np.ones((2 * margin + 1, 2 * margin + 1), np.uint8)
     return cv2.dilate(cells.view(np.uint8), around).view(np.bool_)

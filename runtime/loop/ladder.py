@@ -1,35 +1,30 @@
 """How a tick of the onboard loop comes to its path: a ladder of ways, of which the first that gives
 an answer counts.
 
-1. The standing path, if it is valid and cannot have become worse than
-`NavigatorSettings.tolerance`. 2. The method asked for, unless by its last times it would be late.
-3. The corridor planner. 4. The standing path, if it is valid at all. 5. An outcome that says what
-failed.
+1. The standing path, if it is valid and cannot have become worse than the loop's tolerance. 2. The
+method asked for, unless by its last times it would be late. 3. The corridor planner. 4. The
+standing path, if it is valid at all. 5. An outcome that says what failed.
 
 Every path is checked cell by cell before it is published, on a map that has all patches that came
 before the check.
 """
 
 import logging
+import math
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
-from pathlib import Path
 from typing import NamedTuple
 
-from nnpp_edge.runtime.arguments import checked
-from nnpp_edge.runtime.errors import InvalidQueryError, Status
+from nnpp_edge.runtime.errors import Status
 from nnpp_edge.runtime.loop.messages import Origin, PathMessage
-from nnpp_edge.runtime.network.inference import NetworkModel
+from nnpp_edge.runtime.loop.workers import CountError
 from nnpp_edge.runtime.planners.dynamic import DynamicPlanner
 from nnpp_edge.runtime.planners.plan import DynamicMethod, Plan
 from nnpp_edge.runtime.planners.standing_path import Standing
-from nnpp_edge.runtime.terrain.step_cost import PAPER_OMEGA
 
 _LOG = logging.getLogger(__name__)
 _LEAST_PLANNING_S = 0.002
-"""A search gets this much time even where none is left: else a loop that is always late would never
-plan.
-"""
+"""A search gets at least this much time: else a loop that is always late would never plan."""
 _MOST_IN_VAIN = 5
 """A robot without a path stands, and each tick that ends for want of time gives the next one
 twice as long, so many times: else a search that takes longer than a tick would never end."""
@@ -37,38 +32,6 @@ _FORGET = 0.9
 """Factor of a method's expected time each time that the method is skipped as too slow: so it is
 tried again.
 """
-
-
-@checked(InvalidQueryError)
-@dataclass(frozen=True)
-class NavigatorSettings:
-    """Settings of the onboard loop's planning."""
-
-    method: str = DynamicMethod.AUTO
-    omega: float = PAPER_OMEGA
-    corner_cutting: bool = True
-    model: str | Path | NetworkModel = "edge"
-    tolerance: float = 0.02
-    """Share; the standing path is kept while it can cost at most this much more than a new plan."""
-    refine: str | None = None
-    """Whether answers come with way points too."""
-    snap_radius: int = 3
-    """Cells; if the robot stands in an impassable cell, its path may start at most this
-    far away.
-    """
-    approach: bool = False
-    """Whether paths lead as near to the goal as there is a way, where none leads to it: it may
-    be unknown yet. It takes a search over all that can be reached, after each change of the map."""
-
-    @property
-    def asks_network(self) -> bool:
-        """Whether the method runs the network, which ``auto`` does not."""
-        return self.method in (DynamicMethod.NNPP, DynamicMethod.NNPP_DSTAR)
-
-    def __post_init__(self) -> None:
-        for name in ("tolerance", "snap_radius"):
-            if not getattr(self, name) >= 0:
-                raise InvalidQueryError(f"{name} must be at least 0, got {getattr(self, name)}")
 
 
 class Failure(NamedTuple):
@@ -92,10 +55,13 @@ class Tick:
     standing: Standing | None = None
     """The standing path, while it is valid."""
     failures: list[Failure] = field(default_factory=list)
-    """Times of what has run so far."""
 
     def __post_init__(self) -> None:
         self._started = self.clock()
+
+    def fail(self, kind: str, reason: str) -> None:
+        """Note that a rung has failed."""
+        self.failures.append(Failure(kind, reason))
 
     @property
     def left_s(self) -> float:
@@ -115,11 +81,11 @@ class Tick:
 
 
 class Ladder:
-    """Comes to the answer of a tick whose start and goal are known and passable. Serves one thread
-    at a time.
+    """Answers a tick whose start and goal are known and passable. Serves one thread at a time.
 
     Every path is checked after `update_map` has put all patches that wait into the planner's map,
-    and said how many the map has; `count_error` is called with ``full`` or ``corridor`` when
+    and said how many the map has. The standing path is kept while it can cost at most `tolerance`,
+    a share, more than a new plan. `count_error` is called with ``full`` or ``corridor`` when
     planning raised.
     """
 
@@ -127,12 +93,12 @@ class Ladder:
         self,
         planner: DynamicPlanner,
         update_map: Callable[[], int],
-        settings: NavigatorSettings,
-        count_error: Callable[[str], None],
+        tolerance: float,
+        count_error: CountError,
     ) -> None:
         self._planner = planner
         self._update_map = update_map
-        self._settings = settings
+        self._tolerance = tolerance
         self._count_error = count_error
         self._expected_s = 0.0
         """Time that the method asked for is expected to take."""
@@ -154,16 +120,15 @@ class Ladder:
             or self._standing_path(tick, tick.failures[0].reason)
             or self._all_failed(tick)
         )
-        self._in_vain = (
-            min(self._in_vain + 1, _MOST_IN_VAIN) if answer.outcome is Status.TIMEOUT else 0
-        )
+        in_vain = answer.outcome is Status.TIMEOUT
+        self._in_vain = min(self._in_vain + 1, _MOST_IN_VAIN) * in_vain
         return answer
 
     # --- the rungs: an answer, or None, with what failed noted in the tick
 
     def _standing_while_good(self, tick: Tick) -> PathMessage | None:
         standing = tick.standing
-        if standing is None or standing.added > self._settings.tolerance * abs(standing.cost):
+        if standing is None or standing.added > self._tolerance * abs(standing.cost):
             return None
         message = self._standing_path(tick, "it still holds")
         if message is None:
@@ -173,7 +138,7 @@ class Ladder:
     def _planned_in_full(self, tick: Tick) -> PathMessage | None:
         if self._expected_s > max(tick.left_s, _LEAST_PLANNING_S):
             self._expected_s *= _FORGET
-            tick.failures.append(Failure("late", "by its last times the full method would be late"))
+            tick.fail("late", "by its last times the full method would be late")
             return None
         return self._planned(tick, Origin.FULL)
 
@@ -183,13 +148,12 @@ class Ladder:
         return self._planned(tick, Origin.CORRIDOR, DynamicMethod.CORRIDOR)
 
     def _standing_path(self, tick: Tick, reason: str) -> PathMessage | None:
-        if (standing := tick.standing) is None:
-            return None
+        standing = tick.standing
         plan = self._planner.standing_plan
-        assert plan is not None
-        left = replace(
-            plan.rest(standing.index), cost=standing.cost, lower_bound=standing.lower_bound
-        )
+        if standing is None or plan is None:
+            return None
+        rest = plan.rest(standing.index)
+        left = replace(rest, cost=standing.cost, lower_bound=standing.lower_bound)
         freed = self._planner.refined(left)
         return self._path(tick, freed, Origin.STANDING, reason) if freed.ok else None
 
@@ -210,24 +174,23 @@ class Ladder:
                 method=method, time_limit_s=max(tick.left_s, _LEAST_PLANNING_S)
             )
         except Exception as error:
-            _LOG.warning("planning by %s raised", method or self._settings.method, exc_info=True)
+            _LOG.warning("planning by %s raised", method or self._planner.method, exc_info=True)
             self._count_error(str(origin))
-            tick.failures.append(Failure("raised", one_line(error)))
+            tick.fail("raised", one_line(error))
             return None
-        ended = tick.clock()
+        took_s = tick.clock() - began
         if method is None:
-            mean = 0.8 * self._expected_s + 0.2 * (ended - began)
-            self._expected_s = max(ended - began, mean if plan.ok else self._expected_s)
+            mean = 0.8 * self._expected_s + 0.2 * took_s
+            self._expected_s = max(took_s, mean if plan.ok else self._expected_s)
         if plan.status is Status.TIMEOUT:
-            tick.failures.append(Failure("timeout", "the search ran out of time"))
+            tick.fail("timeout", "the search ran out of time")
             return None
         if not plan.ok:
             return tick.no_path(plan.status, plan.reason)
-        message = self._path(
-            tick, plan, origin, tick.failures[-1].reason if tick.failures else plan.reason
-        )
+        reason = tick.failures[-1].reason if tick.failures else plan.reason
+        message = self._path(tick, plan, origin, reason)
         if message is None:
-            tick.failures.append(Failure("map_changed", "the map changed while planning"))
+            tick.fail("map_changed", "the map changed while planning")
         return message
 
     def _path(self, tick: Tick, plan: Plan, origin: Origin, reason: str) -> PathMessage | None:
@@ -237,35 +200,39 @@ class Ladder:
         if (tuple(path[0]), tuple(path[-1])) != (tick.known.start, tick.known.goal):
             _LOG.info("a path from %s is not published: it has other ends", origin)
             return None
-        if (blocked := self._planner.first_blocked(plan.walked)) >= 0:
-            _LOG.info(
-                "a path from %s is not published: it cannot be walked at %s",
-                origin,
-                path[blocked].tolist(),
-            )
+        blocked = self._planner.first_blocked(plan.walked)
+        if blocked >= 0:
+            words = "a path from %s is not published: it cannot be walked at %s"
+            _LOG.info(words, origin, path[blocked].tolist())
             return None
-        base = tick.no_path(Status.NO_PATH, reason, degraded=bool(tick.failures))
-        found = replace(
-            base,
+        state = self._planner.state
+        known = None
+        priced: Plan | Standing = plan
+        if version != tick.known.map_version:
+            # the map has changed since: way points are not checked on it
+            plan = replace(plan, waypoints=None, line_cost=math.inf)
+            standing = self._planner.standing()
+            priced = standing if standing.valid else plan
+        if state.unseen is not None:
+            anew = origin is Origin.STANDING or version != tick.known.map_version
+            known = state.known_along(path) if anew else plan.known
+        return replace(
+            tick.no_path(Status.NO_PATH, reason, degraded=bool(tick.failures)),
             outcome=Status.OK,
             origin=origin,
             path=path,
+            map_version=version,
             method=plan.planner,
             choice=plan.choice,
+            states=() if plan.states is None else tuple(plan.states.tolist()),
+            headings=() if plan.states is None else tuple(plan.headings_deg.tolist()),
+            arcs=plan.arcs,
+            known=known,
+            waypoints=plan.waypoints,
+            line_cost=plan.line_cost,
+            cost=priced.cost,
+            lower_bound=priced.lower_bound,
         )
-        if plan.states is not None:
-            states = tuple(plan.states.tolist())
-            headings = tuple(plan.headings_deg.tolist())
-            found = replace(found, states=states, arcs=plan.arcs, headings=headings)
-        if (state := self._planner.state).unseen is not None:
-            anew = origin is Origin.STANDING or version != tick.known.map_version
-            found = replace(found, known=state.known_along(path) if anew else plan.known)
-        if version == tick.known.map_version:
-            found = replace(found, waypoints=plan.waypoints, line_cost=plan.line_cost)
-            return replace(found, cost=plan.cost, lower_bound=plan.lower_bound)
-        # the map has changed since the path was planned: way points are not checked on it
-        now = standing if (standing := self._planner.standing()).valid else plan
-        return replace(found, map_version=version, cost=now.cost, lower_bound=now.lower_bound)
 
 
 def one_line(error: BaseException) -> str:

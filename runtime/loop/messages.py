@@ -7,9 +7,8 @@ from enum import StrEnum
 from typing import Annotated
 
 import numpy as np
-from numpy.typing import NDArray
 
-from nnpp_edge.runtime.arrays import Float2D, as_map, headings_along
+from nnpp_edge.runtime.arrays import Cells, Float2D, Floats, as_map, headings_along
 from nnpp_edge.runtime.cells import Cell
 from nnpp_edge.runtime.errors import InvalidMapError, NnppEdgeError, Status, shown
 from nnpp_edge.runtime.robots.body.arcs import Arc
@@ -45,9 +44,9 @@ class MapPatch:
     row: int
     """Of the patch's first cell; the patch may stick out of the map."""
     col: int
-    elevation: NDArray[np.float32] | None = None
+    elevation: Float2D | None = None
     """(h, w) metres; NaN or infinite where the cell was not seen."""
-    cost: NDArray[np.float32] | None = None
+    cost: Float2D | None = None
     """(h, w) traversability cost or weight, as the planner takes it; NaN where the cell was not
     seen.
     """
@@ -103,11 +102,10 @@ class Pose:
     """In which a body stands, clockwise from up the rows; None: a path begins in any direction."""
 
     def __post_init__(self) -> None:
-        _check_numbers(
-            self,
-            [],
-            ["row", "col", "stamp", *(["heading_deg"] if self.heading_deg is not None else [])],
-        )
+        numbers = ["row", "col", "stamp"]
+        if self.heading_deg is not None:
+            numbers.append("heading_deg")
+        _check_numbers(self, [], numbers)
 
     @property
     def cell(self) -> Cell:
@@ -144,7 +142,7 @@ class PathMessage:
     tick: int
     outcome: Status
     origin: Origin
-    path: NDArray[np.int32] = field(default_factory=lambda: np.empty((0, 2), np.int32))
+    path: Cells = field(default_factory=lambda: np.empty((0, 2), np.int32))
     """(N, 2) cells (row, col) from the robot to the goal, passable on the newest map that the loop
     had.
     """
@@ -166,7 +164,7 @@ class PathMessage:
     """Number of map patches that the answer takes into account."""
     planning_ms: float = 0.0
     """From the beginning of the tick to this answer."""
-    waypoints: NDArray[np.float64] | None = None
+    waypoints: Floats | None = None
     """(N, 2) places (row, col) in cells, as in `Plan`; None unless asked for, or where the map
     changed meanwhile.
     """
@@ -187,7 +185,8 @@ class PathMessage:
     """Cells of the path, from its first on, that are known; None where the map is known finely."""
 
     def __post_init__(self) -> None:
-        if (self.outcome is Status.OK) != bool(cells := len(self.path)):
+        cells = len(self.path)
+        if self.ok != bool(cells):
             raise InvalidMessageError(
                 f"only an outcome of OK comes with a path, got {self.outcome} with {cells} cells"
             )
@@ -198,18 +197,18 @@ class PathMessage:
         return self.outcome is Status.OK
 
     @property
-    def headings_deg(self) -> NDArray[np.float64]:
+    def headings_deg(self) -> Floats:
         """(N,) degrees clockwise from up the rows, of each cell of the path as in `Plan`; none for
         a path of one.
         """
         return np.array(self.headings) if self.headings else headings_along(self.path)
 
     @property
-    def walked(self) -> NDArray[np.int32]:
+    def walked(self) -> Cells:
         """As in `Plan`."""
-        return (
-            np.column_stack((self.path, self.states)).astype(np.int32) if self.states else self.path
-        )
+        if not self.states:
+            return self.path
+        return np.column_stack((self.path, self.states)).astype(np.int32)
 
     def summary(self) -> dict[str, object]:
         """Ready for JSON: an infinite cost is None, and way points are left out where there are
@@ -219,8 +218,6 @@ class PathMessage:
             name: getattr(self, name) for name in self.__dataclass_fields__
         }
         fields |= {
-            "outcome": str(self.outcome),
-            "origin": str(self.origin),
             "path": self.path.tolist(),
             "headings_deg": self.headings_deg.tolist(),
             "cost": self.cost if math.isfinite(self.cost) else None,
@@ -293,12 +290,7 @@ class StatusMessage:
 
     def summary(self) -> dict[str, object]:
         """Ready for JSON."""
-        return {
-            "tick": self.tick,
-            "outcome": str(self.outcome),
-            "text": self.text,
-            "counters": asdict(self.counters),
-        }
+        return asdict(self)
 
 
 Output = PathMessage | StatusMessage

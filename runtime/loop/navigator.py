@@ -9,15 +9,16 @@ import time
 from collections import Counter
 from collections.abc import Callable
 from dataclasses import replace
-from typing import NamedTuple
+from itertools import product
+from typing import NamedTuple, Unpack
 
 import numpy as np
 
 from nnpp_edge.runtime.arguments import checked
-from nnpp_edge.runtime.cells import Cell
+from nnpp_edge.runtime.cells import Cell, slices, widened
 from nnpp_edge.runtime.errors import InvalidQueryError, Status
 from nnpp_edge.runtime.loop.approach import place_towards
-from nnpp_edge.runtime.loop.ladder import Ladder, NavigatorSettings, Tick, one_line
+from nnpp_edge.runtime.loop.ladder import Ladder, Tick, one_line
 from nnpp_edge.runtime.loop.messages import (
     Counters,
     Goal,
@@ -33,6 +34,8 @@ from nnpp_edge.runtime.map.ground import Ground
 from nnpp_edge.runtime.map.state import MapState
 from nnpp_edge.runtime.network.loading import begin_loading
 from nnpp_edge.runtime.planners.dynamic import DynamicPlanner
+from nnpp_edge.runtime.planners.on_map import PlannerOptions
+from nnpp_edge.runtime.planners.plan import DynamicMethod
 
 _LOG = logging.getLogger(__name__)
 
@@ -55,6 +58,15 @@ class Navigator:
     ----------
     ground : Ground
         The robot and its first map, which is copied; patches come through `offer`.
+    method, refine, **options
+        As of `DynamicPlanner`.
+    tolerance : float
+        The standing path is kept while it can cost at most this share more than a new plan.
+    snap_radius : int
+        Cells; if the robot stands in an impassable cell, its path may start at most this far away.
+    approach : bool
+        Whether paths lead as near to the goal as there is a way, where none leads to it: it may be
+        unknown yet. It takes a search over all that can be reached, after each change of the map.
     clock : callable
         Monotonic seconds; deadlines given to `tick` are readings of it.
 
@@ -66,11 +78,20 @@ class Navigator:
     def __init__(
         self,
         ground: Ground,
-        settings: NavigatorSettings | None = None,
+        method: str = DynamicMethod.AUTO,
         *,
+        refine: str | None = None,
+        tolerance: float = 0.02,
+        snap_radius: int = 3,
+        approach: bool = False,
         clock: Callable[[], float] = time.monotonic,
+        **options: Unpack[PlannerOptions],
     ) -> None:
-        self.settings = settings = settings or NavigatorSettings()
+        for name, value in (("tolerance", tolerance), ("snap_radius", snap_radius)):
+            if not value >= 0:
+                raise InvalidQueryError(f"{name} must be at least 0, got {value}")
+        self._snap_radius = snap_radius
+        self._approach = approach
         self._clock = clock
         self._inbox = threading.Lock()
         self._pose: Pose | None = None
@@ -80,29 +101,16 @@ class Navigator:
         self._degraded: Counter[str] = Counter()
         self._errors: Counter[str] = Counter()
         self._approached: _Approached | None = None
-        sides = range(-settings.snap_radius, settings.snap_radius + 1)
-        offsets = [
-            (row, col)
-            for row in sides
-            for col in sides
-            if math.hypot(row, col) <= settings.snap_radius
-        ]
-        self._nearest_first = sorted(offsets, key=lambda offset: math.hypot(*offset))
-        if settings.asks_network:
-            begin_loading(settings.model)
-        self.planner = DynamicPlanner(
-            ground,
-            (0, 0),
-            settings.method,
-            omega=settings.omega,
-            corner_cutting=settings.corner_cutting,
-            model=settings.model,
-            refine=settings.refine,
-        )
+        side = range(-snap_radius, snap_radius + 1)
+        offsets = sorted(product(side, side), key=lambda offset: math.hypot(*offset))
+        self._nearest_first = [each for each in offsets if math.hypot(*each) <= snap_radius]
+        if DynamicMethod(method).asks_network:
+            begin_loading(options.get("model", "edge"))
+        self.planner = DynamicPlanner(ground, (0, 0), method, refine=refine, **options)
         """Plans on the loop's one map. It belongs to the thread that calls `tick`."""
         self.planner.prepare()
         self._patches = Patches(self.planner.state)
-        self._ladder = Ladder(self.planner, self._update_map, settings, self.count_error)
+        self._ladder = Ladder(self.planner, self._update_map, tolerance, self.count_error)
 
     @property
     def map(self) -> MapState:
@@ -140,9 +148,8 @@ class Navigator:
         `Exception`.
         """
         self._counts["ticks"] += 1
-        tick = Tick(
-            self._clock, deadline, PathMessage(self._counts["ticks"], Status.UNKNOWN, Origin.NONE)
-        )
+        unknown = PathMessage(self._counts["ticks"], Status.UNKNOWN, Origin.NONE)
+        tick = Tick(self._clock, deadline, unknown)
         try:
             message = self._answer(tick)
         except Exception as error:
@@ -164,44 +171,39 @@ class Navigator:
             goal = self._goal
         tick.known = replace(tick.known, map_version=self._update_map())
         if pose is None or goal is None:
-            return tick.no_path(
-                Status.NO_POSE if pose is None else Status.NO_GOAL, "nothing to plan yet"
-            )
-        for cell, status in (
-            (goal.cell, Status.GOAL_OUTSIDE_MAP),
-            (pose.cell, Status.START_OUTSIDE_MAP),
-        ):
+            missing = Status.NO_POSE if pose is None else Status.NO_GOAL
+            return tick.no_path(missing, "nothing to plan yet")
+        ends = {Status.GOAL_OUTSIDE_MAP: goal.cell, Status.START_OUTSIDE_MAP: pose.cell}
+        for status, cell in ends.items():
             if not self.map.grid.holds(cell):
                 return tick.no_path(status, f"the map has {self.planner.shape} cells")
         around = ((pose.cell[0] + row, pose.cell[1] + col) for row, col in self._nearest_first)
         on_map = filter(self.map.grid.holds, around)
         start = next(filter(self.planner.is_passable, on_map), None)
         if start is None:
-            radius = self.settings.snap_radius
-            reason = (
-                f"no passable cell within {radius} of the "
-                f"robot{self._unknown_around(pose.cell, radius)}"
-            )
+            radius = self._snap_radius
+            unknown = self._unknown_around(pose.cell, radius)
+            reason = f"no passable cell within {radius} of the robot{unknown}"
             return tick.no_path(Status.START_BLOCKED, reason)
         self.planner.move(start, pose.heading_deg)
         target = goal.cell
-        if not self.planner.is_passable(target) and not self.settings.approach:
-            return tick.no_path(
-                Status.GOAL_BLOCKED, f"the goal is impassable{self._unknown_around(target)}"
-            )
+        passable = self.planner.is_passable(target)
+        if not (passable or self._approach):
+            reason = f"the goal is impassable{self._unknown_around(target)}"
+            return tick.no_path(Status.GOAL_BLOCKED, reason)
         tick.known = replace(tick.known, start=start, start_moved=start != pose.cell)
         self._counts["starts_moved"] += tick.known.start_moved
         approached = self._approached is not None and self._approached.goal == target
-        if approached or not self.planner.is_passable(target):
+        if approached or not passable:
             target = self._as_near_as(target, start)
         message = self._answer_to(target, goal.cell, tick)
-        if message.outcome is Status.NO_PATH and self.settings.approach:
+        if message.outcome is Status.NO_PATH and self._approach:
             self._approached = None  # what was chosen in the goal's place cannot be reached either
             return self._answer_to(self._as_near_as(goal.cell, start), goal.cell, tick)
         return message
 
     def _answer_to(self, target: Cell, goal: Cell, tick: Tick) -> PathMessage:
-        """The ladder's answer on the way to a goal, or to what is gone to in its place."""
+        """The ladder's answer for `target`: the goal, or the place that stands in for it."""
         tick.known = replace(tick.known, goal=target, goal_moved=target != goal)
         if target != self.planner.goal:
             self.planner.set_goal(target)
@@ -209,11 +211,9 @@ class Navigator:
 
     def _as_near_as(self, goal: Cell, start: Cell) -> Cell:
         """Where to go while no path leads to the goal; the goal, once one does."""
-        before = (
-            self._approached
-            if self._approached is not None and self._approached.goal == goal
-            else None
-        )
+        before = self._approached
+        if before is not None and before.goal != goal:
+            before = None
         if before is None or before.map_version != self._patches.taken:
             planner = self.planner
             state = self.map
@@ -223,17 +223,17 @@ class Navigator:
             beyond[goal] = True
             costs = planner.reach()
             margin = state.reach_cells + 2
-            place = place_towards(
-                goal, start, costs, beyond, state.unknown(), margin, before and before.place
-            )
-            before = self._approached = (
-                None if place == goal else _Approached(goal, place, self._patches.taken)
-            )
+            present = before and before.place
+            place = place_towards(goal, start, costs, beyond, state.unknown(), margin, present)
+            before = None
+            if place != goal:
+                before = _Approached(goal, place, self._patches.taken)
+            self._approached = before
         return goal if before is None else before.place
 
     def _update_map(self) -> int:
-        """Put all patches that wait into the map; how many it has. What raises twice waits on, and
-        raises here.
+        """Put all waiting patches into the map; the number of patches that it has. If one fails
+        twice, they keep waiting, and its error is raised.
         """
         with self._patches.taking() as waiting:
             for one in waiting:
@@ -254,9 +254,8 @@ class Navigator:
         for none.
         """
         radius += self.map.reach_cells
-        unknown = self.map.unknown(*(slice(max(at - radius, 0), at + radius + 1) for at in cell))
-        return (
-            f"; {unknown.sum()} of {unknown.size} cells around it are unknown"
-            if unknown.any()
-            else ""
-        )
+        around = widened((*cell, 1, 1), (radius, radius), self.map.shape)
+        unknown = self.map.unknown(*slices(around))
+        if not unknown.any():
+            return ""
+        return f"; {unknown.sum()} of {unknown.size} cells around it are unknown"

@@ -10,10 +10,9 @@ from contextlib import contextmanager
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
-from nnpp_edge.runtime.arrays import Float2D
-from nnpp_edge.runtime.cells import Rectangle, enclosing, slices
+from nnpp_edge.runtime.arrays import Float2D, Mask
+from nnpp_edge.runtime.cells import Cell, Rectangle, common, enclosing, slices
 from nnpp_edge.runtime.loop.messages import MapPatch
 from nnpp_edge.runtime.map.state import MapState
 
@@ -29,7 +28,7 @@ class Waiting(NamedTuple):
     part: Rectangle
     values: Float2D
     """(h, w) metres or costs."""
-    seen: NDArray[np.bool_] | None
+    seen: Mask | None
     """(h, w) the cells that get new values; None for all."""
     patches: int = 1
     """So many it was made of."""
@@ -62,30 +61,24 @@ class Patches:
         A patch is rejected if it misses the map, if it holds heights and the map was made from
         costs, or if it holds a cost out of range.
         """
-        values = patch.values
         of_heights = patch.cost is None
-        rows, cols = patch.shape
-        top = max(patch.row, 0)
-        left = max(patch.col, 0)
-        bottom = min(patch.row + rows, self._shape[0])
-        right = min(patch.col + cols, self._shape[1])
-        refused = not self._takes_heights if of_heights else self._model.refuses(values)
-        if top >= bottom or left >= right or refused:
+        corner = (patch.row, patch.col)
+        part = common((*corner, *patch.shape), (0, 0, self._shape[0], self._shape[1]))
+        refused = not self._takes_heights if of_heights else self._model.refuses(patch.values)
+        if part is None or refused:
             with self._lock:
                 self.counts.update(("patches", "patches_rejected"))
             return
-        values = values[top - patch.row : bottom - patch.row, left - patch.col : right - patch.col]
+        values = patch.values[_inside(part, corner)]
         if of_heights:
             values = np.where(np.isfinite(values), values, np.float32(np.nan))
-        tells_nothing = patch.keep_known or (
-            self._takes_heights and not of_heights
-        )  # where it is NaN
+        # whether the map stays as it is where the patch is NaN
+        tells_nothing = patch.keep_known or (self._takes_heights and not of_heights)
         seen = ~np.isnan(values) if tells_nothing else None
-        one = Waiting(of_heights, (top, left, bottom - top, right - left), values, seen)
+        one = Waiting(of_heights, part, values, seen)
         with self._lock:
-            self.counts.update(
-                ("patches", "patches_clipped") if values.shape != (rows, cols) else ("patches",)
-            )
+            self.counts["patches"] += 1
+            self.counts["patches_clipped"] += values.shape != patch.shape
             self._layers[of_heights].append(one)
             self._cells += values.size + _OVERHEAD_CELLS
             if self._cells > self._shape[0] * self._shape[1]:
@@ -104,7 +97,7 @@ class Patches:
             self._cells = 0
             for which, layer in layers.items():
                 cells = sum(one.values.size for one in layer)
-                if layer and cells > math.prod(enclosing([one.part for one in layer])[2:]):
+                if layer and cells > math.prod(_whole(layer)[2:]):
                     layers[which] = self._as_one(layer)
         taken = [*layers[True], *layers[False]]
         try:
@@ -121,13 +114,25 @@ class Patches:
         if len(layer) < 2:
             return layer
         self.counts["patches_merged"] += len(layer) - 1
-        row, col, rows, cols = whole = enclosing([one.part for one in layer])
-        values = np.full((rows, cols), np.nan, np.float32)
-        seen = np.zeros((rows, cols), np.bool_)
+        whole = _whole(layer)
+        values = np.full(whole[2:], np.nan, np.float32)
+        seen = np.zeros(whole[2:], np.bool_)
         for one in layer:
-            here = slices((one.part[0] - row, one.part[1] - col, *one.part[2:]))
+            here = _inside(one.part, whole[:2])
             new = True if one.seen is None else one.seen
             np.copyto(values[here], one.values, where=new)
             seen[here] |= new
         count = sum(one.patches for one in layer)
         return [Waiting(layer[0].of_heights, whole, values, None if seen.all() else seen, count)]
+
+
+def _whole(layer: list[Waiting]) -> Rectangle:
+    """The rectangle that holds all patches of a layer."""
+    return enclosing([one.part for one in layer])
+
+
+def _inside(part: Rectangle, corner: Cell) -> tuple[slice, slice]:
+    """Rows and columns of a rectangle in an array whose first cell is this cell of the map."""
+    row = part[0] - corner[0]
+    col = part[1] - corner[1]
+    return slices((row, col, *part[2:]))

@@ -15,8 +15,9 @@ from nnpp_edge.runtime.errors import InvalidQueryError
 from nnpp_edge.runtime.loop.connections import InputSource, Sink
 from nnpp_edge.runtime.loop.messages import Counters, Input, Output, PathMessage, StatusMessage
 from nnpp_edge.runtime.loop.navigator import Navigator
-from nnpp_edge.runtime.loop.timing import Histogram, Ticker, realtime, rss_bytes, signal_handlers
+from nnpp_edge.runtime.loop.timing import Histogram, Ticker, realtime, signal_handlers
 from nnpp_edge.runtime.loop.workers import Guard, Queue, WhenFull, Worker
+from nnpp_edge.runtime.memory import rss_bytes
 
 _SHARE_FOR_INPUTS = 0.5
 """Of a period; inputs that come faster than they can be read wait for the next tick."""
@@ -167,11 +168,9 @@ class Loop:
             if time.monotonic() - reported >= self._status_every_s:
                 reported = time.monotonic()
                 how = f" by {message.origin}" if message.ok else f": {message.reason}"
-                self._publish(
-                    StatusMessage(
-                        message.tick, message.outcome, message.outcome + how, self.counters()
-                    )
-                )
+                text = message.outcome + how
+                status = StatusMessage(message.tick, message.outcome, text, self.counters())
+                self._publish(status)
             with self._after_guard:
                 self._after_tick(message)
 

@@ -10,7 +10,6 @@ import sys
 import time
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
-from pathlib import Path
 from types import FrameType
 
 import numpy as np
@@ -137,16 +136,12 @@ def realtime(cores: Sequence[int], priority: int) -> Iterator[None]:
     policy = os.sched_getscheduler(0)
     parameters = os.sched_getparam(0)
     sys.setswitchinterval(_TURN_S)
-    try:
-        if cores:
+    if cores:
+        with _warned(f"is not pinned to cores {list(cores)}"):
             os.sched_setaffinity(0, cores)
-    except (OSError, ValueError, OverflowError) as error:
-        _LOG.warning("the loop is not pinned to cores %s: %s", list(cores), error)
-    try:
-        if priority:
+    if priority:
+        with _warned(f"does not run under SCHED_FIFO {priority}"):
             os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(priority))
-    except (OSError, ValueError, OverflowError) as error:
-        _LOG.warning("the loop does not run under SCHED_FIFO %d: %s", priority, error)
     try:
         yield
     finally:
@@ -154,6 +149,15 @@ def realtime(cores: Sequence[int], priority: int) -> Iterator[None]:
             os.sched_setaffinity(0, core_set)
             os.sched_setscheduler(0, policy, parameters)
         sys.setswitchinterval(turn_s)
+
+
+@contextmanager
+def _warned(problem: str) -> Iterator[None]:
+    """Warn of what the system does not allow."""
+    try:
+        yield
+    except (OSError, ValueError, OverflowError) as error:
+        _LOG.warning("the loop %s: %s", problem, error)
 
 
 @contextmanager
@@ -165,11 +169,3 @@ def signal_handlers(handlers: Mapping[signal.Signals, Handler]) -> Iterator[None
     finally:
         for number, handler in before.items():
             signal.signal(number, handler)
-
-
-def rss_bytes() -> int:
-    """Resident memory of this process; 0 where the system does not say."""
-    try:
-        return int(Path("/proc/self/statm").read_text().split()[1]) * os.sysconf("SC_PAGE_SIZE")
-    except (OSError, IndexError, ValueError):
-        return 0

@@ -14,6 +14,8 @@ from nnpp_edge.runtime.errors import NnppEdgeError
 
 T = TypeVar("T")
 WhenFull = Literal["wait", "drop oldest", "refuse"]
+CountError = Callable[[str], None]
+"""Counts an error, by the place where it was caught."""
 _LOG = logging.getLogger(__name__)
 _CALM_S = 10.0
 """Seconds of work after which what has failed counts as working again."""
@@ -24,13 +26,11 @@ class Guard:
     """A ``with`` block for what may fail: an `Exception` is counted, as by `count_error(place)`,
     and goes no further.
 
-    The first of a row is logged, with its traceback unless the system or a message of the package
-    says all there is to say; and when it has worked again for a while.
+    The first failure of a row is logged, with its traceback unless it is an error of the system or
+    of this package; and later that it works again, once it has for 10 s.
     """
 
-    def __init__(
-        self, who: str, place: str, count_error: Callable[[str], None] = lambda place: None
-    ) -> None:
+    def __init__(self, who: str, place: str, count_error: CountError = lambda place: None) -> None:
         self._who = who
         self.place = place
         self._count_error = count_error

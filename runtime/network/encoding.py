@@ -10,6 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from nnpp_edge.runtime.arrays import Planes
 from nnpp_edge.runtime.cells import Cell, Rectangle
 from nnpp_edge.runtime.kernels.encoding import fill_ends, pool_planes
 from nnpp_edge.runtime.map.grid import Grid
@@ -36,9 +37,7 @@ class Frame:
     def inner(self) -> tuple[int, int]:
         """Rows and columns of the square that the map fills; at least 1."""
         scale = self.size / max(self.rows, self.cols)
-        return max(1, min(self.size, round(self.rows * scale))), max(
-            1, min(self.size, round(self.cols * scale))
-        )
+        return max(1, round(self.rows * scale)), max(1, round(self.cols * scale))
 
     def lookup(self, blocks: int) -> Lookup:
         """Row and column, on a grid of blocks × blocks over the square, of each row and column of
@@ -46,9 +45,8 @@ class Frame:
         """
 
         def spread(cells: int, inner: int) -> NDArray[np.int32]:
-            centres = (
-                2 * np.arange(cells, dtype=np.int64) + 1
-            ) * inner  # in units of 1 / (2 · cells) network cells
+            # in units of 1 / (2 · cells) network cells
+            centres = (2 * np.arange(cells, dtype=np.int64) + 1) * inner
             return (centres * blocks // (2 * cells * self.size)).astype(np.int32)
 
         return spread(self.rows, self.inner[0]), spread(self.cols, self.inner[1])
@@ -63,7 +61,7 @@ class Frame:
 def map_planes(
     grid: Grid,
     frame: Frame,
-    out: NDArray[np.float32],
+    out: Planes,
     parts: Sequence[Rectangle] | None = None,
     corner: Cell = (0, 0),
 ) -> None:
@@ -83,7 +81,7 @@ def map_planes(
     pool_planes(weights, stride, window, *scaled, frame.inner, np.array(parts), out)
 
 
-def encode_gaussian(start: Point, goal: Point, sigma: float, out: NDArray[np.float32]) -> None:
+def encode_gaussian(start: Point, goal: Point, sigma: float, out: Planes) -> None:
     """The paper's encoding (Eq. 5): a Gaussian of `sigma` network cells around start and one around
     goal.
 
@@ -96,7 +94,7 @@ def encode_gaussian(start: Point, goal: Point, sigma: float, out: NDArray[np.flo
         np.multiply.outer(over_rows, over_cols, out=plane)
 
 
-def encode_ends(start: Point, goal: Point, sigma: float, out: NDArray[np.float32]) -> None:
+def encode_ends(start: Point, goal: Point, sigma: float, out: Planes) -> None:
     """Start and goal, each by the way to it, for a network that looks at the map before it knows
     the two.
 

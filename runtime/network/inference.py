@@ -5,10 +5,9 @@ from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
 from nnpp_edge.runtime.arguments import checked
-from nnpp_edge.runtime.arrays import Float2D
+from nnpp_edge.runtime.arrays import Float2D, Planes
 from nnpp_edge.runtime.errors import ModelError
 from nnpp_edge.runtime.network.encoding import Point, encode_gaussian
 from nnpp_edge.runtime.network.loading import ASK, OUTPUT, PLACES, LoadedModel, opened
@@ -58,7 +57,7 @@ class NetworkModel:
         other._bind(self._loaded)
         return other
 
-    def set_map(self, planes: NDArray[np.float32]) -> None:
+    def set_map(self, planes: Planes) -> None:
         """Show the network a map: (2, S, S) float32, mean cost and share of impassable cells, both
         in [0, 1].
         """
@@ -87,28 +86,28 @@ class NetworkModel:
         if self._head is None:
             encode_gaussian(start, goal, sigma, self.inputs["input"][0, 1:])
             self._infer()
-            return self._answer
-        if anew or not self._encoded:
-            self._infer()
-            self._head.describe(self._outputs[PLACES])
-            self._encoded = True
-        self._head.answer(start, goal, sigma, self.inputs["query"][0], self._answer)
+        else:
+            if anew or not self._encoded:
+                self._infer()
+                self._head.describe(self._outputs[PLACES])
+                self._encoded = True
+            self._head.answer(start, goal, sigma, self.inputs["query"][0], self._answer)
         return self._answer
 
-    def answers(self) -> NDArray[np.float32]:
+    def answers(self) -> Planes:
         """Of a network that prices unseen ground, for its input: (3, S, S) float32, until the next
         call.
         """
         self._infer()
-        answers: NDArray[np.float32] = self._outputs[OUTPUT][0]
+        answers: Planes = self._outputs[OUTPUT][0]
         return answers
 
     def try_out(self) -> None:
         """Answer some query by all of the network: ModelError where its graph fails."""
         if self.metadata.encoding == "unseen":
             self.answers()
-            return
-        self.answer((0.0, 0.0), (1.0, 1.0), anew=True)
+        else:
+            self.answer((0.0, 0.0), (1.0, 1.0), anew=True)
 
     @property
     def in_parts(self) -> bool:
@@ -120,7 +119,7 @@ class NetworkModel:
         bind them.
         """
         self.metadata = m = loaded.metadata
-        self.inputs: dict[str, NDArray[np.float32]] = {
+        self.inputs: dict[str, Planes] = {
             name: np.zeros(shape, np.bool_ if name == ASK else np.float32)
             for name, shape in loaded.inputs.items()
         }

@@ -17,8 +17,8 @@ from typing import TYPE_CHECKING
 from weakref import WeakValueDictionary
 
 import numpy as np
-from numpy.typing import NDArray
 
+from nnpp_edge.runtime.arrays import Planes
 from nnpp_edge.runtime.errors import ModelError, NnppEdgeError
 from nnpp_edge.runtime.kernels.encoding import ENDS_CHANNELS
 from nnpp_edge.runtime.kernels.place_head import ANSWERS
@@ -50,7 +50,7 @@ DEFAULT_THREADS = 2
 KEPT = 2
 """Sessions kept without a network that uses them."""
 _ROUNDING = 1e-4
-"""How far the head's answer may lie from its graph's, which adds in another order."""
+"""Most that the head's answer may differ from its graph's, which adds in another order."""
 Shapes = dict[str, tuple[int, ...]]
 Identity = tuple[int, ...]
 """Device, inode, size and times of a file: what tells it from any other, and from what it was
@@ -73,7 +73,7 @@ class LoadedModel:
     metadata: ModelMetadata
     inputs: Shapes
     outputs: Shapes
-    head_parameters: NDArray[np.float32] | None
+    head_parameters: Planes | None
     """Of a network in two parts."""
     process: int
     """That opened it."""
@@ -112,7 +112,7 @@ def opened(path: Path, threads: int | None = None) -> tuple[LoadedModel, bool]:
     return loaded, waited
 
 
-def begin_loading(model: object, threads: int | None = None) -> None:
+def begin_loading(model: object) -> None:
     """Open the file of a model, by its name or path, in the background. Whoever asks for it
     meanwhile waits for it.
 
@@ -121,13 +121,13 @@ def begin_loading(model: object, threads: int | None = None) -> None:
 
     def load() -> None:
         with suppress(Exception):
-            opened(path, threads)
+            opened(path)
 
     if not isinstance(model, str | Path):
         return
     with suppress(NnppEdgeError, RuntimeError):  # the latter where no thread can be started
         path = model_path(model)
-        if _key(path, threads) not in _open:
+        if _key(path, None) not in _open:
             # no daemon: a process that ends in the middle of an import of onnxruntime may crash
             threading.Thread(target=load, name="load a model").start()
 
@@ -146,32 +146,31 @@ def _identity(path: Path) -> Identity:
 
 def _load(path: Path, key: Key) -> LoadedModel:
     """Read, check and open a file."""
-    (identity, threads, cores), metadata = (
-        key,
-        read_metadata(path),
-    )  # which refuses what would never be opened
-    count = (
-        threads if threads is not None else 1 if metadata.input_size < TWO_THREADS_FROM else cores
-    )
+    identity, threads, cores = key
+    metadata = read_metadata(path)  # which refuses what would never be opened
+    count = threads
+    if count is None:
+        count = 1 if metadata.input_size < TWO_THREADS_FROM else cores
     session = open_session(path, count)
     inputs, outputs = _shapes(metadata)
     with refused_as(
         ModelError, f"{path}: wanted an ONNX model, got one that does not fit its metadata"
     ):
-        found = (
-            ("inputs", inputs, session.get_inputs()),
-            ("outputs", outputs, session.get_outputs()),
-        )
-        for kind, wanted, values in found:
-            if (got := {value.name: tuple(value.shape) for value in values}) != wanted:
+        found = {"inputs": (inputs, session.get_inputs())}
+        found["outputs"] = (outputs, session.get_outputs())
+        for kind, (wanted, values) in found.items():
+            got = {value.name: tuple(value.shape) for value in values}
+            if got != wanted:
                 raise ModelError(f"{path}: wanted {kind} {wanted} by its metadata, got {got}")
-        head = (
-            _checked_head(path, session, metadata, inputs) if metadata.encoding == "ends" else None
-        )
+        head = None
+        if metadata.encoding == "ends":
+            head = _checked_head(path, session, metadata, inputs)
     if _identity(path) != identity:
         raise ModelError(f"{path}: wanted an ONNX model, got one that changed while it was loaded")
-    asked = identity, threads, count != 1
-    return LoadedModel(*asked, session, metadata, inputs, outputs, head, os.getpid())
+    parallel = count != 1
+    return LoadedModel(
+        identity, threads, parallel, session, metadata, inputs, outputs, head, os.getpid()
+    )
 
 
 def open_session(path: Path, threads: int) -> "InferenceSession":
@@ -181,9 +180,8 @@ def open_session(path: Path, threads: int) -> "InferenceSession":
     options = ort.SessionOptions()
     options.intra_op_num_threads = threads
     options.inter_op_num_threads = 1
-    options.add_session_config_entry(
-        "session.intra_op.allow_spinning", "0"
-    )  # or they take the cores from the search
+    # or they take the cores from the search
+    options.add_session_config_entry("session.intra_op.allow_spinning", "0")
     options.log_severity_level = 4
     with refused_as(ModelError, f"{path}: wanted an ONNX model, got a file that does not load"):
         return ort.InferenceSession(str(path), options, ["CPUExecutionProvider"], enable_fallback=0)
@@ -209,25 +207,23 @@ def _shapes(m: ModelMetadata) -> tuple[Shapes, Shapes]:
 
 def _checked_head(
     path: Path, session: "InferenceSession", m: ModelMetadata, inputs: Shapes
-) -> NDArray[np.float32]:
+) -> Planes:
     """The parameters of the head; ModelError where they do not answer what the graph does."""
     seen = np.random.default_rng(0).random(inputs["map"], np.float32)
     side = m.input_size // QUERY_SPACING
     far = float(m.input_size - 1)
-    asked = (0.3 * far, 0.0), (far, 0.6 * far), m.sigma * m.input_size
+    asked = ((0.3 * far, 0.0), (far, 0.6 * far), m.sigma * m.input_size)
     query = np.zeros(inputs["query"], np.float32)
     answer = np.empty((m.blocks, m.blocks), np.float32)
     # a head without parameters encodes the query: compiled code that plans need is read, and no
     # other
-    PlaceHead(np.zeros(count_parameters(m.head), np.float32), m.head, side).answer(
-        *asked, query[0], answer
-    )
+    nothing = np.zeros(count_parameters(m.head), np.float32)
+    PlaceHead(nothing, m.head, side).answer(*asked, query[0], answer)
+    given = {"map": seen, "query": query, ASK: np.ones(1, np.bool_)}
     with refused_as(ModelError, f"{path}: wanted an ONNX model, got one whose graph fails"):
-        found = session.run(
-            [OUTPUT, PLACES, HEAD], {"map": seen, "query": query, ASK: np.ones(1, np.bool_)}
-        )
-    wanted, places, parameters = found
-    head = PlaceHead(parameters := np.array(parameters, np.float32), m.head, side)
+        wanted, places, found = session.run([OUTPUT, PLACES, HEAD], given)
+    parameters = np.array(found, np.float32)
+    head = PlaceHead(parameters, m.head, side)
     head.describe(places)
     head.answer(*asked, query[0], answer)
     in_place = wanted.reshape(2, 2, side, side).transpose(2, 0, 3, 1).reshape(answer.shape)
@@ -237,8 +233,8 @@ def _checked_head(
 
 
 def _after_fork() -> None:
-    """In the child: open every file anew. Sessions of the parent live on, for to end their threads
-    would hang.
+    """In the child: open every file anew. Sessions of the parent are never freed here, as ending
+    their threads would hang.
     """
     for loaded in set(_open.values()):
         ctypes.pythonapi.Py_IncRef(ctypes.py_object(loaded))

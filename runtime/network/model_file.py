@@ -15,20 +15,9 @@ from nnpp_edge.runtime.reading import problem_with_file, refused_as
 
 METADATA_KEY = "nnpp_edge"
 FORMAT: Final = "nnpp-edge-model-1"
-UNSEEN = (
-    *(
-        "slope_across",
-        "slope_down",
-        "above_3",
-        "above_7",
-        "above_15",
-        "slope",
-        "step",
-        "blocked_by_slope",
-        "known",
-    ),
-    *("limited", "factor", "cell"),
-)
+_BLOCK = "slope_across slope_down above_3 above_7 above_15 slope step blocked_by_slope known"
+_MAP = "limited factor cell"
+UNSEEN = tuple(f"{_BLOCK} {_MAP}".split())
 """Planes of a coarse map, in order; `above_n` are differences between means over n × n blocks
 (`network.unseen`).
 """
@@ -114,8 +103,9 @@ class ModelMetadata:
 
 def _depth(value: object) -> int:
     """How many lists and objects lie inside one another."""
-    inner = value.values() if isinstance(value, dict) else value if isinstance(value, list) else ()
-    return 1 + max(map(_depth, inner), default=0)
+    if isinstance(value, dict):
+        value = list(value.values())
+    return 1 + max(map(_depth, value), default=0) if isinstance(value, list) else 1
 
 
 @dataclass(frozen=True)
@@ -146,7 +136,7 @@ def model_path(name: str | Path) -> Path:
     for path in (shipped, Path(name)):
         if (problem := problem_with_file(path)) is None:
             return path
-    names = ", ".join(sorted(p.stem for p in _MODELS.glob("*.onnx"))) or "none"
+    names = ", ".join(_shipped()) or "none"
     raise ModelError(
         f"wanted a model file or the name of a shipped model ({names}), got {str(name)!r} "
         f"({problem})"
@@ -163,9 +153,12 @@ def read_metadata(path: Path, content: bytes | None = None) -> ModelMetadata:
 
 def list_models() -> list[ModelFile]:
     """The shipped models, by name."""
-    return [
-        read_model_file(path) for path in sorted(_MODELS.glob("*.onnx"), key=lambda path: path.stem)
-    ]
+    return [read_model_file(name) for name in _shipped()]
+
+
+def _shipped() -> list[str]:
+    """Names of the shipped models."""
+    return sorted(path.stem for path in _MODELS.glob("*.onnx"))
 
 
 def read_model_file(model: str | Path = "edge") -> ModelFile:

@@ -7,14 +7,12 @@ the head too; both are compared at load.
 """
 
 import numpy as np
-from numpy.typing import NDArray
 
+from nnpp_edge.runtime.arrays import Planes
 from nnpp_edge.runtime.kernels.encoding import BETWEEN_CHANNELS, END_CHANNELS
 from nnpp_edge.runtime.kernels.place_head import ANSWERS, answer_ends
 from nnpp_edge.runtime.network.encoding import Point
 from nnpp_edge.runtime.network.model_file import QUERY_SPACING
-
-Floats = NDArray[np.float32]
 
 
 def parameter_shapes(sizes: tuple[int, ...]) -> tuple[tuple[int, int], ...]:
@@ -39,20 +37,20 @@ class PlaceHead:
     `parameter_shapes`.
     """
 
-    def __init__(self, parameters: Floats, sizes: tuple[int, ...], side: int) -> None:
+    def __init__(self, parameters: Planes, sizes: tuple[int, ...], side: int) -> None:
         relation, *units = sizes
         self._parameters = parameters
         self._units = tuple(units)
-        self._places: Floats = np.zeros((side * side, 2 * relation), np.float32)
+        self._places: Planes = np.zeros((side * side, 2 * relation), np.float32)
         self._scratch = np.empty(
             (side * side + 1) * (3 * relation + sum(units) + ANSWERS), np.float32
         )
 
-    def describe(self, places: Floats) -> None:
+    def describe(self, places: Planes) -> None:
         """Take over the encoder's two descriptions of each place: (1, 2R, P, P) float32."""
         self._places[:] = places.reshape(places.shape[1], -1).T
 
-    def answer(self, start: Point, goal: Point, sigma: float, query: Floats, out: Floats) -> None:
+    def answer(self, start: Point, goal: Point, sigma: float, query: Planes, out: Planes) -> None:
         """Probabilities, (2P, 2P) float32, into `out`, and into `query` what
         `encode_ends` writes.
         """

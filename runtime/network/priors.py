@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from nnpp_edge.runtime.arrays import Float2D
+from nnpp_edge.runtime.cells import slices
 from nnpp_edge.runtime.errors import InvalidQueryError, ModelError
 from nnpp_edge.runtime.map.unseen import Unseen
 from nnpp_edge.runtime.network.inference import NetworkModel
@@ -98,13 +99,11 @@ def _by_network(
     for top, row, rows in windows(dem.shape[0], side):
         for left, col, cols in windows(dem.shape[1], side):
             part = dem[top : top + side, left : left + side]
-            window = np.full((side, side), np.nan, np.float32)
-            window[: part.shape[0], : part.shape[1]] = part
+            missing = [(0, side - length) for length in part.shape]
+            window = np.pad(part, missing, constant_values=np.nan)
             encode_unseen(window, limits, sides_m, factor, network.inputs["input"][0])
-            inner = network.answers()[
-                :, row - top : row - top + rows, col - left : col - left + cols
-            ]
-            out[row : row + rows, col : col + cols] = prices_of(inner)
+            here = slices((row - top, col - left, rows, cols))
+            out[slices((row, col, rows, cols))] = prices_of(network.answers())[here]
     return out
 
 
@@ -113,9 +112,8 @@ def windows(cells: int, side: int) -> Iterator[tuple[int, int, int]]:
     cells are taken.
     """
     done = 0
-    step = side - 2 * MARGIN
     while done < cells:
-        begin = max(0, min(done - MARGIN, cells - side)) if done else 0
-        end = cells if begin + side >= cells else (begin + MARGIN + step)
+        begin = max(0, min(done - MARGIN, cells - side))
+        end = cells if begin + side >= cells else begin + side - MARGIN
         yield begin, done, end - done
         done = end

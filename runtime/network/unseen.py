@@ -10,7 +10,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from nnpp_edge.runtime.arrays import Float2D
+from nnpp_edge.runtime.arrays import Float2D, Planes
 from nnpp_edge.runtime.terrain.traversability import Traversability
 from nnpp_edge.runtime.tuning import BLOCKED_PRICES, SlopePrice
 
@@ -50,7 +50,7 @@ def encode_unseen(
     limits: Traversability,
     sides_m: tuple[float, float],
     factor: int,
-    out: NDArray[np.float32],
+    out: Planes,
 ) -> None:
     """Show a window of a coarse map: the channels of each block into `out`, (12, H, W) float32; 0
     where unknown.
@@ -67,31 +67,18 @@ def encode_unseen(
     filled = np.where(known > 0.0, height, near)
     edged = np.pad(filled, 1, mode="edge")
     there = np.pad(known, 1)
-    middle = slice(1, -1)
-    sides = [
-        (slice(2, None), middle),
-        (slice(None, -2), middle),
-        (middle, slice(2, None)),
-        (middle, slice(None, -2)),
-    ]
-    by_side = (side_m / np.repeat(sides_m, 2)).astype(np.float32)
-    steps = [(edged[side] - filled) * by for side, by in zip(sides, by_side, strict=True)]
-    rises = [step * there[side] for side, step in zip(sides, steps, strict=True)]
-    down, across = (
-        (rises[a] - rises[a + 1]) / np.maximum(there[sides[a]] + there[sides[a + 1]], 1.0)
-        for a in (0, 2)
-    )
+    by_row, by_col = (np.float32(side_m / side) for side in sides_m)
+    down, step_down = _rises(edged, there, by_row)
+    across, step_across = (each.T for each in _rises(edged.T, there.T, by_col))
+    step = np.maximum(step_down, step_across)
     slope = np.arctan(np.sqrt(down * down + across * across) * np.float32(tangent))
     blocked = expected_by_slope(slope, limits, factor)[1]
-    step = np.abs(steps).max(0)
     planes = [
         _soft(across),
         _soft(down),
         _soft(4.0 * (height - near)),
         _soft(2.0 * (near - wide)),
         _soft(wide - far),
-    ]
-    planes += [
         np.minimum(slope / math.radians(limits.slope_limit_deg), 2.0) / 2.0,
         _soft(step),
         blocked,
@@ -108,7 +95,19 @@ def encode_unseen(
     out[len(planes) :] = np.multiply.outer(np.array(constants, np.float32), known)
 
 
-def prices_of(answers: NDArray[np.float32]) -> Float2D:
+def _rises(edged: Float2D, there: Float2D, by: np.float32) -> tuple[Float2D, Float2D]:
+    """Mean rise from row to row over the neighbours that are there, and the greater step to one of
+    the two; of a map with a border.
+    """
+    steps = np.diff(edged[:, 1:-1], axis=0) * by
+    after = there[2:, 1:-1]
+    before = there[:-2, 1:-1]
+    over_both = steps[1:] * after + steps[:-1] * before
+    rise = over_both / np.maximum(after + before, 1.0)
+    return rise, np.maximum(np.abs(steps[1:]), np.abs(steps[:-1]))
+
+
+def prices_of(answers: Planes) -> Float2D:
     """Prices, (H, W) float32, by a network's answers (3, H, W)."""
     by_share, by_chance = BLOCKED_PRICES
     price: Float2D = (

@@ -63,6 +63,11 @@ class DynamicMethod(_Named):
         return self in (DynamicMethod.ASTAR, DynamicMethod.DSTAR)
 
     @property
+    def asks_network(self) -> bool:
+        """Whether the network is run, which ``auto`` does not."""
+        return self.startswith("nnpp")
+
+    @property
     def mends_regions(self) -> bool:
         """Whether D* Lite is kept for regions."""
         return self.endswith("-dstar")

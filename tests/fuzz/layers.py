@@ -13,7 +13,6 @@ from nnpp_edge.runtime import (
     MapPatch,
     Mobility,
     Navigator,
-    NavigatorSettings,
     PathMessage,
     Planner,
     Pose,
@@ -166,8 +165,8 @@ def check(case: Case, place: Place = NOWHERE) -> Problem | None:
     layers = Layers(case.heights, case.cost, case.limits)
     body = case.vehicle is not None and not case.vehicle.is_disc
     refine = "any-angle" if case.refine and case.step_cost == "paper" and not body else None
-    settings = NavigatorSettings(case.method, tolerance=1e-4, snap_radius=0, refine=refine)
-    navigator = Navigator(_ground(case, layers), settings)
+    ground = _ground(case, layers)
+    navigator = Navigator(ground, case.method, tolerance=1e-4, snap_radius=0, refine=refine)
     numbers = np.random.default_rng(case.seed)
     navigator.offer(Goal(*case.goal))
     at = (3, 3)

@@ -14,7 +14,6 @@ import numpy as np
 from nnpp_edge.robot.transports.stdio import messages
 from nnpp_edge.robot.transports.wire import WireError, decode, decode_output, encode
 from nnpp_edge.runtime.errors import Status
-from nnpp_edge.runtime.loop.ladder import NavigatorSettings
 from nnpp_edge.runtime.loop.messages import Goal, Input, MapPatch, PathMessage, Pose
 from nnpp_edge.runtime.loop.navigator import Navigator
 from nnpp_edge.runtime.planners.plan import DynamicMethod
@@ -138,14 +137,15 @@ def _drive(case: Case, place: Place) -> Problem | None:
     cost = numbers.random((case.rows, case.cols)).astype(np.float32)
     cost[numbers.random(cost.shape) < 0.15] = np.inf
     layers = Layers(heights(case.seed, *cost.shape) if case.by_heights else None, cost, case.limits)
-    settings = NavigatorSettings(
+    navigator = Navigator(
+        layers.ground(1.0),
         case.method,
         tolerance=1e-4,
         snap_radius=0,
         corner_cutting=case.corner_cutting,
         model=place.model,
+        clock=lambda: clock,
     )
-    navigator = Navigator(layers.ground(1.0), settings, clock=lambda: clock)
     last: dict[type, Input] = {}
     for kind, value in case.steps:
         if kind == "tick":

@@ -54,6 +54,7 @@ budgets = [ | budgets = ["all", | budgets[0] | 'all'
 budgets = [ | budgets = [[ | mine.toml
 [device] | [loop]\nrate_hz = 0\n[device] | loop.rate_hz: Expected float >= 0.001, got 0
 [device] | [loop]\nmethod = 'magic'\n[device] | loop.method: wanted one of auto
+[device] | [loop]\nrefine = 'x'\n[device] | loop.refine: wanted 'any-angle' or '', got 'x'
 [device] | [loop]\npriority = 100\n[device] | loop.priority
 [device] | [loop]\ntolerance = -0.1\n[device] | loop.tolerance
 [device] | [loop]\ncorner_cutting = 1\n[device] | loop.corner_cutting: Expected bool, got 1

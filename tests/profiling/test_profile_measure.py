@@ -13,7 +13,8 @@ import pytest
 
 from nnpp_edge.profiling import measure, rivals
 from nnpp_edge.profiling.arrivals import reactions
-from nnpp_edge.profiling.figures import break_even, find, loop_rows, rows
+from nnpp_edge.profiling.contest import PLACE
+from nnpp_edge.profiling.figures import break_even, loop_rows, rows
 from nnpp_edge.profiling.measure import ProfileMaps, queries_in, rivals_of, run
 from nnpp_edge.profiling.profile_file import Budget, Device, Load, Networks, OnboardLoop, Profile
 from nnpp_edge.runtime.errors import InvalidQueryError
@@ -108,9 +109,10 @@ def test_every_planner_has_a_row_for_each_workload_and_size(measured):
 def test_each_row_has_the_stages_of_its_planner(measured):
     for row in measured[1]:
         assert list(row["stages_ms"])[-1] == "other"
-    stages = find(measured[1], "soft", 96, "nnpp")["stages_ms"]
-    assert {"encode", "inference", "threshold", "search", "path"} <= set(stages)
-    assert set(find(measured[1], "soft", 96, "astar")["stages_ms"]) == {"search", "path", "other"}
+    stages = {PLACE(row): set(row["stages_ms"]) for row in measured[1]}
+    needed = {"encode", "inference", "threshold", "search", "path"}
+    assert needed <= stages["soft", 96, "nnpp"]
+    assert stages["soft", 96, "astar"] == {"search", "path", "other"}
 
 
 def clock_outside(measured, of, name):
@@ -155,10 +157,11 @@ def test_both_halves_ask_the_same_and_costs_are_those_of_the_public_planner(meas
         assert row["success"] == 1.0 >= row["success_first"]
         assert times == sorted(times) and row["fps"] == pytest.approx(1e3 / times[0], rel=1e-3)
         assert set(row["halves"]) >= {"time", "ratio"}
-    exact = find(told, "soft", 96, "astar")
+    at = {PLACE(row): row for row in told}
+    exact = at["soft", 96, "astar"]
     assert (exact["speedup_total"], exact["gap_max"]) == (1.0, 0.0)
-    assert find(told, "soft", 96, "nnpp")["int8_speedup"] > 0.0
-    assert find(told, "soft", 96, "auto")["inference_fps"] is None
+    assert at["soft", 96, "nnpp"]["int8_speedup"] > 0.0
+    assert at["soft", 96, "auto"]["inference_fps"] is None
 
 
 def test_maps_and_patches_that_have_just_arrived_are_measured_of_whom_it_was_asked(measured):
@@ -169,8 +172,8 @@ def test_maps_and_patches_that_have_just_arrived_are_measured_of_whom_it_was_ask
             if asked:
                 assert 0.0 < row[key]["median"] <= row[key]["p99"] <= row[key]["max"]
                 assert len(row["halves"][basis]) == 2
-    for of, half in product(measured[0].workloads, (0, 1)):
-        assert len(of.answers["nnpp"].column("map_ms", half)) == 12, "each judged query"
+    for of in measured[0].workloads:
+        assert of.answers["nnpp"].halves("map_ms").shape == (2, 12), "each judged query"
 
 
 def test_the_loop_answers_every_patch_with_a_checked_path(measured):
@@ -215,7 +218,7 @@ def test_each_call_on_a_vehicles_map_is_that_of_a_planner_that_has_checked_nothi
             assert plan.cost == pytest.approx(answer.cost, rel=1e-5)
             assert plan.checks == answer.checks  # in the last of all repeats, too
             assert (plan.checks > 0) == (of.workload != "soft")
-        assert len(of.answers["corridor"].column("map_ms", 0)) == 3
+        assert len(of.answers["corridor"].halves("map_ms")[0]) == 3
     (reacting,) = (of for of in found.workloads if of.reactions)
     assert reacting.workload == "body" and len(reacting.reactions[0].ms) == 6
     gaps = {row["planner"]: row["gap_mean"] for row in rows(found) if row["workload"] == "body"}

@@ -4,7 +4,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from nnpp_edge.runtime import Ground, InProcessSink, Loop, Navigator, NavigatorSettings, PathMessage
+from nnpp_edge.runtime import Ground, InProcessSink, Loop, Navigator, PathMessage
 
 
 def free(shape=(40, 60)):
@@ -23,7 +23,7 @@ def wait_until(holds, patience_s=10.0):
 @pytest.fixture
 def navigator():
     """Exact planning on a free map, without pose and goal."""
-    return Navigator(Ground(free()), NavigatorSettings(method="astar"))
+    return Navigator(Ground(free()), method="astar")
 
 
 @pytest.fixture

@@ -25,7 +25,6 @@ from nnpp_edge.runtime import (
     Ground,
     MapPatch,
     Navigator,
-    NavigatorSettings,
     Pose,
 )
 from nnpp_edge.runtime.errors import OutputError
@@ -59,7 +58,7 @@ def test_a_fast_replay_gives_the_same_answers_each_time(tmp_path, drive, method)
     path = scene(tmp_path / "scene.jsonl")
 
     def run():
-        navigator = Navigator(Ground(free()), NavigatorSettings(method=method))
+        navigator = Navigator(Ground(free()), method=method)
         source = ReplaySource(path, shape=SHAPE, fast=True)
         paths = drive(navigator, source, rate_hz=0.5, paced=False).paths
         return [m.summary() | {"planning_ms": 0.0} for m in paths]

@@ -331,7 +331,7 @@ def test_a_transport_is_added_by_a_class_and_an_entry(recording, monkeypatch):
     monkeypatch.setattr(transports, "TRANSPORTS", (*transports.TRANSPORTS, entry))
     wiring = Wiring(input=f"replay:{recording}", outputs=("kept:here",), fast=True)
     loop = OnboardLoop(method="astar")
-    onboard.run(Ground(free(SHAPE)), loop.navigator(), wiring, loop)
+    onboard.run(Ground(free(SHAPE)), wiring, loop)
     assert done == ["here", 3]
 
 

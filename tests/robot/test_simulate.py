@@ -14,8 +14,8 @@ from nnpp_edge.runtime.planners.planner import Planner
 from nnpp_edge.runtime.terrain.traversability import Traversability, traversability_cost
 from nnpp_edge.runtime.terrain.vehicle import Vehicle
 from nnpp_edge.simulation.robots import Robot
-from nnpp_edge.simulation.scene import Scene, SurveyedGround, walkable
-from nnpp_edge.simulation.simulate import SimulationSettings, random_drive, simulate
+from nnpp_edge.simulation.scene import Scene, SimulationSettings, SurveyedGround, walkable
+from nnpp_edge.simulation.simulate import random_drive, simulate
 from nnpp_edge.terrain.obstacles import Obstacles
 from nnpp_edge.terrain.rocks import with_rocks
 from nnpp_edge.terrain.synthetic import synthetic_terrain
@@ -118,7 +118,9 @@ def test_the_robot_sees_what_is_around_it_and_tells_no_more():
     true[:, 20] = 1.0
     true[29, 20] = 0.2
     ground = SurveyedGround(Ground(true), np.full((30, 40), 0.1, np.float32))
-    scene = Scene(ground, (15, 12), (15, 35), np.random.default_rng(0), sight=4, changes=0)
+    scene = Scene(
+        ground, (15, 12), (15, 35), np.random.default_rng(0), SimulationSettings(sight=4, changes=0)
+    )
     messages = list(scene.poll())
     assert [type(m) for m in messages] == [Goal, MapPatch, Pose]
     assert messages[0].cell == (15, 35) and messages[2].cell == (15, 12)
@@ -135,7 +137,9 @@ def test_the_robot_sees_what_is_around_it_and_tells_no_more():
 
 
 def test_a_scene_moves_only_along_its_path():
-    scene = Scene(flat(), (5, 5), (20, 30), np.random.default_rng(0), speed=3, changes=0)
+    scene = Scene(
+        flat(), (5, 5), (20, 30), np.random.default_rng(0), SimulationSettings(speed=3, changes=0)
+    )
     list(scene.poll())
     list(scene.poll())
     assert scene.robot == (5, 5) and scene.waited == 1
@@ -307,7 +311,9 @@ def test_a_body_stops_before_a_rock_and_is_told_heights():
     rocks = flat.copy()
     rocks[18:23, 40:43] = 1.0
     ground = SurveyedGround.of(Ground.of_elevation(rocks, 0.25, vehicle=BODY), 1, flat)
-    scene = Scene(ground, (20, 10), (20, 55), np.random.default_rng(0), sight=1, changes=0)
+    scene = Scene(
+        ground, (20, 10), (20, 55), np.random.default_rng(0), SimulationSettings(sight=1, changes=0)
+    )
     line = [(20, 10 + n) for n in range(46)]
     told = list(scene.poll())
     assert scene.told[20, 41] == 0.0
@@ -328,7 +334,9 @@ def test_a_body_stops_before_a_rock_and_is_told_heights():
 def test_obstacles_stand_above_the_ground_and_out_of_the_bodys_reach():
     level = Ground.of_elevation(np.zeros((80, 80), np.float32), 0.25, vehicle=BODY)
     ground = SurveyedGround.of(level, 1)
-    scene = Scene(ground, (40, 10), (40, 70), np.random.default_rng(0), changes=3)
+    scene = Scene(
+        ground, (40, 10), (40, 70), np.random.default_rng(0), SimulationSettings(changes=3)
+    )
     for _ in range(100):
         list(scene.poll())
         assert scene.now.max() in (0.0, np.float32(ground.robot.obstacle(ground.true)))
@@ -346,7 +354,9 @@ def test_a_car_drives_its_arcs_off_by_its_steering_and_its_way_costs_what_it_dro
     ends = ((30, 12), (30, 48))
     plan = Planner(level).plan(*ends, start_heading_deg=270.0, goal_heading_deg=90.0)
     rng = np.random.default_rng(1)
-    scene = Scene(ground, *ends, rng, changes=0, speed=99, steering_noise_deg=noise)
+    scene = Scene(
+        ground, *ends, rng, SimulationSettings(changes=0, speed=99, steering_noise_deg=noise)
+    )
     list(scene.poll())
     scene.heard(replace(answer(plan.path.tolist(), (30, 48)), states=tuple(plan.states.tolist())))
     pose = list(scene.poll())[-1]

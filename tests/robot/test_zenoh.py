@@ -22,7 +22,7 @@ from nnpp_edge.runtime.errors import InvalidQueryError
 from nnpp_edge.runtime.loop.connections import InProcessSource, Mailbox
 from nnpp_edge.runtime.loop.messages import Goal, MapPatch, Pose
 from nnpp_edge.runtime.loop.runner import Loop
-from nnpp_edge.runtime.loop.timing import rss_bytes
+from nnpp_edge.runtime.memory import rss_bytes
 from tests.robot.conftest import wait_until
 
 PEER = """

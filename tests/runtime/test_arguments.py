@@ -20,7 +20,6 @@ from nnpp_edge.runtime import (
     MapPatch,
     Mobility,
     Navigator,
-    NavigatorSettings,
     NetworkModel,
     NnppEdgeError,
     Origin,
@@ -79,14 +78,14 @@ ENTRIES = {
     Pose: {"row": 1.0, "col": 1.0},
     Goal: {"row": 1, "col": 1},
     Loop: {
-        "navigator": Navigator(Ground(COST), NavigatorSettings("astar")),
+        "navigator": Navigator(Ground(COST), "astar"),
         "source": InProcessSource(),
     },
     Ground: {"elevation": HEIGHTS, "cell_size_m": 1.0},
     Ground.of_elevation: {"elevation": HEIGHTS, "cell_size_m": 1.0},
-    Navigator: {"ground": Ground(COST), "settings": NavigatorSettings("astar")},
+    Navigator: {"ground": Ground(COST), "method": "astar"},
     **{each: {} for each in (Traversability, Mobility, ToblerCost, IrmischerCost, LinearCost)},
-    **{each: {} for each in (NavigatorSettings, InProcessSource, InProcessSink, NetworkModel)},
+    **{each: {} for each in (InProcessSource, InProcessSink, NetworkModel)},
 }
 """Functions and classes, with arguments that do."""
 
@@ -118,7 +117,7 @@ METHODS = {
         "replan": {"method": "astar"},
         "refined": {"plan": Planner(COST).plan((1, 2), (3, 3), method="astar")},
     },
-    lambda: Navigator(Ground(COST), NavigatorSettings("astar")): {"offer": {"message": Goal(1, 1)}},
+    lambda: Navigator(Ground(COST), "astar"): {"offer": {"message": Goal(1, 1)}},
     InProcessSource: {"put": {"message": Goal(1, 1)}},
 }
 """Methods of what each of these makes."""
@@ -362,8 +361,8 @@ REFUSED = (
         "each a Sink, got <",
     ),
     (lambda rate: Loop(Navigator(Ground(COST)), InProcessSource(), rate_hz=rate), (0.0,), "rate"),
-    (lambda share: NavigatorSettings(tolerance=share), (-1.0,), "tolerance"),
-    (lambda cells: NavigatorSettings(snap_radius=cells), (-1,), "snap_radius"),
+    (lambda share: Navigator(Ground(COST), tolerance=share), (-1.0,), "tolerance"),
+    (lambda cells: Navigator(Ground(COST), snap_radius=cells), (-1,), "snap_radius"),
     (
         lambda kg: EnergyCost(kg, 0.1),
         (-5.0, NAN),

@@ -9,7 +9,6 @@ from nnpp_edge.runtime import (
     Ground,
     MapPatch,
     Navigator,
-    NavigatorSettings,
     Origin,
     Planner,
     Pose,
@@ -54,9 +53,7 @@ def made_dearer(share):
     that path.
     """
     clock = Clock()
-    navigator = Navigator(
-        Ground(two_lanes()), NavigatorSettings("astar", tolerance=0.02), clock=clock
-    )
+    navigator = Navigator(Ground(two_lanes()), "astar", tolerance=0.02, clock=clock)
     navigator.offer(Pose(1.5, 0.5))
     navigator.offer(Goal(1, 60))
     return navigator, clock, lambda: raise_cost(navigator, share)
@@ -84,7 +81,7 @@ def test_a_path_is_kept_while_it_is_at_most_so_much_dearer_than_a_new_one(share,
 def test_a_search_longer_than_a_tick_gets_more_time_with_each_while_there_is_no_path(monkeypatch):
     clock = Clock()
     limits = []
-    navigator = Navigator(Ground(two_lanes()), NavigatorSettings("astar"), clock=clock)
+    navigator = Navigator(Ground(two_lanes()), "astar", clock=clock)
     replan = navigator.planner.replan
 
     def slow(method=None, time_limit_s=0.0):
@@ -162,7 +159,7 @@ def test_a_robot_in_an_obstacle_starts_beside_it_no_farther_than_its_radius(cell
     """What is free begins at (20, 15); the radius is 3 cells as the crow flies."""
     cost = np.full((30, 30), np.inf, np.float32)
     cost[20:, 15:] = 0.2
-    navigator = Navigator(Ground(cost), NavigatorSettings("astar", snap_radius=3))
+    navigator = Navigator(Ground(cost), "astar", snap_radius=3)
     navigator.offer(Goal(25, 25))
     navigator.offer(Pose(cell[0] + 0.5, cell[1] + 0.5))
     message = navigator.tick()
@@ -192,7 +189,7 @@ def drive(ground, truth, start, goal, *, sight, ticks):
     """Go two cells a tick along the loop's path, and see so far; the cells driven, and the last
     answer.
     """
-    nav = Navigator(ground, NavigatorSettings(approach=True))
+    nav = Navigator(ground, approach=True)
     nav.offer(Goal(*goal))
     driven = [start]
     down, right = np.ogrid[: truth.shape[0], : truth.shape[1]]

@@ -13,7 +13,6 @@ from nnpp_edge.runtime import (
     Ground,
     MapPatch,
     Navigator,
-    NavigatorSettings,
     Planner,
     Pose,
     Status,
@@ -47,7 +46,7 @@ def rough(seed):
 
 def loop(heights, vehicle, method="auto", **step):
     ground = Ground.of_elevation(heights, CELL_M, LIMITS, vehicle=vehicle, **step)
-    nav = Navigator(ground, NavigatorSettings(method, tolerance=1e-4, snap_radius=0))
+    nav = Navigator(ground, method, tolerance=1e-4, snap_radius=0)
     nav.offer(Pose(*ENDS[0]))
     nav.offer(Goal(*ENDS[1]))
     return nav

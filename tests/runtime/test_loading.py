@@ -11,7 +11,7 @@ import weakref
 import numpy as np
 import pytest
 
-from nnpp_edge.runtime import Ground, Navigator, NavigatorSettings, NetworkModel, Planner, plan_path
+from nnpp_edge.runtime import Ground, Navigator, NetworkModel, Planner, plan_path
 from nnpp_edge.runtime.errors import ModelError
 from nnpp_edge.runtime.loop import navigator
 from nnpp_edge.runtime.network import loading
@@ -104,12 +104,13 @@ def test_only_what_will_be_asked_begins_to_load_ahead(fresh_model, monkeypatch):
     monkeypatch.setattr(navigator, "begin_loading", begun.append)
     for method in ("auto", "dstar", "corridor-dstar", "nnpp", "nnpp-dstar"):
         begun.clear()
-        Navigator(Ground(COST), NavigatorSettings(method=method, model=fresh_model))
+        Navigator(Ground(COST), method=method, model=fresh_model)
         assert begun == [fresh_model] * method.startswith("nnpp")
 
 
 FORK = """
-import os, signal, sys, time
+import os, signal, sys, threading, time
+from pathlib import Path
 import numpy as np
 from nnpp_edge.runtime import NetworkModel
 from nnpp_edge.runtime.network import loading
@@ -127,7 +128,7 @@ def answer(network):
 model = sys.argv[1]
 for way in ("while it loads", "its own", "dropped"):
     if way == "while it loads":
-        loading.begin_loading(model, threads=2)
+        threading.Thread(target=loading.opened, args=(Path(model), 2)).start()
         time.sleep(0.05)
     else:
         network = NetworkModel(model, threads=2)

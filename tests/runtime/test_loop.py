@@ -20,7 +20,6 @@ from nnpp_edge.runtime import NetworkModel, Traversability
 from nnpp_edge.runtime.errors import Status
 from nnpp_edge.runtime.loop import workers
 from nnpp_edge.runtime.loop.connections import InProcessSink, InProcessSource
-from nnpp_edge.runtime.loop.ladder import NavigatorSettings
 from nnpp_edge.runtime.loop.messages import (
     Goal,
     MapPatch,
@@ -66,7 +65,7 @@ def one_cell(cell, cost):
 
 
 def navigator(cost=None, start=(5, 5), goal=(35, 55), **settings):
-    nav = Navigator(Ground(free() if cost is None else cost), NavigatorSettings(**settings))
+    nav = Navigator(Ground(free() if cost is None else cost), **settings)
     nav.offer(Pose(*start))
     nav.offer(Goal(*goal))
     return nav

@@ -12,11 +12,11 @@ import pytest
 
 from nnpp_edge.runtime import Planner, Vehicle, memory, warmup
 from nnpp_edge.runtime.errors import InvalidMapError
-from nnpp_edge.runtime.loop.timing import rss_bytes
 from nnpp_edge.runtime.map.streamed import StreamedMap
 from nnpp_edge.runtime.memory import (
     available_bytes,
     check_planner_fits,
+    rss_bytes,
     small_pages,
     touch,
     virtual_zeros,

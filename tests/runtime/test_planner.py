@@ -12,7 +12,6 @@ from nnpp_edge.runtime import (
     Goal,
     Ground,
     Navigator,
-    NavigatorSettings,
     NetworkModel,
     Origin,
     Planner,
@@ -148,7 +147,7 @@ def test_a_status_says_why(network):
             dynamic = DynamicPlanner(np.minimum(cost, 1.0), goal, "astar")
             dynamic.move(start)
             assert dynamic.replan().reason == why
-        nav = Navigator(Ground(np.minimum(cost, 1.0)), NavigatorSettings("astar", snap_radius=0))
+        nav = Navigator(Ground(np.minimum(cost, 1.0)), "astar", snap_radius=0)
         nav.offer(Pose(*start))
         nav.offer(Goal(*goal))
         message = nav.tick()

@@ -10,7 +10,6 @@ from nnpp_edge.runtime import (
     Goal,
     MapPatch,
     Navigator,
-    NavigatorSettings,
     Planner,
     Pose,
     Traversability,
@@ -268,7 +267,7 @@ def test_heights_of_unseen_ground_lie_between_the_means_of_blocks():
 
 def test_the_loop_says_how_far_its_path_is_known_and_looks_once():
     ground = coarse(limits=Traversability()).state.unseen.ground
-    navigator = Navigator(ground, NavigatorSettings(tolerance=9.0))
+    navigator = Navigator(ground, tolerance=9.0)
     navigator.offer(Goal(*GOAL))
     navigator.offer(Pose(*START))
     look = mock.patch.object(

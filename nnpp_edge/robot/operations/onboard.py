@@ -12,8 +12,7 @@ from nnpp_edge.robot.transports.recording import RecordedSource, RecordingFile
 from nnpp_edge.robot.transports.wiring import Setup, Wiring
 from nnpp_edge.runtime.errors import NnppEdgeError
 from nnpp_edge.runtime.exercises import exercise
-from nnpp_edge.runtime.loop.connections import Incoming, InputSource, Recorder, Sink
-from nnpp_edge.runtime.loop.ladder import NavigatorSettings
+from nnpp_edge.runtime.loop.connections import Incoming, Recorder, Sink
 from nnpp_edge.runtime.loop.messages import Counters, PathMessage
 from nnpp_edge.runtime.loop.navigator import Navigator
 from nnpp_edge.runtime.loop.runner import Loop, handling_signals
@@ -36,9 +35,8 @@ class SourceError(NnppEdgeError, RuntimeError):
 
 def run(
     ground: Ground,
-    settings: NavigatorSettings,
     wiring: Wiring,
-    pace: OnboardLoop,
+    settings: OnboardLoop,
     *,
     ticks: int | None = None,
     report: Callable[[str], None] = lambda line: None,
@@ -46,14 +44,14 @@ def run(
     """Load kernels and network, connect everything, and run the loop until it is stopped or its
     input ends.
 
-    SIGTERM and SIGINT end it after the tick, as do so many `ticks`. For the main thread. Of `pace`
-    rate, cores and priority count. `report` is called with a line for each thing that is started.
-    SourceError where inputs can no longer be read.
+    SIGTERM and SIGINT end it after the tick, as do so many `ticks`. For the main thread. `report`
+    is called with a line for each thing that is started. SourceError where inputs can no longer be
+    read.
     """
     with signal_handlers(_STARTING), ExitStack() as stack:
         notifier = stack.enter_context(closing(Notifier()))
         exercise()
-        navigator = Navigator(ground, settings)
+        navigator = Navigator(ground, **settings.planning())
 
         # the source comes first: a sink answers the inputs that are refused there
         entry, place = wiring.source
@@ -68,13 +66,12 @@ def run(
         sinks = [each for each in others if isinstance(each, Sink)]
         recorders = [each for each in others if isinstance(each, Recorder)]
         for each in recorders:
-            if isinstance(each, RecordingFile | McapLog):
-                kind = "recording" if isinstance(each, RecordingFile) else "log"
-                report(f"{kind}: {each.path}")
-        feed: InputSource = source
-        if recorders:
-            recorded = RecordedSource(source, recorders, navigator.count_error, wait=wiring.fast)
-            feed = stack.enter_context(closing(recorded))
+            if isinstance(each, RecordingFile):
+                report(f"recording: {each.path}")
+            if isinstance(each, McapLog):
+                report(f"log: {each.path}")
+        recorded = RecordedSource(source, recorders, navigator.count_error, wait=wiring.fast)
+        feed = stack.enter_context(closing(recorded))
 
         def after_tick(message: PathMessage) -> None:
             notifier.alive()
@@ -85,9 +82,7 @@ def run(
             navigator,
             feed,
             [*sinks, notifier],
-            rate_hz=pace.rate_hz,
-            cores=pace.cores,
-            priority=pace.priority,
+            **settings.pace(),
             paced=not wiring.fast,
             after_tick=after_tick,
         )
@@ -97,7 +92,7 @@ def run(
         with handling_signals(loop), stack:
             notifier.ready()
             rows, cols = navigator.map.shape
-            report(f"ready: {settings.method} at {pace.rate_hz:g} Hz, {rows} × {cols} cells")
+            report(f"ready: {settings.method} at {settings.rate_hz:g} Hz, {rows} × {cols} cells")
             counters = loop.run(ticks)
             notifier.stopping()
     if source.failure:

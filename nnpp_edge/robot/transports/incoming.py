@@ -5,13 +5,13 @@ or refused.
 import logging
 import threading
 from collections import deque
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import contextmanager
 
 from nnpp_edge.robot.transports.wire import LIMIT_BYTES, Fault, WireError, decode
 from nnpp_edge.runtime.loop.connections import Mailbox
 from nnpp_edge.runtime.loop.ladder import one_line
-from nnpp_edge.runtime.loop.workers import WhenFull
+from nnpp_edge.runtime.loop.workers import CountError, WhenFull
 
 _LOG = logging.getLogger(__name__)
 _MOST_FAULTS = 64
@@ -25,7 +25,7 @@ class Refusals:
     The newest 64 wait to be answered by the sink that reaches their sender, if there is one.
     """
 
-    def __init__(self, count_error: Callable[[str], None]) -> None:
+    def __init__(self, count_error: CountError) -> None:
         self._count_error = count_error
         self._lock = threading.Lock()
         self._faults: deque[Fault] = deque(maxlen=_MOST_FAULTS)

@@ -17,7 +17,6 @@ from pathlib import Path
 from typing import IO
 
 import numpy as np
-from numpy.typing import NDArray
 
 from nnpp_edge.files import open_new
 from nnpp_edge.robot.transports.wiring import Setup
@@ -29,6 +28,7 @@ from nnpp_edge.ros.messages import (
     pose_message,
     string_message,
 )
+from nnpp_edge.runtime.arrays import Cells
 from nnpp_edge.runtime.errors import OutputError, optional_module
 from nnpp_edge.runtime.loop.messages import Goal, Input, Output, PathMessage, Pose
 from nnpp_edge.runtime.map.state import MapState
@@ -83,7 +83,7 @@ class McapLog:
         self._state = state
         self._cell = 1.0 if state.sides_m is None else state.sides_m[0]
         self._lock = threading.Lock()
-        self._last_path: NDArray[np.int32] | None = None
+        self._last_path: Cells | None = None
         self._heights_came = False
         self.lost = 0
         """Messages that were not written because the log had stopped."""
@@ -100,40 +100,37 @@ class McapLog:
     def record(self, message: Input, at_s: float = 0.0) -> None:
         """Write an input. Never raises an OSError."""
         stamp = time.time_ns()
+        as_ros = (self._cell, stamp)
         with self._lock:
             if isinstance(message, Pose):
-                self._write(
-                    "/pose", stamp, pose_message(message.row, message.col, self._cell, stamp)
-                )
+                data = pose_message(message.row, message.col, *as_ros)
+                self._write("/pose", stamp, data)
             elif isinstance(message, Goal):
-                data = pose_message(message.row + 0.5, message.col + 0.5, self._cell, stamp)
+                data = pose_message(message.row + 0.5, message.col + 0.5, *as_ros)
                 self._write("/goal", stamp, data)
-            elif message.cost is not None:
-                data = grid_message(message.cost, (message.row, message.col), self._cell, stamp)
-                self._write("/map_patch", stamp, data)
-            elif message.elevation is not None:
-                data = heights_message(
-                    message.elevation, (message.row, message.col), self._cell, stamp
-                )
-                self._write("/elevation_patch", stamp, data)
-                self._heights_came = True
+            else:
+                of_heights = message.cost is None
+                write = heights_message if of_heights else grid_message
+                data = write(message.values, (message.row, message.col), *as_ros)
+                self._write("/elevation_patch" if of_heights else "/map_patch", stamp, data)
+                self._heights_came |= of_heights
             self._tidy()
 
     def publish(self, message: Output) -> None:
         """Write an answer. Never raises an OSError."""
         now = time.time_ns()
         with self._lock:
+            answer = message.summary()
             if isinstance(message, PathMessage):
-                answer = message.summary() | {"path": len(message.path)}
+                answer["path"] = len(message.path)
                 del answer["headings_deg"]
-                self._write("/answer", now, string_message(json.dumps(answer)))
+            topic = "/answer" if isinstance(message, PathMessage) else "/status"
+            self._write(topic, now, string_message(json.dumps(answer)))
+            if isinstance(message, PathMessage):
                 if not _is_rest(message.path, self._last_path):
-                    self._write(
-                        "/path", now, path_message(message.path, self._cell, now, message.headings)
-                    )
+                    data = path_message(message.path, self._cell, now, message.headings)
+                    self._write("/path", now, data)
                 self._last_path = message.path
-            else:
-                self._write("/status", now, string_message(json.dumps(message.summary())))
             self._tidy()
 
     def close(self) -> None:
@@ -212,8 +209,8 @@ class McapLog:
                     stream.close()
 
 
-def _is_rest(path: NDArray[np.int32], before: NDArray[np.int32] | None) -> bool:
+def _is_rest(path: Cells, before: Cells | None) -> bool:
     """Whether a path is the end of the one before."""
-    if before is None or len(path) > len(before):
+    if before is None or (len(before) and not len(path)):
         return False
-    return np.array_equal(path, before[-len(path) :]) if len(path) else len(before) == 0
+    return np.array_equal(path, before[-len(path) :])

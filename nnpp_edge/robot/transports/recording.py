@@ -33,7 +33,7 @@ from nnpp_edge.runtime.errors import InvalidQueryError, OutputError
 from nnpp_edge.runtime.loop.connections import InputSource, Recorder
 from nnpp_edge.runtime.loop.ladder import one_line
 from nnpp_edge.runtime.loop.messages import Input, MapPatch
-from nnpp_edge.runtime.loop.workers import Guard, Queue, WhenFull, Worker
+from nnpp_edge.runtime.loop.workers import CountError, Guard, Queue, WhenFull, Worker
 from nnpp_edge.runtime.reading import refused_as
 
 _LOG = logging.getLogger(__name__)
@@ -102,14 +102,14 @@ class ReplaySource:
             self._began = now
         due = now - self._began
         if self._fast and self._next is not None:
-            due = self._next[0]
+            due, _ = self._next
         while self._next is not None and self._next[0] <= due:
-            message = self._next[1]
+            _, message = self._next
+            self._next = None
             try:
                 self._next = next(self._rest, None)
             except Exception as error:  # it is another file by now
                 self.failure = one_line(error)
-                self._next = None
             yield message
 
     def close(self) -> None:
@@ -209,7 +209,7 @@ class RecordedSource:
         self,
         source: InputSource,
         recorders: Sequence[Recorder],
-        count_error: Callable[[str], None],
+        count_error: CountError,
         *,
         wait: bool = False,
     ) -> None:

@@ -62,8 +62,8 @@ class RerunSink:
         else:
             self._stream.log("status", self._rr.TextLog(message.text))
         version = self._state.log.version
-        first_or_status = self._shown_version < 0 or not isinstance(message, PathMessage)
-        if first_or_status and version != self._shown_version:
+        due = self._shown_version < 0 or not isinstance(message, PathMessage)
+        if due and version != self._shown_version:
             self._shown_version = version
             picture = cost_picture(self._state.cost())
             self._stream.log("map/cost", self._rr.Image(picture, color_model="BGR"))

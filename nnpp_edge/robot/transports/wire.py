@@ -82,11 +82,9 @@ class PatchRecord(Record, tag="patch"):
 
 
 INPUT_RECORDS = PoseRecord | GoalRecord | PatchRecord
+_KINDS = {None: INPUT_RECORDS, "pose": PoseRecord, "goal": GoalRecord, "patch": PatchRecord}
 _INPUTS: dict[str | None, msgspec.json.Decoder[Record]] = {
-    None: msgspec.json.Decoder(INPUT_RECORDS),
-    "pose": msgspec.json.Decoder(PoseRecord),
-    "goal": msgspec.json.Decoder(GoalRecord),
-    "patch": msgspec.json.Decoder(PatchRecord),
+    name: msgspec.json.Decoder(kind) for name, kind in _KINDS.items()
 }
 _OUTPUTS = {"path": PathMessage, "status": StatusMessage, "error": Fault}
 _NAMES = {Pose: "pose", Goal: "goal", MapPatch: "patch"} | {
@@ -242,10 +240,8 @@ def _refused(wanted: str, payload: bytes, reason: Exception | str) -> WireError:
     if len(payload) > _EXCERPT:
         excerpt += "…"
     text, _, place = " ".join(str(reason).split()).partition(" - at `$.")
-    why = text[:150]
     key = place.rstrip("`")
     if key == "v":
         wanted = f"version {VERSION} of the messages"
-    if key:
-        why = f"{key}: {why}"
+    why = f"{key}: {text[:150]}" if key else text[:150]
     return WireError(f"wanted {wanted}, got {excerpt} ({why})")

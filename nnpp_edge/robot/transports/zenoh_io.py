@@ -6,7 +6,6 @@ Below the prefix, ``patch``, ``pose`` and ``goal`` are listened to; ``path``, ``
 
 import json
 import threading
-from collections.abc import Callable
 from functools import partial
 from typing import TYPE_CHECKING
 
@@ -16,6 +15,7 @@ from nnpp_edge.robot.transports.wiring import Setup
 from nnpp_edge.runtime.errors import InvalidQueryError, optional_module
 from nnpp_edge.runtime.loop.connections import Mailbox
 from nnpp_edge.runtime.loop.messages import Output, PathMessage
+from nnpp_edge.runtime.loop.workers import CountError
 from nnpp_edge.runtime.reading import refused_as
 
 if TYPE_CHECKING:
@@ -74,11 +74,8 @@ class ZenohLink:
 
     def close(self) -> None:
         """End the session, within a second."""
-        thread = threading.Thread(
-            target=self.session.close,
-            name="nnpp-edge zenoh close",
-            daemon=True,
-        )
+        name = "nnpp-edge zenoh close"
+        thread = threading.Thread(target=self.session.close, name=name, daemon=True)
         thread.start()
         thread.join(_PATIENCE_S)
 
@@ -96,7 +93,7 @@ class ZenohSource(MailboxSource):
         self,
         link: ZenohLink,
         refusals: Refusals,
-        count_error: Callable[[str], None],
+        count_error: CountError,
         *,
         limit: int = LIMIT_BYTES,
         mailbox: Mailbox | None = None,
