@@ -85,6 +85,9 @@ def kernels():
         for name, value in vars(importlib.import_module(info.name)).items():
             if hasattr(value, "py_func") and (value.py_func.__module__ == info.name or value.py_func.__closure__):
                 found[f"{info.name}.{name}"] = value
+                for cell in value.py_func.__closure__ or ():  # of helpers made for a search
+                    if hasattr(inner := cell.cell_contents, "py_func") and inner.py_func.__closure__:
+                        found[f"{info.name}.{name}.{inner.py_func.__name__}"] = inner
     return found
 
 def versions():
@@ -93,7 +96,7 @@ def versions():
 def calls(kernel):
     names, f = {id(value): name for name, value in kernels().items()}, kernel.py_func
     seen = [f.__globals__.get(name) for name in f.__code__.co_names]
-    seen += [cell.cell_contents for cell in f.__closure__ or ()]  # of helpers that are made for a search
+    seen += [cell.cell_contents for cell in f.__closure__ or ()]
     return [names[id(each)] for each in seen if hasattr(each, "py_func")]
 
 warmup.exercise()
