@@ -2,7 +2,6 @@
 of searches.
 """
 
-import time
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import astuple, dataclass, replace
 from functools import partial
@@ -21,6 +20,8 @@ from nnpp_edge import __version__
 from nnpp_edge.export.to_onnx import nodes_leading_to, quiet
 from nnpp_edge.files import write_whole
 from nnpp_edge.model.registry import Spec
+from nnpp_edge.profiling.contest import Harness
+from nnpp_edge.profiling.inference import InferenceMs, inference_ms, medians
 from nnpp_edge.runtime.errors import DataSetError, InvalidQueryError, ModelError, OutputError
 from nnpp_edge.runtime.network.inference import NetworkModel
 from nnpp_edge.runtime.network.model_file import METADATA_KEY
@@ -36,9 +37,9 @@ OPERATORS = ("Conv", "Relu", "Add", "Resize", "Concat", "AveragePool", "MaxPool"
 """Kinds of nodes that have an int8 kernel on CPUs, so that their QDQ pairs disappear."""
 HELD_OUT = 256
 """Queries to judge on, at most."""
-WARM_UP = 30
-ROUNDS = 300
-"""Runs of each model before the clock starts, and timed ones."""
+WARM_UP = 10
+ROUNDS = 150
+"""Timings of each model before those that count, and these."""
 WORTH_IT = 1.1
 """Times as fast as fp32 that int8 must be to be worth having."""
 MOST_GAP = 0.3
@@ -56,14 +57,6 @@ HELD_OUT_SHARE = 4
 
 
 @dataclass(frozen=True)
-class Latency:
-    """Of one query's inference."""
-
-    median_ms: float
-    p99_ms: float
-
-
-@dataclass(frozen=True)
 class Comparison:
     """Two models on the same held-out queries."""
 
@@ -76,17 +69,23 @@ class Comparison:
     prices.
     """
     int8: Judgement | Fit
-    fp32_latency: Latency
-    int8_latency: Latency
+    fp32_ms: InferenceMs
+    """Medians of one query's inference."""
+    int8_ms: InferenceMs
 
     @property
-    def speed_up(self) -> float:
-        return self.fp32_latency.median_ms / self.int8_latency.median_ms
+    def speed_up(self) -> InferenceMs:
+        """How many times as fast int8 is, in both cases."""
+        return InferenceMs(
+            self.fp32_ms.warm / self.int8_ms.warm,
+            self.fp32_ms.after_plan / self.int8_ms.after_plan,
+        )
 
     def recommendation(self) -> str:
         """One plain sentence that begins with ``int8`` or ``keep fp32``."""
-        as_fast = f"{self.speed_up:.2f} times as fast"
-        wanted = [(self.speed_up >= WORTH_IT, f"and {WORTH_IT} is wanted")]
+        gain = self.speed_up
+        as_fast = f"{gain.warm:.2f} times as fast warm and {gain.after_plan:.2f} right after a plan"
+        wanted = [(gain.warm >= WORTH_IT, f"and {WORTH_IT} warm is wanted")]
         if isinstance(self.fp32, Judgement) and isinstance(self.int8, Judgement):
             more = 100 * (self.int8.gap - self.fp32.gap)
             fewer = 100 * (self.fp32.success - self.int8.success)
@@ -336,7 +335,7 @@ def compare(fp32: NetworkModel, int8: NetworkModel, queries: Queries, judge: Jud
         float(difference.max()),
         judge(exact),
         judge(rounded),
-        *latencies(fp32, int8, queries),
+        *times_ms(fp32, int8, queries),
     )
 
 
@@ -358,20 +357,17 @@ def answers(model: NetworkModel, queries: Queries) -> Floats:
     return np.array([shown(model, queries, number)().copy() for number in range(len(queries))])
 
 
-def latencies(one: NetworkModel, other: NetworkModel, queries: Queries) -> tuple[Latency, Latency]:
-    """Time two models in turns on the same queries, so that whatever else the machine does slows
-    both.
+def times_ms(
+    one: NetworkModel, other: NetworkModel, queries: Queries
+) -> tuple[InferenceMs, InferenceMs]:
+    """Medians of two models' inference in turns on the same queries, so that whatever else the
+    machine does slows both.
     """
-    models = (one, other)
-    times_ms = np.empty((2, WARM_UP + ROUNDS))
+    harness = Harness()
+    times = []
     for at in range(WARM_UP + ROUNDS):
-        for which in (0, 1) if at % 2 else (1, 0):
-            run = shown(models[which], queries, at % len(queries))
-            began = time.perf_counter()
-            run()
-            times_ms[which, at] = 1e3 * (time.perf_counter() - began)
-    ours, theirs = (
-        Latency(float(np.median(row)), float(np.percentile(row, 99)))
-        for row in times_ms[:, WARM_UP:]
-    )
+        query = at % len(queries)
+        runs = {"one": shown(one, queries, query), "other": shown(other, queries, query)}
+        times.append(inference_ms(runs, harness))
+    ours, theirs = (medians([each[name] for each in times[WARM_UP:]]) for name in ("one", "other"))
     return ours, theirs

@@ -64,16 +64,17 @@ def test_the_recommendation_weighs_speed_cost_and_agreement(made):
     of = vars(made)["calibrate.quantize"]
 
     def advice(fp32, int8, int8_ms=1.0, difference=0.001):
-        times = of.Latency(2.0, 2.0), of.Latency(int8_ms, int8_ms)
+        times = of.InferenceMs(2.0, 2.0), of.InferenceMs(int8_ms, int8_ms)
         return of.Comparison(9, difference, 0.1, fp32, int8, *times).recommendation()
 
     def of_searches(gap, success=1.0, **more):
         judged = (of.Judgement(0.5, *each, 0.1, 0.1) for each in ((1.0, 0.002), (success, gap)))
         return advice(*judged, **more)
 
-    said = "int8: 2.00 times as fast on this machine, and the cost gap changes by +0.20 points."
+    as_fast = "2.00 times as fast warm and 2.00 right after a plan"
+    said = f"int8: {as_fast} on this machine, and the cost gap changes by +0.20 points."
     assert of_searches(0.004) == said
-    assert "and 1.1 is wanted" in of_searches(0.002, int8_ms=2.0)
+    assert "and 1.1 warm is wanted" in of_searches(0.002, int8_ms=2.0)
     assert "grows by 0.40 points" in of_searches(0.006)
     assert "keep fp32" in of_searches(math.inf)
     assert "2.0 % fewer of the queries" in of_searches(0.002, success=0.98)

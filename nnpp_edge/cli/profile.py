@@ -19,9 +19,7 @@ if TYPE_CHECKING:
 _FILES = ("report.json", "report.md", "board-row.md", "report.html")
 _PEERS_SIZES = (256, 512, 1024)
 _PEERS_QUERIES = 50
-_WANTED = (
-    "give either --profile (learned, edge-2core, single-core, quick, rover or a file) or --peers"
-)
+_DEFAULT = "mission"
 _TERRAIN = "Elevation file, or several, in place of the profile's; else the sample."
 _VEHICLE = (
     "Vehicle of the workloads body and body-rocksN, in place of the profile's: a shipped "
@@ -72,7 +70,8 @@ class Asked:
     profile: Annotated[
         str | None,
         {"metavar": "NAME|FILE"},
-        "A shipped profile (learned, edge-2core, single-core, quick, rover) or a TOML file.",
+        "A shipped profile (mission, edge-2core, single-core, quick, rover) or a TOML file; by "
+        "default mission.",
     ] = None
     peers: Annotated[bool, "Instead: compare with other libraries' grid search."] = False
     terrain: Annotated[options.TerrainFiles, _TERRAIN] = ()
@@ -112,6 +111,7 @@ def command(asked: Asked) -> None:
     noisy to tell, or a budget was missed because the processor was slowed.
 
     \b
+    nnpp-edge profile
     nnpp-edge profile --profile quick
     nnpp-edge profile --profile edge-2core --terrain dem.tif -o report
     nnpp-edge profile compare before/report.json after/report.json
@@ -127,18 +127,18 @@ def command(asked: Asked) -> None:
         if any(vars(asked).values()):
             raise click.UsageError(f"the options of profile do not go with {inner}")
         return
-    if bool(asked.profile) == asked.peers:
-        raise click.UsageError(_WANTED)
+    if asked.profile and asked.peers:
+        raise click.UsageError("give one of --profile and --peers")
     if asked.as_json and asked.markdown:
         raise click.UsageError("give one of --json and --markdown")
     if asked.peers and (asked.vehicle or asked.start_up):
         raise click.UsageError(
             f"--{'vehicle' if asked.vehicle else 'start-up'} does not go with --peers"
         )
-    if asked.profile is None:
+    if asked.peers:
         _peers(asked)
     else:
-        sys.exit(_profile(asked.profile, asked))
+        sys.exit(_profile(asked.profile or _DEFAULT, asked))
 
 
 def _profile(name: str, asked: Asked) -> int:

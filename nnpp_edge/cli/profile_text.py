@@ -95,6 +95,7 @@ def report_text(report: Facts, *, markdown: bool = False) -> str:
         facts += [f"note {line}" for line in report["notes"]]
         parts = [
             f"# {report['profile']['title']}",
+            report.get("answers", ""),
             report["summary"],
             "## Budgets",
             *budgets,
@@ -103,6 +104,7 @@ def report_text(report: Facts, *, markdown: bool = False) -> str:
         ]
         lists = ("\n".join(f"- {line}" for line in lines) for lines in (_sentences(report), facts))
         return "\n\n".join([*parts, next(lists), "## Machine", next(lists)]) + "\n"
+    parts.insert(0, report.get("answers", ""))
     parts += ["\n".join(_sentences(report)), aligned(machine)]
     parts += ["\n".join(f"note: {line}" for line in report["notes"]), *budgets]
     return "\n\n".join([*filter(None, parts), "\n".join([*reasons, report["summary"]])])
@@ -121,11 +123,12 @@ def _sentences(report: Facts) -> Iterator[str]:
             "never in this run" if line["size_from"] is None else f"from {line['size_from']}² on"
         )
         yield f"{line['planner']} faster than {line['over']}: {where}"
-    if int8 := [row for row in report["results"] if row["int8_speedup"] is not None]:
-        gains = ", ".join(
-            f"{row['int8_speedup']:.2f} ({row['workload']} {row['size']}²)" for row in int8
-        )
-        yield f"int8 over fp32, the whole network alone: {gains}"
+    for row in report["results"]:
+        if row["int8_speedup"] is not None:
+            place = f"{row['workload']} {row['size']}²"
+            warm = f"{row['int8_speedup']:.2f} times warm"
+            after_plan = f"{row['int8_speedup_after_plan']:.2f} right after a plan"
+            yield f"int8 over fp32, inference alone, {place}: {warm}, {after_plan}"
     if lost := sum(row["without_path"] for row in report["loop"]):
         yield f"the onboard loop had no path after {lost} patches"
 

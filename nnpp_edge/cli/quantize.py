@@ -44,7 +44,8 @@ def command(
         return
     c = r.compared
     shown_as = {
-        **columns("precision | MB: size_mb .2f | ms/median: median_ms .2f | ms/p99: p99_ms .2f"),
+        **columns("precision | MB: size_mb .2f"),
+        **columns("warm/ms: warm .3f | after a/plan, ms: after_plan .3f"),
         **columns(
             "cost gap: gap z.3% | found in/region: success .1% | region, of/the map: region_share "
             ".2%"
@@ -58,8 +59,8 @@ def command(
     rows = [
         {"precision": name, "size_mb": size / 1e6, **asdict(latency), **asdict(judged)}
         for name, size, latency, judged in (
-            ("fp32", r.fp32_bytes, c.fp32_latency, c.fp32),
-            ("int8", r.int8_bytes, c.int8_latency, c.int8),
+            ("fp32", r.fp32_bytes, c.fp32_ms, c.fp32),
+            ("int8", r.int8_bytes, c.int8_ms, c.int8),
         )
     ]
     click.echo(

@@ -24,8 +24,6 @@ from nnpp_edge.runtime.planners.plan import Method, Plan
 from nnpp_edge.runtime.planners.planner import Planner
 from nnpp_edge.runtime.terrain.traversability import Traversability
 
-REACTIONS = 120
-"""Patches that the loop is given in each half of a run: seven seconds at 17 Hz."""
 _PATCH_SIDE = 64
 _WARM_UP = 2
 """Hills before these, whose times do not count."""
@@ -102,13 +100,15 @@ class Reactions:
     kept: int = 0
     """Answers with the standing path."""
     without_path: int = 0
+    late: int = 0
+    """Answers after the tick's end."""
 
 
 def reactions(
     ground: Ground,
     queries: Sequence[Endpoints],
     loop: OnboardLoop,
-    patches: int = REACTIONS,
+    patches: int,
 ) -> Reactions:
     """Run the onboard loop at its rate on this map, with a patch of elevations at each tick.
 
@@ -136,6 +136,7 @@ def reactions(
             found.planned += message.ok and message.origin is not Origin.STANDING
             found.kept += message.origin is Origin.STANDING
             found.without_path += not message.ok
+            found.late += running.tick_s > 1.0 / loop.rate_hz
         path = message.path if message.ok else path
         feed()
 

@@ -71,6 +71,11 @@ class Harness:
             result = call()
             return self.clock() - began, result
 
+    def shuffled(self, names: Iterable[str]) -> list[str]:
+        """Names in an order that is drawn anew."""
+        ordered = list(names)
+        return [ordered[at] for at in self._rng.permutation(len(ordered))]
+
     def measure(
         self,
         rivals: Mapping[str, Callable[[CaseT], ResultT]],

@@ -18,8 +18,8 @@ from nnpp_edge.profiling.contest import (
     ratio,
     summarised,
 )
-from nnpp_edge.profiling.measure import Answers, Run, WorkloadRun
-from nnpp_edge.profiling.profile_file import OnboardLoop
+from nnpp_edge.profiling.measure import HALVES, Answers, Run, WorkloadRun
+from nnpp_edge.profiling.profile_file import THOUSANDTH, OnboardLoop
 from nnpp_edge.profiling.rivals import EXACT
 from nnpp_edge.runtime.arrays import Floats
 
@@ -66,7 +66,12 @@ def loop_rows(run: Run, loop: OnboardLoop) -> list[Facts]:
         if not of.reactions:
             continue
         halves = [np.array(each.ms) for each in of.reactions]
-        counted = ("planned", "kept", "without_path")
+        counted = ("planned", "kept", "without_path", "late")
+        ms = np.concatenate(halves)
+        reaction_ms = _spread(ms)
+        if len(ms) >= THOUSANDTH:
+            reaction_ms["p999"] = round(float(np.quantile(ms, 0.999)), 6)
+        late = sum(each.late for each in of.reactions)
         found.append(
             {
                 "workload": of.workload,
@@ -74,8 +79,9 @@ def loop_rows(run: Run, loop: OnboardLoop) -> list[Facts]:
                 "method": loop.method,
                 "rate_hz": loop.rate_hz,
                 "patch_side": patch_side((of.size, of.size)),
-                "n": sum(map(len, halves)),
-                "reaction_ms": _spread(np.concatenate(halves)),
+                "n": len(ms),
+                "reaction_ms": reaction_ms,
+                "late_per_hour": 3600.0 * late * loop.rate_hz / len(ms),
                 **{key: sum(getattr(each, key) for each in of.reactions) for key in counted},
                 "halves": {"reaction": [_median(half) for half in halves]},
             }
@@ -115,7 +121,9 @@ def _row(of: WorkloadRun, name: str) -> Facts:
     energy_mj = float(np.mean(answers.energy_mj))
     whole = _spread(times)
     network_ms = _median(answers.column("network_ms"))
+    warm_ms = _median(answers.column("network_warm_ms"))
     fp32 = of.answers.get("nnpp-fp32") if name == "nnpp" and network_ms else None
+    plain = _plain_ratios(of, times)
     arrivals = {key: answers.column(key) for key in ("map_ms", "patch_ms")}
     return {
         "workload": of.workload,
@@ -128,8 +136,12 @@ def _row(of: WorkloadRun, name: str) -> Facts:
         **summarised(found, _ANSWERS),
         "energy_mj": None if np.isnan(energy_mj) else energy_mj,
         "inference_ms_median": network_ms or None,
+        "inference_warm_ms_median": warm_ms or None,
         "inference_fps": 1e3 / network_ms if network_ms else None,
-        "int8_speedup": fp32 and _median(fp32.column("network_ms")) / network_ms,
+        "int8_speedup": fp32 and _median(fp32.column("network_warm_ms")) / warm_ms,
+        "int8_speedup_after_plan": fp32 and _median(fp32.column("network_ms")) / network_ms,
+        "speedup_plain": float(np.mean(plain)) if plain else None,
+        "map_fps": 1e3 / _median(arrivals["map_ms"]) if len(arrivals["map_ms"]) else None,
         **{key: _spread(ms) if len(ms) else None for key, ms in arrivals.items()},
         "halves": _halves(of, name),
     }
@@ -142,10 +154,24 @@ def _halves(of: WorkloadRun, name: str) -> dict[str, list[float]]:
     columns = {basis: of.answers[name].halves(figure) for basis, figure in bases.items()}
     columns["ratio"] = of.answers[EXACT].halves("time_ms") / columns["time"]
     medians = {basis: np.median(both, axis=1) for basis, both in columns.items() if both.size}
+    if plain := _plain_ratios(of, columns["time"]):
+        medians["plain_ratio"] = np.array(plain)
     if name == "nnpp" and "inference" in medians and "nnpp-fp32" in of.answers:
         fp32 = np.median(of.answers["nnpp-fp32"].halves("network_ms"), axis=1)
         medians["int8_ratio"] = fp32 / medians["inference"]
     return {basis: both.tolist() for basis, both in medians.items()}
+
+
+def _plain_ratios(of: WorkloadRun, times: Floats) -> list[float]:
+    """For each half, how many times as long an A* in plain Python took for the first queries;
+    `times` (2, N), or (N,) of both halves, are the planner's.
+    """
+    halves = np.broadcast_to(times, (HALVES, times.shape[-1]))
+    return [
+        sum(plain) / float(own[: len(plain)].sum())
+        for plain, own in zip(of.plain_ms, halves, strict=True)
+        if plain
+    ]
 
 
 def _median(ms: Floats) -> float:

@@ -25,6 +25,12 @@ MOST_DISTURBED = 0.10
 """Shares by which medians of the halves of a run may differ, and of the time that others
 may take.
 """
+_QUESTIONS = {
+    "{:g} FPS": ("fps", "map_fps", "inference_fps"),
+    "{:g}×": ("speedup_total", "speedup_plain"),
+    "int8": ("int8_speedup", "int8_speedup_after_plan"),
+}
+"""Quantities that answer a question, which names their limit."""
 _BEYOND_DOUBT = 1.25
 """In a noisy or throttled run a budget counts as missed where it would be missed by this factor
 even without the time that was lost.
@@ -111,6 +117,23 @@ def summary(ending: str, lines: Sequence[Facts], noise: str) -> str:
         names = [f"{name} ({', '.join(where)})" for (name, _), where in places.items()]
         said += f"; not {', '.join(names)}"
     return said
+
+
+def answers(lines: Sequence[Facts]) -> str:
+    """What a buyer asks first, by the budgets on it: whether the rate, the speed-up and int8 are
+    kept, each with its tightest figure; empty without such budgets.
+    """
+    said = []
+    for name, quantities in _QUESTIONS.items():
+        asked = [line for line in lines if line["quantity"] in quantities]
+        measured = [line for line in asked if line["value"] is not None]
+        if not measured:
+            continue
+        tightest = min(measured, key=lambda line: line["value"] / line["limit"])
+        states = {line["verdict"] for line in asked}
+        word = "no" if FAIL in states else "yes" if states == {PASS} else "cannot tell"
+        said.append(f"{name.format(tightest['limit'])}: {word} ({tightest['value']:.3g}).")
+    return " ".join(said)
 
 
 def _line(

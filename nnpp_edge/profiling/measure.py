@@ -11,7 +11,9 @@ import numpy as np
 
 from nnpp_edge.profiling.arrivals import Reactions, arrival_ms, reactions
 from nnpp_edge.profiling.contest import Harness, Record
+from nnpp_edge.profiling.inference import inference_ms
 from nnpp_edge.profiling.machine import Disturbance, EnergyMeter
+from nnpp_edge.profiling.plain_astar import build_graph, search
 from nnpp_edge.profiling.profile_file import SAMPLE, Device, Load, Networks, Profile
 from nnpp_edge.profiling.rivals import EXACT, RivalPlanner
 from nnpp_edge.profiling.sensors import Sensors
@@ -25,7 +27,7 @@ from nnpp_edge.profiling.suites import (
 )
 from nnpp_edge.progress import Progress, ignore
 from nnpp_edge.runtime.arrays import Floats
-from nnpp_edge.runtime.cells import Endpoints
+from nnpp_edge.runtime.cells import Cell, Endpoints
 from nnpp_edge.runtime.errors import InvalidQueryError, TerrainError
 from nnpp_edge.runtime.network.inference import NetworkModel
 from nnpp_edge.runtime.planners.plan import Method, Plan
@@ -33,6 +35,8 @@ from nnpp_edge.terrain.dem import Dem
 from nnpp_edge.terrain.vehicle_files import load_vehicle
 
 HALVES = 2
+_MOST_PLAIN = 4
+"""Queries that an A* in plain Python answers in each half: a second or more each at 256²."""
 _MAPS_TRIED = 20
 """Times as many maps as are needed are searched for queries that have a path."""
 
@@ -47,8 +51,9 @@ class Answers:
         default_factory=lambda: [[] for _ in range(HALVES)]
     )
     """For each half, for each query, milliseconds where they are measured: ``time_ms`` of the
-    middle call (of two the faster one), ``network_ms`` of the whole network on map and query,
-    ``map_ms`` from elevations to the path, ``patch_ms`` of a patch on that path."""
+    middle call (of two the faster one), ``network_ms`` of the whole network on map and query right
+    after a plan and ``network_warm_ms`` right after itself, ``map_ms`` from elevations to the path,
+    ``patch_ms`` of a patch on that path."""
     stages_ms: list[dict[str, float]] = field(default_factory=list)
     """The stages of the same calls of both halves, and ``other``: what no stage counts."""
     plans: list[Plan] = field(default_factory=list)
@@ -89,6 +94,9 @@ class WorkloadRun:
     """Map by map; on some maps no query had a path."""
     reactions: list[Reactions] = field(default_factory=list)
     """Of the onboard loop, for each half; empty where these are not measured."""
+    plain_ms: list[list[float]] = field(default_factory=lambda: [[] for _ in range(HALVES)])
+    """Milliseconds of an A* in plain Python, for each half, of the first queries; empty where these
+    are not measured."""
 
 
 @dataclass
@@ -150,8 +158,12 @@ def rivals_of(networks: Networks, device: Device) -> list[RivalPlanner]:
         # used it
         RivalPlanner("auto", Method.AUTO, network(networks.int8)),
     ]
-    if networks.fp32 is not None:
-        found.insert(3, RivalPlanner("nnpp-fp32", Method.NNPP, network(networks.fp32)))
+    others = {"nnpp-fp32": networks.fp32, "paper": networks.paper}
+    found[3:3] = [
+        RivalPlanner(name, Method.NNPP, network(file))
+        for name, file in others.items()
+        if file is not None
+    ]
     return found
 
 
@@ -256,7 +268,7 @@ class _Session:
         networks = {}
         if not turns:
             asking = [rival for rival in self._rivals if rival.method is Method.NNPP]
-            networks = {rival.name: rival.model for rival in asking if rival.model is not None}
+            networks = {each.name: each.model.try_out for each in asking if each.model is not None}
         energy = self._meter.read()
         worked_s = 0.0
 
@@ -290,9 +302,11 @@ class _Session:
                 of.answers[name].add(record, half)
             # networks last, so that no planner follows what others do not; each on the map that it
             # was shown last, encoded anew, and a query
-            for name, model in networks.items():
-                seconds, _ = disturbance.left_out(partial(self._harness.timed, model.try_out))
-                of.answers[name].figures[half][-1]["network_ms"] = 1e3 * seconds
+            times = disturbance.left_out(partial(inference_ms, networks, self._harness))
+            for name, found in times.items():
+                row = of.answers[name].figures[half][-1]
+                row["network_warm_ms"] = found.warm
+                row["network_ms"] = found.after_plan
         disturbance.stop()
 
     def measure_arriving(
@@ -316,5 +330,17 @@ class _Session:
             for query, row in zip(queries, rows, strict=True):
                 times = [arrival_ms(own, ground, query, self._harness) for _ in range(repeats)]
                 row["map_ms"], row["patch_ms"] = np.median(times, axis=0).tolist()
-        if (of.workload, of.size) in self._profile.reactions_at and len(of.reactions) == half:
-            of.reactions.append(reactions(ground, queries, self._profile.loop))
+        here = (of.workload, of.size)
+        if here in self._profile.measured_at("reaction") and len(of.reactions) == half:
+            patches = self._profile.load.patches
+            of.reactions.append(reactions(ground, queries, self._profile.loop, patches))
+        if here in self._profile.measured_at("plain_ratio"):
+            plain_ms = of.plain_ms[half]
+            for query in queries[: _MOST_PLAIN - len(plain_ms)]:
+                call = partial(_plain_astar, on_map, query)
+                plain_ms.append(1e3 * self._harness.timed(call)[0])
+
+
+def _plain_astar(on_map: Case, query: Endpoints) -> list[Cell] | None:
+    """The answer of an A* like the paper's, its graph included."""
+    return search(build_graph(on_map.cost), *query)

@@ -47,13 +47,13 @@ def peak_memory_mb(on_map: Case, query: Endpoints, method: str, model: str) -> f
     return peak_mb or None
 
 
-def start_up(method: str, *, loop: bool = False) -> dict[str, float]:
+def start_up(method: str, *, loop: bool = False, cold: bool = True) -> dict[str, float]:
     """From a process's start to its first plan on a map of 256², or to the loop's first answer on
     one of 512².
 
-    Seconds and the peak memory until then, from an empty cache of kernels (``cold``) and from a
-    full one. The empty cache is met once, the full one three times, of which the medians count.
-    A wheel of kernels serves both.
+    Seconds and the peak memory until then, from a full cache of kernels (``warm``) and with `cold`
+    from an empty one. The empty cache is met once, the full one three times, of which the medians
+    count. A wheel of kernels serves both.
     """
     name = "first_tick" if loop else "start_up"
     code = _FIRST_TICK if loop else _PLAN_ONCE
@@ -66,12 +66,14 @@ def start_up(method: str, *, loop: bool = False) -> dict[str, float]:
 
     answers = []
     with TemporaryDirectory() as folder:
+        place = {"NUMBA_CACHE_DIR": folder} if cold else {}
         for _ in range(1 + _WARM_STARTS):
-            answers.append(_first_answer(code, method, given, NUMBA_CACHE_DIR=folder))
+            answers.append(_first_answer(code, method, given, **place))
     found = {}
-    cold = answers[0]
-    warm = np.median(answers[1:], axis=0)
-    for state, figures in (("cold", cold), ("warm", warm)):
+    by_state = {"warm": np.median(answers[1:], axis=0)}
+    if cold:
+        by_state["cold"] = np.array(answers[0])
+    for state, figures in by_state.items():
         for unit, figure in zip(("s", "mb"), figures, strict=True):
             found[f"{name}_{state}_{unit}"] = round(float(figure), 3)
     return found

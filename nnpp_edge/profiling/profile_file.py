@@ -17,7 +17,7 @@ from nnpp_edge.runtime.planners.plan import DynamicMethod
 from nnpp_edge.runtime.reading import read_toml
 from nnpp_edge.terrain.workloads import of_bodies
 
-PLANNERS = ("astar", "corridor", "nnpp", "nnpp-fp32", "auto")
+PLANNERS = ("astar", "corridor", "nnpp", "nnpp-fp32", "paper", "auto")
 SAMPLE = "sample"
 SYNTHETIC = "synthetic"
 LOOP = "loop"
@@ -44,8 +44,8 @@ class Quantity(NamedTuple):
     unit: str
     basis: str = ""
     """Of which medians the two halves of a run must agree: ``time``, ``inference``, ``map``,
-    ``patch``, ``reaction``, ``ratio`` (exact A*'s time over the planner's) or ``int8_ratio``.
-    Empty where noise changes nothing."""
+    ``patch``, ``reaction``, ``ratio`` (exact A*'s time over the planner's), ``plain_ratio`` (that
+    of an A* in plain Python) or ``int8_ratio``. Empty where noise changes nothing."""
     scale: float = 1.0
     """From the figure in a report to the unit of budgets: shares are kept as such, budgets are set
     in percent.
@@ -61,11 +61,14 @@ _TABLE = {
     "time_ms_median time_ms_p90 time_ms_p99 time_ms_max": Quantity("ms", "time"),
     "inference_fps": Quantity("1/s", "inference"),
     "inference_ms_median": Quantity("ms", "inference"),
+    "map_fps": Quantity("1/s", "map"),
     "map_ms map_ms_p99": Quantity("ms", "map"),
     "patch_ms patch_ms_p99": Quantity("ms", "patch"),
-    "reaction_ms reaction_ms_p99": Quantity("ms", "reaction", of_loop=True),
+    "reaction_ms reaction_ms_p99 reaction_ms_p999": Quantity("ms", "reaction", of_loop=True),
+    "late_per_hour": Quantity("1/h", "reaction", of_loop=True),
     "speedup_median speedup_total": Quantity("x", "ratio"),
-    "int8_speedup": Quantity("x", "int8_ratio"),
+    "speedup_plain": Quantity("x", "plain_ratio"),
+    "int8_speedup int8_speedup_after_plan": Quantity("x", "int8_ratio"),
     "gap_mean gap_p99 gap_max cc_excess success_first success": Quantity("%", scale=100.0),
     "expansions_median": Quantity("1"),
     "energy_mj": Quantity("mJ", "time"),
@@ -79,6 +82,8 @@ _TABLE = {
 }
 """The quantities of one row share everything but their names."""
 QUANTITIES = {name: kind for names, kind in _TABLE.items() for name in names.split()}
+THOUSANDTH = 1000
+"""Fewer samples have no slowest thousandth."""
 STARTS = tuple(name for name in QUANTITIES if name.startswith(("start_up", "first_tick")))
 
 
@@ -137,6 +142,8 @@ class Load(Table, frozen=True):
     """Number of them for each workload and size."""
     repeats: _Count = 2
     """Times each planner answers each query, in each half of the run."""
+    patches: _Count = 120
+    """That the loop is given in each half of the run, where a budget is set on its reactions."""
     min_distance: Annotated[float, Meta(gt=0.0, le=1.0)] = 0.35
     """Between start and goal, as a share of the map's side."""
     seed: _Whole = 1
@@ -158,7 +165,8 @@ class Load(Table, frozen=True):
 class Networks(Table, frozen=True):
     int8: str = "edge"
     fp32: str | None = None
-    """None: not measured."""
+    paper: str | None = None
+    """The network of the planner ``paper``. None, of both: not measured."""
 
 
 _PACE = ("rate_hz", "cores", "priority")
@@ -225,6 +233,9 @@ class Budget(Table, frozen=True):
         """Refuse what this profile does not measure."""
         of_loop = QUANTITIES[self.quantity].of_loop
         self.check_choice("planner", (LOOP,) if of_loop else profile.measured)
+        enough = self.quantity != "reaction_ms_p999" or 2 * profile.load.patches >= THOUSANDTH
+        wanted = f"none of fewer than {THOUSANDTH} reactions (workload.patches: {THOUSANDTH // 2})"
+        self.refuse_unless(enough, "quantity", wanted)
         if self.workload is not None:
             self.check_choice("workload", profile.load.workloads)
         if self.size is not None:
@@ -252,8 +263,8 @@ class Profile(Table, frozen=True):
     @property
     def measured(self) -> tuple[str, ...]:
         """The planners of a run."""
-        without = "nnpp-fp32" if self.networks.fp32 is None else ""
-        return tuple(name for name in PLANNERS if name != without)
+        networks = {"nnpp-fp32": self.networks.fp32, "paper": self.networks.paper}
+        return tuple(name for name in PLANNERS if networks.get(name, "") is not None)
 
     @property
     def arriving(self) -> frozenset[str]:
@@ -261,12 +272,9 @@ class Profile(Table, frozen=True):
         budgets = [*self.budgets_on("map"), *self.budgets_on("patch")]
         return frozenset({self.planner, *(budget.planner for budget in budgets)})
 
-    @property
-    def reactions_at(self) -> frozenset[tuple[str, int]]:
-        """Workloads and sizes at which the loop's reactions are measured: where a budget asks for
-        them.
-        """
-        return frozenset(chain.from_iterable(map(self.places, self.budgets_on("reaction"))))
+    def measured_at(self, basis: str) -> frozenset[tuple[str, int]]:
+        """Workloads and sizes at which a budget asks for quantities of this basis."""
+        return frozenset(chain.from_iterable(map(self.places, self.budgets_on(basis))))
 
     def budgets_on(self, basis: str) -> list[Budget]:
         """The budgets on quantities of this basis."""

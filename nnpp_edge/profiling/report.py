@@ -9,7 +9,15 @@ from nnpp_edge import __version__
 from nnpp_edge.profiling.arrivals import prior_ms
 from nnpp_edge.profiling.contest import Facts, Harness
 from nnpp_edge.profiling.figures import break_even, loop_rows, rows
-from nnpp_edge.profiling.judge import MOST_DISTURBED, Noise, WholeRun, judged, summary, verdict
+from nnpp_edge.profiling.judge import (
+    MOST_DISTURBED,
+    Noise,
+    WholeRun,
+    answers,
+    judged,
+    summary,
+    verdict,
+)
 from nnpp_edge.profiling.machine import Disturbance, environment, pinned
 from nnpp_edge.profiling.measure import ProfileMaps, rivals_of, run
 from nnpp_edge.profiling.processes import peak_memory_mb, start_up
@@ -34,7 +42,8 @@ def profile_machine(
     """Pin, warm up, measure, judge: the report that docs/profile.md describes, ready for JSON.
 
     `starts` also measures new processes up to their first plan, and the loop up to its first
-    answer, which takes two minutes; without it that is done only where a budget asks for it.
+    answer, from an empty cache of kernels too, which takes two minutes. Without it that is done
+    only where a budget asks for it.
     `notes` are put before the report's own. `progress` is called with the number of queries that
     are done, `say` with a line for people, at once. NnppEdgeError if a terrain or model file cannot
     be used, or the terrain has too few queries with a path.
@@ -70,6 +79,7 @@ def profile_machine(
         "made": datetime.now(UTC).isoformat(timespec="seconds"),
         "profile": profile.facts(),
         "verdict": ending,
+        "answers": answers(lines),
         "summary": summary(ending, lines, noise.words),
         "budgets": lines,
         "results": results,
@@ -107,13 +117,14 @@ def _whole_run(
             peaks[rival.name] = peak
     found = {"model_mb": sizes_mb, "peak_memory_mb": peaks, "prior_ms": {LOOP: prior_ms(Harness())}}
 
-    asked = [budget.planner for budget in profile.budgets if budget.quantity in STARTS]
+    asked = [budget for budget in profile.budgets if budget.quantity in STARTS]
+    cold = starts or any("cold" in budget.quantity for budget in asked)
     for name in _START_UP:
-        if not starts and name not in asked:
+        if not starts and name not in {budget.planner for budget in asked}:
             continue
         say(f"the start of new processes, {name}")
         method = profile.loop.method if name == LOOP else name
-        for key, figure in start_up(method, loop=name == LOOP).items():
+        for key, figure in start_up(method, loop=name == LOOP, cold=cold).items():
             found.setdefault(key, {})[name] = figure
     return found
 

@@ -8,11 +8,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from nnpp_edge.profiling.contest import Harness
+from nnpp_edge.profiling.plain_astar import build_graph, search
 from nnpp_edge.reproduction import drawing, paper
 from nnpp_edge.reproduction.drawing import Chart
 from nnpp_edge.reproduction.experiment import Context, Result
 from nnpp_edge.reproduction.findings import Finding, judge
-from nnpp_edge.reproduction.plain import build_graph, search
 from nnpp_edge.reproduction.planners import PLAIN
 from nnpp_edge.reproduction.rows import Row, Rows, percent, spread, times
 from nnpp_edge.runtime.arrays import Float2D

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from nnpp_edge.profiling.contest import Harness, gap
-from nnpp_edge.reproduction.plain import build_graph, search
+from nnpp_edge.profiling.plain_astar import build_graph, search
 from nnpp_edge.reproduction.regions import (
     CONTROLS,
     CORRIDOR,

@@ -16,7 +16,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from nnpp_edge.reproduction.plain import build_graph, search
+from nnpp_edge.profiling.plain_astar import build_graph, search
 from nnpp_edge.runtime.arrays import Float2D
 from nnpp_edge.runtime.cells import Cell, Endpoints
 from nnpp_edge.runtime.kernels.threshold import lowered

@@ -131,7 +131,7 @@ def test_a_method_that_was_slow_is_tried_again_after_a_while():
 def test_quick_answers_without_a_path_are_no_reason_to_trust_a_slow_method(monkeypatch):
     clock = Clock()
     asked = []
-    navigator = Navigator(Ground(two_lanes()), NavigatorSettings("astar"), clock=clock)
+    navigator = Navigator(Ground(two_lanes()), "astar", clock=clock)
     replan = navigator.planner.replan
 
     def answer(method=None, time_limit_s=0.0):
