@@ -14,7 +14,9 @@ Float2D = NDArray[np.float32]
 Floats = NDArray[np.float64]
 Cells = NDArray[np.int32]
 """(N, 2) rows and columns."""
+Array = NDArray[np.generic]
 Float = TypeVar("Float", np.float32, np.float64)
+NumberT = TypeVar("NumberT", bound=np.generic)
 
 
 def unmasked(array: ArrayLike) -> NDArray[np.generic]:
@@ -50,6 +52,14 @@ def as_map(array: ArrayLike, name: str, dtype: type[Float] = np.float32) -> NDAr
         raise InvalidMapError(
             f"{name} must hold 32-bit floats, got a value of size {furthest:.3g}"
         ) from None
+
+
+def in_blocks(array: NDArray[NumberT], factor: int) -> NDArray[NumberT]:
+    """A view (..., H / f, f, W / f, f) of maps (..., H, W): their blocks of f × f cells, in
+    which both sides can be divided.
+    """
+    *others, rows, cols = array.shape
+    return array.reshape(*others, rows // factor, factor, cols // factor, factor)
 
 
 def numbers(array: ArrayLike, name: str) -> NDArray[np.generic]:

@@ -1,6 +1,6 @@
 """Drives over unseen ground by rival prices: ``python -m nnpp_edge.benchmarks.unseen MAP``."""
 
-import math
+from collections import defaultdict
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property, partial
@@ -9,12 +9,11 @@ from pathlib import Path
 import click
 import cv2
 import numpy as np
-from numpy.typing import NDArray
-
 from nnpp_edge.profiling.suites import heights_of, whole_cost
+from nnpp_edge.progress import markdown_table
 from nnpp_edge.reproduction.regions import shuffled
 from nnpp_edge.runtime import Ground, NetworkModel, Planner, Vehicle
-from nnpp_edge.runtime.arrays import Float2D
+from nnpp_edge.runtime.arrays import Float2D, in_blocks
 from nnpp_edge.runtime.cells import Endpoints
 from nnpp_edge.runtime.network.model_file import UNSEEN, model_path
 from nnpp_edge.runtime.network.priors import PRIORS, prices_by
@@ -70,8 +69,7 @@ class Site:
     @cached_property
     def coarse(self) -> Float2D:
         """The means of the blocks."""
-        side = len(self.elevation) // self.factor
-        blocks = self.elevation.reshape(side, self.factor, side, self.factor)
+        blocks = in_blocks(self.elevation, self.factor)
         means: Float2D = blocks.mean((1, 3), dtype=np.float64).astype(np.float32)
         return means
 
@@ -112,7 +110,7 @@ class Site:
             plan = planner.plan(here, goal, **options)
             if not plan.ok:
                 assert body, "what was seen shuts the way, though there is one"
-                return math.inf  # the body can neither go on nor turn
+                return np.inf  # the body can neither go on nor turn
             # drive half as far as was seen
             steps = min(max(sight // 2, 1), len(plan.path) - 1)
             way += [(row, col) for row, col in plan.path[1 : steps + 1].tolist()]
@@ -176,14 +174,12 @@ def rivals(model: str, dataset: Path | None) -> dict[str, Price]:
     them.
     """
 
-    def mixed(site: Site) -> Float2D:
-        return site.prices("network", shuffled(model_path(model)))
-
+    mixed = shuffled(model_path(model))
     found: dict[str, Price] = {
         "optimistic": lambda site: np.zeros_like(site.coarse),
         **{prior: partial(Site.prices, prior=prior, model=model) for prior in PRIORS},
         "network, answers turned": lambda site: np.rot90(site.prices("network", model)),
-        "network, weights shuffled": mixed,
+        "network, weights shuffled": lambda site: site.prices("network", mixed),
         "truth": Site.truth,
     }
     if dataset is not None:
@@ -191,7 +187,7 @@ def rivals(model: str, dataset: Path | None) -> dict[str, Price]:
     return found
 
 
-def features(planes: NDArray[np.float32]) -> NDArray[np.float32]:
+def features(planes: Float2D) -> Float2D:
     """(H · W, F) features of blocks, from a network's planes: the block's own, and of its
     neighbourhood.
     """
@@ -213,20 +209,22 @@ def trees(maps: KnownMaps, rows: int = 600_000) -> Price:
 
     rng = np.random.default_rng(1)
     share = min(1.0, rows / maps.answers[:, 0].size)
-    inputs = list[NDArray[np.float32]]()
-    wanted = list[NDArray[np.float32]]()
+    inputs = []
+    wanted = []
     for at in range(len(maps)):
         planes, answers = sample(maps, at)
         chosen = rng.random(answers[0].size) < share
         inputs.append(features(planes)[chosen])
         wanted.append(answers.reshape(len(answers), -1)[:, chosen])
     x = np.concatenate(inputs)
-    fitted = [
-        HistGradientBoostingRegressor(
-            max_iter=250, max_leaf_nodes=63, min_samples_leaf=60, early_stopping=False
-        ).fit(x, y)
-        for y in np.concatenate(wanted, axis=1)
-    ]
+    make = partial(
+        HistGradientBoostingRegressor,
+        max_iter=250,
+        max_leaf_nodes=63,
+        min_samples_leaf=60,
+        early_stopping=False,
+    )
+    fitted = [make().fit(x, y) for y in np.concatenate(wanted, axis=1)]
 
     def price(site: Site) -> Float2D:
         means, block_m, factor, limits = site.known
@@ -245,41 +243,28 @@ def table(excess: Mapping[str, Sequence[float]]) -> str:
 
     Of the drives on which no rival got stuck; and how often each did.
     """
-    head = "{:28} {:>6} {:>5} {:>6}   {:>9} {:>5} {:>6} {:>6}"
-    line = "{:28} {:6.2f} {:5.2f} {:6.2f}   {:+9.2f} {:5.2f} {:6.2f} {:6}"
-    lines = [
-        head.format(
-            "price",
-            "mean",
-            "s.e.",
-            "p90",
-            f"to {REFERENCE}",
-            "s.e.",
-            "ratio",
-            "stuck",
-        )
-    ]
+    heads = ("price", "mean", "s.e.", "p90", f"to {REFERENCE}", "s.e.", "ratio", "stuck")
+    form = "{} | {:.2f} | {:.2f} | {:.2f} | {:+.2f} | {:.2f} | {:.2f} | {}"
     percent = {name: 100.0 * np.array(found) for name, found in excess.items()}
     free = np.isfinite(list(percent.values())).all(axis=0)
-    root = math.sqrt(free.sum())
+    root = np.sqrt(free.sum())
     base = percent[REFERENCE][free]
+    lines = []
     for name, every in percent.items():
         found = every[free]
-        mean = found.mean()
         apart = found - base
-        lines.append(
-            line.format(
-                name,
-                mean,
-                found.std() / root,
-                np.quantile(found, 0.9),
-                apart.mean(),
-                apart.std() / root,
-                mean / base.mean(),
-                np.isinf(every).sum(),
-            )
+        line = form.format(
+            name,
+            found.mean(),
+            found.std() / root,
+            np.quantile(found, 0.9),
+            apart.mean(),
+            apart.std() / root,
+            found.mean() / base.mean(),
+            np.isinf(every).sum(),
         )
-    return "\n".join(lines)
+        lines.append(line.split(" | "))
+    return markdown_table(heads, lines)
 
 
 @click.command(context_settings={"show_default": True})
@@ -295,7 +280,7 @@ def table(excess: Mapping[str, Sequence[float]]) -> str:
 @click.option("--vehicle", help="Whose body drives among rocks, as of nnpp-edge plan.")
 @click.option("--model", default="unseen")
 @click.option("--dataset", type=click.Path(path_type=Path), help="Data set to train trees on.")
-@click.option("--only", help="Names of rivals, joined by slashes, the slope among them.")
+
 def main(
     tile: Path,
     factor: int,
@@ -307,7 +292,6 @@ def main(
     vehicle: str | None,
     model: str,
     dataset: Path | None,
-    only: str | None,
 ) -> None:
     """Drive over TILE by rival prices of unseen ground, and print the excess of each.
 
@@ -322,11 +306,10 @@ def main(
     if size_m:
         dem = dem.rescaled(size_m)
     prices = rivals(model, dataset)
-    names = only.split("/") if only else list(prices)
-    excess: dict[str, list[float]] = {each: [] for each in names}
+    excess = defaultdict[str, list[float]](list)
     for site, ends, optimum in drives(dem, workload(name), factor, count, seed, body):
-        for rival in names:
-            cost = site.driven(ends, prices[rival](site), sight)
+        for rival, price in prices.items():
+            cost = site.driven(ends, price(site), sight)
             excess[rival].append(cost / optimum - 1.0)
     click.echo(table(excess))
 
