@@ -12,7 +12,11 @@ from nnpp_edge.runtime.errors import InvalidMapError
 Float2D = NDArray[np.float32]
 """(H, W)."""
 Floats = NDArray[np.float64]
-Cells = NDArray[np.int32]
+Float32 = NDArray[np.float32]
+UInt8 = NDArray[np.uint8]
+Bool = NDArray[np.bool_]
+Int64 = NDArray[np.int64]
+Cells = Int32 = NDArray[np.int32]
 """(N, 2) rows and columns."""
 Array = NDArray[np.generic]
 Float = TypeVar("Float", np.float32, np.float64)

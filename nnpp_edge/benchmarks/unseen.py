@@ -9,6 +9,7 @@ from pathlib import Path
 import click
 import cv2
 import numpy as np
+
 from nnpp_edge.profiling.suites import heights_of, whole_cost
 from nnpp_edge.progress import markdown_table
 from nnpp_edge.reproduction.regions import shuffled
@@ -280,7 +281,6 @@ def table(excess: Mapping[str, Sequence[float]]) -> str:
 @click.option("--vehicle", help="Whose body drives among rocks, as of nnpp-edge plan.")
 @click.option("--model", default="unseen")
 @click.option("--dataset", type=click.Path(path_type=Path), help="Data set to train trees on.")
-
 def main(
     tile: Path,
     factor: int,

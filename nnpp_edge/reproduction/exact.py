@@ -5,7 +5,6 @@ from functools import partial
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 
 from nnpp_edge.profiling.contest import Harness
 from nnpp_edge.reproduction import drawing, paper
@@ -15,7 +14,7 @@ from nnpp_edge.reproduction.findings import Finding, judge
 from nnpp_edge.reproduction.plain import build_graph, search
 from nnpp_edge.reproduction.planners import PLAIN
 from nnpp_edge.reproduction.rows import Row, Rows, percent, spread, times
-from nnpp_edge.runtime.arrays import Float2D
+from nnpp_edge.runtime.arrays import Float2D, Floats
 from nnpp_edge.runtime.cells import Endpoints
 from nnpp_edge.runtime.errors import InvalidQueryError
 from nnpp_edge.runtime.map.grid import Grid
@@ -27,7 +26,6 @@ from nnpp_edge.viz.figures import new_figure
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-Floats = NDArray[np.float64]
 _OMEGA = f"{paper.OMEGA:.3f} ± {paper.OMEGA_DEVIATION:.3f}"
 
 

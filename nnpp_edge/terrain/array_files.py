@@ -9,10 +9,9 @@ from pathlib import Path
 from typing import IO
 
 import numpy as np
-import numpy.typing as npt
 from numpy.lib import format as npy
 
-from nnpp_edge.runtime.arrays import Float2D
+from nnpp_edge.runtime.arrays import Array, Float2D
 from nnpp_edge.runtime.errors import TerrainError
 from nnpp_edge.runtime.memory import available_bytes
 from nnpp_edge.runtime.reading import problem_with_file, refused_as
@@ -97,7 +96,7 @@ def check_room(
         )
 
 
-def metres(values: npt.NDArray[np.generic], scale: float, offset: float = 0.0) -> Float2D:
+def metres(values: Array, scale: float, offset: float = 0.0) -> Float2D:
     """A fresh float32 array of scale * values + offset, worked out in float64."""
     with np.errstate(over="ignore", invalid="ignore"):
         if scale == 1.0 and offset == 0.0:
@@ -114,7 +113,7 @@ def known_heights(elevation: Float2D) -> Float2D:
     return elevation
 
 
-def check_grid(path: Path, array: npt.NDArray[np.generic]) -> None:
+def check_grid(path: Path, array: Array) -> None:
     """TerrainError for what is not a 2-D array of at least one real number."""
     if array.ndim != 2 or array.size == 0 or array.dtype.kind not in "iuf":
         raise TerrainError(
@@ -130,13 +129,13 @@ class _Archive(zipfile.ZipFile):
         self.path = path
         self.names = {name.removesuffix(".npy"): name for name in self.namelist()}
 
-    def promised(self, name: str) -> npt.NDArray[np.generic]:
+    def promised(self, name: str) -> Array:
         with self.open(self.names[name]) as member:
             return _promised(member)
 
-    def array(self, name: str) -> npt.NDArray[np.generic]:
+    def array(self, name: str) -> Array:
         with self.open(self.names[name]) as member:
-            found: npt.NDArray[np.generic] = npy.read_array(member, allow_pickle=False)
+            found: Array = npy.read_array(member, allow_pickle=False)
         return found
 
     def elevation_name(self) -> str:
@@ -202,7 +201,7 @@ class _Archive(zipfile.ZipFile):
         return None
 
 
-def _promised(file: IO[bytes]) -> npt.NDArray[np.generic]:
+def _promised(file: IO[bytes]) -> Array:
     """An array that takes no memory, of the shape and type that the header of a `.npy` promises."""
     version = npy.read_magic(file)
     if version not in _HEADERS:

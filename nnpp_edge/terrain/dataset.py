@@ -13,10 +13,10 @@ from typing import TypeVar
 
 import msgspec
 import numpy as np
-from numpy.typing import NDArray
 
 from nnpp_edge.files import make_folder, write_whole
 from nnpp_edge.progress import Progress, ignore
+from nnpp_edge.runtime.arrays import Array, Float32, Int32, UInt8
 from nnpp_edge.runtime.errors import DataSetError
 from nnpp_edge.runtime.network.unseen import ANSWERS
 from nnpp_edge.runtime.reading import refused_as
@@ -29,9 +29,9 @@ RECIPE_FILE = "dataset.json"
 
 Shards = Generator[tuple[int, bytes], None, None]
 """Numbers and contents of shards, in the order done."""
-Query = tuple[NDArray[np.float32], tuple[float, float], tuple[float, float]]
+Query = tuple[Float32, tuple[float, float], tuple[float, float]]
 """Planes (2, S, S) in [0, 1]; start and goal, (row, col) in network cells."""
-Arrays = dict[str, NDArray[np.generic]]
+Arrays = dict[str, Array]
 """The arrays of a shard, by name."""
 T = TypeVar("T")
 _OF_QUERIES = ("map_index", "start", "goal", "excess", "on_path")
@@ -43,16 +43,16 @@ class Samples:
     B blocks.
     """
 
-    planes: NDArray[np.uint8]
+    planes: UInt8
     """(M, 2, S, S) mean cost (impassable as 1) and share of impassable cells, in 255ths."""
-    map_index: NDArray[np.int32]
+    map_index: Int32
     """(Q,) the map of each query."""
-    start: NDArray[np.float32]
+    start: Float32
     """(Q, 2) row and column in input cells."""
-    goal: NDArray[np.float32]
-    excess: NDArray[np.uint8]
+    goal: Float32
+    excess: UInt8
     """(Q, B, B) excess of each block over the optimum, in steps of 0.1 %."""
-    on_path: NDArray[np.uint8]
+    on_path: UInt8
     """(Q, B, B / 8) bits: whether the optimal path crosses a block."""
 
     def __len__(self) -> int:
@@ -84,7 +84,7 @@ class Samples:
         goal = (self.goal + half) / factor - half
         return replace(self, planes=small, start=start, goal=goal)
 
-    def pick(self, queries: NDArray[np.generic] | range) -> "Samples":
+    def pick(self, queries: Array | range) -> "Samples":
         """Some of the queries, by a mask or by their numbers; the maps stay."""
         return replace(self, **{name: getattr(self, name)[queries] for name in _OF_QUERIES})
 

@@ -10,9 +10,8 @@ from importlib.resources import files
 from pathlib import Path
 
 import numpy as np
-import numpy.typing as npt
 
-from nnpp_edge.runtime.arrays import Float2D, unmasked
+from nnpp_edge.runtime.arrays import Float2D, Float32, unmasked
 from nnpp_edge.runtime.cells import Rectangle, Shape
 from nnpp_edge.runtime.errors import InvalidQueryError, TerrainError
 from nnpp_edge.runtime.map.along import heights_at
@@ -33,7 +32,7 @@ class Dem(Place):
     Masked cells become unknown. TerrainError where no cell is known, or a number makes no sense.
     """
 
-    elevation: npt.NDArray[np.float32]
+    elevation: Float32
     cell_size_m: float
     cell_width_m: float
     georeference: Georeference | None

@@ -7,9 +7,8 @@ from dataclasses import dataclass, fields
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
-from nnpp_edge.runtime.arrays import Float2D
+from nnpp_edge.runtime.arrays import Bool, Float2D, Int32, UInt8
 from nnpp_edge.runtime.network.unseen import expected_by_slope
 from nnpp_edge.runtime.terrain.traversability import Traversability, terrain_terms
 from nnpp_edge.runtime.tuning import SlopePrice
@@ -25,11 +24,11 @@ class KnownMaps:
 
     heights: Float2D
     """(M, B, B) mean elevation, metres relative to the map's mean."""
-    answers: NDArray[np.uint8]
+    answers: UInt8
     """(M, 3, B, B) of each block, 1 as `CERTAIN`: mean T of its cells, impassable ones as 1;
     share of impassable cells; of the ways across it, down and to the side, the share that these
     close."""
-    factor: NDArray[np.int32]
+    factor: Int32
     cell_size_m: Float2D
     """(M,) side of a cell."""
     slope_limit_deg: Float2D
@@ -79,7 +78,7 @@ def known_map(
     )
 
 
-def _closed(blocked: NDArray[np.bool_], factor: int) -> Float2D:
+def _closed(blocked: Bool, factor: int) -> Float2D:
     """Of the two ways across each block, within it, the share that is closed."""
     side = len(blocked) // factor
     blocks = blocked.reshape(side, factor, side, factor).swapaxes(1, 2)

@@ -8,9 +8,8 @@ from dataclasses import dataclass, field
 from xml.sax.saxutils import escape
 
 import numpy as np
-from numpy.typing import NDArray
 
-from nnpp_edge.runtime.arrays import Float2D, Floats
+from nnpp_edge.runtime.arrays import Float2D, Float32, Floats
 from nnpp_edge.runtime.cells import Cell
 from nnpp_edge.runtime.errors import optional_module
 from nnpp_edge.runtime.map.along import Along, Line
@@ -33,7 +32,7 @@ class Route:
     """
     along: Along
     """This route with every place between way points at which something is known."""
-    cost: NDArray[np.float32]
+    cost: Float32
     """(N,) of the cell at each of these."""
     dem: Place
     standing: Mapping[str, Floats] = field(default_factory=dict)

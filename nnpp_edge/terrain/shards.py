@@ -10,9 +10,9 @@ from typing import TypeVar
 
 import msgspec
 import numpy as np
-from numpy.typing import NDArray
+from numpy.random import Generator
 
-from nnpp_edge.runtime.arrays import Float2D
+from nnpp_edge.runtime.arrays import Array, Float2D
 from nnpp_edge.runtime.errors import DataSetError
 from nnpp_edge.runtime.map.grid import Grid
 from nnpp_edge.runtime.network.encoding import Frame, map_planes
@@ -211,9 +211,9 @@ def shard_content(recipe: Recipe, tiles: Sequence[Dem], index: int) -> bytes:
 def make_shard(
     recipe: Recipe,
     tiles: Sequence[Dem],
-    rng: np.random.Generator,
+    rng: Generator,
     maps: int,
-) -> dict[str, NDArray[np.generic]]:
+) -> dict[str, Array]:
     """The arrays of one shard: those of `Samples`, and for each map its workload and its pooling.
 
     DataSetError where `BARREN_MAPS` in a row have no query.
@@ -256,9 +256,9 @@ def make_shard(
 def make_known_shard(
     recipe: Recipe,
     tiles: Sequence[Dem],
-    rng: np.random.Generator,
+    rng: Generator,
     maps: int,
-) -> dict[str, NDArray[np.generic]]:
+) -> dict[str, Array]:
     """Make the arrays of one shard of maps that are known by their blocks."""
     fitting = poolings(recipe, tiles)
     made = []
@@ -275,7 +275,7 @@ def make_known_shard(
 def _random_ground(
     recipe: Recipe,
     tiles: Sequence[Dem],
-    rng: np.random.Generator,
+    rng: Generator,
     side: int,
 ) -> tuple[Float2D, float, float, bool]:
     """Square terrain, a cell's size and width; whether it is from a file."""
@@ -293,7 +293,7 @@ def planes_of(grid: Grid, frame: Frame) -> Float2D:
     return planes
 
 
-def _pick(rng: np.random.Generator, shares: Sequence[tuple[T, float]]) -> T:
+def _pick(rng: Generator, shares: Sequence[tuple[T, float]]) -> T:
     """One of the values, each as often as its share says."""
     weights = np.array([share for _, share in shares])
     return shares[rng.choice(len(shares), p=weights / weights.sum())][0]
@@ -302,7 +302,7 @@ def _pick(rng: np.random.Generator, shares: Sequence[tuple[T, float]]) -> T:
 def _random_cost(
     recipe: Recipe,
     tiles: Sequence[Dem],
-    rng: np.random.Generator,
+    rng: Generator,
     name: str,
     side: int,
 ) -> tuple[Float2D, bool]:
@@ -328,7 +328,7 @@ def _random_cost(
 
 def _random_crop(
     tiles: Sequence[Dem],
-    rng: np.random.Generator,
+    rng: Generator,
     side: int,
     cell_size_m: float | None,
     *,

@@ -7,6 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from nnpp_edge.model.network import Network
+from nnpp_edge.runtime.arrays import Int64
 from nnpp_edge.runtime.network.model_file import UNSEEN
 from nnpp_edge.runtime.network.unseen import encode_unseen
 from nnpp_edge.terrain.known import KnownMaps
@@ -25,7 +26,7 @@ def turned(array: NDArray[NumberT], turn: Turn) -> NDArray[NumberT]:
 
 
 def known_batch(
-    maps: KnownMaps, numbers: NDArray[np.int64], swapped: list[bool], turns: list[Turn]
+    maps: KnownMaps, numbers: Int64, swapped: list[bool], turns: list[Turn]
 ) -> tuple[Floats, Floats, Floats]:
     """Planes of maps, each turned and mirrored, and the answers wanted; the query of these networks
     is empty.

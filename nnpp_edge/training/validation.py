@@ -3,10 +3,10 @@
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from nnpp_edge.model.network import Network, encode
 from nnpp_edge.model.registry import Spec
+from nnpp_edge.runtime.arrays import Float32
 from nnpp_edge.runtime.cells import Endpoints
 from nnpp_edge.runtime.kernels.threshold import lowered
 from nnpp_edge.runtime.map.grid import Grid
@@ -72,7 +72,7 @@ class Validator:
         answers = network.answers(maps, self.queries)
         return [self.judge_answers(answers, factor) for factor in FACTORS]
 
-    def judge_answers(self, probabilities: NDArray[np.float32], factor: float) -> Judgement:
+    def judge_answers(self, probabilities: Float32, factor: float) -> Judgement:
         """As `judge`, for probabilities (Q, B, B) in the order of `index`, at one factor."""
         gaps = []
         areas = []
@@ -95,7 +95,7 @@ class Validator:
             float(np.mean(mms)),
         )
 
-    def _region(self, query: int, probability: NDArray[np.float32], factor: float) -> Region:
+    def _region(self, query: int, probability: Float32, factor: float) -> Region:
         """The region at a factor on the adaptive threshold."""
         rows, cols = self.lookup
         start, goal = ((int(rows[row]), int(cols[col])) for row, col in self._ends(query))
