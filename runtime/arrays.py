@@ -16,7 +16,8 @@ Float32 = NDArray[np.float32]
 UInt8 = NDArray[np.uint8]
 Bool = NDArray[np.bool_]
 Int64 = NDArray[np.int64]
-Cells = Int32 = NDArray[np.int32]
+Int32 = NDArray[np.int32]
+Cells = NDArray[np.int32]
 """(N, 2) rows and columns."""
 Array = NDArray[np.generic]
 Float = TypeVar("Float", np.float32, np.float64)

@@ -124,7 +124,7 @@ def _scipy(weights: Weights) -> Search:
     from scipy.sparse.csgraph import dijkstra
     from skimage.graph import pixel_graph
 
-    graph, cells = pixel_graph(
+    graph, cells = pixel_graph(  # type: ignore[no-untyped-call]
         weights.astype(np.float64),
         mask=np.isfinite(weights),
         edge_function=lambda one, other, length: 0.5 * length * (one + other),
@@ -163,7 +163,8 @@ def path_cost(weights: Weights, path: CellPath) -> float:
     if steps.max(initial=0) > 1:
         return math.inf
     along = weights[path[:, 0], path[:, 1]].astype(np.float64)
-    return float(np.sum(np.hypot(*steps.T) * 0.5 * (along[1:] + along[:-1])))
+    means = 0.5 * (along[1:] + along[:-1])
+    return float(np.sum(np.hypot(*steps.T) * means))
 
 
 def compare(

@@ -15,20 +15,18 @@ from nnpp_edge.progress import markdown_table
 from nnpp_edge.reproduction.regions import shuffled
 from nnpp_edge.runtime import Ground, NetworkModel, Planner, Vehicle
 from nnpp_edge.runtime.arrays import Float2D, in_blocks
-from nnpp_edge.runtime.cells import Endpoints
-from nnpp_edge.runtime.network.model_file import UNSEEN, model_path
+from nnpp_edge.runtime.cells import Endpoints, slices, widened
+from nnpp_edge.runtime.network.model_file import model_path
 from nnpp_edge.runtime.network.priors import PRIORS, prices_by
-from nnpp_edge.runtime.network.unseen import encode_unseen, prices_of
+from nnpp_edge.runtime.network.unseen import prices_of
 from nnpp_edge.runtime.planners.query import PlanOptions
 from nnpp_edge.runtime.terrain.traversability import Traversability
-from nnpp_edge.terrain.dataset import read_known
 from nnpp_edge.terrain.dem import Dem, read_dem
 from nnpp_edge.terrain.known import KnownMaps, known_map
 from nnpp_edge.terrain.labels import random_query
 from nnpp_edge.terrain.rocks import Rocks, draw_rocks, rock_heights
 from nnpp_edge.terrain.vehicle_files import load_vehicle
 from nnpp_edge.terrain.workloads import workload
-from nnpp_edge.training.unseen import sample
 
 SIDE = 256
 """Cells of a map's side, where the ground is large enough."""
@@ -105,9 +103,8 @@ class Site:
         options: PlanOptions = {"method": "corridor" if body else "astar"}
         while here != goal:
             # see the ground around
-            top, left = (max(place - far, 0) for place in here)
-            seen = self.elevation[top : here[0] + far + 1, left : here[1] + far + 1]
-            planner.update_elevation(top, left, seen)
+            part = widened((*here, 1, 1), (far, far), self.elevation.shape)
+            planner.update_elevation(*part[:2], self.elevation[slices(part)])
             plan = planner.plan(here, goal, **options)
             if not plan.ok:
                 assert body, "what was seen shuts the way, though there is one"
@@ -129,18 +126,17 @@ def drives(
     limits: Traversability,
     factor: int,
     count: int,
-    seed: int,
     vehicle: Vehicle | None,
 ) -> Iterator[tuple[Site, Endpoints, float]]:
     """Drives on random windows of a map, at most two on each, and the costs of the best paths.
 
     A vehicle drives among rocks on 1 to 12 % of the ground, more and fewer by the dozen of metres.
     """
-    rng = np.random.default_rng(seed)
+    rng = np.random.default_rng(1)
     side = min(SIDE, *dem.shape) // factor * factor
     while count > 0:
         row, col = (int(rng.integers(0, cells - side + 1)) for cells in dem.shape)
-        elevation = np.ascontiguousarray(dem.elevation[row : row + side, col : col + side])
+        elevation = np.ascontiguousarray(dem.elevation[slices((row, col, side, side))])
         if vehicle is not None:
             elevation = elevation + patchy_rocks(elevation.shape, dem.cell_size_m, rng)
         ground = Ground.of_elevation(elevation, dem.cell_size_m, limits, vehicle=vehicle)
@@ -170,72 +166,16 @@ def patchy_rocks(shape: tuple[int, int], side_m: float, rng: np.random.Generator
     return rock_heights(shape, (side_m, side_m), Rocks(*(each[there] for each in rocks)))
 
 
-def rivals(model: str, dataset: Path | None) -> dict[str, Price]:
-    """All by name: the priors, the network's controls, the truth, trees if there is a data set for
-    them.
-    """
-
+def rivals(model: str) -> dict[str, Price]:
+    """All by name: the priors, the network's controls, and the truth."""
     mixed = shuffled(model_path(model))
-    found: dict[str, Price] = {
+    return {
         "optimistic": lambda site: np.zeros_like(site.coarse),
         **{prior: partial(Site.prices, prior=prior, model=model) for prior in PRIORS},
         "network, answers turned": lambda site: np.rot90(site.prices("network", model)),
         "network, weights shuffled": lambda site: site.prices("network", mixed),
         "truth": Site.truth,
     }
-    if dataset is not None:
-        found["trees"] = trees(read_known(dataset))
-    return found
-
-
-def features(planes: Float2D) -> Float2D:
-    """(H · W, F) features of blocks, from a network's planes: the block's own, and of its
-    neighbourhood.
-    """
-    named = dict(zip(UNSEEN, planes, strict=True))
-    names = ("slope", "step", "blocked_by_slope", "above_3", "above_7", "above_15")
-    heights = [named[name] for name in names]
-    blurred = [*heights, named["known"], *(plane**2 for plane in heights[3:])]
-    found = [*planes, np.abs(named["slope_across"]), np.abs(named["slope_down"])]
-    for side in (3, 7, 15):
-        kernel = np.ones((side, side), np.uint8)
-        found += [cv2.blur(plane, (side, side)) for plane in blurred]
-        found += [cv2.dilate(heights[0], kernel), cv2.erode(heights[0], kernel)]
-    return np.stack(found, axis=-1).reshape(-1, len(found))
-
-
-def trees(maps: KnownMaps, rows: int = 600_000) -> Price:
-    """Boosted trees on features made by hand, trained on the network's data and targets."""
-    from sklearn.ensemble import HistGradientBoostingRegressor
-
-    rng = np.random.default_rng(1)
-    share = min(1.0, rows / maps.answers[:, 0].size)
-    inputs = []
-    wanted = []
-    for at in range(len(maps)):
-        planes, answers = sample(maps, at)
-        chosen = rng.random(answers[0].size) < share
-        inputs.append(features(planes)[chosen])
-        wanted.append(answers.reshape(len(answers), -1)[:, chosen])
-    x = np.concatenate(inputs)
-    make = partial(
-        HistGradientBoostingRegressor,
-        max_iter=250,
-        max_leaf_nodes=63,
-        min_samples_leaf=60,
-        early_stopping=False,
-    )
-    fitted = [make().fit(x, y) for y in np.concatenate(wanted, axis=1)]
-
-    def price(site: Site) -> Float2D:
-        means, block_m, factor, limits = site.known
-        planes = np.empty((len(UNSEEN), *means.shape), np.float32)
-        encode_unseen(means, limits, (block_m, block_m), factor, planes)
-        x = features(planes)
-        answers = np.array([np.clip(each.predict(x), 0.0, 1.0) for each in fitted], np.float32)
-        return prices_of(answers.reshape(-1, *means.shape))
-
-    return price
 
 
 def table(excess: Mapping[str, Sequence[float]]) -> str:
@@ -273,41 +213,37 @@ def table(excess: Mapping[str, Sequence[float]]) -> str:
 @click.option("--factor", default=8, help="Cells to a block's side.")
 @click.option("--sight", default=16, help="Cells seen to each side.")
 @click.option("--drives", "count", default=200, help="Number of drives.")
-@click.option("--seed", default=1)
 @click.option("--workload", "name", default="soft")
 @click.option(
     "--rescale", type=float, help="As of nnpp-edge plan; a vehicle has a quarter of its length."
 )
 @click.option("--vehicle", help="Whose body drives among rocks, as of nnpp-edge plan.")
 @click.option("--model", default="unseen")
-@click.option("--dataset", type=click.Path(path_type=Path), help="Data set to train trees on.")
 def main(
     tile: Path,
     factor: int,
     sight: int,
     count: int,
-    seed: int,
     name: str,
     rescale: float | None,
     vehicle: str | None,
     model: str,
-    dataset: Path | None,
 ) -> None:
     """Drive over TILE by rival prices of unseen ground, and print the excess of each.
 
     A robot knows the means of blocks and sees so many cells to each side. Whenever it has driven
     half as far it plans anew by exact A*, over the cells that it has seen, and by prices elsewhere.
     All rivals drive the same drives; the excess is that of the driven cost over the optimum of the
-    whole map. Trees need scikit-learn.
+    whole map.
     """
     dem = read_dem(tile)
     body = load_vehicle(vehicle) if vehicle else None
     size_m = rescale or (body and body.length_m / 4)
     if size_m:
         dem = dem.rescaled(size_m)
-    prices = rivals(model, dataset)
+    prices = rivals(model)
     excess = defaultdict[str, list[float]](list)
-    for site, ends, optimum in drives(dem, workload(name), factor, count, seed, body):
+    for site, ends, optimum in drives(dem, workload(name), factor, count, body):
         for rival, price in prices.items():
             cost = site.driven(ends, price(site), sight)
             excess[rival].append(cost / optimum - 1.0)

@@ -14,7 +14,7 @@ from nnpp_edge.reproduction.findings import Finding, judge
 from nnpp_edge.reproduction.plain import build_graph, search
 from nnpp_edge.reproduction.planners import PLAIN
 from nnpp_edge.reproduction.rows import Row, Rows, percent, spread, times
-from nnpp_edge.runtime.arrays import Float2D, Floats
+from nnpp_edge.runtime.arrays import Float2D, Floats, in_blocks
 from nnpp_edge.runtime.cells import Endpoints
 from nnpp_edge.runtime.errors import InvalidQueryError
 from nnpp_edge.runtime.map.grid import Grid
@@ -69,7 +69,7 @@ def _scaled(cost: Float2D, query: Endpoints, size: int) -> tuple[Float2D, Endpoi
     factor = len(cost) // size
     if factor * size != len(cost):
         raise InvalidQueryError(f"wanted sizes that divide {len(cost)}, got {size}")
-    cells = cost.reshape(size, factor, size, factor).astype(np.float64)
+    cells = in_blocks(cost, factor).astype(np.float64)
     means = np.ma.masked_greater_equal(cells, 1.0).mean(axis=(1, 3)).filled(np.inf)
     start, goal = ((row // factor, col // factor) for row, col in query)
     return means.astype(np.float32), (start, goal)
@@ -207,10 +207,11 @@ def fig7_findings(
         "neither the first nor the last ω",
         0 < middle < len(omegas) - 1,
     )
+    way = "{} {:.2f} → {:.2f}"
     yield judge(
         "the greater ω, the longer the path and the smaller its CC",
         "yes",
-        f"LEN {length[0]:.2f} → {length[-1]:.2f}, CC {cc[0]:.2f} → {cc[-1]:.2f}",
+        f"{way.format('LEN', *length[[0, -1]])}, {way.format('CC', *cc[[0, -1]])}",
         "no step goes the other way by over 0.02",
         bool(np.diff(length).min() > -0.02 and np.diff(cc).max() < 0.02),
     )

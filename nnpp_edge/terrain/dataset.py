@@ -16,13 +16,12 @@ import numpy as np
 
 from nnpp_edge.files import make_folder, write_whole
 from nnpp_edge.progress import Progress, ignore
-from nnpp_edge.runtime.arrays import Array, Float32, Int32, UInt8
+from nnpp_edge.runtime.arrays import Array, Float32, Int32, UInt8, in_blocks
 from nnpp_edge.runtime.errors import DataSetError
 from nnpp_edge.runtime.network.unseen import ANSWERS
 from nnpp_edge.runtime.reading import refused_as
-from nnpp_edge.terrain.dem import Dem
 from nnpp_edge.terrain.known import KnownMaps
-from nnpp_edge.terrain.shards import Recipe, poolings, read_terrain, shard_content
+from nnpp_edge.terrain.shards import Recipe, Tiles, poolings, read_terrain, shard_content
 
 FORMAT = "nnpp-edge-dataset-1"
 RECIPE_FILE = "dataset.json"
@@ -77,8 +76,8 @@ class Samples:
             return self
         small = np.empty((count, planes, size, size), np.uint8)
         for at, cells in enumerate(self.planes):  # one by one: all as float32 would fill the memory
-            parts = cells.astype(np.float32).reshape(planes, size, factor, size, factor)
-            small[at] = np.rint(parts.mean(axis=(2, 4)))
+            blocks = in_blocks(cells.astype(np.float32), factor)
+            small[at] = np.rint(blocks.mean(axis=(2, 4)))
         half = np.float32(0.5)
         start = (self.start + half) / factor - half
         goal = (self.goal + half) / factor - half
@@ -94,7 +93,7 @@ def make_dataset(
     folder: Path,
     *,
     workers: int | None = None,
-    make: Callable[[Recipe, Sequence[Dem], Sequence[int]], Shards] | None = None,
+    make: Callable[[Recipe, Tiles, Sequence[int]], Shards] | None = None,
     progress: Progress = ignore,
 ) -> dict[str, int]:
     """Write what is missing of a data set; numbers of ``shards``, ``maps``, ``queries``, and of all
@@ -274,12 +273,12 @@ def _shard_path(folder: Path, index: int) -> Path:
 
 
 _recipe: Recipe
-_tiles: Sequence[Dem]
+_tiles: Tiles
 
 
 def _shards_here(
     recipe: Recipe,
-    tiles: Sequence[Dem],
+    tiles: Tiles,
     indices: Sequence[int],
     workers: int | None,
 ) -> Shards:
@@ -299,7 +298,7 @@ def _shards_here(
             pool.shutdown(cancel_futures=True)
 
 
-def _start_worker(recipe: Recipe, tiles: Sequence[Dem]) -> None:
+def _start_worker(recipe: Recipe, tiles: Tiles) -> None:
     global _recipe, _tiles
     _recipe = recipe
     _tiles = tiles

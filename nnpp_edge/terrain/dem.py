@@ -88,19 +88,16 @@ class Dem(Place):
                 f"them, got {rows} × {cols} cells of {cell_size_m:g} m"
             )
         heights = np.empty((rows, cols), np.float32)
-        columns = share * np.arange(cols)
+        points = np.zeros((cols, 2))
+        points[:, 1] = share * np.arange(cols)
         for row in range(rows):
-            heights[row] = heights_at(
-                self.elevation, np.column_stack((np.full(cols, share * row), columns))
-            )
+            points[:, 0] = share * row
+            heights[row] = heights_at(self.elevation, points)
         place = self.georeference
         if place is not None:
-            a, b, c, d, e, f = place.transform
-            corner = 0.5 * (1.0 - share)
-            moved = c + (a + b) * corner, f + (d + e) * corner
-            place = replace(
-                place, transform=(a * share, b * share, moved[0], d * share, e * share, moved[1])
-            )
+            a, b, _, d, e, _ = place.transform
+            x, y = place.map_coordinates(-0.5 * share, -0.5 * share)
+            place = Georeference(place.crs, (a * share, b * share, x, d * share, e * share, y))
         width = self.cell_width_m * share
         return replace(
             self,

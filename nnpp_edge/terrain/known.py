@@ -8,7 +8,7 @@ from dataclasses import dataclass, fields
 import cv2
 import numpy as np
 
-from nnpp_edge.runtime.arrays import Bool, Float2D, Int32, UInt8
+from nnpp_edge.runtime.arrays import Bool, Float2D, Int32, UInt8, in_blocks
 from nnpp_edge.runtime.network.unseen import expected_by_slope
 from nnpp_edge.runtime.terrain.traversability import Traversability, terrain_terms
 from nnpp_edge.runtime.tuning import SlopePrice
@@ -63,10 +63,9 @@ def known_map(
     factor: int,
 ) -> tuple[object, ...]:
     """The fields of `KnownMaps` for one map."""
-    side = len(elevation) // factor
     blocked = ~(cost < 1.0)
     layers = np.stack([elevation, np.where(blocked, np.float32(1.0), cost), blocked])
-    means = layers.reshape(3, side, factor, side, factor).mean(axis=(2, 4))
+    means = in_blocks(layers, factor).mean(axis=(2, 4))
     answers = np.stack([*means[1:], _closed(blocked, factor)])
     return (
         means[0] - means[0].mean(),
@@ -80,9 +79,8 @@ def known_map(
 
 def _closed(blocked: Bool, factor: int) -> Float2D:
     """Of the two ways across each block, within it, the share that is closed."""
-    side = len(blocked) // factor
-    blocks = blocked.reshape(side, factor, side, factor).swapaxes(1, 2)
-    closed = np.zeros((side, side), np.float32)
+    blocks = in_blocks(blocked, factor).swapaxes(1, 2)
+    closed = np.zeros(blocks.shape[:2], np.float32)
     for row, col in np.argwhere(blocks.any(axis=(2, 3))):
         free = (~blocks[row, col]).astype(np.uint8)
         _, pieces = cv2.connectedComponents(free, connectivity=8)

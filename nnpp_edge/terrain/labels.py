@@ -8,7 +8,7 @@ from itertools import combinations
 import numpy as np
 from numpy.random import Generator
 
-from nnpp_edge.runtime.arrays import Cells, Float2D, UInt8
+from nnpp_edge.runtime.arrays import Cells, Float2D, UInt8, in_blocks
 from nnpp_edge.runtime.cells import Cell, Endpoints
 from nnpp_edge.runtime.map.grid import Grid
 from nnpp_edge.runtime.search.astar import astar, cost_field
@@ -59,14 +59,13 @@ def label_queries(
     workspace = Workspace(len(grid.weights))
     cells = [_cell(point) for point in points]
     fields = [cost_field(grid, cell, workspace) for cell in cells]
-    side = cost.shape[0] // blocks
     out = []
     for (start, there), (goal, back) in combinations(zip(cells, fields, strict=True), 2):
         optimum = float(there[goal])
         if math.dist(start, goal) < least_distance or not math.isfinite(optimum):
             continue
         path = astar(grid, start, goal, workspace).path
-        through = (there + back).reshape(blocks, side, blocks, side).min(axis=(1, 3))
+        through = in_blocks(there + back, len(cost) // blocks).min(axis=(1, 3))
         steps = np.minimum((through / optimum - 1.0) / EXCESS_STEP, 255.0)
         excess = np.maximum(np.rint(steps), 0.0).astype(np.uint8)
         out.append((start, goal, path, excess))

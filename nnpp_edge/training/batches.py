@@ -10,7 +10,7 @@ import numpy as np
 
 from nnpp_edge.model.network import encode
 from nnpp_edge.model.registry import Spec
-from nnpp_edge.runtime.arrays import Array, Float32, Int64
+from nnpp_edge.runtime.arrays import Array, Float32, Int64, in_blocks
 from nnpp_edge.runtime.errors import DataSetError
 from nnpp_edge.terrain.dataset import Samples
 from nnpp_edge.terrain.known import KnownMaps
@@ -102,12 +102,10 @@ def _labelled(samples: Samples, spec: Spec, settings: TrainSettings) -> Make:
 
     def targets_of(queries: Int64) -> Float32:
         """(N, B, B), the best of the labels in each of the network's blocks."""
-        shape = (len(queries), blocks, finer, blocks, finer)
         if settings.target == "path":
-            on_path = np.unpackbits(samples.on_path[queries], axis=-1).reshape(shape)
-            return np.asarray(on_path.max(axis=(2, 4)), np.float32)
-        excess = samples.excess[queries].reshape(shape).min(axis=(2, 4))
-        return np.asarray(nearness[excess])
+            on_path = np.unpackbits(samples.on_path[queries], axis=-1)
+            return np.asarray(in_blocks(on_path, finer).max(axis=(2, 4)), np.float32)
+        return np.asarray(nearness[in_blocks(samples.excess[queries], finer).min(axis=(2, 4))])
 
     def make(queries: Int64, swapped: list[bool], turns: list[Turn]) -> Batch:
         """The batch of `queries`; those `swapped` go from goal to start, and each is turned and
