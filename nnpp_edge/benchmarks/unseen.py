@@ -135,8 +135,7 @@ def drives(
     rng = np.random.default_rng(1)
     side = min(SIDE, *dem.shape) // factor * factor
     while count > 0:
-        row, col = (int(rng.integers(0, cells - side + 1)) for cells in dem.shape)
-        elevation = np.ascontiguousarray(dem.elevation[slices((row, col, side, side))])
+        elevation = np.ascontiguousarray(dem.random_square(rng, side))
         if vehicle is not None:
             elevation = elevation + patchy_rocks(elevation.shape, dem.cell_size_m, rng)
         ground = Ground.of_elevation(elevation, dem.cell_size_m, limits, vehicle=vehicle)

@@ -63,9 +63,9 @@ class Network(nn.Module):
         device = next(self.parameters()).device
         parts = []
         for at in range(0, len(planes), _BATCH):
-            part = torch.from_numpy(planes[at : at + _BATCH]).to(device)
-            query = torch.from_numpy(queries[at : at + _BATCH]).to(device)
-            parts.append(torch.sigmoid(self(part, query).float()).cpu())
+            batch = (torch.from_numpy(each[at : at + _BATCH]) for each in (planes, queries))
+            logits = self(*(each.to(device) for each in batch))
+            parts.append(torch.sigmoid(logits.float()).cpu())
         return torch.cat(parts).numpy()
 
 

@@ -76,7 +76,7 @@ def make_episode(
         )
     while len(path) > stride + 1:
         rest = path[stride:]
-        here = (int(rest[0, 0]), int(rest[0, 1]))
+        here = tuple(rest[0].tolist())
         before = obstacles.blocks
         path = rest  # what is left of it, where no other scene leaves a way
         for _ in range(_TRIES):

@@ -56,6 +56,11 @@ class Dem(Place):
         rows, cols = self.elevation.shape
         return rows, cols
 
+    def random_square(self, rng: np.random.Generator, side: int) -> Float2D:
+        """The heights of a square of so many cells to a side, at a random place: a view."""
+        row, col = (int(rng.integers(0, cells - side + 1)) for cells in self.shape)
+        return self.elevation[row : row + side, col : col + side]
+
     def rescaled(self, cell_size_m: float) -> "Dem":
         """This terrain grown or shrunk to cells of `cell_size_m`: heights follow, so slopes stay.
 
@@ -241,7 +246,7 @@ class DemWindows(Place):
         """
         with refused_as(TerrainError, f"{self.source}: cells {part} could not be read"):
             heights = known_heights(self.raster.heights(part))
-        return heights if self.scale == 1.0 else metres(heights, self.scale)
+        return metres(heights, self.scale)
 
 
 def size_of(path: Path) -> Shape | None:

@@ -45,6 +45,11 @@ class KnownMaps:
             hard_slope_deg=float(self.hard_slope_deg[at]),
         )
 
+    def blocks(self, at: int) -> tuple[int, float]:
+        """Side of one map's blocks, in cells and in metres."""
+        factor = int(self.factor[at])
+        return factor, float(self.cell_size_m[at]) * factor
+
     def pick(self, maps: slice) -> "KnownMaps":
         """Some of the maps."""
         return KnownMaps(*(getattr(self, field.name)[maps] for field in fields(self)))
@@ -98,8 +103,7 @@ def fitted_slope(maps: KnownMaps) -> SlopePrice:
     errors = []
     for at, answers in enumerate(maps.answers / np.float32(CERTAIN)):
         limits = maps.limits(at)
-        factor = int(maps.factor[at])
-        block_m = float(maps.cell_size_m[at]) * factor
+        factor, block_m = maps.blocks(at)
         slope = terrain_terms(maps.heights[at], block_m)[0]
         shares.append(np.minimum(slope / math.radians(limits.slope_limit_deg), 1.0).ravel())
         means.append(answers[0].ravel())

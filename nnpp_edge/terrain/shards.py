@@ -347,9 +347,7 @@ def _random_crop(
     factor = int(rng.choice(fits, p=shares / shares.sum() if finely else None))
 
     # where it is cut out
-    cut = side * factor
-    row, col = (int(rng.integers(0, cells - cut + 1)) for cells in dem.shape)
-    crop = dem.elevation[row : row + cut, col : col + cut]
+    crop = dem.random_square(rng, side * factor)
     averaged: Float2D = in_blocks(crop, factor).mean(axis=(1, 3))
     if cell_size_m is None:
         return averaged, dem.cell_size_m, dem.cell_width_m

@@ -39,8 +39,7 @@ def known_batch(
 def sample(maps: KnownMaps, at: int, turn: Turn = (0, False)) -> tuple[Floats, Floats]:
     """A map as it is shown to a network, and the answers wanted, in one of eight positions."""
     heights = turned(maps.heights[at], turn)
-    factor = int(maps.factor[at])
-    block_m = float(maps.cell_size_m[at]) * factor
+    factor, block_m = maps.blocks(at)
     planes = np.empty((len(UNSEEN), *heights.shape), np.float32)
     encode_unseen(heights, maps.limits(at), (block_m, block_m), factor, planes)
     return planes, turned(maps.wanted(at), turn)
