@@ -31,7 +31,7 @@ from nnpp_edge.profiling.contest import (
 )
 from nnpp_edge.profiling.suites import QUERIES_PER_MAP, Case, TerrainFiles, source_of, terrain_cases
 from nnpp_edge.runtime import Planner
-from nnpp_edge.runtime.cells import Cell, Endpoints
+from nnpp_edge.runtime.cells import Endpoints
 from nnpp_edge.runtime.exercises import exercise
 from nnpp_edge.runtime.network.inference import NetworkModel
 from nnpp_edge.runtime.terrain.step_cost import GREY_LEVELS, PAPER_OMEGA
@@ -56,7 +56,7 @@ _FIGURES: Summary = {
 Weights = NDArray[np.float32]
 CellPath = NDArray[np.integer]
 """Cells (N, 2)."""
-Search = Callable[[Cell, Cell], CellPath | None]
+Search = Callable[[Endpoints], CellPath | None]
 """From start to goal: the path's cells, or None if there is none."""
 
 
@@ -95,8 +95,8 @@ def peer_planners() -> tuple[list[PeerPlanner], list[str]]:
 def _ours(method: str, network: NetworkModel, weights: Weights) -> Search:
     planner = Planner(weights, step_cost="length", model=network.share())
 
-    def search(start: Cell, goal: Cell) -> CellPath | None:
-        plan = planner.plan(start, goal, method=method)
+    def search(ends: Endpoints) -> CellPath | None:
+        plan = planner.plan(*ends, method=method)
         return plan.path if plan.ok else None
 
     return search
@@ -105,7 +105,7 @@ def _ours(method: str, network: NetworkModel, weights: Weights) -> Search:
 def _pyastar2d(weights: Weights) -> Search:
     from pyastar2d import astar_path
 
-    return partial(astar_path, weights, allow_diagonal=True)
+    return lambda ends: astar_path(weights, *ends, allow_diagonal=True)
 
 
 def _scikit_image(weights: Weights) -> Search:
@@ -113,7 +113,8 @@ def _scikit_image(weights: Weights) -> Search:
 
     search_all = MCP_Geometric(weights)
 
-    def search(start: Cell, goal: Cell) -> CellPath | None:
+    def search(ends: Endpoints) -> CellPath | None:
+        start, goal = ends
         costs, _ = search_all.find_costs([start], [goal])
         return np.array(search_all.traceback(goal)) if math.isfinite(costs[goal]) else None
 
@@ -131,9 +132,9 @@ def _scipy(weights: Weights) -> Search:
         connectivity=2,
     )
 
-    def search(start: Cell, goal: Cell) -> CellPath | None:
-        ends = np.ravel_multi_index(np.transpose((start, goal)), weights.shape)
-        source, node = np.searchsorted(cells, ends)
+    def search(ends: Endpoints) -> CellPath | None:
+        flat = np.ravel_multi_index(np.transpose(ends), weights.shape)
+        source, node = np.searchsorted(cells, flat)
         distance, before = dijkstra(graph, indices=source, return_predecessors=True)
         if not math.isfinite(distance[node]):
             return None
@@ -189,21 +190,21 @@ def compare(
     for case in cases:
         # inf where impassable
         weights = (1.0 + 2.0 * GREY_LEVELS * PAPER_OMEGA * case.cost).astype(np.float32)
-        searches = dict[str, Callable[[Endpoints], CellPath | None]]()
+        searches = dict[str, Search]()
         for planner in planners:
             name = planner.name
             if name in left_out:
                 continue
             map_s, search = harness.timed(partial(planner.prepare, weights))
             rows[name].append({"map_ms": 1e3 * map_s})
-            search(*case.queries[0])
-            seconds, _ = harness.timed(partial(search, *case.queries[0]))
+            search(case.queries[0])
+            seconds, _ = harness.timed(partial(search, case.queries[0]))
             if seconds > LIMIT_S and name != REFERENCE and not done:
                 left_out[name] = (
                     f"left out: {seconds:.1f} s a query, over the limit of {LIMIT_S:g} s"
                 )
             else:
-                searches[name] = lambda query, search=search: search(*query)  # type: ignore[misc]
+                searches[name] = search
         for records in harness.measure(searches, case.queries):
             if records[REFERENCE].results[0] is None:
                 continue

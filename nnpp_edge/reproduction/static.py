@@ -236,9 +236,10 @@ def fig11(context: Context, *, size: int = 256, queries: int = 300, repeats: int
     ):
         for name in names:
             color = drawing.COLOURS[name]
-            cells = np.array(rows.of(name).all("path_cells"))
-            times_s = np.array(rows.of(name).all("time_s"))
-            slope, offset, _ = _fit(rows.of(name))
+            own = rows.of(name)
+            cells = np.array(own.all("path_cells"))
+            times_s = np.array(own.all("time_s"))
+            slope, offset, _ = _fit(own)
             axes.scatter(cells, 1e3 * times_s, s=12, alpha=0.6, color=color)
             axes.plot(cells, 1e3 * (offset + slope * cells), color=color, label=name)
         drawing.tidy(axes, title, "cells of the optimal path", "time of a query, ms")

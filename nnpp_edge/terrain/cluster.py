@@ -36,7 +36,8 @@ def shards_on_cluster(
     ClusterError, MissingExtraError, and DataSetError as for shards made here.
 
     Notes
-    ----- The elevation arrays are an argument of one task, on which all shards depend: they leave
+    -----
+    The elevation arrays are an argument of one task, on which all shards depend: they leave
     this machine once, and are handed out again where all workers who had them died (scattered data
     would be lost).
     """

@@ -144,7 +144,8 @@ def read_dem(path: Path | str, cell_size_m: float | None = None) -> Dem:
         installed.
 
     Notes
-    ----- Cells are as long as the ground under them (`coordinates.cell_on_ground`). An offset over
+    -----
+    Cells are as long as the ground under them (`coordinates.cell_on_ground`). An offset over
     100 km is a body's radius (PDS3 labels of the Moon): it is left out, so heights count from that
     sphere and keep float32's precision.
     """
