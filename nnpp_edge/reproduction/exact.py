@@ -207,11 +207,11 @@ def fig7_findings(
         "neither the first nor the last ω",
         0 < middle < len(omegas) - 1,
     )
-    way = "{} {:.2f} → {:.2f}"
+    way = "LEN {:.2f} → {:.2f}, CC {:.2f} → {:.2f}"
     yield judge(
         "the greater ω, the longer the path and the smaller its CC",
         "yes",
-        f"{way.format('LEN', *length[[0, -1]])}, {way.format('CC', *cc[[0, -1]])}",
+        way.format(length[0], length[-1], cc[0], cc[-1]),
         "no step goes the other way by over 0.02",
         bool(np.diff(length).min() > -0.02 and np.diff(cc).max() < 0.02),
     )

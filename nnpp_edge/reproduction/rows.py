@@ -116,4 +116,5 @@ def spread(values: list[float], digits: int) -> str:
     """Mean and standard deviation; a dash where there are no values."""
     if not values:
         return MISSING
-    return f"{np.mean(values):.{digits}f} ± {np.std(values):.{digits}f}"
+    mean = f"{np.mean(values):.{digits}f}"
+    return f"{mean} ± {np.std(values):.{digits}f}"
