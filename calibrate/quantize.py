@@ -22,6 +22,7 @@ from nnpp_edge.files import write_whole
 from nnpp_edge.model.registry import Spec
 from nnpp_edge.profiling.contest import Harness
 from nnpp_edge.profiling.inference import InferenceMs, inference_ms, medians
+from nnpp_edge.runtime.arrays import Array
 from nnpp_edge.runtime.errors import DataSetError, InvalidQueryError, ModelError, OutputError
 from nnpp_edge.runtime.network.inference import NetworkModel
 from nnpp_edge.runtime.network.model_file import METADATA_KEY
@@ -301,7 +302,7 @@ class _Reader(quantization.CalibrationDataReader):  # type: ignore[misc]  # onnx
         self.queries = queries
         self.numbers = iter(range(len(queries)))
 
-    def get_next(self) -> dict[str, NDArray[np.generic]] | None:
+    def get_next(self) -> dict[str, Array] | None:
         """The next query's inputs by name; None at the end."""
         for number in self.numbers:
             shown(self.model, self.queries, number)()  # lays out the inputs

@@ -12,13 +12,20 @@ from nnpp_edge.runtime.errors import InvalidMapError
 Float2D = NDArray[np.float32]
 """(H, W)."""
 Floats = NDArray[np.float64]
+Float32 = NDArray[np.float32]
+UInt8 = NDArray[np.uint8]
+Bool = NDArray[np.bool_]
+Int64 = NDArray[np.int64]
+Int32 = NDArray[np.int32]
 Cells = NDArray[np.int32]
 """(N, 2) rows and columns."""
 Planes = NDArray[np.float32]
 """(N, H, W)."""
 Mask = NDArray[np.bool_]
 """(H, W)."""
+Array = NDArray[np.generic]
 Float = TypeVar("Float", np.float32, np.float64)
+NumberT = TypeVar("NumberT", bound=np.generic)
 
 
 def unmasked(array: ArrayLike) -> NDArray[np.generic]:
@@ -54,6 +61,14 @@ def as_map(array: ArrayLike, name: str, dtype: type[Float] = np.float32) -> NDAr
         raise InvalidMapError(
             f"{name} must hold 32-bit floats, got a value of size {furthest:.3g}"
         ) from None
+
+
+def in_blocks(array: NDArray[NumberT], factor: int) -> NDArray[NumberT]:
+    """A view (..., H / f, f, W / f, f) of maps (..., H, W): their blocks of f × f cells, in
+    which both sides can be divided.
+    """
+    *others, rows, cols = array.shape
+    return array.reshape(*others, rows // factor, factor, cols // factor, factor)
 
 
 def numbers(array: ArrayLike, name: str) -> NDArray[np.generic]:

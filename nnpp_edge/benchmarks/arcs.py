@@ -25,6 +25,9 @@ from nnpp_edge.runtime.map.ground import Ground
 from nnpp_edge.runtime.planners.query import PlanOptions
 
 BODY = Vehicle(1.5, 1.2, 0.3)
+CELL_M = 0.25
+"""Side of the rescaled terrain's cells."""
+SEED = 1
 QUERIES_OF_A_MAP = 2
 TICKS = 40
 STEP = 2
@@ -51,20 +54,16 @@ FIGURES: dict[str, Callable[[list[float]], np.floating]] = {
 )
 @click.option("--size", default=256, help="Cells of a map's side.")
 @click.option("--radius", "radius_m", default=2.0, help="Turning radius in metres.")
-@click.option("--cell-size", "cell_size_m", default=0.25, help="Metres of a rescaled cell.")
 @click.option("--forwards", is_flag=True, help="The body cannot go backwards.")
 @click.option("--fixed", is_flag=True, help="Goals have headings, too.")
 @click.option("--queries", "count", default=20, help="Number of queries that have a path.")
-@click.option("--seed", default=1)
 def main(
     terrain: tuple[Path, ...],
     size: int,
     radius_m: float,
-    cell_size_m: float,
     forwards: bool,
     fixed: bool,
     count: int,
-    seed: int,
 ) -> None:
     """Plan, tick and drive between random headings: figures as JSON, milliseconds and shares by
     which costs exceed the exact ones.
@@ -74,12 +73,12 @@ def main(
         vehicle = replace(vehicle, reverse_cost=2.0, gear_change_m=1.0)
     exercise()  # no kernel is compiled or loaded while the clock runs
     harness = Harness()
-    rng = np.random.default_rng(seed)
+    rng = np.random.default_rng(SEED)
     solved = 0
     sources = Counter[str]()
     found = defaultdict[str, list[float]](list)
-    dems = TerrainFiles(terrain, cell_size_m).read()
-    cases = terrain_cases(dems, "body-rocks10", size, seed, vehicle=BODY)
+    dems = TerrainFiles(terrain, CELL_M).read()
+    cases = terrain_cases(dems, "body-rocks10", size, SEED, vehicle=BODY)
     drawn = ((case, query) for case in cases for query in case.queries[:QUERIES_OF_A_MAP])
     for case, (start, goal) in islice(drawn, 4 * count):
         begin, end = rng.uniform(0.0, 360.0, 2)
@@ -97,11 +96,15 @@ def main(
         if not exact.ok:
             continue
         seconds, plan = harness.timed(partial(_first_plan, make, start, goal, options))
-        found["exact_ms"].append(exact.timings_ms["total"])
-        found["first_ms"].append(1e3 * seconds)
-        found["exact_expansions"].append(exact.expansions)
-        found["first_expansions"].append(plan.expansions)
-        found["gap"].append(plan.cost / exact.cost - 1.0)
+        row = {
+            "exact_ms": exact.timings_ms["total"],
+            "first_ms": 1e3 * seconds,
+            "exact_expansions": exact.expansions,
+            "first_expansions": plan.expansions,
+            "gap": plan.cost / exact.cost - 1.0,
+        }
+        for figure, value in row.items():
+            found[figure].append(value)
         solved += plan.ok
         sources[str(plan.source)] += 1
         if not fixed:
@@ -130,12 +133,12 @@ def main(
 
 def _summary(found: Mapping[str, list[float]]) -> dict[str, float]:
     """All of `FIGURES` of each list that holds anything."""
-    summary = {}
-    for name, values in found.items():
-        for figure, of in FIGURES.items():
-            if values:
-                summary[f"{name}_{figure}"] = float(of(values))
-    return summary
+    return {
+        f"{name}_{figure}": float(of(values))
+        for name, values in found.items()
+        for figure, of in FIGURES.items()
+        if values
+    }
 
 
 def _first_plan(make: Callable[[], Ground], start: Cell, goal: Cell, options: PlanOptions) -> Plan:

@@ -31,7 +31,7 @@ from nnpp_edge.profiling.contest import (
 )
 from nnpp_edge.profiling.suites import QUERIES_PER_MAP, Case, TerrainFiles, source_of, terrain_cases
 from nnpp_edge.runtime import Planner
-from nnpp_edge.runtime.cells import Cell, Endpoints
+from nnpp_edge.runtime.cells import Endpoints
 from nnpp_edge.runtime.exercises import exercise
 from nnpp_edge.runtime.network.inference import NetworkModel
 from nnpp_edge.runtime.terrain.step_cost import GREY_LEVELS, PAPER_OMEGA
@@ -56,7 +56,7 @@ _FIGURES: Summary = {
 Weights = NDArray[np.float32]
 CellPath = NDArray[np.integer]
 """Cells (N, 2)."""
-Search = Callable[[Cell, Cell], CellPath | None]
+Search = Callable[[Endpoints], CellPath | None]
 """From start to goal: the path's cells, or None if there is none."""
 
 
@@ -82,9 +82,10 @@ def peer_planners() -> tuple[list[PeerPlanner], list[str]]:
         for method, how in methods.items()
     ]
     missing = []
-    for module, planner in _OTHERS.items():
+    for modules, planner in _OTHERS.items():
         try:
-            importlib.import_module(module)
+            for module in modules:
+                importlib.import_module(module)
             found.append(planner)
         except ImportError:
             missing.append(planner.package)
@@ -94,8 +95,8 @@ def peer_planners() -> tuple[list[PeerPlanner], list[str]]:
 def _ours(method: str, network: NetworkModel, weights: Weights) -> Search:
     planner = Planner(weights, step_cost="length", model=network.share())
 
-    def search(start: Cell, goal: Cell) -> CellPath | None:
-        plan = planner.plan(start, goal, method=method)
+    def search(ends: Endpoints) -> CellPath | None:
+        plan = planner.plan(*ends, method=method)
         return plan.path if plan.ok else None
 
     return search
@@ -104,7 +105,7 @@ def _ours(method: str, network: NetworkModel, weights: Weights) -> Search:
 def _pyastar2d(weights: Weights) -> Search:
     from pyastar2d import astar_path
 
-    return partial(astar_path, weights, allow_diagonal=True)
+    return lambda ends: astar_path(weights, *ends, allow_diagonal=True)
 
 
 def _scikit_image(weights: Weights) -> Search:
@@ -112,7 +113,8 @@ def _scikit_image(weights: Weights) -> Search:
 
     search_all = MCP_Geometric(weights)
 
-    def search(start: Cell, goal: Cell) -> CellPath | None:
+    def search(ends: Endpoints) -> CellPath | None:
+        start, goal = ends
         costs, _ = search_all.find_costs([start], [goal])
         return np.array(search_all.traceback(goal)) if math.isfinite(costs[goal]) else None
 
@@ -120,44 +122,40 @@ def _scikit_image(weights: Weights) -> Search:
 
 
 def _scipy(weights: Weights) -> Search:
-    from scipy.sparse import coo_array
     from scipy.sparse.csgraph import dijkstra
+    from skimage.graph import pixel_graph
 
-    padded = np.pad(weights.astype(np.float64), 1, constant_values=np.inf)
-    stride = padded.shape[1]
-    cells = padded.ravel()
-    nodes = np.flatnonzero(np.isfinite(cells))
-    shape = (cells.size, cells.size)
-    graph = coo_array(shape).tocsr()
-    for down, across in ((0, 1), (1, 0), (1, 1), (1, -1)):
-        others = nodes + down * stride + across
-        price = 0.5 * math.hypot(down, across) * (cells[nodes] + cells[others])
-        passable = np.isfinite(price)
-        steps = (nodes[passable], others[passable])
-        graph += coo_array((price[passable], steps), shape=shape).tocsr()
-    graph += graph.T
+    graph, cells = pixel_graph(  # type: ignore[no-untyped-call]
+        weights.astype(np.float64),
+        mask=np.isfinite(weights),
+        edge_function=lambda one, other, length: 0.5 * length * (one + other),
+        connectivity=2,
+    )
 
-    def search(start: Cell, goal: Cell) -> CellPath | None:
-        source = (start[0] + 1) * stride + start[1] + 1
-        path = [(goal[0] + 1) * stride + goal[1] + 1]
+    def search(ends: Endpoints) -> CellPath | None:
+        flat = np.ravel_multi_index(np.transpose(ends), weights.shape)
+        source, node = np.searchsorted(cells, flat)
         distance, before = dijkstra(graph, indices=source, return_predecessors=True)
-        if not math.isfinite(distance[path[0]]):
+        if not math.isfinite(distance[node]):
             return None
+        path = [node]
         while path[-1] != source:
             path.append(before[path[-1]])
-        return np.stack(np.divmod(path[::-1], stride), axis=1) - 1
+        return np.stack(np.unravel_index(cells[path[::-1]], weights.shape), axis=1)
 
     return search
 
 
 _OTHERS = {
-    "pyastar2d": PeerPlanner(
+    ("pyastar2d",): PeerPlanner(
         "pyastar2d", "pyastar2d", "weight of the cell entered, diagonals no longer", _pyastar2d
     ),
-    "skimage": PeerPlanner("skimage.graph", "scikit-image", _LENGTH, _scikit_image),
-    "scipy": PeerPlanner("scipy dijkstra", "scipy", f"{_LENGTH}, to every cell", _scipy),
+    ("skimage",): PeerPlanner("skimage.graph", "scikit-image", _LENGTH, _scikit_image),
+    ("scipy", "skimage"): PeerPlanner(
+        "scipy dijkstra", "scipy", f"{_LENGTH}, to every cell", _scipy
+    ),
 }
-"""By the module that must be importable."""
+"""By the modules that must be importable; scikit-image makes the graph for scipy."""
 
 
 def path_cost(weights: Weights, path: CellPath) -> float:
@@ -166,7 +164,8 @@ def path_cost(weights: Weights, path: CellPath) -> float:
     if steps.max(initial=0) > 1:
         return math.inf
     along = weights[path[:, 0], path[:, 1]].astype(np.float64)
-    return float(np.sum(np.hypot(*steps.T) * 0.5 * (along[1:] + along[:-1])))
+    means = 0.5 * (along[1:] + along[:-1])
+    return float(np.sum(np.hypot(*steps.T) * means))
 
 
 def compare(
@@ -191,21 +190,21 @@ def compare(
     for case in cases:
         # inf where impassable
         weights = (1.0 + 2.0 * GREY_LEVELS * PAPER_OMEGA * case.cost).astype(np.float32)
-        searches = dict[str, Callable[[Endpoints], CellPath | None]]()
+        searches = dict[str, Search]()
         for planner in planners:
             name = planner.name
             if name in left_out:
                 continue
             map_s, search = harness.timed(partial(planner.prepare, weights))
             rows[name].append({"map_ms": 1e3 * map_s})
-            search(*case.queries[0])
-            seconds, _ = harness.timed(partial(search, *case.queries[0]))
+            search(case.queries[0])
+            seconds, _ = harness.timed(partial(search, case.queries[0]))
             if seconds > LIMIT_S and name != REFERENCE and not done:
                 left_out[name] = (
                     f"left out: {seconds:.1f} s a query, over the limit of {LIMIT_S:g} s"
                 )
             else:
-                searches[name] = lambda query, search=search: search(*query)  # type: ignore[misc]
+                searches[name] = search
         for records in harness.measure(searches, case.queries):
             if records[REFERENCE].results[0] is None:
                 continue
@@ -236,13 +235,11 @@ def _answer(
     }
     path = record.results[0]
     exact = reference.results[0]
-    if path is None or exact is None or (tuple(path[0]), tuple(path[-1])) != record.case:
-        return row
-    return {
-        **row,
-        "failed": False,
-        "gap": gap(path_cost(weights, path), path_cost(weights, exact)),
-    }
+    assert exact is not None
+    if path is not None and (tuple(path[0]), tuple(path[-1])) == record.case:
+        row["gap"] = gap(path_cost(weights, path), path_cost(weights, exact))
+        row["failed"] = False
+    return row
 
 
 def _figures(planner: PeerPlanner, rows: Sequence[Row], note: str) -> Figures:

@@ -1,6 +1,6 @@
 """Drives over unseen ground by rival prices: ``python -m nnpp_edge.benchmarks.unseen MAP``."""
 
-import math
+from collections import defaultdict
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property, partial
@@ -9,26 +9,24 @@ from pathlib import Path
 import click
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
 from nnpp_edge.profiling.suites import heights_of, whole_cost
+from nnpp_edge.progress import markdown_table
 from nnpp_edge.reproduction.regions import shuffled
 from nnpp_edge.runtime import Ground, NetworkModel, Planner, Vehicle
-from nnpp_edge.runtime.arrays import Float2D
-from nnpp_edge.runtime.cells import Endpoints
-from nnpp_edge.runtime.network.model_file import UNSEEN, model_path
+from nnpp_edge.runtime.arrays import Float2D, in_blocks
+from nnpp_edge.runtime.cells import Endpoints, slices, widened
+from nnpp_edge.runtime.network.model_file import model_path
 from nnpp_edge.runtime.network.priors import PRIORS, prices_by
-from nnpp_edge.runtime.network.unseen import encode_unseen, prices_of
+from nnpp_edge.runtime.network.unseen import prices_of
 from nnpp_edge.runtime.planners.query import PlanOptions
 from nnpp_edge.runtime.terrain.traversability import Traversability
-from nnpp_edge.terrain.dataset import read_known
 from nnpp_edge.terrain.dem import Dem, read_dem
 from nnpp_edge.terrain.known import KnownMaps, known_map
 from nnpp_edge.terrain.labels import random_query
 from nnpp_edge.terrain.rocks import Rocks, draw_rocks, rock_heights
 from nnpp_edge.terrain.vehicle_files import load_vehicle
 from nnpp_edge.terrain.workloads import workload
-from nnpp_edge.training.unseen import sample
 
 SIDE = 256
 """Cells of a map's side, where the ground is large enough."""
@@ -70,8 +68,7 @@ class Site:
     @cached_property
     def coarse(self) -> Float2D:
         """The means of the blocks."""
-        side = len(self.elevation) // self.factor
-        blocks = self.elevation.reshape(side, self.factor, side, self.factor)
+        blocks = in_blocks(self.elevation, self.factor)
         means: Float2D = blocks.mean((1, 3), dtype=np.float64).astype(np.float32)
         return means
 
@@ -106,13 +103,12 @@ class Site:
         options: PlanOptions = {"method": "corridor" if body else "astar"}
         while here != goal:
             # see the ground around
-            top, left = (max(place - far, 0) for place in here)
-            seen = self.elevation[top : here[0] + far + 1, left : here[1] + far + 1]
-            planner.update_elevation(top, left, seen)
+            part = widened((*here, 1, 1), (far, far), self.elevation.shape)
+            planner.update_elevation(*part[:2], self.elevation[slices(part)])
             plan = planner.plan(here, goal, **options)
             if not plan.ok:
                 assert body, "what was seen shuts the way, though there is one"
-                return math.inf  # the body can neither go on nor turn
+                return np.inf  # the body can neither go on nor turn
             # drive half as far as was seen
             steps = min(max(sight // 2, 1), len(plan.path) - 1)
             way += [(row, col) for row, col in plan.path[1 : steps + 1].tolist()]
@@ -130,18 +126,16 @@ def drives(
     limits: Traversability,
     factor: int,
     count: int,
-    seed: int,
     vehicle: Vehicle | None,
 ) -> Iterator[tuple[Site, Endpoints, float]]:
     """Drives on random windows of a map, at most two on each, and the costs of the best paths.
 
     A vehicle drives among rocks on 1 to 12 % of the ground, more and fewer by the dozen of metres.
     """
-    rng = np.random.default_rng(seed)
+    rng = np.random.default_rng(1)
     side = min(SIDE, *dem.shape) // factor * factor
     while count > 0:
-        row, col = (int(rng.integers(0, cells - side + 1)) for cells in dem.shape)
-        elevation = np.ascontiguousarray(dem.elevation[row : row + side, col : col + side])
+        elevation = np.ascontiguousarray(dem.random_square(rng, side))
         if vehicle is not None:
             elevation = elevation + patchy_rocks(elevation.shape, dem.cell_size_m, rng)
         ground = Ground.of_elevation(elevation, dem.cell_size_m, limits, vehicle=vehicle)
@@ -171,72 +165,16 @@ def patchy_rocks(shape: tuple[int, int], side_m: float, rng: np.random.Generator
     return rock_heights(shape, (side_m, side_m), Rocks(*(each[there] for each in rocks)))
 
 
-def rivals(model: str, dataset: Path | None) -> dict[str, Price]:
-    """All by name: the priors, the network's controls, the truth, trees if there is a data set for
-    them.
-    """
-
-    def mixed(site: Site) -> Float2D:
-        return site.prices("network", shuffled(model_path(model)))
-
-    found: dict[str, Price] = {
+def rivals(model: str) -> dict[str, Price]:
+    """All by name: the priors, the network's controls, and the truth."""
+    mixed = shuffled(model_path(model))
+    return {
         "optimistic": lambda site: np.zeros_like(site.coarse),
         **{prior: partial(Site.prices, prior=prior, model=model) for prior in PRIORS},
         "network, answers turned": lambda site: np.rot90(site.prices("network", model)),
-        "network, weights shuffled": mixed,
+        "network, weights shuffled": lambda site: site.prices("network", mixed),
         "truth": Site.truth,
     }
-    if dataset is not None:
-        found["trees"] = trees(read_known(dataset))
-    return found
-
-
-def features(planes: NDArray[np.float32]) -> NDArray[np.float32]:
-    """(H · W, F) features of blocks, from a network's planes: the block's own, and of its
-    neighbourhood.
-    """
-    named = dict(zip(UNSEEN, planes, strict=True))
-    names = ("slope", "step", "blocked_by_slope", "above_3", "above_7", "above_15")
-    heights = [named[name] for name in names]
-    blurred = [*heights, named["known"], *(plane**2 for plane in heights[3:])]
-    found = [*planes, np.abs(named["slope_across"]), np.abs(named["slope_down"])]
-    for side in (3, 7, 15):
-        kernel = np.ones((side, side), np.uint8)
-        found += [cv2.blur(plane, (side, side)) for plane in blurred]
-        found += [cv2.dilate(heights[0], kernel), cv2.erode(heights[0], kernel)]
-    return np.stack(found, axis=-1).reshape(-1, len(found))
-
-
-def trees(maps: KnownMaps, rows: int = 600_000) -> Price:
-    """Boosted trees on features made by hand, trained on the network's data and targets."""
-    from sklearn.ensemble import HistGradientBoostingRegressor
-
-    rng = np.random.default_rng(1)
-    share = min(1.0, rows / maps.answers[:, 0].size)
-    inputs = list[NDArray[np.float32]]()
-    wanted = list[NDArray[np.float32]]()
-    for at in range(len(maps)):
-        planes, answers = sample(maps, at)
-        chosen = rng.random(answers[0].size) < share
-        inputs.append(features(planes)[chosen])
-        wanted.append(answers.reshape(len(answers), -1)[:, chosen])
-    x = np.concatenate(inputs)
-    fitted = [
-        HistGradientBoostingRegressor(
-            max_iter=250, max_leaf_nodes=63, min_samples_leaf=60, early_stopping=False
-        ).fit(x, y)
-        for y in np.concatenate(wanted, axis=1)
-    ]
-
-    def price(site: Site) -> Float2D:
-        means, block_m, factor, limits = site.known
-        planes = np.empty((len(UNSEEN), *means.shape), np.float32)
-        encode_unseen(means, limits, (block_m, block_m), factor, planes)
-        x = features(planes)
-        answers = np.array([np.clip(each.predict(x), 0.0, 1.0) for each in fitted], np.float32)
-        return prices_of(answers.reshape(-1, *means.shape))
-
-    return price
 
 
 def table(excess: Mapping[str, Sequence[float]]) -> str:
@@ -245,41 +183,28 @@ def table(excess: Mapping[str, Sequence[float]]) -> str:
 
     Of the drives on which no rival got stuck; and how often each did.
     """
-    head = "{:28} {:>6} {:>5} {:>6}   {:>9} {:>5} {:>6} {:>6}"
-    line = "{:28} {:6.2f} {:5.2f} {:6.2f}   {:+9.2f} {:5.2f} {:6.2f} {:6}"
-    lines = [
-        head.format(
-            "price",
-            "mean",
-            "s.e.",
-            "p90",
-            f"to {REFERENCE}",
-            "s.e.",
-            "ratio",
-            "stuck",
-        )
-    ]
+    heads = ("price", "mean", "s.e.", "p90", f"to {REFERENCE}", "s.e.", "ratio", "stuck")
+    form = "{} | {:.2f} | {:.2f} | {:.2f} | {:+.2f} | {:.2f} | {:.2f} | {}"
     percent = {name: 100.0 * np.array(found) for name, found in excess.items()}
     free = np.isfinite(list(percent.values())).all(axis=0)
-    root = math.sqrt(free.sum())
+    root = np.sqrt(free.sum())
     base = percent[REFERENCE][free]
+    lines = []
     for name, every in percent.items():
         found = every[free]
-        mean = found.mean()
         apart = found - base
-        lines.append(
-            line.format(
-                name,
-                mean,
-                found.std() / root,
-                np.quantile(found, 0.9),
-                apart.mean(),
-                apart.std() / root,
-                mean / base.mean(),
-                np.isinf(every).sum(),
-            )
+        line = form.format(
+            name,
+            found.mean(),
+            found.std() / root,
+            np.quantile(found, 0.9),
+            apart.mean(),
+            apart.std() / root,
+            found.mean() / base.mean(),
+            np.isinf(every).sum(),
         )
-    return "\n".join(lines)
+        lines.append(line.split(" | "))
+    return markdown_table(heads, lines)
 
 
 @click.command(context_settings={"show_default": True})
@@ -287,46 +212,39 @@ def table(excess: Mapping[str, Sequence[float]]) -> str:
 @click.option("--factor", default=8, help="Cells to a block's side.")
 @click.option("--sight", default=16, help="Cells seen to each side.")
 @click.option("--drives", "count", default=200, help="Number of drives.")
-@click.option("--seed", default=1)
 @click.option("--workload", "name", default="soft")
 @click.option(
     "--rescale", type=float, help="As of nnpp-edge plan; a vehicle has a quarter of its length."
 )
 @click.option("--vehicle", help="Whose body drives among rocks, as of nnpp-edge plan.")
 @click.option("--model", default="unseen")
-@click.option("--dataset", type=click.Path(path_type=Path), help="Data set to train trees on.")
-@click.option("--only", help="Names of rivals, joined by slashes, the slope among them.")
 def main(
     tile: Path,
     factor: int,
     sight: int,
     count: int,
-    seed: int,
     name: str,
     rescale: float | None,
     vehicle: str | None,
     model: str,
-    dataset: Path | None,
-    only: str | None,
 ) -> None:
     """Drive over TILE by rival prices of unseen ground, and print the excess of each.
 
     A robot knows the means of blocks and sees so many cells to each side. Whenever it has driven
     half as far it plans anew by exact A*, over the cells that it has seen, and by prices elsewhere.
     All rivals drive the same drives; the excess is that of the driven cost over the optimum of the
-    whole map. Trees need scikit-learn.
+    whole map.
     """
     dem = read_dem(tile)
     body = load_vehicle(vehicle) if vehicle else None
     size_m = rescale or (body and body.length_m / 4)
     if size_m:
         dem = dem.rescaled(size_m)
-    prices = rivals(model, dataset)
-    names = only.split("/") if only else list(prices)
-    excess: dict[str, list[float]] = {each: [] for each in names}
-    for site, ends, optimum in drives(dem, workload(name), factor, count, seed, body):
-        for rival in names:
-            cost = site.driven(ends, prices[rival](site), sight)
+    prices = rivals(model)
+    excess = defaultdict[str, list[float]](list)
+    for site, ends, optimum in drives(dem, workload(name), factor, count, body):
+        for rival, price in prices.items():
+            cost = site.driven(ends, price(site), sight)
             excess[rival].append(cost / optimum - 1.0)
     click.echo(table(excess))
 

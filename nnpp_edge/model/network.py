@@ -7,7 +7,6 @@ from collections.abc import Callable
 
 import numpy as np
 import torch
-from numpy.typing import NDArray
 from torch import Tensor, nn
 from torch.utils.flop_counter import FlopCounterMode
 
@@ -15,6 +14,7 @@ from nnpp_edge.model import edge
 from nnpp_edge.model.nnpp import NNPP
 from nnpp_edge.model.registry import Spec
 from nnpp_edge.model.unseen import UnseenNet
+from nnpp_edge.runtime.arrays import Array, Float32
 from nnpp_edge.runtime.kernels.encoding import ENDS_CHANNELS, GAUSSIAN_CHANNELS
 from nnpp_edge.runtime.network.encoding import Point, encode_ends, encode_gaussian
 from nnpp_edge.runtime.network.model_file import QUERY_SPACING
@@ -57,21 +57,19 @@ class Network(nn.Module):
         return logits[:, 0]
 
     @torch.no_grad()
-    def answers(
-        self, planes: NDArray[np.generic], queries: NDArray[np.float32]
-    ) -> NDArray[np.float32]:
+    def answers(self, planes: Array, queries: Float32) -> Float32:
         """The sigmoid of the logits for arrays of any length, in batches and evaluation mode."""
         self.eval()
         device = next(self.parameters()).device
         parts = []
         for at in range(0, len(planes), _BATCH):
-            part = torch.from_numpy(planes[at : at + _BATCH]).to(device)
-            query = torch.from_numpy(queries[at : at + _BATCH]).to(device)
-            parts.append(torch.sigmoid(self(part, query).float()).cpu())
+            batch = (torch.from_numpy(each[at : at + _BATCH]) for each in (planes, queries))
+            logits = self(*(each.to(device) for each in batch))
+            parts.append(torch.sigmoid(logits.float()).cpu())
         return torch.cat(parts).numpy()
 
 
-def encode(spec: Spec, start: Point, goal: Point) -> NDArray[np.float32]:
+def encode(spec: Spec, start: Point, goal: Point) -> Float32:
     """Start and goal, (row, col) in network cells, as they are shown to this network: (C, E, E)
     float32.
     """

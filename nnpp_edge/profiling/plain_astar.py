@@ -9,9 +9,8 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
-from nnpp_edge.runtime.arrays import Float2D
+from nnpp_edge.runtime.arrays import Bool, Float2D
 from nnpp_edge.runtime.cells import Cell
 from nnpp_edge.runtime.terrain.step_cost import GREY_LEVELS, PAPER_OMEGA
 
@@ -35,7 +34,7 @@ class Graph:
         return math.dist(divmod(a, self.stride), divmod(b, self.stride))
 
 
-def build_graph(cost: Float2D, inside: NDArray[np.bool_] | None = None) -> Graph:
+def build_graph(cost: Float2D, inside: Bool | None = None) -> Graph:
     """The graph of a cost map, or of the cells in a region (Fig. 10).
 
     It has a node for each passable cell, T < 1, and an edge to each passable neighbour: a step

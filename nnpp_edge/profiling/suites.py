@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 
 from nnpp_edge.runtime.arrays import Float2D, as_map
-from nnpp_edge.runtime.cells import Endpoints, slices
+from nnpp_edge.runtime.cells import Endpoints
 from nnpp_edge.runtime.errors import InvalidQueryError
 from nnpp_edge.runtime.map.ground import Ground
 from nnpp_edge.runtime.planners.plan import Method
@@ -172,8 +172,7 @@ def terrain_cases(
         # the ground: a crop of the terrain, or synthetic
         if fitting:
             dem = fitting[int(rng.integers(len(fitting)))]
-            row, col = (int(rng.integers(0, side - size + 1)) for side in dem.shape)
-            heights = dem.elevation[slices((row, col, size, size))]
+            heights = dem.random_square(rng, size)
             size_m = dem.cell_size_m
             width_m = dem.cell_width_m
         else:

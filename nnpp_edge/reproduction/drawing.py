@@ -165,14 +165,7 @@ def _draw(axes: "Axes", scene: Scene) -> None:
     if scene.before is not None:
         paths.insert(0, (scene.before.optimum, ":", "#b8b8b8", 1.2, "path before"))
     for path, style, colour, width, label in paths:
-        axes.plot(
-            path[:, 1],
-            path[:, 0],
-            style,
-            color=colour,
-            linewidth=width,
-            label=label,
-        )
+        axes.plot(*path.T[::-1], style, color=colour, linewidth=width, label=label)
     start, goal = here.query
     for (row, col), marker, colour, size, label in (
         (start, "s", "gold", 6, "start"),

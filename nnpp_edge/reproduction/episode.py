@@ -8,9 +8,8 @@ exact A*'s path.
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
-from nnpp_edge.runtime.arrays import Float2D
+from nnpp_edge.runtime.arrays import Float2D, Int32
 from nnpp_edge.runtime.cells import Cell
 from nnpp_edge.runtime.errors import InvalidQueryError
 from nnpp_edge.runtime.planners.planner import Planner
@@ -77,7 +76,7 @@ def make_episode(
         )
     while len(path) > stride + 1:
         rest = path[stride:]
-        here = (int(rest[0, 0]), int(rest[0, 1]))
+        here = tuple(rest[0].tolist())
         before = obstacles.blocks
         path = rest  # what is left of it, where no other scene leaves a way
         for _ in range(_TRIES):
@@ -94,6 +93,6 @@ def make_episode(
     return Episode(base, goal, tuple(steps))
 
 
-def _exact(cost: Float2D, start: Cell, goal: Cell) -> NDArray[np.int32] | None:
+def _exact(cost: Float2D, start: Cell, goal: Cell) -> Int32 | None:
     plan = Planner(cost).plan(start, goal, method="astar")
     return plan.path if plan.ok else None

@@ -5,7 +5,6 @@ from functools import partial
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 
 from nnpp_edge.profiling.contest import Harness
 from nnpp_edge.profiling.plain_astar import build_graph, search
@@ -15,7 +14,7 @@ from nnpp_edge.reproduction.experiment import Context, Result
 from nnpp_edge.reproduction.findings import Finding, judge
 from nnpp_edge.reproduction.planners import PLAIN
 from nnpp_edge.reproduction.rows import Row, Rows, percent, spread, times
-from nnpp_edge.runtime.arrays import Float2D
+from nnpp_edge.runtime.arrays import Float2D, Floats, in_blocks
 from nnpp_edge.runtime.cells import Endpoints
 from nnpp_edge.runtime.errors import InvalidQueryError
 from nnpp_edge.runtime.map.grid import Grid
@@ -27,7 +26,6 @@ from nnpp_edge.viz.figures import new_figure
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-Floats = NDArray[np.float64]
 _OMEGA = f"{paper.OMEGA:.3f} ± {paper.OMEGA_DEVIATION:.3f}"
 
 
@@ -71,7 +69,7 @@ def _scaled(cost: Float2D, query: Endpoints, size: int) -> tuple[Float2D, Endpoi
     factor = len(cost) // size
     if factor * size != len(cost):
         raise InvalidQueryError(f"wanted sizes that divide {len(cost)}, got {size}")
-    cells = cost.reshape(size, factor, size, factor).astype(np.float64)
+    cells = in_blocks(cost, factor).astype(np.float64)
     means = np.ma.masked_greater_equal(cells, 1.0).mean(axis=(1, 3)).filled(np.inf)
     start, goal = ((row // factor, col // factor) for row, col in query)
     return means.astype(np.float32), (start, goal)
@@ -209,10 +207,11 @@ def fig7_findings(
         "neither the first nor the last ω",
         0 < middle < len(omegas) - 1,
     )
+    way = "LEN {:.2f} → {:.2f}, CC {:.2f} → {:.2f}"
     yield judge(
         "the greater ω, the longer the path and the smaller its CC",
         "yes",
-        f"LEN {length[0]:.2f} → {length[-1]:.2f}, CC {cc[0]:.2f} → {cc[-1]:.2f}",
+        way.format(length[0], length[-1], cc[0], cc[-1]),
         "no step goes the other way by over 0.02",
         bool(np.diff(length).min() > -0.02 and np.diff(cc).max() < 0.02),
     )

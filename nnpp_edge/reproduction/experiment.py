@@ -85,17 +85,15 @@ class Context:
         """
         fitting = large_enough(self.terrain, size)
         cases = terrain_cases(fitting, SOFT, size, self.seed, least_distance)
+        tried = enumerate(islice(cases, MAPS_TRIED * count))
+        made = (made for number, case in tried if (made := make(number, case)) is not None)
         found = 0
-        for number, case in enumerate(islice(cases, MAPS_TRIED * count)):
-            made = make(number, case)
-            if made is not None:
-                found += 1
-                yield made
-            if found == count:
-                return
-        raise InvalidQueryError(
-            f"wanted {count} maps of {size} × {size} cells with a path, got {found}"
-        )
+        for found, each in enumerate(islice(made, count), 1):
+            yield each
+        if found < count:
+            raise InvalidQueryError(
+                f"wanted {count} maps of {size} × {size} cells with a path, got {found}"
+            )
 
     def maps(
         self, sizes: Sequence[int], count: int, least_distance: float = LEAST_DISTANCE

@@ -30,6 +30,7 @@ class Finding:
     """Controls that meet the rule as well: then it says nothing about the network."""
 
 
+_NONE = Rows()
 Rule = Callable[[Rows], bool]
 """Whether rows are as claimed."""
 
@@ -40,7 +41,7 @@ def judge(
     ours: str,
     rule: str,
     holds: bool | Rule,
-    rows: Rows | None = None,
+    rows: Rows = _NONE,
     planner: str = "",
     *,
     better: bool = False,
@@ -49,14 +50,15 @@ def judge(
     place of the planner's network it holds as well.
     """
     verdict = Verdict.BETTER if better else Verdict.AGREES
-    if rows is None or not callable(holds):
-        return Finding(claim, paper, ours, rule, verdict if holds else Verdict.DIFFERS)
-    if not holds(rows):
+    earned = []
+    if callable(holds):
+        for kind, name in CONTROLS_OF.get(planner, {}).items():
+            if rows.of(name) and holds(with_control(rows, kind)):
+                earned.append(kind)
+        holds = holds(rows)
+    if not holds:
         return Finding(claim, paper, ours, rule, Verdict.DIFFERS)
-    controls = CONTROLS_OF.get(planner, {})
-    measured = [kind for kind, name in controls.items() if rows.of(name)]
-    earned = tuple(kind for kind in measured if holds(with_control(rows, kind)))
-    return Finding(claim, paper, ours, rule, verdict, earned)
+    return Finding(claim, paper, ours, rule, verdict, tuple(earned))
 
 
 def with_control(rows: Rows, kind: str) -> Rows:

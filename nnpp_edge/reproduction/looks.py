@@ -1,6 +1,7 @@
 """Fig. 14 and 15: the network's region for several goals, and around moving obstacles."""
 
 import math
+from collections import defaultdict
 from collections.abc import Iterator
 
 from nnpp_edge.profiling.suites import LEAST_DISTANCE, Case
@@ -48,7 +49,7 @@ def fig14(context: Context, *, size: int = 256, goals: int = 5) -> Result:
     shown = [("goals", f"goal {n}", case.cost, end) for n, end in enumerate(ends, 1)]
     shown += [("obstacles", drawing.frame(at), cost, goal) for at, cost in enumerate(moving)]
     rows = Rows()
-    lines: dict[str, list[Scene]] = {"goals": [], "obstacles": []}
+    lines = defaultdict[str, list[Scene]](list)
     for part, name, cost, end in shown:
         here = OneMap(cost, (start, end), context.networks)
         line = lines[part]

@@ -6,7 +6,6 @@ from collections.abc import Callable, Sequence
 from functools import partial
 
 import numpy as np
-from numpy.typing import NDArray
 
 from nnpp_edge.profiling.contest import Harness, gap
 from nnpp_edge.profiling.plain_astar import build_graph, search
@@ -19,7 +18,7 @@ from nnpp_edge.reproduction.regions import (
     best_path,
 )
 from nnpp_edge.reproduction.rows import Row, Rows
-from nnpp_edge.runtime.arrays import Float2D
+from nnpp_edge.runtime.arrays import Float2D, Int32
 from nnpp_edge.runtime.cells import Cell, Endpoints
 from nnpp_edge.runtime.planners.plan import Plan, Source
 from nnpp_edge.runtime.planners.planner import Planner
@@ -68,7 +67,7 @@ class OneMap:
     def row(
         self,
         planner: str,
-        path: NDArray[np.int32] | list[Cell] | None,
+        path: Int32 | list[Cell] | None,
         region: Region | None = None,
     ) -> Row:
         """Figures of a path found in this region or on the whole map."""

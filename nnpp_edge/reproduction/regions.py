@@ -14,10 +14,9 @@ from tempfile import TemporaryDirectory
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from nnpp_edge.profiling.plain_astar import build_graph, search
-from nnpp_edge.runtime.arrays import Float2D
+from nnpp_edge.runtime.arrays import Bool, Float2D, Int32
 from nnpp_edge.runtime.cells import Cell, Endpoints
 from nnpp_edge.runtime.kernels.threshold import lowered
 from nnpp_edge.runtime.map.grid import Grid
@@ -96,7 +95,7 @@ class PaperRegions:
         row_block, col_block = self.lookup
         return [(int(row_block[row]), int(col_block[col])) for row, col in cells]
 
-    def _region(self, blocks: NDArray[np.bool_]) -> Region:
+    def _region(self, blocks: Bool) -> Region:
         """The region of some of the blocks, (B, B) bool."""
         return Region(np.pad(blocks, (0, 1)).astype(np.int32), *self.lookup, 1)
 
@@ -126,7 +125,7 @@ class PaperRegions:
         return self._region(chosen.reshape(distance.shape))
 
 
-def best_path(grid: Grid, query: Endpoints, region: Region | None = None) -> NDArray[np.int32]:
+def best_path(grid: Grid, query: Endpoints, region: Region | None = None) -> Int32:
     """(N, 2) cells of the cheapest path in a region, or on the whole map; empty without a path."""
     return astar(grid, *query, Workspace(len(grid.weights)), region=region).path
 

@@ -67,6 +67,10 @@ class Rows(list[Row]):
         fast_s = sum(both.of(faster).all("time_s"))
         return sum(both.of(slower).all("time_s")) / fast_s if fast_s else math.nan
 
+    def speedups(self, slower: str, faster: str) -> dict[int, float]:
+        """The speed-up on maps of each size."""
+        return {size: rows.speedup(slower, faster) for size, rows in self.by("size").items()}
+
     def increase(self, *planners: str) -> float:
         """Share by which the summed CC of these planners' paths, by default of all, exceeds that of
         the optimal ones; NaN without a path.
@@ -110,4 +114,7 @@ def percent(share: float, digits: int = 1) -> str:
 
 def spread(values: list[float], digits: int) -> str:
     """Mean and standard deviation; a dash where there are no values."""
-    return f"{np.mean(values):.{digits}f} ± {np.std(values):.{digits}f}" if values else MISSING
+    if not values:
+        return MISSING
+    mean = f"{np.mean(values):.{digits}f}"
+    return f"{mean} ± {np.std(values):.{digits}f}"

@@ -5,6 +5,7 @@ The folder's page says what agrees with the paper.
 """
 
 import os
+from collections import Counter
 from collections.abc import Iterator, Sequence
 from hashlib import sha256
 from pathlib import Path
@@ -252,18 +253,21 @@ def _write_page(output: Path) -> None:
             f"**{quick}: smoke runs (`--quick`), far too small to conclude anything from.**"
         )
     counts = []
-    lines: dict[Verdict, list[tuple[str, ...]]] = {verdict: [] for verdict in _HEADS}
     for each in stored:
-        for finding in each.findings:
-            lines[finding.verdict].append((each.link, *finding_cells(finding)))
-        verdicts = [finding.verdict for finding in each.findings]
-        of_each = (str(verdicts.count(verdict) or MISSING) for verdict in Verdict)
+        verdicts = Counter(finding.verdict for finding in each.findings)
+        of_each = (str(verdicts[verdict] or MISSING) for verdict in Verdict)
         counts.append((each.link, each.title, *of_each))
     parts.append(markdown_table(("", "experiment", "agrees", "better", "does not agree"), counts))
     columns = ("", "claim", "paper", "ours", "rule", "verdict")
     for verdict, head in _HEADS.items():
-        if lines[verdict]:
-            parts += [f"## {head}", markdown_table(columns, lines[verdict])]
+        lines = [
+            (each.link, *finding_cells(finding))
+            for each in stored
+            for finding in each.findings
+            if finding.verdict is verdict
+        ]
+        if lines:
+            parts += [f"## {head}", markdown_table(columns, lines)]
     for each in stored:
         facts = {**each.made_with, "machine": each.machine}
         section = _SECTION.format(

@@ -121,36 +121,29 @@ def _success(where: str, theirs: float, rows: Rows) -> Finding:
 
 def _growth(rows: Rows, claim: str) -> Iterator[Finding]:
     """Whether the network gains more on larger maps."""
-    by_size = rows.by("size")
-    small = min(by_size)
-    large = max(by_size)
-    if small == large:
+    sizes = rows.by("size")
+    ends = (min(sizes), max(sizes))
+    if len(sizes) == 1:
         return
-    known = [
-        paper.TABLE_2.of(size=size).speedup(paper.ASTAR, paper.ASTAR_NN) for size in (small, large)
-    ]
-    theirs = " → ".join(f"{gain:.1f}×" for gain in known if gain > 0.0)
-    for (slow, fast), label in _PAIRS.items():
+    known = paper.TABLE_2.speedups(paper.ASTAR, paper.ASTAR_NN)
+    theirs = " → ".join(f"{known[size]:.1f}×" for size in ends if size in known)
+    for pair, label in _PAIRS.items():
+        gains = rows.speedups(*pair)
         yield judge(
             f"{claim} ({label})",
             theirs or "yes",
-            ", ".join(f"{size}² {of.speedup(slow, fast):.2f}×" for size, of in by_size.items()),
-            f"more at {large}² than at {small}²",
-            partial(_grows, small, large, slow, fast),
+            ", ".join(f"{size}² {gain:.2f}×" for size, gain in gains.items()),
+            "more at {1}² than at {0}²".format(*ends),
+            partial(_grows, pair),
             rows,
-            fast,
+            pair[1],
         )
 
 
-def _grows(
-    small: int,
-    large: int,
-    slow: str,
-    fast: str,
-    rows: Rows,
-) -> bool:
-    """Whether a speed-up is greater on large maps."""
-    return rows.of(size=large).speedup(slow, fast) > rows.of(size=small).speedup(slow, fast)
+def _grows(pair: tuple[str, str], rows: Rows) -> bool:
+    """Whether a speed-up is greater on the largest maps than on the smallest."""
+    gains = rows.speedups(*pair)
+    return gains[max(gains)] > gains[min(gains)]
 
 
 def fig9(
@@ -243,9 +236,10 @@ def fig11(context: Context, *, size: int = 256, queries: int = 300, repeats: int
     ):
         for name in names:
             color = drawing.COLOURS[name]
-            cells = np.array(rows.of(name).all("path_cells"))
-            times_s = np.array(rows.of(name).all("time_s"))
-            slope, offset, _ = _fit(rows.of(name))
+            own = rows.of(name)
+            cells = np.array(own.all("path_cells"))
+            times_s = np.array(own.all("time_s"))
+            slope, offset, _ = _fit(own)
             axes.scatter(cells, 1e3 * times_s, s=12, alpha=0.6, color=color)
             axes.plot(cells, 1e3 * (offset + slope * cells), color=color, label=name)
         drawing.tidy(axes, title, "cells of the optimal path", "time of a query, ms")

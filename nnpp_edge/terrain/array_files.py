@@ -9,10 +9,9 @@ from pathlib import Path
 from typing import IO
 
 import numpy as np
-import numpy.typing as npt
 from numpy.lib import format as npy
 
-from nnpp_edge.runtime.arrays import Float2D
+from nnpp_edge.runtime.arrays import Array, Float2D
 from nnpp_edge.runtime.errors import TerrainError
 from nnpp_edge.runtime.memory import available_bytes
 from nnpp_edge.runtime.reading import problem_with_file, refused_as
@@ -40,14 +39,14 @@ def read_arrays(path: Path) -> Reading:
             promised = _promised(file)
             check_grid(path, promised)
             check_room(path, promised.shape, promised.dtype)
-            return metres(np.load(path, allow_pickle=False), 1.0), None, None
+            return metres(np.load(path, allow_pickle=False)), None, None
     with _Archive(path) as archive:
         cell = archive.cell()
         name = archive.elevation_name()
         promised = archive.promised(name)
         check_grid(path, promised)
         check_room(path, promised.shape, promised.dtype, promised.nbytes)
-        return metres(archive.array(name), 1.0), cell, archive.place()
+        return metres(archive.array(name)), cell, archive.place()
 
 
 def read_cost_map(path: Path) -> tuple[Float2D, float] | None:
@@ -68,12 +67,9 @@ def read_cost_map(path: Path) -> tuple[Float2D, float] | None:
             return None
         promised = archive.promised("cost")
         cell = archive.cell()
-        if promised.ndim != 2 or promised.size == 0 or promised.dtype.kind not in "biuf":
-            raise TerrainError(
-                f"{path}: wanted an (H, W) array of costs, got {promised.shape} {promised.dtype}"
-            )
+        check_grid(path, promised, "costs", "biuf")
         check_room(path, promised.shape, promised.dtype)
-        return metres(archive.array("cost"), 1.0), cell[0] if cell else 1.0
+        return metres(archive.array("cost")), cell[0] if cell else 1.0
 
 
 def check_room(
@@ -97,7 +93,7 @@ def check_room(
         )
 
 
-def metres(values: npt.NDArray[np.generic], scale: float, offset: float = 0.0) -> Float2D:
+def metres(values: Array, scale: float = 1.0, offset: float = 0.0) -> Float2D:
     """A fresh float32 array of scale * values + offset, worked out in float64."""
     with np.errstate(over="ignore", invalid="ignore"):
         if scale == 1.0 and offset == 0.0:
@@ -114,11 +110,11 @@ def known_heights(elevation: Float2D) -> Float2D:
     return elevation
 
 
-def check_grid(path: Path, array: npt.NDArray[np.generic]) -> None:
-    """TerrainError for what is not a 2-D array of at least one real number."""
-    if array.ndim != 2 or array.size == 0 or array.dtype.kind not in "iuf":
+def check_grid(path: Path, array: Array, what: str = "heights", kinds: str = "iuf") -> None:
+    """TerrainError for what is not a 2-D array of at least one number of these kinds."""
+    if array.ndim != 2 or array.size == 0 or array.dtype.kind not in kinds:
         raise TerrainError(
-            f"{path}: wanted an (H, W) array of heights, got {array.shape} {array.dtype}"
+            f"{path}: wanted an (H, W) array of {what}, got {array.shape} {array.dtype}"
         )
 
 
@@ -130,13 +126,13 @@ class _Archive(zipfile.ZipFile):
         self.path = path
         self.names = {name.removesuffix(".npy"): name for name in self.namelist()}
 
-    def promised(self, name: str) -> npt.NDArray[np.generic]:
+    def promised(self, name: str) -> Array:
         with self.open(self.names[name]) as member:
             return _promised(member)
 
-    def array(self, name: str) -> npt.NDArray[np.generic]:
+    def array(self, name: str) -> Array:
         with self.open(self.names[name]) as member:
-            found: npt.NDArray[np.generic] = npy.read_array(member, allow_pickle=False)
+            found: Array = npy.read_array(member, allow_pickle=False)
         return found
 
     def elevation_name(self) -> str:
@@ -202,7 +198,7 @@ class _Archive(zipfile.ZipFile):
         return None
 
 
-def _promised(file: IO[bytes]) -> npt.NDArray[np.generic]:
+def _promised(file: IO[bytes]) -> Array:
     """An array that takes no memory, of the shape and type that the header of a `.npy` promises."""
     version = npy.read_magic(file)
     if version not in _HEADERS:

@@ -12,8 +12,7 @@ from nnpp_edge import __version__
 from nnpp_edge.runtime.errors import NnppEdgeError, optional_module
 from nnpp_edge.runtime.reading import refused_as
 from nnpp_edge.terrain.dataset import Shards
-from nnpp_edge.terrain.dem import Dem
-from nnpp_edge.terrain.shards import Recipe, shard_content
+from nnpp_edge.terrain.shards import Recipe, Tiles, shard_content
 
 WORKER_WAIT_S = 60.0
 """How long to wait for the cluster's first worker."""
@@ -26,7 +25,7 @@ class ClusterError(NnppEdgeError, ConnectionError):
 def shards_on_cluster(
     address: str,
     recipe: Recipe,
-    tiles: Sequence[Dem],
+    tiles: Tiles,
     indices: Sequence[int],
 ) -> Shards:
     """Make shards on the workers of a Dask cluster, and bring them here: numbers and contents, in
@@ -37,7 +36,8 @@ def shards_on_cluster(
     ClusterError, MissingExtraError, and DataSetError as for shards made here.
 
     Notes
-    ----- The elevation arrays are an argument of one task, on which all shards depend: they leave
+    -----
+    The elevation arrays are an argument of one task, on which all shards depend: they leave
     this machine once, and are handed out again where all workers who had them died (scattered data
     would be lost).
     """
@@ -71,7 +71,7 @@ def shards_on_cluster(
                 yield jobs.pop(job), content
 
 
-def _make(version: str, recipe: Recipe, tiles: Sequence[Dem], index: int) -> bytes:
+def _make(version: str, recipe: Recipe, tiles: Tiles, index: int) -> bytes:
     """One shard's file, compressed; refused on a worker of another version, which might draw other
     samples.
     """

@@ -37,10 +37,10 @@ _SAME_BODY = 0.007
 """Share by which radii of a body differ: Mars has 3,376.2 km at its poles."""
 _MEASURED_M = 100.0
 """Longest way by which a cell is measured: on larger cells geodesics leave the parallels."""
-_SCALE_TOLD = 0.05
-_RIM_TOLD = 0.03
+_WARNED_SCALE = 0.05
+_WARNED_LENGTH = 0.03
 """Shares by which a projection's metre at the map's middle, and any length on the map, is off when
-that is told.
+a user is warned.
 """
 
 
@@ -146,15 +146,17 @@ def cell_on_ground(
     middle = lengths[:2, 4]
     said = f"{source}: {system.name}"
     if np.isfinite(middle).all():
-        told = list(_distortions(said, drawn, lengths, system.is_projected))
+        problems = list(_distortions(said, drawn, lengths, system.is_projected))
     elif system.is_geographic:
         row, col = (0.5 * (side - 1) for side in shape)
         latitude = math.degrees(unit) * place.map_coordinates(row, col)[1]
         raise TerrainError(f"{source}: wanted latitudes within the poles, got {latitude:g}°")
     else:
-        told = [f"{said} has no place for the map's middle: its metres are taken for the ground's"]
+        problems = [
+            f"{said} has no place for the map's middle: its metres are taken for the ground's"
+        ]
         middle = drawn
-    for words in told if warn else ():
+    for words in problems if warn else ():
         warnings.warn(words, stacklevel=4)
     # the rest is noise, by which no cell would be square
     size, width = (float(f"{length:.7g}") for length in middle)
@@ -171,13 +173,13 @@ def _distortions(said: str, drawn: Points, lengths: Points, projected: bool) -> 
         skew = (falling**2 - rising**2) / (4.0 * down * right)  # cos(row, column)
         unlike = lengths[:2] / lengths[:2, 4:5] - 1.0
         off = np.fmax.reduce(np.abs((*unlike, skew)), axis=None)
-    if projected and max(abs(tall - 1.0), abs(wide - 1.0)) > _SCALE_TOLD:
+    if projected and max(abs(tall - 1.0), abs(wide - 1.0)) > _WARNED_SCALE:
         size, width = lengths[:2, 4]
         yield (
             f"{said} draws a metre of ground at the map's middle as {tall:.3f} m along columns and "
             f"{wide:.3f} m along rows: cells are {size:.4g} × {width:.4g} m of ground"
         )
-    if off > _RIM_TOLD:
+    if off > _WARNED_LENGTH:
         yield (
             f"{said}: some lengths and slopes are up to {100.0 * off:.0f} % off, as the map's "
             "cells are skewed or unlike those at its middle: cut out a smaller part or reproject it"

@@ -13,25 +13,24 @@ from typing import TypeVar
 
 import msgspec
 import numpy as np
-from numpy.typing import NDArray
 
 from nnpp_edge.files import make_folder, write_whole
 from nnpp_edge.progress import Progress, ignore
+from nnpp_edge.runtime.arrays import Array, Float32, Int32, UInt8, in_blocks
 from nnpp_edge.runtime.errors import DataSetError
 from nnpp_edge.runtime.network.unseen import ANSWERS
 from nnpp_edge.runtime.reading import refused_as
-from nnpp_edge.terrain.dem import Dem
 from nnpp_edge.terrain.known import KnownMaps
-from nnpp_edge.terrain.shards import Recipe, poolings, read_terrain, shard_content
+from nnpp_edge.terrain.shards import Recipe, Tiles, poolings, read_terrain, shard_content
 
 FORMAT = "nnpp-edge-dataset-1"
 RECIPE_FILE = "dataset.json"
 
 Shards = Generator[tuple[int, bytes], None, None]
 """Numbers and contents of shards, in the order done."""
-Query = tuple[NDArray[np.float32], tuple[float, float], tuple[float, float]]
+Query = tuple[Float32, tuple[float, float], tuple[float, float]]
 """Planes (2, S, S) in [0, 1]; start and goal, (row, col) in network cells."""
-Arrays = dict[str, NDArray[np.generic]]
+Arrays = dict[str, Array]
 """The arrays of a shard, by name."""
 T = TypeVar("T")
 _OF_QUERIES = ("map_index", "start", "goal", "excess", "on_path")
@@ -43,16 +42,16 @@ class Samples:
     B blocks.
     """
 
-    planes: NDArray[np.uint8]
+    planes: UInt8
     """(M, 2, S, S) mean cost (impassable as 1) and share of impassable cells, in 255ths."""
-    map_index: NDArray[np.int32]
+    map_index: Int32
     """(Q,) the map of each query."""
-    start: NDArray[np.float32]
+    start: Float32
     """(Q, 2) row and column in input cells."""
-    goal: NDArray[np.float32]
-    excess: NDArray[np.uint8]
+    goal: Float32
+    excess: UInt8
     """(Q, B, B) excess of each block over the optimum, in steps of 0.1 %."""
-    on_path: NDArray[np.uint8]
+    on_path: UInt8
     """(Q, B, B / 8) bits: whether the optimal path crosses a block."""
 
     def __len__(self) -> int:
@@ -77,14 +76,14 @@ class Samples:
             return self
         small = np.empty((count, planes, size, size), np.uint8)
         for at, cells in enumerate(self.planes):  # one by one: all as float32 would fill the memory
-            parts = cells.astype(np.float32).reshape(planes, size, factor, size, factor)
-            small[at] = np.rint(parts.mean(axis=(2, 4)))
+            blocks = in_blocks(cells.astype(np.float32), factor)
+            small[at] = np.rint(blocks.mean(axis=(2, 4)))
         half = np.float32(0.5)
         start = (self.start + half) / factor - half
         goal = (self.goal + half) / factor - half
         return replace(self, planes=small, start=start, goal=goal)
 
-    def pick(self, queries: NDArray[np.generic] | range) -> "Samples":
+    def pick(self, queries: Array | range) -> "Samples":
         """Some of the queries, by a mask or by their numbers; the maps stay."""
         return replace(self, **{name: getattr(self, name)[queries] for name in _OF_QUERIES})
 
@@ -94,7 +93,7 @@ def make_dataset(
     folder: Path,
     *,
     workers: int | None = None,
-    make: Callable[[Recipe, Sequence[Dem], Sequence[int]], Shards] | None = None,
+    make: Callable[[Recipe, Tiles, Sequence[int]], Shards] | None = None,
     progress: Progress = ignore,
 ) -> dict[str, int]:
     """Write what is missing of a data set; numbers of ``shards``, ``maps``, ``queries``, and of all
@@ -274,12 +273,12 @@ def _shard_path(folder: Path, index: int) -> Path:
 
 
 _recipe: Recipe
-_tiles: Sequence[Dem]
+_tiles: Tiles
 
 
 def _shards_here(
     recipe: Recipe,
-    tiles: Sequence[Dem],
+    tiles: Tiles,
     indices: Sequence[int],
     workers: int | None,
 ) -> Shards:
@@ -299,7 +298,7 @@ def _shards_here(
             pool.shutdown(cancel_futures=True)
 
 
-def _start_worker(recipe: Recipe, tiles: Sequence[Dem]) -> None:
+def _start_worker(recipe: Recipe, tiles: Tiles) -> None:
     global _recipe, _tiles
     _recipe = recipe
     _tiles = tiles

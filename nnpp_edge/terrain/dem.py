@@ -10,9 +10,8 @@ from importlib.resources import files
 from pathlib import Path
 
 import numpy as np
-import numpy.typing as npt
 
-from nnpp_edge.runtime.arrays import Float2D, unmasked
+from nnpp_edge.runtime.arrays import Float2D, Float32, unmasked
 from nnpp_edge.runtime.cells import Rectangle, Shape
 from nnpp_edge.runtime.errors import InvalidQueryError, TerrainError
 from nnpp_edge.runtime.map.along import heights_at
@@ -33,7 +32,7 @@ class Dem(Place):
     Masked cells become unknown. TerrainError where no cell is known, or a number makes no sense.
     """
 
-    elevation: npt.NDArray[np.float32]
+    elevation: Float32
     cell_size_m: float
     cell_width_m: float
     georeference: Georeference | None
@@ -56,6 +55,11 @@ class Dem(Place):
     def shape(self) -> Shape:
         rows, cols = self.elevation.shape
         return rows, cols
+
+    def random_square(self, rng: np.random.Generator, side: int) -> Float2D:
+        """The heights of a square of so many cells to a side, at a random place: a view."""
+        row, col = (int(rng.integers(0, cells - side + 1)) for cells in self.shape)
+        return self.elevation[row : row + side, col : col + side]
 
     def rescaled(self, cell_size_m: float) -> "Dem":
         """This terrain grown or shrunk to cells of `cell_size_m`: heights follow, so slopes stay.
@@ -89,19 +93,16 @@ class Dem(Place):
                 f"them, got {rows} × {cols} cells of {cell_size_m:g} m"
             )
         heights = np.empty((rows, cols), np.float32)
-        columns = share * np.arange(cols)
+        points = np.zeros((cols, 2))
+        points[:, 1] = share * np.arange(cols)
         for row in range(rows):
-            heights[row] = heights_at(
-                self.elevation, np.column_stack((np.full(cols, share * row), columns))
-            )
+            points[:, 0] = share * row
+            heights[row] = heights_at(self.elevation, points)
         place = self.georeference
         if place is not None:
-            a, b, c, d, e, f = place.transform
-            corner = 0.5 * (1.0 - share)
-            moved = c + (a + b) * corner, f + (d + e) * corner
-            place = replace(
-                place, transform=(a * share, b * share, moved[0], d * share, e * share, moved[1])
-            )
+            a, b, _, d, e, _ = place.transform
+            x, y = place.map_coordinates(-0.5 * share, -0.5 * share)
+            place = Georeference(place.crs, (a * share, b * share, x, d * share, e * share, y))
         width = self.cell_width_m * share
         return replace(
             self,
@@ -143,7 +144,8 @@ def read_dem(path: Path | str, cell_size_m: float | None = None) -> Dem:
         installed.
 
     Notes
-    ----- Cells are as long as the ground under them (`coordinates.cell_on_ground`). An offset over
+    -----
+    Cells are as long as the ground under them (`coordinates.cell_on_ground`). An offset over
     100 km is a body's radius (PDS3 labels of the Moon): it is left out, so heights count from that
     sphere and keep float32's precision.
     """
@@ -245,7 +247,7 @@ class DemWindows(Place):
         """
         with refused_as(TerrainError, f"{self.source}: cells {part} could not be read"):
             heights = known_heights(self.raster.heights(part))
-        return heights if self.scale == 1.0 else metres(heights, self.scale)
+        return metres(heights, self.scale)
 
 
 def size_of(path: Path) -> Shape | None:

@@ -7,9 +7,8 @@ from dataclasses import dataclass, fields
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
-from nnpp_edge.runtime.arrays import Float2D
+from nnpp_edge.runtime.arrays import Bool, Float2D, Int32, UInt8, in_blocks
 from nnpp_edge.runtime.network.unseen import expected_by_slope
 from nnpp_edge.runtime.terrain.traversability import Traversability, terrain_terms
 from nnpp_edge.runtime.tuning import SlopePrice
@@ -25,11 +24,11 @@ class KnownMaps:
 
     heights: Float2D
     """(M, B, B) mean elevation, metres relative to the map's mean."""
-    answers: NDArray[np.uint8]
+    answers: UInt8
     """(M, 3, B, B) of each block, 1 as `CERTAIN`: mean T of its cells, impassable ones as 1;
     share of impassable cells; of the ways across it, down and to the side, the share that these
     close."""
-    factor: NDArray[np.int32]
+    factor: Int32
     cell_size_m: Float2D
     """(M,) side of a cell."""
     slope_limit_deg: Float2D
@@ -45,6 +44,11 @@ class KnownMaps:
             float(self.slope_limit_deg[at]),
             hard_slope_deg=float(self.hard_slope_deg[at]),
         )
+
+    def blocks(self, at: int) -> tuple[int, float]:
+        """Side of one map's blocks, in cells and in metres."""
+        factor = int(self.factor[at])
+        return factor, float(self.cell_size_m[at]) * factor
 
     def pick(self, maps: slice) -> "KnownMaps":
         """Some of the maps."""
@@ -64,10 +68,9 @@ def known_map(
     factor: int,
 ) -> tuple[object, ...]:
     """The fields of `KnownMaps` for one map."""
-    side = len(elevation) // factor
     blocked = ~(cost < 1.0)
     layers = np.stack([elevation, np.where(blocked, np.float32(1.0), cost), blocked])
-    means = layers.reshape(3, side, factor, side, factor).mean(axis=(2, 4))
+    means = in_blocks(layers, factor).mean(axis=(2, 4))
     answers = np.stack([*means[1:], _closed(blocked, factor)])
     return (
         means[0] - means[0].mean(),
@@ -79,11 +82,10 @@ def known_map(
     )
 
 
-def _closed(blocked: NDArray[np.bool_], factor: int) -> Float2D:
+def _closed(blocked: Bool, factor: int) -> Float2D:
     """Of the two ways across each block, within it, the share that is closed."""
-    side = len(blocked) // factor
-    blocks = blocked.reshape(side, factor, side, factor).swapaxes(1, 2)
-    closed = np.zeros((side, side), np.float32)
+    blocks = in_blocks(blocked, factor).swapaxes(1, 2)
+    closed = np.zeros(blocks.shape[:2], np.float32)
     for row, col in np.argwhere(blocks.any(axis=(2, 3))):
         free = (~blocks[row, col]).astype(np.uint8)
         _, pieces = cv2.connectedComponents(free, connectivity=8)
@@ -101,8 +103,7 @@ def fitted_slope(maps: KnownMaps) -> SlopePrice:
     errors = []
     for at, answers in enumerate(maps.answers / np.float32(CERTAIN)):
         limits = maps.limits(at)
-        factor = int(maps.factor[at])
-        block_m = float(maps.cell_size_m[at]) * factor
+        factor, block_m = maps.blocks(at)
         slope = terrain_terms(maps.heights[at], block_m)[0]
         shares.append(np.minimum(slope / math.radians(limits.slope_limit_deg), 1.0).ravel())
         means.append(answers[0].ravel())

@@ -6,9 +6,9 @@ import math
 from itertools import combinations
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.random import Generator
 
-from nnpp_edge.runtime.arrays import Cells, Float2D
+from nnpp_edge.runtime.arrays import Cells, Float2D, UInt8, in_blocks
 from nnpp_edge.runtime.cells import Cell, Endpoints
 from nnpp_edge.runtime.map.grid import Grid
 from nnpp_edge.runtime.search.astar import astar, cost_field
@@ -22,20 +22,20 @@ of reach.
 """
 
 
-Label = tuple[Cell, Cell, Cells, NDArray[np.uint8]]
+Label = tuple[Cell, Cell, Cells, UInt8]
 """Of a query: start, goal, the optimal path (N, 2), and (blocks, blocks) the excess of the best
 path through any cell of a block over the optimum, in steps of `EXCESS_STEP`.
 """
 
 
-def random_points(rng: np.random.Generator, cost: Float2D, count: int) -> Cells:
+def random_points(rng: Generator, cost: Float2D, count: int) -> Cells:
     """Passable cells, each drawn at random: (count, 2) int32; none where no cell is passable."""
     passable = np.argwhere(cost < 1.0).astype(np.int32)
     return passable[rng.integers(0, len(passable), count)] if len(passable) else passable
 
 
 def random_query(
-    rng: np.random.Generator,
+    rng: Generator,
     cost: Float2D,
     least_distance: float,
 ) -> Endpoints | None:
@@ -59,14 +59,13 @@ def label_queries(
     workspace = Workspace(len(grid.weights))
     cells = [_cell(point) for point in points]
     fields = [cost_field(grid, cell, workspace) for cell in cells]
-    side = cost.shape[0] // blocks
     out = []
     for (start, there), (goal, back) in combinations(zip(cells, fields, strict=True), 2):
         optimum = float(there[goal])
         if math.dist(start, goal) < least_distance or not math.isfinite(optimum):
             continue
         path = astar(grid, start, goal, workspace).path
-        through = (there + back).reshape(blocks, side, blocks, side).min(axis=(1, 3))
+        through = in_blocks(there + back, len(cost) // blocks).min(axis=(1, 3))
         steps = np.minimum((through / optimum - 1.0) / EXCESS_STEP, 255.0)
         excess = np.maximum(np.rint(steps), 0.0).astype(np.uint8)
         out.append((start, goal, path, excess))

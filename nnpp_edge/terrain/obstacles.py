@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from nnpp_edge.runtime.arrays import Cells, Float2D
-from nnpp_edge.runtime.cells import Cell, Rectangle, Shape, apart
+from nnpp_edge.runtime.cells import Cell, Rectangle, Shape, apart, slices
 
 OBSTACLE = 1.0
 """Traversability cost of an obstacle: impassable (the paper's)."""
@@ -144,11 +144,13 @@ def covered(
     """A copy of a part of the ground with obstacles of this value on it; they may reach beyond the
     map.
     """
-    row, col, rows, cols = part
-    out = ground[row : row + rows, col : col + cols].copy()
+    row, col, _, _ = part
+    out = ground[slices(part)].copy()
     for top, left, height, width in blocks:
-        down = slice(max(top - row, 0), max(top + height - row, 0))
-        across = slice(max(left - col, 0), max(left + width - col, 0))
+        down, across = (
+            slice(max(at, 0), max(at + length, 0))
+            for at, length in ((top - row, height), (left - col, width))
+        )
         np.maximum(out[down, across], np.float32(value), out=out[down, across])
     return out
 

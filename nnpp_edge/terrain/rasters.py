@@ -132,8 +132,10 @@ class Raster:
         blocks = set(product(down, across)) - self._right
         places = []
         for i, j in sorted(blocks):
-            at = self.dataset.get_tag_item(f"BLOCK_OFFSET_{j}_{i}", dm="TIFF", bidx=1)
-            size = self.dataset.get_tag_item(f"BLOCK_SIZE_{j}_{i}", dm="TIFF", bidx=1)
+            at, size = (
+                self.dataset.get_tag_item(f"BLOCK_{what}_{j}_{i}", dm="TIFF", bidx=1)
+                for what in ("OFFSET", "SIZE")
+            )
             if at and size:  # others were left out
                 places.append((int(at), int(size)))
 

@@ -4,6 +4,7 @@ import math
 from typing import NamedTuple
 
 import numpy as np
+from numpy.random import Generator
 from numpy.typing import ArrayLike
 
 from nnpp_edge.runtime.arrays import Float2D, Floats, as_map
@@ -60,7 +61,7 @@ def draw_rocks(
     shape: Shape,
     sides_m: Sides,
     cover: float,
-    rng: np.random.Generator | int,
+    rng: Generator | int,
     diameters_m: tuple[float, float],
 ) -> Rocks:
     """Rocks at random places of a map of (H, W) cells of these (height, width), as many as the law
@@ -87,7 +88,7 @@ def with_rocks(
     dem: ArrayLike,
     cell_size_m: float,
     cover: float,
-    rng: np.random.Generator | int,
+    rng: Generator | int,
     *,
     cell_width_m: float | None = None,
 ) -> Float2D:

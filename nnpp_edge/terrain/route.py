@@ -1,5 +1,6 @@
 """A planned path on the ground: where its points lie, what is there, and the files that say so."""
 
+import io
 import json
 import math
 import re
@@ -8,9 +9,8 @@ from dataclasses import dataclass, field
 from xml.sax.saxutils import escape
 
 import numpy as np
-from numpy.typing import NDArray
 
-from nnpp_edge.runtime.arrays import Float2D, Floats
+from nnpp_edge.runtime.arrays import Float2D, Float32, Floats
 from nnpp_edge.runtime.cells import Cell
 from nnpp_edge.runtime.errors import optional_module
 from nnpp_edge.runtime.map.along import Along, Line
@@ -33,7 +33,7 @@ class Route:
     """
     along: Along
     """This route with every place between way points at which something is known."""
-    cost: NDArray[np.float32]
+    cost: Float32
     """(N,) of the cell at each of these."""
     dem: Place
     standing: Mapping[str, Floats] = field(default_factory=dict)
@@ -78,26 +78,23 @@ class Route:
         rows, cols = along.points.T
         x, y = places_of(self.dem, along.points).T
         columns = [
-            ("row", rows, ".10g"),
-            ("col", cols, ".10g"),
-            ("x", x, ""),
-            ("y", y, ""),
-            ("elevation_m", along.heights_m, ".7g"),
-            ("cost", self.cost, ".6g"),
-            ("distance_m", along.distance_m, ".10g"),
-            ("ground_m", along.ground_m, ".10g"),
-            ("time_s", along.time_s, ".10g"),
+            ("row", "%.10g", rows),
+            ("col", "%.10g", cols),
+            ("x", "%s", x),
+            ("y", "%s", y),
+            ("elevation_m", "%.7g", along.heights_m),
+            ("cost", "%.6g", self.cost),
+            ("distance_m", "%.10g", along.distance_m),
+            ("ground_m", "%.10g", along.ground_m),
+            ("time_s", "%.10g", along.time_s),
         ]
         if along.mobility.energy is not None:
-            columns.append(("energy_j", along.energy_j, ".10g"))
-        for name, numbers in self.standing.items():
-            columns.append((name, numbers, ".6g"))
-
-        names, arrays, forms = zip(*columns, strict=True)
-        lines = [",".join(names)]
-        for row in zip(*(array.tolist() for array in arrays), strict=True):
-            lines.append(",".join(map(format, row, forms)))
-        return "\n".join([*lines, ""]).encode()
+            columns.append(("energy_j", "%.10g", along.energy_j))
+        columns += [(name, "%.6g", numbers) for name, numbers in self.standing.items()]
+        names, forms, numbers = zip(*columns, strict=True)
+        out = io.BytesIO()
+        np.savetxt(out, np.column_stack(numbers), forms, ",", header=",".join(names), comments="")
+        return out.getvalue()
 
     def geojson(self, properties: dict[str, object]) -> bytes:
         """A feature with the path as a line: a point where it is one cell, no geometry where there

@@ -10,9 +10,9 @@ from typing import TypeVar
 
 import msgspec
 import numpy as np
-from numpy.typing import NDArray
+from numpy.random import Generator
 
-from nnpp_edge.runtime.arrays import Float2D
+from nnpp_edge.runtime.arrays import Array, Float2D, in_blocks
 from nnpp_edge.runtime.errors import DataSetError
 from nnpp_edge.runtime.map.grid import Grid
 from nnpp_edge.runtime.network.encoding import Frame, map_planes
@@ -39,6 +39,7 @@ _SIZE_STEP = 32
 """Of the network's side, so that the labels' blocks fill whole bytes."""
 _ARRAYS = ("planes", "workload", "pooling", "map_index", "start", "goal", "excess", "on_path")
 """Of a shard: of each map, then of each query."""
+Tiles = Sequence[Dem]
 T = TypeVar("T")
 
 
@@ -92,33 +93,32 @@ class Recipe(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     def __post_init__(self) -> None:
         size = self.size
         blocks = self.blocks
-        _check(
-            size > 0 == size % _SIZE_STEP,
-            f"size must be a multiple of {_SIZE_STEP}, got {size}",
-        )
-        _check(
-            blocks > 0 == blocks % 8 == size % blocks,
-            f"blocks must be a multiple of 8 that divides {size}, got {blocks}",
-        )
         counts = [self.maps, self.maps_per_shard, self.points_per_map - 1]
         counts += [pooling for pooling, _ in self.poolings]
-        _check(min(counts) > 0 <= self.seed, "numbers of maps and points must be above 0")
-
         shares = (self.synthetic_share, self.obstacle_share, self.margin_share, self.least_distance)
-        for share in shares:
-            _check(0.0 <= share <= 1.0, f"shares must lie in [0, 1], got {shares}")
         drawn = [[share for _, share in self.poolings], [share for _, share in self.workloads]]
-        for chances in drawn:
-            fits = min(chances, default=-1) >= 0 < sum(chances) < math.inf
-            _check(fits, f"shares must be above 0, got {drawn}")
-        _check(0.0 < self.omega < math.inf, f"ω must be above 0, got {self.omega}")
-
-        for side in self.cell_sizes_m:
-            span = f"{LEAST_SIDE_M:g} to {MOST_SIDE_M:g} m, got {self.cell_sizes_m}"
-            _check(LEAST_SIDE_M <= side <= MOST_SIDE_M, f"cell sizes must be {span}")
+        sides = self.cell_sizes_m
         start, end = self.stripe
-        _check(0.0 <= start < end <= 1.0, f"a stripe must lie in [0, 1], got {self.stripe}")
-        _check(bool(self.cell_sizes_m or self.terrain), "synthetic terrain needs a cell size")
+        checks = {
+            f"size must be a multiple of {_SIZE_STEP}, got {size}": size > 0 == size % _SIZE_STEP,
+            f"blocks must be a multiple of 8 that divides {size}, got {blocks}": (
+                blocks > 0 == blocks % 8 == size % blocks
+            ),
+            "numbers of maps and points must be above 0": min(counts) > 0 <= self.seed,
+            f"shares must lie in [0, 1], got {shares}": all(0.0 <= each <= 1.0 for each in shares),
+            f"shares must be above 0, got {drawn}": all(
+                min(chances, default=-1) >= 0 < sum(chances) < math.inf for chances in drawn
+            ),
+            f"ω must be above 0, got {self.omega}": 0.0 < self.omega < math.inf,
+            f"cell sizes must be {LEAST_SIDE_M:g} to {MOST_SIDE_M:g} m, got {sides}": all(
+                LEAST_SIDE_M <= side <= MOST_SIDE_M for side in sides
+            ),
+            f"a stripe must lie in [0, 1], got {self.stripe}": 0.0 <= start < end <= 1.0,
+            "synthetic terrain needs a cell size": sides or self.terrain,
+        }
+        for wanted, fits in checks.items():
+            if not fits:
+                raise DataSetError(wanted)
         for name, _ in self.workloads:
             self.limits_of(name)
 
@@ -142,11 +142,6 @@ class Recipe(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     def shards(self) -> int:
         """Number of files."""
         return math.ceil(self.maps / self.maps_per_shard)
-
-
-def _check(fits: bool, wanted: str) -> None:
-    if not fits:
-        raise DataSetError(wanted)
 
 
 def read_terrain(recipe: Recipe) -> list[Dem]:
@@ -178,7 +173,7 @@ def read_terrain(recipe: Recipe) -> list[Dem]:
     return tiles
 
 
-def poolings(recipe: Recipe, tiles: Sequence[Dem]) -> list[tuple[int, float]]:
+def poolings(recipe: Recipe, tiles: Tiles) -> list[tuple[int, float]]:
     """The poolings, and their shares, of which some tile has room for a map."""
     room = max((min(dem.shape) for dem in tiles), default=math.inf)
     return [each for each in recipe.poolings if recipe.size * each[0] <= room]
@@ -194,7 +189,7 @@ def _stripe(dem: Dem, stripe: tuple[float, float]) -> Dem:
     return replace(dem, elevation=np.ascontiguousarray(part), georeference=None)
 
 
-def shard_content(recipe: Recipe, tiles: Sequence[Dem], index: int) -> bytes:
+def shard_content(recipe: Recipe, tiles: Tiles, index: int) -> bytes:
     """Make the file of shard number `index` (.npz), which recipe, terrain and number determine."""
     maps = min(recipe.maps_per_shard, recipe.maps - index * recipe.maps_per_shard)
     key = [recipe.seed, index]
@@ -210,10 +205,10 @@ def shard_content(recipe: Recipe, tiles: Sequence[Dem], index: int) -> bytes:
 
 def make_shard(
     recipe: Recipe,
-    tiles: Sequence[Dem],
-    rng: np.random.Generator,
+    tiles: Tiles,
+    rng: Generator,
     maps: int,
-) -> dict[str, NDArray[np.generic]]:
+) -> dict[str, Array]:
     """The arrays of one shard: those of `Samples`, and for each map its workload and its pooling.
 
     DataSetError where `BARREN_MAPS` in a row have no query.
@@ -255,10 +250,10 @@ def make_shard(
 
 def make_known_shard(
     recipe: Recipe,
-    tiles: Sequence[Dem],
-    rng: np.random.Generator,
+    tiles: Tiles,
+    rng: Generator,
     maps: int,
-) -> dict[str, NDArray[np.generic]]:
+) -> dict[str, Array]:
     """Make the arrays of one shard of maps that are known by their blocks."""
     fitting = poolings(recipe, tiles)
     made = []
@@ -274,8 +269,8 @@ def make_known_shard(
 
 def _random_ground(
     recipe: Recipe,
-    tiles: Sequence[Dem],
-    rng: np.random.Generator,
+    tiles: Tiles,
+    rng: Generator,
     side: int,
 ) -> tuple[Float2D, float, float, bool]:
     """Square terrain, a cell's size and width; whether it is from a file."""
@@ -293,7 +288,7 @@ def planes_of(grid: Grid, frame: Frame) -> Float2D:
     return planes
 
 
-def _pick(rng: np.random.Generator, shares: Sequence[tuple[T, float]]) -> T:
+def _pick(rng: Generator, shares: Sequence[tuple[T, float]]) -> T:
     """One of the values, each as often as its share says."""
     weights = np.array([share for _, share in shares])
     return shares[rng.choice(len(shares), p=weights / weights.sum())][0]
@@ -301,8 +296,8 @@ def _pick(rng: np.random.Generator, shares: Sequence[tuple[T, float]]) -> T:
 
 def _random_cost(
     recipe: Recipe,
-    tiles: Sequence[Dem],
-    rng: np.random.Generator,
+    tiles: Tiles,
+    rng: Generator,
     name: str,
     side: int,
 ) -> tuple[Float2D, bool]:
@@ -315,11 +310,11 @@ def _random_cost(
     if rng.random() < recipe.obstacle_share:
         least = np.log(max(side / 64, 1.0))
         for _ in range(rng.integers(1, 9)):
-            rows, cols = np.exp(rng.uniform(least, np.log(side / 3), 2)).astype(int)
-            row = rng.integers(-rows // 2, side - rows // 2)
-            col = rng.integers(-cols // 2, side - cols // 2)
-            down = slice(max(row, 0), row + rows)
-            across = slice(max(col, 0), col + cols)
+            sides = np.exp(rng.uniform(least, np.log(side / 3), 2)).astype(int)
+            corner = [rng.integers(-length // 2, side - length // 2) for length in sides]
+            down, across = (
+                slice(max(at, 0), at + length) for at, length in zip(corner, sides, strict=True)
+            )
             cost[down, across] = np.inf
     if rng.random() < recipe.margin_share:
         cost[int(side * rng.uniform(0.25, 0.95)) :] = np.inf
@@ -327,8 +322,8 @@ def _random_cost(
 
 
 def _random_crop(
-    tiles: Sequence[Dem],
-    rng: np.random.Generator,
+    tiles: Tiles,
+    rng: Generator,
     side: int,
     cell_size_m: float | None,
     *,
@@ -352,10 +347,8 @@ def _random_crop(
     factor = int(rng.choice(fits, p=shares / shares.sum() if finely else None))
 
     # where it is cut out
-    cut = side * factor
-    row, col = (int(rng.integers(0, cells - cut + 1)) for cells in dem.shape)
-    crop = dem.elevation[row : row + cut, col : col + cut]
-    averaged: Float2D = crop.reshape(side, factor, side, factor).mean(axis=(1, 3))
+    crop = dem.random_square(rng, side * factor)
+    averaged: Float2D = in_blocks(crop, factor).mean(axis=(1, 3))
     if cell_size_m is None:
         return averaged, dem.cell_size_m, dem.cell_width_m
     scale = np.float32(cell_size_m / (dem.cell_size_m * factor))

@@ -1,12 +1,13 @@
 """Terrain made by rule, for volume and for what the measured tiles lack."""
 
 import numpy as np
+from numpy.random import Generator
 
 from nnpp_edge.runtime.arrays import Float2D
 
 
 def fractal(
-    rng: np.random.Generator,
+    rng: Generator,
     size: int,
     cell_size_m: float,
     median_slope_deg: float,
@@ -30,7 +31,7 @@ def fractal(
 
 
 def add_craters(
-    rng: np.random.Generator,
+    rng: Generator,
     heights: Float2D,
     cell_size_m: float,
     count: int,
@@ -55,7 +56,7 @@ def add_craters(
     return out
 
 
-def synthetic_terrain(rng: np.random.Generator, size: int, cell_size_m: float) -> Float2D:
+def synthetic_terrain(rng: Generator, size: int, cell_size_m: float) -> Float2D:
     """A square of fractal ground with craters on most: (size, size) float32, metres."""
     ground = fractal(rng, size, cell_size_m, rng.uniform(3.0, 12.0))
     if rng.random() < 0.7:

@@ -7,10 +7,10 @@ from concurrent.futures import Future, ThreadPoolExecutor
 from functools import partial
 
 import numpy as np
-from numpy.typing import NDArray
 
 from nnpp_edge.model.network import encode
 from nnpp_edge.model.registry import Spec
+from nnpp_edge.runtime.arrays import Array, Float32, Int64, in_blocks
 from nnpp_edge.runtime.errors import DataSetError
 from nnpp_edge.terrain.dataset import Samples
 from nnpp_edge.terrain.known import KnownMaps
@@ -18,9 +18,9 @@ from nnpp_edge.terrain.labels import EXCESS_STEP
 from nnpp_edge.training.checkpoint import TrainSettings
 from nnpp_edge.training.unseen import Turn, known_batch, turned
 
-Batch = tuple[NDArray[np.generic], NDArray[np.float32], NDArray[np.float32]]
+Batch = tuple[Array, Float32, Float32]
 """Planes, encoded queries, targets."""
-Make = Callable[[NDArray[np.int64], list[bool], list[Turn]], Batch]
+Make = Callable[[Int64, list[bool], list[Turn]], Batch]
 """From the numbers of queries or maps, whether each is swapped, and how it is turned."""
 
 
@@ -100,16 +100,14 @@ def _labelled(samples: Samples, spec: Spec, settings: TrainSettings) -> Make:
     nearness = np.exp(-np.arange(256) * EXCESS_STEP / settings.softness).astype(np.float32)
     nearness[255] = 0.0
 
-    def targets_of(queries: NDArray[np.int64]) -> NDArray[np.float32]:
+    def targets_of(queries: Int64) -> Float32:
         """(N, B, B), the best of the labels in each of the network's blocks."""
-        shape = (len(queries), blocks, finer, blocks, finer)
         if settings.target == "path":
-            on_path = np.unpackbits(samples.on_path[queries], axis=-1).reshape(shape)
-            return np.asarray(on_path.max(axis=(2, 4)), np.float32)
-        excess = samples.excess[queries].reshape(shape).min(axis=(2, 4))
-        return np.asarray(nearness[excess])
+            on_path = np.unpackbits(samples.on_path[queries], axis=-1)
+            return np.asarray(in_blocks(on_path, finer).max(axis=(2, 4)), np.float32)
+        return np.asarray(nearness[in_blocks(samples.excess[queries], finer).min(axis=(2, 4))])
 
-    def make(queries: NDArray[np.int64], swapped: list[bool], turns: list[Turn]) -> Batch:
+    def make(queries: Int64, swapped: list[bool], turns: list[Turn]) -> Batch:
         """The batch of `queries`; those `swapped` go from goal to start, and each is turned and
         mirrored.
         """

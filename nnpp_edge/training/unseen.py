@@ -7,6 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from nnpp_edge.model.network import Network
+from nnpp_edge.runtime.arrays import Int64
 from nnpp_edge.runtime.network.model_file import UNSEEN
 from nnpp_edge.runtime.network.unseen import encode_unseen
 from nnpp_edge.terrain.known import KnownMaps
@@ -25,7 +26,7 @@ def turned(array: NDArray[NumberT], turn: Turn) -> NDArray[NumberT]:
 
 
 def known_batch(
-    maps: KnownMaps, numbers: NDArray[np.int64], swapped: list[bool], turns: list[Turn]
+    maps: KnownMaps, numbers: Int64, swapped: list[bool], turns: list[Turn]
 ) -> tuple[Floats, Floats, Floats]:
     """Planes of maps, each turned and mirrored, and the answers wanted; the query of these networks
     is empty.
@@ -38,8 +39,7 @@ def known_batch(
 def sample(maps: KnownMaps, at: int, turn: Turn = (0, False)) -> tuple[Floats, Floats]:
     """A map as it is shown to a network, and the answers wanted, in one of eight positions."""
     heights = turned(maps.heights[at], turn)
-    factor = int(maps.factor[at])
-    block_m = float(maps.cell_size_m[at]) * factor
+    factor, block_m = maps.blocks(at)
     planes = np.empty((len(UNSEEN), *heights.shape), np.float32)
     encode_unseen(heights, maps.limits(at), (block_m, block_m), factor, planes)
     return planes, turned(maps.wanted(at), turn)

@@ -3,10 +3,10 @@
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from nnpp_edge.model.network import Network, encode
 from nnpp_edge.model.registry import Spec
+from nnpp_edge.runtime.arrays import Float32
 from nnpp_edge.runtime.cells import Endpoints
 from nnpp_edge.runtime.kernels.threshold import lowered
 from nnpp_edge.runtime.map.grid import Grid
@@ -72,33 +72,26 @@ class Validator:
         answers = network.answers(maps, self.queries)
         return [self.judge_answers(answers, factor) for factor in FACTORS]
 
-    def judge_answers(self, probabilities: NDArray[np.float32], factor: float) -> Judgement:
+    def judge_answers(self, probabilities: Float32, factor: float) -> Judgement:
         """As `judge`, for probabilities (Q, B, B) in the order of `index`, at one factor."""
-        gaps = []
-        areas = []
-        mms = []
+        rows = []
         answers = zip(self.index, probabilities, self.optima, strict=True)
         for query, probability, (optimum, cells) in answers:
             region = self._region(query, probability, factor)
             area = region.area()
             cost, _ = self._search(query, region)
-            gaps.append(cost / optimum - 1.0)
-            areas.append(area / self.samples.planes[0, 0].size)
-            mms.append(cells / area)
+            share = area / self.samples.planes[0, 0].size
+            rows.append((cost / optimum - 1.0, share, cells / area))
+        gaps, shares, mms = np.array(rows).T
         found = np.isfinite(gaps)
-        gap = float(np.mean(np.array(gaps)[found])) if found.any() else np.inf
-        return Judgement(
-            factor,
-            float(found.mean()),
-            gap,
-            float(np.mean(areas)),
-            float(np.mean(mms)),
-        )
+        gap = gaps[found].mean() if found.any() else np.inf
+        return Judgement(factor, *map(float, (found.mean(), gap, shares.mean(), mms.mean())))
 
-    def _region(self, query: int, probability: NDArray[np.float32], factor: float) -> Region:
+    def _region(self, query: int, probability: Float32, factor: float) -> Region:
         """The region at a factor on the adaptive threshold."""
-        rows, cols = self.lookup
-        start, goal = ((int(rows[row]), int(cols[col])) for row, col in self._ends(query))
+        row_block, col_block = self.lookup
+        ends = self._ends(query)
+        start, goal = ((int(row_block[row]), int(col_block[col])) for row, col in ends)
         self.finder.read(probability)
         threshold = self.finder.threshold(start, goal)
         self.finder.mark(lowered(threshold, factor), start, goal)

@@ -112,6 +112,7 @@ def test_the_files_hold_the_path_in_map_coordinates(told, tmp_path):
     assert [float(row["elevation_m"]) for row in rows] == pytest.approx(
         heights[tuple(path.T)].tolist(), rel=1e-5
     )
+    assert max(len(row["cost"].lstrip("0.")) for row in rows) == 6
     assert float(rows[0]["distance_m"]) == 0.0
     assert float(rows[-1]["distance_m"]) == pytest.approx(found["length_m"])
     assert cv2.imread(str(folder / "plan.png")).shape[0] > 800
