@@ -69,7 +69,7 @@ class Case:
     step_cost: str
     corner_cutting: bool
 
-    def __repr__(self) -> str:
+    def __repr__(self):
         """Short enough for hypothesis to print."""
         return (
             f"Case({self.cost.tolist()}, {self.start}, {self.goal}, {self.step_cost}, "
@@ -78,7 +78,7 @@ class Case:
 
 
 @st.composite
-def cases(draw, most_side: int = 24, any_size: bool = True):
+def cases(draw, most_side=24, any_size=True):
     """Maps of every shape, 1×1 and 1×N among them, of `KINDS` or with weights of any size."""
     shape = draw(st.integers(1, most_side)), draw(st.integers(1, most_side))
     step_cost = draw(st.sampled_from(["paper", "length"]))

@@ -7,11 +7,9 @@ all of a case.
 
 import functools
 import math
-from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 from types import SimpleNamespace
-from typing import Any
 
 import numpy as np
 
@@ -24,18 +22,13 @@ of steps.
 
 
 class Case(SimpleNamespace):
-    """What was drawn, by name; `steps`, where there are any, are done one after another."""
+    """What was drawn, by name; `steps`, where there are any, are done one after another, and
+    printed on a line each.
+    """
 
-    def __repr__(self) -> str:
+    def __repr__(self):
         with np.printoptions(threshold=60, linewidth=200):
-            facts = {name: value for name, value in vars(self).items() if name != "steps"}
-            return "\n".join(
-                [f"{facts}", *(f"  {repr(step)[:300]}" for step in getattr(self, "steps", ()))]
-            )
-
-    def but(self, **changes: Any) -> "Case":
-        """The same but for these."""
-        return Case(**(vars(self) | changes))
+            return super().__repr__().replace("('", "\n  ('")
 
 
 @dataclass(frozen=True)
@@ -47,7 +40,7 @@ class Problem:
 
 
 @functools.lru_cache(maxsize=4)
-def _tiny(folder: Path) -> Any:
+def _tiny(folder):
     from nnpp_edge.runtime import NetworkModel
 
     return NetworkModel(folder / "tiny.onnx", threads=1)
@@ -61,29 +54,33 @@ class Place:
     folder: Path | None = None
 
     @property
-    def model(self) -> Any:
+    def model(self):
         """The smallest network, loaded once in a process."""
         return "edge" if self.samples is None else _tiny(self.samples)
 
-    def sample(self, name: str) -> bytes:
+    def sample(self, name):
         """A sample's content."""
-        assert self.samples is not None
         return (self.samples / name).read_bytes()
 
 
 NOWHERE = Place()
 
 
+def put(dem, row, col, patch):
+    """Write a patch into a map."""
+    dem[row : row + patch.shape[0], col : col + patch.shape[1]] = patch
+
+
 def problem_with_optimum(
-    plan: Any,
-    optimum: float,
-    path_problem: Callable[[list[tuple[int, int]]], str],
-    path_cost: Callable[[list[tuple[int, int]]], float],
+    plan,
+    optimum,
+    path_problem,
+    path_cost,
     *,
-    exact: bool,
-    epsilon: float = math.inf,
-    told: str = "",
-) -> Problem | None:
+    exact,
+    epsilon=math.inf,
+    told="",
+):
     """What is wrong with an answer between two cells that one can stand on; `optimum` is inf
     without a path.
     """

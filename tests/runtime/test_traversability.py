@@ -5,7 +5,6 @@
 import copy
 import math
 import pickle
-import random
 import warnings
 
 import numpy as np
@@ -23,7 +22,6 @@ from nnpp_edge.runtime.terrain.traversability import (
     traversability_cost,
 )
 from tests import oracles
-from tests.fuzz import elevations
 
 
 @st.composite
@@ -159,15 +157,6 @@ def test_a_saturated_map_warns_once_it_arrives():
             HILLS * 100.0, 1.0, Traversability(step_limit_m=1e6, roughness_limit_m=1e6)
         )
     assert caught[0].filename == __file__
-
-
-@pytest.mark.filterwarnings("ignore:the network edge was trained for omega")
-@pytest.mark.parametrize("seed", [1795346114005736, 1795346114009973, 1795346114008315])
-def test_what_is_computed_does_not_depend_on_what_was_there_before(seed):
-    """Three coarse levels; a patch in tiles that are pooled and not yet linked; costs that weigh
-    nothing.
-    """
-    assert elevations.check(elevations.generate(random.Random(f"elevations {seed}"))) is None
 
 
 def test_a_copy_has_the_elevations_as_they_are_now():
