@@ -1,5 +1,6 @@
 """What several tests share: a tiny network, and the command line run in this process."""
 
+import json
 import sys
 import warnings
 from dataclasses import dataclass
@@ -143,6 +144,11 @@ class Ended:
     code: int
     out: str
     err: str
+
+    @property
+    def json(self):
+        """What it printed for programs."""
+        return json.loads(self.out)
 
     def refused(self, *words):
         """Exit code 2; on stderr warnings at most, then one line with the error and every one of

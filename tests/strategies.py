@@ -7,6 +7,12 @@ from hypothesis import strategies as st
 
 from nnpp_edge.runtime import Planner
 
+
+def flat(rows, cols, value=0.0):
+    """(rows, cols) float32 of one value."""
+    return np.full((rows, cols), value, np.float32)
+
+
 KINDS = ("uniform", "equal", "levels", "steep")
 
 

@@ -1,6 +1,5 @@
 """`nnpp-edge costmap`: what it writes, what it says, what it refuses."""
 
-import json
 import sys
 from pathlib import Path
 
@@ -50,7 +49,7 @@ def test_a_saturated_term_is_a_warning_and_leaves_stdout_to_the_result(run):
     rough = np.random.default_rng(2).uniform(0, 30, (40, 40)).astype(np.float32)
     np.savez("rough.npz", elevation_m=rough, cell_size_m=50.0)
     ended = run("costmap rough.npz -o cost.npy --json")
-    assert ended.code == 0 and json.loads(ended.out)
+    assert ended.code == 0 and ended.json
     assert ended.err.startswith("warning: ") and "elevation difference" in ended.err
 
 

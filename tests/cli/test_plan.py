@@ -21,6 +21,7 @@ from nnpp_edge.terrain import dem as dem_module
 from nnpp_edge.terrain.dem import Dem, Georeference
 from nnpp_edge.terrain.rasters import raster_bytes
 from tests.cli.grounds import ENDS, rolling
+from tests.strategies import flat
 
 PLACE = Georeference("EPSG:32615", (2.0, 0.0, 400_000.0, 0.0, -2.0, 5_000_000.0))
 EXACT = f"plan hills.npz {ENDS} --method astar"
@@ -137,7 +138,7 @@ def test_steps_that_are_steeper_than_the_limit_of_slope_are_told(run, told):
 
 
 def test_what_a_stranger_types_first_goes_around_a_cliff_or_says_that_no_path_exists(run, told):
-    heights = np.zeros((40, 60), np.float32)
+    heights = flat(40, 60)
     heights[:, 30:] = 1.5
     np.savez("cliff.npz", elevation_m=heights, cell_size_m=1.0)
     words = "--start 10,5 --goal 10,55"
@@ -156,7 +157,7 @@ def test_what_a_stranger_types_first_goes_around_a_cliff_or_says_that_no_path_ex
 
 
 def test_a_single_step_that_is_too_steep_is_named_where_the_plane_is_not(run):
-    heights = np.zeros((40, 60), np.float32)
+    heights = flat(40, 60)
     heights[:, 30:] = 0.7
     np.savez("kerb.npz", elevation_m=heights, cell_size_m=1.0)
     run("plan kerb.npz --start 10,29 --goal 10,3").refused(
@@ -166,7 +167,7 @@ def test_a_single_step_that_is_too_steep_is_named_where_the_plane_is_not(run):
 
 
 def test_a_body_that_comes_close_to_a_limit_is_told_so(run):
-    heights = np.zeros((60, 60), np.float32)
+    heights = flat(60, 60)
     heights += 0.35 * 0.25 * np.arange(60)  # 19.3 degrees
     np.savez("slope.npz", elevation_m=heights, cell_size_m=0.25)
     words = "plan slope.npz --vehicle small-rover --start 30,8 --goal 30,50 --set max_tilt_deg=20"
@@ -179,7 +180,7 @@ def test_a_body_that_comes_close_to_a_limit_is_told_so(run):
 
 
 def test_a_limit_of_the_workload_holds_for_a_body_too(run, told):
-    heights = np.zeros((60, 60), np.float32)
+    heights = flat(60, 60)
     heights += 0.4 * 0.25 * np.arange(60)  # 21.8 degrees
     np.savez("slope.npz", elevation_m=heights, cell_size_m=0.25)
     words = "plan slope.npz --vehicle small-rover --start 30,8 --goal 30,50"
@@ -195,7 +196,7 @@ def test_without_a_georeference_coordinates_are_metres_from_the_first_cell(run, 
     line = feature["geometry"]["coordinates"]
     assert (line[0], line[-1], feature["properties"]["crs"]) == ([15.0, 10.0], [240.0, 140.0], None)
     length = sum(math.dist(a, b) for a, b in zip(line, line[1:], strict=False))
-    assert json.loads(ended.out)["length_m"] == pytest.approx(length)
+    assert ended.json["length_m"] == pytest.approx(length)
     told("plan hills.npz --start 5,5 --goal 5,5 -o out --compare")  # a start that is the goal
     assert json.loads(Path("out/path.geojson").read_text())["geometry"] == {
         "type": "Point",
@@ -213,7 +214,7 @@ def test_a_blocked_start_says_which_limit_is_passed(run):
         (f"{soft} --limit hard_step_m=0.5", "elevation difference"),
         (f"{soft} --limit hard_roughness_m=0.5", "roughness"),
     ):
-        heights = np.zeros((50, 50), np.float32)
+        heights = flat(50, 50)
         heights[:, 20:] += np.minimum(np.arange(30), 10)
         if "slope 45" not in reason:
             heights[10, 25] += 4.0
@@ -224,7 +225,7 @@ def test_a_blocked_start_says_which_limit_is_passed(run):
 
 def test_a_saved_grid_map_is_planned_on_in_its_metres(told):
     frame = MapFrame(0.5, x=10.0, y=-4.0, rows_along_x=True)
-    GridMap({"elevation": np.zeros((40, 30), np.float32)}, frame).save("map.npz")
+    GridMap({"elevation": flat(40, 30)}, frame).save("map.npz")
     found = told("plan map.npz --start xy:9.6,-4.3 --goal xy:-6.1,-16.2 -o out")
     assert (found["start"], found["goal"]) == ([0, 0], [32, 24])
     line = json.loads(Path("out/path.geojson").read_text())["geometry"]["coordinates"]

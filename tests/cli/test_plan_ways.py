@@ -207,7 +207,7 @@ def test_ends_are_places_on_the_map_or_on_the_globe_or_points_of_a_layer(run, to
     layer(Path("stops.gpkg"), [(60, 70), (12, 30)], crs="EPSG:4326")
     ended = run(f"{PLAN} --via stops.gpkg --json")
     assert ended.err == "stops.gpkg: reprojected from WGS 84 to SVY21 / Singapore TM\n"
-    assert json.loads(ended.out)["via"]["stops"] == [[5, 5], [60, 70], [12, 30], [70, 80]]
+    assert ended.json["via"]["stops"] == [[5, 5], [60, 70], [12, 30], [70, 80]]
     goals = told("plan hills.tif --start 5,5 --goal stops.gpkg")
     assert goals["goal"] == [12, 30] and len(goals["goals"]) == 2
 

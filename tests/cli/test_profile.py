@@ -158,7 +158,7 @@ def test_the_clock_starts_at_the_elevations(run, profile):
 def test_json_may_be_printed_and_an_impossible_budget_is_missed_and_named(run, profile):
     profile(limit=1e7)
     ended = run("profile --profile tiny.toml --queries 4 --seed 5 --json")
-    told = json.loads(ended.out)
+    told = ended.json
     load = told["profile"]["load"]
     assert (ended.code, load["queries"], load["seed"]) == (
         1,
@@ -180,7 +180,7 @@ def test_a_disturbed_run_is_noisy(run, profile, monkeypatch):
     with busy_core(CORE):
         ended = run("profile --profile tiny.toml --json")
     assert ended.code == 3, ended.out
-    told = json.loads(ended.out)
+    told = ended.json
     assert told["verdict"] == "noisy" and told["disturbance"]["words"]
     assert [line["verdict"] for line in told["budgets"]] == ["noisy", "pass", "pass"]
     assert max(half["waited_share"] for half in told["disturbance"]["halves"]) > 0.1

@@ -12,7 +12,9 @@ import numpy as np
 from nnpp_edge.robot.transports.stdio import messages
 from nnpp_edge.robot.transports.wire import WireError, decode, decode_output, encode
 from nnpp_edge.runtime import (
+    DynamicMethod,
     EnergyCost,
+    Goal,
     Ground,
     MapPatch,
     Mobility,
@@ -25,8 +27,6 @@ from nnpp_edge.runtime import (
     Vehicle,
     traversability_cost,
 )
-from nnpp_edge.runtime.loop.messages import Goal
-from nnpp_edge.runtime.planners.plan import DynamicMethod
 from tests import pose_oracles
 from tests.fuzz.cases import NOWHERE, Case, Problem
 from tests.fuzz.mutations import junk_bytes, junk_value, mutated, mutated_json

@@ -12,9 +12,8 @@ import traceback
 
 import numpy as np
 
-from nnpp_edge.runtime import DynamicPlanner, Planner
+from nnpp_edge.runtime import DynamicMethod, DynamicPlanner, Planner
 from nnpp_edge.runtime.errors import InvalidMapError, NnppEdgeError, Status
-from nnpp_edge.runtime.planners.plan import DynamicMethod
 from nnpp_edge.runtime.terrain.step_cost import LEAST_WEIGHT, MOST_WEIGHT
 from tests import oracles
 from tests.fuzz.cases import NOWHERE, Case, Problem, problem_with_optimum, put

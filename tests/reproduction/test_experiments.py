@@ -181,7 +181,7 @@ def test_the_command_prints_a_line_for_each_experiment_and_json_for_programs(
     assert first.startswith("table1: ")
     assert second.startswith("fig12: ")
     assert last.endswith("README.md")
-    found = json.loads(nnpp_edge(*words, "--json").out)["experiments"]
+    found = nnpp_edge(*words, "--json").json["experiments"]
     assert [each["experiment"] for each in found] == ["table1", "fig12"]
     assert {each["ended"] for each in found} == {"skipped"}
     for each in found:

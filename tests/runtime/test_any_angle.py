@@ -18,7 +18,7 @@ from nnpp_edge.runtime.planners.refine import Refiner
 from nnpp_edge.runtime.planners.turns import curvatures, turns_rad, with_arcs
 from nnpp_edge.runtime.terrain.step_cost import StepModel
 from tests import oracles
-from tests.strategies import Case, cases
+from tests.strategies import Case, cases, flat
 
 
 def crossed(points, closed):
@@ -101,7 +101,7 @@ def test_the_integral_is_that_of_a_bilinear_density(seed, step_cost):
 
 def test_on_even_ground_the_line_is_straight():
     for step_cost in ("paper", "length"):
-        planner = Planner(np.full((60, 90), 0.3, np.float32), step_cost=step_cost)
+        planner = Planner(flat(60, 90, 0.3), step_cost=step_cost)
         plan = planner.plan((3, 5), (41, 86), refine="any-angle")
         per_cell = 1.0 + 2.0 * 255 * 0.011 * 0.3 if step_cost == "paper" else 0.3
         assert plan.line_cost == pytest.approx(per_cell * math.hypot(38, 81), rel=1e-4)
@@ -123,7 +123,7 @@ def test_curvature_is_that_of_the_widest_arc_that_fits():
 
 
 def test_a_dynamic_planner_frees_every_plan_on_the_newest_map():
-    cost = np.full((40, 60), 0.2, np.float32)
+    cost = flat(40, 60, 0.2)
     planner = DynamicPlanner(cost, (35, 55), "dstar", refine="any-angle")
     planner.move((3, 4))
     first = planner.replan()

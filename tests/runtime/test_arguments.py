@@ -36,10 +36,11 @@ from nnpp_edge.runtime import (
     traversability_cost,
 )
 from nnpp_edge.runtime.loop.timing import Ticker
+from tests.strategies import flat
 from tests.tables import cases
 
-COST = np.full((12, 14), 0.2, np.float32)
-HEIGHTS = np.zeros((12, 14), np.float32)
+COST = flat(12, 14, 0.2)
+HEIGHTS = flat(12, 14)
 ENDS = {"start": (1, 2), "goal": (9, 11)}
 WRONG = [
     "0",
@@ -186,7 +187,7 @@ def test_every_entry_and_method_refuses_what_is_of_another_type():
 # --- values of the right type
 
 NAN = math.nan
-FLAT = np.zeros((40, 40), np.float32)
+FLAT = flat(40, 40)
 PAIR = ((1, 1), (2, 2))
 POINT = Planner(FLAT)
 HEAVY = Planner(FLAT + 0.2, step_cost="length")

@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from nnpp_edge.runtime import Planner
+from nnpp_edge.runtime import Planner, Region
 from nnpp_edge.runtime.deadline import Deadline
 from nnpp_edge.runtime.errors import InvalidQueryError, Status
 from nnpp_edge.runtime.map.grid import Grid
@@ -15,11 +15,10 @@ from nnpp_edge.runtime.planners.query import Query, Work
 from nnpp_edge.runtime.planners.searchers import AStarSearcher
 from nnpp_edge.runtime.search.astar import astar, cost_field
 from nnpp_edge.runtime.search.landmarks import Landmarks
-from nnpp_edge.runtime.search.region import Region
 from nnpp_edge.runtime.search.workspace import LAST_STAMP, Workspace
 from nnpp_edge.runtime.terrain.step_cost import StepModel
 from tests import oracles
-from tests.strategies import cases, state_of
+from tests.strategies import cases, flat, state_of
 
 CLOSE = {"rel": 1e-5, "abs": 1e-6}
 
@@ -132,13 +131,13 @@ def test_landmarks_save_work_and_more_than_there_is_room_for_or_in_a_wall_are_re
 
 
 def test_on_a_plain_map_little_more_than_the_path_is_expanded():
-    grid, workspace = set_up(np.zeros((200, 300), np.float32))
+    grid, workspace = set_up(flat(200, 300))
     assert astar(grid, (0, 0), (199, 299), workspace).expansions < 900
     assert astar(grid, (1, 1), (1, 1), workspace).path.tolist() == [[1, 1]]
 
 
 def test_searches_outgrow_their_memory_and_their_numbers():
-    snake = np.full((41, 41), 0.1, np.float32)
+    snake = flat(41, 41, 0.1)
     open_ground = np.random.default_rng(1).random((150, 150))
     snake[1::4, :-1] = snake[3::4, 1:] = np.inf  # a path longer than the room for it
     for cost, goal in ((snake, (40, 40)), (open_ground.astype(np.float32), (149, 149))):

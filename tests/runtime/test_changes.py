@@ -19,7 +19,7 @@ from nnpp_edge.runtime.map import state as state_module
 from nnpp_edge.runtime.map.changes import MANY_NODES, Change, ChangeLog
 from nnpp_edge.runtime.planners.standing_path import Footing, StandingPath
 from tests import oracles
-from tests.strategies import random_cell, random_costs, random_patch, state_of
+from tests.strategies import flat, random_cell, random_costs, random_patch, state_of
 
 CLOSE = {"rel": 1e-5, "abs": 1e-5}
 PATCHES = ("part", "part", "part", "extremes", "whole")
@@ -280,7 +280,7 @@ def standing_on(cost, start, goal, **options):
 
 
 def free(rows, cols):
-    return np.full((rows, cols), 0.2, np.float32)
+    return flat(rows, cols, 0.2)
 
 
 def test_changes_behind_the_robot_do_not_matter_and_off_its_path_it_stands_on_none():
@@ -340,7 +340,7 @@ def test_costs_that_rise_leave_the_bound_and_what_is_far_off_saves_nothing():
     path, _, put = standing_on(cost, (0, 0), (0, 59))
     put(29, 0, 0.2)  # opened, but the way over it costs more
     assert path.check((0, 0)).added == 0.0
-    cost = np.zeros((6, 6), np.float32)
+    cost = flat(6, 6)
     cost[2, 3] = np.inf
     path, plan, put = standing_on(cost, (0, 0), (5, 5), corner_cutting=False)
     put(2, 3, 0.0)  # opened, which frees a diagonal step beside it

@@ -19,6 +19,7 @@ from nnpp_edge.runtime import (
     LinearCost,
     Mobility,
     Planner,
+    ToblerCost,
     Traversability,
     Vehicle,
     pose_costs,
@@ -27,7 +28,6 @@ from nnpp_edge.runtime import (
 from nnpp_edge.runtime.kernels.nodes import COL_STEP, ROW_STEP
 from nnpp_edge.runtime.planners.coarse_to_fine import CoarseLevel
 from nnpp_edge.runtime.robots.slope import directed
-from nnpp_edge.runtime.robots.slope.cost import ToblerCost
 from nnpp_edge.runtime.search.astar import astar, cost_field, costs_to_nearest
 from nnpp_edge.runtime.search.workspace import Workspace
 from tests import pose_oracles

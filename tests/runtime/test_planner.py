@@ -23,7 +23,7 @@ from nnpp_edge.runtime import (
 )
 from nnpp_edge.runtime.errors import InvalidQueryError, ModelError
 from tests import oracles
-from tests.strategies import cases
+from tests.strategies import cases, flat
 
 
 def free(*shape):
@@ -129,7 +129,7 @@ def test_maps_of_any_size_and_shape(network):
 
 
 def test_a_status_says_why(network):
-    cost = np.zeros((10, 10), np.float32)
+    cost = flat(10, 10)
     cost[3, 3] = np.nan
     cost[8, 8:] = cost[8:, 8] = 1.0
     for start, goal, status, why in (
@@ -166,7 +166,7 @@ def test_a_planner_gives_its_memory_back_at_once():
     gc.disable()
     try:
         for vehicle in (None, Vehicle(radius_m=1.0), Vehicle(3.0, 2.0, 0.5)):
-            planner = Planner.of_elevation(np.zeros((40, 40), np.float32), 1.0, vehicle=vehicle)
+            planner = Planner.of_elevation(flat(40, 40), 1.0, vehicle=vehicle)
             planner.plan((5, 5), (34, 34), method="corridor")
             grid = weakref.ref(planner.state.grid)
             del planner
@@ -190,7 +190,7 @@ def test_a_search_of_a_region_is_repaired_from_step_to_step(network, method, bas
         for each in (planner, fresh):
             each.move((here, here))
             if step:
-                each.update(here + 2, here + 2, np.full((4, 4), 0.9, np.float32))
+                each.update(here + 2, here + 2, flat(4, 4, 0.9))
         repaired = planner.replan()
         afresh = fresh.replan()
         assert repaired.ok and repaired.planner == method

@@ -11,22 +11,29 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from nnpp_edge.runtime import DynamicPlanner, Planner, Traversability, Vehicle, pose_costs
-from nnpp_edge.runtime.errors import Status
+from nnpp_edge.runtime import (
+    DynamicPlanner,
+    Planner,
+    Region,
+    Source,
+    Status,
+    Traversability,
+    Vehicle,
+    pose_costs,
+)
 from nnpp_edge.runtime.kernels.nodes import STAMP_SHIFT
 from nnpp_edge.runtime.kernels.poses import AXIS_COUNT, FAILS, MOST_CODE, REFUSALS, check_run
 from nnpp_edge.runtime.planners.coarse_to_fine import CoarseLevel
-from nnpp_edge.runtime.planners.plan import Source
 from nnpp_edge.runtime.robots.body import motions
 from nnpp_edge.runtime.robots.body.attitude import attitudes, costs_at, explain
 from nnpp_edge.runtime.robots.body.poses import Poses
-from nnpp_edge.runtime.search.region import Region
 from nnpp_edge.runtime.search.workspace import Workspace
 from nnpp_edge.terrain.rocks import with_rocks
 from tests import pose_oracles
 from tests.fuzz import bodies
 from tests.fuzz.cases import Place
 from tests.pose_oracles import rocks
+from tests.strategies import flat
 
 METHODS = ("astar", "corridor")
 ROVER = Vehicle(length_m=1.3, width_m=0.9, clearance_m=0.3, wheel_length_m=0.21, wheel_width_m=0.13)
@@ -128,7 +135,7 @@ def test_the_axes_are_told_apart_by_lanes_in_which_one_alone_has_room():
 
 
 def test_t_is_that_of_eq_1():
-    found = pose_costs(np.full((20, 24), 7.0, np.float32), CELL_M, ROVER)
+    found = pose_costs(flat(20, 24, 7.0), CELL_M, ROVER)
     assert found.shape == (8, 20, 24) and found.dtype == np.float32
     assert (found[:, 6:-6, 6:-6] == 0.0).all()
     assert np.isinf(found[:, 0]).all() and np.isinf(found[:, :, -1]).all()
@@ -176,7 +183,7 @@ def broken_on_ground_made_to_pass(seed, motion):
     rng = np.random.default_rng(seed)
     side = 21
     vehicle = bodies.draw_vehicle(random.Random(seed), 1.0)
-    dem = np.zeros((side, side), np.float32)
+    dem = flat(side, side)
     poses = Poses(dem, (1.0, 1.0), vehicle, WEIGHTS, 1.0)
     middle = (10, 10)
     cells = np.argwhere((np.abs(np.mgrid[:side, :side] - 10) <= 2 + int(vehicle.reach_m)).all(0))
@@ -343,14 +350,14 @@ def test_a_tour_turns_at_its_stops_where_it_can_and_pays_for_that():
 
 
 def test_a_tour_does_not_turn_at_a_stop_where_turning_fails():
-    planner = fresh(np.zeros((17, 21), np.float32))
+    planner = fresh(flat(17, 21))
     planner.state.grid.robot.poses.codes[:, AXIS_COUNT:] = FAILS
     assert planner.plan_via((8, 5), (8, 15), [(8, 10)], method="astar").plan.ok
     assert not planner.plan_via((8, 5), (5, 10), [(8, 10)], method="astar").plan.ok
 
 
 def test_the_bound_of_a_standing_path_holds_for_bodies_that_begin_in_any_direction():
-    dem = np.zeros((40, 40), np.float32)
+    dem = flat(40, 40)
     goal = (31, 24)
     moving = DynamicPlanner.of_elevation(dem, CELL_M, goal, vehicle=SMALL, method="astar")
     moving.move((8, 8))
@@ -395,7 +402,7 @@ def test_checks_are_made_where_a_search_looks_and_are_kept(planner):
     ours.update_elevation(int(row), int(col), dem[row : row + 1, col : col + 1] + np.float32(0.01))
     assert 0 < ours.plan(start, goal, method="astar").checks < first.checks
     assert planner(dem, lazy=False).plan(start, goal, method="astar").checks == 0
-    plan = planner(np.zeros((200, 200), np.float32)).plan((90, 90), (92, 110), method="astar")
+    plan = planner(flat(200, 200)).plan((90, 90), (92, 110), method="astar")
     assert (
         plan.ok and plan.checks < 0.1 * most / dem.size * 200 * 200
     )  # a short way checks a small part of the map
@@ -418,7 +425,7 @@ def test_a_search_that_checks_on_its_way_is_the_one_over_what_has_been_checked(s
 
 
 def test_the_judges_of_motions_and_plans_can_fail(monkeypatch, planner):
-    dem = np.zeros((20, 24), np.float32)
+    dem = flat(20, 24)
     made = planner(dem, lazy=False)
     rock = np.where(np.arange(480).reshape(dem.shape) == 250, 0.4, dem)
     assert bodies.problem_with_motions(made, dem) is None
@@ -509,7 +516,7 @@ def gaps():
     """A wall of rocks that a body cannot see through means: gaps too narrow for it in front, a wide
     one aside.
     """
-    dem = np.zeros((256, 256), np.float32)
+    dem = flat(256, 256)
     dem[::4, 128] = 0.06  # a post in each block: cheap on average, and no body gets between two
     dem[20:44, 128] = 0.0
     return dem

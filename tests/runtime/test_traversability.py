@@ -12,9 +12,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from nnpp_edge.runtime import DynamicPlanner, Ground, Planner
-from nnpp_edge.runtime.loop.messages import Goal, Pose
-from nnpp_edge.runtime.loop.navigator import Navigator
+from nnpp_edge.runtime import DynamicPlanner, Goal, Ground, Navigator, Planner, Pose
 from nnpp_edge.runtime.terrain.traversability import (
     SaturationWarning,
     Traversability,
@@ -22,6 +20,7 @@ from nnpp_edge.runtime.terrain.traversability import (
     traversability_cost,
 )
 from tests import oracles
+from tests.strategies import flat
 
 
 @st.composite
@@ -95,7 +94,7 @@ def test_by_hand_a_plane_costs_its_slope_a_spike_steps_and_unknown_cells_are_imp
     np.testing.assert_allclose(np.degrees(slope), 12, atol=1e-3)
     assert max(roughness.max(), step.max()) < 1e-4
     np.testing.assert_allclose(traversability_cost(plane, 2.0), 0.6 * 12 / 30, atol=1e-4)
-    dem = np.zeros((5, 5), np.float32)
+    dem = flat(5, 5)
     dem[2, 2] = 0.09
     _, roughness, step = terrain_terms(dem, 1.0)
     assert step[2, 2] == pytest.approx(0.08, rel=1e-5)
@@ -174,7 +173,7 @@ def test_a_copy_has_the_elevations_as_they_are_now():
 
 
 def cliff(rise):
-    dem = np.zeros((64, 90), np.float32)
+    dem = flat(64, 90)
     dem[:, 45:] = rise
     return dem
 

@@ -14,10 +14,10 @@ from nnpp_edge.runtime import (
     Planner,
     Traversability,
     Vehicle,
+    pose_costs,
     traversability_cost,
 )
 from nnpp_edge.runtime.errors import InvalidMapError, Status
-from nnpp_edge.runtime.robots.body.poses import pose_costs
 
 PLAIN = {"length_m": 1.6, "width_m": 1.2, "clearance_m": 0.3}
 

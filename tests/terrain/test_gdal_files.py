@@ -14,6 +14,7 @@ from rasterio import Affine
 
 from nnpp_edge.runtime.errors import TerrainError
 from nnpp_edge.terrain.dem import read_dem
+from tests.strategies import flat
 
 HEIGHTS = np.random.default_rng(4).uniform(1, 90, (6, 9)).astype(np.float32)
 PLACE = {"transform": Affine(5, 0, 28e3, 0, -5, 39e3), "crs": "EPSG:3414"}
@@ -167,7 +168,7 @@ def test_memory_that_is_not_there_is_noticed_in_the_header(tmp_path, monkeypatch
     assert path.stat().st_size < 4e6
     assert "GB of memory for 1048576 × 1048576 float32 heights" in refusal(path)
     monkeypatch.setattr("nnpp_edge.terrain.array_files.available_bytes", lambda: 60e6)
-    small = raster(tmp_path / "block.tif", np.ones((16, 16), np.float32), **tiles)
+    small = raster(tmp_path / "block.tif", flat(16, 16, 1.0), **tiles)
     assert "for 16 × 16 float32 heights, got 0.1 GB" in refusal(small)
-    small = raster(tmp_path / "small.tif", np.ones((1000, 1000), np.float32))
+    small = raster(tmp_path / "small.tif", flat(1000, 1000, 1.0))
     assert read_dem(small).shape == (1000, 1000)

@@ -21,6 +21,7 @@ from nnpp_edge.view import answers
 from nnpp_edge.view.answers import Answerer
 from nnpp_edge.view.asked import Asked, Body, Site, command_of
 from nnpp_edge.view.landscape import Landscape, likely_ends
+from tests.strategies import flat
 from tests.view_cases import write_ground
 
 PLAIN = Asked(start=(8, 8), goal=(86, 110))
@@ -93,7 +94,7 @@ def test_what_is_copied_plans_the_same_path(nnpp_edge, site, name):
     plan = planned(site, asked)
     words = command_of(site, asked).split()
     assert plan.ok and words[:2] == ["nnpp-edge", "plan"]
-    told = json.loads(nnpp_edge(*words[1:], "--json").out)
+    told = nnpp_edge(*words[1:], "--json").json
     assert (told["status"], told["method"], told["cost"]) == (
         "OK",
         plan.planner,
@@ -379,9 +380,7 @@ def test_the_cost_of_ground_where_the_body_stands_in_no_heading_says_the_limit(s
         point["refused"] == []
         and not ((layer >= answers.FIRST_REFUSED) & (layer < answers.IMPASSABLE)).any()
     )
-    few = answers.costs(
-        np.zeros((4, 4), np.float32), 2, np.array([[2, 2, 0, 0], [2, 6, 0, 6]] * 2, np.uint8)
-    )
+    few = answers.costs(flat(4, 4), 2, np.array([[2, 2, 0, 0], [2, 6, 0, 6]] * 2, np.uint8))
     assert few.tolist() == [[answers.FIRST_REFUSED + 1, 0]] * 2
     painted = in_json(with_values(asked, obstacles=((2, 3, 4, 5),)))
     _, costs = ask(answerer, want="cost", asked=painted, pixels=2000)
@@ -393,10 +392,8 @@ def test_first_ends_are_passable_and_where_the_vehicle_stands(site, tmp_path):
     landscape = Landscape(site, asked)
     ends = likely_ends(landscape.cost)
     assert all(map(landscape.planner.is_passable, ends)) and math.hypot(*np.subtract(*ends)) > 60.0
-    assert likely_ends(np.full((30, 40), np.inf, np.float32)) is None
-    heights = np.full(
-        (60, 60), np.nan, np.float32
-    )  # known in the middle; no body stands at the edge of that
+    assert likely_ends(flat(30, 40, np.inf)) is None
+    heights = flat(60, 60, np.nan)  # known in the middle; no body stands at the edge of that
     heights[15:45, 10:50] = 0.0
     np.savez(tmp_path / "window.npz", elevation_m=heights, cell_size_m=0.5)
     site = Site.of(read_dem(tmp_path / "window.npz"), tmp_path / "window.npz", {})
@@ -439,7 +436,7 @@ def test_a_map_too_large_for_memory_is_a_problem(site, monkeypatch):
 
 def test_a_plan_shows_itself_and_escapes_what_it_was_told():
     matplotlib.use("agg")
-    planner = Planner(np.full((40, 60), 0.2, np.float32))
+    planner = Planner(flat(40, 60, 0.2))
     plan = planner.plan((3, 4), (30, 50), method="corridor", keep_regions=True)
     shown = replace(plan, reason="<script>alert('1')</script>")._repr_html_()
     assert "<script>" not in shown and "&lt;script&gt;" in shown and "<svg" in shown

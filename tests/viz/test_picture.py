@@ -4,11 +4,9 @@ import cv2
 import numpy as np
 import pytest
 
-from nnpp_edge.runtime import Planner
+from nnpp_edge.runtime import Method, Plan, Planner, Source, Vehicle
 from nnpp_edge.runtime.errors import OutputError, Status
 from nnpp_edge.runtime.kernels.poses import REFUSALS
-from nnpp_edge.runtime.planners.plan import Method, Plan, Source
-from nnpp_edge.runtime.terrain.vehicle import Vehicle
 from nnpp_edge.viz.picture import (
     IMPASSABLE,
     OPTIMUM,
