@@ -13,6 +13,11 @@ def flat(rows, cols, value=0.0):
     return np.full((rows, cols), value, np.float32)
 
 
+def uniform(seed, shape, least=0.0, most=1.0):
+    """Random float32."""
+    return np.random.default_rng(seed).uniform(least, most, shape).astype(np.float32)
+
+
 KINDS = ("uniform", "equal", "levels", "steep")
 
 

@@ -10,7 +10,7 @@ import pytest
 
 from nnpp_edge.runtime import DynamicPlanner, EnergyCost, Mobility, Planner, TimeCost, Vehicle
 from nnpp_edge.runtime.map.along import Along, Numbers, heights_at, joined
-from tests.strategies import flat
+from tests.strategies import flat, uniform
 
 ROVER = Mobility(
     time=TimeCost((-20.0, 0.0, 20.0), (0.2, 0.4, 0.1)), energy=EnergyCost(50.0, 0.15, 0.8, 0.3)
@@ -18,7 +18,7 @@ ROVER = Mobility(
 
 
 def rough(rows=40, cols=50, seed=1):
-    return np.random.default_rng(seed).uniform(0.0, 3.0, (rows, cols)).astype(np.float32)
+    return uniform(seed, (rows, cols), 0.0, 3.0)
 
 
 def brute(line, heights, sides_m, pieces=4000):

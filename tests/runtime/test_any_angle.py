@@ -18,7 +18,7 @@ from nnpp_edge.runtime.planners.refine import Refiner
 from nnpp_edge.runtime.planners.turns import curvatures, turns_rad, with_arcs
 from nnpp_edge.runtime.terrain.step_cost import StepModel
 from tests import oracles
-from tests.strategies import Case, cases, flat
+from tests.strategies import Case, cases, flat, uniform
 
 
 def crossed(points, closed):
@@ -165,7 +165,7 @@ def test_a_discs_line_keeps_its_radius_from_obstacles_and_turns_no_sharper(seed,
 
 
 def test_at_the_deadline_the_line_is_what_was_found():
-    cost = np.random.default_rng(0).random((80, 90)).astype(np.float32) * np.float32(0.9)
+    cost = uniform(0, (80, 90)) * np.float32(0.9)
     planner = Planner(cost)
     plan = planner.plan((3, 4), (74, 81), method="astar")
     refiner = Refiner(planner.state)

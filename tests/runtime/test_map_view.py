@@ -13,7 +13,7 @@ from nnpp_edge.runtime.network.encoding import Frame, encode_ends, encode_gaussi
 from nnpp_edge.runtime.region.map_view import MapView
 from nnpp_edge.runtime.terrain.step_cost import StepModel
 from nnpp_edge.runtime.tuning import UNSEEN_CHANGE
-from tests.strategies import flat, state_of
+from tests.strategies import flat, state_of, uniform
 
 
 def planes_of(cost, size, parts=None, out=None):
@@ -24,7 +24,7 @@ def planes_of(cost, size, parts=None, out=None):
 
 
 def test_a_map_is_averaged_and_its_rest_is_shown_impassable():
-    cost = np.random.default_rng(0).random((64, 128)).astype(np.float32)
+    cost = uniform(0, (64, 128))
     cost[10:13, 20:22] = np.nan
     for size, side in ((32, 4), (128, 1)):
         planes = planes_of(cost, size)

@@ -14,6 +14,7 @@ from nnpp_edge.runtime import NetworkModel
 from nnpp_edge.runtime.errors import ModelError
 from nnpp_edge.runtime.network.model_file import METADATA_KEY, read_model_file
 from tests.conftest import TINY_MODEL
+from tests.strategies import uniform
 
 
 def refusal(path):
@@ -106,7 +107,7 @@ def test_a_graph_that_fails_while_it_answers_is_one_line(make_tiny_model, nnpp_e
     with pytest.raises(ModelError, match="got one whose graph fails ") as caught:
         NetworkModel(path).try_out()
     assert "\n" not in str(caught.value)
-    ground = np.random.default_rng(0).random((64, 64)).astype(np.float32)
+    ground = uniform(0, (64, 64))
     np.savez(tmp_path / "dem.npz", elevation_m=ground, cell_size_m=5.0)
     words = ("--start", "5,5", "--goal", "60,60", "--method", "nnpp", "--model", path)
     nnpp_edge("plan", tmp_path / "dem.npz", *words).refused("whose graph fails")

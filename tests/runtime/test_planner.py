@@ -23,7 +23,7 @@ from nnpp_edge.runtime import (
 )
 from nnpp_edge.runtime.errors import InvalidQueryError, ModelError
 from tests import oracles
-from tests.strategies import cases, flat
+from tests.strategies import cases, flat, uniform
 
 
 def free(*shape):
@@ -31,7 +31,7 @@ def free(*shape):
 
 
 def test_planners_run_in_parallel_threads():
-    costs = [np.random.default_rng(i).random((300, 300)).astype(np.float32) for i in range(4)]
+    costs = [uniform(i, (300, 300)) for i in range(4)]
     wanted = [plan_path(c, (0, 0), (299, 299), method="astar").cost for c in costs]
     found = [0.0] * 4
 
@@ -95,7 +95,7 @@ def test_the_nearest_of_several_goals_comes_first(case, goals, count, data):
 
 
 def test_another_network_is_used_whole_or_not_at_all(network, tiny_model, tmp_path):
-    cost = np.random.default_rng(2).random((100, 100)).astype(np.float32) * 0.5
+    cost = uniform(2, (100, 100)) * 0.5
     query = ((5, 5), (90, 80))
     torn = tmp_path / "torn.onnx"
     torn.write_bytes(tiny_model.read_bytes()[:500])
@@ -117,9 +117,7 @@ def test_another_network_is_used_whole_or_not_at_all(network, tiny_model, tmp_pa
 
 def test_maps_of_any_size_and_shape(network):
     for shape in ((300, 700), (1024, 300), (97, 1000), (1, 3000), (2000, 1)):
-        planner = Planner(
-            np.random.default_rng(1).random(shape).astype(np.float32) * 0.9, model=network
-        )
+        planner = Planner(uniform(1, shape) * 0.9, model=network)
         ends = (0, 0), (shape[0] - 1, shape[1] - 1)
         exact = planner.plan(*ends, method="astar")
         for method in ("corridor", "nnpp"):

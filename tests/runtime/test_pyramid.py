@@ -15,7 +15,7 @@ from nnpp_edge.runtime.search.landmarks import Landmarks
 from nnpp_edge.runtime.search.workspace import Workspace
 from nnpp_edge.runtime.terrain.step_cost import StepModel
 from nnpp_edge.runtime.tuning import ANOTHER_LEVEL_FROM, CORRIDOR
-from tests.strategies import flat, state_of
+from tests.strategies import flat, state_of, uniform
 
 
 def pyramid_of(cost, corner_cutting=True):
@@ -152,7 +152,7 @@ def test_a_coarse_weight_is_the_mean_with_walls_as_obstacles():
 def test_a_level_that_is_searched_often_gets_landmarks_until_the_map_changes(
     side, wanted_landmarks
 ):
-    cost = np.random.default_rng(4).random((side, side)).astype(np.float32) * 0.9
+    cost = uniform(4, (side, side)) * 0.9
     cost[:, 8:] = np.inf if side == 12 else cost[:, 8:]
     state = state_of(cost)
     start = (side - 2, 0)

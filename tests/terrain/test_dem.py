@@ -21,11 +21,12 @@ from nnpp_edge.runtime.errors import (
 )
 from nnpp_edge.terrain.dem import Dem, Georeference, read_dem
 from nnpp_edge.terrain.rasters import raster_bytes
+from tests.strategies import uniform
 from tests.tables import cases
 
 PLACES = "transform must be 6 numbers (a, b, c, d, e, f)"
 NOWHERE = np.full((3, 3), np.nan)
-HEIGHTS = np.random.default_rng(7).uniform(-50, 80, (6, 9)).astype(np.float32)
+HEIGHTS = uniform(7, (6, 9), -50, 80)
 UTM = "EPSG:32615"
 MOON_RADIUS_M = 1737400.0
 MOON_DEGREES = (

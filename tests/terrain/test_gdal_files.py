@@ -14,9 +14,9 @@ from rasterio import Affine
 
 from nnpp_edge.runtime.errors import TerrainError
 from nnpp_edge.terrain.dem import read_dem
-from tests.strategies import flat
+from tests.strategies import flat, uniform
 
-HEIGHTS = np.random.default_rng(4).uniform(1, 90, (6, 9)).astype(np.float32)
+HEIGHTS = uniform(4, (6, 9), 1, 90)
 PLACE = {"transform": Affine(5, 0, 28e3, 0, -5, 39e3), "crs": "EPSG:3414"}
 
 
