@@ -447,17 +447,6 @@ def test_the_judges_of_motions_and_plans_can_fail(monkeypatch, planner):
     )
 
 
-def test_what_is_driven_breaks_no_limit_between_the_cells(planner):
-    for method in METHODS:
-        driven = 0
-        for seed in range(4):
-            dem = rocks(seed, share=0.01)
-            plan = planner(dem).plan((8, 8), (36, 44 - seed), method=method)
-            assert pose_oracles.drive_breaks(dem, CELL_M, ROVER, plan.path) is None
-            driven += len(plan.path)
-        assert driven > 40
-
-
 SMALL = Vehicle(length_m=1.2, width_m=0.9, clearance_m=0.3, max_tilt_deg=30.0)
 LOW = Vehicle(length_m=1.5, width_m=1.2, clearance_m=0.05, max_step_m=0.04)
 START = (128, 20)
