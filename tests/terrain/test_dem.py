@@ -22,9 +22,8 @@ from nnpp_edge.runtime.errors import (
 from nnpp_edge.terrain.dem import Dem, Georeference, read_dem
 from nnpp_edge.terrain.rasters import raster_bytes
 from tests.strategies import uniform
-from tests.tables import cases
+from tests.tables import cases, keywords
 
-PLACES = "transform must be 6 numbers (a, b, c, d, e, f)"
 NOWHERE = np.full((3, 3), np.nan)
 HEIGHTS = uniform(7, (6, 9), -50, 80)
 UTM = "EPSG:32615"
@@ -323,24 +322,27 @@ def test_an_archive_may_hold_other_maps_and_the_width_of_cells(tmp_path):
     assert read_dem(path, cell_size_m=10).cell_width_m == 5.0
 
 
+NO_ELEVATIONS = """
+dem=None, a=HEIGHTS, b=HEIGHTS | got a, b
+dem=None | got nothing
+dem=HEIGHTS[None] | (1, 6, 9)
+cell_width_m=2.0 | cell_size_m beside
+dem=np.array([[{}]]) | object
+cell_m=np.nan | cell_m must be one number above 0
+cell_m='5 m' | cell_m must be one number above 0
+transform=np.zeros(6) | transform must be 6 numbers (a, b, c, d, e, f)
+transform=np.arange(5.0) | transform must be 6 numbers (a, b, c, d, e, f)
+transform=[1, 2, 3, 4, 5, np.nan] | transform must be 6 numbers (a, b, c, d, e, f)
+transform=['a'] * 6 | transform must be 6 numbers (a, b, c, d, e, f)
+"""
+
+
 @pytest.mark.parametrize(
     ("arrays", "word"),
-    [
-        ({"dem": None, "a": HEIGHTS, "b": HEIGHTS}, "got a, b"),
-        ({"dem": None}, "got nothing"),
-        ({"dem": HEIGHTS[None]}, "(1, 6, 9)"),
-        ({"cell_width_m": 2.0}, "cell_size_m beside"),
-        ({"dem": np.array([[{}]])}, "object"),
-        ({"cell_m": np.nan}, "cell_m must be one number above 0"),
-        ({"cell_m": "5 m"}, "cell_m must be one number above 0"),
-        ({"transform": np.zeros(6)}, PLACES),
-        ({"transform": np.arange(5.0)}, PLACES),
-        ({"transform": [1, 2, 3, 4, 5, np.nan]}, PLACES),
-        ({"transform": ["a"] * 6}, PLACES),
-    ],
+    cases(NO_ELEVATIONS),
 )
 def test_an_archive_that_is_no_elevation_map_is_refused(tmp_path, arrays, word):
-    given = {"dem": HEIGHTS} | arrays
+    given = {"dem": HEIGHTS} | keywords(arrays, globals())
     np.savez(
         tmp_path / "map.npz",
         **{name: each for name, each in given.items() if each is not None},
