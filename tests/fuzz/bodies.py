@@ -11,7 +11,8 @@ from nnpp_edge.runtime import Status, Vehicle
 from nnpp_edge.runtime.kernels.poses import AXIS_COUNT, FAILS, MOST_CODE
 from nnpp_edge.runtime.robots.body.poses import limits_of
 from tests import pose_oracles
-from tests.fuzz.cases import NOWHERE, Case, Problem, problem_with_optimum
+from tests.fuzz import cases
+from tests.fuzz.cases import NOWHERE, Case, Problem
 from tests.fuzz.elevations import draw_heights, draw_sizes, draw_steps, drive
 
 NEAR_A_LIMIT = 2e-5
@@ -254,35 +255,21 @@ def figures_in_numpy(poses, pose):
         return np.where(unknown & ~np.isfinite(figures), np.nan, figures)
 
 
-def problem_with_plan(
-    plan,
-    priced,
-    stands,
-    start,
-    goal,
-    exact,
-    epsilon=math.inf,
-    told="",
-):
+def problem_with_plan(plan, priced, stands, start, goal, exact, epsilon=math.inf, told=""):
     """What is wrong with an answer where motions cost so much, and the body stands on cells
     `stands`.
     """
-    if not (stands[start] and stands[goal]):
-        blocked = Status.GOAL_BLOCKED if stands[start] else Status.START_BLOCKED
-        allowed = {blocked, Status.NO_PATH, *([Status.OK] if start == goal else [])}
-        return (
-            None
-            if plan.status in allowed
-            else Problem(f"{plan.status} for {blocked}: {plan.planner}", told)
-        )
-    return problem_with_optimum(
+    return cases.problem_with_plan(
         plan,
-        float(pose_oracles.costs_to_cells(priced, start)[goal]),
+        stands,
+        (start, goal),
+        lambda start, goal: pose_oracles.costs_to_cells(priced, start)[goal],
         lambda path: problem_with_path(path, plan.headings_deg, priced, start, goal),
         functools.partial(pose_oracles.path_cost, priced),
         exact=exact,
         epsilon=epsilon,
         told=told,
+        also=[Status.NO_PATH, *[Status.OK] * (start == goal)],
     )
 
 

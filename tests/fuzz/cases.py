@@ -71,20 +71,31 @@ def put(dem, row, col, patch):
     dem[row : row + patch.shape[0], col : col + patch.shape[1]] = patch
 
 
-def problem_with_optimum(
+def problem_with_plan(
     plan,
-    optimum,
+    stands,
+    ends,
+    optimum_of,
     path_problem,
     path_cost,
     *,
     exact,
     epsilon=math.inf,
     told="",
+    also=(),
 ):
-    """What is wrong with an answer between two cells that one can stand on; `optimum` is inf
-    without a path.
+    """What is wrong with an answer on cells that `stands` (H, W) bool says one can stand on.
+
+    `optimum_of` gives the cost of the best path between the `ends`, inf without one. `also` are the
+    answers that are right, too, where one cannot stand at an end.
     """
-    facts = f"{plan}\noptimum {optimum!r}\n{told}"
+    facts = f"{plan}\n{told}"
+    for status, cell in zip((Status.START_BLOCKED, Status.GOAL_BLOCKED), ends, strict=True):
+        if not stands[cell]:
+            right = plan.status in (status, *also)
+            return None if right else Problem(f"{plan.status} for {status}: {plan.planner}", facts)
+    optimum = float(optimum_of(*ends))
+    facts += f"\noptimum {optimum!r}"
     wrong = ""
     if not math.isfinite(optimum):
         wrong = "" if plan.status is Status.NO_PATH else f"{plan.status} where there is no path"
@@ -94,13 +105,13 @@ def problem_with_optimum(
         path = [tuple(map(int, cell)) for cell in plan.path]
         wrong = path_problem(path)
         cost = math.nan if wrong else path_cost(path)
+        most = (1.0 + EXACT) * optimum
         checks = {
             "its cost is not its path's": abs(cost - plan.cost) > 1e-5 * cost,
             "below the optimum": cost < optimum * (1.0 - EXACT),
-            "not the optimum": exact and cost > optimum * (1.0 + EXACT),
-            "its lower bound is above the optimum": plan.lower_bound > optimum * (1.0 + EXACT),
-            "more than 1 + epsilon times the optimum": cost
-            > (1.0 + epsilon) * optimum * (1.0 + EXACT),
+            "not the optimum": exact and cost > most,
+            "its lower bound is above the optimum": plan.lower_bound > most,
+            "more than 1 + epsilon times the optimum": cost > (1.0 + epsilon) * most,
         }
         wrong = wrong or next((kind for kind, found in checks.items() if found), "")
-    return Problem(f"{wrong}: {getattr(plan, 'planner', '')}", facts) if wrong else None
+    return Problem(f"{wrong}: {plan.planner}", facts) if wrong else None

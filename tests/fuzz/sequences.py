@@ -16,7 +16,8 @@ from nnpp_edge.runtime import DynamicMethod, DynamicPlanner, Planner
 from nnpp_edge.runtime.errors import InvalidMapError, NnppEdgeError, Status
 from nnpp_edge.runtime.terrain.step_cost import LEAST_WEIGHT, MOST_WEIGHT
 from tests import oracles
-from tests.fuzz.cases import NOWHERE, Case, Problem, problem_with_optimum, put
+from tests.fuzz import cases
+from tests.fuzz.cases import NOWHERE, Case, Problem, put
 
 _CHECKED_AFTER = {"RESUME", "JUMP_BACKWARD", "CALL", "CALL_FUNCTION_EX", "CALL_KW"}
 """Instructions after which the interpreter looks for signals: nowhere else a KeyboardInterrupt can
@@ -351,20 +352,14 @@ def problem_with_plan(
     told="",
 ):
     """What is wrong with an answer on a map whose costs are `seen`."""
-    blocked = [
-        status
-        for status, cell in ((Status.START_BLOCKED, start), (Status.GOAL_BLOCKED, goal))
-        if not np.isfinite(seen[cell])
-    ]
-    if blocked:
-        wrong = plan.status is not blocked[0]
-        return Problem(f"{plan.status} for {blocked[0]}", told) if wrong else None
     if plan.expansions > most_expansions * seen.size + 1000:
         each = f"{plan.expansions / seen.size:.0f} expansions a cell"
         return Problem(f"{each}: {plan.planner}", f"{plan}\n{told}")
-    return problem_with_optimum(
+    return cases.problem_with_plan(
         plan,
-        oracles.cheapest(seen, start, goal, step_cost, corner_cutting, omega),
+        np.isfinite(seen),
+        (start, goal),
+        lambda *ends: oracles.cheapest(seen, *ends, step_cost, corner_cutting, omega),
         lambda path: oracles.path_problem(path, seen, start, goal, corner_cutting),
         lambda path: oracles.path_cost(path, seen, step_cost, omega),
         exact=exact,

@@ -27,14 +27,6 @@ def map_with_stops(seed, count, side=24, blocked=0.15):
     return cost, [tuple(stop) for stop in stops]
 
 
-def cheapest_order(between):
-    """By trying all, and what the order given costs; between[i][j] from stop i to stop j."""
-    last = len(between) - 1
-    orders = ([0, *order, last] for order in itertools.permutations(range(1, last)))
-    costs = [sum(between[a][b] for a, b in itertools.pairwise(order)) for order in orders]
-    return min(costs), costs[0]
-
-
 @settings(max_examples=30)
 @given(st.integers(0, 10**6), st.integers(3, 7))
 def test_the_best_order_of_exact_paths_is_that_of_all_orders_tried(seed, count):
@@ -46,7 +38,7 @@ def test_the_best_order_of_exact_paths_is_that_of_all_orders_tried(seed, count):
     if not np.isfinite(between).all():
         assert found.plan.status is Status.NO_PATH and "leg" in found.plan.reason
         return
-    best, given_cost = cheapest_order(between)
+    best, given_cost = oracles.cheapest_order(between)
     assert found.plan.cost == pytest.approx(best, rel=1e-5)
     assert found.given_cost == pytest.approx(given_cost, rel=1e-5)
     assert sorted(found.order) == list(range(count - 2))
@@ -65,7 +57,7 @@ def test_where_there_costs_another_than_back_the_best_order_is_the_cheapest_too(
 
     grid = Planner(flat(1, count)).state.grid
     grid.robot.symmetric = False
-    best, given_cost = cheapest_order(between.tolist())
+    best, given_cost = oracles.cheapest_order(between.tolist())
     known = np.random.default_rng(seed).random(between.shape) < 0.5
     partly = np.where(known, between, 0.7 * between), known
     for nearest, share in ((None, 0.0), (None, 0.6), (lambda: partly, 0.0), (lambda: partly, 0.9)):
