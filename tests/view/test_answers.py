@@ -182,31 +182,31 @@ def test_the_time_of_a_method_is_the_median_of_three_after_a_first(site):
     ]
 
 
+WRONG = """
+{"step_cost": "energy"}
+{"body": "hovercraft"}
+{"nonsense": 1}
+{"omega": "much"}
+{"omega": -1.0}
+{"limits": {"slope_limit_deg": 0.0}}
+{"body": "tracked", "clearance_m": 0.0}
+{"start": [1]}
+{"obstacles": [[0, 0, 0, 0]]}
+{"obstacles": [[-1, 5, 3, 3]]}
+{"obstacles": [[90, 0, 7, 3]]}
+{"obstacles": [[0, 118, 3, 3]]}
+{"start_heading_deg": -1.0}
+{"goal_heading_deg": "up"}
+{"via": [[45, 66]]}
+{"via": [[-1, 0]]}
+"""
+
+
 def test_what_cannot_be_asked_is_answered_in_a_line(site):
     answerer = Answerer(site, PLAIN)
     plain = in_json(PLAIN)
-    wrong = [
-        {"step_cost": "energy"},
-        {"body": "hovercraft"},
-        {"nonsense": 1},
-        {"omega": "much"},
-        {"omega": -1.0},
-    ]
-    wrong += [
-        {"limits": {"slope_limit_deg": 0.0}},
-        {"body": "tracked", "clearance_m": 0.0},
-        {"start": [1]},
-    ]
-    wrong += [
-        {"obstacles": [part]}
-        for part in ([0, 0, 0, 0], [-1, 5, 3, 3], [90, 0, 7, 3], [0, 118, 3, 3])
-    ]
-    wrong += [
-        {"obstacles": [[0, 0, 1, 1]] * 201},
-        {"start_heading_deg": -1.0},
-        {"goal_heading_deg": "up"},
-    ]
-    wrong += [{"via": [[45, 66]]}, {"via": [[-1, 0]]}, {"via": [[9, 9]] * 51}]
+    wrong = [json.loads(line) for line in WRONG.strip().splitlines()]
+    wrong += [{"obstacles": [[0, 0, 1, 1]] * 201}, {"via": [[9, 9]] * 51}]
     for values in wrong:
         told, _ = ask(answerer, want="path", asked=plain | values)
         assert set(told) == {"problem"} and "\n" not in told["problem"], values
