@@ -1,11 +1,9 @@
 """What several tests share: a tiny network, and the command line run in this process."""
 
+import json
 import sys
 import warnings
-from collections.abc import Callable
 from dataclasses import dataclass
-from pathlib import Path
-from typing import Any
 
 import pytest
 from hypothesis import HealthCheck, settings
@@ -37,17 +35,17 @@ settings.register_profile(
 settings.load_profile("tests")
 
 
-def is_slow(path: Path) -> bool:
+def is_slow(path):
     """Whether all tests of a file take long, or need what takes long to import."""
     return path.parent.name in SLOW_FOLDERS or path.name in SLOW_FILES
 
 
-def pytest_ignore_collect(collection_path: Path, config: pytest.Config) -> bool | None:
+def pytest_ignore_collect(collection_path, config):
     """Leave slow files unread where slow tests are left out: reading them imports torch."""
     return True if config.option.markexpr == "not slow" and is_slow(collection_path) else None
 
 
-def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+def pytest_collection_modifyitems(items):
     """Mark what is slow as a whole; files that take longest come first, so that two processes end
     together.
     """
@@ -83,7 +81,7 @@ tiny (float[1, 3, 64, 64] input) => (float[1, 1, 8, 8] probability)
 """From the distances to start and to goal, read off Gaussians of a quarter of the map."""
 
 
-def write_tiny_model(path: Path, text: str = TINY_MODEL, **changes: Any) -> Path:
+def write_tiny_model(path, text=TINY_MODEL, **changes):
     """An ONNX model of the paper's kind without a single weight to train; `changes` go to its
     metadata.
 
@@ -97,7 +95,7 @@ def write_tiny_model(path: Path, text: str = TINY_MODEL, **changes: Any) -> Path
     model = parser.parse_model(text)
     if text == TINY_MODEL:
         checker.check_model(model)
-    metadata: dict[str, Any] = {
+    metadata = {
         "name": "tiny",
         "architecture": "nnpp",
         "input_size": TINY_SIDE,
@@ -117,22 +115,22 @@ def write_tiny_model(path: Path, text: str = TINY_MODEL, **changes: Any) -> Path
 
 
 @pytest.fixture(scope="session")
-def tiny_model(tmp_path_factory: pytest.TempPathFactory) -> Path:
+def tiny_model(tmp_path_factory):
     """A network that runs in microseconds; its region is a spindle around the straight line."""
     return write_tiny_model(tmp_path_factory.mktemp("model") / "tiny.onnx")
 
 
 @pytest.fixture
-def make_tiny_model(tmp_path: Path) -> Callable[..., Path]:
+def make_tiny_model(tmp_path):
     """Write the tiny network with metadata, or a graph's text, of one's own."""
     return lambda **changes: write_tiny_model(tmp_path / "changed.onnx", **changes)
 
 
 @pytest.fixture
-def write_toml(tmp_path: Path) -> Callable[[str], Path]:
+def write_toml(tmp_path):
     """Write mine.toml."""
 
-    def write(text: str) -> Path:
+    def write(text):
         (tmp_path / "mine.toml").write_text(text)
         return tmp_path / "mine.toml"
 
@@ -147,7 +145,12 @@ class Ended:
     out: str
     err: str
 
-    def refused(self, *words: str) -> None:
+    @property
+    def json(self):
+        """What it printed for programs."""
+        return json.loads(self.out)
+
+    def refused(self, *words):
         """Exit code 2; on stderr warnings at most, then one line with the error and every one of
         `words`.
         """
@@ -161,13 +164,11 @@ class Ended:
 
 
 @pytest.fixture
-def nnpp_edge(
-    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> Callable[..., Ended]:
+def nnpp_edge(monkeypatch, capsys):
     """Run `nnpp-edge` with the given words, as the shell would; exit code, stdout and stderr."""
     from nnpp_edge.cli.main import main
 
-    def run(*words: object) -> Ended:
+    def run(*words):
         monkeypatch.setattr(sys, "argv", ["nnpp-edge", *map(str, words)])
         capsys.readouterr()
         code = 0

@@ -12,7 +12,6 @@ from nnpp_edge.runtime.robots.slope.cost import (
     SLOPE_COSTS,
     EnergyCost,
     Mobility,
-    SlopeCost,
     TimeCost,
 )
 from tests import oracles
@@ -37,7 +36,7 @@ class Hills:
     corner_cutting: bool
 
 
-def hills(rng: np.random.Generator, most_side: int = 24, least_side: int = 1) -> Hills:
+def hills(rng, most_side=24, least_side=1):
     """Slopes, ridges, steps and holes in maps of every shape; steep cells of some are
     impassable.
     """
@@ -61,9 +60,7 @@ def hills(rng: np.random.Generator, most_side: int = 24, least_side: int = 1) ->
     return Hills(dem, sides, limits, passable, start, goal, bool(rng.integers(2)))
 
 
-def dijkstra(
-    case: Hills, model: SlopeCost, start: tuple[int, int], dem: np.ndarray | None = None
-) -> np.ndarray:
+def dijkstra(case, model, start, dem=None):
     """(H, W) cost of the cheapest path from `start` to each cell, by scipy; inf where there is
     none.
     """
@@ -83,7 +80,7 @@ def dijkstra(
     return found + model.height_price * (heights - heights[start])
 
 
-def path_cost(path: np.ndarray, case: Hills, model: SlopeCost) -> float:
+def path_cost(path, case, model):
     """Sum of what the steps of a path cost by the model itself; they go to neighbours, and may be
     made.
     """
@@ -96,7 +93,7 @@ def path_cost(path: np.ndarray, case: Hills, model: SlopeCost) -> float:
     return total
 
 
-def tolerance(case: Hills, model: SlopeCost) -> float:
+def tolerance(case, model):
     """By how much a cost may be off: what float32 loses of the sum of steps, whose height is priced
     apart.
     """

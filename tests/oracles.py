@@ -222,3 +222,11 @@ def line_cost(points, cost, step_cost="paper", per_cell=400):
             shares = shares + share_i * share_j * known[there]
         total += length * float(np.mean(sums / shares))
     return total
+
+
+def cheapest_order(between):
+    """By trying all, and what the order given costs; between[i][j] from stop i to stop j."""
+    last = len(between) - 1
+    orders = ([0, *order, last] for order in itertools.permutations(range(1, last)))
+    costs = [sum(between[a][b] for a, b in itertools.pairwise(order)) for order in orders]
+    return min(costs), costs[0]

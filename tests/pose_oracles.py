@@ -1,5 +1,5 @@
-"""Slow and obvious answers about a robot with a body: the cheapest path over its states, and the
-drive itself.
+"""Slow and obvious answers about a robot with a body: the cheapest path over its states, and which
+limit a pose breaks.
 
 Of the code that is judged only the dataclass `Vehicle` is used, and what the check says of legs and
 turns. Points are (row, col) in metres, from the middle of cell (0, 0); a body's own coordinates are
@@ -136,7 +136,7 @@ def headings_of(path):
     return np.degrees(np.arctan2(legs[:, 1], -legs[:, 0])) % 360.0
 
 
-# --- the drive
+# --- poses
 
 
 class Break(NamedTuple):
@@ -152,47 +152,12 @@ PER_CELL = 8
 LIMITS = ("unknown", "step", "pitch", "roll", "tilt", "belly")
 
 
-def drive_breaks(dem, cell_size_m, vehicle, path, *, positions=10, turn_deg=1.0, allowed_m=0.0):
-    """The first limit that the body breaks as it drives along a path of legs; None if there is
-    none.
-
-    The body stands at `positions` + 1 places along each leg, in the leg's heading, on bilinear
-    ground, and at each cell in headings `turn_deg` apart from the one before to the next, turned
-    the shorter way, unless that fails and the longer one does not. Figures are those of
-    `worst_figures`; `allowed_m` may be added to lengths.
-    """
-    legs = np.diff(np.asarray(path, np.int64), axis=0)
-    begins = np.asarray(path, np.float64)
-    headings = np.arctan2(legs[:, 1], legs[:, 0])
-    shares = np.linspace(0.0, 1.0, positions + 1)
-    for n, (leg, heading) in enumerate(zip(legs, headings, strict=True)):
-        places = begins[n] + shares[:, None] * leg
-        if (
-            found := breaks_at(
-                dem, cell_size_m, vehicle, places, np.full(len(places), heading), allowed_m
-            )
-        ) is not None:
-            return found
-        if n + 1 < len(legs):
-            by = (headings[n + 1] - heading + math.pi) % (2.0 * math.pi) - math.pi
-            ways = [by] if by == 0.0 else [by, by - math.copysign(2.0 * math.pi, by)]
-            for way in ways:
-                turned = heading + np.linspace(0.0, way, 2 + int(abs(math.degrees(way)) / turn_deg))
-                places = np.broadcast_to(begins[n + 1], (len(turned), 2))
-                found = breaks_at(dem, cell_size_m, vehicle, places, turned, allowed_m)
-                if found is None:
-                    break
-            if found is not None:
-                return found
-    return None
-
-
-def breaks_at(dem, cell_size_m, vehicle, places, headings, allowed_m=0.0):
+def breaks_at(dem, cell_size_m, vehicle, places, headings):
     """The first of some poses, places (N, 2) in cells and headings (N,) from down the rows, that
     breaks a limit.
     """
     tilts = np.radians(vehicle.tilts_deg)
-    allowed = np.array((0.5, vehicle.step_m + allowed_m, *tilts, vehicle.clearance_m + allowed_m))
+    allowed = np.array((0.5, vehicle.step_m, *tilts, vehicle.clearance_m))
     found = worst_figures(dem, cell_size_m, vehicle, places, headings)
     for at, which in np.argwhere(found > allowed + 1e-9).tolist():
         value = math.nan if which == 0 else float(found[at, which])

@@ -7,6 +7,17 @@ from hypothesis import strategies as st
 
 from nnpp_edge.runtime import Planner
 
+
+def flat(rows, cols, value=0.0):
+    """(rows, cols) float32 of one value."""
+    return np.full((rows, cols), value, np.float32)
+
+
+def uniform(seed, shape, least=0.0, most=1.0):
+    """Random float32."""
+    return np.random.default_rng(seed).uniform(least, most, shape).astype(np.float32)
+
+
 KINDS = ("uniform", "equal", "levels", "steep")
 
 
@@ -69,7 +80,7 @@ class Case:
     step_cost: str
     corner_cutting: bool
 
-    def __repr__(self) -> str:
+    def __repr__(self):
         """Short enough for hypothesis to print."""
         return (
             f"Case({self.cost.tolist()}, {self.start}, {self.goal}, {self.step_cost}, "
@@ -78,7 +89,7 @@ class Case:
 
 
 @st.composite
-def cases(draw, most_side: int = 24, any_size: bool = True):
+def cases(draw, most_side=24, any_size=True):
     """Maps of every shape, 1×1 and 1×N among them, of `KINDS` or with weights of any size."""
     shape = draw(st.integers(1, most_side)), draw(st.integers(1, most_side))
     step_cost = draw(st.sampled_from(["paper", "length"]))

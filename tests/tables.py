@@ -12,6 +12,11 @@ def cases(table, columns=2):
     return [pytest.param(*_cells(line, columns), id=line.strip()) for line in lines]
 
 
+def keywords(text, names=None):
+    """The arguments that a cell gives as a call does, such as ``a=1, b=x``."""
+    return eval(f"dict({text})", dict(names or {}))
+
+
 def _cells(line, columns):
     cells = line.replace("\\n", "\n").split("|", columns - 1)
     return [cell.strip(" ") for cell in cells]

@@ -22,6 +22,7 @@ import pytest
 from nnpp_edge.benchmarks import results
 from nnpp_edge.cli.main import COMMANDS, cli
 from nnpp_edge.terrain.dem import SAMPLES, sample_dem, sample_path
+from tests.strategies import flat
 
 ROOT = Path(__file__).parent.parent
 DOCUMENTS = sorted(
@@ -153,14 +154,14 @@ def assumed(path):
             "dem": np.outer(np.sin(np.arange(512) / 40.0), np.cos(np.arange(512) / 50.0)),
         }
     if path.name == "onboard.md":
-        return names | {"cost": np.full((256, 256), 0.2, np.float32), "patch": np.ones((3, 4))}
+        return names | {"cost": flat(256, 256, 0.2), "patch": np.ones((3, 4))}
     if path.name == "how-to-maps.md":
         return names | {"message": grid_map_message(200, 150)}
     if path.name == "routes.md":
         from nnpp_edge.runtime import Planner
 
         return names | {
-            "planner": Planner(np.full((400, 360), 0.2, np.float32)),
+            "planner": Planner(flat(400, 360, 0.2)),
             "start": (5, 5),
             "goal": (390, 90),
         }

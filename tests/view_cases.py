@@ -4,7 +4,6 @@ import signal
 import subprocess
 import sys
 from contextlib import contextmanager
-from pathlib import Path
 
 import numpy as np
 
@@ -21,7 +20,7 @@ COMMAND = (
 """Warnings to users, such as of a network that was trained for another ω, are no errors."""
 
 
-def write_ground(folder: Path, rows: int = 96, cols: int = 120) -> Path:
+def write_ground(folder, rows=96, cols=120):
     """Rolling ground on cells of 2 m, with a hill and a hole of unknown heights."""
     row, col = np.mgrid[0:rows, 0:cols]
     heights = 1.2 * np.sin(row / 9.0) * np.cos(col / 11.0) + 2.0 * np.sin(col / 30.0)
@@ -34,14 +33,14 @@ def write_ground(folder: Path, rows: int = 96, cols: int = 120) -> Path:
 class Server:
     """A running `nnpp-edge view`."""
 
-    def __init__(self, process: subprocess.Popen[str]) -> None:
+    def __init__(self, process):
         self.process = process
         assert process.stdout is not None
         self.address = process.stdout.readline().strip()
         assert self.address.startswith("http://127.0.0.1:"), self.address or self.end()
         self.port = int(self.address.rpartition(":")[2].strip("/"))
 
-    def end(self) -> tuple[int, str]:
+    def end(self):
         """Ctrl-C: exit code, and what it had to say on stderr."""
         self.process.send_signal(signal.SIGINT)
         _, said = self.process.communicate(timeout=30)
@@ -49,7 +48,7 @@ class Server:
 
 
 @contextmanager
-def serving(*words: object):
+def serving(*words):
     """A `Server` with these words, ended afterwards."""
     command = [*COMMAND, *map(str, words), "--port", "0", "--no-browser"]
     process = subprocess.Popen(

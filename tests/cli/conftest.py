@@ -2,7 +2,6 @@
 typed there.
 """
 
-import json
 import shlex
 
 import numpy as np
@@ -27,7 +26,7 @@ def told(run):
     def told(line, *more, code=0):
         ended = run(line, *more, "--json")
         assert ended.code == code, ended.err
-        return json.loads(ended.out)
+        return ended.json
 
     return told
 

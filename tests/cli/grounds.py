@@ -1,6 +1,7 @@
 """Grounds that several tests of commands share."""
 
 import json
+from pathlib import Path
 
 import numpy as np
 from pyproj import CRS, Transformer
@@ -28,3 +29,8 @@ def layer(path, cells, crs=GRID):
     content = json.dumps({"type": "MultiPoint", "coordinates": places, "crs": named})
     path.write_bytes(geopackage_bytes("stops", content.encode()))
     return path
+
+
+def written(path):
+    """What a JSON file holds."""
+    return json.loads(Path(path).read_text())

@@ -1,6 +1,5 @@
 """`nnpp-edge costmap`: what it writes, what it says, what it refuses."""
 
-import json
 import sys
 from pathlib import Path
 
@@ -11,6 +10,7 @@ import pytest
 from nnpp_edge.runtime import Traversability, traversability_cost
 from nnpp_edge.terrain.dem import read_dem
 from tests.cli.grounds import PLACE
+from tests.strategies import uniform
 
 
 def test_a_geotiff_keeps_the_place_and_marks_what_is_impassable(run, hills):
@@ -47,10 +47,10 @@ def test_arrays_need_no_rasterio(run, hills, monkeypatch):
 
 
 def test_a_saturated_term_is_a_warning_and_leaves_stdout_to_the_result(run):
-    rough = np.random.default_rng(2).uniform(0, 30, (40, 40)).astype(np.float32)
+    rough = uniform(2, (40, 40), 0, 30)
     np.savez("rough.npz", elevation_m=rough, cell_size_m=50.0)
     ended = run("costmap rough.npz -o cost.npy --json")
-    assert ended.code == 0 and json.loads(ended.out)
+    assert ended.code == 0 and ended.json
     assert ended.err.startswith("warning: ") and "elevation difference" in ended.err
 
 

@@ -23,7 +23,7 @@ def test_the_list_says_what_each_shipped_model_is_for(nnpp_edge):
     ended = nnpp_edge("models")
     assert (ended.code, ended.err) == (0, "")
     rows = {line.split()[0]: line for line in ended.out.splitlines() if line.strip()}
-    listed = json.loads(nnpp_edge("models", "--json").out)
+    listed = nnpp_edge("models", "--json").json
     assert [told["name"] for told in listed] == SHIPPED
     for told in listed:
         content = (MODELS / f"{told['name']}.onnx").read_bytes()
@@ -134,7 +134,7 @@ def test_a_shipped_model_is_shown_with_its_metadata_and_card(nnpp_edge):
     card = (MODELS / "edge.md").read_text()
     for word in (found.sha256, found.metadata.precision, '"maps": 9216', card.strip()):
         assert word in ended.out
-    assert json.loads(nnpp_edge("models", "edge", "--json").out)["card"] == card
+    assert nnpp_edge("models", "edge", "--json").json["card"] == card
 
 
 def test_a_file_of_ones_own_is_shown_with_what_lies_beside_it(run, told, model):

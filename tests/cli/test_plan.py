@@ -3,7 +3,6 @@ to find.
 """
 
 import csv
-import json
 import math
 from pathlib import Path
 
@@ -20,7 +19,8 @@ from nnpp_edge.runtime.planners.query import Work
 from nnpp_edge.terrain import dem as dem_module
 from nnpp_edge.terrain.dem import Dem, Georeference
 from nnpp_edge.terrain.rasters import raster_bytes
-from tests.cli.grounds import ENDS, rolling
+from tests.cli.grounds import ENDS, rolling, written
+from tests.strategies import flat, uniform
 
 PLACE = Georeference("EPSG:32615", (2.0, 0.0, 400_000.0, 0.0, -2.0, 5_000_000.0))
 EXACT = f"plan hills.npz {ENDS} --method astar"
@@ -75,7 +75,7 @@ def test_it_plans_once_unless_asked_to_compare(run, hills, monkeypatch):
         ended = run(f"{EXACT} -o out {words}")
         assert ended.code == 0 and len(made) == plans
         assert ("loading included" in ended.out) == included
-        assert json.loads(Path("out/plan.json").read_text())["loading_included"] == included
+        assert written("out/plan.json")["loading_included"] == included
 
 
 def test_the_files_hold_the_path_in_map_coordinates(told, tmp_path):
@@ -85,10 +85,10 @@ def test_the_files_hold_the_path_in_map_coordinates(told, tmp_path):
         raster_bytes(tmp_path, heights, Dem(heights, 2.0, 2.0, PLACE, tmp_path))
     )
     found = told(f"plan dem.tif {ENDS} --method astar --hillshade -o", folder)
-    assert found == json.loads((folder / "plan.json").read_text())
+    assert found == written(folder / "plan.json")
     assert sorted(found["files"]) == sorted(map(str, folder.iterdir()))
     path = plan_path(traversability_cost(heights, 2.0), (5, 5), (70, 80), method="astar").path
-    feature = json.loads((folder / "path.geojson").read_text())
+    feature = written(folder / "path.geojson")
     wanted = [
         [400_000 + 2 * (col + 0.5), 5_000_000 - 2 * (row + 0.5)] for row, col in path.tolist()
     ]
@@ -138,7 +138,7 @@ def test_steps_that_are_steeper_than_the_limit_of_slope_are_told(run, told):
 
 
 def test_what_a_stranger_types_first_goes_around_a_cliff_or_says_that_no_path_exists(run, told):
-    heights = np.zeros((40, 60), np.float32)
+    heights = flat(40, 60)
     heights[:, 30:] = 1.5
     np.savez("cliff.npz", elevation_m=heights, cell_size_m=1.0)
     words = "--start 10,5 --goal 10,55"
@@ -157,7 +157,7 @@ def test_what_a_stranger_types_first_goes_around_a_cliff_or_says_that_no_path_ex
 
 
 def test_a_single_step_that_is_too_steep_is_named_where_the_plane_is_not(run):
-    heights = np.zeros((40, 60), np.float32)
+    heights = flat(40, 60)
     heights[:, 30:] = 0.7
     np.savez("kerb.npz", elevation_m=heights, cell_size_m=1.0)
     run("plan kerb.npz --start 10,29 --goal 10,3").refused(
@@ -167,7 +167,7 @@ def test_a_single_step_that_is_too_steep_is_named_where_the_plane_is_not(run):
 
 
 def test_a_body_that_comes_close_to_a_limit_is_told_so(run):
-    heights = np.zeros((60, 60), np.float32)
+    heights = flat(60, 60)
     heights += 0.35 * 0.25 * np.arange(60)  # 19.3 degrees
     np.savez("slope.npz", elevation_m=heights, cell_size_m=0.25)
     words = "plan slope.npz --vehicle small-rover --start 30,8 --goal 30,50 --set max_tilt_deg=20"
@@ -180,7 +180,7 @@ def test_a_body_that_comes_close_to_a_limit_is_told_so(run):
 
 
 def test_a_limit_of_the_workload_holds_for_a_body_too(run, told):
-    heights = np.zeros((60, 60), np.float32)
+    heights = flat(60, 60)
     heights += 0.4 * 0.25 * np.arange(60)  # 21.8 degrees
     np.savez("slope.npz", elevation_m=heights, cell_size_m=0.25)
     words = "plan slope.npz --vehicle small-rover --start 30,8 --goal 30,50"
@@ -192,13 +192,13 @@ def test_without_a_georeference_coordinates_are_metres_from_the_first_cell(run, 
     np.savez("dem.npz", elevation_m=rolling(), cell_size_m=2.0, cell_width_m=3.0)
     ended = run(f"plan dem.npz {ENDS} --method astar -o out --json")
     assert ended.err.startswith("warning: cells are 2 m from north to south and 3 m")
-    feature = json.loads(Path("out/path.geojson").read_text())
+    feature = written("out/path.geojson")
     line = feature["geometry"]["coordinates"]
     assert (line[0], line[-1], feature["properties"]["crs"]) == ([15.0, 10.0], [240.0, 140.0], None)
     length = sum(math.dist(a, b) for a, b in zip(line, line[1:], strict=False))
-    assert json.loads(ended.out)["length_m"] == pytest.approx(length)
+    assert ended.json["length_m"] == pytest.approx(length)
     told("plan hills.npz --start 5,5 --goal 5,5 -o out --compare")  # a start that is the goal
-    assert json.loads(Path("out/path.geojson").read_text())["geometry"] == {
+    assert written("out/path.geojson")["geometry"] == {
         "type": "Point",
         "coordinates": [10.0, 10.0],
     }
@@ -214,7 +214,7 @@ def test_a_blocked_start_says_which_limit_is_passed(run):
         (f"{soft} --limit hard_step_m=0.5", "elevation difference"),
         (f"{soft} --limit hard_roughness_m=0.5", "roughness"),
     ):
-        heights = np.zeros((50, 50), np.float32)
+        heights = flat(50, 50)
         heights[:, 20:] += np.minimum(np.arange(30), 10)
         if "slope 45" not in reason:
             heights[10, 25] += 4.0
@@ -225,10 +225,10 @@ def test_a_blocked_start_says_which_limit_is_passed(run):
 
 def test_a_saved_grid_map_is_planned_on_in_its_metres(told):
     frame = MapFrame(0.5, x=10.0, y=-4.0, rows_along_x=True)
-    GridMap({"elevation": np.zeros((40, 30), np.float32)}, frame).save("map.npz")
+    GridMap({"elevation": flat(40, 30)}, frame).save("map.npz")
     found = told("plan map.npz --start xy:9.6,-4.3 --goal xy:-6.1,-16.2 -o out")
     assert (found["start"], found["goal"]) == ([0, 0], [32, 24])
-    line = json.loads(Path("out/path.geojson").read_text())["geometry"]["coordinates"]
+    line = written("out/path.geojson")["geometry"]["coordinates"]
     assert line[0] == pytest.approx([9.75, -4.25]) and line[-1] == pytest.approx([-6.25, -16.25])
 
 
@@ -236,9 +236,9 @@ def test_no_path_ends_with_1_and_leaves_no_old_path_behind(run, told, split):
     assert run(f"{EXACT} -o out").code == 0
     ended = run(f"plan split.npz {ENDS} --method astar -o out")
     assert ended.code == 1 and ended.out.startswith("NO_PATH") and ended.err == ""
-    found = json.loads(Path("out/plan.json").read_text())
+    found = written("out/plan.json")
     assert (found["status"], found["cost"], found["length_m"]) == ("NO_PATH", None, None)
-    assert json.loads(Path("out/path.geojson").read_text())["geometry"] is None
+    assert written("out/path.geojson")["geometry"] is None
     assert Path("out/path.csv").read_text().count("\n") == 1
     found = told(f"plan split.npz {ENDS} --method corridor --compare", code=1)
     assert (found["status"], found["source"]) == ("NO_PATH", "fallback")
@@ -247,11 +247,11 @@ def test_no_path_ends_with_1_and_leaves_no_old_path_behind(run, told, split):
 
 def test_a_timeout_ends_with_1_and_gives_the_path_so_far(run, monkeypatch):
     monkeypatch.setattr(exercises, "exercise", lambda: None)  # eight seconds of loading kernels
-    heights = np.random.default_rng(1).uniform(0, 0.4, (600, 600)).astype(np.float32)
+    heights = uniform(1, (600, 600), 0, 0.4)
     np.savez("large.npz", elevation_m=heights, cell_size_m=1.0)
     ended = run("plan large.npz --start 5,5 --goal 590,590 --method astar --time-limit 1e-9 -o out")
     assert ended.code == 1 and ended.out.startswith("TIMEOUT") and "so far" in ended.out
-    feature = json.loads(Path("out/path.geojson").read_text())
+    feature = written("out/path.geojson")
     assert (
         feature["properties"]["status"] == "TIMEOUT"
         and len(feature["geometry"]["coordinates"]) > 10

@@ -22,7 +22,7 @@ from nnpp_edge.runtime.planners.turns import curvatures
 from nnpp_edge.terrain.vehicle_files import load_mobility, load_vehicle
 from nnpp_edge.viz.picture import BODY as OUTLINE
 from nnpp_edge.viz.picture import POINT, REFUSED
-from tests.cli.grounds import BODY, ENDS, GRID, PLACE, layer, rolling
+from tests.cli.grounds import BODY, ENDS, GRID, PLACE, layer, rolling, written
 
 PLAN = f"plan hills.tif {ENDS}"
 MINE = "length_m = 2.2\nwidth_m = 1.6\nclearance_m = 0.4\nmax_step_m = 0.3\n"
@@ -64,8 +64,8 @@ def test_all_outputs_say_the_same_numbers(run, told, hills, body):
         abs=1e-4,
     )
     assert (numbers["energy_j"] is not None) == bool(body)
-    assert json.loads(Path("out/plan.json").read_text()) == found
-    properties = json.loads(Path("out/path.geojson").read_text())["properties"]
+    assert written("out/plan.json") == found
+    properties = written("out/path.geojson")["properties"]
     worst = [
         name
         for name in found
@@ -207,7 +207,7 @@ def test_ends_are_places_on_the_map_or_on_the_globe_or_points_of_a_layer(run, to
     layer(Path("stops.gpkg"), [(60, 70), (12, 30)], crs="EPSG:4326")
     ended = run(f"{PLAN} --via stops.gpkg --json")
     assert ended.err == "stops.gpkg: reprojected from WGS 84 to SVY21 / Singapore TM\n"
-    assert json.loads(ended.out)["via"]["stops"] == [[5, 5], [60, 70], [12, 30], [70, 80]]
+    assert ended.json["via"]["stops"] == [[5, 5], [60, 70], [12, 30], [70, 80]]
     goals = told("plan hills.tif --start 5,5 --goal stops.gpkg")
     assert goals["goal"] == [12, 30] and len(goals["goals"]) == 2
 
@@ -225,7 +225,7 @@ def test_every_waypoint_has_its_heading_and_how_the_body_stands(run, hill):
     assert (ended.code, ended.err) == (0, "")
     own = Vehicle(1.0, 0.8, 0.3)
     plan = Planner.of_elevation(hill, 0.25, vehicle=own).plan((10, 10), (45, 48), method="astar")
-    found = json.loads(Path("out/plan.json").read_text())
+    found = written("out/plan.json")
     assert found["cost"] == pytest.approx(plan.cost, rel=1e-5)
     assert found["waypoints"]["heading_deg"] == pytest.approx(plan.headings_deg, abs=1e-4)
     rows = rows_of("out/path.csv")
@@ -234,9 +234,7 @@ def test_every_waypoint_has_its_heading_and_how_the_body_stands(run, hill):
         float(row["tilt_deg"]) <= 25.0 and 0.0 < float(row["clearance_m"]) <= 0.3 for row in rows
     )
     assert np.isfinite(pose_costs(hill, 0.25, own)[:, *plan.path.T]).any(0).all()
-    assert set(found["waypoints"]) <= set(
-        json.loads(Path("out/path.geojson").read_text())["properties"]
-    )
+    assert set(found["waypoints"]) <= set(written("out/path.geojson")["properties"])
 
 
 def test_without_a_path_a_body_is_told_by_which_limit_and_the_picture_has_its_colour(
@@ -286,7 +284,7 @@ def test_way_points_are_told_with_their_headings_and_curvatures(run, told, hills
     assert found["sharpest_curvature_per_m"] == pytest.approx(
         max(line["curvature_per_m"]), abs=1e-5
     )
-    feature = json.loads(Path("out/path.geojson").read_text())
+    feature = written("out/path.geojson")
     wanted = [PLACE.map_coordinates(*point) for point in points]
     assert np.array(feature["geometry"]["coordinates"]) == pytest.approx(np.array(wanted), rel=1e-7)
     rows = rows_of("out/path.csv")

@@ -15,6 +15,7 @@ from nnpp_edge.profiling.compare import board_table
 from nnpp_edge.profiling.processes import peak_memory_mb
 from nnpp_edge.profiling.suites import Case
 from nnpp_edge.runtime import Ground, Vehicle
+from tests.cli.grounds import written
 from tests.profiling.test_profile_machine import busy_core
 
 PROFILE = """
@@ -99,7 +100,7 @@ def test_a_report_in_every_form(run, profile):
         "all budgets met: 5 of 5 pass",
     ):
         assert words in ended.out
-    told = json.loads(Path("out/report.json").read_text())
+    told = written("out/report.json")
     assert set(told) == set(KEYS.split()) and told["schema"] == 1 and told["verdict"] == "met"
     described(
         KEYS.split(), told["budgets"][0], told["results"][0], told["disturbance"]["halves"][0]
@@ -117,7 +118,7 @@ def test_the_clock_starts_at_the_elevations(run, profile):
     profile(changes={"]\n[device]": f"{ARRIVALS}[loop]\nrate_hz = 200.0\n[device]"})
     ended = run("profile --profile tiny.toml -o . --markdown")
     assert ended.code == 1, ended.err
-    told = json.loads(Path("report.json").read_text())
+    told = written("report.json")
     assert Path("report.md").read_text() == ended.out
     lines = [
         (line["name"], line["planner"], line["workload"], line["verdict"])
@@ -158,7 +159,7 @@ def test_the_clock_starts_at_the_elevations(run, profile):
 def test_json_may_be_printed_and_an_impossible_budget_is_missed_and_named(run, profile):
     profile(limit=1e7)
     ended = run("profile --profile tiny.toml --queries 4 --seed 5 --json")
-    told = json.loads(ended.out)
+    told = ended.json
     load = told["profile"]["load"]
     assert (ended.code, load["queries"], load["seed"]) == (
         1,
@@ -180,7 +181,7 @@ def test_a_disturbed_run_is_noisy(run, profile, monkeypatch):
     with busy_core(CORE):
         ended = run("profile --profile tiny.toml --json")
     assert ended.code == 3, ended.out
-    told = json.loads(ended.out)
+    told = ended.json
     assert told["verdict"] == "noisy" and told["disturbance"]["words"]
     assert [line["verdict"] for line in told["budgets"]] == ["noisy", "pass", "pass"]
     assert max(half["waited_share"] for half in told["disturbance"]["halves"]) > 0.1
@@ -218,7 +219,7 @@ def test_regressions_between_two_reports(run, told, profile):
 
     def write(name, report=None, **changes):
         """report.json, or another, with figures of nnpp that are worse."""
-        report = report or json.loads(Path("report.json").read_text())
+        report = report or written("report.json")
         for row in report["results"]:
             for key, factor in changes.items() if row["planner"] == "nnpp" else ():
                 old = row[key]
@@ -248,7 +249,7 @@ def test_regressions_between_two_reports(run, told, profile):
         ("disturbance", "words", "others took 50 % of the cores' time", 2.0, 3, "disturbed"),
         ("environment", "cpu", "another", 1.0, 0, "the CPU differs"),
     ):
-        report = json.loads(Path("report.json").read_text())
+        report = written("report.json")
         report[key][word] = change
         write("other.json", report, time_ms=factor)
         ended = run("profile compare report.json other.json")

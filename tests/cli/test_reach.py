@@ -1,6 +1,5 @@
 """`nnpp-edge reach`: what it finds, writes and refuses."""
 
-import json
 from dataclasses import replace
 from pathlib import Path
 
@@ -11,7 +10,7 @@ import pytest
 from nnpp_edge.runtime import Planner, Vehicle
 from nnpp_edge.terrain.dem import read_dem
 from nnpp_edge.terrain.vehicle_files import load_mobility, load_vehicle
-from tests.cli.grounds import BODY, PLACE
+from tests.cli.grounds import BODY, PLACE, written
 
 REACH = "reach hills.tif --start 40,30"
 
@@ -37,9 +36,9 @@ def test_areas_are_what_the_planner_reaches(run, told, reached):
     assert np.array_equal(np.isfinite(raster.elevation), np.isfinite(wanted))
     assert raster.elevation[np.isfinite(wanted)] == pytest.approx(wanted[np.isfinite(wanted)])
     assert raster.georeference.transform == PLACE.transform
-    assert json.loads((out / "reach.json").read_text()) == found
+    assert written(out / "reach.json") == found
     assert sorted(found["files"]) == sorted(map(str, out.iterdir()))
-    collection = json.loads((out / "reach.geojson").read_text())
+    collection = written(out / "reach.geojson")
     assert [each["properties"]["cells"] for each in collection["features"]] == counts[::-1]
     assert min(cv2.imread(str(out / "reach.png")).shape[:2]) > 800
     text = run(words, "--hillshade").out

@@ -2,7 +2,6 @@
 is written.
 """
 
-import json
 import os
 from pathlib import Path
 
@@ -292,10 +291,10 @@ def test_ends_where_none_can_be_have_a_status_for_programs(run, place):
     ):
         for more in ("--method astar", "--memory 1kB"):
             ended = run(f"plan hills.tif --start {start} --goal {goal} --json {more}")
-            assert json.loads(ended.out)["status"] == status and told in ended.err
+            assert ended.json["status"] == status and told in ended.err
     words = "plan nothing.tif --start 1,1 --goal 20,20 --workload limit20"
     run(words).refused("80 × 90 cells of 2 m, all impassable")
-    assert json.loads(run(words, "--json").out) == {"status": "INVALID_MAP"}
+    assert run(words, "--json").json == {"status": "INVALID_MAP"}
 
 
 def test_outputs_are_checked_before_any_work(run, place, monkeypatch):

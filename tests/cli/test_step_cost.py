@@ -2,7 +2,6 @@
 to a plan.
 """
 
-import json
 from dataclasses import fields, replace
 from pathlib import Path
 
@@ -91,7 +90,7 @@ def test_energy_goes_by_the_gravity_of_the_maps_body_and_says_so(run, hill):
         for memory in ("", "--memory 1kB"):
             words = f"plan hill.tif --start 5,5 --goal 35,50 --mobility large-rover {more} {memory}"
             ended = run(words, "--json")
-            found = json.loads(ended.out)
+            found = ended.json
             assert found["gravity_m_s2"] == gravity
             idle_j = 45.0 * found["ground_length_m"] / 0.042
             up_and_along = (

@@ -2,7 +2,6 @@
 half-written.
 """
 
-import json
 import os
 import signal
 import subprocess
@@ -19,6 +18,7 @@ from nnpp_edge.runtime.errors import OutputError
 from nnpp_edge.terrain import dem as dems
 from nnpp_edge.terrain.rasters import geotiff_stream
 from nnpp_edge.terrain.synthetic import synthetic_terrain
+from tests.strategies import flat
 
 SMALL = "--memory 100kB"
 ENDS = "--start 5,5 --goal 290,380"
@@ -75,7 +75,7 @@ def test_a_plan_by_windows_is_that_of_the_map_in_memory(run, told, ground):
         "warning: 300 × 400 cells need 2.9 MB in memory, 0.1 MB are allowed: read by windows"
         in ended.err
     )
-    found = json.loads(ended.out)
+    found = ended.json
     same = (
         "status",
         "method",
@@ -121,7 +121,7 @@ def test_a_broken_cog_is_one_line_and_nothing_half_written(run, ground):
 
 def test_a_raster_stored_as_one_block_is_not_read_by_windows(run, ground, monkeypatch):
     monkeypatch.setattr(dems, "_MOST_BLOCK_BYTES", 200_000)
-    write("one.tif", np.zeros((300, 400), np.float32), tiled=False, blockysize=300)
+    write("one.tif", flat(300, 400), tiled=False, blockysize=300)
     refused(
         run(f"plan one.tif {ENDS} {SMALL}"),
         "stored in blocks of 300 × 400 cells",
@@ -136,7 +136,7 @@ def test_a_cost_map_written_as_a_stream_is_that_of_the_whole_map(run, told, grou
     whole = told(f"costmap ground.tif -o a/cost.tif {LIMIT}")
     ended = run(f"costmap ground.tif -o b/cost.tif {LIMIT} {SMALL} --json")
     assert "read by windows" in ended.err
-    found = json.loads(ended.out)
+    found = ended.json
     assert (found["rows"], found["passable_share"]) == (whole["rows"], whole["passable_share"])
     assert (whole["rows"], whole["files"]) == (300, ["a/cost.tif", "a/cost.png"])
     with rasterio.open("a/cost.tif") as one, rasterio.open("b/cost.tif") as other:
@@ -151,8 +151,8 @@ def test_a_cost_map_written_as_a_stream_is_that_of_the_whole_map(run, told, grou
 def test_what_does_not_read_back_as_written_is_refused(tmp_path):
     refused = pytest.raises(OutputError, match="not what was written")
     with refused, geotiff_stream(tmp_path / "out.tif", (40, 30), None) as put:
-        put(0, np.ones((40, 30), np.float32))
-        put(20, np.zeros((20, 30), np.float32))  # overwrites what the first promised
+        put(0, flat(40, 30, 1.0))
+        put(20, flat(20, 30))  # overwrites what the first promised
 
 
 @pytest.mark.parametrize(
@@ -160,7 +160,7 @@ def test_what_does_not_read_back_as_written_is_refused(tmp_path):
     [("plan", signal.SIGTERM), ("costmap", signal.SIGTERM), ("costmap", signal.SIGKILL)],
 )
 def test_ended_half_way_it_leaves_no_output(run, command, number):
-    write("large.tif", np.zeros((2048, 16384), np.float32), blockxsize=512, blockysize=128)
+    write("large.tif", flat(2048, 16384), blockxsize=512, blockysize=128)
     Path("out").mkdir()
     more = {"plan": "--start 5,5 --goal 2000,16000 -o out/plan", "costmap": "-o out/cost.tif"}[
         command

@@ -7,11 +7,9 @@ all of a case.
 
 import functools
 import math
-from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 from types import SimpleNamespace
-from typing import Any
 
 import numpy as np
 
@@ -24,18 +22,13 @@ of steps.
 
 
 class Case(SimpleNamespace):
-    """What was drawn, by name; `steps`, where there are any, are done one after another."""
+    """What was drawn, by name; `steps`, where there are any, are done one after another, and
+    printed on a line each.
+    """
 
-    def __repr__(self) -> str:
+    def __repr__(self):
         with np.printoptions(threshold=60, linewidth=200):
-            facts = {name: value for name, value in vars(self).items() if name != "steps"}
-            return "\n".join(
-                [f"{facts}", *(f"  {repr(step)[:300]}" for step in getattr(self, "steps", ()))]
-            )
-
-    def but(self, **changes: Any) -> "Case":
-        """The same but for these."""
-        return Case(**(vars(self) | changes))
+            return super().__repr__().replace("('", "\n  ('")
 
 
 @dataclass(frozen=True)
@@ -47,7 +40,7 @@ class Problem:
 
 
 @functools.lru_cache(maxsize=4)
-def _tiny(folder: Path) -> Any:
+def _tiny(folder):
     from nnpp_edge.runtime import NetworkModel
 
     return NetworkModel(folder / "tiny.onnx", threads=1)
@@ -61,33 +54,48 @@ class Place:
     folder: Path | None = None
 
     @property
-    def model(self) -> Any:
+    def model(self):
         """The smallest network, loaded once in a process."""
         return "edge" if self.samples is None else _tiny(self.samples)
 
-    def sample(self, name: str) -> bytes:
+    def sample(self, name):
         """A sample's content."""
-        assert self.samples is not None
         return (self.samples / name).read_bytes()
 
 
 NOWHERE = Place()
 
 
-def problem_with_optimum(
-    plan: Any,
-    optimum: float,
-    path_problem: Callable[[list[tuple[int, int]]], str],
-    path_cost: Callable[[list[tuple[int, int]]], float],
+def put(dem, row, col, patch):
+    """Write a patch into a map."""
+    dem[row : row + patch.shape[0], col : col + patch.shape[1]] = patch
+
+
+def problem_with_plan(
+    plan,
+    stands,
+    ends,
+    optimum_of,
+    path_problem,
+    path_cost,
     *,
-    exact: bool,
-    epsilon: float = math.inf,
-    told: str = "",
-) -> Problem | None:
-    """What is wrong with an answer between two cells that one can stand on; `optimum` is inf
-    without a path.
+    exact,
+    epsilon=math.inf,
+    told="",
+    also=(),
+):
+    """What is wrong with an answer on cells that `stands` (H, W) bool says one can stand on.
+
+    `optimum_of` gives the cost of the best path between the `ends`, inf without one. `also` are the
+    answers that are right, too, where one cannot stand at an end.
     """
-    facts = f"{plan}\noptimum {optimum!r}\n{told}"
+    facts = f"{plan}\n{told}"
+    for status, cell in zip((Status.START_BLOCKED, Status.GOAL_BLOCKED), ends, strict=True):
+        if not stands[cell]:
+            right = plan.status in (status, *also)
+            return None if right else Problem(f"{plan.status} for {status}: {plan.planner}", facts)
+    optimum = float(optimum_of(*ends))
+    facts += f"\noptimum {optimum!r}"
     wrong = ""
     if not math.isfinite(optimum):
         wrong = "" if plan.status is Status.NO_PATH else f"{plan.status} where there is no path"
@@ -97,13 +105,13 @@ def problem_with_optimum(
         path = [tuple(map(int, cell)) for cell in plan.path]
         wrong = path_problem(path)
         cost = math.nan if wrong else path_cost(path)
+        most = (1.0 + EXACT) * optimum
         checks = {
             "its cost is not its path's": abs(cost - plan.cost) > 1e-5 * cost,
             "below the optimum": cost < optimum * (1.0 - EXACT),
-            "not the optimum": exact and cost > optimum * (1.0 + EXACT),
-            "its lower bound is above the optimum": plan.lower_bound > optimum * (1.0 + EXACT),
-            "more than 1 + epsilon times the optimum": cost
-            > (1.0 + epsilon) * optimum * (1.0 + EXACT),
+            "not the optimum": exact and cost > most,
+            "its lower bound is above the optimum": plan.lower_bound > most,
+            "more than 1 + epsilon times the optimum": cost > (1.0 + epsilon) * most,
         }
         wrong = wrong or next((kind for kind, found in checks.items() if found), "")
-    return Problem(f"{wrong}: {getattr(plan, 'planner', '')}", facts) if wrong else None
+    return Problem(f"{wrong}: {plan.planner}", facts) if wrong else None

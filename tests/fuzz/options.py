@@ -3,15 +3,13 @@ without a list.
 """
 
 import math
-import random
 import re
-from dataclasses import replace
 
 import click
 
 from nnpp_edge.cli import options
-from nnpp_edge.cli.main import COMMANDS, cli
-from tests.fuzz.cases import NOWHERE, Place
+from nnpp_edge.cli.main import cli
+from tests.fuzz.cases import NOWHERE
 from tests.fuzz.commands import Command, check
 from tests.fuzz.mutations import NUMBERS, WORDS, damaged
 from tests.fuzz.samples import DEMS
@@ -75,46 +73,30 @@ INSIDE = {
     "tiny.onnx": ("tiny.onnx",) * 4 + ("tiny.json", "tiny.md"),
 }
 """The files that are read where a word names these."""
-SELDOM = {
-    "reproduce": 0.15,
-    "export": 0.1,
-    "quantize": 0.1,
-    "train": 0.25,
-    "profile": 0.1,
-    "evaluate": 0.6,
-}
-SELDOM |= {"warmup": 0.2}
-_PLACES = (
-    *str.split("1,2 0,0 -1,-1 1 1,2,3 , 1, 1.5,2 nan,nan inf,inf 1e308,1e308"),
-    "9" * 20 + ",0",
+SELDOM = dict.fromkeys(("export", "quantize", "train", "profile", "reproduce", "warmup"), 0.15)
+"""How often these slow commands are drawn, where others count 1."""
+_PLACES = str.split(
+    "1,2 0,0 -1,-1 1 1,2,3 , 1, 1.5,2 nan,nan inf,inf 1e308,1e308 99999999999999999999,0 "
+    "xy:1005,1995 xy:nan,1 xy:1 lonlat:1,2 lonlat:-94,45 in/dem.npz in/dem.tif:a : xy:,"
 )
-_PLACES += (
-    *str.split(
-        "xy:1005,1995 xy:nan,1 xy:1 lonlat:1,2 lonlat:-94,45 in/dem.npz in/dem.tif:a : xy:,"
-    ),
-)
-_SIZES = (
-    *str.split("16 2 1 0 -5 16x16 2x40 1x1 x 16x 16,16 16x16x16 9 90s 1min 2h -3s 1e9h soon"),
-    "9" * 12,
-    "9" * 30,
+_SIZES = str.split(
+    "16 2 1 0 -5 16x16 2x40 1x1 x 16x 16,16 16x16x16 9 90s 1min 2h -3s 1e9h soon 999999999999 "
+    "999999999999999999999999999999"
 )
 _ODD_WORDS = (*_PLACES, *_SIZES, *WORDS, *NUMBERS)
-_NAMES = (
-    "dem.npz dem.npy dem.tif dem.png dem.asc cost.npz drive.jsonl profile.toml tiny.onnx dem.img"
+_INPUTS = str.split(
+    "in/dem.npz in/dem.npy in/dem.tif in/dem.png in/dem.asc in/cost.npz in/drive.jsonl "
+    "in/profile.toml in/tiny.onnx in/dem.img in/set"
 )
-_INPUTS = [f"in/{name}" for name in (*_NAMES.split(), "set")]
-_ODD = ("", ".", "odd/loop", "odd/" + "x" * 300, "odd/null", "odd/link")
-_ODD_INPUTS = (
+_ODD = ["", *str.split(". odd/loop odd/null odd/link"), "odd/" + "x" * 300, "y/" * 2500 + "x"]
+_ODD_INPUTS = [
     *_ODD,
-    *str.split("/ in missing in/dem.npz/x odd/zero ~ /proc/self/mem"),
-    "y/" * 2500,
-    "in/\udcff.npz",
-)
-_ODD_OUTPUTS = (
+    *str.split("/ in missing in/dem.npz/x odd/zero ~ /proc/self/mem in/\udcff.npz"),
+]
+_ODD_OUTPUTS = [
     *_ODD,
-    *str.split("out odd/full in/dem.npz/x.png /proc/none/x old/old.png old/old.npz"),
-)
-_ODD_OUTPUTS += ("old/old.json", "y/" * 2500 + "x")
+    *str.split("out odd/full in/dem.npz/x.png /proc/none/x old/old.png old/old.npz old/old.json"),
+]
 _ENDINGS = (*str.split(".tif .tiff .npy .npz .png .gif .json .jsonl .mcap .onnx .html .rrd .X"), "")
 _PATIENT = ("stay", "start_up", "ticks", "rate", "rate_hz")  # with these a command may rightly wait
 _LINES = (
@@ -127,69 +109,50 @@ _LINES = (
 )
 
 
-def command_of(name: str) -> click.Command:
+def command_of(name):
     """The click command of a name, which may have two words."""
-    found: click.Command = cli
+    found = cli
     for word in name.split():
         assert isinstance(found, click.Group)
-        inner = found.get_command(click.Context(found), word)
-        assert inner is not None
-        found = inner
+        found = found.get_command(click.Context(found), word) or found
     return found
 
 
-def names() -> list[str]:
-    """Every command, those of groups as two words."""
-    found = []
-    for name in COMMANDS:
-        if name == "view":  # it serves until it is stopped
-            continue
-        command = command_of(name)
-        inner = (
-            command.list_commands(click.Context(command))
-            if isinstance(command, click.Group)
-            else []
-        )
-        found += [name, *(f"{name} {word}" for word in inner)]
-    return found
-
-
-def generate(rng: random.Random, place: Place = NOWHERE) -> Command:
+def generate(rng, place=NOWHERE):
     """A command with some of its options set to what may or may not make sense, or with a file
-    damaged.
+    damaged; now and then on a full disk.
     """
-    known = names()
-    name = rng.choices(known, [SELDOM.get(name, 1.0) for name in known])[0]
-    words = rng.choice(BASES.get(name, ("",))).split()
+    name = rng.choices([*BASES], [SELDOM.get(name, 1.0) for name in BASES])[0]
+    words = rng.choice(BASES[name]).split()
     patient = name in ("reproduce", "warmup")
     stdin = b"\n".join(rng.choices(_LINES, k=rng.randrange(8))) + rng.choice((b"", b"\n"))
-    files: dict[str, bytes] = {}
-    if place.samples is not None and rng.random() < 0.6:
-        if name == "run" and not any("replay" in word for word in words):
-            stdin = damaged(rng, place.sample("messages.jsonl"))
-        else:
-            words, files = _damage(rng, place, name, words)
-        patient |= name == "profile"
-    else:
+    files = {}
+    if place.samples is None or rng.random() < 0.4:
         patient |= _redraw(rng, name, words)
+    elif name == "run" and rng.random() < 0.3:
+        stdin = damaged(rng, place.sample("messages.jsonl"))
+    else:
+        words, files = _damage(rng, place, name, words)
+        patient |= name == "profile"
     if name == "warmup":
         words.append("--keep-old")  # what others compiled is left alone
-    link = rng.choice(("../in/dem.npz", "../old/old.png", "nowhere", "../out"))
-    streams = ("pipe" if name == "run" else "null", "pipe", "pipe")
-    found = Command((*name.split(), *words), files, needs=("dem.npz",), link=link, streams=streams)
-    found = replace(found, stdin=stdin if name == "run" else b"", patient=patient)
-    return disturbed(rng, found)
+    return Command(
+        (*name.split(), *words),
+        files,
+        link=rng.choice(("../in/dem.npz", "../old/old.png", "nowhere", "../out")),
+        stdin=stdin if name == "run" else b"",
+        patient=patient,
+        file_bytes=rng.choice((0, 1, 100, 1000, 5000, 20_000, *[256 << 20] * 100)),
+    )
 
 
-def _damage(
-    rng: random.Random, place: Place, name: str, words: list[str]
-) -> tuple[list[str], dict[str, bytes]]:
+def _damage(rng, place, name, words):
     """The words with a map of any format, and one of the files that they name, damaged or of
     another kind.
     """
     dem = rng.choice(DEMS)
     words = [re.sub(r"^in/dem\.\w+$", f"in/{dem}", word) for word in words]
-    if dem in " ".join(words) and rng.random() < 0.5:
+    if f"in/{dem}" in words and rng.random() < 0.5:
         words += ["--cell-size=2"] * any(
             each.name == "cell_size" for each in command_of(name).params
         )
@@ -202,7 +165,7 @@ def _damage(
     return words, {f"in/{file}": damaged(rng, place.sample(file))}
 
 
-def _redraw(rng: random.Random, name: str, words: list[str]) -> bool:
+def _redraw(rng, name, words):
     """Change some of the words; whether the command may then take long."""
     patient = False
     if words and rng.random() < 0.08:
@@ -223,69 +186,47 @@ def _redraw(rng: random.Random, name: str, words: list[str]) -> bool:
     return patient
 
 
-def disturbed(rng: random.Random, command: Command) -> Command:
-    """The same, now and then with standard streams that are closed, full or broken, or a
-    full disk.
-    """
-    kind = rng.random()
-    if kind < 0.12:
-        stdin = "pipe" if command.stdin else rng.choice(("null", "closed"))
-        out, err = (rng.choice(("pipe", "pipe", "closed", "full", "broken")) for _ in range(2))
-        return replace(command, streams=(stdin, out, err))
-    if kind < 0.17:
-        return replace(command, file_bytes=rng.choice((0, 1, 100, 1000, 5000, 20_000)))
-    return command
-
-
-def draw_values(rng: random.Random, parameter: click.Parameter, used: list[str]) -> list[str]:
+def draw_values(rng, parameter, used):
     """Values for a parameter: one, or several where it takes them."""
     times = rng.choice((0, 1, 2, 3)) if parameter.multiple or parameter.nargs != 1 else 1
     return [_draw_value(rng, parameter.type, used) for _ in range(times)]
 
 
-def _draw_value(rng: random.Random, kind: click.ParamType, used: list[str]) -> str:
-    if isinstance(kind, click.Choice):
-        return str(rng.choice(kind.choices)) if rng.random() < 0.8 else rng.choice(WORDS)
+def _draw_value(rng, kind, used):
     if isinstance(kind, click.Path):
         return _path(rng, kind, used)
-    if isinstance(kind, click.types.IntParamType | click.types.FloatParamType):
-        if rng.random() < 0.5:
-            return rng.choice(NUMBERS)
-        whole = isinstance(kind, click.types.IntParamType)
-        return str(rng.randrange(1, 40)) if whole else f"{10 ** rng.uniform(-2, 2):.3g}"
+    usual = rng.random() < 0.6
+    number = f"{10 ** rng.uniform(-2, 2):.3g}"
+    if isinstance(kind, click.types.IntParamType):
+        return str(rng.randrange(1, 40)) if usual else rng.choice(NUMBERS)
+    if isinstance(kind, click.types.FloatParamType):
+        return number if usual else rng.choice(NUMBERS)
+    if isinstance(kind, click.Choice):
+        return str(rng.choice(kind.choices)) if usual else rng.choice(WORDS)
     if isinstance(kind, options.SettingType):
-        number = rng.choice(NUMBERS) if rng.random() < 0.5 else f"{10 ** rng.uniform(-2, 2):.3g}"
-        return (
-            f"{rng.choice(kind.keys())}={number}" if rng.random() < 0.8 else rng.choice(_ODD_WORDS)
-        )
+        value = number if usual else rng.choice(NUMBERS)
+        return rng.choice((f"{rng.choice(kind.keys())}={value}",) * 4 + (rng.choice(_ODD_WORDS),))
     if isinstance(kind, options.Parsed) and kind is not options.MODEL:
-        pool = (
-            {"N,…": _SIZES, "TIME": _SIZES}.get(kind.name, _PLACES)
-            if rng.random() < 0.7
-            else _ODD_WORDS
-        )
-        return (
-            rng.choice(pool) if rng.random() < 0.7 else f"{rng.randrange(24)},{rng.randrange(32)}"
-        )
-    if rng.random() < 0.4:
-        return rng.choice(("", "", "replay:", "zenoh:")) + _path(rng, options.PATH, used)
-    return rng.choice(WORDS)
+        known = _SIZES if kind.name in ("N,…", "TIME") else _PLACES
+        cell = f"{rng.randrange(24)},{rng.randrange(32)}"
+        return rng.choice((cell, rng.choice(known), rng.choice(known if usual else _ODD_WORDS)))
+    if usual:
+        return rng.choice(WORDS)
+    return rng.choice(("", "", "replay:", "zenoh:")) + _path(rng, options.PATH, used)
 
 
-def _path(rng: random.Random, kind: click.Path, used: list[str]) -> str:
+def _path(rng, kind, used):
     """A name of a file or folder: to be read or, where the option says so, written."""
     if kind is options.NEW_FILE or (kind is options.FOLDER and rng.random() < 0.5):
         inputs = [word.removeprefix("replay:") for word in used if "in/" in word]
-        draw = rng.random()
-        if draw < 0.2 and inputs and kind is options.NEW_FILE:
-            return rng.choice(inputs)  # an output that is an input
-        if draw < 0.5:
-            return rng.choice(_ODD_OUTPUTS)
-        return rng.choice(("out/new", "out/a/b/new", "new")) + rng.choice(_ENDINGS)
+        new = rng.choice(("out/new", "out/a/b/new", "new")) + rng.choice(_ENDINGS)
+        odd = rng.choice(_ODD_OUTPUTS)
+        an_input = rng.choice(inputs) if inputs and kind is options.NEW_FILE else new
+        return rng.choice((an_input, odd, odd, new, new))
     return rng.choice(_INPUTS if rng.random() < 0.5 else _ODD_INPUTS)
 
 
-def may_take_long(word: str) -> bool:
+def may_take_long(word):
     """Whether a word holds a number with which a command may rightly run for long, or need much."""
     for part in word.replace("x", ",").replace("/", ",").split(","):
         try:

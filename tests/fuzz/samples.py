@@ -54,62 +54,45 @@ END
 """
 
 
-def heights(seed: int = 0, rows: int = ROWS, cols: int = COLS) -> np.ndarray:
-    """Gentle hills with a hole in them, metres."""
-    rng = np.random.default_rng(seed)
-    ground = np.cumsum(np.cumsum(rng.normal(0.0, 0.02, (rows, cols)), axis=0), axis=1)
-    ground[rows // 3, cols // 3 : cols // 2] = np.nan
-    return ground.astype(np.float32)
-
-
-def make_light(folder: Path) -> None:
+def make_light(folder):
     """All that needs no training: terrain, cost maps, recordings, profiles, the smallest model."""
-    import rasterio
+    import rasterio.shutil
 
     from nnpp_edge.robot.transports.wire import encode
     from nnpp_edge.runtime.loop.messages import Goal, MapPatch, Pose
     from tests.conftest import write_tiny_model
 
     folder.mkdir(parents=True, exist_ok=True)
-    ground = heights()
-    known = np.nan_to_num(ground)
-    marked = np.nan_to_num(ground, nan=-9999.0)
+    rng = np.random.default_rng(0)
+    known = rng.normal(0.0, 0.02, (ROWS, COLS)).cumsum(0).cumsum(1).astype(np.float32)
+    ground = known.copy()
+    ground[ROWS // 3, COLS // 3 : COLS // 2] = np.nan
+    cell = {"cell_size_m": CELL_M}
     np.save(folder / "dem.npy", ground)
-    np.savez(folder / "dem.npz", elevation_m=ground, cell_size_m=CELL_M)
+    np.savez(folder / "dem.npz", elevation_m=ground, **cell)
     place = rasterio.Affine(CELL_M, 0, 1000, 0, -CELL_M, 2000)
     kind = {"driver": "GTiff", "count": 1, "dtype": "float32", "transform": place}
-    with rasterio.open(
-        folder / "dem.tif", "w", nodata=-9999.0, height=ROWS, width=COLS, **kind
-    ) as dataset:
-        dataset.write(marked, 1)
-    head = (
-        f"ncols {COLS}\nnrows {ROWS}\nxllcorner 0\nyllcorner 0\ncellsize "
-        f"{CELL_M}\nNODATA_value -9999"
-    )
-    np.savetxt(folder / "dem.asc", marked, "%.3f", header=head, comments="")
-    (folder / "N10E010.hgt").write_bytes(
-        np.tile(known[:1, :1], (1201, 1201)).astype(">i2").tobytes()
-    )
-    label = LABEL.format(bytes=4 * COLS, records=ROWS + 8, rows=ROWS, cols=COLS)
-    (folder / "dem.img").write_bytes(
-        label.encode().ljust(8 * 4 * COLS) + known.astype("<f4").tobytes()
-    )
-    cost = np.random.default_rng(1).uniform(0.0, 0.9, (ROWS, COLS)).astype(np.float32)
+    kind |= {"height": ROWS, "width": COLS, "nodata": -9999.0}
+    with rasterio.open(folder / "dem.tif", "w", **kind) as dataset:
+        dataset.write(np.nan_to_num(ground, nan=-9999.0), 1)
+    rasterio.shutil.copy(folder / "dem.tif", folder / "dem.asc", driver="AAIGrid")
+    (folder / "N10E010.hgt").write_bytes(np.full((1201, 1201), 100, ">i2").tobytes())
+    label = LABEL.format(bytes=4 * COLS, records=ROWS + 8, rows=ROWS, cols=COLS).encode()
+    (folder / "dem.img").write_bytes(label.ljust(8 * 4 * COLS) + known.astype("<f4").tobytes())
+    cost = rng.uniform(0.0, 0.9, (ROWS, COLS)).astype(np.float32)
     cost[5, 3:20] = np.inf
-    np.savez_compressed(folder / "cost.npz", cost=cost, cell_size_m=CELL_M, cell_width_m=CELL_M)
-    inputs = [
-        Pose(2.0, 2.0),
-        Goal(20, 28),
-        MapPatch(3, 4, elevation=ground[:4, :5]),
-        Pose(4.0, 4.0),
+    np.savez_compressed(folder / "cost.npz", cost=cost, cell_width_m=CELL_M, **cell)
+    messages = [
+        encode(Pose(2.0, 2.0)),
+        encode(Goal(20, 28)),
+        encode(MapPatch(3, 4, elevation=ground[:4, :5])),
+        encode(Pose(4.0, 4.0)),
+        encode(MapPatch(10, 9, cost=np.full((2, 3), 1.0, np.float32), keep_known=True)),
     ]
-    inputs.append(MapPatch(10, 9, cost=np.full((2, 3), 1.0, np.float32), keep_known=True))
-    lines = [
-        b'{"at":%.3f,' % (0.01 * at) + encode(message)[1:] for at, message in enumerate(inputs)
-    ]
-    lines.insert(0, json.dumps({"v": 1, "type": "recording", "map": [ROWS, COLS]}).encode())
-    (folder / "drive.jsonl").write_bytes(b"\n".join(lines) + b"\n")
-    (folder / "messages.jsonl").write_bytes(b"\n".join(map(encode, inputs)) + b"\n")
+    timed = [b'{"at":%.3f,' % (0.01 * at) + each[1:] for at, each in enumerate(messages)]
+    first = json.dumps({"v": 1, "type": "recording", "map": [ROWS, COLS]}).encode()
+    (folder / "drive.jsonl").write_bytes(b"\n".join((first, *timed, b"")))
+    (folder / "messages.jsonl").write_bytes(b"\n".join((*messages, b"")))
     (folder / "profile.toml").write_text(PROFILE)
     write_tiny_model(folder / "tiny.onnx")
     (folder / "tiny.md").write_text("# tiny\n\nA model without weights.\n")
@@ -126,7 +109,7 @@ COMMANDS = (
 """They make a data set, a checkpoint, a trained model and a report."""
 
 
-def make_heavy(folder: Path) -> None:
+def make_heavy(folder):
     """What must be trained or measured, by the commands themselves."""
     making = folder.parent / "making"
     making.mkdir(exist_ok=True)

@@ -1,6 +1,5 @@
 """`nnpp-edge evaluate`: rows of planners on the same queries."""
 
-import json
 import math
 from pathlib import Path
 
@@ -39,7 +38,7 @@ def test_a_row_for_each_workload_size_and_planner(nnpp_edge, terrain, tiny_model
     more = ("--methods", "corridor,nnpp", "--model", tiny_model)
     ended = nnpp_edge("evaluate", terrain, *words.split(), *more)
     assert ended.code == 0, ended.err
-    rows = json.loads(ended.out)
+    rows = ended.json
     named = [f"{row['workload']} {row['size']} {row['method']}" for row in rows]
     places = [f"{name} {size}" for name in ("soft", "limit15") for size in (64, 128)]
     assert named == [f"{at} {method}" for at in places for method in ("astar", "corridor", "nnpp")]
@@ -61,7 +60,7 @@ def test_a_fresh_map_is_timed_from_its_elevations_on(nnpp_edge, terrain, tiny_mo
     words = ("--sizes", 96, "--queries", 5, "--model", tiny_model, "--repeats", 1, "--fresh-map")
     ended = nnpp_edge("evaluate", terrain, *words, "--json")
     assert ended.code == 0, ended.err
-    rows = {row["method"]: row for row in json.loads(ended.out)}
+    rows = {row["method"]: row for row in ended.json}
     names = ("astar", "corridor", "nnpp", "corridor-narrow")
     assert list(rows) == [each for name in names for each in (name, f"{name}-eager")]
     for row in rows.values():
@@ -129,7 +128,7 @@ def test_limits_and_weight_of_ones_own_are_taken(nnpp_edge, terrain):
         return nnpp_edge("evaluate", terrain, *words.split(), *more)
 
     def cc(*more):
-        return json.loads(judged(*more).out)[0]["cc_mean"]
+        return judged(*more).json[0]["cc_mean"]
 
     assert cc("--omega", 0.05) < cc() != cc("--limit", "roughness_limit_m=2")
     own = ("--workload", "limit20", "--limit", "hard_slope_deg=15")

@@ -1,6 +1,5 @@
 """`nnpp-edge evaluate` with a vehicle: its workloads, its rows and its poses."""
 
-import json
 import math
 from dataclasses import replace
 from itertools import product, repeat
@@ -54,7 +53,7 @@ def judged(nnpp_edge, terrain, rover):
 def test_each_workload_has_rows_of_the_corridor_and_exact_search(judged):
     ended = judged("--workload", "body,body-rocks5,soft", "--json")
     assert ended.code == 0, ended.err
-    rows = json.loads(ended.out)
+    rows = ended.json
     named = [(row["workload"], row["method"]) for row in rows]
     assert named == list(product(("body", "body-rocks5", "soft"), ("astar", "corridor")))
     for row in rows:
@@ -79,7 +78,7 @@ def test_each_workload_has_rows_of_the_corridor_and_exact_search(judged):
 def test_a_planner_that_checks_all_poses_first_is_the_control_on_a_fresh_map(judged):
     ended = judged("--workload", "body", "--fresh-map", "--json")
     assert ended.code == 0, ended.err
-    rows = {row["method"]: row for row in json.loads(ended.out)}
+    rows = {row["method"]: row for row in ended.json}
     names = ("astar", "corridor", "corridor-narrow")
     assert list(rows) == [name + end for name in names for end in ("", "-eager")]
     for name in names:

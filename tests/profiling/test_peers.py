@@ -26,7 +26,7 @@ def test_a_row_for_each_size_and_planner(nnpp_edge, terrain, tmp_path):
     words = ["--terrain", terrain, "--sizes", "64,96", "--queries", 12, "--json", "-o", tmp_path]
     ended = nnpp_edge("profile", "--peers", *words)
     assert ended.code == 0, ended.err
-    facts = json.loads(ended.out)
+    facts = ended.json
     found, missing = peer_planners()
     assert facts["left_out"] == missing
     places = [(64, "dem"), (96, "synthetic")]

@@ -6,10 +6,11 @@ import pytest
 from nnpp_edge.reproduction.episode import make_episode
 from nnpp_edge.runtime.errors import InvalidQueryError
 from tests import oracles
+from tests.strategies import uniform
 
 
 def test_an_episode_is_the_same_for_the_same_seed_and_can_always_be_walked():
-    cost = np.random.default_rng(1).uniform(0.0, 0.5, (128, 128)).astype(np.float32)
+    cost = uniform(1, (128, 128), 0.0, 0.5)
     one, same, other = (make_episode(cost, (5, 5), (120, 120), seed) for seed in (4, 4, 5))
     assert len(one.steps) >= 3
     assert [step.start for step in one.steps] == [step.start for step in same.steps]

@@ -23,6 +23,7 @@ from nnpp_edge.reproduction.planners import (
 from nnpp_edge.reproduction.runner import EXPERIMENTS, reproduce
 from nnpp_edge.runtime.errors import InvalidQueryError
 from nnpp_edge.terrain.synthetic import synthetic_terrain
+from tests.strategies import uniform
 
 TINY = {
     "table1": {"sizes": (16, 32, 64, 512), "maps": 1},
@@ -181,7 +182,7 @@ def test_the_command_prints_a_line_for_each_experiment_and_json_for_programs(
     assert first.startswith("table1: ")
     assert second.startswith("fig12: ")
     assert last.endswith("README.md")
-    found = json.loads(nnpp_edge(*words, "--json").out)["experiments"]
+    found = nnpp_edge(*words, "--json").json["experiments"]
     assert [each["experiment"] for each in found] == ["table1", "fig12"]
     assert {each["ended"] for each in found} == {"skipped"}
     for each in found:
@@ -190,7 +191,7 @@ def test_the_command_prints_a_line_for_each_experiment_and_json_for_programs(
 
 @pytest.mark.parametrize("timed", [True, False])
 def test_plain_astar_is_optimal_and_the_region_is_the_networks(tiny_networks, timed):
-    cost = np.random.default_rng(3).uniform(0.0, 0.8, (70, 70)).astype(np.float32)
+    cost = uniform(3, (70, 70), 0.0, 0.8)
     here = OneMap(cost, ((2, 3), (60, 66)), tiny_networks)
     rows = here.timed(PLANNERS, 1, Harness()) if timed else here.untimed()
     assert [row["planner"] for row in rows] == [
@@ -208,7 +209,7 @@ def test_plain_astar_is_optimal_and_the_region_is_the_networks(tiny_networks, ti
 
 
 def test_an_episode_is_driven_by_all(tiny_networks):
-    cost = np.random.default_rng(3).uniform(0.0, 0.8, (96, 96)).astype(np.float32)
+    cost = uniform(3, (96, 96), 0.0, 0.8)
     episode = make_episode(cost, (5, 5), (90, 88), seed=2, stride=dynamic.stride_on(96))
     plans = len(episode.steps)
     rows = dynamic.drive(episode, tiny_networks, 1)

@@ -6,13 +6,14 @@ import pytest
 
 from nnpp_edge.reproduction.planners import OneMap
 from nnpp_edge.reproduction.regions import BAND, CONTROLS, CORRIDOR, NETWORK
+from tests.strategies import uniform
 
 QUERY = ((5, 8), (118, 110))
 
 
 @pytest.fixture
 def here(tiny_networks):
-    cost = np.random.default_rng(3).uniform(0.0, 0.8, (128, 128)).astype(np.float32)
+    cost = uniform(3, (128, 128), 0.0, 0.8)
     return OneMap(cost, QUERY, tiny_networks)
 
 

@@ -19,22 +19,23 @@ from mcap_ros2.decoder import DecoderFactory
 
 from nnpp_edge.robot.transports import mcap_log
 from nnpp_edge.robot.transports.mcap_log import TOPICS, McapLog
-from nnpp_edge.runtime.errors import OutputError, Status
-from nnpp_edge.runtime.loop.messages import (
+from nnpp_edge.runtime import (
     Counters,
     Goal,
+    Ground,
+    Loop,
     MapPatch,
+    Navigator,
     Origin,
     PathMessage,
     Pose,
     StatusMessage,
 )
-from nnpp_edge.runtime.loop.navigator import Navigator
-from nnpp_edge.runtime.loop.runner import Loop
-from nnpp_edge.runtime.map.ground import Ground
+from nnpp_edge.runtime.errors import OutputError, Status
 from nnpp_edge.runtime.map.state import map_state
+from tests.strategies import flat
 
-STATE = map_state(Ground(np.full((5, 5), 0.2, np.float32)))
+STATE = map_state(Ground(flat(5, 5, 0.2)))
 
 
 def answer(cells, tick=1):
@@ -170,7 +171,7 @@ def test_a_log_fills_at_most_its_limit_and_keeps_the_newest(tmp_path, monkeypatc
     monkeypatch.setattr(mcap_log, "_FLUSH_EVERY_S", 0.0)
     monkeypatch.setattr(mcap_log, "_LIMIT_BYTES", 0.12e6)
     rng = np.random.default_rng(0)
-    state = map_state(Ground(np.full((20, 20), 0.2, np.float32)))
+    state = map_state(Ground(flat(20, 20, 0.2)))
     with closing(McapLog(tmp_path / "log.mcap", state)) as log:
         for tick in range(250):
             log.publish(answer(rng.integers(0, 1000, (50, 2)), tick))
@@ -252,7 +253,7 @@ def test_a_full_disk_ends_the_log_with_one_warning_and_not_the_loop(tmp_path, mo
     log = McapLog(tmp_path / "log.mcap", STATE)
     monkeypatch.undo()
     monkeypatch.setattr(mcap_log, "_FLUSH_EVERY_S", 0.0)
-    nav = Navigator(Ground(np.full((60, 60), 0.2, np.float32)))
+    nav = Navigator(Ground(flat(60, 60, 0.2)))
     goals = iter(range(40))
     source = SimpleNamespace(poll=lambda: [Pose(3, 3), Goal(50, next(goals))])
     with caplog.at_level(logging.WARNING):
@@ -283,7 +284,7 @@ def test_no_input_is_lost_for_want_of_an_answer(tmp_path):
 
 def test_the_map_is_shown_again_while_heights_come(tmp_path, monkeypatch):
     monkeypatch.setattr(mcap_log, "_MAP_EVERY_S", 0.0)
-    state = map_state(Ground.of_elevation(np.zeros((20, 20), np.float32), 1.0))
+    state = map_state(Ground.of_elevation(flat(20, 20), 1.0))
     patch = MapPatch(5, 5, elevation=np.array([[3.0]]))
     with closing(McapLog(tmp_path / "log.mcap", state)) as log:
         log.publish(answer([]))

@@ -306,25 +306,28 @@ def test_layers_that_would_be_read_scrambled_are_refused(path, value, words):
     refused(GridMap, message(), path, value, words)
 
 
+NO_MAPS = r"""
+OccupancyGrid.of_message(message()) | info.width
+GridMap.of_message(np.zeros((2, 3))) | a message with layers, got a ndarray
+OccupancyGrid(np.zeros((2, 3)), MapFrame(1.0)) | \(2, 3\) float64
+OccupancyGrid(np.zeros(6, int), MapFrame(1.0)) | a map \(height, width\)
+OccupancyGrid(np.full((2, 3), 101), MapFrame(1.0)) | \[-1, 100\], got \[101
+OccupancyGrid(np.zeros((2, 2), int), AGAINST_X) | rows must run with y
+MapFrame(1.0, x=math.nan) | finite
+GridMap({'elevation': VALUES}, AGAINST_X).layer('cost') | has elevation
+GridMap({'a': np.zeros((2, 2))}, MapFrame(1.0)) | against x
+GridMap({}, AGAINST_X) | got none
+GridMap({'a': VALUES, 'b': VALUES.T}, AGAINST_X) | one shape
+"""
+
+
 @pytest.mark.parametrize(
     ("make", "words"),
-    [
-        (lambda: OccupancyGrid.of_message(message()), "info.width"),
-        (lambda: GridMap.of_message(np.zeros((2, 3))), "a message with layers, got a ndarray"),
-        (lambda: OccupancyGrid(np.zeros((2, 3)), MapFrame(1.0)), r"\(2, 3\) float64"),
-        (lambda: OccupancyGrid(np.zeros(6, int), MapFrame(1.0)), r"a map \(height, width\)"),
-        (lambda: OccupancyGrid(np.full((2, 3), 101), MapFrame(1.0)), r"\[-1, 100\], got \[101"),
-        (lambda: OccupancyGrid(np.zeros((2, 2), int), AGAINST_X), "rows must run with y"),
-        (lambda: MapFrame(1.0, x=math.nan), "finite"),
-        (lambda: GridMap({"elevation": VALUES}, AGAINST_X).layer("cost"), "has elevation"),
-        (lambda: GridMap({"a": np.zeros((2, 2))}, MapFrame(1.0)), "against x"),
-        (lambda: GridMap({}, AGAINST_X), "got none"),
-        (lambda: GridMap({"a": VALUES, "b": VALUES.T}, AGAINST_X), "one shape"),
-    ],
+    cases(NO_MAPS),
 )
 def test_what_makes_no_map_is_refused(make, words):
     with pytest.raises(InvalidMapError, match=words):
-        make()
+        eval(make)
 
 
 OTHERS = (None, "x", [], {}, [[1.0], [1.0, 2.0]], 2.5, -1, math.nan, 1e300, 10**400, 1j, object())

@@ -20,9 +20,8 @@ from nnpp_edge.robot.operations import onboard
 from nnpp_edge.robot.transports.recording import RecordingFile, read_recording
 from nnpp_edge.robot.transports.wire import decode_output, encode
 from nnpp_edge.robot.transports.wiring import Wiring
-from nnpp_edge.runtime import Ground, InProcessSink
+from nnpp_edge.runtime import Goal, Ground, InProcessSink, MapPatch, PathMessage, Pose
 from nnpp_edge.runtime.errors import InvalidQueryError
-from nnpp_edge.runtime.loop.messages import Goal, MapPatch, PathMessage, Pose
 from nnpp_edge.runtime.network import loading
 from nnpp_edge.terrain import dem as dem_module
 from tests.robot.conftest import free, wait_until
@@ -161,7 +160,7 @@ def test_after_a_kill_the_recording_can_be_played_and_the_next_has_a_file_of_its
     replay = ("--input", f"replay:{record}", "--fast", "--json", "--output", "none")
     ended = nnpp_edge("run", "--map", dem, *QUICK, "--record", record, *replay)
     assert ended.code == 0, ended.err
-    assert json.loads(ended.out)["patches"] == len(kept) - 2
+    assert ended.json["patches"] == len(kept) - 2
     assert record.read_bytes() == before
     assert len(list(read_recording(tmp_path / "inputs-2.jsonl"))) == len(kept)
 
@@ -232,7 +231,7 @@ def test_a_replay_ends_with_its_counters_its_log_and_its_metrics(replayed, dem, 
     outputs = ("--metrics", "0", "--log", log)
     ended = replayed(dem, "--method", "astar", "--rate", "2", *outputs)
     assert ended.code == 0
-    told = json.loads(ended.out)
+    told = ended.json
     assert (told["ticks"], told["planned"], told["failed"], told["patches"]) == (3, 3, 0, 1)
     assert told["errors"] == {}
     assert "ready: astar at 2 Hz, 80 × 90 cells" in ended.err
@@ -244,7 +243,7 @@ def test_a_replay_ends_with_its_counters_its_log_and_its_metrics(replayed, dem, 
 
 def test_a_cost_map_is_understood_as_one(replayed, tmp_path):
     np.savez(tmp_path / "cost.npz", cost=np.full(SHAPE, 0.3, np.float32), cell_size_m=2.0)
-    assert json.loads(replayed(tmp_path / "cost.npz", *QUICK).out)["planned"] == 3
+    assert replayed(tmp_path / "cost.npz", *QUICK).json["planned"] == 3
     refused = replayed(tmp_path / "cost.npz", "--workload", "limit20")
     refused.refused("cost.npz holds costs: --workload needs elevations")
 
@@ -252,7 +251,7 @@ def test_a_cost_map_is_understood_as_one(replayed, tmp_path):
 @pytest.mark.parametrize("given", [("tobler",), ("energy", "--mobility", "large-rover")])
 def test_on_elevations_it_goes_by_a_step_cost(replayed, dem, given):
     ended = replayed(dem, *QUICK, "--step-cost", *given)
-    assert json.loads(ended.out)["planned"] == 3, ended.err
+    assert ended.json["planned"] == 3, ended.err
 
 
 def test_energy_without_a_mobility_is_refused(replayed, dem):
@@ -278,7 +277,7 @@ def test_ticks_end_it_and_the_profile_and_its_model_count(replayed, dem, tmp_pat
     words = ("--profile", profile, "--stay", "--ticks", "20")
     ended = replayed(dem, *words)
     assert "ready: nnpp at 50 Hz" in ended.err
-    assert json.loads(ended.out)["ticks"] == 20
+    assert ended.json["ticks"] == 20
     assert "ready: dstar at 80 Hz" in replayed(dem, *words, "--method", "dstar", "--rate", "80").err
 
 

@@ -6,13 +6,20 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from nnpp_edge.runtime import (
+    Goal,
+    Ground,
+    MapPatch,
+    Origin,
+    PathMessage,
+    Planner,
+    Pose,
+    Traversability,
+    Vehicle,
+    traversability_cost,
+)
 from nnpp_edge.runtime.cells import slices
 from nnpp_edge.runtime.errors import InvalidQueryError, Status
-from nnpp_edge.runtime.loop.messages import Goal, MapPatch, Origin, PathMessage, Pose
-from nnpp_edge.runtime.map.ground import Ground
-from nnpp_edge.runtime.planners.planner import Planner
-from nnpp_edge.runtime.terrain.traversability import Traversability, traversability_cost
-from nnpp_edge.runtime.terrain.vehicle import Vehicle
 from nnpp_edge.simulation.robots import Robot
 from nnpp_edge.simulation.scene import Scene, SimulationSettings, SurveyedGround, walkable
 from nnpp_edge.simulation.simulate import random_drive, simulate
@@ -385,7 +392,7 @@ def test_the_command_drives_a_body_writes_draws_and_tells(nnpp_edge, tmp_path):
     still = tmp_path / "drive.png"
     ended = nnpp_edge(*words, "--json", "--log", log, "--picture", film)
     assert ended.code == 0, ended.err
-    told = json.loads(ended.out)
+    told = ended.json
     assert told["reached"] and told["forbidden"] == 0
     assert (told["rows"], told["cols"], told["files"]) == (48, 48, [str(log), str(film)])
     with log.open("rb") as file:
@@ -396,7 +403,7 @@ def test_the_command_drives_a_body_writes_draws_and_tells(nnpp_edge, tmp_path):
     assert (told["row"], told["col"]) != (0, 0)
     for end in ("start", "goal"):
         words += [f"--{end}", ",".join(map(str, told[end]))]
-    again = json.loads(nnpp_edge(*words, "--json").out)
+    again = nnpp_edge(*words, "--json").json
     same = ("row", "col", "start", "goal", "optimal_cost")
     assert [again[name] for name in same] == [told[name] for name in same]
     ended = nnpp_edge(*words, "--ticks", 9, "--rate", 60, "--picture", still)
@@ -421,7 +428,7 @@ def test_both_ends_lie_well_inside_the_part_that_is_cut_out_and_are_named_as_in_
     nnpp_edge(*words, "--goal", "86,72").refused("--size 50 holds with 4 cells around each")
     insides = []
     for seed in range(8):
-        told = json.loads(nnpp_edge(*words, "--goal", "50,60", "--seed", seed).out)
+        told = nnpp_edge(*words, "--goal", "50,60", "--seed", seed).json
         ends = np.array((told["start"], told["goal"]))
         assert ends.tolist() == [[40, 50], [50, 60]]
         from_corner = ends - (told["row"], told["col"])

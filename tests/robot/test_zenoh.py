@@ -18,10 +18,9 @@ pytest.importorskip("zenoh")
 from nnpp_edge.robot.transports.incoming import Refusals
 from nnpp_edge.robot.transports.wire import decode_output, encode
 from nnpp_edge.robot.transports.zenoh_io import ZenohLink, ZenohSink, ZenohSource
+from nnpp_edge.runtime import Goal, Loop, MapPatch, Pose
 from nnpp_edge.runtime.errors import InvalidQueryError
 from nnpp_edge.runtime.loop.connections import InProcessSource, Mailbox
-from nnpp_edge.runtime.loop.messages import Goal, MapPatch, Pose
-from nnpp_edge.runtime.loop.runner import Loop
 from nnpp_edge.runtime.memory import rss_bytes
 from tests.robot.conftest import wait_until
 

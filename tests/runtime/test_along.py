@@ -8,9 +8,9 @@ import pickle
 import numpy as np
 import pytest
 
-from nnpp_edge.runtime import DynamicPlanner, Planner, Vehicle
+from nnpp_edge.runtime import DynamicPlanner, EnergyCost, Mobility, Planner, TimeCost, Vehicle
 from nnpp_edge.runtime.map.along import Along, Numbers, heights_at, joined
-from nnpp_edge.runtime.robots.slope.cost import EnergyCost, Mobility, TimeCost
+from tests.strategies import flat, uniform
 
 ROVER = Mobility(
     time=TimeCost((-20.0, 0.0, 20.0), (0.2, 0.4, 0.1)), energy=EnergyCost(50.0, 0.15, 0.8, 0.3)
@@ -18,7 +18,7 @@ ROVER = Mobility(
 
 
 def rough(rows=40, cols=50, seed=1):
-    return np.random.default_rng(seed).uniform(0.0, 3.0, (rows, cols)).astype(np.float32)
+    return uniform(seed, (rows, cols), 0.0, 3.0)
 
 
 def brute(line, heights, sides_m, pieces=4000):
@@ -109,11 +109,11 @@ def test_a_plan_keeps_its_numbers_when_the_ground_changes_and_a_copy_of_the_plan
     plan = planner.plan((5, 5), (30, 40))
     before = tuple(plan.numbers)
     copy = pickle.loads(pickle.dumps(planner))
-    planner.update_elevation(0, 0, np.zeros((40, 50), np.float32))
+    planner.update_elevation(0, 0, flat(40, 50))
     assert tuple(plan.numbers) == before
     again = copy.plan((5, 5), (30, 40))
     assert (again.cost, again.energy_j) == pytest.approx((plan.cost, plan.energy_j))
-    copy.update_elevation(0, 0, np.zeros((40, 50), np.float32))
+    copy.update_elevation(0, 0, flat(40, 50))
     assert (
         copy.plan((5, 5), (30, 40)).cost
         == pytest.approx(planner.plan((5, 5), (30, 40)).cost)
@@ -169,6 +169,6 @@ def test_without_a_path_or_heights_there_are_no_numbers_and_one_cell_has_none_bu
         [1, 1],
         [1, 2],
     ]
-    plan = Planner(np.full((20, 20), 0.1, np.float32)).plan((1, 1), (15, 15))
+    plan = Planner(flat(20, 20, 0.1)).plan((1, 1), (15, 15))
     assert plan.along is None and all(map(math.isnan, plan.numbers))
     assert all(plan.summary()[name] is None for name in Numbers._fields)

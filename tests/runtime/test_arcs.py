@@ -13,11 +13,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from nnpp_edge.runtime import DynamicPlanner, Planner, Vehicle
+from nnpp_edge.runtime import DynamicPlanner, Planner, Source, Vehicle
 from nnpp_edge.runtime.errors import InvalidMapError, InvalidQueryError, Status
 from nnpp_edge.runtime.kernels.poses import AXIS_COUNT, FAILS, MOST_CODE
 from nnpp_edge.runtime.planners import arc_corridor
-from nnpp_edge.runtime.planners.plan import Source
 from nnpp_edge.runtime.planners.standing_path import StandingPath
 from nnpp_edge.runtime.robots.body import search
 from nnpp_edge.runtime.robots.body.arcs import heading_deg

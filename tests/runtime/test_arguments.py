@@ -1,4 +1,6 @@
-"""Wrong types at every public entry: what comes back is an error of the package, in one line."""
+"""Wrong types and values at every public entry: what comes back is an error of the package, in one
+line.
+"""
 
 import inspect
 import math
@@ -22,11 +24,8 @@ from nnpp_edge.runtime import (
     Navigator,
     NetworkModel,
     NnppEdgeError,
-    Origin,
-    PathMessage,
     Planner,
     Pose,
-    Status,
     TimeCost,
     ToblerCost,
     Traversability,
@@ -36,9 +35,11 @@ from nnpp_edge.runtime import (
     traversability_cost,
 )
 from nnpp_edge.runtime.loop.timing import Ticker
+from tests.strategies import flat
+from tests.tables import cases
 
-COST = np.full((12, 14), 0.2, np.float32)
-HEIGHTS = np.zeros((12, 14), np.float32)
+COST = flat(12, 14, 0.2)
+HEIGHTS = flat(12, 14)
 ENDS = {"start": (1, 2), "goal": (9, 11)}
 WRONG = [
     "0",
@@ -185,7 +186,7 @@ def test_every_entry_and_method_refuses_what_is_of_another_type():
 # --- values of the right type
 
 NAN = math.nan
-FLAT = np.zeros((40, 40), np.float32)
+FLAT = flat(40, 40)
 PAIR = ((1, 1), (2, 2))
 POINT = Planner(FLAT)
 HEAVY = Planner(FLAT + 0.2, step_cost="length")
@@ -199,220 +200,112 @@ NO_MAP = np.zeros((3, 3, 3)), np.zeros((0, 3)), np.array([["a"]]), [[1.0, 2.0], 
 TOO_LARGE = (np.full((2, 2), 1e39), np.full((2, 2), -1.7e308))
 TOO_FAR = (1.1e30, 3.4e38, 0.0, 1e-39)
 CELLS = (np.inf, 0), (NAN, 0), (0.5, 1), (1, 2, 3), "ab", None, (1e400, 2)
-NO_CELL = r"must be two whole numbers \(row, col\), got"
 PLANNERS = POINT, HEAVY, ON_DISC, ON_HEIGHTS, MOVING
-REFUSED = (
-    (Planner, (*NO_MAP, np.full((3, 3), -0.1)), None),
-    (lambda cost: Planner(cost, step_cost="length"), TOO_LARGE, "32-bit floats"),
-    (lambda heights: MapPatch(0, 0, elevation=heights), (*TOO_LARGE, *NO_MAP[2:]), None),
-    (
-        lambda weight: Planner(FLAT + weight, step_cost="length"),
-        TOO_FAR,
-        r"be from 1\.18e-38 to 1e\+30, got one of",
-    ),
-    (lambda weight: HEAVY.update(5, 5, np.full((2, 2), weight)), (*TOO_FAR, -1.0), "got one of"),
-    (
-        lambda planner: planner.update(5, 5, [[0.5, -0.1]]),
-        (POINT, ON_DISC, MOVING),
-        r"at least 0, got one of -0\.1",
-    ),
-    (lambda planner: planner.update(-1, 0, np.ones((3, 3))), PLANNERS, "inside the map"),
-    (lambda planner: planner.update(38, 0, np.ones((3, 3))), PLANNERS, "inside the map"),
-    (lambda planner: planner.update(0, 39, np.ones((3, 3))), PLANNERS, "inside the map"),
-    (
-        lambda at: ON_HEIGHTS.update_elevation(*at, FLAT[:3, :3]),
-        ((-1, 0), (0, 38), (40, 0)),
-        "inside the map",
-    ),
-    (
-        lambda planner: planner.update_elevation(0, 0, FLAT[:2, :2]),
-        (POINT, ON_DISC),
-        "wanted costs",
-    ),
-    (lambda row: POINT.update(row, 0, np.ones((2, 2))), (1.7,), "whole number"),
-    (lambda cell: POINT.plan(cell, (1, 1)), CELLS, NO_CELL),
-    (lambda cell: POINT.plan((1, 1), cell), CELLS, NO_CELL),
-    (lambda cell: POINT.nearest((1, 1), [cell]), CELLS, NO_CELL),
-    (lambda cell: POINT.prepare(goals=[cell]), CELLS, NO_CELL),
-    (lambda cell: DynamicPlanner(FLAT, cell), CELLS, NO_CELL),
-    (lambda goals: POINT.nearest((1, 1), goals), ([],), "at least one goal"),
-    (
-        lambda count: POINT.nearest((1, 1), [(2, 2)], count=count),
-        (0,),
-        "count must be at least 1, got 0",
-    ),
-    (
-        lambda s: POINT.plan(*PAIR, time_limit_s=s),
-        (NAN, -1.0),
-        "time_limit_s must be a number of at least 0",
-    ),
-    (
-        lambda share: POINT.plan(*PAIR, epsilon=share),
-        (NAN, -0.1),
-        "epsilon must be a number of at least 0",
-    ),
-    (lambda method: POINT.plan(*PAIR, method=method), ("best",), "method must be one of"),
-    (
-        lambda refine: POINT.plan(*PAIR, refine=refine),
-        ("smooth",),
-        "refine must be one of any-angle",
-    ),
-    (
-        lambda m: POINT.plan(*PAIR, refine="any-angle", turning_radius_m=m),
-        (-1.0,),
-        "positive number of metres",
-    ),
-    (
-        lambda m: POINT.plan(*PAIR, refine="any-angle", turning_radius_m=m),
-        (1.0,),
-        "cells have a size",
-    ),
-    (lambda omega: Planner(FLAT, omega=omega), (1e300, NAN, -1.0), "omega must be from 0"),
-    (lambda name: Planner(FLAT, step_cost=name), ("euclid",), "euclid"),
-    (lambda name: Planner(FLAT, step_cost=name), ("tobler",), "'tobler'.*elevations"),
-    (
-        lambda name: DynamicPlanner(FLAT, (0, 0), step_cost=name),
-        ("linear",),
-        "'linear'.*elevations",
-    ),
-    (
-        lambda vehicle: Planner(FLAT, vehicle=vehicle, cell_size_m=1.0),
-        (BODY,),
-        "a body needs elevations",
-    ),
-    (lambda vehicle: Planner(FLAT, vehicle=vehicle), (DISC,), "wanted cell_size_m"),
-    (lambda method: DynamicPlanner(FLAT, (1, 1), method), ("dijkstra",), "method must be one of"),
-    (lambda refine: DynamicPlanner(FLAT, (1, 1), refine=refine), ("smooth",), "refine must be"),
-    (lambda goal: DynamicPlanner(FLAT, goal), ((40, 1),), "goal must lie inside"),
-    (lambda planner: planner.replan(), (MOVING,), "wanted a start"),
-    (
-        lambda method: dynamic().replan(method=method),
-        ("best",),
-        "method must be one of auto, astar",
-    ),
-    (lambda landmarks: TOBLER.prepare(landmarks=landmarks), (2,), "landmarks.*alike both ways"),
-    (lambda goal: TOBLER.prepare(goals=[goal]), ((1, 1),), "landmarks"),
-    (
-        lambda size: Planner.of_elevation(FLAT, size),
-        (0.0, NAN),
-        "cell size must be a positive number",
-    ),
-    (lambda size: Planner.of_elevation(FLAT, 1.0, cell_width_m=size), (0.0, NAN), "cell size"),
-    (lambda dem: Planner.of_elevation(dem, 1.0), NO_MAP[:2], r"dem must be a \(H, W\) map"),
-    (
-        lambda name: Planner.of_elevation(FLAT, 1.0, step_cost=name),
-        ("time",),
-        r"mobility\.time.*speed_m_s",
-    ),
-    (
-        lambda name: Planner.of_elevation(FLAT, 1.0, step_cost=name),
-        ("energy",),
-        r"mobility\.energy.*mass_kg",
-    ),
-    (
-        lambda name: Planner.of_elevation(FLAT, 1.0, step_cost=name),
-        ("length",),
-        "one of paper, tobler.*'length'",
-    ),
-    (
-        lambda m: Planner.of_elevation(FLAT[:10, :16], 0.25, vehicle=Vehicle(*m, 0.3)),
-        ((4.3, 0.9), (3.0, 2.9)),
-        "map",
-    ),
-    (lambda m: pose_costs(FLAT[:10, :16], 0.25, Vehicle(*m, 0.3)), ((4.3, 0.9), (3.0, 2.9)), "map"),
-    (lambda vehicle: pose_costs(FLAT, 0.5, vehicle), (DISC,), "a disc has no poses"),
-    (lambda radius: Vehicle(1.5, 1.2, 0.3, radius_m=radius), (1.0,), "wanted no other values"),
-    (lambda radius: Vehicle(radius_m=radius), (-1.0, 0.0), "radius_m must be a positive"),
-    (lambda dem: traversability_cost(dem, 1.0), NO_MAP[:2], "dem"),
-    (lambda size: traversability_cost(FLAT, size), (0.0, NAN), "cell size"),
-    (lambda slope: Traversability(slope_limit_deg=slope), (0, 90), "slope limit"),
-    (lambda step: Traversability(step_limit_m=step), (-1,), "step_limit_m"),
-    (lambda weight: Traversability(slope_weight=weight), (0.9,), "weight"),
-    (lambda cost: MapPatch(0, 0, cost=cost), NO_MAP[1:], "numbers"),
-    (
-        lambda cost: MapPatch(0, 0, cost=cost),
-        ([[0.5, -2.0]], [[-np.inf]]),
-        "at least 0, got one of -",
-    ),
-    (
-        lambda given: MapPatch(0, 0, **given),
-        ({}, {"elevation": FLAT, "cost": FLAT}),
-        "either elevation or cost",
-    ),
-    (lambda row: MapPatch(row, 0, cost=FLAT), (0.5, math.inf), "whole number"),
-    (lambda stamp: MapPatch(0, 0, cost=FLAT, stamp=stamp), (NAN,), "finite"),
-    (lambda col: Pose(0.0, col), (NAN, "a", 10**400), "a pose's col must be a finite number, got"),
-    (lambda row: Goal(row, 0), (1.5, None), "whole number, got"),
-    (lambda given: PathMessage(1, *given), ((Status.OK, Origin.FULL),), "comes with a path"),
-    (
-        lambda path: PathMessage(1, Status.NO_PATH, Origin.FULL, path),
-        (np.zeros((1, 2), int),),
-        "comes with a path",
-    ),
-    (
-        lambda told: InProcessSource().put(told),
-        ({"row": 5, "col": 5},),
-        "must be a MapPatch or a Pose or a Goal, got",
-    ),
-    (lambda seconds: Ticker(seconds), (0.0, -1.0, math.inf, NAN), "period"),
-    (
-        lambda given: Loop(Navigator(Ground(COST)), InProcessSource(), given),
-        (InProcessSink(),),
-        "each a Sink, got <",
-    ),
-    (lambda rate: Loop(Navigator(Ground(COST)), InProcessSource(), rate_hz=rate), (0.0,), "rate"),
-    (lambda share: Navigator(Ground(COST), tolerance=share), (-1.0,), "tolerance"),
-    (lambda cells: Navigator(Ground(COST), snap_radius=cells), (-1,), "snap_radius"),
-    (
-        lambda kg: EnergyCost(kg, 0.1),
-        (-5.0, NAN),
-        "mass_kg must be a number above 0, got (-5.0|nan)",
-    ),
-    (lambda rolling: EnergyCost(5.0, rolling), (0.0,), "rolling_resistance .*above 0"),
-    (
-        lambda share: EnergyCost(5.0, 0.1, recovery=share),
-        (1.2,),
-        "recovery .*from 0 to 1.* got 1.2",
-    ),
-    (
-        lambda share: EnergyCost(5.0, 0.1, efficiency=share),
-        (0.0, 1.1),
-        r"efficiency .*(\(0, 1\]|0 to 1).* got",
-    ),
-    (lambda watts: EnergyCost(5.0, 0.1, idle_w=watts), (3.0,), "idle_w needs a speed_m_s"),
-    (
-        lambda watts: EnergyCost(5.0, 0.1, idle_w=watts, speed_m_s=1.0),
-        (-3.0,),
-        "idle_w .*at least 0",
-    ),
-    (lambda speed: EnergyCost(5.0, 0.1, speed_m_s=speed), (math.inf,), "speed_m_s .*inf"),
-    (lambda speed: ToblerCost(top_speed_km_h=speed), (0.0,), "top_speed_km_h .*above 0"),
-    (lambda slope: ToblerCost(best_slope=slope), (2.0,), "best_slope .*from -1 to 1"),
-    (lambda factor: IrmischerCost(factor=factor), (-1.0,), "factor .*above 0.*-1"),
-    (lambda level: LinearCost(level), (0.0,), "level_per_m .*above 0"),
-    (lambda down: LinearCost(down_per_m=down), (-4.0, NAN), "every way must cost more than 0"),
-    (lambda up: LinearCost(up_per_m=up), (-1.0,), "up_per_m .*at least 0"),
-    (lambda slope: LinearCost(steep_slope=slope), (0.1,), "steep_slope .*at most 0"),
-    (
-        lambda slopes: TimeCost(slopes, (1.0,)),
-        ((), (0.0, 1.0)),
-        "a speed for each slope_deg.*1 of ",
-    ),
-    (lambda slopes: TimeCost(slopes, (1.0, 1.0)), ((1.0, 1.0), (0.0, 90.0)), "ascend"),
-    (lambda speed: TimeCost((0.0,), (speed,)), (0.0,), "speed_m_s must be positive"),
-)
+REFUSED = r"""
+Planner(X) | *NO_MAP, np.full((3, 3), -0.1) | .
+Planner(X, step_cost='length') | *TOO_LARGE | 32-bit floats
+MapPatch(0, 0, elevation=X) | *TOO_LARGE, *NO_MAP[2:] | .
+Planner(FLAT + X, step_cost='length') | *TOO_FAR | be from 1\.18e-38 to 1e\+30, got one of
+HEAVY.update(5, 5, np.full((2, 2), X)) | *TOO_FAR, -1.0 | got one of
+X.update(5, 5, [[0.5, -0.1]]) | POINT, ON_DISC, MOVING | at least 0, got one of -0\.1
+X.update(-1, 0, np.ones((3, 3))) | *PLANNERS | inside the map
+X.update(38, 0, np.ones((3, 3))) | *PLANNERS | inside the map
+X.update(0, 39, np.ones((3, 3))) | *PLANNERS | inside the map
+ON_HEIGHTS.update_elevation(*X, FLAT[:3, :3]) | (-1, 0), (0, 38), (40, 0) | inside the map
+X.update_elevation(0, 0, FLAT[:2, :2]) | POINT, ON_DISC | wanted costs
+POINT.update(X, 0, np.ones((2, 2))) | 1.7 | whole number
+POINT.plan(X, (1, 1)) | *CELLS | must be two whole numbers \(row, col\), got
+POINT.plan((1, 1), X) | *CELLS | must be two whole numbers \(row, col\), got
+POINT.nearest((1, 1), [X]) | *CELLS | must be two whole numbers \(row, col\), got
+POINT.prepare(goals=[X]) | *CELLS | must be two whole numbers \(row, col\), got
+DynamicPlanner(FLAT, X) | *CELLS | must be two whole numbers \(row, col\), got
+POINT.nearest((1, 1), X) | [] | at least one goal
+POINT.nearest((1, 1), [(2, 2)], count=X) | 0 | count must be at least 1, got 0
+POINT.plan(*PAIR, time_limit_s=X) | NAN, -1.0 | time_limit_s must be a number of at least 0
+POINT.plan(*PAIR, epsilon=X) | NAN, -0.1 | epsilon must be a number of at least 0
+POINT.plan(*PAIR, method=X) | 'best' | method must be one of
+POINT.plan(*PAIR, refine=X) | 'smooth' | refine must be one of any-angle
+POINT.plan(*PAIR, refine='any-angle', turning_radius_m=X) | -1.0 | positive number of metres
+POINT.plan(*PAIR, refine='any-angle', turning_radius_m=X) | 1.0 | cells have a size
+Planner(FLAT, omega=X) | 1e+300, NAN, -1.0 | omega must be from 0
+Planner(FLAT, step_cost=X) | 'euclid' | euclid
+Planner(FLAT, step_cost=X) | 'tobler' | 'tobler'.*elevations
+DynamicPlanner(FLAT, (0, 0), step_cost=X) | 'linear' | 'linear'.*elevations
+Planner(FLAT, vehicle=X, cell_size_m=1.0) | BODY | a body needs elevations
+Planner(FLAT, vehicle=X) | DISC | wanted cell_size_m
+DynamicPlanner(FLAT, (1, 1), X) | 'dijkstra' | method must be one of
+DynamicPlanner(FLAT, (1, 1), refine=X) | 'smooth' | refine must be
+DynamicPlanner(FLAT, X) | (40, 1) | goal must lie inside
+X.replan() | MOVING | wanted a start
+dynamic().replan(method=X) | 'best' | method must be one of auto, astar
+TOBLER.prepare(landmarks=X) | 2 | landmarks.*alike both ways
+TOBLER.prepare(goals=[X]) | (1, 1) | landmarks
+Planner.of_elevation(FLAT, X) | 0.0, NAN | cell size must be a positive number
+Planner.of_elevation(FLAT, 1.0, cell_width_m=X) | 0.0, NAN | cell size
+Planner.of_elevation(X, 1.0) | *NO_MAP[:2] | dem must be a \(H, W\) map
+Planner.of_elevation(FLAT, 1.0, step_cost=X) | 'time' | mobility\.time.*speed_m_s
+Planner.of_elevation(FLAT, 1.0, step_cost=X) | 'energy' | mobility\.energy.*mass_kg
+Planner.of_elevation(FLAT, 1.0, step_cost=X) | 'length' | one of paper, tobler.*'length'
+Planner.of_elevation(FLAT[:10, :16], 0.25, vehicle=Vehicle(*X, 0.3)) | (4.3, 0.9), (3.0, 2.9) | map
+pose_costs(FLAT[:10, :16], 0.25, Vehicle(*X, 0.3)) | (4.3, 0.9), (3.0, 2.9) | map
+pose_costs(FLAT, 0.5, X) | DISC | a disc has no poses
+Vehicle(1.5, 1.2, 0.3, radius_m=X) | 1.0 | wanted no other values
+Vehicle(radius_m=X) | -1.0, 0.0 | radius_m must be a positive
+traversability_cost(X, 1.0) | *NO_MAP[:2] | dem
+traversability_cost(FLAT, X) | 0.0, NAN | cell size
+Traversability(slope_limit_deg=X) | 0, 90 | slope limit
+Traversability(step_limit_m=X) | -1 | step_limit_m
+Traversability(slope_weight=X) | 0.9 | weight
+MapPatch(0, 0, cost=X) | *NO_MAP[1:] | numbers
+MapPatch(0, 0, cost=X) | [[0.5, -2.0]], [[-np.inf]] | at least 0, got one of -
+MapPatch(0, 0, **X) | {}, {'elevation': FLAT, 'cost': FLAT} | either elevation or cost
+MapPatch(X, 0, cost=FLAT) | 0.5, math.inf | whole number
+MapPatch(0, 0, cost=FLAT, stamp=X) | NAN | finite
+Pose(0.0, X) | NAN, 'a', 10 ** 400 | a pose's col must be a finite number, got
+Goal(X, 0) | 1.5, None | whole number, got
+PathMessage(1, *X) | (Status.OK, Origin.FULL) | comes with a path
+PathMessage(1, Status.NO_PATH, Origin.FULL, X) | np.zeros((1, 2), int) | comes with a path
+InProcessSource().put(X) | {'row': 5, 'col': 5} | must be a MapPatch or a Pose or a Goal, got
+Ticker(X) | 0.0, -1.0, math.inf, NAN | period
+Loop(Navigator(Ground(COST)), InProcessSource(), X) | InProcessSink() | each a Sink, got <
+Loop(Navigator(Ground(COST)), InProcessSource(), rate_hz=X) | 0.0 | rate
+Navigator(Ground(COST), tolerance=X) | -1.0 | tolerance
+Navigator(Ground(COST), snap_radius=X) | -1 | snap_radius
+EnergyCost(X, 0.1) | -5.0, NAN | mass_kg must be a number above 0, got (-5.0|nan)
+EnergyCost(5.0, X) | 0.0 | rolling_resistance .*above 0
+EnergyCost(5.0, 0.1, recovery=X) | 1.2 | recovery .*from 0 to 1.* got 1.2
+EnergyCost(5.0, 0.1, efficiency=X) | 0.0, 1.1 | efficiency .*(\(0, 1\]|0 to 1).* got
+EnergyCost(5.0, 0.1, idle_w=X) | 3.0 | idle_w needs a speed_m_s
+EnergyCost(5.0, 0.1, idle_w=X, speed_m_s=1.0) | -3.0 | idle_w .*at least 0
+EnergyCost(5.0, 0.1, speed_m_s=X) | math.inf | speed_m_s .*inf
+ToblerCost(top_speed_km_h=X) | 0.0 | top_speed_km_h .*above 0
+ToblerCost(best_slope=X) | 2.0 | best_slope .*from -1 to 1
+IrmischerCost(factor=X) | -1.0 | factor .*above 0.*-1
+LinearCost(X) | 0.0 | level_per_m .*above 0
+LinearCost(down_per_m=X) | -4.0, NAN | every way must cost more than 0
+LinearCost(up_per_m=X) | -1.0 | up_per_m .*at least 0
+LinearCost(steep_slope=X) | 0.1 | steep_slope .*at most 0
+TimeCost(X, (1.0,)) | (), (0.0, 1.0) | a speed for each slope_deg.*1 of
+TimeCost(X, (1.0, 1.0)) | (1.0, 1.0), (0.0, 90.0) | ascend
+TimeCost((0.0,), (X,)) | 0.0 | speed_m_s must be positive
+"""
+"""Calls with an X, what it is not to be, and a part of the message."""
+NAMES = {name: getattr(runtime, name) for name in dir(runtime)} | {"Ticker": Ticker}
+BEFORE = [planner.state.grid.map().copy() for planner in PLANNERS]
 
 
-def test_values_that_make_no_sense_are_refused_in_a_line_and_change_no_map():
-    before = [planner.state.grid.map().copy() for planner in PLANNERS]
-    for call, values, words in REFUSED:
-        for value in values:
-            with pytest.raises(NnppEdgeError, match=words) as caught:
-                call(value)
-            assert "\n" not in str(caught.value)
-    for planner, wanted in zip(PLANNERS, before, strict=True):
+@pytest.mark.parametrize(("call", "values", "words"), cases(REFUSED, 3))
+def test_values_that_make_no_sense_are_refused_in_a_line_and_change_no_map(call, values, words):
+    for value in eval(f"[{values}]", NAMES | globals()):
+        with pytest.raises(NnppEdgeError, match=words) as caught:
+            eval(call, NAMES | globals() | {"X": value})
+        assert "\n" not in str(caught.value)
+    for planner, wanted in zip(PLANNERS, BEFORE, strict=True):
         np.testing.assert_array_equal(planner.state.grid.map(), wanted)
-    assert ON_HEIGHTS.update(0, 0, FLAT[:1, :1]) == 0  # costs are told beside the heights
+
+
+def test_costs_are_told_beside_heights():
+    assert ON_HEIGHTS.update(0, 0, FLAT[:1, :1]) == 0
 
 
 @pytest.mark.parametrize("dtype", [np.float32, np.float64, np.int16, np.uint8])

@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from nnpp_edge.runtime import Planner
+from nnpp_edge.runtime import Planner, Region
 from nnpp_edge.runtime.deadline import Deadline
 from nnpp_edge.runtime.errors import InvalidQueryError, Status
 from nnpp_edge.runtime.map.grid import Grid
@@ -16,11 +16,10 @@ from nnpp_edge.runtime.planners.searchers import AStarSearcher
 from nnpp_edge.runtime.search.astar import astar, cost_field
 from nnpp_edge.runtime.search.landmarks import Landmarks
 from nnpp_edge.runtime.search.query import Query
-from nnpp_edge.runtime.search.region import Region
 from nnpp_edge.runtime.search.workspace import LAST_STAMP, Workspace
 from nnpp_edge.runtime.terrain.step_cost import StepModel
 from tests import oracles
-from tests.strategies import cases, state_of
+from tests.strategies import cases, flat, state_of, uniform
 
 CLOSE = {"rel": 1e-5, "abs": 1e-6}
 
@@ -109,7 +108,7 @@ def test_landmarks_outlive_what_makes_cells_dearer_and_nothing_else(seed, dearer
 
 
 def test_landmarks_save_work_and_more_than_there_is_room_for_or_in_a_wall_are_refused():
-    cost = np.random.default_rng(3).random((256, 256)).astype(np.float32) * 0.9
+    cost = uniform(3, (256, 256)) * 0.9
     cost[4, 4] = np.inf
     plain = Planner(cost)
     prepared = Planner(cost)
@@ -133,13 +132,13 @@ def test_landmarks_save_work_and_more_than_there_is_room_for_or_in_a_wall_are_re
 
 
 def test_on_a_plain_map_little_more_than_the_path_is_expanded():
-    grid, workspace = set_up(np.zeros((200, 300), np.float32))
+    grid, workspace = set_up(flat(200, 300))
     assert astar(grid, (0, 0), (199, 299), workspace).expansions < 900
     assert astar(grid, (1, 1), (1, 1), workspace).path.tolist() == [[1, 1]]
 
 
 def test_searches_outgrow_their_memory_and_their_numbers():
-    snake = np.full((41, 41), 0.1, np.float32)
+    snake = flat(41, 41, 0.1)
     open_ground = np.random.default_rng(1).random((150, 150))
     snake[1::4, :-1] = snake[3::4, 1:] = np.inf  # a path longer than the room for it
     for cost, goal in ((snake, (40, 40)), (open_ground.astype(np.float32), (149, 149))):
@@ -159,7 +158,7 @@ def test_searches_outgrow_their_memory_and_their_numbers():
 
 
 def test_memory_is_left_to_the_next_workspace_but_never_shared():
-    cost = np.random.default_rng(3).random((60, 70)).astype(np.float32)
+    cost = uniform(3, (60, 70))
     grid, first = set_up(cost)
     wanted = astar(grid, (0, 0), (59, 69), first).path
     second = Workspace(len(grid.weights))
@@ -176,9 +175,7 @@ def test_memory_is_left_to_the_next_workspace_but_never_shared():
 
 
 def test_a_workspace_that_has_counted_to_the_end_begins_anew():
-    grid = Grid.of(
-        np.random.default_rng(3).random((30, 40)).astype(np.float32), StepModel.of("paper")
-    )
+    grid = Grid.of(uniform(3, (30, 40)), StepModel.of("paper"))
     workspace = Workspace(len(grid.weights))
     workspace.meta[1::2] = 0
     workspace.stamp = 0
@@ -198,7 +195,7 @@ def test_a_workspace_that_has_counted_to_the_end_begins_anew():
 
 
 def test_within_a_cost_the_rest_is_not_reached_and_from_nowhere_nothing():
-    cost = np.random.default_rng(1).random((30, 40)).astype(np.float32)
+    cost = uniform(1, (30, 40))
     cost[9, 9] = np.inf
     planner = Planner(cost)
     whole = planner.reach((3, 4))

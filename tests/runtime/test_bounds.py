@@ -7,8 +7,15 @@ import numpy as np
 import pytest
 from scipy.ndimage import gaussian_filter
 
-from nnpp_edge.runtime import DynamicPlanner, NetworkModel, Planner, Vehicle
-from nnpp_edge.runtime.planners.plan import DynamicMethod, Method, Source
+from nnpp_edge.runtime import (
+    DynamicMethod,
+    DynamicPlanner,
+    Method,
+    NetworkModel,
+    Planner,
+    Source,
+    Vehicle,
+)
 from tests import oracles
 from tests.fuzz import bodies
 

@@ -19,7 +19,7 @@ from nnpp_edge.runtime.map import state as state_module
 from nnpp_edge.runtime.map.changes import MANY_NODES, Change, ChangeLog
 from nnpp_edge.runtime.planners.standing_path import Footing, StandingPath
 from tests import oracles
-from tests.strategies import random_cell, random_costs, random_patch, state_of
+from tests.strategies import flat, random_cell, random_costs, random_patch, state_of, uniform
 
 CLOSE = {"rel": 1e-5, "abs": 1e-5}
 PATCHES = ("part", "part", "part", "extremes", "whole")
@@ -153,7 +153,7 @@ def check_standing(found, plan, cost, optimum, model):
 # --- weights of any size
 
 ENDS = ((3, 5), (114, 111))
-PLAIN = np.random.default_rng(0).uniform(1.0, 3.0, (120, 120)).astype(np.float32)
+PLAIN = uniform(0, (120, 120), 1.0, 3.0)
 
 
 def test_a_patch_of_extreme_weights_leaves_nothing_behind_once_it_is_taken_back():
@@ -247,7 +247,7 @@ def test_of_many_merged_nodes_each_is_kept_once_with_its_oldest_weight():
 
 def test_old_weights_are_noted_only_for_readers_that_want_them():
     """Or a robot that computes its whole map anew each time would hold dozens of maps."""
-    cost = np.random.default_rng(0).random((300, 300)).astype(np.float32) * 0.5
+    cost = uniform(0, (300, 300)) * 0.5
     state = state_of(cost)
     slow = state.log.reader()
     assert state.update(0, 0, cost + np.float32(0.1)).nodes.size == 0
@@ -280,7 +280,7 @@ def standing_on(cost, start, goal, **options):
 
 
 def free(rows, cols):
-    return np.full((rows, cols), 0.2, np.float32)
+    return flat(rows, cols, 0.2)
 
 
 def test_changes_behind_the_robot_do_not_matter_and_off_its_path_it_stands_on_none():
@@ -340,7 +340,7 @@ def test_costs_that_rise_leave_the_bound_and_what_is_far_off_saves_nothing():
     path, _, put = standing_on(cost, (0, 0), (0, 59))
     put(29, 0, 0.2)  # opened, but the way over it costs more
     assert path.check((0, 0)).added == 0.0
-    cost = np.zeros((6, 6), np.float32)
+    cost = flat(6, 6)
     cost[2, 3] = np.inf
     path, plan, put = standing_on(cost, (0, 0), (5, 5), corner_cutting=False)
     put(2, 3, 0.0)  # opened, which frees a diagonal step beside it

@@ -17,6 +17,7 @@ from nnpp_edge.runtime.planners.plan import DynamicMethod, Method
 from nnpp_edge.runtime.planners.tour import tour
 from nnpp_edge.runtime.region.map_view import MapView
 from nnpp_edge.terrain.synthetic import fractal
+from tests.strategies import flat
 
 ROVER = Vehicle(length_m=3.0, width_m=2.4, clearance_m=0.8)
 DISC = Vehicle(radius_m=1.3)
@@ -112,12 +113,12 @@ def test_dstar_reads_the_map_in_pieces_and_searches_on_where_it_was_broken_off(k
 
 
 def test_no_path_has_a_reason_of_its_own():
-    cost = np.full((300, 200), 0.3, np.float32)
+    cost = flat(300, 200, 0.3)
     cost[100] = 1.0
     moving = DynamicPlanner(cost, (290, 190))
     moving.move((5, 5))
     assert moving.replan().reason == "no path exists on the known map"
-    moving.update(100, 50, np.full((1, 3), 0.3, np.float32))
+    moving.update(100, 50, flat(1, 3, 0.3))
     plan = moving.replan()
     assert plan.reason == "" and plan.choice
 

@@ -1,13 +1,12 @@
 import numpy as np
 import pytest
 
+from nnpp_edge.runtime import Region, Status
 from nnpp_edge.runtime.deadline import Deadline
-from nnpp_edge.runtime.errors import Status
 from nnpp_edge.runtime.kernels import dstar as kernels
 from nnpp_edge.runtime.search import dstar_lite as module
 from nnpp_edge.runtime.search.astar import astar
 from nnpp_edge.runtime.search.dstar_lite import DStarLite
-from nnpp_edge.runtime.search.region import Region
 from nnpp_edge.runtime.search.workspace import Workspace
 from tests import oracles
 from tests.strategies import KINDS, random_cell, random_costs, random_patch, state_of

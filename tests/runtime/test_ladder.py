@@ -8,15 +8,17 @@ from nnpp_edge.runtime import (
     Goal,
     Ground,
     MapPatch,
+    Method,
     Navigator,
     Origin,
+    Plan,
     Planner,
     Pose,
     Status,
     Vehicle,
 )
 from nnpp_edge.runtime.loop.approach import place_towards
-from nnpp_edge.runtime.planners.plan import Method, Plan
+from tests.strategies import flat
 
 STEP = 1.0 + 2 * 2.805 * 0.2
 """What a straight step costs where the map costs 0.2."""
@@ -35,7 +37,7 @@ class Clock:
 
 def two_lanes():
     """Two ways of one cell's width, of the same cost, from one side to the other."""
-    cost = np.full((3, 61), 0.2, np.float32)
+    cost = flat(3, 61, 0.2)
     cost[1, 1:-1] = np.inf
     return cost
 
@@ -63,7 +65,7 @@ def raise_cost(navigator, share):
     path = navigator.tick().path
     row, col = path[len(path) // 2].tolist()
     more = share * 60 * STEP / (2 * 2.805)  # each cell counts in two steps
-    navigator.offer(MapPatch(row, col - 4, cost=np.full((1, 10), 0.2 + more / 10, np.float32)))
+    navigator.offer(MapPatch(row, col - 4, cost=flat(1, 10, 0.2 + more / 10)))
     return row
 
 
@@ -157,7 +159,7 @@ def test_quick_answers_without_a_path_are_no_reason_to_trust_a_slow_method(monke
 )
 def test_a_robot_in_an_obstacle_starts_beside_it_no_farther_than_its_radius(cell, status):
     """What is free begins at (20, 15); the radius is 3 cells as the crow flies."""
-    cost = np.full((30, 30), np.inf, np.float32)
+    cost = flat(30, 30, np.inf)
     cost[20:, 15:] = 0.2
     navigator = Navigator(Ground(cost), "astar", snap_radius=3)
     navigator.offer(Goal(25, 25))
@@ -270,7 +272,7 @@ def test_a_robot_finds_its_way_out_of_a_pocket_that_opens_away_from_the_goal():
 
 
 def test_a_body_comes_as_near_to_the_unknown_as_it_can_and_goes_on():
-    truth = np.zeros((50, 70), np.float32)
+    truth = flat(50, 70)
     truth[15:36, 30] = 1.0
     rover = Vehicle(length_m=0.6, width_m=0.4, clearance_m=0.2)
     ground = Ground.of_elevation(np.full(truth.shape, np.nan, np.float32), 0.1, vehicle=rover)

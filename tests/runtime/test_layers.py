@@ -21,6 +21,7 @@ from nnpp_edge.runtime import (
     pose_costs,
 )
 from nnpp_edge.runtime.planners.methods import Methods
+from tests.strategies import flat
 
 CELL_M = 0.5
 SIDE = 40
@@ -28,7 +29,7 @@ BODY = Vehicle(length_m=1.4, width_m=1.0, clearance_m=0.3)
 DISC = Vehicle(radius_m=0.7)
 VEHICLES = {"point": None, "disc": DISC, "body": BODY}
 LIMITS = Traversability(hard_slope_deg=20.0)
-FLAT = np.zeros((SIDE, SIDE), np.float32)
+FLAT = flat(SIDE, SIDE)
 WALL = np.ones((1, SIDE))
 ENDS = ((5, 5), (34, 34))
 
@@ -91,7 +92,7 @@ def test_steps_follow_heights_whose_weights_stay():
 
 def test_ground_that_a_body_may_pass_unknown_is_shut_where_told():
     """What is told comes before what is not known, also where unknown ground may be driven on."""
-    heights = np.zeros((SIDE, SIDE), np.float32)
+    heights = flat(SIDE, SIDE)
     heights[20] = np.nan
     body = Vehicle(length_m=1.4, width_m=1.0, clearance_m=0.3, unknown_passes=True)
     nav = loop(heights, body)

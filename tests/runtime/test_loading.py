@@ -16,8 +16,9 @@ from nnpp_edge.runtime.errors import ModelError
 from nnpp_edge.runtime.loop import navigator
 from nnpp_edge.runtime.network import loading
 from nnpp_edge.runtime.network.loading import KEPT, begin_loading
+from tests.strategies import uniform
 
-COST = np.random.default_rng(5).uniform(0.0, 0.5, (120, 130)).astype(np.float32)
+COST = uniform(5, (120, 130), 0.0, 0.5)
 ENDS = (3, 4), (110, 120)
 
 

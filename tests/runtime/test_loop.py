@@ -16,26 +16,31 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from nnpp_edge.runtime import NetworkModel, Traversability
-from nnpp_edge.runtime.errors import Status
-from nnpp_edge.runtime.loop import workers
-from nnpp_edge.runtime.loop.connections import InProcessSink, InProcessSource
-from nnpp_edge.runtime.loop.messages import (
+from nnpp_edge.runtime import (
     Goal,
+    Ground,
+    InProcessSink,
+    InProcessSource,
+    Loop,
     MapPatch,
+    Method,
+    Navigator,
+    NetworkModel,
     Origin,
     PathMessage,
+    Plan,
+    Planner,
     Pose,
+    Status,
     StatusMessage,
+    Traversability,
+    Vehicle,
+    handling_signals,
 )
-from nnpp_edge.runtime.loop.navigator import Navigator
-from nnpp_edge.runtime.loop.runner import Loop, handling_signals
+from nnpp_edge.runtime.loop import workers
 from nnpp_edge.runtime.loop.timing import Histogram, Ticker
-from nnpp_edge.runtime.map.ground import Ground
 from nnpp_edge.runtime.map.state import map_state
-from nnpp_edge.runtime.planners.plan import Method, Plan
-from nnpp_edge.runtime.planners.planner import Planner
-from nnpp_edge.runtime.terrain.vehicle import Vehicle
+from tests.strategies import flat
 
 
 class Clock:
@@ -263,15 +268,11 @@ def test_a_goal_that_nothing_is_known_of_is_approached_until_it_is_seen():
     place = message.goal
     message = nav.tick()
     assert (message.origin, message.goal, message.goal_moved) == (Origin.STANDING, place, True)
-    nav.offer(
-        MapPatch(0, 50, cost=np.full((3, 3), np.inf, np.float32))
-    )  # elsewhere: no other place for that
+    nav.offer(MapPatch(0, 50, cost=flat(3, 3, np.inf)))  # elsewhere: no other place for that
     assert nav.tick().goal == place
     nav.offer(MapPatch(0, 30, cost=free((40, 10))))
     assert nav.tick().goal[1] in (38, 39)
-    nav.offer(
-        MapPatch(3, 36, cost=np.full((5, 24), np.inf, np.float32))
-    )  # the goal is seen, and is an obstacle
+    nav.offer(MapPatch(3, 36, cost=flat(5, 24, np.inf)))  # the goal is seen, and is an obstacle
     assert nav.tick().goal == (2, 39)
     nav.offer(MapPatch(0, 30, cost=free((40, 30))))
     for goal in ((5, 50), (6, 50)):
@@ -293,7 +294,7 @@ def test_a_goal_that_is_shut_off_is_approached():
 
 
 def test_what_is_unknown_around_a_body_is_said():
-    heights = np.zeros((40, 40), np.float32)
+    heights = flat(40, 40)
     heights[10:20, 10:20] = np.nan
     rover = Vehicle(length_m=0.6, width_m=0.4, clearance_m=0.2)
     nav = Navigator(Ground.of_elevation(heights, 0.1, vehicle=rover))

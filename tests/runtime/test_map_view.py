@@ -13,7 +13,7 @@ from nnpp_edge.runtime.network.encoding import Frame, encode_ends, encode_gaussi
 from nnpp_edge.runtime.region.map_view import MapView
 from nnpp_edge.runtime.terrain.step_cost import StepModel
 from nnpp_edge.runtime.tuning import UNSEEN_CHANGE
-from tests.strategies import state_of
+from tests.strategies import flat, state_of, uniform
 
 
 def planes_of(cost, size, parts=None, out=None):
@@ -24,7 +24,7 @@ def planes_of(cost, size, parts=None, out=None):
 
 
 def test_a_map_is_averaged_and_its_rest_is_shown_impassable():
-    cost = np.random.default_rng(0).random((64, 128)).astype(np.float32)
+    cost = uniform(0, (64, 128))
     cost[10:13, 20:22] = np.nan
     for size, side in ((32, 4), (128, 1)):
         planes = planes_of(cost, size)
@@ -121,7 +121,7 @@ def test_near_ends_on_a_large_map_are_planned_in_a_window(network, shape, edge):
             int(np.clip(x + rng.integers(-60, 61), 0, side - 1))
             for x, side in zip(start, shape, strict=True)
         )
-        planner.update(0, 0, np.full((3, 4), rng.random() * 0.9, np.float32))
+        planner.update(0, 0, flat(3, 4, rng.random() * 0.9))
         plan = planner.plan(start, goal, method="nnpp", keep_regions=True)
         assert plan.ok
         view.show(start, goal)
@@ -168,7 +168,7 @@ def test_a_network_in_two_parts_is_shown_the_map_again_once_enough_has_changed()
         (20, 120, 0.8999),
     ):
         if row is not None:
-            patch = np.full((side, side), to, np.float32)
+            patch = flat(side, side, to)
             for planner in planners:
                 planner.update(row, row, patch)
         planners[0].move((10, 10))
@@ -261,9 +261,7 @@ def test_a_robot_on_its_way_keeps_its_window_while_that_serves():
         if len(plan.path) <= 32:
             break
         start = tuple(int(x) for x in plan.path[30])
-        planner.update(
-            *(int(x) for x in plan.path[-20]), np.full((3, 3), rng.random() * 0.9, np.float32)
-        )
+        planner.update(*(int(x) for x in plan.path[-20]), flat(3, 3, rng.random() * 0.9))
     assert windows[0] == (0, 0, *shape)
     changes = sum(a != b for a, b in itertools.pairwise(windows))
     assert 1 <= changes <= 4 < step

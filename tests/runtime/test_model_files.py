@@ -14,6 +14,8 @@ from nnpp_edge.runtime import NetworkModel
 from nnpp_edge.runtime.errors import ModelError
 from nnpp_edge.runtime.network.model_file import METADATA_KEY, read_model_file
 from tests.conftest import TINY_MODEL
+from tests.strategies import uniform
+from tests.tables import cases, keywords
 
 
 def refusal(path):
@@ -106,7 +108,7 @@ def test_a_graph_that_fails_while_it_answers_is_one_line(make_tiny_model, nnpp_e
     with pytest.raises(ModelError, match="got one whose graph fails ") as caught:
         NetworkModel(path).try_out()
     assert "\n" not in str(caught.value)
-    ground = np.random.default_rng(0).random((64, 64)).astype(np.float32)
+    ground = uniform(0, (64, 64))
     np.savez(tmp_path / "dem.npz", elevation_m=ground, cell_size_m=5.0)
     words = ("--start", "5,5", "--goal", "60,60", "--method", "nnpp", "--model", path)
     nnpp_edge("plan", tmp_path / "dem.npz", *words).refused("whose graph fails")
@@ -139,6 +141,23 @@ def test_damage_anywhere_ends_in_an_answer_or_in_one_line(tiny_model, tmp_path, 
     assert capfd.readouterr() == ("", "")
 
 
+METADATA = """
+blocks=0 | metadata
+blocks=24 | metadata
+omega=0.0 | metadata
+omega=float('nan') | metadata
+sigma=float('inf') | metadata
+sigma=-1.0 | sigma
+input_size=1 << 40, blocks=8 | metadata
+training={'deep': json.loads('[' * 100 + ']' * 100)} | metadata
+format='other' | format
+channels=('start_map', 'cost', 'goal_map') | channels
+encoding='sine' | encoding
+blocks=7 | go together
+region_factor=0.0 | region_factor
+"""
+
+
 def test_metadata_that_cannot_be_read_or_do_not_fit_are_one_line(make_tiny_model):
     odd = (
         "[" * 100_000,
@@ -161,22 +180,8 @@ def test_metadata_that_cannot_be_read_or_do_not_fit_are_one_line(make_tiny_model
             changed(path, lambda model, named=named: helper.set_model_props(model, named))
             path.write_bytes(path.read_bytes().replace(b"x" * len(content), content))
         assert "metadata" in refusal(path)
-    for changes, word in (
-        ({"blocks": 0}, "metadata"),
-        ({"blocks": 24}, "metadata"),
-        ({"omega": 0.0}, "metadata"),
-        ({"omega": float("nan")}, "metadata"),
-        ({"sigma": float("inf")}, "metadata"),
-        ({"sigma": -1.0}, "sigma"),
-        ({"input_size": 1 << 40, "blocks": 8}, "metadata"),
-        ({"training": {"deep": json.loads("[" * 100 + "]" * 100)}}, "metadata"),
-        ({"format": "other"}, "format"),
-        ({"channels": ("start_map", "cost", "goal_map")}, "channels"),
-        ({"encoding": "sine"}, "encoding"),
-        ({"blocks": 7}, "go together"),
-        ({"region_factor": 0.0}, "region_factor"),
-    ):
-        assert word in refusal(make_tiny_model(**changes))
+    for changes, word in (each.values for each in cases(METADATA)):
+        assert word in refusal(make_tiny_model(**keywords(changes, {"json": json})))
     for changes, word in (({"input_size": 128}, "inputs"), ({"blocks": 16}, "output")):
         with pytest.raises(ModelError, match=word):
             NetworkModel(make_tiny_model(**changes))

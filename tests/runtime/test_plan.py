@@ -28,6 +28,7 @@ from nnpp_edge.runtime.errors import ConcurrentUseError
 from nnpp_edge.runtime.planners.standing_path import Footing
 from tests import oracles
 from tests.fuzz.sequences import interrupting
+from tests.strategies import flat
 
 SHAPE = (210, 250)
 START = (8, 9)
@@ -90,7 +91,7 @@ def test_a_plan_stays_what_it_was(shared_network, make, methods):
             found = plan(method, (START[0] + turn, START[1] + 7 * turn))
             assert found.ok
             kept.append((found, facts(found), pickle.dumps(found), copy.deepcopy(found)))
-        planner.update(20 + 30 * turn, 30, np.full((20, 25), 0.8, np.float32))
+        planner.update(20 + 30 * turn, 30, flat(20, 25, 0.8))
     planner.update(0, 0, rough(4))
     for method in methods:
         plan(method, (START[0] + 50, START[1]))
@@ -167,7 +168,7 @@ def test_planners_that_share_a_network_answer_in_turns_as_those_with_one_of_thei
                     plans.append(planner.replan(keep_regions=True))
                 else:
                     plans.append(planner.plan(start, GOAL, method="nnpp", keep_regions=True))
-                planner.update(60, 70 + turn, np.full((30, 30), 0.9 - 0.1 * turn, np.float32))
+                planner.update(60, 70 + turn, flat(30, 30, 0.9 - 0.1 * turn))
             one, two = (facts(dataclasses.replace(plan, timings_ms={})) for plan in plans)
             assert one == two
             assert plans[0].threshold > 0.0

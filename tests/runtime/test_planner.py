@@ -22,7 +22,7 @@ from nnpp_edge.runtime import (
 )
 from nnpp_edge.runtime.errors import InvalidQueryError, ModelError
 from tests import oracles
-from tests.strategies import cases
+from tests.strategies import cases, flat, uniform
 
 
 def free(*shape):
@@ -30,7 +30,7 @@ def free(*shape):
 
 
 def test_planners_run_in_parallel_threads():
-    costs = [np.random.default_rng(i).random((300, 300)).astype(np.float32) for i in range(4)]
+    costs = [uniform(i, (300, 300)) for i in range(4)]
     wanted = [plan_path(c, (0, 0), (299, 299), method="astar").cost for c in costs]
     found = [0.0] * 4
 
@@ -94,7 +94,7 @@ def test_the_nearest_of_several_goals_comes_first(case, goals, count, data):
 
 
 def test_another_network_is_used_whole_or_not_at_all(network, tiny_model, tmp_path):
-    cost = np.random.default_rng(2).random((100, 100)).astype(np.float32) * 0.5
+    cost = uniform(2, (100, 100)) * 0.5
     query = ((5, 5), (90, 80))
     torn = tmp_path / "torn.onnx"
     torn.write_bytes(tiny_model.read_bytes()[:500])
@@ -116,9 +116,7 @@ def test_another_network_is_used_whole_or_not_at_all(network, tiny_model, tmp_pa
 
 def test_maps_of_any_size_and_shape(network):
     for shape in ((300, 700), (1024, 300), (97, 1000), (1, 3000), (2000, 1)):
-        planner = Planner(
-            np.random.default_rng(1).random(shape).astype(np.float32) * 0.9, model=network
-        )
+        planner = Planner(uniform(1, shape) * 0.9, model=network)
         ends = (0, 0), (shape[0] - 1, shape[1] - 1)
         exact = planner.plan(*ends, method="astar")
         for method in ("corridor", "nnpp"):
@@ -128,7 +126,7 @@ def test_maps_of_any_size_and_shape(network):
 
 
 def test_a_status_says_why(network):
-    cost = np.zeros((10, 10), np.float32)
+    cost = flat(10, 10)
     cost[3, 3] = np.nan
     cost[8, 8:] = cost[8:, 8] = 1.0
     for start, goal, status, why in (
@@ -165,7 +163,7 @@ def test_a_planner_gives_its_memory_back_at_once():
     gc.disable()
     try:
         for vehicle in (None, Vehicle(radius_m=1.0), Vehicle(3.0, 2.0, 0.5)):
-            planner = Planner.of_elevation(np.zeros((40, 40), np.float32), 1.0, vehicle=vehicle)
+            planner = Planner.of_elevation(flat(40, 40), 1.0, vehicle=vehicle)
             planner.plan((5, 5), (34, 34), method="corridor")
             grid = weakref.ref(planner.state.grid)
             del planner
@@ -189,7 +187,7 @@ def test_a_search_of_a_region_is_repaired_from_step_to_step(network, method, bas
         for each in (planner, fresh):
             each.move((here, here))
             if step:
-                each.update(here + 2, here + 2, np.full((4, 4), 0.9, np.float32))
+                each.update(here + 2, here + 2, flat(4, 4, 0.9))
         repaired = planner.replan()
         afresh = fresh.replan()
         assert repaired.ok and repaired.planner == method

@@ -10,16 +10,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from nnpp_edge.runtime import DynamicPlanner, Planner, tuning
-from nnpp_edge.runtime.errors import Status
+from nnpp_edge.runtime import DynamicPlanner, Planner, Region, Source, Status, tuning
 from nnpp_edge.runtime.planners.methods import Methods, pick_method
-from nnpp_edge.runtime.planners.plan import Source
 from nnpp_edge.runtime.planners.query import Work
 from nnpp_edge.runtime.planners.searchers import MendingSearcher
 from nnpp_edge.runtime.region.learned import LearnedRegions
 from nnpp_edge.runtime.search.astar import Search
 from nnpp_edge.runtime.search.query import Query
-from nnpp_edge.runtime.search.region import Region
 from nnpp_edge.runtime.search.workspace import Workspace
 from nnpp_edge.runtime.tuning import REFINE_FROM, CorridorWidth
 from tests import oracles

@@ -3,10 +3,9 @@
 import numpy as np
 import pytest
 
-from nnpp_edge.runtime import Planner
+from nnpp_edge.runtime import Planner, Traversability
 from nnpp_edge.runtime.errors import InvalidQueryError, ModelError
 from nnpp_edge.runtime.network.priors import PRIORS, prices_by, windows
-from nnpp_edge.runtime.terrain.traversability import Traversability
 from nnpp_edge.runtime.tuning import MOST_PRICE
 from nnpp_edge.terrain.dem import sample_dem
 

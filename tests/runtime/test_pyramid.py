@@ -3,13 +3,11 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from nnpp_edge.runtime import Planner
-from nnpp_edge.runtime.errors import Status
+from nnpp_edge.runtime import Planner, Source, Status
 from nnpp_edge.runtime.kernels.pooling import FACTOR
 from nnpp_edge.runtime.map.grid import Grid
 from nnpp_edge.runtime.map.pyramid import Pyramid, coarse_shapes
 from nnpp_edge.runtime.planners.coarse_to_fine import CoarseLevel, CoarseToFine
-from nnpp_edge.runtime.planners.plan import Source
 from nnpp_edge.runtime.planners.query import Work
 from nnpp_edge.runtime.planners.searchers import AStarSearcher
 from nnpp_edge.runtime.search.astar import astar, settle_all
@@ -18,7 +16,7 @@ from nnpp_edge.runtime.search.query import Query
 from nnpp_edge.runtime.search.workspace import Workspace
 from nnpp_edge.runtime.terrain.step_cost import StepModel
 from nnpp_edge.runtime.tuning import ANOTHER_LEVEL_FROM, CORRIDOR
-from tests.strategies import state_of
+from tests.strategies import flat, state_of, uniform
 
 
 def pyramid_of(cost, corner_cutting=True):
@@ -96,7 +94,7 @@ def test_the_band_is_every_coarse_cell_on_a_path_that_costs_little_more(
 
 
 def test_a_wall_one_cell_thick_is_a_wall_on_every_level_and_a_gap_a_gap():
-    cost = np.full((1030, 256), 0.1, np.float32)
+    cost = flat(1030, 256, 0.1)
     cost[130, :] = np.inf
     cost[130, 77] = 0.1
     pyramid = pyramid_of(cost)
@@ -143,7 +141,7 @@ def assert_same_levels(pyramid, other):
 
 
 def test_a_coarse_weight_is_the_mean_with_walls_as_obstacles():
-    cost = np.full((8, 200), 0.5, np.float32)
+    cost = flat(8, 200, 0.5)
     cost[0, :4] = 1.0
     coarse = pyramid_of(cost).levels[1].grid
     scale = coarse.model.scale
@@ -155,7 +153,7 @@ def test_a_coarse_weight_is_the_mean_with_walls_as_obstacles():
 def test_a_level_that_is_searched_often_gets_landmarks_until_the_map_changes(
     side, wanted_landmarks
 ):
-    cost = np.random.default_rng(4).random((side, side)).astype(np.float32) * 0.9
+    cost = uniform(4, (side, side)) * 0.9
     cost[:, 8:] = np.inf if side == 12 else cost[:, 8:]
     state = state_of(cost)
     start = (side - 2, 0)

@@ -13,6 +13,7 @@ from nnpp_edge.runtime import DynamicPlanner, Planner, Vehicle
 from nnpp_edge.runtime.errors import InvalidQueryError
 from nnpp_edge.runtime.kernels.poses import AXIS_COUNT, FAILS, REFUSALS
 from nnpp_edge.runtime.robots.body.refusal import refusals
+from tests.strategies import flat
 
 ROVER = Vehicle(
     length_m=1.2,
@@ -90,7 +91,7 @@ def test_without_a_path_the_limit_that_refuses_is_named(ground, changes, limit, 
 
 
 def test_where_the_body_cannot_turn_into_the_way_on_that_is_said():
-    crossing = np.full((61, 61), np.nan, np.float32)
+    crossing = flat(61, 61, np.nan)
     crossing[27:34] = crossing[:, 27:34] = 0.0
     planner = Planner.of_elevation(
         crossing, CELL_M, vehicle=replace(ROVER, length_m=3.0, width_m=0.6)
@@ -129,7 +130,7 @@ def test_explain_gives_each_limit_beside_its_allowance():
     assert side.roll_deg == pytest.approx((15.0, 12.0), abs=1e-3)
     assert str(side).splitlines()[0] == "(20, 20) at 0°: refused by roll"
     assert "  roll      15.0°, at most 12.0°   too much" in str(side).splitlines()
-    point = Planner(np.full((9, 9), 0.2, np.float32))
+    point = Planner(flat(9, 9, 0.2))
     for planner, cell, heading, words in (
         (
             point,

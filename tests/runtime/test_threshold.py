@@ -2,7 +2,6 @@ import numpy as np
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from nnpp_edge.runtime.cells import Cell
 from nnpp_edge.runtime.errors import Status
 from nnpp_edge.runtime.kernels.threshold import lowered
 from nnpp_edge.runtime.map.grid import Grid
@@ -10,7 +9,6 @@ from nnpp_edge.runtime.map.pyramid import Level, Pyramid
 from nnpp_edge.runtime.network.encoding import Frame
 from nnpp_edge.runtime.region.learned import RegionFinder, probability_of
 from nnpp_edge.runtime.search.astar import astar
-from nnpp_edge.runtime.search.region import Lookup
 from nnpp_edge.runtime.search.workspace import Workspace
 from nnpp_edge.runtime.terrain.step_cost import StepModel
 from tests import oracles
@@ -68,7 +66,7 @@ def test_the_walkable_threshold_is_the_highest_at_which_a_search_of_the_region_s
     ends = tuple((int(blocks[0][r]), int(blocks[1][c])) for r, c in (start, goal))
     query = (start, goal), ends, 0.0625
 
-    def succeeds(threshold: int) -> bool:
+    def succeeds(threshold):
         finder.mark(threshold, *ends)
         region = finder.region(blocks)
         return (
@@ -114,7 +112,7 @@ def test_cells_that_the_network_is_not_shown_belong_to_no_region(side, above, le
     probability = (rng.random((side, side)) ** 2).astype(np.float32)
     finder = RegionFinder(side)
 
-    def first(cost: np.ndarray, lookup: Lookup, start: Cell, goal: Cell) -> int:
+    def first(cost, lookup, start, goal):
         grid = Grid.of(cost, StepModel.of("paper"))
         place = Workspace(len(grid.weights)), lookup, (start, goal), ((0, 0), (side - 1, side - 1))
         return finder.first(probability, Level(grid), *place, 0.1, touching=True)

@@ -11,11 +11,11 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from nnpp_edge.runtime import Planner, Status
+from nnpp_edge.runtime import Method, Plan, Planner, Source, Status
 from nnpp_edge.runtime.errors import InvalidQueryError
-from nnpp_edge.runtime.planners.plan import Method, Plan, Source
 from nnpp_edge.runtime.planners.tour import tour
 from tests import oracles
+from tests.strategies import flat
 
 
 def map_with_stops(seed, count, side=24, blocked=0.15):
@@ -25,14 +25,6 @@ def map_with_stops(seed, count, side=24, blocked=0.15):
     passable = np.argwhere(np.isfinite(cost))
     stops = passable[rng.choice(len(passable), count, replace=False)].tolist()
     return cost, [tuple(stop) for stop in stops]
-
-
-def cheapest_order(between):
-    """By trying all, and what the order given costs; between[i][j] from stop i to stop j."""
-    last = len(between) - 1
-    orders = ([0, *order, last] for order in itertools.permutations(range(1, last)))
-    costs = [sum(between[a][b] for a, b in itertools.pairwise(order)) for order in orders]
-    return min(costs), costs[0]
 
 
 @settings(max_examples=30)
@@ -46,7 +38,7 @@ def test_the_best_order_of_exact_paths_is_that_of_all_orders_tried(seed, count):
     if not np.isfinite(between).all():
         assert found.plan.status is Status.NO_PATH and "leg" in found.plan.reason
         return
-    best, given_cost = cheapest_order(between)
+    best, given_cost = oracles.cheapest_order(between)
     assert found.plan.cost == pytest.approx(best, rel=1e-5)
     assert found.given_cost == pytest.approx(given_cost, rel=1e-5)
     assert sorted(found.order) == list(range(count - 2))
@@ -63,9 +55,9 @@ def test_where_there_costs_another_than_back_the_best_order_is_the_cheapest_too(
         ends = np.array([begin, end], np.int32)
         return Plan(Status.OK, Method.ASTAR, Source.MAP, ends, cost=between[begin[1], end[1]])
 
-    grid = Planner(np.zeros((1, count), np.float32)).state.grid
+    grid = Planner(flat(1, count)).state.grid
     grid.robot.symmetric = False
-    best, given_cost = cheapest_order(between.tolist())
+    best, given_cost = oracles.cheapest_order(between.tolist())
     known = np.random.default_rng(seed).random(between.shape) < 0.5
     partly = np.where(known, between, 0.7 * between), known
     for nearest, share in ((None, 0.0), (None, 0.6), (lambda: partly, 0.0), (lambda: partly, 0.9)):
@@ -135,7 +127,7 @@ def test_only_the_legs_that_are_taken_are_finished_and_the_tour_is_made_of_what_
 
 
 def test_a_leg_that_has_no_path_is_named_and_places_that_are_none_are_refused_by_number():
-    cost = np.full((40, 40), 0.2, np.float32)
+    cost = flat(40, 40, 0.2)
     cost[:, 20] = np.inf
     planner = Planner(cost)
     for method, best_order in itertools.product(("astar", "corridor"), (False, True)):
@@ -160,7 +152,7 @@ def test_a_leg_that_has_no_path_is_named_and_places_that_are_none_are_refused_by
 
 
 def test_without_places_a_tour_is_a_plan_and_more_than_a_dozen_are_visited_in_the_order_given_alone():
-    planner = Planner(np.full((5, 40), 0.1, np.float32))
+    planner = Planner(flat(5, 40, 0.1))
     found = planner.plan_via((2, 0), (2, 39), [(2, 10), (2, 20), (2, 30)], best_order=True)
     assert found.order == (0, 1, 2) and found.plan.cost == pytest.approx(found.given_cost)
     found = planner.plan_via((0, 0), (0, 39), [], best_order=True)

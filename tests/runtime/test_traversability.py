@@ -5,7 +5,6 @@
 import copy
 import math
 import pickle
-import random
 import warnings
 
 import numpy as np
@@ -13,9 +12,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from nnpp_edge.runtime import DynamicPlanner, Ground, Planner
-from nnpp_edge.runtime.loop.messages import Goal, Pose
-from nnpp_edge.runtime.loop.navigator import Navigator
+from nnpp_edge.runtime import DynamicPlanner, Goal, Ground, Navigator, Planner, Pose
 from nnpp_edge.runtime.terrain.traversability import (
     SaturationWarning,
     Traversability,
@@ -23,7 +20,7 @@ from nnpp_edge.runtime.terrain.traversability import (
     traversability_cost,
 )
 from tests import oracles
-from tests.fuzz import elevations
+from tests.strategies import flat
 
 
 @st.composite
@@ -97,7 +94,7 @@ def test_by_hand_a_plane_costs_its_slope_a_spike_steps_and_unknown_cells_are_imp
     np.testing.assert_allclose(np.degrees(slope), 12, atol=1e-3)
     assert max(roughness.max(), step.max()) < 1e-4
     np.testing.assert_allclose(traversability_cost(plane, 2.0), 0.6 * 12 / 30, atol=1e-4)
-    dem = np.zeros((5, 5), np.float32)
+    dem = flat(5, 5)
     dem[2, 2] = 0.09
     _, roughness, step = terrain_terms(dem, 1.0)
     assert step[2, 2] == pytest.approx(0.08, rel=1e-5)
@@ -161,15 +158,6 @@ def test_a_saturated_map_warns_once_it_arrives():
     assert caught[0].filename == __file__
 
 
-@pytest.mark.filterwarnings("ignore:the network edge was trained for omega")
-@pytest.mark.parametrize("seed", [1795346114005736, 1795346114009973, 1795346114008315])
-def test_what_is_computed_does_not_depend_on_what_was_there_before(seed):
-    """Three coarse levels; a patch in tiles that are pooled and not yet linked; costs that weigh
-    nothing.
-    """
-    assert elevations.check(elevations.generate(random.Random(f"elevations {seed}"))) is None
-
-
 def test_a_copy_has_the_elevations_as_they_are_now():
     dem = HILLS.copy()
     ours = planner_on(dem=dem)
@@ -185,7 +173,7 @@ def test_a_copy_has_the_elevations_as_they_are_now():
 
 
 def cliff(rise):
-    dem = np.zeros((64, 90), np.float32)
+    dem = flat(64, 90)
     dem[:, 45:] = rise
     return dem
 

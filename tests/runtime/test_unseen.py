@@ -8,19 +8,19 @@ import pytest
 from nnpp_edge.runtime import (
     DynamicPlanner,
     Goal,
+    Ground,
     MapPatch,
     Navigator,
     Planner,
     Pose,
     Traversability,
     Vehicle,
+    traversability_cost,
 )
 from nnpp_edge.runtime.errors import InvalidMapError, InvalidQueryError
 from nnpp_edge.runtime.kernels.poses import FAILS
-from nnpp_edge.runtime.map.ground import Ground
 from nnpp_edge.runtime.map.state import MapState
 from nnpp_edge.runtime.terrain.step_cost import PAPER_OMEGA
-from nnpp_edge.runtime.terrain.traversability import traversability_cost
 from nnpp_edge.runtime.tuning import MOST_PRICE
 from nnpp_edge.terrain.synthetic import synthetic_terrain
 

@@ -14,10 +14,11 @@ from nnpp_edge.runtime import (
     Planner,
     Traversability,
     Vehicle,
+    pose_costs,
     traversability_cost,
 )
 from nnpp_edge.runtime.errors import InvalidMapError, Status
-from nnpp_edge.runtime.robots.body.poses import pose_costs
+from tests.tables import cases, keywords
 
 PLAIN = {"length_m": 1.6, "width_m": 1.2, "clearance_m": 0.3}
 
@@ -107,44 +108,34 @@ def test_a_bad_value_is_named_in_one_line():
             )
 
 
-def test_a_value_in_another_unit_is_refused_with_the_unit_that_is_wanted():
-    large = {"length_m": 1600.0, "width_m": 1200.0, "clearance_m": 300.0}
-    for values, told in (
-        (
-            {"clearance_m": 400.0},
-            "clearance_m must be in metres, at most 4.8 for such a vehicle, got 400 (0.4 m if",
-        ),
-        ({"max_step_m": 150.0}, "max_step_m must be in metres"),
-        (
-            {"turns_on_spot": False},
-            "a body that turns on the spot alone drives no arcs: wanted a turning_radius_m",
-        ),
-        ({"reverse_cost": 2.0}, "drives no arcs: wanted a turning_radius_m"),
-        (
-            {"turning_radius_m": 2.0, "reverse_cost": 0.5},
-            "reverse_cost must be a number of at least 1, got 0.5",
-        ),
-        ({"turning_radius_m": 2000.0}, "turning_radius_m must be in metres, at most 160"),
-        (
-            {"turning_radius_m": 2.0, "gear_change_m": -1.0},
-            "gear_change_m must be a number of metres from 0 to",
-        ),
-        (large, "length_m must be in metres, at most 250"),
-        ({"width_m": 120.0}, "width_m must be in metres, at most 80"),
-        (
-            {"max_tilt_deg": 0.5236},
-            "max_tilt_deg must be in degrees, above 1.57, got 0.5236 (30° if that is in rad",
-        ),
-        ({"max_roll_deg": 0.35}, "max_roll_deg must be in degrees"),
-        ({"max_pitch_deg": math.pi / 2}, "max_pitch_deg must be in degrees"),
-        ({"wheelbase_m": 1.7}, "the wheels must lie under the body: "),
-        ({"wheelbase_m": 1.5, "wheel_length_m": 0.2}, "the wheels must lie under the body: "),
-        ({"wheel_length_m": 1.7}, "the wheels must lie under the body: "),
-        ({"track_m": 1.3}, "the wheels must lie under the body: "),
-        ({"track_m": 1.1, "wheel_width_m": 0.2}, "the wheels must lie under the body: "),
-    ):
-        with pytest.raises(InvalidMapError, match=re.escape(told)):
-            vehicle(**values)
+OTHER_UNITS = """
+clearance_m=400.0 | clearance_m must be in metres, at most 4.8 for such a vehicle, got 400 (0.4 m if
+max_step_m=150.0 | max_step_m must be in metres
+turns_on_spot=False | a body that turns on the spot alone drives no arcs: wanted a turning_radius_m
+reverse_cost=2.0 | drives no arcs: wanted a turning_radius_m
+turning_radius_m=2.0, reverse_cost=0.5 | reverse_cost must be a number of at least 1, got 0.5
+turning_radius_m=2000.0 | turning_radius_m must be in metres, at most 160
+turning_radius_m=2.0, gear_change_m=-1.0 | gear_change_m must be a number of metres from 0 to
+length_m=1600.0, width_m=1200.0, clearance_m=300.0 | length_m must be in metres, at most 250
+width_m=120.0 | width_m must be in metres, at most 80
+max_tilt_deg=0.5236 | max_tilt_deg must be in degrees, above 1.57, got 0.5236 (30° if that is in rad
+max_roll_deg=0.35 | max_roll_deg must be in degrees
+max_pitch_deg=1.5707963267948966 | max_pitch_deg must be in degrees
+wheelbase_m=1.7 | the wheels must lie under the body:
+wheelbase_m=1.5, wheel_length_m=0.2 | the wheels must lie under the body:
+wheel_length_m=1.7 | the wheels must lie under the body:
+track_m=1.3 | the wheels must lie under the body:
+track_m=1.1, wheel_width_m=0.2 | the wheels must lie under the body:
+"""
+
+
+@pytest.mark.parametrize(("values", "told"), cases(OTHER_UNITS))
+def test_a_value_in_another_unit_is_refused_with_the_unit_that_is_wanted(values, told):
+    with pytest.raises(InvalidMapError, match=re.escape(told)):
+        vehicle(**keywords(values))
+
+
+def test_a_disc_in_another_unit_is_refused():
     for values in ({"radius_m": 400.0}, {"radius_m": 0.3, "turning_radius_m": 500.0}):
         with pytest.raises(InvalidMapError, match="must be in metres"):
             Vehicle(**values)

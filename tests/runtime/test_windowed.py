@@ -9,20 +9,18 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from nnpp_edge.runtime import Planner, plan_path
+from nnpp_edge.runtime import Planner, Source, Traversability, plan_path, traversability_cost
 from nnpp_edge.runtime.errors import InvalidMapError, Status
 from nnpp_edge.runtime.map.grid import Grid
 from nnpp_edge.runtime.map.pyramid import Pyramid
 from nnpp_edge.runtime.map.streamed import StreamedMap
 from nnpp_edge.runtime.planners import windowed
-from nnpp_edge.runtime.planners.plan import Source
 from nnpp_edge.runtime.planners.windowed import WindowedPlanner, connected
 from nnpp_edge.runtime.terrain import windows
 from nnpp_edge.runtime.terrain.step_cost import StepModel
-from nnpp_edge.runtime.terrain.traversability import Traversability, traversability_cost
 from nnpp_edge.runtime.terrain.windows import CostWindows
 from nnpp_edge.terrain.synthetic import synthetic_terrain
-from tests.strategies import cases
+from tests.strategies import cases, flat
 
 LIMITS = Traversability(
     slope_limit_deg=20.0, hard_slope_deg=20.0, roughness_limit_m=2.0, step_limit_m=2.0
@@ -30,7 +28,7 @@ LIMITS = Traversability(
 
 
 def test_no_path_leads_over_a_cliff_unless_the_papers_cost_is_asked_for():
-    dem = np.zeros((64, 64), np.float32)
+    dem = flat(64, 64)
     dem[:, 30:] = 1.2
     ends = (30, 5), (30, 60)
     assert WindowedPlanner(ArrayWindows(dem)).plan(*ends).status is Status.NO_PATH
@@ -150,7 +148,7 @@ def test_whether_two_cells_are_connected_is_what_a_search_finds(case, rows_per_b
 
 
 def test_reading_ends_when_all_is_known():
-    cost = np.full((41, 41), 0.5, np.float32)
+    cost = flat(41, 41, 0.5)
     given_out = []
     cost[6] = np.inf
 
@@ -164,7 +162,7 @@ def test_reading_ends_when_all_is_known():
 
 
 def test_a_corridor_without_a_path_is_widened_and_then_it_is_told_whether_there_is_one():
-    heights = np.zeros((300, 300), np.float32)
+    heights = flat(300, 300)
     heights[150] = np.nan
     planner = WindowedPlanner(ArrayWindows(heights), LIMITS)
     plan = planner.plan((10, 10), (290, 290))
@@ -185,7 +183,7 @@ def test_a_corridor_without_a_path_is_widened_and_then_it_is_told_whether_there_
 def test_ends_that_are_none_and_corridors_that_do_not_fit_are_refused_before_more_is_read(
     monkeypatch,
 ):
-    heights = np.zeros((300, 300), np.float32)
+    heights = flat(300, 300)
     heights[20:23, 20:23] = np.nan
     source = ArrayWindows(heights)
     planner = WindowedPlanner(source)
@@ -196,7 +194,7 @@ def test_ends_that_are_none_and_corridors_that_do_not_fit_are_refused_before_mor
     ):
         assert planner.plan(start, goal).status is status
     assert planner.any_passable
-    assert not WindowedPlanner(ArrayWindows(np.full((9, 9), np.nan, np.float32))).any_passable
+    assert not WindowedPlanner(ArrayWindows(flat(9, 9, np.nan))).any_passable
     monkeypatch.setattr(windowed, "available_bytes", lambda: 100_000)
     before = len(source.read_parts)
     with pytest.raises(

@@ -9,8 +9,9 @@ import pytest
 from nnpp_edge.runtime.errors import NnppEdgeError, TerrainError
 from nnpp_edge.terrain.array_files import read_cost_map
 from nnpp_edge.terrain.dem import read_dem
+from tests.strategies import uniform
 
-COST = np.random.default_rng(0).uniform(0, 0.9, (40, 30)).astype(np.float32)
+COST = uniform(0, (40, 30), 0, 0.9)
 
 
 @pytest.fixture

@@ -4,7 +4,6 @@ import math
 import re
 import sys
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
@@ -22,11 +21,11 @@ from nnpp_edge.runtime.errors import (
 )
 from nnpp_edge.terrain.dem import Dem, Georeference, read_dem
 from nnpp_edge.terrain.rasters import raster_bytes
-from tests.tables import cases
+from tests.strategies import uniform
+from tests.tables import cases, keywords
 
-PLACES = "transform must be 6 numbers (a, b, c, d, e, f)"
 NOWHERE = np.full((3, 3), np.nan)
-HEIGHTS = np.random.default_rng(7).uniform(-50, 80, (6, 9)).astype(np.float32)
+HEIGHTS = uniform(7, (6, 9), -50, 80)
 UTM = "EPSG:32615"
 MOON_RADIUS_M = 1737400.0
 MOON_DEGREES = (
@@ -38,7 +37,7 @@ NORTH_UP = Affine(5, 0, 400_000, 0, -5, 5_000_000)
 BEYOND_POLES = Affine(1, 0, 0, 0, -1, 150)
 
 
-def geotiff(path: Path, heights: np.ndarray = HEIGHTS, **profile: Any) -> Path:
+def geotiff(path, heights=HEIGHTS, **profile):
     """A GeoTIFF of `heights` (H, W) or (bands, H, W); `profile` goes to rasterio."""
     bands = heights.reshape((-1, *heights.shape[-2:]))
     said = {name: profile.pop(name) for name in ("scales", "offsets", "units") if name in profile}
@@ -51,18 +50,18 @@ def geotiff(path: Path, heights: np.ndarray = HEIGHTS, **profile: Any) -> Path:
     return path
 
 
-def turned(angle: float, width: float, height: float) -> Affine:
+def turned(angle, width, height):
     """Cells of `width` by `height`, north up, then turned counter-clockwise by `angle` degrees."""
     cos = math.cos(math.radians(angle))
     sin = math.sin(math.radians(angle))
     return Affine(width * cos, height * sin, 4e5, width * sin, -height * cos, 5e6)
 
 
-def dem_of(heights: np.ndarray = HEIGHTS, georeference: Georeference | None = None) -> Dem:
+def dem_of(heights=HEIGHTS, georeference=None):
     return Dem(heights.astype(np.float32), 5.0, 4.0, georeference, Path("made.tif"))
 
 
-def refused(path: Path, *words: str, **options: Any) -> None:
+def refused(path, *words, **options):
     """`path` is refused in one line that names it and holds every one of `words`."""
     with pytest.raises(TerrainError) as caught:
         read_dem(path, **options)
@@ -207,7 +206,7 @@ def test_an_ascii_grid_that_is_damaged_is_refused_and_not_filled_with_zeros(
     refused(tmp_path / "grid.asc", word)
 
 
-def pds3_label(record_bytes: int, pointer: str, sample: str, image: str, scale: str) -> bytes:
+def pds3_label(record_bytes, pointer, sample, image, scale):
     """A PDS3 label of a map 4 samples wide and 64 lines high, in the manner of the lunar
     altimeters'.
     """
@@ -252,7 +251,7 @@ def test_a_pds3_image_with_its_label_attached_is_read(tmp_path):
 
 
 @pytest.fixture
-def detached(tmp_path) -> tuple[Path, Path, np.ndarray]:
+def detached(tmp_path):
     """A PDS3 image, its label beside it, and its heights: half metres above a sphere."""
     stored = np.random.default_rng(2).integers(-999, 999, (64, 4)).astype("<i2")
     scaling = "OFFSET = 1737400\nSCALING_FACTOR = 0.5\nUNIT = METER"
@@ -323,24 +322,27 @@ def test_an_archive_may_hold_other_maps_and_the_width_of_cells(tmp_path):
     assert read_dem(path, cell_size_m=10).cell_width_m == 5.0
 
 
+NO_ELEVATIONS = """
+dem=None, a=HEIGHTS, b=HEIGHTS | got a, b
+dem=None | got nothing
+dem=HEIGHTS[None] | (1, 6, 9)
+cell_width_m=2.0 | cell_size_m beside
+dem=np.array([[{}]]) | object
+cell_m=np.nan | cell_m must be one number above 0
+cell_m='5 m' | cell_m must be one number above 0
+transform=np.zeros(6) | transform must be 6 numbers (a, b, c, d, e, f)
+transform=np.arange(5.0) | transform must be 6 numbers (a, b, c, d, e, f)
+transform=[1, 2, 3, 4, 5, np.nan] | transform must be 6 numbers (a, b, c, d, e, f)
+transform=['a'] * 6 | transform must be 6 numbers (a, b, c, d, e, f)
+"""
+
+
 @pytest.mark.parametrize(
     ("arrays", "word"),
-    [
-        ({"dem": None, "a": HEIGHTS, "b": HEIGHTS}, "got a, b"),
-        ({"dem": None}, "got nothing"),
-        ({"dem": HEIGHTS[None]}, "(1, 6, 9)"),
-        ({"cell_width_m": 2.0}, "cell_size_m beside"),
-        ({"dem": np.array([[{}]])}, "object"),
-        ({"cell_m": np.nan}, "cell_m must be one number above 0"),
-        ({"cell_m": "5 m"}, "cell_m must be one number above 0"),
-        ({"transform": np.zeros(6)}, PLACES),
-        ({"transform": np.arange(5.0)}, PLACES),
-        ({"transform": [1, 2, 3, 4, 5, np.nan]}, PLACES),
-        ({"transform": ["a"] * 6}, PLACES),
-    ],
+    cases(NO_ELEVATIONS),
 )
 def test_an_archive_that_is_no_elevation_map_is_refused(tmp_path, arrays, word):
-    given = {"dem": HEIGHTS} | arrays
+    given = {"dem": HEIGHTS} | keywords(arrays, globals())
     np.savez(
         tmp_path / "map.npz",
         **{name: each for name, each in given.items() if each is not None},

@@ -5,7 +5,6 @@ them.
 import socket
 import sys
 import threading
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -15,12 +14,13 @@ from rasterio import Affine
 
 from nnpp_edge.runtime.errors import TerrainError
 from nnpp_edge.terrain.dem import read_dem
+from tests.strategies import flat, uniform
 
-HEIGHTS = np.random.default_rng(4).uniform(1, 90, (6, 9)).astype(np.float32)
+HEIGHTS = uniform(4, (6, 9), 1, 90)
 PLACE = {"transform": Affine(5, 0, 28e3, 0, -5, 39e3), "crs": "EPSG:3414"}
 
 
-def raster(path: Path, heights: np.ndarray = HEIGHTS, driver: str = "GTiff", **profile) -> Path:
+def raster(path, heights=HEIGHTS, driver="GTiff", **profile):
     rows, cols = heights.shape
     shape = {"height": rows, "width": cols, "count": 1, "dtype": heights.dtype}
     with rasterio.open(path, "w", driver=driver, **shape, **PLACE, **profile) as dataset:
@@ -28,7 +28,7 @@ def raster(path: Path, heights: np.ndarray = HEIGHTS, driver: str = "GTiff", **p
     return path
 
 
-def vrt(source: str) -> str:
+def vrt(source):
     """A VRT of `HEIGHTS`' size whose band comes from an address."""
     return f"""<VRTDataset rasterXSize="9" rasterYSize="6"><GeoTransform>0, 2, 0, 0, 0, -2</GeoTransform>
         <VRTRasterBand dataType="Float32" band="1"><SimpleSource>
@@ -36,7 +36,7 @@ def vrt(source: str) -> str:
         </SimpleSource></VRTRasterBand></VRTDataset>"""
 
 
-def refusal(path: Path) -> str:
+def refusal(path):
     with pytest.raises(TerrainError) as caught:
         read_dem(path, cell_size_m=1)
     assert str(caught.value).startswith(f"{path}: ") and "\n" not in str(caught.value)
@@ -46,10 +46,10 @@ def refusal(path: Path) -> str:
 @pytest.fixture
 def site():
     """The address of a server on this machine, and the requests that it has had."""
-    requests: list[bytes] = []
+    requests = []
     with socket.create_server(("127.0.0.1", 0)) as server:
 
-        def serve() -> None:
+        def serve():
             while True:
                 try:
                     connection, _ = server.accept()
@@ -168,7 +168,7 @@ def test_memory_that_is_not_there_is_noticed_in_the_header(tmp_path, monkeypatch
     assert path.stat().st_size < 4e6
     assert "GB of memory for 1048576 × 1048576 float32 heights" in refusal(path)
     monkeypatch.setattr("nnpp_edge.terrain.array_files.available_bytes", lambda: 60e6)
-    small = raster(tmp_path / "block.tif", np.ones((16, 16), np.float32), **tiles)
+    small = raster(tmp_path / "block.tif", flat(16, 16, 1.0), **tiles)
     assert "for 16 × 16 float32 heights, got 0.1 GB" in refusal(small)
-    small = raster(tmp_path / "small.tif", np.ones((1000, 1000), np.float32))
+    small = raster(tmp_path / "small.tif", flat(1000, 1000, 1.0))
     assert read_dem(small).shape == (1000, 1000)

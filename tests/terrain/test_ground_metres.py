@@ -2,7 +2,6 @@
 `tests.fuzz.projections`.
 """
 
-import json
 import math
 
 import numpy as np
@@ -51,7 +50,7 @@ def test_a_plan_is_as_long_as_the_geodesic_and_the_projections_scale_is_told(
     lonlat = pyproj.Transformer.from_crs("EPSG:3857", "EPSG:4326", always_xy=True)
     ends = [lonlat.transform(*dem.map_coordinates(5, col)) for col in (8, 58)]
     wanted = pyproj.Geod(ellps="WGS84").inv(*ends[0], *ends[1])[2]
-    assert json.loads(ended.out)["length_m"] == pytest.approx(wanted, rel=1e-3)
+    assert ended.json["length_m"] == pytest.approx(wanted, rel=1e-3)
     drawn = "draws a metre of ground at the map's middle as 1.998 m along columns and 1.995 m"
     assert drawn in ended.err
 

@@ -7,6 +7,7 @@ from scipy.integrate import quad
 
 from nnpp_edge.runtime.errors import InvalidMapError, InvalidQueryError
 from nnpp_edge.terrain.rocks import Rocks, covered_share, draw_rocks, rock_heights, with_rocks
+from tests.tables import cases, keywords
 
 SIDES = (0.25, 0.25)
 
@@ -101,17 +102,21 @@ def test_the_seed_decides_and_cells_of_two_sides_hold_as_many_by_area():
     assert len(square.diameters_m) == len(oblong.diameters_m) > 1000
 
 
-def test_bad_input_is_one_clear_error():
-    for change, error, words in (
-        ({"cover": -0.01}, InvalidQueryError, "from 0 to 0.2, got -0.01"),
-        ({"cover": 0.21}, InvalidQueryError, "from 0 to 0.2, got 0.21"),
-        ({"cover": math.nan}, InvalidQueryError, "got nan"),
-        ({"cell_size_m": 0.0}, InvalidMapError, "cell size"),
-        ({"cell_size_m": -1.0}, InvalidMapError, "cell size"),
-        ({"cell_size_m": 54.0}, InvalidQueryError, "got 27 and 3"),
-        ({"dem": np.zeros(3)}, InvalidMapError, r"\(H, W\)"),
-    ):
-        given = {"dem": hills(), "cell_size_m": 0.25, "cover": 0.1, "rng": 1} | change
-        with pytest.raises(error, match=words) as caught:
-            with_rocks(**given)
-        assert "\n" not in str(caught.value)
+BAD = r"""
+cover=-0.01 | from 0 to 0.2, got -0.01
+cover=0.21 | from 0 to 0.2, got 0.21
+cover=math.nan | got nan
+cell_size_m=0.0 | cell size
+cell_size_m=-1.0 | cell size
+cell_size_m=54.0 | got 27 and 3
+dem=np.zeros(3) | \(H, W\)
+"""
+
+
+@pytest.mark.parametrize(("change", "words"), cases(BAD))
+def test_bad_input_is_one_clear_error(change, words):
+    given = {"dem": hills(), "cell_size_m": 0.25, "cover": 0.1, "rng": 1}
+    error = InvalidQueryError if "got" in words else InvalidMapError
+    with pytest.raises(error, match=words) as caught:
+        with_rocks(**given | keywords(change, {"np": np, "math": math}))
+    assert "\n" not in str(caught.value)

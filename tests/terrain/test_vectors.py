@@ -18,6 +18,7 @@ from nnpp_edge.terrain.dem import Dem
 from nnpp_edge.terrain.georeference import Georeference
 from nnpp_edge.terrain.route import Reach, Route, places_of
 from nnpp_edge.terrain.vectors import VectorFileError, geopackage_bytes, points_of
+from tests.strategies import uniform
 from tests.tables import cases
 
 UTM = "EPSG:32615"
@@ -257,7 +258,7 @@ def area(polygons):
 
 @pytest.mark.parametrize("place", [PLACE, None])
 def test_areas_are_the_cells_that_are_reached_with_their_holes(place):
-    field = np.random.default_rng(1).uniform(0.0, 4.0, (80, 90)).astype(np.float32)
+    field = uniform(1, (80, 90), 0.0, 4.0)
     field[field > 3.0] = np.inf
     found = Reach(field, (1.0, 2.0, 3.0), "time", "s", dem(place))
     for level, cells, square_m in map(dict.values, found.areas):

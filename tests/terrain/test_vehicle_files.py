@@ -6,15 +6,15 @@ from dataclasses import fields
 
 import pytest
 
-from nnpp_edge.runtime.robots.slope.cost import (
+from nnpp_edge.runtime import (
     EnergyCost,
     IrmischerCost,
     LinearCost,
     Mobility,
     TimeCost,
     ToblerCost,
+    Vehicle,
 )
-from nnpp_edge.runtime.terrain.vehicle import Vehicle
 from nnpp_edge.terrain.vehicle_files import (
     VehicleError,
     load_mobility,

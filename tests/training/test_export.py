@@ -1,6 +1,5 @@
 """The exported model: its answers, its metadata, and how it is written."""
 
-import json
 import re
 from dataclasses import replace
 from types import SimpleNamespace
@@ -16,9 +15,8 @@ from nnpp_edge import __version__
 from nnpp_edge.export.to_onnx import dataset_facts, export_network, parity
 from nnpp_edge.model.network import Network
 from nnpp_edge.model.registry import Spec
+from nnpp_edge.runtime import NetworkModel, Traversability
 from nnpp_edge.runtime.errors import DataSetError, ModelError
-from nnpp_edge.runtime.network.inference import NetworkModel
-from nnpp_edge.runtime.terrain.traversability import Traversability
 from nnpp_edge.terrain.shards import Recipe
 from nnpp_edge.training.checkpoint import Checkpoint, Progress, TrainSettings, load_checkpoint
 from tests.training.conftest import enlarged
@@ -191,7 +189,7 @@ def test_the_command_reports_and_ends_well(nnpp_edge, tmp_path):
     ended = nnpp_edge("export", path, "-o", file)
     assert (ended.code, ended.err) == (0, "")
     assert "parity passed" in ended.out
-    found = json.loads(nnpp_edge("export", path, "-o", file, "--region-factor", 0.25, "--json").out)
+    found = nnpp_edge("export", path, "-o", file, "--region-factor", 0.25, "--json").json
     assert found["parity"]["passed"]
     assert found["size_bytes"] == file.stat().st_size
     metadata = NetworkModel(file).metadata

@@ -185,4 +185,4 @@ def test_the_command_prints_a_table_and_a_recommendation(
     assert ended.out.splitlines()[-1].startswith(("int8: ", "keep fp32: "))
     names = {tensor.name for tensor in onnx.load(output).graph.initializer}
     assert {"body.encoder.stem.0.weight", "body.encoder.widen.0.weight"} <= names
-    assert json.loads(nnpp_edge(*words, "--samples", 8, "--json").out)["excluded"] == []
+    assert nnpp_edge(*words, "--samples", 8, "--json").json["excluded"] == []

@@ -297,7 +297,7 @@ def test_only_the_first_process_prints_and_draws(nnpp_edge, dataset, tmp_path, m
     assert (ended.code, ended.out, ended.err) == (0, "", "")
     assert not (tmp_path / "curves.png").exists()
     monkeypatch.setenv("RANK", "0")
-    assert json.loads(nnpp_edge(*words).out)["history"][0]["loss"] == 0.5
+    assert nnpp_edge(*words).json["history"][0]["loss"] == 0.5
 
 
 @pytest.mark.parametrize("name", PRESETS)

@@ -21,6 +21,7 @@ from nnpp_edge.view import answers
 from nnpp_edge.view.answers import Answerer
 from nnpp_edge.view.asked import Asked, Body, Site, command_of
 from nnpp_edge.view.landscape import Landscape, likely_ends
+from tests.strategies import flat
 from tests.view_cases import write_ground
 
 PLAIN = Asked(start=(8, 8), goal=(86, 110))
@@ -68,6 +69,8 @@ def site(tmp_path_factory):
 
 def ask(answerer, **question):
     """The answer, and the layer that comes with it, if there is one."""
+    if isinstance(question.get("asked"), Asked):
+        question["asked"] = in_json(question["asked"])
     line, _, pixels = answerer.answer(msgspec.json.encode(question)).partition(b"\n")
     answer = json.loads(line)
     return answer, np.frombuffer(pixels, np.uint8).reshape(
@@ -93,7 +96,7 @@ def test_what_is_copied_plans_the_same_path(nnpp_edge, site, name):
     plan = planned(site, asked)
     words = command_of(site, asked).split()
     assert plan.ok and words[:2] == ["nnpp-edge", "plan"]
-    told = json.loads(nnpp_edge(*words[1:], "--json").out)
+    told = nnpp_edge(*words[1:], "--json").json
     assert (told["status"], told["method"], told["cost"]) == (
         "OK",
         plan.planner,
@@ -130,7 +133,7 @@ def test_blocks_of_a_coarse_map_count_by_their_prices(site):
     )
     assert plan.traverse_cost == pytest.approx(found.cost[tuple(plan.path.T)].sum(), rel=1e-5)
     on_foot = ask(
-        Answerer(blocks, PLAIN), want="path", asked=in_json(with_values(PLAIN, step_cost="tobler"))
+        Answerer(blocks, PLAIN), want="path", asked=with_values(PLAIN, step_cost="tobler")
     )[0]
     assert on_foot["problem"].startswith("blocks of a coarse map")
 
@@ -179,31 +182,31 @@ def test_the_time_of_a_method_is_the_median_of_three_after_a_first(site):
     ]
 
 
+WRONG = """
+{"step_cost": "energy"}
+{"body": "hovercraft"}
+{"nonsense": 1}
+{"omega": "much"}
+{"omega": -1.0}
+{"limits": {"slope_limit_deg": 0.0}}
+{"body": "tracked", "clearance_m": 0.0}
+{"start": [1]}
+{"obstacles": [[0, 0, 0, 0]]}
+{"obstacles": [[-1, 5, 3, 3]]}
+{"obstacles": [[90, 0, 7, 3]]}
+{"obstacles": [[0, 118, 3, 3]]}
+{"start_heading_deg": -1.0}
+{"goal_heading_deg": "up"}
+{"via": [[45, 66]]}
+{"via": [[-1, 0]]}
+"""
+
+
 def test_what_cannot_be_asked_is_answered_in_a_line(site):
     answerer = Answerer(site, PLAIN)
     plain = in_json(PLAIN)
-    wrong = [
-        {"step_cost": "energy"},
-        {"body": "hovercraft"},
-        {"nonsense": 1},
-        {"omega": "much"},
-        {"omega": -1.0},
-    ]
-    wrong += [
-        {"limits": {"slope_limit_deg": 0.0}},
-        {"body": "tracked", "clearance_m": 0.0},
-        {"start": [1]},
-    ]
-    wrong += [
-        {"obstacles": [part]}
-        for part in ([0, 0, 0, 0], [-1, 5, 3, 3], [90, 0, 7, 3], [0, 118, 3, 3])
-    ]
-    wrong += [
-        {"obstacles": [[0, 0, 1, 1]] * 201},
-        {"start_heading_deg": -1.0},
-        {"goal_heading_deg": "up"},
-    ]
-    wrong += [{"via": [[45, 66]]}, {"via": [[-1, 0]]}, {"via": [[9, 9]] * 51}]
+    wrong = [json.loads(line) for line in WRONG.strip().splitlines()]
+    wrong += [{"obstacles": [[0, 0, 1, 1]] * 201}, {"via": [[9, 9]] * 51}]
     for values in wrong:
         told, _ = ask(answerer, want="path", asked=plain | values)
         assert set(told) == {"problem"} and "\n" not in told["problem"], values
@@ -221,7 +224,7 @@ def test_what_cannot_be_asked_is_answered_in_a_line(site):
 def test_an_answer_tells_what_lies_along_the_path(site):
     answerer = Answerer(site, PLAIN)
     asked = with_values(PLAIN, goal=(80, 100), obstacles=OBSTACLES)
-    path, _ = ask(answerer, want="path", asked=in_json(asked))
+    path, _ = ask(answerer, want="path", asked=asked)
     plan = planned(site, asked)
     cost = answerer.landscape(asked).cost
     rows = np.array(path["rows"], int)
@@ -248,7 +251,7 @@ def test_a_place_is_told_in_all_coordinates_and_by_what_it_is_impassable(site):
     degree = 1737400.0 * math.pi / 180.0
     place = Georeference(moon, (2.0, 0.0, -3.0 * degree, 0.0, -2.0, 5.0 * degree))
     located = replace(site, dem=replace(site.dem, georeference=place))
-    told, _ = ask(Answerer(located, PLAIN), want="place", asked=in_json(PLAIN), at=[0, 0])
+    told, _ = ask(Answerer(located, PLAIN), want="place", asked=PLAIN, at=[0, 0])
     assert told["words"][:2] == [
         "row 0, column 0",
         f"x {1 - 3 * degree:.9g}, y {5 * degree - 1:.9g}",
@@ -260,28 +263,25 @@ def test_a_place_is_told_in_all_coordinates_and_by_what_it_is_impassable(site):
     rover = with_values(PLAIN, body="large-rover")
     terms = terrain_terms(site.dem.elevation, 2.0)
     for at in ([0, 31], [31, 0], [31, 31], [95, 119]):
-        bare, _ = ask(answerer, want="place", asked=in_json(PLAIN), at=at)
+        bare, _ = ask(answerer, want="place", asked=PLAIN, at=at)
         slope, roughness, step = terms[:, at[0], at[1]]
         told = f"slope {np.degrees(slope):.1f}°, roughness {roughness:.2g} m, step {step:.2g} m"
         assert told in bare["words"][2]
     assert bare["words"][1] == "x 238, y 190"
     assert len(bare["words"]) == 3, "no coordinate system, and passable"
-    unknown, _ = ask(answerer, want="place", asked=in_json(PLAIN), at=[45, 66])
+    unknown, _ = ask(answerer, want="place", asked=PLAIN, at=[45, 66])
     assert unknown["words"][2:] == ["its height is unknown", "impassable"]
-    steep, _ = ask(
-        answerer, want="place", asked=in_json(with_values(rover, max_tilt_deg=5.0)), at=[62, 75]
-    )
+    steep, _ = ask(answerer, want="place", asked=with_values(rover, max_tilt_deg=5.0), at=[62, 75])
     assert "it cannot stand: " in steep["words"][-1] and "max_tilt_deg is 5" in steep["words"][-1]
     assert (
-        "must lie on the map"
-        in ask(answerer, want="place", asked=in_json(PLAIN), at=[96, 0])[0]["problem"]
+        "must lie on the map" in ask(answerer, want="place", asked=PLAIN, at=[96, 0])[0]["problem"]
     )
 
 
 def test_what_can_be_reached_is_told_in_bands_of_a_round_cost(site):
     asked = with_values(PLAIN, limits=LIMITS)
     answerer = Answerer(site, asked)
-    told, bands = ask(answerer, want="reach", asked=in_json(asked), pixels=2048)
+    told, bands = ask(answerer, want="reach", asked=asked, pixels=2048)
     field = answerer.landscape(asked).planner.reach(asked.start)
     reached = np.isfinite(field)
     assert (
@@ -327,14 +327,14 @@ def test_why_an_end_is_impassable_to_a_point_is_told(site):
     row, col = divmod(int(np.nanargmax(slopes)), slopes.shape[1])
     for end in ("start", "goal"):
         changed = with_values(asked, **{end: (row, col)})
-        told, _ = ask(answerer, want="path", asked=in_json(changed))
+        told, _ = ask(answerer, want="path", asked=changed)
         assert f"{end} ({row}, {col}) is impassable: height " in told["figures"]["reason"]
         assert f"slope {slopes[row, col]:.1f}°" in told["figures"]["reason"]
 
 
 def test_arcs_are_answered_as_they_are_driven_with_the_headings_that_are_asked_for(site):
     asked = with_values(PLAIN, **SETTINGS["arcs"])
-    path, _ = ask(Answerer(site, asked), want="path", asked=in_json(asked))
+    path, _ = ask(Answerer(site, asked), want="path", asked=asked)
     plan = planned(site, asked)
     assert path["gears"] == plan.drive.gears.tolist() and {-1, 1} <= set(path["gears"])
     assert np.stack((path["rows"], path["cols"]), 1) == pytest.approx(plan.line, abs=6e-3)
@@ -351,7 +351,7 @@ def test_layers_have_no_more_pixels_than_the_screen(site):
     cost = Landscape(site, asked).cost
     for pixels, shape in ((2000, (96, 120)), (64, (51, 64))):
         relief, slope, costs = (
-            ask(answerer, want=want, asked=in_json(asked), pixels=pixels)[1]
+            ask(answerer, want=want, asked=asked, pixels=pixels)[1]
             for want in ("relief", "slope", "cost")
         )
         assert relief.shape == slope.shape == costs.shape == shape
@@ -368,20 +368,18 @@ def test_layers_have_no_more_pixels_than_the_screen(site):
 def test_the_cost_of_ground_where_the_body_stands_in_no_heading_says_the_limit(site):
     asked = with_values(PLAIN, body="small-rover")
     answerer = Answerer(site, asked)
-    told, layer = ask(answerer, want="cost", asked=in_json(asked), pixels=2048)
+    told, layer = ask(answerer, want="cost", asked=asked, pixels=2048)
     refused = answerer.landscape(asked).refused()
     shown = (layer >= answers.FIRST_REFUSED) & (layer < answers.IMPASSABLE)
     assert np.array_equal(shown, (refused > 0) & (layer != answers.IMPASSABLE)) and shown.any()
     assert np.array_equal(layer[shown], answers.FIRST_REFUSED - 1 + refused[shown])
     assert told["refused"] == np.unique(refused[refused > 0]).tolist()
-    point, layer = ask(answerer, want="cost", asked=in_json(PLAIN), pixels=2048)
+    point, layer = ask(answerer, want="cost", asked=PLAIN, pixels=2048)
     assert (
         point["refused"] == []
         and not ((layer >= answers.FIRST_REFUSED) & (layer < answers.IMPASSABLE)).any()
     )
-    few = answers.costs(
-        np.zeros((4, 4), np.float32), 2, np.array([[2, 2, 0, 0], [2, 6, 0, 6]] * 2, np.uint8)
-    )
+    few = answers.costs(flat(4, 4), 2, np.array([[2, 2, 0, 0], [2, 6, 0, 6]] * 2, np.uint8))
     assert few.tolist() == [[answers.FIRST_REFUSED + 1, 0]] * 2
     painted = in_json(with_values(asked, obstacles=((2, 3, 4, 5),)))
     _, costs = ask(answerer, want="cost", asked=painted, pixels=2000)
@@ -393,10 +391,8 @@ def test_first_ends_are_passable_and_where_the_vehicle_stands(site, tmp_path):
     landscape = Landscape(site, asked)
     ends = likely_ends(landscape.cost)
     assert all(map(landscape.planner.is_passable, ends)) and math.hypot(*np.subtract(*ends)) > 60.0
-    assert likely_ends(np.full((30, 40), np.inf, np.float32)) is None
-    heights = np.full(
-        (60, 60), np.nan, np.float32
-    )  # known in the middle; no body stands at the edge of that
+    assert likely_ends(flat(30, 40, np.inf)) is None
+    heights = flat(60, 60, np.nan)  # known in the middle; no body stands at the edge of that
     heights[15:45, 10:50] = 0.0
     np.savez(tmp_path / "window.npz", elevation_m=heights, cell_size_m=0.5)
     site = Site.of(read_dem(tmp_path / "window.npz"), tmp_path / "window.npz", {})
@@ -431,7 +427,7 @@ def test_a_map_too_large_for_memory_is_a_problem(site, monkeypatch):
 
     monkeypatch.setattr(answers, "Landscape", none_left)
     Answerer.notice = "compiling"
-    assert ask(Answerer(site, PLAIN), want="path", asked=in_json(PLAIN))[0] == {
+    assert ask(Answerer(site, PLAIN), want="path", asked=PLAIN)[0] == {
         "problem": "not enough memory"
     }
     assert not Answerer.notice, "nothing is waited for any more"
@@ -439,7 +435,7 @@ def test_a_map_too_large_for_memory_is_a_problem(site, monkeypatch):
 
 def test_a_plan_shows_itself_and_escapes_what_it_was_told():
     matplotlib.use("agg")
-    planner = Planner(np.full((40, 60), 0.2, np.float32))
+    planner = Planner(flat(40, 60, 0.2))
     plan = planner.plan((3, 4), (30, 50), method="corridor", keep_regions=True)
     shown = replace(plan, reason="<script>alert('1')</script>")._repr_html_()
     assert "<script>" not in shown and "&lt;script&gt;" in shown and "<svg" in shown

@@ -382,7 +382,7 @@ def test_what_is_copied_is_what_is_seen(tab, nnpp_edge):
     tab.until("document.querySelector('#copied').textContent.startsWith('Copied')")
     words = tab.page.evaluate("navigator.clipboard.readText()").split()
     seen = float(tab.page.locator("#figures dd").first.inner_text())
-    assert json.loads(nnpp_edge(*words[1:], "--json").out)["cost"] == pytest.approx(seen, rel=1e-4)
+    assert nnpp_edge(*words[1:], "--json").json["cost"] == pytest.approx(seen, rel=1e-4)
     tab.page.click("#across")
     tab.page.click("#copy-command")
     tab.until("document.querySelector('#copied').textContent.includes('no painted obstacles')")

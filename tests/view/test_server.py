@@ -12,8 +12,7 @@ import numpy as np
 import pytest
 
 from nnpp_edge.robot.transports.wire import encode
-from nnpp_edge.runtime.errors import Status
-from nnpp_edge.runtime.loop.messages import Origin, PathMessage
+from nnpp_edge.runtime import Origin, PathMessage, Status
 from nnpp_edge.view.server import PageServer
 from tests.view_cases import serving, write_ground
 

@@ -4,11 +4,9 @@ import cv2
 import numpy as np
 import pytest
 
-from nnpp_edge.runtime import Planner
+from nnpp_edge.runtime import Method, Plan, Planner, Source, Vehicle
 from nnpp_edge.runtime.errors import OutputError, Status
 from nnpp_edge.runtime.kernels.poses import REFUSALS
-from nnpp_edge.runtime.planners.plan import Method, Plan, Source
-from nnpp_edge.runtime.terrain.vehicle import Vehicle
 from nnpp_edge.viz.picture import (
     IMPASSABLE,
     OPTIMUM,
@@ -22,6 +20,7 @@ from nnpp_edge.viz.picture import (
     save_picture,
 )
 from nnpp_edge.viz.sheet import BODY, GOAL, START
+from tests.strategies import uniform
 
 
 def some_cost(rows, cols):
@@ -49,7 +48,7 @@ def test_the_light_comes_from_the_north_west():
 
 @pytest.mark.parametrize("shape", [(1, 1), (1, 9), (9, 1), (6, 7)])
 def test_unknown_ground_and_any_shape_can_be_shaded(shape, recwarn):
-    heights = np.random.default_rng(1).random(shape).astype(np.float32)
+    heights = uniform(1, shape)
     for known in (heights, np.where(heights > 0.5, heights, np.nan), heights * np.nan):
         shade = hillshade(known, 2.0, 3.0)
         assert (shade.shape, shade.dtype) == (shape, np.uint8)
