@@ -19,7 +19,7 @@ from nnpp_edge.runtime.cells import Endpoints
 from nnpp_edge.runtime.network.model_file import UNSEEN, model_path
 from nnpp_edge.runtime.network.priors import PRIORS, prices_by
 from nnpp_edge.runtime.network.unseen import encode_unseen, prices_of
-from nnpp_edge.runtime.planners.query import PlanOptions
+from nnpp_edge.runtime.options import PlanOptions
 from nnpp_edge.runtime.terrain.traversability import Traversability
 from nnpp_edge.terrain.dataset import read_known
 from nnpp_edge.terrain.dem import Dem, read_dem

@@ -10,6 +10,7 @@ import click
 from nnpp_edge.cli import options
 from nnpp_edge.cli.ground_options import TerrainOptions
 from nnpp_edge.cli.text import tell
+from nnpp_edge.runtime.options import Omega
 
 _POINTS = "On a map; pairs far enough apart are queries."
 _SIZE = (
@@ -51,7 +52,7 @@ def command(
     papers_maps: Annotated[bool, _PAPERS_MAPS] = False,
     known: Annotated[tuple[int, ...], options.COUNTS, _KNOWN] = (),
     terrain: TerrainOptions,
-    omega: options.Omega = 0.011,
+    omega: Omega = 0.011,
     workers: Annotated[int | None, options.COUNT, "Processes; by default one a core."] = None,
     scheduler: Annotated[str | None, {"metavar": "ADDRESS"}, _SCHEDULER] = None,
     seed: options.Seed = 1,

@@ -11,6 +11,7 @@ import click
 from nnpp_edge.cli import options
 from nnpp_edge.cli.ground_options import Limit, TerrainOptions, VehicleOptions
 from nnpp_edge.cli.text import columns, table, tell
+from nnpp_edge.runtime.options import StepOptions
 
 if TYPE_CHECKING:
     from nnpp_edge.profiling.suites import Case
@@ -75,7 +76,7 @@ def command(
     rescale: options.Rescale = None,
     workloads: Annotated[tuple[str, ...], "--workload", options.NAMES, _WORKLOADS] = ("soft",),
     limit: Limit = (),
-    omega: options.Omega = 0.011,
+    steps: StepOptions,
     synthetic: Annotated[bool, "Use synthetic terrain instead."] = False,
     sizes: Annotated[tuple[int, ...], options.SIZES, "Sides of the maps."] = (256,),
     queries: Annotated[int, options.COUNT, "For each row."] = 300,
@@ -146,9 +147,9 @@ def command(
     needed = models if points and {Method.NNPP, Method.AUTO} & set(methods) else ()
     networks = {Path(name).stem: NetworkModel(name) for name in needed}
     control = [narrow_corridor()] if fresh_map else []
-    of_point = [replace(each, omega=omega) for each in exact_and(methods, networks) + control]
+    of_point = [replace(each, **steps) for each in exact_and(methods, networks) + control]
     bodily = exact_and([name for name in methods if name != Method.NNPP], {}) + control
-    of_body = [replace(each, omega=omega) for each in bodily]
+    of_body = [replace(each, **steps) for each in bodily]
     dems = suites.TerrainFiles(files, rescale, cell_size).read()
     suites.check_sizes(dems, sizes)
     mobility = robot.mobility(*dems[:1]) if directed else None

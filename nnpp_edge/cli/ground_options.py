@@ -7,11 +7,20 @@ import warnings
 from contextlib import AbstractContextManager
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, NamedTuple
 
 import click
 
-from nnpp_edge.cli.options import MANY, CellSize, Resample, Rescale, Setting, SettingType, StepCost
+from nnpp_edge.cli.options import (
+    MANY,
+    CellSize,
+    Parsed,
+    Resample,
+    Rescale,
+    Setting,
+    SettingType,
+    StepCost,
+)
 
 if TYPE_CHECKING:
     from nnpp_edge.runtime.map.ground import Ground
@@ -21,6 +30,8 @@ if TYPE_CHECKING:
     from nnpp_edge.terrain.dem import Dem, DemWindows
     from nnpp_edge.terrain.georeference import Place
 
+PRIORS = ("network", "slope", "eq1", "mean")
+"""`Ground.prior`, for the help."""
 _CELLS_A_BODY = 4.0
 _LEAST_CELLS_A_BODY = 0.5
 _RESAMPLED = 6.0
@@ -187,21 +198,27 @@ def _merge(into: dict[str, object], values: dict[str, object]) -> None:
             into[key] = value
 
 
-@dataclass(frozen=True, kw_only=True)
-class KnownOptions:
-    """How much of the ground is known before it is seen."""
+class Blocks(NamedTuple):
+    """Of what a coarse map has the means, and how ground that was not seen is priced."""
 
-    known: Annotated[
-        int | None,
-        click.IntRange(2, 64),
-        "The map has means of N × N cells only; unseen ground costs what --prior estimates.",
-    ] = None
-    prior: Annotated[
-        str,
-        click.Choice(["network", "slope", "eq1", "mean"]),
-        "With --known, how unseen ground is estimated: by a network, the coarse slope, NNPP's Eq. "
-        "1, or one mean.",
-    ] = "network"
+    factor: int
+    prior: str = PRIORS[0]
+
+    @classmethod
+    def parsed(cls, word: str) -> "Blocks":
+        """From ``N`` or ``N:PRIOR``."""
+        factor, colon, prior = word.partition(":")
+        if not 2 <= int(factor) <= 64 or (colon and prior not in PRIORS):
+            raise ValueError
+        return cls(int(factor), prior or PRIORS[0])
+
+
+Known = Annotated[
+    Blocks | None,
+    Parsed("N[:PRIOR]", f"N from 2 to 64, or N:PRIOR with {', '.join(PRIORS)}", Blocks.parsed),
+    "The map has means of N × N cells only; unseen ground costs what PRIOR estimates: a network "
+    "(the default), the coarse slope, NNPP's Eq. 1 (eq1), or one mean.",
+]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -251,15 +268,19 @@ class GroundOptions(VehicleOptions, TerrainOptions):
             mobility=self.mobility(dem),
         )
 
-    def of_blocks(self, dem: "Dem", factor: int, prior: str) -> "Ground":
-        """The ground of a map of which each cell is the mean of `factor` × `factor`."""
+    def of_blocks(self, dem: "Dem", blocks: Blocks) -> "Ground":
+        """The ground of a map whose cells are means of blocks of finer ones."""
         from nnpp_edge.runtime.map.ground import Ground
 
-        width = dem.cell_width_m
-        body = self.body()
-        place = (dem.elevation, dem.cell_size_m, factor, self.limits())
         return Ground.of_coarse(
-            *place, prior=prior, cell_width_m=width, vehicle=body, step_cost=self.step_cost
+            dem.elevation,
+            dem.cell_size_m,
+            blocks.factor,
+            self.limits(),
+            prior=blocks.prior,
+            cell_width_m=dem.cell_width_m,
+            vehicle=self.body(),
+            step_cost=self.step_cost,
         )
 
     def warn_if_coarse(self, dem: "Dem") -> None:

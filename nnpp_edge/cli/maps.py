@@ -191,7 +191,9 @@ def _refuse(status: Status, reason: str) -> NoReturn:
     """InvalidQueryError; for programs that asked for a plan, the status as well."""
     given = click.get_current_context().params
     if given["as_json"] and "method" in given:
-        click.echo(json.dumps(Plan(status, Method(given["method"]), reason=reason).summary()))
+        click.echo(
+            json.dumps(Plan(status, Method(given["method"] or "auto"), reason=reason).summary())
+        )
     raise InvalidQueryError(reason)
 
 

@@ -1,5 +1,6 @@
 """Planning for `nnpp-edge plan`, on maps in memory and on larger ones."""
 
+import math
 from collections.abc import Callable
 from dataclasses import replace
 from functools import partial
@@ -32,7 +33,8 @@ from nnpp_edge.runtime.errors import InvalidQueryError
 from nnpp_edge.runtime.map.along import Along
 from nnpp_edge.runtime.memory import peak_bytes
 from nnpp_edge.runtime.network import loading
-from nnpp_edge.runtime.planners.query import PlanOptions, problem_with
+from nnpp_edge.runtime.options import PlanOptions, StepOptions
+from nnpp_edge.runtime.planners.query import problem_with
 from nnpp_edge.runtime.planners.windowed import WindowedPlanner
 from nnpp_edge.runtime.robots.body.attitude import attitudes
 from nnpp_edge.runtime.robots.body.refusal import refusals
@@ -67,16 +69,24 @@ def _ends(request: PlanRequest, place: Place) -> tuple[Cell, list[Cell], list[Ce
 
 
 def plan_in_memory(
-    request: PlanRequest, path: Path, robot: GroundOptions, *, drawn: bool
+    request: PlanRequest,
+    query: PlanOptions,
+    steps: StepOptions,
+    path: Path,
+    robot: GroundOptions,
+    *,
+    model: str,
+    drawn: bool,
 ) -> Answer:
     """Plan on a map that is read into memory: to the nearest goal, or by way of other places."""
     body = robot.body()
     with told_if_slow(f"reading {path}"):
         dem = robot.read(path)
     start, via, goals = _ends(request, dem)
-    may_ask = request.method == "nnpp" or (request.method == "auto" and max(dem.shape) >= LARGE_MAP)
+    method = query.pop("method", Method.AUTO)
+    may_ask = method == "nnpp" or (method == "auto" and max(dem.shape) >= LARGE_MAP)
     if may_ask and (body is None or body.is_disc):
-        loading.begin_loading(request.model)
+        loading.begin_loading(model)
     warn_if_not_square(dem)
     ground = robot.of(dem)
     limits = ground.limits
@@ -84,15 +94,14 @@ def plan_in_memory(
     if not (cost < 1.0).any():
         refuse_map(dem)
     body = ground.vehicle
-    planner_of = partial(Planner, omega=request.omega, corner_cutting=request.corner_cutting)
-    planner = planner_of(priced(ground, cost), model=request.model)
+    planner_of = partial(Planner, **steps)
+    planner = planner_of(priced(ground, cost), model=model)
     near = Near(dem, dem.elevation, cost, limits, body, planner.state.grid.robot.poses)
     if len(goals) == 1 and (problem := problem_with(planner.state.grid, start, goals[0])):
         refuse(problem, start, goals[0], near)
-    if request.time_limit is not None:  # loading would use it up
+    if "time_limit_s" in query:  # loading would use it up
         exercises.exercise()
-    within: PlanOptions = {"refine": request.refine, **request.headings, **request.within}  # type: ignore[typeddict-item]
-    wanted: PlanOptions = {**within, "method": request.method, "keep_regions": drawn}
+    wanted: PlanOptions = {**query, "method": method, "keep_regions": drawn}
     tour = (
         planner.plan_via(start, goals[0], via, best_order=request.best_order, **wanted)
         if via
@@ -106,7 +115,7 @@ def plan_in_memory(
     compared = list[Row]()
     exact = None
     if request.compare:
-        plan, compared, exact = _compare(partial(planner.plan, start, goal, **within), plan)
+        plan, compared, exact = _compare(partial(planner.plan, start, goal, **query), plan)
     plan = _on_the_ground(plan, ground)
     route = _route(plan, cost, dem, ground, planner)
 
@@ -146,7 +155,7 @@ def plan_in_memory(
             point_path=beside,
         )
 
-    shut_in = plan.status == "NO_PATH" and tour is None and request.refine is None
+    shut_in = plan.status == "NO_PATH" and tour is None and "refine" not in query
     return Answer(
         plan,
         route,
@@ -155,7 +164,7 @@ def plan_in_memory(
         picture,
         goals=[(goals[at], found) for at, found in ranked] if len(goals) > 1 else (),
         compared=compared,
-        loading_included=not request.compare and request.time_limit is None,
+        loading_included=not request.compare and "time_limit_s" not in query,
         vehicle=body,
         step_cost=robot.step_cost,
         tour=tour and tour.told(lambda leg: _on_the_ground(leg, ground)),
@@ -164,16 +173,23 @@ def plan_in_memory(
     )
 
 
-def plan_by_windows(request: PlanRequest, path: Path, robot: GroundOptions) -> Answer:
+def plan_by_windows(
+    request: PlanRequest,
+    query: PlanOptions,
+    steps: StepOptions,
+    path: Path,
+    robot: GroundOptions,
+) -> Answer:
     """Plan on a map of which only the coarse levels and what lies under a corridor are in
     memory.
     """
+    method = query.get("method", Method.AUTO)
     unfit = {
-        f"--method {request.method}": request.method in ("astar", "nnpp"),
+        f"--method {method}": method in ("astar", "nnpp"),
         "--compare": request.compare,
         "--hillshade": request.hillshade,
-        "--refine": request.refine is not None,
-        "--start-heading, --goal-heading": bool(request.headings),
+        "--refine": "refine" in query,
+        "--start-heading, --goal-heading": any(name.endswith("_deg") for name in query),
         "--resample": robot.resample is not None,
     }
     if wrong := [name for name, asked in unfit.items() if asked]:
@@ -182,16 +198,16 @@ def plan_by_windows(request: PlanRequest, path: Path, robot: GroundOptions) -> A
             "method, which reads by "
             "windows, or cut out a part of the map"
         )
+    within = {"epsilon": query.get("epsilon", math.inf)}
+    within["time_limit_s"] = query.get("time_limit_s", math.inf)
     limits = robot.limits()
-    within = request.within
     with robot.open(path) as ground, bar("rows of the map", ground.shape[0]) as advance:
         warn_if_not_square(ground)
         start, via, goals = _ends(request, ground)
         planner = WindowedPlanner(
             ground,
             limits,
-            omega=request.omega,
-            corner_cutting=request.corner_cutting,
+            **steps,
             mobility=robot.mobility(ground),
             progress=lambda what, rows: advance(rows),  # once for each time that they are read
         )

@@ -12,6 +12,7 @@ from nnpp_edge.cli import options
 from nnpp_edge.cli.ground_options import GroundOptions
 from nnpp_edge.cli.requests import Start
 from nnpp_edge.cli.text import aligned, duration, tell
+from nnpp_edge.runtime.options import StepOptions
 
 _SECONDS = {"s": 1.0, "min": 60.0, "h": 3600.0}
 _JOULES = {"J": 1.0, "kJ": 1e3, "MJ": 1e6, "Wh": 3600.0, "kWh": 3.6e6}
@@ -55,8 +56,7 @@ def command(
     within_energy: Annotated[float | None, _WORK, _ENERGY] = None,
     robot: GroundOptions,
     levels: Annotated[int, click.IntRange(1, 24), "Number of areas."] = 4,
-    omega: options.Omega = 0.011,
-    corner_cutting: options.CornerCutting = True,
+    steps: StepOptions,
     hillshade: options.Hillshade = False,
     output: Annotated[
         Path | None,
@@ -116,7 +116,7 @@ def command(
         step_cost = "time" if robot.mobility().time else "tobler"
     ground = replace(robot, step_cost=step_cost).of(terrain)
     cost = cost_of(terrain, ground.limits)
-    planner = Planner(priced(ground, cost), omega=omega, corner_cutting=corner_cutting)
+    planner = Planner(priced(ground, cost), **steps)
     if problem := problem_with(planner.state.grid, cell, cell):
         near = Near(
             terrain,

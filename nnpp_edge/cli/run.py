@@ -8,16 +8,16 @@ from typing import TYPE_CHECKING, Annotated
 import click
 
 from nnpp_edge.cli import options
-from nnpp_edge.cli.ground_options import GroundOptions, KnownOptions
+from nnpp_edge.cli.ground_options import GroundOptions, Known
 from nnpp_edge.cli.options import COUNT, MANY
 from nnpp_edge.cli.text import aligned, tell
 from nnpp_edge.robot.transports.wiring import STDOUT, Wiring
+from nnpp_edge.runtime.options import StepOptions
 
 if TYPE_CHECKING:
     from nnpp_edge.runtime.loop.messages import Counters
     from nnpp_edge.runtime.map.ground import Ground
 
-_MODEL = "Shipped network's name, or an ONNX file, in place of the profile's (else edge)."
 _LOOP = (
     "Set a value of the profile's table [loop], such as cores=[2,3], priority=50, tolerance=0.05, "
     "approach=true or "
@@ -33,17 +33,16 @@ def command(
     map_file: Annotated[Path, "--map", options.MAP, "Elevation map, or an .npz of `costmap`."],
     wiring: Wiring,
     robot: GroundOptions,
-    blocks: KnownOptions,
+    steps: StepOptions,
+    known: Known = None,
     profile: Annotated[
         str | None,
         {"metavar": "NAME|FILE"},
-        "A shipped profile or a TOML file; its table [loop] counts.",
+        "A shipped profile or a TOML file; its table [loop] counts where no option is given.",
     ] = None,
-    rate: Annotated[
-        float | None, options.RATE, "Ticks a second, in place of the profile's (else 17)."
-    ] = None,
-    method: Annotated[str | None, "Planner, in place of the profile's (else auto)."] = None,
-    model: Annotated[str | None, options.MODEL, _MODEL] = None,
+    rate: Annotated[float | None, options.RATE, "Ticks a second; 17 by default."] = None,
+    method: Annotated[str | None, "Planner; auto by default."] = None,
+    model: options.Model | None = None,
     loop: Annotated[tuple[options.Setting, ...], _SETTING, MANY, _LOOP] = (),
     ticks: Annotated[int | None, COUNT, "End after so many."] = None,
     as_json: options.AsJson = False,
@@ -70,7 +69,7 @@ def command(
         )
     changes = {name: value for each in loop for name, value in each.values.items()}
     given = {"rate_hz": rate, "method": method, "model": model}
-    changes |= {name: value for name, value in given.items() if value is not None}
+    changes |= {name: value for name, value in given.items() if value is not None} | steps
     settings = changed(read_profile(profile).loop if profile else OnboardLoop(), **changes)
     robot.check_turns(settings.refine)
     navigator = settings.navigator()
@@ -80,10 +79,7 @@ def command(
     )
     if navigator.asks_network:
         begin_loading(navigator.model)
-    if blocks.known is not None:
-        ground = robot.of_blocks(robot.read(map_file), blocks.known, blocks.prior)
-    else:
-        ground = _ground(map_file, robot)
+    ground = robot.of_blocks(robot.read(map_file), known) if known else _ground(map_file, robot)
     counters = run(
         ground, navigator, wiring, settings, ticks=ticks, report=partial(click.echo, err=True)
     )

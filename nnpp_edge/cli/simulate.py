@@ -10,12 +10,13 @@ from typing import TYPE_CHECKING, Annotated, Any
 import click
 
 from nnpp_edge.cli import options
-from nnpp_edge.cli.ground_options import GroundOptions, KnownOptions
+from nnpp_edge.cli.ground_options import GroundOptions, Known
 from nnpp_edge.cli.options import COUNT
-from nnpp_edge.cli.requests import PLACE, START, End
+from nnpp_edge.cli.requests import PLACE, End, Start
 from nnpp_edge.cli.text import aligned, tell
 from nnpp_edge.robot.transports.wiring import View
 from nnpp_edge.runtime.choices import METHODS, REPAIRING_METHODS
+from nnpp_edge.runtime.options import StepOptions
 
 if TYPE_CHECKING:
     from nnpp_edge.runtime.loop.connections import Sink
@@ -33,25 +34,24 @@ _SIZE = (
     "and --goal."
 )
 _GOAL = "As --start; by default the seed picks both."
-_CHANGES = "Obstacles that appear, move or vanish between two ticks."
 _NOISE = "Standard deviation of the steering angle, degrees, of a vehicle that drives arcs."
 
 
 @options.command("simulate")
 def command(
     robot: GroundOptions,
-    blocks: KnownOptions,
+    steps: StepOptions,
+    known: Known = None,
     dem: Annotated[
         Path | None, "--map", options.MAP, "Elevation map; by default the shipped lunar sample."
     ] = None,
     size: Annotated[int, click.IntRange(16, options.MOST), _SIZE] = 256,
-    start: Annotated[End | None, PLACE, START] = None,
+    start: Start | None = None,
     goal: Annotated[End | None, PLACE, _GOAL] = None,
     method: Annotated[str, click.Choice([*METHODS, *REPAIRING_METHODS])] = "auto",
     model: options.Model = "edge",
     rate: Annotated[float | None, options.RATE, "Ticks a second; else as fast as possible."] = None,
     ticks: Annotated[int, COUNT, "At most."] = 5000,
-    changes: Annotated[int, click.IntRange(0, 1000), _CHANGES] = 1,
     sight: Annotated[int, COUNT, "Cells to each side, beyond the body, that it sees."] = 12,
     speed: Annotated[int, COUNT, "Cells a tick."] = 1,
     steering_noise: Annotated[float, options.Real(0.0, 45.0), _NOISE] = 0.0,
@@ -99,7 +99,16 @@ def command(
     robot.limits()  # those that make no sense are refused before any work
     body = robot.body()
     settings = SimulationSettings(
-        method, model, rate, ticks, changes, sight, speed, seed, endless, steering_noise
+        method,
+        model,
+        rate,
+        ticks,
+        sight=sight,
+        speed=speed,
+        seed=seed,
+        endless=endless,
+        steering_noise_deg=steering_noise,
+        steps=steps,
     )
     if picture is not None:
         check_name(picture)
@@ -118,7 +127,7 @@ def command(
         robot = replace(robot, rescale=robot.rescale or cell_m)
     whole = robot.read(dem)
     rng = np.random.default_rng([seed, 3])
-    factor = blocks.known or 1
+    factor = known.factor if known else 1
     rows, cols = (min(size, side) // factor * factor for side in whole.shape)
     row, col = (
         int(rng.integers(side - kept + 1))
@@ -148,10 +157,10 @@ def command(
         true = replace(
             part, elevation=with_rocks(heights, part.cell_size_m, rocks, rng, cell_width_m=width)
         )
-    if blocks.known is None:
+    if known is None:
         ground = SurveyedGround.of(robot.of(true), _SURVEY if body is None else 1, part.elevation)
     else:
-        ground = SurveyedGround.of_known(robot.of(true), factor, blocks.prior)
+        ground = SurveyedGround.of_known(robot.of(true), *known)
     ground = replace(ground, origin=(row, col))
     begin, end = (
         map(tuple, (ends - (row, col)).tolist()) if start and goal else random_drive(ground, seed)

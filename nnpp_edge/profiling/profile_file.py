@@ -2,6 +2,7 @@
 
 import re
 from collections.abc import Collection
+from dataclasses import fields as dataclass_fields
 from importlib.resources import files
 from itertools import product
 from pathlib import Path
@@ -14,8 +15,10 @@ from msgspec.structs import asdict, fields, replace
 from nnpp_edge.profiling.contest import Facts
 from nnpp_edge.runtime.errors import InvalidQueryError
 from nnpp_edge.runtime.loop.ladder import NavigatorSettings
+from nnpp_edge.runtime.options import Omega
 from nnpp_edge.runtime.planners.plan import DynamicMethod
 from nnpp_edge.runtime.reading import read_toml
+from nnpp_edge.runtime.terrain.step_cost import PAPER_OMEGA
 from nnpp_edge.terrain.workloads import of_bodies
 
 PLANNERS = ("astar", "corridor", "nnpp", "nnpp-fp32", "auto")
@@ -190,7 +193,10 @@ class OnboardLoop(Table, frozen=True):
     """A standing path is kept while it cannot cost more than this share above what a new plan
     might.
     """
+    omega: Omega = PAPER_OMEGA
     corner_cutting: bool = True
+    snap_radius: _Whole = 3
+    """Cells; how far from a robot in an impassable cell its path may begin."""
     refine: str = ""
     """As `DynamicPlanner` takes it; empty for paths of cells alone."""
     approach: bool = False
@@ -203,14 +209,10 @@ class OnboardLoop(Table, frozen=True):
 
     def navigator(self) -> NavigatorSettings:
         """The part of it that is the navigator's."""
-        return NavigatorSettings(
-            method=self.method,
-            model=self.model,
-            tolerance=self.tolerance,
-            corner_cutting=self.corner_cutting,
-            approach=self.approach,
-            refine=self.refine or None,
-        )
+        values = {
+            each.name: getattr(self, each.name) for each in dataclass_fields(NavigatorSettings)
+        }
+        return NavigatorSettings(**values | {"refine": self.refine or None})
 
 
 class Budget(Table, frozen=True):

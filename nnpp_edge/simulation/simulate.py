@@ -27,6 +27,7 @@ from nnpp_edge.runtime.loop.connections import Recorder
 from nnpp_edge.runtime.loop.timing import Histogram, rss_bytes
 from nnpp_edge.runtime.map.along import Line
 from nnpp_edge.runtime.map.state import MapState
+from nnpp_edge.runtime.options import StepOptions
 from nnpp_edge.runtime.planners.plan import Plan
 from nnpp_edge.simulation.scene import Scene, SurveyedGround
 from nnpp_edge.terrain.labels import random_query
@@ -69,6 +70,8 @@ class SimulationSettings:
     """
     steering_noise_deg: float = 0.0
     """Standard deviation of the steering angle of a body that drives arcs."""
+    steps: StepOptions = field(default_factory=StepOptions)
+    """Of the loop's planner, and of the one that knows all."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -208,7 +211,7 @@ class _Course:
         self._scene = scene
         self._settings = settings
         self._rng = rng
-        self._planner = Planner(scene.ground.ground)
+        self._planner = Planner(scene.ground.ground, **settings.steps)
         self._costs = scene.ground.costs()
         self._planner.touch()  # what the scene needs is not to look like growth of the loop
         self._best = self._optimum()
@@ -299,7 +302,7 @@ def _connected(
 
 def _navigator(scene: Scene, settings: SimulationSettings) -> Navigator:
     """A navigator on the robot's first map, in a process that has loaded all it needs."""
-    planning = NavigatorSettings(method=settings.method, model=settings.model)
+    planning = NavigatorSettings(settings.method, model=settings.model, **settings.steps)
     first = Navigator(scene.ground.robot.ground(scene.told), planning)
     first.offer(Pose(*scene.robot))
     first.offer(Goal(*scene.goal))

@@ -13,8 +13,8 @@ from msgspec import Meta, Struct
 from nnpp_edge.runtime.cells import Cell, Rectangle
 from nnpp_edge.runtime.errors import InvalidQueryError
 from nnpp_edge.runtime.map.ground import Ground
+from nnpp_edge.runtime.options import CornerCutting, Heading, Omega, PlanOptions
 from nnpp_edge.runtime.planners.plan import Method
-from nnpp_edge.runtime.planners.query import PlanOptions
 from nnpp_edge.runtime.robots.slope.cost import Mobility
 from nnpp_edge.runtime.terrain.step_cost import PAPER_OMEGA
 from nnpp_edge.runtime.terrain.traversability import Traversability
@@ -30,7 +30,6 @@ Obstacles = Annotated[tuple[Rectangle, ...], Meta(max_length=200)]
 Positive = Annotated[float, Meta(ge=0.0)]
 Blocks = tuple[int, str] | None
 """Fine cells along a cell of a coarse map, and by what these are priced, see `network.priors`."""
-Heading = Annotated[float, Meta(ge=0.0, le=360.0)]
 
 
 @dataclass(frozen=True)
@@ -66,6 +65,8 @@ class Site:
     """Arguments of `read_dem`, ``rescale`` and ``resample``, that were given."""
     bodies: Mapping[str, Body]
     blocks: Blocks = None
+    model: str = "edge"
+    """The network of the method ``nnpp``."""
 
     @classmethod
     def of(
@@ -75,6 +76,7 @@ class Site:
         reading: Mapping[str, float],
         given: Body | None = None,
         blocks: Blocks = None,
+        model: str = "edge",
     ) -> "Site":
         """With the package's vehicles, under the map's gravity where that is known, and that of the
         command line.
@@ -89,7 +91,7 @@ class Site:
             )
         if given is not None:
             bodies[POINT if given.vehicle is None else GIVEN] = given
-        return cls(replace(dem, source=Path(path.name)), path, reading, bodies, blocks)
+        return cls(replace(dem, source=Path(path.name)), path, reading, bodies, blocks, model)
 
 
 class Asked(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
@@ -104,8 +106,8 @@ class Asked(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     """Whether the path is freed from the grid."""
     step_cost: str = "paper"
     """One of `STEP_COSTS`."""
-    omega: Positive = PAPER_OMEGA
-    corner_cutting: bool = True
+    omega: Omega = PAPER_OMEGA
+    corner_cutting: CornerCutting = True
     limits: Traversability = Traversability.safe()
     """Hard limits of slope bound a body's tilt too, unless they are the default."""
     body: str = POINT
@@ -176,7 +178,7 @@ def command_of(site: Site, asked: Asked) -> str:
     words = ["nnpp-edge", "view" if site.blocks else "plan", str(site.path)]
     for name, value in site.reading.items():
         words += [f"--{name.removesuffix('_m').replace('_', '-')}", _number(value)]
-    words += ["--known", str(site.blocks[0]), "--prior", site.blocks[1]] if site.blocks else []
+    words += ["--known", "{}:{}".format(*site.blocks)] if site.blocks else []
     via = () if site.blocks else asked.via
     for name, (row, col) in (
         ("--start", asked.start),
@@ -191,12 +193,13 @@ def command_of(site: Site, asked: Asked) -> str:
         words += ["--step-cost", asked.step_cost]
     elif asked.omega != PAPER_OMEGA:
         words += ["--omega", _number(asked.omega)]
+    if not asked.corner_cutting:
+        words.append("--no-corner-cutting")
+    if site.model != "edge":
+        words += ["--model", site.model]
     if site.blocks:
         return shlex.join(words)
-    words += [
-        *([] if asked.corner_cutting else ["--no-corner-cutting"]),
-        *asked.chosen(site).options,
-    ]
+    words += asked.chosen(site).options
     for name, heading in asked.headings(site).items():
         option = f"--{name.removesuffix('_deg').replace('_', '-')}"
         words += [] if heading is None else [option, _number(heading)]  # type: ignore[arg-type]  # of two numbers

@@ -14,8 +14,8 @@ from nnpp_edge.runtime.cells import Cell
 from nnpp_edge.runtime.errors import InvalidQueryError
 from nnpp_edge.runtime.map.along import Along
 from nnpp_edge.runtime.network.priors import prices_by
+from nnpp_edge.runtime.options import PlanOptions
 from nnpp_edge.runtime.planners.plan import Method
-from nnpp_edge.runtime.planners.query import PlanOptions
 from nnpp_edge.runtime.robots.body.refusal import refusals
 from nnpp_edge.runtime.terrain.traversability import traversability_cost
 from nnpp_edge.runtime.tuning import PRICE_SCALE
@@ -73,7 +73,7 @@ class Landscape:
             planned,
             omega=self._scale * asked.omega,
             corner_cutting=asked.corner_cutting,
-            model="edge",
+            model=site.model,
         )
         self._laid: Obstacles = ()
 

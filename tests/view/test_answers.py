@@ -108,10 +108,15 @@ def test_what_the_command_line_describes_is_copied_too(nnpp_edge, site):
     reading = {"cell_size_m": 3.0, "rescale": 2.0, "resample": 1.5}
     dem = read_dem(site.path, 3.0).rescaled(2.0).resampled(1.5)
     given = Site.of(
-        dem, site.path, reading, Body(vehicle, site.bodies["tracked"].mobility, options)
+        dem,
+        site.path,
+        reading,
+        Body(vehicle, site.bodies["tracked"].mobility, options),
+        model="edge-fp32",
     )
     asked = with_values(PLAIN, body="as given", step_cost="time")
     plan = planned(given, asked)
+    assert "--model edge-fp32" in command_of(given, asked)
     told = nnpp_edge(*command_of(given, asked).split()[1:], "--json").out
     assert plan.ok and json.loads(told)["cost"] == round(plan.cost, 6)
 
@@ -121,7 +126,7 @@ def test_blocks_of_a_coarse_map_count_by_their_prices(site):
     plan = planned(blocks, PLAIN)
     found = Answerer(blocks, PLAIN).landscape(PLAIN)
     words = command_of(blocks, PLAIN).split()
-    shown = ["--known", "8", "--prior", "slope", "--start", "8,8", "--goal", "86,110"]
+    shown = ["--known", "8:slope", "--start", "8,8", "--goal", "86,110"]
     assert words[1] == "view" and words[3:] == shown
     assert (
         plan.planner == "corridor"
