@@ -9,6 +9,13 @@ import click
 from nnpp_edge.cli import options
 from nnpp_edge.cli.text import columns, table
 
+_SIZE_AND_TIME = "precision | MB: size_mb .2f | ms/median: median_ms .2f | ms/p99: p99_ms .2f"
+_REGION = "cost gap: gap z.3% | found in/region: success .1% | region, of/the map: region_share .2%"
+_FIT = (
+    "error of/mean T: rmse_mean .4f | blocked/share: rmse_blocked .4f | "
+    "closed/chance: rmse_closed .4f"
+)
+
 
 @options.command("quantize")
 def command(
@@ -43,18 +50,8 @@ def command(
         click.echo(r.to_json())
         return
     c = r.compared
-    shown_as = {
-        **columns("precision | MB: size_mb .2f | ms/median: median_ms .2f | ms/p99: p99_ms .2f"),
-        **columns(
-            "cost gap: gap z.3% | found in/region: success .1% | region, of/the map: region_share "
-            ".2%"
-        ),
-    }
-    if isinstance(c.fp32, Fit):
-        shown_as = {name: shown_as[name] for name in list(shown_as)[:4]} | columns(
-            "error of/mean T: rmse_mean .4f | blocked/share: rmse_blocked .4f | closed/chance: "
-            "rmse_closed .4f"
-        )
+    judged_by = _FIT if isinstance(c.fp32, Fit) else _REGION
+    shown_as = columns(f"{_SIZE_AND_TIME} | {judged_by}")
     rows = [
         {"precision": name, "size_mb": size / 1e6, **asdict(latency), **asdict(judged)}
         for name, size, latency, judged in (

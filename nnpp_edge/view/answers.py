@@ -32,7 +32,7 @@ from nnpp_edge.terrain.dem import Dem
 from nnpp_edge.terrain.route import Route, places_of
 from nnpp_edge.view.asked import Asked, Site, command_of
 from nnpp_edge.view.landscape import Landscape, painted
-from nnpp_edge.viz.picture import REFUSED, hillshade
+from nnpp_edge.viz.picture import REFUSED, hillshade, refused_on
 
 IMPASSABLE = 255
 UNKNOWN = 0
@@ -164,7 +164,7 @@ class Answerer:
             return {"words": words}, None
         if question.want == "cost":
             cost = np.where(painted(dem.shape, asked.obstacles), np.float32(np.inf), landscape.cost)
-            refused = landscape.refused()
+            refused = refused_on(landscape.planner)
             layer = costs(cost, pixels, refused)
             return {
                 "refused": [] if refused is None else np.unique(refused[refused > 0]).tolist()
@@ -234,13 +234,8 @@ def file_of(dem: Dem, asked: Asked, plan: Plan, cost: Float2D, form: str) -> byt
     figures = {
         name: told[name] for name in ("status", "method", "source", "cost", *plan.numbers._fields)
     }
-    stops = {
-        "start": asked.start,
-        **{f"via {n}": at for n, at in enumerate(asked.via, 1)},
-        "goal": asked.goal,
-    }
     if form == "gpx":
-        return route.gpx("nnpp-edge view", stops)
+        return route.gpx("nnpp-edge view", (asked.start, *asked.via, asked.goal))
     return route.geopackage(figures) if form == "gpkg" else route.geojson(figures)
 
 

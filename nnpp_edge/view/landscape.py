@@ -16,11 +16,9 @@ from nnpp_edge.runtime.map.along import Along
 from nnpp_edge.runtime.network.priors import prices_by
 from nnpp_edge.runtime.options import PlanOptions
 from nnpp_edge.runtime.planners.plan import Method
-from nnpp_edge.runtime.robots.body.refusal import refusals
 from nnpp_edge.runtime.terrain.traversability import traversability_cost
 from nnpp_edge.runtime.tuning import PRICE_SCALE
 from nnpp_edge.view.asked import Asked, Obstacles, Site
-from nnpp_edge.viz.picture import MOST_SHOWN
 
 _TRIED = 256
 """Cells along a side that are tried as first ends."""
@@ -93,15 +91,6 @@ class Landscape:
                     row, col, told[row : row + rows, col : col + cols].astype(np.float32)
                 )
         self._laid = obstacles
-
-    def refused(self) -> NDArray[np.uint8] | None:
-        """(H, W) limits that refuse the vehicle where it stands in no heading, see
-        `robots.body.refusal.refusals`.
-
-        None without a body, and on maps of more than `MOST_SHOWN` cells.
-        """
-        poses = self.planner.state.grid.robot.poses
-        return None if poses is None or self.cost.size > MOST_SHOWN else refusals(poses.standing())
 
     def plan(self, asked: Asked, method: Method, *, keep_regions: bool = False) -> Plan:
         """Plan between the ends that are asked for, by way of the places between."""

@@ -19,6 +19,8 @@ from nnpp_edge.runtime.arrays import Cells, Float2D, Floats
 from nnpp_edge.runtime.cells import Cell
 from nnpp_edge.runtime.map.along import Line
 from nnpp_edge.runtime.planners.plan import Plan
+from nnpp_edge.runtime.planners.planner import Planner
+from nnpp_edge.runtime.robots.body.refusal import refusals
 from nnpp_edge.runtime.terrain.vehicle import Vehicle
 from nnpp_edge.viz.sheet import (
     BODY,
@@ -274,6 +276,18 @@ def body_outlines(
         ahead_and_left = np.array([(down, right), (-right, down)])  # rows go down
         outlines.append(path[at] + shape @ ahead_and_left / sides_m)
     return outlines
+
+
+def refused_on(planner: Planner) -> Shade | None:
+    """(H, W) the limits that refuse the planner's vehicle where it stands in no heading, see
+    `robots.body.refusal.refusals`.
+
+    None without a body, and on maps of more than `MOST_SHOWN` cells.
+    """
+    poses = planner.state.grid.robot.poses
+    if poses is None or math.prod(planner.shape) > MOST_SHOWN:
+        return None
+    return refusals(poses.standing())
 
 
 def png_bytes(picture: Picture) -> bytes:
