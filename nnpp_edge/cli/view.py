@@ -67,12 +67,9 @@ def command(
         read = robot.read(path)
         robot.warn_if_coarse(read)
         given = _given_body(robot, read)
-        reading = {
-            "cell_size_m": robot.cell_size,
-            "rescale": robot.rescale,
-            "resample": robot.resample,
-        }
-        said = {name: value for name, value in reading.items() if value is not None}
+        names = ("cell_size", "rescale", "resample")
+        reading = [(each, getattr(robot, each)) for each in names]
+        said = {each: value for each, value in reading if value is not None}
         site = Site.of(read, name or Path(path.name), said, given, known, model)
         asked = Asked(
             start=begin.one_cell(read, "--start") if begin else (0, 0),

@@ -105,7 +105,7 @@ def test_what_is_copied_plans_the_same_path(nnpp_edge, site, name):
 def test_what_the_command_line_describes_is_copied_too(nnpp_edge, site):
     options = ("--vehicle", "large-rover", "--set", "max_step_m=0.6", "--mobility", "tracked")
     vehicle = replace(site.bodies["large-rover"].vehicle, max_step_m=0.6)
-    reading = {"cell_size_m": 3.0, "rescale": 2.0, "resample": 1.5}
+    reading = {"cell_size": 3.0, "rescale": 2.0, "resample": 1.5}
     dem = read_dem(site.path, 3.0).rescaled(2.0).resampled(1.5)
     given = Site.of(
         dem,
@@ -374,7 +374,7 @@ def test_the_cost_of_ground_where_the_body_stands_in_no_heading_says_the_limit(s
     asked = with_values(PLAIN, body="small-rover")
     answerer = Answerer(site, asked)
     told, layer = ask(answerer, want="cost", asked=in_json(asked), pixels=2048)
-    refused = answerer.landscape(asked).refused()
+    refused = answers.refused_on(answerer.landscape(asked).planner)
     shown = (layer >= answers.FIRST_REFUSED) & (layer < answers.IMPASSABLE)
     assert np.array_equal(shown, (refused > 0) & (layer != answers.IMPASSABLE)) and shown.any()
     assert np.array_equal(layer[shown], answers.FIRST_REFUSED - 1 + refused[shown])
