@@ -64,14 +64,12 @@ def command(
     steps: StepOptions,
     synthetic: Annotated[bool, "Use synthetic terrain instead."] = False,
     sizes: Annotated[tuple[int, ...], options.SIZES, "Sides of the maps."] = (256,),
-    queries: Annotated[int, options.COUNT, "For each row."] = 300,
+    queries: Annotated[int, "For each row."] = 300,
     min_distance: Annotated[float, options.SHARE, _MIN_DISTANCE] = 0.35,
     methods: Annotated[tuple[str, ...], options.NAMES] = ("astar", "corridor", "nnpp"),
     models: _MODELS = ("edge",),
     robot: VehicleOptions,
-    repeats: Annotated[
-        int, options.COUNT, "Times each planner answers each query; its median time counts."
-    ] = 3,
+    repeats: Annotated[int, "Times each planner answers each query; its median time counts."] = 3,
     fresh_map: Annotated[bool, _FRESH_MAP] = False,
     seed: options.Seed = 1,
     as_json: options.AsJson = False,

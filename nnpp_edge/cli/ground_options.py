@@ -136,10 +136,9 @@ class VehicleOptions:
 
     def check_turns(self, refine: str | None) -> None:
         """Refuse a turning radius that was set for a disc whose paths stay on the grid."""
-        wanted = not refine and any(
-            "turning_radius_m" in setting.values for setting in self.settings
-        )
-        if wanted and (body := self.body()) is not None and body.is_disc:
+        wanted = any("turning_radius_m" in setting.values for setting in self.settings)
+        body = self.body() if wanted and not refine else None
+        if body is not None and body.is_disc:
             raise click.UsageError(
                 "turning_radius_m needs --refine any-angle: paths on the grid turn in a cell"
             )
@@ -157,16 +156,11 @@ class VehicleOptions:
         values = self._values()
         source = Path(self.mobility_file or self.vehicle or "--set").name
         found = mobility_of(values["mobility"], source) if "mobility" in values else Mobility()
-        if (
-            found.energy is None
-            or place is None
-            or any("gravity_m_s2" in each.word for each in self.settings)
-        ):
+        own_gravity = any("gravity_m_s2" in each.word for each in self.settings)
+        gravity = None if place is None or own_gravity else gravity_of(place)
+        if gravity is None or found.energy is None:
             return found
-        gravity = gravity_of(place)
         own = found.energy.gravity_m_s2
-        if gravity is None:
-            return found
         if abs(gravity / own - 1.0) > _MOST_UNEQUAL_GRAVITY:
             warnings.warn(
                 f"energy uses {gravity:g} m/s², the gravity of the map's body, not the vehicle's "

@@ -165,6 +165,12 @@ class Near(NamedTuple):
     poses: Poses | None = None
     origin: Cell = (0, 0)
 
+    @classmethod
+    def of(cls, dem: Dem, ground: Ground, cost: Float2D, planner: Planner) -> "Near":
+        """The whole of a map in memory."""
+        poses = planner.state.grid.robot.poses
+        return cls(dem, dem.elevation, cost, ground.limits, ground.vehicle, poses)
+
 
 def refuse_map(place: Place) -> NoReturn:
     """InvalidMapError for a map without a passable cell; for programs, the status as well."""

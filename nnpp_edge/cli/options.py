@@ -1,10 +1,10 @@
 """How commands are made of functions, and the options that several of them share.
 
 A parameter of the function is ``Annotated[…]`` with its type; names that begin with a hyphen, where
-its own does not serve; a click type, of an optional path by default a file to write; its help; and
-a dict of more words for click. Those before ``/`` are arguments, and one without a default is
-required. One whose type is a dataclass is made of the options that are its fields; one whose type
-is a record of `runtime.options` holds what was given of the options that are explained there.
+its own does not serve; a click type, by default that of `_KINDS`; its help; and a dict of more
+words for click. Those before ``/`` are arguments, and one without a default is required. One whose
+type is a dataclass is made of the options that are its fields; one whose type is a record of
+`runtime.options` holds what was given of the options that are explained there.
 """
 
 import inspect
@@ -101,14 +101,15 @@ def _option(name: str, annotation: object, default: object) -> click.Option:
 
 def _words(annotation: object, default: object) -> dict[str, Any]:
     """The words for click that an annotation says, but for names."""
-    python_type, *said = get_args(annotation)
+    annotated = hasattr(annotation, "__metadata__")
+    python_type, *said = get_args(annotation) if annotated else (annotation,)
     words: dict[str, Any] = {"default": default}
     if default is None or default in (MISSING, inspect.Parameter.empty):
         words = {"required": default is not None}
     if python_type is bool:
         words["is_flag"] = True
-    elif python_type == Path | None:
-        words["type"] = NEW_FILE
+    elif python_type in _KINDS:
+        words["type"] = _KINDS[python_type]
     for each in said:
         if isinstance(each, dict):
             words |= each
@@ -181,9 +182,8 @@ class Parsed(click.ParamType):  # type: ignore[type-arg]  # click has made it ge
         try:
             return self.parse(value)
         except ValueError as error:
-            self.fail(
-                f"wanted {self.wanted}, got {value!r}" if self.wanted else str(error), param, ctx
-            )
+            words = f"wanted {self.wanted}, got {value!r}" if self.wanted else str(error)
+            self.fail(words, param, ctx)
 
 
 class Setting(NamedTuple):
@@ -215,11 +215,9 @@ class SettingType(click.ParamType):  # type: ignore[type-arg]  # as above
     def convert(
         self, value: object, param: click.Parameter | None, ctx: click.Context | None
     ) -> Setting:
-        text = (
-            re.sub(r"=(?!true$|false$)([A-Za-z][\w.-]*)$", r'="\1"', str(value))
-            if self.bare
-            else str(value)
-        )
+        text = str(value)
+        if self.bare:
+            text = re.sub(r"=(?!true$|false$)([A-Za-z][\w.-]*)$", r'="\1"', text)
         try:
             ((key, content),) = tomllib.loads(text).items()
         except (ValueError, RecursionError):
@@ -279,6 +277,13 @@ SIZES = Parsed(
     joined(partial(_whole, 2, LARGEST_SIDE)),
 )
 MANY = {"multiple": True}
+_KINDS: dict[Any, Any] = {
+    Path | None: NEW_FILE,
+    int: COUNT,
+    int | None: COUNT,
+    float | None: POSITIVE,
+}
+"""Of a parameter that names no click type."""
 
 AsJson = Annotated[bool, "--json", "Print JSON for programs."]
 Seed = Annotated[int, SEED, "Seed of every random choice."]
@@ -288,20 +293,15 @@ Memory = Annotated[
     Parsed("SIZE", "a size such as 2GB or 500MiB", _bytes),
     "Memory that a map may take; a larger raster is read by windows. By default what is free.",
 ]
-CellSize = Annotated[
-    float | None, POSITIVE, "Side of a cell in metres, where the file does not say."
-]
+CellSize = Annotated[float | None, "Side of a cell in metres, where the file does not say."]
 Rescale = Annotated[
     float | None,
-    POSITIVE,
     "Make cells this many metres wide and scale heights alike, so that slopes stay.",
 ]
 Resample = Annotated[
     float | None,
-    POSITIVE,
     "Make cells finer, this many metres wide, with heights interpolated between the map's. That "
-    "adds no "
-    "detail, but a vehicle may stand and step between the cells.",
+    "adds no detail, but a vehicle may stand and step between the cells.",
 ]
 TerrainFiles = Annotated[tuple[Path, ...], MAP, MANY, "Elevation file. May be repeated."]
 Hillshade = Annotated[bool, "Draw the relief instead of the cost."]
@@ -309,8 +309,7 @@ StepCost = Annotated[
     str,
     click.Choice(list(STEP_COSTS)),
     "Price of a step: by the map's costs, or by the slope it leads up or down; time and energy by "
-    "the table "
-    "[mobility] of --vehicle or --mobility.",
+    "the table [mobility] of --vehicle or --mobility.",
 ]
 
 

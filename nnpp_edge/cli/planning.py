@@ -94,7 +94,7 @@ def plan_in_memory(
     body = ground.vehicle
     planner_of = partial(Planner, **steps)
     planner = planner_of(priced(ground, cost), model=model)
-    near = Near(dem, dem.elevation, cost, limits, body, planner.state.grid.robot.poses)
+    near = Near.of(dem, ground, cost, planner)
     if len(goals) == 1 and (problem := problem_with(planner.state.grid, start, goals[0])):
         refuse(problem, start, goals[0], near)
     if "time_limit_s" in query:  # loading would use it up

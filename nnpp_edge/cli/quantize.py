@@ -26,7 +26,7 @@ def command(
     validation: Annotated[
         Path | None, options.FOLDER, "Data set to judge on; by default held-out maps."
     ] = None,
-    samples: Annotated[int, options.COUNT, "Queries to calibrate on."] = 200,
+    samples: Annotated[int, "Queries to calibrate on."] = 200,
     exclude: Annotated[tuple[str, ...], options.NAMES, "Nodes to leave float, by name."] = (),
     seed: options.Seed = 1,
     as_json: options.AsJson = False,

@@ -1,5 +1,6 @@
 """`nnpp-edge run`: the onboard loop as a program."""
 
+import json
 from dataclasses import asdict, fields
 from functools import partial
 from pathlib import Path
@@ -9,8 +10,8 @@ import click
 
 from nnpp_edge.cli import options
 from nnpp_edge.cli.ground_options import GroundOptions, Known
-from nnpp_edge.cli.options import COUNT, MANY
-from nnpp_edge.cli.text import aligned, tell
+from nnpp_edge.cli.options import MANY
+from nnpp_edge.cli.text import aligned
 from nnpp_edge.robot.transports.wiring import STDOUT, Wiring
 from nnpp_edge.runtime.options import StepOptions
 
@@ -44,7 +45,7 @@ def command(
     method: Annotated[str | None, "Planner; auto by default."] = None,
     model: options.Model | None = None,
     loop: Annotated[tuple[options.Setting, ...], _SETTING, MANY, _LOOP] = (),
-    ticks: Annotated[int | None, COUNT, "End after so many."] = None,
+    ticks: Annotated[int | None, "End after so many."] = None,
     as_json: options.AsJson = False,
 ) -> None:
     """Plan at a fixed rate: patches, poses and goals in, paths out.
@@ -84,7 +85,7 @@ def command(
         ground, navigator, wiring, settings, ticks=ticks, report=partial(click.echo, err=True)
     )
     if as_json:
-        tell(as_json, asdict(counters), str)
+        click.echo(json.dumps(asdict(counters)))
     else:
         click.echo(summary(counters), err=True)
 
@@ -97,21 +98,17 @@ def summary(counters: "Counters") -> str:
         return ", ".join(f"{what} {count}" for what, count in counts.items() if count)
 
     odd = {"clipped": c.patches_clipped, "rejected": c.patches_rejected, "merged": c.patches_merged}
-    patches = [
-        f"{c.patches} ({c.cells_changed} cells changed)",
-        *([counted(odd)] if any(odd.values()) else []),
-    ]
+    patches = (f"{c.patches} ({c.cells_changed} cells changed)", counted(odd))
+    late = f"{c.overruns} overruns, {c.skipped} deadlines skipped"
     lines = {
         "ticks": f"{c.ticks}: {c.planned} planned, {c.kept} kept, {c.failed} without a path",
         "tick": ", ".join(f"{name} {ms:.2f} ms" for name, ms in (c.tick_ms or {}).items()),
-        "late": f"{c.overruns} overruns, {c.skipped} deadlines skipped"
-        if c.overruns or c.skipped
-        else "",
+        "late": late if c.overruns or c.skipped else "",
         "degraded": counted(c.degraded),
         "errors": counted(c.errors),
         "dropped": counted(c.drops),
         "lost": counted(c.lost),
-        "patches": ", ".join(patches) if c.patches else "",
+        "patches": ", ".join(filter(None, patches)) if c.patches else "",
         "memory": f"{c.rss_bytes / 1e6:.0f} MB",
     }
     return aligned(lines)
@@ -126,11 +123,12 @@ def _ground(path: Path, robot: GroundOptions) -> "Ground":
         return robot.of(robot.read(path))
     context = click.get_current_context()
     default = click.core.ParameterSource.DEFAULT
-    given = {
-        field.name
-        for field in fields(GroundOptions)
-        if context.get_parameter_source(field.name) is not default
-    }
-    if wrong := [each.opts[0] for each in context.command.params if each.name in given]:
+    of_grounds = {field.name for field in fields(GroundOptions)}
+    wrong = [
+        each.opts[0]
+        for each in context.command.params
+        if each.name in of_grounds and context.get_parameter_source(each.name) is not default
+    ]
+    if wrong:
         raise click.UsageError(f"{path.name} holds costs: {wrong[0]} needs elevations")
     return Ground(found[0], cell_size_m=found[1])

@@ -211,8 +211,7 @@ def command_of(site: Site, asked: Asked) -> str:
 
 def _given(limits: Traversability) -> dict[str, float]:
     """The values of `Traversability.safe` that make these limits."""
-    papers = asdict(Traversability())
-    given = {name: value for name, value in asdict(limits.soft()).items() if value != papers[name]}
+    given = limits.soft().changed
     for name, value in asdict(limits).items():
         if name.startswith("hard_") and value != getattr(Traversability.safe(**given), name):
             given[name] = value

@@ -8,7 +8,7 @@ summed up, the paper leaves open; it is decided here.
 
 import math
 import warnings
-from dataclasses import dataclass, fields, replace
+from dataclasses import asdict, dataclass, fields, replace
 from typing import NamedTuple
 
 import numpy as np
@@ -73,6 +73,16 @@ class Traversability:
         """The same without hard limits."""
         none = {each.name: math.inf for each in fields(self) if each.name.startswith("hard_")}
         return replace(self, **none)
+
+    @property
+    def changed(self) -> dict[str, float]:
+        """The values that are not the defaults, by name."""
+        values = asdict(self)
+        return {
+            each.name: values[each.name]
+            for each in fields(self)
+            if values[each.name] != each.default
+        }
 
     def __post_init__(self) -> None:
         if not 0.0 < self.slope_limit_deg < 90.0:
