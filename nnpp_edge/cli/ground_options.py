@@ -298,9 +298,9 @@ class GroundOptions(VehicleOptions, TerrainOptions):
             advice = f"--resample {finer:.2g} checks between the cells, but adds no detail"
         else:
             advice = "a part of the map could be resampled"
+        size = f"{body.length_m:g} × {body.width_m:g} m"
         warnings.warn(
-            f"cells of {side:.4g} m are coarse for a body of {body.length_m:g} × {body.width_m:g} "
-            f"m with a step limit of {body.step_m:g} m: a rock narrower than a cell is not seen"
-            f"{passes}; {advice}",
+            f"cells of {side:.4g} m are coarse for a body of {size} with a step limit of "
+            f"{body.step_m:g} m: a rock narrower than a cell is not seen{passes}; {advice}",
             stacklevel=2,
         )

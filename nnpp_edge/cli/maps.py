@@ -7,6 +7,7 @@ import math
 import warnings
 from bisect import bisect_left
 from contextlib import suppress
+from itertools import product
 from pathlib import Path
 from typing import NamedTuple, NoReturn
 
@@ -140,7 +141,8 @@ def reads_by_windows(
     if wanted <= room:
         return False
     left = "are free" if memory is None else "are allowed"
-    need = f"{size[0]} × {size[1]} cells need {_bytes(wanted)} in memory, {_bytes(room)} {left}"
+    cells = "{} × {} cells".format(*size)
+    need = f"{cells} need {_bytes(wanted)} in memory, {_bytes(room)} {left}"
     if whole:
         raise InvalidQueryError(
             f"{need}: a vehicle or a directed step cost is planned for in memory alone, so cut "
@@ -214,16 +216,20 @@ def _outside(status: Status, cell: Cell, place: Place) -> str:
     """
     rows, cols = place.shape
     end = status.partition("_")[0].lower()
-    corners = [
-        place.map_coordinates(row - 0.5, col - 0.5) for row in (0, rows) for col in (0, cols)
-    ]
-    x, y = (f"{min(each):.10g} to {max(each):.10g}" for each in zip(*corners, strict=True))
+    corners = product((-0.5, rows - 0.5), (-0.5, cols - 0.5))
+    points = np.array([place.map_coordinates(*corner) for corner in corners])
+    x, y = (_span(each, ".10g") for each in points.T)
     words = f"{end} {cell} lies outside the map of {rows} × {cols} cells"
     words += f", which spans x {x} and y {y}"
     with suppress(NnppEdgeError):  # no coordinate system, or nothing that knows it
-        lon, lat = (f"{min(each):.4f} to {max(each):.4f}" for each in lonlat_corners(place).T)
+        lon, lat = (_span(each, ".4f") for each in lonlat_corners(place).T)
         words += f", longitude {lon} and latitude {lat}"
     return words
+
+
+def _span(values: NDArray[np.float64], form: str) -> str:
+    """The least and the greatest of them, in a form."""
+    return f"{format(values.min(), form)} to {format(values.max(), form)}"
 
 
 def _blocked(status: Status, cell: Cell, near: Near) -> str:

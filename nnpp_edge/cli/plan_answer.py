@@ -162,7 +162,8 @@ class Answer:
         plan = self.plan
         length = metres(self.route.length_m)
         why = plan.choice if plan.ok else plan.reason
-        yield str(plan.status), f"{plan.method} ({plan.source})" + (f": {why}" if why else "")
+        found = f"{plan.method} ({plan.source})"
+        yield str(plan.status), f"{found}: {why}" if why else found
         yield "map", size_in_words(self.route.dem)
         if self.tour:
             yield "via", self._order(self.tour)

@@ -78,7 +78,7 @@ def report_text(report: Facts, *, markdown: bool = False) -> str:
     whys = dict.fromkeys(line["why"] for line in report["budgets"])
     reasons = [f"why: {why}" for why in whys if why]
     budgets = [table(report["budgets"], _BUDGETS, markdown=markdown)] if report["budgets"] else []
-    machine = dict(_machine(report))
+    machine = {name: value for name, value in _machine(report) if value}
     if markdown:
         facts = [f"{name} {value}" for name, value in machine.items()]
         facts += [f"note {line}" for line in report["notes"]]
@@ -103,7 +103,8 @@ def _stage(name: str, row: Row) -> str:
     """A stage's mean and share, of a row of results."""
     if (spread := row["stages_ms"].get(name)) is None:
         return MISSING
-    return f"{spread['mean']:.3f} {100 * spread['mean'] / row['time_ms']['mean']:3.0f} %"
+    mean = spread["mean"]
+    return f"{mean:.3f} {100 * mean / row['time_ms']['mean']:3.0f} %"
 
 
 def _sentences(report: Facts) -> Iterator[str]:
@@ -126,20 +127,20 @@ def _machine(report: Facts) -> Iterator[tuple[str, str]]:
     facts = report["environment"]
     sensors = report["sensors"]
     flags = ", ".join(facts["flags"]) or "none of note"
-    yield "machine", f"{facts['cpu']} ({flags}), cores {', '.join(map(str, report['cores']))}"
+    cores = ", ".join(map(str, report["cores"]))
+    yield "machine", f"{facts['cpu']} ({flags}), cores {cores}"
     governor = ", ".join(facts["governor"] or ()) or MISSING
     yield "system", f"governor {governor}, load {' '.join(map(str, facts['load_average']))}"
     packages = [f"{name} {version or MISSING}" for name, version in facts["packages"].items()]
     yield "packages", ", ".join(packages)
     for key, name, unit in _WHOLE_RUN:
         by_planner = report["besides"].get(key) or {}
-        yield name, ", ".join(f"{who} {shown(it)} {unit}" for who, it in by_planner.items())
+        figures = [f"{who} {shown(value)} {unit}" for who, value in by_planner.items()]
+        yield name, ", ".join(figures)
     halves = report["disturbance"]["halves"]
-    shares = [max(half["waited_share"], half["others_share"] or 0.0) for half in halves]
-    yield (
-        "others took",
-        f"{' and '.join(f'{100 * share:.1f} %' for share in shares)} of the halves of the run",
-    )
+    taken = [max(half["waited_share"], half["others_share"] or 0.0) for half in halves]
+    shares = " and ".join(shown(share, ".1%") for share in taken)
+    yield "others took", f"{shares} of the halves of the run"
     yield "clocks", _readings(sensors["clock_mhz"], "core ", "MHz", "limit")
     yield "temperature", _readings(sensors["temperature_c"], "", "°C", "trip")
     yield "throttled", sensors["throttled"]
@@ -147,11 +148,12 @@ def _machine(report: Facts) -> Iterator[tuple[str, str]]:
 
 def _readings(found: dict[str, dict[str, float | None]], what: str, unit: str, limit: str) -> str:
     """The range of each sensor's readings, and its limit."""
-    ranges = [
-        f"{what}{name} {shown(each['min'])} to {shown(each['max'])} {unit}"
-        + (f" ({limit} {shown(each[limit])})" if each[limit] is not None else "")
-        for name, each in found.items()
-    ]
+    ranges = []
+    for name, each in found.items():
+        words = f"{what}{name} {shown(each['min'])} to {shown(each['max'])} {unit}"
+        if each[limit] is not None:
+            words += f" ({limit} {shown(each[limit])})"
+        ranges.append(words)
     return ", ".join(ranges) or f"{MISSING} (not reported by the kernel)"
 
 

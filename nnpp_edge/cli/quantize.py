@@ -59,11 +59,12 @@ def command(
             ("int8", r.int8_bytes, c.int8_latency, c.int8),
         )
     ]
-    click.echo(
-        f"{r.output}: calibrated on {r.samples} queries, compared on {c.queries} held-out ones\n"
-        f"{table(rows, shown_as)}\n"
-        f"answers differ by {c.mean_difference:.4f} on average, {c.max_difference:.3f} at most"
-        f"{'' if isinstance(c.fp32, Fit) else f'; region at td × {c.fp32.factor:g}'}\n"
-        f"{r.quantised} convolutions in int8, left float: "
-        f"{', '.join(('the head', *r.excluded))}\n{r.recommendation}"
-    )
+    compared = f"compared on {c.queries} held-out ones"
+    click.echo(f"{r.output}: calibrated on {r.samples} queries, {compared}")
+    click.echo(table(rows, shown_as))
+    region = "" if isinstance(c.fp32, Fit) else f"; region at td × {c.fp32.factor:g}"
+    differ = f"{c.mean_difference:.4f} on average, {c.max_difference:.3f} at most"
+    click.echo(f"answers differ by {differ}{region}")
+    left = ", ".join(("the head", *r.excluded))
+    click.echo(f"{r.quantised} convolutions in int8, left float: {left}")
+    click.echo(r.recommendation)

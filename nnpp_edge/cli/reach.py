@@ -149,5 +149,6 @@ def command(
     lines = {"map": size_in_words(terrain), "start": cell}
     for level, cells, area in map(dict.values, found.areas):
         size = f"{area / 1e6:.4g} km²" if area >= 1e5 else f"{area:.0f} m²"
-        lines[words(level)] = f"{cells} cells, {size}, {100.0 * cells / cost.size:.1f} % of the map"
+        share = 100.0 * cells / cost.size
+        lines[words(level)] = f"{cells} cells, {size}, {share:.1f} % of the map"
     tell(as_json, figures, lambda: aligned(lines | {"written": ", ".join(files)}))

@@ -99,10 +99,11 @@ def summary(counters: "Counters") -> str:
 
     odd = {"clipped": c.patches_clipped, "rejected": c.patches_rejected, "merged": c.patches_merged}
     patches = (f"{c.patches} ({c.cells_changed} cells changed)", counted(odd))
+    times = [f"{name} {ms:.2f} ms" for name, ms in (c.tick_ms or {}).items()]
     late = f"{c.overruns} overruns, {c.skipped} deadlines skipped"
     lines = {
         "ticks": f"{c.ticks}: {c.planned} planned, {c.kept} kept, {c.failed} without a path",
-        "tick": ", ".join(f"{name} {ms:.2f} ms" for name, ms in (c.tick_ms or {}).items()),
+        "tick": ", ".join(times),
         "late": late if c.overruns or c.skipped else "",
         "degraded": counted(c.degraded),
         "errors": counted(c.errors),

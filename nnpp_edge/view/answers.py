@@ -232,8 +232,8 @@ def place_in_words(dem: Dem, cell: Cell) -> list[str]:
     at = places_of(dem, np.array([cell]))
     words = ["row {}, column {}".format(*cell), "x {:.9g}, y {:.9g}".format(*at[0])]
     with suppress(NnppEdgeError):  # no coordinate system, or nothing that knows it
-        lon, lat = lonlat_at(dem, at)[0].tolist()
-        words.append(f"{abs(lon):.6f}° {'EW'[lon < 0]}, {abs(lat):.6f}° {'NS'[lat < 0]}")
+        sides = zip(lonlat_at(dem, at)[0].tolist(), ("EW", "NS"), strict=True)
+        words.append(", ".join(f"{abs(angle):.6f}° {side[angle < 0]}" for angle, side in sides))
     return [*words, ground_in_words(dem, cell)]
 
 
@@ -254,8 +254,9 @@ def reach(field: Float2D, pixels: int) -> tuple[Answer, Layer]:
     most = float(field[known].max(initial=0.0)) or 1.0
     power = 10.0 ** math.floor(math.log10(most / 8))  # eight bands at most, of a round width
     step = next(times * power for times in (1, 2, 5, 10, 20) if most <= 8 * times * power)
-    bands = np.where(np.isnan(mean), 0.0, 1.0 + np.maximum(mean, 0.0) / step).astype(np.uint8)
-    return {"cells": int(known.sum()), "step": step, "bands": math.ceil(most / step)}, bands
+    bands = 1.0 + np.maximum(mean, 0.0) / step
+    layer = np.nan_to_num(bands).astype(np.uint8)
+    return {"cells": int(known.sum()), "step": step, "bands": math.ceil(most / step)}, layer
 
 
 def relief(elevation: Float2D, sides_m: tuple[float, float], pixels: int) -> Layer:
