@@ -22,7 +22,7 @@ from nnpp_edge.runtime.arrays import Float2D
 from nnpp_edge.runtime.cells import Cell
 from nnpp_edge.runtime.exercises import exercise
 from nnpp_edge.runtime.map.ground import Ground
-from nnpp_edge.runtime.planners.query import PlanOptions
+from nnpp_edge.runtime.options import PlanOptions
 
 BODY = Vehicle(1.5, 1.2, 0.3)
 CELL_M = 0.25

@@ -19,7 +19,7 @@ from nnpp_edge.runtime.cells import Endpoints, slices, widened
 from nnpp_edge.runtime.network.model_file import model_path
 from nnpp_edge.runtime.network.priors import PRIORS, prices_by
 from nnpp_edge.runtime.network.unseen import prices_of
-from nnpp_edge.runtime.planners.query import PlanOptions
+from nnpp_edge.runtime.options import PlanOptions
 from nnpp_edge.runtime.terrain.traversability import Traversability
 from nnpp_edge.terrain.dem import Dem, read_dem
 from nnpp_edge.terrain.known import KnownMaps, known_map

@@ -1,6 +1,6 @@
 """`nnpp-edge dataset`: labelled samples from terrain."""
 
-from dataclasses import asdict, replace
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from typing import Annotated
@@ -10,6 +10,7 @@ import click
 from nnpp_edge.cli import options
 from nnpp_edge.cli.ground_options import TerrainOptions
 from nnpp_edge.cli.text import tell
+from nnpp_edge.runtime.options import Omega
 
 _POINTS = "On a map; pairs far enough apart are queries."
 _SIZE = (
@@ -27,6 +28,12 @@ _LEAVE = (
     "Leave out this share of each file, a stripe at the end of its longer side, for --held-out."
 )
 _KNOWN = "Maps are known by means of so many cells to a side, for --architecture unseen."
+_PAPERS = {
+    "workloads": (("soft", 1.0),),
+    "cell_sizes_m": (20.0,),
+    "poolings": ((1, 1.0),),
+    "margin_share": 0.0,
+}
 _SCHEDULER = "Of a Dask scheduler (tcp://10.0.0.5:8786) to make the shards."
 
 
@@ -38,8 +45,8 @@ def command(
     /,
     *,
     output: Annotated[Path, "-o", options.FOLDER, "Folder; resumed if it holds a part."],
-    maps: Annotated[int, options.COUNT, "Number of maps."] = 4096,
-    size: Annotated[int | None, options.COUNT, _SIZE] = None,
+    maps: Annotated[int, "Number of maps."] = 4096,
+    size: Annotated[int | None, _SIZE] = None,
     points: Annotated[int, click.IntRange(2, 1000), _POINTS] = 4,
     synthetic_share: Annotated[float, options.SHARE] = 0.25,
     obstacle_share: Annotated[
@@ -51,8 +58,8 @@ def command(
     papers_maps: Annotated[bool, _PAPERS_MAPS] = False,
     known: Annotated[tuple[int, ...], options.COUNTS, _KNOWN] = (),
     terrain: TerrainOptions,
-    omega: options.Omega = 0.011,
-    workers: Annotated[int | None, options.COUNT, "Processes; by default one a core."] = None,
+    omega: Omega = 0.011,
+    workers: Annotated[int | None, "Processes; by default one a core."] = None,
     scheduler: Annotated[str | None, {"metavar": "ADDRESS"}, _SCHEDULER] = None,
     seed: options.Seed = 1,
     as_json: options.AsJson = False,
@@ -84,32 +91,18 @@ def command(
     if held_out and not validation_share:
         raise click.UsageError("--held-out uses what --validation-share leaves out: give that, too")
     from nnpp_edge.progress import bar
-    from nnpp_edge.runtime.terrain.traversability import Traversability
     from nnpp_edge.terrain.cluster import shards_on_cluster
     from nnpp_edge.terrain.dataset import make_dataset, read_known
     from nnpp_edge.terrain.known import fitted_slope
     from nnpp_edge.terrain.shards import Recipe
 
-    kind: dict[str, object] = {}
-    if papers_maps:
-        soft = (("soft", 1.0),)
-        kind = {
-            "workloads": soft,
-            "cell_sizes_m": (20.0,),
-            "poolings": ((1, 1.0),),
-            "margin_share": 0.0,
-        }
+    kind: dict[str, object] = dict(_PAPERS) if papers_maps else {}
     if own_cell_size or terrain.rescale:
         kind["cell_sizes_m"] = () if terrain.rescale is None else (terrain.rescale,)
     if own_limits:
-        papers = asdict(Traversability())
         workload = terrain.workload or "soft"
-        own = {
-            name: value
-            for name, value in asdict(replace(terrain, workload=workload).limits()).items()
-            if value != papers[name]
-        }
-        kind |= {"limits": own, "workloads": ((workload, 1.0),)}
+        limits = replace(terrain, workload=workload).limits()
+        kind |= {"limits": limits.changed, "workloads": ((workload, 1.0),)}
     if known:
         kind |= {"known": True, "poolings": tuple((factor, 1.0) for factor in known)}
     size = size or (32 if known else 256)
@@ -130,15 +123,11 @@ def command(
     make = partial(shards_on_cluster, scheduler) if scheduler else None
     with bar("shards", recipe.shards) as advance:
         counts = make_dataset(recipe, output, workers=workers, make=make, progress=advance)
-    words = (
-        f"{output}: {counts['shards']} of {counts['of']} shards, {counts['maps']} maps, "
-        f"{counts['queries']} queries"
-    )
+    words = "{folder}: {shards} of {of} shards, {maps} maps, {queries} queries"
     if known:
-        slope = fitted_slope(read_known(output))
-        counts |= slope._asdict()
+        counts |= fitted_slope(read_known(output))._asdict()
         words += (
-            f"\nby the slope T is {slope.floor:g} + {slope.gain:g} × its share of the limit, "
-            f"spread {slope.spread:g}"
+            "\nby the slope T is {floor:g} + {gain:g} × its share of the limit, spread {spread:g}"
         )
-    tell(as_json, counts | {"folder": str(output)}, lambda: words)
+    told = counts | {"folder": str(output)}
+    tell(as_json, told, lambda: words.format(**told))

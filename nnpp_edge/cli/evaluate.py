@@ -11,6 +11,7 @@ import click
 from nnpp_edge.cli import options
 from nnpp_edge.cli.ground_options import Limit, TerrainOptions, VehicleOptions
 from nnpp_edge.cli.text import columns, table, tell
+from nnpp_edge.runtime.options import StepOptions
 
 if TYPE_CHECKING:
     from nnpp_edge.profiling.suites import Case
@@ -23,44 +24,29 @@ _FRESH_MAP = "Also from elevations to the path on a map that has just arrived, l
 _MIN_DISTANCE = "Between start and goal, as a share of the map's side."
 _MODELS = Annotated[tuple[str, ...], "--model", options.MODEL, options.MANY, _MODEL]
 
-_SUCCESS = columns("success: success_raw .1% | after/fallback: success .1%")
-_GAPS = columns("gap/mean: gap_mean z.2% | gap/p99: gap_p99 z.2%")
-_COLUMNS = {
-    **columns("workload | size | method | n"),
-    **_SUCCESS,
-    **_GAPS,
-    **columns("ms/median: time_ms_median | ms/p99: time_ms_p99"),
-    **columns("speed-up/median: speedup_median | speed-up/total: speedup_total"),
-    **columns(
-        "expan-/sions: expansions_median | region: region_share_mean .1% | MM: mm_mean | CC: "
-        "cc_mean"
-    ),
-}
-_FRESH_COLUMNS = {
-    **columns(
-        "workload | size | method | n | elevation →/path, ms: fresh_ms_median | p99: fresh_ms_p99"
-    ),
-    **columns(
-        "times as fast as/astar-eager: fresh_speedup_median | costs/computed: costs_computed_mean "
-        ".1%"
-    ),
-    **columns(
-        "gap/mean: fresh_gap_mean z.2% | gap/p99: fresh_gap_p99 z.2% | standing/map, ms: "
-        "time_ms_median"
-    ),
-}
-_BODY_COLUMNS = {
-    **columns("workload | size | method | n | without/a path: unsolvable"),
-    **_SUCCESS,
-    **_GAPS,
-    **columns(
-        "poses/checked: checks_mean | of all: checks_share_mean .1% | expan-/sions: "
-        "expansions_median"
-    ),
-    **columns("ms/median: time_ms_median | ms/p95: time_ms_p95 | ms/p99: time_ms_p99"),
-    **columns("elevation →/path, ms: fresh_ms_median | p99: fresh_ms_p99"),
-    **columns("p99 without/fallback: fresh_ms_p99_first"),
-}
+_JUDGED = (
+    "success: success_raw .1% | after/fallback: success .1% | gap/mean: gap_mean z.2% | "
+    "gap/p99: gap_p99 z.2%"
+)
+_COLUMNS = columns(
+    f"workload | size | method | n | {_JUDGED} | ms/median: time_ms_median | ms/p99: time_ms_p99 | "
+    "speed-up/median: speedup_median | speed-up/total: speedup_total | "
+    "expan-/sions: expansions_median | region: region_share_mean .1% | MM: mm_mean | CC: cc_mean"
+)
+_FRESH_COLUMNS = columns(
+    "workload | size | method | n | elevation →/path, ms: fresh_ms_median | p99: fresh_ms_p99 | "
+    "times as fast as/astar-eager: fresh_speedup_median | "
+    "costs/computed: costs_computed_mean .1% | gap/mean: fresh_gap_mean z.2% | "
+    "gap/p99: fresh_gap_p99 z.2% | standing/map, ms: time_ms_median"
+)
+_BODY_COLUMNS = columns(
+    f"workload | size | method | n | without/a path: unsolvable | {_JUDGED} | "
+    "poses/checked: checks_mean | of all: checks_share_mean .1% | "
+    "expan-/sions: expansions_median | ms/median: time_ms_median | ms/p95: time_ms_p95 | "
+    "ms/p99: time_ms_p99 | "
+    "elevation →/path, ms: fresh_ms_median | p99: fresh_ms_p99 | "
+    "p99 without/fallback: fresh_ms_p99_first"
+)
 
 
 @options.command("evaluate")
@@ -75,17 +61,15 @@ def command(
     rescale: options.Rescale = None,
     workloads: Annotated[tuple[str, ...], "--workload", options.NAMES, _WORKLOADS] = ("soft",),
     limit: Limit = (),
-    omega: options.Omega = 0.011,
+    steps: StepOptions,
     synthetic: Annotated[bool, "Use synthetic terrain instead."] = False,
     sizes: Annotated[tuple[int, ...], options.SIZES, "Sides of the maps."] = (256,),
-    queries: Annotated[int, options.COUNT, "For each row."] = 300,
+    queries: Annotated[int, "For each row."] = 300,
     min_distance: Annotated[float, options.SHARE, _MIN_DISTANCE] = 0.35,
     methods: Annotated[tuple[str, ...], options.NAMES] = ("astar", "corridor", "nnpp"),
     models: _MODELS = ("edge",),
     robot: VehicleOptions,
-    repeats: Annotated[
-        int, options.COUNT, "Times each planner answers each query; its median time counts."
-    ] = 3,
+    repeats: Annotated[int, "Times each planner answers each query; its median time counts."] = 3,
     fresh_map: Annotated[bool, _FRESH_MAP] = False,
     seed: options.Seed = 1,
     as_json: options.AsJson = False,
@@ -146,9 +130,11 @@ def command(
     needed = models if points and {Method.NNPP, Method.AUTO} & set(methods) else ()
     networks = {Path(name).stem: NetworkModel(name) for name in needed}
     control = [narrow_corridor()] if fresh_map else []
-    of_point = [replace(each, omega=omega) for each in exact_and(methods, networks) + control]
-    bodily = exact_and([name for name in methods if name != Method.NNPP], {}) + control
-    of_body = [replace(each, omega=omega) for each in bodily]
+    without_network = [name for name in methods if name != Method.NNPP]
+    of_point, of_body = (
+        [replace(each, **steps) for each in exact_and(names, loaded) + control]
+        for names, loaded in ((methods, networks), (without_network, {}))
+    )
     dems = suites.TerrainFiles(files, rescale, cell_size).read()
     suites.check_sizes(dems, sizes)
     mobility = robot.mobility(*dems[:1]) if directed else None
@@ -172,14 +158,17 @@ def command(
                 progress=lambda done, before=at * queries: advance(before + done),  # type: ignore[misc]
             )
             rows += [{"workload": name + limits, "size": size, **row} for row in figures.values()]
-    bodies = [name + limits for name in bodies]
-    standing = [row for row in rows if not str(row["method"]).endswith(EAGER)]
+    named = [name + limits for name in bodies]
+    of_bodies_rows = [row for row in rows if row["workload"] in named]
+    of_points = [row for row in rows if row["workload"] not in named]
+    standing = [row for row in of_points if not str(row["method"]).endswith(EAGER)]
 
     def text() -> str:
-        tables = [([row for row in standing if row["workload"] not in bodies], _COLUMNS)]
-        if fresh_map:
-            tables.append(([row for row in rows if row["workload"] not in bodies], _FRESH_COLUMNS))
-        tables.append(([row for row in rows if row["workload"] in bodies], _BODY_COLUMNS))
+        tables = (
+            (standing, _COLUMNS),
+            (of_points if fresh_map else [], _FRESH_COLUMNS),
+            (of_bodies_rows, _BODY_COLUMNS),
+        )
         return "\n\n".join(
             table(each, shown_as, markdown=markdown) for each, shown_as in tables if each
         )

@@ -12,6 +12,8 @@ from nnpp_edge.cli.text import tell
 _FACTOR = "Factor on the adaptive threshold that planners are to use with this model."
 _DATASET = "The training's data set, for the metadata and to compare torch and ONNX on."
 
+_PARITY = "largest difference {max_difference:.1e} of {limit:.0e} allowed, over {queries}"
+
 
 @options.command("export")
 def command(
@@ -55,14 +57,14 @@ def command(
         training=saved.facts() | ({"dataset": dataset_facts(recipe)} if recipe else {}),
     )
     compared = parity(network, output, samples)
+    parity_found = asdict(compared)
     queries = "queries of the data set" if compared.inputs == "dataset" else "random queries"
+    ended = "passed" if compared.passed else "FAILED"
+    size = f"{made.size_bytes / 1e6:.2f} MB, {made.nodes} nodes"
     words = (
-        f"{made.path}: {made.size_bytes / 1e6:.2f} MB, {made.nodes} nodes, "
-        f"{made.macs / 1e6:.0f} million multiply-accumulates\n"
-        f"  parity {'passed' if compared.passed else 'FAILED'}: largest difference "
-        f"{compared.max_difference:.1e} "
-        f"of {compared.limit:.0e} allowed, over {compared.queries} {queries}"
+        f"{made.path}: {size}, {made.macs / 1e6:.0f} million multiply-accumulates\n"
+        f"  parity {ended}: {_PARITY.format(**parity_found)} {queries}"
     )
-    tell(as_json, asdict(made) | {"parity": asdict(compared)}, lambda: words)
+    tell(as_json, asdict(made) | {"parity": parity_found}, lambda: words)
     if not compared.passed:
         click.get_current_context().exit(1)

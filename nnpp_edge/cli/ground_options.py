@@ -7,11 +7,20 @@ import warnings
 from contextlib import AbstractContextManager
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, NamedTuple
 
 import click
 
-from nnpp_edge.cli.options import MANY, CellSize, Resample, Rescale, Setting, SettingType, StepCost
+from nnpp_edge.cli.options import (
+    MANY,
+    CellSize,
+    Parsed,
+    Resample,
+    Rescale,
+    Setting,
+    SettingType,
+    StepCost,
+)
 
 if TYPE_CHECKING:
     from nnpp_edge.runtime.map.ground import Ground
@@ -21,6 +30,8 @@ if TYPE_CHECKING:
     from nnpp_edge.terrain.dem import Dem, DemWindows
     from nnpp_edge.terrain.georeference import Place
 
+PRIORS = ("network", "slope", "eq1", "mean")
+"""`Ground.prior`, for the help."""
 _CELLS_A_BODY = 4.0
 _LEAST_CELLS_A_BODY = 0.5
 _RESAMPLED = 6.0
@@ -125,10 +136,9 @@ class VehicleOptions:
 
     def check_turns(self, refine: str | None) -> None:
         """Refuse a turning radius that was set for a disc whose paths stay on the grid."""
-        wanted = not refine and any(
-            "turning_radius_m" in setting.values for setting in self.settings
-        )
-        if wanted and (body := self.body()) is not None and body.is_disc:
+        wanted = any("turning_radius_m" in setting.values for setting in self.settings)
+        body = self.body() if wanted and not refine else None
+        if body is not None and body.is_disc:
             raise click.UsageError(
                 "turning_radius_m needs --refine any-angle: paths on the grid turn in a cell"
             )
@@ -146,16 +156,11 @@ class VehicleOptions:
         values = self._values()
         source = Path(self.mobility_file or self.vehicle or "--set").name
         found = mobility_of(values["mobility"], source) if "mobility" in values else Mobility()
-        if (
-            found.energy is None
-            or place is None
-            or any("gravity_m_s2" in each.word for each in self.settings)
-        ):
+        own_gravity = any("gravity_m_s2" in each.word for each in self.settings)
+        gravity = None if place is None or own_gravity else gravity_of(place)
+        if gravity is None or found.energy is None:
             return found
-        gravity = gravity_of(place)
         own = found.energy.gravity_m_s2
-        if gravity is None:
-            return found
         if abs(gravity / own - 1.0) > _MOST_UNEQUAL_GRAVITY:
             warnings.warn(
                 f"energy uses {gravity:g} m/s², the gravity of the map's body, not the vehicle's "
@@ -187,21 +192,27 @@ def _merge(into: dict[str, object], values: dict[str, object]) -> None:
             into[key] = value
 
 
-@dataclass(frozen=True, kw_only=True)
-class KnownOptions:
-    """How much of the ground is known before it is seen."""
+class Blocks(NamedTuple):
+    """Of what a coarse map has the means, and how ground that was not seen is priced."""
 
-    known: Annotated[
-        int | None,
-        click.IntRange(2, 64),
-        "The map has means of N × N cells only; unseen ground costs what --prior estimates.",
-    ] = None
-    prior: Annotated[
-        str,
-        click.Choice(["network", "slope", "eq1", "mean"]),
-        "With --known, how unseen ground is estimated: by a network, the coarse slope, NNPP's Eq. "
-        "1, or one mean.",
-    ] = "network"
+    factor: int
+    prior: str = PRIORS[0]
+
+    @classmethod
+    def parsed(cls, word: str) -> "Blocks":
+        """From ``N`` or ``N:PRIOR``."""
+        factor, colon, prior = word.partition(":")
+        if not 2 <= int(factor) <= 64 or (colon and prior not in PRIORS):
+            raise ValueError
+        return cls(int(factor), prior or PRIORS[0])
+
+
+Known = Annotated[
+    Blocks | None,
+    Parsed("N[:PRIOR]", f"N from 2 to 64, or N:PRIOR with {', '.join(PRIORS)}", Blocks.parsed),
+    "The map has means of N × N cells only; unseen ground costs what PRIOR estimates: a network "
+    "(the default), the coarse slope, NNPP's Eq. 1 (eq1), or one mean.",
+]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -251,15 +262,19 @@ class GroundOptions(VehicleOptions, TerrainOptions):
             mobility=self.mobility(dem),
         )
 
-    def of_blocks(self, dem: "Dem", factor: int, prior: str) -> "Ground":
-        """The ground of a map of which each cell is the mean of `factor` × `factor`."""
+    def of_blocks(self, dem: "Dem", blocks: Blocks) -> "Ground":
+        """The ground of a map whose cells are means of blocks of finer ones."""
         from nnpp_edge.runtime.map.ground import Ground
 
-        width = dem.cell_width_m
-        body = self.body()
-        place = (dem.elevation, dem.cell_size_m, factor, self.limits())
         return Ground.of_coarse(
-            *place, prior=prior, cell_width_m=width, vehicle=body, step_cost=self.step_cost
+            dem.elevation,
+            dem.cell_size_m,
+            blocks.factor,
+            self.limits(),
+            prior=blocks.prior,
+            cell_width_m=dem.cell_width_m,
+            vehicle=self.body(),
+            step_cost=self.step_cost,
         )
 
     def warn_if_coarse(self, dem: "Dem") -> None:
@@ -283,9 +298,9 @@ class GroundOptions(VehicleOptions, TerrainOptions):
             advice = f"--resample {finer:.2g} checks between the cells, but adds no detail"
         else:
             advice = "a part of the map could be resampled"
+        size = f"{body.length_m:g} × {body.width_m:g} m"
         warnings.warn(
-            f"cells of {side:.4g} m are coarse for a body of {body.length_m:g} × {body.width_m:g} "
-            f"m with a step limit of {body.step_m:g} m: a rock narrower than a cell is not seen"
-            f"{passes}; {advice}",
+            f"cells of {side:.4g} m are coarse for a body of {size} with a step limit of "
+            f"{body.step_m:g} m: a rock narrower than a cell is not seen{passes}; {advice}",
             stacklevel=2,
         )

@@ -109,11 +109,8 @@ def main() -> None:
     except click.UsageError as error:
         message = error.format_message()
         command = error.ctx.command_path if error.ctx else "nnpp-edge"
-        if (
-            "extra argument" in message
-            and error.ctx
-            and any("--map" in it.opts for it in error.ctx.command.params)
-        ):
+        params = error.ctx.command.params if error.ctx else []
+        if "extra argument" in message and any("--map" in each.opts for each in params):
             message = f"{message.rstrip('.')}: a map is given by --map"
         _refuse(f"{message[0].lower()}{message[1:].rstrip('.')}; see {command} --help")
     except (NnppEdgeError, click.ClickException) as error:
@@ -124,9 +121,8 @@ def main() -> None:
         _refuse(f"not enough memory ({error})" if str(error) else "not enough memory")
     except ImportError as error:
         package = (error.name or "").partition(".")[0]
-        if (
-            extra := next((extra for extra, names in _EXTRAS.items() if package in names), None)
-        ) is None:
+        extra = next((extra for extra, names in _EXTRAS.items() if package in names), None)
+        if extra is None:
             raise
         _refuse(f"this needs {import_problem(package, extra, error)}")
     finally:
@@ -144,7 +140,8 @@ def _tell(line: str) -> None:
     """Print a line on stderr; what a file's name brought along can neither break it nor steer a
     terminal.
     """
-    click.echo("".join(each if each.isprintable() else repr(each)[1:-1] for each in line), err=True)
+    printable = [each if each.isprintable() else repr(each)[1:-1] for each in line]
+    click.echo("".join(printable), err=True)
 
 
 def _prepare_streams() -> None:

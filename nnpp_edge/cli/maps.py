@@ -6,6 +6,8 @@ import json
 import math
 import warnings
 from bisect import bisect_left
+from contextlib import suppress
+from itertools import product
 from pathlib import Path
 from typing import NamedTuple, NoReturn
 
@@ -14,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from nnpp_edge.runtime import Ground, Planner, Vehicle
-from nnpp_edge.runtime.arrays import Cells, Float2D
+from nnpp_edge.runtime.arrays import Float2D
 from nnpp_edge.runtime.cells import Cell
 from nnpp_edge.runtime.errors import InvalidMapError, InvalidQueryError, NnppEdgeError, Status
 from nnpp_edge.runtime.kernels.poses import FAILS
@@ -24,8 +26,7 @@ from nnpp_edge.runtime.robots.body.poses import Poses
 from nnpp_edge.runtime.robots.body.refusal import why_blocked
 from nnpp_edge.runtime.terrain.traversability import (
     Traversability,
-    steepest_step_deg,
-    terrain_terms,
+    terms_at,
     traversability_cost,
 )
 from nnpp_edge.terrain import dem as dems
@@ -40,6 +41,13 @@ _KERBS = (1000, 8, 2, 1)
 """Directions of kerbs that are tried: columns that one goes on by in a row."""
 _RISES = 1.01 ** np.arange(1000.0)
 """Heights of kerbs that are tried, over the step limit."""
+_TERMS = {
+    "slope_deg": ("slope", "°"),
+    "roughness_m": ("roughness", " m"),
+    "step_m": ("elevation difference", " m"),
+    "gradient_deg": ("a step to a neighbouring cell", "°"),
+}
+"""Words and unit of what the hard limits are on."""
 _LOOKED_AROUND = 64
 """Rows above and below an end that are tried for a place where the vehicle stands."""
 
@@ -133,7 +141,8 @@ def reads_by_windows(
     if wanted <= room:
         return False
     left = "are free" if memory is None else "are allowed"
-    need = f"{size[0]} × {size[1]} cells need {_bytes(wanted)} in memory, {_bytes(room)} {left}"
+    cells = "{} × {} cells".format(*size)
+    need = f"{cells} need {_bytes(wanted)} in memory, {_bytes(room)} {left}"
     if whole:
         raise InvalidQueryError(
             f"{need}: a vehicle or a directed step cost is planned for in memory alone, so cut "
@@ -158,6 +167,12 @@ class Near(NamedTuple):
     poses: Poses | None = None
     origin: Cell = (0, 0)
 
+    @classmethod
+    def of(cls, dem: Dem, ground: Ground, cost: Float2D, planner: Planner) -> "Near":
+        """The whole of a map in memory."""
+        poses = planner.state.grid.robot.poses
+        return cls(dem, dem.elevation, cost, ground.limits, ground.vehicle, poses)
+
 
 def refuse_map(place: Place) -> NoReturn:
     """InvalidMapError for a map without a passable cell; for programs, the status as well."""
@@ -181,17 +196,17 @@ def refuse(status: Status, start: Cell, goal: Cell, near: Near) -> NoReturn:
     cell.
     """
     cell = start if status.startswith("START") else goal
-    _refuse(
-        status,
-        _outside(status, cell, near.place) if "OUTSIDE" in status else _blocked(status, cell, near),
-    )
+    outside = status.endswith("OUTSIDE_MAP")
+    _refuse(status, _outside(status, cell, near.place) if outside else _blocked(status, cell, near))
 
 
 def _refuse(status: Status, reason: str) -> NoReturn:
     """InvalidQueryError; for programs that asked for a plan, the status as well."""
     given = click.get_current_context().params
     if given["as_json"] and "method" in given:
-        click.echo(json.dumps(Plan(status, Method(given["method"]), reason=reason).summary()))
+        click.echo(
+            json.dumps(Plan(status, Method(given["method"] or "auto"), reason=reason).summary())
+        )
     raise InvalidQueryError(reason)
 
 
@@ -200,20 +215,21 @@ def _outside(status: Status, cell: Cell, place: Place) -> str:
     are given.
     """
     rows, cols = place.shape
-    words = (
-        f"{status.partition('_')[0].lower()} {cell} lies outside the map of {rows} × {cols} cells"
-    )
-    corners = [
-        place.map_coordinates(row - 0.5, col - 0.5) for row in (0, rows) for col in (0, cols)
-    ]
-    (left, low), (right, high) = np.min(corners, 0), np.max(corners, 0)
-    words += f", which spans x {left:.10g} to {right:.10g} and y {low:.10g} to {high:.10g}"
-    try:
-        found = lonlat_corners(place)
-    except NnppEdgeError:  # no coordinate system, or nothing that knows it
-        return words
-    (west, south), (east, north) = found.min(0), found.max(0)
-    return f"{words}, longitude {west:.4f} to {east:.4f} and latitude {south:.4f} to {north:.4f}"
+    end = status.partition("_")[0].lower()
+    corners = product((-0.5, rows - 0.5), (-0.5, cols - 0.5))
+    points = np.array([place.map_coordinates(*corner) for corner in corners])
+    x, y = (_span(each, ".10g") for each in points.T)
+    words = f"{end} {cell} lies outside the map of {rows} × {cols} cells"
+    words += f", which spans x {x} and y {y}"
+    with suppress(NnppEdgeError):  # no coordinate system, or nothing that knows it
+        lon, lat = (_span(each, ".4f") for each in lonlat_corners(place).T)
+        words += f", longitude {lon} and latitude {lat}"
+    return words
+
+
+def _span(values: NDArray[np.float64], form: str) -> str:
+    """The least and the greatest of them, in a form."""
+    return f"{format(values.min(), form)} to {format(values.max(), form)}"
 
 
 def _blocked(status: Status, cell: Cell, near: Near) -> str:
@@ -224,17 +240,15 @@ def _blocked(status: Status, cell: Cell, near: Near) -> str:
     if vehicle is not None and vehicle.is_disc and near.cost[at] < 1.0:
         return f"{end}: an obstacle or the map's edge lies within the vehicle's radius"
     if near.poses is not None:
-        first = max(cell[0] - _LOOKED_AROUND, 0)
-        codes = near.poses.standing(
-            range(first, min(cell[0] + _LOOKED_AROUND + 1, near.place.shape[0]))
+        rows = range(
+            max(cell[0] - _LOOKED_AROUND, 0),
+            min(cell[0] + _LOOKED_AROUND + 1, near.place.shape[0]),
         )
-        stands = np.argwhere((codes < FAILS).any(0)) + np.array((first, 0))
-        where = (
-            f"the nearest cell where it can stand is {_nearest(stands, cell)}"
-            if len(stands)
-            else ""
-        )
-        where = where or f"it can stand on no cell within {_LOOKED_AROUND} rows"
+        stands = np.argwhere((near.poses.standing(rows) < FAILS).any(0))
+        stands[:, 0] += rows.start
+        where = f"it can stand on no cell within {_LOOKED_AROUND} rows"
+        if len(stands):
+            where = f"the nearest cell where it can stand is {_nearest(stands, cell)}"
         return f"{end}: {why_blocked(near.poses, cell)}; {where}"
     reason = _why_blocked(at, near)
     passable = np.argwhere(near.cost < 1.0)
@@ -243,27 +257,17 @@ def _blocked(status: Status, cell: Cell, near: Near) -> str:
     return f"{end}: {reason}; the nearest passable cell is {_nearest(passable + near.origin, cell)}"
 
 
-def _nearest(cells: Cells, cell: Cell) -> tuple[int, ...]:
+def _nearest(cells: NDArray[np.integer], cell: Cell) -> tuple[int, ...]:
     return tuple(cells[((cells - cell) ** 2).sum(axis=1).argmin()].tolist())
 
 
 def _why_blocked(cell: Cell, near: Near) -> str:
-    row0 = max(cell[0] - 1, 0)
-    col0 = max(cell[1] - 1, 0)
-    patch = near.elevation[row0 : cell[0] + 2, col0 : cell[1] + 2]
-    limits = near.limits
-    terms = terrain_terms(patch, near.place.cell_size_m, cell_width_m=near.place.cell_width_m)
-    slope, roughness, step = terms[:, cell[0] - row0, cell[1] - col0].tolist()
-    if np.isnan(slope):
+    terms = terms_at(near.elevation, cell, (near.place.cell_size_m, near.place.cell_width_m))
+    if math.isnan(terms.slope_deg):
         return "its elevation is unknown"
-    sides = (near.place.cell_size_m, near.place.cell_width_m)
-    gradient = steepest_step_deg(near.elevation, cell, sides)
-    for term, value, limit, unit in (
-        ("slope", np.degrees(slope), limits.hard_slope_deg, "°"),
-        ("roughness", roughness, limits.hard_roughness_m, " m"),
-        ("elevation difference", step, limits.hard_step_m, " m"),
-        ("a step to a neighbouring cell", gradient, limits.hard_gradient_deg, "°"),
-    ):
+    for name, value in terms._asdict().items():
+        limit = getattr(near.limits, f"hard_{name}")
         if value > limit:
-            return f"{term} {value:.3g}{unit}, the hard limit is {limit:g}{unit}"
+            words, unit = _TERMS[name]
+            return f"{words} {value:.3g}{unit}, the hard limit is {limit:g}{unit}"
     return "slope, roughness and elevation difference are all at their limits"

@@ -1,9 +1,10 @@
 """How commands are made of functions, and the options that several of them share.
 
 A parameter of the function is ``Annotated[…]`` with its type; names that begin with a hyphen, where
-its own does not serve; a click type, of an optional path by default a file to write; its help; and
-a dict of more words for click. Those before ``/`` are arguments, one without a default is required,
-and one whose type is a dataclass is made of the options that are its fields.
+its own does not serve; a click type, by default that of `_KINDS`; its help; and a dict of more
+words for click. Those before ``/`` are arguments, and one without a default is required. One whose
+type is a dataclass is made of the options that are its fields; one whose type is a record of
+`runtime.options` holds what was given of the options that are explained there.
 """
 
 import inspect
@@ -15,9 +16,10 @@ from collections.abc import Callable, Iterable, Iterator
 from dataclasses import MISSING, fields, is_dataclass
 from functools import partial
 from pathlib import Path
-from typing import Annotated, Any, NamedTuple, get_args
+from typing import Annotated, Any, NamedTuple, get_args, is_typeddict
 
 import click
+from msgspec import Meta
 
 from nnpp_edge.runtime.choices import STEP_COSTS
 
@@ -36,41 +38,59 @@ def command(
     """Make a command of a function."""
 
     def make(function: Callable[..., None]) -> click.Command:
-        parameters = list(inspect.signature(function).parameters.values())
-        groups: dict[str, Any] = {
-            p.name: p.annotation for p in parameters if is_dataclass(p.annotation)
-        }
-        arguments = [each.name for each in parameters if each.kind is each.POSITIONAL_ONLY]
-
-        def call(**given: object) -> None:
-            for name, group in groups.items():
-                given[name] = group(
-                    **{field.name: given.pop(field.name) for field in fields(group)}
-                )
-            function(*[given.pop(name) for name in arguments], **given)
-
-        params: list[click.Parameter] = []
-        for each in parameters:
-            if each.name in groups:
-                params += [
-                    _option(field.name, field.type, field.default)
-                    for field in fields(each.annotation)
-                ]
-            elif each.name in arguments:
+        groups: dict[str, tuple[Any, list[str]]] = {}
+        arguments = list[str]()
+        params = list[click.Parameter]()
+        for each in inspect.signature(function).parameters.values():
+            if is_typeddict(each.annotation) or is_dataclass(each.annotation):
+                options = list(_options_of(each.annotation))
+                groups[each.name] = each.annotation, [str(option.name) for option in options]
+                params += options
+            elif each.kind is each.POSITIONAL_ONLY:
+                arguments.append(each.name)
                 words = _words(each.annotation, each.default)
-                params.append(
-                    click.Argument(
-                        [each.name], **{key: words[key] for key in words if key != "default"}
-                    )
-                )
+                words.pop("default", None)
+                params.append(click.Argument([each.name], **words))
             else:
                 params.append(_option(each.name, each.annotation, each.default))
+
+        def call(**given: object) -> None:
+            for name, (group, keys) in groups.items():
+                values = {key: given.pop(key) for key in keys}
+                if is_typeddict(group):
+                    values = {key: value for key, value in values.items() if value is not None}
+                given[name] = group(**values)
+            function(*[given.pop(name) for name in arguments], **given)
+
         return kind(name, callback=call, params=params, help=inspect.getdoc(function), **more)
 
     return make
 
 
+def _options_of(group: Any) -> Iterator[click.Option]:
+    """The options of a group: the fields of a dataclass, or what a `TypedDict` explains."""
+    if is_dataclass(group):
+        for field in fields(group):
+            yield _option(field.name, field.type, field.default)
+        return
+    for name, annotation in group.__annotations__.items():
+        explained = _explained(annotation)
+        if hasattr(explained, "__metadata__"):
+            word = re.sub("_(s|m|deg)$", "", name).replace("_", "-")  # a unit ends a key's name
+            negated = f"/--no-{word}" if get_args(explained)[0] is bool else ""
+            words = _words(explained, None)
+            words |= {"default": None, "show_default": False}
+            yield click.Option([f"--{word}{negated}", name], **words)
+
+
+def _explained(annotation: object) -> object:
+    """The annotated type; of one that may be None, the other."""
+    inner = [each for each in get_args(annotation) if hasattr(each, "__metadata__")]
+    return inner[0] if inner else annotation
+
+
 def _option(name: str, annotation: object, default: object) -> click.Option:
+    annotation = _explained(annotation)
     names = [
         each for each in get_args(annotation)[1:] if isinstance(each, str) and each.startswith("-")
     ]
@@ -81,21 +101,26 @@ def _option(name: str, annotation: object, default: object) -> click.Option:
 
 def _words(annotation: object, default: object) -> dict[str, Any]:
     """The words for click that an annotation says, but for names."""
-    python_type, *said = get_args(annotation)
-    required = default is MISSING or default is inspect.Parameter.empty
-    words: dict[str, object] = (
-        {"required": required} if required or default is None else {"default": default}
-    )
-    words |= (
-        {"is_flag": True}
-        if python_type is bool
-        else {"type": NEW_FILE}
-        if python_type == Path | None
-        else {}
-    )
+    annotated = hasattr(annotation, "__metadata__")
+    python_type, *said = get_args(annotation) if annotated else (annotation,)
+    words: dict[str, Any] = {"default": default}
+    if default is None or default in (MISSING, inspect.Parameter.empty):
+        words = {"required": default is not None}
+    if python_type is bool:
+        words["is_flag"] = True
+    elif python_type in _KINDS:
+        words["type"] = _KINDS[python_type]
     for each in said:
         if isinstance(each, dict):
             words |= each
+        elif isinstance(each, Meta):
+            if each.description:
+                words["help"] = each.description
+            if each.extra:
+                words["type"] = click.Choice(list(each.extra["choices"]))
+            elif each.ge is not None or each.gt is not None:
+                least = each.gt if each.ge is None else each.ge
+                words["type"] = Real(least, each.le or LARGEST, min_open=each.ge is None)
         elif not isinstance(each, str):
             words["type"] = each
         elif not each.startswith("-"):
@@ -157,9 +182,8 @@ class Parsed(click.ParamType):  # type: ignore[type-arg]  # click has made it ge
         try:
             return self.parse(value)
         except ValueError as error:
-            self.fail(
-                f"wanted {self.wanted}, got {value!r}" if self.wanted else str(error), param, ctx
-            )
+            words = f"wanted {self.wanted}, got {value!r}" if self.wanted else str(error)
+            self.fail(words, param, ctx)
 
 
 class Setting(NamedTuple):
@@ -191,11 +215,9 @@ class SettingType(click.ParamType):  # type: ignore[type-arg]  # as above
     def convert(
         self, value: object, param: click.Parameter | None, ctx: click.Context | None
     ) -> Setting:
-        text = (
-            re.sub(r"=(?!true$|false$)([A-Za-z][\w.-]*)$", r'="\1"', str(value))
-            if self.bare
-            else str(value)
-        )
+        text = str(value)
+        if self.bare:
+            text = re.sub(r"=(?!true$|false$)([A-Za-z][\w.-]*)$", r'="\1"', text)
         try:
             ((key, content),) = tomllib.loads(text).items()
         except (ValueError, RecursionError):
@@ -255,6 +277,13 @@ SIZES = Parsed(
     joined(partial(_whole, 2, LARGEST_SIDE)),
 )
 MANY = {"multiple": True}
+_KINDS: dict[Any, Any] = {
+    Path | None: NEW_FILE,
+    int: COUNT,
+    int | None: COUNT,
+    float | None: POSITIVE,
+}
+"""Of a parameter that names no click type."""
 
 AsJson = Annotated[bool, "--json", "Print JSON for programs."]
 Seed = Annotated[int, SEED, "Seed of every random choice."]
@@ -264,33 +293,23 @@ Memory = Annotated[
     Parsed("SIZE", "a size such as 2GB or 500MiB", _bytes),
     "Memory that a map may take; a larger raster is read by windows. By default what is free.",
 ]
-CellSize = Annotated[
-    float | None, POSITIVE, "Side of a cell in metres, where the file does not say."
-]
+CellSize = Annotated[float | None, "Side of a cell in metres, where the file does not say."]
 Rescale = Annotated[
     float | None,
-    POSITIVE,
     "Make cells this many metres wide and scale heights alike, so that slopes stay.",
 ]
 Resample = Annotated[
     float | None,
-    POSITIVE,
     "Make cells finer, this many metres wide, with heights interpolated between the map's. That "
-    "adds no "
-    "detail, but a vehicle may stand and step between the cells.",
+    "adds no detail, but a vehicle may stand and step between the cells.",
 ]
 TerrainFiles = Annotated[tuple[Path, ...], MAP, MANY, "Elevation file. May be repeated."]
-Omega = Annotated[float, NOT_NEGATIVE, "Weight of the cost against length, per grey level."]
-CornerCutting = Annotated[
-    bool, "--corner-cutting/--no-corner-cutting", "Allow diagonal steps beside impassable cells."
-]
 Hillshade = Annotated[bool, "Draw the relief instead of the cost."]
 StepCost = Annotated[
     str,
     click.Choice(list(STEP_COSTS)),
     "Price of a step: by the map's costs, or by the slope it leads up or down; time and energy by "
-    "the table "
-    "[mobility] of --vehicle or --mobility.",
+    "the table [mobility] of --vehicle or --mobility.",
 ]
 
 

@@ -9,6 +9,7 @@ from nnpp_edge.cli import options
 from nnpp_edge.cli.ground_options import GroundOptions
 from nnpp_edge.cli.requests import PlanRequest
 from nnpp_edge.cli.text import tell
+from nnpp_edge.runtime.options import PlanOptions, StepOptions
 
 _OUTPUT = "Folder for path.geojson, path.csv, plan.png and plan.json."
 _FORMATS = "Also write the path as GeoPackage or GPX, path.gpkg or path.gpx."
@@ -23,7 +24,10 @@ def command(
     dem: Annotated[Path, options.MAP],
     /,
     request: PlanRequest,
+    query: PlanOptions,
+    steps: StepOptions,
     robot: GroundOptions,
+    model: options.Model = "edge",
     output: Annotated[Path | None, "-o", options.PATH, _OUTPUT] = None,
     formats: Annotated[
         tuple[str, ...], "--format", click.Choice(["gpkg", "gpx"]), options.MANY, _FORMATS
@@ -64,7 +68,7 @@ def command(
         *(f"path.{name}" for name in formats),
     )
     outputs = [("--output", output / name) for name in names] if output else []
-    robot.check_turns(request.refine)
+    robot.check_turns(query.get("refine"))
     robot.limits()  # those that make no sense are refused before any work
     options.check_outputs(*outputs, more_inputs=request.files, make_folders=True)
 
@@ -78,9 +82,11 @@ def command(
         _BYTES_PER_CELL + (bytes_per_cell(body) if body else 0) + DIRECTED_BYTES_PER_CELL * directed
     )
     if reads_by_windows(dem, memory, per_cell, whole=directed or body is not None):
-        answer = plan_by_windows(request, dem, robot)
+        answer = plan_by_windows(request, query, steps, dem, robot)
     else:
-        answer = plan_in_memory(request, dem, robot, drawn=output is not None)
+        answer = plan_in_memory(
+            request, query, steps, dem, robot, model=model, drawn=output is not None
+        )
     answer.warn_if_close()
     files = answer.save([path for _, path in outputs])
     tell(as_json, answer.figures(files), lambda: answer.text(files))

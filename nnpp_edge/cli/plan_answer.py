@@ -3,7 +3,7 @@
 import json
 import math
 import warnings
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import asdict, dataclass
 from math import isfinite, nan
 from pathlib import Path
@@ -24,6 +24,11 @@ _PROPERTIES = ("status", "method", "source", "cost")
 """Figures that path.geojson repeats, beside those along the way."""
 _CLOSE = 0.1
 """Share of a body's limit below which what is left of it is warned of."""
+_ANGLES = (("pitched", "pitch"), ("rolled", "roll"), ("tilted", "tilt"))
+_WINDOWS = (
+    "{gigabytes:.2f} GB by windows, {again:.1f} % of the cells again, coarse levels in "
+    "{map_s:.1f} s, peak memory {peak_memory_gb:.2f} GB"
+)
 _OF_LEGS = (*_PROPERTIES, "length_m", "time_s", "energy_j", "climb_m", "descent_m")
 _COMPARED = columns(
     "method | source | status | cost: cost .6g | gap: gap z.2% | ms: time_ms .2f | speed-up: "
@@ -90,7 +95,10 @@ class Answer:
             )
 
     def figures(self, files: list[str]) -> dict[str, object]:
-        plan, steps, along, tour = self.plan, self.steep_steps, self.plan.along, self.tour
+        plan = self.plan
+        steps = self.steep_steps
+        along = plan.along
+        tour = self.tour
         figures: dict[str, object] = {
             **plan.summary(),
             **self.route.worst,
@@ -123,13 +131,13 @@ class Answer:
                 "heading_deg": plan.waypoint_headings_deg.round(3).tolist(),
                 "curvature_per_m": plan.curvatures.round(6).tolist(),
             }
-        plans = [(goal, plan.summary()) for goal, plan in self.goals]
+        goals = [(goal, plan.summary()) for goal, plan in self.goals]
         more = {
             "step_cost": None if self.step_cost == "paper" else self.step_cost,
             "compare": self.compared,
             "goals": [
-                {"goal": goal, "status": told["status"], "cost": told["cost"]}
-                for goal, told in plans
+                {"goal": goal} | {name: told[name] for name in ("status", "cost")}
+                for goal, told in goals
             ],
             "windows": self.windows,
             "files": files,
@@ -154,35 +162,25 @@ class Answer:
         plan = self.plan
         length = metres(self.route.length_m)
         why = plan.choice if plan.ok else plan.reason
-        yield str(plan.status), f"{plan.method} ({plan.source})" + (f": {why}" if why else "")
+        found = f"{plan.method} ({plan.source})"
+        yield str(plan.status), f"{found}: {why}" if why else found
         yield "map", size_in_words(self.route.dem)
         if self.tour:
             yield "via", self._order(self.tour)
-        if self.goals:
-            yield (
-                "goals",
-                ", ".join(
-                    f"{at} {f'{it.cost:.6g}' if it.ok else it.status}" for at, it in self.goals
-                ),
-            )
+        ends = [(at, f"{it.cost:.6g}" if it.ok else it.status) for at, it in self.goals]
+        yield "goals", ", ".join(f"{at} {words}" for at, words in ends)
         if plan.ok:
             yield "path", f"{len(plan.path)} cells, {length}"
             yield from self.on_the_ground().items()
             cost = f"{plan.cost:.6g} {unit_of(self.step_cost)}".rstrip()
             yield "cost", f"{cost}, {self._optimality()}"
             if plan.waypoints is not None:
-                sharpest = plan.curvatures.max(initial=0.0)
-                turns = (
-                    f", sharpest turn of {1.0 / sharpest:.3g} m radius" if sharpest > 0.0 else ""
-                )
-                yield (
-                    "line",
-                    f"{len(plan.waypoints)} way points, line integral {plan.line_cost:.6g}{turns}",
-                )
+                turns = _sharpest("sharpest turn", plan.curvatures)
+                count = len(plan.waypoints)
+                yield "line", f"{count} way points, line integral {plan.line_cost:.6g}{turns}"
             if plan.arcs:
                 back = sum(arc.length_m for arc in plan.arcs if arc.gear < 0)
-                sharpest = max(abs(arc.curvature_per_m) for arc in plan.arcs)
-                turns = f", sharpest of {1.0 / sharpest:.3g} m radius" if sharpest > 0.0 else ""
+                turns = _sharpest("sharpest", [abs(arc.curvature_per_m) for arc in plan.arcs])
                 yield "arcs", f"{len(plan.arcs)} pieces{turns}, {metres(back)} of them backwards"
             yield "CC", f"{plan.traverse_cost:.6g}"
         elif len(plan.path):
@@ -193,33 +191,22 @@ class Answer:
             yield "reached", f"{self.reached} cells of the map, from the start{limited}"
         if self.vehicle is not None and plan.ok and "tilt_deg" in self.route.standing:
             worst = self.route.worst
-            names = (("pitched", "pitch"), ("rolled", "roll"), ("tilted", "tilt"))
             angles = [
                 f"{word} by at most {worst[f'steepest_{name}_deg'] or nan:.1f}°"
-                for word, name in names
+                for word, name in _ANGLES
             ]
-            clearance = worst["least_clearance_m"]
-            clear = (
-                "no clearance known"
-                if clearance is None
-                else f"clear by at least {clearance:.2f} m"
-            )
+            clear = "no clearance known"
+            if (clearance := worst["least_clearance_m"]) is not None:
+                clear = f"clear by at least {clearance:.2f} m"
             yield "vehicle", f"{', '.join(angles)}, {clear}, {plan.checks} poses checked"
         yield "expansions", str(plan.expansions)
-        stages = ", ".join(
-            f"{name} {ms:.2f}" for name, ms in plan.timings_ms.items() if name != "total"
-        )
+        stages = [f"{name} {ms:.2f}" for name, ms in plan.timings_ms.items() if name != "total"]
         loading = ", loading included" if self.loading_included else ""
-        yield "time", f"{plan.timings_ms['total']:.2f} ms{loading} ({stages})"
+        yield "time", f"{plan.timings_ms['total']:.2f} ms{loading} ({', '.join(stages)})"
         if self.windows:
-            words = (
-                "{gigabytes:.2f} GB by windows, {again:.1f} % of the cells again, coarse levels "
-                "in {map_s:.1f} s, "
-                "peak memory {peak_memory_gb:.2f} GB"
-            )
-            yield "read", words.format(**self.windows, again=100.0 * self.windows["read_again"])
-        if files:
-            yield "written", ", ".join(files)
+            again = 100.0 * self.windows["read_again"]
+            yield "read", _WINDOWS.format(**self.windows, again=again)
+        yield "written", ", ".join(files)
 
     def on_the_ground(self) -> dict[str, str]:
         """Figures of the way where its heights are known."""
@@ -227,8 +214,8 @@ class Answer:
         along = self.plan.along
         if along is None or not isfinite(numbers.climb_m):
             return {}
-        energy, model = "", along.mobility.energy
-        if model is not None:
+        energy = ""
+        if (model := along.mobility.energy) is not None:
             energy = f", {numbers.energy_j / 1000.0:.4g} kJ at {model.gravity_m_s2:.3g} m/s²"
         return {
             "ground": f"{metres(numbers.ground_length_m)} long, {metres(numbers.climb_m)} up and "
@@ -270,21 +257,22 @@ class Answer:
     def _content(self, path: Path, files: list[str]) -> bytes:
         """The content of a file, by its name."""
         route = self.route
-        stops = self.tour.stops[1:-1] if self.tour else ()
-        ends = {
-            "start": self.start,
-            **{f"via {at}": stop for at, stop in enumerate(stops, 1)},
-            "goal": self.goal,
-        }
+        stops = self.tour.stops if self.tour else (self.start, self.goal)
         makers: dict[str, Callable[[], bytes]] = {
             "path.geojson": lambda: route.geojson(self.properties()),
             "path.csv": route.csv,
             "plan.json": lambda: json.dumps(self.figures(files), indent=1).encode(),
             "plan.png": lambda: png_bytes(self.picture()),
             "path.gpkg": lambda: route.geopackage(self.properties()),
-            "path.gpx": lambda: route.gpx("nnpp-edge plan", ends),
+            "path.gpx": lambda: route.gpx("nnpp-edge plan", stops),
         }
         try:
             return makers[path.name]()
         except InvalidQueryError as error:
             raise InvalidQueryError(f"--format {path.suffix[1:]}: {error}") from None
+
+
+def _sharpest(what: str, curvatures_per_m: Iterable[float]) -> str:
+    """The least radius among turns, for a line on them; empty without one."""
+    sharpest = max(curvatures_per_m, default=0.0)
+    return f", {what} of {1.0 / sharpest:.3g} m radius" if sharpest > 0.0 else ""

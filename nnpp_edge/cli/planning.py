@@ -1,5 +1,6 @@
 """Planning for `nnpp-edge plan`, on maps in memory and on larger ones."""
 
+import math
 from collections.abc import Callable
 from dataclasses import replace
 from functools import partial
@@ -7,7 +8,6 @@ from pathlib import Path
 from statistics import median
 
 import numpy as np
-from numpy.typing import NDArray
 
 from nnpp_edge.cli.ground_options import GroundOptions
 from nnpp_edge.cli.maps import (
@@ -25,22 +25,22 @@ from nnpp_edge.cli.requests import PlanRequest
 from nnpp_edge.cli.text import Row
 from nnpp_edge.progress import bar
 from nnpp_edge.runtime import Ground, Method, Plan, Planner, Traversability, exercises
-from nnpp_edge.runtime.arrays import Float2D, headings_along
-from nnpp_edge.runtime.cells import Cell
+from nnpp_edge.runtime.arrays import Float2D, Floats, headings_along
+from nnpp_edge.runtime.cells import Cell, widened
 from nnpp_edge.runtime.compiled.notice import told_if_slow
 from nnpp_edge.runtime.errors import InvalidQueryError
 from nnpp_edge.runtime.map.along import Along
 from nnpp_edge.runtime.memory import peak_bytes
 from nnpp_edge.runtime.network import loading
-from nnpp_edge.runtime.planners.query import PlanOptions, problem_with
+from nnpp_edge.runtime.options import PlanOptions, StepOptions
+from nnpp_edge.runtime.planners.query import problem_with
 from nnpp_edge.runtime.planners.windowed import WindowedPlanner
 from nnpp_edge.runtime.robots.body.attitude import attitudes
-from nnpp_edge.runtime.robots.body.refusal import refusals
 from nnpp_edge.runtime.tuning import LARGE_MAP
 from nnpp_edge.terrain.dem import Dem, DemWindows
 from nnpp_edge.terrain.georeference import Place
 from nnpp_edge.terrain.route import Route
-from nnpp_edge.viz.picture import MOST_SHOWN, body_outlines, plan_picture
+from nnpp_edge.viz.picture import body_outlines, plan_picture, refused_on
 from nnpp_edge.viz.sheet import Picture
 
 _REPEATS = 3
@@ -67,16 +67,24 @@ def _ends(request: PlanRequest, place: Place) -> tuple[Cell, list[Cell], list[Ce
 
 
 def plan_in_memory(
-    request: PlanRequest, path: Path, robot: GroundOptions, *, drawn: bool
+    request: PlanRequest,
+    query: PlanOptions,
+    steps: StepOptions,
+    path: Path,
+    robot: GroundOptions,
+    *,
+    model: str,
+    drawn: bool,
 ) -> Answer:
     """Plan on a map that is read into memory: to the nearest goal, or by way of other places."""
     body = robot.body()
     with told_if_slow(f"reading {path}"):
         dem = robot.read(path)
     start, via, goals = _ends(request, dem)
-    may_ask = request.method == "nnpp" or (request.method == "auto" and max(dem.shape) >= LARGE_MAP)
+    method = query.pop("method", Method.AUTO)
+    may_ask = method == "nnpp" or (method == "auto" and max(dem.shape) >= LARGE_MAP)
     if may_ask and (body is None or body.is_disc):
-        loading.begin_loading(request.model)
+        loading.begin_loading(model)
     warn_if_not_square(dem)
     ground = robot.of(dem)
     limits = ground.limits
@@ -84,40 +92,35 @@ def plan_in_memory(
     if not (cost < 1.0).any():
         refuse_map(dem)
     body = ground.vehicle
-    planner_of = partial(Planner, omega=request.omega, corner_cutting=request.corner_cutting)
-    planner = planner_of(priced(ground, cost), model=request.model)
-    near = Near(dem, dem.elevation, cost, limits, body, planner.state.grid.robot.poses)
+    planner_of = partial(Planner, **steps)
+    planner = planner_of(priced(ground, cost), model=model)
+    near = Near.of(dem, ground, cost, planner)
     if len(goals) == 1 and (problem := problem_with(planner.state.grid, start, goals[0])):
         refuse(problem, start, goals[0], near)
-    if request.time_limit is not None:  # loading would use it up
+    if "time_limit_s" in query:  # loading would use it up
         exercises.exercise()
-    within: PlanOptions = {"refine": request.refine, **request.headings, **request.within}  # type: ignore[typeddict-item]
-    wanted: PlanOptions = {**within, "method": request.method, "keep_regions": drawn}
-    tour = (
-        planner.plan_via(start, goals[0], via, best_order=request.best_order, **wanted)
-        if via
-        else None
-    )
-    ranked = [(0, tour.plan)] if tour else planner.nearest(start, goals, count=len(goals), **wanted)
-    goal = goals[ranked[0][0]]
-    plan = ranked[0][1]
+    wanted: PlanOptions = {**query, "method": method, "keep_regions": drawn}
+    tour = None
+    if via:
+        tour = planner.plan_via(start, goals[0], via, best_order=request.best_order, **wanted)
+        ranked = [(goals[0], tour.plan)]
+    else:
+        found = planner.nearest(start, goals, count=len(goals), **wanted)
+        ranked = [(goals[at], plan) for at, plan in found]
+    goal, plan = ranked[0]
     if plan.source is None:  # no search was made
         refuse(plan.status, start, goal, near)
     compared = list[Row]()
     exact = None
     if request.compare:
-        plan, compared, exact = _compare(partial(planner.plan, start, goal, **within), plan)
+        plan, compared, exact = _compare(partial(planner.plan, start, goal, **query), plan)
     plan = _on_the_ground(plan, ground)
     route = _route(plan, cost, dem, ground, planner)
 
     def picture() -> Picture:
-        refused = None
         beside = None
-        poses = planner.state.grid.robot.poses
-        if poses is not None and cost.size <= MOST_SHOWN:
-            refused = refusals(poses.standing())
         if body is not None and request.compare and robot.step_cost == "paper":
-            other = planner_of(cost)
+            other = Ground(cost)
             if plan.states is not None:
                 spot = replace(
                     body,
@@ -126,8 +129,8 @@ def plan_in_memory(
                     gear_change_m=0.0,
                     turns_on_spot=None,
                 )
-                other = planner_of(replace(ground, vehicle=spot))
-            beside = other.plan(start, goal, method="astar").path
+                other = replace(ground, vehicle=spot)
+            beside = planner_of(other).plan(start, goal, method="astar").path
         headings = None if plan.drive is None else plan.drive.poses[:, 2]
         return plan_picture(
             cost,
@@ -142,20 +145,20 @@ def plan_in_memory(
             cell_size_m=dem.cell_width_m,
             length_m=route.length_m,
             outlines=body_outlines(plan.line, body, ground.sides_m, headings) if body else (),
-            refused=refused,
+            refused=refused_on(planner),
             point_path=beside,
         )
 
-    shut_in = plan.status == "NO_PATH" and tour is None and request.refine is None
+    shut_in = plan.status == "NO_PATH" and tour is None and "refine" not in query
     return Answer(
         plan,
         route,
         start,
         goal,
         picture,
-        goals=[(goals[at], found) for at, found in ranked] if len(goals) > 1 else (),
+        goals=ranked if len(goals) > 1 else (),
         compared=compared,
-        loading_included=not request.compare and request.time_limit is None,
+        loading_included=not request.compare and "time_limit_s" not in query,
         vehicle=body,
         step_cost=robot.step_cost,
         tour=tour and tour.told(lambda leg: _on_the_ground(leg, ground)),
@@ -164,16 +167,23 @@ def plan_in_memory(
     )
 
 
-def plan_by_windows(request: PlanRequest, path: Path, robot: GroundOptions) -> Answer:
+def plan_by_windows(
+    request: PlanRequest,
+    query: PlanOptions,
+    steps: StepOptions,
+    path: Path,
+    robot: GroundOptions,
+) -> Answer:
     """Plan on a map of which only the coarse levels and what lies under a corridor are in
     memory.
     """
+    method = query.get("method", Method.AUTO)
     unfit = {
-        f"--method {request.method}": request.method in ("astar", "nnpp"),
+        f"--method {method}": method in ("astar", "nnpp"),
         "--compare": request.compare,
         "--hillshade": request.hillshade,
-        "--refine": request.refine is not None,
-        "--start-heading, --goal-heading": bool(request.headings),
+        "--refine": "refine" in query,
+        "--start-heading, --goal-heading": any(name.endswith("_deg") for name in query),
         "--resample": robot.resample is not None,
     }
     if wrong := [name for name, asked in unfit.items() if asked]:
@@ -182,32 +192,28 @@ def plan_by_windows(request: PlanRequest, path: Path, robot: GroundOptions) -> A
             "method, which reads by "
             "windows, or cut out a part of the map"
         )
+    within = {"epsilon": query.get("epsilon", math.inf)}
+    within["time_limit_s"] = query.get("time_limit_s", math.inf)
     limits = robot.limits()
-    within = request.within
     with robot.open(path) as ground, bar("rows of the map", ground.shape[0]) as advance:
         warn_if_not_square(ground)
         start, via, goals = _ends(request, ground)
         planner = WindowedPlanner(
             ground,
             limits,
-            omega=request.omega,
-            corner_cutting=request.corner_cutting,
+            **steps,
             mobility=robot.mobility(ground),
             progress=lambda what, rows: advance(rows),  # once for each time that they are read
         )
         if not planner.any_passable:
             refuse_map(ground)
-        tour = (
-            planner.plan_via(start, goals[0], via, best_order=request.best_order, **within)
-            if via
-            else None
-        )
-        plans = (
-            [(goals[0], tour.plan)]
-            if tour
-            else [(goal, planner.plan(start, goal, **within)) for goal in goals]
-        )
-        ranked = sorted(plans, key=lambda found: (not found[1].ok, found[1].cost))
+        tour = None
+        if via:
+            tour = planner.plan_via(start, goals[0], via, best_order=request.best_order, **within)
+            ranked = [(goals[0], tour.plan)]
+        else:
+            plans = [(goal, planner.plan(start, goal, **within)) for goal in goals]
+            ranked = sorted(plans, key=lambda found: (not found[1].ok, found[1].cost))
         goal, plan = ranked[0]
         if plan.source is None:  # no search was made
             end = start if "START" in plan.status else goal
@@ -227,17 +233,14 @@ def plan_by_windows(request: PlanRequest, path: Path, robot: GroundOptions) -> A
     def picture() -> Picture:
         places = (start, goal, *(tour.stops[1:-1] if tour else ()))
         first, last, *between = [(row // factor, col // factor) for row, col in places]
-        width = ground.cell_width_m
-        small = replace(plan, path=plan.path // factor)
-        length = route.length_m
         return plan_picture(
             cost,
-            small,
+            replace(plan, path=plan.path // factor),
             start=first,
             goal=last,
             via=between,
-            cell_size_m=width * factor,
-            length_m=length,
+            cell_size_m=ground.cell_width_m * factor,
+            length_m=route.length_m,
         )
 
     return Answer(
@@ -257,13 +260,10 @@ def _around(
     planner: WindowedPlanner, ground: DemWindows, limits: Traversability, cell: Cell
 ) -> Near:
     """Heights and costs around a cell of the map, or at its border where the cell lies outside."""
-    (row0, row1), (col0, col1) = (
-        (min(max(at - _AROUND, 0), side - 1), max(min(at + _AROUND + 1, side), 1))
-        for at, side in zip(cell, planner.shape, strict=True)
-    )
-    part = (row0, col0, max(row1 - row0, 1), max(col1 - col0, 1))
+    row, col = np.clip(cell, 0, np.subtract(planner.shape, 1)).tolist()
+    part = widened((row, col, 1, 1), (_AROUND, _AROUND), planner.shape)
     _, elevation, cost = next(planner.costs.windows([part]))
-    return Near(ground, elevation, cost, limits, origin=(row0, col0))
+    return Near(ground, elevation, cost, limits, origin=part[:2])
 
 
 def _on_the_ground(plan: Plan, ground: Ground) -> Plan:
@@ -282,21 +282,14 @@ def _route(plan: Plan, cost: Float2D, dem: Dem, ground: Ground, planner: Planner
     vehicle = ground.vehicle
     if vehicle is None or len(plan.path) < 2:
         return route
-    standing: dict[str, NDArray[np.float64]] = {"heading_deg": headings_along(plan.along.points)}
-    if (poses := planner.state.grid.robot.poses) is not None:
-        standing |= attitudes(poses, plan.walked)._asdict()
-    if plan.drive is not None:
-        of_steps = {
-            name: numbers[plan.drive.steps]
-            for name, numbers in standing.items()
-            if name != "heading_deg"
-        }
-        standing = {
-            "heading_deg": plan.drive.poses[:, 2],
-            "gear": plan.drive.gears.astype(np.float64),
-        } | of_steps
-        standing["curvature_per_m"] = plan.drive.curvatures_per_m
-    return replace(route, standing=standing)
+    poses = planner.state.grid.robot.poses
+    standing = {} if poses is None else attitudes(poses, plan.walked)._asdict()
+    heading: dict[str, Floats] = {"heading_deg": headings_along(plan.along.points)}
+    if (drive := plan.drive) is not None:
+        heading = {"heading_deg": drive.poses[:, 2], "gear": drive.gears.astype(np.float64)}
+        standing = {name: numbers[drive.steps] for name, numbers in standing.items()}
+        standing["curvature_per_m"] = drive.curvatures_per_m
+    return replace(route, standing=heading | standing)
 
 
 def _compare(plan_by: Callable[..., Plan], plan: Plan) -> tuple[Plan, list[Row], Plan]:
@@ -312,16 +305,15 @@ def _compare(plan_by: Callable[..., Plan], plan: Plan) -> tuple[Plan, list[Row],
         for method in methods
     }
     last = rounds[-1]
-    exact = rounds[-1][Method.ASTAR]
+    exact = last[Method.ASTAR]
     rows = list[Row]()
     for method in methods:
-        summary = last[method].summary()
-        gap = None
-        speedup = None
-        if last[method].ok and exact.ok:
-            above = last[method].cost - exact.cost
-            gap = above / abs(exact.cost) if exact.cost else 0.0  # below 0 where energy is got back
-            speedup = times[Method.ASTAR] / times[method]
-        found = {"gap": gap, "time_ms": times[method], "speedup": speedup}
-        rows.append({name: summary[name] for name in _COMPARED} | found)
+        found = last[method]
+        row = {name: found.summary()[name] for name in _COMPARED}
+        row |= {"gap": None, "time_ms": times[method], "speedup": None}
+        if found.ok and exact.ok:
+            above = found.cost - exact.cost
+            row["gap"] = above / abs(exact.cost) if exact.cost else 0.0  # energy may be got back
+            row["speedup"] = times[Method.ASTAR] / times[method]
+        rows.append(row)
     return replace(plan, timings_ms=last[plan.method].timings_ms), rows, exact

@@ -4,6 +4,7 @@ libraries.
 
 import json
 import sys
+from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -81,7 +82,6 @@ class Asked:
     sizes: Annotated[tuple[int, ...] | None, options.COUNTS, _SIZES] = None
     queries: Annotated[
         int | None,
-        options.COUNT,
         "For each workload and size, in place of the profile's; for --peers 50.",
     ] = None
     seed: Annotated[
@@ -95,6 +95,13 @@ class Asked:
         "answer; takes minutes.",
     ] = False
     output: Annotated[Path | None, "-o", options.FOLDER, _OUTPUT] = None
+
+    def files(self, names: Iterable[str], read: Iterable[str] = ()) -> list[Path]:
+        """Those to write, if any, which were checked against what is read."""
+        paths = [] if self.output is None else [self.output / name for name in names]
+        outputs = [("--output", path) for path in paths]
+        options.check_outputs(*outputs, more_inputs=read, make_folders=True)
+        return paths
 
 
 @options.command(
@@ -131,14 +138,13 @@ def command(asked: Asked) -> None:
         raise click.UsageError("give one of --profile and --peers")
     if asked.as_json and asked.markdown:
         raise click.UsageError("give one of --json and --markdown")
-    if asked.peers and (asked.vehicle or asked.start_up):
+    if not asked.peers:
+        sys.exit(_profile(asked.profile or _DEFAULT, asked))
+    if asked.vehicle or asked.start_up:
         raise click.UsageError(
             f"--{'vehicle' if asked.vehicle else 'start-up'} does not go with --peers"
         )
-    if asked.peers:
-        _peers(asked)
-    else:
-        sys.exit(_profile(asked.profile or _DEFAULT, asked))
+    _peers(asked)
 
 
 def _profile(name: str, asked: Asked) -> int:
@@ -153,13 +159,9 @@ def _profile(name: str, asked: Asked) -> int:
     from nnpp_edge.progress import bar
 
     profile = read_profile(name)
-    others = (profile.networks.fp32, profile.load.vehicle)
-    written = [] if asked.output is None else [asked.output / name for name in _FILES]
-    options.check_outputs(
-        *(("--output", path) for path in written),
-        more_inputs=(*profile.load.terrain, profile.networks.int8, *filter(None, others)),
-        make_folders=True,
-    )
+    load = profile.load
+    read = (*load.terrain, profile.networks.int8, profile.networks.fp32, load.vehicle)
+    written = asked.files(_FILES, filter(None, read))
     names = ("cell_size", "rescale", "sizes", "queries", "seed", "vehicle")
     profile, dropped = overridden(
         profile,
@@ -178,27 +180,27 @@ def _profile(name: str, asked: Asked) -> int:
     content = json.dumps(report, indent=1)
     markdown = report_text(report, markdown=True)
     if written:
-        texts = (text.encode() for text in (content, markdown, f"{board_table(report)}\n"))
-        contents = (*texts, _page(report))
-        write_all({path: each for path, each in zip(written, contents, strict=True) if each})
+        texts = (content, markdown, f"{board_table(report)}\n", _page(report))
+        files = zip(written, texts, strict=True)
+        write_all({path: text.encode() for path, text in files if text})
     printed = content if asked.as_json else markdown if asked.markdown else report_text(report)
     click.echo(printed.rstrip("\n"))
     return EXIT_CODES[report["verdict"]]
 
 
-def _page(report: "Facts") -> bytes:
+def _page(report: "Facts") -> str:
     """The report as a page of HTML; empty, which is said, where the extra `viz` is not
     installed.
     """
     try:
         from nnpp_edge.viz.figures import page
 
-        return page(report).encode()
+        return page(report)
     except ImportError as error:
         click.echo(
             f"note: {_FILES[-1]} is left out: {error} (pip install 'nnpp-edge[viz]')", err=True
         )
-        return b""
+        return ""
 
 
 def _peers(asked: Asked) -> None:
@@ -217,17 +219,12 @@ def _peers(asked: Asked) -> None:
         raise click.UsageError(
             f"--sizes must be different numbers from 16 to {options.LARGEST_SIDE}, got {words}"
         )
-    written = (
-        [] if asked.output is None else [asked.output / f"peers.{end}" for end in ("json", "md")]
-    )
-    options.check_outputs(*(("--output", path) for path in written), make_folders=True)
+    written = asked.files(("peers.json", "peers.md"))
     terrain = TerrainFiles.or_sample(asked.terrain, asked.rescale, asked.cell_size)
     with bar("profile", queries * len(sizes)) as advance:
         rows, missing = run(sizes, queries, terrain, seed=seed, progress=advance)
     facts = {"queries": queries, "seed": seed, "left_out": missing, "rows": rows}
     if written:
-        page = f"{peers_text(rows, missing, markdown=True)}\n"
-        write_all(
-            dict(zip(written, (json.dumps(facts, indent=1).encode(), page.encode()), strict=True))
-        )
+        texts = (json.dumps(facts, indent=1), f"{peers_text(rows, missing, markdown=True)}\n")
+        write_all({path: text.encode() for path, text in zip(written, texts, strict=True)})
     tell(asked.as_json, facts, lambda: peers_text(rows, missing, markdown=asked.markdown), indent=1)

@@ -13,44 +13,35 @@ def _verdict(line: Row) -> str:
     return str(line["verdict"]).upper()
 
 
-_PLACE: Columns = columns("workload | size: size ² | planner")
-_RESULTS = {
-    **_PLACE,
-    **columns(
-        "n | ms/median: time_ms.median | ms/p90: time_ms.p90 | ms/p99: time_ms.p99 | ms/max: "
-        "time_ms.max"
-    ),
-    **columns("FPS: fps .0f | network/FPS: inference_fps .0f"),
-    **columns("speed-up/median: speedup_median .2f | speed-up/total: speedup_total .2f"),
-    **columns("success: success_first .1% | after/fallback: success .1%"),
-    **columns("gap/mean: gap_mean z.2% | gap/p99: gap_p99 z.2%"),
-    **columns("expan-/sions: expansions_median .0f | mJ: energy_mj"),
-}
-_ARRIVALS = {
-    **_PLACE,
-    **columns("first path/of a map, ms: map_ms.median | p99: map_ms.p99"),
-    **columns("patch/ms: patch_ms.median | patch,/p99: patch_ms.p99"),
-}
+_PLACE = "workload | size: size ² | planner"
+_RESULTS = columns(
+    f"{_PLACE} | n | ms/median: time_ms.median | ms/p90: time_ms.p90 | ms/p99: time_ms.p99 | "
+    "ms/max: time_ms.max | FPS: fps .0f | network/FPS: inference_fps .0f | "
+    "speed-up/median: speedup_median .2f | speed-up/total: speedup_total .2f | "
+    "success: success_first .1% | after/fallback: success .1% | gap/mean: gap_mean z.2% | "
+    "gap/p99: gap_p99 z.2% | expan-/sions: expansions_median .0f | mJ: energy_mj"
+)
+_ARRIVALS = columns(
+    f"{_PLACE} | first path/of a map, ms: map_ms.median | p99: map_ms.p99 | "
+    "patch/ms: patch_ms.median | patch,/p99: patch_ms.p99"
+)
 _LOOP: Columns = {
     **columns("workload | size: size ² | method | Hz: rate_hz g"),
     "patch": "{0[patch_side]} × {0[patch_side]}".format,
     **columns(
-        "n | ms/median: reaction_ms.median | ms/p90: reaction_ms.p90 | ms/p99: reaction_ms.p99"
+        "n | ms/median: reaction_ms.median | ms/p90: reaction_ms.p90 | ms/p99: reaction_ms.p99 | "
+        "ms/max: reaction_ms.max | new: planned | kept"
     ),
-    **columns("ms/max: reaction_ms.max | new: planned | kept"),
 }
 _COMPARED = {
-    **_PLACE,
-    **columns("figure | before | after | worse by: change +.1%"),
+    **columns(f"{_PLACE} | figure | before | after | worse by: change +.1%"),
     "verdict": _verdict,
 }
-_PEERS = {
-    **columns("size | terrain | planner | n | ms/median: time_ms_median | ms/p95: time_ms_p95"),
-    **columns(
-        "× astar/median: times_astar_median | map/ms: map_ms_median | gap/mean: gap_mean z.2%"
-    ),
-    **columns("gap/max: gap_max z.2% | same/optimum: same_optimum"),
-}
+_PEERS = columns(
+    "size | terrain | planner | n | ms/median: time_ms_median | ms/p95: time_ms_p95 | "
+    "× astar/median: times_astar_median | map/ms: map_ms_median | gap/mean: gap_mean z.2% | "
+    "gap/max: gap_max z.2% | same/optimum: same_optimum"
+)
 _WHOLE_RUN = (
     ("peak_memory_mb", "peak memory", "MB"),
     ("model_mb", "model", "MB"),
@@ -74,7 +65,7 @@ def report_text(report: Facts, *, markdown: bool = False) -> str:
     arrived = [row for row in results if row["map_ms"] is not None]
     tables: list[tuple[str, Sequence[Row], Columns]] = [
         ("Times, speed-ups and path costs", results, _RESULTS),
-        ("Mean ms by stage, and share of the whole", results, {**_PLACE, **stages}),
+        ("Mean ms by stage, and share of the whole", results, columns(_PLACE) | stages),
         ("Maps and patches of elevations that have just arrived", arrived, _ARRIVALS),
         ("The onboard loop: from a patch's arrival to the checked path", report["loop"], _LOOP),
     ]
@@ -84,12 +75,10 @@ def report_text(report: Facts, *, markdown: bool = False) -> str:
         for title, rows, as_ in tables
         if rows
     ]
-    reasons = [
-        f"why: {why}"
-        for why in dict.fromkeys(line["why"] for line in report["budgets"] if line["why"])
-    ]
+    whys = dict.fromkeys(line["why"] for line in report["budgets"])
+    reasons = [f"why: {why}" for why in whys if why]
     budgets = [table(report["budgets"], _BUDGETS, markdown=markdown)] if report["budgets"] else []
-    machine = dict(_machine(report))
+    machine = {name: value for name, value in _machine(report) if value}
     if markdown:
         facts = [f"{name} {value}" for name, value in machine.items()]
         facts += [f"note {line}" for line in report["notes"]]
@@ -102,8 +91,10 @@ def report_text(report: Facts, *, markdown: bool = False) -> str:
             *reasons,
             *parts,
         ]
-        lists = ("\n".join(f"- {line}" for line in lines) for lines in (_sentences(report), facts))
-        return "\n\n".join([*parts, next(lists), "## Machine", next(lists)]) + "\n"
+        sentences, machines = (
+            "\n".join(f"- {line}" for line in lines) for lines in (_sentences(report), facts)
+        )
+        return "\n\n".join([*parts, sentences, "## Machine", machines]) + "\n"
     parts.insert(0, report.get("answers", ""))
     parts += ["\n".join(_sentences(report)), aligned(machine)]
     parts += ["\n".join(f"note: {line}" for line in report["notes"]), *budgets]
@@ -114,14 +105,14 @@ def _stage(name: str, row: Row) -> str:
     """A stage's mean and share, of a row of results."""
     if (spread := row["stages_ms"].get(name)) is None:
         return MISSING
-    return f"{spread['mean']:.3f} {100 * spread['mean'] / row['time_ms']['mean']:3.0f} %"
+    mean = spread["mean"]
+    return f"{mean:.3f} {100 * mean / row['time_ms']['mean']:3.0f} %"
 
 
 def _sentences(report: Facts) -> Iterator[str]:
     for line in report["break_even"]:
-        where = (
-            "never in this run" if line["size_from"] is None else f"from {line['size_from']}² on"
-        )
+        size = line["size_from"]
+        where = "never in this run" if size is None else f"from {size}² on"
         yield f"{line['planner']} faster than {line['over']}: {where}"
     for row in report["results"]:
         if row["int8_speedup"] is not None:
@@ -137,38 +128,33 @@ def _machine(report: Facts) -> Iterator[tuple[str, str]]:
     facts = report["environment"]
     sensors = report["sensors"]
     flags = ", ".join(facts["flags"]) or "none of note"
-    yield "machine", f"{facts['cpu']} ({flags}), cores {', '.join(map(str, report['cores']))}"
+    cores = ", ".join(map(str, report["cores"]))
+    yield "machine", f"{facts['cpu']} ({flags}), cores {cores}"
     governor = ", ".join(facts["governor"] or ()) or MISSING
     yield "system", f"governor {governor}, load {' '.join(map(str, facts['load_average']))}"
-    yield (
-        "packages",
-        ", ".join(f"{name} {version or MISSING}" for name, version in facts["packages"].items()),
-    )
+    packages = [f"{name} {version or MISSING}" for name, version in facts["packages"].items()]
+    yield "packages", ", ".join(packages)
     for key, name, unit in _WHOLE_RUN:
-        if by_planner := report["besides"].get(key):
-            yield (
-                name,
-                ", ".join(f"{who} {shown(value)} {unit}" for who, value in by_planner.items()),
-            )
+        by_planner = report["besides"].get(key) or {}
+        figures = [f"{who} {shown(value)} {unit}" for who, value in by_planner.items()]
+        yield name, ", ".join(figures)
     halves = report["disturbance"]["halves"]
-    shares = [max(half["waited_share"], half["others_share"] or 0.0) for half in halves]
-    yield (
-        "others took",
-        f"{' and '.join(f'{100 * share:.1f} %' for share in shares)} of the halves of the run",
-    )
+    taken = [max(half["waited_share"], half["others_share"] or 0.0) for half in halves]
+    shares = " and ".join(shown(share, ".1%") for share in taken)
+    yield "others took", f"{shares} of the halves of the run"
     yield "clocks", _readings(sensors["clock_mhz"], "core ", "MHz", "limit")
     yield "temperature", _readings(sensors["temperature_c"], "", "°C", "trip")
-    if sensors["throttled"]:
-        yield "throttled", sensors["throttled"]
+    yield "throttled", sensors["throttled"]
 
 
 def _readings(found: dict[str, dict[str, float | None]], what: str, unit: str, limit: str) -> str:
     """The range of each sensor's readings, and its limit."""
-    ranges = [
-        f"{what}{name} {shown(each['min'])} to {shown(each['max'])} {unit}"
-        + (f" ({limit} {shown(each[limit])})" if each[limit] is not None else "")
-        for name, each in found.items()
-    ]
+    ranges = []
+    for name, each in found.items():
+        words = f"{what}{name} {shown(each['min'])} to {shown(each['max'])} {unit}"
+        if each[limit] is not None:
+            words += f" ({limit} {shown(each[limit])})"
+        ranges.append(words)
     return ", ".join(ranges) or f"{MISSING} (not reported by the kernel)"
 
 
@@ -192,9 +178,9 @@ _BUDGETS: Columns = {
 def comparison_text(comparison: Facts) -> str:
     """The figures that changed, and how the comparison ends."""
     changed = [line for line in comparison["lines"] if line["verdict"] != "same"]
-    parts = [f"note: {line}" for line in comparison["notes"]] + (
-        [table(changed, _COMPARED)] if changed else []
-    )
+    parts = [f"note: {line}" for line in comparison["notes"]]
+    if changed:
+        parts.append(table(changed, _COMPARED))
     worse = sum(line["verdict"] in ("worse", "noisy") for line in changed)
     doubt = ", all of them in a disturbed run" if comparison["verdict"] == "noisy" else ""
     tolerance = 100 * comparison["tolerance"]
@@ -209,15 +195,13 @@ def peers_text(rows: Sequence[Figures], missing: Sequence[str], *, markdown: boo
     """The rows beside other libraries: the table, what each planner minimises, and who was left
     out.
     """
-    lines = [table(rows, _PEERS, markdown=markdown), "", "minimised:"]
-    lines += [
-        aligned({f"{row['planner']} {row['version']}": row["objective"] for row in rows}, "  ")
-    ]
-    lines += [f"{row['planner']} at {row['size']}: {row['note']}" for row in rows if row["note"]]
-    failed = [row for row in rows if row["failed"]]
-    lines += [
-        f"{row['planner']} at {row['size']}: no path for {row['failed']} queries" for row in failed
-    ]
+    minimised = {f"{row['planner']} {row['version']}": row["objective"] for row in rows}
+    lines = [table(rows, _PEERS, markdown=markdown), "", "minimised:", aligned(minimised, "  ")]
+    for key, words in (
+        ("note", "{planner} at {size}: {note}"),
+        ("failed", "{planner} at {size}: no path for {failed} queries"),
+    ):
+        lines += [words.format(**row) for row in rows if row[key]]
     if missing:
         lines.append(
             f"left out, not installed: {', '.join(missing)} (pip install 'nnpp-edge[bench]')"

@@ -9,6 +9,15 @@ import click
 from nnpp_edge.cli import options
 from nnpp_edge.cli.text import columns, table
 
+_SIZE_AND_TIME = (
+    "precision | MB: size_mb .2f | warm/ms: warm .3f | after a/plan, ms: after_plan .3f"
+)
+_REGION = "cost gap: gap z.3% | found in/region: success .1% | region, of/the map: region_share .2%"
+_FIT = (
+    "error of/mean T: rmse_mean .4f | blocked/share: rmse_blocked .4f | "
+    "closed/chance: rmse_closed .4f"
+)
+
 
 @options.command("quantize")
 def command(
@@ -19,7 +28,7 @@ def command(
     validation: Annotated[
         Path | None, options.FOLDER, "Data set to judge on; by default held-out maps."
     ] = None,
-    samples: Annotated[int, options.COUNT, "Queries to calibrate on."] = 200,
+    samples: Annotated[int, "Queries to calibrate on."] = 200,
     exclude: Annotated[tuple[str, ...], options.NAMES, "Nodes to leave float, by name."] = (),
     seed: options.Seed = 1,
     as_json: options.AsJson = False,
@@ -43,19 +52,8 @@ def command(
         click.echo(r.to_json())
         return
     c = r.compared
-    shown_as = {
-        **columns("precision | MB: size_mb .2f"),
-        **columns("warm/ms: warm .3f | after a/plan, ms: after_plan .3f"),
-        **columns(
-            "cost gap: gap z.3% | found in/region: success .1% | region, of/the map: region_share "
-            ".2%"
-        ),
-    }
-    if isinstance(c.fp32, Fit):
-        shown_as = {name: shown_as[name] for name in list(shown_as)[:4]} | columns(
-            "error of/mean T: rmse_mean .4f | blocked/share: rmse_blocked .4f | closed/chance: "
-            "rmse_closed .4f"
-        )
+    judged_by = _FIT if isinstance(c.fp32, Fit) else _REGION
+    shown_as = columns(f"{_SIZE_AND_TIME} | {judged_by}")
     rows = [
         {"precision": name, "size_mb": size / 1e6, **asdict(latency), **asdict(judged)}
         for name, size, latency, judged in (
@@ -63,11 +61,12 @@ def command(
             ("int8", r.int8_bytes, c.int8_ms, c.int8),
         )
     ]
-    click.echo(
-        f"{r.output}: calibrated on {r.samples} queries, compared on {c.queries} held-out ones\n"
-        f"{table(rows, shown_as)}\n"
-        f"answers differ by {c.mean_difference:.4f} on average, {c.max_difference:.3f} at most"
-        f"{'' if isinstance(c.fp32, Fit) else f'; region at td × {c.fp32.factor:g}'}\n"
-        f"{r.quantised} convolutions in int8, left float: "
-        f"{', '.join(('the head', *r.excluded))}\n{r.recommendation}"
-    )
+    compared = f"compared on {c.queries} held-out ones"
+    click.echo(f"{r.output}: calibrated on {r.samples} queries, {compared}")
+    click.echo(table(rows, shown_as))
+    region = "" if isinstance(c.fp32, Fit) else f"; region at td × {c.fp32.factor:g}"
+    differ = f"{c.mean_difference:.4f} on average, {c.max_difference:.3f} at most"
+    click.echo(f"answers differ by {differ}{region}")
+    left = ", ".join(("the head", *r.excluded))
+    click.echo(f"{r.quantised} convolutions in int8, left float: {left}")
+    click.echo(r.recommendation)

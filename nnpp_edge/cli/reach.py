@@ -12,6 +12,7 @@ from nnpp_edge.cli import options
 from nnpp_edge.cli.ground_options import GroundOptions
 from nnpp_edge.cli.requests import Start
 from nnpp_edge.cli.text import aligned, duration, tell
+from nnpp_edge.runtime.options import StepOptions
 
 _SECONDS = {"s": 1.0, "min": 60.0, "h": 3600.0}
 _JOULES = {"J": 1.0, "kJ": 1e3, "MJ": 1e6, "Wh": 3600.0, "kWh": 3.6e6}
@@ -28,10 +29,8 @@ _ENERGY = (
 
 def _amount(units: dict[str, float], word: str) -> float:
     found = re.fullmatch(rf"(\d+(?:\.\d*)?(?:e\d+)?)\s*({'|'.join(units)})?", word)
-    if (
-        found is None
-        or not 0.0 < (amount := float(found[1]) * units.get(found[2], 1.0)) <= options.LARGEST
-    ):
+    amount = float(found[1]) * units.get(found[2], 1.0) if found else 0.0
+    if not 0.0 < amount <= options.LARGEST:
         raise ValueError
     return amount
 
@@ -50,13 +49,12 @@ def command(
     /,
     *,
     start: Start,
-    within_cost: Annotated[float | None, options.POSITIVE, _COST] = None,
+    within_cost: Annotated[float | None, _COST] = None,
     within_time: Annotated[float | None, _DURATION, _TIME] = None,
     within_energy: Annotated[float | None, _WORK, _ENERGY] = None,
     robot: GroundOptions,
     levels: Annotated[int, click.IntRange(1, 24), "Number of areas."] = 4,
-    omega: options.Omega = 0.011,
-    corner_cutting: options.CornerCutting = True,
+    steps: StepOptions,
     hillshade: options.Hillshade = False,
     output: Annotated[
         Path | None,
@@ -116,17 +114,9 @@ def command(
         step_cost = "time" if robot.mobility().time else "tobler"
     ground = replace(robot, step_cost=step_cost).of(terrain)
     cost = cost_of(terrain, ground.limits)
-    planner = Planner(priced(ground, cost), omega=omega, corner_cutting=corner_cutting)
+    planner = Planner(priced(ground, cost), **steps)
     if problem := problem_with(planner.state.grid, cell, cell):
-        near = Near(
-            terrain,
-            terrain.elevation,
-            cost,
-            ground.limits,
-            ground.vehicle,
-            planner.state.grid.robot.poses,
-        )
-        refuse(problem, cell, cell, near)
+        refuse(problem, cell, cell, Near.of(terrain, ground, cost, planner))
     shares = tuple((most * np.arange(1, levels + 1) / levels).tolist())
     found = Reach(planner.reach(cell, most), shares, measure, unit_of(step_cost), terrain)
 
@@ -137,29 +127,28 @@ def command(
         return f"within {duration(level) if measure == 'time' else work}"
 
     files = [str(path) for path in paths]
-    figures = {
-        "start": cell,
-        "measure": measure,
-        "unit": found.unit,
-        "areas": found.areas,
-        **size_of(terrain),
-    }
-    figures |= {"files": files} if files else {}
+    figures: dict[str, object] = {"start": cell, "measure": measure, "unit": found.unit}
+    figures |= {"areas": found.areas, **size_of(terrain)}
     if paths:
-        shade = shade_of(terrain) if hillshade else None
-        named = [(level, words(level)) for level in found.levels]
-        width = terrain.cell_width_m
+        figures["files"] = files
+        picture = reach_picture(
+            cost,
+            found.field,
+            [(level, words(level)) for level in found.levels],
+            cell,
+            shade=shade_of(terrain) if hillshade else None,
+            cell_size_m=terrain.cell_width_m,
+        )
         contents = (
             raster_bytes(paths[0], found.raster(), terrain),
             found.geojson(),
-            png_bytes(
-                reach_picture(cost, found.field, named, cell, shade=shade, cell_size_m=width)
-            ),
+            png_bytes(picture),
             json.dumps(figures, indent=1).encode(),
         )
         write_all(dict(zip(paths, contents, strict=True)))
     lines = {"map": size_in_words(terrain), "start": cell}
     for level, cells, area in map(dict.values, found.areas):
         size = f"{area / 1e6:.4g} km²" if area >= 1e5 else f"{area:.0f} m²"
-        lines[words(level)] = f"{cells} cells, {size}, {100.0 * cells / cost.size:.1f} % of the map"
+        share = 100.0 * cells / cost.size
+        lines[words(level)] = f"{cells} cells, {size}, {share:.1f} % of the map"
     tell(as_json, figures, lambda: aligned(lines | {"written": ", ".join(files)}))

@@ -24,7 +24,7 @@ def command(
     cell_size: options.CellSize = None,
     rescale: options.Rescale = None,
     models: Annotated[tuple[str, ...], "--model", options.MODEL, options.MANY, _MODEL] = (),
-    queries: Annotated[int | None, options.COUNT, _QUERIES] = None,
+    queries: Annotated[int | None, _QUERIES] = None,
     quick: Annotated[
         bool, "A quick test of less than a minute; its figures are not meaningful."
     ] = False,

@@ -1,6 +1,4 @@
-"""The question of `plan`: where a path begins, leads through and ends, and how it is to
-be found.
-"""
+"""Where a path of `plan` begins, leads through and ends."""
 
 import math
 import re
@@ -14,7 +12,6 @@ import click
 
 from nnpp_edge.cli import options
 from nnpp_edge.cli.options import MANY, Parsed
-from nnpp_edge.runtime.choices import METHODS
 
 if TYPE_CHECKING:
     from nnpp_edge.runtime.cells import Cell
@@ -83,13 +80,12 @@ def _below_layer(word: str, place: "Place") -> "list[Cell]":
 PLACE = Parsed(
     "PLACE", "ROW,COL as two whole numbers, xy:X,Y, lonlat:LON,LAT, or a vector file", _end
 )
-START = "ROW,COL from 0, xy:X,Y, lonlat:LON,LAT, or a vector file's point."
-Start = Annotated[End, PLACE, START]
+Start = Annotated[End, PLACE, "ROW,COL from 0, xy:X,Y, lonlat:LON,LAT, or a vector file's point."]
 
 
 @dataclass(frozen=True, kw_only=True)
 class PlanRequest:
-    """A plan's question."""
+    """Between which places `plan` plans, and what it shows beside the path."""
 
     start: Start
     goals: Annotated[
@@ -101,28 +97,6 @@ class PlanRequest:
     best_order: Annotated[bool, "Visit the places of --via, 12 at most, in the cheapest order."] = (
         False
     )
-    method: Annotated[str, click.Choice(list(METHODS))] = "auto"
-    model: options.Model = "edge"
-    omega: options.Omega = 0.011
-    corner_cutting: options.CornerCutting = True
-    epsilon: Annotated[
-        float | None, options.NOT_NEGATIVE, "Cost at most this share above the optimum; 0 is exact."
-    ] = None
-    time_limit: Annotated[float | None, options.POSITIVE, "Seconds for one planning."] = None
-    refine: Annotated[
-        str | None, click.Choice(["any-angle"]), "Take the path off the grid: adds way points."
-    ] = None
-    start_heading: Annotated[
-        float | None,
-        options.ANGLE,
-        "Heading of a body at the start, degrees clockwise from up the rows.",
-    ] = None
-    goal_heading: Annotated[
-        float | None, options.ANGLE, "Heading of a body at the goal, likewise."
-    ] = None
-    goal_tolerance: Annotated[
-        float, options.NOT_NEGATIVE, "Greatest deviation from the heading at the goal."
-    ] = 0.0
     compare: Annotated[bool, "Plan with exact A* and the corridor planner too."] = False
     hillshade: options.Hillshade = False
 
@@ -137,16 +111,3 @@ class PlanRequest:
     def files(self) -> list[Path]:
         """Vector files that are read."""
         return [end.file for end in (self.start, *self.via, *self.goals) if end.file is not None]
-
-    @property
-    def headings(self) -> dict[str, float]:
-        """Those that were given, as `PlanOptions`."""
-        given = {"start_heading_deg": self.start_heading, "goal_heading_deg": self.goal_heading}
-        given["goal_tolerance_deg"] = self.goal_tolerance or None
-        return {name: number for name, number in given.items() if number is not None}
-
-    @property
-    def within(self) -> dict[str, float]:
-        """How good, and until when, as far as was asked."""
-        given = {"epsilon": self.epsilon, "time_limit_s": self.time_limit}
-        return {name: number for name, number in given.items() if number is not None}

@@ -1,5 +1,6 @@
 """`nnpp-edge run`: the onboard loop as a program."""
 
+import json
 from dataclasses import asdict, fields
 from functools import partial
 from pathlib import Path
@@ -8,16 +9,16 @@ from typing import TYPE_CHECKING, Annotated
 import click
 
 from nnpp_edge.cli import options
-from nnpp_edge.cli.ground_options import GroundOptions, KnownOptions
-from nnpp_edge.cli.options import COUNT, MANY
-from nnpp_edge.cli.text import aligned, tell
+from nnpp_edge.cli.ground_options import GroundOptions, Known
+from nnpp_edge.cli.options import MANY
+from nnpp_edge.cli.text import aligned
 from nnpp_edge.robot.transports.wiring import STDOUT, Wiring
+from nnpp_edge.runtime.options import StepOptions
 
 if TYPE_CHECKING:
     from nnpp_edge.runtime.loop.messages import Counters
     from nnpp_edge.runtime.map.ground import Ground
 
-_MODEL = "Shipped network's name, or an ONNX file, in place of the profile's (else edge)."
 _LOOP = (
     "Set a value of the profile's table [loop], such as cores=[2,3], priority=50, tolerance=0.05, "
     "approach=true or "
@@ -33,19 +34,18 @@ def command(
     map_file: Annotated[Path, "--map", options.MAP, "Elevation map, or an .npz of `costmap`."],
     wiring: Wiring,
     robot: GroundOptions,
-    blocks: KnownOptions,
+    steps: StepOptions,
+    known: Known = None,
     profile: Annotated[
         str | None,
         {"metavar": "NAME|FILE"},
-        "A shipped profile or a TOML file; its table [loop] counts.",
+        "A shipped profile or a TOML file; its table [loop] counts where no option is given.",
     ] = None,
-    rate: Annotated[
-        float | None, options.RATE, "Ticks a second, in place of the profile's (else 17)."
-    ] = None,
-    method: Annotated[str | None, "Planner, in place of the profile's (else auto)."] = None,
-    model: Annotated[str | None, options.MODEL, _MODEL] = None,
+    rate: Annotated[float | None, options.RATE, "Ticks a second; 17 by default."] = None,
+    method: Annotated[str | None, "Planner; auto by default."] = None,
+    model: options.Model | None = None,
     loop: Annotated[tuple[options.Setting, ...], _SETTING, MANY, _LOOP] = (),
-    ticks: Annotated[int | None, COUNT, "End after so many."] = None,
+    ticks: Annotated[int | None, "End after so many."] = None,
     as_json: options.AsJson = False,
 ) -> None:
     """Plan at a fixed rate: patches, poses and goals in, paths out.
@@ -71,7 +71,7 @@ def command(
         )
     changes = {name: value for each in loop for name, value in each.values.items()}
     given = {"rate_hz": rate, "method": method, "model": model}
-    changes |= {name: value for name, value in given.items() if value is not None}
+    changes |= {name: value for name, value in given.items() if value is not None} | steps
     settings = changed(read_profile(profile).loop if profile else OnboardLoop(), **changes)
     robot.check_turns(settings.refine)
     options.check_outputs(  # --record never replaces a file
@@ -80,13 +80,10 @@ def command(
     )
     if DynamicMethod(settings.method).asks_network:
         begin_loading(settings.model)
-    if blocks.known is not None:
-        ground = robot.of_blocks(robot.read(map_file), blocks.known, blocks.prior)
-    else:
-        ground = _ground(map_file, robot)
+    ground = robot.of_blocks(robot.read(map_file), known) if known else _ground(map_file, robot)
     counters = run(ground, wiring, settings, ticks=ticks, report=partial(click.echo, err=True))
     if as_json:
-        tell(as_json, asdict(counters), str)
+        click.echo(json.dumps(asdict(counters)))
     else:
         click.echo(summary(counters), err=True)
 
@@ -99,21 +96,18 @@ def summary(counters: "Counters") -> str:
         return ", ".join(f"{what} {count}" for what, count in counts.items() if count)
 
     odd = {"clipped": c.patches_clipped, "rejected": c.patches_rejected, "merged": c.patches_merged}
-    patches = [
-        f"{c.patches} ({c.cells_changed} cells changed)",
-        *([counted(odd)] if any(odd.values()) else []),
-    ]
+    patches = (f"{c.patches} ({c.cells_changed} cells changed)", counted(odd))
+    times = [f"{name} {ms:.2f} ms" for name, ms in (c.tick_ms or {}).items()]
+    late = f"{c.overruns} overruns, {c.skipped} deadlines skipped"
     lines = {
         "ticks": f"{c.ticks}: {c.planned} planned, {c.kept} kept, {c.failed} without a path",
-        "tick": ", ".join(f"{name} {ms:.2f} ms" for name, ms in (c.tick_ms or {}).items()),
-        "late": f"{c.overruns} overruns, {c.skipped} deadlines skipped"
-        if c.overruns or c.skipped
-        else "",
+        "tick": ", ".join(times),
+        "late": late if c.overruns or c.skipped else "",
         "degraded": counted(c.degraded),
         "errors": counted(c.errors),
         "dropped": counted(c.drops),
         "lost": counted(c.lost),
-        "patches": ", ".join(patches) if c.patches else "",
+        "patches": ", ".join(filter(None, patches)) if c.patches else "",
         "memory": f"{c.rss_bytes / 1e6:.0f} MB",
     }
     return aligned(lines)
@@ -128,11 +122,12 @@ def _ground(path: Path, robot: GroundOptions) -> "Ground":
         return robot.of(robot.read(path))
     context = click.get_current_context()
     default = click.core.ParameterSource.DEFAULT
-    given = {
-        field.name
-        for field in fields(GroundOptions)
-        if context.get_parameter_source(field.name) is not default
-    }
-    if wrong := [each.opts[0] for each in context.command.params if each.name in given]:
+    of_grounds = {field.name for field in fields(GroundOptions)}
+    wrong = [
+        each.opts[0]
+        for each in context.command.params
+        if each.name in of_grounds and context.get_parameter_source(each.name) is not default
+    ]
+    if wrong:
         raise click.UsageError(f"{path.name} holds costs: {wrong[0]} needs elevations")
     return Ground(found[0], cell_size_m=found[1])

@@ -10,12 +10,12 @@ from typing import TYPE_CHECKING, Annotated, Any
 import click
 
 from nnpp_edge.cli import options
-from nnpp_edge.cli.ground_options import GroundOptions, KnownOptions
-from nnpp_edge.cli.options import COUNT
-from nnpp_edge.cli.requests import PLACE, START, End
+from nnpp_edge.cli.ground_options import GroundOptions, Known
+from nnpp_edge.cli.requests import PLACE, End, Start
 from nnpp_edge.cli.text import aligned, tell
 from nnpp_edge.robot.transports.wiring import View
 from nnpp_edge.runtime.choices import METHODS, REPAIRING_METHODS
+from nnpp_edge.runtime.options import StepOptions
 
 if TYPE_CHECKING:
     from nnpp_edge.runtime.loop.connections import Sink
@@ -33,38 +33,33 @@ _SIZE = (
     "and --goal."
 )
 _GOAL = "As --start; by default the seed picks both."
-_CHANGES = "Obstacles that appear, move or vanish between two ticks."
 _NOISE = "Standard deviation of the steering angle, degrees, of a vehicle that drives arcs."
 
 
 @options.command("simulate")
 def command(
     robot: GroundOptions,
-    blocks: KnownOptions,
+    steps: StepOptions,
+    known: Known = None,
     dem: Annotated[
         Path | None, "--map", options.MAP, "Elevation map; by default the shipped lunar sample."
     ] = None,
     size: Annotated[int, click.IntRange(16, options.MOST), _SIZE] = 256,
-    start: Annotated[End | None, PLACE, START] = None,
+    start: Start | None = None,
     goal: Annotated[End | None, PLACE, _GOAL] = None,
     method: Annotated[str, click.Choice([*METHODS, *REPAIRING_METHODS])] = "auto",
     model: options.Model = "edge",
     rate: Annotated[float | None, options.RATE, "Ticks a second; else as fast as possible."] = None,
-    ticks: Annotated[int, COUNT, "At most."] = 5000,
-    changes: Annotated[int, click.IntRange(0, 1000), _CHANGES] = 1,
-    sight: Annotated[int, COUNT, "Cells to each side, beyond the body, that it sees."] = 12,
-    speed: Annotated[int, COUNT, "Cells a tick."] = 1,
+    ticks: Annotated[int, "At most."] = 5000,
+    sight: Annotated[int, "Cells to each side, beyond the body, that it sees."] = 12,
+    speed: Annotated[int, "Cells a tick."] = 1,
     steering_noise: Annotated[float, options.Real(0.0, 45.0), _NOISE] = 0.0,
     rocks: Annotated[float, options.Real(0.0, 0.2), "Share of the ground under rocks."] = 0.0,
     seed: options.Seed = 1,
     endless: Annotated[bool, "Drive from goal to goal for all --ticks."] = False,
-    log: Annotated[
-        Path | None, options.NEW_FILE, "Write inputs and answers as MCAP with ROS 2 messages."
-    ] = None,
+    log: Annotated[Path | None, "Write inputs and answers as MCAP with ROS 2 messages."] = None,
     view: View = None,
-    picture: Annotated[
-        Path | None, options.NEW_FILE, ".png of the way driven, or .gif of the drive."
-    ] = None,
+    picture: Annotated[Path | None, ".png of the way driven, or .gif of the drive."] = None,
     as_json: options.AsJson = False,
 ) -> None:
     """Drive a simulated robot to its goal through the onboard loop.
@@ -99,7 +94,16 @@ def command(
     robot.limits()  # those that make no sense are refused before any work
     body = robot.body()
     settings = SimulationSettings(
-        method, model, rate, ticks, changes, sight, speed, seed, endless, steering_noise
+        method,
+        model,
+        rate,
+        ticks,
+        sight=sight,
+        speed=speed,
+        seed=seed,
+        endless=endless,
+        steering_noise_deg=steering_noise,
+        steps=steps,
     )
     if picture is not None:
         check_name(picture)
@@ -118,7 +122,7 @@ def command(
         robot = replace(robot, rescale=robot.rescale or cell_m)
     whole = robot.read(dem)
     rng = np.random.default_rng([seed, 3])
-    factor = blocks.known or 1
+    factor = known.factor if known else 1
     rows, cols = (min(size, side) // factor * factor for side in whole.shape)
     row, col = (
         int(rng.integers(side - kept + 1))
@@ -141,21 +145,21 @@ def command(
             corner = (least + most) // 2  # the ends lie around the part's middle
         row, col = np.clip(corner, 0, np.subtract(whole.shape, (rows, cols))).tolist()
     heights = np.ascontiguousarray(whole.elevation[row : row + rows, col : col + cols])
-    part = true = replace(whole, elevation=heights)
+    true = heights
     if rocks:
         rng = np.random.default_rng([seed, 4])
-        width = part.cell_width_m
-        true = replace(
-            part, elevation=with_rocks(heights, part.cell_size_m, rocks, rng, cell_width_m=width)
-        )
-    if blocks.known is None:
-        ground = SurveyedGround.of(robot.of(true), _SURVEY if body is None else 1, part.elevation)
+        width = whole.cell_width_m
+        true = with_rocks(heights, whole.cell_size_m, rocks, rng, cell_width_m=width)
+    actual = robot.of(replace(whole, elevation=true))
+    if known is None:
+        ground = SurveyedGround.of(actual, _SURVEY if body is None else 1, heights)
     else:
-        ground = SurveyedGround.of_known(robot.of(true), factor, blocks.prior)
+        ground = SurveyedGround.of_known(actual, *known)
     ground = replace(ground, origin=(row, col))
-    begin, end = (
-        map(tuple, (ends - (row, col)).tolist()) if start and goal else random_drive(ground, seed)
-    )
+    if start and goal:
+        begin, end = map(tuple, (ends - (row, col)).tolist())
+    else:
+        begin, end = random_drive(ground, seed)
     film = Film() if picture is not None and picture.suffix.lower() == ".gif" else None
 
     with ExitStack() as stack:
@@ -180,19 +184,10 @@ def command(
         film.save(picture)
     elif picture is not None:
         save_picture(picture, drive_picture(ground, drive))
-    of_file = {
-        name: (cell[0] + row, cell[1] + col)
-        for name, cell in (("start", drive.start), ("goal", drive.goal))
-    }
-    result = {
-        **drive.summary(),
-        **of_file,
-        "row": row,
-        "col": col,
-        "rows": rows,
-        "cols": cols,
-        "files": written,
-    }
+    part = {"row": row, "col": col, "rows": rows, "cols": cols}
+    result = drive.summary() | part
+    result |= {"start": ground.in_file(drive.start), "goal": ground.in_file(drive.goal)}
+    result["files"] = written
     tell(as_json, result, lambda: text(drive, result, whole.source.name))
     if drive.forbidden or not (drive.reached or endless):
         click.get_current_context().exit(1)
@@ -201,23 +196,20 @@ def command(
 def text(drive: "Drive", result: dict[str, Any], name: str) -> str:
     """The result for people, on a part of the map of this name."""
     ticks = drive.counters
-    degraded = (
-        ", ".join(f"{count} {kind}" for kind, count in sorted(ticks.degraded.items())) or "none"
-    )
+    degraded = ", ".join(f"{count} {kind}" for kind, count in sorted(ticks.degraded.items()))
     ended = "goal reached" if drive.reached else "GOAL NOT REACHED"
-    ended = f"{drive.goals} goals reached" if drive.goals > 1 else ended
+    if drive.goals > 1:
+        ended = f"{drive.goals} goals reached"
     excess = "" if drive.excess is None else f": driven {100.0 * drive.excess:+.1f} %"
     lines = {
         ended: f"{drive.method}, {result['start']} to {result['goal']}",
-        "map": f"{result['rows']} × {result['cols']} cells of {name}, from cell "
-        f"{result['row'], result['col']} on",
+        "map": "{rows} × {cols} cells of {name}, from cell ({row}, {col}) on".format(
+            **result, name=name
+        ),
         "ticks": f"{ticks.ticks}: {ticks.planned} planned, {ticks.kept} kept their path, "
         f"{ticks.failed} without one",
-        "degraded": f"{degraded}; {ticks.overruns} late",
-        "answer": ", ".join(
-            f"{name} {drive.planning_ms[name]:.2f}" for name in ("p50", "p99", "max")
-        )
-        + " ms",
+        "degraded": f"{degraded or 'none'}; {ticks.overruns} late",
+        "answer": "p50 {p50:.2f}, p99 {p99:.2f}, max {max:.2f} ms".format(**drive.planning_ms),
         "driven": f"{drive.cells} cells, cost {drive.driven_cost:.6g}; stood still {drive.waited} "
         "times",
         "optimum": f"{drive.optimal_cost:.6g} with all known and no obstacle{excess}",

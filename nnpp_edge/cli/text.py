@@ -10,7 +10,8 @@ import click
 from nnpp_edge.progress import markdown_table, shown
 
 Row = Mapping[str, Any]
-Columns = Mapping[str, str | Callable[[Row], str]]
+Column = str | Callable[[Row], str]
+Columns = dict[str, Column]
 """By title a key, or keys of inner tables joined by dots, and after a space the form for `shown`;
 or a function.
 """
@@ -32,7 +33,7 @@ def aligned(lines: Mapping[str, object], indent: str = "") -> str:
     return "\n".join(f"{indent}{name:<{width}}{value}" for name, value in lines.items())
 
 
-def columns(words: str) -> dict[str, str]:
+def columns(words: str) -> Columns:
     """Columns as ``TITLE: KEY FORM | …``; a slash breaks the title's line, and a key alone is its
     own title.
     """
@@ -64,7 +65,7 @@ def table(rows: Sequence[Row], shown_as: Columns, *, markdown: bool = False) -> 
     return "\n".join(line.rstrip() for line in out.getvalue().splitlines()).strip("\n")
 
 
-def _cell(row: Row, column: str | Callable[[Row], str]) -> str:
+def _cell(row: Row, column: Column) -> str:
     if callable(column):
         return column(row)
     keys, _, form = column.partition(" ")

@@ -31,13 +31,16 @@ _PRECISION = (
 )
 
 
+_REGION = "gap {:.2%}, found {:.1%}, {:.1%} of the map, MM {:.3f}"
+
+
 @dataclass(frozen=True, kw_only=True)
 class Settings:
     """Those of `TrainSettings` that have options of their names."""
 
-    epochs: Annotated[int, options.COUNT] = 150
-    steps: Annotated[int | None, options.COUNT, _STEPS] = None
-    batch: Annotated[int, options.COUNT, "Over all processes."] = 32
+    epochs: int = 150
+    steps: Annotated[int | None, _STEPS] = None
+    batch: Annotated[int, "Over all processes."] = 32
     learning_rate: Annotated[float, options.POSITIVE] = 1e-3
     weight_decay: Annotated[float, options.NOT_NEGATIVE] = 1e-4
     target: Annotated[str, click.Choice(["near", "path"]), _TARGET] = "near"
@@ -61,15 +64,11 @@ def command(
     begin_with: Annotated[
         Path | None, options.PATH, "Checkpoint of another run whose weights to begin with."
     ] = None,
-    time_limit: Annotated[float | None, options.POSITIVE, _TIME_LIMIT] = None,
+    time_limit: Annotated[float | None, _TIME_LIMIT] = None,
     validate_every: Annotated[float, options.NOT_NEGATIVE, "Minutes."] = 5.0,
     small_checkpoints: Annotated[bool, _SMALL] = False,
-    pause_after: Annotated[
-        float | None, options.POSITIVE, "Minutes; the same command continues."
-    ] = None,
-    threads: Annotated[
-        int | None, options.COUNT, "Of torch on the CPU; by default one a core."
-    ] = None,
+    pause_after: Annotated[float | None, "Minutes; the same command continues."] = None,
+    threads: Annotated[int | None, "Of torch on the CPU; by default one a core."] = None,
     as_json: options.AsJson = False,
 ) -> None:
     """Train a network on DATASET, with AdamW as in the paper.
@@ -95,11 +94,8 @@ def command(
     size = input_size or preset.input_size
     unseen = preset.encoding == "unseen"
     first = int(os.environ.get("RANK", "0")) == 0
-    training, judged_on = (
-        (read_known(dataset), read_known(validation))
-        if unseen
-        else (read_samples(dataset, size=size), read_samples(validation))
-    )
+    training = read_known(dataset) if unseen else read_samples(dataset, size=size)
+    judged_on = read_known(validation) if unseen else read_samples(validation)
     with bar("train", _PARTS) if first else nullcontext(lambda done: None) as advance:
         checkpoint = train(
             replace(preset, sigma=sigma, input_size=size),
@@ -125,22 +121,17 @@ def command(
     def text() -> str:
         last = history[-1]
         minutes = last["spent_s"] / 60
-        lines = [
-            f"{checkpoint}: {last['step']:.0f} steps in {minutes:.0f} min, loss {last['loss']:.4f}"
-        ]
+        words = "{step:.0f} steps in {minutes:.0f} min, loss {loss:.4f}"
+        lines = [f"{checkpoint}: {words.format(**last, minutes=minutes)}"]
         if unseen:
-            errors = ", ".join(
+            errors = [
                 f"{name.removeprefix('rmse_')} {last[name]:.4f}" for name in last if "rmse" in name
-            )
-            lines.append(f"  root mean square errors: {errors}")
+            ]
+            lines.append(f"  root mean square errors: {', '.join(errors)}")
         for factor in sorted(key.partition("@")[2] for key in last if key.startswith("gap@")):
-            gap, success, share, mm = (
-                last[f"{name}@{factor}"] for name in ("gap", "success", "region_share", "mm")
-            )
-            lines.append(
-                f"  region at td × {factor}: gap {100 * gap:.2f} %, found {100 * success:.1f} %, "
-                f"{100 * share:.1f} % of the map, MM {mm:.3f}"
-            )
+            names = ("gap", "success", "region_share", "mm")
+            found = _REGION.format(*(last[f"{name}@{factor}"] for name in names))
+            lines.append(f"  region at td × {factor}: {found.replace('%', ' %')}")
         return "\n".join(lines)
 
     tell(as_json, {"checkpoint": str(checkpoint), "history": history}, text)

@@ -8,8 +8,9 @@ from typing import TYPE_CHECKING, Annotated
 import click
 
 from nnpp_edge.cli import options
-from nnpp_edge.cli.ground_options import GroundOptions, KnownOptions
+from nnpp_edge.cli.ground_options import GroundOptions, Known
 from nnpp_edge.cli.requests import PLACE, End
+from nnpp_edge.runtime.options import StepOptions
 
 if TYPE_CHECKING:
     from nnpp_edge.terrain.dem import Dem
@@ -21,10 +22,11 @@ def command(
     dem: Annotated[Path, options.MAP],
     /,
     robot: GroundOptions,
-    blocks: KnownOptions,
+    steps: StepOptions,
+    model: options.Model = "edge",
+    known: Known = None,
     start: Annotated[End | None, PLACE, "Initial start of the path, as for plan."] = None,
     goal: Annotated[End | None, PLACE, "As --start."] = None,
-    omega: options.Omega = 0.011,
     port: Annotated[int, click.IntRange(0, 65535), "Of the page on 127.0.0.1; 0 for any."] = 8765,
     follow: Annotated[
         bool, "Show the robot of an `nnpp-edge run` whose answers come on stdin."
@@ -41,7 +43,7 @@ def command(
     nnpp-edge view dem.tif --workload limit20
     nnpp-edge run --map dem.tif | nnpp-edge view dem.tif --follow
     """
-    if blocks.known and (
+    if known and (
         robot.body() is not None or robot.step_cost != "paper" or robot.resample is not None
     ):
         raise click.UsageError(
@@ -65,19 +67,15 @@ def command(
         read = robot.read(path)
         robot.warn_if_coarse(read)
         given = _given_body(robot, read)
-        reading = {
-            "cell_size_m": robot.cell_size,
-            "rescale": robot.rescale,
-            "resample": robot.resample,
-        }
-        said = {name: value for name, value in reading.items() if value is not None}
-        coarse = (blocks.known, blocks.prior) if blocks.known else None
-        site = Site.of(read, name or Path(path.name), said, given, coarse)
+        names = ("cell_size", "rescale", "resample")
+        reading = [(each, getattr(robot, each)) for each in names]
+        said = {each: value for each, value in reading if value is not None}
+        site = Site.of(read, name or Path(path.name), said, given, known, model)
         asked = Asked(
             start=begin.one_cell(read, "--start") if begin else (0, 0),
             goal=end.one_cell(read, "--goal") if end else (0, 0),
             step_cost=robot.step_cost,
-            omega=omega,
+            **steps,
             limits=limits,
             body=robot.vehicle or POINT if given is None else GIVEN if given.vehicle else POINT,
         )

@@ -13,8 +13,10 @@ from msgspec.structs import asdict, fields, replace
 
 from nnpp_edge.profiling.contest import Facts
 from nnpp_edge.runtime.errors import InvalidQueryError
+from nnpp_edge.runtime.options import Omega
 from nnpp_edge.runtime.planners.plan import DynamicMethod
 from nnpp_edge.runtime.reading import read_toml
+from nnpp_edge.runtime.terrain.step_cost import PAPER_OMEGA
 from nnpp_edge.terrain.workloads import of_bodies
 
 PLANNERS = ("astar", "corridor", "nnpp", "nnpp-fp32", "paper", "auto")
@@ -188,7 +190,10 @@ class OnboardLoop(Table, frozen=True):
     """A standing path is kept while it cannot cost more than this share above what a new plan
     might.
     """
+    omega: Omega = PAPER_OMEGA
     corner_cutting: bool = True
+    snap_radius: _Whole = 3
+    """Cells; how far from a robot in an impassable cell its path may begin."""
     refine: str = ""
     """As `DynamicPlanner` takes it; empty for paths of cells alone."""
     approach: bool = False

@@ -54,6 +54,7 @@ class RivalPlanner:
     width: CorridorWidth | None = None
     """Of the first corridor, instead of the usual one."""
     omega: float = PAPER_OMEGA
+    corner_cutting: bool = True
 
     def plan(self, planner: FindsPlans, query: Endpoints, *, keep_regions: bool = False) -> Plan:
         """The answer of a planner of the rival's own."""
@@ -62,8 +63,16 @@ class RivalPlanner:
     def planner(self, ground: Ground, *, lazy: bool = True) -> FindsPlans:
         """A planner of its own for a map."""
         if self.width is not None:
-            return CorridorAlone(map_state(ground, self.omega, lazy=lazy), self.width)
-        return Planner(ground, model=self.model or "edge", omega=self.omega, lazy=lazy)
+            return CorridorAlone(
+                map_state(ground, self.omega, self.corner_cutting, lazy=lazy), self.width
+            )
+        return Planner(
+            ground,
+            model=self.model or "edge",
+            omega=self.omega,
+            corner_cutting=self.corner_cutting,
+            lazy=lazy,
+        )
 
     def apart(self) -> "RivalPlanner":
         """With a network that no other planner uses: what that has been shown of a map is

@@ -4,7 +4,7 @@ obstacles.
 
 import math
 from collections.abc import Iterable, Iterator
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import cv2
@@ -15,6 +15,7 @@ from nnpp_edge.runtime.arrays import Cells, Float2D, Floats
 from nnpp_edge.runtime.cells import Cell, Rectangle, slices, widened
 from nnpp_edge.runtime.errors import InvalidMapError, InvalidQueryError
 from nnpp_edge.runtime.loop.messages import Input
+from nnpp_edge.runtime.options import StepOptions
 from nnpp_edge.runtime.robots.body.arcs import Arc, Drive, PoseOf, drive_along
 from nnpp_edge.runtime.terrain.step_cost import StepCost
 from nnpp_edge.runtime.terrain.vehicle import Vehicle
@@ -131,6 +132,8 @@ class SimulationSettings:
     """
     steering_noise_deg: float = 0.0
     """Standard deviation of the steering angle of a body that drives arcs."""
+    steps: StepOptions = field(default_factory=StepOptions)
+    """Of the loop's planner, and of the one that knows all."""
 
 
 class Scene:

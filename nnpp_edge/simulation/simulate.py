@@ -173,7 +173,7 @@ class _Course:
         self._scene = scene
         self._settings = settings
         self._rng = rng
-        self._planner = Planner(scene.ground.ground)
+        self._planner = Planner(scene.ground.ground, **settings.steps)
         self._costs = scene.ground.costs()
         self._planner.touch()  # what the scene needs is not to look like growth of the loop
         self._best = self._optimum()
@@ -267,7 +267,7 @@ def _navigator(scene: Scene, settings: SimulationSettings) -> Navigator:
 
     def navigator() -> Navigator:
         ground = scene.ground.robot.ground(scene.told)
-        return Navigator(ground, settings.method, model=settings.model)
+        return Navigator(ground, settings.method, model=settings.model, **settings.steps)
 
     first = navigator()
     first.offer(Pose(*scene.robot))

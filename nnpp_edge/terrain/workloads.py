@@ -1,7 +1,7 @@
 """The standard workloads: by what rule a DEM becomes a cost map."""
 
 from collections.abc import Iterable
-from dataclasses import asdict, replace
+from dataclasses import replace
 
 from nnpp_edge.runtime.errors import InvalidQueryError
 from nnpp_edge.runtime.terrain.traversability import Traversability
@@ -11,7 +11,6 @@ SAFE = "safe"
 SOFT = "soft"
 BODY = "body"
 _ROCKS = "body-rocks"
-_PAPERS = asdict(Traversability())
 
 
 def workload(name: str, base: Traversability | None = None) -> Traversability:
@@ -24,8 +23,7 @@ def workload(name: str, base: Traversability | None = None) -> Traversability:
     """
     base = base or Traversability()
     if name == SAFE:
-        own = {name: value for name, value in asdict(base).items() if value != _PAPERS[name]}
-        return Traversability.safe(**own)
+        return Traversability.safe(**base.changed)
     if name == SOFT:
         return base
     if body_rocks(name) is not None:

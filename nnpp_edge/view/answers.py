@@ -24,15 +24,14 @@ from nnpp_edge.runtime.errors import InvalidQueryError, NnppEdgeError
 from nnpp_edge.runtime.kernels.poses import REFUSALS
 from nnpp_edge.runtime.planners.plan import Method, Plan
 from nnpp_edge.runtime.reading import refused_as
-from nnpp_edge.runtime.robots.body.refusal import why_blocked
 from nnpp_edge.runtime.robots.slope.cost import unit_of
-from nnpp_edge.runtime.terrain.traversability import steepest_step_deg, terrain_terms
+from nnpp_edge.runtime.terrain.traversability import terms_at, terrain_terms
 from nnpp_edge.terrain.coordinates import lonlat_at
 from nnpp_edge.terrain.dem import Dem
 from nnpp_edge.terrain.route import Route, places_of
 from nnpp_edge.view.asked import Asked, Site, command_of
 from nnpp_edge.view.landscape import Landscape, painted
-from nnpp_edge.viz.picture import REFUSED, hillshade
+from nnpp_edge.viz.picture import REFUSED, hillshade, refused_on
 
 IMPASSABLE = 255
 UNKNOWN = 0
@@ -43,6 +42,10 @@ _STEEPEST_DEG = 40.0
 """Slope from which on its layer grows no stronger."""
 _BLOCKED = 0.25
 """Share of a pixel's cells from which on it is impassable."""
+_GROUND = (
+    "height {:.2f} m, slope {:.1f}°, roughness {:.2g} m, step {:.2g} m, steepest single step "
+    "{:.1f}°"
+)
 _MOST_LANDSCAPES = 2
 """That are kept; each holds a planner's memory."""
 Answer = dict[str, object]
@@ -82,16 +85,7 @@ class Answerer:
 
     def landscape(self, asked: Asked) -> Landscape:
         """The map that is asked of, with its obstacles."""
-        rest = {
-            "start": (0, 0),
-            "goal": (0, 0),
-            "via": (),
-            "method": "auto",
-            "refine": False,
-            "obstacles": (),
-        }
-        rest |= {"start_heading_deg": None, "goal_heading_deg": None}
-        found = self._landscapes(msgspec.structs.replace(asked, **rest))
+        found = self._landscapes(asked.of_the_map)
         found.lay(asked.obstacles)
         return found
 
@@ -108,17 +102,18 @@ class Answerer:
                 "clearance_m": vehicle and vehicle.clearance_m,
                 "max_tilt_deg": vehicle and vehicle.max_tilt_deg,
             }
-        refused = [{"colour": colour[::-1], "words": words} for colour, words in REFUSED]
         shown = {
-            "refused": refused,
+            "refused": [{"colour": colour[::-1], "words": words} for colour, words in REFUSED],
             "name": dem.source.name,
             "shape": dem.shape,
             "sides_m": (dem.cell_size_m, dem.cell_width_m),
             "known": self.site.blocks[0] if self.site.blocks else 1,
             "methods": METHODS,
             "step_costs": STEP_COSTS,
+            "bodies": bodies,
+            "asked": self.first,
         }
-        return msgspec.json.encode(shown | {"bodies": bodies, "asked": self.first})
+        return msgspec.json.encode(shown)
 
     def answer(self, question: bytes) -> bytes:
         """A line of JSON, then the bytes of the ``layer`` whose shape it holds, or of the ``file``,
@@ -133,9 +128,8 @@ class Answerer:
             with self._lock:
                 answer, more = self._answer(asked)
         except (NnppEdgeError, MemoryError) as error:
-            answer = {
-                "problem": str(error) if isinstance(error, NnppEdgeError) else "not enough memory"
-            }
+            words = "not enough memory" if isinstance(error, MemoryError) else str(error)
+            answer = {"problem": words}
         Answerer.notice = ""
         notice.say_once.cache_clear()  # more may have to be compiled for the next
         if isinstance(more, np.ndarray):
@@ -154,40 +148,31 @@ class Answerer:
         landscape = self.landscape(asked)
         if question.want == "place":
             words = place_in_words(dem, question.at)
-            poses = landscape.planner.state.grid.robot.poses
             if not landscape.planner.is_passable(question.at):
-                words.append(
-                    "impassable"
-                    if poses is None
-                    else f"it cannot stand: {why_blocked(poses, question.at)}"
-                )
+                why = landscape.planner.state.grid.robot.why_blocked(question.at)
+                words.append(f"it cannot stand: {why}" if why else "impassable")
             return {"words": words}, None
         if question.want == "cost":
             cost = np.where(painted(dem.shape, asked.obstacles), np.float32(np.inf), landscape.cost)
-            refused = landscape.refused()
-            layer = costs(cost, pixels, refused)
-            return {
-                "refused": [] if refused is None else np.unique(refused[refused > 0]).tolist()
-            }, layer
+            refused = refused_on(landscape.planner)
+            limits = [] if refused is None else np.unique(refused[refused > 0]).tolist()
+            return {"refused": limits}, costs(cost, pixels, refused)
         if question.want == "reach":
             return reach(landscape.planner.reach(asked.start), pixels)
         if question.want == "compare":
             plan, time_ms = landscape.compare(asked, question.method)
-            region = None if plan.region is None else plan.region.mask()
-            answer = {
-                name: plan.summary()[name] for name in ("status", "method", "cost", "expansions")
-            }
-            answer |= {"time_ms": round(time_ms, 3), "line": plan.line.tolist()}
-            answer["share"] = None if region is None else float(region.mean())
-            return answer, None if region is None else (smaller(region, pixels) * 255.0).astype(
-                np.uint8
-            )
+            told = plan.summary()
+            answer = {name: told[name] for name in ("status", "method", "cost", "expansions")}
+            answer |= {"time_ms": round(time_ms, 3), "line": plan.line.tolist(), "share": None}
+            if plan.region is None:
+                return answer, None
+            region = plan.region.mask()
+            answer["share"] = float(region.mean())
+            return answer, (smaller(region, pixels) * 255.0).astype(np.uint8)
         plan = landscape.plan(asked, asked.method)
         if question.want == "file":
             name = f"{self.site.path.stem}-path.{question.format}"
-            return {"file": name}, file_of(
-                self.site.dem, asked, plan, landscape.cost, question.format
-            )
+            return {"file": name}, file_of(dem, asked, plan, landscape.cost, question.format)
         return path_answer(self.site, asked, landscape, plan), None
 
 
@@ -205,19 +190,21 @@ def path_answer(site: Site, asked: Asked, landscape: Landscape, plan: Plan) -> A
     }
     if plan.status.endswith("BLOCKED") and landscape.planner.state.grid.robot.poses is None:
         end = asked.start if plan.status.startswith("START") else asked.goal
-        answer["figures"] = plan.summary() | {
-            "reason": f"{plan.reason}: {ground_in_words(site.dem, end)}"
-        }
+        why = f"{plan.reason}: {ground_in_words(site.dem, end)}"
+        answer["figures"] = plan.summary() | {"reason": why}
     if plan.along is None or not len(plan.path):
         return answer
-    rows, cols = plan.along.points.T
-    cost = landscape.cost[np.rint(rows).astype(int), np.rint(cols).astype(int)]
-    columns = {"rows": (rows, 2), "cols": (cols, 2), "distance_m": (plan.along.distance_m, 1)}
-    columns |= {"height_m": (plan.along.heights_m, 2), "cost": (np.minimum(cost, 1.0), 3)}
-    answer |= {
-        name: np.round(values.astype(float), digits).tolist()
-        for name, (values, digits) in columns.items()
-    }
+    along = plan.along
+    rows, cols = along.points.T
+    cost = Route.of(plan.line, along, landscape.cost, site.dem).cost
+    for name, values, digits in (
+        ("rows", rows, 2),
+        ("cols", cols, 2),
+        ("distance_m", along.distance_m, 1),
+        ("height_m", along.heights_m, 2),
+        ("cost", np.minimum(cost, 1.0), 3),
+    ):
+        answer[name] = np.round(values.astype(float), digits).tolist()
     if plan.drive is not None:
         answer["gears"] = plan.drive.gears.tolist()
     if plan.waypoints is not None:
@@ -231,16 +218,10 @@ def file_of(dem: Dem, asked: Asked, plan: Plan, cost: Float2D, form: str) -> byt
         raise InvalidQueryError("there is no path to save")
     route = Route.of(plan.line, plan.along, cost, dem)
     told = plan.summary()
-    figures = {
-        name: told[name] for name in ("status", "method", "source", "cost", *plan.numbers._fields)
-    }
-    stops = {
-        "start": asked.start,
-        **{f"via {n}": at for n, at in enumerate(asked.via, 1)},
-        "goal": asked.goal,
-    }
+    names = ("status", "method", "source", "cost", *plan.numbers._fields)
+    figures = {name: told[name] for name in names}
     if form == "gpx":
-        return route.gpx("nnpp-edge view", stops)
+        return route.gpx("nnpp-edge view", (asked.start, *asked.via, asked.goal))
     return route.geopackage(figures) if form == "gpkg" else route.geojson(figures)
 
 
@@ -251,25 +232,17 @@ def place_in_words(dem: Dem, cell: Cell) -> list[str]:
     at = places_of(dem, np.array([cell]))
     words = ["row {}, column {}".format(*cell), "x {:.9g}, y {:.9g}".format(*at[0])]
     with suppress(NnppEdgeError):  # no coordinate system, or nothing that knows it
-        lon, lat = lonlat_at(dem, at)[0].tolist()
-        words.append(f"{abs(lon):.6f}° {'EW'[lon < 0]}, {abs(lat):.6f}° {'NS'[lat < 0]}")
+        sides = zip(lonlat_at(dem, at)[0].tolist(), ("EW", "NS"), strict=True)
+        words.append(", ".join(f"{abs(angle):.6f}° {side[angle < 0]}" for angle, side in sides))
     return [*words, ground_in_words(dem, cell)]
 
 
 def ground_in_words(dem: Dem, cell: Cell) -> str:
     """Height of a cell, and the terms of its cost."""
-    around = dem.elevation[max(cell[0] - 1, 0) : cell[0] + 2, max(cell[1] - 1, 0) : cell[1] + 2]
-    terms = terrain_terms(around, dem.cell_size_m, cell_width_m=dem.cell_width_m)
-    slope, roughness, step = terms[:, min(cell[0], 1), min(cell[1], 1)].tolist()
-    if math.isnan(slope):
+    terms = terms_at(dem.elevation, cell, (dem.cell_size_m, dem.cell_width_m))
+    if math.isnan(terms.slope_deg):
         return "its height is unknown"
-    height = dem.elevation[cell]
-    steepest = steepest_step_deg(dem.elevation, cell, (dem.cell_size_m, dem.cell_width_m))
-    degrees = math.degrees(slope)
-    return (
-        f"height {height:.2f} m, slope {degrees:.1f}°, roughness {roughness:.2g} m, step "
-        f"{step:.2g} m, steepest single step {steepest:.1f}°"
-    )
+    return _GROUND.format(dem.elevation[cell], *terms)
 
 
 def reach(field: Float2D, pixels: int) -> tuple[Answer, Layer]:
@@ -277,26 +250,19 @@ def reach(field: Float2D, pixels: int) -> tuple[Answer, Layer]:
     nearest, 0 nowhere.
     """
     known = np.isfinite(field)
-    share = smaller(known, pixels)
-    total = smaller(np.where(known, field, np.float32(0.0)), pixels)
+    mean = mean_of_known(field, pixels)
     most = float(field[known].max(initial=0.0)) or 1.0
     power = 10.0 ** math.floor(math.log10(most / 8))  # eight bands at most, of a round width
     step = next(times * power for times in (1, 2, 5, 10, 20) if most <= 8 * times * power)
-    bands = np.where(
-        share > 0.5, 1.0 + np.maximum(total, 0.0) / np.maximum(share, np.float32(0.5)) / step, 0.0
-    )
-    return {"cells": int(known.sum()), "step": step, "bands": math.ceil(most / step)}, bands.astype(
-        np.uint8
-    )
+    bands = 1.0 + np.maximum(mean, 0.0) / step
+    layer = np.nan_to_num(bands).astype(np.uint8)
+    return {"cells": int(known.sum()), "step": step, "bands": math.ceil(most / step)}, layer
 
 
 def relief(elevation: Float2D, sides_m: tuple[float, float], pixels: int) -> Layer:
     """Hillshade, 40 to 245; `UNKNOWN` where fewer than half of a pixel's heights are known."""
     factor = max(max(elevation.shape) / pixels, 1.0)
-    known = np.isfinite(elevation)
-    share = smaller(known, pixels)
-    total = smaller(np.where(known, elevation, np.float32(0.0)), pixels)
-    mean = np.where(share > 0.5, total / np.maximum(share, np.float32(0.5)), np.float32(np.nan))
+    mean = mean_of_known(elevation, pixels)
     grey = hillshade(mean, *(factor * side for side in sides_m))
     grey[np.isnan(mean)] = UNKNOWN
     return grey
@@ -324,6 +290,14 @@ def costs(cost: Float2D, pixels: int, refused: Layer | None = None) -> Layer:
         strength = np.where(shares.sum(0) > _BLOCKED, FIRST_REFUSED + shares.argmax(0), strength)
     strength[smaller(~passable, pixels) > _BLOCKED] = IMPASSABLE
     return strength.astype(np.uint8)
+
+
+def mean_of_known(values: Float2D, pixels: int) -> Float2D:
+    """Means of the finite cells below each pixel; NaN where these are not more than half of all."""
+    known = np.isfinite(values)
+    share = smaller(known, pixels)
+    total = smaller(np.where(known, values, np.float32(0.0)), pixels)
+    return np.where(share > 0.5, total / np.maximum(share, np.float32(0.5)), np.float32(np.nan))
 
 
 def smaller(values: NDArray[np.float32] | NDArray[np.bool_], pixels: int) -> Float2D:

@@ -13,8 +13,8 @@ from msgspec import Meta, Struct
 from nnpp_edge.runtime.cells import Cell, Rectangle
 from nnpp_edge.runtime.errors import InvalidQueryError
 from nnpp_edge.runtime.map.ground import Ground
+from nnpp_edge.runtime.options import CornerCutting, Heading, Omega, PlanOptions
 from nnpp_edge.runtime.planners.plan import Method
-from nnpp_edge.runtime.planners.query import PlanOptions
 from nnpp_edge.runtime.robots.slope.cost import Mobility
 from nnpp_edge.runtime.terrain.step_cost import PAPER_OMEGA
 from nnpp_edge.runtime.terrain.traversability import Traversability
@@ -30,7 +30,6 @@ Obstacles = Annotated[tuple[Rectangle, ...], Meta(max_length=200)]
 Positive = Annotated[float, Meta(ge=0.0)]
 Blocks = tuple[int, str] | None
 """Fine cells along a cell of a coarse map, and by what these are priced, see `network.priors`."""
-Heading = Annotated[float, Meta(ge=0.0, le=360.0)]
 
 
 @dataclass(frozen=True)
@@ -49,11 +48,7 @@ class Body:
     @property
     def has_arcs(self) -> bool:
         """Whether it drives arcs."""
-        return (
-            self.has_poses
-            and self.vehicle is not None
-            and self.vehicle.turning_radius_m is not None
-        )
+        return self.vehicle is not None and self.has_poses and bool(self.vehicle.turning_radius_m)
 
 
 @dataclass(frozen=True, eq=False)
@@ -63,9 +58,11 @@ class Site:
     dem: Dem
     path: Path
     reading: Mapping[str, float]
-    """Arguments of `read_dem`, ``rescale`` and ``resample``, that were given."""
+    """Options of `nnpp-edge plan`, ``cell_size``, ``rescale`` and ``resample``, that were given."""
     bodies: Mapping[str, Body]
     blocks: Blocks = None
+    model: str = "edge"
+    """The network of the method ``nnpp``."""
 
     @classmethod
     def of(
@@ -75,6 +72,7 @@ class Site:
         reading: Mapping[str, float],
         given: Body | None = None,
         blocks: Blocks = None,
+        model: str = "edge",
     ) -> "Site":
         """With the package's vehicles, under the map's gravity where that is known, and that of the
         command line.
@@ -89,7 +87,7 @@ class Site:
             )
         if given is not None:
             bodies[POINT if given.vehicle is None else GIVEN] = given
-        return cls(replace(dem, source=Path(path.name)), path, reading, bodies, blocks)
+        return cls(replace(dem, source=Path(path.name)), path, reading, bodies, blocks, model)
 
 
 class Asked(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
@@ -104,8 +102,8 @@ class Asked(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     """Whether the path is freed from the grid."""
     step_cost: str = "paper"
     """One of `STEP_COSTS`."""
-    omega: Positive = PAPER_OMEGA
-    corner_cutting: bool = True
+    omega: Omega = PAPER_OMEGA
+    corner_cutting: CornerCutting = True
     limits: Traversability = Traversability.safe()
     """Hard limits of slope bound a body's tilt too, unless they are the default."""
     body: str = POINT
@@ -118,6 +116,13 @@ class Asked(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     `goal_heading_deg`.
     """
     goal_heading_deg: Heading | None = None
+
+    @property
+    def of_the_map(self) -> "Asked":
+        """What decides the map and its planner: without places, method and obstacles."""
+        kept = ("step_cost", "omega", "corner_cutting", "limits", "body", "clearance_m")
+        values = {name: getattr(self, name) for name in (*kept, "max_tilt_deg")}
+        return Asked(start=(0, 0), goal=(0, 0), **values)
 
     @property
     def freed(self) -> str | None:
@@ -134,26 +139,27 @@ class Asked(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
 
     def changes(self, site: Site) -> dict[str, float]:
         """Values that were set in place of the vehicle's own."""
+        if not self.chosen(site).has_poses:
+            return {}
         named = {"clearance_m": self.clearance_m, "max_tilt_deg": self.max_tilt_deg}
-        return {
-            name: value
-            for name, value in named.items()
-            if value is not None and self.chosen(site).has_poses
-        }
+        return {name: value for name, value in named.items() if value is not None}
 
     def headings(self, site: Site) -> PlanOptions:
         """Of the ends, where the body drives arcs."""
-        if not self.chosen(site).has_arcs:
-            return {}
-        return {
-            "start_heading_deg": self.start_heading_deg,
-            "goal_heading_deg": self.goal_heading_deg,
-        }
+        given: PlanOptions = {}
+        if self.chosen(site).has_arcs:
+            if self.start_heading_deg is not None:
+                given["start_heading_deg"] = self.start_heading_deg
+            if self.goal_heading_deg is not None:
+                given["goal_heading_deg"] = self.goal_heading_deg
+        return given
 
     def ground(self, site: Site) -> Ground:
         """Choices that decide the map, but for obstacles; NnppEdgeError for what makes none."""
         body = self.chosen(site)
-        changes = self.changes(site)
+        vehicle = body.vehicle
+        if vehicle is not None:
+            vehicle = replace(vehicle, **self.changes(site))  # type: ignore[arg-type]
         dem = site.dem
         unset = body.has_poses and self.limits == Traversability.safe()
         return Ground.of_elevation(
@@ -161,7 +167,7 @@ class Asked(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
             dem.cell_size_m,
             None if unset else self.limits,
             cell_width_m=dem.cell_width_m,
-            vehicle=replace(body.vehicle, **changes) if body.vehicle and changes else body.vehicle,  # type: ignore[arg-type]
+            vehicle=vehicle,
             step_cost=self.step_cost,
             mobility=body.mobility,
         )
@@ -175,15 +181,12 @@ def command_of(site: Site, asked: Asked) -> str:
     """
     words = ["nnpp-edge", "view" if site.blocks else "plan", str(site.path)]
     for name, value in site.reading.items():
-        words += [f"--{name.removesuffix('_m').replace('_', '-')}", _number(value)]
-    words += ["--known", str(site.blocks[0]), "--prior", site.blocks[1]] if site.blocks else []
-    via = () if site.blocks else asked.via
-    for name, (row, col) in (
-        ("--start", asked.start),
-        *(("--via", at) for at in via),
-        ("--goal", asked.goal),
-    ):
-        words += [f"{name}={row},{col}"] if row < 0 or col < 0 else [name, f"{row},{col}"]
+        words += [f"--{name.replace('_', '-')}", _number(value)]
+    words += ["--known", "{}:{}".format(*site.blocks)] if site.blocks else []
+    via = [] if site.blocks else [("--via", at) for at in asked.via]
+    for name, cell in (("--start", asked.start), *via, ("--goal", asked.goal)):
+        place = "{},{}".format(*cell)
+        words += [f"{name}={place}"] if min(cell) < 0 else [name, place]
     words += [] if site.blocks else ["--method", asked.method]
     for name, value in _given(asked.limits).items():
         words += ["--limit", f"{name}={_number(value)}"]
@@ -191,15 +194,16 @@ def command_of(site: Site, asked: Asked) -> str:
         words += ["--step-cost", asked.step_cost]
     elif asked.omega != PAPER_OMEGA:
         words += ["--omega", _number(asked.omega)]
+    if not asked.corner_cutting:
+        words.append("--no-corner-cutting")
+    if site.model != "edge":
+        words += ["--model", site.model]
     if site.blocks:
         return shlex.join(words)
-    words += [
-        *([] if asked.corner_cutting else ["--no-corner-cutting"]),
-        *asked.chosen(site).options,
-    ]
+    words += asked.chosen(site).options
     for name, heading in asked.headings(site).items():
         option = f"--{name.removesuffix('_deg').replace('_', '-')}"
-        words += [] if heading is None else [option, _number(heading)]  # type: ignore[arg-type]  # of two numbers
+        words += [option, _number(heading)]  # type: ignore[arg-type]  # a number
     for name, value in asked.changes(site).items():
         words += ["--set", f"{name}={_number(value)}"]
     return shlex.join([*words, *(["--refine", asked.freed] if asked.freed else [])])
@@ -207,8 +211,7 @@ def command_of(site: Site, asked: Asked) -> str:
 
 def _given(limits: Traversability) -> dict[str, float]:
     """The values of `Traversability.safe` that make these limits."""
-    papers = asdict(Traversability())
-    given = {name: value for name, value in asdict(limits.soft()).items() if value != papers[name]}
+    given = limits.soft().changed
     for name, value in asdict(limits).items():
         if name.startswith("hard_") and value != getattr(Traversability.safe(**given), name):
             given[name] = value

@@ -10,17 +10,15 @@ from numpy.typing import NDArray
 
 from nnpp_edge.runtime import Ground, Plan, Planner
 from nnpp_edge.runtime.arrays import Float2D
-from nnpp_edge.runtime.cells import Cell
+from nnpp_edge.runtime.cells import Cell, slices, widened
 from nnpp_edge.runtime.errors import InvalidQueryError
 from nnpp_edge.runtime.map.along import Along
 from nnpp_edge.runtime.network.priors import prices_by
+from nnpp_edge.runtime.options import PlanOptions
 from nnpp_edge.runtime.planners.plan import Method
-from nnpp_edge.runtime.planners.query import PlanOptions
-from nnpp_edge.runtime.robots.body.refusal import refusals
 from nnpp_edge.runtime.terrain.traversability import traversability_cost
 from nnpp_edge.runtime.tuning import PRICE_SCALE
 from nnpp_edge.view.asked import Asked, Obstacles, Site
-from nnpp_edge.viz.picture import MOST_SHOWN
 
 _TRIED = 256
 """Cells along a side that are tried as first ends."""
@@ -45,27 +43,24 @@ class Landscape:
         self.ground = asked.ground(site)
         self._site = site
         dem = site.dem
-        blocks = site.blocks
-        if blocks and self.ground.by_slope:
-            raise InvalidQueryError(
-                "blocks of a coarse map have prices: wanted the paper's cost of a step"
-            )
+        size = dem.cell_size_m
+        width = dem.cell_width_m
         planned = self.ground
-        self._scale = PRICE_SCALE if blocks else 1.0
+        self._scale = 1.0
         with warnings.catch_warnings(record=True) as told:
             warnings.simplefilter("always")
-            self.cost = traversability_cost(
-                dem.elevation, dem.cell_size_m, asked.limits, cell_width_m=dem.cell_width_m
-            )
+            self.cost = traversability_cost(dem.elevation, size, asked.limits, cell_width_m=width)
             """(H, W) traversability costs, without what is painted; of blocks their prices, below
             1.
             """
-        if blocks:
-            factor, prior = blocks
-            sides_m = dem.cell_size_m, dem.cell_width_m
-            prices = prices_by(
-                prior, dem.elevation, asked.limits, sides_m[0], factor, cell_width_m=sides_m[1]
-            )
+        if site.blocks:
+            if self.ground.by_slope:
+                raise InvalidQueryError(
+                    "blocks of a coarse map have prices: wanted the paper's cost of a step"
+                )
+            factor, prior = site.blocks
+            self._scale = PRICE_SCALE
+            prices = prices_by(prior, dem.elevation, asked.limits, size, factor, cell_width_m=width)
             self.cost = np.minimum(prices, _DEAREST)
             planned = Ground(prices / np.float32(PRICE_SCALE))
         self.warnings = [str(warning.message) for warning in told]
@@ -73,35 +68,22 @@ class Landscape:
             planned,
             omega=self._scale * asked.omega,
             corner_cutting=asked.corner_cutting,
-            model="edge",
+            model=site.model,
         )
         self._laid: Obstacles = ()
 
     def lay(self, obstacles: Obstacles) -> None:
         """Plan among these obstacles from now on; InvalidQueryError where one leaves the map."""
-        height, width = self.cost.shape
-        for row, col, rows, cols in obstacles:
-            if min(row, col, rows - 1, cols - 1) < 0 or row + rows > height or col + cols > width:
-                part = row, col, rows, cols
+        shape = self.cost.shape
+        for part in obstacles:
+            if min(part[2:]) < 1 or widened(part, (0, 0), shape) != part:
                 raise InvalidQueryError(
-                    f"an obstacle must lie on the map of {(height, width)} cells, got {part}"
+                    f"an obstacle must lie on the map of {shape} cells, got {part}"
                 )
-        if changed := set(self._laid) ^ set(obstacles):
-            told = painted(self.cost.shape, obstacles)
-            for row, col, rows, cols in changed:
-                self.planner.update(
-                    row, col, told[row : row + rows, col : col + cols].astype(np.float32)
-                )
+        told = painted(shape, obstacles).astype(np.float32)
+        for part in set(self._laid) ^ set(obstacles):
+            self.planner.update(*part[:2], told[slices(part)])
         self._laid = obstacles
-
-    def refused(self) -> NDArray[np.uint8] | None:
-        """(H, W) limits that refuse the vehicle where it stands in no heading, see
-        `robots.body.refusal.refusals`.
-
-        None without a body, and on maps of more than `MOST_SHOWN` cells.
-        """
-        poses = self.planner.state.grid.robot.poses
-        return None if poses is None or self.cost.size > MOST_SHOWN else refusals(poses.standing())
 
     def plan(self, asked: Asked, method: Method, *, keep_regions: bool = False) -> Plan:
         """Plan between the ends that are asked for, by way of the places between."""
@@ -109,12 +91,8 @@ class Landscape:
             if method is Method.NNPP:
                 raise InvalidQueryError("the learned region is for maps of cells, not of blocks")
             method = Method.CORRIDOR if method is Method.AUTO else method
-        options: PlanOptions = {
-            "method": method,
-            "refine": asked.freed,
-            "keep_regions": keep_regions,
-        }
-        options |= asked.headings(self._site)
+        options: PlanOptions = {"method": method, "refine": asked.freed}
+        options |= {"keep_regions": keep_regions, **asked.headings(self._site)}
         if asked.via:
             plan = self.planner.plan_via(asked.start, asked.goal, asked.via, **options).plan
         else:
@@ -126,17 +104,20 @@ class Landscape:
 
     def compare(self, asked: Asked, method: Method) -> tuple[Plan, float]:
         """A method's plan with its region, and its median time, ms."""
-        plans = [self.plan(asked, method, keep_regions=True)]
-        if plans[0].timings_ms.get("total", _LONG_MS) < _LONG_MS:
-            plans += [self.plan(asked, method, keep_regions=True) for _ in range(_REPEATS)]
-        return plans[-1], median(plan.timings_ms.get("total", 0.0) for plan in plans[1:] or plans)
+        plan = self.plan(asked, method, keep_regions=True)
+        times_ms = [plan.timings_ms.get("total", 0.0)]
+        if 0.0 < times_ms[0] < _LONG_MS:
+            plans = [self.plan(asked, method, keep_regions=True) for _ in range(_REPEATS)]
+            plan = plans[-1]
+            times_ms = [each.timings_ms["total"] for each in plans]
+        return plan, median(times_ms)
 
 
 def painted(shape: tuple[int, ...], obstacles: Obstacles) -> NDArray[np.bool_]:
     """Cells (H, W) on which obstacles lie."""
     found = np.zeros(shape, np.bool_)
-    for row, col, rows, cols in obstacles:
-        found[row : row + rows, col : col + cols] = True
+    for part in obstacles:
+        found[slices(part)] = True
     return found
 
 
@@ -153,11 +134,11 @@ def likely_ends(
     passable = np.argwhere(cost[:: apart[0], :: apart[1]] < 1.0) * apart
     if not len(passable):
         return None
-    ends = []
-    for share in (0.1, 0.9):
+
+    def end(share: float) -> Cell:
         far = np.abs(passable - share * (np.array(cost.shape) - 1)).max(1)
-        nearest = [
-            (row, col) for row, col in passable[far.argsort(kind="stable")[:_LOOKED_AT]].tolist()
-        ]
-        ends.append(next(filter(stands, nearest), nearest[0]))
-    return ends[0], ends[1]
+        nearest = passable[far.argsort(kind="stable")[:_LOOKED_AT]]
+        cells = [(row, col) for row, col in nearest.tolist()]
+        return next(filter(stands, cells), cells[0])
+
+    return end(0.1), end(0.9)

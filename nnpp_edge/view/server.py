@@ -73,10 +73,8 @@ class PageServer(ThreadingTCPServer):
         try:
             super().__init__((HOST, port), _Handler)
         except OSError as error:
-            why = (
-                f"port {port} on {HOST} cannot be used ({reason(error)}): give another with --port"
-            )
-            raise OutputError(why) from error
+            why = f"cannot be used ({reason(error)}): give another with --port"
+            raise OutputError(f"port {port} on {HOST} {why}") from error
 
     @property
     def address(self) -> str:
@@ -121,10 +119,8 @@ class _Handler(BaseHTTPRequestHandler):
         elif path == "/opening" and answerer:
             self._send(answerer.opening(), "application/json")
         elif path == "/news" and answerer:
-            news = {
-                "notice": answerer.notice,
-                "live": msgspec.Raw(b"null" if number else self.server.live),
-            }
+            live = msgspec.Raw(b"null" if number else self.server.live)
+            news = {"notice": answerer.notice, "live": live}
             self._send(msgspec.json.encode(news), "application/json")
         elif file := _FILES.get(path):
             self._send(file.read_bytes(), mimetypes.guess_type(file)[0] or "text/plain")
@@ -162,7 +158,8 @@ class _Handler(BaseHTTPRequestHandler):
 
     def _answerer(self, number: int | None) -> Answerer | None:
         """Of the map that is asked of, if it is open."""
-        return dict(enumerate(self.server.maps)).get(-1 if number is None else number)
+        maps = self.server.maps
+        return None if number is None or number >= len(maps) else maps[number]
 
     def _dropped(self, length: int) -> bytes:
         """JSON of the number of a map that is dropped onto the page, or a ``problem`` in
@@ -171,17 +168,16 @@ class _Handler(BaseHTTPRequestHandler):
         maps = self.server.maps
         name = re.sub(r"[^\w.+-]", "_", unquote(self.headers.get("X-Name", "")))[-100:]
         with TemporaryDirectory() as folder:
+            file = Path(folder) / (name.lstrip(".") or "map")
+            why = ""
             try:
-                (file := Path(folder) / f"{name.lstrip('.') or 'map'}").write_bytes(
-                    self.rfile.read(length)
-                )
+                file.write_bytes(self.rfile.read(length))
                 maps.append(self.server.open_map(file))
-            except (NnppEdgeError, OSError, MemoryError) as error:
-                why = (
-                    str(error)
-                    if isinstance(error, NnppEdgeError)
-                    else f"{name}: not enough room ({error})"
-                )
+            except NnppEdgeError as error:
+                why = str(error)
+            except (OSError, MemoryError) as error:
+                why = f"{name}: not enough room ({error})"
+            if why:
                 return msgspec.json.encode({"problem": why.replace(f"{folder}/", "")})
         maps[1:-_MOST_DROPPED] = [None] * len(maps[1:-_MOST_DROPPED])
         return msgspec.json.encode({"map": len(maps) - 1})

@@ -19,9 +19,12 @@ from nnpp_edge.runtime.arrays import Cells, Float2D, Floats
 from nnpp_edge.runtime.cells import Cell
 from nnpp_edge.runtime.map.along import Line
 from nnpp_edge.runtime.planners.plan import Plan
+from nnpp_edge.runtime.planners.planner import Planner
+from nnpp_edge.runtime.robots.body.refusal import refusals
 from nnpp_edge.runtime.terrain.vehicle import Vehicle
 from nnpp_edge.viz.sheet import (
     BODY,
+    CIRCLE,
     GOAL,
     INK,
     PAPER,
@@ -75,8 +78,7 @@ def cost_picture(cost: Float2D, shade: Shade | None = None) -> Picture:
     """
     passable = cost < 1.0
     if shade is None:
-        greys = np.where(passable, cost, 0.0) * 255.0
-        shade = np.clip(greys, 0.0, 255.0).astype(np.uint8)
+        shade = np.where(passable, 255.0 * cost.clip(0.0), 0.0).astype(np.uint8)
     picture = np.repeat(shade[..., None], 3, axis=2)
     picture[~passable] = IMPASSABLE
     return picture
@@ -170,12 +172,15 @@ def plan_picture(
     drawing.ends(start, goal)
 
     # the legend
-    swatches = [(START, "start"), (GOAL, "goal")]
-    swatches += [(PAPER, "by way of")] * bool(via)
-    swatches += [(colour, words) for _, colour, _, words in lines]
-    swatches += [(BODY, "vehicle")] * bool(len(outlines))
-    swatches += [(_tint(shade, strength, colour), words) for _, strength, colour, words in tints]
-    swatches += _impassable(cost)
+    swatches = [
+        (START, "start"),
+        (GOAL, "goal"),
+        *([(PAPER, "by way of")] if via else []),
+        *((colour, words) for _, colour, _, words in lines),
+        *([(BODY, "vehicle")] if outlines else []),
+        *((_tint(shade, strength, colour), words) for _, strength, colour, words in tints),
+        *_impassable(cost),
+    ]
     keys = [drawing.swatch(*each) for each in swatches]
     if shade is None:
         keys.append(drawing.grey_bar())
@@ -215,18 +220,19 @@ def reach_picture(
 
     ground = enlarged(ground)
     band = enlarged(band)
-    edges = np.zeros(band.shape, bool)
-    edges[:-1] |= np.diff(band, axis=0) != 0
-    edges[:, :-1] |= np.diff(band, axis=1) != 0
+    edges = np.diff(band, axis=0, append=band[-1:]) != 0
+    edges |= np.diff(band, axis=1, append=band[:, -1:]) != 0
     ground[edges & enlarged(cost < 1.0)] = INK
 
     drawing = MapDrawing(ground)
     row, col = (cell * fine + fine // 2 for cell in start)
     drawing.ends((row, col))
-    swatches = [(START, "start")]
-    for colour, (_, words) in zip(colours, levels, strict=True):
-        swatches.append((_tint(shade, _BAND, colour), words))
-    keys = [drawing.swatch(*each) for each in swatches + _impassable(cost)]
+    bands = [
+        (_tint(shade, _BAND, colour), words)
+        for colour, (_, words) in zip(colours, levels, strict=True)
+    ]
+    swatches = [(START, "start"), *bands, *_impassable(cost)]
+    keys = [drawing.swatch(*each) for each in swatches]
     side = None if cell_size_m is None else cell_size_m / fine
     return drawing.finish([keys, drawing.scale(side)])
 
@@ -251,29 +257,38 @@ def body_outlines(
     # the body in metres ahead of its middle and to its left: from the front's middle around, and
     # to the middle
     if vehicle.radius_m is not None:
-        turns = np.linspace(0.0, 2.0 * math.pi, 33)
-        ahead = vehicle.radius_m * np.cos(turns)
-        left = vehicle.radius_m * np.sin(turns)
+        ahead, left = vehicle.radius_m * CIRCLE.T
     else:
         ahead = vehicle.length_m / 2.0 * np.array([1, 1, -1, -1, 1, 1])
         left = vehicle.width_m / 2.0 * np.array([0, 1, 1, -1, -1, 0])
-    shape = np.column_stack((np.append(ahead, 0.0), np.append(left, 0.0)))
+    shape = np.array([*zip(ahead, left, strict=True), (0.0, 0.0)])
 
-    # where along the path it is drawn, and how it is turned there
-    count = int(along[-1] / (4.0 * ahead.max()))
-    count = min(max(count, 1), 100)
+    # where along the path it is drawn, and how it is turned there: rows go down
+    count = min(max(int(along[-1] / (4.0 * ahead.max())), 1), 100)
+    places = np.searchsorted(along, np.linspace(0.0, along[-1], count + 1))
+    if headings_deg is None:
+        down, right = steps[np.minimum(places, len(steps) - 1)].T
+        headings = np.arctan2(right, -down)
+    else:
+        headings = np.radians(headings_deg[places])
     outlines = []
-    for at in np.searchsorted(along, np.linspace(0.0, along[-1], count + 1)).tolist():
-        if headings_deg is None:
-            step = steps[min(at, len(steps) - 1)]
-            down, right = step / np.hypot(*step)
-        else:
-            heading = math.radians(headings_deg[at])
-            down = -math.cos(heading)
-            right = math.sin(heading)
-        ahead_and_left = np.array([(down, right), (-right, down)])  # rows go down
-        outlines.append(path[at] + shape @ ahead_and_left / sides_m)
+    for at, heading in zip(places, headings, strict=True):
+        down = -math.cos(heading)
+        right = math.sin(heading)
+        outlines.append(path[at] + shape @ [(down, right), (-right, down)] / sides_m)
     return outlines
+
+
+def refused_on(planner: Planner) -> Shade | None:
+    """(H, W) the limits that refuse the planner's vehicle where it stands in no heading, see
+    `robots.body.refusal.refusals`.
+
+    None without a body, and on maps of more than `MOST_SHOWN` cells.
+    """
+    poses = planner.state.grid.robot.poses
+    if poses is None or math.prod(planner.shape) > MOST_SHOWN:
+        return None
+    return refusals(poses.standing())
 
 
 def png_bytes(picture: Picture) -> bytes:
@@ -305,20 +320,19 @@ def _lines(
     """Paths that are drawn: places, colour, width, and words of the legend."""
     arcs = plan.states is not None
     freed = plan.line is not plan.path and not arcs
-    words = "path"
-    if arcs:
-        words = "path of arcs"
-    elif freed:
-        words = "path freed from the grid"
-    lines = [(plan.line, PATH, 5.0, words)]
-    if freed:
-        lines.append((plan.path, GRID, 1.5, "path of the grid"))
-    if reference_path is not None:
-        lines.append((reference_path, OPTIMUM, 2.0, "exact optimum"))
-    if point_path is not None:
-        other = "path with turns on the spot" if arcs else "path of a point"
-        lines.append((point_path, POINT, 2.0, other))
-    return [each for each in lines if len(each[0])]
+    words = "path of arcs" if arcs else "path freed from the grid" if freed else "path"
+    other = "path with turns on the spot" if arcs else "path of a point"
+    lines = (
+        (plan.line, PATH, 5.0, words),
+        (plan.path if freed else None, GRID, 1.5, "path of the grid"),
+        (reference_path, OPTIMUM, 2.0, "exact optimum"),
+        (point_path, POINT, 2.0, other),
+    )
+    return [
+        (line, colour, width, words)
+        for line, colour, width, words in lines
+        if line is not None and len(line)
+    ]
 
 
 def _facts(plan: Plan, length_m: float | None) -> Iterator[str]:
@@ -330,10 +344,8 @@ def _facts(plan: Plan, length_m: float | None) -> Iterator[str]:
         yield f"cost {_number(plan.cost)}"
         if plan.waypoints is not None:
             yield f"line integral {_number(plan.line_cost)}"
-        if length_m is None:
-            yield f"{_number(plan.length)} cells"
-        else:
-            yield f"length {metres(length_m)}"
+        cells = f"{_number(plan.length)} cells"
+        yield cells if length_m is None else f"length {metres(length_m)}"
     if "total" in plan.timings_ms:
         yield f"{_number(plan.timings_ms['total'])} ms"
 
@@ -351,8 +363,7 @@ def _impassable(cost: Float2D) -> list[tuple[Colour, str]]:
 def _tint(shade: Shade | None, strength: float, colour: Colour) -> Colour:
     """A colour laid over ground of middling lightness."""
     ground = np.full(3, 90 if shade is None else 190, np.uint8)
-    blue, green, red = _mixed(ground, strength, colour).tolist()
-    return blue, green, red
+    return tuple(_mixed(ground, strength, colour).tolist())
 
 
 def _mixed(ground: Picture, strength: float, colour: Colour) -> Picture:

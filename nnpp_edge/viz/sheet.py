@@ -33,6 +33,8 @@ _SHIFT = 4
 """Points are drawn to 1/16 pixel."""
 _FONT = cv2.FONT_HERSHEY_SIMPLEX
 _TURN = np.linspace(0.0, 2.0 * math.pi, 33)
+CIRCLE = np.column_stack((np.cos(_TURN), np.sin(_TURN)))
+"""Of radius 1."""
 
 
 class Item(NamedTuple):
@@ -49,17 +51,11 @@ class MapDrawing:
     def __init__(self, ground: Picture) -> None:
         rows, cols = ground.shape[:2]
         longest = max(rows, cols)
-        if longest < _SMALL:
-            factor = float(math.ceil(_SMALL / longest))
-            how = cv2.INTER_NEAREST
-        else:
-            factor = min(1.0, _LARGE / longest)
-            how = cv2.INTER_AREA
+        factor = max(math.ceil(_SMALL / longest), 1) if longest < _LARGE else _LARGE / longest
         height = max(1, round(rows * factor))
         width = max(1, round(cols * factor))
-        if factor != 1.0:
-            size = (width, height)
-            ground = cv2.resize(ground, size, interpolation=how)  # type: ignore[assignment]
+        how = cv2.INTER_NEAREST if factor > 1 else cv2.INTER_AREA
+        ground = cv2.resize(ground, (width, height), interpolation=how)  # type: ignore[assignment]
         self.unit = max(1.0, max(height, width) / 1000.0)
         """Pixels to a point: text, lines and symbols are larger on a larger map."""
         self.sides = (height / rows, width / cols)
@@ -74,8 +70,7 @@ class MapDrawing:
 
     def _at(self, cell: Cell) -> Point:
         """Where the middle of a cell lies, (x, y)."""
-        x, y = self._points(np.array([cell]))[0].tolist()
-        return x, y
+        return tuple(self._points(np.array([cell]))[0].tolist())
 
     def _points(self, cells: Points) -> Floats:
         """(N, 2) x and y of the middles of cells."""
@@ -105,8 +100,7 @@ class MapDrawing:
     def numbered(self, cell: Cell, number: str) -> None:
         """Draw a place between start and goal, by its number."""
         x, y = self._at(cell)
-        circle = np.column_stack((np.cos(_TURN), np.sin(_TURN)))
-        self._polygon(circle * 9.0, (x, y), PAPER)
+        self._polygon(CIRCLE * 9.0, (x, y), PAPER)
         self._text(number, x - 0.5 * self._text_width(number), y)
 
     def swatch(self, colour: Colour, words: str) -> Item:

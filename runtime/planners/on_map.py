@@ -30,6 +30,7 @@ from nnpp_edge.runtime.map.ground import Ground, GroundOptions
 from nnpp_edge.runtime.map.state import MapState, map_state
 from nnpp_edge.runtime.memory import small_pages, touch
 from nnpp_edge.runtime.network.inference import NetworkModel
+from nnpp_edge.runtime.options import StepOptions
 from nnpp_edge.runtime.planners.methods import Methods
 from nnpp_edge.runtime.planners.plan import DynamicMethod, Plan, Source
 from nnpp_edge.runtime.planners.query import Found, Work, in_words, problem_with, told
@@ -81,16 +82,11 @@ def one_at_a_time(method: Callable[Concatenate[S, P], R]) -> Callable[Concatenat
     return guarded
 
 
-class PlannerOptions(GroundOptions, total=False):
+class PlannerOptions(GroundOptions, StepOptions, total=False):
     """Options of `Planner` and `DynamicPlanner`, and of their `of_elevation`; those of `Ground` are
     the ground's.
     """
 
-    omega: float
-    """Weight of T per grey level (NNPP, section 4.2), by default the paper's 0.011; of no effect
-    with ``length`` and where steps cost by the slope."""
-    corner_cutting: bool
-    """Whether a diagonal step may pass beside an impassable cell; by default it may."""
     lazy: bool
     """Whether costs of heights are computed, and poses checked, only where searched, as by
     default. Else all are now; plans are the same. Costs of steps by the slope always are."""

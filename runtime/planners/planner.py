@@ -14,6 +14,7 @@ from nnpp_edge.runtime.deadline import Deadline
 from nnpp_edge.runtime.errors import InvalidQueryError
 from nnpp_edge.runtime.map.ground import Ground
 from nnpp_edge.runtime.network.inference import NetworkModel
+from nnpp_edge.runtime.options import PlanOptions
 from nnpp_edge.runtime.planners.on_map import (
     OnMap,
     PlannerOptions,
@@ -22,7 +23,7 @@ from nnpp_edge.runtime.planners.on_map import (
     split,
 )
 from nnpp_edge.runtime.planners.plan import DynamicMethod, Method, Plan
-from nnpp_edge.runtime.planners.query import Found, PlanOptions, Wishes, Work, options_of
+from nnpp_edge.runtime.planners.query import Found, Wishes, Work, options_of
 from nnpp_edge.runtime.planners.refine import refines
 from nnpp_edge.runtime.planners.tour import Tour, tour
 from nnpp_edge.runtime.search.astar import costs_to_nearest

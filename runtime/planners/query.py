@@ -3,7 +3,7 @@
 import math
 from collections.abc import Callable
 from dataclasses import replace
-from typing import NamedTuple, TypedDict
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -26,42 +26,8 @@ _REASONS = {
 }
 
 
-class PlanOptions(TypedDict, total=False):
-    """How a query is to be answered: the options of `Planner.plan`, `plan_via` and `nearest`."""
-
-    method: str
-    """``astar``: exact, over the whole map. ``corridor``: coarse to fine. ``nnpp``: inside the
-    network's region; goals nearer than `ask_from` by A*, where the way is not long; with a
-    vehicle's body the corridor. ``auto``, the default: one of them, by the figures in
-    docs/decisions/methods.md; the plan says which and why."""
-    epsilon: float
-    """Keep widening until the path is certain to cost at most (1 + epsilon) times the optimum; 0
-    gives the optimum itself. By default the first path found is taken."""
-    time_limit_s: float
-    """After this the status is TIMEOUT, with the path as far as a search of the map had come;
-    inf by default. What has been made ready of the map by then is kept, so that the next query
-    comes further. Neither loading a network nor running it can be stopped."""
-    keep_regions: bool
-    """Whether the plan says in what region it was found; copied after the clock has stopped."""
-    refine: str | None
-    """``any-angle``: free the path from the grid, see `planners.refine`. The plan gains
-    `waypoints` and `line_cost`; its path and cost stay the grid's."""
-    start_heading_deg: float | None
-    """In which a body stands at the start, degrees clockwise from up the rows: the nearest of
-    the sixteen directions counts, at most 14° off on square cells; by default it may begin in
-    any."""
-    goal_heading_deg: float | None
-    goal_tolerance_deg: float
-    """In which it is to arrive: in a direction so near to that, 0 by default, or the nearest; by
-    default in any.
-    """
-    turning_radius_m: float | None
-    """With `refine`: no turn at a way point is to be sharper; by default the vehicle's. Where no
-    such line is found, the answer is NO_PATH, and the reason says so."""
-
-
 class Wishes(NamedTuple):
-    """`PlanOptions`, all of them."""
+    """All options of a query, as in `options.PlanOptions`."""
 
     method: str = Method.AUTO
     epsilon: float = math.inf

@@ -8,7 +8,8 @@ summed up, the paper leaves open; it is decided here.
 
 import math
 import warnings
-from dataclasses import dataclass, fields, replace
+from dataclasses import asdict, dataclass, fields, replace
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -72,6 +73,16 @@ class Traversability:
         """The same without hard limits."""
         none = {each.name: math.inf for each in fields(self) if each.name.startswith("hard_")}
         return replace(self, **none)
+
+    @property
+    def changed(self) -> dict[str, float]:
+        """The values that are not the defaults, by name."""
+        values = asdict(self)
+        return {
+            each.name: values[each.name]
+            for each in fields(self)
+            if values[each.name] != each.default
+        }
 
     def __post_init__(self) -> None:
         if not 0.0 < self.slope_limit_deg < 90.0:
@@ -185,15 +196,29 @@ def terrain_terms(
     return out
 
 
-def steepest_step_deg(dem: Float2D, cell: Cell, sides_m: tuple[float, float]) -> float:
-    """Steepest slope from a cell's middle to a known neighbour's, degrees; 0 without any."""
+class CellTerms(NamedTuple):
+    """What the hard limits are on, at one cell; the first three NaN where its height is unknown."""
+
+    slope_deg: float
+    roughness_m: float
+    step_m: float
+    """The elevation difference."""
+    gradient_deg: float
+    """The steepest slope from the cell's middle to a known neighbour's; 0 without any."""
+
+
+def terms_at(dem: Float2D, cell: Cell, sides_m: tuple[float, float]) -> CellTerms:
+    """The terms at a cell of a map."""
     top = max(cell[0] - 1, 0)
     left = max(cell[1] - 1, 0)
     around = dem[top : cell[0] + 2, left : cell[1] + 2]
     rows, cols = np.indices(around.shape)
     apart = np.hypot((rows + top - cell[0]) * sides_m[0], (cols + left - cell[1]) * sides_m[1])
     rises = np.abs(np.asarray(around, np.float64) - dem[cell])
-    return math.degrees(np.arctan2(rises, apart)[np.isfinite(rises)].max(initial=0.0))
+    gradient = np.arctan2(rises, apart)[np.isfinite(rises)].max(initial=0.0)
+    terms = terrain_terms(around, sides_m[0], cell_width_m=sides_m[1])
+    slope, roughness, step = terms[:, cell[0] - top, cell[1] - left].tolist()
+    return CellTerms(math.degrees(slope), roughness, step, math.degrees(gradient))
 
 
 def sides_of(cell_size_m: float, cell_width_m: float | None) -> tuple[float, float]:

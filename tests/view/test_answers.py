@@ -108,13 +108,18 @@ def test_what_is_copied_plans_the_same_path(nnpp_edge, site, name):
 def test_what_the_command_line_describes_is_copied_too(nnpp_edge, site):
     options = ("--vehicle", "large-rover", "--set", "max_step_m=0.6", "--mobility", "tracked")
     vehicle = replace(site.bodies["large-rover"].vehicle, max_step_m=0.6)
-    reading = {"cell_size_m": 3.0, "rescale": 2.0, "resample": 1.5}
+    reading = {"cell_size": 3.0, "rescale": 2.0, "resample": 1.5}
     dem = read_dem(site.path, 3.0).rescaled(2.0).resampled(1.5)
     given = Site.of(
-        dem, site.path, reading, Body(vehicle, site.bodies["tracked"].mobility, options)
+        dem,
+        site.path,
+        reading,
+        Body(vehicle, site.bodies["tracked"].mobility, options),
+        model="edge-fp32",
     )
     asked = with_values(PLAIN, body="as given", step_cost="time")
     plan = planned(given, asked)
+    assert "--model edge-fp32" in command_of(given, asked)
     told = nnpp_edge(*command_of(given, asked).split()[1:], "--json").out
     assert plan.ok and json.loads(told)["cost"] == round(plan.cost, 6)
 
@@ -124,7 +129,7 @@ def test_blocks_of_a_coarse_map_count_by_their_prices(site):
     plan = planned(blocks, PLAIN)
     found = Answerer(blocks, PLAIN).landscape(PLAIN)
     words = command_of(blocks, PLAIN).split()
-    shown = ["--known", "8", "--prior", "slope", "--start", "8,8", "--goal", "86,110"]
+    shown = ["--known", "8:slope", "--start", "8,8", "--goal", "86,110"]
     assert words[1] == "view" and words[3:] == shown
     assert (
         plan.planner == "corridor"
@@ -368,8 +373,8 @@ def test_layers_have_no_more_pixels_than_the_screen(site):
 def test_the_cost_of_ground_where_the_body_stands_in_no_heading_says_the_limit(site):
     asked = with_values(PLAIN, body="small-rover")
     answerer = Answerer(site, asked)
-    told, layer = ask(answerer, want="cost", asked=asked, pixels=2048)
-    refused = answerer.landscape(asked).refused()
+    told, layer = ask(answerer, want="cost", asked=in_json(asked), pixels=2048)
+    refused = answers.refused_on(answerer.landscape(asked).planner)
     shown = (layer >= answers.FIRST_REFUSED) & (layer < answers.IMPASSABLE)
     assert np.array_equal(shown, (refused > 0) & (layer != answers.IMPASSABLE)) and shown.any()
     assert np.array_equal(layer[shown], answers.FIRST_REFUSED - 1 + refused[shown])

@@ -1,0 +1,103 @@
+"""What users may set of a planner and of a query: names, types, ranges and words of each option.
+
+Calls take these as keywords. Commands make their options of those with a description, and the page
+its parameters of the types, so that each is explained here alone; what is not given keeps its
+default. Nothing heavy is imported, so that `--help` is instant.
+"""
+
+from typing import Annotated, TypedDict
+
+from msgspec import Meta
+
+from nnpp_edge.runtime.choices import METHODS
+
+Omega = Annotated[
+    float,
+    Meta(
+        ge=0.0,
+        description="Weight of the cost against length, per grey level; the paper's 0.011 by "
+        "default. Of no effect where steps cost by the slope.",
+    ),
+]
+CornerCutting = Annotated[
+    bool,
+    Meta(description="Allow diagonal steps beside impassable cells, as by default."),
+]
+Heading = Annotated[float, Meta(ge=0.0, le=360.0)]
+
+
+class StepOptions(TypedDict, total=False):
+    """What a step over the map costs, and which steps are allowed."""
+
+    omega: Omega
+    corner_cutting: CornerCutting
+
+
+class PlanOptions(TypedDict, total=False):
+    """How a query is to be answered: the options of `Planner.plan`, `plan_via` and `nearest`."""
+
+    method: Annotated[
+        str,
+        Meta(
+            description="Way of planning; auto, the default, picks one.",
+            extra={"choices": METHODS},
+        ),
+    ]
+    """``astar``: exact, over the whole map. ``corridor``: coarse to fine. ``nnpp``: inside the
+    network's region; goals nearer than `ask_from` by A*, where the way is not long; with a
+    vehicle's body the corridor. ``auto``: one of them, by the figures in
+    docs/decisions/methods.md; the plan says which and why."""
+    epsilon: Annotated[
+        float,
+        Meta(
+            ge=0.0,
+            description="Keep widening until the path is certain to cost at most this share above "
+            "the optimum; 0 gives the optimum. By default the first path found is taken.",
+        ),
+    ]
+    time_limit_s: Annotated[
+        float,
+        Meta(
+            gt=0.0,
+            description="Seconds for one planning. After these the status is TIMEOUT, with the "
+            "path as far as a search of the map had come.",
+        ),
+    ]
+    """inf by default. What has been made ready of the map by then is kept, so that the next query
+    comes further. Neither loading a network nor running it can be stopped."""
+    keep_regions: bool
+    """Whether the plan says in what region it was found; copied after the clock has stopped."""
+    refine: (
+        Annotated[
+            str,
+            Meta(
+                description="Free the path from the grid: adds way points.",
+                extra={"choices": ["any-angle"]},
+            ),
+        ]
+        | None
+    )
+    """``any-angle``, see `planners.refine`. The plan gains `waypoints` and `line_cost`; its path
+    and cost stay the grid's."""
+    start_heading_deg: (
+        Annotated[
+            Heading,
+            Meta(
+                description="Heading of a body at the start, degrees clockwise from up the rows; "
+                "any by default.",
+            ),
+        ]
+        | None
+    )
+    """The nearest of the sixteen directions counts, at most 14° off on square cells."""
+    goal_heading_deg: (
+        Annotated[Heading, Meta(description="Heading of a body at the goal, likewise.")] | None
+    )
+    goal_tolerance_deg: Annotated[
+        float,
+        Meta(ge=0.0, description="Greatest deviation from the heading at the goal; 0 by default."),
+    ]
+    """A body arrives in a direction so near to the heading, or in the nearest."""
+    turning_radius_m: float | None
+    """With `refine`: no turn at a way point is to be sharper; by default the vehicle's. Where no
+    such line is found, the answer is NO_PATH, and the reason says so."""
