@@ -19,7 +19,8 @@ from nnpp_edge.runtime.planners.plan import Plan, Source
 CaseT = TypeVar("CaseT")
 ResultT = TypeVar("ResultT")
 Facts = dict[str, Any]
-"""Content of JSON, by key; docs/profile.md says what the keys of a profile's report mean."""
+"""Content of JSON, by key; docs/reference/figures.md says what the keys of a profile's report mean.
+"""
 Row = dict[str, float]
 """Figures of an answer, without those that were not measured or that no path has. Shares are means
 of 0 and 1.
