@@ -88,8 +88,8 @@ def evaluate(
 
     docs/evaluate.md says what counts, docs/reference/figures.md what the figures are. `queries` are
     judged by, fewer if the cases run out, each answered `repeats` times in turns. `progress` is
-    called with the number that are done. All cases are a vehicle's, or none. With `fresh_map` a planner is also made of the
-    elevations for each call, lazily and eagerly.
+    called with the number that are done. All cases are a vehicle's, or none. With `fresh_map` a
+    planner is also made of the elevations for each call, lazily and eagerly.
 
     InvalidQueryError for 50 maps in a row without a path.
     """
