@@ -21,6 +21,8 @@ import pytest
 
 from nnpp_edge.benchmarks import results
 from nnpp_edge.cli.main import COMMANDS, cli
+from nnpp_edge.runtime.network.inference import NetworkModel
+from nnpp_edge.runtime.network.priors import prices_by
 from nnpp_edge.terrain.dem import SAMPLES, sample_dem, sample_path
 from tests.strategies import flat
 
@@ -50,12 +52,19 @@ NOT_RUN = {
     "docs/boards.md": "minutes",
     "docs/reproduce.md": "an hour; tests/reproduction",
     "docs/models.md": "hours of training; tests/training",
+    "docs/reference/shipped-models.md": "hours of training; tests/training",
     "docs/dataset.md": "machines of a cluster; tests/training",
     "docs/deploy.md": "a robot's system, and root",
     "docs/large-maps.md": "a map of 20,000 × 20,000 cells",
     "CONTRIBUTING.md": "minutes",
 }
 """Commands, by a part of them, and pages that are not run: why, and the tests that run the like."""
+
+
+SHORT = {"docs/start.md": 300}
+"""Words at most of a page that must be shorter than the other guides."""
+LONG = ("messages.md", "glossary.md", "results.md", "architecture.md", "boards.md")
+"""Pages that are looked things up in, beside those in folders of their own: they may be long."""
 
 
 def name_of(path):
@@ -99,6 +108,12 @@ def test_links_lead_somewhere():
             assert end.exists(), f"{name_of(path)}: {target}"
             if anchor and end.suffix == ".md":
                 assert anchor in anchors(end), f"{name_of(path)}: {target}#{anchor}"
+
+
+@pytest.mark.parametrize("path", sorted((ROOT / "docs").glob("*.md")), ids=name_of)
+def test_a_guide_is_short(path):
+    if path.name not in LONG:
+        assert len(path.read_text().split()) <= SHORT.get(name_of(path), 900)
 
 
 @pytest.fixture(scope="module")
@@ -190,6 +205,34 @@ def test_python_runs(path, workshop, monkeypatch):
             ]
             code = ast.unparse(ast.Module(imports, []))
         exec(code, names)
+
+
+def test_the_page_of_model_files_is_that_of_the_shipped_files():
+    page = ROOT / "docs/reference/model-files.md"
+    names = {}
+    for code, *_ in blocks(page, "python"):
+        exec(code, names)
+    described = page.read_text().split("\n## ")
+    for model in ("edge", "paper", "unseen"):
+        network = NetworkModel(model)
+        (section,) = (text for text in described if text.startswith(f"`{model}.onnx`"))
+        session = network.session
+        for value in (*session.get_inputs(), *session.get_outputs()):
+            shape = str(tuple(value.shape))
+            assert re.search(
+                rf"^\| `{value.name}` \w+ \| {re.escape(shape)}", section, re.MULTILINE
+            )
+        assert all(f"`{name}`" in section for name in network.metadata.channels if name != "ends")
+    edge, paper = NetworkModel("edge"), NetworkModel("paper")
+    edge.set_map(names["planes"])
+    paper.set_map(np.stack([names["cost"]] * 2).astype(np.float32))
+    wanted = {
+        "edge": edge.answer((32.0, 8.0), (32.0, 56.0)),
+        "paper": paper.answer((128.0, 32.0), (128.0, 224.0)),
+        "unseen": prices_by("network", np.float32(names["heights"]), names["limits"], 160.0, 8),
+    }
+    for model, answer in wanted.items():
+        assert names[model] == pytest.approx(answer, abs=1e-5), model
 
 
 def test_examples_in_docstrings_are_true():

@@ -20,7 +20,8 @@ from nnpp_edge.runtime.planners.plan import Plan, Source
 CaseT = TypeVar("CaseT")
 ResultT = TypeVar("ResultT")
 Facts = dict[str, Any]
-"""Content of JSON, by key; docs/profile.md says what the keys of a profile's report mean."""
+"""Content of JSON, by key; docs/reference/figures.md says what the keys of a profile's report mean.
+"""
 PLACE = itemgetter("workload", "size", "planner")
 """What tells a row of results from the others of its report."""
 Row = dict[str, float]

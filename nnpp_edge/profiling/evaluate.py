@@ -57,7 +57,7 @@ _ANSWERS = {
     "mm_network_mean": mean("mm_network"),
     "cc_mean": mean("cc"),
 }
-"""The figures of docs/evaluate.md."""
+"""The figures of docs/reference/figures.md."""
 _OF_BODY = {
     "time_ms_p99_first": quantile("first_ms", 0.99),
     "checks_mean": mean("checks"),
@@ -86,10 +86,10 @@ def evaluate(
     """Have every planner, exact A* among them, answer the same queries: a row of figures for each
     planner's key, in order.
 
-    What counts, and the figures, are in docs/evaluate.md. `queries` are judged by, fewer if the
-    cases run out, each answered `repeats` times in turns. `progress` is called with the number that
-    are done. All cases are a vehicle's, or none. With `fresh_map` a planner is also made of the
-    elevations for each call, lazily and eagerly.
+    docs/evaluate.md says what counts, docs/reference/figures.md what the figures are. `queries` are
+    judged by, fewer if the cases run out, each answered `repeats` times in turns. `progress` is
+    called with the number that are done. All cases are a vehicle's, or none. With `fresh_map` a
+    planner is also made of the elevations for each call, lazily and eagerly.
 
     InvalidQueryError for 50 maps in a row without a path.
     """

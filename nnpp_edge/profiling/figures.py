@@ -49,7 +49,9 @@ _ANSWERS: Summary = {
 
 
 def rows(run: Run) -> list[Facts]:
-    """A row for each workload, size and planner, in order: the ``results`` of docs/profile.md."""
+    """A row for each workload, size and planner, in order: ``results`` in
+    docs/reference/figures.md.
+    """
     return [_row(of, name) for of in run.workloads for name in of.answers]
 
 

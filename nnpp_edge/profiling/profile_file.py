@@ -39,8 +39,8 @@ _Names = Annotated[tuple[str, ...], Meta(min_length=1)]
 
 
 class Quantity(NamedTuple):
-    """A figure that budgets are set on, of a planner at one workload and size; docs/profile.md says
-    what each is.
+    """A figure that budgets are set on, of a planner at one workload and size;
+    docs/reference/figures.md says what each is.
     """
 
     unit: str

@@ -1,5 +1,5 @@
 """A profile's report: the run, its costs other than time, budgets and verdict. Keys as in
-docs/profile.md.
+docs/reference/figures.md.
 """
 
 from collections.abc import Callable, Sequence
@@ -39,7 +39,7 @@ def profile_machine(
     progress: Progress = ignore,
     say: Callable[[str], None] = ignore,
 ) -> Facts:
-    """Pin, warm up, measure, judge: the report that docs/profile.md describes, ready for JSON.
+    """Pin, warm up, measure, judge: the report of docs/reference/figures.md, ready for JSON.
 
     `starts` also measures new processes up to their first plan, and the loop up to its first
     answer, from an empty cache of kernels too, which takes two minutes. Without it that is done

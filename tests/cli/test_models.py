@@ -50,11 +50,11 @@ def stages(training):
 
 
 def commands_that_make(name):
-    """The options in docs/models.md of the commands that made a model, by command, and of all data
-    sets by folder.
+    """The options in docs/reference/shipped-models.md of the commands that made a model, by command,
+    and of all data sets by folder.
     """
     text = (
-        (MODELS.parents[1] / "docs" / "models.md")
+        (MODELS.parents[1] / "docs" / "reference" / "shipped-models.md")
         .read_text()
         .split("\n## ")[0]
         .replace("\\\n", " ")

@@ -46,7 +46,7 @@ KEYS = """
 schema version made profile verdict summary budgets results loop break_even disturbance sensors besides
 cores environment notes
 """
-DESCRIBED = Path(__file__).parents[2].joinpath("docs", "profile.md").read_text()
+DESCRIBED = Path(__file__).parents[2].joinpath("docs", "reference", "figures.md").read_text()
 ARRIVALS = """
   { name = "first path", quantity = "map_ms", limit = 1e6, direction = "at most", unit = "ms" },
   { name = "late", planner = "astar", quantity = "patch_ms_p99", limit = 1e-6, direction = "at most", unit = "ms" },
@@ -82,7 +82,7 @@ def profile(run, tiny_model, monkeypatch):
 
 
 def described(*tables):
-    """Every key of a report has its line in docs/profile.md."""
+    """Every key of a report has its line in docs/reference/figures.md."""
     for key in set().union(*tables):
         assert f"`{key}`" in DESCRIBED, key
 

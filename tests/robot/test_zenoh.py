@@ -3,12 +3,14 @@ for the loop.
 """
 
 import os
+import re
 import signal
 import socket
 import subprocess
 import sys
 import threading
 from contextlib import ExitStack, closing
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -17,12 +19,14 @@ pytest.importorskip("zenoh")
 
 from nnpp_edge.robot.transports.incoming import Refusals
 from nnpp_edge.robot.transports.wire import decode_output, encode
-from nnpp_edge.robot.transports.zenoh_io import ZenohLink, ZenohSink, ZenohSource
-from nnpp_edge.runtime import Goal, Loop, MapPatch, Pose
+from nnpp_edge.robot.transports.zenoh_io import LOOPBACK, ZenohLink, ZenohSink, ZenohSource
+from nnpp_edge.runtime import Goal, Ground, Loop, MapPatch, Navigator, Pose
 from nnpp_edge.runtime.errors import InvalidQueryError
 from nnpp_edge.runtime.loop.connections import InProcessSource, Mailbox
 from nnpp_edge.runtime.memory import rss_bytes
-from tests.robot.conftest import wait_until
+from tests.robot.conftest import free, wait_until
+
+ROOT = Path(__file__).parents[2]
 
 PEER = """
 import json, sys, threading, zenoh
@@ -268,3 +272,22 @@ def test_it_may_go_to_another_instead_of_listening(link, navigator):
         wait_until(lambda: sink.publish(message) or heard)
     assert decode_output(heard[0]).outcome == "NO_POSE"
     subscriber.undeclare()
+
+
+@pytest.mark.slow
+def test_the_client_in_the_documentation_receives_a_path_as_it_stands():
+    text = (ROOT / "docs/messages.md").read_text()
+    client = re.search(r"```python\n(import json\n\nimport zenoh\n.*?)```", text, re.DOTALL)[1]
+    endpoint = free_endpoint()
+    assert LOOPBACK in client
+    command = [sys.executable, "-c", client.replace(LOOPBACK, endpoint)]
+    navigator = Navigator(Ground(free((80, 90))), "astar")
+    with closing(ZenohLink(endpoint)) as link:
+        source = ZenohSource(link, Refusals(navigator.count_error), navigator.count_error)
+        loop = Loop(navigator, source, [ZenohSink(link)], rate_hz=100.0)
+        thread = threading.Thread(target=loop.run)
+        thread.start()
+        ended = subprocess.run(command, capture_output=True, text=True, timeout=10.0)
+        loop.stop()
+        thread.join()
+    assert (ended.returncode, ended.stdout, ended.stderr) == (0, "66 cells\n", "")
