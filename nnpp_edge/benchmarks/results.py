@@ -27,6 +27,7 @@ READY = "ready"
 FRESH = "fresh"
 BODY = "body"
 ARCS = "arcs"
+MISSION = "mission"
 SUITES = {
     READY: [
         f"--rescale 20 --workload soft,limit20,limit15 --sizes {sizes} --queries {n} --repeats 2 "
@@ -51,9 +52,10 @@ SUITES = {
         "--size 512 --radius 4 --queries 100",
         "--size 1024 --radius 2 --queries 40",
     ],
+    MISSION: ["--rescale 20"],
 }
-"""Options of `nnpp-edge evaluate`, and for arcs of `python -m nnpp_edge.benchmarks.arcs`, beside
-the terrain.
+"""Options of `nnpp-edge evaluate`, for arcs of `python -m nnpp_edge.benchmarks.arcs` and for the
+mission of `nnpp-edge profile`, beside the terrain.
 """
 _MARK = re.compile(r"(<!-- results: (\w+) -->\n).*?(\n<!-- end -->)", re.DOTALL)
 
@@ -71,6 +73,38 @@ class Lines(NamedTuple):
 
 
 TABLES: dict[str, tuple[str, tuple[Lines, ...]]] = {
+    MISSION: (
+        " | wanted | `edge`, 256² | `edge`, 512² | paper's network, 256²",
+        (
+            Lines(
+                MISSION,
+                "inference, right after a plan, a second | 17 | {nnpp-256[inference_fps]:,.0f} | "
+                "{nnpp-512[inference_fps]:,.0f} | {paper-256[inference_fps]:,.0f}",
+            ),
+            Lines(
+                MISSION,
+                "whole plans a second, each on a map that has just arrived | 17 | "
+                "{nnpp-256[map_fps]:,.0f} | {nnpp-512[map_fps]:,.0f} | {paper-256[map_fps]:,.0f}",
+            ),
+            Lines(
+                MISSION,
+                "times as fast as exact A\\*, ours, compiled | 3 | "
+                "{nnpp-256[speedup_total]:.1f} | {nnpp-512[speedup_total]:.1f} | "
+                "{paper-256[speedup_total]:.2f}",
+            ),
+            Lines(
+                MISSION,
+                "times as fast as an A\\* like the paper's, plain Python | 3 | "
+                "{nnpp-256[speedup_plain]:,.0f} | – | {paper-256[speedup_plain]:,.0f}",
+            ),
+            Lines(
+                MISSION,
+                "int8 over fp32: warm, right after a plan | above 1 | "
+                "{nnpp-256[int8_speedup]:.2f}, {nnpp-256[int8_speedup_after_plan]:.2f} | "
+                "{nnpp-512[int8_speedup]:.2f}, {nnpp-512[int8_speedup_after_plan]:.2f} | –",
+            ),
+        ),
+    ),
     "readme": (
         " | n | exact A\\* | corridor, no learning | network's region (`nnpp`)",
         (
@@ -219,6 +253,8 @@ _FORMATTER = _Formatter()
 def _groups(found: Results, suite: str) -> Iterable[Results]:
     """The rows of each workload and size by method; each row of arcs by itself."""
     groups: dict[object, Results] = {}
+    if suite == MISSION:
+        return [{f"{row['planner']}-{row['size']}": row for row in found[suite]}]
     for row in found[suite]:
         if suite == ARCS:
             kind = ", forwards alone" * row["forwards"] + ", heading at the goal" * row["fixed"]
@@ -259,11 +295,18 @@ def main(terrain: Path) -> None:
 
 def _measured(suite: str, terrain: Path, options: str) -> list[Results]:
     """Rows of a suite, measured in a process of its own."""
-    evaluate = [str(Path(sys.executable).with_name("nnpp-edge")), "evaluate", "--json", "--terrain"]
-    arcs = [sys.executable, "-m", "nnpp_edge.benchmarks.arcs"]
-    command = [*(arcs if suite == ARCS else evaluate), str(terrain), *options.split()]
-    found = json.loads(subprocess.check_output(command))
-    return [found] if suite == ARCS else found
+    ours = str(Path(sys.executable).with_name("nnpp-edge"))
+    command = [ours, "evaluate", "--json", "--terrain"]
+    if suite == ARCS:
+        command = [sys.executable, "-m", "nnpp_edge.benchmarks.arcs"]
+    elif suite == MISSION:
+        command = [ours, "profile", "--json", "--terrain"]
+    # a missed budget is an exit code, and a row of the table all the same
+    ended = subprocess.run([*command, str(terrain), *options.split()], stdout=-1, check=False)
+    found = json.loads(ended.stdout)
+    if suite == ARCS:
+        return [found]
+    return found["results"] if suite == MISSION else found
 
 
 if __name__ == "__main__":
