@@ -11,7 +11,13 @@ from nnpp_edge.runtime.errors import InvalidMapError
 
 Float2D = NDArray[np.float32]
 """(H, W)."""
+Float32s = NDArray[np.float32]
 Floats = NDArray[np.float64]
+Int32s = NDArray[np.int32]
+Int64s = NDArray[np.int64]
+Words = NDArray[np.uint16]
+Bytes = NDArray[np.uint8]
+Bools = NDArray[np.bool_]
 Cells = NDArray[np.int32]
 """(N, 2) rows and columns."""
 Float = TypeVar("Float", np.float32, np.float64)

@@ -4,10 +4,9 @@ import math
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from nnpp_edge.runtime.arguments import checked
-from nnpp_edge.runtime.arrays import Float2D, as_map
+from nnpp_edge.runtime.arrays import Bools, Cells, Float2D, as_map
 from nnpp_edge.runtime.cells import Rectangle, patch_at, slices, widened
 from nnpp_edge.runtime.deadline import NEVER, Deadline
 from nnpp_edge.runtime.errors import InvalidMapError, InvalidQueryError
@@ -206,9 +205,7 @@ class MapState:
                 self._pyramid.update(part)
         return self._pyramid.finish(deadline)
 
-    def update(
-        self, row: int, col: int, patch: Float2D, seen: NDArray[np.bool_] | None = None
-    ) -> Change:
+    def update(self, row: int, col: int, patch: Float2D, seen: Bools | None = None) -> Change:
         """Put new costs (h, w) into the map at (row, col), and what that changed into the log.
 
         Where nothing is known (NaN) a map of costs becomes impassable, and on a map of heights
@@ -244,7 +241,7 @@ class MapState:
         return self._noted(change, new)
 
     def update_elevation(
-        self, row: int, col: int, patch: Float2D, seen: NDArray[np.bool_] | None = None
+        self, row: int, col: int, patch: Float2D, seen: Bools | None = None
     ) -> Change:
         """Put new elevations into a map that was made from such, and what that changed into the
         log; as `update`.
@@ -311,7 +308,7 @@ class MapState:
             return None
         return np.where(self.unknown(), np.nan, heights + np.asarray(self._base, heights.dtype))
 
-    def unknown(self, rows: slice = slice(None), cols: slice = slice(None)) -> NDArray[np.bool_]:
+    def unknown(self, rows: slice = slice(None), cols: slice = slice(None)) -> Bools:
         """Cells of which nothing is known, of the map or a part; a map of costs tells only if it
         was to keep them.
         """
@@ -321,7 +318,7 @@ class MapState:
         unknown = np.zeros(self.shape, np.bool_) if self._unknown is None else self._unknown
         return unknown[rows, cols].copy()
 
-    def known_along(self, path: NDArray[np.int32]) -> int:
+    def known_along(self, path: Cells) -> int:
         """Number of the cells of a path (N, 2), from its first on, that are known, with all under a
         body.
         """
@@ -464,15 +461,13 @@ class DiscState(MapState):
         sides = self.sides_m or (1.0, 1.0)
         return tuple(Room(self._point.grid.weights, *self.shape, self._radius_m, *sides))
 
-    def update(
-        self, row: int, col: int, patch: Float2D, seen: NDArray[np.bool_] | None = None
-    ) -> Change:
+    def update(self, row: int, col: int, patch: Float2D, seen: Bools | None = None) -> Change:
         """As `MapState.update`, of a point's costs."""
         change = self._point.update(row, col, patch, seen)
         return self._followed(change, (row, col, 0, 0), heights=False)
 
     def update_elevation(
-        self, row: int, col: int, patch: Float2D, seen: NDArray[np.bool_] | None = None
+        self, row: int, col: int, patch: Float2D, seen: Bools | None = None
     ) -> Change:
         """As `MapState.update_elevation`."""
         change = self._point.update_elevation(row, col, patch, seen)
@@ -492,7 +487,7 @@ class DiscState(MapState):
         """As `MapState.cost`: a point's costs."""
         return self._point.cost()
 
-    def unknown(self, rows: slice = slice(None), cols: slice = slice(None)) -> NDArray[np.bool_]:
+    def unknown(self, rows: slice = slice(None), cols: slice = slice(None)) -> Bools:
         """As `MapState.unknown`."""
         return self._point.unknown(rows, cols)
 

@@ -6,8 +6,8 @@ from collections.abc import Callable, Iterator
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
+from nnpp_edge.runtime.arrays import Bools, Cells
 from nnpp_edge.runtime.cells import Rectangle, slices
 from nnpp_edge.runtime.deadline import Deadline
 from nnpp_edge.runtime.errors import Status
@@ -24,8 +24,6 @@ from nnpp_edge.runtime.tuning import (
     MOST_BLOCK_WAYS,
     PRICE_SCALE,
 )
-
-CellPath = NDArray[np.int32]
 
 
 class BlockWay:
@@ -59,15 +57,13 @@ class BlockWay:
         for part in self._unseen.read(self._grid, deadline):
             self._price(part, False)
 
-    def _price(self, part: Rectangle, shut: NDArray[np.bool_] | bool) -> None:
+    def _price(self, part: Rectangle, shut: Bools | bool) -> None:
         """Have blocks of a part cost by their prices, but for those that are `shut`."""
         if part[2]:
             costs = self._unseen.costs(part) / PRICE_SCALE
             self._map.update(*part[:2], np.where(shut, np.float32(np.inf), costs))
 
-    def ways(
-        self, query: Query, work: Work, *, whole: bool
-    ) -> Iterator[tuple[CellPath, int, Region]]:
+    def ways(self, query: Query, work: Work, *, whole: bool) -> Iterator[tuple[Cells, int, Region]]:
         """Ways, each around the obstacles by which the ones before it were blocked.
 
         Of each the cells to go by, the middles of its blocks and the goal; up to which of them
@@ -101,7 +97,7 @@ class BlockWay:
             shut[start] = False
             shut[goal] = False
 
-    def _first(self, way: CellPath, stops: CellPath) -> int:
+    def _first(self, way: Cells, stops: Cells) -> int:
         """Number of the stop up to which cells are to be searched."""
         unseen = np.flatnonzero(self._unseen.layers[1][way[:, 0], way[:, 1]] != BLOCK_SEEN)
         last = len(way) - 1
@@ -110,7 +106,7 @@ class BlockWay:
             first = min(first + blocked // self._unseen.factor + 1 + BLOCKS_BEYOND, last)
         return first
 
-    def _around(self, way: CellPath) -> Region:
+    def _around(self, way: Cells) -> Region:
         """The blocks of a way, and those around them."""
         self._region = region = self._region._replace(stamp=self._region.stamp + 1)
         for row, col in way.tolist():
@@ -120,7 +116,7 @@ class BlockWay:
             region.bitmap[rows, cols] = region.stamp
         return region
 
-    def _blocked(self, stops: CellPath) -> int:
+    def _blocked(self, stops: Cells) -> int:
         """Number of the first cell straight from stop to stop that a point cannot step on; or
         -1.
         """
@@ -128,7 +124,7 @@ class BlockWay:
         return Robot().walk(self._grid, path, 0, np.empty(len(path)))
 
 
-def over(stops: CellPath) -> CellPath:
+def over(stops: Cells) -> Cells:
     """The cells (N, 2) from the first stop straight to each next one."""
     steps = np.abs(np.diff(stops, axis=0)).max(axis=1, initial=0)
     begins = np.repeat(np.cumsum(steps) - steps, steps)

@@ -5,8 +5,8 @@ one above.
 import math
 
 import numpy as np
-from numpy.typing import NDArray
 
+from nnpp_edge.runtime.arrays import Bytes
 from nnpp_edge.runtime.cells import Cell
 from nnpp_edge.runtime.deadline import NEVER, Deadline, OutOfTimeError
 from nnpp_edge.runtime.errors import Status
@@ -54,7 +54,7 @@ class CoarseLevel:
         self._queue = np.empty(1 << (nodes - 1).bit_length(), np.int32)
         self._bitmaps = np.zeros((2, 2 * grid.rows, 2 * grid.cols), np.int32)
         self._stamp = 0
-        self._closed: NDArray[np.uint8] | None = None
+        self._closed: Bytes | None = None
         """Links that `close_dead_ends` has closed, as bits."""
 
     def search(

@@ -11,10 +11,9 @@ from dataclasses import replace
 from typing import Unpack
 
 import numpy as np
-from numpy.typing import NDArray
 
 from nnpp_edge.runtime.arguments import checked
-from nnpp_edge.runtime.arrays import Float2D
+from nnpp_edge.runtime.arrays import Cells, Float2D
 from nnpp_edge.runtime.cells import Cell, as_cell
 from nnpp_edge.runtime.deadline import Deadline
 from nnpp_edge.runtime.errors import InvalidQueryError
@@ -176,7 +175,7 @@ class DynamicPlanner(OnMap):
         self._path.catch_up()
 
     @one_at_a_time
-    def first_blocked(self, path: NDArray[np.int32]) -> int:
+    def first_blocked(self, path: Cells) -> int:
         """Number of the first cell of a path on the map, as `Plan.walked`, that cannot be stepped
         on now; or -1.
         """

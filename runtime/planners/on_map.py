@@ -12,10 +12,9 @@ from threading import RLock
 from typing import TYPE_CHECKING, Concatenate, ParamSpec, TypeVar, cast
 
 import numpy as np
-from numpy.typing import NDArray
 
 from nnpp_edge.runtime.arguments import checked
-from nnpp_edge.runtime.arrays import Float2D
+from nnpp_edge.runtime.arrays import Bools, Float2D
 from nnpp_edge.runtime.cells import Cell, as_cell
 from nnpp_edge.runtime.deadline import OutOfTimeError
 from nnpp_edge.runtime.errors import (
@@ -187,9 +186,7 @@ class OnMap:
 
     @checked(InvalidQueryError)
     @one_at_a_time
-    def update(
-        self, row: int, col: int, patch: Float2D, *, seen: NDArray[np.bool_] | None = None
-    ) -> int:
+    def update(self, row: int, col: int, patch: Float2D, *, seen: Bools | None = None) -> int:
         """Put new costs into the map.
 
         On a map of elevations what costs tell is a layer of its own: a cell costs the greater of
@@ -224,7 +221,7 @@ class OnMap:
     @checked(InvalidQueryError)
     @one_at_a_time
     def update_elevation(
-        self, row: int, col: int, patch: Float2D, *, seen: NDArray[np.bool_] | None = None
+        self, row: int, col: int, patch: Float2D, *, seen: Bools | None = None
     ) -> int:
         """Put new elevations, metres and NaN where unknown, into a map of such; otherwise as
         `update`.
@@ -319,7 +316,7 @@ def model_file(model: str | Path | NetworkModel | None) -> str | Path | None:
     return model.path if isinstance(model, NetworkModel) else model
 
 
-def _mask(seen: NDArray[np.bool_] | None, patch: Float2D) -> NDArray[np.bool_] | None:
+def _mask(seen: Bools | None, patch: Float2D) -> Bools | None:
     if seen is None:
         return None
     if not isinstance(seen, np.ndarray) or seen.dtype != np.bool_ or seen.shape != np.shape(patch):

@@ -7,9 +7,8 @@ from functools import cached_property
 from typing import TYPE_CHECKING, NoReturn
 
 import numpy as np
-from numpy.typing import NDArray
 
-from nnpp_edge.runtime.arrays import headings_along
+from nnpp_edge.runtime.arrays import Cells, Floats, Int32s, headings_along
 from nnpp_edge.runtime.errors import InvalidQueryError, Status
 from nnpp_edge.runtime.map.along import Along, Line, Numbers
 from nnpp_edge.runtime.map.state import MapState
@@ -100,7 +99,7 @@ class Plan:
     """The method that was used; for ``auto`` the one it picked."""
     source: Source | None = None
     """Where the path was found; None where no search was made."""
-    path: NDArray[np.int32] = field(default_factory=lambda: np.empty((0, 2), np.int32), repr=False)
+    path: Cells = field(default_factory=lambda: np.empty((0, 2), np.int32), repr=False)
     """(N, 2) cells (row, col) from start to goal; on TIMEOUT as far as the search had come, or
     empty.
     """
@@ -136,7 +135,7 @@ class Plan:
     """
     checks: int = 0
     """Poses of a vehicle that were checked for this plan."""
-    waypoints: NDArray[np.float64] | None = field(default=None, repr=False)
+    waypoints: Floats | None = field(default=None, repr=False)
     """(N, 2) places (row, col), in cells, of the path freed from the grid, with both ends; None
     unless asked for.
     """
@@ -146,7 +145,7 @@ class Plan:
     """
     along: Along | None = field(default=None, repr=False)
     """The path over the ground, point by point; None where no elevations are known."""
-    states: NDArray[np.int32] | None = field(default=None, repr=False)
+    states: Int32s | None = field(default=None, repr=False)
     """(N,) the direction in which a body that drives arcs stands on each cell, see
     `robots.body.motions.LEGS`, and 16 more where it came backwards and a change of gear
     costs; None of others, as cells tell it."""
@@ -165,7 +164,7 @@ class Plan:
         return self.status is Status.OK
 
     @property
-    def headings_deg(self) -> NDArray[np.float64]:
+    def headings_deg(self) -> Floats:
         """(N,) degrees clockwise from up the rows in which each cell is left, see
         `arrays.headings_along`; of a body that drives arcs, in which it stands there.
         """
@@ -188,14 +187,14 @@ class Plan:
         return drive_along(self.walked, self.vehicle, self.along.sides_m)
 
     @property
-    def poses(self) -> NDArray[np.float64]:
+    def poses(self) -> Floats:
         """(N, 3) along `arcs`, every 0.25 m or nearer: metres along columns and along rows from the
         middle of cell (0, 0), degrees clockwise from up the rows; empty without arcs.
         """
         return np.empty((0, 3)) if self.drive is None else self.drive.poses
 
     @property
-    def walked(self) -> NDArray[np.int32]:
+    def walked(self) -> Int32s:
         """The path for `Grid.walk`: (N, 2) cells, of a body that drives arcs (N, 3) with its
         states.
         """
@@ -213,12 +212,12 @@ class Plan:
         )
 
     @property
-    def waypoint_headings_deg(self) -> NDArray[np.float64]:
+    def waypoint_headings_deg(self) -> Floats:
         """(N,) degrees in which each way point is left, as `headings_deg`; empty without."""
         return np.empty(0) if self.waypoints is None else headings_along(self.waypoints)
 
     @property
-    def curvatures(self) -> NDArray[np.float64]:
+    def curvatures(self) -> Floats:
         """(N,) of the line at each way point, one over a radius in metres, or cells without
         heights: `planners.turns`.
         """

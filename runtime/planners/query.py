@@ -6,9 +6,9 @@ from dataclasses import replace
 from typing import NamedTuple, TypedDict
 
 import numpy as np
-from numpy.typing import NDArray
 
 from nnpp_edge.runtime.arguments import checked
+from nnpp_edge.runtime.arrays import Bools
 from nnpp_edge.runtime.cells import Cell
 from nnpp_edge.runtime.errors import InvalidQueryError, Status
 from nnpp_edge.runtime.map.grid import Grid
@@ -73,7 +73,7 @@ class Wishes(NamedTuple):
     goal_heading_deg: float | None = None
     goal_tolerance_deg: float = 0.0
 
-    def directions(self, grid: Grid) -> tuple[int, NDArray[np.bool_] | None]:
+    def directions(self, grid: Grid) -> tuple[int, Bools | None]:
         """Those of a body at the start, and at the goal, as in `Query`; InvalidQueryError where it
         has none.
         """

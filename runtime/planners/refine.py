@@ -21,8 +21,8 @@ from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from nnpp_edge.runtime.arrays import Cells
 from nnpp_edge.runtime.deadline import NEVER, Deadline
 from nnpp_edge.runtime.errors import InvalidQueryError, Status
 from nnpp_edge.runtime.kernels.any_angle import corners, line_cost
@@ -115,7 +115,7 @@ class Refiner:
         )
 
     def line_along(
-        self, path: NDArray[np.int32], radius: float = 0.0, deadline: Deadline = NEVER
+        self, path: Cells, radius: float = 0.0, deadline: Deadline = NEVER
     ) -> Line | None:
         """A line near a path of cells that costs no more, with no turn sharper than `radius` cells;
         None without.
@@ -147,7 +147,7 @@ class Refiner:
         (dy, dx), least = self._state.sides_m or (1.0, 1.0), min(self._state.sides_m or (1.0,))
         return bool((curvatures(points * (dy / least, dx / least)) * radius <= 1.0).all())
 
-    def _freed(self, path: NDArray[np.int32], saves: float, deadline: Deadline) -> Line:
+    def _freed(self, path: Cells, saves: float, deadline: Deadline) -> Line:
         """The cheaper of what is found and the path itself."""
         own = corners(path)
         on_grid = Line(own, self.cost(own))

@@ -24,8 +24,8 @@ from enum import StrEnum
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from nnpp_edge.runtime.arrays import Int32s
 from nnpp_edge.runtime.cells import Cell, Rectangle
 from nnpp_edge.runtime.errors import InvalidQueryError
 from nnpp_edge.runtime.kernels.lattice import DIRECTION_COUNT
@@ -95,7 +95,7 @@ class Standing:
 class Rest(NamedTuple):
     """The standing path ahead of a robot, on the map as it is now."""
 
-    states: NDArray[np.int32]
+    states: Int32s
     """(N, 2) cells or (N, 3) states; the first is the robot's, or of those nearby the nearest."""
     clear: int
     """Number of the state from which on all lead to the goal."""

@@ -7,8 +7,8 @@ from contextlib import suppress
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from nnpp_edge.runtime.arrays import Bools, Floats
 from nnpp_edge.runtime.cells import Cell
 from nnpp_edge.runtime.deadline import NEVER, Deadline, OutOfTimeError
 from nnpp_edge.runtime.errors import InvalidQueryError
@@ -28,8 +28,7 @@ less.
 PlanLeg = Callable[..., Plan]
 Order = tuple[int, ...]
 """Numbers of the places between, counted from 0 as they were given."""
-Costs = NDArray[np.float64]
-Nearest = Callable[[], tuple[Costs, NDArray[np.bool_]]]
+Nearest = Callable[[], tuple[Floats, Bools]]
 
 
 @dataclass(frozen=True)
@@ -212,7 +211,7 @@ class _Legs:
         return list(itertools.pairwise(visited))
 
 
-def _cheapest_order(costs: Costs, deadline: Deadline = NEVER) -> tuple[Order, float]:
+def _cheapest_order(costs: Floats, deadline: Deadline = NEVER) -> tuple[Order, float]:
     """The cheapest order of the stops between the first and the last, and what the order given
     costs.
 

@@ -3,15 +3,16 @@
 import math
 
 import numpy as np
-from numpy.typing import NDArray
 
-Points = NDArray[np.float64]
+from nnpp_edge.runtime.arrays import Floats
+
+Points = Floats
 """(N, 2) places (row, col) in cells."""
 _ARC = math.radians(15.0)
 """The most that a way point on an arc turns."""
 
 
-def turns_rad(points: Points) -> NDArray[np.float64]:
+def turns_rad(points: Points) -> Floats:
     """(N,) by how much each way point turns the line, from 0 to π; 0 at the ends."""
     legs = np.diff(points, axis=0)
     headings = np.arctan2(legs[:, 1], legs[:, 0])
@@ -19,7 +20,7 @@ def turns_rad(points: Points) -> NDArray[np.float64]:
     return np.concatenate(([0.0], turns, [0.0]))[: len(points)]
 
 
-def curvatures(points: Points) -> NDArray[np.float64]:
+def curvatures(points: Points) -> Floats:
     """(N,) one over the radius, in cells, of the widest arc that fits into each turn; 0 at the
     ends.
 

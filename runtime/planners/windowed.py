@@ -11,9 +11,8 @@ from dataclasses import replace
 from functools import partial
 
 import numpy as np
-from numpy.typing import NDArray
 
-from nnpp_edge.runtime.arrays import Float2D
+from nnpp_edge.runtime.arrays import Bools, Float2D
 from nnpp_edge.runtime.cells import Cell, Endpoints, Rectangle, as_cell, enclosing
 from nnpp_edge.runtime.deadline import NEVER, Deadline, OutOfTimeError
 from nnpp_edge.runtime.errors import InvalidMapError, Status
@@ -312,7 +311,7 @@ class CorridorCells:
         return found
 
 
-def _dilated(flags: NDArray[np.bool_]) -> NDArray[np.bool_]:
+def _dilated(flags: Bools) -> Bools:
     """Each flag, or one beside it."""
     out = flags.copy()
     out[1:] |= flags[:-1]
@@ -320,7 +319,7 @@ def _dilated(flags: NDArray[np.bool_]) -> NDArray[np.bool_]:
     return out
 
 
-def _extent(flags: NDArray[np.bool_]) -> tuple[int, int]:
+def _extent(flags: Bools) -> tuple[int, int]:
     """The first flag that is set, and how many from there to the last one."""
     at = np.flatnonzero(flags)
     return (int(at[0]), int(at[-1] - at[0]) + 1) if len(at) else (0, 0)

@@ -7,8 +7,8 @@ import warnings
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
+from nnpp_edge.runtime.arrays import Float32s
 from nnpp_edge.runtime.cells import Cell, Rectangle, common
 from nnpp_edge.runtime.deadline import NEVER, Deadline
 from nnpp_edge.runtime.kernels.pooling import FACTOR
@@ -46,7 +46,7 @@ class MapView:
         self.blocks = metadata.blocks
         self._grid = state.grid
         self._unseen_change = unseen_change if self.network.in_parts else 0.0
-        self.planes: NDArray[np.float32] = np.empty((2, self.size, self.size), np.float32)
+        self.planes: Float32s = np.empty((2, self.size, self.size), np.float32)
         """The window at the network's size, as it was when the network was last shown it,
         or later.
         """

@@ -10,8 +10,8 @@ costs then only rise above them.
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 
+from nnpp_edge.runtime.arrays import Bools
 from nnpp_edge.runtime.cells import Cell
 from nnpp_edge.runtime.kernels.expansion import MOST_LANDMARKS
 from nnpp_edge.runtime.kernels.records import Hints
@@ -93,7 +93,7 @@ class Landmarks:
         return Hints(self.fields, self.fields[self._grid.node(*goal)].copy(), self._slack)
 
 
-def _nearest(chosen: NDArray[np.bool_], grid: "Grid", down: float, right: float) -> Cell | None:
+def _nearest(chosen: Bools, grid: "Grid", down: float, right: float) -> Cell | None:
     """Of the nodes chosen, the cell nearest a place given in shares of the map's height
     and width.
     """

@@ -7,15 +7,13 @@ from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from nnpp_edge.runtime.arrays import Cells, Floats
 from nnpp_edge.runtime.cells import Cell
 from nnpp_edge.runtime.errors import InvalidQueryError
 from nnpp_edge.runtime.kernels.poses import AXIS_COUNT, REFUSALS
 from nnpp_edge.runtime.robots.body import motions
 from nnpp_edge.runtime.robots.body.poses import Poses, limits_of
-
-Floats = NDArray[np.float64]
 
 
 class Attitudes(NamedTuple):
@@ -77,7 +75,7 @@ class PoseCheck:
         return "\n".join(lines)
 
 
-def attitudes(poses: Poses, path: NDArray[np.int32]) -> Attitudes:
+def attitudes(poses: Poses, path: Cells) -> Attitudes:
     """How the vehicle stands along a path of legs (N, 2), or of states (N, 3).
 
     A single cell counts as left along the first direction. inf or NaN where unknown cells lie

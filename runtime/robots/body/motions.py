@@ -13,8 +13,8 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from nnpp_edge.runtime.arrays import Bools, Float32s, Floats, Int64s
 from nnpp_edge.runtime.kernels.lattice import LEG_COLS, LEG_ROWS
 from nnpp_edge.runtime.kernels.poses import AXIS_COUNT
 from nnpp_edge.runtime.kernels.records import PoseTables
@@ -36,8 +36,6 @@ SNAPPED = 0.02
 the body's length: where cells are small beside the body, nearly all samples are cells, which are
 read faster than means of four."""
 _ROUNDING = 1e-9
-
-Floats = NDArray[np.float64]
 
 
 class Pose(NamedTuple):
@@ -110,41 +108,41 @@ class Motions(NamedTuple):
     four, two, one.
     """
 
-    poses_of: NDArray[np.int64]
+    poses_of: Int64s
     """(M + 1,) where each motion's poses begin."""
-    groups_of: NDArray[np.int64]
+    groups_of: Int64s
     """(P + 1,) where the groups of each pose begin: of its wheels, then of its belly's parts."""
-    groups: NDArray[np.int64]
+    groups: Int64s
     """(G, 5) of each group: first sample, first that is a mean of two cells, first that is one,
     end; first cell.
     """
-    places: NDArray[np.float32]
+    places: Float32s
     """(S, 2) metres of each sample ahead of the pose's middle and to the left of it."""
-    cells: NDArray[np.int64]
-    shares: NDArray[np.float32]
+    cells: Int64s
+    shares: Float32s
     """(C, 2) row and column of samples' cells, from the motion's cell; (C,) shares of their
     heights.
     """
-    slopes_of: NDArray[np.int64]
+    slopes_of: Int64s
     """(P + 1,) where the cells begin by which each pose's plane is fitted."""
-    slope_cells: NDArray[np.int64]
-    slope_shares: NDArray[np.float32]
+    slope_cells: Int64s
+    slope_shares: Float32s
     """(D, 2) row and column of these; (D, 2) what each height adds to the plane's slope ahead, and
     to the left.
     """
-    raised_of: NDArray[np.int64]
-    raised: NDArray[np.int64]
+    raised_of: Int64s
+    raised: Int64s
     """Wheels whose greatest heights make the plane lowest in each group; (G + 1,) where each
     group's begin.
     """
-    swept: NDArray[np.float32]
+    swept: Float32s
     """(P, 3) metres by which a point under the body may lie elsewhere ahead and to the left, and
     the turn in rad.
     """
-    gradients: NDArray[np.float32]
+    gradients: Float32s
     """(5, W) what a wheel's height adds to the plane at the body's middle, to its slopes ahead
     and to the left, and to these two without sign."""
-    carried: NDArray[np.float32]
+    carried: Float32s
     """(8,) what each unit of slope ahead, and to the left, by which contacts depart from the
     plane may add to the slopes ahead (2) and to the left (2), to how low the belly comes (2) and
     to the step (2), as a wheel may touch anywhere in its patch."""
@@ -264,12 +262,12 @@ class Samples(NamedTuple):
 
     places: Floats
     """(S, 2) metres ahead of the body's middle and to the left of it."""
-    counts: NDArray[np.int64]
+    counts: Int64s
     """(S,) cells that each is a mean of: four, two, one, in that order."""
     cells: Floats
     """(C, 3) row and column from the motion's cell, and share, of each sample's cells."""
 
-    def of(self, chosen: NDArray[np.bool_]) -> "Samples":
+    def of(self, chosen: Bools) -> "Samples":
         """Some of them."""
         return Samples(
             self.places[chosen], self.counts[chosen], self.cells[np.repeat(chosen, self.counts)]
@@ -391,7 +389,7 @@ def _corners_of(columns: Floats, rows: Floats, near: Floats) -> Floats:
     return found
 
 
-def _cells_of(points: Floats) -> tuple[NDArray[np.int64], Floats]:
+def _cells_of(points: Floats) -> tuple[Int64s, Floats]:
     """Of points (S, 2): how many cells each height is a mean of, and these, (C, 3) row, column and
     share.
     """

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from nnpp_edge.runtime.arguments import checked
-from nnpp_edge.runtime.arrays import Float2D
+from nnpp_edge.runtime.arrays import Bools, Cells, Float2D, Float32s, Floats, Int32s, Int64s, Words
 from nnpp_edge.runtime.cells import Cell, Rectangle, slices, widened
 from nnpp_edge.runtime.errors import InvalidMapError
 from nnpp_edge.runtime.kernels import records
@@ -46,7 +46,6 @@ from nnpp_edge.runtime.robots.body.primitives import ARCS, primitives, turn_rad
 from nnpp_edge.runtime.terrain.traversability import Traversability, relative_heights, sides_of
 from nnpp_edge.runtime.terrain.vehicle import Vehicle
 
-Floats = NDArray[np.float32]
 NO_EDGES = np.empty((0, 2 * AXIS_COUNT), np.float32)
 """Of legs that cost by what they are checked to be."""
 _SAFE = 1.0 - 1e-5
@@ -83,8 +82,8 @@ class Poses:
         vehicle: Vehicle,
         weights: tuple[float, float, float],
         scale: float,
-        shut: NDArray[np.bool_] | None = None,
-        unseen: Floats | None = None,
+        shut: Bools | None = None,
+        unseen: Float32s | None = None,
     ) -> None:
         self.weights = weights
         self._unseen = unseen
@@ -122,9 +121,7 @@ class Poses:
         ):
             self.heights[edge] = self._unknown if unseen is None else np.inf
         nodes = (rows + 2) * (cols + 2)
-        self.codes: NDArray[np.uint16] = np.zeros(
-            (nodes, len(tables.poses_of) - 1 - AXIS_COUNT), np.uint16
-        )
+        self.codes: Words = np.zeros((nodes, len(tables.poses_of) - 1 - AXIS_COUNT), np.uint16)
         """(nodes, M) what is known of each motion that begins on a node: legs, turns, and arcs if
         there are any.
         """
@@ -137,7 +134,7 @@ class Poses:
         turns_m = vehicle.turn_m_per_rad * np.array(
             [turn_rad(k, sides_m) for k in range(AXIS_COUNT)]
         )
-        self.turns_m: NDArray[np.float64] = turns_m
+        self.turns_m: Floats = turns_m
         """(8,) metres of level ground as dear as the turn from each direction to the next."""
         self.primitives = primitives(vehicle, sides_m)
         moves, fares, origins, rays, lengths, _ = self.primitives
@@ -168,9 +165,7 @@ class Poses:
         address = address_of(check_run, tuple(poses), 0, 0, 0)  # type: ignore[no-untyped-call]  # as all of `kernels`
         return tuple(poses._replace(check_run=address))
 
-    def figures(
-        self, cell: Cell, motion: int, other: motions.Motions | None = None
-    ) -> NDArray[np.float64]:
+    def figures(self, cell: Cell, motion: int, other: motions.Motions | None = None) -> Floats:
         """(P, 7) of the poses of a motion from a cell, or of one of other motions: bounds of slope,
         pitch, roll, step and rise, and slopes ahead and to the left with the wheels in the middle
         of their ranges; see `kernels.poses`.
@@ -185,7 +180,7 @@ class Poses:
         """Poses checked so far; one that was forgotten and checked again counts twice."""
         return int(self._counts[0])
 
-    def _put(self, row: int, col: int, heights: Float2D, shut: NDArray[np.bool_] | None) -> None:
+    def _put(self, row: int, col: int, heights: Float2D, shut: Bools | None) -> None:
         if np.isnan(self._base):
             known = (height for line in heights for height in line[np.isfinite(line)][:1])
             self._base = np.float32(next(known, np.nan))
@@ -194,9 +189,7 @@ class Poses:
         if shut is not None:
             self.heights[slices((*place, *heights.shape))][shut] = np.inf
 
-    def write(
-        self, row: int, col: int, heights: Float2D, shut: NDArray[np.bool_] | None = None
-    ) -> Rectangle:
+    def write(self, row: int, col: int, heights: Float2D, shut: Bools | None = None) -> Rectangle:
         """Put heights into the map, (h, w) float32 that lie inside it, and forget the motions that
         they touch.
 
@@ -213,7 +206,7 @@ class Poses:
         """Check all motions that are not checked yet."""
         check_all(self.packed)
 
-    def standing(self, rows: range | None = None) -> NDArray[np.uint16]:
+    def standing(self, rows: range | None = None) -> Words:
         """(8, H, W) codes of the body standing on each cell in each direction, or of those of some
         rows.
         """
@@ -230,10 +223,10 @@ class Poses:
 
     def walk(
         self,
-        path: NDArray[np.int32],
+        path: Cells,
         first: int,
-        costs: NDArray[np.float64],
-        edges: Floats = NO_EDGES,
+        costs: Floats,
+        edges: Float32s = NO_EDGES,
         prices: Prices | None = None,
     ) -> int:
         """As `Grid.walk`, by these prices, and by what legs cost in each direction, (nodes, 16), if
@@ -242,7 +235,7 @@ class Poses:
         walk = walk_primitives if path.shape[1] == 3 else walk_states
         return int(walk(self.packed, edges, tuple(prices or self.prices), path, first, costs))
 
-    def steps(self, path: NDArray[np.int32]) -> "Steps":
+    def steps(self, path: Cells) -> "Steps":
         """The motions along a path: legs between its cells (N, 2), or primitives between its states
         (N, 3).
         """
@@ -276,9 +269,7 @@ class Poses:
             lengths,
         )
 
-    def cost_along(
-        self, path: NDArray[np.int32]
-    ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    def cost_along(self, path: Cells) -> tuple[Floats, Floats]:
         """(N - 1,) lengths of the motions along a path, in cells, and their T; all of them have
         been checked.
         """
@@ -293,16 +284,16 @@ class Poses:
 class Steps(NamedTuple):
     """The motions along a path of N places, (N - 1,) each."""
 
-    cells: NDArray[np.int32]
+    cells: Int32s
     """(N - 1, 2) where each motion begins, which for some is where the path comes to by it."""
-    motions: NDArray[np.int64]
-    reversed: NDArray[np.bool_]
+    motions: Int64s
+    reversed: Bools
     """Whether it begins there."""
-    headings: NDArray[np.int64]
+    headings: Int64s
     """Direction of the body where the path comes from."""
-    turned: NDArray[np.bool_]
+    turned: Bools
     """Whether the body stands the other way round there than the motion is checked."""
-    lengths: NDArray[np.float64]
+    lengths: Floats
 
 
 @checked(InvalidMapError)
@@ -313,7 +304,7 @@ def pose_costs(
     *,
     cell_width_m: float | None = None,
     traversability: Traversability | None = None,
-) -> Floats:
+) -> Float32s:
     """Cost of a vehicle's poses on each cell: every one is checked, which planners do only where
     they look.
 
@@ -361,17 +352,17 @@ def pose_costs(
     return np.where(codes >= FAILS, np.float32(np.inf), costs.astype(np.float32))
 
 
-def between(turns: NDArray[np.floating]) -> Floats:
+def between(turns: NDArray[np.floating]) -> Float32s:
     """(16, 16) what the shorter turn from each direction to each other costs, given (8,) of those
     to the next.
     """
     at = np.cumsum(np.concatenate(([0.0], turns, turns)))
     apart = np.abs(at[:-1, None] - at[:-1])
-    found: Floats = np.minimum(apart, at[-1] - apart).astype(np.float32)
+    found: Float32s = np.minimum(apart, at[-1] - apart).astype(np.float32)
     return found
 
 
-def limits_of(vehicle: Vehicle, weights: tuple[float, float, float]) -> Floats:
+def limits_of(vehicle: Vehicle, weights: tuple[float, float, float]) -> Float32s:
     """Of a vehicle, as the check takes them."""
     *angles, step_m, rise_m = vehicle.allowances
     tilt, pitch, roll = map(math.radians, angles)

@@ -14,8 +14,8 @@ from collections.abc import Iterator
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from nnpp_edge.runtime.arrays import Float32s, Int32s
 from nnpp_edge.runtime.kernels.lattice import (
     DIRECTION_COUNT,
     LEFT_TURN,
@@ -125,11 +125,11 @@ def curve(direction: int, sides_m: tuple[float, float], radius_m: float) -> Curv
 class Primitives(NamedTuple):
     """Of a vehicle on cells of certain sides."""
 
-    moves: NDArray[np.int32]
-    fares: NDArray[np.float32]
-    origins: NDArray[np.int32]
-    rays: NDArray[np.int32]
-    ray_fares: NDArray[np.float32]
+    moves: Int32s
+    fares: Float32s
+    origins: Int32s
+    rays: Int32s
+    ray_fares: Float32s
     """As of `kernels.records.Prices`. Rays are legs, and then arcs forwards, if there are any."""
     shortest: float
     """No curve is shorter than so many times the way by legs."""

@@ -3,8 +3,8 @@ which limit.
 """
 
 import numpy as np
-from numpy.typing import NDArray
 
+from nnpp_edge.runtime.arrays import Bools, Bytes, Words
 from nnpp_edge.runtime.cells import Cell, apart, slices, widened
 from nnpp_edge.runtime.kernels.poses import AXIS_COUNT, FAILS, REFUSALS, UNKNOWN
 from nnpp_edge.runtime.robots.body import motions
@@ -27,7 +27,7 @@ _WORDS = (
 _KEYS = ("", "max_tilt_deg", "max_pitch_deg", "max_roll_deg", "max_step_m", "clearance_m")
 
 
-def refusals(codes: NDArray[np.uint16]) -> NDArray[np.uint8]:
+def refusals(codes: Words) -> Bytes:
     """(H, W) of the codes of `Poses.standing`: 0 where the body stands in some direction.
 
     Else 1 + the limit, by its place in `REFUSALS`, that refuses it in most.
@@ -48,7 +48,7 @@ def why_blocked(poses: Poses, cell: Cell) -> str:
     return f"in {headings} {_refused(poses, limit, least, '{} or more')}"
 
 
-def why_ended(poses: Poses, reached: NDArray[np.bool_], end: Cell, *, by_legs: bool) -> str:
+def why_ended(poses: Poses, reached: Bools, end: Cell, *, by_legs: bool) -> str:
     """Where the cells (H, W) that a search reached come closest to an end, and why no closer.
 
     `by_legs` it was one from the goal by legs alone: told is the limit that refuses most of the
