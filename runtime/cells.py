@@ -2,6 +2,9 @@
 
 from collections.abc import Sequence
 
+import numpy as np
+from numpy.typing import NDArray
+
 from nnpp_edge.runtime.errors import InvalidMapError, InvalidQueryError, shown
 
 Cell = tuple[int, int]
@@ -66,6 +69,13 @@ def enclosing(parts: Sequence[Rectangle]) -> Rectangle:
     bottom = max(part[0] + part[2] for part in parts)
     right = max(part[1] + part[3] for part in parts)
     return row, col, bottom - row, right - col
+
+
+def holding(cells: NDArray[np.signedinteger]) -> Rectangle:
+    """The least rectangle that holds these cells (N, 2), of which there is at least one."""
+    row, col = cells.min(0).tolist()
+    bottom, right = cells.max(0).tolist()
+    return row, col, bottom - row + 1, right - col + 1
 
 
 def common(one: Rectangle, other: Rectangle) -> Rectangle | None:

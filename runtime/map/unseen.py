@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from nnpp_edge.runtime.arrays import Bools, Float2D, Floats
-from nnpp_edge.runtime.cells import Rectangle, slices
+from nnpp_edge.runtime.cells import Rectangle, holding, slices
 from nnpp_edge.runtime.deadline import NEVER, Deadline
 from nnpp_edge.runtime.kernels.tiles import BLOCK_SEEN, BLOCK_UNTOUCHED
 from nnpp_edge.runtime.map.along import Line, heights_at
@@ -65,9 +65,7 @@ class Unseen:
             some = blocks[begin : begin + together]
             self._sum_up(some, grid)
             self._new[tuple(some.T)] = False
-            top, left = some.min(0).tolist()
-            bottom, right = some.max(0).tolist()
-            yield top, left, bottom - top + 1, right - left + 1
+            yield holding(some)
 
     def _sum_up(self, blocks: NDArray[np.intp], grid: Grid) -> None:
         """Sum up what is known of the cells of blocks (N, 2)."""

@@ -3,6 +3,7 @@ been seen.
 """
 
 from collections.abc import Callable, Iterator
+from dataclasses import replace
 
 import cv2
 import numpy as np
@@ -13,7 +14,7 @@ from nnpp_edge.runtime.deadline import Deadline
 from nnpp_edge.runtime.errors import Status
 from nnpp_edge.runtime.kernels.tiles import BLOCK_SEEN
 from nnpp_edge.runtime.map.ground import Ground
-from nnpp_edge.runtime.map.state import MapState, map_state
+from nnpp_edge.runtime.map.state import CostState, MapState
 from nnpp_edge.runtime.planners.query import Found, Work
 from nnpp_edge.runtime.robots.robot import Robot
 from nnpp_edge.runtime.search.query import Query
@@ -42,10 +43,10 @@ class BlockWay:
         self._grid = state.grid
         self._unseen = state.unseen
         everywhere = 0, 0, *self._unseen.dem.shape
-        self._map = map_state(
-            Ground(self._unseen.costs(everywhere) / PRICE_SCALE),
-            state.omega * PRICE_SCALE,
-        )
+        model = state.grid.model
+        model = replace(model, scale=model.scale * PRICE_SCALE)
+        ground = Ground(self._unseen.costs(everywhere) / PRICE_SCALE)
+        self._map = CostState(ground, model, corner_cutting=True, tell_unknown=False)
         self._find = find(self._map)
         rows, cols = (
             np.arange(side, dtype=np.int32) // self._unseen.factor for side in state.shape

@@ -25,7 +25,7 @@ import numpy as np
 from nnpp_edge.runtime.arrays import Cells
 from nnpp_edge.runtime.deadline import NEVER, Deadline
 from nnpp_edge.runtime.errors import InvalidQueryError, Status
-from nnpp_edge.runtime.kernels.any_angle import corners, line_cost
+from nnpp_edge.runtime.kernels.any_angle import NO_DISC, corners, line_cost
 from nnpp_edge.runtime.kernels.stations import freed
 from nnpp_edge.runtime.map.grid import Grid
 from nnpp_edge.runtime.map.state import MapState
@@ -72,6 +72,8 @@ class Refiner:
     def __init__(self, state: MapState) -> None:
         self._state = state
         self._grid = state.grid
+        self._room = state.room or NO_DISC
+        self._sides_m = state.sides_m or (1.0, 1.0)
 
     def refined(
         self, plan: Plan, turning_radius_m: float | None = None, deadline: Deadline = NEVER
@@ -138,14 +140,14 @@ class Refiner:
 
     def cost(self, points: Points) -> float:
         """The line integral along way points; inf where it leads through what is impassable."""
-        return float(line_cost(self._grid.packed, self._state.room, points))
+        return float(line_cost(self._grid.packed, self._room, points))
 
     def _turns(self, points: Points, radius: float) -> bool:
         """Whether no turn is sharper than a radius, in cells; on cells that are not square, in
         metres too.
         """
-        (dy, dx), least = self._state.sides_m or (1.0, 1.0), min(self._state.sides_m or (1.0,))
-        return bool((curvatures(points * (dy / least, dx / least)) * radius <= 1.0).all())
+        scale = np.array(self._sides_m) / min(self._sides_m)
+        return bool((curvatures(points * scale) * radius <= 1.0).all())
 
     def _freed(self, path: Cells, saves: float, deadline: Deadline) -> Line:
         """The cheaper of what is found and the path itself."""
@@ -153,9 +155,7 @@ class Refiner:
         on_grid = Line(own, self.cost(own))
         for first in range(_FAR_STAGES + 1):  # where far moves lead astray, nearer ones may not
             line = Line(
-                *freed(
-                    self._grid.packed, self._state.room, path, ANY_ANGLE[first:], saves, deadline.at
-                )
+                *freed(self._grid.packed, self._room, path, ANY_ANGLE[first:], saves, deadline.at)
             )
             if line.cost < on_grid.cost:
                 return line

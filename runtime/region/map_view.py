@@ -11,6 +11,7 @@ import numpy as np
 from nnpp_edge.runtime.arrays import Float32s
 from nnpp_edge.runtime.cells import Cell, Rectangle, common
 from nnpp_edge.runtime.deadline import NEVER, Deadline
+from nnpp_edge.runtime.errors import users_line
 from nnpp_edge.runtime.kernels.pooling import FACTOR
 from nnpp_edge.runtime.map.grid import Grid
 from nnpp_edge.runtime.map.state import MapState
@@ -69,7 +70,7 @@ class MapView:
                 "planner uses "
                 f"{steps.scale / GREY_LEVELS:g}: its regions may miss the optimum by more than "
                 "stated",
-                stacklevel=11,
+                stacklevel=users_line(),
             )
 
     def show(self, start: Cell, goal: Cell, deadline: Deadline = NEVER) -> tuple[Point, Point]:
