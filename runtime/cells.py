@@ -28,6 +28,11 @@ def as_cell(cell: Cell, name: str) -> Cell:
     raise InvalidQueryError(f"{name} must be two whole numbers (row, col), got {shown(cell)}")
 
 
+def coarser(cell: Cell, factor: int) -> Cell:
+    """The cell of `factor` × `factor` cells that holds a cell."""
+    return cell[0] // factor, cell[1] // factor
+
+
 def patch_at(origin: Cell, patch: tuple[int, ...], shape: tuple[int, int]) -> Rectangle:
     """Where a patch of (rows, cols) cells goes; InvalidMapError unless that lies inside a map of
     this shape.

@@ -35,7 +35,6 @@ from numba.core.serialize import dumps
 from numba.core.sigutils import normalize_signature
 
 from nnpp_edge.runtime.compiled import claims, places
-from nnpp_edge.runtime.compiled.notice import begins
 
 NumbaObject = Any
 """Something of numba's own, which has no types."""
@@ -101,6 +100,8 @@ class KernelCache(NullCache):
             if kept is not None:
                 claims.release(_digest(key))
         if kept is None:
+            from nnpp_edge.runtime.compiled.notice import begins
+
             _compiling.append(begins(_COMPILING))
         return kept
 

@@ -188,21 +188,20 @@ def crossings(line: Line) -> Line:
     legs = [np.arange(len(ways))]
     shares = [np.ones(len(ways))]
     for begin, way in zip(begins.T, ways.T, strict=True):
-        first = np.ceil(np.minimum(begin, begin + way))
-        counts = np.where(
-            way != 0.0, np.floor(np.maximum(begin, begin + way)) - first + 1.0, 0.0
-        ).astype(np.int64)
+        end = begin + way
+        first = np.ceil(np.minimum(begin, end))
+        last = np.floor(np.maximum(begin, end))
+        counts = np.where(way != 0.0, last - first + 1.0, 0.0).astype(np.int64)
         leg = np.repeat(np.arange(len(ways)), counts)
         whole = first[leg] + np.arange(len(leg)) - (counts.cumsum() - counts)[leg]
         legs.append(leg)
         shares.append(((whole - begin[leg]) / way[leg]).clip(0.0, 1.0))
-    leg = np.concatenate(legs)
-    share = np.concatenate(shares)
-    order = np.lexsort((share, leg))
-    leg = leg[order]
-    share = share[order]
-    kept = (share > 0.0) & np.append((leg[1:] != leg[:-1]) | (share[1:] != share[:-1]), True)
-    return np.concatenate((points[:1], begins[leg[kept]] + share[kept, None] * ways[leg[kept]]))
+    places = np.column_stack((np.concatenate(legs), np.concatenate(shares)))
+    places = places[np.lexsort(places[:, ::-1].T)]  # in order along the line
+    new = np.diff(places, axis=0, prepend=-1.0).any(1) & (places[:, 1] > 0.0)
+    number, share = places[new].T
+    leg = number.astype(np.int64)
+    return np.concatenate((points[:1], begins[leg] + share[:, None] * ways[leg]))
 
 
 def joined(lines: Sequence[Line]) -> Line:
@@ -217,11 +216,11 @@ def heights_at(heights: Heights, points: Line) -> Floats:
     NaN where a height that counts is unknown; beyond the middles at the rim, the rim's.
     """
     if np.issubdtype(points.dtype, np.integer):
-        of_cells: Floats = heights[points[:, 0], points[:, 1]].astype(np.float64)
+        of_cells: Floats = heights[tuple(points.T)].astype(np.float64)
         return of_cells
-    low = np.clip(np.floor(points).astype(np.int64), 0, np.array(heights.shape) - 1)
+    low = np.clip(np.floor(points).astype(np.int32), 0, np.array(heights.shape) - 1)
     if (low == points).all():
-        return heights[low[:, 0], low[:, 1]].astype(np.float64)
+        return heights_at(heights, low)
     high = np.minimum(low + 1, np.array(heights.shape) - 1)
     down, right = np.clip(points - low, 0.0, 1.0).T
     found = np.zeros(len(points))

@@ -243,7 +243,11 @@ class Grid:
     def map(self) -> Float2D:
         """(rows, cols) float32, the weights of the map's own cells; a view."""
         self.complete()
-        return self.weights.reshape(self.rows + 2, self.stride)[1:-1, 1:-1]
+        return self.inner(self.weights)
+
+    def inner(self, nodes: Float32s) -> Float2D:
+        """(rows, cols) of numbers by node, those of the map's own cells; a view."""
+        return nodes.reshape(self.rows + 2, self.stride)[1:-1, 1:-1]
 
     def node(self, row: int, col: int) -> int:
         """Flat index of a cell."""

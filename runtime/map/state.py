@@ -12,16 +12,15 @@ from nnpp_edge.runtime.cells import Rectangle, patch_at, slices
 from nnpp_edge.runtime.deadline import NEVER, Deadline
 from nnpp_edge.runtime.errors import InvalidMapError, InvalidQueryError, users_line
 from nnpp_edge.runtime.kernels.records import Packed
-from nnpp_edge.runtime.map.along import Along, Line
 from nnpp_edge.runtime.map.changes import Change, ChangeLog, ChangeReader
 from nnpp_edge.runtime.map.grid import Grid
 from nnpp_edge.runtime.map.ground import Ground
-from nnpp_edge.runtime.map.pyramid import Pyramid
 from nnpp_edge.runtime.memory import DIRECTED_BYTES_PER_CELL, bytes_per_cell, check_planner_fits
 from nnpp_edge.runtime.terrain.step_cost import PAPER_OMEGA, StepCost, StepModel
-from nnpp_edge.runtime.terrain.traversability import relative_heights, warn_of_saturation
 
 if TYPE_CHECKING:
+    from nnpp_edge.runtime.map.along import Along, Line
+    from nnpp_edge.runtime.map.pyramid import Pyramid
     from nnpp_edge.runtime.map.unseen import Unseen
 
 
@@ -79,16 +78,18 @@ class MapState:
         return self.grid.shape
 
     @property
-    def pyramid(self) -> Pyramid:
+    def pyramid(self) -> "Pyramid":
         """The coarse levels, as the map is now. Made when first read, and brought up to date when
         read again.
         """
         return self.pyramid_by(NEVER)
 
-    def pyramid_by(self, deadline: Deadline) -> Pyramid:
+    def pyramid_by(self, deadline: Deadline) -> "Pyramid":
         """As `pyramid`; at the deadline OutOfTimeError, and the next call goes on from there."""
         changes = self._unpooled.read()
         if self._pyramid is None:
+            from nnpp_edge.runtime.map.pyramid import Pyramid
+
             self._pyramid = Pyramid(self.grid)
             if not self._lazy:
                 self.grid.complete(deadline)
@@ -158,7 +159,7 @@ class MapState:
         """
         return len(path)
 
-    def along(self, line: Line, at: Line | None = None) -> Along | None:
+    def along(self, line: "Line", at: "Line | None" = None) -> "Along | None":
         """Ground under a line (N, 2) inside the map; None on a map of costs, whose heights are not
         known.
 
@@ -248,6 +249,8 @@ def map_state(
     if ground.factor == 1 or body_bytes:  # else memory goes by what is seen
         check_planner_fits(ground.shape, DIRECTED_BYTES_PER_CELL * by_slope + body_bytes)
     if warn and heights is not None and ground.factor == 1:
+        from nnpp_edge.runtime.terrain.traversability import relative_heights, warn_of_saturation
+
         rule = ground.limits.rule(*ground.sides_m)
         warn_of_saturation(relative_heights(heights)[0], rule, stacklevel=1 + users_line())
     # each kind of map is loaded where there is one

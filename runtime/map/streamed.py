@@ -145,12 +145,12 @@ class StreamedMap:
         border.
         """
         above = FACTOR if self._taken else 0
+        grid = self.grid
         last = self._band
-        stride = self.grid.stride
-        kept = None if last is None else last.weights.reshape(-1, stride)[-1 - _KEPT : -1].copy()
         band = last
         if band is None or band.rows != rows + above:
-            band = Grid(rows + above, self.grid.cols, self.grid.model, self.grid.corner_cutting)
-        if kept is not None:
-            band.weights.reshape(-1, stride)[:_KEPT] = kept
+            band = Grid(rows + above, grid.cols, grid.model, grid.corner_cutting)
+        if last is not None:
+            kept = last.weights.reshape(-1, grid.stride)[-1 - _KEPT : -1]
+            band.weights.reshape(-1, grid.stride)[:_KEPT] = kept.copy()
         return band

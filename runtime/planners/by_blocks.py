@@ -9,7 +9,7 @@ import cv2
 import numpy as np
 
 from nnpp_edge.runtime.arrays import Bools, Cells
-from nnpp_edge.runtime.cells import Rectangle, slices
+from nnpp_edge.runtime.cells import Rectangle, coarser, slices, widened
 from nnpp_edge.runtime.deadline import Deadline
 from nnpp_edge.runtime.errors import Status
 from nnpp_edge.runtime.kernels.tiles import BLOCK_SEEN
@@ -72,7 +72,8 @@ class BlockWay:
         was seen, or the way on is blocked; or the `whole` way.
         """
         side = self._unseen.factor
-        start, goal = ((cell[0] // side, cell[1] // side) for cell in (query.start, query.goal))
+        start = coarser(query.start, side)
+        goal = coarser(query.goal, side)
         shut = np.zeros(self._unseen.dem.shape, np.bool_)
         for _ in range(MOST_BLOCK_WAYS):
             left, top, width, height = cv2.boundingRect(shut.view(np.uint8))
@@ -100,7 +101,8 @@ class BlockWay:
 
     def _first(self, way: Cells, stops: Cells) -> int:
         """Number of the stop up to which cells are to be searched."""
-        unseen = np.flatnonzero(self._unseen.layers[1][way[:, 0], way[:, 1]] != BLOCK_SEEN)
+        known = self._unseen.layers[1][tuple(way.T)]
+        unseen = np.flatnonzero(known != BLOCK_SEEN)
         last = len(way) - 1
         first = min(int(unseen[0]) + BLOCKS_BEYOND, last) if len(unseen) else last
         while first < last and (blocked := self._blocked(stops[first:])) >= 0:
@@ -111,10 +113,9 @@ class BlockWay:
         """The blocks of a way, and those around them."""
         self._region = region = self._region._replace(stamp=self._region.stamp + 1)
         for row, col in way.tolist():
-            rows, cols = (
-                slice(max(at - BLOCKS_AROUND, 0), at + BLOCKS_AROUND + 1) for at in (row, col)
-            )
-            region.bitmap[rows, cols] = region.stamp
+            around = (BLOCKS_AROUND, BLOCKS_AROUND)
+            part = widened((row, col, 1, 1), around, region.bitmap.shape)
+            region.bitmap[slices(part)] = region.stamp
         return region
 
     def _blocked(self, stops: Cells) -> int:
@@ -130,7 +131,7 @@ def over(stops: Cells) -> Cells:
     steps = np.abs(np.diff(stops, axis=0)).max(axis=1, initial=0)
     begins = np.repeat(np.cumsum(steps) - steps, steps)
     share = ((np.arange(len(begins)) - begins + 1) / np.repeat(steps, steps))[:, None]
-    begin, end = (np.repeat(ends, steps, axis=0) for ends in (stops[:-1], stops[1:]))
-    return np.concatenate(
-        (stops[:1], np.rint(begin * (1.0 - share) + end * share).astype(np.int32))
-    )
+    begin = np.repeat(stops[:-1], steps, axis=0)
+    end = np.repeat(stops[1:], steps, axis=0)
+    between = np.rint(begin * (1.0 - share) + end * share)
+    return np.concatenate((stops[:1], between.astype(np.int32)))

@@ -3,7 +3,7 @@
 import math
 from collections.abc import Callable
 from dataclasses import replace
-from typing import NamedTuple, TypedDict
+from typing import Any, NamedTuple, TypedDict
 
 import numpy as np
 
@@ -168,12 +168,22 @@ class Found(NamedTuple):
         if given.
         """
         search = self.search
-        path, states = search.path[:, :2], search.path[:, 2] if search.path.shape[1] == 3 else None
+        path = np.ascontiguousarray(search.path[:, :2])
+        of_map: dict[str, Any] = {"known": len(path)}
+        if state is not None:
+            of_map = {
+                "costs_computed": state.costs_computed,
+                "checks": state.checked - checked_before,
+                "along": state.along(path),
+                "known": state.known_along(path),
+            }
+            if search.path.shape[1] == 3:
+                of_map |= {"states": search.path[:, 2], "vehicle": state.vehicle}
         plan = Plan(
             search.status,
             by.base,
             self.source,
-            np.ascontiguousarray(path),
+            path,
             self.cost,
             self.length,
             self.traverse_cost,
@@ -183,13 +193,8 @@ class Found(NamedTuple):
             planner=by,
             choice=choice or work.remark,
             reason=reason or _REASONS.get(search.status, ""),
-            costs_computed=1.0 if state is None else state.costs_computed,
-            checks=0 if state is None else state.checked - checked_before,
             timings_ms=work.timings_ms,
-            along=None if state is None else state.along(path),
-            states=states,
-            vehicle=None if states is None or state is None else state.vehicle,
-            known=len(path) if state is None else state.known_along(path),
+            **of_map,
         )
         work.stage_ends("path")  # the plan's own making counts
         work.timings_ms["total"] = work.total_ms()

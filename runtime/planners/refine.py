@@ -46,12 +46,10 @@ path.
 """
 
 
-def refines(name: str | None, grid: Grid) -> bool:
+def refines(name: str, grid: Grid) -> bool:
     """Whether paths are freed; InvalidQueryError for another name than ``any-angle``, or for this
     map's steps.
     """
-    if name is None:
-        return False
     if name != "any-angle":
         raise InvalidQueryError(f"refine must be one of any-angle, got {name!r}")
     if grid.robot.line_refusal:

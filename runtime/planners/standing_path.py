@@ -276,8 +276,10 @@ class StandingPath:
 
     def _by_way_of(self, part: Rectangle, at: Cell, goal: Cell) -> float:
         """The least that a path by way of a rectangle's cells costs."""
-        (row, col, rows, cols), cost = part, self._grid.robot.worth_of_height(at, goal)
+        row, col, rows, cols = part
+        cost = self._grid.robot.worth_of_height(at, goal)
         for end in (at, goal):
-            nearest = min(max(end[0], row), row + rows - 1), min(max(end[1], col), col + cols - 1)
-            cost += octile.py_func(*end, *nearest, *self._grid.prices)
+            near_row = min(max(end[0], row), row + rows - 1)
+            near_col = min(max(end[1], col), col + cols - 1)
+            cost += octile.py_func(*end, near_row, near_col, *self._grid.prices)
         return cost

@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 
 from nnpp_edge.runtime.arrays import Bytes, Float2D, Int32s
-from nnpp_edge.runtime.cells import Cell, Endpoints
+from nnpp_edge.runtime.cells import Cell, Endpoints, coarser
 from nnpp_edge.runtime.deadline import NEVER, Deadline, OutOfTimeError
 from nnpp_edge.runtime.kernels import threshold as kernels
 from nnpp_edge.runtime.kernels.pooling import FACTOR, NO_LINKS
@@ -184,7 +184,7 @@ class LearnedRegions:
         finder = self._finder
         share = view.network.metadata.region_factor
         lookup, touching = view.lookup_at(level.grid, number)
-        ends = (start[0] // factor, start[1] // factor), (goal[0] // factor, goal[1] // factor)
+        ends = (coarser(start, factor), coarser(goal, factor))
         blocks = view.block(start), view.block(goal)
         place = workspace, lookup, ends, blocks
         td = finder.first(probability, level, *place, share, touching=touching, deadline=deadline)

@@ -230,8 +230,7 @@ def cost_field(grid: "Grid", source: Cell, workspace: Workspace) -> Float2D:
     there is none.
     """
     settle_all(grid, source, workspace)
-    field = workspace.costs().reshape(-1, grid.stride)[1 : grid.rows + 1, 1 : grid.cols + 1]
-    return grid.robot.with_heights(field, source)
+    return grid.robot.with_heights(grid.inner(workspace.costs()), source)
 
 
 def costs_to_nearest(

@@ -101,6 +101,7 @@ def _nearest(chosen: Bools, grid: "Grid", down: float, right: float) -> Cell | N
     if len(nodes) == 0:
         return None
     rows, cols = np.divmod(nodes, grid.stride)
-    apart = rows - 1 - down * (grid.rows - 1), cols - 1 - right * (grid.cols - 1)
-    at = int(np.argmin(np.square(apart).sum(0)))
+    rows_apart = rows - 1 - down * (grid.rows - 1)
+    cols_apart = cols - 1 - right * (grid.cols - 1)
+    at = int(np.argmin(rows_apart**2 + cols_apart**2))
     return int(rows[at]) - 1, int(cols[at]) - 1

@@ -45,4 +45,6 @@ class Query(NamedTuple):
     @property
     def apart(self) -> int:
         """Cells between start and goal, as the king moves."""
-        return max(abs(self.start[0] - self.goal[0]), abs(self.start[1] - self.goal[1]))
+        rows = abs(self.start[0] - self.goal[0])
+        cols = abs(self.start[1] - self.goal[1])
+        return max(rows, cols)

@@ -82,7 +82,8 @@ def attitudes(poses: Poses, path: Cells) -> Attitudes:
     """
     steps = poses.steps(path)
     full = replace(poses.vehicle, reserve=0.0).allowances
-    last = int(path[-1, 2]) if path.shape[1] == 3 else [0, *steps.headings.tolist()][-1]
+    directions = path[:, 2] if path.shape[1] == 3 else np.append(0, steps.headings)
+    last = int(directions[-1])
     standing = poses.codes.shape[1] + last % AXIS_COUNT
     turned = last % (2 * AXIS_COUNT) >= AXIS_COUNT
     taken = zip(steps.cells, steps.motions, steps.reversed, steps.turned, strict=True)
@@ -141,7 +142,8 @@ def _standing(poses: Poses, places: Floats) -> Floats:
     """
     cells = np.rint(places[:, :2])
     angles = np.radians(places[:, 2])
-    numbers = np.column_stack((places[:, :2] - cells, -np.cos(angles), np.sin(angles)))
+    offsets = places[:, :2] - cells
+    numbers = np.column_stack((offsets, -np.cos(angles), np.sin(angles)))
     alone = [[motions.Pose(*each)] for each in numbers.tolist()]
     tables = motions.motions_of(poses.vehicle, poses.sides_m, alone)
     found = [

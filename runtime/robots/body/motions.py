@@ -141,7 +141,8 @@ def motions_of(
     def swept(far: Floats) -> Floats:
         """(P, 2) by how much points so far from a body's middle (ahead, aside) lie elsewhere."""
         ahead = sweep + far[1] * turn + 0.5 * far[0] * turn**2
-        aside = 0.5 * sweep * turn + far[0] * turn + 0.5 * far[1] * turn**2
+        by_sweep = 0.5 * sweep * turn
+        aside = by_sweep + far[0] * turn + 0.5 * far[1] * turn**2
         return np.stack((ahead, aside), 1)
 
     under = []
@@ -172,7 +173,8 @@ def motions_of(
     ]
     fit_cells = np.concatenate(fitted)
     absolute = np.abs(fit)
-    corners = np.array([(1.0, x, y) for x in (-body[0], body[0]) for y in (-body[1], body[1])])
+    (length, width) = body
+    corners = np.array([(1.0, x, y) for x in (-length, length) for y in (-width, width)])
     outermost = np.abs(corners @ fit).sum(1).max()
     by_slope = np.outer((absolute[1].sum(), absolute[2].sum(), outermost), contact).reshape(-1)
     return PoseTables(
@@ -330,7 +332,8 @@ def _corners_of(columns: Floats, rows: Floats, near: Floats) -> Floats:
         on = np.flatnonzero(whole[:, axis] & ~whole[:, 1 - axis])
         on = on[np.lexsort((points[on, 1 - axis], points[on, axis]))]
         begins = np.diff(cell[on], axis=0, prepend=np.nan).any(1)
-        for outer, step in ((begins, 0.0), (np.append(begins[1:], True)[: len(on)], 1.0)):
+        ends = np.append(begins, True)[1:]
+        for outer, step in ((begins, 0.0), (ends, 1.0)):
             nearest = cell[on]
             nearest[:, 1 - axis] += step
             alone = [tuple(middle) not in middles for middle in nearest.tolist()]

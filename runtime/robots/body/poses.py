@@ -241,8 +241,9 @@ class Poses:
         if path.shape[1] == 3:
             moves = self.prices.moves
             local = path[:-1, 2]
-            taken = np.column_stack((np.diff(path[:, :2], axis=0), path[1:, 2]))
-            alike = moves[local][..., [DOWN, RIGHT, TO]] == taken[:, None]
+            steps = np.diff(path, axis=0)
+            steps[:, 2] = path[1:, 2]
+            alike = moves[local][..., [DOWN, RIGHT, TO]] == steps[:, None]
             ways = alike.all(2).argmax(1)
             taken = moves[local, ways]
             lengths = self.prices.fares[local, ways, BY_LENGTH].astype(np.float64)
@@ -259,7 +260,8 @@ class Poses:
             there = heading >= AXIS_COUNT
             lengths = np.hypot(*legs.T)
             at_path = motion
-        begins = np.where(there[:, None], path[1:, :2], path[:-1, :2])
+        cells = path[:, :2]
+        begins = np.where(there[:, None], cells[1:], cells[:-1])
         return Steps(begins, motion, there, heading, heading != at_path, lengths)
 
     def cost_along(self, path: Cells) -> tuple[Floats, Floats]:

@@ -116,9 +116,9 @@ class BodyRobot(Robot):
 
     def walk(self, grid: "Grid", path: Cells, first: int, costs: Floats) -> int:
         blocked = self.poses.walk(path, first, costs)
-        at_end = blocked < 0 and first == len(path) - 1
-        if at_end and not self.poses.stands_at((int(path[-1, 0]), int(path[-1, 1]))):
-            return first
+        if blocked < 0 and first == len(path) - 1:  # it moves no more
+            row, col = path[-1, :2].tolist()
+            return -1 if self.poses.stands_at((row, col)) else first
         return blocked
 
     def walk_turns(
@@ -194,7 +194,7 @@ class BodyRobot(Robot):
         if by_legs:
             memory = field
         end = start if by_legs else goal
-        reached = memory.costs().reshape(-1, grid.stride)[1 : grid.rows + 1, 1:-1] < math.inf
+        reached = grid.inner(memory.costs()) < math.inf
         return why_ended(self.poses, reached, end, by_legs=by_legs)
 
     def explain(self, cell: Cell, heading_deg: float) -> PoseCheck:

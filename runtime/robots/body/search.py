@@ -207,7 +207,8 @@ def search_states(
         prices = prices._replace(rays=rays, ray_fares=prices.ray_fares[:DIRECTION_COUNT])
         refused_at_least = _octile(grid, query)
     # where it begins
-    seeds = Seeds(np.array([last], np.int32), np.zeros(1, np.float32), np.zeros(1, np.int32))
+    node, onwards = np.array([[last], [0]], np.int32)
+    seeds = Seeds(node, np.zeros(1, np.float32), onwards)
     if last_metres is not None:
         seeds = last_metres.begun
         while len(field.entries) < 4 * len(seeds.nodes):
