@@ -10,7 +10,7 @@ import math
 
 import numpy as np
 
-from nnpp_edge.runtime.arrays import Float2D
+from nnpp_edge.runtime.arrays import Cells, Float2D
 from nnpp_edge.runtime.cells import Cell
 from nnpp_edge.runtime.deadline import Deadline
 from nnpp_edge.runtime.errors import InvalidMapError
@@ -37,6 +37,11 @@ class StreamedMap:
     ``length`` weighs obstacles by the dearest cell of the whole map. Serves one thread at a time.
     InvalidMapError where the map is empty, or has more cells than nodes have numbers.
     """
+
+    vehicle = None
+    checked = 0
+    costs_computed = 1.0
+    """As of a `MapState`."""
 
     def __init__(
         self, shape: tuple[int, int], model: StepModel, *, corner_cutting: bool = True
@@ -73,6 +78,13 @@ class StreamedMap:
     def pyramid_by(self, _: Deadline) -> "StreamedMap":
         """Levels that are there already."""
         return self
+
+    def known_along(self, path: Cells) -> int:
+        """As `MapState.known_along`."""
+        return len(path)
+
+    def along(self, _: Cells) -> None:
+        """As `MapState.along`: heights are read anew for that."""
 
     def put(self, cost: Float2D, origin: Cell) -> None:
         """Fill a rectangle of the finest level, and the border beside it; the bounds stay as they

@@ -133,18 +133,18 @@ class Tiles:
             col_shift=wide.bit_length() - 1,
             corner_cutting=corner_cutting,
             costed=np.zeros(1, np.int64),
+            told=_NONE if told is None else told.reshape(-1),
         )
         """What the kernels compute by."""
         if unseen is not None:
+            prices, states = unseen.reshape(2, -1)
             blocks = unseen.shape[2]
             self._source = self._source._replace(
                 block_side=cols // blocks,
                 block_cols=blocks,
-                block_prices=unseen[0].reshape(-1),
-                block_states=unseen[1].reshape(-1),
+                block_prices=prices,
+                block_states=states,
             )
-        if told is not None:
-            self._source = self._source._replace(told=told.reshape(-1))
 
     @property
     def cells_computed(self) -> int:

@@ -84,35 +84,27 @@ class Refiner:
         for: the line may then be the grid's path. InvalidQueryError where the radius is not
         positive, or the map's cells have no known size.
         """
-        vehicle = self._state.vehicle
-        wanted = (
-            vehicle.turning_radius_m if vehicle and turning_radius_m is None else turning_radius_m
-        )
+        wanted = turning_radius_m
+        if wanted is None and self._state.vehicle is not None:
+            wanted = self._state.vehicle.turning_radius_m
         radius = self._radius(wanted)
         if not plan.ok:
             return plan
         watch = Stopwatch()
         line = self.line_along(plan.path, radius, deadline)
-        along = None if line is None else self._state.along(line.points)
-        watch.stage_ends("refine")
-        took = watch.timings_ms["refine"]
-        timings = {
-            **plan.timings_ms,
-            "refine": took,
-            "total": plan.timings_ms.get("total", 0.0) + took,
-        }
         if line is None:
             reason = (
                 f"no line that turns with a radius of {wanted:g} m was found near the grid's path"
             )
-            status = Status.NO_PATH
-            source = plan.source
-            return Plan(
-                status, plan.method, source, planner=plan.planner, reason=reason, timings_ms=timings
-            )
-        return replace(
-            plan, waypoints=line.points, line_cost=line.cost, along=along, timings_ms=timings
-        )
+            names = plan.method, plan.source
+            found = Plan(Status.NO_PATH, *names, planner=plan.planner, reason=reason)
+        else:
+            along = self._state.along(line.points)
+            found = replace(plan, waypoints=line.points, line_cost=line.cost, along=along)
+        took = watch.total_ms()
+        total = plan.timings_ms.get("total", 0.0) + took
+        timings = {**plan.timings_ms, "refine": took, "total": total}
+        return replace(found, timings_ms=timings)
 
     def line_along(
         self, path: Cells, radius: float = 0.0, deadline: Deadline = NEVER
@@ -128,11 +120,9 @@ class Refiner:
                 return line
             for rounder in _ROUNDER:
                 rounded = with_arcs(line.points, rounder * radius)
-                if (
-                    rounded is not None
-                    and self._turns(rounded, radius)
-                    and math.isfinite(cost := self.cost(rounded))
-                ):
+                if rounded is None or not self._turns(rounded, radius):
+                    continue
+                if (cost := self.cost(rounded)) < math.inf:
                     return Line(rounded, cost)
         return None
 

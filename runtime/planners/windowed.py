@@ -180,7 +180,7 @@ class WindowedPlanner:
             status, reason = self._without_corridor(query)
             work.stage_ends("connection")
             found = Found.of(grid, Search.without_path(status), Source.WIDENED, None, work)
-        return found.plan(DynamicMethod.CORRIDOR, work, reason=reason)
+        return found.plan(DynamicMethod.CORRIDOR, work, self._map, reason=reason)
 
     def plan_via(
         self,

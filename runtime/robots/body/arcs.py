@@ -83,7 +83,8 @@ def arcs_along(states: Int32s, vehicle: Vehicle, sides_m: tuple[float, float]) -
     """The pieces that a body drives along states (N, 3) of a path, those of the same kind
     joined.
     """
-    (dy, dx), found = sides_m, list[Arc]()
+    dy, dx = sides_m
+    found: list[Arc] = []
     for before, after in zip(states[:-1].tolist(), states[1:].tolist(), strict=True):
         k = before[2] % DIRECTION_COUNT
         to = after[2] % DIRECTION_COUNT
