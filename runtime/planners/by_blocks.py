@@ -14,7 +14,8 @@ from nnpp_edge.runtime.deadline import Deadline
 from nnpp_edge.runtime.errors import Status
 from nnpp_edge.runtime.kernels.tiles import BLOCK_SEEN
 from nnpp_edge.runtime.map.ground import Ground
-from nnpp_edge.runtime.map.state import CostState, MapState
+from nnpp_edge.runtime.map.kinds import CostState
+from nnpp_edge.runtime.map.state import MapState
 from nnpp_edge.runtime.planners.query import Found, Work
 from nnpp_edge.runtime.robots.robot import Robot
 from nnpp_edge.runtime.search.query import Query

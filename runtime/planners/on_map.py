@@ -26,7 +26,8 @@ from nnpp_edge.runtime.errors import (
     shown,
 )
 from nnpp_edge.runtime.map.ground import Ground, GroundOptions
-from nnpp_edge.runtime.map.state import MapState, map_state
+from nnpp_edge.runtime.map.kinds import map_state
+from nnpp_edge.runtime.map.state import MapState
 from nnpp_edge.runtime.memory import small_pages, touch
 from nnpp_edge.runtime.planners.methods import Methods
 from nnpp_edge.runtime.planners.plan import DynamicMethod, Plan, Source

@@ -32,7 +32,7 @@ from nnpp_edge.runtime.loop.messages import (
 from nnpp_edge.runtime.loop.navigator import Navigator
 from nnpp_edge.runtime.loop.runner import Loop
 from nnpp_edge.runtime.map.ground import Ground
-from nnpp_edge.runtime.map.state import map_state
+from nnpp_edge.runtime.map.kinds import map_state
 
 STATE = map_state(Ground(np.full((5, 5), 0.2, np.float32)))
 

@@ -33,7 +33,7 @@ from nnpp_edge.runtime.loop.navigator import Navigator
 from nnpp_edge.runtime.loop.runner import Loop, handling_signals
 from nnpp_edge.runtime.loop.timing import Histogram, Ticker
 from nnpp_edge.runtime.map.ground import Ground
-from nnpp_edge.runtime.map.state import map_state
+from nnpp_edge.runtime.map.kinds import map_state
 from nnpp_edge.runtime.planners.plan import Method, Plan
 from nnpp_edge.runtime.planners.planner import Planner
 from nnpp_edge.runtime.terrain.vehicle import Vehicle
