@@ -6,6 +6,7 @@ two a call: numbers, text, truth values, paths, instances of classes, sequences 
 cells have their own checks.
 """
 
+import builtins
 import functools
 import inspect
 import sys
@@ -57,7 +58,7 @@ def _guarded(entry: Callable[..., object], error: type[NnppEdgeError]) -> Callab
         given = inspect.get_annotations(entry)
         given.pop("return", None)
         space = getattr(entry, "__globals__", None) or vars(sys.modules[entry.__module__])
-        named = get_type_hints(types.SimpleNamespace(__annotations__=given), space)
+        named = get_type_hints(types.SimpleNamespace(__annotations__=given), space, _Names(space))
         found = {}
         for name in inspect.signature(entry).parameters:
             hint = named.get(name)
@@ -75,6 +76,22 @@ def _guarded(entry: Callable[..., object], error: type[NnppEdgeError]) -> Callab
         return entry(*args, **given)
 
     return call
+
+
+class _ByName(type):
+    """Kind of a class that is known by its name alone: its module is loaded by whoever needs it."""
+
+    def __instancecheck__(cls, value: object) -> bool:
+        return any(kind.__name__ == cls.__name__ for kind in type(value).__mro__)
+
+
+class _Names(dict[str, object]):
+    """What annotations may name: of classes imported for type checkers alone the names."""
+
+    def __missing__(self, name: str) -> object:
+        if hasattr(builtins, name):
+            raise KeyError(name)
+        return _ByName(name, (), {})
 
 
 def _fits(value: object, hint: object) -> bool:

@@ -11,9 +11,11 @@ from nnpp_edge.runtime.errors import InvalidMapError
 
 Float2D = NDArray[np.float32]
 """(H, W)."""
+Float32s = NDArray[np.float32]
 Floats = NDArray[np.float64]
 Float32 = NDArray[np.float32]
 UInt8 = NDArray[np.uint8]
+UInt16 = NDArray[np.uint16]
 Bool = NDArray[np.bool_]
 Int64 = NDArray[np.int64]
 Int32 = NDArray[np.int32]

@@ -2,6 +2,9 @@
 
 from collections.abc import Sequence
 
+import numpy as np
+from numpy.typing import NDArray
+
 from nnpp_edge.runtime.errors import InvalidMapError, InvalidQueryError, shown
 
 Cell = tuple[int, int]
@@ -23,6 +26,11 @@ def as_cell(cell: Cell, name: str) -> Cell:
     except (TypeError, ValueError, OverflowError):
         pass
     raise InvalidQueryError(f"{name} must be two whole numbers (row, col), got {shown(cell)}")
+
+
+def coarser(cell: Cell, factor: int) -> Cell:
+    """The cell of `factor` × `factor` cells that holds a cell."""
+    return cell[0] // factor, cell[1] // factor
 
 
 def patch_at(origin: Cell, patch: tuple[int, ...], shape: tuple[int, int]) -> Rectangle:
@@ -66,6 +74,13 @@ def enclosing(parts: Sequence[Rectangle]) -> Rectangle:
     bottom = max(part[0] + part[2] for part in parts)
     right = max(part[1] + part[3] for part in parts)
     return row, col, bottom - row, right - col
+
+
+def holding(cells: NDArray[np.signedinteger]) -> Rectangle:
+    """The least rectangle that holds these cells (N, 2), of which there is at least one."""
+    row, col = cells.min(0).tolist()
+    bottom, right = cells.max(0).tolist()
+    return row, col, bottom - row + 1, right - col + 1
 
 
 def common(one: Rectangle, other: Rectangle) -> Rectangle | None:

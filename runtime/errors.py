@@ -5,6 +5,7 @@ that says what was wanted and what came. That no path exists is an outcome, not 
 `Status`.
 """
 
+import sys
 from enum import StrEnum
 from importlib import import_module
 from types import ModuleType
@@ -40,6 +41,16 @@ class DataSetError(NnppEdgeError, ValueError):
 
 class MissingExtraError(NnppEdgeError, ImportError):
     """An optional package is needed; the message names the extra that brings it."""
+
+
+def users_line() -> int:
+    """The `stacklevel` by which a warning names the line outside this package that led to it."""
+    level = 1
+    frame = sys._getframe(1)
+    while frame.f_back is not None and frame.f_globals["__name__"].startswith("nnpp_edge."):
+        frame = frame.f_back
+        level += 1
+    return level
 
 
 def optional_module(name: str, purpose: str, extra: str) -> ModuleType:

@@ -5,6 +5,8 @@
 import ast
 import functools
 import re
+import subprocess
+import sys
 from pathlib import Path
 
 ROOT = Path(__file__).parent.parent
@@ -21,6 +23,13 @@ KERNEL_IMPORTS = re.compile(
 MOST_SOURCE_NODES = 180_360
 MOST_TEST_NODES = 135_786
 """Syntax nodes (docs/decisions/code.md). Only ever to be lowered."""
+MOST_LOADED = 50
+"""Modules of the runtime that are loaded with `Planner`; only ever to be lowered."""
+SELDOM_USED = re.compile(
+    r"(network|region|robots\.(body|slope)|map\.(coarse|disc|heights)|search\.dstar_lite"
+    r"|planners\.(arc_corridor|by_blocks|mending|refine|tour))(\.|$)"
+)
+"""What only some planners use."""
 MOST_PARAMETERS = 10
 MORE_PARAMETERS: dict[str, float] = {}
 """Kernels with more parameters: the microseconds that a call would have cost with them bundled."""
@@ -148,6 +157,16 @@ def test_kernels_import_numbers_and_nothing_else():
                 assert node.level == 0, "imports are written out"
                 imported.add(node.module or "")
     assert [name for name in sorted(imported) if not KERNEL_IMPORTS.match(name)] == []
+
+
+def test_a_planner_loads_few_modules_and_no_room_that_only_some_use():
+    code = "import sys; from nnpp_edge.runtime import Planner; print(*sys.modules)"
+    command = [sys.executable, "-c", code]
+    names = subprocess.run(command, check=True, capture_output=True, text=True).stdout.split()
+    top = "nnpp_edge.runtime."
+    loaded = [name.removeprefix(top) for name in names if name.startswith(top)]
+    assert len(loaded) <= MOST_LOADED
+    assert [name for name in loaded if SELDOM_USED.match(name)] == []
 
 
 def test_kernels_take_few_parameters():

@@ -306,7 +306,8 @@ def _measured(suite: str, terrain: Path, options: str) -> list[Results]:
     found = json.loads(ended.stdout)
     if suite == ARCS:
         return [found]
-    return found["results"] if suite == MISSION else found
+    rows: list[Results] = found["results"] if suite == MISSION else found
+    return rows
 
 
 if __name__ == "__main__":

@@ -14,7 +14,7 @@ from nnpp_edge.runtime.arrays import Cells, Float2D, Floats
 from nnpp_edge.runtime.cells import Cell
 from nnpp_edge.runtime.kernels.poses import MOST_CODE
 from nnpp_edge.runtime.map.grid import Grid
-from nnpp_edge.runtime.map.state import map_state
+from nnpp_edge.runtime.map.kinds import map_state
 from nnpp_edge.runtime.robots.body.attitude import costs_at
 from nnpp_edge.runtime.terrain.vehicle import Vehicle
 from nnpp_edge.terrain.obstacles import OBSTACLE

@@ -34,8 +34,7 @@ from numba.core.compiler import CompileResult
 from numba.core.serialize import dumps
 from numba.core.sigutils import normalize_signature
 
-from nnpp_edge.runtime.compiled import claims, places
-from nnpp_edge.runtime.compiled.notice import begins
+from nnpp_edge.runtime.compiled import places
 
 NumbaObject = Any
 """Something of numba's own, which has no types."""
@@ -95,13 +94,17 @@ class KernelCache(NullCache):
         target_context.refresh()
         key = self._key(sig, target_context.codegen())
         kept = self._find(key, sig, target_context)
-        if kept is None and claims.take(_digest(key)):  # another may have kept it meanwhile
+        if kept is not None:
+            return kept
+        from nnpp_edge.runtime.compiled import claims, notice
+
+        if claims.take(_digest(key)):  # another may have kept it meanwhile
             kept = self._find(key, sig, target_context)
             if kept is not None:
                 claims.release(_digest(key))
-        if kept is None:
-            _compiling.append(begins(_COMPILING))
-        return kept
+                return kept
+        _compiling.append(notice.begins(_COMPILING))
+        return None
 
     def _find(self, key: bytes, sig: NumbaObject, target_context: NumbaObject) -> NumbaObject:
         for folder in self._read:
@@ -131,6 +134,8 @@ class KernelCache(NullCache):
 
     def save_overload(self, sig: NumbaObject, data: NumbaObject) -> None:
         """Keep the compiled version `data` for `sig`, unless it holds addresses of this process."""
+        from nnpp_edge.runtime.compiled import claims
+
         if _compiling:
             _compiling.pop().cancel()
         key = self._key(sig, data.codegen)

@@ -9,13 +9,13 @@ from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from nnpp_edge.runtime.arrays import Float32s, Floats, Int32
 from nnpp_edge.runtime.robots.slope.cost import Mobility, SlopeCost
 
-Line = NDArray[np.int32] | NDArray[np.float64]
+Line = Int32 | Floats
 """(N, 2) row and column: cells of a path, or way points between them."""
-Heights = NDArray[np.float32] | NDArray[np.float64]
+Heights = Float32s | Floats
 _ON_FOOT = Mobility()
 
 
@@ -82,12 +82,12 @@ class Along:
         return replace(self, places=self.places[::-1], sampled_m=self.sampled_m[::-1])
 
     @cached_property
-    def points(self) -> NDArray[np.float64]:
+    def points(self) -> Floats:
         """(N, 2) the places."""
         return np.asarray(self.places, np.float64)
 
     @cached_property
-    def heights_m(self) -> NDArray[np.float64]:
+    def heights_m(self) -> Floats:
         """(N,) of the ground; where unknown, between the known ones before and behind; NaN where
         none is known.
         """
@@ -99,30 +99,30 @@ class Along:
         return heights
 
     @cached_property
-    def steps_m(self) -> NDArray[np.float64]:
+    def steps_m(self) -> Floats:
         """(N,) from the point before, on the level; 0 for the first."""
-        apart: NDArray[np.float64] = np.hypot(
+        apart: Floats = np.hypot(
             *(np.diff(self.points, axis=0, prepend=self.points[:1]) * self.sides_m).T
         )
         return apart
 
     @cached_property
-    def rises_m(self) -> NDArray[np.float64]:
+    def rises_m(self) -> Floats:
         """(N,) above the point before; 0 for the first."""
         return np.diff(self.heights_m, prepend=self.heights_m[:1])
 
     @cached_property
-    def distance_m(self) -> NDArray[np.float64]:
+    def distance_m(self) -> Floats:
         """(N,) from the start, on the level."""
         return self.steps_m.cumsum()
 
     @cached_property
-    def ground_m(self) -> NDArray[np.float64]:
+    def ground_m(self) -> Floats:
         """(N,) from the start, on the ground."""
         return np.hypot(self.steps_m, self.rises_m).cumsum()
 
     @cached_property
-    def time_s(self) -> NDArray[np.float64]:
+    def time_s(self) -> Floats:
         """(N,) seconds from the start."""
         return self._by(self.mobility.time or self.walker or self.mobility.tobler)
 
@@ -135,13 +135,13 @@ class Along:
         )
 
     @cached_property
-    def energy_j(self) -> NDArray[np.float64]:
+    def energy_j(self) -> Floats:
         """(N,) joules from the start; NaN where the vehicle has no model of its energy."""
         if self.mobility.energy is None:
             return np.full(len(self.points), math.nan)
         return self._by(self.mobility.energy)
 
-    def _by(self, model: SlopeCost) -> NDArray[np.float64]:
+    def _by(self, model: SlopeCost) -> Floats:
         """A model's sum on the way to each point; points may coincide."""
         costs = np.zeros(len(self.points))
         moves = self.steps_m > 0.0
@@ -149,7 +149,7 @@ class Along:
         return costs.cumsum()
 
     @cached_property
-    def slopes_deg(self) -> NDArray[np.float64]:
+    def slopes_deg(self) -> Floats:
         """(N,) inclination of the way from the point before, below 0 downhill; NaN where no height
         is known.
         """
@@ -188,21 +188,20 @@ def crossings(line: Line) -> Line:
     legs = [np.arange(len(ways))]
     shares = [np.ones(len(ways))]
     for begin, way in zip(begins.T, ways.T, strict=True):
-        first = np.ceil(np.minimum(begin, begin + way))
-        counts = np.where(
-            way != 0.0, np.floor(np.maximum(begin, begin + way)) - first + 1.0, 0.0
-        ).astype(np.int64)
+        end = begin + way
+        first = np.ceil(np.minimum(begin, end))
+        last = np.floor(np.maximum(begin, end))
+        counts = np.where(way != 0.0, last - first + 1.0, 0.0).astype(np.int64)
         leg = np.repeat(np.arange(len(ways)), counts)
         whole = first[leg] + np.arange(len(leg)) - (counts.cumsum() - counts)[leg]
         legs.append(leg)
         shares.append(((whole - begin[leg]) / way[leg]).clip(0.0, 1.0))
-    leg = np.concatenate(legs)
-    share = np.concatenate(shares)
-    order = np.lexsort((share, leg))
-    leg = leg[order]
-    share = share[order]
-    kept = (share > 0.0) & np.append((leg[1:] != leg[:-1]) | (share[1:] != share[:-1]), True)
-    return np.concatenate((points[:1], begins[leg[kept]] + share[kept, None] * ways[leg[kept]]))
+    places = np.column_stack((np.concatenate(legs), np.concatenate(shares)))
+    places = places[np.lexsort(places[:, ::-1].T)]  # in order along the line
+    new = np.diff(places, axis=0, prepend=-1.0).any(1) & (places[:, 1] > 0.0)
+    number, share = places[new].T
+    leg = number.astype(np.int64)
+    return np.concatenate((points[:1], begins[leg] + share[:, None] * ways[leg]))
 
 
 def joined(lines: Sequence[Line]) -> Line:
@@ -210,18 +209,18 @@ def joined(lines: Sequence[Line]) -> Line:
     return np.concatenate([lines[0], *(line[1:] for line in lines[1:])])
 
 
-def heights_at(heights: Heights, points: Line) -> NDArray[np.float64]:
+def heights_at(heights: Heights, points: Line) -> Floats:
     """(N,) heights of a map (H, W) at places (N, 2), bilinear between the cells' middles, or of its
     cells (int).
 
     NaN where a height that counts is unknown; beyond the middles at the rim, the rim's.
     """
     if np.issubdtype(points.dtype, np.integer):
-        of_cells: NDArray[np.float64] = heights[points[:, 0], points[:, 1]].astype(np.float64)
+        of_cells: Floats = heights[tuple(points.T)].astype(np.float64)
         return of_cells
-    low = np.clip(np.floor(points).astype(np.int64), 0, np.array(heights.shape) - 1)
+    low = np.clip(np.floor(points).astype(np.int32), 0, np.array(heights.shape) - 1)
     if (low == points).all():
-        return heights[low[:, 0], low[:, 1]].astype(np.float64)
+        return heights_at(heights, low)
     high = np.minimum(low + 1, np.array(heights.shape) - 1)
     down, right = np.clip(points - low, 0.0, 1.0).T
     found = np.zeros(len(points))

@@ -11,8 +11,8 @@ from typing import NamedTuple
 from weakref import WeakSet
 
 import numpy as np
-from numpy.typing import NDArray
 
+from nnpp_edge.runtime.arrays import Float32s, Int32
 from nnpp_edge.runtime.cells import Rectangle, enclosing
 from nnpp_edge.runtime.tuning import MOST_LOGGED_CHANGES
 
@@ -35,9 +35,9 @@ class Change(NamedTuple):
     """Whether all that is relative to the map's least and greatest weight is out of date
     (``length`` model).
     """
-    nodes: NDArray[np.int32] = NO_NODES
+    nodes: Int32 = NO_NODES
     """(N,) the changed cells, for a reader that keeps old weights; else empty."""
-    old_weights: NDArray[np.float32] = NO_WEIGHTS
+    old_weights: Float32s = NO_WEIGHTS
     """(N,) what they weighed before. Where a node stands twice, the first is the older weight."""
 
     def then(self, newer: "Change") -> "Change":

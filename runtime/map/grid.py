@@ -3,9 +3,8 @@
 import math
 
 import numpy as np
-from numpy.typing import NDArray
 
-from nnpp_edge.runtime.arrays import Float2D, as_map, close_border
+from nnpp_edge.runtime.arrays import Bool, Cells, Float2D, Float32s, Floats, as_map, close_border
 from nnpp_edge.runtime.bands import in_bands
 from nnpp_edge.runtime.cells import Cell, patch_at
 from nnpp_edge.runtime.deadline import NEVER, Deadline
@@ -49,7 +48,7 @@ class Grid:
         cols: int,
         model: StepModel,
         corner_cutting: bool = True,
-        weights: NDArray[np.float32] | None = None,
+        weights: Float32s | None = None,
     ) -> None:
         self.rows = rows
         self.cols = cols
@@ -60,7 +59,7 @@ class Grid:
         """Number of cells of the map, and nodes from one row to the next."""
         if weights is None:
             weights = np.full((rows + 2) * (cols + 2), np.inf, np.float32)
-        self.weights: NDArray[np.float32] = weights
+        self.weights: Float32s = weights
         """(nodes,) weights; inf where impassable."""
         self.tiles: Tiles | None = None
         """By which weights are computed where a search reads them; None where all are there."""
@@ -174,7 +173,7 @@ class Grid:
         origin: Cell = (0, 0),
         *,
         keep_old_weights: bool = False,
-        seen: NDArray[np.bool_] | None = None,
+        seen: Bool | None = None,
         weights: bool = False,
     ) -> Change:
         """Put new costs (h, w), as for `of`, or `weights`, into a rectangle of the map, whose first
@@ -244,7 +243,11 @@ class Grid:
     def map(self) -> Float2D:
         """(rows, cols) float32, the weights of the map's own cells; a view."""
         self.complete()
-        return self.weights.reshape(self.rows + 2, self.stride)[1:-1, 1:-1]
+        return self.inner(self.weights)
+
+    def inner(self, nodes: Float32s) -> Float2D:
+        """(rows, cols) of numbers by node, those of the map's own cells; a view."""
+        return nodes.reshape(self.rows + 2, self.stride)[1:-1, 1:-1]
 
     def node(self, row: int, col: int) -> int:
         """Flat index of a cell."""
@@ -258,7 +261,7 @@ class Grid:
         """Whether a cell lies inside the map."""
         return 0 <= cell[0] < self.rows and 0 <= cell[1] < self.cols
 
-    def walk(self, path: NDArray[np.int32], first: int, costs: NDArray[np.float64]) -> int:
+    def walk(self, path: Cells, first: int, costs: Floats) -> int:
         """Write what a path (N, 2) inside the map costs from its cell `first` to each later one
         into `costs` (N,).
 
@@ -270,7 +273,7 @@ class Grid:
             raise InvalidQueryError(f"wanted room for {len(path)} costs, got {len(costs)}")
         return self.robot.walk(self, path, first, costs)
 
-    def costs_of(self, path: NDArray[np.int32]) -> tuple[float, float, float]:
+    def costs_of(self, path: Cells) -> tuple[float, float, float]:
         """Cost, length in cells and CC of a path, summed in float64; inf for an empty one.
 
         InvalidQueryError where it leaves the map.
@@ -278,7 +281,7 @@ class Grid:
         self._check(path)
         return self.robot.costs_of(self, path)
 
-    def _check(self, path: NDArray[np.int32]) -> None:
+    def _check(self, path: Cells) -> None:
         """InvalidQueryError for a path that leaves the map: kernels would read what lies there."""
         if not ((path[:, :2] >= 0) & (path[:, :2] < self.shape)).all():
             raise InvalidQueryError(f"a path must lie on the map of {self.shape} cells")
@@ -288,7 +291,7 @@ class Grid:
         return self.robot.stands_at(self, cell)
 
 
-def bordered(rows: int, cols: int, *, small: bool = False) -> NDArray[np.float32]:
+def bordered(rows: int, cols: int, *, small: bool = False) -> Float32s:
     """Room for a map's weights within an impassable border. Pages of it that nobody touches take no
     time.
 

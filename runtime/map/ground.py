@@ -5,24 +5,26 @@ what steps cost.
 import math
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TypedDict, Unpack
+from typing import TYPE_CHECKING, TypedDict, Unpack
 
 from nnpp_edge.runtime.arguments import checked
 from nnpp_edge.runtime.arrays import Float2D, as_map, numbers
 from nnpp_edge.runtime.errors import InvalidMapError, InvalidQueryError
-from nnpp_edge.runtime.robots.slope.cost import SLOPE_COSTS, Mobility, slope_cost_of
 from nnpp_edge.runtime.terrain.step_cost import StepCost, StepModel
-from nnpp_edge.runtime.terrain.traversability import Traversability, sides_of, traversability_cost
-from nnpp_edge.runtime.terrain.vehicle import Vehicle
+
+if TYPE_CHECKING:
+    from nnpp_edge.runtime.robots.slope.cost import Mobility
+    from nnpp_edge.runtime.terrain.traversability import Traversability
+    from nnpp_edge.runtime.terrain.vehicle import Vehicle
 
 
 class GroundOptions(TypedDict, total=False):
     """Attributes of `Ground` that have a default, as options of what makes one."""
 
     cell_width_m: float | None
-    vehicle: Vehicle | None
+    vehicle: "Vehicle | None"
     step_cost: str
-    mobility: Mobility | None
+    mobility: "Mobility | None"
 
 
 @checked(InvalidMapError)
@@ -48,10 +50,10 @@ class Ground:
     """Side of a cell from row to row, metres. Needed with heights, and with a vehicle."""
     cell_width_m: float | None = None
     """Side of a cell from column to column, where cells are not square."""
-    traversability: Traversability | None = None
+    traversability: "Traversability | None" = None
     """How heights become costs, and where they are too steep; None for `Traversability.safe` and,
     with a body, for no limits but the body's own."""
-    vehicle: Vehicle | None = None
+    vehicle: "Vehicle | None" = None
     """A body, on heights: its poses, checked as searched, decide where the path may go and what
     it costs. A disc (`radius_m`): it may not touch impassable cells, nor leave the map. None for
     a point."""
@@ -60,7 +62,7 @@ class Ground:
     alone: L × the mean weight. With heights also by the slope that the step leads up or down:
     ``time``, ``energy``, ``tobler`` or ``linear``, see `robots.slope.cost`; limits or poses decide
     all the same where paths may go."""
-    mobility: Mobility | None = None
+    mobility: "Mobility | None" = None
     """Parameters of the step costs by the slope; ``time`` and ``energy`` have none by default."""
     factor: int = 1
     """Cells to the side of a block of which `elevation` (H, W) has the means: the map has H ·
@@ -80,7 +82,10 @@ class Ground:
         if self.elevation is not None:
             if self.cell_size_m is None:
                 raise InvalidMapError("wanted cell_size_m, the side of a cell, with elevations")
-            slope_cost_of(self.step_cost, self.mobility)
+            if self.by_slope:
+                from nnpp_edge.runtime.robots.slope.cost import slope_cost_of
+
+                slope_cost_of(self.step_cost, self.mobility)
             body = self.body
             disc = self.vehicle is not None and body is None
             if body is not None and self.traversability is not None:
@@ -97,10 +102,13 @@ class Ground:
             return
         if self.factor > 1:
             raise InvalidMapError("a coarse map has elevations: got costs")
-        if self.step_cost in SLOPE_COSTS:
-            raise InvalidQueryError(
-                f"step_cost={self.step_cost!r} needs heights: wanted a planner of elevations"
-            )
+        if self.by_slope:
+            from nnpp_edge.runtime.robots.slope.cost import SLOPE_COSTS
+
+            if self.step_cost in SLOPE_COSTS:
+                raise InvalidQueryError(
+                    f"step_cost={self.step_cost!r} needs heights: wanted a planner of elevations"
+                )
         StepModel.of(self.step_cost)
         if self.vehicle is None:
             return
@@ -116,7 +124,7 @@ class Ground:
         cls,
         elevation: Float2D,
         cell_size_m: float,
-        traversability: Traversability | None = None,
+        traversability: "Traversability | None" = None,
         **options: Unpack[GroundOptions],
     ) -> "Ground":
         """Of heights; arguments as the attributes."""
@@ -128,10 +136,10 @@ class Ground:
         dem: Float2D,
         cell_size_m: float,
         factor: int,
-        traversability: Traversability | None = None,
+        traversability: "Traversability | None" = None,
         *,
         prior: str = "network",
-        model: str | Path | None = None,
+        model: str | Path = "unseen",
         **options: Unpack[GroundOptions],
     ) -> "Ground":
         """Of a coarse map: `dem` (H, W) has the means of `factor` × `factor` cells, blocks of
@@ -142,25 +150,29 @@ class Ground:
         if (width := options.get("cell_width_m")) is not None:
             options["cell_width_m"] = width / factor
         known = cls.of_elevation(dem, cell_size_m / factor, traversability, **options)
-        return replace(known, factor=factor, prior=prior, prior_model=model or "unseen")
+        return replace(known, factor=factor, prior=prior, prior_model=model)
 
     @property
     def sides_m(self) -> tuple[float, float]:
         """Height and width of a cell, metres; 1 where none is known. InvalidMapError if one is no
         positive number.
         """
+        from nnpp_edge.runtime.terrain.traversability import sides_of
+
         return sides_of(1.0 if self.cell_size_m is None else self.cell_size_m, self.cell_width_m)
 
     @property
-    def body(self) -> Vehicle | None:
+    def body(self) -> "Vehicle | None":
         """The vehicle, if its poses decide where paths may go; None for a point or a disc."""
         return None if self.vehicle is None or self.vehicle.is_disc else self.vehicle
 
     @property
-    def limits(self) -> Traversability:
+    def limits(self) -> "Traversability":
         """By what cells are priced, and which are impassable; with a body none is, as its own
         limits decide.
         """
+        from nnpp_edge.runtime.terrain.traversability import Traversability
+
         if self.body is None:
             return self.traversability or Traversability.safe()
         return (self.traversability or Traversability()).soft()
@@ -182,13 +194,15 @@ class Ground:
         if self.elevation is None:
             assert self.cost is not None
             return as_map(self.cost, "cost")
+        from nnpp_edge.runtime.terrain.traversability import traversability_cost
+
         size, width = self.sides_m
         return traversability_cost(
             self.elevation, size, self.limits, cell_width_m=width, warn=False
         )
 
 
-def _within(body: Vehicle, limits: Traversability) -> Vehicle:
+def _within(body: "Vehicle", limits: "Traversability") -> "Vehicle":
     """The body under the stricter of its own limits and the hard limits of cells.
 
     InvalidMapError for hard limits that mean nothing to a body.

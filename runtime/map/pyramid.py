@@ -18,8 +18,8 @@ from collections.abc import Iterator
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from nnpp_edge.runtime.arrays import Int32, UInt8, UInt16
 from nnpp_edge.runtime.bands import stripes
 from nnpp_edge.runtime.cells import Rectangle
 from nnpp_edge.runtime.deadline import NEVER, Deadline
@@ -38,8 +38,8 @@ class Level:
     def __init__(
         self,
         grid: Grid,
-        pieces: NDArray[np.uint16] | None = None,
-        links: NDArray[np.uint8] | None = None,
+        pieces: UInt16 | None = None,
+        links: UInt8 | None = None,
     ) -> None:
         self.grid = grid
         self.links = links
@@ -168,7 +168,7 @@ def coarse_shapes(rows: int, cols: int) -> list[tuple[int, int]]:
 
 
 @functools.lru_cache(maxsize=64)
-def quarters(cells: int) -> NDArray[np.int32]:
+def quarters(cells: int) -> Int32:
     """(cells,) int32, the quarter of a coarse cell, along one side of the map, that each row or
     column lies in.
     """

@@ -10,7 +10,7 @@ import math
 
 import numpy as np
 
-from nnpp_edge.runtime.arrays import Float2D
+from nnpp_edge.runtime.arrays import Cells, Float2D
 from nnpp_edge.runtime.cells import Cell
 from nnpp_edge.runtime.deadline import Deadline
 from nnpp_edge.runtime.errors import InvalidMapError
@@ -37,6 +37,11 @@ class StreamedMap:
     ``length`` weighs obstacles by the dearest cell of the whole map. Serves one thread at a time.
     InvalidMapError where the map is empty, or has more cells than nodes have numbers.
     """
+
+    vehicle = None
+    checked = 0
+    costs_computed = 1.0
+    """As of a `MapState`."""
 
     def __init__(
         self, shape: tuple[int, int], model: StepModel, *, corner_cutting: bool = True
@@ -73,6 +78,13 @@ class StreamedMap:
     def pyramid_by(self, _: Deadline) -> "StreamedMap":
         """Levels that are there already."""
         return self
+
+    def known_along(self, path: Cells) -> int:
+        """As `MapState.known_along`."""
+        return len(path)
+
+    def along(self, _: Cells) -> None:
+        """As `MapState.along`: heights are read anew for that."""
 
     def put(self, cost: Float2D, origin: Cell) -> None:
         """Fill a rectangle of the finest level, and the border beside it; the bounds stay as they
@@ -145,12 +157,12 @@ class StreamedMap:
         border.
         """
         above = FACTOR if self._taken else 0
+        grid = self.grid
         last = self._band
-        stride = self.grid.stride
-        kept = None if last is None else last.weights.reshape(-1, stride)[-1 - _KEPT : -1].copy()
         band = last
         if band is None or band.rows != rows + above:
-            band = Grid(rows + above, self.grid.cols, self.grid.model, self.grid.corner_cutting)
-        if kept is not None:
-            band.weights.reshape(-1, stride)[:_KEPT] = kept
+            band = Grid(rows + above, grid.cols, grid.model, grid.corner_cutting)
+        if last is not None:
+            kept = last.weights.reshape(-1, grid.stride)[-1 - _KEPT : -1]
+            band.weights.reshape(-1, grid.stride)[:_KEPT] = kept.copy()
         return band

@@ -15,9 +15,17 @@ from collections.abc import Sequence
 from functools import partial
 
 import numpy as np
-from numpy.typing import NDArray
 
-from nnpp_edge.runtime.arrays import Float2D, close_border
+from nnpp_edge.runtime.arrays import (
+    Bool,
+    Cells,
+    Float2D,
+    Float32s,
+    Floats,
+    UInt8,
+    UInt16,
+    close_border,
+)
 from nnpp_edge.runtime.bands import in_bands, stripes
 from nnpp_edge.runtime.cells import Rectangle
 from nnpp_edge.runtime.deadline import NEVER, Deadline
@@ -102,12 +110,12 @@ class Tiles:
     def __init__(
         self,
         heights: Float2D,
-        rule: NDArray[np.float64],
-        weights: NDArray[np.float32],
+        rule: Floats,
+        weights: Float32s,
         corner_cutting: bool,
         coarsest: int,
         told: Float2D | None = None,
-        unseen: NDArray[np.float32] | None = None,
+        unseen: Float32s | None = None,
     ) -> None:
         self.heights = heights
         self.rule = rule
@@ -125,18 +133,18 @@ class Tiles:
             col_shift=wide.bit_length() - 1,
             corner_cutting=corner_cutting,
             costed=np.zeros(1, np.int64),
+            told=_NONE if told is None else told.reshape(-1),
         )
         """What the kernels compute by."""
         if unseen is not None:
+            prices, states = unseen.reshape(2, -1)
             blocks = unseen.shape[2]
             self._source = self._source._replace(
                 block_side=cols // blocks,
                 block_cols=blocks,
-                block_prices=unseen[0].reshape(-1),
-                block_states=unseen[1].reshape(-1),
+                block_prices=prices,
+                block_states=states,
             )
-        if told is not None:
-            self._source = self._source._replace(told=told.reshape(-1))
 
     @property
     def cells_computed(self) -> int:
@@ -144,7 +152,7 @@ class Tiles:
         return int(self._source.costed[0])
 
     @property
-    def told(self) -> NDArray[np.float32]:
+    def told(self) -> Float32s:
         """(H · W,) float32, costs that were told; empty where none ever was."""
         return self._source.told
 
@@ -155,9 +163,7 @@ class Tiles:
         source = tuple(self._source)
         return tuple(records.Tiles(self.state, wanted, down, right, source, _address()))
 
-    def add_levels(
-        self, shapes: list[tuple[int, int]]
-    ) -> list[tuple[NDArray[np.float32], NDArray[np.uint16], NDArray[np.uint8]]]:
+    def add_levels(self, shapes: list[tuple[int, int]]) -> list[tuple[Float32s, UInt16, UInt8]]:
         """Make room for coarse levels of these shapes, finest first: weights, pieces and links of
         each, padded.
         """
@@ -186,7 +192,7 @@ class Tiles:
         if not self.state[i, j] & SURROUNDED:
             open_tile(self.packed(), i, j)
 
-    def open_along(self, path: NDArray[np.int32]) -> None:
+    def open_along(self, path: Cells) -> None:
         """As `open_at`, of the cells of a path (N, 2) inside the map."""
         open_along(self.packed(), path)
 
@@ -220,7 +226,7 @@ class Tiles:
         self,
         part: Rectangle,
         patch: Float2D,
-        seen: NDArray[np.bool_],
+        seen: Bool,
         *,
         told: bool = False,
         keeps: bool = False,
@@ -254,7 +260,7 @@ class Tiles:
         window: Rectangle,
         inner: tuple[int, int],
         parts: Sequence[Rectangle],
-        out: NDArray[np.float32],
+        out: Float32s,
     ) -> None:
         """As `network.encoding.map_planes`, for parts of a window, from two rows of each network
         cell.

@@ -5,8 +5,8 @@ from collections.abc import Iterator
 import numpy as np
 from numpy.typing import NDArray
 
-from nnpp_edge.runtime.arrays import Float2D
-from nnpp_edge.runtime.cells import Rectangle, slices
+from nnpp_edge.runtime.arrays import Bool, Float2D, Floats
+from nnpp_edge.runtime.cells import Rectangle, holding, slices
 from nnpp_edge.runtime.deadline import NEVER, Deadline
 from nnpp_edge.runtime.kernels.tiles import BLOCK_SEEN, BLOCK_UNTOUCHED
 from nnpp_edge.runtime.map.along import Line, heights_at
@@ -65,9 +65,7 @@ class Unseen:
             some = blocks[begin : begin + together]
             self._sum_up(some, grid)
             self._new[tuple(some.T)] = False
-            top, left = some.min(0).tolist()
-            bottom, right = some.max(0).tolist()
-            yield top, left, bottom - top + 1, right - left + 1
+            yield holding(some)
 
     def _sum_up(self, blocks: NDArray[np.intp], grid: Grid) -> None:
         """Sum up what is known of the cells of blocks (N, 2)."""
@@ -104,16 +102,16 @@ class Unseen:
         price: Float2D = share * here + (1.0 - share) * self.layers[0][blocks]
         return np.where((share == 1.0) & (blocked == 1.0), np.float32(np.inf), price)
 
-    def unknown(self, rows: slice, cols: slice) -> NDArray[np.bool_]:
+    def unknown(self, rows: slice, cols: slice) -> Bool:
         """Cells of a part of the map whose heights mean nothing."""
-        unknown: NDArray[np.bool_] = self.layers[1][self._blocks(rows, cols)] == BLOCK_UNTOUCHED
+        unknown: Bool = self.layers[1][self._blocks(rows, cols)] == BLOCK_UNTOUCHED
         return unknown
 
     def means(self, part: Rectangle) -> bool:
         """Whether all heights of a part of the map mean something."""
         return bool((self.layers[1][self._blocks_of(part)] != BLOCK_UNTOUCHED).all())
 
-    def heights_at(self, places: Line, known: NDArray[np.float64]) -> NDArray[np.float64]:
+    def heights_at(self, places: Line, known: Floats) -> Floats:
         """(N,) heights at places (N, 2) of the map: `known` where the cell was seen, else by the
         means of blocks.
         """

@@ -3,17 +3,19 @@ been seen.
 """
 
 from collections.abc import Callable, Iterator
+from dataclasses import replace
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
-from nnpp_edge.runtime.cells import Rectangle, slices
+from nnpp_edge.runtime.arrays import Bool, Cells
+from nnpp_edge.runtime.cells import Rectangle, coarser, slices, widened
 from nnpp_edge.runtime.deadline import Deadline
 from nnpp_edge.runtime.errors import Status
 from nnpp_edge.runtime.kernels.tiles import BLOCK_SEEN
 from nnpp_edge.runtime.map.ground import Ground
-from nnpp_edge.runtime.map.state import MapState, map_state
+from nnpp_edge.runtime.map.kinds import CostState
+from nnpp_edge.runtime.map.state import MapState
 from nnpp_edge.runtime.planners.query import Found, Work
 from nnpp_edge.runtime.robots.robot import Robot
 from nnpp_edge.runtime.search.query import Query
@@ -24,8 +26,6 @@ from nnpp_edge.runtime.tuning import (
     MOST_BLOCK_WAYS,
     PRICE_SCALE,
 )
-
-CellPath = NDArray[np.int32]
 
 
 class BlockWay:
@@ -44,10 +44,10 @@ class BlockWay:
         self._grid = state.grid
         self._unseen = state.unseen
         everywhere = 0, 0, *self._unseen.dem.shape
-        self._map = map_state(
-            Ground(self._unseen.costs(everywhere) / PRICE_SCALE),
-            state.omega * PRICE_SCALE,
-        )
+        model = state.grid.model
+        model = replace(model, scale=model.scale * PRICE_SCALE)
+        ground = Ground(self._unseen.costs(everywhere) / PRICE_SCALE)
+        self._map = CostState(ground, model, corner_cutting=True, tell_unknown=False)
         self._find = find(self._map)
         rows, cols = (
             np.arange(side, dtype=np.int32) // self._unseen.factor for side in state.shape
@@ -59,15 +59,13 @@ class BlockWay:
         for part in self._unseen.read(self._grid, deadline):
             self._price(part, False)
 
-    def _price(self, part: Rectangle, shut: NDArray[np.bool_] | bool) -> None:
+    def _price(self, part: Rectangle, shut: Bool | bool) -> None:
         """Have blocks of a part cost by their prices, but for those that are `shut`."""
         if part[2]:
             costs = self._unseen.costs(part) / PRICE_SCALE
             self._map.update(*part[:2], np.where(shut, np.float32(np.inf), costs))
 
-    def ways(
-        self, query: Query, work: Work, *, whole: bool
-    ) -> Iterator[tuple[CellPath, int, Region]]:
+    def ways(self, query: Query, work: Work, *, whole: bool) -> Iterator[tuple[Cells, int, Region]]:
         """Ways, each around the obstacles by which the ones before it were blocked.
 
         Of each the cells to go by, the middles of its blocks and the goal; up to which of them
@@ -75,7 +73,8 @@ class BlockWay:
         was seen, or the way on is blocked; or the `whole` way.
         """
         side = self._unseen.factor
-        start, goal = ((cell[0] // side, cell[1] // side) for cell in (query.start, query.goal))
+        start = coarser(query.start, side)
+        goal = coarser(query.goal, side)
         shut = np.zeros(self._unseen.dem.shape, np.bool_)
         for _ in range(MOST_BLOCK_WAYS):
             left, top, width, height = cv2.boundingRect(shut.view(np.uint8))
@@ -101,26 +100,26 @@ class BlockWay:
             shut[start] = False
             shut[goal] = False
 
-    def _first(self, way: CellPath, stops: CellPath) -> int:
+    def _first(self, way: Cells, stops: Cells) -> int:
         """Number of the stop up to which cells are to be searched."""
-        unseen = np.flatnonzero(self._unseen.layers[1][way[:, 0], way[:, 1]] != BLOCK_SEEN)
+        known = self._unseen.layers[1][tuple(way.T)]
+        unseen = np.flatnonzero(known != BLOCK_SEEN)
         last = len(way) - 1
         first = min(int(unseen[0]) + BLOCKS_BEYOND, last) if len(unseen) else last
         while first < last and (blocked := self._blocked(stops[first:])) >= 0:
             first = min(first + blocked // self._unseen.factor + 1 + BLOCKS_BEYOND, last)
         return first
 
-    def _around(self, way: CellPath) -> Region:
+    def _around(self, way: Cells) -> Region:
         """The blocks of a way, and those around them."""
         self._region = region = self._region._replace(stamp=self._region.stamp + 1)
         for row, col in way.tolist():
-            rows, cols = (
-                slice(max(at - BLOCKS_AROUND, 0), at + BLOCKS_AROUND + 1) for at in (row, col)
-            )
-            region.bitmap[rows, cols] = region.stamp
+            around = (BLOCKS_AROUND, BLOCKS_AROUND)
+            part = widened((row, col, 1, 1), around, region.bitmap.shape)
+            region.bitmap[slices(part)] = region.stamp
         return region
 
-    def _blocked(self, stops: CellPath) -> int:
+    def _blocked(self, stops: Cells) -> int:
         """Number of the first cell straight from stop to stop that a point cannot step on; or
         -1.
         """
@@ -128,12 +127,12 @@ class BlockWay:
         return Robot().walk(self._grid, path, 0, np.empty(len(path)))
 
 
-def over(stops: CellPath) -> CellPath:
+def over(stops: Cells) -> Cells:
     """The cells (N, 2) from the first stop straight to each next one."""
     steps = np.abs(np.diff(stops, axis=0)).max(axis=1, initial=0)
     begins = np.repeat(np.cumsum(steps) - steps, steps)
     share = ((np.arange(len(begins)) - begins + 1) / np.repeat(steps, steps))[:, None]
-    begin, end = (np.repeat(ends, steps, axis=0) for ends in (stops[:-1], stops[1:]))
-    return np.concatenate(
-        (stops[:1], np.rint(begin * (1.0 - share) + end * share).astype(np.int32))
-    )
+    begin = np.repeat(stops[:-1], steps, axis=0)
+    end = np.repeat(stops[1:], steps, axis=0)
+    between = np.rint(begin * (1.0 - share) + end * share)
+    return np.concatenate((stops[:1], between.astype(np.int32)))

@@ -3,11 +3,12 @@ one above.
 """
 
 import math
+from collections.abc import Iterator
 
 import numpy as np
-from numpy.typing import NDArray
 
-from nnpp_edge.runtime.cells import Cell
+from nnpp_edge.runtime.arrays import UInt8
+from nnpp_edge.runtime.cells import Cell, coarser
 from nnpp_edge.runtime.deadline import NEVER, Deadline, OutOfTimeError
 from nnpp_edge.runtime.errors import Status
 from nnpp_edge.runtime.kernels.corridor import close_dead_ends, surround
@@ -54,7 +55,7 @@ class CoarseLevel:
         self._queue = np.empty(1 << (nodes - 1).bit_length(), np.int32)
         self._bitmaps = np.zeros((2, 2 * grid.rows, 2 * grid.cols), np.int32)
         self._stamp = 0
-        self._closed: NDArray[np.uint8] | None = None
+        self._closed: UInt8 | None = None
         """Links that `close_dead_ends` has closed, as bits."""
 
     def search(
@@ -77,22 +78,15 @@ class CoarseLevel:
             self.landmarks = None
             self._version = self.level.version
             self._spent = 0.0
-        grid, ws, links, back = (
-            self.grid,
-            self.workspace,
-            self.level.links,
-            self.grid.robot.by_slope,
-        )
-        hints = (
-            None if region is not None or self.landmarks is None else self.landmarks.towards(goal)
-        )
+        grid = self.grid
+        back = grid.robot.by_slope
+        hints = None
+        if region is None and self.landmarks is not None:
+            hints = self.landmarks.towards(goal)
+        place = (grid, start, goal, self.workspace, region)
         found = astar(
-            grid,
-            start,
-            goal,
-            ws,
-            region,
-            links=links,
+            *place,
+            links=self.level.links,
             hints=hints,
             backwards=back,
             beyond=beyond,
@@ -111,10 +105,8 @@ class CoarseLevel:
         self.landmarks = self.landmarks or Landmarks(self.grid, self.workspace, self.level.links)
         count = len(self.landmarks.cells)
         self.landmarks.spread(count + 1)
-        enough = len(self.landmarks.cells) in (
-            count,
-            LEVEL_LANDMARKS,
-        )  # there is no place for more, or no need
+        # there is no place for more, or no need
+        enough = len(self.landmarks.cells) in (count, LEVEL_LANDMARKS)
         self._spent = -math.inf if enough else 0.0
 
     def close_dead_ends(self, region: Region, searched: Workspace, shape: Cell) -> bool:
@@ -219,8 +211,8 @@ class CoarseToFine:
             if number > 1:
                 radius = radius + width.coarse_radius
                 band = band + width.coarse_band
-            start = _at_level(query.start, number)
-            goal = _at_level(query.goal, number)
+            start = coarser(query.start, FACTOR**number)
+            goal = coarser(query.goal, FACTOR**number)
             found = coarse.search(goal, start, region, beyond=band, deadline=query.deadline)
             work.expansions += found.expansions
             work.stage_ends("coarse")
@@ -273,15 +265,26 @@ class CoarseToFine:
         finally:
             coarse.open_dead_ends()
 
+    def corridors(
+        self,
+        query: Query,
+        work: Work,
+        searcher: Searcher,
+        widths: tuple[CorridorWidth, CorridorWidth] | None = None,
+    ) -> Iterator[Found]:
+        """What is found in corridors, each wider than the one before; none where no coarse path
+        leads.
+        """
+        top = self.top_for(query)
+        widths = widths or self._state.grid.robot.corridors
+        for width, source in zip(widths, (Source.REGION, Source.WIDENED), strict=True):
+            found = self.find(query, work, searcher, top, None, width, source)
+            if found is not None:
+                yield found
+
     def touch(self) -> None:
         """Have the system back all arrays with memory now."""
         for level in self._levels:
             touch(level, level.grid)
         for coarse in self.coarse_levels:
             touch(coarse, coarse.workspace)
-
-
-def _at_level(cell: Cell, number: int) -> Cell:
-    """The coarse cell that holds a cell of the map."""
-    factor = FACTOR**number
-    return cell[0] // factor, cell[1] // factor

@@ -8,32 +8,32 @@ answer to the next.
 import math
 from contextlib import suppress
 from dataclasses import replace
-from typing import Unpack
+from typing import TYPE_CHECKING, Unpack
 
 import numpy as np
-from numpy.typing import NDArray
 
 from nnpp_edge.runtime.arguments import checked
-from nnpp_edge.runtime.arrays import Float2D
+from nnpp_edge.runtime.arrays import Cells, Float2D
 from nnpp_edge.runtime.cells import Cell, as_cell
 from nnpp_edge.runtime.deadline import Deadline
 from nnpp_edge.runtime.errors import InvalidQueryError
 from nnpp_edge.runtime.map.ground import Ground
 from nnpp_edge.runtime.memory import touch
+from nnpp_edge.runtime.planners.methods import file_of
 from nnpp_edge.runtime.planners.on_map import (
     OnMap,
     PlannerOptions,
-    model_file,
     one_at_a_time,
     split,
 )
 from nnpp_edge.runtime.planners.plan import DynamicMethod, Method, Plan
 from nnpp_edge.runtime.planners.query import Found, Work
-from nnpp_edge.runtime.planners.refine import refines
 from nnpp_edge.runtime.planners.standing_path import Standing, StandingPath
 from nnpp_edge.runtime.search.query import Query
-from nnpp_edge.runtime.terrain.traversability import Traversability
 from nnpp_edge.runtime.tuning import NEAR
+
+if TYPE_CHECKING:
+    from nnpp_edge.runtime.terrain.traversability import Traversability
 
 
 class DynamicPlanner(OnMap):
@@ -85,7 +85,7 @@ class DynamicPlanner(OnMap):
         self._heading_deg: float | None = None
         self._standing: Plan | None = None
         super().__init__(cost, cell_size_m, options, tell_unknown=True)
-        self._refines = refines(refine, self._state.grid)
+        self._refines = self._frees(refine)
         self.set_goal(goal)
 
     @classmethod
@@ -94,7 +94,7 @@ class DynamicPlanner(OnMap):
         dem: Float2D,
         cell_size_m: float,
         goal: Cell,
-        traversability: Traversability | None = None,
+        traversability: "Traversability | None" = None,
         method: str = DynamicMethod.AUTO,
         *,
         refine: str | None = None,
@@ -112,14 +112,14 @@ class DynamicPlanner(OnMap):
         cell_size_m: float,
         factor: int,
         goal: Cell,
-        traversability: Traversability | None = None,
+        traversability: "Traversability | None" = None,
         *,
         prior: str = "network",
         **options: Unpack[PlannerOptions],
     ) -> "DynamicPlanner":
         """A planner of ground that is known coarsely, as `Planner.of_coarse`."""
         own, rest = split(options)
-        model = model_file(rest.pop("model", None))
+        model = file_of(rest.pop("model", "unseen"))
         ground = Ground.of_coarse(
             dem, cell_size_m, factor, traversability, prior=prior, model=model, **own
         )
@@ -176,7 +176,7 @@ class DynamicPlanner(OnMap):
         self._path.catch_up()
 
     @one_at_a_time
-    def first_blocked(self, path: NDArray[np.int32]) -> int:
+    def first_blocked(self, path: Cells) -> int:
         """Number of the first cell of a path on the map, as `Plan.walked`, that cannot be stepped
         on now; or -1.
         """
@@ -265,7 +265,7 @@ class DynamicPlanner(OnMap):
         plan = self._answer(query, work, wanted, find, keep_regions)
         if plan.ok:
             self._path.set(plan)
-        return self._refiner.refined(plan, deadline=query.deadline) if self._refines else plan
+        return self._freed(plan, deadline=query.deadline) if self._refines else plan
 
     @checked(InvalidQueryError)
     @one_at_a_time
@@ -274,7 +274,7 @@ class DynamicPlanner(OnMap):
         standing one, with its way points where the planner was made with `refine`, and with the
         numbers along it.
         """
-        return self._refiner.refined(plan) if self._refines else plan.over(self._state)
+        return self._freed(plan) if self._refines else plan.over(self._state)
 
     def _rejoined(self, query: Query, work: Work) -> Found | None:
         """A body's way along arcs to the standing path, and on along that; None without one."""

@@ -1,8 +1,8 @@
 """The ways of finding a path on one map: what they share is made when first needed."""
 
-from collections.abc import Iterator
 from functools import cached_property
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -10,23 +10,14 @@ from nnpp_edge.runtime.arguments import checked
 from nnpp_edge.runtime.cells import Cell
 from nnpp_edge.runtime.errors import InvalidQueryError, Status
 from nnpp_edge.runtime.kernels.nodes import octile
-from nnpp_edge.runtime.map.pyramid import coarse_shapes
 from nnpp_edge.runtime.map.state import MapState
 from nnpp_edge.runtime.memory import touch
-from nnpp_edge.runtime.network.inference import NetworkModel
-from nnpp_edge.runtime.network.priors import set_prices
-from nnpp_edge.runtime.planners.arc_corridor import ArcCorridor
-from nnpp_edge.runtime.planners.by_blocks import BlockWay, over
-from nnpp_edge.runtime.planners.coarse_to_fine import CoarseToFine
 from nnpp_edge.runtime.planners.plan import DynamicMethod, Method, Source
 from nnpp_edge.runtime.planners.query import Found, Work
 from nnpp_edge.runtime.planners.searchers import (
     AStarSearcher,
-    MendingSearcher,
     Searcher,
 )
-from nnpp_edge.runtime.region.learned import LearnedRegions
-from nnpp_edge.runtime.search.dstar_lite import DStarLite, serves
 from nnpp_edge.runtime.search.query import Query
 from nnpp_edge.runtime.tuning import (
     BRIEF_EXPANSIONS,
@@ -39,11 +30,20 @@ from nnpp_edge.runtime.tuning import (
     CorridorWidth,
 )
 
+if TYPE_CHECKING:
+    from nnpp_edge.runtime.network.inference import NetworkModel
+    from nnpp_edge.runtime.planners.arc_corridor import ArcCorridor
+    from nnpp_edge.runtime.planners.by_blocks import BlockWay
+    from nnpp_edge.runtime.planners.coarse_to_fine import CoarseToFine
+    from nnpp_edge.runtime.planners.mending import MendingSearcher
+    from nnpp_edge.runtime.region.learned import LearnedRegions
+    from nnpp_edge.runtime.search.dstar_lite import DStarLite
+
 _UNASKED = "no network is used for a vehicle's body: the corridor is as fast, closer to optimal"
 
 
 def pick_method(
-    shape: tuple[int, int], model: str | Path | NetworkModel, has_body: bool, apart: int
+    shape: tuple[int, int], model: "str | Path | NetworkModel", has_body: bool, apart: int
 ) -> tuple[Method, str]:
     """The method that ``auto`` picks on such a map for a goal `apart` cells away, by ``nnpp``'s
     `model`, and why.
@@ -55,12 +55,15 @@ def pick_method(
             Method.CORRIDOR,
             "for a body as fast as exact search on small maps, faster on large ones",
         )
-    model = model.path if isinstance(model, NetworkModel) else model
-    if (
-        max(shape) >= LARGE_MAP and apart >= FAR and Path(model).stem == "edge"
-    ):  # of which the figures are
+    # the figures are of the network `edge`
+    if max(shape) >= LARGE_MAP and apart >= FAR and Path(file_of(model)).stem == "edge":
         return Method.NNPP, f"the fastest from {FAR} cells on, on a large map"
     return Method.CORRIDOR, "as fast as the learned region, closer to optimal"
+
+
+def file_of(model: "str | Path | NetworkModel") -> str | Path:
+    """Name or file of a network."""
+    return model if isinstance(model, str | Path) else model.path
 
 
 class Methods:
@@ -76,7 +79,7 @@ class Methods:
     def __init__(
         self,
         state: MapState,
-        model: str | Path | NetworkModel = "edge",
+        model: "str | Path | NetworkModel" = "edge",
         ask_from: int = NEAR,
         *,
         repeated: bool = False,
@@ -86,35 +89,63 @@ class Methods:
         self.has_poses = not state.grid.robot.learned_region
         """Whether a vehicle's poses are searched."""
         self.astar = AStarSearcher(state)
-        self.arcs = ArcCorridor(self, repeated) if state.grid.robot.drives_arcs else None
-        """How a body that drives arcs is planned for."""
-        self.regions = LearnedRegions(state, model, UNSEEN_CHANGE if repeated else 0.0)
-        if state.unseen is not None:
-            set_prices(state.unseen)
+        self._model = model
+        self._repeated = repeated
         self._dstar: DStarLite | None = None
+        if state.unseen is not None:
+            from nnpp_edge.runtime.network.priors import set_prices
+
+            set_prices(state.unseen)
+
+    # what a method needs is loaded with it
 
     @cached_property
-    def descent(self) -> CoarseToFine:
+    def arcs(self) -> "ArcCorridor | None":
+        """How a body that drives arcs is planned for."""
+        if not self.state.grid.robot.drives_arcs:
+            return None
+        from nnpp_edge.runtime.planners.arc_corridor import ArcCorridor
+
+        return ArcCorridor(self, self._repeated)
+
+    @cached_property
+    def regions(self) -> "LearnedRegions":
+        """Regions by the network."""
+        from nnpp_edge.runtime.region.learned import LearnedRegions
+
+        return LearnedRegions(self.state, self._model, UNSEEN_CHANGE if self._repeated else 0.0)
+
+    @cached_property
+    def descent(self) -> "CoarseToFine":
         """Searches of the coarse levels."""
+        from nnpp_edge.runtime.planners.coarse_to_fine import CoarseToFine
+
         return CoarseToFine(self.state, self.astar.workspace)
 
     @cached_property
-    def blocks(self) -> BlockWay:
+    def blocks(self) -> "BlockWay":
         """Searches of the blocks of a coarse map."""
+        from nnpp_edge.runtime.planners.by_blocks import BlockWay
+
         return BlockWay(self.state, lambda state: Methods(state).corridor)
 
     @cached_property
-    def mending(self) -> MendingSearcher:
+    def mending(self) -> "MendingSearcher":
         """D* Lite in regions."""
+        from nnpp_edge.runtime.planners.mending import MendingSearcher
+
         return MendingSearcher(self.state, self.astar)
 
-    def use_model(self, model: str | Path | NetworkModel) -> NetworkModel:
+    def use_model(self, model: "str | Path | NetworkModel") -> "NetworkModel":
         """Ask this network from now on, once it has been loaded and tried; ModelError, and the old
         one stays.
         """
-        if not isinstance(model, NetworkModel):
+        if isinstance(model, str | Path):
+            from nnpp_edge.runtime.network.inference import NetworkModel
+
             model = NetworkModel(model)
             model.try_out()
+        self._model = model
         self.regions.use_model(model)
         return model
 
@@ -136,7 +167,7 @@ class Methods:
                 return Method.CORRIDOR, "arcs are checked where the corridor leads"
             if self.state.unseen is not None:
                 return Method.CORRIDOR, "over blocks where the ground is known coarsely"
-            return pick_method(self.state.shape, self.regions.model, self.has_poses, query.apart)
+            return pick_method(self.state.shape, self._model, self.has_poses, query.apart)
         unasked = wanted is Method.NNPP and self.has_poses
         return wanted, _UNASKED if unasked else ""
 
@@ -168,6 +199,8 @@ class Methods:
         """The optimal path, by D* Lite over the whole map; by A* where steps cost too differently
         for that.
         """
+        from nnpp_edge.runtime.search.dstar_lite import serves
+
         if not serves(self.state.grid):
             return self.search_map(query, work)
         found = self._dstar_to(query.goal).plan(query.start, deadline=query.deadline)
@@ -194,30 +227,13 @@ class Methods:
             if by_blocks is not None and by_blocks.suffices(query):
                 return by_blocks
         self.state.pyramid_by(query.deadline)
-        corridors = self._corridors(query, work, searcher or self.astar, widths)
+        corridors = self.descent.corridors(query, work, searcher or self.astar, widths)
         if self.arcs is not None:
             return self.arcs.find(query, work, corridors)
         for found in corridors:
             if found.suffices(query):
                 return found
         return self.search_map(query, work, Source.FALLBACK)
-
-    def _corridors(
-        self,
-        query: Query,
-        work: Work,
-        searcher: Searcher,
-        widths: tuple[CorridorWidth, CorridorWidth] | None,
-    ) -> Iterator[Found]:
-        """What is found in corridors, each wider than the one before; none where no coarse path
-        leads.
-        """
-        top = self.descent.top_for(query)
-        widths = widths or self.state.grid.robot.corridors
-        for width, source in zip(widths, (Source.REGION, Source.WIDENED), strict=True):
-            found = self.descent.find(query, work, searcher, top, None, width, source)
-            if found is not None:
-                yield found
 
     def _by_blocks(self, query: Query, work: Work) -> Found | None:
         """A path over cells as far as these were seen, and over blocks' middles beyond; None if
@@ -235,6 +251,8 @@ class Methods:
             if search.status is not Status.NO_PATH:
                 path = search.path
                 if search.status is Status.OK and not self.has_poses:
+                    from nnpp_edge.runtime.planners.by_blocks import over
+
                     path = np.concatenate((path[:-1], over(stops[first:])))
                 bound = float(octile.py_func(*query.start, *query.goal, *grid.prices))
                 whole = search._replace(path=path, refused_f=bound)
@@ -272,11 +290,17 @@ class Methods:
     @property
     def _network_level(self) -> int:
         """Number of the level that the network's region is searched on first."""
-        return len(coarse_shapes(*self.state.shape)) if max(self.state.shape) >= REFINE_FROM else 0
+        if max(self.state.shape) < REFINE_FROM:
+            return 0
+        from nnpp_edge.runtime.map.pyramid import coarse_shapes
 
-    def _dstar_to(self, goal: Cell) -> DStarLite:
+        return len(coarse_shapes(*self.state.shape))
+
+    def _dstar_to(self, goal: Cell) -> "DStarLite":
         """D* Lite over the whole map, with this goal."""
         if self._dstar is None:
+            from nnpp_edge.runtime.search.dstar_lite import DStarLite
+
             self._dstar = DStarLite(self.state, goal)
         elif self._dstar.goal != goal:
             self._dstar.set_goal(goal)

@@ -4,20 +4,19 @@ thread's turn.
 
 import functools
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from contextlib import nullcontext
 from dataclasses import replace
 from pathlib import Path
 from threading import RLock
-from typing import TYPE_CHECKING, Concatenate, ParamSpec, TypeVar, cast
+from typing import TYPE_CHECKING, Any, Concatenate, ParamSpec, TypeVar
 
 import numpy as np
-from numpy.typing import NDArray
 
 from nnpp_edge.runtime.arguments import checked
-from nnpp_edge.runtime.arrays import Float2D
+from nnpp_edge.runtime.arrays import Bool, Float2D
 from nnpp_edge.runtime.cells import Cell, as_cell
-from nnpp_edge.runtime.deadline import OutOfTimeError
+from nnpp_edge.runtime.deadline import NEVER, Deadline, OutOfTimeError
 from nnpp_edge.runtime.errors import (
     ConcurrentUseError,
     InvalidMapError,
@@ -27,19 +26,19 @@ from nnpp_edge.runtime.errors import (
     shown,
 )
 from nnpp_edge.runtime.map.ground import Ground, GroundOptions
-from nnpp_edge.runtime.map.state import MapState, map_state
+from nnpp_edge.runtime.map.kinds import map_state
+from nnpp_edge.runtime.map.state import MapState
 from nnpp_edge.runtime.memory import small_pages, touch
-from nnpp_edge.runtime.network.inference import NetworkModel
 from nnpp_edge.runtime.options import StepOptions
 from nnpp_edge.runtime.planners.methods import Methods
 from nnpp_edge.runtime.planners.plan import DynamicMethod, Plan, Source
 from nnpp_edge.runtime.planners.query import Found, Work, in_words, problem_with, told
-from nnpp_edge.runtime.planners.refine import Refiner
 from nnpp_edge.runtime.search.astar import cost_field
 from nnpp_edge.runtime.search.query import Query
 from nnpp_edge.runtime.tuning import NEAR
 
 if TYPE_CHECKING:
+    from nnpp_edge.runtime.network.inference import NetworkModel
     from nnpp_edge.runtime.robots.body.attitude import PoseCheck
 
 P = ParamSpec("P")
@@ -94,7 +93,7 @@ class PlannerOptions(GroundOptions, StepOptions, total=False):
     """Whether to warn of heights whose slopes all lie beyond the limits; by default `of_elevation`
     does.
     """
-    model: str | Path | NetworkModel
+    model: "str | Path | NetworkModel"
     """The network for ``nnpp``: a shipped model's name (by default ``edge``), a file, or one
     already loaded, which planners may share. It is loaded when first needed."""
     ask_from: int
@@ -132,13 +131,12 @@ class OnMap:
         self._half_done = False
         self._model = rest.pop("model", "edge")
         self._ask_from = rest.pop("ask_from", NEAR)
-        self._state: MapState = map_state(ground, tell_unknown=tell_unknown, **rest)  # type: ignore[misc]  # what is left
+        self._state: MapState = map_state(ground, tell_unknown=tell_unknown, **rest)
         self._make()
 
     def _make(self) -> None:
         """Make from the map all that is kept beside it."""
         self._methods = Methods(self._state, self._model, self._ask_from, repeated=self._repeated)
-        self._refiner = Refiner(self._state)
 
     def _begin_anew(self) -> None:
         self._state.begin_anew()
@@ -183,9 +181,7 @@ class OnMap:
 
     @checked(InvalidQueryError)
     @one_at_a_time
-    def update(
-        self, row: int, col: int, patch: Float2D, *, seen: NDArray[np.bool_] | None = None
-    ) -> int:
+    def update(self, row: int, col: int, patch: Float2D, *, seen: Bool | None = None) -> int:
         """Put new costs into the map.
 
         On a map of elevations what costs tell is a layer of its own: a cell costs the greater of
@@ -220,7 +216,7 @@ class OnMap:
     @checked(InvalidQueryError)
     @one_at_a_time
     def update_elevation(
-        self, row: int, col: int, patch: Float2D, *, seen: NDArray[np.bool_] | None = None
+        self, row: int, col: int, patch: Float2D, *, seen: Bool | None = None
     ) -> int:
         """Put new elevations, metres and NaN where unknown, into a map of such; otherwise as
         `update`.
@@ -237,7 +233,7 @@ class OnMap:
 
     @checked(InvalidQueryError)
     @one_at_a_time
-    def use_model(self, model: str | Path | NetworkModel) -> None:
+    def use_model(self, model: "str | Path | NetworkModel") -> None:
         """Ask this network from now on, loaded and tried now; ModelError where that fails: the old
         one stays.
         """
@@ -281,6 +277,20 @@ class OnMap:
             else plan
         )
 
+    def _frees(self, refine: str | None) -> bool:
+        """Whether paths are freed from the grid, by the option of that name."""
+        if refine is None:
+            return False
+        from nnpp_edge.runtime.planners.refine import refines
+
+        return refines(refine, self._state.grid)
+
+    def _freed(self, plan: Plan, radius_m: float | None = None, deadline: Deadline = NEVER) -> Plan:
+        """The plan, freed from the grid."""
+        from nnpp_edge.runtime.planners.refine import Refiner
+
+        return Refiner(self._state).refined(plan, radius_m, deadline)
+
     def _why_ended(self, query: Query) -> str:
         """By which limit a body gets no farther, by the search of the whole map that has just found
         no path.
@@ -303,19 +313,16 @@ class OnMap:
         return field
 
 
-def split(options: PlannerOptions) -> tuple[GroundOptions, PlannerOptions]:
-    """The options of the ground, and the others."""
-    own = {name: value for name, value in options.items() if name in GroundOptions.__annotations__}
+def split(
+    options: Mapping[str, object], kind: type = GroundOptions
+) -> tuple[dict[str, Any], dict[str, Any]]:
+    """The options that this `TypedDict` has, and the others."""
+    own = {name: value for name, value in options.items() if name in kind.__annotations__}
     rest = {name: value for name, value in options.items() if name not in own}
-    return cast(GroundOptions, own), cast(PlannerOptions, rest)
+    return own, rest
 
 
-def model_file(model: str | Path | NetworkModel | None) -> str | Path | None:
-    """Name or file of a network."""
-    return model.path if isinstance(model, NetworkModel) else model
-
-
-def _mask(seen: NDArray[np.bool_] | None, patch: Float2D) -> NDArray[np.bool_] | None:
+def _mask(seen: Bool | None, patch: Float2D) -> Bool | None:
     if seen is None:
         return None
     if not isinstance(seen, np.ndarray) or seen.dtype != np.bool_ or seen.shape != np.shape(patch):

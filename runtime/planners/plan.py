@@ -7,20 +7,18 @@ from functools import cached_property
 from typing import TYPE_CHECKING, NoReturn
 
 import numpy as np
-from numpy.typing import NDArray
 
-from nnpp_edge.runtime.arrays import headings_along
+from nnpp_edge.runtime.arrays import Cells, Floats, Int32, headings_along
 from nnpp_edge.runtime.errors import InvalidQueryError, Status
-from nnpp_edge.runtime.map.along import Along, Line, Numbers
-from nnpp_edge.runtime.map.state import MapState
-from nnpp_edge.runtime.planners.plan_shown import draw, html_of
-from nnpp_edge.runtime.planners.turns import curvatures
-from nnpp_edge.runtime.robots.body.arcs import Arc, Drive, arcs_along, drive_along, heading_deg
 from nnpp_edge.runtime.search.region import Region
-from nnpp_edge.runtime.terrain.vehicle import Vehicle
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
+
+    from nnpp_edge.runtime.map.along import Along, Line, Numbers
+    from nnpp_edge.runtime.map.state import MapState
+    from nnpp_edge.runtime.robots.body.arcs import Arc, Drive
+    from nnpp_edge.runtime.terrain.vehicle import Vehicle
 
 
 class _Named(StrEnum):
@@ -105,7 +103,7 @@ class Plan:
     """The method that was used; for ``auto`` the one it picked."""
     source: Source | None = None
     """Where the path was found; None where no search was made."""
-    path: NDArray[np.int32] = field(default_factory=lambda: np.empty((0, 2), np.int32), repr=False)
+    path: Cells = field(default_factory=lambda: np.empty((0, 2), np.int32), repr=False)
     """(N, 2) cells (row, col) from start to goal; on TIMEOUT as far as the search had come, or
     empty.
     """
@@ -141,7 +139,7 @@ class Plan:
     """
     checks: int = 0
     """Poses of a vehicle that were checked for this plan."""
-    waypoints: NDArray[np.float64] | None = field(default=None, repr=False)
+    waypoints: Floats | None = field(default=None, repr=False)
     """(N, 2) places (row, col), in cells, of the path freed from the grid, with both ends; None
     unless asked for.
     """
@@ -149,13 +147,13 @@ class Plan:
     """The line integral of the cost along the way points, in units of `cost`; see
     `planners.refine`.
     """
-    along: Along | None = field(default=None, repr=False)
+    along: "Along | None" = field(default=None, repr=False)
     """The path over the ground, point by point; None where no elevations are known."""
-    states: NDArray[np.int32] | None = field(default=None, repr=False)
+    states: Int32 | None = field(default=None, repr=False)
     """(N,) the direction in which a body that drives arcs stands on each cell, see
     `robots.body.motions.LEGS`, and 16 more where it came backwards and a change of gear
     costs; None of others, as cells tell it."""
-    vehicle: Vehicle | None = field(default=None, repr=False)
+    vehicle: "Vehicle | None" = field(default=None, repr=False)
     """That body."""
     known: int = 0
     """Cells from the path's first on that are known and checked: all, but on ground that is known
@@ -170,45 +168,49 @@ class Plan:
         return self.status is Status.OK
 
     @property
-    def headings_deg(self) -> NDArray[np.float64]:
+    def headings_deg(self) -> Floats:
         """(N,) degrees clockwise from up the rows in which each cell is left, see
         `arrays.headings_along`; of a body that drives arcs, in which it stands there.
         """
         if self.states is None or self.along is None:
             return headings_along(self.path)
+        from nnpp_edge.runtime.robots.body.arcs import heading_deg
+
         return np.array([heading_deg(k, self.along.sides_m) for k in self.states.tolist()])
 
     @cached_property
-    def arcs(self) -> tuple[Arc, ...]:
+    def arcs(self) -> "tuple[Arc, ...]":
         """The pieces that a body drives which drives arcs; empty of others."""
         if self.states is None or self.vehicle is None or self.along is None:
             return ()
+        from nnpp_edge.runtime.robots.body.arcs import arcs_along
+
         return arcs_along(self.walked, self.vehicle, self.along.sides_m)
 
     @cached_property
-    def drive(self) -> Drive | None:
+    def drive(self) -> "Drive | None":
         """Poses along the arcs; None without any."""
         if self.states is None or self.vehicle is None or self.along is None or not len(self.path):
             return None
+        from nnpp_edge.runtime.robots.body.arcs import drive_along
+
         return drive_along(self.walked, self.vehicle, self.along.sides_m)
 
     @property
-    def poses(self) -> NDArray[np.float64]:
+    def poses(self) -> Floats:
         """(N, 3) along `arcs`, every 0.25 m or nearer: metres along columns and along rows from the
         middle of cell (0, 0), degrees clockwise from up the rows; empty without arcs.
         """
         return np.empty((0, 3)) if self.drive is None else self.drive.poses
 
     @property
-    def walked(self) -> NDArray[np.int32]:
+    def walked(self) -> Int32:
         """The path for `Grid.walk`: (N, 2) cells, of a body that drives arcs (N, 3) with its
         states.
         """
-        return (
-            self.path
-            if self.states is None
-            else np.column_stack((self.path, self.states)).astype(np.int32)
-        )
+        if self.states is None:
+            return self.path
+        return np.column_stack((self.path, self.states)).astype(np.int32)
 
     def rest(self, first: int) -> "Plan":
         """The plan with the rest of its path, from one of its cells on."""
@@ -218,23 +220,24 @@ class Plan:
         )
 
     @property
-    def waypoint_headings_deg(self) -> NDArray[np.float64]:
+    def waypoint_headings_deg(self) -> Floats:
         """(N,) degrees in which each way point is left, as `headings_deg`; empty without."""
         return np.empty(0) if self.waypoints is None else headings_along(self.waypoints)
 
     @property
-    def curvatures(self) -> NDArray[np.float64]:
+    def curvatures(self) -> Floats:
         """(N,) of the line at each way point, one over a radius in metres, or cells without
         heights: `planners.turns`.
         """
         if self.waypoints is None:
             return np.empty(0)
-        return curvatures(
-            self.waypoints if self.along is None else self.waypoints * self.along.sides_m
-        )
+        from nnpp_edge.runtime.planners.turns import curvatures
+
+        sides_m = (1.0, 1.0) if self.along is None else self.along.sides_m
+        return curvatures(self.waypoints * sides_m)
 
     @property
-    def line(self) -> Line:
+    def line(self) -> "Line":
         """(N, 2) what is driven: way points (row, col) where the path was freed from the grid, the
         middles of a body along its arcs, else the path's cells.
         """
@@ -242,7 +245,7 @@ class Plan:
             return self.drive.poses[:, 1::-1] / self.along.sides_m
         return self.path if self.waypoints is None else self.waypoints
 
-    def over(self, state: MapState) -> "Plan":
+    def over(self, state: "MapState") -> "Plan":
         """This plan with what lies below its line on this map, of a body that drives arcs at its
         poses.
         """
@@ -250,11 +253,15 @@ class Plan:
         return self if along is None else replace(self, along=along)
 
     @property
-    def numbers(self) -> Numbers:
+    def numbers(self) -> "Numbers":
         """Along the way, of the whole path; all NaN without a path, or where no elevations are
         known.
         """
-        return Numbers.unknown() if self.along is None else self.along.numbers
+        if self.along is not None:
+            return self.along.numbers
+        from nnpp_edge.runtime.map.along import Numbers
+
+        return Numbers.unknown()
 
     @property
     def ground_length_m(self) -> float:
@@ -286,10 +293,9 @@ class Plan:
         """The path costs at most this many times the optimum; inf where that is unknown, or costs
         may be below 0.
         """
-        exact = self.cost <= self.lower_bound
-        return (
-            self.cost / self.lower_bound if self.lower_bound > 0.0 else (1.0 if exact else math.inf)
-        )
+        if self.lower_bound > 0.0:
+            return self.cost / self.lower_bound
+        return 1.0 if self.cost <= self.lower_bound else math.inf
 
     def summary(self) -> dict[str, object]:
         """The plan without its arrays, ready for JSON (inf and NaN as None)."""
@@ -324,6 +330,8 @@ class Plan:
         """Draw the path, and the region where it was kept, with matplotlib, a cell a unit; by
         default on new axes.
         """
+        from nnpp_edge.runtime.planners.plan_shown import draw
+
         return draw(self.line, self.region, f"{self.status}: {self.planner or self.method}", ax)
 
     def __str__(self) -> str:
@@ -332,6 +340,8 @@ class Plan:
 
     def _repr_html_(self) -> str:
         """Its figures and, with matplotlib, a picture of the path, for notebooks."""
+        from nnpp_edge.runtime.planners.plan_shown import html_of
+
         return html_of(self._rows(), self.line, self.region)
 
     def _rows(self) -> dict[str, object]:

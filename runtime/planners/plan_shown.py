@@ -30,7 +30,8 @@ def html_of(rows: Mapping[str, object], line: Line, region: Region | None) -> st
     """A table and, where there is matplotlib, a picture of a line (N, 2) over the region where it
     was found.
     """
-    table = "".join(_ROW.format(escape(name), escape(str(value))) for name, value in rows.items())
+    cells = ((escape(name), escape(str(value))) for name, value in rows.items())
+    table = "".join(_ROW.format(*pair) for pair in cells)
     picture = StringIO()
     try:
         if len(line) > 1:

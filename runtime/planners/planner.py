@@ -4,8 +4,7 @@ import math
 from collections.abc import Sequence
 from dataclasses import replace
 from functools import partial
-from pathlib import Path
-from typing import Unpack
+from typing import TYPE_CHECKING, Unpack
 
 from nnpp_edge.runtime.arguments import checked
 from nnpp_edge.runtime.arrays import Float2D
@@ -13,24 +12,23 @@ from nnpp_edge.runtime.cells import Cell, as_cell
 from nnpp_edge.runtime.deadline import Deadline
 from nnpp_edge.runtime.errors import InvalidQueryError
 from nnpp_edge.runtime.map.ground import Ground
-from nnpp_edge.runtime.network.inference import NetworkModel
 from nnpp_edge.runtime.options import PlanOptions
+from nnpp_edge.runtime.planners.methods import file_of
 from nnpp_edge.runtime.planners.on_map import (
     OnMap,
     PlannerOptions,
-    model_file,
     one_at_a_time,
     split,
 )
 from nnpp_edge.runtime.planners.plan import DynamicMethod, Method, Plan
 from nnpp_edge.runtime.planners.query import Found, Wishes, Work, options_of
-from nnpp_edge.runtime.planners.refine import refines
-from nnpp_edge.runtime.planners.tour import Tour, tour
 from nnpp_edge.runtime.search.astar import costs_to_nearest
 from nnpp_edge.runtime.search.query import Query
-from nnpp_edge.runtime.terrain.step_cost import PAPER_OMEGA
-from nnpp_edge.runtime.terrain.traversability import Traversability
 from nnpp_edge.runtime.tuning import NEAREST_STOPS
+
+if TYPE_CHECKING:
+    from nnpp_edge.runtime.planners.tour import Tour
+    from nnpp_edge.runtime.terrain.traversability import Traversability
 
 
 class Planner(OnMap):
@@ -82,7 +80,7 @@ class Planner(OnMap):
         cls,
         dem: Float2D,
         cell_size_m: float,
-        traversability: Traversability | None = None,
+        traversability: "Traversability | None" = None,
         **options: Unpack[PlannerOptions],
     ) -> "Planner":
         """A planner of a map that has just arrived: costs and coarse levels are computed where a
@@ -103,7 +101,7 @@ class Planner(OnMap):
         dem: Float2D,
         cell_size_m: float,
         factor: int,
-        traversability: Traversability | None = None,
+        traversability: "Traversability | None" = None,
         *,
         prior: str = "network",
         **options: Unpack[PlannerOptions],
@@ -127,7 +125,7 @@ class Planner(OnMap):
             As for `of_elevation`, as errors are.
         """
         own, rest = split(options)
-        model = model_file(rest.pop("model", None))
+        model = file_of(rest.pop("model", "unseen"))
         ground = Ground.of_coarse(
             dem, cell_size_m, factor, traversability, prior=prior, model=model, **own
         )
@@ -204,7 +202,7 @@ class Planner(OnMap):
         *,
         best_order: bool = False,
         **options: Unpack[PlanOptions],
-    ) -> Tour:
+    ) -> "Tour":
         """A path from start to goal by way of other cells, all (row, col), in the order in which
         they are given.
 
@@ -220,9 +218,11 @@ class Planner(OnMap):
             A place between lies outside the map or is impassable, too many are to be ordered, or as
             `plan`.
         """
+        from nnpp_edge.runtime.planners.tour import tour
+
         wishes = options_of(**options)
         grid = self._state.grid
-        refining = refines(wishes.refine, grid)
+        refining = self._frees(wishes.refine)
         deadline = Deadline.within(wishes.time_limit_s)
         between = [as_cell(cell, f"via {at}") for at, cell in enumerate(via, 1)]
         stops = [as_cell(start, "start"), *between, as_cell(goal, "goal")]
@@ -253,7 +253,7 @@ class Planner(OnMap):
         return self._reach(start, within)
 
     def _planned(self, start: Cell, goal: Cell, wishes: Wishes, work: Work) -> Plan:
-        refining = refines(wishes.refine, self._state.grid)
+        refining = self._frees(wishes.refine)
         deadline = Deadline.within(wishes.time_limit_s)
         return self._refined(
             self._on_grid(start, goal, wishes, work, deadline), refining, wishes, deadline
@@ -291,31 +291,17 @@ class Planner(OnMap):
     def _refined(self, plan: Plan, refining: bool, wishes: Wishes, deadline: Deadline) -> Plan:
         """The plan, freed from the grid if that is asked for."""
         if refining:
-            return self._refiner.refined(plan, wishes.turning_radius_m, deadline)
+            return self._freed(plan, wishes.turning_radius_m, deadline)
         return plan if plan.states is None else plan.over(self._state)
 
 
-@checked(InvalidQueryError)
-def plan_path(
-    cost: Float2D,
-    start: Cell,
-    goal: Cell,
-    method: str = Method.AUTO,
-    step_cost: str = "paper",
-    corner_cutting: bool = True,
-    omega: float = PAPER_OMEGA,
-    *,
-    model: str | Path | NetworkModel = "edge",
-    epsilon: float = math.inf,
-    time_limit_s: float = math.inf,
-    refine: str | None = None,
-) -> Plan:
+class PathOptions(PlannerOptions, PlanOptions):
+    """Options of `plan_path`: those of `Planner` and of `Planner.plan`."""
+
+
+def plan_path(cost: Float2D, start: Cell, goal: Cell, **options: Unpack[PathOptions]) -> Plan:
     """Plan once, without keeping a planner; the arguments are those of `Planner` and
     `Planner.plan`.
     """
-    planner = Planner(
-        cost, step_cost=step_cost, omega=omega, corner_cutting=corner_cutting, model=model
-    )
-    return planner.plan(
-        start, goal, method=method, epsilon=epsilon, time_limit_s=time_limit_s, refine=refine
-    )
+    query, rest = split(options, PlanOptions)
+    return Planner(cost, **rest).plan(start, goal, **query)

@@ -3,12 +3,12 @@
 import math
 from collections.abc import Callable
 from dataclasses import replace
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from nnpp_edge.runtime.arguments import checked
+from nnpp_edge.runtime.arrays import Bool
 from nnpp_edge.runtime.cells import Cell
 from nnpp_edge.runtime.errors import InvalidQueryError, Status
 from nnpp_edge.runtime.map.grid import Grid
@@ -19,6 +19,9 @@ from nnpp_edge.runtime.search.astar import Search
 from nnpp_edge.runtime.search.query import Query
 from nnpp_edge.runtime.search.region import Region
 from nnpp_edge.runtime.stopwatch import Stopwatch
+
+if TYPE_CHECKING:
+    from nnpp_edge.runtime.map.streamed import StreamedMap
 
 _REASONS = {
     Status.NO_PATH: "no path exists on the known map",
@@ -39,7 +42,7 @@ class Wishes(NamedTuple):
     goal_heading_deg: float | None = None
     goal_tolerance_deg: float = 0.0
 
-    def directions(self, grid: Grid) -> tuple[int, NDArray[np.bool_] | None]:
+    def directions(self, grid: Grid) -> tuple[int, Bool | None]:
         """Those of a body at the start, and at the goal, as in `Query`; InvalidQueryError where it
         has none.
         """
@@ -107,39 +110,40 @@ class Found(NamedTuple):
         """
         if self.search.status is Status.NO_PATH:
             return self.search.refused_f == math.inf
-        above = (
-            query.epsilon if self.lower_bound >= 0.0 else -query.epsilon
-        )  # energy may be got back
-        return self.search.status is not Status.OK or self.cost <= (1.0 + above) * self.lower_bound
+        if self.search.status is not Status.OK:
+            return True
+        # the bound is below 0 where energy is got back
+        above = query.epsilon if self.lower_bound >= 0.0 else -query.epsilon
+        return self.cost <= (1.0 + above) * self.lower_bound
 
     @classmethod
     def too_late(cls, source: Source) -> "Found":
         """Nothing: time was up before a search of the map could begin."""
-        return cls(
-            Search.without_path(Status.TIMEOUT), source, math.inf, math.inf, math.inf, 0.0, None
-        )
+        nothing = Search.without_path(Status.TIMEOUT)
+        return cls(nothing, source, math.inf, math.inf, math.inf, 0.0, None)
 
     def plan(
         self,
         by: DynamicMethod,
         work: Work,
-        state: MapState | None = None,
+        state: "MapState | StreamedMap",
         checked_before: int = 0,
         *,
         choice: str = "",
         reason: str = "",
         keep_regions: bool = False,
     ) -> Plan:
-        """The finished plan, which owns its data; of a map of which poses had been checked before,
-        if given.
+        """The finished plan, which owns its data; of a map of which so many poses had been checked
+        before.
         """
         search = self.search
-        path, states = search.path[:, :2], search.path[:, 2] if search.path.shape[1] == 3 else None
+        path = np.ascontiguousarray(search.path[:, :2])
+        states = search.path[:, 2] if search.path.shape[1] == 3 else None
         plan = Plan(
             search.status,
             by.base,
             self.source,
-            np.ascontiguousarray(path),
+            path,
             self.cost,
             self.length,
             self.traverse_cost,
@@ -149,13 +153,13 @@ class Found(NamedTuple):
             planner=by,
             choice=choice or work.remark,
             reason=reason or _REASONS.get(search.status, ""),
-            costs_computed=1.0 if state is None else state.costs_computed,
-            checks=0 if state is None else state.checked - checked_before,
+            costs_computed=state.costs_computed,
+            checks=state.checked - checked_before,
             timings_ms=work.timings_ms,
-            along=None if state is None else state.along(path),
+            along=state.along(path),
             states=states,
-            vehicle=None if states is None or state is None else state.vehicle,
-            known=len(path) if state is None else state.known_along(path),
+            vehicle=None if states is None else state.vehicle,
+            known=state.known_along(path),
         )
         work.stage_ends("path")  # the plan's own making counts
         work.timings_ms["total"] = work.total_ms()

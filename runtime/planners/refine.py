@@ -21,11 +21,11 @@ from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from nnpp_edge.runtime.arrays import Cells
 from nnpp_edge.runtime.deadline import NEVER, Deadline
 from nnpp_edge.runtime.errors import InvalidQueryError, Status
-from nnpp_edge.runtime.kernels.any_angle import corners, line_cost
+from nnpp_edge.runtime.kernels.any_angle import NO_DISC, corners, line_cost
 from nnpp_edge.runtime.kernels.stations import freed
 from nnpp_edge.runtime.map.grid import Grid
 from nnpp_edge.runtime.map.state import MapState
@@ -46,12 +46,10 @@ path.
 """
 
 
-def refines(name: str | None, grid: Grid) -> bool:
+def refines(name: str, grid: Grid) -> bool:
     """Whether paths are freed; InvalidQueryError for another name than ``any-angle``, or for this
     map's steps.
     """
-    if name is None:
-        return False
     if name != "any-angle":
         raise InvalidQueryError(f"refine must be one of any-angle, got {name!r}")
     if grid.robot.line_refusal:
@@ -72,6 +70,8 @@ class Refiner:
     def __init__(self, state: MapState) -> None:
         self._state = state
         self._grid = state.grid
+        self._room = state.room or NO_DISC
+        self._sides_m = state.sides_m or (1.0, 1.0)
 
     def refined(
         self, plan: Plan, turning_radius_m: float | None = None, deadline: Deadline = NEVER
@@ -84,38 +84,30 @@ class Refiner:
         for: the line may then be the grid's path. InvalidQueryError where the radius is not
         positive, or the map's cells have no known size.
         """
-        vehicle = self._state.vehicle
-        wanted = (
-            vehicle.turning_radius_m if vehicle and turning_radius_m is None else turning_radius_m
-        )
+        wanted = turning_radius_m
+        if wanted is None and self._state.vehicle is not None:
+            wanted = self._state.vehicle.turning_radius_m
         radius = self._radius(wanted)
         if not plan.ok:
             return plan
         watch = Stopwatch()
         line = self.line_along(plan.path, radius, deadline)
-        along = None if line is None else self._state.along(line.points)
-        watch.stage_ends("refine")
-        took = watch.timings_ms["refine"]
-        timings = {
-            **plan.timings_ms,
-            "refine": took,
-            "total": plan.timings_ms.get("total", 0.0) + took,
-        }
         if line is None:
             reason = (
                 f"no line that turns with a radius of {wanted:g} m was found near the grid's path"
             )
-            status = Status.NO_PATH
-            source = plan.source
-            return Plan(
-                status, plan.method, source, planner=plan.planner, reason=reason, timings_ms=timings
-            )
-        return replace(
-            plan, waypoints=line.points, line_cost=line.cost, along=along, timings_ms=timings
-        )
+            names = plan.method, plan.source
+            found = Plan(Status.NO_PATH, *names, planner=plan.planner, reason=reason)
+        else:
+            along = self._state.along(line.points)
+            found = replace(plan, waypoints=line.points, line_cost=line.cost, along=along)
+        took = watch.total_ms()
+        total = plan.timings_ms.get("total", 0.0) + took
+        timings = {**plan.timings_ms, "refine": took, "total": total}
+        return replace(found, timings_ms=timings)
 
     def line_along(
-        self, path: NDArray[np.int32], radius: float = 0.0, deadline: Deadline = NEVER
+        self, path: Cells, radius: float = 0.0, deadline: Deadline = NEVER
     ) -> Line | None:
         """A line near a path of cells that costs no more, with no turn sharper than `radius` cells;
         None without.
@@ -128,34 +120,30 @@ class Refiner:
                 return line
             for rounder in _ROUNDER:
                 rounded = with_arcs(line.points, rounder * radius)
-                if (
-                    rounded is not None
-                    and self._turns(rounded, radius)
-                    and math.isfinite(cost := self.cost(rounded))
-                ):
+                if rounded is None or not self._turns(rounded, radius):
+                    continue
+                if (cost := self.cost(rounded)) < math.inf:
                     return Line(rounded, cost)
         return None
 
     def cost(self, points: Points) -> float:
         """The line integral along way points; inf where it leads through what is impassable."""
-        return float(line_cost(self._grid.packed, self._state.room, points))
+        return float(line_cost(self._grid.packed, self._room, points))
 
     def _turns(self, points: Points, radius: float) -> bool:
         """Whether no turn is sharper than a radius, in cells; on cells that are not square, in
         metres too.
         """
-        (dy, dx), least = self._state.sides_m or (1.0, 1.0), min(self._state.sides_m or (1.0,))
-        return bool((curvatures(points * (dy / least, dx / least)) * radius <= 1.0).all())
+        scale = np.array(self._sides_m) / min(self._sides_m)
+        return bool((curvatures(points * scale) * radius <= 1.0).all())
 
-    def _freed(self, path: NDArray[np.int32], saves: float, deadline: Deadline) -> Line:
+    def _freed(self, path: Cells, saves: float, deadline: Deadline) -> Line:
         """The cheaper of what is found and the path itself."""
         own = corners(path)
         on_grid = Line(own, self.cost(own))
         for first in range(_FAR_STAGES + 1):  # where far moves lead astray, nearer ones may not
             line = Line(
-                *freed(
-                    self._grid.packed, self._state.room, path, ANY_ANGLE[first:], saves, deadline.at
-                )
+                *freed(self._grid.packed, self._room, path, ANY_ANGLE[first:], saves, deadline.at)
             )
             if line.cost < on_grid.cost:
                 return line

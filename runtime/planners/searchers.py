@@ -1,34 +1,22 @@
 """Searches of the map at full resolution: what the planners are given to look for a path with."""
 
-import math
 from collections.abc import Sequence
-from typing import Protocol
-
-import numpy as np
+from typing import TYPE_CHECKING, Protocol
 
 from nnpp_edge.runtime.cells import Cell
-from nnpp_edge.runtime.deadline import OutOfTimeError
 from nnpp_edge.runtime.errors import InvalidQueryError
 from nnpp_edge.runtime.kernels.expansion import MOST_LANDMARKS
-from nnpp_edge.runtime.kernels.nodes import octile
-from nnpp_edge.runtime.kernels.pooling import FACTOR
 from nnpp_edge.runtime.map.changes import ChangeReader
-from nnpp_edge.runtime.map.pyramid import quarters
 from nnpp_edge.runtime.map.state import MapState
-from nnpp_edge.runtime.memory import touch
 from nnpp_edge.runtime.planners.query import Work, problem_with
 from nnpp_edge.runtime.search.astar import Search
-from nnpp_edge.runtime.search.dstar_lite import DStarLite, serves
-from nnpp_edge.runtime.search.landmarks import Landmarks
 from nnpp_edge.runtime.search.query import Query
 from nnpp_edge.runtime.search.region import Region
 from nnpp_edge.runtime.search.workspace import Workspace
-from nnpp_edge.runtime.tuning import MOST_JOINED, MOST_RATIO_FOR_LANDMARKS
+from nnpp_edge.runtime.tuning import MOST_RATIO_FOR_LANDMARKS
 
-_FOR_READING = 0.25
-"""Share of the time left that D* Lite may take to read the map before the region is searched
-afresh.
-"""
+if TYPE_CHECKING:
+    from nnpp_edge.runtime.search.landmarks import Landmarks
 
 
 class Searcher(Protocol):
@@ -60,7 +48,7 @@ class AStarSearcher:
         return work.searched(robot.search(self.grid, query, self.workspace, region, hints, limit))
 
     @property
-    def landmarks(self) -> Landmarks | None:
+    def landmarks(self) -> "Landmarks | None":
         """From `prepare`; None before, after a cell has become cheaper, and where weights lie far
         apart.
         """
@@ -87,76 +75,10 @@ class AStarSearcher:
                 raise InvalidQueryError(
                     f"goal {goal}: {problem.removeprefix('START_').lower().replace('_', ' ')}"
                 )
+        from nnpp_edge.runtime.search.landmarks import Landmarks
+
         self._changes = self._log.reader()
         self._landmarks = Landmarks(self.grid, self.workspace)
         for goal in goals:
             self._landmarks.add(goal)
         self._landmarks.spread(count)
-
-
-class MendingSearcher:
-    """D* Lite in regions, kept from one query to the next: the paper's D*NN, in any region.
-
-    Worth it for queries towards one goal: another goal starts D* Lite afresh. A* searches where
-    steps cost too differently for D* Lite, and where a new region takes it too long to read. Serves
-    one thread at a time.
-    """
-
-    def __init__(self, state: MapState, fresh: AStarSearcher) -> None:
-        self._state = state
-        self._fresh = fresh
-        self._dstar: DStarLite | None = None
-        self._known: Region | None = None
-        """Where D* Lite has searched; None where it has forgotten all."""
-
-    def prepare(self, goal: Cell) -> None:
-        """Do now what the first query to this goal would else do, all of the memory backed by the
-        system.
-        """
-        dstar = self._towards(goal)
-        touch(dstar.memory)
-        dstar.plan(goal)  # so that the cells left out are dealt with now
-
-    def search(self, query: Query, work: Work, region: Region) -> Search:
-        """As `Searcher`."""
-        if not serves(self._state.grid) or query.start == query.goal:
-            return self._fresh.search(query, work, region)
-        dstar = self._towards(query.goal)
-        dstar.move_start(query.start)
-        self._known = self._joined(region)
-        dstar.set_region(self._known)
-        try:
-            dstar.read(query.deadline.share(_FOR_READING))
-        except OutOfTimeError:  # the next query's search goes on reading
-            return self._fresh.search(query, work, region)
-        found = dstar.plan(query.start, deadline=query.deadline)
-        work.searched(found)
-        # D* Lite does not say what it refused: the octile distance is the bound
-        straight = octile.py_func(*query.start, *query.goal, *self._state.grid.prices)
-        return found._replace(refused_f=straight)
-
-    def _towards(self, goal: Cell) -> DStarLite:
-        """D* Lite with this goal; for a new one its region holds nothing yet."""
-        if self._dstar is not None and self._dstar.goal == goal:
-            return self._dstar
-        rows, cols = self._state.shape
-        blocks = [2 * math.ceil(cells / FACTOR) for cells in (rows, cols)]
-        nothing = Region(np.zeros(blocks, np.int32), quarters(rows), quarters(cols), 1)
-        self._known = None
-        if self._dstar is None:
-            self._dstar = DStarLite(self._state, goal, nothing)
-        else:
-            self._dstar.set_goal(goal)
-            self._dstar.set_region(nothing)
-        return self._dstar
-
-    def _joined(self, region: Region) -> Region:
-        """The region together with the last one: to D* Lite, cells that leave are much work, and
-        stay for nothing.
-        """
-        wanted = region.blocks()
-        known = self._known
-        both = wanted | known.blocks() if known and region.shares_blocks(known) else wanted
-        if np.count_nonzero(both) > MOST_JOINED * np.count_nonzero(wanted):
-            both = wanted
-        return Region(both.astype(np.int32), region.row_block, region.col_block, 1)

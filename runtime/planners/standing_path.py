@@ -24,8 +24,8 @@ from enum import StrEnum
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from nnpp_edge.runtime.arrays import Int32
 from nnpp_edge.runtime.cells import Cell, Rectangle
 from nnpp_edge.runtime.errors import InvalidQueryError
 from nnpp_edge.runtime.kernels.lattice import DIRECTION_COUNT
@@ -95,7 +95,7 @@ class Standing:
 class Rest(NamedTuple):
     """The standing path ahead of a robot, on the map as it is now."""
 
-    states: NDArray[np.int32]
+    states: Int32
     """(N, 2) cells or (N, 3) states; the first is the robot's, or of those nearby the nearest."""
     clear: int
     """Number of the state from which on all lead to the goal."""
@@ -276,8 +276,10 @@ class StandingPath:
 
     def _by_way_of(self, part: Rectangle, at: Cell, goal: Cell) -> float:
         """The least that a path by way of a rectangle's cells costs."""
-        (row, col, rows, cols), cost = part, self._grid.robot.worth_of_height(at, goal)
+        row, col, rows, cols = part
+        cost = self._grid.robot.worth_of_height(at, goal)
         for end in (at, goal):
-            nearest = min(max(end[0], row), row + rows - 1), min(max(end[1], col), col + cols - 1)
-            cost += octile.py_func(*end, *nearest, *self._grid.prices)
+            near_row = min(max(end[0], row), row + rows - 1)
+            near_col = min(max(end[1], col), col + cols - 1)
+            cost += octile.py_func(*end, near_row, near_col, *self._grid.prices)
         return cost

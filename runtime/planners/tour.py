@@ -2,13 +2,14 @@
 
 import itertools
 import math
+from collections import Counter
 from collections.abc import Callable, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from nnpp_edge.runtime.arrays import Bool, Floats
 from nnpp_edge.runtime.cells import Cell
 from nnpp_edge.runtime.deadline import NEVER, Deadline, OutOfTimeError
 from nnpp_edge.runtime.errors import InvalidQueryError
@@ -25,11 +26,12 @@ _TIE = 1e-5
 less.
 """
 
+_SUMMED = ("length", "line_cost", "lower_bound")
+"""Figures of a tour's plan that are those of its legs together."""
 PlanLeg = Callable[..., Plan]
 Order = tuple[int, ...]
 """Numbers of the places between, counted from 0 as they were given."""
-Costs = NDArray[np.float64]
-Nearest = Callable[[], tuple[Costs, NDArray[np.bool_]]]
+Nearest = Callable[[], tuple[Floats, Bool]]
 
 
 @dataclass(frozen=True)
@@ -116,12 +118,10 @@ def tour(
         cheaper = min(as_given, made, key=lambda each: each.plan.cost)
         made = replace(cheaper, given_cost=as_given.plan.cost)
     total = watch.total_ms()
-    apart = (
-        {"order": total - sum(leg.timings_ms.get("total", 0.0) for leg in made.legs)}
-        if best_order
-        else {}
-    )
-    timings = {**made.plan.timings_ms, **apart, "total": total}
+    timings = dict(made.plan.timings_ms)
+    if best_order:
+        timings["order"] = total - sum(leg.timings_ms.get("total", 0.0) for leg in made.legs)
+    timings["total"] = total
     return replace(made, plan=replace(made.plan, timings_ms=timings))
 
 
@@ -212,7 +212,7 @@ class _Legs:
         return list(itertools.pairwise(visited))
 
 
-def _cheapest_order(costs: Costs, deadline: Deadline = NEVER) -> tuple[Order, float]:
+def _cheapest_order(costs: Floats, deadline: Deadline = NEVER) -> tuple[Order, float]:
     """The cheapest order of the stops between the first and the last, and what the order given
     costs.
 
@@ -220,31 +220,30 @@ def _cheapest_order(costs: Costs, deadline: Deadline = NEVER) -> tuple[Order, fl
     members.
     """
     count = len(costs) - 2
-    begin = costs[0, 1:-1]
     inner = costs[1:-1, 1:-1]
-    end = costs[1:-1, -1]
     members = 1 << np.arange(count)
     sets = np.arange(1 << count)
     sizes = np.bitwise_count(sets)
     cheapest = np.full((1 << count, count), math.inf)
-    before = np.zeros((1 << count, count), np.int8)
-    cheapest[members, np.arange(count)] = begin
+    cheapest[members, np.arange(count)] = costs[0, 1:-1]
     for size in range(1, count):
         deadline.check()
         visited = sets[sizes == size]
-        ways = cheapest[visited][:, :, None] + inner
+        ways = (cheapest[visited][:, :, None] + inner).min(1)
         at, new = np.nonzero(visited[:, None] & members == 0)
-        longer = visited[at] | members[new], new
-        before[longer] = last = ways.argmin(1)[at, new]
-        cheapest[longer] = ways[at, last, new]
-    given = float(begin[0] + inner[np.arange(count - 1), np.arange(1, count)].sum() + end[-1])
-    if (total := cheapest[-1] + end).min() >= given * (1.0 - _TIE):
+        cheapest[visited[at] | members[new], new] = ways[at, new]
+    given = float(costs.diagonal(1).sum())
+    onwards = costs[1:-1, -1]
+    if (cheapest[-1] + onwards).min() >= given * (1.0 - _TIE):
         return tuple(range(count)), given
-    order = [int(total.argmin())]
+    # back from the goal
+    order: list[int] = []
     left = (1 << count) - 1
-    while len(order) < count:
-        left, last_one = left & ~int(members[order[-1]]), int(before[left, order[-1]])
-        order.append(last_one)
+    while left:
+        last = int((cheapest[left] + onwards).argmin())
+        order.append(last)
+        left &= ~(1 << last)
+        onwards = inner[:, last]
     return tuple(reversed(order)), given
 
 
@@ -257,42 +256,38 @@ def _as_one(legs: Sequence[Plan], stops: Sequence[Cell], grid: Grid) -> Plan:
     wanted = len(stops) - 1
     if wanted == 1:
         return first
-    methods = {leg.method for leg in legs}
-    timings: dict[str, float] = {}
+    alike = len({leg.method for leg in legs}) == 1
+    timings = Counter[str]()
     for leg in legs:
-        for stage, ms in leg.timings_ms.items():
-            timings[stage] = timings.get(stage, 0.0) + ms
+        timings.update(leg.timings_ms)
+    sources = [leg.source for leg in legs if leg.source]
     whole = Plan(
         last.status,
-        first.method if len(methods) == 1 else Method.AUTO,
-        None
-        if last.source is None
-        else max((leg.source for leg in legs if leg.source), key=list(Source).index),
+        first.method if alike else Method.AUTO,
+        last.source and max(sources, key=list(Source).index),
         expansions=sum(leg.expansions for leg in legs),
-        planner=first.planner if len(methods) == 1 else Method.AUTO,
+        planner=first.planner if alike else Method.AUTO,
         choice=f"{wanted} legs",
         costs_computed=last.costs_computed,
         checks=sum(leg.checks for leg in legs),
-        timings_ms=timings,
+        timings_ms=dict(timings),
     )
     if not last.ok:
-        name = f"leg {len(legs)} of {wanted}, from {stops[len(legs) - 1]} to {stops[len(legs)]}"
+        count = len(legs)
+        name = f"leg {count} of {wanted}, from {stops[count - 1]} to {stops[count]}"
         return replace(whole, reason=": ".join(filter(None, (name, last.reason))))
     walked = joined([leg.walked for leg in legs]).astype(np.int32)
     costs = grid.costs_of(walked)
     lines = [leg.waypoints for leg in legs if leg.waypoints is not None]
+    arcs = first.states is not None
     return replace(
         whole,
         path=np.ascontiguousarray(walked[:, :2]),
-        states=None if first.states is None else walked[:, 2].copy(),
+        states=walked[:, 2].copy() if arcs else None,
         vehicle=first.vehicle,
-        along=None
-        if first.states is None
-        else first.along,  # by it alone the arcs are known, `Plan.over` needs them
+        along=first.along if arcs else None,  # of which `Plan.over` needs the cells' sides
         waypoints=joined(lines).astype(np.float64) if len(lines) == len(legs) else None,
-        line_cost=sum(leg.line_cost for leg in legs),
         cost=costs[0] if grid.robot.by_poses else sum(leg.cost for leg in legs),
-        length=sum(leg.length for leg in legs),
         traverse_cost=costs[2],
-        lower_bound=sum(leg.lower_bound for leg in legs),
+        **{name: sum(getattr(leg, name) for leg in legs) for name in _SUMMED},
     )

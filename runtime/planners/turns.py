@@ -3,15 +3,16 @@
 import math
 
 import numpy as np
-from numpy.typing import NDArray
 
-Points = NDArray[np.float64]
+from nnpp_edge.runtime.arrays import Floats
+
+Points = Floats
 """(N, 2) places (row, col) in cells."""
 _ARC = math.radians(15.0)
 """The most that a way point on an arc turns."""
 
 
-def turns_rad(points: Points) -> NDArray[np.float64]:
+def turns_rad(points: Points) -> Floats:
     """(N,) by how much each way point turns the line, from 0 to π; 0 at the ends."""
     legs = np.diff(points, axis=0)
     headings = np.arctan2(legs[:, 1], legs[:, 0])
@@ -19,7 +20,7 @@ def turns_rad(points: Points) -> NDArray[np.float64]:
     return np.concatenate(([0.0], turns, [0.0]))[: len(points)]
 
 
-def curvatures(points: Points) -> NDArray[np.float64]:
+def curvatures(points: Points) -> Floats:
     """(N,) one over the radius, in cells, of the widest arc that fits into each turn; 0 at the
     ends.
 
@@ -30,7 +31,8 @@ def curvatures(points: Points) -> NDArray[np.float64]:
     lengths = np.hypot(*np.diff(points, axis=0).T)
     shorter = np.minimum(lengths[:-1], lengths[1:])
     found = np.zeros(len(points))
-    found[1:-1] = 2.0 * np.tan(0.5 * turns_rad(points)[1:-1]) / np.maximum(shorter, 1e-12)
+    turns = turns_rad(points)[1:-1]
+    found[1:-1] = 2.0 * np.tan(0.5 * turns) / np.maximum(shorter, 1e-12)
     return found
 
 
@@ -41,7 +43,8 @@ def with_arcs(points: Points, radius: float) -> Points | None:
     turns = turns_rad(points)
     lengths = np.hypot(*np.diff(points, axis=0).T)
     reach = radius * np.tan(0.5 * turns)
-    if (turns > 0.9 * np.pi).any() or (reach[:-1] + reach[1:] > lengths).any():
+    too_short = reach[:-1] + reach[1:] > lengths
+    if too_short.any() or (turns > 0.9 * np.pi).any():
         return None
     parts = [points[:1]]
     for k in range(1, len(points) - 1):
@@ -50,12 +53,13 @@ def with_arcs(points: Points, radius: float) -> Points | None:
         count = math.ceil(turns[k] / _ARC)
         if count == 0:
             continue
-        inwards = back + ahead
-        middle = points[k] + inwards / np.linalg.norm(inwards) * radius / math.cos(0.5 * turns[k])
+        turn = turns[k]
+        inwards = (back + ahead) / np.linalg.norm(back + ahead)
+        middle = points[k] + inwards * radius / math.cos(0.5 * turn)
         first = points[k] + reach[k] * back - middle
         last = points[k] + reach[k] * ahead - middle
-        shares = np.arange(count + 1)[:, None] / count * turns[k]
-        arc = (np.sin(turns[k] - shares) * first + np.sin(shares) * last) / math.sin(turns[k])
-        parts.append(middle + arc)
+        turned = np.arange(count + 1)[:, None] / count * turn
+        arc = np.sin(turn - turned) * first + np.sin(turned) * last
+        parts.append(middle + arc / math.sin(turn))
     parts.append(points[-1:])
     return np.concatenate(parts)

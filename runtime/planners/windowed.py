@@ -4,17 +4,27 @@ Each height is read once, to make the coarse levels. These are searched in memor
 down, and only what lies under the last corridor is read again, and searched at full resolution.
 """
 
+import itertools
 import math
 from collections.abc import Callable, Generator, Iterable, Sequence
 from contextlib import closing
 from dataclasses import replace
 from functools import partial
 
+import cv2
 import numpy as np
-from numpy.typing import NDArray
 
 from nnpp_edge.runtime.arrays import Float2D
-from nnpp_edge.runtime.cells import Cell, Endpoints, Rectangle, as_cell, enclosing
+from nnpp_edge.runtime.cells import (
+    Cell,
+    Endpoints,
+    Rectangle,
+    as_cell,
+    common,
+    enclosing,
+    slices,
+    widened,
+)
 from nnpp_edge.runtime.deadline import NEVER, Deadline, OutOfTimeError
 from nnpp_edge.runtime.errors import InvalidMapError, Status
 from nnpp_edge.runtime.kernels.pooling import FACTOR
@@ -34,7 +44,7 @@ from nnpp_edge.runtime.stopwatch import Stopwatch
 from nnpp_edge.runtime.terrain.step_cost import PAPER_OMEGA, StepModel
 from nnpp_edge.runtime.terrain.traversability import Traversability
 from nnpp_edge.runtime.terrain.windows import CostWindows, HeightWindows
-from nnpp_edge.runtime.tuning import CORRIDOR, LEAST_WINDOW, WIDENED_CORRIDOR
+from nnpp_edge.runtime.tuning import LEAST_WINDOW
 
 _PAGE = 4096
 _NO_CORRIDOR = (
@@ -157,23 +167,11 @@ class WindowedPlanner:
                 if grid.holds(cell):
                     self._corridor.put([(*cell, 1, 1)])
             if problem := problem_with(grid, query.start, query.goal):
-                return Plan(
-                    problem,
-                    Method.CORRIDOR,
-                    planner=Method.CORRIDOR,
-                    reason=told(problem, query, grid.robot),
-                )
+                reason = told(problem, query, grid.robot)
+                return Plan(problem, Method.CORRIDOR, planner=Method.CORRIDOR, reason=reason)
             try:
-                for width, source in (
-                    (CORRIDOR, Source.REGION),
-                    (WIDENED_CORRIDOR, Source.WIDENED),
-                ):
-                    top = self._descent.top_for(query)
-                    tried = self._descent.find(
-                        query, work, self._corridor, top, None, width, source
-                    )
-                    found = tried or found
-                    if found is not None and found.suffices(query):
+                for found in self._descent.corridors(query, work, self._corridor):
+                    if found.suffices(query):
                         break
             except OutOfTimeError:
                 found = Found.too_late(Source.REGION)
@@ -182,7 +180,7 @@ class WindowedPlanner:
             status, reason = self._without_corridor(query)
             work.stage_ends("connection")
             found = Found.of(grid, Search.without_path(status), Source.WIDENED, None, work)
-        return found.plan(DynamicMethod.CORRIDOR, work, reason=reason)
+        return found.plan(DynamicMethod.CORRIDOR, work, self._map, reason=reason)
 
     def plan_via(
         self,
@@ -216,21 +214,19 @@ class WindowedPlanner:
 
     def _without_corridor(self, query: Query) -> tuple[Status, str]:
         """Whether there is a path where no corridor holds one, and in words."""
-        late = False
 
         def bands() -> Generator[Float2D, None, None]:
-            nonlocal late
             for row, _, cost in self.costs.bands():
-                if late := query.deadline.passed:
-                    return
+                query.deadline.check()
                 yield cost
                 self._progress("connection", row + len(cost))
 
         ends = (query.start, query.goal)
         cutting = self._map.grid.corner_cutting
-        with closing(bands()) as costs:
-            there_is_one = connected(costs, ends, corner_cutting=cutting)
-        if late:
+        try:
+            with closing(bands()) as costs:
+                there_is_one = connected(costs, ends, corner_cutting=cutting)
+        except OutOfTimeError:
             return Status.UNKNOWN, _NO_TIME
         return (Status.UNKNOWN, _NO_CORRIDOR) if there_is_one else (Status.NO_PATH, "")
 
@@ -253,27 +249,17 @@ class CorridorCells:
     def search(self, query: Query, work: Work, region: Region) -> Search:
         """A* inside the region, whose cells, and those beside them, are read first."""
         parts = self._under(region)
-        wanted = sum(rows * (12 * cols + 2 * _PAGE) for _, _, rows, cols in parts)
+        cells = sum(rows * cols for _, _, rows, cols in parts)
+        wanted = 12 * cells + 2 * _PAGE * sum(rows for _, _, rows, _ in parts)
         if wanted > (room := available_bytes()):
-            cells = sum(rows * cols for _, _, rows, cols in parts)
             raise InvalidMapError(
                 f"wanted {wanted / 1e9:.2f} GB of memory for the {cells} cells under the "
-                "corridor, got "
-                f"{room / 1e9:.2f} GB: plan in several legs"
+                f"corridor, got {room / 1e9:.2f} GB: plan in several legs"
             )
         self.put(parts, query.deadline)
         work.stage_ends("read")
-        found = astar(
-            self._map.grid,
-            query.start,
-            query.goal,
-            self._workspace,
-            region=region,
-            deadline=query.deadline,
-        )
-        work.expansions += found.expansions
-        work.stage_ends("search")
-        return found
+        place = (self._map.grid, query.start, query.goal, self._workspace, region)
+        return work.searched(astar(*place, deadline=query.deadline))
 
     def put(self, parts: Iterable[Rectangle], deadline: Deadline = NEVER) -> None:
         """Read rectangles, each inside one unit, as far as they are not known; OutOfTimeError at
@@ -295,35 +281,28 @@ class CorridorCells:
         """For each unit of the map the least rectangle that holds its cells in the region and
         beside it.
         """
-        rows, cols = self._map.shape
+        high, wide = self._unit
+        shape = self._map.shape
+        inside = region.blocks().view(np.uint8)
         found = []
-        for row in range(0, rows, self._unit[0]):
-            end = min(row + self._unit[0], rows)
-            blocks = region.row_block[max(row - 1, 0) : end + 1]
-            inside = region.bitmap[blocks[0] : blocks[-1] + 1] == region.stamp
-            wide = _dilated(inside.any(axis=0)[region.col_block])
-            for col in np.unique(np.flatnonzero(wide) // self._unit[1]) * self._unit[1]:
-                columns = _extent(wide[col : col + self._unit[1]])
-                beside = region.col_block[max(col - 1, 0) : col + self._unit[1] + 1]
-                tall = inside[:, beside[0] : beside[-1] + 1].any(axis=1)[blocks - blocks[0]]
-                lines = _extent(_dilated(tall)[row - max(row - 1, 0) :][: end - row])
-                if lines[1] and columns[1]:
-                    found.append((row + lines[0], int(col) + columns[0], lines[1], columns[1]))
+        for corner in itertools.product(range(0, shape[0], high), range(0, shape[1], wide)):
+            unit = (*corner, high, wide)
+            around = widened(unit, (1, 1), shape)
+            down, right = slices(around)
+            rows = region.row_block[down]
+            cols = region.col_block[right]
+            # the blocks inside, then their cells
+            blocks = inside[rows[0] : rows[-1] + 1]
+            blocks = blocks[:, cols[0] : cols[-1] + 1]
+            left, top, width, height = cv2.boundingRect(blocks)
+            top += rows[0]
+            left += cols[0]
+            row, end_row = np.searchsorted(region.row_block, (top, top + height)).tolist()
+            col, end_col = np.searchsorted(region.col_block, (left, left + width)).tolist()
+            cells = common((row, col, end_row - row, end_col - col), around)
+            if cells and (part := common(widened(cells, (1, 1), shape), unit)):
+                found.append(part)
         return found
-
-
-def _dilated(flags: NDArray[np.bool_]) -> NDArray[np.bool_]:
-    """Each flag, or one beside it."""
-    out = flags.copy()
-    out[1:] |= flags[:-1]
-    out[:-1] |= flags[1:]
-    return out
-
-
-def _extent(flags: NDArray[np.bool_]) -> tuple[int, int]:
-    """The first flag that is set, and how many from there to the last one."""
-    at = np.flatnonzero(flags)
-    return (int(at[0]), int(at[-1] - at[0]) + 1) if len(at) else (0, 0)
 
 
 def connected(bands: Iterable[Float2D], ends: Endpoints, *, corner_cutting: bool = True) -> bool:
@@ -332,44 +311,29 @@ def connected(bands: Iterable[Float2D], ends: Endpoints, *, corner_cutting: bool
     `bands` are (h, w) float32 costs of the map's rows, from top to bottom, read no further than is
     needed. Without `corner_cutting` a diagonal step connects nothing that straight steps do not.
     """
-    import cv2  # takes a tenth of a second to load
-
-    above = np.empty(0, np.int64)
+    # (0 or 1, W) the component of each cell of the row above, 0 of those that are shut
+    above = np.empty((0, 0), np.int64)
     found = [0, 0]
     row = 0
-    used = 0
-    parents = dict[int, int]()
-
-    def root(label: int) -> int:
-        while (parent := parents.get(label, label)) != label:
-            label = parent
-        return label
-
     for cost in bands:
-        count, labels = cv2.connectedComponents(
-            (cost < 1.0).view(np.uint8), connectivity=8 if corner_cutting else 4
-        )
-        first, last = (np.where(line, line + np.int64(used), 0) for line in (labels[0], labels[-1]))
+        above = above.reshape(-1, cost.shape[1])
+        passable = np.vstack((above > 0, cost < 1.0)).view(np.uint8)
+        count, labels = cv2.connectedComponents(passable, connectivity=8 if corner_cutting else 4)
+        # components that hang together above are one
+        root = np.arange(count)
+        first: dict[int, int] = {}
+        touching = np.stack((above, labels[: len(above)]), -1).reshape(-1, 2)
+        for old, new in np.unique(touching, axis=0).tolist():
+            known = first.setdefault(old, new)
+            root[root == root[new]] = root[known]
+        found = [int(root[first.get(label, 0)]) for label in found]
         for n, (end_row, end_col) in enumerate(ends):
-            if row <= end_row < row + len(cost) and (label := int(labels[end_row - row, end_col])):
-                found[n] = label + used
-        touching = [(above, first)] if len(above) else []
-        if corner_cutting and touching:
-            touching += [(above[:-1], first[1:]), (above[1:], first[:-1])]
-        for one, other in touching:
-            both = (one > 0) & (other > 0)
-            for upper, lower in np.unique(np.stack((one[both], other[both]), 1), axis=0).tolist():
-                parents[root(lower)] = root(upper)
-        known, at = np.unique(last, return_inverse=True)
-        above = np.array([root(label) for label in known.tolist()])[at]
-        found = [root(label) for label in found]
-        parents.clear()  # what is kept are roots
-        row = row + len(cost)
-        used = used + count
+            if row <= end_row < row + len(cost):
+                found[n] = int(root[labels[end_row - row + len(above), end_col]])
+        above = root[labels[-1:]]
+        row += len(cost)
         if all(found) and found[0] == found[1]:
             return True
-        if any(
-            label and label not in above for label in found
-        ):  # it ends above, and the other is not in it
-            return False
+        if any(label and label not in above for label in found):
+            return False  # it ends above, and the other is not in it
     return False

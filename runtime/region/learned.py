@@ -4,10 +4,9 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
-from nnpp_edge.runtime.arrays import Float2D
-from nnpp_edge.runtime.cells import Cell, Endpoints
+from nnpp_edge.runtime.arrays import Float2D, Int32, UInt8
+from nnpp_edge.runtime.cells import Cell, Endpoints, coarser
 from nnpp_edge.runtime.deadline import NEVER, Deadline, OutOfTimeError
 from nnpp_edge.runtime.kernels import threshold as kernels
 from nnpp_edge.runtime.kernels.pooling import FACTOR, NO_LINKS
@@ -38,7 +37,7 @@ class RegionFinder:
     def __init__(self, blocks: int) -> None:
         padded = (blocks + 1, blocks + 1)
         self._bitmaps = np.zeros(padded, np.int32), np.zeros(padded, np.int32)
-        self.at_td: NDArray[np.int32] = np.zeros(padded, np.int32)
+        self.at_td: Int32 = np.zeros(padded, np.int32)
         """The region at td itself, by `first`; it stays while wider ones are searched."""
         self.stamp = 0
         levels = np.zeros(padded, np.uint8)
@@ -50,7 +49,7 @@ class RegionFinder:
         )
 
     @property
-    def bitmap(self) -> NDArray[np.int32]:
+    def bitmap(self) -> Int32:
         """(B + 1, B + 1), where the blocks of `stamp` were marked; it holds until the marking after
         the next.
 
@@ -59,7 +58,7 @@ class RegionFinder:
         return self._bitmaps[self.stamp % 2]
 
     @property
-    def levels(self) -> NDArray[np.uint8]:
+    def levels(self) -> UInt8:
         """Level of each block: (B, B) uint8."""
         return self._memory.levels[:-1, :-1]
 
@@ -185,7 +184,7 @@ class LearnedRegions:
         finder = self._finder
         share = view.network.metadata.region_factor
         lookup, touching = view.lookup_at(level.grid, number)
-        ends = (start[0] // factor, start[1] // factor), (goal[0] // factor, goal[1] // factor)
+        ends = (coarser(start, factor), coarser(goal, factor))
         blocks = view.block(start), view.block(goal)
         place = workspace, lookup, ends, blocks
         td = finder.first(probability, level, *place, share, touching=touching, deadline=deadline)

@@ -7,10 +7,11 @@ import warnings
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
-from nnpp_edge.runtime.cells import Cell, Rectangle, common
+from nnpp_edge.runtime.arrays import Float32s
+from nnpp_edge.runtime.cells import Cell, Rectangle, apart, common
 from nnpp_edge.runtime.deadline import NEVER, Deadline
+from nnpp_edge.runtime.errors import users_line
 from nnpp_edge.runtime.kernels.pooling import FACTOR
 from nnpp_edge.runtime.map.grid import Grid
 from nnpp_edge.runtime.map.state import MapState
@@ -46,7 +47,7 @@ class MapView:
         self.blocks = metadata.blocks
         self._grid = state.grid
         self._unseen_change = unseen_change if self.network.in_parts else 0.0
-        self.planes: NDArray[np.float32] = np.empty((2, self.size, self.size), np.float32)
+        self.planes: Float32s = np.empty((2, self.size, self.size), np.float32)
         """The window at the network's size, as it was when the network was last shown it,
         or later.
         """
@@ -69,7 +70,7 @@ class MapView:
                 "planner uses "
                 f"{steps.scale / GREY_LEVELS:g}: its regions may miss the optimum by more than "
                 "stated",
-                stacklevel=11,
+                stacklevel=users_line(),
             )
 
     def show(self, start: Cell, goal: Cell, deadline: Deadline = NEVER) -> tuple[Point, Point]:
@@ -172,17 +173,16 @@ class MapView:
         """
         shape = self._grid.shape
         unit = WINDOW_ROUNDING
-        apart = max(abs(start[0] - goal[0]), abs(start[1] - goal[1]))
-        side = max((2 * apart // unit + 2) * unit, self.size)
+        side = max((2 * apart((*start, 1, 1), goal) // unit + 2) * unit, self.size)
         if self._unseen_change and max(self.window[2:]) <= 4 * side and self._holds(start, goal):
             return self.window
         if side > WINDOW_SHARE * max(shape):
             return (0, 0, *shape)
-        row, col = (
-            min(max((a + b - side + unit) // (2 * unit) * unit, 0), max(cells - side, 0))
-            for a, b, cells in zip(start, goal, shape, strict=True)
-        )
-        return row, col, min(side, shape[0]), min(side, shape[1])
+        corner = []
+        for begin, end, cells in zip(start, goal, shape, strict=True):
+            first = (begin + end - side + unit) // (2 * unit) * unit
+            corner.append(min(max(first, 0), max(cells - side, 0)))
+        return corner[0], corner[1], min(side, shape[0]), min(side, shape[1])
 
     def _holds(self, *cells: Cell) -> bool:
         """Whether the window holds these cells, and an eighth of its side around them where the map

@@ -9,9 +9,7 @@ import math
 from collections.abc import Iterator, Sequence
 from typing import TYPE_CHECKING
 
-import numpy as np
-from numpy.typing import NDArray
-
+from nnpp_edge.runtime.arrays import Bool, Cells, Float32s, Floats
 from nnpp_edge.runtime.cells import Cell, Rectangle
 from nnpp_edge.runtime.errors import InvalidQueryError
 from nnpp_edge.runtime.kernels.nodes import COL_STEP, ROW_STEP
@@ -33,7 +31,7 @@ if TYPE_CHECKING:
     from nnpp_edge.runtime.robots.body.poses import Poses
     from nnpp_edge.runtime.robots.body.search import States
 
-Edges = NDArray[np.float32]
+Edges = Float32s
 PathCosts = tuple[float, float, float]
 """Cost, length in cells and CC of a path, summed in float64."""
 
@@ -104,7 +102,7 @@ class Robot:
         """
         return None
 
-    def weights(self, grid: "Grid") -> NDArray[np.float32]:
+    def weights(self, grid: "Grid") -> Float32s:
         """Weights by which its steps may lead, inf where they may not; empty where others
         decide.
         """
@@ -142,9 +140,7 @@ class Robot:
             grid.tiles.open_at(*cell)
         return math.isfinite(grid.weights[grid.node(*cell)])
 
-    def walk(
-        self, grid: "Grid", path: NDArray[np.int32], first: int, costs: NDArray[np.float64]
-    ) -> int:
+    def walk(self, grid: "Grid", path: Cells, first: int, costs: Floats) -> int:
         """As `Grid.walk`."""
         if grid.tiles is not None:
             grid.tiles.open_along(path[first:])
@@ -153,9 +149,9 @@ class Robot:
     def walk_turns(
         self,
         grid: "Grid",
-        path: NDArray[np.int32],
+        path: Cells,
         first: int,
-        costs: NDArray[np.float64],
+        costs: Floats,
         states: "States | None",
     ) -> int:
         """As `walk`, where turns alone cost, by these states."""
@@ -163,7 +159,7 @@ class Robot:
         costs[first:] = 0.0
         return blocked
 
-    def costs_of(self, grid: "Grid", path: NDArray[np.int32]) -> PathCosts:
+    def costs_of(self, grid: "Grid", path: Cells) -> PathCosts:
         """Cost, length in cells and CC of a path, summed in float64; inf for an empty one."""
         if not len(path):
             return math.inf, math.inf, math.inf
@@ -194,7 +190,7 @@ class Robot:
         """By how much a path between two cells costs more than its steps as searches take them."""
         return 0.0
 
-    def with_heights(self, field: NDArray[np.float32], start: Cell) -> NDArray[np.float32]:
+    def with_heights(self, field: Float32s, start: Cell) -> Float32s:
         """(H, W) costs from a cell to every other, given what a search sums up."""
         return field
 
@@ -230,7 +226,7 @@ class Robot:
         """
         return -1
 
-    def arrival(self, path: NDArray[np.int32]) -> int:
+    def arrival(self, path: Cells) -> int:
         """Direction in which it comes to the end of a path, as `Plan.walked`; -1 where
         none counts.
         """
@@ -238,7 +234,7 @@ class Robot:
 
     def ends(
         self, start_deg: float | None, goal_deg: float | None, tolerance_deg: float
-    ) -> tuple[int, NDArray[np.bool_] | None]:
+    ) -> tuple[int, Bool | None]:
         """Directions at the start, -1 for any, and at the goal, None for any, as in `Query`.
 
         InvalidQueryError for headings of a robot that has none.

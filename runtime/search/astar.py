@@ -12,9 +12,8 @@ from functools import partial
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
-from nnpp_edge.runtime.arrays import Float2D
+from nnpp_edge.runtime.arrays import Bool, Cells, Float2D, Floats, Int64, UInt8
 from nnpp_edge.runtime.cells import Cell
 from nnpp_edge.runtime.deadline import NEVER, Deadline
 from nnpp_edge.runtime.errors import Status
@@ -44,7 +43,7 @@ if TYPE_CHECKING:
 _BETWEEN_LOOKS = 1 << 14
 """Expansions after which is looked whether enough is known."""
 WITHOUT_END = int(np.iinfo(np.int64).max >> 1)
-Links = NDArray[np.uint8] | None
+Links = UInt8 | None
 """The directions in which each node may be left, as bits; None where passability decides."""
 Parts = tuple[Any, ...]
 NOWHERE = 0
@@ -66,7 +65,7 @@ class Search(NamedTuple):
 
     status: Status
     """OK, NO_PATH or TIMEOUT."""
-    path: NDArray[np.int32]
+    path: Cells
     """(N, 2) cells (row, col) from start to goal; on TIMEOUT to the expanded cell nearest the
     goal. Of a body that drives arcs (N, 3), with the state on each cell."""
     expansions: int
@@ -184,7 +183,7 @@ def allowed(region: Region | None) -> Parts:
     return kernels.NO_REGION if region is None else tuple(region)
 
 
-def _ways(links: Links) -> NDArray[np.uint8]:
+def _ways(links: Links) -> UInt8:
     return kernels.NO_LINKS if links is None else links
 
 
@@ -231,8 +230,7 @@ def cost_field(grid: "Grid", source: Cell, workspace: Workspace) -> Float2D:
     there is none.
     """
     settle_all(grid, source, workspace)
-    field = workspace.costs().reshape(-1, grid.stride)[1 : grid.rows + 1, 1 : grid.cols + 1]
-    return grid.robot.with_heights(field, source)
+    return grid.robot.with_heights(grid.inner(workspace.costs()), source)
 
 
 def costs_to_nearest(
@@ -241,7 +239,7 @@ def costs_to_nearest(
     count: int,
     workspace: Workspace,
     deadline: Deadline = NEVER,
-) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
+) -> tuple[Floats, Bool]:
     """Costs of the cheapest paths from each of N passable cells, but the last, to so many of the
     others.
 
@@ -269,7 +267,7 @@ def bucket_width(grid: "Grid", hints: Hints | None = None) -> float:
     return grid.prices[0] * (by_grid if hints is None else BUCKET_WIDTH_BY_LANDMARKS)
 
 
-def _successors(grid: "Grid", links: Links) -> NDArray[np.int64]:
+def _successors(grid: "Grid", links: Links) -> Int64:
     """The steps from a cell that its best predecessor leaves to search."""
     if links is not None or grid.robot.by_slope:
         return kernels.SUCCESSORS[0]

@@ -9,8 +9,8 @@ import math
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 
+from nnpp_edge.runtime.arrays import Int32
 from nnpp_edge.runtime.cells import Cell, Rectangle
 from nnpp_edge.runtime.deadline import NEVER, Deadline, OutOfTimeError
 from nnpp_edge.runtime.errors import InvalidMapError, InvalidQueryError, Status
@@ -313,7 +313,7 @@ class DStarLite:
         code, expansions, self.open_nodes = kernels.expand(search, *known, size, at)
         return code == FOUND, expansions
 
-    def _trace(self) -> NDArray[np.int32]:
+    def _trace(self) -> Int32:
         """The path; empty if following g does not lead to the goal, which only rounding can bring
         about.
         """

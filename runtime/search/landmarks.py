@@ -10,8 +10,8 @@ costs then only rise above them.
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 
+from nnpp_edge.runtime.arrays import Bool
 from nnpp_edge.runtime.cells import Cell
 from nnpp_edge.runtime.kernels.expansion import MOST_LANDMARKS
 from nnpp_edge.runtime.kernels.records import Hints
@@ -93,7 +93,7 @@ class Landmarks:
         return Hints(self.fields, self.fields[self._grid.node(*goal)].copy(), self._slack)
 
 
-def _nearest(chosen: NDArray[np.bool_], grid: "Grid", down: float, right: float) -> Cell | None:
+def _nearest(chosen: Bool, grid: "Grid", down: float, right: float) -> Cell | None:
     """Of the nodes chosen, the cell nearest a place given in shares of the map's height
     and width.
     """
@@ -101,6 +101,7 @@ def _nearest(chosen: NDArray[np.bool_], grid: "Grid", down: float, right: float)
     if len(nodes) == 0:
         return None
     rows, cols = np.divmod(nodes, grid.stride)
-    apart = rows - 1 - down * (grid.rows - 1), cols - 1 - right * (grid.cols - 1)
-    at = int(np.argmin(np.square(apart).sum(0)))
+    rows_apart = rows - 1 - down * (grid.rows - 1)
+    cols_apart = cols - 1 - right * (grid.cols - 1)
+    at = int(np.argmin(rows_apart**2 + cols_apart**2))
     return int(rows[at]) - 1, int(cols[at]) - 1

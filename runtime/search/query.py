@@ -3,9 +3,7 @@
 import math
 from typing import NamedTuple
 
-import numpy as np
-from numpy.typing import NDArray
-
+from nnpp_edge.runtime.arrays import Bool
 from nnpp_edge.runtime.cells import Cell, as_cell
 from nnpp_edge.runtime.deadline import NEVER, Deadline
 from nnpp_edge.runtime.errors import InvalidQueryError
@@ -24,7 +22,7 @@ class Query(NamedTuple):
     """In which a body stands at the start, see `robots.body.motions.LEGS`; -1 where any will
     do.
     """
-    wanted: NDArray[np.bool_] | None = None
+    wanted: Bool | None = None
     """(16,) directions in which it may arrive; None where any will do."""
 
     @classmethod
@@ -35,7 +33,7 @@ class Query(NamedTuple):
         deadline: Deadline,
         epsilon: float = math.inf,
         direction: int = -1,
-        wanted: NDArray[np.bool_] | None = None,
+        wanted: Bool | None = None,
     ) -> "Query":
         """From what a user gave; InvalidQueryError for what is no cell, or a number below 0."""
         if not epsilon >= 0.0:
@@ -47,4 +45,6 @@ class Query(NamedTuple):
     @property
     def apart(self) -> int:
         """Cells between start and goal, as the king moves."""
-        return max(abs(self.start[0] - self.goal[0]), abs(self.start[1] - self.goal[1]))
+        rows = abs(self.start[0] - self.goal[0])
+        cols = abs(self.start[1] - self.goal[1])
+        return max(rows, cols)

@@ -1,11 +1,11 @@
 """A part of a map, as a small bitmap over it."""
 
 import numpy as np
-from numpy.typing import NDArray
 
+from nnpp_edge.runtime.arrays import Bool, Int32
 from nnpp_edge.runtime.kernels import records
 
-Lookup = tuple[NDArray[np.int32], NDArray[np.int32]]
+Lookup = tuple[Int32, Int32]
 """For each row, and for each column, of a map the row or column of a bitmap that it lies in
 (`records.Lookup`).
 """
@@ -24,12 +24,12 @@ class Region(records.Region):
         row_block = np.zeros(rows, np.int32)
         return cls(np.ones((1, 1), np.int32), row_block, np.zeros(cols, np.int32), 1)
 
-    def blocks(self) -> NDArray[np.bool_]:
+    def blocks(self) -> Bool:
         """Which of the bitmap's blocks are inside; bool, of its shape."""
-        inside: NDArray[np.bool_] = self.bitmap == self.stamp
+        inside: Bool = self.bitmap == self.stamp
         return inside
 
-    def mask(self) -> NDArray[np.bool_]:
+    def mask(self) -> Bool:
         """(H, W) bool, the region at the map's own size (for pictures and figures, not for
         planning).
         """

@@ -8,8 +8,8 @@ nothing that grows with the map.
 import sys
 
 import numpy as np
-from numpy.typing import NDArray
 
+from nnpp_edge.runtime.arrays import Float32s, Int32, Int64
 from nnpp_edge.runtime.kernels.nodes import STAMP_SHIFT
 from nnpp_edge.runtime.kernels.open_list import BUCKETS, FINE
 from nnpp_edge.runtime.kernels.records import (
@@ -28,8 +28,7 @@ LAST_STAMP = (1 << (31 - STAMP_SHIFT)) - 1
 """The greatest number of a search; the next one is 1 again, and the memory is cleared."""
 MOST_KEPT = 1 << 23
 """Numbers in the memory that a workspace leaves to the next one; more (32 MiB) is not kept."""
-Int32s = NDArray[np.int32]
-_KEPT: dict[int, tuple[Int32s, list[int]]] = {}
+_KEPT: dict[int, tuple[Int32, list[int]]] = {}
 """The memory of the newest workspace of each size, and the number of the last search in it: of four
 sizes at most.
 """
@@ -39,7 +38,7 @@ itself make two.
 """
 
 
-def _memory(size: int) -> tuple[Int32s, list[int]]:
+def _memory(size: int) -> tuple[Int32, list[int]]:
     """Memory of this size for a workspace, and the number of the last search in it.
 
     Memory that was used is as good as new. New memory takes longer: it is cleared first, or given
@@ -68,9 +67,9 @@ class Workspace:
         self.states = states
         nodes = nodes * states
         state, self._searches = _memory(2 * nodes)
-        self.g: NDArray[np.float32] = state.view(np.float32)
+        self.g: Float32s = state.view(np.float32)
         """g of node n at 2n."""
-        self.meta: Int32s = state
+        self.meta: Int32 = state
         """stamp, open bit and direction of node n at 2n + 1."""
         self.heads = np.empty(BUCKETS, np.int32)
         self.control = np.zeros(CONTROL_SLOTS, np.int64)
@@ -105,13 +104,13 @@ class Workspace:
             )
         )
 
-    def costs(self, nodes: NDArray[np.int64] | slice = slice(None)) -> NDArray[np.float32]:
+    def costs(self, nodes: Int64 | slice = slice(None)) -> Float32s:
         """(N,) least g of nodes, by default of all, in the newest search; inf where it did not
         come.
         """
         meta = self.meta.reshape(-1, self.states, 2)[nodes]
         g = self.g.reshape(-1, self.states, 2)[nodes]
-        found: NDArray[np.float32] = np.where(
+        found: Float32s = np.where(
             meta[..., 1] >> STAMP_SHIFT == self.stamp, g[..., 0], np.inf
         ).min(1)
         return found

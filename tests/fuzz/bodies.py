@@ -209,8 +209,8 @@ def figures_in_numpy(poses, pose):
         return ground[cells[..., 0], cells[..., 1]]
 
     with np.errstate(invalid="ignore"):
-        fitted = slice(*tables.slopes_of[pose : pose + 2])
-        slopes = at(tables.slope_cells[fitted]) @ tables.slope_shares[fitted].astype(np.float64)
+        fitted = slice(*tables.fit_of[pose : pose + 2])
+        slopes = at(tables.fit_offsets[fitted]) @ tables.fit_shares[fitted].astype(np.float64)
         slopes = np.where(np.isfinite(slopes).all(1, keepdims=True), slopes, 0.0)
         ranges = []
         parts = []
@@ -218,9 +218,10 @@ def figures_in_numpy(poses, pose):
             first, fours, lines, end, cell = tables.groups[group].tolist()
             counts = np.repeat((4, 2, 1), (fours - first, lines - fours, end - lines))
             last = cell + counts.sum()
-            heights = at(tables.cells[cell:last]) * tables.shares[cell:last]
+            heights = at(tables.offsets[cell:last]) * tables.shares[cell:last]
             heights = np.add.reduceat(heights, np.cumsum(counts) - counts, axis=1)
-            places = tables.places[first:end].astype(np.float64)
+            samples = slice(first, end)
+            places = np.stack((tables.ahead[samples], tables.left[samples]), 1).astype(np.float64)
             departs = heights - slopes @ places.T
             if len(ranges) < len(vehicle.wheels_m):
                 ranges.append((np.fmin.reduce(departs, 1), np.fmax.reduce(departs, 1)))

@@ -164,7 +164,7 @@ def test_planners_that_name_the_same_file_share_a_session_and_keep_maps_of_their
         Planner(COST, model=model) for model in (fresh_model, str(fresh_model), fresh_model)
     ]
     plans = [planner.plan(*ENDS, method="nnpp") for planner in planners]
-    plans.append(plan_path(COST, *ENDS, "nnpp", model=fresh_model))
+    plans.append(plan_path(COST, *ENDS, method="nnpp", model=fresh_model))
     one = NetworkModel(fresh_model)
     other = NetworkModel(fresh_model)
     begin_loading(one)

@@ -11,9 +11,9 @@ import numpy as np
 import pytest
 
 from nnpp_edge.runtime import DynamicPlanner, Planner, Region, Source, Status, tuning
+from nnpp_edge.runtime.planners.mending import MendingSearcher
 from nnpp_edge.runtime.planners.methods import Methods, pick_method
 from nnpp_edge.runtime.planners.query import Work
-from nnpp_edge.runtime.planners.searchers import MendingSearcher
 from nnpp_edge.runtime.region.learned import LearnedRegions
 from nnpp_edge.runtime.search.astar import Search
 from nnpp_edge.runtime.search.query import Query

@@ -19,7 +19,7 @@ from nnpp_edge.runtime import (
 )
 from nnpp_edge.runtime.errors import InvalidMapError, InvalidQueryError
 from nnpp_edge.runtime.kernels.poses import FAILS
-from nnpp_edge.runtime.map.state import MapState
+from nnpp_edge.runtime.map.coarse import CoarseState
 from nnpp_edge.runtime.terrain.step_cost import PAPER_OMEGA
 from nnpp_edge.runtime.tuning import MOST_PRICE
 from nnpp_edge.terrain.synthetic import synthetic_terrain
@@ -271,7 +271,7 @@ def test_the_loop_says_how_far_its_path_is_known_and_looks_once():
     navigator.offer(Goal(*GOAL))
     navigator.offer(Pose(*START))
     look = mock.patch.object(
-        MapState, "known_along", autospec=True, side_effect=MapState.known_along
+        CoarseState, "known_along", autospec=True, side_effect=CoarseState.known_along
     )
     with look as asked:
         assert navigator.tick().known == 0 and asked.call_count == 1

@@ -8,8 +8,8 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from nnpp_edge.runtime.arrays import Bool, Floats, Int32, Int64
 from nnpp_edge.runtime.kernels.lattice import DIRECTION_COUNT, LEG_COLS, LEG_ROWS
 from nnpp_edge.runtime.kernels.poses import AXIS_COUNT
 from nnpp_edge.runtime.robots.body.primitives import curve, heading_rad, turn_rad
@@ -68,26 +68,23 @@ def direction_near(heading: float, sides_m: tuple[float, float]) -> int:
     return int(np.argmin(_apart(heading, sides_m)))
 
 
-def directions_within(
-    heading: float, tolerance_deg: float, sides_m: tuple[float, float]
-) -> NDArray[np.bool_]:
+def directions_within(heading: float, tolerance_deg: float, sides_m: tuple[float, float]) -> Bool:
     """(16,) those whose heading lies so near to one in degrees; the nearest always."""
     apart = _apart(heading, sides_m)
     return apart <= max(tolerance_deg, float(apart.min()))
 
 
-def _apart(heading: float, sides_m: tuple[float, float]) -> NDArray[np.float64]:
+def _apart(heading: float, sides_m: tuple[float, float]) -> Floats:
     headings = np.array([heading_deg(k, sides_m) for k in range(DIRECTION_COUNT)])
     return np.abs((headings - heading + 180.0) % 360.0 - 180.0)
 
 
-def arcs_along(
-    states: NDArray[np.int32], vehicle: Vehicle, sides_m: tuple[float, float]
-) -> tuple[Arc, ...]:
+def arcs_along(states: Int32, vehicle: Vehicle, sides_m: tuple[float, float]) -> tuple[Arc, ...]:
     """The pieces that a body drives along states (N, 3) of a path, those of the same kind
     joined.
     """
-    (dy, dx), found = sides_m, list[Arc]()
+    dy, dx = sides_m
+    found: list[Arc] = []
     for before, after in zip(states[:-1].tolist(), states[1:].tolist(), strict=True):
         k = before[2] % DIRECTION_COUNT
         to = after[2] % DIRECTION_COUNT
@@ -149,16 +146,16 @@ class Drive(NamedTuple):
     most 15°.
     """
 
-    poses: NDArray[np.float64]
+    poses: Floats
     """(N, 3) metres along columns, metres along rows, degrees clockwise from up the rows."""
-    gears: NDArray[np.int64]
-    curvatures_per_m: NDArray[np.float64]
+    gears: Int64
+    curvatures_per_m: Floats
     """(N,) of the piece that comes to each pose, of the first that leaves it, see `Arc`."""
-    steps: NDArray[np.int64]
+    steps: Int64
     """(N,) numbers of the states that these pieces come from."""
 
 
-def drive_along(states: NDArray[np.int32], vehicle: Vehicle, sides_m: tuple[float, float]) -> Drive:
+def drive_along(states: Int32, vehicle: Vehicle, sides_m: tuple[float, float]) -> Drive:
     """The drive of a body along states (N, 3) of a path, pose by pose."""
     first = (
         states[0, 1] * sides_m[1],

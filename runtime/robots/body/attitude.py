@@ -7,15 +7,13 @@ from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from nnpp_edge.runtime.arrays import Cells, Floats
 from nnpp_edge.runtime.cells import Cell
 from nnpp_edge.runtime.errors import InvalidQueryError
 from nnpp_edge.runtime.kernels.poses import AXIS_COUNT, REFUSALS
 from nnpp_edge.runtime.robots.body import motions
 from nnpp_edge.runtime.robots.body.poses import Poses, limits_of
-
-Floats = NDArray[np.float64]
 
 
 class Attitudes(NamedTuple):
@@ -64,49 +62,40 @@ class PoseCheck:
 
     def __str__(self) -> str:
         """A line for each limit."""
-        lines = [f"({self.cell[0]}, {self.cell[1]}) at {self.heading_deg:g}°: "]
-        lines[0] += "stands" if self.ok else f"refused by {self.refused_by}"
+        outcome = "stands" if self.ok else f"refused by {self.refused_by}"
+        lines = [f"{self.cell} at {self.heading_deg:g}°: {outcome}"]
         for name in ("tilt_deg", "pitch_deg", "roll_deg", "step_m", "belly_m"):
             value, most = getattr(self, name)
-            unit, digits = ("°", 1) if name.endswith("deg") else (" m", 2)
-            known = f"{value:.{digits}f}{unit}" if math.isfinite(value) else "unknown"
+            form = "{:.1f}°" if name.endswith("deg") else "{:.2f} m"
+            known = form.format(value) if math.isfinite(value) else "unknown"
             beyond = "   too much" if value > most else ""
-            lines.append(
-                f"  {name.rpartition('_')[0]:<6}{known:>9}, at most {most:.{digits}f}{unit}{beyond}"
-            )
+            kind = name.rpartition("_")[0]
+            lines.append(f"  {kind:<6}{known:>9}, at most {form.format(most)}{beyond}")
         return "\n".join(lines)
 
 
-def attitudes(poses: Poses, path: NDArray[np.int32]) -> Attitudes:
+def attitudes(poses: Poses, path: Cells) -> Attitudes:
     """How the vehicle stands along a path of legs (N, 2), or of states (N, 3).
 
     A single cell counts as left along the first direction. inf or NaN where unknown cells lie
     below, unless these pass.
     """
     steps = poses.steps(path)
-    found = np.full((5, len(path)), np.nan)
     full = replace(poses.vehicle, reserve=0.0).allowances
-    last = (
-        int(path[-1, 2]) if path.shape[1] == 3 else int(steps.headings[-1]) if len(path) > 1 else 0
-    )
-    standing = (
-        path[-1, :2],
-        poses.codes.shape[1] + last % AXIS_COUNT,
-        False,
-        last % (2 * AXIS_COUNT) >= AXIS_COUNT,
-    )
+    directions = path[:, 2] if path.shape[1] == 3 else np.append(0, steps.headings)
+    last = int(directions[-1])
+    standing = poses.codes.shape[1] + last % AXIS_COUNT
+    turned = last % (2 * AXIS_COUNT) >= AXIS_COUNT
     taken = zip(steps.cells, steps.motions, steps.reversed, steps.turned, strict=True)
-    for n, (cell, motion, back, turned) in enumerate((*taken, standing)):
-        figures = poses.figures((int(cell[0]), int(cell[1])), int(motion))
-        found[:2, n] = (-1.0 if turned else 1.0) * figures[-1 if back else 0, 5:]
-        most = figures[:, :5].max(0)
-        found[2, n] = most[0]
-        found[3, n] = most[4]
-        most[:3] = np.degrees(np.arctan(most[:3]))
-        found[4, n] = 1.0 - (most / full).max()
-    found[:3] = np.degrees(np.arctan(found[:3]))
-    found[3] = poses.vehicle.clearance_m - found[3]
-    return Attitudes(*found)
+    found = []
+    for (row, col), motion, back, around in (*taken, (path[-1, :2], standing, False, turned)):
+        figures = poses.figures((int(row), int(col)), int(motion))
+        middle = (-1.0 if around else 1.0) * figures[-1 if back else 0, 5:]
+        *slopes, step, rise = figures[:, :5].max(0)
+        angles = np.degrees(np.arctan((*middle, *slopes)))
+        used = np.array((*angles[2:], step, rise)) / full
+        found.append((*angles[:3], poses.vehicle.clearance_m - rise, 1.0 - used.max()))
+    return Attitudes(*np.array(found).T)
 
 
 def explain(poses: Poses, cell: Cell, heading_deg: float) -> PoseCheck:
@@ -123,13 +112,11 @@ def explain(poses: Poses, cell: Cell, heading_deg: float) -> PoseCheck:
     slope, pitch, roll, step, up = _standing(poses, np.array([(*cell, heading_deg)]))[0].tolist()
     values = (math.atan(slope), pitch, roll, step, up)
     most = limits_of(poses.vehicle, poses.weights)[1:6].tolist()
-    fails = (
-        not math.isfinite(slope + step + up),
-        *(not a <= b for a, b in zip(values, most, strict=True)),
-    )
-    refused = next((name for name, failing in zip(REFUSALS, fails, strict=True) if failing), None)
-    figures = *(math.degrees(math.atan(each)) for each in (slope, pitch, roll)), step, up
-    limits = map(Limit, figures, poses.vehicle.allowances)
+    passed = [not value <= limit for value, limit in zip(values, most, strict=True)]
+    fails = [not math.isfinite(slope + step + up), *passed]
+    refused = REFUSALS[fails.index(True)] if True in fails else None
+    angles = [math.degrees(math.atan(each)) for each in (slope, pitch, roll)]
+    limits = map(Limit, (*angles, step, up), poses.vehicle.allowances)
     return PoseCheck(cell, heading_deg % 360.0, refused is None, refused, *limits)
 
 
@@ -137,13 +124,15 @@ def costs_at(poses: Poses, places: Floats) -> Floats:
     """(N,) T of the vehicle at places (N, 3) on the map: row and column from the middle of cell (0,
     0), and degrees clockwise from up the rows; inf where it may not stand.
     """
-    inside = ((places[:, :2] > -0.5) & (places[:, :2] < np.array(poses.shape) - 0.5)).all(1)
+    at = places[:, :2] + 0.5
+    inside = ((at > 0.0) & (at < poses.shape)).all(1)
     found = np.full(len(places), np.inf)
     limits = limits_of(poses.vehicle, poses.weights).astype(np.float64)
     values = _standing(poses, places[inside])
     values[:, 0] = np.arctan(values[:, 0])
     shares = values / limits[1:6]
-    found[inside] = np.where((shares <= 1.0).all(1), shares[:, [0, 4, 3]] @ limits[6:], np.inf)
+    rated = shares[:, [0, 4, 3]] @ limits[6:]
+    found[inside] = np.where((shares <= 1.0).all(1), rated, np.inf)
     return found
 
 
@@ -153,18 +142,15 @@ def _standing(poses: Poses, places: Floats) -> Floats:
     """
     cells = np.rint(places[:, :2])
     angles = np.radians(places[:, 2])
-    offsets = (places[:, :2] - cells).tolist()
-    ahead = np.column_stack((-np.cos(angles), np.sin(angles))).tolist()
-    alone = [
-        [motions.Pose(row, col, (down, right))]
-        for (row, col), (down, right) in zip(offsets, ahead, strict=True)
-    ]
+    offsets = places[:, :2] - cells
+    numbers = np.column_stack((offsets, -np.cos(angles), np.sin(angles)))
+    alone = [[motions.Pose(*each)] for each in numbers.tolist()]
     tables = motions.motions_of(poses.vehicle, poses.sides_m, alone)
-    each = [
+    found = [
         poses.figures((row, col), n, tables)[0, :5]
         for n, (row, col) in enumerate(cells.astype(int).tolist())
     ]
-    return np.array(each)
+    return np.array(found)
 
 
 def greatest(poses: Poses, cell: Cell, motion: int) -> Floats:

@@ -9,12 +9,13 @@ ground is sampled at the corners of the boxes that parts of a rectangle fit into
 """
 
 import functools
+import itertools
 import math
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from nnpp_edge.runtime.arrays import Bool, Floats, Int64
 from nnpp_edge.runtime.kernels.lattice import LEG_COLS, LEG_ROWS
 from nnpp_edge.runtime.kernels.poses import AXIS_COUNT
 from nnpp_edge.runtime.kernels.records import PoseTables
@@ -37,8 +38,6 @@ the body's length: where cells are small beside the body, nearly all samples are
 read faster than means of four."""
 _ROUNDING = 1e-9
 
-Floats = NDArray[np.float64]
-
 
 class Pose(NamedTuple):
     """A pose of a motion, and what it stands for."""
@@ -46,8 +45,9 @@ class Pose(NamedTuple):
     row: float
     col: float
     """Of the body's middle, in cells from the cell at which the motion begins."""
-    heading: tuple[float, float]
-    """(down, right) of length 1, in metres."""
+    down: float
+    right: float
+    """Its heading, of length 1."""
     sweep_m: float = 0.0
     turn_rad: float = 0.0
 
@@ -60,8 +60,9 @@ def leg_poses(direction: int, sides_m: tuple[float, float], length_m: float) -> 
     metres = math.hypot(down, right)
     count = _poses_in(metres, sides_m, length_m)
     shares = ((2 * k + 1) / (2 * count) for k in range(count))
-    ahead = down / metres, right / metres
-    return [Pose(share * row, share * col, ahead, metres / (2 * count)) for share in shares]
+    sweep_m = metres / (2 * count)
+    heading = (down / metres, right / metres)
+    return [Pose(share * row, share * col, *heading, sweep_m) for share in shares]
 
 
 def _poses_in(metres: float, sides_m: tuple[float, float], length_m: float) -> int:
@@ -73,12 +74,9 @@ def _poses_in(metres: float, sides_m: tuple[float, float], length_m: float) -> i
 def turn_poses(direction: int, sides_m: tuple[float, float]) -> list[Pose]:
     """Of a turn on the spot from one direction to the next."""
     first = heading_rad(direction, sides_m)
-    angle = turn_rad(direction, sides_m)
-    middles = (first + (2 * k + 1) / (2 * TURN_POSES) * angle for k in range(TURN_POSES))
-    return [
-        Pose(0.0, 0.0, (math.cos(at), math.sin(at)), 0.0, angle / (2 * TURN_POSES))
-        for at in middles
-    ]
+    half = turn_rad(direction, sides_m) / (2 * TURN_POSES)
+    middles = (first + (2 * k + 1) * half for k in range(TURN_POSES))
+    return [Pose(0.0, 0.0, math.cos(at), math.sin(at), 0.0, half) for at in middles]
 
 
 def arc_poses(
@@ -86,6 +84,8 @@ def arc_poses(
 ) -> list[Pose]:
     """Of an arc from a direction to the next, of a body of this length."""
     first = heading_rad(direction, sides_m)
+    down = math.cos(first)
+    right = math.sin(first)
     bend = curve(direction, sides_m, radius_m)
     count = _poses_in(bend.length_m, sides_m, length_m)
     half = bend.length_m / (2 * count)
@@ -93,170 +93,114 @@ def arc_poses(
     for n in range(count):
         at = (2 * n + 1) * half
         ahead, left, turned = bend.at(at)
-        place = (math.cos(first) * ahead - math.sin(first) * left) / sides_m[0]
-        heading = math.cos(first + turned), math.sin(first + turned)
+        row = (down * ahead - right * left) / sides_m[0]
+        col = (right * ahead + down * left) / sides_m[1]
+        heading = (math.cos(first + turned), math.sin(first + turned))
         bent = bend.before_m < at + half and at - half < bend.length_m - bend.after_m
-        aside = (math.sin(first) * ahead + math.cos(first) * left) / sides_m[1]
-        poses.append(Pose(place, aside, heading, half, half / bend.radius_m if bent else 0.0))
+        poses.append(Pose(row, col, *heading, half, half / bend.radius_m if bent else 0.0))
     return poses
 
 
-class Motions(NamedTuple):
-    """Tables of motions, one after another; each has poses, each pose groups of samples, each
-    sample cells.
-
-    A group is what lies under a wheel, or under a part of the belly over which the same wheels'
-    heights lower the plane. Its samples stand in the order of how many cells each is a mean of:
-    four, two, one.
-    """
-
-    poses_of: NDArray[np.int64]
-    """(M + 1,) where each motion's poses begin."""
-    groups_of: NDArray[np.int64]
-    """(P + 1,) where the groups of each pose begin: of its wheels, then of its belly's parts."""
-    groups: NDArray[np.int64]
-    """(G, 5) of each group: first sample, first that is a mean of two cells, first that is one,
-    end; first cell.
-    """
-    places: NDArray[np.float32]
-    """(S, 2) metres of each sample ahead of the pose's middle and to the left of it."""
-    cells: NDArray[np.int64]
-    shares: NDArray[np.float32]
-    """(C, 2) row and column of samples' cells, from the motion's cell; (C,) shares of their
-    heights.
-    """
-    slopes_of: NDArray[np.int64]
-    """(P + 1,) where the cells begin by which each pose's plane is fitted."""
-    slope_cells: NDArray[np.int64]
-    slope_shares: NDArray[np.float32]
-    """(D, 2) row and column of these; (D, 2) what each height adds to the plane's slope ahead, and
-    to the left.
-    """
-    raised_of: NDArray[np.int64]
-    raised: NDArray[np.int64]
-    """Wheels whose greatest heights make the plane lowest in each group; (G + 1,) where each
-    group's begin.
-    """
-    swept: NDArray[np.float32]
-    """(P, 3) metres by which a point under the body may lie elsewhere ahead and to the left, and
-    the turn in rad.
-    """
-    gradients: NDArray[np.float32]
-    """(5, W) what a wheel's height adds to the plane at the body's middle, to its slopes ahead
-    and to the left, and to these two without sign."""
-    carried: NDArray[np.float32]
-    """(8,) what each unit of slope ahead, and to the left, by which contacts depart from the
-    plane may add to the slopes ahead (2) and to the left (2), to how low the belly comes (2) and
-    to the step (2), as a wheel may touch anywhere in its patch."""
-
-    def by_offsets(self, width: int) -> PoseTables:
-        """As kernels take them, for heights that lie so many to a row."""
-        place = np.array((width, 1))
-        ahead, left = np.ascontiguousarray(self.places.T)
-        return PoseTables(
-            self.poses_of,
-            self.groups_of,
-            self.groups,
-            ahead,
-            left,
-            self.cells @ place,
-            self.shares,
-            self.slopes_of,
-            self.slope_cells @ place,
-            self.slope_shares,
-            self.raised_of,
-            self.raised,
-            self.swept,
-            self.gradients,
-            self.carried,
-        )
-
-
 @functools.lru_cache(maxsize=16)
-def all_motions(vehicle: Vehicle, sides_m: tuple[float, float]) -> Motions:
+def all_motions(vehicle: Vehicle, sides_m: tuple[float, float]) -> PoseTables:
     """Tables of the legs along the axes, the turns from one direction to the next, the arcs from
     each direction, if the vehicle drives any, and of standing along each axis.
     """
-    axes = range(len(AXIS_LEGS))
-    radius = vehicle.turning_radius_m
+    axes = range(AXIS_COUNT)
     legs = [leg_poses(k, sides_m, vehicle.length_m) for k in axes]
-    angles = [heading_rad(k, sides_m) for k in axes]
-    standing = [[Pose(0.0, 0.0, (math.cos(angle), math.sin(angle)))] for angle in angles]
     turns = [turn_poses(k, sides_m) for k in axes]
-    bent = range(0 if radius is None else len(LEGS))
-    arcs = [arc_poses(k, sides_m, radius or 0.0, vehicle.length_m) for k in bent]
+    arcs = []
+    if (radius := vehicle.turning_radius_m) is not None:
+        arcs = [arc_poses(k, sides_m, radius, vehicle.length_m) for k in range(len(LEGS))]
+    angles = [heading_rad(k, sides_m) for k in axes]
+    standing = [[Pose(0.0, 0.0, math.cos(angle), math.sin(angle))] for angle in angles]
     return motions_of(vehicle, sides_m, legs + turns + arcs + standing)
 
 
 def motions_of(
     vehicle: Vehicle, sides_m: tuple[float, float], motions: list[list[Pose]]
-) -> Motions:
-    """Tables of motions of a vehicle on cells of these sides."""
+) -> PoseTables:
+    """Tables of motions of a vehicle on cells of these sides, whose `offsets` and `fit_offsets` are
+    still (row, col) from the motion's cell, see `by_offsets`.
+
+    Each motion has poses, each pose groups of samples, each sample cells. A group is what lies
+    under a wheel, or under a part of the belly over which the same wheels' heights lower the plane.
+    Its samples stand in the order of how many cells each is a mean of: four, two, one.
+    """
     wheels = vehicle.wheels_m
     contact = 0.5 * np.array(vehicle.contact_m)
     body = 0.5 * np.array((vehicle.length_m, vehicle.width_m))
+    # by which the wheels' heights make the plane's height at the middle, and its slopes
     fit: Floats = np.linalg.pinv(np.column_stack((np.ones(len(wheels)), wheels)))
-    poses = [pose for motion in motions for pose in motion]
-    offsets = np.array([pose[:2] for pose in poses])
-    headings = np.array([pose.heading for pose in poses])
-    sweep, turn = (
-        np.array([getattr(pose, name) for pose in poses]) for name in ("sweep_m", "turn_rad")
-    )
+    poses = np.array([pose for motion in motions for pose in motion])
+    offsets = poses[:, :2]
+    headings = poses[:, 2:4]
+    sweep, turn = poses[:, 4:].T
     snapped = math.inf if vehicle.unknown_passes else SNAPPED * vehicle.length_m
 
     def swept(far: Floats) -> Floats:
         """(P, 2) by how much points so far from a body's middle (ahead, aside) lie elsewhere."""
         ahead = sweep + far[1] * turn + 0.5 * far[0] * turn**2
-        return np.stack((ahead, 0.5 * sweep * turn + far[0] * turn + 0.5 * far[1] * turn**2), 1)
+        by_sweep = 0.5 * sweep * turn
+        aside = by_sweep + far[0] * turn + 0.5 * far[1] * turn**2
+        return np.stack((ahead, aside), 1)
 
-    groups: list[list[Samples]] = [[] for _ in poses]
+    under = []
     for middle, half in (*((wheel, contact) for wheel in wheels), (np.zeros(2), body)):
         areas = half + swept(np.abs(middle) + half)
-        for group, found in zip(
-            groups, _samples(middle, areas, headings, offsets, sides_m, snapped), strict=True
-        ):
-            group.append(found)
+        under.append(_samples(middle, areas, headings, offsets, sides_m, snapped))
+    groups: list[Samples] = []
+    groups_of = [0]
     raised: list[list[int]] = []
-    for group in groups:
-        belly = group.pop()
-        count = len(group)
-        lowers = np.column_stack((np.ones(len(belly.places)), belly.places)) @ fit < -_ROUNDING
+    for *under_wheels, belly in zip(*under, strict=True):
+        groups += under_wheels
+        raised += [[]] * len(under_wheels)
+        weights = np.column_stack((np.ones(len(belly.places)), belly.places)) @ fit
+        lowers = weights < -_ROUNDING
         for pattern in np.unique(lowers, axis=0):
-            group.append(belly.of((lowers == pattern).all(1)))
-            raised.append(np.nonzero(pattern)[0].tolist())
-        raised[len(raised) - len(group) + count : len(raised) - len(group) + count] = [[]] * count
-    samples = [each for group in groups for each in group]
-    first = np.cumsum([0, *map(len, groups)])
-    sizes = np.array([[(each.counts == many).sum() for many in (4, 2, 1)] for each in samples])
-    cells = np.concatenate([each.cells for each in samples])
-    begins = np.cumsum(np.concatenate(([0], sizes.sum(1))))
-    bounds = begins[:-1, None] + np.cumsum(np.pad(sizes, ((0, 0), (1, 0))), 1)
-    first_cells = np.cumsum(np.concatenate(([0], sizes @ (4, 2, 1))))[:-1]
+            groups.append(belly.of((lowers == pattern).all(1)))
+            raised.append(np.flatnonzero(pattern).tolist())
+        groups_of.append(len(groups))
+    sizes = np.array([[(group.counts == many).sum() for many in (4, 2, 1)] for group in groups])
+    ends = np.cumsum(sizes).reshape(-1, 3)
+    begins = ends[:, :1] - sizes[:, :1]
+    cells_in = sizes @ (4, 2, 1)
+    cells = np.concatenate([group.cells for group in groups])
+    places = np.concatenate([group.places for group in groups]).astype(np.float32)
     fitted = [
-        _slope_cells(wheels, fit, heading, offset, sides_m)
+        _fit_cells(wheels, fit, heading, offset, sides_m)
         for heading, offset in zip(headings, offsets, strict=True)
     ]
-    slopes = np.concatenate(fitted)
+    fit_cells = np.concatenate(fitted)
     absolute = np.abs(fit)
-    corners = np.array([(1.0, x, y) for x in (-1.0, 1.0) for y in (-1.0, 1.0)]) * (1.0, *body)
+    (length, width) = body
+    corners = np.array([(1.0, x, y) for x in (-length, length) for y in (-width, width)])
     outermost = np.abs(corners @ fit).sum(1).max()
     by_slope = np.outer((absolute[1].sum(), absolute[2].sum(), outermost), contact).reshape(-1)
-    return Motions(
-        np.cumsum([0, *map(len, motions)]),
-        first,
-        np.column_stack((bounds, first_cells)),
-        np.concatenate([each.places for each in samples]).astype(np.float32),
-        cells[:, :2].astype(np.int64),
-        cells[:, 2].astype(np.float32),
-        np.cumsum([0, *map(len, fitted)]),
-        slopes[:, :2].astype(np.int64),
-        np.ascontiguousarray(slopes[:, 2:], np.float32),
-        np.cumsum([0, *map(len, raised)]),
-        np.array([w for each in raised for w in each], np.int64),
-        np.column_stack((swept(body), turn)).astype(np.float32),
-        np.ascontiguousarray(np.concatenate((fit, absolute[1:])), np.float32),
-        np.concatenate((by_slope, 2.0 * contact)).astype(np.float32),
+    return PoseTables(
+        poses_of=np.cumsum([0, *map(len, motions)]),
+        groups_of=np.array(groups_of),
+        groups=np.column_stack((begins, ends, np.cumsum(cells_in) - cells_in)),
+        ahead=places[:, 0].copy(),
+        left=places[:, 1].copy(),
+        offsets=cells[:, :2].astype(np.int64),
+        shares=cells[:, 2].astype(np.float32),
+        fit_of=np.cumsum([0, *map(len, fitted)]),
+        fit_offsets=fit_cells[:, :2].astype(np.int64),
+        fit_shares=np.ascontiguousarray(fit_cells[:, 2:], np.float32),
+        raised_of=np.cumsum([0, *map(len, raised)]),
+        raised=np.array([wheel for each in raised for wheel in each], np.int64),
+        swept=np.column_stack((swept(body), turn)).astype(np.float32),
+        gradients=np.ascontiguousarray(np.concatenate((fit, absolute[1:])), np.float32),
+        carried=np.concatenate((by_slope, 2.0 * contact)).astype(np.float32),
     )
+
+
+def by_offsets(tables: PoseTables, width: int) -> PoseTables:
+    """Tables as kernels take them, for heights that lie so many to a row."""
+    place = (width, 1)
+    offsets = tables.offsets @ place
+    return tables._replace(offsets=offsets, fit_offsets=tables.fit_offsets @ place)
 
 
 class Samples(NamedTuple):
@@ -264,31 +208,34 @@ class Samples(NamedTuple):
 
     places: Floats
     """(S, 2) metres ahead of the body's middle and to the left of it."""
-    counts: NDArray[np.int64]
+    counts: Int64
     """(S,) cells that each is a mean of: four, two, one, in that order."""
     cells: Floats
     """(C, 3) row and column from the motion's cell, and share, of each sample's cells."""
 
-    def of(self, chosen: NDArray[np.bool_]) -> "Samples":
+    def of(self, chosen: Bool) -> "Samples":
         """Some of them."""
-        return Samples(
-            self.places[chosen], self.counts[chosen], self.cells[np.repeat(chosen, self.counts)]
-        )
+        cells = self.cells[np.repeat(chosen, self.counts)]
+        return Samples(self.places[chosen], self.counts[chosen], cells)
 
 
-def _slope_cells(
+def _fit_cells(
     wheels: Floats, fit: Floats, heading: Floats, offset: Floats, sides: tuple[float, float]
 ) -> Floats:
     """(D, 4) row and column of the cells under the wheels' middles, and what each adds to the
     plane's slopes.
     """
-    frame = np.array((heading, (-heading[1], heading[0])))  # rows go down
-    counts, cells = _cells_of(wheels @ frame / sides + offset)
+    counts, cells = _cells_of(wheels @ _frame(heading) / sides + offset)
     shares = cells[:, 2:] * np.repeat(fit[1:].T, counts, axis=0)
     found, at = np.unique(cells[:, :2], axis=0, return_inverse=True)
     total = np.zeros((len(found), 2))
     np.add.at(total, at.reshape(-1), shares)
     return np.column_stack((found, total))
+
+
+def _frame(heading: Floats) -> Floats:
+    """(2, 2) of a heading: what a metre ahead, and one to the left, lead down and right."""
+    return np.array((heading, (-heading[1], heading[0])))  # rows go down
 
 
 def _samples(
@@ -305,24 +252,18 @@ def _samples(
     Rectangles reach `areas` (N, 2) metres ahead and to the left of their middles, and as far back
     and to the right. Their boxes are widened to lines of middles nearer than `snapped` metres.
     """
-    left = np.stack((-headings[:, 1], headings[:, 0]), 1)
+    frames = np.array([_frame(heading) for heading in headings])
     signs = np.array(((-1, -1), (-1, 1), (1, 1), (1, -1)))
     ends = middle + signs * areas[:, None]  # (N, 4, 2) ahead, left
-    corners = (ends[..., :1] * headings[:, None] + ends[..., 1:] * left[:, None]) / sides + offsets[
-        :, None
-    ]
-    bounds = [_extents(corners if axis else corners[..., ::-1]) for axis in (1, 0)]
+    corners = ends @ frames / sides + offsets[:, None]
+    columns = _extents(corners)
+    rows = _extents(corners[..., ::-1])
+    near = snapped / np.array(sides) + _ROUNDING
     found = []
-    for n, heading in enumerate(headings):
-        points = _corners_of(bounds[0][n], bounds[1][n], snapped / np.array(sides) + _ROUNDING)
-        counts, cells = _cells_of(points)
-        order = np.argsort(-counts, kind="stable")
-        metres = (points[order] - offsets[n]) * sides
-        starts = np.cumsum(counts) - counts
-        at = np.concatenate([np.arange(starts[k], starts[k] + counts[k]) for k in order])
-        found.append(
-            Samples(np.stack((metres @ heading, metres @ left[n]), 1), counts[order], cells[at])
-        )
+    for n, frame in enumerate(frames):
+        points = _corners_of(columns[n], rows[n], near)
+        metres = (points - offsets[n]) * sides
+        found.append(Samples(metres @ frame.T, *_cells_of(points)))
     return found
 
 
@@ -337,27 +278,32 @@ def _extents(corners: Floats) -> list[Floats]:
     last = np.ceil(corners[..., 1].max(1) - _ROUNDING)
     count = int((last - first).max())
     lines = first[:, None] + np.arange(count + 1)  # (N, K + 1)
-    ends = np.roll(corners, -1, axis=1)
-    along = ends - corners
-    level = np.abs(along[..., 1]) <= _ROUNDING
-    share = (lines[..., None] - corners[:, None, :, 1]) / np.where(level, 1.0, along[..., 1])[
-        :, None
-    ]
-    crossed = (share >= 0.0) & (share <= 1.0) & ~level[:, None]
-    at = corners[:, None, :, 0] + share * along[:, None, :, 0]  # (N, K + 1, 4)
-    inside = corners[:, None, :, 1] >= lines[:, :-1, None] - _ROUNDING
-    inside &= corners[:, None, :, 1] <= lines[:, 1:, None] + _ROUNDING
+    x = corners[:, None, :, 0]  # (N, 1, 4)
+    y = corners[:, None, :, 1]
+    along_x = np.roll(x, -1, axis=2) - x
+    along_y = np.roll(y, -1, axis=2) - y
+    # where each side crosses each line
+    level = np.abs(along_y) <= _ROUNDING
+    share = (lines[..., None] - y) / np.where(level, 1.0, along_y)
+    crossed = (share >= 0.0) & (share <= 1.0) & ~level
+    at = x + share * along_x  # (N, K + 1, 4)
+    # which corners lie in each strip
+    inside = y >= lines[:, :-1, None] - _ROUNDING
+    inside &= y <= lines[:, 1:, None] + _ROUNDING
     extents = []
     for sign in (-1.0, 1.0):
         on_lines = np.where(crossed, sign * at, -np.inf).max(-1)
-        within = np.where(inside, sign * corners[:, None, :, 0], -np.inf).max(-1)
-        extents.append(sign * np.maximum.reduce((on_lines[:, :-1], on_lines[:, 1:], within)))
+        within = np.where(inside, sign * x, -np.inf).max(-1)
+        farthest = np.maximum.reduce((on_lines[:, :-1], on_lines[:, 1:], within))
+        extents.append(sign * farthest)
     found = np.stack((lines[:, :-1], *extents), -1)
-    return [each[: int(b - a)] for each, a, b in zip(found, first, last, strict=True)]
+    counts = (last - first).astype(int)
+    return [each[:strips] for each, strips in zip(found, counts, strict=True)]
 
 
 def _corners_of(columns: Floats, rows: Floats, near: Floats) -> Floats:
-    """(S, 2) corners of the boxes that a convex polygon's parts between four middles fit into.
+    """(S, 2) corners of the boxes that a convex polygon's parts between four middles fit into;
+    last those on one line through middles, and on two.
 
     `columns` are the strips of columns with their extents of rows, `rows` likewise (`_extents`). A
     part's extent is that of the strip, cut off at the square. Of the corners on one line between
@@ -365,43 +311,48 @@ def _corners_of(columns: Floats, rows: Floats, near: Floats) -> Floats:
     """
     row = rows[:, None, 0]
     col = columns[None, :, 0]
-    low = [np.maximum(columns[None, :, 1], row), np.maximum(rows[:, None, 1], col)]
-    high = [np.minimum(columns[None, :, 2], row + 1.0), np.minimum(rows[:, None, 2], col + 1.0)]
+    top, bottom = columns[None, :, 1:].transpose(2, 0, 1)
+    left, right = rows[:, None, 1:].transpose(2, 0, 1)
+    low = [np.maximum(top, row), np.maximum(left, col)]
+    high = [np.minimum(bottom, row + 1.0), np.minimum(right, col + 1.0)]
     there = (high[0] - low[0] > _ROUNDING) & (high[1] - low[1] > _ROUNDING)
     for axis, begin in enumerate((row, col)):
+        end = begin + 1.0
         low[axis] = np.where(low[axis] - begin <= near[axis], begin, low[axis])
-        high[axis] = np.where(begin + 1.0 - high[axis] <= near[axis], begin + 1.0, high[axis])
-    corners = [
-        np.stack((r[there], c[there]), 1) for r in (low[0], high[0]) for c in (low[1], high[1])
-    ]
+        high[axis] = np.where(end - high[axis] <= near[axis], end, high[axis])
+    lines = itertools.product((low[0], high[0]), (low[1], high[1]))
+    corners = [np.stack((down[there], across[there]), 1) for down, across in lines]
     points = np.unique(np.round(np.concatenate(corners), 9), axis=0)
     cell = np.floor(points)
     whole = points == cell
-    nodes = set(map(tuple, points[whole.all(1)].tolist()))
+    middles = set(map(tuple, points[whole.all(1)].tolist()))
     kept = whole.all(1) | ~whole.any(1)
     for axis in (0, 1):
-        on = np.nonzero(whole[:, axis] & ~whole[:, 1 - axis])[0]
-        keys = [(points[k, axis], cell[k, 1 - axis]) for k in on]
-        for key in dict.fromkeys(keys):
-            some = [k for k, each in zip(on, keys, strict=True) if each == key]
-            some.sort(key=lambda k: points[k, 1 - axis])
-            for k, end in ((some[0], key[1]), (some[-1], key[1] + 1.0)):
-                kept[k] |= ((key[0], end) if axis == 0 else (end, key[0])) not in nodes
-    found: Floats = points[kept]
+        # along each line between two middles the outer points, unless the middle there is one
+        on = np.flatnonzero(whole[:, axis] & ~whole[:, 1 - axis])
+        on = on[np.lexsort((points[on, 1 - axis], points[on, axis]))]
+        begins = np.diff(cell[on], axis=0, prepend=np.nan).any(1)
+        ends = np.append(begins, True)[1:]
+        for outer, step in ((begins, 0.0), (ends, 1.0)):
+            nearest = cell[on]
+            nearest[:, 1 - axis] += step
+            alone = [tuple(middle) not in middles for middle in nearest.tolist()]
+            kept[on] |= outer & np.array(alone, np.bool_)
+    order = np.argsort(whole[kept].sum(1), kind="stable")
+    found: Floats = points[kept][order]
     return found
 
 
-def _cells_of(points: Floats) -> tuple[NDArray[np.int64], Floats]:
+def _cells_of(points: Floats) -> tuple[Int64, Floats]:
     """Of points (S, 2): how many cells each height is a mean of, and these, (C, 3) row, column and
     share.
     """
     first = np.floor(points + _ROUNDING)
-    shares = np.stack(
-        (first + 1.0 - points, points - first), 1
-    )  # (S, 2, 2) of both lines, along rows and columns
-    there = shares > _ROUNDING  # by axis, so that none is a mean of three
+    # of the lines before and behind each point, by axis, so that none is a mean of three
+    shares = np.stack((first + 1.0 - points, points - first), 1)  # (S, 2, 2)
     corner = np.array(((0, 0), (0, 1), (1, 0), (1, 1)))
-    cells = first[:, None] + corner
-    parts = shares[:, corner[:, 0], 0] * shares[:, corner[:, 1], 1]
-    some = there[:, corner[:, 0], 0] & there[:, corner[:, 1], 1]
-    return some.sum(1), np.concatenate((cells, parts[..., None]), 2)[some]
+    of_row = shares[:, corner[:, 0], 0]
+    of_col = shares[:, corner[:, 1], 1]
+    there = (of_row > _ROUNDING) & (of_col > _ROUNDING)
+    cells = np.concatenate((first[:, None] + corner, (of_row * of_col)[..., None]), 2)
+    return there.sum(1), cells[there]

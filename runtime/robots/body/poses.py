@@ -13,7 +13,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from nnpp_edge.runtime.arguments import checked
-from nnpp_edge.runtime.arrays import Float2D
+from nnpp_edge.runtime.arrays import (
+    Bool,
+    Cells,
+    Float,
+    Float2D,
+    Float32s,
+    Floats,
+    Int32,
+    Int64,
+    UInt16,
+)
 from nnpp_edge.runtime.cells import Cell, Rectangle, slices, widened
 from nnpp_edge.runtime.errors import InvalidMapError
 from nnpp_edge.runtime.kernels import records
@@ -39,6 +49,7 @@ from nnpp_edge.runtime.kernels.records import (
     THERE,
     TO,
     Packed,
+    PoseTables,
     Prices,
 )
 from nnpp_edge.runtime.robots.body import motions
@@ -46,7 +57,6 @@ from nnpp_edge.runtime.robots.body.primitives import ARCS, primitives, turn_rad
 from nnpp_edge.runtime.terrain.traversability import Traversability, relative_heights, sides_of
 from nnpp_edge.runtime.terrain.vehicle import Vehicle
 
-Floats = NDArray[np.float32]
 NO_EDGES = np.empty((0, 2 * AXIS_COUNT), np.float32)
 """Of legs that cost by what they are checked to be."""
 _SAFE = 1.0 - 1e-5
@@ -83,26 +93,24 @@ class Poses:
         vehicle: Vehicle,
         weights: tuple[float, float, float],
         scale: float,
-        shut: NDArray[np.bool_] | None = None,
-        unseen: Floats | None = None,
+        shut: Bool | None = None,
+        unseen: Float32s | None = None,
     ) -> None:
         self.weights = weights
-        self._unseen = unseen
         self.vehicle = vehicle
         self.shape = (heights.shape[0], heights.shape[1])
         self.sides_m = sides_m
         rows, cols = self.shape
         dy, dx = sides_m
-        if vehicle.length_m > max(rows * dy, cols * dx) or vehicle.width_m > min(
-            rows * dy, cols * dx
-        ):
+        down = rows * dy
+        across = cols * dx
+        if vehicle.length_m > max(down, across) or vehicle.width_m > min(down, across):
             raise InvalidMapError(
                 f"wanted a map that the vehicle fits on, {vehicle.length_m:g} × "
-                f"{vehicle.width_m:g} m, "
-                f"got one of {rows * dy:g} × {cols * dx:g} m"
+                f"{vehicle.width_m:g} m, got one of {down:g} × {across:g} m"
             )
         self.motions = tables = motions.all_motions(vehicle, sides_m)
-        reach = np.abs(np.concatenate((tables.cells, tables.slope_cells))).max(0)
+        reach = np.abs(np.concatenate((tables.offsets, tables.fit_offsets))).max(0)
         self.reach: Cell = (int(reach[0]), int(reach[1]))
         """Rows and columns from a cell to those that it takes to check its motions."""
         self._margin = max(self.reach) + 1
@@ -112,72 +120,57 @@ class Poses:
         self._unknown = np.float32(
             np.nan if vehicle.unknown_passes or unseen is not None else np.inf
         )
-        self.heights = np.empty((rows + 2 * self._margin, width), np.float32)
+        beyond = self._unknown if unseen is None else np.inf
+        self.heights = np.full((rows + 2 * self._margin, width), beyond, np.float32)
         """Within a margin of `margin` unknown cells, and more to the right; relative to `_base`."""
-        for edge in (
-            np.s_[: self._margin],
-            np.s_[-self._margin :],
-            np.s_[:, : self._margin],
-            np.s_[:, self._margin + cols :],
-        ):
-            self.heights[edge] = self._unknown if unseen is None else np.inf
         nodes = (rows + 2) * (cols + 2)
-        self.codes: NDArray[np.uint16] = np.zeros(
-            (nodes, len(tables.poses_of) - 1 - AXIS_COUNT), np.uint16
-        )
+        self.codes: UInt16 = np.zeros((nodes, len(tables.poses_of) - 1 - AXIS_COUNT), np.uint16)
         """(nodes, M) what is known of each motion that begins on a node: legs, turns, and arcs if
         there are any.
         """
         self._counts = np.zeros(1, np.int64)
-
-        self._limits = limits_of(vehicle, weights)
-        self._scratch = np.zeros(max(tables.gradients.shape[1], 1) * LANES, np.float32)
-        self.packed: Packed = self._packed_for(tables)
-        """As the kernels take them."""
-        turns_m = vehicle.turn_m_per_rad * np.array(
-            [turn_rad(k, sides_m) for k in range(AXIS_COUNT)]
-        )
-        self.turns_m: NDArray[np.float64] = turns_m
-        """(8,) metres of level ground as dear as the turn from each direction to the next."""
-        self.primitives = primitives(vehicle, sides_m)
-        moves, fares, origins, rays, lengths, _ = self.primitives
-        unit = np.float32(2.0 * scale / MOST_CODE)
-        by_angle = between(turns_m / dy)
-        self.prices = Prices(unit, moves, fares, origins, rays, lengths, by_angle)
-        """Of the vehicle's motions, in cells of level ground."""
-        self._put(0, 0, heights, shut)
-
-    def _packed_for(self, motion_tables: motions.Motions) -> Packed:
-        rows, cols = self.shape
-        unseen = self._unseen
-        poses = records.Poses(
+        record = records.Poses(
             codes=self.codes,
             heights=self.heights.reshape(-1),
-            tables=tuple(motion_tables.by_offsets(self.heights.shape[1])),
-            limits=self._limits,
-            scratch=self._scratch,
+            tables=tuple(motions.by_offsets(tables, width)),
+            limits=limits_of(vehicle, weights),
+            scratch=np.zeros(max(tables.gradients.shape[1], 1) * LANES, np.float32),
             counts=self._counts,
             rows=rows,
             cols=cols,
-            width=self.heights.shape[1],
+            width=width,
             margin=self._margin,
             block_side=0 if unseen is None else cols // unseen.shape[2],
             block_prices=np.empty(0, np.float32) if unseen is None else unseen[0].reshape(-1),
             check_run=0,
         )
-        address = address_of(check_run, tuple(poses), 0, 0, 0)  # type: ignore[no-untyped-call]  # as all of `kernels`
-        return tuple(poses._replace(check_run=address))
+        address = address_of(check_run, tuple(record), 0, 0, 0)  # type: ignore[no-untyped-call]  # as all of `kernels`
+        self._record = record._replace(check_run=address)
+        self.packed: Packed = tuple(self._record)
+        """As the kernels take them."""
+        angles = np.array([turn_rad(k, sides_m) for k in range(AXIS_COUNT)])
+        self.turns_m: Floats = vehicle.turn_m_per_rad * angles
+        """(8,) metres of level ground as dear as the turn from each direction to the next."""
+        self.primitives = primitives(vehicle, sides_m)
+        moves, fares, origins, rays, lengths, _ = self.primitives
+        unit = np.float32(2.0 * scale / MOST_CODE)
+        by_angle = between(self.turns_m / dy)
+        self.prices = Prices(unit, moves, fares, origins, rays, lengths, by_angle)
+        """Of the vehicle's motions, in cells of level ground."""
+        self._put(0, 0, heights, shut)
 
-    def figures(
-        self, cell: Cell, motion: int, other: motions.Motions | None = None
-    ) -> NDArray[np.float64]:
+    def figures(self, cell: Cell, motion: int, other: PoseTables | None = None) -> Floats:
         """(P, 7) of the poses of a motion from a cell, or of one of other motions: bounds of slope,
         pitch, roll, step and rise, and slopes ahead and to the left with the wheels in the middle
         of their ranges; see `kernels.poses`.
         """
-        poses_of = (other or self.motions).poses_of
-        found = np.empty((int(poses_of[motion + 1] - poses_of[motion]), 7))
-        figures_of(self.packed if other is None else self._packed_for(other), *cell, motion, found)
+        packed = self.packed
+        if other is not None:
+            tables = tuple(motions.by_offsets(other, self._record.width))
+            packed = tuple(self._record._replace(tables=tables))
+        first, last = (other or self.motions).poses_of[motion : motion + 2].tolist()
+        found = np.empty((last - first, 7))
+        figures_of(packed, *cell, motion, found)
         return found
 
     @property
@@ -185,7 +178,7 @@ class Poses:
         """Poses checked so far; one that was forgotten and checked again counts twice."""
         return int(self._counts[0])
 
-    def _put(self, row: int, col: int, heights: Float2D, shut: NDArray[np.bool_] | None) -> None:
+    def _put(self, row: int, col: int, heights: Float2D, shut: Bool | None) -> None:
         if np.isnan(self._base):
             known = (height for line in heights for height in line[np.isfinite(line)][:1])
             self._base = np.float32(next(known, np.nan))
@@ -194,9 +187,7 @@ class Poses:
         if shut is not None:
             self.heights[slices((*place, *heights.shape))][shut] = np.inf
 
-    def write(
-        self, row: int, col: int, heights: Float2D, shut: NDArray[np.bool_] | None = None
-    ) -> Rectangle:
+    def write(self, row: int, col: int, heights: Float2D, shut: Bool | None = None) -> Rectangle:
         """Put heights into the map, (h, w) float32 that lie inside it, and forget the motions that
         they touch.
 
@@ -213,27 +204,28 @@ class Poses:
         """Check all motions that are not checked yet."""
         check_all(self.packed)
 
-    def standing(self, rows: range | None = None) -> NDArray[np.uint16]:
+    def standing(self, rows: range | None = None) -> UInt16:
         """(8, H, W) codes of the body standing on each cell in each direction, or of those of some
         rows.
         """
-        found = np.empty(
-            (AXIS_COUNT, self.shape[0] if rows is None else len(rows), self.shape[1]), np.uint16
-        )
-        for n, row in enumerate(range(self.shape[0]) if rows is None else rows):
+        rows = rows or range(self.shape[0])
+        found = np.empty((AXIS_COUNT, len(rows), self.shape[1]), np.uint16)
+        for n, row in enumerate(rows):
             standing_codes(self.packed, row, found[:, n])
         return found
 
     def stands_at(self, cell: Cell) -> bool:
         """Whether the body may stand on a cell of the map in one direction at least."""
-        return bool((self.standing(range(cell[0], cell[0] + 1))[:, 0, cell[1]] < FAILS).any())
+        row, col = cell
+        codes = self.standing(range(row, row + 1))[:, 0, col]
+        return bool((codes < FAILS).any())
 
     def walk(
         self,
-        path: NDArray[np.int32],
+        path: Cells,
         first: int,
-        costs: NDArray[np.float64],
-        edges: Floats = NO_EDGES,
+        costs: Floats,
+        edges: Float32s = NO_EDGES,
         prices: Prices | None = None,
     ) -> int:
         """As `Grid.walk`, by these prices, and by what legs cost in each direction, (nodes, 16), if
@@ -242,15 +234,17 @@ class Poses:
         walk = walk_primitives if path.shape[1] == 3 else walk_states
         return int(walk(self.packed, edges, tuple(prices or self.prices), path, first, costs))
 
-    def steps(self, path: NDArray[np.int32]) -> "Steps":
+    def steps(self, path: Cells) -> "Steps":
         """The motions along a path: legs between its cells (N, 2), or primitives between its states
         (N, 3).
         """
         if path.shape[1] == 3:
             moves = self.prices.moves
             local = path[:-1, 2]
-            ahead = np.column_stack((np.diff(path[:, :2], axis=0), path[1:, 2]))
-            ways = (moves[local][..., [DOWN, RIGHT, TO]] == ahead[:, None]).all(2).argmax(1)
+            steps = np.diff(path, axis=0)
+            steps[:, 2] = path[1:, 2]
+            alike = moves[local][..., [DOWN, RIGHT, TO]] == steps[:, None]
+            ways = alike.all(2).argmax(1)
             taken = moves[local, ways]
             lengths = self.prices.fares[local, ways, BY_LENGTH].astype(np.float64)
             motion = taken[:, MOTION].astype(np.int64)
@@ -260,49 +254,39 @@ class Poses:
             at_path = np.where(motion < ARCS, motion % AXIS_COUNT, of_arc)
         else:
             legs = np.diff(path, axis=0)
-            heading = np.array(
-                [motions.LEGS.index((row, col)) for row, col in legs.tolist()], np.int64
-            )
+            numbers = [motions.LEGS.index((row, col)) for row, col in legs.tolist()]
+            heading = np.array(numbers, np.int64)
             motion = heading % AXIS_COUNT
             there = heading >= AXIS_COUNT
             lengths = np.hypot(*legs.T)
             at_path = motion
-        return Steps(
-            np.where(there[:, None], path[1:, :2], path[:-1, :2]),
-            motion,
-            there,
-            heading,
-            heading != at_path,
-            lengths,
-        )
+        cells = path[:, :2]
+        begins = np.where(there[:, None], cells[1:], cells[:-1])
+        return Steps(begins, motion, there, heading, heading != at_path, lengths)
 
-    def cost_along(
-        self, path: NDArray[np.int32]
-    ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    def cost_along(self, path: Cells) -> tuple[Floats, Floats]:
         """(N - 1,) lengths of the motions along a path, in cells, and their T; all of them have
         been checked.
         """
         steps = self.steps(path)
-        base = steps.cells + 1
-        codes = self.codes[base[:, 0] * (self.shape[1] + 2) + base[:, 1], steps.motions]
-        return steps.lengths, np.where(
-            codes < FAILS, (np.maximum(codes, 1) - 1.0) / MOST_CODE, np.inf
-        )
+        nodes = (steps.cells + 1) @ (self.shape[1] + 2, 1)
+        codes = self.codes[nodes, steps.motions]
+        return steps.lengths, _rated(codes, np.float64)
 
 
 class Steps(NamedTuple):
     """The motions along a path of N places, (N - 1,) each."""
 
-    cells: NDArray[np.int32]
+    cells: Int32
     """(N - 1, 2) where each motion begins, which for some is where the path comes to by it."""
-    motions: NDArray[np.int64]
-    reversed: NDArray[np.bool_]
+    motions: Int64
+    reversed: Bool
     """Whether it begins there."""
-    headings: NDArray[np.int64]
+    headings: Int64
     """Direction of the body where the path comes from."""
-    turned: NDArray[np.bool_]
+    turned: Bool
     """Whether the body stands the other way round there than the motion is checked."""
-    lengths: NDArray[np.float64]
+    lengths: Floats
 
 
 @checked(InvalidMapError)
@@ -313,7 +297,7 @@ def pose_costs(
     *,
     cell_width_m: float | None = None,
     traversability: Traversability | None = None,
-) -> Floats:
+) -> Float32s:
     """Cost of a vehicle's poses on each cell: every one is checked, which planners do only where
     they look.
 
@@ -354,24 +338,28 @@ def pose_costs(
             "a disc has no poses: wanted a vehicle with length, width and clearance"
         )
     heights, _ = relative_heights(dem)
-    codes = Poses(
-        heights, sides, vehicle, (traversability or Traversability()).weights, 1.0
-    ).standing()
-    costs = (np.maximum(codes, 1) - np.float32(1)) / np.float32(MOST_CODE)
-    return np.where(codes >= FAILS, np.float32(np.inf), costs.astype(np.float32))
+    weights = (traversability or Traversability()).weights
+    codes = Poses(heights, sides, vehicle, weights, 1.0).standing()
+    return _rated(codes, np.float32)
 
 
-def between(turns: NDArray[np.floating]) -> Floats:
+def _rated(codes: UInt16, kind: type[Float]) -> NDArray[Float]:
+    """T by the codes of poses, in numbers of this kind; inf of those that fail."""
+    rated = (np.maximum(codes, 1) - kind(1)) / kind(MOST_CODE)
+    return np.where(codes < FAILS, rated, kind(np.inf))
+
+
+def between(turns: NDArray[np.floating]) -> Float32s:
     """(16, 16) what the shorter turn from each direction to each other costs, given (8,) of those
     to the next.
     """
     at = np.cumsum(np.concatenate(([0.0], turns, turns)))
     apart = np.abs(at[:-1, None] - at[:-1])
-    found: Floats = np.minimum(apart, at[-1] - apart).astype(np.float32)
+    found: Float32s = np.minimum(apart, at[-1] - apart).astype(np.float32)
     return found
 
 
-def limits_of(vehicle: Vehicle, weights: tuple[float, float, float]) -> Floats:
+def limits_of(vehicle: Vehicle, weights: tuple[float, float, float]) -> Float32s:
     """Of a vehicle, as the check takes them."""
     *angles, step_m, rise_m = vehicle.allowances
     tilt, pitch, roll = map(math.radians, angles)

@@ -14,8 +14,8 @@ from collections.abc import Iterator
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from nnpp_edge.runtime.arrays import Float32s, Int32
 from nnpp_edge.runtime.kernels.lattice import (
     DIRECTION_COUNT,
     LEFT_TURN,
@@ -125,11 +125,11 @@ def curve(direction: int, sides_m: tuple[float, float], radius_m: float) -> Curv
 class Primitives(NamedTuple):
     """Of a vehicle on cells of certain sides."""
 
-    moves: NDArray[np.int32]
-    fares: NDArray[np.float32]
-    origins: NDArray[np.int32]
-    rays: NDArray[np.int32]
-    ray_fares: NDArray[np.float32]
+    moves: Int32
+    fares: Float32s
+    origins: Int32
+    rays: Int32
+    ray_fares: Float32s
     """As of `kernels.records.Prices`. Rays are legs, and then arcs forwards, if there are any."""
     shortest: float
     """No curve is shorter than so many times the way by legs."""
@@ -147,16 +147,17 @@ def primitives(vehicle: Vehicle, sides_m: tuple[float, float]) -> Primitives:
         {(kind, before) for _, kind, _, _, gear in ways for before in (gears if gear else (0,))}
     )
     for k, kind, move, length, gear in ways:
+        cells = length * (vehicle.reverse_cost or 1.0) if gear < 0 else length
         for before in gears:
-            fixed = 0.0
-            onwards = before if not gear else (BACKWARDS if gear < 0 and geared else FORWARDS)
-            if not gear:
-                fixed = vehicle.turn_m_per_rad * turn_rad(move.motion - TURNS, sides_m) / sides_m[0]
-            elif geared and before != onwards:
-                fixed = vehicle.gear_change_m / sides_m[0]
-            cells = length * (vehicle.reverse_cost or 1.0) if gear < 0 else length
+            if gear:
+                onwards = gears[-1] if gear < 0 else FORWARDS
+                fixed_m = 0.0 if before == onwards else vehicle.gear_change_m
+            else:
+                onwards = before
+                fixed_m = vehicle.turn_m_per_rad * turn_rad(move.motion - TURNS, sides_m)
             at = kinds.index((kind, before if gear else 0))
-            found[k + before, at] = move._replace(to=move.to + onwards), (cells, fixed)
+            fare = (cells, fixed_m / sides_m[0])
+            found[k + before, at] = move._replace(to=move.to + onwards), fare
     states = len(gears) * DIRECTION_COUNT
     count = len(kinds)
     moves = np.full((states, count, MOVE_COLUMNS), -1, _INT)
@@ -167,7 +168,7 @@ def primitives(vehicle: Vehicle, sides_m: tuple[float, float]) -> Primitives:
         fares[local, at] = fare
         origins[move.to, at] = local
     legs = [_leg(k, k) for k in range(DIRECTION_COUNT)]
-    lengths = [math.hypot(LEG_ROWS[k], LEG_COLS[k]) for k in range(DIRECTION_COUNT)]
+    lengths = list(map(math.hypot, LEG_ROWS, LEG_COLS))
     shortest = 1.0
     if vehicle.turning_radius_m is not None:
         for k in range(DIRECTION_COUNT):

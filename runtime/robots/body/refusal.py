@@ -3,8 +3,8 @@ which limit.
 """
 
 import numpy as np
-from numpy.typing import NDArray
 
+from nnpp_edge.runtime.arrays import Bool, UInt8, UInt16
 from nnpp_edge.runtime.cells import Cell, apart, slices, widened
 from nnpp_edge.runtime.kernels.poses import AXIS_COUNT, FAILS, REFUSALS, UNKNOWN
 from nnpp_edge.runtime.robots.body import motions
@@ -27,14 +27,13 @@ _WORDS = (
 _KEYS = ("", "max_tilt_deg", "max_pitch_deg", "max_roll_deg", "max_step_m", "clearance_m")
 
 
-def refusals(codes: NDArray[np.uint16]) -> NDArray[np.uint8]:
+def refusals(codes: UInt16) -> UInt8:
     """(H, W) of the codes of `Poses.standing`: 0 where the body stands in some direction.
 
     Else 1 + the limit, by its place in `REFUSALS`, that refuses it in most.
     """
-    counts = np.stack(
-        [(codes == FAILS + limit).sum(0, dtype=np.uint8) for limit in range(len(REFUSALS))]
-    )
+    limits = range(len(REFUSALS))
+    counts = np.stack([(codes == FAILS + limit).sum(0, dtype=np.uint8) for limit in limits])
     return np.where((codes < FAILS).any(0), 0, 1 + counts.argmax(0)).astype(np.uint8)
 
 
@@ -48,7 +47,7 @@ def why_blocked(poses: Poses, cell: Cell) -> str:
     return f"in {headings} {_refused(poses, limit, least, '{} or more')}"
 
 
-def why_ended(poses: Poses, reached: NDArray[np.bool_], end: Cell, *, by_legs: bool) -> str:
+def why_ended(poses: Poses, reached: Bool, end: Cell, *, by_legs: bool) -> str:
     """Where the cells (H, W) that a search reached come closest to an end, and why no closer.
 
     `by_legs` it was one from the goal by legs alone: told is the limit that refuses most of the
@@ -56,43 +55,45 @@ def why_ended(poses: Poses, reached: NDArray[np.bool_], end: Cell, *, by_legs: b
     the nearest of these legs. Else it was one from the start, which lacked a turn there.
     """
     rows, cols = poses.shape
-    away = ((np.arange(rows) - end[0]) ** 2)[:, None] + (np.arange(cols) - end[1]) ** 2
+    rows_away = np.arange(rows)[:, None] - end[0]
+    cols_away = np.arange(cols) - end[1]
+    away = rows_away**2 + cols_away**2
     closest = row, col = divmod(int(np.where(reached, away, np.inf).argmin()), cols)
+    here = (row, col, 1, 1)
     begun, other = ("goal", "start") if by_legs else ("start", "goal")
     told = (
-        f"the search from the {begun} got to {closest}, {apart((row, col, 1, 1), end)} cells "
-        f"from the {other}"
+        f"the search from the {begun} got to {closest}, {apart(here, end)} cells from the {other}"
     )
-    turns = poses.codes[(row + 1) * (cols + 2) + col + 1, AXIS_COUNT : 2 * AXIS_COUNT]
-    for axis in (axis for axis in range(AXIS_COUNT) if not by_legs and turns[axis] >= FAILS):
-        values = greatest(poses, closest, AXIS_COUNT + axis)
+    codes = poses.codes.reshape(rows + 2, cols + 2, -1)
+    turns = np.flatnonzero(codes[row + 1, col + 1, AXIS_COUNT : 2 * AXIS_COUNT] >= FAILS)
+    if len(turns) and not by_legs:
+        values = greatest(poses, closest, AXIS_COUNT + int(turns[0]))
         limit = int((values / (1.0, *poses.vehicle.allowances)).argmax())
-        return (
-            f"{told}. It cannot turn on the spot there: "
-            f"{_refused(poses, limit, values[limit], 'up to {}')}"
-        )
-    top, left, height, width = widened((row, col, 1, 1), (_AROUND, _AROUND), poses.shape)
-    legs = poses.codes.reshape(rows + 2, cols + 2, -1)[slices((top + 1, left + 1, height, width))][
-        ..., :AXIS_COUNT
-    ]
+        why = _refused(poses, limit, values[limit], "up to {}")
+        return f"{told}. It cannot turn on the spot there: {why}"
+    # limits that refuse legs around it, -1 of those that lead elsewhere
+    top, left, height, width = widened(here, (_AROUND, _AROUND), poses.shape)
+    legs = codes[slices((top + 1, left + 1, height, width))][..., :AXIS_COUNT]
     refused = legs.astype(np.int64) - FAILS
     sides = np.pad(reached + 2 * (~reached & (away <= away[closest])), 2)
+    one = sides[slices((top + 2, left + 2, height, width))]
     for axis, (down, right) in enumerate(motions.AXIS_LEGS):
-        one, two = (
-            sides[slices((top + 2 + i, left + 2 + j, height, width))]
-            for i, j in ((0, 0), (down, right))
-        )
+        two = sides[slices((top + 2 + down, left + 2 + right, height, width))]
         refused[one * two != 2, axis] = -1
-    if not len(found := refused[refused >= 0]):
+    found = refused[refused >= 0]
+    if not len(found):
         return told
     limit = int(np.bincount(found).argmax())
-    places = np.argwhere(refused == limit) + np.array((top, left, 0))
-    i, j, axis = places[np.abs(places[:, :2] - closest).max(1).argmin()].tolist()
-    leg = [(i, j), (i + motions.AXIS_LEGS[axis][0], j + motions.AXIS_LEGS[axis][1])]
+    places = np.argwhere(refused == limit)
+    places += np.array((top, left, 0))
+    nearest = np.abs(places[:, :2] - closest).max(1).argmin()
+    i, j, axis = places[nearest].tolist()
+    down, right = motions.AXIS_LEGS[axis]
+    leg = [(i, j), (i + down, j + right)]
     first, last = leg if reached[i, j] else leg[::-1]
+    why = _refused(poses, limit, greatest(poses, (i, j), axis)[limit], "up to {}")
     told += f". Near there {len(places)} of {len(found)} refused steps fail by {REFUSALS[limit]}"
-    value = greatest(poses, (i, j), axis)[limit]
-    return f"{told}, such as from {first} to {last}: {_refused(poses, limit, value, 'up to {}')}"
+    return f"{told}, such as from {first} to {last}: {why}"
 
 
 def _refused(poses: Poses, limit: int, value: float, form: str) -> str:

@@ -4,8 +4,8 @@ import math
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 
+from nnpp_edge.runtime.arrays import Bool, Cells, Float32s, Floats
 from nnpp_edge.runtime.cells import Cell, Rectangle, slices
 from nnpp_edge.runtime.errors import InvalidQueryError
 from nnpp_edge.runtime.kernels.lattice import KNIGHT
@@ -111,24 +111,22 @@ class BodyRobot(Robot):
     def stands_at(self, grid: "Grid", cell: Cell) -> bool:
         return self.poses.stands_at(cell)
 
-    def weights(self, grid: "Grid") -> NDArray[np.float32]:
+    def weights(self, grid: "Grid") -> Float32s:
         return np.empty(0, np.float32)
 
-    def walk(
-        self, grid: "Grid", path: NDArray[np.int32], first: int, costs: NDArray[np.float64]
-    ) -> int:
+    def walk(self, grid: "Grid", path: Cells, first: int, costs: Floats) -> int:
         blocked = self.poses.walk(path, first, costs)
-        at_end = blocked < 0 and first == len(path) - 1
-        if at_end and not self.poses.stands_at((int(path[-1, 0]), int(path[-1, 1]))):
-            return first
+        if blocked < 0 and first == len(path) - 1:  # it moves no more
+            row, col = path[-1, :2].tolist()
+            return -1 if self.poses.stands_at((row, col)) else first
         return blocked
 
     def walk_turns(
         self,
         grid: "Grid",
-        path: NDArray[np.int32],
+        path: Cells,
         first: int,
-        costs: NDArray[np.float64],
+        costs: Floats,
         states: States | None,
     ) -> int:
         assert states is not None
@@ -137,7 +135,7 @@ class BodyRobot(Robot):
         prices = states.prices._replace(unit=np.float32(0.0), fares=fares)
         return self.poses.walk(path, first, costs, prices=prices)
 
-    def costs_of(self, grid: "Grid", path: NDArray[np.int32]) -> PathCosts:
+    def costs_of(self, grid: "Grid", path: Cells) -> PathCosts:
         if not len(path):
             return math.inf, math.inf, math.inf
         costs = np.zeros(len(path))
@@ -164,7 +162,7 @@ class BodyRobot(Robot):
     def direction(self, heading_deg: float) -> int:
         return direction_near(heading_deg, self.poses.sides_m)
 
-    def arrival(self, path: NDArray[np.int32]) -> int:
+    def arrival(self, path: Cells) -> int:
         if len(path) < 2:
             return -1
         down, right = (path[-1, :2] - path[-2, :2]).tolist()
@@ -172,7 +170,7 @@ class BodyRobot(Robot):
 
     def ends(
         self, start_deg: float | None, goal_deg: float | None, tolerance_deg: float
-    ) -> tuple[int, NDArray[np.bool_] | None]:
+    ) -> tuple[int, Bool | None]:
         headings = start_deg, goal_deg
         finite = all(each is None or math.isfinite(each) for each in headings)
         if not finite or not tolerance_deg >= 0.0:
@@ -196,7 +194,7 @@ class BodyRobot(Robot):
         if by_legs:
             memory = field
         end = start if by_legs else goal
-        reached = memory.costs().reshape(-1, grid.stride)[1 : grid.rows + 1, 1:-1] < math.inf
+        reached = grid.inner(memory.costs()) < math.inf
         return why_ended(self.poses, reached, end, by_legs=by_legs)
 
     def explain(self, cell: Cell, heading_deg: float) -> PoseCheck:
@@ -216,7 +214,7 @@ class ArcRobot(BodyRobot):
         super().__init__(poses)
         self.readiness = poses.vehicle.gear_change_m / poses.sides_m[0]
 
-    def arrival(self, path: NDArray[np.int32]) -> int:
+    def arrival(self, path: Cells) -> int:
         return int(path[-1, 2]) % len(motions.LEGS)
 
 

@@ -11,8 +11,8 @@ from functools import partial
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from nnpp_edge.runtime.arrays import Bool, Float32s, Int32
 from nnpp_edge.runtime.cells import Cell, widened
 from nnpp_edge.runtime.errors import Status
 from nnpp_edge.runtime.kernels import expansion as kernels
@@ -76,7 +76,7 @@ class States(NamedTuple):
 
     poses: Packed
     """`records.Poses`."""
-    edges: NDArray[np.float32]
+    edges: Float32s
     """(nodes, 16) costs of legs; (0, 16) where they cost by their checks."""
     prices: Prices
 
@@ -93,7 +93,7 @@ class Guide(NamedTuple):
     """Node at which the field was to end: the start."""
     promised: float
     """What it costs from there."""
-    turns: NDArray[np.float32]
+    turns: Float32s
     """(16, 16) costs of turns that count in it; (0, 16) where they are free."""
 
 
@@ -159,9 +159,7 @@ class LastMetres(NamedTuple):
         field.meta[2 * nodes[cheaper] + 1] = (field.stamp << STAMP_SHIFT) | onwards[cheaper]
 
 
-def spreading(
-    grid: "Grid", states: States, workspace: Workspace, starting: NDArray[np.bool_]
-) -> Spreading:
+def spreading(grid: "Grid", states: States, workspace: Workspace, starting: Bool) -> Spreading:
     """How costs spread from the `starting` states (S,) of a cell, guided by nothing."""
     nothing = np.empty((0, 0), np.float32)
     no_field = tuple(Field(workspace.g[:0], workspace.meta[:0], 0, 0, 0, 0.0, nothing))
@@ -209,7 +207,8 @@ def search_states(
         prices = prices._replace(rays=rays, ray_fares=prices.ray_fares[:DIRECTION_COUNT])
         refused_at_least = _octile(grid, query)
     # where it begins
-    seeds = Seeds(np.array([last], np.int32), np.zeros(1, np.float32), np.zeros(1, np.int32))
+    node, onwards = np.array([[last], [0]], np.int32)
+    seeds = Seeds(node, np.zeros(1, np.float32), onwards)
     if last_metres is not None:
         seeds = last_metres.begun
         while len(field.entries) < 4 * len(seeds.nodes):
@@ -288,7 +287,7 @@ class KeptField:
         return self._promised - float(octile.py_func(*start, *self._begun, *grid.prices))
 
     def search(
-        self, query: Query, by_way_of: NDArray[np.int32] | None = None, limit: int | None = None
+        self, query: Query, by_way_of: Int32 | None = None, limit: int | None = None
     ) -> Search:
         """A path by the field, where `cost_from` is known, to the goal or to a state
         (row, col, number) on the way; at the `limit` of expansions the best path so far counts.
@@ -370,11 +369,11 @@ def _frame(grid: "Grid", workspace: Workspace) -> Packed:
     return tuple(Frame(workspace.states.bit_length() - 1, grid.stride))
 
 
-def _turns_in_field(prices: Prices, region: Region | None) -> NDArray[np.float32]:
+def _turns_in_field(prices: Prices, region: Region | None) -> Float32s:
     """Costs of turns in the costs to go of cells; on the whole map they are free."""
     if region is None:
         return prices.turns[:0]
-    turns: NDArray[np.float32] = np.float32(TURNS_IN_FIELD) * prices.turns
+    turns: Float32s = np.float32(TURNS_IN_FIELD) * prices.turns
     return turns
 
 
