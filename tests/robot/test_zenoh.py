@@ -287,7 +287,9 @@ def test_the_client_in_the_documentation_receives_a_path_as_it_stands():
         loop = Loop(navigator, source, [ZenohSink(link)], rate_hz=100.0)
         thread = threading.Thread(target=loop.run)
         thread.start()
-        ended = subprocess.run(command, capture_output=True, text=True, timeout=10.0)
-        loop.stop()
-        thread.join()
+        try:
+            ended = subprocess.run(command, capture_output=True, text=True, timeout=10.0)
+        finally:
+            loop.stop()
+            thread.join()
     assert (ended.returncode, ended.stdout, ended.stderr) == (0, "66 cells\n", "")
