@@ -1,4 +1,5 @@
-"""What users may set of a planner and of a query: names, types, ranges and words of each option.
+"""What users may set of a planner and of a query: name, type, range and words of each option, and
+tables of what they choose by name.
 
 Calls take these as keywords. Commands make their options of those with a description, and the page
 its parameters of the types, so that each is explained here alone; what is not given keeps its
@@ -9,7 +10,28 @@ from typing import Annotated, TypedDict
 
 from msgspec import Meta
 
-from nnpp_edge.runtime.choices import METHODS
+METHODS = {
+    "auto": "picks one by measured figures, and says why",
+    "astar": "exact, over the whole map",
+    "corridor": "coarse to fine, without learning",
+    "nnpp": "inside the network's region (the paper)",
+}
+"""Ways of planning, `planners.plan.Method`."""
+REPAIRING_METHODS = {
+    "dstar": "D* Lite over the whole map: exact, repaired from step to step",
+    "corridor-dstar": "D* Lite in the corridor",
+    "nnpp-dstar": "D* Lite in the network's region (the paper's D*NN)",
+}
+"""The others on a map that changes, `planners.plan.DynamicMethod`."""
+STEP_COSTS = {
+    "paper": "ground (paper)",
+    "tobler": "time on foot (Tobler)",
+    "irmischer": "time on foot, off paths (Irmischer)",
+    "linear": "slope (linear)",
+    "time": "vehicle's time",
+    "energy": "vehicle's energy",
+}
+"""What a step costs on a map of heights; those by the slope are `robots.slope.cost.SLOPE_COSTS`."""
 
 Omega = Annotated[
     float,

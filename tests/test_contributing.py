@@ -89,17 +89,16 @@ def test_names_in_the_guide_are_in_the_code():
 
 def test_every_choice_by_name_is_there_and_documented():
     from nnpp_edge import runtime
-    from nnpp_edge.runtime import choices
     from nnpp_edge.runtime.robots.slope.cost import SLOPE_COSTS
 
     fields = {field.name for field in dataclasses.fields(runtime.Mobility)}
     table = (ROOT / "docs/step-costs.md").read_text().partition("| `--step-cost` |")[2]
     documented = set(re.findall(r"^\| `(\w+)` \|", table.partition("\n\n")[0], re.MULTILINE))
-    assert set(SLOPE_COSTS) == fields == documented == set(choices.STEP_COSTS) - {"paper"}
+    assert set(SLOPE_COSTS) == fields == documented == set(options.STEP_COSTS) - {"paper"}
     assert all(hasattr(runtime, kind.__name__) for kind in SLOPE_COSTS.values())
     assert all(kind.unit == "s" for kind in SLOPE_COSTS.values() if kind.function)
-    assert set(runtime.Method) == set(choices.METHODS)
-    assert set(runtime.DynamicMethod) == {*choices.METHODS, *choices.REPAIRING_METHODS}
+    assert set(runtime.Method) == set(options.METHODS)
+    assert set(runtime.DynamicMethod) == {*options.METHODS, *options.REPAIRING_METHODS}
 
 
 def test_the_citation_and_the_changelog_name_this_version():

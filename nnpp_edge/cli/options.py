@@ -21,7 +21,7 @@ from typing import Annotated, Any, NamedTuple, get_args, is_typeddict
 import click
 from msgspec import Meta
 
-from nnpp_edge.runtime.choices import STEP_COSTS
+from nnpp_edge.runtime.options import STEP_COSTS
 
 MOST = 2**31 - 1
 """No count may be larger; no library's integers are narrower."""
@@ -30,6 +30,7 @@ LARGEST = 1e9
 LARGEST_SIDE = 1 << 15
 """Cells along a side of a map that is made or cut out."""
 SAMPLE = "sample:"
+_Words = dict[str, Any]
 
 
 def command(
@@ -99,11 +100,11 @@ def _option(name: str, annotation: object, default: object) -> click.Option:
     return click.Option([*names, name], **_words(annotation, default))
 
 
-def _words(annotation: object, default: object) -> dict[str, Any]:
+def _words(annotation: object, default: object) -> _Words:
     """The words for click that an annotation says, but for names."""
     annotated = hasattr(annotation, "__metadata__")
     python_type, *said = get_args(annotation) if annotated else (annotation,)
-    words: dict[str, Any] = {"default": default}
+    words: _Words = {"default": default}
     if default is None or default in (MISSING, inspect.Parameter.empty):
         words = {"required": default is not None}
     if python_type is bool:
@@ -277,7 +278,7 @@ SIZES = Parsed(
     joined(partial(_whole, 2, LARGEST_SIDE)),
 )
 MANY = {"multiple": True}
-_KINDS: dict[Any, Any] = {
+_KINDS: dict[object, object] = {
     Path | None: NEW_FILE,
     int: COUNT,
     int | None: COUNT,

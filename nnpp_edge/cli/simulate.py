@@ -14,8 +14,7 @@ from nnpp_edge.cli.ground_options import GroundOptions, Known
 from nnpp_edge.cli.requests import PLACE, End, Start
 from nnpp_edge.cli.text import aligned, tell
 from nnpp_edge.robot.transports.wiring import View
-from nnpp_edge.runtime.choices import METHODS, REPAIRING_METHODS
-from nnpp_edge.runtime.options import StepOptions
+from nnpp_edge.runtime.options import METHODS, REPAIRING_METHODS, StepOptions
 
 if TYPE_CHECKING:
     from nnpp_edge.runtime.loop.connections import Sink

@@ -18,10 +18,10 @@ from numpy.typing import NDArray
 
 from nnpp_edge.runtime.arrays import Float2D
 from nnpp_edge.runtime.cells import Cell
-from nnpp_edge.runtime.choices import METHODS, STEP_COSTS
 from nnpp_edge.runtime.compiled import notice
 from nnpp_edge.runtime.errors import InvalidQueryError, NnppEdgeError
 from nnpp_edge.runtime.kernels.poses import REFUSALS
+from nnpp_edge.runtime.options import METHODS, STEP_COSTS
 from nnpp_edge.runtime.planners.plan import Method, Plan
 from nnpp_edge.runtime.reading import refused_as
 from nnpp_edge.runtime.robots.slope.cost import unit_of

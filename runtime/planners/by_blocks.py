@@ -18,7 +18,7 @@ from nnpp_edge.runtime.map.kinds import CostState
 from nnpp_edge.runtime.map.state import MapState
 from nnpp_edge.runtime.planners.query import Found, Work
 from nnpp_edge.runtime.robots.robot import Robot
-from nnpp_edge.runtime.search.query import Query
+from nnpp_edge.runtime.search.astar import Query
 from nnpp_edge.runtime.search.region import Region
 from nnpp_edge.runtime.tuning import (
     BLOCKS_AROUND,

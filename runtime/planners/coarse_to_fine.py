@@ -20,9 +20,8 @@ from nnpp_edge.runtime.memory import touch
 from nnpp_edge.runtime.planners.plan import Source
 from nnpp_edge.runtime.planners.query import Found, Work
 from nnpp_edge.runtime.planners.searchers import AStarSearcher, Searcher
-from nnpp_edge.runtime.search.astar import Search, astar
+from nnpp_edge.runtime.search.astar import Query, Search, astar
 from nnpp_edge.runtime.search.landmarks import Landmarks
-from nnpp_edge.runtime.search.query import Query
 from nnpp_edge.runtime.search.region import Region
 from nnpp_edge.runtime.search.workspace import Workspace
 from nnpp_edge.runtime.tuning import (

@@ -29,7 +29,7 @@ from nnpp_edge.runtime.planners.on_map import (
 from nnpp_edge.runtime.planners.plan import DynamicMethod, Method, Plan
 from nnpp_edge.runtime.planners.query import Found, Work
 from nnpp_edge.runtime.planners.standing_path import Standing, StandingPath
-from nnpp_edge.runtime.search.query import Query
+from nnpp_edge.runtime.search.astar import Query
 from nnpp_edge.runtime.tuning import NEAR
 
 if TYPE_CHECKING:

@@ -13,9 +13,8 @@ from nnpp_edge.runtime.map.state import MapState
 from nnpp_edge.runtime.memory import touch
 from nnpp_edge.runtime.planners.query import Work
 from nnpp_edge.runtime.planners.searchers import AStarSearcher
-from nnpp_edge.runtime.search.astar import Search
+from nnpp_edge.runtime.search.astar import Query, Search
 from nnpp_edge.runtime.search.dstar_lite import DStarLite, serves
-from nnpp_edge.runtime.search.query import Query
 from nnpp_edge.runtime.search.region import Region
 from nnpp_edge.runtime.tuning import MOST_JOINED
 

@@ -18,7 +18,7 @@ from nnpp_edge.runtime.planners.searchers import (
     AStarSearcher,
     Searcher,
 )
-from nnpp_edge.runtime.search.query import Query
+from nnpp_edge.runtime.search.astar import Query
 from nnpp_edge.runtime.tuning import (
     BRIEF_EXPANSIONS,
     FAR,

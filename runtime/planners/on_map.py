@@ -33,8 +33,7 @@ from nnpp_edge.runtime.options import StepOptions
 from nnpp_edge.runtime.planners.methods import Methods
 from nnpp_edge.runtime.planners.plan import DynamicMethod, Plan, Source
 from nnpp_edge.runtime.planners.query import Found, Work, in_words, problem_with, told
-from nnpp_edge.runtime.search.astar import cost_field
-from nnpp_edge.runtime.search.query import Query
+from nnpp_edge.runtime.search.astar import Query, cost_field
 from nnpp_edge.runtime.tuning import NEAR
 
 if TYPE_CHECKING:

@@ -22,8 +22,7 @@ from nnpp_edge.runtime.planners.on_map import (
 )
 from nnpp_edge.runtime.planners.plan import DynamicMethod, Method, Plan
 from nnpp_edge.runtime.planners.query import Found, Wishes, Work, options_of
-from nnpp_edge.runtime.search.astar import costs_to_nearest
-from nnpp_edge.runtime.search.query import Query
+from nnpp_edge.runtime.search.astar import Query, costs_to_nearest
 from nnpp_edge.runtime.tuning import NEAREST_STOPS
 
 if TYPE_CHECKING:

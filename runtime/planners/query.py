@@ -15,8 +15,7 @@ from nnpp_edge.runtime.map.grid import Grid
 from nnpp_edge.runtime.map.state import MapState
 from nnpp_edge.runtime.planners.plan import DynamicMethod, Method, Plan, Source
 from nnpp_edge.runtime.robots.robot import Robot
-from nnpp_edge.runtime.search.astar import Search
-from nnpp_edge.runtime.search.query import Query
+from nnpp_edge.runtime.search.astar import Query, Search
 from nnpp_edge.runtime.search.region import Region
 from nnpp_edge.runtime.stopwatch import Stopwatch
 

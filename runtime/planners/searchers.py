@@ -9,8 +9,7 @@ from nnpp_edge.runtime.kernels.expansion import MOST_LANDMARKS
 from nnpp_edge.runtime.map.changes import ChangeReader
 from nnpp_edge.runtime.map.state import MapState
 from nnpp_edge.runtime.planners.query import Work, problem_with
-from nnpp_edge.runtime.search.astar import Search
-from nnpp_edge.runtime.search.query import Query
+from nnpp_edge.runtime.search.astar import Query, Search
 from nnpp_edge.runtime.search.region import Region
 from nnpp_edge.runtime.search.workspace import Workspace
 from nnpp_edge.runtime.tuning import MOST_RATIO_FOR_LANDMARKS

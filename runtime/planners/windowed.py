@@ -36,8 +36,7 @@ from nnpp_edge.runtime.planners.plan import DynamicMethod, Method, Plan, Source
 from nnpp_edge.runtime.planners.query import Found, Work, problem_with, told
 from nnpp_edge.runtime.planners.tour import Tour, tour
 from nnpp_edge.runtime.robots.slope.cost import Mobility
-from nnpp_edge.runtime.search.astar import Search, astar
-from nnpp_edge.runtime.search.query import Query
+from nnpp_edge.runtime.search.astar import Query, Search, astar
 from nnpp_edge.runtime.search.region import Region
 from nnpp_edge.runtime.search.workspace import Workspace
 from nnpp_edge.runtime.stopwatch import Stopwatch

@@ -15,8 +15,7 @@ from nnpp_edge.runtime.errors import InvalidQueryError
 from nnpp_edge.runtime.kernels.nodes import COL_STEP, ROW_STEP
 from nnpp_edge.runtime.kernels.paths import measure, walk
 from nnpp_edge.runtime.kernels.records import Hints
-from nnpp_edge.runtime.search.astar import Links, Search, Spreading, astar, spreading
-from nnpp_edge.runtime.search.query import Query
+from nnpp_edge.runtime.search.astar import Links, Query, Search, Spreading, astar, spreading
 from nnpp_edge.runtime.search.region import Region
 from nnpp_edge.runtime.search.workspace import Workspace
 from nnpp_edge.runtime.terrain.step_cost import SQRT2

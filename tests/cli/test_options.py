@@ -45,7 +45,7 @@ def test_options_of_a_step_that_are_given_reach_the_loop_and_the_simulated_drive
     settings = []
     monkeypatch.setattr(
         "nnpp_edge.robot.operations.onboard.run",
-        lambda ground, navigator, *_, **__: settings.append(navigator) or Counters(),
+        lambda ground, wiring, loop, **_: settings.append(loop) or Counters(),
     )
     run("run --map cost.npz --omega 0.02 --no-corner-cutting --loop snap_radius=5 --method astar")
     run("run --map cost.npz --loop omega=0.03 --loop corner_cutting=false --method astar")

@@ -43,7 +43,7 @@ fp32 = "MODEL"
 
 CORE = min(os.sched_getaffinity(0))
 KEYS = """
-schema version made profile verdict summary budgets results loop break_even disturbance sensors besides
+schema version made profile verdict answers summary budgets results loop break_even disturbance sensors besides
 cores environment notes
 """
 DESCRIBED = Path(__file__).parents[2].joinpath("docs", "reference", "figures.md").read_text()
@@ -144,7 +144,8 @@ def test_the_clock_starts_at_the_elevations(run, profile):
     )
     assert row["n"] == row["planned"] + row["kept"] + row["without_path"] == 240
     described(row)
-    assert ended.out.startswith("# Tiny & <quick>\n\nbudgets missed: ")
+    assert ended.out.startswith("# Tiny & <quick>\n\n1 FPS: yes (")
+    assert "\n\nbudgets missed: " in ended.out
     assert (
         "## The onboard loop: from a patch's arrival to the checked path\n\n| workload |"
         in ended.out
@@ -280,7 +281,8 @@ def test_peak_memory_is_that_of_another_process(tiny_model):
 def test_start_up_is_measured_where_a_budget_asks_for_it(run, told, profile, monkeypatch):
     asked = []
 
-    def start_up(method, loop):
+    def start_up(method, loop, cold):
+        assert cold == bool(asked[:1] and len(asked) < 6)
         asked.append((method, loop))
         return {f"{'first_tick' if loop else 'start_up'}_warm_s": 0.5}
 

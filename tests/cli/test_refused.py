@@ -149,7 +149,6 @@ evaluate --terrain hills.npz --methods astar --model nope | 'nope'
 $COST --workload body-rocks5                   | 'body-rocks5' | evaluate
 profile --profile quick --peers                | --peers
 profile --peers --start-up                     | --peers
-profile                                        | --profile
 profile --profile quick --json --markdown      | --json
 profile --queries 5 compare a.json b.json      | compare
 profile --profile slow                         | 'slow' | quick

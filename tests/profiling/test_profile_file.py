@@ -107,7 +107,7 @@ def test_a_vehicle_has_workloads_beside_a_points(write_toml):
 
 
 def test_the_loop_is_run_where_a_budget_asks_for_its_reactions(write_toml):
-    assert read_profile(write_toml(GOOD)).reactions_at == frozenset()
+    assert read_profile(write_toml(GOOD)).measured_at("reaction") == frozenset()
     assert read_profile(write_toml(GOOD)).arriving == {"corridor"}
     budgets = """budgets = [
   { name = "react", quantity = "reaction_ms", limit = 3, direction = "at most", unit = "ms", size = 64 },
@@ -115,7 +115,10 @@ def test_the_loop_is_run_where_a_budget_asks_for_its_reactions(write_toml):
 """
     profile = read_profile(write_toml(GOOD.replace("budgets = [\n", budgets)))
     assert profile.budgets[0].planner == "loop"
-    assert profile.reactions_at == {("soft", 64)} and profile.arriving == {"corridor", "nnpp"}
+    assert profile.measured_at("reaction") == {("soft", 64)} and profile.arriving == {
+        "corridor",
+        "nnpp",
+    }
 
 
 def test_another_load_leaves_out_budgets_of_sizes_that_are_gone(write_toml):

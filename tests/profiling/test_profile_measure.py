@@ -3,16 +3,15 @@
 import os
 import time
 from collections import defaultdict
-from functools import partial
 from itertools import chain, product
 from types import SimpleNamespace
 from typing import ClassVar
 
 import numpy as np
 import pytest
+from msgspec.structs import replace
 
 from nnpp_edge.profiling import measure, rivals
-from nnpp_edge.profiling.arrivals import reactions
 from nnpp_edge.profiling.contest import PLACE
 from nnpp_edge.profiling.figures import break_even, loop_rows, rows
 from nnpp_edge.profiling.measure import ProfileMaps, queries_in, rivals_of, run
@@ -83,9 +82,8 @@ def measured(tiny_model):
     patch.setattr(measure, "EnergyMeter", OneWatt)
     Timed.calls.clear()
     planners = rivals_of(Networks(str(tiny_model), str(tiny_model)), Device((0,)))
-    patch.setattr(measure, "reactions", partial(reactions, patches=16))
     budgets = (asks("map_ms", "astar"), asks("reaction_ms", "loop", workload="limit20", size=256))
-    asked = profile(LOAD, "nnpp", tiny_model, *budgets)
+    asked = profile(replace(LOAD, patches=16), "nnpp", tiny_model, *budgets)
     found = run(asked, planners, cores, progress=done.append)
     patch.undo()
     named = {planner.name: planner for planner in planners}
@@ -199,13 +197,11 @@ def test_terrain_without_enough_queries_is_refused(tmp_path, tiny_model):
 
 def test_each_call_on_a_vehicles_map_is_that_of_a_planner_that_has_checked_nothing(
     tiny_model,
-    monkeypatch,
 ):
     kind = {"terrain": ("synthetic",), "workloads": ("soft", "body", "body-rocks5")}
-    load = Load(**kind, vehicle="small-rover", sizes=(64,), queries=3, repeats=2)
+    load = Load(**kind, vehicle="small-rover", sizes=(64,), queries=3, repeats=2, patches=6)
     asked = profile(load, "corridor", tiny_model, asks("reaction_ms", "loop", workload="body"))
     planners = rivals_of(Networks(str(tiny_model)), Device((0,)))
-    monkeypatch.setattr(measure, "reactions", partial(reactions, patches=6))
     found = run(asked, planners, sorted(os.sched_getaffinity(0)))
     maps = ProfileMaps(load)
     for of in found.workloads:
@@ -228,13 +224,17 @@ def test_each_call_on_a_vehicles_map_is_that_of_a_planner_that_has_checked_nothi
 def test_times_are_told_by_their_quantiles():
     times = np.random.default_rng(0).permutation(np.arange(1.0, 202.0))
     halves = [
-        SimpleNamespace(ms=half, planned=3, kept=2, without_path=1)
+        SimpleNamespace(ms=half, planned=3, kept=2, without_path=1, late=1)
         for half in np.array_split(times, 2)
     ]
     of = SimpleNamespace(workload="soft", size=64, reactions=halves)
     (row,) = loop_rows(SimpleNamespace(workloads=[of]), OnboardLoop())
     told = {"median": 101.0, "p90": 181.0, "p99": 199.0, "max": 201.0, "mean": 101.0}
     assert row["reaction_ms"] == told
+    assert row["late_per_hour"] == pytest.approx(2 / (201 / 17 / 3600))
+    of.reactions[0].ms = np.arange(1100.0)
+    (row,) = loop_rows(SimpleNamespace(workloads=[of]), OnboardLoop())
+    assert 1000.0 < row["reaction_ms"]["p999"] < 1100.0
 
 
 def test_from_which_size_on_a_planner_pays():

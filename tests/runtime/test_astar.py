@@ -13,9 +13,8 @@ from nnpp_edge.runtime.errors import InvalidQueryError, Status
 from nnpp_edge.runtime.map.grid import Grid
 from nnpp_edge.runtime.planners.query import Work
 from nnpp_edge.runtime.planners.searchers import AStarSearcher
-from nnpp_edge.runtime.search.astar import astar, cost_field
+from nnpp_edge.runtime.search.astar import Query, astar, cost_field
 from nnpp_edge.runtime.search.landmarks import Landmarks
-from nnpp_edge.runtime.search.query import Query
 from nnpp_edge.runtime.search.workspace import LAST_STAMP, Workspace
 from nnpp_edge.runtime.terrain.step_cost import StepModel
 from tests import oracles

@@ -15,8 +15,7 @@ from nnpp_edge.runtime.planners.mending import MendingSearcher
 from nnpp_edge.runtime.planners.methods import Methods, pick_method
 from nnpp_edge.runtime.planners.query import Work
 from nnpp_edge.runtime.region.learned import LearnedRegions
-from nnpp_edge.runtime.search.astar import Search
-from nnpp_edge.runtime.search.query import Query
+from nnpp_edge.runtime.search.astar import Query, Search
 from nnpp_edge.runtime.search.workspace import Workspace
 from nnpp_edge.runtime.tuning import REFINE_FROM, CorridorWidth
 from tests import oracles

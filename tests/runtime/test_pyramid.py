@@ -10,9 +10,8 @@ from nnpp_edge.runtime.map.pyramid import Pyramid, coarse_shapes
 from nnpp_edge.runtime.planners.coarse_to_fine import CoarseLevel, CoarseToFine
 from nnpp_edge.runtime.planners.query import Work
 from nnpp_edge.runtime.planners.searchers import AStarSearcher
-from nnpp_edge.runtime.search.astar import astar, settle_all
+from nnpp_edge.runtime.search.astar import Query, astar, settle_all
 from nnpp_edge.runtime.search.landmarks import Landmarks
-from nnpp_edge.runtime.search.query import Query
 from nnpp_edge.runtime.search.workspace import Workspace
 from nnpp_edge.runtime.terrain.step_cost import StepModel
 from nnpp_edge.runtime.tuning import ANOTHER_LEVEL_FROM, CORRIDOR

@@ -17,8 +17,7 @@ from nnpp_edge.runtime.robots.body.poses import NO_EDGES, Poses, between
 from nnpp_edge.runtime.robots.body.refusal import why_blocked, why_ended
 from nnpp_edge.runtime.robots.body.search import LastMetres, States, search_states, spreading
 from nnpp_edge.runtime.robots.robot import Edges, PathCosts, Robot
-from nnpp_edge.runtime.search.astar import Links, Search, Spreading
-from nnpp_edge.runtime.search.query import Query
+from nnpp_edge.runtime.search.astar import Links, Query, Search, Spreading
 from nnpp_edge.runtime.search.region import Region
 from nnpp_edge.runtime.search.workspace import Workspace
 from nnpp_edge.runtime.tuning import (

@@ -45,6 +45,7 @@ from nnpp_edge.runtime.search.astar import (
     NOWHERE,
     WITHOUT_END,
     Parts,
+    Query,
     Search,
     Spreading,
     allowed,
@@ -52,7 +53,6 @@ from nnpp_edge.runtime.search.astar import (
     run,
     traced,
 )
-from nnpp_edge.runtime.search.query import Query
 from nnpp_edge.runtime.search.region import Region
 from nnpp_edge.runtime.search.workspace import Workspace
 from nnpp_edge.runtime.tuning import (

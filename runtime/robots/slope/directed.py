@@ -19,8 +19,7 @@ from nnpp_edge.runtime.kernels.pooling import FACTOR
 from nnpp_edge.runtime.kernels.records import FinerSteps, Hints, SlopePrices, Ways
 from nnpp_edge.runtime.robots.robot import Edges, PathCosts, Robot
 from nnpp_edge.runtime.robots.slope.cost import SlopeCost
-from nnpp_edge.runtime.search.astar import Links, Search, Spreading
-from nnpp_edge.runtime.search.query import Query
+from nnpp_edge.runtime.search.astar import Links, Query, Search, Spreading
 from nnpp_edge.runtime.search.region import Region
 from nnpp_edge.runtime.search.workspace import Workspace
 
