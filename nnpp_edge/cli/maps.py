@@ -24,9 +24,8 @@ from nnpp_edge.runtime.robots.body.poses import Poses
 from nnpp_edge.runtime.robots.body.refusal import why_blocked
 from nnpp_edge.runtime.terrain.traversability import (
     Traversability,
-    steepest_step_deg,
-    terrain_terms,
     traversability_cost,
+    why_impassable,
 )
 from nnpp_edge.terrain import dem as dems
 from nnpp_edge.terrain.coordinates import lonlat_corners
@@ -236,7 +235,8 @@ def _blocked(status: Status, cell: Cell, near: Near) -> str:
         )
         where = where or f"it can stand on no cell within {_LOOKED_AROUND} rows"
         return f"{end}: {why_blocked(near.poses, cell)}; {where}"
-    reason = _why_blocked(at, near)
+    sides = (near.place.cell_size_m, near.place.cell_width_m)
+    reason = why_impassable(near.elevation, at, sides, near.limits)
     passable = np.argwhere(near.cost < 1.0)
     if not len(passable):
         return f"{end}: {reason}; so is all around it"
@@ -245,25 +245,3 @@ def _blocked(status: Status, cell: Cell, near: Near) -> str:
 
 def _nearest(cells: Cells, cell: Cell) -> tuple[int, ...]:
     return tuple(cells[((cells - cell) ** 2).sum(axis=1).argmin()].tolist())
-
-
-def _why_blocked(cell: Cell, near: Near) -> str:
-    row0 = max(cell[0] - 1, 0)
-    col0 = max(cell[1] - 1, 0)
-    patch = near.elevation[row0 : cell[0] + 2, col0 : cell[1] + 2]
-    limits = near.limits
-    terms = terrain_terms(patch, near.place.cell_size_m, cell_width_m=near.place.cell_width_m)
-    slope, roughness, step = terms[:, cell[0] - row0, cell[1] - col0].tolist()
-    if np.isnan(slope):
-        return "its elevation is unknown"
-    sides = (near.place.cell_size_m, near.place.cell_width_m)
-    gradient = steepest_step_deg(near.elevation, cell, sides)
-    for term, value, limit, unit in (
-        ("slope", np.degrees(slope), limits.hard_slope_deg, "°"),
-        ("roughness", roughness, limits.hard_roughness_m, " m"),
-        ("elevation difference", step, limits.hard_step_m, " m"),
-        ("a step to a neighbouring cell", gradient, limits.hard_gradient_deg, "°"),
-    ):
-        if value > limit:
-            return f"{term} {value:.3g}{unit}, the hard limit is {limit:g}{unit}"
-    return "slope, roughness and elevation difference are all at their limits"

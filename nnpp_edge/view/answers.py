@@ -26,7 +26,7 @@ from nnpp_edge.runtime.planners.plan import Method, Plan
 from nnpp_edge.runtime.reading import refused_as
 from nnpp_edge.runtime.robots.body.refusal import why_blocked
 from nnpp_edge.runtime.robots.slope.cost import unit_of
-from nnpp_edge.runtime.terrain.traversability import steepest_step_deg, terrain_terms
+from nnpp_edge.runtime.terrain.traversability import terms_in_words, terrain_terms
 from nnpp_edge.terrain.coordinates import lonlat_at
 from nnpp_edge.terrain.dem import Dem
 from nnpp_edge.terrain.route import Route, places_of
@@ -258,18 +258,8 @@ def place_in_words(dem: Dem, cell: Cell) -> list[str]:
 
 def ground_in_words(dem: Dem, cell: Cell) -> str:
     """Height of a cell, and the terms of its cost."""
-    around = dem.elevation[max(cell[0] - 1, 0) : cell[0] + 2, max(cell[1] - 1, 0) : cell[1] + 2]
-    terms = terrain_terms(around, dem.cell_size_m, cell_width_m=dem.cell_width_m)
-    slope, roughness, step = terms[:, min(cell[0], 1), min(cell[1], 1)].tolist()
-    if math.isnan(slope):
-        return "its height is unknown"
-    height = dem.elevation[cell]
-    steepest = steepest_step_deg(dem.elevation, cell, (dem.cell_size_m, dem.cell_width_m))
-    degrees = math.degrees(slope)
-    return (
-        f"height {height:.2f} m, slope {degrees:.1f}°, roughness {roughness:.2g} m, step "
-        f"{step:.2g} m, steepest single step {steepest:.1f}°"
-    )
+    terms = terms_in_words(dem.elevation, cell, (dem.cell_size_m, dem.cell_width_m))
+    return f"height {dem.elevation[cell]:.2f} m, {terms}" if terms else "its height is unknown"
 
 
 def reach(field: Float2D, pixels: int) -> tuple[Answer, Layer]:

@@ -12,7 +12,12 @@ from nnpp_edge.runtime.arrays import Float2D, as_map, numbers
 from nnpp_edge.runtime.errors import InvalidMapError, InvalidQueryError
 from nnpp_edge.runtime.robots.slope.cost import SLOPE_COSTS, Mobility, slope_cost_of
 from nnpp_edge.runtime.terrain.step_cost import StepCost, StepModel
-from nnpp_edge.runtime.terrain.traversability import Traversability, sides_of, traversability_cost
+from nnpp_edge.runtime.terrain.traversability import (
+    TERMS,
+    Traversability,
+    sides_of,
+    traversability_cost,
+)
 from nnpp_edge.runtime.terrain.vehicle import Vehicle
 
 
@@ -193,10 +198,10 @@ def _within(body: Vehicle, limits: Traversability) -> Vehicle:
 
     InvalidMapError for hard limits that mean nothing to a body.
     """
-    for name in ("hard_roughness_m", "hard_step_m"):
-        if getattr(limits, name) < math.inf:
+    for term in TERMS[1:]:  # the slope's is one of a body's tilt
+        if getattr(limits, term.hard) < math.inf:
             raise InvalidMapError(
-                f"{name} is a limit of cells: wanted the body's own max_step_m and clearance_m"
+                f"{term.hard} is a limit of cells: wanted the body's own max_step_m and clearance_m"
             )
     steepest = min(limits.hard_slope_deg, limits.hard_gradient_deg)
     if steepest >= body.max_tilt_deg:

@@ -154,7 +154,7 @@ class MapState:
             known = self.known_heights((0, 0, *self.shape))
             shut = None if self.told is None else self.told >= 1.0
             unseen = None if self.unseen is None else self.unseen.layers
-            terms = self._limits.weights
+            terms = self._limits.body_weights
             scale = self._model.scale
             poses = Poses(known, sides_m, self.vehicle, terms, scale, shut, unseen)
             self.grid.drive_by(body_robot(poses))
@@ -521,7 +521,8 @@ def map_state(
         check_planner_fits(ground.shape, DIRECTED_BYTES_PER_CELL * by_slope + body_bytes)
     if warn and ground.elevation is not None and ground.factor == 1:
         heights = relative_heights(ground.elevation)[0]
-        rule = ground.limits.rule(*ground.sides_m)
-        warn_of_saturation(heights, rule, stacklevel=7)  # who called the planner
+        warn_of_saturation(
+            heights, ground.limits, ground.sides_m, stacklevel=7
+        )  # who called the planner
     kind = DiscState if ground.vehicle is not None and ground.vehicle.is_disc else MapState
     return kind(ground, omega, corner_cutting, lazy=lazy, tell_unknown=tell_unknown)

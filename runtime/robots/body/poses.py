@@ -355,7 +355,7 @@ def pose_costs(
         )
     heights, _ = relative_heights(dem)
     codes = Poses(
-        heights, sides, vehicle, (traversability or Traversability()).weights, 1.0
+        heights, sides, vehicle, (traversability or Traversability()).body_weights, 1.0
     ).standing()
     costs = (np.maximum(codes, 1) - np.float32(1)) / np.float32(MOST_CODE)
     return np.where(codes >= FAILS, np.float32(np.inf), costs.astype(np.float32))
