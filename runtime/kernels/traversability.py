@@ -20,6 +20,8 @@ from nnpp_edge.runtime.kernels.lanes import chosen
 from nnpp_edge.runtime.kernels.records import Area, CostFactors, Heights, Spans, Terms
 
 TERMS = len(Terms._fields)
+PAPER_TERMS = 3
+"""The first of them are the paper's: where all of these are full there is an obstacle."""
 DY = 0
 DX = 1
 SCALE = 2
@@ -272,7 +274,7 @@ def _of_terms(terms, factors):
         t += factors.weights[n] * share
         total += term
         beyond |= term > factors.hard[n]
-        full &= share >= _ONE
+        full &= share >= _ONE or n >= PAPER_TERMS
     t = min(t, _MOST)
     weight = _INF if beyond | full else t * factors.scale
     return weight if total - total == _ZERO else _NAN

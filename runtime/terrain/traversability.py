@@ -19,7 +19,7 @@ from nnpp_edge.runtime.arrays import Float2D, as_map, unmasked
 from nnpp_edge.runtime.bands import in_bands
 from nnpp_edge.runtime.cells import Cell
 from nnpp_edge.runtime.errors import InvalidMapError
-from nnpp_edge.runtime.kernels.traversability import fill_terms, fill_weights
+from nnpp_edge.runtime.kernels.traversability import PAPER_TERMS, fill_terms, fill_weights
 from nnpp_edge.runtime.tuning import MOST_SAMPLED
 
 
@@ -160,7 +160,7 @@ def traversability_cost(
     -------
     (H, W) float32
         Cost in [0, 1); inf where the elevation is unknown, where a hard limit is passed, or where
-        all terms are full (the paper's obstacles, T = 1).
+        all three terms of the paper are full (the paper's obstacles, T = 1).
 
     Raises
     ------
@@ -255,7 +255,7 @@ def why_impassable(
         if value > most:
             unit = term.unit
             return f"{term.words} {value:.3g}{unit}, the hard limit is {most:g}{unit}"
-    names = ", ".join(term.words for term in TERMS)
+    names = ", ".join(term.words for term in TERMS[:PAPER_TERMS])
     return f"{names} are all at their limits" if told else "its elevation is unknown"
 
 

@@ -190,8 +190,8 @@ def test_d_star_lite_equals_dijkstra_after_every_patch_and_the_standing_path_kno
 
 def test_rough_ground_counts_in_every_exact_method_and_after_every_patch(monkeypatch):
     def rough(model, dem, sides_m):
-        _, roughness, _ = terrain_terms(dem, sides_m[0], cell_width_m=sides_m[1])
-        return 1.0 + 9.0 * roughness
+        terms = terrain_terms(dem, sides_m[0], cell_width_m=sides_m[1])
+        return 1.0 + 9.0 * terms[1]
 
     monkeypatch.setattr(ToblerCost, "ground", rough)
     monkeypatch.setattr(sys.modules[__name__], "MODELS", ("tobler",))

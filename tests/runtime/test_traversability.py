@@ -93,13 +93,13 @@ def test_heights_in_float64_keep_their_millimetres_and_large_maps_are_computed_i
 def test_by_hand_a_plane_costs_its_slope_a_spike_steps_and_unknown_cells_are_impassable():
     row, _ = np.mgrid[:6, :7]
     plane = (row * 2.0 * math.tan(math.radians(12)) + 900).astype(np.float32)
-    slope, roughness, step = terrain_terms(plane, 2.0)
+    slope, roughness, step, *_ = terrain_terms(plane, 2.0)
     np.testing.assert_allclose(np.degrees(slope), 12, atol=1e-3)
     assert max(roughness.max(), step.max()) < 1e-4
     np.testing.assert_allclose(traversability_cost(plane, 2.0), 0.6 * 12 / 30, atol=1e-4)
     dem = np.zeros((5, 5), np.float32)
     dem[2, 2] = 0.09
-    _, roughness, step = terrain_terms(dem, 1.0)
+    _, roughness, step, *_ = terrain_terms(dem, 1.0)
     assert step[2, 2] == pytest.approx(0.08, rel=1e-5)
     assert roughness[2, 2] == pytest.approx(math.sqrt((0.08**2 + 8 * 0.01**2) / 9), rel=1e-5)
     dem[2, 2] = 0.0
