@@ -67,9 +67,10 @@ _THIRTY_SIXTH = float32(1 / 36)
 
 @inlined
 def _height(ground, row, col):
-    """Height of a cell, NaN off the map."""
+    """Height of a cell; NaN where it is unknown, and off the map."""
     inside = 0 <= row < ground.rows and 0 <= col < ground.cols
-    return ground.heights[row * ground.cols + col] if inside else _NAN
+    height = ground.heights[row * ground.cols + col] if inside else _NAN
+    return height if abs(height) < _INF else _NAN
 
 
 @inlined
@@ -80,7 +81,7 @@ def _three(ground, row, col):
 
 @helper
 def _patch_at(ground, row, col):
-    """The patch of a cell: three rows of three heights, NaN off the map."""
+    """The patch of a cell: three rows of three heights, NaN where unknown."""
     return _three(ground, row - 1, col), _three(ground, row, col), _three(ground, row + 1, col)
 
 
