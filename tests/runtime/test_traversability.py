@@ -3,6 +3,7 @@
 """
 
 import copy
+import dataclasses
 import math
 import pickle
 import random
@@ -14,9 +15,12 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from nnpp_edge.runtime import DynamicPlanner, Ground, Planner
+from nnpp_edge.runtime.kernels.records import Terms
+from nnpp_edge.runtime.kernels.traversability import RULE_SLOTS
 from nnpp_edge.runtime.loop.messages import Goal, Pose
 from nnpp_edge.runtime.loop.navigator import Navigator
 from nnpp_edge.runtime.terrain.traversability import (
+    TERMS,
     SaturationWarning,
     Traversability,
     terrain_terms,
@@ -108,6 +112,13 @@ def test_by_hand_a_plane_costs_its_slope_a_spike_steps_and_unknown_cells_are_imp
     assert np.argwhere(np.isinf(traversability_cost(dem, 1.0))).tolist() == [[0, 0], [4, 4]]
     ragged = np.where(np.indices((6, 6)).sum(axis=0) % 3 == 0, 50.0, 0.0).astype(np.float32)
     assert np.isinf(traversability_cost(ragged, 1.0, warn=False)).any()
+
+
+def test_every_term_has_its_place_in_the_kernels_and_its_limits():
+    names = [name for term in TERMS for name in (term.limit, term.weight, term.hard)]
+    fields = {field.name for field in dataclasses.fields(Traversability)}
+    assert len(TERMS) == len(Terms._fields) and len(Traversability().rule(1.0, 1.0)) == RULE_SLOTS
+    assert fields == {*names, "hard_gradient_deg"} and len(names) == len(set(names))
 
 
 def test_more_than_half_saturated_is_said_by_term():
