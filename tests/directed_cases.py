@@ -66,13 +66,12 @@ def dijkstra(case, model, start, dem=None):
     """
     dem = case.dem if dem is None else dem
     heights = np.where(np.isfinite(dem), dem, 0.0).astype(np.float64)
+    ground = ground_of(dem, case, model).ravel()
 
     def price(step, one, other):
         rise = heights.flat[other] - heights.flat[one]
-        return (
-            model.cost(math.hypot(step[0] * case.sides[0], step[1] * case.sides[1]), rise)
-            - model.height_price * rise
-        )
+        cost = model.cost(math.hypot(step[0] * case.sides[0], step[1] * case.sides[1]), rise)
+        return cost * (ground[one] + ground[other]) / 2 - model.height_price * rise
 
     found = oracles.costs_from(
         oracles.steps(case.passable, price, case.corner_cutting), dem.shape, start
@@ -80,16 +79,24 @@ def dijkstra(case, model, start, dem=None):
     return found + model.height_price * (heights - heights[start])
 
 
+def ground_of(dem, case, model):
+    """(H, W) how many times as dear a metre is on each cell."""
+    ground = model.ground(dem, case.sides)
+    return ground.astype(np.float64) if ground.size else np.ones(dem.shape)
+
+
 def path_cost(path, case, model):
     """Sum of what the steps of a path cost by the model itself; they go to neighbours, and may be
     made.
     """
     total = 0.0
+    ground = ground_of(case.dem, case, model)
     for (r, c), (i, j) in zip(path[:-1].tolist(), path[1:].tolist(), strict=True):
         assert max(abs(i - r), abs(j - c)) == 1 and case.passable[r, c] and case.passable[i, j]
         assert case.corner_cutting or (case.passable[r, j] and case.passable[i, c])
         length = math.hypot((i - r) * case.sides[0], (j - c) * case.sides[1])
-        total += float(model.cost(length, float(case.dem[i, j]) - float(case.dem[r, c])))
+        cost = float(model.cost(length, float(case.dem[i, j]) - float(case.dem[r, c])))
+        total += cost * (ground[r, c] + ground[i, j]) / 2
     return total
 
 

@@ -7,6 +7,8 @@ from pathlib import Path
 
 import pytest
 
+from nnpp_edge.runtime import options
+
 ROOT = Path(__file__).parent.parent
 PYPROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text())
 MAKEFILE = (ROOT / "Makefile").read_text()

@@ -26,8 +26,8 @@ from nnpp_edge.runtime.robots.body.poses import Poses
 from nnpp_edge.runtime.robots.body.refusal import why_blocked
 from nnpp_edge.runtime.terrain.traversability import (
     Traversability,
-    terms_at,
     traversability_cost,
+    why_impassable,
 )
 from nnpp_edge.terrain import dem as dems
 from nnpp_edge.terrain.coordinates import lonlat_corners
@@ -41,13 +41,6 @@ _KERBS = (1000, 8, 2, 1)
 """Directions of kerbs that are tried: columns that one goes on by in a row."""
 _RISES = 1.01 ** np.arange(1000.0)
 """Heights of kerbs that are tried, over the step limit."""
-_TERMS = {
-    "slope_deg": ("slope", "°"),
-    "roughness_m": ("roughness", " m"),
-    "step_m": ("elevation difference", " m"),
-    "gradient_deg": ("a step to a neighbouring cell", "°"),
-}
-"""Words and unit of what the hard limits are on."""
 _LOOKED_AROUND = 64
 """Rows above and below an end that are tried for a place where the vehicle stands."""
 
@@ -250,7 +243,8 @@ def _blocked(status: Status, cell: Cell, near: Near) -> str:
         if len(stands):
             where = f"the nearest cell where it can stand is {_nearest(stands, cell)}"
         return f"{end}: {why_blocked(near.poses, cell)}; {where}"
-    reason = _why_blocked(at, near)
+    sides = (near.place.cell_size_m, near.place.cell_width_m)
+    reason = why_impassable(near.elevation, at, sides, near.limits)
     passable = np.argwhere(near.cost < 1.0)
     if not len(passable):
         return f"{end}: {reason}; so is all around it"
@@ -259,15 +253,3 @@ def _blocked(status: Status, cell: Cell, near: Near) -> str:
 
 def _nearest(cells: NDArray[np.integer], cell: Cell) -> tuple[int, ...]:
     return tuple(cells[((cells - cell) ** 2).sum(axis=1).argmin()].tolist())
-
-
-def _why_blocked(cell: Cell, near: Near) -> str:
-    terms = terms_at(near.elevation, cell, (near.place.cell_size_m, near.place.cell_width_m))
-    if math.isnan(terms.slope_deg):
-        return "its elevation is unknown"
-    for name, value in terms._asdict().items():
-        limit = getattr(near.limits, f"hard_{name}")
-        if value > limit:
-            words, unit = _TERMS[name]
-            return f"{words} {value:.3g}{unit}, the hard limit is {limit:g}{unit}"
-    return "slope, roughness and elevation difference are all at their limits"

@@ -25,7 +25,7 @@ from nnpp_edge.runtime.options import METHODS, STEP_COSTS
 from nnpp_edge.runtime.planners.plan import Method, Plan
 from nnpp_edge.runtime.reading import refused_as
 from nnpp_edge.runtime.robots.slope.cost import unit_of
-from nnpp_edge.runtime.terrain.traversability import terms_at, terrain_terms
+from nnpp_edge.runtime.terrain.traversability import terms_in_words, terrain_terms
 from nnpp_edge.terrain.coordinates import lonlat_at
 from nnpp_edge.terrain.dem import Dem
 from nnpp_edge.terrain.route import Route, places_of
@@ -42,10 +42,6 @@ _STEEPEST_DEG = 40.0
 """Slope from which on its layer grows no stronger."""
 _BLOCKED = 0.25
 """Share of a pixel's cells from which on it is impassable."""
-_GROUND = (
-    "height {:.2f} m, slope {:.1f}°, roughness {:.2g} m, step {:.2g} m, steepest single step "
-    "{:.1f}°"
-)
 _MOST_LANDSCAPES = 2
 """That are kept; each holds a planner's memory."""
 Answer = dict[str, object]
@@ -239,10 +235,8 @@ def place_in_words(dem: Dem, cell: Cell) -> list[str]:
 
 def ground_in_words(dem: Dem, cell: Cell) -> str:
     """Height of a cell, and the terms of its cost."""
-    terms = terms_at(dem.elevation, cell, (dem.cell_size_m, dem.cell_width_m))
-    if math.isnan(terms.slope_deg):
-        return "its height is unknown"
-    return _GROUND.format(dem.elevation[cell], *terms)
+    terms = terms_in_words(dem.elevation, cell, (dem.cell_size_m, dem.cell_width_m))
+    return f"height {dem.elevation[cell]:.2f} m, {terms}" if terms else "its height is unknown"
 
 
 def reach(field: Float2D, pixels: int) -> tuple[Answer, Layer]:

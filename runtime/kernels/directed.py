@@ -41,6 +41,14 @@ def _price_rises(prices, length, rises, segments, costs):
 
 
 @helper
+def _on_ground(price, rises, here, there, costs):
+    """Costs of steps by the ground at both ends; what their rise is worth stays the same."""
+    for n in range(len(rises)):
+        worth = price * rises[n]
+        costs[n] = 0.5 * (here[n] + there[n]) * (costs[n] + worth) - worth
+
+
+@helper
 def _put_steps(row, first, k, weights, stride, ways, rises, costs, least, out):
     """Write the steps in direction k from cells of a row, from column `first` on, that may be
     made, none of which costs less than `least`.
@@ -60,13 +68,15 @@ def _put_steps(row, first, k, weights, stride, ways, rises, costs, least, out):
 
 
 @kernel
-def price_steps(heights, weights, prices, ways, area, steps):
+def price_steps(heights, ground, weights, prices, ways, area, steps):
     """Compute the steps that leave the cells of a rectangle.
 
     Parameters
     ----------
     heights : (H, W) float32
         Metres; not finite where unknown.
+    ground : (H, W) float32
+        How many times as dear a metre is on each cell; (0, 0) where that does not count.
     weights : (nodes,) float32
         Of the grid; inf where it is impassable.
     prices, ways, area
@@ -106,6 +116,10 @@ def price_steps(heights, weights, prices, ways, area, steps):
             length = ways.lengths[k]
             least = prices.least_per_m * length
             _price_rises(prices, length, rises[:n], segments, costs[:n])
+            if len(ground):
+                here = ground[row, first:last]
+                beyond = ground[there, first + right : last + right]
+                _on_ground(prices.height_price, rises[:n], here, beyond, costs[:n])
             out = line[k, first - area.col0 :]
             _put_steps(row, first, k, weights, cols + 2, ways, rises[:n], costs, least, out)
         for bits in line.view(int32).reshape(-1):  # ordered as the numbers, none of them below 0

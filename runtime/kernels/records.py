@@ -134,7 +134,7 @@ class Level(NamedTuple):
 
 
 class Terms(NamedTuple):
-    """The three terms of Eq. 1 (`terrain.traversability`), or a factor of each."""
+    """The terms of Eq. 1 (`terrain.traversability.TERMS`), or a factor of each."""
 
     slope: float
     """rad"""
@@ -463,6 +463,8 @@ class SlopePrices(NamedTuple):
     """(N,) of each segment of slopes: cost a metre, and cost a metre of rise."""
     least_per_m: float
     """The cheapest metre."""
+    height_price: float
+    """Worth of a metre of rise."""
 
 
 class Ways(NamedTuple):

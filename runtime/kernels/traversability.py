@@ -19,21 +19,20 @@ from nnpp_edge.runtime.kernels.by_address import borrowed
 from nnpp_edge.runtime.kernels.lanes import chosen
 from nnpp_edge.runtime.kernels.records import Area, CostFactors, Heights, Spans, Terms
 
-RULE_SLOTS = 13
-# slots of the array of floats that says how heights become costs
+TERMS = len(Terms._fields)
+PAPER_TERMS = 3
+"""The first of them are the paper's: where all of these are full there is an obstacle."""
 DY = 0
 DX = 1
-SLOPE_LIMIT = 2
-ROUGHNESS_LIMIT = 3
-STEP_LIMIT = 4
-SLOPE_WEIGHT = 5
-ROUGHNESS_WEIGHT = 6
-STEP_WEIGHT = 7
-HARD_SLOPE = 8
-HARD_ROUGHNESS = 9
-HARD_STEP = 10
-SCALE = 11
-HARD_GRADIENT = 12
+SCALE = 2
+HARD_GRADIENT = 3
+INVERSE_LIMITS = 4
+WEIGHTS = INVERSE_LIMITS + TERMS
+HARD_LIMITS = WEIGHTS + TERMS
+RULE_SLOTS = HARD_LIMITS + TERMS
+"""Slots of the array of floats that says how heights become costs: sides of a cell, weight of a
+cost of 1, greatest rise of a step, and then three runs with a number for each of `Terms`.
+"""
 
 _ONE = float32(1.0)
 _ZERO = float32(0.0)
@@ -67,20 +66,40 @@ _THIRTY_SIXTH = float32(1 / 36)
 
 
 @inlined
-def _sums(ground, row, col, dy, dx):
-    """Number of the known cells of a cell's patch, and sums over their places x and y, in metres
-    from it, and heights z above it: of each, and of their products.
+def _height(ground, row, col):
+    """Height of a cell; NaN where it is unknown, and off the map."""
+    inside = 0 <= row < ground.rows and 0 <= col < ground.cols
+    height = ground.heights[row * ground.cols + col] if inside else _NAN
+    return height if abs(height) < _INF else _NAN
+
+
+@inlined
+def _three(ground, row, col):
+    """Heights of a cell and of its neighbours in its row."""
+    return _height(ground, row, col - 1), _height(ground, row, col), _height(ground, row, col + 1)
+
+
+@helper
+def _patch_at(ground, row, col):
+    """The patch of a cell: three rows of three heights, NaN where unknown."""
+    return _three(ground, row - 1, col), _three(ground, row, col), _three(ground, row + 1, col)
+
+
+@inlined
+def _sums(patch, dy, dx):
+    """Number of the known cells of a patch, and sums over their places x and y, in metres from its
+    middle, and heights z above it: of each, and of their products.
     """
-    here = float64(ground.heights[row * ground.cols + col])
+    here = float64(patch[1][1])
     n = 0.0
     sx = sy = sz = sxx = sxy = syy = sxz = syz = szz = 0.0
-    for i in range(max(row - 1, 0), min(row + 2, ground.rows)):
-        for j in range(max(col - 1, 0), min(col + 2, ground.cols)):
-            z = float64(ground.heights[i * ground.cols + j]) - here
+    for i in range(3):
+        for j in range(3):
+            z = float64(patch[i][j]) - here
             if not math.isfinite(z):
                 continue
-            x = (j - col) * dx
-            y = (i - row) * dy
+            x = (j - 1) * dx
+            y = (i - 1) * dy
             n += 1.0
             sx += x
             sy += y
@@ -95,9 +114,9 @@ def _sums(ground, row, col, dy, dx):
 
 
 @helper
-def _moments_plane(ground, row, col, dy, dx):
-    """Terms of one known cell, from the known cells of its patch."""
-    n, sx, sy, sz, sxx, sxy, syy, sxz, syz, szz = _sums(ground, row, col, dy, dx)
+def _moments_plane(patch, dy, dx):
+    """Terms of a known cell, from the known cells of its patch."""
+    n, sx, sy, sz, sxx, sxy, syy, sxz, syz, szz = _sums(patch, dy, dx)
     # moments about the patch's mean point
     sxx -= sx * sx / n
     sxy -= sx * sy / n
@@ -225,19 +244,19 @@ def _side_plane(side, beside, over):
 
 
 @helper
+def _of_rule(rule, first):
+    """A run of a rule's slots, from `first` on."""
+    return Terms(float32(rule[first]), float32(rule[first + 1]), float32(rule[first + 2]))
+
+
+@helper
 def _factors(rule):
     """`CostFactors` of a rule."""
     dy = rule[DY]
     dx = rule[DX]
-    inverse = Terms(
-        float32(1.0 / rule[SLOPE_LIMIT]),
-        float32(1.0 / rule[ROUGHNESS_LIMIT]),
-        float32(1.0 / rule[STEP_LIMIT]),
-    )
-    weights = Terms(
-        float32(rule[SLOPE_WEIGHT]), float32(rule[ROUGHNESS_WEIGHT]), float32(rule[STEP_WEIGHT])
-    )
-    hard = Terms(float32(rule[HARD_SLOPE]), float32(rule[HARD_ROUGHNESS]), float32(rule[HARD_STEP]))
+    inverse = _of_rule(rule, INVERSE_LIMITS)
+    weights = _of_rule(rule, WEIGHTS)
+    hard = _of_rule(rule, HARD_LIMITS)
     whole = Spans(float32(1.0 / (6.0 * dx)), float32(1.0 / (6.0 * dy)))
     by_row = Spans(float32(0.25 / dx), float32(1.0 / (3.0 * dy)))
     by_col = Spans(float32(0.25 / dy), float32(1.0 / (3.0 * dx)))
@@ -247,18 +266,18 @@ def _factors(rule):
 @helper
 def _of_terms(terms, factors):
     """Weight of a cell by Eq. 1, inf where impassable; NaN where a term is not finite."""
-    inverse = factors.inverse
-    weights = factors.weights
-    hard = factors.hard
-    s = min(terms.slope * inverse.slope, _ONE)
-    r = min(terms.roughness * inverse.roughness, _ONE)
-    f = min(terms.step * inverse.step, _ONE)
-    t = min(weights.slope * s + weights.roughness * r + weights.step * f, _MOST)
-    beyond = (terms.slope > hard.slope) | (terms.roughness > hard.roughness)
-    beyond |= terms.step > hard.step
-    beyond |= (s >= _ONE) & (r >= _ONE) & (f >= _ONE)
-    weight = _INF if beyond else t * factors.scale
-    total = terms.slope + terms.roughness + terms.step
+    t = total = _ZERO
+    beyond = False
+    full = True
+    for n in range(TERMS):
+        term = float32(terms[n])
+        share = min(term * factors.inverse[n], _ONE)
+        t += factors.weights[n] * share
+        total += term
+        beyond |= term > factors.hard[n]
+        full &= share >= _ONE or n >= PAPER_TERMS
+    t = min(t, _MOST)
+    weight = _INF if beyond | full else t * factors.scale
     return weight if total - total == _ZERO else _NAN
 
 
@@ -296,24 +315,21 @@ def _fill_row(heights, first, cols, n, factors, out):
 
 
 @helper
-def _weight(ground, row, col, rule, factors):
-    """Weight of one cell, from whatever is known around it."""
-    if not math.isfinite(ground.heights[row * ground.cols + col]):
+def _weight(patch, rule, factors):
+    """Weight of the middle of a patch, from whatever is known of that."""
+    if not math.isfinite(patch[1][1]):
         return _INF
-    terms = _moments_plane(ground, row, col, rule[DY], rule[DX])
-    terms = Terms(float32(terms.slope), float32(terms.roughness), float32(terms.step))
-    weight = _of_terms(terms, factors)
+    weight = _of_terms(_moments_plane(patch, rule[DY], rule[DX]), factors)
     return _INF if math.isnan(weight) else weight
 
 
 @helper
-def _steps_steeply(ground, row, col, rule):
-    """Whether a step from a cell's middle to that of a known neighbour is too steep."""
-    here = ground.heights[row * ground.cols + col]
-    for i in range(max(row - 1, 0), min(row + 2, ground.rows)):
-        for j in range(max(col - 1, 0), min(col + 2, ground.cols)):
-            apart = math.hypot((i - row) * rule[DY], (j - col) * rule[DX])
-            rise = abs(ground.heights[i * ground.cols + j] - here)
+def _steps_steeply(patch, rule):
+    """Whether a step from a patch's middle to that of a known neighbour is too steep."""
+    for i in range(3):
+        for j in range(3):
+            apart = math.hypot((i - 1) * rule[DY], (j - 1) * rule[DX])
+            rise = abs(patch[i][j] - patch[1][1])
             if rise > float32(rule[HARD_GRADIENT] * apart) and rise < _INF:
                 return True
     return False
@@ -325,7 +341,7 @@ def _border_weight(ground, row, col, rule, factors):
     heights = ground.heights
     rows = ground.rows
     cols = ground.cols
-    if rule[HARD_GRADIENT] < inf and _steps_steeply(ground, row, col, rule):
+    if rule[HARD_GRADIENT] < inf and _steps_steeply(_patch_at(ground, row, col), rule):
         return _INF
     at = row * cols + col
     if 0 < col < cols - 1 and rows > 1:
@@ -337,12 +353,12 @@ def _border_weight(ground, row, col, rule, factors):
         across = 1 if col == 0 else -1
         over = factors.by_col
     else:
-        return _weight(ground, row, col, rule, factors)
+        return _weight(_patch_at(ground, row, col), rule, factors)
     side = (heights[at - along], heights[at], heights[at + along])
     other = at + across
     beside = (heights[other - along], heights[other], heights[other + along])
     weight = _of_terms(_side_plane(side, beside, over), factors)
-    return _weight(ground, row, col, rule, factors) if math.isnan(weight) else weight
+    return _weight(_patch_at(ground, row, col), rule, factors) if math.isnan(weight) else weight
 
 
 @helper
@@ -382,8 +398,7 @@ def fill_weights(heights, rows, cols, rule, area, out, first, stride):
     heights, rows, cols
         `Heights`.
     rule : (RULE_SLOTS,) float64
-        Sides of a cell, limits (the slope's in radians), weights, hard limits, the weight of a
-        cost of 1, and the greatest rise of a step, metres a metre.
+        `Traversability.rule`.
     area
         `Area`.
     out : (…,) float32
@@ -412,7 +427,7 @@ def fill_weights(heights, rows, cols, rule, area, out, first, stride):
         if _fill_row(heights, row * cols + begin, cols, end - begin, factors, line):
             for col in range(inner0, inner1):
                 if math.isnan(out[at + col]):
-                    out[at + col] = _weight(ground, row, col, rule, factors)
+                    out[at + col] = _weight(_patch_at(ground, row, col), rule, factors)
         if rule[HARD_GRADIENT] < inf:
             line = out[at + inner0 : at + inner1]
             n = inner1 - inner0
@@ -424,38 +439,20 @@ def fill_weights(heights, rows, cols, rule, area, out, first, stride):
 
 
 @kernel
-def count_saturated(heights, rows, cols, rule, apart):
-    """Count, in a sample of the cells, the known ones and those at the limit of each of the terms.
+def fill_terms(heights, rows, cols, dy, dx, apart, out):
+    """`Terms` of cells into `out` (N, h, w) float64, NaN where unknown; of each, or of a sample.
 
     `apart` are the rows and the columns from one cell of the sample to the next.
     """
     ground = Heights(heights, rows, cols)
     rows_apart, cols_apart = apart
-    known = 0
-    by_slope = 0
-    by_roughness = 0
-    by_step = 0
-    for row in range(rows_apart // 2, rows, rows_apart):
-        for col in range(cols_apart // 2, cols, cols_apart):
-            if math.isfinite(heights[row * cols + col]):
-                terms = _moments_plane(ground, row, col, rule[DY], rule[DX])
-                known += 1
-                by_slope += terms.slope >= rule[SLOPE_LIMIT]
-                by_roughness += terms.roughness >= rule[ROUGHNESS_LIMIT]
-                by_step += terms.step >= rule[STEP_LIMIT]
-    return known, by_slope, by_roughness, by_step
-
-
-@kernel
-def fill_terms(heights, rows, cols, dy, dx, out):
-    """Slope, roughness and elevation difference of each cell into `out`; NaN where unknown."""
-    ground = Heights(heights, rows, cols)
-    for row in range(rows):
-        for col in range(cols):
-            if math.isfinite(heights[row * cols + col]):
-                terms = _moments_plane(ground, row, col, dy, dx)
-                out[0, row, col] = terms.slope
-                out[1, row, col] = terms.roughness
-                out[2, row, col] = terms.step
-            else:
-                out[:, row, col] = nan
+    for i in range(out.shape[1]):
+        for j in range(out.shape[2]):
+            row = rows_apart // 2 + i * rows_apart
+            patch = _patch_at(ground, row, cols_apart // 2 + j * cols_apart)
+            if not math.isfinite(patch[1][1]):
+                out[:, i, j] = nan
+                continue
+            terms = _moments_plane(patch, dy, dx)
+            for n in range(TERMS):
+                out[n, i, j] = terms[n]

@@ -207,10 +207,12 @@ def _within(body: "Vehicle", limits: "Traversability") -> "Vehicle":
 
     InvalidMapError for hard limits that mean nothing to a body.
     """
-    for name in ("hard_roughness_m", "hard_step_m"):
-        if getattr(limits, name) < math.inf:
+    from nnpp_edge.runtime.terrain.traversability import TERMS
+
+    for term in TERMS[1:]:  # the slope's is one of a body's tilt
+        if getattr(limits, term.hard) < math.inf:
             raise InvalidMapError(
-                f"{name} is a limit of cells: wanted the body's own max_step_m and clearance_m"
+                f"{term.hard} is a limit of cells: wanted the body's own max_step_m and clearance_m"
             )
     steepest = min(limits.hard_slope_deg, limits.hard_gradient_deg)
     if steepest >= body.max_tilt_deg:

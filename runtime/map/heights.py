@@ -78,7 +78,7 @@ class HeightState(MapState):
 
             known = self.known_heights((0, 0, *self.shape))
             shut = None if self.told is None else self.told >= 1.0
-            terms = self._limits.weights
+            terms = self._limits.body_weights
             scale = self._model.scale
             poses = Poses(known, self._sides, self.vehicle, terms, scale, shut, self._blocks)
             self.grid.drive_by(body_robot(poses))

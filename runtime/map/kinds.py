@@ -80,8 +80,9 @@ def map_state(
     if warn and heights is not None and ground.factor == 1:
         from nnpp_edge.runtime.terrain.traversability import relative_heights, warn_of_saturation
 
-        rule = ground.limits.rule(*ground.sides_m)
-        warn_of_saturation(relative_heights(heights)[0], rule, stacklevel=1 + users_line())
+        relative, _ = relative_heights(heights)
+        level = 1 + users_line()
+        warn_of_saturation(relative, ground.limits, ground.sides_m, stacklevel=level)
     # each kind of map is loaded where there is one
     if vehicle is not None and vehicle.is_disc:
         from nnpp_edge.runtime.map.disc import DiscState

@@ -19,15 +19,33 @@ from nnpp_edge.runtime.arrays import Float2D, as_map, unmasked
 from nnpp_edge.runtime.bands import in_bands
 from nnpp_edge.runtime.cells import Cell
 from nnpp_edge.runtime.errors import InvalidMapError
-from nnpp_edge.runtime.kernels.traversability import count_saturated, fill_terms, fill_weights
+from nnpp_edge.runtime.kernels.traversability import PAPER_TERMS, fill_terms, fill_weights
 from nnpp_edge.runtime.tuning import MOST_SAMPLED
 
-TERMS = {
-    "slope": "slope_limit_deg",
-    "roughness": "roughness_limit_m",
-    "elevation difference": "step_limit_m",
-}
-"""The terms of Eq. 1, and the limit of each."""
+
+class Term(NamedTuple):
+    """A term of Eq. 1, and the attributes of `Traversability` that limit and weigh it."""
+
+    words: str
+    unit: str
+    """Of the limits; of degrees kernels take radians."""
+    limit: str
+    weight: str
+    hard: str
+
+    def told(self, value: float) -> float:
+        """A value of the kernels in the unit of the limits."""
+        return math.degrees(value) if self.unit == "°" else value
+
+
+TERMS = (
+    Term("slope", "°", "slope_limit_deg", "slope_weight", "hard_slope_deg"),
+    Term("roughness", " m", "roughness_limit_m", "roughness_weight", "hard_roughness_m"),
+    Term("elevation difference", " m", "step_limit_m", "step_weight", "hard_step_m"),
+)
+"""The terms of Eq. 1, in the order of `kernels.records.Terms`."""
+_SINGLE_STEP = Term("steepest single step", "°", "", "", "hard_gradient_deg")
+"""What else a cell is limited by."""
 
 
 @checked(InvalidMapError)
@@ -89,37 +107,35 @@ class Traversability:
             raise InvalidMapError(
                 f"slope limit must lie in (0, 90) degrees, got {self.slope_limit_deg}"
             )
-        for name in (
-            "roughness_limit_m",
-            "step_limit_m",
-            "hard_slope_deg",
-            "hard_roughness_m",
-            "hard_step_m",
-            "hard_gradient_deg",
-        ):
-            if not getattr(self, name) > 0.0:
-                raise InvalidMapError(f"{name} must be greater than 0, got {getattr(self, name)}")
-        weights = self.weights
+        for name, value in vars(self).items():
+            if not (value > 0.0 or name.endswith("_weight")):
+                raise InvalidMapError(f"{name} must be greater than 0, got {value}")
+        weights = self.of_terms("weight").tolist()
         if not (min(weights) >= 0.0 and math.isclose(sum(weights), 1.0, abs_tol=1e-6)):
-            raise InvalidMapError(
-                f"the three weights must be at least 0 and sum to 1, got {weights}"
-            )
+            raise InvalidMapError(f"the weights must be at least 0 and sum to 1, got {weights}")
+
+    def of_terms(self, kind: str) -> NDArray[np.float64]:
+        """(N,) the ``limit``, ``weight`` or ``hard`` limit of each of `TERMS`, in the kernels'
+        units.
+        """
+        names = [getattr(term, kind) for term in TERMS]
+        degrees = [name.endswith("_deg") for name in names]
+        values = np.array([getattr(self, name) for name in names], np.float64)
+        return np.where(degrees, np.radians(values), values)
 
     @property
-    def weights(self) -> tuple[float, float, float]:
-        """Of slope, roughness and elevation difference; of a body of tilt, rise and step."""
+    def body_weights(self) -> tuple[float, float, float]:
+        """Of a body's tilt, of the rise of the ground under its belly, and of its step."""
         return self.slope_weight, self.roughness_weight, self.step_weight
 
     def rule(self, dy: float, dx: float, scale: float = 1.0) -> NDArray[np.float64]:
-        """As `fill_weights` takes it: (RULE_SLOTS,) sides of a cell in metres, limits, weights, and
-        the scale.
+        """As `fill_weights` takes it: (RULE_SLOTS,), for cells with these sides in metres, and the
+        weight of a cost of 1.
         """
-        limits = math.radians(self.slope_limit_deg), self.roughness_limit_m, self.step_limit_m
-        weights = self.weights
-        hard = math.radians(self.hard_slope_deg), self.hard_roughness_m, self.hard_step_m
         steepest = self.hard_gradient_deg
         gradient = math.tan(math.radians(steepest)) if steepest < 90.0 else math.inf
-        return np.array((dy, dx, *limits, *weights, *hard, scale, gradient))
+        kinds = 1.0 / self.of_terms("limit"), self.of_terms("weight"), self.of_terms("hard")
+        return np.concatenate([(dy, dx, scale, gradient), *kinds])
 
 
 class SaturationWarning(UserWarning):
@@ -154,7 +170,7 @@ def traversability_cost(
     -------
     (H, W) float32
         Cost in [0, 1); inf where the elevation is unknown, where a hard limit is passed, or where
-        all three terms are full (the paper's obstacles, T = 1).
+        all three terms of the paper are full (the paper's obstacles, T = 1).
 
     Raises
     ------
@@ -167,7 +183,9 @@ def traversability_cost(
     the gradient along it.
     """
     heights, _ = relative_heights(dem)
-    rule = (traversability or Traversability()).rule(*sides_of(cell_size_m, cell_width_m))
+    limits = traversability or Traversability()
+    sides = sides_of(cell_size_m, cell_width_m)
+    rule = limits.rule(*sides)
     (rows, cols), known, cost = (
         heights.shape,
         heights.reshape(-1),
@@ -180,45 +198,75 @@ def traversability_cost(
         cols,
     )
     if warn:
-        warn_of_saturation(heights, rule)
+        warn_of_saturation(heights, limits, sides)
     return cost.reshape(heights.shape)
 
 
 def terrain_terms(
     dem: Float2D, cell_size_m: float, *, cell_width_m: float | None = None
 ) -> Float2D:
-    """Slope (rad), roughness (m) and elevation difference (m) of each cell: (3, H, W) float32, NaN
-    if unknown.
+    """Each term of each cell, in the order of `TERMS`, such as slope (rad), roughness (m) and
+    elevation difference (m): (N, H, W) float32, NaN if unknown.
     """
     heights, _ = relative_heights(dem)
-    out = np.empty((3, *heights.shape), np.float32)
-    fill_terms(heights.reshape(-1), *heights.shape, *sides_of(cell_size_m, cell_width_m), out)
+    return _terms(heights, sides_of(cell_size_m, cell_width_m)).astype(np.float32)
+
+
+def _terms(
+    heights: Float2D, sides_m: tuple[float, float], apart: tuple[int, int] = (1, 1)
+) -> NDArray[np.float64]:
+    """(N, h, w) terms of cells that lie so many rows and columns apart."""
+    shape = [
+        len(range(step // 2, side, step)) for side, step in zip(heights.shape, apart, strict=True)
+    ]
+    out = np.empty((len(TERMS), *shape))
+    fill_terms(heights.reshape(-1), *heights.shape, *sides_m, apart, out)
     return out
 
 
-class CellTerms(NamedTuple):
-    """What the hard limits are on, at one cell; the first three NaN where its height is unknown."""
-
-    slope_deg: float
-    roughness_m: float
-    step_m: float
-    """The elevation difference."""
-    gradient_deg: float
-    """The steepest slope from the cell's middle to a known neighbour's; 0 without any."""
-
-
-def terms_at(dem: Float2D, cell: Cell, sides_m: tuple[float, float]) -> CellTerms:
-    """The terms at a cell of a map."""
+def _told_at(dem: Float2D, cell: Cell, sides_m: tuple[float, float]) -> list[tuple[Term, float]]:
+    """Terms of a cell and its steepest step to a known neighbour, in the units of their limits;
+    nothing of an unknown one.
+    """
     top = max(cell[0] - 1, 0)
     left = max(cell[1] - 1, 0)
+    row = cell[0] - top
+    col = cell[1] - left
     around = dem[top : cell[0] + 2, left : cell[1] + 2]
+    rises = np.abs(around.astype(np.float64) - around[row, col])
+    known = np.isfinite(rises)
+    if not known.any():
+        return []
+    terms = terrain_terms(around, sides_m[0], cell_width_m=sides_m[1])[:, row, col].tolist()
     rows, cols = np.indices(around.shape)
-    apart = np.hypot((rows + top - cell[0]) * sides_m[0], (cols + left - cell[1]) * sides_m[1])
-    rises = np.abs(np.asarray(around, np.float64) - dem[cell])
-    gradient = np.arctan2(rises, apart)[np.isfinite(rises)].max(initial=0.0)
-    terms = terrain_terms(around, sides_m[0], cell_width_m=sides_m[1])
-    slope, roughness, step = terms[:, cell[0] - top, cell[1] - left].tolist()
-    return CellTerms(math.degrees(slope), roughness, step, math.degrees(gradient))
+    apart = np.hypot((rows - row) * sides_m[0], (cols - col) * sides_m[1])
+    terms.append(np.arctan2(rises, apart)[known].max())
+    return [
+        (term, term.told(value)) for term, value in zip((*TERMS, _SINGLE_STEP), terms, strict=True)
+    ]
+
+
+def terms_in_words(dem: Float2D, cell: Cell, sides_m: tuple[float, float]) -> str:
+    """Terms of a cell, and its steepest step; empty for an unknown one."""
+    words = []
+    for term, value in _told_at(dem, cell, sides_m):
+        digits = ".1f" if term.unit == "°" else ".2g"
+        words.append(f"{term.words} {value:{digits}}{term.unit}")
+    return ", ".join(words)
+
+
+def why_impassable(
+    dem: Float2D, cell: Cell, sides_m: tuple[float, float], limits: Traversability
+) -> str:
+    """Why a cell is impassable, which it is: the limit that it passes."""
+    told = _told_at(dem, cell, sides_m)
+    for term, value in told:
+        most = getattr(limits, term.hard)
+        if value > most:
+            unit = term.unit
+            return f"{term.words} {value:.3g}{unit}, the hard limit is {most:g}{unit}"
+    names = ", ".join(term.words for term in TERMS[:PAPER_TERMS])
+    return f"{names} are all at their limits" if told else "its elevation is unknown"
 
 
 def sides_of(cell_size_m: float, cell_width_m: float | None) -> tuple[float, float]:
@@ -252,22 +300,29 @@ def relative_heights(dem: ArrayLike, base: float | None = None) -> tuple[Float2D
     return as_map(exact - base, "dem"), base
 
 
-def warn_of_saturation(heights: Float2D, rule: NDArray[np.float64], stacklevel: int = 4) -> None:
+def warn_of_saturation(
+    heights: Float2D,
+    limits: Traversability,
+    sides_m: tuple[float, float],
+    stacklevel: int = 4,
+) -> None:
     """`SaturationWarning` where one applies, by a sample of the cells."""
     rows, cols = heights.shape
-    steps = max(-(-rows // MOST_SAMPLED), 1), max(-(-cols // MOST_SAMPLED), 1)
-    known, *at_limit = count_saturated(heights.reshape(-1), rows, cols, rule, steps)
+    apart = max(-(-rows // MOST_SAMPLED), 1), max(-(-cols // MOST_SAMPLED), 1)
+    terms = _terms(heights, sides_m, apart)
+    known = np.count_nonzero(np.isfinite(terms[0]))
+    at_limit = (terms >= limits.of_terms("limit")[:, None, None]).sum((1, 2))
     full = [
         (term, count / known)
-        for term, count in zip(TERMS.items(), at_limit, strict=True)
+        for term, count in zip(TERMS, at_limit.tolist(), strict=True)
         if 2 * count > known
     ]
     if full:
-        shares = ", ".join(f"{100 * share:.0f} % ({name})" for (name, _), share in full)
+        shares = ", ".join(f"{100 * share:.0f} % ({term.words})" for term, share in full)
         warnings.warn(
             f"cells at the limit of a cost term, which no longer distinguishes them: {shares}: "
             "raise "
-            f"{' and '.join(limit for (_, limit), _ in full)} (--limit KEY=VALUE), or rescale to "
+            f"{' and '.join(term.limit for term, _ in full)} (--limit KEY=VALUE), or rescale to "
             "smaller cells",
             SaturationWarning,
             stacklevel=stacklevel,

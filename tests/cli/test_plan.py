@@ -162,7 +162,7 @@ def test_a_single_step_that_is_too_steep_is_named_where_the_plane_is_not(run):
     np.savez("kerb.npz", elevation_m=heights, cell_size_m=1.0)
     run("plan kerb.npz --start 10,29 --goal 10,3").refused(
         "start (10, 29) is impassable",
-        "a step to a neighbouring cell 35°, the hard limit is 30°; the nearest passable cell",
+        "steepest single step 35°, the hard limit is 30°; the nearest passable cell",
     )
 
 

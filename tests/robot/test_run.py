@@ -298,7 +298,7 @@ def test_answers_go_back_to_where_inputs_come_from(given, sinks):
 
 REFUSED = r"""
 {"input": "zenoh:b:1", "outputs": ["zenoh:a:1"]} | one endpoint, got a:1, b:1
-{"input": "replay"}               | input must be stdin, replay:FILE or zenoh\[:ENDPOINT\], got
+{"input": "replay"}               | input must be stdin, replay:FILE.* or zenoh\[:ENDPOINT\], got
 {"input": "stdin:x"}              | input must be
 {"fast": true}                    | only a replay can be fast
 {"outputs": ["stdout", "none"]}   | output none goes with no other

@@ -8,6 +8,7 @@ The same properties hold on 3,000 maps and 2,000 patches: NNPP_EDGE_MAPS=3000
 import dataclasses
 import math
 import os
+import sys
 
 import numpy as np
 import pytest
@@ -29,6 +30,7 @@ from nnpp_edge.runtime.planners.coarse_to_fine import CoarseLevel
 from nnpp_edge.runtime.robots.slope import directed
 from nnpp_edge.runtime.search.astar import astar, cost_field, costs_to_nearest
 from nnpp_edge.runtime.search.workspace import Workspace
+from nnpp_edge.runtime.terrain.traversability import terrain_terms
 from tests import oracles, pose_oracles
 from tests.directed_cases import MOBILITY, MODELS, dijkstra, hills, path_cost, tolerance
 from tests.fuzz import bodies
@@ -183,6 +185,18 @@ def test_d_star_lite_equals_dijkstra_after_every_patch_and_the_standing_path_kno
                     with pytest.raises(AssertionError):
                         path_cost(rest[standing.index :], case, model)
     assert found > MAPS // 4 and stood > MAPS // 8
+
+
+def test_rough_ground_counts_in_every_exact_method_and_after_every_patch(monkeypatch):
+    def rough(model, dem, sides_m):
+        terms = terrain_terms(dem, sides_m[0], cell_width_m=sides_m[1])
+        return 1.0 + 9.0 * terms[1]
+
+    monkeypatch.setattr(ToblerCost, "ground", rough)
+    monkeypatch.setattr(sys.modules[__name__], "MODELS", ("tobler",))
+    monkeypatch.setattr(sys.modules[__name__], "MAPS", 20)
+    test_every_exact_method_finds_dijkstras_cost_and_no_bound_is_above_it()
+    test_d_star_lite_equals_dijkstra_after_every_patch_and_the_standing_path_knows_what_it_costs()
 
 
 def test_steps_priced_on_several_cores_are_those_of_one(monkeypatch):

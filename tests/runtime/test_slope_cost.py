@@ -168,10 +168,13 @@ def test_steps_cost_what_ways_do_near_the_function_and_no_metre_is_cheaper_than_
         weights=np.zeros((len(dem) + 2) * (len(dem[0]) + 2), np.float32),
     )
     steps = SlopeRobot(dem, sides, model, grid).padded[1:-1, 1:-1]
+    rated = model.ground(dem, sides)
+    ground = rated.astype(np.float64) if rated.size else np.ones(dem.shape)
     for k, (up, left) in enumerate(zip(ROW_STEP, COL_STEP, strict=True)):
         here = dem[1:-1, 1:-1].astype(np.float64)
         there = np.roll(dem, (-up, -left), (0, 1))[1:-1, 1:-1]
         ways = model.cost(math.hypot(up * sides[0], left * sides[1]), there - here)
+        ways = ways * (ground + np.roll(ground, (-up, -left), (0, 1)))[1:-1, 1:-1] / 2.0
         assert steps[1:-1, 1:-1, k] == pytest.approx(
             ways - model.height_price * (there - here), rel=1e-6
         ), k

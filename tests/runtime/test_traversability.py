@@ -3,6 +3,7 @@
 """
 
 import copy
+import dataclasses
 import math
 import pickle
 import warnings
@@ -13,7 +14,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from nnpp_edge.runtime import DynamicPlanner, Goal, Ground, Navigator, Planner, Pose
+from nnpp_edge.runtime.kernels.records import Terms
+from nnpp_edge.runtime.kernels.traversability import RULE_SLOTS
 from nnpp_edge.runtime.terrain.traversability import (
+    TERMS,
     SaturationWarning,
     Traversability,
     terrain_terms,
@@ -90,13 +94,13 @@ def test_heights_in_float64_keep_their_millimetres_and_large_maps_are_computed_i
 def test_by_hand_a_plane_costs_its_slope_a_spike_steps_and_unknown_cells_are_impassable():
     row, _ = np.mgrid[:6, :7]
     plane = (row * 2.0 * math.tan(math.radians(12)) + 900).astype(np.float32)
-    slope, roughness, step = terrain_terms(plane, 2.0)
+    slope, roughness, step, *_ = terrain_terms(plane, 2.0)
     np.testing.assert_allclose(np.degrees(slope), 12, atol=1e-3)
     assert max(roughness.max(), step.max()) < 1e-4
     np.testing.assert_allclose(traversability_cost(plane, 2.0), 0.6 * 12 / 30, atol=1e-4)
     dem = flat(5, 5)
     dem[2, 2] = 0.09
-    _, roughness, step = terrain_terms(dem, 1.0)
+    _, roughness, step, *_ = terrain_terms(dem, 1.0)
     assert step[2, 2] == pytest.approx(0.08, rel=1e-5)
     assert roughness[2, 2] == pytest.approx(math.sqrt((0.08**2 + 8 * 0.01**2) / 9), rel=1e-5)
     dem[2, 2] = 0.0
@@ -105,6 +109,13 @@ def test_by_hand_a_plane_costs_its_slope_a_spike_steps_and_unknown_cells_are_imp
     assert np.argwhere(np.isinf(traversability_cost(dem, 1.0))).tolist() == [[0, 0], [4, 4]]
     ragged = np.where(np.indices((6, 6)).sum(axis=0) % 3 == 0, 50.0, 0.0).astype(np.float32)
     assert np.isinf(traversability_cost(ragged, 1.0, warn=False)).any()
+
+
+def test_every_term_has_its_place_in_the_kernels_and_its_limits():
+    names = [name for term in TERMS for name in (term.limit, term.weight, term.hard)]
+    fields = {field.name for field in dataclasses.fields(Traversability)}
+    assert len(TERMS) == len(Terms._fields) and len(Traversability().rule(1.0, 1.0)) == RULE_SLOTS
+    assert fields == {*names, "hard_gradient_deg"} and len(names) == len(set(names))
 
 
 def test_more_than_half_saturated_is_said_by_term():

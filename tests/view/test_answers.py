@@ -269,8 +269,9 @@ def test_a_place_is_told_in_all_coordinates_and_by_what_it_is_impassable(site):
     terms = terrain_terms(site.dem.elevation, 2.0)
     for at in ([0, 31], [31, 0], [31, 31], [95, 119]):
         bare, _ = ask(answerer, want="place", asked=PLAIN, at=at)
-        slope, roughness, step = terms[:, at[0], at[1]]
-        told = f"slope {np.degrees(slope):.1f}°, roughness {roughness:.2g} m, step {step:.2g} m"
+        slope, roughness, step, *_ = terms[:, at[0], at[1]]
+        told = f"slope {np.degrees(slope):.1f}°, roughness {roughness:.2g} m"
+        told = f"{told}, elevation difference {step:.2g} m"
         assert told in bare["words"][2]
     assert bare["words"][1] == "x 238, y 190"
     assert len(bare["words"]) == 3, "no coordinate system, and passable"

@@ -338,7 +338,7 @@ def pose_costs(
             "a disc has no poses: wanted a vehicle with length, width and clearance"
         )
     heights, _ = relative_heights(dem)
-    weights = (traversability or Traversability()).weights
+    weights = (traversability or Traversability()).body_weights
     codes = Poses(heights, sides, vehicle, weights, 1.0).standing()
     return _rated(codes, np.float32)
 

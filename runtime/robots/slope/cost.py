@@ -25,6 +25,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from nnpp_edge.runtime.arguments import checked
+from nnpp_edge.runtime.arrays import Float2D
 from nnpp_edge.runtime.errors import InvalidQueryError
 from nnpp_edge.runtime.kernels.directed import PER_SLOPE, STEEPEST
 
@@ -58,6 +59,16 @@ class SlopeCost(ABC):
         """Cost of a metre on the map, by the rise a metre; at a jump that of the slopes
         above it.
         """
+
+    def ground(self, dem: Float2D, sides_m: tuple[float, float]) -> Float2D:
+        """How many times as dear a metre is on each cell of a map of heights, (H, W) from 1 up; (0,
+        0) where that does not count.
+
+        It may depend on the cell's height and on those of its eight neighbours, as the terms of
+        Eq. 1 do (`terrain_terms`). A step's factor is the mean of those of the cells at both ends;
+        no metre may cost less than 0 then.
+        """
+        return np.empty((0, 0), np.float32)
 
     @cached_property
     def table(self) -> Table:

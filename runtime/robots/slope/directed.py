@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from nnpp_edge.runtime.bands import in_bands, stripes
-from nnpp_edge.runtime.cells import Cell, Rectangle, enclosing, widened
+from nnpp_edge.runtime.cells import Cell, Rectangle, enclosing, slices, widened
 from nnpp_edge.runtime.kernels.directed import join_steps, pool_steps, price_steps
 from nnpp_edge.runtime.kernels.pooling import FACTOR
 from nnpp_edge.runtime.kernels.records import FinerSteps, Hints, SlopePrices, Ways
@@ -143,6 +143,9 @@ class SlopeRobot(Robot):
         dy, dx = sides_m
         for name in _AS_UNDER:
             setattr(self, name, getattr(self._under, name))
+        self._ground = np.ascontiguousarray(model.ground(heights, sides_m), np.float32)
+        """(H, W) how many times as dear a metre is on each cell; (0, 0) where that does not
+        count."""
         self._metre = float(model.cost(1.0, 0.0))
         self.readiness = self._under.readiness * dy * self._metre
         leads = np.array(self._under.ways, np.int64)
@@ -153,7 +156,8 @@ class SlopeRobot(Robot):
         self._ways = Ways(leads, lengths, len(self._weights) > 0, grid.corner_cutting)
         kinks, level, gradient = model.table
         gradient = gradient - model.height_price
-        self._slope_prices = SlopePrices(kinks, level, gradient, model.least_per_m)
+        prices = model.least_per_m, model.height_price
+        self._slope_prices = SlopePrices(kinks, level, gradient, *prices)
         least = _ROUNDED_DOWN * model.least_per_m
         straight = least * min(dy, dx)
         self._prices = straight, min(least * math.hypot(dy, dx), 2.0 * straight)
@@ -185,6 +189,12 @@ class SlopeRobot(Robot):
         """
         change = self._under.follow(change, part, state, heights=heights)
         new = part if heights else (0, 0, 0, 0)
+        if len(self._ground) and new[2]:
+            new = widened(new, (1, 1), self.shape)
+            seen = widened(new, (1, 1), self.shape)
+            ground = self._model.ground(self._heights[slices(seen)], self._sides)
+            inside = (new[0] - seen[0], new[1] - seen[1], *new[2:])
+            self._ground[slices(new)] = ground[slices(inside)]
         parts = [each for each in (new, change.part) if each[2] and each[3]]
         if not parts:
             return change
@@ -233,7 +243,11 @@ class SlopeRobot(Robot):
         lengths = np.hypot(*(np.diff(cells, axis=0) * self._sides).T)
         with np.errstate(invalid="ignore"):  # wherever steps lead
             rises = np.diff(self._heights[cells[:, 0], cells[:, 1]].astype(np.float64))
-            costs[first + 1 :] += np.cumsum(self._model.cost(lengths, rises))
+            steps = self._model.cost(lengths, rises)
+            if len(self._ground):
+                ground = self._ground[cells[:, 0], cells[:, 1]].astype(np.float64)
+                steps *= 0.5 * (ground[1:] + ground[:-1])
+            costs[first + 1 :] += np.cumsum(steps)
         costs[first] = 0.0
         return blocked
 
@@ -320,7 +334,8 @@ class SlopeRobot(Robot):
 
         def price(row0: int, row1: int) -> None:
             area = (row0, row1, col, col + cols)  # `records.Area`
-            priced = price_steps(self._heights, self._weights, *rule, area, self.padded)
+            map_of = self._heights, self._ground, self._weights
+            priced = price_steps(*map_of, *rule, area, self.padded)
             dearest.append(float(priced))
 
         in_bands(price, row, row + rows, cols, threads_from=_THREADS_FROM)
