@@ -324,12 +324,13 @@ def _weight(patch, rule, factors):
 
 
 @helper
-def _steps_steeply(patch, rule):
-    """Whether a step from a patch's middle to that of a known neighbour is too steep."""
-    for i in range(3):
-        for j in range(3):
-            apart = math.hypot((i - 1) * rule[DY], (j - 1) * rule[DX])
-            rise = abs(patch[i][j] - patch[1][1])
+def _steps_steeply(ground, row, col, rule):
+    """Whether a step from a cell's middle to that of a known neighbour is too steep."""
+    here = ground.heights[row * ground.cols + col]
+    for i in range(max(row - 1, 0), min(row + 2, ground.rows)):
+        for j in range(max(col - 1, 0), min(col + 2, ground.cols)):
+            apart = math.hypot((i - row) * rule[DY], (j - col) * rule[DX])
+            rise = abs(ground.heights[i * ground.cols + j] - here)
             if rise > float32(rule[HARD_GRADIENT] * apart) and rise < _INF:
                 return True
     return False
@@ -341,7 +342,7 @@ def _border_weight(ground, row, col, rule, factors):
     heights = ground.heights
     rows = ground.rows
     cols = ground.cols
-    if rule[HARD_GRADIENT] < inf and _steps_steeply(_patch_at(ground, row, col), rule):
+    if rule[HARD_GRADIENT] < inf and _steps_steeply(ground, row, col, rule):
         return _INF
     at = row * cols + col
     if 0 < col < cols - 1 and rows > 1:

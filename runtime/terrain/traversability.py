@@ -110,18 +110,17 @@ class Traversability:
         for name, value in vars(self).items():
             if not (value > 0.0 or name.endswith("_weight")):
                 raise InvalidMapError(f"{name} must be greater than 0, got {value}")
-        weights = self.of_terms("weight").tolist()
+        weights = self.of_terms("weight")
         if not (min(weights) >= 0.0 and math.isclose(sum(weights), 1.0, abs_tol=1e-6)):
             raise InvalidMapError(f"the weights must be at least 0 and sum to 1, got {weights}")
 
-    def of_terms(self, kind: str) -> NDArray[np.float64]:
-        """(N,) the ``limit``, ``weight`` or ``hard`` limit of each of `TERMS`, in the kernels'
-        units.
-        """
-        names = [getattr(term, kind) for term in TERMS]
-        degrees = [name.endswith("_deg") for name in names]
-        values = np.array([getattr(self, name) for name in names], np.float64)
-        return np.where(degrees, np.radians(values), values)
+    def of_terms(self, kind: str) -> list[float]:
+        """The ``limit``, ``weight`` or ``hard`` limit of each of `TERMS`, in the kernels' units."""
+        values = {name: getattr(self, name) for name in (getattr(term, kind) for term in TERMS)}
+        return [
+            math.radians(value) if name.endswith("_deg") else value
+            for name, value in values.items()
+        ]
 
     @property
     def body_weights(self) -> tuple[float, float, float]:
@@ -134,8 +133,9 @@ class Traversability:
         """
         steepest = self.hard_gradient_deg
         gradient = math.tan(math.radians(steepest)) if steepest < 90.0 else math.inf
-        kinds = 1.0 / self.of_terms("limit"), self.of_terms("weight"), self.of_terms("hard")
-        return np.concatenate([(dy, dx, scale, gradient), *kinds])
+        inverse = [1.0 / limit for limit in self.of_terms("limit")]
+        terms = (*inverse, *self.of_terms("weight"), *self.of_terms("hard"))
+        return np.array((dy, dx, scale, gradient, *terms))
 
 
 class SaturationWarning(UserWarning):
@@ -311,7 +311,8 @@ def warn_of_saturation(
     apart = max(-(-rows // MOST_SAMPLED), 1), max(-(-cols // MOST_SAMPLED), 1)
     terms = _terms(heights, sides_m, apart)
     known = np.count_nonzero(np.isfinite(terms[0]))
-    at_limit = (terms >= limits.of_terms("limit")[:, None, None]).sum((1, 2))
+    most = np.array(limits.of_terms("limit"))
+    at_limit = (terms >= most[:, None, None]).sum((1, 2))
     full = [
         (term, count / known)
         for term, count in zip(TERMS, at_limit.tolist(), strict=True)
