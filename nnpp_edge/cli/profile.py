@@ -32,6 +32,8 @@ _OUTPUT = (
     "with --peers for "
     "peers.json and peers.md."
 )
+_Bmf = Annotated[Path | None, "Write every figure to this file, as Bencher Metric Format."]
+_Junit = Annotated[Path | None, "Write the budgets to this file, as tests in JUnit XML."]
 _SIZES = (
     "Sides of the maps, in place of the profile's; for --peers 256,512,1024. Synthetic terrain "
     "where no file is "
@@ -65,6 +67,46 @@ def compare_command(
     sys.exit({WORSE: 1, NOISY: 3}.get(comparison["verdict"], 0))
 
 
+@options.command("render")
+def render_command(
+    report: Annotated[Path, options.PATH],
+    /,
+    output: Annotated[Path | None, "-o", "The page's file, in place of one beside REPORT."] = None,
+    bmf: _Bmf = None,
+    junit: _Junit = None,
+) -> None:
+    """Draw the page of a report, without measuring again.
+
+    REPORT is a report.json of -o, of this machine or another. Without -o the page is put beside it,
+    as report.html; with --bmf or --junit there is only a page where -o asks for one. Prints what
+    was written.
+
+    \b
+    nnpp-edge profile render report/report.json
+    nnpp-edge profile render report/report.json --junit budgets.xml
+    """
+    from nnpp_edge.files import write_all
+    from nnpp_edge.profiling.compare import read_report
+    from nnpp_edge.runtime.errors import InvalidQueryError
+    from nnpp_edge.runtime.reading import refused_as
+    from nnpp_edge.viz.figures import page
+
+    facts = read_report(report)
+    if output is None and bmf is None and junit is None:
+        output = report.with_suffix(".html")
+    options.check_outputs(
+        *(("--output", output), ("--bmf", bmf), ("--junit", junit)), make_folders=True
+    )
+    wanted = f"{report}: wanted a report of nnpp-edge profile, got a damaged one"
+    with refused_as(InvalidQueryError, wanted):
+        contents = _for_ci(facts, bmf, junit)
+        if output is not None:
+            contents[output] = page(facts).encode()
+    write_all(contents)
+    for path in contents:
+        click.echo(path)
+
+
 @dataclass(frozen=True, kw_only=True)
 class Asked:
     """Options; None and () where not given."""
@@ -96,10 +138,15 @@ class Asked:
         "answer; takes minutes.",
     ] = False
     output: Annotated[Path | None, "-o", options.FOLDER, _OUTPUT] = None
+    bmf: _Bmf = None
+    junit: _Junit = None
 
 
 @options.command(
-    "profile", click.Group, invoke_without_command=True, commands={"compare": compare_command}
+    "profile",
+    click.Group,
+    invoke_without_command=True,
+    commands={"compare": compare_command, "render": render_command},
 )
 def command(asked: Asked) -> None:
     """Measure the planners on this machine against the budgets of a profile.
@@ -114,6 +161,8 @@ def command(asked: Asked) -> None:
     \b
     nnpp-edge profile --profile quick
     nnpp-edge profile --profile edge-2core --terrain dem.tif -o report
+    nnpp-edge profile --profile quick --junit budgets.xml --bmf figures.json
+    nnpp-edge profile render report/report.json
     nnpp-edge profile compare before/report.json after/report.json
     nnpp-edge profile --peers --sizes 256,512,1024 -o bench
 
@@ -131,10 +180,9 @@ def command(asked: Asked) -> None:
         raise click.UsageError(_WANTED)
     if asked.as_json and asked.markdown:
         raise click.UsageError("give one of --json and --markdown")
-    if asked.peers and (asked.vehicle or asked.start_up):
-        raise click.UsageError(
-            f"--{'vehicle' if asked.vehicle else 'start-up'} does not go with --peers"
-        )
+    for name in ("vehicle", "start_up", "bmf", "junit"):
+        if asked.peers and getattr(asked, name):
+            raise click.UsageError(f"--{name.replace('_', '-')} does not go with --peers")
     if asked.profile is None:
         _peers(asked)
     else:
@@ -157,6 +205,7 @@ def _profile(name: str, asked: Asked) -> int:
     written = [] if asked.output is None else [asked.output / name for name in _FILES]
     options.check_outputs(
         *(("--output", path) for path in written),
+        *(("--bmf", asked.bmf), ("--junit", asked.junit)),
         more_inputs=(*profile.load.terrain, profile.networks.int8, *filter(None, others)),
         make_folders=True,
     )
@@ -177,13 +226,23 @@ def _profile(name: str, asked: Asked) -> int:
         )
     content = json.dumps(report, indent=1)
     markdown = report_text(report, markdown=True)
+    contents = _for_ci(report, asked.bmf, asked.junit)
     if written:
-        texts = (text.encode() for text in (content, markdown, f"{board_table(report)}\n"))
-        contents = (*texts, _page(report))
-        write_all({path: each for path, each in zip(written, contents, strict=True) if each})
+        texts = [text.encode() for text in (content, markdown, f"{board_table(report)}\n")]
+        pages = zip(written, [*texts, _page(report)], strict=True)
+        contents |= {path: each for path, each in pages if each}
+    write_all(contents)
     printed = content if asked.as_json else markdown if asked.markdown else report_text(report)
     click.echo(printed.rstrip("\n"))
     return EXIT_CODES[report["verdict"]]
+
+
+def _for_ci(report: "Facts", bmf_file: Path | None, junit_file: Path | None) -> dict[Path, bytes]:
+    """The content of each of these files that is asked for."""
+    from nnpp_edge.profiling.ci_files import bmf, junit
+
+    asked = ((bmf_file, bmf), (junit_file, junit))
+    return {path: content_of(report) for path, content_of in asked if path is not None}
 
 
 def _page(report: "Facts") -> bytes:
@@ -195,9 +254,7 @@ def _page(report: "Facts") -> bytes:
 
         return page(report).encode()
     except ImportError as error:
-        click.echo(
-            f"note: {_FILES[-1]} is left out: {error} (pip install 'nnpp-edge[viz]')", err=True
-        )
+        click.echo(f"note: {_FILES[-1]} is left out: {error}", err=True)
         return b""
 
 

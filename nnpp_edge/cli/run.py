@@ -1,5 +1,6 @@
 """`nnpp-edge run`: the onboard loop as a program."""
 
+import sys
 from dataclasses import asdict, fields
 from functools import partial
 from pathlib import Path
@@ -22,6 +23,10 @@ _LOOP = (
     "Set a value of the profile's table [loop], such as cores=[2,3], priority=50, tolerance=0.05, "
     "approach=true or "
     "refine=any-angle. May be repeated."
+)
+_MISSES = (
+    "Exit code 1 where more than this share of the deadlines was missed, such as 0.01; a tick that "
+    "takes several periods misses several."
 )
 _SETTING = options.SettingType(
     "nnpp_edge.profiling.profile_file:OnboardLoop", "tolerance=0.05", bare=True
@@ -46,13 +51,15 @@ def command(
     model: Annotated[str | None, options.MODEL, _MODEL] = None,
     loop: Annotated[tuple[options.Setting, ...], _SETTING, MANY, _LOOP] = (),
     ticks: Annotated[int | None, COUNT, "End after so many."] = None,
+    fail_on_misses: Annotated[float | None, options.SHARE, {"metavar": "SHARE"}, _MISSES] = None,
     as_json: options.AsJson = False,
 ) -> None:
     """Plan at a fixed rate: patches, poses and goals in, paths out.
 
     Inputs and answers are JSON; see docs/run.md. SIGTERM ends the run after its tick with exit code
     0. Closing stdin ends it once the last inputs were answered. At the end the counters are printed
-    on stderr, or with --json on stdout.
+    on stderr, or with --json on stdout. With --fail-on-misses the exit code is 1 where too many
+    deadlines were missed.
 
     \b
     nnpp-edge run --map dem.tif --workload limit20
@@ -68,6 +75,10 @@ def command(
     if as_json and any(entry.name == STDOUT for entry, _ in wiring.sinks):
         raise click.UsageError(
             "--json prints on stdout, which answers go to: add --output none, or zenoh"
+        )
+    if wiring.fast and fail_on_misses is not None:
+        raise click.UsageError(
+            "--fail-on-misses needs deadlines, and a replay that is --fast has none"
         )
     changes = {name: value for each in loop for name, value in each.values.items()}
     given = {"rate_hz": rate, "method": method, "model": model}
@@ -89,6 +100,16 @@ def command(
         tell(as_json, asdict(counters), str)
     else:
         click.echo(summary(counters), err=True)
+    if fail_on_misses is not None:
+        missed = counters.overruns + counters.skipped
+        deadlines = counters.ticks + counters.skipped
+        share = missed / max(deadlines, 1)
+        click.echo(
+            f"{missed} of {deadlines} deadlines missed, {100 * share:.3g} %; "
+            f"allowed are {100 * fail_on_misses:g} %",
+            err=True,
+        )
+        sys.exit(int(share > fail_on_misses))
 
 
 def summary(counters: "Counters") -> str:

@@ -168,7 +168,7 @@ def _inside(facts: Facts | None, path: str) -> float | None:
 
 def board_table(report: Facts) -> str:
     """The report's row for the table in docs/boards.md, below that table's header."""
-    cells = {name: cell.replace("|", "\\|") for name, cell in board(report).items()}
+    cells = board(report)
     return markdown_table([*cells], [[*cells.values()]])
 
 
