@@ -1,14 +1,20 @@
 """A report as people read it and in the formats of others' continuous integration."""
 
 import json
+import re
+import subprocess
 import xml.etree.ElementTree as ET
 from pathlib import Path
 
+import click
 import pytest
+import yaml
 
+from nnpp_edge.cli.profile import command
 from nnpp_edge.cli.profile_text import report_text
 from nnpp_edge.profiling.ci_files import bmf, junit
-from nnpp_edge.profiling.judge import measured, summary
+from nnpp_edge.profiling.judge import EXIT_CODES, measured, summary
+from tests.tables import cases
 
 ELEMENTS = {
     "testsuites": ({"testsuite"}, set(), {"name", "time", "tests", "failures", "errors"}),
@@ -97,6 +103,54 @@ def test_budgets_are_tests_for_readers_of_junit(report):
     ):
         (skipped,) = ends[name]
         assert skipped.tag == "skipped" and reason in skipped.text == skipped.get("message")
+
+
+RECIPES = Path(__file__).parents[2] / "docs" / "profile-ci.md"
+ATTEMPTS = """
+0       | 0
+1       | 1
+2       | 2
+3, 0    | 0
+3, 3, 1 | 1
+3, 3, 3 | 3
+"""
+"""Exit codes of the measurements, and that of the job."""
+
+
+@pytest.fixture(scope="module")
+def recipes():
+    """The documented jobs of GitHub Actions and GitLab CI."""
+    found = re.findall(r"```yaml\n(.*?)```", RECIPES.read_text(), re.DOTALL)
+    return [yaml.safe_load(each) for each in found]
+
+
+@pytest.mark.parametrize(("codes", "code"), cases(ATTEMPTS))
+def test_the_documented_job_measures_again_where_there_is_no_verdict(
+    recipes, tmp_path, codes, code
+):
+    (script,) = [step["run"] for step in recipes[0]["jobs"]["profile"]["steps"] if "name" in step]
+    codes = codes.split(", ")
+    for at, each in enumerate(codes):
+        (tmp_path / f"code-{at}").write_text(each)
+    program = tmp_path / ".venv/bin/nnpp-edge"
+    program.parent.mkdir(parents=True)
+    program.write_text("#!/bin/sh\necho $* >> calls\nexit $(cat code-$(($(wc -l < calls) - 1)))\n")
+    program.chmod(0o755)
+    ended = subprocess.run(["bash", "-e", "-c", script], cwd=tmp_path, timeout=60)
+    calls = (tmp_path / "calls").read_text().splitlines()
+    assert (ended.returncode, len(calls)) == (int(code), len(codes))
+
+
+def test_the_documented_jobs_give_options_that_there_are_and_upload_what_is_written(recipes):
+    actions, gitlab = (json.dumps(recipe) for recipe in recipes)
+    for recipe in (actions, gitlab):
+        (words,) = re.findall(r"nnpp-edge profile ([^|\"\\]*)", recipe)
+        given, *_ = command.make_parser(click.Context(command)).parse_args(words.split())
+        assert (given["junit"], given["bmf"]) == ("budgets.xml", "figures.json")
+    job = recipes[1]["profile"]
+    assert job["retry"] == {"max": 2, "exit_codes": EXIT_CODES["noisy"]}
+    assert job["artifacts"]["reports"]["junit"] == "budgets.xml"
+    assert "report\\nbudgets.xml\\nfigures.json" in actions
 
 
 def test_figures_are_bencher_metric_format_in_the_units_of_budgets(report):
