@@ -79,10 +79,18 @@ def shown(value: object, form: str = "") -> str:
     return str(value)
 
 
+def with_unit(value: object, unit: str = "") -> str:
+    """Write a value and its unit as in budgets; none behind a bare number or a dash."""
+    word = shown(value)
+    if word == MISSING:
+        return word
+    return word + {"": "", "1": "", "1/s": "/s", "x": "×"}.get(unit, f" {unit}")
+
+
 def markdown_table(header: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
     """Write rows as a table in Markdown, for documents."""
     lines = []
     for cells in [header, ["---"] * len(header), *rows]:
-        joined = " | ".join(" ".join(cell.split()) for cell in cells)
+        joined = " | ".join(" ".join(cell.split()).replace("|", "\\|") for cell in cells)
         lines.append(f"| {joined} |")
     return "\n".join(lines)

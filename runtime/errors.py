@@ -47,7 +47,7 @@ def users_line() -> int:
     """The `stacklevel` by which a warning names the line outside this package that led to it."""
     level = 1
     frame = sys._getframe(1)
-    while frame.f_back is not None and frame.f_globals["__name__"].startswith("nnpp_edge."):
+    while frame.f_back is not None and frame.f_globals.get("__name__", "").startswith("nnpp_edge."):
         frame = frame.f_back
         level += 1
     return level

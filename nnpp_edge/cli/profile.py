@@ -31,6 +31,8 @@ _OUTPUT = (
     "with --peers for "
     "peers.json and peers.md."
 )
+_Bmf = Annotated[Path | None, "Write every figure to this file, as Bencher Metric Format."]
+_Junit = Annotated[Path | None, "Write the budgets to this file, as tests in JUnit XML."]
 _SIZES = (
     "Sides of the maps, in place of the profile's; for --peers 256,512,1024. Synthetic terrain "
     "where no file is "
@@ -64,6 +66,46 @@ def compare_command(
     sys.exit({WORSE: 1, NOISY: 3}.get(comparison["verdict"], 0))
 
 
+@options.command("render")
+def render_command(
+    report: Annotated[Path, options.PATH],
+    /,
+    output: Annotated[Path | None, "-o", "The page's file, in place of one beside REPORT."] = None,
+    bmf: _Bmf = None,
+    junit: _Junit = None,
+) -> None:
+    """Draw the page of a report, without measuring again.
+
+    REPORT is a report.json of -o, of this machine or another. Without -o the page is put beside it,
+    as report.html; with --bmf or --junit there is only a page where -o asks for one. Prints what
+    was written.
+
+    \b
+    nnpp-edge profile render report/report.json
+    nnpp-edge profile render report/report.json --junit budgets.xml
+    """
+    from nnpp_edge.files import write_all
+    from nnpp_edge.profiling.compare import read_report
+    from nnpp_edge.runtime.errors import InvalidQueryError
+    from nnpp_edge.runtime.reading import refused_as
+    from nnpp_edge.viz.figures import page
+
+    facts = read_report(report)
+    if output is None and bmf is None and junit is None:
+        output = report.with_suffix(".html")
+    options.check_outputs(
+        *(("--output", output), ("--bmf", bmf), ("--junit", junit)), make_folders=True
+    )
+    wanted = f"{report}: wanted a report of nnpp-edge profile, got a damaged one"
+    with refused_as(InvalidQueryError, wanted):
+        contents = _for_ci(facts, bmf, junit)
+        if output is not None:
+            contents[output] = page(facts).encode()
+    write_all(contents)
+    for path in contents:
+        click.echo(path)
+
+
 @dataclass(frozen=True, kw_only=True)
 class Asked:
     """Options; None and () where not given."""
@@ -95,17 +137,23 @@ class Asked:
         "answer; takes minutes.",
     ] = False
     output: Annotated[Path | None, "-o", options.FOLDER, _OUTPUT] = None
+    bmf: _Bmf = None
+    junit: _Junit = None
 
     def files(self, names: Iterable[str], read: Iterable[str] = ()) -> list[Path]:
         """Those to write, if any, which were checked against what is read."""
         paths = [] if self.output is None else [self.output / name for name in names]
-        outputs = [("--output", path) for path in paths]
+        outputs: list[tuple[str, Path | None]] = [("--output", path) for path in paths]
+        outputs += [("--bmf", self.bmf), ("--junit", self.junit)]
         options.check_outputs(*outputs, more_inputs=read, make_folders=True)
         return paths
 
 
 @options.command(
-    "profile", click.Group, invoke_without_command=True, commands={"compare": compare_command}
+    "profile",
+    click.Group,
+    invoke_without_command=True,
+    commands={"compare": compare_command, "render": render_command},
 )
 def command(asked: Asked) -> None:
     """Measure the planners on this machine against the budgets of a profile.
@@ -121,6 +169,8 @@ def command(asked: Asked) -> None:
     nnpp-edge profile
     nnpp-edge profile --profile quick
     nnpp-edge profile --profile edge-2core --terrain dem.tif -o report
+    nnpp-edge profile --profile quick --junit budgets.xml --bmf figures.json
+    nnpp-edge profile render report/report.json
     nnpp-edge profile compare before/report.json after/report.json
     nnpp-edge profile --peers --sizes 256,512,1024 -o bench
 
@@ -140,10 +190,9 @@ def command(asked: Asked) -> None:
         raise click.UsageError("give one of --json and --markdown")
     if not asked.peers:
         sys.exit(_profile(asked.profile or _DEFAULT, asked))
-    if asked.vehicle or asked.start_up:
-        raise click.UsageError(
-            f"--{'vehicle' if asked.vehicle else 'start-up'} does not go with --peers"
-        )
+    for name in ("vehicle", "start_up", "bmf", "junit"):
+        if getattr(asked, name):
+            raise click.UsageError(f"--{name.replace('_', '-')} does not go with --peers")
     _peers(asked)
 
 
@@ -160,7 +209,8 @@ def _profile(name: str, asked: Asked) -> int:
 
     profile = read_profile(name)
     load = profile.load
-    read = (*load.terrain, profile.networks.int8, profile.networks.fp32, load.vehicle)
+    networks = profile.networks
+    read = (*load.terrain, networks.int8, networks.fp32, networks.paper, load.vehicle)
     written = asked.files(_FILES, filter(None, read))
     names = ("cell_size", "rescale", "sizes", "queries", "seed", "vehicle")
     profile, dropped = overridden(
@@ -179,13 +229,23 @@ def _profile(name: str, asked: Asked) -> int:
         )
     content = json.dumps(report, indent=1)
     markdown = report_text(report, markdown=True)
+    contents = _for_ci(report, asked.bmf, asked.junit)
     if written:
         texts = (content, markdown, f"{board_table(report)}\n", _page(report))
         files = zip(written, texts, strict=True)
-        write_all({path: text.encode() for path, text in files if text})
+        contents |= {path: text.encode() for path, text in files if text}
+    write_all(contents)
     printed = content if asked.as_json else markdown if asked.markdown else report_text(report)
     click.echo(printed.rstrip("\n"))
     return EXIT_CODES[report["verdict"]]
+
+
+def _for_ci(report: "Facts", bmf_file: Path | None, junit_file: Path | None) -> dict[Path, bytes]:
+    """The content of each of these files that is asked for."""
+    from nnpp_edge.profiling.ci_files import bmf, junit
+
+    asked = ((bmf_file, bmf), (junit_file, junit))
+    return {path: content_of(report) for path, content_of in asked if path is not None}
 
 
 def _page(report: "Facts") -> str:
@@ -197,9 +257,7 @@ def _page(report: "Facts") -> str:
 
         return page(report)
     except ImportError as error:
-        click.echo(
-            f"note: {_FILES[-1]} is left out: {error} (pip install 'nnpp-edge[viz]')", err=True
-        )
+        click.echo(f"note: {_FILES[-1]} is left out: {error}", err=True)
         return ""
 
 

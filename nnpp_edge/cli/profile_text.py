@@ -6,6 +6,7 @@ from functools import partial
 from nnpp_edge.cli.text import Columns, Row, aligned, columns, table
 from nnpp_edge.profiling.contest import Facts, Figures
 from nnpp_edge.profiling.figures import stages_of
+from nnpp_edge.profiling.judge import IN_WORDS, measured, place, wanted
 from nnpp_edge.progress import MISSING, shown
 
 
@@ -17,17 +18,17 @@ _PLACE = "workload | size: size ² | planner"
 _RESULTS = columns(
     f"{_PLACE} | n | ms/median: time_ms.median | ms/p90: time_ms.p90 | ms/p99: time_ms.p99 | "
     "ms/max: time_ms.max | FPS: fps .0f | network/FPS: inference_fps .0f | "
-    "speed-up/median: speedup_median .2f | speed-up/total: speedup_total .2f | "
+    "speed-up/median, ×: speedup_median .2f | speed-up/total, ×: speedup_total .2f | "
     "success: success_first .1% | after/fallback: success .1% | gap/mean: gap_mean z.2% | "
-    "gap/p99: gap_p99 z.2% | expan-/sions: expansions_median .0f | mJ: energy_mj"
+    "gap/p99: gap_p99 z.2% | expansions: expansions_median .0f | mJ: energy_mj"
 )
 _ARRIVALS = columns(
-    f"{_PLACE} | first path/of a map, ms: map_ms.median | p99: map_ms.p99 | "
-    "patch/ms: patch_ms.median | patch,/p99: patch_ms.p99"
+    f"{_PLACE} | first path/of a map, ms: map_ms.median | p99,/ms: map_ms.p99 | "
+    "patch,/ms: patch_ms.median | patch p99,/ms: patch_ms.p99"
 )
 _LOOP: Columns = {
     **columns("workload | size: size ² | method | Hz: rate_hz g"),
-    "patch": "{0[patch_side]} × {0[patch_side]}".format,
+    "patch,\ncells": "{0[patch_side]} × {0[patch_side]}".format,
     **columns(
         "n | ms/median: reaction_ms.median | ms/p90: reaction_ms.p90 | ms/p99: reaction_ms.p99 | "
         "ms/max: reaction_ms.max | new: planned | kept"
@@ -75,20 +76,16 @@ def report_text(report: Facts, *, markdown: bool = False) -> str:
         for title, rows, as_ in tables
         if rows
     ]
-    whys = dict.fromkeys(line["why"] for line in report["budgets"])
-    reasons = [f"why: {why}" for why in whys if why]
-    budgets = [table(report["budgets"], _BUDGETS, markdown=markdown)] if report["budgets"] else []
     machine = {name: value for name, value in _machine(report) if value}
     if markdown:
         facts = [f"{name} {value}" for name, value in machine.items()]
         facts += [f"note {line}" for line in report["notes"]]
+        budgets = table(report["budgets"], {**_BUDGETS, **columns("why")}, markdown=True)
         parts = [
             f"# {report['profile']['title']}",
             report.get("answers", ""),
             report["summary"],
-            "## Budgets",
-            *budgets,
-            *reasons,
+            *([f"## Budgets\n\n{budgets}"] if report["budgets"] else []),
             *parts,
         ]
         sentences, machines = (
@@ -97,8 +94,23 @@ def report_text(report: Facts, *, markdown: bool = False) -> str:
         return "\n\n".join([*parts, sentences, "## Machine", machines]) + "\n"
     parts.insert(0, report.get("answers", ""))
     parts += ["\n".join(_sentences(report)), aligned(machine)]
-    parts += ["\n".join(f"note: {line}" for line in report["notes"]), *budgets]
-    return "\n\n".join([*filter(None, parts), "\n".join([*reasons, report["summary"]])])
+    parts += ["\n".join(f"note: {line}" for line in report["notes"])]
+    parts += [_budgets(report["budgets"]), report["summary"]]
+    return "\n\n".join(filter(None, parts))
+
+
+def _budgets(budgets: Sequence[Row]) -> str:
+    """The budgets, and below each why its verdict is no plain one."""
+    if not budgets:
+        return ""
+    head, rule, body = table(budgets, _BUDGETS).partition("─\n")
+    lines = [head + rule.rstrip()]
+    rows = [line for line in body.splitlines() if line.strip(" ─")]
+    for row, budget in zip(rows, budgets, strict=True):
+        lines.append(row)
+        if budget["why"]:
+            lines.append(f"   why: {budget['why']}")
+    return "\n".join(lines)
 
 
 def _stage(name: str, row: Row) -> str:
@@ -131,7 +143,8 @@ def _machine(report: Facts) -> Iterator[tuple[str, str]]:
     cores = ", ".join(map(str, report["cores"]))
     yield "machine", f"{facts['cpu']} ({flags}), cores {cores}"
     governor = ", ".join(facts["governor"] or ()) or MISSING
-    yield "system", f"governor {governor}, load {' '.join(map(str, facts['load_average']))}"
+    load = " ".join(map(str, facts["load_average"]))
+    yield "system", f"governor {governor}, load {load} over 1, 5 and 15 minutes"
     packages = [f"{name} {version or MISSING}" for name, version in facts["packages"].items()]
     yield "packages", ", ".join(packages)
     for key, name, unit in _WHOLE_RUN:
@@ -158,20 +171,13 @@ def _readings(found: dict[str, dict[str, float | None]], what: str, unit: str, l
     return ", ".join(ranges) or f"{MISSING} (not reported by the kernel)"
 
 
-def _with_unit(line: Row, number: str) -> str:
-    return number if line["unit"] == "1" or number == MISSING else f"{number} {line['unit']}"
-
-
 _BUDGETS: Columns = {
-    **columns("budget: name | planner"),
-    "where": lambda line: (
-        MISSING if line["size"] is None else f"{line['workload']} {line['size']}²"
-    ),
-    "measured": lambda line: _with_unit(line, shown(line["value"])),
-    "wanted": lambda line: _with_unit(
-        line, f"{'≥' if line['direction'] == 'at least' else '≤'} {line['limit']:g}"
-    ),
-    "verdict": _verdict,
+    "budget": lambda line: " ".join(line["name"].split()),
+    "planner": "planner",
+    "where": place,
+    "measured": measured,
+    "wanted": wanted,
+    "verdict": lambda line: IN_WORDS[line["verdict"]].upper(),
 }
 
 
@@ -182,11 +188,12 @@ def comparison_text(comparison: Facts) -> str:
     if changed:
         parts.append(table(changed, _COMPARED))
     worse = sum(line["verdict"] in ("worse", "noisy") for line in changed)
-    doubt = ", all of them in a disturbed run" if comparison["verdict"] == "noisy" else ""
+    better = sum(line["verdict"] == "better" for line in changed)
+    doubt = " (all of them in a disturbed run)" if comparison["verdict"] == "noisy" else ""
     tolerance = 100 * comparison["tolerance"]
     parts.append(
         f"{worse} of {len(comparison['lines'])} figures are worse by more than {tolerance:g} "
-        f"%{doubt}"
+        f"%{doubt}, {better} better"
     )
     return "\n".join(parts)
 

@@ -1,6 +1,7 @@
 """`nnpp-edge run`: the onboard loop as a program."""
 
 import json
+import sys
 from dataclasses import asdict, fields
 from functools import partial
 from pathlib import Path
@@ -24,6 +25,10 @@ _LOOP = (
     "approach=true or "
     "refine=any-angle. May be repeated."
 )
+_MISSES = (
+    "Exit code 1 where more than this share of the deadlines was missed, such as 0.01; a tick that "
+    "takes several periods misses several."
+)
 _SETTING = options.SettingType(
     "nnpp_edge.profiling.profile_file:OnboardLoop", "tolerance=0.05", bare=True
 )
@@ -46,13 +51,15 @@ def command(
     model: options.Model | None = None,
     loop: Annotated[tuple[options.Setting, ...], _SETTING, MANY, _LOOP] = (),
     ticks: Annotated[int | None, "End after so many."] = None,
+    fail_on_misses: Annotated[float | None, options.SHARE, {"metavar": "SHARE"}, _MISSES] = None,
     as_json: options.AsJson = False,
 ) -> None:
     """Plan at a fixed rate: patches, poses and goals in, paths out.
 
     Inputs and answers are JSON; see docs/run.md. SIGTERM ends the run after its tick with exit code
     0. Closing stdin ends it once the last inputs were answered. At the end the counters are printed
-    on stderr, or with --json on stdout.
+    on stderr, or with --json on stdout. With --fail-on-misses the exit code is 1 where too many
+    deadlines were missed.
 
     \b
     nnpp-edge run --map dem.tif --workload limit20
@@ -68,6 +75,10 @@ def command(
     if as_json and any(entry.name == STDOUT for entry, _ in wiring.sinks):
         raise click.UsageError(
             "--json prints on stdout, which answers go to: add --output none, or zenoh"
+        )
+    if wiring.fast and fail_on_misses is not None:
+        raise click.UsageError(
+            "--fail-on-misses needs deadlines, and a replay that is --fast has none"
         )
     changes = {name: value for each in loop for name, value in each.values.items()}
     given = {"rate_hz": rate, "method": method, "model": model}
@@ -86,6 +97,16 @@ def command(
         click.echo(json.dumps(asdict(counters)))
     else:
         click.echo(summary(counters), err=True)
+    if fail_on_misses is not None:
+        missed = counters.overruns + counters.skipped
+        deadlines = counters.ticks + counters.skipped
+        share = missed / max(deadlines, 1)
+        click.echo(
+            f"{missed} of {deadlines} deadlines missed, {100 * share:.3g} %; "
+            f"allowed are {100 * fail_on_misses:g} %",
+            err=True,
+        )
+        sys.exit(int(share > fail_on_misses))
 
 
 def summary(counters: "Counters") -> str:

@@ -60,7 +60,7 @@ def table(rows: Sequence[Row], shown_as: Columns, *, markdown: bool = False) -> 
         if before not in ([], place):
             grid.add_section()
         grid.add_row(*cells)
-    console = Console(file=(out := io.StringIO()), width=200)
+    console = Console(file=(out := io.StringIO()), width=200, markup=False, emoji=False)
     console.print(grid)
     return "\n".join(line.rstrip() for line in out.getvalue().splitlines()).strip("\n")
 

@@ -68,9 +68,11 @@ def compare(before: Facts, after: Facts, tolerance: float) -> Facts:
     """Compare every figure that both reports have: ``verdict``, ``tolerance``, ``notes`` and
     ``lines``.
 
-    `tolerance` is the share by which a figure may become worse. A success share may lose so much of
-    what is missing to 1. A line's change is above 0 where the figure became worse.
-    InvalidQueryError if the reports have no workload, size and planner in common."""
+    `tolerance` is the share by which a figure may become worse, and must become better to count as
+    better: of a time the new over the old one, less 1, for worse, and the old over the new one,
+    less 1, for better. A success share counts by what is missing to 1. A line's change is that,
+    above 0 where the figure became worse, below 0 where it became better. InvalidQueryError if the
+    reports have no workload, size and planner in common."""
     lines = []
     with refused_as(
         InvalidQueryError,
@@ -103,10 +105,9 @@ def _line(
     doubtful: bool,
 ) -> Facts:
     worse_by = was - now if figure.more_is_better else now - was
-    # of a speed-up the new one, so that twice as slow is the same change for it and for a time
-    base = abs(now if figure.more_is_better else was)
-    if figure.of_rest:
-        base = 1.0 - was
+    # over the smaller of both: twice as slow and twice as fast are the same change
+    both = (1.0 - was, 1.0 - now) if figure.of_rest else (was, now)
+    base = min(map(abs, both))
     change = worse_by / base if base else None
     state = SAME
     if abs(worse_by) > figure.least and (change is None or abs(change) > tolerance):
@@ -167,7 +168,7 @@ def _inside(facts: Facts | None, path: str) -> float | None:
 
 def board_table(report: Facts) -> str:
     """The report's row for the table in docs/boards.md, below that table's header."""
-    cells = {name: cell.replace("|", "\\|") for name, cell in board(report).items()}
+    cells = board(report)
     return markdown_table([*cells], [[*cells.values()]])
 
 

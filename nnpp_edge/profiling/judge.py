@@ -1,13 +1,16 @@
 """Budgets against figures: passed, missed, noisy, throttled or not measured."""
 
+from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
+from typing import Any
 
 from msgspec.structs import asdict, replace
 
 from nnpp_edge.profiling.contest import PLACE, Facts
 from nnpp_edge.profiling.profile_file import LOOP, QUANTITIES, Budget, Profile
 from nnpp_edge.profiling.sensors import Throttling
+from nnpp_edge.progress import shown, with_unit
 
 WholeRun = dict[str, dict[str, float]]
 """By quantity and planner, what there is one figure of for the run."""
@@ -16,6 +19,8 @@ FAIL = "fail"
 NOISY = "noisy"
 THROTTLED = "throttled"
 ABSENT = "not measured"
+IN_WORDS = {PASS: "kept", FAIL: "missed"} | {state: state for state in (NOISY, THROTTLED, ABSENT)}
+"""A budget's verdict, as people read it."""
 MET = "met"
 MISSED = "missed"
 UNSURE = "noisy"
@@ -64,7 +69,7 @@ def judged(
     A budget that passes on a throttled processor passes. One that is missed there counts as missed
     only if it would be missed at the full clock too; else it is ``throttled``.
     """
-    rows = {PLACE(row): row for row in [*results, *({**row, "planner": LOOP} for row in loop)]}
+    rows = rows_by_place(results, loop)
     lines = []
     for budget in profile.budgets:
         name = budget.quantity
@@ -76,8 +81,16 @@ def judged(
             row = rows.get((workload, size, budget.planner), {"halves": {}})
             at = replace(budget, workload=workload, size=size)
             halves = row["halves"].get(QUANTITIES[name].basis)
-            lines.append(_line(at, _value(row, name), halves, noise))
+            lines.append(_line(at, value_of(row, name), halves, noise))
     return lines
+
+
+def rows_by_place(
+    results: Sequence[Facts], loop: Sequence[Facts]
+) -> dict[tuple[str, int, str], Facts]:
+    """The rows by workload, size and planner, those of the loop under its name."""
+    of_loop = [{**row, "planner": LOOP} for row in loop]
+    return {PLACE(row): row for row in [*results, *of_loop]}
 
 
 def verdict(lines: Sequence[Facts], noise: Noise) -> str:
@@ -93,8 +106,8 @@ def verdict(lines: Sequence[Facts], noise: Noise) -> str:
 
 
 def summary(ending: str, lines: Sequence[Facts], noise: str) -> str:
-    """One line: the verdict, and the budgets that are to blame for it, with planner, workloads and
-    sizes.
+    """One line: the verdict, how many budgets have which, and the budgets that are to blame for
+    it, with planner, workloads and sizes.
     """
     if not lines:
         return f"no budgets; the run was disturbed: {noise}" if noise else "no budgets"
@@ -104,19 +117,39 @@ def summary(ending: str, lines: Sequence[Facts], noise: str) -> str:
         THROTTLED: ("throttled", THROTTLED),
         UNSURE: ("too noisy to tell", NOISY, ABSENT),
     }[ending]
-    passed = 0
-    places: dict[tuple[str, str], list[str]] = {}
-    for line in lines:
-        passed += line["verdict"] == PASS
-        if line["verdict"] in blame:
-            where = places.setdefault((line["name"], line["planner"]), [line["planner"]])
-            if line["size"]:
-                where.append(f"{line['workload']} {line['size']}²")
-    said = f"{head}: {passed} of {len(lines)} pass"
-    if places:
-        names = [f"{name} ({', '.join(where)})" for (name, _), where in places.items()]
-        said += f"; not {', '.join(names)}"
-    return said
+    counts = Counter(line["verdict"] for line in lines)
+    counted = [f"{counts[state]} {words}" for state, words in IN_WORDS.items() if counts[state]]
+    parts = [f"{head}: {', '.join(counted)}"]
+    for state in blame:
+        places: dict[tuple[str, str], list[str]] = {}
+        for line in lines:
+            if line["verdict"] == state:
+                where = places.setdefault((line["name"], line["planner"]), [line["planner"]])
+                if line["size"]:
+                    where.append(place(line))
+        if places:
+            names = [f"{name} ({', '.join(where)})" for (name, _), where in places.items()]
+            parts.append(f"{IN_WORDS[state]}: {', '.join(names)}")
+    return "; ".join(parts)
+
+
+def place(line: Mapping[str, Any]) -> str:
+    """Where a budget was judged, in words."""
+    return f"{line['workload']} {line['size']}²" if line["size"] else "whole run"
+
+
+def measured(line: Mapping[str, Any]) -> str:
+    """A budget's figure with its unit; with more digits where it would look like the limit."""
+    value = line["value"]
+    if value is not None and value != line["limit"] and shown(value) == shown(line["limit"]):
+        return with_unit(f"{value:g}", line["unit"])
+    return with_unit(value, line["unit"])
+
+
+def wanted(line: Mapping[str, Any]) -> str:
+    """A budget's limit with its unit."""
+    sign = "≥" if line["direction"] == "at least" else "≤"
+    return with_unit(f"{sign} {line['limit']:g}", line["unit"])
 
 
 def answers(lines: Sequence[Facts]) -> str:
@@ -150,9 +183,9 @@ def _line(
     return asdict(at) | {"value": value, "halves": halves, "verdict": state, "why": why}
 
 
-def _value(row: Facts, quantity: str) -> float | None:
-    """A quantity's figure; of a spread of times, ``map_ms`` is the median and ``map_ms_p99`` says
-    which.
+def value_of(row: Facts, quantity: str) -> float | None:
+    """A quantity's figure in a row, None where it was not measured; of a spread of times,
+    ``map_ms`` is the median and ``map_ms_p99`` says which.
     """
     spread, _, which = quantity.partition("_ms")
     figures: object = row.get(f"{spread}_ms")

@@ -4,7 +4,7 @@ share.
 
 import io
 from base64 import b64encode
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from importlib.resources import files
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -14,7 +14,9 @@ import numpy as np
 from nnpp_edge.files import write_whole
 from nnpp_edge.profiling.contest import Facts
 from nnpp_edge.profiling.figures import stages_of
-from nnpp_edge.progress import shown
+from nnpp_edge.profiling.judge import IN_WORDS, measured, place, wanted
+from nnpp_edge.progress import shown, with_unit
+from nnpp_edge.runtime.errors import optional_module
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -59,10 +61,10 @@ def training_curves(history: Sequence[dict[str, float]], path: Path) -> None:
 
 
 def new_figure(width: float, height: float) -> "Figure":
-    """An empty figure, so many inches wide and high."""
-    from matplotlib.figure import Figure
-
-    return Figure(figsize=(width, height), layout="constrained")
+    """An empty figure, so many inches wide and high; MissingExtraError without matplotlib."""
+    kinds = optional_module("matplotlib.figure", "a figure", "viz")
+    figure: Figure = kinds.Figure(figsize=(width, height), layout="constrained")
+    return figure
 
 
 def encoded(figure: "Figure", dpi: int = 110) -> bytes:
@@ -74,41 +76,39 @@ def encoded(figure: "Figure", dpi: int = 110) -> bytes:
 
 def page(report: Facts) -> str:
     """A profile's report as one page of HTML that needs nothing else: style and plots
-    stand in it.
+    stand in it. MissingExtraError without the extra `viz`.
     """
-    from jinja2 import Environment, StrictUndefined
-
-    template = Environment(
+    jinja2 = optional_module("jinja2", "the page of a report", "viz")
+    template = jinja2.Environment(
         autoescape=True,
-        undefined=StrictUndefined,
+        undefined=jinja2.StrictUndefined,
         trim_blocks=True,
         lstrip_blocks=True,
     )
-    template.filters |= {
-        "number": _number,
+    filters: dict[str, Callable[..., str]] = {
+        "number": with_unit,
         "percent": lambda share, digits=1: shown(share, f"z.{digits}%"),
+        "measured": measured,
+        "wanted": wanted,
+        "place": place,
     }
+    template.filters |= filters
+    template.globals["words"] = IN_WORDS
     text = (files("nnpp_edge.viz") / _TEMPLATE).read_text(encoding="utf-8")
-    return template.from_string(text).render(report=report, plots=list(_plots(report)))
-
-
-def _number(value: float | None, unit: str = "") -> str:
-    if value is None or unit in ("", "1"):
-        return shown(value)
-    return f"{shown(value)} {unit}"
+    page: str = template.from_string(text).render(report=report, plots=list(_plots(report)))
+    return page
 
 
 def _plots(report: Facts) -> Iterator[tuple[str, str, str]]:
     """Title, a sentence on how to read it, and the PNG in base64, of each plot, of the first
-    workload.
+    workload; against the map's size only where there are several.
     """
     first = report["results"][0]["workload"]
     rows = [row for row in report["results"] if row["workload"] == first]
     by_size = f"On {first}: medians as lines, thin up to the slowest hundredth."
-    drawn = (
-        ("Time by stage", f"Mean of a plan on {first}, whole job.", _stages),
-        ("Time against map size", by_size, _by_size),
-    )
+    drawn = [("Time by stage", f"Mean of a plan on {first}, whole job.", _stages)]
+    if len({row["size"] for row in rows}) > 1:
+        drawn.append(("Time against map size", by_size, _by_size))
     for title, words, draw in drawn:
         figure = new_figure(_WIDE, 3.7)
         draw(figure, rows)

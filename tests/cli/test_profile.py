@@ -3,6 +3,7 @@
 import json
 import math
 import os
+import sys
 from contextlib import ExitStack
 from pathlib import Path
 
@@ -90,14 +91,14 @@ def described(*tables):
 def test_a_report_in_every_form(run, profile):
     before = os.sched_getaffinity(0)
     profile()
-    ended = run("profile --profile tiny.toml -o out")
+    ended = run("profile --profile tiny.toml -o out --junit ci/budgets.xml --bmf ci/figures.json")
     assert ended.code == 0, ended.err
     assert os.sched_getaffinity(0) == before
     for words in (
         "speed-up",
         "inference",
         "corridor faster than astar",
-        "all budgets met: 5 of 5 pass",
+        "all budgets met: 5 kept",
     ):
         assert words in ended.out
     told = written("out/report.json")
@@ -109,9 +110,17 @@ def test_a_report_in_every_form(run, profile):
     assert Path("out/board-row.md").read_text() == board_table(told) + "\n"
     page = Path("out/report.html").read_text()
     assert "Tiny &amp; &lt;quick&gt;" in page and "Tiny & <quick>" not in page
-    assert page.count('src="data:image/png;base64,iVBORw0KGgo') == 2
+    assert page.count('src="data:image/png;base64,iVBORw0KGgo') == 1
     assert "<script" not in page and 'src="http' not in page and "@import" not in page
     assert not Path("out/.report.json").exists() and len(list(Path("out").iterdir())) == 4
+    again = run("profile render out/report.json -o again/page.html")
+    assert (again.code, again.out) == (0, "again/page.html\n")
+    assert Path("again/page.html").read_text() == page
+    words = "--junit ci/budgets-2.xml --bmf ci/figures-2.json"
+    assert run(f"profile render out/report.json {words}").code == 0
+    assert len(list(Path("out").iterdir())) == 4
+    for first, second in (("budgets.xml", "budgets-2.xml"), ("figures.json", "figures-2.json")):
+        assert Path("ci", first).read_bytes() == Path("ci", second).read_bytes()
 
 
 def test_the_clock_starts_at_the_elevations(run, profile):
@@ -169,7 +178,7 @@ def test_json_may_be_printed_and_an_impossible_budget_is_missed_and_named(run, p
     ) and "profile: 100 %" in ended.err
     assert {row["n"] for row in told["results"]} == {4}
     assert told["summary"].startswith(
-        "budgets missed: 3 of 5 pass; not plans a second (nnpp, soft 64², limit20 64²)"
+        "budgets missed: 3 kept, 2 missed; missed: plans a second (nnpp, soft 64², limit20 64²)"
     )
 
 
@@ -207,11 +216,20 @@ def test_a_run_disturbed_in_one_half_is_noisy(told, profile, monkeypatch):
 
 
 def test_what_is_no_report_is_refused(run):
-    for content in ("", "[]", "{}", "[" * 100_000, '{"schema": 2, "results": []}', '{"schema": 1}'):
+    damaged = '{"schema": 1, "results": [{}]}'
+    others = ("", "[]", "{}", "[" * 100_000, '{"schema": 2, "results": []}', '{"schema": 1}')
+    for content in (*others, damaged):
         Path("other.json").write_text(content)
-        run("profile compare other.json other.json").refused(
-            "other.json", "wanted a report of nnpp-edge profile"
-        )
+        for words in ("compare other.json", "render --junit new.xml", "render -o new.html"):
+            run(f"profile {words} other.json").refused("wanted", "nnpp-edge profile")
+    assert [each.name for each in Path().iterdir()] == ["other.json"]
+
+
+def test_the_page_alone_needs_the_extra_viz(run, monkeypatch):
+    monkeypatch.setitem(sys.modules, "jinja2", None)
+    report = Path(__file__).parents[1] / "profiling" / "report.json"
+    assert run(f"profile render {report} --junit budgets.xml").code == 0
+    run(f"profile render {report} -o page.html").refused("jinja2: pip install 'nnpp-edge[viz]'")
 
 
 def test_regressions_between_two_reports(run, told, profile):

@@ -110,6 +110,8 @@ $RUN --fast                                    | only a replay can be fast
 $RUN --output none --output stdout             | none goes with no other
 $RUN --output stdout --output stdout           | outputs must differ
 $RUN --input zenoh:tcp/a:1 --output zenoh:tcp/b:1 | one endpoint
+$RUN --input replay:drive.jsonl --fast --fail-on-misses 0.1 | --fail-on-misses needs deadlines
+$RUN --fail-on-misses 2                        | --fail-on-misses
 $RUN --method magic                            | method: wanted one of auto, astar
 $RUN --loop cores=[-1]                         | cores
 $RUN --profile none                            | profile
@@ -148,7 +150,12 @@ evaluate --synthetic --sizes 999999999         | sides of 2 to 32768 cells
 evaluate --terrain hills.npz --methods astar --model nope | 'nope'
 $COST --workload body-rocks5                   | 'body-rocks5' | evaluate
 profile --profile quick --peers                | --peers
-profile --peers --start-up                     | --peers
+profile --peers --start-up                     | --start-up does not go with --peers
+profile --peers --junit budgets.xml            | --junit does not go with --peers
+profile --profile quick --bmf x --junit x      | --junit and --bmf name the same file
+profile render none.json                       | none.json: wanted a report of nnpp-edge profile (no such file)
+profile render text.txt                        | text.txt: wanted a report of nnpp-edge profile
+profile render                                 | missing argument 'REPORT'
 profile --profile quick --json --markdown      | --json
 profile --queries 5 compare a.json b.json      | compare
 profile --profile slow                         | 'slow' | quick

@@ -22,6 +22,7 @@ from nnpp_edge.robot.transports.wire import decode_output, encode
 from nnpp_edge.robot.transports.wiring import Wiring
 from nnpp_edge.runtime import Goal, Ground, InProcessSink, MapPatch, PathMessage, Pose
 from nnpp_edge.runtime.errors import InvalidQueryError
+from nnpp_edge.runtime.loop.messages import Counters
 from nnpp_edge.runtime.network import loading
 from nnpp_edge.terrain import dem as dem_module
 from tests.robot.conftest import free, wait_until
@@ -239,6 +240,20 @@ def test_a_replay_ends_with_its_counters_its_log_and_its_metrics(replayed, dem, 
     with log.open("rb") as file:
         topics = [channel.topic for _, channel, _ in reader.make_reader(file).iter_messages()]
     assert {"/pose", "/goal", "/path"} <= set(topics)
+
+
+@pytest.mark.parametrize(("share", "code"), [("0.14", 0), ("0.13", 1)])
+def test_a_run_that_misses_more_deadlines_than_that_share_fails(
+    nnpp_edge, dem, monkeypatch, share, code
+):
+    counters = Counters(ticks=90, overruns=4, skipped=10)
+    monkeypatch.setattr(onboard, "run", lambda *words, **more: counters)
+    ended = nnpp_edge("run", "--map", dem, "--method", "astar", "--fail-on-misses", share)
+    assert ended.code == code
+    *_, last = ended.err.splitlines()
+    assert last == f"14 of 100 deadlines missed, 14 %; allowed are {100 * float(share):g} %"
+    without = nnpp_edge("run", "--map", dem, "--method", "astar")
+    assert without.code == 0 and "allowed" not in without.err
 
 
 def test_a_cost_map_is_understood_as_one(replayed, tmp_path):

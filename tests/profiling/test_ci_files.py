@@ -1,0 +1,177 @@
+"""A report as people read it and in the formats of others' continuous integration."""
+
+import json
+import re
+import subprocess
+import xml.etree.ElementTree as ET
+from pathlib import Path
+
+import click
+import pytest
+import yaml
+
+from nnpp_edge.cli.profile import command
+from nnpp_edge.cli.profile_text import report_text
+from nnpp_edge.profiling.ci_files import bmf, junit
+from nnpp_edge.profiling.judge import EXIT_CODES, measured, summary
+from tests.tables import cases
+
+ELEMENTS = {
+    "testsuites": ({"testsuite"}, set(), {"name", "time", "tests", "failures", "errors"}),
+    "testsuite": (
+        {"testsuite", "properties", "testcase", "system-out", "system-err"},
+        {"name", "tests", "failures", "errors"},
+        {"skipped", "timestamp", "time", "hostname", "id", "package", "file", "log", "url"},
+    ),
+    "testcase": (
+        {"skipped", "error", "failure", "system-out", "system-err"},
+        {"name"},
+        {"time", "classname", "group"},
+    ),
+    "failure": (set(), set(), {"type", "message"}),
+    "skipped": (set(), set(), {"type", "message"}),
+}
+"""What each may hold, its attributes that are required, and the others: junit-10.xsd of
+https://github.com/jenkinsci/xunit-plugin."""
+
+
+@pytest.fixture
+def report():
+    """A made-up one of two planners; its budgets have four verdicts."""
+    return json.loads(Path(__file__).with_name("report.json").read_text())
+
+
+def test_each_budgets_reason_stands_below_it_in_a_table_of_figures_with_units(report):
+    lines = report_text(report).splitlines()
+    found = {
+        line["name"]: next(n for n, x in enumerate(lines) if x.startswith(f" {line['name']} "))
+        for line in report["budgets"]
+    }
+    assert lines[found["ten a second"]].split()[-5:] == ["256²", "2500/s", "≥", "10/s", "KEPT"]
+    assert lines[found["faster than exact A*"]].split()[-4:] == ["2.5×", "≥", "2.4×", "NOISY"]
+    assert lines[found["memory"]].split()[-6:] == ["150", "MB", "≤", "200", "MB", "KEPT"]
+    for line in report["budgets"]:
+        below = lines[found[line["name"]] + 1]
+        assert (below == f"   why: {line['why']}") == bool(line["why"]), below
+    assert lines[-1].startswith(
+        "budgets missed: 3 kept, 1 missed, 1 noisy, 1 not measured; missed: "
+    )
+    (row,) = [
+        line for line in report_text(report, markdown=True).splitlines() if "| start |" in line
+    ]
+    assert row.endswith("| ≤ 1 s | NOT MEASURED | this run did not measure it |")
+
+
+def test_a_name_of_several_lines_or_with_signs_of_tables_stays_in_its_row(report):
+    report["budgets"][0]["name"] = "[/b] one\ntwo | :bug:"
+    assert "[/b] one two | :bug: " in report_text(report)
+    assert "| [/b] one two \\| :bug: | nnpp |" in report_text(report, markdown=True)
+
+
+def test_a_figure_beside_its_limit_does_not_look_like_it(report):
+    line = report["budgets"][1]
+    assert measured(line) == "0.4004 %"
+    assert measured(line | {"value": 0.4}) == "0.4 %"
+    assert measured(line | {"value": 0.39}) == "0.39 %"
+
+
+def test_the_summary_names_who_is_to_blame_by_verdict(report):
+    unsure = [line for line in report["budgets"] if line["verdict"] != "fail"]
+    assert summary("noisy", unsure, "") == (
+        "too noisy to tell: 3 kept, 1 noisy, 1 not measured; "
+        "noisy: faster than exact A* (nnpp, soft 256²); not measured: start (nnpp)"
+    )
+
+
+def test_budgets_are_tests_for_readers_of_junit(report):
+    report["budgets"][4]["name"] = "memory \x01\ud800"
+    root = ET.fromstring(junit(report))
+    assert root.tag == "testsuites"
+    for element in root.iter():
+        children, required, others = ELEMENTS[element.tag]
+        assert {child.tag for child in element} <= children
+        assert required <= set(element.keys()) <= required | others
+    (suite,) = root
+    assert [suite.get(key) for key in ("tests", "failures", "skipped")] == ["6", "1", "2"]
+    ends = {test.get("name").partition(":")[0]: [*test] for test in suite}
+    assert len({test.get("name") for test in suite}) == 6 and not ends["memory \ufffd\ufffd"]
+    ((kind, words),) = [(end.tag, end.text) for end in ends["mean <gap> | small"]]
+    assert (kind, words) == ("failure", "missed: measured 0.4004 %, wanted ≤ 0.4 %")
+    for name, reason in (
+        ("faster than exact A*", "others took 40 %"),
+        ("start", "did not measure"),
+    ):
+        (skipped,) = ends[name]
+        assert skipped.tag == "skipped" and reason in skipped.text == skipped.get("message")
+
+
+RECIPES = Path(__file__).parents[2] / "docs" / "profile-ci.md"
+ATTEMPTS = """
+0       | 0
+1       | 1
+2       | 2
+3, 0    | 0
+3, 3, 1 | 1
+3, 3, 3 | 3
+"""
+"""Exit codes of the measurements, and that of the job."""
+
+
+@pytest.fixture(scope="module")
+def recipes():
+    """The documented jobs of GitHub Actions and GitLab CI."""
+    found = re.findall(r"```yaml\n(.*?)```", RECIPES.read_text(), re.DOTALL)
+    return [yaml.safe_load(each) for each in found]
+
+
+@pytest.mark.parametrize(("codes", "code"), cases(ATTEMPTS))
+def test_the_documented_job_measures_again_where_there_is_no_verdict(
+    recipes, tmp_path, codes, code
+):
+    (script,) = [step["run"] for step in recipes[0]["jobs"]["profile"]["steps"] if "name" in step]
+    codes = codes.split(", ")
+    for at, each in enumerate(codes):
+        (tmp_path / f"code-{at}").write_text(each)
+    program = tmp_path / ".venv/bin/nnpp-edge"
+    program.parent.mkdir(parents=True)
+    program.write_text("#!/bin/sh\necho $* >> calls\nexit $(cat code-$(($(wc -l < calls) - 1)))\n")
+    program.chmod(0o755)
+    ended = subprocess.run(["bash", "-e", "-c", script], cwd=tmp_path, timeout=60)
+    calls = (tmp_path / "calls").read_text().splitlines()
+    assert (ended.returncode, len(calls)) == (int(code), len(codes))
+
+
+def test_the_documented_jobs_give_options_that_there_are_and_upload_what_is_written(recipes):
+    actions, gitlab = (json.dumps(recipe) for recipe in recipes)
+    for recipe in (actions, gitlab):
+        (words,) = re.findall(r"nnpp-edge profile ([^|\"\\]*)", recipe)
+        given, *_ = command.make_parser(click.Context(command)).parse_args(words.split())
+        assert (given["junit"], given["bmf"]) == ("budgets.xml", "figures.json")
+    job = recipes[1]["profile"]
+    assert job["retry"] == {"max": 2, "exit_codes": EXIT_CODES["noisy"]}
+    assert job["artifacts"]["reports"]["junit"] == "budgets.xml"
+    assert "report\\nbudgets.xml\\nfigures.json" in actions
+
+
+def test_figures_are_bencher_metric_format_in_the_units_of_budgets(report):
+    report["results"][0]["gap_max"] = float("nan")
+    found = json.loads(bmf(report))
+    # https://bencher.dev/bmf.json: objects in objects of numbers, of which `value` is required
+    for name, measures in found.items():
+        assert name and len(name) <= 1024 and measures
+        for measure, metric in measures.items():
+            assert 0 < len(measure) <= 64
+            assert {"value"} <= set(metric) <= {"value", "lower_value", "upper_value"}
+            assert all(type(number) in (int, float) for number in metric.values())
+            assert metric.get("lower_value", 0) <= metric["value"] <= metric.get("upper_value", 1e9)
+    assert [*found] == [
+        *("board/soft/256/astar", "board/soft/256/nnpp", "board/soft/256/loop"),
+        *("board/whole run/nnpp", "board/whole run/loop"),
+    ]
+    of_planner = found["board/soft/256/nnpp"]
+    assert of_planner["time_ms_median"] == {"value": 0.4, "lower_value": 0.4, "upper_value": 0.5}
+    assert of_planner["time_ms_p99"] == {"value": pytest.approx(1.2)}
+    assert of_planner["gap_mean"] == {"value": pytest.approx(0.4)}
+    assert found["board/soft/256/loop"]["reaction_ms"]["upper_value"] == 0.6
+    assert found["board/whole run/nnpp"]["peak_memory_mb"] == {"value": 150.0}
+    assert "gap_max" not in found["board/soft/256/astar"]
