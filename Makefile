@@ -59,6 +59,7 @@ kernels: $(DEV)/ready
 lint: $(DEV)/ready
 	$(DEV)/bin/ruff check .
 	$(DEV)/bin/ruff format --check .
+	$(DEV)/bin/flake8 nnpp_edge runtime export calibrate
 
 spelling: $(DEV)/ready
 	$(DEV)/bin/typos

@@ -48,7 +48,8 @@ def patch_at(origin: Cell, patch: tuple[int, ...], shape: tuple[int, int]) -> Re
 
 def slices(part: Rectangle) -> tuple[slice, slice]:
     """The rows and columns of a rectangle, to index a map with."""
-    return slice(part[0], part[0] + part[2]), slice(part[1], part[1] + part[3])
+    row, col, rows, cols = part
+    return slice(row, row + rows), slice(col, col + cols)
 
 
 def widened(part: Rectangle, by: Cell, shape: tuple[int, ...]) -> Rectangle:
@@ -95,6 +96,6 @@ def common(one: Rectangle, other: Rectangle) -> Rectangle | None:
 def apart(part: Rectangle, cell: tuple[int, int]) -> int:
     """Cells between a rectangle and a cell, as the king moves; 0 inside."""
     row, col, rows, cols = part
-    return max(
-        row - cell[0], cell[0] - (row + rows - 1), col - cell[1], cell[1] - (col + cols - 1), 0
-    )
+    above = row - cell[0]
+    left = col - cell[1]
+    return max(above, 1 - rows - above, left, 1 - cols - left, 0)

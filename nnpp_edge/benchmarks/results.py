@@ -2,6 +2,7 @@
 written into the pages.
 
 python -m nnpp_edge.benchmarks.results LUNAR_TERRAIN.tif
+python -m nnpp_edge.benchmarks.results LUNAR_TERRAIN.tif --only mission
 """
 
 import json
@@ -212,8 +213,9 @@ def filled(page: str, found: Results) -> str:
 
     def table(mark: re.Match[str]) -> str:
         begin, name, end = mark.groups()
-        if name == "stamp":
-            return begin + _stamp(found) + end
+        what, _, suite = name.partition("_")
+        if what == "stamp":
+            return begin + _stamp(found["runs"][suite] if suite else found) + end
         heads, parts = TABLES[name]
         lines = [
             _FORMATTER.vformat(part.cells, (), each).split(" | ")
@@ -272,18 +274,24 @@ def _groups(found: Results, suite: str) -> Iterable[Results]:
 
 @click.command()
 @click.argument("terrain", type=click.Path(exists=True, dir_okay=False, path_type=Path))
-def main(terrain: Path) -> None:
+@click.option("--only", type=click.Choice(list(SUITES)), help="Measure this suite anew alone.")
+def main(terrain: Path, only: str | None) -> None:
     """Measure all tables on this terrain and write them into the pages: a quarter of an hour, on a
     quiet machine.
     """
     commit = subprocess.check_output(["git", "rev-parse", "--short", "HEAD"], text=True).strip()
-    found: Results = {
+    run: Results = {
         "commit": commit,
         "terrain": terrain.name,
         "cores": 2,
         "machine": environment((0, 1)),
     }
+    found = json.loads(STORED.read_text()) if only else dict(run)
+    found.setdefault("runs", {})
     for suite, runs in SUITES.items():
+        if only not in (None, suite):
+            continue
+        found["runs"][suite] = run
         found[suite] = []
         for options in runs:
             click.echo(f"  {suite} {options}", err=True)

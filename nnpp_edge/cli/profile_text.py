@@ -164,7 +164,8 @@ def _readings(found: dict[str, dict[str, float | None]], what: str, unit: str, l
     """The range of each sensor's readings, and its limit."""
     ranges = []
     for name, each in found.items():
-        words = f"{what}{name} {shown(each['min'])} to {shown(each['max'])} {unit}"
+        least = shown(each["min"])
+        words = f"{what}{name} {least} to {shown(each['max'])} {unit}"
         if each[limit] is not None:
             words += f" ({limit} {shown(each[limit])})"
         ranges.append(words)

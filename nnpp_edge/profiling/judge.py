@@ -165,7 +165,8 @@ def answers(lines: Sequence[Facts]) -> str:
         tightest = min(measured, key=lambda line: line["value"] / line["limit"])
         states = {line["verdict"] for line in asked}
         word = "no" if FAIL in states else "yes" if states == {PASS} else "cannot tell"
-        said.append(f"{name.format(tightest['limit'])}: {word} ({tightest['value']:.3g}).")
+        question = name.format(tightest["limit"])
+        said.append(f"{question}: {word} ({tightest['value']:.3g}).")
     return " ".join(said)
 
 

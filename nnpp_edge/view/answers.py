@@ -229,7 +229,8 @@ def place_in_words(dem: Dem, cell: Cell) -> list[str]:
     words = ["row {}, column {}".format(*cell), "x {:.9g}, y {:.9g}".format(*at[0])]
     with suppress(NnppEdgeError):  # no coordinate system, or nothing that knows it
         sides = zip(lonlat_at(dem, at)[0].tolist(), ("EW", "NS"), strict=True)
-        words.append(", ".join(f"{abs(angle):.6f}° {side[angle < 0]}" for angle, side in sides))
+        angles = [f"{abs(angle):.6f}° {side[angle < 0]}" for angle, side in sides]
+        words.append(", ".join(angles))
     return [*words, ground_in_words(dem, cell)]
 
 

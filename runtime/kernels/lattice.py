@@ -91,7 +91,16 @@ from nnpp_edge.runtime.kernels.records import (
 )
 
 DIRECTION_COUNT = 16
-_FIRST_LEGS = ((1, 0), (2, 1), (1, 1), (1, 2), (0, 1), (-1, 2), (-1, 1), (-2, 1))
+_FIRST_LEGS = (
+    (1, 0),
+    (2, 1),
+    (1, 1),
+    (1, 2),
+    (0, 1),
+    (-1, 2),
+    (-1, 1),
+    (-2, 1),
+)
 """(rows, columns) of the first eight directions; the others lead the other way."""
 LEG_ROWS = tuple(sign * rows for sign in (1, -1) for rows, _ in _FIRST_LEGS)
 LEG_COLS = tuple(sign * cols for sign in (1, -1) for _, cols in _FIRST_LEGS)

@@ -149,7 +149,8 @@ def arc_tangent(x):
     steep = x > _ONE
     x = chosen(steep, _ONE / x, x)
     y = x * x
-    angle = x * (_A0 + y * (_A1 + y * (_A2 + y * (_A3 + y * (_A4 + y * (_A5 + y * _A6))))))
+    inner = _A3 + y * (_A4 + y * (_A5 + y * _A6))
+    angle = x * (_A0 + y * (_A1 + y * (_A2 + y * inner)))
     return chosen(steep, _QUARTER_TURN - angle, angle)
 
 

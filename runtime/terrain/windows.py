@@ -91,11 +91,11 @@ class CostWindows:
     def along(self, path: NDArray[np.int32]) -> tuple[Float2D, Float2D]:
         """(N,) heights and costs of the cells of a path (N, 2)."""
         legs = [path[at : at + LEG_CELLS] for at in range(0, len(path), LEG_CELLS)]
-        corners = [(leg.min(axis=0), leg.max(axis=0) + 1) for leg in legs]
-        parts = [
-            (int(low[0]), int(low[1]), int(high[0] - low[0]), int(high[1] - low[1]))
-            for low, high in corners
-        ]
+        parts = []
+        for leg in legs:
+            row, col = leg.min(axis=0).tolist()
+            rows, cols = (leg.max(axis=0) + 1 - (row, col)).tolist()
+            parts.append((row, col, rows, cols))
         found = [np.empty((2, 0), np.float32)]
         for leg, (part, heights, cost) in zip(legs, self.windows(parts), strict=True):
             at = tuple((leg - part[:2]).T)

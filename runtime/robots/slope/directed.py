@@ -199,7 +199,7 @@ class SlopeRobot(Robot):
         if not parts:
             return change
         row, col, rows, cols = part = widened(enclosing(parts), (1, 1), self.shape)
-        here = self.padded[row + 1 : row + rows + 1, col + 1 : col + cols + 1]
+        here = self.padded[slices((row + 1, col + 1, rows, cols))]
         before = here.copy()
         self._compute(part)
         changed = (here != before).any(2)
@@ -242,7 +242,8 @@ class SlopeRobot(Robot):
         cells = path[first:]
         lengths = np.hypot(*(np.diff(cells, axis=0) * self._sides).T)
         with np.errstate(invalid="ignore"):  # wherever steps lead
-            rises = np.diff(self._heights[cells[:, 0], cells[:, 1]].astype(np.float64))
+            heights = self._heights[cells[:, 0], cells[:, 1]]
+            rises = np.diff(heights.astype(np.float64))
             steps = self._model.cost(lengths, rises)
             if len(self._ground):
                 ground = self._ground[cells[:, 0], cells[:, 1]].astype(np.float64)
@@ -260,7 +261,7 @@ class SlopeRobot(Robot):
         return cost, length, traverse_cost
 
     def worth_of_height(self, start: Cell, goal: Cell) -> float:
-        rise = float(self._heights[goal[0], goal[1]]) - float(self._heights[start[0], start[1]])
+        rise = float(self._heights[goal]) - float(self._heights[start])
         return self._model.height_price * rise
 
     def with_heights(self, field: NDArray[np.float32], start: Cell) -> NDArray[np.float32]:
