@@ -39,7 +39,7 @@ def command(
     """Make a command of a function."""
 
     def make(function: Callable[..., None]) -> click.Command:
-        groups: dict[str, tuple[Any, list[str]]] = {}
+        groups: dict[str, tuple[type, list[str]]] = {}
         arguments = list[str]()
         params = list[click.Parameter]()
         for each in inspect.signature(function).parameters.values():
@@ -68,7 +68,7 @@ def command(
     return make
 
 
-def _options_of(group: Any) -> Iterator[click.Option]:
+def _options_of(group: type) -> Iterator[click.Option]:
     """The options of a group: the fields of a dataclass, or what a `TypedDict` explains."""
     if is_dataclass(group):
         for field in fields(group):

@@ -127,7 +127,7 @@ def _sentences(report: Facts) -> Iterator[str]:
         where = "never in this run" if size is None else f"from {size}² on"
         yield f"{line['planner']} faster than {line['over']}: {where}"
     for row in report["results"]:
-        if row["int8_speedup"] is not None:
+        if row.get("int8_speedup_after_plan") is not None:
             place = f"{row['workload']} {row['size']}²"
             warm = f"{row['int8_speedup']:.2f} times warm"
             after_plan = f"{row['int8_speedup_after_plan']:.2f} right after a plan"

@@ -19,6 +19,8 @@ from nnpp_edge.runtime.planners.plan import Plan, Source
 
 CaseT = TypeVar("CaseT")
 ResultT = TypeVar("ResultT")
+Line = Mapping[str, Any]
+"""A line of a table, by key."""
 Facts = dict[str, Any]
 """Content of JSON, by key; docs/reference/figures.md says what the keys of a profile's report mean.
 """

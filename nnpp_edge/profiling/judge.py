@@ -3,11 +3,10 @@
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Any
 
 from msgspec.structs import asdict, replace
 
-from nnpp_edge.profiling.contest import PLACE, Facts
+from nnpp_edge.profiling.contest import PLACE, Facts, Line
 from nnpp_edge.profiling.profile_file import LOOP, QUANTITIES, Budget, Profile
 from nnpp_edge.profiling.sensors import Throttling
 from nnpp_edge.progress import shown, with_unit
@@ -133,12 +132,12 @@ def summary(ending: str, lines: Sequence[Facts], noise: str) -> str:
     return "; ".join(parts)
 
 
-def place(line: Mapping[str, Any]) -> str:
+def place(line: Line) -> str:
     """Where a budget was judged, in words."""
     return f"{line['workload']} {line['size']}²" if line["size"] else "whole run"
 
 
-def measured(line: Mapping[str, Any]) -> str:
+def measured(line: Line) -> str:
     """A budget's figure with its unit; with more digits where it would look like the limit."""
     value = line["value"]
     if value is not None and value != line["limit"] and shown(value) == shown(line["limit"]):
@@ -146,7 +145,7 @@ def measured(line: Mapping[str, Any]) -> str:
     return with_unit(value, line["unit"])
 
 
-def wanted(line: Mapping[str, Any]) -> str:
+def wanted(line: Line) -> str:
     """A budget's limit with its unit."""
     sign = "≥" if line["direction"] == "at least" else "≤"
     return with_unit(f"{sign} {line['limit']:g}", line["unit"])

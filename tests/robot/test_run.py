@@ -289,10 +289,10 @@ def test_ticks_end_it_and_the_profile_and_its_model_count(replayed, dem, tmp_pat
     profile.write_text(
         f'[loop]\nrate_hz = 50\nmethod = "nnpp"\nmodel = "{tiny_model}"\ncores = [0]\n'
     )
-    words = ("--profile", profile, "--stay", "--ticks", "20")
+    words = ("--profile", profile, "--ticks", "2")
     ended = replayed(dem, *words)
     assert "ready: nnpp at 50 Hz" in ended.err
-    assert ended.json["ticks"] == 20
+    assert ended.json["ticks"] == 2
     assert "ready: dstar at 80 Hz" in replayed(dem, *words, "--method", "dstar", "--rate", "80").err
 
 

@@ -75,7 +75,7 @@ def run(
 
         def after_tick(message: PathMessage) -> None:
             notifier.alive()
-            if source.failure or (source.ended and not wiring.stay):
+            if source.failure or source.ended:
                 loop.finish()
 
         loop = Loop(

@@ -46,7 +46,6 @@ class Wiring:
         "the sender of the inputs, and of a replay to stdout.",
     ] = ()
     fast: Annotated[bool, "Replay one recorded tick a tick, and ticks without a pause."] = False
-    stay: Annotated[bool, "Go on when stdin is closed or the replay is over."] = False
     zenoh_connect: Annotated[
         str | None,
         {"metavar": "ENDPOINT"},
