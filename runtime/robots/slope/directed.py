@@ -261,8 +261,8 @@ class SlopeRobot(Robot):
         return cost, length, traverse_cost
 
     def worth_of_height(self, start: Cell, goal: Cell) -> float:
-        rise = float(self._heights[goal]) - float(self._heights[start])
-        return self._model.height_price * rise
+        below, above = (float(self._heights[row, col]) for row, col in (start, goal))
+        return self._model.height_price * (above - below)
 
     def with_heights(self, field: NDArray[np.float32], start: Cell) -> NDArray[np.float32]:
         rise = self._heights - np.float64(self._heights[start])
