@@ -22,8 +22,9 @@ _PLACE = ("workload", "size")
 def tell(
     as_json: bool, figures: object, text: Callable[[], str], *, indent: int | None = None
 ) -> None:
-    """Print an answer."""
-    click.echo(json.dumps(figures, indent=indent) if as_json else text())
+    """Print an answer; what has no place in UTF-8, in a name that a file gives, is written out."""
+    words = json.dumps(figures, indent=indent) if as_json else text()
+    click.echo(words.encode(errors="backslashreplace").decode())
 
 
 def aligned(lines: Mapping[str, object], indent: str = "") -> str:

@@ -6,6 +6,8 @@ import sys
 import numpy as np
 import pytest
 
+from nnpp_edge.cli.text import tell
+
 PROGRAM = f"{sys.executable} -m nnpp_edge.cli.main"
 FULL = "No space left on device"
 
@@ -62,3 +64,8 @@ def test_a_line_stays_a_line_whatever_a_name_holds(nnpp_edge, tmp_path):
     ended = nnpp_edge("costmap", tmp_path / "two\nlines\x1b[31m.npz", "-o", tmp_path / "cost.npy")
     ended.refused(r"two\nlines\x1b[31m.npz")
     assert ended.err.count("\n") == 1
+
+
+def test_what_has_no_place_in_utf_8_is_written_out(capsys):
+    tell(False, {}, lambda: "planner \ud800: faster")
+    assert capsys.readouterr().out == "planner \\ud800: faster\n"
