@@ -302,14 +302,24 @@ class KeptField:
         turns = _turns_in_field(states.prices, self._region)
         guide = Guide(grid.node(*self._begun), self._promised, turns)
         limits = Limits(limit or WITHOUT_END, query.deadline.at)
-        found = _by_field(grid, query, self._workspace, allowed(self._region), guide, limits)
+        place = (self._workspace, allowed(self._region))
+        found = _by_field(grid, query, *place, guide, limits, best_so_far=limit is not None)
         return found._replace(refused_f=_octile(grid, query))
 
 
 def _by_field(
-    grid: "Grid", query: Query, workspace: Workspace, inside: Parts, guide: Guide, limits: Limits
+    grid: "Grid",
+    query: Query,
+    workspace: Workspace,
+    inside: Parts,
+    guide: Guide,
+    limits: Limits,
+    *,
+    best_so_far: bool = False,
 ) -> Search:
-    """The search over states, once the field is there."""
+    """The search over states, once the field is there; with `best_so_far` a path that is known at
+    the limit counts, though it may not be the best.
+    """
     states = grid.robot.states()
     field = workspace.field
     assert states is not None and field is not None
@@ -336,8 +346,8 @@ def _by_field(
     code, length, expansions, refused = run(expand_states, before, rule, ends, workspace, limits)
     end = int(workspace.counts[BEST_NODE])
     trace = partial(trace_states, prices=tuple(states.prices), frame=frame)
-    if code == PAUSED and limits.most < WITHOUT_END and workspace.counts[GOAL_STATE] >= 0:
-        code = FOUND  # the best path so far
+    if code == PAUSED and best_so_far and workspace.counts[GOAL_STATE] >= 0:
+        code = FOUND
         end = int(workspace.counts[GOAL_STATE])
         length = trace(workspace.meta, end, out=workspace.path)
     found = traced(trace, workspace, code, end, length, expansions, refused)
