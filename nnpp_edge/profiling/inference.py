@@ -1,8 +1,7 @@
 """Times of a network's inference, in two cases: warm, and right after a plan.
 
-`nnpp-edge profile`, `nnpp-edge quantize` and the models' cards all measure by this. Warm is what a
-benchmark in a loop shows. Right after a plan, whose map has driven the network out of the caches,
-is what a robot gets.
+`nnpp-edge profile` and `nnpp-edge quantize` measure by this. Warm is what a benchmark in a loop
+shows. Right after a plan, whose map has driven the network out of the caches, is what a robot gets.
 """
 
 from collections.abc import Callable, Mapping, Sequence

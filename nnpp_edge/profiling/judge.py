@@ -156,8 +156,9 @@ def answers(lines: Sequence[Facts]) -> str:
     kept, each with its tightest figure; empty without such budgets.
     """
     said = []
+    limits = [line for line in lines if line["limit"] > 0.0]  # of 0 there is no share
     for name, quantities in _QUESTIONS.items():
-        asked = [line for line in lines if line["quantity"] in quantities]
+        asked = [line for line in limits if line["quantity"] in quantities]
         measured = [line for line in asked if line["value"] is not None]
         if not measured:
             continue
