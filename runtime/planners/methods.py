@@ -106,7 +106,7 @@ class Methods:
             return None
         from nnpp_edge.runtime.planners.arc_corridor import ArcCorridor
 
-        return ArcCorridor(self, self._repeated)
+        return ArcCorridor(self.state, self.astar, self._repeated)
 
     @cached_property
     def regions(self) -> "LearnedRegions":
@@ -229,7 +229,7 @@ class Methods:
         self.state.pyramid_by(query.deadline)
         corridors = self.descent.corridors(query, work, searcher or self.astar, widths)
         if self.arcs is not None:
-            return self.arcs.find(query, work, corridors)
+            return self.arcs.find(query, work, corridors, self.search_map)
         for found in corridors:
             if found.suffices(query):
                 return found
