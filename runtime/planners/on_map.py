@@ -5,8 +5,6 @@ thread's turn.
 import functools
 import math
 from collections.abc import Callable, Mapping
-from contextlib import nullcontext
-from dataclasses import replace
 from pathlib import Path
 from threading import RLock
 from typing import TYPE_CHECKING, Any, Concatenate, ParamSpec, TypeVar
@@ -16,24 +14,23 @@ import numpy as np
 from nnpp_edge.runtime.arguments import checked
 from nnpp_edge.runtime.arrays import Bool, Float2D
 from nnpp_edge.runtime.cells import Cell, as_cell
-from nnpp_edge.runtime.deadline import NEVER, Deadline, OutOfTimeError
+from nnpp_edge.runtime.deadline import NEVER, Deadline
 from nnpp_edge.runtime.errors import (
     ConcurrentUseError,
     InvalidMapError,
     InvalidQueryError,
     NnppEdgeError,
-    Status,
     shown,
 )
 from nnpp_edge.runtime.map.ground import Ground, GroundOptions
 from nnpp_edge.runtime.map.kinds import map_state
 from nnpp_edge.runtime.map.state import MapState
-from nnpp_edge.runtime.memory import small_pages, touch
+from nnpp_edge.runtime.memory import touch
 from nnpp_edge.runtime.options import StepOptions
 from nnpp_edge.runtime.planners.methods import Methods
-from nnpp_edge.runtime.planners.plan import DynamicMethod, Plan, Source
-from nnpp_edge.runtime.planners.query import Found, Work, in_words, problem_with, told
-from nnpp_edge.runtime.search.astar import Query, cost_field
+from nnpp_edge.runtime.planners.plan import Plan
+from nnpp_edge.runtime.planners.query import in_words, problem_with
+from nnpp_edge.runtime.search.astar import cost_field
 from nnpp_edge.runtime.tuning import NEAR
 
 if TYPE_CHECKING:
@@ -247,35 +244,6 @@ class OnMap:
             touch(self._methods.astar.workspace)
             self._methods.descent.touch()
 
-    def _answer(
-        self,
-        query: Query,
-        work: Work,
-        wanted: DynamicMethod,
-        find: Callable[[], tuple[Found, DynamicMethod, str]],
-        keep_regions: bool,
-    ) -> Plan:
-        """The plan of what `find` gives: what was found, by which method, and why that; of ends
-        that cannot be stood on, or at the deadline, of the method `wanted`.
-        """
-        state = self._state
-        by = wanted
-        choice = ""
-        if problem := problem_with(state.grid, query.start, query.goal):
-            return Plan(problem, by.base, planner=by, reason=told(problem, query, state.grid.robot))
-        checked_before = state.checked
-        try:
-            with small_pages() if state.unseen is not None else nullcontext():
-                found, by, choice = find()
-        except OutOfTimeError:
-            found = Found.too_late(Source.MAP if wanted.whole_map else Source.REGION)
-        plan = found.plan(by, work, state, checked_before, choice=choice, keep_regions=keep_regions)
-        return (
-            replace(plan, reason=plan.reason + self._why_ended(query))
-            if plan.status is Status.NO_PATH
-            else plan
-        )
-
     def _frees(self, refine: str | None) -> bool:
         """Whether paths are freed from the grid, by the option of that name."""
         if refine is None:
@@ -289,15 +257,6 @@ class OnMap:
         from nnpp_edge.runtime.planners.refine import Refiner
 
         return Refiner(self._state).refined(plan, radius_m, deadline)
-
-    def _why_ended(self, query: Query) -> str:
-        """By which limit a body gets no farther, by the search of the whole map that has just found
-        no path.
-        """
-        grid = self._state.grid
-        memory = self._methods.astar.workspace
-        why = grid.robot.why_ended(grid, query.start, query.goal, memory)
-        return f"; {why}" if why else ""
 
     def _reach(self, start: Cell, within: float = math.inf) -> Float2D:
         """As `Planner.reach`."""

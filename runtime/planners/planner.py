@@ -20,8 +20,8 @@ from nnpp_edge.runtime.planners.on_map import (
     one_at_a_time,
     split,
 )
-from nnpp_edge.runtime.planners.plan import DynamicMethod, Method, Plan
-from nnpp_edge.runtime.planners.query import Found, Wishes, Work, options_of
+from nnpp_edge.runtime.planners.plan import Method, Plan
+from nnpp_edge.runtime.planners.query import Wishes, Work, options_of
 from nnpp_edge.runtime.search.astar import Query, costs_to_nearest
 from nnpp_edge.runtime.tuning import NEAREST_STOPS
 
@@ -273,19 +273,8 @@ class Planner(OnMap):
         query = Query.of(
             start, goal, deadline, wishes.epsilon, direction if direction >= 0 else begin, wanted
         )
-        chosen, why = methods.choose(wishes.method, query)
-
-        def find() -> tuple[Found, DynamicMethod, str]:
-            by = chosen
-            choice = why
-            if wishes.method == Method.AUTO and by is Method.ASTAR:
-                if (near := methods.search_briefly(query, work)) is not None:
-                    return near, DynamicMethod.ASTAR, choice
-                by = Method.CORRIDOR
-                choice = f"{choice}, but the way is long"
-            return methods.find(by, query, work), DynamicMethod(by), choice
-
-        return self._answer(query, work, DynamicMethod(chosen), find, wishes.keep_regions)
+        ways = methods.ways(Method(wishes.method), query)
+        return methods.plan(query, work, ways[0][0], ways, keep_regions=wishes.keep_regions)
 
     def _refined(self, plan: Plan, refining: bool, wishes: Wishes, deadline: Deadline) -> Plan:
         """The plan, freed from the grid if that is asked for."""
