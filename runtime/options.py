@@ -6,9 +6,16 @@ its parameters of the types, so that each is explained here alone; what is not g
 default. Nothing heavy is imported, so that `--help` is instant.
 """
 
-from typing import Annotated, TypedDict
+from typing import TYPE_CHECKING, Annotated, TypedDict
 
 from msgspec import Meta
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+    from nnpp_edge.runtime.network.inference import NetworkModel
+    from nnpp_edge.runtime.robots.slope.cost import Mobility
+    from nnpp_edge.runtime.terrain.vehicle import Vehicle
 
 METHODS = {
     "auto": "picks one by measured figures, and says why",
@@ -49,10 +56,36 @@ Heading = Annotated[float, Meta(ge=0.0, le=360.0)]
 
 
 class StepOptions(TypedDict, total=False):
-    """What a step over the map costs, and which steps are allowed."""
+    """Of the options of a planner those that commands have: what a step over the map costs, and
+    which steps are allowed.
+    """
 
     omega: Omega
     corner_cutting: CornerCutting
+
+
+class PlannerOptions(StepOptions, total=False):
+    """What a planner is made with beside its map: the options of `Planner` and `DynamicPlanner`,
+    and of their `of_elevation`. Attributes of `Ground` are the ground's.
+    """
+
+    cell_width_m: float | None
+    vehicle: "Vehicle | None"
+    step_cost: str
+    mobility: "Mobility | None"
+    lazy: bool
+    """Whether costs of heights are computed, and poses checked, only where searched, as by
+    default. Else all are now; plans are the same. Costs of steps by the slope always are."""
+    warn: bool
+    """Whether to warn of heights whose slopes all lie beyond the limits; by default `of_elevation`
+    does.
+    """
+    model: "str | Path | NetworkModel"
+    """The network for ``nnpp``: a shipped model's name (by default ``edge``), a file, or one
+    already loaded, which planners may share. It is loaded when first needed."""
+    ask_from: int
+    """Cells between start and goal from which on ``nnpp`` runs the network. Nearer goals A* has
+    mostly found before it has answered, and is tried first."""
 
 
 class PlanOptions(TypedDict, total=False):

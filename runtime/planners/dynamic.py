@@ -20,10 +20,10 @@ from nnpp_edge.runtime.deadline import Deadline
 from nnpp_edge.runtime.errors import InvalidQueryError
 from nnpp_edge.runtime.map.ground import Ground
 from nnpp_edge.runtime.memory import touch
+from nnpp_edge.runtime.options import PlannerOptions
 from nnpp_edge.runtime.planners.methods import Way, file_of
 from nnpp_edge.runtime.planners.on_map import (
     OnMap,
-    PlannerOptions,
     one_at_a_time,
     split,
 )

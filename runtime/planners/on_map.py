@@ -22,11 +22,11 @@ from nnpp_edge.runtime.errors import (
     NnppEdgeError,
     shown,
 )
-from nnpp_edge.runtime.map.ground import Ground, GroundOptions
+from nnpp_edge.runtime.map.ground import Ground
 from nnpp_edge.runtime.map.kinds import map_state
 from nnpp_edge.runtime.map.state import MapState
 from nnpp_edge.runtime.memory import touch
-from nnpp_edge.runtime.options import StepOptions
+from nnpp_edge.runtime.options import PlannerOptions
 from nnpp_edge.runtime.planners.methods import Methods
 from nnpp_edge.runtime.planners.plan import Plan
 from nnpp_edge.runtime.planners.query import in_words, problem_with
@@ -75,26 +75,6 @@ def one_at_a_time(method: Callable[Concatenate[S, P], R]) -> Callable[Concatenat
             self._turn.release()
 
     return guarded
-
-
-class PlannerOptions(GroundOptions, StepOptions, total=False):
-    """Options of `Planner` and `DynamicPlanner`, and of their `of_elevation`; those of `Ground` are
-    the ground's.
-    """
-
-    lazy: bool
-    """Whether costs of heights are computed, and poses checked, only where searched, as by
-    default. Else all are now; plans are the same. Costs of steps by the slope always are."""
-    warn: bool
-    """Whether to warn of heights whose slopes all lie beyond the limits; by default `of_elevation`
-    does.
-    """
-    model: "str | Path | NetworkModel"
-    """The network for ``nnpp``: a shipped model's name (by default ``edge``), a file, or one
-    already loaded, which planners may share. It is loaded when first needed."""
-    ask_from: int
-    """Cells between start and goal from which on ``nnpp`` runs the network. Nearer goals A* has
-    mostly found before it has answered, and is tried first."""
 
 
 class OnMap:
@@ -272,9 +252,9 @@ class OnMap:
 
 
 def split(
-    options: Mapping[str, object], kind: type = GroundOptions
+    options: Mapping[str, object], kind: type = Ground
 ) -> tuple[dict[str, Any], dict[str, Any]]:
-    """The options that this `TypedDict` has, and the others."""
+    """The options that are attributes of a class, or keys of a record, and the others."""
     own = {name: value for name, value in options.items() if name in kind.__annotations__}
     rest = {name: value for name, value in options.items() if name not in own}
     return own, rest
