@@ -6,7 +6,8 @@ its parameters of the types, so that each is explained here alone; what is not g
 default. Nothing heavy is imported, so that `--help` is instant.
 """
 
-from typing import TYPE_CHECKING, Annotated, TypedDict
+import math
+from typing import TYPE_CHECKING, Annotated, NamedTuple, TypedDict
 
 from msgspec import Meta
 
@@ -39,6 +40,30 @@ STEP_COSTS = {
     "energy": "vehicle's energy",
 }
 """What a step costs on a map of heights; those by the slope are `robots.slope.cost.SLOPE_COSTS`."""
+
+
+class Term(NamedTuple):
+    """A term of Eq. 1, and the attributes of `Traversability` that limit and weigh it."""
+
+    words: str
+    unit: str
+    """Of the limits; of degrees kernels take radians."""
+    limit: str
+    weight: str
+    hard: str
+
+    def told(self, value: float) -> float:
+        """A value of the kernels in the unit of the limits."""
+        return math.degrees(value) if self.unit == "°" else value
+
+
+TERMS = (
+    Term("slope", "°", "slope_limit_deg", "slope_weight", "hard_slope_deg"),
+    Term("roughness", " m", "roughness_limit_m", "roughness_weight", "hard_roughness_m"),
+    Term("elevation difference", " m", "step_limit_m", "step_weight", "hard_step_m"),
+)
+"""The terms of Eq. 1, in the order of `kernels.records.Terms`."""
+
 
 Omega = Annotated[
     float,

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING
 from nnpp_edge.runtime.arguments import checked
 from nnpp_edge.runtime.arrays import Float2D, as_map, numbers
 from nnpp_edge.runtime.errors import InvalidMapError, InvalidQueryError
+from nnpp_edge.runtime.options import TERMS
 from nnpp_edge.runtime.terrain.step_cost import StepCost, StepModel
 
 if TYPE_CHECKING:
@@ -206,8 +207,6 @@ def _within(body: "Vehicle", limits: "Traversability") -> "Vehicle":
 
     InvalidMapError for hard limits that mean nothing to a body.
     """
-    from nnpp_edge.runtime.terrain.traversability import TERMS
-
     for term in TERMS[1:]:  # the slope's is one of a body's tilt
         if getattr(limits, term.hard) < math.inf:
             raise InvalidMapError(
