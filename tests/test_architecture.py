@@ -183,3 +183,8 @@ def test_kernels_take_few_parameters():
 def test_tests_use_what_is_public():
     found = [chain for path in TESTS for chain in private_chains(path)]
     assert found == []
+
+
+def test_a_test_module_says_first_what_it_guards():
+    silent = [name_of(path) for path in TESTS if not ast.get_docstring(tree_of(path))]
+    assert silent == []
