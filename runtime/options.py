@@ -163,7 +163,7 @@ class PlanOptions(TypedDict, total=False):
         Annotated[
             Heading,
             Meta(
-                description="Heading of a body at the start, degrees clockwise from up the rows; "
+                description="Heading of a body at the start, degrees clockwise from grid north; "
                 "any by default.",
             ),
         ]

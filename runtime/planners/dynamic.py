@@ -132,7 +132,7 @@ class DynamicPlanner(OnMap):
     _repeated = True
 
     def _make(self) -> None:
-        """Of a standing path's plan nothing but its bound is forgotten."""
+        """As `OnMap._make`; the standing path stays, but no lower bound of its cost."""
         super()._make()
         self._path = StandingPath(self._state)
         if self._state.unseen is not None:
@@ -196,8 +196,7 @@ class DynamicPlanner(OnMap):
         """The robot is in this cell now; InvalidQueryError if it is not a cell, or the heading no
         number.
 
-        A body heads so many degrees clockwise from up the rows, and by default for where the plan
-        would have it.
+        The heading of a body is in degrees clockwise from grid north; by default it is the plan's.
         """
         if heading_deg is not None and not math.isfinite(heading_deg):
             raise InvalidQueryError(f"heading_deg must be a number of degrees, got {heading_deg}")

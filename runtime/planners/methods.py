@@ -145,7 +145,7 @@ class Methods:
         return MendingSearcher(self.state, self.astar)
 
     def use_model(self, model: "str | Path | NetworkModel") -> "NetworkModel":
-        """Ask this network from now on, once it has been loaded and tried; ModelError, and the old
+        """Use this network from now on, once it has been loaded and tried; ModelError, and the old
         one stays.
         """
         if isinstance(model, str | Path):

@@ -145,13 +145,13 @@ class OnMap:
     @checked(InvalidQueryError)
     @one_at_a_time
     def explain(self, cell: Cell, heading_deg: float) -> "PoseCheck":
-        """How the vehicle stands on a cell, heading so many degrees clockwise from up the rows, by
-        each limit.
+        """How the vehicle stands on a cell with a heading, degrees clockwise from grid north: each
+        limit.
 
-        Checked is the body on the very cell, heading just so. The steps of a path are checked with
-        all places and headings between, so one may be refused where this is not. InvalidQueryError
-        without a body on a map of elevations, for what is no cell of the map, or a heading that is
-        no number.
+        The body is checked on this very cell with this very heading. The steps of a path are
+        checked with all places and headings between, so one may be refused where this is not.
+        InvalidQueryError without a body on a map of elevations, for what is no cell of the map, or
+        a heading that is no number.
         """
         return self._state.grid.robot.explain(as_cell(cell, "cell"), heading_deg)
 
@@ -160,10 +160,9 @@ class OnMap:
     def update(self, row: int, col: int, patch: Float2D, *, seen: Bool | None = None) -> int:
         """Put new costs into the map.
 
-        On a map of elevations what costs tell is a layer of its own: a cell costs the greater of
-        that and of what its heights make of it, and is impassable where either says so. A body, and
-        steps that cost by the slope, take no more from a cost below 1 than that the cell is not
-        impassable by what was told.
+        On a map of elevations these costs are a layer of their own: a cell costs the greater of
+        that and of what its heights make of it, and is impassable where either says so. For a body,
+        and where steps cost by the slope, only cells that they make impassable count.
 
         Parameters
         ----------
@@ -177,7 +176,7 @@ class OnMap:
         Returns
         -------
         int
-            Number of cells that are other ones now.
+            Number of changed cells.
 
         Raises
         ------
@@ -205,12 +204,12 @@ class OnMap:
         return change.cells
 
     def _changed(self) -> None:
-        """The map is another one."""
+        """The map has just changed."""
 
     @checked(InvalidQueryError)
     @one_at_a_time
     def use_model(self, model: "str | Path | NetworkModel") -> None:
-        """Ask this network from now on, loaded and tried now; ModelError where that fails: the old
+        """Use this network from now on, loaded and tried now; ModelError where that fails: the old
         one stays.
         """
         self._model = self._methods.use_model(model)

@@ -194,7 +194,7 @@ class Robot:
     def follow(
         self, change: "Change", part: Rectangle, state: "MapState", *, heights: bool
     ) -> "Change":
-        """The change with all cells whose steps may be other ones, after one of the map's weights.
+        """The change with all cells whose steps may have changed, after one of the map's weights.
 
         `part` is where new heights, or else costs, were put; empty where none were new.
         """
