@@ -1,3 +1,5 @@
+"""Memory: how much is left, what takes it, and maps that are too large for it."""
+
 import ctypes
 import gc
 import itertools
