@@ -12,9 +12,10 @@ import shutil
 import stat
 import subprocess
 import sys
+import threading
 import time
 import warnings
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager, nullcontext
 from dataclasses import asdict, dataclass
 from pathlib import Path
@@ -29,6 +30,10 @@ _STILL_IN_USE_S = 3600.0
 """A folder written to within this time may belong to a process that is still running: it is left
 alone.
 """
+_WATCH_S = 0.5
+"""Between two counts of what is compiled."""
+VERSIONS = 62
+"""Of all kernels, which an empty cache gets: to tell how much of the work is done."""
 MOST_JOBS = 4
 JOB_BYTES = 700_000_000
 """Processes that compile at once unless told otherwise, and the memory that each is to find
@@ -61,7 +66,12 @@ class Warmth:
         }
 
 
-def warm_up(*, keep_old: bool = False, jobs: int | None = None) -> Warmth:
+def warm_up(
+    *,
+    keep_old: bool = False,
+    jobs: int | None = None,
+    progress: Callable[[int], None] | None = None,
+) -> Warmth:
     """Compile every kernel into the cache folder; later processes load them from there.
 
     Parameters
@@ -72,6 +82,9 @@ def warm_up(*, keep_old: bool = False, jobs: int | None = None) -> Warmth:
     jobs : int, optional
         Processes that compile at once; by default one for each processor that this one may use,
         four at most, as far as memory is left: one takes 0.9 GB, several about 0.6 each.
+    progress : callable, optional
+        Called from another thread, twice a second, with the number of versions that are kept.
+        `VERSIONS` are all.
 
     Raises
     ------
@@ -95,7 +108,9 @@ def warm_up(*, keep_old: bool = False, jobs: int | None = None) -> Warmth:
         with warnings.catch_warnings():
             warnings.filterwarnings("ignore", "compiled kernels cannot be kept")  # an error below
             before = _kept(folders[0])
-            with claims.shared(own) if own else nullcontext(), _helpers(jobs if own else 1):
+            shared = claims.shared(own) if own else nullcontext()
+            helpers = _helpers(jobs if own else 1)
+            with shared, helpers, _watched(folders[0], progress):
                 exercise()
             compiled = len(_kept(folders[0]) - before)
         if cache.save_error is not None:
@@ -117,6 +132,25 @@ def default_jobs() -> int:
 def _kept(folder: Path) -> set[tuple[str, int]]:
     """Name and age of every version's file."""
     return {(path.name, path.stat().st_mtime_ns) for path in folder.glob("*.nbc")}
+
+
+@contextmanager
+def _watched(folder: Path, progress: Callable[[int], None] | None) -> Iterator[None]:
+    """Call `progress` with the number of versions in the folder while what is within runs."""
+    ended = threading.Event()
+
+    def watch() -> None:
+        while not ended.wait(_WATCH_S):
+            if progress is not None:
+                progress(len(_kept(folder)))
+
+    watcher = threading.Thread(target=watch, daemon=True)
+    watcher.start()
+    try:
+        yield
+    finally:
+        ended.set()
+        watcher.join()
 
 
 @contextmanager

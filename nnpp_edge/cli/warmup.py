@@ -7,6 +7,7 @@ import click
 
 from nnpp_edge.cli import options
 from nnpp_edge.cli.text import tell
+from nnpp_edge.progress import bar
 
 _JOBS = (
     "Processes that compile at once, 0.6 to 0.9 GB each; by default one a processor, four at "
@@ -34,8 +35,9 @@ def command(
         warnings.filterwarnings(
             "ignore", "no folder that only this user"
         )  # here it is the error below
-        from nnpp_edge.runtime.warmup import warm_up
-    warmth = warm_up(keep_old=keep_old, jobs=jobs)
+        from nnpp_edge.runtime.warmup import VERSIONS, warm_up
+    with bar("warmup", VERSIONS) as progress:
+        warmth = warm_up(keep_old=keep_old, jobs=jobs, progress=progress)
     counts = (
         f"{warmth.kernels} kernels ({warmth.signatures} versions, {warmth.compiled} of them new)"
     )

@@ -20,6 +20,7 @@ import os
 import pickle
 import secrets
 import sys
+import time
 import warnings
 from collections.abc import Sequence
 from contextlib import suppress
@@ -47,6 +48,33 @@ _compiling: list[Timer] = []
 _CHECKSUM_BYTES = 32
 save_error: OSError | None = None
 """Why the first of the kernels that this process could not keep was not kept; None if all were."""
+
+
+class Preparing:
+    """The time that this process has spent on loading or compiling kernels, each of which may need
+    others.
+    """
+
+    def __init__(self) -> None:
+        self.seconds = 0.0
+        """Of those that are ready."""
+        self._begun = 0
+        self._began_s = 0.0
+
+    def begins(self) -> None:
+        """A kernel is looked for."""
+        if self._begun == 0:
+            self._began_s = time.perf_counter()
+        self._begun += 1
+
+    def ends(self) -> None:
+        """It is ready."""
+        self._begun -= 1
+        if self._begun == 0:
+            self.seconds += time.perf_counter() - self._began_s
+
+
+preparing = Preparing()
 
 
 class KernelCache(NullCache):
@@ -90,11 +118,15 @@ class KernelCache(NullCache):
         )
 
     def load_overload(self, sig: NumbaObject, target_context: NumbaObject) -> NumbaObject:
-        """The compiled version for `sig`, or None where no sound one is kept."""
+        """The compiled version for `sig`, or None where no sound one is kept: `save_overload`
+        follows then.
+        """
+        preparing.begins()
         target_context.refresh()
         key = self._key(sig, target_context.codegen())
         kept = self._find(key, sig, target_context)
         if kept is not None:
+            preparing.ends()
             return kept
         from nnpp_edge.runtime.compiled import claims, notice
 
@@ -102,6 +134,7 @@ class KernelCache(NullCache):
             kept = self._find(key, sig, target_context)
             if kept is not None:
                 claims.release(_digest(key))
+                preparing.ends()
                 return kept
         _compiling.append(notice.begins(_COMPILING))
         return None
@@ -142,6 +175,7 @@ class KernelCache(NullCache):
         if not (data.lifted or data.library.has_dynamic_globals):
             self._save(key, data)
         claims.release(_digest(key))
+        preparing.ends()
 
     def _save(self, key: bytes, data: NumbaObject) -> None:
         content = dumps(data._reduce())

@@ -4,6 +4,7 @@ import errno
 import os
 import signal
 import sys
+import threading
 import time
 import warnings
 from pathlib import Path
@@ -15,6 +16,7 @@ from nnpp_edge.runtime import warmup
 from nnpp_edge.runtime.compiled import cache, claims, places
 from nnpp_edge.runtime.compiled import kernel as compiling
 from nnpp_edge.runtime.errors import OutputError
+from nnpp_edge.runtime.stopwatch import Stopwatch
 
 TYPES = np.int8, np.int32, np.int64, np.uint8, np.float32, np.float64
 
@@ -319,3 +321,40 @@ def test_a_warm_up_needs_no_help(folder, monkeypatch, python):
     monkeypatch.setattr(warmup, "exercise", lambda: compilations(double, 1))
     monkeypatch.setattr(sys, "executable", python or sys.executable)
     assert warmup.warm_up(keep_old=True, jobs=3).compiled == 1
+
+
+def test_time_in_which_kernels_are_made_ready_is_a_stage_of_its_own(folder):
+    """Compiled or read back, within a stage or before it."""
+    for state in ("compiled", "read back"):
+        watch = Stopwatch()
+        compilations(double, 1)
+        watch.stage_ends("coarse")
+        watch.stage_ends("search")
+        timings = watch.timings_ms
+        assert list(timings) == ["kernels", "coarse", "search"], state
+        assert timings["kernels"] > timings["coarse"] + timings["search"]
+        assert sum(timings.values()) <= watch.total_ms()
+    again = Stopwatch()
+    again.stage_ends("coarse")
+    assert list(again.timings_ms) == ["coarse"]
+
+
+def test_a_warm_up_tells_how_many_versions_are_kept(folder, monkeypatch):
+    folder.mkdir(mode=0o700, parents=True)
+    folder.parent.chmod(0o700)
+    told = []
+    counted = threading.Event()
+
+    def exercise():
+        compilations(double, 1)
+        assert counted.wait(10.0)
+
+    def progress(count):
+        told.append(count)
+        if count == 1:
+            counted.set()
+
+    monkeypatch.setattr(warmup, "exercise", exercise)
+    monkeypatch.setattr(warmup, "_WATCH_S", 0.01)
+    warmup.warm_up(keep_old=True, jobs=1, progress=progress)
+    assert told == sorted(told) and told[-1] == 1
